@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: MIT
+# One function per kind of target, so that every folder's CMakeLists.txt says only what is particular to it.
+
+find_package(Threads REQUIRED)
+
+# Flags every target of this tree shares. Presets add optimisation, sanitizers, hardening and -Werror.
+add_library(eigencast_flags INTERFACE)
+target_compile_features(eigencast_flags INTERFACE cxx_std_20)
+target_compile_options(eigencast_flags INTERFACE
+  $<$<COMPILE_LANGUAGE:CXX>:-Wall -Wextra -Wshadow -Wnon-virtual-dtor -Wold-style-cast -Wcast-qual>)
+target_include_directories(eigencast_flags INTERFACE "${PROJECT_SOURCE_DIR}")
+
+# eigencast_library(NAME SOURCES a.cpp... [DEPENDS core wire...] [LINKS Eigen3::Eigen...] [PRIVATE_LINKS ...])
+# makes the static library eigencast_NAME. DEPENDS names rooms of common/; LINKS are third-party targets
+# that appear in this room's headers; PRIVATE_LINKS those that only its sources see.
+function(eigencast_library NAME)
+  cmake_parse_arguments(ARG "" "" "SOURCES;DEPENDS;LINKS;PRIVATE_LINKS" ${ARGN})
+  add_library(eigencast_${NAME} STATIC ${ARG_SOURCES})
+  set_target_properties(eigencast_${NAME} PROPERTIES POSITION_INDEPENDENT_CODE ON
+                        CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
+  target_link_libraries(eigencast_${NAME} PUBLIC ${ARG_LINKS}
+                        PRIVATE $<BUILD_INTERFACE:eigencast_flags> ${ARG_PRIVATE_LINKS})
+  foreach(ROOM IN LISTS ARG_DEPENDS)
+    target_link_libraries(eigencast_${NAME} PUBLIC eigencast_${ROOM})
+  endforeach()
+endfunction()
+
+# eigencast_program(NAME SOURCES ... LINKS ...) makes the executable NAME and installs it.
+function(eigencast_program NAME)
+  cmake_parse_arguments(ARG "" "" "SOURCES;LINKS" ${ARGN})
+  add_executable(${NAME} ${ARG_SOURCES})
+  target_link_libraries(${NAME} PRIVATE eigencast_flags ${ARG_LINKS})
+  set_target_properties(${NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${PROJECT_BINARY_DIR}/bin")
+  install(TARGETS ${NAME} RUNTIME DESTINATION "${CMAKE_INSTALL_BINDIR}")
+endfunction()
+
+# eigencast_test(NAME SOURCES ... LINKS ... [LABELS ...] [TIMEOUT s]) makes a GoogleTest binary whose cases ctest sees one by one.
+function(eigencast_test NAME)
+  cmake_parse_arguments(ARG "" "TIMEOUT" "SOURCES;LINKS;LABELS" ${ARGN})
+  if(NOT ARG_TIMEOUT)
+    set(ARG_TIMEOUT 120)
+  endif()
+  add_executable(${NAME} ${ARG_SOURCES})
+  target_link_libraries(${NAME} PRIVATE eigencast_flags ${ARG_LINKS} GTest::gtest_main GTest::gmock)
+  target_compile_definitions(${NAME} PRIVATE
+    EIGENCAST_DATA_DIR="${PROJECT_SOURCE_DIR}/../shared/data"
+    EIGENCAST_GOLDEN_DIR="${PROJECT_SOURCE_DIR}/tests/golden"
+    EIGENCAST_BIN_DIR="${PROJECT_BINARY_DIR}/bin")
+  include(GoogleTest)
+  gtest_discover_tests(${NAME} DISCOVERY_TIMEOUT 60
+    PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
+endfunction()

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "common/asset/asset.h"
+#include "common/core/bytes.h"
+#include "common/core/hash/sha256.h"
+
+namespace eigencast {
+
+/// One content-addressed object: its bytes and their hash.
+struct AssetObject {
+  Sha256 id;
+  Bytes bytes;
+};
+
+/// An asset as bytes (docs/asset-format.md): a manifest, whose hash is the asset's id and which lists the hashes of the chunks, and
+/// the chunks in level-of-detail order; chunk i holds one range of vertices, tiled by band.
+struct EncodedAsset {
+  AssetObject manifest;
+  std::vector<AssetObject> chunks;
+  std::size_t total_bytes() const;
+};
+
+/// How the basis is stored. The receivers' basis is the dequantised one, so a sender must project on decode(encode(asset)).
+struct AssetEncoding {
+  std::uint32_t exact_columns = 4;       ///< Leading columns kept as float32, so that the rest pose stays exact (default: 4).
+  std::uint32_t first_chunk_rows = 1024; ///< Vertices in the first chunk at least; chunks double from there (default: 1024).
+};
+
+/// Errors: kInvalidArgument (see validate_asset; the asset must be complete), kTooLarge.
+Result<EncodedAsset> encode_asset(const Asset& asset, const AssetEncoding& encoding = {});
+
+/// Puts an asset together as its objects arrive. Safe on hostile input: each object is hashed before use, each length checked
+/// against the manifest, which is checked against the limits.
+///
+/// Not thread-safe.
+class AssetReader {
+ public:
+  struct ChunkRef {
+    Sha256 id;
+    std::uint64_t bytes = 0;
+    std::uint32_t first_row = 0, end_row = 0;
+  };
+
+  /// Reads the manifest. Errors: kCorrupt (hash or content), kIncompatibleVersion, kTooLarge.
+  static Result<AssetReader> from_manifest(const Sha256& id, ByteView manifest);
+
+  const std::vector<ChunkRef>& chunks() const { return chunks_; }
+  /// Adds chunk `index`; chunks must come in order. After it asset().rows_ready has grown. Errors: kCorrupt, kInvalidArgument (order).
+  Result<void> add_chunk(std::size_t index, ByteView bytes);
+  /// What is there so far; arrays have their final size from the start, rows beyond rows_ready are zero.
+  const Asset& asset() const { return asset_; }
+  Asset take() && { return std::move(asset_); }
+
+ private:
+  AssetReader() = default;
+  Asset asset_;
+  std::vector<ChunkRef> chunks_;
+  std::size_t next_ = 0;
+  Bytes manifest_;
+};
+
+/// All at once. Errors: as AssetReader.
+Result<Asset> decode_asset(const EncodedAsset& encoded);
+
+}  // namespace eigencast

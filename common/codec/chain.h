@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <optional>
+
+#include "common/codec/key.h"
+#include "common/core/bytes.h"
+#include "common/core/clock.h"
+
+namespace eigencast {
+
+/// All that coder and decoder remember: the last two keys. At the first key of a chain older == newer.
+struct ChainState {
+  Key older;
+  Key newer;
+  TimeUs age_us = 0;  ///< Capture time of newer minus capture time of older; 0 at the first key.
+  bool operator==(const ChainState&) const = default;
+};
+
+/// The state after one more key: newer becomes older. With no state, both are `key`.
+ChainState advanced(std::optional<ChainState> state, Key key, TimeUs age_us);
+
+/// Payload of a kKey or kSynthetic frame: `key`, predicted from `state`, which is not changed. Each band is self-contained.
+/// Errors: kTooLarge (see rescale).
+Result<Bytes> encode_key(const CoefficientLayout& layout, const ChainState& state, const Key& key);
+
+/// The key that a payload holds. `bands` is the envelope's. Safe on hostile input: never allocates more than the layout says.
+/// Errors: kCorrupt (wrong codec, lengths, trailing or missing bytes, a band that needs a state which lacks it, overflow).
+Result<Key> decode_key(const CoefficientLayout& layout, std::uint8_t bands, const ChainState& state, ByteView payload);
+
+/// Payload of a kJoin frame: both keys, from nothing.
+Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& state);
+/// Errors: as decode_key.
+Result<ChainState> decode_join(const CoefficientLayout& layout, std::uint8_t bands, ByteView payload);
+
+/// The payload of kind `join` (kJoin) or not (kKey, kSynthetic) with only the bands of `keep`, without decoding a value.
+/// Errors: kCorrupt.
+Result<Bytes> cut_bands(const CoefficientLayout& layout, bool join, std::uint8_t bands, std::uint8_t keep, ByteView payload);
+
+}  // namespace eigencast

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "common/core/result.h"
+
+namespace eigencast {
+
+/// How coefficients become bytes.
+enum class CodecKind : std::uint8_t { kFloat64 = 0, kFloat32 = 1, kQuantised = 2 };
+
+/// "float64", "float32", "quantised", as in control messages.
+std::string_view name_of(CodecKind kind);
+Result<CodecKind> codec_from_name(std::string_view name);
+
+/// The shape of a stream's coefficient matrix C (r x c, row-major) and how it is cut into bands.
+struct CoefficientLayout {
+  CodecKind codec = CodecKind::kQuantised;
+  std::uint32_t rows = 0;                ///< r
+  std::uint32_t channels = 3;            ///< c
+  std::vector<std::uint32_t> band_ends;  ///< Band b holds rows [band_ends[b-1], band_ends[b]); last == rows.
+
+  std::size_t size() const { return std::size_t{rows} * channels; }
+  std::uint8_t all_bands() const { return static_cast<std::uint8_t>((1u << band_ends.size()) - 1); }
+  /// The values [first, last) of band b in the row-major matrix.
+  std::pair<std::size_t, std::size_t> range(std::size_t band) const;
+  bool operator==(const CoefficientLayout&) const = default;
+};
+
+/// The default bands of r rows: ends 14, 54, 104, r, as far as they are below r.
+std::vector<std::uint32_t> default_band_ends(std::uint32_t rows);
+
+/// The coefficients of one pose as the codec carries them: integers (kQuantised) or doubles (float codecs).
+/// Values of absent bands are 0.
+struct Key {
+  std::uint8_t bands = 0;           ///< Bit b set: band b is present.
+  std::uint8_t step = 0;            ///< Index into the step table; 0 for float codecs.
+  std::vector<std::int32_t> q;      ///< kQuantised: r*c integers, value = q * step_size(step).
+  std::vector<double> f;            ///< Float codecs: r*c values.
+  bool operator==(const Key&) const = default;
+};
+
+/// The quantiser steps: step_size(i) = 2^((i - 160) / 4), i = 0..255 (from 9.1e-13 to 1.4e7).
+double step_size(std::uint8_t index);
+/// The index of the largest step that is not above `size`; clamped to the table.
+std::uint8_t step_index_below(double size);
+
+/// The step that bounds the area-weighted rms error of a vertex by `eps` (Parseval, docs/maths.md): 2 eps sqrt(A / r).
+///   eps   model units;  area  of the rest surface, = trace M;  rows  r
+double step_for_error(double eps, double area, std::uint32_t rows);
+
+/// Rounds C (r x c, row-major) to a key with all bands. `step` is ignored by float codecs (kFloat32 rounds to float).
+/// Errors: kInvalidArgument (size is not r*c, a value is not finite), kTooLarge (a value / step beyond +-2^30).
+Result<Key> key_from_coefficients(const CoefficientLayout& layout, std::span<const double> C, std::uint8_t step);
+
+/// C (r x c, row-major); absent bands are 0.
+std::vector<double> coefficients_from_key(const CoefficientLayout& layout, const Key& key);
+
+/// The same key at another step: q' = round_half_away(q * 2^((key.step - step) / 4)) by the fixed-point rule of
+/// docs/protocol.md. Errors: kTooLarge (a value leaves +-2^30).
+Result<Key> rescale(const Key& key, std::uint8_t step);
+
+/// The pose `at`/`of` of the way from key a to key b (Eq. 7 of Zhang et al. 2013, "Streaming 3D deforming surfaces with dynamic
+/// resolution control"), on the bands that both have. Integers: a is rescaled to b's step, then
+/// q = qa + round_half_away((qb - qa) * at / of), bit-exact everywhere. Doubles: fa + (fb - fa) * at / of.
+/// REQUIRES: 0 <= at <= of, of >= 1; both keys are of `layout`.
+Result<Key> interpolate_keys(const CoefficientLayout& layout, const Key& a, const Key& b, std::uint32_t at, std::uint32_t of);
+
+}  // namespace eigencast

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: MIT
+#include "common/core/hash/sha256.h"
+
+#include <openssl/evp.h>
+
+#include <cstdlib>
+#include <new>
+#include <utility>
+
+namespace eigencast {
+namespace {
+
+constexpr std::string_view kDigits = "0123456789abcdef";
+
+EVP_MD_CTX* context_from(void* context) { return static_cast<EVP_MD_CTX*>(context); }
+
+}  // namespace
+
+std::string Sha256::hex() const {
+  std::string text;
+  text.reserve(64);
+  for (const std::uint8_t byte : digest) {
+    text.push_back(kDigits[byte >> 4]);
+    text.push_back(kDigits[byte & 15]);
+  }
+  return text;
+}
+
+std::optional<Sha256> Sha256::from_hex(std::string_view hex) {
+  if (hex.size() != 64) return std::nullopt;
+  Sha256 result;
+  for (std::size_t i = 0; i < 32; ++i) {
+    const auto high = kDigits.find(hex[2 * i]);
+    const auto low = kDigits.find(hex[2 * i + 1]);
+    if (high == std::string_view::npos || low == std::string_view::npos) return std::nullopt;
+    result.digest[i] = static_cast<std::uint8_t>(high << 4 | low);
+  }
+  return result;
+}
+
+Sha256 sha256(ByteView data) {
+  Sha256Stream stream;
+  stream.update(data);
+  return stream.finish();
+}
+
+Sha256Stream::Sha256Stream() : context_(EVP_MD_CTX_new()) {
+  if (context_ == nullptr || EVP_DigestInit_ex(context_from(context_), EVP_sha256(), nullptr) != 1) throw std::bad_alloc();
+}
+
+Sha256Stream::~Sha256Stream() { EVP_MD_CTX_free(context_from(context_)); }
+
+Sha256Stream::Sha256Stream(Sha256Stream&& other) noexcept : context_(std::exchange(other.context_, nullptr)) {}
+
+Sha256Stream& Sha256Stream::operator=(Sha256Stream&& other) noexcept {
+  std::swap(context_, other.context_);
+  return *this;
+}
+
+void Sha256Stream::update(ByteView data) { EVP_DigestUpdate(context_from(context_), data.data(), data.size()); }
+
+Sha256 Sha256Stream::finish() {
+  Sha256 result;
+  unsigned size = 0;
+  EVP_DigestFinal_ex(context_from(context_), result.digest.data(), &size);
+  return result;
+}
+
+}  // namespace eigencast

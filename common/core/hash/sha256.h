@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <array>
+#include <compare>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "common/core/bytes.h"
+
+namespace eigencast {
+
+/// A SHA-256 digest; the content id of assets and chunks.
+struct Sha256 {
+  std::array<std::uint8_t, 32> digest{};
+
+  /// 64 lower-case hexadecimal digits.
+  std::string hex() const;
+  /// The digest that 64 lower-case hexadecimal digits stand for; nothing for any other text.
+  static std::optional<Sha256> from_hex(std::string_view hex);
+
+  auto operator<=>(const Sha256&) const = default;
+};
+
+/// The digest of `data`.
+Sha256 sha256(ByteView data);
+
+/// Digests data that comes in parts. Not thread-safe.
+class Sha256Stream {
+ public:
+  Sha256Stream();
+  ~Sha256Stream();
+  Sha256Stream(Sha256Stream&& other) noexcept;
+  Sha256Stream& operator=(Sha256Stream&& other) noexcept;
+
+  void update(ByteView data);
+  /// The digest of all so far. REQUIRES: called once, nothing after it.
+  Sha256 finish();
+
+ private:
+  void* context_;
+};
+
+}  // namespace eigencast

@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "common/core/bytes.h"
+#include "common/net/url.h"
+
+namespace eigencast {
+
+struct HttpResponse {
+  int status = 0;
+  std::string etag;
+  std::uint64_t content_length = 0;
+  Bytes body;
+};
+
+/// A blocking HTTP/1.1 connection to a broker, kept alive between requests and made anew when it broke.
+///
+/// Not thread-safe; cancel() alone may come from another thread and makes the running call return kCancelled.
+class HttpConnection final {
+ public:
+  explicit HttpConnection(BrokerUrl url, std::chrono::milliseconds timeout = std::chrono::seconds(10));
+  ~HttpConnection();
+  HttpConnection(HttpConnection&&) noexcept;
+  HttpConnection& operator=(HttpConnection&&) noexcept;
+
+  /// `timeout` is for silence, not for the whole transfer. Bodies over `max_bytes` are refused before they are read.
+  /// An HTTP status of any kind is a value. Errors: kUnreachable, kDisconnected, kTimeout, kTooLarge, kCancelled, kUnsupported (TLS).
+  Result<HttpResponse> get(const std::string& target, std::uint64_t max_bytes, std::uint64_t from_byte = 0);
+  Result<HttpResponse> head(const std::string& target);
+  Result<HttpResponse> put(const std::string& target, ByteView body);
+  void cancel();
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace eigencast

@@ -1,0 +1,49 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "common/core/result.h"
+#include "common/surface/surface.h"
+
+namespace eigencast {
+
+/// A continuous level of detail as a prefix: vertices in reverse contraction order, faces by death. Level N is the first N vertices
+/// and the first prefix_face_count(N) faces with their corners mapped below N. After Hoppe 1996, "Progressive Meshes", and Melax 1998.
+///
+/// Vertices below are new numbers; order[new] is the source's number.
+struct PrefixOrder {
+  std::uint32_t base_count = 0;            ///< q: vertices that are never contracted.
+  std::vector<std::uint32_t> order;        ///< n; a permutation.
+  std::vector<std::uint32_t> map;          ///< n; map[i] < i for i >= q: where i goes when it is contracted. map[i] = i below q.
+  std::vector<Face> faces;                 ///< Full-resolution corners, by death ascending.
+  std::vector<std::uint32_t> death;        ///< One per face, ascending; face f exists at N if N > death[f]. 0: a face of the base.
+  std::vector<std::uint32_t> face_source;  ///< One per face: its number in the source.
+};
+
+/// Half-edge contraction with quadrics (Garland & Heckbert 1997, "Surface Simplification Using Quadric Error Metrics"): meshes;
+/// half point-pair contraction with point quadrics (Pauly, Gross, Kobbelt 2002): point clouds.
+/// Any surface that validate_surface accepts gets an order; where no legal contraction is left the rest stays in the base.
+Result<PrefixOrder> build_prefix_order(const Surface& surface);
+
+/// Number of faces that exist with N vertices. O(log F). REQUIRES: N <= n.
+std::uint32_t prefix_face_count(std::span<const std::uint32_t> death, std::uint32_t N);
+
+/// The corner that stands for vertex `a` with N vertices: follows map until it is below N. REQUIRES: base_count <= N.
+std::uint32_t prefix_corner(std::span<const std::uint32_t> map, std::uint32_t a, std::uint32_t N);
+
+/// The paper's record of one contraction (Zhang et al. 2013, section 5), recovered from a prefix order.
+struct HalfContraction {
+  std::uint32_t vFrom = 0;
+  std::uint32_t vTo = 0;
+  std::vector<std::uint32_t> trisRemoved;
+  std::vector<std::uint32_t> trisAffected;
+};
+
+/// The contractions in the order in which they are made: the first removes vertex n-1.
+std::vector<HalfContraction> contractions_from_prefix(std::span<const std::uint32_t> map, std::span<const Face> faces,
+                                                      std::span<const std::uint32_t> death, std::uint32_t base_count);
+
+}  // namespace eigencast

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+#include <string>
+
+#include "common/spectral/eigenbasis.h"
+
+namespace eigencast {
+
+enum class BasisKind { kHarmonic, kAugmented };
+
+/// An M-orthonormal basis to stream a surface in.
+///   Psi   n x r, Psi^T M Psi = I
+///   mass  n
+struct Basis {
+  BasisKind kind = BasisKind::kAugmented;
+  Eigen::MatrixXd Psi;
+  Eigen::VectorXd mass;
+  double area = 0;
+  double residual = 0;     ///< Of the eigenpairs used.
+  bool certified = false;
+};
+
+struct BasisOptions {
+  BasisKind kind = BasisKind::kAugmented;
+  int rank = 200;  ///< r; lowered to what n allows (n/2 - 1), which the result's column count says.
+};
+
+/// kHarmonic: the r lowest manifold harmonics. kAugmented (docs/maths.md): 1, x0, y0, z0, then seven harmonics and three
+/// products phi_k * (x0, y0, z0) by turns, orthonormalised in that order, so that every prefix is a basis and every affine image of the
+/// rest pose is exact. Dependent columns (relative residual below 1e-2) are dropped and refilled with harmonics.
+/// Errors: kInvalidArgument, kNumerical, kCancelled.
+Result<Basis> build_basis(const Surface& rest, const Laplacian& laplacian, const BasisOptions& options, const Progress& progress = {});
+
+/// C = Psi^T M X, r x 3. X is n x 3.
+Eigen::MatrixXd coefficients_from_positions(const Basis& basis, std::span<const Vec3> positions);
+/// X = Psi C, n x 3.
+std::vector<Vec3> positions_from_coefficients(const Basis& basis, const Eigen::MatrixXd& C);
+
+/// Karni-Gotsman error in percent over a clip: 100 ||X - Y||_F / ||X - mean(X)||_F, means per frame and axis.
+/// Frames come one by one, so that a clip need not be in memory. Not thread-safe.
+class KgError {
+ public:
+  void add_frame(std::span<const Vec3> truth, std::span<const Vec3> rebuilt);
+  double percent() const;
+
+ private:
+  double numerator_ = 0;
+  double denominator_ = 0;
+};
+
+}  // namespace eigencast

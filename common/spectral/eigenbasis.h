@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <Eigen/Core>
+#include <functional>
+#include <string_view>
+
+#include "common/core/result.h"
+#include "common/spectral/laplacian.h"
+
+namespace eigencast {
+
+/// Told how far a long computation is, in [0, 1], and what it does; returns false to cancel. May be empty.
+using Progress = std::function<bool(double fraction, std::string_view stage)>;
+
+/// The lowest m eigenpairs of L phi = lambda M phi.
+///   Phi          n x m, column j is eigenvector j; Phi^T M Phi = I
+///   eigenvalues  m, ascending, lambda_1 = 0
+struct Eigenbasis {
+  Eigen::MatrixXd Phi;
+  Eigen::VectorXd eigenvalues;
+  double residual = 0;     ///< max_j ||L phi_j - lambda_j M phi_j||_{M^-1} / max(lambda_j, lambda_2)
+  bool certified = false;  ///< The inertia of L - lambda_m(1+1e-6) M says that no eigenvalue was missed.
+};
+
+/// Shift-invert Lanczos by bands with inertia counts, after Vallet & Levy 2008, "Spectral Geometry Processing with Manifold Harmonics".
+/// REQUIRES: 1 <= m < n / 2. Errors: kNumerical, kCancelled, kInvalidArgument (m too large for n).
+Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Progress& progress = {});
+
+}  // namespace eigencast

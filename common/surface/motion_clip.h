@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "common/core/result.h"
+#include "common/surface/surface.h"
+
+namespace eigencast {
+
+/// A deforming surface of constant topology: its rest pose and its poses over time.
+///
+/// pose(i) may read a file. Not thread-safe.
+class MotionClip {
+ public:
+  virtual ~MotionClip() = default;
+  /// Topology and the pose that the asset is baked from.
+  virtual const Surface& rest() const = 0;
+  /// Number of poses in one turn.
+  virtual std::size_t frame_count() const = 0;
+  /// Poses a second that the source states or, where it states none, 30.
+  virtual double frame_rate_hz() const = 0;
+  /// The vertex positions of pose `frame` (n x 3), in the order of rest(). REQUIRES: frame < frame_count().
+  /// Errors: kIo, kCorrupt; kInvalidArgument when the topology differs from rest(), naming the frame and the difference.
+  virtual Result<std::vector<Vec3>> pose(std::size_t frame) const = 0;
+  /// Where the clip comes from, for people.
+  virtual std::string name() const = 0;
+};
+
+}  // namespace eigencast

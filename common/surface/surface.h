@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace eigencast {
+
+using Vec3 = std::array<double, 3>;
+using Face = std::array<std::uint32_t, 3>;
+
+/// A triangle mesh, or a point cloud when `faces` is empty.
+struct Surface {
+  std::vector<Vec3> positions;  ///< n x 3, in model units, in the order of the source.
+  std::vector<Face> faces;      ///< F x 3, indices into positions, counter-clockwise from outside.
+
+  std::size_t vertex_count() const { return positions.size(); }
+  bool is_point_cloud() const { return faces.empty(); }
+};
+
+/// An axis-aligned box; `low` above `high` means empty.
+struct Box {
+  Vec3 low{1, 1, 1};
+  Vec3 high{-1, -1, -1};
+  double diagonal() const;
+};
+
+/// The bounding box of points. Its diagonal ("diag") is the length that errors are stated against.
+Box bounding_box(std::span<const Vec3> positions);
+
+}  // namespace eigencast

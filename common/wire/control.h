@@ -1,0 +1,168 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "common/core/clock.h"
+#include "common/core/result.h"
+
+namespace eigencast {
+
+/// What a subscriber wants of a stream: its profile.
+struct Profile {
+  enum class Rate : std::uint8_t { kRaw, kInterpolated };
+  enum class Form : std::uint8_t { kFull, kCompact };
+  Rate rate = Rate::kInterpolated;
+  std::uint8_t k = 3;       ///< Poses per key interval when interpolated: 2..15 (default: 3).
+  Form form = Form::kFull;  ///< Who does the arithmetic: the broker (full, default) or the receiver (compact).
+  std::uint8_t bands = 8;   ///< How many bands from the lowest; more than the stream has means all (default: all).
+  auto operator<=>(const Profile&) const = default;
+};
+
+/// The numbers of a stream's frames: which coefficients and how they are coded.
+struct StreamFormat {
+  std::uint32_t rows = 0;                 ///< r, 1..limits::kMaxRows
+  std::uint32_t channels = 3;             ///< c, 1..limits::kMaxChannels; the first three are x, y, z
+  std::vector<std::uint32_t> band_ends;   ///< Ascending, last == rows, at most limits::kMaxBands.
+  std::string codec = "quantised";        ///< "quantised", "float32" or "float64".
+  bool operator==(const StreamFormat&) const = default;
+};
+
+// The messages. Each is one JSON object in one text message; its "op" is given beside it. Unknown fields are ignored,
+// unknown ops are answered by an error message (docs/protocol.md).
+namespace control {
+
+/// "welcome", broker to everybody, first message.
+struct Welcome {
+  std::string version;     ///< Of the broker's software.
+  std::string session_id;  ///< New with each start of the broker: tells a reconnect from a restart.
+  TimeUs time_us = 0;      ///< The broker's clock.
+};
+
+/// "announce", sender to broker: the surface that the frames to come deform. Answered by Announced or Error.
+struct Announce {
+  std::string asset;  ///< 64 hex digits; the broker must have it (PUT /v1/assets/...), else Error "not-found".
+  StreamFormat format;
+  double key_rate_hz = 0;                      ///< Intended; 0 = unknown.
+  std::optional<std::vector<double>> world;    ///< 16 numbers, column-major: scene_from_asset.
+};
+
+/// "announced", broker to sender.
+struct Announced {
+  std::string stream;
+  std::uint32_t stream_id = 0;
+  std::uint32_t epoch = 0;
+};
+
+/// "subscribers", broker to sender: how many watch now.
+struct Subscribers {
+  std::string stream;
+  std::uint32_t count = 0;
+};
+
+/// "subscribe", client to broker; once more for the same stream changes the profile.
+struct Subscribe {
+  std::string stream;
+  Profile profile;
+};
+
+/// "unsubscribe", client to broker.
+struct Unsubscribe {
+  std::string stream;
+};
+
+/// "stream", broker to client: what a stream is now. Sent after subscribe and whenever it changes.
+struct StreamInfo {
+  enum class State : std::uint8_t { kWaiting, kLive, kStalled };  ///< no sender yet; sender there; sender gone, last pose held
+  std::string stream;
+  State state = State::kWaiting;
+  std::uint32_t stream_id = 0;   ///< Set in every state.
+  std::uint32_t epoch = 0;       ///< 0 while kWaiting.
+  std::string asset;             ///< Empty while kWaiting.
+  StreamFormat format;
+  double key_rate_hz = 0;
+  Profile profile;               ///< What this subscriber gets.
+  std::optional<std::vector<double>> world;
+};
+
+/// "ack", client to broker, ten or more times a second: the newest frame received of each stream.
+struct Ack {
+  struct Item {
+    std::uint32_t stream_id = 0;
+    std::uint64_t sequence = 0;
+    std::uint8_t step = 0;  ///< The step byte of the acknowledged envelope.
+  };
+  std::vector<Item> items;
+  TimeUs time_us = 0;  ///< Client's clock.
+};
+
+/// "ping", either way; answered at once by "pong" with id and time_us copied and the answerer's clock added.
+struct Ping {
+  std::uint64_t id = 0;
+  TimeUs time_us = 0;
+};
+struct Pong {
+  std::uint64_t id = 0;
+  TimeUs time_us = 0;
+  TimeUs peer_time_us = 0;
+};
+
+/// "trace", sender to broker to clients, sampled: when a stage of one frame's life happened, on that stage's clock.
+struct Trace {
+  std::uint32_t stream_id = 0;
+  std::uint64_t sequence = 0;
+  std::vector<std::pair<std::string, TimeUs>> stages;
+};
+
+/// "notice", broker to client at most once a second: what was done to this connection and which knob changes it.
+struct Notice {
+  std::string stream;
+  std::string message;
+  std::uint64_t skipped_frames = 0;
+};
+
+/// "error", broker to anyone. `code` is a name_of(ErrorCode).
+struct ErrorMessage {
+  std::string code;
+  std::string message;
+  std::string stream;  ///< Empty when it concerns the connection.
+};
+
+/// "bye", broker to everybody before it closes.
+struct Bye {
+  std::string reason;
+  std::uint32_t retry_after_ms = 0;  ///< 0 = do not come back.
+};
+
+using Message = std::variant<Welcome, Announce, Announced, Subscribers, Subscribe, Unsubscribe, StreamInfo, Ack, Ping, Pong,
+                             Trace, Notice, ErrorMessage, Bye>;
+
+}  // namespace control
+
+using ControlMessage = control::Message;
+
+/// The JSON text of a message.
+std::string text_from_control(const ControlMessage& message);
+
+/// Parses and checks one text message. Safe on hostile input: size and depth are capped, every number is range-checked.
+/// Errors: kTooLarge, kCorrupt (not JSON, wrong type, out of range; the message names the field), kUnsupported (unknown op).
+Result<ControlMessage> control_from_text(std::string_view text);
+
+/// Checks a stream's name: segments of [A-Za-z0-9._-] joined by '/', at most 128 bytes, no segment "." or "..".
+Result<void> check_stream_name(std::string_view name);
+
+/// Checks rows, channels, bands and codec against limits.h.
+Result<void> check_format(const StreamFormat& format);
+
+/// The profile that the query of a subscribe URL asks for: "rate=raw", "rate=interpolated&k=3&form=compact&bands=2";
+/// "rate=3" is short for interpolated with k = 3. Errors: kInvalidArgument naming the parameter and the values allowed.
+Result<Profile> profile_from_query(std::string_view query);
+/// The query that profile_from_query reads.
+std::string query_from_profile(const Profile& profile);
+
+}  // namespace eigencast

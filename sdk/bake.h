@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <functional>
+#include <string>
+#include <string_view>
+
+#include "common/asset/asset.h"
+#include "common/asset/format.h"
+#include "common/surface/surface.h"
+
+namespace eigencast {
+
+struct BakeOptions {
+  std::string basis = "augmented";  ///< "augmented" (default) or "harmonic".
+  int rank = 200;                   ///< r (default: 200).
+  std::string name;                 ///< Of the surface, for people.
+};
+
+/// As in spectral/eigenbasis.h: fraction in [0, 1], what is being done; returns false to cancel.
+using BakeProgress = std::function<bool(double fraction, std::string_view stage)>;
+
+struct BakeResult {
+  Asset asset;           ///< As receivers will have it: decoded from `encoded`.
+  EncodedAsset encoded;
+  bool from_cache = false;
+  bool certified = false;
+  double residual = 0;
+  std::string report;    ///< For people: what check_surface found, rank used, seconds taken.
+};
+
+/// Turns a surface into a streamable asset: checks, Laplacian, basis, contraction order, encoding. With a cache directory (see
+/// asset_cache.h) the result is kept under the hash of the surface and the options, and found there next time.
+/// Errors: kInvalidArgument, kNumerical, kCancelled, kTooLarge, kIo.
+Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, const std::string& cache_dir = {},
+                        const BakeProgress& progress = {});
+
+}  // namespace eigencast

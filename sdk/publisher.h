@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <string>
+
+#include "common/asset/format.h"
+#include "common/codec/key.h"
+#include "common/core/log.h"
+#include "common/net/websocket.h"
+
+namespace eigencast {
+
+struct PublisherOptions {
+  std::string url;                     ///< ws://host:port/stream
+  CodecKind codec = CodecKind::kQuantised;
+  double error = 0;                    ///< eps: rms vertex error of quantising, in model units; 0 = 3e-4 of the rest box diagonal.
+  double key_rate_hz = 30;             ///< Announced; send() may be called at any rate.
+  std::size_t max_unsent_bytes = 64 * 1024;  ///< A frame is dropped, before it is coded, while more than this is unsent.
+};
+
+/// Publishes one deforming surface to a broker and keeps doing so: uploads the asset where it is missing, announces it, codes and
+/// sends keys, and does all of that again after a lost connection. Frames sent meanwhile are dropped, never queued.
+///
+/// send() never blocks. Use from one thread; different Publishers are independent.
+class Publisher final {
+ public:
+  enum class State { kConnecting, kUploading, kLive, kRefused };
+  struct Stats {
+    State state = State::kConnecting;
+    std::string detail;              ///< For people: "uploading 3.1 of 4.2 MB", "broker lost: ..., next try in 400 ms".
+    std::uint64_t frames_sent = 0;
+    std::uint64_t frames_dropped = 0;
+    std::uint64_t payload_bytes = 0; ///< Of the frames sent, envelope included.
+    std::uint32_t subscribers = 0;
+    std::uint64_t reconnects = 0;
+  };
+
+  /// Starts connecting in the background. `asset` is what is projected on and must be decode(encoded); both are shared, not copied.
+  /// Errors: kInvalidArgument (URL, stream name, error <= 0).
+  static Result<std::unique_ptr<Publisher>> create(PublisherOptions options, std::shared_ptr<const Asset> asset,
+                                                   std::shared_ptr<const EncodedAsset> encoded, LogSink log = {});
+  ~Publisher();
+
+  /// C: r x 3 row-major; capture_us: when the pose holds, on the steady clock, growing.
+  SendStatus send_coefficients(std::span<const double> C, TimeUs capture_us);
+  /// positions: n x 3 in the source's vertex order. Projects, then as above. Errors: kInvalidArgument.
+  Result<SendStatus> send_positions(std::span<const float> positions, TimeUs capture_us);
+  /// The coefficients that receivers decode for C: quantised and back. For measuring errors against the truth.
+  Result<std::vector<double>> as_received(std::span<const double> C) const;
+  Stats stats() const;  ///< Thread-safe.
+
+ private:
+  class Impl;
+  explicit Publisher(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace eigencast

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <chrono>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/asset/asset.h"
+#include "common/core/histogram.h"
+#include "common/core/log.h"
+#include "common/motion/interpolation.h"
+#include "common/wire/control.h"
+#include "common/wire/envelope.h"
+
+namespace eigencast {
+
+struct SubscriberOptions {
+  std::string url;                 ///< ws://host:port/stream[?rate=...]
+  std::optional<Profile> profile;  ///< Overrides the URL's query.
+  std::string cache_dir;           ///< Where downloaded chunks are kept; empty: nowhere.
+};
+
+/// One pose as it was received and decoded.
+struct ReceivedPose {
+  Envelope envelope;
+  TimeUs arrival_us = 0;             ///< Steady clock, when the last byte was read.
+  std::vector<double> coefficients;  ///< r x c, row-major; absent bands read as the rest pose (docs/protocol.md).
+  std::uint32_t channels = 3;
+};
+
+/// Watches one stream: downloads the asset chunk by chunk (cache first), decodes frames, acknowledges, reconnects by itself, and
+/// keeps what it has meanwhile. Network and decoding run on threads of its own; everything that it found is handed over inside poll(),
+/// on the caller's thread, so that asset() and what poll returned need no lock.
+///
+/// Use from one thread; different Subscribers are independent.
+class Subscriber final {
+ public:
+  enum class State { kConnecting, kWaiting, kDownloading, kLive, kStalled, kLost, kRefused };
+  struct Stats {
+    State state = State::kConnecting;
+    std::string detail;                 ///< For people: what is going on, why, and when the next try starts.
+    std::uint64_t keys = 0;             ///< Frames of kind key and join.
+    std::uint64_t synthetic = 0;        ///< Frames of kind synthetic and step.
+    std::uint64_t joins = 0;
+    std::uint64_t bytes = 0;            ///< Frames only, envelopes included.
+    std::uint64_t rejected = 0;         ///< Frames that could not be decoded.
+    std::uint64_t missed = 0;           ///< Key sequence numbers never seen.
+    std::uint64_t asset_bytes_downloaded = 0, asset_bytes_cached = 0, asset_bytes_total = 0;
+    std::uint64_t reconnects = 0;
+    std::optional<TimeUs> clock_offset_us, clock_error_us, rtt_us;  ///< To the broker.
+    Histogram latency_us;               ///< Arrival minus capture time, for a sender on this machine's clock.
+  };
+
+  /// Starts in the background. Errors: kInvalidArgument (URL, stream name).
+  static Result<std::unique_ptr<Subscriber>> create(SubscriberOptions options, LogSink log = {});
+  ~Subscriber();
+
+  /// Waits at most `timeout` for news, applies it, and returns the poses that came, oldest first (at most 64: older ones are dropped).
+  std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout);
+
+  /// The surface of the current epoch as far as it has arrived, from the first chunk on; null before. Changes only inside poll(); a new
+  /// epoch's asset replaces the old one once it can be drawn.
+  const Asset* asset() const;
+  /// The epoch of asset(); 0 before.
+  std::uint32_t epoch() const;
+  /// The stream as announced last; nothing before.
+  const std::optional<control::StreamInfo>& info() const;
+  Stats stats() const;
+
+ private:
+  class Impl;
+  explicit Subscriber(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace eigencast
