@@ -1,0 +1,26 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# Builds everything and runs all tests; installs what is missing first. Ends with ctest's closing line.
+#   tests/run.sh          the tier of at most 20 minutes on two cores
+#   tests/run.sh --full   the same, then AddressSanitizer with UBSan, and ThreadSanitizer
+set -euo pipefail
+cd "$(dirname "$0")/.."
+
+full=0
+for argument in "$@"; do
+  case "$argument" in
+    --full) full=1 ;;
+    -h|--help) sed -n '3,6s/^# \{0,1\}//p' "$0"; exit 0 ;;
+    *) echo "tests/run.sh: unknown argument '$argument'; see --help" >&2; exit 2 ;;
+  esac
+done
+
+deploy/install-packages.sh
+presets=(ci)
+[ $full = 0 ] || presets=(asan tsan ci)
+for preset in "${presets[@]}"; do
+  cmake --preset "$preset" >"${TMPDIR:-/tmp}/eigencast-configure.$$" 2>&1 || { cat "${TMPDIR:-/tmp}/eigencast-configure.$$"; exit 1; }
+  rm -f "${TMPDIR:-/tmp}/eigencast-configure.$$"
+  cmake --build --preset "$preset"
+  ctest --preset "$preset"
+done
