@@ -1,0 +1,239 @@
+// SPDX-License-Identifier: MIT
+#include "sender/compare.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <optional>
+
+#include "common/reconstruction/reconstruct.h"
+#include "common/spectral/basis.h"
+
+namespace eigencast {
+namespace {
+
+using nlohmann::json;
+
+/// Sums up the error of one kind of pose.
+class ErrorSum {
+ public:
+  explicit ErrorSum(double diagonal) : diagonal_(diagonal) {}
+
+  void add(std::span<const Vec3> truth, std::span<const Vec3> rebuilt) {
+    kg_.add_frame(truth, rebuilt);
+    for (std::size_t i = 0; i < truth.size(); ++i) {
+      double squared = 0;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const double difference = truth[i][axis] - rebuilt[i][axis];
+        squared += difference * difference;
+      }
+      sum_ += squared;
+      max_ = std::max(max_, squared);
+    }
+    vertices_ += truth.size();
+    ++poses_;
+  }
+
+  SurfaceError result() const {
+    if (poses_ == 0) return {};
+    return {poses_, kg_.percent(), std::sqrt(sum_ / static_cast<double>(vertices_)) / diagonal_, std::sqrt(max_) / diagonal_};
+  }
+
+ private:
+  double diagonal_;
+  KgError kg_;
+  double sum_ = 0, max_ = 0;
+  std::size_t vertices_ = 0, poses_ = 0;
+};
+
+/// Rebuilds poses in the source's vertex order and space.
+class Rebuilder {
+ public:
+  explicit Rebuilder(const Asset& asset) : asset_(asset), rows_(std::size_t{3} * asset.vertex_count), positions_(asset.vertex_count) {}
+
+  std::span<const Vec3> rebuild(const RecordedPose& pose) {
+    positions_from_coefficients(asset_, pose.coefficients, pose.channels, asset_.rank, asset_.vertex_count, rows_);
+    for (std::size_t row = 0; row < positions_.size(); ++row) {
+      Vec3& vertex = positions_[asset_.source_vertex[row]];
+      for (std::size_t axis = 0; axis < 3; ++axis) vertex[axis] = double{rows_[3 * row + axis]} + asset_.origin[axis];
+    }
+    return positions_;
+  }
+
+ private:
+  const Asset& asset_;
+  std::vector<float> rows_;
+  std::vector<Vec3> positions_;
+};
+
+/// The clip's frames with the last two kept, because poses come in order.
+class Truth {
+ public:
+  explicit Truth(const MotionClip& clip) : clip_(clip) {}
+
+  Result<const std::vector<Vec3>*> frame(std::size_t index) {
+    for (const Kept& kept : kept_) {
+      if (kept.index == index) return &kept.positions;
+    }
+    Result<std::vector<Vec3>> pose = clip_.pose(index);
+    if (!pose) return pose.error();
+    std::swap(kept_[0], kept_[1]);
+    kept_[1] = {index, std::move(*pose)};
+    return &kept_[1].positions;
+  }
+
+  Result<std::vector<Vec3>> between(std::size_t first, std::size_t second, double u) {
+    const auto a = frame(first);
+    if (!a) return a.error();
+    std::vector<Vec3> mixed = **a;
+    const auto b = frame(second);
+    if (!b) return b.error();
+    for (std::size_t i = 0; i < mixed.size(); ++i) {
+      for (std::size_t axis = 0; axis < 3; ++axis) mixed[i][axis] += u * ((**b)[i][axis] - mixed[i][axis]);
+    }
+    return mixed;
+  }
+
+ private:
+  struct Kept {
+    std::optional<std::size_t> index;
+    std::vector<Vec3> positions;
+  };
+  const MotionClip& clip_;
+  std::array<Kept, 2> kept_;
+};
+
+/// The frames that a recorded pose stands between; the same one twice for a key.
+struct Span {
+  std::size_t first, second;
+  double u;
+};
+
+std::optional<Span> span_of(const RecordedPose& pose, const SentFrames& sent) {
+  if (pose.is_key()) {
+    const auto at = sent.find(pose.capture_us);
+    if (at == sent.end()) return std::nullopt;
+    return Span{at->second, at->second, 0};
+  }
+  const auto after = sent.upper_bound(pose.capture_us);
+  if (after == sent.begin() || after == sent.end()) return std::nullopt;
+  return Span{std::prev(after)->second, after->second, static_cast<double>(pose.at) / pose.of};
+}
+
+template <typename Line>
+Result<void> for_each_line(const std::string& path, Line&& read_line) {
+  std::ifstream in(path);
+  if (!in) return fail(ErrorCode::kNotFound, path + ": cannot be opened");
+  std::string text;
+  for (std::size_t number = 1; std::getline(in, text); ++number) {
+    const json line = json::parse(text, nullptr, false);
+    try {
+      if (line.is_discarded()) return fail(ErrorCode::kCorrupt, path + ":" + std::to_string(number) + ": not JSON");
+      read_line(line);
+    } catch (const json::exception& error) {
+      return fail(ErrorCode::kCorrupt, path + ":" + std::to_string(number) + ": " + error.what());
+    }
+  }
+  return {};
+}
+
+json json_from(const SurfaceError& error) {
+  return {{"poses", error.poses}, {"kg_percent", error.kg_percent}, {"rms_over_diagonal", error.rms}, {"max_over_diagonal", error.max}};
+}
+
+}  // namespace
+
+Result<Comparison> compare_with_truth(const MotionClip& clip, const Asset& asset, const SentFrames& sent,
+                                      const std::vector<RecordedPose>& received) {
+  if (clip.rest().vertex_count() != asset.vertex_count) {
+    return fail(ErrorCode::kInvalidArgument, "the asset has " + std::to_string(asset.vertex_count) + " vertices, the clip " +
+                                                 std::to_string(clip.rest().vertex_count()) + ": they do not belong together");
+  }
+  Comparison result;
+  ErrorSum keys(asset.diagonal()), interpolated(asset.diagonal());
+  Rebuilder rebuilder(asset);
+  Truth truth(clip);
+  for (const RecordedPose& pose : received) {
+    if (pose.coefficients.size() != std::size_t{asset.rank} * pose.channels || pose.channels < 3) {
+      return fail(ErrorCode::kInvalidArgument, "pose " + std::to_string(pose.sequence) + " has " +
+                                                   std::to_string(pose.coefficients.size()) + " numbers, the asset needs " +
+                                                   std::to_string(asset.rank) + " x 3");
+    }
+    const std::optional<Span> span = span_of(pose, sent);
+    if (!span) {
+      ++result.unmatched;
+      continue;
+    }
+    const Result<std::vector<Vec3>> expected = truth.between(span->first, span->second, span->u);
+    if (!expected) return expected.error();
+    (pose.is_key() ? keys : interpolated).add(*expected, rebuilder.rebuild(pose));
+  }
+  result.keys = keys.result();
+  result.interpolated = interpolated.result();
+  if (result.keys.poses + result.interpolated.poses == 0) {
+    return fail(ErrorCode::kInvalidArgument, "none of the " + std::to_string(received.size()) +
+                                                 " recorded poses has the capture time of a frame that was sent; are both records of one run?");
+  }
+  return result;
+}
+
+Result<SentFrames> read_sent_frames(const std::string& path) {
+  SentFrames frames;
+  const Result<void> read = for_each_line(
+      path, [&](const json& line) { frames[line.at("capture_us").get<TimeUs>()] = line.at("frame").get<std::size_t>(); });
+  if (!read) return read.error();
+  return frames;
+}
+
+Result<std::vector<RecordedPose>> read_recorded_poses(const std::string& path) {
+  std::vector<RecordedPose> poses;
+  const Result<void> read = for_each_line(path, [&](const json& line) {
+    RecordedPose pose;
+    pose.sequence = line.at("sequence").get<std::uint64_t>();
+    pose.at = line.at("at").get<std::uint8_t>();
+    pose.of = line.at("of").get<std::uint8_t>();
+    pose.capture_us = line.at("capture_us").get<TimeUs>();
+    pose.channels = line.at("channels").get<std::uint32_t>();
+    pose.coefficients = line.at("coefficients").get<std::vector<double>>();
+    poses.push_back(std::move(pose));
+  });
+  if (!read) return read.error();
+  return poses;
+}
+
+Result<void> add_to_report(const Comparison& comparison, const std::string& report_path) {
+  json report = json::object();
+  if (std::ifstream in(report_path); in) {
+    report = json::parse(in, nullptr, false);
+    if (!report.is_object()) return fail(ErrorCode::kCorrupt, report_path + ": is not a JSON object; give another file");
+  }
+  report["reconstruction"] = {{"keys", json_from(comparison.keys)},
+                              {"interpolated", json_from(comparison.interpolated)},
+                              {"unmatched", comparison.unmatched}};
+  const std::string partial = report_path + ".partial";
+  std::ofstream out(partial, std::ios::trunc);
+  out << report.dump(2) << '\n';
+  out.close();
+  if (!out || std::rename(partial.c_str(), report_path.c_str()) != 0) {
+    return fail(ErrorCode::kIo, report_path + ": cannot be written");
+  }
+  return {};
+}
+
+std::string text_from_comparison(const Comparison& comparison) {
+  std::string text;
+  const auto add = [&text](const char* what, const SurfaceError& error) {
+    char line[200];
+    std::snprintf(line, sizeof line, "%-18s %5zu poses   KG %.3f %%   rms %.2e   max %.2e of the diagonal\n", what, error.poses,
+                  error.kg_percent, error.rms, error.max);
+    text += line;
+  };
+  add("keys", comparison.keys);
+  add("interpolated", comparison.interpolated);
+  if (comparison.unmatched > 0) text += std::to_string(comparison.unmatched) + " poses match no frame that was sent\n";
+  return text;
+}
+
+}  // namespace eigencast
