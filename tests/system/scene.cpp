@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: MIT
+#include "tests/system/scene.h"
+
+#include <cstdlib>
+#include <fstream>
+#include <sstream>
+#include <stdexcept>
+
+namespace eigencast::testing {
+namespace {
+
+std::string program(const std::string& name) { return std::string(EIGENCAST_BIN_DIR) + "/" + name; }
+
+std::string text_of(const std::string& path) {
+  std::ifstream in(path);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+/// A copy of `path` that ends at its last whole line, so that a file being written can be read.
+std::string whole_lines(const std::string& path) {
+  std::string text = text_of(path);
+  text.resize(text.rfind('\n') + 1);
+  const std::string copy = path + ".whole";
+  std::ofstream(copy, std::ios::trunc) << text;
+  return copy;
+}
+
+}  // namespace
+
+Scene::Scene() {
+  // Bakes are shared between the tests of one run through one cache; everything else is the scene's own.
+  if (std::getenv("EIGENCAST_CACHE") == nullptr) setenv("EIGENCAST_CACHE", folder_.file("cache").c_str(), 1);
+}
+
+std::unique_ptr<Process> Scene::start_broker() {
+  const std::string port_file = file("port");
+  std::filesystem::remove(port_file);
+  auto broker = std::make_unique<Process>(
+      std::vector<std::string>{program("eigencast-broker"), "--listen", "127.0.0.1:" + port_, "--port-file", port_file, "--data-dir",
+                               file("assets")},
+      file("broker.log"));
+  if (!eventually([&] { return std::filesystem::exists(port_file) || !broker->running(); }) || !broker->running()) {
+    throw std::runtime_error("the broker did not start: " + broker->output());
+  }
+  std::ifstream(port_file) >> port_;
+  return broker;
+}
+
+std::unique_ptr<Process> Scene::start_sender(std::vector<std::string> arguments) {
+  std::vector<std::string> all{program("eigencast-sender"), "play"};
+  all.insert(all.end(), arguments.begin(), arguments.end());
+  all.insert(all.end(), {"--to", url(), "--record", file("sent.jsonl")});
+  return std::make_unique<Process>(std::move(all), file("sender.log"));
+}
+
+std::unique_ptr<Process> Scene::start_client(const std::string& name, std::vector<std::string> arguments) {
+  std::vector<std::string> all{program("eigencast-client"), url(),    "--headless", "--out",
+                               file(name),                  "--json", file(name + ".json"), "--record",
+                               file(name + ".jsonl"),       "--size", "160x120"};
+  all.insert(all.end(), arguments.begin(), arguments.end());
+  return std::make_unique<Process>(std::move(all), file(name + ".log"));
+}
+
+int Scene::run(const std::string& name, std::vector<std::string> arguments, milliseconds timeout) {
+  arguments[0] = program(arguments[0]);
+  Process process(std::move(arguments), file(name + ".log"));
+  return process.wait(timeout).value_or(-1);
+}
+
+std::vector<RecordedPose> Scene::received(const std::string& name) const {
+  auto poses = read_recorded_poses(whole_lines(file(name + ".jsonl")));
+  return poses ? std::move(*poses) : std::vector<RecordedPose>{};
+}
+
+SentFrames Scene::sent() const {
+  auto frames = read_sent_frames(whole_lines(file("sent.jsonl")));
+  return frames ? std::move(*frames) : SentFrames{};
+}
+
+std::string Scene::logs() const {
+  std::string all;
+  for (const auto& entry : std::filesystem::directory_iterator(folder_.path())) {
+    if (entry.path().extension() == ".log") all += "--- " + entry.path().filename().string() + "\n" + text_of(entry.path()) + "\n";
+  }
+  return all;
+}
+
+std::map<PoseKey, RecordedPose> by_step(const std::vector<RecordedPose>& poses) {
+  std::map<PoseKey, RecordedPose> map;
+  for (const RecordedPose& pose : poses) {
+    const auto step = pose.is_key() ? std::pair{0, 0} : std::pair{int{pose.at}, int{pose.of}};
+    map.insert_or_assign(PoseKey{pose.sequence, step}, pose);
+  }
+  return map;
+}
+
+std::string animation(const std::string& name) {
+  const std::string folder = std::string(EIGENCAST_DATA_DIR) + "/animations/" + name;
+  return std::filesystem::exists(folder + "/vertices.npy") ? folder : std::string();
+}
+
+}  // namespace eigencast::testing

@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <map>
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "sender/compare.h"
+#include "tests/support/process.h"
+
+namespace eigencast::testing {
+
+/// A broker, senders and clients as real processes, all on loopback, all in one temporary folder: assets, cache, logs, records.
+///
+///   Scene scene;
+///   auto broker = scene.start_broker();
+///   auto sender = scene.start_sender({"torus", "--rate", "30"});
+///   auto client = scene.start_client("a", {"--frames", "60"});
+class Scene {
+ public:
+  Scene();
+
+  /// Starts a broker; the first call takes any free port, later ones the same again. Waits until it listens.
+  std::unique_ptr<Process> start_broker();
+  /// eigencast-sender play ARGUMENTS --to the stream --record sent.jsonl
+  std::unique_ptr<Process> start_sender(std::vector<std::string> arguments);
+  /// eigencast-client STREAM --headless --record NAME.jsonl --json NAME.json ARGUMENTS; pictures go to the folder NAME.
+  std::unique_ptr<Process> start_client(const std::string& name, std::vector<std::string> arguments);
+  /// Runs a program of the build to its end; returns its exit status. Its output is in file(NAME.log).
+  int run(const std::string& name, std::vector<std::string> arguments, milliseconds timeout = milliseconds(120000));
+
+  std::string url() const { return "ws://127.0.0.1:" + port_ + "/live/test"; }
+  std::string file(const std::string& name) const { return folder_.file(name); }
+  /// What client NAME received so far; a half-written last line is left out.
+  std::vector<RecordedPose> received(const std::string& name) const;
+  SentFrames sent() const;
+  /// All logs, for the message of a failed test.
+  std::string logs() const;
+
+ private:
+  TemporaryFolder folder_;
+  std::string port_ = "0";
+};
+
+/// Poses by (sequence, step at, step of); a key is (sequence, 0, 0).
+using PoseKey = std::pair<std::uint64_t, std::pair<int, int>>;
+std::map<PoseKey, RecordedPose> by_step(const std::vector<RecordedPose>& poses);
+
+/// The folder of a real animation; empty where the shared data are absent.
+std::string animation(const std::string& name);
+
+}  // namespace eigencast::testing
