@@ -9,9 +9,27 @@
 
 namespace eigencast {
 
-/// Decides when the poses between keys leave the broker, so that k poses per key interval come evenly in time although keys
-/// come with jitter. Interpolation between key s-1 and key s can begin only when key s is there: a pose of media time m
-/// leaves at m + delay, where delay follows (arrival - capture) of the keys plus one key interval.
+/// Decides when the poses between keys leave the broker, so that k poses per key interval come evenly in time although
+/// keys come with jitter. Interpolation between key s-1 and key s can begin only when key s is there: a pose of media
+/// time m leaves at m + delay, where delay follows (arrival - capture) of the keys plus the part of a key interval that
+/// a pose waits.
+///
+/// What happens when keys are not even:
+///   jitter      the delay is the largest that a key of the last kWindowUs needed, so that most keys come before they
+///   are
+///               needed; it grows at once, and shrinks by at most 1/kSlew of the time that passes. Clocks that drift
+///               are followed in the same way.
+///   late key    up to one key interval of lateness the schedule moves back as a whole. Beyond that the poses that are
+///   already
+///               over are not made: the key itself always is. Three such keys in a row that are no burst: restart.
+///   burst       at most two key intervals wait; the oldest is dropped.
+///   pause, gap  a key more than max_span_us after the key before it, or whose number does not follow it, is not
+///   bridged: only the
+///               key itself becomes due.
+///   restart     a key whose sequence or capture time does not grow drops what waits and all that was learnt; it is due
+///   when
+///               it came, as is the very first key.
+/// Due times never go back, except by a restart.
 ///
 /// Time comes in as arguments; holds no pose data. Not thread-safe.
 class Pacer {
@@ -25,15 +43,19 @@ class Pacer {
     TimeUs due_us = 0;      ///< When it should leave.
   };
 
+  static constexpr TimeUs kWindowUs = 3'000'000;  ///< How long a key's delay counts.
+  static constexpr TimeUs kSlew = 32;             ///< The delay shrinks by 1/32 of the time that passes (3 %).
+
   /// k  poses per key interval, 1..15.
-  /// max_span_us  keys further apart than this are not bridged: only the later key itself becomes due (default: 500 ms).
+  /// max_span_us  keys further apart than this are not bridged: only the later key itself becomes due (default: 500
+  /// ms).
   explicit Pacer(std::uint8_t k, TimeUs max_span_us = 500'000);
 
   /// A key came. Keys out of order (sequence or capture time not growing) restart the schedule at this key.
   void add_key(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us);
 
-  /// The next pose if it is due at `now`; call until it returns nothing. Poses that a full newer interval has overtaken are
-  /// dropped: the queue never holds more than two key intervals.
+  /// The next pose if it is due at `now`; call until it returns nothing. Poses that a full newer interval has overtaken
+  /// are dropped: the queue never holds more than two key intervals.
   std::optional<Due> pop_due(TimeUs now_us);
 
   /// When pop_due will next have something; nothing if the queue is empty.
@@ -42,16 +64,35 @@ class Pacer {
   /// Forgets everything, as at a new epoch.
   void reset();
 
+  /// Poses that were dropped or never made because they were overtaken, since the beginning.
+  std::uint64_t dropped() const { return dropped_; }
+
  private:
   struct LastKey {
     std::uint64_t sequence;
     TimeUs capture_us;
+    TimeUs arrival_us;
   };
+  /// What one bridged key needed.
+  struct Sample {
+    TimeUs arrival_us;
+    TimeUs need_us;  ///< Arrival minus the media time of the first pose that waited for it.
+    TimeUs span_us;  ///< Capture time since the key before.
+  };
+
+  void restart(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us);
+  void bridge(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us);
+  TimeUs delay_from(const Sample& sample);
+  void push(const Due& due);
+
   std::uint8_t k_;
   TimeUs max_span_us_;
   std::optional<LastKey> last_;
-  TimeUs delay_us_ = 0;
-  bool has_delay_ = false;
+  std::optional<TimeUs> delay_us_;
+  std::deque<Sample> samples_;  ///< Of the last kWindowUs, at most kMaxSamples.
+  int late_in_a_row_ = 0;
+  TimeUs last_due_us_ = 0;
+  std::uint64_t dropped_ = 0;
   std::deque<Due> queue_;
 };
 
