@@ -38,8 +38,8 @@ inline std::int64_t now_us() { return ec_now_us(); }
 struct BakeOptions {
   std::string basis = "augmented";                          ///< or "harmonic"
   std::uint32_t rank = 200;                                 ///< Coefficients per axis.
-  std::string name;                                         ///< Of the surface, for people.
-  std::optional<std::string> cache_dir;                     ///< Empty text: nowhere (default: the user's cache folder).
+  std::string name = {};                                    ///< Of the surface, for people.
+  std::optional<std::string> cache_dir = {};                ///< Empty text: nowhere (default: the user's cache folder).
   std::function<bool(double, const char*)> progress = {};   ///< Fraction and stage; return false to cancel.
 };
 
