@@ -19,7 +19,7 @@ struct Basis {
   Eigen::MatrixXd Psi;
   Eigen::VectorXd mass;
   double area = 0;
-  double residual = 0;     ///< Of the eigenpairs used.
+  double residual = 0;  ///< Of the eigenpairs used.
   bool certified = false;
 };
 
@@ -28,11 +28,12 @@ struct BasisOptions {
   int rank = 200;  ///< r; lowered to what n allows (n/2 - 1), which the result's column count says.
 };
 
-/// kHarmonic: the r lowest manifold harmonics. kAugmented (docs/maths.md): 1, x0, y0, z0, then seven harmonics and three
-/// products phi_k * (x0, y0, z0) by turns, orthonormalised in that order, so that every prefix is a basis and every affine image of the
-/// rest pose is exact. Dependent columns (relative residual below 1e-2) are dropped and refilled with harmonics.
-/// Errors: kInvalidArgument, kNumerical, kCancelled.
-Result<Basis> build_basis(const Surface& rest, const Laplacian& laplacian, const BasisOptions& options, const Progress& progress = {});
+/// kHarmonic: the r lowest manifold harmonics. kAugmented (docs/maths.md): 1, x0, y0, z0, then seven harmonics and
+/// three products phi_k * (x0, y0, z0) by turns, orthonormalised in that order, so that every prefix is a basis and
+/// every affine image of the rest pose is exact. Dependent columns (relative residual below 1e-2) are dropped and
+/// refilled with harmonics. Errors: kInvalidArgument, kNumerical, kCancelled.
+Result<Basis> build_basis(const Surface& rest, const Laplacian& laplacian, const BasisOptions& options,
+                          const Progress& progress = {});
 
 /// C = Psi^T M X, r x 3. X is n x 3.
 Eigen::MatrixXd coefficients_from_positions(const Basis& basis, std::span<const Vec3> positions);

@@ -23,8 +23,8 @@ struct Eigenbasis {
   bool certified = false;  ///< The inertia of L - lambda_m(1+1e-6) M says that no eigenvalue was missed.
 };
 
-/// Shift-invert Lanczos by bands with inertia counts, after Vallet & Levy 2008, "Spectral Geometry Processing with Manifold Harmonics".
-/// REQUIRES: 1 <= m < n / 2. Errors: kNumerical, kCancelled, kInvalidArgument (m too large for n).
+/// Shift-invert Lanczos by bands with inertia counts, after Vallet & Levy 2008, "Spectral Geometry Processing with
+/// Manifold Harmonics". REQUIRES: 1 <= m < n / 2. Errors: kNumerical, kCancelled, kInvalidArgument (m too large for n).
 Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Progress& progress = {});
 
 }  // namespace eigencast

@@ -16,14 +16,14 @@ struct Laplacian {
   Eigen::SparseMatrix<double> L;
   Eigen::VectorXd mass;
   double area = 0;
-  int components = 1;       ///< Before bridging; each would add a zero eigenvalue.
-  int bridges = 0;          ///< Spring edges added so that L has one zero eigenvalue.
+  int components = 1;  ///< Before bridging; each would add a zero eigenvalue.
+  int bridges = 0;     ///< Spring edges added so that L has one zero eigenvalue.
 };
 
-/// Mesh: intrinsic cotangent assembly with mollification (Sharp & Crane 2020, "A Laplacian for Nonmanifold Triangle Meshes"),
-/// natural boundary. Points: the union of local tangent-plane Delaunay triangulations, divided by 3 (same source).
-/// Components are joined by weak springs at their nearest vertex pairs when `bridge` is set.
-/// Errors: kInvalidArgument (see validate_surface), kNumerical (no area at all).
+/// Mesh: intrinsic cotangent assembly with mollification (Sharp & Crane 2020, "A Laplacian for Nonmanifold Triangle
+/// Meshes"), natural boundary. Points: the union of local tangent-plane Delaunay triangulations, divided by 3 (same
+/// source). Components are joined by weak springs at their nearest vertex pairs when `bridge` is set. Errors:
+/// kInvalidArgument (see validate_surface), kNumerical (no area at all).
 Result<Laplacian> build_laplacian(const Surface& surface, bool bridge = true);
 
 }  // namespace eigencast

@@ -8,10 +8,9 @@
 
 namespace eigencast {
 
-/// Reads one surface; vertices keep the file's order and number, n-gons are split in fans, nothing is merged or
-/// dropped. OBJ, PLY, OFF, STL (through OpenMesh's readers), XYZ (x y z [nx ny nz] a line), NPY ((n,3), or the first
-/// frame of (T,n,3)). Errors: kNotFound, kIo, kUnsupported (unknown ending), kCorrupt (what is wrong and where),
-/// kTooLarge (over limits).
+/// Reads one surface; vertices keep the file's order and number, n-gons are split in fans, nothing is merged or dropped.
+/// OBJ, PLY, OFF, STL (through OpenMesh's readers), XYZ (x y z [nx ny nz] a line), NPY ((n,3), or the first frame of (T,n,3)).
+/// Errors: kNotFound, kIo, kUnsupported (unknown ending), kCorrupt (what is wrong and where), kTooLarge (over limits).
 Result<Surface> read_surface(const std::string& path);
 
 /// Opens a clip: a directory or a glob of single files, sorted naturally (f2 before f10); a .npy of shape (T,n,3) with

@@ -1,0 +1,182 @@
+// SPDX-License-Identifier: MIT
+#include "common/spectral/laplacian.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "common/spectral/bridges.h"
+#include "common/spectral/local_delaunay.h"
+#include "common/surface/check.h"
+
+namespace eigencast {
+namespace {
+
+using Triplets = std::vector<Eigen::Triplet<double>>;
+
+constexpr double kMollification = 1e-5;     // of the mean edge
+constexpr double kNoArea = 1e-12;           // of the squared diagonal
+constexpr double kLeastMass = 1e-6;         // of the median, for vertices of tiny faces
+constexpr double kUnreferencedMass = 1e-3;  // of the median
+constexpr double kSpring = 0.6;             // a typical cotangent weight; these do not depend on scale
+
+double distance(const Vec3& a, const Vec3& b) {
+  return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
+}
+
+/// Edge lengths of a face, each opposite to the corner of its number.
+using Lengths = std::array<double, 3>;
+
+Lengths lengths_of(std::span<const Vec3> positions, const Face& f) {
+  return {distance(positions[f[1]], positions[f[2]]), distance(positions[f[2]], positions[f[0]]),
+          distance(positions[f[0]], positions[f[1]])};
+}
+
+/// Heron's formula after Kahan, "Miscalculating Area and Angles of a Needle-like Triangle"; 0 where rounding breaks the
+/// triangle inequality.
+double area_of(Lengths l) {
+  std::sort(l.begin(), l.end(), std::greater<>());
+  const double product =
+      (l[0] + (l[1] + l[2])) * (l[2] - (l[0] - l[1])) * (l[2] + (l[0] - l[1])) * (l[0] + (l[1] - l[2]));
+  return product > 0 ? 0.25 * std::sqrt(product) : 0;
+}
+
+/// What to add to every edge so that no face is degenerate: 0 on good meshes.
+double mollification(const std::vector<Lengths>& lengths) {
+  double sum = 0;
+  for (const Lengths& l : lengths) sum += l[0] + l[1] + l[2];
+  const double delta = kMollification * sum / (3 * static_cast<double>(lengths.size()));
+  double epsilon = 0;
+  for (const Lengths& l : lengths) {
+    const double longest = std::max({l[0], l[1], l[2]});
+    epsilon = std::max(epsilon, delta + 2 * longest - (l[0] + l[1] + l[2]));
+  }
+  return epsilon;
+}
+
+void add_spring(std::uint32_t a, std::uint32_t b, double weight, Triplets& entries) {
+  const int i = static_cast<int>(a);
+  const int j = static_cast<int>(b);
+  entries.emplace_back(i, i, weight);
+  entries.emplace_back(j, j, weight);
+  entries.emplace_back(i, j, -weight);
+  entries.emplace_back(j, i, -weight);
+}
+
+struct Assembly {
+  Triplets entries;
+  Eigen::VectorXd mass;  // 0 where no face is
+  double area = 0;       // before mollification
+};
+
+/// Cotangent weights from edge lengths alone, and a third of each face's area for its corners; all of it times `scale`.
+Assembly assemble(std::span<const Vec3> positions, std::span<const Face> faces, double scale) {
+  Assembly result;
+  result.mass = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(positions.size()));
+  std::vector<Lengths> lengths;
+  lengths.reserve(faces.size());
+  for (const Face& f : faces) lengths.push_back(lengths_of(positions, f));
+  if (lengths.empty()) return result;
+  const double epsilon = mollification(lengths);
+  result.entries.reserve(12 * faces.size());
+  for (std::size_t f = 0; f < faces.size(); ++f) {
+    Lengths l = lengths[f];
+    result.area += scale * area_of(l);
+    for (double& length : l) length += epsilon;
+    const double area = area_of(l);
+    if (!(area > 0)) continue;  // only when all faces are points
+    for (std::size_t i = 0; i < 3; ++i) {
+      const std::size_t j = (i + 1) % 3;
+      const std::size_t k = (i + 2) % 3;
+      const double cotangent = (l[j] * l[j] + l[k] * l[k] - l[i] * l[i]) / (4 * area);
+      add_spring(faces[f][j], faces[f][k], scale * cotangent / 2, result.entries);
+      result.mass[faces[f][i]] += scale * area / 3;
+    }
+  }
+  return result;
+}
+
+/// The median of the positive masses.
+double median_mass(const Eigen::VectorXd& mass) {
+  std::vector<double> positive;
+  for (const double m : mass) {
+    if (m > 0) positive.push_back(m);
+  }
+  if (positive.empty()) return 0;
+  const auto middle = positive.begin() + static_cast<std::ptrdiff_t>(positive.size() / 2);
+  std::nth_element(positive.begin(), middle, positive.end());
+  return *middle;
+}
+
+std::vector<Face> faces_with_three_corners(std::span<const Face> faces) {
+  std::vector<Face> result;
+  result.reserve(faces.size());
+  for (const Face& f : faces) {
+    if (f[0] != f[1] && f[1] != f[2] && f[2] != f[0]) result.push_back(f);
+  }
+  return result;
+}
+
+/// Coincident points share the mass of the first of them and follow it on a spring.
+void attach_coincident(const LocalTriangles& local, Assembly& assembly) {
+  std::vector<std::uint32_t> copies(static_cast<std::size_t>(assembly.mass.size()), 1);
+  for (const auto& [copy, leader] : local.coincident) {
+    add_spring(copy, leader, 1.0, assembly.entries);
+    ++copies[leader];
+  }
+  for (std::size_t i = 0; i < copies.size(); ++i) assembly.mass[static_cast<Eigen::Index>(i)] /= copies[i];
+  for (const auto& [copy, leader] : local.coincident) assembly.mass[copy] = assembly.mass[leader];
+}
+
+Eigen::SparseMatrix<double> matrix_from(Eigen::Index n, const Triplets& entries) {
+  Eigen::SparseMatrix<double> L(n, n);
+  L.setFromTriplets(entries.begin(), entries.end());
+  return L;
+}
+
+}  // namespace
+
+Result<Laplacian> build_laplacian(const Surface& surface, bool bridge) {
+  if (auto valid = validate_surface(surface); !valid) return valid.error();
+  const bool cloud = surface.is_point_cloud();
+  Assembly assembly;
+  if (cloud) {
+    const LocalTriangles local = local_delaunay(surface.positions);
+    assembly = assemble(surface.positions, local.faces, 1.0 / 3);
+    attach_coincident(local, assembly);
+  } else {
+    assembly = assemble(surface.positions, faces_with_three_corners(surface.faces), 1.0);
+  }
+  const double diagonal = bounding_box(surface.positions).diagonal();
+  const double median = median_mass(assembly.mass);
+  if (!(assembly.area > kNoArea * diagonal * diagonal) || !(median > 0)) {
+    return fail(ErrorCode::kNumerical,
+                cloud ? "the points lie on a line or on one another and span no surface: there is nothing to stream"
+                      : "no face has an area: there is nothing to stream; check that the file's faces are right");
+  }
+
+  Laplacian result;
+  const Eigen::Index n = static_cast<Eigen::Index>(surface.vertex_count());
+  const double least = (cloud ? kUnreferencedMass : kLeastMass) * median;
+  result.mass =
+      assembly.mass.unaryExpr([&](double m) { return m > 0 ? std::max(m, least) : kUnreferencedMass * median; });
+  result.area = result.mass.sum();
+  result.L = matrix_from(n, assembly.entries);
+  ComponentLabels labels = components_from_pattern(result.L);
+  result.components = static_cast<int>(labels.count);
+  if (bridge && labels.count > 1) {
+    const auto bridges = find_bridges(surface.positions, std::move(labels));
+    for (const auto& [a, b] : bridges) add_spring(a, b, kSpring, assembly.entries);
+    result.bridges = static_cast<int>(bridges.size());
+    result.L = matrix_from(n, assembly.entries);
+  }
+  if (!result.mass.allFinite() ||
+      !Eigen::Map<const Eigen::ArrayXd>(result.L.valuePtr(), result.L.nonZeros()).allFinite()) {
+    return fail(ErrorCode::kNumerical,
+                "the surface's coordinates are too large or too small to compute areas; rescale it");
+  }
+  return result;
+}
+
+}  // namespace eigencast

@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: MIT
+#include "common/spectral/local_delaunay.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "common/spectral/kd_tree.h"
+
+namespace eigencast {
+namespace {
+
+constexpr std::size_t kNeighbours = 30;
+constexpr double kCoincident = 1e-9;   // of the box's diagonal
+constexpr double kTooNear = 1e-7;      // of the neighbourhood's radius
+constexpr double kPushedOutTo = 1e-6;  // of the neighbourhood's radius
+
+struct Neighbour {
+  std::uint32_t index;
+  Eigen::Vector2d inverted;  // in the tangent plane, x / |x|^2
+};
+
+Eigen::Vector3d vector_from(const Vec3& p) {
+  return {p[0], p[1], p[2]};
+}
+
+double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
+  return a.x() * b.y() - a.y() * b.x();
+}
+
+/// Nearest points of each point, itself excluded, by distance; k = min(30, n - 1).
+class Neighbourhoods {
+ public:
+  explicit Neighbourhoods(std::span<const Vec3> positions)
+      : points_{positions},
+        tree_(3, points_),
+        found_(std::min(kNeighbours + 1, positions.size())),
+        squared_(found_.size()) {}
+
+  std::span<const std::uint32_t> of(std::uint32_t point) {
+    const std::size_t count =
+        tree_.knnSearch(points_.positions[point].data(), found_.size(), found_.data(), squared_.data());
+    // Among coincident points the asking one may be missing or stand anywhere.
+    const auto self = std::find(found_.begin(), found_.begin() + static_cast<std::ptrdiff_t>(count), point);
+    if (self == found_.begin() + static_cast<std::ptrdiff_t>(count)) return {found_.data(), count - 1};
+    std::rotate(found_.begin(), self, self + 1);
+    return {found_.data() + 1, count - 1};
+  }
+
+ private:
+  PointSet points_;
+  KdTree tree_;
+  std::vector<std::uint32_t> found_;
+  std::vector<double> squared_;
+};
+
+/// The star of the origin in the Delaunay triangulation of the origin and the neighbours. Inversion turns "the circle
+/// through the origin and two neighbours is empty" into "the line through their images has the others on the origin's
+/// side": the star is the convex hull of the images. Where the origin is a corner of the hull itself it lies on the
+/// cloud's rim, and the hull's two edges at the origin are no triangles.
+void add_star(std::uint32_t centre, std::vector<Neighbour>& neighbours, std::vector<Face>& faces) {
+  const std::uint32_t origin = centre;
+  std::vector<Neighbour> points = neighbours;
+  points.push_back({origin, Eigen::Vector2d::Zero()});
+  std::sort(points.begin(), points.end(), [](const Neighbour& a, const Neighbour& b) {
+    if (a.inverted.x() != b.inverted.x()) return a.inverted.x() < b.inverted.x();
+    if (a.inverted.y() != b.inverted.y()) return a.inverted.y() < b.inverted.y();
+    return a.index < b.index;
+  });
+  std::vector<Neighbour> hull(2 * points.size());  // Andrew's monotone chain
+  std::size_t size = 0;
+  const auto push = [&](const Neighbour& p, std::size_t keep) {
+    while (size >= keep + 2 &&
+           cross(hull[size - 1].inverted - hull[size - 2].inverted, p.inverted - hull[size - 2].inverted) <= 0) {
+      --size;
+    }
+    hull[size++] = p;
+  };
+  for (const Neighbour& p : points) push(p, 0);
+  const std::size_t lower = size - 1;
+  for (std::size_t i = points.size() - 1; i-- > 0;) push(points[i], lower);
+  for (std::size_t i = 0; i + 1 < size; ++i) {
+    const Neighbour& a = hull[i];
+    const Neighbour& b = hull[i + 1];
+    if (a.index == origin || b.index == origin || a.index == b.index) continue;
+    if (cross(a.inverted, b.inverted) <= 0) continue;
+    faces.push_back({centre, a.index, b.index});
+  }
+}
+
+/// Neighbours in the tangent plane, inverted; empty when all lie on the point.
+std::vector<Neighbour> invert(std::span<const Vec3> positions, std::uint32_t centre,
+                              std::span<const std::uint32_t> indices) {
+  std::vector<Neighbour> result;
+  const Eigen::Vector3d p = vector_from(positions[centre]);
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  double radius = 0;
+  for (const std::uint32_t j : indices) {
+    const Eigen::Vector3d d = vector_from(positions[j]) - p;
+    covariance += d * d.transpose();
+    radius = std::max(radius, d.norm());
+  }
+  if (!(radius > 0)) return result;
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(covariance / (radius * radius));
+  const Eigen::Vector3d u = axes.eigenvectors().col(2);
+  const Eigen::Vector3d v = axes.eigenvectors().col(1);
+  result.reserve(indices.size());
+  for (const std::uint32_t j : indices) {
+    const Eigen::Vector3d d = (vector_from(positions[j]) - p) / radius;
+    Eigen::Vector2d q(d.dot(u), d.dot(v));
+    if (q.norm() < kTooNear) q = kPushedOutTo * Eigen::Vector2d(std::cos(double(j)), std::sin(double(j)));
+    result.push_back({j, q / q.squaredNorm()});
+  }
+  return result;
+}
+
+/// For each point the earlier one that it coincides with, or itself.
+std::vector<std::uint32_t> find_coincident(std::span<const Vec3> positions, Neighbourhoods& neighbourhoods) {
+  const double diagonal = bounding_box(positions).diagonal();
+  const double limit = kCoincident * diagonal;
+  std::vector<std::uint32_t> leader(positions.size());
+  std::iota(leader.begin(), leader.end(), 0U);
+  const auto find = [&](std::uint32_t i) {
+    while (leader[i] != i) i = leader[i] = leader[leader[i]];
+    return i;
+  };
+  for (std::uint32_t i = 0; i < positions.size(); ++i) {
+    for (const std::uint32_t j : neighbourhoods.of(i)) {
+      if ((vector_from(positions[i]) - vector_from(positions[j])).norm() > limit) break;
+      const std::uint32_t a = find(i);
+      const std::uint32_t b = find(j);
+      leader[std::max(a, b)] = std::min(a, b);
+    }
+  }
+  for (std::uint32_t i = 0; i < positions.size(); ++i) leader[i] = find(i);
+  return leader;
+}
+
+void add_all_stars(std::span<const Vec3> positions, Neighbourhoods& neighbourhoods, std::vector<Face>& faces) {
+  faces.reserve(6 * positions.size());
+  for (std::uint32_t i = 0; i < positions.size(); ++i) {
+    std::vector<Neighbour> neighbours = invert(positions, i, neighbourhoods.of(i));
+    if (neighbours.size() >= 2) add_star(i, neighbours, faces);
+  }
+}
+
+}  // namespace
+
+LocalTriangles local_delaunay(std::span<const Vec3> positions) {
+  LocalTriangles result;
+  Neighbourhoods all(positions);
+  const std::vector<std::uint32_t> leader = find_coincident(positions, all);
+  std::vector<std::uint32_t> kept;
+  for (std::uint32_t i = 0; i < positions.size(); ++i) {
+    if (leader[i] == i) {
+      kept.push_back(i);
+    } else {
+      result.coincident.emplace_back(i, leader[i]);
+    }
+  }
+  if (result.coincident.empty()) {
+    add_all_stars(positions, all, result.faces);
+    return result;
+  }
+  std::vector<Vec3> distinct;
+  distinct.reserve(kept.size());
+  for (const std::uint32_t i : kept) distinct.push_back(positions[i]);
+  if (distinct.size() < 3) return result;
+  Neighbourhoods neighbourhoods(distinct);
+  add_all_stars(distinct, neighbourhoods, result.faces);
+  for (Face& face : result.faces) {
+    for (std::uint32_t& corner : face) corner = kept[corner];
+  }
+  return result;
+}
+
+}  // namespace eigencast

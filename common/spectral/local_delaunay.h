@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "common/surface/surface.h"
+
+namespace eigencast {
+
+/// Triangles that stand in for the surface of a point cloud, three deep on average: for every point the star that it
+/// has in the Delaunay triangulation of itself and its 30 nearest neighbours, projected on their tangent plane (Sharp &
+/// Crane 2020, "A Laplacian for Nonmanifold Triangle Meshes", section 5.7).
+struct LocalTriangles {
+  std::vector<Face> faces;
+  /// (point, the earlier point that it coincides with): points nearer than 1e-9 of the box's diagonal to an earlier one
+  /// have no triangles of their own.
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> coincident;
+};
+
+/// REQUIRES: positions finite, at least 4 of them.
+LocalTriangles local_delaunay(std::span<const Vec3> positions);
+
+}  // namespace eigencast
