@@ -11,45 +11,49 @@
 
 namespace eigencast {
 
-/// A spectral asset as arrays: everything a receiver needs to rebuild a surface from coefficients, and a sender to project on it.
-/// Rows (vertices) are in level-of-detail order: see progressive/prefix.h for map, faces and death.
+/// A spectral asset as arrays: everything a receiver needs to rebuild a surface from coefficients, and a sender to
+/// project on it. Rows (vertices) are in level-of-detail order: see progressive/prefix.h for map, faces and death.
 ///
-/// While it is arriving only the first `rows_ready` vertices are valid; see AssetReader. A finished asset has rows_ready == n.
+/// While it is arriving (see AssetReader) its arrays hold the first `rows_ready` vertices and the `faces_ready` faces
+/// that exist at that level, with their corners there: a smaller asset that is whole in itself. A finished asset has
+/// rows_ready == n.
 struct Asset {
   enum class UpAxis : std::uint8_t { kUnknown, kX, kY, kZ };
   enum class Handedness : std::uint8_t { kRight, kLeft };
 
-  std::uint32_t vertex_count = 0;           ///< n
-  std::uint32_t rank = 0;                   ///< r
-  std::uint32_t base_count = 0;             ///< q
-  std::string basis_kind = "augmented";     ///< "harmonic", "augmented", ...: for people; the arithmetic does not depend on it.
+  std::uint32_t vertex_count = 0;  ///< n
+  std::uint32_t rank = 0;          ///< r
+  std::uint32_t base_count = 0;    ///< q
+  std::string basis_kind =
+      "augmented";  ///< "harmonic", "augmented", ...: for people; the arithmetic does not depend on it.
   std::vector<std::uint32_t> band_ends;
-  std::vector<float> basis;                 ///< n x r, row-major: Psi as receivers have it (dequantised).
-  std::vector<float> mass;                  ///< n: diagonal of M.
-  std::vector<std::uint32_t> map;           ///< n
+  std::vector<float> basis;                         ///< n x r, row-major: Psi as receivers have it (dequantised).
+  std::vector<float> mass;                          ///< n: diagonal of M.
+  std::vector<std::uint32_t> map;                   ///< n
   std::vector<std::array<std::uint32_t, 3>> faces;  ///< F, by death; empty = point cloud.
-  std::vector<std::uint32_t> death;         ///< F, ascending.
-  std::vector<std::uint32_t> source_vertex; ///< n: the number that row i has in the source (a permutation).
-  std::vector<double> rest;                 ///< r x 3, row-major: coefficients of the rest pose.
-  double area = 0;                          ///< trace M
+  std::vector<std::uint32_t> death;                 ///< F, ascending.
+  std::vector<std::uint32_t> source_vertex;         ///< n: the number that row i has in the source (a permutation).
+  std::vector<double> rest;                         ///< r x 3, row-major: coefficients of the rest pose.
+  double area = 0;                                  ///< trace M
 
   UpAxis up_axis = UpAxis::kY;
   Handedness handedness = Handedness::kRight;
-  double metres_per_unit = 0;               ///< 0 = unknown
+  double metres_per_unit = 0;                   ///< 0 = unknown
   std::array<double, 3> box_low{}, box_high{};  ///< Of the rest pose.
-  std::array<double, 3> origin{};           ///< Where the asset's zero stands in the source's space: source = asset + origin.
+  std::array<double, 3> origin{};  ///< Where the asset's zero stands in the source's space: source = asset + origin.
   std::string name;
 
-  std::uint32_t rows_ready = 0;             ///< Vertices whose rows, map and mass have arrived and were verified.
-  std::uint32_t faces_ready = 0;            ///< Faces with death < rows_ready, all there.
+  std::uint32_t rows_ready = 0;   ///< Vertices whose rows, map and mass have arrived and were verified.
+  std::uint32_t faces_ready = 0;  ///< Faces with death < rows_ready, all there.
 
   bool complete() const { return vertex_count > 0 && rows_ready == vertex_count; }
   bool is_point_cloud() const { return face_total == 0; }
-  std::uint32_t face_total = 0;             ///< F of the finished asset.
-  double diagonal() const;                  ///< Of the rest box.
+  std::uint32_t face_total = 0;  ///< F of the finished asset.
+  double diagonal() const;       ///< Of the rest box.
 };
 
-/// Shapes, ranges, permutation, map[i] < i, death ascending, finite numbers. Errors: kCorrupt, naming the first offender.
+/// Checks a finished asset: shapes, ranges, permutation, map[i] < i, death ascending, finite numbers, the limits of
+/// asset_limits.h. Errors: kCorrupt, naming the first offender; kTooLarge.
 Result<void> validate_asset(const Asset& asset);
 
 }  // namespace eigencast

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: MIT
+#include "common/asset/asset.h"
+
+#include <cmath>
+#include <string>
+
+#include "common/asset/asset_limits.h"
+
+namespace eigencast {
+namespace {
+
+Error corrupt(std::string what) {
+  return fail(ErrorCode::kCorrupt, "asset: " + std::move(what));
+}
+Error too_large(const std::string& what, std::uint64_t value, std::uint64_t limit) {
+  return fail(ErrorCode::kTooLarge,
+              "asset: " + what + " is " + std::to_string(value) + ", over the limit of " + std::to_string(limit));
+}
+
+Result<void> check_limits(const Asset& a) {
+  if (a.vertex_count > asset_limits::kMaxVertices)
+    return too_large("vertex count", a.vertex_count, asset_limits::kMaxVertices);
+  if (a.face_total > asset_limits::kMaxFaces) return too_large("face count", a.face_total, asset_limits::kMaxFaces);
+  if (a.rank > asset_limits::kMaxRank) return too_large("rank", a.rank, asset_limits::kMaxRank);
+  const std::uint64_t decoded = std::uint64_t{a.vertex_count} * a.rank * sizeof(float);
+  if (decoded > asset_limits::kMaxDecodedBytes)
+    return too_large("size of the basis", decoded, asset_limits::kMaxDecodedBytes);
+  if (a.name.size() > asset_limits::kMaxNameBytes)
+    return too_large("length of the name", a.name.size(), asset_limits::kMaxNameBytes);
+  if (a.basis_kind.size() > asset_limits::kMaxBasisKindBytes) {
+    return too_large("length of the basis kind", a.basis_kind.size(), asset_limits::kMaxBasisKindBytes);
+  }
+  return {};
+}
+
+Result<void> check_shapes(const Asset& a) {
+  const std::size_t n = a.vertex_count;
+  const std::size_t r = a.rank;
+  if (n == 0 || r == 0) return corrupt("it has no vertices or no basis columns");
+  const auto wrong = [](const char* name, std::size_t got, std::size_t wanted) {
+    return corrupt(std::string(name) + " has " + std::to_string(got) + " entries instead of " + std::to_string(wanted));
+  };
+  if (a.basis.size() != n * r) return wrong("basis", a.basis.size(), n * r);
+  if (a.rest.size() != r * 3) return wrong("rest", a.rest.size(), r * 3);
+  if (a.mass.size() != n) return wrong("mass", a.mass.size(), n);
+  if (a.map.size() != n) return wrong("map", a.map.size(), n);
+  if (a.source_vertex.size() != n) return wrong("source_vertex", a.source_vertex.size(), n);
+  if (a.faces.size() != a.face_total) return wrong("faces", a.faces.size(), a.face_total);
+  if (a.death.size() != a.face_total) return wrong("death", a.death.size(), a.face_total);
+  if (a.base_count == 0 || a.base_count > n)
+    return corrupt("base_count " + std::to_string(a.base_count) + " is not within 1 and n");
+  if (a.band_ends.empty() || a.band_ends.size() > asset_limits::kMaxBands || a.band_ends.back() != r) {
+    return corrupt("bands must be 1 to 8 and end at the rank");
+  }
+  for (std::size_t b = 0; b < a.band_ends.size(); ++b) {
+    if (a.band_ends[b] <= (b == 0 ? 0 : a.band_ends[b - 1])) return corrupt("band " + std::to_string(b) + " is empty");
+  }
+  if (a.rows_ready != n || a.faces_ready != a.face_total) return corrupt("not all of it has arrived");
+  return {};
+}
+
+Result<void> check_facts(const Asset& a) {
+  if (!std::isfinite(a.area) || a.area <= 0) return corrupt("its area is not positive");
+  if (!std::isfinite(a.metres_per_unit) || a.metres_per_unit < 0)
+    return corrupt("metres_per_unit is negative or not finite");
+  for (std::size_t k = 0; k < 3; ++k) {
+    if (!std::isfinite(a.box_low[k]) || !std::isfinite(a.box_high[k]) || a.box_low[k] > a.box_high[k]) {
+      return corrupt("its rest box is not finite or inside out");
+    }
+    if (!std::isfinite(a.origin[k])) return corrupt("its origin is not finite");
+  }
+  for (std::size_t i = 0; i < a.rest.size(); ++i) {
+    if (!std::isfinite(a.rest[i])) return corrupt("rest coefficient " + std::to_string(i / 3) + " is not finite");
+  }
+  return {};
+}
+
+Result<void> check_rows(const Asset& a) {
+  std::vector<bool> seen(a.vertex_count, false);
+  for (std::uint32_t i = 0; i < a.vertex_count; ++i) {
+    const auto row = [i] { return "row " + std::to_string(i); };
+    if (i < a.base_count ? a.map[i] != i : a.map[i] >= i)
+      return corrupt(row() + " maps to " + std::to_string(a.map[i]));
+    if (a.source_vertex[i] >= a.vertex_count || seen[a.source_vertex[i]])
+      return corrupt(row() + ": source_vertex is no permutation");
+    seen[a.source_vertex[i]] = true;
+    if (!std::isfinite(a.mass[i]) || a.mass[i] <= 0) return corrupt(row() + ": its mass is not positive");
+    for (std::uint32_t k = 0; k < a.rank; ++k) {
+      if (!std::isfinite(a.basis[std::size_t{i} * a.rank + k]))
+        return corrupt(row() + ": basis column " + std::to_string(k) + " is not finite");
+    }
+  }
+  return {};
+}
+
+Result<void> check_faces(const Asset& a) {
+  for (std::size_t f = 0; f < a.faces.size(); ++f) {
+    const auto face = [f] { return "face " + std::to_string(f); };
+    const auto& [x, y, z] = a.faces[f];
+    if (x >= a.vertex_count || y >= a.vertex_count || z >= a.vertex_count)
+      return corrupt(face() + " has a corner beyond the vertices");
+    if (x == y || y == z || z == x) return corrupt(face() + " repeats a corner");
+    if (a.death[f] >= a.vertex_count || (f > 0 && a.death[f] < a.death[f - 1]))
+      return corrupt(face() + ": its death is out of order");
+  }
+  return {};
+}
+
+}  // namespace
+
+double Asset::diagonal() const {
+  return std::hypot(box_high[0] - box_low[0], box_high[1] - box_low[1], box_high[2] - box_low[2]);
+}
+
+Result<void> validate_asset(const Asset& asset) {
+  for (auto* check : {check_limits, check_shapes, check_facts, check_rows, check_faces}) {
+    if (auto result = check(asset); !result) return result;
+  }
+  return {};
+}
+
+}  // namespace eigencast

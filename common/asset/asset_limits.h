@@ -1,0 +1,30 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+/// Every cap on what an asset may claim. Assets come from the network: who parses one checks against these before
+/// allocating.
+namespace eigencast::asset_limits {
+
+inline constexpr std::uint32_t kMaxVertices = 16'000'000;
+inline constexpr std::uint32_t kMaxFaces = 32'000'000;
+inline constexpr std::uint32_t kMaxRank = 4096;
+inline constexpr std::size_t kMaxBands = 8;
+inline constexpr std::size_t kMaxChunks = 4096;
+inline constexpr std::size_t kMaxTilesPerChunk = 64;
+inline constexpr std::size_t kMaxSections = 256;
+inline constexpr std::size_t kMaxBasisKindBytes = 64;
+inline constexpr std::size_t kMaxNameBytes = 1024;
+inline constexpr std::uint64_t kMaxObjectBytes = std::uint64_t{256} << 20;  ///< One manifest or chunk, as stored.
+inline constexpr std::uint64_t kMaxTileBytes = std::uint64_t{256} << 20;    ///< One tile, decompressed.
+inline constexpr std::uint64_t kMaxDecodedBytes = std::uint64_t{4} << 30;   ///< n r floats.
+/// What a chunk may grow to: kFreeGrowth + kMaxExpansion times its stored bytes. A smooth basis expands less than
+/// 20-fold.
+inline constexpr std::uint64_t kMaxExpansion = 1024;
+inline constexpr std::uint64_t kFreeGrowth = std::uint64_t{1} << 20;
+/// Writers stop doubling chunks here, so that one object stays easy to hold and to fetch again.
+inline constexpr std::uint64_t kTargetChunkBytes = std::uint64_t{32} << 20;
+
+}  // namespace eigencast::asset_limits

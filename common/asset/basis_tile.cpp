@@ -1,0 +1,124 @@
+// SPDX-License-Identifier: MIT
+// basis tile  four byte planes of the float32 columns, low byte first, then two byte planes of the int16 residuals, low
+// byte first;
+//             each plane column by column, each column row by row.
+// residual    zigzag16(v[i] - v[reference(i)]) modulo 2^16; reference: map[i], in the base the row before, for row 0
+// zero. The specification is docs/asset-format.md.
+#include "common/asset/basis_tile.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <string>
+
+#include "common/asset/manifest.h"
+
+namespace eigencast {
+namespace {
+
+constexpr float kLargestInteger = 32767;
+
+std::int16_t integer_from(float value, float scale) {
+  if (scale == 0) return 0;
+  return static_cast<std::int16_t>(std::lrint(std::clamp(value / scale, -kLargestInteger, kLargestInteger)));
+}
+
+std::uint16_t zigzag16(std::uint16_t difference) {
+  return static_cast<std::uint16_t>((difference << 1) ^ (difference & 0x8000u ? 0xffffu : 0u));
+}
+std::uint16_t unzigzag16(std::uint16_t code) {
+  return static_cast<std::uint16_t>((code >> 1) ^ (code & 1u ? 0xffffu : 0u));
+}
+
+/// The row that predicts row i, or -1.
+std::int64_t reference_row(const BasisBlock& block, std::uint32_t i) {
+  return i < block.base_count ? std::int64_t{i} - 1 : std::int64_t{block.map[i]};
+}
+
+}  // namespace
+
+std::vector<float> column_scales_from_basis(std::span<const float> basis, std::uint32_t rank,
+                                            std::uint32_t exact_columns) {
+  std::vector<float> scales(rank - exact_columns, 0.0F);
+  for (std::size_t row = 0; row < basis.size(); row += rank) {
+    for (std::uint32_t k = exact_columns; k < rank; ++k) {
+      scales[k - exact_columns] = std::max(scales[k - exact_columns], std::abs(basis[row + k]));
+    }
+  }
+  for (float& scale : scales) {
+    scale /= kLargestInteger;
+    if (scale < kMinColumnScale) scale = 0;
+  }
+  return scales;
+}
+
+Bytes encode_basis(const BasisBlock& block, std::span<const float> basis) {
+  const std::uint32_t rows = block.end_row - block.first_row;
+  const std::uint32_t first_integer = std::clamp(block.exact_columns, block.first_column, block.end_column);
+  const std::size_t floats = std::size_t{rows} * (first_integer - block.first_column);
+  const std::size_t integers = std::size_t{rows} * (block.end_column - first_integer);
+  Bytes raw(4 * floats + 2 * integers);
+  std::size_t at = 0;
+  for (std::uint32_t k = block.first_column; k < first_integer; ++k) {
+    for (std::uint32_t i = block.first_row; i < block.end_row; ++i, ++at) {
+      const auto bits = std::bit_cast<std::uint32_t>(basis[std::size_t{i} * block.rank + k]);
+      for (std::size_t plane = 0; plane < 4; ++plane)
+        raw[plane * floats + at] = static_cast<std::uint8_t>(bits >> (8 * plane));
+    }
+  }
+  std::uint8_t* low = raw.data() + 4 * floats;
+  std::uint8_t* high = low + integers;
+  for (std::uint32_t k = first_integer; k < block.end_column; ++k) {
+    const float scale = block.column_scales[k - block.exact_columns];
+    for (std::uint32_t i = block.first_row; i < block.end_row; ++i) {
+      const std::int64_t reference = reference_row(block, i);
+      const int predicted =
+          reference < 0 ? 0 : integer_from(basis[static_cast<std::size_t>(reference) * block.rank + k], scale);
+      const int value = integer_from(basis[std::size_t{i} * block.rank + k], scale);
+      const std::uint16_t code = zigzag16(static_cast<std::uint16_t>(value - predicted));
+      *low++ = static_cast<std::uint8_t>(code);
+      *high++ = static_cast<std::uint8_t>(code >> 8);
+    }
+  }
+  return raw;
+}
+
+Result<void> decode_basis(const BasisBlock& block, ByteView raw, std::span<float> basis) {
+  const std::uint32_t rows = block.end_row - block.first_row;
+  const std::uint32_t first_integer = std::clamp(block.exact_columns, block.first_column, block.end_column);
+  const std::size_t floats = std::size_t{rows} * (first_integer - block.first_column);
+  const std::size_t integers = std::size_t{rows} * (block.end_column - first_integer);
+  std::size_t at = 0;
+  for (std::uint32_t k = block.first_column; k < first_integer; ++k) {
+    for (std::uint32_t i = block.first_row; i < block.end_row; ++i, ++at) {
+      std::uint32_t bits = 0;
+      for (std::size_t plane = 0; plane < 4; ++plane) bits |= std::uint32_t{raw[plane * floats + at]} << (8 * plane);
+      const auto value = std::bit_cast<float>(bits);
+      if (!std::isfinite(value)) {
+        return fail(ErrorCode::kCorrupt,
+                    "basis tile: row " + std::to_string(i) + " column " + std::to_string(k) + " is not finite");
+      }
+      basis[std::size_t{i} * block.rank + k] = value;
+    }
+  }
+  const std::uint8_t* low = raw.data() + 4 * floats;
+  const std::uint8_t* high = low + integers;
+  for (std::uint32_t k = first_integer; k < block.end_column; ++k) {
+    const float scale = block.column_scales[k - block.exact_columns];
+    for (std::uint32_t i = block.first_row; i < block.end_row; ++i) {
+      const std::int64_t reference = reference_row(block, i);
+      const int predicted =
+          reference < 0 ? 0 : integer_from(basis[static_cast<std::size_t>(reference) * block.rank + k], scale);
+      const auto code = static_cast<std::uint16_t>(*low++ | *high++ << 8);
+      const auto value = static_cast<std::int16_t>(predicted + unzigzag16(code));
+      if (value == -32768 || (scale == 0 && value != 0)) {
+        return fail(ErrorCode::kCorrupt,
+                    "basis tile: row " + std::to_string(i) + " column " + std::to_string(k) + " is out of its range");
+      }
+      basis[std::size_t{i} * block.rank + k] = static_cast<float>(value) * scale;
+    }
+  }
+  return {};
+}
+
+}  // namespace eigencast

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "common/core/bytes.h"
+#include "common/core/result.h"
+
+namespace eigencast {
+
+/// The rows and columns of a basis that one tile holds, and what is needed to predict them.
+struct BasisBlock {
+  std::uint32_t first_row = 0, end_row = 0;
+  std::uint32_t first_column = 0, end_column = 0;
+  std::uint32_t exact_columns = 0;       ///< Columns of the basis (not of the block) kept as float32.
+  std::uint32_t rank = 0;                ///< r
+  std::uint32_t base_count = 0;          ///< q
+  std::span<const float> column_scales;  ///< r - exact_columns
+  std::span<const std::uint32_t> map;    ///< At least end_row entries.
+};
+
+/// scale = max |column| / 32767 of each inexact column; 0 for a column that is zero.
+///   basis  n x r, row-major
+std::vector<float> column_scales_from_basis(std::span<const float> basis, std::uint32_t rank,
+                                            std::uint32_t exact_columns);
+
+/// basis: n x r, row-major, as the asset has it (not yet quantised).
+Bytes encode_basis(const BasisBlock& block, std::span<const float> basis);
+
+/// Writes rows first_row .. end_row and the block's columns into `basis` (at least end_row x r), whose earlier rows
+/// must hold the same columns. Errors: kCorrupt (a number that is not finite). REQUIRES: raw.size() is the block's
+/// size.
+Result<void> decode_basis(const BasisBlock& block, ByteView raw, std::span<float> basis);
+
+}  // namespace eigencast

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "common/core/bytes.h"
+#include "common/core/result.h"
+
+namespace eigencast {
+
+/// How the bytes of a tile are kept.
+enum class Compression : std::uint8_t { kStored = 0, kZstd = 1 };
+
+/// One zstd frame with its content size; deterministic for one version of the library only, which is why ids are hashes
+/// of bytes. Errors: kInternal.
+Result<Bytes> zstd_compress(ByteView raw);
+
+/// Safe on hostile input: refuses anything that is not one whole frame of exactly `raw_size` bytes, before allocating
+/// them. Errors: kCorrupt.
+Result<Bytes> zstd_decompress(ByteView packed, std::size_t raw_size);
+
+}  // namespace eigencast

@@ -1,0 +1,188 @@
+// SPDX-License-Identifier: MIT
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "common/asset/asset_limits.h"
+#include "common/asset/basis_tile.h"
+#include "common/asset/format.h"
+#include "common/asset/manifest.h"
+#include "common/asset/structure_tile.h"
+
+namespace eigencast {
+namespace {
+
+using Corners = std::array<std::uint32_t, 3>;
+
+/// Moves each corner to the vertex that stands for it with N vertices.
+void move_to_level(std::span<const std::uint32_t> map, std::uint32_t N, std::span<Corners> faces) {
+  for (Corners& face : faces) {
+    for (std::uint32_t& corner : face) {
+      while (corner >= N) corner = map[corner];
+    }
+  }
+}
+
+Asset facts_of(const Asset& asset) {
+  Asset facts;
+  facts.vertex_count = asset.vertex_count;
+  facts.rank = asset.rank;
+  facts.base_count = asset.base_count;
+  facts.basis_kind = asset.basis_kind;
+  facts.band_ends = asset.band_ends;
+  facts.rest = asset.rest;
+  facts.area = asset.area;
+  facts.up_axis = asset.up_axis;
+  facts.handedness = asset.handedness;
+  facts.metres_per_unit = asset.metres_per_unit;
+  facts.box_low = asset.box_low;
+  facts.box_high = asset.box_high;
+  facts.origin = asset.origin;
+  facts.name = asset.name;
+  facts.face_total = asset.face_total;
+  return facts;
+}
+
+/// The last row of each chunk: the first chunk holds the base and at least `first` rows, each later one as many as came
+/// before it, up to what keeps a chunk near kTargetChunkBytes.
+std::vector<std::uint32_t> chunk_ends(const Asset& asset, std::uint32_t first) {
+  const std::uint64_t row_bytes = std::uint64_t{asset.rank} * 2 + 24;
+  const std::uint64_t most = std::max<std::uint64_t>(asset_limits::kTargetChunkBytes / row_bytes, 1024);
+  std::vector<std::uint32_t> ends;
+  std::uint64_t end = std::max<std::uint64_t>({first, asset.base_count, 1});
+  while (end < asset.vertex_count) {
+    ends.push_back(static_cast<std::uint32_t>(end));
+    end += std::min(end, most);
+  }
+  ends.push_back(asset.vertex_count);
+  return ends;
+}
+
+class Encoder {
+ public:
+  Encoder(const Asset& asset, const AssetEncoding& encoding) : asset_(asset), encoding_(encoding) {
+    manifest_.facts = facts_of(asset);
+    manifest_.exact_columns = std::min(encoding.exact_columns, asset.rank);
+    manifest_.column_scales = column_scales_from_basis(asset.basis, asset.rank, manifest_.exact_columns);
+  }
+
+  Result<EncodedAsset> encode() {
+    const std::vector<std::uint32_t> ends = chunk_ends(asset_, encoding_.first_chunk_rows);
+    if (ends.size() > asset_limits::kMaxChunks)
+      return fail(ErrorCode::kTooLarge, "asset: it would need more than 4096 chunks");
+    EncodedAsset encoded;
+    for (const std::uint32_t end_row : ends) {
+      auto chunk = encode_chunk(end_row);
+      if (!chunk) return chunk.error();
+      encoded.chunks.push_back(std::move(*chunk));
+    }
+    encoded.manifest.bytes = write_manifest(manifest_);
+    encoded.manifest.id = sha256(encoded.manifest.bytes);
+    // What readers would refuse (a chunk over the limits, say) is an error here, not a surprise there.
+    if (auto readable = read_manifest(encoded.manifest.bytes); !readable) return readable.error();
+    return encoded;
+  }
+
+ private:
+  Result<AssetObject> encode_chunk(std::uint32_t end_row) {
+    const ChunkRange range{row_, end_row, asset_.base_count, asset_.vertex_count};
+    const auto end_death = std::lower_bound(asset_.death.begin(), asset_.death.end(), end_row);
+    const auto end_face = static_cast<std::uint32_t>(end_death - asset_.death.begin());
+    ChunkEntry entry;
+    entry.end_row = end_row;
+    entry.end_face = end_face;
+    AssetObject object;
+    if (auto r = add_tile(TileKind::kStructure, 0, structure(range, end_face), entry, object.bytes); !r)
+      return r.error();
+    std::uint32_t column = 0;
+    for (std::size_t b = 0; b < asset_.band_ends.size(); ++b) {
+      const BasisBlock block{row_,
+                             end_row,
+                             column,
+                             asset_.band_ends[b],
+                             manifest_.exact_columns,
+                             asset_.rank,
+                             asset_.base_count,
+                             manifest_.column_scales,
+                             asset_.map};
+      if (auto r = add_tile(TileKind::kBasis, b, encode_basis(block, asset_.basis), entry, object.bytes); !r)
+        return r.error();
+      column = asset_.band_ends[b];
+    }
+    object.id = entry.id = sha256(object.bytes);
+    manifest_.chunks.push_back(std::move(entry));
+    row_ = end_row;
+    return object;
+  }
+
+  /// The structure tile of a chunk; afterwards faces_ holds all faces up to end_face at level range.end_row.
+  Bytes structure(const ChunkRange& range, std::uint32_t end_face) {
+    const auto part = [&](const auto& all) {
+      return std::vector(all.begin() + range.first_row, all.begin() + range.end_row);
+    };
+    StructureTile tile;
+    tile.map = part(asset_.map);
+    tile.source_vertex = part(asset_.source_vertex);
+    tile.mass = part(asset_.mass);
+    const auto old_count = static_cast<std::ptrdiff_t>(faces_.size());
+    std::vector<Corners> now(asset_.faces.begin(), asset_.faces.begin() + end_face);
+    move_to_level(asset_.map, range.end_row, now);
+    tile.old_faces.assign(now.begin(), now.begin() + old_count);
+    tile.faces.assign(now.begin() + old_count, now.end());
+    tile.death.assign(asset_.death.begin() + old_count, asset_.death.begin() + end_face);
+    Bytes raw = encode_structure(range, tile, std::span(asset_.map).first(range.first_row),
+                                 std::span(asset_.source_vertex).first(range.first_row), faces_);
+    faces_ = std::move(now);
+    return raw;
+  }
+
+  Result<void> add_tile(TileKind kind, std::size_t index, Bytes raw, ChunkEntry& entry, Bytes& chunk) const {
+    if (raw.size() > asset_limits::kMaxTileBytes) {
+      return fail(ErrorCode::kTooLarge, "asset: a tile of " + std::to_string(raw.size()) +
+                                            " bytes is over the limit of " +
+                                            std::to_string(asset_limits::kMaxTileBytes) + "; a base of " +
+                                            std::to_string(asset_.base_count) + " vertices must fit the first chunk");
+    }
+    TileEntry tile;
+    tile.kind = static_cast<std::uint8_t>(kind);
+    tile.index = static_cast<std::uint8_t>(index);
+    tile.raw_bytes = static_cast<std::uint32_t>(raw.size());
+    if (encoding_.compress) {
+      auto packed = zstd_compress(raw);
+      if (!packed) return packed.error();
+      if (packed->size() < raw.size()) {
+        tile.compression = Compression::kZstd;
+        raw = std::move(*packed);
+      }
+    }
+    tile.stored_bytes = static_cast<std::uint32_t>(raw.size());
+    tile.hash = sha256(raw);
+    chunk.insert(chunk.end(), raw.begin(), raw.end());
+    entry.tiles.push_back(tile);
+    return {};
+  }
+
+  const Asset& asset_;
+  AssetEncoding encoding_;
+  Manifest manifest_;
+  std::uint32_t row_ = 0;
+  std::vector<Corners> faces_;  // of the chunks so far, at their last level
+};
+
+}  // namespace
+
+std::size_t EncodedAsset::total_bytes() const {
+  std::size_t sum = manifest.bytes.size();
+  for (const AssetObject& chunk : chunks) sum += chunk.bytes.size();
+  return sum;
+}
+
+Result<EncodedAsset> encode_asset(const Asset& asset, const AssetEncoding& encoding) {
+  if (auto valid = validate_asset(asset); !valid) {
+    const ErrorCode code = valid.error().code;
+    return fail(code == ErrorCode::kCorrupt ? ErrorCode::kInvalidArgument : code, valid.error().message);
+  }
+  return Encoder(asset, encoding).encode();
+}
+
+}  // namespace eigencast

@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: MIT
+#include <algorithm>
+#include <string>
+#include <utility>
+
+#include "common/asset/asset_limits.h"
+#include "common/asset/basis_tile.h"
+#include "common/asset/format.h"
+#include "common/asset/manifest.h"
+#include "common/asset/structure_tile.h"
+
+namespace eigencast {
+namespace {
+
+std::string chunk_name(std::size_t index) {
+  return "asset chunk " + std::to_string(index);
+}
+
+Result<Bytes> unpacked(const TileEntry& tile, ByteView stored) {
+  if (tile.compression == Compression::kZstd) return zstd_decompress(stored, tile.raw_bytes);
+  return Bytes(stored.begin(), stored.end());
+}
+
+template <typename T>
+void append(std::vector<T>& to, const std::vector<T>& from) {
+  to.reserve(to.size() + from.size());
+  to.insert(to.end(), from.begin(), from.end());
+}
+
+}  // namespace
+
+Result<AssetReader> AssetReader::from_manifest(const Sha256& id, ByteView manifest, std::size_t bands) {
+  if (bands == 0) return fail(ErrorCode::kInvalidArgument, "asset: a receiver needs at least one band");
+  if (sha256(manifest) != id)
+    return fail(ErrorCode::kCorrupt, "asset manifest: its bytes do not have the hash " + id.hex());
+  auto parsed = read_manifest(manifest);
+  if (!parsed) return parsed.error();
+  AssetReader reader;
+  reader.manifest_ = std::make_shared<const Manifest>(std::move(*parsed));
+  reader.asset_ = reader.manifest_->facts;
+  reader.bands_ = std::min(bands, reader.asset_.band_ends.size());
+  std::uint32_t row = 0;
+  for (const ChunkEntry& entry : reader.manifest_->chunks) {
+    ChunkRef ref{entry.id, entry.stored_bytes(), 0, row, entry.end_row};
+    for (std::size_t t = 0; t <= reader.bands_; ++t) ref.needed_bytes += entry.tiles[t].stored_bytes;
+    reader.chunks_.push_back(ref);
+    row = entry.end_row;
+  }
+  return reader;
+}
+
+Result<void> AssetReader::add_chunk(std::size_t index, ByteView bytes) {
+  if (index != next_ || index >= chunks_.size()) {
+    return fail(ErrorCode::kInvalidArgument, chunk_name(index) + ": chunks must come in order, the next is " +
+                                                 std::to_string(next_) + " of " + std::to_string(chunks_.size()));
+  }
+  if (auto result = verify(index, bytes); !result) return in_context(chunk_name(index), result.error());
+  if (auto result = decode(index, bytes); !result) return in_context(chunk_name(index), result.error());
+  ++next_;
+  return {};
+}
+
+Result<void> AssetReader::verify(std::size_t index, ByteView bytes) const {
+  const ChunkRef& ref = chunks_[index];
+  if (bytes.size() != ref.bytes && bytes.size() != ref.needed_bytes) {
+    return fail(ErrorCode::kCorrupt,
+                "it has " + std::to_string(bytes.size()) + " bytes, the manifest says " + std::to_string(ref.bytes));
+  }
+  if (bytes.size() == ref.bytes && sha256(bytes) != ref.id) {
+    return fail(ErrorCode::kCorrupt, "its bytes do not have the hash " + ref.id.hex());
+  }
+  // The tiles too: otherwise a manifest could name bytes that only receivers of all bands accept.
+  std::size_t at = 0;
+  for (const TileEntry& tile : manifest_->chunks[index].tiles) {
+    if (at == bytes.size()) break;
+    if (sha256(bytes.subspan(at, tile.stored_bytes)) != tile.hash) {
+      return fail(ErrorCode::kCorrupt, "the tile at byte " + std::to_string(at) + " does not have its hash");
+    }
+    at += tile.stored_bytes;
+  }
+  return {};
+}
+
+Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
+  const ChunkEntry& entry = manifest_->chunks[index];
+  const ChunkRange range{asset_.rows_ready, entry.end_row, asset_.base_count, asset_.vertex_count};
+  auto raw = unpacked(entry.tiles[0], bytes.first(entry.tiles[0].stored_bytes));
+  if (!raw) return raw.error();
+  auto structure =
+      decode_structure(*raw, range, entry.end_face - asset_.faces_ready, asset_.source_vertex, asset_.faces);
+  if (!structure) return structure.error();
+  std::vector<bool> seen = seen_source_;
+  seen.resize(asset_.vertex_count, false);
+  for (const std::uint32_t source : structure->source_vertex) {
+    if (seen[source]) return fail(ErrorCode::kCorrupt, "source vertex " + std::to_string(source) + " comes twice");
+    seen[source] = true;
+  }
+
+  // The basis predicts from parents, so the map comes first; undone where a tile turns out to be bad.
+  append(asset_.map, structure->map);
+  asset_.basis.reserve(std::size_t{entry.end_row} * asset_.rank);
+  asset_.basis.resize(std::size_t{entry.end_row} * asset_.rank, 0.0F);
+  std::size_t at = entry.tiles[0].stored_bytes;
+  std::uint32_t column = 0;
+  for (std::size_t b = 0; b < bands_; ++b) {
+    const TileEntry& tile = entry.tiles[1 + b];
+    const BasisBlock block{range.first_row,
+                           range.end_row,
+                           column,
+                           asset_.band_ends[b],
+                           manifest_->exact_columns,
+                           asset_.rank,
+                           asset_.base_count,
+                           manifest_->column_scales,
+                           asset_.map};
+    raw = unpacked(tile, bytes.subspan(at, tile.stored_bytes));
+    const Result<void> decoded = raw ? decode_basis(block, *raw, asset_.basis) : Result<void>(raw.error());
+    if (!decoded) {
+      asset_.map.resize(range.first_row);
+      asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
+      return decoded;
+    }
+    column = asset_.band_ends[b];
+    at += tile.stored_bytes;
+  }
+
+  append(asset_.source_vertex, structure->source_vertex);
+  append(asset_.mass, structure->mass);
+  append(asset_.death, structure->death);
+  asset_.faces = std::move(structure->old_faces);
+  append(asset_.faces, structure->faces);
+  seen_source_ = std::move(seen);
+  asset_.rows_ready = entry.end_row;
+  asset_.faces_ready = entry.end_face;
+  return {};
+}
+
+Result<Asset> decode_asset(const EncodedAsset& encoded) {
+  auto reader = AssetReader::from_manifest(encoded.manifest.id, encoded.manifest.bytes);
+  if (!reader) return reader.error();
+  if (encoded.chunks.size() != reader->chunks().size()) {
+    return fail(ErrorCode::kCorrupt, "asset: " + std::to_string(encoded.chunks.size()) +
+                                         " chunks, its manifest lists " + std::to_string(reader->chunks().size()));
+  }
+  for (std::size_t i = 0; i < encoded.chunks.size(); ++i) {
+    if (auto added = reader->add_chunk(i, encoded.chunks[i].bytes); !added) return added.error();
+  }
+  return std::move(*reader).take();
+}
+
+}  // namespace eigencast

@@ -1,0 +1,195 @@
+// SPDX-License-Identifier: MIT
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "common/asset/format.h"
+#include "sample_asset.h"
+
+namespace eigencast {
+namespace {
+
+Asset round_trip(const Asset& asset, const AssetEncoding& encoding) {
+  const auto encoded = encode_asset(asset, encoding);
+  if (!encoded) {
+    ADD_FAILURE() << encoded.error().message;
+    return {};
+  }
+  auto decoded = decode_asset(*encoded);
+  if (!decoded) {
+    ADD_FAILURE() << decoded.error().message;
+    return {};
+  }
+  return std::move(*decoded);
+}
+
+void expect_same_structure(const Asset& a, const Asset& b) {
+  EXPECT_EQ(a.map, b.map);
+  EXPECT_EQ(a.source_vertex, b.source_vertex);
+  EXPECT_EQ(a.mass, b.mass);
+  EXPECT_EQ(a.faces, b.faces);
+  EXPECT_EQ(a.death, b.death);
+  EXPECT_EQ(a.rest, b.rest);
+  EXPECT_EQ(a.band_ends, b.band_ends);
+}
+
+TEST(AssetRoundTrip, KeepsEveryArrayAndFact) {
+  for (const bool compress : {false, true}) {
+    Asset asset = sample_asset(3, 21);
+    asset.up_axis = Asset::UpAxis::kZ;
+    asset.handedness = Asset::Handedness::kLeft;
+    asset.basis_kind = "harmonic";
+    const Asset decoded = round_trip(asset, {.exact_columns = 4, .first_chunk_rows = 50, .compress = compress});
+    expect_same_structure(asset, decoded);
+    EXPECT_EQ(decoded.vertex_count, 642u);
+    EXPECT_EQ(decoded.base_count, asset.base_count);
+    EXPECT_EQ(decoded.area, asset.area);
+    EXPECT_EQ(decoded.name, asset.name);
+    EXPECT_EQ(decoded.basis_kind, "harmonic");
+    EXPECT_EQ(decoded.up_axis, Asset::UpAxis::kZ);
+    EXPECT_EQ(decoded.handedness, Asset::Handedness::kLeft);
+    EXPECT_EQ(decoded.metres_per_unit, 0.01);
+    EXPECT_EQ(decoded.box_low, asset.box_low);
+    EXPECT_EQ(decoded.box_high, asset.box_high);
+    EXPECT_EQ(decoded.origin, asset.origin);
+    EXPECT_TRUE(decoded.complete());
+    EXPECT_EQ(decoded.faces_ready, asset.face_total);
+    EXPECT_TRUE(validate_asset(decoded));
+  }
+}
+
+TEST(AssetRoundTrip, QuantisesWithinHalfAStepOfEachColumn) {
+  const Asset asset = sample_asset(3, 40);
+  const Asset decoded = round_trip(asset, {.exact_columns = 4, .first_chunk_rows = 100});
+  for (std::uint32_t k = 0; k < asset.rank; ++k) {
+    double largest = 0, worst = 0;
+    for (std::uint32_t i = 0; i < asset.vertex_count; ++i) {
+      const std::size_t at = std::size_t{i} * asset.rank + k;
+      largest = std::max(largest, std::abs(double{asset.basis[at]}));
+      worst = std::max(worst, std::abs(double{asset.basis[at]} - double{decoded.basis[at]}));
+    }
+    EXPECT_LE(worst, k < 4 ? 0 : 0.501 * largest / 32767) << "column " << k;
+  }
+}
+
+// docs/maths.md 5.6: the rest coefficients vanish beyond column 4, so steps must not come from them, and the rest pose
+// must survive.
+TEST(AssetRoundTrip, RestPoseStaysExactAfterQuantisation) {
+  const Asset asset = sample_asset(4, 30);
+  const Asset decoded = round_trip(asset, {});
+  double worst = 0;
+  for (std::uint32_t i = 0; i < asset.vertex_count; ++i) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      double rebuilt = 0;
+      for (std::uint32_t k = 0; k < asset.rank; ++k) {
+        rebuilt += double{decoded.basis[std::size_t{i} * asset.rank + k]} * decoded.rest[k * 3 + axis];
+      }
+      worst = std::max(worst, std::abs(rebuilt - double{asset.basis[std::size_t{i} * asset.rank + 1 + axis]}));
+    }
+  }
+  EXPECT_LE(worst, 1e-6 * asset.diagonal());
+}
+
+TEST(AssetRoundTrip, ASecondTripChangesNothingBeyondOneUnitInTheLastPlace) {
+  const Asset once = round_trip(sample_asset(2, 12), {});
+  const Asset twice = round_trip(once, {});
+  for (std::size_t i = 0; i < once.basis.size(); ++i) EXPECT_FLOAT_EQ(once.basis[i], twice.basis[i]);
+}
+
+TEST(AssetRoundTrip, AColumnOfZerosAndTinyRanksWork) {
+  Asset asset = sample_asset(2, 9);
+  for (std::uint32_t i = 0; i < asset.vertex_count; ++i) asset.basis[std::size_t{i} * 9 + 6] = 0;
+  const Asset decoded = round_trip(asset, {});
+  for (std::uint32_t i = 0; i < asset.vertex_count; ++i) EXPECT_EQ(decoded.basis[std::size_t{i} * 9 + 6], 0.0F);
+  for (const std::uint32_t rank : {1u, 2u, 4u})
+    expect_same_structure(sample_asset(1, rank), round_trip(sample_asset(1, rank), {}));
+}
+
+TEST(AssetRoundTrip, PointCloud) {
+  const Asset cloud = sample_asset(3, 8, true);
+  const Asset decoded = round_trip(cloud, {.first_chunk_rows = 64});
+  EXPECT_TRUE(decoded.is_point_cloud());
+  expect_same_structure(cloud, decoded);
+}
+
+TEST(AssetReader, WhileArrivingEachPrefixIsTheSurfaceAtThatLevel) {
+  const Asset whole = sample_asset(3, 10);
+  const auto encoded = encode_asset(whole, {.first_chunk_rows = 40});
+  ASSERT_TRUE(encoded);
+  ASSERT_EQ(encoded->chunks.size(), 6u);  // 40, 80, 160, 320, 640, 642
+  auto reader = AssetReader::from_manifest(encoded->manifest.id, encoded->manifest.bytes);
+  ASSERT_TRUE(reader) << reader.error().message;
+  EXPECT_EQ(reader->asset().rows_ready, 0u);
+  EXPECT_EQ(reader->asset().vertex_count, whole.vertex_count);
+  EXPECT_EQ(reader->asset().rest, whole.rest);
+  for (std::size_t c = 0; c < encoded->chunks.size(); ++c) {
+    const auto added = reader->add_chunk(c, encoded->chunks[c].bytes);
+    ASSERT_TRUE(added) << added.error().message;
+    const Asset& part = reader->asset();
+    const std::uint32_t N = part.rows_ready;
+    EXPECT_EQ(N, reader->chunks()[c].end_row);
+    EXPECT_EQ(part.basis.size(), std::size_t{N} * whole.rank);
+    EXPECT_TRUE(std::equal(part.map.begin(), part.map.end(), whole.map.begin()));
+    EXPECT_TRUE(std::equal(part.death.begin(), part.death.end(), whole.death.begin()));
+    ASSERT_EQ(part.faces.size(), part.faces_ready);
+    EXPECT_TRUE(part.faces_ready == whole.face_total || whole.death[part.faces_ready] >= N);
+    for (std::size_t f = 0; f < part.faces.size(); ++f) {
+      EXPECT_LT(part.death[f], N);
+      for (std::size_t k = 0; k < 3; ++k) EXPECT_EQ(part.faces[f][k], corner_at_level(whole, whole.faces[f][k], N));
+    }
+  }
+  EXPECT_TRUE(reader->asset().complete());
+  EXPECT_EQ(reader->asset().faces, whole.faces);
+}
+
+TEST(AssetReader, AReceiverOfFewBandsNeedsOnlyAPrefixOfEachChunk) {
+  const Asset whole = sample_asset(3, 30);
+  const auto encoded = encode_asset(whole, {.first_chunk_rows = 100});
+  ASSERT_TRUE(encoded);
+  auto reader = AssetReader::from_manifest(encoded->manifest.id, encoded->manifest.bytes, 1);
+  ASSERT_TRUE(reader);
+  const Asset all = round_trip(whole, {.first_chunk_rows = 100});
+  for (std::size_t c = 0; c < encoded->chunks.size(); ++c) {
+    const auto& ref = reader->chunks()[c];
+    ASSERT_LT(ref.needed_bytes, ref.bytes);
+    const auto added = reader->add_chunk(c, ByteView(encoded->chunks[c].bytes).first(ref.needed_bytes));
+    ASSERT_TRUE(added) << added.error().message;
+  }
+  const Asset& few = reader->asset();
+  EXPECT_EQ(few.faces, whole.faces);
+  for (std::uint32_t i = 0; i < few.vertex_count; ++i) {
+    for (std::uint32_t k = 0; k < few.rank; ++k) {
+      const std::size_t at = std::size_t{i} * few.rank + k;
+      ASSERT_EQ(few.basis[at], k < 4 ? all.basis[at] : 0.0F);
+    }
+  }
+}
+
+TEST(AssetEncode, RefusesWhatIsNotAnAsset) {
+  const auto message_after = [](auto change) {
+    Asset asset = sample_asset(1, 6);
+    change(asset);
+    const auto result = encode_asset(asset);
+    EXPECT_FALSE(result);
+    return result ? std::string() : std::string(name_of(result.error().code)) + " " + result.error().message;
+  };
+  EXPECT_NE(message_after([](Asset& a) { a.map[20] = 20; }).find("row 20"), std::string::npos);
+  EXPECT_NE(message_after([](Asset& a) { a.map[2] = 1; }).find("row 2"), std::string::npos);
+  EXPECT_NE(message_after([](Asset& a) { a.source_vertex[5] = a.source_vertex[4]; }).find("permutation"),
+            std::string::npos);
+  EXPECT_NE(message_after([](Asset& a) { a.mass[7] = 0; }).find("row 7"), std::string::npos);
+  EXPECT_NE(message_after([](Asset& a) { a.basis[6 * 9 + 2] = NAN; }).find("row 9: basis column 2"), std::string::npos);
+  EXPECT_NE(message_after([](Asset& a) { a.rest[4] = INFINITY; }).find("rest coefficient 1"), std::string::npos);
+  EXPECT_NE(message_after([](Asset& a) { std::swap(a.death.front(), a.death.back()); }).find("death"),
+            std::string::npos);
+  EXPECT_NE(message_after([](Asset& a) { a.faces[3][1] = 42; }).find("face 3"), std::string::npos);
+  EXPECT_NE(message_after([](Asset& a) { a.band_ends = {4, 4, 6}; }).find("band 1"), std::string::npos);
+  EXPECT_NE(message_after([](Asset& a) { a.rows_ready = 12; }).find("arrived"), std::string::npos);
+  EXPECT_NE(message_after([](Asset& a) { a.name.assign(2000, 'x'); }).find("too-large"), std::string::npos);
+  EXPECT_NE(message_after([](Asset& a) { a = Asset(); }).find("no vertices"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace eigencast

@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+
+#include "common/asset/asset.h"
+
+namespace eigencast {
+
+/// A unit icosphere as an asset: 12, 42, 162, 642, ... vertices in order of subdivision, which is a prefix order (each
+/// new vertex contracts onto an end of the edge that it halved). The basis is 1, x, y, z and then smooth products of
+/// waves; it is not orthonormal, which the format does not care about. Every number is a fixed function of the
+/// arguments.
+///   cloud  leave the faces out
+Asset sample_asset(int subdivisions, std::uint32_t rank, bool cloud = false);
+
+/// The corner of full resolution `a` with N vertices.
+std::uint32_t corner_at_level(const Asset& asset, std::uint32_t a, std::uint32_t N);
+
+}  // namespace eigencast
