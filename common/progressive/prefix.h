@@ -10,22 +10,38 @@
 
 namespace eigencast {
 
-/// A continuous level of detail as a prefix: vertices in reverse contraction order, faces by death. Level N is the first N vertices
-/// and the first prefix_face_count(N) faces with their corners mapped below N. After Hoppe 1996, "Progressive Meshes", and Melax 1998.
+/// A continuous level of detail as a prefix: vertices in reverse contraction order, faces by death. Level N is the
+/// first N vertices and the first prefix_face_count(N) faces with their corners mapped below N. After Hoppe 1996,
+/// "Progressive Meshes", and Melax 1998.
 ///
 /// Vertices below are new numbers; order[new] is the source's number.
 struct PrefixOrder {
-  std::uint32_t base_count = 0;            ///< q: vertices that are never contracted.
-  std::vector<std::uint32_t> order;        ///< n; a permutation.
-  std::vector<std::uint32_t> map;          ///< n; map[i] < i for i >= q: where i goes when it is contracted. map[i] = i below q.
-  std::vector<Face> faces;                 ///< Full-resolution corners, by death ascending.
-  std::vector<std::uint32_t> death;        ///< One per face, ascending; face f exists at N if N > death[f]. 0: a face of the base.
+  std::uint32_t base_count = 0;      ///< q: vertices that are never contracted.
+  std::vector<std::uint32_t> order;  ///< n; a permutation.
+  /// n; map[i] < i for i >= q: where i goes when it is contracted. map[i] = i below q.
+  std::vector<std::uint32_t> map;
+  std::vector<Face> faces;  ///< Full-resolution corners, by death ascending.
+  /// One per face, ascending; face f exists at N if N > death[f]. 0: a face of the base.
+  std::vector<std::uint32_t> death;
   std::vector<std::uint32_t> face_source;  ///< One per face: its number in the source.
 };
 
-/// Half-edge contraction with quadrics (Garland & Heckbert 1997, "Surface Simplification Using Quadric Error Metrics"): meshes;
-/// half point-pair contraction with point quadrics (Pauly, Gross, Kobbelt 2002): point clouds.
-/// Any surface that validate_surface accepts gets an order; where no legal contraction is left the rest stays in the base.
+/// Half-edge contraction with quadrics (Garland & Heckbert 1997, "Surface Simplification Using Quadric Error Metrics"):
+/// meshes; half point-pair contraction with point quadrics (Pauly, Gross, Kobbelt 2002, "Efficient simplification of
+/// point-sampled surfaces"): point clouds. The same bits for the same surface; on the order of a second for 100,000
+/// vertices.
+///
+/// The base has about a hundredth of the vertices, at least 4. Down to it a mesh keeps its topology (the link
+/// condition) and its boundaries, except that
+///   - vertices of no face go first, and vertices as soon as they have lost their last face: nothing shows them;
+///   - boundary vertices at one place (seams, triangle soups) are contracted into one before all others;
+///   - components of at most 4 vertices may vanish when that is cheapest, if there are other components;
+///   - where topology leaves more than 64 vertices and a fiftieth of all (non-manifold edges, many handles), it is
+///   given up below.
+/// Faces with a repeated corner are left out: the order may have fewer faces than the surface. A surface with only such
+/// faces is ordered as a point cloud.
+///
+/// Errors: kInvalidArgument (no vertices, an index out of range, a coordinate that is not finite), kTooLarge.
 Result<PrefixOrder> build_prefix_order(const Surface& surface);
 
 /// Number of faces that exist with N vertices. O(log F). REQUIRES: N <= n.

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "common/surface/surface.h"
+
+namespace eigencast::progressive {
+
+/// Marks a contraction of a vertex that no face shows any more: its target is chosen at the end.
+inline constexpr std::uint32_t kNoTarget = 0xffffffff;
+
+/// One contraction, in source numbers.
+struct Step {
+  std::uint32_t from = 0;
+  std::uint32_t to = 0;  ///< kNoTarget: any vertex will do.
+};
+
+/// Contractions of a mesh in the order in which they are made. No face has a repeated corner; positions are finite and
+/// have been brought to unit size.
+std::vector<Step> contract_mesh(std::span<const Vec3> positions, std::span<const Face> faces);
+
+/// Contractions of a point cloud in the order in which they are made. Positions as above.
+std::vector<Step> contract_points(std::span<const Vec3> positions);
+
+/// How far to go: a hundredth of the vertices, at least 4.
+std::size_t wanted_base(std::size_t vertices);
+
+/// The first vertex, in order of number, at each vertex's position (to the bit; itself if there is none before it).
+std::vector<std::uint32_t> first_at_position(std::span<const Vec3> positions);
+
+}  // namespace eigencast::progressive

@@ -1,0 +1,388 @@
+// SPDX-License-Identifier: MIT
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <queue>
+
+#include "common/progressive/contraction.h"
+#include "common/progressive/quadric.h"
+
+namespace eigencast::progressive {
+namespace {
+
+constexpr double kBoundaryWeight = 10;
+constexpr double kLeastNormalAgreement = 0.2;
+constexpr double kLeastShape = 0.02;  // Height over length of a face.
+constexpr std::size_t kMostNeighbours = 24;
+constexpr std::uint32_t kSmallComponent = 4;  // Vertices of the smallest closed surface.
+
+/// What a contraction must keep.
+enum class Rules {
+  kTopology,  ///< The surface's topology, its boundary, and the side that faces show.
+  kSides,     ///< Only the side that faces show.
+  kNone,
+};
+
+class MeshContraction {
+ public:
+  MeshContraction(std::span<const Vec3> positions, std::span<const Face> faces);
+  std::vector<Step> run();
+
+ private:
+  struct Candidate {
+    double cost;
+    std::uint32_t from, to, version;
+    bool operator<(const Candidate& other) const {  // The cheapest is on top; numbers decide between equals.
+      return cost != other.cost ? cost > other.cost : from > other.from;
+    }
+  };
+  struct Neighbour {
+    std::uint32_t vertex;
+    std::uint32_t faces;  ///< How many faces share the edge.
+  };
+
+  void remove_unreferenced();
+  void weld();
+  void find_components();
+  void make_quadrics();
+  void contract_all(Rules rules, std::size_t goal);
+  bool contract_queue(std::size_t goal);
+  void consider(std::uint32_t u);
+  void contract(std::uint32_t u, std::uint32_t v);
+  void drop_face(std::uint32_t f);
+  void remove_lone(std::uint32_t u);
+
+  void gather_neighbours(std::uint32_t u, std::vector<Neighbour>& neighbours);
+  bool is_legal(std::uint32_t u, const std::vector<Neighbour>& around_u, const Neighbour& to);
+  bool keeps_topology(std::uint32_t u, const std::vector<Neighbour>& around_u, const Neighbour& to);
+  bool keeps_sides(std::uint32_t u, std::uint32_t v) const;
+  std::uint32_t component_of(std::uint32_t u);
+  bool in_small_component(std::uint32_t u) { return many_components_ && left_in_[component_of(u)] <= kSmallComponent; }
+  bool has(std::uint32_t f, std::uint32_t v) const {
+    return faces_[f][0] == v || faces_[f][1] == v || faces_[f][2] == v;
+  }
+  double longest_edge2(const Face& face) const {
+    double longest = 0;
+    for (std::size_t c = 0; c < 3; ++c) {
+      const Vec3 e = minus(x_[face[(c + 1) % 3]], x_[face[c]]);
+      longest = std::max(longest, dot(e, e));
+    }
+    return longest;
+  }
+  Vec3 area_vector(const Face& face) const {
+    return cross(minus(x_[face[1]], x_[face[0]]), minus(x_[face[2]], x_[face[0]]));
+  }
+
+  std::span<const Vec3> x_;
+  std::vector<Face> faces_;                         ///< Corners as they are now.
+  std::vector<std::vector<std::uint32_t>> around_;  ///< Living faces of each vertex.
+  std::vector<Quadric> quadrics_;
+  std::vector<std::uint32_t> version_;
+  std::vector<bool> alive_;
+  std::size_t alive_count_;
+  std::vector<Step> steps_;
+  std::priority_queue<Candidate> queue_;
+  Rules rules_ = Rules::kTopology;
+
+  bool many_components_ = false;
+  std::vector<std::uint32_t> component_;  ///< Union-find forest.
+  std::vector<std::uint32_t> left_in_;    ///< Living vertices, at the root.
+  std::vector<double> area_of_;           ///< At the root.
+
+  std::vector<std::uint32_t> mark_, slot_;
+  std::uint32_t stamp_ = 0;
+  std::vector<Neighbour> around_from_, around_to_, around_both_;
+  std::vector<Candidate> choices_;
+};
+
+MeshContraction::MeshContraction(std::span<const Vec3> positions, std::span<const Face> faces)
+    : x_(positions),
+      faces_(faces.begin(), faces.end()),
+      around_(positions.size()),
+      quadrics_(positions.size()),
+      version_(positions.size()),
+      alive_(positions.size(), true),
+      alive_count_(positions.size()),
+      mark_(positions.size()),
+      slot_(positions.size()) {
+  steps_.reserve(positions.size());
+  for (std::uint32_t f = 0; f < faces_.size(); ++f) {
+    for (const std::uint32_t v : faces_[f]) around_[v].push_back(f);
+  }
+}
+
+std::vector<Step> MeshContraction::run() {
+  remove_unreferenced();
+  weld();
+  find_components();
+  make_quadrics();
+  const std::size_t useful = alive_count_;
+  contract_all(Rules::kTopology, wanted_base(useful));
+  // A base that is larger because of its topology is right as long as it is small; beyond that the topology has to go.
+  const std::size_t tolerable = std::max<std::size_t>(64, useful / 50);
+  contract_all(Rules::kSides, tolerable);
+  contract_all(Rules::kNone, tolerable);
+  return std::move(steps_);
+}
+
+void MeshContraction::remove_unreferenced() {
+  for (std::uint32_t v = 0; v < x_.size(); ++v) {
+    if (around_[v].empty()) remove_lone(v);
+  }
+}
+
+// Contracts vertices on boundaries that lie at the same place: they are seams, or a soup of triangles of which each has
+// its own corners. Nothing changes to the eye, and afterwards there is a surface to contract.
+void MeshContraction::weld() {
+  const auto first = first_at_position(x_);
+  std::vector<bool> on_boundary(x_.size());
+  bool any = false;
+  for (std::uint32_t v = 0; v < x_.size(); ++v) any = any || first[v] != v;
+  if (!any) return;
+  for (std::uint32_t v = 0; v < x_.size(); ++v) {
+    if (!alive_[v]) continue;
+    gather_neighbours(v, around_from_);
+    on_boundary[v] =
+        std::any_of(around_from_.begin(), around_from_.end(), [](const Neighbour& w) { return w.faces == 1; });
+  }
+  std::vector<std::uint32_t> kept(x_.size(), kNoTarget);
+  for (std::uint32_t v = 0; v < x_.size(); ++v) {
+    // A target may have lost its last face when one of its neighbours was welded.
+    if (!alive_[v] || !on_boundary[v]) continue;
+    std::uint32_t& target = kept[first[v]];
+    if (target == kNoTarget || !alive_[target]) {
+      target = v;
+    } else {
+      contract(v, target);
+    }
+  }
+}
+
+std::uint32_t MeshContraction::component_of(std::uint32_t u) {
+  while (component_[u] != u) u = component_[u] = component_[component_[u]];
+  return u;
+}
+
+void MeshContraction::find_components() {
+  component_.resize(x_.size());
+  std::iota(component_.begin(), component_.end(), 0U);
+  for (std::uint32_t v = 0; v < x_.size(); ++v) {
+    for (const std::uint32_t f : around_[v]) {
+      for (const std::uint32_t w : faces_[f]) component_[component_of(w)] = component_of(v);
+    }
+  }
+  left_in_.assign(x_.size(), 0);
+  area_of_.assign(x_.size(), 0);
+  std::size_t components = 0;
+  for (std::uint32_t v = 0; v < x_.size(); ++v) {
+    if (alive_[v] && left_in_[component_of(v)]++ == 0) ++components;
+  }
+  many_components_ = components > 1;
+}
+
+void MeshContraction::make_quadrics() {
+  for (std::uint32_t u = 0; u < x_.size(); ++u) {
+    for (const std::uint32_t f : around_[u]) {
+      const Vec3 normal = area_vector(faces_[f]);
+      const double twice_area = std::sqrt(dot(normal, normal));
+      if (twice_area <= 0) continue;
+      const Vec3 unit{normal[0] / twice_area, normal[1] / twice_area, normal[2] / twice_area};
+      quadrics_[u].add_plane(unit, x_[u], twice_area / 6);
+      quadrics_[u].area += twice_area / 6;
+      area_of_[component_of(u)] += twice_area / 6;
+    }
+    // Edges that do not lie between two faces hold their line by planes across it.
+    gather_neighbours(u, around_from_);
+    for (const Neighbour& v : around_from_) {
+      if (v.faces == 2) continue;
+      const Vec3 edge = minus(x_[v.vertex], x_[u]);
+      for (const std::uint32_t f : around_[u]) {
+        if (!has(f, v.vertex)) continue;
+        const Vec3 across = cross(edge, area_vector(faces_[f]));
+        const double length = std::sqrt(dot(across, across));
+        if (length <= 0) continue;
+        const Vec3 unit{across[0] / length, across[1] / length, across[2] / length};
+        quadrics_[u].add_plane(unit, x_[u], kBoundaryWeight * dot(edge, edge) / 2);
+      }
+    }
+  }
+}
+
+void MeshContraction::contract_all(Rules rules, std::size_t goal) {
+  rules_ = rules;
+  // A contraction can make another legal two edges away, which nobody looks at then: hence the rounds.
+  for (bool progress = true; progress && alive_count_ > goal;) {
+    queue_ = {};
+    for (std::uint32_t v = 0; v < x_.size(); ++v) {
+      if (alive_[v]) consider(v);
+    }
+    const std::size_t before = alive_count_;
+    progress = contract_queue(goal) && before - alive_count_ > alive_count_ / 256;
+  }
+}
+
+bool MeshContraction::contract_queue(std::size_t goal) {
+  bool any = false;
+  while (alive_count_ > goal && !queue_.empty()) {
+    const Candidate top = queue_.top();
+    queue_.pop();
+    if (!alive_[top.from] || top.version != version_[top.from]) continue;
+    // Faces further away have changed since: what was legal may no longer be.
+    gather_neighbours(top.from, around_from_);
+    const auto to =
+        std::find_if(around_from_.begin(), around_from_.end(), [&](const Neighbour& w) { return w.vertex == top.to; });
+    if (to == around_from_.end() || !is_legal(top.from, around_from_, *to)) {
+      consider(top.from);
+      continue;
+    }
+    contract(top.from, top.to);
+    any = true;
+    if (!alive_[top.to]) continue;
+    gather_neighbours(top.to, around_both_);
+    consider(top.to);
+    for (const Neighbour& w : around_both_) consider(w.vertex);
+  }
+  return any;
+}
+
+// Puts the cheapest legal contraction of u in the queue, in place of the one that was there.
+void MeshContraction::consider(std::uint32_t u) {
+  ++version_[u];
+  gather_neighbours(u, around_from_);
+  choices_.clear();
+  for (const Neighbour& v : around_from_) {
+    choices_.push_back(
+        {contraction_cost(quadrics_[u], quadrics_[v.vertex], x_[u], x_[v.vertex]), u, v.vertex, version_[u]});
+  }
+  std::sort(choices_.begin(), choices_.end(),
+            [](const Candidate& a, const Candidate& b) { return a.cost != b.cost ? a.cost < b.cost : a.to < b.to; });
+  for (Candidate& choice : choices_) {
+    const auto to = std::find_if(around_from_.begin(), around_from_.end(),
+                                 [&](const Neighbour& w) { return w.vertex == choice.to; });
+    if (!is_legal(u, around_from_, *to)) continue;
+    if (in_small_component(u)) {
+      // The component goes as a whole: all of its area by about its size.
+      const double area = area_of_[component_of(u)];
+      choice.cost = std::max(choice.cost, area * area);
+    }
+    queue_.push(choice);
+    return;
+  }
+}
+
+void MeshContraction::contract(std::uint32_t u, std::uint32_t v) {
+  steps_.push_back({u, v});
+  const std::vector<std::uint32_t> moved = std::move(around_[u]);
+  around_[u].clear();
+  for (const std::uint32_t f : moved) {
+    if (has(f, v)) {
+      drop_face(f);
+    } else {
+      *std::find(faces_[f].begin(), faces_[f].end(), u) = v;
+      around_[v].push_back(f);
+    }
+  }
+  quadrics_[v] += quadrics_[u];
+  alive_[u] = false;
+  --alive_count_;
+  if (!left_in_.empty()) --left_in_[component_of(u)];
+  // Corners that have lost their last face are not seen any more, so they should not count among the first N vertices.
+  for (const std::uint32_t f : moved) {
+    for (const std::uint32_t w : faces_[f]) {
+      if (alive_[w] && around_[w].empty()) remove_lone(w);
+    }
+  }
+}
+
+void MeshContraction::drop_face(std::uint32_t f) {
+  for (const std::uint32_t v : faces_[f]) std::erase(around_[v], f);
+}
+
+void MeshContraction::remove_lone(std::uint32_t u) {
+  steps_.push_back({u, kNoTarget});
+  alive_[u] = false;
+  --alive_count_;
+  if (!left_in_.empty()) --left_in_[component_of(u)];
+}
+
+void MeshContraction::gather_neighbours(std::uint32_t u, std::vector<Neighbour>& neighbours) {
+  ++stamp_;
+  neighbours.clear();
+  for (const std::uint32_t f : around_[u]) {
+    for (const std::uint32_t v : faces_[f]) {
+      if (v == u) continue;
+      if (mark_[v] != stamp_) {
+        mark_[v] = stamp_;
+        slot_[v] = static_cast<std::uint32_t>(neighbours.size());
+        neighbours.push_back({v, 0});
+      }
+      ++neighbours[slot_[v]].faces;
+    }
+  }
+}
+
+bool MeshContraction::is_legal(std::uint32_t u, const std::vector<Neighbour>& around_u, const Neighbour& to) {
+  if (rules_ == Rules::kNone || in_small_component(u)) return true;
+  if (rules_ == Rules::kTopology && !keeps_topology(u, around_u, to)) return false;
+  return keeps_sides(u, to.vertex);
+}
+
+// The link condition (Dey, Edelsbrunner, Guha, Nekhayev 1999, "Topology preserving edge contraction"), and that nothing
+// vanishes.
+bool MeshContraction::keeps_topology(std::uint32_t u, const std::vector<Neighbour>& around_u, const Neighbour& to) {
+  const std::uint32_t v = to.vertex;
+  const bool u_on_rim = std::any_of(around_u.begin(), around_u.end(), [](const Neighbour& w) { return w.faces != 2; });
+  if (u_on_rim && to.faces == 2) return false;
+
+  gather_neighbours(v, around_to_);  // Leaves v's neighbours marked.
+  std::uint32_t shared = 0;
+  for (const Neighbour& w : around_u) {
+    if (mark_[w.vertex] != stamp_) continue;
+    ++shared;
+    if (around_[w.vertex].size() < 2) return false;
+  }
+  if (shared != to.faces) return false;
+  if (around_[v].size() + around_[u].size() < 2 * to.faces + 1) return false;
+  if (around_u.size() + around_to_.size() > kMostNeighbours + 2 + shared && around_u.size() > 2 + shared) return false;
+
+  // The edge opposite u in a face must not be one opposite v: the two faces would become one.
+  for (const std::uint32_t f : around_[u]) {
+    if (has(f, v)) continue;
+    std::uint32_t others[2] = {};
+    std::size_t count = 0;
+    for (const std::uint32_t w : faces_[f]) {
+      if (w != u) others[count++] = w;
+    }
+    if (mark_[others[0]] != stamp_ || mark_[others[1]] != stamp_) continue;
+    for (const std::uint32_t g : around_[v]) {
+      if (has(g, others[0]) && has(g, others[1])) return false;
+    }
+  }
+  return true;
+}
+
+bool MeshContraction::keeps_sides(std::uint32_t u, std::uint32_t v) const {
+  for (const std::uint32_t f : around_[u]) {
+    if (has(f, v)) continue;
+    Face moved = faces_[f];
+    *std::find(moved.begin(), moved.end(), u) = v;
+    const Vec3 before = area_vector(faces_[f]);
+    const double before2 = dot(before, before);
+    if (before2 <= 0) continue;
+    const Vec3 after = area_vector(moved);
+    const double after2 = dot(after, after);
+    if (dot(before, after) <= kLeastNormalAgreement * std::sqrt(before2 * after2)) return false;
+    // Needles show as noise in the normals: none is made, though one that is there may become a better one.
+    const double shape = std::sqrt(after2) / longest_edge2(moved);
+    if (shape < kLeastShape && shape < std::sqrt(before2) / longest_edge2(faces_[f])) return false;
+  }
+  return true;
+}
+
+}  // namespace
+
+std::vector<Step> contract_mesh(std::span<const Vec3> positions, std::span<const Face> faces) {
+  return MeshContraction(positions, faces).run();
+}
+
+}  // namespace eigencast::progressive

@@ -1,0 +1,222 @@
+// SPDX-License-Identifier: MIT
+#include <algorithm>
+#include <cmath>
+#include <queue>
+#include <utility>
+
+#include "common/progressive/contraction.h"
+#include "common/progressive/neighbours.h"
+#include "common/progressive/quadric.h"
+
+namespace eigencast::progressive {
+namespace {
+
+constexpr std::size_t kNeighbours = 10;
+constexpr std::size_t kMostNeighbours = 2 * kNeighbours;
+constexpr std::size_t kFewestNeighbours = 4;  // Left to a point that others drop.
+
+double squared_distance(const Vec3& a, const Vec3& b) {
+  const Vec3 e = minus(b, a);
+  return dot(e, e);
+}
+
+// The direction in which points spread least about their mean, by iterating (trace I - covariance), whose dominant
+// direction it is.
+Vec3 normal_from_points(std::span<const Vec3> positions, const Vec3& centre, std::span<const std::uint32_t> around) {
+  double xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
+  Vec3 mean = centre;
+  for (const std::uint32_t i : around) {
+    for (std::size_t d = 0; d < 3; ++d) mean[d] += positions[i][d];
+  }
+  for (double& value : mean) value /= static_cast<double>(around.size() + 1);
+  const auto add = [&](const Vec3& p) {
+    const Vec3 e = minus(p, mean);
+    xx += e[0] * e[0], xy += e[0] * e[1], xz += e[0] * e[2], yy += e[1] * e[1], yz += e[1] * e[2], zz += e[2] * e[2];
+  };
+  add(centre);
+  for (const std::uint32_t i : around) add(positions[i]);
+  const double trace = xx + yy + zz;
+  Vec3 n{0.48, 0.6, 0.64};
+  if (trace <= 0) return n;
+  for (int round = 0; round < 32; ++round) {
+    const Vec3 next{trace * n[0] - (xx * n[0] + xy * n[1] + xz * n[2]),
+                    trace * n[1] - (xy * n[0] + yy * n[1] + yz * n[2]),
+                    trace * n[2] - (xz * n[0] + yz * n[1] + zz * n[2])};
+    const double length = std::sqrt(dot(next, next));
+    if (length <= 0) break;
+    n = {next[0] / length, next[1] / length, next[2] / length};
+  }
+  return n;
+}
+
+class PointContraction {
+ public:
+  explicit PointContraction(std::span<const Vec3> positions)
+      : x_(positions),
+        links_(positions.size()),
+        quadrics_(positions.size()),
+        version_(positions.size()),
+        alive_(positions.size(), true),
+        alive_count_(positions.size()) {
+    steps_.reserve(positions.size());
+  }
+  std::vector<Step> run();
+
+ private:
+  struct Candidate {
+    double cost;
+    std::uint32_t from, to, version;
+    bool operator<(const Candidate& other) const {  // The cheapest is on top; numbers decide between equals.
+      return cost != other.cost ? cost > other.cost : from > other.from;
+    }
+  };
+
+  void weld();
+  void link_neighbours();
+  void make_quadrics();
+  void contract_queue(std::size_t goal);
+  void consider(std::uint32_t u);
+  void contract(std::uint32_t u, std::uint32_t v);
+  void trim(std::uint32_t v);
+
+  std::span<const Vec3> x_;
+  std::vector<std::vector<std::uint32_t>> links_;  ///< Symmetric: a point links to those that link to it.
+  std::vector<Quadric> quadrics_;
+  std::vector<std::uint32_t> version_;
+  std::vector<bool> alive_;
+  std::size_t alive_count_;
+  std::vector<Step> steps_;
+  std::priority_queue<Candidate> queue_;
+};
+
+std::vector<Step> PointContraction::run() {
+  weld();
+  const std::size_t goal = wanted_base(alive_count_);
+  bool has_quadrics = false;
+  // Far groups of points have no links between them: linked anew when each of them is one point.
+  while (alive_count_ > goal) {
+    link_neighbours();
+    if (!std::exchange(has_quadrics, true)) make_quadrics();
+    contract_queue(goal);
+  }
+  return std::move(steps_);
+}
+
+void PointContraction::weld() {
+  const auto first = first_at_position(x_);
+  for (std::uint32_t v = 0; v < x_.size(); ++v) {
+    if (first[v] == v) continue;
+    steps_.push_back({v, first[v]});
+    alive_[v] = false;
+    --alive_count_;
+  }
+}
+
+void PointContraction::link_neighbours() {
+  std::vector<std::uint32_t> members;
+  for (std::uint32_t v = 0; v < x_.size(); ++v) {
+    links_[v].clear();
+    if (alive_[v]) members.push_back(v);
+  }
+  const Neighbours neighbours(x_, members);
+  for (const std::uint32_t v : members) {
+    for (const std::uint32_t w : neighbours.nearest(x_[v], kNeighbours + 1)) {
+      if (w == v) continue;
+      links_[v].push_back(w);
+      links_[w].push_back(v);
+    }
+  }
+  for (const std::uint32_t v : members) {
+    std::sort(links_[v].begin(), links_[v].end());
+    links_[v].erase(std::unique(links_[v].begin(), links_[v].end()), links_[v].end());
+  }
+}
+
+// Planes through p that hold the direction across e = p - p_i within the tangent plane (Pauly, Gross, Kobbelt 2002,
+// "Efficient simplification of point-sampled surfaces").
+void PointContraction::make_quadrics() {
+  for (std::uint32_t p = 0; p < x_.size(); ++p) {
+    if (!alive_[p] || links_[p].empty()) continue;
+    const Vec3 n = normal_from_points(x_, x_[p], links_[p]);
+    double nearest = squared_distance(x_[p], x_[links_[p].front()]);
+    for (const std::uint32_t i : links_[p]) nearest = std::min(nearest, squared_distance(x_[p], x_[i]));
+    quadrics_[p].area = nearest;
+    for (const std::uint32_t i : links_[p]) {
+      const Vec3 e = minus(x_[p], x_[i]);
+      const Vec3 normal = cross(e, cross(e, n));
+      const double length = std::sqrt(dot(normal, normal));
+      if (length <= 0) continue;
+      const Vec3 unit{normal[0] / length, normal[1] / length, normal[2] / length};
+      quadrics_[p].add_plane(unit, x_[p], nearest / static_cast<double>(links_[p].size()));
+    }
+  }
+}
+
+void PointContraction::contract_queue(std::size_t goal) {
+  queue_ = {};
+  for (std::uint32_t v = 0; v < x_.size(); ++v) {
+    if (alive_[v]) consider(v);
+  }
+  while (alive_count_ > goal && !queue_.empty()) {
+    const Candidate top = queue_.top();
+    queue_.pop();
+    if (!alive_[top.from] || top.version != version_[top.from]) continue;
+    contract(top.from, top.to);
+  }
+}
+
+void PointContraction::consider(std::uint32_t u) {
+  ++version_[u];
+  if (links_[u].empty()) return;
+  Candidate best{0, u, u, version_[u]};
+  for (const std::uint32_t v : links_[u]) {
+    const double cost = contraction_cost(quadrics_[u], quadrics_[v], x_[u], x_[v]);
+    if (best.to == u || cost < best.cost || (cost == best.cost && v < best.to)) {
+      best.cost = cost;
+      best.to = v;
+    }
+  }
+  queue_.push(best);
+}
+
+void PointContraction::contract(std::uint32_t u, std::uint32_t v) {
+  steps_.push_back({u, v});
+  alive_[u] = false;
+  --alive_count_;
+  quadrics_[v] += quadrics_[u];
+  const std::vector<std::uint32_t> moved = std::move(links_[u]);
+  links_[u].clear();
+  for (const std::uint32_t w : moved) {
+    std::erase(links_[w], u);
+    if (w == v || std::find(links_[v].begin(), links_[v].end(), w) != links_[v].end()) continue;
+    links_[v].push_back(w);
+    links_[w].push_back(v);
+  }
+  std::vector<std::uint32_t> changed = links_[v];
+  trim(v);
+  consider(v);
+  for (const std::uint32_t w : changed) consider(w);
+}
+
+void PointContraction::trim(std::uint32_t v) {
+  auto& links = links_[v];
+  if (links.size() <= kMostNeighbours) return;
+  std::sort(links.begin(), links.end(), [&](std::uint32_t a, std::uint32_t b) {
+    const double to_a = squared_distance(x_[v], x_[a]), to_b = squared_distance(x_[v], x_[b]);
+    return to_a != to_b ? to_a < to_b : a < b;
+  });
+  for (std::size_t i = links.size(); i-- > kMostNeighbours;) {
+    auto& back = links_[links[i]];
+    if (back.size() <= kFewestNeighbours) continue;
+    std::erase(back, v);
+    links.erase(links.begin() + static_cast<std::ptrdiff_t>(i));
+  }
+}
+
+}  // namespace
+
+std::vector<Step> contract_points(std::span<const Vec3> positions) {
+  return PointContraction(positions).run();
+}
+
+}  // namespace eigencast::progressive

@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: MIT
+#include "common/progressive/prefix.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <numeric>
+#include <optional>
+#include <string>
+
+#include "common/progressive/contraction.h"
+#include "common/progressive/neighbours.h"
+
+namespace eigencast {
+namespace progressive {
+
+std::size_t wanted_base(std::size_t vertices) {
+  return std::max<std::size_t>(4, vertices / 100);
+}
+
+std::vector<std::uint32_t> first_at_position(std::span<const Vec3> positions) {
+  std::vector<std::uint32_t> sorted(positions.size()), first(positions.size());
+  std::iota(sorted.begin(), sorted.end(), 0U);
+  std::sort(sorted.begin(), sorted.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return positions[a] != positions[b] ? positions[a] < positions[b] : a < b;
+  });
+  for (std::size_t i = 0; i < sorted.size(); ++i) {
+    const bool same = i > 0 && positions[sorted[i]] == positions[sorted[i - 1]];
+    first[sorted[i]] = same ? first[sorted[i - 1]] : sorted[i];
+  }
+  return first;
+}
+
+}  // namespace progressive
+
+namespace {
+
+using progressive::kNoTarget;
+using progressive::Step;
+constexpr std::uint32_t kLeastBase = 4;
+
+Result<void> check(const Surface& surface) {
+  const std::size_t n = surface.positions.size();
+  if (n == 0) return fail(ErrorCode::kInvalidArgument, "surface: no vertices, so there is nothing to order");
+  if (n >= kNoTarget || surface.faces.size() >= kNoTarget) {
+    return fail(ErrorCode::kTooLarge, "surface: more vertices or faces than 32-bit numbers can name");
+  }
+  for (std::size_t v = 0; v < n; ++v) {
+    for (const double value : surface.positions[v]) {
+      if (std::isfinite(value)) continue;
+      return fail(ErrorCode::kInvalidArgument,
+                  "surface: vertex " + std::to_string(v) + " has a coordinate that is not a finite number");
+    }
+  }
+  for (std::size_t f = 0; f < surface.faces.size(); ++f) {
+    for (const std::uint32_t v : surface.faces[f]) {
+      if (v < n) continue;
+      return fail(ErrorCode::kInvalidArgument, "surface: face " + std::to_string(f) + " names vertex " +
+                                                   std::to_string(v) + ", but there are only " + std::to_string(n));
+    }
+  }
+  return {};
+}
+
+// Within [-1, 1], so that weights and thresholds mean the same for every model.
+std::vector<Vec3> unit_positions(std::span<const Vec3> positions) {
+  Vec3 low = positions[0], high = positions[0];
+  for (const Vec3& p : positions) {
+    for (std::size_t d = 0; d < 3; ++d) {
+      low[d] = std::min(low[d], p[d]);
+      high[d] = std::max(high[d], p[d]);
+    }
+  }
+  double half = 0;  // Halves first: the difference of two finite numbers may not be finite.
+  for (std::size_t d = 0; d < 3; ++d) half = std::max(half, high[d] / 2 - low[d] / 2);
+  std::vector<Vec3> unit(positions.begin(), positions.end());
+  if (half <= 0) return unit;
+  for (Vec3& p : unit) {
+    for (std::size_t d = 0; d < 3; ++d) p[d] = (p[d] - (low[d] / 2 + high[d] / 2)) / half;
+  }
+  return unit;
+}
+
+void order_vertices(std::vector<Step> steps, std::span<const Vec3> positions, PrefixOrder& prefix) {
+  const auto n = static_cast<std::uint32_t>(positions.size());
+  // Where nothing can be seen (all faces without area) every vertex would go; the last ones stay.
+  steps.resize(std::min<std::size_t>(steps.size(), n - std::min(n, kLeastBase)));
+  prefix.base_count = n - static_cast<std::uint32_t>(steps.size());
+  prefix.order.resize(n);
+  std::vector<bool> in_base(n, true);
+  for (std::size_t t = 0; t < steps.size(); ++t) {
+    in_base[steps[t].from] = false;
+    prefix.order[n - 1 - t] = steps[t].from;
+  }
+  std::vector<std::uint32_t> base;
+  for (std::uint32_t v = 0; v < n; ++v) {
+    if (in_base[v]) base.push_back(v);
+  }
+  std::copy(base.begin(), base.end(), prefix.order.begin());
+
+  std::vector<std::uint32_t> new_from_source(n);
+  for (std::uint32_t i = 0; i < n; ++i) new_from_source[prefix.order[i]] = i;
+  const bool any_lone = std::any_of(steps.begin(), steps.end(), [](const Step& step) { return step.to == kNoTarget; });
+  std::optional<progressive::Neighbours> neighbours;
+  if (any_lone) neighbours.emplace(positions, base);
+  prefix.map.resize(n);
+  std::iota(prefix.map.begin(), prefix.map.end(), 0U);
+  for (const Step& step : steps) {
+    const std::uint32_t to = step.to == kNoTarget ? neighbours->nearest(positions[step.from], 1).front() : step.to;
+    prefix.map[new_from_source[step.from]] = new_from_source[to];
+    assert(new_from_source[to] < new_from_source[step.from]);
+  }
+}
+
+// The largest of the levels at which two corners of the face are one vertex; 0 if the base still has the face.
+std::uint32_t death_of(std::span<const std::uint32_t> map, Face corners, std::uint32_t base_count) {
+  while (true) {
+    const std::uint32_t last = *std::max_element(corners.begin(), corners.end());
+    if (last < base_count) return 0;
+    std::uint32_t& corner = *std::find(corners.begin(), corners.end(), last);
+    corner = map[last];
+    if (corners[0] == corners[1] || corners[1] == corners[2] || corners[2] == corners[0]) return last;
+  }
+}
+
+bool has_repeated_corner(const Face& face) {
+  return face[0] == face[1] || face[1] == face[2] || face[2] == face[0];
+}
+
+void order_faces(const Surface& surface, PrefixOrder& prefix) {
+  std::vector<std::uint32_t> new_from_source(prefix.order.size());
+  for (std::uint32_t i = 0; i < prefix.order.size(); ++i) new_from_source[prefix.order[i]] = i;
+
+  struct Entry {
+    std::uint32_t death, source;
+    Face corners;
+  };
+  std::vector<Entry> entries;
+  entries.reserve(surface.faces.size());
+  for (std::uint32_t f = 0; f < surface.faces.size(); ++f) {
+    if (has_repeated_corner(surface.faces[f])) continue;
+    Face corners;
+    for (std::size_t c = 0; c < 3; ++c) corners[c] = new_from_source[surface.faces[f][c]];
+    entries.push_back({death_of(prefix.map, corners, prefix.base_count), f, corners});
+  }
+  std::sort(entries.begin(), entries.end(), [](const Entry& a, const Entry& b) {
+    return a.death != b.death ? a.death < b.death : a.source < b.source;
+  });
+  for (const Entry& entry : entries) {
+    prefix.faces.push_back(entry.corners);
+    prefix.death.push_back(entry.death);
+    prefix.face_source.push_back(entry.source);
+  }
+}
+
+}  // namespace
+
+Result<PrefixOrder> build_prefix_order(const Surface& surface) {
+  if (auto ok = check(surface); !ok) return ok.error();
+  const std::vector<Vec3> positions = unit_positions(surface.positions);
+  std::vector<Face> faces;
+  for (const Face& face : surface.faces) {
+    if (!has_repeated_corner(face)) faces.push_back(face);
+  }
+  PrefixOrder prefix;
+  order_vertices(faces.empty() ? progressive::contract_points(positions) : progressive::contract_mesh(positions, faces),
+                 positions, prefix);
+  order_faces(surface, prefix);
+  return prefix;
+}
+
+std::uint32_t prefix_face_count(std::span<const std::uint32_t> death, std::uint32_t N) {
+  return static_cast<std::uint32_t>(std::lower_bound(death.begin(), death.end(), N) - death.begin());
+}
+
+std::uint32_t prefix_corner(std::span<const std::uint32_t> map, std::uint32_t a, std::uint32_t N) {
+  while (a >= N) {
+    assert(map[a] < a);
+    a = map[a];
+  }
+  return a;
+}
+
+std::vector<HalfContraction> contractions_from_prefix(std::span<const std::uint32_t> map, std::span<const Face> faces,
+                                                      std::span<const std::uint32_t> death, std::uint32_t base_count) {
+  const auto n = static_cast<std::uint32_t>(map.size());
+  std::vector<HalfContraction> contractions(n - base_count);
+  const auto contraction_of = [&](std::uint32_t i) -> HalfContraction& { return contractions[n - 1 - i]; };
+  for (std::uint32_t i = base_count; i < n; ++i) {
+    contraction_of(i).vFrom = i;
+    contraction_of(i).vTo = map[i];
+  }
+  for (std::uint32_t f = 0; f < faces.size(); ++f) {
+    if (death[f] >= base_count) contraction_of(death[f]).trisRemoved.push_back(f);
+    for (std::uint32_t corner : faces[f]) {
+      for (; corner >= base_count && corner > death[f]; corner = map[corner]) {
+        contraction_of(corner).trisAffected.push_back(f);
+      }
+    }
+  }
+  return contractions;
+}
+
+}  // namespace eigencast
