@@ -20,12 +20,13 @@ struct ChainState {
 /// The state after one more key: newer becomes older. With no state, both are `key`.
 ChainState advanced(std::optional<ChainState> state, Key key, TimeUs age_us);
 
-/// Payload of a kKey or kSynthetic frame: `key`, predicted from `state`, which is not changed. Each band is self-contained.
-/// Errors: kTooLarge (see rescale).
+/// Payload of a kKey or kSynthetic frame: `key`, predicted from `state`, which is not changed. Each band is
+/// self-contained. Errors: kTooLarge (see rescale).
 Result<Bytes> encode_key(const CoefficientLayout& layout, const ChainState& state, const Key& key);
 
-/// The key that a payload holds. `bands` is the envelope's. Safe on hostile input: never allocates more than the layout says.
-/// Errors: kCorrupt (wrong codec, lengths, trailing or missing bytes, a band that needs a state which lacks it, overflow).
+/// The key that a payload holds. `bands` is the envelope's. Safe on hostile input: never allocates more than the layout
+/// says. Errors: kCorrupt (wrong codec, lengths, trailing or missing bytes, a band that needs a state which lacks it,
+/// overflow).
 Result<Key> decode_key(const CoefficientLayout& layout, std::uint8_t bands, const ChainState& state, ByteView payload);
 
 /// Payload of a kJoin frame: both keys, from nothing.
@@ -33,8 +34,9 @@ Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& sta
 /// Errors: as decode_key.
 Result<ChainState> decode_join(const CoefficientLayout& layout, std::uint8_t bands, ByteView payload);
 
-/// The payload of kind `join` (kJoin) or not (kKey, kSynthetic) with only the bands of `keep`, without decoding a value.
-/// Errors: kCorrupt.
-Result<Bytes> cut_bands(const CoefficientLayout& layout, bool join, std::uint8_t bands, std::uint8_t keep, ByteView payload);
+/// The payload of kind `join` (kJoin) or not (kKey, kSynthetic) with only the bands of `keep`, without decoding a
+/// value. Errors: kCorrupt.
+Result<Bytes> cut_bands(const CoefficientLayout& layout, bool join, std::uint8_t bands, std::uint8_t keep,
+                        ByteView payload);
 
 }  // namespace eigencast

@@ -3,6 +3,8 @@
 
 #include <cstdint>
 #include <span>
+#include <string_view>
+#include <utility>
 #include <vector>
 
 #include "common/core/result.h"
@@ -36,10 +38,10 @@ std::vector<std::uint32_t> default_band_ends(std::uint32_t rows);
 /// The coefficients of one pose as the codec carries them: integers (kQuantised) or doubles (float codecs).
 /// Values of absent bands are 0.
 struct Key {
-  std::uint8_t bands = 0;           ///< Bit b set: band b is present.
-  std::uint8_t step = 0;            ///< Index into the step table; 0 for float codecs.
-  std::vector<std::int32_t> q;      ///< kQuantised: r*c integers, value = q * step_size(step).
-  std::vector<double> f;            ///< Float codecs: r*c values.
+  std::uint8_t bands = 0;       ///< Bit b set: band b is present.
+  std::uint8_t step = 0;        ///< Index into the step table; 0 for float codecs.
+  std::vector<std::int32_t> q;  ///< kQuantised: r*c integers, value = q * step_size(step).
+  std::vector<double> f;        ///< Float codecs: r*c values.
   bool operator==(const Key&) const = default;
 };
 
@@ -63,10 +65,11 @@ std::vector<double> coefficients_from_key(const CoefficientLayout& layout, const
 /// docs/protocol.md. Errors: kTooLarge (a value leaves +-2^30).
 Result<Key> rescale(const Key& key, std::uint8_t step);
 
-/// The pose `at`/`of` of the way from key a to key b (Eq. 7 of Zhang et al. 2013, "Streaming 3D deforming surfaces with dynamic
-/// resolution control"), on the bands that both have. Integers: a is rescaled to b's step, then
-/// q = qa + round_half_away((qb - qa) * at / of), bit-exact everywhere. Doubles: fa + (fb - fa) * at / of.
-/// REQUIRES: 0 <= at <= of, of >= 1; both keys are of `layout`.
-Result<Key> interpolate_keys(const CoefficientLayout& layout, const Key& a, const Key& b, std::uint32_t at, std::uint32_t of);
+/// The pose `at`/`of` of the way from key a to key b (Eq. 7 of Zhang et al. 2013, "Streaming 3D deforming surfaces with
+/// dynamic resolution control"), on the bands that both have. Integers: a is rescaled to b's step, then q = qa +
+/// round_half_away((qb - qa) * at / of), bit-exact everywhere. Doubles: fa + (fb - fa) * at / of. REQUIRES: both keys
+/// are of `layout`. Errors: kInvalidArgument (unless at <= of and 1 <= of <= 65535), kTooLarge (see rescale).
+Result<Key> interpolate_keys(const CoefficientLayout& layout, const Key& a, const Key& b, std::uint32_t at,
+                             std::uint32_t of);
 
 }  // namespace eigencast

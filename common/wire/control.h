@@ -5,6 +5,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <variant>
 #include <vector>
 
@@ -26,10 +27,10 @@ struct Profile {
 
 /// The numbers of a stream's frames: which coefficients and how they are coded.
 struct StreamFormat {
-  std::uint32_t rows = 0;                 ///< r, 1..limits::kMaxRows
-  std::uint32_t channels = 3;             ///< c, 1..limits::kMaxChannels; the first three are x, y, z
-  std::vector<std::uint32_t> band_ends;   ///< Ascending, last == rows, at most limits::kMaxBands.
-  std::string codec = "quantised";        ///< "quantised", "float32" or "float64".
+  std::uint32_t rows = 0;                ///< r, 1..limits::kMaxRows
+  std::uint32_t channels = 3;            ///< c, 1..limits::kMaxChannels; the first three are x, y, z
+  std::vector<std::uint32_t> band_ends;  ///< Ascending, last == rows, at most limits::kMaxBands.
+  std::string codec = "quantised";       ///< "quantised", "float32" or "float64".
   bool operator==(const StreamFormat&) const = default;
 };
 
@@ -48,8 +49,8 @@ struct Welcome {
 struct Announce {
   std::string asset;  ///< 64 hex digits; the broker must have it (PUT /v1/assets/...), else Error "not-found".
   StreamFormat format;
-  double key_rate_hz = 0;                      ///< Intended; 0 = unknown.
-  std::optional<std::vector<double>> world;    ///< 16 numbers, column-major: scene_from_asset.
+  double key_rate_hz = 0;                    ///< Intended; 0 = unknown.
+  std::optional<std::vector<double>> world;  ///< 16 numbers, column-major: scene_from_asset.
 };
 
 /// "announced", broker to sender.
@@ -78,15 +79,19 @@ struct Unsubscribe {
 
 /// "stream", broker to client: what a stream is now. Sent after subscribe and whenever it changes.
 struct StreamInfo {
-  enum class State : std::uint8_t { kWaiting, kLive, kStalled };  ///< no sender yet; sender there; sender gone, last pose held
+  enum class State : std::uint8_t {
+    kWaiting,
+    kLive,
+    kStalled
+  };  ///< no sender yet; sender there; sender gone, last pose held
   std::string stream;
   State state = State::kWaiting;
-  std::uint32_t stream_id = 0;   ///< Set in every state.
-  std::uint32_t epoch = 0;       ///< 0 while kWaiting.
-  std::string asset;             ///< Empty while kWaiting.
+  std::uint32_t stream_id = 0;  ///< Set in every state.
+  std::uint32_t epoch = 0;      ///< 0 while kWaiting.
+  std::string asset;            ///< Empty while kWaiting.
   StreamFormat format;
   double key_rate_hz = 0;
-  Profile profile;               ///< What this subscriber gets.
+  Profile profile;  ///< What this subscriber gets.
   std::optional<std::vector<double>> world;
 };
 
@@ -139,24 +144,27 @@ struct Bye {
   std::uint32_t retry_after_ms = 0;  ///< 0 = do not come back.
 };
 
-using Message = std::variant<Welcome, Announce, Announced, Subscribers, Subscribe, Unsubscribe, StreamInfo, Ack, Ping, Pong,
-                             Trace, Notice, ErrorMessage, Bye>;
+using Message = std::variant<Welcome, Announce, Announced, Subscribers, Subscribe, Unsubscribe, StreamInfo, Ack, Ping,
+                             Pong, Trace, Notice, ErrorMessage, Bye>;
 
 }  // namespace control
 
 using ControlMessage = control::Message;
 
-/// The JSON text of a message.
+/// The JSON text of a message. Text that is not UTF-8 is written with U+FFFD in its place.
+/// REQUIRES: numbers are finite and within the ranges that control_from_text checks.
 std::string text_from_control(const ControlMessage& message);
 
 /// Parses and checks one text message. Safe on hostile input: size and depth are capped, every number is range-checked.
-/// Errors: kTooLarge, kCorrupt (not JSON, wrong type, out of range; the message names the field), kUnsupported (unknown op).
+/// Errors: kTooLarge, kCorrupt (not JSON, wrong type, out of range; the message names the field), kUnsupported (unknown
+/// op).
 Result<ControlMessage> control_from_text(std::string_view text);
 
 /// Checks a stream's name: segments of [A-Za-z0-9._-] joined by '/', at most 128 bytes, no segment "." or "..".
 Result<void> check_stream_name(std::string_view name);
 
-/// Checks rows, channels, bands and codec against limits.h.
+/// Checks rows, channels, bands and codec against limits.h. Errors: kInvalidArgument naming the field and what it may
+/// be.
 Result<void> check_format(const StreamFormat& format);
 
 /// The profile that the query of a subscribe URL asks for: "rate=raw", "rate=interpolated&k=3&form=compact&bands=2";

@@ -11,8 +11,8 @@ namespace eigencast {
 
 /// What a binary message carries (docs/protocol.md).
 enum class FrameKind : std::uint8_t {
-  kKey = 1,        ///< One key, predicted from the two keys before it.
-  kJoin = 2,       ///< Both keys of the chain's state; needs nothing before it. Its sequence and time are the newer key's.
+  kKey = 1,   ///< One key, predicted from the two keys before it.
+  kJoin = 2,  ///< Both keys of the chain's state; needs nothing before it. Its sequence and time are the newer key's.
   kSynthetic = 3,  ///< An interpolated pose in full, predicted from the two latest keys; never a reference.
   kStep = 4,       ///< Compact interpolation: no payload; the pose at `step` between key sequence-1 and key sequence.
 };
@@ -27,7 +27,8 @@ struct InterpolationStep {
 
 /// The fixed head of each frame: 28 bytes, little-endian.
 ///
-///   offset 0 kind u8 | 1 flags u8 | 2 bands u8 | 3 step u8 | 4 stream_id u32 | 8 epoch u32 | 12 sequence u64 | 20 capture_us u64
+///   offset 0 kind u8 | 1 flags u8 | 2 bands u8 | 3 step u8 | 4 stream_id u32 | 8 epoch u32 | 12 sequence u64 | 20
+///   capture_us u64
 struct Envelope {
   static constexpr std::size_t kBytes = 28;
   /// Flag of a key or join of compact interpolation: not to be shown when it comes, kStep frames lead up to it.
@@ -39,8 +40,9 @@ struct Envelope {
   InterpolationStep step;       ///< Set on kSynthetic and kStep.
   std::uint32_t stream_id = 0;  ///< Given by the broker.
   std::uint32_t epoch = 0;      ///< Given by the broker; names the asset.
-  std::uint64_t sequence = 0;   ///< Number of the key that this frame is, or leads up to. Consecutive keys differ by one.
-  TimeUs capture_us = 0;        ///< When the pose holds, microseconds on the sender's clock; interpolated for steps.
+  std::uint64_t sequence =
+      0;                  ///< Number of the key that this frame is, or leads up to. Consecutive keys differ by one.
+  TimeUs capture_us = 0;  ///< When the pose holds, microseconds on the sender's clock; interpolated for steps.
 
   bool operator==(const Envelope&) const = default;
 };
@@ -51,12 +53,12 @@ struct FrameView {
   ByteView payload;
 };
 
-/// Writes the envelope's 28 bytes at the end of `out`.
+/// Writes the envelope's 28 bytes at the end of `out`. REQUIRES: what parse_frame checks.
 void append_envelope(const Envelope& envelope, Bytes& out);
 
 /// Takes a binary message apart. Safe on hostile input.
-/// Errors: kCorrupt (short, unknown kind, reserved bits set, step out of range, bands or payload missing or superfluous,
-/// capture time beyond 2^63), kTooLarge (over limits::kMaxFrameBytes).
+/// Errors: kCorrupt (short, unknown kind, reserved bits set, step out of range, bands or payload missing or
+/// superfluous, capture time over limits::kMaxTimeUs), kTooLarge (over limits::kMaxFrameBytes).
 Result<FrameView> parse_frame(ByteView message);
 
 }  // namespace eigencast

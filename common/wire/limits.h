@@ -7,16 +7,21 @@
 /// Every cap on what may come from the network. Who parses checks against these before allocating.
 namespace eigencast::limits {
 
-inline constexpr std::uint32_t kMaxRows = 4096;                       ///< r: coefficients per channel.
-inline constexpr std::uint32_t kMaxChannels = 16;                     ///< c: 3 for positions, more for scalar fields.
-inline constexpr std::size_t kMaxBands = 8;                           ///< one bit each in the envelope.
-inline constexpr std::size_t kMaxFrameBytes = std::size_t{1} << 20;   ///< envelope and payload.
-inline constexpr std::size_t kMaxControlBytes = 64 * 1024;            ///< one JSON text message.
-inline constexpr int kMaxControlDepth = 8;                            ///< nesting of JSON.
+inline constexpr std::uint32_t kMaxRows = 4096;                      ///< r: coefficients per channel.
+inline constexpr std::uint32_t kMaxChannels = 16;                    ///< c: 3 for positions, more for scalar fields.
+inline constexpr std::size_t kMaxCoefficients = 32768;               ///< r * c; a join of doubles then fits a frame.
+inline constexpr std::size_t kMaxBands = 8;                          ///< one bit each in the envelope.
+inline constexpr std::size_t kMaxFrameBytes = std::size_t{1} << 20;  ///< envelope and payload.
+inline constexpr std::size_t kMaxControlBytes = 64 * 1024;           ///< one JSON text message.
+inline constexpr int kMaxControlDepth = 8;                           ///< nesting of JSON.
 inline constexpr std::size_t kMaxStreamNameBytes = 128;
-inline constexpr std::uint8_t kMaxInterpolation = 15;                 ///< k of "interpolate x k".
+inline constexpr std::uint8_t kMaxInterpolation = 15;                        ///< k of "interpolate x k".
 inline constexpr std::size_t kMaxAssetObjectBytes = std::size_t{256} << 20;  ///< one manifest or chunk.
 inline constexpr std::size_t kMaxAcksPerMessage = 64;
+inline constexpr std::size_t kMaxTraceStages = 32;
+inline constexpr std::size_t kMaxTextBytes = 4096;  ///< one string in a control message.
+inline constexpr std::int64_t kMaxTimeUs =
+    (std::int64_t{1} << 62) - 1;  ///< stamps are 0..this: differences never overflow.
 inline constexpr std::uint32_t kMaxVertices = 16'000'000;
 inline constexpr std::uint32_t kMaxFaces = 32'000'000;
 

@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: MIT
+//
+// Golomb-Rice coding of one band, after Golomb 1966, "Run-length encodings", and Rice 1979, "Some practical universal
+// noiseless coding techniques".
+//
+//   band   head u8: parameter k in bits 0..4 (31: every residual is 0 and no bits follow), predictor in bits 5..7
+//          one code per value, most significant bit first; padded with 0 to a whole byte
+//   code   z = residual >= 0 ? 2 residual : -2 residual - 1
+//          z >> k < 24:  z >> k ones, a zero, the low k bits of z
+//          otherwise:    24 ones, the value itself (not its residual) as 32 bits, two's complement
+#include "common/codec/band.h"
+
+#include <algorithm>
+#include <bit>
+#include <cassert>
+#include <string>
+
+#include "common/codec/fixed.h"
+
+namespace eigencast::band {
+namespace {
+
+constexpr unsigned kPredictors = 8;
+constexpr unsigned kAllZero = 31;
+constexpr unsigned kMaxParameter = 30;
+constexpr unsigned kMaxQuotient = 24;
+constexpr unsigned kEscapeBits = kMaxQuotient + 32;
+
+std::uint64_t zigzag(std::int64_t v) {
+  return (static_cast<std::uint64_t>(v) << 1) ^ static_cast<std::uint64_t>(v >> 63);
+}
+
+std::int64_t from_zigzag(std::uint64_t z) {
+  return static_cast<std::int64_t>(z >> 1) ^ -static_cast<std::int64_t>(z & 1);
+}
+
+bool available(unsigned predictor, const References& references) {
+  if (predictor == 0) return true;
+  return predictor == 1 ? !references.c1.empty() : !references.c2.empty();
+}
+
+std::int64_t predicted(unsigned predictor, const References& references, std::size_t i) {
+  if (predictor == 0) return 0;
+  return fixed::predict(predictor, references.c1[i], predictor == 1 ? references.c1[i] : references.c2[i]);
+}
+
+class BitWriter {
+ public:
+  explicit BitWriter(Bytes& out) : out_(out) {}
+  /// Appends the low `count` bits of `bits`, count <= 32.
+  void put(std::uint64_t bits, unsigned count) {
+    pending_ = pending_ << count | (bits & ((std::uint64_t{1} << count) - 1));
+    for (filled_ += count; filled_ >= 8; filled_ -= 8)
+      out_.push_back(static_cast<std::uint8_t>(pending_ >> (filled_ - 8)));
+  }
+  void pad() {
+    if (filled_ > 0) put(0, 8 - filled_);
+  }
+
+ private:
+  Bytes& out_;
+  std::uint64_t pending_ = 0;
+  unsigned filled_ = 0;
+};
+
+/// Reads beyond the end give ones, so that a unary run stops at its cap; overran() tells.
+class BitReader {
+ public:
+  explicit BitReader(ByteView in) : in_(in) {}
+
+  /// Ones before the next zero, which is taken too; or kMaxQuotient ones and nothing more.
+  unsigned unary() {
+    fill();
+    const unsigned ones = std::min(static_cast<unsigned>(std::countl_one(window_)), kMaxQuotient);
+    drop(ones < kMaxQuotient ? ones + 1 : ones);
+    return ones;
+  }
+  std::uint64_t bits(unsigned count) {  ///< count <= 32
+    if (count == 0) return 0;
+    fill();
+    const std::uint64_t value = window_ >> (64 - count);
+    drop(count);
+    return value;
+  }
+  std::size_t bytes_taken() const { return (taken_ + 7) / 8; }
+  bool overran() const { return taken_ > in_.size() * 8; }
+  bool padding_is_zero() const { return taken_ % 8 == 0 || (in_[taken_ / 8] & (0xffu >> (taken_ % 8))) == 0; }
+
+ private:
+  void fill() {
+    for (; filled_ <= 56; filled_ += 8, ++next_) {
+      const std::uint64_t byte = next_ < in_.size() ? in_[next_] : 0xff;
+      window_ |= byte << (56 - filled_);
+    }
+  }
+  void drop(unsigned count) {
+    window_ <<= count;
+    filled_ -= count;
+    taken_ += count;
+  }
+
+  ByteView in_;
+  std::uint64_t window_ = 0;
+  unsigned filled_ = 0;
+  std::size_t next_ = 0;
+  std::size_t taken_ = 0;
+};
+
+struct Choice {
+  unsigned predictor = 0;
+  unsigned parameter = 0;
+  std::uint64_t bits = UINT64_MAX;
+};
+
+std::uint64_t cost(std::span<const std::uint64_t> z, unsigned parameter) {
+  std::uint64_t bits = 0;
+  for (const std::uint64_t value : z) {
+    const std::uint64_t quotient = value >> parameter;
+    bits += quotient < kMaxQuotient ? quotient + 1 + parameter : kEscapeBits;
+  }
+  return bits;
+}
+
+/// The best parameter for these residuals: the optimum lies at or beside log2 of their mean; escapes may pull it up by
+/// outliers alone, so that smaller ones are tried until they get dearer.
+Choice best_parameter(std::span<const std::uint64_t> z, unsigned predictor) {
+  std::uint64_t sum = 0;
+  for (const std::uint64_t value : z) sum += value;
+  if (sum == 0) return {predictor, kAllZero, 0};
+  const auto start = static_cast<unsigned>(std::bit_width(sum / z.size()));
+  Choice best;
+  for (unsigned parameter = std::min(start + 1, kMaxParameter);; --parameter) {
+    const std::uint64_t bits = cost(z, parameter);
+    if (bits > best.bits) break;
+    best = {predictor, parameter, bits};
+    if (parameter == 0) break;
+  }
+  return best;
+}
+
+void residuals(std::span<const std::int32_t> values, const References& references, unsigned predictor,
+               std::vector<std::uint64_t>& z) {
+  for (std::size_t i = 0; i < values.size(); ++i) z[i] = zigzag(values[i] - predicted(predictor, references, i));
+}
+
+}  // namespace
+
+void append(std::span<const std::int32_t> values, const References& references, Bytes& out) {
+  assert(references.c1.empty() || references.c1.size() == values.size());
+  assert(references.c2.empty() || (references.c2.size() == values.size() && !references.c1.empty()));
+  std::vector<std::uint64_t> z(values.size());
+  Choice best;
+  for (unsigned predictor = 0; predictor < kPredictors; ++predictor) {
+    if (!available(predictor, references)) continue;
+    residuals(values, references, predictor, z);
+    const Choice choice = best_parameter(z, predictor);
+    if (choice.bits < best.bits) best = choice;
+  }
+
+  out.push_back(static_cast<std::uint8_t>(best.predictor << 5 | best.parameter));
+  if (best.parameter == kAllZero) return;
+  residuals(values, references, best.predictor, z);
+  BitWriter writer(out);
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const std::uint64_t quotient = z[i] >> best.parameter;
+    if (quotient < kMaxQuotient) {
+      writer.put((std::uint64_t{2} << quotient) - 2, static_cast<unsigned>(quotient) + 1);
+      writer.put(z[i], best.parameter);
+    } else {
+      writer.put((std::uint64_t{1} << kMaxQuotient) - 1, kMaxQuotient);
+      writer.put(static_cast<std::uint32_t>(values[i]), 32);
+    }
+  }
+  writer.pad();
+}
+
+Result<std::size_t> read(ByteView in, const References& references, std::span<std::int32_t> values) {
+  const auto corrupt = [](std::string what) { return fail(ErrorCode::kCorrupt, std::move(what)); };
+  if (in.empty()) return corrupt("the head byte is missing");
+  const unsigned predictor = in[0] >> 5;
+  const unsigned parameter = in[0] & 31u;
+  if (!available(predictor, references)) {
+    return corrupt("predictor " + std::to_string(predictor) + " needs a key that the receiver lacks");
+  }
+
+  BitReader reader(in.subspan(1));
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    std::int64_t value = predicted(predictor, references, i);
+    if (parameter != kAllZero) {
+      const std::uint64_t quotient = reader.unary();
+      if (quotient < kMaxQuotient) {
+        value += from_zigzag(quotient << parameter | reader.bits(parameter));
+      } else {
+        value = static_cast<std::int32_t>(static_cast<std::uint32_t>(reader.bits(32)));
+      }
+      if (reader.overran()) return corrupt("its bits end early");
+    }
+    if (!fixed::in_range(value)) return corrupt("a value leaves +-2^30");
+    values[i] = static_cast<std::int32_t>(value);
+  }
+  if (!reader.padding_is_zero()) return corrupt("padding bits are set");
+  return 1 + reader.bytes_taken();
+}
+
+}  // namespace eigencast::band

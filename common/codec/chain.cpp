@@ -1,0 +1,283 @@
+// SPDX-License-Identifier: MIT
+//
+// Payloads (docs/protocol.md, "Payload"); varints are LEB128, all else is little-endian:
+//
+//   key, synthetic   codec u8 | step u8 | section of each band in the envelope, lowest first
+//   join             codec u8 | step u8 | older_step u8 | older_bands u8 | age_us varint | section of each band in the
+//   envelope section          length varint | `length` bytes of run(s): one; in a join, for a band of older_bands, two:
+//   older, then newer run, quantised   head u8 and Golomb-Rice bits: band.cpp run, float       the band's values, row
+//   by row, as float32 or float64
+//
+// A key is predicted from the receiver's two latest keys. In a join the older key is predicted from nothing and the
+// newer from (older, older). Steps are 0 with float codecs.
+#include "common/codec/chain.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <string>
+
+#include "common/codec/band.h"
+#include "common/codec/fixed.h"
+
+namespace eigencast {
+namespace {
+
+Error corrupt(std::string what) {
+  return fail(ErrorCode::kCorrupt, "payload: " + std::move(what));
+}
+Error misuse(std::string what) {
+  return fail(ErrorCode::kInvalidArgument, "codec: " + std::move(what));
+}
+
+bool has(std::uint8_t bands, std::size_t band) {
+  return (bands >> band & 1) != 0;
+}
+bool is_float(const CoefficientLayout& layout) {
+  return layout.codec != CodecKind::kQuantised;
+}
+
+bool fits(const CoefficientLayout& layout, const Key& key) {
+  const std::size_t size = is_float(layout) ? key.f.size() : key.q.size();
+  return (key.bands & ~layout.all_bands()) == 0 && size == layout.size() && (!is_float(layout) || key.step == 0);
+}
+
+Key empty_key(const CoefficientLayout& layout, std::uint8_t bands, std::uint8_t step) {
+  Key key;
+  key.bands = bands;
+  key.step = step;
+  if (is_float(layout)) {
+    key.f.resize(layout.size());
+  } else {
+    key.q.resize(layout.size());
+  }
+  return key;
+}
+
+/// The band's values of a key of the state at `step`; empty where the key lacks the band or rescaling leaves the range.
+std::vector<std::int32_t> reference(const CoefficientLayout& layout, const Key& key, std::size_t band,
+                                    std::uint8_t step) {
+  if (!has(key.bands, band) || key.q.size() != layout.size()) return {};
+  const auto [first, last] = layout.range(band);
+  std::vector<std::int32_t> values(last - first);
+  const fixed::Rescale rule(key.step, step);
+  for (std::size_t i = first; i < last; ++i) {
+    const std::int64_t value = rule(key.q[i]);
+    if (!fixed::in_range(value)) return {};
+    values[i - first] = static_cast<std::int32_t>(value);
+  }
+  return values;
+}
+
+band::References references(const CoefficientLayout& layout, const ChainState& state, std::size_t band,
+                            std::uint8_t step) {
+  band::References out;
+  out.c1 = reference(layout, state.newer, band, step);
+  if (!out.c1.empty()) out.c2 = reference(layout, state.older, band, step);
+  return out;
+}
+
+Result<void> append_run(const CoefficientLayout& layout, std::size_t band, const band::References& from, const Key& key,
+                        Bytes& out) {
+  const auto [first, last] = layout.range(band);
+  ByteWriter writer(out);
+  if (!is_float(layout)) {
+    const std::span<const std::int32_t> values = std::span(key.q).subspan(first, last - first);
+    if (!std::all_of(values.begin(), values.end(), [](std::int32_t q) { return fixed::in_range(q); })) {
+      return fail(ErrorCode::kTooLarge, "codec: a value of band " + std::to_string(band) + " leaves +-2^30");
+    }
+    band::append(values, from, out);
+    return {};
+  }
+  for (std::size_t i = first; i < last; ++i) {
+    const bool narrow = layout.codec == CodecKind::kFloat32;
+    if (!std::isfinite(narrow ? double{static_cast<float>(key.f[i])} : key.f[i])) {
+      return fail(ErrorCode::kTooLarge,
+                  "codec: value " + std::to_string(i) + " is not finite as " + std::string(name_of(layout.codec)));
+    }
+    if (narrow) {
+      writer.f32(static_cast<float>(key.f[i]));
+    } else {
+      writer.f64(key.f[i]);
+    }
+  }
+  return {};
+}
+
+/// Reads one run into `key` and returns the bytes it took.
+Result<std::size_t> read_run(const CoefficientLayout& layout, std::size_t band, const band::References& from,
+                             ByteView in, Key& key) {
+  const auto [first, last] = layout.range(band);
+  if (!is_float(layout)) return band::read(in, from, std::span(key.q).subspan(first, last - first));
+  ByteReader reader(in);
+  for (std::size_t i = first; i < last; ++i) {
+    key.f[i] = layout.codec == CodecKind::kFloat32 ? double{reader.f32()} : reader.f64();
+    if (!std::isfinite(key.f[i])) return fail(ErrorCode::kCorrupt, "a value is not finite");
+  }
+  if (reader.failed()) return fail(ErrorCode::kCorrupt, "its values end early");
+  return reader.position();
+}
+
+struct Head {
+  std::uint8_t step = 0;
+  std::uint8_t older_step = 0;   ///< Joins only.
+  std::uint8_t older_bands = 0;  ///< Joins only.
+  TimeUs age_us = 0;             ///< Joins only.
+};
+
+void append_head(const CoefficientLayout& layout, bool join, const Head& head, ByteWriter& writer) {
+  writer.u8(static_cast<std::uint8_t>(layout.codec));
+  writer.u8(head.step);
+  if (!join) return;
+  writer.u8(head.older_step);
+  writer.u8(head.older_bands);
+  writer.varint(static_cast<std::uint64_t>(head.age_us));
+}
+
+Result<Head> read_head(const CoefficientLayout& layout, bool join, std::uint8_t bands, ByteReader& reader) {
+  if (bands == 0 || (bands & ~layout.all_bands()) != 0) return corrupt("bands that the stream does not have");
+  Head head;
+  const std::uint8_t codec = reader.u8();
+  head.step = reader.u8();
+  if (join) {
+    head.older_step = reader.u8();
+    head.older_bands = reader.u8();
+    const std::uint64_t age = reader.varint();
+    constexpr std::uint64_t kMaxAge = (std::uint64_t{1} << 62) - 1;
+    if (age > kMaxAge) return corrupt("the age of the older key is out of range");
+    head.age_us = static_cast<TimeUs>(age);
+  }
+  if (reader.failed()) return corrupt("it ends within its head");
+  if (codec != static_cast<std::uint8_t>(layout.codec)) {
+    return corrupt("codec " + std::to_string(codec) + " where the stream has " + std::string(name_of(layout.codec)));
+  }
+  if (is_float(layout) && (head.step != 0 || head.older_step != 0)) return corrupt("a float codec has no step");
+  if ((head.older_bands & ~bands) != 0) return corrupt("the older key has bands that the newer lacks");
+  return head;
+}
+
+/// Takes the sections of all bands off the reader; what remains must be nothing.
+Result<void> each_section(const CoefficientLayout& layout, std::uint8_t bands, ByteReader& reader,
+                          const std::function<Result<void>(std::size_t band, ByteView section)>& visit) {
+  for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
+    if (!has(bands, band)) continue;
+    const std::uint64_t length = reader.varint();
+    const ByteView section = reader.bytes(length);
+    const std::string where = "payload: band " + std::to_string(band);
+    if (reader.failed()) return fail(ErrorCode::kCorrupt, where + ": it ends early");
+    if (const auto visited = visit(band, section); !visited) return in_context(where, visited.error());
+  }
+  if (!reader.finished()) return corrupt(std::to_string(reader.remaining()) + " bytes are left over");
+  return {};
+}
+
+}  // namespace
+
+ChainState advanced(std::optional<ChainState> state, Key key, TimeUs age_us) {
+  if (!state) return {key, key, 0};
+  return {std::move(state->newer), std::move(key), age_us};
+}
+
+Result<Bytes> encode_key(const CoefficientLayout& layout, const ChainState& state, const Key& key) {
+  if (key.bands == 0 || !fits(layout, key)) return misuse("the key does not fit the layout");
+  Bytes out;
+  ByteWriter writer(out);
+  append_head(layout, false, {key.step, 0, 0, 0}, writer);
+  Bytes run;
+  for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
+    if (!has(key.bands, band)) continue;
+    run.clear();
+    const auto appended = append_run(layout, band, references(layout, state, band, key.step), key, run);
+    if (!appended) return appended.error();
+    writer.varint(run.size());
+    writer.bytes(run);
+  }
+  return out;
+}
+
+Result<Key> decode_key(const CoefficientLayout& layout, std::uint8_t bands, const ChainState& state, ByteView payload) {
+  ByteReader reader(payload);
+  const auto head = read_head(layout, false, bands, reader);
+  if (!head) return head.error();
+  Key key = empty_key(layout, bands, head->step);
+  const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
+    const auto taken = read_run(layout, band, references(layout, state, band, key.step), section, key);
+    if (!taken) return taken.error();
+    if (*taken != section.size()) return fail(ErrorCode::kCorrupt, "bytes are left over");
+    return {};
+  });
+  if (!read) return read.error();
+  return key;
+}
+
+Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& state) {
+  if (state.newer.bands == 0 || !fits(layout, state.newer) || !fits(layout, state.older))
+    return misuse("the state does not fit the layout");
+  if (state.age_us < 0 || state.age_us >= TimeUs{1} << 62) return misuse("the newer key is not later than the older");
+  // A band of the older key alone can neither be predicted from nor interpolated with, so that it is left out.
+  const std::uint8_t older_bands = state.older.bands & state.newer.bands;
+  const ChainState from_older{state.older, state.older, 0};
+  Bytes out;
+  ByteWriter writer(out);
+  append_head(layout, true, {state.newer.step, state.older.step, older_bands, state.age_us}, writer);
+  Bytes run;
+  for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
+    if (!has(state.newer.bands, band)) continue;
+    run.clear();
+    if (has(older_bands, band)) {
+      if (const auto appended = append_run(layout, band, {}, state.older, run); !appended) return appended.error();
+    }
+    const auto appended =
+        append_run(layout, band, references(layout, from_older, band, state.newer.step), state.newer, run);
+    if (!appended) return appended.error();
+    writer.varint(run.size());
+    writer.bytes(run);
+  }
+  return out;
+}
+
+Result<ChainState> decode_join(const CoefficientLayout& layout, std::uint8_t bands, ByteView payload) {
+  ByteReader reader(payload);
+  const auto head = read_head(layout, true, bands, reader);
+  if (!head) return head.error();
+  ChainState state{empty_key(layout, head->older_bands, head->older_step), empty_key(layout, bands, head->step),
+                   head->age_us};
+  const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
+    band::References from;
+    if (has(head->older_bands, band)) {
+      const auto taken = read_run(layout, band, from, section, state.older);
+      if (!taken) return taken.error();
+      section = section.subspan(*taken);
+      from.c1 = reference(layout, state.older, band, state.newer.step);
+      from.c2 = from.c1;
+    }
+    const auto taken = read_run(layout, band, from, section, state.newer);
+    if (!taken) return taken.error();
+    if (*taken != section.size()) return fail(ErrorCode::kCorrupt, "bytes are left over");
+    return {};
+  });
+  if (!read) return read.error();
+  return state;
+}
+
+Result<Bytes> cut_bands(const CoefficientLayout& layout, bool join, std::uint8_t bands, std::uint8_t keep,
+                        ByteView payload) {
+  ByteReader reader(payload);
+  auto head = read_head(layout, join, bands, reader);
+  if (!head) return head.error();
+  if ((bands & keep) == 0) return misuse("no band would be left");
+  head->older_bands &= keep;
+  Bytes out;
+  ByteWriter writer(out);
+  append_head(layout, join, *head, writer);
+  const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
+    if (!has(keep, band)) return {};
+    writer.varint(section.size());
+    writer.bytes(section);
+    return {};
+  });
+  if (!read) return read.error();
+  return out;
+}
+
+}  // namespace eigencast

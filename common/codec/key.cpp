@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: MIT
+#include "common/codec/key.h"
+
+#include <algorithm>
+#include <array>
+#include <cassert>
+#include <cfloat>
+#include <cmath>
+#include <string>
+
+#include "common/codec/fixed.h"
+
+namespace eigencast {
+namespace {
+
+constexpr int kTableOrigin = 160;
+
+Error overflow(std::size_t index) {
+  return fail(ErrorCode::kTooLarge, "coefficient " + std::to_string(index) + " leaves +-2^30 steps; use a larger step");
+}
+
+bool is_float(CodecKind kind) {
+  return kind != CodecKind::kQuantised;
+}
+
+Result<double> as_carried(CodecKind kind, double value) {
+  if (kind == CodecKind::kFloat64) return value;
+  if (std::abs(value) > double{FLT_MAX}) return fail(ErrorCode::kTooLarge, "a value is beyond float32");
+  return double{static_cast<float>(value)};
+}
+
+/// round_half_away(difference * at / of) for |difference| <= 2^31, at <= of <= 65535.
+std::int64_t scaled(std::int64_t difference, std::uint32_t at, std::uint32_t of) {
+  const std::int64_t magnitude = (std::abs(difference) * at * 2 + of) / (std::int64_t{of} * 2);
+  return difference < 0 ? -magnitude : magnitude;
+}
+
+}  // namespace
+
+std::string_view name_of(CodecKind kind) {
+  switch (kind) {
+    case CodecKind::kFloat64:
+      return "float64";
+    case CodecKind::kFloat32:
+      return "float32";
+    case CodecKind::kQuantised:
+      return "quantised";
+  }
+  return "unknown";
+}
+
+Result<CodecKind> codec_from_name(std::string_view name) {
+  for (const CodecKind kind : {CodecKind::kFloat64, CodecKind::kFloat32, CodecKind::kQuantised}) {
+    if (name == name_of(kind)) return kind;
+  }
+  return fail(ErrorCode::kUnsupported,
+              "codec '" + std::string(name.substr(0, 32)) + "' is unknown; known: quantised, float32, float64");
+}
+
+std::pair<std::size_t, std::size_t> CoefficientLayout::range(std::size_t band) const {
+  assert(band < band_ends.size());
+  const std::size_t first = band == 0 ? 0 : band_ends[band - 1];
+  return {first * channels, std::size_t{band_ends[band]} * channels};
+}
+
+std::vector<std::uint32_t> default_band_ends(std::uint32_t rows) {
+  std::vector<std::uint32_t> ends;
+  for (const std::uint32_t end : {14u, 54u, 104u}) {
+    if (end < rows) ends.push_back(end);
+  }
+  ends.push_back(rows);
+  return ends;
+}
+
+double step_size(std::uint8_t index) {
+  // The doubles nearest to 2^(0/4) .. 2^(3/4), so that the table is the same on every machine.
+  constexpr std::array<double, 4> kFourthRoots = {1.0, 0x1.306fe0a31b715p+0, 0x1.6a09e667f3bcdp+0,
+                                                  0x1.ae89f995ad3adp+0};
+  return std::ldexp(kFourthRoots[index % 4u], index / 4 - kTableOrigin / 4);
+}
+
+std::uint8_t step_index_below(double size) {
+  int low = 0;
+  int high = 255;
+  while (low < high) {
+    const int middle = (low + high + 1) / 2;
+    if (step_size(static_cast<std::uint8_t>(middle)) <= size) {
+      low = middle;
+    } else {
+      high = middle - 1;
+    }
+  }
+  return static_cast<std::uint8_t>(low);
+}
+
+double step_for_error(double eps, double area, std::uint32_t rows) {
+  return 2 * eps * std::sqrt(area / rows);
+}
+
+Result<Key> key_from_coefficients(const CoefficientLayout& layout, std::span<const double> C, std::uint8_t step) {
+  if (C.size() != layout.size()) {
+    return fail(ErrorCode::kInvalidArgument, "coefficients: " + std::to_string(C.size()) +
+                                                 " values where the layout has " + std::to_string(layout.size()));
+  }
+  Key key;
+  key.bands = layout.all_bands();
+  key.step = is_float(layout.codec) ? 0 : step;
+  if (is_float(layout.codec)) {
+    key.f.resize(C.size());
+  } else {
+    key.q.resize(C.size());
+  }
+  const double size = step_size(step);
+  for (std::size_t i = 0; i < C.size(); ++i) {
+    if (!std::isfinite(C[i])) {
+      return fail(ErrorCode::kInvalidArgument, "coefficients: value " + std::to_string(i) + " is not finite");
+    }
+    if (is_float(layout.codec)) {
+      const auto value = as_carried(layout.codec, C[i]);
+      if (!value) return value.error();
+      key.f[i] = *value;
+    } else {
+      const double rounded = std::round(C[i] / size);
+      if (!(std::abs(rounded) <= double{fixed::kMaxValue})) return overflow(i);
+      key.q[i] = static_cast<std::int32_t>(rounded);
+    }
+  }
+  return key;
+}
+
+std::vector<double> coefficients_from_key(const CoefficientLayout& layout, const Key& key) {
+  if (is_float(layout.codec)) return key.f;
+  const double size = step_size(key.step);
+  std::vector<double> C(key.q.size());
+  std::transform(key.q.begin(), key.q.end(), C.begin(), [size](std::int32_t q) { return q * size; });
+  return C;
+}
+
+Result<Key> rescale(const Key& key, std::uint8_t step) {
+  Key out = key;
+  out.step = step;
+  const fixed::Rescale rule(key.step, step);
+  for (std::size_t i = 0; i < key.q.size(); ++i) {
+    const std::int64_t value = rule(key.q[i]);
+    if (!fixed::in_range(value)) return overflow(i);
+    out.q[i] = static_cast<std::int32_t>(value);
+  }
+  return out;
+}
+
+Result<Key> interpolate_keys(const CoefficientLayout& layout, const Key& a, const Key& b, std::uint32_t at,
+                             std::uint32_t of) {
+  if (of < 1 || of > 65535 || at > of) {
+    return fail(ErrorCode::kInvalidArgument, "interpolation: step " + std::to_string(at) + "/" + std::to_string(of) +
+                                                 " is not between 0 and 1 in up to 65535 parts");
+  }
+  Key out;
+  out.bands = a.bands & b.bands;
+  out.step = b.step;
+  if (is_float(layout.codec)) {
+    out.f.resize(layout.size());
+  } else {
+    out.q.resize(layout.size());
+  }
+  const fixed::Rescale rule(a.step, b.step);
+  for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
+    if ((out.bands >> band & 1) == 0) continue;
+    const auto [first, last] = layout.range(band);
+    for (std::size_t i = first; i < last; ++i) {
+      if (is_float(layout.codec)) {
+        const double value = a.f[i] + (b.f[i] - a.f[i]) * at / of;
+        if (!std::isfinite(value))
+          return fail(ErrorCode::kTooLarge, "interpolation: coefficient " + std::to_string(i) + " overflows");
+        const auto carried = as_carried(layout.codec, value);
+        if (!carried) return carried.error();
+        out.f[i] = *carried;
+        continue;
+      }
+      const std::int64_t from = rule(a.q[i]);
+      if (!fixed::in_range(from)) return overflow(i);
+      out.q[i] = static_cast<std::int32_t>(from + scaled(b.q[i] - from, at, of));
+    }
+  }
+  return out;
+}
+
+}  // namespace eigencast

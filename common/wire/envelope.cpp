@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: MIT
+//
+// The envelope's bytes, little-endian (docs/protocol.md, "Envelope"):
+//
+//   0 kind u8 | 1 flags u8 | 2 bands u8 | 3 step u8 (at << 4 | of) | 4 stream_id u32 | 8 epoch u32 | 12 sequence u64 |
+//   20 capture_us u64
+#include "common/wire/envelope.h"
+
+#include <cassert>
+
+#include "common/wire/limits.h"
+
+namespace eigencast {
+namespace {
+
+Error corrupt(std::string what) {
+  return fail(ErrorCode::kCorrupt, "frame: " + std::move(what));
+}
+
+bool is_key_or_join(FrameKind kind) {
+  return kind == FrameKind::kKey || kind == FrameKind::kJoin;
+}
+
+Result<void> check(const Envelope& envelope, std::size_t payload_bytes) {
+  const std::uint8_t known_flags = is_key_or_join(envelope.kind) ? Envelope::kAhead : 0;
+  if ((envelope.flags & ~known_flags) != 0) return corrupt("reserved flags are set: " + std::to_string(envelope.flags));
+
+  const auto [at, of] = envelope.step;
+  const bool step_ok = is_key_or_join(envelope.kind) ? at == 0 && of == 0 : at >= 1 && at <= of;
+  if (!step_ok)
+    return corrupt("interpolation step " + std::to_string(at) + "/" + std::to_string(of) + " does not suit its kind");
+
+  if (envelope.kind == FrameKind::kStep) {
+    if (envelope.bands != 0 || payload_bytes != 0) return corrupt("a step carries bands or a payload");
+  } else if (envelope.bands == 0 || payload_bytes == 0) {
+    return corrupt("it carries no bands or no payload");
+  }
+  if (envelope.capture_us < 0 || envelope.capture_us > limits::kMaxTimeUs)
+    return corrupt("capture time is out of range");
+  return {};
+}
+
+}  // namespace
+
+void append_envelope(const Envelope& envelope, Bytes& out) {
+  assert(check(envelope, envelope.kind == FrameKind::kStep ? 0 : 1));
+  assert(envelope.step.of <= limits::kMaxInterpolation);
+  ByteWriter writer(out);
+  writer.u8(static_cast<std::uint8_t>(envelope.kind));
+  writer.u8(envelope.flags);
+  writer.u8(envelope.bands);
+  writer.u8(static_cast<std::uint8_t>(envelope.step.at << 4 | (envelope.step.of & 15)));
+  writer.u32(envelope.stream_id);
+  writer.u32(envelope.epoch);
+  writer.u64(envelope.sequence);
+  writer.u64(static_cast<std::uint64_t>(envelope.capture_us));
+}
+
+Result<FrameView> parse_frame(ByteView message) {
+  if (message.size() > limits::kMaxFrameBytes) {
+    return fail(ErrorCode::kTooLarge, "frame: " + std::to_string(message.size()) + " bytes are over the limit of " +
+                                          std::to_string(limits::kMaxFrameBytes));
+  }
+  if (message.size() < Envelope::kBytes) {
+    return corrupt(std::to_string(message.size()) + " bytes are less than an envelope's " +
+                   std::to_string(Envelope::kBytes));
+  }
+  ByteReader reader(message);
+  FrameView frame;
+  Envelope& envelope = frame.envelope;
+  const std::uint8_t kind = reader.u8();
+  if (kind < 1 || kind > 4) return corrupt("unknown kind " + std::to_string(kind));
+  envelope.kind = static_cast<FrameKind>(kind);
+  envelope.flags = reader.u8();
+  envelope.bands = reader.u8();
+  const std::uint8_t step = reader.u8();
+  envelope.step = {static_cast<std::uint8_t>(step >> 4), static_cast<std::uint8_t>(step & 15)};
+  envelope.stream_id = reader.u32();
+  envelope.epoch = reader.u32();
+  envelope.sequence = reader.u64();
+  const std::uint64_t capture_us = reader.u64();
+  if (capture_us > std::uint64_t{limits::kMaxTimeUs}) return corrupt("capture time is out of range");
+  envelope.capture_us = static_cast<TimeUs>(capture_us);
+  frame.payload = message.subspan(Envelope::kBytes);
+  if (const auto checked = check(envelope, frame.payload.size()); !checked) return checked.error();
+  return frame;
+}
+
+}  // namespace eigencast

@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: MIT
+#include <algorithm>
+#include <charconv>
+#include <optional>
+
+#include "common/wire/control.h"
+#include "common/wire/limits.h"
+
+namespace eigencast {
+namespace {
+
+Error invalid(std::string what) {
+  return fail(ErrorCode::kInvalidArgument, std::move(what));
+}
+
+bool is_name_character(char c) {
+  return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '.' || c == '_' || c == '-';
+}
+
+Error bad_parameter(std::string_view name, std::string_view value, std::string_view allowed) {
+  return invalid("profile: parameter '" + std::string(name) + "' is '" + std::string(value.substr(0, 32)) +
+                 "'; allowed: " + std::string(allowed));
+}
+
+std::optional<std::uint8_t> number_from_text(std::string_view text, unsigned low, unsigned high) {
+  unsigned value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc{} || end != text.data() + text.size() || value < low || value > high) return std::nullopt;
+  return static_cast<std::uint8_t>(value);
+}
+
+/// What the query says, before defaults and contradictions are looked at.
+struct QueryParts {
+  std::optional<Profile::Rate> rate;
+  std::optional<std::uint8_t> k;
+  std::optional<Profile::Form> form;
+  std::optional<std::uint8_t> bands;
+};
+
+Result<void> read_parameter(std::string_view name, std::string_view value, QueryParts& parts) {
+  if (name == "rate") {
+    if (value == "raw") {
+      parts.rate = Profile::Rate::kRaw;
+    } else if (value == "interpolated") {
+      parts.rate = Profile::Rate::kInterpolated;
+    } else if (const auto k = number_from_text(value, 1, limits::kMaxInterpolation)) {
+      parts.rate = *k == 1 ? Profile::Rate::kRaw : Profile::Rate::kInterpolated;
+      if (*k > 1) parts.k = k;
+    } else {
+      return bad_parameter(name, value, "raw, interpolated, 1 to 15");
+    }
+  } else if (name == "k") {
+    parts.k = number_from_text(value, 2, limits::kMaxInterpolation);
+    if (!parts.k) return bad_parameter(name, value, "2 to 15");
+  } else if (name == "form") {
+    if (value != "full" && value != "compact") return bad_parameter(name, value, "full, compact");
+    parts.form = value == "full" ? Profile::Form::kFull : Profile::Form::kCompact;
+  } else if (name == "bands") {
+    parts.bands = number_from_text(value, 1, limits::kMaxBands);
+    if (!parts.bands) return bad_parameter(name, value, "1 to 8");
+  } else {
+    return invalid("profile: unknown parameter '" + std::string(name.substr(0, 32)) + "'; known: rate, k, form, bands");
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<void> check_stream_name(std::string_view name) {
+  const auto refuse = [&](std::string_view why) {
+    return invalid("stream name '" + std::string(name.substr(0, limits::kMaxStreamNameBytes)) +
+                   "': " + std::string(why));
+  };
+  if (name.empty()) return refuse("it is empty");
+  if (name.size() > limits::kMaxStreamNameBytes) return refuse("it is longer than 128 bytes");
+  for (std::size_t begin = 0; begin <= name.size();) {
+    const std::size_t end = std::min(name.find('/', begin), name.size());
+    const std::string_view segment = name.substr(begin, end - begin);
+    if (segment.empty()) return refuse("a segment is empty; segments are joined by single '/'");
+    if (segment == "." || segment == "..") return refuse("a segment is '.' or '..'");
+    for (const char c : segment) {
+      if (!is_name_character(c))
+        return invalid("stream name: only A-Z a-z 0-9 . _ - and '/' between segments are allowed");
+    }
+    begin = end + 1;
+  }
+  return {};
+}
+
+Result<void> check_format(const StreamFormat& format) {
+  const auto refuse = [](std::string_view field, std::uint64_t value, std::string_view allowed) {
+    return invalid("format." + std::string(field) + " is " + std::to_string(value) +
+                   "; allowed: " + std::string(allowed));
+  };
+  if (format.rows < 1 || format.rows > limits::kMaxRows) return refuse("rows", format.rows, "1 to 4096");
+  if (format.channels < 1 || format.channels > limits::kMaxChannels)
+    return refuse("channels", format.channels, "1 to 16");
+  if (std::size_t{format.rows} * format.channels > limits::kMaxCoefficients) {
+    return refuse("rows * format.channels", std::uint64_t{format.rows} * format.channels, "up to 32768");
+  }
+  if (format.band_ends.empty() || format.band_ends.size() > limits::kMaxBands) {
+    return invalid("format.band_ends has " + std::to_string(format.band_ends.size()) + " entries; allowed: 1 to 8");
+  }
+  std::uint32_t before = 0;
+  for (const std::uint32_t end : format.band_ends) {
+    if (end <= before) return refuse("band_ends", end, "strictly ascending, from 1 on");
+    before = end;
+  }
+  if (before != format.rows) return refuse("band_ends, last,", before, "equal to rows");
+  if (format.codec != "quantised" && format.codec != "float32" && format.codec != "float64") {
+    return invalid("format.codec is '" + format.codec.substr(0, 32) + "'; allowed: quantised, float32, float64");
+  }
+  return {};
+}
+
+Result<Profile> profile_from_query(std::string_view query) {
+  QueryParts parts;
+  while (!query.empty()) {
+    const std::size_t end = std::min(query.find('&'), query.size());
+    const std::string_view pair = query.substr(0, end);
+    query.remove_prefix(std::min(end + 1, query.size()));
+    if (pair.empty()) continue;
+    const std::size_t equals = std::min(pair.find('='), pair.size());
+    const std::string_view value = equals < pair.size() ? pair.substr(equals + 1) : std::string_view{};
+    if (const auto read = read_parameter(pair.substr(0, equals), value, parts); !read) return read.error();
+  }
+  Profile profile;
+  profile.rate = parts.rate.value_or(Profile::Rate::kInterpolated);
+  if (profile.rate == Profile::Rate::kRaw && (parts.k || parts.form)) {
+    return invalid("profile: k and form say how to interpolate, but rate=raw asks for the keys alone");
+  }
+  profile.k = parts.k.value_or(profile.k);
+  profile.form = parts.form.value_or(profile.form);
+  profile.bands = parts.bands.value_or(profile.bands);
+  return profile;
+}
+
+std::string query_from_profile(const Profile& profile) {
+  std::string query = "rate=raw";
+  if (profile.rate == Profile::Rate::kInterpolated) {
+    query = "rate=interpolated&k=" + std::to_string(profile.k);
+    query += profile.form == Profile::Form::kCompact ? "&form=compact" : "&form=full";
+  }
+  return query + "&bands=" + std::to_string(profile.bands);
+}
+
+}  // namespace eigencast
