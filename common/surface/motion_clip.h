@@ -24,7 +24,8 @@ class MotionClip {
   /// Poses a second that the source states or, where it states none, 30.
   virtual double frame_rate_hz() const = 0;
   /// The vertex positions of pose `frame` (n x 3), in the order of rest(). REQUIRES: frame < frame_count().
-  /// Errors: kIo, kCorrupt; kInvalidArgument when the topology differs from rest(), naming the frame and the difference.
+  /// Errors: kIo, kCorrupt; kInvalidArgument when the topology differs from rest(), naming the frame and the
+  /// difference.
   virtual Result<std::vector<Vec3>> pose(std::size_t frame) const = 0;
   /// Where the clip comes from, for people.
   virtual std::string name() const = 0;

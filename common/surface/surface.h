@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -10,6 +11,10 @@ namespace eigencast {
 
 using Vec3 = std::array<double, 3>;
 using Face = std::array<std::uint32_t, 3>;
+
+/// What readers and validate_surface let through.
+inline constexpr std::size_t kMaxSurfaceVertices = 16'000'000;
+inline constexpr std::size_t kMaxSurfaceFaces = 32'000'000;
 
 /// A triangle mesh, or a point cloud when `faces` is empty.
 struct Surface {

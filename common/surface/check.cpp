@@ -1,0 +1,229 @@
+// SPDX-License-Identifier: MIT
+#include "common/surface/check.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <numeric>
+
+namespace eigencast {
+namespace {
+
+constexpr double kNoArea = 1e-14;  // of the squared diagonal
+
+class UnionFind {
+ public:
+  explicit UnionFind(std::size_t n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), std::uint32_t{0}); }
+  std::uint32_t root(std::uint32_t i) {
+    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
+    return i;
+  }
+  void join(std::uint32_t a, std::uint32_t b) {
+    a = root(a);
+    b = root(b);
+    parent_[std::max(a, b)] = std::min(a, b);
+  }
+
+ private:
+  std::vector<std::uint32_t> parent_;
+};
+
+// A face's side from corner `corner` (3 * face + k) to the next corner; `key` is (smaller, larger) vertex.
+struct Side {
+  std::uint64_t key;
+  std::uint32_t corner;
+  bool ascending;
+};
+
+std::uint32_t next_corner(std::uint32_t corner) {
+  return corner % 3 == 2 ? corner - 2 : corner + 1;
+}
+
+bool has_three_corners(const Face& f, std::size_t n) {
+  return f[0] < n && f[1] < n && f[2] < n && f[0] != f[1] && f[1] != f[2] && f[2] != f[0];
+}
+
+double twice_area(const Vec3& a, const Vec3& b, const Vec3& c) {
+  const Vec3 u{b[0] - a[0], b[1] - a[1], b[2] - a[2]};
+  const Vec3 v{c[0] - a[0], c[1] - a[1], c[2] - a[2]};
+  return std::hypot(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]);
+}
+
+std::vector<Side> sorted_sides(const Surface& surface) {
+  std::vector<Side> sides;
+  sides.reserve(surface.faces.size() * 3);
+  for (std::size_t f = 0; f < surface.faces.size(); ++f) {
+    const Face& face = surface.faces[f];
+    if (!has_three_corners(face, surface.vertex_count())) continue;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint64_t a = face[k];
+      const std::uint64_t b = face[(k + 1) % 3];
+      sides.push_back({std::min(a, b) << 32 | std::max(a, b), static_cast<std::uint32_t>(3 * f + k), a < b});
+    }
+  }
+  std::sort(sides.begin(), sides.end(),
+            [](const Side& a, const Side& b) { return a.key != b.key ? a.key < b.key : a.corner < b.corner; });
+  return sides;
+}
+
+// Joins the corners that two sides of one edge have at its two vertices.
+void join_across(UnionFind& corners, const Side& a, const Side& b) {
+  const bool same_way = a.ascending == b.ascending;
+  corners.join(a.corner, same_way ? b.corner : next_corner(b.corner));
+  corners.join(next_corner(a.corner), same_way ? next_corner(b.corner) : b.corner);
+}
+
+void count_edges_and_fans(const Surface& surface, SurfaceReport& report) {
+  const std::vector<Side> sides = sorted_sides(surface);
+  const std::size_t corner_count = surface.faces.size() * 3;
+  UnionFind fans(corner_count);           // joined by every edge
+  UnionFind manifold_fans(corner_count);  // joined by edges of two faces only: what a boundary loop runs along
+  std::vector<std::uint32_t> boundary;
+  for (std::size_t first = 0, last = 0; first < sides.size(); first = last) {
+    for (last = first + 1; last < sides.size() && sides[last].key == sides[first].key;) {
+      join_across(fans, sides[first], sides[last]);
+      ++last;
+    }
+    const std::size_t count = last - first;
+    if (count == 1) {
+      boundary.push_back(sides[first].corner);
+    } else if (count == 2) {
+      join_across(manifold_fans, sides[first], sides[first + 1]);
+      if (sides[first].ascending == sides[first + 1].ascending) ++report.misoriented_edges;
+    } else {
+      ++report.nonmanifold_edges;
+    }
+  }
+
+  report.boundary_edges = boundary.size();
+  for (const std::uint32_t corner : boundary) manifold_fans.join(corner, next_corner(corner));
+  std::vector<std::uint32_t> loops;
+  for (const std::uint32_t corner : boundary) loops.push_back(manifold_fans.root(corner));
+  std::sort(loops.begin(), loops.end());
+  report.boundary_loops =
+      static_cast<std::size_t>(std::distance(loops.begin(), std::unique(loops.begin(), loops.end())));
+
+  std::vector<std::uint8_t> fan_count(surface.vertex_count(), 0);
+  for (const Side& side : sides) {
+    if (fans.root(side.corner) != side.corner) continue;
+    std::uint8_t& count = fan_count[surface.faces[side.corner / 3][side.corner % 3]];
+    if (count == 1) ++report.nonmanifold_vertices;
+    if (count < 2) ++count;
+  }
+}
+
+void count_components(const Surface& surface, SurfaceReport& report) {
+  const std::size_t n = surface.vertex_count();
+  UnionFind vertices(n);
+  std::vector<std::uint8_t> referenced(n, 0);
+  std::vector<std::uint8_t> connected(n, 0);
+  for (const Face& f : surface.faces) {
+    for (const std::uint32_t v : f) {
+      if (v < n) referenced[v] = 1;
+    }
+    if (!has_three_corners(f, n)) continue;
+    for (const std::uint32_t v : f) connected[v] = 1;
+    vertices.join(f[0], f[1]);
+    vertices.join(f[0], f[2]);
+  }
+  for (std::uint32_t v = 0; v < n; ++v) {
+    if (connected[v] && vertices.root(v) == v) ++report.components;
+    if (!referenced[v]) ++report.unreferenced_vertices;
+  }
+}
+
+template <typename Key>
+std::size_t count_repeats(std::vector<Key>& keys) {
+  std::sort(keys.begin(), keys.end());
+  return static_cast<std::size_t>(std::distance(std::unique(keys.begin(), keys.end()), keys.end()));
+}
+
+std::size_t count_duplicate_vertices(const std::vector<Vec3>& positions) {
+  std::vector<std::array<std::uint64_t, 3>> keys;
+  keys.reserve(positions.size());
+  for (const Vec3& p : positions) {
+    // Adding 0 makes -0 and 0 one; bits order NaNs too.
+    keys.push_back({std::bit_cast<std::uint64_t>(p[0] + 0.0), std::bit_cast<std::uint64_t>(p[1] + 0.0),
+                    std::bit_cast<std::uint64_t>(p[2] + 0.0)});
+  }
+  return count_repeats(keys);
+}
+
+void count_odd_faces(const Surface& surface, SurfaceReport& report) {
+  const double diagonal = bounding_box(surface.positions).diagonal();
+  const double no_area = kNoArea * diagonal * diagonal;
+  std::vector<Face> keys = surface.faces;
+  for (Face& f : keys) {
+    std::sort(f.begin(), f.end());
+    const bool whole = has_three_corners(f, surface.vertex_count());
+    const std::vector<Vec3>& p = surface.positions;
+    if (!whole || !(twice_area(p[f[0]], p[f[1]], p[f[2]]) / 2 > no_area)) ++report.degenerate_faces;
+  }
+  report.duplicate_faces = count_repeats(keys);
+}
+
+}  // namespace
+
+SurfaceReport check_surface(const Surface& surface) {
+  SurfaceReport report;
+  report.vertices = surface.vertex_count();
+  report.faces = surface.faces.size();
+  report.duplicate_vertices = count_duplicate_vertices(surface.positions);
+  if (surface.is_point_cloud()) return report;
+  count_components(surface, report);
+  count_edges_and_fans(surface, report);
+  count_odd_faces(surface, report);
+  return report;
+}
+
+std::string text_from_report(const SurfaceReport& report) {
+  std::string text = std::to_string(report.vertices) + " vertices";
+  if (report.faces == 0) {
+    text += ", no faces (point cloud)\n";
+  } else {
+    text += ", " + std::to_string(report.faces) + " faces, " + std::to_string(report.components) +
+            (report.components == 1 ? " component" : " components") + (report.closed() ? ", closed\n" : "\n");
+  }
+  const auto line = [&text](std::size_t count, const char* what) {
+    if (count > 0) text += "  " + std::to_string(count) + " " + what + "\n";
+  };
+  line(report.boundary_edges, "boundary edges (of one face only)");
+  line(report.boundary_loops, "boundary loops");
+  line(report.nonmanifold_edges, "non-manifold edges (of three or more faces)");
+  line(report.nonmanifold_vertices, "non-manifold vertices (surfaces touch in a point)");
+  line(report.misoriented_edges, "edges between faces of opposite orientation");
+  line(report.duplicate_vertices, "vertices at the place of an earlier one");
+  line(report.unreferenced_vertices, "vertices of no face");
+  line(report.degenerate_faces, "faces without area");
+  line(report.duplicate_faces, "faces that repeat an earlier one");
+  return text;
+}
+
+Result<void> validate_surface(const Surface& surface) {
+  const std::size_t n = surface.vertex_count();
+  if (n < 4) {
+    return fail(ErrorCode::kInvalidArgument, "a surface of " + std::to_string(n) + " vertices; at least 4 are needed");
+  }
+  if (n > kMaxSurfaceVertices || surface.faces.size() > kMaxSurfaceFaces) {
+    return fail(ErrorCode::kTooLarge, std::to_string(n) + " vertices and " + std::to_string(surface.faces.size()) +
+                                          " faces; the limits are " + std::to_string(kMaxSurfaceVertices) + " and " +
+                                          std::to_string(kMaxSurfaceFaces));
+  }
+  for (std::size_t i = 0; i < n; ++i) {
+    const Vec3& p = surface.positions[i];
+    if (!std::isfinite(p[0]) || !std::isfinite(p[1]) || !std::isfinite(p[2])) {
+      return fail(ErrorCode::kInvalidArgument, "vertex " + std::to_string(i) + " has a coordinate that is not finite");
+    }
+  }
+  for (std::size_t i = 0; i < surface.faces.size(); ++i) {
+    for (const std::uint32_t v : surface.faces[i]) {
+      if (v < n) continue;
+      return fail(ErrorCode::kInvalidArgument, "face " + std::to_string(i) + " refers to vertex " + std::to_string(v) +
+                                                   ", but there are " + std::to_string(n));
+    }
+  }
+  return {};
+}
+
+}  // namespace eigencast
