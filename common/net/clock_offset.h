@@ -9,8 +9,9 @@
 
 namespace eigencast {
 
-/// Estimates peer clock minus own clock from ping-pong exchanges: the sample of least round trip in a sliding window, whose error is at
-/// most half that round trip (Cristian 1989, "Probabilistic Clock Synchronization"). Time comes in as arguments. Not thread-safe.
+/// Estimates peer clock minus own clock from ping-pong exchanges: the sample of least round trip in a sliding window,
+/// whose error is at most half that round trip (Cristian 1989, "Probabilistic Clock Synchronization"). Time comes in as
+/// arguments. Not thread-safe.
 class ClockOffset {
  public:
   struct Estimate {

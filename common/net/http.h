@@ -22,7 +22,7 @@ struct HttpResponse {
 
 /// A blocking HTTP/1.1 connection to a broker, kept alive between requests and made anew when it broke.
 ///
-/// Not thread-safe; cancel() alone may come from another thread and makes the running call return kCancelled.
+/// Not thread-safe; cancel() alone may come from another thread: the running call and all later ones return kCancelled.
 class HttpConnection final {
  public:
   explicit HttpConnection(BrokerUrl url, std::chrono::milliseconds timeout = std::chrono::seconds(10));
@@ -31,10 +31,19 @@ class HttpConnection final {
   HttpConnection& operator=(HttpConnection&&) noexcept;
 
   /// `timeout` is for silence, not for the whole transfer. Bodies over `max_bytes` are refused before they are read.
-  /// An HTTP status of any kind is a value. Errors: kUnreachable, kDisconnected, kTimeout, kTooLarge, kCancelled, kUnsupported (TLS).
+  /// An HTTP status of any kind is a value. Errors: kUnreachable, kDisconnected, kTimeout, kTooLarge, kCancelled,
+  /// kUnsupported (TLS).
   Result<HttpResponse> get(const std::string& target, std::uint64_t max_bytes, std::uint64_t from_byte = 0);
   Result<HttpResponse> head(const std::string& target);
   Result<HttpResponse> put(const std::string& target, ByteView body);
+
+  /// Fetches the rest of an object of which `body` holds the beginning: asks for the range from body.size() on and
+  /// appends what comes, also when the call fails in between, so that the next call goes on from there. A server that
+  /// ignores the range (status 200) has `body` filled from the start. `progress` hears body.size() as it grows. The
+  /// response's own body holds only what an answer other than 200 or 206 said. `max_bytes` bounds the whole object.
+  /// Errors: as get().
+  Result<HttpResponse> get_rest(const std::string& target, std::uint64_t max_bytes, Bytes& body,
+                                const std::function<void(std::uint64_t)>& progress = {});
   void cancel();
 
  private:

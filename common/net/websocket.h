@@ -14,20 +14,22 @@
 namespace eigencast {
 
 /// What became of a message that was handed to a connection.
-enum class [[nodiscard]] SendStatus {
-  kSent,          ///< Queued on the socket.
-  kDropped,       ///< The link is behind (max_unsent_bytes): send the next one instead.
-  kDisconnected,  ///< No connection now; it is being made anew.
+enum class [[nodiscard]] SendStatus{
+    kSent,          ///< Queued on the socket.
+    kDropped,       ///< The link is behind (max_unsent_bytes): send the next one instead.
+    kDisconnected,  ///< No connection now; it is being made anew.
 };
 
 struct WebSocketOptions {
   BrokerUrl url;
-  std::string target;                                ///< Path and query of the upgrade, e.g. "/v1/subscribe/heart?rate=raw".
-  std::chrono::milliseconds connect_timeout{3000};   ///< Resolving, connecting and the upgrade together (default: 3 s).
-  std::chrono::milliseconds first_retry{200};        ///< Wait before the first reconnect; doubles, with jitter of +-25 % (default: 200 ms).
-  std::chrono::milliseconds longest_retry{5000};     ///< (default: 5 s)
-  std::chrono::milliseconds silence_timeout{10000};  ///< Nothing at all received (pings included) for so long = dead (default: 10 s).
-  std::size_t max_unsent_bytes = 256 * 1024;         ///< kDropped above this (default: 256 KiB).
+  std::string target;  ///< Path and query of the upgrade, e.g. "/v1/subscribe/heart?rate=raw".
+  std::chrono::milliseconds connect_timeout{3000};  ///< Resolving, connecting and the upgrade together (default: 3 s).
+  std::chrono::milliseconds first_retry{
+      200};  ///< Wait before the first reconnect; doubles, with jitter of +-25 % (default: 200 ms).
+  std::chrono::milliseconds longest_retry{5000};  ///< (default: 5 s)
+  std::chrono::milliseconds silence_timeout{
+      10000};  ///< Nothing at all received (pings included) for so long = dead (default: 10 s).
+  std::size_t max_unsent_bytes = 256 * 1024;  ///< kDropped above this (default: 256 KiB).
 };
 
 /// Called on the connection's own thread, one at a time; must return soon and must not destroy the WebSocket.
@@ -35,13 +37,14 @@ struct WebSocketEvents {
   std::function<void()> on_open;
   std::function<void(std::string_view)> on_text;
   std::function<void(ByteView)> on_binary;
-  /// Lost or not reached: why, and in how long the next try starts (0: none, the connection was stopped or refused for good).
+  /// Lost or not reached: why, and in how long the next try starts (0: none, the connection was stopped or refused for
+  /// good).
   std::function<void(const Error& why, std::chrono::milliseconds retry_in)> on_down;
 };
 
-/// A client's WebSocket connection that keeps itself up: connects, speaks subprotocol eigencast.v1, answers pings, notices a dead
-/// peer, reconnects with jittered exponential back-off. A refusal (HTTP 4xx, or a close code that says so) is tried again at the longest
-/// interval. TCP_NODELAY is set.
+/// A client's WebSocket connection that keeps itself up: connects, speaks subprotocol eigencast.v1, answers pings,
+/// notices a dead peer, reconnects with jittered exponential back-off. A refusal (HTTP 4xx, or a close code that says
+/// so) is tried again at the longest interval. TCP_NODELAY is set.
 ///
 /// Runs one thread. send_* and stop() are safe from any thread.
 class WebSocket final {

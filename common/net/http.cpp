@@ -1,0 +1,240 @@
+// SPDX-License-Identifier: MIT
+#include "common/net/http.h"
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/http.hpp>
+#include <vector>
+
+namespace eigencast {
+
+namespace {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+namespace http = boost::beast::http;
+using tcp = asio::ip::tcp;
+using boost::system::error_code;
+
+constexpr std::size_t kPieceBytes = 64 * 1024;
+/// What an error page may say.
+constexpr std::uint64_t kMaxRemarkBytes = 64 * 1024;
+
+/// Where a response's body goes: pieces are appended to `body`, up to `max_bytes` in all.
+struct Sink {
+  Bytes* body = nullptr;  ///< Null: there must be no body (HEAD).
+  std::uint64_t max_bytes = 0;
+  const std::function<void(std::uint64_t)>* progress = nullptr;
+};
+
+}  // namespace
+
+class HttpConnection::Impl {
+ public:
+  Impl(BrokerUrl url, std::chrono::milliseconds timeout)
+      : url_(std::move(url)), timeout_(timeout), where_(url_.origin()) {}
+
+  template <typename Request>
+  Result<HttpResponse> exchange(Request& request, Bytes* body, std::uint64_t max_bytes,
+                                const std::function<void(std::uint64_t)>& progress) {
+    if (url_.tls)
+      return fail(ErrorCode::kUnsupported,
+                  "https:// is not supported by this version: use ws:// or http://, or a TLS tunnel");
+    const bool ipv6 = url_.host.find(':') != std::string::npos;
+    request.version(11);
+    request.set(http::field::host, (ipv6 ? "[" + url_.host + "]" : url_.host) + ":" + std::to_string(url_.port));
+    request.set(http::field::user_agent, "eigencast");
+    request.keep_alive(true);
+    // A kept-alive connection may have been closed by the server meanwhile, which shows only when it is used.
+    for (bool fresh = stream_ == nullptr;; fresh = true) {
+      if (fresh)
+        if (auto connected = connect(); !connected) return connected.error();
+      bool answered = false;
+      auto response = talk(request, body, max_bytes, progress, answered);
+      if (response) return response;
+      stream_.reset();
+      if (cancelled_) return fail(ErrorCode::kCancelled, "stopped by the caller");
+      if (fresh || answered || response.error().code != ErrorCode::kDisconnected) return response;
+    }
+  }
+
+  void cancel() {
+    cancelled_ = true;
+    asio::post(io_, [this] {
+      resolver_.cancel();
+      if (stream_) stream_->close();
+    });
+  }
+
+ private:
+  /// Runs what was started on io_ to its end.
+  void run() {
+    io_.restart();
+    io_.run();
+  }
+
+  Error failure(const error_code& ec, const std::string& doing) const {
+    if (cancelled_) return fail(ErrorCode::kCancelled, "stopped by the caller");
+    if (ec == beast::error::timeout)
+      return fail(ErrorCode::kTimeout,
+                  where_ + " was silent for " + std::to_string(timeout_.count()) + " ms while " + doing);
+    return fail(ErrorCode::kDisconnected, "connection to " + where_ + " lost while " + doing + ": " + ec.message());
+  }
+
+  Result<void> connect() {
+    if (cancelled_) return fail(ErrorCode::kCancelled, "stopped by the caller");
+    stream_ = std::make_unique<beast::tcp_stream>(io_);
+    buffer_.clear();
+    error_code ec;
+    std::vector<tcp::endpoint> endpoints;
+    if (const auto address = asio::ip::make_address(url_.host, ec); !ec) {
+      endpoints.emplace_back(address, url_.port);
+    } else {
+      resolver_.async_resolve(url_.host, std::to_string(url_.port),
+                              [&](error_code why, const tcp::resolver::results_type& found) {
+                                ec = why;
+                                for (const auto& entry : found) endpoints.push_back(entry.endpoint());
+                              });
+      run();
+      if (ec) return give_up(fail(ErrorCode::kUnreachable, "host \"" + url_.host + "\" is not known: " + ec.message()));
+    }
+    stream_->expires_after(timeout_);
+    stream_->async_connect(endpoints, [&](error_code why, const tcp::endpoint&) { ec = why; });
+    run();
+    if (ec) return give_up(fail(ErrorCode::kUnreachable, "no broker at " + where_ + ": " + ec.message()));
+    stream_->socket().set_option(tcp::no_delay(true), ec);
+    return {};
+  }
+
+  Error give_up(Error error) {
+    stream_.reset();
+    return cancelled_ ? fail(ErrorCode::kCancelled, "stopped by the caller") : std::move(error);
+  }
+
+  template <typename Request>
+  Result<HttpResponse> talk(Request& request, Bytes* body, std::uint64_t max_bytes,
+                            const std::function<void(std::uint64_t)>& progress, bool& answered) {
+    const error_code sent = write(request);
+    // A server that refuses an upload may answer and close before it has read all of it: its answer says why.
+    http::response_parser<http::buffer_body> parser;
+    parser.body_limit(boost::none);
+    if (request.method() == http::verb::head) parser.skip(true);
+    error_code ec;
+    stream_->expires_after(timeout_);
+    http::async_read_header(*stream_, buffer_, parser, [&](error_code why, std::size_t) { ec = why; });
+    run();
+    if (ec) return failure(sent ? sent : ec, sent ? "sending a request" : "waiting for an answer");
+    answered = true;
+
+    HttpResponse response;
+    response.status = parser.get().result_int();
+    const auto etag = parser.get()[http::field::etag];
+    response.etag.assign(etag.data(), etag.size());
+    if (parser.content_length()) response.content_length = *parser.content_length();
+    if (request.method() != http::verb::head) {
+      const bool wanted = body != nullptr && (response.status == 200 || response.status == 206);
+      if (wanted && response.status == 200) body->clear();
+      const Sink sink{wanted ? body : &response.body, wanted ? max_bytes : kMaxRemarkBytes,
+                      wanted ? &progress : nullptr};
+      if (auto read = read_body(parser, sink); !read) return read.error();
+    }
+    if (sent || !parser.get().keep_alive()) stream_.reset();
+    return response;
+  }
+
+  template <typename Request>
+  error_code write(Request& request) {
+    using Body = typename Request::body_type;
+    http::request_serializer<Body> serializer(request);
+    error_code ec;
+    while (!ec && !serializer.is_done()) {
+      stream_->expires_after(timeout_);
+      http::async_write_some(*stream_, serializer, [&](error_code why, std::size_t) { ec = why; });
+      run();
+    }
+    return ec;
+  }
+
+  Result<void> read_body(http::response_parser<http::buffer_body>& parser, const Sink& sink) {
+    const auto too_large = [&](std::uint64_t bytes) {
+      return fail(ErrorCode::kTooLarge, where_ + " sent " + std::to_string(bytes) + " bytes or more where at most " +
+                                            std::to_string(sink.max_bytes) + " are allowed");
+    };
+    if (parser.content_length() &&
+        *parser.content_length() > sink.max_bytes - std::min<std::uint64_t>(sink.max_bytes, sink.body->size()))
+      return too_large(sink.body->size() + *parser.content_length());
+    std::array<std::uint8_t, kPieceBytes> piece;
+    while (!parser.is_done()) {
+      parser.get().body().data = piece.data();
+      parser.get().body().size = piece.size();
+      parser.get().body().more = true;
+      error_code ec;
+      stream_->expires_after(timeout_);
+      http::async_read_some(*stream_, buffer_, parser, [&](error_code why, std::size_t) { ec = why; });
+      run();
+      if (ec == http::error::need_buffer) ec = {};
+      // What came before a break is kept: the next request goes on behind it.
+      const std::size_t count = piece.size() - parser.get().body().size;
+      if (sink.body->size() + count > sink.max_bytes) return too_large(sink.body->size() + count);
+      sink.body->insert(sink.body->end(), piece.begin(), piece.begin() + static_cast<std::ptrdiff_t>(count));
+      if (count > 0 && sink.progress && *sink.progress) (*sink.progress)(sink.body->size());
+      if (ec) return failure(ec, "reading an answer");
+    }
+    return {};
+  }
+
+  const BrokerUrl url_;
+  const std::chrono::milliseconds timeout_;
+  const std::string where_;
+  std::atomic<bool> cancelled_{false};
+  asio::io_context io_;
+  tcp::resolver resolver_{io_};
+  std::unique_ptr<beast::tcp_stream> stream_;
+  beast::flat_buffer buffer_{kPieceBytes * 2};
+};
+
+HttpConnection::HttpConnection(BrokerUrl url, std::chrono::milliseconds timeout)
+    : impl_(std::make_unique<Impl>(std::move(url), timeout)) {}
+HttpConnection::~HttpConnection() = default;
+HttpConnection::HttpConnection(HttpConnection&&) noexcept = default;
+HttpConnection& HttpConnection::operator=(HttpConnection&&) noexcept = default;
+
+Result<HttpResponse> HttpConnection::get(const std::string& target, std::uint64_t max_bytes, std::uint64_t from_byte) {
+  http::request<http::empty_body> request(http::verb::get, target, 11);
+  if (from_byte > 0) request.set(http::field::range, "bytes=" + std::to_string(from_byte) + "-");
+  Bytes body;
+  auto response = impl_->exchange(request, &body, max_bytes, {});
+  if (response && response->body.empty()) response->body = std::move(body);
+  return response;
+}
+
+Result<HttpResponse> HttpConnection::get_rest(const std::string& target, std::uint64_t max_bytes, Bytes& body,
+                                              const std::function<void(std::uint64_t)>& progress) {
+  http::request<http::empty_body> request(http::verb::get, target, 11);
+  if (!body.empty()) request.set(http::field::range, "bytes=" + std::to_string(body.size()) + "-");
+  return impl_->exchange(request, &body, max_bytes, progress);
+}
+
+Result<HttpResponse> HttpConnection::head(const std::string& target) {
+  http::request<http::empty_body> request(http::verb::head, target, 11);
+  return impl_->exchange(request, nullptr, 0, {});
+}
+
+Result<HttpResponse> HttpConnection::put(const std::string& target, ByteView body) {
+  http::request<http::span_body<const std::uint8_t>> request(http::verb::put, target, 11);
+  request.body() = boost::beast::span<const std::uint8_t>(body.data(), body.size());
+  request.set(http::field::content_type, "application/octet-stream");
+  request.content_length(body.size());
+  return impl_->exchange(request, nullptr, 0, {});
+}
+
+void HttpConnection::cancel() {
+  impl_->cancel();
+}
+
+}  // namespace eigencast

@@ -1,0 +1,410 @@
+// SPDX-License-Identifier: MIT
+#include "common/net/websocket.h"
+
+#include <netinet/tcp.h>
+
+#include <algorithm>
+#include <boost/asio/connect.hpp>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/steady_timer.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/websocket.hpp>
+#include <cassert>
+#include <cstring>
+#include <deque>
+#include <mutex>
+#include <optional>
+#include <random>
+#include <thread>
+
+#include "common/net/backoff.h"
+#include "common/wire/limits.h"
+
+namespace eigencast {
+
+namespace {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+namespace ws = boost::beast::websocket;
+using tcp = asio::ip::tcp;
+using boost::system::error_code;
+using std::chrono::milliseconds;
+
+constexpr std::string_view kSubprotocol = "eigencast.v1";
+constexpr milliseconds kPoliteClose{500};
+/// A connection that held for so long counts as good: the next back-off starts afresh.
+constexpr TimeUs kGoodAfterUs = 2'000'000;
+/// Bytes that the kernel may hold unsent; what is more stays with us, where it is counted.
+constexpr int kKernelUnsentBytes = 32 * 1024;
+
+struct Outgoing {
+  bool text = false;
+  Bytes bytes;
+};
+
+/// One connection, from its first try to its end. Handlers of a past one find that it is not the current one and do
+/// nothing.
+struct Link {
+  explicit Link(asio::io_context& io) : socket(io) {}
+  ws::stream<beast::tcp_stream> socket;
+  beast::flat_buffer in;
+  ws::response_type response;
+  std::deque<Outgoing> out;  ///< Bounded through State::unsent.
+  bool writing = false;
+  TimeUs opened_us = 0;
+};
+
+void set_option_int(int fd, int level, int name, int value) {
+  // Best effort: a kernel without one of these options still carries the stream.
+  (void)::setsockopt(fd, level, name, &value, sizeof(value));
+}
+
+void tune(tcp::socket& socket) {
+  error_code ignored;
+  socket.set_option(tcp::no_delay(true), ignored);
+  socket.set_option(asio::socket_base::keep_alive(true), ignored);
+  const int fd = socket.native_handle();
+  set_option_int(fd, IPPROTO_TCP, TCP_KEEPIDLE, 10);
+  set_option_int(fd, IPPROTO_TCP, TCP_KEEPINTVL, 5);
+  set_option_int(fd, IPPROTO_TCP, TCP_KEEPCNT, 3);
+  set_option_int(fd, IPPROTO_TCP, TCP_NOTSENT_LOWAT, kKernelUnsentBytes);
+}
+
+/// Why a connection ended, and whether trying again soon makes sense.
+struct Failure {
+  Error error;
+  bool refused = false;
+};
+
+std::string printable(std::string_view text, std::size_t most) {
+  std::string out;
+  for (const char c : text.substr(0, most)) out += (c < ' ' || c == 127) ? ' ' : c;
+  return out;
+}
+
+Failure failure_of_upgrade(const error_code& ec, const ws::response_type& response, const std::string& where) {
+  if (ec != ws::error::upgrade_declined) {
+    if (ec == beast::error::timeout)
+      return {fail(ErrorCode::kTimeout, where + " did not answer in time; is it an Eigencast broker?")};
+    return {fail(ErrorCode::kUnreachable, "no WebSocket at " + where + ": " + ec.message())};
+  }
+  const unsigned status = response.result_int();
+  const std::string said = printable(response.body(), 300);
+  const std::string text = where + " answered " + std::to_string(status) + (said.empty() ? "" : ": " + said);
+  if (status >= 400 && status < 500) return {fail(ErrorCode::kRefused, text), true};
+  return {fail(ErrorCode::kUnreachable, text)};
+}
+
+Failure failure_of_close(const error_code& ec, const ws::close_reason& reason, const std::string& where) {
+  if (ec == beast::error::timeout) return {fail(ErrorCode::kTimeout, where + " fell silent")};
+  if (ec == ws::error::closed) {
+    const bool refused = reason.code == ws::close_code::policy_error || reason.code == ws::close_code::protocol_error ||
+                         reason.code == ws::close_code::bad_payload || reason.code == ws::close_code::unknown_data;
+    const std::string said = printable({reason.reason.data(), reason.reason.size()}, 123);
+    const std::string text =
+        where + " closed the connection (" + std::to_string(reason.code) + (said.empty() ? "" : ", " + said) + ")";
+    return {fail(refused ? ErrorCode::kRefused : ErrorCode::kDisconnected, text), refused};
+  }
+  return {fail(ErrorCode::kDisconnected, "connection to " + where + " lost: " + ec.message())};
+}
+
+}  // namespace
+
+class WebSocket::Impl {
+ public:
+  Impl(WebSocketOptions options, WebSocketEvents events, LogSink log)
+      : options_(std::move(options)),
+        events_(std::move(events)),
+        log_(std::move(log)),
+        where_(options_.url.origin()),
+        work_(asio::make_work_guard(io_)),
+        random_(std::random_device{}()) {
+    asio::post(io_, [this] { connect(); });
+    thread_ = std::thread([this] { io_.run(); });
+  }
+
+  ~Impl() { stop(); }
+
+  SendStatus send(Outgoing message) {
+    std::uint64_t generation = 0;
+    {
+      const std::lock_guard lock(mutex_);
+      if (!open_) return SendStatus::kDisconnected;
+      if (unsent_ > 0 && unsent_ + message.bytes.size() > options_.max_unsent_bytes) return SendStatus::kDropped;
+      unsent_ += message.bytes.size();
+      generation = generation_;
+      asio::post(io_, [this, generation, m = std::move(message)]() mutable { enqueue(generation, std::move(m)); });
+    }
+    return SendStatus::kSent;
+  }
+
+  std::size_t unsent_bytes() const {
+    const std::lock_guard lock(mutex_);
+    return unsent_;
+  }
+
+  bool is_open() const {
+    const std::lock_guard lock(mutex_);
+    return open_;
+  }
+
+  void stop() {
+    assert(std::this_thread::get_id() != thread_.get_id());
+    const std::lock_guard lock(stop_mutex_);
+    if (!thread_.joinable()) return;
+    asio::post(io_, [this] { close_politely(); });
+    thread_.join();
+  }
+
+ private:
+  using LinkPtr = std::shared_ptr<Link>;
+  bool is_current(const LinkPtr& link) const { return link == link_ && !stopping_; }
+
+  void connect() {
+    if (stopping_) return;
+    if (options_.url.tls) {
+      report_down(fail(ErrorCode::kUnsupported,
+                       "wss:// is not supported by this version: use ws:// on a trusted network, or a TLS tunnel"),
+                  milliseconds(0));
+      return;
+    }
+    link_ = std::make_shared<Link>(io_);
+    const LinkPtr link = link_;
+    beast::get_lowest_layer(link->socket).expires_after(options_.connect_timeout);
+    error_code not_numeric;
+    const auto address = asio::ip::make_address(options_.url.host, not_numeric);
+    if (!not_numeric) {
+      reach(link, std::vector<tcp::endpoint>{{address, options_.url.port}});
+      return;
+    }
+    resolver_.async_resolve(options_.url.host, std::to_string(options_.url.port),
+                            [this, link](error_code ec, const tcp::resolver::results_type& found) {
+                              if (!is_current(link)) return;
+                              if (ec) {
+                                down(link, {fail(ErrorCode::kUnreachable,
+                                                 "host \"" + options_.url.host + "\" is not known: " + ec.message())});
+                                return;
+                              }
+                              std::vector<tcp::endpoint> endpoints;
+                              for (const auto& entry : found) endpoints.push_back(entry.endpoint());
+                              reach(link, std::move(endpoints));
+                            });
+  }
+
+  void reach(const LinkPtr& link, std::vector<tcp::endpoint> endpoints) {
+    // The endpoints must outlive the composed operation.
+    auto shared = std::make_shared<std::vector<tcp::endpoint>>(std::move(endpoints));
+    beast::get_lowest_layer(link->socket)
+        .async_connect(*shared, [this, link, shared](error_code ec, const tcp::endpoint&) {
+          if (!is_current(link)) return;
+          if (ec) {
+            down(link, {fail(ec == beast::error::timeout ? ErrorCode::kTimeout : ErrorCode::kUnreachable,
+                             "no broker at " + where_ + ": " + ec.message())});
+            return;
+          }
+          upgrade(link);
+        });
+  }
+
+  void upgrade(const LinkPtr& link) {
+    auto& stream = beast::get_lowest_layer(link->socket);
+    stream.expires_never();
+    tune(stream.socket());
+    link->socket.set_option(ws::stream_base::timeout{options_.connect_timeout, options_.silence_timeout, true});
+    link->socket.set_option(ws::stream_base::decorator([](ws::request_type& request) {
+      request.set(beast::http::field::sec_websocket_protocol,
+                  boost::string_view(kSubprotocol.data(), kSubprotocol.size()));
+    }));
+    link->socket.read_message_max(limits::kMaxFrameBytes);
+    link->socket.auto_fragment(false);
+    const bool ipv6 = options_.url.host.find(':') != std::string::npos;
+    const std::string host =
+        (ipv6 ? "[" + options_.url.host + "]" : options_.url.host) + ":" + std::to_string(options_.url.port);
+    link->socket.async_handshake(link->response, host, options_.target, [this, link](error_code ec) {
+      if (!is_current(link)) return;
+      if (ec) {
+        down(link, failure_of_upgrade(ec, link->response, where_));
+        return;
+      }
+      const auto protocol = link->response[beast::http::field::sec_websocket_protocol];
+      if (std::string_view(protocol.data(), protocol.size()) != kSubprotocol) {
+        down(link,
+             {fail(ErrorCode::kIncompatibleVersion, where_ + " does not speak " + std::string(kSubprotocol)), true});
+        return;
+      }
+      opened(link);
+    });
+  }
+
+  void opened(const LinkPtr& link) {
+    link->opened_us = steady_now_us();
+    {
+      const std::lock_guard lock(mutex_);
+      open_ = true;
+      unsent_ = 0;
+      ++generation_;
+    }
+    log(log_, LogLevel::kDebug, "connected to " + where_ + options_.target);
+    if (events_.on_open) events_.on_open();
+    read(link);
+  }
+
+  void read(const LinkPtr& link) {
+    link->socket.async_read(link->in, [this, link](error_code ec, std::size_t) {
+      if (!is_current(link)) return;
+      if (ec) {
+        down(link, failure_of_close(ec, link->socket.reason(), where_));
+        return;
+      }
+      const auto data = link->in.cdata();
+      const auto* first = static_cast<const std::uint8_t*>(data.data());
+      if (link->socket.got_binary()) {
+        if (events_.on_binary) events_.on_binary(ByteView(first, data.size()));
+      } else if (data.size() > limits::kMaxControlBytes) {
+        down(link, {fail(ErrorCode::kTooLarge, where_ + " sent a control message of " + std::to_string(data.size()) +
+                                                   " bytes; the limit is 65536"),
+                    true});
+        return;
+      } else if (events_.on_text) {
+        events_.on_text(std::string_view(static_cast<const char*>(data.data()), data.size()));
+      }
+      link->in.consume(link->in.size());
+      if (is_current(link)) read(link);
+    });
+  }
+
+  void enqueue(std::uint64_t generation, Outgoing message) {
+    if (stopping_ || !link_ || generation != current_generation()) return;
+    link_->out.push_back(std::move(message));
+    if (!link_->writing) write(link_);
+  }
+
+  std::uint64_t current_generation() const {
+    const std::lock_guard lock(mutex_);
+    return generation_;
+  }
+
+  void write(const LinkPtr& link) {
+    link->writing = true;
+    link->socket.text(link->out.front().text);
+    link->socket.async_write(asio::buffer(link->out.front().bytes), [this, link](error_code ec, std::size_t) {
+      if (!is_current(link)) return;
+      if (ec) {
+        down(link, failure_of_close(ec, link->socket.reason(), where_));
+        return;
+      }
+      {
+        const std::lock_guard lock(mutex_);
+        unsent_ -= std::min(unsent_, link->out.front().bytes.size());
+      }
+      link->out.pop_front();
+      link->writing = false;
+      if (!link->out.empty()) write(link);
+    });
+  }
+
+  void down(const LinkPtr& link, Failure failure) {
+    if (!is_current(link)) return;
+    {
+      const std::lock_guard lock(mutex_);
+      open_ = false;
+      unsent_ = 0;
+      ++generation_;
+    }
+    beast::get_lowest_layer(link->socket).close();
+    if (link->opened_us > 0 && steady_now_us() - link->opened_us >= kGoodAfterUs) failures_ = 0;
+    ++failures_;
+    link_.reset();
+    const double unit = std::uniform_real_distribution<double>(0, 1)(random_);
+    // A refusal will not change soon: the longest interval at once.
+    const milliseconds wait =
+        retry_delay(failure.refused ? 64 : failures_, options_.first_retry, options_.longest_retry, unit);
+    report_down(failure.error, wait);
+    retry_timer_.expires_after(wait);
+    retry_timer_.async_wait([this](error_code ec) {
+      if (!ec) connect();
+    });
+  }
+
+  void report_down(const Error& why, milliseconds wait) {
+    if (!stopping_ && events_.on_down) events_.on_down(why, wait);
+  }
+
+  void close_politely() {
+    stopping_ = true;
+    bool was_open = false;
+    {
+      const std::lock_guard lock(mutex_);
+      was_open = open_;
+      open_ = false;
+      ++generation_;
+    }
+    work_.reset();
+    retry_timer_.cancel();
+    resolver_.cancel();
+    if (!link_) return;
+    const LinkPtr link = link_;
+    if (!was_open) {
+      beast::get_lowest_layer(link->socket).close();
+      return;
+    }
+    stop_timer_.expires_after(kPoliteClose);
+    stop_timer_.async_wait([link](error_code ec) {
+      if (!ec) beast::get_lowest_layer(link->socket).close();
+    });
+    link->socket.async_close(ws::close_code::normal, [this, link](error_code) {
+      stop_timer_.cancel();
+      beast::get_lowest_layer(link->socket).close();
+    });
+  }
+
+  const WebSocketOptions options_;
+  const WebSocketEvents events_;
+  const LogSink log_;
+  const std::string where_;
+
+  asio::io_context io_;
+  asio::executor_work_guard<asio::io_context::executor_type> work_;
+  tcp::resolver resolver_{io_};
+  asio::steady_timer retry_timer_{io_};
+  asio::steady_timer stop_timer_{io_};
+
+  // Of the connection's thread alone.
+  std::minstd_rand random_;
+  LinkPtr link_;
+  int failures_ = 0;
+  bool stopping_ = false;
+
+  mutable std::mutex mutex_;
+  bool open_ = false;       ///< GUARDED_BY(mutex_)
+  std::size_t unsent_ = 0;  ///< GUARDED_BY(mutex_)
+  std::uint64_t generation_ =
+      0;  ///< GUARDED_BY(mutex_); grows at each open and each down, so that no message crosses them.
+
+  std::mutex stop_mutex_;
+  std::thread thread_;  ///< GUARDED_BY(stop_mutex_) after construction
+};
+
+WebSocket::WebSocket(WebSocketOptions options, WebSocketEvents events, LogSink log)
+    : impl_(std::make_unique<Impl>(std::move(options), std::move(events), std::move(log))) {}
+WebSocket::~WebSocket() = default;
+
+SendStatus WebSocket::send_text(std::string text) {
+  return impl_->send({true, Bytes(text.begin(), text.end())});
+}
+SendStatus WebSocket::send_binary(Bytes message) {
+  return impl_->send({false, std::move(message)});
+}
+std::size_t WebSocket::unsent_bytes() const {
+  return impl_->unsent_bytes();
+}
+bool WebSocket::is_open() const {
+  return impl_->is_open();
+}
+void WebSocket::stop() {
+  impl_->stop();
+}
+
+}  // namespace eigencast
