@@ -21,6 +21,7 @@ namespace {
 
 constexpr int kDenseLimit = 512;  // below this many vertices one dense solve is faster than bands
 constexpr int kBand = 50;         // eigenpairs a band aims for
+constexpr double kGap = 1e-7;      // relative width from which on a gap between eigenvalues can be told from rounding
 constexpr int kMaxAttempts = 60;  // at one band
 constexpr double kFirstShift =
     -0.01 * 8 * std::numbers::pi;  // times 1 / area: about -1 % of the first nonzero eigenvalue
@@ -88,9 +89,10 @@ class Bands {
 
   Result<void> next_band() {
     double step = 1;
+    int extra = 0;
     for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
       applied_ = 0;
-      const std::optional<Plan> plan = place_shift(step);
+      const std::optional<Plan> plan = place_shift(step, extra);
       if (!plan) {
         step *= 0.93;
         continue;
@@ -103,7 +105,9 @@ class Bands {
         continue;
       }
       if (complete(*pairs)) return {};
-      step *= 0.8;
+      // No gap wide enough to cut in, or one that inertia and Lanczos see differently: look at more of the spectrum.
+      extra += 10;
+      step *= 0.97;
     }
     return fail(ErrorCode::kNumerical,
                 "the eigenvalues beyond number " + std::to_string(have_) +
@@ -112,17 +116,17 @@ class Bands {
 
   /// Factors at a shift above the boundary, or below zero for the first band; nothing when the factor breaks down or
   /// too many eigenvalues lie between boundary and shift.
-  std::optional<Plan> place_shift(double step) {
+  std::optional<Plan> place_shift(double step, int extra) {
     const int room = static_cast<int>(S_.rows() - kernel_.cols()) - 1;
     const int take = std::min(kBand, m_ - have_ + 3);
     if (first_band()) {
       if (!op_.factor(step * kFirstShift / laplacian_.area)) return std::nullopt;
-      return Plan{std::min(take + 2, room), take};
+      return Plan{std::min(take + 2 + extra, room), take};
     }
     if (!op_.factor(boundary_ + step * 0.42 * take * spacing_)) return std::nullopt;
     const int below = op_.eigenvalues_below() - have_;
     if (below < 0 || below > 2 * kBand / 3) return std::nullopt;
-    return Plan{std::min(std::max(2 * below, take) + std::max(6, take / 6), room), take};
+    return Plan{std::min(std::max(2 * below, take) + std::max(6, take / 6) + extra, room), take};
   }
 
   bool first_band() const { return have_ == static_cast<int>(kernel_.cols()); }
@@ -159,7 +163,7 @@ class Bands {
     double at = 0;
   };
 
-  /// The widest gap among the upper part of the new pairs, or of those that complete the basis.
+  /// The widest gap among the upper part of the new pairs, or of those that complete the basis; else the highest gap there is.
   std::optional<Cut> find_cut(const EigenPairs& pairs) const {
     const auto& lambda = pairs.values;
     const Eigen::Index count = lambda.size();
@@ -167,18 +171,18 @@ class Bands {
     const double floor = first_band() ? std::numeric_limits<double>::lowest() : boundary_;
     while (cut.begin < count && lambda[cut.begin] <= floor) ++cut.begin;
     const Eigen::Index fresh = count - cut.begin;
-    if (fresh < 2) return std::nullopt;
     const Eigen::Index enough = m_ - have_;
-    Eigen::Index lowest = cut.begin + fresh / 2;
-    if (fresh > enough) lowest = cut.begin + enough;
-    double widest = 0;
-    for (Eigen::Index i = std::max(lowest, cut.begin + 1); i < count; ++i) {
-      if (lambda[i] - lambda[i - 1] <= widest) continue;
-      widest = lambda[i] - lambda[i - 1];
+    const Eigen::Index preferred = cut.begin + (fresh > enough ? enough : fresh / 2);
+    double widest = kGap * std::abs(lambda[count - 1]);
+    for (Eigen::Index i = count - 1; i > cut.begin; --i) {
+      if (i < preferred && cut.end > 0) break;
+      const double gap = lambda[i] - lambda[i - 1];
+      if (gap <= widest) continue;
+      widest = gap;
       cut.end = i;
       cut.at = 0.5 * (lambda[i] + lambda[i - 1]);
     }
-    if (widest <= 1e-12 * std::abs(lambda[count - 1])) return std::nullopt;
+    if (cut.end == 0) return std::nullopt;
     return cut;
   }
 
