@@ -1,0 +1,203 @@
+/* SPDX-License-Identifier: MIT */
+/**
+ * libeigencast, the C interface: bake a surface, publish its motion, subscribe to one.
+ *
+ * Conventions
+ *  - Functions that can fail return an ec_status: EC_OK is 0, outcomes that are no errors are positive, errors negative.
+ *    ec_last_error() has the words for the last error on the calling thread.
+ *  - Option and result structs begin with `struct_size`, which the caller sets to sizeof the struct (EC_INIT does it), so that fields can be
+ *    appended without breaking programs built before. A zero or null field means its default.
+ *  - Strings are UTF-8 and end with a zero. The library copies what it is given and keeps no pointer past a call.
+ *  - Times are microseconds; ec_now_us() reads the clock that publishers and subscribers use.
+ *  - An object is used from one thread at a time; different objects are independent. No C++ exception crosses this interface.
+ */
+#ifndef EIGENCAST_EIGENCAST_H
+#define EIGENCAST_EIGENCAST_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#if defined(__GNUC__)
+#define EC_API __attribute__((visibility("default")))
+#else
+#define EC_API
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/** The outcome of a call. */
+typedef enum ec_status {
+  EC_OK = 0,
+  EC_DROPPED = 1,       /**< The link is behind; this frame was not sent and the next one supersedes it. */
+  EC_DISCONNECTED = 2,  /**< There is no connection now; it is being made anew in the background. */
+  EC_NOTHING = 3,       /**< Nothing came within the time given. */
+
+  EC_INVALID_ARGUMENT = -1, /**< An argument that cannot be meant. */
+  EC_NOT_FOUND = -2,        /**< A file, stream or asset that is not there. */
+  EC_CORRUPT = -3,          /**< Bytes that break their format. */
+  EC_TOO_LARGE = -4,        /**< Over a limit. */
+  EC_UNSUPPORTED = -5,      /**< Well-formed, but of a kind that this build does not handle. */
+  EC_IO = -6,               /**< The operating system refused. */
+  EC_UNREACHABLE = -7,      /**< No connection could be made. */
+  EC_REFUSED = -8,          /**< The peer said no. */
+  EC_CANCELLED = -9,        /**< The caller asked to stop. */
+  EC_NUMERICAL = -10,       /**< A computation did not converge. */
+  EC_INTERNAL = -11         /**< A bug of Eigencast. */
+} ec_status;
+
+/** Initialiser of an option or result struct: `ec_bake_options options = EC_INIT(ec_bake_options);` */
+#ifdef __cplusplus
+#define EC_INIT(type) ([] { type value = type(); value.struct_size = sizeof(type); return value; }())
+#else
+#define EC_INIT(type) { sizeof(type) }
+#endif
+
+/** The library's version, such as "0.1.0". */
+EC_API const char* ec_version(void);
+/** The name of a status, such as "invalid-argument". Never null. */
+EC_API const char* ec_strerror(ec_status status);
+/** What the last error on this thread was: what, where, why, what to do. Valid until the next call on this thread. Never null. */
+EC_API const char* ec_last_error(void);
+/** Now, in microseconds, on the clock of capture times. */
+EC_API int64_t ec_now_us(void);
+
+/* ---- baking: a surface becomes an asset ---- */
+
+/** A surface in the form that can be streamed: spectral basis, order of its levels of detail, faces. Immutable. */
+typedef struct ec_asset ec_asset;
+
+/** Told how far a bake is (0..1) and what it does. Called on the thread that bakes. Returns 0 to go on, anything else to cancel. */
+typedef int (*ec_progress)(void* user, double fraction, const char* stage);
+
+typedef struct ec_bake_options {
+  size_t struct_size;
+  const char* basis;     /**< "augmented" or "harmonic" (default: "augmented"). */
+  uint32_t rank;         /**< Coefficients per axis (default: 200; less on surfaces too small for that). */
+  const char* name;      /**< Of the surface, for people (default: ""). */
+  const char* cache_dir; /**< Where results are kept and found again; "" for nowhere (default: the user's cache folder). */
+  ec_progress progress;  /**< (default: none) */
+  void* user;            /**< Handed to `progress`. */
+} ec_bake_options;
+
+typedef struct ec_asset_info {
+  size_t struct_size;
+  uint32_t vertex_count;
+  uint32_t face_count; /**< 0: a point cloud. */
+  uint32_t rank;
+  char id[65];         /**< The content id: 64 hexadecimal digits. */
+  int from_cache;      /**< 1 when nothing had to be computed. */
+} ec_asset_info;
+
+/**
+ * Bakes a surface; takes seconds for tens of thousands of vertices, nothing when it is in the cache.
+ *   positions  vertex_count x 3
+ *   faces      face_count x 3 vertex numbers, counter-clockwise from outside; null with face_count 0 for a point cloud
+ *   options    null for all defaults
+ * On EC_OK *asset is the caller's to release.
+ * Errors: EC_INVALID_ARGUMENT, EC_TOO_LARGE, EC_NUMERICAL, EC_CANCELLED, EC_IO.
+ */
+EC_API ec_status ec_bake(const double* positions, uint32_t vertex_count, const uint32_t* faces, uint32_t face_count,
+                         const ec_bake_options* options, ec_asset** asset);
+EC_API ec_status ec_asset_get_info(const ec_asset* asset, ec_asset_info* info);
+/** Null is allowed. Publishers made from the asset go on living. */
+EC_API void ec_asset_release(ec_asset* asset);
+
+/* ---- publishing ---- */
+
+/** Publishes one deforming surface to a broker, and keeps doing so across lost connections. */
+typedef struct ec_publisher ec_publisher;
+
+typedef struct ec_publisher_options {
+  size_t struct_size;
+  const char* codec;  /**< "quantised", "float32" or "float64" (default: "quantised"). */
+  double error;       /**< Root mean square vertex error that quantising may add, in model units (default: 3e-4 of the surface's diagonal). */
+  double key_rate_hz; /**< Poses a second that you intend to send; announced, not enforced (default: 30). */
+} ec_publisher_options;
+
+typedef struct ec_publisher_stats {
+  size_t struct_size;
+  int live;                /**< 1 when frames go out. */
+  uint32_t subscribers;
+  uint64_t frames_sent;
+  uint64_t frames_dropped;
+  uint64_t bytes_sent;     /**< Of frames, envelopes included. */
+  uint64_t reconnects;
+} ec_publisher_stats;
+
+/**
+ * Starts connecting to ws://host:port/stream in the background and returns at once.
+ * Errors: EC_INVALID_ARGUMENT (URL, stream name, options).
+ */
+EC_API ec_status ec_publisher_create(const char* url, const ec_asset* asset, const ec_publisher_options* options,
+                                     ec_publisher** publisher);
+/**
+ * Projects a pose on the asset's basis and sends its coefficients. Never blocks.
+ *   positions   vertex_count x 3, in the order that was baked
+ *   capture_us  when the pose holds, on the clock of ec_now_us(); must grow
+ * Returns EC_OK, EC_DROPPED or EC_DISCONNECTED. Errors: EC_INVALID_ARGUMENT (a number is not finite).
+ */
+EC_API ec_status ec_publisher_send(ec_publisher* publisher, const float* positions, int64_t capture_us);
+EC_API ec_status ec_publisher_get_stats(const ec_publisher* publisher, ec_publisher_stats* stats);
+/** Disconnects, waiting at most a second. Null is allowed. */
+EC_API void ec_publisher_release(ec_publisher* publisher);
+
+/* ---- subscribing ---- */
+
+/** Watches one stream, and keeps doing so across lost connections. */
+typedef struct ec_subscriber ec_subscriber;
+
+typedef struct ec_subscriber_options {
+  size_t struct_size;
+  const char* cache_dir; /**< Where downloaded assets are kept; "" for nowhere (default: the user's cache folder). */
+} ec_subscriber_options;
+
+typedef struct ec_subscriber_stats {
+  size_t struct_size;
+  int live;                /**< 1 when poses come. */
+  uint64_t keys;           /**< Poses that the sender sent. */
+  uint64_t interpolated;   /**< Poses that were made in between. */
+  uint64_t bytes_received; /**< Of frames, envelopes included. */
+  uint64_t missed;         /**< Keys that never came. */
+  uint64_t reconnects;
+  int64_t latency_p50_us;  /**< Capture to arrival; meaningful for a sender on this machine. */
+  int64_t latency_p99_us;
+} ec_subscriber_stats;
+
+/** A rebuilt surface. The arrays belong to the subscriber and stay until the next call on it. */
+typedef struct ec_surface {
+  size_t struct_size;
+  uint32_t vertex_count;         /**< N at this level of detail. */
+  uint32_t triangle_count;
+  const float* positions;        /**< N x 3 */
+  const float* normals;          /**< N x 3, unit length; null for point clouds. */
+  const uint32_t* triangles;     /**< triangle_count x 3, all below N. */
+  const uint32_t* source_vertex; /**< N: which vertex of the publisher's surface each one is. */
+  int64_t capture_us;            /**< When the pose holds, on the publisher's clock. */
+  uint64_t sequence;             /**< Number of the key pose that this is or leads up to. */
+  int interpolated;              /**< 1 when it was made between two key poses. */
+} ec_surface;
+
+/** Starts connecting to ws://host:port/stream[?rate=raw] in the background. Errors: EC_INVALID_ARGUMENT. */
+EC_API ec_status ec_subscriber_create(const char* url, const ec_subscriber_options* options, ec_subscriber** subscriber);
+/**
+ * Goes on to the next pose, oldest first, waiting at most `timeout_ms` for one. A caller that is late gets the newest 64.
+ * Returns EC_OK or EC_NOTHING (also while connecting: ask again).
+ */
+EC_API ec_status ec_subscriber_next(ec_subscriber* subscriber, int timeout_ms);
+/**
+ * Rebuilds the current pose.
+ *   detail  fraction of the vertices, 0..1
+ * Errors: EC_NOT_FOUND before the first pose, EC_INVALID_ARGUMENT.
+ */
+EC_API ec_status ec_subscriber_surface(ec_subscriber* subscriber, double detail, ec_surface* surface);
+EC_API ec_status ec_subscriber_get_stats(const ec_subscriber* subscriber, ec_subscriber_stats* stats);
+/** Disconnects, waiting at most a second. Null is allowed. */
+EC_API void ec_subscriber_release(ec_subscriber* subscriber);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

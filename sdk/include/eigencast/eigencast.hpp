@@ -1,0 +1,155 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <eigencast/eigencast.h>
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <span>
+#include <stdexcept>
+#include <string>
+
+/// The C interface of libeigencast as C++ objects. Everything here is inline: nothing of the standard library crosses into the
+/// library. Constructors and functions throw Error; send() and next() report their outcomes as values.
+namespace eigencast {
+
+/// What went wrong: status() is stable, what() is for people.
+class Error : public std::runtime_error {
+ public:
+  explicit Error(ec_status status) : std::runtime_error(ec_last_error()), status_(status) {}
+  ec_status status() const { return status_; }
+
+ private:
+  ec_status status_;
+};
+
+/// Throws Error if `status` is an error; otherwise gives it back.
+inline ec_status check(ec_status status) {
+  if (status < 0) throw Error(status);
+  return status;
+}
+
+/// Now, in microseconds, on the clock of capture times.
+inline std::int64_t now_us() { return ec_now_us(); }
+
+struct BakeOptions {
+  std::string basis = "augmented";                          ///< or "harmonic"
+  std::uint32_t rank = 200;                                 ///< Coefficients per axis.
+  std::string name = {};                                    ///< Of the surface, for people.
+  std::optional<std::string> cache_dir = {};                ///< Empty text: nowhere (default: the user's cache folder).
+  std::function<bool(double, const char*)> progress = {};   ///< Fraction and stage; return false to cancel.
+};
+
+/// A surface that can be streamed. Cheap to copy: copies share it. Thread-safe: immutable.
+class Asset {
+ public:
+  /// Bakes a surface.
+  ///   positions  3 numbers per vertex
+  ///   faces      3 vertex numbers per triangle, counter-clockwise from outside; empty for a point cloud
+  static Asset bake(std::span<const double> positions, std::span<const std::uint32_t> faces, const BakeOptions& options = {}) {
+    auto c_options = EC_INIT(ec_bake_options);
+    c_options.basis = options.basis.c_str();
+    c_options.rank = options.rank;
+    c_options.name = options.name.c_str();
+    c_options.cache_dir = options.cache_dir ? options.cache_dir->c_str() : nullptr;
+    if (options.progress) {
+      c_options.progress = [](void* user, double fraction, const char* stage) {
+        return static_cast<const BakeOptions*>(user)->progress(fraction, stage) ? 0 : 1;
+      };
+      c_options.user = const_cast<BakeOptions*>(&options);
+    }
+    ec_asset* asset = nullptr;
+    check(ec_bake(positions.data(), static_cast<std::uint32_t>(positions.size() / 3), faces.data(),
+                  static_cast<std::uint32_t>(faces.size() / 3), &c_options, &asset));
+    return Asset(asset);
+  }
+
+  ec_asset_info info() const {
+    auto info = EC_INIT(ec_asset_info);
+    check(ec_asset_get_info(asset_.get(), &info));
+    return info;
+  }
+  const ec_asset* get() const { return asset_.get(); }
+
+ private:
+  explicit Asset(ec_asset* asset) : asset_(asset, ec_asset_release) {}
+  std::shared_ptr<ec_asset> asset_;
+};
+
+struct PublisherOptions {
+  std::string codec = "quantised";  ///< or "float32", "float64"
+  double error = 0;                 ///< Vertex error of quantising, model units; 0: 3e-4 of the surface's diagonal.
+  double key_rate_hz = 30;          ///< Intended poses a second.
+};
+
+/// Publishes one deforming surface. Not thread-safe; different Publishers are independent.
+class Publisher {
+ public:
+  Publisher(const std::string& url, const Asset& asset, const PublisherOptions& options = {}) : publisher_(nullptr, ec_publisher_release) {
+    auto c_options = EC_INIT(ec_publisher_options);
+    c_options.codec = options.codec.c_str();
+    c_options.error = options.error;
+    c_options.key_rate_hz = options.key_rate_hz;
+    ec_publisher* publisher = nullptr;
+    check(ec_publisher_create(url.c_str(), asset.get(), &c_options, &publisher));
+    publisher_.reset(publisher);
+    values_ = std::size_t{3} * asset.info().vertex_count;
+  }
+
+  /// Sends a pose: 3 numbers per vertex, in the order that was baked. Never blocks.
+  /// Returns EC_OK, EC_DROPPED (the next one supersedes it) or EC_DISCONNECTED (it reconnects by itself).
+  [[nodiscard]] ec_status send(std::span<const float> positions, std::int64_t capture_us = now_us()) {
+    if (positions.size() != values_) throw std::invalid_argument("Publisher::send: positions must hold 3 numbers per vertex of the asset");
+    return check(ec_publisher_send(publisher_.get(), positions.data(), capture_us));
+  }
+
+  ec_publisher_stats stats() const {
+    auto stats = EC_INIT(ec_publisher_stats);
+    check(ec_publisher_get_stats(publisher_.get(), &stats));
+    return stats;
+  }
+
+ private:
+  std::unique_ptr<ec_publisher, void (*)(ec_publisher*)> publisher_;
+  std::size_t values_ = 0;
+};
+
+/// Watches one stream. Not thread-safe; different Subscribers are independent.
+class Subscriber {
+ public:
+  /// cache_dir: where downloaded assets are kept; empty text: nowhere; nothing: the user's cache folder.
+  explicit Subscriber(const std::string& url, const std::optional<std::string>& cache_dir = {})
+      : subscriber_(nullptr, ec_subscriber_release) {
+    auto c_options = EC_INIT(ec_subscriber_options);
+    c_options.cache_dir = cache_dir ? cache_dir->c_str() : nullptr;
+    ec_subscriber* subscriber = nullptr;
+    check(ec_subscriber_create(url.c_str(), &c_options, &subscriber));
+    subscriber_.reset(subscriber);
+  }
+
+  /// Goes on to the next pose, waiting at most `timeout`; false if none came, also while connecting.
+  [[nodiscard]] bool next(std::chrono::milliseconds timeout) {
+    return check(ec_subscriber_next(subscriber_.get(), static_cast<int>(timeout.count()))) == EC_OK;
+  }
+
+  /// The current pose rebuilt with `detail` (0..1) of the vertices. Its arrays stay until the next call. REQUIRES: next() was true once.
+  ec_surface surface(double detail = 1) {
+    auto surface = EC_INIT(ec_surface);
+    check(ec_subscriber_surface(subscriber_.get(), detail, &surface));
+    return surface;
+  }
+
+  ec_subscriber_stats stats() const {
+    auto stats = EC_INIT(ec_subscriber_stats);
+    check(ec_subscriber_get_stats(subscriber_.get(), &stats));
+    return stats;
+  }
+
+ private:
+  std::unique_ptr<ec_subscriber, void (*)(ec_subscriber*)> subscriber_;
+};
+
+}  // namespace eigencast

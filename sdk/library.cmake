@@ -1,0 +1,26 @@
+# SPDX-License-Identifier: MIT
+# libeigencast: one shared library whose only symbols are those of <eigencast/eigencast.h>; the rooms are linked into it.
+include(CMakePackageConfigHelpers)
+
+add_library(eigencast SHARED abi.cpp)
+add_library(eigencast::eigencast ALIAS eigencast)
+target_include_directories(eigencast PUBLIC
+  "$<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/include>" "$<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>")
+target_compile_definitions(eigencast PRIVATE EIGENCAST_VERSION="${PROJECT_VERSION}")
+target_link_libraries(eigencast PRIVATE $<BUILD_INTERFACE:eigencast_flags> $<BUILD_INTERFACE:eigencast_sdk>)
+# The static rooms bring symbols of header-only libraries along; --exclude-libs keeps all of them inside.
+target_link_options(eigencast PRIVATE -Wl,--exclude-libs,ALL)
+set_target_properties(eigencast PROPERTIES
+  VERSION "${PROJECT_VERSION}" SOVERSION 0 CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON
+  LIBRARY_OUTPUT_DIRECTORY "${PROJECT_BINARY_DIR}/lib")
+
+install(TARGETS eigencast EXPORT eigencast-targets LIBRARY DESTINATION "${CMAKE_INSTALL_LIBDIR}")
+install(DIRECTORY include/eigencast DESTINATION "${CMAKE_INSTALL_INCLUDEDIR}" FILES_MATCHING PATTERN "*.h" PATTERN "*.hpp")
+install(EXPORT eigencast-targets NAMESPACE eigencast:: DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/eigencast")
+configure_package_config_file("${PROJECT_SOURCE_DIR}/cmake/eigencast-config.cmake.in"
+  "${CMAKE_CURRENT_BINARY_DIR}/eigencast-config.cmake" INSTALL_DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/eigencast")
+write_basic_package_version_file("${CMAKE_CURRENT_BINARY_DIR}/eigencast-config-version.cmake" COMPATIBILITY SameMinorVersion)
+configure_file("${PROJECT_SOURCE_DIR}/cmake/eigencast.pc.in" "${CMAKE_CURRENT_BINARY_DIR}/eigencast.pc" @ONLY)
+install(FILES "${CMAKE_CURRENT_BINARY_DIR}/eigencast-config.cmake" "${CMAKE_CURRENT_BINARY_DIR}/eigencast-config-version.cmake"
+  DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/eigencast")
+install(FILES "${CMAKE_CURRENT_BINARY_DIR}/eigencast.pc" DESTINATION "${CMAKE_INSTALL_LIBDIR}/pkgconfig")
