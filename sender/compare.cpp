@@ -1,72 +1,16 @@
 // SPDX-License-Identifier: MIT
 #include "sender/compare.h"
 
-#include <algorithm>
-#include <cmath>
+#include <array>
 #include <cstdio>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
 
-#include "common/reconstruction/reconstruct.h"
-#include "common/spectral/basis.h"
-
 namespace eigencast {
 namespace {
 
 using nlohmann::json;
-
-/// Sums up the error of one kind of pose.
-class ErrorSum {
- public:
-  explicit ErrorSum(double diagonal) : diagonal_(diagonal) {}
-
-  void add(std::span<const Vec3> truth, std::span<const Vec3> rebuilt) {
-    kg_.add_frame(truth, rebuilt);
-    for (std::size_t i = 0; i < truth.size(); ++i) {
-      double squared = 0;
-      for (std::size_t axis = 0; axis < 3; ++axis) {
-        const double difference = truth[i][axis] - rebuilt[i][axis];
-        squared += difference * difference;
-      }
-      sum_ += squared;
-      max_ = std::max(max_, squared);
-    }
-    vertices_ += truth.size();
-    ++poses_;
-  }
-
-  SurfaceError result() const {
-    if (poses_ == 0) return {};
-    return {poses_, kg_.percent(), std::sqrt(sum_ / static_cast<double>(vertices_)) / diagonal_, std::sqrt(max_) / diagonal_};
-  }
-
- private:
-  double diagonal_;
-  KgError kg_;
-  double sum_ = 0, max_ = 0;
-  std::size_t vertices_ = 0, poses_ = 0;
-};
-
-/// Rebuilds poses in the source's vertex order and space.
-class Rebuilder {
- public:
-  explicit Rebuilder(const Asset& asset) : asset_(asset), rows_(std::size_t{3} * asset.vertex_count), positions_(asset.vertex_count) {}
-
-  std::span<const Vec3> rebuild(const RecordedPose& pose) {
-    positions_from_coefficients(asset_, pose.coefficients, pose.channels, asset_.rank, asset_.vertex_count, rows_);
-    for (std::size_t row = 0; row < positions_.size(); ++row) {
-      Vec3& vertex = positions_[asset_.source_vertex[row]];
-      for (std::size_t axis = 0; axis < 3; ++axis) vertex[axis] = double{rows_[3 * row + axis]} + asset_.origin[axis];
-    }
-    return positions_;
-  }
-
- private:
-  const Asset& asset_;
-  std::vector<float> rows_;
-  std::vector<Vec3> positions_;
-};
 
 /// The clip's frames with the last two kept, because poses come in order.
 class Truth {
@@ -152,8 +96,8 @@ Result<Comparison> compare_with_truth(const MotionClip& clip, const Asset& asset
                                                  std::to_string(clip.rest().vertex_count()) + ": they do not belong together");
   }
   Comparison result;
-  ErrorSum keys(asset.diagonal()), interpolated(asset.diagonal());
-  Rebuilder rebuilder(asset);
+  SurfaceErrorSum keys(asset.diagonal()), interpolated(asset.diagonal());
+  SourceRebuilder rebuilder(asset);
   Truth truth(clip);
   for (const RecordedPose& pose : received) {
     if (pose.coefficients.size() != std::size_t{asset.rank} * pose.channels || pose.channels < 3) {
@@ -168,7 +112,7 @@ Result<Comparison> compare_with_truth(const MotionClip& clip, const Asset& asset
     }
     const Result<std::vector<Vec3>> expected = truth.between(span->first, span->second, span->u);
     if (!expected) return expected.error();
-    (pose.is_key() ? keys : interpolated).add(*expected, rebuilder.rebuild(pose));
+    (pose.is_key() ? keys : interpolated).add(*expected, rebuilder.rebuild(pose.coefficients, pose.channels));
   }
   result.keys = keys.result();
   result.interpolated = interpolated.result();

@@ -10,6 +10,7 @@
 #include "common/core/clock.h"
 #include "common/core/result.h"
 #include "common/surface/motion_clip.h"
+#include "sender/surface_error.h"
 
 namespace eigencast {
 
@@ -27,14 +28,6 @@ struct RecordedPose {
 
 /// Which frame of the clip each capture time was (eigencast-sender play --record).
 using SentFrames = std::map<TimeUs, std::size_t>;
-
-/// How far rebuilt surfaces are from the truth, over a set of poses. Fractions are of the rest box's diagonal.
-struct SurfaceError {
-  std::size_t poses = 0;
-  double kg_percent = 0;  ///< Karni & Gotsman 2004, over all poses.
-  double rms = 0;         ///< Root mean square of the vertex distances over all poses.
-  double max = 0;         ///< Largest vertex distance in any pose.
-};
 
 struct Comparison {
   SurfaceError keys;          ///< Against the clip's frames.

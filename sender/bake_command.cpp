@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: MIT
+#include <spdlog/spdlog.h>
+
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+#include "sdk/asset_cache.h"
+#include "sender/commands.h"
+
+namespace eigencast {
+namespace {
+
+Result<void> copy_objects(const EncodedAsset& encoded, const std::string& directory) {
+  const AssetCache folder(directory);
+  for (const AssetObject& chunk : encoded.chunks) {
+    if (const auto stored = folder.store(chunk.id, chunk.bytes); !stored) return stored.error();
+  }
+  return folder.store(encoded.manifest.id, encoded.manifest.bytes);
+}
+
+std::string json_from(const BakeResult& baked) {
+  return nlohmann::json{{"asset", baked.encoded.manifest.id.hex()},
+                        {"name", baked.asset.name},
+                        {"vertices", baked.asset.vertex_count},
+                        {"faces", baked.asset.face_total},
+                        {"rank", baked.asset.rank},
+                        {"basis", baked.asset.basis_kind},
+                        {"bytes", baked.encoded.total_bytes()},
+                        {"chunks", baked.encoded.chunks.size()},
+                        {"certified", baked.certified},
+                        {"residual", baked.residual},
+                        {"from_cache", baked.from_cache}}
+      .dump(2);
+}
+
+}  // namespace
+
+int run(const BakeCommand& command, const Console& console, Interrupt& interrupt) {
+  const auto source = bake_with_progress(command.source, console, interrupt);
+  if (!source) return report_failure(source.error());
+  const BakeResult& baked = source->baked;
+  std::fputs(baked.report.c_str(), stdout);
+  std::printf("asset %s\n%u vertices, %u faces, r = %u (%s), %.2f MB in %zu chunks%s\n", baked.encoded.manifest.id.hex().c_str(),
+              baked.asset.vertex_count, baked.asset.face_total, baked.asset.rank, baked.asset.basis_kind.c_str(),
+              static_cast<double>(baked.encoded.total_bytes()) * 1e-6, baked.encoded.chunks.size(),
+              baked.from_cache ? ", from the cache" : "");
+  if (!command.out_dir.empty()) {
+    if (const auto copied = copy_objects(baked.encoded, command.out_dir); !copied) return report_failure(copied.error());
+  }
+  const auto written = write_report(command.json, json_from(baked));
+  return written ? kExitOk : report_failure(written.error());
+}
+
+}  // namespace eigencast

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <string>
+
+#include "common/codec/key.h"
+#include "sender/interrupt.h"
+#include "sender/source.h"
+
+namespace eigencast {
+
+/// Exit statuses of the program.
+enum ExitCode { kExitOk = 0, kExitFailed = 1, kExitUsage = 2 };
+
+/// What all commands print with.
+struct Console {
+  bool progress = true;      ///< Show progress on standard error.
+  bool on_terminal = false;  ///< Standard error is one.
+};
+
+struct BakeCommand {
+  SourceOptions source;
+  std::string out_dir;  ///< Copy the asset's objects there, each under its hash; empty: only into the cache.
+  std::string json;     ///< Write a report there; empty: no.
+};
+
+struct PlayCommand {
+  SourceOptions source;
+  std::string url;
+  std::string codec = "quantised";
+  double error = 0;      ///< Model units; 0: the publisher's default.
+  double rate_hz = 0;    ///< 0: the clip's own.
+  double speed = 1;
+  bool once = false;
+  double duration_s = 0;       ///< 0: no end.
+  std::uint64_t frames = 0;    ///< 0: no end.
+  std::string json;
+  std::string record;    ///< JSON lines: capture time, frame and outcome of each pose; empty: no.
+};
+
+struct EvaluateCommand {
+  SourceOptions source;
+  std::string codec = "quantised";
+  double error = 0;      ///< Model units; 0: 3e-4 of the diagonal.
+  double rate_hz = 30;   ///< For kbit/s.
+  std::string json;
+};
+
+struct CompareCommand {
+  SourceOptions source;
+  std::string sent;
+  std::string received;
+  std::string report;
+};
+
+// Each runs a command to its end and returns the program's exit status; errors go to the log.
+int run(const BakeCommand& command, const Console& console, Interrupt& interrupt);
+int run(const PlayCommand& command, const Console& console, Interrupt& interrupt);
+int run(const EvaluateCommand& command, const Console& console, Interrupt& interrupt);
+int run(const CompareCommand& command, const Console& console, Interrupt& interrupt);
+
+/// Bakes with progress on the console, cancelled by the interrupt.
+Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt);
+
+/// Logs the error and gives kExitFailed; an interrupted run says only that.
+int report_failure(const Error& error);
+
+/// Writes a JSON text to `path` as a whole or not at all. An empty path does nothing.
+Result<void> write_report(const std::string& path, const std::string& text);
+
+}  // namespace eigencast

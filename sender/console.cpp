@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: MIT
+#include <spdlog/spdlog.h>
+
+#include <cstdio>
+#include <fstream>
+
+#include "sender/commands.h"
+#include "sender/progress_line.h"
+
+namespace eigencast {
+
+Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt) {
+  ProgressLine line(console.progress, console.on_terminal);
+  return bake_source(options, [&](double fraction, std::string_view stage) {
+    line.show(fraction, stage, steady_now_us());
+    return !interrupt.requested();
+  });
+}
+
+int report_failure(const Error& error) {
+  if (error.code == ErrorCode::kCancelled) {
+    spdlog::info("interrupted");
+  } else {
+    spdlog::error("{}", error.message);
+  }
+  return kExitFailed;
+}
+
+Result<void> write_report(const std::string& path, const std::string& text) {
+  if (path.empty()) return {};
+  const std::string partial = path + ".partial";
+  std::ofstream out(partial, std::ios::trunc);
+  out << text << '\n';
+  out.close();
+  if (!out || std::rename(partial.c_str(), path.c_str()) != 0) {
+    return fail(ErrorCode::kIo, path + ": cannot be written; is the folder there and writable?");
+  }
+  return {};
+}
+
+}  // namespace eigencast

@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "common/core/clock.h"
+
+namespace eigencast {
+
+/// "solving eigenpairs  [#####.....]  43 %  12 s left", rewritten in place on a terminal, one line per stage elsewhere.
+/// The text is made apart from the writing, so that it can be tested. Not thread-safe.
+class ProgressLine {
+ public:
+  /// `enabled` false: writes nothing at all.
+  ProgressLine(bool enabled, bool on_terminal) : enabled_(enabled), on_terminal_(on_terminal) {}
+  ~ProgressLine() { finish(); }
+
+  /// Shows how far a stage is on standard error.
+  void show(double fraction, std::string_view stage, TimeUs now_us);
+  /// Ends the line on a terminal.
+  void finish();
+
+  /// The line for a computation that began `elapsed_us` ago. Time left is stated from 2 % and 1 s on.
+  static std::string text(double fraction, std::string_view stage, TimeUs elapsed_us);
+
+ private:
+  bool enabled_;
+  bool on_terminal_;
+  bool open_ = false;
+  TimeUs start_us_ = -1;
+  TimeUs shown_us_ = 0;
+  std::string stage_;
+};
+
+}  // namespace eigencast

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "common/asset/asset.h"
+#include "common/spectral/basis.h"
+#include "common/surface/surface.h"
+
+namespace eigencast {
+
+/// How far rebuilt surfaces are from the truth, over a set of poses. Fractions are of the rest box's diagonal.
+struct SurfaceError {
+  std::size_t poses = 0;
+  double kg_percent = 0;  ///< Karni & Gotsman 2004, "Compression of soft-body animation sequences", over all poses.
+  double rms = 0;         ///< Root mean square of the vertex distances over all poses.
+  double max = 0;         ///< Largest vertex distance in any pose.
+};
+
+/// Sums up the error of poses that come one by one. Not thread-safe.
+class SurfaceErrorSum {
+ public:
+  /// diagonal  length of the rest box's diagonal, > 0
+  explicit SurfaceErrorSum(double diagonal) : diagonal_(diagonal) {}
+  /// REQUIRES: truth.size() == rebuilt.size()
+  void add(std::span<const Vec3> truth, std::span<const Vec3> rebuilt);
+  SurfaceError result() const;
+
+ private:
+  double diagonal_;
+  KgError kg_;
+  double sum_squared_ = 0, max_squared_ = 0;
+  std::size_t vertices_ = 0, poses_ = 0;
+};
+
+/// Rebuilds poses at full resolution in the source's vertex order and space. Keeps a reference to the asset. Not thread-safe.
+class SourceRebuilder {
+ public:
+  explicit SourceRebuilder(const Asset& asset);
+  /// C: r x channels, row-major. The result stays until the next call.
+  std::span<const Vec3> rebuild(std::span<const double> C, std::uint32_t channels);
+
+ private:
+  const Asset& asset_;
+  std::vector<float> rows_;
+  std::vector<Vec3> positions_;
+};
+
+}  // namespace eigencast
