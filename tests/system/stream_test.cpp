@@ -173,7 +173,9 @@ TEST(Raw, DeliversExactlyWhatWasSent) {
   ASSERT_GT(poses.size(), 30u);
   std::uint64_t previous = 0;
   for (const RecordedPose& pose : poses) {
-    if (previous != 0) EXPECT_EQ(pose.sequence, previous + 1);
+    if (previous != 0) {
+      EXPECT_EQ(pose.sequence, previous + 1);
+    }
     previous = pose.sequence;
     ASSERT_TRUE(sent.contains(pose.capture_us));
     const auto positions = (*clip)->pose(sent.at(pose.capture_us));
