@@ -20,8 +20,8 @@ namespace eigencast {
 namespace {
 
 constexpr int kDenseLimit = 512;  // below this many vertices one dense solve is faster than bands
-constexpr int kBand = 50;         // eigenpairs a band aims for
-constexpr double kGap = 1e-7;      // relative width from which on a gap between eigenvalues can be told from rounding
+constexpr int kBand = 32;         // eigenpairs a band aims for
+constexpr double kGap = 1e-7;     // relative width from which on a gap between eigenvalues can be told from rounding
 constexpr int kMaxAttempts = 60;  // at one band
 constexpr double kFirstShift =
     -0.01 * 8 * std::numbers::pi;  // times 1 / area: about -1 % of the first nonzero eigenvalue
@@ -163,7 +163,8 @@ class Bands {
     double at = 0;
   };
 
-  /// The widest gap among the upper part of the new pairs, or of those that complete the basis; else the highest gap there is.
+  /// The widest gap among the upper part of the new pairs, or of those that complete the basis; else the highest gap
+  /// there is.
   std::optional<Cut> find_cut(const EigenPairs& pairs) const {
     const auto& lambda = pairs.values;
     const Eigen::Index count = lambda.size();

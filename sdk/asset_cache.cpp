@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: MIT
+// Below the cache's directory:
+//   objects/HH/REST   an object; HHREST is its SHA-256 in hexadecimal
+//   records/NAME      32 bytes SHA-256 of what follows, then the record
+// A name that starts with a dot is a write in progress or one that was interrupted.
+#include "sdk/asset_cache.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <system_error>
+#include <utility>
+
+#include "common/wire/limits.h"
+
+namespace eigencast {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr std::size_t kMaxNameBytes = 128;
+constexpr std::size_t kMaxRecordBytes = 1 << 20;
+constexpr std::size_t kDigestBytes = 32;
+
+class FileDescriptor {
+ public:
+  explicit FileDescriptor(int fd) : fd_(fd) {}
+  ~FileDescriptor() {
+    if (fd_ >= 0) ::close(fd_);
+  }
+  FileDescriptor(const FileDescriptor&) = delete;
+  FileDescriptor& operator=(const FileDescriptor&) = delete;
+  int get() const { return fd_; }
+
+ private:
+  int fd_;
+};
+
+fs::path object_path(const std::string& directory, const Sha256& id) {
+  const std::string hex = id.hex();
+  return fs::path(directory) / "objects" / hex.substr(0, 2) / hex.substr(2);
+}
+
+bool is_record_name(const std::string& name) {
+  const auto allowed = [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' ||
+           c == '.';
+  };
+  return !name.empty() && name.size() <= kMaxNameBytes && name.front() != '.' &&
+         std::all_of(name.begin(), name.end(), allowed);
+}
+
+/// The file's bytes; nothing when it is absent, unreadable, not a plain file or larger than `limit`.
+std::optional<Bytes> read_file(const fs::path& path, std::size_t limit) {
+  const FileDescriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  struct stat info {};
+  if (file.get() < 0 || ::fstat(file.get(), &info) != 0 || !S_ISREG(info.st_mode)) return std::nullopt;
+  if (info.st_size < 0 || static_cast<std::size_t>(info.st_size) > limit) return std::nullopt;
+  Bytes bytes(static_cast<std::size_t>(info.st_size));
+  std::size_t have = 0;
+  while (have < bytes.size()) {
+    const ssize_t got = ::read(file.get(), bytes.data() + have, bytes.size() - have);
+    if (got < 0 && errno == EINTR) continue;
+    if (got <= 0) return std::nullopt;
+    have += static_cast<std::size_t>(got);
+  }
+  return bytes;
+}
+
+void remove_quietly(const fs::path& path) {
+  std::error_code ignored;  // another process may have removed or replaced it
+  fs::remove(path, ignored);
+}
+
+Error io_error(const fs::path& path, const char* what, int error) {
+  return fail(ErrorCode::kIo, path.string() + ": " + what + ": " + std::generic_category().message(error) +
+                                  "; free some space or name another cache directory");
+}
+
+bool write_all(int fd, ByteView bytes) {
+  while (!bytes.empty()) {
+    const ssize_t wrote = ::write(fd, bytes.data(), bytes.size());
+    if (wrote < 0 && errno == EINTR) continue;
+    if (wrote < 0) return false;
+    bytes = bytes.subspan(static_cast<std::size_t>(wrote));
+  }
+  return true;
+}
+
+/// Writes to a temporary name in the same folder and renames. No fsync: what a power cut tears fails its hash and is
+/// removed.
+Result<void> write_atomically(const fs::path& path, ByteView head, ByteView body) {
+  static std::atomic<unsigned> counter{0};
+  std::error_code error;
+  fs::create_directories(path.parent_path(), error);
+  if (error) return io_error(path.parent_path(), "cannot make the folder", error.value());
+  const fs::path temporary =
+      path.parent_path() / (".tmp-" + std::to_string(::getpid()) + "-" + std::to_string(counter.fetch_add(1)));
+  {
+    const FileDescriptor file(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644));
+    if (file.get() < 0) return io_error(temporary, "cannot create", errno);
+    if (!write_all(file.get(), head) || !write_all(file.get(), body)) {
+      const Error failed = io_error(temporary, "cannot write", errno);
+      remove_quietly(temporary);
+      return failed;
+    }
+  }
+  fs::rename(temporary, path, error);
+  if (!error) return {};
+  remove_quietly(temporary);
+  return io_error(path, "cannot rename to", error.value());
+}
+
+}  // namespace
+
+std::string default_cache_dir() {
+  const auto variable = [](const char* name) -> std::string {
+    const char* value = std::getenv(name);
+    return value != nullptr ? value : "";
+  };
+  if (std::string own = variable("EIGENCAST_CACHE"); !own.empty()) return own;
+  // The XDG specification has relative paths ignored.
+  if (const std::string xdg = variable("XDG_CACHE_HOME"); !xdg.empty() && xdg.front() == '/') return xdg + "/eigencast";
+  if (const std::string home = variable("HOME"); !home.empty()) return home + "/.cache/eigencast";
+  return {};
+}
+
+AssetCache::AssetCache(std::string directory) : directory_(std::move(directory)) {}
+
+std::optional<Bytes> AssetCache::load(const Sha256& id) const {
+  if (directory_.empty()) return std::nullopt;
+  const fs::path path = object_path(directory_, id);
+  std::optional<Bytes> bytes = read_file(path, limits::kMaxAssetObjectBytes);
+  if (bytes && sha256(*bytes) == id) return bytes;
+  remove_quietly(path);
+  return std::nullopt;
+}
+
+Result<void> AssetCache::store(const Sha256& id, ByteView bytes) const {
+  if (directory_.empty()) return {};
+  return write_atomically(object_path(directory_, id), {}, bytes);
+}
+
+std::optional<Bytes> AssetCache::load_record(const std::string& name) const {
+  if (directory_.empty() || !is_record_name(name)) return std::nullopt;
+  const fs::path path = fs::path(directory_) / "records" / name;
+  std::optional<Bytes> bytes = read_file(path, kMaxRecordBytes + kDigestBytes);
+  if (bytes && bytes->size() >= kDigestBytes) {
+    const ByteView body = ByteView(*bytes).subspan(kDigestBytes);
+    if (std::equal(bytes->begin(), bytes->begin() + kDigestBytes, sha256(body).digest.begin())) {
+      return Bytes(body.begin(), body.end());
+    }
+  }
+  remove_quietly(path);
+  return std::nullopt;
+}
+
+Result<void> AssetCache::store_record(const std::string& name, ByteView bytes) const {
+  if (!is_record_name(name)) {
+    return fail(ErrorCode::kInvalidArgument,
+                "'" + name + "' cannot name a record: use letters, digits, '.', '_' and '-'");
+  }
+  if (bytes.size() > kMaxRecordBytes) {
+    return fail(ErrorCode::kTooLarge,
+                "a record of " + std::to_string(bytes.size()) + " bytes: at most " + std::to_string(kMaxRecordBytes));
+  }
+  if (directory_.empty()) return {};
+  return write_atomically(fs::path(directory_) / "records" / name, sha256(bytes).digest, bytes);
+}
+
+}  // namespace eigencast

@@ -1,0 +1,343 @@
+// SPDX-License-Identifier: MIT
+#include "sdk/bake.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <new>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "common/core/clock.h"
+#include "common/progressive/prefix.h"
+#include "common/spectral/basis.h"
+#include "common/spectral/laplacian.h"
+#include "common/surface/check.h"
+#include "common/wire/limits.h"
+#include "sdk/asset_cache.h"
+
+namespace eigencast {
+namespace {
+
+/// Grows with every change of what a bake gives for the same input, so that old results are not found again.
+constexpr std::uint32_t kRecipe = 1;
+constexpr std::uint8_t kRecordVersion = 1;
+constexpr std::array<std::uint32_t, 3> kBandEnds = {14, 54,
+                                                    104};  // after 4 affine columns, whole turns of the augmented basis
+
+// Where each stage ends, as a fraction of the whole.
+constexpr double kLaplacianDone = 0.03;
+constexpr double kBasisDone = 0.85;
+constexpr double kOrderDone = 0.93;
+
+std::string text(const char* format, auto... values) {
+  std::array<char, 256> line{};
+  std::snprintf(line.data(), line.size(), format, values...);
+  return line.data();
+}
+
+/// Peak of a bake: eigenvectors, candidate columns and the basis side by side, and the vectors of one Lanczos band.
+double bytes_needed(std::size_t n, std::size_t rank) {
+  return 8.0 * static_cast<double>(n) * (3.5 * static_cast<double>(rank) + 300);
+}
+
+double bytes_of_machine() {
+  const long pages = ::sysconf(_SC_PHYS_PAGES);
+  const long page_bytes = ::sysconf(_SC_PAGESIZE);
+  return pages > 0 && page_bytes > 0 ? static_cast<double>(pages) * static_cast<double>(page_bytes) : 0;
+}
+
+Result<BasisKind> kind_from(const std::string& name) {
+  if (name == "augmented") return BasisKind::kAugmented;
+  if (name == "harmonic") return BasisKind::kHarmonic;
+  return fail(ErrorCode::kInvalidArgument, "there is no basis '" + name + "': use 'augmented' or 'harmonic'");
+}
+
+Result<void> check_options(const Surface& surface, const BakeOptions& options) {
+  if (auto kind = kind_from(options.basis); !kind) return kind.error();
+  if (options.rank < 1 || options.rank > static_cast<int>(limits::kMaxRows)) {
+    return fail(ErrorCode::kInvalidArgument, "a rank of " + std::to_string(options.rank) + ": use 1 to " +
+                                                 std::to_string(limits::kMaxRows) + ", 200 does for most surfaces");
+  }
+  const double needed = bytes_needed(surface.vertex_count(), static_cast<std::size_t>(options.rank));
+  const double there = bytes_of_machine();
+  if (there > 0 && needed > there) {
+    return fail(ErrorCode::kTooLarge,
+                text("baking %zu vertices at rank %d needs about %.1f GB of memory, this machine has %.1f GB: "
+                     "lower the rank or simplify the surface",
+                     surface.vertex_count(), options.rank, needed / 1e9, there / 1e9));
+  }
+  return {};
+}
+
+/// What a result depends on.
+Sha256 key_of(const Surface& surface, const BakeOptions& options) {
+  Bytes head;
+  ByteWriter out(head);
+  out.text("eigencast bake");
+  out.u32(kRecipe);
+  out.varint(options.basis.size());
+  out.text(options.basis);
+  out.varint(options.name.size());
+  out.text(options.name);
+  out.u32(static_cast<std::uint32_t>(options.rank));
+  out.u64(surface.positions.size());
+  out.u64(surface.faces.size());
+  Sha256Stream stream;
+  stream.update(head);
+  const auto view = [](const auto& values) {
+    return ByteView(reinterpret_cast<const std::uint8_t*>(values.data()), values.size() * sizeof(values[0]));
+  };
+  stream.update(view(surface.positions));
+  stream.update(view(surface.faces));
+  return stream.finish();
+}
+
+std::string record_name(const Sha256& key) {
+  return "bake-" + key.hex();
+}
+
+Bytes record_from(const BakeResult& result) {
+  Bytes bytes;
+  ByteWriter out(bytes);
+  out.u8(kRecordVersion);
+  out.bytes(result.encoded.manifest.id.digest);
+  out.u8(result.certified ? 1 : 0);
+  out.f64(result.residual);
+  out.varint(result.report.size());
+  out.text(result.report);
+  return bytes;
+}
+
+/// Everything again, verified; nothing when a part is missing or damaged.
+std::optional<BakeResult> load(const AssetCache& cache, const Sha256& key) {
+  const auto record = cache.load_record(record_name(key));
+  if (!record) return std::nullopt;
+  ByteReader in(*record);
+  if (in.u8() != kRecordVersion) return std::nullopt;
+  BakeResult result;
+  const ByteView id = in.bytes(result.encoded.manifest.id.digest.size());
+  std::copy(id.begin(), id.end(), result.encoded.manifest.id.digest.begin());
+  result.certified = in.u8() != 0;
+  result.residual = in.f64();
+  const ByteView report = in.bytes(in.varint());
+  if (!in.finished()) return std::nullopt;
+  result.report.assign(report.begin(), report.end());
+
+  auto manifest = cache.load(result.encoded.manifest.id);
+  if (!manifest) return std::nullopt;
+  result.encoded.manifest.bytes = std::move(*manifest);
+  auto reader = AssetReader::from_manifest(result.encoded.manifest.id, result.encoded.manifest.bytes);
+  if (!reader) return std::nullopt;
+  for (std::size_t i = 0; i < reader->chunks().size(); ++i) {
+    const Sha256 chunk_id = reader->chunks()[i].id;
+    auto chunk = cache.load(chunk_id);
+    if (!chunk || !reader->add_chunk(i, *chunk)) return std::nullopt;
+    result.encoded.chunks.push_back({chunk_id, std::move(*chunk)});
+  }
+  result.asset = std::move(*reader).take();
+  if (!result.asset.complete()) return std::nullopt;
+  result.from_cache = true;
+  return result;
+}
+
+/// The record last: whoever finds it finds what it names.
+Result<void> store(const AssetCache& cache, const Sha256& key, const BakeResult& result) {
+  for (const AssetObject& chunk : result.encoded.chunks) {
+    if (auto stored = cache.store(chunk.id, chunk.bytes); !stored) return stored;
+  }
+  const AssetObject& manifest = result.encoded.manifest;
+  if (auto stored = cache.store(manifest.id, manifest.bytes); !stored) return stored;
+  return cache.store_record(record_name(key), record_from(result));
+}
+
+Vec3 centroid_of(const Surface& surface, const Basis& basis) {
+  Vec3 sum{};
+  for (std::size_t i = 0; i < surface.positions.size(); ++i) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      sum[axis] += basis.mass[static_cast<Eigen::Index>(i)] * surface.positions[i][axis];
+    }
+  }
+  for (double& value : sum) value /= basis.area;
+  return sum;
+}
+
+std::vector<double> rest_coefficients(const Surface& surface, const Basis& basis, const Vec3& origin) {
+  std::vector<Vec3> centred = surface.positions;
+  for (Vec3& p : centred) {
+    for (std::size_t axis = 0; axis < 3; ++axis) p[axis] -= origin[axis];
+  }
+  const Eigen::MatrixXd C = coefficients_from_positions(basis, centred);
+  // The rest pose lies in the first columns of an augmented basis; the others hold rounding, which a receiver of few
+  // bands would miss.
+  const double rounding = 1e-12 * C.cwiseAbs().maxCoeff();
+  std::vector<double> rest(static_cast<std::size_t>(C.size()));
+  for (Eigen::Index k = 0; k < C.rows(); ++k) {
+    for (Eigen::Index axis = 0; axis < 3; ++axis) {
+      const double value = C(k, axis);
+      rest[static_cast<std::size_t>(3 * k + axis)] = std::abs(value) > rounding ? value : 0;
+    }
+  }
+  return rest;
+}
+
+/// REQUIRES: the basis and the order are of this surface.
+Asset asset_from(const Surface& surface, const Basis& basis, PrefixOrder order, const BakeOptions& options) {
+  Asset asset;
+  const std::size_t n = surface.vertex_count();
+  const auto r = static_cast<std::size_t>(basis.Psi.cols());
+  asset.vertex_count = static_cast<std::uint32_t>(n);
+  asset.rank = static_cast<std::uint32_t>(r);
+  asset.base_count = order.base_count;
+  asset.basis_kind = options.basis;
+  asset.name = options.name;
+  for (const std::uint32_t end : kBandEnds) {
+    if (end < r) asset.band_ends.push_back(end);
+  }
+  asset.band_ends.push_back(asset.rank);
+  asset.basis.resize(n * r);
+  asset.mass.resize(n);
+  for (std::size_t row = 0; row < n; ++row) {
+    const Eigen::Index source = order.order[row];
+    asset.mass[row] = static_cast<float>(basis.mass[source]);
+    for (std::size_t k = 0; k < r; ++k) {
+      asset.basis[row * r + k] = static_cast<float>(basis.Psi(source, static_cast<Eigen::Index>(k)));
+    }
+  }
+  asset.area = basis.area;
+  asset.origin = centroid_of(surface, basis);
+  asset.rest = rest_coefficients(surface, basis, asset.origin);
+  const Box box = bounding_box(surface.positions);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    asset.box_low[axis] = box.low[axis] - asset.origin[axis];
+    asset.box_high[axis] = box.high[axis] - asset.origin[axis];
+  }
+  asset.map = std::move(order.map);
+  asset.faces = std::move(order.faces);
+  asset.death = std::move(order.death);
+  asset.source_vertex = std::move(order.order);
+  asset.face_total = static_cast<std::uint32_t>(asset.faces.size());
+  asset.rows_ready = asset.vertex_count;
+  asset.faces_ready = asset.face_total;
+  return asset;
+}
+
+/// Largest distance of a vertex of the rest pose, as receivers rebuild it, from the source's, over the box's diagonal.
+double worst_rest_error(const Surface& surface, const Asset& asset) {
+  double worst = 0;
+  for (std::size_t row = 0; row < asset.vertex_count; ++row) {
+    Vec3 p = asset.origin;
+    for (std::size_t k = 0; k < asset.rank; ++k) {
+      for (std::size_t axis = 0; axis < 3; ++axis)
+        p[axis] += double{asset.basis[row * asset.rank + k]} * asset.rest[3 * k + axis];
+    }
+    const Vec3& truth = surface.positions[asset.source_vertex[row]];
+    worst = std::max(worst, std::hypot(p[0] - truth[0], p[1] - truth[1], p[2] - truth[2]));
+  }
+  const double diagonal = asset.diagonal();
+  return diagonal > 0 ? worst / diagonal : worst;
+}
+
+std::string report_of(const Surface& surface, const BakeOptions& options, const Laplacian& laplacian,
+                      const Basis& basis, const BakeResult& result, double seconds) {
+  std::string report = text_from_report(check_surface(surface));
+  if (!report.empty() && report.back() != '\n') report += '\n';
+  if (laplacian.components > 1) {
+    report += text("operator: %d separate pieces, joined by %d springs\n", laplacian.components, laplacian.bridges);
+  }
+  report += text("basis: %s, rank %u", options.basis.c_str(), result.asset.rank);
+  if (static_cast<int>(result.asset.rank) < options.rank) {
+    report += text(" (%d asked for: the surface has too few vertices)", options.rank);
+  }
+  report += text("; eigenvectors %s, residual %.1e\n", basis.certified ? "complete" : "NOT certified complete",
+                 basis.residual);
+  report += text("rest pose: worst error %.1e of the box's diagonal\n", worst_rest_error(surface, result.asset));
+  report += text("levels of detail: %u to %u vertices\n", result.asset.base_count, result.asset.vertex_count);
+  report += text("asset: %.2f MB in %zu chunks, id %s\n", static_cast<double>(result.encoded.total_bytes()) / 1e6,
+                 result.encoded.chunks.size(), result.encoded.manifest.id.hex().c_str());
+  report += text("baked in %.1f s, with about %.0f MB of memory\n", seconds,
+                 bytes_needed(surface.vertex_count(), static_cast<std::size_t>(basis.Psi.cols())) / 1e6);
+  return report;
+}
+
+/// Progress of one stage as progress of the whole.
+class Stages {
+ public:
+  explicit Stages(const BakeProgress& progress) : progress_(progress) {}
+  bool at(double fraction, std::string_view stage) const { return !progress_ || progress_(fraction, stage); }
+  Progress within(double from, double to) const {
+    return
+        [this, from, to](double fraction, std::string_view stage) { return at(from + (to - from) * fraction, stage); };
+  }
+
+ private:
+  const BakeProgress& progress_;
+};
+
+Error cancelled(std::string_view stage) {
+  return fail(ErrorCode::kCancelled, "baking was stopped before its stage '" + std::string(stage) + "'");
+}
+
+Result<BakeResult> bake_afresh(const Surface& surface, const BakeOptions& options, const Stages& stages) {
+  const TimeUs start = steady_now_us();
+  if (!stages.at(0.01, "operator")) return cancelled("operator");
+  auto laplacian = build_laplacian(surface);
+  if (!laplacian) return laplacian.error();
+  auto kind = kind_from(options.basis);
+  if (!kind) return kind.error();
+  auto basis = build_basis(surface, *laplacian, {*kind, options.rank}, stages.within(kLaplacianDone, kBasisDone));
+  if (!basis) return basis.error();
+  if (!stages.at(kBasisDone, "levels of detail")) return cancelled("levels of detail");
+  auto order = build_prefix_order(surface);
+  if (!order) return order.error();
+  if (!stages.at(kOrderDone, "encoding")) return cancelled("encoding");
+  auto encoded = encode_asset(asset_from(surface, *basis, std::move(*order), options));
+  if (!encoded) return encoded.error();
+  auto asset = decode_asset(*encoded);
+  if (!asset) return in_context("the asset just encoded cannot be decoded", asset.error());
+
+  BakeResult result;
+  result.asset = std::move(*asset);
+  result.encoded = std::move(*encoded);
+  result.certified = basis->certified;
+  result.residual = basis->residual;
+  result.report =
+      report_of(surface, options, *laplacian, *basis, result, static_cast<double>(steady_now_us() - start) / 1e6);
+  return result;
+}
+
+}  // namespace
+
+Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, const std::string& cache_dir,
+                        const BakeProgress& progress) {
+  const Stages stages(progress);
+  if (!stages.at(0, "checking")) return cancelled("checking");
+  if (auto valid = validate_surface(surface); !valid) return valid.error();
+  if (auto checked = check_options(surface, options); !checked) return checked.error();
+  const AssetCache cache(cache_dir);
+  const Sha256 key = cache_dir.empty() ? Sha256{} : key_of(surface, options);
+  try {
+    if (!cache_dir.empty()) {
+      if (auto found = load(cache, key)) {
+        stages.at(1, "found in the cache");
+        return std::move(*found);
+      }
+    }
+    auto result = bake_afresh(surface, options, stages);
+    if (!result) return result;
+    if (!cache_dir.empty()) {
+      if (auto stored = store(cache, key, *result); !stored) return stored.error();
+    }
+    stages.at(1, "done");
+    return result;
+  } catch (const std::bad_alloc&) {
+    return fail(ErrorCode::kTooLarge, "not enough memory to bake " + std::to_string(surface.vertex_count()) +
+                                          " vertices: lower the rank or simplify the surface");
+  }
+}
+
+}  // namespace eigencast
