@@ -11,7 +11,7 @@ namespace eigencast {
 namespace {
 
 constexpr std::size_t kMaxArrivals = 512;
-constexpr TimeUs kLongestSpanUs = 250'000;  // A pause is not an interval to wait for.
+constexpr TimeUs kLongestSpanUs = 500'000;  // A pause is not an interval to wait for.
 
 // Media times come from the network: held far enough from the ends that no sum of a few of them overflows.
 TimeUs bounded(TimeUs time_us) {
@@ -64,7 +64,7 @@ void Playout::follow(TimeUs media_us, TimeUs arrival_us) {
   }
   const TimeUs passed_us = std::max<TimeUs>(0, arrival_us - arrivals_.back().arrival_us);
   const TimeUs span_us = poses_.empty() ? 0 : media_us - poses_.back().time_us;
-  arrivals_.push_back({arrival_us, offset_us, std::min(span_us, kLongestSpanUs)});
+  arrivals_.push_back({arrival_us, offset_us, span_us > kLongestSpanUs ? 0 : span_us});
   while (arrivals_.size() > kMaxArrivals || arrivals_.front().arrival_us < arrival_us - kWindowUs)
     arrivals_.pop_front();
 
@@ -74,14 +74,14 @@ void Playout::follow(TimeUs media_us, TimeUs arrival_us) {
     if (a.span_us > 0) spans.push_back(a.span_us);
   }
   const TimeUs least_us = *std::min_element(offsets.begin(), offsets.end());
-  const TimeUs jitter_us = quantile(offsets, 0.95) - least_us;
-  const TimeUs interval_us = spans.empty() ? 0 : quantile(spans, 0.5);
   // Half of the allowed correction for each of the two, so that their sum keeps to it.
   const TimeUs at_most_us = passed_us / (2 * kSlew);
   offset_us_ = moved_towards(offset_us_, least_us, at_most_us);
+  if (spans.empty()) return;
+  const TimeUs interval_us = quantile(spans, 0.5);
+  const TimeUs wanted_us = interval_us + quantile(offsets, 0.95) - least_us;
   // The first interval is taken at once: there is no motion yet that it could disturb.
-  auto_delay_us_ =
-      auto_delay_us_ == 0 ? interval_us : moved_towards(auto_delay_us_, interval_us + jitter_us, at_most_us);
+  auto_delay_us_ = auto_delay_us_ == 0 ? interval_us : moved_towards(auto_delay_us_, wanted_us, at_most_us);
 }
 
 TimeUs Playout::delay_us() const {

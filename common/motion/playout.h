@@ -55,7 +55,7 @@ class Playout {
   struct Arrival {
     TimeUs arrival_us;
     TimeUs offset_us;  ///< Arrival minus media time.
-    TimeUs span_us;    ///< Media time since the pose before; 0 for the first.
+    TimeUs span_us;    ///< Media time since the pose before; 0 for the first and after a pause.
   };
   void follow(TimeUs media_us, TimeUs arrival_us);
 
