@@ -357,7 +357,7 @@ class PlyGuard {
   void write_plain() {
     mesh_.plain = "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(mesh_.positions.size()) +
                   "\nproperty double x\nproperty double y\nproperty double z\nelement face " +
-                  std::to_string(corner_counts_.size()) + "\nproperty list uint uint vertex_indices\nend_header\n";
+                  std::to_string(corner_counts_.size()) + "\nproperty list int uint vertex_indices\nend_header\n";
     for (const Vec3& p : mesh_.positions) {
       for (const double coordinate : p) append_little_endian(mesh_.plain, std::bit_cast<std::uint64_t>(coordinate), 8);
     }
