@@ -11,6 +11,12 @@
 #define EIGENCAST_AVX2 __attribute__((target("avx2,fma")))
 #endif
 #define EIGENCAST_INLINE inline __attribute__((always_inline))
+// Running sums stay in registers only if the short loops over them are unrolled, which -O2 leaves undone.
+#if defined(__clang__)
+#define EIGENCAST_UNROLL _Pragma("unroll")
+#else
+#define EIGENCAST_UNROLL _Pragma("GCC unroll 8")
+#endif
 
 namespace eigencast::kernel {
 namespace {
@@ -45,14 +51,19 @@ EIGENCAST_INLINE void product_rows(const float* Psi, std::size_t stride, std::si
   std::size_t k = 0;
   for (; k + kLanes <= rank; k += kLanes) {
     Float8 c[3];
+    EIGENCAST_UNROLL
     for (std::size_t d = 0; d < 3; ++d) load(C + d * rank + k, c[d]);
+    EIGENCAST_UNROLL
     for (std::size_t i = 0; i < kRows; ++i) {
       Float8 row;
       load(Psi + i * stride + k, row);
+      EIGENCAST_UNROLL
       for (std::size_t d = 0; d < 3; ++d) sums[i][d] += row * c[d];
     }
   }
+  EIGENCAST_UNROLL
   for (std::size_t i = 0; i < kRows; ++i) {
+    EIGENCAST_UNROLL
     for (std::size_t d = 0; d < 3; ++d) {
       float x = sum(sums[i][d]);
       for (std::size_t tail = k; tail < rank; ++tail) x += Psi[i * stride + tail] * C[d * rank + tail];
@@ -75,16 +86,22 @@ EIGENCAST_INLINE void add_transposed_rows(const float* Psi, std::size_t rank, co
   std::size_t k = 0;
   for (; k + kLanes <= rank; k += kLanes) {
     Float8 s[3];
+    EIGENCAST_UNROLL
     for (std::size_t d = 0; d < 3; ++d) load(S + d * rank + k, s[d]);
+    EIGENCAST_UNROLL
     for (std::size_t i = 0; i < kRows; ++i) {
       Float8 row;
       load(Psi + i * rank + k, row);
+      EIGENCAST_UNROLL
       for (std::size_t d = 0; d < 3; ++d) s[d] += row * Y[3 * i + d];
     }
+    EIGENCAST_UNROLL
     for (std::size_t d = 0; d < 3; ++d) store(s[d], S + d * rank + k);
   }
   for (; k < rank; ++k) {
+    EIGENCAST_UNROLL
     for (std::size_t i = 0; i < kRows; ++i) {
+      EIGENCAST_UNROLL
       for (std::size_t d = 0; d < 3; ++d) S[d * rank + k] += Psi[i * rank + k] * Y[3 * i + d];
     }
   }
@@ -102,18 +119,24 @@ EIGENCAST_INLINE void add_transposed_all(const float* Psi, std::size_t rows, std
 EIGENCAST_INLINE void add_gram_tile(const double* B, std::size_t rows, std::size_t width, std::size_t i, std::size_t j,
                                     double* G) {
   Double4 sums[4][2];
+  EIGENCAST_UNROLL
   for (std::size_t a = 0; a < 4; ++a) {
+    EIGENCAST_UNROLL
     for (std::size_t b = 0; b < 2; ++b) load(G + (i + a) * width + j + 4 * b, sums[a][b]);
   }
   for (std::size_t row = 0; row < rows; ++row, B += width) {
     Double4 right[2];
     load(B + j, right[0]);
     load(B + j + 4, right[1]);
+    EIGENCAST_UNROLL
     for (std::size_t a = 0; a < 4; ++a) {
+      EIGENCAST_UNROLL
       for (std::size_t b = 0; b < 2; ++b) sums[a][b] += B[i + a] * right[b];
     }
   }
+  EIGENCAST_UNROLL
   for (std::size_t a = 0; a < 4; ++a) {
+    EIGENCAST_UNROLL
     for (std::size_t b = 0; b < 2; ++b) store(sums[a][b], G + (i + a) * width + j + 4 * b);
   }
 }
