@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: MIT
+#include "broker/broker.h"
+
+#include <boost/asio/post.hpp>
+#include <boost/asio/signal_set.hpp>
+#include <boost/asio/write.hpp>
+#include <csignal>
+#include <random>
+#include <utility>
+
+#include "broker/admin.h"
+#include "broker/connection.h"
+#include "broker/http_session.h"
+
+namespace eigencast::broker {
+namespace {
+
+constexpr std::size_t kDiskThreads = 1;
+constexpr std::uint32_t kRetryAfterMs = 500;
+
+Hub::Settings hub_settings(const Config& config) {
+  Hub::Settings settings;
+  settings.max_streams = static_cast<std::size_t>(config.limits.max_streams);
+  settings.stream.max_span_us = config.frames.max_span_ms * 1000;
+  settings.stream.max_watchers = static_cast<std::uint32_t>(config.limits.max_subscribers_per_stream);
+  settings.stream.max_profiles = static_cast<std::size_t>(config.limits.max_profiles_per_stream);
+  return settings;
+}
+
+std::string random_id() {
+  std::random_device device;
+  std::string id;
+  for (int i = 0; i < 16; ++i) id += "0123456789abcdef"[device() & 15];
+  return id;
+}
+
+}  // namespace
+
+class Broker::Signals {
+ public:
+  Signals(asio::io_context& loop, std::function<void()> on_signal)
+      : set_(loop, SIGINT, SIGTERM), on_signal_(std::move(on_signal)) {
+    wait();
+  }
+
+ private:
+  void wait() {
+    set_.async_wait([this](ErrorOf error, int) {
+      if (error) return;
+      on_signal_();
+      wait();
+    });
+  }
+  asio::signal_set set_;
+  std::function<void()> on_signal_;
+};
+
+Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string version, LogSink log) {
+  const std::string folder = data_dir_of(config);
+  AssetStore::Settings settings;
+  settings.max_object_bytes = static_cast<std::uint64_t>(config.assets.max_object_bytes);
+  settings.max_total_bytes = static_cast<std::uint64_t>(config.assets.max_total_bytes);
+  auto assets = AssetStore::open(folder, settings);
+  if (!assets) return assets.error();
+  auto epochs = EpochSource::open(folder + "/epoch");
+  if (!epochs) return epochs.error();
+  std::unique_ptr<Broker> broker(
+      new Broker(config, std::move(version), std::move(log), std::move(*assets), std::move(*epochs)));
+  if (auto listening = broker->listen(); !listening) return listening.error();
+  return broker;
+}
+
+Broker::Broker(const Config& config, std::string version, LogSink log, std::unique_ptr<AssetStore> assets, EpochSource epochs)
+    : config_(config),
+      loop_(1),
+      assets_(std::move(assets)),
+      epochs_(std::move(epochs)),
+      hub_(hub_settings(config_)),
+      disk_(kDiskThreads),
+      context_{loop_, disk_, config_, hub_, *assets_, epochs_, std::move(log), std::move(version), random_id(),
+               [this] { arm_schedule(); }},
+      schedule_(loop_.get_executor()),
+      tick_(loop_.get_executor()),
+      deadline_(loop_.get_executor()),
+      data_listener_(loop_, context_.log, [this](Socket socket) { accept(std::move(socket)); }),
+      admin_listener_(loop_, context_.log, [this](Socket socket) { serve_admin(context_, std::move(socket)); }) {}
+
+Broker::~Broker() {
+  signals_.reset();
+  data_listener_.close();
+  admin_listener_.close();
+  disk_.join();
+}
+
+Result<void> Broker::listen() {
+  const auto data = parse_address(config_.server.listen);
+  if (!data) return data.error();
+  if (auto opened = data_listener_.open(*data); !opened) return opened;
+  const auto admin = parse_address(config_.server.admin_listen);
+  if (!admin) return admin.error();
+  const bool by_default = config_.server.admin_listen == Config{}.server.admin_listen;
+  if (admin->port == 0 || (by_default && data->port == 0)) return {};
+  return admin_listener_.open(*admin);
+}
+
+void Broker::accept(Socket socket) {
+  if (context_.counters.connections >= static_cast<std::uint64_t>(config_.limits.max_connections)) {
+    ++context_.counters.connections_refused;
+    // One try without waiting: the answer fits any socket's buffer.
+    static constexpr std::string_view kAnswer =
+        "HTTP/1.1 503 Service Unavailable\r\nRetry-After: 5\r\nConnection: close\r\nContent-Length: 0\r\n\r\n";
+    ErrorOf ignored;
+    socket.non_blocking(true, ignored);
+    socket.write_some(asio::buffer(kAnswer), ignored);
+    return;
+  }
+  std::make_shared<HttpSession>(context_, std::move(socket))->start();
+}
+
+void Broker::run() {
+  tick();
+  loop_.run();
+}
+
+void Broker::arm_schedule() {
+  const auto due = hub_.next_due_us();
+  if (!due || (scheduled_us_ && *scheduled_us_ <= *due)) return;
+  scheduled_us_ = due;
+  schedule_.expires_at(std::chrono::steady_clock::time_point(std::chrono::microseconds(*due)));
+  schedule_.async_wait([this](ErrorOf error) {
+    if (error) return;
+    scheduled_us_.reset();
+    hub_.pump(steady_now_us());
+    arm_schedule();
+  });
+}
+
+void Broker::tick() {
+  for (Connection* connection : context_.connections) connection->on_tick();
+  tick_.expires_after(std::chrono::seconds(1));
+  tick_.async_wait([this](ErrorOf error) {
+    if (!error) tick();
+  });
+}
+
+void Broker::stop_on_signals() {
+  signals_ = std::make_unique<Signals>(loop_, [this] { stop(); });
+}
+
+void Broker::stop() {
+  asio::post(loop_, [this] {
+    if (context_.draining) return loop_.stop();
+    drain();
+  });
+}
+
+void Broker::drain() {
+  context_.draining = true;
+  log(context_.log, LogLevel::kInfo, "stopping: " + std::to_string(context_.connections.size()) + " connections are told");
+  data_listener_.close();
+  // Copied: a connection that has nothing left to send may close within the call.
+  const std::vector<Connection*> open(context_.connections.begin(), context_.connections.end());
+  for (Connection* connection : open) {
+    connection->say_bye("the broker is stopping", kRetryAfterMs, beast::websocket::close_code::service_restart);
+  }
+  const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(config_.timeouts.shutdown_ms);
+  wait_for_peers(until);
+}
+
+void Broker::wait_for_peers(std::chrono::steady_clock::time_point until) {
+  if (context_.connections.empty() || std::chrono::steady_clock::now() >= until) return loop_.stop();
+  deadline_.expires_after(std::chrono::milliseconds(20));
+  deadline_.async_wait([this, until](ErrorOf error) {
+    if (!error) wait_for_peers(until);
+  });
+}
+
+}  // namespace eigencast::broker

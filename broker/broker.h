@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/thread_pool.hpp>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "broker/asset_store.h"
+#include "broker/config.h"
+#include "broker/context.h"
+#include "broker/epoch_source.h"
+#include "broker/hub.h"
+#include "broker/listener.h"
+
+namespace eigencast::broker {
+
+/// The whole service in one object: what it is made of, in the order of construction.
+///
+/// One event loop, run by the caller of run(); stop() may be called from any thread.
+class Broker {
+ public:
+  /// Opens the data folder and listens. Errors: kUnreachable (cannot listen), kRefused and others (data folder).
+  static Result<std::unique_ptr<Broker>> create(const Config& config, std::string version, LogSink log);
+  ~Broker();
+  Broker(const Broker&) = delete;
+  Broker& operator=(const Broker&) = delete;
+
+  /// Serves until stop(), then returns when all peers are told, at most timeouts.shutdown_ms later.
+  void run();
+  /// Begins to stop; called again: now.
+  void stop();
+  /// SIGTERM and SIGINT call stop() from now on.
+  void stop_on_signals();
+
+  std::uint16_t port() const { return data_listener_.port(); }
+  /// 0: off.
+  std::uint16_t admin_port() const { return admin_listener_.port(); }
+
+ private:
+  Broker(const Config& config, std::string version, LogSink log, std::unique_ptr<AssetStore> assets, EpochSource epochs);
+  Result<void> listen();
+  void accept(Socket socket);
+  void arm_schedule();
+  void tick();
+  void drain();
+  void wait_for_peers(std::chrono::steady_clock::time_point until);
+
+  class Signals;
+  Config config_;
+  asio::io_context loop_;
+  std::unique_ptr<AssetStore> assets_;
+  EpochSource epochs_;
+  Hub hub_;
+  asio::thread_pool disk_;
+  Context context_;
+  Timer schedule_;
+  std::optional<TimeUs> scheduled_us_;
+  Timer tick_;
+  Timer deadline_;
+  Listener data_listener_;
+  Listener admin_listener_;
+  std::unique_ptr<Signals> signals_;
+};
+
+}  // namespace eigencast::broker

@@ -1,0 +1,84 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/http/buffer_body.hpp>
+#include <boost/beast/http/message.hpp>
+#include <boost/beast/websocket/stream.hpp>
+#include <memory>
+#include <string>
+
+#include "broker/context.h"
+#include "broker/outbox.h"
+
+namespace eigencast::broker {
+
+using UpgradeRequest = beast::http::request<beast::http::buffer_body>;
+
+/// One WebSocket: reads messages, writes what its outbox decides, closes with a reason. Publisher and subscriber say what the
+/// messages mean. Kept alive by its pending operations. Belongs to its event loop.
+class Connection : public std::enable_shared_from_this<Connection> {
+ public:
+  virtual ~Connection() = default;
+  Connection(const Connection&) = delete;
+  Connection& operator=(const Connection&) = delete;
+
+  /// Answers the upgrade and runs. `request` must have been checked for the subprotocol.
+  void start(UpgradeRequest request);
+
+  /// Sends "bye", then closes with `code`; what the peer does not take within timeouts.shutdown_ms is cut off.
+  void say_bye(const std::string& reason, std::uint32_t retry_after_ms, beast::websocket::close_code code);
+
+  /// Called once a second.
+  virtual void on_tick() {}
+
+ protected:
+  Connection(Context& context, Socket socket, std::size_t max_message_bytes);
+
+  virtual void on_open() = 0;
+  virtual void on_text(std::string_view text) = 0;
+  virtual void on_binary(ByteView message) = 0;
+  /// Called once, when nothing more comes or goes. Not called if the upgrade failed.
+  virtual void on_closed() = 0;
+  virtual FramePtr join_of(std::uint32_t /*stream_id*/) { return nullptr; }
+  virtual std::string label() const = 0;
+
+  Context& context() { return context_; }
+  Outbox& outbox() { return outbox_; }
+  /// Queues a control message; a full queue closes the connection.
+  void send(const ControlMessage& message);
+  void send_droppable(const std::shared_ptr<const std::string>& text);
+  /// Writes what the outbox has, unless a write is under way.
+  void flush();
+  /// Tells the peer what was wrong, then closes. Nothing of the peer is read any more.
+  void refuse(const Error& error, const std::string& stream, beast::websocket::close_code code);
+  bool is_closing() const { return closing_; }
+  /// Pings and what nobody expects here; true if it was dealt with.
+  bool answer_common(const ControlMessage& message);
+  Result<ControlMessage> parse(std::string_view text);
+
+ private:
+  void read();
+  void on_read(ErrorOf error);
+  void on_written(ErrorOf error);
+  void close_when_sent(const std::string& reason, beast::websocket::close_code code);
+  void close_now();
+  void cut();
+  void ended();
+
+  Context& context_;
+  beast::websocket::stream<Socket> socket_;
+  beast::flat_buffer buffer_;
+  Outbox outbox_;
+  Outbox::Item writing_;
+  beast::websocket::close_reason close_reason_;
+  Timer deadline_;
+  bool open_ = false;
+  bool is_writing_ = false;
+  bool closing_ = false;
+  bool close_sent_ = false;
+  bool ended_ = false;
+};
+
+}  // namespace eigencast::broker

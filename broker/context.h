@@ -1,0 +1,60 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <unordered_set>
+
+#include <boost/asio/thread_pool.hpp>
+
+#include "broker/asset_store.h"
+#include "broker/config.h"
+#include "broker/epoch_source.h"
+#include "broker/hub.h"
+#include "broker/net.h"
+#include "common/core/log.h"
+
+namespace eigencast::broker {
+
+class Connection;
+
+/// What happened so far, for /metrics. Owned by the event loop.
+struct Counters {
+  std::uint64_t connections = 0;           ///< Open now, of all kinds.
+  std::uint64_t connections_total = 0;
+  std::uint64_t connections_refused = 0;
+  std::uint64_t frames_received = 0;
+  std::uint64_t frames_refused = 0;
+  std::uint64_t frames_sent = 0;
+  std::uint64_t frame_bytes_sent = 0;
+  std::uint64_t frames_skipped = 0;
+  std::uint64_t joins_sent = 0;
+  std::uint64_t control_received = 0;
+  std::uint64_t control_sent = 0;
+  std::uint64_t slow_disconnects = 0;
+  std::uint64_t uploads = 0;
+  std::uint64_t uploads_failed = 0;
+  std::uint64_t uploads_now = 0;
+  std::uint64_t downloads = 0;
+};
+
+/// What the connections of one event loop share. Built before them, destroyed after them; used on the loop's thread only, except
+/// `disk` and `log`, which are thread-safe.
+struct Context {
+  asio::io_context& loop;
+  asio::thread_pool& disk;  ///< For calls that block on the disk.
+  const Config& config;
+  Hub& hub;
+  AssetStore& assets;
+  EpochSource& epochs;
+  LogSink log;
+  std::string version;
+  std::string session_id;
+  std::function<void()> schedule_changed;  ///< The hub's next_due_us() may be earlier than before.
+  Counters counters{};
+  std::unordered_set<Connection*> connections{};  ///< WebSockets that are open.
+  bool draining = false;
+};
+
+}  // namespace eigencast::broker

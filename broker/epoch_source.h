@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <string>
+
+#include "common/core/result.h"
+
+namespace eigencast::broker {
+
+/// Gives epochs that grow: within a run, across restarts (the highest one is kept in a file) and, as far as their wall clocks
+/// agree, across brokers, because an epoch is never below the seconds since 2026-01-01. Not thread-safe.
+class EpochSource {
+ public:
+  /// Reads the file if it is there. Errors: kIo, kCorrupt.
+  static Result<EpochSource> open(std::string path);
+
+  /// The next epoch. Errors: kIo (it could not be kept; nothing was given).
+  Result<std::uint32_t> next(std::uint64_t unix_seconds);
+
+ private:
+  EpochSource(std::string path, std::uint32_t last) : path_(std::move(path)), last_(last) {}
+  std::string path_;
+  std::uint32_t last_;
+};
+
+}  // namespace eigencast::broker

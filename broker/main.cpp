@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: MIT
+#include <cstdio>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "broker/broker.h"
+#include "broker/files.h"
+#include "broker/logger.h"
+#include "broker/options.h"
+
+extern char** environ;
+
+namespace {
+
+constexpr int kUsage = 2;
+constexpr int kCannotListen = 4;
+
+int complain(const eigencast::Error& error, int code) {
+  std::fprintf(stderr, "eigencast-broker: %s\n", error.message.c_str());
+  return code;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  namespace broker = eigencast::broker;
+  std::vector<std::string_view> environment;
+  for (char** entry = environ; *entry != nullptr; ++entry) environment.emplace_back(*entry);
+  const auto options = broker::read_options(argc, argv, environment, EIGENCAST_VERSION);
+  if (!options) return complain(options.error(), kUsage);
+  if (options->answer) return std::fputs(options->answer->c_str(), stdout) < 0 ? 1 : 0;
+  if (options->check_only) return std::puts("the configuration is good") < 0 ? 1 : 0;
+
+  const auto sink = broker::make_log_sink(options->config.log.level, options->config.log.format);
+  auto service = broker::Broker::create(options->config, EIGENCAST_VERSION, sink);
+  if (!service) return complain(service.error(), service.error().code == eigencast::ErrorCode::kUnreachable ? kCannotListen : 1);
+  (*service)->stop_on_signals();
+  if (!options->port_file.empty()) {
+    const auto written = broker::write_file_atomically(options->port_file, std::to_string((*service)->port()) + "\n");
+    if (!written) return complain(written.error(), 1);
+  }
+  eigencast::log(sink, eigencast::LogLevel::kInfo, "listening on port " + std::to_string((*service)->port()));
+  (*service)->run();
+  return 0;
+}
