@@ -77,7 +77,8 @@ class AdminSession : public std::enable_shared_from_this<AdminSession> {
   http::response<http::string_body> response_;
 };
 
-void metric(std::string& out, std::string_view name, std::string_view type, std::string_view help, std::uint64_t value) {
+void metric(std::string& out, std::string_view name, std::string_view type, std::string_view help,
+            std::uint64_t value) {
   const std::string full = "eigencast_broker_" + std::string(name);
   out += "# HELP " + full + " " + std::string(help) + "\n# TYPE " + full + " " + std::string(type) + "\n";
   out += full + " " + std::to_string(value) + "\n";
@@ -85,7 +86,9 @@ void metric(std::string& out, std::string_view name, std::string_view type, std:
 
 }  // namespace
 
-void serve_admin(Context& context, Socket socket) { std::make_shared<AdminSession>(context, std::move(socket))->start(); }
+void serve_admin(Context& context, Socket socket) {
+  std::make_shared<AdminSession>(context, std::move(socket))->start();
+}
 
 std::string metrics_text(const Context& context) {
   const Counters& counters = context.counters;
@@ -98,7 +101,8 @@ std::string metrics_text(const Context& context) {
   std::string out;
   metric(out, "connections", "gauge", "Open connections of the data port.", counters.connections);
   metric(out, "connections_total", "counter", "Connections accepted on the data port.", counters.connections_total);
-  metric(out, "connections_refused_total", "counter", "Connections over limits.max_connections.", counters.connections_refused);
+  metric(out, "connections_refused_total", "counter", "Connections over limits.max_connections.",
+         counters.connections_refused);
   metric(out, "streams", "gauge", "Streams known.", context.hub.size());
   metric(out, "streams_live", "gauge", "Streams with a sender.", live);
   metric(out, "subscriptions", "gauge", "Streams watched, summed over connections.", watchers);
@@ -106,11 +110,13 @@ std::string metrics_text(const Context& context) {
   metric(out, "frames_refused_total", "counter", "Frames of senders that broke the protocol.", counters.frames_refused);
   metric(out, "frames_sent_total", "counter", "Frames sent to viewers.", counters.frames_sent);
   metric(out, "frame_bytes_sent_total", "counter", "Bytes of those frames.", counters.frame_bytes_sent);
-  metric(out, "frames_skipped_total", "counter", "Frames replaced by newer ones before they left.", counters.frames_skipped);
+  metric(out, "frames_skipped_total", "counter", "Frames replaced by newer ones before they left.",
+         counters.frames_skipped);
   metric(out, "joins_sent_total", "counter", "Join frames sent.", counters.joins_sent);
   metric(out, "control_received_total", "counter", "Control messages received.", counters.control_received);
   metric(out, "control_sent_total", "counter", "Control messages sent.", counters.control_sent);
-  metric(out, "slow_disconnects_total", "counter", "Connections closed because control messages piled up.", counters.slow_disconnects);
+  metric(out, "slow_disconnects_total", "counter", "Connections closed because control messages piled up.",
+         counters.slow_disconnects);
   metric(out, "uploads_total", "counter", "Assets taken.", counters.uploads);
   metric(out, "uploads_failed_total", "counter", "Uploads refused or cut off.", counters.uploads_failed);
   metric(out, "downloads_total", "counter", "Assets served, whole or in part.", counters.downloads);

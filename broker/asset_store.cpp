@@ -79,7 +79,9 @@ std::string AssetStore::path_of(const Sha256& id) const {
   return root_ + "/" + hex.substr(0, 2) + "/" + hex;
 }
 
-bool AssetStore::contains(const Sha256& id) const { return ::access(path_of(id).c_str(), R_OK) == 0; }
+bool AssetStore::contains(const Sha256& id) const {
+  return ::access(path_of(id).c_str(), R_OK) == 0;
+}
 
 Result<AssetStore::Object> AssetStore::read(const Sha256& id) const {
   FileHandle file(::open(path_of(id).c_str(), O_RDONLY | O_CLOEXEC));
@@ -131,7 +133,8 @@ Result<void> AssetStore::Upload::write(ByteView data) {
 Result<bool> AssetStore::Upload::commit() {
   const Sha256 actual = hash_.finish();
   if (actual != expected_) {
-    return fail(ErrorCode::kCorrupt, "the body has SHA-256 " + actual.hex() + ", not " + expected_.hex() + ": nothing was kept");
+    return fail(ErrorCode::kCorrupt,
+                "the body has SHA-256 " + actual.hex() + ", not " + expected_.hex() + ": nothing was kept");
   }
   const std::string path = store_.path_of(expected_);
   const std::string folder = path.substr(0, path.rfind('/'));

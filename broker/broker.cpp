@@ -70,15 +70,19 @@ Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string
   return broker;
 }
 
-Broker::Broker(const Config& config, std::string version, LogSink log, std::unique_ptr<AssetStore> assets, EpochSource epochs)
+Broker::Broker(const Config& config, std::string version, LogSink log, std::unique_ptr<AssetStore> assets,
+               EpochSource epochs)
     : config_(config),
       loop_(1),
       assets_(std::move(assets)),
       epochs_(std::move(epochs)),
       hub_(hub_settings(config_)),
       disk_(kDiskThreads),
-      context_{loop_, disk_, config_, hub_, *assets_, epochs_, std::move(log), std::move(version), random_id(),
-               [this] { arm_schedule(); }},
+      context_{loop_,          disk_,
+               config_,        hub_,
+               *assets_,       epochs_,
+               std::move(log), std::move(version),
+               random_id(),    [this] { arm_schedule(); }},
       schedule_(loop_.get_executor()),
       tick_(loop_.get_executor()),
       deadline_(loop_.get_executor()),
@@ -156,7 +160,8 @@ void Broker::stop() {
 
 void Broker::drain() {
   context_.draining = true;
-  log(context_.log, LogLevel::kInfo, "stopping: " + std::to_string(context_.connections.size()) + " connections are told");
+  log(context_.log, LogLevel::kInfo,
+      "stopping: " + std::to_string(context_.connections.size()) + " connections are told");
   data_listener_.close();
   // Copied: a connection that has nothing left to send may close within the call.
   const std::vector<Connection*> open(context_.connections.begin(), context_.connections.end());

@@ -39,7 +39,8 @@ class Broker {
   std::uint16_t admin_port() const { return admin_listener_.port(); }
 
  private:
-  Broker(const Config& config, std::string version, LogSink log, std::unique_ptr<AssetStore> assets, EpochSource epochs);
+  Broker(const Config& config, std::string version, LogSink log, std::unique_ptr<AssetStore> assets,
+         EpochSource epochs);
   Result<void> listen();
   void accept(Socket socket);
   void arm_schedule();

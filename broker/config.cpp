@@ -140,7 +140,9 @@ std::string lower(std::string_view text) {
 
 }  // namespace
 
-std::span<const ConfigKey> config_keys() { return keys(); }
+std::span<const ConfigKey> config_keys() {
+  return keys();
+}
 
 Result<void> set_config(Config& config, std::string_view path, std::string_view value) {
   const ConfigKey* key = find_key(path);
@@ -149,7 +151,8 @@ Result<void> set_config(Config& config, std::string_view path, std::string_view 
   if (std::holds_alternative<std::string*>(field)) return assign(config, *key, value);
   if (std::holds_alternative<bool*>(field)) {
     if (value != "true" && value != "false") {
-      return fail(ErrorCode::kInvalidArgument, key->path() + " must be true or false, not '" + std::string(value) + "'");
+      return fail(ErrorCode::kInvalidArgument,
+                  key->path() + " must be true or false, not '" + std::string(value) + "'");
     }
     *std::get<bool*>(field) = value == "true";
     return {};
@@ -201,7 +204,8 @@ Result<void> read_environment(Config& config, std::span<const std::string_view> 
     const auto split = name.find("__");
     if (equals == std::string_view::npos || !name.starts_with(kPrefix) || split == std::string_view::npos) continue;
     const std::string_view section = name.substr(kPrefix.size(), split - kPrefix.size());
-    const bool ours = std::any_of(keys().begin(), keys().end(), [&](const auto& key) { return upper(key.section) == section; });
+    const bool ours =
+        std::any_of(keys().begin(), keys().end(), [&](const auto& key) { return upper(key.section) == section; });
     if (!ours) continue;
     const std::string path = lower(section) + "." + lower(name.substr(split + 2));
     if (auto set = set_config(config, path, entry.substr(equals + 1)); !set) {
@@ -213,8 +217,9 @@ Result<void> read_environment(Config& config, std::span<const std::string_view> 
 
 Result<Address> parse_address(std::string_view text) {
   const auto wrong = [&] {
-    return fail(ErrorCode::kInvalidArgument,
-                "'" + std::string(text) + "' is no address: write ADDRESS:PORT, for example 127.0.0.1:7490 or [::1]:7490");
+    return fail(
+        ErrorCode::kInvalidArgument,
+        "'" + std::string(text) + "' is no address: write ADDRESS:PORT, for example 127.0.0.1:7490 or [::1]:7490");
   };
   const auto colon = text.rfind(':');
   if (colon == std::string_view::npos) return wrong();
@@ -243,12 +248,14 @@ Result<void> check_config(const Config& config) {
   if (!listen->loopback && !config.server.allow_anonymous) {
     return fail(ErrorCode::kInvalidArgument,
                 "server.listen = '" + config.server.listen +
-                    "' reaches beyond this machine, where anybody could publish and watch, because this version asks nobody who "
+                    "' reaches beyond this machine, where anybody could publish and watch, because this version asks "
+                    "nobody who "
                     "they are: listen on 127.0.0.1 (behind a proxy that checks), or set server.allow_anonymous = true");
   }
   if (!admin->loopback) {
-    return fail(ErrorCode::kInvalidArgument, "server.admin_listen = '" + config.server.admin_listen +
-                                                 "' reaches beyond this machine: the admin listener is for loopback only");
+    return fail(ErrorCode::kInvalidArgument,
+                "server.admin_listen = '" + config.server.admin_listen +
+                    "' reaches beyond this machine: the admin listener is for loopback only");
   }
   return {};
 }

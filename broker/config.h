@@ -59,9 +59,9 @@ struct ConfigKey {
   std::string_view section;
   std::string_view name;
   std::function<Field(Config&)> field;
-  std::int64_t least = 0;                  ///< Of numbers.
-  std::int64_t most = 0;                   ///< Of numbers.
-  std::vector<std::string_view> choices;   ///< Of texts; empty = any.
+  std::int64_t least = 0;                 ///< Of numbers.
+  std::int64_t most = 0;                  ///< Of numbers.
+  std::vector<std::string_view> choices;  ///< Of texts; empty = any.
 
   std::string path() const { return std::string(section) + "." + std::string(name); }
 };
@@ -79,7 +79,8 @@ Result<void> read_config(Config& config, std::string_view toml, std::string_view
 /// The same from a file. Errors: kNotFound, kIo, and those above.
 Result<void> read_config_file(Config& config, const std::string& path);
 
-/// Reads EIGENCAST_SECTION__KEY of `environment` ("NAME=value" lines) over `config`. Names of other sections are left alone.
+/// Reads EIGENCAST_SECTION__KEY of `environment` ("NAME=value" lines) over `config`. Names of other sections are left
+/// alone.
 Result<void> read_environment(Config& config, std::span<const std::string_view> environment);
 
 /// What single keys cannot say: addresses, and that nobody listens beyond loopback without meaning it.

@@ -11,7 +11,8 @@ namespace {
 
 namespace websocket = beast::websocket;
 
-// The kernel takes no more than this beyond what is on its way, so that the newest pose waits here, where it can be replaced.
+// The kernel takes no more than this beyond what is on its way, so that the newest pose waits here, where it can be
+// replaced.
 constexpr int kUnsentBytes = 16 * 1024;
 
 Outbox::Limits outbox_limits(const Config& config) {
@@ -47,10 +48,11 @@ Connection::Connection(Context& context, Socket socket, std::size_t max_message_
 }
 
 void Connection::start(UpgradeRequest request) {
-  socket_.set_option(websocket::stream_base::decorator([version = context_.version](websocket::response_type& response) {
-    response.set(beast::http::field::server, "eigencast-broker/" + version);
-    response.set(beast::http::field::sec_websocket_protocol, "eigencast.v1");
-  }));
+  socket_.set_option(
+      websocket::stream_base::decorator([version = context_.version](websocket::response_type& response) {
+        response.set(beast::http::field::server, "eigencast-broker/" + version);
+        response.set(beast::http::field::sec_websocket_protocol, "eigencast.v1");
+      }));
   auto kept = std::make_shared<UpgradeRequest>(std::move(request));
   socket_.async_accept(*kept, [self = shared_from_this(), kept](ErrorOf error) {
     if (error) return;

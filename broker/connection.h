@@ -16,8 +16,8 @@ namespace eigencast::broker {
 
 using UpgradeRequest = beast::http::request<beast::http::buffer_body>;
 
-/// One WebSocket: reads messages, writes what its outbox decides, closes with a reason. Publisher and subscriber say what the
-/// messages mean. Kept alive by its pending operations. Belongs to its event loop.
+/// One WebSocket: reads messages, writes what its outbox decides, closes with a reason. Publisher and subscriber say
+/// what the messages mean. Kept alive by its pending operations. Belongs to its event loop.
 class Connection : public std::enable_shared_from_this<Connection> {
  public:
   virtual ~Connection() = default;

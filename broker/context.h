@@ -21,7 +21,7 @@ class Connection;
 
 /// What happened so far, for /metrics. Owned by the event loop.
 struct Counters {
-  std::uint64_t connections = 0;           ///< Open now, of all kinds.
+  std::uint64_t connections = 0;  ///< Open now, of all kinds.
   std::uint64_t connections_total = 0;
   std::uint64_t connections_refused = 0;
   std::uint64_t frames_received = 0;
@@ -39,8 +39,8 @@ struct Counters {
   std::uint64_t downloads = 0;
 };
 
-/// What the connections of one event loop share. Built before them, destroyed after them; used on the loop's thread only, except
-/// `disk` and `log`, which are thread-safe.
+/// What the connections of one event loop share. Built before them, destroyed after them; used on the loop's thread
+/// only, except `disk` and `log`, which are thread-safe.
 struct Context {
   asio::io_context& loop;
   asio::thread_pool& disk;  ///< For calls that block on the disk.

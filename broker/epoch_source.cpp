@@ -14,7 +14,8 @@ constexpr std::uint64_t kStartOf2026 = 1'767'225'600;
 Result<EpochSource> EpochSource::open(std::string path) {
   std::uint32_t last = 0;
   if (std::ifstream file(path); file && !(file >> last)) {
-    return fail(ErrorCode::kCorrupt, path + " holds no number: remove it if no viewer is connected, epochs start anew then");
+    return fail(ErrorCode::kCorrupt,
+                path + " holds no number: remove it if no viewer is connected, epochs start anew then");
   }
   return EpochSource(std::move(path), last);
 }

@@ -8,8 +8,8 @@
 
 namespace eigencast::broker {
 
-/// Gives epochs that grow: within a run, across restarts (the highest one is kept in a file) and, as far as their wall clocks
-/// agree, across brokers, because an epoch is never below the seconds since 2026-01-01. Not thread-safe.
+/// Gives epochs that grow: within a run, across restarts (the highest one is kept in a file) and, as far as their wall
+/// clocks agree, across brokers, because an epoch is never below the seconds since 2026-01-01. Not thread-safe.
 class EpochSource {
  public:
   /// Reads the file if it is there. Errors: kIo, kCorrupt.

@@ -66,7 +66,9 @@ void Feed::pump(TimeUs now_us, std::vector<FramePtr>& out) {
   }
 }
 
-std::optional<TimeUs> Feed::next_due_us() const { return pacer_.next_due_us(); }
+std::optional<TimeUs> Feed::next_due_us() const {
+  return pacer_.next_due_us();
+}
 
 void Feed::pump_full(const Pacer::Due& due, std::vector<FramePtr>& out) {
   // Keys whose own turn was skipped still leave, in order: the chain of everybody stays whole.

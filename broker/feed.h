@@ -15,14 +15,16 @@
 
 namespace eigencast::broker {
 
-/// One key of a stream as the publisher sent it, with the codec state on both sides of it. Immutable and shared by all feeds.
+/// One key of a stream as the publisher sent it, with the codec state on both sides of it. Immutable and shared by all
+/// feeds.
 struct KeyRecord {
   std::uint64_t sequence = 0;
   TimeUs capture_us = 0;
-  TimeUs arrival_us = 0;                     ///< On the broker's clock.
-  std::uint8_t bands = 0;                    ///< Of `payload`.
-  bool join = false;                         ///< `payload` is that of a join frame.
-  std::shared_ptr<const ChainState> before;  ///< Nothing where the chain begins anew: receivers cannot go on from before.
+  TimeUs arrival_us = 0;   ///< On the broker's clock.
+  std::uint8_t bands = 0;  ///< Of `payload`.
+  bool join = false;       ///< `payload` is that of a join frame.
+  std::shared_ptr<const ChainState>
+      before;  ///< Nothing where the chain begins anew: receivers cannot go on from before.
   std::shared_ptr<const ChainState> after;
   Bytes payload;  ///< As it came.
 };
@@ -39,7 +41,8 @@ class Feed {
  public:
   /// profile      with bands no more than the layout has
   /// max_span_us  keys further apart are not bridged
-  Feed(const Profile& profile, const CoefficientLayout& layout, std::uint32_t stream_id, std::uint32_t epoch, TimeUs max_span_us);
+  Feed(const Profile& profile, const CoefficientLayout& layout, std::uint32_t stream_id, std::uint32_t epoch,
+       TimeUs max_span_us);
 
   /// Begins at a key that came before this feed existed: join() gives it at once, what follows is bridged from it.
   /// REQUIRES: nothing was added yet.
@@ -54,7 +57,8 @@ class Feed {
   /// When pump() has something to do next; nothing while nothing is pending.
   std::optional<TimeUs> next_due_us() const;
 
-  /// The join frame that brings a receiver to where this feed stands now; made once per state. Null before the first key.
+  /// The join frame that brings a receiver to where this feed stands now; made once per state. Null before the first
+  /// key.
   FramePtr join();
 
   const Profile& profile() const { return profile_; }

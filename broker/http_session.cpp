@@ -39,9 +39,12 @@ bool offers_subprotocol(std::string_view header) {
 
 std::string_view name_of_state(control::StreamInfo::State state) {
   switch (state) {
-    case control::StreamInfo::State::kWaiting: return "waiting";
-    case control::StreamInfo::State::kLive: return "live";
-    case control::StreamInfo::State::kStalled: return "stalled";
+    case control::StreamInfo::State::kWaiting:
+      return "waiting";
+    case control::StreamInfo::State::kLive:
+      return "live";
+    case control::StreamInfo::State::kStalled:
+      return "stalled";
   }
   return "";
 }
@@ -92,22 +95,30 @@ void HttpSession::read_head() {
   http::async_read_header(socket_, buffer_, *parser_, [self = shared_from_this()](ErrorOf error, std::size_t) {
     if (!error) return self->on_head();
     if (error == http::error::body_limit) {
-      return self->answer_error(Status::payload_too_large, fail(ErrorCode::kTooLarge, "the body is over assets.max_object_bytes"));
+      return self->answer_error(Status::payload_too_large,
+                                fail(ErrorCode::kTooLarge, "the body is over assets.max_object_bytes"));
     }
     if (error == http::error::header_limit) {
-      return self->answer_error(Status::request_header_fields_too_large, fail(ErrorCode::kTooLarge, "the request head is over 16 KiB"));
+      return self->answer_error(Status::request_header_fields_too_large,
+                                fail(ErrorCode::kTooLarge, "the request head is over 16 KiB"));
     }
-    if (error != http::error::end_of_stream && error.category() == http::make_error_code(http::error::end_of_stream).category() &&
+    if (error != http::error::end_of_stream &&
+        error.category() == http::make_error_code(http::error::end_of_stream).category() &&
         error != http::error::partial_message) {
-      return self->answer_error(Status::bad_request, fail(ErrorCode::kCorrupt, "not an HTTP request: " + error.message()));
+      return self->answer_error(Status::bad_request,
+                                fail(ErrorCode::kCorrupt, "not an HTTP request: " + error.message()));
     }
     self->close();
   });
 }
 
-bool HttpSession::is_head() const { return parser_->get().method() == http::verb::head; }
+bool HttpSession::is_head() const {
+  return parser_->get().method() == http::verb::head;
+}
 
-std::string HttpSession::header(http::field field) const { return std::string(parser_->get()[field]); }
+std::string HttpSession::header(http::field field) const {
+  return std::string(parser_->get()[field]);
+}
 
 void HttpSession::on_head() {
   const auto& request = parser_->get();
@@ -124,7 +135,8 @@ void HttpSession::on_head() {
       return upgrade(*target);
     case Target::Kind::kStreams:
       if (reads) return serve_streams();
-      return answer_error(Status::method_not_allowed, fail(ErrorCode::kUnsupported, "the stream list is read by GET or HEAD"),
+      return answer_error(Status::method_not_allowed,
+                          fail(ErrorCode::kUnsupported, "the stream list is read by GET or HEAD"),
                           {{http::field::allow, "GET, HEAD"}});
     case Target::Kind::kAsset:
       if (reads) return serve_asset(*Sha256::from_hex(target->name));
@@ -136,13 +148,15 @@ void HttpSession::on_head() {
 
 void HttpSession::upgrade(const Target& target) {
   if (!beast::websocket::is_upgrade(parser_->get()) || buffer_.size() > 0) {
-    return answer_error(Status::upgrade_required, fail(ErrorCode::kInvalidArgument, "this is a WebSocket: connect with ws://"),
+    return answer_error(Status::upgrade_required,
+                        fail(ErrorCode::kInvalidArgument, "this is a WebSocket: connect with ws://"),
                         {{http::field::upgrade, "websocket"}});
   }
   if (!offers_subprotocol(header(http::field::sec_websocket_protocol))) {
-    return answer_error(Status::bad_request, fail(ErrorCode::kIncompatibleVersion,
-                                                  "offer the subprotocol 'eigencast.v1' (Sec-WebSocket-Protocol): this broker "
-                                                  "speaks no other"));
+    return answer_error(Status::bad_request,
+                        fail(ErrorCode::kIncompatibleVersion,
+                             "offer the subprotocol 'eigencast.v1' (Sec-WebSocket-Protocol): this broker "
+                             "speaks no other"));
   }
   std::optional<control::Subscribe> first;
   if (target.kind == Target::Kind::kSubscribe && !target.name.empty()) {
@@ -180,15 +194,16 @@ void HttpSession::serve_asset(const Sha256& id) {
     const bool missing = object.error().code == ErrorCode::kNotFound;
     return answer_error(missing ? Status::not_found : Status::internal_server_error, object.error());
   }
-  if (etag_matches(header(http::field::if_none_match), etag)) return answer(Status::not_modified, {}, std::move(headers));
+  if (etag_matches(header(http::field::if_none_match), etag))
+    return answer(Status::not_modified, {}, std::move(headers));
   const std::string if_range = header(http::field::if_range);
   const bool ranged = if_range.empty() || if_range == etag;
   const auto wanted = ranged ? range_from_header(header(http::field::range), object->size) : RangeRequest{};
   const std::string size = std::to_string(object->size);
   if (wanted.kind == RangeRequest::Kind::kUnsatisfiable) {
     headers.emplace_back(http::field::content_range, "bytes */" + size);
-    return answer_error(Status::range_not_satisfiable, fail(ErrorCode::kInvalidArgument, "the asset has " + size + " bytes"),
-                        std::move(headers));
+    return answer_error(Status::range_not_satisfiable,
+                        fail(ErrorCode::kInvalidArgument, "the asset has " + size + " bytes"), std::move(headers));
   }
   ++context_.counters.downloads;
   if (wanted.kind == RangeRequest::Kind::kWhole) {
@@ -200,7 +215,8 @@ void HttpSession::serve_asset(const Sha256& id) {
   send_head_then_file(std::move(*object), Status::partial_content, wanted.range, !is_head(), std::move(headers));
 }
 
-void HttpSession::send_head_then_file(AssetStore::Object object, Status status, ByteRange range, bool with_body, Headers headers) {
+void HttpSession::send_head_then_file(AssetStore::Object object, Status status, ByteRange range, bool with_body,
+                                      Headers headers) {
   auto response = std::make_shared<http::response<http::empty_body>>(status, 11);
   for (auto& [field, value] : headers) response->set(field, value);
   response->set(http::field::content_type, "application/octet-stream");
@@ -223,7 +239,8 @@ void HttpSession::send_chunk(std::shared_ptr<Download> download) {
   if (download->at == download->end) return finish(parser_->get().keep_alive());
   const std::uint64_t want = std::min<std::uint64_t>(kChunkBytes, download->end - download->at);
   download->chunk.resize(want);
-  const ssize_t count = ::pread(download->object.file.get(), download->chunk.data(), want, static_cast<off_t>(download->at));
+  const ssize_t count =
+      ::pread(download->object.file.get(), download->chunk.data(), want, static_cast<off_t>(download->at));
   if (count <= 0) {  // The head promised more than the disk gives: only cutting the connection tells the peer.
     log(context_.log, LogLevel::kError, "reading an asset failed: " + std::generic_category().message(errno));
     return close();
@@ -231,10 +248,11 @@ void HttpSession::send_chunk(std::shared_ptr<Download> download) {
   download->chunk.resize(static_cast<std::size_t>(count));
   download->at += static_cast<std::uint64_t>(count);
   arm(context_.config.timeouts.transfer_ms);
-  asio::async_write(socket_, asio::buffer(download->chunk), [self = shared_from_this(), download](ErrorOf error, std::size_t) {
-    if (error) return self->close();
-    self->send_chunk(download);
-  });
+  asio::async_write(socket_, asio::buffer(download->chunk),
+                    [self = shared_from_this(), download](ErrorOf error, std::size_t) {
+                      if (error) return self->close();
+                      self->send_chunk(download);
+                    });
 }
 
 void HttpSession::receive_asset(const Sha256& id) {
@@ -300,19 +318,24 @@ void HttpSession::fail_upload(const Error& error) {
   ++context_.counters.uploads_failed;
   log(context_.log, LogLevel::kWarning, "upload refused: " + error.message);
   switch (error.code) {
-    case ErrorCode::kCorrupt: return answer_error(Status::unprocessable_entity, error);
-    case ErrorCode::kTooLarge: return answer_error(Status::payload_too_large, error);
-    default: return answer_error(Status::insufficient_storage, error);
+    case ErrorCode::kCorrupt:
+      return answer_error(Status::unprocessable_entity, error);
+    case ErrorCode::kTooLarge:
+      return answer_error(Status::payload_too_large, error);
+    default:
+      return answer_error(Status::insufficient_storage, error);
   }
 }
 
 void HttpSession::answer_error(Status status, const Error& error, Headers headers) {
-  std::string body = "{\"error\":" + json_quoted(name_of(error.code)) + ",\"message\":" + json_quoted(error.message) + "}\n";
+  std::string body =
+      "{\"error\":" + json_quoted(name_of(error.code)) + ",\"message\":" + json_quoted(error.message) + "}\n";
   answer(status, std::move(body), std::move(headers));
 }
 
 void HttpSession::answer(Status status, std::string body, Headers headers) {
-  const bool body_unread = !parser_->is_header_done() || (!parser_->is_done() && (parser_->content_length().value_or(0) > 0 || parser_->chunked()));
+  const bool body_unread = !parser_->is_header_done() ||
+                           (!parser_->is_done() && (parser_->content_length().value_or(0) > 0 || parser_->chunked()));
   const bool keep = !body_unread && parser_->get().keep_alive();
   auto response = std::make_shared<http::response<http::string_body>>(status, 11);
   for (auto& [field, value] : headers) response->set(field, value);

@@ -15,8 +15,8 @@
 
 namespace eigencast::broker {
 
-/// One HTTP/1.1 connection of the data port: assets, the stream list, and upgrades, which hand the socket on. Kept alive by its
-/// pending operations. Belongs to its event loop.
+/// One HTTP/1.1 connection of the data port: assets, the stream list, and upgrades, which hand the socket on. Kept
+/// alive by its pending operations. Belongs to its event loop.
 class HttpSession : public std::enable_shared_from_this<HttpSession> {
  public:
   HttpSession(Context& context, Socket socket);

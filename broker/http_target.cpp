@@ -40,13 +40,15 @@ Result<Target> target_from_text(std::string_view text) {
   if (path == "/v1/streams") return Target{Target::Kind::kStreams, {}, std::string(query)};
   if (path == "/v1/subscribe") return Target{Target::Kind::kSubscribe, {}, std::string(query)};
   if (path.starts_with(kPublish)) return stream_target(Target::Kind::kPublish, path.substr(kPublish.size()), query);
-  if (path.starts_with(kSubscribe)) return stream_target(Target::Kind::kSubscribe, path.substr(kSubscribe.size()), query);
+  if (path.starts_with(kSubscribe))
+    return stream_target(Target::Kind::kSubscribe, path.substr(kSubscribe.size()), query);
   if (path.starts_with(kAssets)) {
     const std::string_view name = path.substr(kAssets.size());
     if (Sha256::from_hex(name)) return Target{Target::Kind::kAsset, std::string(name), std::string(query)};
     return fail(ErrorCode::kInvalidArgument, "an asset is named by 64 lower-case hexadecimal digits, its SHA-256");
   }
-  return fail(ErrorCode::kNotFound, "there is nothing here; see /v1/streams, /v1/assets/SHA256, /v1/publish/STREAM, /v1/subscribe/STREAM");
+  return fail(ErrorCode::kNotFound,
+              "there is nothing here; see /v1/streams, /v1/assets/SHA256, /v1/publish/STREAM, /v1/subscribe/STREAM");
 }
 
 RangeRequest range_from_header(std::string_view header, std::uint64_t size) {

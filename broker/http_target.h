@@ -35,7 +35,8 @@ struct RangeRequest {
   ByteRange range;  ///< Of kPart.
 };
 
-/// Reads a Range header. One range is served; several, other units and malformed ones are ignored, as RFC 9110 14.2 allows.
+/// Reads a Range header. One range is served; several, other units and malformed ones are ignored, as RFC 9110 14.2
+/// allows.
 RangeRequest range_from_header(std::string_view header, std::uint64_t size);
 
 /// Whether an If-None-Match header names this entity tag (given with its quotes), or any by "*".

@@ -4,7 +4,9 @@
 namespace eigencast::broker {
 namespace {
 
-bool is_idle(const Stream& stream) { return !stream.has_publisher() && stream.watchers() == 0; }
+bool is_idle(const Stream& stream) {
+  return !stream.has_publisher() && stream.watchers() == 0;
+}
 
 }  // namespace
 
@@ -51,7 +53,8 @@ bool Hub::make_room() {
   // The idle stream with the oldest epoch: the pose held longest for nobody.
   auto oldest = streams_.end();
   for (auto it = streams_.begin(); it != streams_.end(); ++it) {
-    if (is_idle(*it->second) && (oldest == streams_.end() || it->second->epoch() < oldest->second->epoch())) oldest = it;
+    if (is_idle(*it->second) && (oldest == streams_.end() || it->second->epoch() < oldest->second->epoch()))
+      oldest = it;
   }
   if (oldest == streams_.end()) return false;
   streams_.erase(oldest);

@@ -14,8 +14,8 @@ namespace eigencast::broker {
 
 /// All streams of a broker by name. Ids are given once per name and run.
 ///
-/// A stream that nobody publishes, nobody watches and that never had a pose is forgotten; one that holds a last pose stays until
-/// the room is needed. Not thread-safe: belongs to one event loop.
+/// A stream that nobody publishes, nobody watches and that never had a pose is forgotten; one that holds a last pose
+/// stays until the room is needed. Not thread-safe: belongs to one event loop.
 class Hub {
  public:
   struct Settings {
@@ -25,7 +25,8 @@ class Hub {
 
   explicit Hub(const Settings& settings) : settings_(settings) {}
 
-  /// The stream of that name, made if there is none. REQUIRES: check_stream_name passed. Errors: kTooLarge (max_streams).
+  /// The stream of that name, made if there is none. REQUIRES: check_stream_name passed. Errors: kTooLarge
+  /// (max_streams).
   Result<Stream*> open(std::string_view name);
   /// Null if there is none.
   Stream* find(std::string_view name);

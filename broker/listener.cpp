@@ -21,8 +21,9 @@ Result<void> Listener::open(const Address& address) {
   if (!error) acceptor_.bind(endpoint, error);
   if (!error) acceptor_.listen(asio::socket_base::max_listen_connections, error);
   if (error) {
-    return fail(ErrorCode::kUnreachable, "cannot listen on " + address.host + ":" + std::to_string(address.port) + ": " + error.message() +
-                                    ": is another broker running? choose another address with --listen");
+    return fail(ErrorCode::kUnreachable, "cannot listen on " + address.host + ":" + std::to_string(address.port) +
+                                             ": " + error.message() +
+                                             ": is another broker running? choose another address with --listen");
   }
   port_ = acceptor_.local_endpoint(error).port();
   accept();
@@ -45,7 +46,8 @@ void Listener::accept() {
     if (error == asio::error::operation_aborted) return;
     if (error != asio::error::no_descriptors && error != asio::error::no_memory) return accept();
     // Out of descriptors: the connection stays in the backlog, so that trying at once would spin.
-    log(log_, LogLevel::kError, "cannot accept a connection: " + error.message() + ": raise the limit of open files (ulimit -n)");
+    log(log_, LogLevel::kError,
+        "cannot accept a connection: " + error.message() + ": raise the limit of open files (ulimit -n)");
     pause_.expires_after(std::chrono::milliseconds(200));
     pause_.async_wait([this](ErrorOf stopped) {
       if (!stopped) accept();

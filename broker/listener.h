@@ -11,7 +11,8 @@
 
 namespace eigencast::broker {
 
-/// Accepts connections on one address and hands them on. Belongs to its event loop; destroy it after the loop has ended.
+/// Accepts connections on one address and hands them on. Belongs to its event loop; destroy it after the loop has
+/// ended.
 class Listener {
  public:
   using OnConnection = std::function<void(Socket)>;

@@ -34,7 +34,8 @@ int main(int argc, char** argv) {
 
   const auto sink = broker::make_log_sink(options->config.log.level, options->config.log.format);
   auto service = broker::Broker::create(options->config, EIGENCAST_VERSION, sink);
-  if (!service) return complain(service.error(), service.error().code == eigencast::ErrorCode::kUnreachable ? kCannotListen : 1);
+  if (!service)
+    return complain(service.error(), service.error().code == eigencast::ErrorCode::kUnreachable ? kCannotListen : 1);
   (*service)->stop_on_signals();
   if (!options->port_file.empty()) {
     const auto written = broker::write_file_atomically(options->port_file, std::to_string((*service)->port()) + "\n");

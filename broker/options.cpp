@@ -23,9 +23,11 @@ struct KeyFlag {
   const char* help;
 };
 constexpr KeyFlag kKeyFlags[] = {
-    {"--listen", "server.listen", "Where senders and viewers connect, ADDR:PORT (default: 127.0.0.1:7490; port 0: any)"},
+    {"--listen", "server.listen",
+     "Where senders and viewers connect, ADDR:PORT (default: 127.0.0.1:7490; port 0: any)"},
     {"--admin-listen", "server.admin_listen", "Health and metrics, on loopback (default: 127.0.0.1:7491; port 0: off)"},
-    {"--data-dir", "server.data_dir", "Where assets are kept (default: $XDG_STATE_HOME/eigencast or ~/.local/state/eigencast)"},
+    {"--data-dir", "server.data_dir",
+     "Where assets are kept (default: $XDG_STATE_HOME/eigencast or ~/.local/state/eigencast)"},
     {"--log-level", "log.level", "debug, info, warning or error (default: info)"},
     {"--log-format", "log.format", "text or json (default: text)"},
 };
@@ -38,7 +40,8 @@ Result<void> merge(Config& config, const std::string& file, std::span<const std:
   if (auto read = read_environment(config, environment); !read) return read;
   for (std::size_t i = 0; i < flags.size(); ++i) {
     if (flags[i].empty()) continue;
-    if (auto set = set_config(config, kKeyFlags[i].key, flags[i]); !set) return in_context(kKeyFlags[i].flag, set.error());
+    if (auto set = set_config(config, kKeyFlags[i].key, flags[i]); !set)
+      return in_context(kKeyFlags[i].flag, set.error());
   }
   return check_config(config);
 }

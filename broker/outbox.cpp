@@ -23,14 +23,19 @@ bool decodable(const Envelope& envelope, std::optional<std::uint64_t> newest) {
   return false;
 }
 
-bool is_key(const Envelope& envelope) { return envelope.kind == FrameKind::kKey || envelope.kind == FrameKind::kJoin; }
+bool is_key(const Envelope& envelope) {
+  return envelope.kind == FrameKind::kKey || envelope.kind == FrameKind::kJoin;
+}
 
-std::uint8_t step_byte(const InterpolationStep& step) { return static_cast<std::uint8_t>((step.at << 4) | step.of); }
+std::uint8_t step_byte(const InterpolationStep& step) {
+  return static_cast<std::uint8_t>((step.at << 4) | step.of);
+}
 
 }  // namespace
 
 bool Outbox::push_control(Text text) {
-  if (control_.size() >= limits_.max_control_messages || control_bytes_ + text->size() > limits_.max_control_bytes) return false;
+  if (control_.size() >= limits_.max_control_messages || control_bytes_ + text->size() > limits_.max_control_bytes)
+    return false;
   control_bytes_ += text->size();
   control_.push_back(std::move(text));
   return true;

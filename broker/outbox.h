@@ -16,9 +16,9 @@ namespace eigencast::broker {
 
 /// What one connection is owed, and in which order: decides, and leaves the sending to its owner.
 ///
-/// Control messages stand in a bounded queue and are never dropped (overflow: disconnect). Each stream watched has a lane with
-/// one slot, in which the newest frame replaces an older one that has not left. The outbox follows what the receiver can
-/// decode: whoever missed a frame that the newest one builds on gets a join frame first, never a backlog.
+/// Control messages stand in a bounded queue and are never dropped (overflow: disconnect). Each stream watched has a
+/// lane with one slot, in which the newest frame replaces an older one that has not left. The outbox follows what the
+/// receiver can decode: whoever missed a frame that the newest one builds on gets a join frame first, never a backlog.
 ///
 /// A client that acknowledges has in flight at most its round trip plus `window_slack_us` of frames: while the oldest
 /// unacknowledged frame is older, the newest waits in its slot. One that never acknowledges has no window.
@@ -31,11 +31,11 @@ class Outbox {
   using JoinSource = std::function<FramePtr(std::uint32_t stream_id)>;
 
   struct Limits {
-    std::size_t max_control_messages = 256;        ///< Overflow disconnects (default: 256).
-    std::size_t max_control_bytes = 1024 * 1024;   ///< Overflow disconnects (default: 1 MiB).
-    TimeUs window_slack_us = 100'000;              ///< In flight beyond the round trip (default: 100 ms).
-    TimeUs probe_us = 2'000'000;                   ///< A closed window lets one frame through so often (default: 2 s).
-    std::size_t max_in_flight = 512;               ///< Unacknowledged frames remembered per lane; older are forgotten.
+    std::size_t max_control_messages = 256;       ///< Overflow disconnects (default: 256).
+    std::size_t max_control_bytes = 1024 * 1024;  ///< Overflow disconnects (default: 1 MiB).
+    TimeUs window_slack_us = 100'000;             ///< In flight beyond the round trip (default: 100 ms).
+    TimeUs probe_us = 2'000'000;                  ///< A closed window lets one frame through so often (default: 2 s).
+    std::size_t max_in_flight = 512;              ///< Unacknowledged frames remembered per lane; older are forgotten.
   };
 
   /// One message to send: exactly one of the two is set.
@@ -63,7 +63,8 @@ class Outbox {
   /// Puts a frame into its lane's slot. Ignored if the lane is not open.
   void offer(std::uint32_t stream_id, const FramePtr& frame);
 
-  /// The next message to send now, control first, then the lanes in turn. Nothing: all is sent or waits for acknowledgements.
+  /// The next message to send now, control first, then the lanes in turn. Nothing: all is sent or waits for
+  /// acknowledgements.
   std::optional<Item> take(TimeUs now_us, const JoinSource& join_of);
 
   void acknowledge(const control::Ack::Item& item, TimeUs now_us);

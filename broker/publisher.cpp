@@ -15,7 +15,9 @@ Publisher::Publisher(Context& context, Socket socket, std::string stream_name)
     : Connection(context, std::move(socket), static_cast<std::size_t>(context.config.limits.max_frame_bytes)),
       name_(std::move(stream_name)) {}
 
-std::string Publisher::label() const { return "sender of '" + name_ + "'"; }
+std::string Publisher::label() const {
+  return "sender of '" + name_ + "'";
+}
 
 void Publisher::on_open() {
   const auto stream = context().hub.open(name_);
@@ -33,7 +35,8 @@ void Publisher::on_text(std::string_view text) {
   const auto message = parse(text);
   if (!message) {
     const bool unknown = message.error().code == ErrorCode::kUnsupported;
-    if (unknown) return send(control::ErrorMessage{std::string(name_of(message.error().code)), message.error().message, name_});
+    if (unknown)
+      return send(control::ErrorMessage{std::string(name_of(message.error().code)), message.error().message, name_});
     log(context().log, LogLevel::kWarning, label() + ": closed, " + message.error().message);
     return refuse(message.error(), name_, close_code::bad_payload);
   }
@@ -54,15 +57,19 @@ void Publisher::on_announce(const control::Announce& announce) {
   };
   if (auto ok = check_format(announce.format); !ok) return answer(ok.error());
   const auto asset = Sha256::from_hex(announce.asset);
-  if (!asset) return answer(fail(ErrorCode::kInvalidArgument, "asset must be the 64 hexadecimal digits of its manifest's SHA-256"));
+  if (!asset)
+    return answer(
+        fail(ErrorCode::kInvalidArgument, "asset must be the 64 hexadecimal digits of its manifest's SHA-256"));
   if (!context().assets.contains(*asset)) {
-    return answer(fail(ErrorCode::kNotFound, "asset " + announce.asset + " is not here: PUT /v1/assets/" + announce.asset + " first"));
+    return answer(fail(ErrorCode::kNotFound,
+                       "asset " + announce.asset + " is not here: PUT /v1/assets/" + announce.asset + " first"));
   }
   const auto epoch = context().epochs.next(static_cast<std::uint64_t>(std::time(nullptr)));
   if (!epoch) return answer(epoch.error());
   if (auto begun = stream_->announce(announce, *epoch); !begun) return answer(begun.error());
-  log(context().log, LogLevel::kInfo, label() + ": epoch " + std::to_string(*epoch) + ", asset " + announce.asset.substr(0, 12) +
-                                          ", " + std::to_string(announce.format.rows) + " coefficients, " + announce.format.codec);
+  log(context().log, LogLevel::kInfo,
+      label() + ": epoch " + std::to_string(*epoch) + ", asset " + announce.asset.substr(0, 12) + ", " +
+          std::to_string(announce.format.rows) + " coefficients, " + announce.format.codec);
   send(control::Announced{name_, stream_->id(), *epoch});
   tell_count();
 }

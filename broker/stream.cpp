@@ -8,7 +8,9 @@
 namespace eigencast::broker {
 namespace {
 
-std::string frame_label(const Envelope& envelope) { return "frame " + std::to_string(envelope.sequence); }
+std::string frame_label(const Envelope& envelope) {
+  return "frame " + std::to_string(envelope.sequence);
+}
 
 }  // namespace
 
@@ -22,9 +24,10 @@ control::StreamInfo::State Stream::state() const {
 
 Result<void> Stream::claim(PublisherLink& link) {
   if (publisher_ != nullptr) {
-    return fail(ErrorCode::kRefused, "stream '" + name_ +
-                                         "' already has a sender, and a stream has one at a time: stop that one, or publish "
-                                         "under another name");
+    return fail(ErrorCode::kRefused,
+                "stream '" + name_ +
+                    "' already has a sender, and a stream has one at a time: stop that one, or publish "
+                    "under another name");
   }
   publisher_ = &link;
   return {};
@@ -104,7 +107,8 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
     auto key = decode_key(layout_, head.bands, state, frame.payload);
     if (!key) return key.error();
     record->before = newest_->after;
-    record->after = std::make_shared<const ChainState>(advanced(state, std::move(*key), head.capture_us - newest_->capture_us));
+    record->after =
+        std::make_shared<const ChainState>(advanced(state, std::move(*key), head.capture_us - newest_->capture_us));
   }
   record->payload.assign(frame.payload.begin(), frame.payload.end());
   return KeyRecordPtr(std::move(record));
@@ -117,8 +121,9 @@ Result<void> Stream::watch(Watcher& watcher, const Profile& profile) {
                                           " watchers, the most that limits.max_subscribers_per_stream allows");
   }
   if (groups_.size() >= settings_.max_profiles && !groups_.contains(effective(profile))) {
-    return fail(ErrorCode::kTooLarge, "stream '" + name_ + "' is watched in " + std::to_string(settings_.max_profiles) +
-                                          " profiles, the most that limits.max_profiles_per_stream allows: ask for a common one");
+    return fail(ErrorCode::kTooLarge,
+                "stream '" + name_ + "' is watched in " + std::to_string(settings_.max_profiles) +
+                    " profiles, the most that limits.max_profiles_per_stream allows: ask for a common one");
   }
   if (known) {
     leave_group(watcher);

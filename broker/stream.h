@@ -39,9 +39,9 @@ class PublisherLink {
 class Stream {
  public:
   struct Settings {
-    TimeUs max_span_us = 500'000;           ///< Keys further apart are not bridged by interpolation (default: 500 ms).
-    std::uint32_t max_watchers = 10'000;    ///< More are refused (default: 10,000).
-    std::size_t max_profiles = 64;          ///< Different profiles watched at a time; more are refused (default: 64).
+    TimeUs max_span_us = 500'000;         ///< Keys further apart are not bridged by interpolation (default: 500 ms).
+    std::uint32_t max_watchers = 10'000;  ///< More are refused (default: 10,000).
+    std::size_t max_profiles = 64;        ///< Different profiles watched at a time; more are refused (default: 64).
   };
 
   Stream(std::string name, std::uint32_t id, const Settings& settings);
@@ -56,11 +56,13 @@ class Stream {
   /// Begins an epoch. REQUIRES: the format passed check_format, epochs grow. Errors: kInvalidArgument (codec).
   Result<void> announce(const control::Announce& announce, std::uint32_t epoch);
 
-  /// Takes a binary message of the publisher. The envelope's stream id and epoch are not read: the connection and its last
-  /// announcement say them. Errors: kCorrupt, kTooLarge, kUnsupported (see docs/protocol.md); nothing has changed then.
+  /// Takes a binary message of the publisher. The envelope's stream id and epoch are not read: the connection and its
+  /// last announcement say them. Errors: kCorrupt, kTooLarge, kUnsupported (see docs/protocol.md); nothing has changed
+  /// then.
   Result<void> add_frame(ByteView message, TimeUs now_us);
 
-  /// Adds a watcher, or changes its profile. Calls on_stream_changed. Errors: kTooLarge (too many watchers or profiles).
+  /// Adds a watcher, or changes its profile. Calls on_stream_changed. Errors: kTooLarge (too many watchers or
+  /// profiles).
   Result<void> watch(Watcher& watcher, const Profile& profile);
   void unwatch(Watcher& watcher);
 
@@ -89,7 +91,8 @@ class Stream {
 
  private:
   struct Group {
-    Group(const Profile& profile, const CoefficientLayout& layout, std::uint32_t id, std::uint32_t epoch, TimeUs max_span_us)
+    Group(const Profile& profile, const CoefficientLayout& layout, std::uint32_t id, std::uint32_t epoch,
+          TimeUs max_span_us)
         : feed(profile, layout, id, epoch, max_span_us) {}
     Feed feed;
     std::vector<Watcher*> watchers;
@@ -114,8 +117,8 @@ class Stream {
   std::unordered_map<const Watcher*, Profile> profiles_;  ///< What each watcher asked for.
   std::unordered_map<const Watcher*, Group*> group_of_;
   std::map<Profile, std::unique_ptr<Group>> groups_;
-  std::vector<Watcher*> order_;      ///< All watchers, waiting ones too.
-  std::vector<FramePtr> leaving_;    ///< Scratch.
+  std::vector<Watcher*> order_;    ///< All watchers, waiting ones too.
+  std::vector<FramePtr> leaving_;  ///< Scratch.
   std::uint64_t keys_received_ = 0;
   std::uint64_t frames_made_ = 0;
 };

@@ -14,7 +14,9 @@ Subscriber::Subscriber(Context& context, Socket socket, std::optional<control::S
     : Connection(context, std::move(socket), static_cast<std::size_t>(context.config.limits.max_control_bytes)),
       first_(std::move(first)) {}
 
-std::string Subscriber::label() const { return first_ ? "viewer of '" + first_->stream + "'" : "viewer"; }
+std::string Subscriber::label() const {
+  return first_ ? "viewer of '" + first_->stream + "'" : "viewer";
+}
 
 void Subscriber::on_open() {
   if (first_) subscribe(*first_);
@@ -24,7 +26,8 @@ void Subscriber::on_text(std::string_view text) {
   const auto message = parse(text);
   if (!message) {
     const bool unknown = message.error().code == ErrorCode::kUnsupported;
-    if (unknown) return send(control::ErrorMessage{std::string(name_of(message.error().code)), message.error().message, {}});
+    if (unknown)
+      return send(control::ErrorMessage{std::string(name_of(message.error().code)), message.error().message, {}});
     log(context().log, LogLevel::kWarning, label() + ": closed, " + message.error().message);
     return refuse(message.error(), {}, close_code::bad_payload);
   }
@@ -36,8 +39,8 @@ void Subscriber::on_text(std::string_view text) {
 }
 
 void Subscriber::on_binary(ByteView) {
-  refuse(fail(ErrorCode::kInvalidArgument, "a viewer sends no binary messages: frames are sent to /v1/publish/STREAM"), {},
-         close_code::unknown_data);
+  refuse(fail(ErrorCode::kInvalidArgument, "a viewer sends no binary messages: frames are sent to /v1/publish/STREAM"),
+         {}, close_code::unknown_data);
 }
 
 void Subscriber::subscribe(const control::Subscribe& request) {
@@ -66,7 +69,8 @@ void Subscriber::subscribe(const control::Subscribe& request) {
 void Subscriber::unsubscribe(const control::Unsubscribe& request) {
   Stream* stream = context().hub.find(request.stream);
   if (stream == nullptr || streams_.erase(stream->id()) == 0) {
-    return send(control::ErrorMessage{"not-found", "this connection does not watch '" + request.stream + "'", request.stream});
+    return send(
+        control::ErrorMessage{"not-found", "this connection does not watch '" + request.stream + "'", request.stream});
   }
   outbox().close_lane(stream->id());
   stream->unwatch(*this);
@@ -87,7 +91,9 @@ void Subscriber::on_frame(const Stream& stream, const FramePtr& frame) {
   flush();
 }
 
-void Subscriber::on_trace(const std::shared_ptr<const std::string>& text) { send_droppable(text); }
+void Subscriber::on_trace(const std::shared_ptr<const std::string>& text) {
+  send_droppable(text);
+}
 
 FramePtr Subscriber::join_of(std::uint32_t stream_id) {
   const auto found = streams_.find(stream_id);
@@ -107,10 +113,11 @@ void Subscriber::report_skipped() {
     if (found == streams_.end()) continue;
     // A notice is worth nothing to somebody who does not take what is queued already.
     if (outbox().control_messages() > 0) continue;
-    send(control::Notice{found->second->name(),
-                         "skipped " + std::to_string(skipped.frames) +
-                             " frames because the link did not take them in time; a compact or raw profile, or fewer bands, needs less",
-                         skipped.frames});
+    send(control::Notice{
+        found->second->name(),
+        "skipped " + std::to_string(skipped.frames) +
+            " frames because the link did not take them in time; a compact or raw profile, or fewer bands, needs less",
+        skipped.frames});
   }
 }
 

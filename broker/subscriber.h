@@ -11,7 +11,8 @@
 
 namespace eigencast::broker {
 
-/// The connection of a viewer: /v1/subscribe/{stream}, or /v1/subscribe and control messages. Belongs to its event loop.
+/// The connection of a viewer: /v1/subscribe/{stream}, or /v1/subscribe and control messages. Belongs to its event
+/// loop.
 class Subscriber final : public Connection, public Watcher {
  public:
   /// first  the stream of the path, watched at once
