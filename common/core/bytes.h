@@ -29,11 +29,18 @@ class ByteWriter {
     for (; v >= 0x80; v >>= 7) u8(static_cast<std::uint8_t>(v | 0x80));
     u8(static_cast<std::uint8_t>(v));
   }
-  void bytes(ByteView v) { out_.insert(out_.end(), v.begin(), v.end()); }
-  void text(std::string_view v) { out_.insert(out_.end(), v.begin(), v.end()); }
+  void bytes(ByteView v) { append(v.data(), v.size()); }
+  void text(std::string_view v) { append(v.data(), v.size()); }
   std::size_t size() const { return out_.size(); }
 
  private:
+  // Not vector::insert: g++ 12 sees an overlap in it that cannot be (-Warray-bounds).
+  void append(const void* data, std::size_t size) {
+    if (size == 0) return;
+    const std::size_t at = out_.size();
+    out_.resize(at + size);
+    std::memcpy(out_.data() + at, data, size);
+  }
   void little_endian(std::uint64_t v, int count) {
     for (int i = 0; i < count; ++i) out_.push_back(static_cast<std::uint8_t>(v >> (8 * i)));
   }
