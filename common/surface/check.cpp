@@ -99,6 +99,7 @@ void count_edges_and_fans(const Surface& surface, SurfaceReport& report) {
   report.boundary_edges = boundary.size();
   for (const std::uint32_t corner : boundary) manifold_fans.join(corner, next_corner(corner));
   std::vector<std::uint32_t> loops;
+  loops.reserve(boundary.size());
   for (const std::uint32_t corner : boundary) loops.push_back(manifold_fans.root(corner));
   std::sort(loops.begin(), loops.end());
   report.boundary_loops =

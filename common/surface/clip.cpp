@@ -162,8 +162,9 @@ Result<std::vector<std::string>> as_sequence(std::vector<std::string> paths, con
   std::sort(paths.begin(), paths.end(), natural_less);
   for (const std::string& path : paths) {
     if (text::ending_of(path) == text::ending_of(paths[0])) continue;
-    return fail(ErrorCode::kInvalidArgument, where + ": files of more than one kind (" + paths[0] + ", " + path +
-                                                 "); give a glob such as \"*.obj\" in quotes");
+    std::string what = where;
+    what.append(": files of more than one kind (").append(paths[0]).append(", ").append(path);
+    return fail(ErrorCode::kInvalidArgument, what + "); give a glob such as \"*.obj\" in quotes");
   }
   return paths;
 }

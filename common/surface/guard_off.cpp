@@ -107,7 +107,7 @@ class OffGuard {
     const auto count = text::integer_from_token(first);
     if (!count || *count < 0) return corrupt_at(lines_.number(), quoted(first) + " is no number of corners");
     const auto corners = static_cast<std::uint64_t>(*count);
-    if (const auto checked = check_corners(corners, lines_.number()); !checked) return checked;
+    if (auto checked = check_corners(corners, lines_.number()); !checked) return checked;
     mesh_.plain.append(std::to_string(corners));
     for (std::uint64_t k = 0; k < corners; ++k) {
       const std::string_view token = text::take_token(*line);

@@ -285,7 +285,7 @@ class PlyGuard {
     for (const Property& property : element.properties) {
       if (property.list_count) {
         const bool indices = is_face && (property.name == "vertex_indices" || property.name == "vertex_index");
-        if (const auto taken = take_list(body, property, element, i, indices); !taken) return taken;
+        if (auto taken = take_list(body, property, element, i, indices); !taken) return taken;
         continue;
       }
       const auto value = body.take(property.scalar);

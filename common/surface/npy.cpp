@@ -81,7 +81,7 @@ Result<NpyFile> NpyFile::open(const std::string& path) {
   char start[12] = {};
   in.read(start, 10);
   if (in.gcount() != 10 || std::memcmp(start, "\x93NUMPY", 6) != 0) return corrupt("not an .npy file");
-  const int version = start[6];
+  const int version = static_cast<unsigned char>(start[6]);
   if (version < 1 || version > 3) return fail(ErrorCode::kUnsupported, path + ": .npy of an unknown version");
   const auto byte = [&start](std::size_t i) { return std::size_t{static_cast<unsigned char>(start[i])}; };
   std::size_t header_bytes = byte(8) | byte(9) << 8;

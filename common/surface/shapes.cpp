@@ -84,26 +84,25 @@ Surface split(const Surface& base, int k) {
 }
 
 // The heart of Taubin 1994, "Distance approximations for rasterizing implicit curves",
-// (x^2 + 9/4 y^2 + z^2 - 1)^3 = x^2 z^3 + 9/80 y^2 z^3, here with its z up along Y. Of both sides the cube root is
-// taken, on the right a softened one, w / (w^2 + e)^(1/3): that rounds the cusps at cleft and tip. Negative inside.
+// (x^2 + 9/4 y^2 + z^2 - 1)^3 = (x^2 + 9/80 y^2) z^3, here with its z up along Y. Of both sides the cube root is taken;
+// that of s = x^2 + 9/80 y^2 is softened to s / (s^2 + e)^(1/3), which rounds the cusps at cleft and tip. Negative
+// inside.
 struct HeartValue {
   double value;
   Vec3 gradient;
 };
 
 HeartValue heart_function(const Vec3& p) {
-  constexpr double kSoftness = 0.003;
+  constexpr double kSoftness = 0.004;
   const double x2 = p[0] * p[0];
   const double y2 = p[2] * p[2];
-  const double z2 = p[1] * p[1];
+  const double z = p[1];
   const double lobes = x2 + 0.1125 * y2;
-  const double w = lobes * z2 * p[1];
-  const double cube = w * w + kSoftness;
-  const double root = std::cbrt(cube);
-  const double slope = (1 - 2.0 / 3 * w * w / cube) / root;
-  return {x2 + 2.25 * y2 + z2 - 1 - w / root,
-          {p[0] * (2 - slope * 2 * z2 * p[1]), p[1] * 2 - slope * 3 * lobes * z2,
-           p[2] * (4.5 - slope * 0.225 * z2 * p[1])}};
+  const double soft = lobes * lobes + kSoftness;
+  const double root = std::cbrt(soft);
+  const double slope = z * (1 - 2.0 / 3 * lobes * lobes / soft) / root;
+  return {x2 + 2.25 * y2 + z * z - 1 - z * lobes / root,
+          {p[0] * (2 - 2 * slope), 2 * z - lobes / root, p[2] * (4.5 - 0.225 * slope)}};
 }
 
 // Where the ray through `direction` leaves the heart, which is star-shaped about the origin.
