@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: MIT
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/progressive/prefix.h"
+#include "common/surface/check.h"
+#include "common/surface/read.h"
+
+namespace eigencast {
+namespace {
+
+std::vector<std::string> mesh_files() {
+  std::vector<std::string> files;
+  for (const char* folder : {"meshes/clean", "meshes/nasty"}) {
+    const std::filesystem::path path = std::filesystem::path(EIGENCAST_DATA_DIR) / folder;
+    if (!std::filesystem::exists(path)) continue;
+    for (const auto& entry : std::filesystem::directory_iterator(path)) files.push_back(entry.path());
+  }
+  for (const char* name : {"horse-gallop"}) {
+    const auto path = std::filesystem::path(EIGENCAST_DATA_DIR) / "animations" / name / "rest.obj";
+    if (std::filesystem::exists(path)) files.push_back(path);
+  }
+  return files;
+}
+
+// Euler characteristic of the faces and the vertices that they use.
+std::ptrdiff_t euler_characteristic(const std::vector<Face>& faces, std::uint32_t N) {
+  std::vector<std::uint64_t> edges;
+  std::vector<bool> used(N);
+  for (const Face& f : faces) {
+    for (std::size_t c = 0; c < 3; ++c) {
+      used[f[c]] = true;
+      const auto [low, high] = std::minmax(f[c], f[(c + 1) % 3]);
+      edges.push_back(std::uint64_t{low} << 32 | high);
+    }
+  }
+  std::sort(edges.begin(), edges.end());
+  const auto edge_count = std::unique(edges.begin(), edges.end()) - edges.begin();
+  return std::count(used.begin(), used.end(), true) - edge_count + static_cast<std::ptrdiff_t>(faces.size());
+}
+
+TEST(PrefixFiles, EveryMeshThatCanBeReadGetsASoundOrder) {
+  const auto files = mesh_files();
+  if (files.empty()) GTEST_SKIP() << "no meshes in " << EIGENCAST_DATA_DIR;
+  std::size_t built = 0;
+  for (const std::string& file : files) {
+    SCOPED_TRACE(file);
+    const auto surface = read_surface(file);
+    if (!surface || !validate_surface(*surface)) continue;
+    const auto order = build_prefix_order(*surface);
+    ASSERT_TRUE(order) << order.error().message;
+    ++built;
+    const auto n = static_cast<std::uint32_t>(surface->vertex_count());
+    for (std::uint32_t i = order->base_count; i < n; ++i) ASSERT_LT(order->map[i], i);
+    EXPECT_LE(order->base_count, std::max(64U, n / 50));
+
+    const SurfaceReport report = check_surface(*surface);
+    const bool keeps_topology = report.closed() && report.components == 1 && report.nonmanifold_vertices == 0;
+    std::optional<std::ptrdiff_t> characteristic;
+    const std::uint32_t q = order->base_count;
+    for (const std::uint32_t N : {n, n - n / 4, n / 2, n / 4, n / 10, q + (n - q) / 50, q}) {
+      if (N < q) continue;
+      std::vector<Face> faces;
+      for (std::uint32_t f = 0; f < prefix_face_count(order->death, N); ++f) {
+        Face face = order->faces[f];
+        for (std::uint32_t& corner : face) corner = prefix_corner(order->map, corner, N);
+        ASSERT_LT(std::max({face[0], face[1], face[2]}), N);
+        ASSERT_TRUE(face[0] != face[1] && face[1] != face[2] && face[2] != face[0]);
+        faces.push_back(face);
+      }
+      if (!keeps_topology) continue;
+      if (!characteristic) characteristic = euler_characteristic(faces, N);
+      EXPECT_EQ(euler_characteristic(faces, N), *characteristic) << "N = " << N;
+    }
+    RecordProperty(std::filesystem::path(file).filename().string(), std::to_string(order->base_count));
+  }
+  EXPECT_GT(built, files.size() / 2);
+}
+
+}  // namespace
+}  // namespace eigencast
