@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/core/bytes.h"
+#include "common/core/hash/sha256.h"
+#include "common/core/log.h"
+#include "common/net/url.h"
+
+namespace eigencast {
+
+/// Fetches content-addressed objects one after the other on a thread of its own: from the cache, else from the broker,
+/// verified by hash, kept in the cache. A broken download goes on where it stopped; it is tried until it succeeds or
+/// the job changes.
+///
+/// Use from one thread (wake excepted, which is called on the fetcher's).
+class AssetFetcher final {
+ public:
+  struct Object {
+    Sha256 id;
+    std::uint64_t max_bytes = 0;  ///< Larger ones are refused.
+  };
+  struct Stats {
+    std::uint64_t downloaded_bytes = 0, cached_bytes = 0;
+    std::string trouble;  ///< Why the last try failed and when the next one starts; empty when all is well.
+  };
+
+  /// `wake` is called whenever take() or stats() has news.
+  AssetFetcher(BrokerUrl url, std::string cache_dir, std::function<void()> wake, LogSink log = {});
+  ~AssetFetcher();  ///< Stops at once.
+  AssetFetcher(const AssetFetcher&) = delete;
+  AssetFetcher& operator=(const AssetFetcher&) = delete;
+
+  /// Makes `objects` what is to be fetched, in this order; what was asked for before is forgotten.
+  void ask(std::vector<Object> objects);
+  /// The next object's bytes when they are there. At most two are kept ready: nothing is fetched ahead of a slow
+  /// caller.
+  std::optional<Bytes> take();
+  Stats stats() const;
+
+ private:
+  class Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace eigencast

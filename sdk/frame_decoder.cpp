@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: MIT
+#include "sdk/frame_decoder.h"
+
+#include <algorithm>
+
+namespace eigencast {
+
+void FrameDecoder::set_stream(const control::StreamInfo& info) {
+  const auto codec = codec_from_name(info.format.codec);
+  const bool usable = info.state != control::StreamInfo::State::kWaiting && codec;
+  if (!usable) {
+    has_stream_ = false;
+    chain_.reset();
+    return;
+  }
+  const CoefficientLayout layout{*codec, info.format.rows, info.format.channels, info.format.band_ends};
+  if (!has_stream_ || info.stream_id != stream_id_ || info.epoch != epoch_ || layout != layout_) {
+    chain_.reset();
+    last_seen_.reset();
+  }
+  has_stream_ = true;
+  stream_id_ = info.stream_id;
+  epoch_ = info.epoch;
+  layout_ = layout;
+}
+
+Result<std::optional<Key>> FrameDecoder::decode(const FrameView& frame) {
+  const Envelope& e = frame.envelope;
+  if (!has_stream_ || e.stream_id != stream_id_ || e.epoch != epoch_) {
+    ++counts_.rejected;
+    return std::optional<Key>();
+  }
+  std::optional<Key> pose;
+  if (auto error = apply(frame, pose)) {
+    ++counts_.rejected;
+    return *error;
+  }
+  return pose;
+}
+
+std::optional<Error> FrameDecoder::apply(const FrameView& frame, std::optional<Key>& pose) {
+  const Envelope& e = frame.envelope;
+  const bool shown = (e.flags & Envelope::kAhead) == 0;
+  const auto undecodable = [&] {
+    ++counts_.rejected;
+    return std::nullopt;
+  };
+  switch (e.kind) {
+    case FrameKind::kJoin: {
+      auto state = decode_join(layout_, e.bands, frame.payload);
+      if (!state) return state.error();
+      chain_ = std::move(*state);
+      ++counts_.joins;
+      break;
+    }
+    case FrameKind::kKey: {
+      if (!chain_ || e.sequence != newest_ + 1) {
+        // A key further on can never be reached by the ones to come; an old one changes nothing.
+        if (chain_ && e.sequence > newest_) chain_.reset();
+        return undecodable();
+      }
+      auto key = decode_key(layout_, e.bands, *chain_, frame.payload);
+      if (!key) {
+        chain_.reset();
+        return key.error();
+      }
+      chain_ = advanced(std::move(chain_), std::move(*key), e.capture_us - newest_capture_us_);
+      break;
+    }
+    case FrameKind::kSynthetic: {
+      if (!chain_ || e.sequence != newest_ + 1) return undecodable();
+      auto key = decode_key(layout_, e.bands, *chain_, frame.payload);
+      if (!key) return key.error();
+      ++counts_.synthetic;
+      pose = std::move(*key);
+      return std::nullopt;
+    }
+    case FrameKind::kStep: {
+      if (!chain_ || e.sequence != newest_) return undecodable();
+      auto key = interpolate_keys(layout_, chain_->older, chain_->newer, e.step.at, e.step.of);
+      if (!key) return key.error();
+      ++counts_.synthetic;
+      pose = std::move(*key);
+      return std::nullopt;
+    }
+  }
+  count_gap(e.sequence);
+  newest_ = e.sequence;
+  newest_capture_us_ = e.capture_us;
+  ++counts_.keys;
+  if (shown) pose = chain_->newer;
+  return std::nullopt;
+}
+
+void FrameDecoder::count_gap(std::uint64_t sequence) {
+  if (last_seen_ && sequence > *last_seen_ + 1) counts_.missed += sequence - *last_seen_ - 1;
+  last_seen_ = std::max(last_seen_.value_or(sequence), sequence);
+}
+
+}  // namespace eigencast

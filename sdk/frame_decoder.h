@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+#include "common/codec/chain.h"
+#include "common/wire/control.h"
+#include "common/wire/envelope.h"
+
+namespace eigencast {
+
+/// A receiver's end of one stream's key chain: frames in, keys out (docs/protocol.md). Pure: no thread, no clock, no
+/// socket.
+///
+/// A key s is decodable when the newest key is s-1, a synthetic frame that leads up to s likewise; a step (compact
+/// interpolation) when the newest key is s; a join always. Whatever is not decodable waits for the next join. Not
+/// thread-safe.
+class FrameDecoder {
+ public:
+  struct Counts {
+    std::uint64_t keys = 0;       ///< Keys and joins decoded.
+    std::uint64_t synthetic = 0;  ///< Synthetic frames and steps decoded.
+    std::uint64_t joins = 0;
+    std::uint64_t rejected = 0;  ///< Frames that could not be decoded.
+    std::uint64_t missed = 0;    ///< Key sequence numbers never seen.
+  };
+
+  /// Frames to come are of this stream and epoch. The chain starts anew if either differs from before.
+  void set_stream(const control::StreamInfo& info);
+  /// The connection is new: only a join helps.
+  void restart() { chain_.reset(); }
+
+  /// The pose that the frame holds; nothing when there is none to show (a key sent ahead, another stream or epoch, no
+  /// state yet). Errors: kCorrupt and those of the codec; the chain then waits for a join.
+  Result<std::optional<Key>> decode(const FrameView& frame);
+
+  const CoefficientLayout& layout() const { return layout_; }
+  const Counts& counts() const { return counts_; }
+  /// The newest key decoded in this epoch; nothing before.
+  std::optional<std::uint64_t> newest() const { return chain_ ? std::optional(newest_) : std::nullopt; }
+
+ private:
+  std::optional<Error> apply(const FrameView& frame, std::optional<Key>& pose);
+  void count_gap(std::uint64_t sequence);
+
+  CoefficientLayout layout_;
+  std::uint32_t stream_id_ = 0;
+  std::uint32_t epoch_ = 0;
+  bool has_stream_ = false;
+  std::optional<ChainState> chain_;
+  std::uint64_t newest_ = 0;  ///< Sequence of chain_->newer.
+  TimeUs newest_capture_us_ = 0;
+  std::optional<std::uint64_t> last_seen_;  ///< Newest key of this epoch, also over restarts.
+  Counts counts_;
+};
+
+}  // namespace eigencast

@@ -1,0 +1,426 @@
+// SPDX-License-Identifier: MIT
+#include "sdk/publisher.h"
+
+#include <algorithm>
+#include <cmath>
+#include <condition_variable>
+#include <cstdio>
+#include <mutex>
+#include <optional>
+#include <thread>
+
+#include "common/codec/chain.h"
+#include "common/net/http.h"
+#include "common/reconstruction/reconstruct.h"
+#include "common/wire/control.h"
+#include "common/wire/envelope.h"
+
+namespace eigencast {
+
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr double kDefaultErrorOverDiagonal = 3e-4;
+constexpr milliseconds kUploadRetry{1000};
+/// A broker that refused the announcement is asked again after so long: another sender may have left.
+constexpr milliseconds kRefusedRetry{5000};
+
+std::string megabytes(std::uint64_t bytes) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.1f", static_cast<double>(bytes) / 1e6);
+  return text;
+}
+
+std::string try_again_in(milliseconds wait) {
+  return wait.count() > 0 ? "; next try in " + std::to_string(wait.count()) + " ms" : std::string();
+}
+
+/// Puts the objects of an asset on a broker that lacks some of them: the manifest last, so that no manifest there ever
+/// names a chunk that is missing.
+class Uploader {
+ public:
+  using Progress = std::function<void(std::uint64_t done, std::uint64_t total)>;
+
+  Uploader(HttpConnection& http, const EncodedAsset& encoded) : http_(http), encoded_(encoded) {}
+
+  Result<void> upload(const Progress& progress) {
+    const auto there = is_there(encoded_.manifest);
+    if (!there) return there.error();
+    if (*there) return {};
+    std::uint64_t done = 0;
+    const std::uint64_t total = encoded_.total_bytes();
+    for (const AssetObject& chunk : encoded_.chunks) {
+      progress(done, total);
+      if (auto put = put_missing(chunk); !put) return put;
+      done += chunk.bytes.size();
+    }
+    progress(done, total);
+    return put_missing(encoded_.manifest);
+  }
+
+ private:
+  static std::string target_of(const AssetObject& object) { return "/v1/assets/" + object.id.hex(); }
+
+  Result<bool> is_there(const AssetObject& object) {
+    auto answer = http_.head(target_of(object));
+    if (!answer) return answer.error();
+    if (answer->status == 200) return true;
+    if (answer->status == 404) return false;
+    return unexpected("asking for asset " + object.id.hex(), *answer);
+  }
+
+  Result<void> put_missing(const AssetObject& object) {
+    const auto there = is_there(object);
+    if (!there) return there.error();
+    if (*there) return {};
+    auto answer = http_.put(target_of(object), object.bytes);
+    if (!answer) return answer.error();
+    if (answer->status >= 200 && answer->status < 300) return {};
+    return unexpected("uploading asset object " + object.id.hex(), *answer);
+  }
+
+  static Error unexpected(const std::string& doing, const HttpResponse& answer) {
+    const std::string said(answer.body.begin(),
+                           answer.body.begin() + std::min<std::ptrdiff_t>(std::ssize(answer.body), 300));
+    return fail(ErrorCode::kRefused,
+                doing + ": the broker answered " + std::to_string(answer.status) + (said.empty() ? "" : ", " + said));
+  }
+
+  HttpConnection& http_;
+  const EncodedAsset& encoded_;
+};
+
+}  // namespace
+
+class Publisher::Impl {
+ public:
+  Impl(PublisherOptions options, BrokerUrl url, std::shared_ptr<const Asset> asset,
+       std::shared_ptr<const EncodedAsset> encoded, LogSink log)
+      : options_(std::move(options)),
+        url_(std::move(url)),
+        asset_(std::move(asset)),
+        encoded_(std::move(encoded)),
+        log_(std::move(log)),
+        layout_{options_.codec, asset_->rank, 3, asset_->band_ends} {
+    const double error = options_.error > 0 ? options_.error : kDefaultErrorOverDiagonal * asset_->diagonal();
+    if (options_.codec == CodecKind::kQuantised)
+      step_ = step_index_below(step_for_error(error, asset_->area, asset_->rank));
+    stats_.detail = "connecting to " + url_.origin();
+  }
+
+  void start() {
+    WebSocketOptions socket;
+    socket.url = url_;
+    socket.target = "/v1/publish/" + url_.stream + (url_.query.empty() ? "" : "?" + url_.query);
+    // Room for one frame of the largest size beyond the bound that send_coefficients() keeps.
+    socket.max_unsent_bytes = options_.max_unsent_bytes + (std::size_t{1} << 20);
+    WebSocketEvents events;
+    events.on_open = [this] { on_open(); };
+    events.on_text = [this](std::string_view text) { on_text(text); };
+    events.on_down = [this](const Error& why, milliseconds wait) { on_down(why, wait); };
+    introducer_ = std::thread([this] { introduce(); });
+    {
+      const std::lock_guard lock(mutex_);
+      socket_ = std::make_unique<WebSocket>(std::move(socket), std::move(events), log_);
+    }
+    changed_.notify_all();
+  }
+
+  ~Impl() {
+    {
+      const std::lock_guard lock(mutex_);
+      stopping_ = true;
+      if (http_) http_->cancel();
+    }
+    changed_.notify_all();
+    if (introducer_.joinable()) introducer_.join();
+    if (socket_) socket_->stop();
+  }
+
+  Projector* projector() { return projector_ ? &*projector_ : nullptr; }
+  const Asset& asset() const { return *asset_; }
+  const CoefficientLayout& layout() const { return layout_; }
+  std::uint8_t step() const { return step_; }
+
+  Result<void> make_projector() {
+    if (projector_) return {};
+    auto made = Projector::create(*asset_);
+    if (!made) return made.error();
+    projector_ = std::move(*made);
+    return {};
+  }
+
+  SendStatus send(std::span<const double> C, TimeUs capture_us) {
+    const std::lock_guard lock(mutex_);
+    if (stats_.state != State::kLive) return dropped(SendStatus::kDisconnected);
+    if (socket_->unsent_bytes() > options_.max_unsent_bytes) return dropped(SendStatus::kDropped);
+    if (chain_ && capture_us <= last_capture_us_) return dropped(SendStatus::kDropped);
+    auto key = key_from_coefficients(layout_, C, step_);
+    if (!key) return unusable(key.error());
+
+    Envelope envelope;
+    envelope.bands = layout_.all_bands();
+    envelope.stream_id = stream_id_;
+    envelope.epoch = epoch_;
+    envelope.sequence = sequence_ + 1;
+    envelope.capture_us = capture_us;
+    envelope.kind = chain_ ? FrameKind::kKey : FrameKind::kJoin;
+    const TimeUs age = chain_ ? capture_us - last_capture_us_ : 0;
+    // A key is predicted from the two before it; the first one goes out as the state that holds it twice.
+    ChainState next = advanced(chain_, *key, age);
+    auto payload = chain_ ? encode_key(layout_, *chain_, *key) : encode_join(layout_, next);
+    if (!payload) return unusable(payload.error());
+    Bytes message;
+    message.reserve(Envelope::kBytes + payload->size());
+    append_envelope(envelope, message);
+    message.insert(message.end(), payload->begin(), payload->end());
+    const std::size_t bytes = message.size();
+    const SendStatus status = socket_->send_binary(std::move(message));
+    if (status != SendStatus::kSent) return dropped(status);
+    chain_ = std::move(next);
+    last_capture_us_ = capture_us;
+    ++sequence_;
+    ++stats_.frames_sent;
+    stats_.payload_bytes += bytes;
+    return status;
+  }
+
+  Stats stats() const {
+    const std::lock_guard lock(mutex_);
+    return stats_;
+  }
+
+ private:
+  enum class Phase { kDown, kIntroduce, kAnnounced, kLive };
+
+  SendStatus dropped(SendStatus status) {
+    ++stats_.frames_dropped;
+    return status;
+  }
+
+  SendStatus unusable(const Error& why) {
+    if (stats_.detail != why.message) log(log_, LogLevel::kError, "frame not sent: " + why.message);
+    stats_.detail = why.message;
+    return dropped(SendStatus::kDropped);
+  }
+
+  // On the connection's thread.
+
+  void on_open() {
+    const std::lock_guard lock(mutex_);
+    if (ever_open_) ++stats_.reconnects;
+    ever_open_ = true;
+    begin_introduction();
+  }
+
+  /// REQUIRES: mutex_ is held.
+  void begin_introduction() {
+    phase_ = Phase::kIntroduce;
+    stats_.state = State::kUploading;
+    stats_.detail = "connected to " + url_.origin();
+    changed_.notify_all();
+  }
+
+  void on_down(const Error& why, milliseconds wait) {
+    {
+      const std::lock_guard lock(mutex_);
+      phase_ = Phase::kDown;
+      chain_.reset();
+      stats_.subscribers = 0;
+      stats_.state = why.code == ErrorCode::kRefused || wait.count() == 0 ? State::kRefused : State::kConnecting;
+      stats_.detail = why.message + try_again_in(wait);
+      if (http_) http_->cancel();
+      changed_.notify_all();
+    }
+    log(log_, LogLevel::kWarning, why.message + try_again_in(wait));
+  }
+
+  void on_text(std::string_view text) {
+    auto message = control_from_text(text);
+    if (!message) {
+      if (message.error().code != ErrorCode::kUnsupported)
+        log(log_, LogLevel::kWarning, "from the broker: " + message.error().message);
+      return;
+    }
+    std::visit([this](const auto& m) { on_message(m); }, *message);
+  }
+
+  template <typename Message>
+  void on_message(const Message&) {}  // What concerns subscribers only.
+
+  void on_message(const control::Announced& m) {
+    {
+      const std::lock_guard lock(mutex_);
+      if (phase_ != Phase::kAnnounced) return;
+      phase_ = Phase::kLive;
+      stream_id_ = m.stream_id;
+      epoch_ = m.epoch;
+      sequence_ = 0;
+      chain_.reset();
+      stats_.state = State::kLive;
+      stats_.detail = "live at " + url_.origin() + "/" + url_.stream;
+    }
+    log(log_, LogLevel::kInfo, "live at " + url_.origin() + "/" + url_.stream + ", epoch " + std::to_string(m.epoch));
+  }
+
+  void on_message(const control::Subscribers& m) {
+    const std::lock_guard lock(mutex_);
+    stats_.subscribers = m.count;
+  }
+
+  void on_message(const control::Ping& m) {
+    (void)socket_send(text_from_control(control::Pong{m.id, m.time_us, steady_now_us()}));
+  }
+
+  void on_message(const control::ErrorMessage& m) {
+    const bool lacks_asset = m.code == name_of(ErrorCode::kNotFound);
+    const std::string text = "the broker says: " + m.message + " (" + m.code + ")";
+    {
+      const std::lock_guard lock(mutex_);
+      stats_.detail = text;
+      if (phase_ == Phase::kAnnounced || phase_ == Phase::kLive) {
+        chain_.reset();
+        phase_ = Phase::kIntroduce;
+        stats_.state = lacks_asset ? State::kUploading : State::kRefused;
+        introduce_after_ = std::chrono::steady_clock::now() + (lacks_asset ? kUploadRetry : kRefusedRetry);
+        changed_.notify_all();
+      }
+    }
+    log(log_, LogLevel::kError, text);
+  }
+
+  void on_message(const control::Notice& m) { log(log_, LogLevel::kInfo, m.message); }
+  void on_message(const control::Bye& m) { log(log_, LogLevel::kInfo, "the broker leaves: " + m.reason); }
+
+  SendStatus socket_send(std::string text) {
+    const std::lock_guard lock(mutex_);
+    return socket_->send_text(std::move(text));
+  }
+
+  // On the introducer's thread: uploads and announces whenever a connection is new.
+
+  void introduce() {
+    std::unique_lock lock(mutex_);
+    while (true) {
+      changed_.wait(lock, [&] { return stopping_ || (socket_ && phase_ == Phase::kIntroduce); });
+      if (introduce_after_) {
+        const auto until = *introduce_after_;
+        changed_.wait_until(lock, until, [&] { return stopping_ || phase_ != Phase::kIntroduce; });
+        introduce_after_.reset();
+      }
+      if (stopping_) return;
+      if (phase_ != Phase::kIntroduce) continue;
+      http_ = std::make_shared<HttpConnection>(url_);
+      const auto http = http_;
+      lock.unlock();
+      const auto done = Uploader(*http, *encoded_).upload([this](std::uint64_t sent, std::uint64_t total) {
+        const std::lock_guard progress_lock(mutex_);
+        stats_.detail = "uploading " + megabytes(sent) + " of " + megabytes(total) + " MB";
+      });
+      lock.lock();
+      http_.reset();
+      if (stopping_) return;
+      if (phase_ != Phase::kIntroduce || (!done && done.error().code == ErrorCode::kCancelled)) continue;
+      done ? announce() : upload_failed(done.error());
+    }
+  }
+
+  /// REQUIRES: mutex_ is held.
+  void announce() {
+    control::Announce m;
+    m.asset = encoded_->manifest.id.hex();
+    m.format = {layout_.rows, layout_.channels, layout_.band_ends, std::string(name_of(layout_.codec))};
+    m.key_rate_hz = options_.key_rate_hz;
+    phase_ = Phase::kAnnounced;
+    stats_.detail = "announced, waiting for the broker";
+    // A connection that broke meanwhile says so by on_down, and everything starts again.
+    (void)socket_->send_text(text_from_control(m));
+  }
+
+  /// REQUIRES: mutex_ is held.
+  void upload_failed(const Error& why) {
+    const bool refused = why.code == ErrorCode::kRefused;
+    const milliseconds wait = refused ? kRefusedRetry : kUploadRetry;
+    stats_.state = refused ? State::kRefused : State::kUploading;
+    stats_.detail = why.message + try_again_in(wait);
+    introduce_after_ = std::chrono::steady_clock::now() + wait;
+    log(log_, LogLevel::kWarning, stats_.detail);
+  }
+
+  const PublisherOptions options_;
+  const BrokerUrl url_;
+  const std::shared_ptr<const Asset> asset_;
+  const std::shared_ptr<const EncodedAsset> encoded_;
+  const LogSink log_;
+  const CoefficientLayout layout_;
+  std::uint8_t step_ = 0;
+  std::optional<Projector> projector_;  ///< Of the caller's thread alone.
+
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  // GUARDED_BY(mutex_), all that follows.
+  std::unique_ptr<WebSocket> socket_;  ///< Set once by start().
+  std::shared_ptr<HttpConnection> http_;
+  Phase phase_ = Phase::kDown;
+  std::optional<std::chrono::steady_clock::time_point> introduce_after_;
+  bool stopping_ = false;
+  bool ever_open_ = false;
+  std::uint32_t stream_id_ = 0;
+  std::uint32_t epoch_ = 0;
+  std::uint64_t sequence_ = 0;  ///< Of the last key sent in this epoch.
+  TimeUs last_capture_us_ = 0;
+  std::optional<ChainState> chain_;  ///< Nothing until the first frame of a connection.
+  Stats stats_;
+
+  std::thread introducer_;
+};
+
+Publisher::Publisher(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Publisher::~Publisher() = default;
+
+Result<std::unique_ptr<Publisher>> Publisher::create(PublisherOptions options, std::shared_ptr<const Asset> asset,
+                                                     std::shared_ptr<const EncodedAsset> encoded, LogSink log) {
+  if (!asset || !encoded || !asset->complete())
+    return fail(ErrorCode::kInvalidArgument, "a publisher needs a complete asset");
+  auto url = parse_broker_url(options.url);
+  if (!url) return url.error();
+  if (url->tls)
+    return fail(ErrorCode::kUnsupported,
+                "wss:// is not supported by this version: use ws:// on a trusted network, or a TLS tunnel");
+  if (auto name = check_stream_name(url->stream); !name)
+    return in_context("stream name in \"" + options.url + "\"", name.error());
+  if (!std::isfinite(options.error) || options.error < 0)
+    return fail(ErrorCode::kInvalidArgument,
+                "the error bound must be a positive length in model units, or 0 for the default");
+  if (options.error == 0 && !(asset->diagonal() > 0))
+    return fail(ErrorCode::kInvalidArgument,
+                "the rest pose has no extent, so the error bound has no default: give one");
+  auto impl =
+      std::make_unique<Impl>(std::move(options), std::move(*url), std::move(asset), std::move(encoded), std::move(log));
+  impl->start();
+  return std::unique_ptr<Publisher>(new Publisher(std::move(impl)));
+}
+
+SendStatus Publisher::send_coefficients(std::span<const double> C, TimeUs capture_us) {
+  return impl_->send(C, capture_us);
+}
+
+Result<SendStatus> Publisher::send_positions(std::span<const float> positions, TimeUs capture_us) {
+  if (auto made = impl_->make_projector(); !made) return made.error();
+  auto C = impl_->projector()->coefficients_from_positions(positions);
+  if (!C) return C.error();
+  return impl_->send(*C, capture_us);
+}
+
+Result<std::vector<double>> Publisher::as_received(std::span<const double> C) const {
+  auto key = key_from_coefficients(impl_->layout(), C, impl_->step());
+  if (!key) return key.error();
+  return coefficients_from_key(impl_->layout(), *key);
+}
+
+Publisher::Stats Publisher::stats() const {
+  return impl_->stats();
+}
+
+}  // namespace eigencast

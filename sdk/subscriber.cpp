@@ -1,0 +1,521 @@
+// SPDX-License-Identifier: MIT
+#include "sdk/subscriber.h"
+
+#include <algorithm>
+#include <condition_variable>
+#include <deque>
+#include <mutex>
+#include <thread>
+#include <tuple>
+
+#include "common/asset/format.h"
+#include "common/net/clock_offset.h"
+#include "common/net/websocket.h"
+#include "common/wire/limits.h"
+#include "sdk/asset_fetcher.h"
+#include "sdk/frame_decoder.h"
+
+namespace eigencast {
+
+namespace {
+
+using std::chrono::milliseconds;
+
+constexpr std::size_t kMaxPoses = 64;
+constexpr TimeUs kAckIntervalUs = 33'000;
+constexpr TimeUs kPingIntervalUs = 250'000;
+constexpr milliseconds kTick{40};
+
+/// A decoded pose on its way to the caller: absent bands are filled in there, where the asset is.
+struct Arrival {
+  Envelope envelope;
+  TimeUs arrival_us = 0;
+  Key key;
+  CoefficientLayout layout;
+};
+
+std::string try_again_in(milliseconds wait) {
+  return wait.count() > 0 ? "; next try in " + std::to_string(wait.count()) + " ms" : std::string();
+}
+
+/// The network's side: connection, control messages, chain, acknowledgements. Its results wait under a lock for poll().
+class Receiver {
+ public:
+  struct News {
+    std::deque<Arrival> poses;                ///< At most kMaxPoses, newest kept.
+    std::optional<control::StreamInfo> info;  ///< Set when it changed since the last take.
+  };
+  struct Condition {
+    bool open = false, ever_open = false, refused = false;
+    std::string trouble;  ///< Of the connection; empty while all is well.
+    std::string notice;   ///< What the broker said last.
+    FrameDecoder::Counts counts;
+    std::uint64_t bytes = 0;
+    std::uint64_t reconnects = 0;
+    std::optional<ClockOffset::Estimate> clock;
+    Histogram latency_us;
+  };
+
+  Receiver(BrokerUrl url, Profile profile, std::function<void()> wake, LogSink log)
+      : url_(std::move(url)), wake_(std::move(wake)), log_(std::move(log)) {
+    condition_.trouble = "connecting to " + url_.origin();
+    WebSocketOptions options;
+    options.url = url_;
+    options.target = "/v1/subscribe/" + url_.stream + "?" + query_from_profile(profile);
+    WebSocketEvents events;
+    events.on_open = [this] { on_open(); };
+    events.on_text = [this](std::string_view text) { on_text(text); };
+    events.on_binary = [this](ByteView bytes) { on_binary(bytes); };
+    events.on_down = [this](const Error& why, milliseconds wait) { on_down(why, wait); };
+    {
+      const std::lock_guard lock(mutex_);
+      socket_ = std::make_unique<WebSocket>(std::move(options), std::move(events), log_);
+    }
+    ticker_ = std::thread([this] { tick(); });
+  }
+
+  ~Receiver() {
+    {
+      const std::lock_guard lock(mutex_);
+      stopping_ = true;
+    }
+    stop_.notify_all();
+    ticker_.join();
+    socket_->stop();
+  }
+
+  News take() {
+    const std::lock_guard lock(mutex_);
+    News news = std::move(news_);
+    news_ = {};
+    return news;
+  }
+
+  Condition condition() const {
+    const std::lock_guard lock(mutex_);
+    Condition condition = condition_;
+    condition.counts = decoder_.counts();
+    condition.counts.rejected += unparsed_;
+    condition.clock = clock_.estimate();
+    return condition;
+  }
+
+ private:
+  void on_open() {
+    {
+      const std::lock_guard lock(mutex_);
+      if (condition_.ever_open) ++condition_.reconnects;
+      condition_.open = condition_.ever_open = true;
+      condition_.refused = false;
+      condition_.trouble.clear();
+      decoder_.restart();
+      clock_.reset();  // It may be another broker.
+      ack_.reset();
+      last_ack_us_ = last_ping_us_ = 0;
+    }
+    wake_();
+  }
+
+  void on_down(const Error& why, milliseconds wait) {
+    const std::string text = why.message + try_again_in(wait);
+    {
+      const std::lock_guard lock(mutex_);
+      condition_.open = false;
+      condition_.refused = why.code == ErrorCode::kRefused || wait.count() == 0;
+      condition_.trouble = text;
+    }
+    log(log_, LogLevel::kWarning, text);
+    wake_();
+  }
+
+  void on_text(std::string_view text) {
+    auto message = control_from_text(text);
+    if (!message) {
+      if (message.error().code != ErrorCode::kUnsupported)
+        log(log_, LogLevel::kWarning, "from the broker: " + message.error().message);
+      return;
+    }
+    std::visit([this](const auto& m) { on_message(m); }, *message);
+  }
+
+  template <typename Message>
+  void on_message(const Message&) {}  // What concerns senders only.
+
+  void on_message(const control::StreamInfo& m) {
+    if (m.stream != url_.stream) return;
+    {
+      const std::lock_guard lock(mutex_);
+      decoder_.set_stream(m);
+      news_.info = m;
+      condition_.notice.clear();
+    }
+    wake_();
+  }
+
+  void on_message(const control::Ping& m) { send(text_from_control(control::Pong{m.id, m.time_us, steady_now_us()})); }
+
+  void on_message(const control::Pong& m) {
+    const std::lock_guard lock(mutex_);
+    clock_.add(m.time_us, m.peer_time_us, steady_now_us());
+  }
+
+  void on_message(const control::Notice& m) {
+    {
+      const std::lock_guard lock(mutex_);
+      condition_.notice = m.message;
+    }
+    log(log_, LogLevel::kInfo, m.message);
+  }
+
+  void on_message(const control::ErrorMessage& m) {
+    const std::string text = "the broker says: " + m.message + " (" + m.code + ")";
+    {
+      const std::lock_guard lock(mutex_);
+      condition_.notice = text;
+    }
+    log(log_, LogLevel::kError, text);
+    wake_();
+  }
+
+  void on_message(const control::Bye& m) { log(log_, LogLevel::kInfo, "the broker leaves: " + m.reason); }
+
+  void on_binary(ByteView bytes) {
+    const TimeUs now = steady_now_us();
+    bool news = false;
+    std::string trouble;
+    {
+      const std::lock_guard lock(mutex_);
+      condition_.bytes += bytes.size();
+      const auto frame = parse_frame(bytes);
+      if (!frame) {
+        ++unparsed_;
+        trouble = frame.error().message;
+      } else {
+        // Received is received: also what cannot be decoded no longer fills the link.
+        ack_ = control::Ack::Item{frame->envelope.stream_id, frame->envelope.sequence, step_byte(frame->envelope.step)};
+        auto pose = decoder_.decode(*frame);
+        if (!pose) {
+          trouble = pose.error().message;
+        } else if (*pose) {
+          condition_.latency_us.add(now - frame->envelope.capture_us);
+          if (news_.poses.size() == kMaxPoses) news_.poses.pop_front();
+          news_.poses.push_back({frame->envelope, now, std::move(**pose), decoder_.layout()});
+          news = true;
+        }
+        if (now - last_ack_us_ >= kAckIntervalUs) acknowledge(now);
+      }
+    }
+    if (!trouble.empty()) log(log_, LogLevel::kWarning, "frame not decoded: " + trouble);
+    if (news) wake_();
+  }
+
+  static std::uint8_t step_byte(InterpolationStep step) { return static_cast<std::uint8_t>(step.at << 4 | step.of); }
+
+  /// REQUIRES: mutex_ is held and ack_ is set.
+  void acknowledge(TimeUs now) {
+    (void)socket_->send_text(text_from_control(control::Ack{{*ack_}, now}));  // A lost one is made up for by the next.
+    ack_.reset();
+    last_ack_us_ = now;
+  }
+
+  void send(std::string text) {
+    const std::lock_guard lock(mutex_);
+    (void)socket_->send_text(std::move(text));
+  }
+
+  /// Acknowledges what the last frame of a burst left over, and pings.
+  void tick() {
+    std::unique_lock lock(mutex_);
+    while (!stop_.wait_for(lock, kTick, [&] { return stopping_; })) {
+      if (!condition_.open) continue;
+      const TimeUs now = steady_now_us();
+      if (ack_ && now - last_ack_us_ >= kAckIntervalUs) acknowledge(now);
+      if (now - last_ping_us_ < kPingIntervalUs) continue;
+      last_ping_us_ = now;
+      (void)socket_->send_text(text_from_control(control::Ping{++ping_id_, now}));
+    }
+  }
+
+  const BrokerUrl url_;
+  const std::function<void()> wake_;
+  const LogSink log_;
+
+  mutable std::mutex mutex_;
+  std::condition_variable stop_;
+  // GUARDED_BY(mutex_), all that follows.
+  bool stopping_ = false;
+  FrameDecoder decoder_;
+  ClockOffset clock_;
+  News news_;
+  Condition condition_;
+  std::uint64_t unparsed_ = 0;
+  std::optional<control::Ack::Item> ack_;  ///< Newest frame that is not acknowledged yet.
+  TimeUs last_ack_us_ = 0, last_ping_us_ = 0;
+  std::uint64_t ping_id_ = 0;
+  std::unique_ptr<WebSocket> socket_;
+
+  std::thread ticker_;
+};
+
+/// One epoch's surface as far as it has come.
+struct SurfaceSlot {
+  std::string asset;  ///< 64 hex digits.
+  std::uint32_t epoch = 0;
+  std::optional<AssetReader> reader;  ///< From the manifest on.
+  std::size_t next_chunk = 0;
+  std::uint64_t total_bytes = 0;
+  std::string damage;  ///< Why it can never be drawn; empty if it may.
+
+  bool drawable() const { return next_chunk > 0; }
+  bool finished() const { return reader && next_chunk == reader->chunks().size(); }
+};
+
+}  // namespace
+
+class Subscriber::Impl {
+ public:
+  Impl(const BrokerUrl& url, Profile profile, std::string cache_dir, const LogSink& log)
+      : url_(url),
+        log_(log),
+        fetcher_(
+            url, std::move(cache_dir), [this] { wake(); }, log) {
+    receiver_.emplace(
+        url, profile, [this] { wake(); }, log);
+  }
+
+  std::vector<ReceivedPose> poll(milliseconds timeout) {
+    {
+      std::unique_lock lock(wake_mutex_);
+      woken_.wait_for(lock, timeout, [&] { return has_news_; });
+      has_news_ = false;
+    }
+    Receiver::News news = receiver_->take();
+    if (news.info) apply(std::move(*news.info));
+    add_object();
+    std::vector<ReceivedPose> poses;
+    if (held_ && is_shown(held_->envelope.epoch)) {
+      deliver(*held_, poses);
+      held_.reset();
+    }
+    for (Arrival& arrival : news.poses) {
+      if (is_shown(arrival.envelope.epoch)) {
+        deliver(arrival, poses);
+      } else if (pending_ && arrival.envelope.epoch == pending_->epoch) {
+        held_ = std::move(arrival);
+      }
+    }
+    return poses;
+  }
+
+  const Asset* asset() const { return shown_ ? &shown_->reader->asset() : nullptr; }
+  std::uint32_t epoch() const { return shown_ ? shown_->epoch : 0; }
+  const std::optional<control::StreamInfo>& info() const { return info_; }
+
+  Stats stats() const {
+    const Receiver::Condition c = receiver_->condition();
+    const AssetFetcher::Stats fetched = fetcher_.stats();
+    Stats s;
+    s.keys = c.counts.keys;
+    s.synthetic = c.counts.synthetic;
+    s.joins = c.counts.joins;
+    s.rejected = c.counts.rejected;
+    s.missed = c.counts.missed;
+    s.bytes = c.bytes;
+    s.reconnects = c.reconnects;
+    s.latency_us = c.latency_us;
+    if (c.clock) {
+      s.clock_offset_us = c.clock->offset_us;
+      s.clock_error_us = c.clock->error_us;
+      s.rtt_us = c.clock->rtt_us;
+    }
+    s.asset_bytes_downloaded = fetched.downloaded_bytes;
+    s.asset_bytes_cached = fetched.cached_bytes;
+    s.asset_bytes_total = latest() ? latest()->total_bytes : 0;
+    std::tie(s.state, s.detail) = state_of(c, fetched);
+    return s;
+  }
+
+ private:
+  void wake() {
+    {
+      const std::lock_guard lock(wake_mutex_);
+      has_news_ = true;
+    }
+    woken_.notify_all();
+  }
+
+  /// The surface of the newest epoch: what is being fetched, else what is shown.
+  const SurfaceSlot* latest() const { return pending_ ? pending_.get() : shown_.get(); }
+  SurfaceSlot* latest() { return pending_ ? pending_.get() : shown_.get(); }
+  bool is_shown(std::uint32_t epoch) const { return shown_ && shown_->epoch == epoch; }
+
+  void apply(control::StreamInfo info) {
+    info_ = std::move(info);
+    if (info_->state == control::StreamInfo::State::kWaiting || info_->asset.empty()) return;
+    if (latest() && latest()->asset == info_->asset) {
+      latest()->epoch = info_->epoch;
+      return;
+    }
+    held_.reset();
+    if (shown_ && shown_->asset == info_->asset) {  // Back to what is shown before its successor could be.
+      pending_.reset();
+      shown_->epoch = info_->epoch;
+    } else {
+      pending_ = std::make_unique<SurfaceSlot>();
+      pending_->asset = info_->asset;
+      pending_->epoch = info_->epoch;
+    }
+    ask();
+  }
+
+  /// Asks for all that the latest surface still needs.
+  void ask() {
+    SurfaceSlot& slot = *latest();
+    std::vector<AssetFetcher::Object> objects;
+    if (!slot.reader) {
+      const auto id = Sha256::from_hex(slot.asset);
+      if (!id) return damage(slot, fail(ErrorCode::kCorrupt, "\"" + slot.asset + "\" is not an asset's id"));
+      objects.push_back({*id, limits::kMaxAssetObjectBytes});
+    } else {
+      const auto& chunks = slot.reader->chunks();
+      for (std::size_t i = slot.next_chunk; i < chunks.size(); ++i) objects.push_back({chunks[i].id, chunks[i].bytes});
+    }
+    fetcher_.ask(std::move(objects));
+  }
+
+  void damage(SurfaceSlot& slot, const Error& why) {
+    slot.damage = "the stream's surface cannot be shown: " + why.message;
+    log(log_, LogLevel::kError, slot.damage);
+    fetcher_.ask({});
+  }
+
+  /// Verifies and applies at most one object, so that no poll takes long.
+  void add_object() {
+    SurfaceSlot* slot = latest();
+    if (!slot || !slot->damage.empty() || slot->finished()) return;
+    const auto bytes = fetcher_.take();
+    if (!bytes) return;
+    wake();  // There may be another one ready.
+    if (!slot->reader) {
+      read_manifest(*slot, *bytes);
+      return;
+    }
+    if (auto added = slot->reader->add_chunk(slot->next_chunk, *bytes); !added) return damage(*slot, added.error());
+    ++slot->next_chunk;
+    if (pending_) shown_ = std::move(pending_);
+  }
+
+  void read_manifest(SurfaceSlot& slot, ByteView bytes) {
+    auto reader = AssetReader::from_manifest(*Sha256::from_hex(slot.asset), bytes);
+    if (!reader) return damage(slot, reader.error());
+    if (reader->asset().rank != info_->format.rows)
+      return damage(slot, fail(ErrorCode::kCorrupt, "its basis has " + std::to_string(reader->asset().rank) +
+                                                        " columns, the stream's poses have " +
+                                                        std::to_string(info_->format.rows)));
+    if (info_->format.channels < 3)
+      return damage(slot, fail(ErrorCode::kUnsupported, "its poses have fewer than three channels"));
+    slot.total_bytes = bytes.size();
+    for (const auto& chunk : reader->chunks()) slot.total_bytes += chunk.bytes;
+    slot.reader = std::move(*reader);
+    ask();
+  }
+
+  void deliver(const Arrival& arrival, std::vector<ReceivedPose>& poses) const {
+    if (arrival.layout.rows != shown_->reader->asset().rank) return;
+    ReceivedPose pose;
+    pose.envelope = arrival.envelope;
+    pose.arrival_us = arrival.arrival_us;
+    pose.channels = arrival.layout.channels;
+    pose.coefficients = coefficients_from_key(arrival.layout, arrival.key);
+    fill_absent_bands(arrival, pose.coefficients);
+    poses.push_back(std::move(pose));
+  }
+
+  /// Rows that did not come read as those of the rest pose; channels beyond x, y, z as zero.
+  void fill_absent_bands(const Arrival& arrival, std::vector<double>& C) const {
+    const std::vector<double>& rest = shown_->reader->asset().rest;
+    const std::size_t channels = arrival.layout.channels;
+    for (std::size_t band = 0; band < arrival.layout.band_ends.size(); ++band) {
+      if (arrival.key.bands & (1u << band)) continue;
+      const std::size_t first = band == 0 ? 0 : arrival.layout.band_ends[band - 1];
+      for (std::size_t row = first; row < arrival.layout.band_ends[band]; ++row)
+        for (std::size_t axis = 0; axis < 3; ++axis) C[row * channels + axis] = rest[row * 3 + axis];
+    }
+  }
+
+  std::pair<State, std::string> state_of(const Receiver::Condition& c, const AssetFetcher::Stats& fetched) const {
+    const std::string where = url_.origin() + "/" + url_.stream;
+    if (c.refused) return {State::kRefused, c.trouble};
+    if (!c.open) return {c.ever_open ? State::kLost : State::kConnecting, c.trouble};
+    if (!info_) return {State::kConnecting, c.notice.empty() ? "connected, asking for " + url_.stream : c.notice};
+    if (latest() && !latest()->damage.empty()) return {State::kRefused, latest()->damage};
+    if (info_->state == control::StreamInfo::State::kWaiting)
+      return {State::kWaiting, "waiting for a sender at " + where};
+    if (info_->state == control::StreamInfo::State::kStalled)
+      return {State::kStalled, "stalled: the sender of " + where + " is gone, its last pose is held"};
+    if (pending_ || !shown_)
+      return {State::kDownloading, fetched.trouble.empty() ? "downloading the surface" : fetched.trouble};
+    if (!shown_->finished())
+      return {State::kLive, fetched.trouble.empty() ? std::string("live, downloading detail")
+                                                    : "live, detail is late: " + fetched.trouble};
+    return {State::kLive, c.notice.empty() ? "live" : c.notice};
+  }
+
+  const BrokerUrl url_;
+  const LogSink log_;
+
+  std::mutex wake_mutex_;
+  std::condition_variable woken_;
+  bool has_news_ = false;  ///< GUARDED_BY(wake_mutex_)
+
+  // Of the caller's thread alone.
+  std::optional<control::StreamInfo> info_;
+  std::unique_ptr<SurfaceSlot> shown_;    ///< Drawable, of epoch().
+  std::unique_ptr<SurfaceSlot> pending_;  ///< Of the newest epoch, until its first chunk is in.
+  std::optional<Arrival> held_;           ///< The newest pose of pending_.
+
+  // Last, so that they end first: their threads call wake().
+  AssetFetcher fetcher_;
+  std::optional<Receiver> receiver_;
+};
+
+Subscriber::Subscriber(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Subscriber::~Subscriber() = default;
+
+Result<std::unique_ptr<Subscriber>> Subscriber::create(SubscriberOptions options, LogSink log) {
+  auto url = parse_broker_url(options.url);
+  if (!url) return url.error();
+  if (url->tls)
+    return fail(ErrorCode::kUnsupported,
+                "wss:// is not supported by this version: use ws:// on a trusted network, or a TLS tunnel");
+  if (auto name = check_stream_name(url->stream); !name)
+    return in_context("stream name in \"" + options.url + "\"", name.error());
+  Profile profile;
+  if (options.profile) {
+    profile = *options.profile;
+  } else {
+    auto parsed = profile_from_query(url->query);
+    if (!parsed) return parsed.error();
+    profile = *parsed;
+  }
+  return std::unique_ptr<Subscriber>(
+      new Subscriber(std::make_unique<Impl>(*url, profile, std::move(options.cache_dir), log)));
+}
+
+std::vector<ReceivedPose> Subscriber::poll(milliseconds timeout) {
+  return impl_->poll(timeout);
+}
+const Asset* Subscriber::asset() const {
+  return impl_->asset();
+}
+std::uint32_t Subscriber::epoch() const {
+  return impl_->epoch();
+}
+const std::optional<control::StreamInfo>& Subscriber::info() const {
+  return impl_->info();
+}
+Subscriber::Stats Subscriber::stats() const {
+  return impl_->stats();
+}
+
+}  // namespace eigencast
