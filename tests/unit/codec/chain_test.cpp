@@ -3,52 +3,42 @@
 
 #include <gtest/gtest.h>
 
-#include <cmath>
 #include <random>
+
+#include "tests/unit/codec/motion_sample.h"
 
 namespace eigencast {
 namespace {
-
-/// A smooth random motion of r coefficients that fall off with the row, as those of a surface do.
-class Motion {
- public:
-  explicit Motion(CoefficientLayout layout) : layout_(std::move(layout)) {}
-
-  std::vector<double> at(double time) const {
-    std::vector<double> C(layout_.size());
-    for (std::size_t i = 0; i < C.size(); ++i) {
-      const auto row = static_cast<double>(i / layout_.channels);
-      C[i] = 1000 / (1 + row) * std::sin(0.2 * time + static_cast<double>(i)) +
-             3 * std::sin(1.7 * time * (1 + 0.01 * row));
-    }
-    return C;
-  }
-  Key key(double time, std::uint8_t step) const { return key_from_coefficients(layout_, at(time), step).value(); }
-
- private:
-  CoefficientLayout layout_;
-};
-
-CoefficientLayout layout_of(CodecKind codec, std::uint32_t rows = 60, std::uint32_t channels = 3) {
-  return {codec, rows, channels, default_band_ends(rows)};
-}
 
 class EachCodec : public testing::TestWithParam<CodecKind> {};
 INSTANTIATE_TEST_SUITE_P(Codecs, EachCodec,
                          testing::Values(CodecKind::kFloat64, CodecKind::kFloat32, CodecKind::kQuantised),
                          [](const auto& codec) { return std::string(name_of(codec.param)); });
 
-TEST_P(EachCodec, ChainDecodesToWhatWasCodedAcrossStepChanges) {
+/// The key with only the bands of `keep`.
+Key cut(const CoefficientLayout& layout, Key key, std::uint8_t keep) {
+  for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
+    if ((keep >> band & 1) != 0) continue;
+    const auto [first, last] = layout.range(band);
+    for (std::size_t i = first; i < last; ++i) {
+      if (!key.q.empty()) key.q[i] = 0;
+      if (!key.f.empty()) key.f[i] = 0;
+    }
+  }
+  key.bands &= keep;
+  return key;
+}
+
+TEST_P(EachCodec, ChainAndJoinAtAnyMomentGiveTheSendersStateAcrossStepChanges) {
   const CoefficientLayout layout = layout_of(GetParam());
-  const Motion motion(layout);
+  const MotionSample motion(layout);
   ChainState sender = advanced(std::nullopt, motion.key(0, 150), 0);
   auto receiver = decode_join(layout, layout.all_bands(), encode_join(layout, sender).value());
   ASSERT_TRUE(receiver) << receiver.error().message;
   ASSERT_EQ(*receiver, sender);
   for (int frame = 1; frame < 60; ++frame) {
     const Key key = motion.key(frame, static_cast<std::uint8_t>(150 + frame / 7 * 3 % 11));
-    const Bytes payload = encode_key(layout, sender, key).value();
-    const auto decoded = decode_key(layout, layout.all_bands(), *receiver, payload);
+    const auto decoded = decode_key(layout, layout.all_bands(), *receiver, encode_key(layout, sender, key).value());
     ASSERT_TRUE(decoded) << decoded.error().message;
     ASSERT_EQ(*decoded, key);
     sender = advanced(sender, key, 33'333);
@@ -58,6 +48,115 @@ TEST_P(EachCodec, ChainDecodesToWhatWasCodedAcrossStepChanges) {
     ASSERT_TRUE(joiner) << joiner.error().message;
     ASSERT_EQ(*joiner, *receiver);
   }
+}
+
+TEST_P(EachCodec, SyntheticPosesDecodeExactlyFromTheTwoKeysBefore) {
+  const CoefficientLayout layout = layout_of(GetParam());
+  const MotionSample motion(layout);
+  const ChainState state = motion.state(150);
+  const Key coming = motion.key(2, 153);
+  for (std::uint32_t at = 1; at < 15; ++at) {
+    const Key pose = interpolate_keys(layout, state.newer, coming, at, 15).value();
+    const auto decoded = decode_key(layout, layout.all_bands(), state, encode_key(layout, state, pose).value());
+    ASSERT_TRUE(decoded) << decoded.error().message;
+    EXPECT_EQ(*decoded, pose);
+  }
+}
+
+TEST_P(EachCodec, CuttingBandsEqualsDecodingOnlyThose) {
+  const CoefficientLayout layout = layout_of(GetParam(), 120);
+  const MotionSample motion(layout);
+  const ChainState state = motion.state(150);
+  const Key key = motion.key(2, 153);
+  const std::uint8_t all = layout.all_bands();
+  const Bytes payload = encode_key(layout, state, key).value();
+  const Bytes join = encode_join(layout, state).value();
+  for (int mask = 1; mask <= all; ++mask) {
+    const auto keep = static_cast<std::uint8_t>(mask);
+    const ChainState cut_state{cut(layout, state.older, keep), cut(layout, state.newer, keep), state.age_us};
+    const auto short_join = cut_bands(layout, true, all, keep, join);
+    ASSERT_TRUE(short_join);
+    EXPECT_EQ(decode_join(layout, keep, *short_join).value(), cut_state);
+    const auto short_key = cut_bands(layout, false, all, keep, payload);
+    ASSERT_TRUE(short_key);
+    EXPECT_EQ(decode_key(layout, keep, cut_state, *short_key).value(), cut(layout, key, keep));
+    EXPECT_EQ(*short_key, encode_key(layout, cut_state, cut(layout, key, keep)).value());
+  }
+  EXPECT_EQ(cut_bands(layout, false, all, 0, payload).error().code, ErrorCode::kInvalidArgument);
+}
+
+TEST_P(EachCodec, ABandThatTheStateLacksIsCodedFromNothing) {
+  const CoefficientLayout layout = layout_of(GetParam());
+  const MotionSample motion(layout);
+  const ChainState full = motion.state(150);
+  const ChainState narrow{cut(layout, full.older, 1), cut(layout, full.newer, 1), full.age_us};
+  const Key key = motion.key(2, 150);
+  const Bytes payload = encode_key(layout, narrow, key).value();
+  EXPECT_EQ(decode_key(layout, key.bands, narrow, payload).value(), key);
+  const ChainState grown = advanced(narrow, key, 33'333);
+  EXPECT_EQ(decode_join(layout, key.bands, encode_join(layout, grown).value()).value(), grown);
+}
+
+TEST(Chain, ABandOfTheOlderKeyAloneIsLeftOutOfAJoin) {
+  const CoefficientLayout layout = layout_of(CodecKind::kQuantised);
+  const ChainState full = MotionSample(layout).state(150);
+  const ChainState shrunk{full.older, cut(layout, full.newer, 1), full.age_us};
+  const ChainState expected{cut(layout, full.older, 1), shrunk.newer, full.age_us};
+  EXPECT_EQ(decode_join(layout, 1, encode_join(layout, shrunk).value()).value(), expected);
+}
+
+TEST(Chain, AnUnchangedPoseCostsTwoBytesABand) {
+  const CoefficientLayout layout = layout_of(CodecKind::kQuantised, 200);
+  const Key key = MotionSample(layout).key(3, 150);
+  EXPECT_EQ(encode_key(layout, advanced(std::nullopt, key, 0), key).value().size(), 2 + 2 * layout.band_ends.size());
+}
+
+TEST(Chain, RandomAndExtremeKeysSurviveAndStayUnderTheWorstCase) {
+  std::mt19937 random(7);
+  for (const std::uint32_t rows : {1u, 2u, 15u, 64u}) {
+    for (const std::uint32_t channels : {1u, 3u, 16u}) {
+      const CoefficientLayout layout = layout_of(CodecKind::kQuantised, rows, channels);
+      ChainState state;
+      for (int frame = 0; frame < 40; ++frame) {
+        Key key;
+        key.bands = layout.all_bands();
+        key.step = static_cast<std::uint8_t>(frame % 3 == 0 ? random() % 256 : 160);
+        for (std::size_t i = 0; i < layout.size(); ++i) {
+          const int bits = static_cast<int>(random() % 31);
+          const auto value = static_cast<std::int32_t>(random() % ((std::uint32_t{1} << bits) + 1));
+          key.q.push_back(random() % 2 == 0 ? value : -value);
+        }
+        key.q[random() % key.q.size()] = frame % 2 == 0 ? 1 << 30 : -(1 << 30);
+        if (frame == 0) state = advanced(std::nullopt, key, 0);
+        const Bytes payload = encode_key(layout, state, key).value();
+        EXPECT_LE(payload.size(), 2 + 5 * layout.band_ends.size() + 7 * layout.size());
+        const auto decoded = decode_key(layout, key.bands, state, payload);
+        ASSERT_TRUE(decoded) << decoded.error().message;
+        ASSERT_EQ(*decoded, key);
+        state = advanced(state, key, 1);
+        ASSERT_EQ(decode_join(layout, key.bands, encode_join(layout, state).value()).value(), state);
+      }
+    }
+  }
+}
+
+TEST(Chain, EncodingRefusesWhatNoDecoderWouldTake) {
+  const CoefficientLayout layout = layout_of(CodecKind::kQuantised);
+  const MotionSample motion(layout);
+  const ChainState state = motion.state(150);
+  Key key = motion.key(2, 150);
+  key.q[5] = (1 << 30) + 1;
+  EXPECT_EQ(encode_key(layout, state, key).error().code, ErrorCode::kTooLarge);
+  key.q.pop_back();
+  EXPECT_EQ(encode_key(layout, state, key).error().code, ErrorCode::kInvalidArgument);
+  ChainState backwards = state;
+  backwards.age_us = -1;
+  EXPECT_EQ(encode_join(layout, backwards).error().code, ErrorCode::kInvalidArgument);
+
+  const CoefficientLayout narrow = layout_of(CodecKind::kFloat32);
+  Key wide = MotionSample(narrow).key(0, 0);
+  wide.f[0] = 1e300;
+  EXPECT_EQ(encode_key(narrow, MotionSample(narrow).state(0), wide).error().code, ErrorCode::kTooLarge);
 }
 
 }  // namespace

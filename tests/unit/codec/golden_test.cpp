@@ -1,0 +1,210 @@
+// SPDX-License-Identifier: MIT
+//
+// Frames of known bytes and what they decode to, in tests/golden (see its README). The encoder must write these bytes,
+// the decoder must read these numbers; tools/reference_decoder.py is held to the same files.
+#include <gtest/gtest.h>
+
+#include <charconv>
+#include <cstdlib>
+#include <fstream>
+#include <sstream>
+
+#include "common/codec/chain.h"
+#include "common/wire/envelope.h"
+
+namespace eigencast {
+namespace {
+
+/// A decoded pose of a coefficient or two as JSON; doubles are chosen so that their shortest form has no exponent.
+template <typename T>
+std::string json_array(const std::vector<T>& values) {
+  std::string out = "[";
+  for (const T& value : values) {
+    char text[32];
+    const auto end = std::to_chars(text, text + sizeof text, value).ptr;
+    if (out.size() > 1) out += ',';
+    out.append(text, end);
+  }
+  return out + "]";
+}
+
+std::string json_of(const CoefficientLayout& layout, const Key& key) {
+  return "{\"bands\":" + std::to_string(key.bands) + ",\"step\":" + std::to_string(key.step) +
+         ",\"values\":" + (layout.codec == CodecKind::kQuantised ? json_array(key.q) : json_array(key.f)) + "}";
+}
+
+std::string hex_of(const Bytes& bytes) {
+  constexpr char kDigits[] = "0123456789abcdef";
+  std::string out;
+  for (const std::uint8_t byte : bytes) {
+    out += kDigits[byte >> 4];
+    out += kDigits[byte & 15];
+  }
+  return out;
+}
+
+/// Writes a stream frame by frame as a sender or broker would, and reads each as a receiver would.
+class Stream {
+ public:
+  explicit Stream(CoefficientLayout layout) : layout_(std::move(layout)) {
+    frames_ = "format {\"rows\":" + std::to_string(layout_.rows) + ",\"channels\":" + std::to_string(layout_.channels) +
+              ",\"band_ends\":" + json_array(layout_.band_ends) + ",\"codec\":\"" +
+              std::string(name_of(layout_.codec)) + "\"}\n";
+  }
+
+  /// Integers that fall off with the row and move unevenly, from no floating-point function.
+  Key pose(int time, std::uint8_t step) const {
+    Key key;
+    key.bands = layout_.all_bands();
+    key.step = layout_.codec == CodecKind::kQuantised ? step : 0;
+    for (std::size_t i = 0; i < layout_.size(); ++i) {
+      const int row = static_cast<int>(i / layout_.channels);
+      const int n = static_cast<int>(i);
+      const int value = (2000 >> row) * ((n * 7 + 3) % 5 - 2) + time * ((n * 11) % 7 - 3) * (8 - row) +
+                        (time * time * (n % 3) + n) % 4;
+      if (layout_.codec == CodecKind::kQuantised) {
+        key.q.push_back(value);
+      } else {
+        key.f.push_back(value + 0.25);
+      }
+    }
+    return key;
+  }
+
+  void join() {
+    const Bytes payload = encode_join(layout_, *sender_).value();
+    const auto bands = sender_->newer.bands;
+    const auto decoded = decode_join(layout_, bands, payload);
+    ASSERT_TRUE(decoded) << decoded.error().message;
+    receiver_ = *decoded;
+    write({FrameKind::kJoin, 0, bands, {}, 7, 3, sequence_, capture(3, 3)}, payload,
+          ",\"age_us\":" + std::to_string(decoded->age_us) + ",\"older\":" + json_of(layout_, decoded->older) +
+              ",\"newer\":" + json_of(layout_, decoded->newer));
+  }
+  void first(const Key& key) {
+    sender_ = advanced(std::nullopt, key, 0);
+    join();
+  }
+  void key(const Key& key, std::uint8_t keep = 255, std::uint8_t flags = 0) {
+    ++sequence_;
+    Bytes payload = encode_key(layout_, *sender_, key).value();
+    const auto bands = static_cast<std::uint8_t>(key.bands & keep);
+    if (bands != key.bands) payload = cut_bands(layout_, false, key.bands, keep, payload).value();
+    const auto decoded = decode_key(layout_, bands, *receiver_, payload);
+    ASSERT_TRUE(decoded) << decoded.error().message;
+    if (bands == key.bands) {
+      ASSERT_EQ(*decoded, key);
+    }
+    receiver_ = advanced(receiver_, *decoded, 30'000);
+    sender_ = advanced(sender_, *decoded, 30'000);
+    write({FrameKind::kKey, flags, bands, {}, 7, 3, sequence_, capture(3, 3)}, payload,
+          ",\"pose\":" + json_of(layout_, *decoded));
+  }
+  void synthetic(const Key& coming, std::uint8_t at, std::uint8_t of) {
+    const Key pose = interpolate_keys(layout_, sender_->newer, coming, at, of).value();
+    const Bytes payload = encode_key(layout_, *sender_, pose).value();
+    const auto decoded = decode_key(layout_, pose.bands, *receiver_, payload);
+    ASSERT_TRUE(decoded) << decoded.error().message;
+    ASSERT_EQ(*decoded, pose);
+    ++sequence_;
+    write({FrameKind::kSynthetic, 0, pose.bands, {at, of}, 7, 3, sequence_, capture(at, of)}, payload,
+          ",\"pose\":" + json_of(layout_, *decoded));
+    --sequence_;
+  }
+  void step(std::uint8_t at, std::uint8_t of) {
+    const Key pose = interpolate_keys(layout_, receiver_->older, receiver_->newer, at, of).value();
+    write({FrameKind::kStep, 0, 0, {at, of}, 7, 3, sequence_, capture(at, of)}, {},
+          ",\"pose\":" + json_of(layout_, pose));
+  }
+
+  /// Compares with tests/golden, or writes there when EIGENCAST_WRITE_GOLDEN is set.
+  void check(const std::string& name) const {
+    const std::string base = std::string(EIGENCAST_GOLDEN_DIR) + "/" + name;
+    for (const auto& [path, text] : {std::pair{base + ".frames", frames_}, std::pair{base + ".jsonl", poses_}}) {
+      if (std::getenv("EIGENCAST_WRITE_GOLDEN") != nullptr) std::ofstream(path) << text;
+      std::ifstream file(path);
+      std::stringstream golden;
+      golden << file.rdbuf();
+      EXPECT_EQ(golden.str(), text) << path;
+    }
+  }
+
+ private:
+  TimeUs capture(int at, int of) const {
+    return 1'000'000 + static_cast<TimeUs>(sequence_) * 30'000 - 30'000 + 30'000 * at / of;
+  }
+
+  void write(const Envelope& envelope, const Bytes& payload, const std::string& decoded) {
+    Bytes frame;
+    append_envelope(envelope, frame);
+    frame.insert(frame.end(), payload.begin(), payload.end());
+    const auto parsed = parse_frame(frame);
+    ASSERT_TRUE(parsed) << parsed.error().message;
+    ASSERT_EQ(parsed->envelope, envelope);
+    frames_ += hex_of(frame) + "\n";
+    constexpr const char* kNames[] = {"", "key", "join", "synthetic", "step"};
+    poses_ += std::string("{\"kind\":\"") + kNames[static_cast<int>(envelope.kind)] +
+              "\",\"flags\":" + std::to_string(envelope.flags) + ",\"bands\":" + std::to_string(envelope.bands) +
+              ",\"at\":" + std::to_string(envelope.step.at) + ",\"of\":" + std::to_string(envelope.step.of) +
+              ",\"stream_id\":7,\"epoch\":3,\"sequence\":" + std::to_string(envelope.sequence) +
+              ",\"capture_us\":" + std::to_string(envelope.capture_us) + decoded + "}\n";
+  }
+
+  CoefficientLayout layout_;
+  std::optional<ChainState> sender_, receiver_;
+  std::uint64_t sequence_ = 1;
+  std::string frames_, poses_;
+};
+
+const std::vector<std::uint32_t> kBands = {2, 4, 6};
+
+TEST(Golden, FullFormWithStepChangesEscapesJoinsAndCutBands) {
+  Stream stream({CodecKind::kQuantised, 6, 3, kBands});
+  stream.first(stream.pose(0, 120));
+  stream.key(stream.pose(1, 120));
+  const Key third = stream.pose(2, 120);
+  stream.synthetic(third, 1, 3);
+  stream.synthetic(third, 2, 3);
+  stream.key(third);
+  stream.join();
+  stream.key(stream.pose(3, 117));
+  stream.key(stream.pose(4, 130));
+  stream.join();
+  Key extreme = stream.pose(5, 130);
+  extreme.q[4] = 1 << 30;
+  extreme.q[17] = -(1 << 30);
+  stream.synthetic(extreme, 7, 15);
+  stream.key(extreme);
+  stream.key(stream.pose(6, 130), 0b011);
+  stream.key(stream.pose(7, 130), 0b001);
+  stream.join();
+  stream.key(stream.pose(8, 130));
+  stream.join();
+  stream.key(stream.pose(8, 130));
+  stream.check("quantised-full");
+}
+
+TEST(Golden, CompactForm) {
+  Stream stream({CodecKind::kQuantised, 6, 3, kBands});
+  stream.first(stream.pose(0, 120));
+  for (int time = 1; time < 4; ++time) {
+    stream.key(stream.pose(time, time == 3 ? 123 : 120), 255, Envelope::kAhead);
+    for (std::uint8_t at = 1; at <= 3; ++at) stream.step(at, 3);
+  }
+  stream.check("quantised-compact");
+}
+
+TEST(Golden, FloatCodecs) {
+  for (const CodecKind codec : {CodecKind::kFloat32, CodecKind::kFloat64}) {
+    Stream stream({codec, 2, 2, {1, 2}});
+    stream.first(stream.pose(0, 0));
+    stream.key(stream.pose(1, 0));
+    stream.synthetic(stream.pose(2, 0), 1, 2);
+    stream.key(stream.pose(2, 0), 0b01);
+    stream.join();
+    stream.check(std::string(name_of(codec)));
+  }
+}
+
+}  // namespace
+}  // namespace eigencast

@@ -1,0 +1,180 @@
+// SPDX-License-Identifier: MIT
+#include "common/wire/control.h"
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <limits>
+#include <sstream>
+
+#include "common/wire/limits.h"
+
+namespace eigencast {
+namespace {
+
+using namespace control;
+
+const std::string kAsset(64, 'a');
+const StreamFormat kFormat{200, 3, {14, 54, 104, 200}, "quantised"};
+
+/// One of each message, in the order of tests/golden/control.jsonl.
+std::vector<ControlMessage> samples() {
+  const std::vector<double> world = {1, 0, 0, 0, 0, 0.5, 0, 0, 0, 0, 1, 0, -2.25, 3, 4, 1};
+  return {
+      Welcome{"0.1.0", "b6e1", 1'700'000'000'000'000},
+      Announce{kAsset, kFormat, 30, std::nullopt},
+      Announce{kAsset, {8, 4, {8}, "float64"}, 29.97, world},
+      Announced{"lab/horse", 7, 3},
+      Subscribers{"lab/horse", 12},
+      Subscribe{"lab/horse", {Profile::Rate::kRaw, 3, Profile::Form::kFull, 8}},
+      Subscribe{"lab/horse", {Profile::Rate::kInterpolated, 5, Profile::Form::kCompact, 2}},
+      Unsubscribe{"lab/horse"},
+      StreamInfo{"lab/horse", StreamInfo::State::kWaiting, 7, 0, "", {}, 0, {}, std::nullopt},
+      StreamInfo{"lab/horse", StreamInfo::State::kLive, 7, 3, kAsset, kFormat, 30, {}, std::nullopt},
+      StreamInfo{"lab/horse", StreamInfo::State::kStalled, 7, 3, kAsset, kFormat, 30, {}, world},
+      Ack{{{7, 18446744073709551615u, 0x23}, {8, 9007199254740993u, 0}}, limits::kMaxTimeUs},
+      Ping{18446744073709551615u, 12},
+      Pong{18446744073709551615u, 12, 34},
+      Trace{7, 100, {{"captured", 1}, {"encoded", 250}}},
+      Notice{"lab/horse", "link is slow: 12 frames skipped; ask for fewer bands", 12},
+      ErrorMessage{"not-found", "asset \"x\": not here\n", "lab/horse"},
+      ErrorMessage{"corrupt", "frame: unknown kind 9", ""},
+      Bye{"shutting down", 500},
+  };
+}
+
+TEST(Control, GoldenTextOfEachMessageGoesThereAndBack) {
+  std::string text;
+  for (const ControlMessage& message : samples()) text += text_from_control(message) + "\n";
+  const std::string path = std::string(EIGENCAST_GOLDEN_DIR) + "/control.jsonl";
+  if (std::getenv("EIGENCAST_WRITE_GOLDEN") != nullptr) std::ofstream(path) << text;
+  std::ifstream file(path);
+  std::stringstream golden;
+  golden << file.rdbuf();
+  EXPECT_EQ(golden.str(), text);
+
+  std::string line;
+  for (std::size_t i = 0; std::getline(golden, line); ++i) {
+    const auto parsed = control_from_text(line);
+    ASSERT_TRUE(parsed) << line << ": " << parsed.error().message;
+    EXPECT_EQ(parsed->index(), samples()[i].index());
+    EXPECT_EQ(text_from_control(*parsed), line);
+  }
+}
+
+TEST(Control, SixtyFourBitIntegersAreExact) {
+  const auto ack = control_from_text(
+      R"({"op":"ack","items":[{"stream_id":4294967295,"sequence":9007199254740993,"step":255}],"time_us":4611686018427387903})");
+  ASSERT_TRUE(ack) << ack.error().message;
+  EXPECT_EQ(std::get<Ack>(*ack).items[0].sequence, 9007199254740993u);
+  EXPECT_EQ(std::get<Ack>(*ack).time_us, 4611686018427387903);
+}
+
+TEST(Control, UnknownFieldsAreIgnoredAndDefaultsHold) {
+  const auto subscribe = control_from_text(R"({"op":"subscribe","stream":"a","colour":{"deep":[1,2]}})");
+  ASSERT_TRUE(subscribe);
+  EXPECT_EQ(std::get<Subscribe>(*subscribe).profile, Profile{});
+  EXPECT_EQ(std::get<Bye>(control_from_text(R"({"op":"bye"})").value()).retry_after_ms, 0u);
+}
+
+TEST(Control, EveryTruncationIsRejected) {
+  for (const ControlMessage& message : samples()) {
+    const std::string text = text_from_control(message);
+    for (std::size_t size = 0; size < text.size(); ++size) EXPECT_FALSE(control_from_text(text.substr(0, size)));
+    EXPECT_FALSE(control_from_text(text + "x"));
+    EXPECT_FALSE(control_from_text(text + "{}"));
+  }
+}
+
+TEST(Control, NoFlippedByteCrashes) {
+  for (const ControlMessage& message : samples()) {
+    const std::string text = text_from_control(message);
+    for (std::size_t i = 0; i < text.size(); ++i) {
+      for (const int flip : {1, 2, 4, 8, 16, 32, 64, 128}) {
+        std::string changed = text;
+        changed[i] = static_cast<char>(changed[i] ^ flip);
+        if (const auto parsed = control_from_text(changed)) {
+          EXPECT_TRUE(control_from_text(text_from_control(*parsed))) << changed;
+        }
+      }
+    }
+  }
+}
+
+TEST(Control, RefusalsNameTheField) {
+  const std::string format = R"("format":{"rows":8,"channels":3,"band_ends":[8],"codec":"quantised"})";
+  const std::string asset = R"("asset":")" + kAsset + "\"";
+  const std::vector<std::pair<std::string, std::string>> cases = {
+      {R"({})", "'op' is missing"},
+      {R"({"op":7})", "'op'"},
+      {R"({"op":"unsubscribe"})", "'stream' is missing"},
+      {R"({"op":"unsubscribe","stream":"a//b"})", "'stream'"},
+      {R"({"op":"ping","id":1})", "'time_us' is missing"},
+      {R"({"op":"ping","id":-1,"time_us":0})", "'id'"},
+      {R"({"op":"ping","id":1.0,"time_us":0})", "'id'"},
+      {R"({"op":"ping","id":18446744073709551616,"time_us":0})", "'id'"},
+      {R"({"op":"ping","id":"1","time_us":0})", "'id'"},
+      {R"({"op":"ping","id":true,"time_us":0})", "'id'"},
+      {R"({"op":"ping","id":1,"time_us":4611686018427387904})", "'time_us'"},
+      {R"({"op":"ack","items":{},"time_us":0})", "'items'"},
+      {R"({"op":"ack","items":[7],"time_us":0})", "'items'"},
+      {R"({"op":"ack","items":[{"stream_id":1,"sequence":1,"step":256}],"time_us":0})", "'items.step'"},
+      {R"({"op":"announce","asset":"AB",)" + format + "}", "'asset'"},
+      {R"({"op":"announce",)" + asset + R"(,"format":[]})", "'format'"},
+      {R"({"op":"announce",)" + asset + R"(,"format":{"rows":8,"band_ends":[9],"codec":"quantised"}})", "band_ends"},
+      {R"({"op":"announce",)" + asset + R"(,"format":{"rows":8,"band_ends":[-8],"codec":"quantised"}})",
+       "'format.band_ends'"},
+      {R"({"op":"announce",)" + asset + "," + format + R"(,"key_rate_hz":-1})", "'key_rate_hz'"},
+      {R"({"op":"announce",)" + asset + "," + format + R"(,"key_rate_hz":null})", "'key_rate_hz'"},
+      {R"({"op":"announce",)" + asset + "," + format + R"(,"world":[1,2,3]})", "'world'"},
+      {R"({"op":"announce",)" + asset + "," + format + R"(,"world":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,null]})", "'world'"},
+      {R"({"op":"subscribe","stream":"a","profile":{"k":16}})", "'profile.k'"},
+      {R"({"op":"subscribe","stream":"a","profile":{"rate":"fast"}})",
+       "'profile.rate' must be one of: raw, interpolated"},
+      {R"({"op":"stream","stream":"a","state":"dead","stream_id":1,"epoch":1})", "'state'"},
+      {R"({"op":"stream","stream":"a","state":"live","stream_id":1,"epoch":1})", "'asset' is missing"},
+  };
+  for (const auto& [text, expected] : cases) {
+    const auto parsed = control_from_text(text);
+    ASSERT_FALSE(parsed) << text;
+    EXPECT_EQ(parsed.error().code, ErrorCode::kCorrupt) << text;
+    EXPECT_NE(parsed.error().message.find(expected), std::string::npos) << text << "\n" << parsed.error().message;
+  }
+}
+
+TEST(Control, WhatIsNotAnObjectOfJsonIsCorrupt) {
+  for (const char* text : {"", "null", "[]", "7", "{", "{\"op\":\"bye\",}", "{'op':'bye'}", "{\"op\":\"b\xff\"}", "NaN",
+                           "{\"op\":\"ping\",\"id\":NaN}", "{\"op\":\"bye\",\"x\":1e999}", "{\"op\":\"bye\"}//"}) {
+    EXPECT_EQ(control_from_text(text).error().code, ErrorCode::kCorrupt) << text;
+  }
+  EXPECT_EQ(control_from_text(R"({"op":"dance"})").error().code, ErrorCode::kUnsupported);
+}
+
+TEST(Control, SizeAndDepthAreCapped) {
+  EXPECT_EQ(control_from_text(std::string(limits::kMaxControlBytes + 1, ' ')).error().code, ErrorCode::kTooLarge);
+  const auto nested = [](int depth) {
+    const auto n = static_cast<std::size_t>(depth);
+    return R"({"op":"bye","x":)" + std::string(n, '[') + std::string(n, ']') + "}";
+  };
+  EXPECT_TRUE(control_from_text(nested(limits::kMaxControlDepth - 1)));
+  EXPECT_EQ(control_from_text(nested(limits::kMaxControlDepth)).error().code, ErrorCode::kTooLarge);
+  EXPECT_EQ(control_from_text(std::string(60'000, '[')).error().code, ErrorCode::kTooLarge);
+  EXPECT_TRUE(control_from_text(R"({"op":"bye","reason":"[[[[[[[[[[[[\"{{{{{{{{{{{{"})"))
+      << "brackets in strings are no nesting";
+
+  Ack ack;
+  ack.items.resize(limits::kMaxAcksPerMessage);
+  EXPECT_TRUE(control_from_text(text_from_control(ack)));
+  ack.items.emplace_back();
+  EXPECT_FALSE(control_from_text(text_from_control(ack)));
+}
+
+TEST(Control, TextThatIsNotUtf8IsWrittenReadably) {
+  const auto parsed = control_from_text(text_from_control(ErrorMessage{"io", "file \xff", ""}));
+  ASSERT_TRUE(parsed);
+  EXPECT_EQ(std::get<ErrorMessage>(*parsed).message, "file \xEF\xBF\xBD");
+}
+
+}  // namespace
+}  // namespace eigencast
