@@ -1,0 +1,376 @@
+// SPDX-License-Identifier: MIT
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <boost/asio/connect.hpp>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/beast/core/buffers_to_string.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/http.hpp>
+#include <boost/beast/websocket.hpp>
+#include <filesystem>
+#include <thread>
+
+#include "broker/broker.h"
+#include "tests/unit/broker/support.h"
+
+// The whole broker in this process, on a thread of its own, with blocking clients on loopback.
+namespace eigencast::broker {
+namespace {
+
+namespace fs = std::filesystem;
+namespace http = beast::http;
+namespace websocket = beast::websocket;
+using testing::FakeSender;
+using ::testing::HasSubstr;
+using testing::key_number;
+using testing::small_announce;
+using testing::small_layout;
+
+/// A blocking WebSocket client. A read that waits in vain ends with the test's time limit.
+class Client {
+ public:
+  Client(std::uint16_t port, const std::string& target, const std::string& subprotocol = "eigencast.v1")
+      : socket_(loop_) {
+    asio::connect(socket_.next_layer(), asio::ip::tcp::resolver(loop_).resolve("127.0.0.1", std::to_string(port)));
+    socket_.set_option(websocket::stream_base::decorator([&](websocket::request_type& request) {
+      if (!subprotocol.empty()) request.set(http::field::sec_websocket_protocol, subprotocol);
+    }));
+    socket_.handshake(response, "localhost", target, error);
+    if (error) return;
+    const auto welcome = next_control();
+    EXPECT_TRUE(std::holds_alternative<control::Welcome>(welcome));
+  }
+  void send(const ControlMessage& message) { send_text(text_from_control(message)); }
+  void send_text(const std::string& text) {
+    socket_.text(true);
+    socket_.write(asio::buffer(text), error);
+  }
+  void send_frame(const Bytes& frame) {
+    socket_.binary(true);
+    socket_.write(asio::buffer(frame), error);
+  }
+  /// The next message; false when the connection is closed.
+  bool read() {
+    buffer_.clear();
+    socket_.read(buffer_, error);
+    return !error;
+  }
+  ControlMessage next_control() {
+    do {
+      if (!read()) return control::Bye{"(closed)", 0};
+    } while (!socket_.got_text());
+    return control_from_text(beast::buffers_to_string(buffer_.data())).value();
+  }
+  template <typename T>
+  T wait_for() {
+    for (;;) {
+      const auto message = next_control();
+      if (const auto* wanted = std::get_if<T>(&message)) return *wanted;
+      if (error) {
+        ADD_FAILURE() << "closed: " << error.message();
+        return {};
+      }
+    }
+  }
+  FramePtr next_frame() {
+    do {
+      if (!read()) return nullptr;
+    } while (socket_.got_text());
+    const auto data = buffer_.cdata();
+    const Bytes bytes(static_cast<const std::uint8_t*>(data.data()),
+                      static_cast<const std::uint8_t*>(data.data()) + data.size());
+    const auto view = parse_frame(bytes).value();
+    return make_frame(view.envelope, view.payload);
+  }
+  int close_code() {
+    while (read()) {
+    }
+    return socket_.reason().code;
+  }
+
+  ErrorOf error;
+  websocket::response_type response;
+
+ private:
+  asio::io_context loop_;
+  websocket::stream<asio::ip::tcp::socket> socket_;
+  beast::flat_buffer buffer_;
+};
+
+class ServiceTest : public ::testing::Test {
+ protected:
+  ServiceTest() {
+    std::string pattern = (fs::temp_directory_path() / "eigencast-service-XXXXXX").string();
+    folder_ = ::mkdtemp(pattern.data());
+    config_.server.listen = "127.0.0.1:0";
+    config_.server.data_dir = folder_;
+    config_.timeouts.header_ms = 300;
+    config_.limits.max_control_bytes = 4096;
+    config_.assets.max_object_bytes = 100'000;
+    start();
+  }
+  ~ServiceTest() override {
+    stop();
+    fs::remove_all(folder_);
+  }
+  void start() {
+    auto created = Broker::create(config_, "test", {});
+    ASSERT_TRUE(created) << created.error().message;
+    broker_ = std::move(*created);
+    port_ = broker_->port();
+    thread_ = std::thread([this] { broker_->run(); });
+  }
+  void stop() {
+    if (!thread_.joinable()) return;
+    broker_->stop();
+    thread_.join();
+    broker_.reset();
+  }
+  http::response<http::string_body> request(http::verb method, const std::string& target, const std::string& body = {},
+                                            const std::string& range = {}) {
+    asio::io_context loop;
+    asio::ip::tcp::socket socket(loop);
+    asio::connect(socket, asio::ip::tcp::resolver(loop).resolve("127.0.0.1", std::to_string(port_)));
+    http::request<http::string_body> out(method, target, 11, body);
+    if (!range.empty()) out.set(http::field::range, range);
+    out.prepare_payload();
+    ErrorOf error;
+    http::write(socket, out, error);
+    beast::flat_buffer buffer;
+    http::response_parser<http::string_body> in;
+    in.skip(method == http::verb::head);
+    http::read(socket, buffer, in, error);
+    EXPECT_FALSE(error) << error.message();
+    return in.release();
+  }
+  std::string put_asset(const std::string& content) {
+    const std::string id =
+        sha256(ByteView(reinterpret_cast<const std::uint8_t*>(content.data()), content.size())).hex();
+    EXPECT_EQ(request(http::verb::put, "/v1/assets/" + id, content).result_int(), 201u);
+    return id;
+  }
+  std::unique_ptr<Client> sender(const std::string& stream) {
+    auto client = std::make_unique<Client>(port_, "/v1/publish/" + stream);
+    control::Announce announce = small_announce();
+    announce.asset = asset_.empty() ? asset_ = put_asset("manifest") : asset_;
+    client->send(announce);
+    announced_ = client->wait_for<control::Announced>();
+    return client;
+  }
+
+  Config config_;
+  std::string folder_;
+  std::string asset_;
+  control::Announced announced_;
+  std::unique_ptr<Broker> broker_;
+  std::uint16_t port_ = 0;
+  std::thread thread_;
+};
+
+TEST_F(ServiceTest, PosesTravelFromSenderToViewers) {
+  Client early(port_, "/v1/subscribe/a?rate=raw");
+  EXPECT_EQ(early.wait_for<control::StreamInfo>().state, control::StreamInfo::State::kWaiting);
+  auto publisher = sender("a");
+  EXPECT_EQ(publisher->wait_for<control::Subscribers>().count, 1u);
+  const auto info = early.wait_for<control::StreamInfo>();
+  EXPECT_EQ(info.state, control::StreamInfo::State::kLive);
+  EXPECT_EQ(info.epoch, announced_.epoch);
+  FakeSender motion;
+  testing::FakeReceiver receiver;
+  for (int i = 0; i < 20; ++i) {
+    publisher->send_frame(motion.next(i * 33'000));
+    receiver.decode(*early.next_frame());
+    ASSERT_EQ(receiver.poses.back().key, key_number(i));
+  }
+  EXPECT_EQ(receiver.undecodable, 0);
+
+  Client late(port_, "/v1/subscribe");
+  late.send(control::Subscribe{"a", Profile{}});
+  EXPECT_EQ(late.wait_for<control::StreamInfo>().stream_id, announced_.stream_id);
+  const FramePtr join = late.next_frame();
+  EXPECT_EQ(join->envelope.kind, FrameKind::kJoin);
+  EXPECT_EQ(join->envelope.sequence, 19u);
+
+  publisher.reset();
+  EXPECT_EQ(late.wait_for<control::StreamInfo>().state, control::StreamInfo::State::kStalled);
+  auto second = sender("a");
+  EXPECT_GT(late.wait_for<control::StreamInfo>().epoch, info.epoch);
+}
+
+TEST_F(ServiceTest, InterpolatedPosesComeThreeToAKey) {
+  auto publisher = sender("a");
+  Client viewer(port_, "/v1/subscribe/a");
+  viewer.wait_for<control::StreamInfo>();
+  FakeSender motion;
+  testing::FakeReceiver receiver;
+  constexpr int kKeys = 6;
+  std::thread feeding([&] {
+    for (int i = 0; i < kKeys; ++i) {
+      publisher->send_frame(motion.next(i * 20'000));
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+    }
+  });
+  do {
+    receiver.decode(*viewer.next_frame());
+  } while (receiver.poses.empty() || receiver.poses.back().key != key_number(kKeys - 1));
+  feeding.join();
+  EXPECT_EQ(receiver.undecodable, 0);
+  for (const auto& pose : receiver.poses) {
+    const int s = static_cast<int>(pose.envelope.sequence);
+    const auto [at, of] = pose.envelope.step;
+    if (pose.envelope.kind != FrameKind::kSynthetic) continue;
+    EXPECT_EQ(pose.key, interpolate_keys(small_layout(), key_number(s - 1), key_number(s), at, of).value());
+  }
+}
+
+TEST_F(ServiceTest, ASecondSenderIsRefusedAndTheFirstGoesOn) {
+  auto first = sender("a");
+  Client second(port_, "/v1/publish/a");
+  EXPECT_EQ(second.wait_for<control::ErrorMessage>().code, "refused");
+  EXPECT_EQ(second.close_code(), 1008);
+  first->send(control::Ping{7, 9});
+  EXPECT_EQ(first->wait_for<control::Pong>().id, 7u);
+}
+
+TEST_F(ServiceTest, GarbageClosesItsSenderOnly) {
+  auto bad = sender("bad");
+  auto good = sender("good");
+  bad->send_frame(Bytes(40, 0xff));
+  EXPECT_EQ(bad->wait_for<control::ErrorMessage>().code, "corrupt");
+  EXPECT_EQ(bad->close_code(), 1008);
+  Client viewer(port_, "/v1/subscribe/good?rate=raw");
+  FakeSender motion;
+  good->send_frame(motion.next(0));
+  EXPECT_EQ(viewer.next_frame()->envelope.sequence, 0u);
+}
+
+TEST_F(ServiceTest, CloseCodesAreThoseOfTheProtocol) {
+  Client not_json(port_, "/v1/subscribe");
+  not_json.send_text("{nonsense");
+  EXPECT_EQ(not_json.wait_for<control::ErrorMessage>().code, "corrupt");
+  EXPECT_EQ(not_json.close_code(), 1007);
+  Client bad_utf8(port_, "/v1/subscribe");
+  bad_utf8.send_text("\xff\xfe");
+  EXPECT_EQ(bad_utf8.close_code(), 1007);
+  Client binary(port_, "/v1/subscribe");
+  binary.send_frame(Bytes(10, 1));
+  EXPECT_EQ(binary.wait_for<control::ErrorMessage>().code, "invalid-argument");
+  EXPECT_EQ(binary.close_code(), 1003);
+  Client large(port_, "/v1/subscribe");
+  large.send_text(std::string(10'000, ' '));
+  EXPECT_EQ(large.close_code(), 1009);
+  Client unknown(port_, "/v1/subscribe");
+  unknown.send_text(R"({"op":"dance"})");
+  EXPECT_EQ(unknown.wait_for<control::ErrorMessage>().code, "unsupported");
+  unknown.send(control::Ping{1, 2});
+  EXPECT_EQ(unknown.wait_for<control::Pong>().time_us, 2) << "an unknown op does not close";
+}
+
+TEST_F(ServiceTest, UpgradesAreChecked) {
+  for (const char* protocol : {"", "eigencast.v2", "chat"}) {
+    Client client(port_, "/v1/subscribe/a", protocol);
+    EXPECT_EQ(client.response.result_int(), 400u) << protocol;
+  }
+  EXPECT_EQ(Client(port_, "/v1/subscribe/a?rate=99").response.result_int(), 400u);
+  EXPECT_EQ(Client(port_, "/v1/subscribe/a/../b").response.result_int(), 400u);
+  EXPECT_EQ(Client(port_, "/nothing").response.result_int(), 404u);
+  EXPECT_EQ(request(http::verb::get, "/v1/subscribe/a").result_int(), 426u);
+  const Client several(port_, "/v1/subscribe/a", "chat, eigencast.v1");
+  EXPECT_EQ(several.response[http::field::sec_websocket_protocol], "eigencast.v1");
+}
+
+TEST_F(ServiceTest, AnnouncementsAreChecked) {
+  Client client(port_, "/v1/publish/a");
+  control::Announce announce = small_announce();
+  client.send(announce);
+  EXPECT_EQ(client.wait_for<control::ErrorMessage>().code, "not-found");
+  announce.asset = put_asset("x");
+  client.send(announce);
+  EXPECT_EQ(client.wait_for<control::Announced>().stream, "a")
+      << "after the asset was put, the same connection goes on";
+}
+
+TEST_F(ServiceTest, OneConnectionWatchesManyStreamsAndChangesItsProfile) {
+  auto a = sender("a");
+  auto b = sender("b");
+  Client viewer(port_, "/v1/subscribe");
+  viewer.send(control::Subscribe{"a", Profile{Profile::Rate::kRaw}});
+  const auto info_a = viewer.wait_for<control::StreamInfo>();
+  viewer.send(control::Subscribe{"b", Profile{Profile::Rate::kRaw}});
+  const auto info_b = viewer.wait_for<control::StreamInfo>();
+  FakeSender motion_a;
+  FakeSender motion_b;
+  a->send_frame(motion_a.next(0));
+  EXPECT_EQ(viewer.next_frame()->envelope.stream_id, info_a.stream_id);
+  b->send_frame(motion_b.next(0));
+  EXPECT_EQ(viewer.next_frame()->envelope.stream_id, info_b.stream_id);
+  viewer.send(control::Subscribe{"a", Profile{Profile::Rate::kRaw, 3, Profile::Form::kFull, 1}});
+  EXPECT_EQ(viewer.wait_for<control::StreamInfo>().profile.bands, 1);
+  const FramePtr join = viewer.next_frame();
+  EXPECT_EQ(join->envelope.kind, FrameKind::kJoin);
+  EXPECT_EQ(join->envelope.bands, 1);
+  viewer.send(control::Unsubscribe{"a"});
+  viewer.send(control::Ping{1, 1});
+  viewer.wait_for<control::Pong>();
+  a->send_frame(motion_a.next(1));
+  b->send_frame(motion_b.next(1));
+  EXPECT_EQ(viewer.next_frame()->envelope.stream_id, info_b.stream_id);
+  viewer.send(control::Unsubscribe{"a"});
+  EXPECT_EQ(viewer.wait_for<control::ErrorMessage>().code, "not-found");
+}
+
+TEST_F(ServiceTest, Assets) {
+  const std::string id = put_asset("0123456789");
+  const std::string target = "/v1/assets/" + id;
+  EXPECT_EQ(request(http::verb::get, target).body(), "0123456789");
+  const auto part = request(http::verb::get, target, {}, "bytes=2-4");
+  EXPECT_EQ(part.result_int(), 206u);
+  EXPECT_EQ(part.body(), "234");
+  EXPECT_EQ(part[http::field::content_range], "bytes 2-4/10");
+  EXPECT_EQ(request(http::verb::get, target, {}, "bytes=10-").result_int(), 416u);
+  const auto head = request(http::verb::head, target);
+  EXPECT_EQ(head.result_int(), 200u);
+  EXPECT_EQ(head[http::field::etag], "\"" + id + "\"");
+  EXPECT_EQ(head[http::field::content_length], "10");
+  EXPECT_EQ(request(http::verb::put, target, "0123456789").result_int(), 200u);
+  EXPECT_EQ(request(http::verb::put, target, "something else").result_int(), 422u);
+  EXPECT_EQ(request(http::verb::put, target, std::string(100'001, 'x')).result_int(), 413u);
+  EXPECT_EQ(request(http::verb::delete_, target).result_int(), 405u);
+  EXPECT_EQ(request(http::verb::get, "/v1/assets/" + std::string(64, '0')).result_int(), 404u);
+  EXPECT_EQ(request(http::verb::get, "/v1/assets/xyz").result_int(), 400u);
+  const std::string empty = put_asset("");
+  EXPECT_EQ(request(http::verb::get, "/v1/assets/" + empty).body(), "");
+  EXPECT_THAT(request(http::verb::get, "/v1/streams").body(), HasSubstr("\"streams\":[]"));
+}
+
+TEST_F(ServiceTest, StoppingSaysByeWithARetryAndTheNextRunHasHigherEpochs) {
+  auto publisher = sender("a");
+  const std::uint32_t epoch = announced_.epoch;
+  Client viewer(port_, "/v1/subscribe/a");
+  viewer.wait_for<control::StreamInfo>();
+  broker_->stop();
+  EXPECT_GT(viewer.wait_for<control::Bye>().retry_after_ms, 0u);
+  EXPECT_EQ(viewer.close_code(), 1012);
+  EXPECT_EQ(publisher->close_code(), 1012);
+  stop();
+  start();
+  publisher = sender("a");
+  EXPECT_GT(announced_.epoch, epoch);
+}
+
+TEST_F(ServiceTest, ASlowHeadIsCutOff) {
+  asio::io_context loop;
+  asio::ip::tcp::socket socket(loop);
+  asio::connect(socket, asio::ip::tcp::resolver(loop).resolve("127.0.0.1", std::to_string(port_)));
+  asio::write(socket, asio::buffer(std::string("GET /v1/str")));
+  char byte = 0;
+  ErrorOf error;
+  socket.read_some(asio::buffer(&byte, 1), error);
+  EXPECT_TRUE(error);
+}
+
+}  // namespace
+}  // namespace eigencast::broker
