@@ -12,9 +12,9 @@ constexpr std::size_t kMaxSamples = 512;
 constexpr int kLateKeysToRestart = 3;
 constexpr TimeUs kNever = std::numeric_limits<TimeUs>::min();
 
-// Capture times come from the network: held far enough from the ends that no sum of a few of them overflows.
+// Capture times come from the network: held far enough from the ends (2,000 years) that no sum of a few overflows.
 TimeUs bounded(TimeUs time_us) {
-  constexpr TimeUs kBound = TimeUs{1} << 60;
+  constexpr TimeUs kBound = TimeUs{1} << 56;
   return std::clamp(time_us, -kBound, kBound);
 }
 
