@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: MIT
+// The stored bytes of one small asset, and what they mean in an independent text form (golden.json, which the Python
+// reader is held against as well). EIGENCAST_WRITE_GOLDEN=1 writes them anew after a deliberate change of the format,
+// which then needs a new version.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
+#include <sstream>
+#include <string>
+
+#include "common/asset/format.h"
+#include "sample_asset.h"
+
+namespace eigencast {
+namespace {
+
+using Json = nlohmann::json;
+
+/// 42 vertices, chunks of 16, 16 and 10 rows, columns 0-3 exact and 4 quantised, in bands 0-3 and 4. Every float is a
+/// multiple of a power of two, so that no compiler's or library's rounding can change a byte.
+Asset golden_asset() {
+  Asset asset = sample_asset(1, 5);
+  asset.name = "golden icosphere";
+  for (std::uint32_t i = 0; i < asset.vertex_count; ++i) {
+    asset.mass[i] = 0.25F + 0.0625F * static_cast<float>(i % 5);
+    for (std::uint32_t k = 0; k < 5; ++k) {
+      const std::uint32_t noise = ((i * 5 + k) * 2654435761U) >> 22;
+      asset.basis[i * 5 + k] = k == 0 ? 0.5F : (static_cast<float>(noise) - 512.0F) / 512.0F;
+    }
+  }
+  asset.basis[7 * 5 + 4] = 32767.0F / 16384.0F;  // the largest of its column, so that its scale is 2^-14
+  return asset;
+}
+
+std::string golden_path(const std::string& name) {
+  return std::string(EIGENCAST_GOLDEN_DIR) + "/asset/" + name;
+}
+
+Bytes file_bytes(const std::string& name) {
+  std::ifstream file(golden_path(name), std::ios::binary);
+  EXPECT_TRUE(file) << golden_path(name);
+  return Bytes(std::istreambuf_iterator<char>(file), {});
+}
+
+Json json_from(const Asset& a, const Sha256& id) {
+  constexpr const char* kAxes[] = {"unknown", "x", "y", "z"};
+  Json rows = Json::array();
+  for (std::uint32_t i = 0; i < a.vertex_count; ++i) {
+    rows.push_back(std::vector<double>(a.basis.begin() + i * a.rank, a.basis.begin() + (i + 1) * a.rank));
+  }
+  return {{"id", id.hex()},
+          {"n", a.vertex_count},
+          {"r", a.rank},
+          {"q", a.base_count},
+          {"F", a.face_total},
+          {"band_ends", a.band_ends},
+          {"up_axis", kAxes[static_cast<int>(a.up_axis)]},
+          {"handedness", a.handedness == Asset::Handedness::kLeft ? "left" : "right"},
+          {"metres_per_unit", a.metres_per_unit},
+          {"area", a.area},
+          {"box_low", a.box_low},
+          {"box_high", a.box_high},
+          {"origin", a.origin},
+          {"basis_kind", a.basis_kind},
+          {"name", a.name},
+          {"rest", a.rest},
+          {"map", a.map},
+          {"source_vertex", a.source_vertex},
+          {"mass", std::vector<double>(a.mass.begin(), a.mass.end())},
+          {"faces", a.faces},
+          {"death", a.death},
+          {"basis", rows}};
+}
+
+void write_golden(const EncodedAsset& encoded, const Asset& asset) {
+  const auto write = [](const std::string& name, const Bytes& bytes) {
+    std::ofstream(golden_path(name), std::ios::binary)
+        .write(reinterpret_cast<const char*>(bytes.data()), static_cast<long>(bytes.size()));
+  };
+  write("manifest.bin", encoded.manifest.bytes);
+  for (std::size_t c = 0; c < encoded.chunks.size(); ++c)
+    write("chunk" + std::to_string(c) + ".bin", encoded.chunks[c].bytes);
+  std::ofstream(golden_path("golden.json")) << json_from(asset, encoded.manifest.id).dump() << '\n';
+}
+
+constexpr AssetEncoding kGoldenEncoding{.exact_columns = 4, .first_chunk_rows = 16, .compress = false};
+
+TEST(AssetGolden, EncodesToTheGoldenBytes) {
+  const Asset asset = golden_asset();
+  const auto encoded = encode_asset(asset, kGoldenEncoding);
+  ASSERT_TRUE(encoded) << encoded.error().message;
+  if (std::getenv("EIGENCAST_WRITE_GOLDEN") != nullptr) write_golden(*encoded, asset);
+  EXPECT_EQ(encoded->manifest.bytes, file_bytes("manifest.bin"));
+  ASSERT_EQ(encoded->chunks.size(), 3u);
+  for (std::size_t c = 0; c < 3; ++c)
+    EXPECT_EQ(encoded->chunks[c].bytes, file_bytes("chunk" + std::to_string(c) + ".bin"));
+}
+
+TEST(AssetGolden, DecodesToTheExpectedArrays) {
+  EncodedAsset encoded;
+  const std::ifstream text(golden_path("golden.json"));
+  std::stringstream buffer;
+  buffer << text.rdbuf();
+  const Json expected = Json::parse(buffer.str());
+  encoded.manifest = {*Sha256::from_hex(expected.at("id").get<std::string>()), file_bytes("manifest.bin")};
+  for (std::size_t c = 0; c < 3; ++c) {
+    Bytes bytes = file_bytes("chunk" + std::to_string(c) + ".bin");
+    encoded.chunks.push_back({sha256(bytes), std::move(bytes)});
+  }
+  const auto decoded = decode_asset(encoded);
+  ASSERT_TRUE(decoded) << decoded.error().message;
+  const Json read = json_from(*decoded, encoded.manifest.id);
+  for (const auto& [key, value] : expected.items()) EXPECT_EQ(read.at(key), value) << key;
+  EXPECT_EQ(read.size(), expected.size());
+}
+
+}  // namespace
+}  // namespace eigencast

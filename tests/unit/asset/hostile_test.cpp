@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: MIT
+// Every byte of an asset may come from an enemy who also computes the hashes, so most cases here rehash what they
+// damage.
+#include <gtest/gtest.h>
+
+#include <functional>
+#include <string>
+#include <utility>
+
+#include "common/asset/asset_limits.h"
+#include "common/asset/compression.h"
+#include "common/asset/format.h"
+#include "common/asset/manifest.h"
+#include "sample_asset.h"
+
+namespace eigencast {
+namespace {
+
+EncodedAsset sample(bool compress = false) {
+  auto encoded = encode_asset(sample_asset(1, 7), {.exact_columns = 4, .first_chunk_rows = 16, .compress = compress});
+  EXPECT_TRUE(encoded);
+  return std::move(*encoded);
+}
+
+/// Reads a manifest whose hash is right whatever it holds.
+Result<AssetReader> reader_of(const Bytes& manifest) {
+  return AssetReader::from_manifest(sha256(manifest), manifest);
+}
+
+/// The asset with its manifest changed and, for the id, hashed again.
+EncodedAsset with_manifest(EncodedAsset encoded, const std::function<void(Manifest&)>& change) {
+  auto manifest = read_manifest(encoded.manifest.bytes);
+  EXPECT_TRUE(manifest);
+  change(*manifest);
+  encoded.manifest.bytes = write_manifest(*manifest);
+  encoded.manifest.id = sha256(encoded.manifest.bytes);
+  return encoded;
+}
+
+/// Damages the stored bytes of one tile and makes every hash fit again.
+EncodedAsset with_tile(const EncodedAsset& encoded, std::size_t chunk, std::size_t tile,
+                       const std::function<void(Bytes&)>& change) {
+  auto manifest = read_manifest(encoded.manifest.bytes);
+  EXPECT_TRUE(manifest);
+  EncodedAsset damaged = encoded;
+  Bytes& bytes = damaged.chunks[chunk].bytes;
+  std::ptrdiff_t begin = 0;
+  for (std::size_t t = 0; t < tile; ++t) begin += manifest->chunks[chunk].tiles[t].stored_bytes;
+  TileEntry& entry = manifest->chunks[chunk].tiles[tile];
+  Bytes part(bytes.begin() + begin, bytes.begin() + begin + entry.stored_bytes);
+  bytes.erase(bytes.begin() + begin, bytes.begin() + begin + entry.stored_bytes);
+  change(part);
+  bytes.insert(bytes.begin() + begin, part.begin(), part.end());
+  if (entry.compression == Compression::kStored) entry.raw_bytes = static_cast<std::uint32_t>(part.size());
+  entry.stored_bytes = static_cast<std::uint32_t>(part.size());
+  entry.hash = sha256(part);
+  damaged.chunks[chunk].id = manifest->chunks[chunk].id = sha256(bytes);
+  damaged.manifest.bytes = write_manifest(*manifest);
+  damaged.manifest.id = sha256(damaged.manifest.bytes);
+  return damaged;
+}
+
+/// Either an error with words, or an asset that is sound: nothing between.
+void expect_error_or_sound(const EncodedAsset& encoded, int& errors) {
+  const auto decoded = decode_asset(encoded);
+  if (decoded) {
+    const auto valid = validate_asset(*decoded);
+    EXPECT_TRUE(valid) << valid.error().message;
+  } else {
+    EXPECT_FALSE(decoded.error().message.empty());
+    ++errors;
+  }
+}
+
+TEST(AssetHostile, EveryTruncationOfTheManifestIsAnError) {
+  const Bytes whole = sample().manifest.bytes;
+  for (std::size_t size = 0; size < whole.size(); ++size) {
+    const Bytes part(whole.begin(), whole.begin() + static_cast<std::ptrdiff_t>(size));
+    const auto reader = reader_of(part);
+    ASSERT_FALSE(reader) << size;
+    EXPECT_EQ(reader.error().code, ErrorCode::kCorrupt) << size << ": " << reader.error().message;
+  }
+  Bytes longer = whole;
+  longer.push_back(0);
+  EXPECT_FALSE(reader_of(longer));
+}
+
+TEST(AssetHostile, EveryFlippedBitIsCaughtByTheHashes) {
+  const EncodedAsset good = sample(true);
+  for (std::size_t i = 0; i < good.manifest.bytes.size(); ++i) {
+    Bytes bad = good.manifest.bytes;
+    bad[i] ^= static_cast<std::uint8_t>(1U << (i % 8));
+    EXPECT_FALSE(AssetReader::from_manifest(good.manifest.id, bad)) << i;
+  }
+  for (std::size_t i = 0; i < good.chunks[0].bytes.size(); ++i) {
+    EncodedAsset bad = good;
+    bad.chunks[0].bytes[i] ^= static_cast<std::uint8_t>(1U << (i % 8));
+    EXPECT_FALSE(decode_asset(bad)) << i;
+  }
+}
+
+TEST(AssetHostile, EveryChangedByteOfARehashedManifestIsRefusedOrHarmless) {
+  const EncodedAsset good = sample();
+  int errors = 0;
+  for (std::size_t i = 0; i < good.manifest.bytes.size(); ++i) {
+    for (const int value : {0x00, 0x01, 0x7f, 0x80, 0xff}) {
+      EncodedAsset bad = good;
+      bad.manifest.bytes[i] = static_cast<std::uint8_t>(value);
+      bad.manifest.id = sha256(bad.manifest.bytes);
+      expect_error_or_sound(bad, errors);
+    }
+  }
+  EXPECT_GT(errors, 1000);
+}
+
+TEST(AssetHostile, EveryChangedOrMissingByteOfARehashedTileIsRefusedOrHarmless) {
+  for (const bool compress : {false, true}) {
+    const EncodedAsset good = sample(compress);
+    const auto manifest = read_manifest(good.manifest.bytes);
+    int errors = 0;
+    for (std::size_t c = 0; c < good.chunks.size(); ++c) {
+      for (std::size_t t = 0; t < manifest->chunks[c].tiles.size(); ++t) {
+        for (std::size_t i = 0; i < manifest->chunks[c].tiles[t].stored_bytes; ++i) {
+          for (const int value : {0x00, 0x01, 0x7f, 0x80, 0xff}) {
+            expect_error_or_sound(with_tile(good, c, t, [&](Bytes& b) { b[i] = static_cast<std::uint8_t>(value); }),
+                                  errors);
+          }
+          const EncodedAsset cut = with_tile(good, c, t, [&](Bytes& b) { b.resize(i); });
+          EXPECT_FALSE(decode_asset(cut)) << "chunk " << c << " tile " << t << " cut to " << i << " bytes";
+        }
+        const EncodedAsset longer = with_tile(good, c, t, [](Bytes& b) { b.push_back(0); });
+        EXPECT_FALSE(decode_asset(longer)) << "chunk " << c << " tile " << t;
+      }
+    }
+    EXPECT_GT(errors, 500);
+  }
+}
+
+TEST(AssetHostile, ChunksOutOfOrderRepeatedOrWrongAreErrorsThatChangeNothing) {
+  const EncodedAsset good = sample();
+  auto reader = reader_of(good.manifest.bytes);
+  ASSERT_TRUE(reader);
+  const auto code_of = [](const Result<void>& result) { return result ? ErrorCode::kInternal : result.error().code; };
+  EXPECT_EQ(code_of(reader->add_chunk(1, good.chunks[1].bytes)), ErrorCode::kInvalidArgument);
+  EXPECT_EQ(code_of(reader->add_chunk(0, good.chunks[1].bytes)), ErrorCode::kCorrupt);
+  EXPECT_EQ(code_of(reader->add_chunk(0, {})), ErrorCode::kCorrupt);
+  EXPECT_EQ(reader->asset().rows_ready, 0u);
+  EXPECT_TRUE(reader->add_chunk(0, good.chunks[0].bytes));
+  EXPECT_EQ(code_of(reader->add_chunk(0, good.chunks[0].bytes)), ErrorCode::kInvalidArgument);
+  EXPECT_EQ(code_of(reader->add_chunk(1, good.chunks[0].bytes)), ErrorCode::kCorrupt);
+  EXPECT_EQ(reader->asset().rows_ready, 16u);
+  for (std::size_t c = 1; c < good.chunks.size(); ++c) EXPECT_TRUE(reader->add_chunk(c, good.chunks[c].bytes));
+  EXPECT_TRUE(reader->asset().complete());
+  EXPECT_EQ(code_of(reader->add_chunk(good.chunks.size(), {})), ErrorCode::kInvalidArgument);
+}
+
+TEST(AssetHostile, ABadBasisTileLeavesTheReaderAsItWas) {
+  const EncodedAsset good = sample();
+  const EncodedAsset bad = with_tile(good, 1, 1, [](Bytes& b) {
+    const std::size_t floats = b.size() / 4;
+    b[3 * floats] = 0x7f;  // the high bytes of the first float: an infinity
+    b[2 * floats] = 0x80;
+    b[floats] = b[0] = 0;
+  });
+  auto reader = reader_of(bad.manifest.bytes);
+  ASSERT_TRUE(reader);
+  ASSERT_TRUE(reader->add_chunk(0, bad.chunks[0].bytes));
+  const Asset before = reader->asset();
+  const auto added = reader->add_chunk(1, bad.chunks[1].bytes);
+  ASSERT_FALSE(added);
+  EXPECT_NE(added.error().message.find("asset chunk 1: basis tile: row 16 column 0 is not finite"), std::string::npos)
+      << added.error().message;
+  EXPECT_EQ(reader->asset().rows_ready, before.rows_ready);
+  EXPECT_EQ(reader->asset().map, before.map);
+  EXPECT_EQ(reader->asset().basis, before.basis);
+  EXPECT_EQ(reader->asset().faces, before.faces);
+}
+
+TEST(AssetHostile, AnotherVersionSaysSo) {
+  Bytes manifest = sample().manifest.bytes;
+  manifest[8] = 2;
+  const auto reader = reader_of(manifest);
+  ASSERT_FALSE(reader);
+  EXPECT_EQ(reader.error().code, ErrorCode::kIncompatibleVersion);
+}
+
+TEST(AssetHostile, AbsurdClaimsAreRefusedBeforeAnythingIsAllocated) {
+  const auto code_after = [](const std::function<void(Manifest&)>& change) {
+    const auto reader = reader_of(with_manifest(sample(), change).manifest.bytes);
+    return reader ? ErrorCode::kInternal : reader.error().code;
+  };
+  EXPECT_EQ(code_after([](Manifest& m) { m.facts.vertex_count = 16'000'001; }), ErrorCode::kTooLarge);
+  EXPECT_EQ(code_after([](Manifest& m) { m.facts.face_total = 4'000'000'000U; }), ErrorCode::kTooLarge);
+  EXPECT_EQ(code_after([](Manifest& m) { m.facts.rank = 5000; }), ErrorCode::kTooLarge);
+  EXPECT_EQ(code_after([](Manifest& m) { m.facts.vertex_count = 15'000'000, m.facts.rank = 4000; }),
+            ErrorCode::kTooLarge);
+  EXPECT_EQ(code_after([](Manifest& m) { m.facts.vertex_count = 1'000'000; }), ErrorCode::kCorrupt);
+  EXPECT_EQ(code_after([](Manifest& m) { m.facts.vertex_count = m.chunks.back().end_row = 1'000'000; }),
+            ErrorCode::kCorrupt);
+  EXPECT_EQ(code_after([](Manifest& m) {  // sizes that fit the rows but that no compressor reaches
+              m.facts.vertex_count = m.chunks.back().end_row = 2'000'000;
+              const std::uint32_t rows = 2'000'000 - 32;
+              TileEntry* tiles = m.chunks.back().tiles.data();
+              for (int t = 0; t < 3; ++t) tiles[t].compression = Compression::kZstd, tiles[t].stored_bytes = 100;
+              tiles[0].raw_bytes = rows * 6, tiles[1].raw_bytes = rows * 16, tiles[2].raw_bytes = rows * 6;
+            }),
+            ErrorCode::kTooLarge);
+}
+
+TEST(AssetHostile, ASourceVertexThatComesTwiceIsRefused) {
+  const EncodedAsset good = sample();
+  // The last chunk: ten parents of a byte each, then ten source vertices as differences to the parent's, of a byte
+  // each. A difference of 0 in the last row repeats its parent's number, and no other row follows from it.
+  const EncodedAsset bad = with_tile(good, 2, 0, [](Bytes& b) { b[19] = 0; });
+  const auto decoded = decode_asset(bad);
+  ASSERT_FALSE(decoded);
+  EXPECT_NE(decoded.error().message.find("comes twice"), std::string::npos) << decoded.error().message;
+}
+
+TEST(AssetExtensions, OptionalTilesAndSectionsOfUnknownKindAreSkippedRequiredOnesRefused) {
+  const auto extended = [](bool required, std::uint8_t kind) {
+    EncodedAsset encoded = sample();
+    const Bytes extra = {1, 2, 3};
+    Bytes& chunk = encoded.chunks[1].bytes;
+    chunk.insert(chunk.end(), extra.begin(), extra.end());
+    return with_manifest(std::move(encoded), [&](Manifest& m) {
+      TileEntry tile{kind, 0, required, Compression::kStored, 3, 3, sha256(extra)};
+      m.chunks[1].tiles.push_back(tile);
+      m.chunks[1].id = sha256(chunk);
+    });
+  };
+  const auto skipped = decode_asset(extended(false, 16));
+  ASSERT_TRUE(skipped) << skipped.error().message;
+  EXPECT_EQ(skipped->faces, sample_asset(1, 7).faces);
+  EXPECT_EQ(decode_asset(extended(true, 16)).error().code, ErrorCode::kUnsupported);
+  EXPECT_EQ(decode_asset(extended(false, 2)).error().code, ErrorCode::kCorrupt);
+
+  const auto with_section = [](bool required) {
+    return with_manifest(sample(), [&](Manifest& m) { m.sections.push_back({32, required, 1000, Sha256{}}); });
+  };
+  EXPECT_TRUE(decode_asset(with_section(false)));
+  EXPECT_EQ(decode_asset(with_section(true)).error().code, ErrorCode::kUnsupported);
+}
+
+TEST(AssetCompression, RefusesAnythingButOneWholeFrameOfTheSizeStated) {
+  const Bytes raw(1000, 7);
+  const auto packed = zstd_compress(raw);
+  ASSERT_TRUE(packed);
+  EXPECT_EQ(*zstd_decompress(*packed, 1000), raw);
+  EXPECT_FALSE(zstd_decompress(*packed, 999));
+  EXPECT_FALSE(zstd_decompress(*packed, 1001));
+  EXPECT_FALSE(zstd_decompress({}, 0));
+  Bytes twice = *packed;
+  twice.insert(twice.end(), packed->begin(), packed->end());
+  EXPECT_FALSE(zstd_decompress(twice, 1000));
+  for (std::size_t size = 0; size < packed->size(); ++size)
+    EXPECT_FALSE(zstd_decompress(ByteView(*packed).first(size), 1000));
+}
+
+}  // namespace
+}  // namespace eigencast
