@@ -103,6 +103,7 @@ std::string record_name(const Sha256& key) {
 
 Bytes record_from(const BakeResult& result) {
   Bytes bytes;
+  bytes.reserve(64 + result.report.size());
   ByteWriter out(bytes);
   out.u8(kRecordVersion);
   out.bytes(result.encoded.manifest.id.digest);

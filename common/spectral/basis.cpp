@@ -220,7 +220,9 @@ Result<Basis> build_basis(const Surface& rest, const Laplacian& laplacian, const
     return fail(ErrorCode::kInvalidArgument,
                 "a basis of " + std::to_string(options.rank) + " columns: ask for at least 1");
   }
-  const int rank = static_cast<int>(std::min<Eigen::Index>(options.rank, std::max<Eigen::Index>(1, n / 2 - 1)));
+  // Four columns hold the rest pose of any augmented basis, however few the vertices.
+  const Eigen::Index least = options.kind == BasisKind::kAugmented ? std::min<Eigen::Index>(4, n) : 1;
+  const int rank = static_cast<int>(std::min<Eigen::Index>(options.rank, std::max<Eigen::Index>(least, n / 2 - 1)));
   try {
     if (options.kind == BasisKind::kHarmonic) return build_harmonic(laplacian, rank, progress);
     return build_augmented(rest, laplacian, rank, progress);

@@ -25,7 +25,8 @@ struct Basis {
 
 struct BasisOptions {
   BasisKind kind = BasisKind::kAugmented;
-  int rank = 200;  ///< r; lowered to what n allows (n/2 - 1), which the result's column count says.
+  int rank = 200;  ///< r; lowered to what n allows, which the result's column count says: n/2 - 1, but 4 for
+                   ///< an augmented basis, which is what its rest pose needs.
 };
 
 /// kHarmonic: the r lowest manifold harmonics. kAugmented (docs/maths.md): 1, x0, y0, z0, then seven harmonics and

@@ -233,7 +233,9 @@ class Bands {
     if (!progress_) return;
     const double band = std::min(kBand, m_ - have_);
     const double part = std::min(0.95, applied_ / (3.0 * band + 30));
-    if (!progress_(0.95 * (have_ + band * part) / m_, "eigenvectors")) throw Cancelled();
+    reported_ =
+        std::max(reported_, 0.95 * (have_ + band * part) / m_);  // a band that is tried again does not take it back
+    if (!progress_(reported_, "eigenvectors")) throw Cancelled();
   }
 
   const Laplacian& laplacian_;
@@ -248,6 +250,7 @@ class Bands {
   double boundary_ = 0;
   double spacing_ = 0;
   int applied_ = 0;
+  double reported_ = 0;
 };
 
 /// Cholesky-QR: the bands are orthogonal to each other to the tolerance of Lanczos only.
@@ -262,7 +265,8 @@ bool orthonormalise(Eigen::MatrixXd& H) {
 
 double worst_residual(const Eigen::SparseMatrix<double>& S, const Eigen::MatrixXd& H, const Eigen::VectorXd& values) {
   double worst = 0;
-  const double floor = values[std::min<Eigen::Index>(1, values.size() - 1)];
+  const auto positive = std::find_if(values.begin(), values.end(), [](double value) { return value > 0; });
+  const double floor = positive != values.end() ? *positive : 0;
   for (Eigen::Index j = 0; j < H.cols(); ++j) {
     const double defect = (S * H.col(j) - values[j] * H.col(j)).norm();
     const double scale = std::max(values[j], floor);

@@ -19,12 +19,13 @@ using Progress = std::function<bool(double fraction, std::string_view stage)>;
 struct Eigenbasis {
   Eigen::MatrixXd Phi;
   Eigen::VectorXd eigenvalues;
-  double residual = 0;     ///< max_j ||L phi_j - lambda_j M phi_j||_{M^-1} / max(lambda_j, lambda_2)
-  bool certified = false;  ///< The inertia of L - lambda_m(1+1e-6) M says that no eigenvalue was missed.
+  double residual = 0;     ///< max_j ||L phi_j - lambda_j M phi_j||_{M^-1} / max(lambda_j, first nonzero lambda)
+  bool certified = false;  ///< No eigenvalue was missed: inertia at a gap above lambda_m says so, or all were computed.
 };
 
-/// Shift-invert Lanczos by bands with inertia counts, after Vallet & Levy 2008, "Spectral Geometry Processing with
-/// Manifold Harmonics". REQUIRES: 1 <= m < n / 2. Errors: kNumerical, kCancelled, kInvalidArgument (m too large for n).
+/// Shift-invert Lanczos by bands with inertia counts; a dense solver up to n = 512, after Vallet & Levy 2008, "Spectral
+/// Geometry Processing with Manifold Harmonics". REQUIRES: 1 <= m < n / 2. Errors: kNumerical, kCancelled,
+/// kInvalidArgument (m too large for n).
 Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Progress& progress = {});
 
 }  // namespace eigencast

@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: MIT
+#include "sdk/asset_cache.h"
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <thread>
+#include <vector>
+
+#include "temporary_folder.h"
+
+namespace eigencast {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::TemporaryFolder;
+
+Bytes bytes_of(std::string_view text) {
+  return Bytes(text.begin(), text.end());
+}
+
+std::vector<fs::path> files_under(const fs::path& folder) {
+  std::vector<fs::path> files;
+  if (!fs::exists(folder)) return files;
+  for (const auto& entry : fs::recursive_directory_iterator(folder)) {
+    if (entry.is_regular_file()) files.push_back(entry.path());
+  }
+  return files;
+}
+
+void flip_last_byte(const fs::path& path) {
+  std::fstream file(path, std::ios::in | std::ios::out | std::ios::binary);
+  file.seekg(-1, std::ios::end);
+  const int last = file.get();
+  file.seekp(-1, std::ios::end);
+  file.put(static_cast<char>(last ^ 1));
+}
+
+TEST(AssetCache, GivesBackWhatWasStored) {
+  const TemporaryFolder folder;
+  const AssetCache cache(folder.path() / "not" / "yet");
+  const Bytes object = bytes_of("an object");
+  EXPECT_FALSE(cache.load(sha256(object)));
+  ASSERT_TRUE(cache.store(sha256(object), object));
+  EXPECT_EQ(cache.load(sha256(object)), object);
+  const Bytes empty;
+  ASSERT_TRUE(cache.store(sha256(empty), empty));
+  EXPECT_EQ(cache.load(sha256(empty)), empty);
+}
+
+TEST(AssetCache, RemovesADamagedObject) {
+  const TemporaryFolder folder;
+  const AssetCache cache(folder.path());
+  const Bytes object = bytes_of("an object");
+  ASSERT_TRUE(cache.store(sha256(object), object));
+  ASSERT_EQ(files_under(folder.path()).size(), 1U);
+  flip_last_byte(files_under(folder.path()).front());
+  EXPECT_FALSE(cache.load(sha256(object)));
+  EXPECT_TRUE(files_under(folder.path()).empty());
+  ASSERT_TRUE(cache.store(sha256(object), object));
+  EXPECT_EQ(cache.load(sha256(object)), object);
+}
+
+TEST(AssetCache, RemovesATruncatedRecordAndADamagedOne) {
+  const TemporaryFolder folder;
+  const AssetCache cache(folder.path());
+  ASSERT_TRUE(cache.store_record("bake-1", bytes_of("what")));
+  EXPECT_EQ(cache.load_record("bake-1"), bytes_of("what"));
+  flip_last_byte(files_under(folder.path()).front());
+  EXPECT_FALSE(cache.load_record("bake-1"));
+  EXPECT_TRUE(files_under(folder.path()).empty());
+  for (const std::uintmax_t size : {0, 10, 32, 35}) {
+    ASSERT_TRUE(cache.store_record("bake-1", bytes_of("what")));
+    fs::resize_file(files_under(folder.path()).front(), size);
+    EXPECT_FALSE(cache.load_record("bake-1")) << size;
+  }
+}
+
+TEST(AssetCache, ReplacesARecord) {
+  const TemporaryFolder folder;
+  const AssetCache cache(folder.path());
+  ASSERT_TRUE(cache.store_record("name", bytes_of("old")));
+  ASSERT_TRUE(cache.store_record("name", bytes_of("new")));
+  EXPECT_EQ(cache.load_record("name"), bytes_of("new"));
+  EXPECT_EQ(files_under(folder.path()).size(), 1U);  // no temporary file is left
+}
+
+TEST(AssetCache, RecordNamesCannotLeaveTheFolder) {
+  const TemporaryFolder folder;
+  const AssetCache cache(folder.path() / "cache");
+  for (const std::string& name :
+       {std::string("../x"), std::string("a/b"), std::string(), std::string("."), std::string(".."),
+        std::string(".tmp-1"), std::string(129, 'a'), std::string("a\0b", 3)}) {
+    const auto stored = cache.store_record(name, bytes_of("x"));
+    ASSERT_FALSE(stored) << name;
+    EXPECT_EQ(stored.error().code, ErrorCode::kInvalidArgument);
+    EXPECT_FALSE(cache.load_record(name));
+  }
+  EXPECT_TRUE(files_under(folder.path()).empty());
+}
+
+TEST(AssetCache, WithoutAFolderItHoldsNothing) {
+  const AssetCache cache("");
+  const Bytes object = bytes_of("an object");
+  EXPECT_TRUE(cache.store(sha256(object), object));
+  EXPECT_FALSE(cache.load(sha256(object)));
+  EXPECT_TRUE(cache.store_record("name", object));
+  EXPECT_FALSE(cache.load_record("name"));
+}
+
+TEST(AssetCache, SaysWhenItCannotWrite) {
+  const TemporaryFolder folder;
+  std::ofstream(folder.path() / "file") << "in the way";
+  const AssetCache cache(folder.path() / "file");
+  const Bytes object = bytes_of("an object");
+  const auto stored = cache.store(sha256(object), object);
+  ASSERT_FALSE(stored);
+  EXPECT_EQ(stored.error().code, ErrorCode::kIo);
+  EXPECT_NE(stored.error().message.find("file"), std::string::npos);
+  EXPECT_FALSE(cache.load(sha256(object)));
+}
+
+TEST(AssetCache, ManyWritersAndReadersSeeWholeObjectsOnly) {
+  const TemporaryFolder folder;
+  const Bytes object(200'000, 7);
+  const Sha256 id = sha256(object);
+  std::vector<std::thread> threads;
+  std::atomic<int> wrong{0};
+  for (int t = 0; t < 4; ++t) {
+    threads.emplace_back([&] {
+      const AssetCache cache(folder.path());
+      for (int i = 0; i < 20; ++i) {
+        if (!cache.store(id, object)) ++wrong;
+        if (cache.load(id) != object) ++wrong;  // renaming replaces in one step: it is never absent again
+      }
+    });
+  }
+  for (std::thread& thread : threads) thread.join();
+  EXPECT_EQ(wrong, 0);
+  EXPECT_EQ(files_under(folder.path()).size(), 1U);
+}
+
+TEST(DefaultCacheDir, FollowsTheEnvironment) {
+  ::setenv("EIGENCAST_CACHE", "/somewhere", 1);
+  EXPECT_EQ(default_cache_dir(), "/somewhere");
+  ::unsetenv("EIGENCAST_CACHE");
+  ::setenv("XDG_CACHE_HOME", "/xdg", 1);
+  EXPECT_EQ(default_cache_dir(), "/xdg/eigencast");
+  ::setenv("XDG_CACHE_HOME", "relative", 1);
+  ::setenv("HOME", "/home/me", 1);
+  EXPECT_EQ(default_cache_dir(), "/home/me/.cache/eigencast");
+}
+
+}  // namespace
+}  // namespace eigencast

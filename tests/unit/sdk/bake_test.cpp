@@ -1,0 +1,270 @@
+// SPDX-License-Identifier: MIT
+#include "sdk/bake.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <set>
+
+#include "common/surface/read.h"
+#include "common/surface/shapes.h"
+#include "temporary_folder.h"
+
+namespace eigencast {
+namespace {
+
+namespace fs = std::filesystem;
+using testing::TemporaryFolder;
+
+BakeOptions of_rank(int rank, std::string basis = "augmented") {
+  return {std::move(basis), rank, "test"};
+}
+
+/// Source positions from r x 3 coefficients, as a receiver rebuilds them, in the source's order and space.
+std::vector<Vec3> rebuild(const Asset& asset, const std::vector<double>& C) {
+  std::vector<Vec3> positions(asset.vertex_count);
+  for (std::size_t row = 0; row < asset.vertex_count; ++row) {
+    Vec3 p = asset.origin;
+    for (std::size_t k = 0; k < asset.rank; ++k) {
+      for (std::size_t axis = 0; axis < 3; ++axis)
+        p[axis] += double{asset.basis[row * asset.rank + k]} * C[3 * k + axis];
+    }
+    positions[asset.source_vertex[row]] = p;
+  }
+  return positions;
+}
+
+double worst_distance(const std::vector<Vec3>& a, const std::vector<Vec3>& b) {
+  double worst = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    worst = std::max(worst, std::hypot(a[i][0] - b[i][0], a[i][1] - b[i][1], a[i][2] - b[i][2]));
+  }
+  return worst;
+}
+
+void expect_sound(const Surface& surface, const BakeResult& result) {
+  const Asset& asset = result.asset;
+  const auto valid = validate_asset(asset);
+  EXPECT_TRUE(valid) << valid.error().message;
+  EXPECT_TRUE(asset.complete());
+  EXPECT_EQ(asset.vertex_count, surface.vertex_count());
+  EXPECT_EQ(asset.faces.size(), surface.faces.size());
+  EXPECT_EQ(asset.band_ends.back(), asset.rank);
+  EXPECT_TRUE(result.certified);
+  EXPECT_LE(worst_distance(rebuild(asset, asset.rest), surface.positions), 1e-6 * asset.diagonal());
+}
+
+TEST(Bake, RestPoseComesBackInTheSourcesOrderAndPlace) {
+  Surface surface = make_torus(40, 20, 1.0, 0.4);
+  for (Vec3& p : surface.positions) p = {p[0] + 100, p[1] - 50, p[2] + 7};
+  const auto result = bake(surface, of_rank(60));
+  ASSERT_TRUE(result) << result.error().message;
+  expect_sound(surface, *result);
+  EXPECT_NEAR(result->asset.origin[0], 100, 0.1);
+  EXPECT_EQ(result->asset.name, "test");
+  EXPECT_EQ(result->asset.basis_kind, "augmented");
+  EXPECT_EQ(result->asset.band_ends, (std::vector<std::uint32_t>{14, 54, 60}));
+  for (std::size_t k = 4; k < 60; ++k) {
+    for (std::size_t axis = 0; axis < 3; ++axis) EXPECT_EQ(result->asset.rest[3 * k + axis], 0);
+  }
+}
+
+TEST(Bake, FacesAreTheSourcesFacesThroughThePermutation) {
+  const Surface surface = make_icosphere(2);
+  const auto result = bake(surface, of_rank(20));
+  ASSERT_TRUE(result);
+  const auto sorted = [](Face f) {
+    std::rotate(f.begin(), std::min_element(f.begin(), f.end()), f.end());
+    return f;
+  };
+  std::multiset<Face> there;
+  for (const Face& f : surface.faces) there.insert(sorted(f));
+  std::multiset<Face> baked;
+  const auto& source = result->asset.source_vertex;
+  for (const Face& f : result->asset.faces) baked.insert(sorted({source[f[0]], source[f[1]], source[f[2]]}));
+  EXPECT_EQ(there, baked);
+}
+
+TEST(Bake, AssetIsWhatItsBytesSay) {
+  const Surface surface = make_icosphere(2);
+  const auto result = bake(surface, of_rank(20));
+  ASSERT_TRUE(result);
+  const auto decoded = decode_asset(result->encoded);
+  ASSERT_TRUE(decoded);
+  EXPECT_EQ(decoded->basis, result->asset.basis);
+  EXPECT_EQ(decoded->rest, result->asset.rest);
+  EXPECT_EQ(result->encoded.manifest.id, sha256(result->encoded.manifest.bytes));
+}
+
+TEST(Bake, PointCloudsAndHarmonicBasesWork) {
+  Surface cloud = make_torus(40, 20, 1.0, 0.4);
+  cloud.faces.clear();
+  const auto points = bake(cloud, of_rank(40));
+  ASSERT_TRUE(points) << points.error().message;
+  expect_sound(cloud, *points);
+  EXPECT_TRUE(points->asset.is_point_cloud());
+  const auto harmonic = bake(make_icosphere(3), of_rank(40, "harmonic"));
+  ASSERT_TRUE(harmonic);
+  EXPECT_EQ(harmonic->asset.basis_kind, "harmonic");
+  EXPECT_TRUE(validate_asset(harmonic->asset));
+}
+
+TEST(Bake, RefusesWhatCannotBeStreamed) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  const std::vector<Face> face = {{0, 1, 2}};
+  const std::vector<Surface> surfaces = {
+      {},
+      {{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, face},   // three vertices
+      {std::vector<Vec3>(10, Vec3{1, 1, 1}), {}},  // all in one place
+      {std::vector<Vec3>(10, Vec3{1, 1, 1}), face},
+      {{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {3, 0, 0}}, face},  // no area
+      {{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {3, 0, 0}, {9, 0, 0}}, {}},
+      {{{0, 0, 0}, {1, 0, 0}, {0, kNan, 0}, {3, 0, 0}}, face},
+      {{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {3, 0, 0}}, {{0, 1, 4}}},  // a vertex that is not there
+  };
+  for (std::size_t i = 0; i < surfaces.size(); ++i) {
+    const auto result = bake(surfaces[i], of_rank(20));
+    ASSERT_FALSE(result) << i;
+    EXPECT_TRUE(result.error().code == ErrorCode::kInvalidArgument || result.error().code == ErrorCode::kNumerical)
+        << i;
+    EXPECT_FALSE(result.error().message.empty());
+  }
+}
+
+TEST(Bake, RefusesOptionsThatCannotBeMeant) {
+  const Surface surface = make_icosphere(1);
+  for (const BakeOptions& options : {of_rank(0), of_rank(-5), of_rank(5000), of_rank(20, "fourier")}) {
+    const auto result = bake(surface, options);
+    ASSERT_FALSE(result);
+    EXPECT_EQ(result.error().code, ErrorCode::kInvalidArgument);
+  }
+}
+
+TEST(Bake, SaysInTheReportWhatWasLowered) {
+  const auto result = bake(make_icosphere(1), of_rank(200));
+  ASSERT_TRUE(result);
+  EXPECT_EQ(result->asset.rank, 20U);
+  EXPECT_NE(result->report.find("rank 20 (200 asked for"), std::string::npos) << result->report;
+  EXPECT_NE(result->report.find("42 vertices"), std::string::npos) << result->report;
+}
+
+TEST(Bake, SecondTimeComesFromTheCacheAndIsTheSame) {
+  const TemporaryFolder folder;
+  const Surface surface = make_icosphere(3);
+  const auto first = bake(surface, of_rank(40), folder.path());
+  ASSERT_TRUE(first);
+  EXPECT_FALSE(first->from_cache);
+  std::vector<std::string> stages;
+  const auto second = bake(surface, of_rank(40), folder.path(), [&](double, std::string_view stage) {
+    stages.emplace_back(stage);
+    return true;
+  });
+  ASSERT_TRUE(second);
+  EXPECT_TRUE(second->from_cache);
+  EXPECT_EQ(second->encoded.manifest.id, first->encoded.manifest.id);
+  EXPECT_EQ(second->asset.basis, first->asset.basis);
+  EXPECT_EQ(second->report, first->report);
+  EXPECT_EQ(second->residual, first->residual);
+  EXPECT_TRUE(second->certified);
+  EXPECT_EQ(std::count(stages.begin(), stages.end(), "eigenvectors"), 0);
+}
+
+TEST(Bake, CacheTellsSurfacesAndOptionsApart) {
+  const TemporaryFolder folder;
+  const Surface surface = make_icosphere(2);
+  ASSERT_TRUE(bake(surface, of_rank(30), folder.path()));
+  Surface moved = surface;
+  moved.positions[5][1] = std::nextafter(moved.positions[5][1], 9.0);
+  Surface turned = surface;
+  std::swap(turned.faces[3][0], turned.faces[3][1]);
+  BakeOptions named = of_rank(30);
+  named.name = "other";
+  const auto fresh = [&](const Surface& s, const BakeOptions& options) {
+    const auto result = bake(s, options, folder.path());
+    return result && !result->from_cache;
+  };
+  EXPECT_TRUE(fresh(moved, of_rank(30)));
+  EXPECT_TRUE(fresh(turned, of_rank(30)));
+  EXPECT_TRUE(fresh(surface, of_rank(31)));
+  EXPECT_TRUE(fresh(surface, of_rank(30, "harmonic")));
+  EXPECT_TRUE(fresh(surface, named));
+  EXPECT_FALSE(fresh(surface, of_rank(30)));
+}
+
+TEST(Bake, DamagedCacheIsBakedAgain) {
+  const TemporaryFolder folder;
+  const Surface surface = make_icosphere(2);
+  const auto first = bake(surface, of_rank(30), folder.path());
+  ASSERT_TRUE(first);
+  std::vector<fs::path> files;
+  for (const auto& entry : fs::recursive_directory_iterator(folder.path())) {
+    if (entry.is_regular_file()) files.push_back(entry.path());
+  }
+  ASSERT_GE(files.size(), 3U);  // a record, a manifest, a chunk
+  for (const fs::path& file : files) {
+    fs::resize_file(file, fs::file_size(file) / 2);
+    const auto again = bake(surface, of_rank(30), folder.path());
+    ASSERT_TRUE(again);
+    EXPECT_FALSE(again->from_cache) << file;
+    EXPECT_EQ(again->encoded.manifest.id, first->encoded.manifest.id);
+    EXPECT_TRUE(bake(surface, of_rank(30), folder.path())->from_cache);
+  }
+}
+
+TEST(Bake, CacheThatCannotBeWrittenIsAnError) {
+  const TemporaryFolder folder;
+  std::ofstream(folder.path() / "file") << "in the way";
+  const auto result = bake(make_icosphere(1), of_rank(10), folder.path() / "file");
+  ASSERT_FALSE(result);
+  EXPECT_EQ(result.error().code, ErrorCode::kIo);
+}
+
+TEST(Bake, CanBeStoppedAtEveryStage) {
+  const Surface surface = make_icosphere(3);
+  std::set<std::string> stages;
+  double last = 0;
+  ASSERT_TRUE(bake(surface, of_rank(40), {}, [&](double fraction, std::string_view stage) {
+    EXPECT_GE(fraction, last);
+    EXPECT_LE(fraction, 1);
+    last = fraction;
+    stages.emplace(stage);
+    return true;
+  }));
+  EXPECT_EQ(last, 1);
+  EXPECT_EQ(stages, (std::set<std::string>{"augmenting", "checking", "done", "eigenvectors", "encoding",
+                                           "levels of detail", "operator"}));
+  stages.erase("done");
+  for (const std::string& stop : stages) {
+    const auto result = bake(surface, of_rank(40), {}, [&](double, std::string_view stage) { return stage != stop; });
+    ASSERT_FALSE(result) << stop;
+    EXPECT_EQ(result.error().code, ErrorCode::kCancelled) << stop;
+  }
+}
+
+TEST(Bake, NastyMeshesAndCloudsAreBakedOrRefusedWithAReason) {
+  const fs::path data = EIGENCAST_DATA_DIR;
+  if (!fs::exists(data)) GTEST_SKIP() << data << " is not there: real inputs are not tested";
+  std::size_t baked = 0;
+  for (const char* folder : {"meshes/nasty", "clouds"}) {
+    for (const auto& entry : fs::directory_iterator(data / folder)) {
+      const auto surface = read_surface(entry.path().string());
+      ASSERT_TRUE(surface) << surface.error().message;
+      const auto result = bake(*surface, of_rank(30));
+      if (!result) {
+        EXPECT_FALSE(result.error().message.empty());
+        continue;
+      }
+      ++baked;
+      SCOPED_TRACE(entry.path());
+      expect_sound(*surface, *result);
+    }
+  }
+  EXPECT_GE(baked, 14U);
+}
+
+}  // namespace
+}  // namespace eigencast

@@ -1,0 +1,256 @@
+// SPDX-License-Identifier: MIT
+#include "common/spectral/basis.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "support.h"
+
+namespace eigencast {
+namespace {
+
+using testing::affine_image;
+using testing::matrix_from;
+using testing::orthonormality_defect;
+using testing::round_trip;
+using testing::worst_error;
+
+Basis basis_of(const Surface& surface, BasisKind kind, int rank) {
+  const auto laplacian = build_laplacian(surface);
+  EXPECT_TRUE(laplacian);
+  auto basis = build_basis(surface, *laplacian, {kind, rank});
+  EXPECT_TRUE(basis) << basis.error().message;
+  return std::move(*basis);
+}
+
+Surface heart() {
+  return (*builtin_clip("heart"))->rest();
+}
+
+Surface quantised(Surface surface, double grid) {
+  for (Vec3& p : surface.positions) {
+    for (double& x : p) x = grid * std::round(x / grid);
+  }
+  return surface;
+}
+
+void expect_exact(const Basis& basis, const Surface& surface) {
+  EXPECT_LE(orthonormality_defect(basis.Psi, basis.mass), 1e-10);
+  EXPECT_LE(worst_error(surface.positions, round_trip(basis, surface.positions)), 1e-12);
+  const std::vector<Vec3> image = affine_image(surface.positions);
+  EXPECT_LE(worst_error(image, round_trip(basis, image)), 1e-12);
+}
+
+TEST(AugmentedBasis, ReproducesRestAndEveryAffineImage) {
+  for (const Surface& surface : {make_torus(60, 30, 1.0, 0.4), make_icosphere(3), make_box(6, 8, 20, {1, 1, 3})}) {
+    const Basis basis = basis_of(surface, BasisKind::kAugmented, 60);
+    EXPECT_EQ(basis.Psi.cols(), 60);
+    EXPECT_TRUE(basis.certified);
+    expect_exact(basis, surface);
+  }
+}
+
+TEST(HarmonicBasis, DoesNotReproduceRest) {
+  const Surface surface = make_box(8, 8, 40, {1, 1, 5});
+  const Basis basis = basis_of(surface, BasisKind::kHarmonic, 60);
+  EXPECT_EQ(basis.kind, BasisKind::kHarmonic);
+  EXPECT_EQ(basis.Psi.cols(), 60);
+  EXPECT_LE(orthonormality_defect(basis.Psi, basis.mass), 1e-10);
+  EXPECT_GT(worst_error(surface.positions, round_trip(basis, surface.positions)), 1e-4);
+}
+
+TEST(AugmentedBasis, RestLiesInTheFirstFourColumnsAndPrefixesAreBases) {
+  const Surface surface = make_torus(60, 30, 1.0, 0.4);
+  const Basis basis = basis_of(surface, BasisKind::kAugmented, 104);
+  const Eigen::MatrixXd C = coefficients_from_positions(basis, affine_image(surface.positions));
+  EXPECT_LE(C.bottomRows(100).cwiseAbs().maxCoeff(), 1e-11 * C.cwiseAbs().maxCoeff());
+  EXPECT_LE((basis.Psi.col(0).array().abs() - 1 / std::sqrt(basis.area)).abs().maxCoeff(), 1e-12);
+  const std::vector<Vec3> pose = testing::bent(surface.positions);
+  const Eigen::MatrixXd D = coefficients_from_positions(basis, pose);
+  double before = 1;
+  for (const Eigen::Index prefix : {4, 14, 54, 104}) {
+    Basis cut = basis;
+    cut.Psi = basis.Psi.leftCols(prefix);
+    const double error = worst_error(pose, positions_from_coefficients(cut, D.topRows(prefix)));
+    EXPECT_LT(error, before);
+    before = error;
+  }
+}
+
+TEST(AugmentedBasis, BeatsHarmonicOnABendOfTheSameRank) {
+  const Surface surface = make_box(8, 8, 40, {1, 1, 5});
+  const std::vector<Vec3> pose = testing::bent(surface.positions);
+  KgError harmonic;
+  harmonic.add_frame(pose, round_trip(basis_of(surface, BasisKind::kHarmonic, 60), pose));
+  KgError augmented;
+  augmented.add_frame(pose, round_trip(basis_of(surface, BasisKind::kAugmented, 60), pose));
+  EXPECT_LT(augmented.percent(), harmonic.percent() / 2);
+}
+
+/// On smooth shapes products of harmonics and coordinates almost lie in the span of others: what is left of them, blown
+/// up to norm one, is noise of the mesh. Every column must be about as smooth as the harmonics that it stands in for.
+TEST(AugmentedBasis, KeepsNoAmplifiedNoiseOnSmoothShapes) {
+  for (const Surface& surface : {make_icosphere(3), make_torus(50, 25, 1.0, 0.4), heart()}) {
+    const auto laplacian = build_laplacian(surface);
+    ASSERT_TRUE(laplacian);
+    const auto basis = build_basis(surface, *laplacian, {BasisKind::kAugmented, 100});
+    ASSERT_TRUE(basis);
+    ASSERT_EQ(basis->Psi.cols(), 100);
+    expect_exact(*basis, surface);
+    const auto harmonics = solve_eigenbasis(*laplacian, 100);
+    ASSERT_TRUE(harmonics);
+    const Eigen::VectorXd energy = (basis->Psi.transpose() * (laplacian->L * basis->Psi)).diagonal();
+    EXPECT_LT(energy.maxCoeff(), 1.5 * harmonics->eigenvalues[99]);
+  }
+}
+
+TEST(AugmentedBasis, SurvivesARestPoseOnACoarseGrid) {
+  for (const double grid : {0.02, 0.1}) {  // edges are 0.07 to 0.1 long: many faces lose their area
+    const Surface surface = quantised(make_icosphere(4), grid);
+    const auto laplacian = build_laplacian(surface);
+    ASSERT_TRUE(laplacian);
+    const auto basis = build_basis(surface, *laplacian, {BasisKind::kAugmented, 100});
+    ASSERT_TRUE(basis) << basis.error().message;
+    EXPECT_EQ(basis->Psi.cols(), 100);
+    EXPECT_TRUE(basis->Psi.allFinite());
+    expect_exact(*basis, surface);
+  }
+}
+
+TEST(AugmentedBasis, FlatSheetsHaveOneColumnLessForTheRestPose) {
+  Surface sheet;
+  constexpr std::uint32_t kSide = 20;
+  for (std::uint32_t i = 0; i < kSide * kSide; ++i) {  // tilted, so that no coordinate is exactly constant
+    const double u = i % kSide;
+    const double v = i / kSide;
+    sheet.positions.push_back({u, v, 0.3 * u + 0.1 * v + 7});
+  }
+  for (std::uint32_t v = 0; v + 1 < kSide; ++v) {
+    for (std::uint32_t u = 0; u + 1 < kSide; ++u) {
+      const std::uint32_t a = v * kSide + u;
+      sheet.faces.push_back({a, a + 1, a + kSide});
+      sheet.faces.push_back({a + 1, a + kSide + 1, a + kSide});
+    }
+  }
+  const Basis basis = basis_of(sheet, BasisKind::kAugmented, 50);
+  EXPECT_EQ(basis.Psi.cols(), 50);
+  EXPECT_TRUE(basis.Psi.allFinite());
+  expect_exact(basis, sheet);
+}
+
+TEST(AugmentedBasis, PointCloudsAndComponentsAreExactToo) {
+  Surface cloud = make_torus(60, 30, 1.0, 0.4);
+  cloud.faces.clear();
+  expect_exact(basis_of(cloud, BasisKind::kAugmented, 60), cloud);
+  const Surface pieces = testing::side_by_side({make_icosphere(3), make_torus(30, 15, 1.0, 0.4), make_icosphere(2)}, 3);
+  expect_exact(basis_of(pieces, BasisKind::kAugmented, 60), pieces);
+}
+
+TEST(AugmentedBasis, FarFromTheOriginItIsAsExactAsTheNumbersAllow) {
+  Surface surface = make_torus(40, 20, 1.0, 0.4);
+  for (Vec3& p : surface.positions) p[0] += 1e5;
+  const Basis basis = basis_of(surface, BasisKind::kAugmented, 60);
+  EXPECT_LE(worst_error(surface.positions, round_trip(basis, surface.positions)), 1e-9);
+}
+
+TEST(Basis, RankIsLoweredToWhatTheVerticesAllow) {
+  const Surface surface = make_icosphere(1);  // 42 vertices
+  EXPECT_EQ(basis_of(surface, BasisKind::kHarmonic, 200).Psi.cols(), 20);
+  EXPECT_EQ(basis_of(surface, BasisKind::kAugmented, 200).Psi.cols(), 20);
+  const Surface tetrahedron{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {0, 3, 2}}};
+  const Basis least = basis_of(tetrahedron, BasisKind::kAugmented, 200);
+  EXPECT_EQ(least.Psi.cols(), 4);
+  expect_exact(least, tetrahedron);
+}
+
+TEST(Basis, EveryRankFromOneUpWorks) {
+  const Surface surface = make_icosphere(2);
+  for (int rank = 1; rank <= 45; ++rank) {
+    for (const BasisKind kind : {BasisKind::kHarmonic, BasisKind::kAugmented}) {
+      const Basis basis = basis_of(surface, kind, rank);
+      EXPECT_EQ(basis.Psi.cols(), rank);
+      EXPECT_LE(orthonormality_defect(basis.Psi, basis.mass), 1e-10) << rank;
+    }
+  }
+}
+
+TEST(Basis, RigidMotionOfAPoseTurnsItsCoefficients) {
+  const Surface surface = make_torus(40, 20, 1.0, 0.4);
+  const Basis basis = basis_of(surface, BasisKind::kAugmented, 60);
+  const std::vector<Vec3> pose = testing::bent(surface.positions);
+  const double angle = 0.7;
+  std::vector<Vec3> moved;
+  for (const Vec3& p : pose) {
+    moved.push_back({std::cos(angle) * p[0] - std::sin(angle) * p[1] + 3,
+                     std::sin(angle) * p[0] + std::cos(angle) * p[1] - 1, p[2] + 2});
+  }
+  Eigen::Matrix3d R;
+  R << std::cos(angle), -std::sin(angle), 0, std::sin(angle), std::cos(angle), 0, 0, 0, 1;
+  const Eigen::VectorXd constant = basis.Psi.transpose() * basis.mass;
+  const Eigen::MatrixXd expected =
+      coefficients_from_positions(basis, pose) * R.transpose() + constant * Eigen::RowVector3d(3, -1, 2);
+  EXPECT_LE((coefficients_from_positions(basis, moved) - expected).cwiseAbs().maxCoeff(),
+            1e-12 * expected.cwiseAbs().maxCoeff());
+}
+
+TEST(Basis, ScaleChangesNoError) {
+  Surface surface = make_torus(40, 20, 1.0, 0.4);
+  KgError one;
+  one.add_frame(testing::bent(surface.positions),
+                round_trip(basis_of(surface, BasisKind::kAugmented, 40), testing::bent(surface.positions)));
+  const std::vector<Vec3> pose = testing::scaled(testing::bent(surface.positions), 1000);
+  surface.positions = testing::scaled(surface.positions, 1000);
+  KgError thousand;
+  thousand.add_frame(pose, round_trip(basis_of(surface, BasisKind::kAugmented, 40), pose));
+  EXPECT_GT(one.percent(), 1e-3);
+  EXPECT_NEAR(one.percent(), thousand.percent(), 1e-6 * one.percent());
+}
+
+/// One step for all coefficients gives the area-weighted error that Parseval promises: eps^2 = 3 r step^2 / (12 A).
+TEST(Basis, QuantisingCostsWhatParsevalSays) {
+  const Surface surface = make_box(8, 8, 40, {1, 1, 5});
+  const Basis basis = basis_of(surface, BasisKind::kAugmented, 100);
+  const auto r = static_cast<double>(basis.Psi.cols());
+  const double wanted = 1e-4 * bounding_box(surface.positions).diagonal();
+  const double step = 2 * wanted * std::sqrt(basis.area / r);
+  std::mt19937 generator(1);
+  Eigen::MatrixXd C = coefficients_from_positions(basis, surface.positions);
+  double squared = 0;
+  constexpr int kPoses = 20;
+  for (int pose = 0; pose < kPoses; ++pose) {
+    Eigen::MatrixXd moved = C;
+    for (double& c : moved.reshaped()) c += 100 * step * testing::uniform(generator);
+    const Eigen::MatrixXd rounded = (moved / step).array().round() * step;
+    const Eigen::MatrixXd error = matrix_from(positions_from_coefficients(basis, rounded)) -
+                                  matrix_from(positions_from_coefficients(basis, moved));
+    squared += basis.mass.dot(error.rowwise().squaredNorm()) / basis.area;
+  }
+  EXPECT_NEAR(std::sqrt(squared / kPoses), wanted, 0.1 * wanted);
+}
+
+TEST(Basis, StopsWhenAskedTo) {
+  const Surface surface = make_torus(60, 30, 1.0, 0.4);
+  const auto laplacian = build_laplacian(surface);
+  ASSERT_TRUE(laplacian);
+  std::string last;
+  const auto basis = build_basis(surface, *laplacian, {BasisKind::kAugmented, 60}, [&](double, std::string_view stage) {
+    last = stage;
+    return stage != "augmenting";
+  });
+  ASSERT_FALSE(basis);
+  EXPECT_EQ(basis.error().code, ErrorCode::kCancelled);
+  EXPECT_EQ(last, "augmenting");
+}
+
+TEST(Basis, RefusesTheLaplacianOfAnotherSurface) {
+  const auto laplacian = build_laplacian(make_icosphere(1));
+  ASSERT_TRUE(laplacian);
+  const auto basis = build_basis(make_icosphere(2), *laplacian, {});
+  ASSERT_FALSE(basis);
+  EXPECT_EQ(basis.error().code, ErrorCode::kInvalidArgument);
+  EXPECT_FALSE(build_basis(make_icosphere(1), *laplacian, {BasisKind::kHarmonic, 0}));
+}
+
+}  // namespace
+}  // namespace eigencast

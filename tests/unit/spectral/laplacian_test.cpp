@@ -1,0 +1,251 @@
+// SPDX-License-Identifier: MIT
+#include "common/spectral/laplacian.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Eigenvalues>
+#include <limits>
+#include <numbers>
+
+#include "support.h"
+
+namespace eigencast {
+namespace {
+
+using testing::matrix_from;
+
+double true_area(const Surface& surface) {
+  double area = 0;
+  for (const Face& f : surface.faces) {
+    const auto at = [&](std::size_t i) {
+      const Vec3& p = surface.positions[f[i]];
+      return Eigen::Vector3d(p[0], p[1], p[2]);
+    };
+    area += 0.5 * (at(1) - at(0)).cross(at(2) - at(0)).norm();
+  }
+  return area;
+}
+
+/// What every operator promises, however bad its surface.
+void expect_usable(const Laplacian& laplacian, std::size_t n) {
+  ASSERT_EQ(laplacian.L.rows(), static_cast<Eigen::Index>(n));
+  ASSERT_EQ(laplacian.mass.size(), static_cast<Eigen::Index>(n));
+  EXPECT_TRUE(laplacian.mass.allFinite());
+  EXPECT_GT(laplacian.mass.minCoeff(), 0);
+  EXPECT_NEAR(laplacian.mass.sum(), laplacian.area, 1e-12 * laplacian.area);
+  const double scale = laplacian.L.diagonal().cwiseAbs().maxCoeff();
+  const Eigen::SparseMatrix<double> skew = laplacian.L - Eigen::SparseMatrix<double>(laplacian.L.transpose());
+  EXPECT_LE(skew.norm(), 1e-13 * scale * static_cast<double>(n));
+  EXPECT_LE((laplacian.L * Eigen::VectorXd::Ones(laplacian.L.cols())).cwiseAbs().maxCoeff(), 1e-11 * scale);
+}
+
+/// Dense spectrum of M^{-1/2} L M^{-1/2}, for small surfaces.
+Eigen::VectorXd spectrum(const Laplacian& laplacian) {
+  const Eigen::VectorXd scale = laplacian.mass.cwiseSqrt().cwiseInverse();
+  const Eigen::MatrixXd S = scale.asDiagonal() * Eigen::MatrixXd(laplacian.L) * scale.asDiagonal();
+  return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(S, Eigen::EigenvaluesOnly).eigenvalues();
+}
+
+TEST(Laplacian, MassIsTheAreaAndConstantsAreInTheKernel) {
+  for (const Surface& surface : {make_icosphere(4), make_torus(60, 30, 1.0, 0.4), make_box(5, 7, 9, {1, 2, 3})}) {
+    const auto laplacian = build_laplacian(surface);
+    ASSERT_TRUE(laplacian);
+    expect_usable(*laplacian, surface.vertex_count());
+    EXPECT_NEAR(laplacian->area, true_area(surface), 1e-12 * laplacian->area);
+    EXPECT_EQ(laplacian->components, 1);
+    EXPECT_EQ(laplacian->bridges, 0);
+  }
+}
+
+TEST(Laplacian, DirichletEnergyOfTheCoordinatesIsTwiceTheArea) {
+  const Surface surface = make_torus(60, 30, 1.0, 0.4);
+  const auto laplacian = build_laplacian(surface);
+  ASSERT_TRUE(laplacian);
+  const Eigen::MatrixXd X = matrix_from(surface.positions);
+  const double energy = (X.transpose() * (laplacian->L * X)).trace();
+  EXPECT_NEAR(energy, 2 * laplacian->area, 1e-11 * energy);
+}
+
+TEST(Laplacian, WeightsDoNotDependOnScaleAndMassGoesWithItsSquare) {
+  Surface surface = make_icosphere(3);
+  const auto small = build_laplacian(surface);
+  surface.positions = testing::scaled(surface.positions, 1e6);
+  const auto large = build_laplacian(surface);
+  ASSERT_TRUE(small && large);
+  EXPECT_LE((small->L - large->L).norm(), 1e-9 * small->L.norm());
+  EXPECT_NEAR(large->area, 1e12 * small->area, 1e-9 * large->area);
+}
+
+TEST(Laplacian, ComponentsAreJoinedSoThatOneEigenvalueIsZero) {
+  const Surface surface = testing::side_by_side({make_icosphere(1), make_torus(8, 6, 1.0, 0.3), make_icosphere(0)}, 4);
+  const auto joined = build_laplacian(surface);
+  ASSERT_TRUE(joined);
+  expect_usable(*joined, surface.vertex_count());
+  EXPECT_EQ(joined->components, 3);
+  EXPECT_GE(joined->bridges, 2);
+  const Eigen::VectorXd lambda = spectrum(*joined);
+  EXPECT_NEAR(lambda[0], 0, 1e-10);
+  EXPECT_GT(lambda[1], 1e-3);
+
+  const auto apart = build_laplacian(surface, false);
+  ASSERT_TRUE(apart);
+  EXPECT_EQ(apart->components, 3);
+  EXPECT_EQ(apart->bridges, 0);
+  const Eigen::VectorXd kernel = spectrum(*apart).head(4);
+  EXPECT_NEAR(kernel[2], 0, 1e-10);
+  EXPECT_GT(kernel[3], 1e-3);
+}
+
+TEST(Laplacian, ManyPiecesOfOneTriangleBecomeOne) {
+  Surface soup;
+  std::mt19937 generator(5);
+  for (std::uint32_t t = 0; t < 60; ++t) {
+    for (int corner = 0; corner < 3; ++corner) {
+      soup.positions.push_back({testing::uniform(generator), testing::uniform(generator), testing::uniform(generator)});
+    }
+    soup.faces.push_back({3 * t, 3 * t + 1, 3 * t + 2});
+  }
+  const auto laplacian = build_laplacian(soup);
+  ASSERT_TRUE(laplacian);
+  expect_usable(*laplacian, soup.vertex_count());
+  EXPECT_EQ(laplacian->components, 60);
+  const Eigen::VectorXd lambda = spectrum(*laplacian);
+  EXPECT_GT(lambda[1], 1e-9 * lambda[lambda.size() - 1]);
+}
+
+TEST(Laplacian, UnreferencedVerticesGetALittleMassAndABridge) {
+  Surface surface = make_icosphere(2);
+  const auto median_before = build_laplacian(surface);
+  surface.positions.push_back({0, 0, 3});
+  surface.positions.push_back({0, 3, 0});
+  const auto laplacian = build_laplacian(surface);
+  ASSERT_TRUE(median_before && laplacian);
+  expect_usable(*laplacian, surface.vertex_count());
+  EXPECT_EQ(laplacian->components, 3);
+  const Eigen::Index n = laplacian->mass.size();
+  EXPECT_LT(laplacian->mass[n - 1], 2e-3 * laplacian->mass.head(n - 2).maxCoeff());
+  EXPECT_GT(spectrum(*laplacian)[1], 0.1);
+}
+
+TEST(Laplacian, DegenerateFacesLeaveItFiniteAndSemidefinite) {
+  Surface surface = make_icosphere(2);
+  const std::uint32_t copy = static_cast<std::uint32_t>(surface.positions.size());
+  surface.positions.push_back(surface.positions[0]);  // two corners in one place
+  surface.faces.push_back({0, copy, 1});
+  surface.faces.push_back({2, 2, 3});  // a corner twice
+  surface.positions.push_back({0.5 * (surface.positions[4][0] + surface.positions[5][0]),
+                               0.5 * (surface.positions[4][1] + surface.positions[5][1]),
+                               0.5 * (surface.positions[4][2] + surface.positions[5][2])});
+  surface.faces.push_back({4, 5, copy + 1});  // on a line
+  const auto laplacian = build_laplacian(surface);
+  ASSERT_TRUE(laplacian);
+  expect_usable(*laplacian, surface.vertex_count());
+  const Eigen::VectorXd lambda = spectrum(*laplacian);
+  EXPECT_TRUE(lambda.allFinite());
+  EXPECT_GE(lambda[0], -1e-12 * lambda[lambda.size() - 1]);
+}
+
+TEST(Laplacian, NonManifoldEdgesAndTurnedFacesAreNoTrouble) {
+  Surface surface = make_box(3, 3, 3, {1, 1, 1});
+  surface.positions.push_back({0.5, 0.5, 4});
+  surface.faces.push_back(
+      {surface.faces[0][0], surface.faces[0][1], static_cast<std::uint32_t>(surface.positions.size() - 1)});
+  for (std::size_t f = 0; f < surface.faces.size(); f += 3) std::swap(surface.faces[f][0], surface.faces[f][1]);
+  const auto laplacian = build_laplacian(surface);
+  ASSERT_TRUE(laplacian);
+  expect_usable(*laplacian, surface.vertex_count());
+  EXPECT_GE(spectrum(*laplacian)[0], -1e-10);
+}
+
+TEST(Laplacian, RefusesWhatHasNoArea) {
+  const Surface collinear{{{0, 0, 0}, {1, 1, 1}, {2, 2, 2}, {3, 3, 3}, {5, 5, 5}}, {{0, 1, 2}, {1, 2, 3}, {2, 3, 4}}};
+  for (Surface surface :
+       {collinear, Surface{collinear.positions, {}}, Surface{std::vector<Vec3>(50, Vec3{1, 2, 3}), {}},
+        Surface{std::vector<Vec3>(4, Vec3{1, 2, 3}), {{0, 1, 2}, {1, 2, 3}}}}) {
+    const auto laplacian = build_laplacian(surface);
+    ASSERT_FALSE(laplacian);
+    EXPECT_EQ(laplacian.error().code, ErrorCode::kNumerical) << laplacian.error().message;
+  }
+}
+
+TEST(Laplacian, RefusesWhatIsNoSurface) {
+  Surface surface = make_icosphere(1);
+  surface.positions[7][1] = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_FALSE(build_laplacian(surface));
+  surface = make_icosphere(1);
+  surface.faces[3][1] = 1000;
+  EXPECT_FALSE(build_laplacian(surface));
+}
+
+Surface fibonacci_cloud(int n) {
+  Surface cloud;
+  for (int i = 0; i < n; ++i) {
+    const double z = 1 - (2.0 * i + 1) / n;
+    const double angle = i * std::numbers::pi * (3 - std::sqrt(5.0));
+    const double radius = std::sqrt(1 - z * z);
+    cloud.positions.push_back({radius * std::cos(angle), radius * std::sin(angle), z});
+  }
+  return cloud;
+}
+
+TEST(PointLaplacian, CoversTheSphereOnce) {
+  const Surface cloud = fibonacci_cloud(2000);
+  const auto laplacian = build_laplacian(cloud);
+  ASSERT_TRUE(laplacian);
+  expect_usable(*laplacian, cloud.vertex_count());
+  EXPECT_EQ(laplacian->components, 1);
+  EXPECT_NEAR(laplacian->area, 4 * std::numbers::pi, 0.01 * laplacian->area);
+  EXPECT_LT(static_cast<double>(laplacian->L.nonZeros()) / 2000, 9.5);
+  const Eigen::MatrixXd X = matrix_from(cloud.positions);
+  EXPECT_NEAR((X.transpose() * (laplacian->L * X)).trace(), 2 * laplacian->area, 1e-9 * laplacian->area);
+}
+
+TEST(PointLaplacian, CoincidentPointsShareAndStayConnected) {
+  Surface cloud = fibonacci_cloud(400);
+  for (int copy = 0; copy < 50; ++copy)
+    cloud.positions.push_back(cloud.positions[7]);  // more than the neighbours looked at
+  for (std::size_t i = 0; i < 400; i += 5) cloud.positions.push_back(cloud.positions[i]);
+  const auto laplacian = build_laplacian(cloud);
+  ASSERT_TRUE(laplacian);
+  expect_usable(*laplacian, cloud.vertex_count());
+  EXPECT_NEAR(laplacian->area, 4 * std::numbers::pi, 0.05 * laplacian->area);
+  EXPECT_GT(spectrum(*laplacian)[1], 1.0);
+}
+
+TEST(PointLaplacian, TightClustersAreBridged) {
+  Surface cloud = fibonacci_cloud(400);
+  std::mt19937 generator(3);
+  for (int i = 0; i < 40; ++i) {
+    const Vec3& at = cloud.positions[11];
+    cloud.positions.push_back({at[0] + 1e-6 * testing::uniform(generator), at[1] + 1e-6 * testing::uniform(generator),
+                               at[2] + 1e-6 * testing::uniform(generator)});
+  }
+  const auto laplacian = build_laplacian(cloud);
+  ASSERT_TRUE(laplacian);
+  expect_usable(*laplacian, cloud.vertex_count());
+  const Eigen::VectorXd lambda = spectrum(*laplacian);
+  EXPECT_GE(lambda[0], -1e-12 * lambda[lambda.size() - 1]);
+  EXPECT_GT(lambda[1], 0.1);
+}
+
+TEST(PointLaplacian, GridsWithManyEqualDistancesAndOpenBordersWork) {
+  Surface cloud;
+  for (int i = 0; i < 15; ++i) {
+    for (int j = 0; j < 15; ++j) cloud.positions.push_back({double(i), double(j), 0});
+  }
+  const auto laplacian = build_laplacian(cloud);
+  ASSERT_TRUE(laplacian);
+  expect_usable(*laplacian, cloud.vertex_count());
+  EXPECT_NEAR(laplacian->area, 14 * 14, 0.15 * 14 * 14);
+  EXPECT_GT(spectrum(*laplacian)[1], 0.5 * std::pow(std::numbers::pi / 14, 2));
+}
+
+TEST(PointLaplacian, FourPointsDo) {
+  const Surface cloud{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {}};
+  const auto laplacian = build_laplacian(cloud);
+  ASSERT_TRUE(laplacian);
+  expect_usable(*laplacian, 4);
+}
+
+}  // namespace
+}  // namespace eigencast
