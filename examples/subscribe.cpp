@@ -27,13 +27,15 @@ int main(int argc, char** argv) {
         high = std::max(high, surface.positions[3 * v + 1]);
       }
       if (i++ % 30 == 0) {
-        std::printf("key %llu%s: %u vertices, %u triangles, height %.3f to %.3f\n", static_cast<unsigned long long>(surface.sequence),
-                    surface.interpolated ? " (between)" : "", surface.vertex_count, surface.triangle_count, low, high);
+        std::printf("key %llu%s: %u vertices, %u triangles, height %.3f to %.3f\n",
+                    static_cast<unsigned long long>(surface.sequence), surface.interpolated ? " (between)" : "",
+                    surface.vertex_count, surface.triangle_count, low, high);
       }
     }
     const auto stats = subscriber.stats();
-    std::printf("received %llu keys and %llu interpolated poses, %llu bytes\n", static_cast<unsigned long long>(stats.keys),
-                static_cast<unsigned long long>(stats.interpolated), static_cast<unsigned long long>(stats.bytes_received));
+    std::printf("received %llu keys and %llu interpolated poses, %llu bytes\n",
+                static_cast<unsigned long long>(stats.keys), static_cast<unsigned long long>(stats.interpolated),
+                static_cast<unsigned long long>(stats.bytes_received));
   } catch (const std::exception& error) {
     std::fprintf(stderr, "subscribe: %s\n", error.what());
     return 1;

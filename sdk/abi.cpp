@@ -45,20 +45,31 @@ thread_local std::string last_error;
 
 ec_status status_from(ErrorCode code) {
   switch (code) {
-    case ErrorCode::kInvalidArgument: return EC_INVALID_ARGUMENT;
-    case ErrorCode::kNotFound: return EC_NOT_FOUND;
-    case ErrorCode::kCorrupt: return EC_CORRUPT;
-    case ErrorCode::kTooLarge: return EC_TOO_LARGE;
+    case ErrorCode::kInvalidArgument:
+      return EC_INVALID_ARGUMENT;
+    case ErrorCode::kNotFound:
+      return EC_NOT_FOUND;
+    case ErrorCode::kCorrupt:
+      return EC_CORRUPT;
+    case ErrorCode::kTooLarge:
+      return EC_TOO_LARGE;
     case ErrorCode::kUnsupported:
-    case ErrorCode::kIncompatibleVersion: return EC_UNSUPPORTED;
-    case ErrorCode::kIo: return EC_IO;
+    case ErrorCode::kIncompatibleVersion:
+      return EC_UNSUPPORTED;
+    case ErrorCode::kIo:
+      return EC_IO;
     case ErrorCode::kUnreachable:
     case ErrorCode::kDisconnected:
-    case ErrorCode::kTimeout: return EC_UNREACHABLE;
-    case ErrorCode::kRefused: return EC_REFUSED;
-    case ErrorCode::kCancelled: return EC_CANCELLED;
-    case ErrorCode::kNumerical: return EC_NUMERICAL;
-    case ErrorCode::kInternal: return EC_INTERNAL;
+    case ErrorCode::kTimeout:
+      return EC_UNREACHABLE;
+    case ErrorCode::kRefused:
+      return EC_REFUSED;
+    case ErrorCode::kCancelled:
+      return EC_CANCELLED;
+    case ErrorCode::kNumerical:
+      return EC_NUMERICAL;
+    case ErrorCode::kInternal:
+      return EC_INTERNAL;
   }
   return EC_INTERNAL;
 }
@@ -68,7 +79,9 @@ ec_status failed(const Error& error) {
   return status_from(error.code);
 }
 
-ec_status invalid(const char* text) { return failed(fail(ErrorCode::kInvalidArgument, text)); }
+ec_status invalid(const char* text) {
+  return failed(fail(ErrorCode::kInvalidArgument, text));
+}
 
 /// Runs `body`, which returns an ec_status; no exception gets out.
 template <typename Body>
@@ -95,16 +108,20 @@ Options filled(const Options* given) {
 /// Copies a result into the caller's struct, as much of it as the caller knows.
 template <typename Struct>
 ec_status give(Struct* to, Struct from) {
-  if (to == nullptr || to->struct_size < sizeof(std::size_t)) return invalid("the result struct is null or its struct_size is not set");
+  if (to == nullptr || to->struct_size < sizeof(std::size_t))
+    return invalid("the result struct is null or its struct_size is not set");
   const std::size_t size = std::min(to->struct_size, sizeof from);
   from.struct_size = to->struct_size;
   std::memcpy(to, &from, size);
   return EC_OK;
 }
 
-std::string text_or(const char* text, std::string fallback) { return text != nullptr ? text : std::move(fallback); }
+std::string text_or(const char* text, std::string fallback) {
+  return text != nullptr ? text : std::move(fallback);
+}
 
-Result<Surface> surface_from(const double* positions, std::uint32_t vertices, const std::uint32_t* faces, std::uint32_t face_count) {
+Result<Surface> surface_from(const double* positions, std::uint32_t vertices, const std::uint32_t* faces,
+                             std::uint32_t face_count) {
   if (positions == nullptr || (faces == nullptr && face_count > 0)) {
     return fail(ErrorCode::kInvalidArgument, "ec_bake: positions, or faces with face_count > 0, is null");
   }
@@ -118,9 +135,12 @@ Result<Surface> surface_from(const double* positions, std::uint32_t vertices, co
 
 ec_status from_send(SendStatus status) {
   switch (status) {
-    case SendStatus::kSent: return EC_OK;
-    case SendStatus::kDropped: return EC_DROPPED;
-    case SendStatus::kDisconnected: return EC_DISCONNECTED;
+    case SendStatus::kSent:
+      return EC_OK;
+    case SendStatus::kDropped:
+      return EC_DROPPED;
+    case SendStatus::kDisconnected:
+      return EC_DISCONNECTED;
   }
   return EC_INTERNAL;
 }
@@ -128,7 +148,8 @@ ec_status from_send(SendStatus status) {
 ec_status rebuild(ec_subscriber& self, double detail, ec_surface* out) {
   const Asset* asset = self.subscriber->asset();
   if (!self.current || asset == nullptr || asset->rows_ready == 0) {
-    return failed(fail(ErrorCode::kNotFound, "ec_subscriber_surface: no pose has come yet; call ec_subscriber_next until it returns EC_OK"));
+    return failed(fail(ErrorCode::kNotFound,
+                       "ec_subscriber_surface: no pose has come yet; call ec_subscriber_next until it returns EC_OK"));
   }
   if (!(detail >= 0 && detail <= 1)) return invalid("ec_subscriber_surface: detail must lie in 0..1");
   const std::uint32_t level = level_from_fraction(*asset, detail);
@@ -162,32 +183,53 @@ ec_status rebuild(ec_subscriber& self, double detail, ec_surface* out) {
 
 using namespace eigencast;
 
-const char* ec_version(void) { return EIGENCAST_VERSION; }
+const char* ec_version(void) {
+  return EIGENCAST_VERSION;
+}
 
 const char* ec_strerror(ec_status status) {
   switch (status) {
-    case EC_OK: return "ok";
-    case EC_DROPPED: return "dropped";
-    case EC_DISCONNECTED: return "disconnected";
-    case EC_NOTHING: return "nothing";
-    case EC_INVALID_ARGUMENT: return "invalid-argument";
-    case EC_NOT_FOUND: return "not-found";
-    case EC_CORRUPT: return "corrupt";
-    case EC_TOO_LARGE: return "too-large";
-    case EC_UNSUPPORTED: return "unsupported";
-    case EC_IO: return "io";
-    case EC_UNREACHABLE: return "unreachable";
-    case EC_REFUSED: return "refused";
-    case EC_CANCELLED: return "cancelled";
-    case EC_NUMERICAL: return "numerical";
-    case EC_INTERNAL: return "internal";
+    case EC_OK:
+      return "ok";
+    case EC_DROPPED:
+      return "dropped";
+    case EC_DISCONNECTED:
+      return "disconnected";
+    case EC_NOTHING:
+      return "nothing";
+    case EC_INVALID_ARGUMENT:
+      return "invalid-argument";
+    case EC_NOT_FOUND:
+      return "not-found";
+    case EC_CORRUPT:
+      return "corrupt";
+    case EC_TOO_LARGE:
+      return "too-large";
+    case EC_UNSUPPORTED:
+      return "unsupported";
+    case EC_IO:
+      return "io";
+    case EC_UNREACHABLE:
+      return "unreachable";
+    case EC_REFUSED:
+      return "refused";
+    case EC_CANCELLED:
+      return "cancelled";
+    case EC_NUMERICAL:
+      return "numerical";
+    case EC_INTERNAL:
+      return "internal";
   }
   return "unknown";
 }
 
-const char* ec_last_error(void) { return last_error.c_str(); }
+const char* ec_last_error(void) {
+  return last_error.c_str();
+}
 
-int64_t ec_now_us(void) { return steady_now_us(); }
+int64_t ec_now_us(void) {
+  return steady_now_us();
+}
 
 ec_status ec_bake(const double* positions, uint32_t vertex_count, const uint32_t* faces, uint32_t face_count,
                   const ec_bake_options* options, ec_asset** asset) {
@@ -206,7 +248,8 @@ ec_status ec_bake(const double* positions, uint32_t vertex_count, const uint32_t
         return given.progress(given.user, fraction, std::string(stage).c_str()) == 0;
       };
     }
-    auto baked = bake(*surface, bake_options, given.cache_dir != nullptr ? given.cache_dir : default_cache_dir(), progress);
+    auto baked =
+        bake(*surface, bake_options, given.cache_dir != nullptr ? given.cache_dir : default_cache_dir(), progress);
     if (!baked) return failed(baked.error());
     *asset = new ec_asset{std::make_shared<const Asset>(std::move(baked->asset)),
                           std::make_shared<const EncodedAsset>(std::move(baked->encoded)), baked->from_cache};
@@ -228,11 +271,15 @@ ec_status ec_asset_get_info(const ec_asset* asset, ec_asset_info* info) {
   });
 }
 
-void ec_asset_release(ec_asset* asset) { delete asset; }
+void ec_asset_release(ec_asset* asset) {
+  delete asset;
+}
 
-ec_status ec_publisher_create(const char* url, const ec_asset* asset, const ec_publisher_options* options, ec_publisher** publisher) {
+ec_status ec_publisher_create(const char* url, const ec_asset* asset, const ec_publisher_options* options,
+                              ec_publisher** publisher) {
   return guarded([&] {
-    if (url == nullptr || asset == nullptr || publisher == nullptr) return invalid("ec_publisher_create: url, asset or publisher is null");
+    if (url == nullptr || asset == nullptr || publisher == nullptr)
+      return invalid("ec_publisher_create: url, asset or publisher is null");
     const ec_publisher_options given = filled(options);
     PublisherOptions publisher_options;
     publisher_options.url = url;
@@ -250,7 +297,8 @@ ec_status ec_publisher_create(const char* url, const ec_asset* asset, const ec_p
 
 ec_status ec_publisher_send(ec_publisher* publisher, const float* positions, int64_t capture_us) {
   return guarded([&] {
-    if (publisher == nullptr || positions == nullptr) return invalid("ec_publisher_send: publisher or positions is null");
+    if (publisher == nullptr || positions == nullptr)
+      return invalid("ec_publisher_send: publisher or positions is null");
     const auto sent = publisher->publisher->send_positions({positions, publisher->values}, capture_us);
     return sent ? from_send(*sent) : failed(sent.error());
   });
@@ -271,7 +319,9 @@ ec_status ec_publisher_get_stats(const ec_publisher* publisher, ec_publisher_sta
   });
 }
 
-void ec_publisher_release(ec_publisher* publisher) { delete publisher; }
+void ec_publisher_release(ec_publisher* publisher) {
+  delete publisher;
+}
 
 ec_status ec_subscriber_create(const char* url, const ec_subscriber_options* options, ec_subscriber** subscriber) {
   return guarded([&] {
@@ -330,4 +380,6 @@ ec_status ec_subscriber_get_stats(const ec_subscriber* subscriber, ec_subscriber
   });
 }
 
-void ec_subscriber_release(ec_subscriber* subscriber) { delete subscriber; }
+void ec_subscriber_release(ec_subscriber* subscriber) {
+  delete subscriber;
+}

@@ -8,9 +8,10 @@ target_include_directories(eigencast PUBLIC
   "$<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/include>" "$<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>")
 target_compile_definitions(eigencast PRIVATE EIGENCAST_VERSION="${PROJECT_VERSION}")
 target_link_libraries(eigencast PRIVATE $<BUILD_INTERFACE:eigencast_flags> $<BUILD_INTERFACE:eigencast_sdk>)
-# The static rooms bring symbols of header-only libraries along; --exclude-libs keeps all of them inside.
-target_link_options(eigencast PRIVATE -Wl,--exclude-libs,ALL)
+# The static rooms bring symbols of header-only libraries along; the version script keeps all of them inside.
+target_link_options(eigencast PRIVATE "-Wl,--version-script=${CMAKE_CURRENT_SOURCE_DIR}/eigencast.map")
 set_target_properties(eigencast PROPERTIES
+  LINK_DEPENDS "${CMAKE_CURRENT_SOURCE_DIR}/eigencast.map"
   VERSION "${PROJECT_VERSION}" SOVERSION 0 CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON
   LIBRARY_OUTPUT_DIRECTORY "${PROJECT_BINARY_DIR}/lib")
 

@@ -3,13 +3,14 @@
  * libeigencast, the C interface: bake a surface, publish its motion, subscribe to one.
  *
  * Conventions
- *  - Functions that can fail return an ec_status: EC_OK is 0, outcomes that are no errors are positive, errors negative.
- *    ec_last_error() has the words for the last error on the calling thread.
- *  - Option and result structs begin with `struct_size`, which the caller sets to sizeof the struct (EC_INIT does it), so that fields can be
- *    appended without breaking programs built before. A zero or null field means its default.
+ *  - Functions that can fail return an ec_status: EC_OK is 0, outcomes that are no errors are positive, errors
+ * negative. ec_last_error() has the words for the last error on the calling thread.
+ *  - Option and result structs begin with `struct_size`, which the caller sets to sizeof the struct (EC_INIT does it),
+ * so that fields can be appended without breaking programs built before. A zero or null field means its default.
  *  - Strings are UTF-8 and end with a zero. The library copies what it is given and keeps no pointer past a call.
  *  - Times are microseconds; ec_now_us() reads the clock that publishers and subscribers use.
- *  - An object is used from one thread at a time; different objects are independent. No C++ exception crosses this interface.
+ *  - An object is used from one thread at a time; different objects are independent. No C++ exception crosses this
+ * interface.
  */
 #ifndef EIGENCAST_EIGENCAST_H
 #define EIGENCAST_EIGENCAST_H
@@ -30,9 +31,9 @@ extern "C" {
 /** The outcome of a call. */
 typedef enum ec_status {
   EC_OK = 0,
-  EC_DROPPED = 1,       /**< The link is behind; this frame was not sent and the next one supersedes it. */
-  EC_DISCONNECTED = 2,  /**< There is no connection now; it is being made anew in the background. */
-  EC_NOTHING = 3,       /**< Nothing came within the time given. */
+  EC_DROPPED = 1,      /**< The link is behind; this frame was not sent and the next one supersedes it. */
+  EC_DISCONNECTED = 2, /**< There is no connection now; it is being made anew in the background. */
+  EC_NOTHING = 3,      /**< Nothing came within the time given. */
 
   EC_INVALID_ARGUMENT = -1, /**< An argument that cannot be meant. */
   EC_NOT_FOUND = -2,        /**< A file, stream or asset that is not there. */
@@ -49,16 +50,23 @@ typedef enum ec_status {
 
 /** Initialiser of an option or result struct: `ec_bake_options options = EC_INIT(ec_bake_options);` */
 #ifdef __cplusplus
-#define EC_INIT(type) ([] { type value = type(); value.struct_size = sizeof(type); return value; }())
+#define EC_INIT(type)                 \
+  ([] {                               \
+    type value = type();              \
+    value.struct_size = sizeof(type); \
+    return value;                     \
+  }())
 #else
-#define EC_INIT(type) { sizeof(type) }
+#define EC_INIT(type) \
+  { sizeof(type) }
 #endif
 
 /** The library's version, such as "0.1.0". */
 EC_API const char* ec_version(void);
 /** The name of a status, such as "invalid-argument". Never null. */
 EC_API const char* ec_strerror(ec_status status);
-/** What the last error on this thread was: what, where, why, what to do. Valid until the next call on this thread. Never null. */
+/** What the last error on this thread was: what, where, why, what to do. Valid until the next call on this thread.
+ * Never null. */
 EC_API const char* ec_last_error(void);
 /** Now, in microseconds, on the clock of capture times. */
 EC_API int64_t ec_now_us(void);
@@ -68,17 +76,19 @@ EC_API int64_t ec_now_us(void);
 /** A surface in the form that can be streamed: spectral basis, order of its levels of detail, faces. Immutable. */
 typedef struct ec_asset ec_asset;
 
-/** Told how far a bake is (0..1) and what it does. Called on the thread that bakes. Returns 0 to go on, anything else to cancel. */
+/** Told how far a bake is (0..1) and what it does. Called on the thread that bakes. Returns 0 to go on, anything else
+ * to cancel. */
 typedef int (*ec_progress)(void* user, double fraction, const char* stage);
 
 typedef struct ec_bake_options {
   size_t struct_size;
-  const char* basis;     /**< "augmented" or "harmonic" (default: "augmented"). */
-  uint32_t rank;         /**< Coefficients per axis (default: 200; less on surfaces too small for that). */
-  const char* name;      /**< Of the surface, for people (default: ""). */
-  const char* cache_dir; /**< Where results are kept and found again; "" for nowhere (default: the user's cache folder). */
-  ec_progress progress;  /**< (default: none) */
-  void* user;            /**< Handed to `progress`. */
+  const char* basis; /**< "augmented" or "harmonic" (default: "augmented"). */
+  uint32_t rank;     /**< Coefficients per axis (default: 200; less on surfaces too small for that). */
+  const char* name;  /**< Of the surface, for people (default: ""). */
+  const char*
+      cache_dir; /**< Where results are kept and found again; "" for nowhere (default: the user's cache folder). */
+  ec_progress progress; /**< (default: none) */
+  void* user;           /**< Handed to `progress`. */
 } ec_bake_options;
 
 typedef struct ec_asset_info {
@@ -86,8 +96,8 @@ typedef struct ec_asset_info {
   uint32_t vertex_count;
   uint32_t face_count; /**< 0: a point cloud. */
   uint32_t rank;
-  char id[65];         /**< The content id: 64 hexadecimal digits. */
-  int from_cache;      /**< 1 when nothing had to be computed. */
+  char id[65];    /**< The content id: 64 hexadecimal digits. */
+  int from_cache; /**< 1 when nothing had to be computed. */
 } ec_asset_info;
 
 /**
@@ -112,17 +122,18 @@ typedef struct ec_publisher ec_publisher;
 typedef struct ec_publisher_options {
   size_t struct_size;
   const char* codec;  /**< "quantised", "float32" or "float64" (default: "quantised"). */
-  double error;       /**< Root mean square vertex error that quantising may add, in model units (default: 3e-4 of the surface's diagonal). */
+  double error;       /**< Root mean square vertex error that quantising may add, in model units (default: 3e-4 of the
+                         surface's diagonal). */
   double key_rate_hz; /**< Poses a second that you intend to send; announced, not enforced (default: 30). */
 } ec_publisher_options;
 
 typedef struct ec_publisher_stats {
   size_t struct_size;
-  int live;                /**< 1 when frames go out. */
+  int live; /**< 1 when frames go out. */
   uint32_t subscribers;
   uint64_t frames_sent;
   uint64_t frames_dropped;
-  uint64_t bytes_sent;     /**< Of frames, envelopes included. */
+  uint64_t bytes_sent; /**< Of frames, envelopes included. */
   uint64_t reconnects;
 } ec_publisher_stats;
 
@@ -161,14 +172,14 @@ typedef struct ec_subscriber_stats {
   uint64_t bytes_received; /**< Of frames, envelopes included. */
   uint64_t missed;         /**< Keys that never came. */
   uint64_t reconnects;
-  int64_t latency_p50_us;  /**< Capture to arrival; meaningful for a sender on this machine. */
+  int64_t latency_p50_us; /**< Capture to arrival; meaningful for a sender on this machine. */
   int64_t latency_p99_us;
 } ec_subscriber_stats;
 
 /** A rebuilt surface. The arrays belong to the subscriber and stay until the next call on it. */
 typedef struct ec_surface {
   size_t struct_size;
-  uint32_t vertex_count;         /**< N at this level of detail. */
+  uint32_t vertex_count; /**< N at this level of detail. */
   uint32_t triangle_count;
   const float* positions;        /**< N x 3 */
   const float* normals;          /**< N x 3, unit length; null for point clouds. */
@@ -180,10 +191,11 @@ typedef struct ec_surface {
 } ec_surface;
 
 /** Starts connecting to ws://host:port/stream[?rate=raw] in the background. Errors: EC_INVALID_ARGUMENT. */
-EC_API ec_status ec_subscriber_create(const char* url, const ec_subscriber_options* options, ec_subscriber** subscriber);
+EC_API ec_status ec_subscriber_create(const char* url, const ec_subscriber_options* options,
+                                      ec_subscriber** subscriber);
 /**
- * Goes on to the next pose, oldest first, waiting at most `timeout_ms` for one. A caller that is late gets the newest 64.
- * Returns EC_OK or EC_NOTHING (also while connecting: ask again).
+ * Goes on to the next pose, oldest first, waiting at most `timeout_ms` for one. A caller that is late gets the
+ * newest 64. Returns EC_OK or EC_NOTHING (also while connecting: ask again).
  */
 EC_API ec_status ec_subscriber_next(ec_subscriber* subscriber, int timeout_ms);
 /**

@@ -12,8 +12,8 @@
 #include <stdexcept>
 #include <string>
 
-/// The C interface of libeigencast as C++ objects. Everything here is inline: nothing of the standard library crosses into the
-/// library. Constructors and functions throw Error; send() and next() report their outcomes as values.
+/// The C interface of libeigencast as C++ objects. Everything here is inline: nothing of the standard library crosses
+/// into the library. Constructors and functions throw Error; send() and next() report their outcomes as values.
 namespace eigencast {
 
 /// What went wrong: status() is stable, what() is for people.
@@ -33,14 +33,16 @@ inline ec_status check(ec_status status) {
 }
 
 /// Now, in microseconds, on the clock of capture times.
-inline std::int64_t now_us() { return ec_now_us(); }
+inline std::int64_t now_us() {
+  return ec_now_us();
+}
 
 struct BakeOptions {
-  std::string basis = "augmented";                          ///< or "harmonic"
-  std::uint32_t rank = 200;                                 ///< Coefficients per axis.
-  std::string name = {};                                    ///< Of the surface, for people.
-  std::optional<std::string> cache_dir = {};                ///< Empty text: nowhere (default: the user's cache folder).
-  std::function<bool(double, const char*)> progress = {};   ///< Fraction and stage; return false to cancel.
+  std::string basis = "augmented";                         ///< or "harmonic"
+  std::uint32_t rank = 200;                                ///< Coefficients per axis.
+  std::string name = {};                                   ///< Of the surface, for people.
+  std::optional<std::string> cache_dir = {};               ///< Empty text: nowhere (default: the user's cache folder).
+  std::function<bool(double, const char*)> progress = {};  ///< Fraction and stage; return false to cancel.
 };
 
 /// A surface that can be streamed. Cheap to copy: copies share it. Thread-safe: immutable.
@@ -49,7 +51,8 @@ class Asset {
   /// Bakes a surface.
   ///   positions  3 numbers per vertex
   ///   faces      3 vertex numbers per triangle, counter-clockwise from outside; empty for a point cloud
-  static Asset bake(std::span<const double> positions, std::span<const std::uint32_t> faces, const BakeOptions& options = {}) {
+  static Asset bake(std::span<const double> positions, std::span<const std::uint32_t> faces,
+                    const BakeOptions& options = {}) {
     auto c_options = EC_INIT(ec_bake_options);
     c_options.basis = options.basis.c_str();
     c_options.rank = options.rank;
@@ -88,7 +91,8 @@ struct PublisherOptions {
 /// Publishes one deforming surface. Not thread-safe; different Publishers are independent.
 class Publisher {
  public:
-  Publisher(const std::string& url, const Asset& asset, const PublisherOptions& options = {}) : publisher_(nullptr, ec_publisher_release) {
+  Publisher(const std::string& url, const Asset& asset, const PublisherOptions& options = {})
+      : publisher_(nullptr, ec_publisher_release) {
     auto c_options = EC_INIT(ec_publisher_options);
     c_options.codec = options.codec.c_str();
     c_options.error = options.error;
@@ -102,7 +106,8 @@ class Publisher {
   /// Sends a pose: 3 numbers per vertex, in the order that was baked. Never blocks.
   /// Returns EC_OK, EC_DROPPED (the next one supersedes it) or EC_DISCONNECTED (it reconnects by itself).
   [[nodiscard]] ec_status send(std::span<const float> positions, std::int64_t capture_us = now_us()) {
-    if (positions.size() != values_) throw std::invalid_argument("Publisher::send: positions must hold 3 numbers per vertex of the asset");
+    if (positions.size() != values_)
+      throw std::invalid_argument("Publisher::send: positions must hold 3 numbers per vertex of the asset");
     return check(ec_publisher_send(publisher_.get(), positions.data(), capture_us));
   }
 
@@ -135,7 +140,8 @@ class Subscriber {
     return check(ec_subscriber_next(subscriber_.get(), static_cast<int>(timeout.count()))) == EC_OK;
   }
 
-  /// The current pose rebuilt with `detail` (0..1) of the vertices. Its arrays stay until the next call. REQUIRES: next() was true once.
+  /// The current pose rebuilt with `detail` (0..1) of the vertices. Its arrays stay until the next call. REQUIRES:
+  /// next() was true once.
   ec_surface surface(double detail = 1) {
     auto surface = EC_INIT(ec_surface);
     check(ec_subscriber_surface(subscriber_.get(), detail, &surface));
