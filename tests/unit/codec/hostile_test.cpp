@@ -127,6 +127,12 @@ TEST_F(OneBand, WhatTheFormatAllowsAndNothingElse) {
       << "a length of 2^64 - 1";
 }
 
+TEST_F(OneBand, TheWorkedExampleOfTheProtocolDocument) {
+  state = advanced(std::nullopt, Key{1, 160, {10, -10}, {}}, 0);
+  const Bytes payload{0x02, 0xa0, 0x02, 0x22, 0xab};
+  EXPECT_EQ(decode(payload)->q, (std::vector<std::int32_t>{13, -14}));
+}
+
 TEST_F(OneBand, ValuesBeyondTheRangeAreRejected) {
   const auto escaped = [](std::uint32_t value) {
     Bytes payload{2, 160, 9, 0, 0xff, 0xff, 0xff};

@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: MIT
+#include <algorithm>
+#include <cstdlib>
+
+#include "common/codec/chain.h"
+
+using namespace eigencast;
+
+namespace {
+
+void require(bool condition) {
+  if (!condition) std::abort();
+}
+
+CoefficientLayout layout_from(ByteReader& reader) {
+  CoefficientLayout layout;
+  layout.codec = static_cast<CodecKind>(reader.u8() % 3);
+  layout.channels = 1u + reader.u8() % 4;
+  const unsigned bands = 1u + reader.u8() % 4;
+  for (unsigned band = 0; band < bands; ++band) {
+    layout.rows += 1u + reader.u8() % 6;
+    layout.band_ends.push_back(layout.rows);
+  }
+  return layout;
+}
+
+/// A key of arbitrary bands, step and values.
+Key key_from(const CoefficientLayout& layout, ByteReader& reader) {
+  Key key;
+  key.bands = reader.u8() & layout.all_bands();
+  if (key.bands == 0) key.bands = 1;
+  const bool quantised = layout.codec == CodecKind::kQuantised;
+  key.step = quantised ? reader.u8() : std::uint8_t{0};
+  (quantised ? key.q.resize(layout.size()) : key.f.resize(layout.size()));
+  for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
+    if ((key.bands >> band & 1) == 0) continue;
+    const auto [first, last] = layout.range(band);
+    for (std::size_t i = first; i < last; ++i) {
+      const unsigned shift = reader.u8() % 32;
+      const auto value = std::clamp(static_cast<std::int32_t>(reader.u32()) >> shift, -(1 << 30), 1 << 30);
+      if (quantised) {
+        key.q[i] = value;
+      } else {
+        key.f[i] = static_cast<float>(value) * 0.25f;
+      }
+    }
+  }
+  return key;
+}
+
+void check_state(const CoefficientLayout& layout, const ChainState& state) {
+  const auto payload = encode_join(layout, state);
+  require(payload.has_value());
+  const auto decoded = decode_join(layout, state.newer.bands, *payload);
+  require(decoded.has_value() && decoded->newer == state.newer && decoded->age_us == state.age_us);
+  require(encode_join(layout, *decoded).value() == *payload);
+}
+
+void check_key(const CoefficientLayout& layout, const ChainState& state, const Key& key) {
+  const auto payload = encode_key(layout, state, key);
+  require(payload.has_value());
+  require(decode_key(layout, key.bands, state, *payload).value() == key);
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  ByteReader reader(ByteView(data, size));
+  const CoefficientLayout layout = layout_from(reader);
+  const ChainState state{key_from(layout, reader), key_from(layout, reader), static_cast<TimeUs>(reader.u32())};
+  check_state(layout, state);
+  check_key(layout, state, key_from(layout, reader));
+  const std::uint32_t at = reader.u8() % 16;
+  if (const auto pose = interpolate_keys(layout, state.older, state.newer, at, 15); pose && pose->bands != 0) {
+    check_key(layout, state, *pose);
+  }
+
+  const std::uint8_t bands = reader.u8();
+  const std::uint8_t keep = reader.u8();
+  const ByteView payload = reader.bytes(reader.remaining());
+  if (const auto key = decode_key(layout, bands, state, payload)) {
+    check_key(layout, state, *key);
+    if ((bands & keep) != 0) require(cut_bands(layout, false, bands, keep, payload).has_value());
+  }
+  if (const auto joined = decode_join(layout, bands, payload)) {
+    check_state(layout, *joined);
+    if (const auto cut = cut_bands(layout, true, bands, keep, payload)) {
+      require(decode_join(layout, bands & keep, *cut).has_value());
+    }
+  }
+  return 0;
+}
