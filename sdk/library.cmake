@@ -21,6 +21,8 @@ install(EXPORT eigencast-targets NAMESPACE eigencast:: DESTINATION "${CMAKE_INST
 configure_package_config_file("${PROJECT_SOURCE_DIR}/cmake/eigencast-config.cmake.in"
   "${CMAKE_CURRENT_BINARY_DIR}/eigencast-config.cmake" INSTALL_DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/eigencast")
 write_basic_package_version_file("${CMAKE_CURRENT_BINARY_DIR}/eigencast-config-version.cmake" COMPATIBILITY SameMinorVersion)
+# Relative to the .pc file, so that the tree can be moved. LIBDIR may have one part (lib) or two (lib/x86_64-linux-gnu).
+file(RELATIVE_PATH EIGENCAST_PREFIX_FROM_PC "/prefix/${CMAKE_INSTALL_LIBDIR}/pkgconfig" "/prefix")
 configure_file("${PROJECT_SOURCE_DIR}/cmake/eigencast.pc.in" "${CMAKE_CURRENT_BINARY_DIR}/eigencast.pc" @ONLY)
 install(FILES "${CMAKE_CURRENT_BINARY_DIR}/eigencast-config.cmake" "${CMAKE_CURRENT_BINARY_DIR}/eigencast-config-version.cmake"
   DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/eigencast")
