@@ -15,6 +15,8 @@ namespace websocket = beast::websocket;
 // replaced.
 constexpr int kUnsentBytes = 16 * 1024;
 
+constexpr std::size_t kReadBytes = 64 * 1024;
+
 Outbox::Limits outbox_limits(const Config& config) {
   Outbox::Limits limits;
   limits.max_control_messages = static_cast<std::size_t>(config.limits.max_queued_control_messages);
@@ -35,11 +37,12 @@ void tune(Socket& socket) {
 Connection::Connection(Context& context, Socket socket, std::size_t max_message_bytes)
     : context_(context),
       socket_(std::move(socket)),
+      max_message_bytes_(max_message_bytes),
       outbox_(outbox_limits(context.config)),
       deadline_(context.loop.get_executor()) {
   tune(socket_.next_layer());
   socket_.auto_fragment(false);
-  socket_.read_message_max(max_message_bytes);
+  socket_.read_message_max(0);  // Counted in on_read(): Beast 1.81 resets the connection before its 1009 arrives.
   websocket::stream_base::timeout timeout{};
   timeout.handshake_timeout = std::chrono::milliseconds(context.config.timeouts.header_ms);
   timeout.idle_timeout = std::chrono::milliseconds(context.config.timeouts.idle_ms);
@@ -69,22 +72,30 @@ void Connection::start(UpgradeRequest request) {
 }
 
 void Connection::read() {
-  socket_.async_read(buffer_, [self = shared_from_this()](ErrorOf error, std::size_t) { self->on_read(error); });
+  socket_.async_read_some(buffer_, kReadBytes,
+                          [self = shared_from_this()](ErrorOf error, std::size_t) { self->on_read(error); });
 }
 
 void Connection::on_read(ErrorOf error) {
   if (error) return ended();
-  const auto data = buffer_.cdata();
-  if (!closing_) {
-    if (socket_.got_text()) {
-      on_text({static_cast<const char*>(data.data()), data.size()});
-    } else {
-      on_binary({static_cast<const std::uint8_t*>(data.data()), data.size()});
-    }
+  if (!closing_ && buffer_.size() > max_message_bytes_) {
+    const std::string limit = std::to_string(max_message_bytes_);
+    refuse(fail(ErrorCode::kTooLarge, "a message is over " + limit + " bytes, the most that is taken here"), {},
+           websocket::close_code::too_big);
   }
-  buffer_.consume(buffer_.size());
+  if (!closing_ && socket_.is_message_done()) on_message();
+  if (closing_ || socket_.is_message_done()) buffer_.consume(buffer_.size());
   read();
   flush();
+}
+
+void Connection::on_message() {
+  const auto data = buffer_.cdata();
+  if (socket_.got_text()) {
+    on_text({static_cast<const char*>(data.data()), data.size()});
+  } else {
+    on_binary({static_cast<const std::uint8_t*>(data.data()), data.size()});
+  }
 }
 
 void Connection::send(const ControlMessage& message) {

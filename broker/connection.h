@@ -61,6 +61,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
  private:
   void read();
   void on_read(ErrorOf error);
+  void on_message();
   void on_written(ErrorOf error);
   void close_when_sent(const std::string& reason, beast::websocket::close_code code);
   void close_now();
@@ -70,6 +71,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   Context& context_;
   beast::websocket::stream<Socket> socket_;
   beast::flat_buffer buffer_;
+  std::size_t max_message_bytes_;
   Outbox outbox_;
   Outbox::Item writing_;
   beast::websocket::close_reason close_reason_;

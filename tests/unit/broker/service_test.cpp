@@ -261,7 +261,11 @@ TEST_F(ServiceTest, CloseCodesAreThoseOfTheProtocol) {
   EXPECT_EQ(binary.close_code(), 1003);
   Client large(port_, "/v1/subscribe");
   large.send_text(std::string(10'000, ' '));
+  EXPECT_EQ(large.wait_for<control::ErrorMessage>().code, "too-large");
   EXPECT_EQ(large.close_code(), 1009);
+  Client much_too_large(port_, "/v1/publish/a");
+  much_too_large.send_frame(Bytes(3'000'000, 1));
+  EXPECT_EQ(much_too_large.close_code(), 1009);
   Client unknown(port_, "/v1/subscribe");
   unknown.send_text(R"({"op":"dance"})");
   EXPECT_EQ(unknown.wait_for<control::ErrorMessage>().code, "unsupported");
