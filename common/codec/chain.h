@@ -29,7 +29,8 @@ Result<Bytes> encode_key(const CoefficientLayout& layout, const ChainState& stat
 /// overflow).
 Result<Key> decode_key(const CoefficientLayout& layout, std::uint8_t bands, const ChainState& state, ByteView payload);
 
-/// Payload of a kJoin frame: both keys, from nothing.
+/// Payload of a kJoin frame: both keys, from nothing. A band that only the older key has is left out: nothing can use
+/// it. Errors: as encode_key; kInvalidArgument (age_us negative).
 Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& state);
 /// Errors: as decode_key.
 Result<ChainState> decode_join(const CoefficientLayout& layout, std::uint8_t bands, ByteView payload);

@@ -15,8 +15,6 @@ namespace {
 using namespace control;
 using Json = nlohmann::ordered_json;
 
-// ---- to JSON
-
 template <typename... Ts>
 struct Overloaded : Ts... {
   using Ts::operator()...;
@@ -125,8 +123,6 @@ Json json_from_message(const ControlMessage& message) {
       },
       message);
 }
-
-// ---- from JSON
 
 Error corrupt(std::string what) {
   return fail(ErrorCode::kCorrupt, "control message: " + std::move(what));
