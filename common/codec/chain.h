@@ -21,7 +21,8 @@ struct ChainState {
 ChainState advanced(std::optional<ChainState> state, Key key, TimeUs age_us);
 
 /// Payload of a kKey or kSynthetic frame: `key`, predicted from `state`, which is not changed. Each band is
-/// self-contained. Errors: kTooLarge (see rescale).
+/// self-contained. Errors: kInvalidArgument (the key is not of the layout, or has no band), kTooLarge (beyond +-2^30 or
+/// float32).
 Result<Bytes> encode_key(const CoefficientLayout& layout, const ChainState& state, const Key& key);
 
 /// The key that a payload holds. `bands` is the envelope's. Safe on hostile input: never allocates more than the layout
@@ -36,7 +37,7 @@ Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& sta
 Result<ChainState> decode_join(const CoefficientLayout& layout, std::uint8_t bands, ByteView payload);
 
 /// The payload of kind `join` (kJoin) or not (kKey, kSynthetic) with only the bands of `keep`, without decoding a
-/// value. Errors: kCorrupt.
+/// value. Errors: kCorrupt, kInvalidArgument (no band would be left).
 Result<Bytes> cut_bands(const CoefficientLayout& layout, bool join, std::uint8_t bands, std::uint8_t keep,
                         ByteView payload);
 
