@@ -97,6 +97,12 @@ ec_status guarded(Body&& body) {
   }
 }
 
+/// Options whose struct_size was forgotten would read as all defaults: refused instead.
+template <typename Options>
+bool lacks_size(const Options* given) {
+  return given != nullptr && given->struct_size < sizeof(std::size_t);
+}
+
 /// The caller's struct with our defaults where it is absent or was built against an older, shorter one.
 template <typename Options>
 Options filled(const Options* given) {
@@ -145,11 +151,20 @@ ec_status from_send(SendStatus status) {
   return EC_INTERNAL;
 }
 
+/// Whether the pose is one of the surface at hand. It may be of the one before, or come before any of the asset has
+/// arrived.
+bool can_rebuild(const Subscriber& subscriber, const ReceivedPose& pose) {
+  const Asset* asset = subscriber.asset();
+  return asset != nullptr && asset->rows_ready > 0 && pose.envelope.epoch == subscriber.epoch() && pose.channels >= 3 &&
+         pose.coefficients.size() >= std::size_t{asset->rank} * pose.channels;
+}
+
 ec_status rebuild(ec_subscriber& self, double detail, ec_surface* out) {
   const Asset* asset = self.subscriber->asset();
-  if (!self.current || asset == nullptr || asset->rows_ready == 0) {
+  if (!self.current || !can_rebuild(*self.subscriber, *self.current)) {
     return failed(fail(ErrorCode::kNotFound,
-                       "ec_subscriber_surface: no pose has come yet; call ec_subscriber_next until it returns EC_OK"));
+                       "ec_subscriber_surface: no pose of the present surface has come yet; call ec_subscriber_next "
+                       "until it returns EC_OK"));
   }
   if (!(detail >= 0 && detail <= 1)) return invalid("ec_subscriber_surface: detail must lie in 0..1");
   const std::uint32_t level = level_from_fraction(*asset, detail);
@@ -235,6 +250,7 @@ ec_status ec_bake(const double* positions, uint32_t vertex_count, const uint32_t
                   const ec_bake_options* options, ec_asset** asset) {
   return guarded([&] {
     if (asset == nullptr) return invalid("ec_bake: asset is null");
+    if (lacks_size(options)) return invalid("ec_bake: struct_size of the options is not set; use EC_INIT");
     const ec_bake_options given = filled(options);
     const auto surface = surface_from(positions, vertex_count, faces, face_count);
     if (!surface) return failed(surface.error());
@@ -280,6 +296,7 @@ ec_status ec_publisher_create(const char* url, const ec_asset* asset, const ec_p
   return guarded([&] {
     if (url == nullptr || asset == nullptr || publisher == nullptr)
       return invalid("ec_publisher_create: url, asset or publisher is null");
+    if (lacks_size(options)) return invalid("ec_publisher_create: struct_size of the options is not set; use EC_INIT");
     const ec_publisher_options given = filled(options);
     PublisherOptions publisher_options;
     publisher_options.url = url;
@@ -326,6 +343,7 @@ void ec_publisher_release(ec_publisher* publisher) {
 ec_status ec_subscriber_create(const char* url, const ec_subscriber_options* options, ec_subscriber** subscriber) {
   return guarded([&] {
     if (url == nullptr || subscriber == nullptr) return invalid("ec_subscriber_create: url or subscriber is null");
+    if (lacks_size(options)) return invalid("ec_subscriber_create: struct_size of the options is not set; use EC_INIT");
     const ec_subscriber_options given = filled(options);
     SubscriberOptions subscriber_options;
     subscriber_options.url = url;
@@ -348,6 +366,9 @@ ec_status ec_subscriber_next(ec_subscriber* subscriber, int timeout_ms) {
       }
       // A new asset may have come in poll(): what was made from the old one is void.
       subscriber->triangles_of = nullptr;
+    }
+    while (!subscriber->waiting.empty() && !can_rebuild(*subscriber->subscriber, subscriber->waiting.front())) {
+      subscriber->waiting.pop_front();
     }
     if (subscriber->waiting.empty()) return EC_NOTHING;
     subscriber->current = std::move(subscriber->waiting.front());

@@ -201,7 +201,8 @@ EC_API ec_status ec_subscriber_next(ec_subscriber* subscriber, int timeout_ms);
 /**
  * Rebuilds the current pose.
  *   detail  fraction of the vertices, 0..1
- * Errors: EC_NOT_FOUND before the first pose, EC_INVALID_ARGUMENT.
+ * Errors: EC_NOT_FOUND before the first pose, and between a change of the stream's surface and its next pose: call
+ * ec_subscriber_next() again; EC_INVALID_ARGUMENT.
  */
 EC_API ec_status ec_subscriber_surface(ec_subscriber* subscriber, double detail, ec_surface* surface);
 EC_API ec_status ec_subscriber_get_stats(const ec_subscriber* subscriber, ec_subscriber_stats* stats);
