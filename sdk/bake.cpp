@@ -42,7 +42,7 @@ std::string text(const char* format, auto... values) {
 
 /// Peak of a bake: eigenvectors, candidate columns and the basis side by side, and the vectors of one Lanczos band.
 double bytes_needed(std::size_t n, std::size_t rank) {
-  return 8.0 * static_cast<double>(n) * (3.5 * static_cast<double>(rank) + 300);
+  return 8.0 * static_cast<double>(n) * (3 * static_cast<double>(rank) + 150);
 }
 
 double bytes_of_machine() {
