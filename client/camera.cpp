@@ -1,0 +1,151 @@
+// SPDX-License-Identifier: MIT
+#include "client/camera.h"
+
+#include <algorithm>
+#include <array>
+#include <cassert>
+#include <cmath>
+#include <glm/ext/matrix_clip_space.hpp>
+#include <glm/ext/matrix_transform.hpp>
+#include <glm/geometric.hpp>
+
+namespace eigencast {
+namespace {
+
+constexpr float kPi = 3.14159265F;
+constexpr float kSteepest = 0.5F * kPi - 1e-3F;  // the view would turn over at the poles
+constexpr float kRadiansPerPixel = 0.0065F;
+constexpr float kZoomPerStep = 1.15F;
+
+struct NamedView {
+  std::string_view name;
+  float azimuth, elevation;
+};
+constexpr std::array<NamedView, 7> kViews{{{"iso", 0.6F, 0.3F},
+                                           {"front", 0, 0},
+                                           {"right", 0.5F * kPi, 0},
+                                           {"back", kPi, 0},
+                                           {"left", -0.5F * kPi, 0},
+                                           {"top", 0, kSteepest},
+                                           {"bottom", 0, -kSteepest}}};
+
+}  // namespace
+
+void Camera::set_scene(const glm::vec3& low, const glm::vec3& high) {
+  assert(low.x <= high.x && low.y <= high.y && low.z <= high.z);
+  low_ = low;
+  high_ = high;
+  radius_ = std::max(0.5F * glm::length(high - low), 1e-20F);
+  if (!moved_) home();
+}
+
+void Camera::set_up(Up up) {
+  up_ = up;
+  home();
+}
+
+glm::vec3 Camera::up_vector() const {
+  return up_ == Up::kX ? glm::vec3(1, 0, 0) : up_ == Up::kY ? glm::vec3(0, 1, 0) : glm::vec3(0, 0, 1);
+}
+
+void Camera::set_viewport(int width_px, int height_px) {
+  width_ = std::max(width_px, 1);
+  height_ = std::max(height_px, 1);
+  if (!moved_) home();
+}
+
+void Camera::home() {
+  target_ = 0.5F * (low_ + high_);
+  azimuth_ = home_azimuth_;
+  elevation_ = home_elevation_;
+  moved_ = false;
+  // The corners of the box, not its sphere, decide the distance: a long thin surface then fills the window as well.
+  const glm::vec3 back = offset_direction();
+  const glm::vec3 right = glm::normalize(glm::cross(up_vector(), back));
+  const glm::vec3 above = glm::cross(back, right);
+  const float tan_y = std::tan(0.5F * kFieldOfView);
+  const float tan_x = tan_y * static_cast<float>(width_) / static_cast<float>(height_);
+  float distance = 0;
+  for (int corner = 0; corner < 8; ++corner) {
+    const glm::vec3 p(corner & 1 ? high_.x : low_.x, corner & 2 ? high_.y : low_.y, corner & 4 ? high_.z : low_.z);
+    const glm::vec3 d = p - target_;
+    const float reach = std::max(std::abs(glm::dot(d, right)) / tan_x, std::abs(glm::dot(d, above)) / tan_y);
+    distance = std::max(distance, reach + glm::dot(d, back));
+  }
+  distance_ = std::max(1.12F * distance, 1e-3F * radius_);
+}
+
+bool Camera::set_view(std::string_view name) {
+  const auto view = std::find_if(kViews.begin(), kViews.end(), [&](const NamedView& v) { return v.name == name; });
+  if (view == kViews.end()) return false;
+  home_azimuth_ = view->azimuth;
+  home_elevation_ = view->elevation;
+  home();
+  return true;
+}
+
+void Camera::rotate(const glm::vec2& drag_px) {
+  azimuth_ = std::remainder(azimuth_ - drag_px.x * kRadiansPerPixel, 2 * kPi);
+  elevation_ = std::clamp(elevation_ + drag_px.y * kRadiansPerPixel, -kSteepest, kSteepest);
+  moved_ = true;
+}
+
+void Camera::pan(const glm::vec2& drag_px) {
+  const glm::vec3 back = offset_direction();
+  const glm::vec3 right = glm::normalize(glm::cross(up_vector(), back));
+  const glm::vec3 above = glm::cross(back, right);
+  const float scene_per_px = 2 * std::tan(0.5F * kFieldOfView) * distance_ / static_cast<float>(height_);
+  target_ += scene_per_px * (-drag_px.x * right + drag_px.y * above);
+  moved_ = true;
+}
+
+void Camera::zoom(float steps, const glm::vec2& cursor_px) {
+  const float nearest = 0.02F * radius_, farthest = 60 * radius_;
+  const float wanted = std::clamp(distance_ * std::pow(kZoomPerStep, -steps), nearest, farthest);
+  const float shrink = wanted / distance_;
+  // The point of the target's plane under the cursor keeps its pixel if the target moves towards it by the same ratio.
+  const glm::vec2 from_centre = cursor_px - 0.5F * glm::vec2(width_, height_);
+  pan(-(1 - shrink) * from_centre);
+  distance_ = wanted;
+}
+
+glm::vec3 Camera::offset_direction() const {
+  const float c = std::cos(elevation_), s = std::sin(elevation_);
+  const float a = c * std::sin(azimuth_), b = c * std::cos(azimuth_);
+  switch (up_) {
+    case Up::kX:
+      return {s, a, b};
+    case Up::kY:
+      return {a, s, b};
+    case Up::kZ:
+      return {a, -b, s};
+  }
+  return {a, s, b};
+}
+
+glm::vec3 Camera::position() const {
+  return target_ + distance_ * offset_direction();
+}
+
+glm::mat4 Camera::view_from_scene() const {
+  return glm::lookAt(position(), target_, up_vector());
+}
+
+glm::mat4 Camera::clip_from_view() const {
+  // The near plane is as far as the surface may come; the ratio stays small enough for a 24-bit depth buffer.
+  const glm::vec3 centre = 0.5F * (low_ + high_);
+  const float to_centre = glm::length(position() - centre);
+  const float far_plane = to_centre + 9 * radius_;
+  const float near_plane = std::max(to_centre - 2.5F * radius_, 1e-3F * far_plane);
+  return glm::perspective(kFieldOfView, static_cast<float>(width_) / static_cast<float>(height_), near_plane,
+                          far_plane);
+}
+
+std::optional<glm::vec2> Camera::pixel_from_scene(const glm::vec3& point) const {
+  const glm::vec4 clip = clip_from_view() * view_from_scene() * glm::vec4(point, 1);
+  if (clip.w <= 0) return std::nullopt;
+  return glm::vec2((0.5F + 0.5F * clip.x / clip.w) * static_cast<float>(width_),
+                   (0.5F - 0.5F * clip.y / clip.w) * static_cast<float>(height_));
+}
+
+}  // namespace eigencast

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: MIT
+#include "client/gl_objects.h"
+
+#include <array>
+#include <utility>
+
+namespace eigencast {
+namespace {
+
+Result<GLuint> compile(GLenum kind, const std::string& name, const std::string& source) {
+  const GLuint shader = glCreateShader(kind);
+  const char* text = source.c_str();
+  glShaderSource(shader, 1, &text, nullptr);
+  glCompileShader(shader);
+  GLint good = GL_FALSE;
+  glGetShaderiv(shader, GL_COMPILE_STATUS, &good);
+  if (good == GL_TRUE) return shader;
+  std::array<char, 2048> log{};
+  glGetShaderInfoLog(shader, static_cast<GLsizei>(log.size()), nullptr, log.data());
+  glDeleteShader(shader);
+  return fail(ErrorCode::kInternal, "shader " + name + " does not compile: " + log.data());
+}
+
+}  // namespace
+
+Result<GlProgram> GlProgram::create(const std::string& name, const std::string& vertex, const std::string& fragment) {
+  const Result<GLuint> v = compile(GL_VERTEX_SHADER, name, vertex);
+  if (!v) return v.error();
+  const Result<GLuint> f = compile(GL_FRAGMENT_SHADER, name, fragment);
+  if (!f) {
+    glDeleteShader(*v);
+    return f.error();
+  }
+  GlProgram program;
+  program.id_ = glCreateProgram();
+  glAttachShader(program.id_, *v);
+  glAttachShader(program.id_, *f);
+  glLinkProgram(program.id_);
+  glDeleteShader(*v);
+  glDeleteShader(*f);
+  GLint good = GL_FALSE;
+  glGetProgramiv(program.id_, GL_LINK_STATUS, &good);
+  if (good == GL_TRUE) return program;
+  std::array<char, 2048> log{};
+  glGetProgramInfoLog(program.id_, static_cast<GLsizei>(log.size()), nullptr, log.data());
+  return fail(ErrorCode::kInternal, "shader " + name + " does not link: " + log.data());
+}
+
+GlProgram& GlProgram::operator=(GlProgram&& other) noexcept {
+  std::swap(id_, other.id_);
+  return *this;
+}
+
+GlProgram::~GlProgram() {
+  if (id_ != 0) glDeleteProgram(id_);
+}
+
+void GlTarget::resize(int width, int height, int samples) {
+  if (width == width_ && height == height_) return;
+  release();
+  width_ = width;
+  height_ = height;
+  glGenTextures(1, &sampled_colour_);
+  glBindTexture(GL_TEXTURE_2D_MULTISAMPLE, sampled_colour_);
+  glTexImage2DMultisample(GL_TEXTURE_2D_MULTISAMPLE, samples, GL_RGBA8, width, height, GL_TRUE);
+  glGenTextures(1, &depth_);
+  glBindTexture(GL_TEXTURE_2D_MULTISAMPLE, depth_);
+  glTexImage2DMultisample(GL_TEXTURE_2D_MULTISAMPLE, samples, GL_DEPTH_COMPONENT24, width, height, GL_TRUE);
+  glGenFramebuffers(1, &drawing_);
+  glBindFramebuffer(GL_FRAMEBUFFER, drawing_);
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D_MULTISAMPLE, sampled_colour_, 0);
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D_MULTISAMPLE, depth_, 0);
+  glGetIntegerv(GL_SAMPLES, &samples_);
+
+  glGenTextures(1, &colour_);
+  glBindTexture(GL_TEXTURE_2D, colour_);
+  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, width, height, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+  glGenFramebuffers(1, &resolved_);
+  glBindFramebuffer(GL_FRAMEBUFFER, resolved_);
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, colour_, 0);
+}
+
+void GlTarget::resolve() const {
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, drawing_);
+  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, resolved_);
+  glBlitFramebuffer(0, 0, width_, height_, 0, 0, width_, height_, GL_COLOR_BUFFER_BIT, GL_NEAREST);
+}
+
+void GlTarget::release() {
+  if (drawing_ == 0) return;
+  const std::array<GLuint, 2> framebuffers{drawing_, resolved_};
+  const std::array<GLuint, 3> textures{sampled_colour_, depth_, colour_};
+  glDeleteFramebuffers(2, framebuffers.data());
+  glDeleteTextures(3, textures.data());
+  drawing_ = 0;
+}
+
+}  // namespace eigencast

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <epoxy/gl.h>
+
+#include <glm/mat4x4.hpp>
+#include <glm/vec2.hpp>
+#include <glm/vec3.hpp>
+#include <glm/vec4.hpp>
+#include <string>
+#include <string_view>
+
+#include "common/core/result.h"
+
+namespace eigencast {
+
+/// A linked program; uniforms that the driver removed are skipped. Owned; needs its context current when destroyed.
+class GlProgram final {
+ public:
+  GlProgram() = default;
+  /// Errors: kInternal, with the compiler's log.
+  static Result<GlProgram> create(const std::string& name, const std::string& vertex, const std::string& fragment);
+  GlProgram(GlProgram&& other) noexcept : id_(other.id_) { other.id_ = 0; }
+  GlProgram& operator=(GlProgram&& other) noexcept;
+  ~GlProgram();
+
+  void use() const { glUseProgram(id_); }
+  void set(const char* name, float value) const { glUniform1f(at(name), value); }
+  void set(const char* name, int value) const { glUniform1i(at(name), value); }
+  void set(const char* name, const glm::vec2& value) const { glUniform2fv(at(name), 1, &value[0]); }
+  void set(const char* name, const glm::vec3& value) const { glUniform3fv(at(name), 1, &value[0]); }
+  void set(const char* name, const glm::vec4& value) const { glUniform4fv(at(name), 1, &value[0]); }
+  void set(const char* name, const glm::mat4& value) const { glUniformMatrix4fv(at(name), 1, GL_FALSE, &value[0][0]); }
+
+ private:
+  GLint at(const char* name) const { return glGetUniformLocation(id_, name); }
+  GLuint id_ = 0;
+};
+
+/// Framebuffers of one size: a multisampled one to draw to with a depth that can be read, and its resolved colours.
+class GlTarget final {
+ public:
+  GlTarget() = default;
+  GlTarget(const GlTarget&) = delete;
+  GlTarget& operator=(const GlTarget&) = delete;
+  ~GlTarget() { release(); }
+
+  /// Makes it width x height with up to `samples` a pixel; nothing happens if it is so already.
+  void resize(int width, int height, int samples);
+  void bind() const { glBindFramebuffer(GL_FRAMEBUFFER, drawing_); }
+  /// Averages the samples into colour_texture().
+  void resolve() const;
+  GLuint colour_texture() const { return colour_; }
+  GLuint depth_texture() const { return depth_; }
+  int samples() const { return samples_; }
+
+ private:
+  void release();
+  int width_ = 0, height_ = 0, samples_ = 0;
+  GLuint drawing_ = 0, sampled_colour_ = 0, depth_ = 0, resolved_ = 0, colour_ = 0;
+};
+
+}  // namespace eigencast

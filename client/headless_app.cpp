@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: MIT
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+
+#include "client/apps.h"
+#include "client/offscreen.h"
+#include "client/overlay.h"
+#include "client/renderer.h"
+#include "client/session.h"
+
+namespace eigencast {
+namespace {
+
+std::string frame_name(const std::string& folder, std::uint64_t number) {
+  char name[32];
+  std::snprintf(name, sizeof name, "frame_%04llu.png", static_cast<unsigned long long>(number));
+  return (std::filesystem::path(folder) / name).string();
+}
+
+class Headless {
+ public:
+  Headless(const ClientOptions& options, const LogSink& log) : options_(options), log_(log) {}
+
+  Result<void> open(PoseSource& source) {
+    Result<std::unique_ptr<OffscreenContext>> context = OffscreenContext::create();
+    if (!context) return context.error();
+    context_ = std::move(context).value();
+    Result<std::unique_ptr<Renderer>> renderer = Renderer::create();
+    if (!renderer) return renderer.error();
+    renderer_ = std::move(renderer).value();
+    Result<std::unique_ptr<Session>> session = Session::create(options_, source, log_);
+    if (!session) return session.error();
+    session_ = std::move(session).value();
+    if (options_.hud) overlay_ = std::make_unique<Overlay>(nullptr);
+    camera_.set_viewport(options_.width, options_.height);
+    camera_.set_view(options_.view);
+    if (options_.out.empty()) return {};
+    std::error_code error;
+    std::filesystem::create_directories(options_.out, error);
+    if (error) return fail(ErrorCode::kIo, options_.out + ": cannot make the folder: " + error.message());
+    return {};
+  }
+
+  Result<int> run(const std::atomic<bool>& stop) {
+    const TimeUs start = steady_now_us();
+    while (!stop.load()) {
+      const double seconds = static_cast<double>(steady_now_us() - start) / 1e6;
+      if (options_.duration_s > 0 && seconds >= options_.duration_s) break;
+      if (options_.frames > 0 && taken_ >= options_.frames) break;
+      if (taken_ == 0 && seconds >= options_.wait_s) return report_no_stream();
+      session_->update(std::chrono::milliseconds(20), camera_);
+      if (session_->scene().poses_shown() == shown_) continue;
+      shown_ = session_->scene().poses_shown();
+      if (const Result<void> taken = take_picture(); !taken) return taken.error();
+    }
+    if (const Result<void> written = write_results(); !written) return written.error();
+    return taken_ > 0 || stop.load() ? kExitGood : report_no_stream();
+  }
+
+ private:
+  Result<void> take_picture() {
+    const unsigned target = renderer_->offscreen_target(options_.width, options_.height);
+    session_->draw(*renderer_, camera_, {}, options_.width, options_.height, target, true);
+    if (overlay_) {
+      overlay_->draw({hud_lines(session_->figures()),
+                      session_->connection(),
+                      session_->is_connected(),
+                      session_->banner(),
+                      {},
+                      false},
+                     options_.width, options_.height, target);
+    }
+    ++taken_;
+    if (options_.out.empty()) return {};
+    const Result<void> written =
+        write_png(frame_name(options_.out, taken_), Renderer::read_back(options_.width, options_.height, target));
+    if (written) session_->count_written();
+    return written;
+  }
+
+  Result<void> write_results() {
+    if (!options_.screenshot.empty() && taken_ > 0) {
+      const unsigned target = renderer_->offscreen_target(options_.width, options_.height);
+      const Result<void> written =
+          write_png(options_.screenshot, Renderer::read_back(options_.width, options_.height, target));
+      if (!written) return written;
+    }
+    std::string path = options_.json;
+    if (path.empty() && !options_.out.empty()) path = (std::filesystem::path(options_.out) / "report.json").string();
+    const std::string report = session_->report(*renderer_, options_.width, options_.height);
+    const HudFigures f = session_->figures();
+    log(log_, LogLevel::kInfo,
+        std::to_string(taken_) + " poses drawn at level " + std::to_string(f.vertices) + " of " +
+            std::to_string(f.vertices_total) + (path.empty() ? "" : ", report: " + path));
+    return path.empty() ? Result<void>() : write_text(path, report);
+  }
+
+  int report_no_stream() {
+    log(log_, LogLevel::kError,
+        "no pose came from " + options_.url + " in time (" + session_->connection() +
+            "); is a sender running? --wait gives it longer");
+    return kExitNoStream;
+  }
+
+  const ClientOptions& options_;
+  const LogSink& log_;
+  // The context goes last: what follows it needs it current when destroyed.
+  std::unique_ptr<OffscreenContext> context_;
+  std::unique_ptr<Renderer> renderer_;
+  std::unique_ptr<Overlay> overlay_;
+  std::unique_ptr<Session> session_;
+  Camera camera_;
+  std::uint64_t taken_ = 0, shown_ = 0;
+};
+
+}  // namespace
+
+Result<void> write_text(const std::string& path, const std::string& text) {
+  const std::string partial = path + ".partial";
+  std::ofstream out(partial, std::ios::trunc);
+  out << text;
+  out.close();
+  std::error_code error;
+  if (out) std::filesystem::rename(partial, path, error);
+  if (!out || error) return fail(ErrorCode::kIo, path + ": cannot be written; is its folder there?");
+  return {};
+}
+
+int run_headless(const ClientOptions& options, PoseSource& source, const std::atomic<bool>& stop,
+                 const LogSink& log_sink) {
+  Headless headless(options, log_sink);
+  if (const Result<void> ready = headless.open(source); !ready) {
+    log(log_sink, LogLevel::kError, ready.error().message);
+    return kExitFailed;
+  }
+  const Result<int> code = headless.run(stop);
+  if (code) return *code;
+  log(log_sink, LogLevel::kError, code.error().message);
+  return kExitFailed;
+}
+
+}  // namespace eigencast

@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: MIT
+#include "client/hud_text.h"
+
+#include <cstdarg>
+#include <cstdio>
+
+namespace eigencast {
+namespace {
+
+[[gnu::format(printf, 1, 2)]] std::string text(const char* format, ...) {
+  char line[256];
+  va_list arguments;
+  va_start(arguments, format);
+  std::vsnprintf(line, sizeof line, format, arguments);
+  va_end(arguments);
+  return line;
+}
+
+/// 32802 -> "32,802"
+std::string with_commas(std::uint64_t number) {
+  std::string digits = std::to_string(number);
+  for (std::size_t at = digits.size(); at > 3; at -= 3) digits.insert(at - 3, ",");
+  return digits;
+}
+
+std::string milliseconds(TimeUs us) {
+  const double ms = static_cast<double>(us) / 1000;
+  return text(ms < 10 ? "%.1f ms" : "%.0f ms", ms);
+}
+
+double megabytes(std::uint64_t bytes) {
+  return static_cast<double>(bytes) / 1e6;
+}
+
+}  // namespace
+
+std::string_view name_of(Subscriber::State state) {
+  switch (state) {
+    case Subscriber::State::kConnecting:
+      return "connecting";
+    case Subscriber::State::kWaiting:
+      return "waiting";
+    case Subscriber::State::kDownloading:
+      return "downloading";
+    case Subscriber::State::kLive:
+      return "live";
+    case Subscriber::State::kStalled:
+      return "stalled";
+    case Subscriber::State::kLost:
+      return "lost";
+    case Subscriber::State::kRefused:
+      return "refused";
+  }
+  return "unknown";
+}
+
+std::string text_from_mode(const Profile& profile, PlayoutMode playout) {
+  std::string mode =
+      profile.rate == Profile::Rate::kRaw
+          ? std::string("raw")
+          : text("interpolated x%d %s", profile.k, profile.form == Profile::Form::kFull ? "full" : "compact");
+  switch (playout) {
+    case PlayoutMode::kLatest:
+      return mode + ", shown as it comes";
+    case PlayoutMode::kInterpolate:
+      return mode + ", smoothed";
+    case PlayoutMode::kEstimate:
+      return mode + ", estimated ahead";
+  }
+  return mode;
+}
+
+std::vector<std::string> hud_lines(const HudFigures& f) {
+  std::vector<std::string> lines;
+  lines.push_back(text("%.0f keys/s \xC2\xB7 %.0f poses/s \xC2\xB7 %.0f drawn/s", f.keys_hz, f.poses_hz, f.drawn_hz));
+  lines.push_back(text("%.0f kbit/s", f.kbit_per_s) + (f.latency_count == 0
+                                                           ? std::string(" \xC2\xB7 latency not known yet")
+                                                           : " \xC2\xB7 latency " + milliseconds(f.latency_p50_us) +
+                                                                 " (p99 " + milliseconds(f.latency_p99_us) + ")"));
+  const double level = f.vertices_total == 0 ? 0 : static_cast<double>(f.vertices) / f.vertices_total;
+  lines.push_back(text("LOD %.2f \xC2\xB7 ", level) + with_commas(f.vertices) + " of " + with_commas(f.vertices_total) +
+                  " vertices" + (f.faces == 0 ? std::string(", points") : ", " + with_commas(f.faces) + " faces"));
+  lines.push_back(text("bands %u of %u \xC2\xB7 rank %u", f.bands, f.bands_total, f.rank));
+  lines.push_back(f.mode);
+  return lines;
+}
+
+std::string connection_line(const Subscriber::Stats& stats, const std::optional<control::StreamInfo>& info) {
+  const std::string stream = info && !info->stream.empty() ? " \xC2\xB7 " + info->stream : std::string();
+  if (stats.state == Subscriber::State::kDownloading && stats.asset_bytes_total > 0) {
+    return text("downloading model %.1f of %.1f MB", megabytes(stats.asset_bytes_downloaded + stats.asset_bytes_cached),
+                megabytes(stats.asset_bytes_total)) +
+           stream;
+  }
+  std::string line(name_of(stats.state));
+  line += stream;
+  if (!stats.detail.empty() && stats.state != Subscriber::State::kLive) line += " \xC2\xB7 " + stats.detail;
+  return line;
+}
+
+std::string banner_text(const Subscriber::Stats& stats, std::optional<TimeUs> since_us) {
+  if (!since_us) return {};
+  const std::string since = text("no data for %.1f s", static_cast<double>(*since_us) / 1e6);
+  switch (stats.state) {
+    case Subscriber::State::kLive:
+    case Subscriber::State::kDownloading:
+      return {};
+    case Subscriber::State::kStalled:
+      return since + " - the sender is gone, this is its last pose";
+    case Subscriber::State::kWaiting:
+      return since + " - waiting for a sender";
+    case Subscriber::State::kRefused:
+      return since + " - refused: " + stats.detail;
+    case Subscriber::State::kConnecting:
+    case Subscriber::State::kLost:
+      return since + " - connection lost" + (stats.detail.empty() ? "" : ": " + stats.detail);
+  }
+  return {};
+}
+
+}  // namespace eigencast

@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "client/scene_state.h"
+#include "sdk/subscriber.h"
+
+namespace eigencast {
+
+/// What the figures on the screen are made of.
+struct HudFigures {
+  double keys_hz = 0, poses_hz = 0, drawn_hz = 0, kbit_per_s = 0;
+  TimeUs latency_p50_us = 0, latency_p99_us = 0;
+  std::uint64_t latency_count = 0;
+  std::uint32_t vertices = 0, vertices_total = 0, faces = 0;
+  std::uint32_t bands = 0, bands_total = 0, rank = 0;
+  std::string mode;  ///< From text_from_mode.
+};
+
+/// "live", "lost", ...: one word for each state.
+std::string_view name_of(Subscriber::State state);
+
+/// "interpolated x3 full, shown as it comes".
+std::string text_from_mode(const Profile& profile, PlayoutMode playout);
+
+/// The panel's lines, Latin-1 characters only.
+std::vector<std::string> hud_lines(const HudFigures& figures);
+
+/// One line on how the connection stands: "downloading model 4.1 of 11.3 MB".
+std::string connection_line(const Subscriber::Stats& stats, const std::optional<control::StreamInfo>& info);
+
+/// What to say across the picture while a surface stands still because nothing comes; empty while all is well.
+/// `since_us`: how long ago the last pose came; nothing if none ever came.
+std::string banner_text(const Subscriber::Stats& stats, std::optional<TimeUs> since_us);
+
+}  // namespace eigencast

@@ -1,0 +1,55 @@
+// SPDX-License-Identifier: MIT
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include <csignal>
+
+#include "client/apps.h"
+
+namespace {
+
+std::atomic<bool> stop_wanted{false};
+static_assert(std::atomic<bool>::is_always_lock_free, "a signal handler sets it");
+
+void on_signal(int) {
+  stop_wanted.store(true);
+}
+
+spdlog::level::level_enum level_from(eigencast::LogLevel level) {
+  switch (level) {
+    case eigencast::LogLevel::kDebug:
+      return spdlog::level::debug;
+    case eigencast::LogLevel::kInfo:
+      return spdlog::level::info;
+    case eigencast::LogLevel::kWarning:
+      return spdlog::level::warn;
+    case eigencast::LogLevel::kError:
+      return spdlog::level::err;
+  }
+  return spdlog::level::info;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  auto parsed = eigencast::options_from_command_line(argc, argv);
+  if (const auto* exit_now = std::get_if<eigencast::ExitNow>(&parsed)) return exit_now->code;
+  const auto& options = std::get<eigencast::ClientOptions>(parsed);
+
+  const auto logger = spdlog::stderr_color_mt("client");
+  logger->set_pattern("%H:%M:%S.%e %^%l%$ %v");
+  logger->set_level(options.verbose ? spdlog::level::debug : spdlog::level::info);
+  const eigencast::LogSink log = [logger](eigencast::LogLevel level, std::string_view message) {
+    logger->log(level_from(level), spdlog::string_view_t(message.data(), message.size()));
+  };
+  std::signal(SIGINT, on_signal);
+  std::signal(SIGTERM, on_signal);
+
+  auto source = eigencast::subscribe_to({options.url, options.profile, options.cache_dir}, log);
+  if (!source) {
+    eigencast::log(log, eigencast::LogLevel::kError, source.error().message);
+    return eigencast::kExitUsage;
+  }
+  return options.headless ? eigencast::run_headless(options, **source, stop_wanted, log)
+                          : eigencast::run_window(options, **source, stop_wanted, log);
+}

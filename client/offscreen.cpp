@@ -1,0 +1,61 @@
+// SPDX-License-Identifier: MIT
+#include "client/offscreen.h"
+
+#include <epoxy/egl.h>
+
+#include <array>
+#include <cstdio>
+
+namespace eigencast {
+namespace {
+
+Error no_egl(const char* what) {
+  char code[16];
+  std::snprintf(code, sizeof code, "0x%x", static_cast<unsigned>(eglGetError()));
+  return fail(ErrorCode::kUnsupported,
+              std::string("cannot render without a display: ") + what + " failed (EGL error " + code +
+                  "); install a driver with surfaceless EGL, such as Debian's libegl1 and libgl1-mesa-dri");
+}
+
+/// Mesa's surfaceless platform where it is offered (it never asks for a display server), else whatever the driver's
+/// default is.
+EGLDisplay open_display() {
+  if (epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_MESA_platform_surfaceless") &&
+      epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_EXT_platform_base")) {
+    return eglGetPlatformDisplayEXT(EGL_PLATFORM_SURFACELESS_MESA, EGL_DEFAULT_DISPLAY, nullptr);
+  }
+  return eglGetDisplay(EGL_DEFAULT_DISPLAY);
+}
+
+}  // namespace
+
+Result<std::unique_ptr<OffscreenContext>> OffscreenContext::create() {
+  std::unique_ptr<OffscreenContext> offscreen(new OffscreenContext);
+  const EGLDisplay display = open_display();
+  if (display == EGL_NO_DISPLAY) return no_egl("eglGetDisplay");
+  if (eglInitialize(display, nullptr, nullptr) == EGL_FALSE) return no_egl("eglInitialize");
+  offscreen->display_ = display;
+  if (eglBindAPI(EGL_OPENGL_API) == EGL_FALSE) return no_egl("eglBindAPI");
+  const std::array<EGLint, 3> wanted{EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_NONE};
+  EGLConfig config = nullptr;
+  EGLint count = 0;
+  if (eglChooseConfig(display, wanted.data(), &config, 1, &count) == EGL_FALSE) return no_egl("eglChooseConfig");
+  const std::array<EGLint, 7> attributes{
+      EGL_CONTEXT_MAJOR_VERSION,           3,       EGL_CONTEXT_MINOR_VERSION, 3, EGL_CONTEXT_OPENGL_PROFILE_MASK,
+      EGL_CONTEXT_OPENGL_CORE_PROFILE_BIT, EGL_NONE};
+  const EGLContext context =
+      eglCreateContext(display, count > 0 ? config : EGLConfig{}, EGL_NO_CONTEXT, attributes.data());
+  if (context == EGL_NO_CONTEXT) return no_egl("eglCreateContext (OpenGL 3.3 core)");
+  offscreen->context_ = context;
+  if (eglMakeCurrent(display, EGL_NO_SURFACE, EGL_NO_SURFACE, context) == EGL_FALSE) return no_egl("eglMakeCurrent");
+  return offscreen;
+}
+
+OffscreenContext::~OffscreenContext() {
+  if (display_ == nullptr) return;
+  eglMakeCurrent(display_, EGL_NO_SURFACE, EGL_NO_SURFACE, EGL_NO_CONTEXT);
+  if (context_ != nullptr) eglDestroyContext(display_, context_);
+  eglTerminate(display_);
+}
+
+}  // namespace eigencast

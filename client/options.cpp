@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: MIT
+#include "client/options.h"
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <map>
+
+#include "common/net/url.h"
+#include "sdk/asset_cache.h"
+
+namespace eigencast {
+namespace {
+
+constexpr const char* kExamples = R"(Examples:
+  eigencast-client                                        the stream "demo" of a broker on this machine
+  eigencast-client ws://host:7490/heart --lod 0.3         three tenths of the vertices
+  eigencast-client ws://host:7490/heart --rate raw --playout interpolate
+  eigencast-client --headless --frames 90 --out pictures  no display needed
+In the window, H shows the keys.
+Exit codes: 0 good, 1 failed (no display, no file written), 2 wrong usage, 4 no stream came.)";
+
+struct RawOptions {
+  std::string size = "1280x720", rate, form;
+  int k = 3, bands = 8;
+  double delay_ms = 40;
+};
+
+bool size_from_text(const std::string& text, int& width, int& height) {
+  char rest = 0;
+  return std::sscanf(text.c_str(), "%5dx%5d%c", &width, &height, &rest) == 2 && width >= 16 && height >= 16 &&
+         width <= 16384 && height <= 16384;
+}
+
+/// The profile that URL and options ask for together; options win.
+Result<std::optional<Profile>> profile_from(const CLI::App& app, const std::string& url, const RawOptions& raw) {
+  const Result<BrokerUrl> parsed = parse_broker_url(url);
+  if (!parsed) return parsed.error();
+  const Result<Profile> asked = profile_from_query(parsed->query);
+  if (!asked) return asked.error();
+  if (app.count("--rate") + app.count("--k") + app.count("--form") + app.count("--bands") == 0)
+    return std::optional<Profile>();
+  Profile profile = *asked;
+  if (app.count("--k") > 0) profile.k = static_cast<std::uint8_t>(raw.k);
+  if (app.count("--bands") > 0) profile.bands = static_cast<std::uint8_t>(raw.bands);
+  if (app.count("--form") > 0) profile.form = raw.form == "compact" ? Profile::Form::kCompact : Profile::Form::kFull;
+  if (app.count("--rate") > 0) profile.rate = raw.rate == "raw" ? Profile::Rate::kRaw : Profile::Rate::kInterpolated;
+  return std::optional<Profile>(profile);
+}
+
+ExitNow usage(const std::string& message) {
+  std::fprintf(stderr, "eigencast-client: %s\nTry eigencast-client --help\n", message.c_str());
+  return {kExitUsage};
+}
+
+}  // namespace
+
+std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const char* const* argv) {
+  ClientOptions options;
+  RawOptions raw;
+  options.cache_dir = default_cache_dir();
+  CLI::App app{"Watches a deforming surface that a broker streams.", "eigencast-client"};
+  app.footer(kExamples);
+  app.set_version_flag("--version", "eigencast-client " EIGENCAST_VERSION);
+  app.add_option("url", options.url, "ws://host[:port]/stream")->capture_default_str();
+  app.add_flag("--headless", options.headless, "no window: render into memory, no display needed");
+  app.add_option("--frames", options.frames, "end after so many new poses were drawn (0: never)");
+  app.add_option("--duration", options.duration_s, "end after so many seconds (0: never)")->check(CLI::Range(0.0, 1e7));
+  app.add_option("--out", options.out, "headless: folder for frame_0001.png ... and report.json");
+  app.add_option("--size", raw.size, "width x height in pixels")->capture_default_str();
+  app.add_option("--lod", options.scene.lod, "level of detail: fraction of the vertices, 0..1")
+      ->check(CLI::Range(0.0, 1.0));
+  app.add_option("--rate", raw.rate, "poses that the broker sends")->check(CLI::IsMember({"raw", "interpolated"}));
+  app.add_option("--k", raw.k, "poses per key when interpolated (default 3)")->check(CLI::Range(2, 15));
+  app.add_option("--form", raw.form, "who interpolates: the broker (full) or this program (compact)")
+      ->check(CLI::IsMember({"full", "compact"}));
+  app.add_option("--bands", raw.bands, "coefficient bands wanted, from the lowest")->check(CLI::Range(1, 8));
+  const std::map<std::string, PlayoutMode> modes{{"latest", PlayoutMode::kLatest},
+                                                 {"interpolate", PlayoutMode::kInterpolate},
+                                                 {"estimate", PlayoutMode::kEstimate}};
+  app.add_option("--playout", options.scene.playout, "poses between arrivals: latest (default), interpolate, estimate")
+      ->transform(CLI::CheckedTransformer(modes));
+  app.add_option("--delay", raw.delay_ms, "ms that --playout interpolate holds poses")
+      ->check(CLI::Range(0.0, 10'000.0))
+      ->capture_default_str();
+  app.add_option("--view", options.view, "first view")
+      ->check(CLI::IsMember({"iso", "front", "back", "left", "right", "top", "bottom"}));
+  app.add_flag("--hud", options.hud, "headless: draw the figures into the pictures too");
+  app.add_option("--json", options.json, "write the report to this file at the end");
+  app.add_option("--record", options.record, "write every received pose to this file, one JSON object a line");
+  app.add_option("--screenshot", options.screenshot, "write the last picture to this PNG file at the end");
+  app.add_option("--wait", options.wait_s, "headless: seconds to wait for the first pose")
+      ->check(CLI::Range(0.0, 1e7))
+      ->capture_default_str();
+  app.add_option("--cache", options.cache_dir, "folder for downloaded models; \"\" keeps none")->capture_default_str();
+  app.add_flag("-v,--verbose", options.verbose, "log more");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& stop) {
+    return ExitNow{app.exit(stop) == 0 ? kExitGood : kExitUsage};
+  }
+  if (!size_from_text(raw.size, options.width, options.height)) {
+    return usage("--size " + raw.size + ": give width x height of 16 to 16384 pixels, such as 1280x720");
+  }
+  if (!options.headless && !options.out.empty())
+    return usage("--out is for --headless; in the window use --screenshot or key S");
+  Result<std::optional<Profile>> profile = profile_from(app, options.url, raw);
+  if (!profile) return usage(options.url + ": " + profile.error().message);
+  options.profile = *profile;
+  options.scene.delay_us = static_cast<TimeUs>(raw.delay_ms * 1000);
+  return options;
+}
+
+}  // namespace eigencast

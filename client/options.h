@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <optional>
+#include <string>
+#include <variant>
+
+#include "client/scene_state.h"
+#include "common/wire/control.h"
+
+namespace eigencast {
+
+/// What the command line says.
+struct ClientOptions {
+  std::string url = "ws://127.0.0.1:7490/demo";
+  std::optional<Profile> profile;  ///< Set if an option asked for it; else the URL's query decides.
+  SceneOptions scene;
+  std::string view = "iso";
+  int width = 1280, height = 720;
+  bool headless = false, hud = false;
+  std::uint64_t frames = 0;  ///< 0: no limit
+  double duration_s = 0;     ///< 0: no limit
+  double wait_s = 30;        ///< Headless: how long to wait for the first pose.
+  std::string out, json, record, screenshot;
+  std::string cache_dir;
+  bool verbose = false;
+};
+
+/// Stands for "the process is done": --help or a usage error have been printed.
+struct ExitNow {
+  int code = 0;
+};
+
+/// Exit codes of the program.
+enum ExitCode : int { kExitGood = 0, kExitFailed = 1, kExitUsage = 2, kExitNoStream = 4 };
+
+/// Reads the command line; prints help to stdout and usage errors to stderr.
+std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const char* const* argv);
+
+}  // namespace eigencast

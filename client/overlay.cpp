@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: MIT
+#include "client/overlay.h"
+
+#include <backends/imgui_impl_glfw.h>
+#include <backends/imgui_impl_opengl3.h>
+#include <epoxy/gl.h>
+#include <imgui.h>
+
+#include <array>
+#include <filesystem>
+
+namespace eigencast {
+namespace {
+
+constexpr ImGuiWindowFlags kCard = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs |
+                                   ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings |
+                                   ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav;
+
+/// A proportional font where the system has one of the usual ones; ImGui's own otherwise.
+void load_font(float scale) {
+  const std::array<const char*, 3> files{"/usr/share/fonts/truetype/dejavu/DejaVuSans.ttf",
+                                         "/usr/share/fonts/truetype/noto/NotoSans-Regular.ttf",
+                                         "/usr/share/fonts/truetype/liberation/LiberationSans-Regular.ttf"};
+  ImFontAtlas& fonts = *ImGui::GetIO().Fonts;
+  for (const char* file : files) {
+    std::error_code error;
+    if (std::filesystem::exists(file, error) && fonts.AddFontFromFileTTF(file, 15 * scale) != nullptr) return;
+  }
+  ImFontConfig config;
+  config.SizePixels = 13 * scale;
+  fonts.AddFontDefault(&config);
+}
+
+/// A translucent card with one corner or edge (pivot, 0..1) pinned at a place of the picture.
+bool begin_card(const char* name, ImVec2 at, ImVec2 pivot, float alpha) {
+  ImGui::SetNextWindowPos(at, ImGuiCond_Always, pivot);
+  ImGui::SetNextWindowBgAlpha(alpha);
+  return ImGui::Begin(name, nullptr, kCard);
+}
+
+void draw_help(const std::vector<HelpLine>& lines, ImVec2 centre, float scale) {
+  begin_card("help", centre, {0.5F, 0.5F}, 0.86F);
+  if (ImGui::BeginTable("keys", 3, ImGuiTableFlags_SizingFixedFit)) {
+    for (const HelpLine& line : lines) {
+      ImGui::TableNextRow();
+      ImGui::TableNextColumn();
+      ImGui::TextColored({1.0F, 0.78F, 0.55F, 1}, "%s", line.keys.c_str());
+      ImGui::TableNextColumn();
+      ImGui::Dummy({10 * scale, 0});
+      ImGui::SameLine();
+      ImGui::TextUnformatted(line.what.c_str());
+      ImGui::TableNextColumn();
+      ImGui::TextDisabled("%s", line.state.c_str());
+    }
+    ImGui::EndTable();
+  }
+  ImGui::End();
+}
+
+}  // namespace
+
+Overlay::Overlay(void* window, float scale) : has_window_(window != nullptr), scale_(scale) {
+  ImGui::CreateContext();
+  ImGui::GetIO().IniFilename = nullptr;
+  load_font(scale);
+  ImGui::StyleColorsDark();
+  ImGuiStyle& style = ImGui::GetStyle();
+  style.WindowRounding = 7;
+  style.WindowBorderSize = 0;
+  style.WindowPadding = {11, 8};
+  style.Colors[ImGuiCol_WindowBg] = {0.09F, 0.11F, 0.14F, 1};
+  style.Colors[ImGuiCol_TextDisabled] = {0.68F, 0.73F, 0.79F, 1};
+  style.ScaleAllSizes(scale);
+  if (has_window_) ImGui_ImplGlfw_InitForOpenGL(static_cast<GLFWwindow*>(window), true);
+  ImGui_ImplOpenGL3_Init("#version 330 core");
+}
+
+Overlay::~Overlay() {
+  ImGui_ImplOpenGL3_Shutdown();
+  if (has_window_) ImGui_ImplGlfw_Shutdown();
+  ImGui::DestroyContext();
+}
+
+void Overlay::draw(const OverlayContent& content, int width_px, int height_px, unsigned target) {
+  ImGui_ImplOpenGL3_NewFrame();
+  if (has_window_) {
+    ImGui_ImplGlfw_NewFrame();
+  } else {
+    ImGui::GetIO().DisplaySize = {static_cast<float>(width_px), static_cast<float>(height_px)};
+    ImGui::GetIO().DeltaTime = 1.0F / 60;
+  }
+  ImGui::NewFrame();
+  const ImVec2 size = ImGui::GetIO().DisplaySize;
+  const float gap = 12 * scale_;
+  if (!content.figures.empty()) {
+    begin_card("figures", {size.x - gap, gap}, {1, 0}, 0.62F);
+    for (std::size_t i = 0; i < content.figures.size(); ++i) {
+      if (i + 1 < content.figures.size())
+        ImGui::TextUnformatted(content.figures[i].c_str());
+      else
+        ImGui::TextDisabled("%s", content.figures[i].c_str());
+    }
+    ImGui::End();
+  }
+  if (!content.connection.empty()) {
+    begin_card("connection", {gap, size.y - gap}, {0, 1}, 0.62F);
+    // Shape and word carry the meaning, the colour only helps.
+    ImGui::TextColored(content.connected ? ImVec4(0.45F, 0.9F, 0.55F, 1) : ImVec4(1, 0.72F, 0.35F, 1), "%s",
+                       content.connected ? "(*)" : "( )");
+    ImGui::SameLine();
+    ImGui::TextUnformatted(content.connection.c_str());
+    if (content.paused) {
+      ImGui::SameLine();
+      ImGui::TextColored({1, 0.85F, 0.5F, 1}, "  paused (Space)");
+    }
+    ImGui::End();
+  }
+  if (!content.banner.empty()) {
+    begin_card("banner", {0.5F * size.x, 4 * gap}, {0.5F, 0}, 0.88F);
+    ImGui::TextColored({1, 0.80F, 0.45F, 1}, "%s", content.banner.c_str());
+    ImGui::End();
+  }
+  if (!content.help.empty()) draw_help(content.help, {0.5F * size.x, 0.5F * size.y}, scale_);
+  ImGui::Render();
+  glBindFramebuffer(GL_FRAMEBUFFER, target);
+  ImGui_ImplOpenGL3_RenderDrawData(ImGui::GetDrawData());
+}
+
+}  // namespace eigencast

@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "client/viewer_state.h"
+
+namespace eigencast {
+
+/// What the overlay shows; empty strings and lists are left out.
+struct OverlayContent {
+  std::vector<std::string> figures;
+  std::string connection;
+  bool connected = true;
+  std::string banner;
+  std::vector<HelpLine> help;
+  bool paused = false;
+};
+
+/// Text over the picture: figures, connection line, banner, help (Dear ImGui). One at a time; belongs to the OpenGL
+/// context that was current when it was made. Not thread-safe.
+class Overlay final {
+ public:
+  /// `window`: the GLFWwindow whose input it follows, or null without a window. scale: 1 = 96 dpi.
+  explicit Overlay(void* window, float scale = 1);
+  ~Overlay();
+  Overlay(const Overlay&) = delete;
+  Overlay& operator=(const Overlay&) = delete;
+
+  /// Draws to framebuffer `target`.
+  void draw(const OverlayContent& content, int width_px, int height_px, unsigned target);
+
+ private:
+  bool has_window_;
+  float scale_;
+};
+
+}  // namespace eigencast

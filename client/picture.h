@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "common/core/result.h"
+
+namespace eigencast {
+
+/// An 8-bit RGB picture, row by row from the top.
+struct Picture {
+  int width = 0, height = 0;
+  std::vector<std::uint8_t> rgb;  ///< height x width x 3
+
+  const std::uint8_t* pixel(int x, int y) const {
+    return rgb.data() +
+           3 * (static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x));
+  }
+};
+
+/// Writes through a temporary name, so that no half picture is ever seen. Errors: kIo, kInvalidArgument.
+Result<void> write_png(const std::string& path, const Picture& picture);
+
+/// Errors: kIo, kCorrupt, kTooLarge (a side over 16,384).
+Result<Picture> read_png(const std::string& path);
+
+}  // namespace eigencast

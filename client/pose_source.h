@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <chrono>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "sdk/subscriber.h"
+
+namespace eigencast {
+
+/// Where the viewer's poses come from. Seen by the applications only through this, so that tests feed them without a
+/// network.
+///
+/// Use from one thread. asset(), epoch() and info() change only inside poll().
+class PoseSource {
+ public:
+  virtual ~PoseSource() = default;
+  /// Waits at most `timeout` for news and returns the poses that came, oldest first.
+  virtual std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout) = 0;
+  /// The surface as far as it has arrived; null before its first part. Valid until the next poll().
+  virtual const Asset* asset() const = 0;
+  virtual std::uint32_t epoch() const = 0;
+  virtual const std::optional<control::StreamInfo>& info() const = 0;
+  virtual Subscriber::Stats stats() const = 0;
+};
+
+/// The source that watches a stream of a broker. Errors: as Subscriber::create.
+Result<std::unique_ptr<PoseSource>> subscribe_to(SubscriberOptions options, LogSink log = {});
+
+}  // namespace eigencast

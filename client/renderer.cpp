@@ -1,0 +1,416 @@
+// SPDX-License-Identifier: MIT
+#include "client/renderer.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstring>
+#include <glm/ext/matrix_clip_space.hpp>
+#include <glm/ext/matrix_transform.hpp>
+#include <glm/geometric.hpp>
+
+#include "client/gl_objects.h"
+#include "client/shaders.h"
+
+namespace eigencast {
+namespace {
+
+constexpr int kSamples = 4;
+constexpr int kShadowSide = 1024;
+constexpr glm::vec3 kClay{0.70F, 0.185F, 0.115F};
+constexpr glm::vec3 kClayInside{0.24F, 0.30F, 0.38F};
+
+/// A light direction given as seen from the camera: to its right, above it, behind it.
+glm::vec3 light_beside(const Camera& camera, float right, float above, float behind) {
+  const glm::vec3 back = glm::normalize(camera.position() - camera.target());
+  const glm::vec3 side = glm::normalize(glm::cross(camera.up_vector(), back));
+  const glm::vec3 level = glm::cross(side, camera.up_vector());
+  return glm::normalize(right * side + above * camera.up_vector() + behind * level);
+}
+
+glm::vec3 centre_of(const Camera& camera) {
+  return 0.5F * (camera.scene_low() + camera.scene_high());
+}
+
+}  // namespace
+
+class Renderer::Impl {
+ public:
+  ~Impl();
+  Result<void> init();
+  void upload(const SurfaceGeometry& geometry);
+  void draw(const Camera& camera, const RenderOptions& options, int width, int height, unsigned target);
+  unsigned offscreen_target(int width, int height);
+
+  GlTarget target_;
+  std::string device_;
+
+ private:
+  void draw_shadow_map();
+  void draw_background() const;
+  void draw_ground(const Camera& camera, const RenderOptions& options) const;
+  void draw_mesh(const RenderOptions& options) const;
+  void draw_splats(const Camera& camera, int height, float scale) const;
+  void draw_axes(const Camera& camera) const;
+  void set_lighting(const GlProgram& program, const Camera& camera) const;
+  void finish_picture(const RenderOptions& options, unsigned target) const;
+
+  GlProgram background_, shadow_, mesh_, line_, splat_, ground_, finish_;
+  GLuint surface_array_ = 0, empty_array_ = 0, axes_array_ = 0;
+  GLuint positions_ = 0, normals_ = 0, triangles_ = 0, axes_ = 0;
+  GLuint shadow_map_ = 0, shadow_framebuffer_ = 0;
+  GLuint offscreen_ = 0, offscreen_colour_ = 0;
+  int offscreen_width_ = 0, offscreen_height_ = 0;
+  GLsizei vertex_count_ = 0, index_count_ = 0;
+  std::uint64_t pose_version_ = 0, topology_version_ = 0;
+  bool is_point_cloud_ = false;
+  float spacing_ = 0;
+  glm::mat4 clip_from_scene_{1}, view_from_scene_{1}, clip_from_view_{1}, light_from_scene_{1};
+  glm::vec3 key_light_{0, 1, 0}, fill_light_{0, 0, 1};
+  float scene_radius_ = 1;
+};
+
+Renderer::Impl::~Impl() {
+  for (GLuint array : {surface_array_, empty_array_, axes_array_}) glDeleteVertexArrays(1, &array);
+  for (GLuint buffer : {positions_, normals_, triangles_, axes_}) glDeleteBuffers(1, &buffer);
+  for (GLuint texture : {shadow_map_, offscreen_colour_}) glDeleteTextures(1, &texture);
+  for (GLuint framebuffer : {shadow_framebuffer_, offscreen_}) glDeleteFramebuffers(1, &framebuffer);
+}
+
+Result<void> Renderer::Impl::init() {
+  if (epoxy_gl_version() < 33) {
+    return fail(ErrorCode::kUnsupported,
+                "the graphics driver offers OpenGL " + std::to_string(epoxy_gl_version() / 10) + "." +
+                    std::to_string(epoxy_gl_version() % 10) + ", the viewer needs 3.3; try --headless");
+  }
+  const void* name = glGetString(GL_RENDERER);
+  device_ = name == nullptr ? "unknown" : static_cast<const char*>(name);
+  struct Source {
+    GlProgram& program;
+    const char* name;
+    std::string vertex, fragment;
+  };
+  const std::string lighting = shaders::kLighting;
+  for (const Source& source : {Source{background_, "background", shaders::kScreenVertex, shaders::kBackgroundFragment},
+                               Source{shadow_, "shadow", shaders::kShadowVertex, shaders::kShadowFragment},
+                               Source{mesh_, "mesh", shaders::kMeshVertex, lighting + shaders::kMeshFragment},
+                               Source{line_, "line", shaders::kMeshVertex, shaders::kLineFragment},
+                               Source{splat_, "splat", shaders::kSplatVertex, lighting + shaders::kSplatFragment},
+                               Source{ground_, "ground", shaders::kGroundVertex, lighting + shaders::kGroundFragment},
+                               Source{finish_, "finish", shaders::kScreenVertex, shaders::kFinishFragment}}) {
+    Result<GlProgram> program = GlProgram::create(source.name, source.vertex, source.fragment);
+    if (!program) return program.error();
+    source.program = std::move(program).value();
+  }
+  for (GLuint* buffer : {&positions_, &normals_, &triangles_, &axes_}) glGenBuffers(1, buffer);
+  for (GLuint* array : {&surface_array_, &empty_array_, &axes_array_}) glGenVertexArrays(1, array);
+  glBindVertexArray(surface_array_);
+  glBindBuffer(GL_ARRAY_BUFFER, positions_);
+  glVertexAttribPointer(0, 3, GL_FLOAT, GL_FALSE, 0, nullptr);
+  glEnableVertexAttribArray(0);
+  glBindBuffer(GL_ARRAY_BUFFER, normals_);
+  glVertexAttribPointer(1, 3, GL_FLOAT, GL_FALSE, 0, nullptr);
+  glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, triangles_);
+  glBindVertexArray(axes_array_);
+  glBindBuffer(GL_ARRAY_BUFFER, axes_);
+  glVertexAttribPointer(0, 3, GL_FLOAT, GL_FALSE, 0, nullptr);
+  glEnableVertexAttribArray(0);
+
+  glGenTextures(1, &shadow_map_);
+  glBindTexture(GL_TEXTURE_2D, shadow_map_);
+  glTexImage2D(GL_TEXTURE_2D, 0, GL_DEPTH_COMPONENT24, kShadowSide, kShadowSide, 0, GL_DEPTH_COMPONENT, GL_FLOAT,
+               nullptr);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_COMPARE_MODE, GL_COMPARE_REF_TO_TEXTURE);
+  glGenFramebuffers(1, &shadow_framebuffer_);
+  glBindFramebuffer(GL_FRAMEBUFFER, shadow_framebuffer_);
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D, shadow_map_, 0);
+  glDrawBuffer(GL_NONE);
+  glReadBuffer(GL_NONE);
+  glBindFramebuffer(GL_FRAMEBUFFER, 0);
+  return {};
+}
+
+void Renderer::Impl::upload(const SurfaceGeometry& geometry) {
+  const auto bytes = [](const auto& values) { return static_cast<GLsizeiptr>(values.size() * sizeof(values[0])); };
+  is_point_cloud_ = geometry.is_point_cloud;
+  spacing_ = geometry.point_spacing;
+  if (geometry.pose_version != pose_version_) {
+    pose_version_ = geometry.pose_version;
+    vertex_count_ = static_cast<GLsizei>(geometry.vertex_count());
+    glBindVertexArray(surface_array_);
+    glBindBuffer(GL_ARRAY_BUFFER, positions_);
+    glBufferData(GL_ARRAY_BUFFER, bytes(geometry.positions), geometry.positions.data(), GL_STREAM_DRAW);
+    if (geometry.normals.empty()) {
+      glDisableVertexAttribArray(1);
+      glVertexAttrib3f(1, 0, 0, 0);
+    } else {
+      glEnableVertexAttribArray(1);
+      glBindBuffer(GL_ARRAY_BUFFER, normals_);
+      glBufferData(GL_ARRAY_BUFFER, bytes(geometry.normals), geometry.normals.data(), GL_STREAM_DRAW);
+    }
+  }
+  if (geometry.topology_version != topology_version_) {
+    topology_version_ = geometry.topology_version;
+    index_count_ = static_cast<GLsizei>(geometry.triangles.size());
+    glBindVertexArray(surface_array_);
+    glBufferData(GL_ELEMENT_ARRAY_BUFFER, bytes(geometry.triangles), geometry.triangles.data(), GL_DYNAMIC_DRAW);
+  }
+}
+
+void Renderer::Impl::draw(const Camera& camera, const RenderOptions& options, int width, int height, unsigned target) {
+  view_from_scene_ = camera.view_from_scene();
+  clip_from_view_ = camera.clip_from_view();
+  clip_from_scene_ = clip_from_view_ * view_from_scene_;
+  scene_radius_ = camera.scene_radius();
+  key_light_ = light_beside(camera, -0.62F, 1.15F, 0.62F);
+  fill_light_ = light_beside(camera, 0.9F, 0.15F, 0.45F);
+  const glm::vec3 centre = centre_of(camera);
+  const float reach = 2.2F * scene_radius_;  // a deforming surface leaves its rest box
+  const glm::vec3 beside = std::abs(glm::dot(key_light_, camera.up_vector())) > 0.99F
+                               ? glm::vec3(camera.up_vector().y, camera.up_vector().z, camera.up_vector().x)
+                               : camera.up_vector();
+  light_from_scene_ = glm::ortho(-reach, reach, -reach, reach, 0.0F, 4 * reach) *
+                      glm::lookAt(centre + 2 * reach * key_light_, centre, beside);
+
+  target_.resize(width, height, kSamples);
+  draw_shadow_map();
+  target_.bind();
+  glViewport(0, 0, width, height);
+  glDisable(GL_SCISSOR_TEST);
+  glClearDepth(1);
+  glDepthMask(GL_TRUE);
+  glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+  draw_background();
+  glActiveTexture(GL_TEXTURE0);
+  glBindTexture(GL_TEXTURE_2D, shadow_map_);
+  glEnable(GL_DEPTH_TEST);
+  if (vertex_count_ > 0) {
+    if (is_point_cloud_ || options.points) {
+      set_lighting(splat_, camera);
+      draw_splats(camera, height, is_point_cloud_ ? 1.15F : 0.32F);
+    } else {
+      set_lighting(mesh_, camera);
+      draw_mesh(options);
+    }
+  }
+  draw_ground(camera, options);
+  if (options.axes) draw_axes(camera);
+  glDisable(GL_DEPTH_TEST);
+  target_.resolve();
+  finish_picture(options, target);
+}
+
+void Renderer::Impl::draw_shadow_map() {
+  glBindFramebuffer(GL_FRAMEBUFFER, shadow_framebuffer_);
+  glViewport(0, 0, kShadowSide, kShadowSide);
+  glDepthMask(GL_TRUE);
+  glClear(GL_DEPTH_BUFFER_BIT);
+  if (vertex_count_ == 0) return;
+  glEnable(GL_DEPTH_TEST);
+  shadow_.use();
+  shadow_.set("light_from_scene", light_from_scene_);
+  glBindVertexArray(surface_array_);
+  if (is_point_cloud_) {
+    glEnable(GL_PROGRAM_POINT_SIZE);
+    shadow_.set("point_px", std::max(1.0F, 2 * spacing_ * kShadowSide / (4.4F * scene_radius_)));
+    glDrawArrays(GL_POINTS, 0, vertex_count_);
+  } else {
+    glDrawElements(GL_TRIANGLES, index_count_, GL_UNSIGNED_INT, nullptr);
+  }
+}
+
+void Renderer::Impl::draw_background() const {
+  glDisable(GL_DEPTH_TEST);
+  glDisable(GL_BLEND);
+  background_.use();
+  glBindVertexArray(empty_array_);
+  glDrawArrays(GL_TRIANGLES, 0, 3);
+}
+
+void Renderer::Impl::set_lighting(const GlProgram& program, const Camera& camera) const {
+  program.use();
+  program.set("shadow_map", 0);
+  program.set("light_from_scene", light_from_scene_);
+  program.set("shadow_blur", 0.006F);
+  program.set("clip_from_scene", clip_from_scene_);
+  program.set("eye", camera.position());
+  program.set("up", camera.up_vector());
+  program.set("key_light", key_light_);
+  program.set("fill_light", fill_light_);
+  program.set("albedo", kClay);
+  program.set("albedo_inside", kClayInside);
+  program.set("normal_offset", 0.018F * scene_radius_);
+}
+
+void Renderer::Impl::draw_mesh(const RenderOptions& options) const {
+  glBindVertexArray(surface_array_);
+  // Only under edges: the slope term would let back faces shine through along the silhouette.
+  if (options.edges) glEnable(GL_POLYGON_OFFSET_FILL);
+  glPolygonOffset(1, 1);
+  glDrawElements(GL_TRIANGLES, index_count_, GL_UNSIGNED_INT, nullptr);
+  glDisable(GL_POLYGON_OFFSET_FILL);
+  if (!options.edges) return;
+  line_.use();
+  line_.set("clip_from_scene", clip_from_scene_);
+  line_.set("line_colour", glm::vec4(0.08F, 0.05F, 0.07F, 0.42F));
+  glEnable(GL_BLEND);
+  glBlendFunc(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA);
+  glPolygonMode(GL_FRONT_AND_BACK, GL_LINE);
+  glDepthMask(GL_FALSE);
+  glDrawElements(GL_TRIANGLES, index_count_, GL_UNSIGNED_INT, nullptr);
+  glDepthMask(GL_TRUE);
+  glPolygonMode(GL_FRONT_AND_BACK, GL_FILL);
+  glDisable(GL_BLEND);
+}
+
+void Renderer::Impl::draw_splats(const Camera& camera, int height, float scale) const {
+  splat_.set("view_from_scene", view_from_scene_);
+  splat_.set("clip_from_view", clip_from_view_);
+  splat_.set("radius", scale * std::max(spacing_, 1e-4F * camera.scene_radius()));
+  splat_.set("px_per_unit", 0.5F * static_cast<float>(height) / std::tan(0.5F * Camera::kFieldOfView));
+  glEnable(GL_PROGRAM_POINT_SIZE);
+  glBindVertexArray(surface_array_);
+  glDrawArrays(GL_POINTS, 0, vertex_count_);
+}
+
+void Renderer::Impl::draw_ground(const Camera& camera, const RenderOptions& options) const {
+  const glm::vec3 up = camera.up_vector();
+  const float floor_level = glm::dot(camera.scene_low(), up) - 0.02F * scene_radius_;
+  if (glm::dot(camera.position(), up) <= floor_level) return;  // seen from below it would hide the surface
+  const glm::vec3 a = glm::vec3(up.y, up.z, up.x), b = glm::cross(up, a);
+  const glm::vec3 centre = centre_of(camera);
+  const float reach = 4 * scene_radius_;
+  set_lighting(ground_, camera);
+  ground_.set("ground_centre", centre + (floor_level - glm::dot(centre, up)) * up);
+  ground_.set("ground_a", reach * a);
+  ground_.set("ground_b", reach * b);
+  ground_.set("grid_cells", 20.0F);
+  ground_.set("grid_strength", options.grid ? 1.0F : 0.0F);
+  const glm::vec3 extent = camera.scene_high() - camera.scene_low();
+  ground_.set("contact_radius",
+              0.5F * std::max(glm::length(extent - glm::dot(extent, up) * up), 0.2F * scene_radius_) / reach);
+  ground_.set("shadow_blur", 0.012F);
+  glEnable(GL_BLEND);
+  glBlendFunc(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA);
+  glDepthMask(GL_FALSE);
+  glBindVertexArray(empty_array_);
+  glDrawArrays(GL_TRIANGLE_STRIP, 0, 4);
+  glDepthMask(GL_TRUE);
+  glDisable(GL_BLEND);
+}
+
+void Renderer::Impl::draw_axes(const Camera& camera) const {
+  const glm::vec3 from = centre_of(camera);
+  line_.use();
+  line_.set("clip_from_scene", clip_from_scene_);
+  glBindVertexArray(axes_array_);
+  glDisable(GL_DEPTH_TEST);
+  for (int axis = 0; axis < 3; ++axis) {
+    glm::vec3 to = from;
+    to[axis] += 1.15F * scene_radius_;
+    const std::array<glm::vec3, 2> ends{from, to};
+    glBindBuffer(GL_ARRAY_BUFFER, axes_);
+    glBufferData(GL_ARRAY_BUFFER, sizeof ends, ends.data(), GL_STREAM_DRAW);
+    glm::vec4 colour(0.15F, 0.15F, 0.15F, 1);
+    colour[axis] = 0.8F;
+    line_.set("line_colour", colour);
+    glDrawArrays(GL_LINES, 0, 2);
+  }
+}
+
+void Renderer::Impl::finish_picture(const RenderOptions& options, unsigned target) const {
+  glBindFramebuffer(GL_FRAMEBUFFER, target);
+  finish_.use();
+  glActiveTexture(GL_TEXTURE1);
+  glBindTexture(GL_TEXTURE_2D_MULTISAMPLE, target_.depth_texture());
+  glActiveTexture(GL_TEXTURE0);
+  glBindTexture(GL_TEXTURE_2D, target_.colour_texture());
+  finish_.set("picture", 0);
+  finish_.set("depth", 1);
+  finish_.set("colourfulness", std::clamp(options.colourfulness, 0.0F, 1.0F));
+  finish_.set("dome", is_point_cloud_ ? 90.0F : 0.0F);
+  const float m = clip_from_view_[2][2], k = clip_from_view_[3][2];
+  finish_.set("near_far", glm::vec2(k / (m - 1), k / (m + 1)));
+  glBindVertexArray(empty_array_);
+  glDrawArrays(GL_TRIANGLES, 0, 3);
+}
+
+unsigned Renderer::Impl::offscreen_target(int width, int height) {
+  if (offscreen_ != 0 && width == offscreen_width_ && height == offscreen_height_) return offscreen_;
+  if (offscreen_ == 0) {
+    glGenFramebuffers(1, &offscreen_);
+    glGenTextures(1, &offscreen_colour_);
+  }
+  offscreen_width_ = width;
+  offscreen_height_ = height;
+  glBindTexture(GL_TEXTURE_2D, offscreen_colour_);
+  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, width, height, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+  glBindFramebuffer(GL_FRAMEBUFFER, offscreen_);
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, offscreen_colour_, 0);
+  return offscreen_;
+}
+
+Renderer::Renderer(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+Renderer::~Renderer() = default;
+
+Result<std::unique_ptr<Renderer>> Renderer::create() {
+  auto impl = std::make_unique<Impl>();
+  if (const Result<void> ready = impl->init(); !ready) return ready.error();
+  return std::unique_ptr<Renderer>(new Renderer(std::move(impl)));
+}
+
+void Renderer::upload(const SurfaceGeometry& geometry) {
+  impl_->upload(geometry);
+}
+
+void Renderer::draw(const Camera& camera, const RenderOptions& options, int width_px, int height_px, unsigned target) {
+  if (width_px > 0 && height_px > 0) impl_->draw(camera, options, width_px, height_px, target);
+}
+
+Result<Picture> Renderer::picture(const Camera& camera, const RenderOptions& options, int width_px, int height_px) {
+  GLint most = 0;
+  glGetIntegerv(GL_MAX_RENDERBUFFER_SIZE, &most);
+  if (width_px < 1 || height_px < 1 || width_px > most || height_px > most) {
+    return fail(ErrorCode::kUnsupported, "pictures can be 1 to " + std::to_string(most) + " pixels a side here");
+  }
+  const unsigned target = offscreen_target(width_px, height_px);
+  draw(camera, options, width_px, height_px, target);
+  return read_back(width_px, height_px, target);
+}
+
+Picture Renderer::read_back(int width_px, int height_px, unsigned source) {
+  Picture picture;
+  picture.width = width_px;
+  picture.height = height_px;
+  const std::size_t row = 3 * static_cast<std::size_t>(width_px);
+  std::vector<std::uint8_t> upside_down(row * static_cast<std::size_t>(height_px));
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, source);
+  glPixelStorei(GL_PACK_ALIGNMENT, 1);
+  glReadPixels(0, 0, width_px, height_px, GL_RGB, GL_UNSIGNED_BYTE, upside_down.data());
+  picture.rgb.resize(upside_down.size());
+  for (std::size_t y = 0; y < static_cast<std::size_t>(height_px); ++y) {
+    std::memcpy(picture.rgb.data() + y * row, upside_down.data() + (static_cast<std::size_t>(height_px) - 1 - y) * row,
+                row);
+  }
+  return picture;
+}
+
+unsigned Renderer::offscreen_target(int width_px, int height_px) {
+  return impl_->offscreen_target(width_px, height_px);
+}
+int Renderer::samples() const {
+  return impl_->target_.samples();
+}
+const std::string& Renderer::device() const {
+  return impl_->device_;
+}
+void Renderer::finish() {
+  glFinish();
+}
+
+}  // namespace eigencast

@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: MIT
+#include "client/scene_state.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "common/reconstruction/reconstruct.h"
+
+namespace eigencast {
+namespace {
+
+/// The leading rows that are not all zero: what a receiver of few bands need not multiply by.
+std::uint32_t rank_in_use(std::span<const double> coefficients, std::uint32_t channels) {
+  std::size_t used = coefficients.size();
+  while (used > 0 && coefficients[used - 1] == 0) --used;
+  return static_cast<std::uint32_t>((used + channels - 1) / channels);
+}
+
+}  // namespace
+
+SceneState::SceneState(const SceneOptions& options) : playout_(options.playout, options.delay_us), lod_(options.lod) {}
+
+void SceneState::receive(const PoseSource& source, std::vector<ReceivedPose> poses) {
+  const Asset* asset = source.asset();
+  if (asset != nullptr && lod_.vertices(*asset) > 0 && (!has_asset_ || epoch_ != source.epoch())) {
+    switch_asset(*asset, source.epoch());
+  }
+  for (ReceivedPose& pose : poses) {
+    newest_arrival_ = pose.arrival_us;
+    if (has_asset_ && asset != nullptr && pose.envelope.epoch == epoch_) {
+      add_pose(pose, *asset);
+    } else {
+      waiting_ = std::move(pose);
+    }
+  }
+  if (waiting_ && has_asset_ && asset != nullptr && waiting_->envelope.epoch == epoch_) {
+    add_pose(*waiting_, *asset);
+    waiting_.reset();
+  }
+}
+
+void SceneState::switch_asset(const Asset& asset, std::uint32_t epoch) {
+  has_asset_ = true;
+  epoch_ = epoch;
+  playout_.reset();
+  shown_time_.reset();
+  coefficients_ = asset.rest;
+  channels_ = 3;
+  geometry_.positions.clear();
+  facts_rows_ = 0;
+}
+
+void SceneState::add_pose(const ReceivedPose& pose, const Asset& asset) {
+  if ((pose.envelope.flags & Envelope::kAhead) != 0) return;  // its steps lead up to it
+  if (pose.channels < 3 || pose.coefficients.size() != std::size_t{asset.rank} * pose.channels) {
+    ++poses_unusable_;
+    return;
+  }
+  if (pose.channels != channels_) {
+    playout_.reset();
+    channels_ = pose.channels;
+  }
+  if (pose.envelope.bands != 0) bands_received_ = static_cast<std::uint32_t>(std::popcount(pose.envelope.bands));
+  playout_.add(TimedPose{pose.envelope.capture_us, pose.coefficients}, pose.arrival_us);
+}
+
+bool SceneState::choose_pose(TimeUs now_us) {
+  if (paused_ && shown_time_) return false;
+  std::optional<TimedPose> pose = playout_.at(now_us);
+  if (!pose || shown_time_ == pose->time_us) return false;
+  shown_time_ = pose->time_us;
+  coefficients_ = std::move(pose->coefficients);
+  ++poses_shown_;
+  return true;
+}
+
+bool SceneState::advance(const PoseSource& source, TimeUs now_us) {
+  const Asset* asset = source.asset();
+  if (asset == nullptr || !has_asset_ || epoch_ != source.epoch()) return false;
+  const std::uint32_t N = lod_.vertices(*asset);
+  if (N == 0) return false;
+  const bool new_pose = choose_pose(now_us);
+  const bool new_level = N != geometry_.vertex_count() || asset->faces_ready != built_faces_ready_;
+  if (!new_pose && !new_level) return false;
+  update_facts(*asset);
+  if (new_level) {
+    geometry_.triangles = triangles_at_level(*asset, N);
+    built_faces_ready_ = asset->faces_ready;
+    ++geometry_.topology_version;
+  }
+  rebuild(*asset, N);
+  return true;
+}
+
+void SceneState::rebuild(const Asset& asset, std::uint32_t N) {
+  const TimeUs start = steady_now_us();
+  geometry_.positions.resize(std::size_t{N} * 3);
+  const std::uint32_t rank = std::min(asset.rank, std::max(1U, rank_in_use(coefficients_, channels_)));
+  positions_from_coefficients(asset, coefficients_, channels_, rank, N, geometry_.positions);
+  const TimeUs rebuilt = steady_now_us();
+  geometry_.is_point_cloud = asset.is_point_cloud();
+  geometry_.normals.resize(geometry_.is_point_cloud ? 0 : geometry_.positions.size());
+  if (!geometry_.is_point_cloud) vertex_normals(geometry_.positions, geometry_.triangles, geometry_.normals);
+  geometry_.point_spacing = static_cast<float>(std::sqrt(std::max(asset.area, 0.0) / N));
+  ++geometry_.pose_version;
+  reconstruct_us_.add(rebuilt - start);
+  normals_us_.add(steady_now_us() - rebuilt);
+}
+
+void SceneState::update_facts(const Asset& asset) {
+  if (facts_rows_ == asset.rows_ready) return;
+  facts_rows_ = asset.rows_ready;
+  // The rest pose as this receiver rebuilds it: true in every basis and for every part that has arrived.
+  std::vector<float> rest(std::size_t{asset.rows_ready} * 3);
+  positions_from_coefficients(asset, asset.rest, 3, asset.rank, asset.rows_ready, rest);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    facts_.low[axis] = facts_.high[axis] = rest[axis];
+    for (std::size_t i = axis; i < rest.size(); i += 3) {
+      facts_.low[axis] = std::min(facts_.low[axis], rest[i]);
+      facts_.high[axis] = std::max(facts_.high[axis], rest[i]);
+    }
+  }
+  facts_.up_axis = asset.up_axis;
+  ++facts_.version;
+}
+
+}  // namespace eigencast

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "client/level_of_detail.h"
+#include "client/pose_source.h"
+#include "common/core/histogram.h"
+#include "common/motion/playout.h"
+
+namespace eigencast {
+
+/// What is to be drawn: rebuilt positions, normals and triangles. Versions grow when their part has changed.
+struct SurfaceGeometry {
+  std::vector<float> positions;          ///< N x 3, scene units, in level-of-detail order.
+  std::vector<float> normals;            ///< N x 3; empty for a point cloud.
+  std::vector<std::uint32_t> triangles;  ///< 3 indices each.
+  std::uint64_t pose_version = 0;        ///< Of positions and normals.
+  std::uint64_t topology_version = 0;    ///< Of triangles and N.
+  bool is_point_cloud = false;
+  float point_spacing = 0;  ///< Typical distance of neighbours at this level, scene units.
+  std::uint32_t vertex_count() const { return static_cast<std::uint32_t>(positions.size() / 3); }
+};
+
+/// The rest pose's box, and the ways of the scene that the asset states.
+struct SceneFacts {
+  std::array<float, 3> low{}, high{};
+  Asset::UpAxis up_axis = Asset::UpAxis::kY;
+  std::uint64_t version = 0;  ///< Grows when the facts change.
+};
+
+struct SceneOptions {
+  PlayoutMode playout = PlayoutMode::kLatest;
+  TimeUs delay_us = 40'000;  ///< Of kInterpolate.
+  double lod = 1;
+};
+
+/// Turns what a PoseSource found into the surface to draw now: chooses the pose (Playout) and the number of vertices
+/// (LevelOfDetail), rebuilds positions and normals. Keeps the last pose while nothing comes, draws the rest pose before
+/// the first one and as much of an asset as has arrived.
+///
+/// Time comes in as arguments. Not thread-safe.
+class SceneState {
+ public:
+  explicit SceneState(const SceneOptions& options = {});
+
+  /// Takes over what the source's poll() returned. Poses of an epoch whose asset cannot be drawn yet wait (the newest
+  /// one only).
+  void receive(const PoseSource& source, std::vector<ReceivedPose> poses);
+
+  /// Rebuilds the surface for `now_us` if pose, level or asset have changed; true if geometry() has.
+  /// REQUIRES: no poll() of the source since receive().
+  bool advance(const PoseSource& source, TimeUs now_us);
+
+  const SurfaceGeometry& geometry() const { return geometry_; }
+  const SceneFacts& facts() const { return facts_; }
+  LevelOfDetail& lod() { return lod_; }
+  const LevelOfDetail& lod() const { return lod_; }
+  PlayoutMode playout_mode() const { return playout_.mode(); }
+  /// While paused the pose stands still; level and asset may still change.
+  void set_paused(bool paused) { paused_ = paused; }
+  bool paused() const { return paused_; }
+
+  /// Different poses shown so far, the rest pose not counted.
+  std::uint64_t poses_shown() const { return poses_shown_; }
+  std::optional<TimeUs> shown_capture_us() const { return shown_time_; }  ///< Of the pose in geometry().
+  std::optional<TimeUs> newest_arrival_us() const { return newest_arrival_; }
+  std::uint32_t bands_received() const { return bands_received_; }
+  std::uint64_t poses_unusable() const { return poses_unusable_; }  ///< Their size is not the asset's.
+  const Histogram& reconstruct_us() const { return reconstruct_us_; }
+  const Histogram& normals_us() const { return normals_us_; }
+
+ private:
+  void switch_asset(const Asset& asset, std::uint32_t epoch);
+  void add_pose(const ReceivedPose& pose, const Asset& asset);
+  bool choose_pose(TimeUs now_us);
+  void rebuild(const Asset& asset, std::uint32_t N);
+  void update_facts(const Asset& asset);
+
+  Playout playout_;
+  LevelOfDetail lod_;
+  SurfaceGeometry geometry_;
+  SceneFacts facts_;
+  std::uint32_t epoch_ = 0;
+  bool has_asset_ = false;
+  std::uint32_t facts_rows_ = 0, built_faces_ready_ = 0;
+  std::optional<ReceivedPose> waiting_;  ///< Newest pose of an epoch that cannot be drawn yet.
+  std::vector<double> coefficients_;     ///< Shown: r x channels.
+  std::uint32_t channels_ = 3;
+  std::optional<TimeUs> shown_time_, newest_arrival_;
+  bool paused_ = false;
+  std::uint64_t poses_shown_ = 0, poses_unusable_ = 0;
+  std::uint32_t bands_received_ = 0;
+  Histogram reconstruct_us_, normals_us_;
+};
+
+}  // namespace eigencast

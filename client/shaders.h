@@ -1,0 +1,218 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+/// The renderer's GLSL 3.30 sources. Colours are linear until `shown`, which maps them to the screen's curve.
+namespace eigencast::shaders {
+
+inline constexpr const char* kScreenVertex = R"(#version 330 core
+out vec2 uv;
+void main() {
+  vec2 corner = vec2((gl_VertexID << 1) & 2, gl_VertexID & 2);
+  uv = corner;
+  gl_Position = vec4(2.0 * corner - 1.0, 0.0, 1.0);
+})";
+
+/// A quiet studio wall: lighter towards the floor and the middle.
+inline constexpr const char* kBackgroundFragment = R"(#version 330 core
+in vec2 uv;
+out vec4 colour;
+void main() {
+  vec3 wall = mix(vec3(0.905, 0.915, 0.925), vec3(0.62, 0.685, 0.75), smoothstep(0.0, 1.0, uv.y));
+  vec2 off = uv - vec2(0.5, 0.45);
+  wall *= 1.03 - 0.32 * dot(off, off);
+  float noise = fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(0.06711056, 0.00583715))));
+  colour = vec4(wall + (noise - 0.5) / 255.0, 1.0);
+})";
+
+inline constexpr const char* kShadowVertex = R"(#version 330 core
+layout(location = 0) in vec3 position;
+uniform mat4 light_from_scene;
+uniform float point_px;
+void main() {
+  gl_Position = light_from_scene * vec4(position, 1.0);
+  gl_PointSize = point_px;
+})";
+inline constexpr const char* kShadowFragment = R"(#version 330 core
+void main() {})";
+
+/// Shared by everything that receives the shadow: 12 taps on a spiral, turned from pixel to pixel.
+inline constexpr const char* kLighting = R"(#version 330 core
+uniform sampler2DShadow shadow_map;
+uniform mat4 light_from_scene;
+uniform float shadow_blur;
+float lit_by_key(vec3 at, float bias) {
+  vec4 p = light_from_scene * vec4(at, 1.0);
+  vec3 q = 0.5 * p.xyz / p.w + 0.5;
+  if (any(lessThan(q.xy, vec2(0.0))) || any(greaterThan(q.xy, vec2(1.0)))) return 1.0;
+  float turn = 6.2831853 * fract(52.9829189 * fract(dot(gl_FragCoord.xy, vec2(0.06711056, 0.00583715))));
+  float sum = 0.0;
+  for (int i = 0; i < 12; ++i) {
+    float r = sqrt((float(i) + 0.5) / 12.0) * shadow_blur;
+    float a = 2.3999632 * float(i) + turn;
+    sum += texture(shadow_map, vec3(q.xy + r * vec2(cos(a), sin(a)), q.z - bias));
+  }
+  return sum / 12.0;
+}
+vec3 shown(vec3 linear) {
+  linear = linear * (1.0 + linear / 6.0) / (1.0 + 0.45 * linear);
+  return pow(clamp(linear, 0.0, 1.0), vec3(1.0 / 2.2));
+}
+uniform vec3 eye, up, key_light, fill_light;
+uniform vec3 albedo, albedo_inside;
+vec3 shaded(vec3 at, vec3 n, bool inside, float key_shadow) {
+  vec3 v = normalize(eye - at);
+  vec3 base = inside ? albedo_inside : albedo;
+  float sky = 0.5 + 0.5 * dot(n, up);
+  vec3 light = mix(vec3(0.26, 0.215, 0.20), vec3(0.42, 0.455, 0.50), sky);
+  float key = max(dot(n, key_light), 0.0);
+  light += vec3(1.30, 1.23, 1.12) * key * key_shadow;
+  light += vec3(0.20, 0.25, 0.32) * max(dot(n, fill_light), 0.0);
+  vec3 h = normalize(key_light + v);
+  float fresnel = pow(1.0 - max(dot(n, v), 0.0), 4.0);
+  float gloss = pow(max(dot(n, h), 0.0), 48.0) * 0.30 * key_shadow * step(0.0, dot(n, key_light));
+  vec3 rim = vec3(0.50, 0.56, 0.64) * fresnel * (0.35 + 0.65 * sky) * 0.55;
+  return base * light + gloss + rim;
+})";
+
+inline constexpr const char* kMeshVertex = R"(#version 330 core
+layout(location = 0) in vec3 position;
+layout(location = 1) in vec3 normal;
+uniform mat4 clip_from_scene;
+out vec3 at;
+out vec3 scene_normal;
+void main() {
+  at = position;
+  scene_normal = normal;
+  gl_Position = clip_from_scene * vec4(position, 1.0);
+})";
+inline constexpr const char* kMeshFragment = R"(
+in vec3 at;
+in vec3 scene_normal;
+uniform float normal_offset;
+out vec4 colour;
+void main() {
+  vec3 n = scene_normal;
+  if (dot(n, n) < 1e-12) n = cross(dFdx(at), dFdy(at));
+  n = normalize(n);
+  // Decided by the eye, not by winding: files with mixed orientation still look right.
+  bool inside = !gl_FrontFacing;
+  if (dot(n, eye - at) < 0.0 && inside) n = -n;
+  float shadow = lit_by_key(at + normal_offset * n, 0.0008);
+  colour = vec4(shown(shaded(at, n, inside, shadow)), 1.0);
+})";
+
+inline constexpr const char* kLineFragment = R"(#version 330 core
+uniform vec4 line_colour;
+out vec4 colour;
+void main() { colour = line_colour; })";
+
+/// Points as small balls: the fragment knows its place on the ball, hence its own depth and normal.
+inline constexpr const char* kSplatVertex = R"(#version 330 core
+layout(location = 0) in vec3 position;
+layout(location = 1) in vec3 normal;
+uniform mat4 view_from_scene;
+uniform mat4 clip_from_view;
+uniform float radius;
+uniform float px_per_unit;
+out vec3 centre;
+flat out vec3 scene_normal;
+flat out vec3 scene_centre;
+void main() {
+  vec4 view = view_from_scene * vec4(position, 1.0);
+  centre = view.xyz;
+  scene_centre = position;
+  scene_normal = normal;
+  gl_Position = clip_from_view * view;
+  gl_PointSize = max(2.0 * radius * px_per_unit / max(-view.z, 1e-6), 1.5);
+})";
+inline constexpr const char* kSplatFragment = R"(
+in vec3 centre;
+flat in vec3 scene_normal;
+flat in vec3 scene_centre;
+uniform mat4 view_from_scene;
+uniform mat4 clip_from_view;
+uniform float radius;
+uniform float normal_offset;
+out vec4 colour;
+void main() {
+  vec2 disc = 2.0 * gl_PointCoord - 1.0;
+  disc.y = -disc.y;
+  float rr = dot(disc, disc);
+  if (rr > 1.0) discard;
+  vec3 ball = vec3(disc, sqrt(1.0 - rr));
+  vec4 clip = clip_from_view * vec4(centre + radius * vec3(0.0, 0.0, ball.z), 1.0);
+  gl_FragDepth = 0.5 * clip.z / clip.w + 0.5;
+  // Where a normal is known it wins; a bare cloud is shaded by a flattened ball and by depth afterwards.
+  vec3 n = dot(scene_normal, scene_normal) > 0.25
+      ? normalize(scene_normal)
+      : normalize(transpose(mat3(view_from_scene)) * normalize(vec3(0.55 * ball.xy, 1.0)));
+  if (dot(n, eye - scene_centre) < 0.0) n = -n;
+  float shadow = lit_by_key(scene_centre + 2.5 * normal_offset * n, 0.002);
+  colour = vec4(shown(shaded(scene_centre, n, false, shadow)), 1.0);
+})";
+
+/// The floor: nothing but shadow and, if wanted, lines that fade with the distance.
+inline constexpr const char* kGroundVertex = R"(#version 330 core
+uniform mat4 clip_from_scene;
+uniform vec3 ground_centre, ground_a, ground_b;
+out vec3 at;
+out vec2 along;
+void main() {
+  vec2 corner = vec2(float(gl_VertexID & 1), float(gl_VertexID >> 1)) * 2.0 - 1.0;
+  along = corner;
+  at = ground_centre + corner.x * ground_a + corner.y * ground_b;
+  gl_Position = clip_from_scene * vec4(at, 1.0);
+})";
+inline constexpr const char* kGroundFragment = R"(
+in vec3 at;
+in vec2 along;
+uniform float grid_cells;
+uniform float grid_strength;
+uniform float contact_radius;
+out vec4 colour;
+float lines(vec2 cell, float width) {
+  vec2 slope = fwidth(cell);
+  vec2 near = abs(fract(cell - 0.5) - 0.5) / slope;
+  float there = 1.0 - min(min(near.x, near.y) / width, 1.0);
+  return there * clamp(1.6 - 3.0 * max(slope.x, slope.y), 0.0, 1.0);
+}
+void main() {
+  float fade = 1.0 - smoothstep(0.25, 1.0, length(along));
+  float dark = 0.40 * (1.0 - lit_by_key(at, 0.0015));
+  dark += 0.16 * exp(-2.2 * dot(along, along) / (contact_radius * contact_radius));
+  float line = grid_strength * (0.55 * lines(along * grid_cells, 1.1) + 0.45 * lines(along * grid_cells / 5.0, 1.5));
+  colour = vec4(vec3(0.10, 0.12, 0.16), fade * max(dark, 0.20 * line));
+})";
+
+/// Last: depth shading for bare clouds (after Boucheny 2009, "Eye-dome lighting") and fading to grey while nothing
+/// comes.
+inline constexpr const char* kFinishFragment = R"(#version 330 core
+in vec2 uv;
+uniform sampler2D picture;
+uniform sampler2DMS depth;
+uniform float colourfulness;
+uniform float dome;
+uniform vec2 near_far;
+out vec4 colour;
+float distance_at(ivec2 px) {
+  ivec2 last = textureSize(depth) - 1;
+  float z = texelFetch(depth, clamp(px, ivec2(0), last), 0).r;
+  return log2(near_far.x * near_far.y / (near_far.y - z * (near_far.y - near_far.x)));
+}
+void main() {
+  ivec2 px = ivec2(gl_FragCoord.xy);
+  vec3 c = texelFetch(picture, px, 0).rgb;
+  if (dome > 0.0 && texelFetch(depth, px, 0).r < 1.0) {
+    float here = distance_at(px), sum = 0.0;
+    for (int i = 0; i < 8; ++i) {
+      float a = 0.7853982 * float(i);
+      float reach = (i & 1) == 0 ? 2.0 : 4.5;
+      sum += max(0.0, here - distance_at(px + ivec2(round(reach * vec2(cos(a), sin(a))))));
+    }
+    c *= 0.28 + 0.72 * exp(-dome * min(sum, 0.5) / 8.0);
+  }
+  float grey = dot(c, vec3(0.299, 0.587, 0.114));
+  colour = vec4(mix(vec3(0.9 * grey + 0.06), c, colourfulness), 1.0);
+})";
+
+}  // namespace eigencast::shaders

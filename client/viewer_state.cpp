@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: MIT
+#include "client/viewer_state.h"
+
+#include <algorithm>
+#include <array>
+#include <cstdio>
+#include <filesystem>
+
+namespace eigencast {
+namespace {
+
+struct KeyBinding {
+  std::string_view key;
+  Action action;
+};
+constexpr std::array<KeyBinding, 20> kBindings{
+    {{"R", Action::kResetCamera}, {"Home", Action::kResetCamera}, {"H", Action::kHelp},         {"F1", Action::kHelp},
+     {"X", Action::kAxes},        {"G", Action::kGrid},           {"E", Action::kEdges},        {"P", Action::kPoints},
+     {"F", Action::kHud},         {"S", Action::kScreenshot},     {"F12", Action::kScreenshot}, {"+", Action::kFiner},
+     {"=", Action::kFiner},       {".", Action::kFiner},          {"-", Action::kCoarser},      {",", Action::kCoarser},
+     {" ", Action::kPause},       {"U", Action::kUpAxis},         {"Escape", Action::kQuit},    {"Q", Action::kQuit}}};
+
+std::string on_off(bool on) {
+  return on ? "on" : "off";
+}
+
+Camera::Up next_up(Camera::Up up) {
+  return up == Camera::Up::kX ? Camera::Up::kY : up == Camera::Up::kY ? Camera::Up::kZ : Camera::Up::kX;
+}
+
+}  // namespace
+
+void ViewerState::apply(Action action, Camera& camera, LevelOfDetail& lod) {
+  switch (action) {
+    case Action::kResetCamera:
+      camera.home();
+      break;
+    case Action::kHelp:
+      help = !help;
+      break;
+    case Action::kAxes:
+      axes = !axes;
+      break;
+    case Action::kGrid:
+      grid = !grid;
+      break;
+    case Action::kEdges:
+      edges = !edges;
+      break;
+    case Action::kPoints:
+      points = !points;
+      break;
+    case Action::kHud:
+      hud = !hud;
+      break;
+    case Action::kScreenshot:
+      screenshot_wanted = true;
+      break;
+    case Action::kFiner:
+      lod.finer();
+      break;
+    case Action::kCoarser:
+      lod.coarser();
+      break;
+    case Action::kPause:
+      paused = !paused;
+      break;
+    case Action::kUpAxis:
+      camera.set_up(next_up(camera.up()));
+      break;
+    case Action::kQuit:
+      quit = true;
+      break;
+  }
+}
+
+std::optional<Action> action_for_key(std::string_view key) {
+  const auto binding =
+      std::find_if(kBindings.begin(), kBindings.end(), [&](const KeyBinding& b) { return b.key == key; });
+  if (binding == kBindings.end()) return std::nullopt;
+  return binding->action;
+}
+
+std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod) {
+  char percent[16];
+  std::snprintf(percent, sizeof percent, "%.3g %%", 100 * lod.fraction());
+  const std::string up(1, static_cast<char>('X' + static_cast<int>(camera.up())));
+  return {{"left drag", "rotate", ""},
+          {"right or middle drag, Shift+left", "pan", ""},
+          {"wheel", "zoom to the cursor", ""},
+          {"R  Home", "reset the camera", ""},
+          {"+ -  . ,", "level of detail", percent},
+          {"Space", "pause", on_off(state.paused)},
+          {"E", "edges", on_off(state.edges)},
+          {"P", "points", on_off(state.points)},
+          {"G", "ground grid", on_off(state.grid)},
+          {"X", "axes", on_off(state.axes)},
+          {"U", "up axis", up},
+          {"F", "figures", on_off(state.hud)},
+          {"S  F12", "screenshot", ""},
+          {"H  F1", "this help", on_off(state.help)},
+          {"Q  Esc", "quit", ""}};
+}
+
+std::string next_screenshot_name(const std::string& prefix) {
+  for (int number = 1; number < 10'000; ++number) {
+    char ending[16];
+    std::snprintf(ending, sizeof ending, "_%04d.png", number);
+    if (!std::filesystem::exists(prefix + ending)) return prefix + ending;
+  }
+  return prefix + "_9999.png";
+}
+
+}  // namespace eigencast

@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "client/camera.h"
+#include "client/level_of_detail.h"
+
+namespace eigencast {
+
+/// What a key can ask of the viewer.
+enum class Action {
+  kResetCamera,
+  kHelp,
+  kAxes,
+  kGrid,
+  kEdges,
+  kPoints,
+  kHud,
+  kScreenshot,
+  kFiner,
+  kCoarser,
+  kPause,
+  kUpAxis,
+  kQuit
+};
+
+/// The switches of the viewer, apart from any window.
+struct ViewerState {
+  bool help = false, hud = true, axes = false, grid = true, edges = false, points = false;
+  bool paused = false, quit = false;
+  bool screenshot_wanted = false;  ///< Whoever draws next takes it and clears this.
+
+  /// Does what the action asks, to itself, the camera or the level of detail.
+  void apply(Action action, Camera& camera, LevelOfDetail& lod);
+};
+
+/// The action of a key: upper-case letters, '+', '-', ',', '.', ' ', or a name ("Home", "F1", "F12", "Escape").
+std::optional<Action> action_for_key(std::string_view key);
+
+/// One line of the help: keys, what they do, how that stands now ("on", "Y", "42 %"; may be empty).
+struct HelpLine {
+  std::string keys, what, state;
+};
+std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod);
+
+/// prefix + "_0001.png" and up: the first name that is not taken in the folder.
+std::string next_screenshot_name(const std::string& prefix);
+
+}  // namespace eigencast

@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: MIT
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdlib>
+
+#include "client/offscreen.h"
+#include "client/renderer.h"
+#include "tests/unit/client/fake_source.h"
+
+namespace eigencast {
+namespace {
+
+using testing::FakeSource;
+using testing::sphere_asset;
+using testing::sphere_pose;
+
+constexpr int kWidth = 320, kHeight = 240;
+
+/// Where the surface is in a picture: pixels that differ from the picture of the empty scene by more than the floor's
+/// shadow.
+struct Silhouette {
+  double area = 0, x = 0, y = 0;
+};
+
+bool is_clay(const std::uint8_t* p) {
+  return p[0] > p[2] + 28;
+}  // everything else in the scene is grey or blue
+
+Silhouette silhouette_of(const Picture& picture) {
+  Silhouette s;
+  for (int y = 0; y < picture.height; ++y) {
+    for (int x = 0; x < picture.width; ++x) {
+      if (!is_clay(picture.pixel(x, y))) continue;
+      s.area += 1;
+      s.x += x + 0.5;
+      s.y += y + 0.5;
+    }
+  }
+  if (s.area > 0) {
+    s.x /= s.area;
+    s.y /= s.area;
+  }
+  return s;
+}
+
+double mean_difference(const Picture& a, const Picture& b) {
+  double sum = 0;
+  for (std::size_t i = 0; i < a.rgb.size(); ++i) sum += std::abs(int{a.rgb[i]} - int{b.rgb[i]});
+  return sum / static_cast<double>(a.rgb.size());
+}
+
+class Render : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    auto context = OffscreenContext::create();
+    ASSERT_TRUE(context) << context.error().message;
+    context_ = std::move(context).value();
+    auto renderer = Renderer::create();
+    ASSERT_TRUE(renderer) << renderer.error().message;
+    renderer_ = std::move(renderer).value();
+    camera_.set_viewport(kWidth, kHeight);
+    camera_.set_view("front");
+  }
+
+  Picture picture_of(FakeSource& source, SceneState& scene, TimeUs now_us = 0) {
+    scene.receive(source, source.poll({}));
+    if (scene.advance(source, now_us)) renderer_->upload(scene.geometry());
+    const auto& f = scene.facts();
+    if (f.version > 0) camera_.set_scene({f.low[0], f.low[1], f.low[2]}, {f.high[0], f.high[1], f.high[2]});
+    auto picture = renderer_->picture(camera_, options_, kWidth, kHeight);
+    EXPECT_TRUE(picture);
+    return std::move(picture).value();
+  }
+
+  std::unique_ptr<OffscreenContext> context_;
+  std::unique_ptr<Renderer> renderer_;
+  Camera camera_;
+  RenderOptions options_;
+};
+
+TEST_F(Render, ASphereFillsThePictureAsItsRadiusSays) {
+  FakeSource source(sphere_asset(4));
+  SceneState scene;
+  const Silhouette s = silhouette_of(picture_of(source, scene));
+  // A ball of radius 1 seen from distance d has a silhouette of radius f / sqrt(d^2 - 1), f = focal length in pixels.
+  const double focal = 0.5 * kHeight / std::tan(0.5 * Camera::kFieldOfView);
+  const double radius = focal / std::sqrt(camera_.distance() * camera_.distance() - 1);
+  EXPECT_NEAR(s.area, 3.14159 * radius * radius, 0.03 * s.area);
+  EXPECT_NEAR(s.x, 0.5 * kWidth, 1.5);
+  EXPECT_NEAR(s.y, 0.5 * kHeight, 1.5);
+}
+
+TEST_F(Render, AMovedPoseMovesInThePicture) {
+  FakeSource source(sphere_asset(3));
+  SceneState scene;
+  picture_of(source, scene);
+  source.batches.push_back({sphere_pose(source.asset_, 1, 1000, 0.6, 0.5)});
+  const Silhouette s = silhouette_of(picture_of(source, scene, 1000));
+  const auto centre = camera_.pixel_from_scene({0.5F, 0, 0});
+  ASSERT_TRUE(centre);
+  EXPECT_NEAR(s.x, centre->x, 3);
+  EXPECT_NEAR(s.y, centre->y, 3);
+}
+
+TEST_F(Render, LevelsOfDetailLookAlike) {
+  FakeSource source(sphere_asset(5));
+  SceneState scene;
+  const Picture full = picture_of(source, scene);
+  scene.lod().set_fraction(0.25);
+  const Picture quarter = picture_of(source, scene);
+  EXPECT_LT(scene.geometry().vertex_count(), source.asset_.vertex_count / 3);
+  EXPECT_GT(mean_difference(full, quarter), 0);
+  EXPECT_LT(mean_difference(full, quarter), 1.5);
+}
+
+TEST_F(Render, EdgesAreSmoothedByFourSamples) {
+  FakeSource source(sphere_asset(4));
+  SceneState scene;
+  options_.grid = false;
+  const Picture picture = picture_of(source, scene);
+  EXPECT_EQ(renderer_->samples(), 4);
+  // Along the upper rim, where lit clay meets the wall, some pixels must lie between the two.
+  int between = 0;
+  for (int x = kWidth / 2 - 40; x < kWidth / 2 + 40; ++x) {
+    for (int y = 1; y + 1 < kHeight / 2; ++y) {
+      const int above = picture.pixel(x, y - 1)[2], here = picture.pixel(x, y)[2], below = picture.pixel(x, y + 1)[2];
+      if (above - below > 40 && here < above - 10 && here > below + 10) ++between;
+    }
+  }
+  EXPECT_GT(between, 20);
+}
+
+TEST_F(Render, NothingToDrawIsTheEmptyStudio) {
+  FakeSource source(sphere_asset(2));
+  source.has_asset = false;
+  SceneState scene;
+  const Picture picture = picture_of(source, scene);
+  EXPECT_EQ(silhouette_of(picture).area, 0);
+  EXPECT_GT(picture.pixel(kWidth / 2, kHeight / 2)[0], 100);
+}
+
+TEST_F(Render, ACloudIsAClosedBallOfSplats) {
+  FakeSource source(sphere_asset(5, true));
+  SceneState scene;
+  const Silhouette s = silhouette_of(picture_of(source, scene));
+  const double focal = 0.5 * kHeight / std::tan(0.5 * Camera::kFieldOfView);
+  const double radius = focal / std::sqrt(camera_.distance() * camera_.distance() - 1);
+  EXPECT_NEAR(s.area, 3.14159 * radius * radius, 0.12 * s.area);
+}
+
+TEST_F(Render, ALostConnectionTurnsThePictureGrey) {
+  FakeSource source(sphere_asset(3));
+  SceneState scene;
+  options_.colourfulness = 0;
+  const Picture picture = picture_of(source, scene);
+  for (std::size_t i = 0; i < picture.rgb.size(); i += 3) {
+    ASSERT_LE(std::abs(int{picture.rgb[i]} - int{picture.rgb[i + 2]}), 1);
+  }
+}
+
+TEST_F(Render, EveryModeDraws) {
+  FakeSource source(sphere_asset(3));
+  SceneState scene;
+  const Picture plain = picture_of(source, scene);
+  for (bool RenderOptions::*mode : {&RenderOptions::edges, &RenderOptions::points, &RenderOptions::axes}) {
+    options_ = RenderOptions{};
+    options_.*mode = true;
+    EXPECT_GT(mean_difference(plain, picture_of(source, scene)), 0.05);
+  }
+}
+
+TEST_F(Render, AnImpossibleSizeIsRefused) {
+  EXPECT_FALSE(renderer_->picture(camera_, options_, 1 << 20, 10));
+}
+
+}  // namespace
+}  // namespace eigencast
