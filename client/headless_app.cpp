@@ -2,6 +2,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 
 #include "client/apps.h"
 #include "client/offscreen.h"
@@ -35,6 +36,7 @@ class Headless {
     if (options_.hud) overlay_ = std::make_unique<Overlay>(nullptr);
     camera_.set_viewport(options_.width, options_.height);
     camera_.set_view(options_.view);
+    warm_up();
     if (options_.out.empty()) return {};
     std::error_code error;
     std::filesystem::create_directories(options_.out, error);
@@ -59,6 +61,20 @@ class Headless {
   }
 
  private:
+  /// Drivers compile shaders when they are first used; poses that come meanwhile would be lost.
+  void warm_up() {
+    SurfaceGeometry triangle;
+    triangle.positions = {0, 0, 0, 1, 0, 0, 0, 1, 0};
+    triangle.normals = {0, 0, 1, 0, 0, 1, 0, 0, 1};
+    triangle.triangles = {0, 1, 2};
+    triangle.pose_version = triangle.topology_version = std::numeric_limits<std::uint64_t>::max();
+    renderer_->upload(triangle);
+    renderer_->draw(camera_, {}, options_.width, options_.height,
+                    renderer_->offscreen_target(options_.width, options_.height));
+    Renderer::finish();
+    renderer_->upload(SurfaceGeometry{});
+  }
+
   Result<void> take_picture() {
     const unsigned target = renderer_->offscreen_target(options_.width, options_.height);
     session_->draw(*renderer_, camera_, {}, options_.width, options_.height, target, true);

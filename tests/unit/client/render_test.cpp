@@ -120,12 +120,19 @@ TEST_F(Render, EdgesAreSmoothedByFourSamples) {
   options_.grid = false;
   const Picture picture = picture_of(source, scene);
   EXPECT_EQ(renderer_->samples(), 4);
-  // Along the upper rim, where lit clay meets the wall, some pixels must lie between the two.
+  // Walking down into the upper rim, red minus blue jumps from the wall's (negative) to the clay's (positive); with
+  // four samples a pixel most columns have one pixel in between, without them none has.
+  const auto warmth = [&](int x, int y) { return int{picture.pixel(x, y)[0]} - int{picture.pixel(x, y)[2]}; };
   int between = 0;
   for (int x = kWidth / 2 - 40; x < kWidth / 2 + 40; ++x) {
-    for (int y = 1; y + 1 < kHeight / 2; ++y) {
-      const int above = picture.pixel(x, y - 1)[2], here = picture.pixel(x, y)[2], below = picture.pixel(x, y + 1)[2];
-      if (above - below > 40 && here < above - 10 && here > below + 10) ++between;
+    int y = 2;
+    while (warmth(x, y) < 0 && y < kHeight / 2) ++y;
+    const int wall = warmth(x, y - 3), clay = warmth(x, y + 3);
+    for (int at = y - 2; at <= y + 2; ++at) {
+      if (warmth(x, at) > wall + (clay - wall) / 8 && warmth(x, at) < clay - (clay - wall) / 8) {
+        ++between;
+        break;
+      }
     }
   }
   EXPECT_GT(between, 20);
