@@ -195,7 +195,8 @@ EC_API ec_status ec_subscriber_create(const char* url, const ec_subscriber_optio
                                       ec_subscriber** subscriber);
 /**
  * Goes on to the next pose, oldest first, waiting at most `timeout_ms` for one. A caller that is late gets the
- * newest 64. Returns EC_OK or EC_NOTHING (also while connecting: ask again).
+ * newest 64. Poses that cannot be rebuilt, because their surface has not begun to arrive or has been replaced, are
+ * passed over. Returns EC_OK or EC_NOTHING (also while connecting: ask again).
  */
 EC_API ec_status ec_subscriber_next(ec_subscriber* subscriber, int timeout_ms);
 /**
