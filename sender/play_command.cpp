@@ -19,13 +19,23 @@ using nlohmann::json;
 
 constexpr std::size_t kMaxKeptBytes = std::size_t{64} << 20;
 constexpr TimeUs kStatusEveryUs = 10'000'000;
+constexpr TimeUs kConnectLookUs = 10'000;
 
 /// Coefficients of the clip's frames: projected when first asked for and, where the whole clip is small enough, kept.
 class FrameCoefficients {
  public:
   FrameCoefficients(const MotionClip& clip, const Projector& projector, std::size_t values_per_frame)
-      : clip_(clip), projector_(projector), keep_(clip.frame_count() * values_per_frame * sizeof(double) <= kMaxKeptBytes) {
+      : clip_(clip),
+        projector_(projector),
+        keep_(clip.frame_count() * values_per_frame * sizeof(double) <= kMaxKeptBytes) {
     kept_.resize(keep_ ? clip.frame_count() : 1);
+  }
+
+  /// Projects what is kept, while the connection is being made: playing then costs next to nothing.
+  Result<void> project_ahead(Interrupt& interrupt) {
+    for (std::size_t frame = 0; keep_ && frame < kept_.size() && !interrupt.requested(); ++frame)
+      if (auto C = at(frame); !C) return C.error();
+    return {};
   }
 
   Result<std::vector<double>> at(std::size_t frame) {
@@ -51,9 +61,12 @@ class FrameCoefficients {
 
 std::string_view name_of(SendStatus status) {
   switch (status) {
-    case SendStatus::kSent: return "sent";
-    case SendStatus::kDropped: return "dropped";
-    case SendStatus::kDisconnected: return "disconnected";
+    case SendStatus::kSent:
+      return "sent";
+    case SendStatus::kDropped:
+      return "dropped";
+    case SendStatus::kDisconnected:
+      return "disconnected";
   }
   return "unknown";
 }
@@ -87,6 +100,9 @@ class Player {
 
  private:
   Result<void> connect();
+  /// Waits until the broker takes poses, so that a clip that is played once is played whole; false if interrupted
+  /// before.
+  bool wait_until_live(Interrupt& interrupt) const;
   Schedule::Options schedule_options() const;
   void log_status(TimeUs now_us);
 
@@ -108,17 +124,24 @@ Result<void> Player::connect() {
   options.codec = *codec;
   options.error = command_.error;
   options.key_rate_hz = schedule_options().rate_hz;
-  auto publisher = Publisher::create(options, asset_, std::make_shared<const EncodedAsset>(std::move(source_.baked.encoded)),
-                                     [](LogLevel level, std::string_view text) {
-                                       spdlog::log(level == LogLevel::kError     ? spdlog::level::err
-                                                   : level == LogLevel::kWarning ? spdlog::level::warn
-                                                   : level == LogLevel::kInfo    ? spdlog::level::info
-                                                                                 : spdlog::level::debug,
-                                                   "{}", text);
-                                     });
+  auto publisher =
+      Publisher::create(options, asset_, std::make_shared<const EncodedAsset>(std::move(source_.baked.encoded)),
+                        [](LogLevel level, std::string_view text) {
+                          spdlog::log(level == LogLevel::kError     ? spdlog::level::err
+                                      : level == LogLevel::kWarning ? spdlog::level::warn
+                                      : level == LogLevel::kInfo    ? spdlog::level::info
+                                                                    : spdlog::level::debug,
+                                      "{}", text);
+                        });
   if (!publisher) return publisher.error();
   publisher_ = std::move(*publisher);
   return {};
+}
+
+bool Player::wait_until_live(Interrupt& interrupt) const {
+  while (publisher_->stats().state != Publisher::State::kLive)
+    if (interrupt.wait_until(steady_now_us() + kConnectLookUs)) return false;
+  return true;
 }
 
 Schedule::Options Player::schedule_options() const {
@@ -140,7 +163,8 @@ void Player::log_status(TimeUs now_us) {
   if (now_us - status_us_ < kStatusEveryUs) return;
   const Publisher::Stats now = publisher_->stats();
   const double seconds = static_cast<double>(now_us - status_us_) * 1e-6;
-  spdlog::info("{:.1f} poses/s, {:.1f} kbit/s, {} viewers, {} dropped", static_cast<double>(now.frames_sent - last_.frames_sent) / seconds,
+  spdlog::info("{:.1f} poses/s, {:.1f} kbit/s, {} viewers, {} dropped",
+               static_cast<double>(now.frames_sent - last_.frames_sent) / seconds,
                static_cast<double>(now.payload_bytes - last_.payload_bytes) * 8e-3 / seconds, now.subscribers,
                now.frames_dropped - last_.frames_dropped);
   last_ = now;
@@ -155,6 +179,9 @@ Result<void> Player::run(Interrupt& interrupt) {
   if (!projector) return projector.error();
   FrameCoefficients coefficients(*source_.clip, *projector, std::size_t{asset_->rank} * 3);
 
+  if (auto kept = coefficients.project_ahead(interrupt); !kept) return kept;
+  start_us_ = end_us_ = steady_now_us();
+  if (!wait_until_live(interrupt)) return {};
   start_us_ = status_us_ = steady_now_us();
   Schedule schedule(schedule_options(), start_us_);
   while (const auto tick = schedule.next(steady_now_us())) {
@@ -187,14 +214,15 @@ int run(const PlayCommand& command, const Console& console, Interrupt& interrupt
   auto source = bake_with_progress(command.source, console, interrupt);
   if (!source) return report_failure(source.error());
   spdlog::info("{}: {} vertices, r = {}, asset {:.12}{}", source->clip->name(), source->baked.asset.vertex_count,
-               source->baked.asset.rank, source->baked.encoded.manifest.id.hex(), source->baked.from_cache ? ", from the cache" : "");
+               source->baked.asset.rank, source->baked.encoded.manifest.id.hex(),
+               source->baked.from_cache ? ", from the cache" : "");
   Player player(command, std::move(*source));
   if (const auto played = player.run(interrupt); !played) return report_failure(played.error());
   const json report = player.report();
   spdlog::info("sent {} poses in {:.1f} s, {:.1f} kbit/s; {} dropped, {} skipped, {} reconnects",
-               report["frames_sent"].get<std::uint64_t>(), report["duration_s"].get<double>(), report["kbit_per_s"].get<double>(),
-               report["frames_dropped"].get<std::uint64_t>(), report["frames_skipped"].get<std::uint64_t>(),
-               report["reconnects"].get<std::uint64_t>());
+               report["frames_sent"].get<std::uint64_t>(), report["duration_s"].get<double>(),
+               report["kbit_per_s"].get<double>(), report["frames_dropped"].get<std::uint64_t>(),
+               report["frames_skipped"].get<std::uint64_t>(), report["reconnects"].get<std::uint64_t>());
   const auto written = write_report(command.json, report.dump(2));
   return written ? kExitOk : report_failure(written.error());
 }

@@ -26,7 +26,8 @@ class Compare : public ::testing::Test {
     ASSERT_TRUE(projector);
     for (std::size_t frame = 0; frame < 4; ++frame) {
       std::vector<double> flat;
-      for (const Vec3& vertex : *clip_->pose(frame)) flat.insert(flat.end(), vertex.begin(), vertex.end());
+      const std::vector<Vec3> positions = *clip_->pose(frame);  // Not in the loop's head: the Result must outlive it.
+      for (const Vec3& vertex : positions) flat.insert(flat.end(), vertex.begin(), vertex.end());
       received_.push_back({frame + 1, 0, 0, static_cast<TimeUs>(1000 * frame), 3,
                            *projector->coefficients_from_positions(std::span<const double>(flat))});
       sent_[static_cast<TimeUs>(1000 * frame)] = frame;

@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: MIT
+#include "common/net/websocket.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <boost/asio/io_context.hpp>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/websocket.hpp>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include "tests/support/loopback_broker.h"
+
+namespace eigencast {
+namespace {
+
+namespace asio = boost::asio;
+namespace beast = boost::beast;
+using asio::ip::tcp;
+using testing::eventually;
+using ::testing::HasSubstr;
+using testing::LoopbackBroker;
+using testing::milliseconds;
+
+/// What happened on a connection, for a test's thread to look at.
+struct Log {
+  std::mutex mutex;
+  std::vector<std::string> texts;
+  std::vector<std::pair<Error, milliseconds>> downs;
+  std::atomic<int> opened{0};
+
+  WebSocketEvents events() {
+    WebSocketEvents e;
+    e.on_open = [this] { ++opened; };
+    e.on_text = [this](std::string_view text) {
+      const std::lock_guard lock(mutex);
+      texts.emplace_back(text);
+    };
+    e.on_binary = [](ByteView) {};
+    e.on_down = [this](const Error& why, milliseconds wait) {
+      const std::lock_guard lock(mutex);
+      downs.emplace_back(why, wait);
+    };
+    return e;
+  }
+  std::size_t down_count() {
+    const std::lock_guard lock(mutex);
+    return downs.size();
+  }
+  std::pair<Error, milliseconds> down(std::size_t i) {
+    const std::lock_guard lock(mutex);
+    return downs.at(i);
+  }
+  std::string first_text() {
+    const std::lock_guard lock(mutex);
+    return texts.empty() ? "" : texts.front();
+  }
+};
+
+WebSocketOptions options_for(const std::string& url, const std::string& target) {
+  WebSocketOptions options;
+  options.url = *parse_broker_url(url);
+  options.target = target;
+  options.first_retry = milliseconds(20);
+  options.longest_retry = milliseconds(60000);
+  return options;
+}
+
+TEST(WebSocketToBroker, OpensAndHearsTheWelcome) {
+  LoopbackBroker broker;
+  Log log;
+  WebSocket socket(options_for(broker.url(""), "/v1/subscribe/a"), log.events());
+  ASSERT_TRUE(eventually([&] { return !log.first_text().empty(); }));
+  EXPECT_THAT(log.first_text(), HasSubstr("\"welcome\""));
+  EXPECT_TRUE(socket.is_open());
+  socket.stop();
+  EXPECT_FALSE(socket.is_open());
+  EXPECT_EQ(socket.send_text("x"), SendStatus::kDisconnected);
+  EXPECT_EQ(log.down_count(), 0u) << "no event comes after stop";
+}
+
+TEST(WebSocketToBroker, ComesBackAfterARestart) {
+  LoopbackBroker broker;
+  Log log;
+  auto options = options_for(broker.url(""), "/v1/subscribe/a");
+  options.longest_retry = milliseconds(40);
+  WebSocket socket(std::move(options), log.events());
+  ASSERT_TRUE(eventually([&] { return log.opened == 1; }));
+  broker.stop();
+  ASSERT_TRUE(eventually([&] { return log.down_count() >= 2; }));
+  EXPECT_EQ(socket.send_binary(Bytes(10)), SendStatus::kDisconnected);
+  EXPECT_EQ(log.down(1).first.code, ErrorCode::kUnreachable);
+  EXPECT_THAT(log.down(1).first.message, HasSubstr("no broker at ws://127.0.0.1:"));
+  EXPECT_GT(log.down(1).second.count(), 0);
+  broker.start();
+  EXPECT_TRUE(eventually([&] { return log.opened == 2; }));
+}
+
+TEST(WebSocketToBroker, ARefusalWaitsTheLongestInterval) {
+  LoopbackBroker broker;
+  Log log;
+  WebSocket socket(options_for(broker.url(""), "/v1/subscribe/bad..%20name"), log.events());
+  ASSERT_TRUE(eventually([&] { return log.down_count() == 1; }));
+  EXPECT_EQ(log.down(0).first.code, ErrorCode::kRefused);
+  EXPECT_GE(log.down(0).second.count(), 45000);
+}
+
+TEST(WebSocket, TlsIsRefusedForGood) {
+  Log log;
+  WebSocket socket(options_for("wss://127.0.0.1/a", "/v1/subscribe/a"), log.events());
+  ASSERT_TRUE(eventually([&] { return log.down_count() == 1; }));
+  EXPECT_EQ(log.down(0).first.code, ErrorCode::kUnsupported);
+  EXPECT_EQ(log.down(0).second.count(), 0);
+}
+
+/// Accepts one connection, upgrades it if `protocol` says how, and then never reads again.
+class DeafServer {
+ public:
+  explicit DeafServer(std::string protocol)
+      : acceptor_(loop_, tcp::endpoint(asio::ip::address_v4::loopback(), 0)), socket_(loop_) {
+    // A small window, so that a test fills it soon; set before accepting, as TCP wants it.
+    acceptor_.set_option(asio::socket_base::receive_buffer_size(4096));
+    thread_ = std::thread([this, p = std::move(protocol)] {
+      acceptor_.accept(socket_.next_layer());
+      if (p == "none") return;
+      socket_.set_option(beast::websocket::stream_base::decorator(
+          [&](beast::websocket::response_type& r) { r.set(beast::http::field::sec_websocket_protocol, p); }));
+      boost::system::error_code ignored;
+      socket_.accept(ignored);
+    });
+  }
+  ~DeafServer() { thread_.join(); }
+  std::string url() const { return "ws://127.0.0.1:" + std::to_string(acceptor_.local_endpoint().port()); }
+
+ private:
+  asio::io_context loop_;
+  tcp::acceptor acceptor_;
+  beast::websocket::stream<tcp::socket> socket_;
+  std::thread thread_;
+};
+
+TEST(WebSocket, WhatThePeerDoesNotTakeIsCountedAndThenDropped) {
+  DeafServer server("eigencast.v1");
+  Log log;
+  auto options = options_for(server.url(), "/");
+  options.max_unsent_bytes = 100'000;
+  WebSocket socket(std::move(options), log.events());
+  ASSERT_TRUE(eventually([&] { return socket.is_open(); }));
+  int sent = 0, dropped = 0;
+  // More than all buffers between the two can hold.
+  for (int i = 0; i < 2000; ++i) {
+    (socket.send_binary(Bytes(10'000)) == SendStatus::kSent ? sent : dropped) += 1;
+    ASSERT_LE(socket.unsent_bytes(), 100'000u);
+  }
+  EXPECT_GT(sent, 0);
+  EXPECT_GT(dropped, 0);
+  EXPECT_TRUE(eventually([&] { return socket.send_binary(Bytes(10'000)) == SendStatus::kDropped; }));
+  socket.stop();  // Must end although the peer never answers the close.
+}
+
+TEST(WebSocket, ASilentPeerIsGivenUp) {
+  DeafServer server("eigencast.v1");
+  Log log;
+  auto options = options_for(server.url(), "/");
+  options.silence_timeout = milliseconds(100);
+  WebSocket socket(std::move(options), log.events());
+  ASSERT_TRUE(eventually([&] { return log.down_count() == 1; }));
+  EXPECT_EQ(log.opened, 1);
+  EXPECT_EQ(log.down(0).first.code, ErrorCode::kTimeout);
+}
+
+TEST(WebSocket, APeerThatNeverUpgradesIsGivenUp) {
+  DeafServer server("none");
+  Log log;
+  auto options = options_for(server.url(), "/");
+  options.connect_timeout = milliseconds(100);
+  WebSocket socket(std::move(options), log.events());
+  ASSERT_TRUE(eventually([&] { return log.down_count() == 1; }));
+  EXPECT_EQ(log.opened, 0);
+  EXPECT_EQ(log.down(0).first.code, ErrorCode::kTimeout);
+}
+
+TEST(WebSocket, APeerOfAnotherProtocolIsRefused) {
+  DeafServer server("chat");
+  Log log;
+  WebSocket socket(options_for(server.url(), "/"), log.events());
+  ASSERT_TRUE(eventually([&] { return log.down_count() == 1; }));
+  EXPECT_THAT(log.down(0).first.message, HasSubstr("ws://127.0.0.1"));
+  EXPECT_EQ(log.opened, 0);
+}
+
+TEST(WebSocket, StopsWhileItConnects) {
+  Log log;
+  // A reserved address: nobody answers there.
+  WebSocket socket(options_for("ws://192.0.2.1:9/a", "/"), log.events());
+  socket.stop();
+  EXPECT_EQ(log.opened, 0);
+}
+
+}  // namespace
+}  // namespace eigencast

@@ -1,0 +1,179 @@
+// SPDX-License-Identifier: MIT
+#include "sdk/frame_decoder.h"
+
+#include <gtest/gtest.h>
+
+namespace eigencast {
+namespace {
+
+constexpr std::uint32_t kRows = 20;
+
+control::StreamInfo live_stream(std::uint32_t epoch = 5) {
+  control::StreamInfo info;
+  info.stream = "a";
+  info.state = control::StreamInfo::State::kLive;
+  info.stream_id = 3;
+  info.epoch = epoch;
+  info.asset = std::string(64, 'a');
+  info.format = {kRows, 3, {14, kRows}, "quantised"};
+  return info;
+}
+
+/// Codes a made-up motion as a broker would.
+class Coder {
+ public:
+  explicit Coder(std::uint32_t epoch = 5) : epoch_(epoch) {}
+
+  const CoefficientLayout layout{CodecKind::kQuantised, kRows, 3, {14, kRows}};
+
+  static Key key(std::uint64_t sequence) {
+    Key k;
+    k.bands = 3;
+    k.step = 100;
+    k.q.resize(kRows * 3);
+    for (std::size_t i = 0; i < k.q.size(); ++i)
+      k.q[i] = static_cast<std::int32_t>((sequence * sequence * (i + 1)) % 211 + 3 * i) - 90;
+    return k;
+  }
+
+  Bytes next_key(std::uint8_t flags = 0) {
+    const Key k = key(++sequence_);
+    Bytes payload = state_ ? *encode_key(layout, *state_, k) : Bytes();
+    const bool join = !state_;
+    state_ = advanced(std::move(state_), k, join ? 0 : 33'333);
+    if (join) payload = *encode_join(layout, *state_);
+    return frame(join ? FrameKind::kJoin : FrameKind::kKey, flags, {}, payload, sequence_);
+  }
+  Bytes join(std::uint8_t flags = 0) {
+    return frame(FrameKind::kJoin, flags, {}, *encode_join(layout, *state_), sequence_);
+  }
+  Bytes synthetic(std::uint8_t at, std::uint8_t of) {
+    const Key between = *interpolate_keys(layout, state_->newer, key(sequence_ + 1), at, of);
+    return frame(FrameKind::kSynthetic, 0, {at, of}, *encode_key(layout, *state_, between), sequence_ + 1);
+  }
+  Bytes step(std::uint8_t at, std::uint8_t of) { return frame(FrameKind::kStep, 0, {at, of}, {}, sequence_); }
+  std::uint64_t sequence() const { return sequence_; }
+
+ private:
+  Bytes frame(FrameKind kind, std::uint8_t flags, InterpolationStep step, const Bytes& payload,
+              std::uint64_t sequence) const {
+    Envelope e;
+    e.kind = kind;
+    e.flags = flags;
+    e.bands = kind == FrameKind::kStep ? 0 : 3;
+    e.step = step;
+    e.stream_id = 3;
+    e.epoch = epoch_;
+    e.sequence = sequence;
+    e.capture_us = static_cast<TimeUs>(sequence) * 33'333;
+    Bytes message;
+    append_envelope(e, message);
+    message.insert(message.end(), payload.begin(), payload.end());
+    return message;
+  }
+  std::uint32_t epoch_;
+  std::uint64_t sequence_ = 0;
+  std::optional<ChainState> state_;
+};
+
+class Decoding : public ::testing::Test {
+ protected:
+  Decoding() { decoder_.set_stream(live_stream()); }
+  std::optional<Key> decode(const Bytes& message) {
+    const auto frame = parse_frame(message);
+    EXPECT_TRUE(frame) << frame.error().message;
+    auto pose = decoder_.decode(*frame);
+    EXPECT_TRUE(pose) << pose.error().message;
+    return pose ? *pose : std::nullopt;
+  }
+  FrameDecoder decoder_;
+  Coder coder_;
+};
+
+TEST_F(Decoding, EveryKeyOfAChainComesOutAsItWentIn) {
+  for (std::uint64_t s = 1; s <= 20; ++s) ASSERT_EQ(decode(coder_.next_key()), Coder::key(s));
+  EXPECT_EQ(decoder_.counts().keys, 20u);
+  EXPECT_EQ(decoder_.counts().joins, 1u);
+  EXPECT_EQ(decoder_.counts().missed, 0u);
+  EXPECT_EQ(decoder_.counts().rejected, 0u);
+}
+
+TEST_F(Decoding, AKeyAfterAGapWaitsForAJoin) {
+  decode(coder_.next_key());
+  coder_.next_key();
+  EXPECT_FALSE(decode(coder_.next_key()));
+  EXPECT_FALSE(decode(coder_.next_key()));
+  EXPECT_EQ(decoder_.counts().rejected, 2u);
+  EXPECT_EQ(decode(coder_.join()), Coder::key(4));
+  EXPECT_EQ(decode(coder_.next_key()), Coder::key(5));
+  EXPECT_EQ(decoder_.counts().missed, 2u);
+}
+
+TEST_F(Decoding, ASyntheticFrameNeedsTheKeyBeforeAndIsNoReference) {
+  decode(coder_.next_key());
+  EXPECT_EQ(decode(coder_.synthetic(1, 3)), *interpolate_keys(coder_.layout, Coder::key(1), Coder::key(2), 1, 3));
+  EXPECT_EQ(decode(coder_.next_key()), Coder::key(2)) << "no harm from the synthetic frame";
+  const Bytes lost = coder_.next_key();
+  EXPECT_FALSE(decode(coder_.synthetic(2, 3)));
+  EXPECT_EQ(decode(lost), Coder::key(3)) << "an undecodable synthetic frame leaves the chain alone";
+}
+
+TEST_F(Decoding, CompactStepsLeadUpToAKeySentAhead) {
+  decode(coder_.next_key());
+  EXPECT_FALSE(decode(coder_.next_key(Envelope::kAhead))) << "not to be shown when it comes";
+  EXPECT_EQ(decode(coder_.step(1, 3)), *interpolate_keys(coder_.layout, Coder::key(1), Coder::key(2), 1, 3));
+  EXPECT_EQ(decode(coder_.step(3, 3)), Coder::key(2));
+  const Bytes late = coder_.step(3, 3);
+  decode(coder_.next_key(Envelope::kAhead));
+  EXPECT_FALSE(decode(late)) << "a step of the interval before";
+  EXPECT_EQ(decoder_.counts().synthetic, 2u);
+}
+
+TEST_F(Decoding, AJoinHelpsAtAnyMomentAndARestartNeedsOne) {
+  for (int i = 0; i < 5; ++i) coder_.next_key();
+  EXPECT_EQ(decode(coder_.join()), Coder::key(5));
+  decoder_.restart();
+  EXPECT_FALSE(decode(coder_.next_key()));
+  EXPECT_EQ(decode(coder_.join()), Coder::key(6));
+}
+
+TEST_F(Decoding, FramesOfAnotherEpochAreRefusedUntilItIsAnnounced) {
+  decode(coder_.next_key());
+  Coder next(6);
+  const Bytes first = next.next_key();
+  EXPECT_FALSE(decode(first));
+  decoder_.set_stream(live_stream(6));
+  EXPECT_FALSE(decoder_.newest());
+  EXPECT_EQ(decode(first), Coder::key(1));
+}
+
+TEST_F(Decoding, NothingIsDecodedOfAStreamThatIsNotThere) {
+  FrameDecoder fresh;
+  const Bytes bytes = coder_.next_key();
+  EXPECT_FALSE(*fresh.decode(*parse_frame(bytes)));
+  EXPECT_EQ(fresh.counts().rejected, 1u);
+}
+
+TEST_F(Decoding, ADamagedKeyIsAnErrorAndThenAJoinHeals) {
+  decode(coder_.next_key());
+  Bytes damaged = coder_.next_key();
+  damaged.push_back(0);
+  EXPECT_FALSE(decoder_.decode(*parse_frame(damaged)));
+  EXPECT_FALSE(decode(coder_.next_key()));
+  EXPECT_TRUE(decode(coder_.join()));
+  EXPECT_EQ(decoder_.counts().rejected, 2u);
+}
+
+TEST_F(Decoding, EveryTruncationOfAFrameIsRefused) {
+  decode(coder_.next_key());
+  const Bytes whole = coder_.next_key();
+  for (std::size_t size = 0; size < whole.size(); ++size) {
+    FrameDecoder decoder = decoder_;
+    const auto frame = parse_frame(ByteView(whole.data(), size));
+    if (!frame) continue;
+    EXPECT_FALSE(decoder.decode(*frame)) << size;
+  }
+}
+
+}  // namespace
+}  // namespace eigencast

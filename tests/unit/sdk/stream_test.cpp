@@ -1,0 +1,322 @@
+// SPDX-License-Identifier: MIT
+// Publisher and subscriber against a whole broker in this process.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <map>
+
+#include "common/codec/key.h"
+#include "common/surface/shapes.h"
+#include "common/wire/control.h"
+#include "sdk/bake.h"
+#include "sdk/publisher.h"
+#include "sdk/subscriber.h"
+#include "tests/support/loopback_broker.h"
+
+namespace eigencast {
+namespace {
+
+using testing::eventually;
+using ::testing::HasSubstr;
+using testing::LoopbackBroker;
+using testing::milliseconds;
+using testing::TemporaryFolder;
+
+struct Model {
+  std::shared_ptr<const Asset> asset;
+  std::shared_ptr<const EncodedAsset> encoded;
+};
+
+/// An icosphere of 642 vertices; each rank is another asset.
+const Model& model(int rank) {
+  static std::map<int, Model> models;
+  Model& m = models[rank];
+  if (!m.asset) {
+    auto baked = bake(make_icosphere(3), {.basis = "augmented", .rank = rank, .name = "ball"});
+    EXPECT_TRUE(baked) << baked.error().message;
+    m = {std::make_shared<const Asset>(std::move(baked->asset)),
+         std::make_shared<const EncodedAsset>(std::move(baked->encoded))};
+  }
+  return m;
+}
+
+/// Pose i: the rest pose, wobbling.
+std::vector<double> pose(const Asset& asset, int i) {
+  std::vector<double> C = asset.rest;
+  for (std::size_t j = 12; j < C.size(); ++j) C[j] += 0.05 * std::sin(0.1 * i + static_cast<double>(j));
+  return C;
+}
+
+/// Sends pose after pose, whenever it is asked to.
+class Sender {
+ public:
+  Sender(const LoopbackBroker& broker, int rank, CodecKind codec = CodecKind::kFloat64) : model_(model(rank)) {
+    PublisherOptions options;
+    options.url = broker.url("live/ball");
+    options.codec = codec;
+    auto made = Publisher::create(std::move(options), model_.asset, model_.encoded);
+    EXPECT_TRUE(made) << made.error().message;
+    publisher = std::move(*made);
+  }
+  /// Sends the next pose; true if it left. Capture times are real: the broker's pacing follows them.
+  bool send() {
+    const TimeUs now = steady_now_us();
+    if (now <= last_us_) return false;
+    const auto C = pose(*model_.asset, count_);
+    if (publisher->send_coefficients(C, now) != SendStatus::kSent) return false;
+    last_us_ = now;
+    ++count_;
+    sent[now] = C;
+    return true;
+  }
+  bool send_first() {
+    return eventually([&] { return send(); });
+  }
+  std::unique_ptr<Publisher> publisher;
+  std::map<TimeUs, std::vector<double>> sent;
+
+ private:
+  Model model_;
+  int count_ = 0;
+  TimeUs last_us_ = 0;
+};
+
+std::unique_ptr<Subscriber> subscribe(const LoopbackBroker& broker, Profile profile = {.rate = Profile::Rate::kRaw},
+                                      std::string cache = {}) {
+  auto made = Subscriber::create({broker.url("live/ball"), profile, std::move(cache)});
+  EXPECT_TRUE(made) << made.error().message;
+  return std::move(*made);
+}
+
+/// Sends a pose every few milliseconds and polls until `enough` poses came.
+std::vector<ReceivedPose> exchange(Sender& sender, Subscriber& subscriber, std::size_t enough,
+                                   milliseconds gap = milliseconds(8)) {
+  std::vector<ReceivedPose> all;
+  eventually([&] {
+    (void)sender.send();
+    const auto until = std::chrono::steady_clock::now() + gap;
+    do {
+      for (ReceivedPose& p : subscriber.poll(milliseconds(2))) all.push_back(std::move(p));
+    } while (std::chrono::steady_clock::now() < until);
+    return all.size() >= enough;
+  });
+  return all;
+}
+
+TEST(Stream, RawFloat64DeliversExactlyWhatWasSentInOrder) {
+  LoopbackBroker broker;
+  Sender sender(broker, 40);
+  ASSERT_TRUE(sender.send_first()) << sender.publisher->stats().detail;
+  const auto subscriber = subscribe(broker);
+  const auto poses = exchange(sender, *subscriber, 30);
+  ASSERT_GE(poses.size(), 30u) << subscriber->stats().detail;
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    ASSERT_TRUE(sender.sent.contains(poses[i].envelope.capture_us));
+    EXPECT_EQ(poses[i].coefficients, sender.sent[poses[i].envelope.capture_us]);
+    if (i > 0) {
+      EXPECT_GT(poses[i].envelope.sequence, poses[i - 1].envelope.sequence);
+    }
+  }
+  ASSERT_TRUE(eventually([&] { return (void)subscriber->poll(milliseconds(5)), subscriber->asset()->complete(); }));
+  EXPECT_EQ(subscriber->asset()->rest, model(40).asset->rest);
+  EXPECT_EQ(subscriber->asset()->basis, model(40).asset->basis);
+  const auto stats = subscriber->stats();
+  EXPECT_EQ(stats.state, Subscriber::State::kLive);
+  EXPECT_EQ(stats.missed, 0u);
+  EXPECT_EQ(stats.asset_bytes_downloaded, stats.asset_bytes_total);
+  EXPECT_EQ(stats.latency_us.negative(), 0u) << "one clock: nothing arrives before it was captured";
+  EXPECT_EQ(sender.publisher->stats().subscribers, 1u);
+  EXPECT_TRUE(eventually([&] { return subscriber->stats().clock_offset_us.has_value(); }));
+  EXPECT_LE(std::abs(*subscriber->stats().clock_offset_us), *subscriber->stats().clock_error_us) << "one clock";
+}
+
+TEST(Stream, QuantisedDeliversWhatThePublisherSaysItWill) {
+  LoopbackBroker broker;
+  Sender sender(broker, 40, CodecKind::kQuantised);
+  ASSERT_TRUE(sender.send_first());
+  const auto subscriber = subscribe(broker);
+  for (const auto& p : exchange(sender, *subscriber, 10)) {
+    const auto expected = sender.publisher->as_received(sender.sent.at(p.envelope.capture_us));
+    ASSERT_TRUE(expected);
+    EXPECT_EQ(p.coefficients, *expected);
+  }
+}
+
+class Forms : public ::testing::TestWithParam<Profile::Form> {};
+
+TEST_P(Forms, InterpolatedPosesAreEquation7OfTheirNeighbours) {
+  LoopbackBroker broker;
+  Sender sender(broker, 40);
+  ASSERT_TRUE(sender.send_first());
+  const auto subscriber = subscribe(broker, {Profile::Rate::kInterpolated, 3, GetParam(), 8});
+  std::size_t checked = 0;
+  for (const auto& p : exchange(sender, *subscriber, 90, milliseconds(20))) {
+    if (p.envelope.step.at == p.envelope.step.of) {
+      EXPECT_TRUE(sender.sent.contains(p.envelope.capture_us));
+      continue;
+    }
+    const auto after = sender.sent.upper_bound(p.envelope.capture_us);
+    ASSERT_NE(after, sender.sent.end());
+    ASSERT_NE(after, sender.sent.begin());
+    const auto expected =
+        interpolate(std::prev(after)->second, after->second, double(p.envelope.step.at) / p.envelope.step.of);
+    for (std::size_t i = 0; i < expected.size(); ++i) ASSERT_NEAR(p.coefficients[i], expected[i], 1e-12);
+    ++checked;
+  }
+  EXPECT_GT(checked, 20u);
+  EXPECT_GT(subscriber->stats().synthetic, 20u);
+}
+
+INSTANTIATE_TEST_SUITE_P(FullAndCompact, Forms, ::testing::Values(Profile::Form::kFull, Profile::Form::kCompact));
+
+TEST(Stream, BandsThatDoNotComeReadAsTheRestPose) {
+  LoopbackBroker broker;
+  Sender sender(broker, 40);
+  ASSERT_TRUE(sender.send_first());
+  const auto subscriber = subscribe(broker, {.rate = Profile::Rate::kRaw, .bands = 1});
+  const auto poses = exchange(sender, *subscriber, 5);
+  ASSERT_GE(poses.size(), 5u);
+  const std::size_t end = model(40).asset->band_ends[0] * 3;
+  for (const auto& p : poses) {
+    const auto& truth = sender.sent.at(p.envelope.capture_us);
+    for (std::size_t i = 0; i < end; ++i) EXPECT_EQ(p.coefficients[i], truth[i]);
+    for (std::size_t i = end; i < truth.size(); ++i) EXPECT_EQ(p.coefficients[i], model(40).asset->rest[i]);
+  }
+}
+
+TEST(Stream, ABrokerThatLostEverythingIsGivenEverythingAgain) {
+  LoopbackBroker broker;
+  Sender sender(broker, 40);
+  ASSERT_TRUE(sender.send_first());
+  const auto subscriber = subscribe(broker);
+  ASSERT_GE(exchange(sender, *subscriber, 5).size(), 5u);
+  const std::uint32_t epoch = subscriber->epoch();
+  const std::uint64_t downloaded = subscriber->stats().asset_bytes_downloaded;
+  broker.stop();
+  ASSERT_TRUE(eventually([&] {
+    (void)subscriber->poll(milliseconds(5));
+    return subscriber->stats().state == Subscriber::State::kLost &&
+           sender.publisher->stats().state != Publisher::State::kLive;
+  }));
+  EXPECT_THAT(subscriber->stats().detail, HasSubstr("next try in"));
+  EXPECT_THAT(sender.publisher->stats().detail, HasSubstr("next try in"));
+  EXPECT_FALSE(sender.send()) << "dropped, not queued";
+  EXPECT_NE(subscriber->asset(), nullptr) << "what was there is kept";
+  broker.forget_assets();
+  broker.start();
+  const auto poses = exchange(sender, *subscriber, 5);
+  ASSERT_GE(poses.size(), 5u) << sender.publisher->stats().detail << " / " << subscriber->stats().detail;
+  EXPECT_GT(subscriber->epoch(), epoch);
+  EXPECT_EQ(poses.back().envelope.epoch, subscriber->epoch());
+  EXPECT_EQ(poses.back().coefficients, sender.sent.at(poses.back().envelope.capture_us));
+  EXPECT_EQ(subscriber->stats().asset_bytes_downloaded, downloaded) << "the same surface is not downloaded twice";
+  EXPECT_GE(subscriber->stats().reconnects, 1u);
+  EXPECT_GE(sender.publisher->stats().reconnects, 1u);
+}
+
+TEST(Stream, ASecondSubscriberReadsTheSurfaceFromTheCache) {
+  LoopbackBroker broker;
+  TemporaryFolder cache;
+  Sender sender(broker, 40);
+  ASSERT_TRUE(sender.send_first());
+  std::uint64_t total = 0;
+  {
+    const auto first = subscribe(broker, {.rate = Profile::Rate::kRaw}, cache.file("c"));
+    ASSERT_TRUE(
+        eventually([&] { return (void)first->poll(milliseconds(5)), first->asset() && first->asset()->complete(); }));
+    total = first->stats().asset_bytes_total;
+    EXPECT_EQ(first->stats().asset_bytes_downloaded, total);
+  }
+  const auto second = subscribe(broker, {.rate = Profile::Rate::kRaw}, cache.file("c"));
+  ASSERT_TRUE(
+      eventually([&] { return (void)second->poll(milliseconds(5)), second->asset() && second->asset()->complete(); }));
+  EXPECT_EQ(second->stats().asset_bytes_downloaded, 0u);
+  EXPECT_EQ(second->stats().asset_bytes_cached, total);
+}
+
+TEST(Stream, AnotherSurfaceReplacesTheOldOneOnceItCanBeDrawn) {
+  LoopbackBroker broker;
+  const auto subscriber = subscribe(broker);
+  ASSERT_TRUE(eventually([&] {
+    return (void)subscriber->poll(milliseconds(5)), subscriber->stats().state == Subscriber::State::kWaiting;
+  }));
+  {
+    Sender sender(broker, 40);
+    ASSERT_TRUE(sender.send_first());
+    ASSERT_GE(exchange(sender, *subscriber, 5).size(), 5u);
+    EXPECT_EQ(subscriber->asset()->rank, 40u);
+  }
+  ASSERT_TRUE(eventually([&] {
+    return (void)subscriber->poll(milliseconds(5)), subscriber->stats().state == Subscriber::State::kStalled;
+  }));
+  EXPECT_THAT(subscriber->stats().detail, HasSubstr("stalled"));
+  EXPECT_EQ(subscriber->asset()->rank, 40u) << "the last pose is held";
+  Sender other(broker, 24);
+  ASSERT_TRUE(other.send_first());
+  for (int i = 0; i < 10; ++i) {
+    for (const auto& p : exchange(other, *subscriber, 1)) {
+      EXPECT_EQ(p.envelope.epoch, subscriber->epoch()) << "poses come with the surface that they deform";
+      EXPECT_EQ(p.coefficients.size(), subscriber->asset()->rank * 3u);
+    }
+  }
+  EXPECT_EQ(subscriber->asset()->rank, 24u);
+}
+
+TEST(Publisher, AFrameThatCannotBeMeantIsDroppedAndSaid) {
+  LoopbackBroker broker;
+  Sender sender(broker, 40);
+  ASSERT_TRUE(sender.send_first());
+  auto C = pose(*model(40).asset, 0);
+  C[7] = std::nan("");
+  EXPECT_EQ(sender.publisher->send_coefficients(C, steady_now_us()), SendStatus::kDropped);
+  EXPECT_EQ(sender.publisher->send_coefficients(std::vector<double>(3), steady_now_us()), SendStatus::kDropped);
+  EXPECT_EQ(sender.publisher->send_coefficients(pose(*model(40).asset, 0), 1), SendStatus::kDropped)
+      << "time must grow";
+  EXPECT_EQ(sender.publisher->stats().frames_sent, 1u);
+  EXPECT_TRUE(sender.send()) << "and the stream goes on";
+}
+
+TEST(Publisher, SendsPositionsThroughTheBasis) {
+  LoopbackBroker broker;
+  Sender sender(broker, 40);
+  ASSERT_TRUE(sender.send_first());
+  std::vector<float> positions;
+  for (const Vec3& v : make_icosphere(3).positions)
+    for (const double x : v) positions.push_back(static_cast<float>(x));
+  const auto status = sender.publisher->send_positions(positions, steady_now_us());
+  ASSERT_TRUE(status) << status.error().message;
+  EXPECT_EQ(*status, SendStatus::kSent);
+  positions.pop_back();
+  EXPECT_EQ(sender.publisher->send_positions(positions, steady_now_us()).error().code, ErrorCode::kInvalidArgument);
+}
+
+TEST(Publisher, ASecondSenderOfTheSameStreamIsRefusedAndSaysSo) {
+  LoopbackBroker broker;
+  Sender first(broker, 40);
+  ASSERT_TRUE(first.send_first());
+  Sender second(broker, 40);
+  EXPECT_TRUE(eventually([&] { return second.publisher->stats().state == Publisher::State::kRefused; }))
+      << second.publisher->stats().detail;
+  EXPECT_FALSE(second.send());
+  EXPECT_TRUE(first.send()) << "the first goes on";
+}
+
+TEST(Create, RefusesWhatCannotBeMeant) {
+  const Model& m = model(40);
+  for (const char* url : {"nonsense", "ws://127.0.0.1:1", "ws://127.0.0.1:1/a//b", "ws://127.0.0.1:1/.."}) {
+    EXPECT_EQ(Subscriber::create({url, {}, {}}).error().code, ErrorCode::kInvalidArgument) << url;
+    PublisherOptions options;
+    options.url = url;
+    EXPECT_EQ(Publisher::create(options, m.asset, m.encoded).error().code, ErrorCode::kInvalidArgument) << url;
+  }
+  EXPECT_EQ(Subscriber::create({"ws://127.0.0.1:1/a?rate=fast", {}, {}}).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(Subscriber::create({"wss://127.0.0.1:1/a", {}, {}}).error().code, ErrorCode::kUnsupported);
+  PublisherOptions options;
+  options.url = "ws://127.0.0.1:1/a";
+  options.error = -1;
+  EXPECT_EQ(Publisher::create(options, m.asset, m.encoded).error().code, ErrorCode::kInvalidArgument);
+}
+
+}  // namespace
+}  // namespace eigencast
