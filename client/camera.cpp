@@ -72,7 +72,8 @@ void Camera::home() {
     const float reach = std::max(std::abs(glm::dot(d, right)) / tan_x, std::abs(glm::dot(d, above)) / tan_y);
     distance = std::max(distance, reach + glm::dot(d, back));
   }
-  distance_ = std::max(1.12F * distance, 1e-3F * radius_);
+  // Some air around it, because a deforming surface leaves its rest box.
+  distance_ = std::max(1.18F * distance, 1e-3F * radius_);
 }
 
 bool Camera::set_view(std::string_view name) {

@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: MIT
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "client/apps.h"
+#include "client/picture.h"
+#include "tests/unit/client/fake_source.h"
+
+namespace eigencast {
+namespace {
+
+using nlohmann::json;
+using testing::FakeSource;
+using testing::sphere_asset;
+using testing::sphere_pose;
+
+class Apps : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ = std::filesystem::temp_directory_path() / ("eigencast-apps-" + std::to_string(::getpid()));
+    std::filesystem::create_directories(folder_);
+    options_.width = 160;
+    options_.height = 120;
+    for (int i = 1; i <= 8; ++i) {
+      source_.batches.push_back(
+          {sphere_pose(source_.asset_, static_cast<std::uint64_t>(i), steady_now_us() + i, 0.5 + 0.05 * i)});
+    }
+  }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+  LogSink log() {
+    return [this](LogLevel, std::string_view message) { said_ += std::string(message) + "\n"; };
+  }
+
+  std::filesystem::path folder_;
+  FakeSource source_{sphere_asset(3)};
+  ClientOptions options_;
+  std::atomic<bool> stop_{false};
+  std::string said_;
+};
+
+TEST_F(Apps, HeadlessWritesOnePictureForEachPoseAndAReport) {
+  options_.headless = true;
+  options_.frames = 5;
+  options_.out = path("pictures");
+  options_.record = path("poses.jsonl");
+  options_.hud = true;
+  ASSERT_EQ(run_headless(options_, source_, stop_, log()), kExitGood) << said_;
+  Picture before;
+  for (int i = 1; i <= 5; ++i) {
+    const auto picture = read_png(path("pictures/frame_000" + std::to_string(i) + ".png"));
+    ASSERT_TRUE(picture) << picture.error().message;
+    EXPECT_EQ(picture->width, 160);
+    EXPECT_NE(picture->rgb, before.rgb) << "each picture is of a new pose";
+    before = *picture;
+  }
+  EXPECT_FALSE(std::filesystem::exists(path("pictures/frame_0006.png")));
+  std::ifstream in(path("pictures/report.json"));
+  const json report = json::parse(in);
+  EXPECT_EQ(report["frames_out"]["written"], 5);
+  EXPECT_EQ(report["frames_in"]["keys"], 5);
+  EXPECT_EQ(report["lod"]["vertices"], 642);
+  EXPECT_EQ(report["picture"]["samples"], 4);
+  std::ifstream record(path("poses.jsonl"));
+  std::string line;
+  int lines = 0;
+  while (std::getline(record, line)) {
+    const json pose = json::parse(line);
+    ++lines;
+    EXPECT_EQ(pose["sequence"], lines);
+    EXPECT_EQ(pose["kind"], "key");
+    const auto coefficients = pose["coefficients"].get<std::vector<double>>();
+    ASSERT_EQ(coefficients.size(), 18u);
+    EXPECT_EQ(coefficients[7], 0.5 + 0.05 * lines) << "to the last bit";
+  }
+  EXPECT_EQ(lines, 5);
+}
+
+TEST_F(Apps, HeadlessWithoutAStreamSaysSoAndExitsWithFour) {
+  source_.has_asset = false;
+  source_.batches.clear();
+  options_.headless = true;
+  options_.wait_s = 0.05;
+  EXPECT_EQ(run_headless(options_, source_, stop_, log()), kExitNoStream);
+  EXPECT_NE(said_.find("no pose came"), std::string::npos) << said_;
+}
+
+TEST_F(Apps, FilesThatCannotBeWrittenAreFailures) {
+  options_.headless = true;
+  options_.record = path("none/poses.jsonl");
+  EXPECT_EQ(run_headless(options_, source_, stop_, log()), kExitFailed);
+  EXPECT_NE(said_.find("cannot be written"), std::string::npos) << said_;
+}
+
+/// An X server without a screen for the time of one test.
+class VirtualDisplay {
+ public:
+  VirtualDisplay() {
+    int ends[2];
+    if (::pipe(ends) != 0) return;
+    pid_ = ::fork();
+    if (pid_ == 0) {
+      const std::string fd = std::to_string(ends[1]);
+      ::close(ends[0]);
+      ::execlp("Xvfb", "Xvfb", "-displayfd", fd.c_str(), "-screen", "0", "800x600x24", "-nolisten", "tcp",
+               static_cast<char*>(nullptr));
+      ::_exit(127);
+    }
+    ::close(ends[1]);
+    from_server_ = ends[0];
+    // The number and its newline may come apart, and the server dies if nobody is there to take both.
+    std::string text;
+    for (char c = 0; c != '\n' && ::read(from_server_, &c, 1) == 1;) text += c;
+    if (!text.empty()) number_ = std::atoi(text.c_str());
+  }
+  ~VirtualDisplay() {
+    if (from_server_ >= 0) ::close(from_server_);
+    if (pid_ <= 0) return;
+    ::kill(pid_, SIGTERM);
+    ::waitpid(pid_, nullptr, 0);
+  }
+  bool ready() const { return number_ >= 0; }
+  std::string name() const { return ":" + std::to_string(number_); }
+
+ private:
+  pid_t pid_ = -1;
+  int number_ = -1, from_server_ = -1;
+};
+
+TEST_F(Apps, WithoutADisplayTheWindowTellsAboutHeadless) {
+  ::unsetenv("DISPLAY");
+  ::unsetenv("WAYLAND_DISPLAY");
+  EXPECT_EQ(run_window(options_, source_, stop_, log()), kExitFailed);
+  EXPECT_NE(said_.find("--headless"), std::string::npos) << said_;
+}
+
+TEST_F(Apps, TheWindowShowsTheSurfaceThatHeadlessShows) {
+  const VirtualDisplay display;
+  if (!display.ready()) GTEST_SKIP() << "Xvfb does not start: THE WINDOW IS NOT TESTED (install the package xvfb)";
+  ::setenv("DISPLAY", display.name().c_str(), 1);
+  options_.width = 480;
+  options_.height = 360;
+  options_.frames = 3;
+  options_.screenshot = path("window.png");
+  options_.json = path("window.json");
+  ASSERT_EQ(run_window(options_, source_, stop_, log()), kExitGood) << said_;
+  const auto window = read_png(path("window.png"));
+  ASSERT_TRUE(window) << window.error().message;
+
+  FakeSource again(sphere_asset(3));
+  for (int i = 1; i <= 3; ++i) {
+    again.batches.push_back(
+        {sphere_pose(again.asset_, static_cast<std::uint64_t>(i), steady_now_us() + i, 0.5 + 0.05 * i)});
+  }
+  options_.headless = true;
+  options_.screenshot = path("headless.png");
+  ASSERT_EQ(run_headless(options_, again, stop_, log()), kExitGood) << said_;
+  const auto headless = read_png(path("headless.png"));
+  ASSERT_TRUE(headless);
+  ASSERT_EQ(window->rgb.size(), headless->rgb.size());
+  // The window's has figures over its corners; the middle third is the surface alone.
+  int different = 0, seen = 0;
+  for (int y = 130; y < 230; ++y) {
+    for (int x = 140; x < 340; ++x) {
+      ++seen;
+      for (int c = 0; c < 3; ++c) {
+        if (std::abs(int{window->pixel(x, y)[c]} - int{headless->pixel(x, y)[c]}) > 8) {
+          ++different;
+          break;
+        }
+      }
+    }
+  }
+  EXPECT_LT(different, seen / 50);
+}
+
+}  // namespace
+}  // namespace eigencast

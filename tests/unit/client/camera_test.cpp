@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: MIT
+#include "client/camera.h"
+
+#include <gtest/gtest.h>
+
+#include <glm/geometric.hpp>
+
+namespace eigencast {
+namespace {
+
+Camera camera_of(int width = 800, int height = 600) {
+  Camera camera;
+  camera.set_viewport(width, height);
+  camera.set_scene({-1, -2, -3}, {3, 2, 1});
+  return camera;
+}
+
+TEST(Camera, FramesTheWholeBoxFromEverySideInEveryShapeOfWindow) {
+  for (const auto& [width, height] : {std::pair{800, 600}, {300, 900}, {1600, 200}}) {
+    for (const char* view : {"iso", "front", "back", "left", "right", "top", "bottom"}) {
+      for (const Camera::Up up : {Camera::Up::kX, Camera::Up::kY, Camera::Up::kZ}) {
+        Camera camera = camera_of(width, height);
+        camera.set_up(up);
+        ASSERT_TRUE(camera.set_view(view));
+        float widest = 0;
+        for (int corner = 0; corner < 8; ++corner) {
+          const auto pixel = camera.pixel_from_scene({corner & 1 ? 3 : -1, corner & 2 ? 2 : -2, corner & 4 ? 1 : -3});
+          ASSERT_TRUE(pixel);
+          EXPECT_GE(pixel->x, 0);
+          EXPECT_GE(pixel->y, 0);
+          EXPECT_LE(pixel->x, width);
+          EXPECT_LE(pixel->y, height);
+          widest = std::max({widest, std::abs(2 * pixel->x / static_cast<float>(width) - 1),
+                             std::abs(2 * pixel->y / static_cast<float>(height) - 1)});
+        }
+        EXPECT_GT(widest, 0.7F) << view << ": the box should fill the window";
+      }
+    }
+  }
+}
+
+TEST(Camera, FrontLooksAlongTheAxisWithUpUp) {
+  Camera camera = camera_of();
+  camera.set_view("front");
+  const glm::vec3 centre = camera.target();
+  EXPECT_GT(camera.position().z, centre.z);
+  EXPECT_NEAR(camera.position().x, centre.x, 1e-4);
+  EXPECT_LT(camera.pixel_from_scene(centre + glm::vec3(0, 1, 0))->y, 300);
+  EXPECT_GT(camera.pixel_from_scene(centre + glm::vec3(1, 0, 0))->x, 400);
+}
+
+TEST(Camera, RotatingKeepsTargetAndDistance) {
+  Camera camera = camera_of();
+  const float before = camera.distance();
+  camera.rotate({120, -4000});
+  EXPECT_NEAR(glm::length(camera.position() - camera.target()), before, 1e-3);
+  EXPECT_LT(camera.position().y, camera.target().y);  // dragged up: seen from below, never turned over
+  EXPECT_GT(camera.view_from_scene()[1][1], 0);
+}
+
+TEST(Camera, ZoomKeepsThePointUnderTheCursor) {
+  Camera camera = camera_of();
+  const glm::vec3 point = camera.target();
+  camera.pan({150, -70});
+  const glm::vec2 cursor = *camera.pixel_from_scene(point);
+  const float before = camera.distance();
+  camera.zoom(5, cursor);
+  EXPECT_LT(camera.distance(), before);
+  EXPECT_NEAR(camera.pixel_from_scene(point)->x, cursor.x, 0.5);
+  EXPECT_NEAR(camera.pixel_from_scene(point)->y, cursor.y, 0.5);
+}
+
+TEST(Camera, PanMovesTheSceneWithTheCursor) {
+  Camera camera = camera_of();
+  const glm::vec3 point = camera.target();
+  camera.pan({31, 17});
+  EXPECT_NEAR(camera.pixel_from_scene(point)->x, 431, 0.5);
+  EXPECT_NEAR(camera.pixel_from_scene(point)->y, 317, 0.5);
+}
+
+TEST(Camera, ZoomIsBounded) {
+  Camera camera = camera_of();
+  camera.zoom(1000, {400, 300});
+  EXPECT_GT(camera.distance(), 0);
+  camera.zoom(-5000, {400, 300});
+  EXPECT_LE(camera.distance(), 61 * camera.scene_radius());
+}
+
+TEST(Camera, ASceneThatGrowsDoesNotMoveACameraThatTheUserMoved) {
+  Camera camera = camera_of();
+  camera.set_scene({-10, -10, -10}, {10, 10, 10});
+  const float framed = camera.distance();
+  EXPECT_GT(framed, 20);
+  camera.rotate({10, 0});
+  camera.set_scene({-1, -1, -1}, {1, 1, 1});
+  EXPECT_FLOAT_EQ(camera.distance(), framed);
+  camera.home();
+  EXPECT_LT(camera.distance(), framed);
+}
+
+TEST(Camera, UnknownViewsAndFlatScenesDoNoHarm) {
+  Camera camera = camera_of();
+  EXPECT_FALSE(camera.set_view("sideways"));
+  camera.set_scene({1, 1, 1}, {1, 1, 1});
+  EXPECT_TRUE(std::isfinite(camera.clip_from_view()[0][0]));
+  EXPECT_GT(camera.distance(), 0);
+}
+
+}  // namespace
+}  // namespace eigencast

@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: MIT
+#include "client/scene_state.h"
+
+#include <gtest/gtest.h>
+
+#include "tests/unit/client/fake_source.h"
+
+namespace eigencast {
+namespace {
+
+using testing::FakeSource;
+using testing::sphere_asset;
+using testing::sphere_pose;
+
+class Scene : public ::testing::Test {
+ protected:
+  bool turn(TimeUs now_us) {
+    scene_.receive(source_, source_.poll({}));
+    return scene_.advance(source_, now_us);
+  }
+  /// Half the height of the surface shown.
+  float height() const {
+    float highest = 0;
+    for (std::size_t i = 1; i < scene_.geometry().positions.size(); i += 3) {
+      highest = std::max(highest, scene_.geometry().positions[i]);
+    }
+    return highest;
+  }
+
+  FakeSource source_{sphere_asset(3)};
+  SceneState scene_;
+};
+
+TEST_F(Scene, TheFixtureIsAnAssetThatReceiversAccept) {
+  EXPECT_TRUE(validate_asset(source_.asset_));
+}
+
+TEST_F(Scene, ShowsTheRestPoseBeforeAnyPoseCame) {
+  EXPECT_TRUE(turn(0));
+  EXPECT_EQ(scene_.geometry().vertex_count(), 642u);
+  EXPECT_EQ(scene_.geometry().triangles.size(), 3u * 1280);
+  EXPECT_NEAR(height(), 1, 0.01);
+  EXPECT_EQ(scene_.poses_shown(), 0u);
+  EXPECT_NEAR(scene_.facts().low[0], -1, 0.03);
+  EXPECT_FALSE(turn(1)) << "nothing changed";
+}
+
+TEST_F(Scene, ShowsTheNewestPoseAndOnlyOnce) {
+  source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 0.5), sphere_pose(source_.asset_, 2, 2000, 0.8)});
+  EXPECT_TRUE(turn(2000));
+  EXPECT_NEAR(height(), 0.8, 0.01);
+  EXPECT_EQ(scene_.shown_capture_us(), 2000);
+  EXPECT_EQ(scene_.bands_received(), 2u);
+  EXPECT_FALSE(turn(3000));
+  EXPECT_EQ(scene_.poses_shown(), 1u);
+}
+
+TEST_F(Scene, NormalsAreUnitAndPointOutward) {
+  turn(0);
+  const auto& g = scene_.geometry();
+  for (std::size_t i = 0; i < g.positions.size(); i += 3) {
+    const float* n = &g.normals[i];
+    const float* x = &g.positions[i];
+    EXPECT_NEAR(n[0] * n[0] + n[1] * n[1] + n[2] * n[2], 1, 1e-4);
+    EXPECT_GT(n[0] * x[0] + n[1] * x[1] + n[2] * x[2], 0.9);
+  }
+}
+
+TEST_F(Scene, ALostConnectionKeepsTheLastPose) {
+  source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 0.5)});
+  turn(1000);
+  source_.stats_.state = Subscriber::State::kLost;
+  for (TimeUs now = 2000; now < 9'000'000; now += 1'000'000) EXPECT_FALSE(turn(now));
+  EXPECT_NEAR(height(), 0.5, 0.01);
+  source_.stats_.state = Subscriber::State::kLive;
+  source_.batches.push_back({sphere_pose(source_.asset_, 7, 9'500'000, 0.9)});
+  EXPECT_TRUE(turn(9'500'000));
+  EXPECT_NEAR(height(), 0.9, 0.01);
+}
+
+TEST_F(Scene, PausedShowsTheSamePoseWhileOthersCome) {
+  source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 0.5)});
+  turn(1000);
+  scene_.set_paused(true);
+  source_.batches.push_back({sphere_pose(source_.asset_, 2, 2000, 0.8)});
+  EXPECT_FALSE(turn(2000));
+  EXPECT_NEAR(height(), 0.5, 0.01);
+  scene_.set_paused(false);
+  EXPECT_TRUE(turn(2001));
+  EXPECT_NEAR(height(), 0.8, 0.01);
+}
+
+TEST_F(Scene, LevelsAreClampedWhileTheAssetArrives) {
+  Asset& asset = source_.asset_;
+  asset.rows_ready = 5;  // not even the base
+  asset.faces_ready = 0;
+  EXPECT_FALSE(turn(0));
+  asset.rows_ready = 162;
+  asset.faces_ready = 320;
+  EXPECT_TRUE(turn(1));
+  EXPECT_EQ(scene_.geometry().vertex_count(), 162u);
+  EXPECT_EQ(scene_.geometry().triangles.size(), 3u * 320);
+  scene_.lod().set_fraction(0);
+  EXPECT_TRUE(turn(2));
+  EXPECT_GE(scene_.geometry().vertex_count(), asset.base_count);
+  scene_.lod().set_fraction(1);
+  asset.rows_ready = asset.vertex_count;
+  asset.faces_ready = asset.face_total;
+  EXPECT_TRUE(turn(3));
+  EXPECT_EQ(scene_.geometry().vertex_count(), asset.vertex_count);
+}
+
+TEST_F(Scene, AllTrianglesStayBelowTheLevel) {
+  for (const double fraction : {0.02, 0.1, 0.3, 0.77}) {
+    scene_.lod().set_fraction(fraction);
+    turn(0);
+    const auto N = scene_.geometry().vertex_count();
+    EXPECT_NEAR(N, fraction * 642, 1);
+    for (const std::uint32_t corner : scene_.geometry().triangles) ASSERT_LT(corner, N);
+  }
+}
+
+TEST_F(Scene, FramesAheadAndFramesOfAWrongSizeAreNotShown) {
+  ReceivedPose ahead = sphere_pose(source_.asset_, 1, 1000, 0.5);
+  ahead.envelope.flags = Envelope::kAhead;
+  ReceivedPose wrong = sphere_pose(source_.asset_, 2, 2000, 0.5);
+  wrong.coefficients.resize(12);
+  source_.batches.push_back({ahead, wrong});
+  turn(2000);
+  EXPECT_EQ(scene_.poses_shown(), 0u);
+  EXPECT_EQ(scene_.poses_unusable(), 1u);
+  EXPECT_NEAR(height(), 1, 0.01);
+}
+
+TEST_F(Scene, ANewEpochWaitsForItsAssetAndThenShowsItsNewestPose) {
+  source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 0.5)});
+  turn(1000);
+  source_.batches.push_back({sphere_pose(source_.asset_, 1, 50, 0.7, 0, 2)});
+  EXPECT_FALSE(turn(2000)) << "the old surface stays";
+  EXPECT_NEAR(height(), 0.5, 0.01);
+  source_.asset_ = sphere_asset(2);
+  source_.epoch_ = 2;
+  EXPECT_TRUE(turn(3000));
+  EXPECT_EQ(scene_.geometry().vertex_count(), 162u);
+  EXPECT_NEAR(height(), 0.7, 0.01);
+}
+
+TEST(SceneInterpolated, ShowsPosesBetweenArrivals) {
+  FakeSource source(sphere_asset(2));
+  SceneState scene({PlayoutMode::kInterpolate, 100'000, 1});
+  for (int i = 0; i < 4; ++i) {
+    source.batches.push_back({sphere_pose(source.asset_, static_cast<std::uint64_t>(i), i * 50'000, 0.5 + 0.1 * i)});
+    scene.receive(source, source.poll({}));
+    scene.advance(source, i * 50'000);
+  }
+  scene.advance(source, 175'000);  // 100 ms of delay: media time 75 ms, half-way between the second and the third
+  float highest = 0;
+  for (std::size_t i = 1; i < scene.geometry().positions.size(); i += 3) {
+    highest = std::max(highest, scene.geometry().positions[i]);
+  }
+  EXPECT_NEAR(highest, 0.65, 0.02);
+}
+
+TEST(ScenePoints, ACloudHasSpacingAndNoNormals) {
+  FakeSource source(sphere_asset(3, true));
+  SceneState scene;
+  scene.receive(source, source.poll({}));
+  ASSERT_TRUE(scene.advance(source, 0));
+  EXPECT_TRUE(scene.geometry().is_point_cloud);
+  EXPECT_TRUE(scene.geometry().normals.empty());
+  EXPECT_NEAR(scene.geometry().point_spacing, std::sqrt(12.566F / 642), 1e-3);
+}
+
+}  // namespace
+}  // namespace eigencast

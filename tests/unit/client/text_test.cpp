@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: MIT
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <array>
+#include <filesystem>
+#include <fstream>
+
+#include "client/hud_text.h"
+#include "client/options.h"
+#include "client/picture.h"
+#include "client/rate_meter.h"
+#include "client/viewer_state.h"
+
+namespace eigencast {
+namespace {
+
+TEST(HudText, StatesRatesLatencyAndLevel) {
+  HudFigures f;
+  f.keys_hz = 29.97;
+  f.poses_hz = 89.9;
+  f.drawn_hz = 60.2;
+  f.kbit_per_s = 56.4;
+  f.latency_p50_us = 4'100;
+  f.latency_p99_us = 38'400;
+  f.latency_count = 10;
+  f.vertices = 13'777;
+  f.vertices_total = 32'802;
+  f.faces = 27'550;
+  f.bands = 3;
+  f.bands_total = 4;
+  f.rank = 200;
+  f.mode = "raw";
+  const auto lines = hud_lines(f);
+  ASSERT_EQ(lines.size(), 5u);
+  EXPECT_EQ(lines[0], "30 keys/s \xC2\xB7 90 poses/s \xC2\xB7 60 drawn/s");
+  EXPECT_EQ(lines[1], "56 kbit/s \xC2\xB7 latency 4.1 ms (p99 38 ms)");
+  EXPECT_EQ(lines[2], "LOD 0.42 \xC2\xB7 13,777 of 32,802 vertices, 27,550 faces");
+  EXPECT_EQ(lines[3], "bands 3 of 4 \xC2\xB7 rank 200");
+}
+
+TEST(HudText, SaysWhenNothingIsKnown) {
+  const auto lines = hud_lines(HudFigures{});
+  EXPECT_NE(lines[1].find("latency not known yet"), std::string::npos);
+  EXPECT_NE(lines[2].find("points"), std::string::npos);
+}
+
+TEST(HudText, ModeNamesRateFormAndPlayout) {
+  EXPECT_EQ(text_from_mode({Profile::Rate::kRaw, 3, Profile::Form::kFull, 8}, PlayoutMode::kLatest),
+            "raw, shown as it comes");
+  EXPECT_EQ(text_from_mode({Profile::Rate::kInterpolated, 4, Profile::Form::kCompact, 8}, PlayoutMode::kInterpolate),
+            "interpolated x4 compact, smoothed");
+}
+
+TEST(HudText, ConnectionLineCountsTheDownload) {
+  Subscriber::Stats stats;
+  stats.state = Subscriber::State::kDownloading;
+  stats.asset_bytes_downloaded = 3'000'000;
+  stats.asset_bytes_cached = 1'100'000;
+  stats.asset_bytes_total = 11'300'000;
+  EXPECT_EQ(connection_line(stats, std::nullopt), "downloading model 4.1 of 11.3 MB");
+}
+
+TEST(HudText, BannerOnlyForASurfaceThatStandsStill) {
+  Subscriber::Stats stats;
+  stats.state = Subscriber::State::kLive;
+  EXPECT_EQ(banner_text(stats, 3'200'000), "");
+  stats.state = Subscriber::State::kLost;
+  stats.detail = "next try in 400 ms";
+  EXPECT_EQ(banner_text(stats, std::nullopt), "");  // nothing was ever shown: the connection line says it
+  EXPECT_EQ(banner_text(stats, 3'200'000), "no data for 3.2 s - connection lost: next try in 400 ms");
+}
+
+TEST(RateMeter, MeasuresGrowthOverItsWindow) {
+  RateMeter meter;
+  EXPECT_EQ(meter.per_second(), 0);
+  for (int i = 0; i <= 300; ++i) meter.sample(static_cast<std::uint64_t>(i) * 3, i * 33'333);
+  EXPECT_NEAR(meter.per_second(), 90, 2);
+  meter.sample(2, 11'000'000);  // a new session counts from zero
+  EXPECT_EQ(meter.per_second(), 0);
+}
+
+TEST(ViewerState, KeysDoWhatTheHelpSays) {
+  ViewerState state;
+  Camera camera;
+  LevelOfDetail lod(0.5);
+  const auto press = [&](const char* key) {
+    const auto action = action_for_key(key);
+    ASSERT_TRUE(action) << key;
+    state.apply(*action, camera, lod);
+  };
+  press("E");
+  EXPECT_TRUE(state.edges);
+  press(" ");
+  EXPECT_TRUE(state.paused);
+  press("+");
+  EXPECT_DOUBLE_EQ(lod.fraction(), 0.625);
+  press(",");
+  EXPECT_DOUBLE_EQ(lod.fraction(), 0.5);
+  press("U");
+  EXPECT_EQ(camera.up(), Camera::Up::kZ);
+  press("F12");
+  EXPECT_TRUE(state.screenshot_wanted);
+  press("Escape");
+  EXPECT_TRUE(state.quit);
+  EXPECT_FALSE(action_for_key("J"));
+  bool edges_on = false;
+  for (const HelpLine& line : help_lines(state, camera, lod)) edges_on |= line.what == "edges" && line.state == "on";
+  EXPECT_TRUE(edges_on);
+}
+
+class Files : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    folder_ =
+        std::filesystem::temp_directory_path() / ("eigencast-client-" + std::to_string(::getpid()) +
+                                                  ::testing::UnitTest::GetInstance()->current_test_info()->name());
+    std::filesystem::create_directories(folder_);
+  }
+  void TearDown() override { std::filesystem::remove_all(folder_); }
+  std::string path(const char* name) const { return (folder_ / name).string(); }
+  std::filesystem::path folder_;
+};
+
+TEST_F(Files, APictureComesBackAsItWasWritten) {
+  Picture picture{5, 3, {}};
+  for (int i = 0; i < 45; ++i) picture.rgb.push_back(static_cast<std::uint8_t>(i * 37));
+  ASSERT_TRUE(write_png(path("a.png"), picture));
+  const auto back = read_png(path("a.png"));
+  ASSERT_TRUE(back) << back.error().message;
+  EXPECT_EQ(back->width, 5);
+  EXPECT_EQ(back->height, 3);
+  EXPECT_EQ(back->rgb, picture.rgb);
+}
+
+TEST_F(Files, PicturesThatCannotBeAreErrors) {
+  EXPECT_EQ(write_png(path("a.png"), Picture{5, 3, {1, 2}}).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(write_png(path("none/a.png"), Picture{1, 1, {1, 2, 3}}).error().code, ErrorCode::kIo);
+  std::ofstream(path("bad.png")) << "not a picture";
+  EXPECT_EQ(read_png(path("bad.png")).error().code, ErrorCode::kCorrupt);
+  EXPECT_EQ(read_png(path("absent.png")).error().code, ErrorCode::kIo);
+}
+
+TEST_F(Files, ScreenshotsNeverOverwrite) {
+  const std::string prefix = path("shot");
+  EXPECT_EQ(next_screenshot_name(prefix), prefix + "_0001.png");
+  std::ofstream(prefix + "_0001.png") << "x";
+  EXPECT_EQ(next_screenshot_name(prefix), prefix + "_0002.png");
+}
+
+std::variant<ClientOptions, ExitNow> parsed(std::vector<const char*> arguments) {
+  arguments.insert(arguments.begin(), "eigencast-client");
+  return options_from_command_line(static_cast<int>(arguments.size()), arguments.data());
+}
+
+TEST(Options, DefaultsAndTheQueryDecideUnlessAsked) {
+  const auto plain = parsed({});
+  ASSERT_TRUE(std::holds_alternative<ClientOptions>(plain));
+  EXPECT_EQ(std::get<ClientOptions>(plain).url, "ws://127.0.0.1:7490/demo");
+  EXPECT_FALSE(std::get<ClientOptions>(plain).profile);
+  const auto asked =
+      parsed({"ws://h/a?rate=interpolated&k=5", "--form", "compact", "--size", "640x480", "--playout", "estimate"});
+  ASSERT_TRUE(std::holds_alternative<ClientOptions>(asked));
+  const auto& options = std::get<ClientOptions>(asked);
+  ASSERT_TRUE(options.profile);
+  EXPECT_EQ(options.profile->k, 5);
+  EXPECT_EQ(options.profile->form, Profile::Form::kCompact);
+  EXPECT_EQ(options.width, 640);
+  EXPECT_EQ(options.height, 480);
+  EXPECT_EQ(options.scene.playout, PlayoutMode::kEstimate);
+}
+
+TEST(Options, WrongUsageExitsWithTwo) {
+  const std::vector<std::vector<const char*>> wrong{
+      {"--size", "7"}, {"--size", "0x90"}, {"--lod", "2"}, {"--rate", "fast"}, {"--k", "99"},
+      {"--nonsense"},  {"ftp://x/y"},      {"--out", "x"}, {"--playout", "x"}, {"ws://h/a?rate=x"}};
+  for (const auto& arguments : wrong) {
+    const auto result = parsed(arguments);
+    ASSERT_TRUE(std::holds_alternative<ExitNow>(result)) << arguments[0];
+    EXPECT_EQ(std::get<ExitNow>(result).code, kExitUsage) << arguments[0];
+  }
+  EXPECT_EQ(std::get<ExitNow>(parsed({"--help"})).code, kExitGood);
+}
+
+}  // namespace
+}  // namespace eigencast
