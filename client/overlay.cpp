@@ -116,7 +116,7 @@ void Overlay::draw(const OverlayContent& content, int width_px, int height_px, u
     ImGui::End();
   }
   if (!content.banner.empty()) {
-    begin_card("banner", {0.5F * size.x, 4 * gap}, {0.5F, 0}, 0.88F);
+    begin_card("banner", {0.5F * size.x, size.y - 5.5F * gap}, {0.5F, 1}, 0.88F);
     ImGui::TextColored({1, 0.80F, 0.45F, 1}, "%s", content.banner.c_str());
     ImGui::End();
   }
