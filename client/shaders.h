@@ -35,8 +35,8 @@ void main() {
 inline constexpr const char* kShadowFragment = R"(#version 330 core
 void main() {})";
 
-/// Shared by everything that receives the shadow: 12 taps on a spiral, turned from pixel to pixel, the outermost first; where four of
-/// those agree the others would too.
+/// Shared by everything that receives the shadow: 12 taps on a spiral, turned from pixel to pixel, the outermost first;
+/// where four of those agree the others would too.
 inline constexpr const char* kLighting = R"(#version 330 core
 uniform sampler2DShadow shadow_map;
 uniform mat4 light_from_scene;
