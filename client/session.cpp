@@ -75,17 +75,6 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera) {
 void Session::note_arrivals(const std::vector<ReceivedPose>& poses) {
   for (const ReceivedPose& pose : poses) {
     ++poses_taken_;
-    switch (pose.envelope.kind) {
-      case FrameKind::kKey:
-        ++keys_in_;
-        break;
-      case FrameKind::kJoin:
-        ++joins_in_;
-        break;
-      default:
-        ++steps_in_;
-        break;
-    }
     if (!first_arrival_us_) first_arrival_us_ = pose.arrival_us;
     last_arrival_us_ = pose.arrival_us;
   }
@@ -210,15 +199,12 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
   report["state"] = name_of(stats.state);
   report["duration_s"] = static_cast<double>(steady_now_us() - started_us_) / 1e6;
   report["receiving_s"] = span_s;
-  report["frames_in"] = {{"keys", keys_in_},
-                         {"synthetic", steps_in_},
-                         {"joins", joins_in_},
-                         {"bytes", stats.bytes},
-                         {"missed", stats.missed},
-                         {"rejected", stats.rejected},
-                         {"unusable", scene_.poses_unusable()}};
+  report["frames_in"] = {{"keys", stats.keys},         {"synthetic", stats.synthetic},
+                         {"joins", stats.joins},       {"poses", poses_taken_},
+                         {"bytes", stats.bytes},       {"missed", stats.missed},
+                         {"rejected", stats.rejected}, {"unusable", scene_.poses_unusable()}};
   report["frames_out"] = {{"drawn", drawn_}, {"poses_shown", scene_.poses_shown()}, {"written", written_}};
-  report["rates_hz"] = {{"keys", per_second(keys_in_ + joins_in_, span_s)},
+  report["rates_hz"] = {{"keys", per_second(stats.keys, span_s)},
                         {"poses", per_second(poses_taken_, span_s)},
                         {"drawn", per_second(drawn_, span_s)}};
   report["kbit_per_s"] = per_second(stats.bytes * 8, span_s) / 1000;

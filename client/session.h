@@ -63,7 +63,7 @@ class Session final {
   Histogram drawn_latency_us_, upload_us_, draw_us_;
   TimeUs started_us_ = 0;
   std::optional<TimeUs> first_arrival_us_, last_arrival_us_, lost_since_us_;
-  std::uint64_t keys_in_ = 0, steps_in_ = 0, joins_in_ = 0, poses_taken_ = 0, drawn_ = 0, written_ = 0;
+  std::uint64_t poses_taken_ = 0, drawn_ = 0, written_ = 0;
   std::uint64_t facts_version_ = 0, drawn_pose_ = 0;
   std::optional<Subscriber::State> said_;
   bool up_set_ = false;
