@@ -50,12 +50,12 @@ class Broker {
 
   class Signals;
   Config config_;
-  asio::io_context loop_;
   std::unique_ptr<AssetStore> assets_;
   EpochSource epochs_;
   Hub hub_;
+  Context context_;  // What waits in the loop below ends with it and needs all above.
+  asio::io_context loop_;
   asio::thread_pool disk_;
-  Context context_;
   Timer schedule_;
   std::optional<TimeUs> scheduled_us_;
   Timer tick_;

@@ -298,9 +298,11 @@ void HttpSession::read_body() {
 
 void HttpSession::on_body_done() {
   timer_.cancel();
-  asio::post(context_.disk, [self = shared_from_this(), work = asio::make_work_guard(context_.loop)] {
+  // The session goes along and comes back: it must not end on the disk's thread.
+  asio::post(context_.disk, [self = shared_from_this(), work = asio::make_work_guard(context_.loop)]() mutable {
     auto committed = std::make_shared<Result<bool>>(self->upload_->commit());
-    asio::post(self->context_.loop, [self, committed] { self->on_committed(*committed); });
+    asio::io_context& loop = self->context_.loop;
+    asio::post(loop, [self = std::move(self), committed] { self->on_committed(*committed); });
   });
 }
 

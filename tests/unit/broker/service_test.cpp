@@ -365,6 +365,24 @@ TEST_F(ServiceTest, StoppingSaysByeWithARetryAndTheNextRunHasHigherEpochs) {
   EXPECT_GT(announced_.epoch, epoch);
 }
 
+TEST_F(ServiceTest, StoppingInTheMiddleOfEverythingIsClean) {
+  auto publisher = sender("a");
+  Client viewer(port_, "/v1/subscribe/a");
+  asio::io_context loop;
+  asio::ip::tcp::socket upload(loop);
+  asio::connect(upload, asio::ip::tcp::resolver(loop).resolve("127.0.0.1", std::to_string(port_)));
+  asio::write(upload, asio::buffer("PUT /v1/assets/" + asset_ + " HTTP/1.1\r\nContent-Length: 9\r\n\r\nhalf"));
+  viewer.wait_for<control::StreamInfo>();
+  broker_->stop();
+  broker_->stop();
+  stop();
+  start();
+  std::size_t left = 0;
+  for (const auto& entry : fs::recursive_directory_iterator(folder_ + "/assets"))
+    left += entry.is_regular_file() ? 1 : 0;
+  EXPECT_EQ(left, 1u) << "the manifest, and nothing of the upload";
+}
+
 TEST_F(ServiceTest, ASlowHeadIsCutOff) {
   asio::io_context loop;
   asio::ip::tcp::socket socket(loop);
