@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <condition_variable>
 #include <deque>
+#include <limits>
 #include <mutex>
 #include <thread>
 #include <tuple>
@@ -25,6 +26,8 @@ constexpr std::size_t kMaxPoses = 64;
 constexpr TimeUs kAckIntervalUs = 33'000;
 constexpr TimeUs kPingIntervalUs = 250'000;
 constexpr milliseconds kTick{40};
+/// What a notice says is no longer news after so long.
+constexpr TimeUs kNoticeUs = 3'000'000;
 
 /// A decoded pose on its way to the caller: absent bands are filled in there, where the asset is.
 struct Arrival {
@@ -97,6 +100,7 @@ class Receiver {
     condition.counts = decoder_.counts();
     condition.counts.rejected += unparsed_;
     condition.clock = clock_.estimate();
+    if (steady_now_us() > notice_until_us_) condition.notice.clear();
     return condition;
   }
 
@@ -163,6 +167,7 @@ class Receiver {
     {
       const std::lock_guard lock(mutex_);
       condition_.notice = m.message;
+      notice_until_us_ = steady_now_us() + kNoticeUs;
     }
     log(log_, LogLevel::kInfo, m.message);
   }
@@ -172,6 +177,7 @@ class Receiver {
     {
       const std::lock_guard lock(mutex_);
       condition_.notice = text;
+      notice_until_us_ = std::numeric_limits<TimeUs>::max();
     }
     log(log_, LogLevel::kError, text);
     wake_();
@@ -248,6 +254,7 @@ class Receiver {
   ClockOffset clock_;
   News news_;
   Condition condition_;
+  TimeUs notice_until_us_ = 0;
   std::uint64_t unparsed_ = 0;
   std::optional<control::Ack::Item> ack_;  ///< Newest frame that is not acknowledged yet.
   TimeUs last_ack_us_ = 0, last_ping_us_ = 0;

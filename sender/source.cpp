@@ -16,21 +16,15 @@ bool is_builtin(const std::string& input) {
   return std::find(names.begin(), names.end(), input) != names.end() && !std::filesystem::exists(input, ignored);
 }
 
-std::string joined(const std::vector<std::string>& words) {
-  std::string text;
-  for (const std::string& word : words) text += (text.empty() ? "" : ", ") + word;
-  return text;
-}
-
 }  // namespace
 
 Result<std::unique_ptr<MotionClip>> open_source(const SourceOptions& options) {
-  if (is_builtin(options.input)) return builtin_clip(options.input);
-  auto clip = open_clip(options.input, options.rest, options.faces);
-  if (!clip && clip.error().code == ErrorCode::kNotFound && options.input.find('/') == std::string::npos) {
-    return fail(ErrorCode::kNotFound, clip.error().message + "; the built-in shapes are " + joined(builtin_names()));
-  }
-  return clip;
+  // Neither a path, nor a glob, nor a file's name: a built-in shape is meant, and its error lists those that there are.
+  std::error_code ignored;
+  const bool is_word = options.input.find_first_of("/*?[.") == std::string::npos;
+  if (is_builtin(options.input) || (is_word && !std::filesystem::exists(options.input, ignored)))
+    return builtin_clip(options.input);
+  return open_clip(options.input, options.rest, options.faces);
 }
 
 Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress) {

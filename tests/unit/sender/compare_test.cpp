@@ -17,11 +17,16 @@ namespace {
 /// A torus baked small, its clip, and what a perfect network would deliver of its first frames.
 class Compare : public ::testing::Test {
  protected:
-  void SetUp() override {
+  /// Baking is the dear part: once for all cases.
+  static void SetUpTestSuite() {
     clip_ = std::move(*builtin_clip("torus"));
     auto baked = bake(clip_->rest(), {.basis = "augmented", .rank = 100, .name = {}});
     ASSERT_TRUE(baked) << baked.error().message;
     asset_ = std::move(baked->asset);
+  }
+  static void TearDownTestSuite() { clip_.reset(); }
+
+  void SetUp() override {
     const auto projector = Projector::create(asset_);
     ASSERT_TRUE(projector);
     for (std::size_t frame = 0; frame < 4; ++frame) {
@@ -34,8 +39,8 @@ class Compare : public ::testing::Test {
     }
   }
 
-  std::unique_ptr<MotionClip> clip_;
-  Asset asset_;
+  static inline std::unique_ptr<MotionClip> clip_;
+  static inline Asset asset_;
   SentFrames sent_;
   std::vector<RecordedPose> received_;
 };
