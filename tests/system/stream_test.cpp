@@ -44,11 +44,12 @@ class Horse : public ::testing::Test {
     ASSERT_EQ(scene.run("bake", {"eigencast-sender", "bake", input, "--basis", basis}), 0) << scene.logs();
     const auto broker = scene.start_broker();
     const auto sender = scene.start_sender({input, "--basis", basis, "--rate", "30"});
-    const auto full = scene.start_client("full", {"--frames", "20", "--lod", "1"});
+    const auto full = scene.start_client("full", {"--frames", "1000000", "--lod", "1"});
     ASSERT_TRUE(eventually([&] { return scene.received("full").size() > 60; }, kPatience)) << scene.logs();
     const auto coarse = scene.start_client("coarse", {"--frames", "20", "--lod", "0.2", "--rate", "raw"});
-    ASSERT_EQ(full->wait(kPatience), 0) << scene.logs();
     ASSERT_EQ(coarse->wait(kPatience), 0) << scene.logs();
+    full->signal(SIGTERM);
+    ASSERT_EQ(full->wait(kPatience), 0) << scene.logs();
     sender->signal(SIGTERM);
     EXPECT_EQ(sender->wait(kPatience), 0) << scene.logs();
     broker->signal(SIGTERM);
