@@ -2,6 +2,7 @@
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
+#include <cstdlib>
 #include <exception>
 
 #include "sender/command_line.h"
@@ -10,7 +11,9 @@ int main(int argc, char** argv) {
   try {
     const eigencast::Invocation invocation = eigencast::parse_command_line(argc, argv);
     if (!invocation.run) return invocation.status;
-    spdlog::set_default_logger(spdlog::stderr_color_mt("eigencast-sender"));
+    const char* no_color = std::getenv("NO_COLOR");
+    spdlog::set_default_logger(spdlog::stderr_color_mt(
+        "eigencast-sender", no_color && *no_color ? spdlog::color_mode::never : spdlog::color_mode::automatic));
     spdlog::set_pattern("%H:%M:%S.%e %^%l%$ %v");
     if (invocation.verbose) spdlog::set_level(spdlog::level::debug);
     eigencast::Interrupt interrupt;

@@ -7,7 +7,9 @@
 #include <optional>
 #include <vector>
 
+#include "common/net/url.h"
 #include "common/reconstruction/reconstruct.h"
+#include "common/wire/control.h"
 #include "sdk/publisher.h"
 #include "sender/commands.h"
 #include "sender/schedule.h"
@@ -208,9 +210,22 @@ json Player::report() const {
           {"reconnects", stats.reconnects}};
 }
 
+Result<void> check_stream_url(const std::string& text) {
+  const auto url = parse_broker_url(text);
+  if (!url) return url.error();
+  if (auto name = check_stream_name(url->stream); !name)
+    return in_context("stream name in \"" + text + "\"", name.error());
+  return {};
+}
+
 }  // namespace
 
 int run(const PlayCommand& command, const Console& console, Interrupt& interrupt) {
+  // Before the bake, which may take minutes.
+  if (const auto usable = check_stream_url(command.url); !usable) {
+    spdlog::error("{}", usable.error().message);
+    return kExitUsage;
+  }
   auto source = bake_with_progress(command.source, console, interrupt);
   if (!source) return report_failure(source.error());
   spdlog::info("{}: {} vertices, r = {}, asset {:.12}{}", source->clip->name(), source->baked.asset.vertex_count,
