@@ -34,9 +34,10 @@ function(eigencast_program NAME)
   install(TARGETS ${NAME} RUNTIME DESTINATION "${CMAKE_INSTALL_BINDIR}")
 endfunction()
 
-# eigencast_test(NAME SOURCES ... LINKS ... [LABELS ...] [TIMEOUT s]) makes a GoogleTest binary whose cases ctest sees one by one.
+# eigencast_test(NAME SOURCES ... LINKS ... [LABELS ...] [TIMEOUT s] [SERIAL]) makes a GoogleTest binary whose cases ctest sees one
+# by one; SERIAL ones have the machine for themselves.
 function(eigencast_test NAME)
-  cmake_parse_arguments(ARG "" "TIMEOUT" "SOURCES;LINKS;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "SERIAL" "TIMEOUT" "SOURCES;LINKS;LABELS" ${ARGN})
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 120)
   endif()
@@ -48,5 +49,5 @@ function(eigencast_test NAME)
     EIGENCAST_BIN_DIR="${PROJECT_BINARY_DIR}/bin")
   include(GoogleTest)
   gtest_discover_tests(${NAME} DISCOVERY_TIMEOUT 60
-    PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
+    PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}" RUN_SERIAL ${ARG_SERIAL})
 endfunction()

@@ -3,6 +3,7 @@
 
 #include <cstdlib>
 #include <fstream>
+#include <set>
 #include <sstream>
 #include <stdexcept>
 
@@ -94,6 +95,15 @@ std::map<PoseKey, RecordedPose> by_step(const std::vector<RecordedPose>& poses) 
     map.insert_or_assign(PoseKey{pose.sequence, step}, pose);
   }
   return map;
+}
+
+double share_of_keys(const std::vector<RecordedPose>& poses) {
+  std::set<std::uint64_t> sequences;
+  for (const RecordedPose& pose : poses) {
+    if (pose.is_key()) sequences.insert(pose.sequence);
+  }
+  if (sequences.empty()) return 0;
+  return static_cast<double>(sequences.size()) / static_cast<double>(*sequences.rbegin() - *sequences.begin() + 1);
 }
 
 std::string animation(const std::string& name) {

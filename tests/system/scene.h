@@ -48,6 +48,9 @@ class Scene {
 using PoseKey = std::pair<std::uint64_t, std::pair<int, int>>;
 std::map<PoseKey, RecordedPose> by_step(const std::vector<RecordedPose>& poses);
 
+/// How much of the keys from the first to the last one received did arrive, 0..1. A loaded machine skips some (latest wins).
+double share_of_keys(const std::vector<RecordedPose>& poses);
+
 /// The folder of a real animation; empty where the shared data are absent.
 std::string animation(const std::string& name);
 
