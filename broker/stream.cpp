@@ -85,6 +85,9 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
   if (newest_ && head.sequence <= newest_->sequence) {
     return fail(ErrorCode::kCorrupt, "sequence must grow (newest is " + std::to_string(newest_->sequence) + ")");
   }
+  if (newest_ && head.capture_us <= newest_->capture_us) {
+    return fail(ErrorCode::kCorrupt, "capture time must grow (newest is " + std::to_string(newest_->capture_us) + " us)");
+  }
   const bool follows = newest_ && head.sequence == newest_->sequence + 1;
   auto record = std::make_shared<KeyRecord>();
   record->sequence = head.sequence;

@@ -11,6 +11,7 @@ constexpr TimeUs kLeastSpanUs = 200'000;
 }  // namespace
 
 void RateMeter::sample(std::uint64_t total, TimeUs now_us) {
+  if (total == 0) samples_.clear();  // Waiting for the first one is no part of the rate.
   if (!samples_.empty() && (total < samples_.back().second || now_us < samples_.back().first)) samples_.clear();
   if (samples_.size() >= 2 && now_us - samples_[samples_.size() - 2].first < kGrainUs) {
     samples_.back() = {now_us, total};

@@ -309,6 +309,9 @@ TEST_F(StreamTest, GarbageIsRefusedAndChangesNothing) {
   EXPECT_FALSE(stream_.add_frame(changed(2, 7), now_)) << "band not announced";
   EXPECT_FALSE(stream_.add_frame(changed(12, 9), now_)) << "gap";
   EXPECT_FALSE(stream_.add_frame(changed(12, 1), now_)) << "sequence again";
+  Bytes early = good;
+  std::fill(early.begin() + 20, early.begin() + 28, std::uint8_t{0});
+  EXPECT_FALSE(stream_.add_frame(early, now_)) << "capture time goes back";
   EXPECT_EQ(receiver.frames.size(), 2u);
   EXPECT_TRUE(stream_.add_frame(good, now_));
   EXPECT_EQ(receiver.poses.back().key, key_number(2));

@@ -71,6 +71,14 @@ TEST(HudText, BannerOnlyForASurfaceThatStandsStill) {
   EXPECT_EQ(banner_text(stats, 3'200'000), "no data for 3.2 s - connection lost: next try in 400 ms");
 }
 
+TEST(RateMeter, WaitingForTheFirstIsNoPartOfTheRate) {
+  RateMeter meter;
+  TimeUs now = 0;
+  for (; now < 1'000'000; now += 100'000) meter.sample(0, now);
+  for (std::uint64_t total = 3; total <= 15; total += 3, now += 100'000) meter.sample(total, now);
+  EXPECT_NEAR(meter.per_second(), 30, 1e-9);
+}
+
 TEST(RateMeter, MeasuresGrowthOverItsWindow) {
   RateMeter meter;
   EXPECT_EQ(meter.per_second(), 0);
