@@ -48,9 +48,13 @@ void Pacer::restart(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us
 void Pacer::add_key(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us) {
   capture_us = bounded(capture_us);
   arrival_us = bounded(arrival_us);
-  if (!last_ || sequence <= last_->sequence || capture_us <= last_->capture_us) {
+  // So far off is no wait but a clock that jumped ahead: nothing would leave until the jump is over.
+  const bool too_far_off = delay_us_ && capture_us + *delay_us_ - arrival_us > max_span_us_;
+  const bool in_order = last_ && sequence > last_->sequence && capture_us > last_->capture_us;
+  const bool bridged = in_order && sequence == last_->sequence + 1 && capture_us - last_->capture_us <= max_span_us_;
+  if (!in_order || (!bridged && too_far_off)) {
     restart(sequence, capture_us, arrival_us);
-  } else if (sequence != last_->sequence + 1 || capture_us - last_->capture_us > max_span_us_) {
+  } else if (!bridged) {
     const TimeUs due_us = delay_us_ ? std::max(arrival_us, capture_us + *delay_us_) : arrival_us;
     push({sequence, k_, k_, capture_us, due_us});
   } else {

@@ -16,19 +16,17 @@ namespace eigencast {
 ///
 /// What happens when keys are not even:
 ///   jitter      the delay is the largest that a key of the last kWindowUs needed, so that most keys come before they
-///   are
-///               needed; it grows at once, and shrinks by at most 1/kSlew of the time that passes. Clocks that drift
-///               are followed in the same way.
+///               are needed; it grows at once, and shrinks by at most 1/kSlew of the time that passes. Clocks that
+///               drift are followed in the same way.
 ///   late key    up to one key interval of lateness the schedule moves back as a whole. Beyond that the poses that are
-///   already
-///               over are not made: the key itself always is. Three such keys in a row that are no burst: restart.
+///               already over are not made: the key itself always is. Three such keys in a row that are no burst:
+///               restart.
 ///   burst       at most two key intervals wait; the oldest is dropped.
 ///   pause, gap  a key more than max_span_us after the key before it, or whose number does not follow it, is not
-///   bridged: only the
-///               key itself becomes due.
-///   restart     a key whose sequence or capture time does not grow drops what waits and all that was learnt; it is due
-///   when
-///               it came, as is the very first key.
+///               bridged: only the key itself becomes due.
+///   restart     a key whose sequence or capture time does not grow, or one that is not bridged and would wait longer
+///               than max_span_us (the sender's clock was set forward), drops what waits and all that was learnt; it
+///               is due when it came, as is the very first key.
 /// Due times never go back, except by a restart.
 ///
 /// Time comes in as arguments; holds no pose data. Not thread-safe.
@@ -47,8 +45,8 @@ class Pacer {
   static constexpr TimeUs kSlew = 32;             ///< The delay shrinks by 1/32 of the time that passes (3 %).
 
   /// k  poses per key interval, 1..15.
-  /// max_span_us  keys further apart than this are not bridged: only the later key itself becomes due (default: 500
-  /// ms).
+  /// max_span_us  keys further apart than this are not bridged: only the later key itself becomes due (default:
+  ///              500 ms).
   explicit Pacer(std::uint8_t k, TimeUs max_span_us = 500'000);
 
   /// A key came. Keys out of order (sequence or capture time not growing) restart the schedule at this key.

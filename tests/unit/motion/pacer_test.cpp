@@ -228,6 +228,25 @@ TEST(Pacer, PauseIsNotBridged) {
   EXPECT_NEAR(emitted[2 + 19 * 3].at_us - first.at_us, kInterval / 3, 1) << "in step with what follows";
 }
 
+TEST(Pacer, ClockSetForwardSilencesNothing) {
+  for (const TimeUs jump_us : {600 * kMs, 3'600'000 * kMs}) {
+    Pacer pacer(3);
+    std::vector<Key> keys = keys_with(40, [](int) { return 10 * kMs; });
+    for (std::size_t i = 20; i < keys.size(); ++i) keys[i].capture_us += jump_us;
+    const auto emitted = run(pacer, keys);
+    expect_ordered(emitted);
+    std::size_t after = 0;
+    for (const Emitted& e : emitted) {
+      if (e.due.sequence < 21) continue;
+      ++after;
+      const TimeUs arrival_us = keys[e.due.sequence - 1].arrival_us;
+      EXPECT_GE(e.at_us, arrival_us);
+      EXPECT_LE(e.at_us, arrival_us + kInterval) << e.due.sequence << ' ' << int{e.due.at};
+    }
+    EXPECT_EQ(after, 1U + 19U * 3);
+  }
+}
+
 TEST(Pacer, MissingNumberIsNotBridged) {
   Pacer pacer(3);
   std::vector<Key> keys = keys_with(20, [](int) { return 10 * kMs; });
