@@ -3,10 +3,12 @@
 // Payloads (docs/protocol.md, "Payload"); varints are LEB128, all else is little-endian:
 //
 //   key, synthetic   codec u8 | step u8 | section of each band in the envelope, lowest first
-//   join             codec u8 | step u8 | older_step u8 | older_bands u8 | age_us varint | section of each band in the
-//   envelope section          length varint | `length` bytes of run(s): one; in a join, for a band of older_bands, two:
-//   older, then newer run, quantised   head u8 and Golomb-Rice bits: band.cpp run, float       the band's values, row
-//   by row, as float32 or float64
+//   join             codec u8 | step u8 | older_step u8 | older_bands u8 | age_us varint
+//                    | section of each band in the envelope
+//   section          length varint | `length` bytes of run(s): one; in a join, for a band of older_bands, two:
+//                    older, then newer
+//   run, quantised   head u8 and Golomb-Rice bits: band.cpp
+//   run, float       the band's values, row by row, as float32 or float64
 //
 // A key is predicted from the receiver's two latest keys. In a join the older key is predicted from nothing and the
 // newer from (older, older). Steps are 0 with float codecs.
