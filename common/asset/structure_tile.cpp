@@ -26,9 +26,9 @@ class Descendants {
   /// new_map: map of rows first_row .. end_row. REQUIRES: each entry below its own row.
   Descendants(std::uint32_t first_row, std::span<const std::uint32_t> new_map)
       : first_row_(first_row), begin_(first_row + 1, 0) {
+    if (first_row == 0) return;  // Nothing came before; base vertices are their own parents.
     root_.reserve(new_map.size());
     for (const std::uint32_t parent : new_map) root_.push_back(parent < first_row ? parent : root_[parent - first_row]);
-    if (first_row == 0) return;
     for (const std::uint32_t root : root_) ++begin_[root + 1];
     for (std::uint32_t v = 0; v < first_row; ++v) begin_[v + 1] += begin_[v];
     rows_.resize(root_.size());
