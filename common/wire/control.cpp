@@ -13,7 +13,8 @@ namespace eigencast {
 namespace {
 
 using namespace control;
-using Json = nlohmann::ordered_json;
+using Json = nlohmann::json;             // Read: its lookups stay fast however many keys a peer sends.
+using Written = nlohmann::ordered_json;  // Written: fields in the order of docs/protocol.md.
 
 template <typename... Ts>
 struct Overloaded : Ts... {
@@ -22,13 +23,13 @@ struct Overloaded : Ts... {
 template <typename... Ts>
 Overloaded(Ts...) -> Overloaded<Ts...>;
 
-Json json_from(const StreamFormat& format) {
+Written json_from(const StreamFormat& format) {
   return {
       {"rows", format.rows}, {"channels", format.channels}, {"band_ends", format.band_ends}, {"codec", format.codec}};
 }
 
-Json json_from(const Profile& profile) {
-  Json json{{"rate", profile.rate == Profile::Rate::kRaw ? "raw" : "interpolated"}};
+Written json_from(const Profile& profile) {
+  Written json{{"rate", profile.rate == Profile::Rate::kRaw ? "raw" : "interpolated"}};
   if (profile.rate == Profile::Rate::kInterpolated) {
     json["k"] = profile.k;
     json["form"] = profile.form == Profile::Form::kFull ? "full" : "compact";
@@ -49,18 +50,18 @@ std::string_view name_of(StreamInfo::State state) {
   return "unknown";
 }
 
-Json json_from(const Announce& m) {
-  Json json{{"op", "announce"}, {"asset", m.asset}, {"format", json_from(m.format)}, {"key_rate_hz", m.key_rate_hz}};
+Written json_from(const Announce& m) {
+  Written json{{"op", "announce"}, {"asset", m.asset}, {"format", json_from(m.format)}, {"key_rate_hz", m.key_rate_hz}};
   if (m.world) json["world"] = *m.world;
   return json;
 }
 
-Json json_from(const StreamInfo& m) {
-  Json json{{"op", "stream"},
-            {"stream", m.stream},
-            {"state", name_of(m.state)},
-            {"stream_id", m.stream_id},
-            {"epoch", m.epoch}};
+Written json_from(const StreamInfo& m) {
+  Written json{{"op", "stream"},
+               {"stream", m.stream},
+               {"state", name_of(m.state)},
+               {"stream_id", m.stream_id},
+               {"epoch", m.epoch}};
   if (m.state != StreamInfo::State::kWaiting) {
     json["asset"] = m.asset;
     json["format"] = json_from(m.format);
@@ -71,55 +72,55 @@ Json json_from(const StreamInfo& m) {
   return json;
 }
 
-Json json_from(const Ack& m) {
-  Json items = Json::array();
+Written json_from(const Ack& m) {
+  Written items = Written::array();
   for (const Ack::Item& item : m.items) {
     items.push_back({{"stream_id", item.stream_id}, {"sequence", item.sequence}, {"step", item.step}});
   }
   return {{"op", "ack"}, {"items", std::move(items)}, {"time_us", m.time_us}};
 }
 
-Json json_from(const Trace& m) {
-  Json stages = Json::array();
+Written json_from(const Trace& m) {
+  Written stages = Written::array();
   for (const auto& [stage, time_us] : m.stages) stages.push_back({{"stage", stage}, {"time_us", time_us}});
   return {{"op", "trace"}, {"stream_id", m.stream_id}, {"sequence", m.sequence}, {"stages", std::move(stages)}};
 }
 
-Json json_from_message(const ControlMessage& message) {
+Written json_from_message(const ControlMessage& message) {
   return std::visit(
       Overloaded{
-          [](const Welcome& m) -> Json {
+          [](const Welcome& m) -> Written {
             return {{"op", "welcome"}, {"version", m.version}, {"session_id", m.session_id}, {"time_us", m.time_us}};
           },
-          [](const Announced& m) -> Json {
+          [](const Announced& m) -> Written {
             return {{"op", "announced"}, {"stream", m.stream}, {"stream_id", m.stream_id}, {"epoch", m.epoch}};
           },
-          [](const Subscribers& m) -> Json {
+          [](const Subscribers& m) -> Written {
             return {{"op", "subscribers"}, {"stream", m.stream}, {"count", m.count}};
           },
-          [](const Subscribe& m) -> Json {
+          [](const Subscribe& m) -> Written {
             return {{"op", "subscribe"}, {"stream", m.stream}, {"profile", json_from(m.profile)}};
           },
-          [](const Unsubscribe& m) -> Json {
+          [](const Unsubscribe& m) -> Written {
             return {{"op", "unsubscribe"}, {"stream", m.stream}};
           },
-          [](const Ping& m) -> Json {
+          [](const Ping& m) -> Written {
             return {{"op", "ping"}, {"id", m.id}, {"time_us", m.time_us}};
           },
-          [](const Pong& m) -> Json {
+          [](const Pong& m) -> Written {
             return {{"op", "pong"}, {"id", m.id}, {"time_us", m.time_us}, {"peer_time_us", m.peer_time_us}};
           },
-          [](const Notice& m) -> Json {
+          [](const Notice& m) -> Written {
             return {
                 {"op", "notice"}, {"stream", m.stream}, {"message", m.message}, {"skipped_frames", m.skipped_frames}};
           },
-          [](const ErrorMessage& m) -> Json {
+          [](const ErrorMessage& m) -> Written {
             return {{"op", "error"}, {"code", m.code}, {"message", m.message}, {"stream", m.stream}};
           },
-          [](const Bye& m) -> Json {
+          [](const Bye& m) -> Written {
             return {{"op", "bye"}, {"reason", m.reason}, {"retry_after_ms", m.retry_after_ms}};
           },
-          [](const auto& m) -> Json { return json_from(m); },
+          [](const auto& m) -> Written { return json_from(m); },
       },
       message);
 }
@@ -434,7 +435,7 @@ constexpr Operation kOperations[] = {
 }  // namespace
 
 std::string text_from_control(const ControlMessage& message) {
-  return json_from_message(message).dump(-1, ' ', false, Json::error_handler_t::replace);
+  return json_from_message(message).dump(-1, ' ', false, Written::error_handler_t::replace);
 }
 
 Result<ControlMessage> control_from_text(std::string_view text) {

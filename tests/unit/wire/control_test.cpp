@@ -44,6 +44,15 @@ std::vector<ControlMessage> samples() {
   };
 }
 
+TEST(Control, AMessageFullOfUnknownFieldsIsReadAllTheSame) {
+  std::string text = R"({"op":"ping","id":1,)";
+  for (int i = 0; text.size() < limits::kMaxControlBytes - 40; ++i) text += "\"" + std::to_string(i) + "\":0,";
+  text += R"("time_us":2})";
+  const auto message = control_from_text(text);
+  ASSERT_TRUE(message) << message.error().message;
+  EXPECT_EQ(std::get<Ping>(*message).time_us, 2);
+}
+
 TEST(Control, GoldenTextOfEachMessageGoesThereAndBack) {
   std::string text;
   for (const ControlMessage& message : samples()) text += text_from_control(message) + "\n";
