@@ -120,6 +120,12 @@ std::string HttpSession::header(http::field field) const {
   return std::string(parser_->get()[field]);
 }
 
+bool HttpSession::may_keep() const {
+  const bool body_unread = !parser_->is_header_done() ||
+                           (!parser_->is_done() && (parser_->content_length().value_or(0) > 0 || parser_->chunked()));
+  return !body_unread && parser_->get().keep_alive();
+}
+
 void HttpSession::on_head() {
   const auto& request = parser_->get();
   const auto target = target_from_text(std::string_view(request.target().data(), request.target().size()));
@@ -220,7 +226,7 @@ void HttpSession::send_head_then_file(AssetStore::Object object, Status status, 
   auto response = std::make_shared<http::response<http::empty_body>>(status, 11);
   for (auto& [field, value] : headers) response->set(field, value);
   response->set(http::field::content_type, "application/octet-stream");
-  response->keep_alive(parser_->get().keep_alive());
+  response->keep_alive(may_keep());
   response->content_length(range.last + 1 - range.first);
   auto download = std::make_shared<Download>();
   download->object = std::move(object);
@@ -236,7 +242,7 @@ void HttpSession::send_head_then_file(AssetStore::Object object, Status status, 
 }
 
 void HttpSession::send_chunk(std::shared_ptr<Download> download) {
-  if (download->at == download->end) return finish(parser_->get().keep_alive());
+  if (download->at == download->end) return finish(may_keep());
   const std::uint64_t want = std::min<std::uint64_t>(kChunkBytes, download->end - download->at);
   download->chunk.resize(want);
   const ssize_t count =
@@ -336,9 +342,7 @@ void HttpSession::answer_error(Status status, const Error& error, Headers header
 }
 
 void HttpSession::answer(Status status, std::string body, Headers headers) {
-  const bool body_unread = !parser_->is_header_done() ||
-                           (!parser_->is_done() && (parser_->content_length().value_or(0) > 0 || parser_->chunked()));
-  const bool keep = !body_unread && parser_->get().keep_alive();
+  const bool keep = may_keep();
   auto response = std::make_shared<http::response<http::string_body>>(status, 11);
   for (auto& [field, value] : headers) response->set(field, value);
   if (!body.empty()) response->set(http::field::content_type, "application/json");

@@ -48,7 +48,10 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   void on_committed(const Result<bool>& committed);
   void fail_upload(const Error& error);
 
-  /// Sends a whole answer. With body bytes of the request unread, the connection closes after it.
+  /// Whether another request may follow on this connection. Not with body bytes of this one unread: they would be
+  /// taken for the next request.
+  bool may_keep() const;
+  /// Sends a whole answer.
   void answer(Status status, std::string body, Headers headers = {});
   void answer_error(Status status, const Error& error, Headers headers = {});
   void finish(bool keep);
