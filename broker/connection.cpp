@@ -34,10 +34,10 @@ void tune(Socket& socket) {
 
 }  // namespace
 
-Connection::Connection(Context& context, Socket socket, std::size_t max_message_bytes)
+Connection::Connection(Context& context, Socket socket, std::size_t max_binary_bytes)
     : context_(context),
       socket_(std::move(socket)),
-      max_message_bytes_(max_message_bytes),
+      max_binary_bytes_(max_binary_bytes),
       outbox_(outbox_limits(context.config)),
       deadline_(context.loop.get_executor()) {
   tune(socket_.next_layer());
@@ -78,10 +78,12 @@ void Connection::read() {
 
 void Connection::on_read(ErrorOf error) {
   if (error) return ended();
-  if (!closing_ && buffer_.size() > max_message_bytes_) {
-    const std::string limit = std::to_string(max_message_bytes_);
-    refuse(fail(ErrorCode::kTooLarge, "a message is over " + limit + " bytes, the most that is taken here"), {},
-           websocket::close_code::too_big);
+  const auto most =
+      socket_.got_text() ? static_cast<std::size_t>(context_.config.limits.max_control_bytes) : max_binary_bytes_;
+  if (!closing_ && buffer_.size() > most) {
+    refuse(
+        fail(ErrorCode::kTooLarge, "a message is over " + std::to_string(most) + " bytes, the most that is taken here"),
+        {}, websocket::close_code::too_big);
   }
   if (!closing_ && socket_.is_message_done()) on_message();
   if (closing_ || socket_.is_message_done()) buffer_.consume(buffer_.size());
@@ -145,6 +147,14 @@ void Connection::on_written(ErrorOf error) {
 void Connection::refuse(const Error& error, const std::string& stream, websocket::close_code code) {
   send(control::ErrorMessage{std::string(name_of(error.code)), error.message, stream});
   close_when_sent(error.message, code);
+}
+
+void Connection::refuse_text(const Error& error, const std::string& stream) {
+  const bool unknown = error.code == ErrorCode::kUnsupported;
+  if (unknown) return send(control::ErrorMessage{std::string(name_of(error.code)), error.message, stream});
+  log(context_.log, LogLevel::kWarning, label() + ": closed, " + error.message);
+  refuse(error, stream,
+         error.code == ErrorCode::kTooLarge ? websocket::close_code::too_big : websocket::close_code::bad_payload);
 }
 
 void Connection::say_bye(const std::string& reason, std::uint32_t retry_after_ms, websocket::close_code code) {

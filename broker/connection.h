@@ -34,7 +34,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
   virtual void on_tick() {}
 
  protected:
-  Connection(Context& context, Socket socket, std::size_t max_message_bytes);
+  /// Texts are held to limits.max_control_bytes.
+  Connection(Context& context, Socket socket, std::size_t max_binary_bytes);
 
   virtual void on_open() = 0;
   virtual void on_text(std::string_view text) = 0;
@@ -53,6 +54,8 @@ class Connection : public std::enable_shared_from_this<Connection> {
   void flush();
   /// Tells the peer what was wrong, then closes. Nothing of the peer is read any more.
   void refuse(const Error& error, const std::string& stream, beast::websocket::close_code code);
+  /// Deals with a text that parse() refused: an unknown op is answered, anything else closes the connection.
+  void refuse_text(const Error& error, const std::string& stream);
   bool is_closing() const { return closing_; }
   /// Pings and what nobody expects here; true if it was dealt with.
   bool answer_common(const ControlMessage& message);
@@ -71,7 +74,7 @@ class Connection : public std::enable_shared_from_this<Connection> {
   Context& context_;
   beast::websocket::stream<Socket> socket_;
   beast::flat_buffer buffer_;
-  std::size_t max_message_bytes_;
+  std::size_t max_binary_bytes_;
   Outbox outbox_;
   Outbox::Item writing_;
   beast::websocket::close_reason close_reason_;

@@ -33,13 +33,7 @@ void Publisher::on_open() {
 
 void Publisher::on_text(std::string_view text) {
   const auto message = parse(text);
-  if (!message) {
-    const bool unknown = message.error().code == ErrorCode::kUnsupported;
-    if (unknown)
-      return send(control::ErrorMessage{std::string(name_of(message.error().code)), message.error().message, name_});
-    log(context().log, LogLevel::kWarning, label() + ": closed, " + message.error().message);
-    return refuse(message.error(), name_, close_code::bad_payload);
-  }
+  if (!message) return refuse_text(message.error(), name_);
   if (answer_common(*message)) return;
   if (const auto* announce = std::get_if<control::Announce>(&*message)) return on_announce(*announce);
   if (const auto* trace = std::get_if<control::Trace>(&*message)) {

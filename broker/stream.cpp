@@ -12,6 +12,15 @@ std::string frame_label(const Envelope& envelope) {
   return "frame " + std::to_string(envelope.sequence);
 }
 
+/// Profiles that ask for the same are equal afterwards, whatever the format of the epoch.
+Profile canonical(Profile profile) {
+  if (profile.rate == Profile::Rate::kRaw) {
+    profile.k = Profile{}.k;
+    profile.form = Profile{}.form;
+  }
+  return profile;
+}
+
 }  // namespace
 
 Stream::Stream(std::string name, std::uint32_t id, const Settings& settings)
@@ -86,7 +95,8 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
     return fail(ErrorCode::kCorrupt, "sequence must grow (newest is " + std::to_string(newest_->sequence) + ")");
   }
   if (newest_ && head.capture_us <= newest_->capture_us) {
-    return fail(ErrorCode::kCorrupt, "capture time must grow (newest is " + std::to_string(newest_->capture_us) + " us)");
+    return fail(ErrorCode::kCorrupt,
+                "capture time must grow (newest is " + std::to_string(newest_->capture_us) + " us)");
   }
   const bool follows = newest_ && head.sequence == newest_->sequence + 1;
   auto record = std::make_shared<KeyRecord>();
@@ -117,23 +127,27 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
   return KeyRecordPtr(std::move(record));
 }
 
-Result<void> Stream::watch(Watcher& watcher, const Profile& profile) {
-  const bool known = profiles_.contains(&watcher);
+Result<void> Stream::watch(Watcher& watcher, const Profile& wanted) {
+  const Profile profile = canonical(wanted);
+  const auto before = profiles_.find(&watcher);
+  const bool known = before != profiles_.end();
   if (!known && profiles_.size() >= settings_.max_watchers) {
     return fail(ErrorCode::kTooLarge, "stream '" + name_ + "' has " + std::to_string(settings_.max_watchers) +
                                           " watchers, the most that limits.max_subscribers_per_stream allows");
   }
-  if (groups_.size() >= settings_.max_profiles && !groups_.contains(effective(profile))) {
+  const std::size_t given_up = known && wanted_.at(before->second) == 1 ? 1 : 0;
+  if (wanted_.size() - given_up >= settings_.max_profiles && !wanted_.contains(profile)) {
     return fail(ErrorCode::kTooLarge,
                 "stream '" + name_ + "' is watched in " + std::to_string(settings_.max_profiles) +
                     " profiles, the most that limits.max_profiles_per_stream allows: ask for a common one");
   }
   if (known) {
+    forget_wanted(watcher);
     leave_group(watcher);
   } else {
     order_.push_back(&watcher);
   }
-  profiles_[&watcher] = profile;
+  note_wanted(watcher, profile);
   if (epoch_ != 0) join_group(watcher, profile);
   watcher.on_stream_changed(*this, true);
   if (!known) tell_count();
@@ -141,7 +155,8 @@ Result<void> Stream::watch(Watcher& watcher, const Profile& profile) {
 }
 
 void Stream::unwatch(Watcher& watcher) {
-  if (profiles_.erase(&watcher) == 0) return;
+  if (!profiles_.contains(&watcher)) return;
+  forget_wanted(watcher);
   leave_group(watcher);
   std::erase(order_, &watcher);
   tell_count();
@@ -192,15 +207,22 @@ control::StreamInfo Stream::info_for(const Watcher& watcher) const {
 
 Profile Stream::effective(const Profile& wanted) const {
   Profile profile = wanted;
-  if (profile.rate == Profile::Rate::kRaw) {
-    profile.k = Profile{}.k;
-    profile.form = Profile{}.form;
-  }
   if (epoch_ != 0) {
     const auto bands = static_cast<std::uint8_t>(layout_.band_ends.size());
     profile.bands = std::clamp<std::uint8_t>(profile.bands, 1, bands);
   }
   return profile;
+}
+
+void Stream::note_wanted(const Watcher& watcher, const Profile& profile) {
+  profiles_[&watcher] = profile;
+  ++wanted_[profile];
+}
+
+void Stream::forget_wanted(const Watcher& watcher) {
+  const auto profile = profiles_.find(&watcher);
+  if (const auto wanted = wanted_.find(profile->second); --wanted->second == 0) wanted_.erase(wanted);
+  profiles_.erase(profile);
 }
 
 void Stream::join_group(Watcher& watcher, const Profile& wanted) {

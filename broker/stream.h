@@ -99,6 +99,8 @@ class Stream {
   };
 
   Profile effective(const Profile& wanted) const;
+  void note_wanted(const Watcher& watcher, const Profile& profile);
+  void forget_wanted(const Watcher& watcher);
   void join_group(Watcher& watcher, const Profile& wanted);
   void leave_group(Watcher& watcher);
   void send(Group& group, const std::vector<FramePtr>& frames);
@@ -114,7 +116,8 @@ class Stream {
   control::Announce announced_;
   CoefficientLayout layout_;
   KeyRecordPtr newest_;
-  std::unordered_map<const Watcher*, Profile> profiles_;  ///< What each watcher asked for.
+  std::unordered_map<const Watcher*, Profile> profiles_;  ///< What each watcher asked for, see canonical().
+  std::map<Profile, std::uint32_t> wanted_;               ///< How many ask for each; holds before any epoch and in all.
   std::unordered_map<const Watcher*, Group*> group_of_;
   std::map<Profile, std::unique_ptr<Group>> groups_;
   std::vector<Watcher*> order_;    ///< All watchers, waiting ones too.

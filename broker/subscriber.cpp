@@ -24,13 +24,7 @@ void Subscriber::on_open() {
 
 void Subscriber::on_text(std::string_view text) {
   const auto message = parse(text);
-  if (!message) {
-    const bool unknown = message.error().code == ErrorCode::kUnsupported;
-    if (unknown)
-      return send(control::ErrorMessage{std::string(name_of(message.error().code)), message.error().message, {}});
-    log(context().log, LogLevel::kWarning, label() + ": closed, " + message.error().message);
-    return refuse(message.error(), {}, close_code::bad_payload);
-  }
+  if (!message) return refuse_text(message.error(), {});
   if (answer_common(*message)) return;
   if (const auto* ack = std::get_if<control::Ack>(&*message)) return acknowledge(*ack);
   if (const auto* request = std::get_if<control::Subscribe>(&*message)) return subscribe(*request);

@@ -6,6 +6,8 @@
 #include <boost/asio/connect.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/read.hpp>
+#include <boost/asio/write.hpp>
 #include <boost/beast/core/buffers_to_string.hpp>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/http.hpp>
@@ -263,6 +265,10 @@ TEST_F(ServiceTest, CloseCodesAreThoseOfTheProtocol) {
   large.send_text(std::string(10'000, ' '));
   EXPECT_EQ(large.wait_for<control::ErrorMessage>().code, "too-large");
   EXPECT_EQ(large.close_code(), 1009);
+  Client large_announce(port_, "/v1/publish/a");
+  large_announce.send_text(std::string(10'000, ' '));
+  EXPECT_EQ(large_announce.wait_for<control::ErrorMessage>().code, "too-large") << "over limits.max_control_bytes";
+  EXPECT_EQ(large_announce.close_code(), 1009);
   Client much_too_large(port_, "/v1/publish/a");
   much_too_large.send_frame(Bytes(3'000'000, 1));
   EXPECT_EQ(much_too_large.close_code(), 1009);
@@ -348,6 +354,24 @@ TEST_F(ServiceTest, Assets) {
   const std::string empty = put_asset("");
   EXPECT_EQ(request(http::verb::get, "/v1/assets/" + empty).body(), "");
   EXPECT_THAT(request(http::verb::get, "/v1/streams").body(), HasSubstr("\"streams\":[]"));
+}
+
+TEST_F(ServiceTest, ABodyThatNobodyReadsIsNotTheNextRequest) {
+  const std::string id = put_asset("0123456789");
+  const std::string inner = "GET /v1/streams HTTP/1.1\r\n\r\n";
+  for (const std::string& target : {"/v1/assets/" + id, std::string("/v1/streams"), std::string("/nothing")}) {
+    asio::io_context loop;
+    asio::ip::tcp::socket socket(loop);
+    asio::connect(socket, asio::ip::tcp::resolver(loop).resolve("127.0.0.1", std::to_string(port_)));
+    asio::write(socket, asio::buffer("GET " + target + " HTTP/1.1\r\nContent-Length: " + std::to_string(inner.size()) +
+                                     "\r\n\r\n" + inner));
+    std::string answers;
+    ErrorOf error;
+    asio::read(socket, asio::dynamic_buffer(answers), error);
+    EXPECT_EQ(error, asio::error::eof) << target;
+    EXPECT_EQ(answers.find("HTTP/1.1 "), answers.rfind("HTTP/1.1 ")) << answers;
+    EXPECT_THAT(answers, HasSubstr("Connection: close")) << target;
+  }
 }
 
 TEST_F(ServiceTest, StoppingSaysByeWithARetryAndTheNextRunHasHigherEpochs) {

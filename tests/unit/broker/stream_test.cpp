@@ -341,6 +341,21 @@ TEST_F(StreamTest, WatchersAndProfilesAreCapped) {
   EXPECT_EQ(sender_.counts, (std::vector<std::uint32_t>{0, 1, 2, 1, 2}));
 }
 
+TEST_F(StreamTest, ProfilesAreCappedBeforeThereIsASenderToo) {
+  Stream stream("a", 1, {500'000, 10, 2});
+  std::vector<FakeReceiver> receivers(4);
+  ASSERT_TRUE(stream.watch(receivers[0], kRaw));
+  ASSERT_TRUE(stream.watch(receivers[1], kFull));
+  EXPECT_EQ(stream.watch(receivers[2], kCompact).error().code, ErrorCode::kTooLarge);
+  EXPECT_TRUE(stream.watch(receivers[2], Profile{Profile::Rate::kRaw, 7})) << "raw has no k";
+  EXPECT_TRUE(stream.watch(receivers[1], kCompact)) << "the only one of its profile may change it";
+  stream.unwatch(receivers[1]);
+  EXPECT_TRUE(stream.watch(receivers[3], kFull));
+  ASSERT_TRUE(stream.claim(sender_));
+  ASSERT_TRUE(stream.announce(small_announce(), 1));
+  EXPECT_EQ(stream.profile_count(), 2u);
+}
+
 TEST_F(StreamTest, TracesReachWatchersWithTheBrokersStreamId) {
   FakeReceiver receiver;
   ASSERT_TRUE(stream_.watch(receiver, kRaw));
