@@ -268,6 +268,7 @@ class Receiver {
 struct SurfaceSlot {
   std::string asset;  ///< 64 hex digits.
   std::uint32_t epoch = 0;
+  StreamFormat format;                ///< Of the poses, as announced last for this asset.
   std::optional<AssetReader> reader;  ///< From the manifest on.
   std::size_t next_chunk = 0;
   std::uint64_t total_bytes = 0;
@@ -359,25 +360,48 @@ class Subscriber::Impl {
   void apply(control::StreamInfo info) {
     info_ = std::move(info);
     if (info_->state == control::StreamInfo::State::kWaiting || info_->asset.empty()) return;
-    if (latest() && latest()->asset == info_->asset) {
-      latest()->epoch = info_->epoch;
-      return;
-    }
+    if (goes_on(latest())) return adopt(*latest());
     held_.reset();
-    if (shown_ && shown_->asset == info_->asset) {  // Back to what is shown before its successor could be.
+    if (goes_on(shown_.get())) {  // Back to what is shown before its successor could be.
       pending_.reset();
-      shown_->epoch = info_->epoch;
-    } else {
+    } else {  // Also where this very surface could not be shown before: what was wrong may have been put right.
       pending_ = std::make_unique<SurfaceSlot>();
       pending_->asset = info_->asset;
-      pending_->epoch = info_->epoch;
     }
+    adopt(*latest());
     ask();
+  }
+
+  /// Whether the slot is of the surface announced last and nothing is wrong with it.
+  bool goes_on(const SurfaceSlot* slot) const {
+    return slot != nullptr && slot->asset == info_->asset && slot->damage.empty();
+  }
+
+  /// The slot's surface is announced (again): the same asset may come with poses of another format.
+  void adopt(SurfaceSlot& slot) {
+    slot.epoch = info_->epoch;
+    slot.format = info_->format;
+    check_format_of(slot);
+  }
+
+  /// Damages the slot if the announced poses cannot deform its surface; true if they can, as far as is known.
+  bool check_format_of(SurfaceSlot& slot) {
+    if (!slot.reader) return true;
+    const std::uint32_t rank = slot.reader->asset().rank;
+    if (rank != slot.format.rows) {
+      damage(slot,
+             fail(ErrorCode::kCorrupt, "its basis has " + std::to_string(rank) + " columns, the stream's poses have " +
+                                           std::to_string(slot.format.rows)));
+    } else if (slot.format.channels < 3) {
+      damage(slot, fail(ErrorCode::kUnsupported, "its poses have fewer than three channels"));
+    }
+    return slot.damage.empty();
   }
 
   /// Asks for all that the latest surface still needs.
   void ask() {
     SurfaceSlot& slot = *latest();
+    if (!slot.damage.empty()) return;
     std::vector<AssetFetcher::Object> objects;
     if (!slot.reader) {
       const auto id = Sha256::from_hex(slot.asset);
@@ -415,20 +439,15 @@ class Subscriber::Impl {
   void read_manifest(SurfaceSlot& slot, ByteView bytes) {
     auto reader = AssetReader::from_manifest(*Sha256::from_hex(slot.asset), bytes);
     if (!reader) return damage(slot, reader.error());
-    if (reader->asset().rank != info_->format.rows)
-      return damage(slot, fail(ErrorCode::kCorrupt, "its basis has " + std::to_string(reader->asset().rank) +
-                                                        " columns, the stream's poses have " +
-                                                        std::to_string(info_->format.rows)));
-    if (info_->format.channels < 3)
-      return damage(slot, fail(ErrorCode::kUnsupported, "its poses have fewer than three channels"));
     slot.total_bytes = bytes.size();
     for (const auto& chunk : reader->chunks()) slot.total_bytes += chunk.bytes;
     slot.reader = std::move(*reader);
-    ask();
+    if (check_format_of(slot)) ask();
   }
 
   void deliver(const Arrival& arrival, std::vector<ReceivedPose>& poses) const {
-    if (arrival.layout.rows != shown_->reader->asset().rank) return;
+    // A pose brings its own layout: what was announced with it may not be what is announced now.
+    if (arrival.layout.rows != shown_->reader->asset().rank || arrival.layout.channels < 3) return;
     ReceivedPose pose;
     pose.envelope = arrival.envelope;
     pose.arrival_us = arrival.arrival_us;
@@ -446,7 +465,8 @@ class Subscriber::Impl {
       if (arrival.key.bands & (1u << band)) continue;
       const std::size_t first = band == 0 ? 0 : arrival.layout.band_ends[band - 1];
       for (std::size_t row = first; row < arrival.layout.band_ends[band]; ++row)
-        for (std::size_t axis = 0; axis < 3; ++axis) C[row * channels + axis] = rest[row * 3 + axis];
+        for (std::size_t axis = 0; axis < std::min<std::size_t>(3, channels); ++axis)
+          C[row * channels + axis] = rest[row * 3 + axis];
     }
   }
 

@@ -5,8 +5,9 @@
 
 #include <cmath>
 #include <map>
+#include <mutex>
 
-#include "common/codec/key.h"
+#include "common/codec/chain.h"
 #include "common/surface/shapes.h"
 #include "common/wire/control.h"
 #include "sdk/bake.h"
@@ -102,6 +103,111 @@ std::vector<ReceivedPose> exchange(Sender& sender, Subscriber& subscriber, std::
     return all.size() >= enough;
   });
   return all;
+}
+
+/// A sender that announces whatever it is told to, of an asset that the broker has.
+class RawSender {
+ public:
+  explicit RawSender(const LoopbackBroker& broker) {
+    WebSocketOptions options;
+    options.url = *parse_broker_url(broker.url("live/ball"));
+    options.target = "/v1/publish/live/ball";
+    options.first_retry = milliseconds(20);
+    options.longest_retry = milliseconds(100);
+    WebSocketEvents events;
+    events.on_text = [this](std::string_view text) {
+      const auto message = control_from_text(text);
+      const std::lock_guard lock(mutex_);
+      if (message && std::holds_alternative<control::Announced>(*message))
+        announced_ = std::get<control::Announced>(*message);
+    };
+    socket_ = std::make_unique<WebSocket>(std::move(options), std::move(events));
+  }
+  ~RawSender() { socket_->stop(); }
+
+  /// True once the broker has accepted float64 poses of so many channels.
+  bool announce(const Model& model, std::uint32_t channels) {
+    layout_ = {CodecKind::kFloat64, model.asset->rank, channels, model.asset->band_ends};
+    control::Announce m;
+    m.asset = model.encoded->manifest.id.hex();
+    m.format = {layout_.rows, channels, layout_.band_ends, "float64"};
+    const std::uint32_t before = epoch();
+    return eventually([&] { return socket_->send_text(text_from_control(m)) == SendStatus::kSent; }) &&
+           eventually([&] { return epoch() > before; });
+  }
+  /// Sends a join of the lowest band alone: zeros.
+  void send_lowest_band() {
+    const std::vector<double> C(std::size_t{layout_.rows} * layout_.channels);
+    auto key = key_from_coefficients(layout_, C, 0);
+    ASSERT_TRUE(key);
+    key->bands = 1;
+    const auto payload = encode_join(layout_, advanced({}, *key, 0));
+    ASSERT_TRUE(payload) << payload.error().message;
+    Envelope e;
+    e.kind = FrameKind::kJoin;
+    e.bands = 1;
+    e.sequence = ++sequence_;
+    e.capture_us = steady_now_us();
+    Bytes frame;
+    append_envelope(e, frame);
+    frame.insert(frame.end(), payload->begin(), payload->end());
+    (void)socket_->send_binary(std::move(frame));
+  }
+  std::uint32_t epoch() {
+    const std::lock_guard lock(mutex_);
+    return announced_.epoch;
+  }
+
+ private:
+  std::mutex mutex_;
+  control::Announced announced_;
+  CoefficientLayout layout_;
+  std::uint64_t sequence_ = 0;
+  std::unique_ptr<WebSocket> socket_;
+};
+
+/// Sends lowest bands and polls until a pose of the present epoch came; all poses that came.
+std::vector<ReceivedPose> exchange_lowest(RawSender& sender, Subscriber& subscriber, milliseconds most) {
+  std::vector<ReceivedPose> all;
+  eventually(
+      [&] {
+        sender.send_lowest_band();
+        for (ReceivedPose& p : subscriber.poll(milliseconds(10))) all.push_back(std::move(p));
+        return !all.empty() && all.back().envelope.epoch == sender.epoch();
+      },
+      most);
+  return all;
+}
+
+TEST(Stream, TheSameSurfaceWithPosesThatCannotDeformItIsRefusedUntilTheyCan) {
+  LoopbackBroker broker;
+  const Model& m = model(40);
+  {
+    Sender uploads(broker, 40);
+    ASSERT_TRUE(uploads.send_first());
+  }
+  RawSender sender(broker);
+  ASSERT_TRUE(sender.announce(m, 3));
+  const auto subscriber = subscribe(broker);
+  ASSERT_FALSE(exchange_lowest(sender, *subscriber, milliseconds(20000)).empty()) << subscriber->stats().detail;
+  const std::uint32_t good = subscriber->epoch();
+
+  // Rows that do not come are filled in from the rest pose's three channels: there is no room for them in one.
+  ASSERT_TRUE(sender.announce(m, 1));
+  for (const auto& p : exchange_lowest(sender, *subscriber, milliseconds(500))) EXPECT_EQ(p.envelope.epoch, good);
+  EXPECT_EQ(subscriber->stats().state, Subscriber::State::kRefused);
+  EXPECT_THAT(subscriber->stats().detail, HasSubstr("channels"));
+
+  ASSERT_TRUE(sender.announce(m, 4));
+  const auto poses = exchange_lowest(sender, *subscriber, milliseconds(20000));
+  ASSERT_FALSE(poses.empty()) << subscriber->stats().detail;
+  EXPECT_EQ(subscriber->stats().state, Subscriber::State::kLive) << subscriber->stats().detail;
+  const auto& C = poses.back().coefficients;
+  ASSERT_EQ(C.size(), 160u);
+  for (std::size_t i = 0; i < 160; ++i) {
+    const bool rest = i / 4 >= m.asset->band_ends[0] && i % 4 < 3;
+    EXPECT_EQ(C[i], rest ? m.asset->rest[i / 4 * 3 + i % 4] : 0);
+  }
 }
 
 TEST(Stream, RawFloat64DeliversExactlyWhatWasSentInOrder) {
