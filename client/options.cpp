@@ -22,7 +22,7 @@ Exit codes: 0 good, 1 failed (no display, no file written), 2 wrong usage, 4 no 
 struct RawOptions {
   std::string size = "1280x720", rate, form;
   int k = 3, bands = 8;
-  double delay_ms = 40;
+  double delay_ms = 0;
 };
 
 bool size_from_text(const std::string& text, int& width, int& height) {
@@ -79,7 +79,7 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
                                                  {"estimate", PlayoutMode::kEstimate}};
   app.add_option("--playout", options.scene.playout, "poses between arrivals: latest (default), interpolate, estimate")
       ->transform(CLI::CheckedTransformer(modes));
-  app.add_option("--delay", raw.delay_ms, "ms that --playout interpolate holds poses")
+  app.add_option("--delay", raw.delay_ms, "ms that --playout interpolate holds poses; 0 follows the stream")
       ->check(CLI::Range(0.0, 10'000.0))
       ->capture_default_str();
   app.add_option("--view", options.view, "first view")

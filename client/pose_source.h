@@ -18,7 +18,8 @@ namespace eigencast {
 class PoseSource {
  public:
   virtual ~PoseSource() = default;
-  /// Waits at most `timeout` for news and returns the poses that came, oldest first.
+  /// Waits at most `timeout` for news and returns the poses that came, oldest first. All are of epoch(), and their
+  /// asset() can be drawn: poses of a surface that has yet to arrive are kept back until it has.
   virtual std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout) = 0;
   /// The surface as far as it has arrived; null before its first part. Valid until the next poll().
   virtual const Asset* asset() const = 0;

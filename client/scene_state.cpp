@@ -22,29 +22,42 @@ std::uint32_t rank_in_use(std::span<const double> coefficients, std::uint32_t ch
 SceneState::SceneState(const SceneOptions& options) : playout_(options.playout, options.delay_us), lod_(options.lod) {}
 
 void SceneState::receive(const PoseSource& source, std::vector<ReceivedPose> poses) {
+  follow_epoch(source);
   const Asset* asset = source.asset();
-  if (asset != nullptr && lod_.vertices(*asset) > 0 && (!has_asset_ || epoch_ != source.epoch())) {
-    switch_asset(*asset, source.epoch());
-  }
-  for (ReceivedPose& pose : poses) {
+  for (const ReceivedPose& pose : poses) {
     newest_arrival_ = pose.arrival_us;
-    if (has_asset_ && asset != nullptr && pose.envelope.epoch == epoch_) {
+    if (asset != nullptr && pose.envelope.epoch == epoch_) {
       add_pose(pose, *asset);
     } else {
-      waiting_ = std::move(pose);
+      ++poses_unusable_;
     }
-  }
-  if (waiting_ && has_asset_ && asset != nullptr && waiting_->envelope.epoch == epoch_) {
-    add_pose(*waiting_, *asset);
-    waiting_.reset();
   }
 }
 
-void SceneState::switch_asset(const Asset& asset, std::uint32_t epoch) {
-  has_asset_ = true;
-  epoch_ = epoch;
-  playout_.reset();
-  shown_time_.reset();
+void SceneState::follow_epoch(const PoseSource& source) {
+  const Asset* asset = source.asset();
+  if (asset == nullptr) return;
+  const auto& info = source.info();
+  const std::string id = info && info->epoch == source.epoch() ? info->asset : std::string();
+  if (!has_asset_ || epoch_ != source.epoch()) {
+    // The same surface with a sender that came back: what is shown stays until its first pose.
+    const bool same = has_asset_ && !id.empty() && id == asset_id_;
+    has_asset_ = true;
+    epoch_ = source.epoch();
+    asset_id_ = id;
+    playout_.reset();
+    fade_.restart_time();
+    shown_time_.reset();
+    if (!same) show_rest(*asset);
+  } else if (!id.empty()) {
+    asset_id_ = id;
+  }
+}
+
+void SceneState::show_rest(const Asset& asset) {
+  fade_.reset();
+  stream_bands_ = 0;
+  has_pose_ = false;
   coefficients_ = asset.rest;
   channels_ = 3;
   geometry_.positions.clear();
@@ -52,26 +65,36 @@ void SceneState::switch_asset(const Asset& asset, std::uint32_t epoch) {
 }
 
 void SceneState::add_pose(const ReceivedPose& pose, const Asset& asset) {
+  if (pose.envelope.bands != 0) {
+    stream_bands_ = pose.envelope.bands;
+    bands_received_ = static_cast<std::uint32_t>(std::popcount(stream_bands_));
+  }
   if ((pose.envelope.flags & Envelope::kAhead) != 0) return;  // its steps lead up to it
   if (pose.channels < 3 || pose.coefficients.size() != std::size_t{asset.rank} * pose.channels) {
     ++poses_unusable_;
     return;
   }
-  if (pose.channels != channels_) {
-    playout_.reset();
-    channels_ = pose.channels;
-  }
-  if (pose.envelope.bands != 0) bands_received_ = static_cast<std::uint32_t>(std::popcount(pose.envelope.bands));
-  playout_.add(TimedPose{pose.envelope.capture_us, pose.coefficients}, pose.arrival_us);
+  if (playout_.add(TimedPose{pose.envelope.capture_us, pose.coefficients}, pose.arrival_us))
+    fade_.received(pose.envelope.capture_us, stream_bands_);
 }
 
-bool SceneState::choose_pose(TimeUs now_us) {
-  if (paused_ && shown_time_) return false;
+bool SceneState::choose_pose(const PoseSource& source, TimeUs now_us) {
+  if (paused_ && has_pose_) return false;
   std::optional<TimedPose> pose = playout_.at(now_us);
-  if (!pose || shown_time_ == pose->time_us) return false;
-  shown_time_ = pose->time_us;
+  if (!pose) return false;
+  const bool is_new = shown_time_ != pose->time_us;
+  if (!is_new && !fade_.fading()) return false;
+  const std::uint32_t rank = source.asset()->rank;
+  const auto& info = source.info();
+  std::span<const std::uint32_t> band_ends;
+  if (info && !info->format.band_ends.empty() && info->format.band_ends.back() == rank)
+    band_ends = info->format.band_ends;
+  fade_.apply(pose->time_us, now_us, band_ends, coefficients_, pose->coefficients);
+  channels_ = static_cast<std::uint32_t>(pose->coefficients.size() / rank);
   coefficients_ = std::move(pose->coefficients);
-  ++poses_shown_;
+  shown_time_ = pose->time_us;
+  has_pose_ = true;
+  if (is_new) ++poses_shown_;
   return true;
 }
 
@@ -80,7 +103,7 @@ bool SceneState::advance(const PoseSource& source, TimeUs now_us) {
   if (asset == nullptr || !has_asset_ || epoch_ != source.epoch()) return false;
   const std::uint32_t N = lod_.vertices(*asset);
   if (N == 0) return false;
-  const bool new_pose = choose_pose(now_us);
+  const bool new_pose = choose_pose(source, now_us);
   const bool new_level = N != geometry_.vertex_count() || asset->faces_ready != built_faces_ready_;
   if (!new_pose && !new_level) return false;
   update_facts(*asset);

@@ -4,8 +4,10 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <vector>
 
+#include "client/band_fade.h"
 #include "client/level_of_detail.h"
 #include "client/pose_source.h"
 #include "common/core/histogram.h"
@@ -34,21 +36,21 @@ struct SceneFacts {
 
 struct SceneOptions {
   PlayoutMode playout = PlayoutMode::kLatest;
-  TimeUs delay_us = 40'000;  ///< Of kInterpolate.
+  TimeUs delay_us = 0;  ///< Of kInterpolate; 0 follows the stream (Playout).
   double lod = 1;
 };
 
 /// Turns what a PoseSource found into the surface to draw now: chooses the pose (Playout) and the number of vertices
-/// (LevelOfDetail), rebuilds positions and normals. Keeps the last pose while nothing comes, draws the rest pose before
-/// the first one and as much of an asset as has arrived.
+/// (LevelOfDetail), fades where the set of bands changes (BandFade), rebuilds positions and normals. Keeps the last pose
+/// while nothing comes, also when a new epoch brings the same asset; draws the rest pose of an asset before the first
+/// pose, and as much of an asset as has arrived.
 ///
 /// Time comes in as arguments. Not thread-safe.
 class SceneState {
  public:
   explicit SceneState(const SceneOptions& options = {});
 
-  /// Takes over what the source's poll() returned. Poses of an epoch whose asset cannot be drawn yet wait (the newest
-  /// one only).
+  /// Takes over what the source's poll() returned.
   void receive(const PoseSource& source, std::vector<ReceivedPose> poses);
 
   /// Rebuilds the surface for `now_us` if pose, level or asset have changed; true if geometry() has.
@@ -74,9 +76,10 @@ class SceneState {
   const Histogram& normals_us() const { return normals_us_; }
 
  private:
-  void switch_asset(const Asset& asset, std::uint32_t epoch);
+  void follow_epoch(const PoseSource& source);
+  void show_rest(const Asset& asset);
   void add_pose(const ReceivedPose& pose, const Asset& asset);
-  bool choose_pose(TimeUs now_us);
+  bool choose_pose(const PoseSource& source, TimeUs now_us);
   void rebuild(const Asset& asset, std::uint32_t N);
   void update_facts(const Asset& asset);
 
@@ -86,10 +89,13 @@ class SceneState {
   SceneFacts facts_;
   std::uint32_t epoch_ = 0;
   bool has_asset_ = false;
+  std::string asset_id_;  ///< Of the asset shown; empty while the source has not named it.
   std::uint32_t facts_rows_ = 0, built_faces_ready_ = 0;
-  std::optional<ReceivedPose> waiting_;  ///< Newest pose of an epoch that cannot be drawn yet.
-  std::vector<double> coefficients_;     ///< Shown: r x channels.
+  BandFade fade_;
+  std::vector<double> coefficients_;  ///< Shown: r x channels_.
   std::uint32_t channels_ = 3;
+  std::uint8_t stream_bands_ = 0;  ///< Of the newest key: steps do not say theirs.
+  bool has_pose_ = false;          ///< coefficients_ are of a pose that came, not the rest pose.
   std::optional<TimeUs> shown_time_, newest_arrival_;
   bool paused_ = false;
   std::uint64_t poses_shown_ = 0, poses_unusable_ = 0;

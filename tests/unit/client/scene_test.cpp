@@ -132,17 +132,127 @@ TEST_F(Scene, FramesAheadAndFramesOfAWrongSizeAreNotShown) {
   EXPECT_NEAR(height(), 1, 0.01);
 }
 
-TEST_F(Scene, ANewEpochWaitsForItsAssetAndThenShowsItsNewestPose) {
+TEST_F(Scene, ANewAssetShowsItsRestPoseAndThenItsPoses) {
+  source_.info_->epoch = 1;
+  source_.info_->asset = "a";
   source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 0.5)});
   turn(1000);
-  source_.batches.push_back({sphere_pose(source_.asset_, 1, 50, 0.7, 0, 2)});
+  source_.info_->epoch = 2;  // announced; its surface is on its way
+  source_.info_->asset = "b";
   EXPECT_FALSE(turn(2000)) << "the old surface stays";
   EXPECT_NEAR(height(), 0.5, 0.01);
   source_.asset_ = sphere_asset(2);
   source_.epoch_ = 2;
   EXPECT_TRUE(turn(3000));
   EXPECT_EQ(scene_.geometry().vertex_count(), 162u);
+  EXPECT_NEAR(height(), 1, 0.01);
+  source_.batches.push_back({sphere_pose(source_.asset_, 1, 50, 0.7, 0, 2)});
+  EXPECT_TRUE(turn(4000));
   EXPECT_NEAR(height(), 0.7, 0.01);
+}
+
+TEST_F(Scene, ASenderThatComesBackWithTheSameAssetDoesNotShowTheRestPose) {
+  source_.info_->epoch = 1;
+  source_.info_->asset = "a";
+  source_.batches.push_back({sphere_pose(source_.asset_, 1, 9'000'000, 0.5)});
+  turn(1000);
+  const auto facts = scene_.facts().version, topology = scene_.geometry().topology_version;
+  source_.info_->epoch = source_.epoch_ = 2;
+  for (const TimeUs now : {2000, 3000, 4000}) {
+    turn(now);
+    EXPECT_NEAR(height(), 0.5, 0.01);
+  }
+  scene_.lod().set_fraction(0.5);
+  EXPECT_TRUE(turn(5000));
+  EXPECT_NEAR(height(), 0.5, 0.01) << "also when something else changes";
+  scene_.lod().set_fraction(1);
+  turn(6000);
+  source_.batches.push_back({sphere_pose(source_.asset_, 1, 50, 0.7, 0, 2)});
+  EXPECT_TRUE(turn(7000)) << "its clock is a new one: earlier times count";
+  EXPECT_NEAR(height(), 0.7, 0.01);
+  EXPECT_EQ(scene_.facts().version, facts) << "the camera has nothing new to frame";
+  EXPECT_EQ(scene_.geometry().topology_version, topology + 2);
+}
+
+TEST_F(Scene, PausedStaysAsItIsWhenTheSenderComesBackWithMoreChannels) {
+  source_.info_->epoch = 1;
+  source_.info_->asset = "a";
+  source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 0.5)});
+  turn(1000);
+  scene_.set_paused(true);
+  source_.info_->epoch = source_.epoch_ = 2;
+  ReceivedPose wider = sphere_pose(source_.asset_, 1, 50, 0.7, 0, 2);
+  wider.channels = 4;
+  wider.coefficients.assign(24, 0.25);
+  source_.batches.push_back({wider});
+  EXPECT_FALSE(turn(2000));
+  scene_.lod().set_fraction(0.5);
+  EXPECT_TRUE(turn(3000));
+  EXPECT_NEAR(height(), 0.5, 0.01);
+}
+
+TEST_F(Scene, ABandThatComesOrGoesIsFaded) {
+  // Band 1 holds row 5 (y^2 - 1/3): at the pole it adds two thirds of its coefficient to the height.
+  const auto pose = [&](std::uint64_t sequence, TimeUs time_us, bool with_band) {
+    ReceivedPose made = sphere_pose(source_.asset_, sequence, time_us, 1);
+    made.envelope.bands = with_band ? 3 : 1;
+    if (with_band) made.coefficients[5 * 3 + 1] = 0.6;
+    return made;
+  };
+  TimeUs start = 10'000'000;
+  float before = 1;
+  for (const bool with_band : {false, true, false}) {
+    start += 1'000'000;
+    const float after = with_band ? 1.4F : 1;
+    source_.batches.push_back({pose(static_cast<std::uint64_t>(start), start, with_band)});
+    const auto shown = scene_.poses_shown();
+    turn(start);
+    EXPECT_NEAR(height(), before, 0.01) << "no snap";
+    for (const TimeUs passed : {30'000, 75'000, 120'000}) {
+      EXPECT_EQ(turn(start + passed), before != after) << "no new pose is needed";
+      EXPECT_NEAR(height(), before + (after - before) * static_cast<float>(passed) / 150'000, 0.01);
+    }
+    turn(start + 150'000);
+    EXPECT_NEAR(height(), after, 0.01);
+    EXPECT_FALSE(turn(start + 160'000));
+    EXPECT_EQ(scene_.poses_shown(), shown + 1) << "one pose, however many pictures";
+    before = after;
+  }
+}
+
+TEST_F(Scene, AFadeEndsAlsoWhenTheStreamIsNoLongerDescribed) {
+  source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 1)});
+  turn(1000);
+  source_.batches.push_back({sphere_pose(source_.asset_, 2, 2000, 1)});
+  source_.batches.front()[0].envelope.bands = 1;
+  EXPECT_TRUE(turn(2000));
+  source_.info_->format = {};  // as while the broker waits for a sender
+  EXPECT_TRUE(turn(3000));
+  EXPECT_FALSE(turn(4000));
+}
+
+TEST_F(Scene, BandsOfStepsAreThoseOfTheirKey) {
+  const auto key = [&](std::uint64_t sequence, TimeUs time_us, std::uint8_t bands) {
+    ReceivedPose made = sphere_pose(source_.asset_, sequence, time_us, 1);
+    made.envelope.flags = Envelope::kAhead;
+    made.envelope.bands = bands;
+    ReceivedPose step = made;
+    step.envelope.kind = FrameKind::kStep;
+    step.envelope.flags = 0;
+    step.envelope.bands = 0;
+    if (bands == 3) step.coefficients[5 * 3 + 1] = 0.6;
+    return std::vector<ReceivedPose>{made, step};
+  };
+  source_.batches.push_back(key(1, 1'000'000, 3));
+  turn(1'000'000);
+  EXPECT_NEAR(height(), 1.4, 0.01);
+  EXPECT_EQ(scene_.bands_received(), 2u);
+  source_.batches.push_back(key(2, 1'060'000, 1));
+  turn(1'060'000);
+  EXPECT_NEAR(height(), 1.4, 0.01);
+  EXPECT_EQ(scene_.bands_received(), 1u);
+  turn(1'135'000);
+  EXPECT_NEAR(height(), 1.2, 0.01);
 }
 
 TEST(SceneInterpolated, ShowsPosesBetweenArrivals) {
@@ -159,6 +269,33 @@ TEST(SceneInterpolated, ShowsPosesBetweenArrivals) {
     highest = std::max(highest, scene.geometry().positions[i]);
   }
   EXPECT_NEAR(highest, 0.65, 0.02);
+}
+
+TEST(SceneInterpolated, FollowsTheStreamUnlessADelayIsAskedFor) {
+  // 15 keys a second that rise evenly, drawn at 60 Hz: every picture must show about as much motion as the others.
+  FakeSource source(sphere_asset(1));
+  SceneOptions options;
+  options.playout = PlayoutMode::kInterpolate;
+  SceneState scene(options);
+  constexpr TimeUs kKeyUs = 1'000'000 / 15, kPictureUs = 1'000'000 / 60;
+  const auto place = [&] { return scene.geometry().positions[0]; };
+  std::uint64_t keys = 0;
+  std::optional<float> last;
+  for (TimeUs now = 0; now < 4'000'000; now += kPictureUs) {
+    std::vector<ReceivedPose> poses;
+    for (; static_cast<TimeUs>(keys) * kKeyUs <= now; ++keys) {
+      const TimeUs time_us = static_cast<TimeUs>(keys) * kKeyUs;
+      poses.push_back(sphere_pose(source.asset_, keys + 1, time_us, 1, static_cast<double>(time_us) / 1e6));
+    }
+    source.batches.push_back(poses);
+    scene.receive(source, source.poll({}));
+    scene.advance(source, now);
+    if (now > 1'000'000) {
+      ASSERT_TRUE(last);
+      EXPECT_NEAR(place() - *last, 1.0 / 60, 0.3 / 60) << now;
+    }
+    last = place();
+  }
 }
 
 TEST(ScenePoints, ACloudHasSpacingAndNoNormals) {

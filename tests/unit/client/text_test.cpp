@@ -149,6 +149,12 @@ TEST_F(Files, PicturesThatCannotBeAreErrors) {
   EXPECT_EQ(read_png(path("absent.png")).error().code, ErrorCode::kIo);
 }
 
+TEST_F(Files, NamesThatNoFolderTakesAreErrorsNotExceptions) {
+  const std::string name(300, 'x');
+  EXPECT_EQ(read_png(path(name.c_str())).error().code, ErrorCode::kIo);
+  EXPECT_EQ(next_screenshot_name(path(name.c_str())), path(name.c_str()) + "_0001.png");
+}
+
 TEST_F(Files, ScreenshotsNeverOverwrite) {
   const std::string prefix = path("shot");
   EXPECT_EQ(next_screenshot_name(prefix), prefix + "_0001.png");
@@ -166,6 +172,7 @@ TEST(Options, DefaultsAndTheQueryDecideUnlessAsked) {
   ASSERT_TRUE(std::holds_alternative<ClientOptions>(plain));
   EXPECT_EQ(std::get<ClientOptions>(plain).url, "ws://127.0.0.1:7490/demo");
   EXPECT_FALSE(std::get<ClientOptions>(plain).profile);
+  EXPECT_EQ(std::get<ClientOptions>(plain).scene.delay_us, 0) << "follows the stream";
   const auto asked =
       parsed({"ws://h/a?rate=interpolated&k=5", "--form", "compact", "--size", "640x480", "--playout", "estimate"});
   ASSERT_TRUE(std::holds_alternative<ClientOptions>(asked));
