@@ -3,6 +3,8 @@
 #include <spdlog/spdlog.h>
 
 #include <csignal>
+#include <cstdio>
+#include <exception>
 
 #include "client/apps.h"
 
@@ -29,9 +31,7 @@ spdlog::level::level_enum level_from(eigencast::LogLevel level) {
   return spdlog::level::info;
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int run(int argc, char** argv) {
   auto parsed = eigencast::options_from_command_line(argc, argv);
   if (const auto* exit_now = std::get_if<eigencast::ExitNow>(&parsed)) return exit_now->code;
   const auto& options = std::get<eigencast::ClientOptions>(parsed);
@@ -52,4 +52,18 @@ int main(int argc, char** argv) {
   }
   return options.headless ? eigencast::run_headless(options, **source, stop_wanted, log)
                           : eigencast::run_window(options, **source, stop_wanted, log);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  // Libraries below may throw (memory, a disk that is full): that ends the program in order, not by std::terminate.
+  try {
+    return run(argc, argv);
+  } catch (const std::exception& error) {
+    std::fprintf(stderr, "eigencast-client: stopped by an unexpected error: %s\n", error.what());
+  } catch (...) {
+    std::fputs("eigencast-client: stopped by an unexpected error\n", stderr);
+  }
+  return eigencast::kExitFailed;
 }

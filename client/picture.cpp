@@ -41,7 +41,9 @@ Result<Picture> read_png(const std::string& path) {
   png_image image{};
   image.version = PNG_IMAGE_VERSION;
   if (png_image_begin_read_from_file(&image, path.c_str()) == 0) {
-    return fail(std::filesystem::exists(path) ? ErrorCode::kCorrupt : ErrorCode::kIo, path + ": " + image.message);
+    std::error_code error;
+    return fail(std::filesystem::exists(path, error) ? ErrorCode::kCorrupt : ErrorCode::kIo,
+                path + ": " + image.message);
   }
   if (image.width > kLongestSide || image.height > kLongestSide) {
     png_image_free(&image);

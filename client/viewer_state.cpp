@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdio>
 #include <filesystem>
+#include <system_error>
 
 namespace eigencast {
 namespace {
@@ -106,7 +107,9 @@ std::string next_screenshot_name(const std::string& prefix) {
   for (int number = 1; number < 10'000; ++number) {
     char ending[16];
     std::snprintf(ending, sizeof ending, "_%04d.png", number);
-    if (!std::filesystem::exists(prefix + ending)) return prefix + ending;
+    // A folder that cannot be read makes writing fail, which says why.
+    std::error_code error;
+    if (!std::filesystem::exists(prefix + ending, error)) return prefix + ending;
   }
   return prefix + "_9999.png";
 }
