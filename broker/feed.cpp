@@ -58,10 +58,12 @@ void Feed::add_key(KeyRecordPtr record, TimeUs now_us, std::vector<FramePtr>& ou
 void Feed::pump(TimeUs now_us, std::vector<FramePtr>& out) {
   if (profile_.rate == Profile::Rate::kRaw) return;
   while (const auto due = pacer_.pop_due(now_us)) {
+    const auto next_us = pacer_.next_due_us();
+    const bool overtaken = next_us && *next_us <= now_us;
     if (is_compact(profile_)) {
-      pump_compact(*due, out);
+      pump_compact(*due, overtaken, out);
     } else {
-      pump_full(*due, out);
+      pump_full(*due, overtaken, out);
     }
   }
 }
@@ -70,26 +72,30 @@ std::optional<TimeUs> Feed::next_due_us() const {
   return pacer_.next_due_us();
 }
 
-void Feed::pump_full(const Pacer::Due& due, std::vector<FramePtr>& out) {
+void Feed::pump_full(const Pacer::Due& due, bool overtaken, std::vector<FramePtr>& out) {
   // Keys whose own turn was skipped still leave, in order: the chain of everybody stays whole.
   while (!coming_.empty() && coming_.front()->sequence < due.sequence) {
     emit_key(coming_.front(), 0, out);
     coming_.pop_front();
   }
   if (coming_.empty() || coming_.front()->sequence != due.sequence) return;
-  if (due.at < due.of) return emit_synthetic(*coming_.front(), due, out);
+  if (due.at < due.of) {
+    if (!overtaken) emit_synthetic(*coming_.front(), due, out);
+    return;
+  }
   emit_key(coming_.front(), 0, out);
   coming_.pop_front();
 }
 
-void Feed::pump_compact(const Pacer::Due& due, std::vector<FramePtr>& out) {
+void Feed::pump_compact(const Pacer::Due& due, bool overtaken, std::vector<FramePtr>& out) {
   while (!coming_.empty() && coming_.front()->sequence <= due.sequence) emit_coming_ahead(out);
   if (!stands_at_ || stands_at_->sequence != due.sequence || !steps_pending_) return;
-  Envelope head = envelope(FrameKind::kStep, *stands_at_);
-  head.bands = 0;
-  head.step = {due.at, due.of};
-  head.capture_us = due.capture_us;
-  out.push_back(make_frame(head, {}));
+  if (!overtaken) {
+    Envelope head = envelope(FrameKind::kStep, *stands_at_);
+    head.step = {due.at, due.of};
+    head.capture_us = due.capture_us;
+    out.push_back(make_frame(head, {}));
+  }
   if (due.at < due.of) return;
   steps_pending_ = false;
   join_.reset();  // The next one is to be shown as it comes.

@@ -51,7 +51,7 @@ class Feed {
   /// Takes the next key and appends the frames that leave now to `out`.
   void add_key(KeyRecordPtr record, TimeUs now_us, std::vector<FramePtr>& out);
 
-  /// Appends the frames due by now.
+  /// Appends the frames due by now: every key in its turn, but of several poses only the newest.
   void pump(TimeUs now_us, std::vector<FramePtr>& out);
 
   /// When pump() has something to do next; nothing while nothing is pending.
@@ -66,8 +66,9 @@ class Feed {
   std::uint64_t failed_poses() const { return failed_poses_; }
 
  private:
-  void pump_full(const Pacer::Due& due, std::vector<FramePtr>& out);
-  void pump_compact(const Pacer::Due& due, std::vector<FramePtr>& out);
+  /// `overtaken`: a newer pose is due by now as well.
+  void pump_full(const Pacer::Due& due, bool overtaken, std::vector<FramePtr>& out);
+  void pump_compact(const Pacer::Due& due, bool overtaken, std::vector<FramePtr>& out);
   void emit_key(KeyRecordPtr record, std::uint8_t flags, std::vector<FramePtr>& out);
   void emit_coming_ahead(std::vector<FramePtr>& out);
   void emit_synthetic(const KeyRecord& record, const Pacer::Due& due, std::vector<FramePtr>& out);

@@ -9,7 +9,7 @@ namespace {
 
 constexpr TimeUs kRoundTripPeriodUs = 5'000'000;
 
-/// Whether a receiver whose newest key is `newest` can use the frame. docs/protocol.md, "What a receiver needs".
+/// Whether a receiver whose newest key is `newest` can use the frame. docs/protocol.md, section 5.
 bool decodable(const Envelope& envelope, std::optional<std::uint64_t> newest) {
   switch (envelope.kind) {
     case FrameKind::kJoin:
@@ -25,6 +25,20 @@ bool decodable(const Envelope& envelope, std::optional<std::uint64_t> newest) {
 
 bool is_key(const Envelope& envelope) {
   return envelope.kind == FrameKind::kKey || envelope.kind == FrameKind::kJoin;
+}
+
+/// Whether the receiver has what the frame shows, or something newer of the same chain: it never needs it.
+bool is_overtaken(const Envelope& envelope, std::optional<std::uint64_t> newest) {
+  switch (envelope.kind) {
+    case FrameKind::kJoin:
+      return false;
+    case FrameKind::kKey:
+    case FrameKind::kSynthetic:
+      return newest && envelope.sequence <= *newest;
+    case FrameKind::kStep:
+      return newest && envelope.sequence < *newest;
+  }
+  return false;
 }
 
 std::uint8_t step_byte(const InterpolationStep& step) {
@@ -62,8 +76,17 @@ void Outbox::close_lane(std::uint32_t stream_id) {
 void Outbox::offer(std::uint32_t stream_id, const FramePtr& frame) {
   Lane* lane = find(stream_id);
   if (lane == nullptr) return;
-  if (lane->slot) skip(*lane);
-  lane->slot = frame;
+  if (is_key(frame->envelope)) {
+    const bool shown_as_it_comes = (frame->envelope.flags & Envelope::kAhead) == 0;
+    skip(*lane, lane->key);
+    if (shown_as_it_comes) skip(*lane, lane->pose);
+    lane->key = frame;
+    lane->pose_first = lane->pose != nullptr;
+  } else {
+    skip(*lane, lane->pose);
+    lane->pose = frame;
+    lane->pose_first = lane->key == nullptr;
+  }
 }
 
 std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_of) {
@@ -75,7 +98,7 @@ std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_o
   }
   for (std::size_t i = 0; i < lanes_.size(); ++i) {
     Lane& lane = lanes_[(turn_ + i) % lanes_.size()];
-    if ((!lane.slot && !lane.wants_join) || window_closed(lane, now_us)) continue;
+    if ((!lane.key && !lane.pose && !lane.wants_join) || window_closed(lane, now_us)) continue;
     FramePtr frame = next_of(lane, join_of);
     if (!frame) continue;
     note_sent(lane, *frame, now_us);
@@ -86,22 +109,30 @@ std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_o
 }
 
 FramePtr Outbox::next_of(Lane& lane, const JoinSource& join_of) {
-  if (lane.slot && decodable(lane.slot->envelope, lane.newest)) return std::exchange(lane.slot, nullptr);
+  drop_overtaken(lane);
+  FramePtr& first = lane.key && !(lane.pose && lane.pose_first) ? lane.key : lane.pose;
+  if (first && decodable(first->envelope, lane.newest)) return std::exchange(first, nullptr);
+  if (!first && !lane.wants_join) return nullptr;
   lane.wants_join = false;
   FramePtr join = join_of(lane.stream_id);
   if (!join) {
-    if (lane.slot) skip(lane);
-    lane.slot = nullptr;
+    skip(lane, lane.key);
+    skip(lane, lane.pose);
     return nullptr;
   }
   ++joins_total_;
-  if (lane.slot && is_key(lane.slot->envelope) && lane.slot->envelope.sequence <= join->envelope.sequence) {
-    lane.slot = nullptr;  // The join holds it.
-  } else if (lane.slot && !decodable(lane.slot->envelope, join->envelope.sequence)) {
-    skip(lane);
-    lane.slot = nullptr;
-  }
+  const std::uint64_t stands_at = join->envelope.sequence;
+  if (lane.key && lane.key->envelope.sequence <= stands_at) lane.key = nullptr;  // The join holds it.
+  if (lane.key && !decodable(lane.key->envelope, stands_at)) skip(lane, lane.key);
+  if (lane.pose && !decodable(lane.pose->envelope, lane.key ? lane.key->envelope.sequence : stands_at))
+    skip(lane, lane.pose);
   return join;
+}
+
+void Outbox::drop_overtaken(Lane& lane) {
+  // A join may have run ahead of frames that were made before it and are offered after it.
+  if (lane.key && is_overtaken(lane.key->envelope, lane.newest)) lane.key = nullptr;
+  if (lane.pose && is_overtaken(lane.pose->envelope, lane.newest)) skip(lane, lane.pose);
 }
 
 void Outbox::note_sent(Lane& lane, const Frame& frame, TimeUs now_us) {
@@ -152,7 +183,9 @@ std::vector<Outbox::Skipped> Outbox::take_skipped() {
   return all;
 }
 
-void Outbox::skip(Lane& lane) {
+void Outbox::skip(Lane& lane, FramePtr& waiting) {
+  if (!waiting) return;
+  waiting = nullptr;
   ++lane.skipped;
   ++skipped_total_;
 }

@@ -17,11 +17,13 @@ namespace eigencast::broker {
 /// What one connection is owed, and in which order: decides, and leaves the sending to its owner.
 ///
 /// Control messages stand in a bounded queue and are never dropped (overflow: disconnect). Each stream watched has a
-/// lane with one slot, in which the newest frame replaces an older one that has not left. The outbox follows what the
-/// receiver can decode: whoever missed a frame that the newest one builds on gets a join frame first, never a backlog.
+/// lane in which at most one key and one pose that nothing builds on (synthetic, step) wait. A newer one replaces an
+/// older one of its sort, and a key to be shown as it comes replaces a waiting pose too; what was offered first leaves
+/// first. The outbox follows what the receiver can decode: whoever missed a key that the newest frame builds on gets a
+/// join frame first, never a backlog.
 ///
 /// A client that acknowledges has in flight at most its round trip plus `window_slack_us` of frames: while the oldest
-/// unacknowledged frame is older, the newest waits in its slot. One that never acknowledges has no window.
+/// unacknowledged frame is older, the newest wait. One that never acknowledges has no window.
 ///
 /// Time comes in as an argument. Not thread-safe.
 class Outbox {
@@ -60,7 +62,7 @@ class Outbox {
   /// Starts a lane, or starts it anew (new epoch, new profile): the receiver is taken to know nothing.
   void open_lane(std::uint32_t stream_id);
   void close_lane(std::uint32_t stream_id);
-  /// Puts a frame into its lane's slot. Ignored if the lane is not open.
+  /// Puts a frame into its lane. Ignored if the lane is not open.
   void offer(std::uint32_t stream_id, const FramePtr& frame);
 
   /// The next message to send now, control first, then the lanes in turn. Nothing: all is sent or waits for
@@ -86,7 +88,9 @@ class Outbox {
   };
   struct Lane {
     std::uint32_t stream_id = 0;
-    FramePtr slot;
+    FramePtr key;                         ///< Waits to leave; a key or a join.
+    FramePtr pose;                        ///< Waits to leave; a synthetic or a step.
+    bool pose_first = false;              ///< The pose was offered before the key.
     bool wants_join = true;               ///< The receiver has nothing of this lane yet.
     std::optional<std::uint64_t> newest;  ///< Sequence of the newest key that the receiver has.
     std::deque<InFlight> in_flight;
@@ -97,9 +101,11 @@ class Outbox {
   Lane* find(std::uint32_t stream_id);
   bool window_closed(const Lane& lane, TimeUs now_us) const;
   FramePtr next_of(Lane& lane, const JoinSource& join_of);
+  void drop_overtaken(Lane& lane);
   void note_sent(Lane& lane, const Frame& frame, TimeUs now_us);
   void note_round_trip(TimeUs round_trip_us, TimeUs now_us);
-  void skip(Lane& lane);
+  /// Empties a place in the lane and counts what was in it as skipped.
+  void skip(Lane& lane, FramePtr& waiting);
 
   Limits limits_;
   std::deque<Text> control_;

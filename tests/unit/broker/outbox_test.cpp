@@ -6,8 +6,9 @@
 namespace eigencast::broker {
 namespace {
 
-FramePtr frame(FrameKind kind, std::uint64_t sequence, InterpolationStep step = {}) {
+FramePtr frame(FrameKind kind, std::uint64_t sequence, InterpolationStep step = {}, std::uint8_t flags = 0) {
   Envelope head;
+  head.flags = flags;
   head.kind = kind;
   head.sequence = sequence;
   head.step = step;
@@ -33,6 +34,11 @@ class OutboxTest : public ::testing::Test {
   void offer_key(std::uint64_t sequence) {
     join_at(sequence);
     outbox_.offer(1, frame(FrameKind::kKey, sequence));
+  }
+
+  void offer_ahead(std::uint64_t sequence) {
+    join_ = frame(FrameKind::kJoin, sequence, {}, Envelope::kAhead);
+    outbox_.offer(1, frame(FrameKind::kKey, sequence, {}, Envelope::kAhead));
   }
 
   Outbox outbox_;
@@ -85,17 +91,81 @@ TEST_F(OutboxTest, ASkippedSyntheticCostsNothing) {
   EXPECT_EQ(outbox_.skipped_total(), 1u);
 }
 
-TEST_F(OutboxTest, AfterAMissedKeyTheJoinIsFollowedByThePresentPose) {
+TEST_F(OutboxTest, APoseDoesNotDisplaceTheKeyThatItBuildsOn) {
   join_at(1);
   take();
   offer_key(2);
   outbox_.offer(1, frame(FrameKind::kSynthetic, 3, {1, 3}));
-  EXPECT_EQ(take(), -2);
+  outbox_.offer(1, frame(FrameKind::kSynthetic, 3, {2, 3}));
+  EXPECT_EQ(take(), 2);
   EXPECT_EQ(take(), 3);
+  EXPECT_EQ(take(), std::nullopt);
+  EXPECT_EQ(outbox_.joins_total(), 1u);
+  EXPECT_EQ(outbox_.skipped_total(), 1u);
+}
+
+TEST_F(OutboxTest, AKeyThatIsShownReplacesAnOlderPose) {
+  join_at(1);
+  take();
+  outbox_.offer(1, frame(FrameKind::kSynthetic, 2, {2, 3}));
+  offer_key(2);
+  EXPECT_EQ(take(), 2);
+  EXPECT_EQ(take(), std::nullopt);
+  EXPECT_EQ(outbox_.skipped_total(), 1u);
+}
+
+TEST_F(OutboxTest, TheLastStepAndTheNextKeyAheadDoNotCompete) {
+  join_at(1);
+  take();
+  offer_ahead(2);
+  EXPECT_EQ(take(), 2);
+  for (std::uint64_t s = 3; s < 10; ++s) {
+    outbox_.offer(1, frame(FrameKind::kStep, s - 1, {3, 3}));
+    offer_ahead(s);
+    const auto step = outbox_.take(now_, [&](std::uint32_t) { return join_; });
+    ASSERT_TRUE(step && step->frame);
+    EXPECT_EQ(step->frame->envelope.kind, FrameKind::kStep) << "offered first, leaves first";
+    const auto key = outbox_.take(now_, [&](std::uint32_t) { return join_; });
+    ASSERT_TRUE(key && key->frame);
+    EXPECT_EQ(key->frame->envelope.kind, FrameKind::kKey);
+  }
+  outbox_.offer(1, frame(FrameKind::kStep, 9, {3, 3}));
+  offer_ahead(10);
+  outbox_.offer(1, frame(FrameKind::kStep, 10, {1, 3}));
+  EXPECT_EQ(take(), 10) << "the key, then the step on it";
+  EXPECT_EQ(take(), 10);
+  EXPECT_EQ(take(), std::nullopt);
+  EXPECT_EQ(outbox_.joins_total(), 1u);
+  EXPECT_EQ(outbox_.skipped_total(), 1u);
+}
+
+TEST_F(OutboxTest, AfterAMissedKeyTheJoinIsFollowedByThePresentPose) {
+  join_at(1);
+  take();
+  offer_key(2);
   offer_key(3);
-  outbox_.offer(1, frame(FrameKind::kStep, 3, {1, 3}));
+  outbox_.offer(1, frame(FrameKind::kSynthetic, 4, {1, 3}));
   EXPECT_EQ(take(), -3);
-  EXPECT_EQ(take(), 3) << "a step needs its own key";
+  EXPECT_EQ(take(), 4);
+  offer_ahead(4);
+  offer_ahead(5);
+  outbox_.offer(1, frame(FrameKind::kStep, 5, {1, 3}));
+  EXPECT_EQ(take(), -5);
+  EXPECT_EQ(take(), 5) << "a step needs its own key";
+  EXPECT_EQ(take(), std::nullopt);
+}
+
+TEST_F(OutboxTest, FramesThatAJoinRanAheadOfNeedNoOther) {
+  join_at(3);
+  EXPECT_EQ(take(), -3);
+  outbox_.offer(1, frame(FrameKind::kKey, 2));
+  EXPECT_EQ(take(), std::nullopt);
+  outbox_.offer(1, frame(FrameKind::kStep, 2, {1, 3}));
+  EXPECT_EQ(take(), std::nullopt);
+  outbox_.offer(1, frame(FrameKind::kKey, 3));
+  outbox_.offer(1, frame(FrameKind::kSynthetic, 4, {1, 3}));
+  EXPECT_EQ(take(), 4);
+  EXPECT_EQ(outbox_.joins_total(), 1u);
 }
 
 TEST_F(OutboxTest, ANewEpochBeginsWithAJoin) {

@@ -113,6 +113,40 @@ TEST_F(StreamTest, CompactGivesTheSamePosesAsFull) {
   EXPECT_LT(compact_bytes, full_bytes);
 }
 
+TEST_F(StreamTest, OfSeveralPosesDueTogetherOnlyTheNewestLeavesButEveryKey) {
+  FakeReceiver full;
+  FakeReceiver compact;
+  ASSERT_TRUE(stream_.watch(full, kFull));
+  ASSERT_TRUE(stream_.watch(compact, kCompact));
+  begin();
+  play(6);
+  const auto poses_of = [&](FakeReceiver& receiver) {
+    std::vector<FrameKind> kinds;
+    for (const auto& frame : receiver.frames) kinds.push_back(frame->envelope.kind);
+    receiver.frames.clear();
+    return kinds;
+  };
+  for (int round = 0; round < 5; ++round) {  // Key intervals in which nobody looks at the clock.
+    ASSERT_TRUE(stream_.add_frame(sender_.next(now_), now_));
+    full.frames.clear();
+    compact.frames.clear();
+    now_ += kInterval - 1000;
+    stream_.pump(now_);
+    for (FakeReceiver* receiver : {&full, &compact}) {
+      const auto kinds = poses_of(*receiver);
+      const auto shown = std::count_if(kinds.begin(), kinds.end(), [](FrameKind kind) {
+        return kind == FrameKind::kSynthetic || kind == FrameKind::kStep;
+      });
+      EXPECT_LE(shown, 1) << round;
+    }
+    now_ += 1000;
+  }
+  wait(3 * kInterval);
+  EXPECT_EQ(full.undecodable + compact.undecodable, 0) << "no key is missing";
+  EXPECT_EQ(full.poses.back().key, key_number(10));
+  EXPECT_EQ(compact.poses.back().key, key_number(10));
+}
+
 TEST_F(StreamTest, JitteredKeysLeaveTheCompactChainWhole) {
   FakeReceiver receiver;
   ASSERT_TRUE(stream_.watch(receiver, kCompact));
