@@ -42,9 +42,7 @@ class HttpConnection::Impl {
   template <typename Request>
   Result<HttpResponse> exchange(Request& request, Bytes* body, std::uint64_t max_bytes,
                                 const std::function<void(std::uint64_t)>& progress) {
-    if (url_.tls)
-      return fail(ErrorCode::kUnsupported,
-                  "https:// is not supported by this version: use ws:// or http://, or a TLS tunnel");
+    if (const auto usable = check_transport(url_); !usable) return usable.error();
     const bool ipv6 = url_.host.find(':') != std::string::npos;
     request.version(11);
     request.set(http::field::host, (ipv6 ? "[" + url_.host + "]" : url_.host) + ":" + std::to_string(url_.port));

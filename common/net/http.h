@@ -30,7 +30,7 @@ class HttpConnection final {
   HttpConnection(HttpConnection&&) noexcept;
   HttpConnection& operator=(HttpConnection&&) noexcept;
 
-  /// `timeout` is for silence, not for the whole transfer. Bodies over `max_bytes` are refused before they are read.
+  /// `timeout` is for silence, not for the whole transfer, nor for a name lookup, which the system's resolver bounds. Bodies over `max_bytes` are refused before they are read.
   /// An HTTP status of any kind is a value. Errors: kUnreachable, kDisconnected, kTimeout, kTooLarge, kCancelled,
   /// kUnsupported (TLS).
   Result<HttpResponse> get(const std::string& target, std::uint64_t max_bytes, std::uint64_t from_byte = 0);

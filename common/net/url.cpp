@@ -112,4 +112,10 @@ Result<BrokerUrl> parse_broker_url(std::string_view text) {
   return url;
 }
 
+Result<void> check_transport(const BrokerUrl& url) {
+  if (!url.tls) return {};
+  return fail(ErrorCode::kUnsupported,
+              "wss:// and https:// are not supported by this version: use ws:// on a trusted network, or a TLS tunnel");
+}
+
 }  // namespace eigencast

@@ -25,4 +25,7 @@ struct BrokerUrl {
 /// Errors: kInvalidArgument, saying what is wrong and what a URL looks like.
 Result<BrokerUrl> parse_broker_url(std::string_view text);
 
+/// Whether this version can speak to the URL's broker at all. Errors: kUnsupported (TLS).
+Result<void> check_transport(const BrokerUrl& url);
+
 }  // namespace eigencast

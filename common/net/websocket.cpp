@@ -11,6 +11,7 @@
 #include <boost/beast/core.hpp>
 #include <boost/beast/websocket.hpp>
 #include <cassert>
+#include <cmath>
 #include <cstring>
 #include <deque>
 #include <mutex>
@@ -19,6 +20,7 @@
 #include <thread>
 
 #include "common/net/backoff.h"
+#include "common/net/guarded_run.h"
 #include "common/wire/limits.h"
 
 namespace eigencast {
@@ -51,9 +53,11 @@ struct Link {
   ws::stream<beast::tcp_stream> socket;
   beast::flat_buffer in;
   ws::response_type response;
-  std::deque<Outgoing> out;  ///< Bounded through State::unsent.
+  std::deque<Outgoing> out;  ///< Bounded: send() drops what goes beyond max_unsent_bytes.
   bool writing = false;
-  TimeUs opened_us = 0;
+  TimeUs opened_us = 0;  ///< 0: not yet.
+  /// What it waits for until it is open.
+  const char* doing = "looking up the host's name";
 };
 
 void set_option_int(int fd, int level, int name, int value) {
@@ -86,8 +90,6 @@ std::string printable(std::string_view text, std::size_t most) {
 
 Failure failure_of_upgrade(const error_code& ec, const ws::response_type& response, const std::string& where) {
   if (ec != ws::error::upgrade_declined) {
-    if (ec == beast::error::timeout)
-      return {fail(ErrorCode::kTimeout, where + " did not answer in time; is it an Eigencast broker?")};
     return {fail(ErrorCode::kUnreachable, "no WebSocket at " + where + ": " + ec.message())};
   }
   const unsigned status = response.result_int();
@@ -122,7 +124,8 @@ class WebSocket::Impl {
         work_(asio::make_work_guard(io_)),
         random_(std::random_device{}()) {
     asio::post(io_, [this] { connect(); });
-    thread_ = std::thread([this] { io_.run(); });
+    thread_ =
+        std::thread([this] { guarded_run([this] { io_.run(); }, [this](const std::string& what) { recover(what); }); });
   }
 
   ~Impl() { stop(); }
@@ -150,6 +153,11 @@ class WebSocket::Impl {
     return open_;
   }
 
+  void hold_off(milliseconds pause) {
+    const std::lock_guard lock(mutex_);
+    hold_off_ = pause;
+  }
+
   void stop() {
     assert(std::this_thread::get_id() != thread_.get_id());
     const std::lock_guard lock(stop_mutex_);
@@ -164,15 +172,13 @@ class WebSocket::Impl {
 
   void connect() {
     if (stopping_) return;
-    if (options_.url.tls) {
-      report_down(fail(ErrorCode::kUnsupported,
-                       "wss:// is not supported by this version: use ws:// on a trusted network, or a TLS tunnel"),
-                  milliseconds(0));
+    if (const auto usable = check_transport(options_.url); !usable) {
+      report_down(usable.error(), milliseconds(0));
       return;
     }
     link_ = std::make_shared<Link>(io_);
     const LinkPtr link = link_;
-    beast::get_lowest_layer(link->socket).expires_after(options_.connect_timeout);
+    give_up_after(options_.connect_timeout, link);
     error_code not_numeric;
     const auto address = asio::ip::make_address(options_.url.host, not_numeric);
     if (!not_numeric) {
@@ -193,15 +199,25 @@ class WebSocket::Impl {
                             });
   }
 
+  /// One timer over name lookup, connecting and upgrade.
+  void give_up_after(milliseconds time, const LinkPtr& link) {
+    connect_timer_.expires_after(time);
+    connect_timer_.async_wait([this, link, time](error_code ec) {
+      if (ec || !is_current(link) || link->opened_us > 0) return;
+      down(link, {fail(ErrorCode::kTimeout,
+                       where_ + " did not answer within " + std::to_string(time.count()) + " ms, " + link->doing)});
+    });
+  }
+
   void reach(const LinkPtr& link, std::vector<tcp::endpoint> endpoints) {
     // The endpoints must outlive the composed operation.
+    link->doing = "connecting";
     auto shared = std::make_shared<std::vector<tcp::endpoint>>(std::move(endpoints));
     beast::get_lowest_layer(link->socket)
         .async_connect(*shared, [this, link, shared](error_code ec, const tcp::endpoint&) {
           if (!is_current(link)) return;
           if (ec) {
-            down(link, {fail(ec == beast::error::timeout ? ErrorCode::kTimeout : ErrorCode::kUnreachable,
-                             "no broker at " + where_ + ": " + ec.message())});
+            down(link, {fail(ErrorCode::kUnreachable, "no broker at " + where_ + ": " + ec.message())});
             return;
           }
           upgrade(link);
@@ -210,9 +226,9 @@ class WebSocket::Impl {
 
   void upgrade(const LinkPtr& link) {
     auto& stream = beast::get_lowest_layer(link->socket);
-    stream.expires_never();
+    link->doing = "waiting for the upgrade; is it an Eigencast broker?";
     tune(stream.socket());
-    link->socket.set_option(ws::stream_base::timeout{options_.connect_timeout, options_.silence_timeout, true});
+    link->socket.set_option(ws::stream_base::timeout{ws::stream_base::none(), options_.silence_timeout, true});
     link->socket.set_option(ws::stream_base::decorator([](ws::request_type& request) {
       request.set(beast::http::field::sec_websocket_protocol,
                   boost::string_view(kSubprotocol.data(), kSubprotocol.size()));
@@ -239,9 +255,11 @@ class WebSocket::Impl {
   }
 
   void opened(const LinkPtr& link) {
+    connect_timer_.cancel();
     link->opened_us = steady_now_us();
     {
       const std::lock_guard lock(mutex_);
+      hold_off_.reset();
       open_ = true;
       unsent_ = 0;
       ++generation_;
@@ -307,25 +325,45 @@ class WebSocket::Impl {
 
   void down(const LinkPtr& link, Failure failure) {
     if (!is_current(link)) return;
+    std::optional<milliseconds> hold_off;
     {
       const std::lock_guard lock(mutex_);
       open_ = false;
       unsent_ = 0;
       ++generation_;
+      std::swap(hold_off, hold_off_);
     }
+    connect_timer_.cancel();
+    resolver_.cancel();
     beast::get_lowest_layer(link->socket).close();
     if (link->opened_us > 0 && steady_now_us() - link->opened_us >= kGoodAfterUs) failures_ = 0;
     ++failures_;
     link_.reset();
     const double unit = std::uniform_real_distribution<double>(0, 1)(random_);
     // A refusal will not change soon: the longest interval at once.
-    const milliseconds wait =
-        retry_delay(failure.refused ? 64 : failures_, options_.first_retry, options_.longest_retry, unit);
+    const bool longest = failure.refused || hold_off == milliseconds(0);
+    milliseconds wait = retry_delay(longest ? 64 : failures_, options_.first_retry, options_.longest_retry, unit);
+    // Whom the broker asked to stay away must not all come back in one moment either.
+    if (hold_off && *hold_off > wait) wait = *hold_off + milliseconds(std::llround(0.25 * unit * hold_off->count()));
+    connect_after(wait);  // First: the handler may throw.
     report_down(failure.error, wait);
+  }
+
+  void connect_after(milliseconds wait) {
     retry_timer_.expires_after(wait);
     retry_timer_.async_wait([this](error_code ec) {
       if (!ec) connect();
     });
+  }
+
+  /// A handler threw: the connection that it was of is in no known state.
+  void recover(const std::string& what) {
+    if (stopping_) return;
+    if (link_) {
+      down(link_, {fail(ErrorCode::kInternal, "connection to " + where_ + " given up: " + what)});
+    } else if (!options_.url.tls) {
+      connect_after(options_.longest_retry);
+    }
   }
 
   void report_down(const Error& why, milliseconds wait) {
@@ -342,6 +380,7 @@ class WebSocket::Impl {
       ++generation_;
     }
     work_.reset();
+    connect_timer_.cancel();
     retry_timer_.cancel();
     resolver_.cancel();
     if (!link_) return;
@@ -368,6 +407,7 @@ class WebSocket::Impl {
   asio::io_context io_;
   asio::executor_work_guard<asio::io_context::executor_type> work_;
   tcp::resolver resolver_{io_};
+  asio::steady_timer connect_timer_{io_};
   asio::steady_timer retry_timer_{io_};
   asio::steady_timer stop_timer_{io_};
 
@@ -378,8 +418,9 @@ class WebSocket::Impl {
   bool stopping_ = false;
 
   mutable std::mutex mutex_;
-  bool open_ = false;       ///< GUARDED_BY(mutex_)
-  std::size_t unsent_ = 0;  ///< GUARDED_BY(mutex_)
+  bool open_ = false;                     ///< GUARDED_BY(mutex_)
+  std::size_t unsent_ = 0;                ///< GUARDED_BY(mutex_)
+  std::optional<milliseconds> hold_off_;  ///< GUARDED_BY(mutex_)
   std::uint64_t generation_ =
       0;  ///< GUARDED_BY(mutex_); grows at each open and each down, so that no message crosses them.
 
@@ -402,6 +443,9 @@ std::size_t WebSocket::unsent_bytes() const {
 }
 bool WebSocket::is_open() const {
   return impl_->is_open();
+}
+void WebSocket::hold_off(std::chrono::milliseconds pause) {
+  impl_->hold_off(pause);
 }
 void WebSocket::stop() {
   impl_->stop();

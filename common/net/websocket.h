@@ -44,7 +44,8 @@ struct WebSocketEvents {
 
 /// A client's WebSocket connection that keeps itself up: connects, speaks subprotocol eigencast.v1, answers pings,
 /// notices a dead peer, reconnects with jittered exponential back-off. A refusal (HTTP 4xx, or a close code that says
-/// so) is tried again at the longest interval. TCP_NODELAY is set.
+/// so) is tried again at the longest interval. TCP_NODELAY is set. An exception that an event's handler throws ends the
+/// connection, not the process; it is made anew.
 ///
 /// Runs one thread. send_* and stop() are safe from any thread.
 class WebSocket final {
@@ -59,7 +60,11 @@ class WebSocket final {
   /// Bytes handed to send_* that the socket has not taken yet.
   std::size_t unsent_bytes() const;
   bool is_open() const;
-  /// Closes politely (at most 500 ms) and ends the thread. No event comes afterwards.
+  /// The peer is about to close and asks to be left alone for so long: the least pause before the next try once this
+  /// connection is down. 0: it does not expect us back; the longest interval then.
+  void hold_off(std::chrono::milliseconds pause);
+  /// Closes politely (at most 500 ms) and ends the thread. No event comes afterwards. A name lookup under way cannot be
+  /// broken off: stop() then waits for it, as long as the system's resolver takes.
   void stop();
 
  private:

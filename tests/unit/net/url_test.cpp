@@ -80,5 +80,14 @@ TEST(Url, LongerThanALineIsRefused) {
   EXPECT_FALSE(parse_broker_url("ws://h/" + std::string(5000, 'a')));
 }
 
+TEST(Url, TlsCannotBeSpoken) {
+  for (const char* url : {"wss://h/a", "https://h/a"}) {
+    const auto usable = check_transport(*parse_broker_url(url));
+    ASSERT_FALSE(usable) << url;
+    EXPECT_EQ(usable.error().code, ErrorCode::kUnsupported);
+  }
+  EXPECT_TRUE(check_transport(*parse_broker_url("ws://h/a")));
+}
+
 }  // namespace
 }  // namespace eigencast

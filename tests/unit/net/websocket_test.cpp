@@ -10,6 +10,7 @@
 #include <boost/beast/core.hpp>
 #include <boost/beast/websocket.hpp>
 #include <mutex>
+#include <stdexcept>
 #include <thread>
 #include <vector>
 
@@ -107,6 +108,34 @@ TEST(WebSocketToBroker, ARefusalWaitsTheLongestInterval) {
   ASSERT_TRUE(eventually([&] { return log.down_count() == 1; }));
   EXPECT_EQ(log.down(0).first.code, ErrorCode::kRefused);
   EXPECT_GE(log.down(0).second.count(), 45000);
+}
+
+TEST(WebSocketToBroker, StaysAwayAsLongAsItIsAsked) {
+  for (const milliseconds pause : {milliseconds(100'000), milliseconds(0)}) {
+    LoopbackBroker broker;
+    Log log;
+    WebSocket socket(options_for(broker.url(""), "/v1/subscribe/a"), log.events());
+    ASSERT_TRUE(eventually([&] { return log.opened == 1; }));
+    socket.hold_off(pause);
+    broker.stop();
+    ASSERT_TRUE(eventually([&] { return log.down_count() == 1; }));
+    // With 0 it does not expect us back soon: the longest interval, which is 60 s here, less its jitter.
+    EXPECT_GE(log.down(0).second.count(), pause.count() > 0 ? 100'000 : 45'000);
+  }
+}
+
+TEST(WebSocketToBroker, AHandlerThatThrowsCostsTheConnectionAndNoMore) {
+  LoopbackBroker broker;
+  Log log;
+  auto events = log.events();
+  events.on_text = [&log](std::string_view) {
+    if (log.opened == 1) throw std::runtime_error("out of luck");
+  };
+  WebSocket socket(options_for(broker.url(""), "/v1/subscribe/a"), std::move(events));
+  ASSERT_TRUE(eventually([&] { return log.opened == 2; }));
+  EXPECT_EQ(log.down(0).first.code, ErrorCode::kInternal);
+  EXPECT_THAT(log.down(0).first.message, HasSubstr("out of luck"));
+  EXPECT_TRUE(socket.is_open());
 }
 
 TEST(WebSocket, TlsIsRefusedForGood) {
