@@ -34,8 +34,13 @@ struct ec_subscriber {
   std::optional<eigencast::ReceivedPose> current;
   std::vector<float> positions, normals;
   std::vector<std::uint32_t> triangles;
-  const eigencast::Asset* triangles_of = nullptr;  ///< The asset and level that `triangles` are of.
-  std::uint32_t triangles_level = 0;
+  /// What `triangles` are of: a surface, as far as it had arrived, at a level.
+  struct TrianglesOf {
+    const eigencast::Asset* asset = nullptr;
+    std::uint32_t epoch = 0, rows = 0, faces = 0, level = 0;
+    bool operator==(const TrianglesOf&) const = default;
+  };
+  TrianglesOf triangles_of;
 };
 
 namespace eigencast {
@@ -168,10 +173,11 @@ ec_status rebuild(ec_subscriber& self, double detail, ec_surface* out) {
   }
   if (!(detail >= 0 && detail <= 1)) return invalid("ec_subscriber_surface: detail must lie in 0..1");
   const std::uint32_t level = level_from_fraction(*asset, detail);
-  if (self.triangles_of != asset || self.triangles_level != level) {
+  const ec_subscriber::TrianglesOf wanted{asset, self.subscriber->epoch(), asset->rows_ready, asset->faces_ready,
+                                          level};
+  if (self.triangles_of != wanted) {
     self.triangles = triangles_at_level(*asset, level);
-    self.triangles_of = asset;
-    self.triangles_level = level;
+    self.triangles_of = wanted;
   }
   self.positions.resize(std::size_t{3} * level);
   const ReceivedPose& pose = *self.current;
@@ -364,8 +370,6 @@ ec_status ec_subscriber_next(ec_subscriber* subscriber, int timeout_ms) {
       for (ReceivedPose& pose : subscriber->subscriber->poll(std::chrono::milliseconds(std::max(0, timeout_ms)))) {
         subscriber->waiting.push_back(std::move(pose));
       }
-      // A new asset may have come in poll(): what was made from the old one is void.
-      subscriber->triangles_of = nullptr;
     }
     while (!subscriber->waiting.empty() && !can_rebuild(*subscriber->subscriber, subscriber->waiting.front())) {
       subscriber->waiting.pop_front();

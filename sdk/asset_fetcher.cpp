@@ -9,6 +9,7 @@
 #include <thread>
 
 #include "common/net/backoff.h"
+#include "common/net/guarded_run.h"
 #include "common/net/http.h"
 #include "sdk/asset_cache.h"
 
@@ -28,7 +29,7 @@ class AssetFetcher::Impl {
  public:
   Impl(BrokerUrl url, std::string cache_dir, std::function<void()> wake, LogSink log)
       : url_(std::move(url)), cache_(std::move(cache_dir)), wake_(std::move(wake)), log_(std::move(log)) {
-    thread_ = std::thread([this] { run(); });
+    thread_ = std::thread([this] { guarded_run([this] { run(); }, [this](const std::string& what) { rest(what); }); });
   }
 
   ~Impl() {
@@ -93,6 +94,14 @@ class AssetFetcher::Impl {
       wake_();
       lock.lock();
     }
+  }
+
+  /// An exception ended run(): says so and waits before it may start anew.
+  void rest(const std::string& what) {
+    std::unique_lock lock(mutex_);
+    stats_.trouble = what + "; next try in " + std::to_string(kLongestRetry.count()) + " ms";
+    const std::uint64_t job = job_;
+    changed_.wait_for(lock, kLongestRetry, [&] { return stopping_ || job != job_; });
   }
 
   /// Tries until it has the object; nothing when the job changed.

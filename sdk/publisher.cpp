@@ -10,10 +10,12 @@
 #include <thread>
 
 #include "common/codec/chain.h"
+#include "common/net/guarded_run.h"
 #include "common/net/http.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
+#include "common/wire/limits.h"
 
 namespace eigencast {
 
@@ -34,6 +36,12 @@ std::string megabytes(std::uint64_t bytes) {
 
 std::string try_again_in(milliseconds wait) {
   return wait.count() > 0 ? "; next try in " + std::to_string(wait.count()) + " ms" : std::string();
+}
+
+Result<void> check_capture_time(TimeUs capture_us) {
+  if (capture_us >= 0 && capture_us <= limits::kMaxTimeUs) return {};
+  return fail(ErrorCode::kInvalidArgument,
+              "capture time " + std::to_string(capture_us) + " us is out of range: it must be 0 to 2^62 - 1");
 }
 
 /// Puts the objects of an asset on a broker that lacks some of them: the manifest last, so that no manifest there ever
@@ -119,7 +127,9 @@ class Publisher::Impl {
     events.on_open = [this] { on_open(); };
     events.on_text = [this](std::string_view text) { on_text(text); };
     events.on_down = [this](const Error& why, milliseconds wait) { on_down(why, wait); };
-    introducer_ = std::thread([this] { introduce(); });
+    introducer_ = std::thread([this] {
+      guarded_run([this] { introduce(); }, [this](const std::string& what) { introduction_failed(what); });
+    });
     {
       const std::lock_guard lock(mutex_);
       socket_ = std::make_unique<WebSocket>(std::move(socket), std::move(events), log_);
@@ -155,6 +165,7 @@ class Publisher::Impl {
     const std::lock_guard lock(mutex_);
     if (stats_.state != State::kLive) return dropped(SendStatus::kDisconnected);
     if (socket_->unsent_bytes() > options_.max_unsent_bytes) return dropped(SendStatus::kDropped);
+    if (auto usable = check_capture_time(capture_us); !usable) return unusable(usable.error());
     if (chain_ && capture_us <= last_capture_us_) return dropped(SendStatus::kDropped);
     auto key = key_from_coefficients(layout_, C, step_);
     if (!key) return unusable(key.error());
@@ -291,7 +302,14 @@ class Publisher::Impl {
   }
 
   void on_message(const control::Notice& m) { log(log_, LogLevel::kInfo, m.message); }
-  void on_message(const control::Bye& m) { log(log_, LogLevel::kInfo, "the broker leaves: " + m.reason); }
+
+  void on_message(const control::Bye& m) {
+    {
+      const std::lock_guard lock(mutex_);
+      socket_->hold_off(milliseconds(m.retry_after_ms));
+    }
+    log(log_, LogLevel::kInfo, "the broker leaves: " + m.reason);
+  }
 
   SendStatus socket_send(std::string text) {
     const std::lock_guard lock(mutex_);
@@ -324,6 +342,18 @@ class Publisher::Impl {
       if (phase_ != Phase::kIntroduce || (!done && done.error().code == ErrorCode::kCancelled)) continue;
       done ? announce() : upload_failed(done.error());
     }
+  }
+
+  /// An exception ended introduce(): it is to start anew after a while.
+  void introduction_failed(const std::string& what) {
+    {
+      const std::lock_guard lock(mutex_);
+      http_.reset();
+      if (phase_ == Phase::kAnnounced) phase_ = Phase::kIntroduce;
+      stats_.detail = what + try_again_in(kUploadRetry);
+      introduce_after_ = std::chrono::steady_clock::now() + kUploadRetry;
+    }
+    log(log_, LogLevel::kError, what);
   }
 
   /// REQUIRES: mutex_ is held.
@@ -385,9 +415,7 @@ Result<std::unique_ptr<Publisher>> Publisher::create(PublisherOptions options, s
     return fail(ErrorCode::kInvalidArgument, "a publisher needs a complete asset");
   auto url = parse_broker_url(options.url);
   if (!url) return url.error();
-  if (url->tls)
-    return fail(ErrorCode::kUnsupported,
-                "wss:// is not supported by this version: use ws:// on a trusted network, or a TLS tunnel");
+  if (const auto usable = check_transport(*url); !usable) return usable.error();
   if (auto name = check_stream_name(url->stream); !name)
     return in_context("stream name in \"" + options.url + "\"", name.error());
   if (!std::isfinite(options.error) || options.error < 0)
@@ -407,6 +435,7 @@ SendStatus Publisher::send_coefficients(std::span<const double> C, TimeUs captur
 }
 
 Result<SendStatus> Publisher::send_positions(std::span<const float> positions, TimeUs capture_us) {
+  if (auto usable = check_capture_time(capture_us); !usable) return usable.error();
   if (auto made = impl_->make_projector(); !made) return made.error();
   auto C = impl_->projector()->coefficients_from_positions(positions);
   if (!C) return C.error();

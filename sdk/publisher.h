@@ -43,9 +43,9 @@ class Publisher final {
                                                    std::shared_ptr<const EncodedAsset> encoded, LogSink log = {});
   ~Publisher();
 
-  /// C: r x 3 row-major; capture_us: when the pose holds, on the steady clock, growing.
+  /// C: r x 3 row-major; capture_us: when the pose holds, on the steady clock, growing; outside 0..kMaxTimeUs: kDropped.
   SendStatus send_coefficients(std::span<const double> C, TimeUs capture_us);
-  /// positions: n x 3 in the source's vertex order. Projects, then as above. Errors: kInvalidArgument.
+  /// positions: n x 3 in the source's vertex order. Projects, then as above. Errors: kInvalidArgument (also for the time).
   Result<SendStatus> send_positions(std::span<const float> positions, TimeUs capture_us);
   /// The coefficients that receivers decode for C: quantised and back. For measuring errors against the truth.
   Result<std::vector<double>> as_received(std::span<const double> C) const;

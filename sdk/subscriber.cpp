@@ -11,6 +11,7 @@
 
 #include "common/asset/format.h"
 #include "common/net/clock_offset.h"
+#include "common/net/guarded_run.h"
 #include "common/net/websocket.h"
 #include "common/wire/limits.h"
 #include "sdk/asset_fetcher.h"
@@ -47,11 +48,13 @@ class Receiver {
   struct News {
     std::deque<Arrival> poses;                ///< At most kMaxPoses, newest kept.
     std::optional<control::StreamInfo> info;  ///< Set when it changed since the last take.
+    bool declined = false;                    ///< The subscription was refused since then; no info came after it.
   };
   struct Condition {
     bool open = false, ever_open = false, refused = false;
-    std::string trouble;  ///< Of the connection; empty while all is well.
-    std::string notice;   ///< What the broker said last.
+    bool declined = false;  ///< Connected, but the broker does not give us the stream; it is asked again.
+    std::string trouble;    ///< Of the connection; empty while all is well.
+    std::string notice;     ///< What the broker said last.
     FrameDecoder::Counts counts;
     std::uint64_t bytes = 0;
     std::uint64_t reconnects = 0;
@@ -59,8 +62,12 @@ class Receiver {
     Histogram latency_us;
   };
 
-  Receiver(BrokerUrl url, Profile profile, std::function<void()> wake, LogSink log)
-      : url_(std::move(url)), wake_(std::move(wake)), log_(std::move(log)) {
+  Receiver(BrokerUrl url, Profile profile, milliseconds declined_retry, std::function<void()> wake, LogSink log)
+      : url_(std::move(url)),
+        profile_(profile),
+        declined_retry_(declined_retry),
+        wake_(std::move(wake)),
+        log_(std::move(log)) {
     condition_.trouble = "connecting to " + url_.origin();
     WebSocketOptions options;
     options.url = url_;
@@ -74,7 +81,10 @@ class Receiver {
       const std::lock_guard lock(mutex_);
       socket_ = std::make_unique<WebSocket>(std::move(options), std::move(events), log_);
     }
-    ticker_ = std::thread([this] { tick(); });
+    ticker_ = std::thread([this] {
+      guarded_run([this] { tick(); },
+                  [this](const std::string& what) { eigencast::log(log_, LogLevel::kError, what); });
+    });
   }
 
   ~Receiver() {
@@ -110,7 +120,8 @@ class Receiver {
       const std::lock_guard lock(mutex_);
       if (condition_.ever_open) ++condition_.reconnects;
       condition_.open = condition_.ever_open = true;
-      condition_.refused = false;
+      condition_.refused = condition_.declined = false;
+      ask_again_at_us_.reset();
       condition_.trouble.clear();
       decoder_.restart();
       clock_.reset();  // It may be another broker.
@@ -124,7 +135,8 @@ class Receiver {
     const std::string text = why.message + try_again_in(wait);
     {
       const std::lock_guard lock(mutex_);
-      condition_.open = false;
+      condition_.open = condition_.declined = false;
+      ask_again_at_us_.reset();
       condition_.refused = why.code == ErrorCode::kRefused || wait.count() == 0;
       condition_.trouble = text;
     }
@@ -151,6 +163,8 @@ class Receiver {
       const std::lock_guard lock(mutex_);
       decoder_.set_stream(m);
       news_.info = m;
+      news_.declined = condition_.declined = false;
+      ask_again_at_us_.reset();
       condition_.notice.clear();
     }
     wake_();
@@ -173,9 +187,16 @@ class Receiver {
   }
 
   void on_message(const control::ErrorMessage& m) {
-    const std::string text = "the broker says: " + m.message + " (" + m.code + ")";
+    const bool declined = m.stream == url_.stream;
+    const std::string text = "the broker says: " + m.message + " (" + m.code + ")" +
+                             (declined ? try_again_in(declined_retry_) : std::string());
     {
       const std::lock_guard lock(mutex_);
+      if (declined) {
+        news_.info.reset();
+        news_.declined = condition_.declined = true;
+        ask_again_at_us_ = steady_now_us() + TimeUs{declined_retry_.count()} * 1000;
+      }
       condition_.notice = text;
       notice_until_us_ = std::numeric_limits<TimeUs>::max();
     }
@@ -183,7 +204,13 @@ class Receiver {
     wake_();
   }
 
-  void on_message(const control::Bye& m) { log(log_, LogLevel::kInfo, "the broker leaves: " + m.reason); }
+  void on_message(const control::Bye& m) {
+    {
+      const std::lock_guard lock(mutex_);
+      socket_->hold_off(milliseconds(m.retry_after_ms));
+    }
+    log(log_, LogLevel::kInfo, "the broker leaves: " + m.reason);
+  }
 
   void on_binary(ByteView bytes) {
     const TimeUs now = steady_now_us();
@@ -236,6 +263,10 @@ class Receiver {
       if (!condition_.open) continue;
       const TimeUs now = steady_now_us();
       if (ack_ && now - last_ack_us_ >= kAckIntervalUs) acknowledge(now);
+      if (ask_again_at_us_ && now >= *ask_again_at_us_) {
+        ask_again_at_us_.reset();  // The answer, of either kind, says how it goes on.
+        (void)socket_->send_text(text_from_control(control::Subscribe{url_.stream, profile_}));
+      }
       if (now - last_ping_us_ < kPingIntervalUs) continue;
       last_ping_us_ = now;
       (void)socket_->send_text(text_from_control(control::Ping{++ping_id_, now}));
@@ -243,6 +274,8 @@ class Receiver {
   }
 
   const BrokerUrl url_;
+  const Profile profile_;
+  const milliseconds declined_retry_;
   const std::function<void()> wake_;
   const LogSink log_;
 
@@ -259,6 +292,7 @@ class Receiver {
   std::optional<control::Ack::Item> ack_;  ///< Newest frame that is not acknowledged yet.
   TimeUs last_ack_us_ = 0, last_ping_us_ = 0;
   std::uint64_t ping_id_ = 0;
+  std::optional<TimeUs> ask_again_at_us_;
   std::unique_ptr<WebSocket> socket_;
 
   std::thread ticker_;
@@ -282,13 +316,13 @@ struct SurfaceSlot {
 
 class Subscriber::Impl {
  public:
-  Impl(const BrokerUrl& url, Profile profile, std::string cache_dir, const LogSink& log)
+  Impl(const BrokerUrl& url, Profile profile, milliseconds declined_retry, std::string cache_dir, const LogSink& log)
       : url_(url),
         log_(log),
         fetcher_(
             url, std::move(cache_dir), [this] { wake(); }, log) {
     receiver_.emplace(
-        url, profile, [this] { wake(); }, log);
+        url, profile, declined_retry, [this] { wake(); }, log);
   }
 
   std::vector<ReceivedPose> poll(milliseconds timeout) {
@@ -298,6 +332,7 @@ class Subscriber::Impl {
       has_news_ = false;
     }
     Receiver::News news = receiver_->take();
+    if (news.declined) info_.reset();
     if (news.info) apply(std::move(*news.info));
     add_object();
     std::vector<ReceivedPose> poses;
@@ -474,6 +509,7 @@ class Subscriber::Impl {
     const std::string where = url_.origin() + "/" + url_.stream;
     if (c.refused) return {State::kRefused, c.trouble};
     if (!c.open) return {c.ever_open ? State::kLost : State::kConnecting, c.trouble};
+    if (c.declined) return {State::kRefused, c.notice};
     if (!info_) return {State::kConnecting, c.notice.empty() ? "connected, asking for " + url_.stream : c.notice};
     if (latest() && !latest()->damage.empty()) return {State::kRefused, latest()->damage};
     if (info_->state == control::StreamInfo::State::kWaiting)
@@ -512,9 +548,7 @@ Subscriber::~Subscriber() = default;
 Result<std::unique_ptr<Subscriber>> Subscriber::create(SubscriberOptions options, LogSink log) {
   auto url = parse_broker_url(options.url);
   if (!url) return url.error();
-  if (url->tls)
-    return fail(ErrorCode::kUnsupported,
-                "wss:// is not supported by this version: use ws:// on a trusted network, or a TLS tunnel");
+  if (const auto usable = check_transport(*url); !usable) return usable.error();
   if (auto name = check_stream_name(url->stream); !name)
     return in_context("stream name in \"" + options.url + "\"", name.error());
   Profile profile;
@@ -526,7 +560,7 @@ Result<std::unique_ptr<Subscriber>> Subscriber::create(SubscriberOptions options
     profile = *parsed;
   }
   return std::unique_ptr<Subscriber>(
-      new Subscriber(std::make_unique<Impl>(*url, profile, std::move(options.cache_dir), log)));
+      new Subscriber(std::make_unique<Impl>(*url, profile, options.declined_retry, std::move(options.cache_dir), log)));
 }
 
 std::vector<ReceivedPose> Subscriber::poll(milliseconds timeout) {

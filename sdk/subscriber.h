@@ -20,6 +20,7 @@ struct SubscriberOptions {
   std::string url;                 ///< ws://host:port/stream[?rate=...]
   std::optional<Profile> profile;  ///< Overrides the URL's query.
   std::string cache_dir;           ///< Where downloaded chunks are kept; empty: nowhere.
+  std::chrono::milliseconds declined_retry{5000};  ///< A broker that refused the stream is asked again after so long.
 };
 
 /// One pose as it was received and decoded.
@@ -65,7 +66,7 @@ class Subscriber final {
   const Asset* asset() const;
   /// The epoch of asset(); 0 before.
   std::uint32_t epoch() const;
-  /// The stream as announced last; nothing before.
+  /// The stream as announced last; nothing before, or after the broker refused it.
   const std::optional<control::StreamInfo>& info() const;
   Stats stats() const;
 

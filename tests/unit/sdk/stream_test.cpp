@@ -4,12 +4,16 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <fstream>
+#include <limits>
 #include <map>
 #include <mutex>
+#include <stdexcept>
 
 #include "common/codec/chain.h"
 #include "common/surface/shapes.h"
 #include "common/wire/control.h"
+#include "common/wire/limits.h"
 #include "sdk/bake.h"
 #include "sdk/publisher.h"
 #include "sdk/subscriber.h"
@@ -341,6 +345,24 @@ TEST(Stream, ASecondSubscriberReadsTheSurfaceFromTheCache) {
   EXPECT_EQ(second->stats().asset_bytes_cached, total);
 }
 
+TEST(Stream, ALogThatThrowsWhileDownloadingEndsNothing) {
+  LoopbackBroker broker;
+  TemporaryFolder folder;
+  const std::string no_folder = folder.file("file");
+  std::ofstream(no_folder) << "here no cache can be";
+  Sender sender(broker, 40);
+  ASSERT_TRUE(sender.send_first());
+  const LogSink sink = [](LogLevel, std::string_view text) {
+    if (text.find("not kept in the cache") != std::string_view::npos) throw std::runtime_error("disk full");
+  };
+  auto made = Subscriber::create({broker.url("live/ball"), {}, no_folder}, sink);
+  ASSERT_TRUE(made);
+  EXPECT_TRUE(eventually([&] {
+    (void)(*made)->poll(milliseconds(5));
+    return (*made)->stats().detail.find("disk full; next try in") != std::string::npos;
+  })) << (*made)->stats().detail;
+}
+
 TEST(Stream, AnotherSurfaceReplacesTheOldOneOnceItCanBeDrawn) {
   LoopbackBroker broker;
   const auto subscriber = subscribe(broker);
@@ -381,6 +403,22 @@ TEST(Publisher, AFrameThatCannotBeMeantIsDroppedAndSaid) {
       << "time must grow";
   EXPECT_EQ(sender.publisher->stats().frames_sent, 1u);
   EXPECT_TRUE(sender.send()) << "and the stream goes on";
+}
+
+TEST(Publisher, ATimeThatNoFrameCanCarryIsRefused) {
+  LoopbackBroker broker;
+  Sender sender(broker, 40);
+  ASSERT_TRUE(eventually([&] { return sender.publisher->stats().state == Publisher::State::kLive; }));
+  const auto C = pose(*model(40).asset, 0);
+  const std::vector<float> positions(std::size_t{642} * 3);
+  for (const TimeUs time : {TimeUs{-1}, limits::kMaxTimeUs + 1, std::numeric_limits<TimeUs>::min()}) {
+    EXPECT_EQ(sender.publisher->send_coefficients(C, time), SendStatus::kDropped) << time;
+    EXPECT_THAT(sender.publisher->stats().detail, HasSubstr("capture time"));
+    const auto sent = sender.publisher->send_positions(positions, time);
+    ASSERT_FALSE(sent) << time;
+    EXPECT_EQ(sent.error().code, ErrorCode::kInvalidArgument);
+  }
+  EXPECT_TRUE(sender.send_first()) << "and the stream goes on";
 }
 
 TEST(Publisher, SendsPositionsThroughTheBasis) {
