@@ -22,7 +22,6 @@ namespace http = beast::http;
 
 constexpr std::size_t kChunkBytes = 64 * 1024;
 constexpr std::size_t kMaxHeadBytes = 16 * 1024;
-constexpr std::string_view kSubprotocol = "eigencast.v1";
 
 bool offers_subprotocol(std::string_view header) {
   while (!header.empty()) {
@@ -30,29 +29,17 @@ bool offers_subprotocol(std::string_view header) {
     std::string_view one = header.substr(0, comma);
     while (!one.empty() && one.front() == ' ') one.remove_prefix(1);
     while (!one.empty() && one.back() == ' ') one.remove_suffix(1);
-    if (one == kSubprotocol) return true;
+    if (one == control::kSubprotocol) return true;
     if (comma == std::string_view::npos) break;
     header.remove_prefix(comma + 1);
   }
   return false;
 }
 
-std::string_view name_of_state(control::StreamInfo::State state) {
-  switch (state) {
-    case control::StreamInfo::State::kWaiting:
-      return "waiting";
-    case control::StreamInfo::State::kLive:
-      return "live";
-    case control::StreamInfo::State::kStalled:
-      return "stalled";
-  }
-  return "";
-}
-
 std::string json_of(const Stream& stream) {
   std::string json = "{\"stream\":" + json_quoted(stream.name());
   json += ",\"stream_id\":" + std::to_string(stream.id());
-  json += ",\"state\":" + json_quoted(name_of_state(stream.state()));
+  json += ",\"state\":" + json_quoted(name_of(stream.state()));
   json += ",\"epoch\":" + std::to_string(stream.epoch());
   json += ",\"asset\":" + json_quoted(stream.asset());
   json += ",\"key_rate_hz\":" + std::to_string(stream.key_rate_hz());
@@ -159,10 +146,9 @@ void HttpSession::upgrade(const Target& target) {
                         {{http::field::upgrade, "websocket"}});
   }
   if (!offers_subprotocol(header(http::field::sec_websocket_protocol))) {
-    return answer_error(Status::bad_request,
-                        fail(ErrorCode::kIncompatibleVersion,
-                             "offer the subprotocol 'eigencast.v1' (Sec-WebSocket-Protocol): this broker "
-                             "speaks no other"));
+    return answer_error(Status::bad_request, fail(ErrorCode::kIncompatibleVersion,
+                                                  "offer the subprotocol '" + std::string(control::kSubprotocol) +
+                                                      "' (Sec-WebSocket-Protocol): this broker speaks no other"));
   }
   std::optional<control::Subscribe> first;
   if (target.kind == Target::Kind::kSubscribe && !target.name.empty()) {

@@ -41,10 +41,6 @@ bool is_overtaken(const Envelope& envelope, std::optional<std::uint64_t> newest)
   return false;
 }
 
-std::uint8_t step_byte(const InterpolationStep& step) {
-  return static_cast<std::uint8_t>((step.at << 4) | step.of);
-}
-
 }  // namespace
 
 bool Outbox::push_control(Text text) {
@@ -139,7 +135,7 @@ void Outbox::note_sent(Lane& lane, const Frame& frame, TimeUs now_us) {
   if (is_key(frame.envelope)) lane.newest = frame.envelope.sequence;
   lane.wants_join = false;
   lane.last_sent_us = now_us;
-  lane.in_flight.push_back({frame.envelope.sequence, step_byte(frame.envelope.step), now_us});
+  lane.in_flight.push_back({frame.envelope.sequence, frame.envelope.step.byte(), now_us});
   if (lane.in_flight.size() > limits_.max_in_flight) lane.in_flight.pop_front();
 }
 

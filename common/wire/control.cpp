@@ -38,18 +38,6 @@ Written json_from(const Profile& profile) {
   return json;
 }
 
-std::string_view name_of(StreamInfo::State state) {
-  switch (state) {
-    case StreamInfo::State::kWaiting:
-      return "waiting";
-    case StreamInfo::State::kLive:
-      return "live";
-    case StreamInfo::State::kStalled:
-      return "stalled";
-  }
-  return "unknown";
-}
-
 Written json_from(const Announce& m) {
   Written json{{"op", "announce"}, {"asset", m.asset}, {"format", json_from(m.format)}, {"key_rate_hz", m.key_rate_hz}};
   if (m.world) json["world"] = *m.world;
@@ -433,6 +421,18 @@ constexpr Operation kOperations[] = {
 };
 
 }  // namespace
+
+std::string_view control::name_of(StreamInfo::State state) {
+  switch (state) {
+    case StreamInfo::State::kWaiting:
+      return "waiting";
+    case StreamInfo::State::kLive:
+      return "live";
+    case StreamInfo::State::kStalled:
+      return "stalled";
+  }
+  return "unknown";
+}
 
 std::string text_from_control(const ControlMessage& message) {
   return json_from_message(message).dump(-1, ' ', false, Written::error_handler_t::replace);

@@ -38,6 +38,9 @@ struct StreamFormat {
 // unknown ops are answered by an error message (docs/protocol.md).
 namespace control {
 
+/// What both ends of the WebSocket must agree on (Sec-WebSocket-Protocol).
+inline constexpr std::string_view kSubprotocol = "eigencast.v1";
+
 /// "welcome", broker to everybody, first message.
 struct Welcome {
   std::string version;     ///< Of the broker's software.
@@ -94,6 +97,9 @@ struct StreamInfo {
   Profile profile;  ///< What this subscriber gets.
   std::optional<std::vector<double>> world;
 };
+
+/// The state's word on the wire.
+std::string_view name_of(StreamInfo::State state);
 
 /// "ack", client to broker, ten or more times a second: the newest frame received of each stream.
 struct Ack {

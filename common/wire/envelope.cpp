@@ -49,7 +49,7 @@ void append_envelope(const Envelope& envelope, Bytes& out) {
   writer.u8(static_cast<std::uint8_t>(envelope.kind));
   writer.u8(envelope.flags);
   writer.u8(envelope.bands);
-  writer.u8(static_cast<std::uint8_t>(envelope.step.at << 4 | (envelope.step.of & 15)));
+  writer.u8(envelope.step.byte());
   writer.u32(envelope.stream_id);
   writer.u32(envelope.epoch);
   writer.u64(envelope.sequence);

@@ -22,6 +22,7 @@ enum class FrameKind : std::uint8_t {
 struct InterpolationStep {
   std::uint8_t at = 0;  ///< 1..of
   std::uint8_t of = 0;  ///< 0 (no interpolation) or 1..15
+  std::uint8_t byte() const { return static_cast<std::uint8_t>(at << 4 | (of & 15)); }
   bool operator==(const InterpolationStep&) const = default;
 };
 

@@ -53,6 +53,12 @@ TEST(Control, AMessageFullOfUnknownFieldsIsReadAllTheSame) {
   EXPECT_EQ(std::get<Ping>(*message).time_us, 2);
 }
 
+TEST(Control, StatesHaveTheirWordOnTheWire) {
+  EXPECT_EQ(name_of(StreamInfo::State::kWaiting), "waiting");
+  EXPECT_EQ(name_of(StreamInfo::State::kLive), "live");
+  EXPECT_EQ(name_of(StreamInfo::State::kStalled), "stalled");
+}
+
 TEST(Control, GoldenTextOfEachMessageGoesThereAndBack) {
   std::string text;
   for (const ControlMessage& message : samples()) text += text_from_control(message) + "\n";
