@@ -94,9 +94,11 @@ std::string metrics_text(const Context& context) {
   const Counters& counters = context.counters;
   std::uint64_t live = 0;
   std::uint64_t watchers = 0;
+  std::uint64_t failed = 0;
   for (const Stream* stream : context.hub.streams()) {
     live += stream->state() == control::StreamInfo::State::kLive ? 1 : 0;
     watchers += stream->watchers();
+    failed += stream->poses_failed();
   }
   std::string out;
   metric(out, "connections", "gauge", "Open connections of the data port.", counters.connections);
@@ -112,6 +114,7 @@ std::string metrics_text(const Context& context) {
   metric(out, "frame_bytes_sent_total", "counter", "Bytes of those frames.", counters.frame_bytes_sent);
   metric(out, "frames_skipped_total", "counter", "Frames replaced by newer ones before they left.",
          counters.frames_skipped);
+  metric(out, "poses_failed", "gauge", "Poses beyond the codec's range, summed over the streams known.", failed);
   metric(out, "joins_sent_total", "counter", "Join frames sent.", counters.joins_sent);
   metric(out, "control_received_total", "counter", "Control messages received.", counters.control_received);
   metric(out, "control_sent_total", "counter", "Control messages sent.", counters.control_sent);

@@ -5,6 +5,7 @@
 #include <boost/asio/signal_set.hpp>
 #include <boost/asio/write.hpp>
 #include <csignal>
+#include <exception>
 #include <random>
 #include <utility>
 
@@ -123,7 +124,23 @@ void Broker::accept(Socket socket) {
 
 void Broker::run() {
   tick();
-  loop_.run();
+  for (;;) {
+    // What one handler could not do (no memory) must not end the streams of all others: its own work is lost, the loop
+    // goes on. A stopped loop returns at once.
+    try {
+      loop_.run();
+      return;
+    } catch (const std::exception& exception) {
+      log_failure(exception);
+    }
+  }
+}
+
+void Broker::log_failure(const std::exception& exception) noexcept {
+  try {
+    log(context_.log, LogLevel::kError, std::string("a request was given up, the broker goes on: ") + exception.what());
+  } catch (const std::exception&) {  // Not even memory for the line.
+  }
 }
 
 void Broker::arm_schedule() {
@@ -140,11 +157,11 @@ void Broker::arm_schedule() {
 }
 
 void Broker::tick() {
-  for (Connection* connection : context_.connections) connection->on_tick();
   tick_.expires_after(std::chrono::seconds(1));
   tick_.async_wait([this](ErrorOf error) {
     if (!error) tick();
   });
+  for (Connection* connection : context_.connections) connection->on_tick();
 }
 
 void Broker::stop_on_signals() {

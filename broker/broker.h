@@ -45,6 +45,7 @@ class Broker {
   void accept(Socket socket);
   void arm_schedule();
   void tick();
+  void log_failure(const std::exception& exception) noexcept;
   void drain();
   void wait_for_peers(std::chrono::steady_clock::time_point until);
 

@@ -54,26 +54,47 @@ void Connection::start(UpgradeRequest request) {
   socket_.set_option(
       websocket::stream_base::decorator([version = context_.version](websocket::response_type& response) {
         response.set(beast::http::field::server, "eigencast-broker/" + version);
-        response.set(beast::http::field::sec_websocket_protocol, "eigencast.v1");
+        response.set(beast::http::field::sec_websocket_protocol,
+                     beast::string_view(control::kSubprotocol.data(), control::kSubprotocol.size()));
       }));
   auto kept = std::make_shared<UpgradeRequest>(std::move(request));
   socket_.async_accept(*kept, [self = shared_from_this(), kept](ErrorOf error) {
-    if (error) return;
-    self->open_ = true;
-    ++self->context_.counters.connections;
-    ++self->context_.counters.connections_total;
-    self->context_.connections.insert(self.get());
-    control::Welcome welcome{self->context_.version, self->context_.session_id, steady_now_us()};
-    self->send(welcome);
-    self->on_open();
-    self->read();
-    self->flush();
+    if (!error) self->guarded([&] { self->on_accepted(); });
   });
 }
 
+void Connection::on_accepted() {
+  open_ = true;
+  ++context_.counters.connections;
+  ++context_.counters.connections_total;
+  context_.connections.insert(this);
+  send(control::Welcome{context_.version, context_.session_id, steady_now_us()});
+  on_open();
+  read();
+  flush();
+}
+
+template <typename Work>
+void Connection::guarded(Work work) {
+  try {
+    work();
+  } catch (const std::exception& exception) {
+    log_failure(exception);
+    cut();
+  }
+}
+
+void Connection::log_failure(const std::exception& exception) noexcept {
+  try {
+    log(context_.log, LogLevel::kError, label() + ": closed, the broker failed: " + exception.what());
+  } catch (const std::exception&) {  // Not even memory for the line.
+  }
+}
+
 void Connection::read() {
-  socket_.async_read_some(buffer_, kReadBytes,
-                          [self = shared_from_this()](ErrorOf error, std::size_t) { self->on_read(error); });
+  socket_.async_read_some(buffer_, kReadBytes, [self = shared_from_this()](ErrorOf error, std::size_t) {
+    self->guarded([&] { self->on_read(error); });
+  });
 }
 
 void Connection::on_read(ErrorOf error) {
@@ -116,6 +137,17 @@ void Connection::send_droppable(const std::shared_ptr<const std::string>& text) 
 }
 
 void Connection::flush() {
+  try {
+    write_next();
+  } catch (const std::exception& exception) {
+    // The caller may be in the middle of telling all its watchers something: the read that waits, or comes next, ends.
+    log_failure(exception);
+    ErrorOf ignored;
+    socket_.next_layer().close(ignored);
+  }
+}
+
+void Connection::write_next() {
   if (is_writing_ || !open_ || ended_ || close_sent_) return;
   auto item = outbox_.take(steady_now_us(), [this](std::uint32_t id) { return join_of(id); });
   if (!item || (closing_ && item->frame)) {
@@ -124,7 +156,9 @@ void Connection::flush() {
   }
   writing_ = std::move(*item);
   is_writing_ = true;
-  auto done = [self = shared_from_this()](ErrorOf error, std::size_t) { self->on_written(error); };
+  auto done = [self = shared_from_this()](ErrorOf error, std::size_t) {
+    self->guarded([&] { self->on_written(error); });
+  };
   if (writing_.text) {
     ++context_.counters.control_sent;
     socket_.text(true);

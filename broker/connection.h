@@ -6,6 +6,7 @@
 #include <boost/beast/http/buffer_body.hpp>
 #include <boost/beast/http/message.hpp>
 #include <boost/beast/websocket/stream.hpp>
+#include <exception>
 #include <memory>
 #include <string>
 
@@ -62,13 +63,19 @@ class Connection : public std::enable_shared_from_this<Connection> {
   Result<ControlMessage> parse(std::string_view text);
 
  private:
+  void on_accepted();
   void read();
   void on_read(ErrorOf error);
   void on_message();
+  void write_next();
   void on_written(ErrorOf error);
   void close_when_sent(const std::string& reason, beast::websocket::close_code code);
   void close_now();
   void cut();
+  /// Runs a handler's work. One that throws (no memory) costs its own connection, which leaves in good order.
+  template <typename Work>
+  void guarded(Work work);
+  void log_failure(const std::exception& exception) noexcept;
   void ended();
 
   Context& context_;

@@ -5,6 +5,7 @@
 #include <deque>
 #include <memory>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "broker/frame.h"
@@ -62,8 +63,8 @@ class Feed {
   FramePtr join();
 
   const Profile& profile() const { return profile_; }
-  /// Poses that were due but could not be coded (a value beyond the codec's range).
-  std::uint64_t failed_poses() const { return failed_poses_; }
+  /// Poses that were due but could not be coded (a value beyond the codec's range), since the last call.
+  std::uint64_t take_failed_poses() { return std::exchange(failed_poses_, 0); }
 
  private:
   /// `overtaken`: a newer pose is due by now as well.

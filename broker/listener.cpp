@@ -40,8 +40,8 @@ void Listener::accept() {
   acceptor_.async_accept(loop_.get_executor(), [this](ErrorOf error, Socket socket) {
     if (!acceptor_.is_open()) return;
     if (!error) {
-      on_connection_(std::move(socket));
-      return accept();
+      accept();  // First: the next connection is taken whatever becomes of this one.
+      return on_connection_(std::move(socket));
     }
     if (error == asio::error::operation_aborted) return;
     if (error != asio::error::no_descriptors && error != asio::error::no_memory) return accept();

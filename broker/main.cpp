@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include <cstdio>
+#include <exception>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -21,9 +22,7 @@ int complain(const eigencast::Error& error, int code) {
   return code;
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int run(int argc, char** argv) {
   namespace broker = eigencast::broker;
   std::vector<std::string_view> environment;
   for (char** entry = environ; *entry != nullptr; ++entry) environment.emplace_back(*entry);
@@ -44,4 +43,15 @@ int main(int argc, char** argv) {
   eigencast::log(sink, eigencast::LogLevel::kInfo, "listening on port " + std::to_string((*service)->port()));
   (*service)->run();
   return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run(argc, argv);
+  } catch (const std::exception& exception) {
+    std::fprintf(stderr, "eigencast-broker: cannot go on: %s\n", exception.what());
+    return 1;
+  }
 }

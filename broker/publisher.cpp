@@ -98,9 +98,9 @@ void Publisher::tell_count() {
 void Publisher::on_closed() {
   if (stream_ == nullptr) return;
   Stream* stream = std::exchange(stream_, nullptr);
-  log(context().log, LogLevel::kInfo, label() + ": gone");
   stream->release(*this);
   context().hub.left(*stream);
+  log(context().log, LogLevel::kInfo, label() + ": gone");
 }
 
 }  // namespace eigencast::broker

@@ -249,6 +249,7 @@ void Stream::leave_group(Watcher& watcher) {
 
 void Stream::send(Group& group, const std::vector<FramePtr>& frames) {
   frames_made_ += frames.size();
+  poses_failed_ += group.feed.take_failed_poses();
   for (const FramePtr& frame : frames) {
     for (Watcher* watcher : group.watchers) watcher->on_frame(*this, frame);
   }

@@ -87,6 +87,8 @@ class Stream {
   bool has_publisher() const { return publisher_ != nullptr; }
   std::uint64_t keys_received() const { return keys_received_; }
   std::uint64_t frames_made() const { return frames_made_; }
+  /// Poses of any feed that could not be coded.
+  std::uint64_t poses_failed() const { return poses_failed_; }
   std::size_t profile_count() const { return groups_.size(); }
 
  private:
@@ -124,6 +126,7 @@ class Stream {
   std::vector<FramePtr> leaving_;  ///< Scratch.
   std::uint64_t keys_received_ = 0;
   std::uint64_t frames_made_ = 0;
+  std::uint64_t poses_failed_ = 0;
 };
 
 }  // namespace eigencast::broker

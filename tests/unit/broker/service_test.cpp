@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <boost/asio/connect.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
@@ -13,6 +14,7 @@
 #include <boost/beast/http.hpp>
 #include <boost/beast/websocket.hpp>
 #include <filesystem>
+#include <stdexcept>
 #include <thread>
 
 #include "broker/broker.h"
@@ -119,7 +121,7 @@ class ServiceTest : public ::testing::Test {
     fs::remove_all(folder_);
   }
   void start() {
-    auto created = Broker::create(config_, "test", {});
+    auto created = Broker::create(config_, "test", log_);
     ASSERT_TRUE(created) << created.error().message;
     broker_ = std::move(*created);
     port_ = broker_->port();
@@ -164,6 +166,7 @@ class ServiceTest : public ::testing::Test {
   }
 
   Config config_;
+  LogSink log_;
   std::string folder_;
   std::string asset_;
   control::Announced announced_;
@@ -405,6 +408,35 @@ TEST_F(ServiceTest, StoppingInTheMiddleOfEverythingIsClean) {
   for (const auto& entry : fs::recursive_directory_iterator(folder_ + "/assets"))
     left += entry.is_regular_file() ? 1 : 0;
   EXPECT_EQ(left, 1u) << "the manifest, and nothing of the upload";
+}
+
+TEST_F(ServiceTest, WhatOneHandlerCannotDoEndsNobodyElsesStream) {
+  stop();
+  std::atomic<int> thrown = 0;
+  std::atomic<bool> told = false;
+  log_ = [&](LogLevel, std::string_view line) {
+    if (line.find("no memory") == std::string_view::npos && line.find("'unlucky'") != std::string_view::npos &&
+        thrown++ == 0)
+      throw std::runtime_error("no memory");
+    if (line.find("no memory") != std::string_view::npos) told = true;
+  };
+  start();
+  auto publisher = sender("a");
+  Client viewer(port_, "/v1/subscribe/a?rate=raw");
+  viewer.wait_for<control::StreamInfo>();
+  Client unlucky(port_, "/v1/publish/unlucky");
+  unlucky.close_code();
+  unlucky.error.clear();
+  Client again(port_, "/v1/publish/unlucky");
+  again.send(control::Ping{7, 9});
+  EXPECT_EQ(again.wait_for<control::Pong>().id, 7u) << "the name is free again";
+  FakeSender motion;
+  publisher->send_frame(motion.next(0));
+  EXPECT_EQ(viewer.next_frame()->envelope.sequence, 0u);
+  EXPECT_EQ(request(http::verb::get, "/v1/streams").result_int(), 200u);
+  EXPECT_GE(thrown, 1);
+  EXPECT_TRUE(told);
+  stop();
 }
 
 TEST_F(ServiceTest, ASlowHeadIsCutOff) {
