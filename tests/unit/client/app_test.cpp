@@ -141,6 +141,67 @@ TEST_F(Apps, WithoutADisplayTheWindowTellsAboutHeadless) {
   EXPECT_NE(said_.find("--headless"), std::string::npos) << said_;
 }
 
+/// Pixels that differ in the middle third, where no figures are drawn.
+int different_in_the_middle(const Picture& a, const Picture& b) {
+  int different = 0;
+  for (int y = a.height / 3; y < 2 * a.height / 3; ++y) {
+    for (int x = a.width / 3; x < 2 * a.width / 3; ++x) {
+      const auto *p = a.pixel(x, y), *q = b.pixel(x, y);
+      if (std::abs(p[0] - q[0]) + std::abs(p[1] - q[1]) + std::abs(p[2] - q[2]) > 12) ++different;
+    }
+  }
+  return different;
+}
+
+TEST_F(Apps, KeysWheelAndDragReachTheWindow) {
+  const VirtualDisplay display;
+  if (!display.ready()) GTEST_SKIP() << "Xvfb does not start: INPUT IS NOT TESTED (install the package xvfb)";
+  if (std::system("command -v xdotool >/dev/null") != 0)
+    GTEST_SKIP() << "xdotool is not there: INPUT IS NOT TESTED (install the package xdotool)";
+  ::setenv("DISPLAY", display.name().c_str(), 1);
+  options_.width = 480;
+  options_.height = 360;
+  options_.duration_s = 60;  // only if Q does not end it
+  options_.json = path("window.json");
+  // Each step is done once the picture of the one before is there; S writes into the current folder.
+  const auto start = std::filesystem::current_path();
+  std::filesystem::current_path(folder_);
+  const std::vector<std::string> steps{
+      "mousemove 240 180 key s",
+      "key s",
+      "mousedown 1 mousemove 300 200 mousemove 340 220 mouseup 1 key s",
+      "mousedown 3 mousemove 300 180 mousemove 240 140 mouseup 3 key s",
+      "click 4 click 4 click 4 key s",
+      "key e key s",
+      "key minus key minus key q",
+  };
+  const auto picture = [&](std::size_t number) { return "eigencast_000" + std::to_string(number) + ".png"; };
+  std::size_t done = 0;
+  source_.on_poll = [&] {
+    const bool ready = done == 0 ? source_.batches.empty() : std::filesystem::exists(picture(done));
+    if (!ready || done == steps.size()) return;
+    EXPECT_EQ(std::system(("xdotool " + steps[done]).c_str()), 0) << steps[done];
+    ++done;
+  };
+  const int code = run_window(options_, source_, stop_, log());
+  std::vector<Picture> pictures;
+  for (std::size_t i = 1; i < steps.size(); ++i) {
+    const auto read = read_png(picture(i));
+    EXPECT_TRUE(read) << steps[i - 1];
+    if (read) pictures.push_back(*read);
+  }
+  std::filesystem::current_path(start);
+  ASSERT_EQ(code, kExitGood) << said_;
+  ASSERT_EQ(done, steps.size());
+  ASSERT_EQ(pictures.size() + 1, steps.size());
+  EXPECT_EQ(different_in_the_middle(pictures[0], pictures[1]), 0) << "nothing was asked for between these";
+  for (std::size_t i = 2; i < pictures.size(); ++i)
+    EXPECT_GT(different_in_the_middle(pictures[i - 1], pictures[i]), 100) << steps[i];
+  const json report = json::parse(std::ifstream(path("window.json")));
+  EXPECT_LT(report["lod"]["fraction"], 1) << "minus makes it coarser";
+  EXPECT_LT(report["duration_s"], options_.duration_s) << "Q quits";
+}
+
 TEST_F(Apps, TheWindowShowsTheSurfaceThatHeadlessShows) {
   const VirtualDisplay display;
   if (!display.ready()) GTEST_SKIP() << "Xvfb does not start: THE WINDOW IS NOT TESTED (install the package xvfb)";
