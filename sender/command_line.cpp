@@ -33,11 +33,15 @@ struct Settings {
 
 void add_source_options(CLI::App& app, SourceOptions& source) {
   source.cache_dir = default_cache_dir();
-  app.add_option("input", source.input, "built-in shape (heart, bar, torus, sphere, ...), clip.npy, folder or 'glob' of OBJ/PLY/OFF/STL/XYZ, or one file")
+  app.add_option("input", source.input,
+                 "built-in shape (heart, bar, torus, sphere, ...), clip.npy, folder or 'glob' of OBJ/PLY/OFF/STL/XYZ, "
+                 "or one file")
       ->required();
   app.add_option("--rest", source.rest, "file of the rest pose (default: the first frame)");
   app.add_option("--faces", source.faces, "faces of a .npy clip (default: faces.npy beside it)");
-  app.add_option("--basis", source.basis, "augmented or harmonic")->check(CLI::IsMember({"augmented", "harmonic"}))->capture_default_str();
+  app.add_option("--basis", source.basis, "augmented or harmonic")
+      ->check(CLI::IsMember({"augmented", "harmonic"}))
+      ->capture_default_str();
   app.add_option("--rank", source.rank, "coefficients per axis")->check(CLI::Range(4, 4096))->capture_default_str();
   app.add_option("--name", source.name, "name of the surface, for people");
   app.add_option("--cache", source.cache_dir, "folder where bakes are kept; '' for none")->capture_default_str();
@@ -47,7 +51,8 @@ void add_codec_options(CLI::App& app, std::string& codec, double& error) {
   app.add_option("--codec", codec, "quantised, float32 or float64")
       ->check(CLI::IsMember({"quantised", "float32", "float64"}))
       ->capture_default_str();
-  app.add_option("--error", error, "vertex error that quantising may add, in model units (default: 3e-4 of the diagonal)")
+  app.add_option("--error", error,
+                 "vertex error that quantising may add, in model units (default: 3e-4 of the diagonal)")
       ->check(CLI::PositiveNumber);
 }
 
@@ -61,11 +66,13 @@ void add_commands(CLI::App& app, Settings& s) {
   add_source_options(*play, s.play.source);
   add_codec_options(*play, s.play.codec, s.play.error);
   play->add_option("--to", s.play.url, "ws://host[:port]/stream")->envname("EIGENCAST_URL")->required();
-  play->add_option("--rate", s.play.rate_hz, "key poses a second (default: the clip's)")->check(CLI::Range(0.1, 1000.0));
+  play->add_option("--rate", s.play.rate_hz, "key poses a second (default: the clip's)")
+      ->check(CLI::Range(0.1, 1000.0));
   play->add_option("--speed", s.play.speed, "of the motion")->check(CLI::Range(0.001, 1000.0))->capture_default_str();
   CLI::Option* once = play->add_flag("--once", s.play.once, "stop at the end of the clip");
   play->add_flag("--loop", s.loop, "start again at the end of the clip (default)")->excludes(once);
-  play->add_option("--duration", s.play.duration_s, "stop after so many seconds")->check(CLI::PositiveNumber);
+  play->add_option("--duration", s.play.duration_s, "stop after so many seconds, counted from the first try to connect")
+      ->check(CLI::PositiveNumber);
   play->add_option("--frames", s.play.frames, "stop after so many poses")->check(CLI::PositiveNumber);
   play->add_option("--json", s.play.json, "write a report at the end");
   play->add_option("--record", s.play.record, "write capture time and frame of each pose, as JSON lines");
@@ -73,7 +80,9 @@ void add_commands(CLI::App& app, Settings& s) {
   CLI::App* evaluate = app.add_subcommand("evaluate", "State error and bit rate of a clip, without a network");
   add_source_options(*evaluate, s.evaluate.source);
   add_codec_options(*evaluate, s.evaluate.codec, s.evaluate.error);
-  evaluate->add_option("--rate", s.evaluate.rate_hz, "poses a second, for kbit/s")->check(CLI::Range(0.1, 1000.0))->capture_default_str();
+  evaluate->add_option("--rate", s.evaluate.rate_hz, "poses a second, for kbit/s")
+      ->check(CLI::Range(0.1, 1000.0))
+      ->capture_default_str();
   evaluate->add_option("--json", s.evaluate.json, "write a report");
 
   CLI::App* compare = app.add_subcommand("compare", "Compare poses that a client recorded with the clip that was sent");
@@ -87,7 +96,8 @@ void add_commands(CLI::App& app, Settings& s) {
 
 Invocation parse_command_line(int argc, char** argv) {
   auto settings = std::make_shared<Settings>();
-  CLI::App app("Bakes deforming surfaces into streamable assets and streams their motion to a broker.", "eigencast-sender");
+  CLI::App app("Bakes deforming surfaces into streamable assets and streams their motion to a broker.",
+               "eigencast-sender");
   app.footer(kExamples);
   app.set_version_flag("--version", "eigencast-sender " EIGENCAST_VERSION);
   app.add_flag("-v,--verbose", settings->verbose, "log more");

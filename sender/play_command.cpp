@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -103,8 +104,12 @@ class Player {
  private:
   Result<void> connect();
   /// Waits until the broker takes poses, so that a clip that is played once is played whole; false if interrupted
-  /// before.
-  bool wait_until_live(Interrupt& interrupt) const;
+  /// before. Errors: kUnreachable (the time that was given to play is over).
+  Result<bool> wait_until_live(Interrupt& interrupt) const;
+  /// Seconds of --duration that are left at `now_us`.
+  double seconds_left(TimeUs now_us) const {
+    return command_.duration_s - static_cast<double>(now_us - try_us_) * 1e-6;
+  }
   Schedule::Options schedule_options() const;
   void log_status(TimeUs now_us);
 
@@ -113,6 +118,7 @@ class Player {
   std::shared_ptr<const Asset> asset_;
   std::unique_ptr<Publisher> publisher_;
   Publisher::Stats last_;
+  TimeUs try_us_ = 0;  ///< When it began to try; --duration counts from here.
   TimeUs start_us_ = 0, end_us_ = 0, status_us_ = 0;
   std::uint64_t skipped_ = 0;
 };
@@ -140,9 +146,13 @@ Result<void> Player::connect() {
   return {};
 }
 
-bool Player::wait_until_live(Interrupt& interrupt) const {
-  while (publisher_->stats().state != Publisher::State::kLive)
+Result<bool> Player::wait_until_live(Interrupt& interrupt) const {
+  while (publisher_->stats().state != Publisher::State::kLive) {
+    if (command_.duration_s > 0 && seconds_left(steady_now_us()) <= 0)
+      return fail(ErrorCode::kUnreachable,
+                  "no pose was sent: the duration is over and the broker is not live: " + publisher_->stats().detail);
     if (interrupt.wait_until(steady_now_us() + kConnectLookUs)) return false;
+  }
   return true;
 }
 
@@ -155,7 +165,8 @@ Schedule::Options Player::schedule_options() const {
   options.loop = !command_.once;
   options.max_ticks = command_.frames;
   if (command_.duration_s > 0) {
-    const auto ticks = static_cast<std::uint64_t>(std::ceil(command_.duration_s * options.rate_hz));
+    const double seconds = std::max(0.0, seconds_left(start_us_));
+    const auto ticks = static_cast<std::uint64_t>(std::max(1.0, std::ceil(seconds * options.rate_hz)));
     options.max_ticks = options.max_ticks > 0 ? std::min(options.max_ticks, ticks) : ticks;
   }
   return options;
@@ -176,6 +187,7 @@ void Player::log_status(TimeUs now_us) {
 Result<void> Player::run(Interrupt& interrupt) {
   SentRecord record;
   if (const auto opened = record.open(command_.record); !opened) return opened;
+  try_us_ = start_us_ = steady_now_us();
   if (const auto connected = connect(); !connected) return connected;
   const auto projector = Projector::create(*asset_);
   if (!projector) return projector.error();
@@ -183,7 +195,9 @@ Result<void> Player::run(Interrupt& interrupt) {
 
   if (auto kept = coefficients.project_ahead(interrupt); !kept) return kept;
   start_us_ = end_us_ = steady_now_us();
-  if (!wait_until_live(interrupt)) return {};
+  const auto live = wait_until_live(interrupt);
+  if (!live) return live.error();
+  if (!*live) return {};
   start_us_ = status_us_ = steady_now_us();
   Schedule schedule(schedule_options(), start_us_);
   while (const auto tick = schedule.next(steady_now_us())) {
