@@ -225,7 +225,7 @@ class Receiver {
         trouble = frame.error().message;
       } else {
         // Received is received: also what cannot be decoded no longer fills the link.
-        ack_ = control::Ack::Item{frame->envelope.stream_id, frame->envelope.sequence, step_byte(frame->envelope.step)};
+        ack_ = control::Ack::Item{frame->envelope.stream_id, frame->envelope.sequence, frame->envelope.step.byte()};
         auto pose = decoder_.decode(*frame);
         if (!pose) {
           trouble = pose.error().message;
@@ -241,8 +241,6 @@ class Receiver {
     if (!trouble.empty()) log(log_, LogLevel::kWarning, "frame not decoded: " + trouble);
     if (news) wake_();
   }
-
-  static std::uint8_t step_byte(InterpolationStep step) { return static_cast<std::uint8_t>(step.at << 4 | step.of); }
 
   /// REQUIRES: mutex_ is held and ack_ is set.
   void acknowledge(TimeUs now) {
