@@ -10,6 +10,7 @@
 #include <boost/beast/http/write.hpp>
 #include <boost/beast/websocket/rfc6455.hpp>
 #include <cerrno>
+#include <exception>
 #include <utility>
 
 #include "broker/publisher.h"
@@ -46,6 +47,15 @@ std::string json_of(const Stream& stream) {
   json += ",\"keys_received\":" + std::to_string(stream.keys_received());
   json += ",\"subscribers\":" + std::to_string(stream.watchers()) + "}";
   return json;
+}
+
+/// On the disk's thread, which an exception would end together with the broker.
+Result<bool> commit(AssetStore::Upload& upload) {
+  try {
+    return upload.commit();
+  } catch (const std::exception& exception) {
+    return fail(ErrorCode::kIo, std::string("storing an asset failed: ") + exception.what());
+  }
 }
 
 }  // namespace
@@ -292,7 +302,7 @@ void HttpSession::on_body_done() {
   timer_.cancel();
   // The session goes along and comes back: it must not end on the disk's thread.
   asio::post(context_.disk, [self = shared_from_this(), work = asio::make_work_guard(context_.loop)]() mutable {
-    auto committed = std::make_shared<Result<bool>>(self->upload_->commit());
+    auto committed = std::make_shared<Result<bool>>(commit(*self->upload_));
     asio::io_context& loop = self->context_.loop;
     asio::post(loop, [self = std::move(self), committed] { self->on_committed(*committed); });
   });
