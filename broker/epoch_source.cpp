@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <fstream>
 
-#include "broker/files.h"
+#include "common/core/files.h"
 
 namespace eigencast::broker {
 namespace {

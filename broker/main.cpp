@@ -6,9 +6,9 @@
 #include <vector>
 
 #include "broker/broker.h"
-#include "broker/files.h"
 #include "broker/logger.h"
 #include "broker/options.h"
+#include "common/core/files.h"
 
 extern char** environ;
 
@@ -37,7 +37,8 @@ int run(int argc, char** argv) {
     return complain(service.error(), service.error().code == eigencast::ErrorCode::kUnreachable ? kCannotListen : 1);
   (*service)->stop_on_signals();
   if (!options->port_file.empty()) {
-    const auto written = broker::write_file_atomically(options->port_file, std::to_string((*service)->port()) + "\n");
+    const auto written =
+        eigencast::write_file_atomically(options->port_file, std::to_string((*service)->port()) + "\n");
     if (!written) return complain(written.error(), 1);
   }
   eigencast::log(sink, eigencast::LogLevel::kInfo, "listening on port " + std::to_string((*service)->port()));

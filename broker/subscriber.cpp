@@ -107,11 +107,12 @@ void Subscriber::report_skipped() {
     if (found == streams_.end()) continue;
     // A notice is worth nothing to somebody who does not take what is queued already.
     if (outbox().control_messages() > 0) continue;
-    send(control::Notice{
-        found->second->name(),
-        "skipped " + std::to_string(skipped.frames) +
-            " frames because the link did not take them in time; a compact or raw profile, or fewer bands, needs less",
-        skipped.frames});
+    send(control::Notice{found->second->name(),
+                         "skipped " + std::to_string(skipped.frames) +
+                             " frames that newer ones overtook before they could leave; where that goes on, a compact "
+                             "or raw profile, or "
+                             "fewer bands, needs less of the link",
+                         skipped.frames});
   }
 }
 

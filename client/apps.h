@@ -16,7 +16,4 @@ int run_headless(const ClientOptions& options, PoseSource& source, const std::at
 /// reached. Call from the main thread. Returns an ExitCode; errors go to the log.
 int run_window(const ClientOptions& options, PoseSource& source, const std::atomic<bool>& stop, const LogSink& log);
 
-/// Writes `text` to `path`, through a temporary name. Errors: kIo.
-Result<void> write_text(const std::string& path, const std::string& text);
-
 }  // namespace eigencast

@@ -9,6 +9,7 @@
 #include "client/overlay.h"
 #include "client/renderer.h"
 #include "client/session.h"
+#include "common/core/files.h"
 
 namespace eigencast {
 namespace {
@@ -109,7 +110,7 @@ class Headless {
     log(log_, LogLevel::kInfo,
         std::to_string(taken_) + " poses drawn at level " + std::to_string(f.vertices) + " of " +
             std::to_string(f.vertices_total) + (path.empty() ? "" : ", report: " + path));
-    return path.empty() ? Result<void>() : write_text(path, report);
+    return path.empty() ? Result<void>() : write_file_atomically(path, report);
   }
 
   int report_no_stream() {
@@ -131,17 +132,6 @@ class Headless {
 };
 
 }  // namespace
-
-Result<void> write_text(const std::string& path, const std::string& text) {
-  const std::string partial = path + ".partial";
-  std::ofstream out(partial, std::ios::trunc);
-  out << text;
-  out.close();
-  std::error_code error;
-  if (out) std::filesystem::rename(partial, path, error);
-  if (!out || error) return fail(ErrorCode::kIo, path + ": cannot be written; is its folder there?");
-  return {};
-}
 
 int run_headless(const ClientOptions& options, PoseSource& source, const std::atomic<bool>& stop,
                  const LogSink& log_sink) {

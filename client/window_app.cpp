@@ -9,6 +9,7 @@
 #include "client/renderer.h"
 #include "client/session.h"
 #include "client/viewer_state.h"
+#include "common/core/files.h"
 
 namespace eigencast {
 namespace {
@@ -219,7 +220,7 @@ Result<void> write_results(Window& window, const ClientOptions& options) {
   if (!options.screenshot.empty()) {
     if (Result<void> written = window.save(options.screenshot); !written) return written;
   }
-  return options.json.empty() ? Result<void>() : write_text(options.json, window.report());
+  return options.json.empty() ? Result<void>() : write_file_atomically(options.json, window.report());
 }
 
 }  // namespace

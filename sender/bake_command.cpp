@@ -2,20 +2,27 @@
 #include <spdlog/spdlog.h>
 
 #include <cstdio>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "sdk/asset_cache.h"
+#include "common/core/files.h"
 #include "sender/commands.h"
 
 namespace eigencast {
 namespace {
 
 Result<void> copy_objects(const EncodedAsset& encoded, const std::string& directory) {
-  const AssetCache folder(directory);
+  std::error_code error;
+  std::filesystem::create_directories(directory, error);
+  if (error) return fail(ErrorCode::kIo, directory + ": cannot be made: " + error.message());
+  const auto copy = [&](const AssetObject& object) {
+    const std::string_view bytes(reinterpret_cast<const char*>(object.bytes.data()), object.bytes.size());
+    return write_file_atomically(directory + "/" + object.id.hex(), bytes);
+  };
   for (const AssetObject& chunk : encoded.chunks) {
-    if (const auto stored = folder.store(chunk.id, chunk.bytes); !stored) return stored.error();
+    if (auto copied = copy(chunk); !copied) return copied;
   }
-  return folder.store(encoded.manifest.id, encoded.manifest.bytes);
+  return copy(encoded.manifest);
 }
 
 std::string json_from(const BakeResult& baked) {
@@ -40,12 +47,13 @@ int run(const BakeCommand& command, const Console& console, Interrupt& interrupt
   if (!source) return report_failure(source.error());
   const BakeResult& baked = source->baked;
   std::fputs(baked.report.c_str(), stdout);
-  std::printf("asset %s\n%u vertices, %u faces, r = %u (%s), %.2f MB in %zu chunks%s\n", baked.encoded.manifest.id.hex().c_str(),
-              baked.asset.vertex_count, baked.asset.face_total, baked.asset.rank, baked.asset.basis_kind.c_str(),
-              static_cast<double>(baked.encoded.total_bytes()) * 1e-6, baked.encoded.chunks.size(),
-              baked.from_cache ? ", from the cache" : "");
+  std::printf("asset %s\n%u vertices, %u faces, r = %u (%s), %.2f MB in %zu chunks%s\n",
+              baked.encoded.manifest.id.hex().c_str(), baked.asset.vertex_count, baked.asset.face_total,
+              baked.asset.rank, baked.asset.basis_kind.c_str(), static_cast<double>(baked.encoded.total_bytes()) * 1e-6,
+              baked.encoded.chunks.size(), baked.from_cache ? ", from the cache" : "");
   if (!command.out_dir.empty()) {
-    if (const auto copied = copy_objects(baked.encoded, command.out_dir); !copied) return report_failure(copied.error());
+    if (const auto copied = copy_objects(baked.encoded, command.out_dir); !copied)
+      return report_failure(copied.error());
   }
   const auto written = write_report(command.json, json_from(baked));
   return written ? kExitOk : report_failure(written.error());

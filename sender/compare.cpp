@@ -7,6 +7,8 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "common/core/files.h"
+
 namespace eigencast {
 namespace {
 
@@ -84,7 +86,10 @@ Result<void> for_each_line(const std::string& path, Line&& read_line) {
 }
 
 json json_from(const SurfaceError& error) {
-  return {{"poses", error.poses}, {"kg_percent", error.kg_percent}, {"rms_over_diagonal", error.rms}, {"max_over_diagonal", error.max}};
+  return {{"poses", error.poses},
+          {"kg_percent", error.kg_percent},
+          {"rms_over_diagonal", error.rms},
+          {"max_over_diagonal", error.max}};
 }
 
 }  // namespace
@@ -92,8 +97,9 @@ json json_from(const SurfaceError& error) {
 Result<Comparison> compare_with_truth(const MotionClip& clip, const Asset& asset, const SentFrames& sent,
                                       const std::vector<RecordedPose>& received) {
   if (clip.rest().vertex_count() != asset.vertex_count) {
-    return fail(ErrorCode::kInvalidArgument, "the asset has " + std::to_string(asset.vertex_count) + " vertices, the clip " +
-                                                 std::to_string(clip.rest().vertex_count()) + ": they do not belong together");
+    return fail(ErrorCode::kInvalidArgument, "the asset has " + std::to_string(asset.vertex_count) +
+                                                 " vertices, the clip " + std::to_string(clip.rest().vertex_count()) +
+                                                 ": they do not belong together");
   }
   Comparison result;
   SurfaceErrorSum keys(asset.diagonal()), interpolated(asset.diagonal());
@@ -102,8 +108,8 @@ Result<Comparison> compare_with_truth(const MotionClip& clip, const Asset& asset
   for (const RecordedPose& pose : received) {
     if (pose.coefficients.size() != std::size_t{asset.rank} * pose.channels || pose.channels < 3) {
       return fail(ErrorCode::kInvalidArgument, "pose " + std::to_string(pose.sequence) + " has " +
-                                                   std::to_string(pose.coefficients.size()) + " numbers, the asset needs " +
-                                                   std::to_string(asset.rank) + " x 3");
+                                                   std::to_string(pose.coefficients.size()) +
+                                                   " numbers, the asset needs " + std::to_string(asset.rank) + " x 3");
     }
     const std::optional<Span> span = span_of(pose, sent);
     if (!span) {
@@ -117,16 +123,18 @@ Result<Comparison> compare_with_truth(const MotionClip& clip, const Asset& asset
   result.keys = keys.result();
   result.interpolated = interpolated.result();
   if (result.keys.poses + result.interpolated.poses == 0) {
-    return fail(ErrorCode::kInvalidArgument, "none of the " + std::to_string(received.size()) +
-                                                 " recorded poses has the capture time of a frame that was sent; are both records of one run?");
+    return fail(ErrorCode::kInvalidArgument,
+                "none of the " + std::to_string(received.size()) +
+                    " recorded poses has the capture time of a frame that was sent; are both records of one run?");
   }
   return result;
 }
 
 Result<SentFrames> read_sent_frames(const std::string& path) {
   SentFrames frames;
-  const Result<void> read = for_each_line(
-      path, [&](const json& line) { frames[line.at("capture_us").get<TimeUs>()] = line.at("frame").get<std::size_t>(); });
+  const Result<void> read = for_each_line(path, [&](const json& line) {
+    frames[line.at("capture_us").get<TimeUs>()] = line.at("frame").get<std::size_t>();
+  });
   if (!read) return read.error();
   return frames;
 }
@@ -151,27 +159,21 @@ Result<void> add_to_report(const Comparison& comparison, const std::string& repo
   json report = json::object();
   if (std::ifstream in(report_path); in) {
     report = json::parse(in, nullptr, false);
-    if (!report.is_object()) return fail(ErrorCode::kCorrupt, report_path + ": is not a JSON object; give another file");
+    if (!report.is_object())
+      return fail(ErrorCode::kCorrupt, report_path + ": is not a JSON object; give another file");
   }
   report["reconstruction"] = {{"keys", json_from(comparison.keys)},
                               {"interpolated", json_from(comparison.interpolated)},
                               {"unmatched", comparison.unmatched}};
-  const std::string partial = report_path + ".partial";
-  std::ofstream out(partial, std::ios::trunc);
-  out << report.dump(2) << '\n';
-  out.close();
-  if (!out || std::rename(partial.c_str(), report_path.c_str()) != 0) {
-    return fail(ErrorCode::kIo, report_path + ": cannot be written");
-  }
-  return {};
+  return write_file_atomically(report_path, report.dump(2) + "\n");
 }
 
 std::string text_from_comparison(const Comparison& comparison) {
   std::string text;
   const auto add = [&text](const char* what, const SurfaceError& error) {
     char line[200];
-    std::snprintf(line, sizeof line, "%-18s %5zu poses   KG %.3f %%   rms %.2e   max %.2e of the diagonal\n", what, error.poses,
-                  error.kg_percent, error.rms, error.max);
+    std::snprintf(line, sizeof line, "%-18s %5zu poses   KG %.3f %%   rms %.2e   max %.2e of the diagonal\n", what,
+                  error.poses, error.kg_percent, error.rms, error.max);
     text += line;
   };
   add("keys", comparison.keys);

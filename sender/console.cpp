@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include <spdlog/spdlog.h>
 
-#include <cstdio>
-#include <fstream>
-
+#include "common/core/files.h"
 #include "sender/commands.h"
 #include "sender/progress_line.h"
 
@@ -27,15 +25,7 @@ int report_failure(const Error& error) {
 }
 
 Result<void> write_report(const std::string& path, const std::string& text) {
-  if (path.empty()) return {};
-  const std::string partial = path + ".partial";
-  std::ofstream out(partial, std::ios::trunc);
-  out << text << '\n';
-  out.close();
-  if (!out || std::rename(partial.c_str(), path.c_str()) != 0) {
-    return fail(ErrorCode::kIo, path + ": cannot be written; is the folder there and writable?");
-  }
-  return {};
+  return path.empty() ? Result<void>() : write_file_atomically(path, text + "\n");
 }
 
 }  // namespace eigencast

@@ -11,6 +11,8 @@ TimeUs steady_now_us() {
       .count();
 }
 
-TimeUs SteadyClock::now_us() const { return steady_now_us(); }
+TimeUs SteadyClock::now_us() const {
+  return steady_now_us();
+}
 
 }  // namespace eigencast

@@ -38,7 +38,8 @@ void Histogram::add(std::int64_t value) {
 std::int64_t Histogram::percentile(double p) const {
   assert(p >= 0 && p <= 100);
   if (count_ == 0) return 0;
-  const auto rank = std::max<std::uint64_t>(1, static_cast<std::uint64_t>(std::ceil(p / 100 * static_cast<double>(count_))));
+  const auto rank =
+      std::max<std::uint64_t>(1, static_cast<std::uint64_t>(std::ceil(p / 100 * static_cast<double>(count_))));
   std::uint64_t seen = 0;
   for (int b = 0; b < kBuckets; ++b) {
     seen += buckets_[static_cast<std::size_t>(b)];

@@ -97,7 +97,9 @@ class [[nodiscard]] Result<void> {
 };
 
 /// Makes an Error; converts to any Result<T>: `return fail(ErrorCode::kNotFound, "...")`.
-inline Error fail(ErrorCode code, std::string message) { return Error{code, std::move(message)}; }
+inline Error fail(ErrorCode code, std::string message) {
+  return Error{code, std::move(message)};
+}
 
 /// The same error with where it happened in front: "frame_0007.obj: vertex index 12 ...".
 inline Error in_context(std::string_view where, Error error) {

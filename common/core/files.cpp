@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
-#include "broker/files.h"
+#include "common/core/files.h"
 
 #include <cstdio>
 #include <fstream>
 
-namespace eigencast::broker {
+namespace eigencast {
 
 Result<void> write_file_atomically(const std::string& path, std::string_view content) {
   const std::string temporary = path + ".new";
@@ -19,9 +19,9 @@ Result<void> write_file_atomically(const std::string& path, std::string_view con
   }
   if (std::rename(temporary.c_str(), path.c_str()) != 0) {
     std::remove(temporary.c_str());
-    return fail(ErrorCode::kIo, path + ": cannot be put in place");
+    return fail(ErrorCode::kIo, path + ": cannot be put in place: is it a folder?");
   }
   return {};
 }
 
-}  // namespace eigencast::broker
+}  // namespace eigencast
