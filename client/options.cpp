@@ -20,7 +20,7 @@ In the window, H shows the keys.
 Exit codes: 0 good, 1 failed (no display, no file written), 2 wrong usage, 4 no stream came.)";
 
 struct RawOptions {
-  std::string size = "1280x720", rate, form;
+  std::string size = "1280x720", rate, form, playout = "latest";
   int k = 3, bands = 8;
   double delay_ms = 0;
 };
@@ -74,11 +74,9 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   app.add_option("--form", raw.form, "who interpolates: the broker (full) or this program (compact)")
       ->check(CLI::IsMember({"full", "compact"}));
   app.add_option("--bands", raw.bands, "coefficient bands wanted, from the lowest")->check(CLI::Range(1, 8));
-  const std::map<std::string, PlayoutMode> modes{{"latest", PlayoutMode::kLatest},
-                                                 {"interpolate", PlayoutMode::kInterpolate},
-                                                 {"estimate", PlayoutMode::kEstimate}};
-  app.add_option("--playout", options.scene.playout, "poses between arrivals: latest (default), interpolate, estimate")
-      ->transform(CLI::CheckedTransformer(modes));
+  app.add_option("--playout", raw.playout, "poses between arrivals: the latest one, or made by this program")
+      ->check(CLI::IsMember({"latest", "interpolate", "estimate"}))
+      ->capture_default_str();
   app.add_option("--delay", raw.delay_ms, "ms that --playout interpolate holds poses; 0 follows the stream")
       ->check(CLI::Range(0.0, 10'000.0))
       ->capture_default_str();
@@ -106,6 +104,9 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   Result<std::optional<Profile>> profile = profile_from(app, options.url, raw);
   if (!profile) return usage(options.url + ": " + profile.error().message);
   options.profile = *profile;
+  options.scene.playout = raw.playout == "interpolate" ? PlayoutMode::kInterpolate
+                          : raw.playout == "estimate"  ? PlayoutMode::kEstimate
+                                                       : PlayoutMode::kLatest;
   options.scene.delay_us = static_cast<TimeUs>(raw.delay_ms * 1000);
   return options;
 }

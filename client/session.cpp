@@ -53,12 +53,17 @@ Result<std::unique_ptr<Session>> Session::create(const ClientOptions& options, P
 bool Session::update(std::chrono::milliseconds timeout, Camera& camera) {
   std::vector<ReceivedPose> poses = source_.poll(timeout);
   const TimeUs now = steady_now_us();
+  const bool received = !poses.empty();
   note_arrivals(poses);
   if (record_.is_open()) record(poses);
   scene_.receive(source_, std::move(poses));
   const bool changed = scene_.advance(source_, now);
   if (changed) frame_scene(camera);
   const Subscriber::Stats stats = source_.stats();
+  if (received) {
+    last_ = Received{last_arrival_us_, stats.keys, stats.bytes, poses_taken_};
+    if (!first_) first_ = last_;
+  }
   keys_.sample(stats.keys, now);
   poses_.sample(poses_taken_, now);
   bytes_.sample(stats.bytes, now);
@@ -75,7 +80,6 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera) {
 void Session::note_arrivals(const std::vector<ReceivedPose>& poses) {
   for (const ReceivedPose& pose : poses) {
     ++poses_taken_;
-    if (!first_arrival_us_) first_arrival_us_ = pose.arrival_us;
     last_arrival_us_ = pose.arrival_us;
   }
 }
@@ -187,8 +191,9 @@ std::string Session::banner() const {
 std::string Session::report(const Renderer& renderer, int width_px, int height_px) const {
   const Subscriber::Stats stats = source_.stats();
   const HudFigures figures_now = figures();
-  const double span_s =
-      first_arrival_us_ && last_arrival_us_ ? static_cast<double>(*last_arrival_us_ - *first_arrival_us_) / 1e6 : 0;
+  // Rates are those between the first and the last arrival, with the counters as they stood at both.
+  const Received first = first_.value_or(Received{}), last = last_.value_or(Received{});
+  const double span_s = static_cast<double>(last.arrival_us - first.arrival_us) / 1e6;
   const auto& info = source_.info();
   json report;
   report["program"] = "eigencast-client " EIGENCAST_VERSION;
@@ -204,10 +209,10 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
                          {"bytes", stats.bytes},       {"missed", stats.missed},
                          {"rejected", stats.rejected}, {"unusable", scene_.poses_unusable()}};
   report["frames_out"] = {{"drawn", drawn_}, {"poses_shown", scene_.poses_shown()}, {"written", written_}};
-  report["rates_hz"] = {{"keys", per_second(stats.keys, span_s)},
-                        {"poses", per_second(poses_taken_, span_s)},
+  report["rates_hz"] = {{"keys", per_second(last.keys - first.keys, span_s)},
+                        {"poses", per_second(last.poses - first.poses, span_s)},
                         {"drawn", per_second(drawn_, span_s)}};
-  report["kbit_per_s"] = per_second(stats.bytes * 8, span_s) / 1000;
+  report["kbit_per_s"] = per_second((last.bytes - first.bytes) * 8, span_s) / 1000;
   report["latency_us"] = {{"arrival", json_from(stats.latency_us)}, {"drawn", json_from(drawn_latency_us_)}};
   report["lod"] = {{"fraction", scene_.lod().fraction()},
                    {"vertices", figures_now.vertices},

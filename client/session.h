@@ -62,7 +62,14 @@ class Session final {
   RateMeter keys_, poses_, drawn_rate_, bytes_;
   Histogram drawn_latency_us_, upload_us_, draw_us_;
   TimeUs started_us_ = 0;
-  std::optional<TimeUs> first_arrival_us_, last_arrival_us_, lost_since_us_;
+  /// What had been received when a pose arrived.
+  struct Received {
+    TimeUs arrival_us = 0;
+    std::uint64_t keys = 0, bytes = 0, poses = 0;
+  };
+  std::optional<Received> first_, last_;
+  TimeUs last_arrival_us_ = 0;
+  std::optional<TimeUs> lost_since_us_;
   std::uint64_t poses_taken_ = 0, drawn_ = 0, written_ = 0;
   std::uint64_t facts_version_ = 0, drawn_pose_ = 0;
   std::optional<Subscriber::State> said_;

@@ -483,6 +483,7 @@ class Subscriber::Impl {
     if (arrival.layout.rows != shown_->reader->asset().rank || arrival.layout.channels < 3) return;
     ReceivedPose pose;
     pose.envelope = arrival.envelope;
+    pose.envelope.bands = arrival.key.bands;  // A step's own envelope has none.
     pose.arrival_us = arrival.arrival_us;
     pose.channels = arrival.layout.channels;
     pose.coefficients = coefficients_from_key(arrival.layout, arrival.key);

@@ -25,7 +25,7 @@ struct SubscriberOptions {
 
 /// One pose as it was received and decoded.
 struct ReceivedPose {
-  Envelope envelope;
+  Envelope envelope;                 ///< As it came; `bands` are those that the pose has, also for steps.
   TimeUs arrival_us = 0;             ///< Steady clock, when the last byte was read.
   std::vector<double> coefficients;  ///< r x c, row-major; absent bands read as the rest pose (docs/protocol.md).
   std::uint32_t channels = 3;

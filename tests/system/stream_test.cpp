@@ -156,6 +156,10 @@ TEST_P(Interpolated, TheRateTriplesAndEveryPoseIsEquation7OfItsNeighbours) {
   const auto poses = scene.received("a");
   ASSERT_GT(poses.size(), 50u) << scene.logs();
   expect_tripled(poses, rounding);
+
+  const auto report = report_of(scene, "a");
+  EXPECT_EQ(report["bands"]["received"], 4) << report.dump(2);
+  EXPECT_NEAR(report["rates_hz"]["poses"].get<double>() / report["rates_hz"]["keys"].get<double>(), 3, 0.5) << report.dump(2);
 }
 
 INSTANTIATE_TEST_SUITE_P(Forms, Interpolated,
