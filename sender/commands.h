@@ -28,21 +28,21 @@ struct PlayCommand {
   SourceOptions source;
   std::string url;
   std::string codec = "quantised";
-  double error = 0;      ///< Model units; 0: the publisher's default.
-  double rate_hz = 0;    ///< 0: the clip's own.
+  double error = 0;    ///< Model units; 0: the publisher's default.
+  double rate_hz = 0;  ///< 0: the clip's own.
   double speed = 1;
   bool once = false;
-  double duration_s = 0;       ///< 0: no end.
-  std::uint64_t frames = 0;    ///< 0: no end.
+  double duration_s = 0;     ///< 0: no end.
+  std::uint64_t frames = 0;  ///< 0: no end.
   std::string json;
-  std::string record;    ///< JSON lines: capture time, frame and outcome of each pose; empty: no.
+  std::string record;  ///< JSON lines: capture time, frame and outcome of each pose; empty: no.
 };
 
 struct EvaluateCommand {
   SourceOptions source;
   std::string codec = "quantised";
-  double error = 0;      ///< Model units; 0: 3e-4 of the diagonal.
-  double rate_hz = 30;   ///< For kbit/s.
+  double error = 0;     ///< Model units; 0: 3e-4 of the diagonal.
+  double rate_hz = 30;  ///< For kbit/s.
   std::string json;
 };
 

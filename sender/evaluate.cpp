@@ -24,7 +24,8 @@ class Stopwatch {
 };
 
 /// Codes a key against the state, decodes it again, counts, and advances the state.
-Result<void> count_key(const CoefficientLayout& layout, const Key& key, std::optional<ChainState>& state, Evaluation& result) {
+Result<void> count_key(const CoefficientLayout& layout, const Key& key, std::optional<ChainState>& state,
+                       Evaluation& result) {
   if (state) {
     const Stopwatch encoding;
     const auto payload = encode_key(layout, *state, key);

@@ -11,11 +11,11 @@ namespace eigencast {
 
 /// What streaming a clip costs and loses, without a network.
 struct Evaluation {
-  SurfaceError truncation;         ///< Basis alone.
-  SurfaceError total;              ///< Basis and codec: what every receiver at full detail sees.
+  SurfaceError truncation;  ///< Basis alone.
+  SurfaceError total;       ///< Basis and codec: what every receiver at full detail sees.
   std::uint64_t frames = 0;
-  std::uint64_t payload_bytes = 0; ///< Of all keys; the first is a join frame and is not counted.
-  std::uint64_t join_bytes = 0;    ///< Of the join frame at the end.
+  std::uint64_t payload_bytes = 0;  ///< Of all keys; the first is a join frame and is not counted.
+  std::uint64_t join_bytes = 0;     ///< Of the join frame at the end.
   Histogram encode_ns, decode_ns;
 
   /// Payload alone, and with envelope (28 bytes) and WebSocket header (4).

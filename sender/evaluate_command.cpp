@@ -42,17 +42,20 @@ int run(const EvaluateCommand& command, const Console& console, Interrupt& inter
   if (!result) return report_failure(result.error());
 
   const auto row = [](const char* what, const SurfaceError& error) {
-    std::printf("%-22s KG %.3f %%   rms %.2e   max %.2e of the diagonal\n", what, error.kg_percent, error.rms, error.max);
+    std::printf("%-22s KG %.3f %%   rms %.2e   max %.2e of the diagonal\n", what, error.kg_percent, error.rms,
+                error.max);
   };
-  std::printf("%s, %zu frames, %s basis, r = %u, %s\n", command.source.input.c_str(), result->total.poses, asset.basis_kind.c_str(),
-              asset.rank, command.codec.c_str());
+  std::printf("%s, %zu frames, %s basis, r = %u, %s\n", command.source.input.c_str(), result->total.poses,
+              asset.basis_kind.c_str(), asset.rank, command.codec.c_str());
   row("basis alone", result->truncation);
   row("basis and codec", result->total);
   std::printf("%.1f kbit/s payload, %.1f kbit/s with envelope and WebSocket header, at %g poses/s\n",
               result->payload_kbit_per_s(command.rate_hz), result->wire_kbit_per_s(command.rate_hz), command.rate_hz);
   std::printf("asset %.2f MB; join frame %llu bytes; encode %.1f us, decode %.1f us (median)\n",
-              static_cast<double>(source->baked.encoded.total_bytes()) * 1e-6, static_cast<unsigned long long>(result->join_bytes),
-              static_cast<double>(result->encode_ns.percentile(50)) * 1e-3, static_cast<double>(result->decode_ns.percentile(50)) * 1e-3);
+              static_cast<double>(source->baked.encoded.total_bytes()) * 1e-6,
+              static_cast<unsigned long long>(result->join_bytes),
+              static_cast<double>(result->encode_ns.percentile(50)) * 1e-3,
+              static_cast<double>(result->decode_ns.percentile(50)) * 1e-3);
   const auto written = write_report(command.json, json_from(*result, command, source->baked).dump(2));
   return written ? kExitOk : report_failure(written.error());
 }

@@ -31,8 +31,10 @@ bool Interrupt::wait_until(TimeUs deadline_us) {
   while (!requested_) {
     const TimeUs left_us = std::max<TimeUs>(0, deadline_us - steady_now_us());
     const timespec timeout{left_us / 1'000'000, (left_us % 1'000'000) * 1000};
-    if (sigtimedwait(&set, nullptr, &timeout) > 0) requested_ = true;
-    else if (errno == EAGAIN) break;
+    if (sigtimedwait(&set, nullptr, &timeout) > 0)
+      requested_ = true;
+    else if (errno == EAGAIN)
+      break;
   }
   return requested_;
 }

@@ -34,7 +34,7 @@ class FrameCoefficients {
     kept_.resize(keep_ ? clip.frame_count() : 1);
   }
 
-  /// Projects what is kept, while the connection is being made: playing then costs next to nothing.
+  /// Projects what is kept: playing then costs next to nothing.
   Result<void> project_ahead(Interrupt& interrupt) {
     for (std::size_t frame = 0; keep_ && frame < kept_.size() && !interrupt.requested(); ++frame)
       if (auto C = at(frame); !C) return C.error();
@@ -126,7 +126,6 @@ class Player {
 Result<void> Player::connect() {
   const auto codec = codec_from_name(command_.codec);
   if (!codec) return codec.error();
-  asset_ = std::make_shared<const Asset>(std::move(source_.baked.asset));
   PublisherOptions options;
   options.url = command_.url;
   options.codec = *codec;
@@ -188,12 +187,14 @@ Result<void> Player::run(Interrupt& interrupt) {
   SentRecord record;
   if (const auto opened = record.open(command_.record); !opened) return opened;
   try_us_ = start_us_ = steady_now_us();
-  if (const auto connected = connect(); !connected) return connected;
+  asset_ = std::make_shared<const Asset>(std::move(source_.baked.asset));
   const auto projector = Projector::create(*asset_);
   if (!projector) return projector.error();
   FrameCoefficients coefficients(*source_.clip, *projector, std::size_t{asset_->rank} * 3);
 
+  // Before anybody sees the first frame, so that a bad one late in the clip is found here.
   if (auto kept = coefficients.project_ahead(interrupt); !kept) return kept;
+  if (const auto connected = connect(); !connected) return connected;
   start_us_ = end_us_ = steady_now_us();
   const auto live = wait_until_live(interrupt);
   if (!live) return live.error();

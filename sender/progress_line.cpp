@@ -13,12 +13,14 @@ std::string ProgressLine::text(double fraction, std::string_view stage, TimeUs e
   const int filled = static_cast<int>(done * kWidth);
   std::string line(stage);
   if (line.size() < 24) line.resize(24, ' ');
-  line += " [" + std::string(static_cast<std::size_t>(filled), '#') + std::string(static_cast<std::size_t>(kWidth - filled), '.') + "] ";
+  line += " [" + std::string(static_cast<std::size_t>(filled), '#') +
+          std::string(static_cast<std::size_t>(kWidth - filled), '.') + "] ";
   char rest[48];
   std::snprintf(rest, sizeof rest, "%3.0f %%", done * 100);
   line += rest;
   if (done > 0.02 && done < 1 && elapsed_us > 1'000'000) {
-    std::snprintf(rest, sizeof rest, "  %.0f s left", std::ceil(static_cast<double>(elapsed_us) * 1e-6 * (1 - done) / done));
+    std::snprintf(rest, sizeof rest, "  %.0f s left",
+                  std::ceil(static_cast<double>(elapsed_us) * 1e-6 * (1 - done) / done));
     line += rest;
   }
   return line;

@@ -13,10 +13,10 @@ namespace eigencast {
 class Schedule {
  public:
   struct Options {
-    double rate_hz = 30;        ///< Poses a second to send, > 0.
-    double clip_rate_hz = 30;   ///< Poses a second of the clip, > 0.
-    double speed = 1;           ///< Of the motion, > 0.
-    std::size_t frames = 1;     ///< Of the clip, > 0.
+    double rate_hz = 30;       ///< Poses a second to send, > 0.
+    double clip_rate_hz = 30;  ///< Poses a second of the clip, > 0.
+    double speed = 1;          ///< Of the motion, > 0.
+    std::size_t frames = 1;    ///< Of the clip, > 0.
     bool loop = true;
     std::uint64_t max_ticks = 0;  ///< Stop after so many; 0: never.
   };

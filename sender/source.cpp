@@ -16,6 +16,16 @@ bool is_builtin(const std::string& input) {
   return std::find(names.begin(), names.end(), input) != names.end() && !std::filesystem::exists(input, ignored);
 }
 
+/// The name that an asset is published under: without the path, which says more of this machine than viewers should learn.
+std::string public_name(const std::string& clip_name) {
+  const std::filesystem::path path(clip_name);
+  const std::string stem = path.stem().string();
+  // A clip's file is often called as a thousand others, and a glob says nothing: their folder tells more.
+  const bool generic = stem == "vertices" || stem.find_first_of("*?[") != std::string::npos || stem.empty();
+  const std::string folder = path.parent_path().filename().string();
+  return generic && !folder.empty() ? folder : stem;
+}
+
 }  // namespace
 
 Result<std::unique_ptr<MotionClip>> open_source(const SourceOptions& options) {
@@ -30,7 +40,8 @@ Result<std::unique_ptr<MotionClip>> open_source(const SourceOptions& options) {
 Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress) {
   auto clip = open_source(options);
   if (!clip) return clip.error();
-  const BakeOptions bake_options{options.basis, options.rank, options.name.empty() ? (*clip)->name() : options.name};
+  const BakeOptions bake_options{options.basis, options.rank,
+                                 options.name.empty() ? public_name((*clip)->name()) : options.name};
   auto baked = bake((*clip)->rest(), bake_options, options.cache_dir, progress);
   if (!baked) return in_context(options.input, baked.error());
   return Source{std::move(*clip), std::move(*baked)};

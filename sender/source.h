@@ -16,7 +16,7 @@ struct SourceOptions {
   std::string faces;  ///< faces.npy of a .npy clip (default: the one beside it).
   std::string basis = "augmented";
   int rank = 200;
-  std::string name;   ///< (default: the input's own)
+  std::string name;  ///< (default: the built-in's, or the file's or folder's without its path: assets are public)
   std::string cache_dir;
 };
 
