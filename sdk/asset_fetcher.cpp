@@ -12,6 +12,7 @@
 #include "common/net/guarded_run.h"
 #include "common/net/http.h"
 #include "sdk/asset_cache.h"
+#include "sdk/retry_text.h"
 
 namespace eigencast {
 
@@ -99,7 +100,7 @@ class AssetFetcher::Impl {
   /// An exception ended run(): says so and waits before it may start anew.
   void rest(const std::string& what) {
     std::unique_lock lock(mutex_);
-    stats_.trouble = what + "; next try in " + std::to_string(kLongestRetry.count()) + " ms";
+    stats_.trouble = what + try_again_in(kLongestRetry);
     const std::uint64_t job = job_;
     changed_.wait_for(lock, kLongestRetry, [&] { return stopping_ || job != job_; });
   }
@@ -119,7 +120,7 @@ class AssetFetcher::Impl {
       failures =
           body.size() > before ? 1 : failures + 1;  // Progress: what was wrong was the connection, not the object.
       const milliseconds wait = retry_delay(failures, kFirstRetry, kLongestRetry, 0.5);
-      const std::string text = got.error().message + "; next try in " + std::to_string(wait.count()) + " ms";
+      const std::string text = got.error().message + try_again_in(wait);
       log(log_, LogLevel::kWarning, text);
       std::unique_lock lock(mutex_);
       stats_.trouble = text;

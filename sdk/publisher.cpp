@@ -16,6 +16,7 @@
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
 #include "common/wire/limits.h"
+#include "sdk/retry_text.h"
 
 namespace eigencast {
 
@@ -32,10 +33,6 @@ std::string megabytes(std::uint64_t bytes) {
   char text[32];
   std::snprintf(text, sizeof text, "%.1f", static_cast<double>(bytes) / 1e6);
   return text;
-}
-
-std::string try_again_in(milliseconds wait) {
-  return wait.count() > 0 ? "; next try in " + std::to_string(wait.count()) + " ms" : std::string();
 }
 
 Result<void> check_capture_time(TimeUs capture_us) {

@@ -16,6 +16,7 @@
 #include "common/wire/limits.h"
 #include "sdk/asset_fetcher.h"
 #include "sdk/frame_decoder.h"
+#include "sdk/retry_text.h"
 
 namespace eigencast {
 
@@ -37,10 +38,6 @@ struct Arrival {
   Key key;
   CoefficientLayout layout;
 };
-
-std::string try_again_in(milliseconds wait) {
-  return wait.count() > 0 ? "; next try in " + std::to_string(wait.count()) + " ms" : std::string();
-}
 
 /// The network's side: connection, control messages, chain, acknowledgements. Its results wait under a lock for poll().
 class Receiver {

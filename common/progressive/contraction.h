@@ -18,6 +18,15 @@ struct Step {
   std::uint32_t to = 0;  ///< kNoTarget: any vertex will do.
 };
 
+/// A contraction that may be made next; a std::priority_queue of them has the cheapest on top, numbers decide between equals.
+struct Candidate {
+  double cost;
+  std::uint32_t from, to, version;
+  bool operator<(const Candidate& other) const {
+    return cost != other.cost ? cost > other.cost : from > other.from;
+  }
+};
+
 /// Contractions of a mesh in the order in which they are made. No face has a repeated corner; positions are finite and
 /// have been brought to unit size.
 std::vector<Step> contract_mesh(std::span<const Vec3> positions, std::span<const Face> faces);

@@ -29,13 +29,6 @@ class MeshContraction {
   std::vector<Step> run();
 
  private:
-  struct Candidate {
-    double cost;
-    std::uint32_t from, to, version;
-    bool operator<(const Candidate& other) const {  // The cheapest is on top; numbers decide between equals.
-      return cost != other.cost ? cost > other.cost : from > other.from;
-    }
-  };
   struct Neighbour {
     std::uint32_t vertex;
     std::uint32_t faces;  ///< How many faces share the edge.

@@ -63,13 +63,6 @@ class PointContraction {
   std::vector<Step> run();
 
  private:
-  struct Candidate {
-    double cost;
-    std::uint32_t from, to, version;
-    bool operator<(const Candidate& other) const {  // The cheapest is on top; numbers decide between equals.
-      return cost != other.cost ? cost > other.cost : from > other.from;
-    }
-  };
 
   void weld();
   void link_neighbours();

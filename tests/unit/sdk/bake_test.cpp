@@ -10,6 +10,8 @@
 #include <limits>
 #include <set>
 
+#include "common/asset/format.h"
+#include "common/progressive/prefix.h"
 #include "common/surface/read.h"
 #include "common/surface/shapes.h"
 #include "temporary_folder.h"
@@ -264,6 +266,24 @@ TEST(Bake, NastyMeshesAndCloudsAreBakedOrRefusedWithAReason) {
     }
   }
   EXPECT_GE(baked, 14U);
+}
+
+TEST(Bake, TheHalfContractionsCanBeReadBackFromTheAsset) {
+  const auto baked = bake(make_icosphere(3), {.basis = "harmonic", .rank = 20, .name = {}});
+  ASSERT_TRUE(baked) << baked.error().message;
+  const auto asset = decode_asset(baked->encoded);
+  ASSERT_TRUE(asset) << asset.error().message;
+  const auto contractions = contractions_from_prefix(asset->map, asset->faces, asset->death, asset->base_count);
+  ASSERT_EQ(contractions.size(), asset->vertex_count - asset->base_count);
+  std::size_t removed = 0;
+  for (std::size_t i = 0; i < contractions.size(); ++i) {
+    EXPECT_EQ(contractions[i].vFrom, asset->vertex_count - 1 - i);
+    EXPECT_EQ(contractions[i].vTo, asset->map[contractions[i].vFrom]);
+    EXPECT_EQ(contractions[i].trisRemoved.size(), 2u) << "a closed manifold loses two faces with each vertex";
+    EXPECT_FALSE(contractions[i].trisAffected.empty());
+    removed += contractions[i].trisRemoved.size();
+  }
+  EXPECT_EQ(removed + prefix_face_count(asset->death, asset->base_count), asset->faces.size());
 }
 
 }  // namespace
