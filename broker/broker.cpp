@@ -9,9 +9,9 @@
 #include <random>
 #include <utility>
 
-#include "broker/admin.h"
-#include "broker/connection.h"
-#include "broker/http_session.h"
+#include "broker/connections/connection.h"
+#include "broker/http/http_session.h"
+#include "broker/operation/admin.h"
 
 namespace eigencast::broker {
 namespace {

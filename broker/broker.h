@@ -7,12 +7,12 @@
 #include <optional>
 #include <string>
 
-#include "broker/asset_store.h"
-#include "broker/config.h"
+#include "broker/config/config.h"
+#include "broker/connections/listener.h"
 #include "broker/context.h"
-#include "broker/epoch_source.h"
-#include "broker/hub.h"
-#include "broker/listener.h"
+#include "broker/relay/epoch_source.h"
+#include "broker/relay/hub.h"
+#include "broker/storage/asset_store.h"
 
 namespace eigencast::broker {
 

@@ -8,11 +8,11 @@
 
 #include <boost/asio/thread_pool.hpp>
 
-#include "broker/asset_store.h"
-#include "broker/config.h"
-#include "broker/epoch_source.h"
-#include "broker/hub.h"
-#include "broker/net.h"
+#include "broker/config/config.h"
+#include "broker/connections/net.h"
+#include "broker/relay/epoch_source.h"
+#include "broker/relay/hub.h"
+#include "broker/storage/asset_store.h"
 #include "common/core/log.h"
 
 namespace eigencast::broker {

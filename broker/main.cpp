@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "broker/broker.h"
-#include "broker/logger.h"
-#include "broker/options.h"
+#include "broker/config/options.h"
+#include "broker/operation/logger.h"
 #include "common/core/files.h"
 
 extern char** environ;

@@ -4,7 +4,7 @@
 #include <string>
 #include <vector>
 
-#include "broker/stream.h"
+#include "broker/relay/stream.h"
 #include "common/codec/chain.h"
 #include "common/wire/envelope.h"
 

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "broker/config/config.h"
+#include "common/core/result.h"
+
+namespace eigencast::broker {
+
+/// What the command line asks for, with the configuration of all sources merged: flags > environment > file > default.
+struct Options {
+  Config config;
+  std::string port_file;              ///< Empty: none.
+  bool check_only = false;            ///< --check-config
+  std::optional<std::string> answer;  ///< Text to print, then end with 0 (--help, --version).
+};
+
+/// Errors: kInvalidArgument, kNotFound, kIo: all of them misuse, exit code 2.
+Result<Options> read_options(int argc, const char* const* argv, std::span<const std::string_view> environment,
+                             std::string_view version);
+
+}  // namespace eigencast::broker

@@ -1,0 +1,106 @@
+// SPDX-License-Identifier: MIT
+#include "broker/connections/publisher.h"
+
+#include <ctime>
+#include <utility>
+
+namespace eigencast::broker {
+namespace {
+
+using beast::websocket::close_code;
+
+}  // namespace
+
+Publisher::Publisher(Context& context, Socket socket, std::string stream_name)
+    : Connection(context, std::move(socket), static_cast<std::size_t>(context.config.limits.max_frame_bytes)),
+      name_(std::move(stream_name)) {}
+
+std::string Publisher::label() const {
+  return "sender of '" + name_ + "'";
+}
+
+void Publisher::on_open() {
+  const auto stream = context().hub.open(name_);
+  if (!stream) return refuse(stream.error(), name_, close_code::try_again_later);
+  if (auto claimed = (*stream)->claim(*this); !claimed) {
+    log(context().log, LogLevel::kWarning, label() + ": refused, the stream has a sender");
+    return refuse(claimed.error(), name_, close_code::policy_error);
+  }
+  stream_ = *stream;
+  log(context().log, LogLevel::kInfo, label() + ": connected");
+  watchers_ = stream_->watchers();
+}
+
+void Publisher::on_text(std::string_view text) {
+  const auto message = parse(text);
+  if (!message) return refuse_text(message.error(), name_);
+  if (answer_common(*message)) return;
+  if (const auto* announce = std::get_if<control::Announce>(&*message)) return on_announce(*announce);
+  if (const auto* trace = std::get_if<control::Trace>(&*message)) {
+    if (stream_ != nullptr) stream_->relay_trace(*trace);
+    return;
+  }
+  send(control::ErrorMessage{"unsupported", "a sender sends announce, trace, ping and pong", name_});
+}
+
+void Publisher::on_announce(const control::Announce& announce) {
+  if (stream_ == nullptr) return;
+  const auto answer = [&](const Error& error) {
+    log(context().log, LogLevel::kWarning, label() + ": announcement refused, " + error.message);
+    send(control::ErrorMessage{std::string(name_of(error.code)), error.message, name_});
+  };
+  if (auto ok = check_format(announce.format); !ok) return answer(ok.error());
+  const auto asset = Sha256::from_hex(announce.asset);
+  if (!asset)
+    return answer(
+        fail(ErrorCode::kInvalidArgument, "asset must be the 64 hexadecimal digits of its manifest's SHA-256"));
+  if (!context().assets.contains(*asset)) {
+    return answer(fail(ErrorCode::kNotFound,
+                       "asset " + announce.asset + " is not here: PUT /v1/assets/" + announce.asset + " first"));
+  }
+  const auto epoch = context().epochs.next(static_cast<std::uint64_t>(std::time(nullptr)));
+  if (!epoch) return answer(epoch.error());
+  if (auto begun = stream_->announce(announce, *epoch); !begun) return answer(begun.error());
+  log(context().log, LogLevel::kInfo,
+      label() + ": epoch " + std::to_string(*epoch) + ", asset " + announce.asset.substr(0, 12) + ", " +
+          std::to_string(announce.format.rows) + " coefficients, " + announce.format.codec);
+  send(control::Announced{name_, stream_->id(), *epoch});
+  tell_count();
+}
+
+void Publisher::on_binary(ByteView message) {
+  if (stream_ == nullptr) return;
+  if (auto added = stream_->add_frame(message, steady_now_us()); !added) {
+    ++context().counters.frames_refused;
+    log(context().log, LogLevel::kWarning, label() + ": closed, " + added.error().message);
+    return refuse(added.error(), name_, close_code::policy_error);
+  }
+  ++context().counters.frames_received;
+  context().schedule_changed();
+}
+
+void Publisher::on_watcher_count(std::uint32_t count) {
+  const bool changed_much = (watchers_ == 0) != (count == 0);
+  watchers_ = count;
+  if (changed_much) tell_count();  // The rest once a second: a crowd that comes must not fill the queue.
+}
+
+void Publisher::on_tick() {
+  if (told_) tell_count();
+}
+
+void Publisher::tell_count() {
+  if (stream_ == nullptr || told_ == watchers_) return;
+  told_ = watchers_;
+  send(control::Subscribers{name_, watchers_});
+}
+
+void Publisher::on_closed() {
+  if (stream_ == nullptr) return;
+  Stream* stream = std::exchange(stream_, nullptr);
+  stream->release(*this);
+  context().hub.left(*stream);
+  log(context().log, LogLevel::kInfo, label() + ": gone");
+}
+
+}  // namespace eigencast::broker

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <string>
+
+#include "broker/connections/connection.h"
+#include "broker/relay/stream.h"
+
+namespace eigencast::broker {
+
+/// The connection of a sender: /v1/publish/{stream}. Belongs to its event loop.
+class Publisher final : public Connection, public PublisherLink {
+ public:
+  Publisher(Context& context, Socket socket, std::string stream_name);
+
+  void on_watcher_count(std::uint32_t count) override;
+  void on_tick() override;
+
+ private:
+  void on_open() override;
+  void on_text(std::string_view text) override;
+  void on_binary(ByteView message) override;
+  void on_closed() override;
+  std::string label() const override;
+  void on_announce(const control::Announce& announce);
+  void tell_count();
+
+  std::string name_;
+  Stream* stream_ = nullptr;  ///< Set while this is the stream's publisher.
+  std::uint32_t watchers_ = 0;
+  std::optional<std::uint32_t> told_;
+};
+
+}  // namespace eigencast::broker

@@ -1,0 +1,127 @@
+// SPDX-License-Identifier: MIT
+#include "broker/connections/subscriber.h"
+
+#include <utility>
+
+namespace eigencast::broker {
+namespace {
+
+using beast::websocket::close_code;
+
+}  // namespace
+
+Subscriber::Subscriber(Context& context, Socket socket, std::optional<control::Subscribe> first)
+    : Connection(context, std::move(socket), static_cast<std::size_t>(context.config.limits.max_control_bytes)),
+      first_(std::move(first)) {}
+
+std::string Subscriber::label() const {
+  return first_ ? "viewer of '" + first_->stream + "'" : "viewer";
+}
+
+void Subscriber::on_open() {
+  if (first_) subscribe(*first_);
+}
+
+void Subscriber::on_text(std::string_view text) {
+  const auto message = parse(text);
+  if (!message) return refuse_text(message.error(), {});
+  if (answer_common(*message)) return;
+  if (const auto* ack = std::get_if<control::Ack>(&*message)) return acknowledge(*ack);
+  if (const auto* request = std::get_if<control::Subscribe>(&*message)) return subscribe(*request);
+  if (const auto* request = std::get_if<control::Unsubscribe>(&*message)) return unsubscribe(*request);
+  send(control::ErrorMessage{"unsupported", "a viewer sends subscribe, unsubscribe, ack, ping and pong", {}});
+}
+
+void Subscriber::on_binary(ByteView) {
+  refuse(fail(ErrorCode::kInvalidArgument, "a viewer sends no binary messages: frames are sent to /v1/publish/STREAM"),
+         {}, close_code::unknown_data);
+}
+
+void Subscriber::subscribe(const control::Subscribe& request) {
+  const auto answer = [&](const Error& error) {
+    send(control::ErrorMessage{std::string(name_of(error.code)), error.message, request.stream});
+  };
+  if (auto ok = check_stream_name(request.stream); !ok) return answer(ok.error());
+  const auto limit = static_cast<std::size_t>(context().config.limits.max_streams_per_connection);
+  Stream* known = context().hub.find(request.stream);
+  const bool watched = known != nullptr && streams_.contains(known->id());
+  if (!watched && streams_.size() >= limit) {
+    return answer(fail(ErrorCode::kTooLarge, "this connection watches " + std::to_string(limit) +
+                                                 " streams, the most that limits.max_streams_per_connection allows"));
+  }
+  const auto stream = context().hub.open(request.stream);
+  if (!stream) return answer(stream.error());
+  streams_[(*stream)->id()] = *stream;
+  if (auto watching = (*stream)->watch(*this, request.profile); !watching) {
+    answer(watching.error());
+    if (watched) return;
+    streams_.erase((*stream)->id());
+    context().hub.left(**stream);
+  }
+}
+
+void Subscriber::unsubscribe(const control::Unsubscribe& request) {
+  Stream* stream = context().hub.find(request.stream);
+  if (stream == nullptr || streams_.erase(stream->id()) == 0) {
+    return send(
+        control::ErrorMessage{"not-found", "this connection does not watch '" + request.stream + "'", request.stream});
+  }
+  outbox().close_lane(stream->id());
+  stream->unwatch(*this);
+  context().hub.left(*stream);
+}
+
+void Subscriber::acknowledge(const control::Ack& ack) {
+  for (const auto& item : ack.items) outbox().acknowledge(item, steady_now_us());
+}
+
+void Subscriber::on_stream_changed(const Stream& stream, bool restart) {
+  if (restart) outbox().open_lane(stream.id());
+  send(stream.info_for(*this));
+}
+
+void Subscriber::on_frame(const Stream& stream, const FramePtr& frame) {
+  outbox().offer(stream.id(), frame);
+  flush();
+}
+
+void Subscriber::on_trace(const std::shared_ptr<const std::string>& text) {
+  send_droppable(text);
+}
+
+FramePtr Subscriber::join_of(std::uint32_t stream_id) {
+  const auto found = streams_.find(stream_id);
+  return found == streams_.end() ? nullptr : found->second->join_for(*this);
+}
+
+void Subscriber::on_tick() {
+  report_skipped();
+  context().counters.joins_sent += outbox().joins_total() - std::exchange(joins_counted_, outbox().joins_total());
+  flush();
+}
+
+void Subscriber::report_skipped() {
+  for (const Outbox::Skipped& skipped : outbox().take_skipped()) {
+    context().counters.frames_skipped += skipped.frames;
+    const auto found = streams_.find(skipped.stream_id);
+    if (found == streams_.end()) continue;
+    // A notice is worth nothing to somebody who does not take what is queued already.
+    if (outbox().control_messages() > 0) continue;
+    send(control::Notice{found->second->name(),
+                         "skipped " + std::to_string(skipped.frames) +
+                             " frames that newer ones overtook before they could leave; where that goes on, a compact "
+                             "or raw profile, or "
+                             "fewer bands, needs less of the link",
+                         skipped.frames});
+  }
+}
+
+void Subscriber::on_closed() {
+  on_tick();
+  for (const auto& [id, stream] : std::exchange(streams_, {})) {
+    stream->unwatch(*this);
+    context().hub.left(*stream);
+  }
+}
+
+}  // namespace eigencast::broker

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <unordered_map>
+
+#include "broker/connections/connection.h"
+#include "broker/relay/stream.h"
+
+namespace eigencast::broker {
+
+/// The connection of a viewer: /v1/subscribe/{stream}, or /v1/subscribe and control messages. Belongs to its event
+/// loop.
+class Subscriber final : public Connection, public Watcher {
+ public:
+  /// first  the stream of the path, watched at once
+  Subscriber(Context& context, Socket socket, std::optional<control::Subscribe> first);
+
+  void on_stream_changed(const Stream& stream, bool restart) override;
+  void on_frame(const Stream& stream, const FramePtr& frame) override;
+  void on_trace(const std::shared_ptr<const std::string>& text) override;
+  void on_tick() override;
+
+ private:
+  void on_open() override;
+  void on_text(std::string_view text) override;
+  void on_binary(ByteView message) override;
+  void on_closed() override;
+  FramePtr join_of(std::uint32_t stream_id) override;
+  std::string label() const override;
+  void subscribe(const control::Subscribe& request);
+  void unsubscribe(const control::Unsubscribe& request);
+  void acknowledge(const control::Ack& ack);
+  void report_skipped();
+
+  std::optional<control::Subscribe> first_;
+  std::unordered_map<std::uint32_t, Stream*> streams_;
+  std::uint64_t joins_counted_ = 0;
+};
+
+}  // namespace eigencast::broker

@@ -1,0 +1,373 @@
+// SPDX-License-Identifier: MIT
+#include "broker/http/http_session.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <boost/asio/write.hpp>
+#include <boost/beast/http/empty_body.hpp>
+#include <boost/beast/http/read.hpp>
+#include <boost/beast/http/write.hpp>
+#include <boost/beast/websocket/rfc6455.hpp>
+#include <cerrno>
+#include <exception>
+#include <utility>
+
+#include "broker/connections/publisher.h"
+#include "broker/connections/subscriber.h"
+
+namespace eigencast::broker {
+namespace {
+
+namespace http = beast::http;
+
+constexpr std::size_t kChunkBytes = 64 * 1024;
+constexpr std::size_t kMaxHeadBytes = 16 * 1024;
+
+bool offers_subprotocol(std::string_view header) {
+  while (!header.empty()) {
+    const auto comma = header.find(',');
+    std::string_view one = header.substr(0, comma);
+    while (!one.empty() && one.front() == ' ') one.remove_prefix(1);
+    while (!one.empty() && one.back() == ' ') one.remove_suffix(1);
+    if (one == control::kSubprotocol) return true;
+    if (comma == std::string_view::npos) break;
+    header.remove_prefix(comma + 1);
+  }
+  return false;
+}
+
+std::string json_of(const Stream& stream) {
+  std::string json = "{\"stream\":" + json_quoted(stream.name());
+  json += ",\"stream_id\":" + std::to_string(stream.id());
+  json += ",\"state\":" + json_quoted(name_of(stream.state()));
+  json += ",\"epoch\":" + std::to_string(stream.epoch());
+  json += ",\"asset\":" + json_quoted(stream.asset());
+  json += ",\"key_rate_hz\":" + std::to_string(stream.key_rate_hz());
+  json += ",\"keys_received\":" + std::to_string(stream.keys_received());
+  json += ",\"subscribers\":" + std::to_string(stream.watchers()) + "}";
+  return json;
+}
+
+/// On the disk's thread, which an exception would end together with the broker.
+Result<bool> commit(AssetStore::Upload& upload) {
+  try {
+    return upload.commit();
+  } catch (const std::exception& exception) {
+    return fail(ErrorCode::kIo, std::string("storing an asset failed: ") + exception.what());
+  }
+}
+
+}  // namespace
+
+HttpSession::HttpSession(Context& context, Socket socket)
+    : context_(context), socket_(std::move(socket)), timer_(context.loop.get_executor()) {
+  ++context_.counters.connections;
+  ++context_.counters.connections_total;
+}
+
+HttpSession::~HttpSession() {
+  --context_.counters.connections;
+  if (upload_) --context_.counters.uploads_now;
+}
+
+void HttpSession::arm(std::int64_t timeout_ms) {
+  timer_.expires_after(std::chrono::milliseconds(timeout_ms));
+  timer_.async_wait([self = weak_from_this()](ErrorOf error) {
+    if (auto session = self.lock(); session && !error) session->close();
+  });
+}
+
+void HttpSession::close() {
+  timer_.cancel();
+  ErrorOf ignored;
+  socket_.close(ignored);
+}
+
+void HttpSession::read_head() {
+  parser_.emplace();
+  parser_->header_limit(kMaxHeadBytes);
+  parser_->body_limit(static_cast<std::uint64_t>(context_.config.assets.max_object_bytes));
+  arm(context_.config.timeouts.header_ms);
+  http::async_read_header(socket_, buffer_, *parser_, [self = shared_from_this()](ErrorOf error, std::size_t) {
+    if (!error) return self->on_head();
+    if (error == http::error::body_limit) {
+      return self->answer_error(Status::payload_too_large,
+                                fail(ErrorCode::kTooLarge, "the body is over assets.max_object_bytes"));
+    }
+    if (error == http::error::header_limit) {
+      return self->answer_error(Status::request_header_fields_too_large,
+                                fail(ErrorCode::kTooLarge, "the request head is over 16 KiB"));
+    }
+    if (error != http::error::end_of_stream &&
+        error.category() == http::make_error_code(http::error::end_of_stream).category() &&
+        error != http::error::partial_message) {
+      return self->answer_error(Status::bad_request,
+                                fail(ErrorCode::kCorrupt, "not an HTTP request: " + error.message()));
+    }
+    self->close();
+  });
+}
+
+bool HttpSession::is_head() const {
+  return parser_->get().method() == http::verb::head;
+}
+
+std::string HttpSession::header(http::field field) const {
+  return std::string(parser_->get()[field]);
+}
+
+bool HttpSession::may_keep() const {
+  const bool body_unread = !parser_->is_header_done() ||
+                           (!parser_->is_done() && (parser_->content_length().value_or(0) > 0 || parser_->chunked()));
+  return !body_unread && parser_->get().keep_alive();
+}
+
+void HttpSession::on_head() {
+  const auto& request = parser_->get();
+  const auto target = target_from_text(std::string_view(request.target().data(), request.target().size()));
+  if (!target) {
+    const bool missing = target.error().code == ErrorCode::kNotFound;
+    return answer_error(missing ? Status::not_found : Status::bad_request, target.error());
+  }
+  const auto method = request.method();
+  const bool reads = method == http::verb::get || method == http::verb::head;
+  switch (target->kind) {
+    case Target::Kind::kPublish:
+    case Target::Kind::kSubscribe:
+      return upgrade(*target);
+    case Target::Kind::kStreams:
+      if (reads) return serve_streams();
+      return answer_error(Status::method_not_allowed,
+                          fail(ErrorCode::kUnsupported, "the stream list is read by GET or HEAD"),
+                          {{http::field::allow, "GET, HEAD"}});
+    case Target::Kind::kAsset:
+      if (reads) return serve_asset(*Sha256::from_hex(target->name));
+      if (method == http::verb::put) return receive_asset(*Sha256::from_hex(target->name));
+      return answer_error(Status::method_not_allowed, fail(ErrorCode::kUnsupported, "assets take GET, HEAD and PUT"),
+                          {{http::field::allow, "GET, HEAD, PUT"}});
+  }
+}
+
+void HttpSession::upgrade(const Target& target) {
+  if (!beast::websocket::is_upgrade(parser_->get()) || buffer_.size() > 0) {
+    return answer_error(Status::upgrade_required,
+                        fail(ErrorCode::kInvalidArgument, "this is a WebSocket: connect with ws://"),
+                        {{http::field::upgrade, "websocket"}});
+  }
+  if (!offers_subprotocol(header(http::field::sec_websocket_protocol))) {
+    return answer_error(Status::bad_request, fail(ErrorCode::kIncompatibleVersion,
+                                                  "offer the subprotocol '" + std::string(control::kSubprotocol) +
+                                                      "' (Sec-WebSocket-Protocol): this broker speaks no other"));
+  }
+  std::optional<control::Subscribe> first;
+  if (target.kind == Target::Kind::kSubscribe && !target.name.empty()) {
+    const auto profile = profile_from_query(target.query);
+    if (!profile) return answer_error(Status::bad_request, profile.error());
+    first = control::Subscribe{target.name, *profile};
+  }
+  if (context_.draining) {
+    return answer_error(Status::service_unavailable, fail(ErrorCode::kRefused, "the broker is stopping"));
+  }
+  timer_.cancel();
+  auto request = parser_->release();
+  if (target.kind == Target::Kind::kPublish) {
+    return std::make_shared<Publisher>(context_, std::move(socket_), target.name)->start(std::move(request));
+  }
+  std::make_shared<Subscriber>(context_, std::move(socket_), std::move(first))->start(std::move(request));
+}
+
+void HttpSession::serve_streams() {
+  std::string json = "{\"streams\":[";
+  for (const Stream* stream : context_.hub.streams()) {
+    if (json.back() != '[') json += ',';
+    json += json_of(*stream);
+  }
+  answer(Status::ok, json + "]}\n", {{http::field::cache_control, "no-store"}});
+}
+
+void HttpSession::serve_asset(const Sha256& id) {
+  const std::string etag = "\"" + id.hex() + "\"";
+  Headers headers = {{http::field::etag, etag},
+                     {http::field::cache_control, "public, max-age=31536000, immutable"},
+                     {http::field::accept_ranges, "bytes"}};
+  auto object = context_.assets.read(id);
+  if (!object) {
+    const bool missing = object.error().code == ErrorCode::kNotFound;
+    return answer_error(missing ? Status::not_found : Status::internal_server_error, object.error());
+  }
+  if (etag_matches(header(http::field::if_none_match), etag))
+    return answer(Status::not_modified, {}, std::move(headers));
+  const std::string if_range = header(http::field::if_range);
+  const bool ranged = if_range.empty() || if_range == etag;
+  const auto wanted = ranged ? range_from_header(header(http::field::range), object->size) : RangeRequest{};
+  const std::string size = std::to_string(object->size);
+  if (wanted.kind == RangeRequest::Kind::kUnsatisfiable) {
+    headers.emplace_back(http::field::content_range, "bytes */" + size);
+    return answer_error(Status::range_not_satisfiable,
+                        fail(ErrorCode::kInvalidArgument, "the asset has " + size + " bytes"), std::move(headers));
+  }
+  ++context_.counters.downloads;
+  if (wanted.kind == RangeRequest::Kind::kWhole) {
+    const std::uint64_t length = object->size;
+    return send_head_then_file(std::move(*object), Status::ok, {0, length - 1}, !is_head(), std::move(headers));
+  }
+  headers.emplace_back(http::field::content_range, "bytes " + std::to_string(wanted.range.first) + "-" +
+                                                       std::to_string(wanted.range.last) + "/" + size);
+  send_head_then_file(std::move(*object), Status::partial_content, wanted.range, !is_head(), std::move(headers));
+}
+
+void HttpSession::send_head_then_file(AssetStore::Object object, Status status, ByteRange range, bool with_body,
+                                      Headers headers) {
+  auto response = std::make_shared<http::response<http::empty_body>>(status, 11);
+  for (auto& [field, value] : headers) response->set(field, value);
+  response->set(http::field::content_type, "application/octet-stream");
+  response->keep_alive(may_keep());
+  response->content_length(range.last + 1 - range.first);
+  auto download = std::make_shared<Download>();
+  download->object = std::move(object);
+  download->at = range.first;
+  download->end = with_body ? range.last + 1 : range.first;
+  auto serializer = std::make_shared<http::response_serializer<http::empty_body>>(*response);
+  arm(context_.config.timeouts.transfer_ms);
+  http::async_write_header(socket_, *serializer,
+                           [self = shared_from_this(), response, serializer, download](ErrorOf error, std::size_t) {
+                             if (error) return self->close();
+                             self->send_chunk(download);
+                           });
+}
+
+void HttpSession::send_chunk(std::shared_ptr<Download> download) {
+  if (download->at == download->end) return finish(may_keep());
+  const std::uint64_t want = std::min<std::uint64_t>(kChunkBytes, download->end - download->at);
+  download->chunk.resize(want);
+  const ssize_t count =
+      ::pread(download->object.file.get(), download->chunk.data(), want, static_cast<off_t>(download->at));
+  if (count <= 0) {  // The head promised more than the disk gives: only cutting the connection tells the peer.
+    log(context_.log, LogLevel::kError, "reading an asset failed: " + std::generic_category().message(errno));
+    return close();
+  }
+  download->chunk.resize(static_cast<std::size_t>(count));
+  download->at += static_cast<std::uint64_t>(count);
+  arm(context_.config.timeouts.transfer_ms);
+  asio::async_write(socket_, asio::buffer(download->chunk),
+                    [self = shared_from_this(), download](ErrorOf error, std::size_t) {
+                      if (error) return self->close();
+                      self->send_chunk(download);
+                    });
+}
+
+void HttpSession::receive_asset(const Sha256& id) {
+  if (context_.counters.uploads_now >= static_cast<std::uint64_t>(context_.config.limits.max_uploads)) {
+    return answer_error(Status::service_unavailable, fail(ErrorCode::kRefused, "too many uploads at a time: try again"),
+                        {{http::field::retry_after, "1"}});
+  }
+  auto upload = context_.assets.begin_upload(id);
+  if (!upload) return answer_error(Status::insufficient_storage, upload.error());
+  upload_ = std::move(*upload);
+  ++context_.counters.uploads_now;
+  body_chunk_.resize(kChunkBytes);
+  if (!beast::iequals(header(http::field::expect), "100-continue")) return read_body();
+  auto response = std::make_shared<http::response<http::empty_body>>(Status::continue_, 11);
+  http::async_write(socket_, *response, [self = shared_from_this(), response](ErrorOf error, std::size_t) {
+    if (error) return self->close();
+    self->read_body();
+  });
+}
+
+void HttpSession::read_body() {
+  if (parser_->is_done()) return on_body_done();
+  auto& body = parser_->get().body();
+  body.data = body_chunk_.data();
+  body.size = body_chunk_.size();
+  arm(context_.config.timeouts.transfer_ms);
+  http::async_read(socket_, buffer_, *parser_, [self = shared_from_this()](ErrorOf error, std::size_t) {
+    if (error == http::error::need_buffer) error = {};
+    if (error == http::error::body_limit) {
+      return self->fail_upload(fail(ErrorCode::kTooLarge, "the body is over assets.max_object_bytes"));
+    }
+    if (error) {  // Cut off in the middle: nobody is there to be told.
+      ++self->context_.counters.uploads_failed;
+      return self->close();
+    }
+    const std::size_t count = self->body_chunk_.size() - self->parser_->get().body().size;
+    if (auto written = self->upload_->write(ByteView(self->body_chunk_.data(), count)); !written) {
+      return self->fail_upload(written.error());
+    }
+    self->read_body();
+  });
+}
+
+void HttpSession::on_body_done() {
+  timer_.cancel();
+  // The session goes along and comes back: it must not end on the disk's thread.
+  asio::post(context_.disk, [self = shared_from_this(), work = asio::make_work_guard(context_.loop)]() mutable {
+    auto committed = std::make_shared<Result<bool>>(commit(*self->upload_));
+    asio::io_context& loop = self->context_.loop;
+    asio::post(loop, [self = std::move(self), committed] { self->on_committed(*committed); });
+  });
+}
+
+void HttpSession::on_committed(const Result<bool>& committed) {
+  if (!committed) return fail_upload(committed.error());
+  upload_.reset();
+  --context_.counters.uploads_now;
+  ++context_.counters.uploads;
+  answer(*committed ? Status::created : Status::ok, "{}\n");
+}
+
+void HttpSession::fail_upload(const Error& error) {
+  upload_.reset();
+  --context_.counters.uploads_now;
+  ++context_.counters.uploads_failed;
+  log(context_.log, LogLevel::kWarning, "upload refused: " + error.message);
+  switch (error.code) {
+    case ErrorCode::kCorrupt:
+      return answer_error(Status::unprocessable_entity, error);
+    case ErrorCode::kTooLarge:
+      return answer_error(Status::payload_too_large, error);
+    default:
+      return answer_error(Status::insufficient_storage, error);
+  }
+}
+
+void HttpSession::answer_error(Status status, const Error& error, Headers headers) {
+  std::string body =
+      "{\"error\":" + json_quoted(name_of(error.code)) + ",\"message\":" + json_quoted(error.message) + "}\n";
+  answer(status, std::move(body), std::move(headers));
+}
+
+void HttpSession::answer(Status status, std::string body, Headers headers) {
+  const bool keep = may_keep();
+  auto response = std::make_shared<http::response<http::string_body>>(status, 11);
+  for (auto& [field, value] : headers) response->set(field, value);
+  if (!body.empty()) response->set(http::field::content_type, "application/json");
+  response->keep_alive(keep);
+  response->body() = std::move(body);
+  if (status != Status::not_modified) response->prepare_payload();
+  if (is_head()) response->body().clear();
+  arm(context_.config.timeouts.transfer_ms);
+  http::async_write(socket_, *response, [self = shared_from_this(), response, keep](ErrorOf error, std::size_t) {
+    if (error) return self->close();
+    self->finish(keep);
+  });
+}
+
+void HttpSession::finish(bool keep) {
+  if (keep) return read_head();
+  // Half-close, then read what still comes for a while: a close with unread bytes would reset the answer away.
+  ErrorOf ignored;
+  socket_.shutdown(Tcp::socket::shutdown_send, ignored);
+  arm(std::min<std::int64_t>(context_.config.timeouts.transfer_ms, 2'000));
+  drain();
+}
+
+void HttpSession::drain() {
+  body_chunk_.resize(kChunkBytes);
+  socket_.async_read_some(asio::buffer(body_chunk_), [self = shared_from_this()](ErrorOf error, std::size_t) {
+    if (error) return self->close();
+    self->drain();
+  });
+}
+
+}  // namespace eigencast::broker

@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: MIT
+#include "broker/http/http_target.h"
+
+#include <algorithm>
+#include <charconv>
+
+#include "common/core/hash/sha256.h"
+#include "common/wire/control.h"
+
+namespace eigencast::broker {
+namespace {
+
+std::optional<std::uint64_t> number(std::string_view text) {
+  std::uint64_t value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (text.empty() || error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  return value;
+}
+
+std::string_view trimmed(std::string_view text) {
+  while (!text.empty() && (text.front() == ' ' || text.front() == '\t')) text.remove_prefix(1);
+  while (!text.empty() && (text.back() == ' ' || text.back() == '\t')) text.remove_suffix(1);
+  return text;
+}
+
+Result<Target> stream_target(Target::Kind kind, std::string_view name, std::string_view query) {
+  if (auto ok = check_stream_name(name); !ok) return fail(ErrorCode::kInvalidArgument, ok.error().message);
+  return Target{kind, std::string(name), std::string(query)};
+}
+
+}  // namespace
+
+Result<Target> target_from_text(std::string_view text) {
+  const auto question = text.find('?');
+  const std::string_view path = text.substr(0, question);
+  const std::string_view query = question == std::string_view::npos ? std::string_view() : text.substr(question + 1);
+  constexpr std::string_view kAssets = "/v1/assets/";
+  constexpr std::string_view kPublish = "/v1/publish/";
+  constexpr std::string_view kSubscribe = "/v1/subscribe/";
+  if (path == "/v1/streams") return Target{Target::Kind::kStreams, {}, std::string(query)};
+  if (path == "/v1/subscribe") return Target{Target::Kind::kSubscribe, {}, std::string(query)};
+  if (path.starts_with(kPublish)) return stream_target(Target::Kind::kPublish, path.substr(kPublish.size()), query);
+  if (path.starts_with(kSubscribe))
+    return stream_target(Target::Kind::kSubscribe, path.substr(kSubscribe.size()), query);
+  if (path.starts_with(kAssets)) {
+    const std::string_view name = path.substr(kAssets.size());
+    if (Sha256::from_hex(name)) return Target{Target::Kind::kAsset, std::string(name), std::string(query)};
+    return fail(ErrorCode::kInvalidArgument, "an asset is named by 64 lower-case hexadecimal digits, its SHA-256");
+  }
+  return fail(ErrorCode::kNotFound,
+              "there is nothing here; see /v1/streams, /v1/assets/SHA256, /v1/publish/STREAM, /v1/subscribe/STREAM");
+}
+
+RangeRequest range_from_header(std::string_view header, std::uint64_t size) {
+  constexpr std::string_view kUnit = "bytes=";
+  RangeRequest whole;
+  if (!header.starts_with(kUnit) || header.find(',') != std::string_view::npos) return whole;
+  const std::string_view spec = trimmed(header.substr(kUnit.size()));
+  const auto dash = spec.find('-');
+  if (dash == std::string_view::npos) return whole;
+  const auto first = number(trimmed(spec.substr(0, dash)));
+  const auto last = number(trimmed(spec.substr(dash + 1)));
+  const bool open_start = dash == 0;
+  const bool open_end = dash + 1 == spec.size();
+  if ((open_start && open_end) || (!open_start && !first) || (!open_end && !last)) return whole;
+  if (first && last && *last < *first) return whole;
+  RangeRequest part{RangeRequest::Kind::kPart, {}};
+  if (open_start) {
+    if (*last == 0 || size == 0) return {RangeRequest::Kind::kUnsatisfiable, {}};
+    part.range = {size - std::min(size, *last), size - 1};
+    return part;
+  }
+  if (*first >= size) return {RangeRequest::Kind::kUnsatisfiable, {}};
+  part.range = {*first, open_end ? size - 1 : std::min(*last, size - 1)};
+  return part;
+}
+
+bool etag_matches(std::string_view header, std::string_view etag) {
+  while (!header.empty()) {
+    const auto comma = header.find(',');
+    std::string_view one = trimmed(header.substr(0, comma));
+    if (one.starts_with("W/")) one.remove_prefix(2);
+    if (one == etag || one == "*") return true;
+    if (comma == std::string_view::npos) break;
+    header.remove_prefix(comma + 1);
+  }
+  return false;
+}
+
+std::string json_quoted(std::string_view text) {
+  constexpr std::string_view kHex = "0123456789abcdef";
+  std::string out = "\"";
+  for (const char c : text) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (c == '"' || c == '\\') {
+      out += '\\';
+      out += c;
+    } else if (byte < 0x20) {
+      out += "\\u00";
+      out += kHex[byte >> 4];
+      out += kHex[byte & 15];
+    } else {
+      out += c;
+    }
+  }
+  return out + "\"";
+}
+
+}  // namespace eigencast::broker

@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: MIT
+#include "broker/relay/feed.h"
+
+#include <algorithm>
+#include <cassert>
+#include <utility>
+
+namespace eigencast::broker {
+namespace {
+
+// The pacer never holds more than two key intervals, so a key that waits longer has been overtaken.
+constexpr std::size_t kMaxComing = 4;
+
+std::uint8_t mask_of(const Profile& profile, const CoefficientLayout& layout) {
+  const auto count = std::min<std::size_t>(profile.bands, layout.band_ends.size());
+  return static_cast<std::uint8_t>((1u << count) - 1);
+}
+
+bool is_compact(const Profile& profile) {
+  return profile.rate == Profile::Rate::kInterpolated && profile.form == Profile::Form::kCompact;
+}
+
+}  // namespace
+
+Feed::Feed(const Profile& profile, const CoefficientLayout& layout, std::uint32_t stream_id, std::uint32_t epoch,
+           TimeUs max_span_us)
+    : profile_(profile),
+      layout_(layout),
+      stream_id_(stream_id),
+      epoch_(epoch),
+      mask_(mask_of(profile, layout)),
+      pacer_(profile.k, max_span_us) {}
+
+void Feed::begin_at(KeyRecordPtr record) {
+  assert(!stands_at_ && coming_.empty());
+  pacer_.add_key(record->sequence, record->capture_us, record->arrival_us);
+  stand_at(std::move(record));
+}
+
+void Feed::add_key(KeyRecordPtr record, TimeUs now_us, std::vector<FramePtr>& out) {
+  if (profile_.rate == Profile::Rate::kRaw) return emit_key(std::move(record), 0, out);
+  if (!record->before) {  // What is pending leads nowhere any more.
+    pacer_.reset();
+    coming_.clear();
+    steps_pending_ = false;
+  }
+  pacer_.add_key(record->sequence, record->capture_us, now_us);
+  if (is_compact(profile_) && !record->before) return emit_key(std::move(record), 0, out);
+  coming_.push_back(std::move(record));
+  if (is_compact(profile_) && !steps_pending_) emit_coming_ahead(out);
+  while (coming_.size() > kMaxComing) {
+    emit_key(coming_.front(), is_compact(profile_) ? Envelope::kAhead : std::uint8_t{0}, out);
+    coming_.pop_front();
+  }
+  pump(now_us, out);
+}
+
+void Feed::pump(TimeUs now_us, std::vector<FramePtr>& out) {
+  if (profile_.rate == Profile::Rate::kRaw) return;
+  while (const auto due = pacer_.pop_due(now_us)) {
+    const auto next_us = pacer_.next_due_us();
+    const bool overtaken = next_us && *next_us <= now_us;
+    if (is_compact(profile_)) {
+      pump_compact(*due, overtaken, out);
+    } else {
+      pump_full(*due, overtaken, out);
+    }
+  }
+}
+
+std::optional<TimeUs> Feed::next_due_us() const {
+  return pacer_.next_due_us();
+}
+
+void Feed::pump_full(const Pacer::Due& due, bool overtaken, std::vector<FramePtr>& out) {
+  // Keys whose own turn was skipped still leave, in order: the chain of everybody stays whole.
+  while (!coming_.empty() && coming_.front()->sequence < due.sequence) {
+    emit_key(coming_.front(), 0, out);
+    coming_.pop_front();
+  }
+  if (coming_.empty() || coming_.front()->sequence != due.sequence) return;
+  if (due.at < due.of) {
+    if (!overtaken) emit_synthetic(*coming_.front(), due, out);
+    return;
+  }
+  emit_key(coming_.front(), 0, out);
+  coming_.pop_front();
+}
+
+void Feed::pump_compact(const Pacer::Due& due, bool overtaken, std::vector<FramePtr>& out) {
+  while (!coming_.empty() && coming_.front()->sequence <= due.sequence) emit_coming_ahead(out);
+  if (!stands_at_ || stands_at_->sequence != due.sequence || !steps_pending_) return;
+  if (!overtaken) {
+    Envelope head = envelope(FrameKind::kStep, *stands_at_);
+    head.step = {due.at, due.of};
+    head.capture_us = due.capture_us;
+    out.push_back(make_frame(head, {}));
+  }
+  if (due.at < due.of) return;
+  steps_pending_ = false;
+  join_.reset();  // The next one is to be shown as it comes.
+  if (!coming_.empty()) emit_coming_ahead(out);
+}
+
+void Feed::emit_coming_ahead(std::vector<FramePtr>& out) {
+  KeyRecordPtr record = std::move(coming_.front());
+  coming_.pop_front();
+  emit_key(std::move(record), Envelope::kAhead, out);
+  steps_pending_ = true;
+}
+
+void Feed::emit_key(KeyRecordPtr record, std::uint8_t flags, std::vector<FramePtr>& out) {
+  Envelope head = envelope(record->join ? FrameKind::kJoin : FrameKind::kKey, *record);
+  head.bands = record->bands & mask_;
+  head.flags = flags;
+  if (head.bands == record->bands) {
+    out.push_back(make_frame(head, record->payload));
+  } else if (const auto cut = cut_bands(layout_, record->join, record->bands, mask_, record->payload)) {
+    out.push_back(make_frame(head, *cut));
+  } else {
+    ++failed_poses_;  // Receivers miss this key, so that they get a join next.
+  }
+  stand_at(std::move(record));
+}
+
+void Feed::emit_synthetic(const KeyRecord& record, const Pacer::Due& due, std::vector<FramePtr>& out) {
+  if (!record.before || !stands_at_ || stands_at_->sequence + 1 != record.sequence) return;
+  const auto pose = interpolate_keys(layout_, record.before->newer, record.after->newer, due.at, due.of);
+  if (!pose) return void(++failed_poses_);
+  auto payload = encode_key(layout_, *record.before, *pose);
+  if (!payload) return void(++failed_poses_);
+  Envelope head = envelope(FrameKind::kSynthetic, record);
+  head.bands = pose->bands & mask_;
+  head.step = {due.at, due.of};
+  head.capture_us = due.capture_us;
+  if (head.bands != pose->bands) {
+    payload = cut_bands(layout_, false, pose->bands, mask_, *payload);
+    if (!payload) return void(++failed_poses_);
+  }
+  out.push_back(make_frame(head, *payload));
+}
+
+FramePtr Feed::join() {
+  if (join_ || !stands_at_) return join_;
+  const ChainState& state = *stands_at_->after;
+  const std::uint8_t bands = state.newer.bands;
+  auto payload = encode_join(layout_, state);
+  if (payload && (bands & mask_) != bands) payload = cut_bands(layout_, true, bands, mask_, *payload);
+  if (!payload) {
+    ++failed_poses_;
+    return nullptr;
+  }
+  Envelope head = envelope(FrameKind::kJoin, *stands_at_);
+  head.bands = bands & mask_;
+  head.flags = steps_pending_ ? Envelope::kAhead : std::uint8_t{0};
+  join_ = make_frame(head, *payload);
+  return join_;
+}
+
+Envelope Feed::envelope(FrameKind kind, const KeyRecord& record) const {
+  Envelope head;
+  head.kind = kind;
+  head.stream_id = stream_id_;
+  head.epoch = epoch_;
+  head.sequence = record.sequence;
+  head.capture_us = record.capture_us;
+  return head;
+}
+
+void Feed::stand_at(KeyRecordPtr record) {
+  stands_at_ = std::move(record);
+  join_.reset();
+}
+
+}  // namespace eigencast::broker

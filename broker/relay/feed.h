@@ -1,0 +1,92 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <memory>
+#include <optional>
+#include <utility>
+#include <vector>
+
+#include "broker/relay/frame.h"
+#include "common/codec/chain.h"
+#include "common/core/result.h"
+#include "common/motion/pacer.h"
+#include "common/wire/control.h"
+
+namespace eigencast::broker {
+
+/// One key of a stream as the publisher sent it, with the codec state on both sides of it. Immutable and shared by all
+/// feeds.
+struct KeyRecord {
+  std::uint64_t sequence = 0;
+  TimeUs capture_us = 0;
+  TimeUs arrival_us = 0;   ///< On the broker's clock.
+  std::uint8_t bands = 0;  ///< Of `payload`.
+  bool join = false;       ///< `payload` is that of a join frame.
+  std::shared_ptr<const ChainState>
+      before;  ///< Nothing where the chain begins anew: receivers cannot go on from before.
+  std::shared_ptr<const ChainState> after;
+  Bytes payload;  ///< As it came.
+};
+using KeyRecordPtr = std::shared_ptr<const KeyRecord>;
+
+/// Decides which frames the subscribers of one profile of one epoch get, and when, and makes each exactly once.
+///
+///   raw      key s as it comes
+///   full     synthetic (s, 1/k) ... (s, (k-1)/k), key s, evenly paced
+///   compact  key s marked kAhead as soon as the steps before it have left, then step (s, 1/k) ... (s, k/k), paced
+///
+/// Time comes in as an argument; no sockets. Not thread-safe.
+class Feed {
+ public:
+  /// profile      with bands no more than the layout has
+  /// max_span_us  keys further apart are not bridged
+  Feed(const Profile& profile, const CoefficientLayout& layout, std::uint32_t stream_id, std::uint32_t epoch,
+       TimeUs max_span_us);
+
+  /// Begins at a key that came before this feed existed: join() gives it at once, what follows is bridged from it.
+  /// REQUIRES: nothing was added yet.
+  void begin_at(KeyRecordPtr record);
+
+  /// Takes the next key and appends the frames that leave now to `out`.
+  void add_key(KeyRecordPtr record, TimeUs now_us, std::vector<FramePtr>& out);
+
+  /// Appends the frames due by now: every key in its turn, but of several poses only the newest.
+  void pump(TimeUs now_us, std::vector<FramePtr>& out);
+
+  /// When pump() has something to do next; nothing while nothing is pending.
+  std::optional<TimeUs> next_due_us() const;
+
+  /// The join frame that brings a receiver to where this feed stands now; made once per state. Null before the first
+  /// key.
+  FramePtr join();
+
+  const Profile& profile() const { return profile_; }
+  /// Poses that were due but could not be coded (a value beyond the codec's range), since the last call.
+  std::uint64_t take_failed_poses() { return std::exchange(failed_poses_, 0); }
+
+ private:
+  /// `overtaken`: a newer pose is due by now as well.
+  void pump_full(const Pacer::Due& due, bool overtaken, std::vector<FramePtr>& out);
+  void pump_compact(const Pacer::Due& due, bool overtaken, std::vector<FramePtr>& out);
+  void emit_key(KeyRecordPtr record, std::uint8_t flags, std::vector<FramePtr>& out);
+  void emit_coming_ahead(std::vector<FramePtr>& out);
+  void emit_synthetic(const KeyRecord& record, const Pacer::Due& due, std::vector<FramePtr>& out);
+  Envelope envelope(FrameKind kind, const KeyRecord& record) const;
+  void stand_at(KeyRecordPtr record);
+
+  Profile profile_;
+  CoefficientLayout layout_;
+  std::uint32_t stream_id_;
+  std::uint32_t epoch_;
+  std::uint8_t mask_;
+  Pacer pacer_;
+  std::deque<KeyRecordPtr> coming_;  ///< Keys that came and have not left; bounded.
+  KeyRecordPtr stands_at_;           ///< The last key that left.
+  bool steps_pending_ = false;       ///< Compact: steps up to stands_at_ are still to leave.
+  FramePtr join_;
+  std::uint64_t failed_poses_ = 0;
+};
+
+}  // namespace eigencast::broker

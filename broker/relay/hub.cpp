@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: MIT
+#include "broker/relay/hub.h"
+
+namespace eigencast::broker {
+namespace {
+
+bool is_idle(const Stream& stream) {
+  return !stream.has_publisher() && stream.watchers() == 0;
+}
+
+}  // namespace
+
+Result<Stream*> Hub::open(std::string_view name) {
+  if (Stream* stream = find(name)) return stream;
+  if (streams_.size() >= settings_.max_streams && !make_room()) {
+    return fail(ErrorCode::kTooLarge, "all " + std::to_string(settings_.max_streams) +
+                                          " streams that limits.max_streams allows are in use: raise it, or stop one");
+  }
+  auto stream = std::make_unique<Stream>(std::string(name), ++last_id_, settings_.stream);
+  return streams_.emplace(std::string(name), std::move(stream)).first->second.get();
+}
+
+Stream* Hub::find(std::string_view name) {
+  const auto found = streams_.find(name);
+  return found == streams_.end() ? nullptr : found->second.get();
+}
+
+void Hub::left(Stream& stream) {
+  if (is_idle(stream) && stream.epoch() == 0) streams_.erase(streams_.find(stream.name()));
+}
+
+void Hub::pump(TimeUs now_us) {
+  for (auto& [name, stream] : streams_) stream->pump(now_us);
+}
+
+std::optional<TimeUs> Hub::next_due_us() const {
+  std::optional<TimeUs> next;
+  for (const auto& [name, stream] : streams_) {
+    const auto due = stream->next_due_us();
+    if (due && (!next || *due < *next)) next = due;
+  }
+  return next;
+}
+
+std::vector<const Stream*> Hub::streams() const {
+  std::vector<const Stream*> all;
+  all.reserve(streams_.size());
+  for (const auto& [name, stream] : streams_) all.push_back(stream.get());
+  return all;
+}
+
+bool Hub::make_room() {
+  // The idle stream with the oldest epoch: the pose held longest for nobody.
+  auto oldest = streams_.end();
+  for (auto it = streams_.begin(); it != streams_.end(); ++it) {
+    if (is_idle(*it->second) && (oldest == streams_.end() || it->second->epoch() < oldest->second->epoch()))
+      oldest = it;
+  }
+  if (oldest == streams_.end()) return false;
+  streams_.erase(oldest);
+  return true;
+}
+
+}  // namespace eigencast::broker

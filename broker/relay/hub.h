@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "broker/relay/stream.h"
+
+namespace eigencast::broker {
+
+/// All streams of a broker by name. Ids are given once per name and run.
+///
+/// A stream that nobody publishes, nobody watches and that never had a pose is forgotten; one that holds a last pose
+/// stays until the room is needed. Not thread-safe: belongs to one event loop.
+class Hub {
+ public:
+  struct Settings {
+    std::size_t max_streams = 1024;  ///< (default: 1,024)
+    Stream::Settings stream;
+  };
+
+  explicit Hub(const Settings& settings) : settings_(settings) {}
+
+  /// The stream of that name, made if there is none. REQUIRES: check_stream_name passed. Errors: kTooLarge
+  /// (max_streams).
+  Result<Stream*> open(std::string_view name);
+  /// Null if there is none.
+  Stream* find(std::string_view name);
+  /// Call when a publisher or watcher has left `stream`: it may be forgotten, and the pointer is dead then.
+  void left(Stream& stream);
+
+  void pump(TimeUs now_us);
+  std::optional<TimeUs> next_due_us() const;
+
+  /// In the order of their names; valid until the next open() or left().
+  std::vector<const Stream*> streams() const;
+  std::size_t size() const { return streams_.size(); }
+
+ private:
+  bool make_room();
+
+  Settings settings_;
+  std::map<std::string, std::unique_ptr<Stream>, std::less<>> streams_;
+  std::uint32_t last_id_ = 0;
+};
+
+}  // namespace eigencast::broker

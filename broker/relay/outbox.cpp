@@ -1,0 +1,196 @@
+// SPDX-License-Identifier: MIT
+#include "broker/relay/outbox.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace eigencast::broker {
+namespace {
+
+constexpr TimeUs kRoundTripPeriodUs = 5'000'000;
+
+/// Whether a receiver whose newest key is `newest` can use the frame. docs/protocol.md, section 5.
+bool decodable(const Envelope& envelope, std::optional<std::uint64_t> newest) {
+  switch (envelope.kind) {
+    case FrameKind::kJoin:
+      return true;
+    case FrameKind::kKey:
+    case FrameKind::kSynthetic:
+      return newest && *newest + 1 == envelope.sequence;
+    case FrameKind::kStep:
+      return newest && *newest == envelope.sequence;
+  }
+  return false;
+}
+
+bool is_key(const Envelope& envelope) {
+  return envelope.kind == FrameKind::kKey || envelope.kind == FrameKind::kJoin;
+}
+
+/// Whether the receiver has what the frame shows, or something newer of the same chain: it never needs it.
+bool is_overtaken(const Envelope& envelope, std::optional<std::uint64_t> newest) {
+  switch (envelope.kind) {
+    case FrameKind::kJoin:
+      return false;
+    case FrameKind::kKey:
+    case FrameKind::kSynthetic:
+      return newest && envelope.sequence <= *newest;
+    case FrameKind::kStep:
+      return newest && envelope.sequence < *newest;
+  }
+  return false;
+}
+
+}  // namespace
+
+bool Outbox::push_control(Text text) {
+  if (control_.size() >= limits_.max_control_messages || control_bytes_ + text->size() > limits_.max_control_bytes)
+    return false;
+  control_bytes_ += text->size();
+  control_.push_back(std::move(text));
+  return true;
+}
+
+bool Outbox::push_droppable(Text text) {
+  return control_.size() < limits_.max_control_messages / 4 && control_bytes_ < limits_.max_control_bytes / 4 &&
+         push_control(std::move(text));
+}
+
+void Outbox::open_lane(std::uint32_t stream_id) {
+  Lane* lane = find(stream_id);
+  if (lane == nullptr) lane = &lanes_.emplace_back();
+  const std::uint64_t skipped = lane->skipped;
+  *lane = Lane{};
+  lane->stream_id = stream_id;
+  lane->skipped = skipped;
+}
+
+void Outbox::close_lane(std::uint32_t stream_id) {
+  std::erase_if(lanes_, [&](const Lane& lane) { return lane.stream_id == stream_id; });
+}
+
+void Outbox::offer(std::uint32_t stream_id, const FramePtr& frame) {
+  Lane* lane = find(stream_id);
+  if (lane == nullptr) return;
+  if (is_key(frame->envelope)) {
+    const bool shown_as_it_comes = (frame->envelope.flags & Envelope::kAhead) == 0;
+    skip(*lane, lane->key);
+    if (shown_as_it_comes) skip(*lane, lane->pose);
+    lane->key = frame;
+    lane->pose_first = lane->pose != nullptr;
+  } else {
+    skip(*lane, lane->pose);
+    lane->pose = frame;
+    lane->pose_first = lane->key == nullptr;
+  }
+}
+
+std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_of) {
+  if (!control_.empty()) {
+    Item item{std::move(control_.front()), nullptr};
+    control_.pop_front();
+    control_bytes_ -= item.text->size();
+    return item;
+  }
+  for (std::size_t i = 0; i < lanes_.size(); ++i) {
+    Lane& lane = lanes_[(turn_ + i) % lanes_.size()];
+    if ((!lane.key && !lane.pose && !lane.wants_join) || window_closed(lane, now_us)) continue;
+    FramePtr frame = next_of(lane, join_of);
+    if (!frame) continue;
+    note_sent(lane, *frame, now_us);
+    turn_ = (turn_ + i + 1) % lanes_.size();
+    return Item{nullptr, std::move(frame)};
+  }
+  return std::nullopt;
+}
+
+FramePtr Outbox::next_of(Lane& lane, const JoinSource& join_of) {
+  drop_overtaken(lane);
+  FramePtr& first = lane.key && !(lane.pose && lane.pose_first) ? lane.key : lane.pose;
+  if (first && decodable(first->envelope, lane.newest)) return std::exchange(first, nullptr);
+  if (!first && !lane.wants_join) return nullptr;
+  lane.wants_join = false;
+  FramePtr join = join_of(lane.stream_id);
+  if (!join) {
+    skip(lane, lane.key);
+    skip(lane, lane.pose);
+    return nullptr;
+  }
+  ++joins_total_;
+  const std::uint64_t stands_at = join->envelope.sequence;
+  if (lane.key && lane.key->envelope.sequence <= stands_at) lane.key = nullptr;  // The join holds it.
+  if (lane.key && !decodable(lane.key->envelope, stands_at)) skip(lane, lane.key);
+  if (lane.pose && !decodable(lane.pose->envelope, lane.key ? lane.key->envelope.sequence : stands_at))
+    skip(lane, lane.pose);
+  return join;
+}
+
+void Outbox::drop_overtaken(Lane& lane) {
+  // A join may have run ahead of frames that were made before it and are offered after it.
+  if (lane.key && is_overtaken(lane.key->envelope, lane.newest)) lane.key = nullptr;
+  if (lane.pose && is_overtaken(lane.pose->envelope, lane.newest)) skip(lane, lane.pose);
+}
+
+void Outbox::note_sent(Lane& lane, const Frame& frame, TimeUs now_us) {
+  if (is_key(frame.envelope)) lane.newest = frame.envelope.sequence;
+  lane.wants_join = false;
+  lane.last_sent_us = now_us;
+  lane.in_flight.push_back({frame.envelope.sequence, frame.envelope.step.byte(), now_us});
+  if (lane.in_flight.size() > limits_.max_in_flight) lane.in_flight.pop_front();
+}
+
+void Outbox::acknowledge(const control::Ack::Item& item, TimeUs now_us) {
+  Lane* lane = find(item.stream_id);
+  if (lane == nullptr) return;
+  const auto match = std::find_if(lane->in_flight.rbegin(), lane->in_flight.rend(), [&](const InFlight& sent) {
+    return sent.sequence == item.sequence && sent.step == item.step;
+  });
+  if (match == lane->in_flight.rend()) return;
+  acknowledges_ = true;
+  note_round_trip(now_us - match->sent_us, now_us);
+  lane->in_flight.erase(lane->in_flight.begin(), match.base());
+}
+
+void Outbox::note_round_trip(TimeUs round_trip_us, TimeUs now_us) {
+  if (now_us - period_start_us_ > kRoundTripPeriodUs) {
+    if (least_now_) least_before_ = least_now_;
+    least_now_.reset();
+    period_start_us_ = now_us;
+  }
+  least_now_ = std::min(least_now_.value_or(round_trip_us), round_trip_us);
+}
+
+std::optional<TimeUs> Outbox::round_trip_us() const {
+  if (least_now_ && least_before_) return std::min(*least_now_, *least_before_);
+  return least_now_ ? least_now_ : least_before_;
+}
+
+bool Outbox::window_closed(const Lane& lane, TimeUs now_us) const {
+  if (!acknowledges_ || lane.in_flight.empty()) return false;
+  const TimeUs allowed = round_trip_us().value_or(0) + limits_.window_slack_us;
+  return now_us - lane.in_flight.front().sent_us > allowed && now_us - lane.last_sent_us < limits_.probe_us;
+}
+
+std::vector<Outbox::Skipped> Outbox::take_skipped() {
+  std::vector<Skipped> all;
+  for (Lane& lane : lanes_) {
+    if (lane.skipped > 0) all.push_back({lane.stream_id, std::exchange(lane.skipped, 0)});
+  }
+  return all;
+}
+
+void Outbox::skip(Lane& lane, FramePtr& waiting) {
+  if (!waiting) return;
+  waiting = nullptr;
+  ++lane.skipped;
+  ++skipped_total_;
+}
+
+Outbox::Lane* Outbox::find(std::uint32_t stream_id) {
+  for (Lane& lane : lanes_) {
+    if (lane.stream_id == stream_id) return &lane;
+  }
+  return nullptr;
+}
+
+}  // namespace eigencast::broker

@@ -1,0 +1,262 @@
+// SPDX-License-Identifier: MIT
+#include "broker/relay/stream.h"
+
+#include <algorithm>
+#include <cassert>
+#include <utility>
+
+namespace eigencast::broker {
+namespace {
+
+std::string frame_label(const Envelope& envelope) {
+  return "frame " + std::to_string(envelope.sequence);
+}
+
+/// Profiles that ask for the same are equal afterwards, whatever the format of the epoch.
+Profile canonical(Profile profile) {
+  if (profile.rate == Profile::Rate::kRaw) {
+    profile.k = Profile{}.k;
+    profile.form = Profile{}.form;
+  }
+  return profile;
+}
+
+}  // namespace
+
+Stream::Stream(std::string name, std::uint32_t id, const Settings& settings)
+    : name_(std::move(name)), id_(id), settings_(settings) {}
+
+control::StreamInfo::State Stream::state() const {
+  if (epoch_ == 0) return control::StreamInfo::State::kWaiting;
+  return publishing_ ? control::StreamInfo::State::kLive : control::StreamInfo::State::kStalled;
+}
+
+Result<void> Stream::claim(PublisherLink& link) {
+  if (publisher_ != nullptr) {
+    return fail(ErrorCode::kRefused,
+                "stream '" + name_ +
+                    "' already has a sender, and a stream has one at a time: stop that one, or publish "
+                    "under another name");
+  }
+  publisher_ = &link;
+  return {};
+}
+
+void Stream::release(PublisherLink& link) {
+  if (publisher_ != &link) return;
+  publisher_ = nullptr;
+  if (!std::exchange(publishing_, false)) return;
+  for (Watcher* watcher : order_) watcher->on_stream_changed(*this, false);
+}
+
+Result<void> Stream::announce(const control::Announce& announce, std::uint32_t epoch) {
+  assert(epoch > epoch_);
+  const auto codec = codec_from_name(announce.format.codec);
+  if (!codec) return codec.error();
+  announced_ = announce;
+  layout_ = {*codec, announce.format.rows, announce.format.channels, announce.format.band_ends};
+  epoch_ = epoch;
+  publishing_ = true;
+  newest_.reset();
+  groups_.clear();
+  group_of_.clear();
+  for (Watcher* watcher : order_) join_group(*watcher, profiles_.at(watcher));
+  for (Watcher* watcher : order_) watcher->on_stream_changed(*this, true);
+  tell_count();
+  return {};
+}
+
+Result<void> Stream::add_frame(ByteView message, TimeUs now_us) {
+  if (!publishing_) return fail(ErrorCode::kCorrupt, "a frame came before 'announce': announce the surface first");
+  const auto frame = parse_frame(message);
+  if (!frame) return frame.error();
+  const auto record = record_from(*frame, now_us);
+  if (!record) return in_context(frame_label(frame->envelope), record.error());
+  newest_ = *record;
+  ++keys_received_;
+  for (auto& [profile, group] : groups_) {
+    leaving_.clear();
+    group->feed.add_key(*record, now_us, leaving_);
+    send(*group, leaving_);
+  }
+  return {};
+}
+
+Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) const {
+  const Envelope& head = frame.envelope;
+  if (head.kind != FrameKind::kKey && head.kind != FrameKind::kJoin) {
+    return fail(ErrorCode::kCorrupt, "a sender sends keys and joins only");
+  }
+  if (head.flags != 0) return fail(ErrorCode::kCorrupt, "a sender's frames carry no flags");
+  if ((head.bands & ~layout_.all_bands()) != 0 || (head.bands & 1) == 0) {
+    return fail(ErrorCode::kCorrupt, "bands must be among those announced and include band 0");
+  }
+  if (newest_ && head.sequence <= newest_->sequence) {
+    return fail(ErrorCode::kCorrupt, "sequence must grow (newest is " + std::to_string(newest_->sequence) + ")");
+  }
+  if (newest_ && head.capture_us <= newest_->capture_us) {
+    return fail(ErrorCode::kCorrupt,
+                "capture time must grow (newest is " + std::to_string(newest_->capture_us) + " us)");
+  }
+  const bool follows = newest_ && head.sequence == newest_->sequence + 1;
+  auto record = std::make_shared<KeyRecord>();
+  record->sequence = head.sequence;
+  record->capture_us = head.capture_us;
+  record->arrival_us = now_us;
+  record->bands = head.bands;
+  record->join = head.kind == FrameKind::kJoin;
+  if (record->join) {
+    auto state = decode_join(layout_, head.bands, frame.payload);
+    if (!state) return state.error();
+    if (follows && state->older == newest_->after->newer) record->before = newest_->after;
+    record->after = std::make_shared<const ChainState>(std::move(*state));
+  } else {
+    if (!follows) {
+      return fail(ErrorCode::kCorrupt, newest_ ? "a key must follow the one before it (newest is " +
+                                                     std::to_string(newest_->sequence) + "): send a join after a gap"
+                                               : "the first frame after 'announce' must be a join");
+    }
+    const ChainState& state = *newest_->after;
+    auto key = decode_key(layout_, head.bands, state, frame.payload);
+    if (!key) return key.error();
+    record->before = newest_->after;
+    record->after =
+        std::make_shared<const ChainState>(advanced(state, std::move(*key), head.capture_us - newest_->capture_us));
+  }
+  record->payload.assign(frame.payload.begin(), frame.payload.end());
+  return KeyRecordPtr(std::move(record));
+}
+
+Result<void> Stream::watch(Watcher& watcher, const Profile& wanted) {
+  const Profile profile = canonical(wanted);
+  const auto before = profiles_.find(&watcher);
+  const bool known = before != profiles_.end();
+  if (!known && profiles_.size() >= settings_.max_watchers) {
+    return fail(ErrorCode::kTooLarge, "stream '" + name_ + "' has " + std::to_string(settings_.max_watchers) +
+                                          " watchers, the most that limits.max_subscribers_per_stream allows");
+  }
+  const std::size_t given_up = known && wanted_.at(before->second) == 1 ? 1 : 0;
+  if (wanted_.size() - given_up >= settings_.max_profiles && !wanted_.contains(profile)) {
+    return fail(ErrorCode::kTooLarge,
+                "stream '" + name_ + "' is watched in " + std::to_string(settings_.max_profiles) +
+                    " profiles, the most that limits.max_profiles_per_stream allows: ask for a common one");
+  }
+  if (known) {
+    forget_wanted(watcher);
+    leave_group(watcher);
+  } else {
+    order_.push_back(&watcher);
+  }
+  note_wanted(watcher, profile);
+  if (epoch_ != 0) join_group(watcher, profile);
+  watcher.on_stream_changed(*this, true);
+  if (!known) tell_count();
+  return {};
+}
+
+void Stream::unwatch(Watcher& watcher) {
+  if (!profiles_.contains(&watcher)) return;
+  forget_wanted(watcher);
+  leave_group(watcher);
+  std::erase(order_, &watcher);
+  tell_count();
+}
+
+void Stream::pump(TimeUs now_us) {
+  for (auto& [profile, group] : groups_) {
+    leaving_.clear();
+    group->feed.pump(now_us, leaving_);
+    send(*group, leaving_);
+  }
+}
+
+std::optional<TimeUs> Stream::next_due_us() const {
+  std::optional<TimeUs> next;
+  for (const auto& [profile, group] : groups_) {
+    const auto due = group->feed.next_due_us();
+    if (due && (!next || *due < *next)) next = due;
+  }
+  return next;
+}
+
+void Stream::relay_trace(const control::Trace& trace) {
+  control::Trace relayed = trace;
+  relayed.stream_id = id_;
+  const auto text = std::make_shared<const std::string>(text_from_control(relayed));
+  for (Watcher* watcher : order_) watcher->on_trace(text);
+}
+
+FramePtr Stream::join_for(const Watcher& watcher) {
+  const auto found = group_of_.find(&watcher);
+  return found == group_of_.end() ? nullptr : found->second->feed.join();
+}
+
+control::StreamInfo Stream::info_for(const Watcher& watcher) const {
+  control::StreamInfo info;
+  info.stream = name_;
+  info.state = state();
+  info.stream_id = id_;
+  info.epoch = epoch_;
+  info.asset = announced_.asset;
+  info.format = announced_.format;
+  info.key_rate_hz = announced_.key_rate_hz;
+  info.world = announced_.world;
+  if (const auto found = profiles_.find(&watcher); found != profiles_.end()) info.profile = effective(found->second);
+  return info;
+}
+
+Profile Stream::effective(const Profile& wanted) const {
+  Profile profile = wanted;
+  if (epoch_ != 0) {
+    const auto bands = static_cast<std::uint8_t>(layout_.band_ends.size());
+    profile.bands = std::clamp<std::uint8_t>(profile.bands, 1, bands);
+  }
+  return profile;
+}
+
+void Stream::note_wanted(const Watcher& watcher, const Profile& profile) {
+  profiles_[&watcher] = profile;
+  ++wanted_[profile];
+}
+
+void Stream::forget_wanted(const Watcher& watcher) {
+  const auto profile = profiles_.find(&watcher);
+  if (const auto wanted = wanted_.find(profile->second); --wanted->second == 0) wanted_.erase(wanted);
+  profiles_.erase(profile);
+}
+
+void Stream::join_group(Watcher& watcher, const Profile& wanted) {
+  const Profile profile = effective(wanted);
+  auto& group = groups_[profile];
+  if (!group) {
+    group = std::make_unique<Group>(profile, layout_, id_, epoch_, settings_.max_span_us);
+    if (newest_) group->feed.begin_at(newest_);
+  }
+  group->watchers.push_back(&watcher);
+  group_of_[&watcher] = group.get();
+}
+
+void Stream::leave_group(Watcher& watcher) {
+  const auto found = group_of_.find(&watcher);
+  if (found == group_of_.end()) return;
+  Group* group = found->second;
+  group_of_.erase(found);
+  std::erase(group->watchers, &watcher);
+  if (!group->watchers.empty()) return;
+  const Profile profile = group->feed.profile();
+  groups_.erase(profile);
+}
+
+void Stream::send(Group& group, const std::vector<FramePtr>& frames) {
+  frames_made_ += frames.size();
+  poses_failed_ += group.feed.take_failed_poses();
+  for (const FramePtr& frame : frames) {
+    for (Watcher* watcher : group.watchers) watcher->on_frame(*this, frame);
+  }
+}
+
+void Stream::tell_count() {
+  if (publisher_ != nullptr) publisher_->on_watcher_count(watchers());
+}
+
+}  // namespace eigencast::broker

@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <unordered_map>
+#include <vector>
+
+#include "broker/relay/feed.h"
+#include "common/wire/control.h"
+
+namespace eigencast::broker {
+
+class Stream;
+
+/// Somebody who watches a stream. Must not subscribe or unsubscribe anybody while it is being called.
+class Watcher {
+ public:
+  virtual ~Watcher() = default;
+  /// What the stream is from now on. `restart`: frames to come build on none of those before.
+  virtual void on_stream_changed(const Stream& stream, bool restart) = 0;
+  virtual void on_frame(const Stream& stream, const FramePtr& frame) = 0;
+  virtual void on_trace(const std::shared_ptr<const std::string>& text) = 0;
+};
+
+/// The sender of a stream, as the stream sees it.
+class PublisherLink {
+ public:
+  virtual ~PublisherLink() = default;
+  virtual void on_watcher_count(std::uint32_t count) = 0;
+};
+
+/// One stream: its publisher, its key chain, and a feed per profile that somebody watches.
+///
+/// Time comes in as an argument; no sockets. Not thread-safe: a stream and all who watch it belong to one event loop.
+class Stream {
+ public:
+  struct Settings {
+    TimeUs max_span_us = 500'000;         ///< Keys further apart are not bridged by interpolation (default: 500 ms).
+    std::uint32_t max_watchers = 10'000;  ///< More are refused (default: 10,000).
+    std::size_t max_profiles = 64;        ///< Different profiles watched at a time; more are refused (default: 64).
+  };
+
+  Stream(std::string name, std::uint32_t id, const Settings& settings);
+  Stream(const Stream&) = delete;
+  Stream& operator=(const Stream&) = delete;
+
+  /// Makes `link` the publisher. Errors: kRefused while another one is there.
+  Result<void> claim(PublisherLink& link);
+  /// The publisher is gone: the stream stalls and its last pose is held. Ignored from anyone else.
+  void release(PublisherLink& link);
+
+  /// Begins an epoch. REQUIRES: the format passed check_format, epochs grow. Errors: kInvalidArgument (codec).
+  Result<void> announce(const control::Announce& announce, std::uint32_t epoch);
+
+  /// Takes a binary message of the publisher. The envelope's stream id and epoch are not read: the connection and its
+  /// last announcement say them. Errors: kCorrupt, kTooLarge, kUnsupported (see docs/protocol.md); nothing has changed
+  /// then.
+  Result<void> add_frame(ByteView message, TimeUs now_us);
+
+  /// Adds a watcher, or changes its profile. Calls on_stream_changed. Errors: kTooLarge (too many watchers or
+  /// profiles).
+  Result<void> watch(Watcher& watcher, const Profile& profile);
+  void unwatch(Watcher& watcher);
+
+  /// Sends what is due by now.
+  void pump(TimeUs now_us);
+  std::optional<TimeUs> next_due_us() const;
+
+  void relay_trace(const control::Trace& trace);
+
+  /// The join frame of this watcher's profile as it stands now; null before the first key.
+  FramePtr join_for(const Watcher& watcher);
+  /// As the watcher is told it.
+  control::StreamInfo info_for(const Watcher& watcher) const;
+
+  const std::string& name() const { return name_; }
+  std::uint32_t id() const { return id_; }
+  std::uint32_t epoch() const { return epoch_; }
+  const std::string& asset() const { return announced_.asset; }
+  double key_rate_hz() const { return announced_.key_rate_hz; }
+  control::StreamInfo::State state() const;
+  std::uint32_t watchers() const { return static_cast<std::uint32_t>(profiles_.size()); }
+  bool has_publisher() const { return publisher_ != nullptr; }
+  std::uint64_t keys_received() const { return keys_received_; }
+  std::uint64_t frames_made() const { return frames_made_; }
+  /// Poses of any feed that could not be coded.
+  std::uint64_t poses_failed() const { return poses_failed_; }
+  std::size_t profile_count() const { return groups_.size(); }
+
+ private:
+  struct Group {
+    Group(const Profile& profile, const CoefficientLayout& layout, std::uint32_t id, std::uint32_t epoch,
+          TimeUs max_span_us)
+        : feed(profile, layout, id, epoch, max_span_us) {}
+    Feed feed;
+    std::vector<Watcher*> watchers;
+  };
+
+  Profile effective(const Profile& wanted) const;
+  void note_wanted(const Watcher& watcher, const Profile& profile);
+  void forget_wanted(const Watcher& watcher);
+  void join_group(Watcher& watcher, const Profile& wanted);
+  void leave_group(Watcher& watcher);
+  void send(Group& group, const std::vector<FramePtr>& frames);
+  void tell_count();
+  Result<KeyRecordPtr> record_from(const FrameView& frame, TimeUs now_us) const;
+
+  std::string name_;
+  std::uint32_t id_;
+  Settings settings_;
+  PublisherLink* publisher_ = nullptr;
+  std::uint32_t epoch_ = 0;
+  bool publishing_ = false;  ///< The present publisher has announced.
+  control::Announce announced_;
+  CoefficientLayout layout_;
+  KeyRecordPtr newest_;
+  std::unordered_map<const Watcher*, Profile> profiles_;  ///< What each watcher asked for, see canonical().
+  std::map<Profile, std::uint32_t> wanted_;               ///< How many ask for each; holds before any epoch and in all.
+  std::unordered_map<const Watcher*, Group*> group_of_;
+  std::map<Profile, std::unique_ptr<Group>> groups_;
+  std::vector<Watcher*> order_;    ///< All watchers, waiting ones too.
+  std::vector<FramePtr> leaving_;  ///< Scratch.
+  std::uint64_t keys_received_ = 0;
+  std::uint64_t frames_made_ = 0;
+  std::uint64_t poses_failed_ = 0;
+};
+
+}  // namespace eigencast::broker

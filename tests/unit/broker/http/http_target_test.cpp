@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: MIT
+#include "broker/http/http_target.h"
+
+#include <gtest/gtest.h>
+
+namespace eigencast::broker {
+namespace {
+
+using Kind = RangeRequest::Kind;
+
+TEST(TargetTest, Paths) {
+  const std::string hash(64, 'a');
+  const auto asset = target_from_text("/v1/assets/" + hash);
+  ASSERT_TRUE(asset);
+  EXPECT_EQ(asset->kind, Target::Kind::kAsset);
+  EXPECT_EQ(asset->name, hash);
+  const auto watch = target_from_text("/v1/subscribe/lab/heart-1?rate=raw");
+  ASSERT_TRUE(watch);
+  EXPECT_EQ(watch->kind, Target::Kind::kSubscribe);
+  EXPECT_EQ(watch->name, "lab/heart-1");
+  EXPECT_EQ(watch->query, "rate=raw");
+  EXPECT_EQ(target_from_text("/v1/subscribe")->name, "");
+  EXPECT_EQ(target_from_text("/v1/publish/a")->kind, Target::Kind::kPublish);
+  EXPECT_EQ(target_from_text("/v1/streams?x")->kind, Target::Kind::kStreams);
+}
+
+TEST(TargetTest, HostilePaths) {
+  for (const char* bad :
+       {"", "/", "*", "/v1", "/v1/streams/", "/v2/streams", "/v1/assets", "/v1/assets/../../etc/passwd", "/v1/assets/",
+        "/v1/publish", "/v1/publish/", "/v1/publish/..", "/v1/publish/a//b", "/v1/publish/a/", "/v1/publish/a%2e",
+        "/v1/subscribe/", "/v1/subscribe/a b", "http://host/v1/streams"}) {
+    EXPECT_FALSE(target_from_text(bad)) << bad;
+  }
+  EXPECT_FALSE(target_from_text("/v1/assets/" + std::string(64, 'A'))) << "one name per object: lower case";
+  EXPECT_FALSE(target_from_text("/v1/publish/" + std::string(129, 'a')));
+}
+
+TEST(RangeTest, OneRangeIsServed) {
+  const auto expect = [](const char* header, std::uint64_t first, std::uint64_t last) {
+    const auto range = range_from_header(header, 100);
+    EXPECT_EQ(range.kind, Kind::kPart) << header;
+    EXPECT_EQ(range.range.first, first) << header;
+    EXPECT_EQ(range.range.last, last) << header;
+  };
+  expect("bytes=0-0", 0, 0);
+  expect("bytes=10-", 10, 99);
+  expect("bytes=-10", 90, 99);
+  expect("bytes=-1000", 0, 99);
+  expect("bytes=50-1000", 50, 99);
+  expect("bytes=99-99", 99, 99);
+}
+
+TEST(RangeTest, TheRest) {
+  for (const char* beyond : {"bytes=100-", "bytes=100-200", "bytes=-0"}) {
+    EXPECT_EQ(range_from_header(beyond, 100).kind, Kind::kUnsatisfiable) << beyond;
+  }
+  EXPECT_EQ(range_from_header("bytes=0-", 0).kind, Kind::kUnsatisfiable);
+  for (const char* ignored : {"", "bytes=", "bytes=-", "bytes=5-2", "bytes=0-1,3-4", "items=0-1", "bytes=a-b",
+                              "bytes=1-2x", "bytes=--1", "bytes=99999999999999999999-"}) {
+    EXPECT_EQ(range_from_header(ignored, 100).kind, Kind::kWhole) << ignored;
+  }
+}
+
+TEST(EtagTest, Lists) {
+  EXPECT_TRUE(etag_matches("\"a\"", "\"a\""));
+  EXPECT_TRUE(etag_matches("\"b\" , W/\"a\"", "\"a\""));
+  EXPECT_TRUE(etag_matches("*", "\"a\""));
+  EXPECT_FALSE(etag_matches("\"ab\"", "\"a\""));
+  EXPECT_FALSE(etag_matches("", "\"a\""));
+}
+
+TEST(JsonTest, Quoting) {
+  EXPECT_EQ(json_quoted("a\"b\\c\n\x01"), "\"a\\\"b\\\\c\\u000a\\u0001\"");
+}
+
+}  // namespace
+}  // namespace eigencast::broker

@@ -1,0 +1,290 @@
+// SPDX-License-Identifier: MIT
+#include "broker/relay/outbox.h"
+
+#include <gtest/gtest.h>
+
+namespace eigencast::broker {
+namespace {
+
+FramePtr frame(FrameKind kind, std::uint64_t sequence, InterpolationStep step = {}, std::uint8_t flags = 0) {
+  Envelope head;
+  head.flags = flags;
+  head.kind = kind;
+  head.sequence = sequence;
+  head.step = step;
+  head.bands = kind == FrameKind::kStep ? 0 : 1;
+  return make_frame(head, {});
+}
+
+Outbox::Text text(const std::string& content) {
+  return std::make_shared<const std::string>(content);
+}
+
+class OutboxTest : public ::testing::Test {
+ protected:
+  OutboxTest() { outbox_.open_lane(1); }
+  /// What leaves at `now_`: its sequence, negative for joins; nothing if nothing does.
+  std::optional<int> take() {
+    const auto item = outbox_.take(now_, [&](std::uint32_t) { return join_; });
+    if (!item || !item->frame) return std::nullopt;
+    const auto sequence = static_cast<int>(item->frame->envelope.sequence);
+    return item->frame->envelope.kind == FrameKind::kJoin ? -sequence : sequence;
+  }
+  void join_at(std::uint64_t sequence) { join_ = frame(FrameKind::kJoin, sequence); }
+  void offer_key(std::uint64_t sequence) {
+    join_at(sequence);
+    outbox_.offer(1, frame(FrameKind::kKey, sequence));
+  }
+
+  void offer_ahead(std::uint64_t sequence) {
+    join_ = frame(FrameKind::kJoin, sequence, {}, Envelope::kAhead);
+    outbox_.offer(1, frame(FrameKind::kKey, sequence, {}, Envelope::kAhead));
+  }
+
+  Outbox outbox_;
+  FramePtr join_;
+  TimeUs now_ = 0;
+};
+
+TEST_F(OutboxTest, AJoinComesFirstThenKeysInOrder) {
+  join_at(5);
+  EXPECT_EQ(take(), -5);
+  EXPECT_EQ(take(), std::nullopt);
+  for (int s = 6; s < 10; ++s) {
+    offer_key(static_cast<std::uint64_t>(s));
+    EXPECT_EQ(take(), s);
+    EXPECT_EQ(take(), std::nullopt);
+  }
+  EXPECT_EQ(outbox_.skipped_total(), 0u);
+  EXPECT_EQ(outbox_.joins_total(), 1u);
+}
+
+TEST_F(OutboxTest, NothingIsSentBeforeThereIsAKey) {
+  EXPECT_EQ(take(), std::nullopt);
+  join_at(1);
+  outbox_.offer(1, join_);
+  EXPECT_EQ(take(), -1);
+}
+
+TEST_F(OutboxTest, TheLatestFrameWinsAndAJoinHealsTheGap) {
+  join_at(1);
+  take();
+  for (int s = 2; s <= 100; ++s) offer_key(static_cast<std::uint64_t>(s));
+  EXPECT_EQ(take(), -100) << "no backlog";
+  EXPECT_EQ(take(), std::nullopt) << "the join holds key 100";
+  offer_key(101);
+  EXPECT_EQ(take(), 101);
+  EXPECT_EQ(outbox_.skipped_total(), 98u);
+  ASSERT_EQ(outbox_.take_skipped().size(), 1u);
+  EXPECT_TRUE(outbox_.take_skipped().empty());
+}
+
+TEST_F(OutboxTest, ASkippedSyntheticCostsNothing) {
+  join_at(1);
+  take();
+  outbox_.offer(1, frame(FrameKind::kSynthetic, 2, {1, 3}));
+  outbox_.offer(1, frame(FrameKind::kSynthetic, 2, {2, 3}));
+  EXPECT_EQ(take(), 2);
+  offer_key(2);
+  EXPECT_EQ(take(), 2);
+  EXPECT_EQ(outbox_.joins_total(), 1u);
+  EXPECT_EQ(outbox_.skipped_total(), 1u);
+}
+
+TEST_F(OutboxTest, APoseDoesNotDisplaceTheKeyThatItBuildsOn) {
+  join_at(1);
+  take();
+  offer_key(2);
+  outbox_.offer(1, frame(FrameKind::kSynthetic, 3, {1, 3}));
+  outbox_.offer(1, frame(FrameKind::kSynthetic, 3, {2, 3}));
+  EXPECT_EQ(take(), 2);
+  EXPECT_EQ(take(), 3);
+  EXPECT_EQ(take(), std::nullopt);
+  EXPECT_EQ(outbox_.joins_total(), 1u);
+  EXPECT_EQ(outbox_.skipped_total(), 1u);
+}
+
+TEST_F(OutboxTest, AKeyThatIsShownReplacesAnOlderPose) {
+  join_at(1);
+  take();
+  outbox_.offer(1, frame(FrameKind::kSynthetic, 2, {2, 3}));
+  offer_key(2);
+  EXPECT_EQ(take(), 2);
+  EXPECT_EQ(take(), std::nullopt);
+  EXPECT_EQ(outbox_.skipped_total(), 1u);
+}
+
+TEST_F(OutboxTest, TheLastStepAndTheNextKeyAheadDoNotCompete) {
+  join_at(1);
+  take();
+  offer_ahead(2);
+  EXPECT_EQ(take(), 2);
+  for (std::uint64_t s = 3; s < 10; ++s) {
+    outbox_.offer(1, frame(FrameKind::kStep, s - 1, {3, 3}));
+    offer_ahead(s);
+    const auto step = outbox_.take(now_, [&](std::uint32_t) { return join_; });
+    ASSERT_TRUE(step && step->frame);
+    EXPECT_EQ(step->frame->envelope.kind, FrameKind::kStep) << "offered first, leaves first";
+    const auto key = outbox_.take(now_, [&](std::uint32_t) { return join_; });
+    ASSERT_TRUE(key && key->frame);
+    EXPECT_EQ(key->frame->envelope.kind, FrameKind::kKey);
+  }
+  outbox_.offer(1, frame(FrameKind::kStep, 9, {3, 3}));
+  offer_ahead(10);
+  outbox_.offer(1, frame(FrameKind::kStep, 10, {1, 3}));
+  EXPECT_EQ(take(), 10) << "the key, then the step on it";
+  EXPECT_EQ(take(), 10);
+  EXPECT_EQ(take(), std::nullopt);
+  EXPECT_EQ(outbox_.joins_total(), 1u);
+  EXPECT_EQ(outbox_.skipped_total(), 1u);
+}
+
+TEST_F(OutboxTest, AfterAMissedKeyTheJoinIsFollowedByThePresentPose) {
+  join_at(1);
+  take();
+  offer_key(2);
+  offer_key(3);
+  outbox_.offer(1, frame(FrameKind::kSynthetic, 4, {1, 3}));
+  EXPECT_EQ(take(), -3);
+  EXPECT_EQ(take(), 4);
+  offer_ahead(4);
+  offer_ahead(5);
+  outbox_.offer(1, frame(FrameKind::kStep, 5, {1, 3}));
+  EXPECT_EQ(take(), -5);
+  EXPECT_EQ(take(), 5) << "a step needs its own key";
+  EXPECT_EQ(take(), std::nullopt);
+}
+
+TEST_F(OutboxTest, FramesThatAJoinRanAheadOfNeedNoOther) {
+  join_at(3);
+  EXPECT_EQ(take(), -3);
+  outbox_.offer(1, frame(FrameKind::kKey, 2));
+  EXPECT_EQ(take(), std::nullopt);
+  outbox_.offer(1, frame(FrameKind::kStep, 2, {1, 3}));
+  EXPECT_EQ(take(), std::nullopt);
+  outbox_.offer(1, frame(FrameKind::kKey, 3));
+  outbox_.offer(1, frame(FrameKind::kSynthetic, 4, {1, 3}));
+  EXPECT_EQ(take(), 4);
+  EXPECT_EQ(outbox_.joins_total(), 1u);
+}
+
+TEST_F(OutboxTest, ANewEpochBeginsWithAJoin) {
+  join_at(9);
+  take();
+  outbox_.offer(1, frame(FrameKind::kKey, 10));
+  outbox_.open_lane(1);
+  join_at(1);
+  EXPECT_EQ(take(), -1);
+  EXPECT_EQ(take(), std::nullopt) << "the frame of the old epoch is gone";
+}
+
+TEST_F(OutboxTest, AClientThatNeverAcknowledgesHasNoWindow) {
+  join_at(1);
+  take();
+  for (int s = 2; s < 5000; ++s, now_ += 33'000) {
+    offer_key(static_cast<std::uint64_t>(s));
+    ASSERT_EQ(take(), s);
+  }
+}
+
+TEST_F(OutboxTest, TheWindowIsTheRoundTripAndTheSlack) {
+  join_at(1);
+  take();
+  now_ += 40'000;
+  outbox_.acknowledge({1, 1, 0}, now_);
+  EXPECT_EQ(outbox_.round_trip_us(), 40'000);
+  offer_key(2);
+  EXPECT_EQ(take(), 2);
+  now_ += 140'000;
+  offer_key(3);
+  EXPECT_EQ(take(), 3) << "the oldest is 140 ms old: still within";
+  now_ += 1;
+  offer_key(4);
+  EXPECT_EQ(take(), std::nullopt);
+  now_ += 500'000;
+  for (int s = 5; s < 20; ++s) offer_key(static_cast<std::uint64_t>(s));
+  EXPECT_EQ(take(), std::nullopt);
+  outbox_.acknowledge({1, 3, 0}, now_);
+  EXPECT_EQ(take(), -19) << "awake: the present pose, no backlog";
+  EXPECT_EQ(take(), std::nullopt);
+}
+
+TEST_F(OutboxTest, AClosedWindowStillProbes) {
+  join_at(1);
+  take();
+  outbox_.acknowledge({1, 1, 0}, now_);
+  int sent = 0;
+  for (int s = 2; s <= 2 + 30 * 9; ++s, now_ += 33'333) {
+    offer_key(static_cast<std::uint64_t>(s));
+    while (take()) ++sent;
+  }
+  EXPECT_GE(sent, 4 + 3);
+  EXPECT_LE(sent, 5 + 5) << "9 s: what fits in 100 ms, then one every 2 s";
+}
+
+TEST_F(OutboxTest, AcknowledgementsOfWhatWasNeverSentAreIgnored) {
+  outbox_.acknowledge({1, 77, 0}, now_);
+  outbox_.acknowledge({2, 1, 0}, now_);
+  EXPECT_FALSE(outbox_.acknowledges());
+}
+
+TEST_F(OutboxTest, StepsOfOneSequenceAreToldApart) {
+  join_at(1);
+  take();
+  outbox_.offer(1, frame(FrameKind::kSynthetic, 2, {1, 3}));
+  take();
+  outbox_.offer(1, frame(FrameKind::kSynthetic, 2, {2, 3}));
+  take();
+  now_ += 10'000;
+  outbox_.acknowledge({1, 2, 0x13}, now_);
+  now_ += 105'000;
+  offer_key(2);
+  EXPECT_EQ(take(), std::nullopt) << "(2, 2/3) is still in flight";
+  outbox_.acknowledge({1, 2, 0x23}, now_);
+  EXPECT_EQ(take(), 2);
+}
+
+TEST_F(OutboxTest, ControlGoesFirstAndOverflows) {
+  join_at(1);
+  ASSERT_TRUE(outbox_.push_control(text("a")));
+  ASSERT_TRUE(outbox_.push_control(text("b")));
+  EXPECT_EQ(*outbox_.take(0, [&](auto) { return join_; })->text, "a");
+  EXPECT_EQ(*outbox_.take(0, [&](auto) { return join_; })->text, "b");
+  EXPECT_EQ(take(), -1);
+  Outbox small({3, 10, 100'000, 2'000'000, 8});
+  EXPECT_TRUE(small.push_control(text("1234")));
+  EXPECT_FALSE(small.push_control(text("1234567"))) << "bytes";
+  EXPECT_TRUE(small.push_control(text("1")));
+  EXPECT_TRUE(small.push_control(text("1")));
+  EXPECT_FALSE(small.push_control(text("1"))) << "messages";
+}
+
+TEST_F(OutboxTest, WhatMayBeLostIsDroppedEarly) {
+  Outbox outbox({16, 1000, 100'000, 2'000'000, 8});
+  int pushed = 0;
+  while (outbox.push_droppable(text("x"))) ++pushed;
+  EXPECT_EQ(pushed, 4);
+  EXPECT_TRUE(outbox.push_control(text("y")));
+}
+
+TEST_F(OutboxTest, LanesTakeTurns) {
+  outbox_.open_lane(2);
+  join_at(1);
+  take();
+  take();
+  std::vector<std::uint32_t> order;
+  for (int round = 0; round < 2; ++round) {
+    for (const std::uint32_t id : {1u, 2u}) outbox_.offer(id, frame(FrameKind::kJoin, id));
+    while (const auto item = outbox_.take(0, [&](auto) { return join_; })) {
+      order.push_back(static_cast<std::uint32_t>(item->frame->envelope.sequence));
+      if (item->frame->envelope.sequence == 1 && order.size() < 6) outbox_.offer(1, frame(FrameKind::kJoin, 1));
+    }
+  }
+  EXPECT_EQ(order[0] + order[1], 3u) << "a busy lane does not starve the other";
+  outbox_.close_lane(2);
+  outbox_.offer(2, frame(FrameKind::kJoin, 2));
+  EXPECT_EQ(take(), std::nullopt);
+}
+
+}  // namespace
+}  // namespace eigencast::broker

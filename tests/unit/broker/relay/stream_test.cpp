@@ -1,0 +1,426 @@
+// SPDX-License-Identifier: MIT
+#include "broker/relay/stream.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include "broker/relay/hub.h"
+#include "tests/unit/broker/support.h"
+
+namespace eigencast::broker {
+namespace {
+
+using testing::FakeReceiver;
+using testing::FakeSender;
+using testing::key_number;
+using testing::small_announce;
+using testing::small_layout;
+using State = control::StreamInfo::State;
+
+constexpr TimeUs kInterval = 30'000;
+
+const Profile kRaw{Profile::Rate::kRaw};
+const Profile kFull{};
+const Profile kCompact{Profile::Rate::kInterpolated, 3, Profile::Form::kCompact};
+
+class StreamTest : public ::testing::Test {
+ protected:
+  void begin() {
+    ASSERT_TRUE(stream_.claim(sender_));
+    ASSERT_TRUE(stream_.announce(small_announce(), ++epoch_));
+  }
+
+  /// Publishes `count` keys, each at its time, pumping every millisecond.
+  void play(int count) {
+    for (int i = 0; i < count; ++i) {
+      ASSERT_TRUE(stream_.add_frame(sender_.next(now_), now_));
+      wait(kInterval);
+    }
+  }
+  void wait(TimeUs duration) {
+    for (const TimeUs end = now_ + duration; now_ < end; now_ += 1000) stream_.pump(now_);
+  }
+
+  TimeUs now_ = 1'000'000;
+  std::uint32_t epoch_ = 0;
+  FakeSender sender_;
+  Stream stream_{"a", 7, Stream::Settings{}};
+};
+
+TEST_F(StreamTest, RawDeliversExactlyWhatWasSent) {
+  FakeReceiver receiver;
+  ASSERT_TRUE(stream_.watch(receiver, kRaw));
+  begin();
+  std::vector<Bytes> sent;
+  for (int i = 0; i < 10; ++i) {
+    sent.push_back(sender_.next(now_ + i * kInterval));
+    ASSERT_TRUE(stream_.add_frame(sent.back(), now_));
+  }
+  ASSERT_EQ(receiver.frames.size(), sent.size());
+  for (std::size_t i = 0; i < sent.size(); ++i) {
+    const auto out = parse_frame(receiver.frames[i]->message).value();
+    const auto in = parse_frame(sent[i]).value();
+    EXPECT_TRUE(std::equal(out.payload.begin(), out.payload.end(), in.payload.begin(), in.payload.end()));
+    EXPECT_EQ(out.envelope.capture_us, in.envelope.capture_us);
+    EXPECT_EQ(out.envelope.sequence, in.envelope.sequence);
+    EXPECT_EQ(out.envelope.stream_id, 7u);
+    EXPECT_EQ(out.envelope.epoch, 1u);
+    EXPECT_EQ(receiver.poses[i].key, key_number(static_cast<int>(i)));
+  }
+}
+
+TEST_F(StreamTest, FullGivesThreePosesPerIntervalAndEachIsTheInterpolationOfItsNeighbours) {
+  FakeReceiver receiver;
+  ASSERT_TRUE(stream_.watch(receiver, kFull));
+  begin();
+  play(11);
+  wait(3 * kInterval);
+  EXPECT_EQ(receiver.undecodable, 0);
+  ASSERT_EQ(receiver.poses.size(), 1u + 3 * 10);
+  for (const auto& pose : receiver.poses) {
+    const int s = static_cast<int>(pose.envelope.sequence);
+    const auto [at, of] = pose.envelope.step;
+    if (pose.envelope.kind == FrameKind::kSynthetic) {
+      EXPECT_EQ(pose.key, interpolate_keys(small_layout(), key_number(s - 1), key_number(s), at, of).value());
+      EXPECT_EQ(pose.envelope.capture_us, 1'000'000 + (s - 1) * kInterval + at * kInterval / of);
+    } else {
+      EXPECT_EQ(pose.key, key_number(s));
+    }
+  }
+  for (std::size_t i = 1; i < receiver.poses.size(); ++i) {
+    EXPECT_EQ(receiver.poses[i].envelope.capture_us - receiver.poses[i - 1].envelope.capture_us, kInterval / 3);
+  }
+}
+
+TEST_F(StreamTest, CompactGivesTheSamePosesAsFull) {
+  FakeReceiver full;
+  FakeReceiver compact;
+  ASSERT_TRUE(stream_.watch(full, kFull));
+  ASSERT_TRUE(stream_.watch(compact, kCompact));
+  begin();
+  play(11);
+  wait(3 * kInterval);
+  EXPECT_EQ(compact.undecodable, 0);
+  ASSERT_EQ(compact.poses.size(), full.poses.size());
+  std::size_t full_bytes = 0;
+  std::size_t compact_bytes = 0;
+  for (std::size_t i = 0; i < full.poses.size(); ++i) {
+    EXPECT_EQ(compact.poses[i].key, full.poses[i].key) << i;
+    EXPECT_EQ(compact.poses[i].envelope.capture_us, full.poses[i].envelope.capture_us) << i;
+  }
+  for (const auto& frame : full.frames) full_bytes += frame->message.size();
+  for (const auto& frame : compact.frames) compact_bytes += frame->message.size();
+  EXPECT_LT(compact_bytes, full_bytes);
+}
+
+TEST_F(StreamTest, OfSeveralPosesDueTogetherOnlyTheNewestLeavesButEveryKey) {
+  FakeReceiver full;
+  FakeReceiver compact;
+  ASSERT_TRUE(stream_.watch(full, kFull));
+  ASSERT_TRUE(stream_.watch(compact, kCompact));
+  begin();
+  play(6);
+  const auto poses_of = [&](FakeReceiver& receiver) {
+    std::vector<FrameKind> kinds;
+    for (const auto& frame : receiver.frames) kinds.push_back(frame->envelope.kind);
+    receiver.frames.clear();
+    return kinds;
+  };
+  for (int round = 0; round < 5; ++round) {  // Key intervals in which nobody looks at the clock.
+    ASSERT_TRUE(stream_.add_frame(sender_.next(now_), now_));
+    full.frames.clear();
+    compact.frames.clear();
+    now_ += kInterval - 1000;
+    stream_.pump(now_);
+    for (FakeReceiver* receiver : {&full, &compact}) {
+      const auto kinds = poses_of(*receiver);
+      const auto shown = std::count_if(kinds.begin(), kinds.end(), [](FrameKind kind) {
+        return kind == FrameKind::kSynthetic || kind == FrameKind::kStep;
+      });
+      EXPECT_LE(shown, 1) << round;
+    }
+    now_ += 1000;
+  }
+  wait(3 * kInterval);
+  EXPECT_EQ(full.undecodable + compact.undecodable, 0) << "no key is missing";
+  EXPECT_EQ(full.poses.back().key, key_number(10));
+  EXPECT_EQ(compact.poses.back().key, key_number(10));
+}
+
+TEST_F(StreamTest, JitteredKeysLeaveTheCompactChainWhole) {
+  FakeReceiver receiver;
+  ASSERT_TRUE(stream_.watch(receiver, kCompact));
+  begin();
+  const int jitter_ms[] = {0, 14, 3, 20, 0, 0, 25, 1, 9, 17, 2, 28};
+  const TimeUs start = now_;
+  for (int i = 0; i < 60; ++i) {
+    const TimeUs capture = start + i * kInterval;
+    wait(capture + jitter_ms[i % 12] * 1000 - now_);
+    ASSERT_TRUE(stream_.add_frame(sender_.next(capture), now_));
+  }
+  wait(5 * kInterval);
+  EXPECT_EQ(receiver.undecodable, 0);
+  EXPECT_EQ(receiver.poses.back().key, key_number(59));
+  EXPECT_GE(receiver.poses.size(), 150u);
+}
+
+TEST_F(StreamTest, EachPoseOfAProfileIsMadeOnceAndShared) {
+  FakeReceiver a;
+  FakeReceiver b;
+  ASSERT_TRUE(stream_.watch(a, kFull));
+  ASSERT_TRUE(stream_.watch(b, Profile{Profile::Rate::kInterpolated, 3, Profile::Form::kFull, 2}));
+  begin();
+  play(4);
+  EXPECT_EQ(stream_.profile_count(), 1u) << "all bands and two of two bands are one profile";
+  EXPECT_EQ(a.frames, b.frames);
+  EXPECT_EQ(a.frames.size(), stream_.frames_made());
+}
+
+TEST_F(StreamTest, BandsAreCut) {
+  FakeReceiver receiver;
+  for (const Profile::Rate rate : {Profile::Rate::kRaw, Profile::Rate::kInterpolated}) {
+    ASSERT_TRUE(stream_.watch(receiver, Profile{rate, 3, Profile::Form::kFull, 1}));
+    if (rate == Profile::Rate::kRaw) begin();
+    if (rate != Profile::Rate::kRaw) receiver.decode(*stream_.join_for(receiver));
+    receiver.poses.clear();
+    play(4);
+    EXPECT_EQ(receiver.undecodable, 0);
+    ASSERT_GT(receiver.poses.size(), 3u);
+    for (const auto& pose : receiver.poses) {
+      EXPECT_EQ(pose.envelope.bands, 1);
+      if (pose.envelope.kind == FrameKind::kSynthetic) continue;
+      Key low = key_number(static_cast<int>(pose.envelope.sequence));
+      low.bands = 1;
+      std::fill(low.q.begin() + 12, low.q.end(), 0);
+      EXPECT_EQ(pose.key, low);
+    }
+  }
+}
+
+TEST_F(StreamTest, AJoinAtAnyMomentBringsAReceiverInStep) {
+  for (const Profile& profile : {kRaw, kFull, kCompact}) {
+    Stream stream("a", 7, Stream::Settings{});
+    FakeSender sender;
+    FakeReceiver steady;
+    ASSERT_TRUE(stream.watch(steady, profile));
+    ASSERT_TRUE(stream.claim(sender));
+    ASSERT_TRUE(stream.announce(small_announce(), 1));
+    std::vector<std::unique_ptr<FakeReceiver>> late;
+    TimeUs now = 0;
+    for (; now < 12 * kInterval; now += 1000) {
+      if (now % kInterval == 0) {
+        ASSERT_TRUE(stream.add_frame(sender.next(now), now));
+      }
+      stream.pump(now);
+      if (now < 2 * kInterval || now > 6 * kInterval) continue;
+      late.push_back(std::make_unique<FakeReceiver>());
+      ASSERT_TRUE(stream.watch(*late.back(), profile));
+      const FramePtr join = stream.join_for(*late.back());
+      ASSERT_TRUE(join);
+      EXPECT_EQ(join, stream.join_for(steady)) << "made once";
+      late.back()->decode(*join);
+    }
+    for (const auto& receiver : late) {
+      EXPECT_EQ(receiver->undecodable, 0);
+      EXPECT_EQ(receiver->poses.back().key, steady.poses.back().key);
+    }
+  }
+}
+
+TEST_F(StreamTest, AProfileCanChangeAnyTime) {
+  FakeReceiver receiver;
+  ASSERT_TRUE(stream_.watch(receiver, kRaw));
+  begin();
+  play(3);
+  for (const Profile& profile : {kFull, kCompact, kRaw, kCompact, kFull}) {
+    ASSERT_TRUE(stream_.watch(receiver, profile));
+    EXPECT_EQ(receiver.infos.back().profile.rate, profile.rate);
+    EXPECT_EQ(receiver.infos.back().profile.form, profile.form);
+    receiver.decode(*stream_.join_for(receiver));
+    const std::size_t before = receiver.poses.size();
+    play(4);
+    EXPECT_EQ(receiver.undecodable, 0);
+    EXPECT_GE(receiver.poses.size() - before, profile.rate == Profile::Rate::kRaw ? 4u : 9u);
+    EXPECT_EQ(stream_.profile_count(), 1u);
+  }
+}
+
+TEST_F(StreamTest, StatesFollowTheSenderAndTheLastPoseIsHeld) {
+  FakeReceiver receiver;
+  ASSERT_TRUE(stream_.watch(receiver, kRaw));
+  EXPECT_EQ(receiver.infos.back().state, State::kWaiting);
+  EXPECT_EQ(receiver.infos.back().epoch, 0u);
+  EXPECT_EQ(receiver.infos.back().stream_id, 7u);
+  EXPECT_FALSE(stream_.join_for(receiver));
+  begin();
+  EXPECT_EQ(receiver.infos.back().state, State::kLive);
+  EXPECT_EQ(receiver.infos.back().asset, small_announce().asset);
+  play(3);
+  stream_.release(sender_);
+  EXPECT_EQ(receiver.infos.back().state, State::kStalled);
+  FakeReceiver late;
+  ASSERT_TRUE(stream_.watch(late, kFull));
+  EXPECT_EQ(late.infos.back().state, State::kStalled);
+  late.decode(*stream_.join_for(late));
+  EXPECT_EQ(late.poses.back().key, key_number(2));
+}
+
+TEST_F(StreamTest, ASenderThatComesBackBeginsAnEpochThatAllFollow) {
+  FakeReceiver full;
+  FakeReceiver compact;
+  ASSERT_TRUE(stream_.watch(full, kFull));
+  ASSERT_TRUE(stream_.watch(compact, kCompact));
+  begin();
+  play(3);
+  stream_.release(sender_);
+  FakeSender second;
+  ASSERT_TRUE(stream_.claim(second));
+  ASSERT_TRUE(stream_.announce(small_announce(), 20));
+  EXPECT_EQ(full.infos.back().epoch, 20u);
+  full.poses.clear();
+  compact.poses.clear();
+  sender_ = second;
+  play(3);
+  wait(3 * kInterval);
+  EXPECT_EQ(full.undecodable + compact.undecodable, 0);
+  EXPECT_EQ(full.poses.size(), 7u);
+  EXPECT_EQ(compact.poses.size(), 7u);
+  for (const auto& pose : full.poses) EXPECT_EQ(pose.envelope.epoch, 20u);
+}
+
+TEST_F(StreamTest, AJoinOfTheSenderBridgesAGap) {
+  FakeReceiver raw;
+  FakeReceiver full;
+  FakeReceiver compact;
+  ASSERT_TRUE(stream_.watch(raw, kRaw));
+  ASSERT_TRUE(stream_.watch(full, kFull));
+  ASSERT_TRUE(stream_.watch(compact, kCompact));
+  begin();
+  play(3);
+  sender_.skip_number();
+  sender_.begin_anew();
+  play(3);
+  wait(3 * kInterval);
+  EXPECT_EQ(raw.undecodable + full.undecodable + compact.undecodable, 0);
+  EXPECT_EQ(raw.poses.size(), 6u);
+  EXPECT_EQ(full.poses.back().key, key_number(6));
+  EXPECT_EQ(compact.poses.back().key, key_number(6));
+}
+
+TEST_F(StreamTest, OneSenderAtATime) {
+  begin();
+  FakeSender second;
+  const auto refused = stream_.claim(second);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::kRefused);
+  stream_.release(second);
+  EXPECT_TRUE(stream_.has_publisher()) << "only the publisher releases";
+  stream_.release(sender_);
+  EXPECT_TRUE(stream_.claim(second));
+}
+
+TEST_F(StreamTest, GarbageIsRefusedAndChangesNothing) {
+  FakeReceiver receiver;
+  ASSERT_TRUE(stream_.watch(receiver, kRaw));
+  EXPECT_FALSE(stream_.add_frame(sender_.next(0), 0)) << "not announced";
+  sender_ = FakeSender();
+  begin();
+  play(2);
+  const Bytes good = sender_.next(now_);
+  for (std::size_t cut = 0; cut < good.size(); ++cut) {
+    EXPECT_FALSE(stream_.add_frame(ByteView(good).first(cut), now_)) << cut;
+  }
+  const auto changed = [&](std::size_t at, std::uint8_t value) {
+    Bytes bad = good;
+    bad[at] = value;
+    return bad;
+  };
+  EXPECT_FALSE(stream_.add_frame(changed(0, 3), now_)) << "synthetic";
+  EXPECT_FALSE(stream_.add_frame(changed(0, 4), now_)) << "step";
+  EXPECT_FALSE(stream_.add_frame(changed(1, 1), now_)) << "ahead";
+  EXPECT_FALSE(stream_.add_frame(changed(1, 2), now_)) << "reserved flag";
+  EXPECT_FALSE(stream_.add_frame(changed(2, 2), now_)) << "band 0 missing";
+  EXPECT_FALSE(stream_.add_frame(changed(2, 7), now_)) << "band not announced";
+  EXPECT_FALSE(stream_.add_frame(changed(12, 9), now_)) << "gap";
+  EXPECT_FALSE(stream_.add_frame(changed(12, 1), now_)) << "sequence again";
+  Bytes early = good;
+  std::fill(early.begin() + 20, early.begin() + 28, std::uint8_t{0});
+  EXPECT_FALSE(stream_.add_frame(early, now_)) << "capture time goes back";
+  EXPECT_EQ(receiver.frames.size(), 2u);
+  EXPECT_TRUE(stream_.add_frame(good, now_));
+  EXPECT_EQ(receiver.poses.back().key, key_number(2));
+}
+
+TEST_F(StreamTest, AKeyCannotBeginAChain) {
+  begin();
+  (void)sender_.next(now_);
+  const auto added = stream_.add_frame(sender_.next(now_ + 1), now_);
+  ASSERT_FALSE(added);
+  EXPECT_THAT(added.error().message, ::testing::HasSubstr("join"));
+}
+
+TEST_F(StreamTest, WatchersAndProfilesAreCapped) {
+  Stream stream("a", 1, {500'000, 2, 1});
+  ASSERT_TRUE(stream.claim(sender_));
+  ASSERT_TRUE(stream.announce(small_announce(), 1));
+  FakeReceiver a;
+  FakeReceiver b;
+  FakeReceiver c;
+  ASSERT_TRUE(stream.watch(a, kRaw));
+  EXPECT_EQ(stream.watch(b, kFull).error().code, ErrorCode::kTooLarge);
+  ASSERT_TRUE(stream.watch(b, kRaw));
+  EXPECT_EQ(stream.watch(c, kRaw).error().code, ErrorCode::kTooLarge);
+  stream.unwatch(a);
+  EXPECT_TRUE(stream.watch(c, kRaw));
+  EXPECT_EQ(sender_.counts, (std::vector<std::uint32_t>{0, 1, 2, 1, 2}));
+}
+
+TEST_F(StreamTest, ProfilesAreCappedBeforeThereIsASenderToo) {
+  Stream stream("a", 1, {500'000, 10, 2});
+  std::vector<FakeReceiver> receivers(4);
+  ASSERT_TRUE(stream.watch(receivers[0], kRaw));
+  ASSERT_TRUE(stream.watch(receivers[1], kFull));
+  EXPECT_EQ(stream.watch(receivers[2], kCompact).error().code, ErrorCode::kTooLarge);
+  EXPECT_TRUE(stream.watch(receivers[2], Profile{Profile::Rate::kRaw, 7})) << "raw has no k";
+  EXPECT_TRUE(stream.watch(receivers[1], kCompact)) << "the only one of its profile may change it";
+  stream.unwatch(receivers[1]);
+  EXPECT_TRUE(stream.watch(receivers[3], kFull));
+  ASSERT_TRUE(stream.claim(sender_));
+  ASSERT_TRUE(stream.announce(small_announce(), 1));
+  EXPECT_EQ(stream.profile_count(), 2u);
+}
+
+TEST_F(StreamTest, TracesReachWatchersWithTheBrokersStreamId) {
+  FakeReceiver receiver;
+  ASSERT_TRUE(stream_.watch(receiver, kRaw));
+  stream_.relay_trace({99, 5, {{"captured", 12}}});
+  ASSERT_EQ(receiver.traces.size(), 1u);
+  const auto trace = std::get<control::Trace>(control_from_text(*receiver.traces[0]).value());
+  EXPECT_EQ(trace.stream_id, 7u);
+  EXPECT_EQ(trace.sequence, 5u);
+}
+
+TEST(HubTest, IdsAreStableAndUnusedStreamsMakeRoom) {
+  Hub hub({2, {}});
+  Stream* a = hub.open("a").value();
+  EXPECT_EQ(hub.open("a").value(), a);
+  FakeSender sender;
+  ASSERT_TRUE(a->claim(sender));
+  ASSERT_TRUE(a->announce(small_announce(), 1));
+  Stream* b = hub.open("b").value();
+  FakeReceiver receiver;
+  ASSERT_TRUE(b->watch(receiver, kRaw));
+  EXPECT_NE(a->id(), b->id());
+  EXPECT_EQ(hub.open("c").error().code, ErrorCode::kTooLarge);
+  a->release(sender);
+  hub.left(*a);
+  EXPECT_EQ(hub.find("a"), a) << "its last pose is held";
+  EXPECT_TRUE(hub.open("c"));
+  EXPECT_EQ(hub.find("a"), nullptr) << "it made room";
+  b->unwatch(receiver);
+  hub.left(*b);
+  EXPECT_EQ(hub.find("b"), nullptr) << "it never had a pose";
+}
+
+}  // namespace
+}  // namespace eigencast::broker

@@ -1,0 +1,166 @@
+// SPDX-License-Identifier: MIT
+#include "broker/storage/asset_store.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+#include <fstream>
+#include <thread>
+
+#include "broker/relay/epoch_source.h"
+
+namespace eigencast::broker {
+namespace {
+
+namespace fs = std::filesystem;
+
+class AssetStoreTest : public ::testing::Test {
+ protected:
+  AssetStoreTest() {
+    std::string pattern = (fs::temp_directory_path() / "eigencast-store-XXXXXX").string();
+    folder_ = ::mkdtemp(pattern.data());
+  }
+  ~AssetStoreTest() override {
+    store_.reset();
+    fs::remove_all(folder_);
+  }
+  void open(const AssetStore::Settings& settings = {}) {
+    store_.reset();
+    auto opened = AssetStore::open(folder_, settings);
+    ASSERT_TRUE(opened) << opened.error().message;
+    store_ = std::move(*opened);
+  }
+  std::size_t files_left() const {
+    std::size_t count = 0;
+    for (const auto& entry : fs::recursive_directory_iterator(folder_ + "/assets"))
+      count += entry.is_regular_file() ? 1 : 0;
+    return count;
+  }
+
+  std::string folder_;
+  std::unique_ptr<AssetStore> store_;
+};
+
+const Bytes kContent(100'000, 42);
+
+TEST_F(AssetStoreTest, WhatIsPutCanBeRead) {
+  open();
+  const Sha256 id = sha256(kContent);
+  EXPECT_FALSE(store_->contains(id));
+  EXPECT_EQ(store_->read(id).error().code, ErrorCode::kNotFound);
+  {
+    auto upload = store_->begin_upload(id).value();
+    ASSERT_TRUE(upload->write(ByteView(kContent).first(60'000)));
+    ASSERT_TRUE(upload->write(ByteView(kContent).subspan(60'000)));
+    EXPECT_FALSE(store_->contains(id)) << "not visible before it is verified";
+    EXPECT_TRUE(upload->commit().value());
+  }
+  const auto object = store_->read(id).value();
+  ASSERT_EQ(object.size, kContent.size());
+  Bytes read(object.size);
+  ASSERT_EQ(::pread(object.file.get(), read.data(), read.size(), 0), static_cast<ssize_t>(read.size()));
+  EXPECT_EQ(read, kContent);
+  EXPECT_EQ(store_->total_bytes(), kContent.size());
+  open();
+  EXPECT_TRUE(store_->contains(id)) << "kept across restarts";
+  EXPECT_EQ(store_->total_bytes(), kContent.size());
+}
+
+TEST_F(AssetStoreTest, AnotherHashKeepsNothing) {
+  open();
+  const Sha256 id = sha256(Bytes{1});
+  {
+    auto upload = store_->begin_upload(id).value();
+    ASSERT_TRUE(upload->write(kContent));
+    const auto committed = upload->commit();
+    ASSERT_FALSE(committed);
+    EXPECT_EQ(committed.error().code, ErrorCode::kCorrupt);
+    EXPECT_THAT(committed.error().message, ::testing::HasSubstr(sha256(kContent).hex()));
+  }
+  EXPECT_FALSE(store_->contains(id));
+  EXPECT_EQ(files_left(), 0u);
+  EXPECT_EQ(store_->total_bytes(), 0u);
+}
+
+TEST_F(AssetStoreTest, AnUploadCutOffKeepsNothing) {
+  open();
+  {
+    auto upload = store_->begin_upload(sha256(kContent)).value();
+    ASSERT_TRUE(upload->write(ByteView(kContent).first(10)));
+  }
+  EXPECT_EQ(files_left(), 0u);
+  std::ofstream(folder_ + "/assets/uploading/1") << "left by a crash";
+  open();
+  EXPECT_EQ(files_left(), 0u);
+}
+
+TEST_F(AssetStoreTest, TheSameObjectTwiceIsOneObject) {
+  open();
+  const Sha256 id = sha256(kContent);
+  for (const bool is_new : {true, false}) {
+    auto upload = store_->begin_upload(id).value();
+    ASSERT_TRUE(upload->write(kContent));
+    EXPECT_EQ(upload->commit().value(), is_new);
+  }
+  EXPECT_EQ(files_left(), 1u);
+  EXPECT_EQ(store_->total_bytes(), kContent.size());
+}
+
+TEST_F(AssetStoreTest, UploadsAtTheSameTimeFromManyThreads) {
+  open();
+  const Sha256 id = sha256(kContent);
+  std::vector<std::thread> threads;
+  std::atomic<int> fresh{0};
+  for (int t = 0; t < 8; ++t) {
+    threads.emplace_back([&] {
+      auto upload = store_->begin_upload(id).value();
+      EXPECT_TRUE(upload->write(kContent));
+      if (upload->commit().value()) ++fresh;
+    });
+  }
+  for (auto& thread : threads) thread.join();
+  EXPECT_EQ(fresh, 1);
+  EXPECT_EQ(files_left(), 1u);
+  EXPECT_EQ(store_->total_bytes(), kContent.size());
+}
+
+TEST_F(AssetStoreTest, CapsHold) {
+  open({1000, 1500});
+  auto first = store_->begin_upload(sha256(Bytes(900, 1))).value();
+  ASSERT_TRUE(first->write(Bytes(900, 1)));
+  EXPECT_EQ(first->write(Bytes(101, 1)).error().code, ErrorCode::kTooLarge);
+  auto second = store_->begin_upload(sha256(Bytes(601, 1))).value();
+  EXPECT_EQ(second->write(Bytes(601, 1)).error().code, ErrorCode::kIo);
+  second.reset();
+  EXPECT_TRUE(first->commit());
+  first.reset();
+  EXPECT_EQ(store_->total_bytes(), 900u);
+}
+
+TEST_F(AssetStoreTest, OneBrokerPerFolder) {
+  open();
+  const auto second = AssetStore::open(folder_, {});
+  ASSERT_FALSE(second);
+  EXPECT_EQ(second.error().code, ErrorCode::kRefused);
+}
+
+TEST_F(AssetStoreTest, EpochsGrowAcrossRestartsAndClockSteps) {
+  const std::string path = folder_ + "/epoch";
+  constexpr std::uint64_t kNow = 1'800'000'000;
+  std::uint32_t last = 0;
+  for (const std::uint64_t now : {kNow, kNow, kNow - 1'000'000, kNow + 5}) {
+    auto source = EpochSource::open(path).value();
+    for (int i = 0; i < 3; ++i) {
+      const std::uint32_t epoch = source.next(now).value();
+      EXPECT_GT(epoch, last);
+      last = epoch;
+    }
+  }
+  std::ofstream(path) << "nonsense";
+  EXPECT_FALSE(EpochSource::open(path));
+}
+
+}  // namespace
+}  // namespace eigencast::broker
