@@ -9,6 +9,7 @@
 #include <random>
 #include <utility>
 
+#include "broker/config/show.h"
 #include "broker/connections/connection.h"
 #include "broker/http/http_session.h"
 #include "broker/operation/admin.h"
@@ -39,21 +40,21 @@ std::string random_id() {
 
 class Broker::Signals {
  public:
-  Signals(asio::io_context& loop, std::function<void()> on_signal)
-      : set_(loop, SIGINT, SIGTERM), on_signal_(std::move(on_signal)) {
+  Signals(asio::io_context& loop, std::function<void(int)> on_signal)
+      : set_(loop, SIGINT, SIGTERM, SIGHUP), on_signal_(std::move(on_signal)) {
     wait();
   }
 
  private:
   void wait() {
-    set_.async_wait([this](ErrorOf error, int) {
+    set_.async_wait([this](ErrorOf error, int signal) {
       if (error) return;
-      on_signal_();
-      wait();
+      wait();  // First: whatever becomes of this one, the next is heard.
+      on_signal_(signal);
     });
   }
   asio::signal_set set_;
-  std::function<void()> on_signal_;
+  std::function<void(int)> on_signal_;
 };
 
 Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string version, LogSink log) {
@@ -164,8 +165,27 @@ void Broker::tick() {
   for (Connection* connection : context_.connections) connection->on_tick();
 }
 
-void Broker::stop_on_signals() {
-  signals_ = std::make_unique<Signals>(loop_, [this] { stop(); });
+void Broker::obey_signals(std::function<Result<Config>()> load) {
+  signals_ = std::make_unique<Signals>(loop_, [this, load = std::move(load)](int signal) {
+    if (signal == SIGHUP) return reload(load());
+    stop();
+  });
+}
+
+void Broker::reload(const Result<Config>& wanted) {
+  if (!wanted) {
+    return log(context_.log, LogLevel::kError,
+               "the configuration is not reloaded, everything stays as it was: " + wanted.error().message);
+  }
+  const auto changes = changes_between(config_, *wanted);
+  for (const ConfigChange& change : changes) {
+    log(context_.log, change.live ? LogLevel::kInfo : LogLevel::kWarning,
+        change.path + " = " + change.after + " instead of " + change.before +
+            (change.live ? "" : ": needs a restart, the old value stays until then"));
+  }
+  config_ = reloaded(config_, *wanted);
+  log(context_.log, LogLevel::kInfo,
+      "the configuration is reloaded, " + std::to_string(changes.size()) + " settings differ");
 }
 
 void Broker::stop() {

@@ -3,6 +3,7 @@
 
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/thread_pool.hpp>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -31,8 +32,11 @@ class Broker {
   void run();
   /// Begins to stop; called again: now.
   void stop();
-  /// SIGTERM and SIGINT call stop() from now on.
-  void stop_on_signals();
+  /// Takes over what is reloadable of `wanted` and says what changes and what needs a restart. On the loop's thread, or
+  /// before run().
+  void reload(const Result<Config>& wanted);
+  /// From now on SIGTERM and SIGINT call stop(), and SIGHUP reloads what `load` gives.
+  void obey_signals(std::function<Result<Config>()> load);
 
   std::uint16_t port() const { return data_listener_.port(); }
   /// 0: off.

@@ -3,6 +3,7 @@
 #include <exception>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "broker/broker.h"
@@ -31,11 +32,16 @@ int run(int argc, char** argv) {
   if (options->answer) return std::fputs(options->answer->c_str(), stdout) < 0 ? 1 : 0;
   if (options->check_only) return std::puts("the configuration is good") < 0 ? 1 : 0;
 
-  const auto sink = broker::make_log_sink(options->config.log.level, options->config.log.format);
-  auto service = broker::Broker::create(options->config, EIGENCAST_VERSION, sink);
+  const broker::Config& config = options->loaded.config;
+  const auto sink = broker::make_log_sink(config.log.level, config.log.format);
+  auto service = broker::Broker::create(config, EIGENCAST_VERSION, sink);
   if (!service)
     return complain(service.error(), service.error().code == eigencast::ErrorCode::kUnreachable ? kCannotListen : 1);
-  (*service)->stop_on_signals();
+  (*service)->obey_signals([&options]() -> eigencast::Result<broker::Config> {
+    auto loaded = broker::load_config(options->sources);
+    if (!loaded) return loaded.error();
+    return std::move(loaded->config);
+  });
   if (!options->port_file.empty()) {
     const auto written =
         eigencast::write_file_atomically(options->port_file, std::to_string((*service)->port()) + "\n");

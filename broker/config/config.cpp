@@ -2,16 +2,8 @@
 #include "broker/config/config.h"
 
 #include <algorithm>
-#include <boost/asio/ip/address.hpp>
 #include <charconv>
-#include <cstdlib>
-#include <fstream>
-#include <iterator>
-#include <optional>
-#include <sstream>
-
-#define TOML_EXCEPTIONS 0
-#include <toml++/toml.h>
+#include <utility>
 
 #include "common/wire/limits.h"
 
@@ -20,39 +12,42 @@ namespace {
 
 constexpr std::int64_t kMany = std::int64_t{1} << 40;
 
-#define FIELD(path) [](Config& c) -> ConfigKey::Field { return &c.path; }
+struct Table {
+  std::vector<Setting> rows;
+  std::vector<std::pair<std::string_view, std::string_view>> sections;
+};
 
-const std::vector<ConfigKey>& keys() {
-  static const std::vector<ConfigKey> all = {
-      {"server", "listen", FIELD(server.listen), 0, 0, {}},
-      {"server", "admin_listen", FIELD(server.admin_listen), 0, 0, {}},
-      {"server", "data_dir", FIELD(server.data_dir), 0, 0, {}},
-      {"server", "allow_anonymous", FIELD(server.allow_anonymous), 0, 0, {}},
-      {"log", "level", FIELD(log.level), 0, 0, {"debug", "info", "warning", "error"}},
-      {"log", "format", FIELD(log.format), 0, 0, {"text", "json"}},
-      {"limits", "max_connections", FIELD(limits.max_connections), 1, 10'000'000, {}},
-      {"limits", "max_streams", FIELD(limits.max_streams), 1, 1'000'000, {}},
-      {"limits", "max_subscribers_per_stream", FIELD(limits.max_subscribers_per_stream), 1, 10'000'000, {}},
-      {"limits", "max_profiles_per_stream", FIELD(limits.max_profiles_per_stream), 1, 1'000, {}},
-      {"limits", "max_streams_per_connection", FIELD(limits.max_streams_per_connection), 1, 1'000, {}},
-      {"limits", "max_frame_bytes", FIELD(limits.max_frame_bytes), 1'024, limits::kMaxFrameBytes, {}},
-      {"limits", "max_control_bytes", FIELD(limits.max_control_bytes), 1'024, limits::kMaxControlBytes, {}},
-      {"limits", "max_queued_control_messages", FIELD(limits.max_queued_control_messages), 16, 1'000'000, {}},
-      {"limits", "max_queued_control_bytes", FIELD(limits.max_queued_control_bytes), 65'536, kMany, {}},
-      {"limits", "max_uploads", FIELD(limits.max_uploads), 1, 10'000, {}},
-      {"assets", "max_object_bytes", FIELD(assets.max_object_bytes), 1, limits::kMaxAssetObjectBytes, {}},
-      {"assets", "max_total_bytes", FIELD(assets.max_total_bytes), 1, kMany, {}},
-      {"timeouts", "header_ms", FIELD(timeouts.header_ms), 100, 600'000, {}},
-      {"timeouts", "transfer_ms", FIELD(timeouts.transfer_ms), 100, 3'600'000, {}},
-      {"timeouts", "idle_ms", FIELD(timeouts.idle_ms), 1'000, 3'600'000, {}},
-      {"timeouts", "shutdown_ms", FIELD(timeouts.shutdown_ms), 10, 60'000, {}},
-      {"frames", "max_span_ms", FIELD(frames.max_span_ms), 1, 60'000, {}},
-      {"frames", "window_ms", FIELD(frames.window_ms), 1, 60'000, {}},
-  };
-  return all;
+Table make_table() {
+  constexpr bool live = true;
+  constexpr bool restart = false;
+  Table table;
+#define SECTION(section, doc)                           \
+  {                                                     \
+    static constexpr auto kSection = &Config::section;  \
+    static constexpr std::string_view kName = #section; \
+    table.sections.emplace_back(kName, doc);
+#define END(section) }
+#define FIELD(name) [](Config& c) -> Setting::Field { return &(c.*kSection).name; }
+#define TEXT(name, value, when, doc) table.rows.push_back({kName, #name, FIELD(name), doc, when, false, 0, 0, {}, {}});
+#define SECRET(name, when, doc) table.rows.push_back({kName, #name, FIELD(name), doc, when, true, 0, 0, {}, {}});
+#define CHOICE(name, value, choices, when, doc) \
+  table.rows.push_back({kName, #name, FIELD(name), doc, when, false, 0, 0, {}, choices});
+#define LIST(name, values, when, doc) TEXT(name, {}, when, doc)
+#define FLAG(name, value, when, doc) TEXT(name, {}, when, doc)
+#define NUMBER(name, value, least, most, unit, when, doc) \
+  table.rows.push_back({kName, #name, FIELD(name), doc, when, false, least, most, unit, {}});
+#define CHOICES(...) \
+  { __VA_ARGS__ }
+#define DEFAULTS(...)
+#include "broker/config/settings.def"
+#undef FIELD
+  return table;
 }
 
-#undef FIELD
+const Table& table() {
+  static const Table made = make_table();
+  return made;
+}
 
 std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);
@@ -67,14 +62,100 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
   return row.back();
 }
 
-Error unknown_key(std::string_view path) {
+Error wrong(const Setting& setting, const std::string& what) {
+  return fail(ErrorCode::kInvalidArgument, setting.path() + " " + what);
+}
+
+Result<void> check(const Setting& setting, const SettingValue& value) {
+  if (const auto* text = std::get_if<std::string>(&value)) {
+    if (setting.choices.empty()) return {};
+    if (std::find(setting.choices.begin(), setting.choices.end(), *text) != setting.choices.end()) return {};
+    std::string allowed;
+    for (const auto choice : setting.choices) allowed += (allowed.empty() ? "" : ", ") + std::string(choice);
+    return wrong(setting, "= '" + *text + "' is none of: " + allowed);
+  }
+  const auto* number = std::get_if<std::int64_t>(&value);
+  if (number == nullptr || (*number >= setting.least && *number <= setting.most)) return {};
+  return wrong(setting, "= " + std::to_string(*number) + " is outside " + std::to_string(setting.least) + ".." +
+                            std::to_string(setting.most));
+}
+
+/// The comma-separated items of a list; blanks around them go.
+std::vector<std::string> items_of(std::string_view text) {
+  std::vector<std::string> items;
+  while (!text.empty()) {
+    const auto comma = text.find(',');
+    std::string_view item = text.substr(0, comma);
+    while (item.starts_with(' ')) item.remove_prefix(1);
+    while (item.ends_with(' ')) item.remove_suffix(1);
+    if (!item.empty()) items.emplace_back(item);
+    text = comma == std::string_view::npos ? std::string_view() : text.substr(comma + 1);
+  }
+  return items;
+}
+
+/// `text` as a value of the setting's type.
+Result<SettingValue> value_from_text(const Setting& setting, const Setting::Field& field, std::string_view text) {
+  if (std::holds_alternative<std::string*>(field)) return SettingValue(std::string(text));
+  if (std::holds_alternative<std::vector<std::string>*>(field)) return SettingValue(items_of(text));
+  if (std::holds_alternative<bool*>(field)) {
+    if (text == "true" || text == "false") return SettingValue(text == "true");
+    return wrong(setting, "must be true or false, not '" + std::string(text) + "'");
+  }
+  std::int64_t number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  if (error == std::errc() && end == text.data() + text.size() && !text.empty()) return SettingValue(number);
+  return wrong(setting, "must be a whole number, not '" + std::string(text) + "'");
+}
+
+std::string toml_quoted(std::string_view text) {
+  constexpr std::string_view kHex = "0123456789ABCDEF";
+  std::string out = "\"";
+  for (const char c : text) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (c == '"' || c == '\\') {
+      out += '\\';
+      out += c;
+    } else if (byte < 0x20 || byte == 0x7F) {
+      out += "\\u00";
+      out += kHex[byte >> 4];
+      out += kHex[byte & 15];
+    } else {
+      out += c;
+    }
+  }
+  return out + "\"";
+}
+
+}  // namespace
+
+std::span<const Setting> settings() {
+  return table().rows;
+}
+
+const Setting* find_setting(std::string_view path) {
+  for (const Setting& setting : settings()) {
+    if (setting.path() == path) return &setting;
+  }
+  return nullptr;
+}
+
+std::string_view section_doc(std::string_view section) {
+  for (const auto& [name, doc] : table().sections) {
+    if (name == section) return doc;
+  }
+  return {};
+}
+
+Error unknown_setting(std::string_view path) {
+  path = path.substr(0, 100);
   std::string best;
   std::size_t least = path.size() / 2 + 1;
-  for (const ConfigKey& key : keys()) {
-    const std::size_t distance = edit_distance(path.substr(0, 100), key.path());
+  for (const Setting& setting : settings()) {
+    const std::size_t distance = edit_distance(path, setting.path());
     if (distance < least) {
       least = distance;
-      best = key.path();
+      best = setting.path();
     }
   }
   std::string message = "unknown key '" + std::string(path) + "'";
@@ -82,190 +163,40 @@ Error unknown_key(std::string_view path) {
   return fail(ErrorCode::kInvalidArgument, std::move(message));
 }
 
-const ConfigKey* find_key(std::string_view path) {
-  for (const ConfigKey& key : keys()) {
-    if (key.path() == path) return &key;
-  }
-  return nullptr;
-}
-
-Result<void> assign(Config& config, const ConfigKey& key, std::string_view value) {
-  auto* text = std::get<std::string*>(key.field(config));
-  if (!key.choices.empty() && std::find(key.choices.begin(), key.choices.end(), value) == key.choices.end()) {
-    std::string allowed;
-    for (const auto choice : key.choices) allowed += (allowed.empty() ? "" : ", ") + std::string(choice);
-    return fail(ErrorCode::kInvalidArgument, key.path() + " = '" + std::string(value) + "' is none of: " + allowed);
-  }
-  *text = value;
-  return {};
-}
-
-Result<void> assign(Config& config, const ConfigKey& key, std::int64_t value) {
-  if (value < key.least || value > key.most) {
-    return fail(ErrorCode::kInvalidArgument, key.path() + " = " + std::to_string(value) + " is outside " +
-                                                 std::to_string(key.least) + ".." + std::to_string(key.most));
-  }
-  *std::get<std::int64_t*>(key.field(config)) = value;
-  return {};
-}
-
-Result<void> assign_node(Config& config, const ConfigKey& key, const toml::node& node) {
-  const ConfigKey::Field field = key.field(config);
-  if (std::holds_alternative<std::string*>(field)) {
-    if (const auto* value = node.as_string()) return assign(config, key, value->get());
-    return fail(ErrorCode::kInvalidArgument, key.path() + " must be a text in quotes");
-  }
-  if (std::holds_alternative<std::int64_t*>(field)) {
-    if (const auto* value = node.as_integer()) return assign(config, key, value->get());
-    return fail(ErrorCode::kInvalidArgument, key.path() + " must be a whole number");
-  }
-  if (const auto* value = node.as_boolean()) {
-    *std::get<bool*>(field) = value->get();
-    return {};
-  }
-  return fail(ErrorCode::kInvalidArgument, key.path() + " must be true or false");
-}
-
-std::string upper(std::string_view text) {
-  std::string out(text);
-  for (char& c : out) c = c >= 'a' && c <= 'z' ? static_cast<char>(c - 'a' + 'A') : c;
-  return out;
-}
-
-std::string lower(std::string_view text) {
-  std::string out(text);
-  for (char& c : out) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
-  return out;
-}
-
-}  // namespace
-
-std::span<const ConfigKey> config_keys() {
-  return keys();
-}
-
 Result<void> set_config(Config& config, std::string_view path, std::string_view value) {
-  const ConfigKey* key = find_key(path);
-  if (key == nullptr) return unknown_key(path);
-  const ConfigKey::Field field = key->field(config);
-  if (std::holds_alternative<std::string*>(field)) return assign(config, *key, value);
-  if (std::holds_alternative<bool*>(field)) {
-    if (value != "true" && value != "false") {
-      return fail(ErrorCode::kInvalidArgument,
-                  key->path() + " must be true or false, not '" + std::string(value) + "'");
-    }
-    *std::get<bool*>(field) = value == "true";
-    return {};
-  }
-  std::int64_t number = 0;
-  const auto [end, error] = std::from_chars(value.data(), value.data() + value.size(), number);
-  if (error != std::errc() || end != value.data() + value.size()) {
-    return fail(ErrorCode::kInvalidArgument, key->path() + " must be a whole number, not '" + std::string(value) + "'");
-  }
-  return assign(config, *key, number);
+  const Setting* setting = find_setting(path);
+  if (setting == nullptr) return unknown_setting(path);
+  auto typed = value_from_text(*setting, setting->field(config), value);
+  if (!typed) return typed.error();
+  return set_config(config, *setting, std::move(*typed));
 }
 
-Result<void> read_config(Config& config, std::string_view toml, std::string_view name) {
-  const toml::parse_result parsed = toml::parse(toml, name);
-  const auto at = [&](const toml::source_region& where) {
-    return std::string(name) + ":" + std::to_string(where.begin.line);
-  };
-  if (!parsed) {
-    return fail(ErrorCode::kInvalidArgument,
-                at(parsed.error().source()) + ": " + std::string(parsed.error().description()));
+Result<void> set_config(Config& config, const Setting& setting, SettingValue value) {
+  const Setting::Field field = setting.field(config);
+  if (field.index() != value.index()) {
+    constexpr const char* kMust[] = {"must be a text in quotes", "must be true or false", "must be a whole number",
+                                     "must be a list of texts: [\"a\", \"b\"]"};
+    return wrong(setting, kMust[field.index()]);
   }
-  for (const auto& [section, node] : parsed.table()) {
-    const toml::table* table = node.as_table();
-    if (table == nullptr) return in_context(at(node.source()), unknown_key(section.str()));
-    for (const auto& [key_name, value] : *table) {
-      const std::string path = std::string(section.str()) + "." + std::string(key_name.str());
-      const ConfigKey* key = find_key(path);
-      if (key == nullptr) return in_context(at(value.source()), unknown_key(path));
-      if (auto set = assign_node(config, *key, value); !set) return in_context(at(value.source()), set.error());
-    }
-  }
+  if (auto good = check(setting, value); !good) return good;
+  std::visit([&](auto* place) { *place = std::get<std::remove_pointer_t<decltype(place)>>(std::move(value)); }, field);
   return {};
 }
 
-Result<void> read_config_file(Config& config, const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) return fail(ErrorCode::kNotFound, path + ": cannot be opened: check the path and its permissions");
-  std::ostringstream text;
-  text << file.rdbuf();
-  if (file.bad() || text.bad()) return fail(ErrorCode::kIo, path + ": cannot be read");
-  return read_config(config, text.str(), path);
+SettingValue value_of(const Config& config, const Setting& setting) {
+  // The table's accessors give places to write to; here one is only read.
+  return std::visit([](const auto* place) { return SettingValue(*place); }, setting.field(const_cast<Config&>(config)));
 }
 
-Result<void> read_environment(Config& config, std::span<const std::string_view> environment) {
-  for (const std::string_view entry : environment) {
-    const auto equals = entry.find('=');
-    const std::string_view name = entry.substr(0, equals);
-    constexpr std::string_view kPrefix = "EIGENCAST_";
-    const auto split = name.find("__");
-    if (equals == std::string_view::npos || !name.starts_with(kPrefix) || split == std::string_view::npos) continue;
-    const std::string_view section = name.substr(kPrefix.size(), split - kPrefix.size());
-    const bool ours =
-        std::any_of(keys().begin(), keys().end(), [&](const auto& key) { return upper(key.section) == section; });
-    if (!ours) continue;
-    const std::string path = lower(section) + "." + lower(name.substr(split + 2));
-    if (auto set = set_config(config, path, entry.substr(equals + 1)); !set) {
-      return in_context("environment variable " + std::string(name), set.error());
-    }
+std::string toml_of(const SettingValue& value) {
+  if (const auto* text = std::get_if<std::string>(&value)) return toml_quoted(*text);
+  if (const auto* flag = std::get_if<bool>(&value)) return *flag ? "true" : "false";
+  if (const auto* number = std::get_if<std::int64_t>(&value)) return std::to_string(*number);
+  std::string list = "[";
+  for (const std::string& item : std::get<std::vector<std::string>>(value)) {
+    list += (list.size() > 1 ? ", " : "") + toml_quoted(item);
   }
-  return {};
-}
-
-Result<Address> parse_address(std::string_view text) {
-  const auto wrong = [&] {
-    return fail(
-        ErrorCode::kInvalidArgument,
-        "'" + std::string(text) + "' is no address: write ADDRESS:PORT, for example 127.0.0.1:7490 or [::1]:7490");
-  };
-  const auto colon = text.rfind(':');
-  if (colon == std::string_view::npos) return wrong();
-  std::string_view host = text.substr(0, colon);
-  const std::string_view port = text.substr(colon + 1);
-  if (host.starts_with('[') && host.ends_with(']')) {
-    host = host.substr(1, host.size() - 2);
-  } else if (host.find(':') != std::string_view::npos) {
-    return wrong();
-  }
-  Address address{host == "localhost" ? std::string("127.0.0.1") : std::string(host), 0, false};
-  const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), address.port);
-  if (error != std::errc() || end != port.data() + port.size() || port.empty()) return wrong();
-  boost::system::error_code code;
-  const auto ip = boost::asio::ip::make_address(address.host, code);
-  if (code) return wrong();
-  address.loopback = ip.is_loopback();
-  return address;
-}
-
-Result<void> check_config(const Config& config) {
-  const auto listen = parse_address(config.server.listen);
-  if (!listen) return in_context("server.listen", listen.error());
-  const auto admin = parse_address(config.server.admin_listen);
-  if (!admin) return in_context("server.admin_listen", admin.error());
-  if (!listen->loopback && !config.server.allow_anonymous) {
-    return fail(ErrorCode::kInvalidArgument,
-                "server.listen = '" + config.server.listen +
-                    "' reaches beyond this machine, where anybody could publish and watch, because this version asks "
-                    "nobody who "
-                    "they are: listen on 127.0.0.1 (behind a proxy that checks), or set server.allow_anonymous = true");
-  }
-  if (!admin->loopback) {
-    return fail(ErrorCode::kInvalidArgument,
-                "server.admin_listen = '" + config.server.admin_listen +
-                    "' reaches beyond this machine: the admin listener is for loopback only");
-  }
-  return {};
-}
-
-std::string data_dir_of(const Config& config) {
-  if (!config.server.data_dir.empty()) return config.server.data_dir;
-  const char* state = std::getenv("XDG_STATE_HOME");
-  if (state != nullptr && *state == '/') return std::string(state) + "/eigencast";
-  const char* home = std::getenv("HOME");
-  return std::string(home != nullptr && *home != '\0' ? home : ".") + "/.local/state/eigencast";
+  return list + "]";
 }
 
 }  // namespace eigencast::broker

@@ -2,8 +2,11 @@
 #include "broker/config/options.h"
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <utility>
 #include <vector>
+
+#include "broker/config/show.h"
 
 namespace eigencast::broker {
 namespace {
@@ -13,37 +16,40 @@ constexpr const char* kFooter =
     "  eigencast-broker                                         listen on 127.0.0.1:7490\n"
     "  eigencast-broker --listen 127.0.0.1:0 --port-file PORT   any free port, written to PORT\n"
     "  eigencast-broker --config eigencast.toml --check-config  try a configuration\n"
-    "Every setting stands in eigencast.toml; EIGENCAST_SECTION__KEY sets it from the environment.\n"
+    "  eigencast-broker --default-config                        all settings, explained\n"
+    "Every setting has a flag, --section-name (--limits-max-streams 16), and a name in the environment,\n"
+    "EIGENCAST_SECTION__NAME. SIGHUP reads the configuration again.\n"
     "Exit codes: 0 ended as asked, 1 failure, 2 usage or configuration, 4 cannot listen.";
 
-/// Flags that stand for a key of the configuration.
-struct KeyFlag {
-  const char* flag;
-  const char* key;
+/// The flags that --help shows; the others are in --default-config.
+struct ShownFlag {
+  const char* path;
   const char* help;
 };
-constexpr KeyFlag kKeyFlags[] = {
-    {"--listen", "server.listen",
-     "Where senders and viewers connect, ADDR:PORT (default: 127.0.0.1:7490; port 0: any)"},
-    {"--admin-listen", "server.admin_listen", "Health and metrics, on loopback (default: 127.0.0.1:7491; port 0: off)"},
-    {"--data-dir", "server.data_dir",
-     "Where assets are kept (default: $XDG_STATE_HOME/eigencast or ~/.local/state/eigencast)"},
-    {"--log-level", "log.level", "debug, info, warning or error (default: info)"},
-    {"--log-format", "log.format", "text or json (default: text)"},
+constexpr ShownFlag kShown[] = {
+    {"server.listen", "Where senders and viewers connect, ADDR:PORT (default: 127.0.0.1:7490; port 0: any)"},
+    {"server.admin_listen", "Health and metrics, on loopback (default: 127.0.0.1:7491; port 0: off)"},
+    {"server.data_dir", "Where assets are kept (default: $XDG_STATE_HOME/eigencast or ~/.local/state/eigencast)"},
+    {"log.level", "debug, info, warning or error (default: info)"},
+    {"log.format", "text or json (default: text)"},
 };
 
-Result<void> merge(Config& config, const std::string& file, std::span<const std::string_view> environment,
-                   const std::vector<std::string>& flags) {
-  if (!file.empty()) {
-    if (auto read = read_config_file(config, file); !read) return read;
-  }
-  if (auto read = read_environment(config, environment); !read) return read;
-  for (std::size_t i = 0; i < flags.size(); ++i) {
-    if (flags[i].empty()) continue;
-    if (auto set = set_config(config, kKeyFlags[i].key, flags[i]); !set)
-      return in_context(kKeyFlags[i].flag, set.error());
-  }
-  return check_config(config);
+std::string flag_of(const Setting& setting) {
+  std::string flag = setting.section == "server" ? std::string() : std::string(setting.section) + "-";
+  flag += setting.name;
+  std::replace(flag.begin(), flag.end(), '_', '-');
+  return "--" + flag;
+}
+
+CLI::Option* add_flag(CLI::App& app, const Setting& setting, std::string& value) {
+  Config any;
+  const bool is_switch = std::holds_alternative<bool*>(setting.field(any));
+  const std::string flag = flag_of(setting);
+  CLI::Option* option = is_switch ? app.add_flag(flag, value) : app.add_option(flag, value);
+  const auto* shown = std::find_if(std::begin(kShown), std::end(kShown),
+                                   [&](const ShownFlag& row) { return row.path == setting.path(); });
+  if (shown == std::end(kShown)) return option->group("");
+  return option->description(shown->help);
 }
 
 }  // namespace
@@ -54,12 +60,17 @@ Result<Options> read_options(int argc, const char* const* argv, std::span<const 
   CLI::App app("Relays live deforming surfaces from senders to any number of viewers", "eigencast-broker");
   app.footer(kFooter);
   app.set_version_flag("--version", "eigencast-broker " + std::string(version));
-  std::string file;
-  std::vector<std::string> flags(std::size(kKeyFlags));
-  app.add_option("-c,--config", file, "Configuration file (TOML)");
-  for (std::size_t i = 0; i < flags.size(); ++i) app.add_option(kKeyFlags[i].flag, flags[i], kKeyFlags[i].help);
+  app.add_option("-c,--config", options.sources.file, "Configuration file (TOML)");
+  const auto all = settings();
+  std::vector<std::string> values(all.size());
+  std::vector<CLI::Option*> flags;
+  for (std::size_t i = 0; i < all.size(); ++i) flags.push_back(add_flag(app, all[i], values[i]));
+  bool show = false;
+  bool defaults = false;
   app.add_option("--port-file", options.port_file, "Write the port to this file once listening");
   app.add_flag("--check-config", options.check_only, "Read and check the configuration, then end");
+  app.add_flag("--show-config", show, "Print every setting and where its value comes from, then end");
+  app.add_flag("--default-config", defaults, "Print the default configuration file with its explanations, then end");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -71,7 +82,18 @@ Result<Options> read_options(int argc, const char* const* argv, std::span<const 
     }
     return fail(ErrorCode::kInvalidArgument, err.str());
   }
-  if (auto merged = merge(options.config, file, environment, flags); !merged) return merged.error();
+  if (defaults) {
+    options.answer = default_file();
+    return options;
+  }
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    if (flags[i]->count() > 0) options.sources.flags.push_back({flag_of(all[i]), all[i].path(), values[i]});
+  }
+  options.sources.environment.assign(environment.begin(), environment.end());
+  auto loaded = load_config(options.sources);
+  if (!loaded) return loaded.error();
+  options.loaded = std::move(*loaded);
+  if (show) options.answer = shown_config(options.loaded);
   return options;
 }
 

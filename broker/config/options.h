@@ -6,19 +6,21 @@
 #include <string>
 #include <string_view>
 
-#include "broker/config/config.h"
+#include "broker/config/sources.h"
 #include "common/core/result.h"
 
 namespace eigencast::broker {
 
 /// What the command line asks for, with the configuration of all sources merged: flags > environment > file > default.
 struct Options {
-  Config config;
+  ConfigSources sources;  ///< To be read again by a reload.
+  LoadedConfig loaded;
   std::string port_file;              ///< Empty: none.
   bool check_only = false;            ///< --check-config
-  std::optional<std::string> answer;  ///< Text to print, then end with 0 (--help, --version).
+  std::optional<std::string> answer;  ///< Text to print, then end with 0 (--help, --version, --show-config...).
 };
 
+/// Every setting has a flag: --section-name, those of [server] --name.
 /// Errors: kInvalidArgument, kNotFound, kIo: all of them misuse, exit code 2.
 Result<Options> read_options(int argc, const char* const* argv, std::span<const std::string_view> environment,
                              std::string_view version);

@@ -9,63 +9,99 @@
 #include <sstream>
 
 #include "broker/config/options.h"
+#include "broker/config/show.h"
 
 namespace eigencast::broker {
 namespace {
 
 using ::testing::HasSubstr;
+using ::testing::MatchesRegex;
 
-std::string value_of(Config& config, const ConfigKey& key) {
-  const auto field = key.field(config);
-  if (const auto* text = std::get_if<std::string*>(&field)) return **text;
-  if (const auto* flag = std::get_if<bool*>(&field)) return **flag ? "true" : "false";
-  return std::to_string(*std::get<std::int64_t*>(field));
-}
-
-std::string default_file() {
-  std::ifstream file(EIGENCAST_DEFAULT_CONFIG);
+std::string file_text(const char* path) {
+  std::ifstream file(path);
   std::ostringstream text;
   text << file.rdbuf();
   return text.str();
 }
 
-TEST(ConfigTest, TheDefaultFileNamesEveryKeyOnceWithItsDefaultAndAComment) {
-  std::istringstream lines(default_file());
-  std::set<std::string> seen;
-  std::string section;
-  std::string line;
-  std::string before;
-  for (; std::getline(lines, line); before = line) {
-    if (line.starts_with("[")) section = line.substr(1, line.find(']') - 1);
-    const auto equals = line.find(" = ");
-    if (line.starts_with("#") || equals == std::string::npos) continue;
-    EXPECT_TRUE(seen.insert(section + "." + line.substr(0, equals)).second) << line;
-    EXPECT_TRUE(before.starts_with("#")) << line << " has no comment";
-  }
-  std::set<std::string> known;
-  for (const ConfigKey& key : config_keys()) known.insert(key.path());
-  EXPECT_EQ(seen, known);
+/// A value that is not the default; within bounds where it can be.
+void spoil(Config& config, const Setting& setting) {
+  const auto field = setting.field(config);
+  if (auto* const* text = std::get_if<std::string*>(&field)) **text = "spoilt";
+  if (auto* const* flag = std::get_if<bool*>(&field)) **flag = !**flag;
+  if (auto* const* number = std::get_if<std::int64_t*>(&field)) **number = **number == 1 ? 2 : 1;
+  if (auto* const* list = std::get_if<std::vector<std::string>*>(&field)) **list = {"spoilt", "a \"quoted\" one"};
+}
 
-  // Every value is spoilt first, so that only the file can bring the defaults back.
-  Config defaults;
+TEST(ConfigTest, TheDefaultFileIsTheOneOfTheTable) {
+  EXPECT_EQ(file_text(EIGENCAST_DEFAULT_CONFIG), default_file())
+      << "write it anew: eigencast-broker --default-config > deploy/eigencast.toml";
+}
+
+TEST(ConfigTest, TheDefaultFileBringsEveryDefaultBack) {
   Config read;
-  for (const ConfigKey& key : config_keys()) {
-    const auto field = key.field(read);
-    if (const auto* text = std::get_if<std::string*>(&field)) **text = "spoilt";
-    if (const auto* flag = std::get_if<bool*>(&field)) **flag = !**flag;
-    if (const auto* number = std::get_if<std::int64_t*>(&field)) **number = -1;
-  }
-  const auto result = read_config(read, default_file(), "eigencast.toml");
+  for (const Setting& setting : settings()) spoil(read, setting);
+  Origins origins;
+  const auto result = read_config(read, default_file(), "eigencast.toml", &origins);
   ASSERT_TRUE(result) << result.error().message;
-  for (const ConfigKey& key : config_keys()) EXPECT_EQ(value_of(read, key), value_of(defaults, key)) << key.path();
+  EXPECT_EQ(origins.size(), settings().size());
+  for (const Setting& setting : settings()) {
+    EXPECT_EQ(value_of(read, setting), value_of(Config{}, setting)) << setting.path();
+  }
+}
+
+TEST(ConfigTest, EverySettingIsDocumentedWithItsUnit) {
+  std::set<std::string> seen;
+  for (const Setting& setting : settings()) {
+    EXPECT_TRUE(seen.insert(setting.path()).second) << setting.path() << " stands twice";
+    EXPECT_TRUE(setting.doc.size() > 10 && setting.doc.ends_with('.')) << setting.path();
+    EXPECT_TRUE(section_doc(setting.section).ends_with('.')) << setting.section;
+    const std::string_view name = setting.name;
+    EXPECT_EQ(name.ends_with("_ms"), setting.unit == "milliseconds") << setting.path();
+    EXPECT_EQ(name.ends_with("_s"), setting.unit == "seconds") << setting.path();
+    EXPECT_EQ(name.find("bytes") != name.npos, setting.unit.starts_with("bytes")) << setting.path();
+  }
 }
 
 TEST(ConfigTest, DefaultsAreWithinTheirOwnBounds) {
-  for (const ConfigKey& key : config_keys()) {
+  for (const Setting& setting : settings()) {
     Config config;
-    EXPECT_TRUE(set_config(config, key.path(), value_of(config, key))) << key.path();
+    EXPECT_TRUE(set_config(config, setting, value_of(config, setting))) << setting.path();
   }
   EXPECT_TRUE(check_config(Config{}));
+}
+
+TEST(ConfigTest, AReloadTakesWhatIsLiveAndSaysWhatIsNot) {
+  Config running;
+  Config wanted;
+  for (const Setting& setting : settings()) spoil(wanted, setting);
+  EXPECT_EQ(changes_between(running, wanted).size(), settings().size());
+  EXPECT_TRUE(changes_between(running, running).empty());
+  wanted = {};
+  wanted.limits.max_uploads = 3;
+  wanted.server.data_dir = "/elsewhere";
+  const auto changes = changes_between(running, wanted);
+  ASSERT_EQ(changes.size(), 2U);
+  EXPECT_FALSE(changes[0].live);
+  EXPECT_EQ(changes[0].after, "\"/elsewhere\"");
+  EXPECT_TRUE(changes[1].live);
+  EXPECT_EQ(changes[1].before, "16");
+  const Config merged = reloaded(running, wanted);
+  EXPECT_EQ(merged.limits.max_uploads, 3);
+  EXPECT_EQ(merged.server.data_dir, "");
+}
+
+TEST(ConfigTest, ShownConfigurationSaysWhereEachValueComesFrom) {
+  const std::string path = ::testing::TempDir() + "/eigencast_shown.toml";
+  std::ofstream(path) << "\n[limits]\nmax_streams = 5\n";
+  const char* argv[] = {"eigencast-broker", "--config", path.c_str(), "--limits-max-uploads", "7", "--show-config"};
+  const std::vector<std::string_view> environment = {"EIGENCAST_LOG__LEVEL=error"};
+  const auto options = read_options(6, argv, environment, "0");
+  ASSERT_TRUE(options) << options.error().message;
+  EXPECT_THAT(*options->answer, MatchesRegex("(.|\n)*max_streams = 5 +# .*eigencast_shown.toml:3\n(.|\n)*"));
+  EXPECT_THAT(*options->answer, MatchesRegex("(.|\n)*max_uploads = 7 +# --limits-max-uploads\n(.|\n)*"));
+  EXPECT_THAT(*options->answer, MatchesRegex("(.|\n)*level = \"error\" +# EIGENCAST_LOG__LEVEL\n(.|\n)*"));
+  EXPECT_THAT(*options->answer, MatchesRegex("(.|\n)*max_connections = 20000 +# default\n(.|\n)*"));
 }
 
 TEST(ConfigTest, MistakesAreNamedWithLineAndSuggestion) {
@@ -93,10 +129,10 @@ TEST(ConfigTest, FlagsWinOverEnvironmentOverFile) {
   const char* argv[] = {"eigencast-broker", "--config", path.c_str(), "--log-level", "debug"};
   const auto options = read_options(5, argv, environment, "0");
   ASSERT_TRUE(options) << options.error().message;
-  EXPECT_EQ(options->config.limits.max_connections, 50);
-  EXPECT_EQ(options->config.limits.max_streams, 6);
-  EXPECT_EQ(options->config.log.level, "debug");
-  EXPECT_EQ(options->config.limits.max_uploads, Config{}.limits.max_uploads);
+  EXPECT_EQ(options->loaded.config.limits.max_connections, 50);
+  EXPECT_EQ(options->loaded.config.limits.max_streams, 6);
+  EXPECT_EQ(options->loaded.config.log.level, "debug");
+  EXPECT_EQ(options->loaded.config.limits.max_uploads, Config{}.limits.max_uploads);
   const std::vector<std::string_view> wrong = {"EIGENCAST_LIMITS__MAX_STREMS=6"};
   EXPECT_THAT(read_options(1, argv, wrong, "0").error().message, HasSubstr("did you mean 'limits.max_streams'?"));
 }

@@ -1,0 +1,63 @@
+// SPDX-License-Identifier: MIT
+#include <boost/asio/ip/address.hpp>
+#include <charconv>
+#include <cstdlib>
+
+#include "broker/config/config.h"
+
+namespace eigencast::broker {
+
+Result<Address> parse_address(std::string_view text) {
+  const auto wrong = [&] {
+    return fail(
+        ErrorCode::kInvalidArgument,
+        "'" + std::string(text) + "' is no address: write ADDRESS:PORT, for example 127.0.0.1:7490 or [::1]:7490");
+  };
+  const auto colon = text.rfind(':');
+  if (colon == std::string_view::npos) return wrong();
+  std::string_view host = text.substr(0, colon);
+  const std::string_view port = text.substr(colon + 1);
+  if (host.starts_with('[') && host.ends_with(']')) {
+    host = host.substr(1, host.size() - 2);
+  } else if (host.find(':') != std::string_view::npos) {
+    return wrong();
+  }
+  Address address{host == "localhost" ? std::string("127.0.0.1") : std::string(host), 0, false};
+  const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), address.port);
+  if (error != std::errc() || end != port.data() + port.size() || port.empty()) return wrong();
+  boost::system::error_code code;
+  const auto ip = boost::asio::ip::make_address(address.host, code);
+  if (code) return wrong();
+  address.loopback = ip.is_loopback();
+  return address;
+}
+
+Result<void> check_config(const Config& config) {
+  const auto listen = parse_address(config.server.listen);
+  if (!listen) return in_context("server.listen", listen.error());
+  const auto admin = parse_address(config.server.admin_listen);
+  if (!admin) return in_context("server.admin_listen", admin.error());
+  if (!listen->loopback && !config.server.allow_anonymous) {
+    return fail(ErrorCode::kInvalidArgument,
+                "server.listen = '" + config.server.listen +
+                    "' reaches beyond this machine, where anybody could publish and watch, because this version asks "
+                    "nobody who "
+                    "they are: listen on 127.0.0.1 (behind a proxy that checks), or set server.allow_anonymous = true");
+  }
+  if (!admin->loopback) {
+    return fail(ErrorCode::kInvalidArgument,
+                "server.admin_listen = '" + config.server.admin_listen +
+                    "' reaches beyond this machine: the admin listener is for loopback only");
+  }
+  return {};
+}
+
+std::string data_dir_of(const Config& config) {
+  if (!config.server.data_dir.empty()) return config.server.data_dir;
+  const char* state = std::getenv("XDG_STATE_HOME");
+  if (state != nullptr && *state == '/') return std::string(state) + "/eigencast";
+  const char* home = std::getenv("HOME");
+  return std::string(home != nullptr && *home != '\0' ? home : ".") + "/.local/state/eigencast";
+}
+
+}  // namespace eigencast::broker

@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: MIT
+#include "broker/config/sources.h"
+
+#include <algorithm>
+#include <fstream>
+#include <optional>
+
+#define TOML_EXCEPTIONS 0
+#include <toml++/toml.h>
+
+namespace eigencast::broker {
+namespace {
+
+constexpr std::size_t kMaxFileBytes = 1 << 20;
+
+void note(Origins* origins, const std::string& path, std::string where) {
+  if (origins != nullptr) (*origins)[path] = std::move(where);
+}
+
+/// Nothing for types that no setting has; an empty list is a list of texts.
+std::optional<SettingValue> value_from_node(const toml::node& node) {
+  if (const auto* text = node.as_string()) return SettingValue(text->get());
+  if (const auto* flag = node.as_boolean()) return SettingValue(flag->get());
+  if (const auto* number = node.as_integer()) return SettingValue(number->get());
+  const auto* array = node.as_array();
+  if (array == nullptr) return std::nullopt;
+  std::vector<std::string> items;
+  for (const toml::node& item : *array) {
+    const auto* text = item.as_string();
+    if (text == nullptr) return std::nullopt;
+    items.push_back(text->get());
+  }
+  return SettingValue(std::move(items));
+}
+
+std::string changed_case(std::string_view text, char first, char last, int by) {
+  std::string out(text);
+  for (char& c : out) c = c >= first && c <= last ? static_cast<char>(c + by) : c;
+  return out;
+}
+
+std::string upper(std::string_view text) {
+  return changed_case(text, 'a', 'z', 'A' - 'a');
+}
+
+std::string lower(std::string_view text) {
+  return changed_case(text, 'A', 'Z', 'a' - 'A');
+}
+
+}  // namespace
+
+Result<void> read_config(Config& config, std::string_view toml, std::string_view name, Origins* origins) {
+  const toml::parse_result parsed = toml::parse(toml, name);
+  const auto at = [&](const toml::source_region& where) {
+    return std::string(name) + ":" + std::to_string(where.begin.line);
+  };
+  if (!parsed) {
+    return fail(ErrorCode::kInvalidArgument,
+                at(parsed.error().source()) + ": " + std::string(parsed.error().description()));
+  }
+  for (const auto& [section, node] : parsed.table()) {
+    const toml::table* table = node.as_table();
+    if (table == nullptr) return in_context(at(node.source()), unknown_setting(section.str()));
+    if (table->empty() && section_doc(section.str()).empty()) {
+      return in_context(at(node.source()), unknown_setting(section.str()));
+    }
+    for (const auto& [key_name, node_of_value] : *table) {
+      const std::string where = at(node_of_value.source());
+      const std::string path = std::string(section.str()) + "." + std::string(key_name.str());
+      const Setting* setting = find_setting(path);
+      if (setting == nullptr) return in_context(where, unknown_setting(path));
+      // What no setting can be is refused as what this one is not.
+      auto value = value_from_node(node_of_value);
+      if (!value) {
+        const bool text = std::holds_alternative<std::string*>(setting->field(config));
+        value = text ? SettingValue(false) : SettingValue(std::string());
+      }
+      if (auto set = set_config(config, *setting, std::move(*value)); !set) return in_context(where, set.error());
+      note(origins, path, where);
+    }
+  }
+  return {};
+}
+
+Result<void> read_config_file(Config& config, const std::string& path, Origins* origins) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return fail(ErrorCode::kNotFound, path + ": cannot be opened: check the path and its permissions");
+  std::string text(kMaxFileBytes + 1, '\0');
+  file.read(text.data(), static_cast<std::streamsize>(text.size()));
+  if (file.bad()) return fail(ErrorCode::kIo, path + ": cannot be read");
+  text.resize(static_cast<std::size_t>(file.gcount()));
+  if (text.size() > kMaxFileBytes) return fail(ErrorCode::kTooLarge, path + ": is over 1 MiB: no configuration");
+  return read_config(config, text, path, origins);
+}
+
+Result<void> read_environment(Config& config, std::span<const std::string_view> environment, Origins* origins) {
+  const auto ours = [](std::string_view section) {
+    const auto all = settings();
+    return std::any_of(all.begin(), all.end(), [&](const Setting& s) { return upper(s.section) == section; });
+  };
+  for (const std::string_view entry : environment) {
+    const auto equals = entry.find('=');
+    const std::string_view name = entry.substr(0, equals);
+    constexpr std::string_view kPrefix = "EIGENCAST_";
+    const auto split = name.find("__");
+    if (equals == std::string_view::npos || !name.starts_with(kPrefix) || split == std::string_view::npos) continue;
+    if (split < kPrefix.size()) continue;
+    const std::string_view section = name.substr(kPrefix.size(), split - kPrefix.size());
+    if (!ours(section)) continue;
+    const std::string path = lower(section) + "." + lower(name.substr(split + 2));
+    if (auto set = set_config(config, path, entry.substr(equals + 1)); !set) {
+      return in_context("environment variable " + std::string(name), set.error());
+    }
+    note(origins, path, std::string(name));
+  }
+  return {};
+}
+
+Result<LoadedConfig> load_config(const ConfigSources& sources) {
+  LoadedConfig loaded;
+  if (!sources.file.empty()) {
+    if (auto read = read_config_file(loaded.config, sources.file, &loaded.origins); !read) return read.error();
+  }
+  const std::vector<std::string_view> environment(sources.environment.begin(), sources.environment.end());
+  if (auto read = read_environment(loaded.config, environment, &loaded.origins); !read) return read.error();
+  for (const auto& flag : sources.flags) {
+    if (auto set = set_config(loaded.config, flag.path, flag.value); !set) return in_context(flag.name, set.error());
+    note(&loaded.origins, flag.path, flag.name);
+  }
+  if (auto good = check_config(loaded.config); !good) return good.error();
+  return loaded;
+}
+
+}  // namespace eigencast::broker
