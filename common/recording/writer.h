@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/core/result.h"
+#include "common/recording/format.h"
+
+namespace eigencast::recording {
+
+/// What recover() found.
+struct Recovered {
+  bool was_complete = false;  ///< The file had its end: nothing was changed.
+  std::uint64_t frames = 0;
+  std::uint64_t cut_bytes = 0;  ///< Of a record that was never whole.
+};
+
+/// Makes a recording whole that a crash left without its end: cuts a torn tail off, adds index and end.
+/// Errors: kCorrupt (no recording), kIo.
+Result<Recovered> recover(const std::string& path);
+
+/// Writes a recording, append-only. What was flushed survives the end of the process, what was synced that of the
+/// machine; a file that ends anywhere can be read up to its last whole record.
+///
+/// Times are microseconds since the start of the recording and never go back (an earlier one is taken as the last).
+/// Every call may fail with kIo (the message names the file and the cause, for example a full disk): the file then ends
+/// at a record's border, and the writer takes nothing more. Not thread-safe.
+class Writer {
+ public:
+  /// Makes a new file; one that is there already is left alone. Errors: kRefused (it is there), kIo.
+  static Result<Writer> create(const std::string& path, const Start& start);
+  Writer(Writer&&) noexcept;
+  Writer& operator=(Writer&&) noexcept;
+  /// Leaves the file as it is, without an end.
+  ~Writer();
+
+  Result<void> announce(TimeUs time_us, std::string_view text);
+  Result<void> frame(TimeUs time_us, ByteView message);
+  /// A join frame. REQUIRES: announce() came before.
+  Result<void> checkpoint(TimeUs time_us, ByteView join);
+  Result<void> object(TimeUs time_us, ByteView id, ByteView bytes);
+  /// So many frames are missing here.
+  Result<void> gap(TimeUs time_us, std::uint64_t frames);
+
+  /// Hands all to the system, with an index block now and then.
+  Result<void> flush();
+  /// flush(), and onto the disk.
+  Result<void> sync();
+  /// Index, end, sync. Nothing may follow.
+  Result<void> finish();
+
+  std::uint64_t bytes() const;
+  std::uint64_t frames() const;
+  std::uint64_t lost() const;
+  TimeUs duration_us() const;
+
+ private:
+  friend Result<Recovered> recover(const std::string& path);
+  class Impl;
+  explicit Writer(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace eigencast::recording
