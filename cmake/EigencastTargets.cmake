@@ -25,13 +25,17 @@ function(eigencast_library NAME)
   endforeach()
 endfunction()
 
-# eigencast_program(NAME SOURCES ... LINKS ...) makes the executable NAME and installs it.
+# eigencast_program(NAME SOURCES ... LINKS ... [COMPONENT tools]) makes the executable NAME and installs it into the package of
+# that component (cmake/Packages.cmake).
 function(eigencast_program NAME)
-  cmake_parse_arguments(ARG "" "" "SOURCES;LINKS" ${ARGN})
+  cmake_parse_arguments(ARG "" "COMPONENT" "SOURCES;LINKS" ${ARGN})
+  if(NOT ARG_COMPONENT)
+    set(ARG_COMPONENT tools)
+  endif()
   add_executable(${NAME} ${ARG_SOURCES})
   target_link_libraries(${NAME} PRIVATE eigencast_flags ${ARG_LINKS})
   set_target_properties(${NAME} PROPERTIES RUNTIME_OUTPUT_DIRECTORY "${PROJECT_BINARY_DIR}/bin")
-  install(TARGETS ${NAME} RUNTIME DESTINATION "${CMAKE_INSTALL_BINDIR}")
+  install(TARGETS ${NAME} RUNTIME DESTINATION "${CMAKE_INSTALL_BINDIR}" COMPONENT ${ARG_COMPONENT})
 endfunction()
 
 # eigencast_test(NAME SOURCES ... LINKS ... [LABELS ...] [TIMEOUT s] [SERIAL]) makes a GoogleTest binary whose cases ctest sees one

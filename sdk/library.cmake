@@ -15,9 +15,12 @@ set_target_properties(eigencast PROPERTIES
   VERSION "${PROJECT_VERSION}" SOVERSION 0 CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON
   LIBRARY_OUTPUT_DIRECTORY "${PROJECT_BINARY_DIR}/lib")
 
-install(TARGETS eigencast EXPORT eigencast-targets LIBRARY DESTINATION "${CMAKE_INSTALL_LIBDIR}")
-install(DIRECTORY include/eigencast DESTINATION "${CMAKE_INSTALL_INCLUDEDIR}" FILES_MATCHING PATTERN "*.h" PATTERN "*.hpp")
-install(EXPORT eigencast-targets NAMESPACE eigencast:: DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/eigencast")
+install(TARGETS eigencast EXPORT eigencast-targets
+  LIBRARY DESTINATION "${CMAKE_INSTALL_LIBDIR}" COMPONENT library NAMELINK_COMPONENT development)
+install(DIRECTORY include/eigencast DESTINATION "${CMAKE_INSTALL_INCLUDEDIR}" COMPONENT development
+  FILES_MATCHING PATTERN "*.h" PATTERN "*.hpp")
+install(EXPORT eigencast-targets NAMESPACE eigencast:: DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/eigencast"
+  COMPONENT development)
 configure_package_config_file("${PROJECT_SOURCE_DIR}/cmake/eigencast-config.cmake.in"
   "${CMAKE_CURRENT_BINARY_DIR}/eigencast-config.cmake" INSTALL_DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/eigencast")
 write_basic_package_version_file("${CMAKE_CURRENT_BINARY_DIR}/eigencast-config-version.cmake" COMPATIBILITY SameMinorVersion)
@@ -25,5 +28,6 @@ write_basic_package_version_file("${CMAKE_CURRENT_BINARY_DIR}/eigencast-config-v
 file(RELATIVE_PATH EIGENCAST_PREFIX_FROM_PC "/prefix/${CMAKE_INSTALL_LIBDIR}/pkgconfig" "/prefix")
 configure_file("${PROJECT_SOURCE_DIR}/cmake/eigencast.pc.in" "${CMAKE_CURRENT_BINARY_DIR}/eigencast.pc" @ONLY)
 install(FILES "${CMAKE_CURRENT_BINARY_DIR}/eigencast-config.cmake" "${CMAKE_CURRENT_BINARY_DIR}/eigencast-config-version.cmake"
-  DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/eigencast")
-install(FILES "${CMAKE_CURRENT_BINARY_DIR}/eigencast.pc" DESTINATION "${CMAKE_INSTALL_LIBDIR}/pkgconfig")
+  DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/eigencast" COMPONENT development)
+install(FILES "${CMAKE_CURRENT_BINARY_DIR}/eigencast.pc" DESTINATION "${CMAKE_INSTALL_LIBDIR}/pkgconfig"
+  COMPONENT development)

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: MIT
+# Debian packages, one per component: `cmake --preset release -DCMAKE_INSTALL_PREFIX=/usr`, build, `cpack -G DEB`; or at once:
+# deploy/packages.sh. What each holds besides the programs and the library is installed here.
+set(EIGENCAST_PACKAGE_CONTACT "The Eigencast authors <packages@eigencast.example>" CACHE STRING "Maintainer field of the packages")
+
+set(CPACK_GENERATOR DEB)
+set(CPACK_PACKAGE_VENDOR "Eigencast")
+set(CPACK_PACKAGE_CONTACT "${EIGENCAST_PACKAGE_CONTACT}")
+# Each component's first line is its package's summary: CPack would put the project's before it.
+set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "")
+set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
+set(CPACK_STRIP_FILES ON)
+set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ WORLD_EXECUTE)
+set(CPACK_DEB_COMPONENT_INSTALL ON)
+set(CPACK_COMPONENTS_GROUPING IGNORE)
+set(CPACK_COMPONENTS_ALL broker tools library development)
+set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
+set(CPACK_DEBIAN_PACKAGE_RELEASE 1)
+set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
+set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS "${PROJECT_BINARY_DIR}/lib")
+set(CPACK_DEBIAN_PACKAGE_GENERATE_SHLIBS ON)
+set(CPACK_DEBIAN_COMPRESSION_TYPE xz)
+set(CPACK_DEBIAN_PACKAGE_CONTROL_STRICT_PERMISSION ON)
+
+set(CPACK_DEBIAN_BROKER_PACKAGE_NAME eigencast-broker)
+set(CPACK_DEBIAN_BROKER_PACKAGE_SECTION net)
+set(CPACK_DEBIAN_BROKER_PACKAGE_DEPENDS "adduser")
+set(CPACK_DEBIAN_BROKER_PACKAGE_SUGGESTS "nginx, prometheus")
+set(CPACK_COMPONENT_BROKER_DESCRIPTION "relays deforming 3D surfaces to many viewers
+The broker takes frames of spectral coefficients from senders, interpolates
+them to a multiple of their rate, and relays them over WebSockets to any
+number of viewers, each at its own rate and bandwidth. It keeps the surfaces
+themselves as content-addressed assets.")
+set(CPACK_DEBIAN_BROKER_PACKAGE_CONTROL_EXTRA
+  "${PROJECT_SOURCE_DIR}/deploy/debian/conffiles;${PROJECT_SOURCE_DIR}/deploy/debian/postinst;${PROJECT_SOURCE_DIR}/deploy/debian/prerm;${PROJECT_SOURCE_DIR}/deploy/debian/postrm")
+
+set(CPACK_DEBIAN_TOOLS_PACKAGE_NAME eigencast-tools)
+set(CPACK_DEBIAN_TOOLS_PACKAGE_SECTION graphics)
+set(CPACK_COMPONENT_TOOLS_DESCRIPTION "sender, native viewer and latency meter for deforming 3D surfaces
+The sender bakes meshes and point clouds into streamable assets and publishes
+their motion; the viewer rebuilds the surface at a level of detail that holds
+its frame rate; the latency meter says where the time between them goes.")
+
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME "libeigencast0")
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libs)
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_CONTROL_EXTRA "${PROJECT_SOURCE_DIR}/deploy/debian/triggers")
+set(CPACK_COMPONENT_LIBRARY_DESCRIPTION "publish and watch deforming 3D surfaces from any program
+A C interface, with C++ over it, to bake a surface, publish its poses without
+ever blocking, and subscribe to what others publish.")
+
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME libeigencast-dev)
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS "libeigencast0 (= ${PROJECT_VERSION}-${CPACK_DEBIAN_PACKAGE_RELEASE})")
+set(CPACK_COMPONENT_DEVELOPMENT_DESCRIPTION "headers of libeigencast
+Headers, CMake package and pkg-config file to build programs that publish or
+watch deforming 3D surfaces.")
+
+# The broker's package: unit, socket, annotated configuration, documents.
+install(FILES deploy/systemd/eigencast-broker.service deploy/systemd/eigencast-broker.socket
+  DESTINATION lib/systemd/system COMPONENT broker)
+install(FILES deploy/eigencast.toml DESTINATION /etc/eigencast COMPONENT broker)
+install(FILES deploy/desktop/eigencast-client.desktop DESTINATION share/applications COMPONENT tools)
+
+# Every package states its licence and its history; man pages are made from the programs' own help.
+string(TIMESTAMP EIGENCAST_PACKAGE_DATE "%a, %d %b %Y %H:%M:%S +0000" UTC)
+configure_file(deploy/debian/changelog.in "${PROJECT_BINARY_DIR}/packages/changelog.Debian" @ONLY)
+find_program(GZIP gzip)
+add_custom_command(OUTPUT "${PROJECT_BINARY_DIR}/packages/changelog.Debian.gz"
+  COMMAND "${GZIP}" -9 -n -k -f "${PROJECT_BINARY_DIR}/packages/changelog.Debian"
+  DEPENDS "${PROJECT_BINARY_DIR}/packages/changelog.Debian" VERBATIM)
+add_custom_target(package_documents ALL DEPENDS "${PROJECT_BINARY_DIR}/packages/changelog.Debian.gz")
+foreach(PACKAGE broker:eigencast-broker tools:eigencast-tools library:libeigencast0 development:libeigencast-dev)
+  string(REPLACE ":" ";" PACKAGE "${PACKAGE}")
+  list(GET PACKAGE 0 COMPONENT)
+  list(GET PACKAGE 1 NAME)
+  install(FILES deploy/debian/copyright "${PROJECT_BINARY_DIR}/packages/changelog.Debian.gz"
+    DESTINATION "share/doc/${NAME}" COMPONENT ${COMPONENT})
+endforeach()
+include(CPack)
