@@ -29,6 +29,16 @@ Hub::Settings hub_settings(const Config& config) {
   return settings;
 }
 
+Turn::Settings turn_settings(const Config& config) {
+  using Backend = Turn::Settings::Backend;
+  Turn::Settings settings;
+  settings.gathering.tick_us = config.frames.gather_ms * 1000;
+  settings.gathering.above_per_second = static_cast<std::uint64_t>(config.frames.gather_above);
+  const std::string& writes = config.sockets.writes;
+  settings.backend = writes == "epoll" ? Backend::kEpoll : writes == "io_uring" ? Backend::kUring : Backend::kAuto;
+  return settings;
+}
+
 std::string random_id() {
   std::random_device device;
   std::string id;
@@ -58,6 +68,7 @@ class Broker::Signals {
 };
 
 Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string version, LogSink log) {
+  std::signal(SIGPIPE, SIG_IGN);  // OpenSSL writes to sockets without asking for silence.
   const std::string folder = data_dir_of(config);
   AssetStore::Settings settings;
   settings.max_object_bytes = static_cast<std::uint64_t>(config.assets.max_object_bytes);
@@ -78,12 +89,19 @@ Broker::Broker(const Config& config, std::string version, LogSink log, std::uniq
       assets_(std::move(assets)),
       epochs_(std::move(epochs)),
       hub_(hub_settings(config_)),
-      context_{loop_,          disk_,
-               config_,        hub_,
-               *assets_,       epochs_,
-               std::move(log), std::move(version),
-               random_id(),    [this] { arm_schedule(); }},
+      context_{loop_,
+               disk_,
+               config_,
+               hub_,
+               *assets_,
+               epochs_,
+               std::move(log),
+               std::move(version),
+               random_id(),
+               turn_,
+               [this] { arm_schedule(); }},
       loop_(1),
+      turn_(loop_, turn_settings(config_), context_.log),
       disk_(kDiskThreads),
       schedule_(loop_.get_executor()),
       tick_(loop_.get_executor()),
@@ -120,10 +138,12 @@ void Broker::accept(Socket socket) {
     socket.write_some(asio::buffer(kAnswer), ignored);
     return;
   }
-  std::make_shared<HttpSession>(context_, std::move(socket))->start();
+  auto transport = context_.tls ? Transport(std::move(socket), context_.tls()) : Transport(std::move(socket));
+  std::make_shared<HttpSession>(context_, std::move(transport))->start();
 }
 
 void Broker::run() {
+  turn_.begin();
   tick();
   for (;;) {
     // What one handler could not do (no memory) must not end the streams of all others: its own work is lost, the loop
@@ -162,7 +182,7 @@ void Broker::tick() {
   tick_.async_wait([this](ErrorOf error) {
     if (!error) tick();
   });
-  for (Connection* connection : context_.connections) connection->on_tick();
+  for (Connection* connection : context_.connections) connection->tick();
 }
 
 void Broker::obey_signals(std::function<Result<Config>()> load) {
@@ -203,7 +223,7 @@ void Broker::drain() {
   // Copied: a connection that has nothing left to send may close within the call.
   const std::vector<Connection*> open(context_.connections.begin(), context_.connections.end());
   for (Connection* connection : open) {
-    connection->say_bye("the broker is stopping", kRetryAfterMs, beast::websocket::close_code::service_restart);
+    connection->say_bye("the broker is stopping", kRetryAfterMs, websocket::CloseCode::kServiceRestart);
   }
   const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(config_.timeouts.shutdown_ms);
   wait_for_peers(until);

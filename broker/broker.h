@@ -7,6 +7,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <utility>
 
 #include "broker/config/config.h"
 #include "broker/connections/listener.h"
@@ -27,6 +28,9 @@ class Broker {
   ~Broker();
   Broker(const Broker&) = delete;
   Broker& operator=(const Broker&) = delete;
+
+  /// The data port speaks TLS from now on; before run().
+  void use_tls(TlsProvider tls) { context_.tls = std::move(tls); }
 
   /// Serves until stop(), then returns when all peers are told, at most timeouts.shutdown_ms later.
   void run();
@@ -60,6 +64,7 @@ class Broker {
   Hub hub_;
   Context context_;  // What waits in the loop below ends with it and needs all above.
   asio::io_context loop_;
+  Turn turn_;
   asio::thread_pool disk_;
   Timer schedule_;
   std::optional<TimeUs> scheduled_us_;

@@ -9,7 +9,8 @@
 #include <boost/asio/thread_pool.hpp>
 
 #include "broker/config/config.h"
-#include "broker/connections/net.h"
+#include "broker/connections/transport.h"
+#include "broker/connections/turn.h"
 #include "broker/relay/epoch_source.h"
 #include "broker/relay/hub.h"
 #include "broker/storage/asset_store.h"
@@ -51,10 +52,13 @@ struct Context {
   LogSink log;
   std::string version;
   std::string session_id;
+  Turn& turn;                              ///< What leaves at the end of each turn of the loop.
   std::function<void()> schedule_changed;  ///< The hub's next_due_us() may be earlier than before.
   Counters counters{};
   std::unordered_set<Connection*> connections{};  ///< WebSockets that are open.
   bool draining = false;
+  TlsProvider tls{};                                                             ///< Empty: the data port is plain.
+  std::vector<std::uint8_t> read_buffer = std::vector<std::uint8_t>(64 * 1024);  ///< Of whoever reads just now.
 };
 
 }  // namespace eigencast::broker

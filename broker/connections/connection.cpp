@@ -2,20 +2,23 @@
 #include "broker/connections/connection.h"
 
 #include <netinet/tcp.h>
+#include <sys/socket.h>
 
-#include <boost/beast/websocket/rfc6455.hpp>
+#include <array>
+#include <boost/asio/post.hpp>
 #include <utility>
 
 namespace eigencast::broker {
 namespace {
 
-namespace websocket = beast::websocket;
+using websocket::CloseCode;
+using websocket::Opcode;
 
-// The kernel takes no more than this beyond what is on its way, so that the newest pose waits here, where it can be
-// replaced.
-constexpr int kUnsentBytes = 16 * 1024;
+// One write takes at most so much, so that what waits behind it can still be replaced by something newer.
+constexpr std::size_t kMostDueBytes = 128 * 1024;
 
-constexpr std::size_t kReadBytes = 64 * 1024;
+// Reads of one turn, so that a sender in full flow lets the others have theirs.
+constexpr int kMostReads = 4;
 
 Outbox::Limits outbox_limits(const Config& config) {
   Outbox::Limits limits;
@@ -25,53 +28,44 @@ Outbox::Limits outbox_limits(const Config& config) {
   return limits;
 }
 
-void tune(Socket& socket) {
+/// The kernel takes little beyond what is on its way, so that the newest pose waits here, where it can be replaced.
+void tune(Socket& socket, const Config& config) {
   ErrorOf ignored;
-  socket.set_option(Tcp::no_delay(true), ignored);
   using UnsentLimit = asio::detail::socket_option::integer<IPPROTO_TCP, TCP_NOTSENT_LOWAT>;
-  socket.set_option(UnsentLimit(kUnsentBytes), ignored);
+  socket.set_option(Tcp::no_delay(config.sockets.no_delay), ignored);
+  if (config.sockets.unsent_bytes > 0)
+    socket.set_option(UnsentLimit(static_cast<int>(config.sockets.unsent_bytes)), ignored);
+  if (config.sockets.send_buffer_bytes > 0)
+    socket.set_option(Socket::send_buffer_size(static_cast<int>(config.sockets.send_buffer_bytes)), ignored);
+}
+
+ByteView bytes_of(const Outbox::Item& item) {
+  if (item.frame) return item.frame->wire;
+  return {reinterpret_cast<const std::uint8_t*>(item.text->data()), item.text->size()};
 }
 
 }  // namespace
 
-Connection::Connection(Context& context, Socket socket, std::size_t max_binary_bytes)
-    : context_(context),
-      socket_(std::move(socket)),
-      max_binary_bytes_(max_binary_bytes),
-      outbox_(outbox_limits(context.config)),
-      deadline_(context.loop.get_executor()) {
-  tune(socket_.next_layer());
-  socket_.auto_fragment(false);
-  socket_.read_message_max(0);  // Counted in on_read(): Beast 1.81 resets the connection before its 1009 arrives.
-  websocket::stream_base::timeout timeout{};
-  timeout.handshake_timeout = std::chrono::milliseconds(context.config.timeouts.header_ms);
-  timeout.idle_timeout = std::chrono::milliseconds(context.config.timeouts.idle_ms);
-  timeout.keep_alive_pings = true;
-  socket_.set_option(timeout);
+Connection::Connection(Context& context, Transport transport, const websocket::MessageReader::Limits& limits)
+    : Connection(context, std::move(transport), limits, outbox_limits(context.config)) {}
+
+Connection::Connection(Context& context, Transport transport, const websocket::MessageReader::Limits& limits,
+                       const Outbox::Limits& outbox)
+    : context_(context), transport_(std::move(transport)), reader_(limits), outbox_(outbox) {
+  tune(transport_.socket(), context.config);
 }
 
-void Connection::start(UpgradeRequest request) {
-  socket_.set_option(
-      websocket::stream_base::decorator([version = context_.version](websocket::response_type& response) {
-        response.set(beast::http::field::server, "eigencast-broker/" + version);
-        response.set(beast::http::field::sec_websocket_protocol,
-                     beast::string_view(control::kSubprotocol.data(), control::kSubprotocol.size()));
-      }));
-  auto kept = std::make_shared<UpgradeRequest>(std::move(request));
-  socket_.async_accept(*kept, [self = shared_from_this(), kept](ErrorOf error) {
-    if (!error) self->guarded([&] { self->on_accepted(); });
+void Connection::start(std::string answer) {
+  guarded([&] {
+    heard_us_ = context_.turn.now_us();
+    open_ = true;
+    ++context_.counters.connections;
+    context_.connections.insert(this);
+    send_framed(std::move(answer));
+    wait_to_read(Transport::Wait::kReadable);
+    on_open();
+    flush();
   });
-}
-
-void Connection::on_accepted() {
-  open_ = true;
-  ++context_.counters.connections;
-  ++context_.counters.connections_total;
-  context_.connections.insert(this);
-  send(control::Welcome{context_.version, context_.session_id, steady_now_us()});
-  on_open();
-  read();
-  flush();
 }
 
 template <typename Work>
@@ -91,94 +85,218 @@ void Connection::log_failure(const std::exception& exception) noexcept {
   }
 }
 
-void Connection::read() {
-  socket_.async_read_some(buffer_, kReadBytes, [self = shared_from_this()](ErrorOf error, std::size_t) {
-    self->guarded([&] { self->on_read(error); });
+void Connection::wait_to_read(Transport::Wait wait) {
+  transport_.async_wait(wait, [self = shared_from_this()](ErrorOf error) {
+    self->guarded([&] {
+      if (error) return self->ended();
+      self->on_readable();
+    });
   });
 }
 
-void Connection::on_read(ErrorOf error) {
-  if (error) return ended();
-  const auto most =
-      socket_.got_text() ? static_cast<std::size_t>(context_.config.limits.max_control_bytes) : max_binary_bytes_;
-  if (!closing_ && buffer_.size() > most) {
-    refuse(
-        fail(ErrorCode::kTooLarge, "a message is over " + std::to_string(most) + " bytes, the most that is taken here"),
-        {}, websocket::close_code::too_big);
+void Connection::on_readable() {
+  for (int i = 0; i < kMostReads; ++i) {
+    const std::span<std::uint8_t> buffer(context_.read_buffer);
+    const Transport::Outcome outcome = transport_.read(buffer);
+    if (outcome.error) return cut();
+    if (outcome.wait != Transport::Wait::kNo) return wait_to_read(outcome.wait);
+    heard_us_ = context_.turn.now_us();
+    pinged_ = false;
+    if (!take_input(buffer.first(outcome.bytes))) return;
+    if (!transport_.is_tls() && outcome.bytes < buffer.size()) break;
   }
-  if (!closing_ && socket_.is_message_done()) on_message();
-  if (closing_ || socket_.is_message_done()) buffer_.consume(buffer_.size());
-  read();
-  flush();
+  wait_to_read(Transport::Wait::kReadable);
 }
 
-void Connection::on_message() {
-  const auto data = buffer_.cdata();
-  if (socket_.got_text()) {
-    on_text({static_cast<const char*>(data.data()), data.size()});
-  } else {
-    on_binary({static_cast<const std::uint8_t*>(data.data()), data.size()});
+bool Connection::take_input(std::span<std::uint8_t> input) {
+  while (const auto event = reader_.next(input)) {
+    on_event(*event);
+    if (ended_) return false;
   }
+  return true;
+}
+
+void Connection::on_event(const websocket::MessageReader::Event& event) {
+  using Kind = websocket::MessageReader::Event::Kind;
+  const auto text = [&] {
+    return std::string_view(reinterpret_cast<const char*>(event.payload.data()), event.payload.size());
+  };
+  if (event.kind == Kind::kClose) return on_peer_closed(event);
+  if (event.kind == Kind::kFailed) return on_broken(event);
+  if (closing_) return;
+  if (event.kind == Kind::kText) return on_text(text());
+  if (event.kind == Kind::kBinary) return on_binary(event.payload);
+  if (event.kind == Kind::kPing) return send_framed(websocket::framed(Opcode::kPong, text()));
+}
+
+void Connection::on_peer_closed(const websocket::MessageReader::Event& event) {
+  close_came_ = true;
+  if (!closing_) return close_when_sent({}, event.code);
+  if (close_due_ && due_.empty()) transport_.end_writing();
+}
+
+void Connection::on_broken(const websocket::MessageReader::Event& event) {
+  close_came_ = true;  // What comes after this cannot be read.
+  if (closing_) {
+    if (close_due_ && due_.empty()) transport_.end_writing();
+    return;
+  }
+  const std::string why(event.why);
+  log(context_.log, LogLevel::kWarning, label() + ": closed, it sent " + why);
+  if (event.code != CloseCode::kTooBig) return close_when_sent(why, event.code);
+  refuse(fail(ErrorCode::kTooLarge, why + ": see section 11 of the protocol, and limits.max_control_bytes and "
+                                          "limits.max_frame_bytes of this broker"),
+         {}, event.code);
+}
+
+void Connection::greet() {
+  send(control::Welcome{context_.version, context_.session_id, steady_now_us()});
 }
 
 void Connection::send(const ControlMessage& message) {
   if (closing_ || ended_) return;
-  if (outbox_.push_control(std::make_shared<const std::string>(text_from_control(message)))) return flush();
+  ++context_.counters.control_sent;
+  send_framed(websocket::framed(Opcode::kText, text_from_control(message)));
+}
+
+void Connection::send_framed(std::string message) {
+  if (closing_ || ended_) return;
+  if (outbox_.push_control(std::make_shared<const std::string>(std::move(message)))) return flush();
   ++context_.counters.slow_disconnects;
   log(context_.log, LogLevel::kWarning, label() + ": closed, it does not take its control messages");
   closing_ = true;
-  close_reason_ = {websocket::close_code::policy_error, "control messages are not taken"};
-  // The owner may be in the middle of telling all its watchers something.
-  asio::post(context_.loop, [self = shared_from_this()] { self->cut(); });
+  close_code_ = CloseCode::kPolicy;
+  cut_later();  // The owner may be in the middle of telling all its watchers something.
 }
 
-void Connection::send_droppable(const std::shared_ptr<const std::string>& text) {
+void Connection::send_droppable(const Outbox::Text& text) {
   if (!closing_ && outbox_.push_droppable(text)) flush();
 }
 
 void Connection::flush() {
+  if (blocked_ || !open_ || ended_ || close_due_) return;
   try {
-    write_next();
+    gather();
   } catch (const std::exception& exception) {
-    // The caller may be in the middle of telling all its watchers something: the read that waits, or comes next, ends.
     log_failure(exception);
-    ErrorOf ignored;
-    socket_.next_layer().close(ignored);
+    cut_later();
   }
 }
 
-void Connection::write_next() {
-  if (is_writing_ || !open_ || ended_ || close_sent_) return;
-  auto item = outbox_.take(steady_now_us(), [this](std::uint32_t id) { return join_of(id); });
-  if (!item || (closing_ && item->frame)) {
-    if (closing_) close_now();
+void Connection::gather() {
+  std::uint64_t poses = 0;
+  bool urgent = closing_;
+  const auto join = [this](std::uint32_t id) { return join_of(id); };
+  while (due_bytes_ < kMostDueBytes && due_.size() < kMaxPieces) {
+    auto item = outbox_.take(context_.turn.now_us(), join);
+    if (!item) {
+      if (closing_) {
+        item = Outbox::Item{std::make_shared<const std::string>(websocket::framed_close(close_code_, close_reason_)),
+                            nullptr};
+        close_due_ = true;
+      } else {
+        break;
+      }
+    } else if (closing_ && item->frame) {
+      continue;
+    }
+    urgent = urgent || item->text != nullptr;
+    poses += item->frame ? 1 : 0;
+    due_bytes_ += bytes_of(*item).size();
+    due_.push_back(std::move(*item));
+    if (close_due_) break;
+  }
+  if (due_.empty()) return;
+  const bool full = due_bytes_ >= kMostDueBytes || due_.size() >= kMaxPieces;
+  const bool several = outbox_.lanes() > 1;
+  const bool may_wait = several && context_.turn.gathers(poses) && !urgent && !full;
+  context_.turn.add(*this, may_wait);
+}
+
+int Connection::plain_socket() {
+  return transport_.is_tls() ? -1 : transport_.socket().native_handle();
+}
+
+std::size_t Connection::pieces(std::span<iovec> out) {
+  if (blocked_ || ended_) return 0;
+  std::size_t count = 0;
+  std::size_t skip = first_left_;
+  for (const Outbox::Item& item : due_) {
+    if (count == out.size()) break;
+    const ByteView bytes = bytes_of(item).subspan(std::exchange(skip, 0));
+    out[count++] = {const_cast<std::uint8_t*>(bytes.data()), bytes.size()};
+  }
+  return count;
+}
+
+void Connection::leave() {
+  std::array<iovec, kMaxPieces> all;
+  // TLS takes a record at a time; what it did not take yet is offered again until it has to wait.
+  do {
+    const std::size_t count = pieces(all);
+    if (count == 0) return;
+    left(transport_.write({all.data(), count}));
+  } while (transport_.is_tls() && !blocked_);
+}
+
+void Connection::left(const Transport::Outcome& outcome) {
+  guarded([&] {
+    if (ended_) return;
+    if (outcome.error) return cut();
+    drop_sent(outcome.bytes);
+    if (due_.empty()) return all_left();
+    if (transport_.is_tls() && outcome.wait == Transport::Wait::kNo) return;
+    block(outcome.wait == Transport::Wait::kNo ? Transport::Wait::kWritable : outcome.wait);
+  });
+}
+
+void Connection::drop_sent(std::size_t bytes) {
+  std::size_t whole = 0;
+  first_left_ += bytes;
+  for (; whole < due_.size(); ++whole) {
+    const std::size_t size = bytes_of(due_[whole]).size();
+    if (first_left_ < size) break;
+    first_left_ -= size;
+    due_bytes_ -= size;
+    if (!due_[whole].frame) continue;
+    ++context_.counters.frames_sent;
+    context_.counters.frame_bytes_sent += size;
+  }
+  due_.erase(due_.begin(), due_.begin() + static_cast<std::ptrdiff_t>(whole));
+}
+
+void Connection::all_left() {
+  if (close_due_) {
+    if (close_came_) transport_.end_writing();
     return;
   }
-  writing_ = std::move(*item);
-  is_writing_ = true;
-  auto done = [self = shared_from_this()](ErrorOf error, std::size_t) {
-    self->guarded([&] { self->on_written(error); });
-  };
-  if (writing_.text) {
-    ++context_.counters.control_sent;
-    socket_.text(true);
-    socket_.async_write(asio::buffer(*writing_.text), std::move(done));
-  } else {
-    ++context_.counters.frames_sent;
-    context_.counters.frame_bytes_sent += writing_.frame->message.size();
-    socket_.binary(true);
-    socket_.async_write(asio::buffer(writing_.frame->message), std::move(done));
-  }
+  flush();  // What one write could not take.
 }
 
-void Connection::on_written(ErrorOf error) {
-  is_writing_ = false;
-  writing_ = {};
-  if (error) return cut();
-  flush();
+void Connection::block(Transport::Wait wait) {
+  blocked_ = true;
+  // The peer may stay away for long: what has not begun to leave gives way to what is new then.
+  std::size_t begun = first_left_ + transport_.held_bytes();
+  std::erase_if(due_, [&](const Outbox::Item& item) {
+    const std::size_t size = bytes_of(item).size();
+    if (begun > 0) {
+      begun -= std::min(begun, size);
+      return false;
+    }
+    if (!item.frame) return false;
+    outbox_.take_back(*item.frame);
+    due_bytes_ -= size;
+    return true;
+  });
+  transport_.async_wait(wait, [self = shared_from_this()](ErrorOf error) {
+    if (error || self->ended_) return;
+    self->blocked_ = false;
+    if (!self->due_.empty()) self->context_.turn.add(*self, false);
+    self->flush();
+  });
 }
 
-void Connection::refuse(const Error& error, const std::string& stream, websocket::close_code code) {
+void Connection::refuse(const Error& error, const std::string& stream, CloseCode code) {
   send(control::ErrorMessage{std::string(name_of(error.code)), error.message, stream});
   close_when_sent(error.message, code);
 }
@@ -187,41 +305,50 @@ void Connection::refuse_text(const Error& error, const std::string& stream) {
   const bool unknown = error.code == ErrorCode::kUnsupported;
   if (unknown) return send(control::ErrorMessage{std::string(name_of(error.code)), error.message, stream});
   log(context_.log, LogLevel::kWarning, label() + ": closed, " + error.message);
-  refuse(error, stream,
-         error.code == ErrorCode::kTooLarge ? websocket::close_code::too_big : websocket::close_code::bad_payload);
+  refuse(error, stream, error.code == ErrorCode::kTooLarge ? CloseCode::kTooBig : CloseCode::kBadPayload);
 }
 
-void Connection::say_bye(const std::string& reason, std::uint32_t retry_after_ms, websocket::close_code code) {
+void Connection::say_bye(const std::string& reason, std::uint32_t retry_after_ms, CloseCode code) {
   send(control::Bye{reason, retry_after_ms});
   close_when_sent(reason, code);
 }
 
-void Connection::close_when_sent(const std::string& reason, websocket::close_code code) {
-  if (closing_) return;
+void Connection::close_when_sent(const std::string& reason, CloseCode code) {
+  if (closing_ || ended_) return;
   closing_ = true;
-  close_reason_ = {code, beast::string_view(reason).substr(0, 120)};
-  deadline_.expires_after(std::chrono::milliseconds(context_.config.timeouts.shutdown_ms));
-  deadline_.async_wait([self = shared_from_this()](ErrorOf error) {
+  close_code_ = code;
+  close_reason_ = reason;
+  deadline_ = std::make_unique<Timer>(context_.loop.get_executor());
+  deadline_->expires_after(std::chrono::milliseconds(context_.config.timeouts.shutdown_ms));
+  deadline_->async_wait([self = shared_from_this()](ErrorOf error) {
     if (!error) self->cut();
   });
   flush();
 }
 
-void Connection::close_now() {
-  close_sent_ = true;
-  socket_.async_close(close_reason_, [self = shared_from_this()](ErrorOf) { self->ended(); });
+void Connection::tick() {
+  const TimeUs silent_us = context_.turn.now_us() - heard_us_;
+  const TimeUs idle_us = context_.config.timeouts.idle_ms * 1000;
+  if (silent_us > idle_us) return cut_later();
+  if (silent_us > idle_us / 2 && !std::exchange(pinged_, true)) send_framed(websocket::framed(Opcode::kPing, {}));
+  on_tick();
+}
+
+void Connection::cut_later() {
+  asio::post(context_.loop, [self = shared_from_this()] { self->cut(); });
 }
 
 void Connection::cut() {
-  ErrorOf ignored;
-  socket_.next_layer().close(ignored);
+  transport_.close();
   ended();
 }
 
 void Connection::ended() {
-  if (ended_) return;
-  ended_ = true;
-  deadline_.cancel();
+  if (std::exchange(ended_, true)) return;
+  if (deadline_) deadline_->cancel();
+  context_.turn.forget(*this);
+  due_.clear();
+  if (!open_) return;
   --context_.counters.connections;
   context_.connections.erase(this);
   on_closed();

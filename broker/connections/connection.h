@@ -1,77 +1,96 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <boost/asio/ip/tcp.hpp>
-#include <boost/beast/core/flat_buffer.hpp>
-#include <boost/beast/http/buffer_body.hpp>
-#include <boost/beast/http/message.hpp>
-#include <boost/beast/websocket/stream.hpp>
 #include <exception>
 #include <memory>
 #include <string>
+#include <vector>
 
+#include "broker/connections/transport.h"
+#include "broker/connections/turn.h"
 #include "broker/context.h"
 #include "broker/relay/outbox.h"
+#include "broker/websocket/reader.h"
 
 namespace eigencast::broker {
 
-using UpgradeRequest = beast::http::request<beast::http::buffer_body>;
-
 /// One WebSocket: reads messages, writes what its outbox decides, closes with a reason. Publisher and subscriber say
-/// what the messages mean. Kept alive by its pending operations. Belongs to its event loop.
-class Connection : public std::enable_shared_from_this<Connection> {
+/// what the messages mean.
+///
+/// What the outbox lets go waits for the end of the turn in `due_` and leaves in one write. While the socket takes less
+/// than that, the connection is blocked: frames not begun go back to the outbox, which keeps the newest. Holds no read
+/// buffer while idle. Kept alive by its pending operations. Belongs to its event loop.
+class Connection : public std::enable_shared_from_this<Connection>, private Leaver {
  public:
-  virtual ~Connection() = default;
+  ~Connection() override = default;
   Connection(const Connection&) = delete;
   Connection& operator=(const Connection&) = delete;
 
-  /// Answers the upgrade and runs. `request` must have been checked for the subprotocol.
-  void start(UpgradeRequest request);
+  /// Sends `answer`, the head of the response to an upgrade that was checked, and runs.
+  void start(std::string answer);
 
   /// Sends "bye", then closes with `code`; what the peer does not take within timeouts.shutdown_ms is cut off.
-  void say_bye(const std::string& reason, std::uint32_t retry_after_ms, beast::websocket::close_code code);
+  void say_bye(const std::string& reason, std::uint32_t retry_after_ms, websocket::CloseCode code);
 
-  /// Called once a second.
-  virtual void on_tick() {}
+  /// Called once a second: pings the silent, cuts off the dead.
+  void tick();
 
  protected:
-  /// Texts are held to limits.max_control_bytes.
-  Connection(Context& context, Socket socket, std::size_t max_binary_bytes);
+  Connection(Context& context, Transport transport, const websocket::MessageReader::Limits& limits);
+  Connection(Context& context, Transport transport, const websocket::MessageReader::Limits& limits,
+             const Outbox::Limits& outbox);
 
   virtual void on_open() = 0;
   virtual void on_text(std::string_view text) = 0;
   virtual void on_binary(ByteView message) = 0;
-  /// Called once, when nothing more comes or goes. Not called if the upgrade failed.
+  /// Called once, when nothing more comes or goes.
   virtual void on_closed() = 0;
+  virtual void on_tick() {}
   virtual FramePtr join_of(std::uint32_t /*stream_id*/) { return nullptr; }
   virtual std::string label() const = 0;
 
   Context& context() { return context_; }
   Outbox& outbox() { return outbox_; }
+  /// Says welcome.
+  void greet();
   /// Queues a control message; a full queue closes the connection.
   void send(const ControlMessage& message);
-  void send_droppable(const std::shared_ptr<const std::string>& text);
-  /// Writes what the outbox has, unless a write is under way.
+  /// Queues a framed message; a full queue closes the connection.
+  void send_framed(std::string message);
+  void send_droppable(const Outbox::Text& text);
+  /// What the outbox has leaves at the end of this turn, unless the connection is blocked.
   void flush();
   /// Tells the peer what was wrong, then closes. Nothing of the peer is read any more.
-  void refuse(const Error& error, const std::string& stream, beast::websocket::close_code code);
+  void refuse(const Error& error, const std::string& stream, websocket::CloseCode code);
   /// Deals with a text that parse() refused: an unknown op is answered, anything else closes the connection.
   void refuse_text(const Error& error, const std::string& stream);
   bool is_closing() const { return closing_; }
   /// Pings and what nobody expects here; true if it was dealt with.
   bool answer_common(const ControlMessage& message);
   Result<ControlMessage> parse(std::string_view text);
+  /// Closes the WebSocket once all control messages have left.
+  void close_when_sent(const std::string& reason, websocket::CloseCode code);
 
  private:
-  void on_accepted();
-  void read();
-  void on_read(ErrorOf error);
-  void on_message();
-  void write_next();
-  void on_written(ErrorOf error);
-  void close_when_sent(const std::string& reason, beast::websocket::close_code code);
-  void close_now();
+  // Leaver. None of these throws.
+  void leave() override;
+  int plain_socket() override;
+  std::size_t pieces(std::span<iovec> out) override;
+  void left(const Transport::Outcome& outcome) override;
+
+  void wait_to_read(Transport::Wait wait);
+  void on_readable();
+  /// False: the connection has ended.
+  bool take_input(std::span<std::uint8_t> input);
+  void on_event(const websocket::MessageReader::Event& event);
+  void on_peer_closed(const websocket::MessageReader::Event& event);
+  void on_broken(const websocket::MessageReader::Event& event);
+  void gather();
+  void drop_sent(std::size_t bytes);
+  void block(Transport::Wait wait);
+  void all_left();
   void cut();
+  void cut_later();
   /// Runs a handler's work. One that throws (no memory) costs its own connection, which leaves in good order.
   template <typename Work>
   void guarded(Work work);
@@ -79,17 +98,22 @@ class Connection : public std::enable_shared_from_this<Connection> {
   void ended();
 
   Context& context_;
-  beast::websocket::stream<Socket> socket_;
-  beast::flat_buffer buffer_;
-  std::size_t max_binary_bytes_;
+  Transport transport_;
+  websocket::MessageReader reader_;
   Outbox outbox_;
-  Outbox::Item writing_;
-  beast::websocket::close_reason close_reason_;
-  Timer deadline_;
+  std::vector<Outbox::Item> due_;  ///< Leaves next, in this order.
+  std::size_t due_bytes_ = 0;      ///< Of all of it, also what has left of the first.
+  std::size_t first_left_ = 0;     ///< Bytes of the first that have left.
+  std::string close_reason_;
+  std::unique_ptr<Timer> deadline_;  ///< Of closing.
+  TimeUs heard_us_ = 0;
+  websocket::CloseCode close_code_ = websocket::CloseCode::kNormal;
+  bool pinged_ = false;  ///< Since it was heard last.
   bool open_ = false;
-  bool is_writing_ = false;
-  bool closing_ = false;
-  bool close_sent_ = false;
+  bool blocked_ = false;
+  bool closing_ = false;     ///< Only control messages leave, then the close frame.
+  bool close_due_ = false;   ///< The close frame is in due_ or has left.
+  bool close_came_ = false;  ///< The peer's, or something that ends the reading as well.
   bool ended_ = false;
 };
 

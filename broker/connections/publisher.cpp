@@ -7,12 +7,14 @@
 namespace eigencast::broker {
 namespace {
 
-using beast::websocket::close_code;
+using websocket::CloseCode;
 
 }  // namespace
 
-Publisher::Publisher(Context& context, Socket socket, std::string stream_name)
-    : Connection(context, std::move(socket), static_cast<std::size_t>(context.config.limits.max_frame_bytes)),
+Publisher::Publisher(Context& context, Transport transport, std::string stream_name)
+    : Connection(context, std::move(transport),
+                 {static_cast<std::size_t>(context.config.limits.max_control_bytes),
+                  static_cast<std::size_t>(context.config.limits.max_frame_bytes)}),
       name_(std::move(stream_name)) {}
 
 std::string Publisher::label() const {
@@ -20,11 +22,12 @@ std::string Publisher::label() const {
 }
 
 void Publisher::on_open() {
+  greet();
   const auto stream = context().hub.open(name_);
-  if (!stream) return refuse(stream.error(), name_, close_code::try_again_later);
+  if (!stream) return refuse(stream.error(), name_, CloseCode::kTryAgainLater);
   if (auto claimed = (*stream)->claim(*this); !claimed) {
     log(context().log, LogLevel::kWarning, label() + ": refused, the stream has a sender");
-    return refuse(claimed.error(), name_, close_code::policy_error);
+    return refuse(claimed.error(), name_, CloseCode::kPolicy);
   }
   stream_ = *stream;
   log(context().log, LogLevel::kInfo, label() + ": connected");
@@ -73,7 +76,7 @@ void Publisher::on_binary(ByteView message) {
   if (auto added = stream_->add_frame(message, steady_now_us()); !added) {
     ++context().counters.frames_refused;
     log(context().log, LogLevel::kWarning, label() + ": closed, " + added.error().message);
-    return refuse(added.error(), name_, close_code::policy_error);
+    return refuse(added.error(), name_, CloseCode::kPolicy);
   }
   ++context().counters.frames_received;
   context().schedule_changed();

@@ -11,16 +11,16 @@ namespace eigencast::broker {
 /// The connection of a sender: /v1/publish/{stream}. Belongs to its event loop.
 class Publisher final : public Connection, public PublisherLink {
  public:
-  Publisher(Context& context, Socket socket, std::string stream_name);
+  Publisher(Context& context, Transport transport, std::string stream_name);
 
   void on_watcher_count(std::uint32_t count) override;
-  void on_tick() override;
 
  private:
   void on_open() override;
   void on_text(std::string_view text) override;
   void on_binary(ByteView message) override;
   void on_closed() override;
+  void on_tick() override;
   std::string label() const override;
   void on_announce(const control::Announce& announce);
   void tell_count();

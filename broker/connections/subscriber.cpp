@@ -6,12 +6,14 @@
 namespace eigencast::broker {
 namespace {
 
-using beast::websocket::close_code;
+using websocket::CloseCode;
 
 }  // namespace
 
-Subscriber::Subscriber(Context& context, Socket socket, std::optional<control::Subscribe> first)
-    : Connection(context, std::move(socket), static_cast<std::size_t>(context.config.limits.max_control_bytes)),
+Subscriber::Subscriber(Context& context, Transport transport, std::optional<control::Subscribe> first)
+    : Connection(context, std::move(transport),
+                 {static_cast<std::size_t>(context.config.limits.max_control_bytes),
+                  static_cast<std::size_t>(context.config.limits.max_control_bytes)}),
       first_(std::move(first)) {}
 
 std::string Subscriber::label() const {
@@ -19,6 +21,7 @@ std::string Subscriber::label() const {
 }
 
 void Subscriber::on_open() {
+  greet();
   if (first_) subscribe(*first_);
 }
 
@@ -34,7 +37,7 @@ void Subscriber::on_text(std::string_view text) {
 
 void Subscriber::on_binary(ByteView) {
   refuse(fail(ErrorCode::kInvalidArgument, "a viewer sends no binary messages: frames are sent to /v1/publish/STREAM"),
-         {}, close_code::unknown_data);
+         {}, CloseCode::kUnknownData);
 }
 
 void Subscriber::subscribe(const control::Subscribe& request) {

@@ -16,18 +16,18 @@ namespace eigencast::broker {
 class Subscriber final : public Connection, public Watcher {
  public:
   /// first  the stream of the path, watched at once
-  Subscriber(Context& context, Socket socket, std::optional<control::Subscribe> first);
+  Subscriber(Context& context, Transport transport, std::optional<control::Subscribe> first);
 
   void on_stream_changed(const Stream& stream, bool restart) override;
   void on_frame(const Stream& stream, const FramePtr& frame) override;
   void on_trace(const std::shared_ptr<const std::string>& text) override;
-  void on_tick() override;
 
  private:
   void on_open() override;
   void on_text(std::string_view text) override;
   void on_binary(ByteView message) override;
   void on_closed() override;
+  void on_tick() override;
   FramePtr join_of(std::uint32_t stream_id) override;
   std::string label() const override;
   void subscribe(const control::Subscribe& request);

@@ -13,8 +13,10 @@
 #include <exception>
 #include <utility>
 
+#include "broker/connections/echo.h"
 #include "broker/connections/publisher.h"
 #include "broker/connections/subscriber.h"
+#include "broker/websocket/upgrade.h"
 
 namespace eigencast::broker {
 namespace {
@@ -60,8 +62,8 @@ Result<bool> commit(AssetStore::Upload& upload) {
 
 }  // namespace
 
-HttpSession::HttpSession(Context& context, Socket socket)
-    : context_(context), socket_(std::move(socket)), timer_(context.loop.get_executor()) {
+HttpSession::HttpSession(Context& context, Transport transport)
+    : context_(context), transport_(std::move(transport)), timer_(context.loop.get_executor()) {
   ++context_.counters.connections;
   ++context_.counters.connections_total;
 }
@@ -80,8 +82,16 @@ void HttpSession::arm(std::int64_t timeout_ms) {
 
 void HttpSession::close() {
   timer_.cancel();
-  ErrorOf ignored;
-  socket_.close(ignored);
+  transport_.close();
+}
+
+void HttpSession::start() {
+  if (!transport_.is_tls()) return read_head();
+  arm(context_.config.timeouts.header_ms);
+  transport_.async_handshake([self = shared_from_this()](ErrorOf error) {
+    if (error) return self->close();
+    self->read_head();
+  });
 }
 
 void HttpSession::read_head() {
@@ -89,7 +99,7 @@ void HttpSession::read_head() {
   parser_->header_limit(kMaxHeadBytes);
   parser_->body_limit(static_cast<std::uint64_t>(context_.config.assets.max_object_bytes));
   arm(context_.config.timeouts.header_ms);
-  http::async_read_header(socket_, buffer_, *parser_, [self = shared_from_this()](ErrorOf error, std::size_t) {
+  http::async_read_header(transport_, buffer_, *parser_, [self = shared_from_this()](ErrorOf error, std::size_t) {
     if (!error) return self->on_head();
     if (error == http::error::body_limit) {
       return self->answer_error(Status::payload_too_large,
@@ -135,6 +145,7 @@ void HttpSession::on_head() {
   switch (target->kind) {
     case Target::Kind::kPublish:
     case Target::Kind::kSubscribe:
+    case Target::Kind::kEcho:
       return upgrade(*target);
     case Target::Kind::kStreams:
       if (reads) return serve_streams();
@@ -155,6 +166,22 @@ void HttpSession::upgrade(const Target& target) {
                         fail(ErrorCode::kInvalidArgument, "this is a WebSocket: connect with ws://"),
                         {{http::field::upgrade, "websocket"}});
   }
+  if (header(http::field::sec_websocket_version) != "13") {
+    return answer_error(Status::upgrade_required,
+                        fail(ErrorCode::kIncompatibleVersion, "Sec-WebSocket-Version must be 13 (RFC 6455)"),
+                        {{http::field::upgrade, "websocket"}, {http::field::sec_websocket_version, "13"}});
+  }
+  if (!websocket::is_key(header(http::field::sec_websocket_key))) {
+    return answer_error(Status::bad_request,
+                        fail(ErrorCode::kInvalidArgument, "Sec-WebSocket-Key must be 16 bytes in base64 (RFC 6455)"));
+  }
+#ifdef EIGENCAST_TEST_ENDPOINTS
+  if (target.kind == Target::Kind::kEcho) {
+    timer_.cancel();
+    return std::make_shared<Echo>(context_, std::move(transport_))
+        ->start(websocket::upgrade_answer(header(http::field::sec_websocket_key), {}, "eigencast-broker"));
+  }
+#endif
   if (!offers_subprotocol(header(http::field::sec_websocket_protocol))) {
     return answer_error(Status::bad_request, fail(ErrorCode::kIncompatibleVersion,
                                                   "offer the subprotocol '" + std::string(control::kSubprotocol) +
@@ -170,11 +197,12 @@ void HttpSession::upgrade(const Target& target) {
     return answer_error(Status::service_unavailable, fail(ErrorCode::kRefused, "the broker is stopping"));
   }
   timer_.cancel();
-  auto request = parser_->release();
+  std::string answer = websocket::upgrade_answer(header(http::field::sec_websocket_key), control::kSubprotocol,
+                                                 "eigencast-broker/" + context_.version);
   if (target.kind == Target::Kind::kPublish) {
-    return std::make_shared<Publisher>(context_, std::move(socket_), target.name)->start(std::move(request));
+    return std::make_shared<Publisher>(context_, std::move(transport_), target.name)->start(std::move(answer));
   }
-  std::make_shared<Subscriber>(context_, std::move(socket_), std::move(first))->start(std::move(request));
+  std::make_shared<Subscriber>(context_, std::move(transport_), std::move(first))->start(std::move(answer));
 }
 
 void HttpSession::serve_streams() {
@@ -230,7 +258,7 @@ void HttpSession::send_head_then_file(AssetStore::Object object, Status status, 
   download->end = with_body ? range.last + 1 : range.first;
   auto serializer = std::make_shared<http::response_serializer<http::empty_body>>(*response);
   arm(context_.config.timeouts.transfer_ms);
-  http::async_write_header(socket_, *serializer,
+  http::async_write_header(transport_, *serializer,
                            [self = shared_from_this(), response, serializer, download](ErrorOf error, std::size_t) {
                              if (error) return self->close();
                              self->send_chunk(download);
@@ -250,7 +278,7 @@ void HttpSession::send_chunk(std::shared_ptr<Download> download) {
   download->chunk.resize(static_cast<std::size_t>(count));
   download->at += static_cast<std::uint64_t>(count);
   arm(context_.config.timeouts.transfer_ms);
-  asio::async_write(socket_, asio::buffer(download->chunk),
+  asio::async_write(transport_, asio::buffer(download->chunk),
                     [self = shared_from_this(), download](ErrorOf error, std::size_t) {
                       if (error) return self->close();
                       self->send_chunk(download);
@@ -269,7 +297,7 @@ void HttpSession::receive_asset(const Sha256& id) {
   body_chunk_.resize(kChunkBytes);
   if (!beast::iequals(header(http::field::expect), "100-continue")) return read_body();
   auto response = std::make_shared<http::response<http::empty_body>>(Status::continue_, 11);
-  http::async_write(socket_, *response, [self = shared_from_this(), response](ErrorOf error, std::size_t) {
+  http::async_write(transport_, *response, [self = shared_from_this(), response](ErrorOf error, std::size_t) {
     if (error) return self->close();
     self->read_body();
   });
@@ -281,7 +309,7 @@ void HttpSession::read_body() {
   body.data = body_chunk_.data();
   body.size = body_chunk_.size();
   arm(context_.config.timeouts.transfer_ms);
-  http::async_read(socket_, buffer_, *parser_, [self = shared_from_this()](ErrorOf error, std::size_t) {
+  http::async_read(transport_, buffer_, *parser_, [self = shared_from_this()](ErrorOf error, std::size_t) {
     if (error == http::error::need_buffer) error = {};
     if (error == http::error::body_limit) {
       return self->fail_upload(fail(ErrorCode::kTooLarge, "the body is over assets.max_object_bytes"));
@@ -347,7 +375,7 @@ void HttpSession::answer(Status status, std::string body, Headers headers) {
   if (status != Status::not_modified) response->prepare_payload();
   if (is_head()) response->body().clear();
   arm(context_.config.timeouts.transfer_ms);
-  http::async_write(socket_, *response, [self = shared_from_this(), response, keep](ErrorOf error, std::size_t) {
+  http::async_write(transport_, *response, [self = shared_from_this(), response, keep](ErrorOf error, std::size_t) {
     if (error) return self->close();
     self->finish(keep);
   });
@@ -356,15 +384,14 @@ void HttpSession::answer(Status status, std::string body, Headers headers) {
 void HttpSession::finish(bool keep) {
   if (keep) return read_head();
   // Half-close, then read what still comes for a while: a close with unread bytes would reset the answer away.
-  ErrorOf ignored;
-  socket_.shutdown(Tcp::socket::shutdown_send, ignored);
+  transport_.end_writing();
   arm(std::min<std::int64_t>(context_.config.timeouts.transfer_ms, 2'000));
   drain();
 }
 
 void HttpSession::drain() {
   body_chunk_.resize(kChunkBytes);
-  socket_.async_read_some(asio::buffer(body_chunk_), [self = shared_from_this()](ErrorOf error, std::size_t) {
+  transport_.async_read_some(asio::buffer(body_chunk_), [self = shared_from_this()](ErrorOf error, std::size_t) {
     if (error) return self->close();
     self->drain();
   });

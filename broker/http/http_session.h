@@ -19,11 +19,11 @@ namespace eigencast::broker {
 /// alive by its pending operations. Belongs to its event loop.
 class HttpSession : public std::enable_shared_from_this<HttpSession> {
  public:
-  HttpSession(Context& context, Socket socket);
+  HttpSession(Context& context, Transport transport);
   ~HttpSession();
   HttpSession(const HttpSession&) = delete;
   HttpSession& operator=(const HttpSession&) = delete;
-  void start() { read_head(); }
+  void start();
 
  private:
   using Status = beast::http::status;
@@ -62,7 +62,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   std::string header(beast::http::field field) const;
 
   Context& context_;
-  Socket socket_;
+  Transport transport_;
   Timer timer_;
   beast::flat_buffer buffer_;
   std::optional<beast::http::request_parser<beast::http::buffer_body>> parser_;

@@ -38,6 +38,9 @@ Result<Target> target_from_text(std::string_view text) {
   constexpr std::string_view kPublish = "/v1/publish/";
   constexpr std::string_view kSubscribe = "/v1/subscribe/";
   if (path == "/v1/streams") return Target{Target::Kind::kStreams, {}, std::string(query)};
+#ifdef EIGENCAST_TEST_ENDPOINTS
+  if (path == "/echo") return Target{Target::Kind::kEcho, {}, {}};
+#endif
   if (path == "/v1/subscribe") return Target{Target::Kind::kSubscribe, {}, std::string(query)};
   if (path.starts_with(kPublish)) return stream_target(Target::Kind::kPublish, path.substr(kPublish.size()), query);
   if (path.starts_with(kSubscribe))

@@ -12,10 +12,10 @@ namespace eigencast::broker {
 
 /// What a request target of the data port names.
 struct Target {
-  enum class Kind { kStreams, kAsset, kPublish, kSubscribe };
-  Kind kind = Kind::kStreams;
-  std::string name;   ///< Stream or asset; empty for /v1/streams and /v1/subscribe.
-  std::string query;  ///< Without '?'.
+  enum class Kind { kStreams, kAsset, kPublish, kSubscribe, kEcho };
+  Kind kind = Kind::kStreams;  ///< kEcho: builds with EIGENCAST_TEST_ENDPOINTS only.
+  std::string name;            ///< Stream or asset; empty for /v1/streams and /v1/subscribe.
+  std::string query;           ///< Without '?'.
 };
 
 /// Takes a request target apart. Safe on hostile input.

@@ -8,10 +8,15 @@
 
 namespace eigencast::broker {
 
-/// One encoded pose as it leaves: made once, then shared by every subscriber of its profile and never changed.
+/// One encoded pose as it leaves: made and framed once, then shared by every subscriber of its profile and never
+/// changed.
 struct Frame {
   Envelope envelope;
-  Bytes message;  ///< Envelope and payload: one binary WebSocket message.
+  Bytes wire;                     ///< What goes to every socket: the WebSocket header, then the message.
+  std::size_t message_begin = 0;  ///< Where the message begins in it.
+
+  /// Envelope and payload: one binary WebSocket message.
+  ByteView message() const { return ByteView(wire).subspan(message_begin); }
 };
 using FramePtr = std::shared_ptr<const Frame>;
 

@@ -9,6 +9,9 @@ namespace {
 
 constexpr TimeUs kRoundTripPeriodUs = 5'000'000;
 
+// Frames remembered for the first acknowledgement.
+constexpr std::size_t kUntilAcknowledged = 64;
+
 /// Whether a receiver whose newest key is `newest` can use the frame. docs/protocol.md, section 5.
 bool decodable(const Envelope& envelope, std::optional<std::uint64_t> newest) {
   switch (envelope.kind) {
@@ -88,7 +91,7 @@ void Outbox::offer(std::uint32_t stream_id, const FramePtr& frame) {
 std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_of) {
   if (!control_.empty()) {
     Item item{std::move(control_.front()), nullptr};
-    control_.pop_front();
+    control_.erase(control_.begin());
     control_bytes_ -= item.text->size();
     return item;
   }
@@ -136,7 +139,25 @@ void Outbox::note_sent(Lane& lane, const Frame& frame, TimeUs now_us) {
   lane.wants_join = false;
   lane.last_sent_us = now_us;
   lane.in_flight.push_back({frame.envelope.sequence, frame.envelope.step.byte(), now_us});
-  if (lane.in_flight.size() > limits_.max_in_flight) lane.in_flight.pop_front();
+  // Half at a time, so that a receiver that never acknowledges costs no move per frame.
+  if (lane.in_flight.size() <=
+      (acknowledges_ ? limits_.max_in_flight : std::min(kUntilAcknowledged, limits_.max_in_flight)))
+    return;
+  lane.in_flight.erase(lane.in_flight.begin(),
+                       lane.in_flight.begin() + static_cast<std::ptrdiff_t>((lane.in_flight.size() + 1) / 2));
+}
+
+void Outbox::take_back(const Frame& frame) {
+  Lane* lane = find(frame.envelope.stream_id);
+  if (lane == nullptr) return;
+  ++lane->skipped;
+  ++skipped_total_;
+  std::erase_if(lane->in_flight, [&](const InFlight& sent) {
+    return sent.sequence == frame.envelope.sequence && sent.step == frame.envelope.step.byte();
+  });
+  if (!is_key(frame.envelope)) return;
+  lane->newest.reset();
+  lane->wants_join = true;
 }
 
 void Outbox::acknowledge(const control::Ack::Item& item, TimeUs now_us) {

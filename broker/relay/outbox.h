@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <deque>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -28,6 +27,7 @@ namespace eigencast::broker {
 /// Time comes in as an argument. Not thread-safe.
 class Outbox {
  public:
+  /// A control message as it leaves, framed.
   using Text = std::shared_ptr<const std::string>;
   /// The join frame of a stream's feed as it stands now, or null if it has no key yet.
   using JoinSource = std::function<FramePtr(std::uint32_t stream_id)>;
@@ -69,12 +69,16 @@ class Outbox {
   /// acknowledgements.
   std::optional<Item> take(TimeUs now_us, const JoinSource& join_of);
 
+  /// A frame that was taken did not leave after all: it counts as skipped, and the receiver as not having it.
+  void take_back(const Frame& frame);
+
   void acknowledge(const control::Ack::Item& item, TimeUs now_us);
 
   /// Frames skipped since the last call, per lane; lanes without any are left out.
   std::vector<Skipped> take_skipped();
   std::uint64_t skipped_total() const { return skipped_total_; }
   std::uint64_t joins_total() const { return joins_total_; }
+  std::size_t lanes() const { return lanes_.size(); }
   bool acknowledges() const { return acknowledges_; }
   /// The least time between a frame's leaving and its acknowledgement lately; nothing before the first.
   std::optional<TimeUs> round_trip_us() const;
@@ -93,7 +97,7 @@ class Outbox {
     bool pose_first = false;              ///< The pose was offered before the key.
     bool wants_join = true;               ///< The receiver has nothing of this lane yet.
     std::optional<std::uint64_t> newest;  ///< Sequence of the newest key that the receiver has.
-    std::deque<InFlight> in_flight;
+    std::vector<InFlight> in_flight;      ///< Oldest first.
     TimeUs last_sent_us = 0;
     std::uint64_t skipped = 0;
   };
@@ -108,7 +112,7 @@ class Outbox {
   void skip(Lane& lane, FramePtr& waiting);
 
   Limits limits_;
-  std::deque<Text> control_;
+  std::vector<Text> control_;  ///< Oldest first.
   std::size_t control_bytes_ = 0;
   std::vector<Lane> lanes_;
   std::size_t turn_ = 0;

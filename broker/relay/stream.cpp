@@ -5,6 +5,8 @@
 #include <cassert>
 #include <utility>
 
+#include "broker/websocket/protocol.h"
+
 namespace eigencast::broker {
 namespace {
 
@@ -182,7 +184,8 @@ std::optional<TimeUs> Stream::next_due_us() const {
 void Stream::relay_trace(const control::Trace& trace) {
   control::Trace relayed = trace;
   relayed.stream_id = id_;
-  const auto text = std::make_shared<const std::string>(text_from_control(relayed));
+  const auto text =
+      std::make_shared<const std::string>(websocket::framed(websocket::Opcode::kText, text_from_control(relayed)));
   for (Watcher* watcher : order_) watcher->on_trace(text);
 }
 

@@ -23,6 +23,7 @@ class Watcher {
   /// What the stream is from now on. `restart`: frames to come build on none of those before.
   virtual void on_stream_changed(const Stream& stream, bool restart) = 0;
   virtual void on_frame(const Stream& stream, const FramePtr& frame) = 0;
+  /// `text`: framed.
   virtual void on_trace(const std::shared_ptr<const std::string>& text) = 0;
 };
 

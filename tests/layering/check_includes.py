@@ -23,7 +23,9 @@ ROOMS = {
     "common/reconstruction": {"common/core", "common/asset"},
     "common/net": {"common/core", "common/wire"},
     # The relay decides: no sockets, no clock, no other room of the broker.
-    "broker/relay": {"common/core", "common/wire", "common/codec", "common/motion"},
+    "broker/relay": {"common/core", "common/wire", "common/codec", "common/motion", "broker/websocket"},
+    # RFC 6455 as bytes: no sockets, no clock.
+    "broker/websocket": {"common/core"},
     "broker": {"common/core", "common/core/hash", "common/wire", "common/codec", "common/motion", "common/recording"},
     "sdk": {"common/core", "common/core/hash", "common/wire", "common/codec", "common/motion", "common/surface", "common/spectral",
             "common/progressive", "common/asset", "common/reconstruction", "common/net"},
@@ -42,8 +44,9 @@ LIBRARIES = {
     "nanoflann": (r"nanoflann\.hpp", {"common/spectral", "common/progressive"}, 4),
     "meshoptimizer": (r"meshoptimizer\.h", {"common/progressive"}, 2),
     "zstd": (r"zstd\.h", {"common/asset"}, 2),
-    "OpenSSL": (r"openssl/", {"common/core/hash", "common/net", "broker"}, 6),
-    "Boost": (r"boost/", {"common/net", "broker"}, 30),
+    "OpenSSL": (r"openssl/", {"common/core/hash", "common/net", "broker", "broker/websocket"}, 10),
+    "Boost": (r"boost/", {"common/net", "broker"}, 36),
+    "liburing": (r"liburing\.h", {"broker"}, 1),
     "nlohmann_json": (r"nlohmann/", {"common/wire", "broker", "sdk", "sender", "client"}, 12),
     "CLI11": (r"CLI/", {"broker", "sender", "client"}, 8),
     "prometheus-cpp": (r"prometheus/", {"broker"}, 3),

@@ -88,10 +88,13 @@ class FakeReceiver : public Watcher {
     frames.push_back(frame);
     decode(*frame);
   }
-  void on_trace(const std::shared_ptr<const std::string>& text) override { traces.push_back(text); }
+  void on_trace(const std::shared_ptr<const std::string>& text) override {
+    const bool short_one = static_cast<unsigned char>((*text)[1]) < 126;
+    traces.push_back(text->substr(short_one ? 2 : 4));
+  }
 
   void decode(const Frame& frame) {
-    const auto view = parse_frame(frame.message);
+    const auto view = parse_frame(frame.message());
     if (!view) return void(++undecodable);
     const Envelope& head = view->envelope;
     const CoefficientLayout layout = small_layout();
@@ -118,7 +121,7 @@ class FakeReceiver : public Watcher {
   std::vector<control::StreamInfo> infos;
   std::vector<FramePtr> frames;
   std::vector<Pose> poses;  ///< Shown: without those marked kAhead.
-  std::vector<std::shared_ptr<const std::string>> traces;
+  std::vector<std::string> traces;
   int undecodable = 0;
 
  private:

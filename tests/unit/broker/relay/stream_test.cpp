@@ -58,7 +58,7 @@ TEST_F(StreamTest, RawDeliversExactlyWhatWasSent) {
   }
   ASSERT_EQ(receiver.frames.size(), sent.size());
   for (std::size_t i = 0; i < sent.size(); ++i) {
-    const auto out = parse_frame(receiver.frames[i]->message).value();
+    const auto out = parse_frame(receiver.frames[i]->message()).value();
     const auto in = parse_frame(sent[i]).value();
     EXPECT_TRUE(std::equal(out.payload.begin(), out.payload.end(), in.payload.begin(), in.payload.end()));
     EXPECT_EQ(out.envelope.capture_us, in.envelope.capture_us);
@@ -108,8 +108,8 @@ TEST_F(StreamTest, CompactGivesTheSamePosesAsFull) {
     EXPECT_EQ(compact.poses[i].key, full.poses[i].key) << i;
     EXPECT_EQ(compact.poses[i].envelope.capture_us, full.poses[i].envelope.capture_us) << i;
   }
-  for (const auto& frame : full.frames) full_bytes += frame->message.size();
-  for (const auto& frame : compact.frames) compact_bytes += frame->message.size();
+  for (const auto& frame : full.frames) full_bytes += frame->message().size();
+  for (const auto& frame : compact.frames) compact_bytes += frame->message().size();
   EXPECT_LT(compact_bytes, full_bytes);
 }
 
@@ -395,7 +395,7 @@ TEST_F(StreamTest, TracesReachWatchersWithTheBrokersStreamId) {
   ASSERT_TRUE(stream_.watch(receiver, kRaw));
   stream_.relay_trace({99, 5, {{"captured", 12}}});
   ASSERT_EQ(receiver.traces.size(), 1u);
-  const auto trace = std::get<control::Trace>(control_from_text(*receiver.traces[0]).value());
+  const auto trace = std::get<control::Trace>(control_from_text(receiver.traces[0]).value());
   EXPECT_EQ(trace.stream_id, 7u);
   EXPECT_EQ(trace.sequence, 5u);
 }

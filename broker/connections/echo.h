@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "broker/connections/connection.h"
+
+namespace eigencast::broker {
+
+/// /echo in builds with EIGENCAST_TEST_ENDPOINTS: says everything back, so that the suites that judge WebSocket servers
+/// (Autobahn) have something to talk to. No subprotocol; messages of up to 16 MiB.
+class Echo final : public Connection {
+ public:
+  Echo(Context& context, Transport transport) : Connection(context, std::move(transport), {kMost, kMost}, kLimits) {}
+
+ private:
+  static constexpr std::size_t kMost = 16 * 1024 * 1024;
+  static constexpr Outbox::Limits kLimits = {.max_control_messages = 10'000, .max_control_bytes = 4 * kMost};
+
+  void on_open() override {}
+  void on_text(std::string_view text) override { send_framed(websocket::framed(websocket::Opcode::kText, text)); }
+  void on_binary(ByteView message) override {
+    send_framed(
+        websocket::framed(websocket::Opcode::kBinary, {reinterpret_cast<const char*>(message.data()), message.size()}));
+  }
+  void on_closed() override {}
+  std::string label() const override { return "echo"; }
+};
+
+}  // namespace eigencast::broker

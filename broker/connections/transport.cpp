@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: MIT
+#include "broker/connections/transport.h"
+
+#include <openssl/err.h>
+#include <openssl/ssl.h>
+#include <sys/socket.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+
+#include "common/core/bytes.h"
+
+namespace eigencast::broker {
+namespace {
+
+/// The most that one TLS record carries.
+constexpr std::size_t kRecordBytes = 16 * 1024;
+
+ErrorOf error_from_errno() {
+  return {errno, boost::system::system_category()};
+}
+
+bool would_block() {
+  return errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR;
+}
+
+/// The pieces' first bytes in one place, copied only if there are several.
+ByteView gathered(std::span<const iovec> pieces, std::array<std::uint8_t, kRecordBytes>& scratch) {
+  if (pieces.size() == 1) {
+    return {static_cast<const std::uint8_t*>(pieces[0].iov_base), std::min(pieces[0].iov_len, kRecordBytes)};
+  }
+  std::size_t used = 0;
+  for (const iovec& piece : pieces) {
+    const std::size_t count = std::min(piece.iov_len, kRecordBytes - used);
+    std::memcpy(scratch.data() + used, piece.iov_base, count);
+    used += count;
+  }
+  return ByteView(scratch).first(used);
+}
+
+}  // namespace
+
+void Transport::FreeTls::operator()(SSL* tls) const {
+  SSL_free(tls);
+}
+
+Transport::Transport(Socket socket, std::shared_ptr<SSL_CTX> context)
+    : socket_(std::move(socket)), tls_(SSL_new(context.get())) {
+  ErrorOf ignored;
+  socket_.native_non_blocking(true, ignored);
+  tls_failed_ = !tls_ || SSL_set_fd(tls_.get(), socket_.native_handle()) != 1;
+  if (tls_failed_) return;
+  SSL_set_mode(tls_.get(),
+               SSL_MODE_RELEASE_BUFFERS | SSL_MODE_ENABLE_PARTIAL_WRITE | SSL_MODE_ACCEPT_MOVING_WRITE_BUFFER);
+  SSL_set_accept_state(tls_.get());
+}
+
+Transport::Outcome Transport::tls_outcome(int result) {
+  if (result > 0) return {static_cast<std::size_t>(result), Wait::kNo, {}};
+  const int number = errno;
+  const int what = SSL_get_error(tls_.get(), result);
+  if (what == SSL_ERROR_WANT_READ) return {0, Wait::kReadable, {}};
+  if (what == SSL_ERROR_WANT_WRITE) return {0, Wait::kWritable, {}};
+  const bool ended = what == SSL_ERROR_ZERO_RETURN || (what == SSL_ERROR_SYSCALL && (number == 0 || result == 0));
+  if (what != SSL_ERROR_ZERO_RETURN) tls_failed_ = true;  // Such a connection must not even be shut down.
+  ERR_clear_error();
+  if (ended) return {0, Wait::kNo, asio::error::eof};
+  if (what == SSL_ERROR_SYSCALL) return {0, Wait::kNo, ErrorOf(number, boost::system::system_category())};
+  return {0, Wait::kNo, asio::error::connection_aborted};
+}
+
+Transport::Outcome Transport::shake_hands() {
+  if (tls_failed_) return {0, Wait::kNo, asio::error::connection_aborted};
+  if (!tls_) return {};
+  ERR_clear_error();
+  Outcome outcome = tls_outcome(SSL_accept(tls_.get()));
+  outcome.bytes = 0;
+  return outcome;
+}
+
+Transport::Outcome Transport::read(std::span<std::uint8_t> into) {
+  if (into.empty()) return {};
+  if (tls_) {
+    if (tls_failed_) return {0, Wait::kNo, asio::error::eof};
+    ERR_clear_error();
+    errno = 0;
+    return tls_outcome(
+        SSL_read(tls_.get(), into.data(), static_cast<int>(std::min<std::size_t>(into.size(), 1 << 30))));
+  }
+  const ssize_t count = ::recv(socket_.native_handle(), into.data(), into.size(), MSG_DONTWAIT);
+  if (count > 0) return {static_cast<std::size_t>(count), Wait::kNo, {}};
+  if (count == 0) return {0, Wait::kNo, asio::error::eof};
+  return would_block() ? Outcome{0, Wait::kReadable, {}} : Outcome{0, Wait::kNo, error_from_errno()};
+}
+
+Transport::Outcome Transport::write(std::span<const iovec> pieces) {
+  if (tls_) {
+    if (tls_failed_) return {0, Wait::kNo, asio::error::eof};
+    std::array<std::uint8_t, kRecordBytes> scratch;
+    ByteView bytes = gathered(pieces, scratch);
+    if (held_ > 0) bytes = bytes.first(held_);
+    if (bytes.empty()) return {};
+    ERR_clear_error();
+    errno = 0;
+    const Outcome outcome = tls_outcome(SSL_write(tls_.get(), bytes.data(), static_cast<int>(bytes.size())));
+    held_ = outcome.wait == Wait::kNo ? 0 : bytes.size();
+    return outcome;
+  }
+  ssize_t count = 0;
+  if (pieces.size() == 1) {
+    count = ::send(socket_.native_handle(), pieces[0].iov_base, pieces[0].iov_len, MSG_DONTWAIT | MSG_NOSIGNAL);
+  } else {
+    msghdr message{};
+    message.msg_iov = const_cast<iovec*>(pieces.data());
+    message.msg_iovlen = pieces.size();
+    count = ::sendmsg(socket_.native_handle(), &message, MSG_DONTWAIT | MSG_NOSIGNAL);
+  }
+  if (count >= 0) return {static_cast<std::size_t>(count), Wait::kNo, {}};
+  return would_block() ? Outcome{0, Wait::kWritable, {}} : Outcome{0, Wait::kNo, error_from_errno()};
+}
+
+void Transport::end_writing() {
+  if (tls_ && !tls_failed_ && SSL_is_init_finished(tls_.get())) {
+    SSL_shutdown(tls_.get());
+    ERR_clear_error();
+  }
+  ErrorOf ignored;
+  socket_.shutdown(Tcp::socket::shutdown_send, ignored);
+}
+
+void Transport::close() {
+  ErrorOf ignored;
+  socket_.close(ignored);
+}
+
+}  // namespace eigencast::broker

@@ -1,0 +1,129 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <openssl/types.h>
+#include <sys/uio.h>
+
+#include <boost/asio/async_result.hpp>
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/compose.hpp>
+#include <boost/asio/error.hpp>
+#include <boost/asio/post.hpp>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <utility>
+
+#include "broker/connections/net.h"
+
+namespace eigencast::broker {
+
+/// Gives the TLS context for the next connection; new certificates are a new context, older connections keep theirs.
+/// Called on the thread of the loop that accepts.
+using TlsProvider = std::function<std::shared_ptr<SSL_CTX>()>;
+
+/// The bytes of one connection, plain or TLS: non-blocking calls for those who know when to wait (WebSockets), and an
+/// asynchronous stream over them for Beast (HTTP). TLS runs on OpenSSL straight over the socket and holds no buffers
+/// while idle. SIGPIPE must be ignored by the process. Belongs to its event loop.
+class Transport {
+ public:
+  enum class Wait : std::uint8_t { kNo, kReadable, kWritable };
+  /// What a call did: moved some bytes, or has to wait, or failed (asio::error::eof: the peer has ended).
+  struct Outcome {
+    std::size_t bytes = 0;
+    Wait wait = Wait::kNo;
+    ErrorOf error{};
+  };
+  using executor_type = Executor;
+
+  explicit Transport(Socket socket) : socket_(std::move(socket)) {}
+  /// A TLS server; handshake first. Errors appear there.
+  Transport(Socket socket, std::shared_ptr<SSL_CTX> context);
+
+  executor_type get_executor() { return socket_.get_executor(); }
+  Socket& socket() { return socket_; }
+  bool is_tls() const { return tls_ != nullptr; }
+  /// Null without TLS. For those who want to know the peer's certificate.
+  SSL* tls() { return tls_.get(); }
+
+  /// One try to go on with the TLS handshake; done when there is nothing to wait for. Plain: done.
+  Outcome shake_hands();
+  Outcome read(std::span<std::uint8_t> into);
+  /// Plain: whatever the socket takes. TLS: at most one record of `scratch_bytes`; the first held_bytes() bytes must be
+  /// offered again in the next call.
+  Outcome write(std::span<const iovec> pieces);
+  /// Bytes at the front of what was offered last that TLS has taken but not sent: they can no longer be replaced.
+  std::size_t held_bytes() const { return held_; }
+  /// No more will be written: tells the peer. What it sends can still be read.
+  void end_writing();
+  void close();
+
+  template <typename Handler>
+  void async_wait(Wait wait, Handler&& handler) {
+    const auto what = wait == Wait::kWritable ? Socket::wait_write : Socket::wait_read;
+    socket_.async_wait(what, std::forward<Handler>(handler));
+  }
+  template <typename Handler>
+  void async_handshake(Handler&& handler) {
+    asio::async_compose<Handler, void(ErrorOf)>(
+        [this](auto& self, ErrorOf error = {}) {
+          const Outcome outcome = error ? Outcome{0, Wait::kNo, error} : shake_hands();
+          if (outcome.wait != Wait::kNo) return async_wait(outcome.wait, std::move(self));
+          self.complete(outcome.error);
+        },
+        handler, socket_);
+  }
+
+  // What Beast asks of a stream.
+  template <typename Buffers, typename Handler>
+  auto async_read_some(const Buffers& buffers, Handler&& handler) {
+    const asio::mutable_buffer into = *asio::buffer_sequence_begin(buffers);
+    return move_some(
+        [this, into] {
+          return read({static_cast<std::uint8_t*>(into.data()), into.size()});
+        },
+        std::forward<Handler>(handler));
+  }
+  template <typename Buffers, typename Handler>
+  auto async_write_some(const Buffers& buffers, Handler&& handler) {
+    iovec piece{nullptr, 0};  // The first that is not empty: a stream's users come back with the rest.
+    for (auto it = asio::buffer_sequence_begin(buffers); it != asio::buffer_sequence_end(buffers); ++it) {
+      const asio::const_buffer from = *it;
+      if (from.size() == 0) continue;
+      piece = {const_cast<void*>(from.data()), from.size()};
+      break;
+    }
+    return move_some([this, piece] { return write({&piece, 1}); }, std::forward<Handler>(handler));
+  }
+
+ private:
+  /// Tries, waits, tries again; completes on the loop, never within the call.
+  template <typename Try, typename Handler>
+  auto move_some(Try attempt, Handler&& handler) {
+    return asio::async_compose<Handler, void(ErrorOf, std::size_t)>(
+        [this, attempt, outcome = Outcome{}, posted = false](auto& self, ErrorOf error = {}) mutable {
+          if (!posted) {
+            outcome = error ? Outcome{0, Wait::kNo, error} : attempt();
+            if (outcome.wait != Wait::kNo) return async_wait(outcome.wait, std::move(self));
+            posted = true;
+            return asio::post(socket_.get_executor(), std::move(self));
+          }
+          self.complete(outcome.error, outcome.bytes);
+        },
+        handler, socket_);
+  }
+
+  struct FreeTls {
+    void operator()(SSL* tls) const;
+  };
+
+  Outcome tls_outcome(int result);
+
+  Socket socket_;
+  std::unique_ptr<SSL, FreeTls> tls_;
+  std::size_t held_ = 0;
+  bool tls_failed_ = false;
+};
+
+}  // namespace eigencast::broker

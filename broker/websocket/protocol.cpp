@@ -1,0 +1,62 @@
+// SPDX-License-Identifier: MIT
+#include "broker/websocket/protocol.h"
+
+#include <array>
+#include <span>
+
+namespace eigencast::broker::websocket {
+namespace {
+
+/// Returns how many of the bytes are used.
+std::size_t write_header(Opcode opcode, std::size_t size, std::span<std::uint8_t, kMaxHeaderBytes> out) {
+  out[0] = static_cast<std::uint8_t>(0x80 | static_cast<unsigned>(opcode));
+  if (size <= kMaxControlBytes) {
+    out[1] = static_cast<std::uint8_t>(size);
+    return 2;
+  }
+  const std::size_t bytes = size <= 0xffff ? 2 : 8;
+  out[1] = bytes == 2 ? 126 : 127;
+  for (std::size_t i = 0; i < bytes; ++i)
+    out[2 + i] = static_cast<std::uint8_t>(std::uint64_t{size} >> (8 * (bytes - 1 - i)));
+  return 2 + bytes;
+}
+
+/// `text` cut to at most `most` bytes, not within a character.
+std::string_view cut(std::string_view text, std::size_t most) {
+  if (text.size() <= most) return text;
+  while (most > 0 && (static_cast<unsigned char>(text[most]) & 0xc0) == 0x80) --most;
+  return text.substr(0, most);
+}
+
+}  // namespace
+
+bool is_valid_close_code(std::uint16_t code) {
+  if (code >= 3000) return code <= 4999;
+  return code >= 1000 && code <= 1014 && code != 1004 && code != 1005 && code != 1006;
+}
+
+void append_header(Opcode opcode, std::size_t size, Bytes& out) {
+  std::array<std::uint8_t, kMaxHeaderBytes> header;
+  const std::size_t used = write_header(opcode, size, header);
+  out.insert(out.end(), header.begin(), header.begin() + static_cast<std::ptrdiff_t>(used));
+}
+
+std::string framed(Opcode opcode, std::string_view payload) {
+  std::array<std::uint8_t, kMaxHeaderBytes> header;
+  const std::size_t used = write_header(opcode, payload.size(), header);
+  std::string message;
+  message.reserve(used + payload.size());
+  message.append(reinterpret_cast<const char*>(header.data()), used);
+  message.append(payload);
+  return message;
+}
+
+std::string framed_close(CloseCode code, std::string_view reason) {
+  if (code == CloseCode::kNone) return framed(Opcode::kClose, {});
+  const auto number = static_cast<std::uint16_t>(code);
+  std::string payload{static_cast<char>(number >> 8), static_cast<char>(number & 0xff)};
+  payload += cut(reason, kMaxControlBytes - 2);
+  return framed(Opcode::kClose, payload);
+}
+
+}  // namespace eigencast::broker::websocket
