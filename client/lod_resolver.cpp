@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: MIT
+#include "client/lod_resolver.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <numeric>
+
+namespace eigencast {
+namespace {
+
+bool is_usable(const std::optional<FrameWork>& work) {
+  return work && std::isfinite(work->seconds) && work->seconds > 0;
+}
+
+std::uint32_t clamped(double n, const ObjectView& object) {
+  return static_cast<std::uint32_t>(
+      std::clamp(n, static_cast<double>(object.least), static_cast<double>(object.vertices)));
+}
+
+double total_cost(std::span<const ObjectView> objects, std::span<const std::uint32_t> n) {
+  double total = 0;
+  for (std::size_t i = 0; i < objects.size(); ++i) total += objects[i].vertex_cost * n[i];
+  return total;
+}
+
+}  // namespace
+
+double PaperResolver::level(double scaled, double kappa) {
+  const double g = 1 - scaled;
+  const double f = kappa >= 0 ? kappa * scaled : kappa * (1 - scaled);
+  return std::clamp(g + f, 0.0, 1.0);
+}
+
+void PaperResolver::adjust(const FrameWork& work) {
+  if (!interval_began_us_) interval_began_us_ = work.now_us;
+  interval_work_ += work.seconds;
+  ++interval_frames_;
+  if (work.now_us - *interval_began_us_ < settings_.interval_us) return;
+  const double f = interval_frames_ / interval_work_;
+  if (f > settings_.f0 + settings_.threshold) kappa_ = std::min(kappa_ + settings_.delta, 1.0);
+  if (f < settings_.f0 - settings_.threshold) kappa_ = std::max(kappa_ - settings_.delta, -1.0);
+  interval_began_us_ = work.now_us;
+  interval_work_ = 0;
+  interval_frames_ = 0;
+}
+
+std::vector<std::uint32_t> PaperResolver::resolve(std::span<const ObjectView> objects, std::optional<FrameWork> last) {
+  assert(settings_.far > settings_.near);
+  if (is_usable(last)) adjust(*last);
+  std::vector<std::uint32_t> n;
+  n.reserve(objects.size());
+  for (const ObjectView& object : objects) {
+    const double scaled = std::clamp((object.distance - settings_.near) / (settings_.far - settings_.near), 0.0, 1.0);
+    n.push_back(clamped(std::round(level(scaled, kappa_) * object.vertices), object));
+  }
+  return n;
+}
+
+std::vector<std::uint32_t> split_budget(std::span<const ObjectView> objects, double budget) {
+  std::vector<double> share(objects.size());
+  for (std::size_t i = 0; i < objects.size(); ++i) {
+    const ObjectView& object = objects[i];
+    share[i] = object.pixels > 0 ? std::pow(object.pixels * object.pixels / object.vertex_cost, 2.0 / 3.0) : 0;
+  }
+  // cost(scale) = sum of cost x clamp(scale x share) grows with scale and is linear between the points where an object
+  // meets a bound: bisection over those points, then one linear step.
+  const auto n_at = [&](std::size_t i, double scale) {
+    return std::clamp(scale * share[i], static_cast<double>(objects[i].least),
+                      static_cast<double>(objects[i].vertices));
+  };
+  const auto cost_at = [&](double scale) {
+    double cost = 0;
+    for (std::size_t i = 0; i < objects.size(); ++i) cost += objects[i].vertex_cost * n_at(i, scale);
+    return cost;
+  };
+  std::vector<double> turns{0};
+  for (std::size_t i = 0; i < objects.size(); ++i) {
+    if (share[i] <= 0) continue;
+    turns.push_back(objects[i].least / share[i]);
+    turns.push_back(objects[i].vertices / share[i]);
+  }
+  std::sort(turns.begin(), turns.end());
+  const auto above = std::partition_point(turns.begin(), turns.end(), [&](double t) { return cost_at(t) <= budget; });
+  double scale = turns.back();
+  if (above != turns.end()) {
+    const double low = above == turns.begin() ? 0 : *std::prev(above);
+    const double cost_low = cost_at(low);
+    const double slope = (cost_at(*above) - cost_low) / (*above - low);
+    scale = above == turns.begin() ? 0 : low + std::max(0.0, budget - cost_low) / slope;
+  }
+  std::vector<std::uint32_t> n;
+  n.reserve(objects.size());
+  for (std::size_t i = 0; i < objects.size(); ++i) n.push_back(clamped(std::floor(n_at(i, scale)), objects[i]));
+  return n;
+}
+
+BudgetResolver::BudgetResolver(const Settings& settings) : settings_(settings), slope_(settings.start_cost) {}
+
+void BudgetResolver::learn(double seconds) {
+  samples_.push_back({drawn_, seconds});
+  if (samples_.size() > kWindow) samples_.pop_front();
+  // One frame that the system took away (a page fault, another program) must not move the level.
+  const auto median_of_last = [&](auto value) {
+    std::vector<double> last;
+    for (auto s = samples_.rbegin(); s != samples_.rend() && last.size() < 3; ++s) last.push_back(value(*s));
+    std::sort(last.begin(), last.end());
+    return last[last.size() / 2];
+  };
+
+  double mean_v = 0, mean_t = 0;
+  for (const Sample& s : samples_) mean_v += s.vertices, mean_t += s.seconds;
+  mean_v /= static_cast<double>(samples_.size());
+  mean_t /= static_cast<double>(samples_.size());
+  double variance = 0, covariance = 0;
+  for (const Sample& s : samples_) {
+    variance += (s.vertices - mean_v) * (s.vertices - mean_v);
+    covariance += (s.vertices - mean_v) * (s.seconds - mean_t);
+  }
+  // The old slope counts as much as a variation of V by a tenth would; it never runs away where V stands still.
+  const double prior = 0.01 * mean_v * mean_v * static_cast<double>(samples_.size());
+  if (variance + prior > 0) slope_ = (covariance + prior * slope_) / (variance + prior);
+  // All of the newest frame's time may come from the vertices, never more; and never nothing.
+  const double newest = median_of_last([](const Sample& s) { return s.seconds; });
+  const double per_vertex = newest / std::max(drawn_, 1.0);
+  slope_ = std::clamp(slope_, 0.02 * per_vertex, per_vertex);
+  fixed_ = std::max(0.0, median_of_last([&](const Sample& s) { return s.seconds - slope_ * s.vertices; }));
+}
+
+double BudgetResolver::wanted_vertices(double most) const {
+  const double target = settings_.fill / settings_.f0;
+  double wanted = std::clamp((target - fixed_) / slope_, 0.0, most);
+  if (drawn_ <= 0) return wanted;
+  wanted = std::min(wanted, drawn_ * kGrowth);
+  const bool small = std::abs(wanted - drawn_) < kDeadBand * drawn_ && wanted < most;
+  return small ? drawn_ : wanted;
+}
+
+std::vector<std::uint32_t> BudgetResolver::resolve(std::span<const ObjectView> objects, std::optional<FrameWork> last) {
+  if (is_usable(last) && drawn_ > 0) learn(last->seconds);
+  double most = 0;
+  for (const ObjectView& object : objects) most += object.vertex_cost * object.vertices;
+  auto n = split_budget(objects, wanted_vertices(most));
+  drawn_ = total_cost(objects, n);
+  planned_ = (fixed_ + slope_ * drawn_) * settings_.f0;
+  return n;
+}
+
+}  // namespace eigencast

@@ -1,0 +1,132 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "common/core/clock.h"
+
+namespace eigencast {
+
+/// One surface of the scene, as far as its level of detail depends on it.
+struct ObjectView {
+  std::uint32_t vertices = 0;  ///< Most vertices that can be drawn now.
+  std::uint32_t least = 0;     ///< Fewest that may be drawn; at most `vertices`.
+  double distance = 0;         ///< From the eye to the barycentre of the present pose; scene units, >= 0.
+  double pixels = 0;           ///< Diameter on the screen in pixels; 0 if out of sight.
+  double vertex_cost = 1;      ///< Cost of one vertex relative to the others (instances, shading, points); > 0.
+};
+
+/// How long a frame took to make: the work alone, without waiting for the display.
+struct FrameWork {
+  TimeUs now_us = 0;   ///< When it was done.
+  double seconds = 0;  ///< > 0; frames that are not finite or not positive are ignored.
+};
+
+/// Chooses how many vertices of each surface to draw in the next frame. Time and measurements come in as arguments.
+/// Not thread-safe.
+class LodResolver {
+ public:
+  virtual ~LodResolver() = default;
+
+  /// Takes the measurement of the last frame (nothing before the first) and gives N for each object:
+  /// least <= N <= vertices.
+  virtual std::vector<std::uint32_t> resolve(std::span<const ObjectView> objects, std::optional<FrameWork> last) = 0;
+
+  /// What the controller holds just now, for plots: kappa of the paper, or the part of the frame that is budgeted.
+  virtual double state() const = 0;
+};
+
+/// Eq. 5, Eq. 6 and Algorithm 1 of Zhang, Dou, Zhou, Wu 2013, "Streaming 3D deforming surfaces with dynamic resolution
+/// control":
+///
+///   L_i = G(d_i) + F(f, d_i),  G = 1 - d',  F = kappa d' (kappa >= 0) or kappa (1 - d') (kappa < 0)
+///
+/// d' is the distance scaled to [0, 1] between `near` and `far`; kappa is one for all objects and moves by delta in each
+/// interval in which the frame rate f leaves f0 +- T_f. The paper leaves the interval open: 100 ms here. L = 0 draws
+/// nothing there; here an object keeps its least.
+class PaperResolver final : public LodResolver {
+ public:
+  struct Settings {
+    double f0 = 20;                ///< Wanted frames per second.
+    double threshold = 3;          ///< T_f, frames per second.
+    double delta = 0.01;           ///< Step of kappa per interval.
+    TimeUs interval_us = 100'000;  ///< (default: 100 ms)
+    double near = 0;               ///< Distance at which d' = 0.
+    double far = 1;                ///< Distance at which d' = 1; > near.
+  };
+
+  explicit PaperResolver(const Settings& settings) : settings_(settings) {}
+
+  std::vector<std::uint32_t> resolve(std::span<const ObjectView> objects, std::optional<FrameWork> last) override;
+  double state() const override { return kappa_; }
+  double kappa() const { return kappa_; }
+
+  /// Eq. 5 with Eq. 6, clamped to [0, 1]. `scaled` is d'.
+  static double level(double scaled, double kappa);
+
+ private:
+  void adjust(const FrameWork& work);
+
+  Settings settings_;
+  double kappa_ = 0;
+  std::optional<TimeUs> interval_began_us_;
+  double interval_work_ = 0;  ///< Seconds of work of the frames of this interval.
+  int interval_frames_ = 0;
+};
+
+/// Holds the frame's work within its time and spends all of it where it is seen.
+///
+/// A frame costs a + b V, where V sums cost x N over the objects. Both are learnt while it runs: b by least squares over
+/// the last frames, which pull it only as far as V has varied; a from the newest frames, so that a step of the load is
+/// answered within a few. V is then what the budget leaves, and it is split so that the sum of the shading errors on the
+/// screen is least: the error of a surface goes with its area there times the length of an edge, pixels^2 / sqrt(N), and
+/// so N ~ (pixels^2 / cost)^(2/3) within its bounds.
+///
+/// V goes down at once and up by at most kGrowth a frame; changes within kDeadBand are not made. What is out of sight is
+/// drawn at its least.
+class BudgetResolver final : public LodResolver {
+ public:
+  static constexpr double kGrowth = 1.15;
+  static constexpr double kDeadBand = 0.03;
+  static constexpr std::size_t kWindow = 48;  ///< Frames that the cost is learnt from.
+
+  struct Settings {
+    double f0 = 60;            ///< Wanted frames per second.
+    double fill = 0.92;        ///< Part of 1 / f0 to plan for; the rest is for noise.
+    double start_cost = 1e-7;  ///< Seconds per vertex, believed before anything was measured.
+  };
+
+  explicit BudgetResolver(const Settings& settings);
+
+  std::vector<std::uint32_t> resolve(std::span<const ObjectView> objects, std::optional<FrameWork> last) override;
+  /// Work of the last frame that was planned, as part of 1 / f0.
+  double state() const override { return planned_; }
+
+  double seconds_per_vertex() const { return slope_; }
+  double seconds_fixed() const { return fixed_; }
+
+ private:
+  struct Sample {
+    double vertices;
+    double seconds;
+  };
+  void learn(double seconds);
+  double wanted_vertices(double most) const;
+
+  Settings settings_;
+  double slope_;
+  double fixed_ = 0;
+  double planned_ = 0;
+  double drawn_ = 0;  ///< V of the last frame.
+  std::deque<Sample> samples_;
+};
+
+/// Splits `budget` over the objects so that the sum of pixels^2 / sqrt(N) is least, with sum(cost x N) <= budget where the
+/// bounds allow it. Exact up to rounding: objects at a bound leave the sum, the others share what is left.
+std::vector<std::uint32_t> split_budget(std::span<const ObjectView> objects, double budget);
+
+}  // namespace eigencast

@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: MIT
+#include "client/lod_resolver.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <functional>
+#include <numeric>
+#include <random>
+
+namespace eigencast {
+namespace {
+
+using Counts = std::vector<std::uint32_t>;
+
+double cost_of(const std::vector<ObjectView>& objects, const Counts& n) {
+  double cost = 0;
+  for (std::size_t i = 0; i < n.size(); ++i) cost += objects[i].vertex_cost * n[i];
+  return cost;
+}
+
+double error_of(const std::vector<ObjectView>& objects, const std::vector<double>& n) {
+  double error = 0;
+  for (std::size_t i = 0; i < n.size(); ++i) error += objects[i].pixels * objects[i].pixels / std::sqrt(n[i]);
+  return error;
+}
+
+TEST(PaperLevel, IsEquation5And6) {
+  EXPECT_DOUBLE_EQ(PaperResolver::level(0.25, 0), 0.75);
+  EXPECT_DOUBLE_EQ(PaperResolver::level(0.25, 0.4), 0.75 + 0.4 * 0.25);
+  EXPECT_DOUBLE_EQ(PaperResolver::level(0.25, -0.4), 0.75 - 0.4 * 0.75);
+  for (const double scaled : {0.0, 0.3, 1.0}) {
+    EXPECT_DOUBLE_EQ(PaperResolver::level(scaled, 1), 1) << "kappa = 1 is full detail everywhere";
+    EXPECT_DOUBLE_EQ(PaperResolver::level(scaled, -1), 0) << "kappa = -1 is the floor everywhere";
+  }
+}
+
+TEST(PaperResolver, MovesKappaByDeltaPerIntervalOutsideTheThreshold) {
+  PaperResolver resolver({});
+  const std::vector<ObjectView> objects{{1000, 10, 0.5, 100, 1}};
+  TimeUs now = 0;
+  const auto run = [&](double seconds, int frames) {
+    for (int i = 0; i < frames; ++i) {
+      now += 10'000;
+      resolver.resolve(objects, FrameWork{now, seconds});
+    }
+  };
+  run(1.0 / 20, 101);
+  EXPECT_DOUBLE_EQ(resolver.kappa(), 0) << "f = f0";
+  run(1.0 / 16, 100);
+  EXPECT_NEAR(resolver.kappa(), -0.10, 1e-12) << "ten intervals below f0 - T_f";
+  run(1.0 / 24, 50);
+  EXPECT_NEAR(resolver.kappa(), -0.05, 1e-12);
+  run(1.0 / 100, 5000);
+  EXPECT_DOUBLE_EQ(resolver.kappa(), 1) << "bounded above";
+  run(1.0, 5000);
+  EXPECT_DOUBLE_EQ(resolver.kappa(), -1) << "bounded below";
+  EXPECT_EQ(resolver.resolve(objects, std::nullopt), Counts{10}) << "never below the least";
+}
+
+TEST(SplitBudget, SpendsTheBudgetAndNoMore) {
+  std::mt19937 random(7);
+  std::uniform_real_distribution<double> pixels(0, 900), cost(0.2, 5);
+  std::uniform_int_distribution<std::uint32_t> size(500, 60'000);
+  for (int round = 0; round < 200; ++round) {
+    std::vector<ObjectView> objects;
+    double least = 0, most = 0;
+    for (int i = 0; i < 8; ++i) {
+      const std::uint32_t n = size(random);
+      objects.push_back({n, n / 100, 1, i == 3 ? 0 : pixels(random), cost(random)});
+      least += objects.back().vertex_cost * objects.back().least;
+      if (objects.back().pixels > 0) most += objects.back().vertex_cost * n;
+    }
+    const double budget = std::uniform_real_distribution<double>(least, most)(random);
+    const Counts n = split_budget(objects, budget);
+    EXPECT_LE(cost_of(objects, n), budget + 1e-6);
+    double rounding = 0;
+    for (const auto& object : objects) rounding += object.vertex_cost;
+    if (budget < most * 0.99) {
+      EXPECT_GE(cost_of(objects, n), budget - rounding);
+    }
+    EXPECT_EQ(n[3], objects[3].least) << "what is out of sight gets nothing beyond its least";
+    for (std::size_t i = 0; i < n.size(); ++i) {
+      EXPECT_GE(n[i], objects[i].least);
+      EXPECT_LE(n[i], objects[i].vertices);
+    }
+  }
+}
+
+TEST(SplitBudget, NoExchangeBetweenTwoObjectsMakesTheErrorLess) {
+  const std::vector<ObjectView> objects{
+      {40'000, 400, 1, 800, 1}, {40'000, 400, 1, 300, 2}, {3000, 30, 1, 500, 1}, {8000, 80, 1, 40, 1}};
+  const Counts n = split_budget(objects, 20'000);
+  std::vector<double> base(n.begin(), n.end());
+  const double best = error_of(objects, base);
+  for (std::size_t from = 0; from < n.size(); ++from) {
+    for (std::size_t to = 0; to < n.size(); ++to) {
+      auto moved = base;
+      moved[from] -= 50 / objects[from].vertex_cost;
+      moved[to] += 50 / objects[to].vertex_cost;
+      if (from == to || moved[from] < objects[from].least || moved[to] > objects[to].vertices) continue;
+      EXPECT_GE(error_of(objects, moved), best * (1 - 1e-6)) << from << " to " << to;
+    }
+  }
+}
+
+TEST(SplitBudget, BoundsWinOverTheBudget) {
+  const std::vector<ObjectView> objects{{1000, 100, 1, 50, 1}, {1000, 100, 1, 90, 1}};
+  EXPECT_EQ(split_budget(objects, 0), (Counts{100, 100}));
+  EXPECT_EQ(split_budget(objects, 1e9), (Counts{1000, 1000}));
+  EXPECT_TRUE(split_budget({}, 10).empty());
+}
+
+/// A machine whose frame costs what `seconds` says of V and the time.
+struct Machine {
+  std::function<double(double v, double t)> seconds;
+  double noise = 0;         ///< Standard deviation of the logarithm.
+  double spike_chance = 0;  ///< A frame that takes four times as long.
+};
+
+struct Flight {
+  double within = 0;  ///< Part of the frames within 1.25 / f0 after the first second.
+  double use = 0;     ///< Median part of the frame's time used while below full detail.
+  double mean_level = 0;
+  double wobble = 0;     ///< Mean |change of V| / V over the last quarter.
+  bool was_full = true;  ///< Every frame of the last quarter at full detail.
+};
+
+Flight fly(const Machine& machine, double f0, double duration, std::size_t count = 6, std::uint32_t vertices = 8431) {
+  BudgetResolver resolver({.f0 = f0});
+  std::mt19937 random(3);
+  std::normal_distribution<double> normal(0, 1);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  std::optional<FrameWork> last;
+  std::vector<double> uses, totals, levels;
+  int frames = 0, within = 0;
+  double t = 0;
+  Flight flight;
+  while (t < duration) {
+    std::vector<ObjectView> objects;
+    for (std::size_t i = 0; i < count; ++i) {
+      const double distance = 4 + 3 * std::sin(2.0 * t + static_cast<double>(i));
+      objects.push_back({vertices, vertices / 100, distance, 900 / distance, 1});
+    }
+    const Counts n = resolver.resolve(objects, last);
+    const double v = cost_of(objects, n), full = static_cast<double>(vertices) * static_cast<double>(count);
+    double seconds = machine.seconds(v, t) * std::exp(machine.noise * normal(random));
+    if (uniform(random) < machine.spike_chance) seconds *= 4;
+    t += std::max(seconds, 1 / f0);  // the display's own rate
+    last = FrameWork{static_cast<TimeUs>(t * 1e6), seconds};
+    levels.push_back(v / full);
+    if (t > 1) {
+      ++frames;
+      within += seconds <= 1.25 / f0;
+      if (v < 0.999 * full) uses.push_back(seconds * f0);
+    }
+    if (t > 0.75 * duration) {
+      totals.push_back(v);
+      flight.was_full = flight.was_full && v >= 0.999 * full;
+    }
+  }
+  flight.within = static_cast<double>(within) / frames;
+  std::sort(uses.begin(), uses.end());
+  flight.use = uses.empty() ? 1 : uses[uses.size() / 2];
+  flight.mean_level = std::accumulate(levels.begin(), levels.end(), 0.0) / static_cast<double>(levels.size());
+  for (std::size_t i = 1; i < totals.size(); ++i) flight.wobble += std::abs(totals[i] - totals[i - 1]) / totals[i];
+  flight.wobble /= static_cast<double>(totals.size());
+  return flight;
+}
+
+TEST(BudgetResolver, HoldsTheRateOnASlowMachineAndUsesIt) {
+  // Full detail (50,586 vertices) would take 200 ms, as the paper's five frames a second.
+  const Flight flight = fly({[](double v, double) { return 0.005 + 0.195 * v / 50'586; }, 0.03, 0}, 20, 20);
+  EXPECT_GE(flight.within, 0.99);
+  EXPECT_GE(flight.use, 0.85);
+  EXPECT_GE(flight.mean_level, 0.18) << "all that 45 ms allow is 0.2";
+  EXPECT_LE(flight.wobble, 0.01);
+}
+
+TEST(BudgetResolver, DrawsEverythingOnAFastMachine) {
+  const Flight flight = fly({[](double v, double) { return 0.001 + 0.006 * v / 50'586; }, 0.05, 0}, 60, 6);
+  EXPECT_TRUE(flight.was_full);
+  EXPECT_EQ(flight.within, 1);
+}
+
+TEST(BudgetResolver, SurvivesNoiseAndSpikes) {
+  const Flight flight = fly({[](double v, double) { return 0.004 + 0.1 * v / 50'586; }, 0.10, 0.02}, 60, 20);
+  EXPECT_GE(flight.within, 0.95);
+  EXPECT_GE(flight.use, 0.80);
+}
+
+TEST(BudgetResolver, AnswersAStepOfTheLoadWithinAFewFrames) {
+  // Another program takes two thirds of the machine after five seconds, and leaves after ten.
+  const auto seconds = [](double v, double t) { return (0.004 + 0.1 * v / 50'586) * (t > 5 && t < 10 ? 3 : 1); };
+  const Flight flight = fly({seconds, 0.03, 0}, 30, 15);
+  EXPECT_GE(flight.within, 0.97);
+  EXPECT_GE(flight.use, 0.80);
+}
+
+TEST(BudgetResolver, KeepsTheFloorWhenNothingHelps) {
+  const Flight flight = fly({[](double, double) { return 0.2; }, 0.02, 0}, 60, 10);
+  EXPECT_GE(flight.mean_level, 0.0099);
+}
+
+TEST(BudgetResolver, IgnoresMeasurementsThatAreNone) {
+  BudgetResolver resolver({.f0 = 60});
+  const std::vector<ObjectView> objects{{10'000, 100, 1, 500, 1}};
+  const Counts before = resolver.resolve(objects, std::nullopt);
+  for (const double bad : {0.0, -1.0, std::nan(""), std::numeric_limits<double>::infinity()}) {
+    EXPECT_EQ(resolver.resolve(objects, FrameWork{0, bad}), before);
+  }
+  EXPECT_TRUE(resolver.resolve({}, FrameWork{0, 0.01}).empty());
+}
+
+}  // namespace
+}  // namespace eigencast
