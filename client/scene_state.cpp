@@ -44,6 +44,7 @@ void SceneState::follow_epoch(const PoseSource& source) {
     const bool same = has_asset_ && !id.empty() && id == asset_id_;
     has_asset_ = true;
     epoch_ = source.epoch();
+    reconstructor_.reset();
     asset_id_ = id;
     playout_.reset();
     fade_.restart_time();
@@ -120,7 +121,8 @@ void SceneState::rebuild(const Asset& asset, std::uint32_t N) {
   const TimeUs start = steady_now_us();
   geometry_.positions.resize(std::size_t{N} * 3);
   const std::uint32_t rank = std::min(asset.rank, std::max(1U, rank_in_use(coefficients_, channels_)));
-  positions_from_coefficients(asset, coefficients_, channels_, rank, N, geometry_.positions);
+  reconstructor_.update(asset);
+  reconstructor_.rebuild(coefficients_, channels_, rank, N, geometry_.positions);
   const TimeUs rebuilt = steady_now_us();
   geometry_.is_point_cloud = asset.is_point_cloud();
   geometry_.normals.resize(geometry_.is_point_cloud ? 0 : geometry_.positions.size());
@@ -136,7 +138,8 @@ void SceneState::update_facts(const Asset& asset) {
   facts_rows_ = asset.rows_ready;
   // The rest pose as this receiver rebuilds it: true in every basis and for every part that has arrived.
   std::vector<float> rest(std::size_t{asset.rows_ready} * 3);
-  positions_from_coefficients(asset, asset.rest, 3, asset.rank, asset.rows_ready, rest);
+  reconstructor_.update(asset);
+  reconstructor_.rebuild(asset.rest, 3, asset.rank, asset.rows_ready, rest);
   for (std::size_t axis = 0; axis < 3; ++axis) {
     facts_.low[axis] = facts_.high[axis] = rest[axis];
     for (std::size_t i = axis; i < rest.size(); i += 3) {

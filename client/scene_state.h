@@ -12,6 +12,7 @@
 #include "client/pose_source.h"
 #include "common/core/histogram.h"
 #include "common/motion/playout.h"
+#include "common/reconstruction/reconstruct.h"
 
 namespace eigencast {
 
@@ -90,6 +91,7 @@ class SceneState {
   std::uint32_t epoch_ = 0;
   bool has_asset_ = false;
   std::string asset_id_;  ///< Of the asset shown; empty while the source has not named it.
+  Reconstructor reconstructor_;
   std::uint32_t facts_rows_ = 0, built_faces_ready_ = 0;
   BandFade fade_;
   std::vector<double> coefficients_;  ///< Shown: r x channels_.

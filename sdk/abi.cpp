@@ -33,6 +33,7 @@ struct ec_subscriber {
   std::deque<eigencast::ReceivedPose> waiting;
   std::optional<eigencast::ReceivedPose> current;
   std::vector<float> positions, normals;
+  eigencast::Reconstructor reconstructor;
   std::vector<std::uint32_t> triangles;
   /// What `triangles` are of: a surface, as far as it had arrived, at a level.
   struct TrianglesOf {
@@ -175,13 +176,15 @@ ec_status rebuild(ec_subscriber& self, double detail, ec_surface* out) {
   const std::uint32_t level = level_from_fraction(*asset, detail);
   const ec_subscriber::TrianglesOf wanted{asset, self.subscriber->epoch(), asset->rows_ready, asset->faces_ready,
                                           level};
+  if (self.triangles_of.asset != asset || self.triangles_of.epoch != wanted.epoch) self.reconstructor.reset();
+  self.reconstructor.update(*asset);
   if (self.triangles_of != wanted) {
     self.triangles = triangles_at_level(*asset, level);
     self.triangles_of = wanted;
   }
   self.positions.resize(std::size_t{3} * level);
   const ReceivedPose& pose = *self.current;
-  positions_from_coefficients(*asset, pose.coefficients, pose.channels, asset->rank, level, self.positions);
+  self.reconstructor.rebuild(pose.coefficients, pose.channels, asset->rank, level, self.positions);
   self.normals.resize(asset->is_point_cloud() ? 0 : self.positions.size());
   if (!self.normals.empty()) vertex_normals(self.positions, self.triangles, self.normals);
   for (std::size_t i = 0; i < self.positions.size(); ++i) self.positions[i] += static_cast<float>(asset->origin[i % 3]);

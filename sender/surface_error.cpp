@@ -5,8 +5,6 @@
 #include <cassert>
 #include <cmath>
 
-#include "common/reconstruction/reconstruct.h"
-
 namespace eigencast {
 
 void SurfaceErrorSum::add(std::span<const Vec3> truth, std::span<const Vec3> rebuilt) {
@@ -32,10 +30,12 @@ SurfaceError SurfaceErrorSum::result() const {
 }
 
 SourceRebuilder::SourceRebuilder(const Asset& asset)
-    : asset_(asset), rows_(std::size_t{3} * asset.vertex_count), positions_(asset.vertex_count) {}
+    : asset_(asset), rows_(std::size_t{3} * asset.vertex_count), positions_(asset.vertex_count) {
+  reconstructor_.update(asset);
+}
 
 std::span<const Vec3> SourceRebuilder::rebuild(std::span<const double> C, std::uint32_t channels) {
-  positions_from_coefficients(asset_, C, channels, asset_.rank, asset_.vertex_count, rows_);
+  reconstructor_.rebuild(C, channels, asset_.rank, asset_.vertex_count, rows_);
   for (std::size_t row = 0; row < positions_.size(); ++row) {
     Vec3& vertex = positions_[asset_.source_vertex[row]];
     for (std::size_t axis = 0; axis < 3; ++axis) vertex[axis] = double{rows_[3 * row + axis]} + asset_.origin[axis];

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "common/asset/asset.h"
+#include "common/reconstruction/reconstruct.h"
 #include "common/spectral/basis.h"
 #include "common/surface/surface.h"
 
@@ -44,6 +45,7 @@ class SourceRebuilder {
 
  private:
   const Asset& asset_;
+  Reconstructor reconstructor_;
   std::vector<float> rows_;
   std::vector<Vec3> positions_;
 };

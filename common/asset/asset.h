@@ -28,6 +28,9 @@ struct Asset {
       "augmented";  ///< "harmonic", "augmented", ...: for people; the arithmetic does not depend on it.
   std::vector<std::uint32_t> band_ends;
   std::vector<float> basis;                         ///< n x r, row-major: Psi as receivers have it (dequantised).
+  std::uint32_t exact_columns = 0;   ///< Where column_scales is not empty: leading columns that are not on a grid.
+  std::vector<float> column_scales;  ///< Empty, or r - exact_columns: entries of the later columns are float(integer) *
+                                     ///< scale with 16-bit integers, as the asset's bytes hold them.
   std::vector<float> mass;                          ///< n: diagonal of M.
   std::vector<std::uint32_t> map;                   ///< n
   std::vector<std::array<std::uint32_t, 3>> faces;  ///< F, by death; empty = point cloud.

@@ -38,6 +38,8 @@ Result<AssetReader> AssetReader::from_manifest(const Sha256& id, ByteView manife
   AssetReader reader;
   reader.manifest_ = std::make_shared<const Manifest>(std::move(*parsed));
   reader.asset_ = reader.manifest_->facts;
+  reader.asset_.exact_columns = reader.manifest_->exact_columns;
+  reader.asset_.column_scales = reader.manifest_->column_scales;
   reader.bands_ = std::min(bands, reader.asset_.band_ends.size());
   std::uint32_t row = 0;
   for (const ChunkEntry& entry : reader.manifest_->chunks) {

@@ -2,28 +2,54 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
+
+#include "common/core/cpu.h"
 
 namespace eigencast::kernel {
 
-// Dense products of tall row-major matrices, in the widest vectors that this processor has (chosen when the program
-// runs, so that a build for plain x86-64 is fast everywhere). Pointers need no alignment and must not overlap.
+// Dense products with a basis that lies in tiles of kTileRows rows: within a tile column after column, so that vectors
+// run along the rows, any number of leading columns is a prefix of the tile, and no sum crosses the lanes of a vector.
 
-/// X = Psi C.
-///   Psi  rows x rank, row-major, rows are `stride` floats apart
-///   C    3 x rank, row-major (one row for each of x, y, z)
-///   X    rows x 3, row-major
-void product(const float* Psi, std::size_t rows, std::size_t stride, std::size_t rank, const float* C, float* X);
-
-/// S += Psi^T Y, summed in float: meant for blocks of some tens of rows.
-///   Psi  rows x rank, row-major
-///   Y    rows x 3, row-major
-///   S    3 x rank, row-major
-void add_transposed_product(const float* Psi, std::size_t rows, std::size_t rank, const float* Y, float* S);
-
-/// G += B^T B, its lower triangle in tiles of kGramTile: entries right of the diagonal tile are left as they are.
-///   B  rows x width, row-major, width a multiple of kGramTile
-///   G  width x width, row-major
+inline constexpr std::size_t kTileRows = 64;
+inline constexpr std::size_t kAlignment = 64;     ///< Bytes that tiles begin at a multiple of.
+inline constexpr std::size_t kWidestVector = 16;  ///< Floats in the widest vector of any variant.
 inline constexpr std::size_t kGramTile = 8;
-void add_gram(const double* B, std::size_t rows, std::size_t width, double* G);
+
+/// Tiles one after the other: of each tile `float_columns` columns of floats and `integer_columns` columns of integers
+/// are used; the next tile begins `float_stride`, `integer_stride` columns later. Rows of the last tile that do not
+/// exist hold zero.
+struct Tiles {
+  const float* floats = nullptr;
+  const std::int16_t* integers = nullptr;
+  std::size_t float_columns = 0, float_stride = 0;
+  std::size_t integer_columns = 0, integer_stride = 0;
+};
+
+/// The kernels as one instruction set does them. Variants differ in rounding only: each result is within 1e-6 of the sum
+/// of its terms' magnitudes.
+struct Functions {
+  /// X_p = Psi C_p for several poses in one pass over the basis.
+  ///   rows  of the basis, from the first tile on
+  ///   C     poses x columns x 3, floats' columns first
+  ///   X     one pointer for each pose: rows x 3, row-major
+  void (*product)(const Tiles& tiles, std::size_t rows, const float* C, std::size_t poses, float* const* X);
+
+  /// S += Psi^T Y. Within the call sums are in float, lane by lane: meant for some tens of tiles.
+  ///   Y        tile after tile 3 x kTileRows; zero for rows that do not exist
+  ///   S        columns x 3
+  ///   scratch  columns x 3 x kWidestVector floats, aligned
+  void (*add_transposed)(const Tiles& tiles, std::size_t tile_count, const float* Y, double* S, float* scratch);
+
+  /// G += B^T B, its lower triangle in tiles of kGramTile: entries right of the diagonal tile are left as they are.
+  ///   B  rows x width, row-major, width a multiple of kGramTile
+  ///   G  width x width, row-major
+  void (*add_gram)(const double* B, std::size_t rows, std::size_t width, double* G);
+};
+
+/// REQUIRES: `set` is one of instruction_sets(), or smaller than one.
+const Functions& functions(InstructionSet set);
+/// Those of the best instruction set here.
+const Functions& functions();
 
 }  // namespace eigencast::kernel

@@ -1,36 +1,49 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
-#include <array>
 #include <cassert>
 #include <cmath>
 #include <string>
 
+#include "common/core/worker_team.h"
 #include "common/reconstruction/kernel.h"
 #include "common/reconstruction/reconstruct.h"
 
 namespace eigencast {
 namespace {
 
-// Rows summed in float before they are added in double: few enough that rounding stays below that of the basis itself.
-constexpr std::size_t kForwardBlock = 32;
+// Tiles whose products are summed in float, lane by lane, before they are added in double: few enough that rounding
+// stays below that of the basis itself.
+constexpr std::size_t kForwardTiles = 32;
 constexpr std::size_t kGramBlock = 64;
+// Independent of how many threads there are, so that the sums are the same everywhere.
+constexpr std::size_t kGramParts = 8;
+constexpr std::size_t kNone = ~std::size_t{0};
 
 // Psi^T M Psi, r x r; only the lower triangle is meant.
-std::vector<double> gram_matrix(const Asset& asset) {
+std::vector<double> gram_matrix(const Asset& asset, const kernel::Functions& functions) {
   const std::size_t n = asset.vertex_count, r = asset.rank;
   const std::size_t width = (r + kernel::kGramTile - 1) / kernel::kGramTile * kernel::kGramTile;
-  std::vector<double> padded(width * width), block(kGramBlock * width);
-  for (std::size_t first = 0; first < n; first += kGramBlock) {
-    const std::size_t rows = std::min(kGramBlock, n - first);
-    for (std::size_t i = 0; i < rows; ++i) {
-      const double root = std::sqrt(static_cast<double>(asset.mass[first + i]));
-      const float* row = &asset.basis[(first + i) * r];
-      for (std::size_t k = 0; k < r; ++k) block[i * width + k] = root * static_cast<double>(row[k]);
+  std::vector<std::vector<double>> parts(kGramParts);
+  worker_team().run(kGramParts, [&](std::size_t part) {
+    parts[part].resize(width * width);
+    std::vector<double> block(kGramBlock * width);
+    const std::size_t end = n * (part + 1) / kGramParts;
+    for (std::size_t first = n * part / kGramParts; first < end; first += kGramBlock) {
+      const std::size_t rows = std::min(kGramBlock, end - first);
+      for (std::size_t i = 0; i < rows; ++i) {
+        const double root = std::sqrt(static_cast<double>(asset.mass[first + i]));
+        const float* row = &asset.basis[(first + i) * r];
+        for (std::size_t k = 0; k < r; ++k) block[i * width + k] = root * static_cast<double>(row[k]);
+      }
+      functions.add_gram(block.data(), rows, width, parts[part].data());
     }
-    kernel::add_gram(block.data(), rows, width, padded.data());
-  }
+  });
   std::vector<double> gram(r * r);
-  for (std::size_t i = 0; i < r; ++i) std::copy_n(&padded[i * width], i + 1, &gram[i * r]);
+  for (const std::vector<double>& part : parts) {
+    for (std::size_t i = 0; i < r; ++i) {
+      for (std::size_t j = 0; j <= i; ++j) gram[i * r + j] += part[i * width + j];
+    }
+  }
   return gram;
 }
 
@@ -57,12 +70,12 @@ std::size_t factorise(std::vector<double>& A, std::size_t r) {
 
 // Solves L L^T C = C in place; C is r x 3, row-major.
 void solve(const std::vector<double>& L, std::size_t r, std::vector<double>& C) {
-  for (std::size_t d = 0; d < 3; ++d) {
-    for (std::size_t i = 0; i < r; ++i) {
-      double value = C[3 * i + d];
-      for (std::size_t k = 0; k < i; ++k) value -= L[i * r + k] * C[3 * k + d];
-      C[3 * i + d] = value / L[i * r + i];
+  for (std::size_t i = 0; i < r; ++i) {
+    double value[3] = {C[3 * i], C[3 * i + 1], C[3 * i + 2]};
+    for (std::size_t k = 0; k < i; ++k) {
+      for (std::size_t d = 0; d < 3; ++d) value[d] -= L[i * r + k] * C[3 * k + d];
     }
+    for (std::size_t d = 0; d < 3; ++d) C[3 * i + d] = value[d] / L[i * r + i];
   }
   for (std::size_t i = r; i-- > 0;) {
     for (std::size_t d = 0; d < 3; ++d) C[3 * i + d] /= L[i * r + i];
@@ -72,50 +85,88 @@ void solve(const std::vector<double>& L, std::size_t r, std::vector<double>& C) 
   }
 }
 
+// M (X - origin) of the rows from `first` on, tile by tile as the kernel wants it; zero beyond the last row. Returns the
+// first source vertex that is not finite, or kNone.
 template <typename Value>
-Result<std::vector<double>> project(const Asset& asset, const std::vector<double>& factor,
-                                    std::span<const Value> positions) {
-  const std::size_t n = asset.vertex_count, r = asset.rank;
+std::size_t weigh(const Asset& asset, std::span<const Value> positions, std::size_t first, std::size_t rows,
+                  std::vector<float>& Y) {
+  std::size_t bad = kNone;
+  for (std::size_t i = 0; i < rows; ++i) {
+    const std::size_t source = asset.source_vertex[first + i];
+    const Value* x = &positions[3 * source];
+    float* y = &Y[i / kernel::kTileRows * 3 * kernel::kTileRows + i % kernel::kTileRows];
+    for (std::size_t d = 0; d < 3; ++d) {
+      if (!std::isfinite(x[d])) bad = std::min(bad, source);
+      const double weighted = asset.mass[first + i] * (static_cast<double>(x[d]) - asset.origin[d]);
+      y[d * kernel::kTileRows] = static_cast<float>(weighted);
+    }
+  }
+  for (std::size_t i = rows; i % kernel::kTileRows != 0; ++i) {
+    float* y = &Y[i / kernel::kTileRows * 3 * kernel::kTileRows + i % kernel::kTileRows];
+    for (std::size_t d = 0; d < 3; ++d) y[d * kernel::kTileRows] = 0;
+  }
+  return bad;
+}
+
+}  // namespace
+
+template <typename Value>
+Result<std::vector<double>> Projector::project(std::span<const Value> positions) const {
+  const std::size_t n = asset_->vertex_count, r = asset_->rank;
   if (positions.size() != 3 * n) {
     return fail(ErrorCode::kInvalidArgument, "positions: " + std::to_string(positions.size()) +
                                                  " values, the asset has " + std::to_string(n) +
                                                  " vertices and needs 3 for each");
   }
-  std::vector<double> sums(3 * r);
-  std::vector<float> block_sums(3 * r);
-  std::array<float, 3 * kForwardBlock> weighted;
-  for (std::size_t first = 0; first < n; first += kForwardBlock) {
-    const std::size_t rows = std::min(kForwardBlock, n - first);
-    for (std::size_t i = 0; i < rows; ++i) {
-      const std::size_t source = asset.source_vertex[first + i];
-      for (std::size_t d = 0; d < 3; ++d) {
-        const auto value = static_cast<double>(positions[3 * source + d]);
-        if (!std::isfinite(value)) {
-          return fail(ErrorCode::kInvalidArgument,
-                      "positions: vertex " + std::to_string(source) + " has a coordinate that is not a finite number");
-        }
-        weighted[3 * i + d] = static_cast<float>(asset.mass[first + i] * (value - asset.origin[d]));
-      }
-    }
-    std::fill(block_sums.begin(), block_sums.end(), 0.0F);
-    kernel::add_transposed_product(&asset.basis[first * r], rows, r, weighted.data(), block_sums.data());
-    for (std::size_t k = 0; k < 3 * r; ++k) sums[k] += static_cast<double>(block_sums[k]);
+  constexpr std::size_t kRows = kForwardTiles * kernel::kTileRows;
+  const std::size_t parts = (n + kRows - 1) / kRows;
+  struct Part {
+    std::vector<double> sums;
+    std::size_t bad = kNone;
+  };
+  std::vector<Part> done(parts);
+  const kernel::Functions& functions = kernel::functions(set_);
+  const auto sum_part = [&](std::size_t part) {
+    const std::size_t first = part * kRows, rows = std::min(kRows, n - first);
+    const std::size_t tiles = (rows + kernel::kTileRows - 1) / kernel::kTileRows;
+    std::vector<float> Y(tiles * 3 * kernel::kTileRows);
+    AlignedVector<float> scratch(3 * r * kernel::kWidestVector);
+    done[part].sums.resize(3 * r);
+    done[part].bad = weigh(*asset_, positions, first, rows, Y);
+    functions.add_transposed(tiles_.view(part * kForwardTiles, asset_->rank), tiles, Y.data(), done[part].sums.data(),
+                             scratch.data());
+  };
+  if (threads_ == 1) {
+    for (std::size_t part = 0; part < parts; ++part) sum_part(part);
+  } else {
+    worker_team().run(parts, sum_part);
   }
+
   std::vector<double> C(3 * r);
-  for (std::size_t k = 0; k < r; ++k) {
-    for (std::size_t d = 0; d < 3; ++d) C[3 * k + d] = sums[d * r + k];
+  std::size_t bad = kNone;
+  for (const Part& part : done) {
+    bad = std::min(bad, part.bad);
+    for (std::size_t i = 0; i < 3 * r; ++i) C[i] += part.sums[i];
   }
-  solve(factor, r, C);
+  if (bad != kNone) {
+    return fail(ErrorCode::kInvalidArgument,
+                "positions: vertex " + std::to_string(bad) + " has a coordinate that is not a finite number");
+  }
+  for (std::uint32_t k = 0; k < asset_->rank; ++k) {
+    for (std::size_t d = 0; d < 3; ++d) C[3 * k + d] *= static_cast<double>(tiles_.scale(k));
+  }
+  solve(gram_factor_, r, C);
   return C;
 }
 
-}  // namespace
-
-Result<Projector> Projector::create(const Asset& asset) {
+Result<Projector> Projector::create(const Asset& asset, InstructionSet set, unsigned threads) {
   assert(asset.complete());
   Projector projector;
   projector.asset_ = &asset;
-  projector.gram_factor_ = gram_matrix(asset);
+  projector.set_ = set;
+  projector.threads_ = threads;
+  projector.tiles_.update(asset);
+  projector.gram_factor_ = gram_matrix(asset, kernel::functions(set));
   const std::size_t bad = factorise(projector.gram_factor_, asset.rank);
   if (bad < asset.rank) {
     return fail(ErrorCode::kNumerical,
@@ -127,11 +178,11 @@ Result<Projector> Projector::create(const Asset& asset) {
 }
 
 Result<std::vector<double>> Projector::coefficients_from_positions(std::span<const float> positions) const {
-  return project(*asset_, gram_factor_, positions);
+  return project(positions);
 }
 
 Result<std::vector<double>> Projector::coefficients_from_positions(std::span<const double> positions) const {
-  return project(*asset_, gram_factor_, positions);
+  return project(positions);
 }
 
 }  // namespace eigencast

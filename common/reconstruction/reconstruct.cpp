@@ -3,74 +3,67 @@
 
 #include <algorithm>
 #include <cassert>
-#include <cmath>
 
+#include "common/core/worker_team.h"
 #include "common/reconstruction/kernel.h"
 
 namespace eigencast {
+namespace {
+
+// Multiplications below which waking other threads takes longer than they save.
+constexpr std::size_t kWorthThreads = 4'000'000;
+constexpr std::size_t kTilesPerTask = 16;
+
+/// C as the kernel wants it: poses x rank x 3, in units of the tiles' entries.
+std::vector<float> packed_coefficients(const BasisTiles& tiles, std::span<const PoseToRebuild> poses,
+                                       std::uint32_t rank) {
+  std::vector<float> packed;
+  packed.reserve(poses.size() * rank * 3);
+  for (const PoseToRebuild& pose : poses) {
+    assert(pose.channels >= 3 && pose.C.size() >= std::size_t{rank} * pose.channels);
+    for (std::uint32_t k = 0; k < rank; ++k) {
+      for (std::size_t d = 0; d < 3; ++d) {
+        packed.push_back(
+            static_cast<float>(pose.C[std::size_t{k} * pose.channels + d] * static_cast<double>(tiles.scale(k))));
+      }
+    }
+  }
+  return packed;
+}
+
+}  // namespace
+
+Reconstructor::Reconstructor(InstructionSet set, unsigned threads) : set_(set), threads_(threads) {}
+
+void Reconstructor::rebuild(std::span<const PoseToRebuild> poses, std::uint32_t rank, std::uint32_t N) const {
+  assert(N <= tiles_.rows() && rank <= tiles_.rank());
+  const std::vector<float> C = packed_coefficients(tiles_, poses, rank);
+  const kernel::Functions& functions = kernel::functions(set_);
+  const auto rebuild_tiles = [&](std::size_t first_tile, std::size_t end_row) {
+    const std::size_t first_row = first_tile * kernel::kTileRows;
+    std::vector<float*> X;
+    for (const PoseToRebuild& pose : poses) X.push_back(pose.positions.data() + 3 * first_row);
+    functions.product(tiles_.view(first_tile, rank), end_row - first_row, C.data(), poses.size(), X.data());
+  };
+  if (threads_ == 1 || std::size_t{N} * rank * 3 * poses.size() < kWorthThreads) return rebuild_tiles(0, N);
+  constexpr std::size_t kRows = kTilesPerTask * kernel::kTileRows;
+  worker_team().run((N + kRows - 1) / kRows, [&](std::size_t task) {
+    rebuild_tiles(task * kTilesPerTask, std::min<std::size_t>(N, (task + 1) * kRows));
+  });
+}
+
+void Reconstructor::rebuild(std::span<const double> C, std::uint32_t channels, std::uint32_t rank, std::uint32_t N,
+                            std::span<float> positions) const {
+  const PoseToRebuild pose{C, channels, positions};
+  rebuild({&pose, 1}, rank, N);
+}
 
 void positions_from_coefficients(const Asset& asset, std::span<const double> C, std::uint32_t channels,
                                  std::uint32_t rank, std::uint32_t N, std::span<float> positions) {
-  assert(rank <= asset.rank && channels >= 3);
   assert(N <= asset.rows_ready);
-  assert(C.size() >= std::size_t{rank} * channels);
-  assert(positions.size() >= std::size_t{N} * 3);
-  std::vector<float> columns(std::size_t{rank} * 3);
-  for (std::size_t k = 0; k < rank; ++k) {
-    for (std::size_t d = 0; d < 3; ++d) columns[d * rank + k] = static_cast<float>(C[k * channels + d]);
-  }
-  kernel::product(asset.basis.data(), N, asset.rank, rank, columns.data(), positions.data());
-}
-
-std::vector<std::uint32_t> triangles_at_level(const Asset& asset, std::uint32_t N) {
-  assert(asset.base_count <= N && N <= asset.rows_ready);
-  const auto known = asset.death.begin() + asset.faces_ready;
-  const auto alive = static_cast<std::size_t>(std::lower_bound(asset.death.begin(), known, N) - asset.death.begin());
-  std::vector<std::uint32_t> triangles(alive * 3);
-  for (std::size_t f = 0; f < alive; ++f) {
-    for (std::size_t corner = 0; corner < 3; ++corner) {
-      std::uint32_t a = asset.faces[f][corner];
-      while (a >= N) a = asset.map[a];
-      triangles[3 * f + corner] = a;
-    }
-  }
-  return triangles;
-}
-
-void vertex_normals(std::span<const float> positions, std::span<const std::uint32_t> triangles,
-                    std::span<float> normals) {
-  assert(normals.size() >= positions.size());
-  std::fill_n(normals.begin(), positions.size(), 0.0F);
-  for (std::size_t t = 0; t + 3 <= triangles.size(); t += 3) {
-    const std::size_t corners[3] = {3 * std::size_t{triangles[t]}, 3 * std::size_t{triangles[t + 1]},
-                                    3 * std::size_t{triangles[t + 2]}};
-    assert(std::max({corners[0], corners[1], corners[2]}) + 3 <= positions.size());
-    const float* a = &positions[corners[0]];
-    const float* b = &positions[corners[1]];
-    const float* c = &positions[corners[2]];
-    const float u[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
-    const float v[3] = {c[0] - a[0], c[1] - a[1], c[2] - a[2]};
-    // Twice the area long: summing it weights each face by its area.
-    const float normal[3] = {u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]};
-    for (const std::size_t corner : corners) {
-      for (std::size_t d = 0; d < 3; ++d) normals[corner + d] += normal[d];
-    }
-  }
-  for (std::size_t i = 0; i + 3 <= positions.size(); i += 3) {
-    // In double: the square of a small face's area leaves the range of float.
-    const double x = normals[i], y = normals[i + 1], z = normals[i + 2];
-    const double length = std::sqrt(x * x + y * y + z * z);
-    const double scale = length > 0 ? 1 / length : 0;
-    normals[i] = static_cast<float>(x * scale);
-    normals[i + 1] = static_cast<float>(y * scale);
-    normals[i + 2] = static_cast<float>(z * scale);
-  }
-}
-
-std::uint32_t level_from_fraction(const Asset& asset, double fraction) {
-  const double share = fraction > 0 ? std::min(fraction, 1.0) : 0.0;  // Also where it is not a number.
-  const auto wanted = static_cast<std::uint32_t>(std::lround(share * asset.vertex_count));
-  return std::min(std::max(wanted, asset.base_count), asset.rows_ready);
+  Reconstructor once;
+  once.update(asset);
+  once.rebuild(C, channels, rank, N, positions);
 }
 
 }  // namespace eigencast

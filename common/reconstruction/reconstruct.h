@@ -6,16 +6,50 @@
 #include <vector>
 
 #include "common/asset/asset.h"
+#include "common/reconstruction/basis_tiles.h"
 
 namespace eigencast {
 
-/// X = Psi C for the first N rows: the hot kernel.
-///   C          r x channels, row-major, as float or double; only the first three columns are used
+/// One surface to rebuild: an instance of an asset, or one pose of several.
+///   C          r x channels, row-major; only the first three columns are used
 ///   positions  room for N x 3 floats, row-major
-///   rank       use only the first `rank` columns of the basis (<= asset.rank), as for a receiver of fewer bands
-/// Thread-safe: reads the asset only. REQUIRES: N <= asset.rows_ready, C.size() >= rank * channels.
-void positions_from_coefficients(const Asset& asset, std::span<const double> C, std::uint32_t channels, std::uint32_t rank,
-                                 std::uint32_t N, std::span<float> positions);
+struct PoseToRebuild {
+  std::span<const double> C;
+  std::uint32_t channels = 3;
+  std::span<float> positions;
+};
+
+/// X = Psi C, the hot kernel: keeps an asset's basis as the processor likes to read it (see BasisTiles), follows the
+/// asset as it arrives, and takes all poses of a call in one pass over the basis.
+///
+/// rebuild() is thread-safe as long as nobody updates. It uses the process's threads where the work is worth it.
+class Reconstructor {
+ public:
+  /// threads: 0 means as many as pay (default), 1 the caller's only.
+  explicit Reconstructor(InstructionSet set = instruction_sets().back(), unsigned threads = 0);
+
+  /// Takes the rows that have arrived since the last call; always call it with the same asset, grown. Costs n x r once.
+  void update(const Asset& asset) { tiles_.update(asset); }
+  void reset() { tiles_ = {}; }  ///< Forgets the asset, before following another.
+  const BasisTiles& tiles() const { return tiles_; }
+
+  /// The first N rows from the first `rank` columns, as for a receiver of fewer bands. Differs from the sum in double by
+  /// at most 1e-6 of the sum of its terms' magnitudes. REQUIRES: N <= tiles().rows(), rank <= tiles().rank(), each
+  /// C.size() >= rank * channels, channels >= 3.
+  void rebuild(std::span<const PoseToRebuild> poses, std::uint32_t rank, std::uint32_t N) const;
+  void rebuild(std::span<const double> C, std::uint32_t channels, std::uint32_t rank, std::uint32_t N,
+               std::span<float> positions) const;
+
+ private:
+  InstructionSet set_;
+  unsigned threads_;
+  BasisTiles tiles_;
+};
+
+/// The same once, without keeping anything: for those who rebuild one pose of an asset.
+/// REQUIRES: N <= asset.rows_ready, and as Reconstructor::rebuild.
+void positions_from_coefficients(const Asset& asset, std::span<const double> C, std::uint32_t channels,
+                                 std::uint32_t rank, std::uint32_t N, std::span<float> positions);
 
 /// The triangles of level N: 3 indices each, all below N. Point clouds give none.
 /// REQUIRES: asset.base_count <= N <= asset.rows_ready.
@@ -23,7 +57,8 @@ std::vector<std::uint32_t> triangles_at_level(const Asset& asset, std::uint32_t 
 
 /// Area-weighted vertex normals (unit length; zero where a vertex has no face).
 ///   normals  room for as many floats as positions
-void vertex_normals(std::span<const float> positions, std::span<const std::uint32_t> triangles, std::span<float> normals);
+void vertex_normals(std::span<const float> positions, std::span<const std::uint32_t> triangles,
+                    std::span<float> normals);
 
 /// The level nearest to a fraction of the vertices that is drawable now: clamp(round(fraction n), base_count, rows_ready).
 std::uint32_t level_from_fraction(const Asset& asset, double fraction);
@@ -31,11 +66,14 @@ std::uint32_t level_from_fraction(const Asset& asset, double fraction);
 /// Projects positions on the basis that receivers have: C = (Psi^T M Psi)^-1 Psi^T M X, where Psi is the asset's float basis; the
 /// Gram matrix corrects what quantising the basis did to its orthonormality.
 ///
-/// Thread-safe after construction. Setting up costs n r^2 / 2 multiplications once.
+/// Thread-safe after construction; uses the process's threads. Setting up costs n r^2 / 2 multiplications once, and
+/// memory as BasisTiles says.
 class Projector {
  public:
-  /// REQUIRES: asset.complete(); keeps a reference, so the asset must outlive it. Errors: kNumerical (Gram matrix not positive).
-  static Result<Projector> create(const Asset& asset);
+  /// REQUIRES: asset.complete(); keeps a reference, so the asset must outlive it. Errors: kNumerical (Gram matrix not
+  /// positive).
+  static Result<Projector> create(const Asset& asset, InstructionSet set = instruction_sets().back(),
+                                  unsigned threads = 0);
 
   /// positions: n x 3 (any float type), in the *source's* vertex order, in the source's space. Returns r x 3, row-major.
   /// Errors: kInvalidArgument (size; a value that is not finite, naming the vertex).
@@ -44,7 +82,13 @@ class Projector {
 
  private:
   Projector() = default;
+  template <typename Value>
+  Result<std::vector<double>> project(std::span<const Value> positions) const;
+
   const Asset* asset_ = nullptr;
+  BasisTiles tiles_;
+  InstructionSet set_ = InstructionSet::kBaseline;
+  unsigned threads_ = 0;
   std::vector<double> gram_factor_;  ///< Lower Cholesky factor, r x r.
 };
 

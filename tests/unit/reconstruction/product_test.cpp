@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
+
 #include "common/reconstruction/kernel.h"
 #include "common/reconstruction/reconstruct.h"
 #include "tests/unit/reconstruction/random_asset.h"
@@ -68,18 +71,144 @@ TEST(Product, LevelsArePrefixesToTheBit) {
   }
 }
 
-TEST(Kernel, TransposedProductAgreesWithTheSum) {
-  for (std::size_t r = 1; r <= 19; ++r) {
-    for (std::size_t rows = 0; rows <= 9; ++rows) {
-      const Asset asset = any_asset(static_cast<std::uint32_t>(rows + 1), static_cast<std::uint32_t>(r));
-      std::vector<float> Y, S(3 * r, 1.0F);
-      for (const double value : random_values(3 * rows)) Y.push_back(static_cast<float>(value));
-      kernel::add_transposed_product(asset.basis.data(), rows, r, Y.data(), S.data());
-      for (std::size_t k = 0; k < r; ++k) {
+// An asset whose later columns lie on a grid, as decoded assets' do.
+Asset grid_asset(std::uint32_t n, std::uint32_t r, std::uint32_t exact) {
+  Asset asset = any_asset(n, r);
+  asset.exact_columns = exact;
+  const auto integers = random_values(std::size_t{n} * r, 4);
+  for (std::uint32_t k = exact; k < r; ++k) {
+    asset.column_scales.push_back(k % 5 == 4 ? 0 : 1e-3F * static_cast<float>(k + 1));
+    for (std::size_t i = 0; i < n; ++i) {
+      const double integer = i == k ? -32767 : std::clamp(std::round(9000 * integers[i * r + k]), -32767.0, 32767.0);
+      asset.basis[i * r + k] = static_cast<float>(integer) * asset.column_scales.back();
+    }
+  }
+  return asset;
+}
+
+/// Poses of different channels rebuilt at once, against the sum in double; nothing beyond row N may be written.
+void expect_rebuilt(const Asset& asset, InstructionSet set, std::uint32_t rank, std::uint32_t N, std::size_t poses) {
+  constexpr float kUntouched = 12345;
+  Reconstructor reconstructor(set);
+  reconstructor.update(asset);
+  std::vector<std::vector<double>> C;
+  std::vector<std::vector<float>> X(poses, std::vector<float>(std::size_t{N} * 3 + 8, kUntouched));
+  std::vector<PoseToRebuild> jobs;
+  for (std::size_t p = 0; p < poses; ++p) {
+    C.push_back(random_values(std::size_t{rank} * (3 + p % 2), static_cast<unsigned>(7 + p)));
+  }
+  for (std::size_t p = 0; p < poses; ++p) jobs.push_back({C[p], static_cast<std::uint32_t>(3 + p % 2), X[p]});
+  reconstructor.rebuild(jobs, rank, N);
+  for (std::size_t p = 0; p < poses; ++p) {
+    for (std::size_t i = 0; i < N; ++i) {
+      for (std::size_t d = 0; d < 3; ++d) {
+        double x = 0, scale = 0;
+        for (std::size_t k = 0; k < rank; ++k) {
+          const double term = static_cast<double>(asset.basis[i * asset.rank + k]) * C[p][k * (3 + p % 2) + d];
+          x += term;
+          scale += std::abs(term);
+        }
+        ASSERT_NEAR(X[p][3 * i + d], x, 1e-6 * scale) << name_of(set) << ", row " << i << " of " << N << ", rank "
+                                                      << rank << " of " << asset.rank << ", pose " << p;
+      }
+    }
+    for (std::size_t i = std::size_t{N} * 3; i < X[p].size(); ++i) ASSERT_EQ(X[p][i], kUntouched);
+  }
+}
+
+TEST(Reconstructor, EveryInstructionSetAgreesWithTheSum) {
+  const Asset floats = any_asset(150, 37), grid = grid_asset(150, 37, 4), all_grid = grid_asset(70, 9, 0);
+  EXPECT_EQ(BasisTiles().tile_count(), 0U);
+  for (const InstructionSet set : instruction_sets()) {
+    for (const std::uint32_t N : {0U, 1U, 15U, 16U, 63U, 64U, 65U, 127U, 128U, 150U}) {
+      for (const std::uint32_t rank : {0U, 1U, 3U, 4U, 5U, 36U, 37U}) {
+        expect_rebuilt(floats, set, rank, N, 1);
+        expect_rebuilt(grid, set, rank, N, 1);
+      }
+    }
+    for (std::size_t poses = 0; poses <= 8; ++poses) {
+      expect_rebuilt(floats, set, 37, 130, poses);
+      expect_rebuilt(grid, set, 31, 130, poses);
+    }
+    expect_rebuilt(all_grid, set, 9, 70, 2);
+  }
+}
+
+TEST(Reconstructor, SeveralThreadsGiveTheSameBits) {
+  const Asset asset = grid_asset(9000, 60, 4);
+  const auto C = random_values(180);
+  std::vector<float> alone(27000), together(27000);
+  std::vector<std::vector<float>> six(6, std::vector<float>(27000));
+  Reconstructor one(instruction_sets().back(), 1), many;
+  one.update(asset);
+  many.update(asset);
+  one.rebuild(C, 3, 60, 9000, alone);
+  std::vector<PoseToRebuild> jobs;
+  for (auto& X : six) jobs.push_back({C, 3, X});
+  many.rebuild(jobs, 60, 9000);
+  many.rebuild(C, 3, 60, 9000, together);
+  EXPECT_EQ(alone, together);
+  for (const auto& X : six) {
+    for (std::size_t i = 0; i < X.size(); ++i) ASSERT_NEAR(X[i], alone[i], 1e-2F);
+  }
+}
+
+TEST(Reconstructor, FollowsAnAssetThatArrives) {
+  const Asset whole = grid_asset(200, 21, 4);
+  Reconstructor reconstructor, at_once;
+  at_once.update(whole);
+  EXPECT_TRUE(at_once.tiles().has_integers());
+  const auto C = random_values(63);
+  for (const std::uint32_t rows : {1U, 60U, 64U, 100U, 200U}) {
+    Asset part = whole;
+    part.rows_ready = rows;
+    part.basis.resize(std::size_t{rows} * 21);
+    reconstructor.update(part);
+    ASSERT_EQ(reconstructor.tiles().rows(), rows);
+    std::vector<float> a(std::size_t{rows} * 3), b(std::size_t{rows} * 3);
+    reconstructor.rebuild(C, 3, 21, rows, a);
+    at_once.rebuild(C, 3, 21, rows, b);
+    EXPECT_EQ(a, b);
+  }
+}
+
+TEST(Reconstructor, KeepsFloatsWhereAnEntryIsOffTheGrid) {
+  for (const float off : {0.3e-3F, 40.0F}) {  // between two integers; beyond 16 bits
+    Asset asset = grid_asset(200, 21, 4);
+    asset.column_scales[3] = 1e-3F;
+    for (std::size_t i = 0; i < 200; ++i) asset.basis[i * 21 + 7] = 0;
+    asset.basis[150 * 21 + 7] = off;
+    BasisTiles tiles;
+    tiles.update(asset, 100);
+    EXPECT_TRUE(tiles.has_integers());
+    tiles.update(asset);
+    EXPECT_FALSE(tiles.has_integers());
+    expect_rebuilt(asset, instruction_sets().back(), 21, 200, 1);
+  }
+}
+
+TEST(Kernel, TransposedProductAgreesWithTheSumInEveryInstructionSet) {
+  for (const Asset& asset : {any_asset(200, 19), grid_asset(200, 19, 4)}) {
+    BasisTiles tiles;
+    tiles.update(asset);
+    std::vector<float> Y(4 * 3 * kernel::kTileRows);
+    const auto values = random_values(600);
+    for (std::size_t i = 0; i < 200; ++i) {
+      for (std::size_t d = 0; d < 3; ++d) Y[(i / 64 * 3 + d) * 64 + i % 64] = static_cast<float>(values[3 * i + d]);
+    }
+    for (const InstructionSet set : instruction_sets()) {
+      std::vector<double> S(57, 1.0);
+      AlignedVector<float> scratch(57 * kernel::kWidestVector);
+      kernel::functions(set).add_transposed(tiles.view(0, 19), 4, Y.data(), S.data(), scratch.data());
+      for (std::uint32_t k = 0; k < 19; ++k) {
         for (std::size_t d = 0; d < 3; ++d) {
-          double expected = 1;
-          for (std::size_t i = 0; i < rows; ++i) expected += double{asset.basis[i * r + k]} * double{Y[3 * i + d]};
-          ASSERT_NEAR(S[d * r + k], expected, 2e-5);
+          double expected = 0, scale = 0;
+          for (std::size_t i = 0; i < 200; ++i) {
+            const double term = double{asset.basis[i * 19 + k]} * double{static_cast<float>(values[3 * i + d])};
+            expected += term;
+            scale += std::abs(term);
+          }
+          ASSERT_NEAR((S[3 * k + d] - 1) * double{tiles.scale(k)}, expected, 1e-6 * scale) << name_of(set);
         }
       }
     }
@@ -87,16 +216,18 @@ TEST(Kernel, TransposedProductAgreesWithTheSum) {
 }
 
 TEST(Kernel, GramAgreesWithTheSum) {
-  for (const std::size_t width : {8U, 16U, 40U}) {
+  for (const std::size_t width : {8U, 16U, 40U, 200U}) {
     const std::size_t rows = 21;
     const auto B = random_values(rows * width);
-    std::vector<double> G(width * width, 0.5);
-    kernel::add_gram(B.data(), rows, width, G.data());
-    for (std::size_t i = 0; i < width; ++i) {
-      for (std::size_t j = 0; j <= i; ++j) {
-        double expected = 0.5;
-        for (std::size_t row = 0; row < rows; ++row) expected += B[row * width + i] * B[row * width + j];
-        ASSERT_NEAR(G[i * width + j], expected, 1e-12);
+    for (const InstructionSet set : instruction_sets()) {
+      std::vector<double> G(width * width, 0.5);
+      kernel::functions(set).add_gram(B.data(), rows, width, G.data());
+      for (std::size_t i = 0; i < width; ++i) {
+        for (std::size_t j = 0; j <= i; ++j) {
+          double expected = 0.5;
+          for (std::size_t row = 0; row < rows; ++row) expected += B[row * width + i] * B[row * width + j];
+          ASSERT_NEAR(G[i * width + j], expected, 1e-12);
+        }
       }
     }
   }

@@ -133,6 +133,24 @@ TEST(Projector, FloatAndDoublePositionsAgree) {
   EXPECT_LT(largest_difference(*a, *b), 1e-5);
 }
 
+TEST(Projector, EveryInstructionSetAndThreadAgrees) {
+  const Asset asset = random_asset(5000, 30);
+  const auto C = random_values(90);
+  const auto positions = source_positions(asset, C);
+  for (const InstructionSet set : instruction_sets()) {
+    std::vector<std::vector<double>> found;
+    for (const unsigned threads : {1U, 0U}) {
+      const auto projector = Projector::create(asset, set, threads);
+      ASSERT_TRUE(projector);
+      const auto back = projector->coefficients_from_positions(positions);
+      ASSERT_TRUE(back);
+      EXPECT_LT(largest_difference(*back, C), 5e-6) << name_of(set);
+      found.push_back(*back);
+    }
+    EXPECT_EQ(found[0], found[1]) << "threads change the sum";
+  }
+}
+
 TEST(Projector, NamesTheVertexThatIsNotFinite) {
   const Asset asset = random_asset(50, 5);
   const Projector projector = projector_of(asset);

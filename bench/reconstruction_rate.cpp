@@ -1,0 +1,204 @@
+// SPDX-License-Identifier: MIT
+//
+// reconstruction_rate [VERTICES [RANK]]: times of X = Psi C and C = Psi^T M X on a basis of random entries (default 42,321
+// x 200, the elephant's), beside a plain read of the same bytes, the multiplications that the processor can do, and
+// Eigen's products. All in one run, one after the other in every repetition; medians.
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <functional>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "bench/machine_limits.h"
+#include "common/core/worker_team.h"
+#include "common/reconstruction/reconstruct.h"
+
+namespace {
+
+using namespace eigencast;
+
+constexpr int kRepetitions = 41;
+
+/// An asset on a 16-bit grid but for four columns, as bakes are; its numbers mean nothing.
+Asset random_asset(std::uint32_t n, std::uint32_t r, bool on_grid) {
+  Asset asset;
+  asset.vertex_count = asset.rows_ready = n;
+  asset.rank = r;
+  std::mt19937 random(1);
+  if (on_grid) {
+    asset.exact_columns = std::min(r, 4U);
+    asset.column_scales.assign(r - asset.exact_columns, 1e-4F);
+  }
+  asset.basis.resize(std::size_t{n} * r);
+  for (float& value : asset.basis) value = static_cast<float>(static_cast<int>(random() % 65535) - 32767) * 1e-4F;
+  asset.mass.assign(n, 1.0F);
+  asset.source_vertex.resize(n);
+  for (std::uint32_t i = 0; i < n; ++i) asset.source_vertex[i] = i;
+  return asset;
+}
+
+struct Case {
+  std::string name;
+  std::function<void()> run;
+  std::vector<double> seconds = {};
+  double median() const {
+    std::vector<double> sorted = seconds;
+    std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2), sorted.end());
+    return sorted[sorted.size() / 2];
+  }
+};
+
+/// One repetition of each case after the other, so that a drift of the machine meets all alike.
+void measure(std::vector<Case>& cases) {
+  for (Case& c : cases) c.run();
+  for (int i = 0; i < kRepetitions; ++i) {
+    for (Case& c : cases) {
+      const auto begin = std::chrono::steady_clock::now();
+      c.run();
+      c.seconds.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
+    }
+  }
+}
+
+volatile std::uint64_t sink;
+
+/// `share` of the bytes of every tile row, by as many threads as the team has.
+void read_all(const std::vector<std::uint64_t>& words, std::size_t bytes, unsigned threads) {
+  if (threads == 1) {
+    sink = bench::read_words(words.data(), bytes);
+    return;
+  }
+  const std::size_t part = bytes / threads / 512 * 512;
+  worker_team().run(threads, [&](std::size_t i) {
+    sink = bench::read_words(reinterpret_cast<const unsigned char*>(words.data()) + i * part, part);
+  });
+}
+
+/// Multiplications a second of one core.
+double multiplication_rate() {
+  std::vector<double> rates;
+  for (int i = 0; i < 9; ++i) {
+    constexpr std::size_t kRounds = 2'000'000;
+    const auto begin = std::chrono::steady_clock::now();
+    sink = static_cast<std::uint64_t>(bench::multiply_add(kRounds));
+    const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    rates.push_back(static_cast<double>(kRounds * bench::multiply_add_size()) / seconds);
+  }
+  std::nth_element(rates.begin(), rates.begin() + 4, rates.end());
+  return rates[4];
+}
+
+struct Scene {
+  const Asset& grid;
+  const Asset& floats;
+  std::vector<double> C;
+  std::vector<float> C_float;
+  std::vector<std::vector<float>> X;  // of six instances
+};
+
+void compare_products(Scene& scene, std::uint32_t N, double core_rate) {
+  const std::uint32_t r = scene.grid.rank;
+  std::vector<std::uint64_t> words(std::size_t{N} * r / 2 + 64, 1);
+  std::vector<Reconstructor> all;
+  all.reserve(32);
+  std::vector<Case> cases;
+  struct Note {
+    std::size_t bytes;
+    std::size_t poses;
+    unsigned threads;
+  };
+  std::vector<Note> notes;
+  const auto add = [&](std::string name, Note note, std::function<void()> run) {
+    cases.push_back({std::move(name), std::move(run)});
+    notes.push_back(note);
+  };
+  const unsigned most = worker_team().threads();
+  const auto one_pose = [&](InstructionSet set, bool integers, unsigned threads, std::size_t poses) {
+    Reconstructor& reconstructor = all.emplace_back(set, threads);
+    reconstructor.update(integers ? scene.grid : scene.floats);
+    const std::size_t bytes = std::size_t{N} * (integers ? 2 * std::size_t{r} + 8 : 4 * std::size_t{r});
+    const std::string name = std::string(integers ? "int16 " : "float ") + name_of(set) + ", " + std::to_string(poses) +
+                             (poses == 1 ? " pose, " : " poses, ") + (threads == 1 ? "1 thread" : "threads");
+    add(name, {bytes, poses, threads == 1 ? 1 : most}, [&, poses, N] {
+      std::vector<PoseToRebuild> jobs;
+      for (std::size_t p = 0; p < poses; ++p) jobs.push_back({scene.C, 3, scene.X[p]});
+      reconstructor.rebuild(jobs, r, N);
+    });
+  };
+  for (const std::size_t width : {std::size_t{2}, std::size_t{4}}) {
+    for (const unsigned threads : {1U, most}) {
+      const std::size_t bytes = std::size_t{N} * r * width;
+      add("read of the same bytes, " + std::string(width == 2 ? "int16" : "float") +
+              (threads == 1 ? ", 1 thread" : ", threads"),
+          {bytes, 0, threads}, [&words, bytes, threads] { read_all(words, bytes, threads); });
+    }
+  }
+  add("Eigen (-march=native), float, 1 thread", {std::size_t{N} * r * 4, 1, 1},
+      [&, N] { bench::eigen_product(scene.floats.basis.data(), N, r, scene.C_float.data(), scene.X[0].data()); });
+  for (const InstructionSet set : instruction_sets()) {
+    for (const bool integers : {false, true}) one_pose(set, integers, 1, 1);
+  }
+  for (const bool integers : {false, true}) {
+    one_pose(instruction_sets().back(), integers, 0, 1);
+    one_pose(instruction_sets().back(), integers, 1, 6);
+    one_pose(instruction_sets().back(), integers, 0, 6);
+  }
+  measure(cases);
+  std::printf("\nX = Psi C, %u x %u\n%-42s %9s %8s %14s\n", N, r, "", "ms", "GB/s", "of arithmetic");
+  for (std::size_t i = 0; i < cases.size(); ++i) {
+    const double seconds = cases[i].median();
+    const double multiplications = static_cast<double>(N) * r * 3 * static_cast<double>(notes[i].poses);
+    std::printf("%-42s %9.3f %8.1f %13.0f%%\n", cases[i].name.c_str(), seconds * 1e3,
+                static_cast<double>(notes[i].bytes) / seconds * 1e-9,
+                100 * multiplications / (core_rate * notes[i].threads) / seconds);
+  }
+}
+
+void compare_transforms(const Scene& scene) {
+  const std::uint32_t n = scene.grid.vertex_count, r = scene.grid.rank;
+  const std::vector<float> positions(std::size_t{n} * 3, 0.5F);
+  std::vector<float> S(std::size_t{r} * 3);
+  std::vector<Projector> projectors;
+  projectors.reserve(8);
+  std::vector<Case> cases;
+  cases.push_back({"Eigen (-march=native), float, 1 thread, Psi^T Y only", [&] {
+                     bench::eigen_transposed_product(scene.floats.basis.data(), n, r, positions.data(), S.data());
+                   }});
+  for (const bool integers : {false, true}) {
+    for (const unsigned threads : {1U, 0U}) {
+      auto made = Projector::create(integers ? scene.grid : scene.floats, instruction_sets().back(), threads);
+      if (!made) std::exit(1);
+      Projector& projector = projectors.emplace_back(std::move(*made));
+      cases.push_back({std::string(integers ? "int16" : "float") + (threads == 1 ? ", 1 thread" : ", threads"), [&] {
+                         if (!projector.coefficients_from_positions(positions)) std::exit(1);
+                       }});
+    }
+  }
+  measure(cases);
+  std::printf("\nC = (Psi^T M Psi)^-1 Psi^T M X, %u x %u\n", n, r);
+  for (const Case& c : cases) std::printf("%-52s %9.3f ms\n", c.name.c_str(), c.median() * 1e3);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  const auto n = static_cast<std::uint32_t>(argc > 1 ? std::strtoul(argv[1], nullptr, 10) : 42321);
+  const auto r = static_cast<std::uint32_t>(argc > 2 ? std::strtoul(argv[2], nullptr, 10) : 200);
+  if (n < 64 || r < 4) return std::fprintf(stderr, "reconstruction_rate: VERTICES >= 64, RANK >= 4\n"), 2;
+  const Asset grid = random_asset(n, r, true), floats = random_asset(n, r, false);
+  Scene scene{grid, floats, {}, {}, std::vector<std::vector<float>>(6, std::vector<float>(std::size_t{n} * 3))};
+  std::mt19937 random(2);
+  for (std::size_t i = 0; i < std::size_t{r} * 3; ++i) {
+    scene.C.push_back(static_cast<double>(random()) / 4294967296.0 - 0.5);
+    scene.C_float.push_back(static_cast<float>(scene.C.back()));
+  }
+  const double rate = multiplication_rate();
+  std::printf("one core multiplies and adds %.1f thousand million floats a second; %u threads; medians of %d\n",
+              rate * 1e-9, worker_team().threads(), kRepetitions);
+  compare_products(scene, n, rate);
+  compare_products(scene, n / 10, rate);
+  compare_transforms(scene);
+}

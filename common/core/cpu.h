@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <vector>
+
+namespace eigencast {
+
+/// What the processor can do beyond what every build asks of it; each contains those before.
+enum class InstructionSet {
+  kBaseline,  ///< SSE2 on x86-64, NEON on 64-bit ARM.
+  kAvx2,      ///< With fused multiply-add.
+  kAvx512,    ///< F, BW, DQ and VL.
+};
+
+/// Those that this processor and operating system run, best last. Thread-safe.
+const std::vector<InstructionSet>& instruction_sets();
+
+const char* name_of(InstructionSet set);
+
+}  // namespace eigencast

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <memory>
+
+namespace eigencast {
+
+/// Threads that wait to share out loops. One team serves the whole process: see worker_team().
+///
+/// Thread-safe: a loop that finds the team busy runs on its caller's thread alone, so that nobody waits for another's
+/// work and a task may itself start a loop.
+class WorkerTeam {
+ public:
+  /// threads: the caller included; 0 means one for each processor. They start with the first loop that needs them.
+  explicit WorkerTeam(unsigned threads = 0);
+  ~WorkerTeam();
+  WorkerTeam(const WorkerTeam&) = delete;
+  WorkerTeam& operator=(const WorkerTeam&) = delete;
+
+  unsigned threads() const;
+  /// Calls task(i) once for each i < count, on any of the threads in any order, and returns when all are done. What a
+  /// call writes is visible after it. REQUIRES: tasks throw nothing.
+  void run(std::size_t count, const std::function<void(std::size_t)>& task);
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+/// The process's team, with a thread for each processor that it may use.
+WorkerTeam& worker_team();
+
+}  // namespace eigencast

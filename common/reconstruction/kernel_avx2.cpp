@@ -1,0 +1,3 @@
+// SPDX-License-Identifier: MIT
+#define EIGENCAST_VARIANT avx2_functions
+#include "common/reconstruction/kernel_variant.h"

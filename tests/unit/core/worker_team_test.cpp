@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: MIT
+#include "common/core/worker_team.h"
+
+#include <gtest/gtest.h>
+
+#include <atomic>
+#include <thread>
+#include <vector>
+
+#include "common/core/cpu.h"
+
+namespace eigencast {
+namespace {
+
+TEST(WorkerTeam, CallsEachTaskOnce) {
+  WorkerTeam team(3);
+  for (int loop = 0; loop < 200; ++loop) {
+    for (const std::size_t count : {0U, 1U, 2U, 7U, 100U}) {
+      std::vector<int> calls(count);
+      team.run(count, [&](std::size_t i) { ++calls[i]; });
+      EXPECT_EQ(calls, std::vector<int>(count, 1));
+    }
+  }
+}
+
+TEST(WorkerTeam, ALoopInsideALoopRunsOnItsOwnThread) {
+  WorkerTeam team(2);
+  std::atomic<int> calls = 0;
+  team.run(8, [&](std::size_t) {
+    const auto here = std::this_thread::get_id();
+    team.run(5, [&](std::size_t) {
+      EXPECT_EQ(std::this_thread::get_id(), here);
+      ++calls;
+    });
+  });
+  EXPECT_EQ(calls, 40);
+}
+
+TEST(WorkerTeam, ServesSeveralCallersAtATime) {
+  WorkerTeam team(2);
+  std::atomic<int> calls = 0;
+  std::vector<std::thread> callers;
+  for (int i = 0; i < 4; ++i) {
+    callers.emplace_back([&] {
+      for (int loop = 0; loop < 100; ++loop) team.run(10, [&](std::size_t) { ++calls; });
+    });
+  }
+  for (std::thread& caller : callers) caller.join();
+  EXPECT_EQ(calls, 4000);
+}
+
+TEST(WorkerTeam, OneThreadIsTheCallers) {
+  WorkerTeam team(1);
+  team.run(20, [here = std::this_thread::get_id()](std::size_t) { EXPECT_EQ(std::this_thread::get_id(), here); });
+}
+
+TEST(InstructionSets, BeginWithTheBaselineAndGrow) {
+  const auto& sets = instruction_sets();
+  ASSERT_FALSE(sets.empty());
+  EXPECT_EQ(sets.front(), InstructionSet::kBaseline);
+  for (std::size_t i = 1; i < sets.size(); ++i) EXPECT_LT(sets[i - 1], sets[i]);
+}
+
+}  // namespace
+}  // namespace eigencast
