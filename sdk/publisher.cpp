@@ -10,6 +10,7 @@
 #include <thread>
 
 #include "common/codec/chain.h"
+#include "common/net/clock_offset.h"
 #include "common/net/guarded_run.h"
 #include "common/net/http.h"
 #include "common/reconstruction/reconstruct.h"
@@ -26,6 +27,8 @@ using std::chrono::milliseconds;
 
 constexpr double kDefaultErrorOverDiagonal = 3e-4;
 constexpr milliseconds kUploadRetry{1000};
+/// How often the broker's clock is asked for while somebody wants traces.
+constexpr TimeUs kPingIntervalUs = 250'000;
 /// A broker that refused the announcement is asked again after so long: another sender may have left.
 constexpr milliseconds kRefusedRetry{5000};
 
@@ -158,7 +161,13 @@ class Publisher::Impl {
     return {};
   }
 
-  SendStatus send(std::span<const double> C, TimeUs capture_us) {
+  /// When the work on a pose began, and when its coefficients were there; 0: they were given.
+  struct Work {
+    TimeUs begun_us = 0;
+    TimeUs transformed_us = 0;
+  };
+
+  SendStatus send(std::span<const double> C, TimeUs capture_us, Work work) {
     const std::lock_guard lock(mutex_);
     if (stats_.state != State::kLive) return dropped(SendStatus::kDisconnected);
     if (socket_->unsent_bytes() > options_.max_unsent_bytes) return dropped(SendStatus::kDropped);
@@ -184,6 +193,7 @@ class Publisher::Impl {
     append_envelope(envelope, message);
     message.insert(message.end(), payload->begin(), payload->end());
     const std::size_t bytes = message.size();
+    const TimeUs encoded_us = steady_now_us();
     const SendStatus status = socket_->send_binary(std::move(message));
     if (status != SendStatus::kSent) return dropped(status);
     chain_ = std::move(next);
@@ -191,6 +201,7 @@ class Publisher::Impl {
     ++sequence_;
     ++stats_.frames_sent;
     stats_.payload_bytes += bytes;
+    if (trace_every_ != 0) trace(work, encoded_us);
     return status;
   }
 
@@ -213,10 +224,33 @@ class Publisher::Impl {
     return dropped(SendStatus::kDropped);
   }
 
+  /// Tells those who asked where the time of the key just sent went. What is lost of it is lost.
+  /// REQUIRES: mutex_ is held.
+  void trace(const Work& work, TimeUs encoded_us) {
+    const TimeUs now = steady_now_us();
+    if (sequence_ % trace_every_ == 0) {
+      control::Trace m;
+      m.stream_id = stream_id_;
+      m.epoch = epoch_;
+      m.sequence = sequence_;
+      m.stages.emplace_back(control::stage::kBegun, work.begun_us);
+      if (work.transformed_us != 0) m.stages.emplace_back(control::stage::kTransformed, work.transformed_us);
+      m.stages.emplace_back(control::stage::kEncoded, encoded_us);
+      m.stages.emplace_back(control::stage::kSent, now);
+      if (const auto clock = clock_.estimate()) m.broker_clock = {clock->offset_us, clock->error_us};
+      (void)socket_->send_text(text_from_control(m));
+    }
+    if (now - last_ping_us_ < kPingIntervalUs) return;
+    last_ping_us_ = now;
+    (void)socket_->send_text(text_from_control(control::Ping{++ping_id_, now}));
+  }
+
   // On the connection's thread.
 
   void on_open() {
     const std::lock_guard lock(mutex_);
+    trace_every_ = 0;
+    clock_.reset();  // It may be another broker.
     if (ever_open_) ++stats_.reconnects;
     ever_open_ = true;
     begin_introduction();
@@ -279,6 +313,16 @@ class Publisher::Impl {
 
   void on_message(const control::Ping& m) {
     (void)socket_send(text_from_control(control::Pong{m.id, m.time_us, steady_now_us()}));
+  }
+
+  void on_message(const control::Pong& m) {
+    const std::lock_guard lock(mutex_);
+    clock_.add(m.time_us, m.peer_time_us, steady_now_us());
+  }
+
+  void on_message(const control::TraceRequest& m) {
+    const std::lock_guard lock(mutex_);
+    trace_every_ = m.every;
   }
 
   void on_message(const control::ErrorMessage& m) {
@@ -399,6 +443,10 @@ class Publisher::Impl {
   TimeUs last_capture_us_ = 0;
   std::optional<ChainState> chain_;  ///< Nothing until the first frame of a connection.
   Stats stats_;
+  std::uint32_t trace_every_ = 0;  ///< Keys of which the broker wants traces; 0: none.
+  ClockOffset clock_;              ///< The broker's; learnt while there are traces.
+  TimeUs last_ping_us_ = 0;
+  std::uint64_t ping_id_ = 0;
 
   std::thread introducer_;
 };
@@ -428,15 +476,16 @@ Result<std::unique_ptr<Publisher>> Publisher::create(PublisherOptions options, s
 }
 
 SendStatus Publisher::send_coefficients(std::span<const double> C, TimeUs capture_us) {
-  return impl_->send(C, capture_us);
+  return impl_->send(C, capture_us, {steady_now_us(), 0});
 }
 
 Result<SendStatus> Publisher::send_positions(std::span<const float> positions, TimeUs capture_us) {
   if (auto usable = check_capture_time(capture_us); !usable) return usable.error();
+  const TimeUs begun_us = steady_now_us();
   if (auto made = impl_->make_projector(); !made) return made.error();
   auto C = impl_->projector()->coefficients_from_positions(positions);
   if (!C) return C.error();
-  return impl_->send(*C, capture_us);
+  return impl_->send(*C, capture_us, {begun_us, steady_now_us()});
 }
 
 Result<std::vector<double>> Publisher::as_received(std::span<const double> C) const {

@@ -8,6 +8,7 @@
 #include <mutex>
 #include <thread>
 #include <tuple>
+#include <utility>
 
 #include "common/asset/format.h"
 #include "common/net/clock_offset.h"
@@ -25,6 +26,7 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr std::size_t kMaxPoses = 64;
+constexpr std::size_t kMaxTraces = 256;
 constexpr TimeUs kAckIntervalUs = 33'000;
 constexpr TimeUs kPingIntervalUs = 250'000;
 constexpr milliseconds kTick{40};
@@ -35,6 +37,7 @@ constexpr TimeUs kNoticeUs = 3'000'000;
 struct Arrival {
   Envelope envelope;
   TimeUs arrival_us = 0;
+  TimeUs decoded_us = 0;
   Key key;
   CoefficientLayout layout;
 };
@@ -59,9 +62,11 @@ class Receiver {
     Histogram latency_us;
   };
 
-  Receiver(BrokerUrl url, Profile profile, milliseconds declined_retry, std::function<void()> wake, LogSink log)
+  Receiver(BrokerUrl url, Profile profile, std::uint32_t trace_every, milliseconds declined_retry,
+           std::function<void()> wake, LogSink log)
       : url_(std::move(url)),
         profile_(profile),
+        trace_every_(trace_every),
         declined_retry_(declined_retry),
         wake_(std::move(wake)),
         log_(std::move(log)) {
@@ -101,6 +106,13 @@ class Receiver {
     return news;
   }
 
+  std::vector<control::Trace> take_traces() {
+    const std::lock_guard lock(mutex_);
+    std::vector<control::Trace> traces(traces_.begin(), traces_.end());
+    traces_.clear();
+    return traces;
+  }
+
   Condition condition() const {
     const std::lock_guard lock(mutex_);
     Condition condition = condition_;
@@ -121,6 +133,7 @@ class Receiver {
       ask_again_at_us_.reset();
       condition_.trouble.clear();
       decoder_.restart();
+      trace_asked_ = trace_every_ == 0;
       clock_.reset();  // It may be another broker.
       ack_.reset();
       last_ack_us_ = last_ping_us_ = 0;
@@ -163,8 +176,16 @@ class Receiver {
       news_.declined = condition_.declined = false;
       ask_again_at_us_.reset();
       condition_.notice.clear();
+      if (!std::exchange(trace_asked_, true))
+        (void)socket_->send_text(text_from_control(control::TraceRequest{url_.stream, trace_every_}));
     }
     wake_();
+  }
+
+  void on_message(const control::Trace& m) {
+    const std::lock_guard lock(mutex_);
+    if (traces_.size() == kMaxTraces) traces_.pop_front();
+    traces_.push_back(m);
   }
 
   void on_message(const control::Ping& m) { send(text_from_control(control::Pong{m.id, m.time_us, steady_now_us()})); }
@@ -229,7 +250,7 @@ class Receiver {
         } else if (*pose) {
           condition_.latency_us.add(now - frame->envelope.capture_us);
           if (news_.poses.size() == kMaxPoses) news_.poses.pop_front();
-          news_.poses.push_back({frame->envelope, now, std::move(**pose), decoder_.layout()});
+          news_.poses.push_back({frame->envelope, now, steady_now_us(), std::move(**pose), decoder_.layout()});
           news = true;
         }
         if (now - last_ack_us_ >= kAckIntervalUs) acknowledge(now);
@@ -270,6 +291,7 @@ class Receiver {
 
   const BrokerUrl url_;
   const Profile profile_;
+  const std::uint32_t trace_every_;
   const milliseconds declined_retry_;
   const std::function<void()> wake_;
   const LogSink log_;
@@ -280,6 +302,8 @@ class Receiver {
   bool stopping_ = false;
   FrameDecoder decoder_;
   ClockOffset clock_;
+  bool trace_asked_ = false;           ///< On this connection.
+  std::deque<control::Trace> traces_;  ///< At most kMaxTraces, newest kept.
   News news_;
   Condition condition_;
   TimeUs notice_until_us_ = 0;
@@ -311,14 +335,17 @@ struct SurfaceSlot {
 
 class Subscriber::Impl {
  public:
-  Impl(const BrokerUrl& url, Profile profile, milliseconds declined_retry, std::string cache_dir, const LogSink& log)
+  Impl(const BrokerUrl& url, Profile profile, std::uint32_t trace_every, milliseconds declined_retry,
+       std::string cache_dir, const LogSink& log)
       : url_(url),
         log_(log),
         fetcher_(
             url, std::move(cache_dir), [this] { wake(); }, log) {
     receiver_.emplace(
-        url, profile, declined_retry, [this] { wake(); }, log);
+        url, profile, trace_every, declined_retry, [this] { wake(); }, log);
   }
+
+  std::vector<control::Trace> take_traces() { return receiver_->take_traces(); }
 
   std::vector<ReceivedPose> poll(milliseconds timeout) {
     {
@@ -482,6 +509,7 @@ class Subscriber::Impl {
     pose.envelope = arrival.envelope;
     pose.envelope.bands = arrival.key.bands;  // A step's own envelope has none.
     pose.arrival_us = arrival.arrival_us;
+    pose.decoded_us = arrival.decoded_us;
     pose.channels = arrival.layout.channels;
     pose.coefficients = coefficients_from_key(arrival.layout, arrival.key);
     fill_absent_bands(arrival, pose.coefficients);
@@ -555,8 +583,8 @@ Result<std::unique_ptr<Subscriber>> Subscriber::create(SubscriberOptions options
     if (!parsed) return parsed.error();
     profile = *parsed;
   }
-  return std::unique_ptr<Subscriber>(
-      new Subscriber(std::make_unique<Impl>(*url, profile, options.declined_retry, std::move(options.cache_dir), log)));
+  return std::unique_ptr<Subscriber>(new Subscriber(std::make_unique<Impl>(
+      *url, profile, options.trace_every, options.declined_retry, std::move(options.cache_dir), log)));
 }
 
 std::vector<ReceivedPose> Subscriber::poll(milliseconds timeout) {
@@ -573,6 +601,9 @@ const std::optional<control::StreamInfo>& Subscriber::info() const {
 }
 Subscriber::Stats Subscriber::stats() const {
   return impl_->stats();
+}
+std::vector<control::Trace> Subscriber::take_traces() {
+  return impl_->take_traces();
 }
 
 }  // namespace eigencast

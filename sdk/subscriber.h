@@ -20,6 +20,7 @@ struct SubscriberOptions {
   std::string url;                 ///< ws://host:port/stream[?rate=...]
   std::optional<Profile> profile;  ///< Overrides the URL's query.
   std::string cache_dir;           ///< Where downloaded chunks are kept; empty: nowhere.
+  std::uint32_t trace_every = 0;   ///< Ask for traces of keys whose sequence is a multiple of it; 0: none.
   std::chrono::milliseconds declined_retry{5000};  ///< A broker that refused the stream is asked again after so long.
 };
 
@@ -27,6 +28,7 @@ struct SubscriberOptions {
 struct ReceivedPose {
   Envelope envelope;                 ///< As it came; `bands` are those that the pose has, also for steps.
   TimeUs arrival_us = 0;             ///< Steady clock, when the last byte was read.
+  TimeUs decoded_us = 0;             ///< Likewise, when it was decoded.
   std::vector<double> coefficients;  ///< r x c, row-major; absent bands read as the rest pose (docs/protocol.md).
   std::uint32_t channels = 3;
 };
@@ -69,6 +71,8 @@ class Subscriber final {
   /// The stream as announced last; nothing before, or after the broker refused it.
   const std::optional<control::StreamInfo>& info() const;
   Stats stats() const;
+  /// The traces that came since the last call, oldest first (at most 256: older ones are dropped).
+  std::vector<control::Trace> take_traces();
 
  private:
   class Impl;

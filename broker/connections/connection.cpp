@@ -223,6 +223,8 @@ std::size_t Connection::pieces(std::span<iovec> out) {
   std::size_t skip = first_left_;
   for (const Outbox::Item& item : due_) {
     if (count == out.size()) break;
+    // Before the kernel has it: a viewer on this machine may read it before the call returns.
+    if (item.frame && item.frame->times.left_us == 0) item.frame->times.left_us = steady_now_us();
     const ByteView bytes = bytes_of(item).subspan(std::exchange(skip, 0));
     out[count++] = {const_cast<std::uint8_t*>(bytes.data()), bytes.size()};
   }

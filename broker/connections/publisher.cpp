@@ -69,6 +69,7 @@ void Publisher::on_announce(const control::Announce& announce) {
           std::to_string(announce.format.rows) + " coefficients, " + announce.format.codec);
   send(control::Announced{name_, stream_->id(), *epoch});
   tell_count();
+  tell_trace_wanted();
 }
 
 void Publisher::on_binary(ByteView message) {
@@ -89,13 +90,21 @@ void Publisher::on_watcher_count(std::uint32_t count) {
 }
 
 void Publisher::on_tick() {
-  if (told_) tell_count();
+  if (!told_) return;
+  tell_count();
+  tell_trace_wanted();  // Once a second at most: viewers who change their mind must not fill the queue.
 }
 
 void Publisher::tell_count() {
   if (stream_ == nullptr || told_ == watchers_) return;
   told_ = watchers_;
   send(control::Subscribers{name_, watchers_});
+}
+
+void Publisher::tell_trace_wanted() {
+  if (stream_ == nullptr || told_trace_ == stream_->trace_every()) return;
+  told_trace_ = stream_->trace_every();
+  send(control::TraceRequest{name_, told_trace_});
 }
 
 void Publisher::on_closed() {

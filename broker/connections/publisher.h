@@ -24,11 +24,13 @@ class Publisher final : public Connection, public PublisherLink {
   std::string label() const override;
   void on_announce(const control::Announce& announce);
   void tell_count();
+  void tell_trace_wanted();
 
   std::string name_;
   Stream* stream_ = nullptr;  ///< Set while this is the stream's publisher.
   std::uint32_t watchers_ = 0;
   std::optional<std::uint32_t> told_;
+  std::uint32_t told_trace_ = 0;
 };
 
 }  // namespace eigencast::broker

@@ -32,7 +32,11 @@ void Subscriber::on_text(std::string_view text) {
   if (const auto* ack = std::get_if<control::Ack>(&*message)) return acknowledge(*ack);
   if (const auto* request = std::get_if<control::Subscribe>(&*message)) return subscribe(*request);
   if (const auto* request = std::get_if<control::Unsubscribe>(&*message)) return unsubscribe(*request);
-  send(control::ErrorMessage{"unsupported", "a viewer sends subscribe, unsubscribe, ack, ping and pong", {}});
+  if (const auto* request = std::get_if<control::TraceRequest>(&*message)) {
+    if (Stream* stream = context().hub.find(request->stream)) stream->trace(*this, request->every);
+    return;
+  }
+  send(control::ErrorMessage{"unsupported", "a viewer sends subscribe, unsubscribe, trace_request, ack, ping and pong", {}});
 }
 
 void Subscriber::on_binary(ByteView) {

@@ -60,11 +60,13 @@ void Feed::pump(TimeUs now_us, std::vector<FramePtr>& out) {
   while (const auto due = pacer_.pop_due(now_us)) {
     const auto next_us = pacer_.next_due_us();
     const bool overtaken = next_us && *next_us <= now_us;
+    const std::size_t made = out.size();
     if (is_compact(profile_)) {
       pump_compact(*due, overtaken, out);
     } else {
       pump_full(*due, overtaken, out);
     }
+    for (std::size_t i = made; i < out.size(); ++i) out[i]->times.due_us = due->due_us;
   }
 }
 

@@ -23,6 +23,10 @@ Profile canonical(Profile profile) {
   return profile;
 }
 
+std::shared_ptr<const std::string> framed_text(const control::Trace& trace) {
+  return std::make_shared<const std::string>(websocket::framed(websocket::Opcode::kText, text_from_control(trace)));
+}
+
 }  // namespace
 
 Stream::Stream(std::string name, std::uint32_t id, const Settings& settings)
@@ -76,6 +80,7 @@ Result<void> Stream::add_frame(ByteView message, TimeUs now_us) {
   if (!record) return in_context(frame_label(frame->envelope), record.error());
   newest_ = *record;
   ++keys_received_;
+  tracer_.note_key((*record)->sequence, now_us);
   for (auto& [profile, group] : groups_) {
     leaving_.clear();
     group->feed.add_key(*record, now_us, leaving_);
@@ -161,6 +166,7 @@ void Stream::unwatch(Watcher& watcher) {
   forget_wanted(watcher);
   leave_group(watcher);
   std::erase(order_, &watcher);
+  trace(watcher, 0);
   tell_count();
 }
 
@@ -184,9 +190,28 @@ std::optional<TimeUs> Stream::next_due_us() const {
 void Stream::relay_trace(const control::Trace& trace) {
   control::Trace relayed = trace;
   relayed.stream_id = id_;
-  const auto text =
-      std::make_shared<const std::string>(websocket::framed(websocket::Opcode::kText, text_from_control(relayed)));
-  for (Watcher* watcher : order_) watcher->on_trace(text);
+  relayed.epoch = epoch_;
+  const auto text = framed_text(relayed);
+  for (Watcher* watcher : order_) {
+    if (tracer_.is_wanted_by(watcher, trace.sequence)) watcher->on_trace(text);
+  }
+}
+
+void Stream::trace(Watcher& watcher, std::uint32_t every) {
+  if (every != 0 && !profiles_.contains(&watcher)) return;
+  tracer_.want(&watcher, every);
+}
+
+void Stream::tell_traces(Group& group) {
+  for (const FramePtr& frame : group.traced) {
+    const auto trace = tracer_.trace_of(*frame);
+    if (!trace) continue;
+    const auto text = framed_text(*trace);
+    for (Watcher* watcher : group.watchers) {
+      if (tracer_.is_wanted_by(watcher, trace->sequence)) watcher->on_trace(text);
+    }
+  }
+  group.traced.clear();
 }
 
 FramePtr Stream::join_for(const Watcher& watcher) {
@@ -255,6 +280,12 @@ void Stream::send(Group& group, const std::vector<FramePtr>& frames) {
   poses_failed_ += group.feed.take_failed_poses();
   for (const FramePtr& frame : frames) {
     for (Watcher* watcher : group.watchers) watcher->on_frame(*this, frame);
+  }
+  if (tracer_.every() == 0 || frames.empty()) return;
+  // Of the frames before these: what a connection owes may leave at the end of the turn only.
+  tell_traces(group);
+  for (const FramePtr& frame : frames) {
+    if (tracer_.is_traced(frame->envelope.sequence)) group.traced.push_back(frame);
   }
 }
 

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "broker/relay/feed.h"
+#include "broker/relay/tracer.h"
 #include "common/wire/control.h"
 
 namespace eigencast::broker {
@@ -71,6 +72,11 @@ class Stream {
   void pump(TimeUs now_us);
   std::optional<TimeUs> next_due_us() const;
 
+  /// The watcher wants traces of every so many keys; 0: none. Ignored from who does not watch.
+  void trace(Watcher& watcher, std::uint32_t every);
+  /// What the sender is to trace: the least that a watcher wants; 0: nothing.
+  std::uint32_t trace_every() const { return tracer_.every(); }
+  /// Passes a sender's trace on to those who want it.
   void relay_trace(const control::Trace& trace);
 
   /// The join frame of this watcher's profile as it stands now; null before the first key.
@@ -99,6 +105,7 @@ class Stream {
         : feed(profile, layout, id, epoch, max_span_us) {}
     Feed feed;
     std::vector<Watcher*> watchers;
+    std::vector<FramePtr> traced;  ///< Frames whose traces are still to be told.
   };
 
   Profile effective(const Profile& wanted) const;
@@ -107,6 +114,7 @@ class Stream {
   void join_group(Watcher& watcher, const Profile& wanted);
   void leave_group(Watcher& watcher);
   void send(Group& group, const std::vector<FramePtr>& frames);
+  void tell_traces(Group& group);
   void tell_count();
   Result<KeyRecordPtr> record_from(const FrameView& frame, TimeUs now_us) const;
 
@@ -125,6 +133,7 @@ class Stream {
   std::map<Profile, std::unique_ptr<Group>> groups_;
   std::vector<Watcher*> order_;    ///< All watchers, waiting ones too.
   std::vector<FramePtr> leaving_;  ///< Scratch.
+  Tracer tracer_;
   std::uint64_t keys_received_ = 0;
   std::uint64_t frames_made_ = 0;
   std::uint64_t poses_failed_ = 0;

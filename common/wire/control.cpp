@@ -71,7 +71,13 @@ Written json_from(const Ack& m) {
 Written json_from(const Trace& m) {
   Written stages = Written::array();
   for (const auto& [stage, time_us] : m.stages) stages.push_back({{"stage", stage}, {"time_us", time_us}});
-  return {{"op", "trace"}, {"stream_id", m.stream_id}, {"sequence", m.sequence}, {"stages", std::move(stages)}};
+  Written json{{"op", "trace"}, {"stream_id", m.stream_id}, {"sequence", m.sequence}, {"stages", std::move(stages)}};
+  if (m.epoch != 0) json["epoch"] = m.epoch;
+  if (m.step != 0) json["step"] = m.step;
+  if (m.broker_clock) {
+    json["broker_clock"] = {{"offset_us", m.broker_clock->offset_us}, {"error_us", m.broker_clock->error_us}};
+  }
+  return json;
 }
 
 Written json_from_message(const ControlMessage& message) {
@@ -97,6 +103,9 @@ Written json_from_message(const ControlMessage& message) {
           },
           [](const Pong& m) -> Written {
             return {{"op", "pong"}, {"id", m.id}, {"time_us", m.time_us}, {"peer_time_us", m.peer_time_us}};
+          },
+          [](const TraceRequest& m) -> Written {
+            return {{"op", "trace_request"}, {"stream", m.stream}, {"every", m.every}};
           },
           [](const Notice& m) -> Written {
             return {
@@ -153,6 +162,18 @@ class Fields {
     return integer_from<T>(*field, name, low, high);
   }
   TimeUs time(const char* name) { return integer<TimeUs>(name, 0, std::uint64_t{limits::kMaxTimeUs}); }
+  /// The difference of two times.
+  TimeUs time_difference(const char* name) {
+    const Json* field = find(name);
+    if (field == nullptr || !field->is_number_integer()) {
+      if (field != nullptr) wrong(name, "must be an integer");
+      return 0;
+    }
+    if (field->is_number_unsigned()) return integer_from<TimeUs>(*field, name, 0, std::uint64_t{limits::kMaxTimeUs});
+    const auto value = field->get<std::int64_t>();
+    if (value < -limits::kMaxTimeUs) wrong(name, "must be at least -2^62 + 1");
+    return value;
+  }
   std::uint32_t u32(const char* name) { return integer<std::uint32_t>(name, 0, UINT32_MAX); }
   std::uint64_t u64(const char* name) { return integer<std::uint64_t>(name, 0, UINT64_MAX); }
 
@@ -379,7 +400,18 @@ ControlMessage trace_from(Fields& f) {
       m.stages.emplace_back(std::move(name), stage.time("time_us"));
     }
   }
+  if (f.has("epoch")) m.epoch = f.u32("epoch");
+  if (f.has("step")) m.step = f.integer<std::uint8_t>("step", 0, 255);
+  if (f.has("broker_clock")) {
+    Fields clock = f.object("broker_clock");
+    const TimeUs offset_us = clock.time_difference("offset_us");
+    m.broker_clock = Trace::BrokerClock{offset_us, clock.time("error_us")};
+  }
   return m;
+}
+
+ControlMessage trace_request_from(Fields& f) {
+  return TraceRequest{f.stream_name("stream"), f.u32("every")};
 }
 
 ControlMessage notice_from(Fields& f) {
@@ -408,6 +440,7 @@ constexpr Operation kOperations[] = {
     {"ping", ping_from},
     {"pong", pong_from},
     {"trace", trace_from},
+    {"trace_request", trace_request_from},
     {"stream", stream_from},
     {"notice", notice_from},
     {"welcome", welcome_from},

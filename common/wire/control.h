@@ -123,12 +123,39 @@ struct Pong {
   TimeUs peer_time_us = 0;
 };
 
-/// "trace", sender to broker to clients, sampled: when a stage of one frame's life happened, on that stage's clock.
+/// "trace", sender to broker to clients and broker to clients, sampled: when the stages of one frame's life happened, on
+/// the clock of whoever stamped them.
 struct Trace {
   std::uint32_t stream_id = 0;
   std::uint64_t sequence = 0;
   std::vector<std::pair<std::string, TimeUs>> stages;
+  std::uint32_t epoch = 0;  ///< 0: not said.
+  std::uint8_t step = 0;    ///< The step byte of the frame's envelope.
+  /// How the stamper's clock stands to the broker's.
+  struct BrokerClock {
+    TimeUs offset_us = 0;  ///< The broker's clock is ahead of the stamper's by so much,
+    TimeUs error_us = 0;   ///< give or take this.
+  };
+  std::optional<BrokerClock> broker_clock;  ///< Of a sender's trace, once it knows.
 };
+
+/// "trace_request", viewer to broker: traces of every so many keys of a stream that it watches, please; and broker to
+/// sender: somebody wants them.
+struct TraceRequest {
+  std::string stream;
+  std::uint32_t every = 0;  ///< Keys whose sequence is a multiple of it; 0: none (any more).
+};
+
+/// The names of the stages that this version stamps (docs/protocol.md).
+namespace stage {
+inline constexpr std::string_view kBegun = "begun";              ///< Sender: work on the pose began.
+inline constexpr std::string_view kTransformed = "transformed";  ///< Sender: its coefficients are there.
+inline constexpr std::string_view kEncoded = "encoded";          ///< Sender: the frame is there.
+inline constexpr std::string_view kSent = "sent";                ///< Sender: the frame was handed to the connection.
+inline constexpr std::string_view kArrived = "arrived";          ///< Broker: the key was read.
+inline constexpr std::string_view kDue = "due";    ///< Broker: when the pose was to leave, if it was held.
+inline constexpr std::string_view kLeft = "left";  ///< Broker: the frame was handed to the first viewer's socket.
+}  // namespace stage
 
 /// "notice", broker to client at most once a second: what was done to this connection and which knob changes it.
 struct Notice {
@@ -151,7 +178,7 @@ struct Bye {
 };
 
 using Message = std::variant<Welcome, Announce, Announced, Subscribers, Subscribe, Unsubscribe, StreamInfo, Ack, Ping,
-                             Pong, Trace, Notice, ErrorMessage, Bye>;
+                             Pong, Trace, TraceRequest, Notice, ErrorMessage, Bye>;
 
 }  // namespace control
 

@@ -64,6 +64,7 @@ class FakeSender : public PublisherLink {
   void skip_number() { ++sequence_; }
   void on_watcher_count(std::uint32_t count) override { counts.push_back(count); }
 
+
   std::vector<std::uint32_t> counts;
 
  private:

@@ -390,14 +390,70 @@ TEST_F(StreamTest, ProfilesAreCappedBeforeThereIsASenderToo) {
   EXPECT_EQ(stream.profile_count(), 2u);
 }
 
-TEST_F(StreamTest, TracesReachWatchersWithTheBrokersStreamId) {
+control::Trace trace_from(const std::string& text) {
+  return std::get<control::Trace>(control_from_text(text).value());
+}
+
+TEST_F(StreamTest, ASendersTracesReachThoseWhoAskedWithTheBrokersStreamId) {
+  FakeReceiver asks, asks_seldom, does_not;
+  for (FakeReceiver* receiver : {&asks, &asks_seldom, &does_not}) ASSERT_TRUE(stream_.watch(*receiver, kRaw));
+  stream_.trace(asks, 5);
+  stream_.trace(asks_seldom, 10);
+  control::Trace sent;
+  sent.stream_id = 99;
+  sent.sequence = 5;
+  sent.stages = {{"begun", 12}};
+  stream_.relay_trace(sent);
+  ASSERT_EQ(asks.traces.size(), 1u);
+  EXPECT_EQ(trace_from(asks.traces[0]).stream_id, 7u);
+  EXPECT_EQ(trace_from(asks.traces[0]).sequence, 5u);
+  EXPECT_TRUE(does_not.traces.empty());
+  EXPECT_TRUE(asks_seldom.traces.empty());
+}
+
+TEST_F(StreamTest, AsMuchIsTracedAsTheMostCuriousWants) {
+  FakeReceiver a, b, stranger;
+  ASSERT_TRUE(stream_.watch(a, kRaw));
+  ASSERT_TRUE(stream_.watch(b, kFull));
+  stream_.trace(stranger, 1);
+  EXPECT_EQ(stream_.trace_every(), 0u);
+  stream_.trace(a, 30);
+  stream_.trace(b, 10);
+  EXPECT_EQ(stream_.trace_every(), 10u);
+  stream_.unwatch(b);
+  EXPECT_EQ(stream_.trace_every(), 30u);
+  stream_.trace(a, 0);
+  EXPECT_EQ(stream_.trace_every(), 0u);
+}
+
+TEST_F(StreamTest, TheBrokersStagesOfAFrameAreToldOnceItHasLeft) {
   FakeReceiver receiver;
-  ASSERT_TRUE(stream_.watch(receiver, kRaw));
-  stream_.relay_trace({99, 5, {{"captured", 12}}});
-  ASSERT_EQ(receiver.traces.size(), 1u);
-  const auto trace = std::get<control::Trace>(control_from_text(receiver.traces[0]).value());
-  EXPECT_EQ(trace.stream_id, 7u);
-  EXPECT_EQ(trace.sequence, 5u);
+  begin();
+  ASSERT_TRUE(stream_.watch(receiver, kFull));
+  stream_.trace(receiver, 2);
+  for (int i = 0; i < 6; ++i) {
+    ASSERT_TRUE(stream_.add_frame(sender_.next(now_), now_));
+    for (int ms = 0; ms < 30; ++ms, now_ += 1000) {
+      stream_.pump(now_);
+      for (const FramePtr& frame : receiver.frames)
+        if (frame->times.left_us == 0) frame->times.left_us = now_ + 40;
+    }
+  }
+  ASSERT_GE(receiver.traces.size(), 4u);
+  int held = 0;
+  for (const auto& text : receiver.traces) {
+    const control::Trace trace = trace_from(text);
+    EXPECT_EQ(trace.sequence % 2, 0u);
+    ASSERT_GE(trace.stages.size(), 2u);
+    EXPECT_EQ(trace.stages.front().first, control::stage::kArrived);
+    EXPECT_EQ(trace.stages.back().first, control::stage::kLeft);
+    EXPECT_EQ(trace.stages.front().second, 1'000'000 + static_cast<TimeUs>(trace.sequence) * kInterval);
+    if (trace.stages.size() < 3) continue;
+    ++held;
+    EXPECT_EQ(trace.stages[1].first, control::stage::kDue);
+    EXPECT_LE(trace.stages[1].second, trace.stages[2].second);
+  }
+  EXPECT_GT(held, 2);
 }
 
 TEST(HubTest, IdsAreStableAndUnusedStreamsMakeRoom) {

@@ -1,0 +1,51 @@
+// SPDX-License-Identifier: MIT
+#include "broker/relay/tracer.h"
+
+#include <algorithm>
+
+namespace eigencast::broker {
+namespace {
+
+// More than any feed holds back.
+constexpr std::size_t kMaxArrivals = 16;
+
+}  // namespace
+
+void Tracer::want(const void* who, std::uint32_t every) {
+  if (every == 0) {
+    wanted_.erase(who);
+  } else {
+    wanted_[who] = every;
+  }
+  every_ = 0;
+  for (const auto& [watcher, wanted] : wanted_) every_ = every_ == 0 ? wanted : std::min(every_, wanted);
+}
+
+bool Tracer::is_wanted_by(const void* who, std::uint64_t sequence) const {
+  const auto found = wanted_.find(who);
+  return found != wanted_.end() && sequence % found->second == 0;
+}
+
+void Tracer::note_key(std::uint64_t sequence, TimeUs arrival_us) {
+  if (every_ == 0) return arrivals_.clear();
+  arrivals_.push_back({sequence, arrival_us});
+  if (arrivals_.size() > kMaxArrivals) arrivals_.pop_front();
+}
+
+std::optional<control::Trace> Tracer::trace_of(const Frame& frame) const {
+  const Envelope& head = frame.envelope;
+  const auto arrival =
+      std::find_if(arrivals_.begin(), arrivals_.end(), [&](const Arrival& a) { return a.sequence == head.sequence; });
+  if (arrival == arrivals_.end() || frame.times.left_us == 0 || !is_traced(head.sequence)) return std::nullopt;
+  control::Trace trace;
+  trace.stream_id = head.stream_id;
+  trace.epoch = head.epoch;
+  trace.sequence = head.sequence;
+  trace.step = head.step.byte();
+  trace.stages.emplace_back(control::stage::kArrived, arrival->arrival_us);
+  if (frame.times.due_us != 0) trace.stages.emplace_back(control::stage::kDue, frame.times.due_us);
+  trace.stages.emplace_back(control::stage::kLeft, frame.times.left_us);
+  return trace;
+}
+
+}  // namespace eigencast::broker

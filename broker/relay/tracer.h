@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <deque>
+#include <optional>
+#include <unordered_map>
+
+#include "broker/relay/frame.h"
+#include "common/wire/control.h"
+
+namespace eigencast::broker {
+
+/// Which frames of one stream are traced, for whom, and what the broker has to say about them. Nothing is traced unless
+/// a watcher asked for it. Time comes in as an argument. Not thread-safe.
+class Tracer {
+ public:
+  /// `who` wants traces of keys whose sequence is a multiple of `every`; 0: of none.
+  void want(const void* who, std::uint32_t every);
+  bool is_wanted_by(const void* who, std::uint64_t sequence) const;
+  /// The least that anybody wants; 0: nobody.
+  std::uint32_t every() const { return every_; }
+  bool is_traced(std::uint64_t sequence) const { return every_ != 0 && sequence % every_ == 0; }
+
+  void note_key(std::uint64_t sequence, TimeUs arrival_us);
+  /// The broker's stages of a frame; nothing if it never left, or is not traced, or its key is long gone.
+  std::optional<control::Trace> trace_of(const Frame& frame) const;
+
+ private:
+  struct Arrival {
+    std::uint64_t sequence;
+    TimeUs arrival_us;
+  };
+  std::unordered_map<const void*, std::uint32_t> wanted_;
+  std::uint32_t every_ = 0;
+  std::deque<Arrival> arrivals_;  ///< Of the newest keys; bounded.
+};
+
+}  // namespace eigencast::broker
