@@ -27,18 +27,28 @@ struct Settings {
   bool loop = false;
   BakeCommand bake;
   PlayCommand play;
+  ExportCommand export_clip;
   EvaluateCommand evaluate;
   CompareCommand compare;
 };
 
+void add_clip_options(CLI::App& app, SourceOptions& source) {
+  app.add_option(
+         "input", source.input,
+         "built-in shape (heart, bar, torus, sphere, ...), clip.npy, .pc2, .mdd, .glb or .gltf, folder or 'glob' of "
+         "OBJ/PLY/OFF/STL/XYZ, or one file")
+      ->required();
+  app.add_option("--rest", source.rest, "file of the rest pose (default: beside the clip, or its first frame)");
+  app.add_option("--faces", source.faces, "faces of a .npy clip (default: faces.npy beside it)");
+  app.add_option("--animation", source.animation, "name or number of a glTF file's animation (default: the first)");
+  app.add_option("--sample-rate", source.sample_rate_hz, "poses a second that a glTF animation is sampled at")
+      ->check(CLI::Range(0.1, 1000.0))
+      ->capture_default_str();
+}
+
 void add_source_options(CLI::App& app, SourceOptions& source) {
   source.cache_dir = default_cache_dir();
-  app.add_option("input", source.input,
-                 "built-in shape (heart, bar, torus, sphere, ...), clip.npy, folder or 'glob' of OBJ/PLY/OFF/STL/XYZ, "
-                 "or one file")
-      ->required();
-  app.add_option("--rest", source.rest, "file of the rest pose (default: the first frame)");
-  app.add_option("--faces", source.faces, "faces of a .npy clip (default: faces.npy beside it)");
+  add_clip_options(app, source);
   app.add_option("--basis", source.basis, "augmented or harmonic")
       ->check(CLI::IsMember({"augmented", "harmonic"}))
       ->capture_default_str();
@@ -64,8 +74,8 @@ void add_commands(CLI::App& app, Settings& s) {
 
   CLI::App* play = app.add_subcommand("play", "Stream an animation to a broker");
   add_source_options(*play, s.play.source);
-  add_codec_options(*play, s.play.codec, s.play.error);
-  play->add_option("--to", s.play.url, "ws://host[:port]/stream")->envname("EIGENCAST_URL")->required();
+  add_codec_options(*play, s.play.target.codec, s.play.target.error);
+  play->add_option("--to", s.play.target.url, "ws://host[:port]/stream")->envname("EIGENCAST_URL")->required();
   play->add_option("--rate", s.play.rate_hz, "key poses a second (default: the clip's)")
       ->check(CLI::Range(0.1, 1000.0));
   play->add_option("--speed", s.play.speed, "of the motion")->check(CLI::Range(0.001, 1000.0))->capture_default_str();
@@ -76,6 +86,14 @@ void add_commands(CLI::App& app, Settings& s) {
   play->add_option("--frames", s.play.frames, "stop after so many poses")->check(CLI::PositiveNumber);
   play->add_option("--json", s.play.json, "write a report at the end");
   play->add_option("--record", s.play.record, "write capture time and frame of each pose, as JSON lines");
+
+  CLI::App* export_clip = app.add_subcommand("export", "Write a clip in another format");
+  add_clip_options(*export_clip, s.export_clip.source);
+  export_clip
+      ->add_option("--to", s.export_clip.to,
+                   "x.pc2, x.mdd, x.npy (rest pose beside it as x.obj), x.obj, x.ply, x.off (a file a pose) or folder/")
+      ->required();
+  export_clip->add_option("--json", s.export_clip.json, "write a report");
 
   CLI::App* evaluate = app.add_subcommand("evaluate", "State error and bit rate of a clip, without a network");
   add_source_options(*evaluate, s.evaluate.source);
@@ -116,6 +134,7 @@ Invocation parse_command_line(int argc, char** argv) {
   return {[settings, command](Interrupt& interrupt) {
             if (command == "bake") return run(settings->bake, settings->console, interrupt);
             if (command == "play") return run(settings->play, settings->console, interrupt);
+            if (command == "export") return run(settings->export_clip, settings->console, interrupt);
             if (command == "evaluate") return run(settings->evaluate, settings->console, interrupt);
             return run(settings->compare, settings->console, interrupt);
           },

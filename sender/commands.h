@@ -24,11 +24,16 @@ struct BakeCommand {
   std::string json;     ///< Write a report there; empty: no.
 };
 
-struct PlayCommand {
-  SourceOptions source;
+/// Where poses are sent and how they are coded.
+struct TargetOptions {
   std::string url;
   std::string codec = "quantised";
-  double error = 0;    ///< Model units; 0: the publisher's default.
+  double error = 0;  ///< Model units; 0: the publisher's default.
+};
+
+struct PlayCommand {
+  SourceOptions source;
+  TargetOptions target;
   double rate_hz = 0;  ///< 0: the clip's own.
   double speed = 1;
   bool once = false;
@@ -36,6 +41,12 @@ struct PlayCommand {
   std::uint64_t frames = 0;  ///< 0: no end.
   std::string json;
   std::string record;  ///< JSON lines: capture time, frame and outcome of each pose; empty: no.
+};
+
+struct ExportCommand {
+  SourceOptions source;
+  std::string to;
+  std::string json;
 };
 
 struct EvaluateCommand {
@@ -56,6 +67,7 @@ struct CompareCommand {
 // Each runs a command to its end and returns the program's exit status; errors go to the log.
 int run(const BakeCommand& command, const Console& console, Interrupt& interrupt);
 int run(const PlayCommand& command, const Console& console, Interrupt& interrupt);
+int run(const ExportCommand& command, const Console& console, Interrupt& interrupt);
 int run(const EvaluateCommand& command, const Console& console, Interrupt& interrupt);
 int run(const CompareCommand& command, const Console& console, Interrupt& interrupt);
 

@@ -8,71 +8,16 @@
 #include <optional>
 #include <vector>
 
-#include "common/net/url.h"
-#include "common/reconstruction/reconstruct.h"
-#include "common/wire/control.h"
-#include "sdk/publisher.h"
+#include "sender/clip_coefficients.h"
 #include "sender/commands.h"
+#include "sender/live.h"
+#include "sender/progress_line.h"
 #include "sender/schedule.h"
 
 namespace eigencast {
 namespace {
 
 using nlohmann::json;
-
-constexpr std::size_t kMaxKeptBytes = std::size_t{64} << 20;
-constexpr TimeUs kStatusEveryUs = 10'000'000;
-constexpr TimeUs kConnectLookUs = 10'000;
-
-/// Coefficients of the clip's frames: projected when first asked for and, where the whole clip is small enough, kept.
-class FrameCoefficients {
- public:
-  FrameCoefficients(const MotionClip& clip, const Projector& projector, std::size_t values_per_frame)
-      : clip_(clip),
-        projector_(projector),
-        keep_(clip.frame_count() * values_per_frame * sizeof(double) <= kMaxKeptBytes) {
-    kept_.resize(keep_ ? clip.frame_count() : 1);
-  }
-
-  /// Projects what is kept: playing then costs next to nothing.
-  Result<void> project_ahead(Interrupt& interrupt) {
-    for (std::size_t frame = 0; keep_ && frame < kept_.size() && !interrupt.requested(); ++frame)
-      if (auto C = at(frame); !C) return C.error();
-    return {};
-  }
-
-  Result<std::vector<double>> at(std::size_t frame) {
-    std::vector<double>& kept = kept_[keep_ ? frame : 0];
-    if (keep_ && !kept.empty()) return kept;
-    const auto positions = clip_.pose(frame);
-    if (!positions) return positions.error();
-    flat_.clear();
-    for (const Vec3& vertex : *positions) flat_.insert(flat_.end(), vertex.begin(), vertex.end());
-    auto C = projector_.coefficients_from_positions(std::span<const double>(flat_));
-    if (!C) return in_context("frame " + std::to_string(frame), C.error());
-    if (keep_) kept = *C;
-    return C;
-  }
-
- private:
-  const MotionClip& clip_;
-  const Projector& projector_;
-  bool keep_;
-  std::vector<std::vector<double>> kept_;
-  std::vector<double> flat_;
-};
-
-std::string_view name_of(SendStatus status) {
-  switch (status) {
-    case SendStatus::kSent:
-      return "sent";
-    case SendStatus::kDropped:
-      return "dropped";
-    case SendStatus::kDisconnected:
-      return "disconnected";
-  }
-  return "unknown";
-}
 
 /// The record of what was sent when, for whoever compares it with what arrived.
 class SentRecord {
@@ -96,64 +41,30 @@ class SentRecord {
 /// One run of the play loop and what it counted.
 class Player {
  public:
-  Player(const PlayCommand& command, Source source) : command_(command), source_(std::move(source)) {}
+  Player(const PlayCommand& command, const Console& console, Source source)
+      : command_(command), console_(console), source_(std::move(source)) {}
 
   Result<void> run(Interrupt& interrupt);
   json report() const;
 
  private:
-  Result<void> connect();
-  /// Waits until the broker takes poses, so that a clip that is played once is played whole; false if interrupted
-  /// before. Errors: kUnreachable (the time that was given to play is over).
-  Result<bool> wait_until_live(Interrupt& interrupt) const;
   /// Seconds of --duration that are left at `now_us`.
   double seconds_left(TimeUs now_us) const {
     return command_.duration_s - static_cast<double>(now_us - try_us_) * 1e-6;
   }
+  Result<ClipCoefficients> read_clip(const Projector& projector, Interrupt& interrupt);
   Schedule::Options schedule_options() const;
-  void log_status(TimeUs now_us);
 
   const PlayCommand& command_;
+  const Console& console_;
   Source source_;
   std::shared_ptr<const Asset> asset_;
   std::unique_ptr<Publisher> publisher_;
-  Publisher::Stats last_;
   TimeUs try_us_ = 0;  ///< When it began to try; --duration counts from here.
-  TimeUs start_us_ = 0, end_us_ = 0, status_us_ = 0;
+  TimeUs start_us_ = 0, end_us_ = 0;
   std::uint64_t skipped_ = 0;
+  std::vector<std::string> findings_;
 };
-
-Result<void> Player::connect() {
-  const auto codec = codec_from_name(command_.codec);
-  if (!codec) return codec.error();
-  PublisherOptions options;
-  options.url = command_.url;
-  options.codec = *codec;
-  options.error = command_.error;
-  options.key_rate_hz = schedule_options().rate_hz;
-  auto publisher =
-      Publisher::create(options, asset_, std::make_shared<const EncodedAsset>(std::move(source_.baked.encoded)),
-                        [](LogLevel level, std::string_view text) {
-                          spdlog::log(level == LogLevel::kError     ? spdlog::level::err
-                                      : level == LogLevel::kWarning ? spdlog::level::warn
-                                      : level == LogLevel::kInfo    ? spdlog::level::info
-                                                                    : spdlog::level::debug,
-                                      "{}", text);
-                        });
-  if (!publisher) return publisher.error();
-  publisher_ = std::move(*publisher);
-  return {};
-}
-
-Result<bool> Player::wait_until_live(Interrupt& interrupt) const {
-  while (publisher_->stats().state != Publisher::State::kLive) {
-    if (command_.duration_s > 0 && seconds_left(steady_now_us()) <= 0)
-      return fail(ErrorCode::kUnreachable,
-                  "no pose was sent: the duration is over and the broker is not live: " + publisher_->stats().detail);
-    if (interrupt.wait_until(steady_now_us() + kConnectLookUs)) return false;
-  }
-  return true;
-}
 
 Schedule::Options Player::schedule_options() const {
   Schedule::Options options;
@@ -171,16 +82,18 @@ Schedule::Options Player::schedule_options() const {
   return options;
 }
 
-void Player::log_status(TimeUs now_us) {
-  if (now_us - status_us_ < kStatusEveryUs) return;
-  const Publisher::Stats now = publisher_->stats();
-  const double seconds = static_cast<double>(now_us - status_us_) * 1e-6;
-  spdlog::info("{:.1f} poses/s, {:.1f} kbit/s, {} viewers, {} dropped",
-               static_cast<double>(now.frames_sent - last_.frames_sent) / seconds,
-               static_cast<double>(now.payload_bytes - last_.payload_bytes) * 8e-3 / seconds, now.subscribers,
-               now.frames_dropped - last_.frames_dropped);
-  last_ = now;
-  status_us_ = now_us;
+Result<ClipCoefficients> Player::read_clip(const Projector& projector, Interrupt& interrupt) {
+  ProgressLine line(console_.progress, console_.on_terminal);
+  auto coefficients = ClipCoefficients::create(*source_.clip, projector, [&](double fraction, std::string_view stage) {
+    line.show(fraction, stage, steady_now_us());
+    return !interrupt.requested();
+  });
+  line.finish();
+  if (!coefficients) return coefficients;
+  if (!coefficients->stored()) spdlog::warn("the clip is so long that its frames are read again while it plays");
+  findings_ = coefficients->findings();
+  for (const std::string& finding : findings_) spdlog::warn("{}", finding);
+  return coefficients;
 }
 
 Result<void> Player::run(Interrupt& interrupt) {
@@ -190,23 +103,30 @@ Result<void> Player::run(Interrupt& interrupt) {
   asset_ = std::make_shared<const Asset>(std::move(source_.baked.asset));
   const auto projector = Projector::create(*asset_);
   if (!projector) return projector.error();
-  FrameCoefficients coefficients(*source_.clip, *projector, std::size_t{asset_->rank} * 3);
 
-  // Before anybody sees the first frame, so that a bad one late in the clip is found here.
-  if (auto kept = coefficients.project_ahead(interrupt); !kept) return kept;
-  if (const auto connected = connect(); !connected) return connected;
+  // All of it before anybody sees the first frame, so that a bad one late in the clip is found here.
+  auto coefficients = read_clip(*projector, interrupt);
+  if (!coefficients) return coefficients.error();
+  auto publisher = publish(command_.target, schedule_options().rate_hz, asset_, std::move(source_.baked.encoded));
+  if (!publisher) return publisher.error();
+  publisher_ = std::move(*publisher);
   start_us_ = end_us_ = steady_now_us();
-  const auto live = wait_until_live(interrupt);
-  if (!live) return live.error();
-  if (!*live) return {};
-  start_us_ = status_us_ = steady_now_us();
+  // So that a clip that is played once is played whole.
+  const TimeUs deadline_us = command_.duration_s > 0 ? try_us_ + static_cast<TimeUs>(command_.duration_s * 1e6) : 0;
+  if (!wait_until_live(*publisher_, deadline_us, interrupt)) {
+    if (interrupt.requested()) return {};
+    return fail(ErrorCode::kUnreachable,
+                "no pose was sent: the duration is over and the broker is not live: " + publisher_->stats().detail);
+  }
+  start_us_ = steady_now_us();
+  StatusLog status(start_us_);
   Schedule schedule(schedule_options(), start_us_);
   while (const auto tick = schedule.next(steady_now_us())) {
-    const auto C = coefficients.at(tick->frame);
+    const auto C = coefficients->at(tick->frame);
     if (!C) return C.error();
     if (interrupt.wait_until(tick->due_us)) break;
     record.add(*tick, publisher_->send_coefficients(*C, tick->due_us));
-    log_status(steady_now_us());
+    status.show(*publisher_, steady_now_us());
   }
   end_us_ = steady_now_us();
   skipped_ = schedule.skipped();
@@ -222,22 +142,15 @@ json Player::report() const {
           {"bytes", stats.payload_bytes},
           {"kbit_per_s", seconds > 0 ? static_cast<double>(stats.payload_bytes) * 8e-3 / seconds : 0.0},
           {"duration_s", seconds},
-          {"reconnects", stats.reconnects}};
-}
-
-Result<void> check_stream_url(const std::string& text) {
-  const auto url = parse_broker_url(text);
-  if (!url) return url.error();
-  if (auto name = check_stream_name(url->stream); !name)
-    return in_context("stream name in \"" + text + "\"", name.error());
-  return {};
+          {"reconnects", stats.reconnects},
+          {"findings", findings_}};
 }
 
 }  // namespace
 
 int run(const PlayCommand& command, const Console& console, Interrupt& interrupt) {
   // Before the bake, which may take minutes.
-  if (const auto usable = check_stream_url(command.url); !usable) {
+  if (const auto usable = check_stream_url(command.target.url); !usable) {
     spdlog::error("{}", usable.error().message);
     return kExitUsage;
   }
@@ -246,7 +159,7 @@ int run(const PlayCommand& command, const Console& console, Interrupt& interrupt
   spdlog::info("{}: {} vertices, r = {}, asset {:.12}{}", source->clip->name(), source->baked.asset.vertex_count,
                source->baked.asset.rank, source->baked.encoded.manifest.id.hex(),
                source->baked.from_cache ? ", from the cache" : "");
-  Player player(command, std::move(*source));
+  Player player(command, console, std::move(*source));
   if (const auto played = player.run(interrupt); !played) return report_failure(played.error());
   const json report = player.report();
   spdlog::info("sent {} poses in {:.1f} s, {:.1f} kbit/s; {} dropped, {} skipped, {} reconnects",

@@ -34,7 +34,7 @@ Result<std::unique_ptr<MotionClip>> open_source(const SourceOptions& options) {
   const bool is_word = options.input.find_first_of("/*?[.") == std::string::npos;
   if (is_builtin(options.input) || (is_word && !std::filesystem::exists(options.input, ignored)))
     return builtin_clip(options.input);
-  return open_clip(options.input, options.rest, options.faces);
+  return open_clip(options.input, {options.rest, options.faces, options.animation, options.sample_rate_hz});
 }
 
 Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress) {

@@ -1,63 +1,23 @@
 // SPDX-License-Identifier: MIT
-#include <glob.h>
-
 #include <algorithm>
 #include <cassert>
 #include <filesystem>
+#include <new>
 #include <optional>
-#include <system_error>
 #include <utility>
 
 #include "common/surface/check.h"
 #include "common/surface/file_text.h"
-#include "common/surface/natural_order.h"
+#include "common/surface/frames.h"
 #include "common/surface/npy.h"
+#include "common/surface/point_cache.h"
 #include "common/surface/read.h"
+#include "common/surface/sequence.h"
 
 namespace eigencast {
-
-namespace fs = std::filesystem;
-
-bool natural_less(std::string_view a, std::string_view b) {
-  const auto is_digit = [](char c) { return c >= '0' && c <= '9'; };
-  std::size_t i = 0;
-  std::size_t j = 0;
-  while (i < a.size() && j < b.size()) {
-    if (!is_digit(a[i]) || !is_digit(b[j])) {
-      if (a[i] != b[j]) return static_cast<unsigned char>(a[i]) < static_cast<unsigned char>(b[j]);
-      ++i;
-      ++j;
-      continue;
-    }
-    while (i < a.size() && a[i] == '0') ++i;
-    while (j < b.size() && b[j] == '0') ++j;
-    std::size_t a_end = i;
-    std::size_t b_end = j;
-    while (a_end < a.size() && is_digit(a[a_end])) ++a_end;
-    while (b_end < b.size() && is_digit(b[b_end])) ++b_end;
-    if (a_end - i != b_end - j) return a_end - i < b_end - j;
-    const int order = a.substr(i, a_end - i).compare(b.substr(j, b_end - j));
-    if (order != 0) return order < 0;
-    i = a_end;
-    j = b_end;
-  }
-  if (a.size() - i != b.size() - j) return a.size() - i < b.size() - j;
-  return a < b;
-}
-
 namespace {
 
-constexpr double kUnstatedRateHz = 30;
-constexpr std::size_t kMaxFrames = 1'000'000;
-
-/// Where poses come from: positions, and faces where the format has any.
-class Frames {
- public:
-  virtual ~Frames() = default;
-  virtual std::size_t count() const = 0;
-  virtual Result<Surface> read(std::size_t frame) const = 0;
-  virtual std::string label(std::size_t frame) const = 0;
-};
+namespace fs = std::filesystem;
 
 class FileFrames final : public Frames {
  public:
@@ -72,15 +32,13 @@ class FileFrames final : public Frames {
   std::vector<std::string> paths_;
 };
 
-// Reads one frame at a time, so that a clip may be larger than memory.
 class NpyFrames final : public Frames {
  public:
   NpyFrames(NpyFile file, std::string path) : file_(std::move(file)), path_(std::move(path)) {}
   std::size_t count() const override { return file_.shape()[0]; }
   Result<Surface> read(std::size_t frame) const override {
-    const std::size_t n = file_.shape()[1];
-    auto positions = file_.read_positions(frame * n, n);
-    if (!positions) return in_context("frame " + std::to_string(frame), positions.error());
+    auto positions = file_.read_positions(frame);
+    if (!positions) return positions.error();
     return Surface{std::move(*positions), {}};
   }
   std::string label(std::size_t frame) const override { return "frame " + std::to_string(frame) + " of " + path_; }
@@ -113,16 +71,19 @@ std::optional<std::string> difference(const Surface& frame, const Surface& rest,
 
 class RecordedClip final : public MotionClip {
  public:
-  RecordedClip(std::unique_ptr<Frames> frames, Surface rest, bool frames_have_faces, std::string name)
+  RecordedClip(std::unique_ptr<Frames> frames, Surface rest, bool frames_have_faces, std::string name,
+               std::vector<std::string> notes)
       : frames_(std::move(frames)),
         rest_(std::move(rest)),
         frames_have_faces_(frames_have_faces),
-        name_(std::move(name)) {}
+        name_(std::move(name)),
+        notes_(std::move(notes)) {}
 
   const Surface& rest() const override { return rest_; }
   std::size_t frame_count() const override { return frames_->count(); }
-  double frame_rate_hz() const override { return kUnstatedRateHz; }
+  double frame_rate_hz() const override { return frames_->rate_hz(); }
   std::string name() const override { return name_; }
+  std::vector<std::string> notes() const override { return notes_; }
 
   Result<std::vector<Vec3>> pose(std::size_t frame) const override {
     assert(frame < frame_count());
@@ -139,77 +100,13 @@ class RecordedClip final : public MotionClip {
   Surface rest_;
   bool frames_have_faces_;
   std::string name_;
+  std::vector<std::string> notes_;
 };
 
-bool is_file(const fs::path& path) {
-  std::error_code code;
-  return fs::is_regular_file(path, code);
-}
-
-bool is_readable_kind(const std::string& path) {
-  const std::string ending = text::ending_of(path);
-  return ending == "obj" || ending == "off" || ending == "ply" || ending == "stl" || ending == "xyz" || ending == "npy";
-}
-
-// Files of one kind, in natural order; `faces.npy` is not a frame.
-Result<std::vector<std::string>> as_sequence(std::vector<std::string> paths, const std::string& where) {
-  std::erase_if(paths, [](const std::string& path) {
-    return !is_readable_kind(path) || fs::path(path).filename() == "faces.npy" || !is_file(path);
-  });
-  if (paths.empty()) {
-    return fail(ErrorCode::kNotFound, where + ": no files that end in obj, ply, off, stl, xyz or npy");
-  }
-  std::sort(paths.begin(), paths.end(), natural_less);
-  for (const std::string& path : paths) {
-    if (text::ending_of(path) == text::ending_of(paths[0])) continue;
-    std::string what = where;
-    what.append(": files of more than one kind (").append(paths[0]).append(", ").append(path);
-    return fail(ErrorCode::kInvalidArgument, what + "); give a glob such as \"*.obj\" in quotes");
-  }
-  return paths;
-}
-
-Result<std::vector<std::string>> files_in_directory(const std::string& path) {
-  std::vector<std::string> paths;
-  std::error_code code;
-  for (fs::directory_iterator it(path, code), end; !code && it != end; it.increment(code)) {
-    if (it->path().filename().string()[0] != '.') paths.push_back(it->path().string());
-    if (paths.size() > kMaxFrames) {
-      return fail(ErrorCode::kTooLarge, path + ": more than " + std::to_string(kMaxFrames) + " files");
-    }
-  }
-  if (code) return fail(ErrorCode::kIo, path + ": " + code.message());
-  return as_sequence(std::move(paths), path);
-}
-
-Result<std::vector<std::string>> files_of_glob(const std::string& pattern) {
-  glob_t found{};
-  const int rc = ::glob(pattern.c_str(), GLOB_NOSORT, nullptr, &found);
-  std::vector<std::string> paths;
-  if (rc == 0 && found.gl_pathc <= kMaxFrames) paths.assign(found.gl_pathv, found.gl_pathv + found.gl_pathc);
-  const std::size_t count = found.gl_pathc;
-  ::globfree(&found);
-  if (rc != 0 && rc != GLOB_NOMATCH) return fail(ErrorCode::kIo, pattern + ": cannot be searched");
-  if (count > kMaxFrames) {
-    return fail(ErrorCode::kTooLarge, pattern + ": more than " + std::to_string(kMaxFrames) + " files");
-  }
-  return as_sequence(std::move(paths), pattern);
-}
-
-Result<std::vector<std::string>> files_of(const std::string& path) {
-  std::error_code code;
-  const auto status = fs::status(path, code);
-  if (fs::is_directory(status)) {
-    const fs::path recording = fs::path(path) / "vertices.npy";
-    if (is_file(recording)) return std::vector<std::string>{recording.string()};
-    return files_in_directory(path);
-  }
-  if (!fs::exists(status) && path.find_first_of("*?[") != std::string::npos) return files_of_glob(path);
-  return std::vector<std::string>{path};
-}
-
 Result<std::unique_ptr<Frames>> frames_of(std::vector<std::string> paths) {
-  if (paths.size() == 1 && text::ending_of(paths[0]) == "npy") {
+  const std::string ending = text::ending_of(paths[0]);
+  if (paths.size() == 1 && (ending == "pc2" || ending == "mdd")) return open_point_cache(paths[0]);
+  if (paths.size() == 1 && ending == "npy") {
     auto file = NpyFile::open(paths[0]);
     if (!file) return file.error();
     if (file->shape().size() == 3) {
@@ -217,6 +114,7 @@ Result<std::unique_ptr<Frames>> frames_of(std::vector<std::string> paths) {
       if (shape[2] != 3)
         return fail(ErrorCode::kUnsupported, paths[0] + ": positions are an (n, 3) or (T, n, 3) array");
       if (shape[0] == 0) return fail(ErrorCode::kCorrupt, paths[0] + ": no frames in it");
+      if (shape[0] > kMaxClipFrames) return fail(ErrorCode::kTooLarge, paths[0] + ": too many frames");
       if (shape[1] > kMaxSurfaceVertices) return fail(ErrorCode::kTooLarge, paths[0] + ": too many vertices");
       return std::unique_ptr<Frames>(std::make_unique<NpyFrames>(std::move(*file), paths[0]));
     }
@@ -247,45 +145,76 @@ Result<void> add_faces(Surface& rest, const std::string& path) {
   return {};
 }
 
-Result<std::unique_ptr<MotionClip>> clip_from_path(const std::string& path, const std::string& rest_path,
-                                                   const std::string& faces_path) {
-  auto paths = files_of(path);
-  if (!paths) return paths.error();
-  std::string faces_file = faces_path;
-  if (faces_file.empty() && text::ending_of((*paths)[0]) == "npy") {
-    const fs::path beside = fs::path((*paths)[0]).parent_path() / "faces.npy";
-    if (is_file(beside)) faces_file = beside.string();
+// The mesh that a cache's vertices belong to: of the same name, or called "rest" where `any_rest`.
+std::string rest_beside(const std::string& cache, bool any_rest) {
+  const fs::path path(cache);
+  for (const std::string& stem : {path.stem().string(), std::string("rest")}) {
+    if (!any_rest && stem != path.stem().string()) continue;
+    for (const char* ending : {".obj", ".ply", ".off", ".glb", ".gltf", ".stl"}) {
+      const std::string beside = (path.parent_path() / (stem + ending)).string();
+      if (is_file(beside)) return beside;
+    }
   }
+  return {};
+}
+
+// What the options name, or what lies beside the first file where they name nothing.
+ClipOptions with_files_beside(ClipOptions options, const std::string& first) {
+  const std::string ending = text::ending_of(first);
+  const bool is_cache = ending == "pc2" || ending == "mdd" || ending == "npy";
+  if (options.rest.empty() && is_cache) options.rest = rest_beside(first, ending != "npy");
+  const std::string faces = (fs::path(first).parent_path() / "faces.npy").string();
+  if (options.faces.empty() && ending == "npy" && is_file(faces)) options.faces = faces;
+  return options;
+}
+
+// The pose and topology that the frames are held against.
+Result<Surface> rest_of(const Frames& frames, Surface first, const ClipOptions& options) {
+  Surface rest = std::move(first);
+  if (!options.rest.empty()) {
+    auto stated = read_surface(options.rest);
+    if (!stated) return stated.error();
+    if (const auto how = difference(rest, *stated, !rest.is_point_cloud() && !stated->is_point_cloud())) {
+      return fail(ErrorCode::kInvalidArgument, frames.label(0) + " " + *how + " (" + options.rest + ")");
+    }
+    if (stated->is_point_cloud()) stated->faces = std::move(rest.faces);
+    rest = std::move(*stated);
+  }
+  if (!options.faces.empty()) {
+    if (const auto added = add_faces(rest, options.faces); !added) return added.error();
+  }
+  return rest;
+}
+
+Result<std::unique_ptr<MotionClip>> clip_from_path(const std::string& path, const ClipOptions& given) {
+  auto paths = files_of_sequence(path);
+  if (!paths) return paths.error();
+  const std::string first_path = paths->front();
+  const bool is_one = paths->size() == 1;
+  const std::string ending = text::ending_of(first_path);
+  const ClipOptions options = is_one ? with_files_beside(given, first_path) : given;
   auto frames = frames_of(std::move(*paths));
   if (!frames) return frames.error();
 
   auto first = (*frames)->read(0);
   if (!first) return first.error();
   const bool frames_have_faces = !first->is_point_cloud();
-  Surface rest = std::move(*first);
-  if (!rest_path.empty()) {
-    auto stated = read_surface(rest_path);
-    if (!stated) return stated.error();
-    if (const auto how = difference(rest, *stated, frames_have_faces && !stated->is_point_cloud())) {
-      return fail(ErrorCode::kInvalidArgument, (*frames)->label(0) + " " + *how);
-    }
-    if (stated->is_point_cloud()) stated->faces = std::move(rest.faces);
-    rest = std::move(*stated);
+  auto rest = rest_of(**frames, std::move(*first), options);
+  if (!rest) return rest.error();
+  if (const auto valid = validate_surface(*rest); !valid) return in_context(path, valid.error());
+  std::vector<std::string> notes;
+  if ((ending == "pc2" || ending == "mdd") && options.rest.empty()) {
+    notes.push_back("no rest mesh beside " + first_path + ": played as a point cloud; name one with --rest");
   }
-  if (!faces_file.empty()) {
-    if (const auto added = add_faces(rest, faces_file); !added) return added.error();
-  }
-  if (const auto valid = validate_surface(rest); !valid) return in_context(path, valid.error());
   return std::unique_ptr<MotionClip>(
-      std::make_unique<RecordedClip>(std::move(*frames), std::move(rest), frames_have_faces, path));
+      std::make_unique<RecordedClip>(std::move(*frames), std::move(*rest), frames_have_faces, path, std::move(notes)));
 }
 
 }  // namespace
 
-Result<std::unique_ptr<MotionClip>> open_clip(const std::string& path, const std::string& rest_path,
-                                              const std::string& faces_path) {
+Result<std::unique_ptr<MotionClip>> open_clip(const std::string& path, const ClipOptions& options) {
   try {
-    return clip_from_path(path, rest_path, faces_path);
+    return clip_from_path(path, options);
   } catch (const std::bad_alloc&) {
     return fail(ErrorCode::kTooLarge, path + ": not enough memory to open it");
   }

@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
 
 #include "common/core/result.h"
+#include "common/surface/appearance.h"
+#include "common/surface/rig.h"
 #include "common/surface/surface.h"
 
 namespace eigencast {
@@ -29,6 +30,12 @@ class MotionClip {
   virtual Result<std::vector<Vec3>> pose(std::size_t frame) const = 0;
   /// Where the clip comes from, for people.
   virtual std::string name() const = 0;
+  /// What opening it did that its user should know, a line each: seams welded, parts left out.
+  virtual std::vector<std::string> notes() const { return {}; }
+  /// Skin and morph targets, where the source has them; else null. Lives as long as the clip.
+  virtual const Rig* rig() const { return nullptr; }
+  /// Texture coordinates, colours and textures, where the source has them; else null. Lives as long as the clip.
+  virtual const Appearance* appearance() const { return nullptr; }
 };
 
 }  // namespace eigencast

@@ -2,25 +2,32 @@
 #include "common/surface/npy.h"
 
 #include <algorithm>
-#include <bit>
 #include <cassert>
 #include <cmath>
 #include <cstring>
-#include <filesystem>
-#include <fstream>
+#include <limits>
 #include <optional>
 #include <string_view>
-#include <system_error>
 
 #include "common/surface/file_text.h"
+#include "common/surface/scalars.h"
+#include "common/surface/sequence.h"
 
 namespace eigencast {
-namespace {
 
-static_assert(std::endian::native == std::endian::little, "values are copied as they stand in the file");
+double double_from_half(std::uint16_t bits) {
+  const int exponent = bits >> 10 & 31;
+  const double fraction = bits & 1023;
+  double value = exponent == 0 ? std::ldexp(fraction, -24) : std::ldexp(1024 + fraction, exponent - 25);
+  if (exponent == 31) value = fraction == 0 ? std::numeric_limits<double>::infinity() : std::nan("");
+  return (bits & 0x8000) != 0 ? -value : value;
+}
+
+namespace {
 
 constexpr std::size_t kMaxHeaderBytes = 64 * 1024;
 constexpr std::size_t kMaxDimension = std::size_t{1} << 40;
+constexpr std::uint64_t kMaxBlockBytes = 32 << 20;
 
 // The text behind 'key': in the header's Python dictionary, without leading blanks.
 std::optional<std::string_view> value_of_key(std::string_view header, std::string_view key) {
@@ -59,71 +66,89 @@ std::optional<std::vector<std::size_t>> shape_from_text(std::string_view text) {
   return shape;
 }
 
-template <typename T>
-T value_at(const std::string& bytes, std::size_t index) {
-  T value;
-  std::memcpy(&value, bytes.data() + index * sizeof(T), sizeof(T));
-  return value;
+template <typename T, bool big_endian>
+double real_at(const char* bytes) {
+  if constexpr (sizeof(T) == 2)
+    return double_from_half(scalar_at<std::uint16_t, big_endian>(bytes));
+  else
+    return scalar_at<T, big_endian>(bytes);
+}
+
+// Sign extension makes a negative index larger than any that is allowed.
+template <typename T, bool big_endian>
+std::uint64_t index_at(const char* bytes) {
+  return static_cast<std::uint64_t>(scalar_at<T, big_endian>(bytes));
 }
 
 }  // namespace
 
-Result<NpyFile> NpyFile::open(const std::string& path) {
-  std::error_code code;
-  const auto status = std::filesystem::status(path, code);
-  if (!std::filesystem::exists(status)) return fail(ErrorCode::kNotFound, path + ": no such file");
-  if (!std::filesystem::is_regular_file(status)) return fail(ErrorCode::kIo, path + ": not a regular file");
-  const std::uint64_t file_bytes = std::filesystem::file_size(path, code);
-  std::ifstream in(path, std::ios::binary);
-  if (code || !in) return fail(ErrorCode::kIo, path + ": cannot be opened; is reading it allowed?");
+Result<NpyFile::Type> NpyFile::type_from_descr(std::string_view descr) {
+  // "'<f4'": quote, byte order, kind, bytes, quote.
+  const auto unknown = [&] {
+    return fail(ErrorCode::kUnsupported, "type " + text::quoted(descr.substr(0, descr.find(','))) +
+                                             "; real numbers of 2, 4 or 8 bytes and integers can be read");
+  };
+  const bool whole = descr.size() >= 5 && descr[4] == descr[0] && (descr[0] == '\'' || descr[0] == '"');
+  if (!whole || std::string_view("<>|=").find(descr[1]) == std::string_view::npos) return unknown();
+  const bool big = descr[1] == '>';
+  const std::string_view name = descr.substr(2, 2);
+  const auto real = [](auto* read, std::size_t bytes) { return Type{read, nullptr, bytes}; };
+  const auto integer = [](auto* read, std::size_t bytes) { return Type{nullptr, read, bytes}; };
+  if (name == "f2") return real(big ? real_at<std::uint16_t, true> : real_at<std::uint16_t, false>, 2);
+  if (name == "f4") return real(big ? real_at<float, true> : real_at<float, false>, 4);
+  if (name == "f8") return real(big ? real_at<double, true> : real_at<double, false>, 8);
+  if (name == "i1") return integer(index_at<std::int8_t, false>, 1);
+  if (name == "u1") return integer(index_at<std::uint8_t, false>, 1);
+  if (name == "i2") return integer(big ? index_at<std::int16_t, true> : index_at<std::int16_t, false>, 2);
+  if (name == "u2") return integer(big ? index_at<std::uint16_t, true> : index_at<std::uint16_t, false>, 2);
+  if (name == "i4") return integer(big ? index_at<std::int32_t, true> : index_at<std::int32_t, false>, 4);
+  if (name == "u4") return integer(big ? index_at<std::uint32_t, true> : index_at<std::uint32_t, false>, 4);
+  if (name == "i8") return integer(big ? index_at<std::int64_t, true> : index_at<std::int64_t, false>, 8);
+  if (name == "u8") return integer(big ? index_at<std::uint64_t, true> : index_at<std::uint64_t, false>, 8);
+  return unknown();
+}
 
+Result<NpyFile> NpyFile::open(const std::string& path) {
+  auto opened = BinaryFile::open(path);
+  if (!opened) return opened.error();
+  NpyFile file;
+  file.file_ = std::move(*opened);
   const auto corrupt = [&path](const std::string& what) { return fail(ErrorCode::kCorrupt, path + ": " + what); };
-  char start[12] = {};
-  in.read(start, 10);
-  if (in.gcount() != 10 || std::memcmp(start, "\x93NUMPY", 6) != 0) return corrupt("not an .npy file");
+
+  std::string start(static_cast<std::size_t>(std::min<std::uint64_t>(12, file.file_->bytes())), '\0');
+  if (const auto read = file.file_->read_at(0, start); !read) return read.error();
+  if (start.size() < 12 || start.compare(0, 6, "\x93NUMPY") != 0) return corrupt("not an .npy file");
   const int version = static_cast<unsigned char>(start[6]);
   if (version < 1 || version > 3) return fail(ErrorCode::kUnsupported, path + ": .npy of an unknown version");
-  const auto byte = [&start](std::size_t i) { return std::size_t{static_cast<unsigned char>(start[i])}; };
-  std::size_t header_bytes = byte(8) | byte(9) << 8;
-  NpyFile file;
-  file.path_ = path;
-  file.data_offset_ = 10;
-  if (version > 1) {
-    in.read(start + 10, 2);
-    header_bytes |= byte(10) << 16 | byte(11) << 24;
-    file.data_offset_ = 12;
+  const bool is_short = version == 1;
+  const std::size_t header_bytes =
+      is_short ? scalar_at<std::uint16_t>(start.data() + 8) : scalar_at<std::uint32_t>(start.data() + 8);
+  const std::uint64_t header_offset = is_short ? 10 : 12;
+  file.data_offset_ = header_offset + header_bytes;
+  if (header_bytes > kMaxHeaderBytes || file.data_offset_ > file.file_->bytes()) {
+    return corrupt("the header is cut off or too long");
   }
-  if (!in || header_bytes > kMaxHeaderBytes) return corrupt("the header is cut off or too long");
   std::string header(header_bytes, '\0');
-  in.read(header.data(), static_cast<std::streamsize>(header_bytes));
-  if (in.gcount() != static_cast<std::streamsize>(header_bytes)) return corrupt("the header is cut off");
-  file.data_offset_ += header_bytes;
+  if (const auto read = file.file_->read_at(header_offset, header); !read) return read.error();
 
   const auto descr = value_of_key(header, "descr");
   const auto order = value_of_key(header, "fortran_order");
   const auto shape_text = value_of_key(header, "shape");
   if (!descr || !order || !shape_text) return corrupt("the header lacks descr, fortran_order or shape");
-  if (order->substr(0, 5) != "False") {
-    return fail(ErrorCode::kUnsupported, path + ": Fortran order; save numpy.ascontiguousarray(...)");
-  }
-  bool known = false;
-  for (const std::string_view type : {"<f4", "<f8", "<i4", "<i8", "<u4", "<u8"}) {
-    if (descr->substr(1, 3) != type || descr->substr(4, 1) != descr->substr(0, 1)) continue;
-    file.kind_ = type[1];
-    file.item_bytes_ = static_cast<std::size_t>(type[2] - '0');
-    known = true;
-  }
-  if (!known) {
-    return fail(ErrorCode::kUnsupported,
-                path + ": type " + text::quoted(descr->substr(0, descr->find(','))) +
-                    "; float32, float64, int32, uint32, int64 and uint64, little-endian, can be read");
-  }
+  file.fortran_ = order->substr(0, 4) == "True";
+  if (!file.fortran_ && order->substr(0, 5) != "False") return corrupt("fortran_order is neither True nor False");
+  const auto type = type_from_descr(*descr);
+  if (!type) return in_context(path, type.error());
+  file.type_ = *type;
   const auto shape = shape_from_text(*shape_text);
   if (!shape || shape->empty()) return corrupt("the shape in its header cannot be read");
-  if (shape->size() > 3) return fail(ErrorCode::kUnsupported, path + ": more than three dimensions");
+  if (shape->size() < 2 || shape->size() > 3) {
+    return fail(ErrorCode::kUnsupported, path + ": an array of " + std::to_string(shape->size()) + " dimensions");
+  }
   file.shape_ = *shape;
 
-  const std::uint64_t items_there = (file_bytes - std::min(file_bytes, file.data_offset_)) / file.item_bytes_;
+  const std::uint64_t items_there =
+      (file.file_->bytes() - std::min(file.file_->bytes(), file.data_offset_)) / file.type_.bytes;
   std::uint64_t items = 1;
   for (const std::size_t extent : file.shape_) {
     if (extent != 0 && items > items_there / extent) {
@@ -131,33 +156,55 @@ Result<NpyFile> NpyFile::open(const std::string& path) {
     }
     items *= extent;
   }
-  if (file_bytes != file.data_offset_ + items * file.item_bytes_) {
-    return corrupt("the file has " + std::to_string(file_bytes) + " bytes, its header makes it " +
-                   std::to_string(file.data_offset_ + items * file.item_bytes_));
+  if (file.file_->bytes() != file.data_offset_ + items * file.type_.bytes) {
+    return corrupt("the file has " + std::to_string(file.file_->bytes()) + " bytes, its header makes it " +
+                   std::to_string(file.data_offset_ + items * file.type_.bytes));
   }
   return file;
 }
 
-Result<std::string> NpyFile::read_bytes(std::size_t first_row, std::size_t rows) const {
-  std::ifstream in(path_, std::ios::binary);
-  std::string bytes(rows * 3 * item_bytes_, '\0');
-  in.seekg(static_cast<std::streamoff>(data_offset_ + std::uint64_t{first_row} * 3 * item_bytes_));
-  in.read(bytes.data(), static_cast<std::streamsize>(bytes.size()));
-  if (!in) return fail(ErrorCode::kIo, path_ + ": cannot be read any more; has it changed?");
-  return bytes;
+Result<void> NpyFile::read_block(std::size_t frame) const {
+  if (frame >= block_.first && frame - block_.first < block_.count) return {};
+  block_.count = 0;
+  const std::uint64_t values = rows() * 3;
+  const std::uint64_t frame_bytes = values * type_.bytes;
+  std::size_t count = 1;
+  if (fortran_) {
+    count = std::clamp<std::size_t>(kMaxBlockBytes / std::max<std::uint64_t>(1, frame_bytes), 1, frames() - frame);
+  }
+  block_.first = frame;
+  if (count == frames() || !fortran_) {
+    block_.bytes.resize(static_cast<std::size_t>(frame_bytes * count));
+    const auto read = file_->read_at(data_offset_ + frame * frame_bytes, block_.bytes);
+    if (!read) return read;
+  } else {
+    // One run of frames for each of the 3 n values.
+    const std::size_t run_bytes = count * type_.bytes;
+    block_.bytes.clear();
+    std::string run(run_bytes, '\0');
+    for (std::uint64_t value = 0; value < values; ++value) {
+      const auto read = file_->read_at(data_offset_ + (value * frames() + frame) * type_.bytes, run);
+      if (!read) return read;
+      block_.bytes += run;
+    }
+  }
+  block_.count = count;
+  return {};
 }
 
-Result<std::vector<Vec3>> NpyFile::read_positions(std::size_t first, std::size_t count) const {
-  assert(!shape_.empty() && shape_.back() == 3);
-  if (kind_ != 'f') return fail(ErrorCode::kUnsupported, path_ + ": positions need a float type");
-  const auto bytes = read_bytes(first, count);
-  if (!bytes) return bytes.error();
-  std::vector<Vec3> positions(count);
-  for (std::size_t i = 0; i < count; ++i) {
+Result<std::vector<Vec3>> NpyFile::read_positions(std::size_t frame) const {
+  assert(shape_.back() == 3 && frame < frames());
+  if (type_.real == nullptr) return fail(ErrorCode::kUnsupported, file_->path() + ": positions need a float type");
+  if (const auto read = read_block(frame); !read) return read.error();
+  const std::size_t n = rows();
+  std::vector<Vec3> positions(n);
+  for (std::size_t i = 0; i < n; ++i) {
     for (std::size_t c = 0; c < 3; ++c) {
-      const double x = item_bytes_ == 8 ? value_at<double>(*bytes, 3 * i + c) : value_at<float>(*bytes, 3 * i + c);
-      if (!std::isfinite(x)) {
-        return fail(ErrorCode::kCorrupt, path_ + ": row " + std::to_string(first + i) + " is not finite");
+      const std::size_t at = fortran_ ? (i + n * c) * block_.count + (frame - block_.first) : 3 * i + c;
+      const double x = type_.real(block_.bytes.data() + at * type_.bytes);
+      if (!(std::abs(x) <= static_cast<double>(std::numeric_limits<float>::max()))) {
+        return fail(ErrorCode::kCorrupt, file_->path() + ": vertex " + std::to_string(i) + " of frame " +
+                                             std::to_string(frame) + " is not finite as a 32-bit float");
       }
       positions[i][c] = x;
     }
@@ -166,23 +213,22 @@ Result<std::vector<Vec3>> NpyFile::read_positions(std::size_t first, std::size_t
 }
 
 Result<std::vector<Face>> NpyFile::read_faces() const {
-  if (shape_.size() != 2 || shape_[1] != 3 || kind_ == 'f') {
-    return fail(ErrorCode::kUnsupported, path_ + ": faces are an (F, 3) array of integers");
+  const std::string& path = file_->path();
+  if (shape_.size() != 2 || shape_[1] != 3 || type_.index == nullptr) {
+    return fail(ErrorCode::kUnsupported, path + ": faces are an (F, 3) array of integers");
   }
   if (shape_[0] > kMaxSurfaceFaces) {
-    return fail(ErrorCode::kTooLarge, path_ + ": more than " + std::to_string(kMaxSurfaceFaces) + " faces");
+    return fail(ErrorCode::kTooLarge, path + ": more than " + std::to_string(kMaxSurfaceFaces) + " faces");
   }
-  const auto bytes = read_bytes(0, shape_[0]);
-  if (!bytes) return bytes.error();
+  std::string bytes(shape_[0] * 3 * type_.bytes, '\0');
+  if (const auto read = file_->read_at(data_offset_, bytes); !read) return read.error();
   std::vector<Face> faces(shape_[0]);
   for (std::size_t i = 0; i < faces.size(); ++i) {
     for (std::size_t c = 0; c < 3; ++c) {
-      // As unsigned, a negative index is too large.
-      const std::size_t at = 3 * i + c;
-      const std::uint64_t index =
-          item_bytes_ == 8 ? value_at<std::uint64_t>(*bytes, at) : value_at<std::uint32_t>(*bytes, at);
+      const std::size_t at = fortran_ ? i + shape_[0] * c : 3 * i + c;
+      const std::uint64_t index = type_.index(bytes.data() + at * type_.bytes);
       if (index >= kMaxSurfaceVertices) {
-        return fail(ErrorCode::kCorrupt, path_ + ": face " + std::to_string(i) + " has an index that is none");
+        return fail(ErrorCode::kCorrupt, path + ": face " + std::to_string(i) + " has an index that is none");
       }
       faces[i][c] = static_cast<std::uint32_t>(index);
     }

@@ -8,6 +8,7 @@
 #include "common/surface/guard.h"
 #include "common/surface/npy.h"
 #include "common/surface/openmesh_reader.h"
+#include "common/surface/point_cache.h"
 
 namespace eigencast {
 namespace {
@@ -57,14 +58,21 @@ Result<Surface> surface_from_npy(const std::string& path) {
   const std::size_t n = shape[shape.size() - 2];
   if (const auto sizes = check_sizes(n, 0); !sizes) return in_context(path, sizes.error());
   if (shape[0] == 0) return fail(ErrorCode::kCorrupt, path + ": no frames in it");
-  auto positions = file->read_positions(0, n);
+  auto positions = file->read_positions(0);
   if (!positions) return positions.error();
   return Surface{std::move(*positions), {}};
+}
+
+Result<Surface> surface_from_cache(const std::string& path) {
+  const auto frames = open_point_cache(path);
+  if (!frames) return frames.error();
+  return (*frames)->read(0);
 }
 
 Result<Surface> surface_from_file(const std::string& path) {
   const std::string ending = text::ending_of(path);
   if (ending == "npy") return surface_from_npy(path);
+  if (ending == "pc2" || ending == "mdd") return surface_from_cache(path);
   for (const Format& format : kMeshFormats) {
     if (format.ending != ending) continue;
     Result<GuardedMesh> guarded = fail(ErrorCode::kInternal, "");
@@ -85,10 +93,14 @@ Result<Surface> surface_from_file(const std::string& path) {
     if (!surface) return in_context(path, surface.error());
     return surface;
   }
-  return fail(ErrorCode::kUnsupported, path + ": files that end in obj, ply, off, stl, xyz or npy can be read");
+  return fail(ErrorCode::kUnsupported, path + ": files that end in " + readable_endings() + " can be read");
 }
 
 }  // namespace
+
+std::string readable_endings() {
+  return "obj, ply, off, stl, xyz, npy, pc2 or mdd";
+}
 
 Result<Surface> read_surface(const std::string& path) {
   try {

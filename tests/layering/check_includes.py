@@ -51,7 +51,7 @@ LIBRARIES = {
     "CLI11": (r"CLI/", {"broker", "sender", "client"}, 8),
     "prometheus-cpp": (r"prometheus/", {"broker"}, 3),
     "systemd": (r"systemd/", {"broker"}, 1),
-    "spdlog": (r"spdlog/", {"broker", "sender", "client"}, 6),
+    "spdlog": (r"spdlog/", {"broker", "sender", "client"}, 14),
     "toml++": (r"toml(\+\+|plusplus)", {"broker"}, 2),
     "GL and windows": (r"(epoxy|GLFW|EGL|GL|imgui[a-z_0-9]*\.h|imgui)(/|$)", {"client"}, 16),
     "GLM": (r"glm/", {"client"}, 20),

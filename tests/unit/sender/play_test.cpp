@@ -13,7 +13,7 @@ TEST(Play, EndsWhenItsDurationIsOverThoughNoBrokerCame) {
   command.source.input = "sphere";
   command.source.rank = 8;
   command.source.cache_dir = folder.file("cache");
-  command.url = "ws://127.0.0.1:1/a";  // Where nobody listens.
+  command.target.url = "ws://127.0.0.1:1/a";  // Where nobody listens.
   command.duration_s = 0.3;
   Interrupt interrupt;
   const TimeUs start = steady_now_us();

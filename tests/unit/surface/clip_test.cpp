@@ -86,11 +86,11 @@ TEST(Clip, npy_with_faces_beside_it_named_or_in_a_rest_pose) {
   EXPECT_TRUE((*cloud)->rest().is_point_cloud());
 
   const std::string other = dir.write("other.npy", npy("<i8", "(1, 3)", raw(std::vector<std::int64_t>{0, 1, 2})));
-  EXPECT_EQ((*open_clip(vertices, "", other))->rest().faces, (std::vector<Face>{{0, 1, 2}}));
+  EXPECT_EQ((*open_clip(vertices, {.faces = other}))->rest().faces, (std::vector<Face>{{0, 1, 2}}));
   const std::string rest = dir.write("rest.obj", obj(7));
-  EXPECT_EQ((*open_clip(vertices, rest))->rest().faces.size(), 2u);
-  EXPECT_EQ((*open_clip(vertices, rest))->rest().positions[0][0], 7);
-  EXPECT_EQ(open_clip(vertices, rest, other).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ((*open_clip(vertices, {rest}))->rest().faces.size(), 2u);
+  EXPECT_EQ((*open_clip(vertices, {rest}))->rest().positions[0][0], 7);
+  EXPECT_EQ(open_clip(vertices, {rest, other}).error().code, ErrorCode::kInvalidArgument);
 
   dir.write("faces.npy", npy("<u4", "(2, 3)", raw(std::vector<std::uint32_t>{0, 1, 2, 0, 1, 3})));
   for (const std::string& path : {vertices, dir.path()}) {
@@ -112,12 +112,12 @@ TEST(Clip, what_cannot_be_a_clip_is_refused) {
   EXPECT_THAT(open_clip(dir.path()).error().message, HasSubstr("more than one kind"));
   const std::string vertices = dir.write("v.npy", clip_npy());
   const std::string wide = dir.write("w.npy", npy("<i4", "(1, 3)", raw(std::vector<std::int32_t>{0, 1, 4})));
-  EXPECT_THAT(open_clip(vertices, "", wide).error().message, HasSubstr("refers to vertex 4"));
+  EXPECT_THAT(open_clip(vertices, {.faces = wide}).error().message, HasSubstr("refers to vertex 4"));
   const std::string negative = dir.write("x.npy", npy("<i4", "(1, 3)", raw(std::vector<std::int32_t>{0, 1, -1})));
-  EXPECT_EQ(open_clip(vertices, "", negative).error().code, ErrorCode::kCorrupt);
+  EXPECT_EQ(open_clip(vertices, {.faces = negative}).error().code, ErrorCode::kCorrupt);
   const std::string small = dir.write("s.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
   EXPECT_EQ(open_clip(small).error().code, ErrorCode::kInvalidArgument);
-  EXPECT_THAT(open_clip(vertices, small).error().message, HasSubstr("has 4 vertices, the rest pose 3"));
+  EXPECT_THAT(open_clip(vertices, {small}).error().message, HasSubstr("has 4 vertices, the rest pose 3"));
 }
 
 TEST(Clip, a_single_file_is_a_clip_of_one_frame) {

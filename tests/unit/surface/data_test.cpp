@@ -148,7 +148,7 @@ TEST(Data, clouds) {
 TEST(Data, horse_gallop_opens_as_a_clip) {
   NEEDS_DATA();
   const std::string folder = (kData / "animations/horse-gallop").string();
-  const auto clip = open_clip(folder + "/vertices.npy", folder + "/rest.obj");
+  const auto clip = open_clip(folder + "/vertices.npy", {folder + "/rest.obj"});
   ASSERT_TRUE(clip.has_value()) << clip.error().message;
   EXPECT_EQ((*clip)->frame_count(), 48u);
   const SurfaceReport r = check_surface((*clip)->rest());

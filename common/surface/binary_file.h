@@ -1,0 +1,38 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "common/core/result.h"
+
+/// Private to common/surface.
+namespace eigencast {
+
+/// A regular file that is read at any offset, never mapped: one that shrinks meanwhile is an error and not a signal.
+/// Thread-safe.
+class BinaryFile {
+ public:
+  /// Errors: kNotFound, kIo (also for anything but a regular file).
+  static Result<std::shared_ptr<const BinaryFile>> open(const std::string& path);
+  ~BinaryFile();
+  BinaryFile(const BinaryFile&) = delete;
+  BinaryFile& operator=(const BinaryFile&) = delete;
+
+  const std::string& path() const { return path_; }
+  /// When it was opened.
+  std::uint64_t bytes() const { return bytes_; }
+  /// Fills `into` with what stands from `offset` on. Errors: kIo, naming the file.
+  Result<void> read_at(std::uint64_t offset, std::string& into) const;
+
+ private:
+  BinaryFile(int descriptor, std::string path, std::uint64_t bytes)
+      : descriptor_(descriptor), path_(std::move(path)), bytes_(bytes) {}
+
+  int descriptor_;
+  std::string path_;
+  std::uint64_t bytes_;
+};
+
+}  // namespace eigencast

@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstddef>
+#include <memory>
+#include <string>
+
+#include "common/core/result.h"
+#include "common/surface/surface.h"
+
+/// Private to common/surface.
+namespace eigencast {
+
+/// What a clip plays at where its source states no rate.
+inline constexpr double kUnstatedRateHz = 30;
+
+/// Where recorded poses come from, one at a time and in any order: positions, and faces where the format has any.
+/// Holds no more than one frame (or the block that it reads at once) in memory. Not thread-safe.
+class Frames {
+ public:
+  virtual ~Frames() = default;
+  virtual std::size_t count() const = 0;
+  virtual double rate_hz() const { return kUnstatedRateHz; }
+  virtual Result<Surface> read(std::size_t frame) const = 0;
+  /// "frame 3 of clip.npy", for messages.
+  virtual std::string label(std::size_t frame) const = 0;
+};
+
+}  // namespace eigencast

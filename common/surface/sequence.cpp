@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: MIT
+#include "common/surface/sequence.h"
+
+#include <glob.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <system_error>
+
+#include "common/surface/file_text.h"
+#include "common/surface/natural_order.h"
+#include "common/surface/read.h"
+
+namespace eigencast {
+
+namespace fs = std::filesystem;
+
+bool is_file(const std::string& path) {
+  std::error_code code;
+  return fs::is_regular_file(path, code);
+}
+
+namespace {
+
+bool is_readable_kind(const std::string& path) {
+  const std::string ending = text::ending_of(path);
+  return ending == "obj" || ending == "off" || ending == "ply" || ending == "stl" || ending == "xyz" ||
+         ending == "npy" || ending == "pc2" || ending == "mdd";
+}
+
+// Files of one kind, in natural order; `faces.npy` is not a frame.
+Result<std::vector<std::string>> as_sequence(std::vector<std::string> paths, const std::string& where) {
+  std::erase_if(paths, [](const std::string& path) {
+    return !is_readable_kind(path) || fs::path(path).filename() == "faces.npy" || !is_file(path);
+  });
+  if (paths.empty()) {
+    return fail(ErrorCode::kNotFound, where + ": no files that end in " + readable_endings());
+  }
+  std::sort(paths.begin(), paths.end(), natural_less);
+  for (const std::string& path : paths) {
+    if (text::ending_of(path) == text::ending_of(paths[0])) continue;
+    std::string what = where;
+    what.append(": files of more than one kind (").append(paths[0]).append(", ").append(path);
+    return fail(ErrorCode::kInvalidArgument, what + "); give a glob such as \"*.obj\" in quotes");
+  }
+  return paths;
+}
+
+Result<std::vector<std::string>> files_in_directory(const std::string& path) {
+  std::vector<std::string> paths;
+  std::error_code code;
+  for (fs::directory_iterator it(path, code), end; !code && it != end; it.increment(code)) {
+    if (it->path().filename().string()[0] != '.') paths.push_back(it->path().string());
+    if (paths.size() > kMaxClipFrames) {
+      return fail(ErrorCode::kTooLarge, path + ": more than " + std::to_string(kMaxClipFrames) + " files");
+    }
+  }
+  if (code) return fail(ErrorCode::kIo, path + ": " + code.message());
+  return as_sequence(std::move(paths), path);
+}
+
+Result<std::vector<std::string>> files_of_glob(const std::string& pattern) {
+  glob_t found{};
+  const int rc = ::glob(pattern.c_str(), GLOB_NOSORT, nullptr, &found);
+  std::vector<std::string> paths;
+  if (rc == 0 && found.gl_pathc <= kMaxClipFrames) paths.assign(found.gl_pathv, found.gl_pathv + found.gl_pathc);
+  const std::size_t count = found.gl_pathc;
+  ::globfree(&found);
+  if (rc != 0 && rc != GLOB_NOMATCH) return fail(ErrorCode::kIo, pattern + ": cannot be searched");
+  if (count > kMaxClipFrames) {
+    return fail(ErrorCode::kTooLarge, pattern + ": more than " + std::to_string(kMaxClipFrames) + " files");
+  }
+  return as_sequence(std::move(paths), pattern);
+}
+
+}  // namespace
+
+Result<std::vector<std::string>> files_of_sequence(const std::string& path) {
+  std::error_code code;
+  const auto status = fs::status(path, code);
+  if (fs::is_directory(status)) {
+    const std::string recording = (fs::path(path) / "vertices.npy").string();
+    if (is_file(recording)) return std::vector<std::string>{recording};
+    return files_in_directory(path);
+  }
+  if (!fs::exists(status) && path.find_first_of("*?[") != std::string::npos) return files_of_glob(path);
+  return std::vector<std::string>{path};
+}
+
+}  // namespace eigencast

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <functional>
+#include <string>
+
+#include "common/surface/motion_clip.h"
+
+namespace eigencast {
+
+/// Fraction in [0, 1]; returns false to stop.
+using WriteProgress = std::function<bool(double fraction)>;
+
+/// Writes a clip frame by frame, in the order of its vertices, so that open_clip() gives it back:
+///   x.pc2, x.mdd, x.npy       poses as 32-bit floats, and the rest pose with its faces as x.obj beside them
+///   x.obj, x.ply, x.off       a file for each pose: x_000000.obj, ...; coordinates exact
+///   a folder (ends in '/')    frame_000000.obj, ... in it
+/// A cache has its name only when it is whole. Files of the same names are replaced. Errors: kUnsupported (ending), kIo,
+/// kCancelled, and those of the clip.
+Result<void> write_clip(const MotionClip& clip, const std::string& path, const WriteProgress& progress = {});
+
+/// Writes one surface as OBJ, PLY (binary, 64-bit floats) or OFF by its ending; coordinates exact. Errors: kUnsupported, kIo.
+Result<void> write_surface(const Surface& surface, const std::string& path);
+
+}  // namespace eigencast

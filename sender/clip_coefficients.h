@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "common/reconstruction/reconstruct.h"
+#include "common/surface/motion_clip.h"
+#include "sdk/bake.h"
+#include "sender/coefficient_store.h"
+
+namespace eigencast {
+
+/// A clip as coefficients: every frame read, checked and projected before the first is played, in memory that does not grow
+/// with the clip. Keeps references to clip and projector. Not thread-safe.
+class ClipCoefficients {
+ public:
+  /// Errors: those of the clip, naming the frame; kCancelled (progress said so); kIo (no room for them on disk).
+  static Result<ClipCoefficients> create(const MotionClip& clip, const Projector& projector,
+                                         const BakeProgress& progress);
+
+  /// r x 3, row-major. Errors: kIo.
+  Result<std::vector<double>> at(std::size_t frame) const;
+  /// Frames that do not follow from the others, a line each; see JumpFinder.
+  const std::vector<std::string>& findings() const { return findings_; }
+  /// False for a clip whose coefficients are more than CoefficientStore takes: it is projected while it plays.
+  bool stored() const { return store_.has_value(); }
+
+ private:
+  ClipCoefficients(const MotionClip& clip, const Projector& projector) : clip_(&clip), projector_(&projector) {}
+  Result<std::vector<double>> project(const std::vector<Vec3>& pose, std::size_t frame) const;
+
+  const MotionClip* clip_;
+  const Projector* projector_;
+  std::optional<CoefficientStore> store_;
+  std::vector<std::string> findings_;
+};
+
+}  // namespace eigencast

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: MIT
+#include <spdlog/spdlog.h>
+
+#include <nlohmann/json.hpp>
+
+#include "common/surface/write.h"
+#include "sender/commands.h"
+#include "sender/progress_line.h"
+
+namespace eigencast {
+
+int run(const ExportCommand& command, const Console& console, Interrupt& interrupt) {
+  const auto clip = open_source(command.source);
+  if (!clip) return report_failure(clip.error());
+  for (const std::string& note : (*clip)->notes()) spdlog::info("{}", note);
+  ProgressLine line(console.progress, console.on_terminal);
+  const auto written = write_clip(**clip, command.to, [&](double fraction) {
+    line.show(fraction, "writing " + command.to, steady_now_us());
+    return !interrupt.requested();
+  });
+  line.finish();
+  if (!written) return report_failure(written.error());
+  spdlog::info("{}: {} poses of {} vertices", command.to, (*clip)->frame_count(), (*clip)->rest().vertex_count());
+  const nlohmann::json report{{"input", command.source.input},
+                              {"to", command.to},
+                              {"frames", (*clip)->frame_count()},
+                              {"vertices", (*clip)->rest().vertex_count()},
+                              {"faces", (*clip)->rest().faces.size()},
+                              {"rate_hz", (*clip)->frame_rate_hz()},
+                              {"notes", (*clip)->notes()}};
+  const auto reported = write_report(command.json, report.dump(2));
+  return reported ? kExitOk : report_failure(reported.error());
+}
+
+}  // namespace eigencast

@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: MIT
+#include "sender/live.h"
+
+#include <spdlog/spdlog.h>
+
+#include "common/net/url.h"
+#include "common/wire/control.h"
+
+namespace eigencast {
+namespace {
+
+constexpr TimeUs kStatusEveryUs = 10'000'000;
+constexpr TimeUs kConnectLookUs = 10'000;
+
+spdlog::level::level_enum level_of(LogLevel level) {
+  switch (level) {
+    case LogLevel::kError:
+      return spdlog::level::err;
+    case LogLevel::kWarning:
+      return spdlog::level::warn;
+    case LogLevel::kInfo:
+      return spdlog::level::info;
+    default:
+      return spdlog::level::debug;
+  }
+}
+
+}  // namespace
+
+Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double rate_hz,
+                                           std::shared_ptr<const Asset> asset, EncodedAsset encoded) {
+  const auto codec = codec_from_name(target.codec);
+  if (!codec) return codec.error();
+  PublisherOptions options;
+  options.url = target.url;
+  options.codec = *codec;
+  options.error = target.error;
+  options.key_rate_hz = rate_hz;
+  return Publisher::create(options, std::move(asset), std::make_shared<const EncodedAsset>(std::move(encoded)),
+                           [](LogLevel level, std::string_view text) { spdlog::log(level_of(level), "{}", text); });
+}
+
+bool wait_until_live(const Publisher& publisher, TimeUs deadline_us, Interrupt& interrupt) {
+  while (publisher.stats().state != Publisher::State::kLive) {
+    const TimeUs now_us = steady_now_us();
+    if ((deadline_us > 0 && now_us >= deadline_us) || interrupt.wait_until(now_us + kConnectLookUs)) return false;
+  }
+  return true;
+}
+
+Result<void> check_stream_url(const std::string& text) {
+  const auto url = parse_broker_url(text);
+  if (!url) return url.error();
+  if (auto name = check_stream_name(url->stream); !name)
+    return in_context("stream name in \"" + text + "\"", name.error());
+  return {};
+}
+
+void StatusLog::show(const Publisher& publisher, TimeUs now_us) {
+  if (now_us - shown_us_ < kStatusEveryUs) return;
+  const Publisher::Stats now = publisher.stats();
+  const double seconds = static_cast<double>(now_us - shown_us_) * 1e-6;
+  spdlog::info("{:.1f} poses/s, {:.1f} kbit/s, {} viewers, {} dropped",
+               static_cast<double>(now.frames_sent - last_.frames_sent) / seconds,
+               static_cast<double>(now.payload_bytes - last_.payload_bytes) * 8e-3 / seconds, now.subscribers,
+               now.frames_dropped - last_.frames_dropped);
+  last_ = now;
+  shown_us_ = now_us;
+}
+
+std::string_view name_of(SendStatus status) {
+  switch (status) {
+    case SendStatus::kSent:
+      return "sent";
+    case SendStatus::kDropped:
+      return "dropped";
+    case SendStatus::kDisconnected:
+      return "disconnected";
+  }
+  return "unknown";
+}
+
+}  // namespace eigencast

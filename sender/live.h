@@ -1,0 +1,39 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "sdk/publisher.h"
+#include "sender/commands.h"
+
+/// What the commands share that send poses to a broker.
+namespace eigencast {
+
+/// A publisher of the baked asset, whose bytes it takes over; connecting has begun. Its messages go to the log.
+///   asset  baked.asset, shared
+/// Errors: kInvalidArgument (codec, URL, error).
+Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double rate_hz,
+                                           std::shared_ptr<const Asset> asset, EncodedAsset encoded);
+
+/// Waits until the broker takes poses or the steady clock shows `deadline_us` (0: no end). False if interrupted or too late.
+bool wait_until_live(const Publisher& publisher, TimeUs deadline_us, Interrupt& interrupt);
+
+/// Errors: kInvalidArgument: no URL of a stream.
+Result<void> check_stream_url(const std::string& text);
+
+/// Every ten seconds a line in the log: poses a second, bit rate, viewers.
+class StatusLog {
+ public:
+  explicit StatusLog(TimeUs now_us) : shown_us_(now_us) {}
+  void show(const Publisher& publisher, TimeUs now_us);
+
+ private:
+  Publisher::Stats last_;
+  TimeUs shown_us_;
+};
+
+/// "sent", "dropped", "disconnected"
+std::string_view name_of(SendStatus status);
+
+}  // namespace eigencast
