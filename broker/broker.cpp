@@ -5,10 +5,12 @@
 #include <boost/asio/signal_set.hpp>
 #include <boost/asio/write.hpp>
 #include <csignal>
+#include <ctime>
 #include <exception>
 #include <random>
 #include <utility>
 
+#include "broker/access/tls_context.h"
 #include "broker/config/show.h"
 #include "broker/connections/connection.h"
 #include "broker/http/http_session.h"
@@ -19,6 +21,7 @@ namespace {
 
 constexpr std::size_t kDiskThreads = 1;
 constexpr std::uint32_t kRetryAfterMs = 500;
+constexpr std::int64_t kShortCertificateS = 14 * 86'400;
 
 Hub::Settings hub_settings(const Config& config) {
   Hub::Settings settings;
@@ -48,6 +51,14 @@ std::string random_id() {
 
 }  // namespace
 
+Result<Broker::Doors> Broker::load_doors(const Config& config) {
+  auto policy = AccessPolicy::from_config(config);
+  if (!policy) return policy.error();
+  auto tls = make_tls_context(config);
+  if (!tls) return tls.error();
+  return Doors{std::move(*policy), std::move(*tls)};
+}
+
 class Broker::Signals {
  public:
   Signals(asio::io_context& loop, std::function<void(int)> on_signal)
@@ -69,6 +80,8 @@ class Broker::Signals {
 
 Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string version, LogSink log) {
   std::signal(SIGPIPE, SIG_IGN);  // OpenSSL writes to sockets without asking for silence.
+  auto doors = load_doors(config);
+  if (!doors) return doors.error();
   const std::string folder = data_dir_of(config);
   AssetStore::Settings settings;
   settings.max_object_bytes = static_cast<std::uint64_t>(config.assets.max_object_bytes);
@@ -77,29 +90,24 @@ Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string
   if (!assets) return assets.error();
   auto epochs = EpochSource::open(folder + "/epoch");
   if (!epochs) return epochs.error();
-  std::unique_ptr<Broker> broker(
-      new Broker(config, std::move(version), std::move(log), std::move(*assets), std::move(*epochs)));
+  std::unique_ptr<Broker> broker(new Broker(config, std::move(*doors), std::move(version), std::move(log),
+                                            std::move(*assets), std::move(*epochs)));
   if (auto listening = broker->listen(); !listening) return listening.error();
   return broker;
 }
 
-Broker::Broker(const Config& config, std::string version, LogSink log, std::unique_ptr<AssetStore> assets,
+Broker::Broker(const Config& config, Doors doors, std::string version, LogSink log, std::unique_ptr<AssetStore> assets,
                EpochSource epochs)
     : config_(config),
+      gate_(config_, std::move(doors.policy)),
+      tls_(std::move(doors.tls)),
       assets_(std::move(assets)),
       epochs_(std::move(epochs)),
       hub_(hub_settings(config_)),
-      context_{loop_,
-               disk_,
-               config_,
-               hub_,
-               *assets_,
-               epochs_,
-               std::move(log),
-               std::move(version),
-               random_id(),
-               turn_,
-               [this] { arm_schedule(); }},
+      context_{loop_,       disk_,          config_,
+               gate_,       hub_,           *assets_,
+               epochs_,     std::move(log), std::move(version),
+               random_id(), turn_,          [this] { arm_schedule(); }},
       loop_(1),
       turn_(loop_, turn_settings(config_), context_.log),
       disk_(kDiskThreads),
@@ -107,7 +115,10 @@ Broker::Broker(const Config& config, std::string version, LogSink log, std::uniq
       tick_(loop_.get_executor()),
       deadline_(loop_.get_executor()),
       data_listener_(loop_, context_.log, [this](Socket socket) { accept(std::move(socket)); }),
-      admin_listener_(loop_, context_.log, [this](Socket socket) { serve_admin(context_, std::move(socket)); }) {}
+      admin_listener_(loop_, context_.log, [this](Socket socket) { serve_admin(context_, std::move(socket)); }) {
+  context_.tls = [this] { return tls_; };
+  warn_about_doors();
+}
 
 Broker::~Broker() {
   signals_.reset();
@@ -138,7 +149,8 @@ void Broker::accept(Socket socket) {
     socket.write_some(asio::buffer(kAnswer), ignored);
     return;
   }
-  auto transport = context_.tls ? Transport(std::move(socket), context_.tls()) : Transport(std::move(socket));
+  auto tls = context_.tls();
+  auto transport = tls ? Transport(std::move(socket), std::move(tls)) : Transport(std::move(socket));
   std::make_shared<HttpSession>(context_, std::move(transport))->start();
 }
 
@@ -197,6 +209,8 @@ void Broker::reload(const Result<Config>& wanted) {
     return log(context_.log, LogLevel::kError,
                "the configuration is not reloaded, everything stays as it was: " + wanted.error().message);
   }
+  auto doors = load_doors(*wanted);
+  if (!doors) return reload(doors.error());
   const auto changes = changes_between(config_, *wanted);
   for (const ConfigChange& change : changes) {
     log(context_.log, change.live ? LogLevel::kInfo : LogLevel::kWarning,
@@ -204,8 +218,26 @@ void Broker::reload(const Result<Config>& wanted) {
             (change.live ? "" : ": needs a restart, the old value stays until then"));
   }
   config_ = reloaded(config_, *wanted);
+  gate_.replace_policy(std::move(doors->policy));
+  tls_ = std::move(doors->tls);
+  warn_about_doors();
   log(context_.log, LogLevel::kInfo,
       "the configuration is reloaded, " + std::to_string(changes.size()) + " settings differ");
+}
+
+void Broker::warn_about_doors() {
+  const auto listen = parse_address(config_.server.listen);
+  if (tls_) {
+    const std::int64_t left_s = certificate_expires_s(tls_.get()) - std::time(nullptr);
+    const std::string when = left_s < 0 ? "has expired" : "expires in " + std::to_string(left_s / 86'400) + " days";
+    if (left_s < kShortCertificateS) {
+      log(context_.log, LogLevel::kWarning, "the certificate " + config_.tls.certificate + " " + when);
+    }
+  } else if (listen && !listen->loopback && gate_.policy()->has_tokens() && config_.proxy.trusted.empty()) {
+    log(context_.log, LogLevel::kWarning,
+        "tokens travel unencrypted: set tls.certificate and tls.key, or put a proxy in front and name it in "
+        "proxy.trusted");
+  }
 }
 
 void Broker::stop() {

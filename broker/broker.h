@@ -36,6 +36,13 @@ class Broker {
   void run();
   /// Begins to stop; called again: now.
   void stop();
+  /// What a configuration says about access and encryption, read from its files.
+  struct Doors {
+    std::shared_ptr<const AccessPolicy> policy;
+    std::shared_ptr<SSL_CTX> tls;
+  };
+  static Result<Doors> load_doors(const Config& config);
+
   /// Takes over what is reloadable of `wanted` and says what changes and what needs a restart. On the loop's thread, or
   /// before run().
   void reload(const Result<Config>& wanted);
@@ -47,18 +54,21 @@ class Broker {
   std::uint16_t admin_port() const { return admin_listener_.port(); }
 
  private:
-  Broker(const Config& config, std::string version, LogSink log, std::unique_ptr<AssetStore> assets,
+  Broker(const Config& config, Doors doors, std::string version, LogSink log, std::unique_ptr<AssetStore> assets,
          EpochSource epochs);
   Result<void> listen();
   void accept(Socket socket);
   void arm_schedule();
   void tick();
+  void warn_about_doors();
   void log_failure(const std::exception& exception) noexcept;
   void drain();
   void wait_for_peers(std::chrono::steady_clock::time_point until);
 
   class Signals;
   Config config_;
+  Gate gate_;
+  std::shared_ptr<SSL_CTX> tls_;  ///< Null: the data port is plain.
   std::unique_ptr<AssetStore> assets_;
   EpochSource epochs_;
   Hub hub_;

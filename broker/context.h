@@ -8,6 +8,7 @@
 
 #include <boost/asio/thread_pool.hpp>
 
+#include "broker/access/gate.h"
 #include "broker/config/config.h"
 #include "broker/connections/transport.h"
 #include "broker/connections/turn.h"
@@ -46,6 +47,7 @@ struct Context {
   asio::io_context& loop;
   asio::thread_pool& disk;  ///< For calls that block on the disk.
   const Config& config;
+  Gate& gate;
   Hub& hub;
   AssetStore& assets;
   EpochSource& epochs;
@@ -57,7 +59,7 @@ struct Context {
   Counters counters{};
   std::unordered_set<Connection*> connections{};  ///< WebSockets that are open.
   bool draining = false;
-  TlsProvider tls{};                                                             ///< Empty: the data port is plain.
+  TlsProvider tls{};                                                             ///< Gives null: the data port is plain.
   std::vector<std::uint8_t> read_buffer = std::vector<std::uint8_t>(64 * 1024);  ///< Of whoever reads just now.
 };
 

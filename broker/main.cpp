@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: MIT
 #include <cstdio>
+#include <ctime>
 #include <exception>
+#include <iostream>
 #include <string>
 #include <string_view>
 #include <utility>
 #include <vector>
 
+#include "broker/access/token_command.h"
 #include "broker/broker.h"
 #include "broker/config/options.h"
 #include "broker/operation/logger.h"
@@ -23,13 +26,25 @@ int complain(const eigencast::Error& error, int code) {
   return code;
 }
 
+int token(int argc, char** argv, const std::vector<std::string_view>& environment) {
+  std::string input;
+  if (argc > 0 && std::string_view(argv[argc - 1]) == "-") std::getline(std::cin, input);
+  const auto end = eigencast::broker::token_command(argc, argv, environment, std::time(nullptr), input);
+  std::fputs(end.err.c_str(), stderr);
+  return std::fputs(end.out.c_str(), stdout) < 0 ? 1 : end.code;
+}
+
 int run(int argc, char** argv) {
   namespace broker = eigencast::broker;
   std::vector<std::string_view> environment;
   for (char** entry = environ; *entry != nullptr; ++entry) environment.emplace_back(*entry);
+  if (argc > 1 && std::string_view(argv[1]) == "token") return token(argc - 1, argv + 1, environment);
   const auto options = broker::read_options(argc, argv, environment, EIGENCAST_VERSION);
   if (!options) return complain(options.error(), kUsage);
   if (options->answer) return std::fputs(options->answer->c_str(), stdout) < 0 ? 1 : 0;
+  if (auto doors = broker::Broker::load_doors(options->loaded.config); !doors) {
+    return complain(doors.error(), kUsage);
+  }
   if (options->check_only) return std::puts("the configuration is good") < 0 ? 1 : 0;
 
   const broker::Config& config = options->loaded.config;

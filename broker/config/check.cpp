@@ -32,22 +32,48 @@ Result<Address> parse_address(std::string_view text) {
   return address;
 }
 
-Result<void> check_config(const Config& config) {
+namespace {
+
+Error wrong(const std::string& what) {
+  return fail(ErrorCode::kInvalidArgument, what);
+}
+
+bool has_tokens(const Config& config) {
+  const auto& access = config.access;
+  return !access.jwt_keys.empty() || !access.jwt_secret.empty() || !access.tokens_file.empty();
+}
+
+Result<void> check_listeners(const Config& config) {
   const auto listen = parse_address(config.server.listen);
   if (!listen) return in_context("server.listen", listen.error());
   const auto admin = parse_address(config.server.admin_listen);
   if (!admin) return in_context("server.admin_listen", admin.error());
-  if (!listen->loopback && !config.server.allow_anonymous) {
-    return fail(ErrorCode::kInvalidArgument,
-                "server.listen = '" + config.server.listen +
-                    "' reaches beyond this machine, where anybody could publish and watch, because this version asks "
-                    "nobody who "
-                    "they are: listen on 127.0.0.1 (behind a proxy that checks), or set server.allow_anonymous = true");
+  if (!listen->loopback && !has_tokens(config) && config.access.anonymous != "anywhere") {
+    return wrong("server.listen = '" + config.server.listen +
+                 "' reaches beyond this machine, but nobody there could show who they are: set access.jwt_keys or "
+                 "access.tokens_file, or let everybody publish and watch with access.anonymous = \"anywhere\"");
   }
-  if (!admin->loopback) {
-    return fail(ErrorCode::kInvalidArgument,
-                "server.admin_listen = '" + config.server.admin_listen +
-                    "' reaches beyond this machine: the admin listener is for loopback only");
+  if (!admin->loopback && !has_tokens(config)) {
+    return wrong("server.admin_listen = '" + config.server.admin_listen +
+                 "' reaches beyond this machine, where it asks for a token with the right admin: set access.jwt_keys "
+                 "or access.tokens_file, or listen on loopback");
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<void> check_config(const Config& config) {
+  if (auto good = check_listeners(config); !good) return good;
+  if (config.tls.certificate.empty() != config.tls.key.empty()) {
+    return wrong("tls.certificate and tls.key go together: set both, or none");
+  }
+  if (config.tls.require_client_certificate && config.tls.client_ca.empty()) {
+    return wrong("tls.require_client_certificate needs tls.client_ca, which says whose certificates count");
+  }
+  const std::string& prefix = config.proxy.path_prefix;
+  if (!prefix.empty() && (!prefix.starts_with('/') || prefix.ends_with('/'))) {
+    return wrong("proxy.path_prefix = '" + prefix + "' must begin with '/' and not end with one: /eigencast");
   }
   return {};
 }

@@ -6,6 +6,7 @@
 
 #include <array>
 #include <boost/asio/post.hpp>
+#include <ctime>
 #include <utility>
 
 namespace eigencast::broker {
@@ -46,12 +47,13 @@ ByteView bytes_of(const Outbox::Item& item) {
 
 }  // namespace
 
-Connection::Connection(Context& context, Transport transport, const websocket::MessageReader::Limits& limits)
-    : Connection(context, std::move(transport), limits, outbox_limits(context.config)) {}
+Connection::Connection(Context& context, Transport transport, GrantPtr grant,
+                       const websocket::MessageReader::Limits& limits)
+    : Connection(context, std::move(transport), std::move(grant), limits, outbox_limits(context.config)) {}
 
-Connection::Connection(Context& context, Transport transport, const websocket::MessageReader::Limits& limits,
-                       const Outbox::Limits& outbox)
-    : context_(context), transport_(std::move(transport)), reader_(limits), outbox_(outbox) {
+Connection::Connection(Context& context, Transport transport, GrantPtr grant,
+                       const websocket::MessageReader::Limits& limits, const Outbox::Limits& outbox)
+    : context_(context), grant_(std::move(grant)), transport_(std::move(transport)), reader_(limits), outbox_(outbox) {
   tune(transport_.socket(), context.config);
 }
 
@@ -124,6 +126,10 @@ void Connection::on_event(const websocket::MessageReader::Event& event) {
   if (event.kind == Kind::kClose) return on_peer_closed(event);
   if (event.kind == Kind::kFailed) return on_broken(event);
   if (closing_) return;
+  if (const auto taken = grant_->take_message(context_.turn.now_us()); !taken) {
+    log(context_.log, LogLevel::kWarning, label() + ": closed, " + taken.error().message);
+    return refuse(taken.error(), {}, CloseCode::kPolicy);
+  }
   if (event.kind == Kind::kText) return on_text(text());
   if (event.kind == Kind::kBinary) return on_binary(event.payload);
   if (event.kind == Kind::kPing) return send_framed(websocket::framed(Opcode::kPong, text()));
@@ -333,6 +339,10 @@ void Connection::tick() {
   const TimeUs idle_us = context_.config.timeouts.idle_ms * 1000;
   if (silent_us > idle_us) return cut_later();
   if (silent_us > idle_us / 2 && !std::exchange(pinged_, true)) send_framed(websocket::framed(Opcode::kPing, {}));
+  if (!closing_ && grant_->has_expired(std::time(nullptr))) {
+    log(context_.log, LogLevel::kInfo, label() + ": closed, the token of " + grant_->label() + " has expired");
+    return say_bye("the token has expired: connect with a new one", 0, CloseCode::kPolicy);
+  }
   on_tick();
 }
 

@@ -32,12 +32,12 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
   /// Sends "bye", then closes with `code`; what the peer does not take within timeouts.shutdown_ms is cut off.
   void say_bye(const std::string& reason, std::uint32_t retry_after_ms, websocket::CloseCode code);
 
-  /// Called once a second: pings the silent, cuts off the dead.
+  /// Called once a second: pings the silent, cuts off the dead, sends away whose token has run out.
   void tick();
 
  protected:
-  Connection(Context& context, Transport transport, const websocket::MessageReader::Limits& limits);
-  Connection(Context& context, Transport transport, const websocket::MessageReader::Limits& limits,
+  Connection(Context& context, Transport transport, GrantPtr grant, const websocket::MessageReader::Limits& limits);
+  Connection(Context& context, Transport transport, GrantPtr grant, const websocket::MessageReader::Limits& limits,
              const Outbox::Limits& outbox);
 
   virtual void on_open() = 0;
@@ -50,6 +50,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
   virtual std::string label() const = 0;
 
   Context& context() { return context_; }
+  /// What its peer may do.
+  Grant& grant() { return *grant_; }
   Outbox& outbox() { return outbox_; }
   /// Says welcome.
   void greet();
@@ -98,6 +100,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
   void ended();
 
   Context& context_;
+  GrantPtr grant_;
   Transport transport_;
   websocket::MessageReader reader_;
   Outbox outbox_;

@@ -11,8 +11,8 @@ using websocket::CloseCode;
 
 }  // namespace
 
-Publisher::Publisher(Context& context, Transport transport, std::string stream_name)
-    : Connection(context, std::move(transport),
+Publisher::Publisher(Context& context, Transport transport, GrantPtr grant, std::string stream_name)
+    : Connection(context, std::move(transport), std::move(grant),
                  {static_cast<std::size_t>(context.config.limits.max_control_bytes),
                   static_cast<std::size_t>(context.config.limits.max_frame_bytes)}),
       name_(std::move(stream_name)) {}

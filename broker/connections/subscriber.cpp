@@ -10,8 +10,8 @@ using websocket::CloseCode;
 
 }  // namespace
 
-Subscriber::Subscriber(Context& context, Transport transport, std::optional<control::Subscribe> first)
-    : Connection(context, std::move(transport),
+Subscriber::Subscriber(Context& context, Transport transport, GrantPtr grant, std::optional<control::Subscribe> first)
+    : Connection(context, std::move(transport), std::move(grant),
                  {static_cast<std::size_t>(context.config.limits.max_control_bytes),
                   static_cast<std::size_t>(context.config.limits.max_control_bytes)}),
       first_(std::move(first)) {}
@@ -36,7 +36,8 @@ void Subscriber::on_text(std::string_view text) {
     if (Stream* stream = context().hub.find(request->stream)) stream->trace(*this, request->every);
     return;
   }
-  send(control::ErrorMessage{"unsupported", "a viewer sends subscribe, unsubscribe, trace_request, ack, ping and pong", {}});
+  send(control::ErrorMessage{
+      "unsupported", "a viewer sends subscribe, unsubscribe, trace_request, ack, ping and pong", {}});
 }
 
 void Subscriber::on_binary(ByteView) {
@@ -49,6 +50,7 @@ void Subscriber::subscribe(const control::Subscribe& request) {
     send(control::ErrorMessage{std::string(name_of(error.code)), error.message, request.stream});
   };
   if (auto ok = check_stream_name(request.stream); !ok) return answer(ok.error());
+  if (auto may = grant().may_subscribe(request.stream); !may) return answer(may.error());
   const auto limit = static_cast<std::size_t>(context().config.limits.max_streams_per_connection);
   Stream* known = context().hub.find(request.stream);
   const bool watched = known != nullptr && streams_.contains(known->id());
@@ -56,13 +58,18 @@ void Subscriber::subscribe(const control::Subscribe& request) {
     return answer(fail(ErrorCode::kTooLarge, "this connection watches " + std::to_string(limit) +
                                                  " streams, the most that limits.max_streams_per_connection allows"));
   }
+  if (auto taken = watched ? Result<void>() : grant().take(Share::kStream); !taken) return answer(taken.error());
   const auto stream = context().hub.open(request.stream);
-  if (!stream) return answer(stream.error());
+  if (!stream) {
+    if (!watched) grant().give_back(Share::kStream);
+    return answer(stream.error());
+  }
   streams_[(*stream)->id()] = *stream;
   if (auto watching = (*stream)->watch(*this, request.profile); !watching) {
     answer(watching.error());
     if (watched) return;
     streams_.erase((*stream)->id());
+    grant().give_back(Share::kStream);
     context().hub.left(**stream);
   }
 }
@@ -73,6 +80,7 @@ void Subscriber::unsubscribe(const control::Unsubscribe& request) {
     return send(
         control::ErrorMessage{"not-found", "this connection does not watch '" + request.stream + "'", request.stream});
   }
+  grant().give_back(Share::kStream);
   outbox().close_lane(stream->id());
   stream->unwatch(*this);
   context().hub.left(*stream);

@@ -16,7 +16,7 @@ namespace eigencast::broker {
 class Subscriber final : public Connection, public Watcher {
  public:
   /// first  the stream of the path, watched at once
-  Subscriber(Context& context, Transport transport, std::optional<control::Subscribe> first);
+  Subscriber(Context& context, Transport transport, GrantPtr grant, std::optional<control::Subscribe> first);
 
   void on_stream_changed(const Stream& stream, bool restart) override;
   void on_frame(const Stream& stream, const FramePtr& frame) override;

@@ -10,12 +10,14 @@
 #include <boost/beast/http/write.hpp>
 #include <boost/beast/websocket/rfc6455.hpp>
 #include <cerrno>
+#include <ctime>
 #include <exception>
 #include <utility>
 
 #include "broker/connections/echo.h"
 #include "broker/connections/publisher.h"
 #include "broker/connections/subscriber.h"
+#include "broker/http/access_facts.h"
 #include "broker/websocket/upgrade.h"
 
 namespace eigencast::broker {
@@ -63,7 +65,11 @@ Result<bool> commit(AssetStore::Upload& upload) {
 }  // namespace
 
 HttpSession::HttpSession(Context& context, Transport transport)
-    : context_(context), transport_(std::move(transport)), timer_(context.loop.get_executor()) {
+    : context_(context),
+      transport_(std::move(transport)),
+      timer_(context.loop.get_executor()),
+      peer_(peer_of(transport_.socket())),
+      grant_(context.gate.accept(peer_, steady_now_us())) {
   ++context_.counters.connections;
   ++context_.counters.connections_total;
 }
@@ -135,26 +141,83 @@ bool HttpSession::may_keep() const {
 
 void HttpSession::on_head() {
   const auto& request = parser_->get();
-  const auto target = target_from_text(std::string_view(request.target().data(), request.target().size()));
+  const auto target = target_from_text(std::string_view(request.target().data(), request.target().size()),
+                                       context_.config.proxy.path_prefix);
   if (!target) {
     const bool missing = target.error().code == ErrorCode::kNotFound;
     return answer_error(missing ? Status::not_found : Status::bad_request, target.error());
   }
-  const auto method = request.method();
+  if (request.method() == http::verb::options) return answer_preflight();
+  if (admit(*target)) serve(*target);
+}
+
+bool HttpSession::admit(const Target& target) {
+  if (!grant_) {
+    answer_denial({429, "too many connections from this address (per_address.connections)", 1, false});
+    return false;
+  }
+  auto admitted = context_.gate.admit(access_request_from(parser_->get(), peer_, target.token), steady_now_us(),
+                                      std::time(nullptr));
+  if (const auto* denied = std::get_if<Denial>(&admitted)) {
+    answer_denial(*denied);
+    return false;
+  }
+  grant_.reset();  // First: it counts as a connection of the same address.
+  grant_ = std::move(std::get<GrantPtr>(admitted));
+  if (const auto taken = grant_->take(Share::kConnection); !taken) {
+    answer_denial({429, taken.error().message, 1, false});
+    return false;
+  }
+  return true;
+}
+
+void HttpSession::answer_denial(const Denial& denial) {
+  log(context_.log, LogLevel::kInfo,
+      "answered " + std::to_string(denial.status) + " to " + peer_.text() + ": " + denial.message);
+  Headers headers;
+  if (denial.status == 401) {
+    headers.emplace_back(http::field::www_authenticate, denial.failed_login
+                                                            ? "Bearer realm=\"eigencast\", error=\"invalid_token\""
+                                                            : "Bearer realm=\"eigencast\"");
+  }
+  if (denial.retry_after_s > 0) headers.emplace_back(http::field::retry_after, std::to_string(denial.retry_after_s));
+  answer_error(static_cast<Status>(denial.status), fail(ErrorCode::kRefused, denial.message), std::move(headers));
+}
+
+void HttpSession::answer_preflight() {
+  answer(Status::no_content, {},
+         {{http::field::access_control_allow_methods, "GET, HEAD, PUT"},
+          {http::field::access_control_allow_headers, "Authorization, Content-Type, If-None-Match, If-Range, Range"},
+          {http::field::access_control_max_age, "600"}});
+}
+
+template <typename Response>
+void HttpSession::decorate(Response& response, const Headers& headers) {
+  for (const auto& [field, value] : headers) response.set(field, value);
+  const std::string origin = header(http::field::origin);
+  if (origin.empty()) return;
+  response.insert(http::field::vary, "Origin");
+  if (!context_.gate.policy()->allows_origin(access_request_from(parser_->get(), peer_, {}))) return;
+  response.set(http::field::access_control_allow_origin, origin);
+  response.set(http::field::access_control_expose_headers, "Accept-Ranges, Content-Range, ETag, Retry-After");
+}
+
+void HttpSession::serve(const Target& target) {
+  const auto method = parser_->get().method();
   const bool reads = method == http::verb::get || method == http::verb::head;
-  switch (target->kind) {
+  switch (target.kind) {
     case Target::Kind::kPublish:
     case Target::Kind::kSubscribe:
     case Target::Kind::kEcho:
-      return upgrade(*target);
+      return upgrade(target);
     case Target::Kind::kStreams:
       if (reads) return serve_streams();
       return answer_error(Status::method_not_allowed,
                           fail(ErrorCode::kUnsupported, "the stream list is read by GET or HEAD"),
                           {{http::field::allow, "GET, HEAD"}});
     case Target::Kind::kAsset:
-      if (reads) return serve_asset(*Sha256::from_hex(target->name));
-      if (method == http::verb::put) return receive_asset(*Sha256::from_hex(target->name));
+      if (reads) return serve_asset(*Sha256::from_hex(target.name));
+      if (method == http::verb::put) return receive_asset(*Sha256::from_hex(target.name));
       return answer_error(Status::method_not_allowed, fail(ErrorCode::kUnsupported, "assets take GET, HEAD and PUT"),
                           {{http::field::allow, "GET, HEAD, PUT"}});
   }
@@ -178,7 +241,7 @@ void HttpSession::upgrade(const Target& target) {
 #ifdef EIGENCAST_TEST_ENDPOINTS
   if (target.kind == Target::Kind::kEcho) {
     timer_.cancel();
-    return std::make_shared<Echo>(context_, std::move(transport_))
+    return std::make_shared<Echo>(context_, std::move(transport_), std::move(grant_))
         ->start(websocket::upgrade_answer(header(http::field::sec_websocket_key), {}, "eigencast-broker"));
   }
 #endif
@@ -193,21 +256,32 @@ void HttpSession::upgrade(const Target& target) {
     if (!profile) return answer_error(Status::bad_request, profile.error());
     first = control::Subscribe{target.name, *profile};
   }
+  const bool publishes = target.kind == Target::Kind::kPublish;
+  const auto may = publishes ? grant_->may_publish(target.name)
+                   : first   ? grant_->may_subscribe(target.name)
+                             : grant_->may_fetch_assets();
+  if (!may) return answer_denial({403, may.error().message, 0, false});
+  if (const auto taken = publishes ? grant_->take(Share::kPublisher) : Result<void>(); !taken) {
+    return answer_denial({429, taken.error().message, 1, false});
+  }
   if (context_.draining) {
     return answer_error(Status::service_unavailable, fail(ErrorCode::kRefused, "the broker is stopping"));
   }
   timer_.cancel();
   std::string answer = websocket::upgrade_answer(header(http::field::sec_websocket_key), control::kSubprotocol,
                                                  "eigencast-broker/" + context_.version);
-  if (target.kind == Target::Kind::kPublish) {
-    return std::make_shared<Publisher>(context_, std::move(transport_), target.name)->start(std::move(answer));
+  if (publishes) {
+    return std::make_shared<Publisher>(context_, std::move(transport_), std::move(grant_), target.name)
+        ->start(std::move(answer));
   }
-  std::make_shared<Subscriber>(context_, std::move(transport_), std::move(first))->start(std::move(answer));
+  std::make_shared<Subscriber>(context_, std::move(transport_), std::move(grant_), std::move(first))
+      ->start(std::move(answer));
 }
 
 void HttpSession::serve_streams() {
   std::string json = "{\"streams\":[";
   for (const Stream* stream : context_.hub.streams()) {
+    if (!grant_->may_see(stream->name())) continue;
     if (json.back() != '[') json += ',';
     json += json_of(*stream);
   }
@@ -215,9 +289,12 @@ void HttpSession::serve_streams() {
 }
 
 void HttpSession::serve_asset(const Sha256& id) {
+  if (const auto may = grant_->may_fetch_assets(); !may) return answer_denial({403, may.error().message, 0, false});
   const std::string etag = "\"" + id.hex() + "\"";
+  // What took a token must not come out of somebody else's cache.
+  const std::string scope = grant_->identity().key.empty() ? "public" : "private";
   Headers headers = {{http::field::etag, etag},
-                     {http::field::cache_control, "public, max-age=31536000, immutable"},
+                     {http::field::cache_control, scope + ", max-age=31536000, immutable"},
                      {http::field::accept_ranges, "bytes"}};
   auto object = context_.assets.read(id);
   if (!object) {
@@ -248,7 +325,7 @@ void HttpSession::serve_asset(const Sha256& id) {
 void HttpSession::send_head_then_file(AssetStore::Object object, Status status, ByteRange range, bool with_body,
                                       Headers headers) {
   auto response = std::make_shared<http::response<http::empty_body>>(status, 11);
-  for (auto& [field, value] : headers) response->set(field, value);
+  decorate(*response, headers);
   response->set(http::field::content_type, "application/octet-stream");
   response->keep_alive(may_keep());
   response->content_length(range.last + 1 - range.first);
@@ -286,6 +363,11 @@ void HttpSession::send_chunk(std::shared_ptr<Download> download) {
 }
 
 void HttpSession::receive_asset(const Sha256& id) {
+  if (const auto may = grant_->may_store_assets(); !may) return answer_denial({403, may.error().message, 0, false});
+  upload_counted_ = parser_->content_length().has_value();
+  if (const auto taken = grant_->take_upload(parser_->content_length().value_or(0), steady_now_us()); !taken) {
+    return answer_denial({429, taken.error().message, 60, false});
+  }
   if (context_.counters.uploads_now >= static_cast<std::uint64_t>(context_.config.limits.max_uploads)) {
     return answer_error(Status::service_unavailable, fail(ErrorCode::kRefused, "too many uploads at a time: try again"),
                         {{http::field::retry_after, "1"}});
@@ -319,6 +401,11 @@ void HttpSession::read_body() {
       return self->close();
     }
     const std::size_t count = self->body_chunk_.size() - self->parser_->get().body().size;
+    if (!self->upload_counted_) {
+      if (auto taken = self->grant_->take_upload(count, steady_now_us()); !taken) {
+        return self->fail_upload(taken.error());
+      }
+    }
     if (auto written = self->upload_->write(ByteView(self->body_chunk_.data(), count)); !written) {
       return self->fail_upload(written.error());
     }
@@ -354,6 +441,8 @@ void HttpSession::fail_upload(const Error& error) {
       return answer_error(Status::unprocessable_entity, error);
     case ErrorCode::kTooLarge:
       return answer_error(Status::payload_too_large, error);
+    case ErrorCode::kRefused:
+      return answer_denial({429, error.message, 60, false});
     default:
       return answer_error(Status::insufficient_storage, error);
   }
@@ -368,11 +457,11 @@ void HttpSession::answer_error(Status status, const Error& error, Headers header
 void HttpSession::answer(Status status, std::string body, Headers headers) {
   const bool keep = may_keep();
   auto response = std::make_shared<http::response<http::string_body>>(status, 11);
-  for (auto& [field, value] : headers) response->set(field, value);
+  decorate(*response, headers);
   if (!body.empty()) response->set(http::field::content_type, "application/json");
   response->keep_alive(keep);
   response->body() = std::move(body);
-  if (status != Status::not_modified) response->prepare_payload();
+  if (status != Status::not_modified && status != Status::no_content) response->prepare_payload();
   if (is_head()) response->body().clear();
   arm(context_.config.timeouts.transfer_ms);
   http::async_write(transport_, *response, [self = shared_from_this(), response, keep](ErrorOf error, std::size_t) {

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "broker/access/gate.h"
 #include "broker/context.h"
 #include "broker/http/http_target.h"
 
@@ -37,6 +38,11 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
 
   void read_head();
   void on_head();
+  void serve(const Target& target);
+  /// Who asks; nothing: it was answered that they may not come in.
+  bool admit(const Target& target);
+  void answer_denial(const Denial& denial);
+  void answer_preflight();
   void upgrade(const Target& target);
   void serve_streams();
   void serve_asset(const Sha256& id);
@@ -51,6 +57,9 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   /// Whether another request may follow on this connection. Not with body bytes of this one unread: they would be
   /// taken for the next request.
   bool may_keep() const;
+  /// What every answer carries.
+  template <typename Response>
+  void decorate(Response& response, const Headers& headers);
   /// Sends a whole answer.
   void answer(Status status, std::string body, Headers headers = {});
   void answer_error(Status status, const Error& error, Headers headers = {});
@@ -66,7 +75,10 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   Timer timer_;
   beast::flat_buffer buffer_;
   std::optional<beast::http::request_parser<beast::http::buffer_body>> parser_;
+  IpAddress peer_;
+  GrantPtr grant_;  ///< Of the connection at first, then of who sent the latest request. Null: too many connections.
   std::unique_ptr<AssetStore::Upload> upload_;
+  bool upload_counted_ = false;  ///< Its length was known, and counted at once.
   std::vector<std::uint8_t> body_chunk_;
 };
 

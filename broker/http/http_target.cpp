@@ -23,35 +23,64 @@ std::string_view trimmed(std::string_view text) {
   return text;
 }
 
-Result<Target> stream_target(Target::Kind kind, std::string_view name, std::string_view query) {
+Result<Target> stream_target(Target::Kind kind, std::string_view name) {
   if (auto ok = check_stream_name(name); !ok) return fail(ErrorCode::kInvalidArgument, ok.error().message);
-  return Target{kind, std::string(name), std::string(query)};
+  return Target{kind, std::string(name), {}, {}};
 }
 
-}  // namespace
-
-Result<Target> target_from_text(std::string_view text) {
-  const auto question = text.find('?');
-  const std::string_view path = text.substr(0, question);
-  const std::string_view query = question == std::string_view::npos ? std::string_view() : text.substr(question + 1);
+Result<Target> target_from_path(std::string_view path) {
   constexpr std::string_view kAssets = "/v1/assets/";
   constexpr std::string_view kPublish = "/v1/publish/";
   constexpr std::string_view kSubscribe = "/v1/subscribe/";
-  if (path == "/v1/streams") return Target{Target::Kind::kStreams, {}, std::string(query)};
+  if (path == "/v1/streams") return Target{Target::Kind::kStreams, {}, {}, {}};
 #ifdef EIGENCAST_TEST_ENDPOINTS
-  if (path == "/echo") return Target{Target::Kind::kEcho, {}, {}};
+  if (path == "/echo") return Target{Target::Kind::kEcho, {}, {}, {}};
 #endif
-  if (path == "/v1/subscribe") return Target{Target::Kind::kSubscribe, {}, std::string(query)};
-  if (path.starts_with(kPublish)) return stream_target(Target::Kind::kPublish, path.substr(kPublish.size()), query);
-  if (path.starts_with(kSubscribe))
-    return stream_target(Target::Kind::kSubscribe, path.substr(kSubscribe.size()), query);
+  if (path == "/v1/subscribe") return Target{Target::Kind::kSubscribe, {}, {}, {}};
+  if (path.starts_with(kPublish)) return stream_target(Target::Kind::kPublish, path.substr(kPublish.size()));
+  if (path.starts_with(kSubscribe)) return stream_target(Target::Kind::kSubscribe, path.substr(kSubscribe.size()));
   if (path.starts_with(kAssets)) {
     const std::string_view name = path.substr(kAssets.size());
-    if (Sha256::from_hex(name)) return Target{Target::Kind::kAsset, std::string(name), std::string(query)};
+    if (Sha256::from_hex(name)) return Target{Target::Kind::kAsset, std::string(name), {}, {}};
     return fail(ErrorCode::kInvalidArgument, "an asset is named by 64 lower-case hexadecimal digits, its SHA-256");
   }
   return fail(ErrorCode::kNotFound,
               "there is nothing here; see /v1/streams, /v1/assets/SHA256, /v1/publish/STREAM, /v1/subscribe/STREAM");
+}
+
+/// Splits the token off the rest of a query, so that nothing that reads or logs the rest meets it. Tokens consist of
+/// characters that need no percent-encoding.
+Result<void> take_query(std::string_view query, Target& target) {
+  constexpr std::string_view kToken = "access_token=";
+  while (!query.empty()) {
+    const auto end = std::min(query.find('&'), query.size());
+    const std::string_view parameter = query.substr(0, end);
+    query.remove_prefix(std::min(end + 1, query.size()));
+    if (!parameter.starts_with(kToken)) {
+      if (!target.query.empty()) target.query += '&';
+      target.query += parameter;
+      continue;
+    }
+    if (!target.token.empty() || parameter.size() == kToken.size()) {
+      return fail(ErrorCode::kInvalidArgument, "access_token must stand once in the query, with a token");
+    }
+    target.token = parameter.substr(kToken.size());
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<Target> target_from_text(std::string_view text, std::string_view prefix) {
+  const auto question = text.find('?');
+  std::string_view path = text.substr(0, question);
+  if (!prefix.empty() && path.starts_with(prefix) && path.substr(prefix.size()).starts_with('/')) {
+    path.remove_prefix(prefix.size());
+  }
+  auto target = target_from_path(path);
+  if (!target || question == std::string_view::npos) return target;
+  if (auto taken = take_query(text.substr(question + 1), *target); !taken) return taken.error();
+  return target;
 }
 
 RangeRequest range_from_header(std::string_view header, std::uint64_t size) {

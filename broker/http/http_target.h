@@ -15,12 +15,13 @@ struct Target {
   enum class Kind { kStreams, kAsset, kPublish, kSubscribe, kEcho };
   Kind kind = Kind::kStreams;  ///< kEcho: builds with EIGENCAST_TEST_ENDPOINTS only.
   std::string name;            ///< Stream or asset; empty for /v1/streams and /v1/subscribe.
-  std::string query;           ///< Without '?'.
+  std::string query;           ///< Without '?', and without access_token.
+  std::string token;           ///< access_token of the query; empty: none.
 };
 
-/// Takes a request target apart. Safe on hostile input.
-/// Errors: kNotFound (no such path), kInvalidArgument (a stream name or hash that is none).
-Result<Target> target_from_text(std::string_view text);
+/// Takes a request target apart, with or without `prefix` (that a proxy left) before it. Safe on hostile input.
+/// Errors: kNotFound (no such path), kInvalidArgument (a stream name or hash that is none, two tokens).
+Result<Target> target_from_text(std::string_view text, std::string_view prefix = {});
 
 /// The bytes [first, last] of a range request.
 struct ByteRange {

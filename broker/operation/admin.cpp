@@ -7,9 +7,11 @@
 #include <boost/beast/http/read.hpp>
 #include <boost/beast/http/string_body.hpp>
 #include <boost/beast/http/write.hpp>
+#include <ctime>
 #include <memory>
 #include <utility>
 
+#include "broker/http/access_facts.h"
 #include "broker/http/http_target.h"
 
 namespace eigencast::broker {
@@ -43,7 +45,16 @@ class AdminSession : public std::enable_shared_from_this<AdminSession> {
     response_.version(11);
     response_.keep_alive(false);
     response_.set(http::field::content_type, "text/plain; charset=utf-8");
-    if (!reads) {
+    const bool health = target == "/livez" || target == "/readyz";
+    const auto denied = health ? std::nullopt
+                               : context_.gate.admit_admin(access_request_from(parser_.get(), peer_of(socket_), {}),
+                                                           Gate::AdminAsk::kRead, steady_now_us(), std::time(nullptr));
+    if (denied) {
+      response_.result(static_cast<unsigned>(denied->status));
+      if (denied->status == 401) response_.set(http::field::www_authenticate, "Bearer realm=\"eigencast\"");
+      if (denied->retry_after_s > 0) response_.set(http::field::retry_after, std::to_string(denied->retry_after_s));
+      response_.body() = denied->message + "\n";
+    } else if (!reads) {
       response_.result(http::status::method_not_allowed);
       response_.set(http::field::allow, "GET, HEAD");
     } else if (target == "/livez") {

@@ -24,6 +24,26 @@ TEST(TargetTest, Paths) {
   EXPECT_EQ(target_from_text("/v1/streams?x")->kind, Target::Kind::kStreams);
 }
 
+TEST(TargetTest, TheTokenIsTakenOutOfTheQuery) {
+  const auto target = target_from_text("/v1/subscribe/a?rate=raw&access_token=abc.d-e_f.g&bands=2");
+  ASSERT_TRUE(target);
+  EXPECT_EQ(target->query, "rate=raw&bands=2");
+  EXPECT_EQ(target->token, "abc.d-e_f.g");
+  EXPECT_EQ(target_from_text("/v1/streams?access_token=x")->query, "");
+  EXPECT_EQ(target_from_text("/v1/streams?xaccess_token=x")->token, "");
+  for (const char* bad : {"/v1/streams?access_token=", "/v1/streams?access_token=a&access_token=b"}) {
+    EXPECT_FALSE(target_from_text(bad)) << bad;
+  }
+}
+
+TEST(TargetTest, APrefixThatAProxyLeftIsTakenOff) {
+  EXPECT_EQ(target_from_text("/eigencast/v1/subscribe/a", "/eigencast")->name, "a");
+  EXPECT_EQ(target_from_text("/v1/subscribe/a", "/eigencast")->name, "a");
+  EXPECT_FALSE(target_from_text("/eigencast/v1/subscribe/a"));
+  EXPECT_FALSE(target_from_text("/eigencastv1/streams", "/eigencast"));
+  EXPECT_FALSE(target_from_text("/eigencast/eigencast/v1/streams", "/eigencast"));
+}
+
 TEST(TargetTest, HostilePaths) {
   for (const char* bad :
        {"", "/", "*", "/v1", "/v1/streams/", "/v2/streams", "/v1/assets", "/v1/assets/../../etc/passwd", "/v1/assets/",

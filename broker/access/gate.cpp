@@ -1,0 +1,217 @@
+// SPDX-License-Identifier: MIT
+#include "broker/access/gate.h"
+
+#include <utility>
+
+namespace eigencast::broker {
+namespace {
+
+constexpr const char* kShareNames[] = {"connections", "publishers", "streams"};
+
+std::string quoted_list(const StreamPatterns& patterns) {
+  std::string out;
+  for (const std::string& text : patterns.texts()) {
+    if (out.size() > 200) return out + ", ...";
+    out += (out.empty() ? "'" : ", '") + text + "'";
+  }
+  return out.empty() ? "nothing" : out;
+}
+
+Error lacking(const Identity& identity, const std::string& right, std::string_view stream,
+              const StreamPatterns& patterns) {
+  return fail(ErrorCode::kRefused, identity.name + " may not " + right + " '" + std::string(stream) + "', only " +
+                                       quoted_list(patterns) + ": ask whoever runs the broker for a token with " +
+                                       "that right (eigencast-broker token create --" + right + " '" +
+                                       std::string(stream) + "')");
+}
+
+}  // namespace
+
+Grant::Grant(Gate& gate, Identity identity, TimeUs now_us) : gate_(gate), identity_(std::move(identity)) {
+  const auto add = [&](Ledger& ledger, const std::string& key, bool is_token, std::string whose) {
+    const std::lock_guard lock(ledger.mutex());
+    holders_.push_back({&ledger, ledger.account(key, now_us), is_token, std::move(whose)});
+  };
+  const std::string address = identity_.sender.address.limit_key();
+  add(gate_.addresses_, address, false, "address " + address);
+  if (!identity_.key.empty()) add(gate_.tokens_, identity_.key, true, identity_.name);
+}
+
+Grant::~Grant() {
+  for (std::size_t i = 0; i < kShares; ++i) {
+    while (taken_[i] > 0) give_back(static_cast<Share>(i));
+  }
+}
+
+std::string Grant::label() const {
+  return identity_.name + " from " + identity_.sender.address.text();
+}
+
+Result<void> Grant::may_publish(std::string_view stream) const {
+  if (identity_.rights.publish.matches(stream)) return {};
+  return lacking(identity_, "publish", stream, identity_.rights.publish);
+}
+
+Result<void> Grant::may_subscribe(std::string_view stream) const {
+  if (identity_.rights.subscribe.matches(stream)) return {};
+  return lacking(identity_, "subscribe", stream, identity_.rights.subscribe);
+}
+
+Result<void> Grant::may_store_assets() const {
+  if (!identity_.rights.publish.empty()) return {};
+  return fail(ErrorCode::kRefused, identity_.name + " may not publish, and so not store assets");
+}
+
+Result<void> Grant::may_fetch_assets() const {
+  const Rights& rights = identity_.rights;
+  if (!rights.publish.empty() || !rights.subscribe.empty() || rights.admin) return {};
+  return fail(ErrorCode::kRefused, identity_.name + " may neither publish nor subscribe, and so not fetch assets");
+}
+
+bool Grant::may_see(std::string_view stream) const {
+  const Rights& rights = identity_.rights;
+  return rights.admin || rights.subscribe.matches(stream) || rights.publish.matches(stream);
+}
+
+Result<void> Grant::may_administer() const {
+  if (identity_.rights.admin) return {};
+  return fail(ErrorCode::kRefused, identity_.name + " lacks the right 'admin' (eigencast-broker token create --admin)");
+}
+
+bool Grant::has_expired(std::int64_t now_unix_s) const {
+  return identity_.expires_s && now_unix_s >= *identity_.expires_s && gate_.config_.access.expiry_disconnects;
+}
+
+Error Grant::over(const Holder& holder, const char* limit, std::int64_t most) const {
+  return fail(ErrorCode::kRefused, holder.whose + " has reached a limit of this broker: " +
+                                       (holder.is_token ? "per_token." : "per_address.") + limit + " = " +
+                                       std::to_string(most));
+}
+
+Result<void> Grant::take(Share share) {
+  const auto index = static_cast<std::size_t>(share);
+  for (std::size_t i = 0; i < holders_.size(); ++i) {
+    const std::int64_t most = gate_.quota(holders_[i].is_token).shares[index];
+    const std::lock_guard lock(holders_[i].ledger->mutex());
+    if (holders_[i].account->shares[index] < most) {
+      ++holders_[i].account->shares[index];
+      continue;
+    }
+    if (i > 0) {
+      const std::lock_guard first(holders_[0].ledger->mutex());
+      --holders_[0].account->shares[index];
+    }
+    return over(holders_[i], kShareNames[index], most);
+  }
+  ++taken_[index];
+  return {};
+}
+
+void Grant::give_back(Share share) {
+  const auto index = static_cast<std::size_t>(share);
+  --taken_[index];
+  for (Holder& holder : holders_) {
+    const std::lock_guard lock(holder.ledger->mutex());
+    --holder.account->shares[index];
+  }
+}
+
+Result<void> Grant::take_message(TimeUs now_us) {
+  for (Holder& holder : holders_) {
+    const std::int64_t most = gate_.quota(holder.is_token).messages_per_s;
+    const auto rate = static_cast<double>(most);
+    const std::lock_guard lock(holder.ledger->mutex());
+    if (!holder.account->messages.take(1, rate, rate, now_us)) return over(holder, "messages_per_s", most);
+  }
+  return {};
+}
+
+Result<void> Grant::take_upload(std::uint64_t bytes, TimeUs now_us) {
+  for (Holder& holder : holders_) {
+    const std::int64_t most = gate_.quota(holder.is_token).upload_bytes_per_hour;
+    const auto hour = static_cast<double>(most);
+    const std::lock_guard lock(holder.ledger->mutex());
+    if (!holder.account->upload_bytes.take(static_cast<double>(bytes), hour / 3600, hour, now_us)) {
+      return over(holder, "upload_bytes_per_hour", most);
+    }
+  }
+  return {};
+}
+
+Gate::Quota Gate::quota(bool of_token) const {
+  const auto of = [](const auto& limits) {
+    return Quota{
+        {limits.connections, limits.publishers, limits.streams}, limits.messages_per_s, limits.upload_bytes_per_hour};
+  };
+  return of_token ? of(config_.per_token) : of(config_.per_address);
+}
+
+std::optional<Denial> Gate::slowed(const std::string& address, TimeUs now_us) {
+  const auto most = static_cast<double>(config_.access.failures_per_minute);
+  const std::lock_guard lock(addresses_.mutex());
+  const TimeUs wait_us = addresses_.account(address, now_us)->failures.wait_us(1, most / 60, most, now_us);
+  if (wait_us <= 0) return std::nullopt;
+  Denial denied{429, "too many failed tries to log in from this address: wait before the next", 0, false};
+  denied.retry_after_s = static_cast<int>(wait_us / 1'000'000 + 1);
+  return denied;
+}
+
+void Gate::count_failure(const std::string& address, TimeUs now_us) {
+  const auto most = static_cast<double>(config_.access.failures_per_minute);
+  const std::lock_guard lock(addresses_.mutex());
+  (void)addresses_.account(address, now_us)->failures.take(1, most / 60, most, now_us);
+}
+
+std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs now_us, std::int64_t now_unix_s) {
+  const auto rules = policy();
+  const std::string address = rules->sender(request).address.limit_key();
+  // Who sends no token guesses none, and need not wait.
+  const bool with_token = !request.authorization.empty() || !request.query_token.empty();
+  if (with_token) {
+    if (auto denied = slowed(address, now_us)) {
+      ++denied_;
+      return std::move(*denied);
+    }
+  }
+  auto found = rules->identify(request, now_unix_s);
+  if (auto* denied = std::get_if<Denial>(&found)) {
+    ++denied_;
+    if (denied->failed_login) count_failure(address, now_us);
+    return std::move(*denied);
+  }
+  return GrantPtr(new Grant(*this, std::move(std::get<Identity>(found)), now_us));
+}
+
+std::optional<Denial> Gate::admit_admin(const AccessRequest& request, AdminAsk ask, TimeUs now_us,
+                                        std::int64_t now_unix_s) {
+  const auto rules = policy();
+  const bool free = ask == AdminAsk::kRead || !rules->has_tokens();
+  if (free && rules->is_local(request)) return std::nullopt;
+  auto admitted = admit(request, now_us, now_unix_s);
+  if (auto* denied = std::get_if<Denial>(&admitted)) return std::move(*denied);
+  const auto& grant = std::get<GrantPtr>(admitted);
+  const auto may = grant->may_administer();
+  if (may) return std::nullopt;
+  ++denied_;
+  if (grant->identity().key.empty())
+    return Denial{401, "the admin port asks for a token with the right admin", 0, false};
+  return Denial{403, may.error().message, 0, false};
+}
+
+GrantPtr Gate::accept(const IpAddress& peer, TimeUs now_us) {
+  GrantPtr grant(new Grant(*this, {"connection", {}, {peer, false}, {}, {}}, now_us));
+  if (!policy()->is_trusted_proxy(peer) && !grant->take(Share::kConnection)) return nullptr;
+  return grant;
+}
+
+void Gate::replace_policy(std::shared_ptr<const AccessPolicy> policy) {
+  const std::lock_guard lock(policy_mutex_);
+  policy_ = std::move(policy);
+}
+
+std::shared_ptr<const AccessPolicy> Gate::policy() const {
+  const std::lock_guard lock(policy_mutex_);
+  return policy_;
+}
+
+}  // namespace eigencast::broker

@@ -1,0 +1,283 @@
+// SPDX-License-Identifier: MIT
+#include "broker/access/jwt.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <set>
+
+namespace eigencast::broker {
+namespace {
+
+using nlohmann::json;
+
+constexpr int kMaxDepth = 6;
+constexpr std::size_t kMaxSubjectBytes = 128;
+constexpr double kLatestTime = 253'402'300'800;  // The year 10000.
+constexpr std::string_view kAlphabet = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
+
+Error refused(std::string why) {
+  return fail(ErrorCode::kRefused, "the token " + std::move(why));
+}
+
+/// Strict: no padding, no blanks, and unused bits are 0, so that every value has one spelling.
+std::optional<std::string> bytes_from_base64url(std::string_view text) {
+  static const std::array<std::int8_t, 256> kValues = [] {
+    std::array<std::int8_t, 256> values{};
+    values.fill(-1);
+    for (std::size_t i = 0; i < kAlphabet.size(); ++i) {
+      values[static_cast<unsigned char>(kAlphabet[i])] = static_cast<std::int8_t>(i);
+    }
+    return values;
+  }();
+  if (text.size() % 4 == 1) return std::nullopt;
+  std::string out;
+  out.reserve(text.size() * 3 / 4);
+  std::uint32_t bits = 0;
+  int count = 0;
+  for (const char c : text) {
+    const int value = kValues[static_cast<unsigned char>(c)];
+    if (value < 0) return std::nullopt;
+    bits = (bits << 6) | static_cast<std::uint32_t>(value);
+    count += 6;
+    if (count < 8) continue;
+    count -= 8;
+    out += static_cast<char>((bits >> count) & 0xff);
+  }
+  if ((bits & ((1U << count) - 1)) != 0) return std::nullopt;
+  return out;
+}
+
+std::string base64url_from_bytes(std::string_view bytes) {
+  std::string out;
+  std::uint32_t bits = 0;
+  int count = 0;
+  for (const char c : bytes) {
+    bits = (bits << 8) | static_cast<unsigned char>(c);
+    for (count += 8; count >= 6;) {
+      count -= 6;
+      out += kAlphabet[(bits >> count) & 63];
+    }
+  }
+  if (count > 0) out += kAlphabet[(bits << (6 - count)) & 63];
+  return out;
+}
+
+struct Parts {
+  std::string_view header;
+  std::string_view claims;
+  std::string_view signature;
+  std::string_view signed_text;
+};
+
+std::optional<Parts> parts_of(std::string_view token) {
+  const auto first = token.find('.');
+  const auto second = first == std::string_view::npos ? first : token.find('.', first + 1);
+  if (second == std::string_view::npos || token.find('.', second + 1) != std::string_view::npos) return std::nullopt;
+  return Parts{token.substr(0, first), token.substr(first + 1, second - first - 1), token.substr(second + 1),
+               token.substr(0, second)};
+}
+
+/// An object without a member that occurs twice: of two readers one might take the first, the other the last.
+std::optional<json> strict_object(std::string_view text) {
+  std::vector<std::set<std::string>> seen;
+  bool good = true;
+  const auto watch = [&](int depth, json::parse_event_t event, json& parsed) {
+    if (depth > kMaxDepth) good = false;
+    if (event == json::parse_event_t::object_start) seen.emplace_back();
+    if (seen.empty()) return good;
+    if (event == json::parse_event_t::object_end) seen.pop_back();
+    if (event == json::parse_event_t::key) good = seen.back().insert(parsed.get<std::string>()).second && good;
+    return good;
+  };
+  json object = json::parse(text.begin(), text.end(), watch, false);
+  if (!good || !object.is_object()) return std::nullopt;
+  return object;
+}
+
+std::optional<json> object_from_part(std::string_view part) {
+  const auto bytes = bytes_from_base64url(part);
+  return bytes ? strict_object(*bytes) : std::nullopt;
+}
+
+/// A member that is absent or a text. Nothing: it is something else.
+std::optional<std::string> optional_text(const json& object, const char* name) {
+  const auto found = object.find(name);
+  if (found == object.end()) return std::string();
+  if (!found->is_string()) return std::nullopt;
+  return found->get<std::string>();
+}
+
+/// A NumericDate: whole or with a fraction, which is dropped.
+std::optional<std::int64_t> time_of(const json& value) {
+  if (!value.is_number()) return std::nullopt;
+  const double seconds = value.get<double>();
+  if (!std::isfinite(seconds) || seconds < 0 || seconds > kLatestTime) return std::nullopt;
+  return static_cast<std::int64_t>(std::floor(seconds));
+}
+
+std::string printable(std::string_view text) {
+  std::string out;
+  for (const char c : text.substr(0, 64)) out += c >= ' ' && c <= '~' ? c : '?';
+  return out;
+}
+
+/// The key that a header asks for, and no other: by its id, or the only one there is where the header names none.
+Result<const TokenKey*> key_for(const json& header, const std::vector<TokenKey>& keys) {
+  const auto id = optional_text(header, "kid");
+  if (!id) return refused("is malformed: \"kid\" is no text");
+  if (!header.contains("kid") && keys.size() == 1) return &keys.front();
+  for (const TokenKey& key : keys) {
+    if (key.id() == *id) return &key;
+  }
+  return refused(id->empty() ? "names no key (\"kid\"), and this broker has no key without a name"
+                             : "is signed with key '" + printable(*id) + "', which this broker does not know");
+}
+
+Result<const TokenKey*> check_signature(const Parts& parts, const json& header, const std::vector<TokenKey>& keys) {
+  if (header.contains("crit")) return refused("asks for extensions (\"crit\") that this broker does not have");
+  const auto key = key_for(header, keys);
+  if (!key) return key;
+  const auto algorithm = optional_text(header, "alg");
+  if (!algorithm || *algorithm != name_of((*key)->algorithm())) {
+    return refused("is signed by '" + printable(algorithm.value_or("?")) + "', but key '" + (*key)->id() + "' is for " +
+                   std::string(name_of((*key)->algorithm())) + " only");
+  }
+  const auto signature = bytes_from_base64url(parts.signature);
+  if (!signature || !(*key)->verifies(parts.signed_text, Bytes(signature->begin(), signature->end()))) {
+    return refused("has a signature that key '" + (*key)->id() + "' did not make");
+  }
+  return key;
+}
+
+bool names_audience(const json& claims, const std::string& wanted) {
+  const auto audience = claims.find("aud");
+  if (audience == claims.end()) return false;
+  if (audience->is_string()) return audience->get_ref<const std::string&>() == wanted;
+  if (!audience->is_array()) return false;
+  return std::any_of(audience->begin(), audience->end(), [&](const json& one) { return one == wanted; });
+}
+
+Result<void> check_times(const json& object, const TokenRules& rules, std::int64_t now_s, Claims& claims) {
+  const auto expires = object.contains("exp") ? time_of(object["exp"]) : std::nullopt;
+  if (!expires) return refused("does not say when it expires (\"exp\", in Unix seconds)");
+  claims.expires_s = *expires;
+  if (now_s >= *expires + rules.leeway_s) {
+    return refused("expired " + std::to_string(now_s - *expires) + " s ago: get a new one");
+  }
+  if (!object.contains("nbf")) return {};
+  claims.not_before_s = time_of(object["nbf"]);
+  if (!claims.not_before_s) return refused("has a \"nbf\" that is no time in Unix seconds");
+  if (now_s + rules.leeway_s >= *claims.not_before_s) return {};
+  return refused("is not valid yet, but in " + std::to_string(*claims.not_before_s - now_s) +
+                 " s: are the clocks right?");
+}
+
+Result<StreamPatterns> patterns_of(const json& object, const char* name) {
+  const auto found = object.find(name);
+  if (found == object.end()) return StreamPatterns();
+  std::vector<std::string> texts;
+  if (!found->is_array() || found->size() > StreamPatterns::kMaxPatterns) {
+    return refused("has an \"eigencast\"." + std::string(name) + " that is no list of at most 256 patterns");
+  }
+  for (const json& item : *found) {
+    if (!item.is_string()) return refused("has a stream pattern that is no text");
+    texts.push_back(item.get<std::string>());
+  }
+  auto patterns = StreamPatterns::from(texts);
+  if (!patterns) return refused("has a bad stream pattern: " + patterns.error().message);
+  return patterns;
+}
+
+/// Members that are not known are refused: one that a later version understands might take rights away.
+Result<Rights> rights_of(const json& object) {
+  const auto found = object.find("eigencast");
+  if (found == object.end() || !found->is_object()) {
+    return refused("grants nothing here: it has no claim \"eigencast\": {\"pub\": [...], \"sub\": [...]}");
+  }
+  for (const auto& [name, value] : found->items()) {
+    if (name != "pub" && name != "sub" && name != "admin") {
+      return refused("has an unknown member \"" + printable(name) + "\" in its claim \"eigencast\"");
+    }
+  }
+  auto publish = patterns_of(*found, "pub");
+  if (!publish) return publish.error();
+  auto subscribe = patterns_of(*found, "sub");
+  if (!subscribe) return subscribe.error();
+  const auto admin = found->find("admin");
+  if (admin != found->end() && !admin->is_boolean()) return refused("has an \"admin\" that is not true or false");
+  return Rights{std::move(*publish), std::move(*subscribe), admin != found->end() && admin->get<bool>()};
+}
+
+Result<void> check_claims(const json& object, const TokenRules& rules, std::int64_t now_s, Claims& claims) {
+  if (auto good = check_times(object, rules, now_s, claims); !good) return good;
+  if (!rules.audience.empty() && !names_audience(object, rules.audience)) {
+    return refused("is not for this broker: its audience (\"aud\") is not '" + rules.audience + "'");
+  }
+  if (!rules.issuer.empty() && optional_text(object, "iss") != rules.issuer) {
+    return refused("comes from another issuer (\"iss\") than '" + rules.issuer + "'");
+  }
+  const auto subject = optional_text(object, "sub");
+  const auto is_plain = [](char c) { return c > ' ' && c <= '~'; };
+  if (!subject || subject->size() > kMaxSubjectBytes || !std::all_of(subject->begin(), subject->end(), is_plain)) {
+    return refused("has a subject (\"sub\") that is no text of at most 128 printable characters without blanks");
+  }
+  claims.subject = *subject;
+  auto rights = rights_of(object);
+  if (!rights) return rights.error();
+  claims.rights = std::move(*rights);
+  return {};
+}
+
+}  // namespace
+
+Result<Claims> verify_token(std::string_view token, const TokenRules& rules, std::int64_t now_unix_s) {
+  if (token.size() > kMaxTokenBytes) return refused("is longer than 8 KiB");
+  const auto parts = parts_of(token);
+  if (!parts) return refused("is malformed: it is not three parts joined by dots");
+  const auto header = object_from_part(parts->header);
+  if (!header) return refused("is malformed: its header is no JSON object in base64url");
+  const auto key = check_signature(*parts, *header, rules.keys);
+  if (!key) return key.error();
+  const auto object = object_from_part(parts->claims);
+  if (!object) return refused("is malformed: its claims are no JSON object in base64url");
+  Claims claims;
+  claims.key_id = (*key)->id();
+  if (auto good = check_claims(*object, rules, now_unix_s, claims); !good) return good.error();
+  return claims;
+}
+
+Result<std::string> create_token(const TokenRequest& request, const TokenKey& key) {
+  for (const auto* patterns : {&request.publish, &request.subscribe}) {
+    if (auto good = StreamPatterns::from(*patterns); !good) return good.error();
+  }
+  json header = {{"alg", name_of(key.algorithm())}, {"typ", "JWT"}};
+  if (!key.id().empty()) header["kid"] = key.id();
+  json claims = {{"iat", request.issued_s}, {"exp", request.expires_s}, {"eigencast", json::object()}};
+  if (!request.subject.empty()) claims["sub"] = request.subject;
+  if (!request.audience.empty()) claims["aud"] = request.audience;
+  if (!request.issuer.empty()) claims["iss"] = request.issuer;
+  if (!request.publish.empty()) claims["eigencast"]["pub"] = request.publish;
+  if (!request.subscribe.empty()) claims["eigencast"]["sub"] = request.subscribe;
+  if (request.admin) claims["eigencast"]["admin"] = true;
+  constexpr auto kReplace = json::error_handler_t::replace;
+  const std::string text = base64url_from_bytes(header.dump(-1, ' ', false, kReplace)) + "." +
+                           base64url_from_bytes(claims.dump(-1, ' ', false, kReplace));
+  const auto signature = key.sign(text);
+  if (!signature) return signature.error();
+  return text + "." + base64url_from_bytes(std::string(signature->begin(), signature->end()));
+}
+
+Result<TokenParts> read_token(std::string_view token) {
+  const auto parts = token.size() > kMaxTokenBytes ? std::nullopt : parts_of(token);
+  const auto header = parts ? object_from_part(parts->header) : std::nullopt;
+  const auto claims = parts ? object_from_part(parts->claims) : std::nullopt;
+  if (!header || !claims) {
+    return fail(ErrorCode::kCorrupt, "this is no JSON Web Token: two JSON objects and a signature in base64url");
+  }
+  constexpr auto kReplace = json::error_handler_t::replace;
+  return TokenParts{header->dump(2, ' ', true, kReplace), claims->dump(2, ' ', true, kReplace)};
+}
+
+}  // namespace eigencast::broker

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: MIT
+#include "broker/access/ledger.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace eigencast::broker {
+namespace {
+
+constexpr TimeUs kSweepEveryUs = 1'000'000;
+
+}  // namespace
+
+bool Pace::take(double amount, double per_s, double burst, TimeUs now_us) {
+  if (per_s <= 0) return true;
+  if (wait_us(amount, per_s, burst, now_us) > 0) return false;
+  paid_until_us_ = std::max(paid_until_us_, static_cast<double>(now_us)) + amount * 1e6 / per_s;
+  return true;
+}
+
+TimeUs Pace::wait_us(double amount, double per_s, double burst, TimeUs now_us) const {
+  if (per_s <= 0) return 0;
+  const double now = static_cast<double>(now_us);
+  const double ahead_us = std::max(paid_until_us_ - now, 0.0) + amount * 1e6 / per_s;
+  // One amount over the burst is taken when nothing else is owed, or it never would be.
+  const double allowed_us = std::max(burst, amount) * 1e6 / per_s;
+  return ahead_us <= allowed_us + 0.5 ? 0 : static_cast<TimeUs>(std::ceil(ahead_us - allowed_us));
+}
+
+bool Account::is_idle(TimeUs now_us) const {
+  return std::all_of(shares.begin(), shares.end(), [](std::int64_t count) { return count == 0; }) &&
+         messages.is_idle(now_us) && upload_bytes.is_idle(now_us) && failures.is_idle(now_us);
+}
+
+std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) {
+  const auto found = accounts_.find(key);
+  if (found != accounts_.end()) return found->second;
+  if (accounts_.size() >= most_ && now_us - swept_us_ >= kSweepEveryUs) {
+    // Walking all of them is dear: not for each of many strangers.
+    swept_us_ = now_us;
+    std::erase_if(accounts_,
+                  [&](const auto& entry) { return entry.second.use_count() == 1 && entry.second->is_idle(now_us); });
+  }
+  if (accounts_.size() >= most_) return overflow_;
+  return accounts_.emplace(key, std::make_shared<Account>()).first->second;
+}
+
+}  // namespace eigencast::broker

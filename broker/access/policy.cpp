@@ -1,0 +1,195 @@
+// SPDX-License-Identifier: MIT
+#include "broker/access/policy.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace eigencast::broker {
+namespace {
+
+Result<void> add_key(std::vector<TokenKey>& keys, Result<TokenKey> key) {
+  if (!key) return key.error();
+  const bool taken = std::any_of(keys.begin(), keys.end(), [&](const TokenKey& k) { return k.id() == key->id(); });
+  if (taken)
+    return fail(ErrorCode::kInvalidArgument, "key id '" + key->id() + "' occurs twice: one algorithm for each");
+  keys.push_back(std::move(*key));
+  return {};
+}
+
+Result<TokenRules> token_rules_from(const Config& config) {
+  TokenRules rules;
+  rules.audience = config.access.jwt_audience;
+  rules.issuer = config.access.jwt_issuer;
+  rules.leeway_s = config.access.jwt_leeway_s;
+  for (const std::string& text : config.access.jwt_keys) {
+    if (auto good = add_key(rules.keys, key_from_setting(text)); !good) {
+      return in_context("access.jwt_keys", good.error());
+    }
+  }
+  if (config.access.jwt_secret.empty()) return rules;
+  if (auto good = add_key(rules.keys, TokenKey::from_secret({}, config.access.jwt_secret)); !good) {
+    return in_context("access.jwt_secret", good.error());
+  }
+  return rules;
+}
+
+/// The scheme, host and port of an origin or "scheme://*.host".
+bool origin_matches(std::string_view pattern, std::string_view origin) {
+  if (pattern == "*" || pattern == origin) return true;
+  const auto star = pattern.find("://*.");
+  if (star == std::string_view::npos) return false;
+  const std::string_view scheme = pattern.substr(0, star + 3);
+  const std::string_view tail = pattern.substr(star + 4);
+  return origin.starts_with(scheme) && origin.ends_with(tail) && origin.size() > scheme.size() + tail.size() &&
+         origin.substr(scheme.size()).find('/') == std::string_view::npos;
+}
+
+bool is_listed(const std::vector<std::string>& origins, std::string_view origin) {
+  return std::any_of(origins.begin(), origins.end(),
+                     [&](const std::string& pattern) { return origin_matches(pattern, origin); });
+}
+
+/// A page of this machine by its name, too: that a page's origin equals the Host header means nothing here, because a
+/// foreign name can be made to resolve to 127.0.0.1 (DNS rebinding).
+bool is_local_page(std::string_view origin) {
+  const auto scheme = origin.find("://");
+  if (scheme == std::string_view::npos) return false;
+  std::string_view host = origin.substr(scheme + 3);
+  host = host.starts_with('[') ? host.substr(1, host.find(']') - 1) : host.substr(0, host.find(':'));
+  const auto address = IpAddress::from_text(host);
+  return host == "localhost" || (address && address->is_loopback());
+}
+
+std::string_view bearer_of(std::string_view header) {
+  constexpr std::string_view kScheme = "bearer ";
+  if (header.size() < kScheme.size()) return {};
+  for (std::size_t i = 0; i < kScheme.size(); ++i) {
+    const char c = header[i];
+    if ((c >= 'A' && c <= 'Z' ? c - 'A' + 'a' : c) != kScheme[i]) return {};
+  }
+  header.remove_prefix(kScheme.size());
+  while (header.starts_with(' ')) header.remove_prefix(1);
+  while (header.ends_with(' ')) header.remove_suffix(1);
+  return header;
+}
+
+Denial denial(int status, std::string message, bool failed_login = false) {
+  return {status, std::move(message), 0, failed_login};
+}
+
+}  // namespace
+
+Result<TokenKey> key_from_setting(const std::string& text) {
+  const auto first = text.find(' ');
+  const auto second = first == std::string::npos ? first : text.find(' ', first + 1);
+  if (second == std::string::npos || first == 0) {
+    return fail(
+        ErrorCode::kInvalidArgument,
+        "'" + text + "' is no key: write \"KEY-ID ALGORITHM FILE\", like \"main ES256 /etc/eigencast/main.pem\"");
+  }
+  const auto algorithm = algorithm_from_name(std::string_view(text).substr(first + 1, second - first - 1));
+  if (!algorithm) return algorithm.error();
+  return TokenKey::from_file(text.substr(0, first), *algorithm, text.substr(second + 1));
+}
+
+Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Config& config) {
+  auto policy = std::make_shared<AccessPolicy>();
+  const std::string& anonymous = config.access.anonymous;
+  policy->anonymous_ = anonymous == "nowhere"    ? Anonymous::kNobody
+                       : anonymous == "anywhere" ? Anonymous::kAnywhere
+                                                 : Anonymous::kLoopback;
+  auto publish = StreamPatterns::from(config.access.anonymous_publish);
+  if (!publish) return in_context("access.anonymous_publish", publish.error());
+  auto subscribe = StreamPatterns::from(config.access.anonymous_subscribe);
+  if (!subscribe) return in_context("access.anonymous_subscribe", subscribe.error());
+  policy->anonymous_rights_ = {std::move(*publish), std::move(*subscribe), false};
+  auto rules = token_rules_from(config);
+  if (!rules) return rules.error();
+  policy->tokens_ = std::move(*rules);
+  if (!config.access.tokens_file.empty()) {
+    auto file = TokenFile::from_file(config.access.tokens_file);
+    if (!file) return in_context("access.tokens_file", file.error());
+    policy->static_tokens_ = std::move(*file);
+  }
+  policy->origins_ = config.access.origins;
+  for (const std::string& text : config.proxy.trusted) {
+    const auto range = IpRange::from_text(text);
+    if (!range) return in_context("proxy.trusted", range.error());
+    policy->proxies_.push_back(*range);
+  }
+  return std::shared_ptr<const AccessPolicy>(std::move(policy));
+}
+
+bool AccessPolicy::is_trusted_proxy(const IpAddress& address) const {
+  return std::any_of(proxies_.begin(), proxies_.end(), [&](const IpRange& range) { return range.contains(address); });
+}
+
+bool AccessPolicy::allows_origin(const AccessRequest& request) const {
+  if (request.origin.empty()) return true;
+  const bool proxied = !request.forwarded_host.empty() && is_trusted_proxy(request.peer);
+  const std::string& host = proxied ? request.forwarded_host : request.host;
+  if (!host.empty() && (request.origin == "http://" + host || request.origin == "https://" + host)) return true;
+  return is_listed(origins_, request.origin);
+}
+
+std::variant<Identity, Denial> AccessPolicy::identify(const AccessRequest& request, std::int64_t now_unix_s) const {
+  Identity identity;
+  identity.sender = sender(request);
+  if (!allows_origin(request)) {
+    return denial(403, "pages of this origin may not use this broker: name it in access.origins");
+  }
+  if (request.authorization.empty() && request.query_token.empty()) {
+    return identify_anonymous(request, std::move(identity));
+  }
+  if (!request.authorization.empty() && !request.query_token.empty()) {
+    return denial(400, "send one token: in the Authorization header or as access_token, not both");
+  }
+  const std::string_view token =
+      request.query_token.empty() ? bearer_of(request.authorization) : std::string_view(request.query_token);
+  if (token.empty() || token.size() > kMaxTokenBytes) {
+    return denial(401, "Authorization must be: Bearer TOKEN, with a token of at most 8 KiB", true);
+  }
+  return identify_token(token, std::move(identity), now_unix_s);
+}
+
+std::variant<Identity, Denial> AccessPolicy::identify_token(std::string_view token, Identity identity,
+                                                            std::int64_t now_s) const {
+  if (token.find('.') == std::string_view::npos) {
+    const StaticToken* known = static_tokens_.find(token);
+    if (known == nullptr) return denial(401, "this broker does not know the token: get one from whoever runs it", true);
+    identity.name = "token '" + known->name + "'";
+    identity.key = "file " + known->name;
+    identity.rights = known->rights;
+    return identity;
+  }
+  auto claims = verify_token(token, tokens_, now_s);
+  if (!claims) return denial(401, claims.error().message, true);
+  identity.name =
+      claims->subject.empty() ? "a token of key '" + claims->key_id + "'" : "token '" + claims->subject + "'";
+  identity.key = "jwt " + claims->key_id + " " + claims->subject;
+  identity.rights = std::move(claims->rights);
+  identity.expires_s = claims->expires_s + tokens_.leeway_s;
+  return identity;
+}
+
+bool AccessPolicy::is_local(const AccessRequest& request) const {
+  const Sender from = sender(request);
+  return from.address.is_loopback() && !from.uncertain &&
+         (request.origin.empty() || is_local_page(request.origin) || is_listed(origins_, request.origin));
+}
+
+std::variant<Identity, Denial> AccessPolicy::identify_anonymous(const AccessRequest& request, Identity identity) const {
+  const bool local = is_local(request);
+  if (anonymous_ == Anonymous::kNobody || (anonymous_ == Anonymous::kLoopback && !local)) {
+    std::string why = "this broker asks for a token: give it with --token or EIGENCAST_TOKEN";
+    if (identity.sender.uncertain && identity.sender.address.is_loopback()) {
+      why += " (the request came through a proxy that is not in proxy.trusted, so it does not count as local)";
+    }
+    return denial(401, std::move(why));
+  }
+  identity.name = "anonymous";
+  identity.rights = anonymous_rights_;
+  return identity;
+}
+
+}  // namespace eigencast::broker

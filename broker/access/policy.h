@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <variant>
+#include <vector>
+
+#include "broker/access/address.h"
+#include "broker/access/jwt.h"
+#include "broker/access/token_file.h"
+#include "broker/config/config.h"
+
+/// Who may do what. Everything here decides from what it is given, times included; nothing here has a socket.
+namespace eigencast::broker {
+
+/// What a request says of its sender.
+struct AccessRequest {
+  IpAddress peer;             ///< Of the socket.
+  std::string authorization;  ///< The header.
+  std::string query_token;    ///< access_token of the query, for browsers, whose WebSockets send no headers.
+  std::string origin;         ///< The header: browsers send it.
+  std::string host;           ///< The header, or X-Forwarded-Host of a trusted proxy.
+  std::string forwarded_host;
+  ForwardedHeaders forwarded;
+};
+
+/// Why not, as HTTP says it.
+struct Denial {
+  int status = 403;       ///< 400, 401, 403 or 429.
+  std::string message;    ///< For people: what is wrong and what to do.
+  int retry_after_s = 0;  ///< 429 only.
+  bool failed_login = false;
+};
+
+/// Whom a request comes from.
+struct Identity {
+  std::string name;  ///< For logs: "token 'camera-1'", "anonymous".
+  std::string key;   ///< Whom the limits of tokens count as one; empty: nobody (anonymous).
+  Sender sender;
+  Rights rights;
+  std::optional<std::int64_t> expires_s;
+};
+
+/// A key as the settings write it: "KEY-ID ALGORITHM FILE". Errors: those of TokenKey::from_file().
+Result<TokenKey> key_from_setting(const std::string& text);
+
+/// The rules: keys, tokens, patterns, origins, proxies. Made from the configuration; immutable and thread-safe.
+class AccessPolicy {
+ public:
+  /// Reads the files that the configuration names. Errors: kInvalidArgument, kNotFound, kRefused, naming the setting.
+  static Result<std::shared_ptr<const AccessPolicy>> from_config(const Config& config);
+
+  std::variant<Identity, Denial> identify(const AccessRequest& request, std::int64_t now_unix_s) const;
+  bool is_trusted_proxy(const IpAddress& address) const;
+  Sender sender(const AccessRequest& request) const { return sender_of(request.peer, request.forwarded, proxies_); }
+  /// Whether a browser's page of this origin may use the broker. Only browsers send an origin; it keeps other sites'
+  /// pages from using what their visitor may reach.
+  bool allows_origin(const AccessRequest& request) const;
+  /// Whether a request comes from this very machine, and not from another site's page in a browser on it.
+  bool is_local(const AccessRequest& request) const;
+  /// Whether anybody can show who they are.
+  bool has_tokens() const { return !tokens_.keys.empty() || static_tokens_.size() > 0; }
+  const TokenRules& token_rules() const { return tokens_; }
+
+ private:
+  std::variant<Identity, Denial> identify_token(std::string_view token, Identity identity, std::int64_t now_s) const;
+  std::variant<Identity, Denial> identify_anonymous(const AccessRequest& request, Identity identity) const;
+
+  enum class Anonymous { kNobody, kLoopback, kAnywhere };
+  Anonymous anonymous_ = Anonymous::kLoopback;
+  Rights anonymous_rights_;
+  TokenRules tokens_;
+  TokenFile static_tokens_;
+  std::vector<std::string> origins_;
+  std::vector<IpRange> proxies_;
+};
+
+}  // namespace eigencast::broker

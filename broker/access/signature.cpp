@@ -1,0 +1,236 @@
+// SPDX-License-Identifier: MIT
+#include "broker/access/signature.h"
+
+#include <openssl/bio.h>
+#include <openssl/bn.h>
+#include <openssl/crypto.h>
+#include <openssl/ec.h>
+#include <openssl/ecdsa.h>
+#include <openssl/err.h>
+#include <openssl/evp.h>
+#include <openssl/hmac.h>
+#include <openssl/pem.h>
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <array>
+#include <fstream>
+
+namespace eigencast::broker {
+namespace {
+
+constexpr std::size_t kMaxFileBytes = 64 * 1024;
+constexpr int kLeastRsaBits = 2048;
+constexpr std::size_t kEs256Half = 32;
+
+struct Free {
+  void operator()(BIO* p) const { BIO_free(p); }
+  void operator()(EVP_MD_CTX* p) const { EVP_MD_CTX_free(p); }
+  void operator()(ECDSA_SIG* p) const { ECDSA_SIG_free(p); }
+};
+using Bio = std::unique_ptr<BIO, Free>;
+using DigestContext = std::unique_ptr<EVP_MD_CTX, Free>;
+using EcdsaSignature = std::unique_ptr<ECDSA_SIG, Free>;
+
+/// A PEM file with a passphrase must not make OpenSSL ask for it on the terminal.
+int no_passphrase(char*, int, int, void*) {
+  return -1;
+}
+
+const unsigned char* bytes_of(std::string_view text) {
+  return static_cast<const unsigned char*>(static_cast<const void*>(text.data()));
+}
+
+std::shared_ptr<EVP_PKEY> read_pem(std::string_view pem, bool private_half) {
+  const Bio bio(BIO_new_mem_buf(pem.data(), static_cast<int>(pem.size())));
+  EVP_PKEY* pair = private_half ? PEM_read_bio_PrivateKey(bio.get(), nullptr, no_passphrase, nullptr)
+                                : PEM_read_bio_PUBKEY(bio.get(), nullptr, no_passphrase, nullptr);
+  ERR_clear_error();
+  return {pair, EVP_PKEY_free};
+}
+
+bool is_p256(const EVP_PKEY* pair) {
+  std::array<char, 64> group{};
+  std::size_t length = 0;
+  return EVP_PKEY_get_group_name(pair, group.data(), group.size(), &length) == 1 &&
+         std::string_view(group.data(), length) == "prime256v1";
+}
+
+/// What is wrong with the key for this algorithm; empty: nothing.
+std::string misfit(const EVP_PKEY* pair, Algorithm algorithm) {
+  switch (algorithm) {
+    case Algorithm::kRs256:
+      if (EVP_PKEY_is_a(pair, "RSA") != 1) return "RS256 needs an RSA key";
+      return EVP_PKEY_get_bits(pair) < kLeastRsaBits ? "an RSA key needs at least 2048 bits" : "";
+    case Algorithm::kEs256:
+      return EVP_PKEY_is_a(pair, "EC") == 1 && is_p256(pair) ? "" : "ES256 needs a key on the curve P-256";
+    case Algorithm::kEdDsa:
+      return EVP_PKEY_is_a(pair, "ED25519") == 1 ? "" : "EdDSA needs an Ed25519 key";
+    case Algorithm::kHs256:
+      return "HS256 needs a secret, not a key pair";
+  }
+  return "unknown algorithm";
+}
+
+Bytes hmac(const std::string& secret, std::string_view message) {
+  Bytes out(EVP_MAX_MD_SIZE);
+  unsigned int size = 0;
+  HMAC(EVP_sha256(), secret.data(), static_cast<int>(secret.size()), bytes_of(message), message.size(), out.data(),
+       &size);
+  out.resize(size);
+  return out;
+}
+
+/// JWS writes ECDSA signatures as r and s, 32 bytes each (RFC 7518, 3.4); OpenSSL as DER. Empty: not 64 bytes.
+Bytes der_from_pair(ByteView pair) {
+  if (pair.size() != 2 * kEs256Half) return {};
+  const EcdsaSignature signature(ECDSA_SIG_new());
+  BIGNUM* r = BN_bin2bn(pair.data(), kEs256Half, nullptr);
+  BIGNUM* s = BN_bin2bn(pair.data() + kEs256Half, kEs256Half, nullptr);
+  if (!signature || ECDSA_SIG_set0(signature.get(), r, s) != 1) {
+    BN_free(r);
+    BN_free(s);
+    return {};
+  }
+  Bytes der(static_cast<std::size_t>(std::max(0, i2d_ECDSA_SIG(signature.get(), nullptr))));
+  unsigned char* at = der.data();
+  if (der.empty() || i2d_ECDSA_SIG(signature.get(), &at) <= 0) return {};
+  return der;
+}
+
+Bytes pair_from_der(const Bytes& der) {
+  const unsigned char* at = der.data();
+  const EcdsaSignature signature(d2i_ECDSA_SIG(nullptr, &at, static_cast<long>(der.size())));
+  Bytes pair(2 * kEs256Half);
+  if (!signature || BN_bn2binpad(ECDSA_SIG_get0_r(signature.get()), pair.data(), kEs256Half) < 0 ||
+      BN_bn2binpad(ECDSA_SIG_get0_s(signature.get()), pair.data() + kEs256Half, kEs256Half) < 0) {
+    return {};
+  }
+  return pair;
+}
+
+Error cannot_open(const std::string& path) {
+  return fail(ErrorCode::kNotFound, path + ": cannot be opened: check the path and its permissions");
+}
+
+Result<std::string> read_small_file(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  if (!file) return cannot_open(path);
+  std::string text(kMaxFileBytes + 1, '\0');
+  file.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(file.gcount()));
+  if (text.size() > kMaxFileBytes) return fail(ErrorCode::kTooLarge, path + ": is over 64 KiB");
+  return text;
+}
+
+Result<void> check_closed(const std::string& path) {
+  struct stat facts {};
+  if (::stat(path.c_str(), &facts) != 0) return cannot_open(path);
+  constexpr mode_t kTooOpen = S_IWGRP | S_IXGRP | S_IRWXO;
+  if (!S_ISREG(facts.st_mode) || (facts.st_mode & kTooOpen) == 0) return {};
+  return fail(ErrorCode::kRefused,
+              path + ": holds secrets, but others than its owner and group can get at it: chmod 640 " + path);
+}
+
+const EVP_MD* digest_of(Algorithm algorithm) {
+  return algorithm == Algorithm::kEdDsa ? nullptr : EVP_sha256();
+}
+
+}  // namespace
+
+std::string_view name_of(Algorithm algorithm) {
+  constexpr std::string_view kNames[] = {"HS256", "RS256", "ES256", "EdDSA"};
+  return kNames[static_cast<std::size_t>(algorithm)];
+}
+
+Result<Algorithm> algorithm_from_name(std::string_view name) {
+  for (const auto algorithm : {Algorithm::kHs256, Algorithm::kRs256, Algorithm::kEs256, Algorithm::kEdDsa}) {
+    if (name_of(algorithm) == name) return algorithm;
+  }
+  return fail(ErrorCode::kInvalidArgument,
+              "'" + std::string(name.substr(0, 32)) + "' is no algorithm for tokens: HS256, RS256, ES256 or EdDSA");
+}
+
+Result<TokenKey> TokenKey::from_secret(std::string id, std::string secret) {
+  if (std::string_view(secret).find("-----BEGIN") != std::string_view::npos) {
+    return fail(ErrorCode::kInvalidArgument, "a PEM file is no secret for HS256: name its own algorithm instead");
+  }
+  if (secret.size() < kLeastSecretBytes) {
+    return fail(ErrorCode::kInvalidArgument, "an HS256 secret needs at least 32 bytes (openssl rand -base64 48)");
+  }
+  TokenKey key(std::move(id), Algorithm::kHs256);
+  key.secret_ = std::move(secret);
+  key.private_ = true;
+  return key;
+}
+
+Result<TokenKey> TokenKey::from_pem(std::string id, Algorithm algorithm, std::string_view pem) {
+  TokenKey key(std::move(id), algorithm);
+  key.pair_ = read_pem(pem, true);
+  key.private_ = key.pair_ != nullptr;
+  if (!key.pair_) key.pair_ = read_pem(pem, false);
+  if (!key.pair_) {
+    return fail(ErrorCode::kInvalidArgument, "there is no public or private key in PEM (without passphrase) here");
+  }
+  if (const std::string why = misfit(key.pair_.get(), algorithm); !why.empty()) {
+    return fail(ErrorCode::kInvalidArgument, why);
+  }
+  return key;
+}
+
+Result<TokenKey> TokenKey::from_file(std::string id, Algorithm algorithm, const std::string& path) {
+  auto text = read_small_file(path);
+  if (!text) return text.error();
+  const bool is_secret = algorithm == Algorithm::kHs256;
+  while (is_secret && (text->ends_with('\n') || text->ends_with('\r'))) text->pop_back();
+  auto key = is_secret ? from_secret(std::move(id), std::move(*text)) : from_pem(std::move(id), algorithm, *text);
+  if (!key) return in_context(path, key.error());
+  if (!key->can_sign()) return key;  // A public key is for everybody.
+  if (auto closed = check_closed(path); !closed) return closed.error();
+  return key;
+}
+
+bool TokenKey::verifies(std::string_view message, ByteView signature) const {
+  if (algorithm_ == Algorithm::kHs256) {
+    const Bytes wanted = hmac(secret_, message);
+    return signature.size() == wanted.size() && CRYPTO_memcmp(signature.data(), wanted.data(), wanted.size()) == 0;
+  }
+  Bytes der;
+  if (algorithm_ == Algorithm::kEs256) {
+    der = der_from_pair(signature);
+    signature = der;
+  }
+  if (signature.empty()) return false;
+  const DigestContext context(EVP_MD_CTX_new());
+  const bool good =
+      EVP_DigestVerifyInit(context.get(), nullptr, digest_of(algorithm_), nullptr, pair_.get()) == 1 &&
+      EVP_DigestVerify(context.get(), signature.data(), signature.size(), bytes_of(message), message.size()) == 1;
+  ERR_clear_error();
+  return good;
+}
+
+Result<Bytes> TokenKey::sign(std::string_view message) const {
+  if (!private_) {
+    return fail(ErrorCode::kUnsupported, "key '" + id_ + "' is a public key, which can check tokens but not sign them");
+  }
+  if (algorithm_ == Algorithm::kHs256) return hmac(secret_, message);
+  const DigestContext context(EVP_MD_CTX_new());
+  std::size_t size = 0;
+  Bytes signature;
+  bool good = EVP_DigestSignInit(context.get(), nullptr, digest_of(algorithm_), nullptr, pair_.get()) == 1 &&
+              EVP_DigestSign(context.get(), nullptr, &size, bytes_of(message), message.size()) == 1;
+  signature.resize(good ? size : 0);
+  good = good && EVP_DigestSign(context.get(), signature.data(), &size, bytes_of(message), message.size()) == 1;
+  ERR_clear_error();
+  signature.resize(good ? size : 0);
+  if (good && algorithm_ == Algorithm::kEs256) signature = pair_from_der(signature);
+  if (signature.empty()) return fail(ErrorCode::kInternal, "signing with key '" + id_ + "' failed");
+  return signature;
+}
+
+Result<std::string> read_secret_file(const std::string& path) {
+  if (auto closed = check_closed(path); !closed) return closed.error();
+  return read_small_file(path);
+}
+
+}  // namespace eigencast::broker

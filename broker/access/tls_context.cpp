@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: MIT
+#include "broker/access/tls_context.h"
+
+#include <openssl/asn1.h>
+#include <openssl/err.h>
+#include <openssl/ssl.h>
+#include <openssl/x509.h>
+
+#include <array>
+#include <ctime>
+#include <string>
+#include <string_view>
+
+#include "broker/access/signature.h"
+
+namespace eigencast::broker {
+namespace {
+
+constexpr std::string_view kSessionContext = "eigencast";
+
+/// What OpenSSL says was wrong last.
+std::string reason() {
+  std::array<char, 256> text{};
+  const unsigned long code = ERR_peek_last_error();
+  ERR_error_string_n(code, text.data(), text.size());
+  ERR_clear_error();
+  const char* plain = ERR_reason_error_string(code);
+  return plain != nullptr ? plain : text.data();
+}
+
+Error wrong(const char* setting, const std::string& path, const std::string& why) {
+  return fail(ErrorCode::kInvalidArgument, std::string(setting) + " = " + path + ": " + why);
+}
+
+/// A key with a passphrase must not make OpenSSL ask for it on the terminal.
+int no_passphrase(char*, int, int, void*) {
+  return -1;
+}
+
+/// HTTP/1.1 is all that is spoken here; who offers only others (h2) is told so by the handshake.
+int choose_protocol(SSL*, const unsigned char** out, unsigned char* out_size, const unsigned char* in,
+                    unsigned int in_size, void*) {
+  static constexpr unsigned char kHttp[] = "\x08http/1.1";
+  unsigned char* chosen = nullptr;
+  const int found = SSL_select_next_proto(&chosen, out_size, kHttp, sizeof(kHttp) - 1, in, in_size);
+  *out = chosen;
+  return found == OPENSSL_NPN_NEGOTIATED ? SSL_TLSEXT_ERR_OK : SSL_TLSEXT_ERR_ALERT_FATAL;
+}
+
+Result<void> load_pair(SSL_CTX* context, const Config& config) {
+  if (SSL_CTX_use_certificate_chain_file(context, config.tls.certificate.c_str()) != 1) {
+    return wrong("tls.certificate", config.tls.certificate, "no certificate chain in PEM can be read: " + reason());
+  }
+  // Read for its permissions: the key is loaded by OpenSSL.
+  if (const auto closed = read_secret_file(config.tls.key); !closed) return in_context("tls.key", closed.error());
+  if (SSL_CTX_use_PrivateKey_file(context, config.tls.key.c_str(), SSL_FILETYPE_PEM) != 1) {
+    return wrong("tls.key", config.tls.key, "no private key in PEM for this certificate can be read: " + reason());
+  }
+  if (SSL_CTX_check_private_key(context) != 1) {
+    return wrong("tls.key", config.tls.key, "is not the key of tls.certificate: " + reason());
+  }
+  return {};
+}
+
+Result<void> ask_clients(SSL_CTX* context, const Config& config) {
+  if (config.tls.client_ca.empty()) return {};
+  const char* file = config.tls.client_ca.c_str();
+  STACK_OF(X509_NAME)* names = SSL_load_client_CA_file(file);
+  if (names == nullptr || SSL_CTX_load_verify_file(context, file) != 1) {
+    sk_X509_NAME_pop_free(names, X509_NAME_free);
+    return wrong("tls.client_ca", config.tls.client_ca, "no certificates in PEM can be read: " + reason());
+  }
+  SSL_CTX_set_client_CA_list(context, names);
+  const int require = config.tls.require_client_certificate ? SSL_VERIFY_FAIL_IF_NO_PEER_CERT : 0;
+  SSL_CTX_set_verify(context, SSL_VERIFY_PEER | require, nullptr);
+  return {};
+}
+
+}  // namespace
+
+Result<std::shared_ptr<SSL_CTX>> make_tls_context(const Config& config) {
+  if (config.tls.certificate.empty()) return std::shared_ptr<SSL_CTX>();
+  const std::shared_ptr<SSL_CTX> context(SSL_CTX_new(TLS_server_method()), SSL_CTX_free);
+  if (!context) return fail(ErrorCode::kInternal, "no TLS: " + reason());
+  const bool only_13 = config.tls.least_version == "1.3";
+  SSL_CTX_set_min_proto_version(context.get(), only_13 ? TLS1_3_VERSION : TLS1_2_VERSION);
+  SSL_CTX_set_options(context.get(), SSL_OP_NO_COMPRESSION | SSL_OP_NO_RENEGOTIATION | SSL_OP_CIPHER_SERVER_PREFERENCE |
+                                         SSL_OP_PRIORITIZE_CHACHA);
+  SSL_CTX_set_mode(context.get(), SSL_MODE_RELEASE_BUFFERS);
+  SSL_CTX_set_default_passwd_cb(context.get(), no_passphrase);
+  SSL_CTX_set_alpn_select_cb(context.get(), choose_protocol, nullptr);
+  // Without it a client that shows a certificate cannot resume its session.
+  std::string id(kSessionContext);
+  SSL_CTX_set_session_id_context(context.get(), static_cast<unsigned char*>(static_cast<void*>(id.data())),
+                                 static_cast<unsigned int>(id.size()));
+  if (auto loaded = load_pair(context.get(), config); !loaded) return loaded.error();
+  if (auto asked = ask_clients(context.get(), config); !asked) return asked.error();
+  return context;
+}
+
+std::int64_t certificate_expires_s(const SSL_CTX* context) {
+  std::tm end{};
+  if (ASN1_TIME_to_tm(X509_get0_notAfter(SSL_CTX_get0_certificate(context)), &end) != 1) return 0;
+  return timegm(&end);
+}
+
+}  // namespace eigencast::broker

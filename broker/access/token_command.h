@@ -1,0 +1,22 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace eigencast::broker {
+
+/// What a command ends with.
+struct CommandEnd {
+  int code = 0;     ///< 0; 1: the token would be refused; 2: usage or configuration.
+  std::string out;  ///< For standard output.
+  std::string err;  ///< For standard error.
+};
+
+/// eigencast-broker token create|inspect ...; argv[0] is "token". `input` is asked for a token that is given as "-".
+CommandEnd token_command(int argc, const char* const* argv, std::span<const std::string_view> environment,
+                         std::int64_t now_unix_s, const std::string& input);
+
+}  // namespace eigencast::broker

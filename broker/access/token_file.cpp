@@ -1,0 +1,164 @@
+// SPDX-License-Identifier: MIT
+#include "broker/access/token_file.h"
+
+#include <openssl/rand.h>
+
+#include <algorithm>
+#include <array>
+#include <optional>
+#include <set>
+
+#include "broker/access/signature.h"
+
+namespace eigencast::broker {
+namespace {
+
+constexpr std::string_view kHash = "sha256:";
+/// What a token begins with, so that one that leaked can be found by searching for it.
+constexpr std::string_view kMark = "ect_";
+constexpr std::size_t kMaxNameBytes = 64;
+
+ByteView bytes_of(std::string_view text) {
+  return {static_cast<const std::uint8_t*>(static_cast<const void*>(text.data())), text.size()};
+}
+
+bool is_name(std::string_view name) {
+  return !name.empty() && name.size() <= kMaxNameBytes && std::all_of(name.begin(), name.end(), [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' ||
+           c == '.' || c == '@';
+  });
+}
+
+std::vector<std::string_view> words_of(std::string_view line) {
+  std::vector<std::string_view> words;
+  constexpr std::string_view kBlanks = " \t\r";
+  while (true) {
+    const auto begin = line.find_first_not_of(kBlanks);
+    if (begin == std::string_view::npos) return words;
+    line.remove_prefix(begin);
+    const auto end = std::min(line.find_first_of(kBlanks), line.size());
+    words.push_back(line.substr(0, end));
+    line.remove_prefix(end);
+  }
+}
+
+Result<StreamPatterns> patterns_from(std::string_view list) {
+  std::vector<std::string> texts;
+  for (bool more = true; more;) {
+    const auto comma = list.find(',');
+    texts.emplace_back(list.substr(0, comma));
+    more = comma != std::string_view::npos;
+    if (more) list.remove_prefix(comma + 1);
+  }
+  return StreamPatterns::from(texts);
+}
+
+Result<void> take_right(std::string_view word, Rights& rights) {
+  if (word == "admin") {
+    rights.admin = true;
+    return {};
+  }
+  const bool publishes = word.starts_with("pub=");
+  if (!publishes && !word.starts_with("sub=")) {
+    return fail(ErrorCode::kInvalidArgument,
+                "'" + std::string(word.substr(0, 64)) + "' is none of: pub=PATTERNS, sub=PATTERNS, admin");
+  }
+  auto patterns = patterns_from(word.substr(4));
+  if (!patterns) return patterns.error();
+  (publishes ? rights.publish : rights.subscribe) = std::move(*patterns);
+  return {};
+}
+
+struct Line {
+  Sha256 hash;
+  StaticToken token;
+};
+
+Result<Line> line_from(std::string_view text) {
+  const auto words = words_of(text);
+  if (words.size() < 2 || !is_name(words[0])) {
+    return fail(ErrorCode::kInvalidArgument, "a line is: NAME sha256:HASH [pub=PATTERNS] [sub=PATTERNS] [admin]");
+  }
+  const auto hash = words[1].starts_with(kHash) ? Sha256::from_hex(words[1].substr(kHash.size())) : std::nullopt;
+  if (!hash) {
+    return fail(ErrorCode::kInvalidArgument,
+                "after the name comes sha256: and 64 hexadecimal digits, the hash of the token; make one with "
+                "eigencast-broker token create --static");
+  }
+  Line line{*hash, {std::string(words[0]), {}}};
+  for (std::size_t i = 2; i < words.size(); ++i) {
+    if (auto good = take_right(words[i], line.token.rights); !good) return good.error();
+  }
+  return line;
+}
+
+std::string joined(const std::vector<std::string>& items) {
+  std::string out;
+  for (const std::string& item : items) out += (out.empty() ? "" : ",") + item;
+  return out;
+}
+
+}  // namespace
+
+Result<TokenFile> TokenFile::from_text(std::string_view text, const std::string& name) {
+  TokenFile file;
+  std::set<std::string> names;
+  for (std::size_t number = 1; !text.empty(); ++number) {
+    const auto end = std::min(text.find('\n'), text.size());
+    const std::string_view line = text.substr(0, end);
+    text.remove_prefix(std::min(end + 1, text.size()));
+    const auto words = words_of(line);
+    if (words.empty() || words[0].starts_with('#')) continue;
+    const std::string where = name + ":" + std::to_string(number);
+    auto parsed = line_from(line);
+    if (!parsed) return in_context(where, parsed.error());
+    if (file.tokens_.size() == kMaxTokens) {
+      return in_context(where, fail(ErrorCode::kInvalidArgument, "more than 10000 tokens: use signed ones"));
+    }
+    const std::string token_name = parsed->token.name;
+    if (!names.insert(token_name).second || !file.tokens_.emplace(parsed->hash, std::move(parsed->token)).second) {
+      return in_context(where, fail(ErrorCode::kInvalidArgument, "'" + token_name +
+                                                                     "' has the name or the hash of an "
+                                                                     "earlier line"));
+    }
+  }
+  return file;
+}
+
+Result<TokenFile> TokenFile::from_file(const std::string& path) {
+  const auto text = read_secret_file(path);
+  if (!text) return text.error();
+  return from_text(*text, path);
+}
+
+const StaticToken* TokenFile::find(std::string_view token) const {
+  const auto found = tokens_.find(sha256(bytes_of(token)));
+  return found == tokens_.end() ? nullptr : &found->second;
+}
+
+Result<NewStaticToken> create_static_token(const std::string& name, const std::vector<std::string>& publish,
+                                           const std::vector<std::string>& subscribe, bool admin) {
+  if (!is_name(name)) {
+    return fail(
+        ErrorCode::kInvalidArgument,
+        "'" + name.substr(0, kMaxNameBytes) + "' is no name for a token: 1 to 64 letters, digits and any of - _ . @");
+  }
+  for (const auto* patterns : {&publish, &subscribe}) {
+    if (auto good = StreamPatterns::from(*patterns); !good) return good.error();
+  }
+  std::array<unsigned char, 32> random{};
+  if (RAND_bytes(random.data(), static_cast<int>(random.size())) != 1) {
+    return fail(ErrorCode::kInternal, "the system gives no random numbers");
+  }
+  Sha256 digits;
+  std::copy(random.begin(), random.end(), digits.digest.begin());
+  NewStaticToken made;
+  made.token = std::string(kMark) + digits.hex();
+  made.line = name + " " + std::string(kHash) + sha256(bytes_of(made.token)).hex();
+  if (!publish.empty()) made.line += " pub=" + joined(publish);
+  if (!subscribe.empty()) made.line += " sub=" + joined(subscribe);
+  if (admin) made.line += " admin";
+  return made;
+}
+
+}  // namespace eigencast::broker

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <map>
+#include <string>
+#include <string_view>
+
+#include "broker/access/patterns.h"
+#include "common/core/hash/sha256.h"
+
+/// Tokens without keys and clocks, for small set-ups: a file of one line each, in which only their hashes stand.
+///
+///   # a comment
+///   NAME sha256:64-HEX-DIGITS [pub=PATTERN,PATTERN] [sub=PATTERN,...] [admin]
+///
+/// `eigencast-broker token create --static` makes token and line. Such a token is 256 random bits, which is why one
+/// round of SHA-256 is enough: there is nothing to guess.
+namespace eigencast::broker {
+
+struct StaticToken {
+  std::string name;
+  Rights rights;
+};
+
+class TokenFile {
+ public:
+  static constexpr std::size_t kMaxTokens = 10'000;
+
+  TokenFile() = default;
+  /// Errors: kInvalidArgument, with the line (`name` stands before it): malformed, unknown word, bad pattern, a name or
+  /// a hash that occurs twice.
+  static Result<TokenFile> from_text(std::string_view text, const std::string& name);
+  /// Errors: those, kNotFound, kTooLarge, kRefused (others can read it).
+  static Result<TokenFile> from_file(const std::string& path);
+
+  /// Null: no such token.
+  const StaticToken* find(std::string_view token) const;
+  std::size_t size() const { return tokens_.size(); }
+
+ private:
+  std::map<Sha256, StaticToken> tokens_;
+};
+
+/// A new token and its line for the file.
+struct NewStaticToken {
+  std::string token;
+  std::string line;
+};
+/// Errors: kInvalidArgument (name, patterns), kInternal (no random numbers).
+Result<NewStaticToken> create_static_token(const std::string& name, const std::vector<std::string>& publish,
+                                           const std::vector<std::string>& subscribe, bool admin);
+
+}  // namespace eigencast::broker

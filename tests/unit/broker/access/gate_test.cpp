@@ -1,0 +1,299 @@
+// SPDX-License-Identifier: MIT
+#include "broker/access/gate.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+namespace eigencast::broker {
+namespace {
+
+using ::testing::HasSubstr;
+
+constexpr const char* kSecret = "a secret of more than thirty-two bytes";
+constexpr std::int64_t kNow = 1'800'000'000;
+constexpr TimeUs kSecond = 1'000'000;
+
+std::string token_for(const std::string& subject, std::vector<std::string> publish, std::vector<std::string> subscribe,
+                      bool admin = false, std::int64_t expires_s = kNow + 60) {
+  return create_token({subject, "eigencast", "", std::move(publish), std::move(subscribe), admin, kNow, expires_s},
+                      TokenKey::from_secret("", kSecret).value())
+      .value();
+}
+
+AccessRequest request_from(const char* peer, const std::string& token = {}) {
+  AccessRequest request;
+  request.peer = IpAddress::from_text(peer).value();
+  if (!token.empty()) request.authorization = "Bearer " + token;
+  request.host = "broker.example:7490";
+  return request;
+}
+
+class GateTest : public ::testing::Test {
+ protected:
+  GateTest() { config_.access.jwt_secret = kSecret; }
+
+  Gate& gate() {
+    if (!gate_) gate_ = std::make_unique<Gate>(config_, AccessPolicy::from_config(config_).value());
+    return *gate_;
+  }
+  GrantPtr let_in(const AccessRequest& request, TimeUs now_us = 0) {
+    auto admitted = gate().admit(request, now_us, kNow);
+    if (auto* grant = std::get_if<GrantPtr>(&admitted)) return *grant;
+    ADD_FAILURE() << std::get<Denial>(admitted).message;
+    return nullptr;
+  }
+  Denial turned_away(const AccessRequest& request, TimeUs now_us = 0) {
+    auto admitted = gate().admit(request, now_us, kNow);
+    if (auto* denied = std::get_if<Denial>(&admitted)) return *denied;
+    ADD_FAILURE() << "was let in as " << std::get<GrantPtr>(admitted)->label();
+    return {};
+  }
+
+  Config config_;
+  std::unique_ptr<Gate> gate_;
+};
+
+TEST_F(GateTest, WhoShowsNothingIsAnonymousOnLoopbackOnly) {
+  EXPECT_TRUE(let_in(request_from("127.0.0.1"))->may_publish("any/stream"));
+  EXPECT_TRUE(let_in(request_from("::1"))->may_subscribe("any/stream"));
+  EXPECT_FALSE(let_in(request_from("::1"))->may_administer());
+  const Denial denied = turned_away(request_from("192.168.1.9"));
+  EXPECT_EQ(denied.status, 401);
+  EXPECT_FALSE(denied.failed_login) << "nothing was tried";
+  EXPECT_THAT(denied.message, HasSubstr("EIGENCAST_TOKEN"));
+}
+
+TEST_F(GateTest, AProxyThatNobodyNamedMakesNobodyLocal) {
+  auto request = request_from("127.0.0.1");
+  request.forwarded.x_forwarded_for = "127.0.0.1";
+  EXPECT_THAT(turned_away(request).message, HasSubstr("proxy.trusted"));
+  config_.proxy.trusted = {"127.0.0.1"};
+  gate_.reset();
+  request.forwarded.x_forwarded_for = "8.8.8.8";
+  EXPECT_EQ(turned_away(request).status, 401);
+  request.forwarded.x_forwarded_for = "127.0.0.1";
+  EXPECT_TRUE(let_in(request));
+}
+
+TEST_F(GateTest, AnonymousRightsAreThoseOfTheConfiguration) {
+  config_.access.anonymous = "anywhere";
+  config_.access.anonymous_publish = {};
+  config_.access.anonymous_subscribe = {"public/**"};
+  const auto grant = let_in(request_from("8.8.8.8"));
+  EXPECT_FALSE(grant->may_publish("public/a"));
+  EXPECT_TRUE(grant->may_subscribe("public/a"));
+  EXPECT_THAT(grant->may_subscribe("private").error().message, HasSubstr("only 'public/**'"));
+  EXPECT_FALSE(grant->may_store_assets());
+  EXPECT_TRUE(grant->may_fetch_assets());
+  EXPECT_TRUE(grant->may_see("public/a"));
+  EXPECT_FALSE(grant->may_see("private"));
+  config_.access.anonymous = "nowhere";
+  gate_.reset();
+  EXPECT_EQ(turned_away(request_from("127.0.0.1")).status, 401);
+}
+
+TEST_F(GateTest, ATokenGrantsItsRightsWhereverItsHolderIs) {
+  const auto grant = let_in(request_from("8.8.8.8", token_for("camera-1", {"lab/**"}, {})));
+  EXPECT_EQ(grant->label(), "token 'camera-1' from 8.8.8.8");
+  EXPECT_TRUE(grant->may_publish("lab/horse"));
+  EXPECT_THAT(grant->may_subscribe("lab/horse").error().message, HasSubstr("token create --subscribe 'lab/horse'"));
+  auto in_query = request_from("8.8.8.8");
+  in_query.query_token = token_for("viewer", {}, {"**"});
+  EXPECT_TRUE(let_in(in_query)->may_subscribe("a"));
+  in_query.authorization = "Bearer x";
+  EXPECT_EQ(turned_away(in_query).status, 400);
+}
+
+TEST_F(GateTest, AWrongTokenIsNotAnonymous) {
+  for (const char* header : {"Bearer ", "Bearer x", "Bearer a.b.c", "Basic dTpw", "Bearer", "x"}) {
+    auto request = request_from("127.0.0.1");
+    request.authorization = header;
+    const Denial denied = turned_away(request, kSecond * 100'000);
+    EXPECT_EQ(denied.status, 401) << header;
+    EXPECT_TRUE(denied.failed_login) << header;
+  }
+}
+
+TEST_F(GateTest, FailuresSlowTheirAddressDownAndNobodyElse) {
+  config_.access.failures_per_minute = 6;
+  const auto wrong = request_from("8.8.8.8", "a.b.c");
+  for (int i = 0; i < 6; ++i) EXPECT_EQ(turned_away(wrong).status, 401);
+  const Denial slowed = turned_away(wrong);
+  EXPECT_EQ(slowed.status, 429);
+  EXPECT_EQ(slowed.retry_after_s, 11);
+  const std::string good = token_for("a", {}, {"**"});
+  EXPECT_EQ(turned_away(request_from("8.8.8.8", good)).status, 429) << "else a right guess would stand out";
+  EXPECT_TRUE(let_in(request_from("8.8.8.9", good)));
+  EXPECT_TRUE(let_in(request_from("8.8.8.8", good), 11 * kSecond));
+  EXPECT_EQ(turned_away(wrong, 11 * kSecond).status, 401);
+  EXPECT_EQ(turned_away(wrong, 11 * kSecond).status, 429);
+}
+
+TEST_F(GateTest, AnExpiredTokenEndsConnectionsIfAsked) {
+  const auto grant = let_in(request_from("8.8.8.8", token_for("a", {}, {"**"}, false, kNow + 60)));
+  EXPECT_FALSE(grant->has_expired(kNow + 89)) << "the leeway counts";
+  EXPECT_TRUE(grant->has_expired(kNow + 90));
+  config_.access.expiry_disconnects = false;
+  EXPECT_FALSE(grant->has_expired(kNow + 90));
+  EXPECT_FALSE(let_in(request_from("127.0.0.1"))->has_expired(kNow * 2));
+}
+
+TEST_F(GateTest, SharesAreLimitedByAddressAndByTokenAndComeBack) {
+  config_.per_address.connections = 3;
+  config_.per_token.connections = 2;
+  const std::string token = token_for("a", {}, {"**"});
+  auto first = let_in(request_from("1.1.1.1", token));
+  EXPECT_TRUE(first->take(Share::kConnection));
+  auto second = let_in(request_from("2.2.2.2", token));
+  EXPECT_TRUE(second->take(Share::kConnection));
+  auto third = let_in(request_from("1.1.1.1", token));
+  EXPECT_THAT(third->take(Share::kConnection).error().message, HasSubstr("token 'a' has reached"));
+  const auto other = let_in(request_from("1.1.1.1", token_for("b", {}, {"**"})));
+  EXPECT_TRUE(other->take(Share::kConnection));
+  EXPECT_TRUE(other->take(Share::kConnection)) << "what the token refused was not counted to the address";
+  EXPECT_THAT(other->take(Share::kStream), ::testing::Truly([](const auto& r) { return r.has_value(); }));
+  const auto anonymous = let_in(request_from("127.0.0.1"));
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(anonymous->take(Share::kConnection));
+  EXPECT_THAT(anonymous->take(Share::kConnection).error().message, HasSubstr("per_address.connections = 3"));
+  second.reset();
+  EXPECT_FALSE(third->take(Share::kConnection)) << "the address is full now";
+  first.reset();
+  EXPECT_TRUE(third->take(Share::kConnection));
+  third->give_back(Share::kConnection);
+  EXPECT_TRUE(third->take(Share::kConnection));
+}
+
+TEST_F(GateTest, ConnectionsCountBeforeAnythingIsRead) {
+  config_.per_address.connections = 1;
+  config_.proxy.trusted = {"10.0.0.1"};
+  const auto stranger = IpAddress::from_text("8.8.8.8").value();
+  auto grant = gate().accept(stranger, 0);
+  EXPECT_TRUE(grant);
+  EXPECT_FALSE(gate().accept(stranger, 0));
+  grant.reset();
+  EXPECT_TRUE(gate().accept(stranger, 0));
+  const auto proxy = IpAddress::from_text("10.0.0.1").value();
+  const auto one = gate().accept(proxy, 0);
+  EXPECT_TRUE(one && gate().accept(proxy, 0)) << "a proxy carries many";
+}
+
+TEST_F(GateTest, MessagesAndUploadsFlowAtTheirPace) {
+  config_.per_address.messages_per_s = 10;
+  config_.per_address.upload_bytes_per_hour = 3600;
+  const auto grant = let_in(request_from("127.0.0.1"));
+  for (int i = 0; i < 10; ++i) EXPECT_TRUE(grant->take_message(0)) << i;
+  EXPECT_FALSE(grant->take_message(0));
+  EXPECT_TRUE(grant->take_message(100'000));
+  EXPECT_FALSE(grant->take_message(100'000));
+  EXPECT_TRUE(let_in(request_from("127.0.0.2"))->take_message(100'000));
+  EXPECT_TRUE(grant->take_upload(3600, 0));
+  EXPECT_THAT(grant->take_upload(1, 0).error().message, HasSubstr("upload_bytes_per_hour"));
+  EXPECT_TRUE(grant->take_upload(10, 10 * kSecond));
+}
+
+TEST_F(GateTest, PagesOfOtherSitesStayOut) {
+  config_.access.anonymous = "anywhere";
+  config_.access.origins = {"https://viewer.example", "https://*.lab.example"};
+  const auto with = [&](const std::string& origin, const char* peer = "8.8.8.8") {
+    auto request = request_from(peer);
+    request.origin = origin;
+    auto admitted = gate().admit(request, 0, kNow);
+    return std::holds_alternative<GrantPtr>(admitted);
+  };
+  EXPECT_TRUE(with(""));
+  EXPECT_TRUE(with("https://broker.example:7490"));
+  EXPECT_TRUE(with("https://viewer.example"));
+  EXPECT_TRUE(with("https://a.lab.example"));
+  for (const char* bad :
+       {"https://evil.example", "https://viewer.example.evil", "http://viewer.example", "null", "https://lab.example",
+        "https://.lab.example", "https://x/.lab.example", "https://broker.example"}) {
+    EXPECT_FALSE(with(bad)) << bad;
+  }
+}
+
+TEST_F(GateTest, ALocalBrowserOnAForeignPageIsNotLocal) {
+  auto request = request_from("127.0.0.1");
+  request.host = "evil.example:7490";
+  request.origin = "http://evil.example:7490";  // A name that its owner lets resolve to 127.0.0.1.
+  EXPECT_EQ(turned_away(request).status, 401);
+  request.host = "localhost:7490";
+  request.origin = "http://localhost:7490";
+  EXPECT_TRUE(let_in(request));
+}
+
+TEST_F(GateTest, TheAdminPortAsksForTheRightAdmin) {
+  const auto denied = [&](const AccessRequest& request, Gate::AdminAsk ask) {
+    const auto found = gate().admit_admin(request, ask, 0, kNow);
+    return found ? found->status : 0;
+  };
+  using Ask = Gate::AdminAsk;
+  EXPECT_EQ(denied(request_from("127.0.0.1"), Ask::kRead), 0);
+  EXPECT_EQ(denied(request_from("127.0.0.1"), Ask::kControl), 401) << "tokens are configured";
+  EXPECT_EQ(denied(request_from("8.8.8.8"), Ask::kRead), 401);
+  EXPECT_EQ(denied(request_from("8.8.8.8", token_for("a", {"**"}, {"**"})), Ask::kRead), 403);
+  EXPECT_EQ(denied(request_from("8.8.8.8", token_for("a", {}, {}, true)), Ask::kControl), 0);
+  config_.access.anonymous = "anywhere";
+  gate_.reset();
+  EXPECT_EQ(denied(request_from("8.8.8.8"), Ask::kRead), 401) << "anonymous is never admin";
+  config_ = {};
+  gate_.reset();
+  EXPECT_EQ(denied(request_from("127.0.0.1"), Ask::kControl), 0);
+  auto page = request_from("127.0.0.1");
+  page.origin = "https://evil.example";
+  EXPECT_NE(denied(page, Ask::kControl), 0);
+}
+
+TEST(LedgerTest, IsBoundedAndStricterWhenFull) {
+  Ledger ledger(2);
+  const auto a = ledger.account("a", 0);
+  const auto b = ledger.account("b", 0);
+  b->shares[0] = 1;
+  const auto c = ledger.account("c", 0);
+  EXPECT_EQ(c, ledger.account("d", 0)) << "both share one";
+  EXPECT_NE(c, a);
+  EXPECT_EQ(ledger.size(), 2U);
+  EXPECT_EQ(ledger.account("b", 0), b);
+}
+
+TEST(LedgerTest, ForgetsWhoIsIdleAndRemembersWhoOwes) {
+  Ledger ledger(2);
+  (void)ledger.account("idle", 0);
+  EXPECT_TRUE(ledger.account("owes", 0)->failures.take(1, 0.01, 1, 0));
+  const auto fresh = ledger.account("fresh", 10 * kSecond);
+  EXPECT_EQ(ledger.size(), 2U);
+  EXPECT_FALSE(ledger.account("owes", 10 * kSecond)->failures.take(1, 0.01, 1, 10 * kSecond)) << "not a new account";
+}
+
+TEST(PaceTest, OverAnyTimeNoMoreThanRateTimesTimePlusBurst) {
+  Pace pace;
+  double taken = 0;
+  for (TimeUs now = 0; now <= 10 * kSecond; now += 1000) {
+    while (pace.take(3, 100, 20, now)) taken += 3;
+    EXPECT_LE(taken, 100 * static_cast<double>(now) / 1e6 + 20 + 1e-6);
+  }
+  EXPECT_GE(taken, 100 * 10 + 20 - 3) << "and no less";
+  EXPECT_GT(pace.wait_us(3, 100, 20, 10 * kSecond), 0);
+  const TimeUs wait = pace.wait_us(20, 100, 20, 10 * kSecond);
+  EXPECT_FALSE(pace.take(20, 100, 20, 10 * kSecond + wait - 10));
+  EXPECT_TRUE(pace.take(20, 100, 20, 10 * kSecond + wait));
+}
+
+TEST(PolicyTest, MistakesOfTheConfigurationNameTheirSetting) {
+  const auto why = [](auto change) {
+    Config config;
+    change(config);
+    const auto policy = AccessPolicy::from_config(config);
+    return policy ? std::string("accepted") : policy.error().message;
+  };
+  EXPECT_EQ(why([](Config&) {}), "accepted");
+  EXPECT_THAT(why([](Config& c) { c.access.jwt_secret = "short"; }), HasSubstr("access.jwt_secret"));
+  EXPECT_THAT(why([](Config& c) { c.access.jwt_keys = {"main ES256"}; }), HasSubstr("KEY-ID ALGORITHM FILE"));
+  EXPECT_THAT(why([](Config& c) { c.access.jwt_keys = {"main none /x"}; }), HasSubstr("'none' is no algorithm"));
+  EXPECT_THAT(why([](Config& c) { c.access.jwt_keys = {"main ES256 /nonexistent"}; }), HasSubstr("/nonexistent"));
+  EXPECT_THAT(why([](Config& c) { c.access.tokens_file = "/nonexistent"; }), HasSubstr("access.tokens_file"));
+  EXPECT_THAT(why([](Config& c) { c.access.anonymous_publish = {"a//b"}; }), HasSubstr("access.anonymous_publish"));
+  EXPECT_THAT(why([](Config& c) { c.proxy.trusted = {"all"}; }), HasSubstr("proxy.trusted"));
+}
+
+}  // namespace
+}  // namespace eigencast::broker
