@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include "common/surface/file_text.h"
+#include "common/surface/gltf.h"
 #include "common/surface/guard.h"
 #include "common/surface/npy.h"
 #include "common/surface/openmesh_reader.h"
@@ -73,6 +74,11 @@ Result<Surface> surface_from_file(const std::string& path) {
   const std::string ending = text::ending_of(path);
   if (ending == "npy") return surface_from_npy(path);
   if (ending == "pc2" || ending == "mdd") return surface_from_cache(path);
+  if (ending == "gltf" || ending == "glb") {
+    const auto clip = open_gltf_clip(path, {});
+    if (!clip) return clip.error();
+    return (*clip)->rest();
+  }
   for (const Format& format : kMeshFormats) {
     if (format.ending != ending) continue;
     Result<GuardedMesh> guarded = fail(ErrorCode::kInternal, "");
@@ -99,7 +105,7 @@ Result<Surface> surface_from_file(const std::string& path) {
 }  // namespace
 
 std::string readable_endings() {
-  return "obj, ply, off, stl, xyz, npy, pc2 or mdd";
+  return "obj, ply, off, stl, xyz, npy, gltf, glb, pc2 or mdd";
 }
 
 Result<Surface> read_surface(const std::string& path) {

@@ -41,6 +41,7 @@ LIBRARIES = {
     "Eigen": (r"Eigen/", {"common/spectral", "sdk", "sender"}, 20),
     "Spectra": (r"Spectra/", {"common/spectral"}, 1),
     "OpenMesh": (r"OpenMesh/", {"common/surface"}, 2),
+    "tinygltf": (r"tiny_gltf\.h", {"common/surface"}, 1),
     "nanoflann": (r"nanoflann\.hpp", {"common/spectral", "common/progressive"}, 4),
     "meshoptimizer": (r"meshoptimizer\.h", {"common/progressive"}, 2),
     "zstd": (r"zstd\.h", {"common/asset"}, 2),

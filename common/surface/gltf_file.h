@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+// tinygltf without the parts that decode and write images; this is the one place that includes it.
+#define TINYGLTF_NO_STB_IMAGE
+#define TINYGLTF_NO_STB_IMAGE_WRITE
+#include <tiny_gltf.h>
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/core/result.h"
+
+/// Private to common/surface.
+namespace eigencast {
+
+/// Lets tinygltf parse a file that has been looked at first: tinygltf trusts chunk lengths and recurses as deep as JSON nests.
+/// Images are kept encoded in Image::image where they came as a file or data URI; those in a buffer view stay there.
+/// No index in the result has been checked. Errors: kCorrupt, kUnsupported (an extension that must be understood), kTooLarge.
+///   folder  where files beside it lie; only files below it are read, none if it is empty
+Result<tinygltf::Model> gltf_model_from_bytes(std::string_view bytes, const std::string& folder);
+
+}  // namespace eigencast

@@ -1,0 +1,302 @@
+// SPDX-License-Identifier: MIT
+#include "common/surface/gltf.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+
+#include "common/surface/check.h"
+#include "tests/unit/surface/glb.h"
+
+namespace eigencast {
+namespace {
+
+using testing::HasSubstr;
+
+std::string text(int number) {
+  return std::to_string(number);
+}
+
+// A tetrahedron of four vertices with its faces.
+const std::vector<float> kTetra{0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1};
+const std::vector<std::uint16_t> kTetraFaces{0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3};
+
+Result<std::unique_ptr<MotionClip>> open(const std::string& bytes, const ClipOptions& options = {}) {
+  return gltf_clip_from_bytes(bytes, "", "test.glb", options);
+}
+
+void expect_near(const std::vector<Vec3>& actual, const std::vector<Vec3>& expected) {
+  ASSERT_EQ(actual.size(), expected.size());
+  for (std::size_t i = 0; i < actual.size(); ++i) {
+    for (std::size_t c = 0; c < 3; ++c) EXPECT_NEAR(actual[i][c], expected[i][c], 1e-6) << "vertex " << i;
+  }
+}
+
+/// A tetrahedron on a node, itself on another, with one animated property of the lower node.
+std::string animated(const std::string& path, const std::string& type, std::size_t width,
+                     const std::vector<float>& values, const std::string& interpolation,
+                     std::vector<float> times = {0, 1}) {
+  Glb glb;
+  const int position = glb.floats(kTetra, "VEC3", 3);
+  const int faces = glb.shorts(kTetraFaces);
+  const int offset = glb.floats({0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0}, "VEC3", 3);
+  const int input = glb.floats(times, "SCALAR", 1);
+  const int output = glb.floats(values, type, width);
+  return glb.bytes(R"("scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"children":[1],"translation":[10,0,0]},{"mesh":0}],)"
+                   R"("meshes":[{"primitives":[{"attributes":{"POSITION":)" +
+                   text(position) + R"(},"indices":)" + text(faces) + R"(,"targets":[{"POSITION":)" + text(offset) +
+                   R"(}]}]}],"animations":[{"name":"a","samplers":[{"input":)" + text(input) + R"(,"output":)" +
+                   text(output) + R"(,"interpolation":")" + interpolation +
+                   R"("}],"channels":[{"sampler":0,"target":{"node":1,"path":")" + path + R"("}}]}])");
+}
+
+TEST(Gltf, nodes_move_what_stands_on_them_by_each_interpolation) {
+  const std::vector<float> there{0, 0, 0, 0, 4, 0};
+  const auto linear = open(animated("translation", "VEC3", 3, there, "LINEAR"), {.rate_hz = 4});
+  ASSERT_TRUE(linear) << linear.error().message;
+  ASSERT_EQ((*linear)->frame_count(), 5u);
+  EXPECT_EQ((*linear)->frame_rate_hz(), 4);
+  expect_near(*(*linear)->pose(1), {{10, 1, 0}, {11, 1, 0}, {10, 2, 0}, {10, 1, 1}});
+  expect_near(*(*linear)->pose(4), {{10, 4, 0}, {11, 4, 0}, {10, 5, 0}, {10, 4, 1}});
+  expect_near((*linear)->rest().positions, {{10, 0, 0}, {11, 0, 0}, {10, 1, 0}, {10, 0, 1}});
+
+  const auto step = open(animated("translation", "VEC3", 3, there, "STEP"), {.rate_hz = 4});
+  EXPECT_EQ((*(*step)->pose(3))[0], (Vec3{10, 0, 0}));
+  EXPECT_EQ((*(*step)->pose(4))[0], (Vec3{10, 4, 0}));
+
+  // Tangents of zero: the Hermite curve 3 t^2 - 2 t^3.
+  const auto cubic =
+      open(animated("translation", "VEC3", 3, {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4, 0, 0, 0, 0}, "CUBICSPLINE"),
+           {.rate_hz = 4});
+  ASSERT_TRUE(cubic) << cubic.error().message;
+  EXPECT_NEAR((*(*cubic)->pose(1))[0][1], 4 * (3 * 0.0625 - 2 * 0.015625), 1e-6);
+}
+
+TEST(Gltf, rotations_go_the_short_way_at_even_speed_and_scales_scale) {
+  const auto h = static_cast<float>(std::sqrt(0.5));
+  // A quarter turn about z; the second quaternion is negated, which is the same rotation.
+  const auto turn = open(animated("rotation", "VEC4", 4, {0, 0, 0, 1, 0, 0, -h, -h}, "LINEAR"), {.rate_hz = 3});
+  ASSERT_TRUE(turn) << turn.error().message;
+  const double angle = M_PI / 6;
+  expect_near(
+      *(*turn)->pose(1),
+      {{10, 0, 0}, {10 + std::cos(angle), std::sin(angle), 0}, {10 - std::sin(angle), std::cos(angle), 0}, {10, 0, 1}});
+  const auto scale = open(animated("scale", "VEC3", 3, {1, 1, 1, 3, 1, 1}, "LINEAR"), {.rate_hz = 2});
+  EXPECT_NEAR((*(*scale)->pose(1))[1][0], 12, 1e-6);
+}
+
+TEST(Gltf, morph_targets_add_up_and_are_in_the_rig) {
+  const auto clip = open(animated("weights", "SCALAR", 1, {0, 1}, "LINEAR"), {.rate_hz = 4});
+  ASSERT_TRUE(clip) << clip.error().message;
+  expect_near(*(*clip)->pose(1), {{10, 0, 0}, {11.5, 0, 0}, {10, 1, 0}, {10, 0, 1}});
+  const Rig* rig = (*clip)->rig();
+  ASSERT_NE(rig, nullptr);
+  ASSERT_EQ(rig->targets.size(), 1u);
+  EXPECT_EQ(rig->targets[0].vertices, std::vector<std::uint32_t>{1});
+  EXPECT_EQ(rig->targets[0].offsets, (std::vector<Vec3>{{2, 0, 0}}));
+  EXPECT_EQ(rig->bones.size(), 1u) << "a node without a skin is a bone of weight one";
+}
+
+/// A tetrahedron on two joints, the second turned by `angle` about z; vertex 1 hangs on both by halves.
+std::string skinned(const std::string& joints_of_vertex_3 = "1", const std::string& skin_members = "") {
+  Glb glb;
+  const int position = glb.floats(kTetra, "VEC3", 3);
+  const int faces = glb.shorts(kTetraFaces);
+  const auto last = static_cast<std::uint16_t>(std::stoi(joints_of_vertex_3));
+  const int joints = glb.shorts({0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, last, 0, 0, 0}, "VEC4", 4);
+  const int weights = glb.floats({1, 0, 0, 0, 0.5F, 0.5F, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0}, "VEC4", 4);
+  std::vector<float> inverse{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1,
+                             1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+  inverse[16 + 12] = -1;  // The second joint stands at x = 1 when the skin is bound.
+  const int matrices = glb.floats(inverse, "MAT4", 16);
+  const int input = glb.floats({0, 1}, "SCALAR", 1);
+  const auto h = static_cast<float>(std::sqrt(0.5));
+  const int output = glb.floats({0, 0, 0, 1, 0, 0, h, h}, "VEC4", 4);
+  return glb.bytes(R"("nodes":[{"mesh":0,"skin":0,"translation":[100,0,0]},{"children":[2]},{"translation":[1,0,0]}],)"
+                   R"("skins":[{"joints":[1,2],"inverseBindMatrices":)" +
+                   text(matrices) + skin_members +
+                   R"(}],)"
+                   R"("meshes":[{"primitives":[{"attributes":{"POSITION":)" +
+                   text(position) + R"(,"JOINTS_0":)" + text(joints) + R"(,"WEIGHTS_0":)" + text(weights) +
+                   R"(},"indices":)" + text(faces) + R"(}]}],"animations":[{"name":"bend","samplers":[{"input":)" +
+                   text(input) + R"(,"output":)" + text(output) +
+                   R"(}],"channels":[{"sampler":0,"target":{"node":2,"path":"rotation"}}]}])");
+}
+
+TEST(Gltf, skins_blend_their_joints_and_ignore_the_node_they_hang_on) {
+  const auto clip = open(skinned(), {.rate_hz = 1});
+  ASSERT_TRUE(clip) << clip.error().message;
+  expect_near((*clip)->rest().positions, {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}});
+  // A quarter turn about (1, 0): (0, 0, 1) goes to (1, -1, 1); vertex 1 is the joint's own place and stays.
+  expect_near(*(*clip)->pose(1), {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, -1, 1}});
+  const Rig* rig = (*clip)->rig();
+  ASSERT_EQ(rig->bones.size(), 2u);
+  ASSERT_EQ(rig->first_influence, (std::vector<std::uint32_t>{0, 1, 3, 4, 5}));
+  EXPECT_EQ(rig->influences[1].weight, 0.5);
+  EXPECT_EQ(rig->influences[4].weight, 1) << "weights are made to add up to one";
+}
+
+TEST(Gltf, seams_are_welded_only_where_both_sides_move_alike) {
+  Glb glb;
+  // Three triangles without indices: the edge of the first two is a seam; the third moves with a morph target.
+  const int position =
+      glb.floats({0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0, 1, 1, 0, 1, 1, 1, 0, 1, 0}, "VEC3", 3);
+  const int uv = glb.floats({0, 0, 1, 0, 0, 1, 0.5F, 0, 1, 1, 0, 0.5F, 0, 0, 0, 0, 0, 0}, "VEC2", 2);
+  std::vector<float> offsets(27);
+  offsets[20] = offsets[23] = offsets[26] = 1;
+  const int target = glb.floats(offsets, "VEC3", 3);
+  const auto clip =
+      open(glb.bytes(R"("nodes":[{"mesh":0}],"meshes":[{"primitives":[{"attributes":{"POSITION":)" + text(position) +
+                     R"(,"TEXCOORD_0":)" + text(uv) + R"(},"targets":[{"POSITION":)" + text(target) + "}]}]}]"));
+  ASSERT_TRUE(clip) << clip.error().message;
+  EXPECT_EQ((*clip)->rest().vertex_count(), 7u) << "two pairs are one; two places keep two vertices";
+  EXPECT_EQ((*clip)->rest().faces, (std::vector<Face>{{0, 1, 2}, {1, 3, 2}, {4, 5, 6}}));
+  ASSERT_EQ((*clip)->notes().size(), 2u);
+  EXPECT_THAT((*clip)->notes()[0], HasSubstr("9 vertices welded to 7"));
+  EXPECT_THAT((*clip)->notes()[1], HasSubstr("2 vertices share a place with one that moves otherwise"));
+  const Appearance* looks = (*clip)->appearance();
+  ASSERT_EQ(looks->corner_uv.size(), 3u);
+  EXPECT_EQ(looks->corner_uv[0][1][0], 1) << "both sides of the seam keep their own coordinates";
+  EXPECT_EQ(looks->corner_uv[1][0][0], 0.5F);
+}
+
+TEST(Gltf, sparse_and_quantised_accessors_mean_what_they_say) {
+  Glb glb;
+  const int indices = glb.view(raw(std::vector<std::uint16_t>{1, 3}));
+  const int values = glb.view(raw(std::vector<float>{1, 0, 0, 0, 0, 1}));
+  // No buffer view: zeros, of which two are replaced; with vertex 2 at (0, 0, 0) too there are three places.
+  const int position =
+      glb.accessor_json(R"("componentType":5126,"count":4,"type":"VEC3","sparse":{"count":2,"indices":{"bufferView":)" +
+                        text(indices) + R"(,"componentType":5123},"values":{"bufferView":)" + text(values) + "}}");
+  const int quantised =
+      glb.shorts({0, 0, 65535, 65535, 0, 65535, 0, 65535, 65535, 0, 0, 0}, "VEC3", 3, ",\"normalized\":true");
+  const auto clip = open(glb.bytes(R"("extensionsRequired":["KHR_mesh_quantization"],"nodes":[{"mesh":0},{"mesh":1}],)"
+                                   R"("meshes":[{"primitives":[{"mode":0,"attributes":{"POSITION":)" +
+                                   text(position) + R"(}}]},{"primitives":[{"mode":5,"attributes":{"POSITION":)" +
+                                   text(quantised) + "}}]}]"));
+  ASSERT_TRUE(clip) << clip.error().message;
+  EXPECT_EQ((*clip)->rest().positions[1], (Vec3{1, 0, 0}));
+  EXPECT_EQ((*clip)->rest().positions[2], (Vec3{0, 0, 1}));
+  EXPECT_EQ((*clip)->rest().positions[3], (Vec3{0, 0, 1}));
+  EXPECT_EQ((*clip)->rest().positions[4], (Vec3{1, 0, 1}));
+  EXPECT_EQ((*clip)->rest().faces, (std::vector<Face>{{3, 4, 5}, {4, 6, 5}})) << "a strip turns every other triangle";
+}
+
+/// The error of a file with JSON beside one good position accessor (0) and one of indices (1).
+Error error_of(const std::string& members, const std::string& extra_accessor = "") {
+  Glb glb;
+  glb.floats(kTetra, "VEC3", 3);
+  glb.shorts(kTetraFaces);
+  if (!extra_accessor.empty()) glb.accessor_json(extra_accessor);
+  const auto clip = open(glb.bytes(members));
+  EXPECT_FALSE(clip.has_value()) << members << extra_accessor;
+  return clip ? Error{} : clip.error();
+}
+
+std::string mesh_of(const std::string& primitive) {
+  return R"("nodes":[{"mesh":0}],"meshes":[{"primitives":[)" + primitive + "]}]";
+}
+
+TEST(Gltf, every_index_and_length_is_checked_before_it_is_used) {
+  const std::string uses_2 = mesh_of(R"({"attributes":{"POSITION":2},"indices":1})");
+  const auto message = [&](const std::string& accessor) { return error_of(uses_2, accessor).message; };
+  EXPECT_THAT(message(R"("bufferView":0,"componentType":5126,"count":5,"type":"VEC3")"),
+              HasSubstr("go beyond buffer view 0"));
+  EXPECT_THAT(message(R"("bufferView":9,"componentType":5126,"count":4,"type":"VEC3")"), HasSubstr("no buffer view 9"));
+  EXPECT_THAT(
+      message(R"("bufferView":0,"byteOffset":18446744073709551000,"componentType":5126,"count":4,"type":"VEC3")"),
+      HasSubstr("beyond"));
+  EXPECT_THAT(message(R"("bufferView":0,"componentType":5126,"count":4,"type":"VEC2")"), HasSubstr("3 are needed"));
+  EXPECT_EQ(error_of(uses_2, R"("componentType":5126,"count":4000000000000,"type":"VEC3")").code, ErrorCode::kTooLarge);
+  EXPECT_THAT(
+      message(
+          R"("componentType":5126,"count":4,"type":"VEC3","sparse":{"count":2,"indices":{"bufferView":1,"componentType":5123},"values":{"bufferView":77}})"),
+      HasSubstr("no buffer view 77"));
+  EXPECT_THAT(error_of(mesh_of(R"({"attributes":{"POSITION":7},"indices":1})")).message, HasSubstr("no accessor 7"));
+  EXPECT_THAT(error_of(mesh_of(R"({"attributes":{"POSITION":0},"indices":0})")).message,
+              HasSubstr("unsigned integers"));
+  EXPECT_THAT(error_of(R"("nodes":[{"mesh":3}],"meshes":[])").message, HasSubstr("no mesh 3"));
+  EXPECT_THAT(error_of(R"("nodes":[{"children":[1]},{"children":[0]}])").message, HasSubstr("their own ancestors"));
+  EXPECT_THAT(error_of(R"("nodes":[{"children":[2]},{"children":[2]},{}])").message, HasSubstr("two parents"));
+  EXPECT_THAT(error_of(R"("nodes":[{"children":[9]}])").message, HasSubstr("no child 9"));
+  EXPECT_THAT(open(skinned("7")).error().message, HasSubstr("hangs on joint 7"));
+  EXPECT_EQ(error_of(R"("extensionsRequired":["KHR_draco_mesh_compression"])").code, ErrorCode::kUnsupported);
+  EXPECT_EQ(error_of(R"("nodes":[{}])").code, ErrorCode::kUnsupported);
+  EXPECT_THAT(error_of("\"extras\":" + std::string(100, '[') + std::string(100, ']')).message, HasSubstr("nested"));
+}
+
+TEST(Gltf, animations_are_found_by_name_or_number_and_have_an_end) {
+  const std::string bytes = skinned();
+  EXPECT_TRUE(open(bytes, {.animation = "bend"}));
+  EXPECT_TRUE(open(bytes, {.animation = "0"}));
+  const auto none = open(bytes, {.animation = "walk"});
+  EXPECT_EQ(none.error().code, ErrorCode::kNotFound);
+  EXPECT_THAT(none.error().message, HasSubstr("there are: bend"));
+  EXPECT_EQ(open(animated("translation", "VEC3", 3, {0, 0, 0, 1, 1, 1}, "LINEAR", {0, 1e30F})).error().code,
+            ErrorCode::kTooLarge);
+  EXPECT_EQ(open(animated("translation", "VEC3", 3, {0, 0, 0, 1, 1, 1}, "LINEAR", {1, 0})).error().code,
+            ErrorCode::kCorrupt);
+}
+
+TEST(Gltf, files_outside_its_folder_are_never_opened) {
+  const TempDir dir;
+  std::filesystem::create_directory(dir.file("inside"));
+  const std::string buffer = raw(kTetra) + raw(kTetraFaces);
+  const auto gltf = [&](const std::string& uri) {
+    return R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":72,"uri":")" + uri +
+           R"("}],"bufferViews":[{"buffer":0,"byteLength":48},{"buffer":0,"byteOffset":48,"byteLength":24}],)"
+           R"("accessors":[{"bufferView":0,"componentType":5126,"count":4,"type":"VEC3"},{"bufferView":1,"componentType":5123,"count":12,"type":"SCALAR"}],)" +
+           mesh_of(R"({"attributes":{"POSITION":0},"indices":1})") + "}";
+  };
+  dir.write("outside.bin", buffer);
+  dir.write("inside/good.bin", buffer);
+  std::filesystem::create_symlink(dir.file("outside.bin"), dir.file("inside/link.bin"));
+  const auto opens = [&](const std::string& uri) {
+    return open_gltf_clip(dir.write("inside/a.gltf", gltf(uri)), {}).has_value();
+  };
+  EXPECT_TRUE(opens("good.bin"));
+  EXPECT_FALSE(opens("../outside.bin"));
+  EXPECT_FALSE(opens("link.bin"));
+  EXPECT_FALSE(opens(dir.file("outside.bin")));
+  EXPECT_FALSE(opens("http://localhost/outside.bin"));
+  EXPECT_FALSE(gltf_clip_from_bytes(gltf("good.bin"), "", "x", {}).has_value()) << "without a folder nothing is read";
+}
+
+TEST(Gltf, every_truncation_and_every_changed_byte_is_an_error_or_a_valid_surface) {
+  const std::string bytes = skinned();
+  for (std::size_t cut = 0; cut < bytes.size(); cut += 3) EXPECT_FALSE(open(bytes.substr(0, cut)).has_value()) << cut;
+  std::size_t survivors = 0;
+  for (std::size_t at = 0; at < bytes.size(); ++at) {
+    std::string changed = bytes;
+    changed[at] = static_cast<char>(changed[at] ^ (1 << at % 8));
+    const auto clip = open(changed);
+    if (!clip) continue;
+    ++survivors;
+    ASSERT_TRUE(validate_surface((*clip)->rest()));
+    static_cast<void>((*clip)->pose((*clip)->frame_count() - 1));
+  }
+  EXPECT_GT(survivors, 0u);
+}
+
+TEST(Gltf, real_files) {
+  const std::string folder = std::string(EIGENCAST_DATA_DIR) + "/gltf/";
+  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << folder;
+  const auto fox = open_clip(folder + "Fox.glb", {.animation = "Run"});
+  ASSERT_TRUE(fox) << fox.error().message;
+  EXPECT_EQ((*fox)->rest().vertex_count(), 290u) << "the data's description: 1,728 welded to 290";
+  EXPECT_EQ((*fox)->rest().faces.size(), 576u);
+  EXPECT_TRUE(check_surface((*fox)->rest()).closed());
+  EXPECT_EQ((*fox)->appearance()->images.size(), 1u);
+  EXPECT_GT((*fox)->appearance()->images[0].bytes.size(), 1000u);
+  for (std::size_t t = 0; t < (*fox)->frame_count(); ++t) ASSERT_TRUE((*fox)->pose(t));
+  const auto cube = open_clip(folder + "AnimatedMorphCube.gltf");
+  ASSERT_TRUE(cube) << cube.error().message;
+  EXPECT_EQ((*cube)->rig()->targets.size(), 2u);
+  EXPECT_EQ((*cube)->rest().vertex_count(), 8u);
+  EXPECT_GT((*cube)->frame_count(), 30u);
+}
+
+}  // namespace
+}  // namespace eigencast
