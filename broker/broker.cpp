@@ -19,16 +19,28 @@
 namespace eigencast::broker {
 namespace {
 
-constexpr std::size_t kDiskThreads = 1;
+constexpr std::size_t kDiskThreads = 2;
 constexpr std::uint32_t kRetryAfterMs = 500;
 constexpr std::int64_t kShortCertificateS = 14 * 86'400;
 
-Hub::Settings hub_settings(const Config& config) {
+Recorder::Settings recorder_settings(const Config& config, const std::string& version) {
+  Recorder::Settings settings;
+  settings.folder = data_dir_of(config) + "/recordings";
+  settings.software = "eigencast-broker " + version;
+  settings.streams = StreamPatterns::from(config.recording.streams).value();  // Checked by create().
+  settings.include_asset = config.recording.include_asset;
+  settings.max_queued_bytes = static_cast<std::uint64_t>(config.recording.max_queued_bytes);
+  settings.max_total_bytes = static_cast<std::uint64_t>(config.recording.max_total_bytes);
+  return settings;
+}
+
+Hub::Settings hub_settings(const Config& config, std::vector<StreamTap*> taps) {
   Hub::Settings settings;
   settings.max_streams = static_cast<std::size_t>(config.limits.max_streams);
   settings.stream.max_span_us = config.frames.max_span_ms * 1000;
   settings.stream.max_watchers = static_cast<std::uint32_t>(config.limits.max_subscribers_per_stream);
   settings.stream.max_profiles = static_cast<std::size_t>(config.limits.max_profiles_per_stream);
+  settings.stream.taps = std::move(taps);
   return settings;
 }
 
@@ -88,6 +100,9 @@ Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string
   settings.max_total_bytes = static_cast<std::uint64_t>(config.assets.max_total_bytes);
   auto assets = AssetStore::open(folder, settings);
   if (!assets) return assets.error();
+  if (auto patterns = StreamPatterns::from(config.recording.streams); !patterns) {
+    return in_context("recording.streams", patterns.error());
+  }
   auto epochs = EpochSource::open(folder + "/epoch");
   if (!epochs) return epochs.error();
   std::unique_ptr<Broker> broker(new Broker(config, std::move(*doors), std::move(version), std::move(log),
@@ -102,12 +117,22 @@ Broker::Broker(const Config& config, Doors doors, std::string version, LogSink l
       gate_(config_, std::move(doors.policy)),
       tls_(std::move(doors.tls)),
       assets_(std::move(assets)),
+      recorder_(recorder_settings(config_, version), *assets_, log),
       epochs_(std::move(epochs)),
-      hub_(hub_settings(config_)),
-      context_{loop_,       disk_,          config_,
-               gate_,       hub_,           *assets_,
-               epochs_,     std::move(log), std::move(version),
-               random_id(), turn_,          [this] { arm_schedule(); }},
+      hub_(hub_settings(config_, {assets_.get(), &recorder_})),
+      context_{loop_,
+               disk_,
+               config_,
+               gate_,
+               hub_,
+               *assets_,
+               recorder_,
+               epochs_,
+               std::move(log),
+               std::move(version),
+               random_id(),
+               turn_,
+               [this] { arm_schedule(); }},
       loop_(1),
       turn_(loop_, turn_settings(config_), context_.log),
       disk_(kDiskThreads),
@@ -131,10 +156,11 @@ Result<void> Broker::listen() {
   const auto data = parse_address(config_.server.listen);
   if (!data) return data.error();
   if (auto opened = data_listener_.open(*data); !opened) return opened;
+  if (config_.server.admin_listen.empty()) return {};
   const auto admin = parse_address(config_.server.admin_listen);
   if (!admin) return admin.error();
   const bool by_default = config_.server.admin_listen == Config{}.server.admin_listen;
-  if (admin->port == 0 || (by_default && data->port == 0)) return {};
+  if (by_default && data->port == 0) return {};
   return admin_listener_.open(*admin);
 }
 

@@ -15,6 +15,7 @@
 #include "broker/relay/epoch_source.h"
 #include "broker/relay/hub.h"
 #include "broker/storage/asset_store.h"
+#include "broker/storage/recorder.h"
 
 namespace eigencast::broker {
 
@@ -70,6 +71,7 @@ class Broker {
   Gate gate_;
   std::shared_ptr<SSL_CTX> tls_;  ///< Null: the data port is plain.
   std::unique_ptr<AssetStore> assets_;
+  Recorder recorder_;
   EpochSource epochs_;
   Hub hub_;
   Context context_;  // What waits in the loop below ends with it and needs all above.

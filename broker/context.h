@@ -15,6 +15,7 @@
 #include "broker/relay/epoch_source.h"
 #include "broker/relay/hub.h"
 #include "broker/storage/asset_store.h"
+#include "broker/storage/recorder.h"
 #include "common/core/log.h"
 
 namespace eigencast::broker {
@@ -38,7 +39,9 @@ struct Counters {
   std::uint64_t uploads = 0;
   std::uint64_t uploads_failed = 0;
   std::uint64_t uploads_now = 0;
+  std::uint64_t upload_bytes = 0;
   std::uint64_t downloads = 0;
+  std::uint64_t download_bytes = 0;
 };
 
 /// What the connections of one event loop share. Built before them, destroyed after them; used on the loop's thread
@@ -50,6 +53,7 @@ struct Context {
   Gate& gate;
   Hub& hub;
   AssetStore& assets;
+  Recorder& recorder;
   EpochSource& epochs;
   LogSink log;
   std::string version;

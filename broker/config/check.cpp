@@ -46,7 +46,8 @@ bool has_tokens(const Config& config) {
 Result<void> check_listeners(const Config& config) {
   const auto listen = parse_address(config.server.listen);
   if (!listen) return in_context("server.listen", listen.error());
-  const auto admin = parse_address(config.server.admin_listen);
+  const bool with_admin = !config.server.admin_listen.empty();
+  const auto admin = parse_address(with_admin ? config.server.admin_listen : "127.0.0.1:0");
   if (!admin) return in_context("server.admin_listen", admin.error());
   if (!listen->loopback && !has_tokens(config) && config.access.anonymous != "anywhere") {
     return wrong("server.listen = '" + config.server.listen +

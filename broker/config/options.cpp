@@ -28,7 +28,7 @@ struct ShownFlag {
 };
 constexpr ShownFlag kShown[] = {
     {"server.listen", "Where senders and viewers connect, ADDR:PORT (default: 127.0.0.1:7490; port 0: any)"},
-    {"server.admin_listen", "Health and metrics, on loopback (default: 127.0.0.1:7491; port 0: off)"},
+    {"server.admin_listen", "Health and metrics, on loopback (default: 127.0.0.1:7491; empty: off)"},
     {"server.data_dir", "Where assets are kept (default: $XDG_STATE_HOME/eigencast or ~/.local/state/eigencast)"},
     {"log.level", "debug, info, warning or error (default: info)"},
     {"log.format", "text or json (default: text)"},

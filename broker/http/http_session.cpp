@@ -53,12 +53,23 @@ std::string json_of(const Stream& stream) {
   return json;
 }
 
-/// On the disk's thread, which an exception would end together with the broker.
-Result<bool> commit(AssetStore::Upload& upload) {
+Result<std::size_t> read_at(int file, std::uint64_t at, std::vector<char>& out) {
+  for (;;) {
+    const ssize_t count = ::pread(file, out.data(), out.size(), static_cast<off_t>(at));
+    if (count < 0 && errno == EINTR) continue;
+    if (count > 0) return static_cast<std::size_t>(count);
+    return fail(ErrorCode::kIo, "reading an asset failed: " +
+                                    (count == 0 ? "the file ends early" : std::generic_category().message(errno)));
+  }
+}
+
+/// Runs on the disk's threads, which an exception would end together with the broker.
+template <typename Work>
+auto guarded_by_result(Work& work) -> decltype(work()) {
   try {
-    return upload.commit();
+    return work();
   } catch (const std::exception& exception) {
-    return fail(ErrorCode::kIo, std::string("storing an asset failed: ") + exception.what());
+    return fail(ErrorCode::kIo, std::string("the disk's thread failed: ") + exception.what());
   }
 }
 
@@ -76,7 +87,18 @@ HttpSession::HttpSession(Context& context, Transport transport)
 
 HttpSession::~HttpSession() {
   --context_.counters.connections;
-  if (upload_) --context_.counters.uploads_now;
+  if (uploading_) --context_.counters.uploads_now;
+}
+
+template <typename Work, typename Then>
+void HttpSession::on_disk(Work work, Then then) {
+  asio::post(context_.disk, [self = shared_from_this(), guard = asio::make_work_guard(context_.loop),
+                             work = std::move(work), then = std::move(then)]() mutable {
+    const auto kept = std::make_shared<decltype(work())>(guarded_by_result(work));
+    asio::io_context& loop = self->context_.loop;
+    // The session goes along and comes back: it must not end on the disk's thread.
+    asio::post(loop, [self = std::move(self), then = std::move(then), kept]() mutable { then(*kept); });
+  });
 }
 
 void HttpSession::arm(std::int64_t timeout_ms) {
@@ -290,23 +312,27 @@ void HttpSession::serve_streams() {
 
 void HttpSession::serve_asset(const Sha256& id) {
   if (const auto may = grant_->may_fetch_assets(); !may) return answer_denial({403, may.error().message, 0, false});
+  on_disk([this, id] { return context_.assets.read(id); },
+          [this, id](Result<AssetStore::Object>& object) {
+            if (object) return serve_object(id, std::move(*object));
+            const bool missing = object.error().code == ErrorCode::kNotFound;
+            answer_error(missing ? Status::not_found : Status::internal_server_error, object.error());
+          });
+}
+
+void HttpSession::serve_object(const Sha256& id, AssetStore::Object object) {
   const std::string etag = "\"" + id.hex() + "\"";
   // What took a token must not come out of somebody else's cache.
   const std::string scope = grant_->identity().key.empty() ? "public" : "private";
   Headers headers = {{http::field::etag, etag},
                      {http::field::cache_control, scope + ", max-age=31536000, immutable"},
                      {http::field::accept_ranges, "bytes"}};
-  auto object = context_.assets.read(id);
-  if (!object) {
-    const bool missing = object.error().code == ErrorCode::kNotFound;
-    return answer_error(missing ? Status::not_found : Status::internal_server_error, object.error());
-  }
   if (etag_matches(header(http::field::if_none_match), etag))
     return answer(Status::not_modified, {}, std::move(headers));
   const std::string if_range = header(http::field::if_range);
   const bool ranged = if_range.empty() || if_range == etag;
-  const auto wanted = ranged ? range_from_header(header(http::field::range), object->size) : RangeRequest{};
-  const std::string size = std::to_string(object->size);
+  const auto wanted = ranged ? range_from_header(header(http::field::range), object.size) : RangeRequest{};
+  const std::string size = std::to_string(object.size);
   if (wanted.kind == RangeRequest::Kind::kUnsatisfiable) {
     headers.emplace_back(http::field::content_range, "bytes */" + size);
     return answer_error(Status::range_not_satisfiable,
@@ -314,12 +340,12 @@ void HttpSession::serve_asset(const Sha256& id) {
   }
   ++context_.counters.downloads;
   if (wanted.kind == RangeRequest::Kind::kWhole) {
-    const std::uint64_t length = object->size;
-    return send_head_then_file(std::move(*object), Status::ok, {0, length - 1}, !is_head(), std::move(headers));
+    const std::uint64_t length = object.size;
+    return send_head_then_file(std::move(object), Status::ok, {0, length - 1}, !is_head(), std::move(headers));
   }
   headers.emplace_back(http::field::content_range, "bytes " + std::to_string(wanted.range.first) + "-" +
                                                        std::to_string(wanted.range.last) + "/" + size);
-  send_head_then_file(std::move(*object), Status::partial_content, wanted.range, !is_head(), std::move(headers));
+  send_head_then_file(std::move(object), Status::partial_content, wanted.range, !is_head(), std::move(headers));
 }
 
 void HttpSession::send_head_then_file(AssetStore::Object object, Status status, ByteRange range, bool with_body,
@@ -344,20 +370,25 @@ void HttpSession::send_head_then_file(AssetStore::Object object, Status status, 
 
 void HttpSession::send_chunk(std::shared_ptr<Download> download) {
   if (download->at == download->end) return finish(may_keep());
-  const std::uint64_t want = std::min<std::uint64_t>(kChunkBytes, download->end - download->at);
-  download->chunk.resize(want);
-  const ssize_t count =
-      ::pread(download->object.file.get(), download->chunk.data(), want, static_cast<off_t>(download->at));
-  if (count <= 0) {  // The head promised more than the disk gives: only cutting the connection tells the peer.
-    log(context_.log, LogLevel::kError, "reading an asset failed: " + std::generic_category().message(errno));
-    return close();
-  }
-  download->chunk.resize(static_cast<std::size_t>(count));
-  download->at += static_cast<std::uint64_t>(count);
+  download->chunk.resize(std::min<std::uint64_t>(kChunkBytes, download->end - download->at));
+  on_disk([download] { return read_at(download->object.file.get(), download->at, download->chunk); },
+          [this, download](const Result<std::size_t>& count) {
+            if (!count) {  // The head promised more than the disk gives: only cutting the connection tells the peer.
+              log(context_.log, LogLevel::kError, count.error().message);
+              return close();
+            }
+            download->chunk.resize(*count);
+            download->at += *count;
+            write_chunk(download);
+          });
+}
+
+void HttpSession::write_chunk(std::shared_ptr<Download> download) {
   arm(context_.config.timeouts.transfer_ms);
   asio::async_write(transport_, asio::buffer(download->chunk),
                     [self = shared_from_this(), download](ErrorOf error, std::size_t) {
                       if (error) return self->close();
+                      self->context_.counters.download_bytes += download->chunk.size();
                       self->send_chunk(download);
                     });
 }
@@ -372,10 +403,17 @@ void HttpSession::receive_asset(const Sha256& id) {
     return answer_error(Status::service_unavailable, fail(ErrorCode::kRefused, "too many uploads at a time: try again"),
                         {{http::field::retry_after, "1"}});
   }
-  auto upload = context_.assets.begin_upload(id);
-  if (!upload) return answer_error(Status::insufficient_storage, upload.error());
-  upload_ = std::move(*upload);
   ++context_.counters.uploads_now;
+  uploading_ = true;
+  on_disk([this, id] { return context_.assets.begin_upload(id); },
+          [this](Result<std::unique_ptr<AssetStore::Upload>>& upload) {
+            if (!upload) return fail_upload(upload.error());
+            upload_ = std::move(*upload);
+            begin_body();
+          });
+}
+
+void HttpSession::begin_body() {
   body_chunk_.resize(kChunkBytes);
   if (!beast::iequals(header(http::field::expect), "100-continue")) return read_body();
   auto response = std::make_shared<http::response<http::empty_body>>(Status::continue_, 11);
@@ -400,40 +438,38 @@ void HttpSession::read_body() {
       ++self->context_.counters.uploads_failed;
       return self->close();
     }
-    const std::size_t count = self->body_chunk_.size() - self->parser_->get().body().size;
-    if (!self->upload_counted_) {
-      if (auto taken = self->grant_->take_upload(count, steady_now_us()); !taken) {
-        return self->fail_upload(taken.error());
-      }
-    }
-    if (auto written = self->upload_->write(ByteView(self->body_chunk_.data(), count)); !written) {
-      return self->fail_upload(written.error());
-    }
-    self->read_body();
+    self->on_body_read(self->body_chunk_.size() - self->parser_->get().body().size);
   });
+}
+
+void HttpSession::on_body_read(std::size_t count) {
+  if (!upload_counted_) {
+    if (auto taken = grant_->take_upload(count, steady_now_us()); !taken) return fail_upload(taken.error());
+  }
+  context_.counters.upload_bytes += count;
+  on_disk([this, count] { return upload_->write(ByteView(body_chunk_.data(), count)); },
+          [this](const Result<void>& written) { written ? read_body() : fail_upload(written.error()); });
 }
 
 void HttpSession::on_body_done() {
   timer_.cancel();
-  // The session goes along and comes back: it must not end on the disk's thread.
-  asio::post(context_.disk, [self = shared_from_this(), work = asio::make_work_guard(context_.loop)]() mutable {
-    auto committed = std::make_shared<Result<bool>>(commit(*self->upload_));
-    asio::io_context& loop = self->context_.loop;
-    asio::post(loop, [self = std::move(self), committed] { self->on_committed(*committed); });
-  });
+  on_disk([this] { return upload_->commit(); }, [this](const Result<bool>& committed) { on_committed(committed); });
 }
 
 void HttpSession::on_committed(const Result<bool>& committed) {
   if (!committed) return fail_upload(committed.error());
-  upload_.reset();
-  --context_.counters.uploads_now;
+  end_upload();
   ++context_.counters.uploads;
   answer(*committed ? Status::created : Status::ok, "{}\n");
 }
 
-void HttpSession::fail_upload(const Error& error) {
+void HttpSession::end_upload() {
   upload_.reset();
-  --context_.counters.uploads_now;
+  if (std::exchange(uploading_, false)) --context_.counters.uploads_now;
+}
+
+void HttpSession::fail_upload(const Error& error) {
+  end_upload();
   ++context_.counters.uploads_failed;
   log(context_.log, LogLevel::kWarning, "upload refused: " + error.message);
   switch (error.code) {

@@ -36,6 +36,10 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
     std::vector<char> chunk;
   };
 
+  /// Does `work`, which gives a Result, on the disk's threads, then `then` with it on the loop: no read or write of a
+  /// file ever holds up a frame. The session lives on meanwhile.
+  template <typename Work, typename Then>
+  void on_disk(Work work, Then then);
   void read_head();
   void on_head();
   void serve(const Target& target);
@@ -46,12 +50,17 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   void upgrade(const Target& target);
   void serve_streams();
   void serve_asset(const Sha256& id);
+  void serve_object(const Sha256& id, AssetStore::Object object);
   void send_head_then_file(AssetStore::Object object, Status status, ByteRange range, bool with_body, Headers headers);
   void send_chunk(std::shared_ptr<Download> download);
+  void write_chunk(std::shared_ptr<Download> download);
   void receive_asset(const Sha256& id);
+  void begin_body();
   void read_body();
+  void on_body_read(std::size_t count);
   void on_body_done();
   void on_committed(const Result<bool>& committed);
+  void end_upload();
   void fail_upload(const Error& error);
 
   /// Whether another request may follow on this connection. Not with body bytes of this one unread: they would be
@@ -77,6 +86,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   std::optional<beast::http::request_parser<beast::http::buffer_body>> parser_;
   IpAddress peer_;
   GrantPtr grant_;  ///< Of the connection at first, then of who sent the latest request. Null: too many connections.
+  bool uploading_ = false;  ///< Counted in uploads_now.
   std::unique_ptr<AssetStore::Upload> upload_;
   bool upload_counted_ = false;  ///< Its length was known, and counted at once.
   std::vector<std::uint8_t> body_chunk_;

@@ -32,6 +32,10 @@ std::shared_ptr<const std::string> framed_text(const control::Trace& trace) {
 Stream::Stream(std::string name, std::uint32_t id, const Settings& settings)
     : name_(std::move(name)), id_(id), settings_(settings) {}
 
+Stream::~Stream() {
+  for (StreamTap* tap : settings_.taps) tap->on_forgotten(*this);
+}
+
 control::StreamInfo::State Stream::state() const {
   if (epoch_ == 0) return control::StreamInfo::State::kWaiting;
   return publishing_ ? control::StreamInfo::State::kLive : control::StreamInfo::State::kStalled;
@@ -52,6 +56,7 @@ void Stream::release(PublisherLink& link) {
   if (publisher_ != &link) return;
   publisher_ = nullptr;
   if (!std::exchange(publishing_, false)) return;
+  for (StreamTap* tap : settings_.taps) tap->on_stalled(*this);
   for (Watcher* watcher : order_) watcher->on_stream_changed(*this, false);
 }
 
@@ -64,6 +69,7 @@ Result<void> Stream::announce(const control::Announce& announce, std::uint32_t e
   epoch_ = epoch;
   publishing_ = true;
   newest_.reset();
+  for (StreamTap* tap : settings_.taps) tap->on_announced(*this);
   groups_.clear();
   group_of_.clear();
   for (Watcher* watcher : order_) join_group(*watcher, profiles_.at(watcher));
@@ -81,6 +87,7 @@ Result<void> Stream::add_frame(ByteView message, TimeUs now_us) {
   newest_ = *record;
   ++keys_received_;
   tracer_.note_key((*record)->sequence, now_us);
+  for (StreamTap* tap : settings_.taps) tap->on_key(*this, newest_);
   for (auto& [profile, group] : groups_) {
     leaving_.clear();
     group->feed.add_key(*record, now_us, leaving_);

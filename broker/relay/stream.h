@@ -11,6 +11,7 @@
 
 #include "broker/relay/feed.h"
 #include "broker/relay/tracer.h"
+#include "broker/relay/stream_tap.h"
 #include "common/wire/control.h"
 
 namespace eigencast::broker {
@@ -44,9 +45,11 @@ class Stream {
     TimeUs max_span_us = 500'000;         ///< Keys further apart are not bridged by interpolation (default: 500 ms).
     std::uint32_t max_watchers = 10'000;  ///< More are refused (default: 10,000).
     std::size_t max_profiles = 64;        ///< Different profiles watched at a time; more are refused (default: 64).
+    std::vector<StreamTap*> taps{};       ///< Each outlives the stream (default: none).
   };
 
   Stream(std::string name, std::uint32_t id, const Settings& settings);
+  ~Stream();
   Stream(const Stream&) = delete;
   Stream& operator=(const Stream&) = delete;
 
@@ -88,6 +91,9 @@ class Stream {
   std::uint32_t id() const { return id_; }
   std::uint32_t epoch() const { return epoch_; }
   const std::string& asset() const { return announced_.asset; }
+  /// The last announcement; empty before the first.
+  const control::Announce& announcement() const { return announced_; }
+  const CoefficientLayout& layout() const { return layout_; }
   double key_rate_hz() const { return announced_.key_rate_hz; }
   control::StreamInfo::State state() const;
   std::uint32_t watchers() const { return static_cast<std::uint32_t>(profiles_.size()); }

@@ -6,11 +6,16 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
+#include <chrono>
 #include <cstring>
 #include <filesystem>
 #include <system_error>
+#include <unordered_map>
 #include <utility>
+
+#include "broker/relay/stream.h"
 
 namespace eigencast::broker {
 namespace {
@@ -22,6 +27,11 @@ Error io_error(const std::string& what, int number) {
   if (number == ENOSPC || number == EDQUOT) message += ": free some space in the broker's data folder";
   return fail(ErrorCode::kIo, std::move(message));
 }
+
+/// References are looked for in objects up to this size only; manifests are far smaller.
+constexpr std::uint64_t kMaxListBytes = 32u << 20;
+/// How often a use is written down in the file's times, for the next start.
+constexpr TimeUs kTouchUs = 60'000'000;
 
 Result<void> sync_folder(const std::string& path) {
   const FileHandle folder(::open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC));
@@ -65,13 +75,27 @@ Result<void> AssetStore::prepare() {
   fs::remove_all(root_ + "/uploading", error);
   fs::create_directories(root_ + "/uploading", error);
   if (error) return fail(ErrorCode::kIo, root_ + ": " + error.message());
-  std::uint64_t total = 0;
-  for (fs::recursive_directory_iterator it(root_, error), end; !error && it != end; it.increment(error)) {
-    if (it->is_regular_file(error)) total += it->file_size(error);
+  for (fs::directory_iterator it(root_, error), end; !error && it != end; it.increment(error)) {
+    if (it->path().filename() != "uploading" && it->is_directory(error)) find_objects(it->path().string());
   }
   if (error) return fail(ErrorCode::kIo, root_ + ": " + error.message());
-  total_bytes_ = total;
+  for (const auto& [id, entry] : entries_) total_bytes_ += entry.size;
   return {};
+}
+
+void AssetStore::find_objects(const std::string& folder) {
+  const TimeUs now_us = steady_now_us();
+  const auto wall =
+      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch());
+  std::error_code error;
+  for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
+    const auto id = Sha256::from_hex(it->path().filename().string());
+    struct stat facts = {};
+    if (!id || ::stat(it->path().c_str(), &facts) != 0 || !S_ISREG(facts.st_mode)) continue;
+    // A file from the future (the clock was stepped back) counts as used now.
+    const TimeUs age_us = std::max<TimeUs>(0, wall.count() - facts.st_mtim.tv_sec * 1'000'000);
+    entries_[*id] = {static_cast<std::uint64_t>(facts.st_size), now_us - age_us, now_us - age_us};
+  }
 }
 
 std::string AssetStore::path_of(const Sha256& id) const {
@@ -80,10 +104,29 @@ std::string AssetStore::path_of(const Sha256& id) const {
 }
 
 bool AssetStore::contains(const Sha256& id) const {
-  return ::access(path_of(id).c_str(), R_OK) == 0;
+  const std::lock_guard lock(mutex_);
+  const auto found = entries_.find(id);
+  if (found == entries_.end()) return false;
+  found->second.used_us = steady_now_us();  // Who asks is about to announce it.
+  return true;
+}
+
+std::size_t AssetStore::objects() const {
+  const std::lock_guard lock(mutex_);
+  return entries_.size();
 }
 
 Result<AssetStore::Object> AssetStore::read(const Sha256& id) const {
+  const TimeUs now_us = steady_now_us();
+  bool touch = false;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto found = entries_.find(id);
+    if (found == entries_.end()) return fail(ErrorCode::kNotFound, "there is no asset " + id.hex());
+    found->second.used_us = now_us;
+    touch = now_us - found->second.touched_us > kTouchUs;
+    if (touch) found->second.touched_us = now_us;
+  }
   FileHandle file(::open(path_of(id).c_str(), O_RDONLY | O_CLOEXEC));
   if (file.get() < 0) {
     if (errno == ENOENT) return fail(ErrorCode::kNotFound, "there is no asset " + id.hex());
@@ -91,7 +134,109 @@ Result<AssetStore::Object> AssetStore::read(const Sha256& id) const {
   }
   struct stat facts = {};
   if (::fstat(file.get(), &facts) != 0) return io_error("asset " + id.hex(), errno);
+  if (touch) ::futimens(file.get(), nullptr);
   return Object{std::move(file), static_cast<std::uint64_t>(facts.st_size)};
+}
+
+void AssetStore::set_used(std::string_view stream, const std::optional<Sha256>& asset) {
+  const std::lock_guard lock(mutex_);
+  if (asset) {
+    used_by_stream_.insert_or_assign(std::string(stream), *asset);
+  } else if (const auto found = used_by_stream_.find(stream); found != used_by_stream_.end()) {
+    used_by_stream_.erase(found);
+  }
+}
+
+void AssetStore::on_announced(const Stream& stream) {
+  set_used(stream.name(), Sha256::from_hex(stream.asset()));
+}
+
+void AssetStore::on_forgotten(const Stream& stream) {
+  set_used(stream.name(), std::nullopt);
+}
+
+Result<Bytes> AssetStore::bytes_of(const Sha256& id) const {
+  const auto object = read(id);
+  if (!object) return object.error();
+  Bytes bytes(object->size);
+  for (std::size_t at = 0; at < bytes.size();) {
+    const ssize_t count = ::pread(object->file.get(), bytes.data() + at, bytes.size() - at, static_cast<off_t>(at));
+    if (count < 0 && errno == EINTR) continue;
+    if (count <= 0) return io_error("reading asset " + id.hex(), count == 0 ? EIO : errno);
+    at += static_cast<std::size_t>(count);
+  }
+  return bytes;
+}
+
+Result<std::vector<Sha256>> AssetStore::references_of(const Sha256& id) const {
+  std::vector<Sha256> found;
+  const auto object = read(id);
+  if (!object) return object.error();
+  if (object->size < id.digest.size() || object->size > kMaxListBytes) return found;
+  const auto content = bytes_of(id);
+  if (!content) return content.error();
+  const Bytes& bytes = *content;
+  const auto prefix_of = [](const std::uint8_t* digest) {
+    std::uint64_t prefix = 0;
+    std::memcpy(&prefix, digest, sizeof prefix);
+    return prefix;
+  };
+  std::unordered_multimap<std::uint64_t, Sha256> known;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [other, entry] : entries_) known.emplace(prefix_of(other.digest.data()), other);
+  }
+  for (std::size_t at = 0; at + id.digest.size() <= bytes.size(); ++at) {
+    const auto [first, last] = known.equal_range(prefix_of(bytes.data() + at));
+    for (auto it = first; it != last; ++it) {
+      if (std::memcmp(it->second.digest.data(), bytes.data() + at, id.digest.size()) == 0) found.push_back(it->second);
+    }
+  }
+  return found;
+}
+
+std::set<Sha256> AssetStore::needed() const {
+  std::set<Sha256> all;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [stream, asset] : used_by_stream_) all.insert(asset);
+  }
+  for (const Sha256& asset : std::vector<Sha256>(all.begin(), all.end())) {
+    const auto parts = references_of(asset);
+    if (parts) all.insert(parts->begin(), parts->end());
+  }
+  return all;
+}
+
+void AssetStore::make_room() {
+  const std::lock_guard one_at_a_time(evicting_);
+  const std::set<Sha256> keep = needed();
+  const TimeUs now_us = steady_now_us();
+  std::vector<std::pair<TimeUs, Sha256>> idle;
+  {
+    const std::lock_guard lock(mutex_);
+    for (const auto& [id, entry] : entries_) {
+      if (!keep.contains(id) && now_us - entry.used_us >= settings_.min_idle_us) idle.emplace_back(entry.used_us, id);
+    }
+  }
+  std::sort(idle.begin(), idle.end());
+  for (const auto& [used_us, id] : idle) {
+    if (total_bytes_ <= settings_.max_total_bytes) return;
+    const std::lock_guard lock(mutex_);
+    const auto entry = entries_.find(id);
+    if (entry == entries_.end() || entry->second.used_us != used_us) continue;  // Used meanwhile.
+    // Who is downloading it keeps its open file.
+    if (::unlink(path_of(id).c_str()) != 0 && errno != ENOENT) continue;
+    total_bytes_ -= entry->second.size;
+    entries_.erase(entry);
+    ++evicted_;
+  }
+}
+
+void AssetStore::add(const Sha256& id, std::uint64_t size) {
+  const TimeUs now_us = steady_now_us();
+  const std::lock_guard lock(mutex_);
+  entries_[id] = {size, now_us, now_us};
 }
 
 Result<std::unique_ptr<AssetStore::Upload>> AssetStore::begin_upload(const Sha256& id) {
@@ -116,9 +261,13 @@ Result<void> AssetStore::Upload::write(ByteView data) {
                                           " bytes, the most that assets.max_object_bytes allows");
   }
   size_ += data.size();
-  if ((store_.total_bytes_ += data.size()) > store_.settings_.max_total_bytes) {
-    return fail(ErrorCode::kIo, "the asset store is full: assets.max_total_bytes is " +
-                                    std::to_string(store_.settings_.max_total_bytes));
+  const std::uint64_t most = store_.settings_.max_total_bytes;
+  if ((store_.total_bytes_ += data.size()) > most) store_.make_room();
+  if (store_.total_bytes_ > most) {
+    return fail(ErrorCode::kIo,
+                "the asset store is full of what streams use or used a moment ago: "
+                "assets.max_total_bytes is " +
+                    std::to_string(most));
   }
   hash_.update(data);
   while (!data.empty()) {
@@ -150,6 +299,7 @@ Result<bool> AssetStore::Upload::commit() {
     return io_error(path, errno);
   }
   kept_ = true;
+  store_.add(expected_, size_);
   ::unlink(path_.c_str());
   if (auto synced = sync_folder(folder); !synced) return synced.error();
   return true;

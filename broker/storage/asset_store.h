@@ -3,10 +3,18 @@
 
 #include <atomic>
 #include <cstdint>
+#include <map>
 #include <memory>
+#include <mutex>
+#include <optional>
+#include <set>
 #include <string>
+#include <string_view>
 #include <utility>
+#include <vector>
 
+#include "broker/relay/stream_tap.h"
+#include "common/core/clock.h"
 #include "common/core/hash/sha256.h"
 #include "common/core/result.h"
 
@@ -28,12 +36,21 @@ class FileHandle {
 /// Objects (manifests and chunks) in a folder, each named by its SHA-256. What is visible is whole and has that hash.
 ///
 /// Layout: DIR/assets/ab/abcdef...  and DIR/assets/uploading/ for what is not verified yet (emptied at opening).
-/// Thread-safe, except that one Upload belongs to one thread at a time.
-class AssetStore {
+///
+/// When an upload needs the room, objects go that no stream uses, the one whose last use is longest ago first. A stream
+/// uses the asset that it announced and every object whose 32-byte id stands anywhere in it: so the store keeps the
+/// chunks that a manifest lists without knowing what a manifest is. At worst it keeps too much (after Boehm and Weiser,
+/// "Garbage collection in an uncooperative environment", 1988).
+///
+/// Thread-safe, except that one Upload belongs to one thread at a time. Everything but contains() and the figures may
+/// block on the disk.
+class AssetStore final : public StreamTap {
  public:
   struct Settings {
     std::uint64_t max_object_bytes = 256u << 20;
     std::uint64_t max_total_bytes = std::uint64_t{16} << 30;
+    /// What was used so lately stays: a sender that has put its chunks has yet to announce them (default: 60 s).
+    TimeUs min_idle_us = 60'000'000;
   };
 
   /// An object on its way in. Nothing of it stays unless commit() succeeds.
@@ -43,7 +60,7 @@ class AssetStore {
     Upload(const Upload&) = delete;
     Upload& operator=(const Upload&) = delete;
 
-    /// Errors: kTooLarge (object or store), kIo (message names the cause, for example a full disk).
+    /// Errors: kTooLarge (object), kIo (message names the cause: a full store or disk).
     Result<void> write(ByteView data);
     /// Verifies, makes durable and visible. True: it is new; false: it was there already. Blocks on the disk.
     /// Errors: kCorrupt (another hash), kIo.
@@ -68,7 +85,7 @@ class AssetStore {
 
   /// Makes the folders. Errors: kIo, kRefused (another broker uses the folder).
   static Result<std::unique_ptr<AssetStore>> open(const std::string& data_dir, const Settings& settings);
-  ~AssetStore();
+  ~AssetStore() override;
 
   bool contains(const Sha256& id) const;
   /// Errors: kNotFound, kIo.
@@ -76,17 +93,47 @@ class AssetStore {
   /// Errors: kIo.
   Result<std::unique_ptr<Upload>> begin_upload(const Sha256& id);
 
+  /// What `stream` uses from now on: nothing may be evicted that its asset needs. Nothing: the stream is forgotten.
+  void set_used(std::string_view stream, const std::optional<Sha256>& asset);
+  // So that it knows by itself what streams use.
+  void on_announced(const Stream& stream) override;
+  void on_key(const Stream&, const KeyRecordPtr&) override {}
+  void on_stalled(const Stream&) override {}
+  void on_forgotten(const Stream& stream) override;
+
+  /// The whole of an object. Errors: as read().
+  Result<Bytes> bytes_of(const Sha256& id) const;
+  /// The objects here whose ids stand in object `id`, in the order in which they stand there. Errors: as read().
+  Result<std::vector<Sha256>> references_of(const Sha256& id) const;
+
   std::uint64_t total_bytes() const { return total_bytes_; }
+  std::size_t objects() const;
+  std::uint64_t evicted() const { return evicted_; }
   const Settings& settings() const { return settings_; }
 
  private:
+  struct Entry {
+    std::uint64_t size = 0;
+    TimeUs used_us = 0;     ///< On the steady clock; before this process's time for what was there at opening.
+    TimeUs touched_us = 0;  ///< When the file was last told.
+  };
   AssetStore(std::string root, const Settings& settings, FileHandle lock);
   Result<void> prepare();
+  void find_objects(const std::string& folder);
   std::string path_of(const Sha256& id) const;
+  std::set<Sha256> needed() const;
+  /// Evicts until the store is within its quota, as far as that is possible.
+  void make_room();
+  void add(const Sha256& id, std::uint64_t size);
 
   std::string root_;
   Settings settings_;
   FileHandle lock_;
+  mutable std::mutex mutex_;
+  mutable std::map<Sha256, Entry> entries_;                    // GUARDED_BY(mutex_)
+  std::map<std::string, Sha256, std::less<>> used_by_stream_;  // GUARDED_BY(mutex_)
+  std::mutex evicting_;                                        ///< One at a time.
+  std::atomic<std::uint64_t> evicted_{0};
   std::atomic<std::uint64_t> total_bytes_{0};  ///< Visible objects and uploads so far.
   std::atomic<std::uint64_t> uploads_{0};      ///< Gives temporary names.
 };

@@ -25,7 +25,7 @@ void LoopbackBroker::start() {
   if (running_) return;
   broker::Config config;
   config.server.listen = "127.0.0.1:" + std::to_string(port_);
-  config.server.admin_listen = "127.0.0.1:0";  // None.
+  config.server.admin_listen.clear();  // None.
   config.server.data_dir = folder_.file("data");
   auto made = broker::Broker::create(config, "test", {});
   if (!made) throw std::runtime_error(made.error().message);

@@ -127,7 +127,7 @@ TEST_F(AssetStoreTest, UploadsAtTheSameTimeFromManyThreads) {
 }
 
 TEST_F(AssetStoreTest, CapsHold) {
-  open({1000, 1500});
+  open({1000, 1500, 0});
   auto first = store_->begin_upload(sha256(Bytes(900, 1))).value();
   ASSERT_TRUE(first->write(Bytes(900, 1)));
   EXPECT_EQ(first->write(Bytes(101, 1)).error().code, ErrorCode::kTooLarge);
@@ -137,6 +137,65 @@ TEST_F(AssetStoreTest, CapsHold) {
   EXPECT_TRUE(first->commit());
   first.reset();
   EXPECT_EQ(store_->total_bytes(), 900u);
+}
+
+TEST_F(AssetStoreTest, WhatNoStreamUsesGoesFirstAndLongestUnusedFirst) {
+  open({1000, 1000, 0});
+  const auto put = [&](const Bytes& content) {
+    auto upload = store_->begin_upload(sha256(content)).value();
+    auto written = upload->write(content);
+    EXPECT_TRUE(!written || upload->commit());
+    return written ? std::optional(sha256(content)) : std::nullopt;
+  };
+  const Sha256 chunk = *put(Bytes(300, 1));
+  Bytes list(17, 0xee);  // A manifest, as far as the store knows: the id of its chunk stands somewhere in it.
+  ByteWriter(list).bytes(chunk.digest);
+  const Sha256 manifest = *put(list);
+  store_->set_used("a", manifest);
+  EXPECT_EQ(store_->references_of(manifest).value(), std::vector<Sha256>{chunk});
+  const Sha256 old = *put(Bytes(200, 2));
+  const Sha256 young = *put(Bytes(200, 3));
+  EXPECT_TRUE(store_->read(old)) << "used again: now the other is the older one";
+  const auto third = put(Bytes(300, 4));
+  ASSERT_TRUE(third);
+  EXPECT_FALSE(store_->contains(young));
+  EXPECT_TRUE(store_->contains(old));
+  EXPECT_TRUE(store_->contains(chunk));
+  EXPECT_EQ(store_->evicted(), 1u);
+  EXPECT_FALSE(put(Bytes(900, 5))) << "what a stream uses stays, whatever comes";
+  EXPECT_TRUE(store_->contains(manifest));
+  EXPECT_TRUE(store_->contains(chunk));
+  store_->set_used("a", std::nullopt);
+  EXPECT_TRUE(put(Bytes(900, 5)));
+  EXPECT_FALSE(store_->contains(chunk));
+  EXPECT_LE(store_->total_bytes(), 1000u);
+  EXPECT_EQ(files_left(), store_->objects());
+}
+
+TEST_F(AssetStoreTest, WhatWasUsedAMomentAgoStays) {
+  open({1000, 1000, 60'000'000});
+  for (const std::uint8_t content : {1, 2}) {
+    auto upload = store_->begin_upload(sha256(Bytes(600, content))).value();
+    EXPECT_EQ(bool(upload->write(Bytes(600, content))), content == 1);
+    if (content == 1) {
+      EXPECT_TRUE(upload->commit());
+    }
+  }
+  EXPECT_TRUE(store_->contains(sha256(Bytes(600, 1))));
+}
+
+TEST_F(AssetStoreTest, AnEvictedObjectIsReadToItsEndByWhoHasBegun) {
+  open({1000, 1000, 0});
+  auto upload = store_->begin_upload(sha256(Bytes(600, 1))).value();
+  ASSERT_TRUE(upload->write(Bytes(600, 1)));
+  ASSERT_TRUE(upload->commit());
+  const auto object = store_->read(sha256(Bytes(600, 1))).value();
+  auto next = store_->begin_upload(sha256(Bytes(600, 2))).value();
+  ASSERT_TRUE(next->write(Bytes(600, 2)));
+  EXPECT_FALSE(store_->contains(sha256(Bytes(600, 1))));
+  Bytes read(600);
+  EXPECT_EQ(::pread(object.file.get(), read.data(), 600, 0), 600);
+  EXPECT_EQ(read, Bytes(600, 1));
 }
 
 TEST_F(AssetStoreTest, OneBrokerPerFolder) {

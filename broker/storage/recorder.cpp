@@ -1,0 +1,420 @@
+// SPDX-License-Identifier: MIT
+#include "broker/storage/recorder.h"
+
+#include <algorithm>
+#include <chrono>
+#include <ctime>
+#include <exception>
+#include <filesystem>
+#include <optional>
+#include <system_error>
+#include <utility>
+
+#include "broker/relay/stream.h"
+#include "common/recording/writer.h"
+
+namespace eigencast::broker {
+namespace {
+
+namespace fs = std::filesystem;
+using std::chrono::milliseconds;
+
+constexpr std::string_view kSuffix = ".ecrec";
+/// What is written goes to the system so often, and onto the disk once a second.
+constexpr milliseconds kFlushEvery{200};
+constexpr TimeUs kSyncEveryUs = 1'000'000;
+constexpr TimeUs kCheckpointEveryUs = 1'000'000;
+constexpr std::size_t kEndedKept = 100;
+constexpr std::size_t kItemBytes = 200;  ///< What an entry of the queue costs beside its payload, about.
+
+std::uint64_t unix_us() {
+  return static_cast<std::uint64_t>(
+      std::chrono::duration_cast<std::chrono::microseconds>(std::chrono::system_clock::now().time_since_epoch())
+          .count());
+}
+
+/// "lab/horse" begins "lab~horse.20260101T120000Z": '~' is in no stream's name.
+std::string file_stem(std::string_view stream) {
+  std::string stem(stream);
+  std::replace(stem.begin(), stem.end(), '/', '~');
+  const std::time_t now = std::time(nullptr);
+  std::tm utc{};
+  gmtime_r(&now, &utc);
+  char text[32];
+  std::strftime(text, sizeof text, ".%Y%m%dT%H%M%SZ", &utc);
+  return stem + text;
+}
+
+Envelope envelope_of(const KeyRecord& record) {
+  Envelope head;
+  head.kind = record.join ? FrameKind::kJoin : FrameKind::kKey;
+  head.bands = record.bands;
+  head.sequence = record.sequence;
+  head.capture_us = record.capture_us;
+  return head;
+}
+
+/// The state after `record` as a join frame.
+Result<FramePtr> checkpoint_of(const CoefficientLayout& layout, const KeyRecord& record) {
+  auto payload = encode_join(layout, *record.after);
+  if (!payload) return payload.error();
+  Envelope head = envelope_of(record);
+  head.kind = FrameKind::kJoin;
+  head.bands = record.after->newer.bands;
+  return make_frame(head, *payload);
+}
+
+}  // namespace
+
+std::string_view name_of(RecordingInfo::State state) {
+  constexpr std::string_view kNames[] = {"waiting", "recording", "finished", "failed"};
+  return kNames[static_cast<std::size_t>(state)];
+}
+
+struct Recorder::Session {
+  std::string stream;
+  bool automatic = false;  ///< By a pattern: ends with its sender.
+
+  // Of the event loop, under the mutex.
+  bool announced = false;
+  bool wants_checkpoint = true;
+  TimeUs checkpoint_us = 0;
+  std::uint64_t lost = 0;  ///< Since the last key that was taken.
+  bool failed = false;
+  RecordingInfo info;
+
+  // Of the thread.
+  std::optional<recording::Writer> writer;
+  CoefficientLayout layout;
+  std::string asset;
+  TimeUs start_us = 0;
+  std::uint64_t written = 0;  ///< Bytes already in the totals.
+};
+
+struct Recorder::Item {
+  enum class Kind { kAnnounce, kKey, kEnd } kind = Kind::kKey;
+  SessionPtr session;
+  KeyRecordPtr record;
+  bool checkpoint = false;      ///< The state after this key is written.
+  bool frame = true;            ///< The key itself is written.
+  std::uint64_t lost = 0;       ///< Keys left out before this one.
+  control::Announce announced;  ///< kAnnounce
+  CoefficientLayout layout;
+  std::size_t bytes = 0;
+};
+
+Recorder::Recorder(Settings settings, AssetStore& assets, LogSink log)
+    : settings_(std::move(settings)), assets_(assets), log_(std::move(log)), thread_([this] { run(); }) {}
+
+Recorder::~Recorder() {
+  {
+    const std::lock_guard lock(mutex_);
+    while (!sessions_.empty()) end(sessions_.begin()->second);
+    stopping_ = true;
+  }
+  stop_.notify_all();
+  thread_.join();
+}
+
+Recorder::SessionPtr Recorder::add(std::string_view stream, bool automatic) {
+  auto session = std::make_shared<Session>();
+  session->stream = session->info.stream = stream;
+  session->automatic = automatic;
+  sessions_.emplace(std::string(stream), session);
+  active_ = totals_.active = sessions_.size();
+  return session;
+}
+
+Result<void> Recorder::start(std::string_view stream) {
+  const std::lock_guard lock(mutex_);
+  if (sessions_.contains(stream)) {
+    return fail(ErrorCode::kRefused, "'" + std::string(stream) + "' is being recorded already");
+  }
+  if (totals_.stored_bytes >= settings_.max_total_bytes) {
+    return fail(ErrorCode::kTooLarge, "the recordings take " + std::to_string(totals_.stored_bytes) +
+                                          " bytes, all that recording.max_total_bytes allows: remove some of " +
+                                          settings_.folder);
+  }
+  add(stream, false);
+  return {};
+}
+
+Result<void> Recorder::stop(std::string_view stream) {
+  const std::lock_guard lock(mutex_);
+  const auto found = sessions_.find(stream);
+  if (found == sessions_.end()) {
+    return fail(ErrorCode::kNotFound, "'" + std::string(stream) + "' is not being recorded");
+  }
+  end(found->second);
+  return {};
+}
+
+std::vector<RecordingInfo> Recorder::list() const {
+  const std::lock_guard lock(mutex_);
+  std::vector<RecordingInfo> all;
+  for (const auto& [name, session] : sessions_) all.push_back(session->info);
+  all.insert(all.end(), ended_.begin(), ended_.end());
+  return all;
+}
+
+Recorder::Totals Recorder::totals() const {
+  const std::lock_guard lock(mutex_);
+  return totals_;
+}
+
+void Recorder::on_announced(const Stream& stream) {
+  const std::lock_guard lock(mutex_);
+  const auto found = sessions_.find(stream.name());
+  if (found != sessions_.end()) return announce(found->second, stream);
+  const bool wanted = settings_.streams.matches(stream.name());
+  if (wanted && totals_.stored_bytes < settings_.max_total_bytes) announce(add(stream.name(), true), stream);
+}
+
+void Recorder::announce(const SessionPtr& session, const Stream& stream) {
+  Item item;
+  item.kind = Item::Kind::kAnnounce;
+  item.session = session;
+  item.announced = stream.announcement();
+  item.layout = stream.layout();
+  item.bytes = kItemBytes;
+  session->announced = session->wants_checkpoint = true;
+  push(std::move(item));  // Always taken: there is one per epoch, and without it nothing can be read.
+}
+
+void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
+  if (active_.load(std::memory_order_relaxed) == 0) return;
+  const std::lock_guard lock(mutex_);
+  const auto found = sessions_.find(stream.name());
+  if (found == sessions_.end()) return;
+  Session& session = *found->second;
+  if (session.failed) return;
+  if (!session.announced) announce(found->second, stream);
+  Item item;
+  item.bytes = kItemBytes + record->payload.size();
+  if (totals_.queued_bytes + item.bytes > settings_.max_queued_bytes) {
+    ++session.lost;
+    ++session.info.lost;
+    ++totals_.lost;
+    session.wants_checkpoint = true;
+    return;
+  }
+  const TimeUs now_us = record->arrival_us;
+  item.session = found->second;
+  item.record = record;
+  item.frame = !session.wants_checkpoint;
+  item.checkpoint = session.wants_checkpoint || now_us - session.checkpoint_us >= kCheckpointEveryUs;
+  item.lost = std::exchange(session.lost, 0);
+  if (item.checkpoint) session.checkpoint_us = now_us;
+  session.wants_checkpoint = false;
+  push(std::move(item));
+}
+
+void Recorder::on_stalled(const Stream& stream) {
+  if (active_.load(std::memory_order_relaxed) == 0) return;
+  const std::lock_guard lock(mutex_);
+  const auto found = sessions_.find(stream.name());
+  if (found != sessions_.end() && found->second->automatic) end(found->second);
+}
+
+void Recorder::on_forgotten(const Stream&) {}
+
+void Recorder::push(Item item) {
+  totals_.queued_bytes += item.bytes;
+  queue_.push_back(std::move(item));
+}
+
+void Recorder::end(const SessionPtr& session) {
+  Item item;
+  item.kind = Item::Kind::kEnd;
+  item.session = session;
+  push(std::move(item));
+  sessions_.erase(session->stream);
+  active_ = totals_.active = sessions_.size();
+}
+
+void Recorder::run() {
+  try {
+    repair();
+  } catch (const std::exception& exception) {
+    log(log_, LogLevel::kError, std::string("looking through the recordings failed: ") + exception.what());
+  }
+  TimeUs synced_us = steady_now_us();
+  for (bool last = false; !last;) {
+    std::deque<Item> items;
+    {
+      std::unique_lock lock(mutex_);
+      stop_.wait_for(lock, kFlushEvery, [this] { return stopping_; });
+      items.swap(queue_);
+      last = stopping_;
+    }
+    for (Item& item : items) {
+      try {
+        work(item);
+      } catch (const std::exception& exception) {
+        give_up(*item.session, fail(ErrorCode::kIo, exception.what()));
+      }
+      const std::lock_guard lock(mutex_);
+      totals_.queued_bytes -= item.bytes;
+    }
+    const bool sync = last || steady_now_us() - synced_us >= kSyncEveryUs;
+    if (sync) synced_us = steady_now_us();
+    flush_all(sync);
+  }
+}
+
+void Recorder::repair() {
+  std::error_code error;
+  fs::create_directories(settings_.folder, error);
+  std::uint64_t stored = 0;
+  for (fs::directory_iterator it(settings_.folder, error), end; !error && it != end; it.increment(error)) {
+    const std::string path = it->path().string();
+    if (!path.ends_with(kSuffix)) continue;
+    const auto recovered = recording::recover(path);
+    if (!recovered) {
+      log(log_, LogLevel::kWarning, "a recording cannot be repaired: " + recovered.error().message);
+    } else if (!recovered->was_complete) {
+      log(log_, LogLevel::kWarning,
+          path + ": was cut off; repaired with " + std::to_string(recovered->frames) + " frames, " +
+              std::to_string(recovered->cut_bytes) + " bytes of a torn one removed");
+    }
+    std::error_code ignored;
+    if (const auto size = fs::file_size(path, ignored); !ignored) stored += size;
+  }
+  const std::lock_guard lock(mutex_);
+  totals_.stored_bytes += stored;
+}
+
+void Recorder::work(Item& item) {
+  Session& session = *item.session;
+  switch (item.kind) {
+    case Item::Kind::kAnnounce:
+      session.layout = item.layout;
+      session.asset = item.announced.asset;
+      if (!session.writer) open(session);
+      if (!session.writer) return;
+      (void)session.writer->announce(session.writer->duration_us(), text_from_control(item.announced));
+      if (settings_.include_asset) write_asset(session);
+      return;
+    case Item::Kind::kKey:
+      return write_key(item);
+    case Item::Kind::kEnd:
+      if (session.failed) return;
+      if (session.writer) {
+        const auto finished = session.writer->finish();
+        if (!finished) return give_up(session, finished.error());
+        note(session);
+        log(log_, LogLevel::kInfo,
+            "recording of '" + session.stream + "' ended: " + session.info.file + ", " +
+                std::to_string(session.info.frames) + " frames");
+      }
+      std::erase(open_, item.session);
+      return retire(session, RecordingInfo::State::kFinished);
+  }
+}
+
+void Recorder::open(Session& session) {
+  if (session.failed) return;
+  const std::string stem = settings_.folder + "/" + file_stem(session.stream);
+  for (int number = 1; !session.writer; ++number) {
+    const std::string path = stem + (number == 1 ? "" : "-" + std::to_string(number)) + std::string(kSuffix);
+    auto made = recording::Writer::create(path, {session.stream, settings_.software, unix_us()});
+    if (!made && made.error().code == ErrorCode::kRefused && number < 100) continue;
+    if (!made) return give_up(session, made.error());
+    session.writer = std::move(*made);
+    const std::lock_guard lock(mutex_);
+    session.info.file = path;
+    session.info.state = RecordingInfo::State::kRecording;
+  }
+  log(log_, LogLevel::kInfo, "recording '" + session.stream + "' into " + session.info.file);
+}
+
+void Recorder::write_asset(Session& session) {
+  const auto id = Sha256::from_hex(session.asset);
+  if (!id) return;
+  const auto parts = assets_.references_of(*id);
+  if (!parts) return log(log_, LogLevel::kWarning, "the asset is not in the recording: " + parts.error().message);
+  std::vector<Sha256> all = *parts;
+  all.push_back(*id);  // The manifest last, as senders put it.
+  for (const Sha256& part : all) {
+    const auto bytes = assets_.bytes_of(part);
+    if (!bytes) return log(log_, LogLevel::kWarning, "the asset is not in the recording: " + bytes.error().message);
+    if (auto ok = session.writer->object(session.writer->duration_us(), part.digest, *bytes); !ok) {
+      return give_up(session, ok.error());
+    }
+  }
+}
+
+void Recorder::write_key(const Item& item) {
+  Session& session = *item.session;
+  if (!session.writer) return;
+  if (session.start_us == 0) session.start_us = item.record->arrival_us;
+  const TimeUs time_us = item.record->arrival_us - session.start_us;
+  if (item.lost > 0) {
+    (void)session.writer->gap(time_us, item.lost);
+    log(log_, LogLevel::kWarning,
+        "recording of '" + session.stream + "': the disk is behind, " + std::to_string(item.lost) + " frames left out");
+  }
+  if (item.frame) {
+    (void)session.writer->frame(time_us, make_frame(envelope_of(*item.record), item.record->payload)->message());
+  }
+  if (item.checkpoint) {
+    const auto join = checkpoint_of(session.layout, *item.record);
+    if (!join) return give_up(session, join.error());
+    (void)session.writer->checkpoint(time_us, (*join)->message());
+  }
+  if (std::find(open_.begin(), open_.end(), item.session) == open_.end()) open_.push_back(item.session);
+}
+
+void Recorder::flush_all(bool sync) {
+  for (const SessionPtr& session : std::vector<SessionPtr>(open_)) {
+    if (!session->writer) continue;
+    const auto flushed = sync ? session->writer->sync() : session->writer->flush();
+    if (!flushed) {
+      give_up(*session, flushed.error());
+      continue;
+    }
+    note(*session);
+    const std::lock_guard lock(mutex_);
+    if (totals_.stored_bytes <= settings_.max_total_bytes || !sessions_.contains(session->stream)) continue;
+    log(log_, LogLevel::kError,
+        "recording of '" + session->stream +
+            "' stopped: the recordings take all that recording.max_total_bytes allows");
+    end(session);
+  }
+}
+
+void Recorder::note(Session& session) {
+  const std::lock_guard lock(mutex_);
+  const std::uint64_t grown = session.writer->bytes() - std::exchange(session.written, session.writer->bytes());
+  totals_.bytes += grown;
+  totals_.stored_bytes += grown;
+  totals_.frames += session.writer->frames() - session.info.frames;
+  session.info.bytes = session.writer->bytes();
+  session.info.frames = session.writer->frames();
+  session.info.duration_us = session.writer->duration_us();
+}
+
+void Recorder::give_up(Session& session, const Error& error) {
+  log(log_, LogLevel::kError, "recording of '" + session.stream + "' stopped, the stream goes on: " + error.message);
+  session.writer.reset();
+  {
+    const std::lock_guard lock(mutex_);
+    session.failed = true;
+    session.info.error = error.message;
+    ++totals_.failed;
+    const auto found = sessions_.find(session.stream);
+    if (found != sessions_.end() && found->second.get() == &session) sessions_.erase(found);
+    active_ = totals_.active = sessions_.size();
+  }
+  retire(session, RecordingInfo::State::kFailed);
+  std::erase_if(open_, [&](const SessionPtr& open) { return open.get() == &session; });
+}
+
+void Recorder::retire(const Session& session, RecordingInfo::State state) {
+  const std::lock_guard lock(mutex_);
+  ended_.push_front(session.info);
+  ended_.front().state = state;
+  if (ended_.size() > kEndedKept) ended_.pop_back();
+}
+
+}  // namespace eigencast::broker

@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <atomic>
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <string_view>
+#include <thread>
+#include <vector>
+
+#include "broker/access/patterns.h"
+#include "broker/relay/stream_tap.h"
+#include "broker/storage/asset_store.h"
+#include "common/core/log.h"
+
+namespace eigencast::broker {
+
+/// What is known of one recording.
+struct RecordingInfo {
+  enum class State : std::uint8_t { kWaiting, kRecording, kFinished, kFailed };
+  std::string stream;
+  std::string file;  ///< Empty until its first key has come.
+  State state = State::kWaiting;
+  std::string error;  ///< Why it failed.
+  std::uint64_t bytes = 0;
+  std::uint64_t frames = 0;
+  std::uint64_t lost = 0;  ///< Left out because the disk did not keep up.
+  TimeUs duration_us = 0;
+};
+std::string_view name_of(RecordingInfo::State state);
+
+/// Records streams into files (docs/recording-format.md), one file each, on a thread of its own.
+///
+/// The event loop only hands over keys that all share; the queue between is bounded in bytes, and what does not fit is
+/// left out, counted and logged, and bridged by a checkpoint: recording never delays a frame. Where the disk fails or is
+/// full, the recording ends, says so, and all else goes on. Thread-safe.
+class Recorder final : public StreamTap {
+ public:
+  struct Settings {
+    std::string folder;
+    std::string software;        ///< What stands in the files.
+    StreamPatterns streams;      ///< Those that are recorded whenever they are live.
+    bool include_asset = false;  ///< Put the asset's objects into the file.
+    std::uint64_t max_queued_bytes = 16u << 20;
+    std::uint64_t max_total_bytes = std::uint64_t{64} << 30;  ///< Of all recordings in the folder.
+  };
+  struct Totals {
+    std::uint64_t active = 0;
+    std::uint64_t failed = 0;
+    std::uint64_t frames = 0;
+    std::uint64_t lost = 0;
+    std::uint64_t bytes = 0;  ///< Written by this run.
+    std::uint64_t queued_bytes = 0;
+    std::uint64_t stored_bytes = 0;  ///< All files in the folder.
+  };
+
+  /// Repairs, on its thread, what an earlier run was cut off in.
+  Recorder(Settings settings, AssetStore& assets, LogSink log);
+  /// Finishes all recordings.
+  ~Recorder() override;
+  Recorder(const Recorder&) = delete;
+  Recorder& operator=(const Recorder&) = delete;
+
+  /// Records `stream` from its next key on; it need not be there yet. REQUIRES: check_stream_name passed.
+  /// Errors: kRefused (it is being recorded), kTooLarge (the quota is used up).
+  Result<void> start(std::string_view stream);
+  /// Errors: kNotFound (it is not being recorded).
+  Result<void> stop(std::string_view stream);
+  /// Those that run, then the last ones that ended, latest first.
+  std::vector<RecordingInfo> list() const;
+  Totals totals() const;
+
+  void on_announced(const Stream& stream) override;
+  void on_key(const Stream& stream, const KeyRecordPtr& record) override;
+  void on_stalled(const Stream& stream) override;
+  void on_forgotten(const Stream& stream) override;
+
+ private:
+  struct Session;
+  struct Item;
+  using SessionPtr = std::shared_ptr<Session>;
+
+  SessionPtr add(std::string_view stream, bool automatic);
+  void push(Item item);
+  void announce(const SessionPtr& session, const Stream& stream);
+  void end(const SessionPtr& session);
+  void run();
+  void repair();
+  void work(Item& item);
+  void open(Session& session);
+  void write_asset(Session& session);
+  void write_key(const Item& item);
+  void flush_all(bool sync);
+  void give_up(Session& session, const Error& error);
+  void retire(const Session& session, RecordingInfo::State state);
+  void note(Session& session);
+
+  const Settings settings_;
+  AssetStore& assets_;
+  const LogSink log_;
+  std::vector<SessionPtr> open_;          ///< Of the thread: with files that grow.
+  std::atomic<std::uint64_t> active_{0};  ///< Lets on_key() return at once.
+
+  mutable std::mutex mutex_;
+  // GUARDED_BY(mutex_), all that follows.
+  std::condition_variable stop_;
+  std::map<std::string, SessionPtr, std::less<>> sessions_;
+  std::deque<Item> queue_;
+  std::deque<RecordingInfo> ended_;
+  Totals totals_;
+  bool stopping_ = false;
+  std::thread thread_;
+};
+
+}  // namespace eigencast::broker

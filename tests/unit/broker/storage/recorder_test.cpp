@@ -1,0 +1,260 @@
+// SPDX-License-Identifier: MIT
+#include "broker/storage/recorder.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+
+#include <csignal>
+#include <filesystem>
+#include <fstream>
+#include <mutex>
+
+#include "common/recording/reader.h"
+#include "common/recording/writer.h"
+#include "tests/support/process.h"
+#include "tests/unit/broker/support.h"
+
+namespace eigencast::broker {
+namespace {
+
+using ::eigencast::testing::eventually;
+using testing::FakeSender;
+using ::testing::HasSubstr;
+using testing::key_number;
+using testing::small_announce;
+using testing::small_layout;
+
+class RecorderTest : public ::testing::Test {
+ protected:
+  RecorderTest() {
+    settings_.folder = folder_.file("recordings");
+    settings_.software = "test";
+    assets_ = AssetStore::open(folder_.file("data"), {}).value();
+  }
+  void start() {
+    recorder_ = std::make_unique<Recorder>(settings_, *assets_, [this](LogLevel, std::string_view line) {
+      const std::lock_guard lock(log_mutex_);
+      log_ += std::string(line) + "\n";
+    });
+    Stream::Settings settings;
+    settings.taps = {assets_.get(), recorder_.get()};
+    stream_ = std::make_unique<Stream>("lab/horse", 1, settings);
+    ASSERT_TRUE(stream_->claim(sender_));
+  }
+  void announce() {
+    control::Announce announce = small_announce();
+    announce.asset = asset_;
+    sender_.begin_anew();
+    ASSERT_TRUE(stream_->announce(announce, ++epoch_));
+  }
+  void send(int keys) {
+    for (int i = 0; i < keys; ++i, now_us_ += 33'000) ASSERT_TRUE(stream_->add_frame(sender_.next(now_us_), now_us_));
+  }
+  void end() {
+    stream_.reset();
+    recorder_.reset();
+  }
+  std::string log() {
+    const std::lock_guard lock(log_mutex_);
+    return log_;
+  }
+  std::vector<std::string> files() const {
+    std::vector<std::string> found;
+    for (const auto& entry : std::filesystem::directory_iterator(settings_.folder))
+      found.push_back(entry.path().string());
+    return found;
+  }
+  /// The sequences of all keys that can be decoded from where the reader stands; each must be key_number(sequence).
+  static std::vector<std::uint64_t> decode(recording::Reader& reader) {
+    std::vector<std::uint64_t> sequences;
+    std::optional<ChainState> state;
+    for (;;) {
+      const auto record = reader.next();
+      EXPECT_TRUE(record);
+      if (!record || !*record) return sequences;
+      if ((**record).type == recording::Type::kAnnounce) state.reset();
+      if ((**record).type != recording::Type::kFrame && (**record).type != recording::Type::kCheckpoint) continue;
+      const auto frame = parse_frame((**record).body);
+      EXPECT_TRUE(frame);
+      const Envelope& head = frame->envelope;
+      if (head.kind == FrameKind::kJoin) {
+        state = decode_join(small_layout(), head.bands, frame->payload).value();
+      } else {
+        EXPECT_TRUE(state);
+        if (!state) return sequences;
+        const auto key = decode_key(small_layout(), head.bands, *state, frame->payload);
+        EXPECT_TRUE(key);
+        state = advanced(state, *key, 33'000);
+      }
+      EXPECT_EQ(state->newer, key_number(static_cast<int>(head.sequence)));
+      if (sequences.empty() || sequences.back() != head.sequence) sequences.push_back(head.sequence);
+    }
+  }
+
+  ::eigencast::testing::TemporaryFolder folder_;
+  Recorder::Settings settings_;
+  std::unique_ptr<AssetStore> assets_;
+  std::mutex log_mutex_;
+  std::string log_;
+  std::unique_ptr<Recorder> recorder_;
+  std::unique_ptr<Stream> stream_;
+  FakeSender sender_;
+  std::string asset_ = std::string(64, 'a');
+  std::uint32_t epoch_ = 0;
+  TimeUs now_us_ = 1'000'000;
+};
+
+TEST_F(RecorderTest, FromTheMiddleOfAStreamEveryKeyIsThereAndEverySecondIsAnEntry) {
+  start();
+  announce();
+  send(40);
+  ASSERT_TRUE(recorder_->start("lab/horse"));
+  EXPECT_EQ(recorder_->start("lab/horse").error().code, ErrorCode::kRefused);
+  EXPECT_EQ(recorder_->list().at(0).state, RecordingInfo::State::kWaiting);
+  send(100);
+  ASSERT_TRUE(recorder_->stop("lab/horse"));
+  EXPECT_EQ(recorder_->stop("lab/horse").error().code, ErrorCode::kNotFound);
+  send(10);
+  end();
+  ASSERT_EQ(files().size(), 1u);
+  EXPECT_THAT(files()[0], HasSubstr("/lab~horse."));
+  auto reader = recording::Reader::open(files()[0]);
+  ASSERT_TRUE(reader);
+  EXPECT_TRUE(reader->info().complete);
+  EXPECT_EQ(reader->info().start.stream, "lab/horse");
+  EXPECT_EQ(reader->info().lost, 0u);
+  const auto all = decode(*reader);
+  ASSERT_EQ(all.size(), 100u);
+  EXPECT_EQ(all.front(), 40u);
+  EXPECT_EQ(all.back(), 139u);
+  EXPECT_GE(reader->index().size(), 3u);
+  ASSERT_TRUE(reader->seek(2'000'000));
+  const auto late = decode(*reader);
+  EXPECT_GT(late.front(), 60u);
+  EXPECT_EQ(late.back(), 139u);
+}
+
+TEST_F(RecorderTest, PatternsRecordEachPresenceOfASenderIntoAFileOfItsOwn) {
+  settings_.streams = StreamPatterns::from(std::vector<std::string>{"lab/*"}).value();
+  start();
+  announce();
+  send(20);
+  announce();
+  send(20);
+  stream_->release(sender_);
+  EXPECT_TRUE(eventually([&] {
+    const auto list = recorder_->list();
+    return !list.empty() && list.front().state == RecordingInfo::State::kFinished;
+  }));
+  ASSERT_TRUE(stream_->claim(sender_));
+  announce();
+  send(5);
+  end();
+  ASSERT_EQ(files().size(), 2u) << log();
+  std::size_t keys = 0;
+  for (const std::string& file : files()) {
+    auto reader = recording::Reader::open(file);
+    ASSERT_TRUE(reader);
+    keys += decode(*reader).size();
+  }
+  EXPECT_EQ(keys, 45u);
+}
+
+TEST_F(RecorderTest, WhatTheDiskCannotTakeIsLeftOutCountedAndBridged) {
+  settings_.max_queued_bytes = 4000;
+  start();
+  announce();
+  ASSERT_TRUE(recorder_->start("lab/horse"));
+  send(500);
+  const std::uint64_t lost = recorder_->totals().lost;
+  EXPECT_GT(lost, 300u) << "the queue is bounded";
+  ASSERT_TRUE(eventually([&] { return recorder_->totals().queued_bytes == 0; }));
+  send(3);
+  ASSERT_TRUE(recorder_->stop("lab/horse"));
+  end();
+  auto reader = recording::Reader::open(files().at(0));
+  ASSERT_TRUE(reader);
+  EXPECT_EQ(reader->info().lost, lost);
+  const auto all = decode(*reader);
+  EXPECT_EQ(all.size() + lost, 503u) << "and all that was taken can be decoded";
+  EXPECT_THAT(log(), HasSubstr("the disk is behind"));
+}
+
+TEST_F(RecorderTest, TheAssetComesAlongWhereThatIsWanted) {
+  settings_.include_asset = true;
+  const auto put = [&](const Bytes& bytes) {
+    auto upload = assets_->begin_upload(sha256(bytes)).value();
+    EXPECT_TRUE(upload->write(bytes));
+    EXPECT_TRUE(upload->commit());
+    return sha256(bytes);
+  };
+  const Sha256 chunk = put(Bytes(1000, 7));
+  Bytes list(5, 1);
+  ByteWriter(list).bytes(chunk.digest);
+  asset_ = put(list).hex();
+  start();
+  ASSERT_TRUE(recorder_->start("lab/horse"));
+  announce();
+  send(5);
+  end();
+  auto reader = recording::Reader::open(files().at(0));
+  const auto objects = reader->object_offsets().value();
+  ASSERT_EQ(objects.size(), 2u);
+  const auto first = reader->object_at(objects[0]).value();
+  EXPECT_EQ(Bytes(first.body.begin(), first.body.begin() + 32), Bytes(chunk.digest.begin(), chunk.digest.end()));
+  EXPECT_EQ(sha256(ByteView(first.body).subspan(32)), chunk);
+}
+
+TEST_F(RecorderTest, AFullDiskEndsTheRecordingAndNothingElse) {
+  start();
+  announce();
+  rlimit before{};
+  getrlimit(RLIMIT_FSIZE, &before);
+  const auto handler = std::signal(SIGXFSZ, SIG_IGN);
+  const rlimit small{3000, before.rlim_max};
+  setrlimit(RLIMIT_FSIZE, &small);
+  ASSERT_TRUE(recorder_->start("lab/horse"));
+  send(200);
+  EXPECT_TRUE(eventually([&] { return recorder_->totals().failed == 1; }));
+  setrlimit(RLIMIT_FSIZE, &before);
+  std::signal(SIGXFSZ, handler);
+  EXPECT_EQ(recorder_->list().at(0).state, RecordingInfo::State::kFailed);
+  EXPECT_THAT(recorder_->list().at(0).error, HasSubstr("free some space"));
+  EXPECT_THAT(log(), HasSubstr("the stream goes on"));
+  send(10);
+  ASSERT_TRUE(recorder_->start("lab/horse")) << "again, where there is room";
+  send(10);
+  end();
+  EXPECT_EQ(files().size(), 2u);
+}
+
+TEST_F(RecorderTest, TheQuotaStopsRecordings) {
+  settings_.max_total_bytes = 2000;
+  start();
+  announce();
+  ASSERT_TRUE(recorder_->start("lab/horse"));
+  send(300);
+  EXPECT_TRUE(eventually([&] { return recorder_->totals().active == 0; }));
+  EXPECT_EQ(recorder_->start("lab/horse").error().code, ErrorCode::kTooLarge);
+  EXPECT_THAT(log(), HasSubstr("max_total_bytes"));
+}
+
+TEST_F(RecorderTest, WhatAnEarlierRunWasCutOffInIsRepairedAtTheStart) {
+  std::filesystem::create_directories(settings_.folder);
+  const std::string path = settings_.folder + "/a.20260101T000000Z.ecrec";
+  {
+    auto writer = recording::Writer::create(path, {"a", "test", 0}).value();
+    ASSERT_TRUE(writer.announce(0, "{}"));
+    ASSERT_TRUE(writer.frame(5, Bytes(10, 1)));
+    ASSERT_TRUE(writer.flush());
+  }
+  std::ofstream(path, std::ios::app) << "torn";
+  start();
+  ASSERT_TRUE(eventually([&] { return log().find("repaired with 1 frames, 4 bytes") != std::string::npos; })) << log();
+  EXPECT_TRUE(recording::Reader::open(path)->info().complete);
+  end();
+}
+
+}  // namespace
+}  // namespace eigencast::broker
