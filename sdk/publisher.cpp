@@ -25,7 +25,6 @@ namespace {
 
 using std::chrono::milliseconds;
 
-constexpr double kDefaultErrorOverDiagonal = 3e-4;
 constexpr milliseconds kUploadRetry{1000};
 /// How often the broker's clock is asked for while somebody wants traces.
 constexpr TimeUs kPingIntervalUs = 250'000;
@@ -112,8 +111,7 @@ class Publisher::Impl {
         log_(std::move(log)),
         layout_{options_.codec, asset_->rank, 3, asset_->band_ends} {
     const double error = options_.error > 0 ? options_.error : kDefaultErrorOverDiagonal * asset_->diagonal();
-    if (options_.codec == CodecKind::kQuantised)
-      step_ = step_index_below(step_for_error(error, asset_->area, asset_->rank));
+    if (options_.codec == CodecKind::kQuantised) quantiser_ = quantiser_for_error(error, asset_->area, asset_->rank);
     stats_.detail = "connecting to " + url_.origin();
   }
 
@@ -150,8 +148,6 @@ class Publisher::Impl {
 
   Projector* projector() { return projector_ ? &*projector_ : nullptr; }
   const Asset& asset() const { return *asset_; }
-  const CoefficientLayout& layout() const { return layout_; }
-  std::uint8_t step() const { return step_; }
 
   Result<void> make_projector() {
     if (projector_) return {};
@@ -173,7 +169,7 @@ class Publisher::Impl {
     if (socket_->unsent_bytes() > options_.max_unsent_bytes) return dropped(SendStatus::kDropped);
     if (auto usable = check_capture_time(capture_us); !usable) return unusable(usable.error());
     if (chain_ && capture_us <= last_capture_us_) return dropped(SendStatus::kDropped);
-    auto key = key_from_coefficients(layout_, C, step_);
+    auto key = key_from_coefficients(layout_, C, quantiser_.step);
     if (!key) return unusable(key.error());
 
     Envelope envelope;
@@ -185,13 +181,13 @@ class Publisher::Impl {
     envelope.kind = chain_ ? FrameKind::kKey : FrameKind::kJoin;
     const TimeUs age = chain_ ? capture_us - last_capture_us_ : 0;
     // A key is predicted from the two before it; the first one goes out as the state that holds it twice.
-    ChainState next = advanced(chain_, *key, age);
-    auto payload = chain_ ? encode_key(layout_, *chain_, *key) : encode_join(layout_, next);
-    if (!payload) return unusable(payload.error());
+    auto coded = chain_ ? encode_key(layout_, *chain_, *key, quantiser_.half_spacing) : as_first(std::move(*key));
+    if (!coded) return unusable(coded.error());
+    ChainState next = advanced(chain_, std::move(coded->key), age);
     Bytes message;
-    message.reserve(Envelope::kBytes + payload->size());
+    message.reserve(Envelope::kBytes + coded->payload.size());
     append_envelope(envelope, message);
-    message.insert(message.end(), payload->begin(), payload->end());
+    message.insert(message.end(), coded->payload.begin(), coded->payload.end());
     const std::size_t bytes = message.size();
     const TimeUs encoded_us = steady_now_us();
     const SendStatus status = socket_->send_binary(std::move(message));
@@ -205,6 +201,11 @@ class Publisher::Impl {
     return status;
   }
 
+  std::vector<double> as_received() const {
+    const std::lock_guard lock(mutex_);
+    return chain_ ? coefficients_from_key(layout_, chain_->newer) : std::vector<double>();
+  }
+
   Stats stats() const {
     const std::lock_guard lock(mutex_);
     return stats_;
@@ -212,6 +213,13 @@ class Publisher::Impl {
 
  private:
   enum class Phase { kDown, kIntroduce, kAnnounced, kLive };
+
+  /// The key as a join that holds it twice.
+  Result<CodedKey> as_first(Key key) const {
+    auto payload = encode_join(layout_, advanced(std::nullopt, key, 0));
+    if (!payload) return payload.error();
+    return CodedKey{std::move(*payload), std::move(key)};
+  }
 
   SendStatus dropped(SendStatus status) {
     ++stats_.frames_dropped;
@@ -425,7 +433,7 @@ class Publisher::Impl {
   const std::shared_ptr<const EncodedAsset> encoded_;
   const LogSink log_;
   const CoefficientLayout layout_;
-  std::uint8_t step_ = 0;
+  Quantiser quantiser_;
   std::optional<Projector> projector_;  ///< Of the caller's thread alone.
 
   mutable std::mutex mutex_;
@@ -488,10 +496,8 @@ Result<SendStatus> Publisher::send_positions(std::span<const float> positions, T
   return impl_->send(*C, capture_us, {begun_us, steady_now_us()});
 }
 
-Result<std::vector<double>> Publisher::as_received(std::span<const double> C) const {
-  auto key = key_from_coefficients(impl_->layout(), C, impl_->step());
-  if (!key) return key.error();
-  return coefficients_from_key(impl_->layout(), *key);
+std::vector<double> Publisher::as_received() const {
+  return impl_->as_received();
 }
 
 Publisher::Stats Publisher::stats() const {

@@ -12,10 +12,13 @@
 
 namespace eigencast {
 
+/// The default of PublisherOptions::error, over the diagonal of the rest box.
+inline constexpr double kDefaultErrorOverDiagonal = 1e-3;
+
 struct PublisherOptions {
   std::string url;                     ///< ws://host:port/stream
   CodecKind codec = CodecKind::kQuantised;
-  double error = 0;                    ///< eps: rms vertex error of quantising, in model units; 0 = 3e-4 of the rest box diagonal.
+  double error = 0;                    ///< eps: rms vertex error of quantising, in model units; 0 = the default.
   double key_rate_hz = 30;             ///< Announced; send() may be called at any rate.
   std::size_t max_unsent_bytes = 64 * 1024;  ///< A frame is dropped, before it is coded, while more than this is unsent.
 };
@@ -47,8 +50,8 @@ class Publisher final {
   SendStatus send_coefficients(std::span<const double> C, TimeUs capture_us);
   /// positions: n x 3 in the source's vertex order. Projects, then as above. Errors: kInvalidArgument (also for the time).
   Result<SendStatus> send_positions(std::span<const float> positions, TimeUs capture_us);
-  /// The coefficients that receivers decode for C: quantised and back. For measuring errors against the truth.
-  Result<std::vector<double>> as_received(std::span<const double> C) const;
+  /// The coefficients (r x 3) that receivers decode for the last key that was sent; empty before the first of a connection.
+  std::vector<double> as_received() const;
   Stats stats() const;  ///< Thread-safe.
 
  private:

@@ -62,7 +62,7 @@ void add_codec_options(CLI::App& app, std::string& codec, double& error) {
       ->check(CLI::IsMember({"quantised", "float32", "float64"}))
       ->capture_default_str();
   app.add_option("--error", error,
-                 "vertex error that quantising may add, in model units (default: 3e-4 of the diagonal)")
+                 "vertex error that quantising may add, in model units (default: 1e-3 of the diagonal)")
       ->check(CLI::PositiveNumber);
 }
 

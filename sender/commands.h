@@ -52,7 +52,7 @@ struct ExportCommand {
 struct EvaluateCommand {
   SourceOptions source;
   std::string codec = "quantised";
-  double error = 0;     ///< Model units; 0: 3e-4 of the diagonal.
+  double error = 0;     ///< Model units; 0: 1e-3 of the diagonal.
   double rate_hz = 30;  ///< For kbit/s.
   std::string json;
 };

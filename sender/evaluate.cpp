@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "sender/evaluate.h"
 
+#include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <optional>
 
 #include "common/codec/chain.h"
@@ -23,23 +25,25 @@ class Stopwatch {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
-/// Codes a key against the state, decodes it again, counts, and advances the state.
-Result<void> count_key(const CoefficientLayout& layout, const Key& key, std::optional<ChainState>& state,
-                       Evaluation& result) {
-  if (state) {
-    const Stopwatch encoding;
-    const auto payload = encode_key(layout, *state, key);
-    result.encode_ns.add(encoding.ns());
-    if (!payload) return payload.error();
-    const Stopwatch decoding;
-    const auto decoded = decode_key(layout, layout.all_bands(), *state, *payload);
-    result.decode_ns.add(decoding.ns());
-    if (!decoded) return decoded.error();
-    if (*decoded != key) return fail(ErrorCode::kInternal, "a decoded key differs from the one that was coded");
-    result.payload_bytes += payload->size();
-    ++result.frames;
+/// Codes a key against the state, decodes it again, counts, and advances the state, whose newer key it then is.
+Result<void> count_key(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing,
+                       std::optional<ChainState>& state, Evaluation& result) {
+  if (!state) {
+    state = advanced(std::nullopt, key, 0);
+    return {};
   }
-  state = advanced(std::move(state), key, 33'333);
+  const Stopwatch encoding;
+  auto coded = encode_key(layout, *state, key, half_spacing);
+  result.encode_ns.add(encoding.ns());
+  if (!coded) return coded.error();
+  const Stopwatch decoding;
+  const auto decoded = decode_key(layout, layout.all_bands(), *state, coded->payload);
+  result.decode_ns.add(decoding.ns());
+  if (!decoded) return decoded.error();
+  if (*decoded != coded->key) return fail(ErrorCode::kInternal, "a decoded key differs from the one that was coded");
+  result.payload_bytes += coded->payload.size();
+  ++result.frames;
+  state = advanced(std::move(state), std::move(coded->key), 33'333);
   return {};
 }
 
@@ -57,12 +61,13 @@ Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, CodecKin
   const auto projector = Projector::create(asset);
   if (!projector) return projector.error();
   const CoefficientLayout layout{codec, asset.rank, 3, asset.band_ends};
-  const std::uint8_t step = step_index_below(step_for_error(eps, asset.area, asset.rank));
+  const Quantiser quantiser = quantiser_for_error(eps, asset.area, asset.rank);
 
   Evaluation result;
   SurfaceErrorSum truncation(asset.diagonal()), total(asset.diagonal());
   SourceRebuilder rebuilder(asset);
   std::optional<ChainState> state;
+  double quantising = 0;
   for (std::size_t frame = 0; frame < clip.frame_count(); ++frame) {
     const auto truth = clip.pose(frame);
     if (!truth) return truth.error();
@@ -71,17 +76,22 @@ Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, CodecKin
     for (const Vec3& vertex : *truth) flat.insert(flat.end(), vertex.begin(), vertex.end());
     const auto C = projector->coefficients_from_positions(std::span<const double>(flat));
     if (!C) return in_context("frame " + std::to_string(frame), C.error());
-    const auto key = key_from_coefficients(layout, *C, step);
+    const auto key = key_from_coefficients(layout, *C, quantiser.step);
     if (!key) return key.error();
-    if (const auto counted = count_key(layout, *key, state, result); !counted) return counted.error();
+    if (const auto counted = count_key(layout, *key, quantiser.half_spacing, state, result); !counted)
+      return counted.error();
     truncation.add(*truth, rebuilder.rebuild(*C, 3));
-    total.add(*truth, rebuilder.rebuild(coefficients_from_key(layout, *key), 3));
+    const std::vector<double> received = coefficients_from_key(layout, state->newer);
+    const double distance = surface_distance(*C, received, asset.area);
+    quantising += distance * distance;
+    total.add(*truth, rebuilder.rebuild(received, 3));
   }
   if (state) {
     const auto join = encode_join(layout, *state);
     if (!join) return join.error();
     result.join_bytes = join->size();
   }
+  result.quantising_rms = std::sqrt(quantising / static_cast<double>(std::max<std::size_t>(clip.frame_count(), 1)));
   result.truncation = truncation.result();
   result.total = total.result();
   return result;

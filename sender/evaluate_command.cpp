@@ -2,6 +2,7 @@
 #include <cstdio>
 #include <nlohmann/json.hpp>
 
+#include "sdk/publisher.h"
 #include "sender/commands.h"
 #include "sender/evaluate.h"
 
@@ -37,7 +38,7 @@ int run(const EvaluateCommand& command, const Console& console, Interrupt& inter
   const auto source = bake_with_progress(command.source, console, interrupt);
   if (!source) return report_failure(source.error());
   const Asset& asset = source->baked.asset;
-  const double eps = command.error > 0 ? command.error : 3e-4 * asset.diagonal();
+  const double eps = command.error > 0 ? command.error : kDefaultErrorOverDiagonal * asset.diagonal();
   const auto result = evaluate(*source->clip, asset, *codec, eps);
   if (!result) return report_failure(result.error());
 
@@ -49,6 +50,8 @@ int run(const EvaluateCommand& command, const Console& console, Interrupt& inter
               asset.basis_kind.c_str(), asset.rank, command.codec.c_str());
   row("basis alone", result->truncation);
   row("basis and codec", result->total);
+  std::printf("quantising adds %.2e of the diagonal (area-weighted rms; asked for %.2e)\n",
+              result->quantising_rms / asset.diagonal(), eps / asset.diagonal());
   std::printf("%.1f kbit/s payload, %.1f kbit/s with envelope and WebSocket header, at %g poses/s\n",
               result->payload_kbit_per_s(command.rate_hz), result->wire_kbit_per_s(command.rate_hz), command.rate_hz);
   std::printf("asset %.2f MB; join frame %llu bytes; encode %.1f us, decode %.1f us (median)\n",

@@ -16,7 +16,15 @@ MAX_VALUE = 2**30
 MAX_TIME = 2**62 - 1
 KINDS = {1: "key", 2: "join", 3: "synthetic", 4: "step"}
 CODECS = {"float64": 0, "float32": 1, "quantised": 2}
-WEIGHTS = [None, 0, 2, 3, 4, 5, 6, 8]
+NEXT_STATE = [(0, 2), (2, 0), (1, 3), (3, 1)]
+CURVE = [  # for contexts 59 to 151
+    97, 158, 238, 339, 460, 600, 936, 1336, 1787, 2277, 2795, 3333, 3881, 4435, 5538, 6616, 7652, 8638, 9570,
+    10450, 11277, 12055, 13471, 14724, 15834, 16824, 17709, 18505, 19223, 19875, 21010, 21965, 22778, 23479,
+    24089, 24624, 25098, 25520, 26239, 26828, 27320, 27738, 28095, 28406, 28678, 28918, 29322, 29650, 29920,
+    30148, 30342, 30509, 30655, 30783, 30997, 31170, 31312, 31431, 31532, 31618, 31694, 31760, 31870, 31959,
+    32032, 32092, 32144, 32188, 32226, 32260, 32316, 32361, 32398, 32428, 32454, 32477, 32496, 32513, 32541,
+    32564, 32582, 32598, 32611, 32622, 32632, 32640, 32654, 32666, 32675, 32683, 32689, 32695, 32700,
+]
 FOURTH_ROOTS = [1073741824, 1276901417, 1518500250, 1805811301]
 
 
@@ -57,6 +65,8 @@ class Bytes:
 
 
 class Bits:
+    """Bits of an exact run, the most significant first."""
+
     def __init__(self, data):
         self.text = "".join(f"{byte:08b}" for byte in data)
         self.at = 0
@@ -68,6 +78,56 @@ class Bits:
 
     def number(self, count):
         return int(self.take(count), 2) if count else 0
+
+
+class RangeDecoder:
+    def __init__(self, data):
+        self.data, self.next, self.range, self.code = data, 0, 2**32 - 1, 0
+        for _ in range(4):
+            self.shift()
+
+    def shift(self):
+        self.code = (self.code << 8 | (self.data[self.next] if self.next < len(self.data) else 0)) % 2**32
+        self.next += 1
+
+    def decision(self, probability=2**14):
+        bound = (self.range >> 15) * probability
+        taken = self.code < bound
+        if taken:
+            self.range = bound
+        else:
+            self.code -= bound
+            self.range -= bound
+        while self.range < 2**24:
+            self.range <<= 8
+            self.shift()
+        return taken
+
+    def level(self, beyond_0, beyond_1, later):
+        if not self.decision(beyond_0):
+            return 0
+        if not self.decision(beyond_1):
+            return 1
+        level = 2
+        while level < 24 and self.decision(later):
+            level += 1
+        if level < 24:
+            return level
+        bits, rest = 0, 1
+        while bits < 31 and self.decision():
+            bits += 1
+        for _ in range(bits):
+            rest = rest << 1 | self.decision()
+        return level + rest - 1
+
+    def finish(self):
+        require(len(self.data) <= self.next and (not self.data or self.data[-1]), "bytes left over")
+
+
+def more(context):
+    """The curve of the protocol: exp(-1 / (4 s)) for the magnitude s of a context, in units of 2^-15."""
+    index = min(max(context - 59, -1), len(CURVE))
+    return 64 if index < 0 else CURVE[index] if index < len(CURVE) else 2**15 - 64
 
 
 def rescale(q, a, b):
@@ -110,30 +170,20 @@ def references(layout, key, band, step):
     return None if None in values else values
 
 
-def predictions(p, c1, c2, count):
-    if p == 0:
-        return [0] * count
-    require(c1 is not None, "predictor without the newer key")
-    if p == 1:
-        return c1
-    require(c2 is not None, "predictor without the older key")
-    return [a + ((WEIGHTS[p] * (a - b) + 4) >> 3) for a, b in zip(c1, c2)]
-
-
-def read_quantised(section, c1, c2, where, values):
-    head = section.u8()
-    parameter, predictor = head & 31, head >> 5
-    predicted = predictions(predictor, c1, c2, len(where))
+def read_exact(section, head, c1, where, values):
+    require(not head & 64, "reserved bit")
+    require(not head & 32 or c1 is not None, "exact run without the newer key")
+    parameter = head & 31
     bits = Bits(section.data[section.at :])
-    for i, pred in zip(where, predicted):
-        value = pred
+    for n, i in enumerate(where):
+        value = c1[n] if head & 32 else 0
         if parameter != 31:
             q = 0
             while q < 24 and bits.take(1) == "1":
                 q += 1
             if q < 24:
                 z = (q << parameter) + bits.number(parameter)
-                value = pred + (-(z + 1) // 2 if z & 1 else z // 2)
+                value += -(z + 1) // 2 if z & 1 else z // 2
             else:
                 value = bits.number(32)
                 value -= 2**32 if value >= 2**31 else 0
@@ -144,6 +194,72 @@ def read_quantised(section, c1, c2, where, values):
     section.take(bits.at // 8)
 
 
+def logarithm(x):
+    whole = x.bit_length() - 1
+    return 8 * whole + (x >> whole - 3) % 8
+
+
+class Contexts:
+    """Foretells magnitudes."""
+
+    def __init__(self, m, channels, scale, speeds):
+        self.m, self.channels, self.speeds = m, channels, speeds
+        self.base = (2 * m * (23 if scale % 2 else 16) << scale // 2) >> 9
+        self.recent, self.row = 16 * self.base, []
+
+    def next(self, n):
+        if not self.row:
+            first = n
+            mean = sum(self.speeds[first : first + self.channels]) * (65536 // self.channels) >> 16
+            self.common = 19 * self.base + (self.m >> 1) + 8 + 4 * mean + (19 * self.recent >> 4)
+            beside = self.recent >> 4
+        else:
+            beside = sum(self.row) * (65536 // len(self.row)) >> 16
+        total = self.common + 7 * self.speeds[n] + 6 * beside
+        return min(max(logarithm(total) - logarithm(128 * self.m) + 96, 0), 159)
+
+    def add(self, magnitude):
+        self.row.append(magnitude)
+        if len(self.row) == self.channels:
+            self.recent += ((sum(self.row) * (65536 // self.channels) >> 12) - self.recent) >> 2
+            self.row = []
+
+
+def read_coarse(section, head, m, channels, c1, c2, where, values):
+    require(m and c1 is not None, "coarse run without spacing or newer key")
+    require(not head & 96, "reserved bits")
+    c2 = c2 or c1
+    weights = section.u8()
+    speed, restoring = weights % 16 - 4, (weights >> 4) - 12
+    rest = section.take(len(section.data) - section.at)
+    scale = head & 31
+    require(scale != 31 or not rest, "bytes left over")
+    coder = RangeDecoder(rest)
+    contexts = Contexts(m, channels, scale, [abs(a - b) for a, b in zip(c1, c2)])
+    state = 0
+    for n, i in enumerate(where):
+        value = c1[n] + ((2 * speed * (c1[n] - c2[n]) + restoring * c1[n] + 8) >> 4)
+        if scale != 31:
+            context, rule = contexts.next(n), state >> 1
+            level = coder.level(more(context - (0 if rule else 8)), more(context - (13 if rule else 16)), more(context - 16))
+            residual = m * (2 * level - rule) if level else 0
+            if level:
+                value += -residual if coder.decision() else residual
+            contexts.add(residual)
+            state = NEXT_STATE[state][level % 2]
+        require(abs(value) <= MAX_VALUE, "value out of range")
+        values[i] = value
+    coder.finish()
+
+
+def read_quantised(layout, section, m, c1, c2, where, values):
+    head = section.u8()
+    if head & 128:
+        read_exact(section, head, c1, where, values)
+    else:
+        read_coarse(section, head, m, layout["channels"], c1, c2, where, values)
+
+
 def read_floats(section, code, where, values):
     size = struct.calcsize(code)
     for i in where:
@@ -151,10 +267,10 @@ def read_floats(section, code, where, values):
         require(abs(values[i]) != float("inf") and values[i] == values[i], "not finite")
 
 
-def read_run(layout, section, c1, c2, band, values):
+def read_run(layout, section, m, c1, c2, band, values):
     where = band_range(layout, band)
     if layout["codec"] == "quantised":
-        read_quantised(section, c1, c2, where, values)
+        read_quantised(layout, section, m, c1, c2, where, values)
     else:
         read_floats(section, "<d" if layout["codec"] == "float64" else "<f", where, values)
 
@@ -216,8 +332,9 @@ class Receiver:
         return out
 
     def read_codec(self, payload):
-        require(payload.u8() == CODECS[self.layout["codec"]], "codec")
-        return self.read_step(payload)
+        first = payload.u8()
+        require(first & 3 == CODECS[self.layout["codec"]], "codec")
+        return first >> 2, self.read_step(payload)
 
     def read_step(self, payload):
         step = payload.u8()
@@ -233,17 +350,20 @@ class Receiver:
         payload.finish()
 
     def read_key(self, bands, payload):
-        key = Key(self.layout, bands, self.read_codec(payload))
+        m, step = self.read_codec(payload)
+        require(not m or self.layout["codec"] == "quantised", "spacing of a float codec")
+        key = Key(self.layout, bands, step)
         for band, section in self.sections(bands, payload):
             c1 = c2 = None
             if self.layout["codec"] == "quantised":
                 c1 = references(self.layout, self.newer, band, key.step)
                 c2 = references(self.layout, self.older, band, key.step)
-            read_run(self.layout, section, c1, c2, band, key.values)
+            read_run(self.layout, section, m, c1, c2, band, key.values)
         return key
 
     def read_join(self, bands, payload):
-        step = self.read_codec(payload)
+        m, step = self.read_codec(payload)
+        require(not m, "spacing of a join")
         older_step = self.read_step(payload)
         older_bands = payload.u8()
         age = payload.varint()
@@ -253,10 +373,10 @@ class Receiver:
         for band, section in self.sections(bands, payload):
             c = None
             if older_bands >> band & 1:
-                read_run(self.layout, section, None, None, band, older.values)
+                read_run(self.layout, section, 0, None, None, band, older.values)
                 if self.layout["codec"] == "quantised":
                     c = references(self.layout, older, band, step)
-            read_run(self.layout, section, c, c, band, newer.values)
+            read_run(self.layout, section, 0, c, None, band, newer.values)
         self.older, self.newer = older, newer
         return age
 

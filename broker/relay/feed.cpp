@@ -11,6 +11,11 @@ namespace {
 // The pacer never holds more than two key intervals, so a key that waits longer has been overtaken.
 constexpr std::size_t kMaxComing = 4;
 
+// Synthetic poses are shown for a third of a key interval and built upon by nobody, so that their levels may lie further
+// apart than those of keys: the error that this adds is far below that of interpolating (docs/performance.md).
+constexpr unsigned kSyntheticCoarseness = 2;
+constexpr unsigned kMaxHalfSpacing = 63;
+
 std::uint8_t mask_of(const Profile& profile, const CoefficientLayout& layout) {
   const auto count = std::min<std::size_t>(profile.bands, layout.band_ends.size());
   return static_cast<std::uint8_t>((1u << count) - 1);
@@ -129,17 +134,20 @@ void Feed::emit_synthetic(const KeyRecord& record, const Pacer::Due& due, std::v
   if (!record.before || !stands_at_ || stands_at_->sequence + 1 != record.sequence) return;
   const auto pose = interpolate_keys(layout_, record.before->newer, record.after->newer, due.at, due.of);
   if (!pose) return void(++failed_poses_);
-  auto payload = encode_key(layout_, *record.before, *pose);
-  if (!payload) return void(++failed_poses_);
+  const unsigned half_spacing = std::min(kMaxHalfSpacing, unsigned{record.half_spacing} * kSyntheticCoarseness);
+  auto coded = encode_key(layout_, *record.before, *pose, static_cast<std::uint8_t>(half_spacing));
+  if (!coded) return void(++failed_poses_);
+  Bytes payload = std::move(coded->payload);
   Envelope head = envelope(FrameKind::kSynthetic, record);
   head.bands = pose->bands & mask_;
   head.step = {due.at, due.of};
   head.capture_us = due.capture_us;
   if (head.bands != pose->bands) {
-    payload = cut_bands(layout_, false, pose->bands, mask_, *payload);
-    if (!payload) return void(++failed_poses_);
+    auto cut = cut_bands(layout_, false, pose->bands, mask_, payload);
+    if (!cut) return void(++failed_poses_);
+    payload = std::move(*cut);
   }
-  out.push_back(make_frame(head, *payload));
+  out.push_back(make_frame(head, payload));
 }
 
 FramePtr Feed::join() {

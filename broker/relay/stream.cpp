@@ -123,6 +123,7 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
     auto state = decode_join(layout_, head.bands, frame.payload);
     if (!state) return state.error();
     if (follows && state->older == newest_->after->newer) record->before = newest_->after;
+    if (newest_) record->half_spacing = newest_->half_spacing;
     record->after = std::make_shared<const ChainState>(std::move(*state));
   } else {
     if (!follows) {
@@ -134,6 +135,7 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
     auto key = decode_key(layout_, head.bands, state, frame.payload);
     if (!key) return key.error();
     record->before = newest_->after;
+    record->half_spacing = half_spacing_of(frame.payload);
     record->after =
         std::make_shared<const ChainState>(advanced(state, std::move(*key), head.capture_us - newest_->capture_us));
   }

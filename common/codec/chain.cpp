@@ -2,16 +2,15 @@
 //
 // Payloads (docs/protocol.md, "Payload"); varints are LEB128, all else is little-endian:
 //
-//   key, synthetic   codec u8 | step u8 | section of each band in the envelope, lowest first
-//   join             codec u8 | step u8 | older_step u8 | older_bands u8 | age_us varint
-//                    | section of each band in the envelope
+//   key, synthetic   codec u8 (bits 0, 1: codec; bits 2 to 7: m) | step u8 | section of each band, lowest first
+//   join             codec u8 (m = 0) | step u8 | older_step u8 | older_bands u8 | age_us varint | section of each band
 //   section          length varint | `length` bytes of run(s): one; in a join, for a band of older_bands, two:
 //                    older, then newer
-//   run, quantised   head u8 and Golomb-Rice bits: band.cpp
+//   run, quantised   exact_run.cpp, coarse_run.cpp
 //   run, float       the band's values, row by row, as float32 or float64
 //
-// A key is predicted from the receiver's two latest keys. In a join the older key is predicted from nothing and the
-// newer from (older, older). Steps are 0 with float codecs.
+// A key is predicted from the receiver's two latest keys. In a join all runs are exact, the older key's from nothing and
+// the newer's from the older. Steps and m are 0 with float codecs.
 #include "common/codec/chain.h"
 
 #include <algorithm>
@@ -79,18 +78,9 @@ band::References references(const CoefficientLayout& layout, const ChainState& s
   return out;
 }
 
-Result<void> append_run(const CoefficientLayout& layout, std::size_t band, const band::References& from, const Key& key,
-                        Bytes& out) {
+Result<void> append_floats(const CoefficientLayout& layout, std::size_t band, const Key& key, Bytes& out) {
   const auto [first, last] = layout.range(band);
   ByteWriter writer(out);
-  if (!is_float(layout)) {
-    const std::span<const std::int32_t> values = std::span(key.q).subspan(first, last - first);
-    if (!std::all_of(values.begin(), values.end(), [](std::int32_t q) { return fixed::in_range(q); })) {
-      return fail(ErrorCode::kTooLarge, "codec: a value of band " + std::to_string(band) + " leaves +-2^30");
-    }
-    band::append(values, from, out);
-    return {};
-  }
   for (std::size_t i = first; i < last; ++i) {
     const bool narrow = layout.codec == CodecKind::kFloat32;
     if (!std::isfinite(narrow ? double{static_cast<float>(key.f[i])} : key.f[i])) {
@@ -106,11 +96,32 @@ Result<void> append_run(const CoefficientLayout& layout, std::size_t band, const
   return {};
 }
 
+/// Appends the run of a band of `key`, and makes `key` what it decodes to.
+Result<void> append_run(const CoefficientLayout& layout, std::size_t band, const band::References& from,
+                        std::uint8_t half_spacing, Key& key, Bytes& out) {
+  if (is_float(layout)) return append_floats(layout, band, key, out);
+  const auto [first, last] = layout.range(band);
+  const std::span<std::int32_t> values = std::span(key.q).subspan(first, last - first);
+  if (!std::all_of(values.begin(), values.end(), [](std::int32_t q) { return fixed::in_range(q); })) {
+    return fail(ErrorCode::kTooLarge, "codec: a value of band " + std::to_string(band) + " leaves +-2^30");
+  }
+  if (half_spacing > 0 && !from.c1.empty()) {
+    std::vector<std::int32_t> decoded(values.size());
+    if (band::append_coarse(values, from, {half_spacing, layout.channels}, out, decoded)) {
+      std::copy(decoded.begin(), decoded.end(), values.begin());
+      return {};
+    }
+  }
+  band::append_exact(values, from.c1, out);
+  return {};
+}
+
 /// Reads one run into `key` and returns the bytes it took.
 Result<std::size_t> read_run(const CoefficientLayout& layout, std::size_t band, const band::References& from,
-                             ByteView in, Key& key) {
+                             std::uint8_t half_spacing, ByteView in, Key& key) {
   const auto [first, last] = layout.range(band);
-  if (!is_float(layout)) return band::read(in, from, std::span(key.q).subspan(first, last - first));
+  if (!is_float(layout))
+    return band::read(in, from, {half_spacing, layout.channels}, std::span(key.q).subspan(first, last - first));
   ByteReader reader(in);
   for (std::size_t i = first; i < last; ++i) {
     key.f[i] = layout.codec == CodecKind::kFloat32 ? double{reader.f32()} : reader.f64();
@@ -121,6 +132,7 @@ Result<std::size_t> read_run(const CoefficientLayout& layout, std::size_t band, 
 }
 
 struct Head {
+  std::uint8_t half_spacing = 0;  ///< Keys and synthetic poses only.
   std::uint8_t step = 0;
   std::uint8_t older_step = 0;   ///< Joins only.
   std::uint8_t older_bands = 0;  ///< Joins only.
@@ -128,7 +140,7 @@ struct Head {
 };
 
 void append_head(const CoefficientLayout& layout, bool join, const Head& head, ByteWriter& writer) {
-  writer.u8(static_cast<std::uint8_t>(layout.codec));
+  writer.u8(static_cast<std::uint8_t>(static_cast<unsigned>(layout.codec) | unsigned{head.half_spacing} << 2));
   writer.u8(head.step);
   if (!join) return;
   writer.u8(head.older_step);
@@ -139,7 +151,9 @@ void append_head(const CoefficientLayout& layout, bool join, const Head& head, B
 Result<Head> read_head(const CoefficientLayout& layout, bool join, std::uint8_t bands, ByteReader& reader) {
   if (bands == 0 || (bands & ~layout.all_bands()) != 0) return corrupt("bands that the stream does not have");
   Head head;
-  const std::uint8_t codec = reader.u8();
+  const std::uint8_t first = reader.u8();
+  const unsigned codec = first & 3u;
+  head.half_spacing = first >> 2;
   head.step = reader.u8();
   if (join) {
     head.older_step = reader.u8();
@@ -150,10 +164,11 @@ Result<Head> read_head(const CoefficientLayout& layout, bool join, std::uint8_t 
     head.age_us = static_cast<TimeUs>(age);
   }
   if (reader.failed()) return corrupt("it ends within its head");
-  if (codec != static_cast<std::uint8_t>(layout.codec)) {
+  if (codec != static_cast<unsigned>(layout.codec)) {
     return corrupt("codec " + std::to_string(codec) + " where the stream has " + std::string(name_of(layout.codec)));
   }
   if (is_float(layout) && (head.step != 0 || head.older_step != 0)) return corrupt("a float codec has no step");
+  if (head.half_spacing != 0 && (join || is_float(layout))) return corrupt("it is exact and cannot have a spacing");
   if ((head.older_bands & ~bands) != 0) return corrupt("the older key has bands that the newer lacks");
   return head;
 }
@@ -180,21 +195,28 @@ ChainState advanced(std::optional<ChainState> state, Key key, TimeUs age_us) {
   return {std::move(state->newer), std::move(key), age_us};
 }
 
-Result<Bytes> encode_key(const CoefficientLayout& layout, const ChainState& state, const Key& key) {
+Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& state, const Key& key,
+                            std::uint8_t half_spacing) {
   if (key.bands == 0 || !fits(layout, key)) return misuse("the key does not fit the layout");
-  Bytes out;
-  ByteWriter writer(out);
-  append_head(layout, false, {key.step, 0, 0, 0}, writer);
+  if (half_spacing > band::kMaxHalfSpacing) return misuse("a half spacing is 63 steps at most");
+  CodedKey out{{}, key};
+  ByteWriter writer(out.payload);
+  const std::uint8_t m = is_float(layout) ? std::uint8_t{0} : half_spacing;
+  append_head(layout, false, {m, key.step, 0, 0, 0}, writer);
   Bytes run;
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
     if (!has(key.bands, band)) continue;
     run.clear();
-    const auto appended = append_run(layout, band, references(layout, state, band, key.step), key, run);
+    const auto appended = append_run(layout, band, references(layout, state, band, key.step), m, out.key, run);
     if (!appended) return appended.error();
     writer.varint(run.size());
     writer.bytes(run);
   }
   return out;
+}
+
+std::uint8_t half_spacing_of(ByteView payload) {
+  return payload.empty() ? std::uint8_t{0} : static_cast<std::uint8_t>(payload[0] >> 2);
 }
 
 Result<Key> decode_key(const CoefficientLayout& layout, std::uint8_t bands, const ChainState& state, ByteView payload) {
@@ -203,7 +225,8 @@ Result<Key> decode_key(const CoefficientLayout& layout, std::uint8_t bands, cons
   if (!head) return head.error();
   Key key = empty_key(layout, bands, head->step);
   const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
-    const auto taken = read_run(layout, band, references(layout, state, band, key.step), section, key);
+    const auto taken =
+        read_run(layout, band, references(layout, state, band, key.step), head->half_spacing, section, key);
     if (!taken) return taken.error();
     if (*taken != section.size()) return fail(ErrorCode::kCorrupt, "bytes are left over");
     return {};
@@ -218,20 +241,20 @@ Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& sta
   if (state.age_us < 0 || state.age_us >= TimeUs{1} << 62) return misuse("the newer key is not later than the older");
   // A band of the older key alone can neither be predicted from nor interpolated with, so that it is left out.
   const std::uint8_t older_bands = state.older.bands & state.newer.bands;
-  const ChainState from_older{state.older, state.older, 0};
+  ChainState coded = state;
   Bytes out;
   ByteWriter writer(out);
-  append_head(layout, true, {state.newer.step, state.older.step, older_bands, state.age_us}, writer);
+  append_head(layout, true, {0, state.newer.step, state.older.step, older_bands, state.age_us}, writer);
   Bytes run;
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
     if (!has(state.newer.bands, band)) continue;
     run.clear();
+    band::References from;
     if (has(older_bands, band)) {
-      if (const auto appended = append_run(layout, band, {}, state.older, run); !appended) return appended.error();
+      if (const auto appended = append_run(layout, band, {}, 0, coded.older, run); !appended) return appended.error();
+      from.c1 = reference(layout, state.older, band, state.newer.step);
     }
-    const auto appended =
-        append_run(layout, band, references(layout, from_older, band, state.newer.step), state.newer, run);
-    if (!appended) return appended.error();
+    if (const auto appended = append_run(layout, band, from, 0, coded.newer, run); !appended) return appended.error();
     writer.varint(run.size());
     writer.bytes(run);
   }
@@ -247,13 +270,12 @@ Result<ChainState> decode_join(const CoefficientLayout& layout, std::uint8_t ban
   const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
     band::References from;
     if (has(head->older_bands, band)) {
-      const auto taken = read_run(layout, band, from, section, state.older);
+      const auto taken = read_run(layout, band, from, 0, section, state.older);
       if (!taken) return taken.error();
       section = section.subspan(*taken);
       from.c1 = reference(layout, state.older, band, state.newer.step);
-      from.c2 = from.c1;
     }
-    const auto taken = read_run(layout, band, from, section, state.newer);
+    const auto taken = read_run(layout, band, from, 0, section, state.newer);
     if (!taken) return taken.error();
     if (*taken != section.size()) return fail(ErrorCode::kCorrupt, "bytes are left over");
     return {};

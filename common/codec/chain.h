@@ -20,10 +20,22 @@ struct ChainState {
 /// The state after one more key: newer becomes older. With no state, both are `key`.
 ChainState advanced(std::optional<ChainState> state, Key key, TimeUs age_us);
 
+/// A key as it was coded.
+struct CodedKey {
+  Bytes payload;
+  Key key;  ///< What every receiver decodes: the next state is made of this one, not of what was to be coded.
+};
+
 /// Payload of a kKey or kSynthetic frame: `key`, predicted from `state`, which is not changed. Each band is
-/// self-contained. Errors: kInvalidArgument (the key is not of the layout, or has no band), kTooLarge (beyond +-2^30 or
-/// float32).
-Result<Bytes> encode_key(const CoefficientLayout& layout, const ChainState& state, const Key& key);
+/// self-contained.
+///   half_spacing  m, 0..63: bands that the newer key of the state has are coded to within about 0.56 m steps rms; 0:
+///                 exactly. The others are always exact, and so are float codecs.
+/// Errors: kInvalidArgument (the key is not of the layout, or has no band; m), kTooLarge (beyond +-2^30 or float32).
+Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& state, const Key& key,
+                            std::uint8_t half_spacing);
+
+/// The m of a payload that decode_key has taken.
+std::uint8_t half_spacing_of(ByteView payload);
 
 /// The key that a payload holds. `bands` is the envelope's. Safe on hostile input: never allocates more than the layout
 /// says. Errors: kCorrupt (wrong codec, lengths, trailing or missing bytes, a band that needs a state which lacks it,

@@ -44,14 +44,4 @@ class Rescale {
   int shift_;
 };
 
-/// Weights of the predictors in eighths: predictor p says c1 + ((kWeights[p] * (c1 - c2) + 4) >> 3); predictor 0 says 0
-/// and needs no state, 1 is c1 itself and needs no c2. What it says may leave the range (by at most 2 * kMaxValue): only
-/// the value that is decoded from it must lie inside.
-inline constexpr std::array<std::int64_t, 8> kWeights = {0, 0, 2, 3, 4, 5, 6, 8};
-
-inline std::int64_t predict(unsigned predictor, std::int64_t c1, std::int64_t c2) {
-  if (predictor == 0) return 0;
-  return c1 + ((kWeights[predictor] * (c1 - c2) + 4) >> 3);
-}
-
 }  // namespace eigencast::fixed

@@ -50,9 +50,20 @@ double step_size(std::uint8_t index);
 /// The index of the largest step that is not above `size`; clamped to the table.
 std::uint8_t step_index_below(double size);
 
-/// The step that bounds the area-weighted rms error of a vertex by `eps` (Parseval, docs/maths.md): 2 eps sqrt(A / r).
+/// How finely keys are held and coded: the state's step, and the half spacing m of the levels of coarse runs in steps.
+struct Quantiser {
+  std::uint8_t step = 0;
+  std::uint8_t half_spacing = 0;
+  bool operator==(const Quantiser&) const = default;
+};
+
+/// The coarsest quantiser whose keys are, in the area-weighted root mean square over a moving surface, within `eps` of
+/// the coefficients' own surface (Parseval, docs/maths.md).
 ///   eps   model units;  area  of the rest surface, = trace M;  rows  r
-double step_for_error(double eps, double area, std::uint32_t rows);
+Quantiser quantiser_for_error(double eps, double area, std::uint32_t rows);
+
+/// The area-weighted rms distance of the surfaces of two coefficient matrices: |A - B| / sqrt(area), by Parseval.
+double surface_distance(std::span<const double> A, std::span<const double> B, double area);
 
 /// Rounds C (r x c, row-major) to a key with all bands. `step` is ignored by float codecs (kFloat32 rounds to float).
 /// Errors: kInvalidArgument (size is not r*c, a value is not finite), kTooLarge (a value / step beyond +-2^30).

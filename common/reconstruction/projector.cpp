@@ -19,8 +19,17 @@ constexpr std::size_t kGramBlock = 64;
 constexpr std::size_t kGramParts = 8;
 constexpr std::size_t kNone = ~std::size_t{0};
 
-// Psi^T M Psi, r x r; only the lower triangle is meant.
-std::vector<double> gram_matrix(const Asset& asset, const kernel::Functions& functions) {
+// The weight of each row in the fit: between area (mass), for which the error of the surface is least, and 1, for which
+// that of the vertices is (docs/adr/0004).
+std::vector<double> weights_of(const Asset& asset) {
+  std::vector<double> weights(asset.vertex_count);
+  for (std::size_t i = 0; i < weights.size(); ++i) weights[i] = std::sqrt(static_cast<double>(asset.mass[i]));
+  return weights;
+}
+
+// Psi^T W Psi, r x r; only the lower triangle is meant.
+std::vector<double> gram_matrix(const Asset& asset, const std::vector<double>& weights,
+                                const kernel::Functions& functions) {
   const std::size_t n = asset.vertex_count, r = asset.rank;
   const std::size_t width = (r + kernel::kGramTile - 1) / kernel::kGramTile * kernel::kGramTile;
   std::vector<std::vector<double>> parts(kGramParts);
@@ -31,7 +40,7 @@ std::vector<double> gram_matrix(const Asset& asset, const kernel::Functions& fun
     for (std::size_t first = n * part / kGramParts; first < end; first += kGramBlock) {
       const std::size_t rows = std::min(kGramBlock, end - first);
       for (std::size_t i = 0; i < rows; ++i) {
-        const double root = std::sqrt(static_cast<double>(asset.mass[first + i]));
+        const double root = std::sqrt(weights[first + i]);
         const float* row = &asset.basis[(first + i) * r];
         for (std::size_t k = 0; k < r; ++k) block[i * width + k] = root * static_cast<double>(row[k]);
       }
@@ -85,11 +94,11 @@ void solve(const std::vector<double>& L, std::size_t r, std::vector<double>& C) 
   }
 }
 
-// M (X - origin) of the rows from `first` on, tile by tile as the kernel wants it; zero beyond the last row. Returns the
+// W (X - origin) of the rows from `first` on, tile by tile as the kernel wants it; zero beyond the last row. Returns the
 // first source vertex that is not finite, or kNone.
 template <typename Value>
-std::size_t weigh(const Asset& asset, std::span<const Value> positions, std::size_t first, std::size_t rows,
-                  std::vector<float>& Y) {
+std::size_t weigh(const Asset& asset, std::span<const double> weights, std::span<const Value> positions,
+                  std::size_t first, std::size_t rows, std::vector<float>& Y) {
   std::size_t bad = kNone;
   for (std::size_t i = 0; i < rows; ++i) {
     const std::size_t source = asset.source_vertex[first + i];
@@ -97,7 +106,7 @@ std::size_t weigh(const Asset& asset, std::span<const Value> positions, std::siz
     float* y = &Y[i / kernel::kTileRows * 3 * kernel::kTileRows + i % kernel::kTileRows];
     for (std::size_t d = 0; d < 3; ++d) {
       if (!std::isfinite(x[d])) bad = std::min(bad, source);
-      const double weighted = asset.mass[first + i] * (static_cast<double>(x[d]) - asset.origin[d]);
+      const double weighted = weights[first + i] * (static_cast<double>(x[d]) - asset.origin[d]);
       y[d * kernel::kTileRows] = static_cast<float>(weighted);
     }
   }
@@ -132,7 +141,7 @@ Result<std::vector<double>> Projector::project(std::span<const Value> positions)
     std::vector<float> Y(tiles * 3 * kernel::kTileRows);
     AlignedVector<float> scratch(3 * r * kernel::kWidestVector);
     done[part].sums.resize(3 * r);
-    done[part].bad = weigh(*asset_, positions, first, rows, Y);
+    done[part].bad = weigh(*asset_, weights_, positions, first, rows, Y);
     functions.add_transposed(tiles_.view(part * kForwardTiles, asset_->rank), tiles, Y.data(), done[part].sums.data(),
                              scratch.data());
   };
@@ -166,7 +175,8 @@ Result<Projector> Projector::create(const Asset& asset, InstructionSet set, unsi
   projector.set_ = set;
   projector.threads_ = threads;
   projector.tiles_.update(asset);
-  projector.gram_factor_ = gram_matrix(asset, kernel::functions(set));
+  projector.weights_ = weights_of(asset);
+  projector.gram_factor_ = gram_matrix(asset, projector.weights_, kernel::functions(set));
   const std::size_t bad = factorise(projector.gram_factor_, asset.rank);
   if (bad < asset.rank) {
     return fail(ErrorCode::kNumerical,

@@ -63,8 +63,9 @@ void vertex_normals(std::span<const float> positions, std::span<const std::uint3
 /// The level nearest to a fraction of the vertices that is drawable now: clamp(round(fraction n), base_count, rows_ready).
 std::uint32_t level_from_fraction(const Asset& asset, double fraction);
 
-/// Projects positions on the basis that receivers have: C = (Psi^T M Psi)^-1 Psi^T M X, where Psi is the asset's float basis; the
-/// Gram matrix corrects what quantising the basis did to its orthonormality.
+/// Projects positions on the basis that receivers have: C = (Psi^T W Psi)^-1 Psi^T W X, where Psi is the asset's float basis and
+/// W the square root of the mass matrix, between the best fit of the area and that of the vertices (docs/adr/0004). The Gram matrix
+/// also corrects what quantising the basis did to it.
 ///
 /// Thread-safe after construction; uses the process's threads. Setting up costs n r^2 / 2 multiplications once, and
 /// memory as BasisTiles says.
@@ -89,6 +90,7 @@ class Projector {
   BasisTiles tiles_;
   InstructionSet set_ = InstructionSet::kBaseline;
   unsigned threads_ = 0;
+  std::vector<double> weights_;      ///< W, by row.
   std::vector<double> gram_factor_;  ///< Lower Cholesky factor, r x r.
 };
 

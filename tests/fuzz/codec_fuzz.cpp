@@ -56,10 +56,11 @@ void check_state(const CoefficientLayout& layout, const ChainState& state) {
   require(encode_join(layout, *decoded).value() == *payload);
 }
 
-void check_key(const CoefficientLayout& layout, const ChainState& state, const Key& key) {
-  const auto payload = encode_key(layout, state, key);
-  require(payload.has_value());
-  require(decode_key(layout, key.bands, state, *payload).value() == key);
+void check_key(const CoefficientLayout& layout, const ChainState& state, const Key& key, std::uint8_t half_spacing) {
+  const auto coded = encode_key(layout, state, key, half_spacing);
+  require(coded.has_value());
+  require(half_spacing != 0 || coded->key == key);
+  require(decode_key(layout, key.bands, state, coded->payload).value() == coded->key);
 }
 
 }  // namespace
@@ -69,17 +70,18 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const CoefficientLayout layout = layout_from(reader);
   const ChainState state{key_from(layout, reader), key_from(layout, reader), static_cast<TimeUs>(reader.u32())};
   check_state(layout, state);
-  check_key(layout, state, key_from(layout, reader));
+  const std::uint8_t half_spacing = reader.u8() % 64;
+  check_key(layout, state, key_from(layout, reader), half_spacing);
   const std::uint32_t at = reader.u8() % 16;
   if (const auto pose = interpolate_keys(layout, state.older, state.newer, at, 15); pose && pose->bands != 0) {
-    check_key(layout, state, *pose);
+    check_key(layout, state, *pose, half_spacing);
   }
 
   const std::uint8_t bands = reader.u8();
   const std::uint8_t keep = reader.u8();
   const ByteView payload = reader.bytes(reader.remaining());
   if (const auto key = decode_key(layout, bands, state, payload)) {
-    check_key(layout, state, *key);
+    check_key(layout, state, *key, 0);
     if ((bands & keep) != 0) require(cut_bands(layout, false, bands, keep, payload).has_value());
   }
   if (const auto joined = decode_join(layout, bands, payload)) {

@@ -13,6 +13,7 @@
 #include "common/surface/shapes.h"
 #include "sdk/asset_cache.h"
 #include "sdk/bake.h"
+#include "sdk/publisher.h"
 #include "tests/system/scene.h"
 
 namespace eigencast::testing {
@@ -150,9 +151,10 @@ TEST_P(Interpolated, TheRateTriplesAndEveryPoseIsEquation7OfItsNeighbours) {
   const auto clip = builtin_clip("torus");
   const auto baked = bake((*clip)->rest(), {}, default_cache_dir());
   ASSERT_TRUE(baked);
-  // A step of the quantiser at the sender's default error, 3e-4 of the diagonal; half of it is rounding.
-  const double step = step_for_error(3e-4 * baked->asset.diagonal(), baked->asset.area, baked->asset.rank);
-  const double rounding = codec == "quantised" ? 0.5 * step * 1.001 : codec == "float32" ? 1e-5 : 1e-12;
+  // Compact poses are rounded to steps, full ones coded to within three half spacings of twice the keys' size.
+  const Quantiser quantiser = quantiser_for_error(kDefaultErrorOverDiagonal * baked->asset.diagonal(), baked->asset.area, baked->asset.rank);
+  const double steps = form == "compact" ? 0.5001 : 3 * 2 * quantiser.half_spacing;
+  const double rounding = codec == "quantised" ? steps * step_size(quantiser.step) : codec == "float32" ? 1e-5 : 1e-12;
   const auto poses = scene.received("a");
   ASSERT_GT(poses.size(), 50u) << scene.logs();
   expect_tripled(poses, rounding);

@@ -122,7 +122,7 @@ typedef struct ec_publisher ec_publisher;
 typedef struct ec_publisher_options {
   size_t struct_size;
   const char* codec;  /**< "quantised", "float32" or "float64" (default: "quantised"). */
-  double error;       /**< Root mean square vertex error that quantising may add, in model units (default: 3e-4 of the
+  double error;       /**< Root mean square vertex error that quantising may add, in model units (default: 1e-3 of the
                          surface's diagonal). */
   double key_rate_hz; /**< Poses a second that you intend to send; announced, not enforced (default: 30). */
 } ec_publisher_options;

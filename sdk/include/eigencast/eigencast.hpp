@@ -84,7 +84,7 @@ class Asset {
 
 struct PublisherOptions {
   std::string codec = "quantised";  ///< or "float32", "float64"
-  double error = 0;                 ///< Vertex error of quantising, model units; 0: 3e-4 of the surface's diagonal.
+  double error = 0;                 ///< Vertex error of quantising, model units; 0: 1e-3 of the surface's diagonal.
   double key_rate_hz = 30;          ///< Intended poses a second.
 };
 

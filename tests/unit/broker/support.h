@@ -46,7 +46,7 @@ class FakeSender : public PublisherLink {
     head.kind = state_ ? FrameKind::kKey : FrameKind::kJoin;
     Bytes message;
     if (state_) {
-      const Bytes payload = encode_key(small_layout(), *state_, key).value();
+      const Bytes payload = encode_key(small_layout(), *state_, key, 0).value().payload;
       state_ = advanced(state_, key, capture_us - last_us_);
       append_envelope(head, message);
       message.insert(message.end(), payload.begin(), payload.end());

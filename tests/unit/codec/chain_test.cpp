@@ -38,7 +38,8 @@ TEST_P(EachCodec, ChainAndJoinAtAnyMomentGiveTheSendersStateAcrossStepChanges) {
   ASSERT_EQ(*receiver, sender);
   for (int frame = 1; frame < 60; ++frame) {
     const Key key = motion.key(frame, static_cast<std::uint8_t>(150 + frame / 7 * 3 % 11));
-    const auto decoded = decode_key(layout, layout.all_bands(), *receiver, encode_key(layout, sender, key).value());
+    const auto decoded =
+        decode_key(layout, layout.all_bands(), *receiver, encode_key(layout, sender, key, 0).value().payload);
     ASSERT_TRUE(decoded) << decoded.error().message;
     ASSERT_EQ(*decoded, key);
     sender = advanced(sender, key, 33'333);
@@ -57,7 +58,8 @@ TEST_P(EachCodec, SyntheticPosesDecodeExactlyFromTheTwoKeysBefore) {
   const Key coming = motion.key(2, 153);
   for (std::uint32_t at = 1; at < 15; ++at) {
     const Key pose = interpolate_keys(layout, state.newer, coming, at, 15).value();
-    const auto decoded = decode_key(layout, layout.all_bands(), state, encode_key(layout, state, pose).value());
+    const auto decoded =
+        decode_key(layout, layout.all_bands(), state, encode_key(layout, state, pose, 0).value().payload);
     ASSERT_TRUE(decoded) << decoded.error().message;
     EXPECT_EQ(*decoded, pose);
   }
@@ -69,7 +71,7 @@ TEST_P(EachCodec, CuttingBandsEqualsDecodingOnlyThose) {
   const ChainState state = motion.state(150);
   const Key key = motion.key(2, 153);
   const std::uint8_t all = layout.all_bands();
-  const Bytes payload = encode_key(layout, state, key).value();
+  const CodedKey coded = encode_key(layout, state, key, 3).value();
   const Bytes join = encode_join(layout, state).value();
   for (int mask = 1; mask <= all; ++mask) {
     const auto keep = static_cast<std::uint8_t>(mask);
@@ -77,12 +79,12 @@ TEST_P(EachCodec, CuttingBandsEqualsDecodingOnlyThose) {
     const auto short_join = cut_bands(layout, true, all, keep, join);
     ASSERT_TRUE(short_join);
     EXPECT_EQ(decode_join(layout, keep, *short_join).value(), cut_state);
-    const auto short_key = cut_bands(layout, false, all, keep, payload);
+    const auto short_key = cut_bands(layout, false, all, keep, coded.payload);
     ASSERT_TRUE(short_key);
-    EXPECT_EQ(decode_key(layout, keep, cut_state, *short_key).value(), cut(layout, key, keep));
-    EXPECT_EQ(*short_key, encode_key(layout, cut_state, cut(layout, key, keep)).value());
+    EXPECT_EQ(decode_key(layout, keep, cut_state, *short_key).value(), cut(layout, coded.key, keep));
+    EXPECT_EQ(*short_key, encode_key(layout, cut_state, cut(layout, key, keep), 3).value().payload);
   }
-  EXPECT_EQ(cut_bands(layout, false, all, 0, payload).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(cut_bands(layout, false, all, 0, coded.payload).error().code, ErrorCode::kInvalidArgument);
 }
 
 TEST_P(EachCodec, ABandThatTheStateLacksIsCodedFromNothing) {
@@ -91,7 +93,7 @@ TEST_P(EachCodec, ABandThatTheStateLacksIsCodedFromNothing) {
   const ChainState full = motion.state(150);
   const ChainState narrow{cut(layout, full.older, 1), cut(layout, full.newer, 1), full.age_us};
   const Key key = motion.key(2, 150);
-  const Bytes payload = encode_key(layout, narrow, key).value();
+  const Bytes payload = encode_key(layout, narrow, key, 0).value().payload;
   EXPECT_EQ(decode_key(layout, key.bands, narrow, payload).value(), key);
   const ChainState grown = advanced(narrow, key, 33'333);
   EXPECT_EQ(decode_join(layout, key.bands, encode_join(layout, grown).value()).value(), grown);
@@ -105,10 +107,53 @@ TEST(Chain, ABandOfTheOlderKeyAloneIsLeftOutOfAJoin) {
   EXPECT_EQ(decode_join(layout, 1, encode_join(layout, shrunk).value()).value(), expected);
 }
 
-TEST(Chain, AnUnchangedPoseCostsTwoBytesABand) {
+TEST(Chain, AnUnchangedPoseCostsThreeBytesABand) {
   const CoefficientLayout layout = layout_of(CodecKind::kQuantised, 200);
   const Key key = MotionSample(layout).key(3, 150);
-  EXPECT_EQ(encode_key(layout, advanced(std::nullopt, key, 0), key).value().size(), 2 + 2 * layout.band_ends.size());
+  const CodedKey coded = encode_key(layout, advanced(std::nullopt, key, 0), key, 4).value();
+  EXPECT_EQ(coded.payload.size(), 2 + 3 * layout.band_ends.size());
+  EXPECT_EQ(coded.key, key);
+}
+
+TEST(Chain, CoarseKeysStayNearTheirTargetsAndTheReceiverHoldsTheSendersState) {
+  for (const std::uint32_t channels : {1u, 3u, 4u}) {
+    const CoefficientLayout layout = layout_of(CodecKind::kQuantised, 200, channels);
+    const MotionSample motion(layout);
+    for (const std::uint8_t half_spacing : {1, 4, 7, 63}) {
+      ChainState sender = advanced(std::nullopt, motion.key(0, 150), 0);
+      ChainState receiver = sender;
+      double squares = 0, worst = 0;
+      for (int frame = 1; frame < 40; ++frame) {
+        const Key target = motion.key(frame, 150);
+        const CodedKey coded = encode_key(layout, sender, target, half_spacing).value();
+        EXPECT_EQ(half_spacing_of(coded.payload), half_spacing);
+        const auto decoded = decode_key(layout, layout.all_bands(), receiver, coded.payload);
+        ASSERT_TRUE(decoded) << decoded.error().message;
+        ASSERT_EQ(*decoded, coded.key);
+        for (std::size_t i = 0; i < layout.size(); ++i) {
+          const double error = double{static_cast<double>(target.q[i])} - coded.key.q[i];
+          squares += error * error;
+          worst = std::max(worst, std::abs(error));
+        }
+        sender = advanced(sender, coded.key, 33'333);
+        receiver = advanced(receiver, *decoded, 33'333);
+      }
+      const double rms = std::sqrt(squares / (39 * static_cast<double>(layout.size())));
+      EXPECT_LE(rms, 0.66 * half_spacing) << int{half_spacing};
+      EXPECT_LE(worst, 3 * half_spacing) << int{half_spacing};
+    }
+  }
+}
+
+TEST(Chain, CoarserSpacingsCostLess) {
+  const CoefficientLayout layout = layout_of(CodecKind::kQuantised, 200);
+  const MotionSample motion(layout);
+  std::size_t before = SIZE_MAX;
+  for (const std::uint8_t half_spacing : {0, 2, 4, 8, 16, 32, 63}) {
+    const std::size_t bytes = encode_key(layout, motion.state(150), motion.key(2, 150), half_spacing)->payload.size();
+    EXPECT_LT(bytes, before) << int{half_spacing};
+    before = bytes;
+  }
 }
 
 TEST(Chain, RandomAndExtremeKeysSurviveAndStayUnderTheWorstCase) {
@@ -128,7 +173,12 @@ TEST(Chain, RandomAndExtremeKeysSurviveAndStayUnderTheWorstCase) {
         }
         key.q[random() % key.q.size()] = frame % 2 == 0 ? 1 << 30 : -(1 << 30);
         if (frame == 0) state = advanced(std::nullopt, key, 0);
-        const Bytes payload = encode_key(layout, state, key).value();
+        const CodedKey coarse = encode_key(layout, state, key, static_cast<std::uint8_t>(1 + random() % 63)).value();
+        EXPECT_LE(coarse.payload.size(), 2 + 6 * layout.band_ends.size() + 12 * layout.size());
+        const auto near = decode_key(layout, key.bands, state, coarse.payload);
+        ASSERT_TRUE(near) << near.error().message;
+        ASSERT_EQ(*near, coarse.key);
+        const Bytes payload = encode_key(layout, state, key, 0).value().payload;
         EXPECT_LE(payload.size(), 2 + 5 * layout.band_ends.size() + 7 * layout.size());
         const auto decoded = decode_key(layout, key.bands, state, payload);
         ASSERT_TRUE(decoded) << decoded.error().message;
@@ -146,9 +196,9 @@ TEST(Chain, EncodingRefusesWhatNoDecoderWouldTake) {
   const ChainState state = motion.state(150);
   Key key = motion.key(2, 150);
   key.q[5] = (1 << 30) + 1;
-  EXPECT_EQ(encode_key(layout, state, key).error().code, ErrorCode::kTooLarge);
+  EXPECT_EQ(encode_key(layout, state, key, 0).error().code, ErrorCode::kTooLarge);
   key.q.pop_back();
-  EXPECT_EQ(encode_key(layout, state, key).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(encode_key(layout, state, key, 0).error().code, ErrorCode::kInvalidArgument);
   ChainState backwards = state;
   backwards.age_us = -1;
   EXPECT_EQ(encode_join(layout, backwards).error().code, ErrorCode::kInvalidArgument);
@@ -156,7 +206,7 @@ TEST(Chain, EncodingRefusesWhatNoDecoderWouldTake) {
   const CoefficientLayout narrow = layout_of(CodecKind::kFloat32);
   Key wide = MotionSample(narrow).key(0, 0);
   wide.f[0] = 1e300;
-  EXPECT_EQ(encode_key(narrow, MotionSample(narrow).state(0), wide).error().code, ErrorCode::kTooLarge);
+  EXPECT_EQ(encode_key(narrow, MotionSample(narrow).state(0), wide, 0).error().code, ErrorCode::kTooLarge);
 }
 
 }  // namespace

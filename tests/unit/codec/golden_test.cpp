@@ -85,27 +85,27 @@ class Stream {
     sender_ = advanced(std::nullopt, key, 0);
     join();
   }
-  void key(const Key& key, std::uint8_t keep = 255, std::uint8_t flags = 0) {
+  void key(const Key& key, std::uint8_t half_spacing, std::uint8_t keep = 255, std::uint8_t flags = 0) {
     ++sequence_;
-    Bytes payload = encode_key(layout_, *sender_, key).value();
+    auto [payload, coded] = encode_key(layout_, *sender_, key, half_spacing).value();
     const auto bands = static_cast<std::uint8_t>(key.bands & keep);
     if (bands != key.bands) payload = cut_bands(layout_, false, key.bands, keep, payload).value();
     const auto decoded = decode_key(layout_, bands, *receiver_, payload);
     ASSERT_TRUE(decoded) << decoded.error().message;
     if (bands == key.bands) {
-      ASSERT_EQ(*decoded, key);
+      ASSERT_EQ(*decoded, coded);
     }
     receiver_ = advanced(receiver_, *decoded, 30'000);
     sender_ = advanced(sender_, *decoded, 30'000);
     write({FrameKind::kKey, flags, bands, {}, 7, 3, sequence_, capture(3, 3)}, payload,
           ",\"pose\":" + json_of(layout_, *decoded));
   }
-  void synthetic(const Key& coming, std::uint8_t at, std::uint8_t of) {
+  void synthetic(const Key& coming, std::uint8_t at, std::uint8_t of, std::uint8_t half_spacing) {
     const Key pose = interpolate_keys(layout_, sender_->newer, coming, at, of).value();
-    const Bytes payload = encode_key(layout_, *sender_, pose).value();
+    const auto [payload, coded] = encode_key(layout_, *sender_, pose, half_spacing).value();
     const auto decoded = decode_key(layout_, pose.bands, *receiver_, payload);
     ASSERT_TRUE(decoded) << decoded.error().message;
-    ASSERT_EQ(*decoded, pose);
+    ASSERT_EQ(*decoded, coded);
     ++sequence_;
     write({FrameKind::kSynthetic, 0, pose.bands, {at, of}, 7, 3, sequence_, capture(at, of)}, payload,
           ",\"pose\":" + json_of(layout_, *decoded));
@@ -161,26 +161,27 @@ const std::vector<std::uint32_t> kBands = {2, 4, 6};
 TEST(Golden, FullFormWithStepChangesEscapesJoinsAndCutBands) {
   Stream stream({CodecKind::kQuantised, 6, 3, kBands});
   stream.first(stream.pose(0, 120));
-  stream.key(stream.pose(1, 120));
+  stream.key(stream.pose(1, 120), 4);
   const Key third = stream.pose(2, 120);
-  stream.synthetic(third, 1, 3);
-  stream.synthetic(third, 2, 3);
-  stream.key(third);
+  stream.synthetic(third, 1, 3, 8);
+  stream.synthetic(third, 2, 3, 8);
+  stream.key(third, 5);
   stream.join();
-  stream.key(stream.pose(3, 117));
-  stream.key(stream.pose(4, 130));
+  stream.key(stream.pose(3, 117), 1);
+  stream.key(stream.pose(4, 130), 0);
   stream.join();
   Key extreme = stream.pose(5, 130);
   extreme.q[4] = 1 << 30;
   extreme.q[17] = -(1 << 30);
-  stream.synthetic(extreme, 7, 15);
-  stream.key(extreme);
-  stream.key(stream.pose(6, 130), 0b011);
-  stream.key(stream.pose(7, 130), 0b001);
+  stream.synthetic(extreme, 7, 15, 63);
+  stream.key(extreme, 2);
+  stream.key(stream.pose(6, 130), 2, 0b011);
+  stream.key(stream.pose(7, 130), 3, 0b001);
   stream.join();
-  stream.key(stream.pose(8, 130));
+  stream.key(stream.pose(8, 130), 3);
   stream.join();
-  stream.key(stream.pose(8, 130));
+  for (int time = 9; time < 30; ++time) stream.key(stream.pose(time, 130), static_cast<std::uint8_t>(1 + time % 5));
+  stream.key(stream.pose(29, 130), 63);
   stream.check("quantised-full");
 }
 
@@ -188,7 +189,7 @@ TEST(Golden, CompactForm) {
   Stream stream({CodecKind::kQuantised, 6, 3, kBands});
   stream.first(stream.pose(0, 120));
   for (int time = 1; time < 4; ++time) {
-    stream.key(stream.pose(time, time == 3 ? 123 : 120), 255, Envelope::kAhead);
+    stream.key(stream.pose(time, time == 3 ? 123 : 120), 4, 255, Envelope::kAhead);
     for (std::uint8_t at = 1; at <= 3; ++at) stream.step(at, 3);
   }
   stream.check("quantised-compact");
@@ -198,9 +199,9 @@ TEST(Golden, FloatCodecs) {
   for (const CodecKind codec : {CodecKind::kFloat32, CodecKind::kFloat64}) {
     Stream stream({codec, 2, 2, {1, 2}});
     stream.first(stream.pose(0, 0));
-    stream.key(stream.pose(1, 0));
-    stream.synthetic(stream.pose(2, 0), 1, 2);
-    stream.key(stream.pose(2, 0), 0b01);
+    stream.key(stream.pose(1, 0), 0);
+    stream.synthetic(stream.pose(2, 0), 1, 2, 0);
+    stream.key(stream.pose(2, 0), 0, 0b01);
     stream.join();
     stream.check(std::string(name_of(codec)));
   }

@@ -21,7 +21,7 @@ struct Sample {
   explicit Sample(CodecKind codec) : layout(layout_of(codec, 20)) {
     const MotionSample motion(layout);
     state = motion.state(158);
-    key = encode_key(layout, state, motion.key(2, 158)).value();
+    key = encode_key(layout, state, motion.key(2, 158), 4).value().payload;
     join = encode_join(layout, state).value();
   }
   /// Decodes from a heap block of exactly the payload's size, so that a sanitizer sees any read beyond it.
@@ -69,7 +69,7 @@ TEST_P(Hostile, NoBitFlipCrashesOrLeavesTheRange) {
       EXPECT_EQ(decoded->q.size() + decoded->f.size(), sample.layout.size());
       for (const std::int32_t q : decoded->q) EXPECT_LE(std::abs(std::int64_t{q}), 1 << 30);
       for (const double f : decoded->f) EXPECT_TRUE(std::isfinite(f));
-      const Bytes again = encode_key(sample.layout, sample.state, *decoded).value();
+      const Bytes again = encode_key(sample.layout, sample.state, *decoded, 0).value().payload;
       EXPECT_EQ(decode_key(sample.layout, decoded->bands, sample.state, again).value(), *decoded);
     }
   }
@@ -86,6 +86,7 @@ TEST_P(Hostile, BandsAndCodecsOfAnotherStreamAreRejected) {
     for (int codec = 0; codec < 256; ++codec) {
       if (codec == static_cast<int>(GetParam())) continue;
       Bytes payload = sample.payload(is_join);
+      if (!is_join && codec % 4 == static_cast<int>(GetParam()) && GetParam() == CodecKind::kQuantised) continue;
       payload[0] = static_cast<std::uint8_t>(codec);
       EXPECT_FALSE(sample.decode(is_join, payload));
     }
@@ -113,29 +114,48 @@ class OneBand : public testing::Test {
 
 TEST_F(OneBand, WhatTheFormatAllowsAndNothingElse) {
   // codec 2, step 160, one section: head, bits.
-  EXPECT_EQ(decode({2, 160, 1, 31})->q, (std::vector<std::int32_t>{0, 0})) << "all zero";
-  EXPECT_EQ(decode({2, 160, 2, 0, 0b1101'0000})->q, (std::vector<std::int32_t>{1, -1})) << "k = 0: z = 2, then z = 1";
-  EXPECT_FALSE(decode({2, 160, 2, 0, 0b1101'0001})) << "padding";
-  EXPECT_FALSE(decode({2, 160, 3, 0, 0b1101'0000, 0})) << "a whole byte of padding";
-  EXPECT_FALSE(decode({2, 160, 2, 31, 0})) << "all zero, then a byte";
+  EXPECT_EQ(decode({2, 160, 1, 0x9f})->q, (std::vector<std::int32_t>{0, 0})) << "all zero";
+  EXPECT_EQ(decode({2, 160, 2, 0x80, 0b1101'0000})->q, (std::vector<std::int32_t>{1, -1}))
+      << "k = 0: z = 2, then z = 1";
+  EXPECT_FALSE(decode({2, 160, 2, 0x80, 0b1101'0001})) << "padding";
+  EXPECT_FALSE(decode({2, 160, 3, 0x80, 0b1101'0000, 0})) << "a whole byte of padding";
+  EXPECT_FALSE(decode({2, 160, 2, 0x9f, 0})) << "all zero, then a byte";
+  EXPECT_FALSE(decode({2, 160, 1, 0xdf})) << "a reserved bit";
   EXPECT_FALSE(decode({2, 160, 0})) << "no head";
-  for (const int predictor : {1, 2, 3, 4, 5, 6, 7}) {
-    EXPECT_FALSE(decode({2, 160, 1, static_cast<std::uint8_t>(predictor << 5 | 31)})) << "a predictor without its key";
-  }
-  EXPECT_FALSE(decode({2, 160, 0x81, 0x00, 31})) << "a length with a superfluous byte";
-  EXPECT_FALSE(decode({2, 160, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x01, 31}))
+  EXPECT_FALSE(decode({2, 160, 1, 0xbf})) << "differences from a key that is not there";
+  EXPECT_FALSE(decode({2 | 4 << 2, 160, 2, 31, 0xc4})) << "a coarse run without a key before it";
+  EXPECT_FALSE(decode({2, 160, 0x81, 0x00, 0x9f})) << "a length with a superfluous byte";
+  EXPECT_FALSE(decode({2, 160, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x01, 0x9f}))
       << "a length of 2^64 - 1";
+}
+
+TEST_F(OneBand, CoarseRunsTakeNoMoreAndNoLess) {
+  state = {Key{1, 160, {0, 0}, {}}, Key{1, 160, {16, -16}, {}}, 1};
+  const std::uint8_t codec = 2 | 4 << 2;
+  EXPECT_EQ(decode({codec, 160, 2, 31, 0xc4})->q, (std::vector<std::int32_t>{16, -16})) << "held";
+  EXPECT_EQ(decode({codec, 160, 2, 31, 0xcc})->q, (std::vector<std::int32_t>{32, -32})) << "going on";
+  EXPECT_EQ(decode({codec, 160, 2, 31, 0x44})->q, (std::vector<std::int32_t>{8, -8})) << "drawn back";
+  EXPECT_FALSE(decode({2, 160, 2, 31, 0xc4})) << "no spacing";
+  EXPECT_FALSE(decode({codec, 160, 1, 31})) << "no weights";
+  EXPECT_FALSE(decode({codec, 160, 3, 31, 0xc4, 1})) << "all zero, then a byte";
+  for (const std::uint8_t reserved : {0x20, 0x40}) {
+    EXPECT_FALSE(decode({codec, 160, 2, static_cast<std::uint8_t>(reserved | 31), 0xc4})) << "a reserved bit";
+  }
+  EXPECT_EQ(decode({codec, 160, 3, 10, 0xc4, 0xff})->q, (std::vector<std::int32_t>{16, -16})) << "0 follows the end";
+  EXPECT_FALSE(decode({codec, 160, 4, 10, 0xc4, 0xff, 0})) << "a 0 at the end is left out";
+  EXPECT_FALSE(decode({codec, 160, 9, 10, 0xc4, 0xff, 1, 1, 1, 1, 1, 1})) << "bytes that no value needs";
+  EXPECT_FALSE(decode({codec, 160, 2, 10, 0xc4})) << "levels without end";
 }
 
 TEST_F(OneBand, TheWorkedExampleOfTheProtocolDocument) {
   state = advanced(std::nullopt, Key{1, 160, {10, -10}, {}}, 0);
-  const Bytes payload{0x02, 0xa0, 0x02, 0x22, 0xab};
+  const Bytes payload{0x02, 0xa0, 0x02, 0xa2, 0xab};
   EXPECT_EQ(decode(payload)->q, (std::vector<std::int32_t>{13, -14}));
 }
 
 TEST_F(OneBand, ValuesBeyondTheRangeAreRejected) {
   const auto escaped = [](std::uint32_t value) {
-    Bytes payload{2, 160, 9, 0, 0xff, 0xff, 0xff};
+    Bytes payload{2, 160, 9, 0x80, 0xff, 0xff, 0xff};
     for (int shift = 24; shift >= 0; shift -= 8) payload.push_back(static_cast<std::uint8_t>(value >> shift));
     payload.push_back(0);
     return payload;
@@ -149,10 +169,10 @@ TEST_F(OneBand, ValuesBeyondTheRangeAreRejected) {
 TEST_F(OneBand, AReferenceThatOverflowsWhenRescaledIsAbsent) {
   const Key large{1, 160, {1 << 30, 0}, {}};
   state = advanced(std::nullopt, large, 0);
-  EXPECT_TRUE(decode({2, 160, 1, 1 << 5 | 31}));
-  EXPECT_FALSE(decode({2, 159, 1, 1 << 5 | 31}));
+  EXPECT_TRUE(decode({2, 160, 1, 0xbf}));
+  EXPECT_FALSE(decode({2, 159, 1, 0xbf}));
   const Key fine{1, 150, {7, 7}, {}};
-  EXPECT_EQ(decode_key(layout, 1, state, encode_key(layout, state, fine).value()).value(), fine);
+  EXPECT_EQ(decode_key(layout, 1, state, encode_key(layout, state, fine, 0).value().payload).value(), fine);
 }
 
 TEST(HostileFloat, StepsAndNonFiniteValuesAreRejected) {
@@ -174,10 +194,10 @@ TEST(HostileFloat, StepsAndNonFiniteValuesAreRejected) {
 
 TEST(HostileJoin, OlderBandsMustBeAmongTheNewers) {
   const CoefficientLayout layout{CodecKind::kQuantised, 2, 1, {1, 2}};
-  EXPECT_TRUE(decode_join(layout, 1, Bytes{2, 160, 160, 1, 5, 2, 31, 31}));
-  EXPECT_FALSE(decode_join(layout, 1, Bytes{2, 160, 160, 2, 5, 2, 31, 31}));
-  EXPECT_FALSE(decode_join(layout, 1,
-                           Bytes{2, 160, 160, 1, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 1, 2, 31, 31}));
+  EXPECT_TRUE(decode_join(layout, 1, Bytes{2, 160, 160, 1, 5, 2, 0x9f, 0x9f}));
+  EXPECT_FALSE(decode_join(layout, 1, Bytes{2, 160, 160, 2, 5, 2, 0x9f, 0x9f}));
+  EXPECT_FALSE(decode_join(
+      layout, 1, Bytes{2, 160, 160, 1, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 1, 2, 0x9f, 0x9f}));
 }
 
 }  // namespace

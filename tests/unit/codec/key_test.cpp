@@ -39,22 +39,26 @@ TEST(StepTable, IsGeometricAndFoundAgain) {
   EXPECT_EQ(step_index_below(std::nan("")), 0);
 }
 
-TEST(StepForError, BoundsTheErrorThatParsevalPredicts) {
-  // rms^2 = sum of squared coefficient errors / area; each is uniform in +-step/2.
+TEST(QuantiserForError, BoundsTheErrorThatParsevalPredicts) {
+  // rms^2 = sum of squared coefficient errors / area. Values that nothing foretells are the worst case: no residual is
+  // near 0, where the error would be that of the prediction.
   const double eps = 1e-3;
   const double area = 7;
   const CoefficientLayout layout = layout_of(CodecKind::kQuantised, 200);
   std::mt19937 random(1);
   std::uniform_real_distribution<double> uniform(-100, 100);
   double squares = 0;
+  const Quantiser quantiser = quantiser_for_error(eps, area, 200);
+  ChainState state =
+      advanced(std::nullopt, key_from_coefficients(layout, std::vector<double>(600), quantiser.step).value(), 0);
   for (int frame = 0; frame < 50; ++frame) {
     std::vector<double> C(layout.size());
     for (double& c : C) c = uniform(random);
-    const Key key = key_from_coefficients(layout, C, step_index_below(step_for_error(eps, area, 200))).value();
-    const std::vector<double> back = coefficients_from_key(layout, key);
-    for (std::size_t i = 0; i < C.size(); ++i) squares += (C[i] - back[i]) * (C[i] - back[i]);
+    const Key key = key_from_coefficients(layout, C, quantiser.step).value();
+    state = advanced(state, encode_key(layout, state, key, quantiser.half_spacing).value().key, 1);
+    squares += std::pow(surface_distance(C, coefficients_from_key(layout, state.newer), area), 2);
   }
-  const double rms = std::sqrt(squares / (50 * area));
+  const double rms = std::sqrt(squares / 50);
   EXPECT_LE(rms, eps * 1.01);
   EXPECT_GE(rms, eps * 0.8);
 }

@@ -38,7 +38,7 @@ class Coder {
 
   Bytes next_key(std::uint8_t flags = 0) {
     const Key k = key(++sequence_);
-    Bytes payload = state_ ? *encode_key(layout, *state_, k) : Bytes();
+    Bytes payload = state_ ? encode_key(layout, *state_, k, 0)->payload : Bytes();
     const bool join = !state_;
     state_ = advanced(std::move(state_), k, join ? 0 : 33'333);
     if (join) payload = *encode_join(layout, *state_);
@@ -49,7 +49,7 @@ class Coder {
   }
   Bytes synthetic(std::uint8_t at, std::uint8_t of) {
     const Key between = *interpolate_keys(layout, state_->newer, key(sequence_ + 1), at, of);
-    return frame(FrameKind::kSynthetic, 0, {at, of}, *encode_key(layout, *state_, between), sequence_ + 1);
+    return frame(FrameKind::kSynthetic, 0, {at, of}, encode_key(layout, *state_, between, 0)->payload, sequence_ + 1);
   }
   Bytes step(std::uint8_t at, std::uint8_t of) { return frame(FrameKind::kStep, 0, {at, of}, {}, sequence_); }
   std::uint64_t sequence() const { return sequence_; }

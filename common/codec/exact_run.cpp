@@ -1,26 +1,25 @@
 // SPDX-License-Identifier: MIT
 //
-// Golomb-Rice coding of one band, after Golomb 1966, "Run-length encodings", and Rice 1979, "Some practical universal
-// noiseless coding techniques".
+// Exact runs: Golomb-Rice codes of one band, after Golomb 1966, "Run-length encodings", and Rice 1979, "Some practical
+// universal noiseless coding techniques".
 //
-//   band   head u8: parameter k in bits 0..4 (31: every residual is 0 and no bits follow), predictor in bits 5..7
+//   run    head u8: bits 0 to 4 parameter k (31: every residual is 0 and no bits follow), bit 5 set: predicted from c1,
+//          not from 0; bit 6: 0; bit 7: 1
 //          one code per value, most significant bit first; padded with 0 to a whole byte
 //   code   z = residual >= 0 ? 2 residual : -2 residual - 1
 //          z >> k < 24:  z >> k ones, a zero, the low k bits of z
 //          otherwise:    24 ones, the value itself (not its residual) as 32 bits, two's complement
-#include "common/codec/band.h"
-
 #include <algorithm>
 #include <bit>
 #include <cassert>
-#include <string>
 
+#include "common/codec/band.h"
 #include "common/codec/fixed.h"
 
 namespace eigencast::band {
 namespace {
 
-constexpr unsigned kPredictors = 8;
+constexpr std::uint8_t kExact = 0x80, kFromNewer = 0x20, kReserved = 0x40;
 constexpr unsigned kAllZero = 31;
 constexpr unsigned kMaxParameter = 30;
 constexpr unsigned kMaxQuotient = 24;
@@ -32,16 +31,6 @@ std::uint64_t zigzag(std::int64_t v) {
 
 std::int64_t from_zigzag(std::uint64_t z) {
   return static_cast<std::int64_t>(z >> 1) ^ -static_cast<std::int64_t>(z & 1);
-}
-
-bool available(unsigned predictor, const References& references) {
-  if (predictor == 0) return true;
-  return predictor == 1 ? !references.c1.empty() : !references.c2.empty();
-}
-
-std::int64_t predicted(unsigned predictor, const References& references, std::size_t i) {
-  if (predictor == 0) return 0;
-  return fixed::predict(predictor, references.c1[i], predictor == 1 ? references.c1[i] : references.c2[i]);
 }
 
 class BitWriter {
@@ -106,12 +95,6 @@ class BitReader {
   std::size_t taken_ = 0;
 };
 
-struct Choice {
-  unsigned predictor = 0;
-  unsigned parameter = 0;
-  std::uint64_t bits = UINT64_MAX;
-};
-
 std::uint64_t cost(std::span<const std::uint64_t> z, unsigned parameter) {
   std::uint64_t bits = 0;
   for (const std::uint64_t value : z) {
@@ -123,49 +106,38 @@ std::uint64_t cost(std::span<const std::uint64_t> z, unsigned parameter) {
 
 /// The best parameter for these residuals: the optimum lies at or beside log2 of their mean; escapes may pull it up by
 /// outliers alone, so that smaller ones are tried until they get dearer.
-Choice best_parameter(std::span<const std::uint64_t> z, unsigned predictor) {
+unsigned best_parameter(std::span<const std::uint64_t> z) {
   std::uint64_t sum = 0;
   for (const std::uint64_t value : z) sum += value;
-  if (sum == 0) return {predictor, kAllZero, 0};
+  if (sum == 0) return kAllZero;
   const auto start = static_cast<unsigned>(std::bit_width(sum / z.size()));
-  Choice best;
+  unsigned best = 0;
+  std::uint64_t least = UINT64_MAX;
   for (unsigned parameter = std::min(start + 1, kMaxParameter);; --parameter) {
     const std::uint64_t bits = cost(z, parameter);
-    if (bits > best.bits) break;
-    best = {predictor, parameter, bits};
+    if (bits > least) break;
+    least = bits;
+    best = parameter;
     if (parameter == 0) break;
   }
   return best;
 }
 
-void residuals(std::span<const std::int32_t> values, const References& references, unsigned predictor,
-               std::vector<std::uint64_t>& z) {
-  for (std::size_t i = 0; i < values.size(); ++i) z[i] = zigzag(values[i] - predicted(predictor, references, i));
-}
-
 }  // namespace
 
-void append(std::span<const std::int32_t> values, const References& references, Bytes& out) {
-  assert(references.c1.empty() || references.c1.size() == values.size());
-  assert(references.c2.empty() || (references.c2.size() == values.size() && !references.c1.empty()));
+void append_exact(std::span<const std::int32_t> values, std::span<const std::int32_t> c1, Bytes& out) {
+  assert(c1.empty() || c1.size() == values.size());
   std::vector<std::uint64_t> z(values.size());
-  Choice best;
-  for (unsigned predictor = 0; predictor < kPredictors; ++predictor) {
-    if (!available(predictor, references)) continue;
-    residuals(values, references, predictor, z);
-    const Choice choice = best_parameter(z, predictor);
-    if (choice.bits < best.bits) best = choice;
-  }
-
-  out.push_back(static_cast<std::uint8_t>(best.predictor << 5 | best.parameter));
-  if (best.parameter == kAllZero) return;
-  residuals(values, references, best.predictor, z);
+  for (std::size_t i = 0; i < values.size(); ++i) z[i] = zigzag(std::int64_t{values[i]} - (c1.empty() ? 0 : c1[i]));
+  const unsigned parameter = best_parameter(z);
+  out.push_back(static_cast<std::uint8_t>(kExact | (c1.empty() ? 0u : kFromNewer) | parameter));
+  if (parameter == kAllZero) return;
   BitWriter writer(out);
   for (std::size_t i = 0; i < values.size(); ++i) {
-    const std::uint64_t quotient = z[i] >> best.parameter;
+    const std::uint64_t quotient = z[i] >> parameter;
     if (quotient < kMaxQuotient) {
       writer.put((std::uint64_t{2} << quotient) - 2, static_cast<unsigned>(quotient) + 1);
-      writer.put(z[i], best.parameter);
+      writer.put(z[i], parameter);
     } else {
       writer.put((std::uint64_t{1} << kMaxQuotient) - 1, kMaxQuotient);
       writer.put(static_cast<std::uint32_t>(values[i]), 32);
@@ -174,18 +146,16 @@ void append(std::span<const std::int32_t> values, const References& references, 
   writer.pad();
 }
 
-Result<std::size_t> read(ByteView in, const References& references, std::span<std::int32_t> values) {
-  const auto corrupt = [](std::string what) { return fail(ErrorCode::kCorrupt, std::move(what)); };
-  if (in.empty()) return corrupt("the head byte is missing");
-  const unsigned predictor = in[0] >> 5;
+Result<std::size_t> read_exact(ByteView in, std::span<const std::int32_t> c1, std::span<std::int32_t> values) {
+  const auto corrupt = [](const char* what) { return fail(ErrorCode::kCorrupt, what); };
+  if ((in[0] & kReserved) != 0) return corrupt("a reserved bit is set");
+  const bool from_newer = (in[0] & kFromNewer) != 0;
+  if (from_newer && c1.empty()) return corrupt("an exact run needs a key that the receiver lacks");
   const unsigned parameter = in[0] & 31u;
-  if (!available(predictor, references)) {
-    return corrupt("predictor " + std::to_string(predictor) + " needs a key that the receiver lacks");
-  }
 
   BitReader reader(in.subspan(1));
   for (std::size_t i = 0; i < values.size(); ++i) {
-    std::int64_t value = predicted(predictor, references, i);
+    std::int64_t value = from_newer ? c1[i] : 0;
     if (parameter != kAllZero) {
       const std::uint64_t quotient = reader.unary();
       if (quotient < kMaxQuotient) {
@@ -200,6 +170,11 @@ Result<std::size_t> read(ByteView in, const References& references, std::span<st
   }
   if (!reader.padding_is_zero()) return corrupt("padding bits are set");
   return 1 + reader.bytes_taken();
+}
+
+Result<std::size_t> read(ByteView in, const References& from, const Spacing& spacing, std::span<std::int32_t> values) {
+  if (in.empty()) return fail(ErrorCode::kCorrupt, "the head of a run is missing");
+  return (in[0] & kExact) != 0 ? read_exact(in, from.c1, values) : read_coarse(in, from, spacing, values);
 }
 
 }  // namespace eigencast::band

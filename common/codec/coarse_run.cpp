@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: MIT
+//
+//   coarse run   scale u8 (bit 7: 0; bits 5, 6: 0; bits 0 to 4: scale code) | weights u8 (speed | restoring << 4)
+//                | levels through the range coder, unless the scale code is kAllZero
+#include <string>
+
+#include "common/codec/coarse_model.h"
+#include "common/codec/range_coder.h"
+
+namespace eigencast::band {
+namespace {
+
+constexpr std::array<std::uint16_t, kContexts + kLowestOffset> more_table() {
+  constexpr std::size_t kFirst = 59 + kLowestOffset;  // Below it the curve is under 64, above it over 2^15 - 64.
+  constexpr std::array<std::uint16_t, 93> kCurve = {
+      97,    158,   238,   339,   460,   600,   936,   1336,  1787,  2277,  2795,  3333,  3881,  4435,  5538,  6616,
+      7652,  8638,  9570,  10450, 11277, 12055, 13471, 14724, 15834, 16824, 17709, 18505, 19223, 19875, 21010, 21965,
+      22778, 23479, 24089, 24624, 25098, 25520, 26239, 26828, 27320, 27738, 28095, 28406, 28678, 28918, 29322, 29650,
+      29920, 30148, 30342, 30509, 30655, 30783, 30997, 31170, 31312, 31431, 31532, 31618, 31694, 31760, 31870, 31959,
+      32032, 32092, 32144, 32188, 32226, 32260, 32316, 32361, 32398, 32428, 32454, 32477, 32496, 32513, 32541, 32564,
+      32582, 32598, 32611, 32622, 32632, 32640, 32654, 32666, 32675, 32683, 32689, 32695, 32700};
+  std::array<std::uint16_t, kContexts + kLowestOffset> table{};
+  for (std::size_t i = 0; i < table.size(); ++i) {
+    table[i] = i < kFirst ? 64 : i < kFirst + kCurve.size() ? kCurve[i - kFirst] : (1u << kProbabilityBits) - 64;
+  }
+  return table;
+}
+
+Error corrupt(std::string what) {
+  return fail(ErrorCode::kCorrupt, std::move(what));
+}
+
+/// Exp-Golomb: the bits after the highest of count + 1, behind as many ones and a zero. A hostile one ends at 2^31.
+std::int64_t read_escape(RangeDecoder& in) {
+  unsigned bits = 0;
+  while (bits < 31 && in.get_even()) ++bits;
+  std::int64_t value = 1;
+  for (unsigned i = 0; i < bits; ++i) value = value << 1 | static_cast<std::int64_t>(in.get_even());
+  return value - 1;
+}
+
+std::int64_t read_level(RangeDecoder& in, const LevelOdds& odds) {
+  if (!in.get(kMore[odds.beyond_0])) return 0;
+  if (!in.get(kMore[odds.beyond_1])) return 1;
+  std::int64_t level = 2;
+  while (level < kMaxUnary && in.get(kMore[odds.later])) ++level;
+  return level < kMaxUnary ? level : level + read_escape(in);
+}
+
+}  // namespace
+
+constexpr std::array<std::uint16_t, kContexts + kLowestOffset> kMore = more_table();
+
+Result<std::size_t> read_coarse(ByteView in, const References& from, const Spacing& spacing,
+                                std::span<std::int32_t> values) {
+  if (spacing.half == 0) return corrupt("a coarse run in a frame that has no spacing");
+  if (from.c1.empty()) return corrupt("a coarse run needs a key that the receiver lacks");
+  if (in.size() < 2) return corrupt("its head is missing");
+  if ((in[0] & 0x60u) != 0) return corrupt("reserved bits are set");
+  const unsigned scale = in[0] & 31u;
+  const Predictor predict{in[1] & 15u, unsigned{in[1]} >> 4};
+  const Motion motion(from);
+  if (scale == kAllZero && in.size() > 2) return corrupt("bytes are left over");
+
+  RangeDecoder decoder(in.subspan(2));
+  ContextModel contexts(motion.speeds, spacing, scale == kAllZero ? 0 : scale);
+  unsigned state = 0;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    std::int64_t value = predict(motion.c1[i], motion.c2[i]);
+    if (scale != kAllZero) {
+      const unsigned rule = rule_of(state);
+      const std::int64_t level = read_level(decoder, LevelOdds(rule, contexts.next()));
+      const std::int64_t residual = point(rule, level) * spacing.half;
+      if (level > 0) value += decoder.get_even() ? -residual : residual;
+      contexts.add(residual);
+      state = kNextState[state][level & 1];
+    }
+    if (!fixed::in_range(value)) return corrupt("a value leaves +-2^30");
+    values[i] = static_cast<std::int32_t>(value);
+  }
+  if (!decoder.finished()) return corrupt("bytes are left over");
+  return in.size();
+}
+
+}  // namespace eigencast::band

@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+
+#include "common/core/bytes.h"
+
+/// A binary arithmetic coder with fixed probabilities (docs/protocol.md, "Range coder"), after Martin 1979, "Range
+/// encoding: an algorithm for removing redundancy from a digitised message". Bytes beyond the end read as 0, so that the
+/// encoder leaves trailing zeros out.
+namespace eigencast::band {
+
+inline constexpr std::uint32_t kProbabilityBits = 15;
+
+class RangeEncoder {
+ public:
+  explicit RangeEncoder(Bytes& out) : out_(out), begin_(out.size()) {}
+
+  /// Codes a decision that is true with probability p / 2^15, 0 < p < 2^15.
+  void put(bool decision, std::uint32_t p) {
+    const std::uint32_t bound = (range_ >> kProbabilityBits) * p;
+    if (decision) {
+      range_ = bound;
+    } else {
+      low_ += bound;
+      range_ -= bound;
+    }
+    normalise();
+  }
+  void put_even(bool decision) { put(decision, 1u << (kProbabilityBits - 1)); }
+
+  /// Ends the run: the shortest bytes that, followed by zeros, lie within the interval.
+  void finish() {
+    std::uint64_t value = low_;
+    for (unsigned bits = 32; bits > 0; bits -= 8) {
+      const std::uint64_t mask = (std::uint64_t{1} << bits) - 1;
+      value = (low_ + mask) & ~mask;
+      if (value < low_ + range_) break;
+      value = low_;
+    }
+    low_ = value;
+    if (low_ >> 32 != 0) carry();
+    for (int shift = 24; shift >= 0; shift -= 8) out_.push_back(static_cast<std::uint8_t>(low_ >> shift));
+    while (out_.size() > begin_ && out_.back() == 0) out_.pop_back();
+  }
+
+ private:
+  void normalise() {
+    if (low_ >> 32 != 0) carry();
+    while (range_ < kBottom) {
+      out_.push_back(static_cast<std::uint8_t>(low_ >> 24));
+      low_ = (low_ << 8) & 0xffffffffu;
+      range_ <<= 8;
+    }
+  }
+  /// There is a byte that takes it: the interval never leaves [0, 1).
+  void carry() {
+    low_ &= 0xffffffffu;
+    for (std::size_t i = out_.size(); ++out_[--i] == 0;) {
+    }
+  }
+
+  static constexpr std::uint32_t kBottom = 1u << 24;
+  Bytes& out_;
+  std::size_t begin_;
+  std::uint64_t low_ = 0;
+  std::uint32_t range_ = 0xffffffffu;
+};
+
+class RangeDecoder {
+ public:
+  explicit RangeDecoder(ByteView in) : in_(in) {
+    for (int i = 0; i < 4; ++i) take_byte();
+  }
+
+  bool get(std::uint32_t p) {
+    const std::uint32_t bound = (range_ >> kProbabilityBits) * p;
+    const bool decision = code_ < bound;
+    if (decision) {
+      range_ = bound;
+    } else {
+      code_ -= bound;
+      range_ -= bound;
+    }
+    while (range_ < kBottom) {
+      range_ <<= 8;
+      take_byte();
+    }
+    return decision;
+  }
+  bool get_even() { return get(1u << (kProbabilityBits - 1)); }
+
+  /// No byte was left unread, and none is there that an encoder would have left out.
+  bool finished() const { return in_.size() <= next_ && (in_.empty() || in_.back() != 0); }
+
+ private:
+  void take_byte() {
+    code_ = code_ << 8 | (next_ < in_.size() ? in_[next_] : 0u);
+    ++next_;
+  }
+
+  static constexpr std::uint32_t kBottom = 1u << 24;
+  ByteView in_;
+  std::size_t next_ = 0;
+  std::uint32_t code_ = 0;
+  std::uint32_t range_ = 0xffffffffu;
+};
+
+}  // namespace eigencast::band
