@@ -38,6 +38,37 @@ function(eigencast_program NAME)
   install(TARGETS ${NAME} RUNTIME DESTINATION "${CMAKE_INSTALL_BINDIR}" COMPONENT ${ARG_COMPONENT})
 endfunction()
 
+# eigencast_documents(PROGRAM [COMPONENT ...]) makes and installs the manual page and the completion scripts that PROGRAM writes
+# about itself (`PROGRAM man`, `PROGRAM completion SHELL`), all from its one table of options.
+function(eigencast_documents PROGRAM)
+  cmake_parse_arguments(ARG "" "COMPONENT" "" ${ARGN})
+  if(NOT ARG_COMPONENT)
+    set(ARG_COMPONENT tools)
+  endif()
+  if(CMAKE_CROSSCOMPILING AND NOT CMAKE_CROSSCOMPILING_EMULATOR)
+    message(STATUS "${PROGRAM}: no manual page and no completion scripts, which a cross build cannot make")
+    return()
+  endif()
+  set(DIR "${PROJECT_BINARY_DIR}/share")
+  set(MAN "${DIR}/man/man1/${PROGRAM}.1")
+  set(BASH "${DIR}/bash-completion/completions/${PROGRAM}")
+  set(ZSH "${DIR}/zsh/vendor-completions/_${PROGRAM}")
+  set(FISH "${DIR}/fish/vendor_completions.d/${PROGRAM}.fish")
+  foreach(FILE IN ITEMS "${MAN}" "${BASH}" "${ZSH}" "${FISH}")
+    cmake_path(GET FILE PARENT_PATH PARENT)
+    file(MAKE_DIRECTORY "${PARENT}")
+    cmake_path(RELATIVE_PATH PARENT BASE_DIRECTORY "${DIR}" OUTPUT_VARIABLE BELOW)
+    install(FILES "${FILE}" DESTINATION "${CMAKE_INSTALL_DATADIR}/${BELOW}" COMPONENT ${ARG_COMPONENT})
+  endforeach()
+  add_custom_command(OUTPUT "${MAN}" "${BASH}" "${ZSH}" "${FISH}"
+    COMMAND ${PROGRAM} man > "${MAN}"
+    COMMAND ${PROGRAM} completion bash > "${BASH}"
+    COMMAND ${PROGRAM} completion zsh > "${ZSH}"
+    COMMAND ${PROGRAM} completion fish > "${FISH}"
+    DEPENDS ${PROGRAM} VERBATIM)
+  add_custom_target(${PROGRAM}-documents ALL DEPENDS "${MAN}" "${BASH}" "${ZSH}" "${FISH}")
+endfunction()
+
 # eigencast_test(NAME SOURCES ... LINKS ... [LABELS ...] [TIMEOUT s] [SERIAL]) makes a GoogleTest binary whose cases ctest sees one
 # by one; SERIAL ones have the machine for themselves.
 function(eigencast_test NAME)

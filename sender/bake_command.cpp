@@ -40,17 +40,21 @@ std::string json_from(const BakeResult& baked) {
       .dump(2);
 }
 
+void print(const BakeResult& baked) {
+  std::fputs(baked.report.c_str(), stdout);
+  std::printf("asset %s\n%u vertices, %u faces, r = %u (%s), %.2f MB in %zu chunks%s\n",
+              baked.encoded.manifest.id.hex().c_str(), baked.asset.vertex_count, baked.asset.face_total,
+              baked.asset.rank, baked.asset.basis_kind.c_str(), static_cast<double>(baked.encoded.total_bytes()) * 1e-6,
+              baked.encoded.chunks.size(), baked.from_cache ? ", from the cache" : "");
+}
+
 }  // namespace
 
 int run(const BakeCommand& command, const Console& console, Interrupt& interrupt) {
   const auto source = bake_with_progress(command.source, console, interrupt);
   if (!source) return report_failure(source.error());
   const BakeResult& baked = source->baked;
-  std::fputs(baked.report.c_str(), stdout);
-  std::printf("asset %s\n%u vertices, %u faces, r = %u (%s), %.2f MB in %zu chunks%s\n",
-              baked.encoded.manifest.id.hex().c_str(), baked.asset.vertex_count, baked.asset.face_total,
-              baked.asset.rank, baked.asset.basis_kind.c_str(), static_cast<double>(baked.encoded.total_bytes()) * 1e-6,
-              baked.encoded.chunks.size(), baked.from_cache ? ", from the cache" : "");
+  if (command.json != "-") print(baked);
   if (!command.out_dir.empty()) {
     if (const auto copied = copy_objects(baked.encoded, command.out_dir); !copied)
       return report_failure(copied.error());

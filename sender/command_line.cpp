@@ -4,20 +4,34 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
-#include <cstdlib>
+#include <cstdio>
 
+#include "common/command_line/documents.h"
+#include "common/surface/read.h"
 #include "sdk/asset_cache.h"
+#include "sender/contexts.h"
 
 namespace eigencast {
 namespace {
 
-constexpr const char* kExamples = R"(examples:
-  eigencast-sender play heart --to ws://localhost:7490/demo
-  eigencast-sender play clip.npy --to ws://broker/live/clip --rate 15     (n poses a second; the broker triples them)
-  eigencast-sender play 'frames/*.obj' --once --to ws://broker/show
-  eigencast-sender bake scan.ply --rank 300
-  eigencast-sender evaluate clip.npy                                      (error and bit rate, without a network)
-exit status: 0 done, 1 failed, 2 wrong usage)";
+constexpr const char* kExamples =
+    R"(eigencast-sender play heart --to ws://localhost:7490/demo
+eigencast-sender play clip.npy --to ws://broker/live/clip --rate 15    # poses a second; the broker triples them
+eigencast-sender play fox.glb --animation Run --to ws://broker/fox
+eigencast-sender play cloth.pc2 --rest cloth.obj --once --to ws://broker/cloth
+eigencast-sender play 'frames/*.obj' --once --to ws://broker/show
+simulation | eigencast-sender pipe --mesh rest.obj --to ws://broker/sim
+eigencast-sender bake scan.ply --rank 300
+eigencast-sender evaluate clip.npy                                     # error and bit rate, without a network
+eigencast-sender export fox.glb --to fox.mdd
+eigencast-sender context add studio wss://broker.example --token "$TOKEN"
+eigencast-sender play heart --to demo                                  # at the context's broker
+eigencast-sender completion bash > ~/.local/share/bash-completion/completions/eigencast-sender)";
+
+constexpr const char* kExitStatus = R"(0  done
+1  failed
+2  wrong usage
+4  the broker was not reached, or said no)";
 
 /// Everything the options write to; lives as long as the invocation.
 struct Settings {
@@ -25,9 +39,13 @@ struct Settings {
   bool no_progress = false;
   bool verbose = false;
   bool loop = false;
+  std::string shell;
+  std::function<int(Interrupt&)> run;  ///< Set by the command that was named.
   BakeCommand bake;
   PlayCommand play;
   ExportCommand export_clip;
+  PipeCommand pipe;
+  ContextCommand context;
   EvaluateCommand evaluate;
   CompareCommand compare;
 };
@@ -46,15 +64,20 @@ void add_clip_options(CLI::App& app, SourceOptions& source) {
       ->capture_default_str();
 }
 
-void add_source_options(CLI::App& app, SourceOptions& source) {
+void add_bake_options(CLI::App& app, SourceOptions& source) {
   source.cache_dir = default_cache_dir();
-  add_clip_options(app, source);
   app.add_option("--basis", source.basis, "augmented or harmonic")
       ->check(CLI::IsMember({"augmented", "harmonic"}))
       ->capture_default_str();
   app.add_option("--rank", source.rank, "coefficients per axis")->check(CLI::Range(4, 4096))->capture_default_str();
   app.add_option("--name", source.name, "name of the surface, for people");
-  app.add_option("--cache", source.cache_dir, "folder where bakes are kept; '' for none")->capture_default_str();
+  app.add_option("--cache", source.cache_dir, "folder where bakes are kept; '' for none (default: ~/.cache/eigencast)")
+      ->envname("EIGENCAST_CACHE");
+}
+
+void add_source_options(CLI::App& app, SourceOptions& source) {
+  add_clip_options(app, source);
+  add_bake_options(app, source);
 }
 
 void add_codec_options(CLI::App& app, std::string& codec, double& error) {
@@ -66,16 +89,74 @@ void add_codec_options(CLI::App& app, std::string& codec, double& error) {
       ->check(CLI::PositiveNumber);
 }
 
+void add_target_options(CLI::App& app, TargetOptions& target) {
+  app.add_option("--to", target.url, "ws://host[:port]/stream, or a stream at the context's broker")
+      ->envname("EIGENCAST_URL");
+  app.add_option("--token", target.token, "what the broker lets in (default: the context's)")
+      ->envname("EIGENCAST_TOKEN");
+  app.add_option("--context", target.context, "broker by name, see context (default: the current one)")
+      ->envname("EIGENCAST_CONTEXT");
+  add_codec_options(app, target.codec, target.error);
+}
+
+/// The command runs with what the options have written to `command`.
+template <typename Command>
+void runs(CLI::App& app, Settings& s, Command& command) {
+  app.callback(
+      [&s, &command] { s.run = [&s, &command](Interrupt& interrupt) { return run(command, s.console, interrupt); }; });
+}
+
+void add_context_commands(CLI::App& app, Settings& s) {
+  CLI::App* context = app.add_subcommand("context", "Brokers by name, with their tokens");
+  context->require_subcommand(1);
+  const auto add = [&](const std::string& action, const std::string& description) {
+    CLI::App* command = context->add_subcommand(action, description);
+    command->callback([&s, action] {
+      s.context.action = action;
+      s.run = [&s](Interrupt& interrupt) { return run(s.context, s.console, interrupt); };
+    });
+    return command;
+  };
+  CLI::App* added = add("add", "Add a broker, or change it; the first is the current one");
+  added->add_option("name", s.context.name, "what to call it")->required();
+  added->add_option("url", s.context.url, "ws://host[:port], or of one stream")->required();
+  added->add_option("--token", s.context.token, "what the broker lets in")->envname("EIGENCAST_TOKEN");
+  add("list", "List them; the current one has a star")->add_flag("--json", s.context.json, "as JSON");
+  add("use", "Make one the current one")->add_option("name", s.context.name, "which")->required();
+  add("remove", "Forget one")->add_option("name", s.context.name, "which")->required();
+}
+
+/// Scripts and pages that are made from this table.
+void add_document_commands(CLI::App& app, Settings& s) {
+  CLI::App* completion = app.add_subcommand("completion", "Write a completion script to standard output");
+  completion->add_option("shell", s.shell, "for which shell")
+      ->required()
+      ->check(CLI::IsMember({"bash", "zsh", "fish"}));
+  completion->callback([&app, &s] {
+    s.run = [&app, &s](Interrupt&) {
+      std::fputs(completion_from(app, *shell_from_name(s.shell)).c_str(), stdout);
+      return kExitOk;
+    };
+  });
+  app.add_subcommand("man", "Write the manual page to standard output")->group("")->callback([&app, &s] {
+    s.run = [&app](Interrupt&) {
+      std::fputs(man_page_from(app, EIGENCAST_VERSION, kExitStatus, kExamples).c_str(), stdout);
+      return kExitOk;
+    };
+  });
+}
+
 void add_commands(CLI::App& app, Settings& s) {
   CLI::App* bake = app.add_subcommand("bake", "Turn a surface into a streamable asset (cached by content)");
+  runs(*bake, s, s.bake);
   add_source_options(*bake, s.bake.source);
   bake->add_option("-o,--out", s.bake.out_dir, "copy the asset's objects into this folder");
   bake->add_option("--json", s.bake.json, "write a report");
 
   CLI::App* play = app.add_subcommand("play", "Stream an animation to a broker");
+  runs(*play, s, s.play);
   add_source_options(*play, s.play.source);
-  add_codec_options(*play, s.play.target.codec, s.play.target.error);
-  play->add_option("--to", s.play.target.url, "ws://host[:port]/stream")->envname("EIGENCAST_URL")->required();
+  add_target_options(*play, s.play.target);
   play->add_option("--rate", s.play.rate_hz, "key poses a second (default: the clip's)")
       ->check(CLI::Range(0.1, 1000.0));
   play->add_option("--speed", s.play.speed, "of the motion")->check(CLI::Range(0.001, 1000.0))->capture_default_str();
@@ -87,7 +168,18 @@ void add_commands(CLI::App& app, Settings& s) {
   play->add_option("--json", s.play.json, "write a report at the end");
   play->add_option("--record", s.play.record, "write capture time and frame of each pose, as JSON lines");
 
+  CLI::App* pipe =
+      app.add_subcommand("pipe", "Stream poses from standard input: 32-bit floats x, y, z for each vertex of the mesh");
+  runs(*pipe, s, s.pipe);
+  pipe->add_option("--mesh", s.pipe.source.input, "the mesh in its rest pose")->required();
+  add_bake_options(*pipe, s.pipe.source);
+  add_target_options(*pipe, s.pipe.target);
+  pipe->add_option("--rate", s.pipe.rate_hz, "poses a second (default: as they arrive, or at the times they state)")
+      ->check(CLI::Range(0.1, 1000.0));
+  pipe->add_option("--json", s.pipe.json, "write a report at the end");
+
   CLI::App* export_clip = app.add_subcommand("export", "Write a clip in another format");
+  runs(*export_clip, s, s.export_clip);
   add_clip_options(*export_clip, s.export_clip.source);
   export_clip
       ->add_option("--to", s.export_clip.to,
@@ -96,6 +188,7 @@ void add_commands(CLI::App& app, Settings& s) {
   export_clip->add_option("--json", s.export_clip.json, "write a report");
 
   CLI::App* evaluate = app.add_subcommand("evaluate", "State error and bit rate of a clip, without a network");
+  runs(*evaluate, s, s.evaluate);
   add_source_options(*evaluate, s.evaluate.source);
   add_codec_options(*evaluate, s.evaluate.codec, s.evaluate.error);
   evaluate->add_option("--rate", s.evaluate.rate_hz, "poses a second, for kbit/s")
@@ -104,41 +197,58 @@ void add_commands(CLI::App& app, Settings& s) {
   evaluate->add_option("--json", s.evaluate.json, "write a report");
 
   CLI::App* compare = app.add_subcommand("compare", "Compare poses that a client recorded with the clip that was sent");
+  runs(*compare, s, s.compare);
   add_source_options(*compare, s.compare.source);
   compare->add_option("--sent", s.compare.sent, "record of the sender (play --record)")->required();
   compare->add_option("--received", s.compare.received, "record of the client (eigencast-client --record)")->required();
   compare->add_option("--report", s.compare.report, "JSON file to add the result to");
+
+  add_context_commands(app, s);
+  add_document_commands(app, s);
+}
+
+/// Names and contexts become URLs.
+Result<void> resolve_targets(const CLI::App& app, Settings& s) {
+  TargetOptions* target = app.got_subcommand("play")   ? &s.play.target
+                          : app.got_subcommand("pipe") ? &s.pipe.target
+                                                       : nullptr;
+  if (target == nullptr) return {};
+  const auto contexts = Contexts::load(Contexts::default_path());
+  if (!contexts) return contexts.error();
+  const auto resolved = resolve_target(target->url, target->token, target->context, *contexts);
+  if (!resolved) return resolved.error();
+  target->url = resolved->url;
+  target->token = resolved->token;
+  return {};
 }
 
 }  // namespace
 
 Invocation parse_command_line(int argc, char** argv) {
   auto settings = std::make_shared<Settings>();
-  CLI::App app("Bakes deforming surfaces into streamable assets and streams their motion to a broker.",
-               "eigencast-sender");
-  app.footer(kExamples);
-  app.set_version_flag("--version", "eigencast-sender " EIGENCAST_VERSION);
-  app.add_flag("-v,--verbose", settings->verbose, "log more");
-  app.add_flag("--no-progress", settings->no_progress, "no progress on standard error");
-  app.require_subcommand(1);
-  app.fallthrough();
-  add_commands(app, *settings);
+  // Lives as long as the invocation: scripts and pages are made from it.
+  auto app = std::make_shared<CLI::App>(
+      "Bakes deforming surfaces into streamable assets and streams their motion to a broker.", "eigencast-sender");
+  app->footer(std::string("examples:\n") + kExamples + "\nexit status:\n" + kExitStatus);
+  app->set_version_flag("--version", "eigencast-sender " EIGENCAST_VERSION "\nreads: " + readable_endings());
+  app->add_flag("-v,--verbose", settings->verbose, "log more");
+  app->add_flag("--no-progress", settings->no_progress, "no progress on standard error");
+  app->require_subcommand(1);
+  app->fallthrough();
+  add_commands(*app, *settings);
   try {
-    app.parse(argc, argv);
+    app->parse(argc, argv);
   } catch (const CLI::ParseError& error) {
-    return {{}, app.exit(error) == 0 ? kExitOk : kExitUsage, false};
+    return {{}, app->exit(error) == 0 ? kExitOk : kExitUsage, false};
   }
   settings->console.progress = !settings->no_progress;
   settings->console.on_terminal = isatty(STDERR_FILENO) == 1;
-  const std::string command = app.get_subcommands().front()->get_name();
-  return {[settings, command](Interrupt& interrupt) {
-            if (command == "bake") return run(settings->bake, settings->console, interrupt);
-            if (command == "play") return run(settings->play, settings->console, interrupt);
-            if (command == "export") return run(settings->export_clip, settings->console, interrupt);
-            if (command == "evaluate") return run(settings->evaluate, settings->console, interrupt);
-            return run(settings->compare, settings->console, interrupt);
-          },
-          kExitOk, settings->verbose};
+  const auto resolved = resolve_targets(*app, *settings);
+  if (!resolved) {
+    std::fprintf(stderr, "%s\n", resolved.error().message.c_str());
+    return {{}, kExitUsage, false};
+  }
+  return {[app, settings](Interrupt& interrupt) { return settings->run(interrupt); }, kExitOk, settings->verbose};
 }
 
 }  // namespace eigencast

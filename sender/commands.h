@@ -10,7 +10,12 @@
 namespace eigencast {
 
 /// Exit statuses of the program.
-enum ExitCode { kExitOk = 0, kExitFailed = 1, kExitUsage = 2 };
+enum ExitCode {
+  kExitOk = 0,
+  kExitFailed = 1,
+  kExitUsage = 2,
+  kExitUnreachable = 4,  ///< The broker was not reached, or said no.
+};
 
 /// What all commands print with.
 struct Console {
@@ -26,7 +31,9 @@ struct BakeCommand {
 
 /// Where poses are sent and how they are coded.
 struct TargetOptions {
-  std::string url;
+  std::string url;      ///< Before resolve(): what --to says.
+  std::string token;    ///< Empty: none.
+  std::string context;  ///< Empty: the current one.
   std::string codec = "quantised";
   double error = 0;  ///< Model units; 0: the publisher's default.
 };
@@ -41,6 +48,19 @@ struct PlayCommand {
   std::uint64_t frames = 0;  ///< 0: no end.
   std::string json;
   std::string record;  ///< JSON lines: capture time, frame and outcome of each pose; empty: no.
+};
+
+struct PipeCommand {
+  SourceOptions source;  ///< The mesh.
+  TargetOptions target;
+  double rate_hz = 0;  ///< 0: as poses arrive, or at the times they state.
+  std::string json;
+};
+
+struct ContextCommand {
+  std::string action;  ///< add, list, use, remove
+  std::string name, url, token;
+  bool json = false;
 };
 
 struct ExportCommand {
@@ -67,6 +87,8 @@ struct CompareCommand {
 // Each runs a command to its end and returns the program's exit status; errors go to the log.
 int run(const BakeCommand& command, const Console& console, Interrupt& interrupt);
 int run(const PlayCommand& command, const Console& console, Interrupt& interrupt);
+int run(const PipeCommand& command, const Console& console, Interrupt& interrupt);
+int run(const ContextCommand& command, const Console& console, Interrupt& interrupt);
 int run(const ExportCommand& command, const Console& console, Interrupt& interrupt);
 int run(const EvaluateCommand& command, const Console& console, Interrupt& interrupt);
 int run(const CompareCommand& command, const Console& console, Interrupt& interrupt);
@@ -74,10 +96,10 @@ int run(const CompareCommand& command, const Console& console, Interrupt& interr
 /// Bakes with progress on the console, cancelled by the interrupt.
 Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt);
 
-/// Logs the error and gives kExitFailed; an interrupted run says only that.
+/// Logs the error and gives its exit status; an interrupted run says only that.
 int report_failure(const Error& error);
 
-/// Writes a JSON text to `path` as a whole or not at all. An empty path does nothing.
+/// Writes a JSON text to `path` as a whole or not at all; "-": to standard output. An empty path does nothing.
 Result<void> write_report(const std::string& path, const std::string& text);
 
 }  // namespace eigencast

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include <spdlog/spdlog.h>
 
+#include <cstdio>
+
 #include "common/core/files.h"
 #include "sender/commands.h"
 #include "sender/progress_line.h"
@@ -9,10 +11,14 @@ namespace eigencast {
 
 Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt) {
   ProgressLine line(console.progress, console.on_terminal);
-  return bake_source(options, [&](double fraction, std::string_view stage) {
+  auto source = bake_source(options, [&](double fraction, std::string_view stage) {
     line.show(fraction, stage, steady_now_us());
     return !interrupt.requested();
   });
+  line.finish();
+  if (!source) return source;
+  for (const std::string& note : source->clip->notes()) spdlog::info("{}", note);
+  return source;
 }
 
 int report_failure(const Error& error) {
@@ -21,11 +27,16 @@ int report_failure(const Error& error) {
   } else {
     spdlog::error("{}", error.message);
   }
-  return kExitFailed;
+  const bool no_broker = error.code == ErrorCode::kUnreachable || error.code == ErrorCode::kRefused ||
+                         error.code == ErrorCode::kDisconnected;
+  return no_broker ? kExitUnreachable : kExitFailed;
 }
 
 Result<void> write_report(const std::string& path, const std::string& text) {
-  return path.empty() ? Result<void>() : write_file_atomically(path, text + "\n");
+  if (path.empty()) return {};
+  if (path != "-") return write_file_atomically(path, text + "\n");
+  const bool written = std::fputs((text + "\n").c_str(), stdout) >= 0 && std::fflush(stdout) == 0;
+  return written ? Result<void>() : fail(ErrorCode::kIo, "standard output cannot be written");
 }
 
 }  // namespace eigencast

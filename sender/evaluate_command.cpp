@@ -41,6 +41,9 @@ int run(const EvaluateCommand& command, const Console& console, Interrupt& inter
   const double eps = command.error > 0 ? command.error : kDefaultErrorOverDiagonal * asset.diagonal();
   const auto result = evaluate(*source->clip, asset, *codec, eps);
   if (!result) return report_failure(result.error());
+  const auto written = write_report(command.json, json_from(*result, command, source->baked).dump(2));
+  if (!written) return report_failure(written.error());
+  if (command.json == "-") return kExitOk;
 
   const auto row = [](const char* what, const SurfaceError& error) {
     std::printf("%-22s KG %.3f %%   rms %.2e   max %.2e of the diagonal\n", what, error.kg_percent, error.rms,
@@ -59,8 +62,7 @@ int run(const EvaluateCommand& command, const Console& console, Interrupt& inter
               static_cast<unsigned long long>(result->join_bytes),
               static_cast<double>(result->encode_ns.percentile(50)) * 1e-3,
               static_cast<double>(result->decode_ns.percentile(50)) * 1e-3);
-  const auto written = write_report(command.json, json_from(*result, command, source->baked).dump(2));
-  return written ? kExitOk : report_failure(written.error());
+  return kExitOk;
 }
 
 }  // namespace eigencast

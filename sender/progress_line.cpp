@@ -27,18 +27,14 @@ std::string ProgressLine::text(double fraction, std::string_view stage, TimeUs e
 }
 
 void ProgressLine::show(double fraction, std::string_view stage, TimeUs now_us) {
-  if (!enabled_) return;
+  if (!enabled_ || !on_terminal_) return;
   if (start_us_ < 0) start_us_ = now_us;
   const bool new_stage = stage != stage_;
   stage_ = stage;
-  if (on_terminal_) {
-    if (!new_stage && now_us - shown_us_ < 100'000 && fraction < 1) return;
-    shown_us_ = now_us;
-    std::fprintf(stderr, "\r\033[K%s", text(fraction, stage, now_us - start_us_).c_str());
-    open_ = true;
-  } else if (new_stage) {
-    std::fprintf(stderr, "%s\n", stage_.c_str());
-  }
+  if (!new_stage && now_us - shown_us_ < 100'000 && fraction < 1) return;
+  shown_us_ = now_us;
+  std::fprintf(stderr, "\r\033[K%s", text(fraction, stage, now_us - start_us_).c_str());
+  open_ = true;
   std::fflush(stderr);
 }
 

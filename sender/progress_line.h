@@ -8,11 +8,11 @@
 
 namespace eigencast {
 
-/// "solving eigenpairs  [#####.....]  43 %  12 s left", rewritten in place on a terminal, one line per stage elsewhere.
+/// "solving eigenpairs  [#####.....]  43 %  12 s left", rewritten in place on a terminal; elsewhere nothing.
 /// The text is made apart from the writing, so that it can be tested. Not thread-safe.
 class ProgressLine {
  public:
-  /// `enabled` false: writes nothing at all.
+  /// Writes nothing at all unless both hold.
   ProgressLine(bool enabled, bool on_terminal) : enabled_(enabled), on_terminal_(on_terminal) {}
   ~ProgressLine() { finish(); }
 

@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: MIT
+#include "sender/contexts.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "common/net/url.h"
+
+namespace eigencast {
+namespace {
+
+using nlohmann::json;
+
+constexpr std::uintmax_t kMaxFileBytes = 1 << 20;
+
+bool is_name(const std::string& name) {
+  return !name.empty() && name.size() <= 64 && std::all_of(name.begin(), name.end(), [](char c) {
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' ||
+           c == '.';
+  });
+}
+
+std::string string_of(const json& object, const char* key) {
+  const auto at = object.find(key);
+  return at != object.end() && at->is_string() ? at->get<std::string>() : std::string();
+}
+
+// Created for its owner alone: it may hold tokens.
+bool write_private(const std::string& path, const std::string& text) {
+  const int descriptor = ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, S_IRUSR | S_IWUSR);
+  if (descriptor < 0) return false;
+  const bool written = ::write(descriptor, text.data(), text.size()) == static_cast<ssize_t>(text.size());
+  return ::close(descriptor) == 0 && written;
+}
+
+}  // namespace
+
+std::string Contexts::default_path() {
+  const char* config = std::getenv("XDG_CONFIG_HOME");
+  if (config != nullptr && *config == '/') return std::string(config) + "/eigencast/contexts.json";
+  const char* home = std::getenv("HOME");
+  return home != nullptr && *home != '\0' ? std::string(home) + "/.config/eigencast/contexts.json" : std::string();
+}
+
+Result<Contexts> Contexts::load(const std::string& path) {
+  Contexts contexts;
+  std::error_code code;
+  if (path.empty() || !std::filesystem::exists(path, code)) return contexts;
+  if (std::filesystem::file_size(path, code) > kMaxFileBytes || code)
+    return fail(ErrorCode::kTooLarge, path + ": no file of contexts");
+  std::ifstream in(path);
+  std::ostringstream text;
+  text << in.rdbuf();
+  if (!in) return fail(ErrorCode::kIo, path + ": cannot be read");
+  const json root = json::parse(text.str(), nullptr, false);
+  if (!root.is_object() || !root.contains("contexts") || !root["contexts"].is_array()) {
+    return fail(ErrorCode::kCorrupt, path + ": not a file of contexts; remove it, or mend it");
+  }
+  for (const json& entry : root["contexts"]) {
+    if (!entry.is_object()) return fail(ErrorCode::kCorrupt, path + ": a context is no object");
+    if (const auto added = contexts.add({string_of(entry, "name"), string_of(entry, "url"), string_of(entry, "token")});
+        !added) {
+      return in_context(path, added.error());
+    }
+  }
+  const std::string current = string_of(root, "current");
+  if (contexts.find(current) != nullptr) contexts.current_ = current;
+  return contexts;
+}
+
+Result<void> Contexts::save(const std::string& path) const {
+  if (path.empty()) return fail(ErrorCode::kIo, "no folder for contexts: neither XDG_CONFIG_HOME nor HOME is set");
+  json root{{"current", current_}, {"contexts", json::array()}};
+  for (const Context& context : all_) {
+    json entry{{"name", context.name}, {"url", context.url}};
+    if (!context.token.empty()) entry["token"] = context.token;
+    root["contexts"].push_back(std::move(entry));
+  }
+  std::error_code code;
+  std::filesystem::create_directories(std::filesystem::path(path).parent_path(), code);
+  const std::string part = path + ".part";
+  // Left from a run that was cut off, it might be readable by others.
+  std::filesystem::remove(part, code);
+  const bool written = write_private(part, root.dump(2) + "\n") && std::rename(part.c_str(), path.c_str()) == 0;
+  return written ? Result<void>() : fail(ErrorCode::kIo, path + ": cannot be written: " + std::strerror(errno));
+}
+
+const Context* Contexts::find(const std::string& name) const {
+  const std::string& wanted = name.empty() ? current_ : name;
+  const auto at = std::find_if(all_.begin(), all_.end(), [&](const Context& c) { return c.name == wanted; });
+  return at == all_.end() ? nullptr : &*at;
+}
+
+Error Contexts::unknown(const std::string& name) const {
+  std::string names;
+  for (const Context& context : all_) names += (names.empty() ? "" : ", ") + context.name;
+  return fail(ErrorCode::kNotFound, "no context \"" + name + "\"; there are: " + (names.empty() ? "none" : names));
+}
+
+Result<void> Contexts::add(Context context) {
+  if (!is_name(context.name)) {
+    return fail(ErrorCode::kInvalidArgument,
+                "a context's name is 1 to 64 of A-Z a-z 0-9 . _ -, not \"" + context.name + "\"");
+  }
+  if (const auto url = parse_broker_url(context.url); !url) return url.error();
+  const std::string name = context.name;
+  const auto at = std::find_if(all_.begin(), all_.end(), [&](const Context& c) { return c.name == name; });
+  if (at != all_.end()) {
+    *at = std::move(context);
+  } else {
+    all_.push_back(std::move(context));
+  }
+  if (current_.empty()) current_ = name;
+  return {};
+}
+
+Result<void> Contexts::use(const std::string& name) {
+  if (name.empty() || find(name) == nullptr) return unknown(name);
+  current_ = name;
+  return {};
+}
+
+Result<void> Contexts::remove(const std::string& name) {
+  if (name.empty() || find(name) == nullptr) return unknown(name);
+  std::erase_if(all_, [&](const Context& c) { return c.name == name; });
+  if (current_ == name) current_ = all_.empty() ? "" : all_.front().name;
+  return {};
+}
+
+Result<Target> resolve_target(const std::string& to, const std::string& token, const std::string& name,
+                              const Contexts& contexts) {
+  const Context* context = contexts.find(name);
+  if (!name.empty() && context == nullptr)
+    return fail(ErrorCode::kNotFound, "no context \"" + name + "\"; see: eigencast-sender context list");
+  const bool is_url = to.find("://") != std::string::npos;
+  if (!is_url && context == nullptr) {
+    return fail(ErrorCode::kInvalidArgument,
+                "where to? Give --to ws://host/stream, or: eigencast-sender context add NAME ws://host");
+  }
+  Target target{to, token};
+  if (context == nullptr) return target;
+  const auto known = parse_broker_url(context->url);
+  if (!known) return known.error();
+  if (to.empty()) {
+    target.url = context->url;
+  } else if (!is_url) {
+    target.url = known->origin() + "/" + to;
+  }
+  const auto meant = parse_broker_url(target.url);
+  const bool same_broker = meant && meant->origin() == known->origin();
+  if (token.empty() && same_broker) target.token = context->token;
+  return target;
+}
+
+}  // namespace eigencast

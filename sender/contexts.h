@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "common/core/result.h"
+
+namespace eigencast {
+
+/// A broker under a name, so that its URL and token need not be typed.
+struct Context {
+  std::string name;
+  std::string url;    ///< ws://host[:port], or of one stream.
+  std::string token;  ///< Empty: none.
+};
+
+/// The named contexts of a user, in a file that only they can read. Not thread-safe.
+class Contexts {
+ public:
+  /// $XDG_CONFIG_HOME/eigencast/contexts.json, by default ~/.config/...; empty where neither is known.
+  static std::string default_path();
+  /// No such file: no contexts. Errors: kIo, kCorrupt (naming the file), kTooLarge.
+  static Result<Contexts> load(const std::string& path);
+  /// Errors: kIo.
+  Result<void> save(const std::string& path) const;
+
+  const std::vector<Context>& all() const { return all_; }
+  const std::string& current() const { return current_; }
+  /// Null: none of that name. Empty: the current one.
+  const Context* find(const std::string& name) const;
+
+  /// Adds or replaces; the first becomes the current one. Errors: kInvalidArgument (name or URL).
+  Result<void> add(Context context);
+  /// Errors: kNotFound, listing those there are.
+  Result<void> use(const std::string& name);
+  Result<void> remove(const std::string& name);
+
+ private:
+  Error unknown(const std::string& name) const;
+  std::vector<Context> all_;
+  std::string current_;
+};
+
+struct Target {
+  std::string url;
+  std::string token;
+};
+
+/// What a user means by --to, --token and --context, any of which may be empty:
+///   a URL    as it stands; the context's token goes only to the context's own host and port
+///   a name   that stream at the context's broker
+///   nothing  the context's URL
+/// Errors: kInvalidArgument (neither a URL nor a context), kNotFound (no such context).
+Result<Target> resolve_target(const std::string& to, const std::string& token, const std::string& context,
+                              const Contexts& contexts);
+
+}  // namespace eigencast

@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: MIT
+#include <poll.h>
+#include <spdlog/spdlog.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <nlohmann/json.hpp>
+
+#include "sender/commands.h"
+#include "sender/live.h"
+#include "sender/pose_stream.h"
+
+namespace eigencast {
+namespace {
+
+constexpr int kLookMs = 50;
+constexpr TimeUs kFirstConnectionUs = 5'000'000;
+
+/// Reads what is there into `room`; 0 at the end of the stream, nothing if interrupted.
+Result<std::optional<std::size_t>> read_some(std::span<char> room, Interrupt& interrupt) {
+  while (!interrupt.requested()) {
+    pollfd input{STDIN_FILENO, POLLIN, 0};
+    if (::poll(&input, 1, kLookMs) <= 0) continue;
+    const ssize_t got = ::read(STDIN_FILENO, room.data(), room.size());
+    if (got >= 0) return std::optional<std::size_t>(static_cast<std::size_t>(got));
+    if (errno != EINTR && errno != EAGAIN)
+      return fail(ErrorCode::kIo, std::string("standard input: ") + std::strerror(errno));
+  }
+  return std::optional<std::size_t>();
+}
+
+struct Counts {
+  std::uint64_t poses = 0, unusable = 0;
+  std::size_t unfinished_bytes = 0;
+  std::uint64_t restarts = 0;
+};
+
+Result<void> pump(const PipeCommand& command, std::size_t vertices, Publisher& publisher, Counts& counts,
+                  Interrupt& interrupt) {
+  PoseStream stream(vertices);
+  PipePace pace(command.rate_hz);
+  StatusLog status(steady_now_us());
+  while (true) {
+    const auto got = read_some(stream.room(), interrupt);
+    if (!got) return got.error();
+    if (!*got) return {};
+    if (**got == 0) break;
+    const auto whole = stream.filled(**got);
+    if (!whole) return whole.error();
+    if (!*whole) continue;
+    const auto due_us = pace.due_us(steady_now_us(), stream.time_s());
+    if (!due_us) return due_us.error();
+    if (interrupt.wait_until(*due_us)) return {};
+    const auto sent = publisher.send_positions(stream.positions(), *due_us);
+    // One pose that a simulation spoilt must not end the show.
+    if (!sent && counts.unusable++ == 0)
+      spdlog::warn("pose {} is left out: {}", stream.count() - 1, sent.error().message);
+    counts.poses = stream.count();
+    counts.restarts = pace.restarts();
+    status.show(publisher, steady_now_us());
+  }
+  counts.unfinished_bytes = stream.unfinished_bytes();
+  if (counts.unfinished_bytes > 0) {
+    spdlog::warn("the stream ended within pose {}: {} bytes of {}; has the mesh as many vertices as the poses?",
+                 stream.count(), counts.unfinished_bytes, vertices * 3 * sizeof(float));
+  }
+  return {};
+}
+
+}  // namespace
+
+int run(const PipeCommand& command, const Console& console, Interrupt& interrupt) {
+  if (const auto usable = check_stream_url(command.target.url); !usable) {
+    spdlog::error("{}", usable.error().message);
+    return kExitUsage;
+  }
+  auto source = bake_with_progress(command.source, console, interrupt);
+  if (!source) return report_failure(source.error());
+  const std::size_t vertices = source->clip->rest().vertex_count();
+  const auto asset = std::make_shared<const Asset>(std::move(source->baked.asset));
+  const auto publisher =
+      publish(command.target, command.rate_hz > 0 ? command.rate_hz : 30, asset, std::move(source->baked.encoded));
+  if (!publisher) return report_failure(publisher.error());
+  // Long enough that a file is played whole, short enough that a simulation does not stand still for an absent broker.
+  if (!wait_until_live(**publisher, steady_now_us() + kFirstConnectionUs, interrupt) && !interrupt.requested()) {
+    spdlog::warn("the broker is not there yet; poses are dropped until it is: {}", (*publisher)->stats().detail);
+  }
+  Counts counts;
+  const auto pumped = pump(command, vertices, **publisher, counts, interrupt);
+  const Publisher::Stats stats = (*publisher)->stats();
+  spdlog::info("read {} poses, sent {}, dropped {}", counts.poses, stats.frames_sent, stats.frames_dropped);
+  const nlohmann::json report{{"poses", counts.poses},
+                              {"frames_sent", stats.frames_sent},
+                              {"frames_dropped", stats.frames_dropped},
+                              {"unusable", counts.unusable},
+                              {"unfinished_bytes", counts.unfinished_bytes},
+                              {"restarts", counts.restarts},
+                              {"bytes", stats.payload_bytes},
+                              {"reconnects", stats.reconnects}};
+  const auto written = write_report(command.json, report.dump(2));
+  if (!pumped) return report_failure(pumped.error());
+  if (!written) return report_failure(written.error());
+  return stats.frames_sent > 0 || counts.poses == 0 ? kExitOk : kExitUnreachable;
+}
+
+}  // namespace eigencast

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "common/core/clock.h"
+#include "common/core/result.h"
+
+namespace eigencast {
+
+/// Poses out of a stream of bytes, as `eigencast-sender pipe` reads them; little-endian:
+///
+///   stream = [header] pose*
+///   header = "ECPOSES1", u32 flags (bit 0: poses have times; others 0), u32 vertices
+///   pose   = [f64 time in seconds, if the header says so] f32 x, y, z for each vertex
+///
+/// Without a header the stream is poses from its first byte on: the header's first bytes would be a coordinate of 3.5e9.
+/// Holds one pose. Not thread-safe.
+class PoseStream {
+ public:
+  explicit PoseStream(std::size_t vertices);
+
+  /// Where the next bytes go: never empty, never beyond the pose (or header) under way.
+  std::span<char> room();
+  /// `bytes` of room() have been filled. True when a pose is whole; it stays until room() is called again.
+  /// Errors: kCorrupt (header for another mesh, unknown flags).
+  Result<bool> filled(std::size_t bytes);
+
+  const std::vector<float>& positions() const { return positions_; }
+  std::optional<double> time_s() const { return time_s_; }
+  /// Poses that were whole.
+  std::uint64_t count() const { return count_; }
+  /// Bytes of a pose that has only begun: of a stream that ends now, what is missing its rest.
+  std::size_t unfinished_bytes() const { return done_ ? 0 : filled_; }
+
+ private:
+  enum class Phase { kStart, kHeader, kPose };
+  std::size_t pose_bytes() const;
+
+  std::size_t vertices_;
+  Phase phase_ = Phase::kStart;
+  bool timed_ = false;
+  bool done_ = false;  ///< The buffer holds a whole pose.
+  std::vector<char> buffer_;
+  std::size_t filled_ = 0;
+  std::vector<float> positions_;
+  std::optional<double> time_s_;
+  std::uint64_t count_ = 0;
+};
+
+/// When piped poses are due: as they arrive, at an even rate, or at the times they state. A source that falls behind its own
+/// times by more than `kPatienceUs` is not made up for: time starts anew there, and that is counted. Pure. Not thread-safe.
+class PipePace {
+ public:
+  static constexpr TimeUs kPatienceUs = 100'000;
+  /// rate_hz: 0: as they arrive, or at the times they state.
+  explicit PipePace(double rate_hz) : rate_hz_(rate_hz) {}
+
+  /// The capture time of the next pose, which arrived at `arrival_us` and states `time_s`, or not; later than all before it.
+  /// Errors: kCorrupt (a stated time that is not finite or not after the one before).
+  Result<TimeUs> due_us(TimeUs arrival_us, std::optional<double> time_s);
+  std::uint64_t restarts() const { return restarts_; }
+
+ private:
+  double rate_hz_;
+  std::uint64_t poses_ = 0, restarts_ = 0;
+  TimeUs anchor_us_ = 0, last_us_ = 0;
+  double first_s_ = 0, last_s_ = 0;
+};
+
+}  // namespace eigencast

@@ -1,0 +1,55 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# What `eigencast-sender` says about itself: every option of every --help stands in the manual page and in each completion script;
+# the page has no error of roff; the bash script completes; zsh and fish take theirs, where they are installed.
+# Usage: sender_documents.sh PATH/eigencast-sender
+set -euo pipefail
+sender=$1
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+fail() { echo "FAILED: $*"; exit 1; }
+
+"$sender" man > "$folder/man"
+for shell in bash zsh fish; do "$sender" completion $shell > "$folder/$shell"; done
+
+commands=("" bake play pipe export evaluate compare context "context add" "context list" "context use" "context remove" completion)
+options=0
+for command in "${commands[@]}"; do
+  # shellcheck disable=SC2086
+  for option in $("$sender" $command --help | grep -oE '^ +(-[a-z],)?--[a-z-]+' | grep -oE '\-\-[a-z-]+'); do
+    options=$((options + 1))
+    grep -qF -- "${option//-/\\-}" "$folder/man" || fail "$command $option is not in the manual page"
+    grep -qF -- "$option" "$folder/bash" || fail "$command $option is not in the completion for bash"
+    grep -qF -- "$option" "$folder/zsh" || fail "$command $option is not in the completion for zsh"
+    grep -qF -- "-l ${option#--}" "$folder/fish" || fail "$command $option is not in the completion for fish"
+  done
+done
+[ $options -gt 60 ] || fail "only $options options found in the help texts"
+
+if command -v groff > /dev/null; then
+  warnings=$(groff -man -ww -Tutf8 -z "$folder/man" 2>&1)
+  [ -z "$warnings" ] || fail "$warnings"
+fi
+grep -q "$HOME" "$folder/man" && fail "the manual page holds a path of this machine"
+
+# shellcheck disable=SC1091
+source "$folder/bash"
+completes() {  # completes "words typed" expected...
+  read -ra COMP_WORDS <<< "$1"
+  [[ $1 == *' ' ]] && COMP_WORDS+=("")
+  COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
+  COMPREPLY=()
+  _eigencast_sender
+  for word in "${@:2}"; do
+    [[ " ${COMPREPLY[*]} " == *" $word "* ]] || fail "'$1' completes to '${COMPREPLY[*]}', without $word"
+  done
+}
+completes "eigencast-sender p" play pipe
+completes "eigencast-sender play --ra" --rate --rank
+completes "eigencast-sender play --basis " augmented harmonic
+completes "eigencast-sender -v context " add list use remove
+completes "eigencast-sender completion " bash zsh fish
+
+if command -v zsh > /dev/null; then zsh -n "$folder/zsh" || fail "zsh refuses its script"; else echo "SKIPPED: no zsh here"; fi
+if command -v fish > /dev/null; then fish -n "$folder/fish" || fail "fish refuses its script"; else echo "SKIPPED: no fish here"; fi
+echo "$options options, ${#commands[@]} help texts: all the same"

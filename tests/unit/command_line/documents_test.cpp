@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: MIT
+#include "common/command_line/documents.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <CLI/CLI.hpp>
+
+namespace eigencast {
+namespace {
+
+using testing::HasSubstr;
+using testing::Not;
+
+/// A program of two commands, one below the other, with every kind of option.
+struct Program {
+  CLI::App app{"Moves things.", "mover"};
+  std::string text;
+  double number = 0;
+  bool flag = false;
+
+  Program() {
+    app.add_flag("-q,--quiet", flag, "say 'nothing': [at all]");
+    CLI::App* go = app.add_subcommand("go", "Go somewhere");
+    go->add_option("place", text, "where to")->required();
+    go->add_option("--gait", text, "how")->check(CLI::IsMember({"walk", "run"}));
+    go->add_option("-s,--speed", number, "metres a second")->envname("MOVER_SPEED");
+    CLI::App* back = go->add_subcommand("back", "And return");
+    back->add_flag("--slowly", flag, "without haste");
+    app.add_subcommand("secret", "Not shown")->group("");
+    app.add_flag("--hidden", flag, "not shown")->group("");
+  }
+};
+
+TEST(Documents, EachNamesEveryCommandAndOptionThatTheHelpShows) {
+  const Program program;
+  const std::string man = man_page_from(program.app, "1.2.3", "0 done", "mover go home");
+  for (const std::string& text :
+       {man, completion_from(program.app, Shell::kBash), completion_from(program.app, Shell::kZsh),
+        completion_from(program.app, Shell::kFish)}) {
+    for (const char* word : {"go", "back", "gait", "walk", "run", "speed", "slowly", "quiet"})
+      EXPECT_THAT(text, HasSubstr(word)) << text;
+    EXPECT_THAT(text, Not(HasSubstr("secret")));
+    EXPECT_THAT(text, Not(HasSubstr("hidden")));
+  }
+  EXPECT_THAT(man, HasSubstr("MOVER_SPEED"));
+  EXPECT_THAT(man, HasSubstr(".SS \"go back\""));
+  EXPECT_THAT(man, HasSubstr("1.2.3"));
+  EXPECT_THAT(man, HasSubstr("mover go home"));
+}
+
+TEST(Documents, TextIsNeverTakenForACommand) {
+  CLI::App app{"Moves.", "mover"};
+  bool flag = false;
+  app.add_flag("--dot", flag, ".SH a line that begins with a dot\n'and one with a quote, and a \\backslash");
+  const std::string man = man_page_from(app, "1", "", ".br\n'br");
+  EXPECT_THAT(man, HasSubstr("\\&.SH a line"));
+  EXPECT_THAT(man, HasSubstr("\\&'and one"));
+  EXPECT_THAT(man, HasSubstr("\\ebackslash"));
+  EXPECT_THAT(man, HasSubstr("\\&.br\n\\&'br"));
+  const Program program;
+  EXPECT_THAT(completion_from(program.app, Shell::kZsh), HasSubstr("say '\\''nothing'\\''\\: \\[at all\\]"));
+}
+
+TEST(Documents, ShellsAreKnownByName) {
+  EXPECT_EQ(shell_from_name("fish"), Shell::kFish);
+  EXPECT_FALSE(shell_from_name("csh"));
+}
+
+}  // namespace
+}  // namespace eigencast

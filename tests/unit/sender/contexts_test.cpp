@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: MIT
+#include "sender/contexts.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <fstream>
+
+#include "tests/support/process.h"
+
+namespace eigencast {
+namespace {
+
+using ::testing::HasSubstr;
+
+Contexts two() {
+  Contexts contexts;
+  EXPECT_TRUE(contexts.add({"home", "ws://localhost:7490", ""}));
+  EXPECT_TRUE(contexts.add({"studio", "ws://studio.example:1234/live/stage", "secret"}));
+  return contexts;
+}
+
+TEST(Contexts, AreKeptInAFileOfTheirOwnersAlone) {
+  const testing::TemporaryFolder folder;
+  const std::string path = folder.file("eigencast/contexts.json");
+  Contexts contexts = two();
+  ASSERT_TRUE(contexts.use("studio"));
+  ASSERT_TRUE(contexts.save(path));
+  struct stat facts {};
+  ASSERT_EQ(::stat(path.c_str(), &facts), 0);
+  EXPECT_EQ(facts.st_mode & 0777, 0600u);
+  const auto again = Contexts::load(path);
+  ASSERT_TRUE(again) << again.error().message;
+  EXPECT_EQ(again->current(), "studio");
+  ASSERT_EQ(again->all().size(), 2u);
+  EXPECT_EQ(again->find("")->token, "secret");
+  EXPECT_EQ(again->find("home")->url, "ws://localhost:7490");
+}
+
+TEST(Contexts, NoFileIsNoContextsAndABrokenOneIsSaid) {
+  const testing::TemporaryFolder folder;
+  EXPECT_TRUE(Contexts::load(folder.file("none"))->all().empty());
+  for (const char* text : {"", "[]", "{\"contexts\": 3}", "{\"contexts\": [3]}",
+                           "{\"contexts\": [{\"name\": \"a b\", \"url\": \"ws://x\"}]}", "{\"contexts\""}) {
+    std::ofstream(folder.file("broken")) << text;
+    EXPECT_FALSE(Contexts::load(folder.file("broken"))) << text;
+  }
+}
+
+TEST(Contexts, AddReplacesUseSelectsRemoveForgets) {
+  Contexts contexts = two();
+  EXPECT_EQ(contexts.current(), "home");
+  ASSERT_TRUE(contexts.add({"home", "ws://other", ""}));
+  EXPECT_EQ(contexts.find("home")->url, "ws://other");
+  EXPECT_THAT(contexts.use("none").error().message, HasSubstr("there are: home, studio"));
+  ASSERT_TRUE(contexts.remove("home"));
+  EXPECT_EQ(contexts.current(), "studio");
+  EXPECT_EQ(contexts.remove("home").error().code, ErrorCode::kNotFound);
+  ASSERT_TRUE(contexts.remove("studio"));
+  EXPECT_EQ(contexts.current(), "");
+  EXPECT_FALSE(contexts.add({"a b", "ws://x", ""}));
+  EXPECT_FALSE(contexts.add({"a", "nonsense://x", ""}));
+}
+
+TEST(Contexts, TargetsAreUrlsStreamsOfAContextOrTheContextItself) {
+  const Contexts contexts = two();
+  const auto url = [&](const std::string& to, const std::string& name) {
+    return resolve_target(to, "", name, contexts)->url;
+  };
+  EXPECT_EQ(url("ws://a/b", ""), "ws://a/b");
+  EXPECT_EQ(url("demo", ""), "ws://localhost:7490/demo");
+  EXPECT_EQ(url("live/x", "studio"), "ws://studio.example:1234/live/x");
+  EXPECT_EQ(url("", "studio"), "ws://studio.example:1234/live/stage");
+  EXPECT_EQ(resolve_target("demo", "", "none", contexts).error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(resolve_target("demo", "", "", Contexts()).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(resolve_target("", "", "", Contexts()).error().code, ErrorCode::kInvalidArgument);
+}
+
+TEST(Contexts, ATokenGoesToItsOwnBrokerOnly) {
+  const Contexts contexts = two();
+  const auto token = [&](const std::string& to, const std::string& given) {
+    return resolve_target(to, given, "studio", contexts)->token;
+  };
+  EXPECT_EQ(token("demo", ""), "secret");
+  EXPECT_EQ(token("ws://studio.example:1234/other", ""), "secret");
+  EXPECT_EQ(token("ws://studio.example/other", ""), "");
+  EXPECT_EQ(token("ws://elsewhere.example:1234/x", ""), "");
+  EXPECT_EQ(token("ws://elsewhere.example:1234/x", "mine"), "mine");
+  EXPECT_EQ(token("demo", "mine"), "mine");
+}
+
+}  // namespace
+}  // namespace eigencast
