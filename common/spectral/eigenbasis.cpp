@@ -10,18 +10,23 @@
 #include <new>
 #include <numbers>
 #include <optional>
+#include <random>
 #include <string>
 #include <vector>
 
+#include "common/core/worker_team.h"
+#include "common/spectral/block_lanczos.h"
 #include "common/spectral/bridges.h"
-#include "common/spectral/lanczos.h"
 
 namespace eigencast {
 namespace {
 
-constexpr int kDenseLimit = 512;  // below this many vertices one dense solve is faster than bands
-constexpr int kBand = 32;         // eigenpairs a band aims for
-constexpr double kGap = 1e-7;     // relative width from which on a gap between eigenvalues can be told from rounding
+constexpr int kDenseLimit = 512;   // below this many vertices one dense solve is faster than bands
+constexpr int kLargestBand = 256;  // eigenpairs a band aims for: more cost too much to keep apart
+constexpr int kSmallestBand = 32;
+constexpr double kGap = 1e-7;  // relative width from which on a gap between eigenvalues can be told from rounding
+constexpr double kSame =
+    1e-9;  // relative width up to which eigenvalues count as one, of which any mixture is a solution
 constexpr int kMaxAttempts = 60;  // at one band
 constexpr double kFirstShift =
     -0.01 * 8 * std::numbers::pi;  // times 1 / area: about -1 % of the first nonzero eigenvalue
@@ -40,16 +45,35 @@ Eigen::SparseMatrix<double> symmetric_form(const Laplacian& laplacian) {
   return S;
 }
 
-/// The kernel of S is known without a solver: one indicator per component, M^{1/2} chi_c / sqrt(A_c).
-Eigen::MatrixXd kernel_of(const Laplacian& laplacian, int most) {
+void copy_column(const Panels& from, Eigen::Index i, Panels& to, Eigen::Index j) {
+  for (Eigen::Index row = 0; row < from.rows(); ++row) to.at(row, j) = from.at(row, i);
+}
+
+Panels zero_panels(Eigen::Index rows, Eigen::Index columns) {
+  Panels panels(rows);
+  while (panels.columns() < columns) panels.append();
+  return panels;
+}
+
+/// The kernel of S is known without a solver: one indicator per component, M^{1/2} chi_c / sqrt(A_c). At most `most`.
+struct Kernel {
+  Panels vectors;
+  int count = 0;
+};
+Kernel kernel_of(const Laplacian& laplacian, int most) {
   const ComponentLabels labels = components_from_pattern(laplacian.L);
-  Eigen::MatrixXd kernel =
-      Eigen::MatrixXd::Zero(laplacian.mass.size(), std::min<Eigen::Index>(most, Eigen::Index{labels.count}));
-  for (Eigen::Index i = 0; i < laplacian.mass.size(); ++i) {
+  const Eigen::Index n = laplacian.mass.size();
+  const auto count = static_cast<int>(std::min<Eigen::Index>(most, Eigen::Index{labels.count}));
+  Kernel kernel{zero_panels(n, count), count};
+  Eigen::VectorXd area = Eigen::VectorXd::Zero(count);
+  for (Eigen::Index i = 0; i < n; ++i) {
     const Eigen::Index c = labels.of_vertex[static_cast<std::size_t>(i)];
-    if (c < kernel.cols()) kernel(i, c) = std::sqrt(laplacian.mass[i]);
+    if (c < count) area[c] += laplacian.mass[i];
   }
-  kernel.colwise().normalize();
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Eigen::Index c = labels.of_vertex[static_cast<std::size_t>(i)];
+    if (c < count) kernel.vectors.at(i, c) = std::sqrt(laplacian.mass[i] / area[c]);
+  }
   return kernel;
 }
 
@@ -58,8 +82,17 @@ Eigen::MatrixXd kernel_of(const Laplacian& laplacian, int most) {
 class Bands {
  public:
   Bands(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, int m, const Progress& progress)
-      : laplacian_(laplacian), S_(S), op_(S), m_(m), progress_(progress), kernel_(kernel_of(laplacian, m)) {
-    H_.resize(S.rows(), m);
+      : laplacian_(laplacian),
+        S_(S),
+        op_(S),
+        m_(m),
+        band_(std::clamp(static_cast<int>(S.rows() / 8), kSmallestBand, kLargestBand)),
+        progress_(progress),
+        kernel_(kernel_of(laplacian, m)),
+        H_(zero_panels(S.rows(), m)),
+        marks_(S.rows()) {
+    std::mt19937 random(3);
+    for (double& mark : marks_) mark = static_cast<double>(random()) / 4294967296.0;
     op_.on_apply([this] { tick(); });
   }
 
@@ -71,7 +104,7 @@ class Bands {
     return {};
   }
 
-  Eigen::MatrixXd take_vectors() { return std::move(H_); }
+  Panels take_vectors() { return std::move(H_); }
   Eigen::VectorXd values() const { return Eigen::Map<const Eigen::VectorXd>(values_.data(), m_); }
 
  private:
@@ -81,10 +114,9 @@ class Bands {
   };
 
   void append_kernel() {
-    const auto count = std::min<Eigen::Index>(kernel_.cols(), m_);
-    H_.leftCols(count) = kernel_.leftCols(count);
-    values_.assign(static_cast<std::size_t>(kernel_.cols()), 0.0);
-    have_ = static_cast<int>(kernel_.cols());
+    for (int c = 0; c < kernel_.count; ++c) copy_column(kernel_.vectors, c, H_, c);
+    values_.assign(static_cast<std::size_t>(kernel_.count), 0.0);
+    have_ = kernel_.count;
   }
 
   Result<void> next_band() {
@@ -97,8 +129,8 @@ class Bands {
         step *= 0.93;
         continue;
       }
-      op_.deflate(&kernel_);
-      auto pairs = nearest_eigenpairs(op_, plan->nearest, 1 + static_cast<std::uint32_t>(attempt));
+      expected_ = expected_subspace(plan->nearest) / static_cast<int>(kPanelWidth);
+      auto pairs = nearest_eigenpairs(op_, plan->nearest, 1 + static_cast<std::uint32_t>(attempt), {&kernel_.vectors});
       if (!pairs) return pairs.error();
       if (!reaches_boundary(*pairs)) {
         step *= 0.6;
@@ -117,19 +149,19 @@ class Bands {
   /// Factors at a shift above the boundary, or below zero for the first band; nothing when the factor breaks down or
   /// too many eigenvalues lie between boundary and shift.
   std::optional<Plan> place_shift(double step, int extra) {
-    const int room = static_cast<int>(S_.rows() - kernel_.cols()) - 1;
-    const int take = std::min(kBand, m_ - have_ + 3);
+    const int room = static_cast<int>(S_.rows() - kernel_.count) - 1;
+    const int take = std::min(band_, m_ - have_ + 3);
     if (first_band()) {
       if (!op_.factor(step * kFirstShift / laplacian_.area)) return std::nullopt;
       return Plan{std::min(take + 2 + extra, room), take};
     }
     if (!op_.factor(boundary_ + step * 0.42 * take * spacing_)) return std::nullopt;
     const int below = op_.eigenvalues_below() - have_;
-    if (below < 0 || below > 2 * kBand / 3) return std::nullopt;
+    if (below < 0 || below > 2 * band_ / 3) return std::nullopt;
     return Plan{std::min(std::max(2 * below, take) + std::max(6, take / 6) + extra, room), take};
   }
 
-  bool first_band() const { return have_ == static_cast<int>(kernel_.cols()); }
+  bool first_band() const { return have_ == kernel_.count; }
 
   /// Whether the interval that the pairs cover about the shift goes down to the boundary.
   bool reaches_boundary(const EigenPairs& pairs) const {
@@ -152,7 +184,7 @@ class Bands {
         return true;
       }
       if (missing < 0 || !op_.factor(shift)) return false;
-      if (!add_missing(pairs, std::min(missing + 1, kBand), 1000 + round)) return false;
+      if (!add_missing(pairs, std::min(missing + 1, band_), 1000 + round)) return false;
     }
     return false;
   }
@@ -188,11 +220,7 @@ class Bands {
   }
 
   bool add_missing(EigenPairs& pairs, int count, std::uint32_t seed) {
-    Eigen::MatrixXd known(S_.rows(), kernel_.cols() + pairs.vectors.cols());
-    known << kernel_, pairs.vectors;
-    op_.deflate(&known);
-    const auto more = nearest_eigenpairs(op_, count, seed);
-    op_.deflate(&kernel_);
+    const auto more = nearest_eigenpairs(op_, count, seed, {&kernel_.vectors, &pairs.vectors});
     if (!more) return false;
     merge(pairs, *more);
     return true;
@@ -201,38 +229,55 @@ class Bands {
   static void merge(EigenPairs& pairs, const EigenPairs& more) {
     const Eigen::Index a = pairs.values.size();
     const Eigen::Index b = more.values.size();
-    EigenPairs all{Eigen::VectorXd(a + b), Eigen::MatrixXd(pairs.vectors.rows(), a + b)};
+    EigenPairs all{Eigen::VectorXd(a + b), zero_panels(pairs.vectors.rows(), a + b)};
     Eigen::Index i = 0;
     Eigen::Index j = 0;
     while (i < a || j < b) {
       const bool first = j == b || (i < a && pairs.values[i] <= more.values[j]);
       all.values[i + j] = first ? pairs.values[i] : more.values[j];
-      if (first) {
-        all.vectors.col(i + j) = pairs.vectors.col(i);
-        ++i;
-      } else {
-        all.vectors.col(i + j) = more.vectors.col(j);
-        ++j;
-      }
+      copy_column(first ? pairs.vectors : more.vectors, first ? i : j, all.vectors, i + j);
+      ++(first ? i : j);
     }
     pairs = std::move(all);
   }
 
-  void accept(const EigenPairs& pairs, const Cut& cut) {
+  /// Which orthonormal vectors span an eigenspace of several dimensions is left to rounding: takes those that a fixed
+  /// function on the vertices tells apart best, so that the same surface gives the same basis at every scale.
+  void choose_in_clusters(EigenPairs& pairs, const Cut& cut) const {
+    const auto& lambda = pairs.values;
+    for (Eigen::Index first = cut.begin, end = first; first < cut.end; first = end) {
+      for (++end; end < cut.end && lambda[end] - lambda[end - 1] <= kSame * std::abs(lambda[end]);) ++end;
+      if (end - first < 2) continue;
+      Eigen::MatrixXd X(S_.rows(), end - first);
+      for (Eigen::Index i = 0; i < X.rows(); ++i) {
+        for (Eigen::Index j = first; j < end; ++j) X(i, j - first) = pairs.vectors.at(i, j);
+      }
+      const Eigen::MatrixXd weighed = X.transpose() * marks_.asDiagonal() * X;
+      X *= Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(weighed).eigenvectors();
+      for (Eigen::Index i = 0; i < X.rows(); ++i) {
+        for (Eigen::Index j = first; j < end; ++j) pairs.vectors.at(i, j) = X(i, j - first);
+      }
+    }
+  }
+
+  void accept(EigenPairs& pairs, const Cut& cut) {
+    choose_in_clusters(pairs, cut);
     const Eigen::Index kept = std::min<Eigen::Index>(cut.end - cut.begin, m_ - have_);
-    H_.middleCols(have_, kept) = pairs.vectors.middleCols(cut.begin, kept);
+    for (Eigen::Index i = 0; i < kept; ++i) copy_column(pairs.vectors, cut.begin + i, H_, have_ + i);
     for (Eigen::Index i = cut.begin; i < cut.end; ++i) values_.push_back(pairs.values[i]);
     have_ = static_cast<int>(values_.size());
     boundary_ = cut.at;
-    const std::size_t window = std::min<std::size_t>(kBand, values_.size() - 1);
+    const std::size_t window = std::min<std::size_t>(kSmallestBand, values_.size() - 1);
     spacing_ = (boundary_ - values_[values_.size() - 1 - window]) / static_cast<double>(window);
   }
 
+  /// Later steps of a band cost more, since each block is orthogonalised against all before.
   void tick() {
     ++applied_;
     if (!progress_) return;
-    const double band = std::min(kBand, m_ - have_);
-    const double part = std::min(0.95, applied_ / (3.0 * band + 30));
+    const double band = std::min(band_, m_ - have_);
+    const double steps = std::min(1.0, applied_ / std::max(1.0, 1.1 * expected_));
+    const double part = 0.95 * steps * (0.5 + 0.5 * steps);
     reported_ =
         std::max(reported_, 0.95 * (have_ + band * part) / m_);  // a band that is tried again does not take it back
     if (!progress_(reported_, "eigenvectors")) throw Cancelled();
@@ -242,46 +287,57 @@ class Bands {
   const Eigen::SparseMatrix<double>& S_;
   ShiftInvert op_;
   int m_;
+  int band_;  // eigenpairs a band aims for
   const Progress& progress_;
-  Eigen::MatrixXd kernel_;
-  Eigen::MatrixXd H_;
+  Kernel kernel_;
+  Panels H_;
+  Eigen::VectorXd marks_;  // what chooses in clusters
   std::vector<double> values_;
   int have_ = 0;
   double boundary_ = 0;
   double spacing_ = 0;
-  int applied_ = 0;
+  int applied_ = 0, expected_ = 0;  // blocks solved for in this band
   double reported_ = 0;
 };
 
-/// Cholesky-QR: the bands are orthogonal to each other to the tolerance of Lanczos only.
-bool orthonormalise(Eigen::MatrixXd& H) {
-  Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(H.cols(), H.cols());
-  gram.selfadjointView<Eigen::Lower>().rankUpdate(H.transpose());
-  const Eigen::LLT<Eigen::MatrixXd> cholesky(gram);
+/// Cholesky-QR: the bands are orthogonal to each other to the tolerance of Lanczos only. H has m columns, and zeros that
+/// fill its last panel.
+bool orthonormalise(Panels& H, Eigen::Index m) {
+  const Eigen::MatrixXd G = gram(H).topLeftCorner(m, m);
+  const Eigen::LLT<Eigen::MatrixXd> cholesky(G);
   if (cholesky.info() != Eigen::Success) return false;
-  cholesky.matrixU().solveInPlace<Eigen::OnTheRight>(H);
+  Eigen::MatrixXd T = Eigen::MatrixXd::Zero(H.columns(), H.columns());
+  T.topLeftCorner(m, m) = cholesky.matrixU().solve(Eigen::MatrixXd::Identity(m, m));
+  rotate(H, T);
   return true;
 }
 
-double worst_residual(const Eigen::SparseMatrix<double>& S, const Eigen::MatrixXd& H, const Eigen::VectorXd& values) {
-  double worst = 0;
+/// The largest ||S h_j - lambda_j h_j||, each in units of its eigenvalue, but no less than the first that is not zero.
+double worst_residual(const Eigen::SparseMatrix<double>& S, const Panels& H, const Eigen::VectorXd& values) {
   const auto positive = std::find_if(values.begin(), values.end(), [](double value) { return value > 0; });
   const double floor = positive != values.end() ? *positive : 0;
-  for (Eigen::Index j = 0; j < H.cols(); ++j) {
-    const double defect = (S * H.col(j) - values[j] * H.col(j)).norm();
+  std::vector<double> worst(static_cast<std::size_t>(values.size()), 0.0);
+  worker_team().run(worst.size(), [&](std::size_t i) {
+    const auto j = static_cast<Eigen::Index>(i);
+    Eigen::VectorXd h(H.rows());
+    for (Eigen::Index row = 0; row < H.rows(); ++row) h[row] = H.at(row, j);
+    const double defect = (S * h - values[j] * h).norm();
     const double scale = std::max(values[j], floor);
-    worst = std::max(worst, scale > 0 ? defect / scale : defect);
-  }
-  return worst;
+    worst[i] = scale > 0 ? defect / scale : defect;
+  });
+  return *std::max_element(worst.begin(), worst.end());
 }
 
-Eigenbasis finish(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, Eigen::MatrixXd H,
-                  Eigen::VectorXd values) {
+Eigenbasis finish(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, Panels H, Eigen::VectorXd values) {
   Eigenbasis result;
   result.residual = worst_residual(S, H, values);
   result.certified = true;
-  H.array().colwise() /= laplacian.mass.array().sqrt();
-  result.Phi = std::move(H);
+  const Eigen::VectorXd scale = laplacian.mass.cwiseSqrt().cwiseInverse();
+  result.Phi.resize(H.rows(), values.size());
+  worker_team().run(static_cast<std::size_t>(values.size()), [&](std::size_t i) {
+    const auto j = static_cast<Eigen::Index>(i);
+    for (Eigen::Index row = 0; row < H.rows(); ++row) result.Phi(row, j) = H.at(row, j) * scale[row];
+  });
   result.eigenvalues = std::move(values);
   return result;
 }
@@ -289,12 +345,15 @@ Eigenbasis finish(const Laplacian& laplacian, const Eigen::SparseMatrix<double>&
 Result<Eigenbasis> solve_dense(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, int m) {
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver{Eigen::MatrixXd(S)};
   if (solver.info() != Eigen::Success) return fail(ErrorCode::kNumerical, "the dense eigensolver did not converge");
-  Eigen::MatrixXd H = solver.eigenvectors().leftCols(m);
   Eigen::VectorXd values = solver.eigenvalues().head(m);
-  const Eigen::MatrixXd kernel = kernel_of(laplacian, m);
-  values.head(kernel.cols()).setZero();
-  H.leftCols(kernel.cols()) = kernel;
-  if (!orthonormalise(H)) return fail(ErrorCode::kNumerical, "the eigenvectors of the surface are not independent");
+  const Kernel kernel = kernel_of(laplacian, m);
+  values.head(kernel.count).setZero();
+  Panels H = zero_panels(S.rows(), m);
+  for (Eigen::Index j = 0; j < m; ++j) {
+    if (j < kernel.count) copy_column(kernel.vectors, j, H, j);
+    for (Eigen::Index row = 0; row < H.rows() && j >= kernel.count; ++row) H.at(row, j) = solver.eigenvectors()(row, j);
+  }
+  if (!orthonormalise(H, m)) return fail(ErrorCode::kNumerical, "the eigenvectors of the surface are not independent");
   return finish(laplacian, S, std::move(H), std::move(values));
 }
 
@@ -302,8 +361,8 @@ Result<Eigenbasis> solve_in_bands(const Laplacian& laplacian, const Eigen::Spars
                                   const Progress& progress) {
   Bands bands(laplacian, S, m, progress);
   if (auto done = bands.run(); !done) return done.error();
-  Eigen::MatrixXd H = bands.take_vectors();
-  if (!orthonormalise(H)) return fail(ErrorCode::kNumerical, "the eigenvectors of the surface are not independent");
+  Panels H = bands.take_vectors();
+  if (!orthonormalise(H, m)) return fail(ErrorCode::kNumerical, "the eigenvectors of the surface are not independent");
   if (progress && !progress(1, "eigenvectors")) throw Cancelled();
   return finish(laplacian, S, std::move(H), bands.values());
 }

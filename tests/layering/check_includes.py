@@ -39,8 +39,7 @@ ROOMS = {
 
 # third-party library -> (pattern of its includes, rooms that may include it, how many files at most).
 LIBRARIES = {
-    "Eigen": (r"Eigen/", {"common/spectral", "sdk", "sender"}, 20),
-    "Spectra": (r"Spectra/", {"common/spectral"}, 1),
+    "Eigen": (r"Eigen/", {"common/spectral", "sdk", "sender"}, 24),
     "OpenMesh": (r"OpenMesh/", {"common/surface"}, 2),
     "tinygltf": (r"tiny_gltf\.h", {"common/surface"}, 1),
     "nanoflann": (r"nanoflann\.hpp", {"common/spectral", "common/progressive"}, 4),

@@ -124,13 +124,13 @@ TEST(Eigenbasis, ProgressGrowsAndEndsAtOne) {
     return true;
   });
   ASSERT_TRUE(basis);
-  EXPECT_GT(calls, 100);
+  EXPECT_GT(calls, 20);
   EXPECT_EQ(last, 1);
 }
 
 TEST(Eigenbasis, StopsWhenAskedTo) {
   const Laplacian laplacian = laplacian_of(make_torus(60, 30, 1.0, 0.4));
-  for (const int allowed : {0, 1, 30, 200}) {
+  for (const int allowed : {0, 1, 10, 40}) {
     int calls = 0;
     const auto basis = solve_eigenbasis(laplacian, 120, [&](double, std::string_view) { return calls++ < allowed; });
     ASSERT_FALSE(basis);

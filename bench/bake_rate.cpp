@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: MIT
+//
+// bake_rate [--peers] [--m M] SHAPE...: seconds for the M lowest eigenpairs (default 200) of the Laplacian of surfaces, ours
+// and, with --peers, ARPACK with sparse LU and with sparse Cholesky and Spectra's stock shift-invert: the same pair (L, M),
+// the same shift below zero, the same tolerance, one after the other in one run. SHAPE is a file, or heart:N, ico:LEVEL,
+// torus:ROWS for a built-in one. Residuals of all are measured by the same lines.
+#include <Eigen/Core>
+#include <Eigen/SparseCholesky>
+#include <Eigen/SparseLU>
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <functional>
+#include <numbers>
+#include <string>
+#include <vector>
+
+#include "common/spectral/eigenbasis.h"
+#include "common/surface/read.h"
+#include "common/surface/shapes.h"
+
+#if EIGENCAST_HAS_SPECTRA
+#include <Spectra/MatOp/SparseSymMatProd.h>
+#include <Spectra/MatOp/SymShiftInvert.h>
+#include <Spectra/SymGEigsShiftSolver.h>
+#endif
+#if EIGENCAST_HAS_ARPACK
+extern "C" {
+void dsaupd_c(int* ido, const char* bmat, int n, const char* which, int nev, double tol, double* resid, int ncv,
+              double* v, int ldv, int* iparam, int* ipntr, double* workd, double* workl, int lworkl, int* info);
+void dseupd_c(int rvec, const char* howmny, const int* select, double* d, double* z, int ldz, double sigma,
+              const char* bmat, int n, const char* which, int nev, double tol, double* resid, int ncv, double* v,
+              int ldv, int* iparam, int* ipntr, double* workd, double* workl, int lworkl, int* info);
+}
+#endif
+
+namespace {
+
+using namespace eigencast;
+using Sparse = Eigen::SparseMatrix<double>;
+
+constexpr double kTolerance = 1e-9;
+
+double now() {
+  return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+double shift_of(const Laplacian& laplacian) {
+  return -0.01 * 8 * std::numbers::pi / laplacian.area;
+}
+
+Sparse shifted(const Laplacian& laplacian) {
+  Sparse A = laplacian.L;
+  A.diagonal() -= shift_of(laplacian) * laplacian.mass;
+  return A;
+}
+
+struct Found {
+  Eigen::VectorXd values;
+  Eigen::MatrixXd Phi;
+};
+
+double worst_residual(const Laplacian& laplacian, const Found& found) {
+  const Eigen::VectorXd weight = laplacian.mass.cwiseSqrt().cwiseInverse();
+  double worst = 0;
+  for (Eigen::Index j = 0; j < found.values.size(); ++j) {
+    const Eigen::VectorXd phi = found.Phi.col(j);
+    const Eigen::VectorXd defect = laplacian.L * phi - found.values[j] * laplacian.mass.cwiseProduct(phi);
+    const double size = phi.cwiseProduct(laplacian.mass.cwiseSqrt()).norm();
+    worst = std::max(worst, defect.cwiseProduct(weight).norm() / size / std::max(found.values[j], found.values[1]));
+  }
+  return worst;
+}
+
+Found ours(const Laplacian& laplacian, int m) {
+  auto basis = solve_eigenbasis(laplacian, m);
+  if (!basis) {
+    std::fprintf(stderr, "bake_rate: %s\n", basis.error().message.c_str());
+    std::exit(1);
+  }
+  if (!basis->certified) std::fprintf(stderr, "bake_rate: not certified\n");
+  return {std::move(basis->eigenvalues), std::move(basis->Phi)};
+}
+
+#if EIGENCAST_HAS_ARPACK
+/// Mode 3 of ARPACK, B = M, as its users' guide gives it.
+template <typename Solver>
+Found arpack(const Laplacian& laplacian, int m) {
+  const int n = static_cast<int>(laplacian.mass.size()), ncv = 2 * m;
+  const double sigma = shift_of(laplacian);
+  Solver solver;
+  solver.compute(shifted(laplacian));
+  Eigen::VectorXd residual(n), work(3 * n), small(ncv * (ncv + 8));
+  Eigen::MatrixXd V(n, ncv);
+  std::vector<int> select(static_cast<std::size_t>(ncv), 1);
+  int parameters[11] = {1, 0, 1000, 1, 0, 0, 3, 0, 0, 0, 0}, pointers[14] = {};
+  int ido = 0, info = 0;
+  const auto lworkl = static_cast<int>(small.size());
+  for (;;) {
+    dsaupd_c(&ido, "G", n, "LM", m, kTolerance, residual.data(), ncv, V.data(), n, parameters, pointers, work.data(),
+             small.data(), lworkl, &info);
+    const auto part = [&](int which) { return Eigen::Map<Eigen::VectorXd>(work.data() + pointers[which] - 1, n); };
+    if (ido == -1) {
+      part(1) = solver.solve(laplacian.mass.cwiseProduct(part(0)).eval());
+    } else if (ido == 1) {
+      part(1) = solver.solve(Eigen::VectorXd(part(2)));
+    } else if (ido == 2) {
+      part(1) = laplacian.mass.cwiseProduct(part(0));
+    } else {
+      break;
+    }
+  }
+  Found found{Eigen::VectorXd(m), Eigen::MatrixXd(n, m)};
+  dseupd_c(1, "A", select.data(), found.values.data(), found.Phi.data(), n, sigma, "G", n, "LM", m, kTolerance,
+           residual.data(), ncv, V.data(), n, parameters, pointers, work.data(), small.data(), lworkl, &info);
+  if (info != 0) std::fprintf(stderr, "bake_rate: ARPACK says %d\n", info);
+  return found;
+}
+#endif
+
+#if EIGENCAST_HAS_SPECTRA
+/// Spectra as its documentation shows it: SparseLU inside.
+Found spectra(const Laplacian& laplacian, int m) {
+  Sparse M(laplacian.L.rows(), laplacian.L.cols());
+  M.setIdentity();
+  M.diagonal() = laplacian.mass;
+  Spectra::SymShiftInvert<double, Eigen::Sparse, Eigen::Sparse> op(laplacian.L, M);
+  Spectra::SparseSymMatProd<double> product(M);
+  Spectra::SymGEigsShiftSolver<decltype(op), decltype(product), Spectra::GEigsMode::ShiftInvert> solver(
+      op, product, m, 2 * m, shift_of(laplacian));
+  solver.init();
+  solver.compute(Spectra::SortRule::LargestMagn, 1000, kTolerance, Spectra::SortRule::SmallestAlge);
+  return {solver.eigenvalues(), solver.eigenvectors()};
+}
+#endif
+
+Surface surface_of(const std::string& name) {
+  const auto colon = name.find(':');
+  const std::string kind = name.substr(0, colon);
+  const int size = colon == std::string::npos ? 0 : std::atoi(name.c_str() + colon + 1);
+  if (kind == "heart") return make_heart(size);
+  if (kind == "ico") return make_icosphere(size);
+  if (kind == "torus") return make_torus(2 * size, size, 1.0, 0.4);
+  auto surface = read_surface(name);
+  if (surface) return std::move(*surface);
+  std::fprintf(stderr, "bake_rate: %s\n", surface.error().message.c_str());
+  std::exit(1);
+}
+
+void compare(const std::string& name, int m, bool peers) {
+  const Surface surface = surface_of(name);
+  const double begin = now();
+  const auto laplacian = build_laplacian(surface);
+  if (!laplacian) return static_cast<void>(std::fprintf(stderr, "%s\n", laplacian.error().message.c_str()));
+  std::printf("%s: %zu vertices, m = %d; Laplacian in %.2f s\n", name.c_str(), surface.vertex_count(), m,
+              now() - begin);
+  struct Peer {
+    const char* name;
+    std::function<Found()> solve;
+  };
+  std::vector<Peer> all{{"ours", [&] { return ours(*laplacian, m); }}};
+  if (peers) {
+#if EIGENCAST_HAS_ARPACK
+    all.push_back({"ARPACK, sparse Cholesky", [&] { return arpack<Eigen::SimplicialLLT<Sparse>>(*laplacian, m); }});
+    all.push_back({"ARPACK, sparse LU",
+                   [&] { return arpack<Eigen::SparseLU<Sparse, Eigen::COLAMDOrdering<int>>>(*laplacian, m); }});
+#endif
+#if EIGENCAST_HAS_SPECTRA
+    all.push_back({"Spectra, stock shift-invert", [&] { return spectra(*laplacian, m); }});
+#endif
+  }
+  double first = 0;
+  for (const Peer& peer : all) {
+    const double start = now();
+    Found found = peer.solve();
+    const double seconds = now() - start;
+    if (first == 0) first = seconds;
+    std::printf("  %-30s %8.2f s  %5.1fx  residual %.1e  lambda_m %.6g\n", peer.name, seconds, seconds / first,
+                worst_residual(*laplacian, found), found.values.maxCoeff());
+    std::fflush(stdout);
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  int m = 200;
+  bool peers = false;
+  for (int i = 1; i < argc; ++i) {
+    if (std::strcmp(argv[i], "--peers") == 0) {
+      peers = true;
+    } else if (std::strcmp(argv[i], "--m") == 0 && i + 1 < argc) {
+      m = std::atoi(argv[++i]);
+    } else {
+      compare(argv[i], m, peers);
+    }
+  }
+}

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <vector>
+
+#include "common/spectral/panel_kernel.h"
+
+namespace eigencast {
+
+/// A tall matrix, n x 8 count, as panels of eight columns, each row-major: what solves with several right-hand sides and
+/// products of tall matrices like to read. Panels come and go one by one. All functions use the process's threads; sums
+/// do not depend on how many there are.
+class Panels {
+ public:
+  explicit Panels(Eigen::Index rows) : rows_(rows) {}
+
+  Eigen::Index rows() const { return rows_; }
+  Eigen::Index count() const { return static_cast<Eigen::Index>(panels_.size()); }
+  Eigen::Index columns() const { return count() * Eigen::Index{kPanelWidth}; }
+  double* operator[](Eigen::Index j) { return panels_[static_cast<std::size_t>(j)].get(); }
+  const double* operator[](Eigen::Index j) const { return panels_[static_cast<std::size_t>(j)].get(); }
+
+  /// Adds a panel, zero. May throw std::bad_alloc.
+  double* append();
+  void drop_from(Eigen::Index count) { panels_.resize(static_cast<std::size_t>(count)); }
+
+  double& at(Eigen::Index row, Eigen::Index column) {
+    return (*this)[column / Eigen::Index{kPanelWidth}]
+                  [row * Eigen::Index{kPanelWidth} + column % Eigen::Index{kPanelWidth}];
+  }
+  double at(Eigen::Index row, Eigen::Index column) const {
+    return (*this)[column / Eigen::Index{kPanelWidth}]
+                  [row * Eigen::Index{kPanelWidth} + column % Eigen::Index{kPanelWidth}];
+  }
+
+ private:
+  struct Free {
+    void operator()(double* at) const;
+  };
+  Eigen::Index rows_;
+  std::vector<std::unique_ptr<double, Free>> panels_;
+};
+
+/// A^T W for the panels [first, end) of A, 8 (end - first) x 8. W is one panel.
+Eigen::MatrixXd transposed_product(const Panels& A, Eigen::Index first, Eigen::Index end, const double* W);
+/// W -= A H for the same panels of A.
+void subtract_product(const Panels& A, Eigen::Index first, Eigen::Index end, const Eigen::MatrixXd& H, double* W);
+/// W = W T, T 8 x 8.
+void multiply_panel(double* W, Eigen::Index rows, const Eigen::MatrixXd& T);
+/// W^T W of one panel.
+Eigen::MatrixXd panel_gram(const double* W, Eigen::Index rows);
+
+/// y = x in another order, row by row of a panel: row i of `from` becomes row to_row[i]; or back.
+void scatter_rows(const double* from, const int* to_row, Eigen::Index rows, double* to);
+void gather_rows(const double* from, const int* from_row, Eigen::Index rows, double* to);
+
+/// A^T A.
+Eigen::MatrixXd gram(const Panels& A);
+/// A = A T in place; T is A.columns() x any smaller multiple of 8. Panels that are no longer needed are freed.
+void rotate(Panels& A, const Eigen::MatrixXd& T);
+
+}  // namespace eigencast

@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/SparseCholesky>
+#include <Eigen/SparseCore>
+#include <functional>
+#include <vector>
+
+#include "common/spectral/panels.h"
+
+namespace eigencast {
+
+/// (S - sigma I)^{-1} for a sparse symmetric S by LDL^T, whose pivots also count the eigenvalues below sigma
+/// (Sylvester's law of inertia). Eight right-hand sides at a time. Not thread-safe.
+class ShiftInvert {
+ public:
+  /// Borrows S. Orders and analyses it, which holds for all shifts.
+  explicit ShiftInvert(const Eigen::SparseMatrix<double>& S);
+
+  /// Factors S - sigma I. False when a pivot breaks down: move sigma a little.
+  bool factor(double sigma);
+  double sigma() const { return sigma_; }
+  /// The number of eigenvalues of S below sigma. REQUIRES: factor() gave true.
+  int eigenvalues_below() const { return negative_; }
+  Eigen::Index rows() const { return S_.rows(); }
+  std::size_t factor_bytes() const { return factor_bytes_; }
+
+  /// Called after each solve; throws to stop.
+  void on_apply(std::function<void()> callback) { callback_ = std::move(callback); }
+  /// to = (S - sigma I)^{-1} from, one panel each. REQUIRES: factor() gave true.
+  void apply(const double* from, double* to);
+
+ private:
+  void solve(double* X);
+  bool solves_well();
+
+  const Eigen::SparseMatrix<double>& S_;
+  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> ldlt_;
+  std::function<void()> callback_;
+  Eigen::VectorXi order_;         // row i of S is row order_[i] of the factor
+  std::vector<double> permuted_;  // a panel in the factor's order
+  Eigen::VectorXd inverse_pivots_;
+  double norm_ = 0;  // of S, infinity norm
+  double sigma_ = 0;
+  int negative_ = 0;
+  std::size_t factor_bytes_ = 0;
+};
+
+}  // namespace eigencast
