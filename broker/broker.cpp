@@ -38,6 +38,7 @@ Hub::Settings hub_settings(const Config& config, std::vector<StreamTap*> taps) {
   Hub::Settings settings;
   settings.max_streams = static_cast<std::size_t>(config.limits.max_streams);
   settings.stream.max_span_us = config.frames.max_span_ms * 1000;
+  settings.stream.max_ahead_us = config.frames.max_ahead_ms * 1000;
   settings.stream.max_watchers = static_cast<std::uint32_t>(config.limits.max_subscribers_per_stream);
   settings.stream.max_profiles = static_cast<std::size_t>(config.limits.max_profiles_per_stream);
   settings.stream.taps = std::move(taps);

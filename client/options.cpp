@@ -19,8 +19,13 @@ constexpr const char* kExamples = R"(Examples:
 In the window, H shows the keys.
 Exit codes: 0 good, 1 failed (no display, no file written), 2 wrong usage, 4 no stream came.)";
 
+const std::map<std::string, Profile::Scheme> kSchemes{{"linear", Profile::Scheme::kLinear},
+                                                      {"catmull-rom", Profile::Scheme::kCatmullRom},
+                                                      {"hermite", Profile::Scheme::kHermite},
+                                                      {"damped", Profile::Scheme::kDamped}};
+
 struct RawOptions {
-  std::string size = "1280x720", rate, form, playout = "latest";
+  std::string size = "1280x720", rate, form, scheme, playout = "latest";
   int k = 3, bands = 8;
   double delay_ms = 0;
 };
@@ -37,13 +42,27 @@ Result<std::optional<Profile>> profile_from(const CLI::App& app, const std::stri
   if (!parsed) return parsed.error();
   const Result<Profile> asked = profile_from_query(parsed->query);
   if (!asked) return asked.error();
-  if (app.count("--rate") + app.count("--k") + app.count("--form") + app.count("--bands") == 0)
-    return std::optional<Profile>();
+  const std::size_t making = app.count("--k") + app.count("--form") + app.count("--scheme");
+  if (app.count("--rate") + making + app.count("--bands") == 0) return std::optional<Profile>();
   Profile profile = *asked;
   if (app.count("--k") > 0) profile.k = static_cast<std::uint8_t>(raw.k);
   if (app.count("--bands") > 0) profile.bands = static_cast<std::uint8_t>(raw.bands);
   if (app.count("--form") > 0) profile.form = raw.form == "compact" ? Profile::Form::kCompact : Profile::Form::kFull;
-  if (app.count("--rate") > 0) profile.rate = raw.rate == "raw" ? Profile::Rate::kRaw : Profile::Rate::kInterpolated;
+  if (app.count("--rate") > 0) {
+    const Profile::Rate rate = raw.rate == "raw"         ? Profile::Rate::kRaw
+                               : raw.rate == "estimated" ? Profile::Rate::kEstimated
+                                                         : Profile::Rate::kInterpolated;
+    if (rate != profile.rate) profile.scheme = default_scheme(rate);
+    profile.rate = rate;
+  }
+  if (app.count("--scheme") > 0) profile.scheme = kSchemes.at(raw.scheme);
+  if (profile.rate == Profile::Rate::kRaw && making > 0) {
+    return fail(
+        ErrorCode::kInvalidArgument,
+        "--k, --form and --scheme say how the broker makes poses, but rate raw asks for the keys alone; leave them "
+        "out, or ask for --rate interpolated or estimated");
+  }
+  if (const auto checked = check_profile(profile); !checked) return checked.error();
   return std::optional<Profile>(profile);
 }
 
@@ -69,8 +88,12 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   app.add_option("--size", raw.size, "width x height in pixels")->capture_default_str();
   app.add_option("--lod", options.scene.lod, "level of detail: fraction of the vertices, 0..1")
       ->check(CLI::Range(0.0, 1.0));
-  app.add_option("--rate", raw.rate, "poses that the broker sends")->check(CLI::IsMember({"raw", "interpolated"}));
-  app.add_option("--k", raw.k, "poses per key when interpolated (default 3)")->check(CLI::Range(2, 15));
+  app.add_option("--rate", raw.rate, "poses that the broker sends")
+      ->check(CLI::IsMember({"raw", "interpolated", "estimated"}));
+  app.add_option("--scheme", raw.scheme,
+                 "how the broker makes poses: linear, catmull-rom, hermite (interpolated); damped, linear (estimated)")
+      ->check(CLI::IsMember(kSchemes));
+  app.add_option("--k", raw.k, "poses per key unless raw (default 3)")->check(CLI::Range(2, 15));
   app.add_option("--form", raw.form, "who interpolates: the broker (full) or this program (compact)")
       ->check(CLI::IsMember({"full", "compact"}));
   app.add_option("--bands", raw.bands, "coefficient bands wanted, from the lowest")->check(CLI::Range(1, 8));

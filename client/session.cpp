@@ -19,6 +19,8 @@ std::string_view name_of(FrameKind kind) {
       return "synthetic";
     case FrameKind::kStep:
       return "step";
+    case FrameKind::kEstimate:
+      return "estimate";
   }
   return "unknown";
 }

@@ -22,6 +22,17 @@ void FrameDecoder::set_stream(const control::StreamInfo& info) {
   stream_id_ = info.stream_id;
   epoch_ = info.epoch;
   layout_ = layout;
+  velocities_ = {info.format.velocity_channels, info.format.velocity_us};
+  scheme_ = info.profile.scheme;
+}
+
+Result<Key> FrameDecoder::made_pose(const Envelope& e) const {
+  const ChainState& state = *chain_;
+  if (e.kind == FrameKind::kEstimate)
+    return estimate_keys(layout_, state.older, state.newer, scheme_ == Profile::Scheme::kDamped, e.step.at, e.step.of);
+  if (scheme_ == Profile::Scheme::kHermite)
+    return hermite_keys(layout_, velocities_, state.older, state.newer, state.age_us, e.step.at, e.step.of);
+  return interpolate_keys(layout_, state.older, state.newer, e.step.at, e.step.of);
 }
 
 Result<std::optional<Key>> FrameDecoder::decode(const FrameView& frame) {
@@ -75,9 +86,10 @@ std::optional<Error> FrameDecoder::apply(const FrameView& frame, std::optional<K
       pose = std::move(*key);
       return std::nullopt;
     }
-    case FrameKind::kStep: {
+    case FrameKind::kStep:
+    case FrameKind::kEstimate: {
       if (!chain_ || e.sequence != newest_) return undecodable();
-      auto key = interpolate_keys(layout_, chain_->older, chain_->newer, e.step.at, e.step.of);
+      auto key = e.bands == 0 ? made_pose(e) : decode_key(layout_, e.bands, *chain_, frame.payload);
       if (!key) return key.error();
       ++counts_.synthetic;
       pose = std::move(*key);

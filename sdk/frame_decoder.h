@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "common/codec/chain.h"
+#include "common/codec/schemes.h"
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
 
@@ -14,13 +15,13 @@ namespace eigencast {
 /// socket.
 ///
 /// A key s is decodable when the newest key is s-1, a synthetic frame that leads up to s likewise; a step (compact
-/// interpolation) when the newest key is s; a join always. Whatever is not decodable waits for the next join. Not
+/// interpolation) or an estimate beyond s when the newest key is s; a join always. Whatever is not decodable waits for the next join. Not
 /// thread-safe.
 class FrameDecoder {
  public:
   struct Counts {
     std::uint64_t keys = 0;       ///< Keys and joins decoded.
-    std::uint64_t synthetic = 0;  ///< Synthetic frames and steps decoded.
+    std::uint64_t synthetic = 0;  ///< Synthetic frames, steps and estimates decoded.
     std::uint64_t joins = 0;
     std::uint64_t rejected = 0;  ///< Frames that could not be decoded.
     std::uint64_t missed = 0;    ///< Key sequence numbers never seen.
@@ -44,7 +45,11 @@ class FrameDecoder {
   std::optional<Error> apply(const FrameView& frame, std::optional<Key>& pose);
   void count_gap(std::uint64_t sequence);
 
+  Result<Key> made_pose(const Envelope& envelope) const;
+
   CoefficientLayout layout_;
+  VelocityChannels velocities_;
+  Profile::Scheme scheme_ = Profile::Scheme::kLinear;  ///< Of the profile that the stream comes in.
   std::uint32_t stream_id_ = 0;
   std::uint32_t epoch_ = 0;
   bool has_stream_ = false;

@@ -14,7 +14,7 @@ import sys
 
 MAX_VALUE = 2**30
 MAX_TIME = 2**62 - 1
-KINDS = {1: "key", 2: "join", 3: "synthetic", 4: "step"}
+KINDS = {1: "key", 2: "join", 3: "synthetic", 4: "step", 5: "estimate"}
 CODECS = {"float64": 0, "float32": 1, "quantised": 2}
 NEXT_STATE = [(0, 2), (2, 0), (1, 3), (3, 1)]
 CURVE = [  # for contexts 59 to 151
@@ -292,12 +292,68 @@ def interpolate(layout, a, b, at, of):
     return pose
 
 
+def round_quotient(n, d):
+    magnitude = (2 * abs(n) + d) // (2 * d)
+    return magnitude if n >= 0 else -magnitude
+
+
+def hermite(layout, a, b, age, at, of):
+    pose = interpolate(layout, a, b, at, of)
+    count, channels = layout.get("velocity_channels", 0), layout["channels"]
+    if count == 0 or not 0 < age <= 1000000:
+        return pose
+    unit = layout.get("velocity_us", 1000000)
+    share, slope0, slope1 = at * at * (3 * of - 2 * at), at * (of - at) ** 2, -at * at * (of - at)
+    for band in range(len(layout["band_ends"])):
+        if not pose.bands >> band & 1:
+            continue
+        for i in band_range(layout, band):
+            if i % channels >= count:
+                continue
+            v = i + channels - count
+            if layout["codec"] != "quantised":
+                slopes = a.values[v] * slope0 + b.values[v] * slope1
+                moved = (b.values[i] - a.values[i]) * share / of**3
+                pose.values[i] = a.values[i] + moved + slopes * age / unit / of**3
+                continue
+            p, w = rescale(a.values[i], a.step, b.step), rescale(a.values[v], a.step, b.step)
+            require(p is not None and w is not None, "interpolation leaves the range")
+            bent = round_quotient((w * slope0 + b.values[v] * slope1) * age, unit)
+            require(abs(bent) <= 2**50, "interpolation leaves the range")
+            pose.values[i] = p + round_quotient((b.values[i] - p) * share + bent, of**3)
+            require(abs(pose.values[i]) <= MAX_VALUE, "interpolation leaves the range")
+    return pose
+
+
+def estimate(layout, a, b, damped, at, of):
+    weight, whole = 65536 * at, 65536 * of
+    if damped:
+        moved, interval = 0, 55296
+        while at >= of:
+            moved, interval, at = moved + interval * of, (27 * interval + 16) // 32, at - of
+        weight = moved + interval * at
+    pose = Key(layout, b.bands, b.step)
+    pose.values = list(b.values)
+    for band in range(len(layout["band_ends"])):
+        if not (a.bands & b.bands) >> band & 1:
+            continue
+        for i in band_range(layout, band):
+            if layout["codec"] != "quantised":
+                pose.values[i] = b.values[i] + weight / whole * (b.values[i] - a.values[i])
+                continue
+            start = rescale(a.values[i], a.step, b.step)
+            require(start is not None, "estimation leaves the range")
+            pose.values[i] = b.values[i] + round_quotient((b.values[i] - start) * weight, whole)
+            require(abs(pose.values[i]) <= MAX_VALUE, "estimation leaves the range")
+    return pose
+
+
 class Receiver:
     """The state of section 5. decode() gives a dictionary, or None for a frame that has to wait for a join."""
 
     def __init__(self, layout):
         self.layout = layout
-        self.older = self.newer = self.number = None
+        self.older = self.newer = self.number = self.age = self.capture = None
 
     def decode(self, frame):
         require(28 <= len(frame) <= 2**20, "size of the frame")
@@ -306,28 +362,43 @@ class Receiver:
         payload = Bytes(frame[28:])
         require(kind in KINDS, "kind")
         require(flags & ~(1 if kind in (1, 2) else 0) == 0, "flags")
-        require(step == 0 if kind in (1, 2) else 1 <= at <= of, "step")
-        require((bands == 0) == (kind == 4) and (len(payload.data) == 0) == (kind == 4), "bands or payload")
+        require(step == 0 if kind in (1, 2) else 1 <= at and 1 <= of and (at <= of or kind == 5), "step")
+        require((bands == 0) == (len(payload.data) == 0) and (kind == 5 or (bands == 0) == (kind == 4)), "bands or payload")
         require(bands < 2 ** len(self.layout["band_ends"]), "unknown bands")
         require(capture <= MAX_TIME, "capture time")
         out = {"kind": KINDS[kind], "flags": flags, "bands": bands, "at": at, "of": of, "stream_id": stream_id, "epoch": epoch}
         out.update(sequence=sequence, capture_us=capture)
 
+        scheme = self.layout.get("scheme")
         if kind == 2:
-            age = self.read_join(bands, payload)
+            age = self.age = self.read_join(bands, payload)
             self.number = sequence
+            self.capture = capture
             out.update(age_us=age, older=self.older.json(), newer=self.newer.json())
             return out
         if kind == 4:
             if self.number != sequence:
                 return None
-            out["pose"] = interpolate(self.layout, self.older, self.newer, at, of).json()
+            if scheme == "hermite":
+                pose = hermite(self.layout, self.older, self.newer, self.age, at, of)
+            else:
+                pose = interpolate(self.layout, self.older, self.newer, at, of)
+            out["pose"] = pose.json()
+            return out
+        if kind == 5:
+            if self.number != sequence:
+                return None
+            made = bands == 0
+            pose = estimate(self.layout, self.older, self.newer, scheme == "damped", at, of) if made else self.read_key(bands, payload)
+            out["pose"] = pose.json()
             return out
         if self.number != sequence - 1:
             return None
         pose = self.read_key(bands, payload)
         if kind == 1:
             self.older, self.newer, self.number = self.newer, pose, sequence
+            self.age = capture - self.capture
+            self.capture = capture
         out["pose"] = pose.json()
         return out
 
@@ -399,7 +470,7 @@ def damaged_are_rejected(path):
     for frame in frames:
         for damaged in [frame[:size] for size in range(len(frame))] + [frame + b"\0"]:
             probe = Receiver(layout)
-            probe.older, probe.newer, probe.number = receiver.older, receiver.newer, receiver.number
+            probe.__dict__.update(receiver.__dict__)
             try:
                 probe.decode(damaged)
             except ProtocolError:

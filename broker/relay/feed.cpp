@@ -5,11 +5,13 @@
 #include <cassert>
 #include <utility>
 
+#include "common/motion/curve.h"
+
 namespace eigencast::broker {
 namespace {
 
-// The pacer never holds more than two key intervals, so a key that waits longer has been overtaken.
-constexpr std::size_t kMaxComing = 4;
+// The pacer never holds more than three key intervals, so a key that waits longer has been overtaken.
+constexpr std::size_t kMaxComing = 5;
 
 // Synthetic poses are shown for a third of a key interval and built upon by nobody, so that their levels may lie further
 // apart than those of keys: the error that this adds is far below that of interpolating (docs/performance.md).
@@ -25,25 +27,34 @@ bool is_compact(const Profile& profile) {
   return profile.rate == Profile::Rate::kInterpolated && profile.form == Profile::Form::kCompact;
 }
 
+int further_keys(const Profile& profile) {
+  return profile.scheme == Profile::Scheme::kCatmullRom ? 1 : 0;
+}
+
 }  // namespace
 
-Feed::Feed(const Profile& profile, const CoefficientLayout& layout, std::uint32_t stream_id, std::uint32_t epoch,
-           TimeUs max_span_us)
+Feed::Feed(const Profile& profile, const Source& source)
     : profile_(profile),
-      layout_(layout),
-      stream_id_(stream_id),
-      epoch_(epoch),
-      mask_(mask_of(profile, layout)),
-      pacer_(profile.k, max_span_us) {}
+      source_(source),
+      mask_(mask_of(profile, source.layout)),
+      pacer_(profile.k, source.max_span_us, further_keys(profile)),
+      forecaster_(profile.k, source.max_ahead_us, source.max_span_us) {}
 
 void Feed::begin_at(KeyRecordPtr record) {
   assert(!stands_at_ && coming_.empty());
   pacer_.add_key(record->sequence, record->capture_us, record->arrival_us);
+  forecaster_.add_key(record->sequence, record->capture_us, record->arrival_us);
   stand_at(std::move(record));
 }
 
 void Feed::add_key(KeyRecordPtr record, TimeUs now_us, std::vector<FramePtr>& out) {
   if (profile_.rate == Profile::Rate::kRaw) return emit_key(std::move(record), 0, out);
+  if (profile_.rate == Profile::Rate::kEstimated) {
+    if (!record->before) forecaster_.reset();
+    forecaster_.add_key(record->sequence, record->capture_us, now_us);
+    emit_key(std::move(record), 0, out);
+    return pump_estimates(now_us, out);
+  }
   if (!record->before) {  // What is pending leads nowhere any more.
     pacer_.reset();
     coming_.clear();
@@ -62,6 +73,7 @@ void Feed::add_key(KeyRecordPtr record, TimeUs now_us, std::vector<FramePtr>& ou
 
 void Feed::pump(TimeUs now_us, std::vector<FramePtr>& out) {
   if (profile_.rate == Profile::Rate::kRaw) return;
+  if (profile_.rate == Profile::Rate::kEstimated) return pump_estimates(now_us, out);
   while (const auto due = pacer_.pop_due(now_us)) {
     const auto next_us = pacer_.next_due_us();
     const bool overtaken = next_us && *next_us <= now_us;
@@ -76,7 +88,14 @@ void Feed::pump(TimeUs now_us, std::vector<FramePtr>& out) {
 }
 
 std::optional<TimeUs> Feed::next_due_us() const {
-  return pacer_.next_due_us();
+  return profile_.rate == Profile::Rate::kEstimated ? forecaster_.next_due_us() : pacer_.next_due_us();
+}
+
+void Feed::pump_estimates(TimeUs now_us, std::vector<FramePtr>& out) {
+  while (const auto due = forecaster_.pop_due(now_us)) {
+    const auto next_us = forecaster_.next_due_us();
+    if (!next_us || *next_us > now_us) emit_estimate(*due, out);
+  }
 }
 
 void Feed::pump_full(const Pacer::Due& due, bool overtaken, std::vector<FramePtr>& out) {
@@ -122,7 +141,7 @@ void Feed::emit_key(KeyRecordPtr record, std::uint8_t flags, std::vector<FramePt
   head.flags = flags;
   if (head.bands == record->bands) {
     out.push_back(make_frame(head, record->payload));
-  } else if (const auto cut = cut_bands(layout_, record->join, record->bands, mask_, record->payload)) {
+  } else if (const auto cut = cut_bands(source_.layout, record->join, record->bands, mask_, record->payload)) {
     out.push_back(make_frame(head, *cut));
   } else {
     ++failed_poses_;  // Receivers miss this key, so that they get a join next.
@@ -132,30 +151,84 @@ void Feed::emit_key(KeyRecordPtr record, std::uint8_t flags, std::vector<FramePt
 
 void Feed::emit_synthetic(const KeyRecord& record, const Pacer::Due& due, std::vector<FramePtr>& out) {
   if (!record.before || !stands_at_ || stands_at_->sequence + 1 != record.sequence) return;
-  const auto pose = interpolate_keys(layout_, record.before->newer, record.after->newer, due.at, due.of);
-  if (!pose) return void(++failed_poses_);
-  const unsigned half_spacing = std::min(kMaxHalfSpacing, unsigned{record.half_spacing} * kSyntheticCoarseness);
-  auto coded = encode_key(layout_, *record.before, *pose, static_cast<std::uint8_t>(half_spacing));
-  if (!coded) return void(++failed_poses_);
-  Bytes payload = std::move(coded->payload);
   Envelope head = envelope(FrameKind::kSynthetic, record);
-  head.bands = pose->bands & mask_;
   head.step = {due.at, due.of};
   head.capture_us = due.capture_us;
+  emit_made(head, record.half_spacing, *record.before, pose_between(record, due), out);
+}
+
+void Feed::emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out) {
+  if (!stands_at_ || stands_at_->sequence != due.sequence || !stands_at_->before) return;
+  Envelope head = envelope(FrameKind::kEstimate, *stands_at_);
+  head.step = {due.at, due.of};
+  head.capture_us = due.capture_us;
+  if (profile_.form == Profile::Form::kCompact) return out.push_back(make_frame(head, {}));
+  const ChainState& state = *stands_at_->after;
+  const bool damped = profile_.scheme == Profile::Scheme::kDamped;
+  const auto pose = estimate_keys(source_.layout, state.older, state.newer, damped, due.at, due.of);
+  emit_made(head, stands_at_->half_spacing, state, pose, out);
+}
+
+void Feed::emit_made(Envelope head, std::uint8_t key_spacing, const ChainState& state, const Result<Key>& pose,
+                     std::vector<FramePtr>& out) {
+  if (!pose) return void(++failed_poses_);
+  const unsigned half_spacing = std::min(kMaxHalfSpacing, unsigned{key_spacing} * kSyntheticCoarseness);
+  auto coded = encode_key(source_.layout, state, *pose, static_cast<std::uint8_t>(half_spacing));
+  if (!coded) return void(++failed_poses_);
+  Bytes payload = std::move(coded->payload);
+  head.bands = pose->bands & mask_;
   if (head.bands != pose->bands) {
-    auto cut = cut_bands(layout_, false, pose->bands, mask_, payload);
+    auto cut = cut_bands(source_.layout, false, pose->bands, mask_, payload);
     if (!cut) return void(++failed_poses_);
     payload = std::move(*cut);
   }
   out.push_back(make_frame(head, payload));
 }
 
+Result<Key> Feed::pose_between(const KeyRecord& record, const Pacer::Due& due) {
+  const Key &from = record.before->newer, &to = record.after->newer;
+  switch (profile_.scheme) {
+    case Profile::Scheme::kHermite:
+      return hermite_keys(source_.layout, source_.velocities, from, to, record.after->age_us, due.at, due.of);
+    case Profile::Scheme::kCatmullRom: {
+      const KeyRecord* next = coming_.size() > 1 ? coming_[1].get() : nullptr;
+      if (next != nullptr && (!next->before || next->capture_us - record.capture_us > source_.max_span_us))
+        next = nullptr;
+      // Decided once for an interval: a curve that changes its shape on the way would jump.
+      if (!curve_ || curve_->sequence != record.sequence) curve_ = Curve{record.sequence, next != nullptr};
+      return pose_on_curve(record, curve_->with_next ? next : nullptr, due.capture_us);
+    }
+    case Profile::Scheme::kLinear:
+    case Profile::Scheme::kDamped:
+      break;
+  }
+  return interpolate_keys(source_.layout, from, to, due.at, due.of);
+}
+
+Result<Key> Feed::pose_on_curve(const KeyRecord& record, const KeyRecord* next, TimeUs t_us) const {
+  const ChainState &before = *record.before, &after = *record.after;
+  const TimeUs from_us = record.capture_us - after.age_us;
+  const bool has_before = before.age_us > 0 && before.age_us <= source_.max_span_us;
+  const CurveWeights w =
+      catmull_rom_weights(has_before ? std::optional(from_us - before.age_us) : std::nullopt, from_us,
+                          record.capture_us, next != nullptr ? std::optional(next->capture_us) : std::nullopt, t_us);
+  std::vector<const Key*> keys{&before.newer, &after.newer};
+  std::vector<double> weights{w.from, w.to};
+  const auto add = [&](const Key& key, double weight) {
+    keys.push_back(&key);
+    weights.push_back(weight);
+  };
+  if (has_before) add(before.older, w.before);
+  if (next != nullptr) add(next->after->newer, w.after);
+  return blend_keys(source_.layout, keys, weights, 1);
+}
+
 FramePtr Feed::join() {
   if (join_ || !stands_at_) return join_;
   const ChainState& state = *stands_at_->after;
   const std::uint8_t bands = state.newer.bands;
-  auto payload = encode_join(layout_, state);
-  if (payload && (bands & mask_) != bands) payload = cut_bands(layout_, true, bands, mask_, *payload);
+  auto payload = encode_join(source_.layout, state);
+  if (payload && (bands & mask_) != bands) payload = cut_bands(source_.layout, true, bands, mask_, *payload);
   if (!payload) {
     ++failed_poses_;
     return nullptr;
@@ -170,8 +243,8 @@ FramePtr Feed::join() {
 Envelope Feed::envelope(FrameKind kind, const KeyRecord& record) const {
   Envelope head;
   head.kind = kind;
-  head.stream_id = stream_id_;
-  head.epoch = epoch_;
+  head.stream_id = source_.stream_id;
+  head.epoch = source_.epoch;
   head.sequence = record.sequence;
   head.capture_us = record.capture_us;
   return head;

@@ -10,7 +10,9 @@
 
 #include "broker/relay/frame.h"
 #include "common/codec/chain.h"
+#include "common/codec/schemes.h"
 #include "common/core/result.h"
+#include "common/motion/forecaster.h"
 #include "common/motion/pacer.h"
 #include "common/wire/control.h"
 
@@ -34,17 +36,28 @@ using KeyRecordPtr = std::shared_ptr<const KeyRecord>;
 
 /// Decides which frames the subscribers of one profile of one epoch get, and when, and makes each exactly once.
 ///
-///   raw      key s as it comes
-///   full     synthetic (s, 1/k) ... (s, (k-1)/k), key s, evenly paced
-///   compact  key s marked kAhead as soon as the steps before it have left, then step (s, 1/k) ... (s, k/k), paced
+///   raw        key s as it comes
+///   full       synthetic (s, 1/k) ... (s, (k-1)/k), key s, evenly paced
+///   compact    key s marked kAhead as soon as the steps before it have left, then step (s, 1/k) ... (s, k/k), paced
+///   estimated  key s as it comes, then estimate (s, 1/k), (s, 2/k) ... paced, until key s+1 comes or max_ahead_us is over
 ///
+/// Interpolated poses lie on the profile's curve. Catmull-Rom takes key s+1 where it came before the first pose of the
+/// interval was due, and does without it for the whole interval where not; Hermite takes the velocities of the format.
 /// Time comes in as an argument; no sockets. Not thread-safe.
 class Feed {
  public:
-  /// profile      with bands no more than the layout has
-  /// max_span_us  keys further apart are not bridged
-  Feed(const Profile& profile, const CoefficientLayout& layout, std::uint32_t stream_id, std::uint32_t epoch,
-       TimeUs max_span_us);
+  /// What of a stream concerns all its feeds.
+  struct Source {
+    CoefficientLayout layout;
+    VelocityChannels velocities;
+    std::uint32_t stream_id = 0;
+    std::uint32_t epoch = 0;
+    TimeUs max_span_us = 500'000;   ///< Keys further apart are not bridged.
+    TimeUs max_ahead_us = 200'000;  ///< Estimates end so long after the newest key.
+  };
+
+  /// profile  with bands no more than the layout has, and Hermite only where there are velocities
+  Feed(const Profile& profile, const Source& source);
 
   /// Begins at a key that came before this feed existed: join() gives it at once, what follows is bridged from it.
   /// REQUIRES: nothing was added yet.
@@ -73,19 +86,31 @@ class Feed {
   void pump_compact(const Pacer::Due& due, bool overtaken, std::vector<FramePtr>& out);
   void emit_key(KeyRecordPtr record, std::uint8_t flags, std::vector<FramePtr>& out);
   void emit_coming_ahead(std::vector<FramePtr>& out);
+  void pump_estimates(TimeUs now_us, std::vector<FramePtr>& out);
   void emit_synthetic(const KeyRecord& record, const Pacer::Due& due, std::vector<FramePtr>& out);
+  void emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out);
+  /// A pose that is no reference, coded against `state` more coarsely than a key of `key_spacing`, and cut to the profile's bands.
+  void emit_made(Envelope head, std::uint8_t key_spacing, const ChainState& state, const Result<Key>& pose,
+                 std::vector<FramePtr>& out);
+  Result<Key> pose_between(const KeyRecord& record, const Pacer::Due& due);
+  Result<Key> pose_on_curve(const KeyRecord& record, const KeyRecord* next, TimeUs t_us) const;
   Envelope envelope(FrameKind kind, const KeyRecord& record) const;
   void stand_at(KeyRecordPtr record);
 
   Profile profile_;
-  CoefficientLayout layout_;
-  std::uint32_t stream_id_;
-  std::uint32_t epoch_;
+  Source source_;
   std::uint8_t mask_;
-  Pacer pacer_;
+  Pacer pacer_;                      ///< Of interpolated poses.
+  Forecaster forecaster_;            ///< Of estimated ones.
   std::deque<KeyRecordPtr> coming_;  ///< Keys that came and have not left; bounded.
   KeyRecordPtr stands_at_;           ///< The last key that left.
-  bool steps_pending_ = false;       ///< Compact: steps up to stands_at_ are still to leave.
+  /// Catmull-Rom: whether the interval that leads up to key `sequence` is drawn with the key after it.
+  struct Curve {
+    std::uint64_t sequence = 0;
+    bool with_next = false;
+  };
+  std::optional<Curve> curve_;
+  bool steps_pending_ = false;  ///< Compact: steps up to stands_at_ are still to leave.
   FramePtr join_;
   std::uint64_t failed_poses_ = 0;
 };

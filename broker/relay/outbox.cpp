@@ -21,6 +21,7 @@ bool decodable(const Envelope& envelope, std::optional<std::uint64_t> newest) {
     case FrameKind::kSynthetic:
       return newest && *newest + 1 == envelope.sequence;
     case FrameKind::kStep:
+    case FrameKind::kEstimate:
       return newest && *newest == envelope.sequence;
   }
   return false;
@@ -39,6 +40,7 @@ bool is_overtaken(const Envelope& envelope, std::optional<std::uint64_t> newest)
     case FrameKind::kSynthetic:
       return newest && envelope.sequence <= *newest;
     case FrameKind::kStep:
+    case FrameKind::kEstimate:
       return newest && envelope.sequence < *newest;
   }
   return false;

@@ -19,6 +19,7 @@ Profile canonical(Profile profile) {
   if (profile.rate == Profile::Rate::kRaw) {
     profile.k = Profile{}.k;
     profile.form = Profile{}.form;
+    profile.scheme = Profile{}.scheme;
   }
   return profile;
 }
@@ -144,6 +145,7 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
 }
 
 Result<void> Stream::watch(Watcher& watcher, const Profile& wanted) {
+  if (const auto checked = check_profile(wanted); !checked) return checked;
   const Profile profile = canonical(wanted);
   const auto before = profiles_.find(&watcher);
   const bool known = before != profiles_.end();
@@ -247,6 +249,8 @@ Profile Stream::effective(const Profile& wanted) const {
   if (epoch_ != 0) {
     const auto bands = static_cast<std::uint8_t>(layout_.band_ends.size());
     profile.bands = std::clamp<std::uint8_t>(profile.bands, 1, bands);
+    if (profile.scheme == Profile::Scheme::kHermite && announced_.format.velocity_channels == 0)
+      profile.scheme = Profile::Scheme::kLinear;  // `stream` says so to the viewer.
   }
   return profile;
 }
@@ -266,7 +270,9 @@ void Stream::join_group(Watcher& watcher, const Profile& wanted) {
   const Profile profile = effective(wanted);
   auto& group = groups_[profile];
   if (!group) {
-    group = std::make_unique<Group>(profile, layout_, id_, epoch_, settings_.max_span_us);
+    const VelocityChannels velocities{announced_.format.velocity_channels, announced_.format.velocity_us};
+    group = std::make_unique<Group>(
+        profile, Feed::Source{layout_, velocities, id_, epoch_, settings_.max_span_us, settings_.max_ahead_us});
     if (newest_) group->feed.begin_at(newest_);
   }
   group->watchers.push_back(&watcher);

@@ -46,6 +46,7 @@ class Stream {
     std::uint32_t max_watchers = 10'000;  ///< More are refused (default: 10,000).
     std::size_t max_profiles = 64;        ///< Different profiles watched at a time; more are refused (default: 64).
     std::vector<StreamTap*> taps{};       ///< Each outlives the stream (default: none).
+    TimeUs max_ahead_us = 200'000;        ///< Estimates end so long after the newest key (default: 200 ms).
   };
 
   Stream(std::string name, std::uint32_t id, const Settings& settings);
@@ -106,9 +107,7 @@ class Stream {
 
  private:
   struct Group {
-    Group(const Profile& profile, const CoefficientLayout& layout, std::uint32_t id, std::uint32_t epoch,
-          TimeUs max_span_us)
-        : feed(profile, layout, id, epoch, max_span_us) {}
+    Group(const Profile& profile, const Feed::Source& source) : feed(profile, source) {}
     Feed feed;
     std::vector<Watcher*> watchers;
     std::vector<FramePtr> traced;  ///< Frames whose traces are still to be told.

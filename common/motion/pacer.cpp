@@ -20,8 +20,9 @@ TimeUs bounded(TimeUs time_us) {
 
 }  // namespace
 
-Pacer::Pacer(std::uint8_t k, TimeUs max_span_us) : k_(k), max_span_us_(max_span_us), last_due_us_(kNever) {
-  assert(k >= 1 && k <= 15);
+Pacer::Pacer(std::uint8_t k, TimeUs max_span_us, int further_keys)
+    : k_(k), max_span_us_(max_span_us), further_keys_(further_keys), last_due_us_(kNever) {
+  assert(k >= 1 && k <= 15 && (further_keys == 0 || further_keys == 1));
   assert(max_span_us > 0);
 }
 
@@ -49,7 +50,7 @@ void Pacer::add_key(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us
   capture_us = bounded(capture_us);
   arrival_us = bounded(arrival_us);
   // So far off is no wait but a clock that jumped ahead: nothing would leave until the jump is over.
-  const bool too_far_off = delay_us_ && capture_us + *delay_us_ - arrival_us > max_span_us_;
+  const bool too_far_off = delay_us_ && capture_us + *delay_us_ - arrival_us > max_span_us_ * (1 + further_keys_);
   const bool in_order = last_ && sequence > last_->sequence && capture_us > last_->capture_us;
   const bool bridged = in_order && sequence == last_->sequence + 1 && capture_us - last_->capture_us <= max_span_us_;
   if (!in_order || (!bridged && too_far_off)) {
@@ -62,10 +63,15 @@ void Pacer::add_key(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us
   }
   last_ = LastKey{sequence, capture_us, arrival_us};
 
-  // Two key intervals may wait: this one and the one before it.
-  std::uint64_t before = sequence;
-  for (auto due = queue_.rbegin(); due != queue_.rend() && before == sequence; ++due) before = due->sequence;
-  while (!queue_.empty() && queue_.front().sequence != sequence && queue_.front().sequence != before) {
+  // So many key intervals may wait: this one, the one before it, and those of the further keys.
+  int intervals = 1;
+  std::uint64_t oldest = sequence;
+  for (auto due = queue_.rbegin(); due != queue_.rend(); ++due) {
+    if (due->sequence == oldest) continue;
+    if (++intervals > 2 + further_keys_) break;
+    oldest = due->sequence;
+  }
+  while (!queue_.empty() && queue_.front().sequence != sequence && queue_.front().sequence < oldest) {
     queue_.pop_front();
     ++dropped_;
   }
@@ -75,7 +81,7 @@ void Pacer::bridge(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us)
   const TimeUs span_us = capture_us - last_->capture_us;
   const auto media_us = [&](int at) { return last_->capture_us + span_us * at / k_; };
   const TimeUs before_us = delay_us_.value_or(kNever);
-  delay_us_ = delay_from({arrival_us, arrival_us - media_us(1), span_us});
+  delay_us_ = delay_from({arrival_us, arrival_us + further_keys_ * span_us - media_us(1), span_us});
 
   // A smaller delay is reached by and by, so that the poses of this interval stay evenly apart; a larger one at once.
   const TimeUs start_us = std::max(before_us, *delay_us_);

@@ -10,9 +10,9 @@
 namespace eigencast {
 
 /// Decides when the poses between keys leave the broker, so that k poses per key interval come evenly in time although
-/// keys come with jitter. Interpolation between key s-1 and key s can begin only when key s is there: a pose of media
-/// time m leaves at m + delay, where delay follows (arrival - capture) of the keys plus the part of a key interval that
-/// a pose waits.
+/// keys come with jitter. Interpolation between key s-1 and key s can begin only when key s is there (and, for curves
+/// that look one key further, key s+1): a pose of media time m leaves at m + delay, where delay follows
+/// (arrival - capture) of the keys plus the part of a key interval, or of two, that a pose waits.
 ///
 /// What happens when keys are not even:
 ///   jitter      the delay is the largest that a key of the last kWindowUs needed, so that most keys come before they
@@ -21,7 +21,7 @@ namespace eigencast {
 ///   late key    up to one key interval of lateness the schedule moves back as a whole. Beyond that the poses that are
 ///               already over are not made: the key itself always is. Three such keys in a row that are no burst:
 ///               restart.
-///   burst       at most two key intervals wait; the oldest is dropped.
+///   burst       at most two key intervals wait (three where one more key is waited for); the oldest is dropped.
 ///   pause, gap  a key more than max_span_us after the key before it, or whose number does not follow it, is not
 ///               bridged: only the key itself becomes due.
 ///   restart     a key whose sequence or capture time does not grow, or one that is not bridged and would wait longer
@@ -47,13 +47,15 @@ class Pacer {
   /// k  poses per key interval, 1..15.
   /// max_span_us  keys further apart than this are not bridged: only the later key itself becomes due (default:
   ///              500 ms).
-  explicit Pacer(std::uint8_t k, TimeUs max_span_us = 500'000);
+  /// further_keys  keys after key s that its interval waits for: 0 or 1. They are waited for as long as keys lately
+  ///              needed, not longer: a pose is due whether its further key is there or not.
+  explicit Pacer(std::uint8_t k, TimeUs max_span_us = 500'000, int further_keys = 0);
 
   /// A key came. Keys out of order (sequence or capture time not growing) restart the schedule at this key.
   void add_key(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us);
 
   /// The next pose if it is due at `now`; call until it returns nothing. Poses that a full newer interval has overtaken
-  /// are dropped: the queue never holds more than two key intervals.
+  /// are dropped: the queue never holds more than two key intervals and the further keys'.
   std::optional<Due> pop_due(TimeUs now_us);
 
   /// When pop_due will next have something; nothing if the queue is empty.
@@ -74,7 +76,7 @@ class Pacer {
   /// What one bridged key needed.
   struct Sample {
     TimeUs arrival_us;
-    TimeUs need_us;  ///< Arrival minus the media time of the first pose that waited for it.
+    TimeUs need_us;  ///< Arrival, plus the further keys waited for, minus the media time of the first pose that waits.
     TimeUs span_us;  ///< Capture time since the key before.
   };
 
@@ -85,6 +87,7 @@ class Pacer {
 
   std::uint8_t k_;
   TimeUs max_span_us_;
+  int further_keys_;
   std::optional<LastKey> last_;
   std::optional<TimeUs> delay_us_;
   std::deque<Sample> samples_;  ///< Of the last kWindowUs, at most kMaxSamples.

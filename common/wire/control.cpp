@@ -24,15 +24,21 @@ template <typename... Ts>
 Overloaded(Ts...) -> Overloaded<Ts...>;
 
 Written json_from(const StreamFormat& format) {
-  return {
+  Written json{
       {"rows", format.rows}, {"channels", format.channels}, {"band_ends", format.band_ends}, {"codec", format.codec}};
+  if (format.velocity_channels != 0) {
+    json["velocity_channels"] = format.velocity_channels;
+    json["velocity_us"] = format.velocity_us;
+  }
+  return json;
 }
 
 Written json_from(const Profile& profile) {
-  Written json{{"rate", profile.rate == Profile::Rate::kRaw ? "raw" : "interpolated"}};
-  if (profile.rate == Profile::Rate::kInterpolated) {
+  Written json{{"rate", name_of(profile.rate)}};
+  if (profile.rate != Profile::Rate::kRaw) {
     json["k"] = profile.k;
     json["form"] = profile.form == Profile::Form::kFull ? "full" : "compact";
+    if (profile.scheme != default_scheme(profile.rate)) json["scheme"] = name_of(profile.scheme);
   }
   json["bands"] = profile.bands;
   return json;
@@ -293,6 +299,8 @@ StreamFormat format_from(Fields fields, Fields& parent) {
       format.band_ends.push_back(fields.integer_from<std::uint32_t>(end, "band_ends", 1, limits::kMaxRows));
     }
   }
+  if (fields.has("velocity_channels")) format.velocity_channels = fields.u32("velocity_channels");
+  if (fields.has("velocity_us")) format.velocity_us = fields.u32("velocity_us");
   if (const auto checked = check_format(format); !checked)
     parent.wrong("format", "is not allowed: " + checked.error().message);
   return format;
@@ -301,8 +309,11 @@ StreamFormat format_from(Fields fields, Fields& parent) {
 Profile profile_from(Fields fields) {
   Profile profile;
   if (fields.has("rate"))
-    profile.rate =
-        fields.word("rate", {"raw", "interpolated"}) == 0 ? Profile::Rate::kRaw : Profile::Rate::kInterpolated;
+    profile.rate = static_cast<Profile::Rate>(fields.word("rate", {"raw", "interpolated", "estimated"}));
+  profile.scheme = default_scheme(profile.rate);
+  if (fields.has("scheme"))
+    profile.scheme =
+        static_cast<Profile::Scheme>(fields.word("scheme", {"linear", "catmull-rom", "hermite", "damped"}));
   if (fields.has("k")) profile.k = fields.integer<std::uint8_t>("k", 2, limits::kMaxInterpolation);
   if (fields.has("form"))
     profile.form = fields.word("form", {"full", "compact"}) == 0 ? Profile::Form::kFull : Profile::Form::kCompact;

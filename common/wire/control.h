@@ -16,12 +16,15 @@ namespace eigencast {
 
 /// What a subscriber wants of a stream: its profile.
 struct Profile {
-  enum class Rate : std::uint8_t { kRaw, kInterpolated };
+  enum class Rate : std::uint8_t { kRaw, kInterpolated, kEstimated };
   enum class Form : std::uint8_t { kFull, kCompact };
+  /// How poses are made: linear, Catmull-Rom or Hermite where interpolated; linear (Eq. 9) or damped where estimated.
+  enum class Scheme : std::uint8_t { kLinear, kCatmullRom, kHermite, kDamped };
   Rate rate = Rate::kInterpolated;
-  std::uint8_t k = 3;       ///< Poses per key interval when interpolated: 2..15 (default: 3).
+  std::uint8_t k = 3;       ///< Poses per key interval unless raw: 2..15 (default: 3).
   Form form = Form::kFull;  ///< Who does the arithmetic: the broker (full, default) or the receiver (compact).
   std::uint8_t bands = 8;   ///< How many bands from the lowest; more than the stream has means all (default: all).
+  Scheme scheme = Scheme::kLinear;  ///< The default of a query or message is damped where estimated.
   auto operator<=>(const Profile&) const = default;
 };
 
@@ -31,6 +34,9 @@ struct StreamFormat {
   std::uint32_t channels = 3;            ///< c, 1..limits::kMaxChannels; the first three are x, y, z
   std::vector<std::uint32_t> band_ends;  ///< Ascending, last == rows, at most limits::kMaxBands.
   std::string codec = "quantised";       ///< "quantised", "float32" or "float64".
+  std::uint32_t velocity_channels = 0;   ///< The last so many channels are velocities of the first; 0 or 2 x this <= c.
+  std::uint32_t velocity_us =
+      1'000'000;  ///< They hold the movement per so many microseconds; 1..limits::kMaxVelocityUs.
   bool operator==(const StreamFormat&) const = default;
 };
 
@@ -196,7 +202,16 @@ Result<ControlMessage> control_from_text(std::string_view text);
 /// Checks a stream's name: segments of [A-Za-z0-9._-] joined by '/', at most 128 bytes, no segment "." or "..".
 Result<void> check_stream_name(std::string_view name);
 
-/// Checks rows, channels, bands and codec against limits.h. Errors: kInvalidArgument naming the field and what it may
+/// Whether rate, form and scheme go together. Errors: kInvalidArgument saying what is missing and what to ask for.
+Result<void> check_profile(const Profile& profile);
+
+/// "raw", "linear", "catmull-rom", ...: the words of queries and messages.
+std::string_view name_of(Profile::Rate rate);
+std::string_view name_of(Profile::Scheme scheme);
+/// What a query or message without a scheme means.
+Profile::Scheme default_scheme(Profile::Rate rate);
+
+/// Checks rows, channels, bands, codec and velocities against limits.h. Errors: kInvalidArgument naming the field and what it may
 /// be.
 Result<void> check_format(const StreamFormat& format);
 

@@ -26,12 +26,15 @@ Result<void> check(const Envelope& envelope, std::size_t payload_bytes) {
   if ((envelope.flags & ~known_flags) != 0) return corrupt("reserved flags are set: " + std::to_string(envelope.flags));
 
   const auto [at, of] = envelope.step;
-  const bool step_ok = is_key_or_join(envelope.kind) ? at == 0 && of == 0 : at >= 1 && at <= of;
+  const bool beyond = envelope.kind == FrameKind::kEstimate;
+  const bool step_ok = is_key_or_join(envelope.kind) ? at == 0 && of == 0 : at >= 1 && of >= 1 && (at <= of || beyond);
   if (!step_ok)
     return corrupt("interpolation step " + std::to_string(at) + "/" + std::to_string(of) + " does not suit its kind");
 
   if (envelope.kind == FrameKind::kStep) {
     if (envelope.bands != 0 || payload_bytes != 0) return corrupt("a step carries bands or a payload");
+  } else if (beyond) {
+    if ((envelope.bands == 0) != (payload_bytes == 0)) return corrupt("it carries bands or a payload, but not both");
   } else if (envelope.bands == 0 || payload_bytes == 0) {
     return corrupt("it carries no bands or no payload");
   }
@@ -43,7 +46,7 @@ Result<void> check(const Envelope& envelope, std::size_t payload_bytes) {
 }  // namespace
 
 void append_envelope(const Envelope& envelope, Bytes& out) {
-  assert(check(envelope, envelope.kind == FrameKind::kStep ? 0 : 1));
+  assert(check(envelope, envelope.bands == 0 ? 0 : 1));
   assert(envelope.step.of <= limits::kMaxInterpolation);
   ByteWriter writer(out);
   writer.u8(static_cast<std::uint8_t>(envelope.kind));
@@ -69,7 +72,7 @@ Result<FrameView> parse_frame(ByteView message) {
   FrameView frame;
   Envelope& envelope = frame.envelope;
   const std::uint8_t kind = reader.u8();
-  if (kind < 1 || kind > 4) return corrupt("unknown kind " + std::to_string(kind));
+  if (kind < 1 || kind > 5) return corrupt("unknown kind " + std::to_string(kind));
   envelope.kind = static_cast<FrameKind>(kind);
   envelope.flags = reader.u8();
   envelope.bands = reader.u8();

@@ -15,12 +15,16 @@ enum class FrameKind : std::uint8_t {
   kJoin = 2,  ///< Both keys of the chain's state; needs nothing before it. Its sequence and time are the newer key's.
   kSynthetic = 3,  ///< An interpolated pose in full, predicted from the two latest keys; never a reference.
   kStep = 4,       ///< Compact interpolation: no payload; the pose at `step` between key sequence-1 and key sequence.
+  /// A pose beyond key `sequence`, step.at / step.of key intervals ahead: in full, predicted from the two latest keys, or
+  /// with no bands and no payload, for the receiver to make. Never a reference.
+  kEstimate = 5,
 };
 
 /// Where a pose stands between two keys: `at` of `of` equal steps from key sequence-1 to key sequence.
-/// {0, 0} on keys and joins, which are not interpolated. One byte on the wire: at in the high four bits, of in the low.
+/// {0, 0} on keys and joins, which are not interpolated; on estimates the way goes on from key sequence, and `at` may
+/// exceed `of`. One byte on the wire: at in the high four bits, of in the low.
 struct InterpolationStep {
-  std::uint8_t at = 0;  ///< 1..of
+  std::uint8_t at = 0;  ///< 1..of; 1..15 on estimates
   std::uint8_t of = 0;  ///< 0 (no interpolation) or 1..15
   std::uint8_t byte() const { return static_cast<std::uint8_t>(at << 4 | (of & 15)); }
   bool operator==(const InterpolationStep&) const = default;
@@ -37,8 +41,8 @@ struct Envelope {
 
   FrameKind kind = FrameKind::kKey;
   std::uint8_t flags = 0;       ///< kAhead; the other bits are reserved: written 0, rejected otherwise.
-  std::uint8_t bands = 0;       ///< Bit b set: band b is in the payload. 0 only on kStep.
-  InterpolationStep step;       ///< Set on kSynthetic and kStep.
+  std::uint8_t bands = 0;       ///< Bit b set: band b is in the payload. 0 on kStep, may be 0 on kEstimate.
+  InterpolationStep step;       ///< Set unless kKey or kJoin.
   std::uint32_t stream_id = 0;  ///< Given by the broker.
   std::uint32_t epoch = 0;      ///< Given by the broker; names the asset.
   std::uint64_t sequence =

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <optional>
 
@@ -35,7 +36,16 @@ struct QueryParts {
   std::optional<std::uint8_t> k;
   std::optional<Profile::Form> form;
   std::optional<std::uint8_t> bands;
+  std::optional<Profile::Scheme> scheme;
 };
+
+std::optional<Profile::Scheme> scheme_from_name(std::string_view name) {
+  for (const auto scheme :
+       {Profile::Scheme::kLinear, Profile::Scheme::kCatmullRom, Profile::Scheme::kHermite, Profile::Scheme::kDamped}) {
+    if (name == name_of(scheme)) return scheme;
+  }
+  return std::nullopt;
+}
 
 Result<void> read_parameter(std::string_view name, std::string_view value, QueryParts& parts) {
   if (name == "rate") {
@@ -43,11 +53,13 @@ Result<void> read_parameter(std::string_view name, std::string_view value, Query
       parts.rate = Profile::Rate::kRaw;
     } else if (value == "interpolated") {
       parts.rate = Profile::Rate::kInterpolated;
+    } else if (value == "estimated") {
+      parts.rate = Profile::Rate::kEstimated;
     } else if (const auto k = number_from_text(value, 1, limits::kMaxInterpolation)) {
       parts.rate = *k == 1 ? Profile::Rate::kRaw : Profile::Rate::kInterpolated;
       if (*k > 1) parts.k = k;
     } else {
-      return bad_parameter(name, value, "raw, interpolated, 1 to 15");
+      return bad_parameter(name, value, "raw, interpolated, estimated, 1 to 15");
     }
   } else if (name == "k") {
     parts.k = number_from_text(value, 2, limits::kMaxInterpolation);
@@ -55,16 +67,56 @@ Result<void> read_parameter(std::string_view name, std::string_view value, Query
   } else if (name == "form") {
     if (value != "full" && value != "compact") return bad_parameter(name, value, "full, compact");
     parts.form = value == "full" ? Profile::Form::kFull : Profile::Form::kCompact;
+  } else if (name == "scheme") {
+    parts.scheme = scheme_from_name(value);
+    if (!parts.scheme) return bad_parameter(name, value, "linear, catmull-rom, hermite, damped");
   } else if (name == "bands") {
     parts.bands = number_from_text(value, 1, limits::kMaxBands);
     if (!parts.bands) return bad_parameter(name, value, "1 to 8");
   } else {
-    return invalid("profile: unknown parameter '" + std::string(name.substr(0, 32)) + "'; known: rate, k, form, bands");
+    return invalid("profile: unknown parameter '" + std::string(name.substr(0, 32)) +
+                   "'; known: rate, k, form, scheme, bands");
   }
   return {};
 }
 
 }  // namespace
+
+std::string_view name_of(Profile::Rate rate) {
+  constexpr std::array<std::string_view, 3> kNames{"raw", "interpolated", "estimated"};
+  return kNames[static_cast<std::size_t>(rate)];
+}
+
+std::string_view name_of(Profile::Scheme scheme) {
+  constexpr std::array<std::string_view, 4> kNames{"linear", "catmull-rom", "hermite", "damped"};
+  return kNames[static_cast<std::size_t>(scheme)];
+}
+
+Profile::Scheme default_scheme(Profile::Rate rate) {
+  return rate == Profile::Rate::kEstimated ? Profile::Scheme::kDamped : Profile::Scheme::kLinear;
+}
+
+Result<void> check_profile(const Profile& profile) {
+  using Rate = Profile::Rate;
+  using Scheme = Profile::Scheme;
+  const bool between = profile.scheme == Scheme::kCatmullRom || profile.scheme == Scheme::kHermite;
+  if (profile.rate == Rate::kEstimated && between) {
+    return invalid(
+        "profile: scheme=" + std::string(name_of(profile.scheme)) +
+        " passes between keys and cannot estimate beyond them; with rate=estimated ask for damped or linear");
+  }
+  if (profile.rate == Rate::kInterpolated && profile.scheme == Scheme::kDamped) {
+    return invalid(
+        "profile: scheme=damped estimates beyond the keys; with rate=interpolated ask for linear, "
+        "catmull-rom or hermite");
+  }
+  if (profile.scheme == Scheme::kCatmullRom && profile.form == Profile::Form::kCompact) {
+    return invalid(
+        "profile: catmull-rom needs four keys and a receiver keeps two, so that it has no compact form; ask "
+        "for form=full, or for scheme=hermite where the stream has velocities");
+  }
+  return {};
+}
 
 Result<void> check_stream_name(std::string_view name) {
   const auto refuse = [&](std::string_view why) {
@@ -110,6 +162,10 @@ Result<void> check_format(const StreamFormat& format) {
   if (format.codec != "quantised" && format.codec != "float32" && format.codec != "float64") {
     return invalid("format.codec is '" + format.codec.substr(0, 32) + "'; allowed: quantised, float32, float64");
   }
+  if (2 * std::uint64_t{format.velocity_channels} > format.channels)
+    return refuse("velocity_channels", format.velocity_channels, "0 to half of format.channels");
+  if (format.velocity_us < 1 || format.velocity_us > limits::kMaxVelocityUs)
+    return refuse("velocity_us", format.velocity_us, "1 to 10000000");
   return {};
 }
 
@@ -126,20 +182,23 @@ Result<Profile> profile_from_query(std::string_view query) {
   }
   Profile profile;
   profile.rate = parts.rate.value_or(Profile::Rate::kInterpolated);
-  if (profile.rate == Profile::Rate::kRaw && (parts.k || parts.form)) {
-    return invalid("profile: k and form say how to interpolate, but rate=raw asks for the keys alone");
+  if (profile.rate == Profile::Rate::kRaw && (parts.k || parts.form || parts.scheme)) {
+    return invalid("profile: k, form and scheme say how poses are made, but rate=raw asks for the keys alone");
   }
   profile.k = parts.k.value_or(profile.k);
   profile.form = parts.form.value_or(profile.form);
   profile.bands = parts.bands.value_or(profile.bands);
+  profile.scheme = parts.scheme.value_or(default_scheme(profile.rate));
+  if (const auto checked = check_profile(profile); !checked) return checked.error();
   return profile;
 }
 
 std::string query_from_profile(const Profile& profile) {
-  std::string query = "rate=raw";
-  if (profile.rate == Profile::Rate::kInterpolated) {
-    query = "rate=interpolated&k=" + std::to_string(profile.k);
+  std::string query = "rate=" + std::string(name_of(profile.rate));
+  if (profile.rate != Profile::Rate::kRaw) {
+    query += "&k=" + std::to_string(profile.k);
     query += profile.form == Profile::Form::kCompact ? "&form=compact" : "&form=full";
+    if (profile.scheme != default_scheme(profile.rate)) query += "&scheme=" + std::string(name_of(profile.scheme));
   }
   return query + "&bands=" + std::to_string(profile.bands);
 }

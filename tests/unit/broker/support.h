@@ -6,6 +6,7 @@
 
 #include "broker/relay/stream.h"
 #include "common/codec/chain.h"
+#include "common/codec/schemes.h"
 #include "common/wire/envelope.h"
 
 namespace eigencast::broker::testing {
@@ -104,18 +105,22 @@ class FakeReceiver : public Watcher {
       if (!state) return void(++undecodable);
       state_ = *state;
       newest_ = head.sequence;
+      newest_us_ = head.capture_us;
       show(head, state_->newer);
-    } else if (head.kind == FrameKind::kStep) {
+    } else if (head.kind == FrameKind::kStep || head.kind == FrameKind::kEstimate) {
       if (!state_ || head.sequence != newest_) return void(++undecodable);
-      show(head, interpolate_keys(layout, state_->older, state_->newer, head.step.at, head.step.of).value());
+      const auto key = head.bands == 0 ? made(head) : decode_key(layout, head.bands, *state_, view->payload);
+      if (!key) return void(++undecodable);
+      show(head, *key);
     } else {
       if (!state_ || head.sequence != newest_ + 1) return void(++undecodable);
       auto key = decode_key(layout, head.bands, *state_, view->payload);
       if (!key) return void(++undecodable);
       show(head, *key);
       if (head.kind == FrameKind::kSynthetic) return;
-      state_ = advanced(state_, *key, 1);
+      state_ = advanced(state_, *key, head.capture_us - newest_us_);
       newest_ = head.sequence;
+      newest_us_ = head.capture_us;
     }
   }
 
@@ -129,8 +134,21 @@ class FakeReceiver : public Watcher {
   void show(const Envelope& head, const Key& key) {
     if ((head.flags & Envelope::kAhead) == 0) poses.push_back({head, key});
   }
+  /// A pose that came without a payload, by the rules of the profile.
+  Result<Key> made(const Envelope& head) const {
+    const auto [at, of] = head.step;
+    const auto& [older, newer, age_us] = *state_;
+    const Profile::Scheme scheme = infos.back().profile.scheme;
+    const StreamFormat& format = infos.back().format;
+    if (head.kind == FrameKind::kEstimate)
+      return estimate_keys(small_layout(), older, newer, scheme == Profile::Scheme::kDamped, at, of);
+    if (scheme != Profile::Scheme::kHermite) return interpolate_keys(small_layout(), older, newer, at, of);
+    return hermite_keys(small_layout(), {format.velocity_channels, format.velocity_us}, older, newer, age_us, at, of);
+  }
+
   std::optional<ChainState> state_;
   std::uint64_t newest_ = 0;
+  TimeUs newest_us_ = 0;
 };
 
 }  // namespace eigencast::broker::testing

@@ -183,12 +183,28 @@ TEST(Options, DefaultsAndTheQueryDecideUnlessAsked) {
   EXPECT_EQ(options.width, 640);
   EXPECT_EQ(options.height, 480);
   EXPECT_EQ(options.scene.playout, PlayoutMode::kEstimate);
+  const auto estimated = std::get<ClientOptions>(parsed({"--rate", "estimated"}));
+  EXPECT_EQ(estimated.profile->scheme, Profile::Scheme::kDamped) << "the default of its rate";
+  const auto linear = std::get<ClientOptions>(parsed({"--rate", "estimated", "--scheme", "linear", "--k", "5"}));
+  EXPECT_EQ(linear.profile->scheme, Profile::Scheme::kLinear);
 }
 
 TEST(Options, WrongUsageExitsWithTwo) {
-  const std::vector<std::vector<const char*>> wrong{
-      {"--size", "7"}, {"--size", "0x90"}, {"--lod", "2"}, {"--rate", "fast"}, {"--k", "99"},
-      {"--nonsense"},  {"ftp://x/y"},      {"--out", "x"}, {"--playout", "x"}, {"ws://h/a?rate=x"}};
+  const std::vector<std::vector<const char*>> wrong{{"--size", "7"},
+                                                    {"--size", "0x90"},
+                                                    {"--lod", "2"},
+                                                    {"--rate", "fast"},
+                                                    {"--k", "99"},
+                                                    {"--k", "3", "--rate", "raw"},
+                                                    {"--rate", "raw", "--scheme", "linear"},
+                                                    {"ws://h/a?rate=raw", "--form", "full"},
+                                                    {"--scheme", "catmull-rom", "--form", "compact"},
+                                                    {"--rate", "estimated", "--scheme", "hermite"},
+                                                    {"--nonsense"},
+                                                    {"ftp://x/y"},
+                                                    {"--out", "x"},
+                                                    {"--playout", "x"},
+                                                    {"ws://h/a?rate=x"}};
   for (const auto& arguments : wrong) {
     const auto result = parsed(arguments);
     ASSERT_TRUE(std::holds_alternative<ExitNow>(result)) << arguments[0];

@@ -10,6 +10,7 @@
 #include <sstream>
 
 #include "common/codec/chain.h"
+#include "common/codec/schemes.h"
 #include "common/wire/envelope.h"
 
 namespace eigencast {
@@ -46,10 +47,10 @@ std::string hex_of(const Bytes& bytes) {
 /// Writes a stream frame by frame as a sender or broker would, and reads each as a receiver would.
 class Stream {
  public:
-  explicit Stream(CoefficientLayout layout) : layout_(std::move(layout)) {
+  explicit Stream(CoefficientLayout layout, const std::string& more = {}) : layout_(std::move(layout)) {
     frames_ = "format {\"rows\":" + std::to_string(layout_.rows) + ",\"channels\":" + std::to_string(layout_.channels) +
               ",\"band_ends\":" + json_array(layout_.band_ends) + ",\"codec\":\"" +
-              std::string(name_of(layout_.codec)) + "\"}\n";
+              std::string(name_of(layout_.codec)) + "\"" + more + "}\n";
   }
 
   /// Integers that fall off with the row and move unevenly, from no floating-point function.
@@ -117,6 +118,21 @@ class Stream {
           ",\"pose\":" + json_of(layout_, pose));
   }
 
+  void hermite_step(const VelocityChannels& velocities, std::uint8_t at, std::uint8_t of) {
+    const auto& [older, newer, age_us] = *receiver_;
+    const Key pose = hermite_keys(layout_, velocities, older, newer, age_us, at, of).value();
+    ASSERT_NE(pose, interpolate_keys(layout_, older, newer, at, of).value());
+    write({FrameKind::kStep, 0, 0, {at, of}, 7, 3, sequence_, capture(at, of)}, {},
+          ",\"pose\":" + json_of(layout_, pose));
+  }
+  void estimate(bool damped, bool in_full, std::uint8_t at, std::uint8_t of) {
+    const Key pose = estimate_keys(layout_, receiver_->older, receiver_->newer, damped, at, of).value();
+    const Bytes payload = in_full ? encode_key(layout_, *sender_, pose, 0).value().payload : Bytes();
+    const auto bands = in_full ? pose.bands : std::uint8_t{0};
+    write({FrameKind::kEstimate, 0, bands, {at, of}, 7, 3, sequence_, capture(of + at, of)}, payload,
+          ",\"pose\":" + json_of(layout_, pose));
+  }
+
   /// Compares with tests/golden, or writes there when EIGENCAST_WRITE_GOLDEN is set.
   void check(const std::string& name) const {
     const std::string base = std::string(EIGENCAST_GOLDEN_DIR) + "/" + name;
@@ -142,7 +158,7 @@ class Stream {
     ASSERT_TRUE(parsed) << parsed.error().message;
     ASSERT_EQ(parsed->envelope, envelope);
     frames_ += hex_of(frame) + "\n";
-    constexpr const char* kNames[] = {"", "key", "join", "synthetic", "step"};
+    constexpr const char* kNames[] = {"", "key", "join", "synthetic", "step", "estimate"};
     poses_ += std::string("{\"kind\":\"") + kNames[static_cast<int>(envelope.kind)] +
               "\",\"flags\":" + std::to_string(envelope.flags) + ",\"bands\":" + std::to_string(envelope.bands) +
               ",\"at\":" + std::to_string(envelope.step.at) + ",\"of\":" + std::to_string(envelope.step.of) +
@@ -193,6 +209,29 @@ TEST(Golden, CompactForm) {
     for (std::uint8_t at = 1; at <= 3; ++at) stream.step(at, 3);
   }
   stream.check("quantised-compact");
+}
+
+TEST(Golden, HermiteAndEstimates) {
+  // Channels 2 and 3 are the velocities of 0 and 1.
+  const VelocityChannels velocities{2, 12'500};
+  Stream hermite({CodecKind::kQuantised, 6, 4, kBands},
+                 ",\"velocity_channels\":2,\"velocity_us\":12500,\"scheme\":\"hermite\"");
+  hermite.first(hermite.pose(0, 120));
+  for (int time = 1; time < 4; ++time) {
+    hermite.key(hermite.pose(time, time == 3 ? 123 : 120), 255, Envelope::kAhead);
+    for (std::uint8_t at = 1; at < 5; ++at) hermite.hermite_step(velocities, at, 5);
+  }
+  hermite.check("quantised-hermite");
+  for (const bool damped : {false, true}) {
+    const std::string scheme = damped ? "damped" : "linear";
+    Stream stream({CodecKind::kQuantised, 6, 3, kBands}, ",\"scheme\":\"" + scheme + "\"");
+    stream.first(stream.pose(0, 120));
+    for (int time = 1; time < 4; ++time) {
+      stream.key(stream.pose(time, time == 3 ? 117 : 120), time == 2 ? 0b011 : 255);
+      for (std::uint8_t at = 1; at <= 15; at += 2) stream.estimate(damped, at % 4 == 1, at, 4);
+    }
+    stream.check("quantised-estimated-" + scheme);
+  }
 }
 
 TEST(Golden, FloatCodecs) {

@@ -148,7 +148,7 @@ TEST(Control, RefusalsNameTheField) {
       {R"({"op":"announce",)" + asset + "," + format + R"(,"world":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,null]})", "'world'"},
       {R"({"op":"subscribe","stream":"a","profile":{"k":16}})", "'profile.k'"},
       {R"({"op":"subscribe","stream":"a","profile":{"rate":"fast"}})",
-       "'profile.rate' must be one of: raw, interpolated"},
+       "'profile.rate' must be one of: raw, interpolated, estimated"},
       {R"({"op":"stream","stream":"a","state":"dead","stream_id":1,"epoch":1})", "'state'"},
       {R"({"op":"stream","stream":"a","state":"live","stream_id":1,"epoch":1})", "'asset' is missing"},
   };

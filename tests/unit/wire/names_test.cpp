@@ -88,12 +88,42 @@ TEST(ProfileQuery, RefusalsNameTheParameter) {
                                          {"bands=9", "bands"},
                                          {"bands=-1", "bands"},
                                          {"colour=red", "colour"},
-                                         {"rate=raw&k=3", "rate=raw"}}) {
+                                         {"rate=raw&k=3", "rate=raw"},
+                                         {"rate=raw&scheme=linear", "rate=raw"},
+                                         {"scheme=cubic", "scheme"},
+                                         {"scheme=damped", "damped"},
+                                         {"scheme=catmull-rom&form=compact", "form=full"},
+                                         {"rate=estimated&scheme=hermite", "hermite"}}) {
     const auto read = profile_from_query(query);
     ASSERT_FALSE(read) << query;
     EXPECT_EQ(read.error().code, ErrorCode::kInvalidArgument);
     EXPECT_NE(read.error().message.find(parameter), std::string::npos) << read.error().message;
   }
+}
+
+TEST(ProfileSchemes, AreReadWithTheDefaultOfTheirRateAndWrittenBack) {
+  using Scheme = Profile::Scheme;
+  EXPECT_EQ(profile_from_query("rate=estimated")->scheme, Scheme::kDamped);
+  EXPECT_EQ(profile_from_query("rate=estimated&k=5&scheme=linear").value(),
+            (Profile{Profile::Rate::kEstimated, 5, Profile::Form::kFull, 8, Scheme::kLinear}));
+  for (const char* query : {"rate=estimated", "rate=estimated&scheme=linear", "scheme=catmull-rom",
+                            "scheme=hermite&form=compact", "rate=estimated&form=compact"}) {
+    const Profile profile = profile_from_query(query).value();
+    EXPECT_EQ(profile_from_query(query_from_profile(profile)).value(), profile) << query;
+    const auto text = text_from_control(control::Subscribe{"a", profile});
+    EXPECT_EQ(std::get<control::Subscribe>(control_from_text(text).value()).profile, profile) << text;
+  }
+}
+
+TEST(Format, VelocitiesAreHalfOfTheChannelsAtMost) {
+  StreamFormat format{8, 6, {8}, "quantised", 3, 25'000};
+  EXPECT_TRUE(check_format(format));
+  const control::Announce announce{std::string(64, 'a'), format, 30, {}};
+  EXPECT_EQ(std::get<control::Announce>(control_from_text(text_from_control(announce)).value()).format, format);
+  format.velocity_channels = 4;
+  EXPECT_NE(check_format(format).error().message.find("velocity_channels"), std::string::npos);
+  format = {8, 6, {8}, "quantised", 3, 0};
+  EXPECT_NE(check_format(format).error().message.find("velocity_us"), std::string::npos);
 }
 
 }  // namespace
