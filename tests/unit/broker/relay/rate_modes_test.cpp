@@ -196,7 +196,7 @@ TEST_F(RateModesTest, EstimatesAreEquation9AndCompactGivesTheSamePosesWithoutAPa
         continue;
       }
       EXPECT_EQ(head.capture_us, kStart + s * kInterval + head.step.at * kInterval / 3);
-      EXPECT_EQ(compact.frames[i]->message.size(), Envelope::kBytes);
+      EXPECT_EQ(compact.frames[i]->message().size(), Envelope::kBytes);
       const Key expected = estimate_keys(small_layout(), key_number(s - 1), key_number(s), scheme == Scheme::kDamped,
                                          head.step.at, head.step.of)
                                .value();
