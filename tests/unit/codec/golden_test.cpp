@@ -218,7 +218,7 @@ TEST(Golden, HermiteAndEstimates) {
                  ",\"velocity_channels\":2,\"velocity_us\":12500,\"scheme\":\"hermite\"");
   hermite.first(hermite.pose(0, 120));
   for (int time = 1; time < 4; ++time) {
-    hermite.key(hermite.pose(time, time == 3 ? 123 : 120), 255, Envelope::kAhead);
+    hermite.key(hermite.pose(time, time == 3 ? 123 : 120), 0, 255, Envelope::kAhead);
     for (std::uint8_t at = 1; at < 5; ++at) hermite.hermite_step(velocities, at, 5);
   }
   hermite.check("quantised-hermite");
@@ -227,7 +227,7 @@ TEST(Golden, HermiteAndEstimates) {
     Stream stream({CodecKind::kQuantised, 6, 3, kBands}, ",\"scheme\":\"" + scheme + "\"");
     stream.first(stream.pose(0, 120));
     for (int time = 1; time < 4; ++time) {
-      stream.key(stream.pose(time, time == 3 ? 117 : 120), time == 2 ? 0b011 : 255);
+      stream.key(stream.pose(time, time == 3 ? 117 : 120), 0, time == 2 ? 0b011 : 255);
       for (std::uint8_t at = 1; at <= 15; at += 2) stream.estimate(damped, at % 4 == 1, at, 4);
     }
     stream.check("quantised-estimated-" + scheme);
