@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "common/spectral/basis.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cassert>
 #include <cmath>
@@ -9,6 +8,8 @@
 #include <optional>
 #include <string>
 #include <vector>
+
+#include "common/spectral/panels.h"
 
 namespace eigencast {
 namespace {
@@ -97,28 +98,35 @@ class Selection {
 
 /// All candidate columns side by side: affine | harmonics but the constant | phi_k * (x0, y0, z0) for k = 2..K,
 /// normalised.
-Eigen::MatrixXd candidate_columns(const Candidates& from, int K) {
+struct CandidateColumns {
+  Panels panels;
+  Eigen::Index affine = 0, harmonics = 0;
+};
+
+CandidateColumns candidate_columns(const Candidates& from, int K) {
   const Eigen::Index n = from.harmonics.rows();
   const Eigen::Index a = from.affine.cols();
   const Eigen::Index m = from.harmonics.cols() - 1;
-  Eigen::MatrixXd columns(n, a + m + 3 * (K - 1));
-  columns.leftCols(a) = from.affine;
-  columns.middleCols(a, m) = from.harmonics.rightCols(m);
+  CandidateColumns columns{zero_panels(n, a + m + 3 * (K - 1)), a, m};
+  const auto set = [&](Eigen::Index j, const auto& column) {
+    for (Eigen::Index i = 0; i < n; ++i) columns.panels.at(i, j) = column[i];
+  };
+  for (Eigen::Index j = 0; j < a; ++j) set(j, from.affine.col(j));
+  for (Eigen::Index j = 0; j < m; ++j) set(a + j, from.harmonics.col(j + 1));
   for (Eigen::Index k = 1; k < K; ++k) {
     for (Eigen::Index axis = 0; axis < 3; ++axis) {
-      auto column = columns.col(a + m + 3 * (k - 1) + axis);
-      column = from.harmonics.col(k).cwiseProduct(from.rest.col(axis));
+      Eigen::VectorXd column = from.harmonics.col(k).cwiseProduct(from.rest.col(axis));
       const double norm = column.norm();
       column *= norm > kFlatProduct ? 1 / norm : 0;
+      set(a + m + 3 * (k - 1) + axis, column);
     }
   }
   return columns;
 }
 
-Selection select(const Eigen::MatrixXd& columns, Eigen::Index affine, Eigen::Index harmonics, int K, int rank) {
-  Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(columns.cols(), columns.cols());
-  gram.selfadjointView<Eigen::Lower>().rankUpdate(columns.transpose());
-  Selection selection(gram.selfadjointView<Eigen::Lower>(), rank);
+Selection select(const CandidateColumns& columns, int K, int rank) {
+  const Eigen::Index affine = columns.affine, harmonics = columns.harmonics;
+  Selection selection(gram(columns.panels), rank);
   for (Eigen::Index i = 0; i < affine; ++i) selection.offer(i, 0);
   Eigen::Index next = 0;
   const auto offer_harmonics = [&](std::size_t until) {
@@ -138,19 +146,24 @@ Selection select(const Eigen::MatrixXd& columns, Eigen::Index affine, Eigen::Ind
 
 /// The columns of an augmented basis of `rank`, orthonormal; fewer when the harmonics do not suffice to fill up.
 Eigen::MatrixXd augment(const Candidates& from, int K, int rank) {
-  Eigen::MatrixXd columns = candidate_columns(from, K);
-  const Eigen::Index affine = from.affine.cols();
-  const Selection selection = select(columns, affine, from.harmonics.cols() - 1, K, rank);
-  Eigen::MatrixXd Q = columns(Eigen::all, selection.chosen());
-  columns.resize(0, 0);
-  const Eigen::MatrixXd R = selection.R();
-  R.triangularView<Eigen::Upper>().solveInPlace<Eigen::OnTheRight>(Q);
-  // Once more: the Gram matrix squares the condition number.
-  Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(Q.cols(), Q.cols());
-  gram.selfadjointView<Eigen::Lower>().rankUpdate(Q.transpose());
-  const Eigen::LLT<Eigen::MatrixXd> cholesky(gram);
-  cholesky.matrixU().solveInPlace<Eigen::OnTheRight>(Q);
-  return Q;
+  CandidateColumns columns = candidate_columns(from, K);
+  const Selection selection = select(columns, K, rank);
+  const auto chosen = static_cast<Eigen::Index>(selection.chosen().size());
+  Panels Q = zero_panels(from.harmonics.rows(), chosen);
+  for (Eigen::Index j = 0; j < chosen; ++j) {
+    copy_column(columns.panels, selection.chosen()[static_cast<std::size_t>(j)], Q, j);
+  }
+  columns.panels.drop_from(0);
+  Eigen::MatrixXd turn = Eigen::MatrixXd::Zero(Q.columns(), Q.columns());
+  turn.topLeftCorner(chosen, chosen) =
+      selection.R().triangularView<Eigen::Upper>().solve(Eigen::MatrixXd::Identity(chosen, chosen));
+  rotate(Q, turn);
+  orthonormalise(Q, chosen);  // once more: the Gram matrix squares the condition number
+  Eigen::MatrixXd result(Q.rows(), chosen);
+  for (Eigen::Index j = 0; j < chosen; ++j) {
+    for (Eigen::Index i = 0; i < Q.rows(); ++i) result(i, j) = Q.at(i, j);
+  }
+  return result;
 }
 
 Basis basis_from(BasisKind kind, const Laplacian& laplacian, const Eigenbasis& eigenbasis, Eigen::MatrixXd Psi) {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "common/spectral/eigenbasis.h"
 
+#include <unistd.h>
+
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -33,6 +35,25 @@ constexpr double kFirstShift =
 
 struct Cancelled : std::exception {};
 
+/// Bytes that m pairs take at most while they are sought, the factor not counted: the subspace of the largest band, and
+/// the pairs.
+double bytes_needed(Eigen::Index n, int m) {
+  const int columns = expected_subspace(std::min(m, kLargestBand) + 8) * 5 / 4 + m;
+  return static_cast<double>(n) * columns * static_cast<double>(sizeof(double));
+}
+
+double physical_memory() {
+  const long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
+  return pages > 0 && size > 0 ? static_cast<double>(pages) * static_cast<double>(size)
+                               : std::numeric_limits<double>::infinity();
+}
+
+std::string stage_text(double bytes) {
+  if (bytes < 1e9) return "eigenvectors";
+  const std::string tenths = std::to_string(std::lround(bytes * 1e-8));
+  return "eigenvectors (about " + tenths.substr(0, tenths.size() - 1) + "." + tenths.back() + " GB of memory)";
+}
+
 /// S = M^{-1/2} L M^{-1/2}: the same eigenvalues, orthonormal eigenvectors M^{1/2} phi.
 Eigen::SparseMatrix<double> symmetric_form(const Laplacian& laplacian) {
   Eigen::SparseMatrix<double> S = laplacian.L;
@@ -43,16 +64,6 @@ Eigen::SparseMatrix<double> symmetric_form(const Laplacian& laplacian) {
     }
   }
   return S;
-}
-
-void copy_column(const Panels& from, Eigen::Index i, Panels& to, Eigen::Index j) {
-  for (Eigen::Index row = 0; row < from.rows(); ++row) to.at(row, j) = from.at(row, i);
-}
-
-Panels zero_panels(Eigen::Index rows, Eigen::Index columns) {
-  Panels panels(rows);
-  while (panels.columns() < columns) panels.append();
-  return panels;
 }
 
 /// The kernel of S is known without a solver: one indicator per component, M^{1/2} chi_c / sqrt(A_c). At most `most`.
@@ -88,6 +99,7 @@ class Bands {
         m_(m),
         band_(std::clamp(static_cast<int>(S.rows() / 8), kSmallestBand, kLargestBand)),
         progress_(progress),
+        stage_(stage_text(bytes_needed(S.rows(), m))),
         kernel_(kernel_of(laplacian, m)),
         H_(zero_panels(S.rows(), m)),
         marks_(S.rows()) {
@@ -280,7 +292,7 @@ class Bands {
     const double part = 0.95 * steps * (0.5 + 0.5 * steps);
     reported_ =
         std::max(reported_, 0.95 * (have_ + band * part) / m_);  // a band that is tried again does not take it back
-    if (!progress_(reported_, "eigenvectors")) throw Cancelled();
+    if (!progress_(reported_, stage_)) throw Cancelled();
   }
 
   const Laplacian& laplacian_;
@@ -289,6 +301,7 @@ class Bands {
   int m_;
   int band_;  // eigenpairs a band aims for
   const Progress& progress_;
+  std::string stage_;
   Kernel kernel_;
   Panels H_;
   Eigen::VectorXd marks_;  // what chooses in clusters
@@ -299,18 +312,6 @@ class Bands {
   int applied_ = 0, expected_ = 0;  // blocks solved for in this band
   double reported_ = 0;
 };
-
-/// Cholesky-QR: the bands are orthogonal to each other to the tolerance of Lanczos only. H has m columns, and zeros that
-/// fill its last panel.
-bool orthonormalise(Panels& H, Eigen::Index m) {
-  const Eigen::MatrixXd G = gram(H).topLeftCorner(m, m);
-  const Eigen::LLT<Eigen::MatrixXd> cholesky(G);
-  if (cholesky.info() != Eigen::Success) return false;
-  Eigen::MatrixXd T = Eigen::MatrixXd::Zero(H.columns(), H.columns());
-  T.topLeftCorner(m, m) = cholesky.matrixU().solve(Eigen::MatrixXd::Identity(m, m));
-  rotate(H, T);
-  return true;
-}
 
 /// The largest ||S h_j - lambda_j h_j||, each in units of its eigenvalue, but no less than the first that is not zero.
 double worst_residual(const Eigen::SparseMatrix<double>& S, const Panels& H, const Eigen::VectorXd& values) {
@@ -377,8 +378,14 @@ Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Pro
                                                  " smooth harmonics: ask for fewer than half its vertices");
   }
   try {
+    const double bytes = bytes_needed(n, m);
+    if (bytes > physical_memory()) {
+      return fail(ErrorCode::kTooLarge, stage_text(bytes) + ": this machine has " +
+                                            std::to_string(std::lround(physical_memory() * 1e-9)) +
+                                            " GB; ask for fewer, or simplify the surface");
+    }
+    if (progress && !progress(0, stage_text(bytes))) throw Cancelled();
     const Eigen::SparseMatrix<double> S = symmetric_form(laplacian);
-    if (progress && !progress(0, "eigenvectors")) throw Cancelled();
     if (n <= kDenseLimit) return solve_dense(laplacian, S, m);
     return solve_in_bands(laplacian, S, m, progress);
   } catch (const Cancelled&) {

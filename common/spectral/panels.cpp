@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "common/spectral/panels.h"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cassert>
 #include <cstring>
@@ -64,6 +65,16 @@ double* Panels::append() {
   panels_.emplace_back(static_cast<double*>(::operator new(bytes, kAlignment)));
   std::memset(panels_.back().get(), 0, bytes);
   return panels_.back().get();
+}
+
+void copy_column(const Panels& from, Eigen::Index i, Panels& to, Eigen::Index j) {
+  for (Eigen::Index row = 0; row < from.rows(); ++row) to.at(row, j) = from.at(row, i);
+}
+
+Panels zero_panels(Eigen::Index rows, Eigen::Index columns) {
+  Panels panels(rows);
+  while (panels.columns() < columns) panels.append();
+  return panels;
 }
 
 Eigen::MatrixXd transposed_product(const Panels& A, Eigen::Index first, Eigen::Index end, const double* W) {
@@ -202,6 +213,16 @@ void rotate(Panels& A, const Eigen::MatrixXd& T) {
     }
   });
   A.drop_from(to);
+}
+
+bool orthonormalise(Panels& H, Eigen::Index m) {
+  const Eigen::MatrixXd G = gram(H).topLeftCorner(m, m);
+  const Eigen::LLT<Eigen::MatrixXd> cholesky(G);
+  if (cholesky.info() != Eigen::Success) return false;
+  Eigen::MatrixXd T = Eigen::MatrixXd::Zero(H.columns(), H.columns());
+  T.topLeftCorner(m, m) = cholesky.matrixU().solve(Eigen::MatrixXd::Identity(m, m));
+  rotate(H, T);
+  return true;
 }
 
 }  // namespace eigencast

@@ -43,6 +43,10 @@ class Panels {
   std::vector<std::unique_ptr<double, Free>> panels_;
 };
 
+/// `columns` columns, rounded up to whole panels, all zero.
+Panels zero_panels(Eigen::Index rows, Eigen::Index columns);
+void copy_column(const Panels& from, Eigen::Index i, Panels& to, Eigen::Index j);
+
 /// A^T W for the panels [first, end) of A, 8 (end - first) x 8. W is one panel.
 Eigen::MatrixXd transposed_product(const Panels& A, Eigen::Index first, Eigen::Index end, const double* W);
 /// W -= A H for the same panels of A.
@@ -60,5 +64,10 @@ void gather_rows(const double* from, const int* from_row, Eigen::Index rows, dou
 Eigen::MatrixXd gram(const Panels& A);
 /// A = A T in place; T is A.columns() x any smaller multiple of 8. Panels that are no longer needed are freed.
 void rotate(Panels& A, const Eigen::MatrixXd& T);
+
+/// Makes the first m columns of H orthonormal, each a combination of those up to it, by Cholesky-QR: meant for columns
+/// that nearly are, or to be called twice. The columns beyond m, which fill the last panel, must be zero. False where the
+/// columns are dependent.
+bool orthonormalise(Panels& H, Eigen::Index m);
 
 }  // namespace eigencast

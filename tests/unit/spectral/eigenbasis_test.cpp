@@ -79,6 +79,16 @@ TEST(Eigenbasis, BandsFindWhatADenseSolverFinds) {
   }
 }
 
+/// Each l of the sphere has 2 l + 1 equal eigenvalues, here split by the mesh: none may be lost where bands meet.
+TEST(Eigenbasis, SphereIsCompleteAcrossBands) {
+  const Laplacian laplacian = laplacian_of(make_icosphere(3));
+  const auto basis = solve_eigenbasis(laplacian, 250);  // 642 vertices: bands of 80
+  ASSERT_TRUE(basis) << basis.error().message;
+  expect_eigenpairs(laplacian, *basis);
+  const Eigen::VectorXd truth = dense_spectrum(laplacian, 250);
+  EXPECT_LE((basis->eigenvalues - truth).cwiseAbs().maxCoeff(), 1e-8 * truth[249]);
+}
+
 TEST(Eigenbasis, FirstHarmonicIsConstant) {
   const Laplacian laplacian = laplacian_of(make_torus(50, 25, 1.0, 0.4));
   const auto basis = solve_eigenbasis(laplacian, 20);
