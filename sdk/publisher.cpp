@@ -189,7 +189,8 @@ class Publisher::Impl {
     append_envelope(envelope, message);
     message.insert(message.end(), coded->payload.begin(), coded->payload.end());
     const std::size_t bytes = message.size();
-    const TimeUs encoded_us = steady_now_us();
+    // Before it is handed over: the broker may have it before the call returns.
+    const TimeUs sent_us = steady_now_us();
     const SendStatus status = socket_->send_binary(std::move(message));
     if (status != SendStatus::kSent) return dropped(status);
     chain_ = std::move(next);
@@ -197,7 +198,7 @@ class Publisher::Impl {
     ++sequence_;
     ++stats_.frames_sent;
     stats_.payload_bytes += bytes;
-    if (trace_every_ != 0) trace(work, encoded_us);
+    if (trace_every_ != 0) trace(work, sent_us);
     return status;
   }
 
@@ -234,7 +235,7 @@ class Publisher::Impl {
 
   /// Tells those who asked where the time of the key just sent went. What is lost of it is lost.
   /// REQUIRES: mutex_ is held.
-  void trace(const Work& work, TimeUs encoded_us) {
+  void trace(const Work& work, TimeUs sent_us) {
     const TimeUs now = steady_now_us();
     if (sequence_ % trace_every_ == 0) {
       control::Trace m;
@@ -243,8 +244,7 @@ class Publisher::Impl {
       m.sequence = sequence_;
       m.stages.emplace_back(control::stage::kBegun, work.begun_us);
       if (work.transformed_us != 0) m.stages.emplace_back(control::stage::kTransformed, work.transformed_us);
-      m.stages.emplace_back(control::stage::kEncoded, encoded_us);
-      m.stages.emplace_back(control::stage::kSent, now);
+      m.stages.emplace_back(control::stage::kSent, sent_us);
       if (const auto clock = clock_.estimate()) m.broker_clock = {clock->offset_us, clock->error_us};
       (void)socket_->send_text(text_from_control(m));
     }

@@ -58,6 +58,7 @@ class Receiver {
     FrameDecoder::Counts counts;
     std::uint64_t bytes = 0;
     std::uint64_t reconnects = 0;
+    std::uint64_t skipped = 0;
     std::optional<ClockOffset::Estimate> clock;
     Histogram latency_us;
   };
@@ -198,6 +199,7 @@ class Receiver {
   void on_message(const control::Notice& m) {
     {
       const std::lock_guard lock(mutex_);
+      condition_.skipped += m.skipped_frames;
       condition_.notice = m.message;
       notice_until_us_ = steady_now_us() + kNoticeUs;
     }
@@ -386,6 +388,7 @@ class Subscriber::Impl {
     s.rejected = c.counts.rejected;
     s.missed = c.counts.missed;
     s.bytes = c.bytes;
+    s.skipped = c.skipped;
     s.reconnects = c.reconnects;
     s.latency_us = c.latency_us;
     if (c.clock) {

@@ -49,6 +49,7 @@ class Subscriber final {
     std::uint64_t joins = 0;
     std::uint64_t bytes = 0;            ///< Frames only, envelopes included.
     std::uint64_t rejected = 0;         ///< Frames that could not be decoded.
+    std::uint64_t skipped = 0;          ///< Frames that newer ones overtook in the broker, as its notices say.
     std::uint64_t missed = 0;           ///< Key sequence numbers never seen.
     std::uint64_t asset_bytes_downloaded = 0, asset_bytes_cached = 0, asset_bytes_total = 0;
     std::uint64_t reconnects = 0;

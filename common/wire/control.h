@@ -156,8 +156,7 @@ struct TraceRequest {
 namespace stage {
 inline constexpr std::string_view kBegun = "begun";              ///< Sender: work on the pose began.
 inline constexpr std::string_view kTransformed = "transformed";  ///< Sender: its coefficients are there.
-inline constexpr std::string_view kEncoded = "encoded";          ///< Sender: the frame is there.
-inline constexpr std::string_view kSent = "sent";                ///< Sender: the frame was handed to the connection.
+inline constexpr std::string_view kSent = "sent";                ///< Sender: the frame is there, and handed over.
 inline constexpr std::string_view kArrived = "arrived";          ///< Broker: the key was read.
 inline constexpr std::string_view kDue = "due";    ///< Broker: when the pose was to leave, if it was held.
 inline constexpr std::string_view kLeft = "left";  ///< Broker: the frame was handed to the first viewer's socket.

@@ -34,6 +34,8 @@ ROOMS = {
                "common/spectral", "common/progressive", "common/asset", "common/reconstruction", "common/net", "common/recording", "sdk"},
     "client": {"common/core", "common/command_line", "common/core/hash", "common/wire", "common/codec", "common/motion", "common/asset",
                "common/reconstruction", "common/net", "sdk"},
+    "tools/latency": {"common/core", "common/command_line", "common/wire", "common/codec", "common/surface", "common/asset", "common/reconstruction",
+                      "common/net", "sdk"},
     "examples": {"sdk/include"},
 }
 
@@ -48,14 +50,15 @@ LIBRARIES = {
     "OpenSSL": (r"openssl/", {"common/core/hash", "common/net", "broker", "broker/websocket"}, 10),
     "Boost": (r"boost/", {"common/net", "broker"}, 36),
     "liburing": (r"liburing\.h", {"broker"}, 1),
-    "nlohmann_json": (r"nlohmann/", {"common/wire", "broker", "sdk", "sender", "client"}, 18),
-    "CLI11": (r"CLI/", {"common/command_line", "broker", "sender", "client"}, 11),
+    "nlohmann_json": (r"nlohmann/", {"common/wire", "broker", "sdk", "sender", "client", "tools/latency"}, 21),
+    "CLI11": (r"CLI/", {"common/command_line", "broker", "sender", "client", "tools/latency"}, 12),
     "prometheus-cpp": (r"prometheus/", {"broker"}, 3),
     "systemd": (r"systemd/", {"broker"}, 1),
     "spdlog": (r"spdlog/", {"broker", "sender", "client"}, 14),
     "toml++": (r"toml(\+\+|plusplus)", {"broker"}, 2),
     "GL and windows": (r"(epoxy|GLFW|EGL|GL|imgui[a-z_0-9]*\.h|imgui)(/|$)", {"client"}, 16),
     "GLM": (r"glm/", {"client"}, 20),
+    "zlib": (r"zlib\.h", {"tools/latency"}, 1),
     "libpng": (r"png\.h", {"client"}, 2),
 }
 
@@ -75,7 +78,7 @@ def room_of(path):
 
 def check(root):
     complaints, users, files = [], {name: set() for name in LIBRARIES}, 0
-    for top in ("common", "broker", "sender", "client", "sdk", "examples"):
+    for top in ("common", "broker", "sender", "client", "sdk", "tools", "examples"):
         for source in sorted((root / top).rglob("*")):
             if source.suffix not in SOURCES:
                 continue
@@ -136,7 +139,7 @@ def self_test(root):
     for path, text in cases.items():
         with tempfile.TemporaryDirectory() as folder:
             copy = pathlib.Path(folder)
-            for top in ("common", "broker", "sender", "client", "sdk", "examples"):
+            for top in ("common", "broker", "sender", "client", "sdk", "tools", "examples"):
                 shutil.copytree(root / top, copy / top)
             (copy / "client/camera.h").touch()
             before = set(check(copy)[0])

@@ -36,7 +36,7 @@ std::vector<ControlMessage> samples() {
       Ack{{{7, 18446744073709551615u, 0x23}, {8, 9007199254740993u, 0}}, limits::kMaxTimeUs},
       Ping{18446744073709551615u, 12},
       Pong{18446744073709551615u, 12, 34},
-      Trace{7, 100, {{"begun", 1}, {"encoded", 250}}, 0, 0, Trace::BrokerClock{-1840, 210}},
+      Trace{7, 100, {{"begun", 1}, {"sent", 250}}, 0, 0, Trace::BrokerClock{-1840, 210}},
       Trace{7, 100, {{"arrived", 1}, {"due", 250}, {"left", 310}}, 3, 0x23, std::nullopt},
       TraceRequest{"lab/horse", 30},
       Notice{"lab/horse", "link is slow: 12 frames skipped; ask for fewer bands", 12},

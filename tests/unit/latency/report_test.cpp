@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: MIT
+#include "tools/latency/report.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "tests/support/process.h"
+
+namespace eigencast::latency {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::IsEmpty;
+
+Outcome sample(int shift_us = 0) {
+  Outcome o;
+  o.inputs.url = "ws://broker/test";
+  o.one_machine = true;
+  for (int i = 0; i < 1000; ++i) {
+    o.keys.add(1000 + i + shift_us);
+    o.key_stages[static_cast<std::size_t>(Stage::kInBroker)].add(50);
+    o.key_totals.add(1000 + i + shift_us);
+  }
+  o.sums_checked = 1000;
+  o.counts.keys_sent = o.counts.keys_received = 1000;
+  o.counts.traced = 1000;
+  Interval interval;
+  interval.length_us = 1'000'000;
+  for (int i = 0; i < 30; ++i) interval.keys.add(1000);
+  o.intervals.push_back(interval);
+  o.samples.resize(2);
+  return o;
+}
+
+TEST(Report, JsonIsValidFiniteAndEchoesItsInputs) {
+  Outcome o = sample();
+  Load::Figures load;
+  o.load = load;
+  const auto json = nlohmann::json::parse(json_report(o, "1.2.3"));
+  EXPECT_EQ(json["schema"], "eigencast-latency");
+  EXPECT_EQ(json["schema_version"], 1);
+  EXPECT_EQ(json["inputs"]["rate_hz"], 30);
+  EXPECT_EQ(json["inputs"]["url"], "ws://broker/test");
+  EXPECT_EQ(json["inputs"]["mode"], "loop");
+  EXPECT_EQ(json["environment"]["eigencast_version"], "1.2.3");
+  EXPECT_EQ(json["keys"]["count"], 1000);
+  EXPECT_NEAR(json["keys"]["p50_us"].get<double>(), 1500, 2);
+  EXPECT_TRUE(json["keys"]["p99.9_us"].is_null()) << "one sample beyond it is luck";
+  EXPECT_EQ(json["traced"]["keys"]["stages"]["in_broker"]["p50_us"], 50);
+  EXPECT_TRUE(json["synthetic"]["p50_us"].is_null());
+  EXPECT_TRUE(json["clocks"]["viewer_to_broker"]["offset_us"].is_null());
+  EXPECT_THAT(json["warnings"], IsEmpty());
+}
+
+TEST(Report, StagesThatDoNotAddUpAreSaidLoudly) {
+  Outcome o = sample();
+  o.sums_wrong = 3;
+  o.worst_unexplained_us = 12'000;
+  EXPECT_TRUE(sums_are_wrong(o));
+  EXPECT_THAT(table(o), HasSubstr("DO NOT ADD UP for 3 of 1000"));
+}
+
+TEST(Report, ABottleneckInTheToolIsSaid) {
+  Outcome o = sample();
+  o.load.emplace();
+  o.load->cpu_share = 0.95;
+  EXPECT_THAT(table(o), HasSubstr("light viewers' own thread was near its limit"));
+}
+
+TEST(Report, AClockThatIsNotOursIsFoundOut) {
+  Outcome o = sample();
+  o.viewer_clock.add({0, 5000, 100});
+  EXPECT_THAT(table(o), HasSubstr("its clock is another one"));
+}
+
+TEST(Report, AOneWayTimeSmallerThanTheClocksErrorIsUnknown) {
+  Outcome o = sample();
+  o.clock_error_us = 400;
+  HdrHistogram& h = o.key_stages[static_cast<std::size_t>(Stage::kToBroker)];
+  for (int i = 0; i < 100; ++i) h.add(i - 30);
+  const std::string text = table(o);
+  const std::string line = text.substr(text.find("  to broker"));
+  EXPECT_THAT(line.substr(0, line.find('\n')), HasSubstr("unknown"));
+  EXPECT_THAT(line.substr(0, line.find('\n')), HasSubstr("30 negative, down to -0.030"));
+}
+
+TEST(Report, TheOtherFormatsHaveALinePerSecondAndPerSample) {
+  const Outcome o = sample();
+  EXPECT_EQ(csv_report(o), "start_s,kind,count,p50_us,p90_us,p99_us,max_us\n0.000,key,30,1000,,,1000\n");
+  const std::string samples = samples_report(o);
+  EXPECT_EQ(std::count(samples.begin(), samples.end(), '\n'), 3);
+  EXPECT_THAT(hdr_log(o), HasSubstr("Tag=key,0.000,1.000,1.000,HIST"));
+}
+
+TEST(Conditions, AreJudgedInTheirUnit) {
+  const Outcome o = sample();
+  EXPECT_EQ(failed_condition("p50>60ms", o).value(), "");
+  EXPECT_EQ(failed_condition("p50>2ms", o).value(), "");
+  EXPECT_THAT(failed_condition("p50>1ms", o).value(), HasSubstr("p50>1ms: it is 150"));
+  EXPECT_THAT(failed_condition("key.p99>1980us", o).value(), HasSubstr("it is 19"));
+  EXPECT_THAT(failed_condition("max<1s", o).value(), HasSubstr("it is"));
+  EXPECT_EQ(failed_condition("in_broker.p50>100us", o).value(), "");
+  EXPECT_THAT(failed_condition("in_broker.p50>40us", o).value(), HasSubstr("it is 50 us"));
+  EXPECT_EQ(failed_condition("lost>0", o).value(), "");
+  EXPECT_THAT(failed_condition("p99.9>60ms", o).value(), HasSubstr("too few samples"));
+}
+
+TEST(Conditions, ThatCannotBeMeantAreRefused) {
+  const Outcome o = sample();
+  for (const char* text :
+       {"", "p99", "p99>", "p99>60", "p99>60m", "p101>1ms", "px>1ms", "what.p50>1ms", "lost>1ms", ">1ms", "p99>nanms"})
+    EXPECT_FALSE(failed_condition(text, o)) << text;
+}
+
+TEST(Comparison, ShowsTheDifferenceAndWhatElseDiffers) {
+  const testing::TemporaryFolder folder;
+  Outcome b = sample(500);
+  b.inputs.rate_hz = 60;
+  std::ofstream(folder.file("a.json")) << json_report(sample(), "1");
+  std::ofstream(folder.file("b.json")) << json_report(b, "2");
+  const auto text = comparison(folder.file("a.json"), folder.file("b.json"));
+  ASSERT_TRUE(text) << text.error().message;
+  EXPECT_THAT(*text, HasSubstr("inputs differ: rate_hz 30.0 / 60.0"));
+  EXPECT_THAT(*text, HasSubstr("eigencast_version"));
+  EXPECT_THAT(*text, HasSubstr("+0.5"));
+  std::ofstream(folder.file("c.json")) << "{\"schema\":5}";
+  EXPECT_FALSE(comparison(folder.file("a.json"), folder.file("c.json")));
+  EXPECT_FALSE(comparison(folder.file("a.json"), folder.file("none.json")));
+}
+
+}  // namespace
+}  // namespace eigencast::latency

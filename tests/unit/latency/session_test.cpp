@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: MIT
+#include "tools/latency/session.h"
+
+#include <gtest/gtest.h>
+
+#include "tests/support/impaired_relay.h"
+#include "tests/support/loopback_broker.h"
+
+namespace eigencast::latency {
+namespace {
+
+using testing::ImpairedRelay;
+using testing::LoopbackBroker;
+
+const std::atomic<bool> never{false};
+
+/// Short runs of a small surface: what is asserted does not depend on how fast the machine is.
+Inputs quick(const LoopbackBroker& broker) {
+  Inputs in;
+  in.url = broker.url("test");
+  in.source = "torus";
+  in.rank = 24;
+  in.duration_s = 1;
+  in.warmup_s = 1.2;  // The broker asks the sender for traces within a second.
+  return in;
+}
+
+TEST(Session, EveryPoseIsMeasuredAndItsStagesAddUp) {
+  LoopbackBroker broker;
+  const auto o = run_session(quick(broker), never, {}, {});
+  ASSERT_TRUE(o) << o.error().message;
+  EXPECT_GT(o->counts.keys_received, 5u);
+  EXPECT_EQ(o->keys.count(), o->counts.keys_received);
+  EXPECT_EQ(o->keys.negative(), 0u);
+  EXPECT_GT(o->counts.traced, 5u);
+  EXPECT_EQ(o->sums_checked, o->counts.traced);
+  EXPECT_EQ(o->sums_wrong, 0u);
+  EXPECT_EQ(o->worst_unexplained_us, 0) << "one machine, one clock";
+  EXPECT_EQ(o->counts.duplicate, 0u);
+  EXPECT_TRUE(o->first_surface_us);
+  for (std::size_t i = 0; i < kStages; ++i)
+    EXPECT_EQ(o->key_stages[i].negative(), 0u) << name_of(static_cast<Stage>(i));
+}
+
+TEST(Session, InterpolatedPosesAreToldApartAndTheirHoldIsTwoThirdsOfAnInterval) {
+  LoopbackBroker broker;
+  Inputs in = quick(broker);
+  in.interpolation = 3;
+  const auto o = run_session(in, never, {}, {});
+  ASSERT_TRUE(o) << o.error().message;
+  EXPECT_GT(o->counts.synthetic_received, o->counts.keys_received);
+  EXPECT_GT(o->synthetic_totals.count(), 5u);
+  EXPECT_EQ(o->sums_wrong, 0u);
+  const double interval_us = 1e6 / in.rate_hz;
+  EXPECT_NEAR(static_cast<double>(o->hold_us), 2 * interval_us / 3, 0.05 * interval_us);
+}
+
+/// The tool against a known delay: what a link adds, the tool reads, beside a run without the link on the same machine.
+TEST(Session, ADelayOf25MillisecondsReadsAs25Milliseconds) {
+  LoopbackBroker broker;
+  ImpairedRelay::Options link;
+  link.target_port = broker.port();
+  link.from_target.delay_us = 25'000;
+  auto relay = ImpairedRelay::start(link);
+  ASSERT_TRUE(relay) << relay.error().message;
+  Inputs in = quick(broker);
+  const auto without = run_session(in, never, {}, {});
+  in.viewer_url = (*relay)->url("test");
+  const auto with = run_session(in, never, {}, {});
+  ASSERT_TRUE(without && with);
+  ASSERT_GT(without->keys.count(), 5u);
+  ASSERT_GT(with->keys.count(), 5u);
+  const auto to_client = [](const Outcome& o) {
+    return o.key_stages[static_cast<std::size_t>(Stage::kToClient)].percentile(50);
+  };
+  // The relay adds its two hops and wake-ups; a loaded machine makes those milliseconds. It cannot make them less.
+  EXPECT_NEAR(static_cast<double>(to_client(*with) - to_client(*without)), 25'000, 5'000);
+  EXPECT_GE(with->keys.min(), 25'000);
+  EXPECT_EQ(with->sums_wrong, 0u);
+  const auto clock = with->viewer_clock.best();
+  ASSERT_TRUE(clock);
+  EXPECT_GE(clock->error_us, 12'500) << "an asymmetry of 25 ms cannot be seen: the bound must allow for it";
+  EXPECT_LE(std::abs(clock->offset_us), clock->error_us);
+}
+
+TEST(Session, LightViewersLoadTheBrokerBesideTheMeasuredOne) {
+  LoopbackBroker broker;
+  Inputs in = quick(broker);
+  in.clients = 41;
+  const auto o = run_session(in, never, {}, {});
+  ASSERT_TRUE(o) << o.error().message;
+  ASSERT_TRUE(o->load);
+  EXPECT_EQ(o->load->viewers, 40u);
+  EXPECT_EQ(o->load->refused, 0u);
+  EXPECT_EQ(o->load->undecodable, 0u);
+  EXPECT_GT(o->load->frames, 40u * 5u);
+  EXPECT_GT(o->load->latency_us.count(), 40u * 5u);
+}
+
+TEST(Session, OneEndOnlyMeasuresByTheClocksOffsets) {
+  LoopbackBroker broker;
+  Inputs sends = quick(broker);
+  sends.mode = "publish";
+  sends.duration_s = 4;
+  sends.warmup_s = 0;
+  std::thread sender([&] { EXPECT_TRUE(run_session(sends, never, {}, {})); });
+  Inputs watches = quick(broker);
+  watches.mode = "passive";
+  const auto o = run_session(watches, never, {}, {});
+  sender.join();
+  ASSERT_TRUE(o) << o.error().message;
+  EXPECT_FALSE(o->one_clock);
+  EXPECT_GT(o->counts.traced, 5u);
+  EXPECT_EQ(o->keys.count() + o->keys.negative(), o->counts.traced);
+  EXPECT_EQ(o->sums_wrong, 0u);
+  EXPECT_GT(o->clock_error_us, 0);
+}
+
+TEST(Session, EndsThoughNothingComes) {
+  LoopbackBroker broker;
+  Inputs in = quick(broker);
+  in.mode = "passive";
+  std::atomic<bool> stop{false};
+  std::thread interrupt([&] {
+    testing::sleep_for(testing::milliseconds(200));
+    stop = true;
+  });
+  const auto o = run_session(in, stop, {}, {});
+  interrupt.join();
+  EXPECT_TRUE(!o || o->keys.count() == 0);
+}
+
+}  // namespace
+}  // namespace eigencast::latency

@@ -1,0 +1,250 @@
+// SPDX-License-Identifier: MIT
+#include "tools/latency/commands.h"
+
+#include <unistd.h>
+
+#include <condition_variable>
+#include <cstdio>
+#include <memory>
+#include <mutex>
+#include <nlohmann/json.hpp>
+
+#include "common/core/files.h"
+#include "common/net/websocket.h"
+#include "common/wire/control.h"
+#include "tools/latency/local_broker.h"
+#include "tools/latency/report.h"
+#include "tools/latency/session.h"
+
+namespace eigencast::latency {
+namespace {
+
+int complain(const Error& error) {
+  std::fprintf(stderr, "eigencast-latency: %s\n", error.message.c_str());
+  return error.code == ErrorCode::kInvalidArgument ? kExitUsage : kExitFailed;
+}
+
+LogSink log_to_stderr(bool verbose) {
+  return [verbose](LogLevel level, std::string_view text) {
+    if (verbose || level == LogLevel::kError)
+      std::fprintf(stderr, "%.*s\n", static_cast<int>(text.size()), text.data());
+  };
+}
+
+OnProgress progress_line(const Options& options) {
+  if (options.no_progress || isatty(STDERR_FILENO) == 0) return {};
+  return [](const Progress& p) {
+    std::fprintf(stderr, "\r%5.1f / %.0f s  %llu keys  %llu synthetic  p50 %.3f ms  p99 %.3f ms \033[K", p.seconds,
+                 p.of, static_cast<unsigned long long>(p.keys), static_cast<unsigned long long>(p.synthetic),
+                 static_cast<double>(p.p50_us) / 1000, static_cast<double>(p.p99_us) / 1000);
+  };
+}
+
+Result<void> write_to(const std::string& path, const std::string& text) {
+  if (path.empty()) return {};
+  if (path != "-") return write_file_atomically(path, text);
+  std::fputs(text.c_str(), stdout);
+  return {};
+}
+
+/// The broker that is used: the one given, or one of our own, which `own` then holds.
+Result<void> choose_broker(Inputs& inputs, std::unique_ptr<LocalBroker>& own) {
+  if (!inputs.url.empty()) return {};
+  auto started = LocalBroker::start();
+  if (!started) return started.error();
+  own = std::move(*started);
+  inputs.url = own->url("latency");
+  return {};
+}
+
+Result<void> write_reports(const Options& options, const Outcome& outcome, const std::string& version) {
+  if (auto w = write_to(options.json, json_report(outcome, version)); !w) return w;
+  if (auto w = write_to(options.csv, csv_report(outcome)); !w) return w;
+  if (auto w = write_to(options.hgrm, outcome.keys.spectrum(1000)); !w) return w;
+  if (auto w = write_to(options.hdr_log, hdr_log(outcome)); !w) return w;
+  return write_to(options.samples, samples_report(outcome));
+}
+
+int measure(const Options& options, const std::string& version, const std::atomic<bool>& stop) {
+  Inputs inputs = options.inputs;
+  // A condition that cannot be meant is found before the minutes are spent.
+  for (const std::string& condition : options.fail_if)
+    if (const auto known = failed_condition(condition, Outcome{}); !known) return complain(known.error());
+  std::unique_ptr<LocalBroker> own;
+  if (auto chosen = choose_broker(inputs, own); !chosen) return complain(chosen.error());
+  const OnProgress progress = progress_line(options);
+  const auto outcome = run_session(inputs, stop, progress, log_to_stderr(options.verbose));
+  if (progress) std::fputs("\r\033[K", stderr);
+  if (!outcome) return complain(outcome.error());
+  std::fputs(table(*outcome).c_str(), options.json == "-" ? stderr : stdout);
+  if (auto written = write_reports(options, *outcome, version); !written) return complain(written.error());
+  int code = kExitGood;
+  for (const std::string& condition : options.fail_if) {
+    const auto failed = failed_condition(condition, *outcome);
+    if (!failed) return complain(failed.error());
+    if (failed->empty()) continue;
+    std::fprintf(stderr, "eigencast-latency: %s\n", failed->c_str());
+    code = kExitCondition;
+  }
+  return sums_are_wrong(*outcome) ? int{kExitWrongSums} : code;
+}
+
+template <typename T>
+std::vector<T> or_else(const std::vector<T>& list, T value) {
+  return list.empty() ? std::vector<T>{value} : list;
+}
+
+int sweep(const Options& options, const std::string& version, const std::atomic<bool>& stop) {
+  Inputs base = options.inputs;
+  std::unique_ptr<LocalBroker> own;
+  if (auto chosen = choose_broker(base, own); !chosen) return complain(chosen.error());
+  nlohmann::ordered_json reports = nlohmann::ordered_json::array();
+  std::printf("%7s %8s %6s %5s | %9s %9s | %9s %9s | %9s %7s %6s %5s\n", "keys/s", "viewers", "interp", "rank",
+              "key p50", "p99", "synth p50", "p99", "in broker", "kbit/s", "lost", "CPU%");
+  bool wrong = false;
+  for (const int rank : or_else(options.ranks, base.rank))
+    for (const double rate : or_else(options.rates, base.rate_hz))
+      for (const std::uint32_t clients : or_else(options.clients, base.clients))
+        for (const int interpolation : or_else(options.interpolations, base.interpolation)) {
+          if (stop) return kExitFailed;
+          Inputs inputs = base;
+          inputs.rank = rank;
+          inputs.rate_hz = rate;
+          inputs.clients = clients;
+          inputs.interpolation = interpolation;
+          const auto o = run_session(inputs, stop, progress_line(options), log_to_stderr(false));
+          if (!options.no_progress && isatty(STDERR_FILENO) != 0) std::fputs("\r\033[K", stderr);
+          if (!o) return complain(o.error());
+          const auto ms = [](const HdrHistogram& h, double p) {
+            const auto value = h.reliable_percentile(p);
+            char text[32];
+            std::snprintf(text, sizeof text, value ? "%.3f" : "-", static_cast<double>(value.value_or(0)) / 1000);
+            return std::string(text);
+          };
+          std::printf("%7g %8u %6d %5d | %9s %9s | %9s %9s | %9s %7.1f %6llu %5.0f\n", rate, clients, interpolation,
+                      rank, ms(o->keys, 50).c_str(), ms(o->keys, 99).c_str(), ms(o->synthetic, 50).c_str(),
+                      ms(o->synthetic, 99).c_str(),
+                      ms(o->key_stages[static_cast<std::size_t>(Stage::kInBroker)], 50).c_str(), o->kbit_per_s,
+                      static_cast<unsigned long long>(o->counts.keys_lost), 100 * o->cpu_share);
+          for (const std::string& complaint : complaints(*o)) std::printf("        WARNING: %s\n", complaint.c_str());
+          std::fflush(stdout);
+          wrong = wrong || sums_are_wrong(*o);
+          reports.push_back(nlohmann::ordered_json::parse(json_report(*o, version)));
+        }
+  if (auto written = write_to(options.json, reports.dump(2) + "\n"); !written) return complain(written.error());
+  return wrong ? int{kExitWrongSums} : int{kExitGood};
+}
+
+/// Pings over a connection of its own.
+class Prober {
+ public:
+  Prober(const BrokerUrl& url) {
+    WebSocketOptions options;
+    options.url = url;
+    options.target = "/v1/subscribe";
+    WebSocketEvents events;
+    events.on_open = [this] { note([this] { open_ = true; }); };
+    events.on_text = [this](std::string_view text) { on_text(text); };
+    events.on_down = [this](const Error& why, std::chrono::milliseconds) {
+      note([&] {
+        open_ = false;
+        trouble_ = why.message;
+      });
+    };
+    socket_ = std::make_unique<WebSocket>(std::move(options), std::move(events));
+  }
+  ~Prober() { socket_->stop(); }
+
+  Result<void> run(int count, const std::atomic<bool>& stop) {
+    if (!wait([this] { return open_; }))
+      return fail(ErrorCode::kUnreachable, trouble_.empty() ? "no answer" : trouble_);
+    for (int i = 1; i <= count && !stop; ++i) {
+      (void)socket_->send_text(text_from_control(control::Ping{static_cast<std::uint64_t>(i), steady_now_us()}));
+      if (!wait([&] { return answered_ >= i || !open_; }) || answered_ < i)
+        return fail(ErrorCode::kTimeout, "ping " + std::to_string(i) + " was not answered " + trouble_);
+    }
+    return {};
+  }
+
+  HdrHistogram round_trip_us;
+  ClockTrack clock;
+
+ private:
+  void on_text(std::string_view text) {
+    const TimeUs now = steady_now_us();
+    const auto message = control_from_text(text);
+    if (!message) return;
+    const auto* pong = std::get_if<control::Pong>(&*message);
+    if (pong == nullptr) return;
+    note([&] {
+      const TimeUs trip_us = now - pong->time_us;
+      round_trip_us.add(trip_us);
+      clock.add({now, pong->peer_time_us - (pong->time_us + now) / 2, (trip_us + 1) / 2});
+      answered_ = static_cast<int>(pong->id);
+    });
+  }
+  template <typename Change>
+  void note(Change change) {
+    {
+      const std::lock_guard lock(mutex_);
+      change();
+    }
+    changed_.notify_all();
+  }
+  template <typename Condition>
+  bool wait(Condition condition) {
+    std::unique_lock lock(mutex_);
+    return changed_.wait_for(lock, std::chrono::seconds(5), condition);
+  }
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  bool open_ = false;
+  int answered_ = 0;
+  std::string trouble_;
+  std::unique_ptr<WebSocket> socket_;
+};
+
+int probe(const Options& options, const std::string& version, const std::atomic<bool>& stop) {
+  const auto url = parse_broker_url(options.inputs.url);
+  if (!url) return complain(url.error());
+  Prober prober(*url);
+  if (const auto done = prober.run(options.pings, stop); !done) return complain(done.error());
+  const HdrHistogram& trip = prober.round_trip_us;
+  const auto best = prober.clock.best();
+  std::printf("%s: %llu pings, round trip min %.3f p50 %.3f max %.3f ms (whole way, not half)\n", url->origin().c_str(),
+              static_cast<unsigned long long>(trip.count()), static_cast<double>(trip.min()) / 1000,
+              static_cast<double>(trip.percentile(50)) / 1000, static_cast<double>(trip.max()) / 1000);
+  if (best)
+    std::printf("clock: the broker's is ahead of ours by %+.3f ms +- %.3f\n",
+                static_cast<double>(best->offset_us) / 1000, static_cast<double>(best->error_us) / 1000);
+  nlohmann::ordered_json json{
+      {"schema", "eigencast-latency-probe"}, {"schema_version", kReportSchema}, {"url", options.inputs.url}};
+  for (const auto& [name, value] : environment(version)) json["environment"][name] = value;
+  json["count"] = trip.count();
+  json["round_trip"] = {{"min_us", trip.min()}, {"p50_us", trip.percentile(50)}, {"max_us", trip.max()}};
+  if (best) json["clock"] = {{"offset_us", best->offset_us}, {"error_us", best->error_us}};
+  if (auto written = write_to(options.json, json.dump(2) + "\n"); !written) return complain(written.error());
+  return kExitGood;
+}
+
+}  // namespace
+
+int run_command(const Options& options, const std::string& version, const std::atomic<bool>& stop) {
+  switch (options.command) {
+    case Options::Command::kMeasure:
+      return measure(options, version, stop);
+    case Options::Command::kProbe:
+      return probe(options, version, stop);
+    case Options::Command::kSweep:
+      return sweep(options, version, stop);
+    case Options::Command::kCompare:
+      break;
+  }
+  const auto compared = comparison(options.compare_a, options.compare_b);
+  if (!compared) return complain(compared.error());
+  std::fputs(compared->c_str(), stdout);
+  return kExitGood;
+}
+
+}  // namespace eigencast::latency

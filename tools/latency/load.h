@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "common/core/clock.h"
+#include "common/core/result.h"
+#include "tools/latency/hdr_histogram.h"
+
+namespace eigencast::latency {
+
+/// Many light viewers on one thread: each reads its frames, checks that every key follows the one before it, acknowledges
+/// as a real one does, and takes the time; none rebuilds a surface. What it costs itself is measured, so that it can say
+/// when it, and not the broker, was what limited.
+class Load {
+ public:
+  struct Options {
+    std::string url;  ///< ws://host:port/stream?profile, numeric host or name.
+    std::uint32_t viewers = 0;
+    TimeUs ack_every_us = 100'000;
+  };
+  struct Figures {
+    std::uint64_t viewers = 0;  ///< Connected at the end.
+    std::uint64_t refused = 0;  ///< Never connected, or lost.
+    std::uint64_t frames = 0;
+    std::uint64_t bytes = 0;
+    std::uint64_t keys_missed = 0;  ///< Gaps in the numbers of keys: superseded on the way.
+    std::uint64_t undecodable = 0;  ///< Frames that build on a key that this viewer does not have.
+    HdrHistogram latency_us;        ///< Read minus capture; meaningful where the sender shares our clock.
+    HdrHistogram lag_us;            ///< How late its own thread was.
+    double cpu_share = 0;           ///< Of one core, of its thread.
+    /// True if the tool's own thread was near its limit, so that the broker cannot be blamed.
+    bool was_bottleneck() const { return cpu_share > 0.8 || lag_us.percentile(99) > 20'000; }
+  };
+
+  /// Connects all, a few at a time, and returns when all are watching or `patience_us` is over.
+  /// Errors: kInvalidArgument (URL), kUnreachable (none could connect), kTooLarge (file descriptors).
+  static Result<std::unique_ptr<Load>> start(const Options& options, TimeUs patience_us);
+  ~Load();
+  /// What is counted begins now.
+  void begin();
+  /// Ends and tells.
+  Figures finish();
+
+ private:
+  class Impl;
+  explicit Load(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace eigencast::latency

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: MIT
+#include "tools/latency/options.h"
+
+#include <CLI/CLI.hpp>
+
+namespace eigencast::latency {
+namespace {
+
+constexpr const char* kAbout =
+    R"(Measures the delay from pose to rebuilt surface, stage by stage.
+
+A pose counts from the time it was meant for (open-loop schedule), to the time its surface was rebuilt. Keys and synthetic
+poses are reported apart; so are the stages, whose sum is checked against the total. docs/latency.md says how.
+
+EXAMPLES
+  eigencast-latency loop                              a broker of its own, the heart, 30 poses/s, raw
+  eigencast-latency loop --interp 3 --clients 1000    x 3, with 999 light viewers beside the measured one
+  eigencast-latency loop ws://broker:7490/test --fail-if 'p99>60ms' --json result.json
+  eigencast-latency pair --publish ws://broker:7490/test --duration 60        on the one machine
+  eigencast-latency pair --subscribe ws://broker:7490/test --duration 30      on the other
+  eigencast-latency passive ws://broker:7490/lab/horse                        of a stream that is there already
+  eigencast-latency probe ws://broker:7490                                    round trip and clock only
+  eigencast-latency sweep --rates 30,60 --clients 1,100,1000 --interps 1,3
+  eigencast-latency compare before.json after.json
+
+EXIT STATUS
+  0 good; 1 could not measure; 2 usage; 3 a --fail-if condition held; 4 the stages do not add up)";
+
+void add_outputs(CLI::App& command, Options& o) {
+  command.add_option("--json", o.json, "write the whole report here (- for standard output)")->group("Output");
+  command.add_option("--csv", o.csv, "write a line per second here")->group("Output");
+  command.add_option("--hgrm", o.hgrm, "write the percentile spectrum of the keys here (plots as HdrHistogram)")
+      ->group("Output");
+  command.add_option("--hdr-log", o.hdr_log, "write an HdrHistogram log here, V2")->group("Output");
+  command.add_option("--samples", o.samples, "write every traced pose with its stages here (CSV)")->group("Output");
+  command
+      .add_option("--fail-if", o.fail_if,
+                  "exit 3 if it holds: 'p99>60ms', 'synthetic.p50>30ms', 'in_broker.p50>100us', 'lost>0'")
+      ->group("Output");
+  command
+      .add_flag("--no-progress", o.no_progress, "no progress line (there is none where standard error is no terminal)")
+      ->group("Output");
+  command.add_flag("--verbose,-v", o.verbose, "say what the connections do")->group("Output");
+}
+
+void add_span(CLI::App& command, Inputs& in) {
+  command.add_option("--duration", in.duration_s, "seconds measured")
+      ->check(CLI::Range(0.2, 1e6))
+      ->capture_default_str();
+  command.add_option("--warmup", in.warmup_s, "seconds before that")
+      ->check(CLI::Range(0.0, 1e4))
+      ->capture_default_str();
+}
+
+void add_sender(CLI::App& command, Inputs& in) {
+  command.add_option("--rate", in.rate_hz, "keys a second")->check(CLI::Range(0.5, 1000.0))->capture_default_str();
+  command.add_option("--source", in.source, "built-in shape: heart, torus, sphere, bar, heart:fine")
+      ->capture_default_str();
+  command.add_option("--rank", in.rank, "coefficients per axis")->check(CLI::Range(4, 1000))->capture_default_str();
+  command.add_option("--codec", in.codec, "quantised, float32, float64")->capture_default_str();
+}
+
+void add_viewer(CLI::App& command, Inputs& in) {
+  command.add_option("--interp", in.interpolation, "poses per key: 1 (raw) to 15")
+      ->check(CLI::Range(1, 15))
+      ->capture_default_str();
+  command.add_option("--form", in.form, "full: the broker interpolates; compact: the viewer does")
+      ->check(CLI::IsMember({"full", "compact"}))
+      ->capture_default_str();
+  command.add_option("--lod", in.lod, "share of the vertices that are rebuilt")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  command.add_option("--trace-every", in.trace_every, "keys whose stages are told: every one, every second, ...")
+      ->check(CLI::Range(1, 1000000))
+      ->capture_default_str();
+  command.add_option("--late-ms", in.late_ms, "an older pose counts as late")->capture_default_str();
+}
+
+}  // namespace
+
+std::variant<Options, ExitNow> options_from_command_line(int argc, const char* const* argv,
+                                                         const std::string& version) {
+  Options o;
+  CLI::App app{kAbout, "eigencast-latency"};
+  app.set_version_flag("--version", "eigencast-latency " + version);
+  app.require_subcommand(1);
+
+  CLI::App* loop = app.add_subcommand("loop", "sender and viewer in this process, on one clock: exact");
+  loop->add_option("url", o.inputs.url, "ws://host:port/stream (default: a broker of its own)");
+  loop->add_option("--viewer-url", o.inputs.viewer_url, "viewers go here instead, for example through a relay");
+  loop->add_option("--clients", o.inputs.clients, "viewers; all but one are light")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  add_span(*loop, o.inputs);
+  add_sender(*loop, o.inputs);
+  add_viewer(*loop, o.inputs);
+  add_outputs(*loop, o);
+
+  CLI::App* pair = app.add_subcommand("pair", "sender and viewer on two machines, one end each");
+  auto* ends = pair->add_option_group("end")->require_option(1);
+  std::string publish, subscribe;
+  ends->add_option("--publish", publish, "be the sender of this stream");
+  ends->add_option("--subscribe", subscribe, "be the viewer of this stream");
+  add_span(*pair, o.inputs);
+  add_sender(*pair, o.inputs);
+  add_viewer(*pair, o.inputs);
+  add_outputs(*pair, o);
+
+  CLI::App* passive = app.add_subcommand("passive", "watch a stream that somebody else sends");
+  passive->add_option("url", o.inputs.url, "ws://host:port/stream")->required();
+  add_span(*passive, o.inputs);
+  add_viewer(*passive, o.inputs);
+  add_outputs(*passive, o);
+
+  CLI::App* probe = app.add_subcommand("probe", "round trip to a broker, and how its clock stands to ours");
+  probe->add_option("url", o.inputs.url, "ws://host:port")->required();
+  probe->add_option("--count", o.pings, "pings")->check(CLI::Range(1, 100000))->capture_default_str();
+  probe->add_option("--json", o.json, "write the result here (- for standard output)");
+
+  CLI::App* sweep = app.add_subcommand("sweep", "loop for every combination of the lists");
+  sweep->add_option("url", o.inputs.url, "ws://host:port/stream (default: a broker of its own)");
+  sweep->add_option("--rates", o.rates, "keys a second")->delimiter(',');
+  sweep->add_option("--clients", o.clients, "viewers")->delimiter(',');
+  sweep->add_option("--interps", o.interpolations, "poses per key")->delimiter(',');
+  sweep->add_option("--ranks", o.ranks, "coefficients per axis")->delimiter(',');
+  add_span(*sweep, o.inputs);
+  sweep->add_option("--source", o.inputs.source, "built-in shape")->capture_default_str();
+  sweep->add_option("--lod", o.inputs.lod, "share of the vertices that are rebuilt")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  sweep->add_option("--json", o.json, "write all reports here, as an array");
+  sweep->add_flag("--no-progress", o.no_progress, "no progress line");
+
+  CLI::App* compare = app.add_subcommand("compare", "two JSON reports side by side");
+  compare->add_option("a", o.compare_a, "a report")->required();
+  compare->add_option("b", o.compare_b, "another")->required();
+
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    return ExitNow{app.exit(error) == 0 ? kExitGood : kExitUsage};
+  }
+  if (pair->parsed()) {
+    o.inputs.mode = publish.empty() ? "subscribe" : "publish";
+    o.inputs.url = publish.empty() ? subscribe : publish;
+  }
+  if (passive->parsed()) o.inputs.mode = "passive";
+  if (probe->parsed()) o.command = Options::Command::kProbe;
+  if (sweep->parsed()) o.command = Options::Command::kSweep;
+  if (compare->parsed()) o.command = Options::Command::kCompare;
+  return o;
+}
+
+}  // namespace eigencast::latency

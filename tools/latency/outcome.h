@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "tools/latency/clock_track.h"
+#include "tools/latency/hdr_histogram.h"
+#include "tools/latency/load.h"
+#include "tools/latency/timeline.h"
+
+namespace eigencast::latency {
+
+/// Everything that decides a run; echoed whole in its report.
+struct Inputs {
+  std::string mode = "loop";     ///< loop, publish, subscribe, passive
+  std::string url;               ///< Of broker and stream.
+  std::string viewer_url;        ///< Where viewers go, if not there (through a relay).
+  std::string source = "heart";  ///< Built-in shape.
+  int rank = 200;
+  std::string codec = "quantised";
+  double rate_hz = 30;
+  int interpolation = 1;  ///< Poses per key; 1: raw.
+  std::string form = "full";
+  double lod = 1;             ///< Share of the vertices that are rebuilt.
+  std::uint32_t clients = 1;  ///< One full viewer, the others light.
+  double duration_s = 10, warmup_s = 2;
+  std::uint32_t trace_every = 1;  ///< Keys that are traced.
+  double late_ms = 100;           ///< A pose older than that counts as late.
+};
+
+struct Interval {
+  TimeUs start_us = 0, length_us = 0;  ///< Since the measurement began.
+  HdrHistogram keys, synthetic;
+};
+
+struct Counts {
+  std::uint64_t keys_sent = 0;      ///< While measured.
+  std::uint64_t sends_missed = 0;   ///< Of the schedule: the sender was too late for them.
+  std::uint64_t sends_dropped = 0;  ///< The link was behind.
+  std::uint64_t keys_received = 0;
+  std::uint64_t synthetic_received = 0;
+  std::uint64_t keys_lost = 0;   ///< Sent, and neither received nor told to be superseded by the end.
+  std::uint64_t superseded = 0;  ///< Frames that newer ones overtook in the broker, as it says: intended.
+  std::uint64_t late = 0;
+  std::uint64_t duplicate = 0;
+  std::uint64_t out_of_order = 0;
+  std::uint64_t traced = 0, trace_incomplete = 0;
+};
+
+/// What one run found.
+struct Outcome {
+  Inputs inputs;
+  bool one_clock = true;         ///< Sender and viewer are one process.
+  bool one_machine = false;      ///< And the broker is on the same machine: its steady clock is ours.
+  HdrHistogram keys, synthetic;  ///< Intended time to rebuilt surface, all poses; empty without one clock.
+  HdrHistogram
+      keys_uncorrected;  ///< As if the schedule had no part in it: actual beginning to rebuilt surface; traced keys.
+  std::array<HdrHistogram, kStages> key_stages, synthetic_stages;
+  HdrHistogram key_totals, synthetic_totals;  ///< Of the traced poses, which the stages are of.
+  std::uint64_t sums_checked = 0, sums_wrong = 0;
+  TimeUs worst_unexplained_us = 0;
+  HdrHistogram held_us;       ///< What interpolation made poses wait, margin included; empty where raw.
+  TimeUs clock_error_us = 0;  ///< Worst bound met in a stage.
+  ClockTrack sender_clock, viewer_clock;
+  std::optional<TimeUs> round_trip_us;
+  std::optional<TimeUs> first_surface_us;  ///< From the subscription to the first rebuilt surface.
+  std::uint64_t asset_bytes = 0;
+  std::uint32_t vertices = 0, vertices_rebuilt = 0;
+  double kbit_per_s = 0;
+  Counts counts;
+  std::optional<Load::Figures> load;
+  HdrHistogram send_lag_us;  ///< How late the sender's thread woke.
+  double cpu_share = 0;      ///< Of one core, of the whole process.
+  double seconds = 0, start_unix_s = 0;
+  std::vector<Interval> intervals;
+  std::vector<StagedPose> samples;  ///< At most kMostSamples.
+};
+inline constexpr std::size_t kMostSamples = 200'000;
+
+}  // namespace eigencast::latency

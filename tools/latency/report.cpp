@@ -1,0 +1,325 @@
+// SPDX-License-Identifier: MIT
+#include "tools/latency/report.h"
+
+#include <algorithm>
+#include <cstdarg>
+#include <cstdio>
+#include <cstdlib>
+#include <nlohmann/json.hpp>
+
+namespace eigencast::latency {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+constexpr double kPercentiles[] = {50, 75, 90, 95, 99, 99.9, 99.99, 100};
+
+__attribute__((format(printf, 1, 2))) std::string formatted(const char* format, ...) {
+  char text[512];
+  va_list values;
+  va_start(values, format);
+  std::vsnprintf(text, sizeof text, format, values);
+  va_end(values);
+  return text;
+}
+
+std::string percentile_name(double p) {
+  if (p == 100) return "max";
+  std::string name = formatted("p%g", p);
+  return name;
+}
+
+std::string ms(std::optional<std::int64_t> us) {
+  return us ? formatted("%9.3f", static_cast<double>(*us) / 1000) : std::string("        -");
+}
+
+/// A one-way value that the clocks' error drowns is no value.
+std::string one_way(const HdrHistogram& h, double p, TimeUs error_us) {
+  const auto value = h.reliable_percentile(p);
+  return value && error_us > 0 && *value < error_us && h.negative() > 0 ? "  unknown" : ms(value);
+}
+
+std::string row(std::string_view title, const HdrHistogram& h, TimeUs error_us) {
+  std::string line = formatted("  %-20.*s", static_cast<int>(title.size()), title.data());
+  for (const double p : kPercentiles) line += " " + one_way(h, p, error_us);
+  if (h.negative() > 0)
+    line += formatted("  %llu negative, down to %.3f", static_cast<unsigned long long>(h.negative()),
+                      static_cast<double>(h.least_negative()) / 1000);
+  return line + "\n";
+}
+
+std::string heading(const char* what) {
+  std::string line = formatted("%-22s", what);
+  for (const double p : kPercentiles) line += formatted(" %9s", percentile_name(p).c_str());
+  return line + "\n";
+}
+
+bool crosses_clocks(Stage stage) {
+  return stage == Stage::kToBroker || stage == Stage::kToClient;
+}
+
+std::string stage_rows(const Outcome& o, const std::array<HdrHistogram, kStages>& stages) {
+  std::string text;
+  for (std::size_t i = 0; i < kStages; ++i) {
+    const auto stage = static_cast<Stage>(i);
+    text += row(title_of(stage), stages[i], crosses_clocks(stage) ? o.clock_error_us : 0);
+  }
+  return text;
+}
+
+Json json_from(const HdrHistogram& h) {
+  Json json{{"count", h.count()}, {"negative_count", h.negative()}};
+  json["min_us"] = h.count() > 0 ? Json(h.min()) : Json(nullptr);
+  json["mean_us"] = h.count() > 0 ? Json(h.mean()) : Json(nullptr);
+  for (const double p : kPercentiles) {
+    const auto value = h.reliable_percentile(p);
+    json[percentile_name(p) + "_us"] = value ? Json(*value) : Json(nullptr);
+  }
+  if (h.negative() > 0) json["least_us"] = h.least_negative();
+  return json;
+}
+
+Json json_from(const ClockTrack& track) {
+  Json json;
+  const auto best = track.best();
+  json["offset_us"] = best ? Json(best->offset_us) : Json(nullptr);
+  json["error_us"] = best ? Json(best->error_us) : Json(nullptr);
+  const auto drift = track.drift();
+  json["drift_ppm"] = drift ? Json(drift->ppm) : Json(nullptr);
+  json["drift_error_ppm"] = drift ? Json(drift->error_ppm) : Json(nullptr);
+  return json;
+}
+
+Json json_from(const Inputs& in) {
+  return {{"mode", in.mode},
+          {"url", in.url},
+          {"viewer_url", in.viewer_url},
+          {"source", in.source},
+          {"rank", in.rank},
+          {"codec", in.codec},
+          {"rate_hz", in.rate_hz},
+          {"interpolation", in.interpolation},
+          {"form", in.form},
+          {"lod", in.lod},
+          {"clients", in.clients},
+          {"duration_s", in.duration_s},
+          {"warmup_s", in.warmup_s},
+          {"trace_every", in.trace_every},
+          {"late_ms", in.late_ms}};
+}
+
+Json json_from(const Counts& c) {
+  return {{"keys_sent", c.keys_sent},
+          {"sends_missed", c.sends_missed},
+          {"sends_dropped", c.sends_dropped},
+          {"keys_received", c.keys_received},
+          {"synthetic_received", c.synthetic_received},
+          {"keys_lost", c.keys_lost},
+          {"frames_superseded", c.superseded},
+          {"late", c.late},
+          {"duplicate", c.duplicate},
+          {"out_of_order", c.out_of_order},
+          {"traced", c.traced},
+          {"trace_incomplete", c.trace_incomplete}};
+}
+
+Json json_from(const std::array<HdrHistogram, kStages>& stages) {
+  Json json;
+  for (std::size_t i = 0; i < kStages; ++i) json[std::string(name_of(static_cast<Stage>(i)))] = json_from(stages[i]);
+  return json;
+}
+
+std::string clock_line(const char* whose, const ClockTrack& track) {
+  const auto best = track.best();
+  if (!best) return formatted("  %s clock: unknown\n", whose);
+  std::string line = formatted("  %s clock: offset %+.3f ms +- %.3f (bound: half the least round trip)", whose,
+                               static_cast<double>(best->offset_us) / 1000, static_cast<double>(best->error_us) / 1000);
+  if (const auto drift = track.drift()) line += formatted(", drift %+.1f +- %.1f ppm", drift->ppm, drift->error_ppm);
+  return line + "\n";
+}
+
+std::string load_lines(const Load::Figures& load) {
+  std::string text =
+      formatted("light viewers: %llu watching, %llu refused or lost, %llu frames, %llu keys missed, %llu undecodable\n",
+                static_cast<unsigned long long>(load.viewers), static_cast<unsigned long long>(load.refused),
+                static_cast<unsigned long long>(load.frames), static_cast<unsigned long long>(load.keys_missed),
+                static_cast<unsigned long long>(load.undecodable));
+  text += row("pose to socket", load.latency_us, 0);
+  text += formatted("  their thread: %.0f %% of a core, late by %.3f ms (p99)\n", 100 * load.cpu_share,
+                    static_cast<double>(load.lag_us.percentile(99)) / 1000);
+  return text;
+}
+
+}  // namespace
+
+std::string table(const Outcome& o) {
+  const Counts& c = o.counts;
+  const auto n = [](std::uint64_t v) { return static_cast<unsigned long long>(v); };
+  std::string text = formatted(
+      "%s: %s, %u of %u vertices, r = %d, %g poses/s, %s, %.1f s, %.1f kbit/s; times in ms\n\n", o.inputs.mode.c_str(),
+      o.inputs.source.c_str(), o.vertices_rebuilt, o.vertices, o.inputs.rank, o.inputs.rate_hz,
+      o.inputs.interpolation > 1
+          ? formatted("interpolated x %d, %s", o.inputs.interpolation, o.inputs.form.c_str()).c_str()
+          : "raw",
+      o.seconds, o.kbit_per_s);
+  text += heading("pose to rebuilt surface");
+  text += row("keys", o.keys, 0);
+  if (o.synthetic.count() + o.synthetic.negative() > 0) text += row("synthetic", o.synthetic, 0);
+  text += row("keys, uncorrected", o.keys_uncorrected, 0);
+  if (o.key_totals.count() > 0)
+    text += "\n" + heading("where a key's time goes") + stage_rows(o, o.key_stages) +
+            row("= total, measured", o.key_totals, 0);
+  if (o.synthetic_totals.count() > 0)
+    text += "\n" + heading("a synthetic pose's") + stage_rows(o, o.synthetic_stages) +
+            row("= total, measured", o.synthetic_totals, 0);
+  text += formatted(
+      "\nstages add up to the total: %llu poses checked, %llu beyond the clocks' uncertainty, at worst %.3f ms "
+      "unexplained\n",
+      n(o.sums_checked), n(o.sums_wrong), static_cast<double>(o.worst_unexplained_us) / 1000);
+  if (o.hold_us > 0)
+    text += formatted("interpolation holds a pose %.3f ms = %.3f of a key interval\n",
+                      static_cast<double>(o.hold_us) / 1000, static_cast<double>(o.hold_us) * 1e-6 * o.inputs.rate_hz);
+  if (o.one_machine)
+    text +=
+        "  the broker is on this machine: all stamps are of one clock; the offsets below are a check, and should be "
+        "0\n";
+  text += clock_line("sender to broker:", o.sender_clock) + clock_line("viewer to broker:", o.viewer_clock);
+  text += formatted(
+      "keys: %llu sent, %llu received, %llu lost; frames superseded %llu (intended: newer ones overtook them); late "
+      "%llu, "
+      "duplicate %llu, out of order %llu\n",
+      n(c.keys_sent), n(c.keys_received), n(c.keys_lost), n(c.superseded), n(c.late), n(c.duplicate),
+      n(c.out_of_order));
+  text += formatted(
+      "schedule: %llu sends missed, %llu dropped; sender's thread late by %.3f ms (p99); this process used %.0f %% of "
+      "a core\n",
+      n(c.sends_missed), n(c.sends_dropped), static_cast<double>(o.send_lag_us.percentile(99)) / 1000,
+      100 * o.cpu_share);
+  if (o.first_surface_us)
+    text += formatted("first surface %.1f ms after subscribing (asset %.2f MB)\n",
+                      static_cast<double>(*o.first_surface_us) / 1000, static_cast<double>(o.asset_bytes) / 1e6);
+  if (o.load) text += load_lines(*o.load);
+  for (const std::string& complaint : complaints(o)) text += "WARNING: " + complaint + "\n";
+  return text;
+}
+
+std::string json_report(const Outcome& o, const std::string& version) {
+  Json json;
+  json["schema"] = "eigencast-latency";
+  json["schema_version"] = kReportSchema;
+  json["inputs"] = json_from(o.inputs);
+  Json place;
+  for (const auto& [name, value] : environment(version)) place[name] = value;
+  json["environment"] = std::move(place);
+  json["one_clock"] = o.one_clock;
+  json["one_machine"] = o.one_machine;
+  json["start_unix_s"] = o.start_unix_s;
+  json["measured_s"] = o.seconds;
+  json["vertices"] = o.vertices;
+  json["vertices_rebuilt"] = o.vertices_rebuilt;
+  json["kbit_per_s"] = o.kbit_per_s;
+  json["keys"] = json_from(o.keys);
+  json["synthetic"] = json_from(o.synthetic);
+  json["keys_uncorrected"] = json_from(o.keys_uncorrected);
+  json["traced"] = {
+      {"keys", {{"stages", json_from(o.key_stages)}, {"total", json_from(o.key_totals)}}},
+      {"synthetic", {{"stages", json_from(o.synthetic_stages)}, {"total", json_from(o.synthetic_totals)}}}};
+  json["sum_check"] = {{"poses", o.sums_checked},
+                       {"wrong", o.sums_wrong},
+                       {"worst_unexplained_us", o.worst_unexplained_us},
+                       {"clock_error_us", o.clock_error_us}};
+  json["interpolation_hold_us"] = o.hold_us;
+  json["clocks"] = {{"sender_to_broker", json_from(o.sender_clock)}, {"viewer_to_broker", json_from(o.viewer_clock)}};
+  json["round_trip_us"] = o.round_trip_us ? Json(*o.round_trip_us) : Json(nullptr);
+  json["first_surface_us"] = o.first_surface_us ? Json(*o.first_surface_us) : Json(nullptr);
+  json["asset_bytes"] = o.asset_bytes;
+  json["counts"] = json_from(o.counts);
+  json["self"] = {{"cpu_share", o.cpu_share}, {"send_lag", json_from(o.send_lag_us)}};
+  if (o.load) {
+    json["load"] = {{"viewers", o.load->viewers},
+                    {"refused", o.load->refused},
+                    {"frames", o.load->frames},
+                    {"bytes", o.load->bytes},
+                    {"keys_missed", o.load->keys_missed},
+                    {"undecodable", o.load->undecodable},
+                    {"pose_to_socket", json_from(o.load->latency_us)},
+                    {"lag", json_from(o.load->lag_us)},
+                    {"cpu_share", o.load->cpu_share},
+                    {"was_bottleneck", o.load->was_bottleneck()}};
+  }
+  json["warnings"] = complaints(o);
+  return json.dump(2) + "\n";
+}
+
+std::string csv_report(const Outcome& o) {
+  std::string text = "start_s,kind,count,p50_us,p90_us,p99_us,max_us\n";
+  const auto line = [&](const Interval& interval, const char* kind, const HdrHistogram& h) {
+    if (h.count() == 0) return;
+    const auto cell = [&](double p) {
+      const auto value = h.reliable_percentile(p);
+      return value ? std::to_string(*value) : std::string();
+    };
+    text += formatted("%.3f,%s,%llu,", static_cast<double>(interval.start_us) / 1e6, kind,
+                      static_cast<unsigned long long>(h.count())) +
+            cell(50) + "," + cell(90) + "," + cell(99) + "," + cell(100) + "\n";
+  };
+  for (const Interval& interval : o.intervals) {
+    line(interval, "key", interval.keys);
+    line(interval, "synthetic", interval.synthetic);
+  }
+  return text;
+}
+
+std::string samples_report(const Outcome& o) {
+  std::string text = "sequence,at,of,capture_us,total_us,unexplained_us,uncertainty_us";
+  for (std::size_t i = 0; i < kStages; ++i) text += "," + std::string(name_of(static_cast<Stage>(i))) + "_us";
+  text += "\n";
+  for (const StagedPose& pose : o.samples) {
+    const Envelope& e = pose.envelope;
+    text += formatted("%llu,%d,%d,%lld,%lld,%lld,%lld", static_cast<unsigned long long>(e.sequence), int{e.step.at},
+                      int{e.step.of}, static_cast<long long>(e.capture_us), static_cast<long long>(pose.total.us),
+                      static_cast<long long>(pose.unexplained_us()), static_cast<long long>(pose.uncertainty_us()));
+    for (const Span& span : pose.stages) text += "," + std::to_string(span.us);
+    text += "\n";
+  }
+  return text;
+}
+
+std::string hdr_log(const Outcome& o) {
+  std::vector<LogInterval> intervals;
+  for (const Interval& interval : o.intervals) {
+    if (interval.keys.count() > 0) intervals.push_back({"key", interval.start_us, interval.length_us, interval.keys});
+    if (interval.synthetic.count() > 0)
+      intervals.push_back({"synthetic", interval.start_us, interval.length_us, interval.synthetic});
+  }
+  return histogram_log(intervals, o.start_unix_s);
+}
+
+bool sums_are_wrong(const Outcome& outcome) {
+  return outcome.sums_wrong > 0;
+}
+
+std::vector<std::string> complaints(const Outcome& o) {
+  std::vector<std::string> all;
+  if (sums_are_wrong(o))
+    all.push_back(
+        formatted("THE STAGES DO NOT ADD UP for %llu of %llu poses, by %.3f ms at worst: do not trust these figures",
+                  static_cast<unsigned long long>(o.sums_wrong), static_cast<unsigned long long>(o.sums_checked),
+                  static_cast<double>(o.worst_unexplained_us) / 1000));
+  for (const ClockTrack* track : {&o.sender_clock, &o.viewer_clock}) {
+    const auto best = track->best();
+    if (o.one_machine && best && std::abs(best->offset_us) > best->error_us)
+      all.push_back("the broker was taken to share our clock, being on loopback, but its clock is another one");
+  }
+  if (o.load && o.load->was_bottleneck())
+    all.push_back("the light viewers' own thread was near its limit: the broker may be faster than this");
+  if (o.send_lag_us.count() > 0 && o.send_lag_us.percentile(99) > 5000)
+    all.push_back("the sender's thread woke late: this machine is overloaded, and the delays include that");
+  if (o.counts.sends_missed > 0) all.push_back("the sender could not hold the rate: see the missed sends");
+  if (o.inputs.mode != "publish" && o.counts.traced == 0)
+    all.push_back("no traces came, so there are no stages: is sender and broker of this version?");
+  if (o.counts.keys_lost > 0) all.push_back("keys were lost that nothing superseded");
+  return all;
+}
+
+}  // namespace eigencast::latency

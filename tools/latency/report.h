@@ -1,0 +1,40 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "common/core/result.h"
+#include "tools/latency/outcome.h"
+
+namespace eigencast::latency {
+
+inline constexpr int kReportSchema = 1;
+
+/// Where a run was made, so that runs can be compared: name and value, in a fixed order. Nothing that names the machine.
+std::vector<std::pair<std::string, std::string>> environment(const std::string& version);
+
+/// The report for people.
+std::string table(const Outcome& outcome);
+/// The report as JSON; every number is finite, what is not known is null.
+std::string json_report(const Outcome& outcome, const std::string& version);
+/// One line per second: keys and synthetic poses apart.
+std::string csv_report(const Outcome& outcome);
+/// One line per traced pose with all its stages.
+std::string samples_report(const Outcome& outcome);
+/// The log for HdrHistogram's tools; one histogram per second, tags "key" and "synthetic".
+std::string hdr_log(const Outcome& outcome);
+
+/// What does not add up, or makes the figures doubtful: each a sentence. Empty: none.
+std::vector<std::string> complaints(const Outcome& outcome);
+/// True if the stages do not add up to the total within the clocks' uncertainty: then no figure can be trusted.
+bool sums_are_wrong(const Outcome& outcome);
+
+/// --fail-if: "p99>60ms", "synthetic.p50>30ms", "in_broker.p50>100us", "lost>0". Returns what failed, empty if nothing.
+/// A percentile with too few samples fails. Errors: kInvalidArgument.
+Result<std::string> failed_condition(const std::string& condition, const Outcome& outcome);
+
+/// The table that compares two JSON reports. Errors: kIo, kCorrupt.
+Result<std::string> comparison(const std::string& path_a, const std::string& path_b);
+
+}  // namespace eigencast::latency

@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <map>
+#include <optional>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "common/core/clock.h"
+#include "common/wire/control.h"
+#include "common/wire/envelope.h"
+
+namespace eigencast::latency {
+
+/// Where the time of one pose goes, in the order of its life. docs/latency.md says what each is.
+enum class Stage : std::uint8_t {
+  kSchedule,     ///< Intended time to the beginning of the work.
+  kTransform,    ///< Positions to coefficients.
+  kEncode,       ///< Coefficients to a frame that was handed to the connection.
+  kToBroker,     ///< Until the broker had read it.
+  kHold,         ///< What interpolation has to wait for: the later of its two keys.
+  kMargin,       ///< What it waited beyond that, against jitter; negative where the key was late.
+  kInBroker,     ///< Ready to leave, until it was handed to the first viewer's socket.
+  kToClient,     ///< Until the viewer had read it.
+  kDecode,       ///< Frame to coefficients.
+  kHandOver,     ///< Until the viewer's own thread took it.
+  kReconstruct,  ///< Coefficients to positions.
+};
+inline constexpr std::size_t kStages = 11;
+/// As in reports, for example "to_broker".
+std::string_view name_of(Stage stage);
+/// For people, for example "to broker".
+std::string_view title_of(Stage stage);
+
+/// A time difference whose ends may be stamped by different clocks.
+struct Span {
+  TimeUs us = 0;
+  TimeUs error_us = 0;  ///< Bound on what the offset of the clocks may be wrong by; 0: one clock.
+};
+
+/// One pose with all its stages.
+struct StagedPose {
+  Envelope envelope;
+  std::array<Span, kStages> stages{};
+  Span total;  ///< Intended time to rebuilt surface, measured, not summed.
+  bool is_key() const { return envelope.kind == FrameKind::kKey || envelope.kind == FrameKind::kJoin; }
+  /// What the stages do not account for.
+  TimeUs unexplained_us() const;
+  /// By how much the stages and the total may differ because of the clocks.
+  TimeUs uncertainty_us() const;
+};
+
+/// How the viewer's clock stands to the broker's, as Subscriber::Stats has it.
+struct ViewerClock {
+  TimeUs offset_us = 0;  ///< The broker's minus ours.
+  TimeUs error_us = 0;
+};
+
+/// What the viewer itself stamped, on its clock.
+struct Received {
+  Envelope envelope;
+  TimeUs read_us = 0, decoded_us = 0, taken_us = 0, rebuilt_us = 0;
+  std::optional<ViewerClock> clock;
+};
+
+/// Brings together what sender, broker and viewer say about each pose. Pure; bounded: what stays incomplete for long is
+/// given up and counted. Not thread-safe.
+class Timeline {
+ public:
+  struct Clocks {
+    bool one_clock = false;    ///< Sender and viewer share a clock (one process): the total needs no offsets.
+    bool one_machine = false;  ///< The broker shares it too: no stage needs one.
+  };
+  explicit Timeline(const Clocks& clocks) : clocks_(clocks) {}
+
+  void add(const Received& received);
+  void add(const control::Trace& trace);
+  /// The poses that are complete now, in no particular order.
+  std::vector<StagedPose> take();
+  /// Received poses of traced keys of which something never came.
+  std::uint64_t incomplete() const { return incomplete_; }
+  void reset();
+
+ private:
+  struct Sender {
+    TimeUs begun_us = 0, transformed_us = 0, sent_us = 0;
+    std::optional<control::Trace::BrokerClock> clock;
+  };
+  struct Broker {
+    TimeUs arrived_us = 0, left_us = 0;
+    std::optional<TimeUs> due_us;
+  };
+  struct Key {
+    std::optional<Sender> sender;
+    std::optional<TimeUs> capture_us;
+    bool traced = false;
+    std::map<std::uint8_t, Broker> broker;      ///< By step byte; at most 16 of each.
+    std::map<std::uint8_t, Received> received;  ///< Likewise.
+  };
+  void settle(std::uint64_t sequence, Key& key);
+  StagedPose staged(const Received& received, const Key& key, const Broker& broker) const;
+  /// How long the first pose of the interval that ends with the key must be waited for; nothing if it is not known.
+  std::optional<TimeUs> least_hold_us(std::uint64_t sequence, const Key& key) const;
+
+  Clocks clocks_;
+  std::map<std::uint64_t, Key> keys_;  ///< At most kMaxKeys of the newest.
+  std::vector<StagedPose> done_;
+  std::uint64_t incomplete_ = 0;
+};
+
+}  // namespace eigencast::latency
