@@ -176,9 +176,15 @@ std::string table(const Outcome& o) {
       "\nstages add up to the total: %llu poses checked, %llu beyond the clocks' uncertainty, at worst %.3f ms "
       "unexplained\n",
       n(o.sums_checked), n(o.sums_wrong), static_cast<double>(o.worst_unexplained_us) / 1000);
-  if (o.hold_us > 0)
-    text += formatted("interpolation holds a pose %.3f ms = %.3f of a key interval\n",
-                      static_cast<double>(o.hold_us) / 1000, static_cast<double>(o.hold_us) * 1e-6 * o.inputs.rate_hz);
+  if (o.held_us.count() > 0) {
+    const double interval_us = 1e6 / o.inputs.rate_hz;
+    const auto least = static_cast<double>(o.held_us.min()), median = static_cast<double>(o.held_us.percentile(50));
+    text += formatted(
+        "interpolation held poses %.3f ms at least, %.3f in the median: %.3f and %.3f of a key interval (x %d cannot "
+        "do with less than %.3f)\n",
+        least / 1000, median / 1000, least / interval_us, median / interval_us, o.inputs.interpolation,
+        1 - 1.0 / o.inputs.interpolation);
+  }
   if (o.one_machine)
     text +=
         "  the broker is on this machine: all stamps are of one clock; the offsets below are a check, and should be "
@@ -228,7 +234,7 @@ std::string json_report(const Outcome& o, const std::string& version) {
                        {"wrong", o.sums_wrong},
                        {"worst_unexplained_us", o.worst_unexplained_us},
                        {"clock_error_us", o.clock_error_us}};
-  json["interpolation_hold_us"] = o.hold_us;
+  json["held"] = json_from(o.held_us);
   json["clocks"] = {{"sender_to_broker", json_from(o.sender_clock)}, {"viewer_to_broker", json_from(o.viewer_clock)}};
   json["round_trip_us"] = o.round_trip_us ? Json(*o.round_trip_us) : Json(nullptr);
   json["first_surface_us"] = o.first_surface_us ? Json(*o.first_surface_us) : Json(nullptr);

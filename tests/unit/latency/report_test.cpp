@@ -100,7 +100,7 @@ TEST(Conditions, AreJudgedInTheirUnit) {
   const Outcome o = sample();
   EXPECT_EQ(failed_condition("p50>60ms", o).value(), "");
   EXPECT_EQ(failed_condition("p50>2ms", o).value(), "");
-  EXPECT_THAT(failed_condition("p50>1ms", o).value(), HasSubstr("p50>1ms: it is 150"));
+  EXPECT_THAT(failed_condition("p50>1ms", o).value(), HasSubstr("p50>1ms: it is 1499 us"));
   EXPECT_THAT(failed_condition("key.p99>1980us", o).value(), HasSubstr("it is 19"));
   EXPECT_THAT(failed_condition("max<1s", o).value(), HasSubstr("it is"));
   EXPECT_EQ(failed_condition("in_broker.p50>100us", o).value(), "");

@@ -17,8 +17,7 @@ TimeUs us(const StagedPose& pose, Stage stage) {
 control::Trace senders(std::uint64_t sequence, TimeUs capture, TimeUs offset_found) {
   control::Trace t;
   t.sequence = sequence;
-  t.stages = {
-      {"begun", capture + 10}, {"transformed", capture + 510}, {"encoded", capture + 560}, {"sent", capture + 600}};
+  t.stages = {{"begun", capture + 10}, {"transformed", capture + 510}, {"sent", capture + 600}};
   t.broker_clock = {offset_found, 40};
   return t;
 }
@@ -115,14 +114,14 @@ TEST(Timeline, InterpolationHoldsEveryPoseOfAnIntervalAlikeAndTheRestIsMargin) {
       line.add(received(at == 3 ? FrameKind::kKey : FrameKind::kSynthetic, s, step, media, due + 200));
     }
   }
-  auto poses = line.take();
+  const auto poses = line.take();
   ASSERT_EQ(poses.size(), 30u);
-  EXPECT_EQ(split_hold(poses), 2 * kInterval / 3);
   for (const StagedPose& p : poses) {
-    EXPECT_EQ(us(p, Stage::kHold), 2 * kInterval / 3);
-    EXPECT_EQ(us(p, Stage::kMargin), p.envelope.sequence == 14 ? 0 : 4000);
     EXPECT_EQ(us(p, Stage::kInBroker), 70);
     EXPECT_EQ(p.unexplained_us(), 0);
+    if (p.envelope.sequence == 10) continue;  // The key before it is not known.
+    EXPECT_EQ(us(p, Stage::kHold), 2 * kInterval / 3);
+    EXPECT_EQ(us(p, Stage::kMargin), p.envelope.sequence == 14 ? 0 : 4000);
   }
 }
 
