@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
-// Reads the output of hdr_log_sample.cpp with hdr-histogram-js and compares what it finds with what was promised.
+// Reads, from standard input, the output of hdr_log_sample.cpp with hdr-histogram-js and compares what it finds with what was promised.
 const fs = require('fs');
 const hdr = require('hdr-histogram-js');
 
-const lines = fs.readFileSync(process.argv[2], 'utf8').trim().split('\n');
+const lines = fs.readFileSync(0, 'utf8').trim().split('\n');
 const promised = lines.filter(line => /^(key|synthetic) /.test(line)).map(line => line.split(' '));
 const rows = lines.filter(line => line.startsWith('Tag='));
 if (promised.length !== 3 || rows.length !== 3) throw new Error('the sample is not as expected');
