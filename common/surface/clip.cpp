@@ -8,6 +8,7 @@
 
 #include "common/surface/check.h"
 #include "common/surface/file_text.h"
+#include "common/surface/foreign.h"
 #include "common/surface/frames.h"
 #include "common/surface/gltf.h"
 #include "common/surface/npy.h"
@@ -194,6 +195,7 @@ Result<std::unique_ptr<MotionClip>> clip_from_path(const std::string& path, cons
   const bool is_one = paths->size() == 1;
   const std::string ending = text::ending_of(first_path);
   if (is_one && (ending == "gltf" || ending == "glb")) return open_gltf_clip(first_path, given);
+  if (is_one && is_foreign(ending)) return open_foreign_clip(first_path, given);
   const ClipOptions options = is_one ? with_files_beside(given, first_path) : given;
   auto frames = frames_of(std::move(*paths));
   if (!frames) return frames.error();

@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include "common/surface/file_text.h"
+#include "common/surface/foreign.h"
 #include "common/surface/gltf.h"
 #include "common/surface/guard.h"
 #include "common/surface/npy.h"
@@ -74,8 +75,9 @@ Result<Surface> surface_from_file(const std::string& path) {
   const std::string ending = text::ending_of(path);
   if (ending == "npy") return surface_from_npy(path);
   if (ending == "pc2" || ending == "mdd") return surface_from_cache(path);
-  if (ending == "gltf" || ending == "glb") {
-    const auto clip = open_gltf_clip(path, {});
+  const bool is_gltf = ending == "gltf" || ending == "glb";
+  if (is_gltf || is_foreign(ending)) {
+    const auto clip = is_gltf ? open_gltf_clip(path, {}) : open_foreign_clip(path, {});
     if (!clip) return clip.error();
     return (*clip)->rest();
   }
@@ -105,9 +107,11 @@ Result<Surface> surface_from_file(const std::string& path) {
 }  // namespace
 
 std::string readable_endings() {
-  return "obj, ply, off, stl, xyz, npy, gltf, glb, pc2 or mdd";
+  const std::string foreign = foreign_endings();
+  return "obj, ply, off, stl, xyz, npy, gltf, glb, pc2" +
+         (foreign.empty() ? std::string(" or mdd (built without assimp: no fbx, dae)")
+                          : ", mdd, " + foreign + " (through assimp)");
 }
-
 Result<Surface> read_surface(const std::string& path) {
   try {
     return surface_from_file(path);

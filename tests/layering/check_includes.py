@@ -43,6 +43,7 @@ ROOMS = {
 LIBRARIES = {
     "Eigen": (r"Eigen/", {"common/spectral", "sdk", "sender"}, 24),
     "OpenMesh": (r"OpenMesh/", {"common/surface"}, 2),
+    "assimp": (r"assimp/", {"common/surface"}, 1),
     "tinygltf": (r"tiny_gltf\.h", {"common/surface"}, 1),
     "nanoflann": (r"nanoflann\.hpp", {"common/spectral", "common/progressive"}, 4),
     "meshoptimizer": (r"meshoptimizer\.h", {"common/progressive"}, 2),

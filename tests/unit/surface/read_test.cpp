@@ -196,7 +196,7 @@ TEST_F(Read, errors_say_what_and_where) {
               HasSubstr("lack"));
   EXPECT_THAT(error_of("n.xyz", "1 2 3\n1 2\n"), HasSubstr("line 2"));
   EXPECT_THAT(error_of("o.stl", "solid\nfacet\nvertex 1 2 3\nendfacet\nendsolid\n"), HasSubstr("line 4"));
-  EXPECT_THAT(error_of("p.gltf", "{}", ErrorCode::kUnsupported), HasSubstr("obj"));
+  EXPECT_THAT(error_of("p.step", "{}", ErrorCode::kUnsupported), HasSubstr("obj"));
   EXPECT_EQ(read_surface(dir_.file("none.obj")).error().code, ErrorCode::kNotFound);
   std::filesystem::create_directory(dir_.file("folder.obj"));
   EXPECT_EQ(read_surface(dir_.file("folder.obj")).error().code, ErrorCode::kIo);
