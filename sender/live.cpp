@@ -25,6 +25,12 @@ spdlog::level::level_enum level_of(LogLevel level) {
   }
 }
 
+// The broker takes a token in the query too.
+std::string with_token(const std::string& url, const std::string& token) {
+  if (token.empty()) return url;
+  return url + (url.find('?') == std::string::npos ? "?" : "&") + "access_token=" + token;
+}
+
 }  // namespace
 
 Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double rate_hz,
@@ -32,7 +38,7 @@ Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double r
   const auto codec = codec_from_name(target.codec);
   if (!codec) return codec.error();
   PublisherOptions options;
-  options.url = target.url;
+  options.url = with_token(target.url, target.token);
   options.codec = *codec;
   options.error = target.error;
   options.key_rate_hz = rate_hz;
