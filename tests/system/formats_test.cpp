@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: MIT
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "common/surface/read.h"
+#include "common/surface/shapes.h"
+#include "common/surface/write.h"
+#include "tests/system/scene.h"
+
+namespace eigencast::testing {
+namespace {
+
+constexpr std::size_t kFrames = 24;
+
+/// The first frames of a built-in shape, rounded to 32-bit floats: what every format can hold.
+class ShortClip final : public MotionClip {
+ public:
+  ShortClip()
+      : clip_(std::move(*builtin_clip("sphere"))), rest_{rounded(clip_->rest().positions), clip_->rest().faces} {}
+  const Surface& rest() const override { return rest_; }
+  std::size_t frame_count() const override { return kFrames; }
+  double frame_rate_hz() const override { return 30; }
+  Result<std::vector<Vec3>> pose(std::size_t frame) const override {
+    // Its rest pose first, as formats without one take their first frame for it.
+    return frame == 0 ? rest_.positions : rounded(*clip_->pose(frame));
+  }
+  std::string name() const override { return "short"; }
+
+ private:
+  static std::vector<Vec3> rounded(std::vector<Vec3> positions) {
+    for (Vec3& p : positions) {
+      for (double& x : p) x = static_cast<float>(x);
+    }
+    return positions;
+  }
+  std::unique_ptr<MotionClip> clip_;
+  Surface rest_;
+};
+
+using Coefficients = std::map<std::size_t, std::vector<double>>;
+
+/// What a client receives of each frame when `input` is played once.
+Coefficients played(const std::string& input) {
+  Scene scene;
+  const auto broker = scene.start_broker();
+  const auto client = scene.start_client("viewer", {"--frames", "10000"});
+  const auto sender = scene.start_sender({input, "--once", "--rate", "15", "--rank", "40", "--codec", "float64"});
+  EXPECT_EQ(sender->wait(milliseconds(60000)), 0) << scene.logs();
+  const SentFrames frames = scene.sent();
+  EXPECT_FALSE(frames.empty()) << scene.logs();
+  Coefficients received;
+  for (const RecordedPose& pose : scene.received("viewer")) {
+    const auto frame = frames.find(pose.capture_us);
+    if (pose.is_key() && frame != frames.end()) received[frame->second] = pose.coefficients;
+  }
+  EXPECT_GE(received.size(), 4u) << scene.logs();
+  return received;
+}
+
+TEST(Formats, TheSameClipGivesTheSameCoefficientsInEachOfThem) {
+  const TemporaryFolder folder;
+  const ShortClip clip;
+  Coefficients first;
+  for (const std::string name : {"npy/a.npy", "pc2/a.pc2", "mdd/a.mdd", "obj/a.obj"}) {
+    std::filesystem::create_directories(folder.path() / name.substr(0, 3));
+    ASSERT_TRUE(write_clip(clip, folder.file(name)));
+    const bool is_sequence = name.ends_with(".obj");
+    const Coefficients received = played(is_sequence ? folder.file("obj") : folder.file(name));
+    if (first.empty()) first = received;
+    std::size_t common = 0;
+    for (const auto& [frame, coefficients] : received) {
+      const auto same = first.find(frame);
+      if (same == first.end()) continue;
+      EXPECT_EQ(coefficients, same->second) << name << ", frame " << frame;
+      ++common;
+    }
+    EXPECT_GE(common, 4u) << name;
+  }
+}
+
+TEST(Formats, PosesFromStandardInputArriveAndWhatIsUnfinishedIsSaid) {
+  const TemporaryFolder folder;
+  const ShortClip clip;
+  ASSERT_TRUE(write_surface(clip.rest(), folder.file("rest.obj")));
+  {
+    std::ofstream out(folder.file("poses"), std::ios::binary);
+    for (std::size_t frame = 0; frame < kFrames; ++frame) {
+      const std::vector<Vec3> pose = *clip.pose(frame);
+      for (const Vec3& p : pose) {
+        for (const double x : p) {
+          const auto value = static_cast<float>(x);
+          out.write(reinterpret_cast<const char*>(&value), sizeof value);
+        }
+      }
+    }
+    out << "unfinished";
+  }
+  Scene scene;
+  const auto broker = scene.start_broker();
+  const auto client = scene.start_client("viewer", {"--frames", "10000"});
+  Process sender(
+      {"/bin/sh", "-c", "exec \"$0\" pipe --mesh \"$1\" --to \"$2\" --rate 15 --rank 40 --json \"$3\" < \"$4\"",
+       std::string(EIGENCAST_BIN_DIR) + "/eigencast-sender", folder.file("rest.obj"), scene.url(),
+       folder.file("report"), folder.file("poses")},
+      scene.file("pipe.log"));
+  EXPECT_EQ(sender.wait(milliseconds(60000)), 0) << sender.output() << scene.logs();
+  EXPECT_NE(sender.output().find("10 bytes"), std::string::npos) << sender.output();
+  EXPECT_EQ(sender.output().find("reading frames"), std::string::npos) << "no progress where there is no terminal";
+  std::ifstream in(folder.file("report"));
+  const std::string report((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+  EXPECT_NE(report.find("\"poses\": 24"), std::string::npos) << report;
+  EXPECT_NE(report.find("\"unfinished_bytes\": 10"), std::string::npos) << report;
+  EXPECT_GE(scene.received("viewer").size(), 4u) << scene.logs();
+}
+
+// What a user has: whole files, real motion. The sender reads and checks each to its end before it plays some of it.
+TEST(Formats, EveryRealClipPlays) {
+  const std::filesystem::path data = EIGENCAST_DATA_DIR;
+  if (!std::filesystem::exists(data)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << data;
+  std::vector<std::string> inputs{data / "gltf/Fox.glb", data / "gltf/AnimatedMorphCube.gltf"};
+  for (const auto& entry : std::filesystem::directory_iterator(data / "animations")) inputs.push_back(entry.path());
+  EXPECT_GE(inputs.size(), 7u);
+  for (const std::string& input : inputs) {
+    Scene scene;
+    const auto broker = scene.start_broker();
+    const auto client = scene.start_client("viewer", {"--frames", "10000"});
+    const auto sender = scene.start_sender({input, "--frames", "24", "--rate", "15", "--rank", "24"});
+    EXPECT_EQ(sender->wait(milliseconds(120000)), 0) << input << scene.logs();
+    EXPECT_EQ(sender->output().find("frame "), std::string::npos) << "no finding in good motion: " << sender->output();
+    EXPECT_GE(scene.received("viewer").size(), 1u) << input << scene.logs();
+  }
+}
+
+TEST(Formats, AnAbsentBrokerHasAnExitStatusOfItsOwn) {
+  const Scene scene;
+  Process sender({std::string(EIGENCAST_BIN_DIR) + "/eigencast-sender", "play", "sphere", "--rank", "8", "--to",
+                  "ws://127.0.0.1:1/a", "--duration", "0.3"},
+                 scene.file("sender.log"));
+  EXPECT_EQ(sender.wait(milliseconds(60000)), 4) << sender.output();
+}
+
+}  // namespace
+}  // namespace eigencast::testing
