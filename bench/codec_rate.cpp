@@ -21,7 +21,7 @@ namespace {
 using namespace eigencast;
 
 constexpr int kTimedRepetitions = 20;
-constexpr unsigned kSyntheticCoarseness = 2;  // As broker/relay/feed.cpp.
+constexpr double kSyntheticSpacing = 2.5;  // Over that of keys; as broker/relay/feed.cpp.
 
 template <typename T>
 T value_or_exit(Result<T> result) {
@@ -92,7 +92,7 @@ void run(const MotionClip& clip, double eps, double keys_per_second, int rank) {
   const Projector projector = value_or_exit(Projector::create(asset));
   const CoefficientLayout layout{CodecKind::kQuantised, asset.rank, 3, asset.band_ends};
   const Quantiser quantiser = quantiser_for_error(eps * asset.diagonal(), asset.area, asset.rank);
-  const auto coarse = static_cast<std::uint8_t>(std::min(63u, kSyntheticCoarseness * quantiser.half_spacing));
+  const auto coarse = static_cast<std::uint8_t>(std::min(63.0, kSyntheticSpacing * quantiser.half_spacing));
 
   Tally keys, synthetics;
   std::size_t join_bytes = 0;

@@ -13,9 +13,9 @@ namespace {
 // The pacer never holds more than three key intervals, so a key that waits longer has been overtaken.
 constexpr std::size_t kMaxComing = 5;
 
-// Synthetic poses are shown for a third of a key interval and built upon by nobody, so that their levels may lie further
-// apart than those of keys: the error that this adds is far below that of interpolating (docs/performance.md).
-constexpr unsigned kSyntheticCoarseness = 2;
+// Synthetic poses are shown for a part of a key interval and built upon by nobody, so that their levels lie further
+// apart than those of keys: what this adds is far below the error of interpolating (docs/performance.md).
+constexpr unsigned kSyntheticSpacingNumerator = 5, kSyntheticSpacingDenominator = 2;
 constexpr unsigned kMaxHalfSpacing = 63;
 
 std::uint8_t mask_of(const Profile& profile, const CoefficientLayout& layout) {
@@ -172,7 +172,8 @@ void Feed::emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out) {
 void Feed::emit_made(Envelope head, std::uint8_t key_spacing, const ChainState& state, const Result<Key>& pose,
                      std::vector<FramePtr>& out) {
   if (!pose) return void(++failed_poses_);
-  const unsigned half_spacing = std::min(kMaxHalfSpacing, unsigned{key_spacing} * kSyntheticCoarseness);
+  const unsigned half_spacing =
+      std::min(kMaxHalfSpacing, unsigned{key_spacing} * kSyntheticSpacingNumerator / kSyntheticSpacingDenominator);
   auto coded = encode_key(source_.layout, state, *pose, static_cast<std::uint8_t>(half_spacing));
   if (!coded) return void(++failed_poses_);
   Bytes payload = std::move(coded->payload);

@@ -23,6 +23,26 @@ struct DecisionCosts {
   }
 };
 
+const DecisionCosts& decision_costs() {
+  static const DecisionCosts kCosts;
+  return kCosts;
+}
+
+/// What levels of a rule cost in a context, in 1/256 bit.
+struct LevelCosts {
+  std::int64_t zero, one, two, each_more;
+
+  LevelCosts(const DecisionCosts& costs, const LevelOdds& odds)
+      : zero(costs.stop[odds.beyond_0]),
+        one(256 + costs.more[odds.beyond_0] + costs.stop[odds.beyond_1]),
+        two(256 + costs.more[odds.beyond_0] + costs.more[odds.beyond_1] + costs.stop[odds.later]),
+        each_more(costs.more[odds.later]) {}
+
+  std::int64_t of(std::int64_t level) const {
+    return level >= 2 ? two + (level - 2) * each_more : level == 1 ? one : zero;
+  }
+};
+
 /// The weights that leave the least energy, by least squares and then on their grid.
 Predictor best_predictor(std::span<const std::int32_t> values, const Motion& motion) {
   double vd = 0, vc = 0, dd = 0, dc = 0, cc = 0;
@@ -84,7 +104,8 @@ class Trellis {
       const auto merge = [&](unsigned from, unsigned parity, unsigned other, unsigned other_parity) {
         const std::int64_t a = cost[from] + price[rule_of(from)][parity];
         const std::int64_t b = cost[other] + price[rule_of(other)][other_parity];
-        return a <= b ? std::pair(a, false) : std::pair(b, true);
+        const bool second = b < a;
+        return std::pair(second ? b : a, second);
       };
       // Who leads where: kNextState, read backwards.
       const auto [c0, t0] = merge(0, 0, 1, 1);
@@ -111,32 +132,23 @@ class Trellis {
                                      : x / spacing;
     const std::array<std::int64_t, 2> below = {below_0, below_0 + (x - below_0 * spacing >= m_ ? 1 : 0)};
     for (const unsigned rule : {0u, 1u}) {
-      const LevelOdds odds(rule, context);
-      const auto set = [&](std::int64_t level) {
+      const LevelCosts costs(costs_, LevelOdds(rule, context));
+      const auto price_of = [&](std::int64_t level) {
         const std::int64_t error = x - point(rule, level) * m_;
-        const std::int64_t value = error * error * 4096 + lambda_ * rate(level, odds);
-        return value;
+        return error * error * 4096 + lambda_ * costs.of(level);
       };
       const std::int64_t low = below[rule];
       const auto parity = static_cast<unsigned>(low & 1);
       step.level[rule][parity] = low;
-      price[rule][parity] = set(low);
+      price[rule][parity] = price_of(low);
       step.level[rule][parity ^ 1] = low + 1;
-      price[rule][parity ^ 1] = set(low + 1);
+      price[rule][parity ^ 1] = price_of(low + 1);
       if (low != 1) continue;
-      if (const std::int64_t zero = set(0); zero < price[rule][0]) {
+      if (const std::int64_t zero = price_of(0); zero < price[rule][0]) {
         price[rule][0] = zero;
         step.level[rule][0] = 0;
       }
     }
-  }
-
-  static std::int64_t rate(std::int64_t level, const LevelOdds& odds) {
-    static const DecisionCosts kCosts;
-    if (level == 0) return kCosts.stop[odds.beyond_0];
-    const std::int64_t sign_and_zero = 256 + kCosts.more[odds.beyond_0];
-    if (level == 1) return sign_and_zero + kCosts.stop[odds.beyond_1];
-    return sign_and_zero + kCosts.more[odds.beyond_1] + (level - 2) * kCosts.more[odds.later] + kCosts.stop[odds.later];
   }
 
   void trace_back(unsigned state, std::vector<std::int64_t>& levels) const {
@@ -156,6 +168,7 @@ class Trellis {
   std::int64_t m_;
   std::int64_t lambda_;  ///< 0.06 squared spacings a bit, as 1/4096 of a squared step for 1/256 bit.
   std::vector<Step> steps_;
+  const DecisionCosts& costs_ = decision_costs();
 };
 
 void put_escape(RangeEncoder& out, std::int64_t count) {

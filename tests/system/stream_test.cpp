@@ -151,9 +151,9 @@ TEST_P(Interpolated, TheRateTriplesAndEveryPoseIsEquation7OfItsNeighbours) {
   const auto clip = builtin_clip("torus");
   const auto baked = bake((*clip)->rest(), {}, default_cache_dir());
   ASSERT_TRUE(baked);
-  // Compact poses are rounded to steps, full ones coded to within three half spacings of twice the keys' size.
+  // Compact poses are rounded to steps, full ones coded to within three half spacings of 2.5 times the keys' size.
   const Quantiser quantiser = quantiser_for_error(kDefaultErrorOverDiagonal * baked->asset.diagonal(), baked->asset.area, baked->asset.rank);
-  const double steps = form == "compact" ? 0.5001 : 3 * 2 * quantiser.half_spacing;
+  const double steps = form == "compact" ? 0.5001 : 3 * 2.5 * quantiser.half_spacing;
   const double rounding = codec == "quantised" ? steps * step_size(quantiser.step) : codec == "float32" ? 1e-5 : 1e-12;
   const auto poses = scene.received("a");
   ASSERT_GT(poses.size(), 50u) << scene.logs();
