@@ -1,0 +1,50 @@
+// SPDX-License-Identifier: MIT
+
+/** As `format` in control messages. */
+export interface Format {
+  rows: number;
+  channels?: number;
+  band_ends: number[];
+  codec: 'quantised' | 'float32' | 'float64';
+  /** The last so many channels are velocities of the first, per velocity_us. */
+  velocity_channels?: number;
+  velocity_us?: number;
+  /** Of the receiver's profile; what steps and estimates without payload are made by. */
+  scheme?: 'linear' | 'hermite' | 'damped';
+}
+
+/** rows x channels values, row-major. Quantised ones are integers: times stepSize(step) they are coefficients. */
+export interface Key {
+  bands: number;
+  step: number;
+  values: ArrayLike<number>;
+}
+
+export interface Frame {
+  kind: 'key' | 'join' | 'synthetic' | 'step' | 'estimate';
+  flags: number;
+  bands: number;
+  at: number;
+  of: number;
+  streamId: number;
+  epoch: number;
+  sequence: bigint;
+  captureUs: bigint;
+  /** Of all but joins. */
+  pose?: Key;
+  /** Of joins. */
+  older?: Key;
+  newer?: Key;
+  ageUs?: bigint;
+}
+
+export class ProtocolError extends Error {}
+
+export function stepSize(index: number): number;
+
+export class FrameDecoder {
+  constructor(format: Format);
+  restart(): void;
+  /** Null where the frame needs keys that are not there: wait for a join. Throws ProtocolError on bytes that break the protocol. */
+  decode(bytes: Uint8Array): Frame | null;
+}

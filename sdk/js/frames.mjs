@@ -1,0 +1,489 @@
+// SPDX-License-Identifier: MIT
+//
+// Decodes the binary frames of a stream (docs/protocol.md, sections 4 to 8): bytes in, poses out, no dependency. Bit-exact: integers
+// beyond 2^53 are BigInt, all others stay below.
+
+const HEADER_BYTES = 28;
+const MAX_FRAME_BYTES = 2 ** 20;
+const MAX_VALUE = 2 ** 30;
+const MAX_TIME = 2n ** 62n - 1n;
+const KINDS = [undefined, 'key', 'join', 'synthetic', 'step', 'estimate'];
+const CODECS = ['float64', 'float32', 'quantised'];
+const LONGEST_HERMITE_US = 1_000_000n;
+const FOURTH_ROOTS = [1073741824n, 1276901417n, 1518500250n, 1805811301n];
+const STEP_ROOTS = [1, 1.189207115002721, 1.4142135623730951, 1.681792830507429];
+const NEXT_STATE = [[0, 2], [2, 0], [1, 3], [3, 1]];
+const FIRST_OF_CURVE = 59;
+const CURVE = [
+  97, 158, 238, 339, 460, 600, 936, 1336, 1787, 2277, 2795, 3333, 3881, 4435, 5538, 6616, 7652, 8638, 9570,
+  10450, 11277, 12055, 13471, 14724, 15834, 16824, 17709, 18505, 19223, 19875, 21010, 21965, 22778, 23479,
+  24089, 24624, 25098, 25520, 26239, 26828, 27320, 27738, 28095, 28406, 28678, 28918, 29322, 29650, 29920,
+  30148, 30342, 30509, 30655, 30783, 30997, 31170, 31312, 31431, 31532, 31618, 31694, 31760, 31870, 31959,
+  32032, 32092, 32144, 32188, 32226, 32260, 32316, 32361, 32398, 32428, 32454, 32477, 32496, 32513, 32541,
+  32564, 32582, 32598, 32611, 32622, 32632, 32640, 32654, 32666, 32675, 32683, 32689, 32695, 32700,
+];
+
+/** A frame or a payload that breaks the protocol. */
+export class ProtocolError extends Error {}
+
+function require(condition, what) {
+  if (!condition) throw new ProtocolError(what);
+}
+
+/** The size of a quantiser step: value = q * stepSize(step). */
+export function stepSize(index) {
+  return STEP_ROOTS[index % 4] * 2 ** Math.floor((index - 160) / 4);
+}
+
+class Reader {
+  constructor(bytes) {
+    this.bytes = bytes;
+    this.at = 0;
+  }
+  take(count) {
+    require(count <= this.bytes.length - this.at, 'ends early');
+    this.at += count;
+    return this.bytes.subarray(this.at - count, this.at);
+  }
+  rest() {
+    return this.take(this.bytes.length - this.at);
+  }
+  u8() {
+    return this.take(1)[0];
+  }
+  varint() {
+    let value = 0n;
+    for (let shift = 0n; ; shift += 7n) {
+      const byte = this.u8();
+      value |= BigInt(byte & 127) << shift;
+      require(value < 2n ** 64n, 'varint over 64 bits');
+      if (byte >= 128) continue;
+      require(byte !== 0 || shift === 0n, 'superfluous varint byte');
+      return value;
+    }
+  }
+  finish() {
+    require(this.at === this.bytes.length, 'bytes left over');
+  }
+}
+
+/** Bits of an exact run, the most significant first. */
+class BitReader {
+  constructor(bytes) {
+    this.bytes = bytes;
+    this.at = 0;
+  }
+  bit() {
+    require(this.at < 8 * this.bytes.length, 'bits end early');
+    const bit = (this.bytes[this.at >> 3] >> (7 - (this.at & 7))) & 1;
+    this.at += 1;
+    return bit;
+  }
+  number(count) {
+    let value = 0;
+    for (let i = 0; i < count; ++i) value = 2 * value + this.bit();
+    return value;
+  }
+}
+
+class RangeDecoder {
+  constructor(bytes) {
+    this.bytes = bytes;
+    this.next = 0;
+    this.range = 2 ** 32 - 1;
+    this.code = 0;
+    for (let i = 0; i < 4; ++i) this.shift();
+  }
+  shift() {
+    this.code = ((this.code << 8) | (this.next < this.bytes.length ? this.bytes[this.next] : 0)) >>> 0;
+    this.next += 1;
+  }
+  decision(probability = 16384) {
+    const bound = (this.range >>> 15) * probability;
+    const taken = this.code < bound;
+    if (taken) {
+      this.range = bound;
+    } else {
+      this.code -= bound;
+      this.range -= bound;
+    }
+    while (this.range < 2 ** 24) {
+      this.range *= 256;
+      this.shift();
+    }
+    return taken;
+  }
+  level(beyond0, beyond1, later) {
+    if (!this.decision(beyond0)) return 0;
+    if (!this.decision(beyond1)) return 1;
+    let level = 2;
+    while (level < 24 && this.decision(later)) ++level;
+    if (level < 24) return level;
+    let bits = 0;
+    while (bits < 31 && this.decision()) ++bits;
+    let number = 1;
+    for (let i = 0; i < bits; ++i) number = 2 * number + (this.decision() ? 1 : 0);
+    return level + number - 1;
+  }
+  finish() {
+    const trailing = this.bytes.length > 0 && this.bytes[this.bytes.length - 1] === 0;
+    require(this.bytes.length <= this.next && !trailing, 'bytes left over');
+  }
+}
+
+function more(context) {
+  if (context < FIRST_OF_CURVE) return 64;
+  return context < FIRST_OF_CURVE + CURVE.length ? CURVE[context - FIRST_OF_CURVE] : 32704;
+}
+
+/** 8 log2(x), piecewise linear; x >= 8. */
+function logarithm(x) {
+  const high = Math.floor(x / 2 ** 32);
+  const whole = high > 0 ? 63 - Math.clz32(high) : 31 - Math.clz32(x);
+  return 8 * whole + (Math.floor(x / 2 ** (whole - 3)) % 8);
+}
+
+/** Foretells the magnitudes of residuals. */
+class Contexts {
+  constructor(m, channels, scale, speeds) {
+    this.channels = channels;
+    this.speeds = speeds;
+    this.unit = logarithm(128 * m) - 96;
+    const magnitude = Math.floor((2 * m * (scale % 2 === 0 ? 16 : 23) * 2 ** (scale >> 1)) / 512);
+    this.base = 19 * magnitude + (m >> 1) + 8;
+    this.recent = 16 * magnitude;
+    this.mean = Math.floor(65536 / channels);
+    this.channel = 0;
+    this.sum = 0;
+    this.row = 0;
+  }
+  next(n) {
+    if (this.channel === 0) {
+      let speed = 0;
+      for (let i = n; i < n + this.channels; ++i) speed += this.speeds[i];
+      this.row = this.base + 4 * Math.floor((speed * this.mean) / 65536) + Math.floor((19 * this.recent) / 16);
+    }
+    const beside = this.channel === 0 ? Math.floor(this.recent / 16)
+      : Math.floor((this.sum * Math.floor(65536 / this.channel)) / 65536);
+    const context = logarithm(this.row + 7 * this.speeds[n] + 6 * beside) - this.unit;
+    return Math.min(Math.max(context, 0), 159);
+  }
+  add(magnitude) {
+    this.sum += magnitude;
+    this.channel += 1;
+    if (this.channel < this.channels) return;
+    this.recent += Math.floor((Math.floor((this.sum * this.mean) / 4096) - this.recent) / 4);
+    this.channel = 0;
+    this.sum = 0;
+  }
+}
+
+/** q at another step, or null where it leaves the range. */
+function rescale(q, from, to) {
+  if (from === to || q === 0) return q;
+  const fourth = ((from - to) % 4 + 4) % 4;
+  const shift = 30 - (from - to - fourth) / 4;
+  if (shift > 61) return 0;
+  if (shift < 0) return null;
+  const product = BigInt(Math.abs(q)) * FOURTH_ROOTS[fourth];
+  const magnitude = Number(shift === 0 ? product : (product + (1n << BigInt(shift - 1))) >> BigInt(shift));
+  if (magnitude > MAX_VALUE) return null;
+  return q > 0 ? magnitude : 0 - magnitude;
+}
+
+/** n / d to the nearest integer, halves away from zero. BigInt. */
+function roundedQuotient(n, d) {
+  const magnitude = (2n * (n < 0n ? -n : n) + d) / (2n * d);
+  return n < 0n ? -magnitude : magnitude;
+}
+
+/** How far an estimate goes, in units of 1/(65536 of) of the newest key's movement. */
+function estimateWeight(damped, at, of) {
+  if (!damped) return 65536 * at;
+  let moved = 0, interval = 55296;
+  for (; at >= of; at -= of) {
+    moved += interval * of;
+    interval = Math.floor((27 * interval + 16) / 32);
+  }
+  return moved + interval * at;
+}
+
+function inRange(value) {
+  require(Math.abs(value) <= MAX_VALUE, 'value out of range');
+  return value;
+}
+
+function readExact(head, section, c1, into) {
+  require((head & 64) === 0, 'reserved bit');
+  const fromNewer = (head & 32) !== 0;
+  require(!fromNewer || c1 !== null, 'exact run without the newer key');
+  const parameter = head & 31;
+  const bits = new BitReader(section.bytes.subarray(section.at));
+  for (let i = 0; i < into.length; ++i) {
+    let value = fromNewer ? c1[i] : 0;
+    if (parameter !== 31) {
+      let quotient = 0;
+      while (quotient < 24 && bits.bit() === 1) ++quotient;
+      if (quotient < 24) {
+        const z = quotient * 2 ** parameter + bits.number(parameter);
+        value += z % 2 === 0 ? z / 2 : -(z + 1) / 2;
+      } else {
+        value = bits.number(32) | 0;
+      }
+    }
+    into[i] = inRange(value);
+  }
+  while (bits.at % 8 !== 0) require(bits.bit() === 0, 'padding set');
+  section.take(bits.at / 8);
+}
+
+function readCoarse(head, section, m, channels, c1, c2, into) {
+  require(m > 0 && c1 !== null, 'coarse run without spacing or newer key');
+  require((head & 96) === 0, 'reserved bits');
+  const older = c2 ?? c1;
+  const weights = section.u8();
+  const speed = 2 * ((weights & 15) - 4);
+  const restoring = (weights >> 4) - 12;
+  const rest = section.rest();
+  const scale = head & 31;
+  require(scale !== 31 || rest.length === 0, 'bytes left over');
+  const coder = new RangeDecoder(rest);
+  const contexts = new Contexts(m, channels, scale, c1.map((c, i) => Math.abs(c - older[i])));
+  let state = 0;
+  for (let i = 0; i < into.length; ++i) {
+    let value = c1[i] + Math.floor((speed * (c1[i] - older[i]) + restoring * c1[i] + 8) / 16);
+    if (scale !== 31) {
+      const rule = state >> 1;
+      const context = contexts.next(i);
+      const level = coder.level(more(context - (rule === 0 ? 8 : 0)), more(context - (rule === 0 ? 16 : 13)), more(context - 16));
+      const residual = level > 0 ? m * (2 * level - rule) : 0;
+      if (level > 0) value += coder.decision() ? -residual : residual;
+      contexts.add(residual);
+      state = NEXT_STATE[state][level % 2];
+    }
+    into[i] = inRange(value);
+  }
+  coder.finish();
+}
+
+/** Frames of one stream and epoch. */
+export class FrameDecoder {
+  #format;
+  #older = null;
+  #newer = null;
+  #number = null;
+  #captureUs = 0n;
+  #ageUs = 0n;
+
+  constructor(format) {
+    this.#format = { channels: 3, velocity_channels: 0, velocity_us: 1_000_000, ...format };
+  }
+
+  /** Forgets the chain: only a join helps. */
+  restart() {
+    this.#older = this.#newer = this.#number = null;
+  }
+
+  decode(bytes) {
+    require(bytes.length >= HEADER_BYTES && bytes.length <= MAX_FRAME_BYTES, 'size of the frame');
+    const view = new DataView(bytes.buffer, bytes.byteOffset, HEADER_BYTES);
+    const kind = bytes[0], flags = bytes[1], bands = bytes[2], at = bytes[3] >> 4, of = bytes[3] & 15;
+    const isKey = kind === 1 || kind === 2;
+    require(kind >= 1 && kind <= 5, 'kind');
+    require((flags & (isKey ? 254 : 255)) === 0, 'flags');
+    require(isKey ? bytes[3] === 0 : at >= 1 && of >= 1 && (at <= of || kind === 5), 'step');
+    require((bands === 0) === (bytes.length === HEADER_BYTES) && (kind === 5 || (bands === 0) === (kind === 4)), 'bands or payload');
+    require(bands < 2 ** this.#format.band_ends.length, 'unknown bands');
+    const sequence = view.getBigUint64(12, true), captureUs = view.getBigUint64(20, true);
+    require(captureUs <= MAX_TIME, 'capture time');
+    const frame = {
+      kind: KINDS[kind], flags, bands, at, of, streamId: view.getUint32(4, true), epoch: view.getUint32(8, true), sequence, captureUs,
+    };
+
+    const payload = new Reader(bytes.subarray(HEADER_BYTES));
+    if (kind === 2) {
+      this.#ageUs = frame.ageUs = this.#readJoin(bands, payload);
+      this.#number = sequence;
+      this.#captureUs = captureUs;
+      return { ...frame, older: this.#older, newer: this.#newer };
+    }
+    if (kind >= 4) {
+      if (this.#number !== sequence) return null;
+      if (kind === 4) return { ...frame, pose: this.#interpolate(at, of) };
+      return { ...frame, pose: bands === 0 ? this.#estimate(at, of) : this.#readKey(bands, payload) };
+    }
+    if (this.#number === null || this.#number + 1n !== sequence) return null;
+    const pose = this.#readKey(bands, payload);
+    if (kind === 1) {
+      [this.#older, this.#newer, this.#number] = [this.#newer, pose, sequence];
+      this.#ageUs = captureUs - this.#captureUs;
+      this.#captureUs = captureUs;
+    }
+    return { ...frame, pose };
+  }
+
+  get #quantised() {
+    return this.#format.codec === 'quantised';
+  }
+
+  #emptyKey(bands, step) {
+    const size = this.#format.rows * this.#format.channels;
+    return { bands, step, values: this.#quantised ? new Array(size).fill(0) : new Float64Array(size) };
+  }
+
+  #range(band) {
+    const ends = this.#format.band_ends;
+    return [band === 0 ? 0 : ends[band - 1] * this.#format.channels, ends[band] * this.#format.channels];
+  }
+
+  #reference(key, band, step) {
+    if (key === null || !this.#quantised || (key.bands >> band & 1) === 0) return null;
+    const [first, last] = this.#range(band);
+    const values = key.values.slice(first, last).map((q) => rescale(q, key.step, step));
+    return values.includes(null) ? null : values;
+  }
+
+  #readHead(payload) {
+    const first = payload.u8();
+    require(CODECS[first & 3] === this.#format.codec, 'codec');
+    const step = this.#readStep(payload);
+    return [first >> 2, step];
+  }
+
+  #readStep(payload) {
+    const step = payload.u8();
+    require(this.#quantised || step === 0, 'step of a float codec');
+    return step;
+  }
+
+  #eachSection(bands, payload, visit) {
+    for (let band = 0; band < this.#format.band_ends.length; ++band) {
+      if ((bands >> band & 1) === 0) continue;
+      const length = payload.varint();
+      require(length <= MAX_FRAME_BYTES, 'ends early');
+      const section = new Reader(payload.take(Number(length)));
+      visit(band, section);
+      section.finish();
+    }
+    payload.finish();
+  }
+
+  #readRun(section, m, c1, c2, band, key) {
+    const [first, last] = this.#range(band);
+    if (!this.#quantised) {
+      const size = this.#format.codec === 'float64' ? 8 : 4;
+      for (let i = first; i < last; ++i) {
+        const bytes = section.take(size);
+        const view = new DataView(bytes.buffer, bytes.byteOffset, size);
+        key.values[i] = size === 8 ? view.getFloat64(0, true) : view.getFloat32(0, true);
+        require(Number.isFinite(key.values[i]), 'not finite');
+      }
+      return;
+    }
+    const run = new Array(last - first);
+    const head = section.u8();
+    if ((head & 128) !== 0) {
+      readExact(head, section, c1, run);
+    } else {
+      readCoarse(head, section, m, this.#format.channels, c1, c2, run);
+    }
+    for (let i = 0; i < run.length; ++i) key.values[first + i] = run[i];
+  }
+
+  #readKey(bands, payload) {
+    const [m, step] = this.#readHead(payload);
+    require(m === 0 || this.#quantised, 'spacing of a float codec');
+    const key = this.#emptyKey(bands, step);
+    this.#eachSection(bands, payload, (band, section) => {
+      const c1 = this.#reference(this.#newer, band, step);
+      this.#readRun(section, m, c1, c1 === null ? null : this.#reference(this.#older, band, step), band, key);
+    });
+    return key;
+  }
+
+  #readJoin(bands, payload) {
+    const [m, step] = this.#readHead(payload);
+    require(m === 0, 'spacing of a join');
+    const olderStep = this.#readStep(payload);
+    const olderBands = payload.u8();
+    const age = payload.varint();
+    require((olderBands & ~bands) === 0, 'older bands');
+    require(age <= MAX_TIME, 'age');
+    const older = this.#emptyKey(olderBands, olderStep), newer = this.#emptyKey(bands, step);
+    this.#eachSection(bands, payload, (band, section) => {
+      if ((olderBands >> band & 1) !== 0) this.#readRun(section, 0, null, null, band, older);
+      this.#readRun(section, 0, this.#reference(older, band, step), null, band, newer);
+    });
+    this.#older = older;
+    this.#newer = newer;
+    return age;
+  }
+
+  /** Calls visit(index) for each value of the bands. */
+  #eachValue(bands, visit) {
+    for (let band = 0; band < this.#format.band_ends.length; ++band) {
+      if ((bands >> band & 1) === 0) continue;
+      const [first, last] = this.#range(band);
+      for (let i = first; i < last; ++i) visit(i);
+    }
+  }
+
+  #set(pose, i, value) {
+    pose.values[i] = this.#format.codec === 'float32' ? Math.fround(value) : value;
+  }
+
+  #interpolate(at, of) {
+    const a = this.#older, b = this.#newer;
+    const pose = this.#emptyKey(a.bands & b.bands, b.step);
+    this.#eachValue(pose.bands, (i) => {
+      if (!this.#quantised) return this.#set(pose, i, a.values[i] + ((b.values[i] - a.values[i]) * at) / of);
+      const start = rescale(a.values[i], a.step, b.step);
+      require(start !== null, 'interpolation leaves the range');
+      const d = b.values[i] - start;
+      const magnitude = Math.floor((2 * Math.abs(d) * at + of) / (2 * of));
+      pose.values[i] = start + (d >= 0 ? magnitude : -magnitude);
+    });
+    if (this.#format.scheme === 'hermite') this.#bend(pose, at, of);
+    return pose;
+  }
+
+  /** Moves the channels that have velocities from the straight line onto Hermite's cubic. */
+  #bend(pose, at, of) {
+    const a = this.#older, b = this.#newer;
+    const { channels, velocity_channels: count, velocity_us: unitUs } = this.#format;
+    if (count === 0 || this.#ageUs <= 0n || this.#ageUs > LONGEST_HERMITE_US) return;
+    const to = at * at * (3 * of - 2 * at), slope0 = at * (of - at) ** 2, slope1 = -at * at * (of - at), whole = of ** 3;
+    this.#eachValue(pose.bands, (i) => {
+      if (i % channels >= count) return;
+      const v = i + channels - count;
+      if (!this.#quantised) {
+        const slopes = a.values[v] * slope0 + b.values[v] * slope1;
+        const moved = ((b.values[i] - a.values[i]) * to) / whole;
+        this.#set(pose, i, a.values[i] + moved + (slopes * Number(this.#ageUs)) / unitUs / whole);
+        return;
+      }
+      const p = rescale(a.values[i], a.step, b.step), w = rescale(a.values[v], a.step, b.step);
+      require(p !== null && w !== null, 'interpolation leaves the range');
+      const slopes = BigInt(w) * BigInt(slope0) + BigInt(b.values[v]) * BigInt(slope1);
+      const bent = roundedQuotient(slopes * this.#ageUs, BigInt(unitUs));
+      require(bent <= 2n ** 50n && -bent <= 2n ** 50n, 'interpolation leaves the range');
+      pose.values[i] = inRange(p + Number(roundedQuotient(BigInt(b.values[i] - p) * BigInt(to) + bent, BigInt(whole))));
+    });
+  }
+
+  #estimate(at, of) {
+    const a = this.#older, b = this.#newer;
+    const weight = estimateWeight(this.#format.scheme === 'damped', at, of);
+    const pose = { bands: b.bands, step: b.step, values: b.values.slice() };
+    this.#eachValue(a.bands & b.bands, (i) => {
+      if (!this.#quantised) {
+        return this.#set(pose, i, b.values[i] + (weight / (65536 * of)) * (b.values[i] - a.values[i]));
+      }
+      const start = rescale(a.values[i], a.step, b.step);
+      require(start !== null, 'estimation leaves the range');
+      const moved = roundedQuotient(BigInt(b.values[i] - start) * BigInt(weight), BigInt(65536 * of));
+      pose.values[i] = inRange(b.values[i] + Number(moved));
+    });
+    return pose;
+  }
+}
