@@ -313,6 +313,8 @@ ec_status ec_publisher_create(const char* url, const ec_asset* asset, const ec_p
     if (!codec) return failed(codec.error());
     publisher_options.codec = *codec;
     publisher_options.error = given.error;
+    publisher_options.bitrate = given.bitrate;
+    publisher_options.still_heartbeat_us = given.still_heartbeat_us;
     if (given.key_rate_hz > 0) publisher_options.key_rate_hz = given.key_rate_hz;
     auto created = Publisher::create(publisher_options, asset->asset, asset->encoded);
     if (!created) return failed(created.error());

@@ -18,6 +18,7 @@
 #include "common/wire/envelope.h"
 #include "common/wire/limits.h"
 #include "sdk/retry_text.h"
+#include "sdk/send_policy.h"
 
 namespace eigencast {
 
@@ -112,6 +113,9 @@ class Publisher::Impl {
         layout_{options_.codec, asset_->rank, 3, asset_->band_ends} {
     const double error = options_.error > 0 ? options_.error : kDefaultErrorOverDiagonal * asset_->diagonal();
     if (options_.codec == CodecKind::kQuantised) quantiser_ = quantiser_for_error(error, asset_->area, asset_->rank);
+    if (options_.still_heartbeat_us > 0) still_.emplace(kStillOverError * error, options_.still_heartbeat_us);
+    if (options_.bitrate > 0)
+      rate_.emplace(options_.bitrate, quantiser_.half_spacing, static_cast<std::uint8_t>(asset_->band_ends.size()));
     stats_.detail = "connecting to " + url_.origin();
   }
 
@@ -171,9 +175,56 @@ class Publisher::Impl {
     if (chain_ && capture_us <= last_capture_us_) return dropped(SendStatus::kDropped);
     auto key = key_from_coefficients(layout_, C, quantiser_.step);
     if (!key) return unusable(key.error());
+    if (!chain_ || !still_) return send_key(std::move(*key), capture_us, work);
+    return send_unless_still(std::move(*key), C, capture_us, work);
+  }
 
+  std::vector<double> as_received() const {
+    const std::lock_guard lock(mutex_);
+    return chain_ ? coefficients_from_key(layout_, chain_->newer) : std::vector<double>();
+  }
+
+  Stats stats() const {
+    const std::lock_guard lock(mutex_);
+    return stats_;
+  }
+
+ private:
+  enum class Phase { kDown, kIntroduce, kAnnounced, kLive };
+
+  /// Sends what the gate lets through. What did not leave leaves the gate as it was. REQUIRES: as send_key; a key was
+  /// sent, and there is a gate.
+  SendStatus send_unless_still(Key key, std::span<const double> C, TimeUs capture_us, const Work& work) {
+    const StillGate before = *still_;
+    const double distance = surface_distance(C, coefficients_from_key(layout_, chain_->newer), asset_->area);
+    switch (still_->next(distance, capture_us)) {
+      case StillGate::Action::kSkip:
+        ++stats_.frames_held;
+        return SendStatus::kSent;
+      case StillGate::Action::kHold: {
+        const SendStatus held = send_key(chain_->newer, capture_us, work);
+        if (held != SendStatus::kSent) still_ = before;
+        return held;
+      }
+      case StillGate::Action::kResume:
+        if (const auto held = send_key(chain_->newer, still_->held_until_us(), work); held != SendStatus::kSent) {
+          still_ = before;
+          return held;
+        }
+        [[fallthrough]];
+      case StillGate::Action::kSend:
+        break;
+    }
+    return send_key(std::move(key), capture_us, work);
+  }
+
+  /// Codes and sends the next key of the chain, with the spacing and the bands that the bit rate allows. REQUIRES: mutex_ is
+  /// held, the state is live, capture times grow.
+  SendStatus send_key(Key key, TimeUs capture_us, Work work) {
+    const RateControl::Choice choice = rate_ ? rate_->choice() : RateControl::Choice{quantiser_.half_spacing, 8};
+    keep_bands(choice.bands, key);
     Envelope envelope;
-    envelope.bands = layout_.all_bands();
+    envelope.bands = key.bands;
     envelope.stream_id = stream_id_;
     envelope.epoch = epoch_;
     envelope.sequence = sequence_ + 1;
@@ -181,7 +232,7 @@ class Publisher::Impl {
     envelope.kind = chain_ ? FrameKind::kKey : FrameKind::kJoin;
     const TimeUs age = chain_ ? capture_us - last_capture_us_ : 0;
     // A key is predicted from the two before it; the first one goes out as the state that holds it twice.
-    auto coded = chain_ ? encode_key(layout_, *chain_, *key, quantiser_.half_spacing) : as_first(std::move(*key));
+    auto coded = chain_ ? encode_key(layout_, *chain_, key, choice.half_spacing) : as_first(std::move(key));
     if (!coded) return unusable(coded.error());
     ChainState next = advanced(chain_, std::move(coded->key), age);
     Bytes message;
@@ -198,22 +249,22 @@ class Publisher::Impl {
     ++sequence_;
     ++stats_.frames_sent;
     stats_.payload_bytes += bytes;
+    if (rate_) rate_->add(bytes, capture_us);
     if (trace_every_ != 0) trace(work, sent_us);
     return status;
   }
 
-  std::vector<double> as_received() const {
-    const std::lock_guard lock(mutex_);
-    return chain_ ? coefficients_from_key(layout_, chain_->newer) : std::vector<double>();
+  /// Leaves only the lowest bands of a key.
+  void keep_bands(std::uint8_t count, Key& key) const {
+    for (std::size_t band = count; band < layout_.band_ends.size(); ++band) {
+      key.bands &= static_cast<std::uint8_t>(~(1u << band));
+      const auto [first, last] = layout_.range(band);
+      for (std::size_t i = first; i < last; ++i) {
+        if (!key.q.empty()) key.q[i] = 0;
+        if (!key.f.empty()) key.f[i] = 0;
+      }
+    }
   }
-
-  Stats stats() const {
-    const std::lock_guard lock(mutex_);
-    return stats_;
-  }
-
- private:
-  enum class Phase { kDown, kIntroduce, kAnnounced, kLive };
 
   /// The key as a join that holds it twice.
   Result<CodedKey> as_first(Key key) const {
@@ -308,6 +359,7 @@ class Publisher::Impl {
       epoch_ = m.epoch;
       sequence_ = 0;
       chain_.reset();
+      if (still_) still_->restart();
       stats_.state = State::kLive;
       stats_.detail = "live at " + url_.origin() + "/" + url_.stream;
     }
@@ -449,6 +501,8 @@ class Publisher::Impl {
   std::uint32_t epoch_ = 0;
   std::uint64_t sequence_ = 0;  ///< Of the last key sent in this epoch.
   TimeUs last_capture_us_ = 0;
+  std::optional<RateControl> rate_;  ///< Where a bit rate was asked for.
+  std::optional<StillGate> still_;   ///< Where still surfaces are not to be sent again and again.
   std::optional<ChainState> chain_;  ///< Nothing until the first frame of a connection.
   Stats stats_;
   std::uint32_t trace_every_ = 0;  ///< Keys of which the broker wants traces; 0: none.
@@ -474,6 +528,10 @@ Result<std::unique_ptr<Publisher>> Publisher::create(PublisherOptions options, s
   if (!std::isfinite(options.error) || options.error < 0)
     return fail(ErrorCode::kInvalidArgument,
                 "the error bound must be a positive length in model units, or 0 for the default");
+  if (!std::isfinite(options.bitrate) || options.bitrate < 0 || options.still_heartbeat_us < 0)
+    return fail(ErrorCode::kInvalidArgument, "bit rate and heartbeat must be positive, or 0 for none");
+  if (options.bitrate > 0 && options.codec != CodecKind::kQuantised)
+    return fail(ErrorCode::kInvalidArgument, "only the quantised codec can keep to a bit rate");
   if (options.error == 0 && !(asset->diagonal() > 0))
     return fail(ErrorCode::kInvalidArgument,
                 "the rest pose has no extent, so the error bound has no default: give one");

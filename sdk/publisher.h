@@ -16,12 +16,22 @@ namespace eigencast {
 inline constexpr double kDefaultErrorOverDiagonal = 1e-3;
 
 struct PublisherOptions {
-  std::string url;                     ///< ws://host:port/stream
+  std::string url;  ///< ws://host:port/stream
   CodecKind codec = CodecKind::kQuantised;
-  double error = 0;                    ///< eps: rms vertex error of quantising, in model units; 0 = the default.
-  double key_rate_hz = 30;             ///< Announced; send() may be called at any rate.
-  std::size_t max_unsent_bytes = 64 * 1024;  ///< A frame is dropped, before it is coded, while more than this is unsent.
+  double error = 0;  ///< eps: rms vertex error of quantising, in model units; 0 = the default.
+  /// Bits a second that the frames sent, envelopes included, keep to on average, by coarser levels and, where that is
+  /// not enough, fewer bands; 0: whatever the error bound takes. Only with kQuantised.
+  double bitrate = 0;
+  /// Poses of a surface that stands still, within kStillOverError of what receivers hold, are left out, but for one every
+  /// so often; 0: every pose is sent. A viewer never shows a pose further off than that bound because of it.
+  TimeUs still_heartbeat_us = 0;
+  double key_rate_hz = 30;  ///< Announced; send() may be called at any rate.
+  std::size_t max_unsent_bytes =
+      64 * 1024;  ///< A frame is dropped, before it is coded, while more than this is unsent.
 };
+
+/// Coding alone moves single poses by up to 1.2 times the error bound, so that still surfaces get more.
+inline constexpr double kStillOverError = 1.5;
 
 /// Publishes one deforming surface to a broker and keeps doing so: uploads the asset where it is missing, announces it, codes and
 /// sends keys, and does all of that again after a lost connection. Frames sent meanwhile are dropped, never queued.
@@ -32,10 +42,11 @@ class Publisher final {
   enum class State { kConnecting, kUploading, kLive, kRefused };
   struct Stats {
     State state = State::kConnecting;
-    std::string detail;              ///< For people: "uploading 3.1 of 4.2 MB", "broker lost: ..., next try in 400 ms".
+    std::string detail;  ///< For people: "uploading 3.1 of 4.2 MB", "broker lost: ..., next try in 400 ms".
     std::uint64_t frames_sent = 0;
     std::uint64_t frames_dropped = 0;
-    std::uint64_t payload_bytes = 0; ///< Of the frames sent, envelope included.
+    std::uint64_t frames_held = 0;  ///< Not sent because the surface was still (PublisherOptions::still_heartbeat_us).
+    std::uint64_t payload_bytes = 0;  ///< Of the frames sent, envelope included.
     std::uint32_t subscribers = 0;
     std::uint64_t reconnects = 0;
   };

@@ -97,6 +97,11 @@ void add_target_options(CLI::App& app, TargetOptions& target) {
   app.add_option("--context", target.context, "broker by name, see context (default: the current one)")
       ->envname("EIGENCAST_CONTEXT");
   add_codec_options(app, target.codec, target.error);
+  app.add_option("--bitrate", target.bitrate_kbit, "kbit/s to keep to: coarser levels, then fewer bands")
+      ->check(CLI::PositiveNumber);
+  app.add_option("--still", target.still_s,
+                 "while the surface stands still (within 1.5 --error), send it only every so many seconds")
+      ->check(CLI::Range(0.1, 3600.0));
 }
 
 /// The command runs with what the options have written to `command`.

@@ -35,7 +35,9 @@ struct TargetOptions {
   std::string token;    ///< Empty: none.
   std::string context;  ///< Empty: the current one.
   std::string codec = "quantised";
-  double error = 0;  ///< Model units; 0: the publisher's default.
+  double error = 0;         ///< Model units; 0: the publisher's default.
+  double bitrate_kbit = 0;  ///< 0: as the error bound takes.
+  double still_s = 0;       ///< Heartbeat of still surfaces; 0: every pose is sent.
 };
 
 struct PlayCommand {

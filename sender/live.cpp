@@ -41,6 +41,8 @@ Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double r
   options.url = with_token(target.url, target.token);
   options.codec = *codec;
   options.error = target.error;
+  options.bitrate = target.bitrate_kbit * 1000;
+  options.still_heartbeat_us = static_cast<TimeUs>(target.still_s * 1e6);
   options.key_rate_hz = rate_hz;
   return Publisher::create(options, std::move(asset), std::make_shared<const EncodedAsset>(std::move(encoded)),
                            [](LogLevel level, std::string_view text) { spdlog::log(level_of(level), "{}", text); });

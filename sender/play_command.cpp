@@ -138,6 +138,7 @@ json Player::report() const {
   const double seconds = static_cast<double>(end_us_ - start_us_) * 1e-6;
   return {{"frames_sent", stats.frames_sent},
           {"frames_dropped", stats.frames_dropped},
+          {"frames_held", stats.frames_held},
           {"frames_skipped", skipped_},
           {"bytes", stats.payload_bytes},
           {"kbit_per_s", seconds > 0 ? static_cast<double>(stats.payload_bytes) * 8e-3 / seconds : 0.0},

@@ -125,6 +125,8 @@ typedef struct ec_publisher_options {
   double error;       /**< Root mean square vertex error that quantising may add, in model units (default: 1e-3 of the
                          surface's diagonal). */
   double key_rate_hz; /**< Poses a second that you intend to send; announced, not enforced (default: 30). */
+  double bitrate; /**< Bits a second to keep to, by coarser levels, then fewer bands (default: as the error takes). */
+  int64_t still_heartbeat_us; /**< While the surface stands still, send it only so often (default: every pose). */
 } ec_publisher_options;
 
 typedef struct ec_publisher_stats {

@@ -83,9 +83,11 @@ class Asset {
 };
 
 struct PublisherOptions {
-  std::string codec = "quantised";  ///< or "float32", "float64"
-  double error = 0;                 ///< Vertex error of quantising, model units; 0: 1e-3 of the surface's diagonal.
-  double key_rate_hz = 30;          ///< Intended poses a second.
+  std::string codec = "quantised";      ///< or "float32", "float64"
+  double error = 0;                     ///< Vertex error of quantising, model units; 0: 1e-3 of the surface's diagonal.
+  double key_rate_hz = 30;              ///< Intended poses a second.
+  double bitrate = 0;                   ///< Bits a second to keep to; 0: as the error takes.
+  std::int64_t still_heartbeat_us = 0;  ///< While the surface stands still, send it only so often; 0: every pose.
 };
 
 /// Publishes one deforming surface. Not thread-safe; different Publishers are independent.
@@ -97,6 +99,8 @@ class Publisher {
     c_options.codec = options.codec.c_str();
     c_options.error = options.error;
     c_options.key_rate_hz = options.key_rate_hz;
+    c_options.bitrate = options.bitrate;
+    c_options.still_heartbeat_us = options.still_heartbeat_us;
     ec_publisher* publisher = nullptr;
     check(ec_publisher_create(url.c_str(), asset.get(), &c_options, &publisher));
     publisher_.reset(publisher);
