@@ -1,0 +1,110 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""What a delivery costs the broker, beside a bare server that writes the same bytes: rows of docs/performance.md, "Fan-out".
+
+    EIGENCAST_WSLOAD=FOLDER bench/broker/fanout.py --broker build/bench/bin/eigencast-broker [ROW...]
+
+Servers take turns within a row, so that a machine that drifts drifts for all; medians; ratios to the first server of the row.
+"""
+import argparse
+import statistics
+import sys
+import time
+
+import interpolation
+from harness import Server, Tools
+
+BARE, BARE_URING = ("raw e", {}), ("raw u", {})
+EPOLL, URING = ("broker", {"sockets_writes": "epoll"}), ("broker", {"sockets_writes": "io_uring"})
+
+
+def name_of(kind, settings):
+    return " ".join([kind, *(f"{key.split('_', 1)[1]}={value}" for key, value in settings.items() if "tls" not in key)])
+
+
+def compare(tools, servers, repeat, columns, *flags, **how):
+    """Runs every server `repeat` times in turn and prints the medians of `columns`."""
+    seen = {name_of(*server): [] for server in servers}
+    for _ in range(repeat):
+        for kind, settings in servers:
+            with Server(tools, kind, **settings) as server:
+                seen[name_of(kind, settings)].append(server.load(*flags, **how))
+    print(f"  {'':42}" + "".join(f"{column:>18}" for column in columns) + f"{'ratio':>8}")
+    first = None
+    for name, runs in seen.items():
+        medians = [statistics.median(run[column] for run in runs) for column in columns]
+        first = first if first is not None else medians[0]
+        ratio = medians[0] / first if first else float("nan")
+        print(f"  {name:42}" + "".join(f"{value:18.3f}" for value in medians) + f"{ratio:8.2f}", flush=True)
+    return seen
+
+
+def delivery(tools, repeat):
+    compare(tools, [BARE, BARE_URING, EPOLL, URING], repeat, ["cpu_s_per_1M", "p99_ms", "loss_pct"],
+            "--subs", 1000, "--rate", 90, "--secs", 3)
+
+
+def gathered(tools, repeat):
+    servers = [BARE] + [("broker", {"sockets_writes": "epoll", "frames_gather_ms": ms}) for ms in (0, 16, 32)] + [URING]
+    compare(tools, servers, repeat, ["cpu_s_per_1M", "p50_ms", "p99_ms", "loss_pct"],
+            "--subs", 200, "--rate", 30, "--secs", 4, streams=8, several=True)
+
+
+def flood(tools, repeat):
+    compare(tools, [EPOLL, URING], repeat, ["delivered_per_s", "loss_pct", "p99_ms", "cpu_pct"],
+            "--subs", 200, "--rate", 375, "--secs", 4, streams=8, several=True)
+
+
+def flood_one(tools, repeat):
+    compare(tools, [BARE, EPOLL, URING], repeat, ["delivered_per_s", "loss_pct", "p99_ms", "rss_peak_kb"],
+            "--subs", 1000, "--rate", 600, "--secs", 4)
+
+
+def stall(tools, repeat):
+    for stalled in (0, 10):
+        seen = compare(tools, [BARE, EPOLL, URING], repeat,
+                       ["p99_ms", "stale_first_ms", "stale_msgs", "rss_peak_kb", "rss_idle_kb", "loss_pct"], "--subs", 200, "--rate", 90,
+                       "--secs", 7, "--stall", stalled, "--stall-at", 2, "--stall-ms", 4000, "--rcvbuf", 32768)
+        del seen
+
+
+def many(tools, repeat):
+    compare(tools, [BARE, EPOLL, URING], repeat, ["cpu_s_per_1M", "p99_ms", "loss_pct", "connect_s"],
+            "--subs", 4000, "--rate", 30, "--secs", 4)
+
+
+def idle(tools, repeat):
+    compare(tools, [BARE, EPOLL], repeat, ["connect_s", "rss_conn_kb"], "--subs", 4000, "--secs", 0.2, "--warm", 0, "--no-pub")
+
+
+def tls(tools, repeat):
+    settings = {"tls_certificate": tools.folder / "cert.pem", "tls_key": tools.folder / "key.pem"}
+    servers = [("raw t", {}), ("broker", {"sockets_writes": "epoll", **settings})]
+    compare(tools, servers, repeat, ["cpu_s_per_1M", "p99_ms", "loss_pct", "rss_conn_kb", "connect_s"],
+            "--subs", 1000, "--rate", 30, "--secs", 4, "--tls")
+
+
+ROWS = {row.__name__: row for row in (delivery, gathered, flood, flood_one, stall, many, idle, tls)}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--broker", required=True)
+    parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("rows", nargs="*", metavar="ROW", help=", ".join([*ROWS, "interpolated"]))
+    options = parser.parse_args()
+    tools = Tools(options.broker)
+    for row in options.rows or [*ROWS, "interpolated"]:
+        start = time.monotonic()
+        print(f"{row}:", flush=True)
+        if row == "interpolated":
+            interpolation.run(tools)
+        elif row in ROWS:
+            ROWS[row](tools, options.repeat)
+        else:
+            sys.exit(f"no row {row}: {', '.join(ROWS)}")
+        print(f"  ({time.monotonic() - start:.0f} s)", flush=True)
+
+
+if __name__ == "__main__":
+    main()
