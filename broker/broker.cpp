@@ -135,7 +135,7 @@ Broker::Broker(const Config& config, Doors doors, std::string version, LogSink l
                turn_,
                [this] { arm_schedule(); }},
       loop_(1),
-      turn_(loop_, turn_settings(config_), context_.log),
+      turn_(loop_, turn_settings(config_), context_.log, [this] { hub_.deliver(); }),
       disk_(kDiskThreads),
       schedule_(loop_.get_executor()),
       tick_(loop_.get_executor()),

@@ -18,12 +18,20 @@ def connect(port, path, hello, ready):
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     sock.sendall((f"GET {path} HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
                   "Sec-WebSocket-Key: x3JJHMbDL1EzLkh9GBhXDw==\r\nSec-WebSocket-Protocol: eigencast.v1\r\n\r\n").encode())
+    read_until(sock, b"\r\n\r\n")
     if hello:
         sock.sendall(framed(0x81, hello.encode()))
-    seen = b""
-    while ready not in seen:
-        seen += sock.recv(65536)
+        read_until(sock, ready)
     return sock
+
+
+def read_until(sock, needle):
+    seen = b""
+    while needle not in seen:
+        piece = sock.recv(65536)
+        if not piece:
+            raise ConnectionError(f"closed before {needle}: {seen[:300]}")
+        seen += piece
 
 
 def framed(first, payload):
@@ -58,7 +66,7 @@ def run(tools):
         hello = payloads.announce(tools.asset, ROWS, "quantised", BANDS)
         for i in range(STREAMS):
             senders.append(connect(server.port, f"/v1/publish/s{i}", hello, b'"announced"'))
-            viewers.append(connect(server.port, f"/v1/subscribe/s{i}", None, b'"stream"'))
+            viewers.append(connect(server.port, f"/v1/subscribe/s{i}", None, b""))
             viewers[-1].setblocking(False)
         keys = list(motion(RATE * (SECONDS + 1)))
         period = 1 / RATE

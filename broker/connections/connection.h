@@ -59,6 +59,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
   void send(const ControlMessage& message);
   /// Queues a framed message; a full queue closes the connection.
   void send_framed(std::string message);
+  /// Offers a stream's frames to the outbox; what it lets go leaves at once where nothing is gained by waiting.
+  void deliver(std::uint32_t stream_id, std::span<const FramePtr> frames);
   void send_droppable(const Outbox::Text& text);
   /// What the outbox has leaves at the end of this turn, unless the connection is blocked.
   void flush();
@@ -87,6 +89,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
   void on_event(const websocket::MessageReader::Event& event);
   void on_peer_closed(const websocket::MessageReader::Event& event);
   void on_broken(const websocket::MessageReader::Event& event);
+  /// Writes a frame that nothing stands before straight to the socket; false: it goes by the outbox.
+  bool deliver_at_once(std::uint32_t stream_id, const FramePtr& frame);
   void gather();
   void drop_sent(std::size_t bytes);
   void block(Transport::Wait wait);

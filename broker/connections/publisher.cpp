@@ -74,12 +74,13 @@ void Publisher::on_announce(const control::Announce& announce) {
 
 void Publisher::on_binary(ByteView message) {
   if (stream_ == nullptr) return;
-  if (auto added = stream_->add_frame(message, steady_now_us()); !added) {
+  if (auto added = stream_->take_frame(message, context().turn.now_us()); !added) {
     ++context().counters.frames_refused;
     log(context().log, LogLevel::kWarning, label() + ": closed, " + added.error().message);
     return refuse(added.error(), name_, CloseCode::kPolicy);
   }
   ++context().counters.frames_received;
+  context().hub.owes(*stream_);
   context().schedule_changed();
 }
 

@@ -96,8 +96,11 @@ void Subscriber::on_stream_changed(const Stream& stream, bool restart) {
 }
 
 void Subscriber::on_frame(const Stream& stream, const FramePtr& frame) {
-  outbox().offer(stream.id(), frame);
-  flush();
+  deliver(stream.id(), {&frame, 1});
+}
+
+void Subscriber::on_frames(const Stream& stream, std::span<const FramePtr> frames) {
+  deliver(stream.id(), frames);
 }
 
 void Subscriber::on_trace(const std::shared_ptr<const std::string>& text) {

@@ -13,13 +13,14 @@ namespace eigencast::broker {
 
 /// The connection of a viewer: /v1/subscribe/{stream}, or /v1/subscribe and control messages. Belongs to its event
 /// loop.
-class Subscriber final : public Connection, public Watcher {
+class Subscriber final : public Watcher, public Connection {
  public:
   /// first  the stream of the path, watched at once
   Subscriber(Context& context, Transport transport, GrantPtr grant, std::optional<control::Subscribe> first);
 
   void on_stream_changed(const Stream& stream, bool restart) override;
   void on_frame(const Stream& stream, const FramePtr& frame) override;
+  void on_frames(const Stream& stream, std::span<const FramePtr> frames) override;
   void on_trace(const std::shared_ptr<const std::string>& text) override;
 
  private:

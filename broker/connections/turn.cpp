@@ -8,9 +8,10 @@
 
 namespace eigencast::broker {
 
-Turn::Turn(asio::io_context& loop, const Settings& settings, LogSink log)
+Turn::Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<void()> deliver)
     : loop_(loop),
       log_(std::move(log)),
+      deliver_(std::move(deliver)),
       wanted_(settings.backend),
       gathering_(settings.gathering),
       timer_(loop.get_executor()) {}
@@ -66,6 +67,7 @@ void Turn::forget(Leaver& leaver) {
 void Turn::arm_end() {
   if (std::exchange(end_armed_, true)) return;
   asio::post(loop_, [this] {
+    deliver_();
     end_armed_ = false;
     leave_all(now_);
     now_us_.reset();

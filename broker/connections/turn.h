@@ -4,6 +4,7 @@
 #include <sys/uio.h>
 
 #include <cstdint>
+#include <functional>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -53,7 +54,8 @@ class Turn {
     enum class Backend : std::uint8_t { kAuto, kEpoll, kUring } backend = Backend::kAuto;
   };
 
-  Turn(asio::io_context& loop, const Settings& settings, LogSink log);
+  /// `deliver` is called at the end of each turn that began(), before what it adds leaves.
+  Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<void()> deliver);
   ~Turn();
   Turn(const Turn&) = delete;
   Turn& operator=(const Turn&) = delete;
@@ -65,6 +67,9 @@ class Turn {
 
   /// The time at which this turn began, for all its decisions.
   TimeUs now_us();
+
+  /// Whether each write is a system call of its own: waiting for others gains nothing then.
+  bool writes_singly() const { return !ring_; }
 
   /// The connection leaves at the end of this turn; `may_wait`: or at the next tick.
   void add(Leaver& leaver, bool may_wait);
@@ -82,6 +87,7 @@ class Turn {
 
   asio::io_context& loop_;
   LogSink log_;
+  std::function<void()> deliver_;
   Settings::Backend wanted_;
   Gathering gathering_;
   std::unique_ptr<Uring> ring_;

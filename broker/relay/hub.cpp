@@ -26,11 +26,25 @@ Stream* Hub::find(std::string_view name) {
 }
 
 void Hub::left(Stream& stream) {
-  if (is_idle(stream) && stream.epoch() == 0) streams_.erase(streams_.find(stream.name()));
+  if (is_idle(stream) && stream.epoch() == 0) forget(streams_.find(stream.name()));
 }
 
 void Hub::pump(TimeUs now_us) {
   for (auto& [name, stream] : streams_) stream->pump(now_us);
+}
+
+void Hub::owes(Stream& stream) {
+  if (owing_.empty() || owing_.back() != &stream) owing_.push_back(&stream);
+}
+
+void Hub::deliver() {
+  for (Stream* stream : owing_) stream->deliver();
+  owing_.clear();
+}
+
+void Hub::forget(decltype(streams_)::iterator stream) {
+  std::erase(owing_, stream->second.get());
+  streams_.erase(stream);
 }
 
 std::optional<TimeUs> Hub::next_due_us() const {
@@ -57,7 +71,7 @@ bool Hub::make_room() {
       oldest = it;
   }
   if (oldest == streams_.end()) return false;
-  streams_.erase(oldest);
+  forget(oldest);
   return true;
 }
 

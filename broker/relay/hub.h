@@ -34,6 +34,9 @@ class Hub {
   void left(Stream& stream);
 
   void pump(TimeUs now_us);
+  /// The stream took frames: deliver() delivers them.
+  void owes(Stream& stream);
+  void deliver();
   std::optional<TimeUs> next_due_us() const;
 
   /// In the order of their names; valid until the next open() or left().
@@ -42,9 +45,11 @@ class Hub {
 
  private:
   bool make_room();
+  void forget(std::map<std::string, std::unique_ptr<Stream>, std::less<>>::iterator stream);
 
   Settings settings_;
   std::map<std::string, std::unique_ptr<Stream>, std::less<>> streams_;
+  std::vector<Stream*> owing_;
   std::uint32_t last_id_ = 0;
 };
 

@@ -9,9 +9,6 @@ namespace {
 
 constexpr TimeUs kRoundTripPeriodUs = 5'000'000;
 
-// Frames remembered for the first acknowledgement.
-constexpr std::size_t kUntilAcknowledged = 64;
-
 /// Whether a receiver whose newest key is `newest` can use the frame. docs/protocol.md, section 5.
 bool decodable(const Envelope& envelope, std::optional<std::uint64_t> newest) {
   switch (envelope.kind) {
@@ -90,6 +87,15 @@ void Outbox::offer(std::uint32_t stream_id, const FramePtr& frame) {
   }
 }
 
+bool Outbox::pass(std::uint32_t stream_id, const Frame& frame, TimeUs now_us) {
+  Lane* lane = find(stream_id);
+  if (lane == nullptr || !control_.empty() || lane->key || lane->pose) return false;
+  // Who has nothing yet may well begin with this frame, if it is a join.
+  if (!decodable(frame.envelope, lane->newest) || window_closed(*lane, now_us)) return false;
+  note_sent(*lane, frame, now_us);
+  return true;
+}
+
 std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_of) {
   if (!control_.empty()) {
     Item item{std::move(control_.front()), nullptr};
@@ -140,13 +146,12 @@ void Outbox::note_sent(Lane& lane, const Frame& frame, TimeUs now_us) {
   if (is_key(frame.envelope)) lane.newest = frame.envelope.sequence;
   lane.wants_join = false;
   lane.last_sent_us = now_us;
-  lane.in_flight.push_back({frame.envelope.sequence, frame.envelope.step.byte(), now_us});
-  // Half at a time, so that a receiver that never acknowledges costs no move per frame.
-  if (lane.in_flight.size() <=
-      (acknowledges_ ? limits_.max_in_flight : std::min(kUntilAcknowledged, limits_.max_in_flight)))
-    return;
+  lane.last = {frame.envelope.sequence, frame.envelope.step.byte(), now_us};
+  if (!acknowledges_) return;
+  lane.in_flight.push_back(lane.last);
+  if (lane.in_flight.size() <= limits_.max_in_flight) return;
   lane.in_flight.erase(lane.in_flight.begin(),
-                       lane.in_flight.begin() + static_cast<std::ptrdiff_t>((lane.in_flight.size() + 1) / 2));
+                       lane.in_flight.begin() + static_cast<std::ptrdiff_t>(lane.in_flight.size() / 2));
 }
 
 void Outbox::take_back(const Frame& frame) {
@@ -165,13 +170,21 @@ void Outbox::take_back(const Frame& frame) {
 void Outbox::acknowledge(const control::Ack::Item& item, TimeUs now_us) {
   Lane* lane = find(item.stream_id);
   if (lane == nullptr) return;
+  if (!acknowledges_) return begin_window(*lane, item, now_us);
   const auto match = std::find_if(lane->in_flight.rbegin(), lane->in_flight.rend(), [&](const InFlight& sent) {
     return sent.sequence == item.sequence && sent.step == item.step;
   });
   if (match == lane->in_flight.rend()) return;
-  acknowledges_ = true;
   note_round_trip(now_us - match->sent_us, now_us);
   lane->in_flight.erase(lane->in_flight.begin(), match.base());
+}
+
+void Outbox::begin_window(Lane& lane, const control::Ack::Item& item, TimeUs now_us) {
+  const InFlight& last = lane.last;
+  if (last.sent_us < 0 || item.sequence > last.sequence) return;
+  acknowledges_ = true;
+  if (item.sequence == last.sequence && item.step == last.step) return note_round_trip(now_us - last.sent_us, now_us);
+  lane.in_flight.push_back(last);
 }
 
 void Outbox::note_round_trip(TimeUs round_trip_us, TimeUs now_us) {

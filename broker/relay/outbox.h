@@ -65,6 +65,10 @@ class Outbox {
   /// Puts a frame into its lane. Ignored if the lane is not open.
   void offer(std::uint32_t stream_id, const FramePtr& frame);
 
+  /// offer() and take() in one for a frame that nothing stands before: true, and it must be sent now; false: nothing has
+  /// changed, offer it.
+  bool pass(std::uint32_t stream_id, const Frame& frame, TimeUs now_us);
+
   /// The next message to send now, control first, then the lanes in turn. Nothing: all is sent or waits for
   /// acknowledgements.
   std::optional<Item> take(TimeUs now_us, const JoinSource& join_of);
@@ -96,6 +100,7 @@ class Outbox {
     FramePtr pose;                        ///< Waits to leave; a synthetic or a step.
     bool pose_first = false;              ///< The pose was offered before the key.
     bool wants_join = true;               ///< The receiver has nothing of this lane yet.
+    InFlight last{0, 0, -1};                      ///< Sent last; all that is remembered before the first acknowledgement.
     std::optional<std::uint64_t> newest;  ///< Sequence of the newest key that the receiver has.
     std::vector<InFlight> in_flight;      ///< Oldest first.
     TimeUs last_sent_us = 0;
@@ -107,6 +112,7 @@ class Outbox {
   FramePtr next_of(Lane& lane, const JoinSource& join_of);
   void drop_overtaken(Lane& lane);
   void note_sent(Lane& lane, const Frame& frame, TimeUs now_us);
+  void begin_window(Lane& lane, const control::Ack::Item& item, TimeUs now_us);
   void note_round_trip(TimeUs round_trip_us, TimeUs now_us);
   /// Empties a place in the lane and counts what was in it as skipped.
   void skip(Lane& lane, FramePtr& waiting);

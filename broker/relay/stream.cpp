@@ -57,12 +57,14 @@ void Stream::release(PublisherLink& link) {
   if (publisher_ != &link) return;
   publisher_ = nullptr;
   if (!std::exchange(publishing_, false)) return;
+  deliver();
   for (StreamTap* tap : settings_.taps) tap->on_stalled(*this);
   for (Watcher* watcher : order_) watcher->on_stream_changed(*this, false);
 }
 
 Result<void> Stream::announce(const control::Announce& announce, std::uint32_t epoch) {
   assert(epoch > epoch_);
+  deliver();
   const auto codec = codec_from_name(announce.format.codec);
   if (!codec) return codec.error();
   announced_ = announce;
@@ -80,6 +82,12 @@ Result<void> Stream::announce(const control::Announce& announce, std::uint32_t e
 }
 
 Result<void> Stream::add_frame(ByteView message, TimeUs now_us) {
+  auto taken = take_frame(message, now_us);
+  if (taken) deliver();
+  return taken;
+}
+
+Result<void> Stream::take_frame(ByteView message, TimeUs now_us) {
   if (!publishing_) return fail(ErrorCode::kCorrupt, "a frame came before 'announce': announce the surface first");
   const auto frame = parse_frame(message);
   if (!frame) return frame.error();
@@ -90,10 +98,9 @@ Result<void> Stream::add_frame(ByteView message, TimeUs now_us) {
   tracer_.note_key((*record)->sequence, now_us);
   for (StreamTap* tap : settings_.taps) tap->on_key(*this, newest_);
   for (auto& [profile, group] : groups_) {
-    leaving_.clear();
-    group->feed.add_key(*record, now_us, leaving_);
-    send(*group, leaving_);
+    group->feed.add_key(*record, now_us, group->leaving);
   }
+  has_leaving_ = true;
   return {};
 }
 
@@ -146,6 +153,7 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
 
 Result<void> Stream::watch(Watcher& watcher, const Profile& wanted) {
   if (const auto checked = check_profile(wanted); !checked) return checked;
+  deliver();
   const Profile profile = canonical(wanted);
   const auto before = profiles_.find(&watcher);
   const bool known = before != profiles_.end();
@@ -174,6 +182,7 @@ Result<void> Stream::watch(Watcher& watcher, const Profile& wanted) {
 
 void Stream::unwatch(Watcher& watcher) {
   if (!profiles_.contains(&watcher)) return;
+  deliver();
   forget_wanted(watcher);
   leave_group(watcher);
   std::erase(order_, &watcher);
@@ -183,10 +192,15 @@ void Stream::unwatch(Watcher& watcher) {
 
 void Stream::pump(TimeUs now_us) {
   for (auto& [profile, group] : groups_) {
-    leaving_.clear();
-    group->feed.pump(now_us, leaving_);
-    send(*group, leaving_);
+    group->feed.pump(now_us, group->leaving);
   }
+  has_leaving_ = true;
+  deliver();
+}
+
+void Stream::deliver() {
+  if (!std::exchange(has_leaving_, false)) return;
+  for (auto& [profile, group] : groups_) deliver(*group);
 }
 
 std::optional<TimeUs> Stream::next_due_us() const {
@@ -290,18 +304,20 @@ void Stream::leave_group(Watcher& watcher) {
   groups_.erase(profile);
 }
 
-void Stream::send(Group& group, const std::vector<FramePtr>& frames) {
+void Stream::deliver(Group& group) {
+  const std::vector<FramePtr>& frames = group.leaving;
   frames_made_ += frames.size();
   poses_failed_ += group.feed.take_failed_poses();
-  for (const FramePtr& frame : frames) {
-    for (Watcher* watcher : group.watchers) watcher->on_frame(*this, frame);
+  if (frames.empty()) return;
+  for (Watcher* watcher : group.watchers) watcher->on_frames(*this, frames);
+  if (tracer_.every() != 0) {
+    // Of the frames before these: what a connection owes may leave at the end of the turn only.
+    tell_traces(group);
+    for (const FramePtr& frame : frames) {
+      if (tracer_.is_traced(frame->envelope.sequence)) group.traced.push_back(frame);
+    }
   }
-  if (tracer_.every() == 0 || frames.empty()) return;
-  // Of the frames before these: what a connection owes may leave at the end of the turn only.
-  tell_traces(group);
-  for (const FramePtr& frame : frames) {
-    if (tracer_.is_traced(frame->envelope.sequence)) group.traced.push_back(frame);
-  }
+  group.leaving.clear();
 }
 
 void Stream::tell_count() {

@@ -5,6 +5,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <unordered_map>
 #include <vector>
@@ -25,6 +26,10 @@ class Watcher {
   /// What the stream is from now on. `restart`: frames to come build on none of those before.
   virtual void on_stream_changed(const Stream& stream, bool restart) = 0;
   virtual void on_frame(const Stream& stream, const FramePtr& frame) = 0;
+  /// Several at once, in order.
+  virtual void on_frames(const Stream& stream, std::span<const FramePtr> frames) {
+    for (const FramePtr& frame : frames) on_frame(stream, frame);
+  }
   /// `text`: framed.
   virtual void on_trace(const std::shared_ptr<const std::string>& text) = 0;
 };
@@ -62,10 +67,14 @@ class Stream {
   /// Begins an epoch. REQUIRES: the format passed check_format, epochs grow. Errors: kInvalidArgument (codec).
   Result<void> announce(const control::Announce& announce, std::uint32_t epoch);
 
-  /// Takes a binary message of the publisher. The envelope's stream id and epoch are not read: the connection and its
+  /// Takes a binary message of the publisher and delivers what follows from it. The envelope's stream id and epoch are not read: the connection and its
   /// last announcement say them. Errors: kCorrupt, kTooLarge, kUnsupported (see docs/protocol.md); nothing has changed
   /// then.
   Result<void> add_frame(ByteView message, TimeUs now_us);
+  /// The same, but what follows from it waits for deliver(): of several messages that came at once, all that a watcher
+  /// gets is offered in one call.
+  Result<void> take_frame(ByteView message, TimeUs now_us);
+  void deliver();
 
   /// Adds a watcher, or changes its profile. Calls on_stream_changed. Errors: kTooLarge (too many watchers or
   /// profiles).
@@ -110,7 +119,8 @@ class Stream {
     Group(const Profile& profile, const Feed::Source& source) : feed(profile, source) {}
     Feed feed;
     std::vector<Watcher*> watchers;
-    std::vector<FramePtr> traced;  ///< Frames whose traces are still to be told.
+    std::vector<FramePtr> leaving;  ///< Made, and waiting for deliver().
+    std::vector<FramePtr> traced;   ///< Frames whose traces are still to be told.
   };
 
   Profile effective(const Profile& wanted) const;
@@ -118,7 +128,7 @@ class Stream {
   void forget_wanted(const Watcher& watcher);
   void join_group(Watcher& watcher, const Profile& wanted);
   void leave_group(Watcher& watcher);
-  void send(Group& group, const std::vector<FramePtr>& frames);
+  void deliver(Group& group);
   void tell_traces(Group& group);
   void tell_count();
   Result<KeyRecordPtr> record_from(const FrameView& frame, TimeUs now_us) const;
@@ -136,8 +146,8 @@ class Stream {
   std::map<Profile, std::uint32_t> wanted_;               ///< How many ask for each; holds before any epoch and in all.
   std::unordered_map<const Watcher*, Group*> group_of_;
   std::map<Profile, std::unique_ptr<Group>> groups_;
-  std::vector<Watcher*> order_;    ///< All watchers, waiting ones too.
-  std::vector<FramePtr> leaving_;  ///< Scratch.
+  std::vector<Watcher*> order_;  ///< All watchers, waiting ones too.
+  bool has_leaving_ = false;     ///< Of any group.
   Tracer tracer_;
   std::uint64_t keys_received_ = 0;
   std::uint64_t frames_made_ = 0;

@@ -1,0 +1,329 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""Holds a running broker to RFC 6455, from outside: raw bytes, Python's websockets, Node's ws where they are installed.
+
+    rfc6455_test.py BROKER [-v]        the broker must be built with EIGENCAST_TEST_ENDPOINTS (for /echo)
+"""
+import asyncio
+import base64
+import hashlib
+import os
+import pathlib
+import shutil
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+BROKER = None
+MASK = b"\x37\xfa\x21\x3d"
+TEXT, BINARY, CLOSE, PING, PONG = 1, 2, 8, 9, 10
+
+
+def frame(opcode, payload=b"", fin=True, masked=True, reserved=0):
+    head = bytes([(0x80 if fin else 0) | reserved << 4 | opcode])
+    bit = 0x80 if masked else 0
+    if len(payload) < 126:
+        head += bytes([bit | len(payload)])
+    elif len(payload) < 65536:
+        head += bytes([bit | 126]) + struct.pack(">H", len(payload))
+    else:
+        head += bytes([bit | 127]) + struct.pack(">Q", len(payload))
+    if not masked:
+        return head + payload
+    repeated = MASK * (len(payload) // 4 + 1)
+    body = (int.from_bytes(payload, "big") ^ int.from_bytes(repeated[: len(payload)], "big")).to_bytes(len(payload), "big")
+    return head + MASK + body
+
+
+def close_frame(code, reason=b""):
+    return frame(CLOSE, struct.pack(">H", code) + reason)
+
+
+class Peer:
+    """One raw connection."""
+
+    def __init__(self, port, path="/echo", subprotocol=None, headers=(), upgrade=True):
+        self.sock = socket.create_connection(("127.0.0.1", port), 10)
+        self.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.buffer = b""
+        if not upgrade:
+            return
+        self.key = base64.b64encode(os.urandom(16)).decode()
+        lines = [f"GET {path} HTTP/1.1", "Host: x", "Upgrade: websocket", "Connection: keep-alive, Upgrade",
+                 f"Sec-WebSocket-Key: {self.key}", "Sec-WebSocket-Version: 13", *headers]
+        if subprotocol:
+            lines.append(f"Sec-WebSocket-Protocol: {subprotocol}")
+        self.sock.sendall(("\r\n".join(lines) + "\r\n\r\n").encode())
+        while b"\r\n\r\n" not in self.buffer:
+            self.more()
+        head, self.buffer = self.buffer.split(b"\r\n\r\n", 1)
+        self.head = head.decode()
+        self.status = int(self.head.split()[1])
+
+    def more(self):
+        piece = self.sock.recv(1 << 18)
+        if not piece:
+            raise EOFError
+        self.buffer += piece
+
+    def take(self, count):
+        while len(self.buffer) < count:
+            self.more()
+        taken, self.buffer = self.buffer[:count], self.buffer[count:]
+        return taken
+
+    def send(self, *frames, step=None):
+        data = b"".join(frames)
+        for at in range(0, len(data), step or len(data) or 1):
+            self.sock.sendall(data[at: at + (step or len(data))])
+
+    def receive(self):
+        """The next frame of the server: opcode and payload. A server's frames are whole and not masked."""
+        first, second = self.take(2)
+        assert first & 0xF0 == 0x80, f"first byte {first:02x}"
+        assert second & 0x80 == 0, "masked"
+        size = second & 0x7F
+        if size == 126:
+            size, = struct.unpack(">H", self.take(2))
+        elif size == 127:
+            size, = struct.unpack(">Q", self.take(8))
+        return first & 15, self.take(size)
+
+    def close_code(self):
+        """Reads to the close frame, then to the end of the connection, which the server must bring about."""
+        while True:
+            opcode, payload = self.receive()
+            if opcode == CLOSE:
+                break
+        self.sock.settimeout(5)
+        while self.sock.recv(65536):
+            pass
+        return struct.unpack(">H", payload[:2])[0] if payload else None
+
+
+class Case(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.mkdtemp(prefix="eigencast-rfc6455-")
+        port_file = pathlib.Path(cls.folder) / "port"
+        cls.broker = subprocess.Popen([BROKER, "--listen=127.0.0.1:0", f"--port-file={port_file}", f"--data-dir={cls.folder}",
+                                       "--timeouts-header-ms=700", "--timeouts-idle-ms=1500", "--log-level=error"])
+        for _ in range(200):
+            if port_file.exists() and port_file.read_text().strip():
+                break
+            time.sleep(0.05)
+        cls.port = int(port_file.read_text())
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.broker.terminate()
+        ended = cls.broker.wait(10)
+        shutil.rmtree(cls.folder)
+        assert ended == 0, f"the broker ended with {ended}"
+
+    def fails_with(self, code, *frames):
+        for step in (None, 1):
+            peer = Peer(self.port)
+            try:
+                peer.send(*frames, step=step)
+            except OSError:
+                pass  # It may have heard enough before all was said.
+            self.assertEqual(peer.close_code(), code, f"pieces of {step}")
+
+
+class Raw(Case):
+    def test_handshake(self):
+        peer = Peer(self.port)
+        accept = base64.b64encode(hashlib.sha1((peer.key + "258EAFA5-E914-47DA-95CA-C5AB0DC85B11").encode()).digest()).decode()
+        self.assertEqual(peer.status, 101)
+        self.assertIn(f"Sec-WebSocket-Accept: {accept}", peer.head)
+        self.assertNotIn("Sec-WebSocket-Extensions", peer.head)
+        self.assertEqual(Peer(self.port, "/v1/subscribe", "chat").status, 400)
+        self.assertEqual(Peer(self.port, "/v1/subscribe").status, 400)
+        self.assertIn("Sec-WebSocket-Protocol: eigencast.v1", Peer(self.port, "/v1/subscribe", "chat, eigencast.v1").head)
+
+    def test_wrong_version_and_key(self):
+        for version, key, status in (("8", "x3JJHMbDL1EzLkh9GBhXDw==", 426), ("13", "short", 400)):
+            peer = Peer(self.port, upgrade=False)
+            peer.sock.sendall((f"GET /echo HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: {key}\r\n"
+                               f"Sec-WebSocket-Version: {version}\r\n\r\n").encode())
+            self.assertIn(f"HTTP/1.1 {status}", peer.sock.recv(4096).decode())
+
+    def test_echo_of_every_size(self):
+        peer = Peer(self.port)
+        for size in (0, 1, 125, 126, 127, 128, 65535, 65536, 1 << 20, 16 << 20):
+            for opcode in (TEXT, BINARY):
+                payload = b"*" * size
+                peer.send(frame(opcode, payload))
+                self.assertEqual(peer.receive(), (opcode, payload), size)
+        payload = b"abcdefgh" * 16
+        peer.send(frame(TEXT, payload), step=1)
+        self.assertEqual(peer.receive(), (TEXT, payload))
+
+    def test_fragments_with_pings_between(self):
+        peer = Peer(self.port)
+        peer.send(frame(TEXT, b"a", fin=False), frame(PING, b"p"), frame(0, b"b", fin=False), frame(0, b"", fin=False), frame(0, b"c"))
+        self.assertEqual(peer.receive(), (PONG, b"p"))
+        self.assertEqual(peer.receive(), (TEXT, b"abc"))
+        peer.send(frame(TEXT, b"\xce", fin=False), frame(0, b"\xba"))
+        self.assertEqual(peer.receive(), (TEXT, b"\xce\xba"))
+
+    def test_ping_floods_are_answered_in_order(self):
+        peer = Peer(self.port)
+        pings = [frame(PING, b"%d" % i) for i in range(1000)]
+        for step in (None, 7):
+            peer.send(*pings, step=step)
+            for i in range(1000):
+                self.assertEqual(peer.receive(), (PONG, b"%d" % i))
+        peer.send(frame(PONG, b"nobody asked"), frame(TEXT, b"on"))
+        self.assertEqual(peer.receive(), (TEXT, b"on"))
+
+    def test_protocol_errors_close_with_1002(self):
+        self.fails_with(1002, frame(TEXT, b"a", masked=False))
+        for reserved in (1, 2, 4, 7):
+            self.fails_with(1002, frame(TEXT, b"a", reserved=reserved))
+        for opcode in (3, 4, 5, 6, 7, 11, 12, 13, 14, 15):
+            self.fails_with(1002, frame(opcode, b"a"))
+        self.fails_with(1002, frame(PING, b"a", fin=False))
+        self.fails_with(1002, frame(PING, b"a" * 126))
+        self.fails_with(1002, frame(0, b"a"))
+        self.fails_with(1002, frame(TEXT, b"a", fin=False), frame(TEXT, b"b"))
+        self.fails_with(1002, frame(CLOSE, b"a"))
+        self.fails_with(1002, frame(CLOSE, b"a" * 126))
+        for code in (0, 999, 1004, 1005, 1006, 1015, 1016, 1100, 2000, 2999, 5000, 65535):
+            self.fails_with(1002, close_frame(code))
+
+    def test_bad_utf8_closes_with_1007(self):
+        for bad in (b"\x80", b"\xc0\xaf", b"\xed\xa0\x80", b"\xf4\x90\x80\x80", b"\xff", b"good\xce"):
+            self.fails_with(1007, frame(TEXT, bad))
+        self.fails_with(1007, frame(TEXT, b"\xce", fin=False), frame(0, b"a"))
+        self.fails_with(1007, close_frame(1000, b"\xff"))
+
+    def test_bad_utf8_is_found_before_the_frame_ends(self):
+        peer = Peer(self.port)
+        peer.send(frame(TEXT, b"abc\xf4\x90" + b"a" * 100)[:6 + 5])
+        self.assertEqual(peer.close_code(), 1007)
+
+    def test_closes_are_echoed(self):
+        for code in (1000, 1001, 1002, 1003, 1007, 1008, 1009, 1010, 1011, 1012, 3000, 3999, 4000, 4999):
+            peer = Peer(self.port)
+            peer.send(close_frame(code, b"why"), frame(TEXT, b"nobody hears this"))
+            self.assertEqual(peer.close_code(), code)
+        peer = Peer(self.port)
+        peer.send(frame(CLOSE))
+        self.assertIsNone(peer.close_code())
+
+    def test_oversized_messages_close_with_1009(self):
+        for data in (frame(TEXT, b"a" * 65537), frame(TEXT, b"a" * 40000, fin=False) + frame(0, b"a" * 40000),
+                     frame(BINARY, b"a" * 3_000_000)):
+            peer = Peer(self.port, "/v1/subscribe", "eigencast.v1")
+            peer.send(data)
+            self.assertEqual(peer.close_code(), 1009)
+
+    def test_wrong_kinds_on_real_endpoints(self):
+        peer = Peer(self.port, "/v1/subscribe", "eigencast.v1")
+        peer.send(frame(BINARY, b"a"))
+        self.assertEqual(peer.close_code(), 1003)
+        peer = Peer(self.port, "/v1/subscribe", "eigencast.v1")
+        peer.send(frame(TEXT, b"{nonsense"))
+        self.assertEqual(peer.close_code(), 1007)
+
+    def test_half_closed(self):
+        peer = Peer(self.port)
+        peer.send(frame(TEXT, b"last"))
+        peer.sock.shutdown(socket.SHUT_WR)
+        peer.sock.settimeout(5)
+        try:
+            while peer.sock.recv(4096):
+                pass
+        except ConnectionResetError:
+            pass
+
+    def test_slow_loris(self):
+        peer = Peer(self.port, upgrade=False)
+        peer.sock.settimeout(5)
+        start = time.monotonic()
+        try:
+            while True:
+                peer.sock.sendall(b"G")
+                time.sleep(0.1)
+        except OSError:
+            pass
+        self.assertLess(time.monotonic() - start, 4, "a head that never ends is cut off")
+
+    def test_a_silent_peer_is_pinged_then_cut_off(self):
+        peer = Peer(self.port)
+        self.assertEqual(peer.receive()[0], PING)
+        peer.sock.settimeout(6)
+        with self.assertRaises((EOFError, ConnectionResetError)):
+            peer.receive()
+
+    def test_who_reads_nothing_loses_only_its_own_connection(self):
+        deaf = Peer(self.port, "/v1/subscribe", "eigencast.v1")
+        deaf.sock.settimeout(0.5)
+        try:
+            for i in range(200_000):
+                deaf.send(frame(PING, b"%0100d" % i) * 50)
+        except OSError:
+            pass
+        peer = Peer(self.port)
+        peer.send(frame(TEXT, b"alive"))
+        self.assertEqual(peer.receive(), (TEXT, b"alive"))
+
+
+class PythonWebsockets(Case):
+    def setUp(self):
+        try:
+            import websockets
+        except ImportError:
+            self.skipTest("SKIPPED: python3-websockets is not installed")
+        self.websockets = websockets
+
+    def test_echo_and_close(self):
+        async def talk():
+            async with self.websockets.connect(f"ws://127.0.0.1:{self.port}/echo", max_size=None) as ws:
+                for message in ("", "text", "\u03ba\U0001f600" * 1000, b"", b"\x00\xff" * 40000):
+                    await ws.send(message)
+                    self.assertEqual(await ws.recv(), message)
+                await ws.send(["frag", "men", "ted"])
+                self.assertEqual(await ws.recv(), "fragmented")
+                await asyncio.wait_for(await ws.ping(), 5)
+                await ws.close(4321, "bye")
+                self.assertEqual(ws.close_code, 4321)
+        asyncio.run(talk())
+
+
+class NodeWs(Case):
+    SCRIPT = """
+const WebSocket = require('ws');
+const ws = new WebSocket('ws://127.0.0.1:' + process.argv[2] + '/echo', {perMessageDeflate: true});
+const sent = ['', 'text', 'x'.repeat(100000), Buffer.alloc(70000, 7)];
+let at = 0;
+ws.on('open', () => ws.send(sent[0]));
+ws.on('message', (data, binary) => {
+  const want = sent[at];
+  if (binary !== Buffer.isBuffer(want) || Buffer.compare(Buffer.from(want), data) !== 0) process.exit(3);
+  if (++at < sent.length) return ws.send(sent[at]);
+  ws.ping('are you there');
+});
+ws.on('pong', (data) => { if (data.toString() !== 'are you there') process.exit(4); ws.close(4000, 'done'); });
+ws.on('close', (code) => process.exit(code === 4000 ? 0 : 5));
+ws.on('error', (error) => { console.error(error); process.exit(6); });
+"""
+
+    def test_echo_and_close(self):
+        where = os.environ.get("EIGENCAST_NODE_MODULES", "")
+        node = shutil.which("node")
+        if not node or not (pathlib.Path(where) / "ws").is_dir():
+            self.skipTest("SKIPPED: no node, or EIGENCAST_NODE_MODULES names no node_modules folder with `ws`")
+        done = subprocess.run([node, "-e", self.SCRIPT, "node", str(self.port)], env={**os.environ, "NODE_PATH": where}, timeout=30)
+        self.assertEqual(done.returncode, 0)
+
+
+if __name__ == "__main__":
+    BROKER = sys.argv.pop(1)
+    unittest.main(verbosity=2, warnings="ignore")
