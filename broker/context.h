@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <string>
 #include <unordered_set>
 
@@ -36,6 +37,9 @@ struct Counters {
   std::uint64_t control_received = 0;
   std::uint64_t control_sent = 0;
   std::uint64_t slow_disconnects = 0;
+  /// Steps of viewers' ladders, by the rung that they led to: see Ladder::Step.
+  std::map<std::string, std::uint64_t> ladder_down;
+  std::map<std::string, std::uint64_t> ladder_up;
   std::uint64_t uploads = 0;
   std::uint64_t uploads_failed = 0;
   std::uint64_t uploads_now = 0;
@@ -63,7 +67,7 @@ struct Context {
   Counters counters{};
   std::unordered_set<Connection*> connections{};  ///< WebSockets that are open.
   bool draining = false;
-  TlsProvider tls{};                                                             ///< Gives null: the data port is plain.
+  TlsProvider tls{};  ///< Gives null: the data port is plain.
   std::vector<std::uint8_t> read_buffer = std::vector<std::uint8_t>(64 * 1024);  ///< Of whoever reads just now.
 };
 

@@ -64,7 +64,7 @@ void Subscriber::subscribe(const control::Subscribe& request) {
     if (!watched) grant().give_back(Share::kStream);
     return answer(stream.error());
   }
-  streams_[(*stream)->id()] = *stream;
+  streams_.insert_or_assign((*stream)->id(), Watched{*stream, Ladder(request.profile)});
   if (auto watching = (*stream)->watch(*this, request.profile); !watching) {
     answer(watching.error());
     if (watched) return;
@@ -109,23 +109,34 @@ void Subscriber::on_trace(const std::shared_ptr<const std::string>& text) {
 
 FramePtr Subscriber::join_of(std::uint32_t stream_id) {
   const auto found = streams_.find(stream_id);
-  return found == streams_.end() ? nullptr : found->second->join_for(*this);
+  return found == streams_.end() ? nullptr : found->second.stream->join_for(*this);
 }
 
 void Subscriber::on_tick() {
   report_skipped();
-  context().counters.joins_sent += outbox().joins_total() - std::exchange(joins_counted_, outbox().joins_total());
+  if (!is_closing() && context().config.frames.ladder) {
+    for (auto& [id, watched] : streams_) step(*watched.stream, watched.ladder);
+  }
   flush();
 }
 
+void Subscriber::step(Stream& stream, Ladder& ladder) {
+  const auto step = ladder.look(outbox().counts(stream.id()), stream.bands());
+  if (!step) return;
+  if (!stream.watch(*this, step->profile)) return ladder.stay();  // One profile more than the stream may have.
+  ++(step->down ? context().counters.ladder_down : context().counters.ladder_up)[step->rung];
+  send(control::Notice{stream.name(), step->why + "; set frames.ladder on the broker to change that", 0});
+}
+
 void Subscriber::report_skipped() {
+  context().counters.joins_sent += outbox().joins_total() - std::exchange(joins_counted_, outbox().joins_total());
   for (const Outbox::Skipped& skipped : outbox().take_skipped()) {
     context().counters.frames_skipped += skipped.frames;
     const auto found = streams_.find(skipped.stream_id);
     if (found == streams_.end()) continue;
     // A notice is worth nothing to somebody who does not take what is queued already.
     if (outbox().control_messages() > 0) continue;
-    send(control::Notice{found->second->name(),
+    send(control::Notice{found->second.stream->name(),
                          "skipped " + std::to_string(skipped.frames) +
                              " frames that newer ones overtook before they could leave; where that goes on, a compact "
                              "or raw profile, or "
@@ -135,10 +146,10 @@ void Subscriber::report_skipped() {
 }
 
 void Subscriber::on_closed() {
-  on_tick();
-  for (const auto& [id, stream] : std::exchange(streams_, {})) {
-    stream->unwatch(*this);
-    context().hub.left(*stream);
+  report_skipped();
+  for (const auto& [id, watched] : std::exchange(streams_, {})) {
+    watched.stream->unwatch(*this);
+    context().hub.left(*watched.stream);
   }
 }
 

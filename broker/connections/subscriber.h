@@ -35,9 +35,14 @@ class Subscriber final : public Watcher, public Connection {
   void unsubscribe(const control::Unsubscribe& request);
   void acknowledge(const control::Ack& ack);
   void report_skipped();
+  void step(Stream& stream, Ladder& ladder);
 
   std::optional<control::Subscribe> first_;
-  std::unordered_map<std::uint32_t, Stream*> streams_;
+  struct Watched {
+    Stream* stream;
+    Ladder ladder;
+  };
+  std::unordered_map<std::uint32_t, Watched> streams_;
   std::uint64_t joins_counted_ = 0;
 };
 

@@ -62,9 +62,11 @@ void Outbox::open_lane(std::uint32_t stream_id) {
   Lane* lane = find(stream_id);
   if (lane == nullptr) lane = &lanes_.emplace_back();
   const std::uint64_t skipped = lane->skipped;
+  const Ladder::Counts counts = lane->counts;
   *lane = Lane{};
   lane->stream_id = stream_id;
   lane->skipped = skipped;
+  lane->counts = counts;
 }
 
 void Outbox::close_lane(std::uint32_t stream_id) {
@@ -128,6 +130,7 @@ FramePtr Outbox::next_of(Lane& lane, const JoinSource& join_of) {
     return nullptr;
   }
   ++joins_total_;
+  ++lane.counts.joins;
   const std::uint64_t stands_at = join->envelope.sequence;
   if (lane.key && lane.key->envelope.sequence <= stands_at) lane.key = nullptr;  // The join holds it.
   if (lane.key && !decodable(lane.key->envelope, stands_at)) skip(lane, lane.key);
@@ -146,6 +149,7 @@ void Outbox::note_sent(Lane& lane, const Frame& frame, TimeUs now_us) {
   if (is_key(frame.envelope)) lane.newest = frame.envelope.sequence;
   lane.wants_join = false;
   lane.last_sent_us = now_us;
+  ++lane.counts.sent;
   lane.last = {frame.envelope.sequence, frame.envelope.step.byte(), now_us};
   if (!acknowledges_) return;
   lane.in_flight.push_back(lane.last);
@@ -158,6 +162,8 @@ void Outbox::take_back(const Frame& frame) {
   Lane* lane = find(frame.envelope.stream_id);
   if (lane == nullptr) return;
   ++lane->skipped;
+  ++lane->counts.skipped;
+  --lane->counts.sent;
   ++skipped_total_;
   std::erase_if(lane->in_flight, [&](const InFlight& sent) {
     return sent.sequence == frame.envelope.sequence && sent.step == frame.envelope.step.byte();
@@ -215,10 +221,16 @@ std::vector<Outbox::Skipped> Outbox::take_skipped() {
   return all;
 }
 
+Ladder::Counts Outbox::counts(std::uint32_t stream_id) {
+  const Lane* lane = find(stream_id);
+  return lane == nullptr ? Ladder::Counts{} : lane->counts;
+}
+
 void Outbox::skip(Lane& lane, FramePtr& waiting) {
   if (!waiting) return;
   waiting = nullptr;
   ++lane.skipped;
+  ++lane.counts.skipped;
   ++skipped_total_;
 }
 

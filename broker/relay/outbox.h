@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "broker/relay/frame.h"
+#include "broker/relay/ladder.h"
 #include "common/wire/control.h"
 
 namespace eigencast::broker {
@@ -80,6 +81,8 @@ class Outbox {
 
   /// Frames skipped since the last call, per lane; lanes without any are left out.
   std::vector<Skipped> take_skipped();
+  /// What became of a stream's frames since its lane was first opened.
+  Ladder::Counts counts(std::uint32_t stream_id);
   std::uint64_t skipped_total() const { return skipped_total_; }
   std::uint64_t joins_total() const { return joins_total_; }
   std::size_t lanes() const { return lanes_.size(); }
@@ -100,11 +103,12 @@ class Outbox {
     FramePtr pose;                        ///< Waits to leave; a synthetic or a step.
     bool pose_first = false;              ///< The pose was offered before the key.
     bool wants_join = true;               ///< The receiver has nothing of this lane yet.
-    InFlight last{0, 0, -1};                      ///< Sent last; all that is remembered before the first acknowledgement.
+    InFlight last{0, 0, -1};              ///< Sent last; all that is remembered before the first acknowledgement.
     std::optional<std::uint64_t> newest;  ///< Sequence of the newest key that the receiver has.
     std::vector<InFlight> in_flight;      ///< Oldest first.
     TimeUs last_sent_us = 0;
-    std::uint64_t skipped = 0;
+    std::uint64_t skipped = 0;  ///< Since they were last taken.
+    Ladder::Counts counts;
   };
 
   Lane* find(std::uint32_t stream_id);

@@ -11,8 +11,8 @@
 #include <vector>
 
 #include "broker/relay/feed.h"
-#include "broker/relay/tracer.h"
 #include "broker/relay/stream_tap.h"
+#include "broker/relay/tracer.h"
 #include "common/wire/control.h"
 
 namespace eigencast::broker {
@@ -112,6 +112,8 @@ class Stream {
   std::uint64_t frames_made() const { return frames_made_; }
   /// Poses of any feed that could not be coded.
   std::uint64_t poses_failed() const { return poses_failed_; }
+  /// 0 while nothing is announced.
+  std::uint8_t bands() const { return static_cast<std::uint8_t>(layout_.band_ends.size()); }
   std::size_t profile_count() const { return groups_.size(); }
 
  private:

@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: MIT
+#include "broker/relay/ladder.h"
+
+#include <gtest/gtest.h>
+
+namespace eigencast::broker {
+namespace {
+
+class LadderTest : public ::testing::Test {
+ protected:
+  /// A second in which so many frames were sent, skipped, and joins needed.
+  std::optional<Ladder::Step> second(std::uint64_t sent, std::uint64_t skipped, std::uint64_t joins = 0) {
+    counts_.sent += sent;
+    counts_.skipped += skipped;
+    counts_.joins += joins;
+    return ladder_.look(counts_, 4);
+  }
+  std::optional<Ladder::Step> bad_seconds(int seconds) {
+    std::optional<Ladder::Step> step;
+    for (int i = 0; i < seconds && !step; ++i) step = second(50, 40);
+    return step;
+  }
+  /// How many good seconds it takes to climb; -1: more than `most`.
+  int seconds_to_climb(int most) {
+    for (int i = 1; i <= most; ++i) {
+      const auto step = second(90, 0);
+      if (!step) continue;
+      EXPECT_FALSE(step->down);
+      return i;
+    }
+    return -1;
+  }
+  Ladder::Counts counts_;
+  Ladder ladder_{Profile{}};
+};
+
+TEST_F(LadderTest, LeadsFromFullOverCompactAndRawToFewerBands) {
+  std::vector<Profile> seen;
+  while (const auto step = bad_seconds(2)) {
+    EXPECT_TRUE(step->down);
+    EXPECT_FALSE(step->why.empty());
+    seen.push_back(step->profile);
+    ASSERT_LT(seen.size(), 10u);
+  }
+  Profile compact;
+  compact.form = Profile::Form::kCompact;
+  Profile raw;
+  raw.rate = Profile::Rate::kRaw;
+  std::vector<Profile> wanted{compact, raw};
+  for (const std::uint8_t bands : {3, 2, 1}) {
+    raw.bands = bands;
+    wanted.push_back(raw);
+  }
+  EXPECT_EQ(seen, wanted);
+  EXPECT_FALSE(bad_seconds(5)) << "there is nothing below the last rung, and no disconnect";
+}
+
+TEST_F(LadderTest, OneBadSecondIsNotEnough) {
+  for (int i = 0; i < 20; ++i) {
+    EXPECT_FALSE(second(50, 40));
+    EXPECT_FALSE(second(90, 0));
+  }
+}
+
+TEST_F(LadderTest, JoinsAgainAndAgainLeadDown) {
+  EXPECT_FALSE(second(90, 1, 2));
+  EXPECT_TRUE(second(90, 1, 2));
+}
+
+TEST_F(LadderTest, AStalledReaderStaysWhereItIs) {
+  for (int i = 0; i < 60; ++i) EXPECT_FALSE(second(0, 90));
+  EXPECT_FALSE(second(60, 30, 1)) << "it wakes";
+  EXPECT_FALSE(second(90, 0));
+  EXPECT_EQ(ladder_.rung(), 0u);
+}
+
+TEST_F(LadderTest, ClimbsWhenTheLinkRecoversAndMoreSlowlyEachTimeItDoesNotLast) {
+  int last = 0;
+  for (int i = 0; i < 4; ++i) {
+    ASSERT_TRUE(bad_seconds(2));
+    const int seconds = seconds_to_climb(200);
+    ASSERT_GT(seconds, 0);
+    EXPECT_GE(seconds, last * 3 / 2) << "hysteresis";
+    last = seconds;
+    EXPECT_EQ(ladder_.rung(), 0u);
+  }
+  EXPECT_LE(last, 160);
+}
+
+TEST_F(LadderTest, AStepThatCannotBeTakenIsTriedAgain) {
+  ASSERT_TRUE(bad_seconds(2));
+  ladder_.stay();
+  EXPECT_EQ(ladder_.rung(), 0u);
+  const auto again = bad_seconds(2);
+  ASSERT_TRUE(again);
+  EXPECT_EQ(again->profile.form, Profile::Form::kCompact);
+}
+
+TEST(LadderOfOthersTest, TheTopRungIsWhatWasAskedFor) {
+  Profile asked;
+  asked.rate = Profile::Rate::kRaw;
+  asked.bands = 2;
+  Ladder ladder(asked);
+  EXPECT_FALSE(ladder.look({10, 10, 5}, 4));
+  const auto step = ladder.look({20, 20, 10}, 4);
+  ASSERT_TRUE(step);
+  EXPECT_EQ(step->profile.rate, Profile::Rate::kRaw);
+  EXPECT_EQ(step->profile.bands, 1);
+}
+
+}  // namespace
+}  // namespace eigencast::broker
