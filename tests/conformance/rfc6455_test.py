@@ -11,119 +11,26 @@ import os
 import pathlib
 import shutil
 import socket
-import struct
 import subprocess
 import sys
-import tempfile
 import time
 import unittest
 
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+from websocket_peer import BINARY, CLOSE, PING, PONG, TEXT, Broker, Peer, close_frame, frame
+
 BROKER = None
-MASK = b"\x37\xfa\x21\x3d"
-TEXT, BINARY, CLOSE, PING, PONG = 1, 2, 8, 9, 10
-
-
-def frame(opcode, payload=b"", fin=True, masked=True, reserved=0):
-    head = bytes([(0x80 if fin else 0) | reserved << 4 | opcode])
-    bit = 0x80 if masked else 0
-    if len(payload) < 126:
-        head += bytes([bit | len(payload)])
-    elif len(payload) < 65536:
-        head += bytes([bit | 126]) + struct.pack(">H", len(payload))
-    else:
-        head += bytes([bit | 127]) + struct.pack(">Q", len(payload))
-    if not masked:
-        return head + payload
-    repeated = MASK * (len(payload) // 4 + 1)
-    body = (int.from_bytes(payload, "big") ^ int.from_bytes(repeated[: len(payload)], "big")).to_bytes(len(payload), "big")
-    return head + MASK + body
-
-
-def close_frame(code, reason=b""):
-    return frame(CLOSE, struct.pack(">H", code) + reason)
-
-
-class Peer:
-    """One raw connection."""
-
-    def __init__(self, port, path="/echo", subprotocol=None, headers=(), upgrade=True):
-        self.sock = socket.create_connection(("127.0.0.1", port), 10)
-        self.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.buffer = b""
-        if not upgrade:
-            return
-        self.key = base64.b64encode(os.urandom(16)).decode()
-        lines = [f"GET {path} HTTP/1.1", "Host: x", "Upgrade: websocket", "Connection: keep-alive, Upgrade",
-                 f"Sec-WebSocket-Key: {self.key}", "Sec-WebSocket-Version: 13", *headers]
-        if subprotocol:
-            lines.append(f"Sec-WebSocket-Protocol: {subprotocol}")
-        self.sock.sendall(("\r\n".join(lines) + "\r\n\r\n").encode())
-        while b"\r\n\r\n" not in self.buffer:
-            self.more()
-        head, self.buffer = self.buffer.split(b"\r\n\r\n", 1)
-        self.head = head.decode()
-        self.status = int(self.head.split()[1])
-
-    def more(self):
-        piece = self.sock.recv(1 << 18)
-        if not piece:
-            raise EOFError
-        self.buffer += piece
-
-    def take(self, count):
-        while len(self.buffer) < count:
-            self.more()
-        taken, self.buffer = self.buffer[:count], self.buffer[count:]
-        return taken
-
-    def send(self, *frames, step=None):
-        data = b"".join(frames)
-        for at in range(0, len(data), step or len(data) or 1):
-            self.sock.sendall(data[at: at + (step or len(data))])
-
-    def receive(self):
-        """The next frame of the server: opcode and payload. A server's frames are whole and not masked."""
-        first, second = self.take(2)
-        assert first & 0xF0 == 0x80, f"first byte {first:02x}"
-        assert second & 0x80 == 0, "masked"
-        size = second & 0x7F
-        if size == 126:
-            size, = struct.unpack(">H", self.take(2))
-        elif size == 127:
-            size, = struct.unpack(">Q", self.take(8))
-        return first & 15, self.take(size)
-
-    def close_code(self):
-        """Reads to the close frame, then to the end of the connection, which the server must bring about."""
-        while True:
-            opcode, payload = self.receive()
-            if opcode == CLOSE:
-                break
-        self.sock.settimeout(5)
-        while self.sock.recv(65536):
-            pass
-        return struct.unpack(">H", payload[:2])[0] if payload else None
 
 
 class Case(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.folder = tempfile.mkdtemp(prefix="eigencast-rfc6455-")
-        port_file = pathlib.Path(cls.folder) / "port"
-        cls.broker = subprocess.Popen([BROKER, "--listen=127.0.0.1:0", f"--port-file={port_file}", f"--data-dir={cls.folder}",
-                                       "--timeouts-header-ms=700", "--timeouts-idle-ms=1500", "--log-level=error"])
-        for _ in range(200):
-            if port_file.exists() and port_file.read_text().strip():
-                break
-            time.sleep(0.05)
-        cls.port = int(port_file.read_text())
+        cls.broker = Broker(BROKER, "--timeouts-header-ms=700", "--timeouts-idle-ms=1500")
+        cls.port = cls.broker.port
 
     @classmethod
     def tearDownClass(cls):
-        cls.broker.terminate()
-        ended = cls.broker.wait(10)
-        shutil.rmtree(cls.folder)
-        assert ended == 0, f"the broker ended with {ended}"
+        cls.broker.__exit__()
 
     def fails_with(self, code, *frames):
         for step in (None, 1):
@@ -316,10 +223,10 @@ ws.on('error', (error) => { console.error(error); process.exit(6); });
 """
 
     def test_echo_and_close(self):
-        where = os.environ.get("EIGENCAST_NODE_MODULES", "")
+        where = os.environ.get("EIGENCAST_NODE_MODULES", "/usr/share/nodejs")  # Debian's node-ws.
         node = shutil.which("node")
         if not node or not (pathlib.Path(where) / "ws").is_dir():
-            self.skipTest("SKIPPED: no node, or EIGENCAST_NODE_MODULES names no node_modules folder with `ws`")
+            self.skipTest("SKIPPED: no node, or no `ws` in its folder: EIGENCAST_NODE_MODULES names another")
         done = subprocess.run([node, "-e", self.SCRIPT, "node", str(self.port)], env={**os.environ, "NODE_PATH": where}, timeout=30)
         self.assertEqual(done.returncode, 0)
 

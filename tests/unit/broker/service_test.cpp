@@ -272,7 +272,7 @@ TEST_F(ServiceTest, CloseCodesAreThoseOfTheProtocol) {
   large_announce.send_text(std::string(10'000, ' '));
   EXPECT_EQ(large_announce.wait_for<control::ErrorMessage>().code, "too-large") << "over limits.max_control_bytes";
   EXPECT_EQ(large_announce.close_code(), 1009);
-  Client much_too_large(port_, "/v1/publish/a");
+  Client much_too_large(port_, "/v1/publish/b");
   much_too_large.send_frame(Bytes(3'000'000, 1));
   EXPECT_EQ(much_too_large.close_code(), 1009);
   Client unknown(port_, "/v1/subscribe");

@@ -1,0 +1,170 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""What the broker does with viewers that take less than they are offered: the window of acknowledgements, the ladder of profiles.
+
+    slow_viewers_test.py BROKER RELAY [-v]        RELAY: eigencast-impaired-relay
+"""
+import json
+import pathlib
+import socket
+import subprocess
+import sys
+import threading
+import time
+import unittest
+import urllib.request
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker")]
+import payloads
+from websocket_peer import BINARY, CLOSE, TEXT, Broker, Peer, frame, port_of
+
+BROKER = RELAY = None
+SUBPROTOCOL = "eigencast.v1"
+
+
+def now_us():
+    return time.monotonic_ns() // 1000
+
+
+class Sender(threading.Thread):
+    """Publishes float32 keys of `ends` bands at `rate`, stamped with now_us(), until it is stopped."""
+
+    def __init__(self, port, stream, ends, rate):
+        super().__init__()
+        self.peer = Peer(port, f"/v1/publish/{stream}", SUBPROTOCOL)
+        self.rate, self.stopped = rate, threading.Event()
+        body, name = payloads.asset()
+        urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{port}/v1/assets/{name}", data=body, method="PUT")).close()
+        self.peer.send(frame(TEXT, payloads.announce(name, ends[-1], "float32", ends, rate).encode()))
+        while b'"announced"' not in self.peer.receive()[1]:
+            pass
+        self.bands = [[0.5] * (3 * (end - begin)) for begin, end in zip([0, *ends], ends)]
+        self.start()
+
+    def run(self):
+        start, sequence = time.monotonic(), 0
+        while not self.stopped.is_set():
+            kind = payloads.KEY if sequence else payloads.JOIN
+            self.peer.send(frame(BINARY, payloads.float_frame(kind, sequence, now_us(), self.bands)))
+            sequence += 1
+            time.sleep(max(0, start + sequence / self.rate - time.monotonic()))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.stopped.set()
+        self.join()
+        self.peer.sock.close()
+
+
+class Viewer:
+    """Collects capture times, profiles and notices; acknowledges where it is to."""
+
+    def __init__(self, port, stream, query="", acknowledges=False, receive_buffer=0):
+        self.peer = Peer(port, f"/v1/subscribe/{stream}{query}", SUBPROTOCOL, receive_buffer=receive_buffer)
+        self.acknowledges, self.acknowledged = acknowledges, 0.0
+        self.captures, self.profiles, self.notices, self.bytes = [], [], [], 0
+
+    def step(self):
+        opcode, payload = self.peer.receive()
+        self.bytes += len(payload)
+        if opcode == BINARY:
+            self.on_frame(payload)
+        elif opcode == TEXT:
+            message = json.loads(payload)
+            if message["op"] == "stream":
+                self.profiles.append(message["profile"])
+            if message["op"] == "notice":
+                self.notices.append(message["message"])
+        elif opcode == CLOSE:
+            raise EOFError("the broker closed")
+
+    def on_frame(self, payload):
+        step, stream_id, sequence, capture = (payload[3], *(int.from_bytes(payload[a:b], "little") for a, b in ((4, 8), (12, 20), (20, 28))))
+        self.captures.append(capture)
+        if self.acknowledges and time.monotonic() - self.acknowledged > 0.03:
+            self.acknowledged = time.monotonic()
+            ack = {"op": "ack", "items": [{"stream_id": stream_id, "sequence": sequence, "step": step}], "time_us": now_us()}
+            self.peer.send(frame(TEXT, json.dumps(ack).encode()))
+
+    def read_for(self, seconds):
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.step()
+
+    def read_until(self, condition, seconds, pause=0.0):
+        end = time.monotonic() + seconds
+        while not condition():
+            if time.monotonic() > end:
+                raise AssertionError(f"waited {seconds} s in vain; profiles: {self.profiles}; notices: {self.notices}")
+            self.step()
+            time.sleep(pause)
+
+    def steps(self, words):
+        return sum(words in notice for notice in self.notices)
+
+    def rungs(self):
+        return [(p["rate"], p.get("form") if p["rate"] != "raw" else None, p["bands"]) for p in self.profiles]
+
+
+class SlowViewers(unittest.TestCase):
+    def setUp(self):
+        self.broker = Broker(BROKER)
+        self.addCleanup(self.broker.__exit__)
+        self.port = self.broker.port
+
+    def stale_after_a_stall(self, seconds, **viewer):
+        """Poses of the time of the stall that the viewer is given when it wakes."""
+        stalled, other = Viewer(self.port, "s", "?rate=raw", **viewer), Viewer(self.port, "s", "?rate=raw")
+        stalled.read_for(1)
+        watching = threading.Thread(target=other.read_for, args=(seconds,))
+        watching.start()
+        slept = now_us()
+        time.sleep(seconds)
+        woke = now_us()
+        watching.join()
+        stalled.captures.clear()
+        stalled.read_until(lambda: stalled.captures and stalled.captures[-1] > woke, 5)
+        self.assertGreater(len(other.captures), 0.5 * seconds * self.rate, "others are served meanwhile")
+        self.assertEqual(stalled.captures, sorted(stalled.captures))
+        return sum(slept < capture < woke - 100_000 for capture in stalled.captures)
+
+    def test_who_acknowledges_and_stalls_gets_at_most_four_stale_poses(self):
+        self.rate = 30
+        with Sender(self.port, "s", [48], self.rate):
+            self.assertLessEqual(self.stale_after_a_stall(4, acknowledges=True, receive_buffer=32768), 4)
+
+    def test_who_never_acknowledges_gets_what_its_own_buffer_held(self):
+        self.rate = 90
+        with Sender(self.port, "s", [48], self.rate):
+            self.assertLessEqual(self.stale_after_a_stall(4, receive_buffer=32768), 40)
+
+    def test_a_link_that_is_too_slow_is_served_from_a_lower_rung(self):
+        port_file = pathlib.Path(self.broker.folder) / "relay-port"
+        # Full: 5.8 Mbit/s, raw: 2.0, three bands of four: 1.1.
+        relay = subprocess.Popen([RELAY, f"--to={self.port}", f"--port-file={port_file}", "--rate-kbit=1500", "--direction=down"])
+        self.addCleanup(relay.wait)
+        self.addCleanup(relay.terminate)
+        with Sender(self.port, "s", [14, 54, 104, 200], 100):
+            viewer = Viewer(port_of(port_file), "s", acknowledges=True)
+            viewer.read_until(lambda: viewer.steps("instead of") == 3, 30)
+            self.assertEqual(viewer.rungs()[-4:], [("interpolated", "full", 4), ("interpolated", "compact", 4), ("raw", None, 4), ("raw", None, 3)])
+            viewer.read_for(2)
+            settled = len(viewer.captures)
+            viewer.read_for(3)
+            self.assertEqual(viewer.rungs()[-1], ("raw", None, 3), "this rung suits the link")
+            self.assertGreater(len(viewer.captures) - settled, 200, "of 300 keys")
+
+    def test_the_step_is_undone_when_the_link_recovers(self):
+        with Sender(self.port, "s", [14, 54, 104, 200], 60):
+            viewer = Viewer(self.port, "s", receive_buffer=8192)
+            viewer.read_until(lambda: viewer.steps("instead of") == 1, 30, pause=0.02)
+            viewer.read_until(lambda: viewer.steps("again") == 1, 40)
+            self.assertEqual(viewer.rungs()[-2:], [("interpolated", "compact", 4), ("interpolated", "full", 4)])
+
+
+if __name__ == "__main__":
+    BROKER, RELAY = sys.argv.pop(1), sys.argv.pop(1)
+    unittest.main(verbosity=2, warnings="ignore")
