@@ -7,12 +7,17 @@
 Servers take turns within a row, so that a machine that drifts drifts for all; medians; ratios to the first server of the row.
 """
 import argparse
+import pathlib
 import statistics
 import sys
+import threading
 import time
 
 import interpolation
 from harness import Server, Tools
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "tests/support"))
+from websocket_peer import BINARY, Peer
 
 BARE, BARE_URING = ("raw e", {}), ("raw u", {})
 EPOLL, URING = ("broker", {"sockets_writes": "epoll"}), ("broker", {"sockets_writes": "io_uring"})
@@ -77,6 +82,53 @@ def idle(tools, repeat):
     compare(tools, [BARE, EPOLL], repeat, ["connect_s", "rss_conn_kb"], "--subs", 4000, "--secs", 0.2, "--warm", 0, "--no-pub")
 
 
+def joins(tools, repeat):
+    """Connections a second of server CPU, up to the first message; without and with signed tokens, and TLS."""
+    certificate = {"tls_certificate": tools.folder / "cert.pem", "tls_key": tools.folder / "key.pem"}
+    kinds = [("bare", "raw e", None, {}), ("anonymous", "broker", None, {}), ("HS256", "broker", "HS256", {}),
+             ("ES256", "broker", "ES256", {}), ("bare TLS", "raw t", None, {}), ("HS256 and TLS", "broker", "HS256", certificate)]
+    seen = {kind[0]: [] for kind in kinds}
+    for _ in range(repeat):
+        for name, kind, algorithm, settings in kinds:
+            token = tools.token(algorithm) if algorithm else None
+            with Server(tools, kind, environment=token.environment if token else {}, **settings) as server:
+                before = server.cpu_seconds()
+                flags = ["--subs", 2000, "--secs", 0.1, "--warm", 0, "--no-pub"]
+                flags += ["--header", f"Authorization: Bearer {token.text}"] if token else []
+                figures = server.load(*flags, *(["--tls"] if "TLS" in name else []))
+                spent = server.cpu_seconds() - before
+                seen[name].append((2000 / spent, 2000 / figures["connect_s"]))
+    for name, runs in seen.items():
+        per_cpu, per_wall = (statistics.median(run[i] for run in runs) for i in (0, 1))
+        base = statistics.median(run[0] for run in seen["bare TLS" if "TLS" in name else "bare"])
+        print(f"  {name:20} {per_cpu:10.0f} joins per CPU second, {per_wall:8.0f} a second {per_cpu / base:8.2f}", flush=True)
+    late_joiners(tools)
+
+
+def late_joiners(tools):
+    """First pose of viewers that come while 1,000 watch."""
+    with Server(tools, "broker") as server:
+        running = threading.Thread(target=server.load, args=("--subs", 1000, "--rate", 30, "--secs", 5))
+        running.start()
+        time.sleep(3)
+        took = []
+        while running.is_alive() and len(took) < 40:
+            start = time.monotonic()
+            viewer = Peer(server.port, "/v1/subscribe/s0?rate=raw", "eigencast.v1")
+            while viewer.receive()[0] != BINARY:
+                pass
+            took.append(1000 * (time.monotonic() - start))
+            viewer.sock.close()
+            time.sleep(0.03)
+        running.join()
+    print(f"  late joiners: first pose after {statistics.median(took):.1f} ms (median), {max(took):.1f} ms (most) of {len(took)}")
+
+
+def peers(tools, repeat):
+    compare(tools, [BARE, EPOLL, ("mosquitto", {}), ("nats", {})], repeat, ["cpu_s_per_1M", "p99_ms", "loss_pct", "rss_conn_kb"],
+            "--subs", 1000, "--rate", 90, "--secs", 3)
+
+
 def tls(tools, repeat):
     settings = {"tls_certificate": tools.folder / "cert.pem", "tls_key": tools.folder / "key.pem"}
     servers = [("raw t", {}), ("broker", {"sockets_writes": "epoll", **settings})]
@@ -84,7 +136,7 @@ def tls(tools, repeat):
             "--subs", 1000, "--rate", 30, "--secs", 4, "--tls")
 
 
-ROWS = {row.__name__: row for row in (delivery, gathered, flood, flood_one, stall, many, idle, tls)}
+ROWS = {row.__name__: row for row in (delivery, gathered, flood, flood_one, stall, many, idle, tls, joins, peers)}
 
 
 def main():

@@ -55,25 +55,71 @@ class Tools:
         self.asset_body, self.asset = body, name
         (self.folder / "announce.json").write_text(payloads.announce(name, rows, "float32"))
 
+    def token(self, algorithm):
+        return Token(self, algorithm)
+
+
+class Token:
+    """A signed token for everything, and what a broker must have in its environment to take it."""
+
+    def __init__(self, tools, algorithm):
+        self.environment = {"EIGENCAST_ACCESS__JWT_SECRET": "a secret of the benches, long enough"}
+        key = []
+        if algorithm != "HS256":
+            file = tools.folder / "es256.pem"
+            subprocess.run(["openssl", "ecparam", "-name", "prime256v1", "-genkey", "-noout", "-out", file], check=True)
+            key = ["--key", f"bench ES256 {file}"]
+            self.environment = {"EIGENCAST_ACCESS__JWT_KEYS": f"bench ES256 {file}"}
+        made = subprocess.run([tools.broker, "token", "create", "--publish", "**", "--subscribe", "**", *key], check=True,
+                              capture_output=True, text=True, env={**os.environ, **self.environment})
+        self.text = made.stdout.strip()
+
+
+def mqtt(kind, body):
+    return "hex:" + (bytes([kind, len(body)]) + body).hex()
+
+
+# How the peers are spoken to: arguments of wsload. Each message of theirs is of SIZE bytes, too.
+MQTT_CONNECT = mqtt(0x10, b"\x00\x04MQTT\x04\x02\x00\x00\x00\x00")
+SPOKEN = {
+    "mosquitto": ["--subproto", "mqtt", "--pub-subproto", "mqtt", "--path", "/mqtt", "--pub-path", "/mqtt",
+                  "--hello", MQTT_CONNECT, "--ready", "hex:20020000", "--hello", mqtt(0x82, b"\x00\x01\x00\x01t\x00"), "--ready", "hex:9003000100",
+                  "--pub-hello", MQTT_CONNECT, "--pub-ready", "hex:20020000",
+                  "--prefix", "hex:30" + bytes([(SIZE + 3) % 128 | 128, (SIZE + 3) // 128]).hex() + "000174"],
+    "nats": ["--path", "/", "--pub-path", "/", "--hello", "hex:" + b'CONNECT {"verbose":false}\r\nSUB t 1\r\nPING\r\n'.hex(),
+             "--ready", "hex:" + b"PONG".hex(), "--pub-hello", "hex:" + b'CONNECT {"verbose":false}\r\nPING\r\n'.hex(),
+             "--pub-ready", "hex:" + b"PONG".hex(), "--prefix", "hex:" + f"PUB t {SIZE}\r\n".encode().hex(), "--suffix", "hex:0d0a"],
+}
+
 
 class Server:
     """One server, pinned to a core, in a with statement."""
 
-    def __init__(self, tools, kind, wrap=(), **settings):
+    def __init__(self, tools, kind, wrap=(), environment=None, **settings):
         self.tools, self.kind, self.wrap, self.settings = tools, kind, list(wrap), settings
+        self.environment = {**os.environ, **(environment or {})}
 
     def __enter__(self):
         self.port = free_port()
         if self.kind.startswith("raw"):
             command = [self.tools.folder / "raw", str(self.port), self.kind.split()[1]]
+        elif self.kind == "mosquitto":
+            file = self.tools.folder / "mosquitto.conf"
+            file.write_text(f"listener {self.port} 127.0.0.1\nprotocol websockets\nallow_anonymous true\nset_tcp_nodelay true\nlog_type error\n")
+            command = ["mosquitto", "-c", file]
+        elif self.kind == "nats":
+            file = self.tools.folder / "nats.conf"
+            file.write_text(f"port: {free_port()}\nhost: 127.0.0.1\nwebsocket {{ host: 127.0.0.1, port: {self.port}, no_tls: true }}\n")
+            command = ["nats-server", "-c", file]
         else:
             self.data = tempfile.mkdtemp(dir=self.tools.folder)
             flags = [f"--{name.replace('_', '-')}={value}" for name, value in self.settings.items()]
             command = [self.tools.broker, f"--listen=127.0.0.1:{self.port}", "--admin-listen=127.0.0.1:0",
                        f"--data-dir={self.data}", "--log-level=error", *flags]
-        self.process = subprocess.Popen(["taskset", "-c", SERVER_CPU, *self.wrap, *command], cwd=self.tools.folder)
+        self.process = subprocess.Popen(["taskset", "-c", SERVER_CPU, *self.wrap, *command], cwd=self.tools.folder, env=self.environment,
+                                        stderr=subprocess.DEVNULL if self.kind in SPOKEN else None)
         wait_for_port(self.port, self.process)
-        if not self.kind.startswith("raw"):
+        if self.kind == "broker" and not any("JWT" in name for name in self.environment):
             self.put_asset()
         return self
 
@@ -93,29 +139,34 @@ class Server:
             self.process.kill()
             self.process.wait()
 
+    def cpu_seconds(self):
+        tasks = f"/proc/{self.process.pid}/task"
+        return sum(int(pathlib.Path(tasks, task, "schedstat").read_text().split()[0]) for task in os.listdir(tasks)) / 1e9
+
     def load(self, *flags, streams=1, several=False):
         """One run of wsload; its figures. `several`: each connection watches all streams."""
         out = self.tools.folder / "out.jsonl"
         out.unlink(missing_ok=True)
         command = ["taskset", "-c", LOAD_CPU, self.tools.folder / "wsload", "--port", str(self.port), "--pid",
-                   str(self.process.pid), "--no-spin", "--quiet", "--json", out, "--streams", str(streams), "--us", "--template",
-                   self.tools.folder / "frame.bin", "--magic-off", "-1", "--ts-off", "20", "--seq-off", "12", "--find-off", "20",
-                   "--find-seq-off", "12", "--size", str(SIZE)]
-        if several:
-            command += ["--mesh"]
-        if self.kind.startswith("raw"):
-            command += ["--path", "/sub", "--pub-path", "/pub"]
-        else:
-            command += ["--subproto", "eigencast.v1", "--pub-subproto", "eigencast.v1", "--pub-path", "/v1/publish/s{s}",
-                        "--pub-hello", f"text@{self.tools.folder}/announce.json", "--pub-ready", '"announced"']
-            if several:
-                command += ["--path", "/v1/subscribe"]
-                for stream in range(streams):
-                    hello = json.dumps({"op": "subscribe", "stream": f"s{stream}", "profile": {"rate": "raw"}})
-                    command += ["--hello", f"text:{hello}", "--ready", f'"stream":"s{stream}"']
-            else:
-                command += ["--path", "/v1/subscribe/s{s}?rate=raw", "--ready", '"waiting"']
+                   str(self.process.pid), "--no-spin", "--quiet", "--json", out, "--streams", str(streams), "--size", str(SIZE)]
+        command += SPOKEN[self.kind] if self.kind in SPOKEN else self.spoken(streams, several)
         done = subprocess.run([*command, *map(str, flags)], capture_output=True, text=True)
         if not out.exists():
             sys.exit(f"wsload failed: {done.stderr}{done.stdout}")
         return json.loads(out.read_text().splitlines()[-1])
+
+    def spoken(self, streams, several):
+        """Arguments of wsload for the bare server and the broker: frames of the broker's own format."""
+        command = ["--us", "--template", self.tools.folder / "frame.bin", "--magic-off", "-1", "--ts-off", "20", "--seq-off", "12",
+                   "--find-off", "20", "--find-seq-off", "12", *(["--mesh"] if several else [])]
+        if self.kind.startswith("raw"):
+            return command + ["--path", "/sub", "--pub-path", "/pub"]
+        command += ["--subproto", "eigencast.v1", "--pub-subproto", "eigencast.v1", "--pub-path", "/v1/publish/s{s}",
+                    "--pub-hello", f"text@{self.tools.folder}/announce.json", "--pub-ready", '"announced"']
+        if not several:
+            return command + ["--path", "/v1/subscribe/s{s}?rate=raw", "--ready", '"waiting"']
+        command += ["--path", "/v1/subscribe"]
+        for stream in range(streams):
+            hello = json.dumps({"op": "subscribe", "stream": f"s{stream}", "profile": {"rate": "raw"}})
+            command += ["--hello", f"text:{hello}", "--ready", f'"stream":"s{stream}"']
+        return command

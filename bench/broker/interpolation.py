@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: MIT
 """100 streams of r = 200 at 30 keys a second, each watched interpolated x3 by one viewer: the broker's share of one core."""
 import math
-import os
 import random
 import socket
 import time
@@ -56,10 +55,6 @@ def motion(keys):
         yield bands
 
 
-def cpu_seconds(pid):
-    return sum(int(open(f"/proc/{pid}/task/{task}/schedstat").read().split()[0]) for task in os.listdir(f"/proc/{pid}/task")) / 1e9
-
-
 def run(tools):
     with Server(tools, "broker") as server:
         senders, viewers = [], []
@@ -77,7 +72,7 @@ def run(tools):
             frame = payloads.quantised_frame(payloads.KEY if i else payloads.JOIN, i, int(i * period * 1e6) + 1, len(BANDS), bands)
             wire = framed(0x82, frame)
             if i == RATE:
-                spent = cpu_seconds(server.process.pid)
+                spent = server.cpu_seconds()
             for j in range(STREAMS):
                 wait = due + period * j / STREAMS - time.monotonic()
                 if wait > 0:
@@ -87,7 +82,7 @@ def run(tools):
                     received += len(viewers[j].recv(1 << 18))
                 except BlockingIOError:
                     pass
-        spent = cpu_seconds(server.process.pid) - spent
+        spent = server.cpu_seconds() - spent
         took = time.monotonic() - start - 1
         print(f"  {STREAMS} streams, r = {ROWS}, {RATE} keys/s of {len(wire)} bytes, x3: {100 * spent / took:.1f} % of one core; "
               f"{received / took / 1e6:.1f} MB/s to viewers")
