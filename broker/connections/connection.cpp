@@ -205,12 +205,16 @@ bool Connection::deliver_at_once(std::uint32_t stream_id, const FramePtr& frame)
     context_.counters.frame_bytes_sent += outcome.bytes;
     return true;
   }
+  left_in_part(frame, outcome);
+  return true;
+}
+
+void Connection::left_in_part(const FramePtr& frame, const Transport::Outcome& outcome) {
   guarded([&] {
     due_.push_back({nullptr, frame});
     due_bytes_ += frame->wire.size();
     left(outcome);
   });
-  return true;
 }
 
 void Connection::flush() {

@@ -9,7 +9,8 @@ namespace eigencast::broker {
 /// (Autobahn) have something to talk to. No subprotocol; messages of up to 16 MiB.
 class Echo final : public Connection {
  public:
-  Echo(Context& context, Transport transport, GrantPtr grant) : Connection(context, std::move(transport), std::move(grant), {kMost, kMost}, kLimits) {}
+  Echo(Context& context, Transport transport, GrantPtr grant)
+      : Connection(context, std::move(transport), std::move(grant), {kMost, kMost}, kLimits) {}
 
  private:
   static constexpr std::size_t kMost = 16 * 1024 * 1024;

@@ -4,6 +4,8 @@
 #include <openssl/err.h>
 #include <openssl/ssl.h>
 #include <sys/socket.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -96,29 +98,33 @@ Transport::Outcome Transport::read(std::span<std::uint8_t> into) {
 }
 
 Transport::Outcome Transport::write(std::span<const iovec> pieces) {
-  if (tls_) {
-    if (tls_failed_) return {0, Wait::kNo, asio::error::eof};
-    std::array<std::uint8_t, kRecordBytes> scratch;
-    ByteView bytes = gathered(pieces, scratch);
-    if (held_ > 0) bytes = bytes.first(held_);
-    if (bytes.empty()) return {};
-    ERR_clear_error();
-    errno = 0;
-    const Outcome outcome = tls_outcome(SSL_write(tls_.get(), bytes.data(), static_cast<int>(bytes.size())));
-    held_ = outcome.wait == Wait::kNo ? 0 : bytes.size();
-    return outcome;
-  }
+  if (tls_) return write_tls(pieces);
   ssize_t count = 0;
   if (pieces.size() == 1) {
-    count = ::send(socket_.native_handle(), pieces[0].iov_base, pieces[0].iov_len, MSG_DONTWAIT | MSG_NOSIGNAL);
+    // Not ::send, a cancellation point: in a process of several threads it costs as much again as all of this.
+    count =
+        ::syscall(SYS_sendto, socket_.native_handle(), pieces[0].iov_base, pieces[0].iov_len, kSendFlags, nullptr, 0);
   } else {
     msghdr message{};
     message.msg_iov = const_cast<iovec*>(pieces.data());
     message.msg_iovlen = pieces.size();
-    count = ::sendmsg(socket_.native_handle(), &message, MSG_DONTWAIT | MSG_NOSIGNAL);
+    count = ::sendmsg(socket_.native_handle(), &message, kSendFlags);
   }
   if (count >= 0) return {static_cast<std::size_t>(count), Wait::kNo, {}};
   return would_block() ? Outcome{0, Wait::kWritable, {}} : Outcome{0, Wait::kNo, error_from_errno()};
+}
+
+Transport::Outcome Transport::write_tls(std::span<const iovec> pieces) {
+  if (tls_failed_) return {0, Wait::kNo, asio::error::eof};
+  std::array<std::uint8_t, kRecordBytes> scratch;
+  ByteView bytes = gathered(pieces, scratch);
+  if (held_ > 0) bytes = bytes.first(held_);
+  if (bytes.empty()) return {};
+  ERR_clear_error();
+  errno = 0;
+  const Outcome outcome = tls_outcome(SSL_write(tls_.get(), bytes.data(), static_cast<int>(bytes.size())));
+  held_ = outcome.wait == Wait::kNo ? 0 : bytes.size();
+  return outcome;
 }
 
 void Transport::end_writing() {

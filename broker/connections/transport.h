@@ -2,6 +2,7 @@
 #pragma once
 
 #include <openssl/types.h>
+#include <sys/socket.h>
 #include <sys/uio.h>
 
 #include <boost/asio/async_result.hpp>
@@ -18,6 +19,10 @@
 #include "broker/connections/net.h"
 
 namespace eigencast::broker {
+
+/// Of every send of a WebSocket's bytes. MSG_EOR: the kernel would otherwise add to its last unsent buffer, up to a
+/// window's half, whatever TCP_NOTSENT_LOWAT says; a viewer that stalls would be given all of that when it wakes.
+inline constexpr int kSendFlags = MSG_DONTWAIT | MSG_NOSIGNAL | MSG_EOR;
 
 /// Gives the TLS context for the next connection; new certificates are a new context, older connections keep theirs.
 /// Called on the thread of the loop that accepts.
@@ -119,6 +124,7 @@ class Transport {
   };
 
   Outcome tls_outcome(int result);
+  Outcome write_tls(std::span<const iovec> pieces);
 
   Socket socket_;
   std::unique_ptr<SSL, FreeTls> tls_;

@@ -60,12 +60,12 @@ struct Uring::Ring {
       const int socket = write.leaver->plain_socket();
       if (write.count == 1) {
         const iovec& piece = pieces[write.first];
-        io_uring_prep_send(entry, socket, piece.iov_base, piece.iov_len, MSG_DONTWAIT | MSG_NOSIGNAL);
+        io_uring_prep_send(entry, socket, piece.iov_base, piece.iov_len, kSendFlags);
       } else {
         messages[i] = {};
         messages[i].msg_iov = pieces.data() + write.first;
         messages[i].msg_iovlen = write.count;
-        io_uring_prep_sendmsg(entry, socket, &messages[i], MSG_DONTWAIT | MSG_NOSIGNAL);
+        io_uring_prep_sendmsg(entry, socket, &messages[i], kSendFlags);
       }
       io_uring_sqe_set_data64(entry, i);
     }

@@ -151,7 +151,10 @@ void Outbox::note_sent(Lane& lane, const Frame& frame, TimeUs now_us) {
   lane.last_sent_us = now_us;
   ++lane.counts.sent;
   lane.last = {frame.envelope.sequence, frame.envelope.step.byte(), now_us};
-  if (!acknowledges_) return;
+  if (acknowledges_) note_in_flight(lane);
+}
+
+void Outbox::note_in_flight(Lane& lane) {
   lane.in_flight.push_back(lane.last);
   if (lane.in_flight.size() <= limits_.max_in_flight) return;
   lane.in_flight.erase(lane.in_flight.begin(),

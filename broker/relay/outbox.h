@@ -37,7 +37,7 @@ class Outbox {
     std::size_t max_control_messages = 256;       ///< Overflow disconnects (default: 256).
     std::size_t max_control_bytes = 1024 * 1024;  ///< Overflow disconnects (default: 1 MiB).
     TimeUs window_slack_us = 100'000;             ///< In flight beyond the round trip (default: 100 ms).
-    TimeUs probe_us = 2'000'000;                  ///< A closed window lets one frame through so often (default: 2 s).
+    TimeUs probe_us = 10'000'000;                 ///< A closed window lets one frame through so often (default: 10 s).
     std::size_t max_in_flight = 512;              ///< Unacknowledged frames remembered per lane; older are forgotten.
   };
 
@@ -116,6 +116,7 @@ class Outbox {
   FramePtr next_of(Lane& lane, const JoinSource& join_of);
   void drop_overtaken(Lane& lane);
   void note_sent(Lane& lane, const Frame& frame, TimeUs now_us);
+  void note_in_flight(Lane& lane);
   void begin_window(Lane& lane, const control::Ack::Item& item, TimeUs now_us);
   void note_round_trip(TimeUs round_trip_us, TimeUs now_us);
   /// Empties a place in the lane and counts what was in it as skipped.
