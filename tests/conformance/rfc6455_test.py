@@ -79,6 +79,33 @@ class Raw(Case):
         peer.send(frame(TEXT, b"\xce", fin=False), frame(0, b"\xba"))
         self.assertEqual(peer.receive(), (TEXT, b"\xce\xba"))
 
+    def test_long_messages_in_small_fragments(self):
+        peer = Peer(self.port)
+        for opcode in (TEXT, BINARY):
+            for size, piece in ((65536, 1300), (1 << 20, 64), (1 << 20, 1 << 18)):
+                payload = b"*" * size
+                starts = range(0, size, piece)
+                peer.send(*(frame(opcode if at == 0 else 0, payload[at:at + piece], fin=at + piece >= size) for at in starts))
+                self.assertEqual(peer.receive(), (opcode, payload), (size, piece))
+
+    def test_pings_of_every_kind(self):
+        peer = Peer(self.port)
+        for payload in (b"", b"Hello", b"\x00\xff\xfe\xfd\xfc\xfb\x00\xff", b"\xfe" * 125):
+            for step in (None, 1):
+                peer.send(frame(PING, payload), step=step)
+                self.assertEqual(peer.receive(), (PONG, payload))
+        peer.send(frame(PONG, b""), frame(PONG, b"x" * 125), frame(PING, b"after"))
+        self.assertEqual(peer.receive(), (PONG, b"after"))
+
+    def test_valid_utf8_up_to_its_bounds(self):
+        peer = Peer(self.port)
+        bounds = [0x0, 0x7F, 0x80, 0x7FF, 0x800, 0xD7FF, 0xE000, 0xFFFD, 0xFFFE, 0xFFFF, 0x10000, 0x1FFFE, 0x10FFFF]
+        for text in [*map(chr, bounds), "Hello-\u00b5@\u00df\u00f6\u00e4\u00fc\u00e0\u00e1-UTF-8!!", "\u03ba\u1f79\u03c3\u03bc\u03b5"]:
+            payload = text.encode()
+            for cut in range(len(payload) + 1):  # Also in the middle of a character.
+                peer.send(frame(TEXT, payload[:cut], fin=False), frame(0, payload[cut:]))
+                self.assertEqual(peer.receive(), (TEXT, payload), text)
+
     def test_ping_floods_are_answered_in_order(self):
         peer = Peer(self.port)
         pings = [frame(PING, b"%d" % i) for i in range(1000)]
@@ -96,6 +123,9 @@ class Raw(Case):
         for opcode in (3, 4, 5, 6, 7, 11, 12, 13, 14, 15):
             self.fails_with(1002, frame(opcode, b"a"))
         self.fails_with(1002, frame(PING, b"a", fin=False))
+        self.fails_with(1002, frame(PONG, b"a", fin=False))
+        self.fails_with(1002, frame(TEXT, b"a"), frame(0, b"b", fin=False))
+        self.fails_with(1002, frame(TEXT, b"a", fin=False), frame(BINARY, b"b"))
         self.fails_with(1002, frame(PING, b"a" * 126))
         self.fails_with(1002, frame(0, b"a"))
         self.fails_with(1002, frame(TEXT, b"a", fin=False), frame(TEXT, b"b"))
@@ -105,7 +135,9 @@ class Raw(Case):
             self.fails_with(1002, close_frame(code))
 
     def test_bad_utf8_closes_with_1007(self):
-        for bad in (b"\x80", b"\xc0\xaf", b"\xed\xa0\x80", b"\xf4\x90\x80\x80", b"\xff", b"good\xce"):
+        for bad in (b"\x80", b"\xbf", b"\xc0\x80", b"\xc0\xaf", b"\xc1\xbf", b"\xe0\x80\xaf", b"\xe0\x9f\xbf", b"\xed\xa0\x80", b"\xed\xbf\xbf",
+                    b"\xf0\x80\x80\xaf", b"\xf0\x8f\xbf\xbf", b"\xf4\x90\x80\x80", b"\xf5\x80\x80\x80", b"\xf8\x88\x80\x80\x80", b"\xfe", b"\xff",
+                    b"\xce\xba\xe1\xbd\xb9\xcf\x83\xed\xa0\x80edited", b"good\xce", b"\xe1\x80", b"\xf0\x90\x80"):
             self.fails_with(1007, frame(TEXT, bad))
         self.fails_with(1007, frame(TEXT, b"\xce", fin=False), frame(0, b"a"))
         self.fails_with(1007, close_frame(1000, b"\xff"))
@@ -120,6 +152,13 @@ class Raw(Case):
             peer = Peer(self.port)
             peer.send(close_frame(code, b"why"), frame(TEXT, b"nobody hears this"))
             self.assertEqual(peer.close_code(), code)
+        for reason in (b"", b"*" * 123, "\u03ba".encode() * 61):
+            peer = Peer(self.port)
+            peer.send(close_frame(1000, reason), frame(PING, b"too late"), close_frame(1001))
+            self.assertEqual(peer.close_code(), 1000)
+        peer = Peer(self.port)
+        peer.send(frame(TEXT, b"unfinished", fin=False), close_frame(1000))
+        self.assertEqual(peer.close_code(), 1000)
         peer = Peer(self.port)
         peer.send(frame(CLOSE))
         self.assertIsNone(peer.close_code())
