@@ -142,10 +142,11 @@ ROWS = {row.__name__: row for row in (delivery, gathered, flood, flood_one, stal
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--broker", required=True)
+    parser.add_argument("--keep", metavar="FOLDER", help="where the compiled tools are kept for the next time")
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("rows", nargs="*", metavar="ROW", help=", ".join([*ROWS, "interpolated"]))
     options = parser.parse_args()
-    tools = Tools(options.broker)
+    tools = Tools(options.broker, options.keep)
     for row in options.rows or [*ROWS, "interpolated"]:
         start = time.monotonic()
         print(f"{row}:", flush=True)

@@ -35,15 +35,19 @@ def wait_for_port(port, process):
 
 
 class Tools:
-    """The load generator and the bare server, compiled from EIGENCAST_WSLOAD, and what they need, in a temporary folder."""
+    """The load generator and the bare server, compiled from EIGENCAST_WSLOAD, and what they need, in one folder."""
 
-    def __init__(self, broker):
+    def __init__(self, broker, folder=None):
+        """folder  to keep for the next time; default: a new temporary one"""
         self.broker = pathlib.Path(broker).resolve()
-        self.folder = pathlib.Path(tempfile.mkdtemp(prefix="eigencast-bench-"))
+        self.folder = pathlib.Path(folder or tempfile.mkdtemp(prefix="eigencast-bench-")).resolve()
+        self.folder.mkdir(exist_ok=True)
         source = os.environ.get("EIGENCAST_WSLOAD")
         if not source:
-            sys.exit("set EIGENCAST_WSLOAD to the folder that holds wsload.cpp and raw.cpp")
+            sys.exit("SKIPPED: set EIGENCAST_WSLOAD to the folder that holds wsload.cpp and raw.cpp")
         for name, flags, libraries in (("wsload", ["-O2"], []), ("raw", ["-O3", "-march=native", "-DNDEBUG"], ["-luring"])):
+            if (self.folder / name).exists():
+                continue
             subprocess.run(["g++", "-std=c++20", *flags, f"{source}/{name}.cpp", "-o", self.folder / name, *libraries,
                             "-lssl", "-lcrypto"], check=True)
         subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes",
@@ -105,7 +109,7 @@ class Server:
             command = [self.tools.folder / "raw", str(self.port), self.kind.split()[1]]
         elif self.kind == "mosquitto":
             file = self.tools.folder / "mosquitto.conf"
-            file.write_text(f"listener {self.port} 127.0.0.1\nprotocol websockets\nallow_anonymous true\nset_tcp_nodelay true\nlog_type error\n")
+            file.write_text(f"listener {free_port()} 127.0.0.1\nlistener {self.port} 127.0.0.1\nprotocol websockets\nallow_anonymous true\nset_tcp_nodelay true\nlog_type error\n")
             command = ["mosquitto", "-c", file]
         elif self.kind == "nats":
             file = self.tools.folder / "nats.conf"

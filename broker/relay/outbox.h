@@ -37,7 +37,7 @@ class Outbox {
     std::size_t max_control_messages = 256;       ///< Overflow disconnects (default: 256).
     std::size_t max_control_bytes = 1024 * 1024;  ///< Overflow disconnects (default: 1 MiB).
     TimeUs window_slack_us = 100'000;             ///< In flight beyond the round trip (default: 100 ms).
-    TimeUs probe_us = 10'000'000;                 ///< A closed window lets one frame through so often (default: 10 s).
+    TimeUs probe_us = 5'000'000;                  ///< A closed window lets one frame through so often (default: 5 s).
     std::size_t max_in_flight = 512;              ///< Unacknowledged frames remembered per lane; older are forgotten.
   };
 
