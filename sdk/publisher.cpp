@@ -222,7 +222,7 @@ class Publisher::Impl {
   /// held, the state is live, capture times grow.
   SendStatus send_key(Key key, TimeUs capture_us, Work work) {
     const RateControl::Choice choice = rate_ ? rate_->choice() : RateControl::Choice{quantiser_.half_spacing, 8};
-    keep_bands(choice.bands, key);
+    if (choice.bands < layout_.band_ends.size()) key = lowest_bands(layout_, std::move(key), choice.bands);
     Envelope envelope;
     envelope.bands = key.bands;
     envelope.stream_id = stream_id_;
@@ -252,18 +252,6 @@ class Publisher::Impl {
     if (rate_) rate_->add(bytes, capture_us);
     if (trace_every_ != 0) trace(work, sent_us);
     return status;
-  }
-
-  /// Leaves only the lowest bands of a key.
-  void keep_bands(std::uint8_t count, Key& key) const {
-    for (std::size_t band = count; band < layout_.band_ends.size(); ++band) {
-      key.bands &= static_cast<std::uint8_t>(~(1u << band));
-      const auto [first, last] = layout_.range(band);
-      for (std::size_t i = first; i < last; ++i) {
-        if (!key.q.empty()) key.q[i] = 0;
-        if (!key.f.empty()) key.f[i] = 0;
-      }
-    }
   }
 
   /// The key as a join that holds it twice.

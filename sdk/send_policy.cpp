@@ -53,6 +53,18 @@ void RateControl::add(std::size_t bytes, TimeUs capture_us) {
   bands_changed_us_ = capture_us;
 }
 
+Key lowest_bands(const CoefficientLayout& layout, Key key, std::uint8_t count) {
+  for (std::size_t band = count; band < layout.band_ends.size(); ++band) {
+    key.bands &= static_cast<std::uint8_t>(~(1u << band));
+    const auto [first, last] = layout.range(band);
+    for (std::size_t i = first; i < last; ++i) {
+      if (!key.q.empty()) key.q[i] = 0;
+      if (!key.f.empty()) key.f[i] = 0;
+    }
+  }
+  return key;
+}
+
 StillGate::Action StillGate::next(double distance, TimeUs capture_us) {
   if (distance > bound_) {
     const bool paused = state_ == State::kStill && held_until_us_ > sent_us_;

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <optional>
 
+#include "common/codec/key.h"
 #include "common/core/clock.h"
 
 /// What a publisher sends, how finely, and what it leaves out. Pure: time and bytes come in as arguments.
@@ -35,6 +36,9 @@ class RateControl {
   TimeUs bands_changed_us_ = 0;
   Choice choice_;
 };
+
+/// The key with only its `count` lowest bands; values of the others are 0. REQUIRES: it is of `layout`.
+Key lowest_bands(const CoefficientLayout& layout, Key key, std::uint8_t count);
 
 /// Sends the poses of a surface only while it moves. Whoever watches, in whatever mode, stays within the bound:
 ///   * the first still pose is sent as the held one again, so that nobody goes on along the old motion;

@@ -23,25 +23,36 @@ struct DecisionCosts {
   }
 };
 
-const DecisionCosts& decision_costs() {
-  static const DecisionCosts kCosts;
-  return kCosts;
-}
-
 /// What levels of a rule cost in a context, in 1/256 bit.
 struct LevelCosts {
-  std::int64_t zero, one, two, each_more;
-
-  LevelCosts(const DecisionCosts& costs, const LevelOdds& odds)
-      : zero(costs.stop[odds.beyond_0]),
-        one(256 + costs.more[odds.beyond_0] + costs.stop[odds.beyond_1]),
-        two(256 + costs.more[odds.beyond_0] + costs.more[odds.beyond_1] + costs.stop[odds.later]),
-        each_more(costs.more[odds.later]) {}
+  std::int32_t zero = 0, one = 0, two = 0, each_more = 0;
 
   std::int64_t of(std::int64_t level) const {
     return level >= 2 ? two + (level - 2) * each_more : level == 1 ? one : zero;
   }
 };
+
+/// By rule and context.
+using CostTable = std::array<std::array<LevelCosts, kContexts>, 2>;
+
+CostTable make_cost_table() {
+  const DecisionCosts costs;
+  CostTable table;
+  for (const unsigned rule : {0u, 1u}) {
+    for (unsigned context = 0; context < kContexts; ++context) {
+      const LevelOdds odds(rule, context);
+      const std::int32_t more_0 = costs.more[odds.beyond_0], more_1 = costs.more[odds.beyond_1];
+      table[rule][context] = {costs.stop[odds.beyond_0], 256 + more_0 + costs.stop[odds.beyond_1],
+                              256 + more_0 + more_1 + costs.stop[odds.later], costs.more[odds.later]};
+    }
+  }
+  return table;
+}
+
+const CostTable& level_costs() {
+  static const CostTable kTable = make_cost_table();
+  return kTable;
+}
 
 /// The weights that leave the least energy, by least squares and then on their grid.
 Predictor best_predictor(std::span<const std::int32_t> values, const Motion& motion) {
@@ -132,7 +143,7 @@ class Trellis {
                                      : x / spacing;
     const std::array<std::int64_t, 2> below = {below_0, below_0 + (x - below_0 * spacing >= m_ ? 1 : 0)};
     for (const unsigned rule : {0u, 1u}) {
-      const LevelCosts costs(costs_, LevelOdds(rule, context));
+      const LevelCosts& costs = costs_[rule][context];
       const auto price_of = [&](std::int64_t level) {
         const std::int64_t error = x - point(rule, level) * m_;
         return error * error * 4096 + lambda_ * costs.of(level);
@@ -168,7 +179,7 @@ class Trellis {
   std::int64_t m_;
   std::int64_t lambda_;  ///< 0.06 squared spacings a bit, as 1/4096 of a squared step for 1/256 bit.
   std::vector<Step> steps_;
-  const DecisionCosts& costs_ = decision_costs();
+  const CostTable& costs_ = level_costs();
 };
 
 void put_escape(RangeEncoder& out, std::int64_t count) {

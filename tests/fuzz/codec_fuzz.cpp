@@ -3,6 +3,7 @@
 #include <cstdlib>
 
 #include "common/codec/chain.h"
+#include "common/codec/schemes.h"
 
 using namespace eigencast;
 
@@ -63,6 +64,19 @@ void check_key(const CoefficientLayout& layout, const ChainState& state, const K
   require(decode_key(layout, key.bands, state, coded->payload).value() == coded->key);
 }
 
+/// Poses of all schemes: either there is none, or it is a key like any other.
+void check_made(const CoefficientLayout& layout, const ChainState& state, ByteReader& reader,
+                std::uint8_t half_spacing) {
+  const std::uint32_t at = 1u + reader.u8() % 15, of = 1u + reader.u8() % 15;
+  const VelocityChannels velocities{reader.u8() % (layout.channels / 2 + 1), 1 + reader.u32() % 10'000'000};
+  const auto check = [&](const Result<Key>& pose) {
+    if (pose && pose->bands != 0) check_key(layout, state, *pose, half_spacing);
+  };
+  check(estimate_keys(layout, state.older, state.newer, (reader.u8() & 1) != 0, at, of));
+  if (at <= of) check(interpolate_keys(layout, state.older, state.newer, at, of));
+  if (at <= of) check(hermite_keys(layout, velocities, state.older, state.newer, state.age_us, at, of));
+}
+
 }  // namespace
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
@@ -72,10 +86,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   check_state(layout, state);
   const std::uint8_t half_spacing = reader.u8() % 64;
   check_key(layout, state, key_from(layout, reader), half_spacing);
-  const std::uint32_t at = reader.u8() % 16;
-  if (const auto pose = interpolate_keys(layout, state.older, state.newer, at, 15); pose && pose->bands != 0) {
-    check_key(layout, state, *pose, half_spacing);
-  }
+  check_made(layout, state, reader, half_spacing);
 
   const std::uint8_t bands = reader.u8();
   const std::uint8_t keep = reader.u8();

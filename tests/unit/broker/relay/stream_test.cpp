@@ -197,6 +197,39 @@ TEST_F(StreamTest, BandsAreCut) {
   }
 }
 
+TEST_F(StreamTest, BandsThatComeBackTakeOneJoinAndNoRestart) {
+  for (const Profile& profile : {kRaw, kFull, kCompact}) {
+    Stream stream("a", 7, Stream::Settings{});
+    FakeSender sender;
+    FakeReceiver receiver;
+    ASSERT_TRUE(stream.claim(sender));
+    TimeUs now = 0;
+    const auto play_on = [&](Profile by, std::uint8_t bands) {
+      by.bands = bands;
+      ASSERT_TRUE(stream.watch(receiver, by));
+      if (const auto join = stream.join_for(receiver)) receiver.decode(*join);
+      receiver.frames.clear();
+      receiver.poses.clear();
+      for (const TimeUs end = now + 6 * kInterval; now < end; now += 1000) {
+        if (now % kInterval == 0) {
+          EXPECT_TRUE(stream.add_frame(sender.next(now), now));
+        }
+        stream.pump(now);
+      }
+      EXPECT_EQ(receiver.undecodable, 0);
+      ASSERT_GT(receiver.poses.size(), 3u);
+      for (const auto& frame : receiver.frames) EXPECT_NE(frame->envelope.kind, FrameKind::kJoin) << "one was enough";
+      for (const auto& pose : receiver.poses) EXPECT_EQ(pose.key.bands, (1u << bands) - 1);
+    };
+    ASSERT_TRUE(stream.announce(small_announce(), 1));
+    ASSERT_TRUE(stream.add_frame(sender.next(now), now));
+    now = kInterval;
+    const std::size_t told = receiver.infos.size();
+    for (const std::uint8_t bands : {2, 1, 2, 1, 2}) play_on(profile, bands);
+    for (std::size_t i = told; i < receiver.infos.size(); ++i) EXPECT_EQ(receiver.infos[i].epoch, 1u);
+  }
+}
+
 TEST_F(StreamTest, AJoinAtAnyMomentBringsAReceiverInStep) {
   for (const Profile& profile : {kRaw, kFull, kCompact}) {
     Stream stream("a", 7, Stream::Settings{});
