@@ -70,6 +70,10 @@ void add_bake_options(CLI::App& app, SourceOptions& source) {
       ->check(CLI::IsMember({"augmented", "harmonic"}))
       ->capture_default_str();
   app.add_option("--rank", source.rank, "coefficients per axis")->check(CLI::Range(4, 4096))->capture_default_str();
+  app.add_option("--asset-error", source.asset_error,
+                 "what storing the basis may move vertices by, of the diagonal; 0: 32-bit floats, a large asset")
+      ->check(CLI::Range(0.0, 0.1))
+      ->capture_default_str();
   app.add_option("--name", source.name, "name of the surface, for people");
   app.add_option("--cache", source.cache_dir, "folder where bakes are kept; '' for none (default: ~/.cache/eigencast)")
       ->envname("EIGENCAST_CACHE");

@@ -41,7 +41,8 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
   auto clip = open_source(options);
   if (!clip) return clip.error();
   const BakeOptions bake_options{options.basis, options.rank,
-                                 options.name.empty() ? public_name((*clip)->name()) : options.name};
+                                 options.name.empty() ? public_name((*clip)->name()) : options.name,
+                                 options.asset_error};
   auto baked = bake((*clip)->rest(), bake_options, options.cache_dir, progress);
   if (!baked) return in_context(options.input, baked.error());
   return Source{std::move(*clip), std::move(*baked)};

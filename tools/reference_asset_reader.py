@@ -182,6 +182,15 @@ def add_structure(m, asset, chunk, b):
                 move = b.varint()
                 need(move <= len(stands_for[v]), "move")
                 face[k] = stands_for[v][move - 1] if move else v
+    counts = [b.varint() for _ in range(first, end)]
+    need(all(count <= 8 for count in counts), "too many predictors of a row")
+    rows = []
+    for i, count in zip(range(first, end), counts):
+        rows.append([i - b.varint() for _ in range(count)])
+        need(all(0 <= row < i for row in rows[-1]), "a predictor does not come before its row")
+    weights = [[b.zigzag() for _ in range(count)] for count in counts]
+    need(all(-511 <= weight <= 511 for row in weights for weight in row), "a weight is out of range")
+    chunk["predictors"] = [list(zip(*pair)) for pair in zip(rows, weights)]
     b.end()
     asset["faces"] += new_faces
     asset["death"] += new_deaths
@@ -208,8 +217,9 @@ def add_basis(m, asset, chunk, band, b):
         column = asset["columns"][k]
         for i in range(chunk["first_row"], chunk["end_row"]):
             z = low_bytes[at] | high_bytes[at] << 8
-            ref = reference(m, asset, i)
-            value = ((z >> 1) ^ (0xFFFF if z & 1 else 0)) + (column[ref] if ref >= 0 else 0)
+            predictors = chunk["predictors"][i - chunk["first_row"]]
+            predicted = (sum(weight * column[row] for row, weight in predictors) + 32) >> 6
+            value = ((z >> 1) ^ (0xFFFF if z & 1 else 0)) + predicted
             value = (value + 0x8000) % 0x10000 - 0x8000
             need(value != -32768 and (value == 0 or m["column_scales"][k - m["E"]] != 0), "a basis value is out of range")
             column.append(value)

@@ -2,8 +2,7 @@
 // basis tile  four byte planes of the float32 columns, low byte first, then two byte planes of the int16 residuals, low
 // byte first;
 //             each plane column by column, each column row by row.
-// residual    zigzag16(v[i] - v[reference(i)]) modulo 2^16; reference: map[i], in the base the row before, for row 0
-// zero. The specification is docs/asset-format.md.
+// residual    zigzag16(v[i] - what predictor.h predicts) modulo 2^16. The specification is docs/asset-format.md.
 #include "common/asset/basis_tile.h"
 
 #include <algorithm>
@@ -30,24 +29,32 @@ std::uint16_t unzigzag16(std::uint16_t code) {
   return static_cast<std::uint16_t>((code >> 1) ^ (code & 1u ? 0xffffu : 0u));
 }
 
-/// The row that predicts row i, or -1.
-std::int64_t reference_row(const BasisBlock& block, std::uint32_t i) {
-  return i < block.base_count ? std::int64_t{i} - 1 : std::int64_t{block.map[i]};
+/// The integers of column k in the rows before the block.
+std::vector<std::int16_t> earlier_rows(const BasisBlock& block, std::uint32_t k, float scale,
+                                       std::span<const float> basis) {
+  std::vector<std::int16_t> column(block.end_row);
+  for (std::uint32_t i = 0; i < block.first_row; ++i)
+    column[i] = integer_from(basis[std::size_t{i} * block.rank + k], scale);
+  return column;
 }
 
 }  // namespace
 
 std::vector<float> column_scales_from_basis(std::span<const float> basis, std::uint32_t rank,
-                                            std::uint32_t exact_columns) {
+                                            std::uint32_t exact_columns, std::span<const double> steps) {
   std::vector<float> scales(rank - exact_columns, 0.0F);
   for (std::size_t row = 0; row < basis.size(); row += rank) {
     for (std::uint32_t k = exact_columns; k < rank; ++k) {
       scales[k - exact_columns] = std::max(scales[k - exact_columns], std::abs(basis[row + k]));
     }
   }
-  for (float& scale : scales) {
-    scale /= kLargestInteger;
-    if (scale < kMinColumnScale) scale = 0;
+  for (std::size_t k = 0; k < scales.size(); ++k) {
+    scales[k] /= kLargestInteger;
+    if (scales[k] < kMinColumnScale) {
+      scales[k] = 0;
+    } else if (!steps.empty()) {
+      scales[k] = std::max(scales[k], static_cast<float>(std::min(steps[exact_columns + k], double{kMostColumnScale})));
+    }
   }
   return scales;
 }
@@ -70,12 +77,11 @@ Bytes encode_basis(const BasisBlock& block, std::span<const float> basis) {
   std::uint8_t* high = low + integers;
   for (std::uint32_t k = first_integer; k < block.end_column; ++k) {
     const float scale = block.column_scales[k - block.exact_columns];
+    std::vector<std::int16_t> column = earlier_rows(block, k, scale, basis);
     for (std::uint32_t i = block.first_row; i < block.end_row; ++i) {
-      const std::int64_t reference = reference_row(block, i);
-      const int predicted =
-          reference < 0 ? 0 : integer_from(basis[static_cast<std::size_t>(reference) * block.rank + k], scale);
-      const int value = integer_from(basis[std::size_t{i} * block.rank + k], scale);
-      const std::uint16_t code = zigzag16(static_cast<std::uint16_t>(value - predicted));
+      column[i] = integer_from(basis[std::size_t{i} * block.rank + k], scale);
+      const std::int32_t predicted = block.predictors.predict(i - block.first_row, column);
+      const std::uint16_t code = zigzag16(static_cast<std::uint16_t>(column[i] - predicted));
       *low++ = static_cast<std::uint8_t>(code);
       *high++ = static_cast<std::uint8_t>(code >> 8);
     }
@@ -105,16 +111,16 @@ Result<void> decode_basis(const BasisBlock& block, ByteView raw, std::span<float
   const std::uint8_t* high = low + integers;
   for (std::uint32_t k = first_integer; k < block.end_column; ++k) {
     const float scale = block.column_scales[k - block.exact_columns];
+    std::vector<std::int16_t> column = earlier_rows(block, k, scale, basis);
     for (std::uint32_t i = block.first_row; i < block.end_row; ++i) {
-      const std::int64_t reference = reference_row(block, i);
-      const int predicted =
-          reference < 0 ? 0 : integer_from(basis[static_cast<std::size_t>(reference) * block.rank + k], scale);
+      const std::int32_t predicted = block.predictors.predict(i - block.first_row, column);
       const auto code = static_cast<std::uint16_t>(*low++ | *high++ << 8);
       const auto value = static_cast<std::int16_t>(predicted + unzigzag16(code));
       if (value == -32768 || (scale == 0 && value != 0)) {
         return fail(ErrorCode::kCorrupt,
                     "basis tile: row " + std::to_string(i) + " column " + std::to_string(k) + " is out of its range");
       }
+      column[i] = value;
       basis[std::size_t{i} * block.rank + k] = static_cast<float>(value) * scale;
     }
   }

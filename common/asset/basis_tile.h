@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "common/asset/predictor.h"
 #include "common/core/bytes.h"
 #include "common/core/result.h"
 
@@ -16,15 +17,15 @@ struct BasisBlock {
   std::uint32_t first_column = 0, end_column = 0;
   std::uint32_t exact_columns = 0;       ///< Columns of the basis (not of the block) kept as float32.
   std::uint32_t rank = 0;                ///< r
-  std::uint32_t base_count = 0;          ///< q
   std::span<const float> column_scales;  ///< r - exact_columns
-  std::span<const std::uint32_t> map;    ///< At least end_row entries.
+  const Predictors& predictors;          ///< Of the block's rows.
 };
 
-/// scale = max |column| / 32767 of each inexact column; 0 for a column that is zero.
+/// The steps of the inexact columns: those given (one per column of the basis; empty: 0), but at least max |column| / 32767;
+/// 0 for a column that is zero.
 ///   basis  n x r, row-major
 std::vector<float> column_scales_from_basis(std::span<const float> basis, std::uint32_t rank,
-                                            std::uint32_t exact_columns);
+                                            std::uint32_t exact_columns, std::span<const double> steps);
 
 /// basis: n x r, row-major, as the asset has it (not yet quantised).
 Bytes encode_basis(const BasisBlock& block, std::span<const float> basis);

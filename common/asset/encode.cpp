@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
+#include <cmath>
 #include <string>
 #include <utility>
 
@@ -7,6 +8,7 @@
 #include "common/asset/basis_tile.h"
 #include "common/asset/format.h"
 #include "common/asset/manifest.h"
+#include "common/asset/predictor.h"
 #include "common/asset/structure_tile.h"
 
 namespace eigencast {
@@ -58,12 +60,24 @@ std::vector<std::uint32_t> chunk_ends(const Asset& asset, std::uint32_t first) {
   return ends;
 }
 
+/// The step of each column with which all columns add equally to the error, sum_k (amplitude_k step_k)^2 / 12 = error^2.
+std::vector<double> steps_of(const AssetEncoding& encoding, std::uint32_t rank) {
+  if (encoding.amplitudes.size() != rank || !(encoding.error > 0)) return {};
+  std::vector<double> steps;
+  for (const double amplitude : encoding.amplitudes) {
+    steps.push_back(encoding.error * std::sqrt(12.0 / rank) / std::max(amplitude, 1e-30));
+  }
+  return steps;
+}
+
 class Encoder {
  public:
   Encoder(const Asset& asset, const AssetEncoding& encoding) : asset_(asset), encoding_(encoding) {
     manifest_.facts = facts_of(asset);
     manifest_.exact_columns = std::min(encoding.exact_columns, asset.rank);
-    manifest_.column_scales = column_scales_from_basis(asset.basis, asset.rank, manifest_.exact_columns);
+    manifest_.column_scales =
+        column_scales_from_basis(asset.basis, asset.rank, manifest_.exact_columns, steps_of(encoding, asset.rank));
+    predictors_ = choose_predictors(asset, manifest_.exact_columns, manifest_.column_scales);
   }
 
   Result<EncodedAsset> encode() {
@@ -92,7 +106,8 @@ class Encoder {
     entry.end_row = end_row;
     entry.end_face = end_face;
     AssetObject object;
-    if (auto r = add_tile(TileKind::kStructure, 0, structure(range, end_face), entry, object.bytes); !r)
+    const Predictors predictors = part_of(predictors_, row_, end_row);
+    if (auto r = add_tile(TileKind::kStructure, 0, structure(range, end_face, predictors), entry, object.bytes); !r)
       return r.error();
     std::uint32_t column = 0;
     for (std::size_t b = 0; b < asset_.band_ends.size(); ++b) {
@@ -102,9 +117,8 @@ class Encoder {
                              asset_.band_ends[b],
                              manifest_.exact_columns,
                              asset_.rank,
-                             asset_.base_count,
                              manifest_.column_scales,
-                             asset_.map};
+                             predictors};
       if (auto r = add_tile(TileKind::kBasis, b, encode_basis(block, asset_.basis), entry, object.bytes); !r)
         return r.error();
       column = asset_.band_ends[b];
@@ -116,7 +130,7 @@ class Encoder {
   }
 
   /// The structure tile of a chunk; afterwards faces_ holds all faces up to end_face at level range.end_row.
-  Bytes structure(const ChunkRange& range, std::uint32_t end_face) {
+  Bytes structure(const ChunkRange& range, std::uint32_t end_face, const Predictors& predictors) {
     const auto part = [&](const auto& all) {
       return std::vector(all.begin() + range.first_row, all.begin() + range.end_row);
     };
@@ -124,6 +138,7 @@ class Encoder {
     tile.map = part(asset_.map);
     tile.source_vertex = part(asset_.source_vertex);
     tile.mass = part(asset_.mass);
+    tile.predictors = predictors;
     const auto old_count = static_cast<std::ptrdiff_t>(faces_.size());
     std::vector<Corners> now(asset_.faces.begin(), asset_.faces.begin() + end_face);
     move_to_level(asset_.map, range.end_row, now);
@@ -165,6 +180,7 @@ class Encoder {
   const Asset& asset_;
   AssetEncoding encoding_;
   Manifest manifest_;
+  Predictors predictors_;
   std::uint32_t row_ = 0;
   std::vector<Corners> faces_;  // of the chunks so far, at their last level
 };

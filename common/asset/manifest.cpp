@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "common/asset/asset_limits.h"
+#include "common/asset/predictor.h"
 
 namespace eigencast {
 namespace {
@@ -166,7 +167,7 @@ class Parser {
     for (float& s : manifest_.column_scales) {
       s = in_.f32();
       // The largest integer is 32767: scale * 32767 must still be a float.
-      if (s != 0 && !(s >= kMinColumnScale && s <= 1e34F)) return corrupt("a column scale is out of range");
+      if (s != 0 && !(s >= kMinColumnScale && s <= kMostColumnScale)) return corrupt("a column scale is out of range");
     }
     return {};
   }
@@ -382,11 +383,11 @@ std::uint64_t basis_tile_bytes(const Manifest& manifest, std::size_t band, std::
 }
 
 std::uint64_t min_structure_bytes(std::uint64_t rows, std::uint64_t faces) {
-  return rows * 5 + faces * 4;
+  return rows * 6 + faces * 4;
 }
 
 std::uint64_t max_structure_bytes(std::uint64_t rows, std::uint64_t new_faces, std::uint64_t old_faces) {
-  return rows * (5 + 5 + 4) + new_faces * (5 + 3 * 5) + old_faces * 3 * 5;
+  return rows * (5 + 5 + 4 + 1 + Predictors::kMost * (4 + 2)) + new_faces * (5 + 3 * 5) + old_faces * 3 * 5;
 }
 
 }  // namespace eigencast

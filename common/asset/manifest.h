@@ -55,6 +55,8 @@ struct Manifest {
 
 /// Below this a column counts as zero, so that value / scale finds the integer back exactly.
 inline constexpr float kMinColumnScale = 1e-30F;
+/// So that value * 32767 is finite.
+inline constexpr float kMostColumnScale = 1e34F;
 
 Bytes write_manifest(const Manifest& manifest);
 

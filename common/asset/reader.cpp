@@ -98,8 +98,6 @@ Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
     seen[source] = true;
   }
 
-  // The basis predicts from parents, so the map comes first; undone where a tile turns out to be bad.
-  append(asset_.map, structure->map);
   asset_.basis.reserve(std::size_t{entry.end_row} * asset_.rank);
   asset_.basis.resize(std::size_t{entry.end_row} * asset_.rank, 0.0F);
   std::size_t at = entry.tiles[0].stored_bytes;
@@ -112,13 +110,11 @@ Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
                            asset_.band_ends[b],
                            manifest_->exact_columns,
                            asset_.rank,
-                           asset_.base_count,
                            manifest_->column_scales,
-                           asset_.map};
+                           structure->predictors};
     raw = unpacked(tile, bytes.subspan(at, tile.stored_bytes));
     const Result<void> decoded = raw ? decode_basis(block, *raw, asset_.basis) : Result<void>(raw.error());
     if (!decoded) {
-      asset_.map.resize(range.first_row);
       asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
       return decoded;
     }
@@ -126,6 +122,7 @@ Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
     at += tile.stored_bytes;
   }
 
+  append(asset_.map, structure->map);
   append(asset_.source_vertex, structure->source_vertex);
   append(asset_.mass, structure->mass);
   append(asset_.death, structure->death);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // structure  up:varint[rows from q on] source:zigzag[rows] mass:f32[rows]
 //            death:varint[new faces] corners:zigzag[3 new faces] moves:varint[corners of old faces that may move]
+//            predictors:varint[rows], row:varint and weight:zigzag of each
 // The specification is docs/asset-format.md.
 #include "common/asset/structure_tile.h"
 
@@ -138,6 +139,35 @@ class Decoder {
         if (move > 0) corner = candidates[move - 1];
       }
     }
+    return {};
+  }
+
+  Result<void> predictors() {
+    Predictors& all = tile_.predictors;
+    const std::uint32_t count = range_.end_row - range_.first_row;
+    all.first.reserve(count + 1);
+    std::uint32_t end = 0;
+    for (std::uint32_t i = 0; i < count; ++i) {
+      const std::uint64_t many = in_.varint();
+      if (many > Predictors::kMost) return corrupt("too many predictors of a row");
+      all.first.push_back(end += static_cast<std::uint32_t>(many));
+    }
+    all.rows.reserve(end);
+    for (std::uint32_t i = 0; i < count; ++i) {
+      const std::uint32_t row = range_.first_row + i;
+      for (std::uint32_t at = all.first[i]; at < all.first[i + 1]; ++at) {
+        const std::uint64_t back = in_.varint();
+        if (back == 0 || back > row)
+          return corrupt("a predictor of row " + std::to_string(row) + " does not come before it");
+        all.rows.push_back(row - static_cast<std::uint32_t>(back));
+      }
+    }
+    all.weights.reserve(end);
+    for (std::uint32_t at = 0; at < end; ++at) {
+      const std::uint64_t code = in_.varint();
+      if (code > 2 * std::uint64_t{Predictors::kMostWeight}) return corrupt("a weight is out of range");
+      all.weights.push_back(static_cast<std::int16_t>(unzigzag(code)));
+    }
     if (!in_.finished()) return corrupt(in_.failed() ? "ends too early" : "bytes too many at its end");
     return {};
   }
@@ -190,6 +220,13 @@ Bytes encode_structure(const ChunkRange& range, const StructureTile& tile, std::
       out.varint(moved ? static_cast<std::uint64_t>(at - candidates.begin()) + 1 : 0);
     }
   }
+  const Predictors& predictors = tile.predictors;
+  for (std::size_t i = 0; i < predictors.row_count(); ++i) out.varint(predictors.first[i + 1] - predictors.first[i]);
+  for (std::size_t i = 0; i < predictors.row_count(); ++i) {
+    for (std::uint32_t at = predictors.first[i]; at < predictors.first[i + 1]; ++at)
+      out.varint(range.first_row + i - predictors.rows[at]);
+  }
+  for (const std::int16_t weight : predictors.weights) out.varint(zigzag(weight));
   return raw;
 }
 
@@ -202,6 +239,7 @@ Result<StructureTile> decode_structure(ByteView raw, const ChunkRange& range, st
   if (auto result = decoder.faces(); !result) return decoder.failed() ? corrupt("ends too early") : result.error();
   if (auto result = decoder.moves(earlier_faces); !result)
     return decoder.failed() ? corrupt("ends too early") : result.error();
+  if (auto result = decoder.predictors(); !result) return decoder.failed() ? corrupt("ends too early") : result.error();
   return std::move(decoder).take();
 }
 

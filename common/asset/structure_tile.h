@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "common/asset/predictor.h"
 #include "common/core/bytes.h"
 #include "common/core/result.h"
 
@@ -19,7 +20,8 @@ struct StructureTile {
   std::vector<std::array<std::uint32_t, 3>> faces;  ///< New ones, corners below end_row.
   std::vector<std::uint32_t> death;                 ///< Of the new ones.
   std::vector<std::array<std::uint32_t, 3>>
-      old_faces;  ///< All earlier ones, their corners moved on from first_row to end_row.
+      old_faces;          ///< All earlier ones, their corners moved on from first_row to end_row.
+  Predictors predictors;  ///< Of the new rows.
 };
 
 /// Where a chunk stands.
@@ -36,7 +38,7 @@ Bytes encode_structure(const ChunkRange& range, const StructureTile& tile, std::
                        std::span<const std::array<std::uint32_t, 3>> earlier_faces);
 
 /// The other way round. Safe on hostile input: every index of the result is in range, death ascends, masses are
-/// positive. Errors: kCorrupt. REQUIRES: raw was checked against max_structure_bytes, new_faces against the manifest.
+/// positive, predictors come before what they predict. Errors: kCorrupt. REQUIRES: raw was checked against max_structure_bytes, new_faces against the manifest.
 Result<StructureTile> decode_structure(ByteView raw, const ChunkRange& range, std::uint32_t new_faces,
                                        std::span<const std::uint32_t> earlier_source,
                                        std::span<const std::array<std::uint32_t, 3>> earlier_faces);

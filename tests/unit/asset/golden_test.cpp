@@ -86,7 +86,7 @@ void write_golden(const EncodedAsset& encoded, const Asset& asset) {
   std::ofstream(golden_path("golden.json")) << json_from(asset, encoded.manifest.id).dump() << '\n';
 }
 
-constexpr AssetEncoding kGoldenEncoding{.exact_columns = 4, .first_chunk_rows = 16, .compress = false};
+const AssetEncoding kGoldenEncoding{.exact_columns = 4, .first_chunk_rows = 16, .compress = false};
 
 TEST(AssetGolden, EncodesToTheGoldenBytes) {
   const Asset asset = golden_asset();

@@ -202,7 +202,7 @@ TEST(AssetHostile, AbsurdClaimsAreRefusedBeforeAnythingIsAllocated) {
               const std::uint32_t rows = 2'000'000 - 32;
               TileEntry* tiles = m.chunks.back().tiles.data();
               for (int t = 0; t < 3; ++t) tiles[t].compression = Compression::kZstd, tiles[t].stored_bytes = 100;
-              tiles[0].raw_bytes = rows * 6, tiles[1].raw_bytes = rows * 16, tiles[2].raw_bytes = rows * 6;
+              tiles[0].raw_bytes = rows * 7, tiles[1].raw_bytes = rows * 16, tiles[2].raw_bytes = rows * 6;
             }),
             ErrorCode::kTooLarge);
 }
