@@ -2,28 +2,11 @@
 #include "client/band_fade.h"
 
 #include <algorithm>
-#include <limits>
 
 namespace eigencast {
-namespace {
 
-constexpr std::size_t kMaxChanges = 64;
-
-}  // namespace
-
-void BandFade::received(TimeUs time_us, std::uint8_t bands) {
-  if (changes_.empty() || changes_.back().bands != bands) {
-    changes_.push_back({newest_us_.value_or(std::numeric_limits<TimeUs>::min()), bands});
-    if (changes_.size() > kMaxChanges) changes_.pop_front();
-  }
-  newest_us_ = time_us;
-}
-
-void BandFade::apply(TimeUs media_us, TimeUs now_us, std::span<const std::uint32_t> band_ends,
+void BandFade::apply(std::uint8_t bands, TimeUs now_us, std::span<const std::uint32_t> band_ends,
                      std::span<const double> shown, std::span<double> wanted) {
-  while (changes_.size() > 1 && changes_[1].after_us < media_us) changes_.pop_front();
-  if (changes_.empty()) return;
-  const std::uint8_t bands = changes_.front().bands;
   const auto changed = static_cast<std::uint8_t>(shown_bands_.value_or(bands) ^ bands);
   shown_bands_ = bands;
   if (changed != 0) {
@@ -44,11 +27,6 @@ void BandFade::apply(TimeUs media_us, TimeUs now_us, std::span<const std::uint32
     for (std::size_t i = first; i < band_ends[band] * channels; ++i)
       wanted[i] = from_[i] + share * (wanted[i] - from_[i]);
   }
-}
-
-void BandFade::restart_time() {
-  changes_.clear();
-  newest_us_.reset();
 }
 
 void BandFade::reset() {

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <deque>
 #include <optional>
 #include <span>
 #include <vector>
@@ -20,32 +19,19 @@ class BandFade {
  public:
   static constexpr TimeUs kFadeUs = 150'000;
 
-  /// A pose of media time `time_us` came with the bands of the mask. Times grow from call to call.
-  void received(TimeUs time_us, std::uint8_t bands);
-
-  /// Makes `wanted`, the pose to show of media time `media_us`, what is to be shown at `now_us`. `shown` is what was
-  /// shown last; both are band_ends.back() x channels, row-major. Nothing is faded if they differ in size (other
+  /// Makes `wanted`, the pose to show, made of the bands of the mask, what is to be shown at `now_us`. `shown` is what
+  /// was shown last; both are band_ends.back() x channels, row-major. Nothing is faded if they differ in size (other
   /// channels than before) or band_ends is empty (unknown).
-  void apply(TimeUs media_us, TimeUs now_us, std::span<const std::uint32_t> band_ends, std::span<const double> shown,
+  void apply(std::uint8_t bands, TimeUs now_us, std::span<const std::uint32_t> band_ends, std::span<const double> shown,
              std::span<double> wanted);
 
   /// True while the same pose looks different from one display time to the next.
   bool fading() const { return fading_ != 0; }
 
-  /// Media times start anew, as at a new epoch of the same asset: what is shown stays, and may have to fade.
-  void restart_time();
   /// Forgets everything, as at a new asset.
   void reset();
 
  private:
-  /// From `after_us` on (exclusive) poses are made of `bands`: between two poses it is the later one that counts.
-  struct Change {
-    TimeUs after_us;
-    std::uint8_t bands;
-  };
-
-  std::deque<Change> changes_;  ///< Growing; at most kMaxChanges.
-  std::optional<TimeUs> newest_us_;
   std::optional<std::uint8_t> shown_bands_;
   std::uint8_t fading_ = 0;   ///< Mask of the bands on their way.
   TimeUs started_us_ = 0;     ///< Display time.

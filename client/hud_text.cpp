@@ -54,20 +54,49 @@ std::string_view name_of(Subscriber::State state) {
   return "unknown";
 }
 
-std::string text_from_mode(const Profile& profile, PlayoutMode playout) {
-  std::string mode =
-      profile.rate == Profile::Rate::kRaw
-          ? std::string("raw")
-          : text("interpolated x%d %s", profile.k, profile.form == Profile::Form::kFull ? "full" : "compact");
-  switch (playout) {
-    case PlayoutMode::kLatest:
-      return mode + ", shown as it comes";
-    case PlayoutMode::kInterpolate:
-      return mode + ", smoothed";
-    case PlayoutMode::kEstimate:
-      return mode + ", estimated ahead";
+std::string_view name_of(Shown shown) {
+  switch (shown) {
+    case Shown::kLive:
+      return "live";
+    case Shown::kInterpolated:
+      return "interpolated";
+    case Shown::kEstimated:
+      return "estimated";
+    case Shown::kHeld:
+      return "held";
   }
-  return mode;
+  return "unknown";
+}
+
+std::string_view name_of(PlayoutMode mode) {
+  switch (mode) {
+    case PlayoutMode::kLatest:
+      return "latest";
+    case PlayoutMode::kInterpolate:
+      return "interpolate";
+    case PlayoutMode::kEstimate:
+      return "estimate";
+  }
+  return "unknown";
+}
+
+std::string text_from_mode(const Profile& profile) {
+  if (profile.rate == Profile::Rate::kRaw) return "raw";
+  const bool estimated = profile.rate == Profile::Rate::kEstimated;
+  std::string mode = text("%s x%d", estimated ? "estimated" : "interpolated", profile.k);
+  if (profile.scheme == Profile::Scheme::kHermite) mode += " hermite";
+  if (profile.scheme == Profile::Scheme::kCatmullRom) mode += " catmull-rom";
+  if (profile.scheme == Profile::Scheme::kDamped) mode += " damped";
+  return mode + (profile.form == Profile::Form::kFull ? " full" : " compact");
+}
+
+std::string text_from_shown(Shown shown, bool settling, const Playout& playout) {
+  std::string line(name_of(shown));
+  if (settling) line += ", going over";
+  if (playout.settings().mode == PlayoutMode::kLatest) return line + " \xC2\xB7 as it comes";
+  line += " \xC2\xB7 " + milliseconds(playout.delay_us()) + " held back";
+  const double percent = 100 * playout.smoothness();
+  return line + (playout.settings().delay_us > 0 ? std::string() : text(" (smooth %.0f %%)", percent));
 }
 
 std::vector<std::string> hud_lines(const HudFigures& f) {
@@ -81,6 +110,7 @@ std::vector<std::string> hud_lines(const HudFigures& f) {
   lines.push_back(text("LOD %.2f \xC2\xB7 ", level) + with_commas(f.vertices) + " of " + with_commas(f.vertices_total) +
                   " vertices" + (f.faces == 0 ? std::string(", points") : ", " + with_commas(f.faces) + " faces"));
   lines.push_back(text("bands %u of %u \xC2\xB7 rank %u", f.bands, f.bands_total, f.rank));
+  if (!f.shown.empty()) lines.push_back(f.shown);
   lines.push_back(f.mode);
   return lines;
 }

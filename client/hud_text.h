@@ -19,14 +19,23 @@ struct HudFigures {
   std::uint64_t latency_count = 0;
   std::uint32_t vertices = 0, vertices_total = 0, faces = 0;
   std::uint32_t bands = 0, bands_total = 0, rank = 0;
-  std::string mode;  ///< From text_from_mode.
+  std::string shown;  ///< From text_from_shown.
+  std::string mode;   ///< From text_from_mode.
 };
 
 /// "live", "lost", ...: one word for each state.
 std::string_view name_of(Subscriber::State state);
 
-/// "interpolated x3 full, shown as it comes".
-std::string text_from_mode(const Profile& profile, PlayoutMode playout);
+/// "live", "interpolated", "estimated", "held".
+std::string_view name_of(Shown shown);
+/// "latest", "interpolate", "estimate": as --playout names them.
+std::string_view name_of(PlayoutMode mode);
+
+/// What the broker was asked for: "raw", "interpolated x3 full", "estimated x3 damped full".
+std::string text_from_mode(const Profile& profile);
+
+/// What the picture is, and how it comes about: "interpolated · 67 ms held back (smooth 100 %)".
+std::string text_from_shown(Shown shown, bool settling, const Playout& playout);
 
 /// The panel's lines, Latin-1 characters only.
 std::vector<std::string> hud_lines(const HudFigures& figures);

@@ -27,7 +27,7 @@ const std::map<std::string, Profile::Scheme> kSchemes{{"linear", Profile::Scheme
 struct RawOptions {
   std::string size = "1280x720", rate, form, scheme, playout = "latest";
   int k = 3, bands = 8;
-  double delay_ms = 0;
+  double delay_ms = 0, smooth = 1, ahead_ms = 200;
 };
 
 bool size_from_text(const std::string& text, int& width, int& height) {
@@ -100,7 +100,14 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   app.add_option("--playout", raw.playout, "poses between arrivals: the latest one, or made by this program")
       ->check(CLI::IsMember({"latest", "interpolate", "estimate"}))
       ->capture_default_str();
-  app.add_option("--delay", raw.delay_ms, "ms that --playout interpolate holds poses; 0 follows the stream")
+  app.add_option("--smooth", raw.smooth,
+                 "how long --playout interpolate or estimate holds poses: 0 live, 1 smooth: an interval and the jitter "
+                 "(default: 1 of interpolate, 0 of estimate)")
+      ->check(CLI::Range(0.0, 1.0));
+  app.add_option("--delay", raw.delay_ms, "hold them for just so many ms; 0 follows the stream")
+      ->check(CLI::Range(0.0, 10'000.0))
+      ->capture_default_str();
+  app.add_option("--ahead", raw.ahead_ms, "ms after which --playout estimate stops and holds the pose")
       ->check(CLI::Range(0.0, 10'000.0))
       ->capture_default_str();
   app.add_option("--view", options.view, "first view")
@@ -108,6 +115,8 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   app.add_flag("--hud", options.hud, "headless: draw the figures into the pictures too");
   app.add_option("--json", options.json, "write the report to this file at the end");
   app.add_option("--record", options.record, "write every received pose to this file, one JSON object a line");
+  app.add_option("--record-shown", options.record_shown,
+                 "write what each picture shows, and when, to this file, one JSON object a line");
   app.add_option("--screenshot", options.screenshot, "write the last picture to this PNG file at the end");
   app.add_option("--wait", options.wait_s, "headless: seconds to wait for the first pose")
       ->check(CLI::Range(0.0, 1e7))
@@ -127,10 +136,18 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   Result<std::optional<Profile>> profile = profile_from(app, options.url, raw);
   if (!profile) return usage(options.url + ": " + profile.error().message);
   options.profile = *profile;
-  options.scene.playout = raw.playout == "interpolate" ? PlayoutMode::kInterpolate
-                          : raw.playout == "estimate"  ? PlayoutMode::kEstimate
-                                                       : PlayoutMode::kLatest;
-  options.scene.delay_us = static_cast<TimeUs>(raw.delay_ms * 1000);
+  const bool has_delay = app.count("--smooth") + app.count("--delay") + app.count("--ahead") > 0;
+  if (raw.playout == "latest" && has_delay)
+    return usage("--smooth, --delay and --ahead are for --playout interpolate or estimate; latest holds nothing back");
+  if (app.count("--smooth") > 0 && app.count("--delay") > 0)
+    return usage("--smooth and --delay both say how long poses are held back; give one of them");
+  PlayoutSettings& playout = options.scene.playout;
+  playout.mode = raw.playout == "interpolate" ? PlayoutMode::kInterpolate
+                 : raw.playout == "estimate"  ? PlayoutMode::kEstimate
+                                              : PlayoutMode::kLatest;
+  if (app.count("--smooth") > 0) playout.smoothness = raw.smooth;
+  playout.delay_us = static_cast<TimeUs>(raw.delay_ms * 1000);
+  playout.max_ahead_us = static_cast<TimeUs>(raw.ahead_ms * 1000);
   return options;
 }
 

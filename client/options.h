@@ -21,7 +21,7 @@ struct ClientOptions {
   std::uint64_t frames = 0;  ///< 0: no limit
   double duration_s = 0;     ///< 0: no limit
   double wait_s = 30;        ///< Headless: how long to wait for the first pose.
-  std::string out, json, record, screenshot;
+  std::string out, json, record, record_shown, screenshot;
   std::string cache_dir;
   bool verbose = false;
 };

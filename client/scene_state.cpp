@@ -17,9 +17,23 @@ std::uint32_t rank_in_use(std::span<const double> coefficients, std::uint32_t ch
   return static_cast<std::uint32_t>((used + channels - 1) / channels);
 }
 
+PoseOrigin origin_of(FrameKind kind) {
+  switch (kind) {
+    case FrameKind::kKey:
+    case FrameKind::kJoin:
+      return PoseOrigin::kSender;
+    case FrameKind::kSynthetic:
+    case FrameKind::kStep:
+      return PoseOrigin::kBetween;
+    case FrameKind::kEstimate:
+      return PoseOrigin::kEstimate;
+  }
+  return PoseOrigin::kSender;
+}
+
 }  // namespace
 
-SceneState::SceneState(const SceneOptions& options) : playout_(options.playout, options.delay_us), lod_(options.lod) {}
+SceneState::SceneState(const SceneOptions& options) : playout_(options.playout), lod_(options.lod) {}
 
 void SceneState::receive(const PoseSource& source, std::vector<ReceivedPose> poses) {
   follow_epoch(source);
@@ -47,7 +61,6 @@ void SceneState::follow_epoch(const PoseSource& source) {
     reconstructor_.reset();
     asset_id_ = id;
     playout_.reset();
-    fade_.restart_time();
     shown_time_.reset();
     if (!same) show_rest(*asset);
   } else if (!id.empty()) {
@@ -59,6 +72,7 @@ void SceneState::show_rest(const Asset& asset) {
   fade_.reset();
   stream_bands_ = 0;
   has_pose_ = false;
+  shown_ = Shown::kHeld;
   coefficients_ = asset.rest;
   channels_ = 3;
   geometry_.positions.clear();
@@ -75,22 +89,27 @@ void SceneState::add_pose(const ReceivedPose& pose, const Asset& asset) {
     ++poses_unusable_;
     return;
   }
-  if (playout_.add(TimedPose{pose.envelope.capture_us, pose.coefficients}, pose.arrival_us))
-    fade_.received(pose.envelope.capture_us, stream_bands_);
+  const Envelope& e = pose.envelope;
+  playout_.add({e.capture_us, pose.coefficients, stream_bands_, origin_of(e.kind)}, pose.arrival_us);
 }
 
 bool SceneState::choose_pose(const PoseSource& source, TimeUs now_us) {
   if (paused_ && has_pose_) return false;
-  std::optional<TimedPose> pose = playout_.at(now_us);
-  if (!pose) return false;
-  const bool is_new = shown_time_ != pose->time_us;
-  if (!is_new && !fade_.fading()) return false;
   const std::uint32_t rank = source.asset()->rank;
   const auto& info = source.info();
   std::span<const std::uint32_t> band_ends;
   if (info && !info->format.band_ends.empty() && info->format.band_ends.back() == rank)
     band_ends = info->format.band_ends;
-  fade_.apply(pose->time_us, now_us, band_ends, coefficients_, pose->coefficients);
+  playout_.set_band_ends(band_ends);
+  std::optional<ShownPose> pose = playout_.at(now_us);
+  if (!pose) return false;
+  shown_ = pose->shown;
+  const bool is_new = shown_time_ != pose->time_us;
+  // Once more after it has settled, so that nothing of the error stays.
+  if (!is_new && !fade_.fading() && !pose->settling && !settling_) return false;
+  settling_ = pose->settling;
+  ++times_shown_[static_cast<std::size_t>(shown_)];
+  fade_.apply(pose->bands, now_us, band_ends, coefficients_, pose->coefficients);
   channels_ = static_cast<std::uint32_t>(pose->coefficients.size() / rank);
   coefficients_ = std::move(pose->coefficients);
   shown_time_ = pose->time_us;

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -36,8 +37,7 @@ struct SceneFacts {
 };
 
 struct SceneOptions {
-  PlayoutMode playout = PlayoutMode::kLatest;
-  TimeUs delay_us = 0;  ///< Of kInterpolate; 0 follows the stream (Playout).
+  PlayoutSettings playout;
   double lod = 1;
 };
 
@@ -62,7 +62,16 @@ class SceneState {
   const SceneFacts& facts() const { return facts_; }
   LevelOfDetail& lod() { return lod_; }
   const LevelOfDetail& lod() const { return lod_; }
-  PlayoutMode playout_mode() const { return playout_.mode(); }
+  /// Takes effect at the next advance(), without a jump.
+  void set_playout(const PlayoutSettings& settings) { playout_.set(settings); }
+  const Playout& playout() const { return playout_; }
+  /// What geometry() is: see Shown; kHeld before the first pose.
+  Shown shown() const { return shown_; }
+  bool settling() const { return settling_; }  ///< See ShownPose.
+  /// How often each of Shown was drawn anew, in its order.
+  const std::array<std::uint64_t, 4>& times_shown() const { return times_shown_; }
+  /// The coefficients of geometry(), r x c row-major, corrections and fades included.
+  std::span<const double> coefficients() const { return coefficients_; }
   /// While paused the pose stands still; level and asset may still change.
   void set_paused(bool paused) { paused_ = paused; }
   bool paused() const { return paused_; }
@@ -99,6 +108,9 @@ class SceneState {
   std::uint8_t stream_bands_ = 0;  ///< Of the newest key: steps do not say theirs.
   bool has_pose_ = false;          ///< coefficients_ are of a pose that came, not the rest pose.
   std::optional<TimeUs> shown_time_, newest_arrival_;
+  Shown shown_ = Shown::kHeld;
+  bool settling_ = false;
+  std::array<std::uint64_t, 4> times_shown_{};
   bool paused_ = false;
   std::uint64_t poses_shown_ = 0, poses_unusable_ = 0;
   std::uint32_t bands_received_ = 0;

@@ -49,6 +49,11 @@ Result<std::unique_ptr<Session>> Session::create(const ClientOptions& options, P
     session->record_.open(options.record, std::ios::trunc);
     if (!session->record_) return fail(ErrorCode::kIo, options.record + ": cannot be written; is its folder there?");
   }
+  if (!options.record_shown.empty()) {
+    session->shown_record_.open(options.record_shown, std::ios::trunc);
+    if (!session->shown_record_)
+      return fail(ErrorCode::kIo, options.record_shown + ": cannot be written; is its folder there?");
+  }
   return session;
 }
 
@@ -105,6 +110,15 @@ void Session::record(const std::vector<ReceivedPose>& poses) {
   if (!poses.empty()) record_.flush();
 }
 
+void Session::record_shown(TimeUs drawn_us) {
+  const json line{{"drawn_us", drawn_us},
+                  {"capture_us", *scene_.shown_capture_us()},
+                  {"shown", name_of(scene_.shown())},
+                  {"settling", scene_.settling()},
+                  {"coefficients", scene_.coefficients()}};
+  shown_record_ << line.dump() << '\n';
+}
+
 void Session::say_state() {
   const Subscriber::Stats stats = source_.stats();
   if (said_ == stats.state) return;  // the source itself says why and when it tries again
@@ -141,6 +155,7 @@ void Session::draw(Renderer& renderer, const Camera& camera, RenderOptions optio
   upload_us_.add(uploaded - start);
   draw_us_.add(end - uploaded);
   ++drawn_;
+  if (shown_record_.is_open() && scene_.shown_capture_us()) record_shown(end);
   if (scene_.poses_shown() != drawn_pose_) {
     drawn_pose_ = scene_.poses_shown();
     if (scene_.shown_capture_us()) drawn_latency_us_.add(end - *scene_.shown_capture_us());
@@ -176,7 +191,8 @@ HudFigures Session::figures() const {
     f.bands_total = static_cast<std::uint32_t>(asset->band_ends.size());
   }
   const Profile profile = source_.info() ? source_.info()->profile : options_.profile.value_or(Profile{});
-  f.mode = text_from_mode(profile, scene_.playout_mode());
+  f.shown = text_from_shown(scene_.shown(), scene_.settling(), scene_.playout());
+  f.mode = text_from_mode(profile);
   return f;
 }
 
@@ -221,6 +237,14 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
                    {"of", figures_now.vertices_total},
                    {"faces", figures_now.faces}};
   report["bands"] = {{"received", figures_now.bands}, {"of", figures_now.bands_total}, {"rank", figures_now.rank}};
+  const Playout& playout = scene_.playout();
+  report["playout"] = {{"mode", name_of(playout.settings().mode)},
+                       {"smoothness", playout.smoothness()},
+                       {"delay_us", playout.delay_us()}};
+  for (std::size_t i = 0; i < scene_.times_shown().size(); ++i)
+    report["playout"]["shown"][std::string(name_of(static_cast<Shown>(i)))] = scene_.times_shown()[i];
+  if (const Asset* asset = source_.asset())
+    report["surface"] = {{"area", asset->area}, {"diagonal", asset->diagonal()}};
   report["reconnects"] = stats.reconnects;
   report["clock"] = {{"offset_us", json_from(stats.clock_offset_us)},
                      {"error_us", json_from(stats.clock_error_us)},

@@ -50,6 +50,7 @@ class Session final {
  private:
   Session(const ClientOptions& options, PoseSource& source, LogSink log);
   void record(const std::vector<ReceivedPose>& poses);
+  void record_shown(TimeUs drawn_us);
   void note_arrivals(const std::vector<ReceivedPose>& poses);
   void say_state();
   void frame_scene(Camera& camera);
@@ -58,7 +59,7 @@ class Session final {
   PoseSource& source_;
   LogSink log_;
   SceneState scene_;
-  std::ofstream record_;
+  std::ofstream record_, shown_record_;
   RateMeter keys_, poses_, drawn_rate_, bytes_;
   Histogram drawn_latency_us_, upload_us_, draw_us_;
   TimeUs started_us_ = 0;

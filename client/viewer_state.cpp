@@ -14,15 +14,38 @@ struct KeyBinding {
   std::string_view key;
   Action action;
 };
-constexpr std::array<KeyBinding, 20> kBindings{
+constexpr std::array<KeyBinding, 23> kBindings{
     {{"R", Action::kResetCamera}, {"Home", Action::kResetCamera}, {"H", Action::kHelp},         {"F1", Action::kHelp},
      {"X", Action::kAxes},        {"G", Action::kGrid},           {"E", Action::kEdges},        {"P", Action::kPoints},
      {"F", Action::kHud},         {"S", Action::kScreenshot},     {"F12", Action::kScreenshot}, {"+", Action::kFiner},
      {"=", Action::kFiner},       {".", Action::kFiner},          {"-", Action::kCoarser},      {",", Action::kCoarser},
-     {" ", Action::kPause},       {"U", Action::kUpAxis},         {"Escape", Action::kQuit},    {"Q", Action::kQuit}}};
+     {"M", Action::kPlayout},     {"]", Action::kSmoother},       {"[", Action::kMoreLive},     {" ", Action::kPause},
+     {"U", Action::kUpAxis},      {"Escape", Action::kQuit},      {"Q", Action::kQuit}}};
 
 std::string on_off(bool on) {
   return on ? "on" : "off";
+}
+
+constexpr double kSmoothnessStep = 0.125;
+
+/// Poses that are shown as they come are held for nothing: there it says nothing.
+void change_smoothness(PlayoutSettings& playout, double by) {
+  if (playout.mode == PlayoutMode::kLatest) return;
+  playout.smoothness = std::clamp(Playout(playout).smoothness() + by, 0.0, 1.0);
+  playout.delay_us = 0;
+}
+
+std::string text_from_playout(const PlayoutSettings& playout) {
+  return playout.mode == PlayoutMode::kLatest        ? "as they come"
+         : playout.mode == PlayoutMode::kInterpolate ? "interpolated here"
+                                                     : "estimated here";
+}
+
+std::string text_from_smoothness(const PlayoutSettings& playout) {
+  if (playout.mode == PlayoutMode::kLatest) return "";
+  char percent[16];
+  std::snprintf(percent, sizeof percent, "%.3g %%", 100 * Playout(playout).smoothness());
+  return percent;
 }
 
 Camera::Up next_up(Camera::Up up) {
@@ -66,6 +89,19 @@ void ViewerState::apply(Action action, Camera& camera, LevelOfDetail& lod) {
     case Action::kPause:
       paused = !paused;
       break;
+    case Action::kPlayout:
+      playout.mode = playout.mode == PlayoutMode::kLatest        ? PlayoutMode::kInterpolate
+                     : playout.mode == PlayoutMode::kInterpolate ? PlayoutMode::kEstimate
+                                                                 : PlayoutMode::kLatest;
+      playout.smoothness.reset();
+      playout.delay_us = 0;
+      break;
+    case Action::kSmoother:
+      change_smoothness(playout, kSmoothnessStep);
+      break;
+    case Action::kMoreLive:
+      change_smoothness(playout, -kSmoothnessStep);
+      break;
     case Action::kUpAxis:
       camera.set_up(next_up(camera.up()));
       break;
@@ -92,6 +128,8 @@ std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera,
           {"R  Home", "reset the camera", ""},
           {"+ -  . ,", "level of detail", percent},
           {"Space", "pause", on_off(state.paused)},
+          {"M", "motion between arrivals", text_from_playout(state.playout)},
+          {"[ ]", "live to smooth", text_from_smoothness(state.playout)},
           {"E", "edges", on_off(state.edges)},
           {"P", "points", on_off(state.points)},
           {"G", "ground grid", on_off(state.grid)},

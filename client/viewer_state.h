@@ -7,6 +7,7 @@
 
 #include "client/camera.h"
 #include "client/level_of_detail.h"
+#include "common/motion/playout.h"
 
 namespace eigencast {
 
@@ -23,6 +24,9 @@ enum class Action {
   kFiner,
   kCoarser,
   kPause,
+  kPlayout,
+  kSmoother,
+  kMoreLive,
   kUpAxis,
   kQuit
 };
@@ -31,6 +35,7 @@ enum class Action {
 struct ViewerState {
   bool help = false, hud = true, axes = false, grid = true, edges = false, points = false;
   bool paused = false, quit = false;
+  PlayoutSettings playout;
   bool screenshot_wanted = false;  ///< Whoever draws next takes it and clears this.
 
   /// Does what the action asks, to itself, the camera or the level of detail.

@@ -19,7 +19,8 @@ constexpr TimeUs kFiguresEveryUs = 250'000;
 
 std::string name_of_key(int key) {
   if ((key >= GLFW_KEY_A && key <= GLFW_KEY_Z) || key == GLFW_KEY_SPACE || key == GLFW_KEY_COMMA ||
-      key == GLFW_KEY_PERIOD || key == GLFW_KEY_MINUS || key == GLFW_KEY_EQUAL) {
+      key == GLFW_KEY_PERIOD || key == GLFW_KEY_LEFT_BRACKET || key == GLFW_KEY_RIGHT_BRACKET ||
+      key == GLFW_KEY_MINUS || key == GLFW_KEY_EQUAL) {
     return std::string(1, static_cast<char>(key));
   }
   switch (key) {
@@ -69,6 +70,7 @@ class Window {
     Result<std::unique_ptr<Session>> session = Session::create(options, source, log_sink);
     if (!session) return session.error();
     session_ = std::move(session).value();
+    state_.playout = options.scene.playout;
     camera_.set_view(options.view);
     take_size();
     listen();
@@ -169,9 +171,11 @@ class Window {
   void on_key(int key, int action) {
     if (action == GLFW_RELEASE) return;
     const std::optional<Action> wanted = action_for_key(name_of_key(key));
-    const bool repeats = wanted == Action::kFiner || wanted == Action::kCoarser;
+    const bool repeats = wanted == Action::kFiner || wanted == Action::kCoarser || wanted == Action::kSmoother ||
+                         wanted == Action::kMoreLive;
     if (!wanted || (action == GLFW_REPEAT && !repeats)) return;
     state_.apply(*wanted, camera_, session_->scene().lod());
+    session_->scene().set_playout(state_.playout);
     needs_redraw_ = true;
   }
 

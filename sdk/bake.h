@@ -24,12 +24,12 @@ struct BakeOptions {
 using BakeProgress = std::function<bool(double fraction, std::string_view stage)>;
 
 struct BakeResult {
-  Asset asset;  ///< As receivers will have it: decoded from `encoded`.
+  Asset asset;           ///< As receivers will have it: decoded from `encoded`.
   EncodedAsset encoded;
   bool from_cache = false;
   bool certified = false;
   double residual = 0;
-  std::string report;  ///< For people: what check_surface found, rank used, seconds taken.
+  std::string report;    ///< For people: what check_surface found, rank used, seconds taken.
 };
 
 /// Turns a surface into a streamable asset: checks, Laplacian, basis, contraction order, encoding. With a cache directory (see

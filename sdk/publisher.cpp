@@ -38,6 +38,13 @@ std::string megabytes(std::uint64_t bytes) {
   return text;
 }
 
+/// A velocity is sent as the movement in a quarter of a key interval: so coarse that it costs few bits, so fine that its
+/// rounding moves a pose between two keys (by at most 4/27 of an interval's movement) less than that of the keys does.
+std::uint32_t velocity_unit(double key_rate_hz) {
+  const double us = key_rate_hz > 0 ? 1e6 / key_rate_hz / 4 : 0;
+  return static_cast<std::uint32_t>(std::clamp(us, 1000.0, static_cast<double>(limits::kMaxVelocityUs)));
+}
+
 Result<void> check_capture_time(TimeUs capture_us) {
   if (capture_us >= 0 && capture_us <= limits::kMaxTimeUs) return {};
   return fail(ErrorCode::kInvalidArgument,
@@ -110,7 +117,8 @@ class Publisher::Impl {
         asset_(std::move(asset)),
         encoded_(std::move(encoded)),
         log_(std::move(log)),
-        layout_{options_.codec, asset_->rank, 3, asset_->band_ends} {
+        layout_{options_.codec, asset_->rank, options_.velocities ? 6U : 3U, asset_->band_ends},
+        velocity_us_(velocity_unit(options_.key_rate_hz)) {
     const double error = options_.error > 0 ? options_.error : kDefaultErrorOverDiagonal * asset_->diagonal();
     if (options_.codec == CodecKind::kQuantised) quantiser_ = quantiser_for_error(error, asset_->area, asset_->rank);
     if (options_.still_heartbeat_us > 0) still_.emplace(kStillOverError * error, options_.still_heartbeat_us);
@@ -167,8 +175,16 @@ class Publisher::Impl {
     TimeUs transformed_us = 0;
   };
 
-  SendStatus send(std::span<const double> C, TimeUs capture_us, Work work) {
+  bool wants_velocities() const { return options_.velocities; }
+
+  /// V: empty, or velocities per second.
+  SendStatus send(std::span<const double> C, std::span<const double> V, TimeUs capture_us, Work work) {
     const std::lock_guard lock(mutex_);
+    if (V.empty() == options_.velocities)
+      return unusable(fail(ErrorCode::kInvalidArgument, V.empty() ? "a pose without velocities, which were announced"
+                                                                  : "velocities that were not announced"));
+    std::vector<double> both;
+    if (!V.empty()) C = both = beside_each_other(C, V);
     if (stats_.state != State::kLive) return dropped(SendStatus::kDisconnected);
     if (socket_->unsent_bytes() > options_.max_unsent_bytes) return dropped(SendStatus::kDropped);
     if (auto usable = check_capture_time(capture_us); !usable) return unusable(usable.error());
@@ -181,7 +197,14 @@ class Publisher::Impl {
 
   std::vector<double> as_received() const {
     const std::lock_guard lock(mutex_);
-    return chain_ ? coefficients_from_key(layout_, chain_->newer) : std::vector<double>();
+    if (!chain_) return {};
+    std::vector<double> C = coefficients_from_key(layout_, chain_->newer);
+    if (layout_.channels == 3) return C;
+    for (std::size_t row = 0; row < layout_.rows; ++row)
+      std::copy_n(C.begin() + static_cast<std::ptrdiff_t>(row * 6), 3,
+                  C.begin() + static_cast<std::ptrdiff_t>(row * 3));
+    C.resize(std::size_t{layout_.rows} * 3);
+    return C;
   }
 
   Stats stats() const {
@@ -191,6 +214,18 @@ class Publisher::Impl {
 
  private:
   enum class Phase { kDown, kIntroduce, kAnnounced, kLive };
+
+  /// Rows of x, y, z and their velocities in units of velocity_us_.
+  std::vector<double> beside_each_other(std::span<const double> C, std::span<const double> V) const {
+    std::vector<double> both(C.size() == V.size() ? 2 * C.size() : 0);
+    const double unit_s = velocity_us_ * 1e-6;
+    for (std::size_t i = 0; 2 * i < both.size(); ++i) {
+      const std::size_t row = i / 3, axis = i % 3;
+      both[row * 6 + axis] = C[i];
+      both[row * 6 + 3 + axis] = V[i] * unit_s;
+    }
+    return both;
+  }
 
   /// Sends what the gate lets through. What did not leave leaves the gate as it was. REQUIRES: as send_key; a key was
   /// sent, and there is a gate.
@@ -450,6 +485,10 @@ class Publisher::Impl {
     control::Announce m;
     m.asset = encoded_->manifest.id.hex();
     m.format = {layout_.rows, layout_.channels, layout_.band_ends, std::string(name_of(layout_.codec))};
+    if (options_.velocities) {
+      m.format.velocity_channels = 3;
+      m.format.velocity_us = velocity_us_;
+    }
     m.key_rate_hz = options_.key_rate_hz;
     phase_ = Phase::kAnnounced;
     stats_.detail = "announced, waiting for the broker";
@@ -473,6 +512,7 @@ class Publisher::Impl {
   const std::shared_ptr<const EncodedAsset> encoded_;
   const LogSink log_;
   const CoefficientLayout layout_;
+  const std::uint32_t velocity_us_;
   Quantiser quantiser_;
   std::optional<Projector> projector_;  ///< Of the caller's thread alone.
 
@@ -518,6 +558,9 @@ Result<std::unique_ptr<Publisher>> Publisher::create(PublisherOptions options, s
                 "the error bound must be a positive length in model units, or 0 for the default");
   if (!std::isfinite(options.bitrate) || options.bitrate < 0 || options.still_heartbeat_us < 0)
     return fail(ErrorCode::kInvalidArgument, "bit rate and heartbeat must be positive, or 0 for none");
+  if (options.velocities && options.still_heartbeat_us > 0)
+    return fail(ErrorCode::kInvalidArgument,
+                "a publisher of velocities cannot leave out still poses: a held pose would go on with its velocities");
   if (options.bitrate > 0 && options.codec != CodecKind::kQuantised)
     return fail(ErrorCode::kInvalidArgument, "only the quantised codec can keep to a bit rate");
   if (options.error == 0 && !(asset->diagonal() > 0))
@@ -530,16 +573,36 @@ Result<std::unique_ptr<Publisher>> Publisher::create(PublisherOptions options, s
 }
 
 SendStatus Publisher::send_coefficients(std::span<const double> C, TimeUs capture_us) {
-  return impl_->send(C, capture_us, {steady_now_us(), 0});
+  return send_coefficients(C, {}, capture_us);
+}
+
+SendStatus Publisher::send_coefficients(std::span<const double> C, std::span<const double> V, TimeUs capture_us) {
+  return impl_->send(C, V, capture_us, {steady_now_us(), 0});
 }
 
 Result<SendStatus> Publisher::send_positions(std::span<const float> positions, TimeUs capture_us) {
+  return send_positions(positions, {}, capture_us);
+}
+
+Result<SendStatus> Publisher::send_positions(std::span<const float> positions, std::span<const float> velocities,
+                                             TimeUs capture_us) {
   if (auto usable = check_capture_time(capture_us); !usable) return usable.error();
+  if (velocities.empty() == impl_->wants_velocities()) {
+    return fail(ErrorCode::kInvalidArgument,
+                velocities.empty() ? "this publisher was made for velocities: give those of the vertices as well"
+                                   : "this publisher was not made for velocities: set PublisherOptions::velocities");
+  }
   const TimeUs begun_us = steady_now_us();
   if (auto made = impl_->make_projector(); !made) return made.error();
   auto C = impl_->projector()->coefficients_from_positions(positions);
   if (!C) return C.error();
-  return impl_->send(*C, capture_us, {begun_us, steady_now_us()});
+  std::vector<double> V;
+  if (!velocities.empty()) {  // Projecting is linear: a velocity is projected as a position is.
+    auto projected = impl_->projector()->coefficients_from_positions(velocities);
+    if (!projected) return in_context("velocities", projected.error());
+    V = std::move(*projected);
+  }
+  return impl_->send(*C, V, capture_us, {begun_us, steady_now_us()});
 }
 
 std::vector<double> Publisher::as_received() const {

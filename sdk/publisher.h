@@ -25,6 +25,7 @@ struct PublisherOptions {
   /// Poses of a surface that stands still, within kStillOverError of what receivers hold, are left out, but for one every
   /// so often; 0: every pose is sent. A viewer never shows a pose further off than that bound because of it.
   TimeUs still_heartbeat_us = 0;
+  bool velocities = false;  ///< Poses come with velocities, which go out beside them: for viewers with scheme=hermite.
   double key_rate_hz = 30;  ///< Announced; send() may be called at any rate.
   std::size_t max_unsent_bytes =
       64 * 1024;  ///< A frame is dropped, before it is coded, while more than this is unsent.
@@ -59,8 +60,14 @@ class Publisher final {
 
   /// C: r x 3 row-major; capture_us: when the pose holds, on the steady clock, growing; outside 0..kMaxTimeUs: kDropped.
   SendStatus send_coefficients(std::span<const double> C, TimeUs capture_us);
+  /// The same with V: their velocities, r x 3, per second. REQUIRES: PublisherOptions::velocities; without them a publisher of
+  /// velocities sends none (kDropped).
+  SendStatus send_coefficients(std::span<const double> C, std::span<const double> V, TimeUs capture_us);
   /// positions: n x 3 in the source's vertex order. Projects, then as above. Errors: kInvalidArgument (also for the time).
   Result<SendStatus> send_positions(std::span<const float> positions, TimeUs capture_us);
+  /// The same with the vertices' velocities, n x 3, per second. Errors: kInvalidArgument also without PublisherOptions::velocities.
+  Result<SendStatus> send_positions(std::span<const float> positions, std::span<const float> velocities,
+                                    TimeUs capture_us);
   /// The coefficients (r x 3) that receivers decode for the last key that was sent; empty before the first of a connection.
   std::vector<double> as_received() const;
   Stats stats() const;  ///< Thread-safe.

@@ -10,7 +10,7 @@
 #include "common/asset/asset.h"
 #include "common/core/histogram.h"
 #include "common/core/log.h"
-#include "common/motion/interpolation.h"
+#include "common/core/clock.h"
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
 

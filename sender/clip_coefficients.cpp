@@ -10,12 +10,18 @@ Result<std::vector<double>> ClipCoefficients::project(const std::vector<Vec3>& p
   static_assert(sizeof(Vec3) == 3 * sizeof(double));
   auto C = projector_->coefficients_from_positions(std::span<const double>(pose.front().data(), 3 * pose.size()));
   if (!C) return in_context("frame " + std::to_string(frame), C.error());
+  if (!velocities_) return C;
+  const auto moving = clip_->velocity(frame);
+  if (!moving) return moving.error();
+  auto V = projector_->coefficients_from_positions(std::span<const double>(moving->front().data(), 3 * moving->size()));
+  if (!V) return in_context("velocities of frame " + std::to_string(frame), V.error());
+  C->insert(C->end(), V->begin(), V->end());
   return C;
 }
 
 Result<ClipCoefficients> ClipCoefficients::create(const MotionClip& clip, const Projector& projector,
-                                                  const BakeProgress& progress) {
-  ClipCoefficients all(clip, projector);
+                                                  const BakeProgress& progress, bool velocities) {
+  ClipCoefficients all(clip, projector, velocities);
   JumpFinder jumps(clip.rest());
   for (std::size_t frame = 0; frame < clip.frame_count(); ++frame) {
     if (progress && !progress(static_cast<double>(frame) / static_cast<double>(clip.frame_count()), "reading frames")) {

@@ -16,11 +16,13 @@ namespace eigencast {
 /// with the clip. Keeps references to clip and projector. Not thread-safe.
 class ClipCoefficients {
  public:
-  /// Errors: those of the clip, naming the frame; kCancelled (progress said so); kIo (no room for them on disk).
+  /// velocities: read and project these as well.
+  /// Errors: those of the clip, naming the frame; kCancelled (progress said so); kIo (no room for them on disk);
+  /// kUnsupported (it states no velocities).
   static Result<ClipCoefficients> create(const MotionClip& clip, const Projector& projector,
-                                         const BakeProgress& progress);
+                                         const BakeProgress& progress, bool velocities = false);
 
-  /// r x 3, row-major. Errors: kIo.
+  /// r x 3, row-major, and behind them, if asked for, their velocities per second of the clip, likewise. Errors: kIo.
   Result<std::vector<double>> at(std::size_t frame) const;
   /// Frames that do not follow from the others, a line each; see JumpFinder.
   const std::vector<std::string>& findings() const { return findings_; }
@@ -28,11 +30,13 @@ class ClipCoefficients {
   bool stored() const { return store_.has_value(); }
 
  private:
-  ClipCoefficients(const MotionClip& clip, const Projector& projector) : clip_(&clip), projector_(&projector) {}
+  ClipCoefficients(const MotionClip& clip, const Projector& projector, bool velocities)
+      : clip_(&clip), projector_(&projector), velocities_(velocities) {}
   Result<std::vector<double>> project(const std::vector<Vec3>& pose, std::size_t frame) const;
 
   const MotionClip* clip_;
   const Projector* projector_;
+  bool velocities_;
   std::optional<CoefficientStore> store_;
   std::vector<std::string> findings_;
 };

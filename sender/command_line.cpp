@@ -169,6 +169,8 @@ void add_commands(CLI::App& app, Settings& s) {
   play->add_option("--rate", s.play.rate_hz, "key poses a second (default: the clip's)")
       ->check(CLI::Range(0.1, 1000.0));
   play->add_option("--speed", s.play.speed, "of the motion")->check(CLI::Range(0.001, 1000.0))->capture_default_str();
+  play->add_flag("--velocities", s.play.velocities,
+                 "send the motion's velocities as well, for viewers with scheme=hermite (built-in motions state them)");
   CLI::Option* once = play->add_flag("--once", s.play.once, "stop at the end of the clip");
   play->add_flag("--loop", s.loop, "start again at the end of the clip (default)")->excludes(once);
   play->add_option("--duration", s.play.duration_s, "stop after so many seconds, counted from the first try to connect")

@@ -45,6 +45,7 @@ struct PlayCommand {
   TargetOptions target;
   double rate_hz = 0;  ///< 0: the clip's own.
   double speed = 1;
+  bool velocities = false;  ///< Send those that the clip states beside its poses.
   bool once = false;
   double duration_s = 0;     ///< 0: no end.
   std::uint64_t frames = 0;  ///< 0: no end.

@@ -34,7 +34,8 @@ std::string with_token(const std::string& url, const std::string& token) {
 }  // namespace
 
 Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double rate_hz,
-                                           std::shared_ptr<const Asset> asset, EncodedAsset encoded) {
+                                           std::shared_ptr<const Asset> asset, EncodedAsset encoded,
+                                           bool velocities) {
   const auto codec = codec_from_name(target.codec);
   if (!codec) return codec.error();
   PublisherOptions options;
@@ -44,6 +45,7 @@ Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double r
   options.bitrate = target.bitrate_kbit * 1000;
   options.still_heartbeat_us = static_cast<TimeUs>(target.still_s * 1e6);
   options.key_rate_hz = rate_hz;
+  options.velocities = velocities;
   return Publisher::create(options, std::move(asset), std::make_shared<const EncodedAsset>(std::move(encoded)),
                            [](LogLevel level, std::string_view text) { spdlog::log(level_of(level), "{}", text); });
 }

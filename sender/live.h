@@ -14,7 +14,8 @@ namespace eigencast {
 ///   asset  baked.asset, shared
 /// Errors: kInvalidArgument (codec, URL, error).
 Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double rate_hz,
-                                           std::shared_ptr<const Asset> asset, EncodedAsset encoded);
+                                           std::shared_ptr<const Asset> asset, EncodedAsset encoded,
+                                           bool velocities = false);
 
 /// Waits until the broker takes poses or the steady clock shows `deadline_us` (0: no end). False if interrupted or too late.
 bool wait_until_live(const Publisher& publisher, TimeUs deadline_us, Interrupt& interrupt);

@@ -54,6 +54,7 @@ class Player {
   }
   Result<ClipCoefficients> read_clip(const Projector& projector, Interrupt& interrupt);
   Schedule::Options schedule_options() const;
+  SendStatus send(std::vector<double>& values, TimeUs due_us);
 
   const PlayCommand& command_;
   const Console& console_;
@@ -84,16 +85,27 @@ Schedule::Options Player::schedule_options() const {
 
 Result<ClipCoefficients> Player::read_clip(const Projector& projector, Interrupt& interrupt) {
   ProgressLine line(console_.progress, console_.on_terminal);
-  auto coefficients = ClipCoefficients::create(*source_.clip, projector, [&](double fraction, std::string_view stage) {
-    line.show(fraction, stage, steady_now_us());
-    return !interrupt.requested();
-  });
+  auto coefficients = ClipCoefficients::create(
+      *source_.clip, projector,
+      [&](double fraction, std::string_view stage) {
+        line.show(fraction, stage, steady_now_us());
+        return !interrupt.requested();
+      },
+      command_.velocities);
   line.finish();
   if (!coefficients) return coefficients;
   if (!coefficients->stored()) spdlog::warn("the clip is so long that its frames are read again while it plays");
   findings_ = coefficients->findings();
   for (const std::string& finding : findings_) spdlog::warn("{}", finding);
   return coefficients;
+}
+
+/// values: as ClipCoefficients gives them.
+SendStatus Player::send(std::vector<double>& values, TimeUs due_us) {
+  if (!command_.velocities) return publisher_->send_coefficients(values, due_us);
+  const std::span<double> all(values), V = all.subspan(values.size() / 2);
+  for (double& v : V) v *= command_.speed;  // From the clip's seconds to those of who watches.
+  return publisher_->send_coefficients(all.first(values.size() / 2), V, due_us);
 }
 
 Result<void> Player::run(Interrupt& interrupt) {
@@ -107,7 +119,8 @@ Result<void> Player::run(Interrupt& interrupt) {
   // All of it before anybody sees the first frame, so that a bad one late in the clip is found here.
   auto coefficients = read_clip(*projector, interrupt);
   if (!coefficients) return coefficients.error();
-  auto publisher = publish(command_.target, schedule_options().rate_hz, asset_, std::move(source_.baked.encoded));
+  auto publisher = publish(command_.target, schedule_options().rate_hz, asset_, std::move(source_.baked.encoded),
+                           command_.velocities);
   if (!publisher) return publisher.error();
   publisher_ = std::move(*publisher);
   start_us_ = end_us_ = steady_now_us();
@@ -122,10 +135,10 @@ Result<void> Player::run(Interrupt& interrupt) {
   StatusLog status(start_us_);
   Schedule schedule(schedule_options(), start_us_);
   while (const auto tick = schedule.next(steady_now_us())) {
-    const auto C = coefficients->at(tick->frame);
+    auto C = coefficients->at(tick->frame);
     if (!C) return C.error();
     if (interrupt.wait_until(tick->due_us)) break;
-    record.add(*tick, publisher_->send_coefficients(*C, tick->due_us));
+    record.add(*tick, send(*C, tick->due_us));
     status.show(*publisher_, steady_now_us());
   }
   end_us_ = steady_now_us();

@@ -40,7 +40,6 @@ class Tools:
     def __init__(self, broker, folder=None):
         """folder  to keep for the next time; default: a new temporary one"""
         self.broker = pathlib.Path(broker).resolve()
-        self.sender = self.broker.with_name("eigencast-sender")
         self.folder = pathlib.Path(folder or tempfile.mkdtemp(prefix="eigencast-bench-")).resolve()
         self.folder.mkdir(exist_ok=True)
         source = os.environ.get("EIGENCAST_WSLOAD")

@@ -195,7 +195,7 @@ void Connection::deliver(std::uint32_t stream_id, std::span<const FramePtr> fram
 
 bool Connection::deliver_at_once(std::uint32_t stream_id, const FramePtr& frame) {
   if (blocked_ || !open_ || ended_ || closing_ || !due_.empty() || outbox_.lanes() != 1) return false;
-  if (!context_.turn.writes_singly() && !transport_.is_tls()) return false;
+  if (!context_.turn.writes_singly() || transport_.is_tls()) return false;
   if (!outbox_.pass(stream_id, *frame, context_.turn.now_us())) return false;
   note_leaving(*frame);
   const iovec piece{const_cast<std::uint8_t*>(frame->wire.data()), frame->wire.size()};
@@ -214,7 +214,6 @@ void Connection::left_in_part(const FramePtr& frame, const Transport::Outcome& o
     due_.push_back({nullptr, frame});
     due_bytes_ += frame->wire.size();
     left(outcome);
-    if (!due_.empty() && !blocked_) context_.turn.add(*this, false);  // A TLS record takes no more at a time.
   });
 }
 

@@ -66,17 +66,15 @@ std::optional<Ladder::Step> Ladder::look(const Counts& counts, std::uint8_t band
   const Counts lately{counts.sent - before.sent, counts.skipped - before.skipped, counts.joins - before.joins};
   if (lately.sent == 0) return std::nullopt;  // A reader that sleeps, or a stream that does.
   before_ = rung_;
+  const auto rungs = rungs_below(asked_, bands);
+  rung_ = std::min(rung_, rungs.size() - 1);
   if (is_bad(lately)) {
     good_seconds_ = 0;
-    return ++bad_seconds_ >= kBadSeconds ? descend(lately, rungs_below(asked_, bands)) : std::nullopt;
+    return ++bad_seconds_ >= kBadSeconds ? descend(lately, rungs) : std::nullopt;
   }
   bad_seconds_ = 0;
   if (++good_seconds_ < climbs_after_) return std::nullopt;
-  good_seconds_ = 0;
-  if (rung_ > 0) return climb(rungs_below(asked_, bands));
-  climbed_lately_ = false;  // It lasted.
-  climbs_after_ = kGoodSeconds;
-  return std::nullopt;
+  return climb(rungs);
 }
 
 std::optional<Ladder::Step> Ladder::descend(const Counts& lately, const std::vector<Profile>& rungs) {
@@ -84,7 +82,6 @@ std::optional<Ladder::Step> Ladder::descend(const Counts& lately, const std::vec
   if (std::exchange(climbed_lately_, false)) {
     climbs_after_ = std::min<std::uint16_t>(static_cast<std::uint16_t>(climbs_after_ * 2), kMostGoodSeconds);
   }
-  rung_ = std::min(rung_, rungs.size() - 1);  // The stream may have fewer bands than it had.
   if (rung_ + 1 >= rungs.size()) return std::nullopt;
   const Profile& next = rungs[++rung_];
   return Step{next, true, name_of(next),
@@ -94,9 +91,14 @@ std::optional<Ladder::Step> Ladder::descend(const Counts& lately, const std::vec
 }
 
 std::optional<Ladder::Step> Ladder::climb(const std::vector<Profile>& rungs) {
+  good_seconds_ = 0;
+  if (rung_ == 0) {  // It lasted.
+    climbed_lately_ = false;
+    climbs_after_ = kGoodSeconds;
+    return std::nullopt;
+  }
   climbed_lately_ = true;
-  rung_ = std::min(rung_, rungs.size()) - 1;
-  const Profile& next = rungs[rung_];
+  const Profile& next = rungs[--rung_];
   return Step{next, false, name_of(next), "the link took everything for a while: now " + in_words(next) + " again"};
 }
 

@@ -2,105 +2,220 @@
 #include "common/motion/playout.h"
 
 #include <algorithm>
+#include <array>
 #include <cassert>
-#include <cstdlib>
+#include <cmath>
 #include <utility>
-#include <vector>
+
+#include "common/motion/curve.h"
 
 namespace eigencast {
 namespace {
 
-constexpr std::size_t kMaxArrivals = 512;
-constexpr TimeUs kLongestSpanUs = 500'000;  // A pause is not an interval to wait for.
-
-// Media times come from the network: held far enough from the ends that no sum of a few of them overflows.
+// Times come from the network: held far enough from the ends that no sum of a few of them overflows.
 TimeUs bounded(TimeUs time_us) {
   constexpr TimeUs kBound = TimeUs{1} << 60;
   return std::clamp(time_us, -kBound, kBound);
 }
 
-TimeUs moved_towards(TimeUs from, TimeUs to, TimeUs at_most) {
-  return from + std::clamp(to - from, -at_most, at_most);
+bool near(const PlayoutPose& a, const PlayoutPose& b) {
+  return std::abs(b.time_us - a.time_us) <= PlayoutClock::kLongestSpanUs;
 }
 
-// The value that `share` of `values` are not above.
-TimeUs quantile(std::vector<TimeUs>& values, double share) {
-  const auto rank = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
-  std::nth_element(values.begin(), values.begin() + rank, values.end());
-  return values[static_cast<std::size_t>(rank)];
+Shown name_of_origin(PoseOrigin origin) {
+  switch (origin) {
+    case PoseOrigin::kSender:
+      return Shown::kLive;
+    case PoseOrigin::kBetween:
+      return Shown::kInterpolated;
+    case PoseOrigin::kEstimate:
+      return Shown::kEstimated;
+  }
+  return Shown::kLive;
+}
+
+ShownPose as_it_came(const PlayoutPose& pose, Shown shown) {
+  return {pose.time_us, pose.coefficients, pose.bands, shown, false};
 }
 
 }  // namespace
 
-Playout::Playout(PlayoutMode mode, TimeUs delay_us, TimeUs max_ahead_us)
-    : mode_(mode), delay_us_(delay_us), max_ahead_us_(max_ahead_us) {
-  assert(delay_us >= 0 && max_ahead_us >= 0);
+Playout::Playout(const PlayoutSettings& settings) : settings_(settings) {
+  assert(settings.delay_us >= 0 && settings.max_ahead_us >= 0);
+}
+
+void Playout::set(const PlayoutSettings& settings) {
+  assert(settings.delay_us >= 0 && settings.max_ahead_us >= 0);
+  // Smoothness is what the clock goes over to by itself; a mode is another way to read the same poses.
+  settings_changed_ = settings_changed_ || settings.mode != settings_.mode;
+  settings_ = settings;
+}
+
+double Playout::smoothness() const {
+  return std::clamp(settings_.smoothness.value_or(settings_.mode == PlayoutMode::kEstimate ? 0 : 1), 0.0, 1.0);
+}
+
+TimeUs Playout::delay_us() const {
+  if (settings_.mode == PlayoutMode::kLatest) return 0;
+  if (settings_.delay_us > 0) return settings_.delay_us;
+  return std::llround(smoothness() * static_cast<double>(clock_.full_delay_us()));
 }
 
 void Playout::reset() {
   poses_.clear();
-  arrivals_.clear();
-  offset_us_ = auto_delay_us_ = 0;
+  clock_.reset();
+  correction_.reset();
+  latest_us_.reset();
+  shown_at_us_.reset();
+  poses_changed_ = settings_changed_ = false;
 }
 
-bool Playout::add(TimedPose pose, TimeUs arrival_us) {
+bool Playout::add(PlayoutPose pose, TimeUs arrival_us) {
   pose.time_us = bounded(pose.time_us);
-  if (!poses_.empty() && pose.time_us <= poses_.back().time_us) return false;
-  follow(pose.time_us, bounded(arrival_us));
-  if (!poses_.empty() && pose.coefficients.size() != poses_.back().coefficients.size()) poses_.clear();
+  arrival_us = bounded(arrival_us);
+  const bool sure = pose.origin != PoseOrigin::kEstimate;
+  if (!poses_.empty() && pose.time_us <= (sure ? newest_sure_us_ : poses_.back().time_us)) return false;
+  if (!poses_.empty() && pose.coefficients.size() != poses_.back().coefficients.size()) {
+    poses_.clear();
+    correction_.reset();
+    shown_at_us_.reset();
+  }
+  if (sure) {
+    drop_estimates();
+    clock_.add(pose.time_us, arrival_us);
+  }
+  if (sure || poses_.empty()) newest_sure_us_ = pose.time_us;
   poses_.push_back(std::move(pose));
   if (poses_.size() > kMaxPoses) poses_.pop_front();
+  newest_arrival_us_ = arrival_us;
+  poses_changed_ = true;
   return true;
 }
 
-void Playout::follow(TimeUs media_us, TimeUs arrival_us) {
-  const TimeUs offset_us = arrival_us - media_us;
-  if (!arrivals_.empty() && std::abs(offset_us - offset_us_) > kStrayUs) arrivals_.clear();
-  if (arrivals_.empty()) {
-    arrivals_.push_back({arrival_us, offset_us, 0});
-    offset_us_ = offset_us;
-    auto_delay_us_ = 0;
-    return;
-  }
-  const TimeUs passed_us = std::max<TimeUs>(0, arrival_us - arrivals_.back().arrival_us);
-  const TimeUs span_us = poses_.empty() ? 0 : media_us - poses_.back().time_us;
-  arrivals_.push_back({arrival_us, offset_us, span_us > kLongestSpanUs ? 0 : span_us});
-  while (arrivals_.size() > kMaxArrivals || arrivals_.front().arrival_us < arrival_us - kWindowUs)
-    arrivals_.pop_front();
-
-  std::vector<TimeUs> offsets, spans;
-  for (const Arrival& a : arrivals_) {
-    offsets.push_back(a.offset_us);
-    if (a.span_us > 0) spans.push_back(a.span_us);
-  }
-  const TimeUs least_us = *std::min_element(offsets.begin(), offsets.end());
-  // Half of the allowed correction for each of the two, so that their sum keeps to it.
-  const TimeUs at_most_us = passed_us / (2 * kSlew);
-  offset_us_ = moved_towards(offset_us_, least_us, at_most_us);
-  if (spans.empty()) return;
-  const TimeUs interval_us = quantile(spans, 0.5);
-  const TimeUs wanted_us = interval_us + quantile(offsets, 0.95) - least_us;
-  // The first interval is taken at once: there is no motion yet that it could disturb.
-  auto_delay_us_ = auto_delay_us_ == 0 ? interval_us : moved_towards(auto_delay_us_, wanted_us, at_most_us);
+void Playout::drop_estimates() {
+  while (!poses_.empty() && poses_.back().origin == PoseOrigin::kEstimate) poses_.pop_back();
 }
 
-TimeUs Playout::delay_us() const {
-  return delay_us_ > 0 ? delay_us_ : auto_delay_us_;
+TimeUs Playout::media_time(TimeUs now_us) {
+  const TimeUs newest_us = poses_.back().time_us;
+  if (settings_.mode == PlayoutMode::kLatest) {
+    // Not back to a key whose estimates have been shown already: what is shown goes on from them.
+    latest_us_ = std::max(latest_us_.value_or(newest_us), newest_us);
+    return *latest_us_;
+  }
+  if (settings_changed_ && shown_at_us_) clock_.go_on_from(*shown_at_us_, now_us);
+  return clock_.advance(now_us, delay_us());
 }
 
-std::optional<TimedPose> Playout::at(TimeUs now_us) const {
-  if (poses_.empty()) return std::nullopt;
-  const TimedPose& newest = poses_.back();
-  if (mode_ == PlayoutMode::kLatest) return newest;
-  const TimeUs media_us = bounded(now_us) - offset_us_ - (mode_ == PlayoutMode::kInterpolate ? delay_us() : 0);
-  if (media_us >= newest.time_us) {
-    if (mode_ == PlayoutMode::kInterpolate || poses_.size() < 2) return newest;
-    return estimate(poses_[poses_.size() - 2], newest, media_us, max_ahead_us_);
+std::optional<ShownPose> Playout::at(TimeUs now_us) {
+  if (poses_.empty() || !clock_.started()) return std::nullopt;
+  now_us = bounded(now_us);
+  if (settings_changed_) latest_us_.reset();
+  const TimeUs media_us = media_time(now_us);
+  ShownPose pose = planned(media_us);
+  const bool jumped = settings_.mode != PlayoutMode::kLatest && clock_.jumped();
+  if (settings_changed_ || jumped) {
+    correct(pose, now_us);
+  } else if (poses_changed_ && shown_at_us_ && *shown_at_us_ >= poses_.front().time_us) {
+    correct(planned(*shown_at_us_), now_us);
   }
-  const auto is_before = [](TimeUs t, const TimedPose& pose) { return t < pose.time_us; };
+  if (settings_.mode == PlayoutMode::kLatest && now_us - newest_arrival_us_ > kHeldAfterUs) pose.shown = Shown::kHeld;
+  poses_changed_ = settings_changed_ = false;
+  shown_at_us_ = media_us;
+  shown_ = pose;
+  pose.settling = correction_.active(now_us);
+  correction_.apply(pose.coefficients, now_us);
+  return pose;
+}
+
+void Playout::correct(const ShownPose& right, TimeUs now_us) {
+  if (!shown_at_us_ || right.coefficients.size() != shown_.coefficients.size()) return;
+  std::vector<double> error(right.coefficients.size());
+  bool any = false;
+  for (std::size_t i = 0; i < error.size(); ++i) {
+    error[i] = shown_.coefficients[i] - right.coefficients[i];
+    any = any || error[i] != 0;
+  }
+  // A band that comes or goes is no error; whoever draws fades it (docs/protocol.md, section 6).
+  const auto changed = static_cast<std::uint8_t>(shown_.bands ^ right.bands);
+  const std::size_t channels = band_ends_.empty() ? 0 : error.size() / band_ends_.back();
+  for (std::size_t band = 0; band < band_ends_.size(); ++band) {
+    if ((changed >> band & 1) == 0) continue;
+    const std::size_t first = band == 0 ? 0 : band_ends_[band - 1] * channels;
+    std::fill(error.begin() + static_cast<std::ptrdiff_t>(first),
+              error.begin() + static_cast<std::ptrdiff_t>(band_ends_[band] * channels), 0.0);
+  }
+  if (any) correction_.add(error, now_us);
+}
+
+ShownPose Playout::planned(TimeUs media_us) const {
+  if (media_us >= poses_.back().time_us) return beyond_newest(media_us);
+  const auto is_before = [](TimeUs t, const PlayoutPose& pose) { return t < pose.time_us; };
   const auto after = std::upper_bound(poses_.begin(), poses_.end(), media_us, is_before);
-  if (after == poses_.begin()) return poses_.front();
-  return interpolate(*(after - 1), *after, media_us);
+  if (after == poses_.begin()) return as_it_came(poses_.front(), Shown::kHeld);
+  return between(static_cast<std::size_t>(after - poses_.begin()), media_us);
+}
+
+ShownPose Playout::between(std::size_t to_index, TimeUs media_us) const {
+  const PlayoutPose &from = poses_[to_index - 1], &to = poses_[to_index];
+  const auto bands = static_cast<std::uint8_t>(from.bands & to.bands);
+  const auto usable = [&](const PlayoutPose& neighbour, const PlayoutPose& beside) {
+    return near(neighbour, beside) && near(from, to) && (neighbour.bands & bands) == bands &&
+           neighbour.origin != PoseOrigin::kEstimate && to.origin != PoseOrigin::kEstimate;
+  };
+  const PlayoutPose* before = to_index >= 2 && usable(poses_[to_index - 2], from) ? &poses_[to_index - 2] : nullptr;
+  const PlayoutPose* after =
+      to_index + 1 < poses_.size() && usable(poses_[to_index + 1], to) ? &poses_[to_index + 1] : nullptr;
+  const CurveWeights w =
+      catmull_rom_weights(before != nullptr ? std::optional(before->time_us) : std::nullopt, from.time_us, to.time_us,
+                          after != nullptr ? std::optional(after->time_us) : std::nullopt, media_us);
+  const std::array<Term, 4> terms{{{&from, w.from}, {&to, w.to}, {before, w.before}, {after, w.after}}};
+  ShownPose pose = mixed(terms, bands, from, to);
+  pose.time_us = media_us;
+  pose.shown = to.origin == PoseOrigin::kEstimate ? Shown::kEstimated : Shown::kInterpolated;
+  return pose;
+}
+
+ShownPose Playout::beyond_newest(TimeUs media_us) const {
+  const PlayoutPose& newest = poses_.back();
+  if (media_us == newest.time_us && settings_.mode == PlayoutMode::kLatest)
+    return as_it_came(newest, name_of_origin(newest.origin));
+  const bool directed = poses_.size() > 1 && near(poses_[poses_.size() - 2], newest);
+  if (settings_.mode == PlayoutMode::kInterpolate || !directed) return as_it_came(newest, Shown::kHeld);
+  const PlayoutPose& older = poses_[poses_.size() - 2];
+  const TimeUs end_us = std::max(newest.time_us, newest_sure_us_ + settings_.max_ahead_us);
+  const TimeUs ahead_us = std::min(media_us, end_us) - newest.time_us;
+  const double span_us = static_cast<double>(newest.time_us - older.time_us);
+  const double steps = damped_steps(static_cast<double>(ahead_us) / span_us, kDamping);
+  const std::array<Term, 2> terms{{{&newest, 1 + steps}, {&older, -steps}}};
+  ShownPose pose = mixed(terms, newest.bands & older.bands, newest, newest);
+  pose.bands = newest.bands;
+  pose.time_us = newest.time_us + ahead_us;
+  pose.shown = media_us > end_us ? Shown::kHeld : Shown::kEstimated;
+  return pose;
+}
+
+// The weighted sum in `bands`; in the others what the one of a and b shows that lacks them, else b.
+ShownPose Playout::mixed(std::span<const Term> terms, std::uint8_t bands, const PlayoutPose& a,
+                         const PlayoutPose& b) const {
+  ShownPose pose;
+  pose.bands = bands;
+  pose.coefficients.assign(a.coefficients.size(), 0);
+  for (const Term& term : terms) {
+    if (term.pose == nullptr || term.weight == 0) continue;
+    for (std::size_t i = 0; i < pose.coefficients.size(); ++i)
+      pose.coefficients[i] += term.weight * term.pose->coefficients[i];
+  }
+  const std::size_t channels = band_ends_.empty() ? 0 : pose.coefficients.size() / band_ends_.back();
+  for (std::size_t band = 0; band < band_ends_.size(); ++band) {
+    if ((bands >> band & 1) != 0) continue;
+    const std::vector<double>& source = ((a.bands >> band & 1) == 0 ? a : b).coefficients;
+    const std::size_t first = band == 0 ? 0 : band_ends_[band - 1] * channels;
+    const std::size_t last = band_ends_[band] * channels;
+    std::copy(source.begin() + static_cast<std::ptrdiff_t>(first), source.begin() + static_cast<std::ptrdiff_t>(last),
+              pose.coefficients.begin() + static_cast<std::ptrdiff_t>(first));
+  }
+  return pose;
 }
 
 }  // namespace eigencast

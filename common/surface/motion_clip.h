@@ -28,6 +28,13 @@ class MotionClip {
   /// Errors: kIo, kCorrupt; kInvalidArgument when the topology differs from rest(), naming the frame and the
   /// difference.
   virtual Result<std::vector<Vec3>> pose(std::size_t frame) const = 0;
+  /// Whether velocity() gives any: where motion is a formula, not a list of poses.
+  virtual bool has_velocities() const { return false; }
+  /// The vertices' velocities at pose `frame` (n x 3), per second of the clip, exact. REQUIRES: frame < frame_count().
+  /// Errors: kUnsupported (has_velocities() is false).
+  virtual Result<std::vector<Vec3>> velocity(std::size_t /*frame*/) const {
+    return fail(ErrorCode::kUnsupported, name() + " is a list of poses and states no velocities; built-in motions do");
+  }
   /// Where the clip comes from, for people.
   virtual std::string name() const = 0;
   /// What opening it did that its user should know, a line each: seams welded, parts left out.

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
+#include <array>
 #include <cassert>
 #include <cmath>
 #include <cstddef>
@@ -7,6 +8,7 @@
 #include <string>
 #include <utility>
 
+#include "common/surface/dual.h"
 #include "common/surface/shapes.h"
 
 namespace eigencast {
@@ -15,22 +17,19 @@ namespace {
 constexpr double kTurn = 2 * std::numbers::pi;
 constexpr double kMaxRateHz = 1000;
 
-// Moves one rest position at `phase` in [0, 1), smoothly and with period 1.
-using Motion = Vec3 (*)(const Vec3& rest, double phase);
+// Each motion moves one rest position at `phase` in [0, 1), smoothly and with period 1. T is double or, for velocities,
+// Dual.
+using std::cos, std::exp, std::sin;
 
-struct Builtin {
-  std::string_view name;
-  Surface (*make)();
-  Motion motion;
-  double period_s;
-};
+template <typename T>
+using Place = std::array<T, 3>;
 
 // Radial wobble in spherical harmonics of degree 2 and 3 (unnormalised), each at its own multiple of the turn.
-Vec3 wobble(const Vec3& p, double phase) {
-  const double a = kTurn * phase;
-  const double radius =
-      1 + 0.18 * std::sin(a) * (1.5 * p[1] * p[1] - 0.5) + 0.12 * std::sin(2 * a) * (p[0] * p[0] - p[2] * p[2]) +
-      0.25 * (1 - std::cos(a)) * p[0] * p[1] * p[2] + 0.08 * std::sin(3 * a) * p[0] * (5 * p[1] * p[1] - 1) / 2;
+template <typename T>
+Place<T> wobble(const Vec3& p, T phase) {
+  const T a = kTurn * phase;
+  const T radius = 1 + 0.18 * sin(a) * (1.5 * p[1] * p[1] - 0.5) + 0.12 * sin(2 * a) * (p[0] * p[0] - p[2] * p[2]) +
+                   0.25 * (1 - cos(a)) * p[0] * p[1] * p[2] + 0.08 * sin(3 * a) * p[0] * (5 * p[1] * p[1] - 1) / 2;
   return {p[0] * radius, p[1] * radius, p[2] * radius};
 }
 
@@ -38,82 +37,99 @@ constexpr double kTorusMajor = 1;
 constexpr double kTorusMinor = 0.4;
 
 // A swelling with three crests runs once round every three turns of the wave; the ring sways with it.
-Vec3 travelling_wave(const Vec3& p, double phase) {
+template <typename T>
+Place<T> travelling_wave(const Vec3& p, T phase) {
   const double ring = std::hypot(p[0], p[2]);
   const double around = std::atan2(-p[2], p[0]);
-  const double crest = 3 * around - kTurn * phase;
-  const double swell = 1 + 0.25 * std::sin(crest);
-  const double radius = kTorusMajor + (ring - kTorusMajor) * swell;
-  return {p[0] / ring * radius, p[1] * swell + 0.12 * std::cos(crest), p[2] / ring * radius};
+  const T crest = 3 * around - kTurn * phase;
+  const T swell = 1 + 0.25 * sin(crest);
+  const T radius = kTorusMajor + (ring - kTorusMajor) * swell;
+  return {p[0] / ring * radius, p[1] * swell + 0.12 * cos(crest), p[2] / ring * radius};
 }
 
 constexpr double kBarLength = 4.625;  // 185 quads of the size of the 40 across a side of length 1
 
 // Turns each cross-section round the long axis (Y); `angle` is that between the two ends.
-Vec3 twisted(const Vec3& p, double angle) {
-  const double a = angle * p[1] / kBarLength;
-  return {p[0] * std::cos(a) + p[2] * std::sin(a), p[1], -p[0] * std::sin(a) + p[2] * std::cos(a)};
+template <typename T>
+Place<T> twisted(const Place<T>& p, T angle) {
+  const T a = angle * p[1] / kBarLength;
+  return {p[0] * cos(a) + p[2] * sin(a), p[1], -p[0] * sin(a) + p[2] * cos(a)};
 }
 
 // Lays the long axis on an arc of the same length in the XY plane; `angle` is that between the two ends.
-Vec3 bent(const Vec3& p, double angle) {
-  const double a = angle * p[1] / kBarLength;
-  const bool straight = std::abs(a) < 1e-9;
-  const double along = straight ? p[1] : p[1] * std::sin(a) / a;
-  const double aside = straight ? p[1] * a / 2 : p[1] * (1 - std::cos(a)) / a;
+template <typename T>
+Place<T> bent(const Place<T>& p, T angle) {
+  const T a = angle * p[1] / kBarLength;
+  const bool straight = std::abs(value_of(a)) < 1e-9;
+  const T along = straight ? p[1] : p[1] * sin(a) / a;
+  const T aside = straight ? p[1] * a / 2 : p[1] * (1 - cos(a)) / a;
   // Half the sagitta back, so that the bar swings about its middle.
-  const double half = angle / 2;
-  const double sagitta = std::abs(half) < 1e-9 ? 0 : kBarLength / 2 * (1 - std::cos(half)) / half;
-  return {aside + p[0] * std::cos(a) - sagitta / 2, along - p[0] * std::sin(a), p[2]};
+  const T half = angle / 2;
+  const T sagitta = std::abs(value_of(half)) < 1e-9 ? T(0) : kBarLength / 2 * (1 - cos(half)) / half;
+  return {aside + p[0] * cos(a) - sagitta / 2, along - p[0] * sin(a), p[2]};
 }
 
-Vec3 bar_twist(const Vec3& p, double phase) {
-  return twisted(p, std::numbers::pi * std::sin(kTurn * phase));
+template <typename T>
+Place<T> bar_twist(const Vec3& p, T phase) {
+  return twisted<T>({p[0], p[1], p[2]}, std::numbers::pi * sin(kTurn * phase));
 }
 
-Vec3 bar_bend(const Vec3& p, double phase) {
-  return bent(p, std::numbers::pi * std::sin(kTurn * phase));
+template <typename T>
+Place<T> bar_bend(const Vec3& p, T phase) {
+  return bent<T>({p[0], p[1], p[2]}, std::numbers::pi * sin(kTurn * phase));
 }
 
-Vec3 bar_both(const Vec3& p, double phase) {
-  const double angle = std::numbers::pi / 2 * std::sin(kTurn * phase);
-  return bent(twisted(p, angle), angle);
+template <typename T>
+Place<T> bar_both(const Vec3& p, T phase) {
+  const T angle = std::numbers::pi / 2 * sin(kTurn * phase);
+  return bent<T>(twisted<T>({p[0], p[1], p[2]}, angle), angle);
 }
 
 // A smooth pulse of height 1 at `centre`, of period 1.
-double pulse(double phase, double centre, double sharpness) {
-  return std::exp(sharpness * (std::cos(kTurn * (phase - centre)) - 1));
+template <typename T>
+T pulse(T phase, double centre, double sharpness) {
+  return exp(sharpness * (cos(kTurn * (phase - centre)) - 1));
 }
 
 // Atria (above) contract first and gently, then the ventricles (below), which shorten, narrow and wring about the long
 // axis, base and apex against each other; between beats the heart fills a little beyond rest.
-Vec3 beat(const Vec3& p, double phase) {
-  const double atria = pulse(phase, 0.15, 8);
-  const double ventricles = pulse(phase, 0.4, 5);
-  const double filling = pulse(phase, 0.85, 3);
+template <typename T>
+Place<T> beat(const Vec3& p, T phase) {
+  const T atria = pulse(phase, 0.15, 8);
+  const T ventricles = pulse(phase, 0.4, 5);
+  const T filling = pulse(phase, 0.85, 3);
   const double above = 0.5 * (1 + std::tanh(3 * (p[1] - 0.35)));
-  const double squeeze = 0.07 * atria * above + 0.16 * ventricles * (1 - 0.7 * above) - 0.03 * filling;
-  const double angle = 0.45 * ventricles * (0.5 - p[1]) + 0.06 * atria * above;
-  const double x = p[0] * (1 - squeeze);
-  const double z = p[2] * (1 - squeeze);
+  const T squeeze = 0.07 * atria * above + 0.16 * ventricles * (1 - 0.7 * above) - 0.03 * filling;
+  const T angle = 0.45 * ventricles * (0.5 - p[1]) + 0.06 * atria * above;
+  const T x = p[0] * (1 - squeeze);
+  const T z = p[2] * (1 - squeeze);
   const double height = p[1] - 0.5;
-  const double y = 0.5 + height * (1 - 0.1 * ventricles * (1 - above) + 0.02 * filling) + 0.03 * atria * above;
-  return {x * std::cos(angle) + z * std::sin(angle), y, -x * std::sin(angle) + z * std::cos(angle)};
+  const T y = 0.5 + height * (1 - 0.1 * ventricles * (1 - above) + 0.02 * filling) + 0.03 * atria * above;
+  return {x * cos(angle) + z * sin(angle), y, -x * sin(angle) + z * cos(angle)};
 }
+
+struct Builtin {
+  std::string_view name;
+  Surface (*make)();
+  Vec3 (*place)(const Vec3& rest, double phase);
+  Place<Dual> (*moving)(const Vec3& rest, Dual phase);
+  double period_s;
+};
 
 Surface make_bar() {
   return make_box(40, 185, 40, {1, kBarLength, 1});
 }
 
 constexpr Builtin kBuiltins[] = {
-    {"sphere", [] { return make_icosphere(5); }, wobble, 3},
-    {"torus", [] { return make_torus(160, 64, kTorusMajor, kTorusMinor); }, travelling_wave, 2},
-    {"bar", make_bar, bar_both, 4},
-    {"bar:twist", make_bar, bar_twist, 4},
-    {"bar:bend", make_bar, bar_bend, 4},
-    {"bar:both", make_bar, bar_both, 4},
-    {"heart", [] { return make_heart(27); }, beat, 1},
-    {"heart:fine", [] { return make_heart(75); }, beat, 1},
+    {"sphere", [] { return make_icosphere(5); }, wobble<double>, wobble<Dual>, 3},
+    {"torus", [] { return make_torus(160, 64, kTorusMajor, kTorusMinor); }, travelling_wave<double>,
+     travelling_wave<Dual>, 2},
+    {"bar", make_bar, bar_both<double>, bar_both<Dual>, 4},
+    {"bar:twist", make_bar, bar_twist<double>, bar_twist<Dual>, 4},
+    {"bar:bend", make_bar, bar_bend<double>, bar_bend<Dual>, 4},
+    {"bar:both", make_bar, bar_both<double>, bar_both<Dual>, 4},
+    {"heart", [] { return make_heart(27); }, beat<double>, beat<Dual>, 1},
+    {"heart:fine", [] { return make_heart(75); }, beat<double>, beat<Dual>, 1},
 };
 
 class BuiltinClip final : public MotionClip {
@@ -134,8 +150,22 @@ class BuiltinClip final : public MotionClip {
     const double phase = static_cast<double>(frame) / static_cast<double>(frame_count_);
     std::vector<Vec3> positions;
     positions.reserve(rest_.vertex_count());
-    for (const Vec3& p : rest_.positions) positions.push_back(builtin_.motion(p, phase));
+    for (const Vec3& p : rest_.positions) positions.push_back(builtin_.place(p, phase));
     return positions;
+  }
+
+  bool has_velocities() const override { return true; }
+  Result<std::vector<Vec3>> velocity(std::size_t frame) const override {
+    assert(frame < frame_count_);
+    const double turn_s = static_cast<double>(frame_count_) / frame_rate_hz_;
+    const Dual phase(static_cast<double>(frame) / static_cast<double>(frame_count_), 1 / turn_s);
+    std::vector<Vec3> velocities;
+    velocities.reserve(rest_.vertex_count());
+    for (const Vec3& p : rest_.positions) {
+      const Place<Dual> moving = builtin_.moving(p, phase);
+      velocities.push_back({moving[0].slope, moving[1].slope, moving[2].slope});
+    }
+    return velocities;
   }
 
  private:

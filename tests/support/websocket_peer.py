@@ -38,14 +38,12 @@ def close_frame(code, reason=b""):
 class Peer:
     """One raw connection."""
 
-    def __init__(self, port, path="/echo", subprotocol=None, headers=(), upgrade=True, receive_buffer=0, tls=None):
+    def __init__(self, port, path="/echo", subprotocol=None, headers=(), upgrade=True, receive_buffer=0):
         self.sock = socket.socket()
         self.sock.settimeout(10)
         if receive_buffer:
             self.sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
         self.sock.connect(("127.0.0.1", port))
-        if tls:
-            self.sock = tls.wrap_socket(self.sock)
         self.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.buffer = b""
         if not upgrade:

@@ -228,7 +228,7 @@ TEST_F(Apps, TheWindowShowsTheSurfaceThatHeadlessShows) {
   ASSERT_EQ(window->rgb.size(), headless->rgb.size());
   // The window's has figures over its corners; the middle third is the surface alone.
   int different = 0, seen = 0;
-  for (int y = 130; y < 230; ++y) {
+  for (int y = 150; y < 250; ++y) {
     for (int x = 140; x < 340; ++x) {
       ++seen;
       for (int c = 0; c < 3; ++c) {

@@ -257,7 +257,10 @@ TEST_F(Scene, BandsOfStepsAreThoseOfTheirKey) {
 
 TEST(SceneInterpolated, ShowsPosesBetweenArrivals) {
   FakeSource source(sphere_asset(2));
-  SceneState scene({PlayoutMode::kInterpolate, 100'000, 1});
+  SceneOptions options;
+  options.playout.mode = PlayoutMode::kInterpolate;
+  options.playout.delay_us = 100'000;
+  SceneState scene(options);
   for (int i = 0; i < 4; ++i) {
     source.batches.push_back({sphere_pose(source.asset_, static_cast<std::uint64_t>(i), i * 50'000, 0.5 + 0.1 * i)});
     scene.receive(source, source.poll({}));
@@ -275,7 +278,7 @@ TEST(SceneInterpolated, FollowsTheStreamUnlessADelayIsAskedFor) {
   // 15 keys a second that rise evenly, drawn at 60 Hz: every picture must show about as much motion as the others.
   FakeSource source(sphere_asset(1));
   SceneOptions options;
-  options.playout = PlayoutMode::kInterpolate;
+  options.playout.mode = PlayoutMode::kInterpolate;
   SceneState scene(options);
   constexpr TimeUs kKeyUs = 1'000'000 / 15, kPictureUs = 1'000'000 / 60;
   const auto place = [&] { return scene.geometry().positions[0]; };
@@ -296,6 +299,52 @@ TEST(SceneInterpolated, FollowsTheStreamUnlessADelayIsAskedFor) {
     }
     last = place();
   }
+}
+
+TEST(SceneInterpolated, ABandThatGoesFadesAndIsNeverMixed) {
+  // The height is 1 + 2/3 of row 5, which is in band 1: 1.4 with it, 1 without it. Poses come 20 ms apart.
+  FakeSource source(sphere_asset(3));
+  SceneOptions options;
+  options.playout.mode = PlayoutMode::kInterpolate;
+  SceneState scene(options);
+  std::vector<float> heights;
+  for (int i = 0; i < 60; ++i) {
+    const TimeUs time_us = i * 20'000;
+    ReceivedPose pose = sphere_pose(source.asset_, static_cast<std::uint64_t>(i + 1), time_us, 1);
+    pose.envelope.bands = i < 30 ? 3 : 1;
+    if (i < 30) pose.coefficients[5 * 3 + 1] = 0.6;
+    source.batches.push_back({pose});
+    scene.receive(source, source.poll({}));
+    scene.advance(source, time_us);
+    float highest = 0;
+    for (std::size_t v = 1; v < scene.geometry().positions.size(); v += 3)
+      highest = std::max(highest, scene.geometry().positions[v]);
+    heights.push_back(highest);
+  }
+  EXPECT_NEAR(heights[29], 1.4, 0.01);
+  EXPECT_NEAR(heights.back(), 1, 0.01);
+  for (std::size_t i = 30; i < heights.size(); ++i)
+    EXPECT_LE(heights[i - 1] - heights[i], 0.4 * 20 / 150 + 0.01) << "no faster than the fade, picture " << i;
+}
+
+TEST(SceneInterpolated, AWrongEstimateIsDrawnUntilItHasSettled) {
+  FakeSource source(sphere_asset(1));
+  SceneOptions options;
+  options.playout.mode = PlayoutMode::kEstimate;
+  SceneState scene(options);
+  for (int i = 0; i < 6; ++i) {  // Moves by 0.1 a pose, and then not at all.
+    const double shift = 0.1 * std::min(i, 4);
+    source.batches.push_back({sphere_pose(source.asset_, static_cast<std::uint64_t>(i + 1), i * 50'000, 1, shift)});
+    scene.receive(source, source.poll({}));
+    scene.advance(source, i * 50'000);
+    if (i < 5) scene.advance(source, i * 50'000 + 40'000);
+  }
+  EXPECT_TRUE(scene.settling());
+  TimeUs now = 250'000;
+  while (scene.settling() && now < 1'000'000) scene.advance(source, now += 10'000);
+  EXPECT_LE(now, 250'000 + Correction::kBlendUs + 10'000);
+  EXPECT_NEAR(scene.coefficients()[0], 0.4, 1e-9);
+  EXPECT_GT(scene.times_shown()[static_cast<std::size_t>(Shown::kEstimated)], 0U);
 }
 
 TEST(ScenePoints, ACloudHasSpacingAndNoNormals) {

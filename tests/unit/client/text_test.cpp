@@ -45,11 +45,24 @@ TEST(HudText, SaysWhenNothingIsKnown) {
   EXPECT_NE(lines[2].find("points"), std::string::npos);
 }
 
-TEST(HudText, ModeNamesRateFormAndPlayout) {
-  EXPECT_EQ(text_from_mode({Profile::Rate::kRaw, 3, Profile::Form::kFull, 8}, PlayoutMode::kLatest),
-            "raw, shown as it comes");
-  EXPECT_EQ(text_from_mode({Profile::Rate::kInterpolated, 4, Profile::Form::kCompact, 8}, PlayoutMode::kInterpolate),
-            "interpolated x4 compact, smoothed");
+TEST(HudText, ModeNamesRateSchemeAndForm) {
+  EXPECT_EQ(text_from_mode({Profile::Rate::kRaw, 3, Profile::Form::kFull, 8}), "raw");
+  EXPECT_EQ(text_from_mode({Profile::Rate::kInterpolated, 4, Profile::Form::kCompact, 8}), "interpolated x4 compact");
+  Profile estimated;
+  estimated.rate = Profile::Rate::kEstimated;
+  estimated.scheme = default_scheme(estimated.rate);
+  EXPECT_EQ(text_from_mode(estimated), "estimated x3 damped full");
+}
+
+TEST(HudText, SaysWhatIsShown) {
+  PlayoutSettings settings;
+  EXPECT_EQ(text_from_shown(Shown::kLive, false, Playout(settings)), "live \xC2\xB7 as it comes");
+  settings.mode = PlayoutMode::kEstimate;
+  settings.smoothness = 0.25;
+  EXPECT_EQ(text_from_shown(Shown::kEstimated, true, Playout(settings)),
+            "estimated, going over \xC2\xB7 0.0 ms held back (smooth 25 %)");
+  settings.delay_us = 80'000;
+  EXPECT_EQ(text_from_shown(Shown::kHeld, false, Playout(settings)), "held \xC2\xB7 80 ms held back");
 }
 
 TEST(HudText, ConnectionLineCountsTheDownload) {
@@ -105,6 +118,17 @@ TEST(ViewerState, KeysDoWhatTheHelpSays) {
   EXPECT_DOUBLE_EQ(lod.fraction(), 0.625);
   press(",");
   EXPECT_DOUBLE_EQ(lod.fraction(), 0.5);
+  press("]");
+  EXPECT_FALSE(state.playout.smoothness) << "nothing is held back that could be";
+  press("M");
+  EXPECT_EQ(state.playout.mode, PlayoutMode::kInterpolate);
+  press("[");
+  EXPECT_DOUBLE_EQ(*state.playout.smoothness, 0.875);
+  press("M");
+  EXPECT_EQ(state.playout.mode, PlayoutMode::kEstimate);
+  EXPECT_EQ(Playout(state.playout).smoothness(), 0);
+  press("]");
+  EXPECT_DOUBLE_EQ(*state.playout.smoothness, 0.125);
   press("U");
   EXPECT_EQ(camera.up(), Camera::Up::kZ);
   press("F12");
@@ -172,7 +196,7 @@ TEST(Options, DefaultsAndTheQueryDecideUnlessAsked) {
   ASSERT_TRUE(std::holds_alternative<ClientOptions>(plain));
   EXPECT_EQ(std::get<ClientOptions>(plain).url, "ws://127.0.0.1:7490/demo");
   EXPECT_FALSE(std::get<ClientOptions>(plain).profile);
-  EXPECT_EQ(std::get<ClientOptions>(plain).scene.delay_us, 0) << "follows the stream";
+  EXPECT_EQ(std::get<ClientOptions>(plain).scene.playout.delay_us, 0) << "follows the stream";
   const auto asked =
       parsed({"ws://h/a?rate=interpolated&k=5", "--form", "compact", "--size", "640x480", "--playout", "estimate"});
   ASSERT_TRUE(std::holds_alternative<ClientOptions>(asked));
@@ -182,7 +206,7 @@ TEST(Options, DefaultsAndTheQueryDecideUnlessAsked) {
   EXPECT_EQ(options.profile->form, Profile::Form::kCompact);
   EXPECT_EQ(options.width, 640);
   EXPECT_EQ(options.height, 480);
-  EXPECT_EQ(options.scene.playout, PlayoutMode::kEstimate);
+  EXPECT_EQ(options.scene.playout.mode, PlayoutMode::kEstimate);
   const auto estimated = std::get<ClientOptions>(parsed({"--rate", "estimated"}));
   EXPECT_EQ(estimated.profile->scheme, Profile::Scheme::kDamped) << "the default of its rate";
   const auto linear = std::get<ClientOptions>(parsed({"--rate", "estimated", "--scheme", "linear", "--k", "5"}));
@@ -204,6 +228,9 @@ TEST(Options, WrongUsageExitsWithTwo) {
                                                     {"ftp://x/y"},
                                                     {"--out", "x"},
                                                     {"--playout", "x"},
+                                                    {"--smooth", "0.5"},
+                                                    {"--playout", "estimate", "--smooth", "1.5"},
+                                                    {"--playout", "estimate", "--smooth", "0.5", "--delay", "9"},
                                                     {"ws://h/a?rate=x"}};
   for (const auto& arguments : wrong) {
     const auto result = parsed(arguments);

@@ -15,8 +15,16 @@ constexpr TimeUs kInterval = 40 * kMs;
 constexpr TimeUs kSenderZero = 5'000'000'000;
 
 // The pose's one coefficient is its own media time in seconds: what is shown says when it was.
-TimedPose pose_at(TimeUs media_us) {
+PlayoutPose pose_at(TimeUs media_us) {
   return {media_us, {static_cast<double>(media_us - kSenderZero) * 1e-6}};
+}
+
+Playout player(PlayoutMode mode, TimeUs delay_us = 0, TimeUs max_ahead_us = 200'000) {
+  PlayoutSettings settings;
+  settings.mode = mode;
+  settings.delay_us = delay_us;
+  settings.max_ahead_us = max_ahead_us;
+  return Playout(settings);
 }
 
 // Shows 60 pictures a second while poses come; calls show(now, pose) for each.
@@ -36,7 +44,7 @@ void play(Playout& playout, int poses, DelayOf delay_of, double drift, Show show
 
 TEST(Playout, ShowsNothingBeforeTheFirstPose) {
   for (const auto mode : {PlayoutMode::kLatest, PlayoutMode::kInterpolate, PlayoutMode::kEstimate}) {
-    Playout playout(mode);
+    Playout playout = player(mode);
     EXPECT_FALSE(playout.at(0));
     playout.add(pose_at(kSenderZero), 0);
     EXPECT_TRUE(playout.at(0));
@@ -46,7 +54,7 @@ TEST(Playout, ShowsNothingBeforeTheFirstPose) {
 }
 
 TEST(Playout, OldPosesAreRefused) {
-  Playout playout(PlayoutMode::kLatest);
+  Playout playout = player(PlayoutMode::kLatest);
   EXPECT_TRUE(playout.add(pose_at(1000), 0));
   EXPECT_FALSE(playout.add(pose_at(1000), 1));
   EXPECT_FALSE(playout.add(pose_at(999), 2));
@@ -54,7 +62,7 @@ TEST(Playout, OldPosesAreRefused) {
 }
 
 TEST(Playout, LatestShowsTheNewestAsItIs) {
-  Playout playout(PlayoutMode::kLatest);
+  Playout playout = player(PlayoutMode::kLatest);
   playout.add(pose_at(0), 0);
   playout.add(pose_at(kInterval), 200 * kMs);
   EXPECT_EQ(playout.at(200 * kMs)->coefficients, pose_at(kInterval).coefficients);
@@ -63,15 +71,17 @@ TEST(Playout, LatestShowsTheNewestAsItIs) {
 TEST(Playout, MovesEvenlyUnderJitter) {
   std::mt19937 random(2);
   std::uniform_int_distribution<TimeUs> jitter(0, 30 * kMs);
-  Playout playout(PlayoutMode::kInterpolate);
+  Playout playout = player(PlayoutMode::kInterpolate);
   TimeUs shown_us = 0;
   TimeUs before_us = std::numeric_limits<TimeUs>::min();
   int uneven = 0, pictures = 0;
   play(
       playout, 1000, [&](int) { return 10 * kMs + jitter(random); }, 0,
-      [&](TimeUs now_us, const TimedPose& pose) {
+      [&](TimeUs now_us, const ShownPose& pose) {
         EXPECT_GE(pose.time_us, before_us) << "media time ran back";
-        EXPECT_NEAR(pose.coefficients[0], static_cast<double>(pose.time_us - kSenderZero) * 1e-6, 1e-9);
+        if (!pose.settling) {
+          EXPECT_NEAR(pose.coefficients[0], static_cast<double>(pose.time_us - kSenderZero) * 1e-6, 1e-9);
+        }
         if (now_us > 2'000 * kMs) {
           ++pictures;
           const double step = static_cast<double>(pose.time_us - before_us) / static_cast<double>(now_us - shown_us);
@@ -87,11 +97,11 @@ TEST(Playout, MovesEvenlyUnderJitter) {
 
 TEST(Playout, FollowsDriftingClocks) {
   for (const double drift : {-5e-4, 5e-4}) {
-    Playout playout(PlayoutMode::kInterpolate, 60 * kMs);
+    Playout playout = player(PlayoutMode::kInterpolate, 60 * kMs);
     TimeUs before_us = std::numeric_limits<TimeUs>::min();
     play(
         playout, 7500, [](int) { return 10 * kMs; }, drift,
-        [&](TimeUs now_us, const TimedPose& pose) {
+        [&](TimeUs now_us, const ShownPose& pose) {
           EXPECT_GE(pose.time_us, before_us);
           before_us = pose.time_us;
           // Five minutes, 150 ms of drift: the delay in true time stays what it was.
@@ -103,21 +113,200 @@ TEST(Playout, FollowsDriftingClocks) {
   }
 }
 
-TEST(Playout, EstimateRunsAheadAndStopsAtTheLimit) {
-  Playout playout(PlayoutMode::kEstimate, 0, 100 * kMs);
+TEST(Playout, EstimatesAreDampedAndEndAfterTheStatedTime) {
+  Playout playout = player(PlayoutMode::kEstimate, 0, 100 * kMs);
   playout.add(pose_at(kSenderZero), 10 * kMs);
-  EXPECT_EQ(playout.at(500 * kMs)->time_us, kSenderZero) << "one pose has no direction";
+  Playout undirected = playout;
+  const auto first = undirected.at(20 * kMs);
+  EXPECT_EQ(first->time_us, kSenderZero) << "one pose has no direction";
+  EXPECT_EQ(first->shown, Shown::kHeld);
   playout.add(pose_at(kSenderZero + kInterval), 10 * kMs + kInterval);
-  const auto ahead = playout.at(80 * kMs);
-  EXPECT_EQ(ahead->time_us, kSenderZero + 70 * kMs);
-  EXPECT_NEAR(ahead->coefficients[0], 0.070, 1e-12);
+  const auto ahead = playout.at(10 * kMs + 2 * kInterval);
+  EXPECT_EQ(ahead->time_us, kSenderZero + 2 * kInterval) << "nothing is held";
+  EXPECT_NEAR(ahead->coefficients[0], 0.040 + 0.040 * Playout::kDamping, 1e-12);
+  EXPECT_EQ(ahead->shown, Shown::kEstimated);
   const auto held = playout.at(900 * kMs);
   EXPECT_EQ(held->time_us, kSenderZero + kInterval + 100 * kMs);
-  EXPECT_NEAR(held->coefficients[0], 0.140, 1e-12);
+  const double d = Playout::kDamping;
+  EXPECT_NEAR(held->coefficients[0], 0.040 * (1 + d + d * d + d * d * d / 2), 1e-12);
+  EXPECT_EQ(held->shown, Shown::kHeld);
+  EXPECT_EQ(playout.at(1900 * kMs)->coefficients, held->coefficients);
+}
+
+TEST(Playout, AWrongEstimateIsBlendedBackWithBoundedVelocity) {
+  // Even motion, then it stands: what was run ahead has to come back.
+  for (const auto mode : {PlayoutMode::kEstimate, PlayoutMode::kInterpolate}) {
+    Playout playout = player(mode);
+    const double per_ms = 0.001;  // Of the motion, in the pose's units.
+    const auto truth = [&](TimeUs t_us) { return per_ms * static_cast<double>(std::min(t_us, 2'000 * kMs) / kMs); };
+    double shown = 0, most_wrong = 0;
+    bool settled = false;
+    for (TimeUs now_us = 0; now_us < 4'000 * kMs; now_us += 10 * kMs) {
+      const bool stalls = now_us >= 1'000 * kMs && now_us < 1'300 * kMs;  // Then its keys come all at once.
+      if (now_us % kInterval == 0 && !stalls) {
+        for (TimeUs t = now_us == 1'320 * kMs ? 1'000 * kMs : now_us; t <= now_us; t += kInterval)
+          playout.add({kSenderZero + t, {truth(t)}}, now_us);
+      }
+      const auto pose = playout.at(now_us);
+      ASSERT_TRUE(pose);
+      if (now_us > 200 * kMs) {
+        // The motion, 5 % of the clock's, and an error of at most 320 ms of motion that fades in 150 ms.
+        const double allowed = 10 * per_ms * 1.05 + 10.0 / 150 * 320 * per_ms;
+        EXPECT_LE(std::abs(pose->coefficients[0] - shown), allowed) << now_us;
+      }
+      settled = settled || pose->settling;
+      shown = pose->coefficients[0];
+      if (now_us > 2'600 * kMs) most_wrong = std::max(most_wrong, std::abs(shown - truth(now_us)));
+    }
+    EXPECT_TRUE(settled);
+    EXPECT_NEAR(most_wrong, 0, 1e-9) << "and then it is right";
+  }
+}
+
+TEST(Playout, TheFirstPictureAfterACorrectionShowsWhatTheOneBeforeShowed) {
+  Playout playout = player(PlayoutMode::kEstimate);
+  for (int i = 0; i < 10; ++i) {
+    playout.add({kSenderZero + i * kInterval, {static_cast<double>(i)}}, i * kInterval);
+    playout.at(i * kInterval);
+  }
+  const TimeUs now_us = 10 * kInterval - 1;
+  const double before = playout.at(now_us)->coefficients[0];
+  EXPECT_NEAR(before, 9.84, 0.01);
+  playout.add({kSenderZero + 10 * kInterval, {5}}, now_us);
+  const auto after = playout.at(now_us);
+  EXPECT_NEAR(after->coefficients[0], before, 1e-9);
+  EXPECT_TRUE(after->settling);
+  const auto later = playout.at(now_us + Correction::kBlendUs);
+  EXPECT_LT(later->coefficients[0], 5) << "nothing of the error is left, only the new direction";
+  EXPECT_FALSE(later->settling);
+}
+
+TEST(Playout, AKeyThatComesAfterItsEstimatesReplacesThemWithoutGoingBack) {
+  // As a broker's rate=estimated sends: keys, then estimates beyond them; the second key is late.
+  Playout playout = player(PlayoutMode::kLatest);
+  const auto key = [](int i, double value) { return PlayoutPose{kSenderZero + i * kInterval, {value}}; };
+  const auto guess = [](TimeUs after_us, double value) {
+    return PlayoutPose{kSenderZero + after_us, {value}, 0xff, PoseOrigin::kEstimate};
+  };
+  playout.add(key(0, 0), 0);
+  playout.add(key(1, 1), kInterval);
+  EXPECT_EQ(playout.at(kInterval)->shown, Shown::kLive);
+  playout.add(guess(kInterval * 3 / 2, 1.5), kInterval * 3 / 2);
+  playout.add(guess(kInterval * 2, 2), kInterval * 2);
+  playout.add(guess(kInterval * 5 / 2, 2.5), kInterval * 5 / 2);
+  const auto guessed = playout.at(kInterval * 5 / 2);
+  EXPECT_EQ(guessed->shown, Shown::kEstimated);
+  EXPECT_EQ(guessed->coefficients[0], 2.5);
+  EXPECT_TRUE(playout.add(key(2, 1.2), kInterval * 5 / 2 + 1)) << "its time is before that of two estimates";
+  const auto corrected = playout.at(kInterval * 5 / 2 + 1);
+  EXPECT_GE(corrected->time_us, guessed->time_us);
+  EXPECT_NEAR(corrected->coefficients[0], 2.5, 1e-9) << "no snap";
+  for (const int i : {3, 4, 9}) {
+    playout.at(kInterval * i - 1);
+    playout.add(key(i, 0.8 + 0.2 * i), kInterval * i);
+  }
+  const auto late = playout.at(kInterval * 9);
+  EXPECT_NEAR(late->coefficients[0], 2.6, 1e-9);
+  EXPECT_EQ(late->shown, Shown::kLive);
+  EXPECT_FALSE(playout.add(guess(kInterval * 8, 9), kInterval * 9)) << "an estimate from the past";
+}
+
+TEST(Playout, OnlyBandsThatBothPosesHaveAreMixed) {
+  const std::vector<std::uint32_t> ends{1, 2};
+  // Row 1 is band 1; where it is absent it reads as the rest pose: 7.
+  const auto full = [](int i, double high) { return PlayoutPose{kSenderZero + i * kInterval, {1.0 * i, high}, 3}; };
+  const auto low = [](int i) { return PlayoutPose{kSenderZero + i * kInterval, {1.0 * i, 7}, 1}; };
+  Playout playout = player(PlayoutMode::kInterpolate, kInterval);
+  playout.set_band_ends(ends);
+  for (int i = 0; i < 4; ++i) playout.add(full(i, 20), i * kInterval);
+  playout.at(3 * kInterval);
+  playout.add(low(4), 4 * kInterval);
+  const auto leaving = playout.at(4 * kInterval + kInterval / 2);
+  EXPECT_DOUBLE_EQ(leaving->coefficients[0], 3.5);
+  EXPECT_EQ(leaving->coefficients[1], 7) << "neither 20 nor between";
+  EXPECT_EQ(leaving->bands, 1);
+  playout.add(full(5, 30), 5 * kInterval);
+  const auto coming = playout.at(5 * kInterval + kInterval / 2);
+  EXPECT_DOUBLE_EQ(coming->coefficients[0], 4.5);
+  EXPECT_EQ(coming->coefficients[1], 7);
+  EXPECT_EQ(coming->bands, 1);
+  playout.add(full(6, 40), 6 * kInterval);
+  const auto back = playout.at(6 * kInterval + kInterval / 2);
+  EXPECT_DOUBLE_EQ(back->coefficients[1], 35) << "straight: the neighbours lack the band";
+  EXPECT_EQ(back->bands, 3);
+  EXPECT_FALSE(back->settling) << "bands that come and go are no errors";
+}
+
+TEST(Playout, EstimatesHoldABandThatTheOlderPoseLacks) {
+  Playout playout = player(PlayoutMode::kEstimate);
+  playout.set_band_ends(std::vector<std::uint32_t>{1, 2});
+  playout.add({kSenderZero, {0, 7}, 1}, 0);
+  playout.add({kSenderZero + kInterval, {1, 20}, 3}, kInterval);
+  playout.at(kInterval);
+  const auto pose = playout.at(2 * kInterval);
+  EXPECT_NEAR(pose->coefficients[0], 1 + Playout::kDamping, 1e-12);
+  EXPECT_EQ(pose->coefficients[1], 20);
+  EXPECT_EQ(pose->bands, 3);
+}
+
+TEST(Playout, SmoothnessGoesFromLiveToTheWholeDelay) {
+  TimeUs shown_us[3] = {};
+  const double wanted[3] = {0, 0.5, 1};
+  for (int s = 0; s < 3; ++s) {
+    PlayoutSettings settings;
+    settings.mode = PlayoutMode::kEstimate;
+    settings.smoothness = wanted[s];
+    Playout playout(settings);
+    for (int i = 0; i < 100; ++i) {
+      playout.add(pose_at(kSenderZero + i * kInterval), i * kInterval);
+      shown_us[s] = playout.at(i * kInterval)->time_us;
+    }
+    EXPECT_EQ(playout.delay_us(), static_cast<TimeUs>(wanted[s] * kInterval));
+    const Shown beyond = playout.at(99 * kInterval + kInterval / 4)->shown;
+    EXPECT_EQ(beyond, s == 0 ? Shown::kEstimated : Shown::kInterpolated);
+  }
+  EXPECT_EQ(shown_us[0], kSenderZero + 99 * kInterval);
+  EXPECT_EQ(shown_us[1], kSenderZero + 99 * kInterval - kInterval / 2);
+  EXPECT_EQ(shown_us[2], kSenderZero + 98 * kInterval);
+}
+
+TEST(Playout, AnotherModeIsGoneOverToWithoutAJump) {
+  Playout playout = player(PlayoutMode::kLatest);
+  double shown = 0;
+  TimeUs now_us = 0;
+  for (int i = 0; i < 400; ++i) {
+    playout.add(pose_at(kSenderZero + i * kInterval), i * kInterval);
+    if (i % 100 == 99) {
+      PlayoutSettings settings;
+      settings.mode = i == 99 ? PlayoutMode::kInterpolate : i == 199 ? PlayoutMode::kEstimate : PlayoutMode::kLatest;
+      playout.set(settings);
+    }
+    const bool steps = playout.settings().mode == PlayoutMode::kLatest;
+    for (; now_us < (i + 1) * kInterval; now_us += 10 * kMs) {
+      const double value = playout.at(now_us)->coefficients[0];
+      const double allowed = steps ? 0.041 + 0.010 : 0.0105 + 0.010 / 0.150 * 0.050;
+      if (now_us > 100 * kMs) {
+        EXPECT_LE(std::abs(value - shown), allowed) << now_us;
+      }
+      shown = value;
+    }
+  }
+}
+
+TEST(Playout, LatestSaysWhoMadeThePoseAndWhenItIsHeld) {
+  Playout playout = player(PlayoutMode::kLatest);
+  PlayoutPose pose = pose_at(kSenderZero);
+  playout.add(pose, 0);
+  EXPECT_EQ(playout.at(0)->shown, Shown::kLive);
+  pose = pose_at(kSenderZero + 10 * kMs);
+  pose.origin = PoseOrigin::kBetween;
+  playout.add(pose, 10 * kMs);
+  EXPECT_EQ(playout.at(10 * kMs)->shown, Shown::kInterpolated);
+  EXPECT_EQ(playout.at(10 * kMs + Playout::kHeldAfterUs + 1)->shown, Shown::kHeld);
 }
 
 TEST(Playout, StartsAnewWhenTheSendersClockJumps) {
-  Playout playout(PlayoutMode::kInterpolate);
+  Playout playout = player(PlayoutMode::kInterpolate);
   for (int i = 0; i < 50; ++i) playout.add(pose_at(kSenderZero + i * kInterval), i * kInterval);
   const TimeUs jump_us = 3'600'000 * kMs;
   for (int i = 50; i < 60; ++i) playout.add(pose_at(kSenderZero + jump_us + i * kInterval), i * kInterval);
@@ -126,30 +315,32 @@ TEST(Playout, StartsAnewWhenTheSendersClockJumps) {
 }
 
 TEST(Playout, PauseHoldsThePoseAndGoesOn) {
-  Playout playout(PlayoutMode::kInterpolate);
+  Playout playout = player(PlayoutMode::kInterpolate);
   for (int i = 0; i < 50; ++i) playout.add(pose_at(kSenderZero + i * kInterval), i * kInterval);
-  EXPECT_EQ(playout.at(60'000 * kMs)->time_us, kSenderZero + 49 * kInterval);
+  const auto held = playout.at(60'000 * kMs);
+  EXPECT_EQ(held->time_us, kSenderZero + 49 * kInterval);
+  EXPECT_EQ(held->shown, Shown::kHeld);
   const TimeUs later_us = 60'000 * kMs;
   for (int i = 0; i < 5; ++i) playout.add(pose_at(kSenderZero + later_us + i * kInterval), later_us + i * kInterval);
   EXPECT_NEAR(playout.at(later_us + 4 * kInterval)->time_us, kSenderZero + later_us + 3 * kInterval, 2 * kMs);
 }
 
 TEST(Playout, PosesOfAnotherSizeReplaceTheOthers) {
-  Playout playout(PlayoutMode::kInterpolate);
+  Playout playout = player(PlayoutMode::kInterpolate);
   playout.add({0, {1, 2, 3}}, 0);
   playout.add({kInterval, {1, 2}}, kInterval);
   EXPECT_EQ(playout.at(kInterval)->coefficients.size(), 2U);
 }
 
 TEST(Playout, HoldsABoundedNumberOfPosesAndSurvivesHostileTimes) {
-  Playout playout(PlayoutMode::kInterpolate);
+  Playout playout = player(PlayoutMode::kInterpolate);
   for (int i = 0; i < 1000; ++i) playout.add(pose_at(i * kMs), 0);
   // All but the newest kMaxPoses are gone: even the far past shows the oldest of these.
   EXPECT_EQ(playout.at(-1'000'000 * kMs)->time_us, (1000 - static_cast<TimeUs>(Playout::kMaxPoses)) * kMs);
 
   constexpr TimeUs kLow = std::numeric_limits<TimeUs>::min(), kHigh = std::numeric_limits<TimeUs>::max();
   for (const auto mode : {PlayoutMode::kInterpolate, PlayoutMode::kEstimate}) {
-    Playout hostile(mode);
+    Playout hostile = player(mode);
     hostile.add({kLow, {1}}, kHigh);
     hostile.add({kLow + 1, {1}}, kHigh);
     hostile.add({0, {1}}, kLow);

@@ -8,6 +8,7 @@
 #include <limits>
 #include <map>
 #include <mutex>
+#include <numbers>
 #include <stdexcept>
 
 #include "common/codec/chain.h"
@@ -51,6 +52,13 @@ std::vector<double> pose(const Asset& asset, int i) {
   std::vector<double> C = asset.rest;
   for (std::size_t j = 12; j < C.size(); ++j) C[j] += 0.05 * std::sin(0.1 * i + static_cast<double>(j));
   return C;
+}
+
+/// Eq. 7 of the paper.
+std::vector<double> straight_between(const std::vector<double>& a, const std::vector<double>& b, double u) {
+  std::vector<double> result(a.size());
+  for (std::size_t i = 0; i < a.size(); ++i) result[i] = a[i] + u * (b[i] - a[i]);
+  return result;
 }
 
 /// Sends pose after pose, whenever it is asked to.
@@ -270,7 +278,7 @@ TEST_P(Forms, InterpolatedPosesAreEquation7OfTheirNeighbours) {
     ASSERT_NE(after, sender.sent.end());
     ASSERT_NE(after, sender.sent.begin());
     const auto expected =
-        interpolate(std::prev(after)->second, after->second, double(p.envelope.step.at) / p.envelope.step.of);
+        straight_between(std::prev(after)->second, after->second, double(p.envelope.step.at) / p.envelope.step.of);
     for (std::size_t i = 0; i < expected.size(); ++i) ASSERT_NEAR(p.coefficients[i], expected[i], 1e-12);
     ++checked;
   }
@@ -460,6 +468,59 @@ TEST(Create, RefusesWhatCannotBeMeant) {
   options.url = "ws://127.0.0.1:1/a";
   options.error = -1;
   EXPECT_EQ(Publisher::create(options, m.asset, m.encoded).error().code, ErrorCode::kInvalidArgument);
+}
+
+TEST(Stream, VelocitiesBendTheWayBetweenKeys) {
+  // One coefficient swings; keys are 40 ms apart, a tenth of its turn. Between them a straight line cuts the corner.
+  LoopbackBroker broker;
+  const Model& ball = model(40);
+  PublisherOptions options;
+  options.url = broker.url("live/ball");
+  options.error = 1e-4 * ball.asset->diagonal();
+  options.key_rate_hz = 25;
+  options.velocities = true;
+  auto publisher = Publisher::create(options, ball.asset, ball.encoded);
+  ASSERT_TRUE(publisher);
+  const double turns_per_us = 2.5e-6 * 2 * std::numbers::pi, wide = 0.3;
+  const std::size_t moving = 12 * 3;
+  const TimeUs zero = steady_now_us();
+  int keys = 0;
+  const auto send = [&] {
+    const TimeUs at = zero + keys * 40'000;
+    std::vector<double> C = ball.asset->rest, V(C.size(), 0.0);
+    const double phase = turns_per_us * static_cast<double>(at - zero);
+    C[moving] += wide * std::sin(phase);
+    V[moving] = wide * turns_per_us * 1e6 * std::cos(phase);
+    if ((*publisher)->send_coefficients(C, V, at) == SendStatus::kSent) ++keys;
+  };
+  Profile profile;
+  profile.scheme = Profile::Scheme::kHermite;
+  auto subscriber = subscribe(broker, profile);
+  double worst = 0;
+  int between = 0;
+  eventually([&] {
+    if (steady_now_us() >= zero + keys * 40'000) send();
+    for (const ReceivedPose& p : subscriber->poll(milliseconds(2))) {
+      EXPECT_EQ(p.channels, 6U);
+      if (p.envelope.kind != FrameKind::kSynthetic) continue;
+      ++between;
+      const double truth =
+          ball.asset->rest[moving] + wide * std::sin(turns_per_us * static_cast<double>(p.envelope.capture_us - zero));
+      worst = std::max(worst, std::abs(p.coefficients[moving / 3 * 6] - truth));
+    }
+    return between >= 30;
+  });
+  ASSERT_GE(between, 30);
+  ASSERT_TRUE(subscriber->info());
+  EXPECT_EQ(subscriber->info()->profile.scheme, Profile::Scheme::kHermite) << "not given as linear";
+  EXPECT_EQ(subscriber->info()->format.velocity_channels, 3U);
+  // A straight line would be off by up to (2 pi / 10)^2 / 8 = 4.9 % of the swing; the cubic by (2 pi / 10)^4 / 384 = 0.04 %.
+  EXPECT_LT(worst, 0.006 * wide);
+
+  const std::vector<float> still(3 * ball.asset->vertex_count);
+  EXPECT_EQ((*publisher)->send_positions(still, steady_now_us()).error().code, ErrorCode::kInvalidArgument)
+      << "velocities were announced";
+  EXPECT_EQ((*publisher)->as_received().size(), ball.asset->rest.size());
 }
 
 }  // namespace

@@ -136,6 +136,27 @@ TEST(Builtins, each_is_closed_periodic_finite_and_deterministic) {
   }
 }
 
+TEST(Builtins, velocities_are_the_derivatives_of_the_poses) {
+  for (const std::string& name : builtin_names()) {
+    SCOPED_TRACE(name);
+    const auto made = builtin_clip(name, 1000);
+    const MotionClip& clip = **made;
+    ASSERT_TRUE(clip.has_velocities());
+    const std::size_t middle = clip.frame_count() / 3;
+    const auto before = clip.pose(middle - 1), after = clip.pose(middle + 1), velocity = clip.velocity(middle);
+    double fastest = 0, worst = 0;
+    for (std::size_t v = 0; v < velocity->size(); ++v) {
+      for (std::size_t c = 0; c < 3; ++c) {
+        const double difference = ((*after)[v][c] - (*before)[v][c]) * 500;
+        fastest = std::max(fastest, std::abs((*velocity)[v][c]));
+        worst = std::max(worst, std::abs((*velocity)[v][c] - difference));
+      }
+    }
+    EXPECT_GT(fastest, 0.1);
+    EXPECT_LT(worst, 1e-4 * fastest) << "a central difference is off by the square of a millisecond";
+  }
+}
+
 TEST(Builtins, bar_and_heart_have_the_stated_sizes) {
   EXPECT_EQ((*builtin_clip("bar"))->rest().vertex_count(), 32802u);
   EXPECT_EQ((*builtin_clip("bar:twist"))->rest().faces.size(), 65600u);

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: MIT
+#include "common/motion/playout_clock.h"
+
+#include <gtest/gtest.h>
+
+#include <random>
+
+#include "common/motion/correction.h"
+
+namespace eigencast {
+namespace {
+
+constexpr TimeUs kMs = 1000;
+constexpr TimeUs kInterval = 40 * kMs;
+constexpr TimeUs kZero = 7'000'000'000;  // Of the sender's clock.
+
+TEST(PlayoutClock, KeepsToFivePercentHoweverPosesCome) {
+  std::mt19937 random(7);
+  std::uniform_int_distribution<TimeUs> jitter(0, 60 * kMs);
+  PlayoutClock clock;
+  TimeUs arrived_us = 0, now_us = 0, media_us = 0, last_us = 0;
+  for (int i = 0; i < 500; ++i) {
+    // A stall of 300 ms every four seconds, jitter, and a sender's clock that is a thousandth fast.
+    const TimeUs stall_us = i % 100 > 90 ? (300 * kMs - (i % 100 - 90) * kInterval) : 0;
+    arrived_us = std::max(arrived_us, i * kInterval + jitter(random) + std::max<TimeUs>(0, stall_us));
+    clock.add(kZero + i * (kInterval + 40), arrived_us);
+    for (now_us = std::max(now_us, arrived_us); now_us < (i + 1) * kInterval; now_us += 7 * kMs) {
+      const TimeUs before_us = media_us;
+      media_us = clock.advance(now_us, clock.full_delay_us());
+      if (i < 3) continue;
+      EXPECT_FALSE(clock.jumped());
+      // Since the turn before, however long that is ago: never faster or slower than 5 %.
+      if (last_us > 0 && last_us < now_us) {
+        const double pace = static_cast<double>(media_us - before_us) / static_cast<double>(now_us - last_us);
+        EXPECT_GE(pace, 0.949);
+        EXPECT_LE(pace, 1.051);
+      }
+      last_us = now_us;
+    }
+  }
+}
+
+TEST(PlayoutClock, TheFullDelayIsAnIntervalAndTheJitter) {
+  PlayoutClock even;
+  for (int i = 0; i < 100; ++i) even.add(kZero + i * kInterval, i * kInterval);
+  EXPECT_EQ(even.full_delay_us(), kInterval);
+
+  PlayoutClock uneven;
+  for (int i = 0; i < 100; ++i) uneven.add(kZero + i * kInterval, i * kInterval + (i % 10) * 3 * kMs);
+  EXPECT_EQ(uneven.full_delay_us(), kInterval + 27 * kMs);
+}
+
+TEST(PlayoutClock, APauseIsNoInterval) {
+  PlayoutClock clock;
+  clock.add(kZero, 0);
+  clock.add(kZero + 800 * kMs, 800 * kMs);
+  EXPECT_EQ(clock.full_delay_us(), 0);
+  clock.add(kZero + 840 * kMs, 840 * kMs);
+  EXPECT_EQ(clock.full_delay_us(), kInterval);
+}
+
+TEST(PlayoutClock, FollowsAnotherDelayByItsSlewAlone) {
+  PlayoutClock clock;
+  for (int i = 0; i < 3; ++i) clock.add(kZero + i * kInterval, i * kInterval);
+  TimeUs now_us = 2 * kInterval;
+  clock.advance(now_us, 0);
+  // 100 ms more to hold at 5 %: two seconds.
+  for (const TimeUs behind_us : {50 * kMs, 100 * kMs, 100 * kMs}) {
+    now_us += 1'000 * kMs;
+    EXPECT_EQ(clock.advance(now_us, 100 * kMs), kZero + now_us - behind_us);
+  }
+}
+
+TEST(PlayoutClock, JumpsWhereItIsWrongByMoreThanASecond) {
+  PlayoutClock clock;
+  for (int i = 0; i < 10; ++i) clock.add(kZero + i * kInterval, i * kInterval);
+  clock.advance(9 * kInterval, kInterval);
+  const TimeUs later_us = kZero + 3'600'000 * kMs;
+  for (int i = 10; i < 12; ++i) clock.add(later_us + i * kInterval, i * kInterval);
+  EXPECT_EQ(clock.advance(11 * kInterval, kInterval), later_us + 10 * kInterval);
+  EXPECT_TRUE(clock.jumped());
+  clock.advance(11 * kInterval + kMs, kInterval);
+  EXPECT_FALSE(clock.jumped());
+}
+
+TEST(Correction, FadesEvenlyAndIsDoneAfterItsTime) {
+  Correction correction;
+  const std::vector<double> error{3, -6};
+  correction.add(error, 1'000 * kMs);
+  std::vector<double> pose{10, 10};
+  correction.apply(pose, 1'000 * kMs);
+  EXPECT_EQ(pose, (std::vector<double>{13, 4})) << "what was shown is shown on";
+  pose = {10, 10};
+  correction.apply(pose, 1'050 * kMs);
+  EXPECT_DOUBLE_EQ(pose[0], 12);
+  EXPECT_DOUBLE_EQ(pose[1], 6);
+  EXPECT_TRUE(correction.active(1'149 * kMs));
+  EXPECT_FALSE(correction.active(1'150 * kMs));
+  pose = {10, 10};
+  correction.apply(pose, 2'000 * kMs);
+  EXPECT_EQ(pose, (std::vector<double>{10, 10}));
+}
+
+TEST(Correction, ASecondErrorJoinsWhatIsLeftOfTheFirst) {
+  Correction correction;
+  const std::vector<double> first{3}, second{1};
+  correction.add(first, 0);
+  correction.add(second, 50 * kMs);
+  std::vector<double> pose{0};
+  correction.apply(pose, 50 * kMs);
+  EXPECT_DOUBLE_EQ(pose[0], 2 + 1) << "no jump but that of the new error";
+}
+
+}  // namespace
+}  // namespace eigencast
