@@ -31,7 +31,7 @@ struct PublisherOptions {
       64 * 1024;  ///< A frame is dropped, before it is coded, while more than this is unsent.
 };
 
-/// Coding alone moves single poses by up to 1.2 times the error bound, so that still surfaces get more.
+/// The error bound of coding holds on average, not for each pose, so that still surfaces get more.
 inline constexpr double kStillOverError = 1.5;
 
 /// Publishes one deforming surface to a broker and keeps doing so: uploads the asset where it is missing, announces it, codes and
