@@ -34,7 +34,8 @@ ROOMS = {
                "common/spectral", "common/progressive", "common/asset", "common/reconstruction", "common/net", "common/recording", "sdk"},
     "client": {"common/core", "common/command_line", "common/core/hash", "common/wire", "common/codec", "common/motion", "common/asset",
                "common/reconstruction", "common/net", "sdk"},
-    "tools/latency": {"common/core", "common/command_line", "common/wire", "common/codec", "common/surface", "common/asset", "common/reconstruction",
+    # The client only for its renderer: input to picture.
+    "tools/latency": {"client", "common/core", "common/command_line", "common/wire", "common/codec", "common/surface", "common/asset", "common/reconstruction",
                       "common/net", "sdk"},
     "examples": {"sdk/include"},
 }

@@ -220,7 +220,7 @@ int probe(const Options& options, const std::string& version, const std::atomic<
                 static_cast<double>(best->offset_us) / 1000, static_cast<double>(best->error_us) / 1000);
   nlohmann::ordered_json json{
       {"schema", "eigencast-latency-probe"}, {"schema_version", kReportSchema}, {"url", options.inputs.url}};
-  for (const auto& [name, value] : environment(version)) json["environment"][name] = value;
+  for (const auto& [name, value] : environment(version, options.inputs.url)) json["environment"][name] = value;
   json["count"] = trip.count();
   json["round_trip"] = {{"min_us", trip.min()}, {"p50_us", trip.percentile(50)}, {"max_us", trip.max()}};
   if (best) json["clock"] = {{"offset_us", best->offset_us}, {"error_us", best->error_us}};

@@ -62,6 +62,7 @@ Result<Condition> parse_condition(const std::string& text) {
 const HdrHistogram* histogram_of(const std::string& name, const Outcome& o) {
   if (name.empty() || name == "key") return &o.keys;
   if (name == "synthetic") return &o.synthetic;
+  if (name == "age") return &o.age_us;
   for (std::size_t i = 0; i < kStages; ++i) {
     if (name != name_of(static_cast<Stage>(i))) continue;
     return o.key_stages[i].count() > 0 ? &o.key_stages[i] : &o.synthetic_stages[i];
@@ -129,7 +130,7 @@ void compare_histograms(const std::string& title, const Json& a, const Json& b, 
 
 }  // namespace
 
-std::vector<std::pair<std::string, std::string>> environment(const std::string& version) {
+std::vector<std::pair<std::string, std::string>> environment(const std::string& version, const std::string& url) {
   utsname name{};
   uname(&name);
   return {{"eigencast_version", version},
@@ -139,7 +140,7 @@ std::vector<std::pair<std::string, std::string>> environment(const std::string& 
           {"processors_online", std::to_string(sysconf(_SC_NPROCESSORS_ONLN))},
           {"cpu_governor", first_line("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")},
           {"clock_source", first_line("/sys/devices/system/clocksource/clocksource0/current_clocksource")},
-          {"tls", "no"},
+          {"tls", url.starts_with("wss:") || url.starts_with("https:") ? "yes" : "no"},
           {"websocket", "no compression, TCP_NODELAY"},
           {"compiler", __VERSION__}};
 }

@@ -120,8 +120,12 @@ std::int64_t HdrHistogram::percentile(double p) const {
 
 std::optional<std::int64_t> HdrHistogram::reliable_percentile(double p) const {
   if (count_ == 0) return std::nullopt;
-  if (p < 100 && static_cast<double>(count_) * (1 - p / 100) < kSamplesBeyond * (1 - 1e-9)) return std::nullopt;
-  return percentile(p);
+  if (p == 100) return max_;
+  const auto all = static_cast<double>(count_ + negative_);
+  if ((1 - p / 100) * all < kSamplesBeyond * (1 - 1e-9)) return std::nullopt;
+  const double beyond_negative = p / 100 * all - static_cast<double>(negative_);
+  if (negative_ > 0 && beyond_negative <= 0) return std::nullopt;
+  return percentile(std::clamp(beyond_negative / static_cast<double>(count_) * 100, 0.0, 100.0));
 }
 
 std::string HdrHistogram::spectrum(double unit_us) const {

@@ -32,8 +32,8 @@ class HdrHistogram {
   /// The highest value equivalent to the p-th percentile of the values that are not negative, at most max().
   /// REQUIRES: 0 <= p <= 100. 0 when empty.
   std::int64_t percentile(double p) const;
-  /// As percentile(), but nothing where fewer than ten values lie beyond it, so that it would be a matter of luck.
-  /// p = 100 is the maximum, which is always known unless empty.
+  /// The percentile of all values, the negative ones included; nothing where it is one of those, or where fewer than ten
+  /// values lie beyond it, so that it would be a matter of luck. p = 100 is the maximum, which is always known unless empty.
   std::optional<std::int64_t> reliable_percentile(double p) const;
 
   /// The percentile spectrum as HdrHistogram's tools plot it (.hgrm), values divided by `unit_us`.

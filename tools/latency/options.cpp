@@ -2,29 +2,42 @@
 #include "tools/latency/options.h"
 
 #include <CLI/CLI.hpp>
+#include <cstdio>
+
+#include "common/command_line/documents.h"
 
 namespace eigencast::latency {
 namespace {
 
 constexpr const char* kAbout =
-    R"(Measures the delay from pose to rebuilt surface, stage by stage.
+    R"(Measures the delay from pose to rebuilt surface, or to its picture, stage by stage.
 
-A pose counts from the time it was meant for (open-loop schedule), to the time its surface was rebuilt. Keys and synthetic
-poses are reported apart; so are the stages, whose sum is checked against the total. docs/latency.md says how.
+A pose counts from the time it was meant for (open-loop schedule). Keys and synthetic poses are reported apart; so are the
+stages, whose sum is checked against the total. docs/latency.md says how.)";
 
-EXAMPLES
-  eigencast-latency loop                              a broker of its own, the heart, 30 poses/s, raw
-  eigencast-latency loop --interp 3 --clients 1000    x 3, with 999 light viewers beside the measured one
-  eigencast-latency loop ws://broker:7490/test --fail-if 'p99>60ms' --json result.json
-  eigencast-latency pair --publish ws://broker:7490/test --duration 60        on the one machine
-  eigencast-latency pair --subscribe ws://broker:7490/test --duration 30      on the other
-  eigencast-latency passive ws://broker:7490/lab/horse                        of a stream that is there already
-  eigencast-latency probe ws://broker:7490                                    round trip and clock only
-  eigencast-latency sweep --rates 30,60 --clients 1,100,1000 --interps 1,3
-  eigencast-latency compare before.json after.json
+constexpr const char* kExamples =
+    R"(eigencast-latency loop                              # a broker of its own, the heart, 30 poses/s, raw
+eigencast-latency loop --interp 3 --clients 1000    # x 3, with 999 light viewers beside the measured one
+eigencast-latency loop --present 1440x900           # input to picture
+eigencast-latency loop ws://broker:7490/test --fail-if 'p99>60ms' --json result.json
+eigencast-latency pair --publish ws://broker:7490/test --duration 60     # on the one machine
+eigencast-latency pair --subscribe ws://broker:7490/test --duration 30   # on the other
+eigencast-latency passive ws://broker:7490/lab/horse                     # of a stream that is there already
+eigencast-latency probe ws://broker:7490                                 # round trip and clock only
+eigencast-latency sweep --rates 30,60 --clients 1,100,1000 --interps 1,3
+eigencast-latency compare before.json after.json)";
 
-EXIT STATUS
-  0 good; 1 could not measure; 2 usage; 3 a --fail-if condition held; 4 the stages do not add up)";
+constexpr const char* kExitStatus = R"(0  good
+1  could not measure
+2  wrong usage
+3  a --fail-if condition held
+4  the stages do not add up)";
+
+std::string indented(std::string_view lines) {
+  std::string text = "  ";
+  for (const char c : lines) text += c == '\n' ? std::string("\n  ") : std::string(1, c);
+  return text + "\n";
+}
 
 void add_outputs(CLI::App& command, Options& o) {
   command.add_option("--json", o.json, "write the whole report here (- for standard output)")->group("Output");
@@ -70,6 +83,8 @@ void add_viewer(CLI::App& command, Inputs& in) {
   command.add_option("--lod", in.lod, "share of the vertices that are rebuilt")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
+  command.add_option("--present", in.present,
+                     "draw each surface off the screen, so many pixels: 1440x900; the total is then to the picture");
   command.add_option("--trace-every", in.trace_every, "keys whose stages are told: every one, every second, ...")
       ->check(CLI::Range(1, 1000000))
       ->capture_default_str();
@@ -82,6 +97,7 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
                                                          const std::string& version) {
   Options o;
   CLI::App app{kAbout, "eigencast-latency"};
+  app.footer("Examples:\n" + indented(kExamples) + "\nExit status:\n" + indented(kExitStatus));
   app.set_version_flag("--version", "eigencast-latency " + version);
   app.require_subcommand(1);
 
@@ -135,10 +151,23 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
   compare->add_option("a", o.compare_a, "a report")->required();
   compare->add_option("b", o.compare_b, "another")->required();
 
+  CLI::App* completion = app.add_subcommand("completion", "write a completion script to standard output");
+  std::string shell;
+  completion->add_option("shell", shell, "for which shell")->required()->check(CLI::IsMember({"bash", "zsh", "fish"}));
+  CLI::App* man = app.add_subcommand("man", "write the manual page to standard output")->group("");
+
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     return ExitNow{app.exit(error) == 0 ? kExitGood : kExitUsage};
+  }
+  if (completion->parsed()) {
+    std::fputs(completion_from(app, *shell_from_name(shell)).c_str(), stdout);
+    return ExitNow{kExitGood};
+  }
+  if (man->parsed()) {
+    std::fputs(man_page_from(app, version, kExitStatus, kExamples).c_str(), stdout);
+    return ExitNow{kExitGood};
   }
   if (pair->parsed()) {
     o.inputs.mode = publish.empty() ? "subscribe" : "publish";

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "tools/latency/clock_track.h"
+#include "tools/latency/display_age.h"
 #include "tools/latency/hdr_histogram.h"
 #include "tools/latency/load.h"
 #include "tools/latency/timeline.h"
@@ -25,6 +26,7 @@ struct Inputs {
   int interpolation = 1;  ///< Poses per key; 1: raw.
   std::string form = "full";
   double lod = 1;             ///< Share of the vertices that are rebuilt.
+  std::string present;        ///< Pixels of the pictures, "1440x900"; empty: none are made.
   std::uint32_t clients = 1;  ///< One full viewer, the others light.
   double duration_s = 10, warmup_s = 2;
   std::uint32_t trace_every = 1;  ///< Keys that are traced.
@@ -44,6 +46,7 @@ struct Counts {
   std::uint64_t synthetic_received = 0;
   std::uint64_t keys_lost = 0;   ///< Sent, and neither received nor told to be superseded by the end.
   std::uint64_t superseded = 0;  ///< Frames that newer ones overtook in the broker, as it says: intended.
+  std::uint64_t overtaken = 0;   ///< Poses that came together with a newer one: a picture was made of that only.
   std::uint64_t late = 0;
   std::uint64_t duplicate = 0;
   std::uint64_t out_of_order = 0;
@@ -55,18 +58,24 @@ struct Outcome {
   Inputs inputs;
   bool one_clock = true;         ///< Sender and viewer are one process.
   bool one_machine = false;      ///< And the broker is on the same machine: its steady clock is ours.
-  HdrHistogram keys, synthetic;  ///< Intended time to rebuilt surface, all poses; empty without one clock.
+  HdrHistogram keys, synthetic;  ///< Intended time to rebuilt surface or picture, all poses; of the traced ones where
+                                 ///< the sender has another clock.
   HdrHistogram
       keys_uncorrected;  ///< As if the schedule had no part in it: actual beginning to rebuilt surface; traced keys.
   std::array<HdrHistogram, kStages> key_stages, synthetic_stages;
   HdrHistogram key_totals, synthetic_totals;  ///< Of the traced poses, which the stages are of.
-  std::uint64_t sums_checked = 0, sums_wrong = 0;
+  std::uint64_t sums_checked = 0, sums_wrong = 0, impossible = 0;
   TimeUs worst_unexplained_us = 0;
-  HdrHistogram held_us;       ///< What interpolation made poses wait, margin included; empty where raw.
-  TimeUs clock_error_us = 0;  ///< Worst bound met in a stage.
+  HdrHistogram held_us;  ///< What interpolation made poses wait, margin included; empty where raw.
+  std::array<TimeUs, kStages> stage_error_us{};  ///< Worst bound met in each stage.
+  TimeUs total_error_us = 0;                     ///< And in a total.
+  HdrHistogram age_us;  ///< Of the pose on display, looked at every millisecond; needs one clock.
   ClockTrack sender_clock, viewer_clock;
   std::optional<TimeUs> round_trip_us;
   std::optional<TimeUs> first_surface_us;  ///< From the subscription to the first rebuilt surface.
+  std::optional<TimeUs> first_picture_us;  ///< And to its picture.
+  std::optional<TimeUs> whole_asset_us;    ///< And until the whole surface had arrived.
+  std::string device;                      ///< That draws the pictures.
   std::uint64_t asset_bytes = 0;
   std::uint32_t vertices = 0, vertices_rebuilt = 0;
   double kbit_per_s = 0;

@@ -34,17 +34,19 @@ std::string ms(std::optional<std::int64_t> us) {
 }
 
 /// A one-way value that the clocks' error drowns is no value.
-std::string one_way(const HdrHistogram& h, double p, TimeUs error_us) {
+std::optional<std::int64_t> known(const HdrHistogram& h, double p, TimeUs error_us) {
   const auto value = h.reliable_percentile(p);
-  return value && error_us > 0 && *value < error_us && h.negative() > 0 ? "  unknown" : ms(value);
+  return value && *value >= error_us ? value : std::nullopt;
 }
 
 std::string row(std::string_view title, const HdrHistogram& h, TimeUs error_us) {
   std::string line = formatted("  %-20.*s", static_cast<int>(title.size()), title.data());
-  for (const double p : kPercentiles) line += " " + one_way(h, p, error_us);
-  if (h.negative() > 0)
-    line += formatted("  %llu negative, down to %.3f", static_cast<unsigned long long>(h.negative()),
-                      static_cast<double>(h.least_negative()) / 1000);
+  for (const double p : kPercentiles) {
+    const bool drowned = h.count() + h.negative() > 0 && error_us > 0 && !known(h, p, error_us) &&
+                         (h.reliable_percentile(p) || h.negative() > 0);
+    line += drowned ? "   unknown" : " " + ms(known(h, p, error_us));
+  }
+  if (error_us > 0) line += formatted("  +- %.3f", static_cast<double>(error_us) / 1000);
   return line + "\n";
 }
 
@@ -54,28 +56,26 @@ std::string heading(const char* what) {
   return line + "\n";
 }
 
-bool crosses_clocks(Stage stage) {
-  return stage == Stage::kToBroker || stage == Stage::kToClient;
-}
-
 std::string stage_rows(const Outcome& o, const std::array<HdrHistogram, kStages>& stages) {
   std::string text;
   for (std::size_t i = 0; i < kStages; ++i) {
     const auto stage = static_cast<Stage>(i);
-    text += row(title_of(stage), stages[i], crosses_clocks(stage) ? o.clock_error_us : 0);
+    if (stage == Stage::kPresent && o.inputs.present.empty()) continue;
+    text += row(title_of(stage), stages[i], o.stage_error_us[i]);
   }
   return text;
 }
 
-Json json_from(const HdrHistogram& h) {
-  Json json{{"count", h.count()}, {"negative_count", h.negative()}};
-  json["min_us"] = h.count() > 0 ? Json(h.min()) : Json(nullptr);
-  json["mean_us"] = h.count() > 0 ? Json(h.mean()) : Json(nullptr);
+/// Null where the clocks' error is larger than the value; error_us is 0 where all is stamped by one clock.
+Json json_from(const HdrHistogram& h, TimeUs error_us = 0) {
+  const bool all_known = h.count() > 0 && h.negative() == 0 && h.min() >= error_us;
+  Json json{{"count", h.count() + h.negative()}, {"negative_count", h.negative()}, {"error_us", error_us}};
+  json["min_us"] = all_known ? Json(h.min()) : Json(nullptr);
+  json["mean_us"] = all_known ? Json(h.mean()) : Json(nullptr);
   for (const double p : kPercentiles) {
-    const auto value = h.reliable_percentile(p);
+    const auto value = known(h, p, error_us);
     json[percentile_name(p) + "_us"] = value ? Json(*value) : Json(nullptr);
   }
-  if (h.negative() > 0) json["least_us"] = h.least_negative();
   return json;
 }
 
@@ -101,6 +101,7 @@ Json json_from(const Inputs& in) {
           {"interpolation", in.interpolation},
           {"form", in.form},
           {"lod", in.lod},
+          {"present", in.present},
           {"clients", in.clients},
           {"duration_s", in.duration_s},
           {"warmup_s", in.warmup_s},
@@ -116,6 +117,7 @@ Json json_from(const Counts& c) {
           {"synthetic_received", c.synthetic_received},
           {"keys_lost", c.keys_lost},
           {"frames_superseded", c.superseded},
+          {"overtaken_in_viewer", c.overtaken},
           {"late", c.late},
           {"duplicate", c.duplicate},
           {"out_of_order", c.out_of_order},
@@ -123,9 +125,10 @@ Json json_from(const Counts& c) {
           {"trace_incomplete", c.trace_incomplete}};
 }
 
-Json json_from(const std::array<HdrHistogram, kStages>& stages) {
+Json json_from(const std::array<HdrHistogram, kStages>& stages, const std::array<TimeUs, kStages>& errors_us) {
   Json json;
-  for (std::size_t i = 0; i < kStages; ++i) json[std::string(name_of(static_cast<Stage>(i)))] = json_from(stages[i]);
+  for (std::size_t i = 0; i < kStages; ++i)
+    json[std::string(name_of(static_cast<Stage>(i)))] = json_from(stages[i], errors_us[i]);
   return json;
 }
 
@@ -162,20 +165,21 @@ std::string table(const Outcome& o) {
           ? formatted("interpolated x %d, %s", o.inputs.interpolation, o.inputs.form.c_str()).c_str()
           : "raw",
       o.seconds, o.kbit_per_s);
-  text += heading("pose to rebuilt surface");
-  text += row("keys", o.keys, 0);
-  if (o.synthetic.count() + o.synthetic.negative() > 0) text += row("synthetic", o.synthetic, 0);
-  text += row("keys, uncorrected", o.keys_uncorrected, 0);
+  text += heading(o.inputs.present.empty() ? "pose to rebuilt surface" : "pose to picture");
+  text += row("keys", o.keys, o.total_error_us);
+  if (o.synthetic.count() + o.synthetic.negative() > 0) text += row("synthetic", o.synthetic, o.total_error_us);
+  text += row("keys, uncorrected", o.keys_uncorrected, o.total_error_us);
+  if (o.age_us.count() > 0) text += row("age of what is shown", o.age_us, 0);
   if (o.key_totals.count() > 0)
     text += "\n" + heading("where a key's time goes") + stage_rows(o, o.key_stages) +
-            row("= total, measured", o.key_totals, 0);
+            row("= total, measured", o.key_totals, o.total_error_us);
   if (o.synthetic_totals.count() > 0)
     text += "\n" + heading("a synthetic pose's") + stage_rows(o, o.synthetic_stages) +
-            row("= total, measured", o.synthetic_totals, 0);
+            row("= total, measured", o.synthetic_totals, o.total_error_us);
   text += formatted(
       "\nstages add up to the total: %llu poses checked, %llu beyond the clocks' uncertainty, at worst %.3f ms "
-      "unexplained\n",
-      n(o.sums_checked), n(o.sums_wrong), static_cast<double>(o.worst_unexplained_us) / 1000);
+      "unexplained; %llu with a stage below zero\n",
+      n(o.sums_checked), n(o.sums_wrong), static_cast<double>(o.worst_unexplained_us) / 1000, n(o.impossible));
   if (o.held_us.count() > 0) {
     const double interval_us = 1e6 / o.inputs.rate_hz;
     const auto least = static_cast<double>(o.held_us.min()), median = static_cast<double>(o.held_us.percentile(50));
@@ -191,19 +195,23 @@ std::string table(const Outcome& o) {
         "0\n";
   text += clock_line("sender to broker:", o.sender_clock) + clock_line("viewer to broker:", o.viewer_clock);
   text += formatted(
-      "keys: %llu sent, %llu received, %llu lost; frames superseded %llu (intended: newer ones overtook them); late "
-      "%llu, "
-      "duplicate %llu, out of order %llu\n",
-      n(c.keys_sent), n(c.keys_received), n(c.keys_lost), n(c.superseded), n(c.late), n(c.duplicate),
+      "keys: %llu sent, %llu received, %llu lost; frames superseded %llu (intended: newer ones overtook them), "
+      "overtaken "
+      "in the viewer %llu; late %llu, duplicate %llu, out of order %llu\n",
+      n(c.keys_sent), n(c.keys_received), n(c.keys_lost), n(c.superseded), n(c.overtaken), n(c.late), n(c.duplicate),
       n(c.out_of_order));
   text += formatted(
       "schedule: %llu sends missed, %llu dropped; sender's thread late by %.3f ms (p99); this process used %.0f %% of "
       "a core\n",
       n(c.sends_missed), n(c.sends_dropped), static_cast<double>(o.send_lag_us.percentile(99)) / 1000,
       100 * o.cpu_share);
-  if (o.first_surface_us)
-    text += formatted("first surface %.1f ms after subscribing (asset %.2f MB)\n",
-                      static_cast<double>(*o.first_surface_us) / 1000, static_cast<double>(o.asset_bytes) / 1e6);
+  const auto seconds = [](const std::optional<TimeUs>& us) {
+    return us ? formatted("%.3f s", static_cast<double>(*us) / 1e6) : std::string("not seen");
+  };
+  text += formatted("since subscribing: first surface %s, first picture %s, whole surface %s (asset %.2f MB)\n",
+                    seconds(o.first_surface_us).c_str(), seconds(o.first_picture_us).c_str(),
+                    seconds(o.whole_asset_us).c_str(), static_cast<double>(o.asset_bytes) / 1e6);
+  if (!o.device.empty()) text += "pictures of " + o.inputs.present + " pixels by " + o.device + "\n";
   if (o.load) text += load_lines(*o.load);
   for (const std::string& complaint : complaints(o)) text += "WARNING: " + complaint + "\n";
   return text;
@@ -215,7 +223,8 @@ std::string json_report(const Outcome& o, const std::string& version) {
   json["schema_version"] = kReportSchema;
   json["inputs"] = json_from(o.inputs);
   Json place;
-  for (const auto& [name, value] : environment(version)) place[name] = value;
+  for (const auto& [name, value] : environment(version, o.inputs.url)) place[name] = value;
+  place["graphics"] = o.device.empty() ? Json(nullptr) : Json(o.device);
   json["environment"] = std::move(place);
   json["one_clock"] = o.one_clock;
   json["one_machine"] = o.one_machine;
@@ -224,20 +233,27 @@ std::string json_report(const Outcome& o, const std::string& version) {
   json["vertices"] = o.vertices;
   json["vertices_rebuilt"] = o.vertices_rebuilt;
   json["kbit_per_s"] = o.kbit_per_s;
-  json["keys"] = json_from(o.keys);
-  json["synthetic"] = json_from(o.synthetic);
-  json["keys_uncorrected"] = json_from(o.keys_uncorrected);
+  json["keys"] = json_from(o.keys, o.total_error_us);
+  json["synthetic"] = json_from(o.synthetic, o.total_error_us);
+  json["keys_uncorrected"] = json_from(o.keys_uncorrected, o.total_error_us);
+  json["age_on_display"] = json_from(o.age_us);
   json["traced"] = {
-      {"keys", {{"stages", json_from(o.key_stages)}, {"total", json_from(o.key_totals)}}},
-      {"synthetic", {{"stages", json_from(o.synthetic_stages)}, {"total", json_from(o.synthetic_totals)}}}};
+      {"keys",
+       {{"stages", json_from(o.key_stages, o.stage_error_us)}, {"total", json_from(o.key_totals, o.total_error_us)}}},
+      {"synthetic",
+       {{"stages", json_from(o.synthetic_stages, o.stage_error_us)},
+        {"total", json_from(o.synthetic_totals, o.total_error_us)}}}};
   json["sum_check"] = {{"poses", o.sums_checked},
                        {"wrong", o.sums_wrong},
                        {"worst_unexplained_us", o.worst_unexplained_us},
-                       {"clock_error_us", o.clock_error_us}};
+                       {"impossible", o.impossible},
+                       {"clock_error_us", *std::max_element(o.stage_error_us.begin(), o.stage_error_us.end())}};
   json["held"] = json_from(o.held_us);
   json["clocks"] = {{"sender_to_broker", json_from(o.sender_clock)}, {"viewer_to_broker", json_from(o.viewer_clock)}};
   json["round_trip_us"] = o.round_trip_us ? Json(*o.round_trip_us) : Json(nullptr);
   json["first_surface_us"] = o.first_surface_us ? Json(*o.first_surface_us) : Json(nullptr);
+  json["first_picture_us"] = o.first_picture_us ? Json(*o.first_picture_us) : Json(nullptr);
+  json["whole_asset_us"] = o.whole_asset_us ? Json(*o.whole_asset_us) : Json(nullptr);
   json["asset_bytes"] = o.asset_bytes;
   json["counts"] = json_from(o.counts);
   json["self"] = {{"cpu_share", o.cpu_share}, {"send_lag", json_from(o.send_lag_us)}};
@@ -302,12 +318,15 @@ std::string hdr_log(const Outcome& o) {
 }
 
 bool sums_are_wrong(const Outcome& outcome) {
-  return outcome.sums_wrong > 0;
+  return outcome.sums_wrong > 0 || outcome.impossible > 0;
 }
 
 std::vector<std::string> complaints(const Outcome& o) {
   std::vector<std::string> all;
-  if (sums_are_wrong(o))
+  if (o.impossible > 0)
+    all.push_back(formatted("%llu poses have a stage that took less than no time: do not trust these figures",
+                            static_cast<unsigned long long>(o.impossible)));
+  if (o.sums_wrong > 0)
     all.push_back(
         formatted("THE STAGES DO NOT ADD UP for %llu of %llu poses, by %.3f ms at worst: do not trust these figures",
                   static_cast<unsigned long long>(o.sums_wrong), static_cast<unsigned long long>(o.sums_checked),
@@ -324,6 +343,8 @@ std::vector<std::string> complaints(const Outcome& o) {
   if (o.counts.sends_missed > 0) all.push_back("the sender could not hold the rate: see the missed sends");
   if (o.inputs.mode != "publish" && o.counts.traced == 0)
     all.push_back("no traces came, so there are no stages: is sender and broker of this version?");
+  if (o.inputs.mode != "publish" && !o.whole_asset_us)
+    all.push_back("the surface had not wholly arrived when measuring began: delays are of a part of it");
   if (o.counts.keys_lost > 0) all.push_back("keys were lost that nothing superseded");
   return all;
 }

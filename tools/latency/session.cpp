@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cerrno>
 #include <cstdlib>
+#include <future>
 #include <mutex>
 #include <set>
 #include <thread>
@@ -17,6 +18,7 @@
 #include "sdk/bake.h"
 #include "sdk/publisher.h"
 #include "sdk/subscriber.h"
+#include "tools/latency/presenter.h"
 
 namespace eigencast::latency {
 namespace {
@@ -161,7 +163,15 @@ class Watching {
     if (!subscriber) return subscriber.error();
     std::unique_ptr<Watching> made(new Watching(inputs, one_clock, start_us));
     made->subscriber_ = std::move(*subscriber);
-    made->thread_ = std::thread([w = made.get()] { w->run(); });
+    std::promise<Result<void>> ready;
+    auto is_ready = ready.get_future();
+    made->thread_ = std::thread([w = made.get(), told = std::move(ready)]() mutable {
+      const Result<void> prepared = w->prepare();  // On the thread that OpenGL will be used on.
+      const bool good = bool{prepared};
+      told.set_value(prepared);
+      if (good) w->run();
+    });
+    if (const Result<void> prepared = is_ready.get(); !prepared) return prepared.error();
     return made;
   }
 
@@ -174,6 +184,7 @@ class Watching {
   void begin(TimeUs from_us) { from_us_ = from_us; }
   void end(TimeUs until_us) { until_us_ = until_us; }
   bool has_surface() const { return first_surface_us_ != 0; }
+  bool has_whole_surface() const { return whole_asset_us_ != 0; }
   std::string detail() const {
     const std::lock_guard lock(mutex_);
     return detail_;
@@ -193,35 +204,57 @@ class Watching {
         one_clock_(one_clock),
         start_us_(start_us),
         timeline_({one_clock, one_clock && on_this_machine(inputs.url)}) {}
+  Result<void> prepare();
   void run();
   void take(const ReceivedPose& pose, TimeUs taken_us, const Subscriber::Stats& stats);
-  void count(const ReceivedPose& pose, TimeUs rebuilt_us);
+  void count(const ReceivedPose& pose, TimeUs shown_us);
+  bool counts(const ReceivedPose& pose) const;
   void take_traces();
 
   const Inputs inputs_;
   const bool one_clock_;
   const TimeUs start_us_;
   std::unique_ptr<Subscriber> subscriber_;
+  std::unique_ptr<Presenter> presenter_;  ///< Lives and dies on the thread.
+  Reconstructor reconstructor_;
+  std::uint32_t reconstructed_epoch_ = 0;
   std::vector<float> positions_;
+  DisplayAge age_;
   Timeline timeline_;
   std::set<std::pair<std::uint64_t, std::uint8_t>> seen_;  ///< Of the newest keys.
   TimeUs newest_capture_us_ = 0;
   std::uint64_t bytes_at_begin_ = 0, skipped_at_begin_ = 0;
   TimeUs counted_from_us_ = 0;
   std::atomic<bool> stopping_{false};
-  std::atomic<TimeUs> from_us_{0}, until_us_{0}, first_surface_us_{0};
+  std::atomic<TimeUs> from_us_{0}, until_us_{0}, first_surface_us_{0}, whole_asset_us_{0};
+  TimeUs first_picture_us_ = 0;
   mutable std::mutex mutex_;
   std::string detail_;  ///< GUARDED_BY(mutex_)
   Outcome outcome_;     ///< GUARDED_BY(mutex_) for what progress() reads.
   std::thread thread_;
 };
 
+Result<void> Watching::prepare() {
+  if (inputs_.present.empty()) return {};
+  auto made = make_presenter(inputs_.present);
+  if (!made) return made.error();
+  presenter_ = std::move(*made);
+  outcome_.device = presenter_->device();
+  return {};
+}
+
 void Watching::run() {
   while (!stopping_) {
     const std::vector<ReceivedPose> poses = subscriber_->poll(milliseconds(20));
     const TimeUs taken_us = steady_now_us();
     const Subscriber::Stats stats = subscriber_->stats();
-    for (const ReceivedPose& pose : poses) take(pose, taken_us, stats);
+    for (const ReceivedPose& pose : poses) {
+      if (presenter_ && &pose != &poses.back()) {  // As the viewer does: a picture of the newest only.
+        outcome_.counts.overtaken += counts(pose) ? 1 : 0;
+        continue;
+      }
+      take(pose, taken_us, stats);
+    }
     take_traces();
     if (stats.clock_offset_us)
       outcome_.viewer_clock.add({steady_now_us() - start_us_, *stats.clock_offset_us, *stats.clock_error_us});
@@ -229,6 +262,7 @@ void Watching::run() {
     detail_ = stats.detail;
     if (stats.rtt_us) outcome_.round_trip_us = stats.rtt_us;
   }
+  presenter_.reset();
 }
 
 void Watching::take(const ReceivedPose& pose, TimeUs taken_us, const Subscriber::Stats& stats) {
@@ -238,29 +272,39 @@ void Watching::take(const ReceivedPose& pose, TimeUs taken_us, const Subscriber:
   const TimeUs begun_us = std::max(taken_us, steady_now_us());
   const std::uint32_t level = level_from_fraction(*asset, inputs_.lod);
   positions_.resize(std::size_t{level} * 3);
-  positions_from_coefficients(*asset, pose.coefficients, pose.channels, asset->rank, level, positions_);
+  if (subscriber_->epoch() != reconstructed_epoch_) reconstructor_.reset();
+  reconstructed_epoch_ = subscriber_->epoch();
+  reconstructor_.update(*asset);
+  reconstructor_.rebuild(pose.coefficients, pose.channels, asset->rank, level, positions_);
   const TimeUs rebuilt_us = steady_now_us();
   if (first_surface_us_ == 0) first_surface_us_ = rebuilt_us - start_us_;
-  const TimeUs from_us = from_us_, until_us = until_us_;
-  if (from_us == 0 || pose.envelope.capture_us < from_us) return;
+  if (whole_asset_us_ == 0 && asset->complete()) whole_asset_us_ = rebuilt_us - start_us_;
+  if (presenter_) presenter_->present(*asset, level, positions_);
+  const TimeUs shown_us = presenter_ ? steady_now_us() : rebuilt_us;
+  if (first_picture_us_ == 0) first_picture_us_ = shown_us - start_us_;
+  if (!counts(pose)) return;
   if (counted_from_us_ == 0) {
-    counted_from_us_ = rebuilt_us;
+    counted_from_us_ = shown_us;
     bytes_at_begin_ = stats.bytes;
     skipped_at_begin_ = stats.skipped;
   }
-  if (until_us != 0 && pose.envelope.capture_us >= until_us) return;
   outcome_.vertices_rebuilt = level;
-  outcome_.seconds = static_cast<double>(rebuilt_us - counted_from_us_) / 1e6;
+  outcome_.seconds = static_cast<double>(shown_us - counted_from_us_) / 1e6;
   outcome_.kbit_per_s =
       outcome_.seconds > 0 ? static_cast<double>(stats.bytes - bytes_at_begin_) * 8e-3 / outcome_.seconds : 0;
   outcome_.counts.superseded = stats.skipped - skipped_at_begin_;
-  count(pose, rebuilt_us);
-  Received received{pose.envelope, pose.arrival_us, pose.decoded_us, begun_us, rebuilt_us, std::nullopt};
+  count(pose, shown_us);
+  Received received{pose.envelope, pose.arrival_us, pose.decoded_us, begun_us, rebuilt_us, shown_us, std::nullopt};
   if (stats.clock_offset_us) received.clock = ViewerClock{*stats.clock_offset_us, *stats.clock_error_us};
   timeline_.add(received);
 }
 
-void Watching::count(const ReceivedPose& pose, TimeUs rebuilt_us) {
+bool Watching::counts(const ReceivedPose& pose) const {
+  const TimeUs from_us = from_us_, until_us = until_us_, capture_us = pose.envelope.capture_us;
+  return from_us != 0 && capture_us >= from_us && (until_us == 0 || capture_us < until_us);
+}
+
+void Watching::count(const ReceivedPose& pose, TimeUs shown_us) {
   const Envelope& head = pose.envelope;
   const bool key = head.kind == FrameKind::kKey || head.kind == FrameKind::kJoin || head.step.at == head.step.of;
   const std::lock_guard lock(mutex_);
@@ -271,10 +315,11 @@ void Watching::count(const ReceivedPose& pose, TimeUs rebuilt_us) {
   newest_capture_us_ = std::max(newest_capture_us_, head.capture_us);
   ++(key ? counts.keys_received : counts.synthetic_received);
   if (!one_clock_) return;
-  const TimeUs latency_us = rebuilt_us - head.capture_us;
+  age_.show(head.capture_us, shown_us);
+  const TimeUs latency_us = shown_us - head.capture_us;
   if (static_cast<double>(latency_us) > inputs_.late_ms * 1000) ++counts.late;
   (key ? outcome_.keys : outcome_.synthetic).add(latency_us);
-  const TimeUs second_us = (rebuilt_us - counted_from_us_) / 1'000'000 * 1'000'000;
+  const TimeUs second_us = (shown_us - counted_from_us_) / 1'000'000 * 1'000'000;
   if (outcome_.intervals.empty() || outcome_.intervals.back().start_us < second_us)
     outcome_.intervals.push_back({second_us, 1'000'000, {}, {}});
   (key ? outcome_.intervals.back().keys : outcome_.intervals.back().synthetic).add(latency_us);
@@ -300,6 +345,9 @@ void Watching::tell(Outcome& outcome) {
   const Subscriber::Stats stats = subscriber_->stats();
   outcome.counts.trace_incomplete = timeline_.incomplete();
   if (first_surface_us_ != 0) outcome.first_surface_us = first_surface_us_;
+  if (whole_asset_us_ != 0) outcome.whole_asset_us = whole_asset_us_;
+  if (first_picture_us_ != 0 && !outcome.device.empty()) outcome.first_picture_us = first_picture_us_;
+  outcome.age_us = age_.ages_us();
   outcome.asset_bytes = stats.asset_bytes_total;
   if (const Asset* asset = subscriber_->asset()) outcome.vertices = asset->vertex_count;
 }
@@ -314,13 +362,18 @@ void sum_up(Outcome& outcome) {
     auto& stages = key ? outcome.key_stages : outcome.synthetic_stages;
     for (std::size_t i = 0; i < kStages; ++i) {
       stages[i].add(pose.stages[i].us);
-      outcome.clock_error_us = std::max(outcome.clock_error_us, pose.stages[i].error_us);
+      outcome.stage_error_us[i] = std::max(outcome.stage_error_us[i], pose.stages[i].error_us);
     }
+    outcome.total_error_us = std::max(outcome.total_error_us, pose.total.error_us);
     (key ? outcome.key_totals : outcome.synthetic_totals).add(pose.total.us);
-    if (!outcome.one_clock) (key ? outcome.keys : outcome.synthetic).add(pose.total.us);
+    if (!outcome.one_clock) {
+      (key ? outcome.keys : outcome.synthetic).add(pose.total.us);
+      if (static_cast<double>(pose.total.us) > outcome.inputs.late_ms * 1000) ++outcome.counts.late;
+    }
     if (key) outcome.keys_uncorrected.add(pose.total.us - pose.stages[static_cast<std::size_t>(Stage::kSchedule)].us);
     const TimeUs unexplained_us = std::abs(pose.unexplained_us());
     ++outcome.sums_checked;
+    if (!pose.is_possible()) ++outcome.impossible;
     if (unexplained_us > pose.uncertainty_us()) ++outcome.sums_wrong;
     outcome.worst_unexplained_us = std::max(outcome.worst_unexplained_us, unexplained_us);
   }
@@ -361,6 +414,9 @@ Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop,
         return fail(ErrorCode::kTimeout, "no pose came within 20 s: " + watching->detail());
       std::this_thread::sleep_for(milliseconds(5));
     }
+    // A slow link may still be bringing the surface: what is measured is the whole of it, where that comes in time.
+    while (!watching->has_whole_surface() && !stop && steady_now_us() < patience_us)
+      std::this_thread::sleep_for(milliseconds(5));
   }
   const auto sleep = [&](TimeUs until_us, TimeUs begin_us) {
     while (!stop && steady_now_us() < until_us) {
@@ -410,7 +466,7 @@ Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop,
     if (watching) {
       const std::uint64_t received = std::min(outcome.counts.keys_received, outcome.counts.keys_sent);
       const std::uint64_t missing = outcome.counts.keys_sent - received;
-      outcome.counts.keys_lost = missing - std::min(missing, outcome.counts.superseded);
+      outcome.counts.keys_lost = missing - std::min(missing, outcome.counts.superseded + outcome.counts.overtaken);
     }
     outcome.counts.sends_missed = sending->missed();
     outcome.counts.sends_dropped = sending->dropped();

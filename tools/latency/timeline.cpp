@@ -23,7 +23,8 @@ constexpr std::array<Names, kStages> kNames{{{"schedule", "schedule"},
                                              {"to_client", "to client"},
                                              {"decode", "decode"},
                                              {"hand_over", "hand over"},
-                                             {"reconstruct", "reconstruct"}}};
+                                             {"reconstruct", "reconstruct"},
+                                             {"present", "present"}}};
 
 Span& at(std::array<Span, kStages>& stages, Stage stage) {
   return stages[static_cast<std::size_t>(stage)];
@@ -42,6 +43,15 @@ TimeUs StagedPose::unexplained_us() const {
   TimeUs sum = 0;
   for (const Span& span : stages) sum += span.us;
   return total.us - sum;
+}
+
+bool StagedPose::is_possible() const {
+  // When a pose is meant for is the sender's to say, and the margin is negative where a key came late.
+  for (std::size_t i = 0; i < kStages; ++i) {
+    const auto stage = static_cast<Stage>(i);
+    if (stage != Stage::kSchedule && stage != Stage::kMargin && stages[i].us < -stages[i].error_us) return false;
+  }
+  return true;
 }
 
 TimeUs StagedPose::uncertainty_us() const {
@@ -134,8 +144,9 @@ StagedPose Timeline::staged(const Received& r, const Key& key, const Broker& bro
   at(s, Stage::kDecode) = {r.decoded_us - r.read_us, 0};
   at(s, Stage::kHandOver) = {r.taken_us - r.decoded_us, 0};
   at(s, Stage::kReconstruct) = {r.rebuilt_us - r.taken_us, 0};
+  at(s, Stage::kPresent) = {r.presented_us - r.rebuilt_us, 0};
   const TimeUs apart_us = clocks_.one_clock ? 0 : down.offset_us - up.offset_us;
-  pose.total = {r.rebuilt_us + apart_us - r.envelope.capture_us, clocks_.one_clock ? 0 : up.error_us + down.error_us};
+  pose.total = {r.presented_us + apart_us - r.envelope.capture_us, clocks_.one_clock ? 0 : up.error_us + down.error_us};
   return pose;
 }
 

@@ -28,8 +28,9 @@ enum class Stage : std::uint8_t {
   kDecode,       ///< Frame to coefficients.
   kHandOver,     ///< Until the viewer's own thread took it.
   kReconstruct,  ///< Coefficients to positions.
+  kPresent,      ///< Positions to a finished picture; 0 where none is made.
 };
-inline constexpr std::size_t kStages = 11;
+inline constexpr std::size_t kStages = 12;
 /// As in reports, for example "to_broker".
 std::string_view name_of(Stage stage);
 /// For people, for example "to broker".
@@ -45,10 +46,12 @@ struct Span {
 struct StagedPose {
   Envelope envelope;
   std::array<Span, kStages> stages{};
-  Span total;  ///< Intended time to rebuilt surface, measured, not summed.
+  Span total;  ///< Intended time to rebuilt surface, or to its picture where one is made; measured, not summed.
   bool is_key() const { return envelope.kind == FrameKind::kKey || envelope.kind == FrameKind::kJoin; }
   /// What the stages do not account for.
   TimeUs unexplained_us() const;
+  /// False if a stage took less than no time, beyond what the clocks may be wrong by: a stamp is wrong then.
+  bool is_possible() const;
   /// By how much the stages and the total may differ because of the clocks.
   TimeUs uncertainty_us() const;
 };
@@ -63,6 +66,7 @@ struct ViewerClock {
 struct Received {
   Envelope envelope;
   TimeUs read_us = 0, decoded_us = 0, taken_us = 0, rebuilt_us = 0;
+  TimeUs presented_us = 0;  ///< As rebuilt_us where no picture is made.
   std::optional<ViewerClock> clock;
 };
 

@@ -15,6 +15,7 @@ namespace {
 
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::Not;
 
 Outcome sample(int shift_us = 0) {
   Outcome o;
@@ -26,6 +27,7 @@ Outcome sample(int shift_us = 0) {
     o.key_totals.add(1000 + i + shift_us);
   }
   o.sums_checked = 1000;
+  o.whole_asset_us = 1;
   o.counts.keys_sent = o.counts.keys_received = 1000;
   o.counts.traced = 1000;
   Interval interval;
@@ -79,13 +81,19 @@ TEST(Report, AClockThatIsNotOursIsFoundOut) {
 
 TEST(Report, AOneWayTimeSmallerThanTheClocksErrorIsUnknown) {
   Outcome o = sample();
-  o.clock_error_us = 400;
+  o.stage_error_us[static_cast<std::size_t>(Stage::kToBroker)] = 400;
   HdrHistogram& h = o.key_stages[static_cast<std::size_t>(Stage::kToBroker)];
   for (int i = 0; i < 100; ++i) h.add(i - 30);
   const std::string text = table(o);
   const std::string line = text.substr(text.find("  to broker"));
   EXPECT_THAT(line.substr(0, line.find('\n')), HasSubstr("unknown"));
-  EXPECT_THAT(line.substr(0, line.find('\n')), HasSubstr("30 negative, down to -0.030"));
+  EXPECT_THAT(line.substr(0, line.find('\n')), HasSubstr("+- 0.400"));
+  EXPECT_THAT(line.substr(20, line.find('\n') - 20), Not(HasSubstr("-0"))) << "no negative value, none clamped";
+  const auto stage = nlohmann::json::parse(json_report(o, "1"))["traced"]["keys"]["stages"]["to_broker"];
+  EXPECT_TRUE(stage["p50_us"].is_null());
+  EXPECT_TRUE(stage["min_us"].is_null());
+  EXPECT_EQ(stage["error_us"], 400);
+  EXPECT_EQ(stage["negative_count"], 30);
 }
 
 TEST(Report, TheOtherFormatsHaveALinePerSecondAndPerSample) {

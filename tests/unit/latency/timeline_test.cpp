@@ -42,6 +42,7 @@ Received received(FrameKind kind, std::uint64_t sequence, InterpolationStep step
   r.decoded_us = here + 15;
   r.taken_us = here + 60;
   r.rebuilt_us = here + 460;
+  r.presented_us = here + 460;
   r.clock = ViewerClock{kViewerBehind, 30};
   return r;
 }
@@ -77,6 +78,7 @@ TEST(Timeline, AWrongOffsetShowsAsWhatTheStagesDoNotExplainOnOneClock) {
   r.decoded_us -= kBrokerAhead - kViewerBehind;
   r.taken_us -= kBrokerAhead - kViewerBehind;
   r.rebuilt_us -= kBrokerAhead - kViewerBehind;
+  r.presented_us -= kBrokerAhead - kViewerBehind;
   r.clock = ViewerClock{kBrokerAhead + 500, 30};
   line.add(r);
   line.add(brokers(5, 0, 1'000'800, 0, 1'000'850));
@@ -94,6 +96,17 @@ TEST(Timeline, ANegativeStageIsToldAsItIs) {
   line.add(brokers(5, 0, 1'000'800, 0, 1'000'850));
   line.add(received(FrameKind::kKey, 5, {}, 1'000'000, 1'001'000));
   EXPECT_EQ(us(line.take().at(0), Stage::kToBroker), -150);
+}
+
+TEST(Timeline, AStageThatTookLessThanNoTimeIsImpossibleUnlessTheClocksAllowIt) {
+  StagedPose pose;
+  EXPECT_TRUE(pose.is_possible());
+  pose.stages[static_cast<std::size_t>(Stage::kMargin)] = {-500, 0};
+  EXPECT_TRUE(pose.is_possible()) << "the key came late";
+  pose.stages[static_cast<std::size_t>(Stage::kToClient)] = {-30, 40};
+  EXPECT_TRUE(pose.is_possible());
+  pose.stages[static_cast<std::size_t>(Stage::kToClient)] = {-30, 20};
+  EXPECT_FALSE(pose.is_possible());
 }
 
 TEST(Timeline, InterpolationHoldsEveryPoseOfAnIntervalAlikeAndTheRestIsMargin) {

@@ -1,0 +1,26 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <optional>
+
+#include "tools/latency/hdr_histogram.h"
+
+namespace eigencast::latency {
+
+/// How old the pose is that is on display, looked at once a millisecond: what a person sees, unlike the delay of a pose at the moment
+/// it appears. It grows until the next pose is shown. Not thread-safe.
+class DisplayAge {
+ public:
+  /// A pose of that capture time is shown from then on.
+  void show(TimeUs capture_us, TimeUs shown_us);
+  const HdrHistogram& ages_us() const { return ages_us_; }
+
+ private:
+  struct Shown {
+    TimeUs capture_us = 0, since_us = 0;
+  };
+  std::optional<Shown> shown_;
+  HdrHistogram ages_us_;
+};
+
+}  // namespace eigencast::latency
