@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: MIT
+#include <gtest/gtest.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "tests/system/scene.h"
+
+namespace eigencast::testing {
+namespace {
+
+std::string content(const std::string& path) {
+  std::ifstream in(path);
+  std::stringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
+
+TEST(Latency, TheProgramMeasuresWritesWhatItFoundAndJudgesIt) {
+  Scene scene;
+  auto broker = scene.start_broker();
+  const std::string json = scene.file("a.json"), csv = scene.file("a.csv"), hgrm = scene.file("a.hgrm"),
+                    log = scene.file("a.hlog"), samples = scene.file("a.samples");
+  const std::vector<std::string> run{"eigencast-latency",
+                                     "loop",
+                                     scene.url(),
+                                     "--source",
+                                     "torus",
+                                     "--rank",
+                                     "24",
+                                     "--duration",
+                                     "0.8",
+                                     "--warmup",
+                                     "1.2",
+                                     "--interp",
+                                     "2",
+                                     "--json",
+                                     json,
+                                     "--csv",
+                                     csv,
+                                     "--hgrm",
+                                     hgrm,
+                                     "--hdr-log",
+                                     log,
+                                     "--samples",
+                                     samples};
+  ASSERT_EQ(scene.run("first", run), 0) << scene.logs();
+  const auto report = nlohmann::json::parse(content(json));
+  EXPECT_EQ(report["inputs"]["interpolation"], 2);
+  EXPECT_GT(report["keys"]["count"].get<int>(), 5);
+  EXPECT_GT(report["synthetic"]["count"].get<int>(), 5);
+  EXPECT_EQ(report["sum_check"]["wrong"], 0);
+  EXPECT_EQ(report["sum_check"]["impossible"], 0);
+  EXPECT_NE(content(csv).find(",key,"), std::string::npos);
+  EXPECT_NE(content(hgrm).find("Percentile"), std::string::npos);
+  EXPECT_NE(content(log).find("Tag=synthetic,"), std::string::npos);
+  EXPECT_NE(content(samples).find("jitter_margin_us"), std::string::npos);
+
+  auto judged = run;
+  judged.insert(judged.end(), {"--fail-if", "max<1h"});
+  EXPECT_EQ(scene.run("usage", judged), 2) << "hours are no unit";
+  judged.back() = "max>1us";
+  EXPECT_EQ(scene.run("judged", judged), 3) << scene.logs();
+  judged.back() = "p50>60s";
+  EXPECT_EQ(scene.run("passed", judged), 0) << scene.logs();
+
+  EXPECT_EQ(scene.run("compared", {"eigencast-latency", "compare", json, json}), 0);
+  EXPECT_NE(content(scene.file("compared.log")).find("keys in_broker"), std::string::npos);
+  EXPECT_EQ(scene.run("probe", {"eigencast-latency", "probe", scene.url(), "--count", "5"}), 0) << scene.logs();
+  EXPECT_NE(content(scene.file("probe.log")).find("5 pings"), std::string::npos);
+}
+
+}  // namespace
+}  // namespace eigencast::testing
