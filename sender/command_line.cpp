@@ -21,6 +21,8 @@ eigencast-sender play fox.glb --animation Run --to ws://broker/fox
 eigencast-sender play cloth.pc2 --rest cloth.obj --once --to ws://broker/cloth
 eigencast-sender play 'frames/*.obj' --once --to ws://broker/show
 simulation | eigencast-sender pipe --mesh rest.obj --to ws://broker/sim
+eigencast-sender deform heart --script twist --to ws://broker/heart     # by a cage that is made around it
+eigencast-sender deform dragon.ply --cage cage.obj --script keys.json --to ws://broker/dragon
 eigencast-sender bake scan.ply --rank 300
 eigencast-sender evaluate clip.npy                                     # error and bit rate, without a network
 eigencast-sender export fox.glb --to fox.mdd
@@ -45,6 +47,7 @@ struct Settings {
   PlayCommand play;
   ExportCommand export_clip;
   PipeCommand pipe;
+  DeformCommand deform;
   ContextCommand context;
   EvaluateCommand evaluate;
   CompareCommand compare;
@@ -155,6 +158,38 @@ void add_document_commands(CLI::App& app, Settings& s) {
   });
 }
 
+void add_deform_command(CLI::App& app, Settings& s) {
+  DeformCommand& command = s.deform;
+  CLI::App* deform = app.add_subcommand("deform", "Stream a model that a script deforms by a cage or by handles");
+  runs(*deform, s, command);
+  add_source_options(*deform, command.source);
+  add_target_options(*deform, command.target);
+  CLI::Option* cage = deform->add_option("--cage", command.cage, "closed mesh around the model (default: one is made)");
+  deform
+      ->add_option("--cage-resolution", command.cage_resolution, "of a cage that is made: cubes along the longest side")
+      ->check(CLI::Range(1, 64))
+      ->capture_default_str()
+      ->excludes(cage);
+  deform->add_option("--cage-out", command.cage_out,
+                     "write the cage, to edit it or to number its vertices (.obj, ...)");
+  deform->add_option("--coordinates", command.coordinates, "green keeps shapes; mean-value is affine, outside too")
+      ->check(CLI::IsMember({"green", "mean-value"}))
+      ->capture_default_str();
+  deform->add_option("--handles", command.handles, "no cage: handles.json, and all else as rigid as possible")
+      ->excludes(cage);
+  deform->add_option("--script", command.script, "keys.json, or twist, bend, both")->required();
+  deform->add_option("--rate", command.rate_hz, "key poses a second")
+      ->check(CLI::Range(0.1, 1000.0))
+      ->capture_default_str();
+  deform->add_option("--speed", command.speed, "of the script")
+      ->check(CLI::Range(0.001, 1000.0))
+      ->capture_default_str();
+  deform->add_flag("--once", command.once, "stop at the end of a script that loops");
+  deform->add_option("--duration", command.duration_s, "stop after so many seconds")->check(CLI::PositiveNumber);
+  deform->add_option("--frames", command.frames, "stop after so many poses")->check(CLI::PositiveNumber);
+  deform->add_option("--json", command.json, "write a report at the end");
+}
+
 void add_commands(CLI::App& app, Settings& s) {
   CLI::App* bake = app.add_subcommand("bake", "Turn a surface into a streamable asset (cached by content)");
   runs(*bake, s, s.bake);
@@ -189,6 +224,8 @@ void add_commands(CLI::App& app, Settings& s) {
       ->check(CLI::Range(0.1, 1000.0));
   pipe->add_option("--json", s.pipe.json, "write a report at the end");
 
+  add_deform_command(app, s);
+
   CLI::App* export_clip = app.add_subcommand("export", "Write a clip in another format");
   runs(*export_clip, s, s.export_clip);
   add_clip_options(*export_clip, s.export_clip.source);
@@ -220,9 +257,10 @@ void add_commands(CLI::App& app, Settings& s) {
 
 /// Names and contexts become URLs.
 Result<void> resolve_targets(const CLI::App& app, Settings& s) {
-  TargetOptions* target = app.got_subcommand("play")   ? &s.play.target
-                          : app.got_subcommand("pipe") ? &s.pipe.target
-                                                       : nullptr;
+  TargetOptions* target = app.got_subcommand("play")     ? &s.play.target
+                          : app.got_subcommand("pipe")   ? &s.pipe.target
+                          : app.got_subcommand("deform") ? &s.deform.target
+                                                         : nullptr;
   if (target == nullptr) return {};
   const auto contexts = Contexts::load(Contexts::default_path());
   if (!contexts) return contexts.error();

@@ -60,6 +60,23 @@ struct PipeCommand {
   std::string json;
 };
 
+struct DeformCommand {
+  SourceOptions source;  ///< The model.
+  TargetOptions target;
+  std::string cage;                   ///< File; empty: one is made.
+  int cage_resolution = 5;            ///< See deform::cage_around.
+  std::string cage_out;               ///< Write the cage there; empty: no.
+  std::string coordinates = "green";  ///< green, mean-value
+  std::string handles;                ///< JSON file: no cage, but handles, as rigid as possible.
+  std::string script;                 ///< JSON file, or twist, bend, both.
+  double rate_hz = 30;
+  double speed = 1;
+  bool once = false;
+  double duration_s = 0;     ///< 0: until the script ends.
+  std::uint64_t frames = 0;  ///< 0: no end.
+  std::string json;
+};
+
 struct ContextCommand {
   std::string action;  ///< add, list, use, remove
   std::string name, url, token;
@@ -91,6 +108,7 @@ struct CompareCommand {
 int run(const BakeCommand& command, const Console& console, Interrupt& interrupt);
 int run(const PlayCommand& command, const Console& console, Interrupt& interrupt);
 int run(const PipeCommand& command, const Console& console, Interrupt& interrupt);
+int run(const DeformCommand& command, const Console& console, Interrupt& interrupt);
 int run(const ContextCommand& command, const Console& console, Interrupt& interrupt);
 int run(const ExportCommand& command, const Console& console, Interrupt& interrupt);
 int run(const EvaluateCommand& command, const Console& console, Interrupt& interrupt);

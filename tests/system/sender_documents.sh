@@ -12,7 +12,7 @@ fail() { echo "FAILED: $*"; exit 1; }
 "$sender" man > "$folder/man"
 for shell in bash zsh fish; do "$sender" completion $shell > "$folder/$shell"; done
 
-commands=("" bake play pipe export evaluate compare context "context add" "context list" "context use" "context remove" completion)
+commands=("" bake play pipe deform export evaluate compare context "context add" "context list" "context use" "context remove" completion)
 options=0
 for command in "${commands[@]}"; do
   # shellcheck disable=SC2086

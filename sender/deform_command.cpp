@@ -1,0 +1,210 @@
+// SPDX-License-Identifier: MIT
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "common/core/histogram.h"
+#include "common/surface/read.h"
+#include "common/surface/write.h"
+#include "sender/commands.h"
+#include "sender/deform/arap.h"
+#include "sender/deform/cage.h"
+#include "sender/deform/cage_deformer.h"
+#include "sender/deform/projected.h"
+#include "sender/deform/script.h"
+#include "sender/live.h"
+#include "sender/progress_line.h"
+#include "sender/schedule.h"
+#include "sender/surface_error.h"
+
+namespace eigencast {
+namespace {
+
+using deform::Deformer;
+using deform::ProjectedDeformer;
+using deform::Script;
+
+constexpr std::uintmax_t kMaxScriptBytes = 64 << 20;
+
+Result<Surface> cage_of(const DeformCommand& command, const Surface& model) {
+  if (command.cage.empty()) return deform::cage_around(model, command.cage_resolution);
+  auto mesh = read_surface(command.cage);
+  if (!mesh) return mesh;
+  auto cage = deform::cage_from_mesh(std::move(*mesh));
+  if (!cage) return in_context(command.cage, cage.error());
+  return cage;
+}
+
+Result<std::string> text_of(const std::string& path) {
+  std::error_code error;
+  const std::uintmax_t size = std::filesystem::file_size(path, error);
+  if (error) return fail(ErrorCode::kNotFound, path + ": " + error.message());
+  if (size > kMaxScriptBytes) return fail(ErrorCode::kTooLarge, path + ": more than 64 MiB of JSON");
+  std::ifstream in(path, std::ios::binary);
+  return std::string((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
+}
+
+Result<std::unique_ptr<Deformer>> with_handles(const std::string& path, const Surface& model) {
+  const auto text = text_of(path);
+  if (!text) return text.error();
+  auto groups = deform::handle_groups_from_json(*text, model);
+  if (!groups) return in_context(path, groups.error());
+  spdlog::info("{} handles", groups->size());
+  return deform::arap_deformer(model, std::move(*groups));
+}
+
+Result<std::unique_ptr<Deformer>> bind(const DeformCommand& command, const Surface& model, const Console& console,
+                                       Interrupt& interrupt) {
+  if (!command.handles.empty()) return with_handles(command.handles, model);
+  auto cage = cage_of(command, model);
+  if (!cage) return cage.error();
+  spdlog::info("cage: {} vertices, {} faces", cage->vertex_count(), cage->faces.size());
+  if (!command.cage_out.empty()) {
+    if (const auto written = write_surface(*cage, command.cage_out); !written) return written.error();
+  }
+  const auto coordinates =
+      command.coordinates == "green" ? deform::CageCoordinates::kGreen : deform::CageCoordinates::kMeanValue;
+  ProgressLine line(console.progress, console.on_terminal);
+  auto deformer = deform::cage_deformer(model, std::move(*cage), coordinates, [&](double fraction) {
+    line.show(fraction, "binding the model to its cage", steady_now_us());
+    return !interrupt.requested();
+  });
+  line.finish();
+  return deformer;
+}
+
+Result<Script> script_of(const std::string& what, std::span<const Vec3> handles) {
+  std::error_code ignored;
+  const bool is_word = what.find_first_of("/.") == std::string::npos;
+  if (is_word && !std::filesystem::exists(what, ignored)) return Script::builtin(what, handles);
+  const auto text = text_of(what);
+  if (!text) return text.error();
+  auto script = Script::from_json(*text, handles);
+  if (!script) return in_context(what, script.error());
+  return script;
+}
+
+/// A script on the air.
+class Performance {
+ public:
+  Performance(const DeformCommand& command, Deformer& deformer, ProjectedDeformer projected, const Script& script)
+      : command_(command), deformer_(deformer), projected_(std::move(projected)), script_(script) {}
+
+  Result<void> run(Publisher& publisher, Interrupt& interrupt) {
+    const TimeUs start_us = steady_now_us();
+    StatusLog status(start_us);
+    Schedule schedule(options(), start_us);
+    while (const auto tick = schedule.next(steady_now_us())) {
+      // Until it is due there is nothing to do: what is sent is then as new as can be.
+      if (interrupt.wait_until(tick->due_us)) break;
+      const std::int64_t begin_us = steady_now_us();
+      const auto C = projected_.coefficients(handles_at(tick->due_us - start_us));
+      if (!C) return C.error();
+      (void)publisher.send_coefficients(*C, tick->due_us);  // It counts what it drops.
+      pose_us_.add(steady_now_us() - begin_us);
+      status.show(publisher, steady_now_us());
+    }
+    skipped_ = schedule.skipped();
+    return {};
+  }
+
+  /// How far what is sent lies from the full-detail deformation, over one turn of the script.
+  Result<SurfaceError> error(const Asset& asset) {
+    constexpr int kPoses = 24;
+    SurfaceErrorSum sum(asset.diagonal());
+    SourceRebuilder rebuilder(asset);
+    for (int i = 0; i < kPoses; ++i) {
+      const std::vector<Vec3> handles = script_.handles_at(script_.duration_s() * i / kPoses);
+      const auto C = projected_.coefficients(handles);
+      if (!C) return C.error();
+      sum.add(deformer_.positions(handles), rebuilder.rebuild(*C, 3));
+    }
+    return sum.result();
+  }
+  const Histogram& pose_us() const { return pose_us_; }
+  std::uint64_t skipped() const { return skipped_; }
+
+ private:
+  std::vector<Vec3> handles_at(TimeUs since_us) const {
+    return script_.handles_at(static_cast<double>(since_us) * 1e-6 * command_.speed);
+  }
+  Schedule::Options options() const {
+    Schedule::Options options;
+    options.rate_hz = options.clip_rate_hz = command_.rate_hz;
+    options.frames = ~std::size_t{0} >> 32;
+    options.max_ticks = command_.frames;
+    double seconds = command_.duration_s;
+    if (seconds == 0 && (command_.once || !script_.loops())) seconds = script_.duration_s() / command_.speed;
+    if (seconds > 0) {
+      const auto ticks = static_cast<std::uint64_t>(std::floor(seconds * command_.rate_hz)) + 1;
+      options.max_ticks = options.max_ticks > 0 ? std::min(options.max_ticks, ticks) : ticks;
+    }
+    return options;
+  }
+
+  const DeformCommand& command_;
+  Deformer& deformer_;
+  ProjectedDeformer projected_;
+  const Script& script_;
+  Histogram pose_us_;
+  std::uint64_t skipped_ = 0;
+};
+
+Result<nlohmann::json> perform(const DeformCommand& command, Source source, const Console& console,
+                               Interrupt& interrupt) {
+  auto deformer = bind(command, source.clip->rest(), console, interrupt);
+  if (!deformer) return deformer.error();
+  const auto script = script_of(command.script, (*deformer)->handles());
+  if (!script) return script.error();
+  const auto asset = std::make_shared<const Asset>(std::move(source.baked.asset));
+  const auto projector = Projector::create(*asset);
+  if (!projector) return projector.error();
+  auto projected = ProjectedDeformer::create(**deformer, *asset, *projector);
+  if (!projected) return projected.error();
+  Performance performance(command, **deformer, std::move(*projected), *script);
+  const auto error = performance.error(*asset);
+  if (!error) return error.error();
+  spdlog::info("what is sent lies {:.2e} (rms), {:.2e} (largest) of the diagonal from the full deformation", error->rms,
+               error->max);
+  const auto publisher = publish(command.target, command.rate_hz, asset, std::move(source.baked.encoded));
+  if (!publisher) return publisher.error();
+  const TimeUs deadline_us =
+      command.duration_s > 0 ? steady_now_us() + static_cast<TimeUs>(command.duration_s * 1e6) : 0;
+  if (!wait_until_live(**publisher, deadline_us, interrupt) && !interrupt.requested()) {
+    return fail(ErrorCode::kUnreachable, "no pose was sent: the broker is not live: " + (*publisher)->stats().detail);
+  }
+  if (const auto ran = performance.run(**publisher, interrupt); !ran) return ran.error();
+  const Publisher::Stats stats = (*publisher)->stats();
+  return nlohmann::json{{"frames_sent", stats.frames_sent},
+                        {"frames_dropped", stats.frames_dropped},
+                        {"frames_skipped", performance.skipped()},
+                        {"bytes", stats.payload_bytes},
+                        {"handles", (*deformer)->handles().size()},
+                        {"rms_over_diagonal", error->rms},
+                        {"max_over_diagonal", error->max},
+                        {"pose_us_p50", performance.pose_us().percentile(50)},
+                        {"pose_us_p99", performance.pose_us().percentile(99)}};
+}
+
+}  // namespace
+
+int run(const DeformCommand& command, const Console& console, Interrupt& interrupt) {
+  if (const auto usable = check_stream_url(command.target.url); !usable) {
+    spdlog::error("{}", usable.error().message);
+    return kExitUsage;
+  }
+  auto source = bake_with_progress(command.source, console, interrupt);
+  if (!source) return report_failure(source.error());
+  const auto report = perform(command, std::move(*source), console, interrupt);
+  if (!report) return report_failure(report.error());
+  spdlog::info("sent {} poses, {} dropped; a pose took {} us (median)", (*report)["frames_sent"].get<std::uint64_t>(),
+               (*report)["frames_dropped"].get<std::uint64_t>(), (*report)["pose_us_p50"].get<std::int64_t>());
+  const auto written = write_report(command.json, report->dump(2));
+  return written ? kExitOk : report_failure(written.error());
+}
+
+}  // namespace eigencast
