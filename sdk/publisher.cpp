@@ -63,6 +63,10 @@ class Uploader {
     const auto there = is_there(encoded_.manifest);
     if (!there) return there.error();
     if (*there) return {};
+    if (encoded_.manifest.bytes.empty()) {
+      return fail(ErrorCode::kRefused, "the broker does not have asset " + encoded_.manifest.id.hex() +
+                                           ", and it is not at hand here: give its objects, or put it there first");
+    }
     std::uint64_t done = 0;
     const std::uint64_t total = encoded_.total_bytes();
     for (const AssetObject& chunk : encoded_.chunks) {
@@ -106,6 +110,15 @@ class Uploader {
   const EncodedAsset& encoded_;
 };
 
+Result<BrokerUrl> destination(const PublisherOptions& options) {
+  auto url = parse_broker_url(options.url);
+  if (!url) return url;
+  if (const auto usable = check_transport(*url); !usable) return usable.error();
+  if (auto name = check_stream_name(url->stream); !name)
+    return in_context("stream name in \"" + options.url + "\"", name.error());
+  return url;
+}
+
 }  // namespace
 
 class Publisher::Impl {
@@ -118,12 +131,28 @@ class Publisher::Impl {
         encoded_(std::move(encoded)),
         log_(std::move(log)),
         layout_{options_.codec, asset_->rank, options_.velocities ? 6U : 3U, asset_->band_ends},
-        velocity_us_(velocity_unit(options_.key_rate_hz)) {
+        format_{layout_.rows,
+                layout_.channels,
+                layout_.band_ends,
+                std::string(name_of(layout_.codec)),
+                options_.velocities ? 3U : 0U,
+                options_.velocities ? velocity_unit(options_.key_rate_hz) : StreamFormat{}.velocity_us} {
     const double error = options_.error > 0 ? options_.error : kDefaultErrorOverDiagonal * asset_->diagonal();
     if (options_.codec == CodecKind::kQuantised) quantiser_ = quantiser_for_error(error, asset_->area, asset_->rank);
     if (options_.still_heartbeat_us > 0) still_.emplace(kStillOverError * error, options_.still_heartbeat_us);
     if (options_.bitrate > 0)
       rate_.emplace(options_.bitrate, quantiser_.half_spacing, static_cast<std::uint8_t>(asset_->band_ends.size()));
+    stats_.detail = "connecting to " + url_.origin();
+  }
+
+  Impl(PublisherOptions options, BrokerUrl url, CodecKind codec, StreamFormat format,
+       std::shared_ptr<const EncodedAsset> encoded, LogSink log)
+      : options_(std::move(options)),
+        url_(std::move(url)),
+        encoded_(std::move(encoded)),
+        log_(std::move(log)),
+        layout_{codec, format.rows, format.channels, format.band_ends},
+        format_(std::move(format)) {
     stats_.detail = "connecting to " + url_.origin();
   }
 
@@ -185,14 +214,22 @@ class Publisher::Impl {
                                                                   : "velocities that were not announced"));
     std::vector<double> both;
     if (!V.empty()) C = both = beside_each_other(C, V);
-    if (stats_.state != State::kLive) return dropped(SendStatus::kDisconnected);
-    if (socket_->unsent_bytes() > options_.max_unsent_bytes) return dropped(SendStatus::kDropped);
-    if (auto usable = check_capture_time(capture_us); !usable) return unusable(usable.error());
-    if (chain_ && capture_us <= last_capture_us_) return dropped(SendStatus::kDropped);
+    if (const auto early = hindrance(capture_us)) return *early;
     auto key = key_from_coefficients(layout_, C, quantiser_.step);
     if (!key) return unusable(key.error());
     if (!chain_ || !still_) return send_key(std::move(*key), capture_us, work);
     return send_unless_still(std::move(*key), C, capture_us, work);
+  }
+
+  SendStatus send_recorded(Key key, ByteView payload, TimeUs capture_us, Work work) {
+    const std::lock_guard lock(mutex_);
+    if (const auto early = hindrance(capture_us)) return *early;
+    if (chain_ && !payload.empty()) {
+      if (const auto here = decode_key(layout_, key.bands, *chain_, payload); here && *here == key) {
+        return send_coded({Bytes(payload.begin(), payload.end()), std::move(key)}, capture_us, work);
+      }
+    }
+    return send_key(std::move(key), capture_us, work);
   }
 
   std::vector<double> as_received() const {
@@ -201,7 +238,7 @@ class Publisher::Impl {
     std::vector<double> C = coefficients_from_key(layout_, chain_->newer);
     if (layout_.channels == 3) return C;
     for (std::size_t row = 0; row < layout_.rows; ++row)
-      std::copy_n(C.begin() + static_cast<std::ptrdiff_t>(row * 6), 3,
+      std::copy_n(C.begin() + static_cast<std::ptrdiff_t>(row * layout_.channels), 3,
                   C.begin() + static_cast<std::ptrdiff_t>(row * 3));
     C.resize(std::size_t{layout_.rows} * 3);
     return C;
@@ -215,10 +252,10 @@ class Publisher::Impl {
  private:
   enum class Phase { kDown, kIntroduce, kAnnounced, kLive };
 
-  /// Rows of x, y, z and their velocities in units of velocity_us_.
+  /// Rows of x, y, z and their velocities in units of format_.velocity_us.
   std::vector<double> beside_each_other(std::span<const double> C, std::span<const double> V) const {
     std::vector<double> both(C.size() == V.size() ? 2 * C.size() : 0);
-    const double unit_s = velocity_us_ * 1e-6;
+    const double unit_s = format_.velocity_us * 1e-6;
     for (std::size_t i = 0; 2 * i < both.size(); ++i) {
       const std::size_t row = i / 3, axis = i % 3;
       both[row * 6 + axis] = C[i];
@@ -254,26 +291,40 @@ class Publisher::Impl {
   }
 
   /// Codes and sends the next key of the chain, with the spacing and the bands that the bit rate allows. REQUIRES: mutex_ is
-  /// held, the state is live, capture times grow.
+  /// held, nothing hinders.
   SendStatus send_key(Key key, TimeUs capture_us, Work work) {
     const RateControl::Choice choice = rate_ ? rate_->choice() : RateControl::Choice{quantiser_.half_spacing, 8};
     if (choice.bands < layout_.band_ends.size()) key = lowest_bands(layout_, std::move(key), choice.bands);
+    // A key is predicted from the two before it; the first one goes out as the state that holds it twice.
+    auto coded = chain_ ? encode_key(layout_, *chain_, key, choice.half_spacing) : as_first(std::move(key));
+    if (!coded) return unusable(coded.error());
+    return send_coded(std::move(*coded), capture_us, work);
+  }
+
+  /// Why a pose of this time cannot be sent now, counted. REQUIRES: mutex_ is held.
+  std::optional<SendStatus> hindrance(TimeUs capture_us) {
+    if (stats_.state != State::kLive) return dropped(SendStatus::kDisconnected);
+    if (socket_->unsent_bytes() > options_.max_unsent_bytes) return dropped(SendStatus::kDropped);
+    if (auto usable = check_capture_time(capture_us); !usable) return unusable(usable.error());
+    if (chain_ && capture_us <= last_capture_us_) return dropped(SendStatus::kDropped);
+    return std::nullopt;
+  }
+
+  /// REQUIRES: mutex_ is held, the stream is live, nothing hinders.
+  SendStatus send_coded(CodedKey coded, TimeUs capture_us, Work work) {
     Envelope envelope;
-    envelope.bands = key.bands;
+    envelope.bands = coded.key.bands;
     envelope.stream_id = stream_id_;
     envelope.epoch = epoch_;
     envelope.sequence = sequence_ + 1;
     envelope.capture_us = capture_us;
     envelope.kind = chain_ ? FrameKind::kKey : FrameKind::kJoin;
     const TimeUs age = chain_ ? capture_us - last_capture_us_ : 0;
-    // A key is predicted from the two before it; the first one goes out as the state that holds it twice.
-    auto coded = chain_ ? encode_key(layout_, *chain_, key, choice.half_spacing) : as_first(std::move(key));
-    if (!coded) return unusable(coded.error());
-    ChainState next = advanced(chain_, std::move(coded->key), age);
+    ChainState next = advanced(chain_, std::move(coded.key), age);
     Bytes message;
-    message.reserve(Envelope::kBytes + coded->payload.size());
+    message.reserve(Envelope::kBytes + coded.payload.size());
     append_envelope(envelope, message);
-    message.insert(message.end(), coded->payload.begin(), coded->payload.end());
+    message.insert(message.end(), coded.payload.begin(), coded.payload.end());
     const std::size_t bytes = message.size();
     // Before it is handed over: the broker may have it before the call returns.
     const TimeUs sent_us = steady_now_us();
@@ -352,6 +403,7 @@ class Publisher::Impl {
       phase_ = Phase::kDown;
       chain_.reset();
       stats_.subscribers = 0;
+      stats_.gave_up = wait.count() == 0;
       stats_.state = why.code == ErrorCode::kRefused || wait.count() == 0 ? State::kRefused : State::kConnecting;
       stats_.detail = why.message + try_again_in(wait);
       if (http_) http_->cancel();
@@ -484,12 +536,9 @@ class Publisher::Impl {
   void announce() {
     control::Announce m;
     m.asset = encoded_->manifest.id.hex();
-    m.format = {layout_.rows, layout_.channels, layout_.band_ends, std::string(name_of(layout_.codec))};
-    if (options_.velocities) {
-      m.format.velocity_channels = 3;
-      m.format.velocity_us = velocity_us_;
-    }
+    m.format = format_;
     m.key_rate_hz = options_.key_rate_hz;
+    m.world = options_.world;
     phase_ = Phase::kAnnounced;
     stats_.detail = "announced, waiting for the broker";
     // A connection that broke meanwhile says so by on_down, and everything starts again.
@@ -512,7 +561,7 @@ class Publisher::Impl {
   const std::shared_ptr<const EncodedAsset> encoded_;
   const LogSink log_;
   const CoefficientLayout layout_;
-  const std::uint32_t velocity_us_;
+  const StreamFormat format_;
   Quantiser quantiser_;
   std::optional<Projector> projector_;  ///< Of the caller's thread alone.
 
@@ -548,11 +597,8 @@ Result<std::unique_ptr<Publisher>> Publisher::create(PublisherOptions options, s
                                                      std::shared_ptr<const EncodedAsset> encoded, LogSink log) {
   if (!asset || !encoded || !asset->complete())
     return fail(ErrorCode::kInvalidArgument, "a publisher needs a complete asset");
-  auto url = parse_broker_url(options.url);
+  auto url = destination(options);
   if (!url) return url.error();
-  if (const auto usable = check_transport(*url); !usable) return usable.error();
-  if (auto name = check_stream_name(url->stream); !name)
-    return in_context("stream name in \"" + options.url + "\"", name.error());
   if (!std::isfinite(options.error) || options.error < 0)
     return fail(ErrorCode::kInvalidArgument,
                 "the error bound must be a positive length in model units, or 0 for the default");
@@ -570,6 +616,25 @@ Result<std::unique_ptr<Publisher>> Publisher::create(PublisherOptions options, s
       std::make_unique<Impl>(std::move(options), std::move(*url), std::move(asset), std::move(encoded), std::move(log));
   impl->start();
   return std::unique_ptr<Publisher>(new Publisher(std::move(impl)));
+}
+
+Result<std::unique_ptr<Publisher>> Publisher::create_for_keys(PublisherOptions options, const StreamFormat& format,
+                                                              std::shared_ptr<const EncodedAsset> encoded,
+                                                              LogSink log) {
+  if (!encoded) return fail(ErrorCode::kInvalidArgument, "a publisher needs to know its asset");
+  if (auto usable = check_format(format); !usable) return usable.error();
+  const auto codec = codec_from_name(format.codec);
+  if (!codec) return codec.error();
+  auto url = destination(options);
+  if (!url) return url.error();
+  auto impl =
+      std::make_unique<Impl>(std::move(options), std::move(*url), *codec, format, std::move(encoded), std::move(log));
+  impl->start();
+  return std::unique_ptr<Publisher>(new Publisher(std::move(impl)));
+}
+
+SendStatus Publisher::send_key(Key key, TimeUs capture_us, ByteView coded) {
+  return impl_->send_recorded(std::move(key), coded, capture_us, {steady_now_us(), 0});
 }
 
 SendStatus Publisher::send_coefficients(std::span<const double> C, TimeUs capture_us) {

@@ -3,12 +3,15 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
+#include <vector>
 
 #include "common/asset/format.h"
 #include "common/codec/key.h"
 #include "common/core/log.h"
 #include "common/net/websocket.h"
+#include "common/wire/control.h"
 
 namespace eigencast {
 
@@ -27,6 +30,7 @@ struct PublisherOptions {
   TimeUs still_heartbeat_us = 0;
   bool velocities = false;  ///< Poses come with velocities, which go out beside them: for viewers with scheme=hermite.
   double key_rate_hz = 30;  ///< Announced; send() may be called at any rate.
+  std::optional<std::vector<double>> world{};  ///< Announced, see control::Announce.
   std::size_t max_unsent_bytes =
       64 * 1024;  ///< A frame is dropped, before it is coded, while more than this is unsent.
 };
@@ -50,14 +54,23 @@ class Publisher final {
     std::uint64_t payload_bytes = 0;  ///< Of the frames sent, envelope included.
     std::uint32_t subscribers = 0;
     std::uint64_t reconnects = 0;
+    bool gave_up = false;            ///< The broker gave the stream to another sender: nothing is tried again.
   };
 
   /// Starts connecting in the background. `asset` is what is projected on and must be decode(encoded); both are shared, not copied.
   /// Errors: kInvalidArgument (URL, stream name, error <= 0).
   static Result<std::unique_ptr<Publisher>> create(PublisherOptions options, std::shared_ptr<const Asset> asset,
                                                    std::shared_ptr<const EncodedAsset> encoded, LogSink log = {});
+  /// For one who has keys already, of a recording: the same, with send_key() only. `encoded` may be empty but for the
+  /// manifest's id: the broker must have the asset then. Errors: kInvalidArgument (URL, stream name, format).
+  static Result<std::unique_ptr<Publisher>> create_for_keys(PublisherOptions options, const StreamFormat& format,
+                                                            std::shared_ptr<const EncodedAsset> encoded, LogSink log = {});
   ~Publisher();
 
+  /// The key as it is, of create_for_keys()'s format, all or some of its bands; the rest as send_coefficients().
+  ///   coded  the payload it had in another chain, or empty: sent again where it gives the same key, which costs no bits
+  ///          and no time; otherwise the key is coded exactly.
+  SendStatus send_key(Key key, TimeUs capture_us, ByteView coded = {});
   /// C: r x 3 row-major; capture_us: when the pose holds, on the steady clock, growing; outside 0..kMaxTimeUs: kDropped.
   SendStatus send_coefficients(std::span<const double> C, TimeUs capture_us);
   /// The same with V: their velocities, r x 3, per second. REQUIRES: PublisherOptions::velocities; without them a publisher of

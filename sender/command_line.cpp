@@ -23,6 +23,7 @@ eigencast-sender play 'frames/*.obj' --once --to ws://broker/show
 simulation | eigencast-sender pipe --mesh rest.obj --to ws://broker/sim
 eigencast-sender deform heart --script twist --to ws://broker/heart     # by a cage that is made around it
 eigencast-sender deform dragon.ply --cage cage.obj --script keys.json --to ws://broker/dragon
+eigencast-sender replay show.ecrec --to ws://broker/show --from 60
 eigencast-sender bake scan.ply --rank 300
 eigencast-sender evaluate clip.npy                                     # error and bit rate, without a network
 eigencast-sender export fox.glb --to fox.mdd
@@ -51,6 +52,7 @@ struct Settings {
   ContextCommand context;
   EvaluateCommand evaluate;
   CompareCommand compare;
+  ReplayCommand replay;
 };
 
 void add_clip_options(CLI::App& app, SourceOptions& source) {
@@ -103,6 +105,10 @@ void add_target_options(CLI::App& app, TargetOptions& target) {
       ->envname("EIGENCAST_TOKEN");
   app.add_option("--context", target.context, "broker by name, see context (default: the current one)")
       ->envname("EIGENCAST_CONTEXT");
+}
+
+/// How the poses that are made here are coded and sent.
+void add_coding_options(CLI::App& app, TargetOptions& target) {
   add_codec_options(app, target.codec, target.error);
   app.add_option("--bitrate", target.bitrate_kbit, "kbit/s to keep to: coarser levels, then fewer bands")
       ->check(CLI::PositiveNumber);
@@ -201,6 +207,7 @@ void add_commands(CLI::App& app, Settings& s) {
   runs(*play, s, s.play);
   add_source_options(*play, s.play.source);
   add_target_options(*play, s.play.target);
+  add_coding_options(*play, s.play.target);
   play->add_option("--rate", s.play.rate_hz, "key poses a second (default: the clip's)")
       ->check(CLI::Range(0.1, 1000.0));
   play->add_option("--speed", s.play.speed, "of the motion")->check(CLI::Range(0.001, 1000.0))->capture_default_str();
@@ -220,6 +227,7 @@ void add_commands(CLI::App& app, Settings& s) {
   pipe->add_option("--mesh", s.pipe.source.input, "the mesh in its rest pose")->required();
   add_bake_options(*pipe, s.pipe.source);
   add_target_options(*pipe, s.pipe.target);
+  add_coding_options(*pipe, s.pipe.target);
   pipe->add_option("--rate", s.pipe.rate_hz, "poses a second (default: as they arrive, or at the times they state)")
       ->check(CLI::Range(0.1, 1000.0));
   pipe->add_option("--json", s.pipe.json, "write a report at the end");
@@ -244,6 +252,21 @@ void add_commands(CLI::App& app, Settings& s) {
       ->capture_default_str();
   evaluate->add_option("--json", s.evaluate.json, "write a report");
 
+  CLI::App* replay = app.add_subcommand("replay", "Stream a recording of the broker again");
+  runs(*replay, s, s.replay);
+  replay->add_option("file", s.replay.file, "recording (.ecrec)")->required();
+  add_target_options(*replay, s.replay.target);
+  replay->add_option("--speed", s.replay.speed, "of the motion")
+      ->check(CLI::Range(0.001, 1000.0))
+      ->capture_default_str();
+  replay->add_option("--from", s.replay.from_s, "begin so many seconds into the recording")
+      ->check(CLI::NonNegativeNumber);
+  replay->add_option("--duration", s.replay.duration_s, "play so many seconds of the recording")
+      ->check(CLI::PositiveNumber);
+  replay->add_flag("--loop", s.replay.loop, "begin again at the end");
+  replay->add_option("--asset", s.replay.asset_dir, "folder with the asset's objects (bake --out)");
+  replay->add_option("--json", s.replay.json, "write a report at the end");
+
   CLI::App* compare = app.add_subcommand("compare", "Compare poses that a client recorded with the clip that was sent");
   runs(*compare, s, s.compare);
   add_source_options(*compare, s.compare.source);
@@ -260,6 +283,7 @@ Result<void> resolve_targets(const CLI::App& app, Settings& s) {
   TargetOptions* target = app.got_subcommand("play")     ? &s.play.target
                           : app.got_subcommand("pipe")   ? &s.pipe.target
                           : app.got_subcommand("deform") ? &s.deform.target
+                          : app.got_subcommand("replay") ? &s.replay.target
                                                          : nullptr;
   if (target == nullptr) return {};
   const auto contexts = Contexts::load(Contexts::default_path());

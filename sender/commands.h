@@ -104,6 +104,17 @@ struct CompareCommand {
   std::string report;
 };
 
+struct ReplayCommand {
+  std::string file;
+  TargetOptions target;  ///< The codec is the recording's.
+  double speed = 1;
+  double from_s = 0;       ///< Since the start of the recording.
+  double duration_s = 0;   ///< Of the recording; 0: to its end.
+  bool loop = false;
+  std::string asset_dir;   ///< Objects by hash (bake --out); empty: those of the recording, or the broker's.
+  std::string json;
+};
+
 // Each runs a command to its end and returns the program's exit status; errors go to the log.
 int run(const BakeCommand& command, const Console& console, Interrupt& interrupt);
 int run(const PlayCommand& command, const Console& console, Interrupt& interrupt);
@@ -112,6 +123,7 @@ int run(const DeformCommand& command, const Console& console, Interrupt& interru
 int run(const ContextCommand& command, const Console& console, Interrupt& interrupt);
 int run(const ExportCommand& command, const Console& console, Interrupt& interrupt);
 int run(const EvaluateCommand& command, const Console& console, Interrupt& interrupt);
+int run(const ReplayCommand& command, const Console& console, Interrupt& interrupt);
 int run(const CompareCommand& command, const Console& console, Interrupt& interrupt);
 
 /// Bakes with progress on the console, cancelled by the interrupt.

@@ -25,13 +25,16 @@ spdlog::level::level_enum level_of(LogLevel level) {
   }
 }
 
-// The broker takes a token in the query too.
-std::string with_token(const std::string& url, const std::string& token) {
-  if (token.empty()) return url;
-  return url + (url.find('?') == std::string::npos ? "?" : "&") + "access_token=" + token;
+}  // namespace
+
+std::string url_with_token(const TargetOptions& target) {
+  if (target.token.empty()) return target.url;
+  return target.url + (target.url.find('?') == std::string::npos ? "?" : "&") + "access_token=" + target.token;
 }
 
-}  // namespace
+LogSink to_log() {
+  return [](LogLevel level, std::string_view text) { spdlog::log(level_of(level), "{}", text); };
+}
 
 Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double rate_hz,
                                            std::shared_ptr<const Asset> asset, EncodedAsset encoded,
@@ -39,7 +42,7 @@ Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double r
   const auto codec = codec_from_name(target.codec);
   if (!codec) return codec.error();
   PublisherOptions options;
-  options.url = with_token(target.url, target.token);
+  options.url = url_with_token(target);
   options.codec = *codec;
   options.error = target.error;
   options.bitrate = target.bitrate_kbit * 1000;
@@ -47,7 +50,7 @@ Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double r
   options.key_rate_hz = rate_hz;
   options.velocities = velocities;
   return Publisher::create(options, std::move(asset), std::make_shared<const EncodedAsset>(std::move(encoded)),
-                           [](LogLevel level, std::string_view text) { spdlog::log(level_of(level), "{}", text); });
+                           to_log());
 }
 
 bool wait_until_live(const Publisher& publisher, TimeUs deadline_us, Interrupt& interrupt) {

@@ -25,6 +25,7 @@ enum class CloseCode : std::uint16_t {
   kInternal = 1011,
   kServiceRestart = 1012,
   kTryAgainLater = 1013,
+  kReplaced = 4409,  ///< Our own: another sender has the stream now; do not come back.
 };
 
 /// Whether a peer may send this code.

@@ -36,6 +36,8 @@ using std::chrono::milliseconds;
 
 constexpr std::string_view kSubprotocol = "eigencast.v1";
 constexpr milliseconds kPoliteClose{500};
+/// Another sender was given the stream (docs/protocol.md, section 10).
+constexpr std::uint16_t kReplaced = 4409;
 /// A connection that held for so long counts as good: the next back-off starts afresh.
 constexpr TimeUs kGoodAfterUs = 2'000'000;
 /// Bytes that the kernel may hold unsent; what is more stays with us, where it is counted.
@@ -80,6 +82,7 @@ void tune(tcp::socket& socket) {
 struct Failure {
   Error error;
   bool refused = false;
+  bool for_good = false;  ///< Trying again would take away what somebody else was given.
 };
 
 std::string printable(std::string_view text, std::size_t most) {
@@ -107,7 +110,9 @@ Failure failure_of_close(const error_code& ec, const ws::close_reason& reason, c
     const std::string said = printable({reason.reason.data(), reason.reason.size()}, 123);
     const std::string text =
         where + " closed the connection (" + std::to_string(reason.code) + (said.empty() ? "" : ", " + said) + ")";
-    return {fail(refused ? ErrorCode::kRefused : ErrorCode::kDisconnected, text), refused};
+    const bool replaced = reason.code == kReplaced;
+    const ErrorCode code = refused || replaced ? ErrorCode::kRefused : ErrorCode::kDisconnected;
+    return {fail(code, text), refused, replaced};
   }
   return {fail(ErrorCode::kDisconnected, "connection to " + where + " lost: " + ec.message())};
 }
@@ -344,6 +349,7 @@ class WebSocket::Impl {
     const bool longest = failure.refused || hold_off == milliseconds(0);
     milliseconds wait = retry_delay(longest ? 64 : failures_, options_.first_retry, options_.longest_retry, unit);
     // Whom the broker asked to stay away must not all come back in one moment either.
+    if (failure.for_good) return report_down(failure.error, milliseconds(0));
     if (hold_off && *hold_off > wait) wait = *hold_off + milliseconds(std::llround(0.25 * unit * hold_off->count()));
     connect_after(wait);  // First: the handler may throw.
     report_down(failure.error, wait);
