@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "broker/broker.h"
 
+#include <algorithm>
 #include <boost/asio/post.hpp>
 #include <boost/asio/signal_set.hpp>
 #include <boost/asio/write.hpp>
@@ -21,6 +22,8 @@ namespace {
 
 constexpr std::size_t kDiskThreads = 2;
 constexpr std::uint32_t kRetryAfterMs = 500;
+/// So many come back in a second after a restart, about.
+constexpr std::size_t kReturnsPerSecond = 2000;
 constexpr std::int64_t kShortCertificateS = 14 * 86'400;
 
 Recorder::Settings recorder_settings(const Config& config, const std::string& version) {
@@ -53,6 +56,11 @@ Turn::Settings turn_settings(const Config& config) {
   const std::string& writes = config.sockets.writes;
   settings.backend = writes == "epoll" ? Backend::kEpoll : writes == "io_uring" ? Backend::kUring : Backend::kAuto;
   return settings;
+}
+
+/// Over how long those who are told to come back are spread.
+std::uint32_t return_spread_ms(std::size_t connections) {
+  return static_cast<std::uint32_t>(std::clamp<std::size_t>(connections * 1000 / kReturnsPerSecond, 200, 30'000));
 }
 
 std::string random_id() {
@@ -91,7 +99,8 @@ class Broker::Signals {
   std::function<void(int)> on_signal_;
 };
 
-Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string version, LogSink log) {
+Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string version, LogSink log,
+                                               const GivenSockets& given) {
   std::signal(SIGPIPE, SIG_IGN);  // OpenSSL writes to sockets without asking for silence.
   auto doors = load_doors(config);
   if (!doors) return doors.error();
@@ -108,7 +117,7 @@ Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string
   if (!epochs) return epochs.error();
   std::unique_ptr<Broker> broker(new Broker(config, std::move(*doors), std::move(version), std::move(log),
                                             std::move(*assets), std::move(*epochs)));
-  if (auto listening = broker->listen(); !listening) return listening.error();
+  if (auto listening = broker->listen(given); !listening) return listening.error();
   return broker;
 }
 
@@ -140,6 +149,7 @@ Broker::Broker(const Config& config, Doors doors, std::string version, LogSink l
       schedule_(loop_.get_executor()),
       tick_(loop_.get_executor()),
       deadline_(loop_.get_executor()),
+      watchdog_(loop_.get_executor()),
       data_listener_(loop_, context_.log, [this](Socket socket) { accept(std::move(socket)); }),
       admin_listener_(loop_, context_.log, [this](Socket socket) { serve_admin(context_, std::move(socket)); }) {
   context_.tls = [this] { return tls_; };
@@ -153,10 +163,13 @@ Broker::~Broker() {
   disk_.join();
 }
 
-Result<void> Broker::listen() {
+Result<void> Broker::listen(const GivenSockets& given) {
   const auto data = parse_address(config_.server.listen);
   if (!data) return data.error();
-  if (auto opened = data_listener_.open(*data); !opened) return opened;
+  if (auto opened = given.data >= 0 ? data_listener_.adopt(given.data) : data_listener_.open(*data); !opened) {
+    return opened;
+  }
+  if (given.admin >= 0) return admin_listener_.adopt(given.admin);
   if (config_.server.admin_listen.empty()) return {};
   const auto admin = parse_address(config_.server.admin_listen);
   if (!admin) return admin.error();
@@ -183,7 +196,11 @@ void Broker::accept(Socket socket) {
 
 void Broker::run() {
   turn_.begin();
+  context_.started_us = steady_now_us();
+  context_.drain = [this] { stop(); };
   tick();
+  watch();
+  service_manager::ready(status());
   for (;;) {
     // What one handler could not do (no memory) must not end the streams of all others: its own work is lost, the loop
     // goes on. A stopped loop returns at once.
@@ -222,6 +239,22 @@ void Broker::tick() {
     if (!error) tick();
   });
   for (Connection* connection : context_.connections) connection->tick();
+  if (++ticks_ % 10 == 0) service_manager::status(status());
+}
+
+std::string Broker::status() const {
+  return std::to_string(hub_.size()) + " streams, " + std::to_string(context_.connections.size()) + " connections";
+}
+
+/// From the loop, so that it speaks for what matters: a loop that no longer turns falls silent.
+void Broker::watch() {
+  const auto period_us = service_manager::watchdog_us();
+  if (!period_us) return;
+  service_manager::alive();
+  watchdog_.expires_after(std::chrono::microseconds(*period_us / 3));
+  watchdog_.async_wait([this](ErrorOf error) {
+    if (!error) watch();
+  });
 }
 
 void Broker::obey_signals(std::function<Result<Config>()> load) {
@@ -232,12 +265,18 @@ void Broker::obey_signals(std::function<Result<Config>()> load) {
 }
 
 void Broker::reload(const Result<Config>& wanted) {
+  service_manager::reloading(steady_now_us());
+  apply(wanted);
+  service_manager::ready(status());
+}
+
+void Broker::apply(const Result<Config>& wanted) {
   if (!wanted) {
     return log(context_.log, LogLevel::kError,
                "the configuration is not reloaded, everything stays as it was: " + wanted.error().message);
   }
   auto doors = load_doors(*wanted);
-  if (!doors) return reload(doors.error());
+  if (!doors) return apply(doors.error());
   const auto changes = changes_between(config_, *wanted);
   for (const ConfigChange& change : changes) {
     log(context_.log, change.live ? LogLevel::kInfo : LogLevel::kWarning,
@@ -278,11 +317,14 @@ void Broker::drain() {
   context_.draining = true;
   log(context_.log, LogLevel::kInfo,
       "stopping: " + std::to_string(context_.connections.size()) + " connections are told");
+  service_manager::stopping();
   data_listener_.close();
+  std::minstd_rand random(std::random_device{}());
+  std::uniform_int_distribution<std::uint32_t> later(0, return_spread_ms(context_.connections.size()));
   // Copied: a connection that has nothing left to send may close within the call.
   const std::vector<Connection*> open(context_.connections.begin(), context_.connections.end());
   for (Connection* connection : open) {
-    connection->say_bye("the broker is stopping", kRetryAfterMs, websocket::CloseCode::kServiceRestart);
+    connection->say_bye("the broker is stopping", kRetryAfterMs + later(random), websocket::CloseCode::kServiceRestart);
   }
   const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(config_.timeouts.shutdown_ms);
   wait_for_peers(until);

@@ -12,6 +12,7 @@
 #include "broker/config/config.h"
 #include "broker/connections/listener.h"
 #include "broker/context.h"
+#include "broker/operation/service_manager.h"
 #include "broker/relay/epoch_source.h"
 #include "broker/relay/hub.h"
 #include "broker/storage/asset_store.h"
@@ -25,7 +26,9 @@ namespace eigencast::broker {
 class Broker {
  public:
   /// Opens the data folder and listens. Errors: kUnreachable (cannot listen), kRefused and others (data folder).
-  static Result<std::unique_ptr<Broker>> create(const Config& config, std::string version, LogSink log);
+  /// `given` sockets are used instead of opening some, and owned from then on.
+  static Result<std::unique_ptr<Broker>> create(const Config& config, std::string version, LogSink log,
+                                                const GivenSockets& given = {});
   ~Broker();
   Broker(const Broker&) = delete;
   Broker& operator=(const Broker&) = delete;
@@ -57,10 +60,13 @@ class Broker {
  private:
   Broker(const Config& config, Doors doors, std::string version, LogSink log, std::unique_ptr<AssetStore> assets,
          EpochSource epochs);
-  Result<void> listen();
+  void apply(const Result<Config>& wanted);
+  Result<void> listen(const GivenSockets& given);
   void accept(Socket socket);
   void arm_schedule();
   void tick();
+  void watch();
+  std::string status() const;
   void warn_about_doors();
   void log_failure(const std::exception& exception) noexcept;
   void drain();
@@ -82,6 +88,8 @@ class Broker {
   std::optional<TimeUs> scheduled_us_;
   Timer tick_;
   Timer deadline_;
+  Timer watchdog_;
+  int ticks_ = 0;
   Listener data_listener_;
   Listener admin_listener_;
   std::unique_ptr<Signals> signals_;

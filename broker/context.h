@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <map>
@@ -23,6 +24,20 @@ namespace eigencast::broker {
 
 class Connection;
 
+/// Times in buckets, for /metrics: how many were at most so long. Belongs to the event loop.
+struct LatencyBuckets {
+  static constexpr std::array<TimeUs, 13> kUpTo{100,    250,    500,     1'000,   2'500,   5'000,    10'000,
+                                                25'000, 50'000, 100'000, 250'000, 500'000, 1'000'000};
+  void add(TimeUs us) {
+    std::size_t bucket = 0;
+    while (bucket < kUpTo.size() && us > kUpTo[bucket]) ++bucket;
+    ++counts[bucket];
+    sum_us += us;
+  }
+  std::array<std::uint64_t, kUpTo.size() + 1> counts{};  ///< The last: longer than all.
+  TimeUs sum_us = 0;
+};
+
 /// What happened so far, for /metrics. Owned by the event loop.
 struct Counters {
   std::uint64_t connections = 0;  ///< Open now, of all kinds.
@@ -40,6 +55,10 @@ struct Counters {
   /// Steps of viewers' ladders, by the rung that they led to: see Ladder::Step.
   std::map<std::string, std::uint64_t> ladder_down;
   std::map<std::string, std::uint64_t> ladder_up;
+  std::uint64_t kicked = 0;
+  std::uint64_t senders_replaced = 0;
+  LatencyBuckets latency;  ///< From when a pose was to leave (raw keys: came) to its first write.
+  LatencyBuckets hold;     ///< From a key's coming to when its feed let it go: the price of interpolation.
   std::uint64_t uploads = 0;
   std::uint64_t uploads_failed = 0;
   std::uint64_t uploads_now = 0;
@@ -66,6 +85,9 @@ struct Context {
   std::function<void()> schedule_changed;  ///< The hub's next_due_us() may be earlier than before.
   Counters counters{};
   std::unordered_set<Connection*> connections{};  ///< WebSockets that are open.
+  std::uint64_t last_connection_id = 0;
+  TimeUs started_us = 0;
+  std::function<void()> drain{};  ///< Begins to stop, as SIGTERM does.
   bool draining = false;
   TlsProvider tls{};  ///< Gives null: the data port is plain.
   std::vector<std::uint8_t> read_buffer = std::vector<std::uint8_t>(64 * 1024);  ///< Of whoever reads just now.

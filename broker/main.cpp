@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include <csignal>
 #include <cstdio>
 #include <ctime>
 #include <exception>
@@ -34,6 +35,13 @@ int token(int argc, char** argv, const std::vector<std::string_view>& environmen
   return std::fputs(end.out.c_str(), stdout) < 0 ? 1 : end.code;
 }
 
+/// A line each: the data port, then the admin port if there is one.
+std::string ports(const eigencast::broker::Broker& service) {
+  std::string text = std::to_string(service.port()) + "\n";
+  if (service.admin_port() != 0) text += std::to_string(service.admin_port()) + "\n";
+  return text;
+}
+
 int run(int argc, char** argv) {
   namespace broker = eigencast::broker;
   std::vector<std::string_view> environment;
@@ -49,7 +57,10 @@ int run(int argc, char** argv) {
 
   const broker::Config& config = options->loaded.config;
   const auto sink = broker::make_log_sink(config.log.level, config.log.format);
-  auto service = broker::Broker::create(config, EIGENCAST_VERSION, sink);
+  std::signal(SIGXFSZ, SIG_IGN);  // A limit on file sizes is a full disk to us, and no end.
+  const auto given = broker::service_manager::take_sockets();
+  if (!given) return complain(given.error(), kUsage);
+  auto service = broker::Broker::create(config, EIGENCAST_VERSION, sink, *given);
   if (!service)
     return complain(service.error(), service.error().code == eigencast::ErrorCode::kUnreachable ? kCannotListen : 1);
   (*service)->obey_signals([&options]() -> eigencast::Result<broker::Config> {
@@ -58,11 +69,12 @@ int run(int argc, char** argv) {
     return std::move(loaded->config);
   });
   if (!options->port_file.empty()) {
-    const auto written =
-        eigencast::write_file_atomically(options->port_file, std::to_string((*service)->port()) + "\n");
+    const auto written = eigencast::write_file_atomically(options->port_file, ports(**service));
     if (!written) return complain(written.error(), 1);
   }
-  eigencast::log(sink, eigencast::LogLevel::kInfo, "listening on port " + std::to_string((*service)->port()));
+  eigencast::log(sink, eigencast::LogLevel::kInfo,
+                 "listening on port " + std::to_string((*service)->port()) +
+                     ((*service)->admin_port() != 0 ? ", admin on " + std::to_string((*service)->admin_port()) : ""));
   (*service)->run();
   return 0;
 }

@@ -40,11 +40,6 @@ void tune(Socket& socket, const Config& config) {
     socket.set_option(Socket::send_buffer_size(static_cast<int>(config.sockets.send_buffer_bytes)), ignored);
 }
 
-/// Before the kernel has it: a viewer on this machine may read it before the call returns.
-void note_leaving(const Frame& frame) {
-  if (frame.times.left_us == 0) frame.times.left_us = steady_now_us();
-}
-
 ByteView bytes_of(const Outbox::Item& item) {
   if (item.frame) return item.frame->wire;
   return {reinterpret_cast<const std::uint8_t*>(item.text->data()), item.text->size()};
@@ -64,7 +59,8 @@ Connection::Connection(Context& context, Transport transport, GrantPtr grant,
 
 void Connection::start(std::string answer) {
   guarded([&] {
-    heard_us_ = context_.turn.now_us();
+    heard_us_ = opened_us_ = context_.turn.now_us();
+    id_ = ++context_.last_connection_id;
     open_ = true;
     ++context_.counters.connections;
     context_.connections.insert(this);
@@ -88,7 +84,7 @@ void Connection::guarded(Work work) {
 
 void Connection::log_failure(const std::exception& exception) noexcept {
   try {
-    log(context_.log, LogLevel::kError, label() + ": closed, the broker failed: " + exception.what());
+    log(context_.log, LogLevel::kError, name() + ": closed, the broker failed: " + exception.what());
   } catch (const std::exception&) {  // Not even memory for the line.
   }
 }
@@ -133,7 +129,7 @@ void Connection::on_event(const websocket::MessageReader::Event& event) {
   if (event.kind == Kind::kFailed) return on_broken(event);
   if (closing_) return;
   if (const auto taken = grant_->take_message(context_.turn.now_us()); !taken) {
-    log(context_.log, LogLevel::kWarning, label() + ": closed, " + taken.error().message);
+    log(context_.log, LogLevel::kWarning, name() + ": closed, " + taken.error().message);
     return refuse(taken.error(), {}, CloseCode::kPolicy);
   }
   if (event.kind == Kind::kText) return on_text(text());
@@ -154,7 +150,7 @@ void Connection::on_broken(const websocket::MessageReader::Event& event) {
     return;
   }
   const std::string why(event.why);
-  log(context_.log, LogLevel::kWarning, label() + ": closed, it sent " + why);
+  log(context_.log, LogLevel::kWarning, name() + ": closed, it sent " + why);
   if (event.code != CloseCode::kTooBig) return close_when_sent(why, event.code);
   refuse(fail(ErrorCode::kTooLarge, why + ": see section 11 of the protocol, and limits.max_control_bytes and "
                                           "limits.max_frame_bytes of this broker"),
@@ -175,7 +171,7 @@ void Connection::send_framed(std::string message) {
   if (closing_ || ended_) return;
   if (outbox_.push_control(std::make_shared<const std::string>(std::move(message)))) return flush();
   ++context_.counters.slow_disconnects;
-  log(context_.log, LogLevel::kWarning, label() + ": closed, it does not take its control messages");
+  log(context_.log, LogLevel::kWarning, name() + ": closed, it does not take its control messages");
   closing_ = true;
   close_code_ = CloseCode::kPolicy;
   cut_later();  // The owner may be in the middle of telling all its watchers something.
@@ -201,8 +197,7 @@ bool Connection::deliver_at_once(std::uint32_t stream_id, const FramePtr& frame)
   const iovec piece{const_cast<std::uint8_t*>(frame->wire.data()), frame->wire.size()};
   const Transport::Outcome outcome = transport_.write({&piece, 1});
   if (!outcome.error && outcome.bytes == frame->wire.size()) {
-    ++context_.counters.frames_sent;
-    context_.counters.frame_bytes_sent += outcome.bytes;
+    count_sent(outcome.bytes);
     return true;
   }
   left_in_part(frame, outcome);
@@ -298,6 +293,39 @@ void Connection::left(const Transport::Outcome& outcome) {
   });
 }
 
+void Connection::note_leaving(const Frame& frame) {
+  FrameTimes& times = frame.times;
+  if (times.left_us != 0) return;
+  times.left_us = steady_now_us();
+  const TimeUs from_us = times.due_us != 0 ? times.due_us : times.arrival_us;
+  if (from_us != 0) context_.counters.latency.add(times.left_us - from_us);
+  if (times.due_us != 0 && times.arrival_us != 0) context_.counters.hold.add(times.due_us - times.arrival_us);
+}
+
+std::string Connection::name() const {
+  return label() + " #" + std::to_string(id_);
+}
+
+void Connection::describe(ClientFacts& facts) const {
+  facts.id = id_;
+  facts.who = grant_->label();
+  facts.connected_us = context_.turn.now_us() - opened_us_;
+  facts.frames_sent = frames_sent_;
+  facts.bytes_sent = bytes_sent_;
+  facts.round_trip_us = outbox_.round_trip_us();
+  facts.acknowledges = outbox_.acknowledges();
+  facts.skipped = outbox_.skipped_total();
+  facts.joins = outbox_.joins_total();
+  facts.control_waiting = outbox_.control_messages();
+}
+
+void Connection::count_sent(std::size_t bytes) {
+  ++context_.counters.frames_sent;
+  context_.counters.frame_bytes_sent += bytes;
+  ++frames_sent_;
+  bytes_sent_ += bytes;
+}
+
 void Connection::drop_sent(std::size_t bytes) {
   std::size_t whole = 0;
   first_left_ += bytes;
@@ -307,8 +335,7 @@ void Connection::drop_sent(std::size_t bytes) {
     first_left_ -= size;
     due_bytes_ -= size;
     if (!due_[whole].frame) continue;
-    ++context_.counters.frames_sent;
-    context_.counters.frame_bytes_sent += size;
+    count_sent(size);
   }
   due_.erase(due_.begin(), due_.begin() + static_cast<std::ptrdiff_t>(whole));
 }
@@ -352,7 +379,7 @@ void Connection::refuse(const Error& error, const std::string& stream, CloseCode
 void Connection::refuse_text(const Error& error, const std::string& stream) {
   const bool unknown = error.code == ErrorCode::kUnsupported;
   if (unknown) return send(control::ErrorMessage{std::string(name_of(error.code)), error.message, stream});
-  log(context_.log, LogLevel::kWarning, label() + ": closed, " + error.message);
+  log(context_.log, LogLevel::kWarning, name() + ": closed, " + error.message);
   refuse(error, stream, error.code == ErrorCode::kTooLarge ? CloseCode::kTooBig : CloseCode::kBadPayload);
 }
 
@@ -380,7 +407,7 @@ void Connection::tick() {
   if (silent_us > idle_us) return cut_later();
   if (silent_us > idle_us / 2 && !std::exchange(pinged_, true)) send_framed(websocket::framed(Opcode::kPing, {}));
   if (!closing_ && grant_->has_expired(std::time(nullptr))) {
-    log(context_.log, LogLevel::kInfo, label() + ": closed, the token of " + grant_->label() + " has expired");
+    log(context_.log, LogLevel::kInfo, name() + ": closed, the token of " + grant_->label() + " has expired");
     return say_bye("the token has expired: connect with a new one", 0, CloseCode::kPolicy);
   }
   on_tick();

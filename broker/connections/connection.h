@@ -9,6 +9,7 @@
 #include "broker/connections/transport.h"
 #include "broker/connections/turn.h"
 #include "broker/context.h"
+#include "broker/operation/client_facts.h"
 #include "broker/relay/outbox.h"
 #include "broker/websocket/reader.h"
 
@@ -31,6 +32,12 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
 
   /// Sends "bye", then closes with `code`; what the peer does not take within timeouts.shutdown_ms is cut off.
   void say_bye(const std::string& reason, std::uint32_t retry_after_ms, websocket::CloseCode code);
+
+  /// What the admin API tells of it.
+  virtual void describe(ClientFacts& facts) const;
+  std::uint64_t id() const { return id_; }
+  /// For logs: what it is, and its number in this run, as the admin API gives it.
+  std::string name() const;
 
   /// Called once a second: pings the silent, cuts off the dead, sends away whose token has run out.
   void tick();
@@ -94,6 +101,9 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
   void left_in_part(const FramePtr& frame, const Transport::Outcome& outcome);
   void gather();
   void drop_sent(std::size_t bytes);
+  /// Before the kernel has it: a viewer on this machine may read it before the call returns.
+  void note_leaving(const Frame& frame);
+  void count_sent(std::size_t bytes);
   void block(Transport::Wait wait);
   void all_left();
   void cut();
@@ -115,6 +125,10 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
   std::string close_reason_;
   std::unique_ptr<Timer> deadline_;  ///< Of closing.
   TimeUs heard_us_ = 0;
+  TimeUs opened_us_ = 0;
+  std::uint64_t id_ = 0;
+  std::uint64_t frames_sent_ = 0;
+  std::uint64_t bytes_sent_ = 0;
   websocket::CloseCode close_code_ = websocket::CloseCode::kNormal;
   bool pinged_ = false;  ///< Since it was heard last.
   bool open_ = false;

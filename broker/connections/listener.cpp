@@ -30,6 +30,20 @@ Result<void> Listener::open(const Address& address) {
   return {};
 }
 
+Result<void> Listener::adopt(int listening) {
+  sockaddr_storage address{};
+  socklen_t length = sizeof address;
+  ErrorOf error;
+  const bool known = ::getsockname(listening, reinterpret_cast<sockaddr*>(&address), &length) == 0;
+  if (known) acceptor_.assign(address.ss_family == AF_INET6 ? Tcp::v6() : Tcp::v4(), listening, error);
+  if (!known || error) {
+    return fail(ErrorCode::kUnreachable, "the socket that was handed over cannot be used: " + error.message());
+  }
+  port_ = acceptor_.local_endpoint(error).port();
+  accept();
+  return {};
+}
+
 void Listener::close() {
   ErrorOf ignored;
   acceptor_.close(ignored);

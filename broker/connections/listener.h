@@ -21,7 +21,10 @@ class Listener {
 
   /// Errors: kUnreachable (the message names the address and the cause).
   Result<void> open(const Address& address);
+  /// The same on a socket that listens already, which it takes over.
+  Result<void> adopt(int listening);
   void close();
+  bool is_open() const { return acceptor_.is_open(); }
   std::uint16_t port() const { return port_; }
 
  private:

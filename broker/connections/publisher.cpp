@@ -25,13 +25,27 @@ void Publisher::on_open() {
   greet();
   const auto stream = context().hub.open(name_);
   if (!stream) return refuse(stream.error(), name_, CloseCode::kTryAgainLater);
-  if (auto claimed = (*stream)->claim(*this); !claimed) {
-    log(context().log, LogLevel::kWarning, label() + ": refused, the stream has a sender");
+  const bool replace = context().config.streams.second_sender == "replace";
+  if (auto claimed = (*stream)->claim(*this, replace); !claimed) {
+    log(context().log, LogLevel::kWarning, name() + ": refused, the stream has a sender");
     return refuse(claimed.error(), name_, CloseCode::kPolicy);
   }
   stream_ = *stream;
-  log(context().log, LogLevel::kInfo, label() + ": connected");
+  log(context().log, LogLevel::kInfo, name() + ": connected");
   watchers_ = stream_->watchers();
+}
+
+void Publisher::on_replaced() {
+  stream_ = nullptr;
+  ++context().counters.senders_replaced;
+  log(context().log, LogLevel::kWarning, name() + ": another sender takes its place");
+  say_bye("another sender has taken this stream over", 0, CloseCode::kReplaced);
+}
+
+void Publisher::describe(ClientFacts& facts) const {
+  Connection::describe(facts);
+  facts.kind = ClientFacts::Kind::kSender;
+  facts.streams.push_back({name_, {}, 0});
 }
 
 void Publisher::on_text(std::string_view text) {
@@ -49,7 +63,7 @@ void Publisher::on_text(std::string_view text) {
 void Publisher::on_announce(const control::Announce& announce) {
   if (stream_ == nullptr) return;
   const auto answer = [&](const Error& error) {
-    log(context().log, LogLevel::kWarning, label() + ": announcement refused, " + error.message);
+    log(context().log, LogLevel::kWarning, name() + ": announcement refused, " + error.message);
     send(control::ErrorMessage{std::string(name_of(error.code)), error.message, name_});
   };
   if (auto ok = check_format(announce.format); !ok) return answer(ok.error());
@@ -65,7 +79,7 @@ void Publisher::on_announce(const control::Announce& announce) {
   if (!epoch) return answer(epoch.error());
   if (auto begun = stream_->announce(announce, *epoch); !begun) return answer(begun.error());
   log(context().log, LogLevel::kInfo,
-      label() + ": epoch " + std::to_string(*epoch) + ", asset " + announce.asset.substr(0, 12) + ", " +
+      name() + ": epoch " + std::to_string(*epoch) + ", asset " + announce.asset.substr(0, 12) + ", " +
           std::to_string(announce.format.rows) + " coefficients, " + announce.format.codec);
   send(control::Announced{name_, stream_->id(), *epoch});
   tell_count();
@@ -76,7 +90,7 @@ void Publisher::on_binary(ByteView message) {
   if (stream_ == nullptr) return;
   if (auto added = stream_->take_frame(message, context().turn.now_us()); !added) {
     ++context().counters.frames_refused;
-    log(context().log, LogLevel::kWarning, label() + ": closed, " + added.error().message);
+    log(context().log, LogLevel::kWarning, name() + ": closed, " + added.error().message);
     return refuse(added.error(), name_, CloseCode::kPolicy);
   }
   ++context().counters.frames_received;
@@ -113,7 +127,7 @@ void Publisher::on_closed() {
   Stream* stream = std::exchange(stream_, nullptr);
   stream->release(*this);
   context().hub.left(*stream);
-  log(context().log, LogLevel::kInfo, label() + ": gone");
+  log(context().log, LogLevel::kInfo, name() + ": gone");
 }
 
 }  // namespace eigencast::broker

@@ -14,6 +14,8 @@ class Publisher final : public Connection, public PublisherLink {
   Publisher(Context& context, Transport transport, GrantPtr grant, std::string stream_name);
 
   void on_watcher_count(std::uint32_t count) override;
+  void on_replaced() override;
+  void describe(ClientFacts& facts) const override;
 
  private:
   void on_open() override;

@@ -20,6 +20,15 @@ std::string Subscriber::label() const {
   return first_ ? "viewer of '" + first_->stream + "'" : "viewer";
 }
 
+void Subscriber::describe(ClientFacts& facts) const {
+  Connection::describe(facts);
+  facts.kind = ClientFacts::Kind::kViewer;
+  for (const auto& [id, watched] : streams_) {
+    const Stream& stream = *watched.stream;
+    facts.streams.push_back({stream.name(), query_from_profile(stream.info_for(*this).profile), watched.ladder.rung()});
+  }
+}
+
 void Subscriber::on_open() {
   greet();
   if (first_) subscribe(*first_);

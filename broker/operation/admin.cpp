@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "broker/operation/admin.h"
 
+#include <algorithm>
 #include <boost/beast/core/flat_buffer.hpp>
 #include <boost/beast/http/empty_body.hpp>
 #include <boost/beast/http/parser.hpp>
@@ -9,10 +10,15 @@
 #include <boost/beast/http/write.hpp>
 #include <ctime>
 #include <memory>
+#include <random>
+#include <string>
 #include <utility>
 
+#include "broker/connections/connection.h"
 #include "broker/http/access_facts.h"
 #include "broker/http/http_target.h"
+#include "broker/operation/metrics.h"
+#include "broker/operation/report.h"
 
 namespace eigencast::broker {
 namespace {
@@ -39,38 +45,18 @@ class AdminSession : public std::enable_shared_from_this<AdminSession> {
   }
 
  private:
+  using Status = http::status;
+
   void answer() {
-    const std::string target(parser_.get().target());
-    const bool reads = parser_.get().method() == http::verb::get || parser_.get().method() == http::verb::head;
     response_.version(11);
     response_.keep_alive(false);
-    response_.set(http::field::content_type, "text/plain; charset=utf-8");
-    const bool health = target == "/livez" || target == "/readyz";
-    const auto denied = health ? std::nullopt
-                               : context_.gate.admit_admin(access_request_from(parser_.get(), peer_of(socket_), {}),
-                                                           Gate::AdminAsk::kRead, steady_now_us(), std::time(nullptr));
-    if (denied) {
-      response_.result(static_cast<unsigned>(denied->status));
-      if (denied->status == 401) response_.set(http::field::www_authenticate, "Bearer realm=\"eigencast\"");
-      if (denied->retry_after_s > 0) response_.set(http::field::retry_after, std::to_string(denied->retry_after_s));
-      response_.body() = denied->message + "\n";
-    } else if (!reads) {
-      response_.result(http::status::method_not_allowed);
-      response_.set(http::field::allow, "GET, HEAD");
-    } else if (target == "/livez") {
-      response_.body() = "alive\n";
-    } else if (target == "/readyz") {
-      if (context_.draining) response_.result(http::status::service_unavailable);
-      response_.body() = context_.draining ? "stopping\n" : "ready\n";
-    } else if (target == "/version") {
-      response_.body() = "eigencast-broker " + context_.version + "\n";
-    } else if (target == "/metrics") {
-      response_.set(http::field::content_type, "text/plain; version=0.0.4; charset=utf-8");
-      response_.body() = metrics_text(context_);
-    } else {
-      response_.result(http::status::not_found);
-      response_.body() = "see /livez /readyz /version /metrics\n";
-    }
+    response_.set(http::field::cache_control, "no-store");
+    response_.set("X-Content-Type-Options", "nosniff");
+    const std::string target(parser_.get().target());
+    const auto question = target.find('?');
+    path_ = target.substr(0, question);
+    query_ = question == std::string::npos ? std::string() : target.substr(question + 1);
+    if (admitted()) route();
     response_.prepare_payload();
     if (parser_.get().method() == http::verb::head) response_.body().clear();
     http::async_write(socket_, response_, [self = shared_from_this()](ErrorOf, std::size_t) {
@@ -80,62 +66,147 @@ class AdminSession : public std::enable_shared_from_this<AdminSession> {
     });
   }
 
+  bool reads() const { return parser_.get().method() == http::verb::get || parser_.get().method() == http::verb::head; }
+
+  bool admitted() {
+    if (path_ == "/livez" || path_ == "/readyz") return true;
+    const auto ask = reads() ? Gate::AdminAsk::kRead : Gate::AdminAsk::kControl;
+    auto denied = context_.gate.admit_admin(access_request_from(parser_.get(), peer_of(socket_), {}), ask,
+                                            steady_now_us(), std::time(nullptr));
+    // A page of another site must not control the broker through the browser of whoever may.
+    if (!denied && !reads() && parser_.get().count(http::field::origin) > 0 && !same_origin()) {
+      denied = Denial{403, "the admin API takes no orders from pages of another origin", 0, false};
+    }
+    if (!denied) return true;
+    say(static_cast<Status>(denied->status), denied->message);
+    if (denied->status == 401) response_.set(http::field::www_authenticate, "Bearer realm=\"eigencast\"");
+    if (denied->retry_after_s > 0) response_.set(http::field::retry_after, std::to_string(denied->retry_after_s));
+    return false;
+  }
+
+  bool same_origin() const {
+    const std::string origin(parser_.get()[http::field::origin]);
+    const auto host = origin.find("://");
+    return host != std::string::npos && origin.substr(host + 3) == std::string(parser_.get()[http::field::host]);
+  }
+
+  void say(Status status, const std::string& text) {
+    response_.result(status);
+    response_.set(http::field::content_type, "text/plain; charset=utf-8");
+    response_.body() = text + "\n";
+  }
+  void say_json(std::string text) {
+    response_.set(http::field::content_type, "application/json");
+    response_.body() = std::move(text);
+  }
+  void say_result(const Result<void>& result) {
+    if (result) return say_json("{}\n");
+    response_.result(result.error().code == ErrorCode::kNotFound ? Status::not_found : Status::conflict);
+    say_json("{\"error\":" + json_quoted(name_of(result.error().code)) +
+             ",\"message\":" + json_quoted(result.error().message) + "}\n");
+  }
+
+  void route() {
+    if (reads()) return route_read();
+    if (parser_.get().method() == http::verb::post) return route_order();
+    say(Status::method_not_allowed, "the admin port takes GET, HEAD and POST");
+    response_.set(http::field::allow, "GET, HEAD, POST");
+  }
+
+  void route_read() {
+    if (path_ == "/livez") return say(Status::ok, "alive");
+    if (path_ == "/readyz") {
+      return context_.draining ? say(Status::service_unavailable, "stopping") : say(Status::ok, "ready");
+    }
+    if (path_ == "/version") return say(Status::ok, "eigencast-broker " + context_.version);
+    if (path_ == "/metrics") {
+      response_.set(http::field::content_type, "text/plain; version=0.0.4; charset=utf-8");
+      response_.body() = metrics_text(context_);
+      return;
+    }
+    if (path_ == "/") return say_page();
+    if (path_ == "/api/broker") return say_json(broker_report(context_));
+    if (path_ == "/api/streams") return say_json(streams_report(context_));
+    if (path_ == "/api/clients") return say_json(clients_report(context_));
+    if (path_ == "/api/recordings") return say_json(recordings_report(context_));
+    say(Status::not_found,
+        "see / /livez /readyz /version /metrics /api/broker /api/streams /api/clients /api/recordings");
+  }
+
+  void say_page() {
+    std::random_device random;
+    std::string nonce;
+    for (int i = 0; i < 32; ++i) nonce += "0123456789abcdef"[random() & 15];
+    response_.set(http::field::content_type, "text/html; charset=utf-8");
+    response_.set("Content-Security-Policy",
+                  "default-src 'none'; connect-src 'self'; base-uri 'none'; form-action 'none'; "
+                  "frame-ancestors 'none'; script-src 'nonce-" +
+                      nonce + "'; style-src 'nonce-" + nonce + "'");
+    response_.body() = status_page(nonce);
+  }
+
+  void route_order() {
+    if (path_ == "/api/drain") {
+      log(context_.log, LogLevel::kInfo, "told through the admin port to drain");
+      context_.drain();
+      return say_result({});
+    }
+    if (path_ == "/api/clients/kick") return say_result(kick());
+    const std::string stream = parameter("stream");
+    if (path_ == "/api/recordings/start" || path_ == "/api/recordings/stop") {
+      if (auto name = check_stream_name(stream); !name) {
+        return say_result(fail(ErrorCode::kInvalidArgument, "?stream=NAME: " + name.error().message));
+      }
+      return say_result(path_ == "/api/recordings/start" ? context_.recorder.start(stream)
+                                                         : context_.recorder.stop(stream));
+    }
+    say(Status::not_found,
+        "see POST /api/drain /api/clients/kick?id=N /api/recordings/start?stream=NAME "
+        "/api/recordings/stop?stream=NAME");
+  }
+
+  Result<void> kick() {
+    const std::string id = parameter("id");
+    for (Connection* connection : context_.connections) {
+      if (std::to_string(connection->id()) != id) continue;
+      log(context_.log, LogLevel::kWarning, connection->name() + ": closed through the admin port");
+      ++context_.counters.kicked;
+      connection->say_bye("closed by the operator", 0, websocket::CloseCode::kPolicy);
+      return {};
+    }
+    return fail(ErrorCode::kNotFound, "?id=N: there is no client '" + id + "', see /api/clients");
+  }
+
+  /// Of the query; names of streams and numbers need no decoding but that of '/'.
+  std::string parameter(const std::string& name) const {
+    for (std::size_t at = 0; at < query_.size();) {
+      const std::size_t end = std::min(query_.find('&', at), query_.size());
+      if (query_.compare(at, name.size() + 1, name + "=") == 0) {
+        std::string value = query_.substr(at + name.size() + 1, end - at - name.size() - 1);
+        for (auto slash = value.find("%2F"); slash != std::string::npos; slash = value.find("%2F")) {
+          value.replace(slash, 3, "/");
+        }
+        return value;
+      }
+      at = end + 1;
+    }
+    return {};
+  }
+
   Context& context_;
   Socket socket_;
   Timer timer_;
   beast::flat_buffer buffer_;
   http::request_parser<http::empty_body> parser_;
   http::response<http::string_body> response_;
+  std::string path_;
+  std::string query_;
 };
-
-void metric(std::string& out, std::string_view name, std::string_view type, std::string_view help,
-            std::uint64_t value) {
-  const std::string full = "eigencast_broker_" + std::string(name);
-  out += "# HELP " + full + " " + std::string(help) + "\n# TYPE " + full + " " + std::string(type) + "\n";
-  out += full + " " + std::to_string(value) + "\n";
-}
 
 }  // namespace
 
 void serve_admin(Context& context, Socket socket) {
   std::make_shared<AdminSession>(context, std::move(socket))->start();
-}
-
-std::string metrics_text(const Context& context) {
-  const Counters& counters = context.counters;
-  std::uint64_t live = 0;
-  std::uint64_t watchers = 0;
-  std::uint64_t failed = 0;
-  for (const Stream* stream : context.hub.streams()) {
-    live += stream->state() == control::StreamInfo::State::kLive ? 1 : 0;
-    watchers += stream->watchers();
-    failed += stream->poses_failed();
-  }
-  std::string out;
-  metric(out, "connections", "gauge", "Open connections of the data port.", counters.connections);
-  metric(out, "connections_total", "counter", "Connections accepted on the data port.", counters.connections_total);
-  metric(out, "connections_refused_total", "counter", "Connections over limits.max_connections.",
-         counters.connections_refused);
-  metric(out, "streams", "gauge", "Streams known.", context.hub.size());
-  metric(out, "streams_live", "gauge", "Streams with a sender.", live);
-  metric(out, "subscriptions", "gauge", "Streams watched, summed over connections.", watchers);
-  metric(out, "frames_received_total", "counter", "Frames taken from senders.", counters.frames_received);
-  metric(out, "frames_refused_total", "counter", "Frames of senders that broke the protocol.", counters.frames_refused);
-  metric(out, "frames_sent_total", "counter", "Frames sent to viewers.", counters.frames_sent);
-  metric(out, "frame_bytes_sent_total", "counter", "Bytes of those frames.", counters.frame_bytes_sent);
-  metric(out, "frames_skipped_total", "counter", "Frames replaced by newer ones before they left.",
-         counters.frames_skipped);
-  metric(out, "poses_failed", "gauge", "Poses beyond the codec's range, summed over the streams known.", failed);
-  metric(out, "joins_sent_total", "counter", "Join frames sent.", counters.joins_sent);
-  metric(out, "control_received_total", "counter", "Control messages received.", counters.control_received);
-  metric(out, "control_sent_total", "counter", "Control messages sent.", counters.control_sent);
-  metric(out, "slow_disconnects_total", "counter", "Connections closed because control messages piled up.",
-         counters.slow_disconnects);
-  metric(out, "uploads_total", "counter", "Assets taken.", counters.uploads);
-  metric(out, "uploads_failed_total", "counter", "Uploads refused or cut off.", counters.uploads_failed);
-  metric(out, "downloads_total", "counter", "Assets served, whole or in part.", counters.downloads);
-  metric(out, "asset_bytes", "gauge", "Bytes in the asset store.", context.assets.total_bytes());
-  return out;
 }
 
 }  // namespace eigencast::broker

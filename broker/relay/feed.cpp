@@ -141,6 +141,7 @@ void Feed::emit_key(KeyRecordPtr record, std::uint8_t flags, std::vector<FramePt
   head.flags = flags;
   if (head.bands == record->bands) {
     out.push_back(make_frame(head, record->payload));
+    out.back()->times.arrival_us = record->arrival_us;
   } else if (const auto cut = cut_bands(source_.layout, record->join, record->bands, mask_, record->payload)) {
     out.push_back(make_frame(head, *cut));
   } else {

@@ -11,8 +11,9 @@ namespace eigencast::broker {
 
 /// When the stages of a frame's life in the broker happened, for traces; 0: did not.
 struct FrameTimes {
-  TimeUs due_us = 0;   ///< It was held until then.
-  TimeUs left_us = 0;  ///< It was handed to the first viewer's socket.
+  TimeUs arrival_us = 0;  ///< Of keys: it came from the sender then.
+  TimeUs due_us = 0;      ///< It was held until then.
+  TimeUs left_us = 0;     ///< It was handed to the first viewer's socket.
 };
 
 /// One encoded pose as it leaves: made and framed once, then shared by every subscriber of its profile and never

@@ -42,7 +42,12 @@ control::StreamInfo::State Stream::state() const {
   return publishing_ ? control::StreamInfo::State::kLive : control::StreamInfo::State::kStalled;
 }
 
-Result<void> Stream::claim(PublisherLink& link) {
+Result<void> Stream::claim(PublisherLink& link, bool replace) {
+  if (publisher_ != nullptr && replace) {
+    PublisherLink* before = publisher_;
+    release(*before);
+    before->on_replaced();
+  }
   if (publisher_ != nullptr) {
     return fail(ErrorCode::kRefused,
                 "stream '" + name_ +

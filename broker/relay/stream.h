@@ -39,6 +39,8 @@ class PublisherLink {
  public:
   virtual ~PublisherLink() = default;
   virtual void on_watcher_count(std::uint32_t count) = 0;
+  /// It is no longer the sender: another one has claimed the stream. Must not touch the stream.
+  virtual void on_replaced() {}
 };
 
 /// One stream: its publisher, its key chain, and a feed per profile that somebody watches.
@@ -59,8 +61,8 @@ class Stream {
   Stream(const Stream&) = delete;
   Stream& operator=(const Stream&) = delete;
 
-  /// Makes `link` the publisher. Errors: kRefused while another one is there.
-  Result<void> claim(PublisherLink& link);
+  /// Makes `link` the publisher. Another one that is there is sent away if `replace`. Errors: kRefused otherwise.
+  Result<void> claim(PublisherLink& link, bool replace = false);
   /// The publisher is gone: the stream stalls and its last pose is held. Ignored from anyone else.
   void release(PublisherLink& link);
 

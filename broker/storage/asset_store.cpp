@@ -24,7 +24,7 @@ namespace fs = std::filesystem;
 
 Error io_error(const std::string& what, int number) {
   std::string message = what + ": " + std::generic_category().message(number);
-  if (number == ENOSPC || number == EDQUOT) message += ": free some space in the broker's data folder";
+  if (number == ENOSPC || number == EDQUOT || number == EFBIG) message += ": free some space in the broker's data folder";
   return fail(ErrorCode::kIo, std::move(message));
 }
 

@@ -1,0 +1,197 @@
+// SPDX-License-Identifier: MIT
+#include "broker/operation/metrics.h"
+
+#include <dirent.h>
+#include <prometheus/collectable.h>
+#include <prometheus/metric_family.h>
+#include <prometheus/text_serializer.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <fstream>
+#include <limits>
+#include <utility>
+#include <vector>
+
+namespace eigencast::broker {
+namespace {
+
+using prometheus::ClientMetric;
+using prometheus::MetricFamily;
+using prometheus::MetricType;
+using Labels = std::vector<ClientMetric::Label>;
+
+/// The broker as a Collectable: what the loop counts in plain integers becomes metrics only when somebody asks.
+class BrokerMetrics final : public prometheus::Collectable {
+ public:
+  explicit BrokerMetrics(const Context& context) : context_(context) {}
+
+  std::vector<MetricFamily> Collect() const override {
+    families_.clear();
+    connections();
+    streams();
+    frames();
+    storage();
+    recordings();
+    process();
+    return std::move(families_);
+  }
+
+ private:
+  MetricFamily& family(const std::string& name, MetricType type, const char* help) const {
+    families_.push_back({name, help, type, {}});
+    return families_.back();
+  }
+  static void add(MetricFamily& family, double value, Labels labels = {}) {
+    ClientMetric metric;
+    metric.label = std::move(labels);
+    metric.counter.value = metric.gauge.value = value;
+    family.metric.push_back(std::move(metric));
+  }
+  void gauge(const char* name, const char* help, double value) const {
+    add(family(std::string("eigencast_broker_") + name, MetricType::Gauge, help), value);
+  }
+  void gauge(const char* name, const char* help, std::uint64_t value) const {
+    gauge(name, help, static_cast<double>(value));
+  }
+  void counter(const char* name, const char* help, std::uint64_t value) const {
+    add(family(std::string("eigencast_broker_") + name, MetricType::Counter, help), static_cast<double>(value));
+  }
+  void histogram(const char* name, const char* help, const LatencyBuckets& from) const {
+    ClientMetric metric;
+    std::uint64_t count = 0;
+    for (std::size_t i = 0; i < from.counts.size(); ++i) {
+      count += from.counts[i];
+      const double bound = i < LatencyBuckets::kUpTo.size() ? static_cast<double>(LatencyBuckets::kUpTo[i]) / 1e6
+                                                            : std::numeric_limits<double>::infinity();
+      metric.histogram.bucket.push_back({count, bound});
+    }
+    metric.histogram.sample_count = count;
+    metric.histogram.sample_sum = static_cast<double>(from.sum_us) * 1e-6;
+    family(std::string("eigencast_broker_") + name, MetricType::Histogram, help).metric.push_back(std::move(metric));
+  }
+
+  void connections() const {
+    const Counters& counters = context_.counters;
+    add(family("eigencast_broker_build_info", MetricType::Gauge, "Always 1; the version is a label."), 1,
+        {{"version", context_.version}});
+    gauge("draining", "1 while the broker stops.", std::uint64_t{context_.draining});
+    gauge("connections", "Open connections of the data port.", counters.connections);
+    counter("connections_total", "Connections accepted on the data port.", counters.connections_total);
+    counter("connections_refused_total", "Connections over limits.max_connections.", counters.connections_refused);
+    counter("requests_denied_total", "Requests turned away for want of rights, or over a limit.",
+            context_.gate.denied());
+    counter("slow_disconnects_total", "Connections closed because control messages piled up.",
+            counters.slow_disconnects);
+    counter("kicked_total", "Connections closed through the admin API.", counters.kicked);
+    counter("control_received_total", "Control messages received.", counters.control_received);
+    counter("control_sent_total", "Control messages sent.", counters.control_sent);
+  }
+
+  void streams() const {
+    std::uint64_t states[3] = {0, 0, 0};
+    std::uint64_t watchers = 0;
+    std::uint64_t failed = 0;
+    for (const Stream* stream : context_.hub.streams()) {
+      ++states[static_cast<std::size_t>(stream->state())];
+      watchers += stream->watchers();
+      failed += stream->poses_failed();
+    }
+    auto& known = family("eigencast_broker_streams", MetricType::Gauge, "Streams known, by state.");
+    for (std::size_t i = 0; i < 3; ++i) {
+      const auto state = static_cast<control::StreamInfo::State>(i);
+      add(known, static_cast<double>(states[i]), {{"state", std::string(name_of(state))}});
+    }
+    gauge("subscriptions", "Streams watched, summed over connections.", watchers);
+    gauge("poses_failed", "Poses beyond the codec's range, summed over the streams known.", failed);
+    counter("senders_replaced_total", "Senders that another one took the place of.",
+            context_.counters.senders_replaced);
+  }
+
+  void frames() const {
+    const Counters& counters = context_.counters;
+    counter("frames_received_total", "Frames taken from senders.", counters.frames_received);
+    counter("frames_refused_total", "Frames of senders that broke the protocol.", counters.frames_refused);
+    counter("frames_sent_total", "Frames sent to viewers.", counters.frames_sent);
+    counter("frame_bytes_sent_total", "Bytes of those frames.", counters.frame_bytes_sent);
+    counter("frames_skipped_total", "Frames replaced by newer ones before they left.", counters.frames_skipped);
+    counter("joins_sent_total", "Join frames sent: viewers that came, or had missed something.", counters.joins_sent);
+    auto& steps = family("eigencast_broker_ladder_steps_total", MetricType::Counter,
+                         "Profiles changed for links that take less or more, by where the step led.");
+    for (const char* rung : {"asked", "compact", "raw", "fewer-bands"}) {
+      for (const auto& [direction, taken] :
+           {std::pair("down", &counters.ladder_down), std::pair("up", &counters.ladder_up)}) {
+        const auto found = taken->find(rung);
+        add(steps, found == taken->end() ? 0 : static_cast<double>(found->second),
+            {{"direction", direction}, {"rung", rung}});
+      }
+    }
+    histogram("frame_delay_seconds", "From when a pose was to leave (a raw key: had come) to its first write.",
+              counters.latency);
+    histogram("key_hold_seconds", "From a key's coming to when interpolation let it go.", counters.hold);
+  }
+
+  void storage() const {
+    const Counters& counters = context_.counters;
+    gauge("asset_bytes", "Bytes in the asset store, uploads under way included.", context_.assets.total_bytes());
+    gauge("asset_quota_bytes", "assets.max_total_bytes.", context_.assets.settings().max_total_bytes);
+    gauge("asset_objects", "Objects in the asset store.", std::uint64_t{context_.assets.objects()});
+    counter("assets_evicted_total", "Objects removed to make room.", context_.assets.evicted());
+    gauge("uploads", "Uploads under way.", counters.uploads_now);
+    counter("uploads_total", "Assets taken.", counters.uploads);
+    counter("uploads_failed_total", "Uploads refused or cut off.", counters.uploads_failed);
+    counter("upload_bytes_total", "Bytes of uploads received.", counters.upload_bytes);
+    counter("downloads_total", "Assets served, whole or in part.", counters.downloads);
+    counter("download_bytes_total", "Bytes of assets sent.", counters.download_bytes);
+  }
+
+  void recordings() const {
+    const Recorder::Totals totals = context_.recorder.totals();
+    gauge("recordings_active", "Streams being recorded, or waited for.", totals.active);
+    counter("recordings_failed_total", "Recordings that the disk ended.", totals.failed);
+    counter("recorded_frames_total", "Frames recorded.", totals.frames);
+    counter("recorded_bytes_total", "Bytes written into recordings.", totals.bytes);
+    counter("recording_frames_lost_total", "Frames left out of recordings because the disk was behind.", totals.lost);
+    gauge("recording_queue_bytes", "Waiting for the disk.", totals.queued_bytes);
+    gauge("recording_stored_bytes", "All recordings on the disk.", totals.stored_bytes);
+  }
+
+  void process() const {
+    rusage used{};
+    getrusage(RUSAGE_SELF, &used);
+    const auto seconds = [](const timeval& time) {
+      return static_cast<double>(time.tv_sec) + static_cast<double>(time.tv_usec) * 1e-6;
+    };
+    add(family("process_cpu_seconds_total", MetricType::Counter, "CPU time, user and system."),
+        seconds(used.ru_utime) + seconds(used.ru_stime));
+    double pages = 0, resident = 0;
+    std::ifstream("/proc/self/statm") >> pages >> resident;
+    const auto page = static_cast<double>(::sysconf(_SC_PAGESIZE));
+    add(family("process_resident_memory_bytes", MetricType::Gauge, "Memory in use."), resident * page);
+    add(family("process_virtual_memory_bytes", MetricType::Gauge, "Address space in use."), pages * page);
+    double descriptors = 0;
+    if (DIR* folder = ::opendir("/proc/self/fd")) {
+      while (::readdir(folder) != nullptr) ++descriptors;
+      ::closedir(folder);
+      descriptors -= 3;  // ".", ".." and the folder itself.
+    }
+    add(family("process_open_fds", MetricType::Gauge, "File descriptors in use."), descriptors);
+    rlimit most{};
+    getrlimit(RLIMIT_NOFILE, &most);
+    add(family("process_max_fds", MetricType::Gauge, "File descriptors that may be in use."),
+        static_cast<double>(most.rlim_cur));
+    gauge("uptime_seconds", "Since the broker started.",
+          static_cast<double>(steady_now_us() - context_.started_us) * 1e-6);
+  }
+
+  const Context& context_;
+  mutable std::vector<MetricFamily> families_;
+};
+
+}  // namespace
+
+std::string metrics_text(const Context& context) {
+  return prometheus::TextSerializer().Serialize(BrokerMetrics(context).Collect());
+}
+
+}  // namespace eigencast::broker

@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: MIT
+#include "broker/operation/service_manager.h"
+
+#include <sys/socket.h>
+#include <systemd/sd-daemon.h>
+
+#include <cstdlib>
+#include <string_view>
+
+namespace eigencast::broker::service_manager {
+
+Result<GivenSockets> take_sockets() {
+  char** names = nullptr;
+  const int count = sd_listen_fds_with_names(1, &names);
+  GivenSockets given;
+  Result<GivenSockets> result(given);
+  for (int i = 0; i < count; ++i) {
+    const int fd = SD_LISTEN_FDS_START + i;
+    const std::string_view name = names != nullptr ? names[i] : "";
+    if (sd_is_socket(fd, AF_UNSPEC, SOCK_STREAM, 1) <= 0) {
+      result = fail(ErrorCode::kInvalidArgument,
+                    "the socket '" + std::string(name) + "' that was handed over does not listen for TCP");
+    } else if (name == "admin") {
+      given.admin = fd;
+    } else if (name == "data" || (count == 1 && (name.empty() || name == "unknown"))) {
+      given.data = fd;
+    } else {
+      result = fail(ErrorCode::kInvalidArgument, "a socket named '" + std::string(name) +
+                                                     "' was handed over: name it data or admin (FileDescriptorName=)");
+    }
+  }
+  for (int i = 0; names != nullptr && i < count; ++i) std::free(names[i]);
+  std::free(names);
+  if (result) result = given;
+  return result;
+}
+
+void ready(const std::string& status) {
+  sd_notify(0, ("READY=1\nSTATUS=" + status).c_str());
+}
+
+void reloading(TimeUs now_us) {
+  sd_notify(0, ("RELOADING=1\nMONOTONIC_USEC=" + std::to_string(now_us)).c_str());
+}
+
+void stopping() {
+  sd_notify(0, "STOPPING=1");
+}
+
+void status(const std::string& status) {
+  sd_notify(0, ("STATUS=" + status).c_str());
+}
+
+void alive() {
+  sd_notify(0, "WATCHDOG=1");
+}
+
+std::optional<TimeUs> watchdog_us() {
+  std::uint64_t period_us = 0;
+  if (sd_watchdog_enabled(0, &period_us) <= 0) return std::nullopt;
+  return static_cast<TimeUs>(period_us);
+}
+
+}  // namespace eigencast::broker::service_manager
