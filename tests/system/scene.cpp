@@ -10,8 +10,9 @@
 namespace eigencast::testing {
 namespace {
 
-std::string program(const std::string& name) { return std::string(EIGENCAST_BIN_DIR) + "/" + name; }
-
+std::string program(const std::string& name) {
+  return name.starts_with("/") ? name : std::string(EIGENCAST_BIN_DIR) + "/" + name;
+}
 std::string text_of(const std::string& path) {
   std::ifstream in(path);
   std::ostringstream text;
@@ -35,17 +36,18 @@ Scene::Scene() {
   if (std::getenv("EIGENCAST_CACHE") == nullptr) setenv("EIGENCAST_CACHE", folder_.file("cache").c_str(), 1);
 }
 
-std::unique_ptr<Process> Scene::start_broker() {
+std::unique_ptr<Process> Scene::start_broker(std::vector<std::string> more, std::vector<std::string> wrapper) {
   const std::string port_file = file("port");
   std::filesystem::remove(port_file);
-  auto broker = std::make_unique<Process>(
-      std::vector<std::string>{program("eigencast-broker"), "--listen", "127.0.0.1:" + port_, "--port-file", port_file, "--data-dir",
-                               file("assets")},
-      file("broker.log"));
+  std::vector<std::string> all = std::move(wrapper);
+  all.insert(all.end(), {program("eigencast-broker"), "--listen", "127.0.0.1:" + port_, "--admin-listen", "127.0.0.1:0",
+                         "--port-file", port_file, "--data-dir", file("assets")});
+  all.insert(all.end(), more.begin(), more.end());
+  auto broker = std::make_unique<Process>(std::move(all), file("broker.log"));
   if (!eventually([&] { return std::filesystem::exists(port_file) || !broker->running(); }) || !broker->running()) {
     throw std::runtime_error("the broker did not start: " + broker->output());
   }
-  std::ifstream(port_file) >> port_;
+  std::ifstream(port_file) >> port_ >> admin_port_;
   return broker;
 }
 
@@ -57,9 +59,9 @@ std::unique_ptr<Process> Scene::start_sender(std::vector<std::string> arguments)
 }
 
 std::unique_ptr<Process> Scene::start_client(const std::string& name, std::vector<std::string> arguments) {
-  std::vector<std::string> all{program("eigencast-client"), url(),    "--headless", "--out",
-                               file(name),                  "--json", file(name + ".json"), "--record",
-                               file(name + ".jsonl"),       "--size", "160x120"};
+  std::vector<std::string> all{
+      program("eigencast-client"), url(),      "--headless",          "--out",  file(name), "--json",
+      file(name + ".json"),        "--record", file(name + ".jsonl"), "--size", "160x120"};
   all.insert(all.end(), arguments.begin(), arguments.end());
   return std::make_unique<Process>(std::move(all), file(name + ".log"));
 }
@@ -83,7 +85,8 @@ SentFrames Scene::sent() const {
 std::string Scene::logs() const {
   std::string all;
   for (const auto& entry : std::filesystem::directory_iterator(folder_.path())) {
-    if (entry.path().extension() == ".log") all += "--- " + entry.path().filename().string() + "\n" + text_of(entry.path()) + "\n";
+    if (entry.path().extension() == ".log")
+      all += "--- " + entry.path().filename().string() + "\n" + text_of(entry.path()) + "\n";
   }
   return all;
 }

@@ -23,7 +23,8 @@ class Scene {
   Scene();
 
   /// Starts a broker; the first call takes any free port, later ones the same again. Waits until it listens.
-  std::unique_ptr<Process> start_broker();
+  /// `wrapper` is a program that runs the broker, with its arguments; `more` are arguments of the broker.
+  std::unique_ptr<Process> start_broker(std::vector<std::string> more = {}, std::vector<std::string> wrapper = {});
   /// eigencast-sender play ARGUMENTS --to the stream --record sent.jsonl
   std::unique_ptr<Process> start_sender(std::vector<std::string> arguments);
   /// eigencast-client STREAM --headless --record NAME.jsonl --json NAME.json ARGUMENTS; pictures go to the folder NAME.
@@ -31,6 +32,8 @@ class Scene {
   /// Runs a program of the build to its end; returns its exit status. Its output is in file(NAME.log).
   int run(const std::string& name, std::vector<std::string> arguments, milliseconds timeout = milliseconds(120000));
 
+  std::string port() const { return port_; }
+  std::string admin_port() const { return admin_port_; }
   std::string url() const { return "ws://127.0.0.1:" + port_ + "/live/test"; }
   std::string file(const std::string& name) const { return folder_.file(name); }
   /// What client NAME received so far; a half-written last line is left out.
@@ -42,6 +45,7 @@ class Scene {
  private:
   TemporaryFolder folder_;
   std::string port_ = "0";
+  std::string admin_port_;
 };
 
 /// Poses by (sequence, step at, step of); a key is (sequence, 0, 0).

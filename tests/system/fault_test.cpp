@@ -1,0 +1,203 @@
+// SPDX-License-Identifier: MIT
+// What goes wrong around a broker: nothing crashes, the others go on, the log says what happened. That each of the three
+// programs may be killed is in restart_test.cpp.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/resource.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <cstdlib>
+#include <fstream>
+#include <random>
+
+#include "common/core/hash/sha256.h"
+#include "common/recording/reader.h"
+#include "tests/system/operation.h"
+
+namespace eigencast::testing {
+namespace {
+
+using ::testing::HasSubstr;
+
+const std::vector<std::string> kEndless{"--frames", "1000000", "--rate", "raw"};
+
+class Fault : public Operation {
+ protected:
+  void start(std::vector<std::string> more = {}) {
+    broker_ = scene_.start_broker(std::move(more));
+    sender_ = scene_.start_sender({"torus", "--rate", "30"});
+    client_ = scene_.start_client("a", kEndless);
+    ASSERT_TRUE(grows("a")) << scene_.logs();
+  }
+  /// No file of the broker may grow beyond so many bytes, which is how a disk without room looks to it.
+  void limit_files(rlim_t bytes) const {
+    rlimit limit{};
+    ASSERT_EQ(::prlimit(broker_->pid(), RLIMIT_FSIZE, nullptr, &limit), 0);
+    limit.rlim_cur = bytes;
+    ASSERT_EQ(::prlimit(broker_->pid(), RLIMIT_FSIZE, &limit, nullptr), 0);
+  }
+
+  std::unique_ptr<Process> broker_, sender_, client_;
+};
+
+TEST_F(Fault, WithoutDescriptorsItWaitsSaysSoAndGoesOn) {
+  const auto broker = scene_.start_broker({}, {"/bin/bash", "-c", "ulimit -n 48; exec \"$@\"", "bash"});
+  std::vector<int> sockets;
+  for (int i = 0; i < 80; ++i) sockets.push_back(connect_to(scene_.port()));
+  EXPECT_TRUE(broker->wait_for_output("ulimit -n", kPatience)) << scene_.logs();
+  for (const int fd : sockets) ::close(fd);
+  EXPECT_TRUE(eventually([&] { return get("/livez").find("200 OK") != std::string::npos; }, kPatience))
+      << scene_.logs();
+  const auto sender = scene_.start_sender({"torus", "--rate", "30"});
+  EXPECT_TRUE(live()) << scene_.logs();
+}
+
+TEST_F(Fault, AFullDiskRefusesUploadsAndEndsNothing) {
+  const auto broker = scene_.start_broker({}, {"/bin/bash", "-c", "ulimit -f 8; exec \"$@\"", "bash"});
+  const auto sender = scene_.start_sender({"torus", "--rate", "30"});
+  EXPECT_TRUE(broker->wait_for_output("upload refused", kPatience)) << scene_.logs();
+  EXPECT_TRUE(sender->wait_for_output("507", kPatience)) << scene_.logs();
+  EXPECT_THAT(get("/livez"), HasSubstr("200 OK")) << scene_.logs();
+  EXPECT_GT(metric("eigencast_broker_uploads_failed_total"), 0);
+  EXPECT_EQ(metric("eigencast_broker_asset_bytes"), 0) << "nothing is left of what failed";
+}
+
+TEST_F(Fault, AFullDiskEndsARecordingAndNothingElse) {
+  start();
+  limit_files(20'000);
+  EXPECT_THAT(post("/api/recordings/start?stream=live/test"), HasSubstr("200"));
+  ASSERT_TRUE(eventually([&] { return metric("eigencast_broker_recordings_failed_total") == 1; }, kPatience))
+      << scene_.logs();
+  EXPECT_THAT(broker_->output(), HasSubstr("recordings/")) << "the log names the file";
+  EXPECT_TRUE(grows("a")) << scene_.logs();
+  ASSERT_EQ(recordings().size(), 1u);
+  const auto whole = recording::Reader::open(recordings()[0]);
+  ASSERT_TRUE(whole) << whole.error().message;
+  EXPECT_GT(whole->info().frames, 0u);
+  EXPECT_EQ(whole->info().torn_bytes, 0u) << "it ends at a record's border";
+
+  limit_files(RLIM_INFINITY);
+  EXPECT_THAT(post("/api/recordings/start?stream=live/test"), HasSubstr("200")) << "with room again, it records again";
+  EXPECT_TRUE(eventually([&] { return api("recordings")["recordings"][0]["frames"] > 10; }, kPatience))
+      << scene_.logs();
+}
+
+TEST_F(Fault, GarbageEndsItsConnectionOnly) {
+  start();
+  std::mt19937 random(1);
+  for (int i = 0; i < 20; ++i) {
+    const int fd = upgrade(scene_.port(), i % 2 == 0 ? "/v1/publish/other" : "/v1/subscribe/live/test");
+    ASSERT_GE(fd, 0) << scene_.logs();
+    std::string garbage;
+    for (int n = 0; n < 5000; ++n) garbage += static_cast<char>(random());
+    if (i % 4 < 2) garbage = "\x82\xfe\x13\x88" + std::string(4, '\0') + garbage;  // A whole binary message.
+    send_all(fd, garbage);
+    ::shutdown(fd, SHUT_WR);
+    char buffer[4096];
+    while (::recv(fd, buffer, sizeof buffer, 0) > 0) {
+    }
+    ::close(fd);
+  }
+  EXPECT_THAT(broker_->output(), HasSubstr("sender of 'other'")) << scene_.logs();
+  EXPECT_THAT(broker_->output(), HasSubstr("closed, ")) << scene_.logs();
+  EXPECT_TRUE(grows("a")) << scene_.logs();
+  EXPECT_THAT(client_->output(), ::testing::Not(HasSubstr("next try"))) << scene_.logs();
+}
+
+TEST_F(Fault, WhoSendsTooFastIsSentAwayAndTheOthersGoOn) {
+  start({"--per-address-messages-per-s", "2000"});
+  const int fd = upgrade(scene_.port(), "/v1/publish/flood", "127.0.0.2");
+  ASSERT_GE(fd, 0) << scene_.logs();
+  std::string pings;
+  for (int i = 0; i < 3000; ++i) pings += websocket_text(R"({"op":"ping","id":1,"time_us":2})");
+  send_all(fd, pings);
+  EXPECT_TRUE(broker_->wait_for_output("per_address.messages_per_s = 2000", kPatience)) << scene_.logs();
+  ::close(fd);
+  // Fast, but allowed: what no viewer can take is skipped, not queued.
+  const Process fast({std::string(EIGENCAST_BIN_DIR) + "/eigencast-sender", "play", "torus", "--rate", "1000", "--to",
+                      "ws://127.0.0.1:" + scene_.port() + "/live/fast"},
+                     scene_.file("fast.log"));
+  EXPECT_TRUE(eventually([&] { return metric("eigencast_broker_frames_received_total") > 2000; }, kPatience))
+      << scene_.logs();
+  EXPECT_TRUE(grows("a")) << scene_.logs();
+  EXPECT_THAT(client_->output(), ::testing::Not(HasSubstr("next try"))) << scene_.logs();
+}
+
+TEST_F(Fault, ASenderThatStopsIsCutOffAndFindsItsStreamAgain) {
+  start({"--timeouts-idle-ms", "3000"});
+  sender_->signal(SIGSTOP);
+  EXPECT_TRUE(client_->wait_for_output("stalled", kPatience)) << scene_.logs();
+  EXPECT_EQ(api("streams")["streams"][0]["state"], "stalled");
+  EXPECT_TRUE(broker_->running());
+  sender_->signal(SIGCONT);
+  EXPECT_TRUE(grows("a")) << scene_.logs();
+}
+
+TEST_F(Fault, AClockThatJumpsIsNoMatter) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+  GTEST_SKIP() << "SKIPPED: a sanitizer wants to be loaded before the clock";
+#endif
+  const std::string step = scene_.file("step");
+  const auto jump = [&](std::int64_t seconds) {
+    std::ofstream(step, std::ios::in | std::ios::out | std::ios::binary)
+        .write(reinterpret_cast<const char*>(&seconds), sizeof seconds);
+  };
+  std::ofstream(step, std::ios::binary) << std::string(sizeof(std::int64_t), '\0');
+  ::setenv("EIGENCAST_TEST_CLOCK", step.c_str(), 1);
+  ::setenv("LD_PRELOAD", EIGENCAST_STEPPED_CLOCK, 1);
+  start({"--log-format", "json"});
+  ::unsetenv("LD_PRELOAD");
+  for (const std::int64_t seconds : {100'000'000, -100'000'000, 0}) {
+    jump(seconds);
+    EXPECT_TRUE(grows("a")) << seconds << scene_.logs();
+    EXPECT_THAT(post("/api/recordings/start?stream=live/test"), HasSubstr("200")) << scene_.logs();
+    EXPECT_TRUE(eventually([&] { return api("recordings")["recordings"][0]["frames"] > 10; }, kPatience));
+    EXPECT_THAT(post("/api/recordings/stop?stream=live/test"), HasSubstr("200")) << scene_.logs();
+  }
+  EXPECT_THAT(client_->output(), ::testing::Not(HasSubstr("next try"))) << scene_.logs();
+  jump(-100'000'000);
+  broker_->signal(SIGHUP);
+  const auto year = [](std::int64_t from_now) {
+    const std::time_t then = std::time(nullptr) + from_now;
+    return std::to_string(1900 + std::gmtime(&then)->tm_year);
+  };
+  EXPECT_TRUE(broker_->wait_for_output("{\"time\":\"" + year(-100'000'000), kPatience)) << "the clock did jump";
+  // A newer presence of the sender is newer whatever the clock says.
+  const auto epoch = api("streams")["streams"][0]["epoch"].get<std::uint64_t>();
+  kill(*sender_);
+  sender_ = scene_.start_sender({"torus", "--rate", "30"});
+  EXPECT_TRUE(grows("a")) << scene_.logs();
+  EXPECT_GT(api("streams")["streams"][0]["epoch"].get<std::uint64_t>(), epoch);
+  for (const std::string& file : recordings()) {
+    const auto played = recording::Reader::open(file);
+    ASSERT_TRUE(played) << played.error().message;
+    EXPECT_LT(played->info().duration_us, 200'000'000) << "recordings count in the steady clock";
+  }
+}
+
+TEST_F(Fault, DownloadsThatNobodyReadsAndDownloadsAtFullSpeedLetEveryFrameThrough) {
+  start();
+  const std::string object(16u << 20, 'x');
+  const std::string id = sha256(ByteView(reinterpret_cast<const std::uint8_t*>(object.data()), object.size())).hex();
+  ASSERT_THAT(ask(scene_.port(), "PUT", "/v1/assets/" + id, object), HasSubstr("201")) << scene_.logs();
+  const std::string request = "GET /v1/assets/" + id + " HTTP/1.1\r\nHost: localhost\r\n\r\n";
+  std::vector<int> unread;
+  for (int i = 0; i < 40; ++i) {
+    unread.push_back(connect_to(scene_.port()));
+    ASSERT_TRUE(send_all(unread.back(), request));
+  }
+  const auto poses = scene_.received("a").size();
+  std::size_t rounds = 0;
+  for (; rounds < 200 && scene_.received("a").size() < poses + 90; ++rounds) {
+    ASSERT_EQ(body_of(ask(scene_.port(), "GET", "/v1/assets/" + id)).size(), object.size()) << scene_.logs();
+  }
+  EXPECT_GE(scene_.received("a").size(), poses + 90) << scene_.logs();
+  EXPECT_GT(rounds, 0u);
+  EXPECT_EQ(metric("eigencast_broker_frames_skipped_total"), 0) << "every frame had its turn";
+  for (const int fd : unread) ::close(fd);
+}
+
+}  // namespace
+}  // namespace eigencast::testing
