@@ -115,21 +115,30 @@ Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string
   }
   auto epochs = EpochSource::open(folder + "/epoch");
   if (!epochs) return epochs.error();
+  const std::string id = random_id();
+  std::unique_ptr<Member> member;
+  if (!config.backbone.servers.empty()) {
+    auto created = Member::create(config, id, **assets, log);
+    if (!created) return created.error();
+    member = std::move(*created);
+  }
   std::unique_ptr<Broker> broker(new Broker(config, std::move(*doors), std::move(version), std::move(log),
-                                            std::move(*assets), std::move(*epochs)));
+                                            std::move(*assets), std::move(*epochs), id, std::move(member)));
   if (auto listening = broker->listen(given); !listening) return listening.error();
   return broker;
 }
 
 Broker::Broker(const Config& config, Doors doors, std::string version, LogSink log, std::unique_ptr<AssetStore> assets,
-               EpochSource epochs)
+               EpochSource epochs, std::string id, std::unique_ptr<Member> member)
     : config_(config),
       gate_(config_, std::move(doors.policy)),
       tls_(std::move(doors.tls)),
       assets_(std::move(assets)),
       recorder_(recorder_settings(config_, version), *assets_, log),
       epochs_(std::move(epochs)),
-      hub_(hub_settings(config_, {assets_.get(), &recorder_})),
+      alone_([this] { return epochs_.next(static_cast<std::uint64_t>(std::time(nullptr))); }),
+      member_(std::move(member)),
+      hub_(hub_settings(config_, taps())),
       context_{loop_,
                disk_,
                config_,
@@ -137,10 +146,11 @@ Broker::Broker(const Config& config, Doors doors, std::string version, LogSink l
                hub_,
                *assets_,
                recorder_,
-               epochs_,
+               member_ ? static_cast<Ownership&>(member_->backbone()) : alone_,
+               member_ ? &member_->backbone() : nullptr,
                std::move(log),
                std::move(version),
-               random_id(),
+               std::move(id),
                turn_,
                [this] { arm_schedule(); }},
       loop_(1),
@@ -156,8 +166,21 @@ Broker::Broker(const Config& config, Doors doors, std::string version, LogSink l
   warn_about_doors();
 }
 
+std::vector<StreamTap*> Broker::taps() {
+  std::vector<StreamTap*> taps{assets_.get(), &recorder_};
+  if (member_) taps.push_back(&member_->backbone());
+  return taps;
+}
+
+void Broker::join_others() {
+  if (!member_) return;
+  const auto replaces = [this] { return config_.streams.second_sender == "replace"; };
+  member_->start({loop_, disk_, epochs_, hub_, replaces, [this] { arm_schedule(); }});
+}
+
 Broker::~Broker() {
   signals_.reset();
+  if (member_) member_->stop();
   data_listener_.close();
   admin_listener_.close();
   disk_.join();
@@ -198,6 +221,7 @@ void Broker::run() {
   turn_.begin();
   context_.started_us = steady_now_us();
   context_.drain = [this] { stop(); };
+  join_others();
   tick();
   watch();
   service_manager::ready(status());
@@ -243,7 +267,8 @@ void Broker::tick() {
 }
 
 std::string Broker::status() const {
-  return std::to_string(hub_.size()) + " streams, " + std::to_string(context_.connections.size()) + " connections";
+  return std::to_string(hub_.size()) + " streams, " + std::to_string(context_.connections.size()) + " connections" +
+         (member_ ? ", " + member_->backbone().status() : std::string());
 }
 
 /// From the loop, so that it speaks for what matters: a loop that no longer turns falls silent.
@@ -319,6 +344,7 @@ void Broker::drain() {
       "stopping: " + std::to_string(context_.connections.size()) + " connections are told");
   service_manager::stopping();
   data_listener_.close();
+  if (member_) member_->stop();
   std::minstd_rand random(std::random_device{}());
   std::uniform_int_distribution<std::uint32_t> later(0, return_spread_ms(context_.connections.size()));
   // Copied: a connection that has nothing left to send may close within the call.

@@ -9,6 +9,7 @@
 #include <string>
 #include <utility>
 
+#include "broker/backbone/member.h"
 #include "broker/config/config.h"
 #include "broker/connections/listener.h"
 #include "broker/context.h"
@@ -59,7 +60,9 @@ class Broker {
 
  private:
   Broker(const Config& config, Doors doors, std::string version, LogSink log, std::unique_ptr<AssetStore> assets,
-         EpochSource epochs);
+         EpochSource epochs, std::string id, std::unique_ptr<Member> member);
+  std::vector<StreamTap*> taps();
+  void join_others();
   void apply(const Result<Config>& wanted);
   Result<void> listen(const GivenSockets& given);
   void accept(Socket socket);
@@ -79,6 +82,8 @@ class Broker {
   std::unique_ptr<AssetStore> assets_;
   Recorder recorder_;
   EpochSource epochs_;
+  SoleOwnership alone_;
+  std::unique_ptr<Member> member_;  ///< Null: this broker stands alone.
   Hub hub_;
   Context context_;  // What waits in the loop below ends with it and needs all above.
   asio::io_context loop_;

@@ -14,14 +14,15 @@
 #include "broker/config/config.h"
 #include "broker/connections/transport.h"
 #include "broker/connections/turn.h"
-#include "broker/relay/epoch_source.h"
 #include "broker/relay/hub.h"
+#include "broker/relay/ownership.h"
 #include "broker/storage/asset_store.h"
 #include "broker/storage/recorder.h"
 #include "common/core/log.h"
 
 namespace eigencast::broker {
 
+class Backbone;
 class Connection;
 
 /// Times in buckets, for /metrics: how many were at most so long. Belongs to the event loop.
@@ -77,7 +78,8 @@ struct Context {
   Hub& hub;
   AssetStore& assets;
   Recorder& recorder;
-  EpochSource& epochs;
+  Ownership& ownership;
+  const Backbone* backbone;  ///< Null: this broker stands alone.
   LogSink log;
   std::string version;
   std::string session_id;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "broker/connections/publisher.h"
 
-#include <ctime>
 #include <utility>
 
 namespace eigencast::broker {
@@ -75,9 +74,22 @@ void Publisher::on_announce(const control::Announce& announce) {
     return answer(fail(ErrorCode::kNotFound,
                        "asset " + announce.asset + " is not here: PUT /v1/assets/" + announce.asset + " first"));
   }
-  const auto epoch = context().epochs.next(static_cast<std::uint64_t>(std::time(nullptr)));
-  if (!epoch) return answer(epoch.error());
-  if (auto begun = stream_->announce(announce, *epoch); !begun) return answer(begun.error());
+  // Who is gone meanwhile gets no answer.
+  const auto granted = [self = weak_from_this(), this, announce](const Result<std::uint32_t>& epoch) {
+    if (const auto alive = self.lock()) begin(announce, epoch);
+  };
+  context().ownership.claim(name_, announce, granted);
+}
+
+void Publisher::begin(const control::Announce& announce, const Result<std::uint32_t>& epoch) {
+  if (stream_ == nullptr) return;
+  if (!epoch) {
+    log(context().log, LogLevel::kWarning, name() + ": refused, " + epoch.error().message);
+    return refuse(epoch.error(), name_, CloseCode::kPolicy);
+  }
+  if (auto begun = stream_->announce(announce, *epoch); !begun) {
+    return send(control::ErrorMessage{std::string(name_of(begun.error().code)), begun.error().message, name_});
+  }
   log(context().log, LogLevel::kInfo,
       name() + ": epoch " + std::to_string(*epoch) + ", asset " + announce.asset.substr(0, 12) + ", " +
           std::to_string(announce.format.rows) + " coefficients, " + announce.format.codec);

@@ -25,6 +25,7 @@ class Publisher final : public Connection, public PublisherLink {
   void on_tick() override;
   std::string label() const override;
   void on_announce(const control::Announce& announce);
+  void begin(const control::Announce& announce, const Result<std::uint32_t>& epoch);
   void tell_count();
   void tell_trace_wanted();
 

@@ -14,6 +14,7 @@
 #include <string>
 #include <utility>
 
+#include "broker/backbone/backbone.h"
 #include "broker/connections/connection.h"
 #include "broker/http/access_facts.h"
 #include "broker/http/http_target.h"
@@ -116,7 +117,10 @@ class AdminSession : public std::enable_shared_from_this<AdminSession> {
   void route_read() {
     if (path_ == "/livez") return say(Status::ok, "alive");
     if (path_ == "/readyz") {
-      return context_.draining ? say(Status::service_unavailable, "stopping") : say(Status::ok, "ready");
+      if (context_.draining) return say(Status::service_unavailable, "stopping");
+      // A broker that has lost the others still serves its own streams: to take it out would end those too.
+      const bool alone = context_.backbone != nullptr && !context_.backbone->totals().connected;
+      return say(Status::ok, alone ? "ready, degraded: " + context_.backbone->status() : "ready");
     }
     if (path_ == "/version") return say(Status::ok, "eigencast-broker " + context_.version);
     if (path_ == "/metrics") {

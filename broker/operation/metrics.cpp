@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "broker/operation/metrics.h"
 
+#include "broker/backbone/backbone.h"
+
 #include <dirent.h>
 #include <prometheus/collectable.h>
 #include <prometheus/metric_family.h>
@@ -33,6 +35,7 @@ class BrokerMetrics final : public prometheus::Collectable {
     frames();
     storage();
     recordings();
+    backbone();
     process();
     return std::move(families_);
   }
@@ -154,6 +157,26 @@ class BrokerMetrics final : public prometheus::Collectable {
     counter("recording_frames_lost_total", "Frames left out of recordings because the disk was behind.", totals.lost);
     gauge("recording_queue_bytes", "Waiting for the disk.", totals.queued_bytes);
     gauge("recording_stored_bytes", "All recordings on the disk.", totals.stored_bytes);
+  }
+
+  void backbone() const {
+    const Backbone::Totals totals = context_.backbone == nullptr ? Backbone::Totals{} : context_.backbone->totals();
+    gauge("backbone_configured", "1 where backbone.servers names servers.",
+          std::uint64_t{context_.backbone != nullptr});
+    gauge("backbone_connected", "1 while there is a connection to NATS.", std::uint64_t{totals.connected});
+    gauge("backbone_brokers", "Brokers heard of, this one included.", totals.brokers);
+    gauge("backbone_streams_known", "Streams that have a sender at any of the brokers.", totals.streams_known);
+    gauge("backbone_streams_followed", "Streams of other brokers that viewers watch here.", totals.streams_followed);
+    counter("backbone_frames_published_total", "Keys of senders here, told to other brokers.", totals.frames_published);
+    counter("backbone_frames_followed_total", "Keys of senders at other brokers.", totals.frames_followed);
+    counter("backbone_frames_dropped_total", "Messages of other brokers that were of no use.", totals.frames_dropped);
+    counter("backbone_joins_asked_total", "Joins asked of other brokers: beginnings and gaps.", totals.joins_asked);
+    counter("backbone_joins_answered_total", "Joins given to other brokers.", totals.joins_answered);
+    counter("backbone_claims_refused_total", "Senders refused because another broker has one.", totals.claims_refused);
+    counter("backbone_senders_dismissed_total", "Senders sent away because another broker has a later one.",
+            totals.senders_dismissed);
+    counter("backbone_disconnects_total", "Losses of the connection to NATS.", totals.disconnects);
+    counter("backbone_asset_bytes_total", "Bytes of assets copied from other brokers.", totals.asset_bytes_fetched);
   }
 
   void process() const {

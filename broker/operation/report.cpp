@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <vector>
 
+#include "broker/backbone/backbone.h"
 #include "broker/connections/connection.h"
 
 namespace eigencast::broker {
@@ -91,9 +92,14 @@ std::string recordings_report(const Context& context) {
 
 std::string broker_report(const Context& context) {
   const Counters& counters = context.counters;
+  const bool degraded = context.backbone != nullptr && !context.backbone->totals().connected;
   return text_of({{"version", context.version},
                   {"session_id", context.session_id},
                   {"uptime_s", seconds(steady_now_us() - context.started_us)},
+                  {"state", context.draining ? "draining"
+                            : degraded       ? "degraded"
+                                             : "ok"},
+                  {"backbone", context.backbone == nullptr ? json() : json(context.backbone->status())},
                   {"draining", context.draining},
                   {"connections", counters.connections},
                   {"frames_received", counters.frames_received},

@@ -15,8 +15,8 @@ class EpochSource {
   /// Reads the file if it is there. Errors: kIo, kCorrupt.
   static Result<EpochSource> open(std::string path);
 
-  /// The next epoch. Errors: kIo (it could not be kept; nothing was given).
-  Result<std::uint32_t> next(std::uint64_t unix_seconds);
+  /// The next epoch, greater than `above` too. Errors: kIo (it could not be kept; nothing was given).
+  Result<std::uint32_t> next(std::uint64_t unix_seconds, std::uint32_t above = 0);
 
  private:
   EpochSource(std::string path, std::uint32_t last) : path_(std::move(path)), last_(last) {}

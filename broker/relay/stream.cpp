@@ -43,7 +43,7 @@ control::StreamInfo::State Stream::state() const {
 }
 
 Result<void> Stream::claim(PublisherLink& link, bool replace) {
-  if (publisher_ != nullptr && replace) {
+  if (publisher_ != nullptr && (replace || publisher_->yields())) {
     PublisherLink* before = publisher_;
     release(*before);
     before->on_replaced();
@@ -68,7 +68,7 @@ void Stream::release(PublisherLink& link) {
 }
 
 Result<void> Stream::announce(const control::Announce& announce, std::uint32_t epoch) {
-  assert(epoch > epoch_);
+  assert(epoch >= epoch_);
   deliver();
   const auto codec = codec_from_name(announce.format.codec);
   if (!codec) return codec.error();

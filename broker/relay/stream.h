@@ -41,6 +41,8 @@ class PublisherLink {
   virtual void on_watcher_count(std::uint32_t count) = 0;
   /// It is no longer the sender: another one has claimed the stream. Must not touch the stream.
   virtual void on_replaced() {}
+  /// Whether it makes way for whoever claims the stream.
+  virtual bool yields() const { return false; }
 };
 
 /// One stream: its publisher, its key chain, and a feed per profile that somebody watches.
@@ -61,12 +63,14 @@ class Stream {
   Stream(const Stream&) = delete;
   Stream& operator=(const Stream&) = delete;
 
-  /// Makes `link` the publisher. Another one that is there is sent away if `replace`. Errors: kRefused otherwise.
+  /// Makes `link` the publisher. Another one that is there is sent away if it yields or `replace`. Errors: kRefused
+  /// otherwise.
   Result<void> claim(PublisherLink& link, bool replace = false);
   /// The publisher is gone: the stream stalls and its last pose is held. Ignored from anyone else.
   void release(PublisherLink& link);
 
-  /// Begins an epoch. REQUIRES: the format passed check_format, epochs grow. Errors: kInvalidArgument (codec).
+  /// Begins an epoch, or goes on with the one it had from its next join on. REQUIRES: the format passed check_format,
+  /// epochs do not fall. Errors: kInvalidArgument (codec).
   Result<void> announce(const control::Announce& announce, std::uint32_t epoch);
 
   /// Takes a binary message of the publisher and delivers what follows from it. The envelope's stream id and epoch are not read: the connection and its

@@ -53,6 +53,7 @@ LIBRARIES = {
     "zstd": (r"zstd\.h", {"common/asset"}, 2),
     "OpenSSL": (r"openssl/", {"common/core/hash", "common/net", "broker", "broker/websocket"}, 10),
     "Boost": (r"boost/", {"common/net", "broker"}, 36),
+    "libnats": (r"nats/", {"broker"}, 1),
     "liburing": (r"liburing\.h", {"broker"}, 1),
     "nlohmann_json": (r"nlohmann/", {"common/wire", "broker", "sdk", "sender", "sender/deform", "client", "tools/latency"}, 21),
     "CLI11": (r"CLI/", {"common/command_line", "broker", "sender", "client", "tools/latency"}, 12),

@@ -1,0 +1,213 @@
+// SPDX-License-Identifier: MIT
+#include "broker/backbone/asset_exchange.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <utility>
+
+namespace eigencast::broker {
+namespace {
+
+constexpr std::uint8_t kHere = 0, kNotHere = 1;
+
+Bytes references_answer(const AssetStore& store, const Sha256& id) {
+  const auto references = store.references_of(id);
+  if (!references || references->size() > AssetExchange::kMaxReferences) return {kNotHere};
+  Bytes bytes{kHere};
+  ByteWriter out(bytes);
+  for (const Sha256& reference : *references) out.bytes(reference.digest);
+  return bytes;
+}
+
+Bytes range_answer(const AssetStore& store, const Sha256& id, std::uint64_t offset) {
+  const auto object = store.read(id);
+  if (!object || offset > object->size) return {kNotHere};
+  const auto size =
+      static_cast<std::size_t>(std::min<std::uint64_t>(AssetExchange::kRangeBytes, object->size - offset));
+  Bytes bytes{kHere};
+  ByteWriter(bytes).u64(object->size);
+  const std::size_t head = bytes.size();
+  bytes.resize(head + size);
+  for (std::size_t read = 0; read < size;) {
+    const ssize_t n =
+        ::pread(object->file.get(), bytes.data() + head + read, size - read, static_cast<off_t>(offset + read));
+    if (n <= 0) return {kNotHere};
+    read += static_cast<std::size_t>(n);
+  }
+  return bytes;
+}
+
+Bytes answer(const AssetStore& store, ByteView question) {
+  ByteReader in(question);
+  const char what = static_cast<char>(in.u8());
+  const ByteView digest = in.bytes(sizeof(Sha256::digest));
+  if (in.failed()) return {kNotHere};
+  Sha256 id;
+  std::copy(digest.begin(), digest.end(), id.digest.begin());
+  if (what == 'L' && in.finished()) return references_answer(store, id);
+  const std::uint64_t offset = in.u64();
+  return what == 'R' && in.finished() ? range_answer(store, id, offset) : Bytes{kNotHere};
+}
+
+Error not_there(const Sha256& id) {
+  return fail(ErrorCode::kNotFound, "object " + id.hex() + " is not at the broker that has the stream's sender");
+}
+
+Error nonsense() {
+  return fail(ErrorCode::kCorrupt,
+              "another broker answered with bytes that make no sense; do all of them run the same version?");
+}
+
+}  // namespace
+
+/// One asset on its way.
+struct AssetExchange::Transfer {
+  std::string owner;
+  Sha256 asset;
+  bool references_known = false;
+  std::vector<Sha256> wanted;  ///< Not begun.
+  std::size_t running = 0;
+  bool over = false;
+  std::vector<Done> done;
+};
+
+AssetExchange::AssetExchange(Link& link, AssetStore& store, std::string prefix, std::function<void(Work)> on_disk,
+                             std::function<void(Work)> on_loop)
+    : link_(link),
+      store_(store),
+      prefix_(std::move(prefix)),
+      on_disk_(std::move(on_disk)),
+      on_loop_(std::move(on_loop)) {}
+
+AssetExchange::~AssetExchange() {
+  stop();
+}
+
+void AssetExchange::stop() {
+  *alive_ = false;
+  serving_.reset();
+  transfers_.clear();
+}
+
+void AssetExchange::serve(const std::string& self) {
+  serving_ = link_.serve(prefix_ + ".assets." + self, [this](Bytes message, Link::Reply reply) {
+    on_disk_(
+        [&store = store_, message = std::move(message), reply = std::move(reply)] { reply(answer(store, message)); });
+  });
+}
+
+void AssetExchange::fetch(const std::string& owner, const Sha256& asset, Done done) {
+  if (const auto under_way = transfers_.find(asset); under_way != transfers_.end()) {
+    under_way->second->done.push_back(std::move(done));
+    return;
+  }
+  auto transfer = std::make_shared<Transfer>();
+  transfer->owner = owner;
+  transfer->asset = asset;
+  transfer->done.push_back(std::move(done));
+  transfers_[asset] = transfer;
+  transfer->wanted = {asset};
+  go_on(transfer);
+}
+
+void AssetExchange::go_on(const TransferPtr& transfer) {
+  while (!transfer->over && transfer->running < kParallel && !transfer->wanted.empty()) {
+    const Sha256 id = transfer->wanted.back();
+    transfer->wanted.pop_back();
+    if (store_.contains(id)) continue;
+    ++transfer->running;
+    begin_object(transfer, id);
+  }
+  if (transfer->over || transfer->running > 0 || !transfer->wanted.empty()) return;
+  if (transfer->references_known) return finish(transfer, {});
+  ++transfer->running;
+  ask_references(transfer);
+}
+
+void AssetExchange::ask(const TransferPtr& transfer, char what, const Sha256& id, std::optional<std::uint64_t> offset,
+                        std::function<void(Bytes)> answered) {
+  Bytes question;
+  ByteWriter out(question);
+  out.u8(static_cast<std::uint8_t>(what));
+  out.bytes(id.digest);
+  if (offset) out.u64(*offset);
+  const auto take = [this, transfer, id, alive = alive_, answered = std::move(answered)](Result<Bytes> answer) {
+    if (!*alive || transfer->over) return;
+    if (!answer) return finish(transfer, answer.error());
+    if (answer->empty()) return finish(transfer, nonsense());
+    if (answer->front() != kHere) return finish(transfer, not_there(id));
+    answered(std::move(*answer));
+  };
+  link_.ask(prefix_ + ".assets." + transfer->owner, std::move(question), kTimeoutUs, take);
+}
+
+void AssetExchange::ask_references(const TransferPtr& transfer) {
+  ask(transfer, 'L', transfer->asset, std::nullopt, [this, transfer](Bytes answer) {
+    --transfer->running;
+    transfer->references_known = true;
+    ByteReader in(answer);
+    in.u8();
+    if (in.remaining() % sizeof(Sha256::digest) != 0 || in.remaining() / sizeof(Sha256::digest) > kMaxReferences) {
+      return finish(transfer, nonsense());
+    }
+    while (in.remaining() > 0) {
+      const ByteView digest = in.bytes(sizeof(Sha256::digest));
+      std::copy(digest.begin(), digest.end(), transfer->wanted.emplace_back().digest.begin());
+    }
+    go_on(transfer);
+  });
+}
+
+void AssetExchange::begin_object(const TransferPtr& transfer, const Sha256& id) {
+  const auto begin = [this, transfer, id]() -> Work {
+    auto upload = store_.begin_upload(id);
+    if (!upload) return [this, transfer, error = upload.error()] { finish(transfer, error); };
+    return [this, transfer, id, shared = UploadPtr(std::move(*upload))] { ask_range(transfer, id, shared, 0); };
+  };
+  on_disk(transfer, begin);
+}
+
+void AssetExchange::ask_range(const TransferPtr& transfer, const Sha256& id, const UploadPtr& upload,
+                              std::uint64_t offset) {
+  ask(transfer, 'R', id, offset, [this, transfer, id, upload, offset](Bytes answer) {
+    ByteReader in(answer);
+    in.u8();
+    const std::uint64_t size = in.u64();
+    const std::uint64_t came = in.remaining();
+    const bool makes_sense = !in.failed() && size <= store_.settings().max_object_bytes && offset + came <= size &&
+                             (came > 0 || size == offset);
+    if (!makes_sense) return finish(transfer, nonsense());
+    fetched_bytes_ += came;
+    const std::uint64_t next = offset + came;
+    const auto write = [this, transfer, id, upload, answer = std::move(answer), came, next, size]() -> Work {
+      Result<void> written = upload->write(ByteView(answer).last(came));
+      if (written && next == size) {
+        if (const auto committed = upload->commit(); !committed) written = committed.error();
+      }
+      if (!written) return [this, transfer, error = written.error()] { finish(transfer, error); };
+      if (next < size) return [this, transfer, id, upload, next] { ask_range(transfer, id, upload, next); };
+      return [this, transfer] {
+        --transfer->running;
+        go_on(transfer);
+      };
+    };
+    on_disk(transfer, write);
+  });
+}
+
+void AssetExchange::on_disk(const TransferPtr& transfer, std::function<Work()> work) {
+  on_disk_([this, transfer, alive = alive_, work = std::move(work), on_loop = on_loop_] {
+    on_loop([transfer, alive, after = work()] {
+      if (*alive && !transfer->over) after();
+    });
+  });
+}
+
+void AssetExchange::finish(const TransferPtr& transfer, const Result<void>& result) {
+  transfer->over = true;
+  transfers_.erase(transfer->asset);
+  for (const Done& done : transfer->done) done(result);
+}
+
+}  // namespace eigencast::broker

@@ -1,0 +1,431 @@
+// SPDX-License-Identifier: MIT
+#include "broker/backbone/backbone.h"
+
+#include <algorithm>
+#include <cassert>
+#include <limits>
+#include <utility>
+
+#include "broker/backbone/remote.h"
+
+namespace eigencast::broker {
+namespace {
+
+constexpr TimeUs kForever = std::numeric_limits<TimeUs>::max();
+/// After another broker was faster to change a row, its change is on its way here.
+constexpr TimeUs kOvertakenUs = 50'000;
+
+Bytes bytes_of(std::string_view text) {
+  return {text.begin(), text.end()};
+}
+
+std::string text_of(ByteView bytes) {
+  return {bytes.begin(), bytes.end()};
+}
+
+Bytes message_of(FrameKind kind, std::uint8_t bands, std::uint32_t epoch, const KeyRecord& record, ByteView payload) {
+  Envelope head;
+  head.kind = kind;
+  head.bands = bands;
+  head.epoch = epoch;
+  head.sequence = record.sequence;
+  head.capture_us = record.capture_us;
+  Bytes message;
+  message.reserve(Envelope::kBytes + payload.size());
+  append_envelope(head, message);
+  ByteWriter(message).bytes(payload);
+  return message;
+}
+
+}  // namespace
+
+Backbone::Backbone(Settings settings, Link& link, AssetExchange& assets, Surroundings surroundings)
+    : settings_(std::move(settings)),
+      link_(link),
+      assets_(assets),
+      surroundings_(std::move(surroundings)),
+      directory_(settings_.id, surroundings_.now_us()) {}
+
+Backbone::~Backbone() {
+  stop();
+}
+
+void Backbone::start(Hub& hub) {
+  hub_ = &hub;
+  link_.start(*this);
+  const auto heard = [this](Bytes message) {
+    if (message.empty()) return;
+    const std::string broker = text_of(ByteView(message).subspan(1));
+    if (message[0] == '-') return directory_.gone(broker);
+    directory_.heard(broker, surroundings_.now_us());
+  };
+  listening_ = {link_.subscribe(settings_.prefix + ".alive", heard),
+                link_.serve(settings_.prefix + ".joins." + settings_.id,
+                            [this](Bytes question, Link::Reply reply) { answer_join(question, reply); })};
+  assets_.serve(settings_.id);
+}
+
+void Backbone::stop() {
+  if (hub_ == nullptr) return;
+  for (auto& [name, own] : own_) {
+    own.entry.live = false;
+    write(name, own.entry);
+  }
+  link_.publish(settings_.prefix + ".alive", bytes_of("-" + settings_.id));
+  link_.stop();
+  assets_.stop();
+  listening_.clear();
+  // The streams end after this: nobody's place to feed them any more.
+  for (const auto& [name, remote] : remotes_) remote->subscription.reset();
+  for (const auto& [name, remote] : std::exchange(remotes_, {})) {
+    if (remote->stream() != nullptr) remote->stream()->release(*remote);
+  }
+  own_.clear();
+  claims_.clear();
+  hub_ = nullptr;
+}
+
+void Backbone::say(LogLevel level, const std::string& text) const {
+  log(surroundings_.log, level, "backbone: " + text);
+}
+
+void Backbone::tick() {
+  if (hub_ == nullptr) return;
+  sign_of_life();
+  reconcile();
+}
+
+void Backbone::sign_of_life() {
+  const TimeUs now = surroundings_.now_us();
+  if (!connected_ || now < next_alive_us_) return;
+  next_alive_us_ = now + settings_.alive_every_us;
+  link_.publish(settings_.prefix + ".alive", bytes_of("+" + settings_.id));
+}
+
+void Backbone::on_connected() {
+  connected_ = true;
+  table_read_ = false;
+  trouble_.clear();
+  next_alive_us_ = 0;
+  directory_.listen_anew(surroundings_.now_us());
+  sign_of_life();
+}
+
+void Backbone::on_disconnected(const std::string& why) {
+  if (connected_) {
+    ++totals_.disconnects;
+    say(LogLevel::kWarning, "lost, " + why + "; streams of this broker go on, those of others stand still");
+  } else if (trouble_ != why) {
+    say(LogLevel::kWarning, "not connected, " + why + "; streams of this broker only, trying again");
+  }
+  trouble_ = why;
+  connected_ = table_read_ = false;
+  reconcile();
+}
+
+void Backbone::on_table_read() {
+  table_read_ = true;
+  writing_.clear();
+  say(LogLevel::kInfo, "connected, " + std::to_string(directory_.streams().size()) + " streams are known");
+  reconcile();
+}
+
+void Backbone::on_row(const std::string& key, std::optional<std::string> text, std::uint64_t revision) {
+  const auto name = stream_from_token(key);
+  if (!name) return;
+  if (auto taken = directory_.take(*name, text, revision); !taken) {
+    say(LogLevel::kWarning, "stream '" + *name + "': " + taken.error().message);
+  }
+  if (table_read_) reconcile();
+}
+
+// ---- What should be ----
+
+void Backbone::reconcile() {
+  // What is done here calls back: a frame that came, a claim that was granted.
+  if (hub_ == nullptr || std::exchange(reconciling_, true)) return;
+  reconcile_claims();
+  reconcile_own();
+  reconcile_followed();
+  for (const std::string& name : directory_.forgotten(surroundings_.now_us())) write(name, std::nullopt);
+  reconciling_ = false;
+}
+
+void Backbone::reconcile_claims() {
+  std::vector<std::string> names;
+  for (const auto& [name, claim] : claims_) names.push_back(name);
+  for (const std::string& name : names) try_claim(name);
+}
+
+void Backbone::reconcile_own() {
+  const TimeUs now = surroundings_.now_us();
+  std::vector<std::pair<std::string, DirectoryEntry>> overruled;
+  for (const auto& [name, own] : own_) {
+    const DirectoryEntry* holder = directory_.live(name, now);
+    if (holder != nullptr && holder->owner != settings_.id && gives_way(own.entry, *holder)) {
+      overruled.emplace_back(name, *holder);
+      continue;
+    }
+    const Directory::Known* known = directory_.find(name);
+    if (known == nullptr || known->entry != own.entry) write(name, own.entry);
+  }
+  for (const auto& [name, holder] : overruled) {
+    ++totals_.senders_dismissed;
+    say(LogLevel::kWarning, "stream '" + name + "': its sender is at another broker now, the one here is sent away");
+    if (Stream* stream = hub_->find(name)) follow(*stream, holder);
+  }
+  // What this broker is still said to have, but has no more.
+  for (const auto& [name, known] : directory_.streams()) {
+    const bool mine = known.entry && known.entry->live && known.entry->owner == settings_.id;
+    if (!mine || own_.contains(name) || claims_.contains(name)) continue;
+    DirectoryEntry entry = *known.entry;
+    entry.live = false;
+    write(name, entry);
+  }
+}
+
+void Backbone::reconcile_followed() {
+  const TimeUs now = surroundings_.now_us();
+  std::vector<std::string> over;
+  for (const auto& [name, remote] : remotes_) {
+    const Directory::Known* known = directory_.find(name);
+    const bool same = known != nullptr && known->entry && known->entry->live &&
+                      known->entry->owner == remote->entry().owner && known->entry->epoch == remote->entry().epoch;
+    if (remote->stream() != nullptr && remote->stream()->watchers() > 0) remote->watched_us = now;
+    const bool wanted = now - remote->watched_us < settings_.linger_us;
+    if (remote->stream() == nullptr || !wanted || (table_read_ && !same)) over.push_back(name);
+  }
+  for (const std::string& name : over) unfollow(name);
+  for (const Stream* stream : hub_->streams()) {
+    if (stream->has_publisher() || stream->watchers() == 0) continue;
+    const DirectoryEntry* holder = directory_.live(stream->name(), now);
+    if (holder == nullptr || holder->owner == settings_.id || holder->epoch < stream->epoch()) continue;
+    follow(*hub_->find(stream->name()), *holder);
+  }
+  std::vector<std::shared_ptr<Remote>> all;
+  for (const auto& [name, remote] : remotes_) all.push_back(remote);
+  for (const auto& remote : all) advance(remote);
+}
+
+// ---- Streams of this broker ----
+
+void Backbone::claim(const std::string& stream, const control::Announce& announce, Granted granted) {
+  claims_[stream] = {announce, std::move(granted), surroundings_.now_us()};
+  try_claim(stream);
+}
+
+void Backbone::try_claim(const std::string& name) {
+  const auto found = claims_.find(name);
+  if (found == claims_.end()) return;
+  const TimeUs now = surroundings_.now_us();
+  const DirectoryEntry* holder = directory_.live(name, now);
+  if (holder != nullptr && holder->owner != settings_.id && connected_ && !surroundings_.replaces()) {
+    ++totals_.claims_refused;
+    return grant(name, fail(ErrorCode::kRefused, "stream '" + name +
+                                                     "' already has a sender, at another broker, and a stream has one "
+                                                     "at a time: stop that one, or publish under another name"));
+  }
+  const Directory::Known* known = directory_.find(name);
+  const std::uint32_t above = known != nullptr && known->entry ? known->entry->epoch : 0;
+  if (!connected_ || now - found->second.since_us >= settings_.claim_timeout_us) {
+    if (connected_) say(LogLevel::kWarning, "stream '" + name + "': the directory does not answer, granted without it");
+    return grant(name, surroundings_.next_epoch(above));
+  }
+  if (!may_write(name)) return;
+  const auto epoch = surroundings_.next_epoch(above);
+  if (!epoch) return grant(name, epoch.error());
+  write(name, DirectoryEntry{settings_.id, *epoch, true, found->second.announce},
+        [this, name, epoch](const Result<std::uint64_t>& written) {
+          if (written) grant(name, *epoch);
+        });
+}
+
+void Backbone::grant(const std::string& name, Result<std::uint32_t> epoch) {
+  const auto found = claims_.find(name);
+  if (found == claims_.end()) return;
+  const Granted granted = std::move(found->second.granted);
+  claims_.erase(found);
+  granted(std::move(epoch));
+}
+
+bool Backbone::may_write(const std::string& name) const {
+  if (!connected_ || !table_read_) return false;
+  const auto found = writing_.find(name);
+  return found == writing_.end() || surroundings_.now_us() >= found->second;
+}
+
+void Backbone::write(const std::string& name, const std::optional<DirectoryEntry>& entry,
+                     std::function<void(const Result<std::uint64_t>&)> written) {
+  if (!may_write(name)) return;
+  writing_[name] = kForever;
+  std::optional<std::string> text;
+  if (entry) text = text_from_entry(*entry);
+  link_.write_row(token_from_stream(name), text, directory_.revision(name),
+                  [this, name, text, written = std::move(written)](const Result<std::uint64_t>& result) {
+                    if (hub_ == nullptr) return;
+                    if (result) {
+                      writing_.erase(name);
+                      (void)directory_.take(name, text, *result);  // What was just made of an entry can be read.
+                    } else {
+                      const bool overtaken = result.error().code == ErrorCode::kRefused;
+                      writing_[name] = surroundings_.now_us() + (overtaken ? kOvertakenUs : settings_.retry_us);
+                    }
+                    if (written) written(result);
+                  });
+}
+
+void Backbone::on_announced(const Stream& stream) {
+  if (remotes_.contains(stream.name()) && remotes_.find(stream.name())->second->stream() != nullptr) return;
+  own_[stream.name()] = {{settings_.id, stream.epoch(), true, stream.announcement()}, stream.layout(), nullptr};
+}
+
+void Backbone::on_key(const Stream& stream, const KeyRecordPtr& record) {
+  const auto found = own_.find(stream.name());
+  if (found == own_.end()) return;
+  found->second.newest = record;
+  if (!connected_) return;
+  link_.publish(settings_.prefix + ".frames." + token_from_stream(stream.name()),
+                message_of(record->join ? FrameKind::kJoin : FrameKind::kKey, record->bands, stream.epoch(), *record,
+                           record->payload));
+  ++totals_.frames_published;
+}
+
+void Backbone::on_stalled(const Stream& stream) {
+  own_.erase(stream.name());
+}
+
+void Backbone::on_forgotten(const Stream& stream) {
+  own_.erase(stream.name());
+  if (const auto found = remotes_.find(stream.name()); found != remotes_.end()) found->second->forget_stream();
+}
+
+void Backbone::answer_join(ByteView question, const Link::Reply& reply) {
+  ByteReader in(question);
+  const std::uint32_t epoch = in.u32();
+  const auto found = own_.find(text_of(in.bytes(in.remaining())));
+  if (in.failed() || found == own_.end() || found->second.entry.epoch != epoch || !found->second.newest) {
+    return reply({});
+  }
+  const KeyRecord& newest = *found->second.newest;
+  const auto payload = encode_join(found->second.layout, *newest.after);
+  if (!payload) return reply({});
+  ++totals_.joins_answered;
+  reply(message_of(FrameKind::kJoin, newest.after->newer.bands, epoch, newest, *payload));
+}
+
+// ---- Streams of other brokers ----
+
+void Backbone::follow(Stream& stream, const DirectoryEntry& entry) {
+  unfollow(stream.name());
+  auto remote = std::make_shared<Remote>(stream, entry);
+  remote->watched_us = surroundings_.now_us();
+  // Known first: what the stream tells its taps then is of another broker.
+  remotes_[stream.name()] = remote;
+  if (const auto claimed = stream.claim(*remote, true); !claimed) remotes_.erase(stream.name());
+}
+
+void Backbone::unfollow(const std::string& name) {
+  const auto found = remotes_.find(name);
+  if (found == remotes_.end()) return;
+  const std::shared_ptr<Remote> remote = found->second;
+  remotes_.erase(found);
+  remote->subscription.reset();
+  Stream* stream = remote->stream();
+  remote->forget_stream();
+  if (stream == nullptr) return;
+  stream->release(*remote);
+  hub_->left(*stream);
+}
+
+void Backbone::advance(const std::shared_ptr<Remote>& remote) {
+  const TimeUs now = surroundings_.now_us();
+  if (remote->stream() == nullptr || !connected_) return;
+  if (remote->phase == Remote::Phase::kWaiting && now >= remote->next_us) fetch_surface(remote);
+  if (remote->phase == Remote::Phase::kFetched) begin(remote);
+  if (remote->phase == Remote::Phase::kFollowing && remote->follower.wants_join(now)) ask_join(remote);
+}
+
+void Backbone::fetch_surface(const std::shared_ptr<Remote>& remote) {
+  remote->phase = Remote::Phase::kFetching;
+  const auto asset = Sha256::from_hex(remote->entry().announce.asset);
+  if (!asset) {
+    remote->phase = Remote::Phase::kUnusable;
+    return;
+  }
+  assets_.fetch(remote->entry().owner, *asset, [this, weak = std::weak_ptr(remote)](const Result<void>& fetched) {
+    const auto still = weak.lock();
+    if (!still || still->stream() == nullptr) return;
+    if (fetched) {
+      still->phase = Remote::Phase::kFetched;
+      return;
+    }
+    still->phase = Remote::Phase::kWaiting;
+    still->next_us = surroundings_.now_us() + settings_.retry_us;
+    say(LogLevel::kWarning, "the surface of stream '" + still->stream()->name() +
+                                "' does not come, trying again: " + fetched.error().message);
+  });
+}
+
+void Backbone::begin(const std::shared_ptr<Remote>& remote) {
+  Stream& stream = *remote->stream();
+  if (const auto begun = stream.announce(remote->entry().announce, remote->entry().epoch); !begun) {
+    remote->phase = Remote::Phase::kUnusable;
+    return say(LogLevel::kWarning, "stream '" + stream.name() + "' cannot be followed: " + begun.error().message);
+  }
+  say(LogLevel::kInfo, "stream '" + stream.name() + "' of broker " + remote->entry().owner + " is followed, epoch " +
+                           std::to_string(remote->entry().epoch));
+  remote->phase = Remote::Phase::kFollowing;
+  remote->subscription = link_.subscribe(settings_.prefix + ".frames." + token_from_stream(stream.name()),
+                                         [this, weak = std::weak_ptr(remote)](Bytes message) {
+                                           if (const auto still = weak.lock()) take(*still, std::move(message));
+                                         });
+}
+
+void Backbone::ask_join(const std::shared_ptr<Remote>& remote) {
+  Bytes question;
+  ByteWriter out(question);
+  out.u32(remote->entry().epoch);
+  out.text(remote->stream()->name());
+  ++totals_.joins_asked;
+  link_.ask(settings_.prefix + ".joins." + remote->entry().owner, std::move(question), Follower::kJoinTimeoutUs,
+            [this, weak = std::weak_ptr(remote)](Result<Bytes> answer) {
+              const auto still = weak.lock();
+              if (still && answer && !answer->empty()) take(*still, std::move(*answer));
+            });
+}
+
+void Backbone::take(Remote& remote, Bytes message) {
+  if (remote.stream() == nullptr) return;
+  const std::uint64_t dropped = remote.follower.dropped();
+  for (const Bytes& frame : remote.follower.take(std::move(message))) {
+    if (const auto added = remote.stream()->add_frame(frame, surroundings_.now_us()); !added) {
+      say(LogLevel::kWarning,
+          "stream '" + remote.stream()->name() +
+              "': a frame of another broker is refused, asking for a join: " + added.error().message);
+      remote.follower.begin_anew();
+      break;
+    }
+    ++totals_.frames_followed;
+  }
+  totals_.frames_dropped += remote.follower.dropped() - dropped;
+  surroundings_.frames_came();
+}
+
+Backbone::Totals Backbone::totals() const {
+  Totals totals = totals_;
+  totals.connected = connected_;
+  totals.brokers = directory_.brokers(surroundings_.now_us());
+  totals.streams_followed = remotes_.size();
+  totals.streams_known = static_cast<std::uint64_t>(
+      std::count_if(directory_.streams().begin(), directory_.streams().end(),
+                    [](const auto& item) { return item.second.entry && item.second.entry->live; }));
+  totals.asset_bytes_fetched = assets_.fetched_bytes();
+  return totals;
+}
+
+std::string Backbone::status() const {
+  if (!connected_) return "backbone lost" + (trouble_.empty() ? std::string() : ": " + trouble_);
+  return std::to_string(totals().brokers) + " brokers";
+}
+
+}  // namespace eigencast::broker

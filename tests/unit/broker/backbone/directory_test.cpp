@@ -1,0 +1,101 @@
+// SPDX-License-Identifier: MIT
+#include "broker/backbone/directory.h"
+
+#include <gtest/gtest.h>
+
+#include "tests/unit/broker/support.h"
+
+namespace eigencast::broker {
+namespace {
+
+DirectoryEntry entry_of(const std::string& owner, std::uint32_t epoch, bool live = true) {
+  return {owner, epoch, live, testing::small_announce()};
+}
+
+TEST(Directory, EntriesSurviveTheirText) {
+  DirectoryEntry entry = entry_of("0123456789abcdef", 4'000'000'000U);
+  const auto read = entry_from_text(text_from_entry(entry));
+  ASSERT_TRUE(read) << read.error().message;
+  EXPECT_EQ(read->owner, entry.owner);
+  EXPECT_EQ(read->epoch, entry.epoch);
+  EXPECT_EQ(read->announce.asset, entry.announce.asset);
+  EXPECT_EQ(read->announce.format, entry.announce.format);
+}
+
+TEST(Directory, EveryTruncationOfAnEntryIsRefused) {
+  const std::string text = text_from_entry(entry_of("a", 1));
+  for (std::size_t n = 0; n < text.size(); ++n) EXPECT_FALSE(entry_from_text(text.substr(0, n))) << n;
+}
+
+TEST(Directory, HostileEntriesAreRefused) {
+  const std::string good = text_from_entry(entry_of("a", 1));
+  const auto with = [&](const std::string& from, const std::string& to) {
+    std::string text = good;
+    const auto at = text.find(from);
+    EXPECT_NE(at, std::string::npos) << from;
+    return text.replace(at, from.size(), to);
+  };
+  EXPECT_TRUE(entry_from_text(good));
+  EXPECT_FALSE(entry_from_text(with("\"epoch\":1", "\"epoch\":0")));
+  EXPECT_FALSE(entry_from_text(with("\"epoch\":1", "\"epoch\":4294967296")));
+  EXPECT_FALSE(entry_from_text(with("\"epoch\":1", "\"epoch\":-1")));
+  EXPECT_FALSE(entry_from_text(with("\"live\":true", "\"live\":1")));
+  EXPECT_FALSE(entry_from_text(with("\"owner\":\"a\"", "\"owner\":\"\"")));
+  EXPECT_FALSE(entry_from_text(with("\"owner\":\"a\"", "\"owner\":\"" + std::string(65, 'x') + "\"")));
+  EXPECT_FALSE(entry_from_text(with("quantised", "quantized")));
+  EXPECT_FALSE(entry_from_text(std::string(100'000, ' ')));
+}
+
+TEST(Directory, TokensAndNamesAreOneToOne) {
+  EXPECT_EQ(token_from_stream("lab/arm-2/v1.5"), "lab.arm-2.v1=5");
+  for (const char* name : {"demo", "lab/arm", "a.b/c..d/-_", "x"}) {
+    EXPECT_EQ(stream_from_token(token_from_stream(name)), name);
+  }
+  for (const char* token : {"", "a..b", ".a", "a/b", "a b", "*", ">", "=" /* the name "." */}) {
+    EXPECT_EQ(stream_from_token(token), std::nullopt) << token;
+  }
+}
+
+TEST(Directory, OlderNewsChangesNothing) {
+  Directory directory("me", 0);
+  ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("a", 7)), 10));
+  ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("b", 6)), 9));
+  EXPECT_EQ(directory.find("s")->entry->owner, "a");
+  ASSERT_TRUE(directory.take("s", std::nullopt, 11));
+  EXPECT_EQ(directory.find("s")->entry, std::nullopt);
+  EXPECT_EQ(directory.revision("s"), 11U) << "the next change must name the removal";
+  EXPECT_EQ(directory.revision("other"), 0U);
+}
+
+TEST(Directory, SilentBrokersHoldNothing) {
+  Directory directory("me", 0);
+  ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("a", 7)), 1));
+  EXPECT_NE(directory.live("s", Directory::kSilenceUs - 1), nullptr) << "too early to know who is there";
+  EXPECT_EQ(directory.live("s", Directory::kSilenceUs), nullptr);
+  directory.heard("a", Directory::kSilenceUs);
+  EXPECT_NE(directory.live("s", 2 * Directory::kSilenceUs - 1), nullptr);
+  EXPECT_EQ(directory.live("s", 2 * Directory::kSilenceUs), nullptr);
+  directory.heard("a", 2 * Directory::kSilenceUs);
+  directory.gone("a");
+  EXPECT_EQ(directory.live("s", 2 * Directory::kSilenceUs), nullptr) << "it said so";
+}
+
+TEST(Directory, ForgetsWhatGoneBrokersLeft) {
+  Directory directory("me", 0);
+  ASSERT_TRUE(directory.take("theirs", text_from_entry(entry_of("a", 1)), 1));
+  ASSERT_TRUE(directory.take("mine", text_from_entry(entry_of("me", 1)), 2));
+  EXPECT_TRUE(directory.forgotten(Directory::kForgetUs - 1).empty());
+  EXPECT_EQ(directory.forgotten(Directory::kForgetUs), std::vector<std::string>{"theirs"});
+}
+
+TEST(Directory, OfTwoSendersExactlyOneGivesWay) {
+  for (std::uint32_t e : {1U, 2U, 3U}) {
+    for (const char* owner : {"a", "c"}) {
+      const DirectoryEntry mine = entry_of("b", 2), other = entry_of(owner, e);
+      EXPECT_NE(gives_way(mine, other), gives_way(other, mine));
+    }
+  }
+}
+
+}  // namespace
+}  // namespace eigencast::broker

@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <deque>
+#include <functional>
+#include <map>
+#include <set>
+#include <string>
+#include <vector>
+
+#include "broker/backbone/link.h"
+
+namespace eigencast::broker::testing {
+
+class FakeLink;
+
+/// What all FakeLinks share: messages on their way, and the table. Nothing moves but in run().
+class FakeNetwork {
+ public:
+  struct Row {
+    std::optional<std::string> text;
+    std::uint64_t revision = 0;
+  };
+
+  /// Delivers until nothing is on its way any more.
+  void run() {
+    for (int i = 0; i < 100'000 && !coming.empty(); ++i) {
+      const auto work = std::move(coming.front());
+      coming.pop_front();
+      work();
+    }
+  }
+  void later(std::function<void()> work) { coming.push_back(std::move(work)); }
+
+  std::vector<FakeLink*> links;
+  std::map<std::string, Row> table;
+  std::uint64_t revision = 0;
+  bool table_answers = true;
+  std::function<bool(const std::string& subject)> drops;
+  std::deque<std::function<void()>> coming;
+};
+
+/// A Link within one process.
+class FakeLink final : public Link {
+ public:
+  explicit FakeLink(FakeNetwork& network) : network_(network) { network.links.push_back(this); }
+  ~FakeLink() override { std::erase(network_.links, this); }
+
+  void connect() {
+    connected_ = true;
+    network_.later([this] {
+      listener_->on_connected();
+      for (const auto& [key, row] : network_.table) listener_->on_row(key, row.text, row.revision);
+      listener_->on_table_read();
+    });
+  }
+  void cut() {
+    connected_ = false;
+    network_.later([this] { listener_->on_disconnected("cut by the test"); });
+  }
+
+  void start(Listener& listener) override {
+    listener_ = &listener;
+    if (connected_) connect();
+  }
+  void stop() override {
+    network_.run();  // What waits still leaves.
+    connected_ = false;
+    listener_ = nullptr;
+  }
+  void publish(const std::string& subject, Bytes message) override {
+    if (!connected_ || (network_.drops && network_.drops(subject))) return;
+    network_.later([this, subject, message = std::move(message)] {
+      for (FakeLink* link : network_.links) {
+        if (!link->connected_) continue;
+        for (const auto& heard : std::vector(link->heard_)) {
+          if (heard->subject == subject && heard->handler) heard->handler(message);
+        }
+      }
+    });
+  }
+  std::shared_ptr<void> subscribe(const std::string& subject, Handler handler) override {
+    return listen({subject, std::move(handler), {}});
+  }
+  std::shared_ptr<void> serve(const std::string& subject, Questioned questioned) override {
+    return listen({subject, {}, std::move(questioned)});
+  }
+  void ask(const std::string& subject, Bytes message, TimeUs, Answer answer) override {
+    network_.later([this, subject, message = std::move(message), answer = std::move(answer)] {
+      for (FakeLink* link : network_.links) {
+        if (!link->connected_ || !connected_) continue;
+        for (const auto& heard : std::vector(link->heard_)) {
+          if (heard->subject != subject || !heard->questioned) continue;
+          heard->questioned(message, [this, answer](Bytes bytes) {
+            network_.later([answer, bytes = std::move(bytes)] { answer(bytes); });
+          });
+          return;
+        }
+      }
+      answer(fail(ErrorCode::kUnreachable, "nobody listens"));
+    });
+  }
+  void write_row(const std::string& key, std::optional<std::string> text, std::uint64_t expected,
+                 std::function<void(const Result<std::uint64_t>&)> written) override {
+    network_.later([this, key, text = std::move(text), expected, written = std::move(written)] {
+      if (!connected_ || !network_.table_answers) return written(fail(ErrorCode::kUnreachable, "no answer"));
+      FakeNetwork::Row& row = network_.table[key];
+      if (row.revision != expected) return written(fail(ErrorCode::kRefused, "another revision"));
+      row = {text, ++network_.revision};
+      for (FakeLink* link : network_.links) {
+        network_.later([link, key, row] {
+          if (link->connected_ && link->listener_ != nullptr) link->listener_->on_row(key, row.text, row.revision);
+        });
+      }
+      written(row.revision);
+    });
+  }
+
+ private:
+  struct Heard {
+    std::string subject;
+    Handler handler;
+    Questioned questioned;
+  };
+  std::shared_ptr<void> listen(Heard heard) {
+    auto item = std::make_shared<Heard>(std::move(heard));
+    heard_.push_back(item);
+    return {item.get(), [this, item](void*) { std::erase(heard_, item); }};
+  }
+
+  FakeNetwork& network_;
+  Listener* listener_ = nullptr;
+  std::vector<std::shared_ptr<Heard>> heard_;
+  bool connected_ = true;
+};
+
+}  // namespace eigencast::broker::testing
