@@ -1,0 +1,279 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""Three brokers over three NATS servers, each on a host of its own, while machines die, cables are pulled and senders move.
+
+    cluster_test.py FOLDER-OF-PROGRAMS [-v]
+
+Skipped, loudly, without root, network namespaces or nats-server.
+"""
+import json
+import os
+import pathlib
+import shutil
+import signal
+import struct
+import sys
+import tempfile
+import threading
+import time
+import unittest
+import urllib.request
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / "tests/support"), str(pathlib.Path(__file__).parent)]
+import hosts
+from websocket_peer import BINARY, TEXT, Peer
+
+PROGRAMS = None
+DATA_PORT, ADMIN_PORT = 7490, 7491
+KEY, JOIN = 1, 2
+
+
+class Viewer(threading.Thread):
+    """Watches a stream's keys at one broker and notes what a viewer must never see."""
+
+    def __init__(self, host, stream):
+        super().__init__(daemon=True)
+        self.host, self.stream = host, stream
+        self.frames = []  # (time, epoch, sequence, capture time)
+        self.states = []
+        self.faults = []
+        self.over = False
+        self.start()
+
+    def run(self):
+        while not self.over:
+            try:
+                with self.host.within():
+                    peer = Peer(DATA_PORT, f"/v1/subscribe/{self.stream}?rate=raw", "eigencast.v1")
+                peer.sock.settimeout(0.5)
+                self.watch(peer)
+            except (OSError, EOFError, AssertionError):
+                time.sleep(0.1)
+
+    def watch(self, peer):
+        stream_id = epoch = None
+        while not self.over:
+            try:
+                opcode, payload = peer.receive()
+            except TimeoutError:
+                continue
+            if opcode == TEXT:
+                message = json.loads(payload)
+                if message["op"] == "stream":
+                    if message["stream"] != self.stream:
+                        self.faults.append(f"told of {message['stream']}")
+                    stream_id, epoch = message["stream_id"], message["epoch"]
+                    self.states.append((time.monotonic(), message["state"], epoch))
+                continue
+            if opcode != BINARY:
+                continue
+            kind, _, _, _, of, frame_epoch, sequence, capture = struct.unpack("<BBBBIIQQ", payload[:28])
+            if of != stream_id or frame_epoch != epoch:
+                self.faults.append(f"a frame of stream {of}, epoch {frame_epoch} within {stream_id}, {epoch}")
+            if self.frames:
+                _, last_epoch, last_sequence, last_capture = self.frames[-1]
+                if frame_epoch < last_epoch:
+                    self.faults.append(f"epoch {frame_epoch} after {last_epoch}")
+                if frame_epoch == last_epoch and sequence < last_sequence:
+                    self.faults.append(f"{sequence} after {last_sequence}")
+                if frame_epoch == last_epoch and kind == KEY and sequence != last_sequence + 1:
+                    self.faults.append(f"key {sequence} after {last_sequence}")
+            self.frames.append((time.monotonic(), frame_epoch, sequence, capture))
+
+    def longest_silence(self, since, until):
+        times = [since] + [f[0] for f in self.frames if since <= f[0] <= until] + [until]
+        return max(b - a for a, b in zip(times, times[1:]))
+
+    def newest_epoch(self):
+        return self.frames[-1][1] if self.frames else 0
+
+
+class Cluster(unittest.TestCase):
+    NATS = ["n1", "n2", "n3"]
+    BROKERS = ["b1", "b2", "b3"]
+
+    def setUp(self):
+        why = hosts.available() or ("" if shutil.which("nats-server") else "no nats-server")
+        if why:
+            self.skipTest(f"SKIPPED: {why}")
+        self.folder = tempfile.TemporaryDirectory(prefix="eigencast-cluster-")
+        self.network = hosts.Network(self.NATS + self.BROKERS).__enter__()
+        self.hosts = self.network.hosts
+        self.processes, self.viewers, self.senders = {}, [], []
+        for name in self.NATS:
+            self.start_nats(name)
+        for name in self.BROKERS:
+            self.start_broker(name)
+        for name in self.BROKERS:
+            self.wait_for(lambda: self.metric(name, "eigencast_broker_backbone_connected") == 1 and
+                          self.metric(name, "eigencast_broker_backbone_brokers") == len(self.BROKERS), 30, f"{name} meets the others")
+
+    def tearDown(self):
+        if not hasattr(self, "network"):
+            return
+        for viewer in self.viewers:
+            viewer.over = True
+        self.network.__exit__()
+        if os.environ.get("KEEP"):
+            print("kept", shutil.copytree(self.folder.name, "/tmp/eigencast-cluster-kept", dirs_exist_ok=True))
+        self.folder.cleanup()
+
+    # ---- Machines ----
+
+    def path(self, name):
+        return pathlib.Path(self.folder.name) / name
+
+    def log_of(self, name):
+        return open(self.path(name.replace("/", "-") + ".log"), "a")
+
+    def start_nats(self, name):
+        routes = ", ".join(f'"nats://{self.hosts[other].address}:6222"' for other in self.NATS)
+        config = self.path(f"{name}.conf")
+        config.write_text(f"""
+server_name: {name}
+listen: "{self.hosts[name].address}:4222"
+jetstream {{ store_dir: "{self.path(name)}", max_memory_store: 64MB, max_file_store: 256MB }}
+cluster {{ name: eigencast, listen: "{self.hosts[name].address}:6222", routes: [{routes}] }}
+""")
+        self.processes[name] = self.hosts[name].run("nats-server", "-c", config, stdout=self.log_of(name), stderr=self.log_of(name))
+
+    def start_broker(self, name):
+        servers = ",".join(f"nats://{self.hosts[n].address}:4222" for n in self.NATS)
+        self.processes[name] = self.hosts[name].run(
+            PROGRAMS / "eigencast-broker", f"--listen=127.0.0.1:{DATA_PORT}", f"--admin-listen=127.0.0.1:{ADMIN_PORT}",
+            f"--data-dir={self.path(name)}", f"--backbone-servers={servers}", "--backbone-replicas=3", stdout=self.log_of(name),
+            stderr=self.log_of(name))
+
+    def kill(self, name):
+        os.kill(self.processes[name].pid, signal.SIGKILL)
+        self.processes[name].wait()
+
+    def start_sender(self, broker, stream, surface="torus"):
+        process = self.hosts[broker].run(PROGRAMS / "eigencast-sender", "--no-progress", "play", surface, "--rate", "30", "--to",
+                                         f"ws://127.0.0.1:{DATA_PORT}/{stream}", stdout=self.log_of(f"sender-{stream}"),
+                                         stderr=self.log_of(f"sender-{stream}"), env={**os.environ, "XDG_CACHE_HOME": str(self.path("cache"))})
+        self.senders.append(process)
+        return process
+
+    def watch(self, broker, stream):
+        viewer = Viewer(self.hosts[broker], stream)
+        self.viewers.append(viewer)
+        return viewer
+
+    def metric(self, broker, name):
+        try:
+            with self.hosts[broker].within():
+                text = urllib.request.urlopen(f"http://127.0.0.1:{ADMIN_PORT}/metrics", timeout=2).read().decode()
+        except OSError:
+            return None
+        return next((float(line.split()[-1]) for line in text.splitlines() if line.split()[:1] == [name]), None)
+
+    def wait_for(self, condition, seconds, what):
+        began = time.monotonic()
+        while time.monotonic() - began < seconds:
+            if condition():
+                return time.monotonic() - began
+            time.sleep(0.05)
+        logs = "\n".join(f"--- {p.name}\n{p.read_text()[-1500:]}" for p in sorted(pathlib.Path(self.folder.name).glob("*.log")))
+        self.fail(f"{what}: not within {seconds} s\n{logs}")
+
+    def settle(self, viewers, seconds=20):
+        for viewer in viewers:
+            self.wait_for(lambda: len(viewer.frames) > 30, seconds, f"frames of {viewer.stream} at {viewer.host.name}")
+
+    def assert_clean(self):
+        for viewer in self.viewers:
+            self.assertEqual(viewer.faults, [], f"{viewer.stream} at {viewer.host.name}")
+
+    def assert_goes_on(self, viewers, since, until, most=2.0):
+        for viewer in viewers:
+            silence = viewer.longest_silence(since, until)
+            print(f"    {viewer.stream} at {viewer.host.name}: longest silence {silence:.2f} s")
+            self.assertLess(silence, most, f"{viewer.stream} at {viewer.host.name}")
+
+    # ---- What must hold ----
+
+    def test_frames_go_on_whatever_dies(self):
+        self.start_sender("b1", "lab/one")
+        self.start_sender("b2", "lab/two", "heart")
+        one = [self.watch(b, "lab/one") for b in self.BROKERS]
+        two = [self.watch(b, "lab/two") for b in self.BROKERS]
+        self.settle(one + two, 60)
+        self.assertEqual(len({v.newest_epoch() for v in one}), 1)
+
+        for victim in self.NATS[:2]:
+            began = time.monotonic()
+            self.kill(victim)
+            time.sleep(8)
+            print(f"  NATS server {victim} killed")
+            self.assert_goes_on(one + two, began, time.monotonic())
+            self.start_nats(victim)
+            time.sleep(6)  # The cluster heals before the next one dies.
+
+        began = time.monotonic()
+        self.kill("b3")
+        time.sleep(6)
+        print("  broker b3 killed")
+        self.assert_goes_on([v for v in one + two if v.host.name != "b3"], began, time.monotonic())
+        self.start_broker("b3")
+        count = [len(v.frames) for v in self.viewers]
+        self.wait_for(lambda: all(len(v.frames) > n + 60 for v, n in zip(self.viewers, count)), 20, "viewers of b3 come back")
+
+        # A cable: the streams of b2 go on at b2, others stand still there and go on when it is plugged in again.
+        began = time.monotonic()
+        self.hosts["b2"].link("down")
+        time.sleep(7)
+        print("  cable of b2 pulled")
+        self.assert_goes_on([one[0], one[2], two[1]], began, time.monotonic())
+        self.assertEqual(self.metric("b2", "eigencast_broker_backbone_connected"), 0)
+        self.hosts["b2"].link("up")
+        plugged = time.monotonic()
+        count = [len(v.frames) for v in self.viewers]
+        self.wait_for(lambda: all(len(v.frames) > n + 30 for v, n in zip(self.viewers, count)), 20, "all go on after the cable is back")
+        print(f"  and plugged in: all go on after {time.monotonic() - plugged:.1f} s")
+        self.assert_clean()
+
+    def test_a_sender_moves(self):
+        sender = self.start_sender("b1", "lab/one")
+        viewers = [self.watch(b, "lab/one") for b in self.BROKERS]
+        self.settle(viewers, 60)
+        for target in ("b2", "b3", "b1"):
+            epoch = max(v.newest_epoch() for v in viewers)
+            sender.send_signal(signal.SIGKILL)
+            sender.wait()
+            moved = time.monotonic()
+            sender = self.start_sender(target, "lab/one")
+            self.wait_for(lambda: all(v.newest_epoch() > epoch for v in viewers), 15, f"frames of the sender at {target}")
+            print(f"  moved to {target}: seen by all after {time.monotonic() - moved:.1f} s")
+        self.assertEqual(len({v.newest_epoch() for v in viewers}), 1)
+        # Its broker dies, it goes elsewhere.
+        epoch = viewers[1].newest_epoch()
+        self.kill("b1")
+        sender.kill()
+        sender = self.start_sender("b2", "lab/one")
+        tries = [sender]
+
+        def moved_over():
+            if tries[-1].poll() is not None:  # Refused while b1 may still be alive.
+                tries.append(self.start_sender("b2", "lab/one"))
+                time.sleep(0.5)
+            return all(v.newest_epoch() > epoch for v in viewers[1:])
+        took = self.wait_for(moved_over, 15, "the sender's new broker takes over")
+        print(f"  its broker killed: taken over after {took:.1f} s")
+        self.assert_clean()
+
+    def test_two_senders_at_once(self):
+        first, second = self.start_sender("b1", "lab/one"), self.start_sender("b2", "lab/one")
+        viewers = [self.watch(b, "lab/one") for b in self.BROKERS]
+        self.settle(viewers, 60)
+        time.sleep(2)
+        self.assertEqual(len({v.newest_epoch() for v in viewers}), 1, "all watch the same of the two")
+        owned = [self.metric(b, "eigencast_broker_backbone_frames_published_total") > 0 for b in self.BROKERS[:2]]
+        self.assertEqual(sum(owned), 1)
+        self.assert_clean()
+
+
+if __name__ == "__main__":
+    PROGRAMS = pathlib.Path(sys.argv.pop(1)).resolve()
+    unittest.main(verbosity=2, warnings="ignore")
