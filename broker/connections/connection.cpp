@@ -169,7 +169,11 @@ void Connection::send(const ControlMessage& message) {
 
 void Connection::send_framed(std::string message) {
   if (closing_ || ended_) return;
-  if (outbox_.push_control(std::make_shared<const std::string>(std::move(message)))) return flush();
+  const auto text = std::make_shared<const std::string>(std::move(message));
+  if (outbox_.push_control(text)) return flush();
+  // Many questions in one turn make many answers before its end: that the socket does not take them is not said yet.
+  if (!blocked_ && open_) leave();
+  if (!blocked_ && open_ && outbox_.push_control(text)) return flush();
   ++context_.counters.slow_disconnects;
   log(context_.log, LogLevel::kWarning, name() + ": closed, it does not take its control messages");
   closing_ = true;

@@ -87,6 +87,14 @@ nlohmann::json Operation::api(const std::string& name) {
   return nlohmann::json::parse(body_of(get("/api/" + name)), nullptr, false);
 }
 
+nlohmann::json Operation::client_of_kind(const std::string& kind) {
+  const nlohmann::json report = api("clients");
+  for (const auto& client : report["clients"]) {
+    if (client["kind"] == kind) return client;
+  }
+  return {};
+}
+
 double Operation::metric(const std::string& name) {
   std::istringstream text(body_of(get("/metrics")));
   for (std::string line; std::getline(text, line);) {

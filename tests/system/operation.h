@@ -33,6 +33,8 @@ class Operation : public ::testing::Test {
   std::string get(const std::string& target) { return ask(scene_.admin_port(), "GET", target); }
   std::string post(const std::string& target) { return ask(scene_.admin_port(), "POST", target); }
   nlohmann::json api(const std::string& name);
+  /// The first client of the report that is one: "sender", "viewer"; null: none.
+  nlohmann::json client_of_kind(const std::string& kind);
   /// Of a metric without labels. A metric that is not there fails the test.
   double metric(const std::string& name);
   /// The first stream takes keys: ten more arrive.
