@@ -52,7 +52,8 @@ bool BasisTiles::append(const Asset& asset, std::uint32_t end) {
     const float* row = &asset.basis[i * rank_];
     float* to = floats_.data() + i / kRows * kRows * float_columns_ + i % kRows;
     for (std::size_t k = 0; k < float_columns_; ++k) to[k * kRows] = row[k];
-    std::int16_t* integers = integers_.data() + i / kRows * kRows * integer_columns + i % kRows;
+    std::int16_t* integers =
+        integers_.data() + i / kRows * kRows * integer_columns + kernel::place_of_integer(i % kRows);
     for (std::size_t k = 0; k < integer_columns; ++k) {
       if (!integer_of(row[float_columns_ + k], scales_[k], integers[k * kRows])) return false;
     }

@@ -44,8 +44,10 @@ class BasisTiles {
 
   /// The tiles from number `first` on, and of them the first `rank` columns.
   kernel::Tiles view(std::size_t first, std::uint32_t rank) const;
-  /// What an entry of column k is a multiple of: factor of that column's coefficients.
-  float scale(std::uint32_t k) const { return k < float_columns_ ? 1.0F : scales_[k - float_columns_]; }
+  /// What the kernels' entries of column k are to be multiplied by: factor of that column's coefficients.
+  double scale(std::uint32_t k) const {
+    return k < float_columns_ ? 1 : static_cast<double>(scales_[k - float_columns_]) / kernel::kIntegerUnit;
+  }
 
  private:
   bool append(const Asset& asset, std::uint32_t end);

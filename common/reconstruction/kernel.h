@@ -16,9 +16,18 @@ inline constexpr std::size_t kAlignment = 64;     ///< Bytes that tiles begin at
 inline constexpr std::size_t kWidestVector = 16;  ///< Floats in the widest vector of any variant.
 inline constexpr std::size_t kGramTile = 8;
 
+// Integers of a column lie in pairs: row j of a group of 2 x kGroupRows rows beside row j + kGroupRows, so that one word
+// is both. A shift gives the one and a mask the other, kIntegerUnit-fold, which is the fastest way to get at them.
+inline constexpr std::size_t kGroupRows = 16;
+inline constexpr double kIntegerUnit = 65536;
+/// Where the integer of a tile's row lies in its column.
+constexpr std::size_t place_of_integer(std::size_t row) {
+  return row / (2 * kGroupRows) * 2 * kGroupRows + row % kGroupRows * 2 + row / kGroupRows % 2;
+}
+
 /// Tiles one after the other: of each tile `float_columns` columns of floats and `integer_columns` columns of integers
 /// are used; the next tile begins `float_stride`, `integer_stride` columns later. Rows of the last tile that do not
-/// exist hold zero.
+/// exist hold zero. An integer stands for kIntegerUnit times itself.
 struct Tiles {
   const float* floats = nullptr;
   const std::int16_t* integers = nullptr;
@@ -45,6 +54,12 @@ struct Functions {
   ///   B  rows x width, row-major, width a multiple of kGramTile
   ///   G  width x width, row-major
   void (*add_gram)(const double* B, std::size_t rows, std::size_t width, double* G);
+
+  /// C += T^T T S for a lower triangular T: what solving with the factor of a symmetric matrix gives, where T is its
+  /// inverse.
+  ///   T     rows x width, row-major, width a multiple of kGramTile; zero right of the diagonal
+  ///   S, C  3 x width; S is zero beyond `rows`
+  void (*add_inverse)(const double* T, std::size_t rows, std::size_t width, const double* S, double* C);
 };
 
 /// REQUIRES: `set` is one of instruction_sets(), or smaller than one.

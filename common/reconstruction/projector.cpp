@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
+#include <array>
+#include <atomic>
 #include <cassert>
 #include <cmath>
 #include <string>
@@ -17,7 +19,12 @@ constexpr std::size_t kForwardTiles = 32;
 constexpr std::size_t kGramBlock = 64;
 // Independent of how many threads there are, so that the sums are the same everywhere.
 constexpr std::size_t kGramParts = 8;
-constexpr std::size_t kNone = ~std::size_t{0};
+// Multiplications below which waking other threads takes longer than they save.
+constexpr std::size_t kWorthThreads = 10'000'000;
+
+std::size_t whole_gram_tiles(std::size_t columns) {
+  return (columns + kernel::kGramTile - 1) / kernel::kGramTile * kernel::kGramTile;
+}
 
 // The weight of each row in the fit: between area (mass), for which the error of the surface is least, and 1, for which
 // that of the vertices is (docs/adr/0004).
@@ -31,7 +38,7 @@ std::vector<double> weights_of(const Asset& asset) {
 std::vector<double> gram_matrix(const Asset& asset, const std::vector<double>& weights,
                                 const kernel::Functions& functions) {
   const std::size_t n = asset.vertex_count, r = asset.rank;
-  const std::size_t width = (r + kernel::kGramTile - 1) / kernel::kGramTile * kernel::kGramTile;
+  const std::size_t width = whole_gram_tiles(r);
   std::vector<std::vector<double>> parts(kGramParts);
   worker_team().run(kGramParts, [&](std::size_t part) {
     parts[part].resize(width * width);
@@ -77,44 +84,49 @@ std::size_t factorise(std::vector<double>& A, std::size_t r) {
   return r;
 }
 
-// Solves L L^T C = C in place; C is r x 3, row-major.
-void solve(const std::vector<double>& L, std::size_t r, std::vector<double>& C) {
+// The inverse of the lower triangle of L, r x r, in rows of `width`.
+std::vector<double> inverse_of_triangle(const std::vector<double>& L, std::size_t r, std::size_t width) {
+  std::vector<double> T(r * width);
   for (std::size_t i = 0; i < r; ++i) {
-    double value[3] = {C[3 * i], C[3 * i + 1], C[3 * i + 2]};
+    double* row = &T[i * width];
+    row[i] = 1;
     for (std::size_t k = 0; k < i; ++k) {
-      for (std::size_t d = 0; d < 3; ++d) value[d] -= L[i * r + k] * C[3 * k + d];
+      for (std::size_t j = 0; j <= k; ++j) row[j] -= L[i * r + k] * T[k * width + j];
     }
-    for (std::size_t d = 0; d < 3; ++d) C[3 * i + d] = value[d] / L[i * r + i];
+    for (std::size_t j = 0; j <= i; ++j) row[j] /= L[i * r + i];
   }
-  for (std::size_t i = r; i-- > 0;) {
-    for (std::size_t d = 0; d < 3; ++d) C[3 * i + d] /= L[i * r + i];
-    for (std::size_t k = 0; k < i; ++k) {
-      for (std::size_t d = 0; d < 3; ++d) C[3 * k + d] -= L[i * r + k] * C[3 * i + d];
-    }
-  }
+  return T;
 }
 
-// W (X - origin) of the rows from `first` on, tile by tile as the kernel wants it; zero beyond the last row. Returns the
-// first source vertex that is not finite, or kNone.
+// W (X - origin) of the rows from `first` on, tile by tile as the kernel wants it; zero beyond the last row. Returns
+// whether all are finite.
 template <typename Value>
-std::size_t weigh(const Asset& asset, std::span<const double> weights, std::span<const Value> positions,
-                  std::size_t first, std::size_t rows, std::vector<float>& Y) {
-  std::size_t bad = kNone;
+bool weigh(const Asset& asset, std::span<const double> weights, std::span<const Value> positions, std::size_t first,
+           std::size_t rows, float* Y) {
+  const std::array<double, 3> origin = {asset.origin[0], asset.origin[1], asset.origin[2]};
+  double zero = 0;
   for (std::size_t i = 0; i < rows; ++i) {
-    const std::size_t source = asset.source_vertex[first + i];
-    const Value* x = &positions[3 * source];
-    float* y = &Y[i / kernel::kTileRows * 3 * kernel::kTileRows + i % kernel::kTileRows];
+    const Value* x = &positions[3 * std::size_t{asset.source_vertex[first + i]}];
+    float* y = Y + i / kernel::kTileRows * 3 * kernel::kTileRows + i % kernel::kTileRows;
     for (std::size_t d = 0; d < 3; ++d) {
-      if (!std::isfinite(x[d])) bad = std::min(bad, source);
-      const double weighted = weights[first + i] * (static_cast<double>(x[d]) - asset.origin[d]);
+      const double weighted = weights[first + i] * (static_cast<double>(x[d]) - origin[d]);
+      zero += 0 * weighted;
       y[d * kernel::kTileRows] = static_cast<float>(weighted);
     }
   }
   for (std::size_t i = rows; i % kernel::kTileRows != 0; ++i) {
-    float* y = &Y[i / kernel::kTileRows * 3 * kernel::kTileRows + i % kernel::kTileRows];
+    float* y = Y + i / kernel::kTileRows * 3 * kernel::kTileRows + i % kernel::kTileRows;
     for (std::size_t d = 0; d < 3; ++d) y[d * kernel::kTileRows] = 0;
   }
-  return bad;
+  return zero == 0;
+}
+
+template <typename Value>
+Result<void> check_finite(std::span<const Value> positions) {
+  const auto bad = std::find_if(positions.begin(), positions.end(), [](Value x) { return !std::isfinite(x); });
+  if (bad == positions.end()) return {};
+  return fail(ErrorCode::kInvalidArgument, "positions: vertex " + std::to_string((bad - positions.begin()) / 3) +
+                                               " has a coordinate that is not a finite number");
 }
 
 }  // namespace
@@ -129,42 +141,36 @@ Result<std::vector<double>> Projector::project(std::span<const Value> positions)
   }
   constexpr std::size_t kRows = kForwardTiles * kernel::kTileRows;
   const std::size_t parts = (n + kRows - 1) / kRows;
-  struct Part {
-    std::vector<double> sums;
-    std::size_t bad = kNone;
-  };
-  std::vector<Part> done(parts);
+  const std::size_t width = inverse_.size() / r;
+  std::vector<std::vector<double>> sums(parts);
+  std::atomic<bool> finite = true;
   const kernel::Functions& functions = kernel::functions(set_);
   const auto sum_part = [&](std::size_t part) {
     const std::size_t first = part * kRows, rows = std::min(kRows, n - first);
     const std::size_t tiles = (rows + kernel::kTileRows - 1) / kernel::kTileRows;
-    std::vector<float> Y(tiles * 3 * kernel::kTileRows);
+    AlignedVector<float> Y(tiles * 3 * kernel::kTileRows);
     AlignedVector<float> scratch(3 * r * kernel::kWidestVector);
-    done[part].sums.resize(3 * r);
-    done[part].bad = weigh(*asset_, weights_, positions, first, rows, Y);
-    functions.add_transposed(tiles_.view(part * kForwardTiles, asset_->rank), tiles, Y.data(), done[part].sums.data(),
+    sums[part].resize(3 * r);
+    if (!weigh(*asset_, weights_, positions, first, rows, Y.data())) finite = false;
+    functions.add_transposed(tiles_.view(part * kForwardTiles, asset_->rank), tiles, Y.data(), sums[part].data(),
                              scratch.data());
   };
-  if (threads_ == 1) {
+  if (threads_ == 1 || n * r * 3 < kWorthThreads) {
     for (std::size_t part = 0; part < parts; ++part) sum_part(part);
   } else {
     worker_team().run(parts, sum_part);
   }
+  if (!finite) return check_finite(positions).error();
 
-  std::vector<double> C(3 * r);
-  std::size_t bad = kNone;
-  for (const Part& part : done) {
-    bad = std::min(bad, part.bad);
-    for (std::size_t i = 0; i < 3 * r; ++i) C[i] += part.sums[i];
-  }
-  if (bad != kNone) {
-    return fail(ErrorCode::kInvalidArgument,
-                "positions: vertex " + std::to_string(bad) + " has a coordinate that is not a finite number");
+  std::vector<double> S(3 * width), by_axis(3 * width), C(3 * r);
+  for (const std::vector<double>& part : sums) {
+    for (std::size_t i = 0; i < 3 * r; ++i) S[i % 3 * width + i / 3] += part[i];
   }
   for (std::uint32_t k = 0; k < asset_->rank; ++k) {
-    for (std::size_t d = 0; d < 3; ++d) C[3 * k + d] *= static_cast<double>(tiles_.scale(k));
+    for (std::size_t d = 0; d < 3; ++d) S[d * width + k] *= tiles_.scale(k);
   }
-  solve(gram_factor_, r, C);
+  functions.add_inverse(inverse_.data(), r, width, S.data(), by_axis.data());
+  for (std::size_t i = 0; i < 3 * r; ++i) C[i] = by_axis[i % 3 * width + i / 3];
   return C;
 }
 
@@ -176,14 +182,15 @@ Result<Projector> Projector::create(const Asset& asset, InstructionSet set, unsi
   projector.threads_ = threads;
   projector.tiles_.update(asset);
   projector.weights_ = weights_of(asset);
-  projector.gram_factor_ = gram_matrix(asset, projector.weights_, kernel::functions(set));
-  const std::size_t bad = factorise(projector.gram_factor_, asset.rank);
+  std::vector<double> gram = gram_matrix(asset, projector.weights_, kernel::functions(set));
+  const std::size_t bad = factorise(gram, asset.rank);
   if (bad < asset.rank) {
     return fail(ErrorCode::kNumerical,
                 "basis: column " + std::to_string(bad) +
                     " depends on the columns before it, so positions have no unique coefficients; "
                     "bake the asset again with fewer columns");
   }
+  projector.inverse_ = inverse_of_triangle(gram, asset.rank, whole_gram_tiles(asset.rank));
   return projector;
 }
 

@@ -11,7 +11,7 @@ namespace eigencast {
 namespace {
 
 // Multiplications below which waking other threads takes longer than they save.
-constexpr std::size_t kWorthThreads = 4'000'000;
+constexpr std::size_t kWorthThreads = 10'000'000;
 constexpr std::size_t kTilesPerTask = 16;
 
 /// C as the kernel wants it: poses x rank x 3, in units of the tiles' entries.
@@ -23,8 +23,7 @@ std::vector<float> packed_coefficients(const BasisTiles& tiles, std::span<const 
     assert(pose.channels >= 3 && pose.C.size() >= std::size_t{rank} * pose.channels);
     for (std::uint32_t k = 0; k < rank; ++k) {
       for (std::size_t d = 0; d < 3; ++d) {
-        packed.push_back(
-            static_cast<float>(pose.C[std::size_t{k} * pose.channels + d] * static_cast<double>(tiles.scale(k))));
+        packed.push_back(static_cast<float>(pose.C[std::size_t{k} * pose.channels + d] * tiles.scale(k)));
       }
     }
   }

@@ -90,8 +90,8 @@ class Projector {
   BasisTiles tiles_;
   InstructionSet set_ = InstructionSet::kBaseline;
   unsigned threads_ = 0;
-  std::vector<double> weights_;      ///< W, by row.
-  std::vector<double> gram_factor_;  ///< Lower Cholesky factor, r x r.
+  std::vector<double> weights_;  ///< W, by row.
+  std::vector<double> inverse_;  ///< Of the Gram matrix's lower Cholesky factor: r rows, padded to whole tiles.
 };
 
 }  // namespace eigencast

@@ -208,7 +208,7 @@ TEST(Kernel, TransposedProductAgreesWithTheSumInEveryInstructionSet) {
             expected += term;
             scale += std::abs(term);
           }
-          ASSERT_NEAR((S[3 * k + d] - 1) * double{tiles.scale(k)}, expected, 1e-6 * scale) << name_of(set);
+          ASSERT_NEAR((S[3 * k + d] - 1) * tiles.scale(k), expected, 1e-6 * scale) << name_of(set);
         }
       }
     }
@@ -228,6 +228,30 @@ TEST(Kernel, GramAgreesWithTheSum) {
           for (std::size_t row = 0; row < rows; ++row) expected += B[row * width + i] * B[row * width + j];
           ASSERT_NEAR(G[i * width + j], expected, 1e-12);
         }
+      }
+    }
+  }
+}
+
+TEST(Kernel, TheInverseOfAFactorSolves) {
+  for (const std::size_t rows : {1U, 7U, 8U, 9U, 37U}) {
+    const std::size_t width = (rows + 7) / 8 * 8;
+    auto T = random_values(rows * width);
+    auto S = random_values(3 * width, 3);
+    for (std::size_t i = 0; i < rows; ++i)
+      std::fill(T.begin() + static_cast<std::ptrdiff_t>(i * width + i + 1),
+                T.begin() + static_cast<std::ptrdiff_t>((i + 1) * width), 0.0);
+    for (const InstructionSet set : instruction_sets()) {
+      std::vector<double> C(3 * width, 0.25);
+      kernel::functions(set).add_inverse(T.data(), rows, width, S.data(), C.data());
+      for (std::size_t k = 0; k < 3 * width; ++k) {
+        double expected = 0.25;
+        for (std::size_t i = 0; i < rows; ++i) {
+          double y = 0;
+          for (std::size_t j = 0; j < width; ++j) y += T[i * width + j] * S[k / width * width + j];
+          expected += T[i * width + k % width] * y;
+        }
+        ASSERT_NEAR(C[k], expected, 1e-11 * (1 + std::abs(expected))) << name_of(set) << ", " << rows << " rows";
       }
     }
   }
