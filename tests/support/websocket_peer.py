@@ -127,8 +127,13 @@ class Broker:
 
 def port_of(file):
     """What a process that starts writes there once it listens."""
+    return ports_of(file)[0]
+
+
+def ports_of(file):
+    """The same of a broker with an admin port: both."""
     for _ in range(600):
         if file.exists() and file.read_text().strip():
-            return int(file.read_text())
+            return [int(line) for line in file.read_text().split()]
         time.sleep(0.05)
     raise TimeoutError(f"{file} does not appear")
