@@ -45,7 +45,12 @@ int run(int argc, char** argv) {
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
 
-  auto source = eigencast::subscribe_to({options.url, options.profile, options.cache_dir}, log);
+  eigencast::SubscriberOptions wanted;
+  wanted.url = options.url;
+  wanted.credentials = options.credentials;
+  wanted.profile = options.profile;
+  wanted.cache_dir = options.cache_dir;
+  auto source = eigencast::subscribe_to(std::move(wanted), log);
   if (!source) {
     eigencast::log(log, eigencast::LogLevel::kError, source.error().message);
     return eigencast::kExitUsage;

@@ -80,7 +80,11 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   CLI::App app{"Watches a deforming surface that a broker streams.", "eigencast-client"};
   app.footer(kExamples);
   app.set_version_flag("--version", "eigencast-client " EIGENCAST_VERSION);
-  app.add_option("url", options.url, "ws://host[:port]/stream")->capture_default_str();
+  app.add_option("url", options.url, "ws://host[:port]/stream, or wss://")->capture_default_str();
+  app.add_option("--token", options.credentials.token, "token for the broker, or @FILE that holds it")
+      ->envname("EIGENCAST_TOKEN");
+  app.add_option("--ca", options.credentials.ca_file,
+                 "PEM file of the authorities trusted for wss:// (default: the system's)");
   app.add_flag("--headless", options.headless, "no window: render into memory, no display needed");
   app.add_option("--frames", options.frames, "end after so many new poses were drawn (0: never)");
   app.add_option("--duration", options.duration_s, "end after so many seconds (0: never)")->check(CLI::Range(0.0, 1e7));
@@ -134,7 +138,7 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   if (!options.headless && !options.out.empty())
     return usage("--out is for --headless; in the window use --screenshot or key S");
   Result<std::optional<Profile>> profile = profile_from(app, options.url, raw);
-  if (!profile) return usage(options.url + ": " + profile.error().message);
+  if (!profile) return usage("the stream's URL: " + profile.error().message);
   options.profile = *profile;
   const bool has_delay = app.count("--smooth") + app.count("--delay") + app.count("--ahead") > 0;
   if (raw.playout == "latest" && has_delay)

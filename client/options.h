@@ -5,6 +5,7 @@
 #include <string>
 #include <variant>
 
+#include "common/net/url.h"
 #include "client/scene_state.h"
 #include "common/wire/control.h"
 
@@ -23,6 +24,7 @@ struct ClientOptions {
   double wait_s = 30;        ///< Headless: how long to wait for the first pose.
   std::string out, json, record, record_shown, screenshot;
   std::string cache_dir;
+  Credentials credentials;
   bool verbose = false;
 };
 

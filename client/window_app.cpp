@@ -10,6 +10,7 @@
 #include "client/session.h"
 #include "client/viewer_state.h"
 #include "common/core/files.h"
+#include "common/net/url.h"
 
 namespace eigencast {
 namespace {
@@ -59,7 +60,9 @@ class Window {
     glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 3);
     glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
     glfwWindowHint(GLFW_OPENGL_FORWARD_COMPAT, GLFW_TRUE);
-    const std::string title = "Eigencast - " + options.url;
+    // Not the URL as it was given: it may hold a token.
+    const auto url = parse_broker_url(options.url);
+    const std::string title = "Eigencast" + (url ? " - " + url->shown() : std::string());
     window_ = glfwCreateWindow(options.width, options.height, title.c_str(), nullptr, nullptr);
     if (window_ == nullptr) return no_window();
     glfwMakeContextCurrent(window_);

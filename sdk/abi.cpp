@@ -128,6 +128,12 @@ ec_status give(Struct* to, Struct from) {
   return EC_OK;
 }
 
+/// Of either struct of options.
+template <typename Options>
+Credentials credentials_from(const Options& given) {
+  return {given.token != nullptr ? given.token : "", given.ca_file != nullptr ? given.ca_file : ""};
+}
+
 std::string text_or(const char* text, std::string fallback) {
   return text != nullptr ? text : std::move(fallback);
 }
@@ -309,6 +315,7 @@ ec_status ec_publisher_create(const char* url, const ec_asset* asset, const ec_p
     const ec_publisher_options given = filled(options);
     PublisherOptions publisher_options;
     publisher_options.url = url;
+    publisher_options.credentials = credentials_from(given);
     const auto codec = codec_from_name(text_or(given.codec, "quantised"));
     if (!codec) return failed(codec.error());
     publisher_options.codec = *codec;
@@ -358,6 +365,7 @@ ec_status ec_subscriber_create(const char* url, const ec_subscriber_options* opt
     const ec_subscriber_options given = filled(options);
     SubscriberOptions subscriber_options;
     subscriber_options.url = url;
+    subscriber_options.credentials = credentials_from(given);
     subscriber_options.cache_dir = given.cache_dir != nullptr ? given.cache_dir : default_cache_dir();
     auto created = Subscriber::create(subscriber_options);
     if (!created) return failed(created.error());

@@ -113,7 +113,7 @@ class Uploader {
 Result<BrokerUrl> destination(const PublisherOptions& options) {
   auto url = parse_broker_url(options.url);
   if (!url) return url;
-  if (const auto usable = check_transport(*url); !usable) return usable.error();
+  if (const auto good = complete_credentials(*url, options.credentials); !good) return good.error();
   if (auto name = check_stream_name(url->stream); !name)
     return in_context("stream name in \"" + options.url + "\"", name.error());
   return url;

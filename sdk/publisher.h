@@ -33,6 +33,7 @@ struct PublisherOptions {
   std::optional<std::vector<double>> world{};  ///< Announced, see control::Announce.
   std::size_t max_unsent_bytes =
       64 * 1024;  ///< A frame is dropped, before it is coded, while more than this is unsent.
+  Credentials credentials = {};  ///< Token and trusted authorities; see common/net/url.h.
 };
 
 /// The error bound of coding holds on average, not for each pose, so that still surfaces get more.

@@ -8,9 +8,10 @@
 #include <vector>
 
 #include "common/asset/asset.h"
+#include "common/core/clock.h"
 #include "common/core/histogram.h"
 #include "common/core/log.h"
-#include "common/core/clock.h"
+#include "common/net/url.h"
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
 
@@ -22,6 +23,7 @@ struct SubscriberOptions {
   std::string cache_dir;           ///< Where downloaded chunks are kept; empty: nowhere.
   std::uint32_t trace_every = 0;   ///< Ask for traces of keys whose sequence is a multiple of it; 0: none.
   std::chrono::milliseconds declined_retry{5000};  ///< A broker that refused the stream is asked again after so long.
+  Credentials credentials = {};    ///< Token and trusted authorities; see common/net/url.h.
 };
 
 /// One pose as it was received and decoded.

@@ -101,8 +101,9 @@ void add_codec_options(CLI::App& app, std::string& codec, double& error) {
 void add_target_options(CLI::App& app, TargetOptions& target) {
   app.add_option("--to", target.url, "ws://host[:port]/stream, or a stream at the context's broker")
       ->envname("EIGENCAST_URL");
-  app.add_option("--token", target.token, "what the broker lets in (default: the context's)")
+  app.add_option("--token", target.token, "token for the broker, or @FILE that holds it (default: the context's)")
       ->envname("EIGENCAST_TOKEN");
+  app.add_option("--ca", target.ca_file, "PEM file of the authorities trusted for wss:// (default: the system's)");
   app.add_option("--context", target.context, "broker by name, see context (default: the current one)")
       ->envname("EIGENCAST_CONTEXT");
 }

@@ -32,8 +32,9 @@ struct BakeCommand {
 /// Where poses are sent and how they are coded.
 struct TargetOptions {
   std::string url;      ///< Before resolve(): what --to says.
-  std::string token;    ///< Empty: none.
+  std::string token;    ///< The token, or @FILE. Empty: none.
   std::string context;  ///< Empty: the current one.
+  std::string ca_file;  ///< PEM file of the authorities trusted for wss://. Empty: the system's.
   std::string codec = "quantised";
   double error = 0;         ///< Model units; 0: the publisher's default.
   double bitrate_kbit = 0;  ///< 0: as the error bound takes.

@@ -154,7 +154,7 @@ Result<Target> resolve_target(const std::string& to, const std::string& token, c
   if (to.empty()) {
     target.url = context->url;
   } else if (!is_url) {
-    target.url = known->origin() + "/" + to;
+    target.url = known->origin() + (known->prefix.empty() ? "" : known->prefix + "/v1/publish") + "/" + to;
   }
   const auto meant = parse_broker_url(target.url);
   const bool same_broker = meant && meant->origin() == known->origin();

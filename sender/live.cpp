@@ -27,11 +27,6 @@ spdlog::level::level_enum level_of(LogLevel level) {
 
 }  // namespace
 
-std::string url_with_token(const TargetOptions& target) {
-  if (target.token.empty()) return target.url;
-  return target.url + (target.url.find('?') == std::string::npos ? "?" : "&") + "access_token=" + target.token;
-}
-
 LogSink to_log() {
   return [](LogLevel level, std::string_view text) { spdlog::log(level_of(level), "{}", text); };
 }
@@ -42,7 +37,8 @@ Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double r
   const auto codec = codec_from_name(target.codec);
   if (!codec) return codec.error();
   PublisherOptions options;
-  options.url = url_with_token(target);
+  options.url = target.url;
+  options.credentials = {target.token, target.ca_file};
   options.codec = *codec;
   options.error = target.error;
   options.bitrate = target.bitrate_kbit * 1000;

@@ -13,9 +13,6 @@ namespace eigencast {
 /// Messages of the sdk go to the program's log.
 LogSink to_log();
 
-/// The broker takes a token in the query too.
-std::string url_with_token(const TargetOptions& target);
-
 /// A publisher of the baked asset, whose bytes it takes over; connecting has begun. Its messages go to the log.
 ///   asset  baked.asset, shared
 /// Errors: kInvalidArgument (codec, URL, error).

@@ -181,7 +181,7 @@ bool AccessPolicy::is_local(const AccessRequest& request) const {
 std::variant<Identity, Denial> AccessPolicy::identify_anonymous(const AccessRequest& request, Identity identity) const {
   const bool local = is_local(request);
   if (anonymous_ == Anonymous::kNobody || (anonymous_ == Anonymous::kLoopback && !local)) {
-    std::string why = "this broker asks for a token: give it with --token or EIGENCAST_TOKEN";
+    std::string why = "this broker asks for a token";
     if (identity.sender.uncertain && identity.sender.address.is_loopback()) {
       why += " (the request came through a proxy that is not in proxy.trusted, so it does not count as local)";
     }

@@ -11,6 +11,8 @@
 #include <boost/beast/http.hpp>
 #include <vector>
 
+#include "common/net/client_stream.h"
+
 namespace eigencast {
 
 namespace {
@@ -42,7 +44,13 @@ class HttpConnection::Impl {
   template <typename Request>
   Result<HttpResponse> exchange(Request& request, Bytes* body, std::uint64_t max_bytes,
                                 const std::function<void(std::uint64_t)>& progress) {
-    if (const auto usable = check_transport(url_); !usable) return usable.error();
+    if (url_.tls && !tls_) {
+      auto made = make_client_tls(url_);
+      if (!made) return made.error();
+      tls_ = std::move(*made);
+    }
+    if (!url_.credentials.token.empty()) request.set(http::field::authorization, "Bearer " + url_.credentials.token);
+    if (!url_.prefix.empty()) request.target(url_.prefix + std::string(request.target()));
     const bool ipv6 = url_.host.find(':') != std::string::npos;
     request.version(11);
     request.set(http::field::host, (ipv6 ? "[" + url_.host + "]" : url_.host) + ":" + std::to_string(url_.port));
@@ -65,7 +73,7 @@ class HttpConnection::Impl {
     cancelled_ = true;
     asio::post(io_, [this] {
       resolver_.cancel();
-      if (stream_) stream_->close();
+      if (stream_) tcp().close();
     });
   }
 
@@ -86,7 +94,7 @@ class HttpConnection::Impl {
 
   Result<void> connect() {
     if (cancelled_) return fail(ErrorCode::kCancelled, "stopped by the caller");
-    stream_ = std::make_unique<beast::tcp_stream>(io_);
+    stream_ = std::make_unique<ClientStream>(io_, tls_);
     buffer_.clear();
     error_code ec;
     std::vector<tcp::endpoint> endpoints;
@@ -101,13 +109,27 @@ class HttpConnection::Impl {
       run();
       if (ec) return give_up(fail(ErrorCode::kUnreachable, "host \"" + url_.host + "\" is not known: " + ec.message()));
     }
-    stream_->expires_after(timeout_);
-    stream_->async_connect(endpoints, [&](error_code why, const tcp::endpoint&) { ec = why; });
+    tcp().expires_after(timeout_);
+    tcp().async_connect(endpoints, [&](error_code why, const tcp::endpoint&) { ec = why; });
     run();
     if (ec) return give_up(fail(ErrorCode::kUnreachable, "no broker at " + where_ + ": " + ec.message()));
-    stream_->socket().set_option(tcp::no_delay(true), ec);
-    return {};
+    tcp().socket().set_option(tcp::no_delay(true), ec);
+    return secure();
   }
+
+  Result<void> secure() {
+    error_code ec;
+    tcp().expires_after(timeout_);
+    stream_->async_secure(url_.host, [&](error_code why) { ec = why; });
+    run();
+    if (!ec) return {};
+    const std::string why = stream_->distrust();
+    if (why.empty()) return give_up(fail(ErrorCode::kUnreachable, "no TLS at " + where_ + ": " + ec.message()));
+    return give_up(fail(ErrorCode::kRefused, "the certificate of " + where_ + " is not trusted: " + why +
+                                                 " (name the authority that signed it with --ca FILE)"));
+  }
+
+  beast::tcp_stream& tcp() { return stream_->next_layer(); }
 
   Error give_up(Error error) {
     stream_.reset();
@@ -123,7 +145,7 @@ class HttpConnection::Impl {
     parser.body_limit(boost::none);
     if (request.method() == http::verb::head) parser.skip(true);
     error_code ec;
-    stream_->expires_after(timeout_);
+    tcp().expires_after(timeout_);
     http::async_read_header(*stream_, buffer_, parser, [&](error_code why, std::size_t) { ec = why; });
     run();
     if (ec) return failure(sent ? sent : ec, sent ? "sending a request" : "waiting for an answer");
@@ -151,7 +173,7 @@ class HttpConnection::Impl {
     http::request_serializer<Body> serializer(request);
     error_code ec;
     while (!ec && !serializer.is_done()) {
-      stream_->expires_after(timeout_);
+      tcp().expires_after(timeout_);
       http::async_write_some(*stream_, serializer, [&](error_code why, std::size_t) { ec = why; });
       run();
     }
@@ -172,7 +194,7 @@ class HttpConnection::Impl {
       parser.get().body().size = piece.size();
       parser.get().body().more = true;
       error_code ec;
-      stream_->expires_after(timeout_);
+      tcp().expires_after(timeout_);
       http::async_read_some(*stream_, buffer_, parser, [&](error_code why, std::size_t) { ec = why; });
       run();
       if (ec == http::error::need_buffer) ec = {};
@@ -192,7 +214,8 @@ class HttpConnection::Impl {
   std::atomic<bool> cancelled_{false};
   asio::io_context io_;
   tcp::resolver resolver_{io_};
-  std::unique_ptr<beast::tcp_stream> stream_;
+  ClientTls tls_;  ///< Made by the first request.
+  std::unique_ptr<ClientStream> stream_;
   beast::flat_buffer buffer_{kPieceBytes * 2};
 };
 

@@ -4,12 +4,17 @@
 #include <algorithm>
 #include <cctype>
 #include <charconv>
+#include <cstdlib>
+#include <fstream>
+
+#include "common/net/client_stream.h"
 
 namespace eigencast {
 
 namespace {
 
-constexpr std::size_t kMaxUrlBytes = 2048;
+constexpr std::size_t kMaxUrlBytes = 12 * 1024;  // A token may be part of it.
+constexpr std::size_t kMaxTokenBytes = 8 * 1024;
 
 Error bad_url(std::string_view text, std::string_view why) {
   return fail(ErrorCode::kInvalidArgument, "\"" + std::string(text.substr(0, 200)) + "\" is not a broker's URL: " +
@@ -77,6 +82,46 @@ std::string_view take_authority(std::string_view authority, BrokerUrl& url) {
   return {};
 }
 
+/// Splits the token off, so that whoever shows the query does not show it.
+void take_query(std::string_view query, BrokerUrl& url) {
+  constexpr std::string_view kToken = "access_token=";
+  while (!query.empty()) {
+    const std::size_t end = std::min(query.find('&'), query.size());
+    const std::string_view parameter = query.substr(0, end);
+    query.remove_prefix(std::min(end + 1, query.size()));
+    if (parameter.starts_with(kToken)) {
+      url.credentials.token = parameter.substr(kToken.size());
+    } else {
+      url.query += (url.query.empty() ? "" : "&") + std::string(parameter);
+    }
+  }
+}
+
+/// Takes ".../v1/subscribe" or ".../v1/publish" off, of which the dots are the prefix.
+void take_endpoint(std::string_view& path, BrokerUrl& url) {
+  for (const std::string_view endpoint : {"/v1/subscribe", "/v1/publish"}) {
+    const std::size_t at = path.find(endpoint);
+    if (at == std::string_view::npos) continue;
+    const std::size_t end = at + endpoint.size();
+    if (end != path.size() && path[end] != '/') continue;
+    url.prefix = path.substr(0, at);
+    path.remove_prefix(end);
+    return;
+  }
+}
+
+Result<std::string> token_from(const std::string& given) {
+  if (!given.starts_with('@')) return given;
+  const std::string path = given.substr(1);
+  std::ifstream file(path);
+  std::string token;
+  if (!file || !std::getline(file, token)) {
+    return fail(ErrorCode::kNotFound, path + ": no token can be read here: check the path and its permissions");
+  }
+  while (token.ends_with('\r') || token.ends_with(' ')) token.pop_back();
+  return token;
+}
+
 }  // namespace
 
 std::string BrokerUrl::origin() const {
@@ -84,8 +129,12 @@ std::string BrokerUrl::origin() const {
   return std::string(tls ? "wss://" : "ws://") + (ipv6 ? "[" + host + "]" : host) + ":" + std::to_string(port);
 }
 
+std::string BrokerUrl::shown() const {
+  return origin() + prefix + "/" + stream;
+}
+
 Result<BrokerUrl> parse_broker_url(std::string_view text) {
-  if (text.size() > kMaxUrlBytes) return bad_url(text, "it is longer than 2048 bytes");
+  if (text.size() > kMaxUrlBytes) return bad_url(text, "it is longer than 12 KiB");
   for (const char c : text)
     if (c <= ' ' || c > '~' || c == '"' || c == '<' || c == '>' || c == '\\')
       return bad_url(text, "it contains a space or another character that URLs must not have");
@@ -99,23 +148,30 @@ Result<BrokerUrl> parse_broker_url(std::string_view text) {
   rest = authority_end == std::string_view::npos ? std::string_view() : rest.substr(authority_end);
 
   if (const std::size_t mark = rest.find('?'); mark != std::string_view::npos) {
-    url.query = rest.substr(mark + 1);
+    take_query(rest.substr(mark + 1), url);
     rest = rest.substr(0, mark);
   }
-  for (const std::string_view endpoint : {"/v1/subscribe", "/v1/publish"})
-    if (rest.starts_with(endpoint) && (rest.size() == endpoint.size() || rest[endpoint.size()] == '/')) {
-      rest.remove_prefix(endpoint.size());
-      break;
-    }
+  take_endpoint(rest, url);
   if (rest.starts_with('/')) rest.remove_prefix(1);
   url.stream = rest;
   return url;
 }
 
-Result<void> check_transport(const BrokerUrl& url) {
-  if (!url.tls) return {};
-  return fail(ErrorCode::kUnsupported,
-              "wss:// and https:// are not supported by this version: use ws:// on a trusted network, or a TLS tunnel");
+Result<void> complete_credentials(BrokerUrl& url, const Credentials& given) {
+  Credentials& own = url.credentials;
+  if (!given.ca_file.empty()) own.ca_file = given.ca_file;
+  if (!given.token.empty()) own.token = given.token;
+  const char* environment = std::getenv("EIGENCAST_TOKEN");
+  if (own.token.empty() && environment != nullptr) own.token = environment;
+  auto token = token_from(own.token);
+  if (!token) return token.error();
+  own.token = std::move(*token);
+  const auto fits = [](char c) { return c > ' ' && c <= '~'; };
+  if (own.token.size() > kMaxTokenBytes || !std::all_of(own.token.begin(), own.token.end(), fits)) {
+    return fail(ErrorCode::kInvalidArgument, "the token is none: it is over 8 KiB or contains blanks");
+  }
+  if (const auto tls = make_client_tls(url); !tls) return tls.error();
+  return {};
 }
 
 }  // namespace eigencast

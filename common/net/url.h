@@ -9,6 +9,12 @@
 
 namespace eigencast {
 
+/// How a client shows who it is, and whom it trusts.
+struct Credentials {
+  std::string token;    ///< The token itself, or @FILE. Empty: EIGENCAST_TOKEN of the environment, if that is set.
+  std::string ca_file;  ///< PEM file of the authorities that count for wss:// and https://. Empty: the system's.
+};
+
 /// Where a broker and, if the path names one, a stream are: ws://host[:port]/stream/name?rate=raw (http:// is the same
 /// to us).
 struct BrokerUrl {
@@ -17,15 +23,20 @@ struct BrokerUrl {
   std::uint16_t port = 7490;
   std::string
       stream;  ///< Without a leading '/'; "/v1/subscribe/" or "/v1/publish/" in front is taken off. May be empty.
-  std::string query;  ///< Without '?'.
+  std::string query;   ///< Without '?', and without access_token.
+  std::string prefix;  ///< What stands before /v1: "/eigencast", for a broker behind a proxy. Empty as a rule.
+  Credentials credentials;
 
   std::string origin() const;  ///< "ws://host:port"
+  std::string shown() const;   ///< "ws://host:port/stream": for people, without anything secret.
 };
 
+/// Of "wss://host/eigencast/v1/subscribe/a/b?access_token=T" prefix, stream and token are taken apart.
 /// Errors: kInvalidArgument, saying what is wrong and what a URL looks like.
 Result<BrokerUrl> parse_broker_url(std::string_view text);
 
-/// Whether this version can speak to the URL's broker at all. Errors: kUnsupported (TLS).
-Result<void> check_transport(const BrokerUrl& url);
+/// Completes the URL's credentials by `given`, which win, and by the environment.
+/// Errors: kNotFound, kInvalidArgument (@FILE, characters that no token has, ca_file): before anything is connected.
+Result<void> complete_credentials(BrokerUrl& url, const Credentials& given);
 
 }  // namespace eigencast

@@ -11,6 +11,7 @@
 #include <boost/beast/core.hpp>
 #include <boost/beast/websocket.hpp>
 #include <cassert>
+#include <charconv>
 #include <cmath>
 #include <cstring>
 #include <deque>
@@ -20,6 +21,7 @@
 #include <thread>
 
 #include "common/net/backoff.h"
+#include "common/net/client_stream.h"
 #include "common/net/guarded_run.h"
 #include "common/wire/limits.h"
 
@@ -38,6 +40,8 @@ constexpr std::string_view kSubprotocol = "eigencast.v1";
 constexpr milliseconds kPoliteClose{500};
 /// Another sender was given the stream (docs/protocol.md, section 10).
 constexpr std::uint16_t kReplaced = 4409;
+/// After what only people can put right: a missing right, an expired token, a certificate that nobody vouches for.
+constexpr milliseconds kHopelessRetry{30'000};
 /// A connection that held for so long counts as good: the next back-off starts afresh.
 constexpr TimeUs kGoodAfterUs = 2'000'000;
 /// Bytes that the kernel may hold unsent; what is more stays with us, where it is counted.
@@ -51,8 +55,8 @@ struct Outgoing {
 /// One connection, from its first try to its end. Handlers of a past one find that it is not the current one and do
 /// nothing.
 struct Link {
-  explicit Link(asio::io_context& io) : socket(io) {}
-  ws::stream<beast::tcp_stream> socket;
+  Link(asio::io_context& io, ClientTls tls) : socket(io, std::move(tls)) {}
+  ws::stream<ClientStream> socket;
   beast::flat_buffer in;
   ws::response_type response;
   std::deque<Outgoing> out;  ///< Bounded: send() drops what goes beyond max_unsent_bytes.
@@ -82,6 +86,8 @@ void tune(tcp::socket& socket) {
 struct Failure {
   Error error;
   bool refused = false;
+  /// Not before somebody gets a new token or certificate, or not before so long.
+  milliseconds least_wait{0};
   bool for_good = false;  ///< Trying again would take away what somebody else was given.
 };
 
@@ -91,14 +97,55 @@ std::string printable(std::string_view text, std::size_t most) {
   return out;
 }
 
-Failure failure_of_upgrade(const error_code& ec, const ws::response_type& response, const std::string& where) {
+/// What a broker's error body says to people; another server's body as it is.
+std::string remark_of(std::string_view body) {
+  constexpr std::string_view kMessage = "\"message\":\"";
+  const auto at = body.find(kMessage);
+  if (at == std::string_view::npos) return printable(body, 300);
+  std::string out;
+  for (std::size_t i = at + kMessage.size(); i < body.size() && body[i] != '"' && out.size() < 600; ++i) {
+    if (body[i] == '\\' && i + 1 < body.size()) ++i;
+    out += body[i];
+  }
+  return printable(out, out.size());
+}
+
+/// The pause that a Retry-After header asks for, up to ten minutes; 0: none.
+milliseconds retry_after_of(const ws::response_type& response) {
+  const auto header = response[beast::http::field::retry_after];
+  int seconds = 0;
+  (void)std::from_chars(header.data(), header.data() + header.size(), seconds);
+  return std::chrono::seconds(std::clamp(seconds, 0, 600));
+}
+
+/// What a refusal needs from people; empty: what the broker said is all.
+std::string advice_for(unsigned status, bool has_token) {
+  if (status == 401 && !has_token) return " (give a token with --token, or in EIGENCAST_TOKEN)";
+  if (status == 401) return " (the token that was given does not do)";
+  return {};
+}
+
+Failure failure_of_handshake(const error_code& ec, ClientStream& stream, const std::string& where) {
+  const std::string why = stream.distrust();
+  if (why.empty()) return {fail(ErrorCode::kUnreachable, "no TLS at " + where + ": " + ec.message())};
+  return {fail(ErrorCode::kRefused, "the certificate of " + where + " is not trusted: " + why +
+                                        " (name the authority that signed it with --ca FILE; the URL's host must be "
+                                        "one that the certificate is for)"),
+          true, kHopelessRetry};
+}
+
+Failure failure_of_upgrade(const error_code& ec, const ws::response_type& response, const std::string& where,
+                           bool has_token) {
   if (ec != ws::error::upgrade_declined) {
     return {fail(ErrorCode::kUnreachable, "no WebSocket at " + where + ": " + ec.message())};
   }
   const unsigned status = response.result_int();
-  const std::string said = printable(response.body(), 300);
-  const std::string text = where + " answered " + std::to_string(status) + (said.empty() ? "" : ": " + said);
-  if (status >= 400 && status < 500) return {fail(ErrorCode::kRefused, text), true};
+  const std::string said = remark_of(response.body());
+  const std::string text =
+      where + " answered " + std::to_string(status) + (said.empty() ? "" : ": " + said) + advice_for(status, has_token);
+  const bool hopeless = status == 401 || status == 403;
+  const milliseconds least = std::max(hopeless ? kHopelessRetry : milliseconds(0), retry_after_of(response));
+  if (status >= 400 && status < 500) return {fail(ErrorCode::kRefused, text), true, least};
   return {fail(ErrorCode::kUnreachable, text)};
 }
 
@@ -112,7 +159,7 @@ Failure failure_of_close(const error_code& ec, const ws::close_reason& reason, c
         where + " closed the connection (" + std::to_string(reason.code) + (said.empty() ? "" : ", " + said) + ")";
     const bool replaced = reason.code == kReplaced;
     const ErrorCode code = refused || replaced ? ErrorCode::kRefused : ErrorCode::kDisconnected;
-    return {fail(code, text), refused, replaced};
+    return {fail(code, text), refused, milliseconds(0), replaced};
   }
   return {fail(ErrorCode::kDisconnected, "connection to " + where + " lost: " + ec.message())};
 }
@@ -177,11 +224,15 @@ class WebSocket::Impl {
 
   void connect() {
     if (stopping_) return;
-    if (const auto usable = check_transport(options_.url); !usable) {
-      report_down(usable.error(), milliseconds(0));
-      return;
+    if (options_.url.tls && !tls_) {
+      auto made = make_client_tls(options_.url);
+      if (!made) {
+        connect_after(kHopelessRetry);
+        return report_down(made.error(), kHopelessRetry);
+      }
+      tls_ = std::move(*made);
     }
-    link_ = std::make_shared<Link>(io_);
+    link_ = std::make_shared<Link>(io_, tls_);
     const LinkPtr link = link_;
     give_up_after(options_.connect_timeout, link);
     error_code not_numeric;
@@ -225,16 +276,26 @@ class WebSocket::Impl {
             down(link, {fail(ErrorCode::kUnreachable, "no broker at " + where_ + ": " + ec.message())});
             return;
           }
-          upgrade(link);
+          secure(link);
         });
   }
 
+  void secure(const LinkPtr& link) {
+    tune(beast::get_lowest_layer(link->socket).socket());
+    link->doing = "securing the connection; does it speak TLS?";
+    link->socket.next_layer().async_secure(options_.url.host, [this, link](error_code ec) {
+      if (!is_current(link)) return;
+      if (ec) return down(link, failure_of_handshake(ec, link->socket.next_layer(), where_));
+      upgrade(link);
+    });
+  }
+
   void upgrade(const LinkPtr& link) {
-    auto& stream = beast::get_lowest_layer(link->socket);
     link->doing = "waiting for the upgrade; is it an Eigencast broker?";
-    tune(stream.socket());
     link->socket.set_option(ws::stream_base::timeout{ws::stream_base::none(), options_.silence_timeout, true});
-    link->socket.set_option(ws::stream_base::decorator([](ws::request_type& request) {
+    const std::string& token = options_.url.credentials.token;
+    link->socket.set_option(ws::stream_base::decorator([token](ws::request_type& request) {
+      if (!token.empty()) request.set(beast::http::field::authorization, "Bearer " + token);
       request.set(beast::http::field::sec_websocket_protocol,
                   boost::string_view(kSubprotocol.data(), kSubprotocol.size()));
     }));
@@ -243,20 +304,22 @@ class WebSocket::Impl {
     const bool ipv6 = options_.url.host.find(':') != std::string::npos;
     const std::string host =
         (ipv6 ? "[" + options_.url.host + "]" : options_.url.host) + ":" + std::to_string(options_.url.port);
-    link->socket.async_handshake(link->response, host, options_.target, [this, link](error_code ec) {
-      if (!is_current(link)) return;
-      if (ec) {
-        down(link, failure_of_upgrade(ec, link->response, where_));
-        return;
-      }
-      const auto protocol = link->response[beast::http::field::sec_websocket_protocol];
-      if (std::string_view(protocol.data(), protocol.size()) != kSubprotocol) {
-        down(link,
-             {fail(ErrorCode::kIncompatibleVersion, where_ + " does not speak " + std::string(kSubprotocol)), true});
-        return;
-      }
-      opened(link);
-    });
+    const bool has_token = !token.empty();
+    link->socket.async_handshake(
+        link->response, host, options_.url.prefix + options_.target, [this, link, has_token](error_code ec) {
+          if (!is_current(link)) return;
+          if (ec) {
+            down(link, failure_of_upgrade(ec, link->response, where_, has_token));
+            return;
+          }
+          const auto protocol = link->response[beast::http::field::sec_websocket_protocol];
+          if (std::string_view(protocol.data(), protocol.size()) != kSubprotocol) {
+            down(link, {fail(ErrorCode::kIncompatibleVersion, where_ + " does not speak " + std::string(kSubprotocol)),
+                        true});
+            return;
+          }
+          opened(link);
+        });
   }
 
   void opened(const LinkPtr& link) {
@@ -350,6 +413,7 @@ class WebSocket::Impl {
     milliseconds wait = retry_delay(longest ? 64 : failures_, options_.first_retry, options_.longest_retry, unit);
     // Whom the broker asked to stay away must not all come back in one moment either.
     if (failure.for_good) return report_down(failure.error, milliseconds(0));
+    if (failure.least_wait > wait) wait = retry_delay(1, failure.least_wait, failure.least_wait, unit);
     if (hold_off && *hold_off > wait) wait = *hold_off + milliseconds(std::llround(0.25 * unit * hold_off->count()));
     connect_after(wait);  // First: the handler may throw.
     report_down(failure.error, wait);
@@ -367,7 +431,7 @@ class WebSocket::Impl {
     if (stopping_) return;
     if (link_) {
       down(link_, {fail(ErrorCode::kInternal, "connection to " + where_ + " given up: " + what)});
-    } else if (!options_.url.tls) {
+    } else {
       connect_after(options_.longest_retry);
     }
   }
@@ -419,6 +483,7 @@ class WebSocket::Impl {
 
   // Of the connection's thread alone.
   std::minstd_rand random_;
+  ClientTls tls_;  ///< Made by the first try.
   LinkPtr link_;
   int failures_ = 0;
   bool stopping_ = false;

@@ -44,7 +44,8 @@ struct WebSocketEvents {
 
 /// A client's WebSocket connection that keeps itself up: connects, speaks subprotocol eigencast.v1, answers pings,
 /// notices a dead peer, reconnects with jittered exponential back-off. A refusal (HTTP 4xx, or a close code that says
-/// so) is tried again at the longest interval. TCP_NODELAY is set. An exception that an event's handler throws ends the
+/// so) is tried again at the longest interval, one that only people can put right (no right, expired token, untrusted
+/// certificate) every half a minute. TLS and token are those of the URL. TCP_NODELAY is set. An exception that an event's handler throws ends the
 /// connection, not the process; it is made anew.
 ///
 /// Runs one thread. send_* and stop() are safe from any thread.

@@ -51,10 +51,10 @@ std::unique_ptr<Process> Scene::start_broker(std::vector<std::string> more, std:
   return broker;
 }
 
-std::unique_ptr<Process> Scene::start_sender(std::vector<std::string> arguments) {
+std::unique_ptr<Process> Scene::start_sender(std::vector<std::string> arguments, const std::string& to) {
   std::vector<std::string> all{program("eigencast-sender"), "play"};
   all.insert(all.end(), arguments.begin(), arguments.end());
-  all.insert(all.end(), {"--to", url(), "--record", file("sent.jsonl")});
+  all.insert(all.end(), {"--to", to.empty() ? url() : to, "--record", file("sent.jsonl")});
   return std::make_unique<Process>(std::move(all), file("sender.log"));
 }
 

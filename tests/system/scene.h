@@ -26,15 +26,19 @@ class Scene {
   /// `wrapper` is a program that runs the broker, with its arguments; `more` are arguments of the broker.
   std::unique_ptr<Process> start_broker(std::vector<std::string> more = {}, std::vector<std::string> wrapper = {});
   /// eigencast-sender play ARGUMENTS --to the stream --record sent.jsonl
-  std::unique_ptr<Process> start_sender(std::vector<std::string> arguments);
+  /// `to`: another URL than url().
+  std::unique_ptr<Process> start_sender(std::vector<std::string> arguments, const std::string& to = {});
   /// eigencast-client STREAM --headless --record NAME.jsonl --json NAME.json ARGUMENTS; pictures go to the folder NAME.
   std::unique_ptr<Process> start_client(const std::string& name, std::vector<std::string> arguments);
   /// Runs a program of the build to its end; returns its exit status. Its output is in file(NAME.log).
   int run(const std::string& name, std::vector<std::string> arguments, milliseconds timeout = milliseconds(120000));
 
-  std::string port() const { return port_; }
-  std::string admin_port() const { return admin_port_; }
-  std::string url() const { return "ws://127.0.0.1:" + port_ + "/live/test"; }
+  const std::string& port() const { return port_; }
+  const std::string& admin_port() const { return admin_port_; }
+  std::string url() const { return other_url_.empty() ? scheme_ + "://127.0.0.1:" + port_ + "/live/test" : other_url_; }
+  void use_tls() { scheme_ = "wss"; }
+  /// From now on url() is this one.
+  void watch(const std::string& url) { other_url_ = url; }
   std::string file(const std::string& name) const { return folder_.file(name); }
   /// What client NAME received so far; a half-written last line is left out.
   std::vector<RecordedPose> received(const std::string& name) const;
@@ -46,6 +50,8 @@ class Scene {
   TemporaryFolder folder_;
   std::string port_ = "0";
   std::string admin_port_;
+  std::string scheme_ = "ws";
+  std::string other_url_;
 };
 
 /// Poses by (sequence, step at, step of); a key is (sequence, 0, 0).

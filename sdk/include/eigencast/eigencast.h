@@ -127,6 +127,8 @@ typedef struct ec_publisher_options {
   double key_rate_hz; /**< Poses a second that you intend to send; announced, not enforced (default: 30). */
   double bitrate; /**< Bits a second to keep to, by coarser levels, then fewer bands (default: as the error takes). */
   int64_t still_heartbeat_us; /**< While the surface stands still, send it only so often (default: every pose). */
+  const char* token;  /**< Shown to the broker; "@FILE" reads it (default: EIGENCAST_TOKEN of the environment). */
+  const char* ca_file; /**< PEM file of the authorities trusted for wss:// (default: the system's). */
 } ec_publisher_options;
 
 typedef struct ec_publisher_stats {
@@ -164,6 +166,8 @@ typedef struct ec_subscriber ec_subscriber;
 typedef struct ec_subscriber_options {
   size_t struct_size;
   const char* cache_dir; /**< Where downloaded assets are kept; "" for nowhere (default: the user's cache folder). */
+  const char* token;  /**< Shown to the broker; "@FILE" reads it (default: EIGENCAST_TOKEN of the environment). */
+  const char* ca_file; /**< PEM file of the authorities trusted for wss:// (default: the system's). */
 } ec_subscriber_options;
 
 typedef struct ec_subscriber_stats {

@@ -88,6 +88,8 @@ struct PublisherOptions {
   double key_rate_hz = 30;              ///< Intended poses a second.
   double bitrate = 0;                   ///< Bits a second to keep to; 0: as the error takes.
   std::int64_t still_heartbeat_us = 0;  ///< While the surface stands still, send it only so often; 0: every pose.
+  std::string token = {};           ///< Shown to the broker; "@FILE" reads it; empty: EIGENCAST_TOKEN.
+  std::string ca_file = {};         ///< PEM file of the authorities trusted for wss://; empty: the system's.
 };
 
 /// Publishes one deforming surface. Not thread-safe; different Publishers are independent.
@@ -101,6 +103,8 @@ class Publisher {
     c_options.key_rate_hz = options.key_rate_hz;
     c_options.bitrate = options.bitrate;
     c_options.still_heartbeat_us = options.still_heartbeat_us;
+    c_options.token = options.token.c_str();
+    c_options.ca_file = options.ca_file.c_str();
     ec_publisher* publisher = nullptr;
     check(ec_publisher_create(url.c_str(), asset.get(), &c_options, &publisher));
     publisher_.reset(publisher);
@@ -130,10 +134,14 @@ class Publisher {
 class Subscriber {
  public:
   /// cache_dir: where downloaded assets are kept; empty text: nowhere; nothing: the user's cache folder.
-  explicit Subscriber(const std::string& url, const std::optional<std::string>& cache_dir = {})
+  /// token, ca_file: as in PublisherOptions
+  explicit Subscriber(const std::string& url, const std::optional<std::string>& cache_dir = {},
+                      const std::string& token = {}, const std::string& ca_file = {})
       : subscriber_(nullptr, ec_subscriber_release) {
     auto c_options = EC_INIT(ec_subscriber_options);
     c_options.cache_dir = cache_dir ? cache_dir->c_str() : nullptr;
+    c_options.token = token.c_str();
+    c_options.ca_file = ca_file.c_str();
     ec_subscriber* subscriber = nullptr;
     check(ec_subscriber_create(url.c_str(), &c_options, &subscriber));
     subscriber_.reset(subscriber);

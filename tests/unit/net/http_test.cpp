@@ -102,9 +102,13 @@ TEST_F(HttpToBroker, SurvivesARestartOfTheBroker) {
   EXPECT_EQ(back->body, bytes);
 }
 
-TEST(Http, TlsIsRefusedWithAWord) {
-  HttpConnection http(*parse_broker_url("wss://localhost/a"));
-  EXPECT_EQ(http.get("/", 10).error().code, ErrorCode::kUnsupported);
+TEST(Http, AFileWithoutAuthoritiesIsNamed) {
+  auto url = *parse_broker_url("wss://localhost/a");
+  url.credentials.ca_file = "/nonexistent.pem";
+  HttpConnection http(url);
+  const auto answer = http.get("/", 10);
+  EXPECT_EQ(answer.error().code, ErrorCode::kInvalidArgument);
+  EXPECT_NE(answer.error().message.find("/nonexistent.pem"), std::string::npos);
 }
 
 /// Gives one answer, as written, to each connection in turn, then closes it; remembers the requests' heads.

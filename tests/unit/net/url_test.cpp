@@ -4,6 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cstdlib>
+
 namespace eigencast {
 namespace {
 
@@ -77,16 +79,46 @@ INSTANTIATE_TEST_SUITE_P(
                       std::pair{"ws://::1/a", "host is missing"}));
 
 TEST(Url, LongerThanALineIsRefused) {
-  EXPECT_FALSE(parse_broker_url("ws://h/" + std::string(5000, 'a')));
+  EXPECT_FALSE(parse_broker_url("ws://h/" + std::string(13000, 'a')));
 }
 
-TEST(Url, TlsCannotBeSpoken) {
-  for (const char* url : {"wss://h/a", "https://h/a"}) {
-    const auto usable = check_transport(*parse_broker_url(url));
-    ASSERT_FALSE(usable) << url;
-    EXPECT_EQ(usable.error().code, ErrorCode::kUnsupported);
-  }
-  EXPECT_TRUE(check_transport(*parse_broker_url("ws://h/a")));
+TEST(Url, TheTokenIsTakenOutOfWhatIsShown) {
+  const auto url = parse_broker_url("wss://h/a/b?rate=raw&access_token=abc.d.e&bands=2");
+  ASSERT_TRUE(url);
+  EXPECT_EQ(url->credentials.token, "abc.d.e");
+  EXPECT_EQ(url->query, "rate=raw&bands=2");
+  EXPECT_EQ(url->shown(), "wss://h:7490/a/b");
+}
+
+TEST(Url, WhatStandsBeforeTheEndpointIsThePrefix) {
+  const auto url = parse_broker_url("https://h/eigencast/v1/subscribe/a/b");
+  ASSERT_TRUE(url);
+  EXPECT_EQ(url->prefix, "/eigencast");
+  EXPECT_EQ(url->stream, "a/b");
+  EXPECT_EQ(parse_broker_url("ws://h/v1/publish/a")->prefix, "");
+  EXPECT_EQ(parse_broker_url("ws://h/v1/subscribers/a")->stream, "v1/subscribers/a");
+}
+
+TEST(Credentials, GivenWinsOverTheUrlOverTheEnvironment) {
+  setenv("EIGENCAST_TOKEN", "from-environment", 1);
+  auto plain = *parse_broker_url("ws://h/a");
+  auto with = *parse_broker_url("ws://h/a?access_token=from-url");
+  EXPECT_TRUE(complete_credentials(plain, {}));
+  EXPECT_EQ(plain.credentials.token, "from-environment");
+  EXPECT_TRUE(complete_credentials(with, {}));
+  EXPECT_EQ(with.credentials.token, "from-url");
+  EXPECT_TRUE(complete_credentials(with, {"given", {}}));
+  EXPECT_EQ(with.credentials.token, "given");
+  unsetenv("EIGENCAST_TOKEN");
+}
+
+TEST(Credentials, MistakesShowBeforeAnythingIsConnected) {
+  auto url = *parse_broker_url("wss://h/a");
+  EXPECT_EQ(complete_credentials(url, {"@/nonexistent", {}}).error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(complete_credentials(url, {"two words", {}}).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(complete_credentials(url, {"a\r\nX-Evil: 1", {}}).error().code, ErrorCode::kInvalidArgument);
+  url.credentials = {};
+  EXPECT_EQ(complete_credentials(url, {{}, "/nonexistent.pem"}).error().code, ErrorCode::kInvalidArgument);
 }
 
 }  // namespace

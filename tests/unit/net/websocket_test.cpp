@@ -138,12 +138,16 @@ TEST(WebSocketToBroker, AHandlerThatThrowsCostsTheConnectionAndNoMore) {
   EXPECT_TRUE(socket.is_open());
 }
 
-TEST(WebSocket, TlsIsRefusedForGood) {
+TEST(WebSocket, AServerWithoutTlsIsToldApartAndTriedAgain) {
+  LoopbackBroker broker;
+  std::string url = broker.url("a");
+  url.replace(0, 2, "wss");
   Log log;
-  WebSocket socket(options_for("wss://127.0.0.1/a", "/v1/subscribe/a"), log.events());
+  WebSocket socket(options_for(url, "/v1/subscribe/a"), log.events());
   ASSERT_TRUE(eventually([&] { return log.down_count() == 1; }));
-  EXPECT_EQ(log.down(0).first.code, ErrorCode::kUnsupported);
-  EXPECT_EQ(log.down(0).second.count(), 0);
+  EXPECT_EQ(log.down(0).first.code, ErrorCode::kUnreachable);
+  EXPECT_NE(log.down(0).first.message.find("no TLS at wss://127.0.0.1"), std::string::npos) << log.down(0).first.message;
+  EXPECT_GT(log.down(0).second.count(), 0);
 }
 
 /// Accepts one connection, upgrades it if `protocol` says how, and then never reads again.

@@ -463,7 +463,10 @@ TEST(Create, RefusesWhatCannotBeMeant) {
     EXPECT_EQ(Publisher::create(options, m.asset, m.encoded).error().code, ErrorCode::kInvalidArgument) << url;
   }
   EXPECT_EQ(Subscriber::create({"ws://127.0.0.1:1/a?rate=fast", {}, {}}).error().code, ErrorCode::kInvalidArgument);
-  EXPECT_EQ(Subscriber::create({"wss://127.0.0.1:1/a", {}, {}}).error().code, ErrorCode::kUnsupported);
+  SubscriberOptions secure;
+  secure.url = "wss://127.0.0.1:1/a";
+  secure.credentials.ca_file = "/nonexistent.pem";
+  EXPECT_EQ(Subscriber::create(secure).error().code, ErrorCode::kInvalidArgument);
   PublisherOptions options;
   options.url = "ws://127.0.0.1:1/a";
   options.error = -1;

@@ -60,7 +60,7 @@ TEST_F(GateTest, WhoShowsNothingIsAnonymousOnLoopbackOnly) {
   const Denial denied = turned_away(request_from("192.168.1.9"));
   EXPECT_EQ(denied.status, 401);
   EXPECT_FALSE(denied.failed_login) << "nothing was tried";
-  EXPECT_THAT(denied.message, HasSubstr("EIGENCAST_TOKEN"));
+  EXPECT_THAT(denied.message, HasSubstr("asks for a token"));
 }
 
 TEST_F(GateTest, AProxyThatNobodyNamedMakesNobodyLocal) {
