@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "broker/access/tls_context.h"
+#include "broker/config/places.h"
 #include "broker/config/show.h"
 #include "broker/connections/connection.h"
 #include "broker/http/http_session.h"

@@ -7,14 +7,17 @@
 
 #include "common/net/url.h"
 #include "sdk/asset_cache.h"
+#include "sdk/contexts.h"
 
 namespace eigencast {
 namespace {
 
+constexpr const char* kDefaultUrl = "ws://127.0.0.1:7490/demo";
 constexpr const char* kExamples = R"(Examples:
   eigencast-client                                        the stream "demo" of a broker on this machine
   eigencast-client ws://host:7490/heart --lod 0.3         three tenths of the vertices
   eigencast-client ws://host:7490/heart --rate raw --playout interpolate
+  eigencast-client wss://host/heart --token @FILE         a broker that asks who comes
   eigencast-client --headless --frames 90 --out pictures  no display needed
 In the window, H shows the keys.
 Exit codes: 0 good, 1 failed (no display, no file written), 2 wrong usage, 4 no stream came.)";
@@ -25,7 +28,7 @@ const std::map<std::string, Profile::Scheme> kSchemes{{"linear", Profile::Scheme
                                                       {"damped", Profile::Scheme::kDamped}};
 
 struct RawOptions {
-  std::string size = "1280x720", rate, form, scheme, playout = "latest";
+  std::string size = "1280x720", rate, form, scheme, playout = "latest", context;
   int k = 3, bands = 8;
   double delay_ms = 0, smooth = 1, ahead_ms = 200;
 };
@@ -66,6 +69,24 @@ Result<std::optional<Profile>> profile_from(const CLI::App& app, const std::stri
   return std::optional<Profile>(profile);
 }
 
+/// Names and contexts become a URL with its credentials.
+Result<void> resolve(ClientOptions& options, const std::string& context) {
+  const auto contexts = Contexts::load(Contexts::default_path());
+  if (!contexts) return contexts.error();
+  if (options.url.empty() && contexts->find(context) == nullptr && context.empty()) options.url = kDefaultUrl;
+  auto target = resolve_target(options.url, options.credentials, context, *contexts);
+  if (!target) return target.error();
+  options.url = std::move(target->url);
+  options.credentials = std::move(target->credentials);
+  const auto url = parse_broker_url(options.url);
+  if (!url || url->credentials.token.empty()) return {};
+  // Reports and titles show the URL: the token goes out of it.
+  if (options.credentials.token.empty()) options.credentials.token = url->credentials.token;
+  options.url = url->origin() + (url->prefix.empty() ? "" : url->prefix + "/v1/subscribe") + "/" + url->stream +
+                (url->query.empty() ? "" : "?" + url->query);
+  return {};
+}
+
 ExitNow usage(const std::string& message) {
   std::fprintf(stderr, "eigencast-client: %s\nTry eigencast-client --help\n", message.c_str());
   return {kExitUsage};
@@ -80,11 +101,20 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   CLI::App app{"Watches a deforming surface that a broker streams.", "eigencast-client"};
   app.footer(kExamples);
   app.set_version_flag("--version", "eigencast-client " EIGENCAST_VERSION);
-  app.add_option("url", options.url, "ws://host[:port]/stream, or wss://")->capture_default_str();
+  app.add_option("url", options.url, "ws://host[:port]/stream, wss://..., or a stream at the context's broker")
+      ->envname("EIGENCAST_URL")
+      ->default_str(kDefaultUrl);
+  app.add_option("--context", raw.context, "broker by name, see eigencast-sender context (default: the current one)")
+      ->envname("EIGENCAST_CONTEXT");
   app.add_option("--token", options.credentials.token, "token for the broker, or @FILE that holds it")
       ->envname("EIGENCAST_TOKEN");
   app.add_option("--ca", options.credentials.ca_file,
                  "PEM file of the authorities trusted for wss:// (default: the system's)");
+  app.add_option("--cert", options.credentials.certificate_file,
+                 "PEM file of a certificate for brokers that ask for one");
+  app.add_option("--key", options.credentials.key_file, "PEM file of its private key");
+  app.add_flag("--insecure", options.credentials.insecure,
+               "do not check the broker's certificate: for trying out only");
   app.add_flag("--headless", options.headless, "no window: render into memory, no display needed");
   app.add_option("--frames", options.frames, "end after so many new poses were drawn (0: never)");
   app.add_option("--duration", options.duration_s, "end after so many seconds (0: never)")->check(CLI::Range(0.0, 1e7));
@@ -137,6 +167,7 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   }
   if (!options.headless && !options.out.empty())
     return usage("--out is for --headless; in the window use --screenshot or key S");
+  if (const auto resolved = resolve(options, raw.context); !resolved) return usage(resolved.error().message);
   Result<std::optional<Profile>> profile = profile_from(app, options.url, raw);
   if (!profile) return usage("the stream's URL: " + profile.error().message);
   options.profile = *profile;

@@ -5,15 +5,15 @@
 #include <string>
 #include <variant>
 
-#include "common/net/url.h"
 #include "client/scene_state.h"
+#include "common/net/url.h"
 #include "common/wire/control.h"
 
 namespace eigencast {
 
 /// What the command line says.
 struct ClientOptions {
-  std::string url = "ws://127.0.0.1:7490/demo";
+  std::string url;                 ///< As it was meant: of a context, where a name was given.
   std::optional<Profile> profile;  ///< Set if an option asked for it; else the URL's query decides.
   SceneOptions scene;
   std::string view = "iso";

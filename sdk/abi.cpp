@@ -131,7 +131,9 @@ ec_status give(Struct* to, Struct from) {
 /// Of either struct of options.
 template <typename Options>
 Credentials credentials_from(const Options& given) {
-  return {given.token != nullptr ? given.token : "", given.ca_file != nullptr ? given.ca_file : ""};
+  const auto text = [](const char* value) { return std::string(value != nullptr ? value : ""); };
+  return {text(given.token), text(given.ca_file), text(given.certificate_file), text(given.key_file),
+          given.insecure != 0};
 }
 
 std::string text_or(const char* text, std::string fallback) {

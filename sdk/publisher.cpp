@@ -110,12 +110,12 @@ class Uploader {
   const EncodedAsset& encoded_;
 };
 
-Result<BrokerUrl> destination(const PublisherOptions& options) {
+Result<BrokerUrl> destination(const PublisherOptions& options, const LogSink& log) {
   auto url = parse_broker_url(options.url);
   if (!url) return url;
-  if (const auto good = complete_credentials(*url, options.credentials); !good) return good.error();
+  if (const auto good = complete_credentials(*url, options.credentials, log); !good) return good.error();
   if (auto name = check_stream_name(url->stream); !name)
-    return in_context("stream name in \"" + options.url + "\"", name.error());
+    return in_context("stream name in \"" + url->shown() + "\"", name.error());
   return url;
 }
 
@@ -597,7 +597,7 @@ Result<std::unique_ptr<Publisher>> Publisher::create(PublisherOptions options, s
                                                      std::shared_ptr<const EncodedAsset> encoded, LogSink log) {
   if (!asset || !encoded || !asset->complete())
     return fail(ErrorCode::kInvalidArgument, "a publisher needs a complete asset");
-  auto url = destination(options);
+  auto url = destination(options, log);
   if (!url) return url.error();
   if (!std::isfinite(options.error) || options.error < 0)
     return fail(ErrorCode::kInvalidArgument,
@@ -625,7 +625,7 @@ Result<std::unique_ptr<Publisher>> Publisher::create_for_keys(PublisherOptions o
   if (auto usable = check_format(format); !usable) return usable.error();
   const auto codec = codec_from_name(format.codec);
   if (!codec) return codec.error();
-  auto url = destination(options);
+  auto url = destination(options, log);
   if (!url) return url.error();
   auto impl =
       std::make_unique<Impl>(std::move(options), std::move(*url), *codec, format, std::move(encoded), std::move(log));

@@ -575,9 +575,9 @@ Subscriber::~Subscriber() = default;
 Result<std::unique_ptr<Subscriber>> Subscriber::create(SubscriberOptions options, LogSink log) {
   auto url = parse_broker_url(options.url);
   if (!url) return url.error();
-  if (const auto good = complete_credentials(*url, options.credentials); !good) return good.error();
+  if (const auto good = complete_credentials(*url, options.credentials, log); !good) return good.error();
   if (auto name = check_stream_name(url->stream); !name)
-    return in_context("stream name in \"" + options.url + "\"", name.error());
+    return in_context("stream name in \"" + url->shown() + "\"", name.error());
   Profile profile;
   if (options.profile) {
     profile = *options.profile;

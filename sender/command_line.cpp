@@ -9,7 +9,7 @@
 #include "common/command_line/documents.h"
 #include "common/surface/read.h"
 #include "sdk/asset_cache.h"
-#include "sender/contexts.h"
+#include "sdk/contexts.h"
 
 namespace eigencast {
 namespace {
@@ -98,12 +98,20 @@ void add_codec_options(CLI::App& app, std::string& codec, double& error) {
       ->check(CLI::PositiveNumber);
 }
 
+/// The same as eigencast-client has; those of the context where they are not given.
+void add_credential_options(CLI::App& app, Credentials& credentials) {
+  app.add_option("--token", credentials.token, "token for the broker, or @FILE that holds it")
+      ->envname("EIGENCAST_TOKEN");
+  app.add_option("--ca", credentials.ca_file, "PEM file of the authorities trusted for wss:// (default: the system's)");
+  app.add_option("--cert", credentials.certificate_file, "PEM file of a certificate for brokers that ask for one");
+  app.add_option("--key", credentials.key_file, "PEM file of its private key");
+  app.add_flag("--insecure", credentials.insecure, "do not check the broker's certificate: for trying out only");
+}
+
 void add_target_options(CLI::App& app, TargetOptions& target) {
   app.add_option("--to", target.url, "ws://host[:port]/stream, or a stream at the context's broker")
       ->envname("EIGENCAST_URL");
-  app.add_option("--token", target.token, "token for the broker, or @FILE that holds it (default: the context's)")
-      ->envname("EIGENCAST_TOKEN");
-  app.add_option("--ca", target.ca_file, "PEM file of the authorities trusted for wss:// (default: the system's)");
+  add_credential_options(app, target.credentials);
   app.add_option("--context", target.context, "broker by name, see context (default: the current one)")
       ->envname("EIGENCAST_CONTEXT");
 }
@@ -139,7 +147,7 @@ void add_context_commands(CLI::App& app, Settings& s) {
   CLI::App* added = add("add", "Add a broker, or change it; the first is the current one");
   added->add_option("name", s.context.name, "what to call it")->required();
   added->add_option("url", s.context.url, "ws://host[:port], or of one stream")->required();
-  added->add_option("--token", s.context.token, "what the broker lets in")->envname("EIGENCAST_TOKEN");
+  add_credential_options(*added, s.context.credentials);
   add("list", "List them; the current one has a star")->add_flag("--json", s.context.json, "as JSON");
   add("use", "Make one the current one")->add_option("name", s.context.name, "which")->required();
   add("remove", "Forget one")->add_option("name", s.context.name, "which")->required();
@@ -289,10 +297,10 @@ Result<void> resolve_targets(const CLI::App& app, Settings& s) {
   if (target == nullptr) return {};
   const auto contexts = Contexts::load(Contexts::default_path());
   if (!contexts) return contexts.error();
-  const auto resolved = resolve_target(target->url, target->token, target->context, *contexts);
+  const auto resolved = resolve_target(target->url, target->credentials, target->context, *contexts);
   if (!resolved) return resolved.error();
   target->url = resolved->url;
-  target->token = resolved->token;
+  target->credentials = resolved->credentials;
   return {};
 }
 

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "common/codec/key.h"
+#include "common/net/url.h"
 #include "sender/interrupt.h"
 #include "sender/source.h"
 
@@ -31,10 +32,9 @@ struct BakeCommand {
 
 /// Where poses are sent and how they are coded.
 struct TargetOptions {
-  std::string url;      ///< Before resolve(): what --to says.
-  std::string token;    ///< The token, or @FILE. Empty: none.
+  std::string url;  ///< Before resolve(): what --to says.
+  Credentials credentials;
   std::string context;  ///< Empty: the current one.
-  std::string ca_file;  ///< PEM file of the authorities trusted for wss://. Empty: the system's.
   std::string codec = "quantised";
   double error = 0;         ///< Model units; 0: the publisher's default.
   double bitrate_kbit = 0;  ///< 0: as the error bound takes.
@@ -80,7 +80,8 @@ struct DeformCommand {
 
 struct ContextCommand {
   std::string action;  ///< add, list, use, remove
-  std::string name, url, token;
+  std::string name, url;
+  Credentials credentials;
   bool json = false;
 };
 

@@ -38,7 +38,7 @@ Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double r
   if (!codec) return codec.error();
   PublisherOptions options;
   options.url = target.url;
-  options.credentials = {target.token, target.ca_file};
+  options.credentials = target.credentials;
   options.codec = *codec;
   options.error = target.error;
   options.bitrate = target.bitrate_kbit * 1000;

@@ -192,7 +192,7 @@ class Replayer {
     }
     PublisherOptions options;
     options.url = command_.target.url;
-    options.credentials = {command_.target.token, command_.target.ca_file};
+    options.credentials = command_.target.credentials;
     options.key_rate_hz = announced_->key_rate_hz * command_.speed;
     options.world = announced_->world;
     StreamFormat format = announced_->format;  // Velocities of a faster motion are so much larger.

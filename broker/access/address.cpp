@@ -118,13 +118,15 @@ bool IpRange::contains(const IpAddress& address) const {
   return first.bytes[whole] >> unused == address.bytes[whole] >> unused;
 }
 
-Sender sender_of(const IpAddress& peer, const ForwardedHeaders& headers, std::span<const IpRange> trusted) {
+Sender sender_of(const IpAddress& peer, const ForwardedHeaders& headers, std::span<const IpRange> trusted,
+                 ProxyHeader believed) {
   const auto is_trusted = [&](const IpAddress& address) {
     return std::any_of(trusted.begin(), trusted.end(), [&](const IpRange& range) { return range.contains(address); });
   };
-  const bool standard = !headers.forwarded.empty();
+  const bool standard = believed == ProxyHeader::kForwarded;
   std::string_view list = standard ? headers.forwarded : headers.x_forwarded_for;
-  Sender sender{peer, false};
+  const std::string_view other = standard ? headers.x_forwarded_for : headers.forwarded;
+  Sender sender{peer, list.empty() && !other.empty()};
   for (std::size_t hop = 0; !list.empty(); ++hop) {
     if (!is_trusted(sender.address)) {
       sender.uncertain = hop == 0;

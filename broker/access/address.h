@@ -44,15 +44,21 @@ struct ForwardedHeaders {
   std::string forwarded;        ///< RFC 7239, likewise.
 };
 
+/// The one header that trusted proxies write. The other one comes from the client, whom a proxy that does not know it
+/// lets through with it.
+enum class ProxyHeader : std::uint8_t { kXForwardedFor, kForwarded };
+
 /// Who sent a request that came from `peer`: the peer itself, or, where that is a trusted proxy, whom it names, from the
 /// right, up to the first who is not trusted. What cannot be read stops at the proxy that said it. Safe on hostile
-/// input: nobody who is not trusted is believed. `Forwarded` wins over `X-Forwarded-For`.
+/// input: nobody who is not trusted is believed, and no header but `believed`.
 struct Sender {
   IpAddress address;
   /// A header names others, but the peer is no trusted proxy (it may be one that the configuration forgot), or a proxy
-  /// names somebody who cannot be read: that `address` is on loopback says nothing about where the request comes from.
+  /// names somebody who cannot be read, or by the other header: that `address` is on loopback says nothing about where
+  /// the request comes from.
   bool uncertain = false;
 };
-Sender sender_of(const IpAddress& peer, const ForwardedHeaders& headers, std::span<const IpRange> trusted);
+Sender sender_of(const IpAddress& peer, const ForwardedHeaders& headers, std::span<const IpRange> trusted,
+                 ProxyHeader believed = ProxyHeader::kXForwardedFor);
 
 }  // namespace eigencast::broker

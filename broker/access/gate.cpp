@@ -27,7 +27,8 @@ Error lacking(const Identity& identity, const std::string& right, std::string_vi
 
 }  // namespace
 
-Grant::Grant(Gate& gate, Identity identity, TimeUs now_us) : gate_(gate), identity_(std::move(identity)) {
+Grant::Grant(Gate& gate, Identity identity, std::shared_ptr<const AccessPolicy> policy, TimeUs now_us)
+    : gate_(gate), identity_(std::move(identity)), policy_(std::move(policy)) {
   const auto add = [&](Ledger& ledger, const std::string& key, bool is_token, std::string whose) {
     const std::lock_guard lock(ledger.mutex());
     holders_.push_back({&ledger, ledger.account(key, now_us), is_token, std::move(whose)});
@@ -82,6 +83,14 @@ bool Grant::has_expired(std::int64_t now_unix_s) const {
   return identity_.expires_s && now_unix_s >= *identity_.expires_s && gate_.config_.access.expiry_disconnects;
 }
 
+bool Grant::is_void() {
+  auto now = gate_.policy();
+  if (now == policy_) return false;
+  if (!now->vouches_for(identity_, *policy_)) return true;
+  policy_ = std::move(now);
+  return false;
+}
+
 Error Grant::over(const Holder& holder, const char* limit, std::int64_t most) const {
   return fail(ErrorCode::kRefused, holder.whose + " has reached a limit of this broker: " +
                                        (holder.is_token ? "per_token." : "per_address.") + limit + " = " +
@@ -127,21 +136,32 @@ Result<void> Grant::take_message(TimeUs now_us) {
 }
 
 Result<void> Grant::take_upload(std::uint64_t bytes, TimeUs now_us) {
+  return take_bytes(&Account::upload_bytes, "upload_bytes_per_hour", bytes, now_us);
+}
+
+Result<void> Grant::take_download(std::uint64_t bytes, TimeUs now_us) {
+  return take_bytes(&Account::download_bytes, "download_bytes_per_hour", bytes, now_us);
+}
+
+Result<void> Grant::take_bytes(Pace Account::*pace, const char* limit, std::uint64_t bytes, TimeUs now_us) {
   for (Holder& holder : holders_) {
-    const std::int64_t most = gate_.quota(holder.is_token).upload_bytes_per_hour;
+    const Gate::Quota quota = gate_.quota(holder.is_token);
+    const bool up = pace == &Account::upload_bytes;
+    const std::int64_t most = up ? quota.upload_bytes_per_hour : quota.download_bytes_per_hour;
     const auto hour = static_cast<double>(most);
     const std::lock_guard lock(holder.ledger->mutex());
-    if (!holder.account->upload_bytes.take(static_cast<double>(bytes), hour / 3600, hour, now_us)) {
-      return over(holder, "upload_bytes_per_hour", most);
-    }
+    Pace& flow = (*holder.account).*pace;
+    if (!flow.take(static_cast<double>(bytes), hour / 3600, hour, now_us)) return over(holder, limit, most);
   }
   return {};
 }
 
 Gate::Quota Gate::quota(bool of_token) const {
   const auto of = [](const auto& limits) {
-    return Quota{
-        {limits.connections, limits.publishers, limits.streams}, limits.messages_per_s, limits.upload_bytes_per_hour};
+    return Quota{{limits.connections, limits.publishers, limits.streams},
+                 limits.messages_per_s,
+                 limits.upload_bytes_per_hour,
+                 limits.download_bytes_per_hour};
   };
   return of_token ? of(config_.per_token) : of(config_.per_address);
 }
@@ -179,7 +199,7 @@ std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs 
     if (denied->failed_login) count_failure(address, now_us);
     return std::move(*denied);
   }
-  return GrantPtr(new Grant(*this, std::move(std::get<Identity>(found)), now_us));
+  return GrantPtr(new Grant(*this, std::move(std::get<Identity>(found)), rules, now_us));
 }
 
 std::optional<Denial> Gate::admit_admin(const AccessRequest& request, AdminAsk ask, TimeUs now_us,
@@ -187,6 +207,7 @@ std::optional<Denial> Gate::admit_admin(const AccessRequest& request, AdminAsk a
   const auto rules = policy();
   const bool free = ask == AdminAsk::kRead || !rules->has_tokens();
   if (free && rules->is_local(request)) return std::nullopt;
+  if (ask == AdminAsk::kRead && rules->is_monitor(request)) return std::nullopt;
   auto admitted = admit(request, now_us, now_unix_s);
   if (auto* denied = std::get_if<Denial>(&admitted)) return std::move(*denied);
   const auto& grant = std::get<GrantPtr>(admitted);
@@ -199,8 +220,12 @@ std::optional<Denial> Gate::admit_admin(const AccessRequest& request, AdminAsk a
 }
 
 GrantPtr Gate::accept(const IpAddress& peer, TimeUs now_us) {
-  GrantPtr grant(new Grant(*this, {"connection", {}, {peer, false}, {}, {}}, now_us));
-  if (!policy()->is_trusted_proxy(peer) && !grant->take(Share::kConnection)) return nullptr;
+  Identity identity;
+  identity.name = "connection";
+  identity.sender.address = peer;
+  const auto rules = policy();
+  GrantPtr grant(new Grant(*this, std::move(identity), rules, now_us));
+  if (!rules->is_trusted_proxy(peer) && !grant->take(Share::kConnection)) return nullptr;
   return grant;
 }
 

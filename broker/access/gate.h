@@ -40,6 +40,8 @@ class Grant {
   Result<void> may_administer() const;
   /// Whether the token has run out, where the configuration asks for that to end connections.
   bool has_expired(std::int64_t now_unix_s) const;
+  /// Whether a reload took away what let it in.
+  bool is_void();
 
   /// Errors: kRefused: a limit of the address or the token is reached; the message names it.
   Result<void> take(Share share);
@@ -47,6 +49,7 @@ class Grant {
   /// One message that came.
   Result<void> take_message(TimeUs now_us);
   Result<void> take_upload(std::uint64_t bytes, TimeUs now_us);
+  Result<void> take_download(std::uint64_t bytes, TimeUs now_us);
 
  private:
   friend class Gate;
@@ -57,11 +60,13 @@ class Grant {
     bool is_token = false;
     std::string whose;
   };
-  Grant(Gate& gate, Identity identity, TimeUs now_us);
+  Grant(Gate& gate, Identity identity, std::shared_ptr<const AccessPolicy> policy, TimeUs now_us);
+  Result<void> take_bytes(Pace Account::*pace, const char* limit, std::uint64_t bytes, TimeUs now_us);
   Error over(const Holder& holder, const char* limit, std::int64_t most) const;
 
   Gate& gate_;
   Identity identity_;
+  std::shared_ptr<const AccessPolicy> policy_;  ///< By which it was let in, or that confirmed it last.
   std::vector<Holder> holders_;
   std::array<std::int64_t, kShares> taken_{};
 };
@@ -77,8 +82,8 @@ class Gate {
   std::variant<GrantPtr, Denial> admit(const AccessRequest& request, TimeUs now_us, std::int64_t now_unix_s);
   /// What is asked of the admin port: its state, or to change something.
   enum class AdminAsk { kRead, kControl };
-  /// Nothing: go on. On loopback without any tokens configured everybody may, to read in any case; else it takes the
-  /// right admin.
+  /// Nothing: go on. On loopback without any tokens configured everybody may, to read in any case, as may monitors; else
+  /// it takes the right admin.
   std::optional<Denial> admit_admin(const AccessRequest& request, AdminAsk ask, TimeUs now_us, std::int64_t now_unix_s);
   /// Before anything was read from it. Null: its address has too many connections. A trusted proxy's are not counted:
   /// those of whom it forwards are, at admit().
@@ -94,6 +99,7 @@ class Gate {
     std::array<std::int64_t, kShares> shares{};
     std::int64_t messages_per_s = 0;
     std::int64_t upload_bytes_per_hour = 0;
+    std::int64_t download_bytes_per_hour = 0;
   };
   Quota quota(bool of_token) const;
   std::optional<Denial> slowed(const std::string& address, TimeUs now_us);

@@ -29,7 +29,8 @@ TimeUs Pace::wait_us(double amount, double per_s, double burst, TimeUs now_us) c
 
 bool Account::is_idle(TimeUs now_us) const {
   return std::all_of(shares.begin(), shares.end(), [](std::int64_t count) { return count == 0; }) &&
-         messages.is_idle(now_us) && upload_bytes.is_idle(now_us) && failures.is_idle(now_us);
+         messages.is_idle(now_us) && upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) &&
+         failures.is_idle(now_us);
 }
 
 std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) {

@@ -35,6 +35,7 @@ struct Account {
   std::array<std::int64_t, kShares> shares{};
   Pace messages;
   Pace upload_bytes;
+  Pace download_bytes;
   Pace failures;
   bool is_idle(TimeUs now_us) const;
 };

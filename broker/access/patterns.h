@@ -27,6 +27,7 @@ class StreamPatterns {
   bool matches(std::string_view stream) const;
   bool empty() const { return patterns_.empty(); }
   const std::vector<std::string>& texts() const { return patterns_; }
+  bool operator==(const StreamPatterns&) const = default;
 
  private:
   std::vector<std::string> patterns_;
@@ -37,6 +38,7 @@ struct Rights {
   StreamPatterns publish;
   StreamPatterns subscribe;
   bool admin = false;
+  bool operator==(const Rights&) const = default;
 };
 
 }  // namespace eigencast::broker

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <utility>
 
+#include "broker/config/places.h"
+
 namespace eigencast::broker {
 namespace {
 
@@ -60,6 +62,20 @@ bool is_local_page(std::string_view origin) {
   return host == "localhost" || (address && address->is_loopback());
 }
 
+Result<std::vector<IpRange>> ranges_from(const char* setting, const std::vector<std::string>& texts) {
+  std::vector<IpRange> ranges;
+  for (const std::string& text : texts) {
+    const auto range = IpRange::from_text(text);
+    if (!range) return in_context(setting, range.error());
+    ranges.push_back(*range);
+  }
+  return ranges;
+}
+
+bool is_within(const std::vector<IpRange>& ranges, const IpAddress& address) {
+  return std::any_of(ranges.begin(), ranges.end(), [&](const IpRange& range) { return range.contains(address); });
+}
+
 std::string_view bearer_of(std::string_view header) {
   constexpr std::string_view kScheme = "bearer ";
   if (header.size() < kScheme.size()) return {};
@@ -89,7 +105,7 @@ Result<TokenKey> key_from_setting(const std::string& text) {
   }
   const auto algorithm = algorithm_from_name(std::string_view(text).substr(first + 1, second - first - 1));
   if (!algorithm) return algorithm.error();
-  return TokenKey::from_file(text.substr(0, first), *algorithm, text.substr(second + 1));
+  return TokenKey::from_file(text.substr(0, first), *algorithm, located(text.substr(second + 1)));
 }
 
 Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Config& config) {
@@ -107,21 +123,44 @@ Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Conf
   if (!rules) return rules.error();
   policy->tokens_ = std::move(*rules);
   if (!config.access.tokens_file.empty()) {
-    auto file = TokenFile::from_file(config.access.tokens_file);
+    auto file = TokenFile::from_file(located(config.access.tokens_file));
     if (!file) return in_context("access.tokens_file", file.error());
     policy->static_tokens_ = std::move(*file);
   }
   policy->origins_ = config.access.origins;
-  for (const std::string& text : config.proxy.trusted) {
-    const auto range = IpRange::from_text(text);
-    if (!range) return in_context("proxy.trusted", range.error());
-    policy->proxies_.push_back(*range);
-  }
+  auto proxies = ranges_from("proxy.trusted", config.proxy.trusted);
+  if (!proxies) return proxies.error();
+  policy->proxies_ = std::move(*proxies);
+  policy->proxy_header_ = config.proxy.header == "forwarded" ? ProxyHeader::kForwarded : ProxyHeader::kXForwardedFor;
+  auto monitors = ranges_from("access.monitors", config.access.monitors);
+  if (!monitors) return monitors.error();
+  policy->monitors_ = std::move(*monitors);
   return std::shared_ptr<const AccessPolicy>(std::move(policy));
 }
 
 bool AccessPolicy::is_trusted_proxy(const IpAddress& address) const {
-  return std::any_of(proxies_.begin(), proxies_.end(), [&](const IpRange& range) { return range.contains(address); });
+  return is_within(proxies_, address);
+}
+
+bool AccessPolicy::is_monitor(const AccessRequest& request) const {
+  // A browser's page is none, whichever machine it is shown on.
+  const Sender from = sender(request);
+  return !from.uncertain && request.origin.empty() && is_within(monitors_, from.address);
+}
+
+bool AccessPolicy::vouches_for(const Identity& identity, const AccessPolicy& former) const {
+  if (identity.key.empty()) {
+    const bool welcome = anonymous_ == Anonymous::kAnywhere || (anonymous_ == Anonymous::kLoopback && identity.local);
+    return welcome && identity.rights == anonymous_rights_;
+  }
+  if (!identity.expires_s) return static_tokens_.has(identity.token_hash, identity.rights);
+  const auto same_key = [&](const TokenKey& was) {
+    const auto& keys = tokens_.keys;
+    return was.id() == identity.key_id &&
+           std::any_of(keys.begin(), keys.end(), [&](const TokenKey& key) { return key.is_same_as(was); });
+  };
+  return tokens_.audience == former.tokens_.audience && tokens_.issuer == former.tokens_.issuer &&
+         std::any_of(former.tokens_.keys.begin(), former.tokens_.keys.end(), same_key);
 }
 
 bool AccessPolicy::allows_origin(const AccessRequest& request) const {
@@ -159,6 +198,7 @@ std::variant<Identity, Denial> AccessPolicy::identify_token(std::string_view tok
     if (known == nullptr) return denial(401, "this broker does not know the token: get one from whoever runs it", true);
     identity.name = "token '" + known->name + "'";
     identity.key = "file " + known->name;
+    identity.token_hash = TokenFile::hash_of(token);
     identity.rights = known->rights;
     return identity;
   }
@@ -167,6 +207,7 @@ std::variant<Identity, Denial> AccessPolicy::identify_token(std::string_view tok
   identity.name =
       claims->subject.empty() ? "a token of key '" + claims->key_id + "'" : "token '" + claims->subject + "'";
   identity.key = "jwt " + claims->key_id + " " + claims->subject;
+  identity.key_id = claims->key_id;
   identity.rights = std::move(claims->rights);
   identity.expires_s = claims->expires_s + tokens_.leeway_s;
   return identity;
@@ -188,6 +229,7 @@ std::variant<Identity, Denial> AccessPolicy::identify_anonymous(const AccessRequ
     return denial(401, std::move(why));
   }
   identity.name = "anonymous";
+  identity.local = local;
   identity.rights = anonymous_rights_;
   return identity;
 }

@@ -40,6 +40,9 @@ struct Identity {
   std::string name;  ///< For logs: "token 'camera-1'", "anonymous".
   std::string key;   ///< Whom the limits of tokens count as one; empty: nobody (anonymous).
   Sender sender;
+  bool local = false;  ///< The request came from this very machine.
+  std::string key_id;  ///< Of a signed token.
+  Sha256 token_hash;   ///< Of a fixed token.
   Rights rights;
   std::optional<std::int64_t> expires_s;
 };
@@ -54,8 +57,15 @@ class AccessPolicy {
   static Result<std::shared_ptr<const AccessPolicy>> from_config(const Config& config);
 
   std::variant<Identity, Denial> identify(const AccessRequest& request, std::int64_t now_unix_s) const;
+  /// Whether whoever `former`, of which this policy takes the place, let in with these rights would still have them: a
+  /// token that was taken out of the file, a key that was dropped or changed, and rights that differ end connections.
+  bool vouches_for(const Identity& identity, const AccessPolicy& former) const;
   bool is_trusted_proxy(const IpAddress& address) const;
-  Sender sender(const AccessRequest& request) const { return sender_of(request.peer, request.forwarded, proxies_); }
+  /// Whether one may read the admin port without a token.
+  bool is_monitor(const AccessRequest& request) const;
+  Sender sender(const AccessRequest& request) const {
+    return sender_of(request.peer, request.forwarded, proxies_, proxy_header_);
+  }
   /// Whether a browser's page of this origin may use the broker. Only browsers send an origin; it keeps other sites'
   /// pages from using what their visitor may reach.
   bool allows_origin(const AccessRequest& request) const;
@@ -63,6 +73,11 @@ class AccessPolicy {
   bool is_local(const AccessRequest& request) const;
   /// Whether anybody can show who they are.
   bool has_tokens() const { return !tokens_.keys.empty() || static_tokens_.size() > 0; }
+  /// Whether assets are for anybody, wherever they are.
+  bool serves_everybody() const {
+    return anonymous_ == Anonymous::kAnywhere &&
+           !(anonymous_rights_.publish.empty() && anonymous_rights_.subscribe.empty());
+  }
   const TokenRules& token_rules() const { return tokens_; }
 
  private:
@@ -76,6 +91,8 @@ class AccessPolicy {
   TokenFile static_tokens_;
   std::vector<std::string> origins_;
   std::vector<IpRange> proxies_;
+  ProxyHeader proxy_header_ = ProxyHeader::kXForwardedFor;
+  std::vector<IpRange> monitors_;
 };
 
 }  // namespace eigencast::broker

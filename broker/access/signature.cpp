@@ -190,6 +190,14 @@ Result<TokenKey> TokenKey::from_file(std::string id, Algorithm algorithm, const 
   return key;
 }
 
+bool TokenKey::is_same_as(const TokenKey& other) const {
+  if (id_ != other.id_ || algorithm_ != other.algorithm_ || (pair_ == nullptr) != (other.pair_ == nullptr))
+    return false;
+  if (pair_ != nullptr) return EVP_PKEY_eq(pair_.get(), other.pair_.get()) == 1;
+  return secret_.size() == other.secret_.size() &&
+         CRYPTO_memcmp(secret_.data(), other.secret_.data(), secret_.size()) == 0;
+}
+
 bool TokenKey::verifies(std::string_view message, ByteView signature) const {
   if (algorithm_ == Algorithm::kHs256) {
     const Bytes wanted = hmac(secret_, message);

@@ -38,6 +38,8 @@ class TokenKey {
   const std::string& id() const { return id_; }
   Algorithm algorithm() const { return algorithm_; }
   bool can_sign() const { return private_; }
+  /// Whether what this key checks, the other one does too: they have the same secret or the same public half.
+  bool is_same_as(const TokenKey& other) const;
 
   bool verifies(std::string_view message, ByteView signature) const;
   /// Errors: kUnsupported (only the public half is here), kInternal.

@@ -12,6 +12,7 @@
 #include <string_view>
 
 #include "broker/access/signature.h"
+#include "broker/config/places.h"
 
 namespace eigencast::broker {
 namespace {
@@ -48,27 +49,30 @@ int choose_protocol(SSL*, const unsigned char** out, unsigned char* out_size, co
 }
 
 Result<void> load_pair(SSL_CTX* context, const Config& config) {
-  if (SSL_CTX_use_certificate_chain_file(context, config.tls.certificate.c_str()) != 1) {
-    return wrong("tls.certificate", config.tls.certificate, "no certificate chain in PEM can be read: " + reason());
+  const std::string certificate = located(config.tls.certificate);
+  const std::string key = located(config.tls.key);
+  if (SSL_CTX_use_certificate_chain_file(context, certificate.c_str()) != 1) {
+    return wrong("tls.certificate", certificate, "no certificate chain in PEM can be read: " + reason());
   }
   // Read for its permissions: the key is loaded by OpenSSL.
-  if (const auto closed = read_secret_file(config.tls.key); !closed) return in_context("tls.key", closed.error());
-  if (SSL_CTX_use_PrivateKey_file(context, config.tls.key.c_str(), SSL_FILETYPE_PEM) != 1) {
-    return wrong("tls.key", config.tls.key, "no private key in PEM for this certificate can be read: " + reason());
+  if (const auto closed = read_secret_file(key); !closed) return in_context("tls.key", closed.error());
+  if (SSL_CTX_use_PrivateKey_file(context, key.c_str(), SSL_FILETYPE_PEM) != 1) {
+    return wrong("tls.key", key, "no private key in PEM for this certificate can be read: " + reason());
   }
   if (SSL_CTX_check_private_key(context) != 1) {
-    return wrong("tls.key", config.tls.key, "is not the key of tls.certificate: " + reason());
+    return wrong("tls.key", key, "is not the key of tls.certificate: " + reason());
   }
   return {};
 }
 
 Result<void> ask_clients(SSL_CTX* context, const Config& config) {
   if (config.tls.client_ca.empty()) return {};
-  const char* file = config.tls.client_ca.c_str();
+  const std::string path = located(config.tls.client_ca);
+  const char* file = path.c_str();
   STACK_OF(X509_NAME)* names = SSL_load_client_CA_file(file);
   if (names == nullptr || SSL_CTX_load_verify_file(context, file) != 1) {
     sk_X509_NAME_pop_free(names, X509_NAME_free);
-    return wrong("tls.client_ca", config.tls.client_ca, "no certificates in PEM can be read: " + reason());
+    return wrong("tls.client_ca", path, "no certificates in PEM can be read: " + reason());
   }
   SSL_CTX_set_client_CA_list(context, names);
   const int require = config.tls.require_client_certificate ? SSL_VERIFY_FAIL_IF_NO_PEER_CERT : 0;

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "broker/access/policy.h"
+#include "broker/config/places.h"
 #include "broker/config/sources.h"
 
 namespace eigencast::broker {
@@ -140,7 +141,7 @@ CommandEnd inspect(const Arguments& arguments, const AccessPolicy& policy, std::
 Result<std::shared_ptr<const AccessPolicy>> configured_policy(const std::string& file,
                                                               std::span<const std::string_view> environment) {
   ConfigSources sources;
-  sources.file = file;
+  sources.file = file.empty() ? default_config_file() : file;
   sources.environment.assign(environment.begin(), environment.end());
   const auto loaded = load_config(sources);
   if (!loaded) return loaded.error();

@@ -132,8 +132,17 @@ Result<TokenFile> TokenFile::from_file(const std::string& path) {
 }
 
 const StaticToken* TokenFile::find(std::string_view token) const {
-  const auto found = tokens_.find(sha256(bytes_of(token)));
+  const auto found = tokens_.find(hash_of(token));
   return found == tokens_.end() ? nullptr : &found->second;
+}
+
+Sha256 TokenFile::hash_of(std::string_view token) {
+  return sha256(bytes_of(token));
+}
+
+bool TokenFile::has(const Sha256& hash, const Rights& rights) const {
+  const auto found = tokens_.find(hash);
+  return found != tokens_.end() && found->second.rights == rights;
 }
 
 Result<NewStaticToken> create_static_token(const std::string& name, const std::vector<std::string>& publish,

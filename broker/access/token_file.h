@@ -35,6 +35,9 @@ class TokenFile {
 
   /// Null: no such token.
   const StaticToken* find(std::string_view token) const;
+  static Sha256 hash_of(std::string_view token);
+  /// Whether a token of this hash is here, with just these rights.
+  bool has(const Sha256& hash, const Rights& rights) const;
   std::size_t size() const { return tokens_.size(); }
 
  private:

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include <boost/asio/ip/address.hpp>
 #include <charconv>
-#include <cstdlib>
 
 #include "broker/config/config.h"
 
@@ -54,10 +53,10 @@ Result<void> check_listeners(const Config& config) {
                  "' reaches beyond this machine, but nobody there could show who they are: set access.jwt_keys or "
                  "access.tokens_file, or let everybody publish and watch with access.anonymous = \"anywhere\"");
   }
-  if (!admin->loopback && !has_tokens(config)) {
+  if (!admin->loopback && !has_tokens(config) && config.access.monitors.empty()) {
     return wrong("server.admin_listen = '" + config.server.admin_listen +
                  "' reaches beyond this machine, where it asks for a token with the right admin: set access.jwt_keys "
-                 "or access.tokens_file, or listen on loopback");
+                 "or access.tokens_file, name in access.monitors who may read it without one, or listen on loopback");
   }
   return {};
 }
@@ -77,14 +76,6 @@ Result<void> check_config(const Config& config) {
     return wrong("proxy.path_prefix = '" + prefix + "' must begin with '/' and not end with one: /eigencast");
   }
   return {};
-}
-
-std::string data_dir_of(const Config& config) {
-  if (!config.server.data_dir.empty()) return config.server.data_dir;
-  const char* state = std::getenv("XDG_STATE_HOME");
-  if (state != nullptr && *state == '/') return std::string(state) + "/eigencast";
-  const char* home = std::getenv("HOME");
-  return std::string(home != nullptr && *home != '\0' ? home : ".") + "/.local/state/eigencast";
 }
 
 }  // namespace eigencast::broker

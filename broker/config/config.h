@@ -81,7 +81,4 @@ struct Address {
 };
 Result<Address> parse_address(std::string_view text);
 
-/// data_dir, or its default from the environment.
-std::string data_dir_of(const Config& config);
-
 }  // namespace eigencast::broker

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "broker/config/places.h"
 #include "broker/config/show.h"
 
 namespace eigencast::broker {
@@ -28,8 +29,9 @@ struct ShownFlag {
 };
 constexpr ShownFlag kShown[] = {
     {"server.listen", "Where senders and viewers connect, ADDR:PORT (default: 127.0.0.1:7490; port 0: any)"},
-    {"server.admin_listen", "Health and metrics, on loopback (default: 127.0.0.1:7491; empty: off)"},
-    {"server.data_dir", "Where assets are kept (default: $XDG_STATE_HOME/eigencast or ~/.local/state/eigencast)"},
+    {"server.admin_listen", "Health and metrics (default: 127.0.0.1:7491; empty: off)"},
+    {"server.data_dir",
+     "Where assets are kept (default: $STATE_DIRECTORY, $XDG_STATE_HOME/eigencast or ~/.local/state/eigencast)"},
     {"log.level", "debug, info, warning or error (default: info)"},
     {"log.format", "text or json (default: text)"},
 };
@@ -60,7 +62,8 @@ Result<Options> read_options(int argc, const char* const* argv, std::span<const 
   CLI::App app("Relays live deforming surfaces from senders to any number of viewers", "eigencast-broker");
   app.footer(kFooter);
   app.set_version_flag("--version", "eigencast-broker " + std::string(version));
-  app.add_option("-c,--config", options.sources.file, "Configuration file (TOML)");
+  app.add_option("-c,--config", options.sources.file,
+                 "Configuration file (TOML; default: eigencast.toml in $CONFIGURATION_DIRECTORY, if there)");
   const auto all = settings();
   std::vector<std::string> values(all.size());
   std::vector<CLI::Option*> flags;
@@ -89,6 +92,7 @@ Result<Options> read_options(int argc, const char* const* argv, std::span<const 
   for (std::size_t i = 0; i < all.size(); ++i) {
     if (flags[i]->count() > 0) options.sources.flags.push_back({flag_of(all[i]), all[i].path(), values[i]});
   }
+  if (options.sources.file.empty()) options.sources.file = default_config_file();
   options.sources.environment.assign(environment.begin(), environment.end());
   auto loaded = load_config(options.sources);
   if (!loaded) return loaded.error();

@@ -21,6 +21,9 @@ constexpr std::size_t kMostDueBytes = 128 * 1024;
 // Reads of one turn, so that a sender in full flow lets the others have theirs.
 constexpr int kMostReads = 4;
 
+// Whose rights have changed comes back at once, to see what is left of them.
+constexpr std::uint32_t kRetryAfterMs = 500;
+
 Outbox::Limits outbox_limits(const Config& config) {
   Outbox::Limits limits;
   limits.max_control_messages = static_cast<std::size_t>(config.limits.max_queued_control_messages);
@@ -413,6 +416,10 @@ void Connection::tick() {
   if (!closing_ && grant_->has_expired(std::time(nullptr))) {
     log(context_.log, LogLevel::kInfo, name() + ": closed, the token of " + grant_->label() + " has expired");
     return say_bye("the token has expired: connect with a new one", 0, CloseCode::kPolicy);
+  }
+  if (!closing_ && grant_->is_void()) {
+    log(context_.log, LogLevel::kInfo, label() + ": closed, the configuration no longer lets in " + grant_->label());
+    return say_bye("the rights of this connection have changed: connect again", kRetryAfterMs, CloseCode::kPolicy);
   }
   on_tick();
 }

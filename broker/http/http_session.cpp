@@ -117,9 +117,20 @@ void HttpSession::start() {
   if (!transport_.is_tls()) return read_head();
   arm(context_.config.timeouts.header_ms);
   transport_.async_handshake([self = shared_from_this()](ErrorOf error) {
-    if (error) return self->close();
-    self->read_head();
+    if (!error) return self->read_head();
+    // A close with unread bytes would reset away the alert that says what was wrong.
+    self->transport_.end_writing();
+    self->drain_socket();
   });
+}
+
+void HttpSession::drain_socket() {
+  body_chunk_.resize(kMaxHeadBytes);
+  transport_.socket().async_read_some(asio::buffer(body_chunk_),
+                                      [self = shared_from_this()](ErrorOf error, std::size_t) {
+                                        if (error) return self->close();
+                                        self->drain_socket();
+                                      });
 }
 
 void HttpSession::read_head() {
@@ -322,8 +333,8 @@ void HttpSession::serve_asset(const Sha256& id) {
 
 void HttpSession::serve_object(const Sha256& id, AssetStore::Object object) {
   const std::string etag = "\"" + id.hex() + "\"";
-  // What took a token must not come out of somebody else's cache.
-  const std::string scope = grant_->identity().key.empty() ? "public" : "private";
+  // What not everybody may have must not come out of somebody else's cache.
+  const std::string scope = context_.gate.policy()->serves_everybody() ? "public" : "private";
   Headers headers = {{http::field::etag, etag},
                      {http::field::cache_control, scope + ", max-age=31536000, immutable"},
                      {http::field::accept_ranges, "bytes"}};
@@ -337,6 +348,11 @@ void HttpSession::serve_object(const Sha256& id, AssetStore::Object object) {
     headers.emplace_back(http::field::content_range, "bytes */" + size);
     return answer_error(Status::range_not_satisfiable,
                         fail(ErrorCode::kInvalidArgument, "the asset has " + size + " bytes"), std::move(headers));
+  }
+  const std::uint64_t bytes =
+      wanted.kind == RangeRequest::Kind::kWhole ? object.size : wanted.range.last + 1 - wanted.range.first;
+  if (const auto taken = grant_->take_download(is_head() ? 0 : bytes, steady_now_us()); !taken) {
+    return answer_denial({429, taken.error().message, 60, false});
   }
   ++context_.counters.downloads;
   if (wanted.kind == RangeRequest::Kind::kWhole) {

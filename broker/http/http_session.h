@@ -74,6 +74,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   void answer_error(Status status, const Error& error, Headers headers = {});
   void finish(bool keep);
   void drain();
+  void drain_socket();
   void arm(std::int64_t timeout_ms);
   void close();
   bool is_head() const;

@@ -17,9 +17,9 @@
 
 namespace eigencast {
 
-/// Whom a client trusts. Null: the URL asks for no TLS. TLS 1.2 or newer; certificates are always verified, against the
-/// system's authorities or those of the URL's ca_file.
-/// Errors: kInvalidArgument (no certificate in ca_file).
+/// Whom a client trusts. Null: the URL asks for no TLS. TLS 1.2 or newer; certificates are verified, against the system's
+/// authorities or those of the URL's ca_file, unless it says `insecure`.
+/// Errors: kInvalidArgument (no certificate or key in a file that the URL names; a key of another certificate).
 using ClientTls = std::shared_ptr<boost::asio::ssl::context>;
 Result<ClientTls> make_client_tls(const BrokerUrl& url);
 
@@ -37,15 +37,18 @@ class ClientStream {
   next_layer_type& next_layer() { return tcp_; }
   const next_layer_type& next_layer() const { return tcp_; }
 
-  /// The TLS handshake with `host`, whose name or address the certificate must bear; plain: nothing to do.
+  /// The TLS handshake with the URL's host, whose name or address the certificate must bear; plain: nothing to do.
   template <typename Handler>
-  void async_secure(const std::string& host, Handler handler) {
+  void async_secure(const BrokerUrl& url, Handler handler) {
     if (!tls_) return boost::asio::post(get_executor(), [handler = std::move(handler)]() mutable { handler({}); });
-    expect_host(host);
+    expect(url);
     tls_->async_handshake(boost::asio::ssl::stream_base::client, std::move(handler));
   }
-  /// Why the handshake failed, where the certificate was the reason; else empty.
-  std::string distrust();
+  /// Why the handshake with `url` failed, and what to do. kRefused: the broker's certificate does not do, which only
+  /// people can change; else kUnreachable.
+  Error handshake_failure(const BrokerUrl& url, const error_code& code) const;
+  /// What to do where `code` ended a connection; empty: nothing particular.
+  static std::string advice_on(const error_code& code);
 
   template <typename Buffers, typename Handler>
   auto async_read_some(const Buffers& buffers, Handler&& handler) {
@@ -73,11 +76,12 @@ class ClientStream {
   }
 
  private:
-  void expect_host(const std::string& host);
+  void expect(const BrokerUrl& url);
 
   boost::beast::tcp_stream tcp_;
   ClientTls context_;
   std::optional<boost::asio::ssl::stream<boost::beast::tcp_stream&>> tls_;
+  std::string distrust_;  ///< What is wrong with the certificate; empty: nothing.
 };
 
 }  // namespace eigencast

@@ -89,7 +89,8 @@ class HttpConnection::Impl {
     if (ec == beast::error::timeout)
       return fail(ErrorCode::kTimeout,
                   where_ + " was silent for " + std::to_string(timeout_.count()) + " ms while " + doing);
-    return fail(ErrorCode::kDisconnected, "connection to " + where_ + " lost while " + doing + ": " + ec.message());
+    return fail(ErrorCode::kDisconnected,
+                "connection to " + where_ + " lost while " + doing + ": " + ec.message() + ClientStream::advice_on(ec));
   }
 
   Result<void> connect() {
@@ -120,13 +121,10 @@ class HttpConnection::Impl {
   Result<void> secure() {
     error_code ec;
     tcp().expires_after(timeout_);
-    stream_->async_secure(url_.host, [&](error_code why) { ec = why; });
+    stream_->async_secure(url_, [&](error_code why) { ec = why; });
     run();
     if (!ec) return {};
-    const std::string why = stream_->distrust();
-    if (why.empty()) return give_up(fail(ErrorCode::kUnreachable, "no TLS at " + where_ + ": " + ec.message()));
-    return give_up(fail(ErrorCode::kRefused, "the certificate of " + where_ + " is not trusted: " + why +
-                                                 " (name the authority that signed it with --ca FILE)"));
+    return give_up(stream_->handshake_failure(url_, ec));
   }
 
   beast::tcp_stream& tcp() { return stream_->next_layer(); }

@@ -157,10 +157,13 @@ Result<BrokerUrl> parse_broker_url(std::string_view text) {
   return url;
 }
 
-Result<void> complete_credentials(BrokerUrl& url, const Credentials& given) {
+Result<void> complete_credentials(BrokerUrl& url, const Credentials& given, const LogSink& log) {
   Credentials& own = url.credentials;
   if (!given.ca_file.empty()) own.ca_file = given.ca_file;
   if (!given.token.empty()) own.token = given.token;
+  if (!given.certificate_file.empty()) own.certificate_file = given.certificate_file;
+  if (!given.key_file.empty()) own.key_file = given.key_file;
+  own.insecure = own.insecure || given.insecure;
   const char* environment = std::getenv("EIGENCAST_TOKEN");
   if (own.token.empty() && environment != nullptr) own.token = environment;
   auto token = token_from(own.token);
@@ -171,6 +174,11 @@ Result<void> complete_credentials(BrokerUrl& url, const Credentials& given) {
     return fail(ErrorCode::kInvalidArgument, "the token is none: it is over 8 KiB or contains blanks");
   }
   if (const auto tls = make_client_tls(url); !tls) return tls.error();
+  if (url.tls && own.insecure) {
+    eigencast::log(log, LogLevel::kWarning,
+                   "the certificate of " + url.origin() +
+                       " is not checked (--insecure): whoever is in between can read and change everything");
+  }
   return {};
 }
 

@@ -5,14 +5,18 @@
 #include <string>
 #include <string_view>
 
+#include "common/core/log.h"
 #include "common/core/result.h"
 
 namespace eigencast {
 
 /// How a client shows who it is, and whom it trusts.
 struct Credentials {
-  std::string token;    ///< The token itself, or @FILE. Empty: EIGENCAST_TOKEN of the environment, if that is set.
-  std::string ca_file;  ///< PEM file of the authorities that count for wss:// and https://. Empty: the system's.
+  std::string token = {};    ///< The token itself, or @FILE. Empty: EIGENCAST_TOKEN of the environment, if that is set.
+  std::string ca_file = {};  ///< PEM file of the authorities that count for wss:// and https://. Empty: the system's.
+  std::string certificate_file = {};  ///< PEM file of the client's own certificate, for brokers that ask for one.
+  std::string key_file = {};          ///< Its private key, PEM, without passphrase.
+  bool insecure = false;              ///< The broker's certificate is not looked at: anybody may be in between.
 };
 
 /// Where a broker and, if the path names one, a stream are: ws://host[:port]/stream/name?rate=raw (http:// is the same
@@ -35,8 +39,9 @@ struct BrokerUrl {
 /// Errors: kInvalidArgument, saying what is wrong and what a URL looks like.
 Result<BrokerUrl> parse_broker_url(std::string_view text);
 
-/// Completes the URL's credentials by `given`, which win, and by the environment.
-/// Errors: kNotFound, kInvalidArgument (@FILE, characters that no token has, ca_file): before anything is connected.
-Result<void> complete_credentials(BrokerUrl& url, const Credentials& given);
+/// Completes the URL's credentials by `given`, which win, and by the environment. Warns of `insecure`.
+/// Errors: kNotFound, kInvalidArgument (@FILE, characters that no token has, files of certificates): before anything is
+/// connected.
+Result<void> complete_credentials(BrokerUrl& url, const Credentials& given, const LogSink& log = {});
 
 }  // namespace eigencast

@@ -125,19 +125,17 @@ std::string advice_for(unsigned status, bool has_token) {
   return {};
 }
 
-Failure failure_of_handshake(const error_code& ec, ClientStream& stream, const std::string& where) {
-  const std::string why = stream.distrust();
-  if (why.empty()) return {fail(ErrorCode::kUnreachable, "no TLS at " + where + ": " + ec.message())};
-  return {fail(ErrorCode::kRefused, "the certificate of " + where + " is not trusted: " + why +
-                                        " (name the authority that signed it with --ca FILE; the URL's host must be "
-                                        "one that the certificate is for)"),
-          true, kHopelessRetry};
+Failure failure_of_handshake(const error_code& ec, const ClientStream& stream, const BrokerUrl& url) {
+  Error error = stream.handshake_failure(url, ec);
+  const bool hopeless = error.code == ErrorCode::kRefused;
+  return {std::move(error), hopeless, hopeless ? kHopelessRetry : milliseconds(0)};
 }
 
 Failure failure_of_upgrade(const error_code& ec, const ws::response_type& response, const std::string& where,
                            bool has_token) {
   if (ec != ws::error::upgrade_declined) {
-    return {fail(ErrorCode::kUnreachable, "no WebSocket at " + where + ": " + ec.message())};
+    return {
+        fail(ErrorCode::kUnreachable, "no WebSocket at " + where + ": " + ec.message() + ClientStream::advice_on(ec))};
   }
   const unsigned status = response.result_int();
   const std::string said = remark_of(response.body());
@@ -283,9 +281,9 @@ class WebSocket::Impl {
   void secure(const LinkPtr& link) {
     tune(beast::get_lowest_layer(link->socket).socket());
     link->doing = "securing the connection; does it speak TLS?";
-    link->socket.next_layer().async_secure(options_.url.host, [this, link](error_code ec) {
+    link->socket.next_layer().async_secure(options_.url, [this, link](error_code ec) {
       if (!is_current(link)) return;
-      if (ec) return down(link, failure_of_handshake(ec, link->socket.next_layer(), where_));
+      if (ec) return down(link, failure_of_handshake(ec, link->socket.next_layer(), options_.url));
       upgrade(link);
     });
   }

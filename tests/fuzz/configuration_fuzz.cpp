@@ -45,7 +45,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const ForwardedHeaders headers{text.substr(0, split), split == std::string::npos ? "" : text.substr(split + 1)};
   const auto loopback = IpAddress::from_text("127.0.0.1").value();
   const std::vector<IpRange> trusted = {IpRange::from_text("127.0.0.1").value()};
-  (void)sender_of(loopback, headers, trusted);
+  for (const auto believed : {ProxyHeader::kXForwardedFor, ProxyHeader::kForwarded})
+    (void)sender_of(loopback, headers, trusted, believed);
   (void)IpRange::from_text(text);
   return 0;
 }

@@ -129,6 +129,9 @@ typedef struct ec_publisher_options {
   int64_t still_heartbeat_us; /**< While the surface stands still, send it only so often (default: every pose). */
   const char* token;  /**< Shown to the broker; "@FILE" reads it (default: EIGENCAST_TOKEN of the environment). */
   const char* ca_file; /**< PEM file of the authorities trusted for wss:// (default: the system's). */
+  const char* certificate_file; /**< PEM file of a certificate of your own, for brokers that ask for one (default: none). */
+  const char* key_file;         /**< PEM file of its private key. */
+  int insecure;                 /**< Not 0: the broker's certificate is not checked; for trying out only. */
 } ec_publisher_options;
 
 typedef struct ec_publisher_stats {
@@ -168,6 +171,9 @@ typedef struct ec_subscriber_options {
   const char* cache_dir; /**< Where downloaded assets are kept; "" for nowhere (default: the user's cache folder). */
   const char* token;  /**< Shown to the broker; "@FILE" reads it (default: EIGENCAST_TOKEN of the environment). */
   const char* ca_file; /**< PEM file of the authorities trusted for wss:// (default: the system's). */
+  const char* certificate_file; /**< PEM file of a certificate of your own, for brokers that ask for one (default: none). */
+  const char* key_file;         /**< PEM file of its private key. */
+  int insecure;                 /**< Not 0: the broker's certificate is not checked; for trying out only. */
 } ec_subscriber_options;
 
 typedef struct ec_subscriber_stats {

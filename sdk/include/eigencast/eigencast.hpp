@@ -82,14 +82,32 @@ class Asset {
   std::shared_ptr<ec_asset> asset_;
 };
 
+/// How a client shows who it is, and whom it trusts.
+struct Access {
+  std::string token = {};             ///< "@FILE" reads it; empty: EIGENCAST_TOKEN of the environment.
+  std::string ca_file = {};           ///< PEM file of the authorities trusted for wss://; empty: the system's.
+  std::string certificate_file = {};  ///< PEM file of a certificate of your own, for brokers that ask for one.
+  std::string key_file = {};          ///< PEM file of its private key.
+  bool insecure = false;              ///< The broker's certificate is not checked; for trying out only.
+
+  /// Points into this object, which must outlive the call that `options` are for.
+  template <typename COptions>
+  void give_to(COptions& options) const {
+    options.token = token.c_str();
+    options.ca_file = ca_file.c_str();
+    options.certificate_file = certificate_file.c_str();
+    options.key_file = key_file.c_str();
+    options.insecure = insecure ? 1 : 0;
+  }
+};
+
 struct PublisherOptions {
   std::string codec = "quantised";      ///< or "float32", "float64"
   double error = 0;                     ///< Vertex error of quantising, model units; 0: 1e-3 of the surface's diagonal.
   double key_rate_hz = 30;              ///< Intended poses a second.
   double bitrate = 0;                   ///< Bits a second to keep to; 0: as the error takes.
   std::int64_t still_heartbeat_us = 0;  ///< While the surface stands still, send it only so often; 0: every pose.
-  std::string token = {};           ///< Shown to the broker; "@FILE" reads it; empty: EIGENCAST_TOKEN.
-  std::string ca_file = {};         ///< PEM file of the authorities trusted for wss://; empty: the system's.
+  Access access = {};                   ///< How the broker lets you in.
 };
 
 /// Publishes one deforming surface. Not thread-safe; different Publishers are independent.
@@ -103,8 +121,7 @@ class Publisher {
     c_options.key_rate_hz = options.key_rate_hz;
     c_options.bitrate = options.bitrate;
     c_options.still_heartbeat_us = options.still_heartbeat_us;
-    c_options.token = options.token.c_str();
-    c_options.ca_file = options.ca_file.c_str();
+    options.access.give_to(c_options);
     ec_publisher* publisher = nullptr;
     check(ec_publisher_create(url.c_str(), asset.get(), &c_options, &publisher));
     publisher_.reset(publisher);
@@ -134,14 +151,12 @@ class Publisher {
 class Subscriber {
  public:
   /// cache_dir: where downloaded assets are kept; empty text: nowhere; nothing: the user's cache folder.
-  /// token, ca_file: as in PublisherOptions
   explicit Subscriber(const std::string& url, const std::optional<std::string>& cache_dir = {},
-                      const std::string& token = {}, const std::string& ca_file = {})
+                      const Access& access = {})
       : subscriber_(nullptr, ec_subscriber_release) {
     auto c_options = EC_INIT(ec_subscriber_options);
     c_options.cache_dir = cache_dir ? cache_dir->c_str() : nullptr;
-    c_options.token = token.c_str();
-    c_options.ca_file = ca_file.c_str();
+    access.give_to(c_options);
     ec_subscriber* subscriber = nullptr;
     check(ec_subscriber_create(url.c_str(), &c_options, &subscriber));
     subscriber_.reset(subscriber);

@@ -3,6 +3,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <cstdlib>
 #include <filesystem>
 #include <fstream>
 
@@ -11,6 +12,9 @@
 #include "client/picture.h"
 #include "client/rate_meter.h"
 #include "client/viewer_state.h"
+#include "common/net/url.h"
+#include "sdk/contexts.h"
+#include "tests/support/process.h"
 
 namespace eigencast {
 namespace {
@@ -187,6 +191,7 @@ TEST_F(Files, ScreenshotsNeverOverwrite) {
 }
 
 std::variant<ClientOptions, ExitNow> parsed(std::vector<const char*> arguments) {
+  ::setenv("XDG_CONFIG_HOME", "/nonexistent", 0);  // The contexts of whoever runs the tests are not theirs.
   arguments.insert(arguments.begin(), "eigencast-client");
   return options_from_command_line(static_cast<int>(arguments.size()), arguments.data());
 }
@@ -211,6 +216,29 @@ TEST(Options, DefaultsAndTheQueryDecideUnlessAsked) {
   EXPECT_EQ(estimated.profile->scheme, Profile::Scheme::kDamped) << "the default of its rate";
   const auto linear = std::get<ClientOptions>(parsed({"--rate", "estimated", "--scheme", "linear", "--k", "5"}));
   EXPECT_EQ(linear.profile->scheme, Profile::Scheme::kLinear);
+}
+
+TEST(Options, CredentialsComeFromFlagsUrlAndContexts) {
+  const testing::TemporaryFolder folder;
+  ::setenv("XDG_CONFIG_HOME", folder.path().c_str(), 1);
+  Contexts contexts;
+  ASSERT_TRUE(contexts.add({"studio", "wss://studio.example:443/eigencast/v1/subscribe/live/a", {"secret", "ca.pem"}}));
+  ASSERT_TRUE(contexts.save(Contexts::default_path()));
+  const auto options = [](std::vector<const char*> arguments) {
+    return std::get<ClientOptions>(parsed(std::move(arguments)));
+  };
+  EXPECT_EQ(parse_broker_url(options({"live/b"}).url)->shown(), "wss://studio.example:443/eigencast/live/b");
+  EXPECT_EQ(options({"live/b"}).credentials.token, "secret");
+  EXPECT_EQ(options({"--token", "mine"}).credentials.token, "mine");
+  EXPECT_EQ(options({"--token", "mine", "--insecure"}).credentials.ca_file, "ca.pem");
+  EXPECT_TRUE(options({"--insecure"}).credentials.insecure);
+  EXPECT_FALSE(options({}).credentials.insecure);
+  EXPECT_EQ(options({"ws://other/x"}).credentials.token, "") << "another broker's";
+  const auto shown = options({"ws://other/x?access_token=t.o.k&rate=raw"});
+  EXPECT_EQ(shown.url, "ws://other:7490/x?rate=raw");
+  EXPECT_EQ(shown.credentials.token, "t.o.k");
+  EXPECT_EQ(std::get<ExitNow>(parsed({"--context", "none"})).code, kExitUsage);
+  ::unsetenv("XDG_CONFIG_HOME");
 }
 
 TEST(Options, WrongUsageExitsWithTwo) {

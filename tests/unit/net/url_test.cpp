@@ -119,6 +119,21 @@ TEST(Credentials, MistakesShowBeforeAnythingIsConnected) {
   EXPECT_EQ(complete_credentials(url, {"a\r\nX-Evil: 1", {}}).error().code, ErrorCode::kInvalidArgument);
   url.credentials = {};
   EXPECT_EQ(complete_credentials(url, {{}, "/nonexistent.pem"}).error().code, ErrorCode::kInvalidArgument);
+  url.credentials = {};
+  EXPECT_THAT(complete_credentials(url, {{}, {}, "/only.pem"}).error().message, ::testing::HasSubstr("go together"));
+  url.credentials = {};
+  EXPECT_THAT(complete_credentials(url, {{}, {}, "/a.pem", "/a.key"}).error().message, ::testing::HasSubstr("/a.pem"));
+}
+
+TEST(Credentials, LeavingTheCheckOutIsWarnedOf) {
+  std::string said;
+  const LogSink log = [&](LogLevel, std::string_view text) { said += text; };
+  auto url = *parse_broker_url("wss://h/a");
+  EXPECT_TRUE(complete_credentials(url, {}, log));
+  EXPECT_EQ(said, "");
+  EXPECT_FALSE(url.credentials.insecure);
+  EXPECT_TRUE(complete_credentials(url, {{}, {}, {}, {}, true}, log));
+  EXPECT_THAT(said, ::testing::HasSubstr("--insecure"));
 }
 
 }  // namespace

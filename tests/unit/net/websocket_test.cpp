@@ -146,7 +146,8 @@ TEST(WebSocket, AServerWithoutTlsIsToldApartAndTriedAgain) {
   WebSocket socket(options_for(url, "/v1/subscribe/a"), log.events());
   ASSERT_TRUE(eventually([&] { return log.down_count() == 1; }));
   EXPECT_EQ(log.down(0).first.code, ErrorCode::kUnreachable);
-  EXPECT_NE(log.down(0).first.message.find("no TLS at wss://127.0.0.1"), std::string::npos) << log.down(0).first.message;
+  EXPECT_NE(log.down(0).first.message.find("no TLS at wss://127.0.0.1"), std::string::npos)
+      << log.down(0).first.message;
   EXPECT_GT(log.down(0).second.count(), 0);
 }
 

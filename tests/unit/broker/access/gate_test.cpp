@@ -3,6 +3,10 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <cstdio>
+#include <fstream>
 
 namespace eigencast::broker {
 namespace {
@@ -189,6 +193,58 @@ TEST_F(GateTest, MessagesAndUploadsFlowAtTheirPace) {
   EXPECT_TRUE(grant->take_upload(3600, 0));
   EXPECT_THAT(grant->take_upload(1, 0).error().message, HasSubstr("upload_bytes_per_hour"));
   EXPECT_TRUE(grant->take_upload(10, 10 * kSecond));
+  config_.per_token.download_bytes_per_hour = 7200;
+  const auto reader = let_in(request_from("8.8.8.8", token_for("a", {}, {"**"})));
+  EXPECT_TRUE(reader->take_download(7200, 0));
+  EXPECT_THAT(reader->take_download(1, 0).error().message, HasSubstr("per_token.download_bytes_per_hour = 7200"));
+  EXPECT_TRUE(reader->take_upload(1, 0)) << "each direction for itself";
+  EXPECT_TRUE(reader->take_download(20, 10 * kSecond));
+}
+
+TEST_F(GateTest, AReloadEndsWhatItNoLongerLetsIn) {
+  const auto reload = [&] { gate().replace_policy(AccessPolicy::from_config(config_).value()); };
+  const auto signed_one = let_in(request_from("8.8.8.8", token_for("a", {}, {"**"})));
+  const auto local = let_in(request_from("127.0.0.1"));
+  reload();
+  EXPECT_FALSE(signed_one->is_void()) << "nothing has changed";
+  EXPECT_FALSE(local->is_void());
+  config_.access.anonymous = "anywhere";
+  reload();
+  const auto remote = let_in(request_from("9.9.9.9"));
+  EXPECT_FALSE(local->is_void() || remote->is_void() || signed_one->is_void());
+  config_.access.anonymous = "loopback";
+  reload();
+  EXPECT_TRUE(remote->is_void());
+  EXPECT_FALSE(local->is_void());
+  config_.access.anonymous_publish = {"lab/**"};
+  reload();
+  EXPECT_TRUE(local->is_void()) << "other rights than it was let in with";
+  EXPECT_FALSE(signed_one->is_void());
+  config_.access.jwt_secret = "another secret of at least 32 bytes";
+  reload();
+  EXPECT_TRUE(signed_one->is_void()) << "the key has changed";
+}
+
+TEST_F(GateTest, AFixedTokenCountsAsLongAsItsLineStands) {
+  const std::string path = ::testing::TempDir() + "/eigencast-gate-tokens";
+  const auto made = create_static_token("cam", {"lab/**"}, {}, false).value();
+  const auto write = [&](const std::string& text) {
+    std::ofstream(path) << text << "\n";
+    ::chmod(path.c_str(), 0600);
+    config_.access.tokens_file = path;
+    if (gate_) gate().replace_policy(AccessPolicy::from_config(config_).value());
+  };
+  write(made.line);
+  const auto grant = let_in(request_from("8.8.8.8", made.token));
+  write("# moved\n" + made.line);
+  EXPECT_FALSE(grant->is_void());
+  write(made.line + " sub=**");
+  EXPECT_TRUE(grant->is_void()) << "it has other rights now";
+  const auto again = let_in(request_from("8.8.8.8", made.token));
+  write("# taken out");
+  EXPECT_TRUE(again->is_void());
+  EXPECT_EQ(turned_away(request_from("8.8.8.8", made.token)).status, 401);
+  std::remove(path.c_str());
 }
 
 TEST_F(GateTest, PagesOfOtherSitesStayOut) {
@@ -243,6 +299,28 @@ TEST_F(GateTest, TheAdminPortAsksForTheRightAdmin) {
   EXPECT_NE(denied(page, Ask::kControl), 0);
 }
 
+TEST_F(GateTest, MonitorsReadTheAdminPortAndNoMore) {
+  config_.access.monitors = {"10.88.0.0/16"};
+  config_.proxy.trusted = {"10.88.0.1"};
+  const auto denied = [&](const AccessRequest& request, Gate::AdminAsk ask) {
+    const auto found = gate().admit_admin(request, ask, 0, kNow);
+    return found ? found->status : 0;
+  };
+  using Ask = Gate::AdminAsk;
+  EXPECT_EQ(denied(request_from("10.88.0.7"), Ask::kRead), 0);
+  EXPECT_EQ(denied(request_from("10.88.0.7"), Ask::kControl), 401);
+  EXPECT_EQ(denied(request_from("10.89.0.7"), Ask::kRead), 401);
+  auto page = request_from("10.88.0.7");
+  page.origin = "http://broker.example:7490";
+  EXPECT_NE(denied(page, Ask::kRead), 0) << "a page in a browser there";
+  auto forwarded = request_from("10.88.0.1");
+  forwarded.forwarded.x_forwarded_for = "8.8.8.8";
+  EXPECT_EQ(denied(forwarded, Ask::kRead), 401) << "the proxy is a monitor, those behind it are not";
+  auto claimed = request_from("10.88.0.7");
+  claimed.forwarded.x_forwarded_for = "10.88.0.8";
+  EXPECT_EQ(denied(claimed, Ask::kRead), 401);
+}
+
 TEST(LedgerTest, IsBoundedAndStricterWhenFull) {
   Ledger ledger(2);
   const auto a = ledger.account("a", 0);
@@ -293,6 +371,7 @@ TEST(PolicyTest, MistakesOfTheConfigurationNameTheirSetting) {
   EXPECT_THAT(why([](Config& c) { c.access.tokens_file = "/nonexistent"; }), HasSubstr("access.tokens_file"));
   EXPECT_THAT(why([](Config& c) { c.access.anonymous_publish = {"a//b"}; }), HasSubstr("access.anonymous_publish"));
   EXPECT_THAT(why([](Config& c) { c.proxy.trusted = {"all"}; }), HasSubstr("proxy.trusted"));
+  EXPECT_THAT(why([](Config& c) { c.access.monitors = {"10.0.0.1/8"}; }), HasSubstr("access.monitors"));
 }
 
 }  // namespace

@@ -4,11 +4,16 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <unistd.h>
+
+#include <cstdlib>
+#include <filesystem>
 #include <fstream>
 #include <set>
 #include <sstream>
 
 #include "broker/config/options.h"
+#include "broker/config/places.h"
 #include "broker/config/show.h"
 
 namespace eigencast::broker {
@@ -156,6 +161,9 @@ TEST(ConfigTest, NobodyListensBeyondLoopbackUnasked) {
   config.access.anonymous = "anywhere";
   config.server.admin_listen = "0.0.0.0:7491";
   EXPECT_FALSE(check_config(config)) << "admin asks for a token, and there are none";
+  config.access.monitors = {"10.88.0.0/16"};
+  EXPECT_TRUE(check_config(config)) << "who may read it without one is named";
+  config.access.monitors.clear();
   config.access.jwt_keys = {"main ES256 /etc/eigencast/main.pem"};
   EXPECT_TRUE(check_config(config));
 }
@@ -191,6 +199,62 @@ TEST(ConfigTest, AddressesThatAreNone) {
                           "::1:7490", "1.2.3.4:5x"}) {
     EXPECT_FALSE(parse_address(bad)) << bad;
   }
+}
+
+/// The environment that systemd makes; nothing of it is left afterwards.
+class PlacesTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    std::filesystem::create_directories(folder_ + "/keys");
+    std::filesystem::create_directories(folder_ + "/etc");
+    for (const char* name : kNames) ::unsetenv(name);
+  }
+  void TearDown() override {
+    for (const char* name : kNames) ::unsetenv(name);
+    if (!home_.empty()) ::setenv("HOME", home_.c_str(), 1);
+    std::filesystem::remove_all(folder_);
+  }
+  static constexpr const char* kNames[] = {"STATE_DIRECTORY", "XDG_STATE_HOME", "CONFIGURATION_DIRECTORY",
+                                           "CREDENTIALS_DIRECTORY"};
+  std::string folder_ = ::testing::TempDir() + "/eigencast-places-" + std::to_string(::getpid());
+  std::string home_ = std::getenv("HOME") != nullptr ? std::getenv("HOME") : "";
+};
+
+TEST_F(PlacesTest, TheStateFolderOfAServiceWinsOverTheUsersOwn) {
+  Config config;
+  ::setenv("HOME", "/home/a", 1);
+  EXPECT_EQ(data_dir_of(config), "/home/a/.local/state/eigencast");
+  ::setenv("XDG_STATE_HOME", "/home/a/state", 1);
+  EXPECT_EQ(data_dir_of(config), "/home/a/state/eigencast");
+  ::setenv("STATE_DIRECTORY", "/var/lib/eigencast:/var/lib/other", 1);
+  EXPECT_EQ(data_dir_of(config), "/var/lib/eigencast");
+  config.server.data_dir = "/data";
+  EXPECT_EQ(data_dir_of(config), "/data");
+}
+
+TEST_F(PlacesTest, FilesWithoutAFolderAreCredentialsThenConfiguration) {
+  EXPECT_EQ(located("tls.key"), "tls.key");
+  ::setenv("CREDENTIALS_DIRECTORY", (folder_ + "/keys").c_str(), 1);
+  ::setenv("CONFIGURATION_DIRECTORY", (folder_ + "/etc").c_str(), 1);
+  EXPECT_EQ(located("tls.key"), "tls.key") << "in neither";
+  std::ofstream(folder_ + "/etc/tls.key") << "x";
+  EXPECT_EQ(located("tls.key"), folder_ + "/etc/tls.key");
+  std::ofstream(folder_ + "/keys/tls.key") << "x";
+  EXPECT_EQ(located("tls.key"), folder_ + "/keys/tls.key");
+  EXPECT_EQ(located("/etc/tls.key"), "/etc/tls.key");
+  EXPECT_EQ(located(""), "");
+}
+
+TEST_F(PlacesTest, AServiceFindsItsFileOfSettings) {
+  EXPECT_EQ(default_config_file(), "");
+  ::setenv("CONFIGURATION_DIRECTORY", (folder_ + "/etc").c_str(), 1);
+  EXPECT_EQ(default_config_file(), "");
+  std::ofstream(folder_ + "/etc/eigencast.toml") << "[limits]\nmax_streams = 7\n";
+  const char* argv[] = {"eigencast-broker", "--show-config"};
+  const auto options = read_options(2, argv, {}, "0");
+  ASSERT_TRUE(options) << options.error().message;
+  EXPECT_EQ(options->loaded.config.limits.max_streams, 7);
+  EXPECT_THAT(*options->answer, HasSubstr("eigencast.toml:2"));
 }
 
 TEST(OptionsTest, UsageErrorsAndAnswers) {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sender/contexts.h"
+#include "sdk/contexts.h"
 
 #include <fcntl.h>
 #include <sys/stat.h>
@@ -35,12 +35,43 @@ std::string string_of(const json& object, const char* key) {
   return at != object.end() && at->is_string() ? at->get<std::string>() : std::string();
 }
 
+Context context_from(const json& entry) {
+  Context context{string_of(entry, "name"), string_of(entry, "url")};
+  context.credentials = {string_of(entry, "token"), string_of(entry, "ca"), string_of(entry, "certificate"),
+                         string_of(entry, "key"), entry.contains("insecure") && entry["insecure"] == true};
+  return context;
+}
+
+json json_from(const Context& context) {
+  json entry{{"name", context.name}, {"url", context.url}};
+  const Credentials& own = context.credentials;
+  const std::pair<const char*, const std::string*> texts[] = {
+      {"token", &own.token}, {"ca", &own.ca_file}, {"certificate", &own.certificate_file}, {"key", &own.key_file}};
+  for (const auto& [name, text] : texts) {
+    if (!text->empty()) entry[name] = *text;
+  }
+  if (own.insecure) entry["insecure"] = true;
+  return entry;
+}
+
 // Created for its owner alone: it may hold tokens.
 bool write_private(const std::string& path, const std::string& text) {
   const int descriptor = ::open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, S_IRUSR | S_IWUSR);
   if (descriptor < 0) return false;
   const bool written = ::write(descriptor, text.data(), text.size()) == static_cast<ssize_t>(text.size());
   return ::close(descriptor) == 0 && written;
+}
+
+/// `own` wins, each part for itself.
+Credentials merged(Credentials own, const Credentials& other) {
+  if (own.token.empty()) own.token = other.token;
+  if (own.ca_file.empty()) own.ca_file = other.ca_file;
+  if (own.certificate_file.empty() && own.key_file.empty()) {
+    own.certificate_file = other.certificate_file;
+    own.key_file = other.key_file;
+  }
+  own.insecure = own.insecure || other.insecure;
+  return own;
 }
 
 }  // namespace
@@ -68,10 +99,7 @@ Result<Contexts> Contexts::load(const std::string& path) {
   }
   for (const json& entry : root["contexts"]) {
     if (!entry.is_object()) return fail(ErrorCode::kCorrupt, path + ": a context is no object");
-    if (const auto added = contexts.add({string_of(entry, "name"), string_of(entry, "url"), string_of(entry, "token")});
-        !added) {
-      return in_context(path, added.error());
-    }
+    if (const auto added = contexts.add(context_from(entry)); !added) return in_context(path, added.error());
   }
   const std::string current = string_of(root, "current");
   if (contexts.find(current) != nullptr) contexts.current_ = current;
@@ -82,9 +110,7 @@ Result<void> Contexts::save(const std::string& path) const {
   if (path.empty()) return fail(ErrorCode::kIo, "no folder for contexts: neither XDG_CONFIG_HOME nor HOME is set");
   json root{{"current", current_}, {"contexts", json::array()}};
   for (const Context& context : all_) {
-    json entry{{"name", context.name}, {"url", context.url}};
-    if (!context.token.empty()) entry["token"] = context.token;
-    root["contexts"].push_back(std::move(entry));
+    root["contexts"].push_back(json_from(context));
   }
   std::error_code code;
   std::filesystem::create_directories(std::filesystem::path(path).parent_path(), code);
@@ -137,7 +163,7 @@ Result<void> Contexts::remove(const std::string& name) {
   return {};
 }
 
-Result<Target> resolve_target(const std::string& to, const std::string& token, const std::string& name,
+Result<Target> resolve_target(const std::string& to, const Credentials& given, const std::string& name,
                               const Contexts& contexts) {
   const Context* context = contexts.find(name);
   if (!name.empty() && context == nullptr)
@@ -145,9 +171,9 @@ Result<Target> resolve_target(const std::string& to, const std::string& token, c
   const bool is_url = to.find("://") != std::string::npos;
   if (!is_url && context == nullptr) {
     return fail(ErrorCode::kInvalidArgument,
-                "where to? Give --to ws://host/stream, or: eigencast-sender context add NAME ws://host");
+                "where to? Give ws://host/stream, or: eigencast-sender context add NAME ws://host");
   }
-  Target target{to, token};
+  Target target{to, given};
   if (context == nullptr) return target;
   const auto known = parse_broker_url(context->url);
   if (!known) return known.error();
@@ -158,7 +184,7 @@ Result<Target> resolve_target(const std::string& to, const std::string& token, c
   }
   const auto meant = parse_broker_url(target.url);
   const bool same_broker = meant && meant->origin() == known->origin();
-  if (token.empty() && same_broker) target.token = context->token;
+  if (same_broker) target.credentials = merged(given, context->credentials);
   return target;
 }
 

@@ -5,14 +5,15 @@
 #include <vector>
 
 #include "common/core/result.h"
+#include "common/net/url.h"
 
 namespace eigencast {
 
-/// A broker under a name, so that its URL and token need not be typed.
+/// A broker under a name, so that its URL, token and authorities need not be typed.
 struct Context {
   std::string name;
-  std::string url;    ///< ws://host[:port], or of one stream.
-  std::string token;  ///< Empty: none.
+  std::string url;  ///< ws://host[:port], or of one stream.
+  Credentials credentials = {};
 };
 
 /// The named contexts of a user, in a file that only they can read. Not thread-safe.
@@ -44,15 +45,15 @@ class Contexts {
 
 struct Target {
   std::string url;
-  std::string token;
+  Credentials credentials;
 };
 
-/// What a user means by --to, --token and --context, any of which may be empty:
-///   a URL    as it stands; the context's token goes only to the context's own host and port
+/// What a user means by a URL or name, credentials and a context's name, any of which may be empty:
+///   a URL    as it stands; the context's credentials go only to the context's own host and port
 ///   a name   that stream at the context's broker
 ///   nothing  the context's URL
 /// Errors: kInvalidArgument (neither a URL nor a context), kNotFound (no such context).
-Result<Target> resolve_target(const std::string& to, const std::string& token, const std::string& context,
+Result<Target> resolve_target(const std::string& to, const Credentials& given, const std::string& context,
                               const Contexts& contexts);
 
 }  // namespace eigencast

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sender/contexts.h"
+#include "sdk/contexts.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -16,8 +16,9 @@ using ::testing::HasSubstr;
 
 Contexts two() {
   Contexts contexts;
-  EXPECT_TRUE(contexts.add({"home", "ws://localhost:7490", ""}));
-  EXPECT_TRUE(contexts.add({"studio", "ws://studio.example:1234/live/stage", "secret"}));
+  EXPECT_TRUE(contexts.add({"home", "ws://localhost:7490"}));
+  EXPECT_TRUE(
+      contexts.add({"studio", "ws://studio.example:1234/live/stage", {"secret", "ca.pem", "c.pem", "c.key", true}}));
   return contexts;
 }
 
@@ -34,8 +35,13 @@ TEST(Contexts, AreKeptInAFileOfTheirOwnersAlone) {
   ASSERT_TRUE(again) << again.error().message;
   EXPECT_EQ(again->current(), "studio");
   ASSERT_EQ(again->all().size(), 2u);
-  EXPECT_EQ(again->find("")->token, "secret");
+  EXPECT_EQ(again->find("")->credentials.token, "secret");
+  EXPECT_EQ(again->find("")->credentials.ca_file, "ca.pem");
+  EXPECT_EQ(again->find("")->credentials.certificate_file, "c.pem");
+  EXPECT_EQ(again->find("")->credentials.key_file, "c.key");
+  EXPECT_TRUE(again->find("")->credentials.insecure);
   EXPECT_EQ(again->find("home")->url, "ws://localhost:7490");
+  EXPECT_FALSE(again->find("home")->credentials.insecure);
 }
 
 TEST(Contexts, NoFileIsNoContextsAndABrokenOneIsSaid) {
@@ -51,7 +57,7 @@ TEST(Contexts, NoFileIsNoContextsAndABrokenOneIsSaid) {
 TEST(Contexts, AddReplacesUseSelectsRemoveForgets) {
   Contexts contexts = two();
   EXPECT_EQ(contexts.current(), "home");
-  ASSERT_TRUE(contexts.add({"home", "ws://other", ""}));
+  ASSERT_TRUE(contexts.add({"home", "ws://other"}));
   EXPECT_EQ(contexts.find("home")->url, "ws://other");
   EXPECT_THAT(contexts.use("none").error().message, HasSubstr("there are: home, studio"));
   ASSERT_TRUE(contexts.remove("home"));
@@ -59,28 +65,28 @@ TEST(Contexts, AddReplacesUseSelectsRemoveForgets) {
   EXPECT_EQ(contexts.remove("home").error().code, ErrorCode::kNotFound);
   ASSERT_TRUE(contexts.remove("studio"));
   EXPECT_EQ(contexts.current(), "");
-  EXPECT_FALSE(contexts.add({"a b", "ws://x", ""}));
-  EXPECT_FALSE(contexts.add({"a", "nonsense://x", ""}));
+  EXPECT_FALSE(contexts.add({"a b", "ws://x"}));
+  EXPECT_FALSE(contexts.add({"a", "nonsense://x"}));
 }
 
 TEST(Contexts, TargetsAreUrlsStreamsOfAContextOrTheContextItself) {
   const Contexts contexts = two();
   const auto url = [&](const std::string& to, const std::string& name) {
-    return resolve_target(to, "", name, contexts)->url;
+    return resolve_target(to, {}, name, contexts)->url;
   };
   EXPECT_EQ(url("ws://a/b", ""), "ws://a/b");
   EXPECT_EQ(url("demo", ""), "ws://localhost:7490/demo");
   EXPECT_EQ(url("live/x", "studio"), "ws://studio.example:1234/live/x");
   EXPECT_EQ(url("", "studio"), "ws://studio.example:1234/live/stage");
-  EXPECT_EQ(resolve_target("demo", "", "none", contexts).error().code, ErrorCode::kNotFound);
-  EXPECT_EQ(resolve_target("demo", "", "", Contexts()).error().code, ErrorCode::kInvalidArgument);
-  EXPECT_EQ(resolve_target("", "", "", Contexts()).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(resolve_target("demo", {}, "none", contexts).error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(resolve_target("demo", {}, "", Contexts()).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(resolve_target("", {}, "", Contexts()).error().code, ErrorCode::kInvalidArgument);
 }
 
 TEST(Contexts, ATokenGoesToItsOwnBrokerOnly) {
   const Contexts contexts = two();
   const auto token = [&](const std::string& to, const std::string& given) {
-    return resolve_target(to, given, "studio", contexts)->token;
+    return resolve_target(to, {given}, "studio", contexts)->credentials.token;
   };
   EXPECT_EQ(token("demo", ""), "secret");
   EXPECT_EQ(token("ws://studio.example:1234/other", ""), "secret");
@@ -88,6 +94,10 @@ TEST(Contexts, ATokenGoesToItsOwnBrokerOnly) {
   EXPECT_EQ(token("ws://elsewhere.example:1234/x", ""), "");
   EXPECT_EQ(token("ws://elsewhere.example:1234/x", "mine"), "mine");
   EXPECT_EQ(token("demo", "mine"), "mine");
+  EXPECT_FALSE(resolve_target("ws://elsewhere.example/x", {}, "studio", contexts)->credentials.insecure);
+  const Credentials mixed = resolve_target("demo", {"mine", "", "my.pem", "my.key"}, "studio", contexts)->credentials;
+  EXPECT_EQ(mixed.ca_file, "ca.pem");
+  EXPECT_EQ(mixed.key_file, "my.key");
 }
 
 }  // namespace

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+#include <sys/stat.h>
+
+#include <filesystem>
+#include <fstream>
+#include <iterator>
+#include <string>
+#include <vector>
+
+#include "tests/system/scene.h"
+
+// What the tests of access, TLS and proxies share: secrets, certificates, tokens, clients that are let in or not.
+namespace eigencast::testing {
+
+inline constexpr milliseconds kLong{60'000};
+
+inline void write_secret(const std::string& path, const std::string& text) {
+  std::ofstream(path) << text;
+  chmod(path.c_str(), 0600);
+}
+
+inline std::string text_of(const std::string& path) {
+  std::ifstream file(path);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+/// A self-signed certificate for localhost and 127.0.0.1, or others, as NAME.pem and NAME.key; false without the openssl program.
+inline bool make_certificate(const Scene& scene, const std::string& name,
+                             const std::string& hosts = "DNS:localhost,IP:127.0.0.1") {
+  if (!std::filesystem::exists("/usr/bin/openssl")) return false;
+  Process openssl({"/usr/bin/openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes",
+                   "-days", "30", "-subj", "/CN=" + name, "-addext", "subjectAltName=" + hosts, "-keyout",
+                   scene.file(name + ".key"), "-out", scene.file(name + ".pem")},
+                  scene.file("openssl.log"));
+  const bool made = openssl.wait(kLong) == 0;
+  chmod(scene.file(name + ".key").c_str(), 0600);
+  return made;
+}
+
+class AccessTest : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    write_secret(scene_.file("main.secret"), "a secret of the tests, of more than 32 bytes");
+    std::ofstream(scene_.file("eigencast.toml"))
+        << "[access]\nanonymous = \"nowhere\"\njwt_leeway_s = 0\njwt_keys = [\"main HS256 "
+        << scene_.file("main.secret") << "\"]\n";
+  }
+  std::vector<std::string> configured(std::vector<std::string> more = {}) const {
+    more.insert(more.begin(), {"--config", scene_.file("eigencast.toml")});
+    return more;
+  }
+  std::vector<std::string> with_tls(const std::string& name) const {
+    return configured({"--tls-certificate", scene_.file(name + ".pem"), "--tls-key", scene_.file(name + ".key")});
+  }
+  /// A token with these rights, in the file NAME; gives "@FILE".
+  std::string token(const std::string& name, std::vector<std::string> rights) {
+    std::vector<std::string> all{"eigencast-broker", "token", "create", "--config", scene_.file("eigencast.toml"),
+                                 "--subject",        name};
+    all.insert(all.end(), rights.begin(), rights.end());
+    std::filesystem::remove(scene_.file(name + ".log"));
+    EXPECT_EQ(scene_.run(name, all), 0) << text_of(scene_.file(name + ".log"));
+    write_secret(scene_.file(name), text_of(scene_.file(name + ".log")));
+    std::filesystem::remove(scene_.file(name + ".log"));
+    return "@" + scene_.file(name);
+  }
+  /// Whether a client got poses.
+  bool watches(const std::string& name, std::vector<std::string> arguments) {
+    arguments.insert(arguments.end(), {"--frames", "5", "--wait", "20"});
+    auto client = scene_.start_client(name, arguments);
+    const bool good = client->wait(kLong) == 0;
+    return good && scene_.received(name).size() >= 5;
+  }
+  /// What a client that is not let in says.
+  std::string refusal(const std::string& name, std::vector<std::string> arguments) {
+    arguments.insert(arguments.end(), {"--frames", "5", "--wait", "2"});
+    auto client = scene_.start_client(name, arguments);
+    EXPECT_EQ(client->wait(kLong), 4) << client->output();
+    return client->output();
+  }
+
+  Scene scene_;
+};
+
+}  // namespace eigencast::testing

@@ -1,0 +1,228 @@
+// SPDX-License-Identifier: MIT
+#include <arpa/inet.h>
+#include <poll.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <memory>
+
+#include "tests/system/access_scene.h"
+
+// Limits, rights and timeouts as a stranger on the network meets them.
+namespace eigencast::testing {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+/// Bytes to the broker and back.
+class Wire {
+ public:
+  explicit Wire(const std::string& port) : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
+    sockaddr_in address{};
+    address.sin_family = AF_INET;
+    address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    address.sin_port = htons(static_cast<std::uint16_t>(std::stoi(port)));
+    EXPECT_EQ(::connect(socket_, static_cast<sockaddr*>(static_cast<void*>(&address)), sizeof(address)), 0);
+  }
+  ~Wire() { ::close(socket_); }
+  Wire(const Wire&) = delete;
+  Wire& operator=(const Wire&) = delete;
+
+  void send(const std::string& text) {
+    EXPECT_EQ(::send(socket_, text.data(), text.size(), MSG_NOSIGNAL), static_cast<ssize_t>(text.size()));
+  }
+  /// All that comes until `text` is part of it, or the broker closes.
+  std::string read_until(const std::string& text) {
+    while (got_.find(text) == std::string::npos && read()) {
+    }
+    return got_;
+  }
+  /// Whether the broker closes by itself; pings of it are not answered.
+  bool is_closed() {
+    while (read()) {
+    }
+    return closed_;
+  }
+
+ private:
+  bool read() {
+    pollfd waiting{socket_, POLLIN, 0};
+    if (::poll(&waiting, 1, 30'000) != 1) return false;
+    char buffer[4096];
+    const ssize_t count = ::recv(socket_, buffer, sizeof(buffer), 0);
+    closed_ = count <= 0;
+    if (count > 0) got_.append(buffer, static_cast<std::size_t>(count));
+    return count > 0;
+  }
+  int socket_;
+  bool closed_ = false;
+  std::string got_;
+};
+
+std::string upgrade_of(const std::string& path, const std::string& headers = {}) {
+  return "GET " + path +
+         " HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+         "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Protocol: eigencast.v1\r\n" +
+         headers + "\r\n";
+}
+
+class LimitsTest : public AccessTest {
+ protected:
+  void SetUp() override {
+    AccessTest::SetUp();
+    write_secret(scene_.file("eigencast.toml"),
+                 "[access]\njwt_keys = [\"main HS256 " + scene_.file("main.secret") + "\"]\n");
+  }
+  /// What one request is answered.
+  std::string answer(const std::string& request) {
+    Wire wire(scene_.port());
+    wire.send(request);
+    return wire.read_until("\r\n\r\n");
+  }
+  std::string bearer(const std::string& name, std::vector<std::string> rights) {
+    const std::string made = text_of(token(name, std::move(rights)).substr(1));
+    return "Authorization: Bearer " + made.substr(0, made.find('\n')) + "\r\n";
+  }
+};
+
+TEST_F(LimitsTest, RightsHoldForEveryDoor) {
+  write_secret(scene_.file("eigencast.toml"),
+               "[access]\nanonymous = \"nowhere\"\njwt_keys = [\"main HS256 " + scene_.file("main.secret") + "\"]\n");
+  auto broker = scene_.start_broker(configured());
+  const std::string sends = bearer("sends", {"--publish", "lab/*"});
+  const std::string looks = bearer("looks", {"--subscribe", "lab/*"});
+  const std::string runs = bearer("runs", {"--admin"});
+  EXPECT_THAT(answer(upgrade_of("/v1/publish/lab/a", sends)), HasSubstr(" 101 "));
+  EXPECT_THAT(answer(upgrade_of("/v1/publish/live/a", sends)), HasSubstr(" 403 "));
+  EXPECT_THAT(answer(upgrade_of("/v1/publish/lab/a", looks)), HasSubstr(" 403 "));
+  EXPECT_THAT(answer(upgrade_of("/v1/publish/lab/a", runs)), HasSubstr(" 403 "));
+  EXPECT_THAT(answer(upgrade_of("/v1/subscribe/lab/a", looks)), HasSubstr(" 101 "));
+  EXPECT_THAT(answer(upgrade_of("/v1/subscribe/other", looks)), HasSubstr(" 403 "));
+  EXPECT_THAT(answer(upgrade_of("/v1/subscribe/lab/a", sends)), HasSubstr(" 403 "));
+  EXPECT_THAT(answer(upgrade_of("/v1/subscribe/lab/a")), HasSubstr(" 401 "));
+  const std::string asset = "/v1/assets/" + std::string(64, 'a');
+  const auto http = [](const std::string& method, const std::string& path, const std::string& headers) {
+    return method + " " + path + " HTTP/1.1\r\nHost: localhost\r\nContent-Length: 0\r\n" + headers + "\r\n";
+  };
+  EXPECT_THAT(answer(http("GET", asset, looks)), HasSubstr(" 404 ")) << "it may ask";
+  EXPECT_THAT(answer(http("GET", asset, "")), HasSubstr(" 401 "));
+  EXPECT_THAT(answer(http("PUT", asset, looks)), HasSubstr(" 403 "));
+  EXPECT_THAT(answer(http("PUT", asset, sends)), HasSubstr(" 422 "))
+      << "it may send; what it sent is not what its name says";
+  EXPECT_THAT(answer(http("GET", "/v1/streams", "")), HasSubstr(" 401 "));
+  EXPECT_THAT(answer(http("GET", "/v1/streams", looks + "Origin: https://elsewhere.example\r\n")), HasSubstr(" 403 "));
+  EXPECT_THAT(answer(http("GET", "/v1/streams", looks)), HasSubstr(" 200 "));
+}
+
+TEST_F(LimitsTest, OneMoreConnectionThanAllowedIsToldSo) {
+  auto broker = scene_.start_broker(configured({"--per-address-connections", "2", "--per-token-connections", "1"}));
+  Wire first(scene_.port());
+  first.send(upgrade_of("/v1/subscribe", bearer("looks", {"--subscribe", "**"})));
+  EXPECT_THAT(first.read_until("welcome"), HasSubstr(" 101 "));
+  const std::string of_token = answer(upgrade_of("/v1/subscribe", bearer("looks", {"--subscribe", "**"})));
+  EXPECT_THAT(of_token, HasSubstr(" 429 "));
+  EXPECT_THAT(of_token, HasSubstr("Retry-After"));
+  // The one that was just turned away may count for a moment longer.
+  std::unique_ptr<Wire> second;
+  EXPECT_TRUE(eventually([&] {
+    second = std::make_unique<Wire>(scene_.port());
+    second->send(upgrade_of("/v1/subscribe"));
+    return second->read_until("\r\n\r\n").find(" 101 ") != std::string::npos;
+  }));
+  EXPECT_THAT(answer(upgrade_of("/v1/subscribe")), HasSubstr(" 429 "));
+  EXPECT_THAT(refusal("told", {}), HasSubstr("per_address.connections"));
+}
+
+TEST_F(LimitsTest, SendersStreamsMessagesAndUploadsAreLimited) {
+  auto broker = scene_.start_broker(
+      configured({"--per-address-publishers", "1", "--per-address-streams", "1", "--per-address-messages-per-s", "20",
+                  "--per-address-upload-bytes-per-hour", "1000"}));
+  {
+    Wire sender(scene_.port());
+    sender.send(upgrade_of("/v1/publish/a"));
+    EXPECT_THAT(sender.read_until("welcome"), HasSubstr(" 101 "));
+    EXPECT_THAT(answer(upgrade_of("/v1/publish/b")), HasSubstr(" 429 "));
+    Wire viewer(scene_.port());
+    viewer.send(upgrade_of("/v1/subscribe/a"));
+    EXPECT_THAT(viewer.read_until("welcome"), HasSubstr(" 101 "));
+    Wire other(scene_.port());
+    other.send(upgrade_of("/v1/subscribe/b"));
+    EXPECT_THAT(other.read_until("per_address.streams = 1"), HasSubstr("per_address.streams = 1"));
+    // Empty pings, masked: 6 bytes each, thousands a second.
+    std::string pings;
+    for (int i = 0; i < 200; ++i) pings += std::string("\x89\x80\0\0\0\0", 6);
+    viewer.send(pings);
+    EXPECT_THAT(viewer.read_until("messages_per_s = 20"), HasSubstr("per_address.messages_per_s = 20"));
+    EXPECT_TRUE(viewer.is_closed());
+    EXPECT_THAT(broker->output(), HasSubstr("messages_per_s"));
+  }
+  auto sender = scene_.start_sender({"torus", "--rate", "30"});
+  EXPECT_TRUE(broker->wait_for_output("upload_bytes_per_hour", kLong)) << scene_.logs();
+  EXPECT_TRUE(sender->wait_for_output("upload_bytes_per_hour", kLong)) << scene_.logs();
+}
+
+TEST_F(LimitsTest, WhoGuessesTokensIsSlowedDown) {
+  auto broker = scene_.start_broker(configured({"--access-failures-per-minute", "2"}));
+  const std::string guess = "Authorization: Bearer ect_" + std::string(64, '1') + "\r\n";
+  EXPECT_THAT(answer(upgrade_of("/v1/subscribe", guess)), HasSubstr(" 401 "));
+  EXPECT_THAT(answer(upgrade_of("/v1/subscribe", guess)), HasSubstr(" 401 "));
+  const std::string slowed = answer(upgrade_of("/v1/subscribe", guess));
+  EXPECT_THAT(slowed, HasSubstr(" 429 "));
+  EXPECT_THAT(slowed, HasSubstr("Retry-After"));
+  EXPECT_THAT(answer(upgrade_of("/v1/subscribe", bearer("looks", {"--subscribe", "**"}))), HasSubstr(" 429 "))
+      << "it could be a guess";
+  EXPECT_THAT(answer(upgrade_of("/v1/subscribe")), HasSubstr(" 101 ")) << "who guesses nothing goes on";
+  EXPECT_THAT(broker->output(), Not(HasSubstr("ect_1")));
+}
+
+TEST_F(LimitsTest, SilenceEndsConnections) {
+  auto broker = scene_.start_broker(configured({"--timeouts-header-ms", "300", "--timeouts-idle-ms", "1000"}));
+  Wire silent(scene_.port());
+  EXPECT_TRUE(silent.is_closed()) << "no request";
+  Wire slow(scene_.port());
+  slow.send("GET /v1/streams HTTP/1.1\r\nHost: ");
+  EXPECT_TRUE(slow.is_closed()) << "half a request";
+  Wire viewer(scene_.port());
+  viewer.send(upgrade_of("/v1/subscribe"));
+  EXPECT_THAT(viewer.read_until("welcome"), HasSubstr(" 101 "));
+  EXPECT_TRUE(viewer.is_closed()) << "its pings are not answered";
+}
+
+TEST_F(LimitsTest, SilenceBeforeTheTlsHandshakeEndsConnectionsToo) {
+  if (!make_certificate(scene_, "good")) GTEST_SKIP() << "no openssl program here: TLS is not tested";
+  auto arguments = with_tls("good");
+  arguments.insert(arguments.end(), {"--timeouts-header-ms", "300"});
+  auto broker = scene_.start_broker(arguments);
+  Wire silent(scene_.port());
+  EXPECT_TRUE(silent.is_closed());
+  Wire plain(scene_.port());
+  plain.send("GET /v1/streams HTTP/1.1\r\nHost: localhost\r\n\r\n");
+  EXPECT_TRUE(plain.is_closed()) << "it speaks no TLS";
+}
+
+TEST_F(LimitsTest, AReloadSaysWhatChangesOrKeepsAllOfTheOld) {
+  auto broker = scene_.start_broker(configured());
+  const std::string before = text_of(scene_.file("eigencast.toml"));
+  write_secret(scene_.file("eigencast.toml"), before + "[limits]\nmax_stream = 7\n");
+  broker->signal(SIGHUP);
+  ASSERT_TRUE(broker->wait_for_output("everything stays as it was", kLong)) << scene_.logs();
+  EXPECT_THAT(broker->output(), HasSubstr("unknown key 'limits.max_stream'; did you mean 'limits.max_streams'?"));
+  Wire viewer(scene_.port());
+  viewer.send(upgrade_of("/v1/subscribe"));
+  EXPECT_THAT(viewer.read_until("welcome"), HasSubstr(" 101 "));
+
+  // Whoever is no longer let in is told, and goes.
+  write_secret(scene_.file("eigencast.toml"), before + "anonymous = \"nowhere\"\n[limits]\nmax_streams = 7\n");
+  broker->signal(SIGHUP);
+  ASSERT_TRUE(broker->wait_for_output("the configuration is reloaded, 2 settings differ", kLong)) << scene_.logs();
+  EXPECT_THAT(broker->output(), HasSubstr("limits.max_streams = 7 instead of 1024: needs a restart"));
+  EXPECT_THAT(broker->output(), HasSubstr("access.anonymous = \"nowhere\" instead of \"loopback\""));
+  EXPECT_THAT(viewer.read_until("connect again"), HasSubstr("rights of this connection"));
+  EXPECT_TRUE(viewer.is_closed());
+  EXPECT_THAT(answer(upgrade_of("/v1/subscribe")), HasSubstr(" 401 "));
+}
+
+}  // namespace
+}  // namespace eigencast::testing

@@ -1,0 +1,229 @@
+// SPDX-License-Identifier: MIT
+#include <arpa/inet.h>
+#include <ifaddrs.h>
+#include <signal.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <memory>
+#include <utility>
+
+#include "tests/system/access_scene.h"
+
+// Behind a real nginx that runs deploy/nginx/eigencast.conf: names, ports, paths and times replaced, nothing else.
+namespace eigencast::testing {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+constexpr const char* kNginx = "/usr/sbin/nginx";
+constexpr const char* kCurl = "/usr/bin/curl";
+
+sockaddr* generic(sockaddr_in* address) {
+  return static_cast<sockaddr*>(static_cast<void*>(address));
+}
+
+/// A port that was free a moment ago.
+std::string free_port() {
+  const int fd = ::socket(AF_INET, SOCK_STREAM, 0);
+  sockaddr_in address{};
+  address.sin_family = AF_INET;
+  socklen_t size = sizeof(address);
+  EXPECT_EQ(::bind(fd, generic(&address), size), 0);
+  EXPECT_EQ(::getsockname(fd, generic(&address), &size), 0);
+  ::close(fd);
+  return std::to_string(ntohs(address.sin_port));
+}
+
+/// An address of this machine that is not on loopback: whoever connects to it comes from it. Empty: there is none.
+std::string outer_address() {
+  ifaddrs* all = nullptr;
+  if (::getifaddrs(&all) != 0) return {};
+  std::string found;
+  for (const ifaddrs* one = all; one != nullptr && found.empty(); one = one->ifa_next) {
+    if (one->ifa_addr == nullptr || one->ifa_addr->sa_family != AF_INET) continue;
+    const auto* address = static_cast<const sockaddr_in*>(static_cast<const void*>(one->ifa_addr));
+    const std::string text = ::inet_ntoa(address->sin_addr);
+    if (!text.starts_with("127.")) found = text;
+  }
+  ::freeifaddrs(all);
+  return found;
+}
+
+class ProxyTest : public AccessTest {
+ protected:
+  void SetUp() override {
+    AccessTest::SetUp();
+    if (!std::filesystem::exists(kNginx)) GTEST_SKIP() << kNginx << " is not installed: nothing is known about nginx here";
+    if (!make_certificate(scene_, "proxy")) GTEST_SKIP() << "no openssl program here: nginx is not tested";
+  }
+  void TearDown() override {
+    if (!nginx_) return;
+    nginx_->signal(SIGQUIT);
+    nginx_->wait(milliseconds(5000));
+  }
+
+  /// The shipped file as it is, but for `changes` (each must occur) and what a machine must replace.
+  std::string site(const std::vector<std::pair<std::string, std::string>>& changes) {
+    std::string text = text_of(EIGENCAST_NGINX_SITE);
+    std::vector<std::pair<std::string, std::string>> all = {
+        {"listen 80;", "listen 127.0.0.1:" + free_port() + ";"},
+        {"listen [::]:80;", ""},
+        {"listen 443 ssl http2;", "listen 0.0.0.0:" + port_ + " ssl http2;"},
+        {"listen [::]:443 ssl http2;", ""},
+        {"surfaces.example.org", "localhost"},
+        {"/etc/ssl/certs/localhost.pem", scene_.file("proxy.pem")},
+        {"/etc/ssl/private/localhost.key", scene_.file("proxy.key")},
+        {"127.0.0.1:7490", "127.0.0.1:" + scene_.port()},
+        {"/var/cache/nginx-eigencast", scene_.file("kept")}};
+    all.insert(all.end(), changes.begin(), changes.end());
+    for (const auto& [from, to] : all) {
+      EXPECT_NE(text.find(from), std::string::npos) << "deploy/nginx/eigencast.conf has changed: no " << from;
+      for (auto at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size())) text.replace(at, from.size(), to);
+    }
+    return text;
+  }
+  /// nginx with the shipped site in front of the broker. Another test may take the port first: then once more.
+  void start_nginx(const std::vector<std::pair<std::string, std::string>>& changes = {}) {
+    for (int tries = 0; tries < 3; ++tries) {
+      port_ = free_port();
+      std::ofstream(scene_.file("site.conf")) << site(changes);
+      std::ofstream conf(scene_.file("nginx.conf"));
+      // As root, nginx would give up its rights to the scene's folder.
+      if (::geteuid() == 0) conf << "user root;\n";
+      conf << "pid " << scene_.file("nginx.pid") << ";\nerror_log stderr;\ndaemon off;\nworker_processes 1;\nevents {}\nhttp {\naccess_log off;\n";
+      for (const char* kind : {"client_body", "proxy", "fastcgi", "uwsgi", "scgi"}) {
+        conf << kind << "_temp_path " << scene_.file(std::string("temp-") + kind) << ";\n";
+      }
+      conf << "include " << scene_.file("site.conf") << ";\n}\n";
+      conf.close();
+      std::filesystem::remove(scene_.file("nginx.pid"));
+      nginx_ = std::make_unique<Process>(
+          std::vector<std::string>{kNginx, "-c", scene_.file("nginx.conf"), "-e", "stderr", "-p", scene_.file("")}, scene_.file("nginx.log"));
+      ASSERT_TRUE(eventually([&] { return std::filesystem::exists(scene_.file("nginx.pid")) || !nginx_->running(); }));
+      if (nginx_->running()) break;
+    }
+    ASSERT_TRUE(nginx_->running()) << nginx_->output();
+    scene_.watch(url("wss", "subscribe/live/test"));
+  }
+  std::string url(const std::string& scheme, const std::string& path, const std::string& host = "localhost") const {
+    return scheme + "://" + host + ":" + port_ + "/eigencast/v1/" + path;
+  }
+  std::unique_ptr<Process> start_sender(std::vector<std::string> more = {}) {
+    more.insert(more.begin(), {"torus", "--rate", "30", "--ca", scene_.file("proxy.pem")});
+    return scene_.start_sender(std::move(more), url("wss", "publish/live/test"));
+  }
+  /// The head and body that come back. Whoever asks by an address, not a name, asks without a check of the certificate.
+  std::string curl(const std::string& target, std::vector<std::string> arguments = {}) {
+    const std::string log = scene_.file("curl-" + std::to_string(++curls_) + ".log");
+    arguments.insert(arguments.begin(), {kCurl, "--silent", "--show-error", "--include", "--insecure", "--max-time", "20", target});
+    Process process(std::move(arguments), log);
+    process.wait(kLong);
+    return process.output();
+  }
+  /// The URL of the asset that the stream shows.
+  std::string asset_url(const std::vector<std::string>& headers) {
+    std::string name;
+    eventually([&] {
+      const std::string streams = curl(url("https", "streams"), headers);
+      const auto at = streams.find("\"asset\":\"");
+      if (at != std::string::npos) name = streams.substr(at + 9, 64);
+      return name.size() == 64 && name.find('"') == std::string::npos;
+    });
+    return url("https", "assets/" + name);
+  }
+  void reload(Process& broker, const std::string& configuration) {
+    write_secret(scene_.file("eigencast.toml"), configuration);
+    broker.signal(SIGHUP);
+    ASSERT_TRUE(broker.wait_for_output("the configuration is reloaded", kLong)) << scene_.logs();
+  }
+
+  std::string port_;
+  std::unique_ptr<Process> nginx_;
+  int curls_ = 0;
+};
+
+TEST_F(ProxyTest, AStreamFlowsThroughASubPathAndForgottenTrustLocksOut) {
+  write_secret(scene_.file("eigencast.toml"), "[proxy]\ntrusted = [\"127.0.0.1\"]\n");
+  auto broker = scene_.start_broker(configured());
+  ASSERT_NO_FATAL_FAILURE(start_nginx());
+  auto sender = start_sender();
+  const std::string ca = scene_.file("proxy.pem");
+  EXPECT_TRUE(watches("local", {"--ca", ca})) << "a local viewer through a named proxy is local: " << scene_.logs();
+  ASSERT_NO_FATAL_FAILURE(reload(*broker, "[proxy]\ntrusted = []\n"));
+  EXPECT_THAT(refusal("unnamed", {"--ca", ca}), HasSubstr("proxy.trusted"));
+}
+
+TEST_F(ProxyTest, WhatAClientSaysOfItsAddressCountsForNothing) {
+  const std::string outside = outer_address();
+  if (outside.empty()) GTEST_SKIP() << "this machine has no address but loopback: forged addresses are not tested through nginx";
+  if (!std::filesystem::exists(kCurl)) GTEST_SKIP() << "no curl here";
+  write_secret(scene_.file("eigencast.toml"), "[proxy]\ntrusted = [\"127.0.0.1\"]\n");
+  auto broker = scene_.start_broker(configured());
+  ASSERT_NO_FATAL_FAILURE(start_nginx());
+  EXPECT_THAT(curl(url("https", "streams")), HasSubstr(" 200"));
+  const std::string target = url("https", "streams", outside);
+  EXPECT_THAT(curl(target), HasSubstr(" 401")) << "anonymous, from elsewhere";
+  for (const char* forged : {"X-Forwarded-For: 127.0.0.1", "Forwarded: for=127.0.0.1", "X-Real-IP: 127.0.0.1",
+                             "X-Forwarded-For: 127.0.0.1, 127.0.0.1", "Forwarded: for=\"[::1]\";proto=https"}) {
+    EXPECT_THAT(curl(target, {"--header", forged}), HasSubstr(" 401")) << forged;
+  }
+  // A page's host as the proxy says it, not as the client does.
+  const std::string page = "Origin: https://elsewhere.example";
+  EXPECT_THAT(curl(url("https", "streams"), {"--header", page}), HasSubstr(" 403"));
+  EXPECT_THAT(curl(url("https", "streams"), {"--header", page, "--header", "X-Forwarded-Host: elsewhere.example"}), HasSubstr(" 403"));
+}
+
+TEST_F(ProxyTest, AnIdleViewerOutlivesTheProxysPatience) {
+  // An hour of silence at 60 s and pings every 15 s; here seconds, in the same ratio of four pings to a timeout.
+  write_secret(scene_.file("eigencast.toml"), "[proxy]\ntrusted = [\"127.0.0.1\"]\n");
+  auto broker = scene_.start_broker(configured({"--timeouts-idle-ms", "1000"}));
+  ASSERT_NO_FATAL_FAILURE(start_nginx({{"proxy_read_timeout 60s", "proxy_read_timeout 2s"}, {"proxy_send_timeout 60s", "proxy_send_timeout 2s"}}));
+  const std::string ca = scene_.file("proxy.pem");
+  auto client = scene_.start_client("idle", {"--ca", ca, "--frames", "5", "--wait", "60", "--verbose"});
+  ASSERT_TRUE(eventually([&] { return client->output().find("waiting for a sender") != std::string::npos || !client->running(); }, kLong))
+      << scene_.logs();
+  sleep_for(milliseconds(9000));
+  EXPECT_TRUE(client->running()) << scene_.logs();
+  const std::string before = client->output();
+  EXPECT_THAT(before, Not(HasSubstr("connection lost"))) << "the idle connection was cut";
+  EXPECT_THAT(nginx_->output(), Not(HasSubstr("timed out")));
+  auto sender = start_sender();
+  EXPECT_EQ(client->wait(kLong), 0) << scene_.logs();
+  EXPECT_GE(scene_.received("idle").size(), 5U);
+}
+
+TEST_F(ProxyTest, PublicAssetsComeFromTheCacheAndOthersNever) {
+  if (!std::filesystem::exists(kCurl)) GTEST_SKIP() << "no curl here";
+  const std::string keys = "jwt_keys = [\"main HS256 " + scene_.file("main.secret") + "\"]\n";
+  const std::string trusted = "[proxy]\ntrusted = [\"127.0.0.1\"]\n";
+  write_secret(scene_.file("eigencast.toml"), "[access]\nanonymous = \"anywhere\"\n" + keys + trusted);
+  auto broker = scene_.start_broker(configured());
+  ASSERT_NO_FATAL_FAILURE(start_nginx());
+  auto sender = start_sender();
+  const std::string asset = asset_url({});
+  const std::string first = curl(asset, {"--output", "/dev/null", "--dump-header", "-"});
+  EXPECT_THAT(first, HasSubstr("public, max-age=31536000, immutable"));
+  EXPECT_THAT(first, HasSubstr("MISS"));
+  EXPECT_THAT(curl(asset, {"--output", "/dev/null", "--dump-header", "-"}), HasSubstr("HIT"));
+  const std::string part = curl(asset, {"--range", "5-14", "--output", "/dev/null", "--dump-header", "-"});
+  EXPECT_THAT(part, HasSubstr(" 206"));
+  EXPECT_THAT(part, HasSubstr("HIT"));
+
+  // Once tokens count, what is answered to one reader is not kept for others. (The cache is emptied by the test's reload.)
+  std::filesystem::remove_all(scene_.file("kept"));
+  std::filesystem::create_directory(scene_.file("kept"));
+  ASSERT_NO_FATAL_FAILURE(reload(*broker, "[access]\nanonymous = \"nowhere\"\n" + keys + trusted));
+  const std::string looks = text_of(token("looks", {"--subscribe", "**"}).substr(1));
+  const std::string authorization = "Authorization: Bearer " + looks.substr(0, looks.find('\n'));
+  for (int i = 0; i < 2; ++i) {
+    const std::string shown = curl(asset, {"--header", authorization, "--output", "/dev/null", "--dump-header", "-"});
+    EXPECT_THAT(shown, HasSubstr("private, max-age=31536000, immutable"));
+    EXPECT_THAT(shown, Not(HasSubstr("HIT")));
+    EXPECT_THAT(curl(asset, {"--output", "/dev/null", "--dump-header", "-"}), HasSubstr(" 401"));
+  }
+}
+
+}  // namespace
+}  // namespace eigencast::testing

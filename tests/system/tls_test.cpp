@@ -1,0 +1,109 @@
+// SPDX-License-Identifier: MIT
+#include <signal.h>
+
+#include "tests/system/access_scene.h"
+
+// Certificates that do and that do not: what people read who meet them.
+namespace eigencast::testing {
+namespace {
+
+using ::testing::HasSubstr;
+using ::testing::Not;
+
+class TlsTest : public AccessTest {
+ protected:
+  void SetUp() override {
+    write_secret(scene_.file("eigencast.toml"), "[access]\nanonymous = \"loopback\"\n");
+    if (!make_certificate(scene_, "good")) GTEST_SKIP() << "no openssl program here: TLS is not tested";
+    scene_.use_tls();
+  }
+  /// The certificate NAME of the key of "good", which ended yesterday.
+  bool make_expired(const std::string& name) {
+    std::ofstream(scene_.file("hosts")) << "subjectAltName=IP:127.0.0.1\n";
+    Process request({kOpenssl, "req", "-new", "-key", scene_.file("good.key"), "-subj", "/CN=" + name, "-out",
+                     scene_.file("request.pem")},
+                    scene_.file("openssl.log"));
+    if (request.wait(kLong) != 0) return false;
+    Process sign({kOpenssl, "x509", "-req", "-in", scene_.file("request.pem"), "-signkey", scene_.file("good.key"),
+                  "-days", "-1", "-extfile", scene_.file("hosts"), "-out", scene_.file(name + ".pem")},
+                 scene_.file("openssl.log"));
+    return sign.wait(kLong) == 0;
+  }
+  static constexpr const char* kOpenssl = "/usr/bin/openssl";
+};
+
+TEST_F(TlsTest, WhatIsWrongWithACertificateIsSaidWithWhatToDo) {
+  auto broker = scene_.start_broker(with_tls("good"));
+  const std::string good = scene_.file("good.pem");
+  auto sender = scene_.start_sender({"torus", "--rate", "30", "--ca", good});
+  EXPECT_TRUE(watches("trusted", {"--ca", good})) << scene_.logs();
+  EXPECT_THAT(refusal("unknown", {}),
+              HasSubstr("none of the system's authorities signed it (name the one that did with --ca FILE)"));
+  ASSERT_TRUE(make_certificate(scene_, "other"));
+  EXPECT_THAT(refusal("another", {"--ca", scene_.file("other.pem")}),
+              HasSubstr("none of the authorities in " + scene_.file("other.pem")));
+  EXPECT_TRUE(watches("insecure", {"--insecure"})) << scene_.logs();
+  EXPECT_THAT(text_of(scene_.file("insecure.log")), HasSubstr("is not checked (--insecure)"));
+  EXPECT_THAT(text_of(scene_.file("trusted.log")), Not(HasSubstr("--insecure")));
+}
+
+TEST_F(TlsTest, AnExpiredOneAndOneForAnotherHostAreToldApart) {
+  ASSERT_TRUE(make_certificate(scene_, "elsewhere", "DNS:elsewhere.example,DNS:*.lab.example,IP:10.1.2.3"));
+  {
+    auto broker = scene_.start_broker(with_tls("elsewhere"));
+    EXPECT_THAT(refusal("elsewhere-client", {"--ca", scene_.file("elsewhere.pem")}),
+                HasSubstr("it is for elsewhere.example, *.lab.example, 10.1.2.3, not for 127.0.0.1"));
+  }
+  ASSERT_TRUE(make_expired("expired"));
+  auto broker = scene_.start_broker(
+      configured({"--tls-certificate", scene_.file("expired.pem"), "--tls-key", scene_.file("good.key")}));
+  EXPECT_THAT(broker->output(), HasSubstr("has expired"));
+  EXPECT_THAT(refusal("expired-client", {"--ca", scene_.file("expired.pem")}), HasSubstr("it expired on 20"));
+}
+
+TEST_F(TlsTest, ABrokerThatAsksForCertificatesOfClientsTurnsOthersAway) {
+  ASSERT_TRUE(make_certificate(scene_, "client"));
+  ASSERT_TRUE(make_certificate(scene_, "stranger"));
+  auto arguments = with_tls("good");
+  arguments.insert(arguments.end(), {"--tls-client-ca", scene_.file("client.pem"), "--tls-require-client-certificate"});
+  auto broker = scene_.start_broker(arguments);
+  const std::string ca = scene_.file("good.pem");
+  const auto with = [&](const std::string& name) {
+    return std::vector<std::string>{
+        "--ca", ca, "--cert", scene_.file(name + ".pem"), "--key", scene_.file(name + ".key")};
+  };
+  auto of_sender = with("client");
+  of_sender.insert(of_sender.begin(), {"torus", "--rate", "30"});
+  auto sender = scene_.start_sender(of_sender);
+  EXPECT_TRUE(watches("shown", with("client"))) << scene_.logs();
+  EXPECT_THAT(refusal("none", {"--ca", ca}), HasSubstr("asks for a certificate of yours: --cert FILE --key FILE"));
+  EXPECT_THAT(refusal("not-theirs", with("stranger")), HasSubstr("does not take the certificate of yours"));
+  EXPECT_EQ(scene_.run("mixed", {"eigencast-client", scene_.url(), "--headless", "--frames", "1", "--cert",
+                                 scene_.file("client.pem"), "--key", scene_.file("good.key")}),
+            2);
+  EXPECT_THAT(text_of(scene_.file("mixed.log")), HasSubstr("client.pem"));
+}
+
+TEST_F(TlsTest, NothingOlderThanTheConfigurationAllowsIsSpoken) {
+  auto broker = scene_.start_broker(with_tls("good"));
+  int attempts = 0;
+  const auto handshake = [&](const std::string& version) {
+    Process process({kOpenssl, "s_client", "-connect", "127.0.0.1:" + scene_.port(), version, "-cipher",
+                     "ALL:@SECLEVEL=0", "-no_ign_eof", "-brief"},
+                    scene_.file("s_client" + std::to_string(++attempts) + ".log"));
+    // It ends by itself at a refusal, or shows the version and waits.
+    eventually([&] { return !process.running() || process.output().find("Protocol version") != std::string::npos; });
+    return process.output();
+  };
+  EXPECT_THAT(handshake("-tls1_1"), Not(HasSubstr("Protocol version")));
+  EXPECT_THAT(handshake("-tls1_2"), HasSubstr("Protocol version: TLSv1.2"));
+  EXPECT_THAT(handshake("-tls1_3"), HasSubstr("Protocol version: TLSv1.3"));
+  write_secret(scene_.file("eigencast.toml"), "[tls]\nleast_version = \"1.3\"\n");
+  broker->signal(SIGHUP);
+  ASSERT_TRUE(broker->wait_for_output("tls.least_version = \"1.3\" instead of \"1.2\"", kLong)) << scene_.logs();
+  ASSERT_TRUE(broker->wait_for_output("the configuration is reloaded", kLong));
+  EXPECT_THAT(handshake("-tls1_2"), Not(HasSubstr("Protocol version")));
+}
+
+}  // namespace
+}  // namespace eigencast::testing
