@@ -37,8 +37,10 @@ TEST_F(AccessTest, AStreamFlowsOverTlsForThoseWithTheRight) {
 TEST_F(AccessTest, ATokenThatRunsOutEndsItsConnection) {
   auto broker = scene_.start_broker(configured());
   const std::string sends = token("sends", {"--publish", "**"});
-  const std::string brief = token("brief", {"--subscribe", "**", "--valid", "4s"});
   auto sender = scene_.start_sender({"torus", "--rate", "30", "--token", sends});
+  // Baking and uploading are done when somebody sees it.
+  EXPECT_TRUE(watches("first", {"--token", token("looks", {"--subscribe", "**"})})) << scene_.logs();
+  const std::string brief = token("brief", {"--subscribe", "**", "--valid", "8s"});
   auto client = scene_.start_client("a", {"--token", brief, "--duration", "12"});
   EXPECT_TRUE(broker->wait_for_output("has expired", kLong)) << scene_.logs();
   client->wait(kLong);
