@@ -197,7 +197,9 @@ void NatsLink::Impl::start(Listener& listener) {
   if (status == NATS_OK) {
     came_up();
   } else {
-    went_down("no NATS server answers yet");
+    const char* why = nats_GetLastError(nullptr);
+    went_down(std::string("no NATS server takes this broker yet") +
+              (why != nullptr && *why != 0 ? " (" + std::string(why) + ")" : std::string()));
   }
   subscriptions_.push_back(subscribe_raw(inbox_ + ".*", [this](natsMsg* message) {
     const std::string subject = natsMsg_GetSubject(message);

@@ -11,7 +11,9 @@ import os
 import pathlib
 import shutil
 import signal
+import socket
 import struct
+import subprocess
 import sys
 import tempfile
 import threading
@@ -20,9 +22,10 @@ import unittest
 import urllib.request
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "tests/support"), str(pathlib.Path(__file__).parent)]
+sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker"), str(pathlib.Path(__file__).parent)]
 import hosts
-from websocket_peer import BINARY, TEXT, Peer
+import payloads
+from websocket_peer import BINARY, TEXT, Peer, frame, ports_of
 
 PROGRAMS = None
 DATA_PORT, ADMIN_PORT = 7490, 7491
@@ -272,6 +275,85 @@ cluster {{ name: eigencast, listen: "{self.hosts[name].address}:6222", routes: [
         owned = [self.metric(b, "eigencast_broker_backbone_frames_published_total") > 0 for b in self.BROKERS[:2]]
         self.assertEqual(sum(owned), 1)
         self.assert_clean()
+
+
+class Guarded(unittest.TestCase):
+    """One NATS server that asks for TLS, a user and his password, with no more rights than docs/scaling.md says; all on loopback."""
+
+    NATS = """
+listen: "127.0.0.1:{port}"
+jetstream {{ store_dir: "{folder}/jetstream" }}
+tls {{ cert_file: "{folder}/server.pem", key_file: "{folder}/server.key" }}
+authorization {{ users: [ {{ user: broker, password: secret, permissions: {{
+  publish: ["eigencast.>", "_INBOX.>", "$JS.API.>", "$KV.eigencast_streams.>"], subscribe: ["eigencast.>", "_INBOX.>"] }} }} ] }}
+"""
+
+    def setUp(self):
+        if not shutil.which("nats-server"):
+            self.skipTest("SKIPPED: no nats-server")
+        self.folder = tempfile.mkdtemp(prefix="eigencast-guarded-")
+        self.addCleanup(shutil.rmtree, self.folder)
+        make = lambda *words: subprocess.run(["openssl", *words], cwd=self.folder, check=True, capture_output=True)
+        curve = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"]
+        make("req", "-x509", *curve, "-keyout", "ca.key", "-out", "ca.pem", "-days", "2", "-subj", "/CN=test")
+        make("req", *curve, "-keyout", "server.key", "-out", "server.csr", "-subj", "/CN=localhost")
+        pathlib.Path(self.folder, "names").write_text("subjectAltName=DNS:localhost")
+        make("x509", "-req", "-in", "server.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial", "-days", "2", "-out", "server.pem",
+             "-extfile", "names")
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.nats = probe.getsockname()[1]
+        config = pathlib.Path(self.folder, "nats.conf")
+        config.write_text(self.NATS.format(port=self.nats, folder=self.folder))
+        self.log = pathlib.Path(self.folder, "nats.log")
+        server = subprocess.Popen(["nats-server", "-c", config], stderr=open(self.log, "w"))
+        self.addCleanup(server.wait)
+        self.addCleanup(server.terminate)
+
+    def broker(self, name, password="secret", ca="ca.pem"):
+        """Its data port and a way to ask its admin port."""
+        ports = pathlib.Path(self.folder, name)
+        process = subprocess.Popen(
+            [PROGRAMS / "eigencast-broker", "--listen=127.0.0.1:0", "--admin-listen=127.0.0.1:0", f"--port-file={ports}",
+             f"--data-dir={self.folder}/data-{name}", "--log-level=error", f"--backbone-servers=tls://localhost:{self.nats}",
+             f"--backbone-ca={self.folder}/{ca}", "--backbone-user=broker"], env={**os.environ, "EIGENCAST_BACKBONE__PASSWORD": password})
+        self.addCleanup(process.wait)
+        self.addCleanup(process.terminate)
+        data, admin = ports_of(ports)
+        return data, lambda path: urllib.request.urlopen(f"http://127.0.0.1:{admin}{path}", timeout=5).read().decode()
+
+    def wait_for(self, condition, what):
+        for _ in range(200):
+            if condition():
+                return
+            time.sleep(0.05)
+        self.fail(what)
+
+    def test_streams_cross_an_encrypted_backbone_with_few_rights(self):
+        one, ask_one = self.broker("one")
+        two, ask_two = self.broker("two")
+        self.wait_for(lambda: "2 brokers" in ask_one("/api/broker"), "they do not meet")
+        body, asset = payloads.asset()
+        urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{one}/v1/assets/{asset}", data=body, method="PUT")).close()
+        template, rows = payloads.float_join(600)
+        sender = Peer(one, "/v1/publish/s", "eigencast.v1")
+        sender.send(frame(TEXT, payloads.announce(asset, rows, "float32").encode()))
+        while b'"announced"' not in sender.receive()[1]:
+            pass
+        viewer = Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v1")
+        for sequence in range(100):
+            sender.send(frame(BINARY, template[:12] + sequence.to_bytes(8, "little") + (1000 * sequence + 1).to_bytes(8, "little") + template[28:]))
+            time.sleep(0.02)
+        while viewer.receive()[0] != BINARY:
+            pass
+        fetched = urllib.request.urlopen(f"http://127.0.0.1:{two}/v1/assets/{asset}").read()
+        self.assertEqual(fetched, body)
+        self.assertNotIn("Violation", self.log.read_text())
+
+    def test_who_is_not_let_in_says_so_and_serves_on(self):
+        for password, ca in (("wrong", "ca.pem"), ("secret", "server.pem")):
+            _, ask = self.broker(f"{password}-{ca}", password, ca)
+            self.assertRegex(ask("/readyz"), "ready, degraded: .*no NATS server")
 
 
 if __name__ == "__main__":

@@ -72,13 +72,8 @@ class Deploy(unittest.TestCase):
     def test_prometheus_takes_its_configuration(self):
         if not shutil.which("promtool"):
             self.skipTest("SKIPPED: no promtool (Debian: prometheus)")
-        with tempfile.TemporaryDirectory() as folder:
-            for name in ("prometheus.yml", "eigencast.rules.yml"):
-                text = (DEPLOY / "prometheus" / name).read_text().replace("/etc/prometheus/eigencast-token", f"{folder}/token")
-                (pathlib.Path(folder) / name).write_text(text)
-            (pathlib.Path(folder) / "token").write_text("x")
-            done = subprocess.run(["promtool", "check", "config", "prometheus.yml"], cwd=folder, capture_output=True, text=True)
-            self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+        done = subprocess.run(["promtool", "check", "config", "prometheus.yml"], cwd=DEPLOY / "prometheus", capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
 
     def test_the_broker_takes_the_configuration_of_kubernetes(self):
         text = (DEPLOY / "kubernetes/configmap.yaml").read_text().split("eigencast.toml: |\n", 1)[1]

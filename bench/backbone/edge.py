@@ -1,0 +1,128 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""What one more hop costs: viewers at a broker that has the sender, beside viewers at one that follows it over NATS.
+
+    EIGENCAST_WSLOAD=FOLDER bench/backbone/edge.py --broker build/bench/bin/eigencast-broker [--subs 1000] [--rate 30]
+
+The measured broker has one core to itself; NATS, the sender, the other brokers and the load share the other one. The arrangements take
+turns; medians. Skipped, loudly, without nats-server.
+"""
+import argparse
+import json
+import pathlib
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / "bench/broker"), str(ROOT / "tests/support")]
+import payloads
+from harness import LOAD_CPU, SIZE, Server, Tools, free_port, wait_for_port
+from websocket_peer import BINARY, TEXT, Peer, frame
+
+
+CONNECTING_S = 2
+
+
+class Nats:
+    def __init__(self, folder):
+        self.port = free_port()
+        self.folder = tempfile.mkdtemp(dir=folder)
+
+    def __enter__(self):
+        self.process = subprocess.Popen(["taskset", "-c", LOAD_CPU, "nats-server", "-a", "127.0.0.1", "-p", str(self.port), "-js", "-sd",
+                                         self.folder], stderr=subprocess.DEVNULL)
+        wait_for_port(self.port, self.process)
+        return f"nats://127.0.0.1:{self.port}"
+
+    def __exit__(self, *_):
+        self.process.terminate()
+        self.process.wait()
+
+
+class Sender(threading.Thread):
+    """Sends the template at a steady rate, each frame with the time when it was to leave."""
+
+    def __init__(self, port, tools, rate):
+        super().__init__(daemon=True)
+        self.template, rows = payloads.float_join(SIZE)
+        self.peer = Peer(port, "/v1/publish/s0", "eigencast.v1")
+        self.peer.send(frame(TEXT, payloads.announce(tools.asset, rows, "float32", rate=rate).encode()))
+        while b'"announced"' not in self.peer.receive()[1]:
+            pass
+        self.rate, self.over = rate, False
+        self.start()
+
+    def run(self):
+        began, sequence = time.monotonic(), 0
+        while not self.over:
+            due = began + sequence / self.rate
+            time.sleep(max(0.0, due - time.monotonic()))
+            stamp = int(due * 1e6).to_bytes(8, "little")
+            self.peer.send(frame(BINARY, self.template[:12] + sequence.to_bytes(8, "little") + stamp + self.template[28:]))
+            sequence += 1
+        self.peer.sock.close()
+
+
+def load(server, sender_port, options):
+    """Figures of wsload at `server` while a sender, which begins when all viewers are there, sends to the broker at `sender_port`."""
+    out = server.tools.folder / "edge.jsonl"
+    out.unlink(missing_ok=True)
+    viewers = subprocess.Popen(
+        ["taskset", "-c", LOAD_CPU, str(server.tools.folder / "wsload"), "--port", str(server.port), "--pid", str(server.process.pid),
+         "--no-spin", "--quiet", "--json", str(out), "--no-pub", "--subs", str(options.subs), "--secs", str(options.seconds), "--warm",
+         str(CONNECTING_S + 1), "--rate", "1", "--size", str(SIZE), "--us", "--magic-off", "-1", "--ts-off", "20", "--seq-off", "12",
+         "--find-off", "20", "--find-seq-off", "12", "--path", "/v1/subscribe/s0?rate=raw", "--subproto", "eigencast.v1", "--ready",
+         '"waiting"'], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    time.sleep(CONNECTING_S)
+    sender = Sender(sender_port, server.tools, options.rate)
+    told, _ = viewers.communicate()
+    sender.over = True
+    sender.join()
+    if not out.exists():
+        sys.exit(f"wsload failed: {told}")
+    return json.loads(out.read_text().splitlines()[-1])
+
+
+def alone(tools, options):
+    with Server(tools, "broker", sockets_writes="epoll") as server:
+        return load(server, server.port, options)
+
+
+def followed(tools, options):
+    with Nats(tools.folder) as nats:
+        with Server(tools, "broker", backbone_servers=nats) as origin, Server(tools, "broker", sockets_writes="epoll",
+                                                                             backbone_servers=nats) as edge:
+            for task in pathlib.Path(f"/proc/{origin.process.pid}/task").iterdir():
+                subprocess.run(["taskset", "-p", "-c", LOAD_CPU, task.name], check=True, capture_output=True)
+            return load(edge, origin.port, options)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--broker", required=True)
+    parser.add_argument("--subs", type=int, default=1000)
+    parser.add_argument("--rate", type=int, default=30)
+    parser.add_argument("--seconds", type=int, default=4)
+    parser.add_argument("--repeat", type=int, default=3)
+    options = parser.parse_args()
+    if not shutil.which("nats-server"):
+        sys.exit("SKIPPED: no nats-server")
+    tools = Tools(options.broker)
+    runs = {"at the sender's broker": [], "one hop over NATS": []}
+    for _ in range(options.repeat):
+        runs["at the sender's broker"].append(alone(tools, options))
+        runs["one hop over NATS"].append(followed(tools, options))
+    columns = ["cpu_s_per_1M", "p50_ms", "p99_ms", "gaps"]
+    print(f"{options.subs} viewers, {options.rate} poses/s of {SIZE} bytes, medians of {options.repeat}")
+    print(f"  {'':28}" + "".join(f"{column:>16}" for column in columns))
+    for name, results in runs.items():
+        print(f"  {name:28}" + "".join(f"{statistics.median(r[c] for r in results):16.3f}" for c in columns))
+
+
+if __name__ == "__main__":
+    main()
