@@ -60,7 +60,7 @@ struct Tally {
     band_bytes.resize(layout.band_ends.size());
     for (std::size_t band = 0; band < band_bytes.size(); ++band) {
       const auto keep = static_cast<std::uint8_t>(1u << band);
-      band_bytes[band] += value_or_exit(cut_bands(layout, false, target.bands, keep, coded.payload)).size() - 2;
+      band_bytes[band] += value_or_exit(cut_bands(layout, false, target.bands, keep, coded.payload)).size() - 1;
     }
     const double distance =
         surface_distance(coefficients_from_key(layout, target), coefficients_from_key(layout, coded.key), asset.area);

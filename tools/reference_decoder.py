@@ -82,7 +82,7 @@ class Bits:
 
 class RangeDecoder:
     def __init__(self, data):
-        self.data, self.next, self.range, self.code = data, 0, 2**32 - 1, 0
+        self.data, self.next, self.range, self.code = data, 0, 0xFF000000, 0
         for _ in range(4):
             self.shift()
 
@@ -102,6 +102,20 @@ class RangeDecoder:
             self.range <<= 8
             self.shift()
         return taken
+
+    def number(self, count):
+        value = 0
+        for _ in range(count):
+            value = value << 1 | self.decision()
+        return value
+
+    def scale(self, expected):
+        if not self.decision(26000):
+            return expected
+        less, off = self.decision(), 1
+        while off <= 30 and self.decision(19000):
+            off += 1
+        return expected - off if less else expected + off
 
     def level(self, beyond_0, beyond_1, later):
         if not self.decision(beyond_0):
@@ -171,7 +185,7 @@ def references(layout, key, band, step):
 
 
 def read_exact(section, head, c1, where, values):
-    require(not head & 64, "reserved bit")
+    require(head >> 6 == 2, "reserved bits")
     require(not head & 32 or c1 is not None, "exact run without the newer key")
     parameter = head & 31
     bits = Bits(section.data[section.at :])
@@ -199,65 +213,66 @@ def logarithm(x):
     return 8 * whole + (x >> whole - 3) % 8
 
 
+def magnitude_of(scale, m):
+    return (2 * m * (23 if scale % 2 else 16) << scale // 2) >> 9
+
+
+def expected_scale(speeds, m):
+    scale = 0
+    while scale < 30 and 27 * len(speeds) * magnitude_of(scale + 1, m) <= 32 * sum(speeds):
+        scale += 1
+    return scale
+
+
 class Contexts:
     """Foretells magnitudes."""
 
     def __init__(self, m, channels, scale, speeds):
         self.m, self.channels, self.speeds = m, channels, speeds
-        self.base = (2 * m * (23 if scale % 2 else 16) << scale // 2) >> 9
-        self.recent, self.row = 16 * self.base, []
+        self.scale = magnitude_of(scale, m)
+        self.recent = [16 * self.scale] * channels
 
     def next(self, n):
-        if not self.row:
-            first = n
-            mean = sum(self.speeds[first : first + self.channels]) * (65536 // self.channels) >> 16
-            self.common = 19 * self.base + (self.m >> 1) + 8 + 4 * mean + (19 * self.recent >> 4)
-            beside = self.recent >> 4
-        else:
-            beside = sum(self.row) * (65536 // len(self.row)) >> 16
-        total = self.common + 7 * self.speeds[n] + 6 * beside
+        total = 16 * (self.scale + self.speeds[n]) + 3 * self.recent[n % self.channels] + (self.m >> 1) + 8
         return min(max(logarithm(total) - logarithm(128 * self.m) + 96, 0), 159)
 
-    def add(self, magnitude):
-        self.row.append(magnitude)
-        if len(self.row) == self.channels:
-            self.recent += ((sum(self.row) * (65536 // self.channels) >> 12) - self.recent) >> 2
-            self.row = []
+    def add(self, n, magnitude):
+        self.recent[n % self.channels] += (16 * magnitude - self.recent[n % self.channels]) >> 3
 
 
-def read_coarse(section, head, m, channels, c1, c2, where, values):
-    require(m and c1 is not None, "coarse run without spacing or newer key")
-    require(not head & 96, "reserved bits")
+def read_coarse(section, m, channels, c1, c2, where, values):
+    require(c1 is not None, "coarse run without the newer key")
     c2 = c2 or c1
-    weights = section.u8()
-    speed, restoring = weights % 16 - 4, (weights >> 4) - 12
-    rest = section.take(len(section.data) - section.at)
-    scale = head & 31
-    require(scale != 31 or not rest, "bytes left over")
-    coder = RangeDecoder(rest)
-    contexts = Contexts(m, channels, scale, [abs(a - b) for a, b in zip(c1, c2)])
+    speeds = [abs(a - b) for a, b in zip(c1, c2)]
+    coder = RangeDecoder(section.take(len(section.data) - section.at))
+    scale = coder.scale(expected_scale(speeds, m))
+    require(0 <= scale <= 30, "scale")
+    speed, restoring = coder.number(4), 12
+    if coder.decision():
+        restoring = coder.number(4)
+    contexts = Contexts(m, channels, scale, speeds)
     state = 0
     for n, i in enumerate(where):
-        value = c1[n] + ((2 * speed * (c1[n] - c2[n]) + restoring * c1[n] + 8) >> 4)
-        if scale != 31:
-            context, rule = contexts.next(n), state >> 1
-            level = coder.level(more(context - (0 if rule else 8)), more(context - (13 if rule else 16)), more(context - 16))
-            residual = m * (2 * level - rule) if level else 0
-            if level:
-                value += -residual if coder.decision() else residual
-            contexts.add(residual)
-            state = NEXT_STATE[state][level % 2]
+        value = c1[n] + ((2 * (speed - 4) * (c1[n] - c2[n]) + (restoring - 12) * c1[n] + 8) >> 4)
+        context, rule = contexts.next(n), state >> 1
+        level = coder.level(more(context - (0 if rule else 12)), more(context - (19 if rule else 20)), more(context - 18))
+        residual = m * (2 * level - rule) if level else 0
+        if level:
+            value += -residual if coder.decision() else residual
+        contexts.add(n, residual)
+        state = NEXT_STATE[state][level % 2]
         require(abs(value) <= MAX_VALUE, "value out of range")
         values[i] = value
     coder.finish()
 
 
 def read_quantised(layout, section, m, c1, c2, where, values):
-    head = section.u8()
-    if head & 128:
-        read_exact(section, head, c1, where, values)
+    if m and section.data[section.at : section.at + 1] != b"\xff":
+        read_coarse(section, m, layout["channels"], c1, c2, where, values)
     else:
-        read_coarse(section, head, m, layout["channels"], c1, c2, where, values)
+        if m:
+            section.u8()
+        read_exact(section, section.u8(), c1, where, values)
 
 
 def read_floats(section, code, where, values):
@@ -356,10 +371,11 @@ class Receiver:
         self.older = self.newer = self.number = self.age = self.capture = None
 
     def decode(self, frame):
-        require(28 <= len(frame) <= 2**20, "size of the frame")
-        kind, flags, bands, step, stream_id, epoch, sequence, capture = struct.unpack("<BBBBIIQQ", frame[:28])
+        require(27 <= len(frame) <= 2**20, "size of the frame")
+        first, bands, step, stream_id, epoch, sequence, capture = struct.unpack("<BBBIIQQ", frame[:27])
+        kind, flags = first & 7, first >> 3
         at, of = step >> 4, step & 15
-        payload = Bytes(frame[28:])
+        payload = Bytes(frame[27:])
         require(kind in KINDS, "kind")
         require(flags & ~(1 if kind in (1, 2) else 0) == 0, "flags")
         require(step == 0 if kind in (1, 2) else 1 <= at and 1 <= of and (at <= of or kind == 5), "step")
@@ -402,8 +418,11 @@ class Receiver:
         out["pose"] = pose.json()
         return out
 
-    def read_codec(self, payload):
+    def read_codec(self, payload, newer=None):
+        """m and step; `newer` is the key whose step holds where none is said."""
         first = payload.u8()
+        if first & 3 == 3 and newer and self.layout["codec"] == "quantised":
+            return first >> 2, newer.step
         require(first & 3 == CODECS[self.layout["codec"]], "codec")
         return first >> 2, self.read_step(payload)
 
@@ -421,7 +440,7 @@ class Receiver:
         payload.finish()
 
     def read_key(self, bands, payload):
-        m, step = self.read_codec(payload)
+        m, step = self.read_codec(payload, self.newer)
         require(not m or self.layout["codec"] == "quantised", "spacing of a float codec")
         key = Key(self.layout, bands, step)
         for band, section in self.sections(bands, payload):

@@ -4,7 +4,7 @@ import hashlib
 import json
 import struct
 
-ENVELOPE = "<BBBBIIQQ"
+ENVELOPE = "<BBBIIQQ"
 KEY, JOIN = 1, 2
 
 
@@ -30,15 +30,15 @@ def asset():
 
 def float_join(size):
     """A valid join frame of `size` bytes of one band of float32: returns it and its rows."""
-    rows = (size - 28 - 5 - 2) // 12
+    rows = (size - 27 - 5 - 2) // 12
     run = b"".join(struct.pack("<f", (i * 37 % 101) / 101) for i in range(rows * 3))
-    head = 28 + 4 + len(varint(len(run))) + len(run)
+    head = 27 + 4 + len(varint(len(run))) + len(run)
     age = size - head  # A varint of as many bytes as are left over.
     if not 1 <= age <= 8:
         raise ValueError(f"no join frame of {size} bytes")
     age_us = 0 if age == 1 else 1 << (7 * (age - 1))
     payload = bytes([1, 0, 0, 0]) + varint(age_us) + varint(len(run)) + run
-    frame = struct.pack(ENVELOPE, JOIN, 0, 1, 0, 0, 0, 0, 0) + payload
+    frame = struct.pack(ENVELOPE, JOIN, 1, 0, 0, 0, 0, 0) + payload
     assert len(frame) == size
     return frame, rows
 
@@ -48,7 +48,7 @@ def float_frame(kind, sequence, capture_us, values_of_band):
     runs = [struct.pack(f"<{len(values)}f", *values) for values in values_of_band]
     head = bytes([1, 0]) + (bytes([0, 0]) + varint(0) if kind == JOIN else b"")
     sections = b"".join(varint(len(run)) + run for run in runs)
-    return struct.pack(ENVELOPE, kind, 0, (1 << len(runs)) - 1, 0, 0, 0, sequence, capture_us) + head + sections
+    return struct.pack(ENVELOPE, kind, (1 << len(runs)) - 1, 0, 0, 0, sequence, capture_us) + head + sections
 
 
 def quantised_run(values):
@@ -69,4 +69,4 @@ def quantised_run(values):
 def quantised_frame(kind, sequence, capture_us, bands, values_of_band, step=100):
     sections = b"".join(varint(len(run)) + run for run in map(quantised_run, values_of_band))
     head = bytes([2, step]) + (bytes([0, 0, 0]) if kind == JOIN else b"")
-    return struct.pack(ENVELOPE, kind, 0, (1 << bands) - 1, 0, 0, 0, sequence, capture_us) + head + sections
+    return struct.pack(ENVELOPE, kind, (1 << bands) - 1, 0, 0, 0, sequence, capture_us) + head + sections

@@ -60,7 +60,7 @@ class Viewer:
                 size, at = struct.unpack(wide[0], self.buffer[2 : 2 + wide[1]])[0], 2 + wide[1]
             if len(self.buffer) < at + size:
                 return
-            if self.buffer[0] & 15 == 2 and self.buffer[at] == 1:  # A key.
+            if self.buffer[0] & 15 == 2 and self.buffer[at] & 7 == 1:  # A key.
                 self.bytes += at + size
                 self.frames += 1
             self.buffer = self.buffer[at + size :]

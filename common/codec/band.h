@@ -26,6 +26,8 @@ struct Spacing {
 };
 
 inline constexpr std::uint8_t kMaxHalfSpacing = 63;
+/// Where runs may be coarse, this byte goes before an exact one; no coarse run begins with it.
+inline constexpr std::uint8_t kExactFollows = 0xff;
 
 /// Appends an exact run: the differences from c1, or the values themselves if c1 is empty.
 void append_exact(std::span<const std::int32_t> values, std::span<const std::int32_t> c1, Bytes& out);
@@ -42,7 +44,7 @@ bool append_coarse(std::span<const std::int32_t> values, const References& from,
 /// input. Errors: kCorrupt (a reference that is missing, bytes missing or left over, a value out of range).
 Result<std::size_t> read(ByteView in, const References& from, const Spacing& spacing, std::span<std::int32_t> values);
 
-/// The two kinds, as read() finds them. `in` is not empty.
+/// The two kinds, as read() finds them: all runs are exact where the spacing is 0.
 Result<std::size_t> read_exact(ByteView in, std::span<const std::int32_t> c1, std::span<std::int32_t> values);
 Result<std::size_t> read_coarse(ByteView in, const References& from, const Spacing& spacing,
                                 std::span<std::int32_t> values);

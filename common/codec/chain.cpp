@@ -2,7 +2,8 @@
 //
 // Payloads (docs/protocol.md, "Payload"); varints are LEB128, all else is little-endian:
 //
-//   key, synthetic   codec u8 (bits 0, 1: codec; bits 2 to 7: m) | step u8 | section of each band, lowest first
+//   key, synthetic   codec u8 (bits 0, 1: codec; bits 2 to 7: m) | step u8, unless the codec is 3: quantised, at the
+//                    step of the newer key of the receiver's state | section of each band, lowest first
 //   join             codec u8 (m = 0) | step u8 | older_step u8 | older_bands u8 | age_us varint | section of each band
 //   section          length varint | `length` bytes of run(s): one; in a join, for a band of older_bands, two:
 //                    older, then newer
@@ -112,6 +113,7 @@ Result<void> append_run(const CoefficientLayout& layout, std::size_t band, const
       return {};
     }
   }
+  if (half_spacing > 0) out.push_back(band::kExactFollows);
   band::append_exact(values, from.c1, out);
   return {};
 }
@@ -131,17 +133,20 @@ Result<std::size_t> read_run(const CoefficientLayout& layout, std::size_t band, 
   return reader.position();
 }
 
+constexpr unsigned kSameStep = 3;  ///< In place of the codec's number: quantised, at the step of the newer key.
+
 struct Head {
-  std::uint8_t half_spacing = 0;  ///< Keys and synthetic poses only.
-  std::uint8_t step = 0;
-  std::uint8_t older_step = 0;   ///< Joins only.
-  std::uint8_t older_bands = 0;  ///< Joins only.
-  TimeUs age_us = 0;             ///< Joins only.
+  std::uint8_t half_spacing = 0;     ///< Keys and synthetic poses only.
+  std::optional<std::uint8_t> step;  ///< Absent: that of the newer key of the state; keys and synthetic poses only.
+  std::uint8_t older_step = 0;       ///< Joins only.
+  std::uint8_t older_bands = 0;      ///< Joins only.
+  TimeUs age_us = 0;                 ///< Joins only.
 };
 
 void append_head(const CoefficientLayout& layout, bool join, const Head& head, ByteWriter& writer) {
-  writer.u8(static_cast<std::uint8_t>(static_cast<unsigned>(layout.codec) | unsigned{head.half_spacing} << 2));
-  writer.u8(head.step);
+  const unsigned codec = head.step ? static_cast<unsigned>(layout.codec) : kSameStep;
+  writer.u8(static_cast<std::uint8_t>(codec | unsigned{head.half_spacing} << 2));
+  if (head.step) writer.u8(*head.step);
   if (!join) return;
   writer.u8(head.older_step);
   writer.u8(head.older_bands);
@@ -154,7 +159,8 @@ Result<Head> read_head(const CoefficientLayout& layout, bool join, std::uint8_t 
   const std::uint8_t first = reader.u8();
   const unsigned codec = first & 3u;
   head.half_spacing = first >> 2;
-  head.step = reader.u8();
+  const bool same_step = codec == kSameStep && !join && !is_float(layout);
+  if (!same_step) head.step = reader.u8();
   if (join) {
     head.older_step = reader.u8();
     head.older_bands = reader.u8();
@@ -164,10 +170,10 @@ Result<Head> read_head(const CoefficientLayout& layout, bool join, std::uint8_t 
     head.age_us = static_cast<TimeUs>(age);
   }
   if (reader.failed()) return corrupt("it ends within its head");
-  if (codec != static_cast<unsigned>(layout.codec)) {
+  if (codec != static_cast<unsigned>(layout.codec) && !same_step) {
     return corrupt("codec " + std::to_string(codec) + " where the stream has " + std::string(name_of(layout.codec)));
   }
-  if (is_float(layout) && (head.step != 0 || head.older_step != 0)) return corrupt("a float codec has no step");
+  if (is_float(layout) && (*head.step != 0 || head.older_step != 0)) return corrupt("a float codec has no step");
   if (head.half_spacing != 0 && (join || is_float(layout))) return corrupt("it is exact and cannot have a spacing");
   if ((head.older_bands & ~bands) != 0) return corrupt("the older key has bands that the newer lacks");
   return head;
@@ -202,7 +208,8 @@ Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& s
   CodedKey out{{}, key};
   ByteWriter writer(out.payload);
   const std::uint8_t m = is_float(layout) ? std::uint8_t{0} : half_spacing;
-  append_head(layout, false, {m, key.step, 0, 0, 0}, writer);
+  const bool same_step = !is_float(layout) && key.step == state.newer.step;
+  append_head(layout, false, {m, same_step ? std::nullopt : std::optional(key.step), 0, 0, 0}, writer);
   Bytes run;
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
     if (!has(key.bands, band)) continue;
@@ -223,7 +230,7 @@ Result<Key> decode_key(const CoefficientLayout& layout, std::uint8_t bands, cons
   ByteReader reader(payload);
   const auto head = read_head(layout, false, bands, reader);
   if (!head) return head.error();
-  Key key = empty_key(layout, bands, head->step);
+  Key key = empty_key(layout, bands, head->step.value_or(state.newer.step));
   const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
     const auto taken =
         read_run(layout, band, references(layout, state, band, key.step), head->half_spacing, section, key);
@@ -265,7 +272,7 @@ Result<ChainState> decode_join(const CoefficientLayout& layout, std::uint8_t ban
   ByteReader reader(payload);
   const auto head = read_head(layout, true, bands, reader);
   if (!head) return head.error();
-  ChainState state{empty_key(layout, head->older_bands, head->older_step), empty_key(layout, bands, head->step),
+  ChainState state{empty_key(layout, head->older_bands, head->older_step), empty_key(layout, bands, *head->step),
                    head->age_us};
   const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
     band::References from;

@@ -54,46 +54,43 @@ const CostTable& level_costs() {
   return kTable;
 }
 
-/// The weights that leave the least energy, by least squares and then on their grid.
+/// What a restoring weight costs, as a share of the energy of one value: 4 bits buy 2 ln 2 each.
+constexpr double kRestoringCost = 5.5;
+
+/// The weights that leave the least energy, by least squares and then on their grid. A restoring weight is taken where it
+/// gains what it costs.
 Predictor best_predictor(std::span<const std::int32_t> values, const Motion& motion) {
-  double vd = 0, vc = 0, dd = 0, dc = 0, cc = 0;
+  double vv = 0, vd = 0, vc = 0, dd = 0, dc = 0, cc = 0;
   for (std::size_t i = 0; i < values.size(); ++i) {
     const auto c = static_cast<double>(motion.c1[i]);
     const double d = c - static_cast<double>(motion.c2[i]);
     const double v = static_cast<double>(values[i]) - c;
-    vd += v * d, vc += v * c, dd += d * d, dc += d * c, cc += c * c;
+    vv += v * v, vd += v * d, vc += v * c, dd += d * d, dc += d * c, cc += c * c;
   }
   const auto on_grid = [](double weight, int unit, int zero) {
     return static_cast<unsigned>(std::clamp(std::floor(weight * unit) + zero, 0.0, 15.0));
   };
-  Predictor best;
-  double least = 0;
-  const auto consider = [&](unsigned speed, unsigned restoring) {
+  struct Choice {
+    Predictor predictor;
+    double energy;
+  };
+  const auto consider = [&](Choice& best, unsigned speed, unsigned restoring) {
     const double w = (static_cast<double>(speed) - 4) / 8;
-    const double a = (static_cast<double>(restoring) - 12) / 16;
-    const double energy = w * w * dd + 2 * w * a * dc + a * a * cc - 2 * w * vd - 2 * a * vc;
-    if (energy < least) {
-      least = energy;
-      best = {speed, restoring};
-    }
+    const double a = (static_cast<double>(restoring) - kUsualRestoring) / 16;
+    const double energy = vv + w * w * dd + 2 * w * a * dc + a * a * cc - 2 * w * vd - 2 * a * vc;
+    if (energy < best.energy) best = {{speed, restoring}, energy};
   };
   const double determinant = dd * cc - dc * dc;
   const unsigned alone = on_grid(dd > 0 ? vd / dd : 0, 8, 4);
   const unsigned speed = on_grid(determinant > 0 ? (vd * cc - vc * dc) / determinant : 0, 8, 4);
-  const unsigned restoring = on_grid(determinant > 0 ? (vc * dd - vd * dc) / determinant : 0, 16, 12);
+  const unsigned restoring = on_grid(determinant > 0 ? (vc * dd - vd * dc) / determinant : 0, 16, kUsualRestoring);
+  Choice usual{{}, vv}, best = usual;
   for (const unsigned one : {0u, 1u}) {
-    consider(std::min(alone + one, 15u), 12);
-    for (const unsigned other : {0u, 1u}) consider(std::min(speed + one, 15u), std::min(restoring + other, 15u));
+    consider(usual, std::min(alone + one, 15u), kUsualRestoring);
+    for (const unsigned other : {0u, 1u}) consider(best, std::min(speed + one, 15u), std::min(restoring + other, 15u));
   }
-  return best;
-}
-
-unsigned scale_code_of(std::uint64_t sum, std::size_t count, unsigned half_spacing) {
-  unsigned code = 0;
-  while (code + 1 < kAllZero && magnitude_of(code + 1, half_spacing) * static_cast<std::int64_t>(count) * 27 <=
-                                    static_cast<std::int64_t>(sum) * 32)
-    ++code;
-  return code;
+  const auto count = static_cast<double>(values.size());
+  return best.energy * (count + kRestoringCost) < usual.energy * count ? best.predictor : usual.predictor;
 }
 
 /// Viterbi's search for the levels of least distortion + lambda * rate. Contexts are those of the true residuals.
@@ -189,6 +186,24 @@ void put_escape(RangeEncoder& out, std::int64_t count) {
   for (unsigned i = bits; i-- > 0;) out.put_even(((count + 1) >> i & 1) != 0);
 }
 
+void put_bits(RangeEncoder& out, unsigned value, unsigned count) {
+  while (count-- > 0) out.put_even((value >> count & 1) != 0);
+}
+
+void put_scale(RangeEncoder& out, unsigned scale, unsigned expected) {
+  out.put(scale != expected, kScaleDiffers);
+  if (scale == expected) return;
+  out.put_even(scale < expected);
+  const unsigned off = scale < expected ? expected - scale : scale - expected;
+  for (unsigned reached = 1; reached <= off; ++reached) out.put(off > reached, kScaleFurther);
+}
+
+void put_predictor(RangeEncoder& out, const Predictor& predict) {
+  put_bits(out, predict.speed, 4);
+  out.put_even(predict.restoring != kUsualRestoring);
+  if (predict.restoring != kUsualRestoring) put_bits(out, predict.restoring, 4);
+}
+
 void put_level(RangeEncoder& out, std::int64_t level, const LevelOdds& odds) {
   out.put(level > 0, kMore[odds.beyond_0]);
   if (level == 0) return;
@@ -223,12 +238,10 @@ bool append_coarse(std::span<const std::int32_t> values, const References& from,
     state = kNextState[state][levels[i] & 1];
     decoded[i] = static_cast<std::int32_t>(value);
   }
-  const bool all_zero = std::all_of(levels.begin(), levels.end(), [](std::int64_t level) { return level == 0; });
-  out.push_back(static_cast<std::uint8_t>(all_zero ? kAllZero : scale));
-  out.push_back(static_cast<std::uint8_t>(predict.speed | predict.restoring << 4));
-  if (all_zero) return true;
 
   RangeEncoder encoder(out);
+  put_scale(encoder, scale, motion.expected_scale(spacing.half));
+  put_predictor(encoder, predict);
   state = 0;
   for (std::size_t i = 0; i < values.size(); ++i) {
     const unsigned rule = rule_of(state);

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <bit>
+#include <cassert>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -25,21 +27,23 @@ inline constexpr std::int64_t point(unsigned rule, std::int64_t level) {
   return level == 0 ? 0 : 2 * level - static_cast<std::int64_t>(rule);
 }
 
+inline constexpr unsigned kUsualRestoring = 12;
+
 /// Second order prediction: an oscillation, damped or driven, that starts from c1 at the speed c1 - c2.
 struct Predictor {
-  unsigned speed = 4;       ///< Weight of c1 - c2, (speed - 4) / 8; 0..15.
-  unsigned restoring = 12;  ///< Weight of c1, (restoring - 12) / 16; 0..15.
+  unsigned speed = 4;                    ///< Weight of c1 - c2, (speed - 4) / 8; 0..15.
+  unsigned restoring = kUsualRestoring;  ///< Weight of c1, (restoring - 12) / 16; 0..15.
 
   std::int64_t operator()(std::int64_t c1, std::int64_t c2) const {
-    const std::int64_t v = 2 * (std::int64_t{speed} - 4) * (c1 - c2) + (std::int64_t{restoring} - 12) * c1;
+    const std::int64_t v = 2 * (std::int64_t{speed} - 4) * (c1 - c2) + (std::int64_t{restoring} - kUsualRestoring) * c1;
     return c1 + ((v + 8) >> 4);
   }
 };
 
-inline constexpr unsigned kAllZero = 31;    ///< Scale code: every level is 0.
+inline constexpr unsigned kMaxScaleCode = 30;
 inline constexpr unsigned kMaxUnary = 24;   ///< Levels from here on are escaped.
 inline constexpr unsigned kContexts = 160;  ///< Context i stands for a mean magnitude of about 2^(i/8 - 12) spacings.
-inline constexpr unsigned kLowestOffset = 16;
+inline constexpr unsigned kLowestOffset = 24;
 
 /// exp(-1 / (4 s)) in units of 2^-15, s the magnitude that context i - kLowestOffset stands for; kept within
 /// [64, 2^15 - 64].
@@ -49,47 +53,53 @@ extern const std::array<std::uint16_t, kContexts + kLowestOffset> kMore;
 struct LevelOdds {
   unsigned beyond_0, beyond_1, later;  ///< Indices into kMore.
   LevelOdds(unsigned rule, unsigned context)
-      : beyond_0(context + kLowestOffset - (rule == 0 ? 8 : 0)),
-        beyond_1(context + kLowestOffset - (rule == 0 ? 16 : 13)),
-        later(context + kLowestOffset - 16) {}
+      : beyond_0(context + kLowestOffset - (rule == 0 ? 12 : 0)),
+        beyond_1(context + kLowestOffset - (rule == 0 ? 20 : 19)),
+        later(context + kLowestOffset - 18) {}
 };
+
+/// Probabilities that a scale code is not the one expected, and that it is further off than so far.
+inline constexpr std::uint32_t kScaleDiffers = 26000, kScaleFurther = 19000;
 
 /// The magnitude that a scale code stands for.
 inline std::int64_t magnitude_of(unsigned scale_code, unsigned half_spacing) {
   return (std::int64_t{2} * half_spacing * ((scale_code & 1) == 0 ? 16 : 23) << (scale_code >> 1)) >> 9;
 }
 
-/// Foretells the magnitude of each residual of a band from the speeds, the residuals before it, and the band's scale.
+/// The scale code whose magnitude is nearest below 32/27 of the mean of `count` magnitudes.
+inline unsigned scale_code_of(std::uint64_t sum, std::size_t count, unsigned half_spacing) {
+  unsigned code = 0;
+  while (code < kMaxScaleCode && magnitude_of(code + 1, half_spacing) * static_cast<std::int64_t>(count) * 27 <=
+                                     static_cast<std::int64_t>(sum) * 32)
+    ++code;
+  return code;
+}
+
+/// Foretells the magnitude of each residual of a band from its speed, the residuals before it in its channel, and the
+/// band's scale.
 class ContextModel {
  public:
   /// speeds  |c1 - c2| of each value; must outlive this
   ContextModel(std::span<const std::uint32_t> speeds, const Spacing& spacing, unsigned scale_code)
-      : speeds_(speeds),
+      : speed_(speeds.data()),
         channels_(spacing.channels),
-        inverse_(65536 / spacing.channels),
         unit_(log_of(std::int64_t{128} * spacing.half) - 96),
-        base_(19 * magnitude_of(scale_code, spacing.half) + (spacing.half >> 1) + 8),
-        recent_(16 * magnitude_of(scale_code, spacing.half)) {}
+        base_(16 * magnitude_of(scale_code, spacing.half) + (spacing.half >> 1) + 8) {
+    assert(channels_ <= recent_.size());
+    std::fill_n(recent_.begin(), channels_, 16 * magnitude_of(scale_code, spacing.half));
+  }
 
   /// The context of the next value.
-  unsigned next() {
-    if (channel_ == 0) begin_row();
-    const std::int64_t beside = channel_ == 0   ? recent_ >> 4
-                                : channel_ == 1 ? row_sum_
-                                                : (row_sum_ * (65536 / channel_)) >> 16;
-    const std::int64_t sum = row_ + 7 * std::int64_t{speeds_[at_]} + 6 * beside;
-    const int context = log_of(sum) - unit_;
-    return context < 0 ? 0 : context >= static_cast<int>(kContexts) ? kContexts - 1 : static_cast<unsigned>(context);
+  unsigned next() const {
+    const std::int64_t sum = base_ + 16 * std::int64_t{*speed_} + 3 * recent_[channel_];
+    return static_cast<unsigned>(std::clamp(log_of(sum) - unit_, 0, static_cast<int>(kContexts) - 1));
   }
 
   /// Its residual turned out to be of this magnitude.
   void add(std::int64_t magnitude) {
-    row_sum_ += magnitude;
-    ++at_;
-    if (++channel_ < channels_) return;
-    recent_ += (((row_sum_ * inverse_) >> 12) - recent_) >> 2;
-    row_sum_ = 0;
-    channel_ = 0;
+    recent_[channel_] += (16 * magnitude - recent_[channel_]) >> 3;
+    if (++channel_ == channels_) channel_ = 0;
+    ++speed_;
   }
 
  private:
@@ -98,22 +108,14 @@ class ContextModel {
     const int whole = std::bit_width(static_cast<std::uint64_t>(x)) - 1;
     return whole << 3 | static_cast<int>(x >> (whole - 3) & 7);
   }
-  void begin_row() {
-    std::int64_t speed = 0;
-    for (unsigned channel = 0; channel < channels_; ++channel) speed += speeds_[at_ + channel];
-    row_ = base_ + 4 * ((speed * inverse_) >> 16) + ((19 * recent_) >> 4);
-  }
 
-  std::span<const std::uint32_t> speeds_;
+  const std::uint32_t* speed_;
   unsigned channels_;
-  std::int64_t inverse_;
   int unit_;
   std::int64_t base_;
-  std::int64_t recent_;  ///< Mean magnitude of the rows before this one, the latest counting most; in sixteenths.
-  std::int64_t row_ = 0;
-  std::int64_t row_sum_ = 0;
+  std::array<std::int64_t, 16>
+      recent_;  ///< By channel: mean magnitude so far, the latest counting most; in sixteenths.
   unsigned channel_ = 0;
-  std::size_t at_ = 0;
 };
 
 /// Where a coarse run starts from: what the two keys before it say about the band.
@@ -122,10 +124,15 @@ struct Motion {
     for (std::size_t i = 0; i < c1.size(); ++i) {
       const std::int64_t speed = std::int64_t{c1[i]} - c2[i];
       speeds[i] = static_cast<std::uint32_t>(speed < 0 ? -speed : speed);
+      speed_sum += speeds[i];
     }
   }
+  /// The scale code that the speeds make likely.
+  unsigned expected_scale(unsigned half_spacing) const { return scale_code_of(speed_sum, speeds.size(), half_spacing); }
+
   std::span<const std::int32_t> c1, c2;
   std::vector<std::uint32_t> speeds;
+  std::uint64_t speed_sum = 0;
 };
 
 }  // namespace eigencast::band

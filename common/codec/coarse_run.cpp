@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 //
-//   coarse run   scale u8 (bit 7: 0; bits 5, 6: 0; bits 0 to 4: scale code) | weights u8 (speed | restoring << 4)
-//                | levels through the range coder, unless the scale code is kAllZero
+//   coarse run   through the range coder: scale code | weights | levels
 #include <string>
 
 #include "common/codec/coarse_model.h"
@@ -39,6 +38,27 @@ std::int64_t read_escape(RangeDecoder& in) {
   return value - 1;
 }
 
+unsigned read_bits(RangeDecoder& in, unsigned count) {
+  unsigned value = 0;
+  while (count-- > 0) value = value << 1 | static_cast<unsigned>(in.get_even());
+  return value;
+}
+
+/// May be out of range.
+int read_scale(RangeDecoder& in, unsigned expected) {
+  if (!in.get(kScaleDiffers)) return static_cast<int>(expected);
+  const bool less = in.get_even();
+  int off = 1;
+  while (off <= static_cast<int>(kMaxScaleCode) && in.get(kScaleFurther)) ++off;
+  return static_cast<int>(expected) + (less ? -off : off);
+}
+
+Predictor read_predictor(RangeDecoder& in) {
+  Predictor predict{read_bits(in, 4)};
+  if (in.get_even()) predict.restoring = read_bits(in, 4);
+  return predict;
+}
+
 std::int64_t read_level(RangeDecoder& in, const LevelOdds& odds) {
   if (!in.get(kMore[odds.beyond_0])) return 0;
   if (!in.get(kMore[odds.beyond_1])) return 1;
@@ -55,28 +75,23 @@ Result<std::size_t> read_coarse(ByteView in, const References& from, const Spaci
                                 std::span<std::int32_t> values) {
   if (spacing.half == 0) return corrupt("a coarse run in a frame that has no spacing");
   if (from.c1.empty()) return corrupt("a coarse run needs a key that the receiver lacks");
-  if (in.size() < 2) return corrupt("its head is missing");
-  if ((in[0] & 0x60u) != 0) return corrupt("reserved bits are set");
-  const unsigned scale = in[0] & 31u;
-  const Predictor predict{in[1] & 15u, unsigned{in[1]} >> 4};
   const Motion motion(from);
-  if (scale == kAllZero && in.size() > 2) return corrupt("bytes are left over");
-
-  RangeDecoder decoder(in.subspan(2));
-  ContextModel contexts(motion.speeds, spacing, scale == kAllZero ? 0 : scale);
+  RangeDecoder decoder(in);
+  const int scale = read_scale(decoder, motion.expected_scale(spacing.half));
+  if (scale < 0 || scale > static_cast<int>(kMaxScaleCode)) return corrupt("its scale is out of range");
+  const Predictor predict = read_predictor(decoder);
+  ContextModel contexts(motion.speeds, spacing, static_cast<unsigned>(scale));
   unsigned state = 0;
   for (std::size_t i = 0; i < values.size(); ++i) {
-    std::int64_t value = predict(motion.c1[i], motion.c2[i]);
-    if (scale != kAllZero) {
-      const unsigned rule = rule_of(state);
-      const std::int64_t level = read_level(decoder, LevelOdds(rule, contexts.next()));
-      const std::int64_t residual = point(rule, level) * spacing.half;
-      if (level > 0) value += decoder.get_even() ? -residual : residual;
-      contexts.add(residual);
-      state = kNextState[state][level & 1];
-    }
+    const unsigned rule = rule_of(state);
+    const std::int64_t level = read_level(decoder, LevelOdds(rule, contexts.next()));
+    const std::int64_t residual = point(rule, level) * spacing.half;
+    const bool negative = level > 0 && decoder.get_even();
+    const std::int64_t value = predict(motion.c1[i], motion.c2[i]) + (negative ? -residual : residual);
     if (!fixed::in_range(value)) return corrupt("a value leaves +-2^30");
     values[i] = static_cast<std::int32_t>(value);
+    contexts.add(residual);
+    state = kNextState[state][level & 1];
   }
   if (!decoder.finished()) return corrupt("bytes are left over");
   return in.size();

@@ -19,7 +19,7 @@
 namespace eigencast::band {
 namespace {
 
-constexpr std::uint8_t kExact = 0x80, kFromNewer = 0x20, kReserved = 0x40;
+constexpr std::uint8_t kExact = 0x80, kFromNewer = 0x20, kReserved = 0xc0;
 constexpr unsigned kAllZero = 31;
 constexpr unsigned kMaxParameter = 30;
 constexpr unsigned kMaxQuotient = 24;
@@ -148,7 +148,8 @@ void append_exact(std::span<const std::int32_t> values, std::span<const std::int
 
 Result<std::size_t> read_exact(ByteView in, std::span<const std::int32_t> c1, std::span<std::int32_t> values) {
   const auto corrupt = [](const char* what) { return fail(ErrorCode::kCorrupt, what); };
-  if ((in[0] & kReserved) != 0) return corrupt("a reserved bit is set");
+  if (in.empty()) return corrupt("its head is missing");
+  if ((in[0] & kReserved) != kExact) return corrupt("reserved bits are not as they must be");
   const bool from_newer = (in[0] & kFromNewer) != 0;
   if (from_newer && c1.empty()) return corrupt("an exact run needs a key that the receiver lacks");
   const unsigned parameter = in[0] & 31u;
@@ -173,8 +174,11 @@ Result<std::size_t> read_exact(ByteView in, std::span<const std::int32_t> c1, st
 }
 
 Result<std::size_t> read(ByteView in, const References& from, const Spacing& spacing, std::span<std::int32_t> values) {
-  if (in.empty()) return fail(ErrorCode::kCorrupt, "the head of a run is missing");
-  return (in[0] & kExact) != 0 ? read_exact(in, from.c1, values) : read_coarse(in, from, spacing, values);
+  if (spacing.half == 0) return read_exact(in, from.c1, values);
+  if (in.empty() || in[0] != kExactFollows) return read_coarse(in, from, spacing, values);
+  const auto taken = read_exact(in.subspan(1), from.c1, values);
+  if (!taken) return taken.error();
+  return 1 + *taken;
 }
 
 }  // namespace eigencast::band

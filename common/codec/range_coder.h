@@ -11,6 +11,8 @@
 namespace eigencast::band {
 
 inline constexpr std::uint32_t kProbabilityBits = 15;
+/// The first interval leaves out the last byte: no bytes that an encoder writes begin with 255.
+inline constexpr std::uint32_t kFirstRange = 0xff000000u;
 
 class RangeEncoder {
  public:
@@ -64,7 +66,7 @@ class RangeEncoder {
   Bytes& out_;
   std::size_t begin_;
   std::uint64_t low_ = 0;
-  std::uint32_t range_ = 0xffffffffu;
+  std::uint32_t range_ = kFirstRange;
 };
 
 class RangeDecoder {
@@ -103,7 +105,7 @@ class RangeDecoder {
   ByteView in_;
   std::size_t next_ = 0;
   std::uint32_t code_ = 0;
-  std::uint32_t range_ = 0xffffffffu;
+  std::uint32_t range_ = kFirstRange;
 };
 
 }  // namespace eigencast::band

@@ -2,8 +2,8 @@
 //
 // The envelope's bytes, little-endian (docs/protocol.md, "Envelope"):
 //
-//   0 kind u8 | 1 flags u8 | 2 bands u8 | 3 step u8 (at << 4 | of) | 4 stream_id u32 | 8 epoch u32 | 12 sequence u64 |
-//   20 capture_us u64
+//   0 kind and flags u8 (kind | flags << 3) | 1 bands u8 | 2 step u8 (at << 4 | of) | 3 stream_id u32 | 7 epoch u32 |
+//   11 sequence u64 | 19 capture_us u64
 #include "common/wire/envelope.h"
 
 #include <cassert>
@@ -12,6 +12,8 @@
 
 namespace eigencast {
 namespace {
+
+constexpr unsigned kKindBits = 3;
 
 Error corrupt(std::string what) {
   return fail(ErrorCode::kCorrupt, "frame: " + std::move(what));
@@ -49,8 +51,7 @@ void append_envelope(const Envelope& envelope, Bytes& out) {
   assert(check(envelope, envelope.bands == 0 ? 0 : 1));
   assert(envelope.step.of <= limits::kMaxInterpolation);
   ByteWriter writer(out);
-  writer.u8(static_cast<std::uint8_t>(envelope.kind));
-  writer.u8(envelope.flags);
+  writer.u8(static_cast<std::uint8_t>(static_cast<unsigned>(envelope.kind) | unsigned{envelope.flags} << kKindBits));
   writer.u8(envelope.bands);
   writer.u8(envelope.step.byte());
   writer.u32(envelope.stream_id);
@@ -71,10 +72,11 @@ Result<FrameView> parse_frame(ByteView message) {
   ByteReader reader(message);
   FrameView frame;
   Envelope& envelope = frame.envelope;
-  const std::uint8_t kind = reader.u8();
+  const std::uint8_t first = reader.u8();
+  const unsigned kind = first & ((1u << kKindBits) - 1);
   if (kind < 1 || kind > 5) return corrupt("unknown kind " + std::to_string(kind));
   envelope.kind = static_cast<FrameKind>(kind);
-  envelope.flags = reader.u8();
+  envelope.flags = first >> kKindBits;
   envelope.bands = reader.u8();
   const std::uint8_t step = reader.u8();
   envelope.step = {static_cast<std::uint8_t>(step >> 4), static_cast<std::uint8_t>(step & 15)};

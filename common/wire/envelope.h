@@ -30,17 +30,17 @@ struct InterpolationStep {
   bool operator==(const InterpolationStep&) const = default;
 };
 
-/// The fixed head of each frame: 28 bytes, little-endian.
+/// The fixed head of each frame: 27 bytes, little-endian.
 ///
-///   offset 0 kind u8 | 1 flags u8 | 2 bands u8 | 3 step u8 | 4 stream_id u32 | 8 epoch u32 | 12 sequence u64 | 20
-///   capture_us u64
+///   offset 0 kind and flags u8 | 1 bands u8 | 2 step u8 | 3 stream_id u32 | 7 epoch u32 | 11 sequence u64 |
+///   19 capture_us u64
 struct Envelope {
-  static constexpr std::size_t kBytes = 28;
+  static constexpr std::size_t kBytes = 27;
   /// Flag of a key or join of compact interpolation: not to be shown when it comes, kStep frames lead up to it.
   static constexpr std::uint8_t kAhead = 1;
 
   FrameKind kind = FrameKind::kKey;
-  std::uint8_t flags = 0;       ///< kAhead; the other bits are reserved: written 0, rejected otherwise.
+  std::uint8_t flags = 0;       ///< Bits 0 to 4: kAhead; the others are reserved: written 0, rejected otherwise.
   std::uint8_t bands = 0;       ///< Bit b set: band b is in the payload. 0 on kStep, may be 0 on kEstimate.
   InterpolationStep step;       ///< Set unless kKey or kJoin.
   std::uint32_t stream_id = 0;  ///< Given by the broker.
@@ -58,7 +58,7 @@ struct FrameView {
   ByteView payload;
 };
 
-/// Writes the envelope's 28 bytes at the end of `out`. REQUIRES: what parse_frame checks.
+/// Writes the envelope's 27 bytes at the end of `out`. REQUIRES: what parse_frame checks.
 void append_envelope(const Envelope& envelope, Bytes& out);
 
 /// Takes a binary message apart. Safe on hostile input.

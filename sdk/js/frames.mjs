@@ -3,7 +3,7 @@
 // Decodes the binary frames of a stream (docs/protocol.md, sections 4 to 8): bytes in, poses out, no dependency. Bit-exact: integers
 // beyond 2^53 are BigInt, all others stay below.
 
-const HEADER_BYTES = 28;
+const HEADER_BYTES = 27;
 const MAX_FRAME_BYTES = 2 ** 20;
 const MAX_VALUE = 2 ** 30;
 const MAX_TIME = 2n ** 62n - 1n;
@@ -12,6 +12,9 @@ const CODECS = ['float64', 'float32', 'quantised'];
 const LONGEST_HERMITE_US = 1_000_000n;
 const FOURTH_ROOTS = [1073741824n, 1276901417n, 1518500250n, 1805811301n];
 const STEP_ROOTS = [1, 1.189207115002721, 1.4142135623730951, 1.681792830507429];
+const EXACT_FOLLOWS = 255;
+const SAME_STEP = 3;
+const MAX_SCALE = 30;
 const NEXT_STATE = [[0, 2], [2, 0], [1, 3], [3, 1]];
 const FIRST_OF_CURVE = 59;
 const CURVE = [
@@ -44,6 +47,10 @@ class Reader {
     require(count <= this.bytes.length - this.at, 'ends early');
     this.at += count;
     return this.bytes.subarray(this.at - count, this.at);
+  }
+  /** The next byte, if there is one. */
+  peek() {
+    return this.bytes[this.at];
   }
   rest() {
     return this.take(this.bytes.length - this.at);
@@ -90,7 +97,7 @@ class RangeDecoder {
   constructor(bytes) {
     this.bytes = bytes;
     this.next = 0;
-    this.range = 2 ** 32 - 1;
+    this.range = 0xff000000;
     this.code = 0;
     for (let i = 0; i < 4; ++i) this.shift();
   }
@@ -112,6 +119,18 @@ class RangeDecoder {
       this.shift();
     }
     return taken;
+  }
+  number(count) {
+    let value = 0;
+    for (let i = 0; i < count; ++i) value = 2 * value + (this.decision() ? 1 : 0);
+    return value;
+  }
+  scale(expected) {
+    if (!this.decision(26000)) return expected;
+    const less = this.decision();
+    let off = 1;
+    while (off <= MAX_SCALE && this.decision(19000)) ++off;
+    return less ? expected - off : expected + off;
   }
   level(beyond0, beyond1, later) {
     if (!this.decision(beyond0)) return 0;
@@ -143,38 +162,32 @@ function logarithm(x) {
   return 8 * whole + (Math.floor(x / 2 ** (whole - 3)) % 8);
 }
 
+function magnitudeOf(scale, m) {
+  return Math.floor((2 * m * (scale % 2 === 0 ? 16 : 23) * 2 ** (scale >> 1)) / 512);
+}
+
+function expectedScale(speeds, m) {
+  const sum = speeds.reduce((total, speed) => total + speed, 0);
+  let scale = 0;
+  while (scale < MAX_SCALE && 27 * speeds.length * magnitudeOf(scale + 1, m) <= 32 * sum) ++scale;
+  return scale;
+}
+
 /** Foretells the magnitudes of residuals. */
 class Contexts {
   constructor(m, channels, scale, speeds) {
     this.channels = channels;
     this.speeds = speeds;
     this.unit = logarithm(128 * m) - 96;
-    const magnitude = Math.floor((2 * m * (scale % 2 === 0 ? 16 : 23) * 2 ** (scale >> 1)) / 512);
-    this.base = 19 * magnitude + (m >> 1) + 8;
-    this.recent = 16 * magnitude;
-    this.mean = Math.floor(65536 / channels);
-    this.channel = 0;
-    this.sum = 0;
-    this.row = 0;
+    this.base = 16 * magnitudeOf(scale, m) + (m >> 1) + 8;
+    this.recent = new Array(channels).fill(16 * magnitudeOf(scale, m));
   }
   next(n) {
-    if (this.channel === 0) {
-      let speed = 0;
-      for (let i = n; i < n + this.channels; ++i) speed += this.speeds[i];
-      this.row = this.base + 4 * Math.floor((speed * this.mean) / 65536) + Math.floor((19 * this.recent) / 16);
-    }
-    const beside = this.channel === 0 ? Math.floor(this.recent / 16)
-      : Math.floor((this.sum * Math.floor(65536 / this.channel)) / 65536);
-    const context = logarithm(this.row + 7 * this.speeds[n] + 6 * beside) - this.unit;
+    const context = logarithm(this.base + 16 * this.speeds[n] + 3 * this.recent[n % this.channels]) - this.unit;
     return Math.min(Math.max(context, 0), 159);
   }
-  add(magnitude) {
-    this.sum += magnitude;
-    this.channel += 1;
-    if (this.channel < this.channels) return;
-    this.recent += Math.floor((Math.floor((this.sum * this.mean) / 4096) - this.recent) / 4);
-    this.channel = 0;
-    this.sum = 0;
+  add(n, magnitude) {
+    this.recent[n % this.channels] += Math.floor((16 * magnitude - this.recent[n % this.channels]) / 8);
   }
 }
 
@@ -213,8 +226,9 @@ function inRange(value) {
   return value;
 }
 
-function readExact(head, section, c1, into) {
-  require((head & 64) === 0, 'reserved bit');
+function readExact(section, c1, into) {
+  const head = section.u8();
+  require(head >> 6 === 2, 'reserved bits');
   const fromNewer = (head & 32) !== 0;
   require(!fromNewer || c1 !== null, 'exact run without the newer key');
   const parameter = head & 31;
@@ -237,30 +251,26 @@ function readExact(head, section, c1, into) {
   section.take(bits.at / 8);
 }
 
-function readCoarse(head, section, m, channels, c1, c2, into) {
-  require(m > 0 && c1 !== null, 'coarse run without spacing or newer key');
-  require((head & 96) === 0, 'reserved bits');
+function readCoarse(section, m, channels, c1, c2, into) {
+  require(c1 !== null, 'coarse run without the newer key');
   const older = c2 ?? c1;
-  const weights = section.u8();
-  const speed = 2 * ((weights & 15) - 4);
-  const restoring = (weights >> 4) - 12;
-  const rest = section.rest();
-  const scale = head & 31;
-  require(scale !== 31 || rest.length === 0, 'bytes left over');
-  const coder = new RangeDecoder(rest);
-  const contexts = new Contexts(m, channels, scale, c1.map((c, i) => Math.abs(c - older[i])));
+  const speeds = c1.map((c, i) => Math.abs(c - older[i]));
+  const coder = new RangeDecoder(section.rest());
+  const scale = coder.scale(expectedScale(speeds, m));
+  require(scale >= 0 && scale <= MAX_SCALE, 'scale');
+  const speed = 2 * (coder.number(4) - 4);
+  const restoring = (coder.decision() ? coder.number(4) : 12) - 12;
+  const contexts = new Contexts(m, channels, scale, speeds);
   let state = 0;
   for (let i = 0; i < into.length; ++i) {
     let value = c1[i] + Math.floor((speed * (c1[i] - older[i]) + restoring * c1[i] + 8) / 16);
-    if (scale !== 31) {
-      const rule = state >> 1;
-      const context = contexts.next(i);
-      const level = coder.level(more(context - (rule === 0 ? 8 : 0)), more(context - (rule === 0 ? 16 : 13)), more(context - 16));
-      const residual = level > 0 ? m * (2 * level - rule) : 0;
-      if (level > 0) value += coder.decision() ? -residual : residual;
-      contexts.add(residual);
-      state = NEXT_STATE[state][level % 2];
-    }
+    const rule = state >> 1;
+    const context = contexts.next(i);
+    const level = coder.level(more(context - (rule === 0 ? 12 : 0)), more(context - (rule === 0 ? 20 : 19)), more(context - 18));
+    const residual = level > 0 ? m * (2 * level - rule) : 0;
+    if (level > 0) value += coder.decision() ? -residual : residual;
+    contexts.add(i, residual);
+    state = NEXT_STATE[state][level % 2];
     into[i] = inRange(value);
   }
   coder.finish();
@@ -287,17 +297,17 @@ export class FrameDecoder {
   decode(bytes) {
     require(bytes.length >= HEADER_BYTES && bytes.length <= MAX_FRAME_BYTES, 'size of the frame');
     const view = new DataView(bytes.buffer, bytes.byteOffset, HEADER_BYTES);
-    const kind = bytes[0], flags = bytes[1], bands = bytes[2], at = bytes[3] >> 4, of = bytes[3] & 15;
+    const kind = bytes[0] & 7, flags = bytes[0] >> 3, bands = bytes[1], at = bytes[2] >> 4, of = bytes[2] & 15;
     const isKey = kind === 1 || kind === 2;
     require(kind >= 1 && kind <= 5, 'kind');
-    require((flags & (isKey ? 254 : 255)) === 0, 'flags');
-    require(isKey ? bytes[3] === 0 : at >= 1 && of >= 1 && (at <= of || kind === 5), 'step');
+    require((flags & (isKey ? 30 : 31)) === 0, 'flags');
+    require(isKey ? bytes[2] === 0 : at >= 1 && of >= 1 && (at <= of || kind === 5), 'step');
     require((bands === 0) === (bytes.length === HEADER_BYTES) && (kind === 5 || (bands === 0) === (kind === 4)), 'bands or payload');
     require(bands < 2 ** this.#format.band_ends.length, 'unknown bands');
-    const sequence = view.getBigUint64(12, true), captureUs = view.getBigUint64(20, true);
+    const sequence = view.getBigUint64(11, true), captureUs = view.getBigUint64(19, true);
     require(captureUs <= MAX_TIME, 'capture time');
     const frame = {
-      kind: KINDS[kind], flags, bands, at, of, streamId: view.getUint32(4, true), epoch: view.getUint32(8, true), sequence, captureUs,
+      kind: KINDS[kind], flags, bands, at, of, streamId: view.getUint32(3, true), epoch: view.getUint32(7, true), sequence, captureUs,
     };
 
     const payload = new Reader(bytes.subarray(HEADER_BYTES));
@@ -343,8 +353,10 @@ export class FrameDecoder {
     return values.includes(null) ? null : values;
   }
 
-  #readHead(payload) {
+  /** m and step; `newer` is the key whose step holds where none is said. */
+  #readHead(payload, newer = null) {
     const first = payload.u8();
+    if ((first & 3) === SAME_STEP && newer !== null && this.#quantised) return [first >> 2, newer.step];
     require(CODECS[first & 3] === this.#format.codec, 'codec');
     const step = this.#readStep(payload);
     return [first >> 2, step];
@@ -381,17 +393,17 @@ export class FrameDecoder {
       return;
     }
     const run = new Array(last - first);
-    const head = section.u8();
-    if ((head & 128) !== 0) {
-      readExact(head, section, c1, run);
+    if (m > 0 && section.peek() !== EXACT_FOLLOWS) {
+      readCoarse(section, m, this.#format.channels, c1, c2, run);
     } else {
-      readCoarse(head, section, m, this.#format.channels, c1, c2, run);
+      if (m > 0) section.u8();
+      readExact(section, c1, run);
     }
     for (let i = 0; i < run.length; ++i) key.values[first + i] = run[i];
   }
 
   #readKey(bands, payload) {
-    const [m, step] = this.#readHead(payload);
+    const [m, step] = this.#readHead(payload, this.#newer);
     require(m === 0 || this.#quantised, 'spacing of a float codec');
     const key = this.#emptyKey(bands, step);
     this.#eachSection(bands, payload, (band, section) => {

@@ -92,8 +92,8 @@ class Viewer:
 
     def on_frame(self, payload):
         number = lambda begin, end: int.from_bytes(payload[begin:end], "little")
-        self.captures.append(number(20, 28))
-        self.newest = {"stream_id": number(4, 8), "sequence": number(12, 20), "step": payload[3]}
+        self.captures.append(number(19, 27))
+        self.newest = {"stream_id": number(3, 7), "sequence": number(11, 19), "step": payload[2]}
 
     def read_for(self, seconds):
         end = time.monotonic() + seconds

@@ -107,11 +107,11 @@ TEST(Chain, ABandOfTheOlderKeyAloneIsLeftOutOfAJoin) {
   EXPECT_EQ(decode_join(layout, 1, encode_join(layout, shrunk).value()).value(), expected);
 }
 
-TEST(Chain, AnUnchangedPoseCostsThreeBytesABand) {
+TEST(Chain, AnUnchangedPoseCostsThreeBytesABandAtMost) {
   const CoefficientLayout layout = layout_of(CodecKind::kQuantised, 200);
   const Key key = MotionSample(layout).key(3, 150);
   const CodedKey coded = encode_key(layout, advanced(std::nullopt, key, 0), key, 4).value();
-  EXPECT_EQ(coded.payload.size(), 2 + 3 * layout.band_ends.size());
+  EXPECT_LE(coded.payload.size(), 1 + 3 * layout.band_ends.size());
   EXPECT_EQ(coded.key, key);
 }
 
