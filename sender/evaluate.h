@@ -19,7 +19,7 @@ struct Evaluation {
   std::uint64_t join_bytes = 0;     ///< Of the join frame at the end.
   Histogram encode_ns, decode_ns;
 
-  /// Payload alone, and with envelope (28 bytes) and WebSocket header (4).
+  /// Payload alone, and with envelope (27 bytes) and WebSocket header (4).
   double payload_kbit_per_s(double rate_hz) const;
   double wire_kbit_per_s(double rate_hz) const;
 };

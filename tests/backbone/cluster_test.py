@@ -71,7 +71,8 @@ class Viewer(threading.Thread):
                 continue
             if opcode != BINARY:
                 continue
-            kind, _, _, _, of, frame_epoch, sequence, capture = struct.unpack("<BBBBIIQQ", payload[:28])
+            first, _, _, of, frame_epoch, sequence, capture = struct.unpack("<BBBIIQQ", payload[:27])
+            kind = first & 7
             if of != stream_id or frame_epoch != epoch:
                 self.faults.append(f"a frame of stream {of}, epoch {frame_epoch} within {stream_id}, {epoch}")
             if self.frames:

@@ -35,14 +35,14 @@ def deliver(port, poses):
         peer.sock.settimeout(60)
     sender.send(frame(TEXT, payloads.announce(name, rows, "float32").encode()))
     for sequence in range(poses):
-        pose = template[:12] + sequence.to_bytes(8, "little") + (1000 * sequence + 1).to_bytes(8, "little") + template[28:]
+        pose = template[:11] + sequence.to_bytes(8, "little") + (1000 * sequence + 1).to_bytes(8, "little") + template[27:]
         sender.send(frame(BINARY, pose))
         for viewer in viewers:
             while True:
                 opcode, payload = viewer.receive()
                 if opcode == BINARY:
                     break
-            assert payload[12:20] == pose[12:20], "a pose was skipped"
+            assert payload[11:19] == pose[11:19], "a pose was skipped"
     for peer in [sender, *viewers]:
         peer.sock.close()
 
