@@ -63,7 +63,7 @@ class Sender(threading.Thread):
             due = began + sequence / self.rate
             time.sleep(max(0.0, due - time.monotonic()))
             stamp = int(due * 1e6).to_bytes(8, "little")
-            self.peer.send(frame(BINARY, self.template[:12] + sequence.to_bytes(8, "little") + stamp + self.template[28:]))
+            self.peer.send(frame(BINARY, self.template[:11] + sequence.to_bytes(8, "little") + stamp + self.template[27:]))
             sequence += 1
         self.peer.sock.close()
 

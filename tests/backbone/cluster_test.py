@@ -343,7 +343,7 @@ authorization {{ users: [ {{ user: broker, password: secret, permissions: {{
             pass
         viewer = Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v1")
         for sequence in range(100):
-            sender.send(frame(BINARY, template[:12] + sequence.to_bytes(8, "little") + (1000 * sequence + 1).to_bytes(8, "little") + template[28:]))
+            sender.send(frame(BINARY, template[:11] + sequence.to_bytes(8, "little") + (1000 * sequence + 1).to_bytes(8, "little") + template[27:]))
             time.sleep(0.02)
         while viewer.receive()[0] != BINARY:
             pass
