@@ -1,0 +1,261 @@
+// SPDX-License-Identifier: MIT
+#include "broker/http/asset_transfer.h"
+
+#include <unistd.h>
+
+#include <algorithm>
+#include <boost/asio/write.hpp>
+#include <boost/beast/http/empty_body.hpp>
+#include <boost/beast/http/read.hpp>
+#include <boost/beast/http/write.hpp>
+#include <cerrno>
+#include <system_error>
+
+#include "broker/http/http_target.h"
+
+namespace eigencast::broker {
+namespace {
+
+namespace http = beast::http;
+using Status = HttpConnection::Status;
+
+constexpr std::size_t kChunkBytes = 64 * 1024;
+constexpr std::int64_t kRetryAfterS = 60;
+
+Result<std::size_t> read_at(int file, std::uint64_t at, std::vector<char>& out) {
+  for (;;) {
+    const ssize_t count = ::pread(file, out.data(), out.size(), static_cast<off_t>(at));
+    if (count < 0 && errno == EINTR) continue;
+    if (count > 0) return static_cast<std::size_t>(count);
+    return fail(ErrorCode::kIo, "reading an asset failed: " +
+                                    (count == 0 ? "the file ends early" : std::generic_category().message(errno)));
+  }
+}
+
+/// The answer to one GET or HEAD.
+class Download : public std::enable_shared_from_this<Download> {
+ public:
+  Download(HttpConnection& connection, Grant& grant)
+      : connection_(connection.shared_from_this()), context_(connection.context()), grant_(grant) {}
+
+  void start(const Sha256& id) {
+    connection_->on_disk([&assets = context_.assets, id] { return assets.read(id); },
+                         [self = shared_from_this(), id](Result<AssetStore::Object>& object) {
+                           if (object) return self->answer(id, std::move(*object));
+                           const bool missing = object.error().code == ErrorCode::kNotFound;
+                           self->connection_->answer_error(missing ? Status::not_found : Status::internal_server_error,
+                                                           object.error());
+                         });
+  }
+
+ private:
+  void answer(const Sha256& id, AssetStore::Object object) {
+    const std::string etag = "\"" + id.hex() + "\"";
+    // What not everybody may have must not come out of somebody else's cache.
+    const std::string scope = context_.gate.policy()->serves_everybody() ? "public" : "private";
+    HttpHeaders headers = {{http::field::etag, etag},
+                           {http::field::cache_control, scope + ", max-age=31536000, immutable"},
+                           {http::field::accept_ranges, "bytes"}};
+    if (etag_matches(connection_->header(http::field::if_none_match), etag)) {
+      return connection_->answer(Status::not_modified, {}, std::move(headers));
+    }
+    const std::string if_range = connection_->header(http::field::if_range);
+    const bool ranged = if_range.empty() || if_range == etag;
+    const auto wanted =
+        ranged ? range_from_header(connection_->header(http::field::range), object.size) : RangeRequest{};
+    const std::string size = std::to_string(object.size);
+    if (wanted.kind == RangeRequest::Kind::kUnsatisfiable) {
+      headers.emplace_back(http::field::content_range, "bytes */" + size);
+      return connection_->answer_error(Status::range_not_satisfiable,
+                                       fail(ErrorCode::kInvalidArgument, "the asset has " + size + " bytes"),
+                                       std::move(headers));
+    }
+    const bool whole = wanted.kind == RangeRequest::Kind::kWhole;
+    at_ = whole ? 0 : wanted.range.first;
+    end_ = whole ? object.size : wanted.range.last + 1;
+    if (const auto taken = grant_.take_download(connection_->is_head() ? 0 : end_ - at_, steady_now_us()); !taken) {
+      return connection_->answer_denial({429, taken.error().message, kRetryAfterS, false});
+    }
+    if (!whole) {
+      headers.emplace_back(http::field::content_range,
+                           "bytes " + std::to_string(at_) + "-" + std::to_string(end_ - 1) + "/" + size);
+    }
+    ++context_.counters.downloads;
+    object_ = std::move(object);
+    send_head(whole ? Status::ok : Status::partial_content, headers);
+  }
+
+  void send_head(Status status, const HttpHeaders& headers) {
+    auto response = std::make_shared<http::response<http::empty_body>>(status, 11);
+    connection_->decorate(*response, headers);
+    response->set(http::field::content_type, "application/octet-stream");
+    response->keep_alive(connection_->may_keep());
+    response->content_length(end_ - at_);
+    if (connection_->is_head()) end_ = at_;
+    auto serializer = std::make_shared<http::response_serializer<http::empty_body>>(*response);
+    connection_->arm(context_.config.timeouts.transfer_ms);
+    http::async_write_header(connection_->transport(), *serializer,
+                             [self = shared_from_this(), response, serializer](ErrorOf error, std::size_t) {
+                               if (error) return self->connection_->close();
+                               self->send_chunk();
+                             });
+  }
+
+  void send_chunk() {
+    if (at_ == end_) return connection_->finish(connection_->may_keep());
+    chunk_.resize(std::min<std::uint64_t>(kChunkBytes, end_ - at_));
+    connection_->on_disk(
+        [this] { return read_at(object_->file.get(), at_, chunk_); },
+        [self = shared_from_this()](const Result<std::size_t>& count) {
+          if (!count) {  // The head promised more than the disk gives: only cutting the connection tells the peer.
+            log(self->context_.log, LogLevel::kError, count.error().message);
+            return self->connection_->close();
+          }
+          self->write_chunk(*count);
+        });
+  }
+
+  void write_chunk(std::size_t count) {
+    chunk_.resize(count);
+    at_ += count;
+    connection_->arm(context_.config.timeouts.transfer_ms);
+    asio::async_write(connection_->transport(), asio::buffer(chunk_),
+                      [self = shared_from_this()](ErrorOf error, std::size_t) {
+                        if (error) return self->connection_->close();
+                        self->context_.counters.download_bytes += self->chunk_.size();
+                        self->send_chunk();
+                      });
+  }
+
+  std::shared_ptr<HttpConnection> connection_;
+  Context& context_;
+  Grant& grant_;
+  std::optional<AssetStore::Object> object_;
+  std::uint64_t at_ = 0;
+  std::uint64_t end_ = 0;
+  std::vector<char> chunk_;
+};
+
+/// The answer to one PUT. Counts in uploads_now while it lives, until end().
+class Upload : public std::enable_shared_from_this<Upload> {
+ public:
+  Upload(HttpConnection& connection, Grant& grant)
+      : connection_(connection.shared_from_this()), context_(connection.context()), grant_(grant) {
+    ++context_.counters.uploads_now;
+  }
+  ~Upload() { end(); }
+  Upload(const Upload&) = delete;
+  Upload& operator=(const Upload&) = delete;
+
+  void start(const Sha256& id) {
+    connection_->on_disk([&assets = context_.assets, id] { return assets.begin_upload(id); },
+                         [self = shared_from_this()](Result<std::unique_ptr<AssetStore::Upload>>& upload) {
+                           if (!upload) return self->fail_with(upload.error());
+                           self->upload_ = std::move(*upload);
+                           self->begin_body();
+                         });
+  }
+
+ private:
+  void begin_body() {
+    chunk_.resize(kChunkBytes);
+    if (!beast::iequals(connection_->header(http::field::expect), "100-continue")) return read_body();
+    auto response = std::make_shared<http::response<http::empty_body>>(Status::continue_, 11);
+    http::async_write(connection_->transport(), *response,
+                      [self = shared_from_this(), response](ErrorOf error, std::size_t) {
+                        if (error) return self->connection_->close();
+                        self->read_body();
+                      });
+  }
+
+  void read_body() {
+    auto& parser = connection_->parser();
+    if (parser.is_done()) return commit();
+    auto& body = parser.get().body();
+    body.data = chunk_.data();
+    body.size = chunk_.size();
+    connection_->arm(context_.config.timeouts.transfer_ms);
+    http::async_read(connection_->transport(), connection_->buffer(), parser,
+                     [self = shared_from_this()](ErrorOf error, std::size_t) { self->on_body_read(error); });
+  }
+
+  void on_body_read(ErrorOf error) {
+    if (error == http::error::body_limit) {
+      return fail_with(fail(ErrorCode::kTooLarge, "the body is over assets.max_object_bytes"));
+    }
+    if (error && error != http::error::need_buffer) {  // Cut off in the middle: nobody is there to be told.
+      ++context_.counters.uploads_failed;
+      return connection_->close();
+    }
+    auto& parser = connection_->parser();
+    const std::size_t count = chunk_.size() - parser.get().body().size;
+    if (!parser.content_length()) {  // Else it was counted at once.
+      if (auto taken = grant_.take_upload(count, steady_now_us()); !taken) return fail_with(taken.error());
+    }
+    context_.counters.upload_bytes += count;
+    connection_->on_disk([this, count] { return upload_->write(ByteView(chunk_.data(), count)); },
+                         [self = shared_from_this()](const Result<void>& written) {
+                           written ? self->read_body() : self->fail_with(written.error());
+                         });
+  }
+
+  void commit() {
+    connection_->disarm();
+    connection_->on_disk([this] { return upload_->commit(); },
+                         [self = shared_from_this()](const Result<bool>& created) {
+                           if (!created) return self->fail_with(created.error());
+                           self->end();
+                           ++self->context_.counters.uploads;
+                           self->connection_->answer(*created ? Status::created : Status::ok, "{}\n");
+                         });
+  }
+
+  void fail_with(const Error& error) {
+    end();
+    ++context_.counters.uploads_failed;
+    log(context_.log, LogLevel::kWarning, "upload refused: " + error.message);
+    switch (error.code) {
+      case ErrorCode::kCorrupt:
+        return connection_->answer_error(Status::unprocessable_entity, error);
+      case ErrorCode::kTooLarge:
+        return connection_->answer_error(Status::payload_too_large, error);
+      case ErrorCode::kRefused:
+        return connection_->answer_denial({429, error.message, kRetryAfterS, false});
+      default:
+        return connection_->answer_error(Status::insufficient_storage, error);
+    }
+  }
+
+  void end() {
+    upload_.reset();
+    if (std::exchange(counted_, false)) --context_.counters.uploads_now;
+  }
+
+  std::shared_ptr<HttpConnection> connection_;
+  Context& context_;
+  Grant& grant_;
+  bool counted_ = true;
+  std::unique_ptr<AssetStore::Upload> upload_;
+  std::vector<std::uint8_t> chunk_;
+};
+
+}  // namespace
+
+void send_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
+  std::make_shared<Download>(connection, grant)->start(id);
+}
+
+void receive_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
+  Context& context = connection.context();
+  if (const auto taken = grant.take_upload(connection.parser().content_length().value_or(0), steady_now_us()); !taken) {
+    return connection.answer_denial({429, taken.error().message, kRetryAfterS, false});
+  }
+  if (context.counters.uploads_now >= static_cast<std::uint64_t>(context.config.limits.max_uploads)) {
+    return connection.answer_error(Status::service_unavailable,
+                                   fail(ErrorCode::kRefused, "too many uploads at a time: try again"),
+                                   {{http::field::retry_after, "1"}});
+  }
+  std::make_shared<Upload>(connection, grant)->start(id);
+}
+
+}  // namespace eigencast::broker
