@@ -39,17 +39,38 @@ std::string changed_case(std::string_view text, char first, char last, int by) {
   return out;
 }
 
-std::string upper(std::string_view text) {
-  return changed_case(text, 'a', 'z', 'A' - 'a');
-}
-
 std::string lower(std::string_view text) {
   return changed_case(text, 'A', 'Z', 'a' - 'A');
+}
+
+/// The first line with a header that no key begins in, as "[!access]"; 0: none. toml++ 3.3 asserts that there is none,
+/// which would end a broker that reloads. Nothing else that a setting takes begins a line with a bracket.
+std::size_t line_of_broken_header(std::string_view toml) {
+  constexpr std::string_view kBlanks = " \t";
+  constexpr std::string_view kBegins = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-\"']";
+  constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
+  if (toml.starts_with(kByteOrderMark)) toml.remove_prefix(kByteOrderMark.size());
+  for (std::size_t line = 1; !toml.empty(); ++line) {
+    const std::size_t end = std::min(toml.find_first_of("\n\r\v\f"), toml.size());
+    std::string_view rest = toml.substr(0, end);
+    toml.remove_prefix(std::min(end + 1, toml.size()));
+    const auto skip = [&] { rest.remove_prefix(std::min(rest.find_first_not_of(kBlanks), rest.size())); };
+    skip();
+    if (!rest.starts_with('[')) continue;
+    rest.remove_prefix(rest.starts_with("[[") ? 2 : 1);
+    skip();
+    if (rest.empty() || kBegins.find(rest.front()) == std::string_view::npos) return line;
+  }
+  return 0;
 }
 
 }  // namespace
 
 Result<void> read_config(Config& config, std::string_view toml, std::string_view name, Origins* origins) {
+  if (const std::size_t line = line_of_broken_header(toml); line > 0) {
+    return fail(ErrorCode::kInvalidArgument, std::string(name) + ":" + std::to_string(line) +
+                                                 ": '[' must begin the name of a section, such as [access]");
+  }
   const toml::parse_result parsed = toml::parse(toml, name);
   const auto at = [&](const toml::source_region& where) {
     return std::string(name) + ":" + std::to_string(where.begin.line);
@@ -94,10 +115,6 @@ Result<void> read_config_file(Config& config, const std::string& path, Origins* 
 }
 
 Result<void> read_environment(Config& config, std::span<const std::string_view> environment, Origins* origins) {
-  const auto ours = [](std::string_view section) {
-    const auto all = settings();
-    return std::any_of(all.begin(), all.end(), [&](const Setting& s) { return upper(s.section) == section; });
-  };
   for (const std::string_view entry : environment) {
     const auto equals = entry.find('=');
     const std::string_view name = entry.substr(0, equals);
@@ -106,7 +123,6 @@ Result<void> read_environment(Config& config, std::span<const std::string_view> 
     if (equals == std::string_view::npos || !name.starts_with(kPrefix) || split == std::string_view::npos) continue;
     if (split < kPrefix.size()) continue;
     const std::string_view section = name.substr(kPrefix.size(), split - kPrefix.size());
-    if (!ours(section)) continue;
     const std::string path = lower(section) + "." + lower(name.substr(split + 2));
     if (auto set = set_config(config, path, entry.substr(equals + 1)); !set) {
       return in_context("environment variable " + std::string(name), set.error());

@@ -22,8 +22,8 @@ Result<void> read_config(Config& config, std::string_view toml, std::string_view
 /// The same from a file. Errors: kNotFound, kIo, kTooLarge (over 1 MiB), and those above.
 Result<void> read_config_file(Config& config, const std::string& path, Origins* origins = nullptr);
 
-/// Reads EIGENCAST_SECTION__KEY of `environment` ("NAME=value" lines) over `config`. Names of other sections are left
-/// alone.
+/// Reads EIGENCAST_SECTION__KEY of `environment` ("NAME=value" lines) over `config`. Names without __ are of other
+/// programs, and left alone. Errors: as above.
 Result<void> read_environment(Config& config, std::span<const std::string_view> environment,
                               Origins* origins = nullptr);
 

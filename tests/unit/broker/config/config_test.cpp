@@ -21,6 +21,7 @@ namespace {
 
 using ::testing::HasSubstr;
 using ::testing::MatchesRegex;
+using ::testing::StartsWith;
 
 std::string file_text(const char* path) {
   std::ifstream file(path);
@@ -126,11 +127,22 @@ TEST(ConfigTest, MistakesAreNamedWithLineAndSuggestion) {
   EXPECT_EQ(read_config_file(config, "/nonexistent/x.toml").error().code, ErrorCode::kNotFound);
 }
 
+TEST(ConfigTest, ABrokenHeaderIsRefusedWithItsLine) {
+  Config config;
+  for (const char* broken : {"[!ccess]", "[", "[[", "[ ", "[#]", "\t[ \xC3\xA4]", "[[!]]", "[.a]", "[\r", "[ [a]]", "[]", "[a"}) {
+    const auto read = read_config(config, std::string("[limits]\nmax_streams = 5\n") + broken + "\nx = 1\n", "file");
+    ASSERT_FALSE(read) << broken;
+    EXPECT_THAT(read.error().message, StartsWith("file:3: ")) << broken;
+  }
+  EXPECT_FALSE(read_config(config, "\xEF\xBB\xBF[!]", "file"));
+  EXPECT_TRUE(read_config(config, "[ limits ]\nmax_streams = 5\n\t['assets']\n[\"log\"]\n", "file"));
+}
+
 TEST(ConfigTest, FlagsWinOverEnvironmentOverFile) {
   const std::string path = ::testing::TempDir() + "/eigencast_precedence.toml";
   std::ofstream(path) << "[limits]\nmax_streams = 5\nmax_connections = 50\n[log]\nlevel = 'error'\n";
   const std::vector<std::string_view> environment = {"EIGENCAST_LIMITS__MAX_STREAMS=6", "EIGENCAST_LOG__LEVEL=warning",
-                                                     "EIGENCAST_URL=ws://x", "EIGENCAST_SENDER__RATE=3", "HOME=/"};
+                                                     "EIGENCAST_URL=ws://x", "OTHER__RATE=3", "HOME=/"};
   const char* argv[] = {"eigencast-broker", "--config", path.c_str(), "--log-level", "debug"};
   const auto options = read_options(5, argv, environment, "0");
   ASSERT_TRUE(options) << options.error().message;
@@ -138,8 +150,11 @@ TEST(ConfigTest, FlagsWinOverEnvironmentOverFile) {
   EXPECT_EQ(options->loaded.config.limits.max_streams, 6);
   EXPECT_EQ(options->loaded.config.log.level, "debug");
   EXPECT_EQ(options->loaded.config.limits.max_uploads, Config{}.limits.max_uploads);
-  const std::vector<std::string_view> wrong = {"EIGENCAST_LIMITS__MAX_STREMS=6"};
-  EXPECT_THAT(read_options(1, argv, wrong, "0").error().message, HasSubstr("did you mean 'limits.max_streams'?"));
+  for (const std::string_view wrong : {"EIGENCAST_LIMITS__MAX_STREMS=6", "EIGENCAST_LIMTS__MAX_STREAMS=6"}) {
+    const auto refused = read_options(1, argv, std::span(&wrong, 1), "0");
+    ASSERT_FALSE(refused) << wrong;
+    EXPECT_THAT(refused.error().message, HasSubstr("did you mean 'limits.max_streams'?"));
+  }
 }
 
 TEST(ConfigTest, NobodyListensBeyondLoopbackUnasked) {
