@@ -85,6 +85,18 @@ bool Camera::set_view(std::string_view name) {
   return true;
 }
 
+void Camera::look_from(const glm::vec3& eye, const glm::vec3& target) {
+  const glm::vec3 offset = eye - target;
+  distance_ = std::max(glm::length(offset), 1e-6F * radius_);
+  target_ = target;
+  const glm::vec3 d = offset / distance_;
+  const float above = glm::dot(d, up_vector());
+  elevation_ = std::clamp(std::asin(std::clamp(above, -1.0F, 1.0F)), -kSteepest, kSteepest);
+  // The inverse of offset_direction().
+  azimuth_ = up_ == Up::kX ? std::atan2(d.y, d.z) : up_ == Up::kY ? std::atan2(d.x, d.z) : std::atan2(d.x, -d.y);
+  moved_ = true;
+}
+
 void Camera::rotate(const glm::vec2& drag_px) {
   azimuth_ = std::remainder(azimuth_ - drag_px.x * kRadiansPerPixel, 2 * kPi);
   elevation_ = std::clamp(elevation_ + drag_px.y * kRadiansPerPixel, -kSteepest, kSteepest);
@@ -147,6 +159,20 @@ std::optional<glm::vec2> Camera::pixel_from_scene(const glm::vec3& point) const 
   if (clip.w <= 0) return std::nullopt;
   return glm::vec2((0.5F + 0.5F * clip.x / clip.w) * static_cast<float>(width_),
                    (0.5F - 0.5F * clip.y / clip.w) * static_cast<float>(height_));
+}
+
+double Camera::diameter_px(const glm::vec3& centre, float radius) const {
+  const glm::vec3 p = glm::vec3(view_from_scene() * glm::vec4(centre, 1));
+  const float tan_y = std::tan(0.5F * kFieldOfView);
+  const float tan_x = tan_y * static_cast<float>(width_) / static_cast<float>(height_);
+  const auto beyond = [&](float across, float tangent) {  // distance from the side of the field of view, outwards
+    return (std::abs(across) + tangent * p.z) / std::sqrt(1 + tangent * tangent);
+  };
+  if (-p.z < -radius || beyond(p.x, tan_x) > radius || beyond(p.y, tan_y) > radius) return 0;
+  const float most = std::hypot(static_cast<float>(width_), static_cast<float>(height_));
+  const float squared = glm::dot(p, p) - radius * radius;
+  if (squared <= 0) return static_cast<double>(most);
+  return static_cast<double>(std::min(most, radius / std::sqrt(squared) * static_cast<float>(height_) / tan_y));
 }
 
 }  // namespace eigencast

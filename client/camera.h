@@ -35,6 +35,8 @@ class Camera {
   /// One step of the wheel; what is under the cursor stays under it. steps > 0 goes nearer.
   void zoom(float steps, const glm::vec2& cursor_px);
   void look_at(const glm::vec3& target) { target_ = target; }
+  /// Stands at `eye` and looks at `target`, upright; from straight above or below nearly so. REQUIRES: they differ.
+  void look_from(const glm::vec3& eye, const glm::vec3& target);
 
   glm::mat4 view_from_scene() const;
   glm::mat4 clip_from_view() const;
@@ -46,6 +48,8 @@ class Camera {
   glm::vec3 scene_high() const { return high_; }
   /// Where a point of the scene lands, in pixels; nothing when it is behind the camera.
   std::optional<glm::vec2> pixel_from_scene(const glm::vec3& point) const;
+  /// Diameter in pixels of a ball, at most that of the picture's; 0 if none of it can be in the picture.
+  double diameter_px(const glm::vec3& centre, float radius) const;
   bool moved() const { return moved_; }
 
  private:

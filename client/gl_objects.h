@@ -3,6 +3,7 @@
 
 #include <epoxy/gl.h>
 
+#include <glm/mat3x3.hpp>
 #include <glm/mat4x4.hpp>
 #include <glm/vec2.hpp>
 #include <glm/vec3.hpp>
@@ -30,6 +31,7 @@ class GlProgram final {
   void set(const char* name, const glm::vec2& value) const { glUniform2fv(at(name), 1, &value[0]); }
   void set(const char* name, const glm::vec3& value) const { glUniform3fv(at(name), 1, &value[0]); }
   void set(const char* name, const glm::vec4& value) const { glUniform4fv(at(name), 1, &value[0]); }
+  void set(const char* name, const glm::mat3& value) const { glUniformMatrix3fv(at(name), 1, GL_FALSE, &value[0][0]); }
   void set(const char* name, const glm::mat4& value) const { glUniformMatrix4fv(at(name), 1, GL_FALSE, &value[0][0]); }
 
  private:

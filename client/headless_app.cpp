@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "client/apps.h"
+#include "client/camera_path.h"
 #include "client/offscreen.h"
 #include "client/overlay.h"
 #include "client/renderer.h"
@@ -24,19 +25,24 @@ class Headless {
  public:
   Headless(const ClientOptions& options, const LogSink& log) : options_(options), log_(log) {}
 
-  Result<void> open(PoseSource& source) {
+  Result<void> open(std::span<PoseSource* const> sources) {
     Result<std::unique_ptr<OffscreenContext>> context = OffscreenContext::create();
     if (!context) return context.error();
     context_ = std::move(context).value();
     Result<std::unique_ptr<Renderer>> renderer = Renderer::create();
     if (!renderer) return renderer.error();
     renderer_ = std::move(renderer).value();
-    Result<std::unique_ptr<Session>> session = Session::create(options_, source, log_);
+    Result<std::unique_ptr<Session>> session = Session::create(options_, sources, log_);
     if (!session) return session.error();
     session_ = std::move(session).value();
     if (options_.hud) overlay_ = std::make_unique<Overlay>(nullptr);
     camera_.set_viewport(options_.width, options_.height);
     camera_.set_view(options_.view);
+    if (!options_.camera_path.empty()) {
+      Result<CameraPath> path = CameraPath::read(options_.camera_path);
+      if (!path) return path.error();
+      path_.emplace(std::move(*path));
+    }
     warm_up();
     if (options_.out.empty()) return {};
     std::error_code error;
@@ -52,8 +58,9 @@ class Headless {
       if (options_.duration_s > 0 && seconds >= options_.duration_s) break;
       if (options_.frames > 0 && taken_ >= options_.frames) break;
       if (taken_ == 0 && seconds >= options_.wait_s) return report_no_stream();
-      session_->update(std::chrono::milliseconds(20), camera_);
-      if (session_->scene().poses_shown() == shown_) continue;
+      if (flight_is_over()) break;
+      session_->update(std::chrono::milliseconds(flying() ? 0 : 20), camera_);
+      if (session_->scene().poses_shown() == shown_ && !flying()) continue;
       shown_ = session_->scene().poses_shown();
       if (const Result<void> taken = take_picture(); !taken) return taken.error();
     }
@@ -62,6 +69,11 @@ class Headless {
   }
 
  private:
+  /// The flight begins with the first picture.
+  bool flying() const { return path_ && flight_began_us_; }
+  double flown_s() const { return flying() ? static_cast<double>(steady_now_us() - *flight_began_us_) / 1e6 : 0; }
+  bool flight_is_over() const { return flying() && flown_s() > path_->seconds(); }
+
   /// Drivers compile shaders when they are first used; poses that come meanwhile would be lost.
   void warm_up() {
     SurfaceGeometry triangle;
@@ -69,14 +81,16 @@ class Headless {
     triangle.normals = {0, 0, 1, 0, 0, 1, 0, 0, 1};
     triangle.triangles = {0, 1, 2};
     triangle.pose_version = triangle.topology_version = std::numeric_limits<std::uint64_t>::max();
-    renderer_->upload(triangle);
+    renderer_->upload(0, triangle);
     renderer_->draw(camera_, {}, options_.width, options_.height,
                     renderer_->offscreen_target(options_.width, options_.height));
     Renderer::finish();
-    renderer_->upload(SurfaceGeometry{});
+    renderer_->upload(0, SurfaceGeometry{});
   }
 
   Result<void> take_picture() {
+    if (path_) path_->apply(flown_s(), camera_);
+    if (!flight_began_us_) flight_began_us_ = steady_now_us();
     const unsigned target = renderer_->offscreen_target(options_.width, options_.height);
     session_->draw(*renderer_, camera_, {}, options_.width, options_.height, target, true);
     if (overlay_) {
@@ -108,15 +122,15 @@ class Headless {
     const std::string report = session_->report(*renderer_, options_.width, options_.height);
     const HudFigures f = session_->figures();
     log(log_, LogLevel::kInfo,
-        std::to_string(taken_) + " poses drawn at level " + std::to_string(f.vertices) + " of " +
-            std::to_string(f.vertices_total) + (path.empty() ? "" : ", report: " + path));
+        std::to_string(taken_) + " pictures drawn, at last " + std::to_string(f.vertices) + " of " +
+            std::to_string(f.vertices_total) + " vertices" + (path.empty() ? "" : ", report: " + path));
     return path.empty() ? Result<void>() : write_file_atomically(path, report);
   }
 
   int report_no_stream() {
     log(log_, LogLevel::kError,
-        "no pose came from " + options_.url + " in time (" + session_->connection() +
-            "); is a sender running? --wait gives it longer");
+        "no pose came from " + (options_.scene.streams.empty() ? "the source" : options_.scene.streams.front()) +
+            " in time (" + session_->connection() + "); is a sender running? --wait gives it longer");
     return kExitNoStream;
   }
 
@@ -128,15 +142,17 @@ class Headless {
   std::unique_ptr<Overlay> overlay_;
   std::unique_ptr<Session> session_;
   Camera camera_;
+  std::optional<CameraPath> path_;
+  std::optional<TimeUs> flight_began_us_;
   std::uint64_t taken_ = 0, shown_ = 0;
 };
 
 }  // namespace
 
-int run_headless(const ClientOptions& options, PoseSource& source, const std::atomic<bool>& stop,
+int run_headless(const ClientOptions& options, std::span<PoseSource* const> sources, const std::atomic<bool>& stop,
                  const LogSink& log_sink) {
   Headless headless(options, log_sink);
-  if (const Result<void> ready = headless.open(source); !ready) {
+  if (const Result<void> ready = headless.open(sources); !ready) {
     log(log_sink, LogLevel::kError, ready.error().message);
     return kExitFailed;
   }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "client/hud_text.h"
 
+#include <algorithm>
 #include <cstdarg>
 #include <cstdio>
 
@@ -26,6 +27,14 @@ std::string with_commas(std::uint64_t number) {
 std::string milliseconds(TimeUs us) {
   const double ms = static_cast<double>(us) / 1000;
   return text(ms < 10 ? "%.1f ms" : "%.0f ms", ms);
+}
+
+/// "LOD of each 1.00 0.42 0.07": the first eight.
+std::string text_from_each(const std::vector<double>& levels) {
+  constexpr std::size_t kMost = 8;
+  std::string line = "of each";
+  for (std::size_t i = 0; i < std::min(levels.size(), kMost); ++i) line += text(" %.2f", levels[i]);
+  return levels.size() > kMost ? line + " ..." : line;
 }
 
 double megabytes(std::uint64_t bytes) {
@@ -99,6 +108,14 @@ std::string text_from_shown(Shown shown, bool settling, const Playout& playout) 
   return line + (playout.settings().delay_us > 0 ? std::string() : text(" (smooth %.0f %%)", percent));
 }
 
+std::string text_from_levels(const LevelControl& levels, double work_s) {
+  const double f0 = levels.settings().target_fps;
+  const std::string line = std::string(name_of(levels.kind())) +
+                           text(" \xC2\xB7 %.4g/s \xC2\xB7 %.1f of %.1f ms", f0, 1000 * work_s, 1000 / f0);
+  if (levels.kind() == ResolverKind::kPaper) return line + text(" \xC2\xB7 kappa %.2f", levels.state());
+  return line + text(" \xC2\xB7 %.0f %% planned", 100 * levels.state());
+}
+
 std::vector<std::string> hud_lines(const HudFigures& f) {
   std::vector<std::string> lines;
   lines.push_back(text("%.0f keys/s \xC2\xB7 %.0f poses/s \xC2\xB7 %.0f drawn/s", f.keys_hz, f.poses_hz, f.drawn_hz));
@@ -106,9 +123,12 @@ std::vector<std::string> hud_lines(const HudFigures& f) {
                                                            ? std::string(" \xC2\xB7 latency not known yet")
                                                            : " \xC2\xB7 latency " + milliseconds(f.latency_p50_us) +
                                                                  " (p99 " + milliseconds(f.latency_p99_us) + ")"));
-  const double level = f.vertices_total == 0 ? 0 : static_cast<double>(f.vertices) / f.vertices_total;
+  const double level =
+      f.vertices_total == 0 ? 0 : static_cast<double>(f.vertices) / static_cast<double>(f.vertices_total);
   lines.push_back(text("LOD %.2f \xC2\xB7 ", level) + with_commas(f.vertices) + " of " + with_commas(f.vertices_total) +
                   " vertices" + (f.faces == 0 ? std::string(", points") : ", " + with_commas(f.faces) + " faces"));
+  if (f.levels.size() > 1) lines.push_back(text_from_each(f.levels));
+  if (!f.resolver.empty()) lines.push_back(f.resolver);
   lines.push_back(text("bands %u of %u \xC2\xB7 rank %u", f.bands, f.bands_total, f.rank));
   if (!f.shown.empty()) lines.push_back(f.shown);
   lines.push_back(f.mode);

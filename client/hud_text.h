@@ -7,7 +7,8 @@
 #include <string_view>
 #include <vector>
 
-#include "client/scene_state.h"
+#include "client/level_control.h"
+#include "client/surface_view.h"
 #include "sdk/subscriber.h"
 
 namespace eigencast {
@@ -17,10 +18,12 @@ struct HudFigures {
   double keys_hz = 0, poses_hz = 0, drawn_hz = 0, kbit_per_s = 0;
   TimeUs latency_p50_us = 0, latency_p99_us = 0;
   std::uint64_t latency_count = 0;
-  std::uint32_t vertices = 0, vertices_total = 0, faces = 0;
+  std::uint64_t vertices = 0, vertices_total = 0, faces = 0;  ///< Of all surfaces.
+  std::vector<double> levels;                                 ///< Of each surface: part of its vertices.
   std::uint32_t bands = 0, bands_total = 0, rank = 0;
-  std::string shown;  ///< From text_from_shown.
-  std::string mode;   ///< From text_from_mode.
+  std::string resolver;  ///< From text_from_levels; empty if the user alone decides.
+  std::string shown;     ///< From text_from_shown.
+  std::string mode;      ///< From text_from_mode.
 };
 
 /// "live", "lost", ...: one word for each state.
@@ -36,6 +39,9 @@ std::string text_from_mode(const Profile& profile);
 
 /// What the picture is, and how it comes about: "interpolated · 67 ms held back (smooth 100 %)".
 std::string text_from_shown(Shown shown, bool settling, const Playout& playout);
+
+/// Who chooses the levels, for which rate, and how that stands: "budget · 60/s · 12.1 of 16.7 ms · 87 % planned".
+std::string text_from_levels(const LevelControl& levels, double work_s);
 
 /// The panel's lines, Latin-1 characters only.
 std::vector<std::string> hud_lines(const HudFigures& figures);

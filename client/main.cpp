@@ -7,6 +7,7 @@
 #include <exception>
 
 #include "client/apps.h"
+#include "client/clip_source.h"
 
 namespace {
 
@@ -31,6 +32,27 @@ spdlog::level::level_enum level_from(eigencast::LogLevel level) {
   return spdlog::level::info;
 }
 
+/// A stream of a broker, or a clip that this process bakes and plays.
+eigencast::Result<std::unique_ptr<eigencast::PoseSource>> open_source(std::size_t number,
+                                                                      const eigencast::ClientOptions& options,
+                                                                      const eigencast::LogSink& log) {
+  const std::string& stream = options.scene.streams[number];
+  const std::optional<std::string> input = eigencast::clip_in(stream);
+  if (!input) {
+    eigencast::SubscriberOptions wanted;
+    wanted.url = stream;
+    wanted.credentials = options.credentials[number];
+    wanted.profile = options.profile;
+    wanted.cache_dir = options.cache_dir;
+    return eigencast::subscribe_to(std::move(wanted), log);
+  }
+  eigencast::log(log, eigencast::LogLevel::kInfo, *input + ": baking, or looking it up");
+  const auto clip = eigencast::BakedClip::open(*input, options.cache_dir,
+                                               [](double, std::string_view) { return !stop_wanted.load(); });
+  if (!clip) return clip.error();
+  return std::unique_ptr<eigencast::PoseSource>(std::make_unique<eigencast::ClipSource>(*clip));
+}
+
 int run(int argc, char** argv) {
   auto parsed = eigencast::options_from_command_line(argc, argv);
   if (const auto* exit_now = std::get_if<eigencast::ExitNow>(&parsed)) return exit_now->code;
@@ -45,18 +67,19 @@ int run(int argc, char** argv) {
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
 
-  eigencast::SubscriberOptions wanted;
-  wanted.url = options.url;
-  wanted.credentials = options.credentials;
-  wanted.profile = options.profile;
-  wanted.cache_dir = options.cache_dir;
-  auto source = eigencast::subscribe_to(std::move(wanted), log);
-  if (!source) {
-    eigencast::log(log, eigencast::LogLevel::kError, source.error().message);
-    return eigencast::kExitUsage;
+  std::vector<std::unique_ptr<eigencast::PoseSource>> sources;
+  std::vector<eigencast::PoseSource*> all;
+  for (std::size_t i = 0; i < options.scene.streams.size(); ++i) {
+    auto source = open_source(i, options, log);
+    if (!source) {
+      eigencast::log(log, eigencast::LogLevel::kError, source.error().message);
+      return eigencast::clip_in(options.scene.streams[i]) ? eigencast::kExitNoStream : eigencast::kExitUsage;
+    }
+    all.push_back(source->get());
+    sources.push_back(std::move(source).value());
   }
-  return options.headless ? eigencast::run_headless(options, **source, stop_wanted, log)
-                          : eigencast::run_window(options, **source, stop_wanted, log);
+  return options.headless ? eigencast::run_headless(options, all, stop_wanted, log)
+                          : eigencast::run_window(options, all, stop_wanted, log);
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <map>
 
+#include "client/clip_source.h"
 #include "common/net/url.h"
 #include "sdk/asset_cache.h"
 #include "sdk/contexts.h"
@@ -18,6 +19,7 @@ constexpr const char* kExamples = R"(Examples:
   eigencast-client ws://host:7490/heart --lod 0.3         three tenths of the vertices
   eigencast-client ws://host:7490/heart --rate raw --playout interpolate
   eigencast-client wss://host/heart --token @FILE         a broker that asks who comes
+  eigencast-client view horse.obj                         a file, without a broker
   eigencast-client --headless --frames 90 --out pictures  no display needed
 In the window, H shows the keys.
 Exit codes: 0 good, 1 failed (no display, no file written), 2 wrong usage, 4 no stream came.)";
@@ -28,7 +30,8 @@ const std::map<std::string, Profile::Scheme> kSchemes{{"linear", Profile::Scheme
                                                       {"damped", Profile::Scheme::kDamped}};
 
 struct RawOptions {
-  std::string size = "1280x720", rate, form, scheme, playout = "latest", context;
+  std::string scene, resolver, size = "1280x720", rate, form, scheme, playout = "latest", context;
+  Credentials credentials;
   int k = 3, bands = 8;
   double delay_ms = 0, smooth = 1, ahead_ms = 200;
 };
@@ -70,20 +73,51 @@ Result<std::optional<Profile>> profile_from(const CLI::App& app, const std::stri
 }
 
 /// Names and contexts become a URL with its credentials.
-Result<void> resolve(ClientOptions& options, const std::string& context) {
+Result<Target> resolve(const std::string& stream, const RawOptions& raw) {
   const auto contexts = Contexts::load(Contexts::default_path());
   if (!contexts) return contexts.error();
-  if (options.url.empty() && contexts->find(context) == nullptr && context.empty()) options.url = kDefaultUrl;
-  auto target = resolve_target(options.url, options.credentials, context, *contexts);
+  const bool nothing = stream.empty() && contexts->find(raw.context) == nullptr && raw.context.empty();
+  auto target = resolve_target(nothing ? kDefaultUrl : stream, raw.credentials, raw.context, *contexts);
   if (!target) return target.error();
-  options.url = std::move(target->url);
-  options.credentials = std::move(target->credentials);
-  const auto url = parse_broker_url(options.url);
-  if (!url || url->credentials.token.empty()) return {};
+  const auto url = parse_broker_url(target->url);
+  if (!url || url->credentials.token.empty()) return target;
   // Reports and titles show the URL: the token goes out of it.
-  if (options.credentials.token.empty()) options.credentials.token = url->credentials.token;
-  options.url = url->origin() + (url->prefix.empty() ? "" : url->prefix + "/v1/subscribe") + "/" + url->stream +
+  if (target->credentials.token.empty()) target->credentials.token = url->credentials.token;
+  target->url = url->origin() + (url->prefix.empty() ? "" : url->prefix + "/v1/subscribe") + "/" + url->stream +
                 (url->query.empty() ? "" : "?" + url->query);
+  return target;
+}
+
+/// The streams of the scene file or of the command line, or the usual one; for each its credentials.
+Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
+  SceneDescription& scene = options.scene;
+  if (!raw.scene.empty()) {
+    if (!scene.streams.empty())
+      return fail(ErrorCode::kInvalidArgument, "--scene names the streams; leave those of the command line out");
+    Result<SceneDescription> read = read_scene_file(raw.scene);
+    if (!read) return read.error();
+    scene = std::move(*read);
+  }
+  if (!scene.streams.empty() && scene.streams.front() == "view") {
+    scene.streams.erase(scene.streams.begin());
+    if (scene.streams.empty())
+      return fail(ErrorCode::kInvalidArgument,
+                  "view: name a file, a folder, a glob or a built-in shape, such as heart");
+    for (std::string& stream : scene.streams) stream = "file:" + stream;
+  }
+  if (scene.streams.empty()) scene.streams = {""};
+  for (std::string& stream : scene.streams) {
+    Target target;
+    if (clip_in(stream)) {
+      target.url = stream;
+    } else {
+      auto resolved = resolve(stream, raw);
+      if (!resolved) return resolved.error();
+      target = std::move(*resolved);
+    }
+    stream = target.url;
+    options.credentials.push_back(target.credentials);
+  }
   return {};
 }
 
@@ -101,27 +135,42 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   CLI::App app{"Watches a deforming surface that a broker streams.", "eigencast-client"};
   app.footer(kExamples);
   app.set_version_flag("--version", "eigencast-client " EIGENCAST_VERSION);
-  app.add_option("url", options.url, "ws://host[:port]/stream, wss://..., or a stream at the context's broker")
+  app.add_option("streams", options.scene.streams,
+                 "ws://host[:port]/stream, wss://..., or streams at the context's broker; or, after the word view, "
+                 "files, folders, "
+                 "globs or built-in shapes, which are baked and played here without a broker")
       ->envname("EIGENCAST_URL")
       ->default_str(kDefaultUrl);
+  app.add_option("--scene", raw.scene, "a JSON file that says which streams stand where (client/README.md)");
   app.add_option("--context", raw.context, "broker by name, see eigencast-sender context (default: the current one)")
       ->envname("EIGENCAST_CONTEXT");
-  app.add_option("--token", options.credentials.token, "token for the broker, or @FILE that holds it")
+  app.add_option("--token", raw.credentials.token, "token for the broker, or @FILE that holds it")
       ->envname("EIGENCAST_TOKEN");
-  app.add_option("--ca", options.credentials.ca_file,
+  app.add_option("--ca", raw.credentials.ca_file,
                  "PEM file of the authorities trusted for wss:// (default: the system's)");
-  app.add_option("--cert", options.credentials.certificate_file,
-                 "PEM file of a certificate for brokers that ask for one");
-  app.add_option("--key", options.credentials.key_file, "PEM file of its private key");
-  app.add_flag("--insecure", options.credentials.insecure,
-               "do not check the broker's certificate: for trying out only");
+  app.add_option("--cert", raw.credentials.certificate_file, "PEM file of a certificate for brokers that ask for one");
+  app.add_option("--key", raw.credentials.key_file, "PEM file of its private key");
+  app.add_flag("--insecure", raw.credentials.insecure, "do not check the broker's certificate: for trying out only");
   app.add_flag("--headless", options.headless, "no window: render into memory, no display needed");
   app.add_option("--frames", options.frames, "end after so many new poses were drawn (0: never)");
   app.add_option("--duration", options.duration_s, "end after so many seconds (0: never)")->check(CLI::Range(0.0, 1e7));
   app.add_option("--out", options.out, "headless: folder for frame_0001.png ... and report.json");
   app.add_option("--size", raw.size, "width x height in pixels")->capture_default_str();
-  app.add_option("--lod", options.scene.lod, "level of detail: fraction of the vertices, 0..1")
+  app.add_option("--lod", options.view_options.lod, "level of detail: fraction of the vertices, 0..1")
       ->check(CLI::Range(0.0, 1.0));
+  app.add_option(
+         "--resolver", raw.resolver,
+         "who chooses levels below --lod, so that pictures come in time: budget (default in the window), paper, "
+         "none (default headless)")
+      ->check(CLI::IsMember({"budget", "paper", "none"}));
+  app.add_option("--target-fps", options.levels.target_fps,
+                 "pictures a second that the resolver holds (default: the display's, headless 60)")
+      ->check(CLI::Range(1.0, 1000.0));
+  app.add_option("--lod-floor", options.levels.floor, "least part of its vertices that a surface keeps")
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  app.add_option("--camera-path", options.camera_path,
+                 "a JSON file that moves the camera (client/README.md); headless it says how long the flight takes");
   app.add_option("--rate", raw.rate, "poses that the broker sends")
       ->check(CLI::IsMember({"raw", "interpolated", "estimated"}));
   app.add_option("--scheme", raw.scheme,
@@ -167,16 +216,23 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   }
   if (!options.headless && !options.out.empty())
     return usage("--out is for --headless; in the window use --screenshot or key S");
-  if (const auto resolved = resolve(options, raw.context); !resolved) return usage(resolved.error().message);
-  Result<std::optional<Profile>> profile = profile_from(app, options.url, raw);
-  if (!profile) return usage("the stream's URL: " + profile.error().message);
-  options.profile = *profile;
+  if (const Result<void> found = find_streams(raw, options); !found) return usage(found.error().message);
+  for (const std::string& stream : options.scene.streams) {
+    if (clip_in(stream)) continue;
+    Result<std::optional<Profile>> profile = profile_from(app, stream, raw);
+    if (!profile) return usage("the stream's URL: " + profile.error().message);
+    options.profile = *profile;
+  }
+  options.levels.kind = raw.resolver == "paper"                                                ? ResolverKind::kPaper
+                        : raw.resolver == "none" || (raw.resolver.empty() && options.headless) ? ResolverKind::kNone
+                                                                                               : ResolverKind::kBudget;
+  options.follow_display = !options.headless && app.count("--target-fps") == 0;
   const bool has_delay = app.count("--smooth") + app.count("--delay") + app.count("--ahead") > 0;
   if (raw.playout == "latest" && has_delay)
     return usage("--smooth, --delay and --ahead are for --playout interpolate or estimate; latest holds nothing back");
   if (app.count("--smooth") > 0 && app.count("--delay") > 0)
     return usage("--smooth and --delay both say how long poses are held back; give one of them");
-  PlayoutSettings& playout = options.scene.playout;
+  PlayoutSettings& playout = options.view_options.playout;
   playout.mode = raw.playout == "interpolate" ? PlayoutMode::kInterpolate
                  : raw.playout == "estimate"  ? PlayoutMode::kEstimate
                                               : PlayoutMode::kLatest;

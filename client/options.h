@@ -4,8 +4,10 @@
 #include <optional>
 #include <string>
 #include <variant>
+#include <vector>
 
-#include "client/scene_state.h"
+#include "client/level_control.h"
+#include "client/scene_file.h"
 #include "common/net/url.h"
 #include "common/wire/control.h"
 
@@ -13,9 +15,13 @@ namespace eigencast {
 
 /// What the command line says.
 struct ClientOptions {
-  std::string url;                 ///< As it was meant: of a context, where a name was given.
-  std::optional<Profile> profile;  ///< Set if an option asked for it; else the URL's query decides.
-  SceneOptions scene;
+  SceneDescription scene;                ///< Its streams as they were meant: of a context, where a name was given.
+  std::vector<Credentials> credentials;  ///< One for each stream.
+  std::optional<Profile> profile;        ///< Set if an option asked for it; else the URL's query decides.
+  SceneOptions view_options;
+  LevelSettings levels;
+  bool follow_display = false;  ///< The target is the display's own rate.
+  std::string camera_path;      ///< File; empty: the user moves the camera.
   std::string view = "iso";
   int width = 1280, height = 720;
   bool headless = false, hud = false;
@@ -24,7 +30,6 @@ struct ClientOptions {
   double wait_s = 30;        ///< Headless: how long to wait for the first pose.
   std::string out, json, record, record_shown, screenshot;
   std::string cache_dir;
-  Credentials credentials;
   bool verbose = false;
 };
 

@@ -3,11 +3,13 @@
 
 #include <algorithm>
 #include <array>
+#include <cassert>
 #include <cmath>
 #include <cstring>
 #include <glm/ext/matrix_clip_space.hpp>
 #include <glm/ext/matrix_transform.hpp>
 #include <glm/geometric.hpp>
+#include <glm/matrix.hpp>
 
 #include "client/gl_objects.h"
 #include "client/shaders.h"
@@ -34,45 +36,131 @@ glm::vec3 centre_of(const Camera& camera) {
 
 }  // namespace
 
+/// What the graphics card holds of one surface.
+class Renderer::Surface final {
+ public:
+  Surface();
+  ~Surface();
+  Surface(const Surface&) = delete;
+  Surface& operator=(const Surface&) = delete;
+
+  void upload(const SurfaceGeometry& geometry);
+  bool drawable() const { return visible && vertex_count_ > 0; }
+  bool is_point_cloud() const { return is_point_cloud_; }
+  float spacing() const { return spacing_ * scale_; }  ///< Of points, in the scene.
+  void place(const glm::mat4& scene_from_surface);
+  /// Sets the program's transform and binds the arrays.
+  void bind(const GlProgram& program) const;
+  void draw_triangles() const { glDrawElements(GL_TRIANGLES, index_count_, GL_UNSIGNED_INT, nullptr); }
+  void draw_points() const { glDrawArrays(GL_POINTS, 0, vertex_count_); }
+
+  bool visible = true;
+
+ private:
+  GLuint array_ = 0, positions_ = 0, normals_ = 0, triangles_ = 0;
+  GLsizei vertex_count_ = 0, index_count_ = 0;
+  std::uint64_t pose_version_ = 0, topology_version_ = 0;
+  bool is_point_cloud_ = false;
+  float spacing_ = 0, scale_ = 1;
+  glm::mat4 scene_from_surface_{1};
+  glm::mat3 scene_from_normal_{1};
+};
+
+Renderer::Surface::Surface() {
+  for (GLuint* buffer : {&positions_, &normals_, &triangles_}) glGenBuffers(1, buffer);
+  glGenVertexArrays(1, &array_);
+  glBindVertexArray(array_);
+  glBindBuffer(GL_ARRAY_BUFFER, positions_);
+  glVertexAttribPointer(0, 3, GL_FLOAT, GL_FALSE, 0, nullptr);
+  glEnableVertexAttribArray(0);
+  glBindBuffer(GL_ARRAY_BUFFER, normals_);
+  glVertexAttribPointer(1, 3, GL_FLOAT, GL_FALSE, 0, nullptr);
+  glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, triangles_);
+}
+
+Renderer::Surface::~Surface() {
+  glDeleteVertexArrays(1, &array_);
+  for (GLuint buffer : {positions_, normals_, triangles_}) glDeleteBuffers(1, &buffer);
+}
+
+void Renderer::Surface::place(const glm::mat4& scene_from_surface) {
+  scene_from_surface_ = scene_from_surface;
+  const glm::mat3 linear(scene_from_surface);
+  // The cofactors: right also where the matrix mirrors, shears or flattens.
+  scene_from_normal_ =
+      glm::mat3(glm::cross(linear[1], linear[2]), glm::cross(linear[2], linear[0]), glm::cross(linear[0], linear[1]));
+  const float determinant = glm::determinant(linear);
+  if (determinant < 0) scene_from_normal_ = -scene_from_normal_;
+  scale_ = std::cbrt(std::abs(determinant));
+}
+
+void Renderer::Surface::upload(const SurfaceGeometry& geometry) {
+  const auto bytes = [](const auto& values) { return static_cast<GLsizeiptr>(values.size() * sizeof(values[0])); };
+  is_point_cloud_ = geometry.is_point_cloud;
+  spacing_ = geometry.point_spacing;
+  if (geometry.pose_version != pose_version_) {
+    pose_version_ = geometry.pose_version;
+    vertex_count_ = static_cast<GLsizei>(geometry.vertex_count());
+    glBindVertexArray(array_);
+    glBindBuffer(GL_ARRAY_BUFFER, positions_);
+    glBufferData(GL_ARRAY_BUFFER, bytes(geometry.positions), geometry.positions.data(), GL_STREAM_DRAW);
+    if (geometry.normals.empty()) {
+      glDisableVertexAttribArray(1);
+      glVertexAttrib3f(1, 0, 0, 0);
+    } else {
+      glEnableVertexAttribArray(1);
+      glBindBuffer(GL_ARRAY_BUFFER, normals_);
+      glBufferData(GL_ARRAY_BUFFER, bytes(geometry.normals), geometry.normals.data(), GL_STREAM_DRAW);
+    }
+  }
+  if (geometry.topology_version != topology_version_) {
+    topology_version_ = geometry.topology_version;
+    index_count_ = static_cast<GLsizei>(geometry.triangles.size());
+    glBindVertexArray(array_);
+    glBufferData(GL_ELEMENT_ARRAY_BUFFER, bytes(geometry.triangles), geometry.triangles.data(), GL_DYNAMIC_DRAW);
+  }
+}
+
+void Renderer::Surface::bind(const GlProgram& program) const {
+  program.set("scene_from_surface", scene_from_surface_);
+  program.set("scene_from_normal", scene_from_normal_);
+  glBindVertexArray(array_);
+}
+
 class Renderer::Impl {
  public:
   ~Impl();
   Result<void> init();
-  void upload(const SurfaceGeometry& geometry);
   void draw(const Camera& camera, const RenderOptions& options, int width, int height, unsigned target);
   unsigned offscreen_target(int width, int height);
 
   GlTarget target_;
   std::string device_;
+  std::vector<std::unique_ptr<Surface>> surfaces_;
 
  private:
   void draw_shadow_map();
   void draw_background() const;
   void draw_ground(const Camera& camera, const RenderOptions& options) const;
-  void draw_mesh(const RenderOptions& options) const;
-  void draw_splats(const Camera& camera, int height, float scale) const;
+  void draw_surfaces(const Camera& camera, const RenderOptions& options, int height) const;
+  void draw_edges() const;
   void draw_axes(const Camera& camera) const;
   void set_lighting(const GlProgram& program, const Camera& camera) const;
   void finish_picture(const RenderOptions& options, unsigned target) const;
 
   GlProgram background_, shadow_, mesh_, line_, splat_, ground_, finish_;
-  GLuint surface_array_ = 0, empty_array_ = 0, axes_array_ = 0;
-  GLuint positions_ = 0, normals_ = 0, triangles_ = 0, axes_ = 0;
+  GLuint empty_array_ = 0, axes_array_ = 0, axes_ = 0;
   GLuint shadow_map_ = 0, shadow_framebuffer_ = 0;
   GLuint offscreen_ = 0, offscreen_colour_ = 0;
   int offscreen_width_ = 0, offscreen_height_ = 0;
-  GLsizei vertex_count_ = 0, index_count_ = 0;
-  std::uint64_t pose_version_ = 0, topology_version_ = 0;
-  bool is_point_cloud_ = false;
-  float spacing_ = 0;
   glm::mat4 clip_from_scene_{1}, view_from_scene_{1}, clip_from_view_{1}, light_from_scene_{1};
   glm::vec3 key_light_{0, 1, 0}, fill_light_{0, 0, 1};
   float scene_radius_ = 1;
 };
 
 Renderer::Impl::~Impl() {
-  for (GLuint array : {surface_array_, empty_array_, axes_array_}) glDeleteVertexArrays(1, &array);
-  for (GLuint buffer : {positions_, normals_, triangles_, axes_}) glDeleteBuffers(1, &buffer);
+  for (GLuint array : {empty_array_, axes_array_}) glDeleteVertexArrays(1, &array);
+  glDeleteBuffers(1, &axes_);
   for (GLuint texture : {shadow_map_, offscreen_colour_}) glDeleteTextures(1, &texture);
   for (GLuint framebuffer : {shadow_framebuffer_, offscreen_}) glDeleteFramebuffers(1, &framebuffer);
 }
@@ -102,15 +190,8 @@ Result<void> Renderer::Impl::init() {
     if (!program) return program.error();
     source.program = std::move(program).value();
   }
-  for (GLuint* buffer : {&positions_, &normals_, &triangles_, &axes_}) glGenBuffers(1, buffer);
-  for (GLuint* array : {&surface_array_, &empty_array_, &axes_array_}) glGenVertexArrays(1, array);
-  glBindVertexArray(surface_array_);
-  glBindBuffer(GL_ARRAY_BUFFER, positions_);
-  glVertexAttribPointer(0, 3, GL_FLOAT, GL_FALSE, 0, nullptr);
-  glEnableVertexAttribArray(0);
-  glBindBuffer(GL_ARRAY_BUFFER, normals_);
-  glVertexAttribPointer(1, 3, GL_FLOAT, GL_FALSE, 0, nullptr);
-  glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, triangles_);
+  glGenBuffers(1, &axes_);
+  for (GLuint* array : {&empty_array_, &axes_array_}) glGenVertexArrays(1, array);
   glBindVertexArray(axes_array_);
   glBindBuffer(GL_ARRAY_BUFFER, axes_);
   glVertexAttribPointer(0, 3, GL_FLOAT, GL_FALSE, 0, nullptr);
@@ -132,33 +213,6 @@ Result<void> Renderer::Impl::init() {
   glReadBuffer(GL_NONE);
   glBindFramebuffer(GL_FRAMEBUFFER, 0);
   return {};
-}
-
-void Renderer::Impl::upload(const SurfaceGeometry& geometry) {
-  const auto bytes = [](const auto& values) { return static_cast<GLsizeiptr>(values.size() * sizeof(values[0])); };
-  is_point_cloud_ = geometry.is_point_cloud;
-  spacing_ = geometry.point_spacing;
-  if (geometry.pose_version != pose_version_) {
-    pose_version_ = geometry.pose_version;
-    vertex_count_ = static_cast<GLsizei>(geometry.vertex_count());
-    glBindVertexArray(surface_array_);
-    glBindBuffer(GL_ARRAY_BUFFER, positions_);
-    glBufferData(GL_ARRAY_BUFFER, bytes(geometry.positions), geometry.positions.data(), GL_STREAM_DRAW);
-    if (geometry.normals.empty()) {
-      glDisableVertexAttribArray(1);
-      glVertexAttrib3f(1, 0, 0, 0);
-    } else {
-      glEnableVertexAttribArray(1);
-      glBindBuffer(GL_ARRAY_BUFFER, normals_);
-      glBufferData(GL_ARRAY_BUFFER, bytes(geometry.normals), geometry.normals.data(), GL_STREAM_DRAW);
-    }
-  }
-  if (geometry.topology_version != topology_version_) {
-    topology_version_ = geometry.topology_version;
-    index_count_ = static_cast<GLsizei>(geometry.triangles.size());
-    glBindVertexArray(surface_array_);
-    glBufferData(GL_ELEMENT_ARRAY_BUFFER, bytes(geometry.triangles), geometry.triangles.data(), GL_DYNAMIC_DRAW);
-  }
 }
 
 void Renderer::Impl::draw(const Camera& camera, const RenderOptions& options, int width, int height, unsigned target) {
@@ -188,15 +242,8 @@ void Renderer::Impl::draw(const Camera& camera, const RenderOptions& options, in
   glActiveTexture(GL_TEXTURE0);
   glBindTexture(GL_TEXTURE_2D, shadow_map_);
   glEnable(GL_DEPTH_TEST);
-  if (vertex_count_ > 0) {
-    if (is_point_cloud_ || options.points) {
-      set_lighting(splat_, camera);
-      draw_splats(camera, height, is_point_cloud_ ? 1.15F : 0.32F);
-    } else {
-      set_lighting(mesh_, camera);
-      draw_mesh(options);
-    }
-  }
+  draw_surfaces(camera, options, height);
+  if (options.edges && !options.points) draw_edges();
   draw_ground(camera, options);
   if (options.axes) draw_axes(camera);
   glDisable(GL_DEPTH_TEST);
@@ -209,17 +256,19 @@ void Renderer::Impl::draw_shadow_map() {
   glViewport(0, 0, kShadowSide, kShadowSide);
   glDepthMask(GL_TRUE);
   glClear(GL_DEPTH_BUFFER_BIT);
-  if (vertex_count_ == 0) return;
   glEnable(GL_DEPTH_TEST);
+  glEnable(GL_PROGRAM_POINT_SIZE);
   shadow_.use();
   shadow_.set("light_from_scene", light_from_scene_);
-  glBindVertexArray(surface_array_);
-  if (is_point_cloud_) {
-    glEnable(GL_PROGRAM_POINT_SIZE);
-    shadow_.set("point_px", std::max(1.0F, 2 * spacing_ * kShadowSide / (4.4F * scene_radius_)));
-    glDrawArrays(GL_POINTS, 0, vertex_count_);
-  } else {
-    glDrawElements(GL_TRIANGLES, index_count_, GL_UNSIGNED_INT, nullptr);
+  for (const auto& surface : surfaces_) {
+    if (!surface->drawable()) continue;
+    surface->bind(shadow_);
+    if (surface->is_point_cloud()) {
+      shadow_.set("point_px", std::max(1.0F, 2 * surface->spacing() * kShadowSide / (4.4F * scene_radius_)));
+      surface->draw_points();
+    } else {
+      surface->draw_triangles();
+    }
   }
 }
 
@@ -246,14 +295,34 @@ void Renderer::Impl::set_lighting(const GlProgram& program, const Camera& camera
   program.set("normal_offset", 0.018F * scene_radius_);
 }
 
-void Renderer::Impl::draw_mesh(const RenderOptions& options) const {
-  glBindVertexArray(surface_array_);
+void Renderer::Impl::draw_surfaces(const Camera& camera, const RenderOptions& options, int height) const {
+  const auto as_points = [&](const Surface& surface) { return surface.is_point_cloud() || options.points; };
+  set_lighting(mesh_, camera);
   // Only under edges: the slope term would let back faces shine through along the silhouette.
   if (options.edges) glEnable(GL_POLYGON_OFFSET_FILL);
   glPolygonOffset(1, 1);
-  glDrawElements(GL_TRIANGLES, index_count_, GL_UNSIGNED_INT, nullptr);
+  for (const auto& surface : surfaces_) {
+    if (!surface->drawable() || as_points(*surface)) continue;
+    surface->bind(mesh_);
+    surface->draw_triangles();
+  }
   glDisable(GL_POLYGON_OFFSET_FILL);
-  if (!options.edges) return;
+
+  set_lighting(splat_, camera);
+  splat_.set("view_from_scene", view_from_scene_);
+  splat_.set("clip_from_view", clip_from_view_);
+  splat_.set("px_per_unit", 0.5F * static_cast<float>(height) / std::tan(0.5F * Camera::kFieldOfView));
+  glEnable(GL_PROGRAM_POINT_SIZE);
+  for (const auto& surface : surfaces_) {
+    if (!surface->drawable() || !as_points(*surface)) continue;
+    surface->bind(splat_);
+    const float scale = surface->is_point_cloud() ? 1.15F : 0.32F;
+    splat_.set("radius", scale * std::max(surface->spacing(), 1e-4F * camera.scene_radius()));
+    surface->draw_points();
+  }
+}
+
+void Renderer::Impl::draw_edges() const {
   line_.use();
   line_.set("clip_from_scene", clip_from_scene_);
   line_.set("line_colour", glm::vec4(0.08F, 0.05F, 0.07F, 0.42F));
@@ -261,20 +330,14 @@ void Renderer::Impl::draw_mesh(const RenderOptions& options) const {
   glBlendFunc(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA);
   glPolygonMode(GL_FRONT_AND_BACK, GL_LINE);
   glDepthMask(GL_FALSE);
-  glDrawElements(GL_TRIANGLES, index_count_, GL_UNSIGNED_INT, nullptr);
+  for (const auto& surface : surfaces_) {
+    if (!surface->drawable() || surface->is_point_cloud()) continue;
+    surface->bind(line_);
+    surface->draw_triangles();
+  }
   glDepthMask(GL_TRUE);
   glPolygonMode(GL_FRONT_AND_BACK, GL_FILL);
   glDisable(GL_BLEND);
-}
-
-void Renderer::Impl::draw_splats(const Camera& camera, int height, float scale) const {
-  splat_.set("view_from_scene", view_from_scene_);
-  splat_.set("clip_from_view", clip_from_view_);
-  splat_.set("radius", scale * std::max(spacing_, 1e-4F * camera.scene_radius()));
-  splat_.set("px_per_unit", 0.5F * static_cast<float>(height) / std::tan(0.5F * Camera::kFieldOfView));
-  glEnable(GL_PROGRAM_POINT_SIZE);
-  glBindVertexArray(surface_array_);
-  glDrawArrays(GL_POINTS, 0, vertex_count_);
 }
 
 void Renderer::Impl::draw_ground(const Camera& camera, const RenderOptions& options) const {
@@ -307,6 +370,7 @@ void Renderer::Impl::draw_axes(const Camera& camera) const {
   const glm::vec3 from = centre_of(camera);
   line_.use();
   line_.set("clip_from_scene", clip_from_scene_);
+  line_.set("scene_from_surface", glm::mat4(1));
   glBindVertexArray(axes_array_);
   glDisable(GL_DEPTH_TEST);
   for (int axis = 0; axis < 3; ++axis) {
@@ -332,7 +396,11 @@ void Renderer::Impl::finish_picture(const RenderOptions& options, unsigned targe
   finish_.set("picture", 0);
   finish_.set("depth", 1);
   finish_.set("colourfulness", std::clamp(options.colourfulness, 0.0F, 1.0F));
-  finish_.set("dome", is_point_cloud_ ? 90.0F : 0.0F);
+  const bool all_clouds =
+      !surfaces_.empty() && std::all_of(surfaces_.begin(), surfaces_.end(), [](const auto& surface) {
+        return surface->is_point_cloud() || !surface->drawable();
+      });
+  finish_.set("dome", all_clouds ? 90.0F : 0.0F);
   const float m = clip_from_view_[2][2], k = clip_from_view_[3][2];
   finish_.set("near_far", glm::vec2(k / (m - 1), k / (m + 1)));
   glBindVertexArray(empty_array_);
@@ -361,11 +429,24 @@ Renderer::~Renderer() = default;
 Result<std::unique_ptr<Renderer>> Renderer::create() {
   auto impl = std::make_unique<Impl>();
   if (const Result<void> ready = impl->init(); !ready) return ready.error();
+  impl->surfaces_.push_back(std::make_unique<Surface>());
   return std::unique_ptr<Renderer>(new Renderer(std::move(impl)));
 }
 
-void Renderer::upload(const SurfaceGeometry& geometry) {
-  impl_->upload(geometry);
+void Renderer::set_surface_count(std::size_t count) {
+  impl_->surfaces_.resize(std::min(count, impl_->surfaces_.size()));
+  while (impl_->surfaces_.size() < count) impl_->surfaces_.push_back(std::make_unique<Surface>());
+}
+
+void Renderer::upload(std::size_t surface, const SurfaceGeometry& geometry) {
+  assert(surface < impl_->surfaces_.size());
+  impl_->surfaces_[surface]->upload(geometry);
+}
+
+void Renderer::place(std::size_t surface, const glm::mat4& scene_from_surface, bool visible) {
+  assert(surface < impl_->surfaces_.size());
+  impl_->surfaces_[surface]->place(scene_from_surface);
+  impl_->surfaces_[surface]->visible = visible;
 }
 
 void Renderer::draw(const Camera& camera, const RenderOptions& options, int width_px, int height_px, unsigned target) {

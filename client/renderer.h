@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <glm/mat4x4.hpp>
 #include <memory>
 #include <string>
 
 #include "client/camera.h"
 #include "client/picture.h"
-#include "client/scene_state.h"
+#include "client/surface_view.h"
 #include "common/core/result.h"
 
 namespace eigencast {
@@ -16,7 +17,7 @@ struct RenderOptions {
   float colourfulness = 1;  ///< 0 = grey, as while the connection is lost.
 };
 
-/// Draws a surface with OpenGL 3.3 core, 4 samples a pixel, into a framebuffer of its own and from there to wherever is
+/// Draws surfaces with OpenGL 3.3 core, 4 samples a pixel, into a framebuffer of its own and from there to wherever is
 /// bound: the window and headless rendering give the same picture.
 ///
 /// Belongs to the OpenGL context that was current when it was made, which must be current in every call. Not
@@ -27,8 +28,12 @@ class Renderer final {
   static Result<std::unique_ptr<Renderer>> create();
   ~Renderer();
 
-  /// Hands the changed parts of the surface to the graphics card.
-  void upload(const SurfaceGeometry& geometry);
+  /// There are so many surfaces from now on: those beyond are forgotten, new ones are empty and in their own place.
+  void set_surface_count(std::size_t count);
+  /// Hands the changed parts of a surface to the graphics card. REQUIRES: surface < the count, which is 1 at first.
+  void upload(std::size_t surface, const SurfaceGeometry& geometry);
+  /// Where a surface stands, and whether it is drawn.
+  void place(std::size_t surface, const glm::mat4& scene_from_surface, bool visible = true);
   /// Draws what was uploaded last (nothing is fine) to framebuffer `target` (0 = the window), width x height pixels.
   void draw(const Camera& camera, const RenderOptions& options, int width_px, int height_px, unsigned target = 0);
   /// Draws into memory. Errors: kUnsupported (larger than the card can).
@@ -44,6 +49,7 @@ class Renderer final {
   static void finish();               ///< Waits until everything has been drawn; for measuring.
 
  private:
+  class Surface;
   class Impl;
   explicit Renderer(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;

@@ -2,7 +2,9 @@
 #include "client/session.h"
 
 #include <algorithm>
+#include <cassert>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 namespace eigencast {
 namespace {
@@ -34,17 +36,37 @@ json json_from(const std::optional<TimeUs>& value) {
   return value ? json(*value) : json(nullptr);
 }
 
+bool is_well(Subscriber::State state) {
+  return state == Subscriber::State::kLive || state == Subscriber::State::kDownloading;
+}
+
+std::vector<Placement> one_each(std::size_t sources) {
+  std::vector<Placement> placements(sources);
+  for (std::size_t i = 0; i < sources; ++i) placements[i].source = i;
+  return placements;
+}
+
 double per_second(std::uint64_t count, double seconds) {
   return seconds > 0 ? static_cast<double>(count) / seconds : 0;
 }
 
 }  // namespace
 
-Session::Session(const ClientOptions& options, PoseSource& source, LogSink log)
-    : options_(options), source_(source), log_(std::move(log)), scene_(options.scene), started_us_(steady_now_us()) {}
+Session::Session(const ClientOptions& options, std::span<PoseSource* const> sources, LogSink log)
+    : options_(options),
+      sources_(sources.begin(), sources.end()),
+      log_(std::move(log)),
+      scene_(options.scene.placements.empty() ? one_each(sources.size()) : options.scene.placements,
+             options.view_options, options.scene.row),
+      levels_(options.levels),
+      started_us_(steady_now_us()),
+      said_(sources.size()) {
+  for (const Placement& placement : options.scene.placements) assert(placement.source < sources.size());
+}
 
-Result<std::unique_ptr<Session>> Session::create(const ClientOptions& options, PoseSource& source, LogSink log) {
-  std::unique_ptr<Session> session(new Session(options, source, std::move(log)));
+Result<std::unique_ptr<Session>> Session::create(const ClientOptions& options, std::span<PoseSource* const> sources,
+                                                 LogSink log) {
+  std::unique_ptr<Session> session(new Session(options, sources, std::move(log)));
   if (!options.record.empty()) {
     session->record_.open(options.record, std::ios::trunc);
     if (!session->record_) return fail(ErrorCode::kIo, options.record + ": cannot be written; is its folder there?");
@@ -57,16 +79,27 @@ Result<std::unique_ptr<Session>> Session::create(const ClientOptions& options, P
   return session;
 }
 
+bool Session::poll(std::chrono::milliseconds timeout) {
+  bool received = false;
+  const auto share = timeout / static_cast<int>(sources_.size());
+  for (std::size_t i = 0; i < sources_.size(); ++i) {
+    const std::vector<ReceivedPose> poses = sources_[i]->poll(received ? std::chrono::milliseconds(0) : share);
+    received |= !poses.empty();
+    for (const ReceivedPose& pose : poses) last_arrival_us_ = std::max(last_arrival_us_, pose.arrival_us);
+    poses_taken_ += poses.size();
+    if (record_.is_open()) record(i, poses);
+    scene_.receive(i, *sources_[i], poses);
+  }
+  return received;
+}
+
 bool Session::update(std::chrono::milliseconds timeout, Camera& camera) {
-  std::vector<ReceivedPose> poses = source_.poll(timeout);
+  const bool received = poll(timeout);
   const TimeUs now = steady_now_us();
-  const bool received = !poses.empty();
-  note_arrivals(poses);
-  if (record_.is_open()) record(poses);
-  scene_.receive(source_, std::move(poses));
-  const bool changed = scene_.advance(source_, now);
-  if (changed) frame_scene(camera);
-  const Subscriber::Stats stats = source_.stats();
+  levels_.choose(scene_, sources_, camera, std::exchange(last_work_, std::nullopt));
+  const bool changed = scene_.advance(sources_, now);
+  frame_scene(camera);
+  const Subscriber::Stats stats = this->stats();
   if (received) {
     last_ = Received{last_arrival_us_, stats.keys, stats.bytes, poses_taken_};
     if (!first_) first_ = last_;
@@ -80,21 +113,16 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera) {
   } else if (!lost_since_us_) {
     lost_since_us_ = now;
   }
-  say_state();
+  say_states();
+  rebuilding_us_ += steady_now_us() - now;
   return changed;
 }
 
-void Session::note_arrivals(const std::vector<ReceivedPose>& poses) {
-  for (const ReceivedPose& pose : poses) {
-    ++poses_taken_;
-    last_arrival_us_ = pose.arrival_us;
-  }
-}
-
-void Session::record(const std::vector<ReceivedPose>& poses) {
+void Session::record(std::size_t source, const std::vector<ReceivedPose>& poses) {
   for (const ReceivedPose& pose : poses) {
     const Envelope& e = pose.envelope;
-    const json line{{"kind", name_of(e.kind)},
+    const json line{{"stream", source},
+                    {"kind", name_of(e.kind)},
                     {"sequence", e.sequence},
                     {"at", e.step.at},
                     {"of", e.step.of},
@@ -111,27 +139,35 @@ void Session::record(const std::vector<ReceivedPose>& poses) {
 }
 
 void Session::record_shown(TimeUs drawn_us) {
-  const json line{{"drawn_us", drawn_us},
-                  {"capture_us", *scene_.shown_capture_us()},
-                  {"shown", name_of(scene_.shown())},
-                  {"settling", scene_.settling()},
-                  {"coefficients", scene_.coefficients()}};
-  shown_record_ << line.dump() << '\n';
+  for (std::size_t i = 0; i < scene_.instances().size(); ++i) {
+    const SurfaceView& view = scene_.instances()[i].view;
+    if (!view.shown_capture_us()) continue;
+    const json line{{"surface", i},
+                    {"drawn_us", drawn_us},
+                    {"capture_us", *view.shown_capture_us()},
+                    {"shown", name_of(view.shown())},
+                    {"settling", view.settling()},
+                    {"coefficients", view.coefficients()}};
+    shown_record_ << line.dump() << '\n';
+  }
 }
 
-void Session::say_state() {
-  const Subscriber::Stats stats = source_.stats();
-  if (said_ == stats.state) return;  // the source itself says why and when it tries again
-  said_ = stats.state;
-  std::string line(name_of(stats.state));
-  if (!stats.detail.empty()) line += ": " + stats.detail;
-  const bool fine =
-      is_connected() || stats.state == Subscriber::State::kConnecting || stats.state == Subscriber::State::kWaiting;
-  log(log_, fine ? LogLevel::kInfo : LogLevel::kWarning, line);
+void Session::say_states() {
+  for (std::size_t i = 0; i < sources_.size(); ++i) {
+    const Subscriber::Stats stats = sources_[i]->stats();
+    if (said_[i] == stats.state) continue;  // the source itself says why and when it tries again
+    said_[i] = stats.state;
+    std::string line(name_of(stats.state));
+    if (sources_.size() > 1 && i < options_.scene.streams.size()) line = options_.scene.streams[i] + ": " + line;
+    if (!stats.detail.empty()) line += ": " + stats.detail;
+    const bool fine = is_well(stats.state) || stats.state == Subscriber::State::kConnecting ||
+                      stats.state == Subscriber::State::kWaiting;
+    log(log_, fine ? LogLevel::kInfo : LogLevel::kWarning, line);
+  }
 }
 
 void Session::frame_scene(Camera& camera) {
-  const SceneFacts& facts = scene_.facts();
+  const SurfaceFacts& facts = scene_.facts();
   if (facts.version == facts_version_) return;
   facts_version_ = facts.version;
   if (!up_set_ && facts.up_axis != Asset::UpAxis::kUnknown) {
@@ -146,29 +182,74 @@ void Session::frame_scene(Camera& camera) {
 void Session::draw(Renderer& renderer, const Camera& camera, RenderOptions options, int width_px, int height_px,
                    unsigned target, bool finish) {
   const TimeUs start = steady_now_us();
-  renderer.upload(scene_.geometry());
+  const auto& instances = scene_.instances();
+  renderer.set_surface_count(instances.size());
+  for (std::size_t i = 0; i < instances.size(); ++i) {
+    renderer.upload(i, instances[i].view.geometry());
+    renderer.place(i, instances[i].scene_from_surface, instances[i].visible);
+  }
   const TimeUs uploaded = steady_now_us();
   options.colourfulness = colourfulness();
   renderer.draw(camera, options, width_px, height_px, target);
-  if (finish) Renderer::finish();
+  if (finish || levels_.active()) Renderer::finish();
   const TimeUs end = steady_now_us();
   upload_us_.add(uploaded - start);
   draw_us_.add(end - uploaded);
+  const TimeUs work = end - start + std::exchange(rebuilding_us_, 0);
+  work_us_.add(work);
+  last_work_ = FrameWork{end, static_cast<double>(work) / 1e6};
   ++drawn_;
-  if (shown_record_.is_open() && scene_.shown_capture_us()) record_shown(end);
+  if (shown_record_.is_open()) record_shown(end);
   if (scene_.poses_shown() != drawn_pose_) {
     drawn_pose_ = scene_.poses_shown();
-    if (scene_.shown_capture_us()) drawn_latency_us_.add(end - *scene_.shown_capture_us());
+    TimeUs newest = 0;
+    for (const Scene::Instance& instance : instances)
+      newest = std::max(newest, instance.view.shown_capture_us().value_or(0));
+    if (newest > 0) drawn_latency_us_.add(end - newest);
   }
 }
 
+Subscriber::Stats Session::stats() const {
+  Subscriber::Stats all = troubled().stats();
+  for (const PoseSource* source : sources_) {
+    if (source == &troubled()) continue;
+    const Subscriber::Stats s = source->stats();
+    all.keys += s.keys;
+    all.synthetic += s.synthetic;
+    all.joins += s.joins;
+    all.bytes += s.bytes;
+    all.rejected += s.rejected;
+    all.skipped += s.skipped;
+    all.missed += s.missed;
+    all.reconnects += s.reconnects;
+    all.asset_bytes_downloaded += s.asset_bytes_downloaded;
+    all.asset_bytes_cached += s.asset_bytes_cached;
+    all.asset_bytes_total += s.asset_bytes_total;
+    all.latency_us.merge(s.latency_us);
+  }
+  return all;
+}
+
+const PoseSource& Session::troubled() const {
+  for (const PoseSource* source : sources_) {
+    if (!is_well(source->stats().state)) return *source;
+  }
+  return *sources_.front();
+}
+
+std::optional<TimeUs> Session::newest_arrival_us() const {
+  std::optional<TimeUs> newest;
+  for (const Scene::Instance& instance : scene_.instances())
+    newest = std::max(newest, instance.view.newest_arrival_us());
+  return newest;
+}
+
 bool Session::is_connected() const {
-  const Subscriber::State state = source_.stats().state;
-  return state == Subscriber::State::kLive || state == Subscriber::State::kDownloading;
+  return is_well(troubled().stats().state);
 }
 
 float Session::colourfulness() const {
-  if (!lost_since_us_ || !scene_.newest_arrival_us()) return 1;
+  if (!lost_since_us_ || !newest_arrival_us()) return 1;
   return std::clamp(1 - static_cast<float>(steady_now_us() - *lost_since_us_) / 500'000.0F, 0.0F, 1.0F);
 }
 
@@ -178,54 +259,81 @@ HudFigures Session::figures() const {
   f.poses_hz = poses_.per_second();
   f.drawn_hz = drawn_rate_.per_second();
   f.kbit_per_s = bytes_.per_second() * 8 / 1000;
-  const Subscriber::Stats stats = source_.stats();
+  const Subscriber::Stats stats = this->stats();
   f.latency_p50_us = stats.latency_us.percentile(50);
   f.latency_p99_us = stats.latency_us.percentile(99);
   f.latency_count = stats.latency_us.count();
-  f.vertices = scene_.geometry().vertex_count();
-  f.faces = static_cast<std::uint32_t>(scene_.geometry().triangles.size() / 3);
-  f.bands = scene_.bands_received();
-  if (const Asset* asset = source_.asset()) {
-    f.vertices_total = asset->vertex_count;
+  f.vertices = scene_.vertex_count();
+  f.faces = scene_.triangle_count();
+  for (const Scene::Instance& instance : scene_.instances()) {
+    const Asset* asset = sources_[instance.placement.source]->asset();
+    if (asset == nullptr) continue;
+    f.vertices_total += asset->vertex_count;
+    f.levels.push_back(static_cast<double>(instance.view.geometry().vertex_count()) / asset->vertex_count);
+  }
+  const SurfaceView& first = scene_.instances().front().view;
+  const PoseSource& source = *sources_[scene_.instances().front().placement.source];
+  f.bands = first.bands_received();
+  if (const Asset* asset = source.asset()) {
     f.rank = asset->rank;
     f.bands_total = static_cast<std::uint32_t>(asset->band_ends.size());
   }
-  const Profile profile = source_.info() ? source_.info()->profile : options_.profile.value_or(Profile{});
-  f.shown = text_from_shown(scene_.shown(), scene_.settling(), scene_.playout());
-  f.mode = text_from_mode(profile);
+  if (levels_.active()) f.resolver = text_from_levels(levels_, static_cast<double>(work_us_.percentile(50)) / 1e6);
+  f.shown = text_from_shown(first.shown(), first.settling(), first.playout());
+  f.mode = text_from_mode(source.info() ? source.info()->profile : options_.profile.value_or(Profile{}));
   return f;
 }
 
 std::string Session::connection() const {
-  return connection_line(source_.stats(), source_.info());
+  return connection_line(stats(), troubled().info());
 }
 
 std::string Session::banner() const {
   std::optional<TimeUs> since;
-  if (scene_.newest_arrival_us()) since = steady_now_us() - *scene_.newest_arrival_us();
-  return banner_text(source_.stats(), since);
+  if (newest_arrival_us()) since = steady_now_us() - *newest_arrival_us();
+  return banner_text(stats(), since);
+}
+
+json Session::surfaces_report() const {
+  json surfaces = json::array();
+  for (const Scene::Instance& instance : scene_.instances()) {
+    const PoseSource& source = *sources_[instance.placement.source];
+    const Asset* asset = source.asset();
+    const SurfaceView& view = instance.view;
+    surfaces.push_back({{"stream", instance.placement.source},
+                        {"name", instance.placement.name},
+                        {"state", name_of(source.stats().state)},
+                        {"poses_shown", view.poses_shown()},
+                        {"vertices", view.geometry().vertex_count()},
+                        {"of", asset == nullptr ? 0 : asset->vertex_count},
+                        {"faces", view.geometry().triangles.size() / 3}});
+  }
+  return surfaces;
 }
 
 std::string Session::report(const Renderer& renderer, int width_px, int height_px) const {
-  const Subscriber::Stats stats = source_.stats();
+  const Subscriber::Stats stats = this->stats();
   const HudFigures figures_now = figures();
+  const PoseSource& source = *sources_[scene_.instances().front().placement.source];
+  const SurfaceView& view = scene_.instances().front().view;
+  std::uint64_t unusable = 0;
+  for (const Scene::Instance& instance : scene_.instances()) unusable += instance.view.poses_unusable();
   // Rates are those between the first and the last arrival, with the counters as they stood at both.
   const Received first = first_.value_or(Received{}), last = last_.value_or(Received{});
   const double span_s = static_cast<double>(last.arrival_us - first.arrival_us) / 1e6;
-  const auto& info = source_.info();
+  const auto& info = source.info();
   json report;
   report["program"] = "eigencast-client " EIGENCAST_VERSION;
-  report["url"] = options_.url;
+  report["url"] = options_.scene.streams.empty() ? "" : options_.scene.streams.front();
   report["stream"] = info ? info->stream : "";
   report["asset"] = info ? info->asset : "";
   report["mode"] = figures_now.mode;
   report["state"] = name_of(stats.state);
   report["duration_s"] = static_cast<double>(steady_now_us() - started_us_) / 1e6;
   report["receiving_s"] = span_s;
-  report["frames_in"] = {{"keys", stats.keys},         {"synthetic", stats.synthetic},
-                         {"joins", stats.joins},       {"poses", poses_taken_},
-                         {"bytes", stats.bytes},       {"missed", stats.missed},
-                         {"rejected", stats.rejected}, {"unusable", scene_.poses_unusable()}};
+  report["frames_in"] = {{"keys", stats.keys},         {"synthetic", stats.synthetic}, {"joins", stats.joins},
+                         {"poses", poses_taken_},      {"bytes", stats.bytes},         {"missed", stats.missed},
+                         {"rejected", stats.rejected}, {"unusable", unusable}};
   report["frames_out"] = {{"drawn", drawn_}, {"poses_shown", scene_.poses_shown()}, {"written", written_}};
   report["rates_hz"] = {{"keys", per_second(last.keys - first.keys, span_s)},
                         {"poses", per_second(last.poses - first.poses, span_s)},
@@ -235,16 +343,19 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
   report["lod"] = {{"fraction", scene_.lod().fraction()},
                    {"vertices", figures_now.vertices},
                    {"of", figures_now.vertices_total},
-                   {"faces", figures_now.faces}};
+                   {"faces", figures_now.faces},
+                   {"resolver", name_of(levels_.kind())},
+                   {"target_fps", levels_.active() ? json(levels_.settings().target_fps) : json(nullptr)},
+                   {"state", levels_.active() ? json(levels_.state()) : json(nullptr)}};
+  report["surfaces"] = surfaces_report();
   report["bands"] = {{"received", figures_now.bands}, {"of", figures_now.bands_total}, {"rank", figures_now.rank}};
-  const Playout& playout = scene_.playout();
+  const Playout& playout = view.playout();
   report["playout"] = {{"mode", name_of(playout.settings().mode)},
                        {"smoothness", playout.smoothness()},
                        {"delay_us", playout.delay_us()}};
-  for (std::size_t i = 0; i < scene_.times_shown().size(); ++i)
-    report["playout"]["shown"][std::string(name_of(static_cast<Shown>(i)))] = scene_.times_shown()[i];
-  if (const Asset* asset = source_.asset())
-    report["surface"] = {{"area", asset->area}, {"diagonal", asset->diagonal()}};
+  for (std::size_t i = 0; i < view.times_shown().size(); ++i)
+    report["playout"]["shown"][std::string(name_of(static_cast<Shown>(i)))] = view.times_shown()[i];
+  if (const Asset* asset = source.asset()) report["surface"] = {{"area", asset->area}, {"diagonal", asset->diagonal()}};
   report["reconnects"] = stats.reconnects;
   report["clock"] = {{"offset_us", json_from(stats.clock_offset_us)},
                      {"error_us", json_from(stats.clock_error_us)},
@@ -255,7 +366,8 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
   report["frame_time_us"] = {{"reconstruct", json_from(scene_.reconstruct_us())},
                              {"normals", json_from(scene_.normals_us())},
                              {"upload", json_from(upload_us_)},
-                             {"draw", json_from(draw_us_)}};
+                             {"draw", json_from(draw_us_)},
+                             {"work", json_from(work_us_)}};
   report["picture"] = {
       {"width", width_px}, {"height", height_px}, {"samples", renderer.samples()}, {"device", renderer.device()}};
   return report.dump(2) + "\n";

@@ -5,35 +5,41 @@
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
+#include <span>
 #include <string>
+#include <vector>
 
 #include "client/camera.h"
 #include "client/hud_text.h"
+#include "client/level_control.h"
 #include "client/options.h"
 #include "client/rate_meter.h"
 #include "client/renderer.h"
-#include "client/scene_state.h"
+#include "client/scene.h"
 
 namespace eigencast {
 
-/// What window and headless viewer share: polls the source, keeps the scene, counts, says on the log how the connection
-/// stands, records poses, and writes the report.
+/// What window and headless viewer share: polls the sources, keeps the scene and its levels of detail, counts, says on
+/// the log how the connections stand, records poses, and writes the report.
 ///
 /// Not thread-safe.
 class Session final {
  public:
-  /// The source must outlive it. Errors: kIo (the record cannot be made).
-  static Result<std::unique_ptr<Session>> create(const ClientOptions& options, PoseSource& source, LogSink log);
+  /// The sources must outlive it. Errors: kIo (the record cannot be made).
+  static Result<std::unique_ptr<Session>> create(const ClientOptions& options, std::span<PoseSource* const> sources,
+                                                 LogSink log);
 
-  /// Waits at most `timeout` for poses, then rebuilds the surface; true if there is something new to draw.
+  /// Waits at most `timeout` for poses, then rebuilds the surfaces; true if there is something new to draw.
   bool update(std::chrono::milliseconds timeout, Camera& camera);
-  /// Uploads and draws the scene; measures both. Waits for the graphics card only if `finish`.
+  /// Uploads and draws the scene; measures both, and waits for the graphics card if `finish` or if the levels of detail
+  /// follow what a picture costs.
   void draw(Renderer& renderer, const Camera& camera, RenderOptions options, int width_px, int height_px,
             unsigned target, bool finish);
 
-  SceneState& scene() { return scene_; }
-  const SceneState& scene() const { return scene_; }
-  Subscriber::Stats stats() const { return source_.stats(); }
+  Scene& scene() { return scene_; }
+  const Scene& scene() const { return scene_; }
+  LevelControl& levels() { return levels_; }
+  const LevelControl& levels() const { return levels_; }
   HudFigures figures() const;
   std::string connection() const;
   std::string banner() const;
@@ -48,20 +54,26 @@ class Session final {
   std::string report(const Renderer& renderer, int width_px, int height_px) const;
 
  private:
-  Session(const ClientOptions& options, PoseSource& source, LogSink log);
-  void record(const std::vector<ReceivedPose>& poses);
+  Session(const ClientOptions& options, std::span<PoseSource* const> sources, LogSink log);
+  bool poll(std::chrono::milliseconds timeout);
+  void record(std::size_t source, const std::vector<ReceivedPose>& poses);
   void record_shown(TimeUs drawn_us);
-  void note_arrivals(const std::vector<ReceivedPose>& poses);
-  void say_state();
+  void say_states();
   void frame_scene(Camera& camera);
+  /// Of all sources: counts added up, the state of the first that is not well.
+  Subscriber::Stats stats() const;
+  const PoseSource& troubled() const;
+  std::optional<TimeUs> newest_arrival_us() const;
+  nlohmann::json surfaces_report() const;
 
   const ClientOptions options_;
-  PoseSource& source_;
+  const std::vector<PoseSource*> sources_;
   LogSink log_;
-  SceneState scene_;
+  Scene scene_;
+  LevelControl levels_;
   std::ofstream record_, shown_record_;
   RateMeter keys_, poses_, drawn_rate_, bytes_;
-  Histogram drawn_latency_us_, upload_us_, draw_us_;
+  Histogram drawn_latency_us_, upload_us_, draw_us_, work_us_;
   TimeUs started_us_ = 0;
   /// What had been received when a pose arrived.
   struct Received {
@@ -70,10 +82,12 @@ class Session final {
   };
   std::optional<Received> first_, last_;
   TimeUs last_arrival_us_ = 0;
+  TimeUs rebuilding_us_ = 0;  ///< Work of update() since the last picture.
+  std::optional<FrameWork> last_work_;
   std::optional<TimeUs> lost_since_us_;
   std::uint64_t poses_taken_ = 0, drawn_ = 0, written_ = 0;
   std::uint64_t facts_version_ = 0, drawn_pose_ = 0;
-  std::optional<Subscriber::State> said_;
+  std::vector<std::optional<Subscriber::State>> said_;
   bool up_set_ = false;
 };
 

@@ -26,10 +26,11 @@ void main() {
 
 inline constexpr const char* kShadowVertex = R"(#version 330 core
 layout(location = 0) in vec3 position;
+uniform mat4 scene_from_surface;
 uniform mat4 light_from_scene;
 uniform float point_px;
 void main() {
-  gl_Position = light_from_scene * vec4(position, 1.0);
+  gl_Position = light_from_scene * (scene_from_surface * vec4(position, 1.0));
   gl_PointSize = point_px;
 })";
 inline constexpr const char* kShadowFragment = R"(#version 330 core
@@ -79,13 +80,15 @@ vec3 shaded(vec3 at, vec3 n, bool inside, float key_shadow) {
 inline constexpr const char* kMeshVertex = R"(#version 330 core
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
+uniform mat4 scene_from_surface;
+uniform mat3 scene_from_normal;
 uniform mat4 clip_from_scene;
 out vec3 at;
 out vec3 scene_normal;
 void main() {
-  at = position;
-  scene_normal = normal;
-  gl_Position = clip_from_scene * vec4(position, 1.0);
+  at = (scene_from_surface * vec4(position, 1.0)).xyz;
+  scene_normal = dot(normal, normal) > 0.0 ? normalize(scene_from_normal * normal) : vec3(0.0);
+  gl_Position = clip_from_scene * vec4(at, 1.0);
 })";
 inline constexpr const char* kMeshFragment = R"(
 in vec3 at;
@@ -112,6 +115,8 @@ void main() { colour = line_colour; })";
 inline constexpr const char* kSplatVertex = R"(#version 330 core
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
+uniform mat4 scene_from_surface;
+uniform mat3 scene_from_normal;
 uniform mat4 view_from_scene;
 uniform mat4 clip_from_view;
 uniform float radius;
@@ -120,10 +125,10 @@ out vec3 centre;
 flat out vec3 scene_normal;
 flat out vec3 scene_centre;
 void main() {
-  vec4 view = view_from_scene * vec4(position, 1.0);
+  scene_centre = (scene_from_surface * vec4(position, 1.0)).xyz;
+  scene_normal = dot(normal, normal) > 0.0 ? normalize(scene_from_normal * normal) : vec3(0.0);
+  vec4 view = view_from_scene * vec4(scene_centre, 1.0);
   centre = view.xyz;
-  scene_centre = position;
-  scene_normal = normal;
   gl_Position = clip_from_view * view;
   gl_PointSize = max(2.0 * radius * px_per_unit / max(-view.z, 1e-6), 1.5);
 })";

@@ -14,13 +14,13 @@ struct KeyBinding {
   std::string_view key;
   Action action;
 };
-constexpr std::array<KeyBinding, 23> kBindings{
+constexpr std::array<KeyBinding, 24> kBindings{
     {{"R", Action::kResetCamera}, {"Home", Action::kResetCamera}, {"H", Action::kHelp},         {"F1", Action::kHelp},
      {"X", Action::kAxes},        {"G", Action::kGrid},           {"E", Action::kEdges},        {"P", Action::kPoints},
      {"F", Action::kHud},         {"S", Action::kScreenshot},     {"F12", Action::kScreenshot}, {"+", Action::kFiner},
      {"=", Action::kFiner},       {".", Action::kFiner},          {"-", Action::kCoarser},      {",", Action::kCoarser},
      {"M", Action::kPlayout},     {"]", Action::kSmoother},       {"[", Action::kMoreLive},     {" ", Action::kPause},
-     {"U", Action::kUpAxis},      {"Escape", Action::kQuit},      {"Q", Action::kQuit}}};
+     {"U", Action::kUpAxis},      {"A", Action::kResolver},       {"Escape", Action::kQuit},    {"Q", Action::kQuit}}};
 
 std::string on_off(bool on) {
   return on ? "on" : "off";
@@ -86,6 +86,9 @@ void ViewerState::apply(Action action, Camera& camera, LevelOfDetail& lod) {
     case Action::kCoarser:
       lod.coarser();
       break;
+    case Action::kResolver:
+      resolver_wanted = true;
+      break;
     case Action::kPause:
       paused = !paused;
       break;
@@ -118,7 +121,8 @@ std::optional<Action> action_for_key(std::string_view key) {
   return binding->action;
 }
 
-std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod) {
+std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod,
+                                 ResolverKind resolver) {
   char percent[16];
   std::snprintf(percent, sizeof percent, "%.3g %%", 100 * lod.fraction());
   const std::string up(1, static_cast<char>('X' + static_cast<int>(camera.up())));
@@ -126,7 +130,8 @@ std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera,
           {"right or middle drag, Shift+left", "pan", ""},
           {"wheel", "zoom to the cursor", ""},
           {"R  Home", "reset the camera", ""},
-          {"+ -  . ,", "level of detail", percent},
+          {"+ -  . ,", "level of detail, at most", percent},
+          {"A", "who lowers it to hold the rate", std::string(name_of(resolver))},
           {"Space", "pause", on_off(state.paused)},
           {"M", "motion between arrivals", text_from_playout(state.playout)},
           {"[ ]", "live to smooth", text_from_smoothness(state.playout)},
@@ -139,6 +144,12 @@ std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera,
           {"S  F12", "screenshot", ""},
           {"H  F1", "this help", on_off(state.help)},
           {"Q  Esc", "quit", ""}};
+}
+
+ResolverKind next_kind(ResolverKind kind) {
+  return kind == ResolverKind::kBudget  ? ResolverKind::kPaper
+         : kind == ResolverKind::kPaper ? ResolverKind::kNone
+                                        : ResolverKind::kBudget;
 }
 
 std::string next_screenshot_name(const std::string& prefix) {

@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "client/camera.h"
+#include "client/level_control.h"
 #include "client/level_of_detail.h"
 #include "common/motion/playout.h"
 
@@ -23,6 +24,7 @@ enum class Action {
   kScreenshot,
   kFiner,
   kCoarser,
+  kResolver,
   kPause,
   kPlayout,
   kSmoother,
@@ -36,6 +38,7 @@ struct ViewerState {
   bool help = false, hud = true, axes = false, grid = true, edges = false, points = false;
   bool paused = false, quit = false;
   PlayoutSettings playout;
+  bool resolver_wanted = false;    ///< Another resolver: whoever holds it takes this and clears it.
   bool screenshot_wanted = false;  ///< Whoever draws next takes it and clears this.
 
   /// Does what the action asks, to itself, the camera or the level of detail.
@@ -49,7 +52,11 @@ std::optional<Action> action_for_key(std::string_view key);
 struct HelpLine {
   std::string keys, what, state;
 };
-std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod);
+std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod,
+                                 ResolverKind resolver);
+
+/// The next of budget, paper, none, as key A goes round them.
+ResolverKind next_kind(ResolverKind kind);
 
 /// prefix + "_0001.png" and up: the first name that is not taken in the folder.
 std::string next_screenshot_name(const std::string& prefix);

@@ -3,8 +3,11 @@
 #include <GLFW/glfw3.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "client/apps.h"
+#include "client/camera_path.h"
+#include "client/clip_source.h"
 #include "client/overlay.h"
 #include "client/renderer.h"
 #include "client/session.h"
@@ -52,7 +55,7 @@ class Window {
     if (library_) glfwTerminate();
   }
 
-  Result<void> open(const ClientOptions& options, PoseSource& source, const LogSink& log_sink) {
+  Result<void> open(const ClientOptions& options, std::span<PoseSource* const> sources, const LogSink& log_sink) {
     glfwSetErrorCallback(nullptr);
     if (glfwInit() != GLFW_TRUE) return no_window();
     library_ = true;
@@ -61,8 +64,10 @@ class Window {
     glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
     glfwWindowHint(GLFW_OPENGL_FORWARD_COMPAT, GLFW_TRUE);
     // Not the URL as it was given: it may hold a token.
-    const auto url = parse_broker_url(options.url);
-    const std::string title = "Eigencast" + (url ? " - " + url->shown() : std::string());
+    const std::string stream = options.scene.streams.empty() ? "" : options.scene.streams.front();
+    const auto url = parse_broker_url(stream);
+    const std::string shown = url ? url->shown() : clip_in(stream).value_or("");
+    const std::string title = "Eigencast" + (shown.empty() ? "" : " - " + shown);
     window_ = glfwCreateWindow(options.width, options.height, title.c_str(), nullptr, nullptr);
     if (window_ == nullptr) return no_window();
     glfwMakeContextCurrent(window_);
@@ -70,10 +75,17 @@ class Window {
     Result<std::unique_ptr<Renderer>> renderer = Renderer::create();
     if (!renderer) return renderer.error();
     renderer_ = std::move(renderer).value();
-    Result<std::unique_ptr<Session>> session = Session::create(options, source, log_sink);
+    ClientOptions mine = options;
+    if (options.follow_display) mine.levels.target_fps = display_rate_hz();
+    if (!options.camera_path.empty()) {
+      Result<CameraPath> path = CameraPath::read(options.camera_path);
+      if (!path) return path.error();
+      path_.emplace(std::move(*path));
+    }
+    Result<std::unique_ptr<Session>> session = Session::create(mine, sources, log_sink);
     if (!session) return session.error();
     session_ = std::move(session).value();
-    state_.playout = options.scene.playout;
+    state_.playout = options.view_options.playout;
     camera_.set_view(options.view);
     take_size();
     listen();
@@ -90,6 +102,7 @@ class Window {
     glfwPollEvents();
     session_->scene().set_paused(state_.paused);
     const bool changed = session_->update(needs_redraw_ ? std::chrono::milliseconds(0) : kIdleWait, camera_);
+    if (fly()) needs_redraw_ = true;
     const TimeUs now = steady_now_us();
     const bool figures_are_old =
         now - drawn_us_ >= kFiguresEveryUs || (!session_->is_connected() && now - drawn_us_ >= 50'000);
@@ -126,6 +139,21 @@ class Window {
                     ". Without a display, --headless --frames 90 --out DIR writes pictures instead");
   }
 
+  static double display_rate_hz() {
+    GLFWmonitor* monitor = glfwGetPrimaryMonitor();
+    const GLFWvidmode* mode = monitor == nullptr ? nullptr : glfwGetVideoMode(monitor);
+    return mode != nullptr && mode->refreshRate > 0 ? mode->refreshRate : 60;
+  }
+
+  /// Moves the camera along its path, again and again; the first turn starts it.
+  bool fly() {
+    if (!path_) return false;
+    if (!flight_began_us_) flight_began_us_ = steady_now_us();
+    const double flown = static_cast<double>(steady_now_us() - *flight_began_us_) / 1e6;
+    path_->apply(path_->seconds() > 0 ? std::fmod(flown, path_->seconds()) : 0, camera_);
+    return true;
+  }
+
   void take_size() {
     glfwGetFramebufferSize(window_, &width_, &height_);
     camera_.set_viewport(width_, height_);
@@ -139,7 +167,7 @@ class Window {
     content.connected = session_->is_connected();
     content.banner = session_->banner();
     content.paused = state_.paused;
-    if (state_.help) content.help = help_lines(state_, camera_, session_->scene().lod());
+    if (state_.help) content.help = help_lines(state_, camera_, session_->scene().lod(), session_->levels().kind());
     return content;
   }
 
@@ -179,6 +207,10 @@ class Window {
     if (!wanted || (action == GLFW_REPEAT && !repeats)) return;
     state_.apply(*wanted, camera_, session_->scene().lod());
     session_->scene().set_playout(state_.playout);
+    if (state_.resolver_wanted) {
+      state_.resolver_wanted = false;
+      session_->levels().set_kind(next_kind(session_->levels().kind()));
+    }
     needs_redraw_ = true;
   }
 
@@ -218,6 +250,8 @@ class Window {
   std::unique_ptr<Session> session_;
   Camera camera_;
   ViewerState state_;
+  std::optional<CameraPath> path_;
+  std::optional<TimeUs> flight_began_us_;
   glm::vec2 cursor_{0};
   int width_ = 0, height_ = 0;
   TimeUs drawn_us_ = 0;
@@ -232,10 +266,10 @@ Result<void> write_results(Window& window, const ClientOptions& options) {
 
 }  // namespace
 
-int run_window(const ClientOptions& options, PoseSource& source, const std::atomic<bool>& stop,
+int run_window(const ClientOptions& options, std::span<PoseSource* const> sources, const std::atomic<bool>& stop,
                const LogSink& log_sink) {
   Window window;
-  if (const Result<void> ready = window.open(options, source, log_sink); !ready) {
+  if (const Result<void> ready = window.open(options, sources, log_sink); !ready) {
     log(log_sink, LogLevel::kError, ready.error().message);
     return kExitFailed;
   }

@@ -28,7 +28,7 @@ class OffscreenPresenter final : public Presenter {
     surface_.normals.resize(surface_.is_point_cloud ? 0 : positions.size());
     if (!surface_.is_point_cloud) vertex_normals(positions, surface_.triangles, surface_.normals);
     ++surface_.pose_version;
-    renderer_->upload(surface_);
+    renderer_->upload(0, surface_);
     renderer_->draw(camera_, {}, width_, height_, renderer_->offscreen_target(width_, height_));
     Renderer::finish();
   }

@@ -41,6 +41,7 @@ class Apps : public ::testing::Test {
 
   std::filesystem::path folder_;
   FakeSource source_{sphere_asset(3)};
+  const std::vector<PoseSource*> sources_{&source_};
   ClientOptions options_;
   std::atomic<bool> stop_{false};
   std::string said_;
@@ -52,7 +53,7 @@ TEST_F(Apps, HeadlessWritesOnePictureForEachPoseAndAReport) {
   options_.out = path("pictures");
   options_.record = path("poses.jsonl");
   options_.hud = true;
-  ASSERT_EQ(run_headless(options_, source_, stop_, log()), kExitGood) << said_;
+  ASSERT_EQ(run_headless(options_, sources_, stop_, log()), kExitGood) << said_;
   Picture before;
   for (int i = 1; i <= 5; ++i) {
     const auto picture = read_png(path("pictures/frame_000" + std::to_string(i) + ".png"));
@@ -83,19 +84,40 @@ TEST_F(Apps, HeadlessWritesOnePictureForEachPoseAndAReport) {
   EXPECT_EQ(lines, 5);
 }
 
+TEST_F(Apps, AFlightDrawsWithoutNewPosesAndTheReportSaysWhoChoseTheLevels) {
+  std::ofstream(path("flight.json")) << R"({"keys": [{"t": 0, "eye": [0, 0, 5], "target": [0, 0, 0]},
+                                                     {"t": 0.3, "eye": [5, 0, 0], "target": [0, 0, 0]}]})";
+  options_.headless = true;
+  options_.camera_path = path("flight.json");
+  options_.json = path("flight-report.json");
+  options_.levels.kind = ResolverKind::kBudget;
+  FakeSource second(sphere_asset(2));
+  const std::vector<PoseSource*> both{&source_, &second};
+  ASSERT_EQ(run_headless(options_, both, stop_, log()), kExitGood) << said_;
+  const json report = json::parse(std::ifstream(path("flight-report.json")));
+  EXPECT_EQ(report["lod"]["resolver"], "budget");
+  ASSERT_EQ(report["surfaces"].size(), 2u);
+  EXPECT_EQ(report["surfaces"][0]["of"], 642);
+  EXPECT_EQ(report["surfaces"][1]["of"], 162);
+  EXPECT_EQ(report["frame_time_us"]["work"]["count"], report["frames_out"]["drawn"]);
+  EXPECT_GT(report["lod"]["state"], 0);
+  options_.camera_path = path("none.json");
+  EXPECT_EQ(run_headless(options_, both, stop_, log()), kExitFailed);
+}
+
 TEST_F(Apps, HeadlessWithoutAStreamSaysSoAndExitsWithFour) {
   source_.has_asset = false;
   source_.batches.clear();
   options_.headless = true;
   options_.wait_s = 0.05;
-  EXPECT_EQ(run_headless(options_, source_, stop_, log()), kExitNoStream);
+  EXPECT_EQ(run_headless(options_, sources_, stop_, log()), kExitNoStream);
   EXPECT_NE(said_.find("no pose came"), std::string::npos) << said_;
 }
 
 TEST_F(Apps, FilesThatCannotBeWrittenAreFailures) {
   options_.headless = true;
   options_.record = path("none/poses.jsonl");
-  EXPECT_EQ(run_headless(options_, source_, stop_, log()), kExitFailed);
+  EXPECT_EQ(run_headless(options_, sources_, stop_, log()), kExitFailed);
   EXPECT_NE(said_.find("cannot be written"), std::string::npos) << said_;
 }
 
@@ -137,7 +159,7 @@ class VirtualDisplay {
 TEST_F(Apps, WithoutADisplayTheWindowTellsAboutHeadless) {
   ::unsetenv("DISPLAY");
   ::unsetenv("WAYLAND_DISPLAY");
-  EXPECT_EQ(run_window(options_, source_, stop_, log()), kExitFailed);
+  EXPECT_EQ(run_window(options_, sources_, stop_, log()), kExitFailed);
   EXPECT_NE(said_.find("--headless"), std::string::npos) << said_;
 }
 
@@ -183,7 +205,7 @@ TEST_F(Apps, KeysWheelAndDragReachTheWindow) {
     EXPECT_EQ(std::system(("xdotool " + steps[done]).c_str()), 0) << steps[done];
     ++done;
   };
-  const int code = run_window(options_, source_, stop_, log());
+  const int code = run_window(options_, sources_, stop_, log());
   std::vector<Picture> pictures;
   for (std::size_t i = 1; i < steps.size(); ++i) {
     const auto read = read_png(picture(i));
@@ -211,7 +233,7 @@ TEST_F(Apps, TheWindowShowsTheSurfaceThatHeadlessShows) {
   options_.frames = 3;
   options_.screenshot = path("window.png");
   options_.json = path("window.json");
-  ASSERT_EQ(run_window(options_, source_, stop_, log()), kExitGood) << said_;
+  ASSERT_EQ(run_window(options_, sources_, stop_, log()), kExitGood) << said_;
   const auto window = read_png(path("window.png"));
   ASSERT_TRUE(window) << window.error().message;
 
@@ -220,9 +242,10 @@ TEST_F(Apps, TheWindowShowsTheSurfaceThatHeadlessShows) {
     again.batches.push_back(
         {sphere_pose(again.asset_, static_cast<std::uint64_t>(i), steady_now_us() + i, 0.5 + 0.05 * i)});
   }
+  const std::vector<PoseSource*> list_of_again{&again};
   options_.headless = true;
   options_.screenshot = path("headless.png");
-  ASSERT_EQ(run_headless(options_, again, stop_, log()), kExitGood) << said_;
+  ASSERT_EQ(run_headless(options_, list_of_again, stop_, log()), kExitGood) << said_;
   const auto headless = read_png(path("headless.png"));
   ASSERT_TRUE(headless);
   ASSERT_EQ(window->rgb.size(), headless->rgb.size());

@@ -63,9 +63,9 @@ class Render : public ::testing::Test {
     camera_.set_view("front");
   }
 
-  Picture picture_of(FakeSource& source, SceneState& scene, TimeUs now_us = 0) {
+  Picture picture_of(FakeSource& source, SurfaceView& scene, TimeUs now_us = 0) {
     scene.receive(source, source.poll({}));
-    if (scene.advance(source, now_us)) renderer_->upload(scene.geometry());
+    if (scene.advance(source, now_us)) renderer_->upload(0, scene.geometry());
     const auto& f = scene.facts();
     if (f.version > 0) camera_.set_scene({f.low[0], f.low[1], f.low[2]}, {f.high[0], f.high[1], f.high[2]});
     auto picture = renderer_->picture(camera_, options_, kWidth, kHeight);
@@ -81,7 +81,7 @@ class Render : public ::testing::Test {
 
 TEST_F(Render, ASphereFillsThePictureAsItsRadiusSays) {
   FakeSource source(sphere_asset(4));
-  SceneState scene;
+  SurfaceView scene;
   const Silhouette s = silhouette_of(picture_of(source, scene));
   // A ball of radius 1 seen from distance d has a silhouette of radius f / sqrt(d^2 - 1), f = focal length in pixels.
   const double focal = 0.5 * kHeight / std::tan(0.5 * Camera::kFieldOfView);
@@ -93,7 +93,7 @@ TEST_F(Render, ASphereFillsThePictureAsItsRadiusSays) {
 
 TEST_F(Render, AMovedPoseMovesInThePicture) {
   FakeSource source(sphere_asset(3));
-  SceneState scene;
+  SurfaceView scene;
   picture_of(source, scene);
   source.batches.push_back({sphere_pose(source.asset_, 1, 1000, 0.6, 0.5)});
   const Silhouette s = silhouette_of(picture_of(source, scene, 1000));
@@ -105,7 +105,7 @@ TEST_F(Render, AMovedPoseMovesInThePicture) {
 
 TEST_F(Render, LevelsOfDetailLookAlike) {
   FakeSource source(sphere_asset(5));
-  SceneState scene;
+  SurfaceView scene;
   const Picture full = picture_of(source, scene);
   scene.lod().set_fraction(0.25);
   const Picture quarter = picture_of(source, scene);
@@ -116,7 +116,7 @@ TEST_F(Render, LevelsOfDetailLookAlike) {
 
 TEST_F(Render, EdgesAreSmoothedByFourSamples) {
   FakeSource source(sphere_asset(4));
-  SceneState scene;
+  SurfaceView scene;
   options_.grid = false;
   const Picture picture = picture_of(source, scene);
   EXPECT_EQ(renderer_->samples(), 4);
@@ -141,7 +141,7 @@ TEST_F(Render, EdgesAreSmoothedByFourSamples) {
 TEST_F(Render, NothingToDrawIsTheEmptyStudio) {
   FakeSource source(sphere_asset(2));
   source.has_asset = false;
-  SceneState scene;
+  SurfaceView scene;
   const Picture picture = picture_of(source, scene);
   EXPECT_EQ(silhouette_of(picture).area, 0);
   EXPECT_GT(picture.pixel(kWidth / 2, kHeight / 2)[0], 100);
@@ -149,7 +149,7 @@ TEST_F(Render, NothingToDrawIsTheEmptyStudio) {
 
 TEST_F(Render, ACloudIsAClosedBallOfSplats) {
   FakeSource source(sphere_asset(5, true));
-  SceneState scene;
+  SurfaceView scene;
   const Silhouette s = silhouette_of(picture_of(source, scene));
   const double focal = 0.5 * kHeight / std::tan(0.5 * Camera::kFieldOfView);
   const double radius = focal / std::sqrt(camera_.distance() * camera_.distance() - 1);
@@ -158,7 +158,7 @@ TEST_F(Render, ACloudIsAClosedBallOfSplats) {
 
 TEST_F(Render, ALostConnectionTurnsThePictureGrey) {
   FakeSource source(sphere_asset(3));
-  SceneState scene;
+  SurfaceView scene;
   options_.colourfulness = 0;
   const Picture picture = picture_of(source, scene);
   for (std::size_t i = 0; i < picture.rgb.size(); i += 3) {
@@ -168,7 +168,7 @@ TEST_F(Render, ALostConnectionTurnsThePictureGrey) {
 
 TEST_F(Render, EveryModeDraws) {
   FakeSource source(sphere_asset(3));
-  SceneState scene;
+  SurfaceView scene;
   const Picture plain = picture_of(source, scene);
   for (bool RenderOptions::*mode : {&RenderOptions::edges, &RenderOptions::points, &RenderOptions::axes}) {
     options_ = RenderOptions{};

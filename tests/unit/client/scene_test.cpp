@@ -1,8 +1,16 @@
 // SPDX-License-Identifier: MIT
-#include "client/scene_state.h"
+#include "client/scene.h"
 
 #include <gtest/gtest.h>
 
+#include <glm/ext/matrix_transform.hpp>
+#include <glm/geometric.hpp>
+
+#include "client/camera_path.h"
+#include "client/level_control.h"
+#include "client/offscreen.h"
+#include "client/renderer.h"
+#include "client/scene_file.h"
 #include "tests/unit/client/fake_source.h"
 
 namespace eigencast {
@@ -12,349 +20,300 @@ using testing::FakeSource;
 using testing::sphere_asset;
 using testing::sphere_pose;
 
-class Scene : public ::testing::Test {
- protected:
-  bool turn(TimeUs now_us) {
-    scene_.receive(source_, source_.poll({}));
-    return scene_.advance(source_, now_us);
-  }
-  /// Half the height of the surface shown.
-  float height() const {
-    float highest = 0;
-    for (std::size_t i = 1; i < scene_.geometry().positions.size(); i += 3) {
-      highest = std::max(highest, scene_.geometry().positions[i]);
+/// A scene fed by hand: stream i shows what sources[i] is given.
+struct Stage {
+  explicit Stage(std::vector<Asset> assets, std::vector<Placement> placements, bool row = false)
+      : scene(std::move(placements), {}, row) {
+    for (Asset& asset : assets) {
+      sources.push_back(std::make_unique<FakeSource>(std::move(asset)));
+      sources.back()->info_->epoch = 1;
+      list.push_back(sources.back().get());
     }
-    return highest;
   }
+  bool turn(TimeUs now_us) {
+    for (std::size_t i = 0; i < list.size(); ++i) scene.receive(i, *list[i], list[i]->poll({}));
+    return scene.advance(list, now_us);
+  }
+  const SurfaceGeometry& geometry(std::size_t i) const { return scene.instances()[i].view.geometry(); }
 
-  FakeSource source_{sphere_asset(3)};
-  SceneState scene_;
+  std::vector<std::unique_ptr<FakeSource>> sources;
+  std::vector<PoseSource*> list;
+  Scene scene;
 };
 
-TEST_F(Scene, TheFixtureIsAnAssetThatReceiversAccept) {
-  EXPECT_TRUE(validate_asset(source_.asset_));
+Placement at(std::size_t source, const glm::vec3& place) {
+  return {source, "", glm::translate(glm::mat4(1), place)};
 }
 
-TEST_F(Scene, ShowsTheRestPoseBeforeAnyPoseCame) {
-  EXPECT_TRUE(turn(0));
-  EXPECT_EQ(scene_.geometry().vertex_count(), 642u);
-  EXPECT_EQ(scene_.geometry().triangles.size(), 3u * 1280);
-  EXPECT_NEAR(height(), 1, 0.01);
-  EXPECT_EQ(scene_.poses_shown(), 0u);
-  EXPECT_NEAR(scene_.facts().low[0], -1, 0.03);
-  EXPECT_FALSE(turn(1)) << "nothing changed";
+TEST(Scenes, SurfacesOfOneAssetShareItsBasisAndEachHasItsOwnPose) {
+  Stage stage({sphere_asset(3), sphere_asset(3)}, {at(0, {0, 0, 0}), at(1, {3, 0, 0}), at(1, {6, 0, 0})});
+  for (auto& source : stage.sources) source->info_->asset = "the same";
+  stage.sources[0]->batches.push_back({sphere_pose(stage.sources[0]->asset_, 1, 1000, 0.5)});
+  stage.sources[1]->batches.push_back({sphere_pose(stage.sources[1]->asset_, 1, 1000, 0.9)});
+  ASSERT_TRUE(stage.turn(1000));
+  const auto& instances = stage.scene.instances();
+  EXPECT_EQ(&instances[0].view.reconstructor(), &instances[1].view.reconstructor());
+  EXPECT_EQ(&instances[0].view.reconstructor(), &instances[2].view.reconstructor());
+  EXPECT_EQ(stage.geometry(1).positions, stage.geometry(2).positions);
+  // As each would be alone.
+  for (const std::size_t i : {0, 1}) {
+    FakeSource source(sphere_asset(3));
+    SurfaceView alone;
+    alone.receive(source, {sphere_pose(source.asset_, 1, 1000, i == 0 ? 0.5 : 0.9)});
+    ASSERT_TRUE(alone.advance(source, 1000));
+    ASSERT_EQ(alone.geometry().positions.size(), stage.geometry(i).positions.size());
+    for (std::size_t k = 0; k < alone.geometry().positions.size(); ++k)
+      ASSERT_NEAR(alone.geometry().positions[k], stage.geometry(i).positions[k], 1e-6);
+    EXPECT_EQ(alone.geometry().triangles, stage.geometry(i).triangles);
+  }
+  EXPECT_EQ(stage.scene.vertex_count(), 3u * 642);
+  EXPECT_EQ(stage.scene.triangle_count(), 3u * 1280);
+  EXPECT_EQ(stage.scene.poses_shown(), 1u);
 }
 
-TEST_F(Scene, ShowsTheNewestPoseAndOnlyOnce) {
-  source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 0.5), sphere_pose(source_.asset_, 2, 2000, 0.8)});
-  EXPECT_TRUE(turn(2000));
-  EXPECT_NEAR(height(), 0.8, 0.01);
-  EXPECT_EQ(scene_.shown_capture_us(), 2000);
-  EXPECT_EQ(scene_.bands_received(), 2u);
-  EXPECT_FALSE(turn(3000));
-  EXPECT_EQ(scene_.poses_shown(), 1u);
+TEST(Scenes, AnAssetThatGoesTakesItsBasisAlongAndAnotherOfTheSameNameIsItsOwn) {
+  Stage stage({sphere_asset(2)}, {at(0, {0, 0, 0})});
+  stage.sources[0]->info_->asset = "a";
+  ASSERT_TRUE(stage.turn(0));
+  stage.sources[0]->asset_ = sphere_asset(3);
+  stage.sources[0]->epoch_ = 2;
+  stage.sources[0]->info_->epoch = 2;
+  stage.sources[0]->info_->asset = "b";
+  ASSERT_TRUE(stage.turn(1000));
+  EXPECT_EQ(stage.geometry(0).vertex_count(), 642u);
+  EXPECT_EQ(stage.scene.instances()[0].view.reconstructor().tiles().rows(), 642u);
 }
 
-TEST_F(Scene, NormalsAreUnitAndPointOutward) {
-  turn(0);
-  const auto& g = scene_.geometry();
-  for (std::size_t i = 0; i < g.positions.size(); i += 3) {
-    const float* n = &g.normals[i];
-    const float* x = &g.positions[i];
-    EXPECT_NEAR(n[0] * n[0] + n[1] * n[1] + n[2] * n[2], 1, 1e-4);
-    EXPECT_GT(n[0] * x[0] + n[1] * x[1] + n[2] * x[2], 0.9);
+TEST(Scenes, TheStreamsWorldComesFirstAndThenThePlacement) {
+  Stage stage({sphere_asset(2)}, {at(0, {10, 0, 0})});
+  glm::mat4 world = glm::scale(glm::translate(glm::mat4(1), {0, 1, 0}), glm::vec3(2));
+  stage.sources[0]->info_->world = std::vector<double>(&world[0][0], &world[0][0] + 16);
+  ASSERT_TRUE(stage.turn(0));
+  const SurfaceFacts& facts = stage.scene.facts();
+  EXPECT_EQ(facts.version, 1u);
+  EXPECT_NEAR(facts.low[0], 8, 0.05);
+  EXPECT_NEAR(facts.high[0], 12, 0.05);
+  EXPECT_NEAR(facts.low[1], -1, 0.05);
+  EXPECT_NEAR(facts.high[1], 3, 0.05);
+  const Extent extent = extent_of(stage.scene.instances()[0]);
+  EXPECT_NEAR(glm::length(extent.barycentre - glm::vec3(10, 1, 0)), 0, 0.01);
+  EXPECT_NEAR(extent.radius, 2 * std::sqrt(3.0), 0.1);
+}
+
+TEST(Scenes, StreamsWithoutAPlaceStandBesideOneAnother) {
+  Stage stage({sphere_asset(2), sphere_asset(2), sphere_asset(2)},
+              {{0, "", glm::mat4(1)}, {1, "", glm::mat4(1)}, {2, "", glm::mat4(1)}}, true);
+  ASSERT_TRUE(stage.turn(0));
+  for (std::size_t i = 1; i < 3; ++i) {
+    const float gap =
+        stage.scene.instances()[i].scene_from_surface[3].x - stage.scene.instances()[i - 1].scene_from_surface[3].x;
+    EXPECT_GT(gap, 2.1) << "of balls of radius 1";
+    EXPECT_LT(gap, 2.8);
+  }
+  EXPECT_GT(stage.scene.facts().high[0] - stage.scene.facts().low[0], 6);
+}
+
+TEST(Scenes, TheBarycentreFollowsThePose) {
+  Stage stage({sphere_asset(3)}, {at(0, {0, 0, 0})});
+  stage.sources[0]->batches.push_back({sphere_pose(stage.sources[0]->asset_, 1, 1000, 0.7, 1.5)});
+  ASSERT_TRUE(stage.turn(1000));
+  const auto& positions = stage.geometry(0).positions;
+  double sum[3] = {};
+  for (std::size_t i = 0; i < positions.size(); ++i) sum[i % 3] += static_cast<double>(positions[i]);  // equal masses
+  const auto barycentre = stage.scene.instances()[0].view.barycentre();
+  for (std::size_t d = 0; d < 3; ++d)
+    EXPECT_NEAR(barycentre[d], sum[d] / static_cast<double>(positions.size() / 3), 1e-5);
+  EXPECT_NEAR(barycentre[0], 1.5, 1e-3);
+}
+
+TEST(Scenes, WhatIsOutOfSightHasNoSizeAndABallHasThatOfItsSilhouette) {
+  Camera camera;
+  camera.set_viewport(400, 300);
+  camera.look_from({0, 0, 10}, {0, 0, 0});
+  const double focal = 150 / std::tan(0.5 * Camera::kFieldOfView);
+  EXPECT_NEAR(camera.diameter_px({0, 0, 0}, 1), 2 * focal / std::sqrt(99), 0.1);
+  EXPECT_EQ(camera.diameter_px({0, 0, 20}, 1), 0) << "behind";
+  EXPECT_EQ(camera.diameter_px({9, 0, 0}, 1), 0) << "to the right of the picture";
+  EXPECT_EQ(camera.diameter_px({0, -9, 0}, 1), 0);
+  EXPECT_GT(camera.diameter_px({4.6F, 0, 0}, 1), 0) << "a part of it is in the picture";
+  EXPECT_DOUBLE_EQ(camera.diameter_px({0, 0, 10}, 1), 500) << "around the eye: the whole picture";
+}
+
+TEST(Scenes, LookingFromAPlaceIsTheViewThatWasAskedFor) {
+  for (const Camera::Up up : {Camera::Up::kX, Camera::Up::kY, Camera::Up::kZ}) {
+    Camera camera;
+    camera.set_up(up);
+    for (const glm::vec3 eye : {glm::vec3(3, 1, 2), glm::vec3(-2, 4, -1), glm::vec3(0.5F, -3, 1)}) {
+      camera.look_from(eye, {0.5F, 0.25F, -1});
+      EXPECT_NEAR(glm::length(camera.position() - eye), 0, 1e-4);
+      EXPECT_EQ(camera.target(), glm::vec3(0.5F, 0.25F, -1));
+    }
   }
 }
 
-TEST_F(Scene, ALostConnectionKeepsTheLastPose) {
-  source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 0.5)});
-  turn(1000);
-  source_.stats_.state = Subscriber::State::kLost;
-  for (TimeUs now = 2000; now < 9'000'000; now += 1'000'000) EXPECT_FALSE(turn(now));
-  EXPECT_NEAR(height(), 0.5, 0.01);
-  source_.stats_.state = Subscriber::State::kLive;
-  source_.batches.push_back({sphere_pose(source_.asset_, 7, 9'500'000, 0.9)});
-  EXPECT_TRUE(turn(9'500'000));
-  EXPECT_NEAR(height(), 0.9, 0.01);
+/// Turns of a machine on which a picture takes fixed + per_vertex x vertices, without a display to wait for.
+double mean_fps_of(Stage& stage, LevelControl& control, const Camera& camera, double fixed, double per_vertex) {
+  TimeUs now = 0;
+  std::optional<FrameWork> last;
+  int frames = 0;
+  TimeUs counted_from = 0;
+  for (; now < 12'000'000; ++frames) {
+    if (counted_from == 0 && now > 6'000'000) counted_from = now, frames = 0;
+    control.choose(stage.scene, stage.list, camera, last);
+    stage.turn(now);
+    const double seconds = fixed + per_vertex * static_cast<double>(stage.scene.vertex_count());
+    now += static_cast<TimeUs>(1e6 * seconds);
+    last = FrameWork{now, seconds};
+  }
+  return frames / (static_cast<double>(now - counted_from) / 1e6);
 }
 
-TEST_F(Scene, PausedShowsTheSamePoseWhileOthersCome) {
-  source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 0.5)});
-  turn(1000);
-  scene_.set_paused(true);
-  source_.batches.push_back({sphere_pose(source_.asset_, 2, 2000, 0.8)});
-  EXPECT_FALSE(turn(2000));
-  EXPECT_NEAR(height(), 0.5, 0.01);
-  scene_.set_paused(false);
-  EXPECT_TRUE(turn(2001));
-  EXPECT_NEAR(height(), 0.8, 0.01);
-}
-
-TEST_F(Scene, LevelsAreClampedWhileTheAssetArrives) {
-  Asset& asset = source_.asset_;
-  asset.rows_ready = 5;  // not even the base
-  asset.faces_ready = 0;
-  EXPECT_FALSE(turn(0));
-  asset.rows_ready = 162;
-  asset.faces_ready = 320;
-  EXPECT_TRUE(turn(1));
-  EXPECT_EQ(scene_.geometry().vertex_count(), 162u);
-  EXPECT_EQ(scene_.geometry().triangles.size(), 3u * 320);
-  scene_.lod().set_fraction(0);
-  EXPECT_TRUE(turn(2));
-  EXPECT_GE(scene_.geometry().vertex_count(), asset.base_count);
-  scene_.lod().set_fraction(1);
-  asset.rows_ready = asset.vertex_count;
-  asset.faces_ready = asset.face_total;
-  EXPECT_TRUE(turn(3));
-  EXPECT_EQ(scene_.geometry().vertex_count(), asset.vertex_count);
-}
-
-TEST_F(Scene, AllTrianglesStayBelowTheLevel) {
-  for (const double fraction : {0.02, 0.1, 0.3, 0.77}) {
-    scene_.lod().set_fraction(fraction);
-    turn(0);
-    const auto N = scene_.geometry().vertex_count();
-    EXPECT_NEAR(N, fraction * 642, 1);
-    for (const std::uint32_t corner : scene_.geometry().triangles) ASSERT_LT(corner, N);
+TEST(Levels, BothResolversHoldTheRateOfAMachineThatFullDetailIsTooMuchFor) {
+  for (const ResolverKind kind : {ResolverKind::kBudget, ResolverKind::kPaper, ResolverKind::kNone}) {
+    Stage stage({sphere_asset(4), sphere_asset(4)}, {at(0, {0, 0, 0}), at(1, {6, 0, -8})});
+    ASSERT_TRUE(stage.turn(0));
+    Camera camera;
+    camera.set_viewport(640, 480);
+    camera.look_from({0, 0, 8}, {2, 0, 0});
+    LevelSettings settings;
+    settings.kind = kind;
+    settings.target_fps = 20;
+    settings.far = 40;
+    LevelControl control(settings);
+    const double fps = mean_fps_of(stage, control, camera, 0.004, 0.146 / 5124);  // 150 ms at full detail
+    if (kind == ResolverKind::kNone) {
+      EXPECT_NEAR(fps, 1 / 0.150, 0.1);
+      EXPECT_EQ(stage.scene.vertex_count(), 5124u);
+      continue;
+    }
+    EXPECT_GT(fps, kind == ResolverKind::kPaper ? 16 : 19.5) << name_of(kind);
+    EXPECT_LT(fps, 24) << name_of(kind) << ": the budget is used";
+    EXPECT_GT(stage.geometry(0).vertex_count(), stage.geometry(1).vertex_count()) << "the near one is finer";
+    EXPECT_GE(stage.geometry(1).vertex_count(), 51u) << "the floor";
   }
 }
 
-TEST_F(Scene, FramesAheadAndFramesOfAWrongSizeAreNotShown) {
-  ReceivedPose ahead = sphere_pose(source_.asset_, 1, 1000, 0.5);
-  ahead.envelope.flags = Envelope::kAhead;
-  ReceivedPose wrong = sphere_pose(source_.asset_, 2, 2000, 0.5);
-  wrong.coefficients.resize(12);
-  source_.batches.push_back({ahead, wrong});
-  turn(2000);
-  EXPECT_EQ(scene_.poses_shown(), 0u);
-  EXPECT_EQ(scene_.poses_unusable(), 1u);
-  EXPECT_NEAR(height(), 1, 0.01);
+TEST(Levels, TheManualLevelBoundsTheResolver) {
+  Stage stage({sphere_asset(4)}, {at(0, {0, 0, 0})});
+  ASSERT_TRUE(stage.turn(0));
+  stage.scene.lod().set_fraction(0.3);
+  LevelSettings settings;
+  settings.kind = ResolverKind::kBudget;
+  LevelControl control(settings);
+  Camera camera;
+  mean_fps_of(stage, control, camera, 1e-3, 1e-9);
+  EXPECT_NEAR(stage.geometry(0).vertex_count(), 0.3 * 2562, 1);
+  control.set_kind(ResolverKind::kNone);
+  stage.scene.lod().set_fraction(1);
+  control.choose(stage.scene, stage.list, camera, std::nullopt);
+  stage.turn(20'000'000);
+  EXPECT_EQ(stage.geometry(0).vertex_count(), 2562u);
 }
 
-TEST_F(Scene, ANewAssetShowsItsRestPoseAndThenItsPoses) {
-  source_.info_->epoch = 1;
-  source_.info_->asset = "a";
-  source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 0.5)});
-  turn(1000);
-  source_.info_->epoch = 2;  // announced; its surface is on its way
-  source_.info_->asset = "b";
-  EXPECT_FALSE(turn(2000)) << "the old surface stays";
-  EXPECT_NEAR(height(), 0.5, 0.01);
-  source_.asset_ = sphere_asset(2);
-  source_.epoch_ = 2;
-  EXPECT_TRUE(turn(3000));
-  EXPECT_EQ(scene_.geometry().vertex_count(), 162u);
-  EXPECT_NEAR(height(), 1, 0.01);
-  source_.batches.push_back({sphere_pose(source_.asset_, 1, 50, 0.7, 0, 2)});
-  EXPECT_TRUE(turn(4000));
-  EXPECT_NEAR(height(), 0.7, 0.01);
-}
-
-TEST_F(Scene, ASenderThatComesBackWithTheSameAssetDoesNotShowTheRestPose) {
-  source_.info_->epoch = 1;
-  source_.info_->asset = "a";
-  source_.batches.push_back({sphere_pose(source_.asset_, 1, 9'000'000, 0.5)});
-  turn(1000);
-  const auto facts = scene_.facts().version, topology = scene_.geometry().topology_version;
-  source_.info_->epoch = source_.epoch_ = 2;
-  for (const TimeUs now : {2000, 3000, 4000}) {
-    turn(now);
-    EXPECT_NEAR(height(), 0.5, 0.01);
-  }
-  scene_.lod().set_fraction(0.5);
-  EXPECT_TRUE(turn(5000));
-  EXPECT_NEAR(height(), 0.5, 0.01) << "also when something else changes";
-  scene_.lod().set_fraction(1);
-  turn(6000);
-  source_.batches.push_back({sphere_pose(source_.asset_, 1, 50, 0.7, 0, 2)});
-  EXPECT_TRUE(turn(7000)) << "its clock is a new one: earlier times count";
-  EXPECT_NEAR(height(), 0.7, 0.01);
-  EXPECT_EQ(scene_.facts().version, facts) << "the camera has nothing new to frame";
-  EXPECT_EQ(scene_.geometry().topology_version, topology + 2);
-}
-
-TEST_F(Scene, PausedStaysAsItIsWhenTheSenderComesBackWithMoreChannels) {
-  source_.info_->epoch = 1;
-  source_.info_->asset = "a";
-  source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 0.5)});
-  turn(1000);
-  scene_.set_paused(true);
-  source_.info_->epoch = source_.epoch_ = 2;
-  ReceivedPose wider = sphere_pose(source_.asset_, 1, 50, 0.7, 0, 2);
-  wider.channels = 4;
-  wider.coefficients.assign(24, 0.25);
-  source_.batches.push_back({wider});
-  EXPECT_FALSE(turn(2000));
-  scene_.lod().set_fraction(0.5);
-  EXPECT_TRUE(turn(3000));
-  EXPECT_NEAR(height(), 0.5, 0.01);
-}
-
-TEST_F(Scene, ABandThatComesOrGoesIsFaded) {
-  // Band 1 holds row 5 (y^2 - 1/3): at the pole it adds two thirds of its coefficient to the height.
-  const auto pose = [&](std::uint64_t sequence, TimeUs time_us, bool with_band) {
-    ReceivedPose made = sphere_pose(source_.asset_, sequence, time_us, 1);
-    made.envelope.bands = with_band ? 3 : 1;
-    if (with_band) made.coefficients[5 * 3 + 1] = 0.6;
-    return made;
+TEST(Scenes, EachSurfaceIsDrawnAtItsPlaceAndMayBeHidden) {
+  auto context = OffscreenContext::create();
+  ASSERT_TRUE(context) << context.error().message;
+  auto renderer = Renderer::create();
+  ASSERT_TRUE(renderer) << renderer.error().message;
+  Stage stage({sphere_asset(3)}, {at(0, {-2, 0, 0}), at(0, {2, 0, 0})});
+  ASSERT_TRUE(stage.turn(0));
+  Camera camera;
+  camera.set_viewport(320, 160);
+  camera.set_view("front");
+  const SurfaceFacts& f = stage.scene.facts();
+  camera.set_scene({f.low[0], f.low[1], f.low[2]}, {f.high[0], f.high[1], f.high[2]});
+  (*renderer)->set_surface_count(2);
+  const auto is_clay_at = [&](const Picture& picture, const glm::vec3& place) {
+    const auto px = camera.pixel_from_scene(place);
+    const std::uint8_t* p = picture.pixel(static_cast<int>(px->x), static_cast<int>(px->y));
+    return p[0] > p[2] + 28;
   };
-  TimeUs start = 10'000'000;
-  float before = 1;
-  for (const bool with_band : {false, true, false}) {
-    start += 1'000'000;
-    const float after = with_band ? 1.4F : 1;
-    source_.batches.push_back({pose(static_cast<std::uint64_t>(start), start, with_band)});
-    const auto shown = scene_.poses_shown();
-    turn(start);
-    EXPECT_NEAR(height(), before, 0.01) << "no snap";
-    for (const TimeUs passed : {30'000, 75'000, 120'000}) {
-      EXPECT_EQ(turn(start + passed), before != after) << "no new pose is needed";
-      EXPECT_NEAR(height(), before + (after - before) * static_cast<float>(passed) / 150'000, 0.01);
+  for (const bool second_visible : {true, false}) {
+    for (std::size_t i = 0; i < 2; ++i) {
+      (*renderer)->upload(i, stage.geometry(i));
+      (*renderer)->place(i, stage.scene.instances()[i].scene_from_surface, i == 0 || second_visible);
     }
-    turn(start + 150'000);
-    EXPECT_NEAR(height(), after, 0.01);
-    EXPECT_FALSE(turn(start + 160'000));
-    EXPECT_EQ(scene_.poses_shown(), shown + 1) << "one pose, however many pictures";
-    before = after;
+    const auto picture = (*renderer)->picture(camera, {}, 320, 160);
+    ASSERT_TRUE(picture);
+    EXPECT_TRUE(is_clay_at(*picture, {-2, 0, 0}));
+    EXPECT_EQ(is_clay_at(*picture, {2, 0, 0}), second_visible);
+    EXPECT_FALSE(is_clay_at(*picture, {0, 0, 0}));
   }
+  (*renderer)->set_surface_count(1);
+  const auto picture = (*renderer)->picture(camera, {}, 320, 160);
+  ASSERT_TRUE(picture);
+  EXPECT_TRUE(is_clay_at(*picture, {-2, 0, 0}));
 }
 
-TEST_F(Scene, AFadeEndsAlsoWhenTheStreamIsNoLongerDescribed) {
-  source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 1)});
-  turn(1000);
-  source_.batches.push_back({sphere_pose(source_.asset_, 2, 2000, 1)});
-  source_.batches.front()[0].envelope.bands = 1;
-  EXPECT_TRUE(turn(2000));
-  source_.info_->format = {};  // as while the broker waits for a sender
-  EXPECT_TRUE(turn(3000));
-  EXPECT_FALSE(turn(4000));
+TEST(SceneFiles, SurfacesNameTheirStreamsAndPlaces) {
+  const auto scene = scene_from_json(R"({"surfaces": [
+    {"stream": "ws://h/a", "name": "left"},
+    {"stream": "ws://h/b", "position": [1, 2, 3], "scale": 2, "rotation_deg": [0, 0, 1, 90]},
+    {"stream": "ws://h/a", "position": [5, 0, 0]},
+    {"file": "heart"}]})");
+  ASSERT_TRUE(scene) << scene.error().message;
+  EXPECT_EQ(scene->streams, (std::vector<std::string>{"ws://h/a", "ws://h/b", "file:heart"}));
+  ASSERT_EQ(scene->placements.size(), 4u);
+  EXPECT_EQ(scene->placements[2].source, 0u);
+  EXPECT_EQ(scene->placements[0].name, "left");
+  EXPECT_FALSE(scene->row);
+  const glm::vec4 moved = scene->placements[1].scene_from_world * glm::vec4(1, 0, 0, 1);
+  EXPECT_NEAR(glm::length(glm::vec3(moved) - glm::vec3(1, 4, 3)), 0, 1e-5) << "scaled, turned, then moved";
 }
 
-TEST_F(Scene, BandsOfStepsAreThoseOfTheirKey) {
-  const auto key = [&](std::uint64_t sequence, TimeUs time_us, std::uint8_t bands) {
-    ReceivedPose made = sphere_pose(source_.asset_, sequence, time_us, 1);
-    made.envelope.flags = Envelope::kAhead;
-    made.envelope.bands = bands;
-    ReceivedPose step = made;
-    step.envelope.kind = FrameKind::kStep;
-    step.envelope.flags = 0;
-    step.envelope.bands = 0;
-    if (bands == 3) step.coefficients[5 * 3 + 1] = 0.6;
-    return std::vector<ReceivedPose>{made, step};
-  };
-  source_.batches.push_back(key(1, 1'000'000, 3));
-  turn(1'000'000);
-  EXPECT_NEAR(height(), 1.4, 0.01);
-  EXPECT_EQ(scene_.bands_received(), 2u);
-  source_.batches.push_back(key(2, 1'060'000, 1));
-  turn(1'060'000);
-  EXPECT_NEAR(height(), 1.4, 0.01);
-  EXPECT_EQ(scene_.bands_received(), 1u);
-  turn(1'135'000);
-  EXPECT_NEAR(height(), 1.2, 0.01);
-}
-
-TEST(SceneInterpolated, ShowsPosesBetweenArrivals) {
-  FakeSource source(sphere_asset(2));
-  SceneOptions options;
-  options.playout.mode = PlayoutMode::kInterpolate;
-  options.playout.delay_us = 100'000;
-  SceneState scene(options);
-  for (int i = 0; i < 4; ++i) {
-    source.batches.push_back({sphere_pose(source.asset_, static_cast<std::uint64_t>(i), i * 50'000, 0.5 + 0.1 * i)});
-    scene.receive(source, source.poll({}));
-    scene.advance(source, i * 50'000);
+TEST(SceneFiles, WhatIsWrongIsNamed) {
+  const std::vector<std::pair<const char*, const char*>> wrong{
+      {"", "scene"},
+      {"[]", "scene"},
+      {R"({"surfaces": []})", "scene"},
+      {R"({"surfaces": [7]})", "surfaces[0]"},
+      {R"({"surfaces": [{"name": "x"}]})", "stream"},
+      {R"({"surfaces": [{"stream": "ws://h/a", "file": "heart"}]})", "either"},
+      {R"({"surfaces": [{"file": 7}]})", "either"},
+      {R"({"surfaces": [{"stream": "ws://h/a", "positon": [0, 0, 0]}]})", "positon"},
+      {R"({"surfaces": [{"stream": "ws://h/a", "position": [0, 0]}]})", "surfaces[0].position"},
+      {R"({"surfaces": [{"stream": "ws://h/a", "position": [0, 0, 1e39]}]})", "finite"},
+      {R"({"surfaces": [{"stream": "ws://h/a", "scale": 0}]})", "scale"},
+      {R"({"surfaces": [{"stream": "ws://h/a", "rotation_deg": [0, 0, 0, 9]}]})", "axis"},
+      {R"({"surfaces": [{"stream": "ws://h/a", "name": 7}]})", "name"}};
+  for (const auto& [text, named] : wrong) {
+    const auto scene = scene_from_json(text);
+    ASSERT_FALSE(scene) << text;
+    EXPECT_NE(scene.error().message.find(named), std::string::npos) << scene.error().message;
   }
-  scene.advance(source, 175'000);  // 100 ms of delay: media time 75 ms, half-way between the second and the third
-  float highest = 0;
-  for (std::size_t i = 1; i < scene.geometry().positions.size(); i += 3) {
-    highest = std::max(highest, scene.geometry().positions[i]);
-  }
-  EXPECT_NEAR(highest, 0.65, 0.02);
+  std::string many = R"({"surfaces": [)";
+  for (std::size_t i = 0; i <= kMostSurfaces; ++i) many += R"({"stream": "ws://h/a"},)";
+  many.back() = ']';
+  EXPECT_EQ(scene_from_json(many + "}").error().code, ErrorCode::kTooLarge);
+  EXPECT_EQ(read_scene_file("/nonexistent/scene.json").error().code, ErrorCode::kIo);
 }
 
-TEST(SceneInterpolated, FollowsTheStreamUnlessADelayIsAskedFor) {
-  // 15 keys a second that rise evenly, drawn at 60 Hz: every picture must show about as much motion as the others.
-  FakeSource source(sphere_asset(1));
-  SceneOptions options;
-  options.playout.mode = PlayoutMode::kInterpolate;
-  SceneState scene(options);
-  constexpr TimeUs kKeyUs = 1'000'000 / 15, kPictureUs = 1'000'000 / 60;
-  const auto place = [&] { return scene.geometry().positions[0]; };
-  std::uint64_t keys = 0;
-  std::optional<float> last;
-  for (TimeUs now = 0; now < 4'000'000; now += kPictureUs) {
-    std::vector<ReceivedPose> poses;
-    for (; static_cast<TimeUs>(keys) * kKeyUs <= now; ++keys) {
-      const TimeUs time_us = static_cast<TimeUs>(keys) * kKeyUs;
-      poses.push_back(sphere_pose(source.asset_, keys + 1, time_us, 1, static_cast<double>(time_us) / 1e6));
-    }
-    source.batches.push_back(poses);
-    scene.receive(source, source.poll({}));
-    scene.advance(source, now);
-    if (now > 1'000'000) {
-      ASSERT_TRUE(last);
-      EXPECT_NEAR(place() - *last, 1.0 / 60, 0.3 / 60) << now;
-    }
-    last = place();
-  }
+TEST(CameraPaths, PassesThroughItsKeysAndMovesEvenlyBetweenThem) {
+  const auto path = CameraPath::from_json(R"({"keys": [
+    {"t": 0, "eye": [0, 0, 5], "target": [0, 0, 0]},
+    {"t": 1, "eye": [2, 0, 5], "target": [0, 0, 0]},
+    {"t": 3, "eye": [6, 0, 5], "target": [0, 1, 0]}]})");
+  ASSERT_TRUE(path) << path.error().message;
+  EXPECT_EQ(path->seconds(), 3);
+  for (const double t : {-1.0, 0.0, 0.25, 1.0, 1.7, 3.0, 9.0})
+    EXPECT_NEAR(path->at(t).eye.x, 2 * std::clamp(t, 0.0, 3.0), 1e-5) << "keys of even motion give even motion";
+  EXPECT_NEAR(path->at(3).target.y, 1, 1e-6);
+  Camera camera;
+  path->apply(1, camera);
+  EXPECT_NEAR(glm::length(camera.position() - glm::vec3(2, 0, 5)), 0, 1e-5);
 }
 
-TEST(SceneInterpolated, ABandThatGoesFadesAndIsNeverMixed) {
-  // The height is 1 + 2/3 of row 5, which is in band 1: 1.4 with it, 1 without it. Poses come 20 ms apart.
-  FakeSource source(sphere_asset(3));
-  SceneOptions options;
-  options.playout.mode = PlayoutMode::kInterpolate;
-  SceneState scene(options);
-  std::vector<float> heights;
-  for (int i = 0; i < 60; ++i) {
-    const TimeUs time_us = i * 20'000;
-    ReceivedPose pose = sphere_pose(source.asset_, static_cast<std::uint64_t>(i + 1), time_us, 1);
-    pose.envelope.bands = i < 30 ? 3 : 1;
-    if (i < 30) pose.coefficients[5 * 3 + 1] = 0.6;
-    source.batches.push_back({pose});
-    scene.receive(source, source.poll({}));
-    scene.advance(source, time_us);
-    float highest = 0;
-    for (std::size_t v = 1; v < scene.geometry().positions.size(); v += 3)
-      highest = std::max(highest, scene.geometry().positions[v]);
-    heights.push_back(highest);
+TEST(CameraPaths, WhatIsWrongIsNamed) {
+  for (const char* text : {"", "{}", R"({"keys": []})", R"({"keys": [{"t": 0}]})",
+                           R"({"keys": [{"t": -1, "eye": [0, 0, 5], "target": [0, 0, 0]}]})",
+                           R"({"keys": [{"t": 0, "eye": [0, 0, 5], "target": [0, 0, 5]}]})",
+                           R"({"keys": [{"t": 0, "eye": [0, 0, "x"], "target": [0, 0, 5]}]})",
+                           R"({"keys": [{"t": 0, "eye": [0, 0, 5], "target": [0, 0, 0]},
+                                        {"t": 0, "eye": [1, 0, 5], "target": [0, 0, 0]}]})"}) {
+    const auto path = CameraPath::from_json(text);
+    ASSERT_FALSE(path) << text;
+    EXPECT_EQ(path.error().code, ErrorCode::kCorrupt);
   }
-  EXPECT_NEAR(heights[29], 1.4, 0.01);
-  EXPECT_NEAR(heights.back(), 1, 0.01);
-  for (std::size_t i = 30; i < heights.size(); ++i)
-    EXPECT_LE(heights[i - 1] - heights[i], 0.4 * 20 / 150 + 0.01) << "no faster than the fade, picture " << i;
-}
-
-TEST(SceneInterpolated, AWrongEstimateIsDrawnUntilItHasSettled) {
-  FakeSource source(sphere_asset(1));
-  SceneOptions options;
-  options.playout.mode = PlayoutMode::kEstimate;
-  SceneState scene(options);
-  for (int i = 0; i < 6; ++i) {  // Moves by 0.1 a pose, and then not at all.
-    const double shift = 0.1 * std::min(i, 4);
-    source.batches.push_back({sphere_pose(source.asset_, static_cast<std::uint64_t>(i + 1), i * 50'000, 1, shift)});
-    scene.receive(source, source.poll({}));
-    scene.advance(source, i * 50'000);
-    if (i < 5) scene.advance(source, i * 50'000 + 40'000);
-  }
-  EXPECT_TRUE(scene.settling());
-  TimeUs now = 250'000;
-  while (scene.settling() && now < 1'000'000) scene.advance(source, now += 10'000);
-  EXPECT_LE(now, 250'000 + Correction::kBlendUs + 10'000);
-  EXPECT_NEAR(scene.coefficients()[0], 0.4, 1e-9);
-  EXPECT_GT(scene.times_shown()[static_cast<std::size_t>(Shown::kEstimated)], 0U);
-}
-
-TEST(ScenePoints, ACloudHasSpacingAndNoNormals) {
-  FakeSource source(sphere_asset(3, true));
-  SceneState scene;
-  scene.receive(source, source.poll({}));
-  ASSERT_TRUE(scene.advance(source, 0));
-  EXPECT_TRUE(scene.geometry().is_point_cloud);
-  EXPECT_TRUE(scene.geometry().normals.empty());
-  EXPECT_NEAR(scene.geometry().point_spacing, std::sqrt(12.566F / 642), 1e-3);
 }
 
 }  // namespace

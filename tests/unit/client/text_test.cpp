@@ -141,7 +141,8 @@ TEST(ViewerState, KeysDoWhatTheHelpSays) {
   EXPECT_TRUE(state.quit);
   EXPECT_FALSE(action_for_key("J"));
   bool edges_on = false;
-  for (const HelpLine& line : help_lines(state, camera, lod)) edges_on |= line.what == "edges" && line.state == "on";
+  for (const HelpLine& line : help_lines(state, camera, lod, ResolverKind::kNone))
+    edges_on |= line.what == "edges" && line.state == "on";
   EXPECT_TRUE(edges_on);
 }
 
@@ -199,9 +200,9 @@ std::variant<ClientOptions, ExitNow> parsed(std::vector<const char*> arguments) 
 TEST(Options, DefaultsAndTheQueryDecideUnlessAsked) {
   const auto plain = parsed({});
   ASSERT_TRUE(std::holds_alternative<ClientOptions>(plain));
-  EXPECT_EQ(std::get<ClientOptions>(plain).url, "ws://127.0.0.1:7490/demo");
+  EXPECT_EQ(std::get<ClientOptions>(plain).scene.streams.front(), "ws://127.0.0.1:7490/demo");
   EXPECT_FALSE(std::get<ClientOptions>(plain).profile);
-  EXPECT_EQ(std::get<ClientOptions>(plain).scene.playout.delay_us, 0) << "follows the stream";
+  EXPECT_EQ(std::get<ClientOptions>(plain).view_options.playout.delay_us, 0) << "follows the stream";
   const auto asked =
       parsed({"ws://h/a?rate=interpolated&k=5", "--form", "compact", "--size", "640x480", "--playout", "estimate"});
   ASSERT_TRUE(std::holds_alternative<ClientOptions>(asked));
@@ -211,7 +212,7 @@ TEST(Options, DefaultsAndTheQueryDecideUnlessAsked) {
   EXPECT_EQ(options.profile->form, Profile::Form::kCompact);
   EXPECT_EQ(options.width, 640);
   EXPECT_EQ(options.height, 480);
-  EXPECT_EQ(options.scene.playout.mode, PlayoutMode::kEstimate);
+  EXPECT_EQ(options.view_options.playout.mode, PlayoutMode::kEstimate);
   const auto estimated = std::get<ClientOptions>(parsed({"--rate", "estimated"}));
   EXPECT_EQ(estimated.profile->scheme, Profile::Scheme::kDamped) << "the default of its rate";
   const auto linear = std::get<ClientOptions>(parsed({"--rate", "estimated", "--scheme", "linear", "--k", "5"}));
@@ -227,18 +228,48 @@ TEST(Options, CredentialsComeFromFlagsUrlAndContexts) {
   const auto options = [](std::vector<const char*> arguments) {
     return std::get<ClientOptions>(parsed(std::move(arguments)));
   };
-  EXPECT_EQ(parse_broker_url(options({"live/b"}).url)->shown(), "wss://studio.example:443/eigencast/live/b");
-  EXPECT_EQ(options({"live/b"}).credentials.token, "secret");
-  EXPECT_EQ(options({"--token", "mine"}).credentials.token, "mine");
-  EXPECT_EQ(options({"--token", "mine", "--insecure"}).credentials.ca_file, "ca.pem");
-  EXPECT_TRUE(options({"--insecure"}).credentials.insecure);
-  EXPECT_FALSE(options({}).credentials.insecure);
-  EXPECT_EQ(options({"ws://other/x"}).credentials.token, "") << "another broker's";
+  EXPECT_EQ(parse_broker_url(options({"live/b"}).scene.streams.front())->shown(),
+            "wss://studio.example:443/eigencast/live/b");
+  EXPECT_EQ(options({"live/b"}).credentials.front().token, "secret");
+  EXPECT_EQ(options({"--token", "mine"}).credentials.front().token, "mine");
+  EXPECT_EQ(options({"--token", "mine", "--insecure"}).credentials.front().ca_file, "ca.pem");
+  EXPECT_TRUE(options({"--insecure"}).credentials.front().insecure);
+  EXPECT_FALSE(options({}).credentials.front().insecure);
+  EXPECT_EQ(options({"ws://other/x"}).credentials.front().token, "") << "another broker's";
   const auto shown = options({"ws://other/x?access_token=t.o.k&rate=raw"});
-  EXPECT_EQ(shown.url, "ws://other:7490/x?rate=raw");
-  EXPECT_EQ(shown.credentials.token, "t.o.k");
+  EXPECT_EQ(shown.scene.streams.front(), "ws://other:7490/x?rate=raw");
+  EXPECT_EQ(shown.credentials.front().token, "t.o.k");
   EXPECT_EQ(std::get<ExitNow>(parsed({"--context", "none"})).code, kExitUsage);
   ::unsetenv("XDG_CONFIG_HOME");
+}
+
+TEST(Options, SeveralStreamsAndWhoChoosesTheLevels) {
+  const auto window = std::get<ClientOptions>(parsed({"ws://h/a", "ws://h/b", "--target-fps", "30"}));
+  EXPECT_EQ(window.scene.streams, (std::vector<std::string>{"ws://h/a", "ws://h/b"}));
+  EXPECT_TRUE(window.scene.row);
+  EXPECT_EQ(window.levels.kind, ResolverKind::kBudget);
+  EXPECT_EQ(window.levels.target_fps, 30);
+  EXPECT_FALSE(window.follow_display);
+  EXPECT_TRUE(std::get<ClientOptions>(parsed({})).follow_display);
+  EXPECT_EQ(std::get<ClientOptions>(parsed({"--headless"})).levels.kind, ResolverKind::kNone);
+  EXPECT_EQ(std::get<ClientOptions>(parsed({"--headless", "--resolver", "paper"})).levels.kind, ResolverKind::kPaper);
+}
+
+TEST(Options, ViewTakesFilesAndShapes) {
+  const auto view = std::get<ClientOptions>(parsed({"view", "heart", "a/b.obj", "--lod", "0.5"}));
+  EXPECT_EQ(view.scene.streams, (std::vector<std::string>{"file:heart", "file:a/b.obj"}));
+}
+
+TEST(HudText, StatesEachSurfaceAndTheResolver) {
+  HudFigures f;
+  f.levels = {1, 0.42, 0.071};
+  LevelSettings settings;
+  settings.kind = ResolverKind::kPaper;
+  settings.target_fps = 20;
+  f.resolver = text_from_levels(LevelControl(settings), 0.0412);
+  const auto lines = hud_lines(f);
+  EXPECT_EQ(lines[3], "of each 1.00 0.42 0.07");
+  EXPECT_EQ(lines[4], "paper \xC2\xB7 20/s \xC2\xB7 41.2 of 50.0 ms \xC2\xB7 kappa 0.00");
 }
 
 TEST(Options, WrongUsageExitsWithTwo) {
@@ -253,6 +284,12 @@ TEST(Options, WrongUsageExitsWithTwo) {
                                                     {"--scheme", "catmull-rom", "--form", "compact"},
                                                     {"--rate", "estimated", "--scheme", "hermite"},
                                                     {"--nonsense"},
+                                                    {"view"},
+                                                    {"--resolver", "x"},
+                                                    {"--target-fps", "0"},
+                                                    {"--scene", "/nonexistent.json"},
+                                                    {"ws://h/a", "--scene", "/nonexistent.json"},
+                                                    {"ws://h/a", "ftp://x/y"},
                                                     {"ftp://x/y"},
                                                     {"--out", "x"},
                                                     {"--playout", "x"},

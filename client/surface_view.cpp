@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/scene_state.h"
+#include "client/surface_view.h"
 
 #include <algorithm>
 #include <bit>
@@ -33,9 +33,9 @@ PoseOrigin origin_of(FrameKind kind) {
 
 }  // namespace
 
-SceneState::SceneState(const SceneOptions& options) : playout_(options.playout), lod_(options.lod) {}
+SurfaceView::SurfaceView(const SceneOptions& options) : playout_(options.playout), lod_(options.lod) {}
 
-void SceneState::receive(const PoseSource& source, std::vector<ReceivedPose> poses) {
+void SurfaceView::receive(const PoseSource& source, const std::vector<ReceivedPose>& poses) {
   follow_epoch(source);
   const Asset* asset = source.asset();
   for (const ReceivedPose& pose : poses) {
@@ -48,7 +48,7 @@ void SceneState::receive(const PoseSource& source, std::vector<ReceivedPose> pos
   }
 }
 
-void SceneState::follow_epoch(const PoseSource& source) {
+void SurfaceView::follow_epoch(const PoseSource& source) {
   const Asset* asset = source.asset();
   if (asset == nullptr) return;
   const auto& info = source.info();
@@ -58,7 +58,7 @@ void SceneState::follow_epoch(const PoseSource& source) {
     const bool same = has_asset_ && !id.empty() && id == asset_id_;
     has_asset_ = true;
     epoch_ = source.epoch();
-    reconstructor_.reset();
+    reconstructor_ = std::make_shared<Reconstructor>();
     asset_id_ = id;
     playout_.reset();
     shown_time_.reset();
@@ -68,7 +68,7 @@ void SceneState::follow_epoch(const PoseSource& source) {
   }
 }
 
-void SceneState::show_rest(const Asset& asset) {
+void SurfaceView::show_rest(const Asset& asset) {
   fade_.reset();
   stream_bands_ = 0;
   has_pose_ = false;
@@ -79,7 +79,7 @@ void SceneState::show_rest(const Asset& asset) {
   facts_rows_ = 0;
 }
 
-void SceneState::add_pose(const ReceivedPose& pose, const Asset& asset) {
+void SurfaceView::add_pose(const ReceivedPose& pose, const Asset& asset) {
   if (pose.envelope.bands != 0) {
     stream_bands_ = pose.envelope.bands;
     bands_received_ = static_cast<std::uint32_t>(std::popcount(stream_bands_));
@@ -93,7 +93,7 @@ void SceneState::add_pose(const ReceivedPose& pose, const Asset& asset) {
   playout_.add({e.capture_us, pose.coefficients, stream_bands_, origin_of(e.kind)}, pose.arrival_us);
 }
 
-bool SceneState::choose_pose(const PoseSource& source, TimeUs now_us) {
+bool SurfaceView::choose_pose(const PoseSource& source, TimeUs now_us) {
   if (paused_ && has_pose_) return false;
   const std::uint32_t rank = source.asset()->rank;
   const auto& info = source.info();
@@ -118,47 +118,60 @@ bool SceneState::choose_pose(const PoseSource& source, TimeUs now_us) {
   return true;
 }
 
-bool SceneState::advance(const PoseSource& source, TimeUs now_us) {
+bool SurfaceView::prepare(const PoseSource& source, TimeUs now_us) {
   const Asset* asset = source.asset();
   if (asset == nullptr || !has_asset_ || epoch_ != source.epoch()) return false;
-  const std::uint32_t N = lod_.vertices(*asset);
+  std::uint32_t N = lod_.vertices(*asset);
   if (N == 0) return false;
+  if (most_vertices_) N = std::max(std::min(N, *most_vertices_), asset->base_count);
   const bool new_pose = choose_pose(source, now_us);
   const bool new_level = N != geometry_.vertex_count() || asset->faces_ready != built_faces_ready_;
   if (!new_pose && !new_level) return false;
+  if (asset->rows_ready > reconstructor_->tiles().rows()) reconstructor_->update(*asset);
   update_facts(*asset);
   if (new_level) {
     geometry_.triangles = triangles_at_level(*asset, N);
     built_faces_ready_ = asset->faces_ready;
     ++geometry_.topology_version;
   }
-  rebuild(*asset, N);
+  level_ = N;
+  rank_to_rebuild_ = std::min(asset->rank, std::max(1U, rank_in_use(coefficients_, channels_)));
+  geometry_.positions.resize(std::size_t{N} * 3);
+  positions_to_fill_ = geometry_.positions;
   return true;
 }
 
-void SceneState::rebuild(const Asset& asset, std::uint32_t N) {
-  const TimeUs start = steady_now_us();
-  geometry_.positions.resize(std::size_t{N} * 3);
-  const std::uint32_t rank = std::min(asset.rank, std::max(1U, rank_in_use(coefficients_, channels_)));
-  reconstructor_.update(asset);
-  reconstructor_.rebuild(coefficients_, channels_, rank, N, geometry_.positions);
-  const TimeUs rebuilt = steady_now_us();
+void SurfaceView::finish(const Asset& asset) {
   geometry_.is_point_cloud = asset.is_point_cloud();
   geometry_.normals.resize(geometry_.is_point_cloud ? 0 : geometry_.positions.size());
   if (!geometry_.is_point_cloud) vertex_normals(geometry_.positions, geometry_.triangles, geometry_.normals);
-  geometry_.point_spacing = static_cast<float>(std::sqrt(std::max(asset.area, 0.0) / N));
+  geometry_.point_spacing = static_cast<float>(std::sqrt(std::max(asset.area, 0.0) / level_));
   ++geometry_.pose_version;
-  reconstruct_us_.add(rebuilt - start);
-  normals_us_.add(steady_now_us() - rebuilt);
 }
 
-void SceneState::update_facts(const Asset& asset) {
+bool SurfaceView::advance(const PoseSource& source, TimeUs now_us) {
+  if (!prepare(source, now_us)) return false;
+  const Work all = work();
+  reconstructor_->rebuild({&all.pose, 1}, all.rank, all.N);
+  finish(*source.asset());
+  return true;
+}
+
+std::array<float, 3> SurfaceView::barycentre() const {
+  std::array<double, 3> sum{};
+  const std::size_t rank = std::min(barycentre_weights_.size(), coefficients_.size() / channels_);
+  for (std::size_t k = 0; k < rank; ++k) {
+    for (std::size_t d = 0; d < 3; ++d) sum[d] += barycentre_weights_[k] * coefficients_[k * channels_ + d];
+  }
+  return {static_cast<float>(sum[0]), static_cast<float>(sum[1]), static_cast<float>(sum[2])};
+}
+
+void SurfaceView::update_facts(const Asset& asset) {
   if (facts_rows_ == asset.rows_ready) return;
   facts_rows_ = asset.rows_ready;
   // The rest pose as this receiver rebuilds it: true in every basis and for every part that has arrived.
   std::vector<float> rest(std::size_t{asset.rows_ready} * 3);
-  reconstructor_.update(asset);
-  reconstructor_.rebuild(asset.rest, 3, asset.rank, asset.rows_ready, rest);
+  reconstructor_->rebuild(asset.rest, 3, asset.rank, asset.rows_ready, rest);
   for (std::size_t axis = 0; axis < 3; ++axis) {
     facts_.low[axis] = facts_.high[axis] = rest[axis];
     for (std::size_t i = axis; i < rest.size(); i += 3) {
@@ -168,6 +181,16 @@ void SceneState::update_facts(const Asset& asset) {
   }
   facts_.up_axis = asset.up_axis;
   ++facts_.version;
+  // Mass times basis, over the mass: in the harmonic basis the constant column alone, in every other as exact.
+  barycentre_weights_.assign(asset.rank, 0);
+  double mass = 0;
+  for (std::size_t i = 0; i < asset.rows_ready; ++i) {
+    const double m = asset.mass[i];
+    mass += m;
+    for (std::size_t k = 0; k < asset.rank; ++k)
+      barycentre_weights_[k] += m * static_cast<double>(asset.basis[i * asset.rank + k]);
+  }
+  for (double& weight : barycentre_weights_) weight /= mass > 0 ? mass : 1;
 }
 
 }  // namespace eigencast

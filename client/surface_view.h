@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -11,7 +12,6 @@
 #include "client/band_fade.h"
 #include "client/level_of_detail.h"
 #include "client/pose_source.h"
-#include "common/core/histogram.h"
 #include "common/motion/playout.h"
 #include "common/reconstruction/reconstruct.h"
 
@@ -30,7 +30,7 @@ struct SurfaceGeometry {
 };
 
 /// The rest pose's box, and the ways of the scene that the asset states.
-struct SceneFacts {
+struct SurfaceFacts {
   std::array<float, 3> low{}, high{};
   Asset::UpAxis up_axis = Asset::UpAxis::kY;
   std::uint64_t version = 0;  ///< Grows when the facts change.
@@ -38,28 +38,50 @@ struct SceneFacts {
 
 struct SceneOptions {
   PlayoutSettings playout;
-  double lod = 1;
+  double lod = 1;  ///< Most of the vertices to draw.
 };
 
-/// Turns what a PoseSource found into the surface to draw now: chooses the pose (Playout) and the number of vertices
+/// One surface of a scene. Turns what a PoseSource found into the surface to draw now: chooses the pose (Playout) and the number of vertices
 /// (LevelOfDetail), fades where the set of bands changes (BandFade), rebuilds positions and normals. Keeps the last pose
 /// while nothing comes, also when a new epoch brings the same asset; draws the rest pose of an asset before the first
 /// pose, and as much of an asset as has arrived.
 ///
 /// Time comes in as arguments. Not thread-safe.
-class SceneState {
+class SurfaceView {
  public:
-  explicit SceneState(const SceneOptions& options = {});
+  explicit SurfaceView(const SceneOptions& options = {});
 
   /// Takes over what the source's poll() returned.
-  void receive(const PoseSource& source, std::vector<ReceivedPose> poses);
+  void receive(const PoseSource& source, const std::vector<ReceivedPose>& poses);
 
   /// Rebuilds the surface for `now_us` if pose, level or asset have changed; true if geometry() has.
   /// REQUIRES: no poll() of the source since receive().
   bool advance(const PoseSource& source, TimeUs now_us);
 
+  /// advance() in its parts, for who rebuilds several surfaces in one pass: prepare() decides and says whether anything
+  /// is to be rebuilt; if so, rebuild work() with reconstructor(), then finish(). REQUIRES: as advance().
+  bool prepare(const PoseSource& source, TimeUs now_us);
+  struct Work {
+    PoseToRebuild pose;
+    std::uint32_t rank = 0, N = 0;
+  };
+  Work work() const { return {{coefficients_, channels_, positions_to_fill_}, rank_to_rebuild_, level_}; }
+  const Reconstructor& reconstructor() const { return *reconstructor_; }
+  void finish(const Asset& asset);
+
+  /// Lets views of the same asset share its basis. REQUIRES: all of them show asset_id(), which is not empty.
+  void share(std::shared_ptr<Reconstructor> reconstructor) { reconstructor_ = std::move(reconstructor); }
+  const std::shared_ptr<Reconstructor>& shared_reconstructor() const { return reconstructor_; }
+  /// Of the asset shown; empty while the source has not named it.
+  const std::string& asset_id() const { return asset_id_; }
+
+  /// Draws no more than N vertices from now on, whatever lod() allows; nothing: as many as lod() says.
+  void set_most_vertices(std::optional<std::uint32_t> N) { most_vertices_ = N; }
+  /// The area's barycentre of the pose in geometry(), surface coordinates: a linear function of the coefficients.
+  std::array<float, 3> barycentre() const;
+
   const SurfaceGeometry& geometry() const { return geometry_; }
-  const SceneFacts& facts() const { return facts_; }
+  const SurfaceFacts& facts() const { return facts_; }
   LevelOfDetail& lod() { return lod_; }
   const LevelOfDetail& lod() const { return lod_; }
   /// Takes effect at the next advance(), without a jump.
@@ -82,25 +104,26 @@ class SceneState {
   std::optional<TimeUs> newest_arrival_us() const { return newest_arrival_; }
   std::uint32_t bands_received() const { return bands_received_; }
   std::uint64_t poses_unusable() const { return poses_unusable_; }  ///< Their size is not the asset's.
-  const Histogram& reconstruct_us() const { return reconstruct_us_; }
-  const Histogram& normals_us() const { return normals_us_; }
 
  private:
   void follow_epoch(const PoseSource& source);
   void show_rest(const Asset& asset);
   void add_pose(const ReceivedPose& pose, const Asset& asset);
   bool choose_pose(const PoseSource& source, TimeUs now_us);
-  void rebuild(const Asset& asset, std::uint32_t N);
   void update_facts(const Asset& asset);
 
   Playout playout_;
   LevelOfDetail lod_;
   SurfaceGeometry geometry_;
-  SceneFacts facts_;
+  SurfaceFacts facts_;
   std::uint32_t epoch_ = 0;
   bool has_asset_ = false;
-  std::string asset_id_;  ///< Of the asset shown; empty while the source has not named it.
-  Reconstructor reconstructor_;
+  std::string asset_id_;
+  std::shared_ptr<Reconstructor> reconstructor_ = std::make_shared<Reconstructor>();
+  std::optional<std::uint32_t> most_vertices_;
+  std::uint32_t level_ = 0, rank_to_rebuild_ = 0;
+  std::span<float> positions_to_fill_;
+  std::vector<double> barycentre_weights_;  ///< r: barycentre = weights . coefficients.
   std::uint32_t facts_rows_ = 0, built_faces_ready_ = 0;
   BandFade fade_;
   std::vector<double> coefficients_;  ///< Shown: r x channels_.
@@ -114,7 +137,6 @@ class SceneState {
   bool paused_ = false;
   std::uint64_t poses_shown_ = 0, poses_unusable_ = 0;
   std::uint32_t bands_received_ = 0;
-  Histogram reconstruct_us_, normals_us_;
 };
 
 }  // namespace eigencast

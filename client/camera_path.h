@@ -1,0 +1,41 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <glm/vec3.hpp>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "client/camera.h"
+#include "common/core/result.h"
+
+namespace eigencast {
+
+/// A flight of the camera: the same place at the same time, however fast pictures come. A cubic through the keys whose
+/// velocities are those of the parabolas through three neighbours (the non-uniform Catmull-Rom spline).
+class CameraPath {
+ public:
+  struct Key {
+    double seconds = 0;
+    glm::vec3 eye{0}, target{0};
+  };
+
+  /// Reads {"keys": [{"t": 0, "eye": [x, y, z], "target": [x, y, z]}, ...]}, t in seconds from 0, ascending.
+  /// Errors: kCorrupt, naming the key; kTooLarge (over 10,000 keys).
+  static Result<CameraPath> from_json(std::string_view text);
+  /// Likewise. Errors: kIo as well.
+  static Result<CameraPath> read(const std::string& path);
+  /// REQUIRES: at least one key, times ascending.
+  explicit CameraPath(std::vector<Key> keys);
+
+  double seconds() const { return keys_.back().seconds; }
+  /// Moves the camera to where it is then; before the first and after the last key it stays at them.
+  void apply(double seconds, Camera& camera) const;
+  Key at(double seconds) const;
+
+ private:
+  glm::vec3 along(glm::vec3 Key::*member, std::size_t i, double seconds) const;
+  std::vector<Key> keys_;
+};
+
+}  // namespace eigencast

@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: MIT
+#include "client/clip_source.h"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <thread>
+
+#include "common/reconstruction/reconstruct.h"
+#include "common/surface/read.h"
+#include "common/surface/shapes.h"
+
+namespace eigencast {
+namespace {
+
+constexpr std::size_t kMostBytes = std::size_t{1} << 30;
+
+Result<std::unique_ptr<MotionClip>> open_input(const std::string& input) {
+  std::error_code ignored;
+  const bool is_word = input.find_first_of("/*?[.") == std::string::npos;
+  return is_word && !std::filesystem::exists(input, ignored) ? builtin_clip(input) : open_clip(input);
+}
+
+Result<void> project_frames(const MotionClip& clip, BakedClip& baked, const BakeProgress& progress) {
+  if (clip.frame_count() > kMostBytes / (baked.asset.rest.size() * sizeof(double)))
+    return fail(ErrorCode::kTooLarge,
+                std::to_string(clip.frame_count()) +
+                    " frames are over 1 GiB of coefficients; eigencast-sender play streams any number");
+  const auto projector = Projector::create(baked.asset);
+  if (!projector) return projector.error();
+  for (std::size_t frame = 0; frame < clip.frame_count(); ++frame) {
+    if (progress && !progress(static_cast<double>(frame) / static_cast<double>(clip.frame_count()), "reading frames"))
+      return fail(ErrorCode::kCancelled, "stopped at frame " + std::to_string(frame));
+    const auto pose = clip.pose(frame);
+    if (!pose) return pose.error();
+    static_assert(sizeof(Vec3) == 3 * sizeof(double));
+    auto C = projector->coefficients_from_positions(std::span<const double>(pose->front().data(), 3 * pose->size()));
+    if (!C) return in_context("frame " + std::to_string(frame), C.error());
+    baked.frames.push_back(std::move(*C));
+  }
+  return {};
+}
+
+}  // namespace
+
+std::optional<std::string> clip_in(const std::string& stream) {
+  constexpr std::string_view kScheme = "file:";
+  if (stream.compare(0, kScheme.size(), kScheme) != 0) return std::nullopt;
+  return stream.substr(kScheme.size());
+}
+
+Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& input, const std::string& cache_dir,
+                                                         const BakeProgress& progress) {
+  const auto clip = open_input(input);
+  if (!clip) return clip.error();
+  BakeOptions options;
+  options.name = std::filesystem::path(input).stem().string();
+  auto result = bake((*clip)->rest(), options, cache_dir, progress);
+  if (!result) return in_context(input, result.error());
+  auto baked = std::make_shared<BakedClip>();
+  baked->name = options.name;
+  baked->asset_id = result->encoded.manifest.id.hex();
+  baked->asset = std::move(result->asset);
+  baked->rate_hz = (*clip)->frame_rate_hz();
+  if (const auto projected = project_frames(**clip, *baked, progress); !projected)
+    return in_context(input, projected.error());
+  return std::shared_ptr<const BakedClip>(std::move(baked));
+}
+
+ClipSource::ClipSource(std::shared_ptr<const BakedClip> clip, double phase_s, Clock clock)
+    : clip_(std::move(clip)),
+      waits_(!clock),
+      clock_(clock ? std::move(clock) : Clock(steady_now_us)),
+      began_us_(clock_()),
+      phase_s_(phase_s) {
+  stats_.state = Subscriber::State::kLive;
+  info_.emplace();
+  info_->stream = clip_->name;
+  info_->state = control::StreamInfo::State::kLive;
+  info_->epoch = 1;
+  info_->asset = clip_->asset_id;
+  info_->format = {clip_->asset.rank, 3, clip_->asset.band_ends, "float64"};
+  info_->key_rate_hz = clip_->rate_hz;
+  info_->profile.rate = Profile::Rate::kRaw;
+}
+
+std::vector<ReceivedPose> ClipSource::poll(std::chrono::milliseconds timeout) {
+  if (clip_->frames.empty()) return {};
+  const auto due_us = [&](std::int64_t number) {
+    return began_us_ + static_cast<TimeUs>(std::llround(1e6 * static_cast<double>(number) / clip_->rate_hz));
+  };
+  TimeUs now = clock_();
+  if (waits_ && due_us(next_) > now) {
+    std::this_thread::sleep_for(
+        std::min<std::chrono::microseconds>(timeout, std::chrono::microseconds(due_us(next_) - now)));
+    now = clock_();
+  }
+  if (due_us(next_) > now) return {};
+  // What was missed is over: a viewer that is slower than the clip sees each pose at its time.
+  const auto newest = static_cast<std::int64_t>(static_cast<double>(now - began_us_) * clip_->rate_hz / 1e6);
+  const std::int64_t number = std::max(next_, newest);
+  next_ = number + 1;
+  const auto first = static_cast<std::int64_t>(std::floor(phase_s_ * clip_->rate_hz));
+  const auto count = static_cast<std::int64_t>(clip_->frames.size());
+  ReceivedPose pose;
+  pose.envelope.kind = FrameKind::kKey;
+  pose.envelope.bands = static_cast<std::uint8_t>((1U << std::min<std::size_t>(8, clip_->asset.band_ends.size())) - 1);
+  pose.envelope.epoch = 1;
+  pose.envelope.sequence = static_cast<std::uint64_t>(number);
+  pose.envelope.capture_us = due_us(number);
+  pose.arrival_us = pose.decoded_us = now;
+  pose.coefficients = clip_->frames[static_cast<std::size_t>(((number + first) % count + count) % count)];
+  ++stats_.keys;
+  stats_.latency_us.add(now - pose.envelope.capture_us);
+  return {pose};
+}
+
+}  // namespace eigencast

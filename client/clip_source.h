@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "client/pose_source.h"
+#include "sdk/bake.h"
+
+namespace eigencast {
+
+/// A file or built-in shape as this process bakes it: the asset and every frame's coefficients, as a sender would send
+/// them uncompressed.
+struct BakedClip {
+  std::string name, asset_id;
+  Asset asset;
+  double rate_hz = 30;
+  std::vector<std::vector<double>> frames;  ///< Each r x 3, row-major.
+
+  /// Opens, bakes (or finds baked in cache_dir) and projects all frames. `input`: a built-in shape's name, a path, a
+  /// folder or a glob, as the sender takes. Errors: those of open_clip and bake; kTooLarge (frames of over 1 GiB: play
+  /// it through a broker, which keeps none).
+  static Result<std::shared_ptr<const BakedClip>> open(const std::string& input, const std::string& cache_dir,
+                                                       const BakeProgress& progress = {});
+};
+
+/// Plays a clip again and again without a broker. Its poses' capture and arrival times are when they were due.
+class ClipSource final : public PoseSource {
+ public:
+  using Clock = std::function<TimeUs()>;
+  /// phase_s: how far into the clip it begins. clock: the steady clock, unless a test or a bench says the time; then
+  /// poll() never waits.
+  explicit ClipSource(std::shared_ptr<const BakedClip> clip, double phase_s = 0, Clock clock = {});
+
+  std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout) override;
+  const Asset* asset() const override { return &clip_->asset; }
+  std::uint32_t epoch() const override { return 1; }
+  const std::optional<control::StreamInfo>& info() const override { return info_; }
+  Subscriber::Stats stats() const override { return stats_; }
+
+ private:
+  std::shared_ptr<const BakedClip> clip_;
+  bool waits_;
+  Clock clock_;
+  TimeUs began_us_;
+  double phase_s_;
+  std::int64_t next_ = 0;  ///< Number of the next pose, from the begin.
+  std::optional<control::StreamInfo> info_;
+  Subscriber::Stats stats_;
+};
+
+/// What BakedClip is to open for a stream's name of the form "file:INPUT"; nothing for streams of brokers.
+std::optional<std::string> clip_in(const std::string& stream);
+
+}  // namespace eigencast

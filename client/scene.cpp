@@ -1,0 +1,179 @@
+// SPDX-License-Identifier: MIT
+#include "client/scene.h"
+
+#include <algorithm>
+#include <glm/ext/matrix_transform.hpp>
+#include <glm/geometric.hpp>
+#include <glm/matrix.hpp>
+#include <limits>
+#include <tuple>
+
+namespace eigencast {
+namespace {
+
+constexpr float kRowGap = 0.12F;  // between surfaces of a row, of the wider one
+
+glm::vec3 vec3_from(const std::array<float, 3>& v) {
+  return {v[0], v[1], v[2]};
+}
+
+struct Box {
+  glm::vec3 low{std::numeric_limits<float>::max()}, high{std::numeric_limits<float>::lowest()};
+  void add(const glm::vec3& point) {
+    low = glm::min(low, point);
+    high = glm::max(high, point);
+  }
+};
+
+Box box_in_scene(const SurfaceFacts& facts, const glm::mat4& scene_from_surface) {
+  Box box;
+  for (int corner = 0; corner < 8; ++corner) {
+    const glm::vec3 p((corner & 1) != 0 ? facts.high[0] : facts.low[0],
+                      (corner & 2) != 0 ? facts.high[1] : facts.low[1],
+                      (corner & 4) != 0 ? facts.high[2] : facts.low[2]);
+    box.add(glm::vec3(scene_from_surface * glm::vec4(p, 1)));
+  }
+  return box;
+}
+
+std::optional<glm::mat4> world_of(const PoseSource& source) {
+  const auto& info = source.info();
+  if (!info || !info->world || info->world->size() != 16) return std::nullopt;
+  glm::mat4 matrix{1};
+  for (int column = 0; column < 4; ++column) {
+    for (int row = 0; row < 4; ++row)
+      matrix[column][row] = static_cast<float>((*info->world)[static_cast<std::size_t>(4 * column + row)]);
+  }
+  return matrix;
+}
+
+}  // namespace
+
+Scene::Scene(std::vector<Placement> placements, const SceneOptions& options, bool row) : lod_(options.lod), row_(row) {
+  for (Placement& placement : placements) {
+    Instance& instance =
+        instances_.emplace_back(Instance{std::move(placement), SurfaceView(options), glm::mat4(1), true});
+    instance.scene_from_surface = instance.placement.scene_from_world;
+  }
+}
+
+void Scene::receive(std::size_t index, const PoseSource& source, const std::vector<ReceivedPose>& poses) {
+  for (Instance& instance : instances_) {
+    if (instance.placement.source == index) instance.view.receive(source, poses);
+  }
+}
+
+bool Scene::advance(std::span<PoseSource* const> sources, TimeUs now_us) {
+  std::vector<Instance*> changed;
+  for (Instance& instance : instances_) {
+    instance.view.lod().set_fraction(lod_.fraction());
+    if (!instance.view.prepare(*sources[instance.placement.source], now_us)) continue;
+    share_basis(instance.view);
+    changed.push_back(&instance);
+  }
+  place(sources);
+  if (changed.empty()) return false;
+  const TimeUs start = steady_now_us();
+  rebuild(changed);
+  const TimeUs rebuilt = steady_now_us();
+  for (Instance* instance : changed) instance->view.finish(*sources[instance->placement.source]->asset());
+  reconstruct_us_.add(rebuilt - start);
+  normals_us_.add(steady_now_us() - rebuilt);
+  return true;
+}
+
+void Scene::share_basis(SurfaceView& view) {
+  if (view.asset_id().empty()) return;
+  std::weak_ptr<Reconstructor>& shared = bases_[view.asset_id()];
+  const std::shared_ptr<Reconstructor> held = shared.lock();
+  if (held == view.shared_reconstructor()) return;
+  if (held && held->tiles().rows() >= view.reconstructor().tiles().rows()) {
+    view.share(held);
+  } else {
+    shared = view.shared_reconstructor();  // those who have less of it follow at their next pose
+  }
+  std::erase_if(bases_, [](const auto& entry) { return entry.second.expired(); });
+}
+
+void Scene::rebuild(std::span<Instance* const> changed) {
+  std::vector<std::pair<const Reconstructor*, SurfaceView::Work>> works;
+  for (const Instance* instance : changed) works.emplace_back(&instance->view.reconstructor(), instance->view.work());
+  const auto key = [](const auto& work) { return std::tuple(work.first, work.second.rank, work.second.N); };
+  std::sort(works.begin(), works.end(), [&](const auto& a, const auto& b) { return key(a) < key(b); });
+  std::vector<PoseToRebuild> poses;
+  for (std::size_t i = 0; i < works.size(); ++i) {
+    poses.push_back(works[i].second.pose);
+    if (i + 1 < works.size() && key(works[i + 1]) == key(works[i])) continue;
+    works[i].first->rebuild(poses, works[i].second.rank, works[i].second.N);
+    poses.clear();
+  }
+}
+
+void Scene::place(std::span<PoseSource* const> sources) {
+  std::uint64_t seen = 0;
+  Box all;
+  Asset::UpAxis up = Asset::UpAxis::kUnknown;
+  float end = 0;
+  for (Instance& instance : instances_) {
+    const SurfaceFacts& facts = instance.view.facts();
+    if (facts.version == 0) continue;
+    seen += facts.version;
+    const std::optional<glm::mat4> world = world_of(*sources[instance.placement.source]);
+    instance.scene_from_surface = instance.placement.scene_from_world * world.value_or(glm::mat4(1));
+    Box box = box_in_scene(facts, instance.scene_from_surface);
+    if (row_ && !world) {
+      const float width = box.high.x - box.low.x;
+      const float along = end == 0 ? 0 : end + kRowGap * width - box.low.x;
+      instance.scene_from_surface = glm::translate(glm::mat4(1), {along, 0, 0}) * instance.scene_from_surface;
+      box.low.x += along;
+      box.high.x += along;
+      end = box.high.x + kRowGap * width;
+    }
+    if (up == Asset::UpAxis::kUnknown) up = facts.up_axis;
+    all.add(box.low);
+    all.add(box.high);
+  }
+  if (seen == facts_seen_) return;
+  facts_seen_ = seen;
+  facts_.low = {all.low.x, all.low.y, all.low.z};
+  facts_.high = {all.high.x, all.high.y, all.high.z};
+  facts_.up_axis = up;
+  ++facts_.version;
+}
+
+void Scene::set_paused(bool paused) {
+  for (Instance& instance : instances_) instance.view.set_paused(paused);
+}
+
+void Scene::set_playout(const PlayoutSettings& settings) {
+  for (Instance& instance : instances_) instance.view.set_playout(settings);
+}
+
+std::uint64_t Scene::poses_shown() const {
+  std::uint64_t most = 0;
+  for (const Instance& instance : instances_) most = std::max(most, instance.view.poses_shown());
+  return most;
+}
+
+std::uint64_t Scene::vertex_count() const {
+  std::uint64_t count = 0;
+  for (const Instance& instance : instances_) count += instance.view.geometry().vertex_count();
+  return count;
+}
+
+std::uint64_t Scene::triangle_count() const {
+  std::uint64_t count = 0;
+  for (const Instance& instance : instances_) count += instance.view.geometry().triangles.size() / 3;
+  return count;
+}
+
+Extent extent_of(const Scene::Instance& instance) {
+  const SurfaceFacts& facts = instance.view.facts();
+  if (facts.version == 0) return {};
+  const glm::mat4& m = instance.scene_from_surface;
+  const float scale = std::cbrt(std::abs(glm::determinant(glm::mat3(m))));
+  return {glm::vec3(m * glm::vec4(vec3_from(instance.view.barycentre()), 1)),
+          0.5F * scale * glm::length(vec3_from(facts.high) - vec3_from(facts.low))};
+}
+
+}  // namespace eigencast

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <glm/mat4x4.hpp>
+#include <glm/vec3.hpp>
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "client/surface_view.h"
+#include "common/core/histogram.h"
+
+namespace eigencast {
+
+/// One surface of a scene, before anything has come: which stream it shows and where it stands.
+struct Placement {
+  std::size_t source = 0;  ///< Number of its stream; several surfaces may show one.
+  std::string name;        ///< For people; empty: the stream's.
+  glm::mat4 scene_from_world{1};
+};
+
+/// The surfaces to draw, each from one of several streams. Chooses poses and levels (SurfaceView), and rebuilds the
+/// surfaces that share an asset, a level and a rank in one pass over the asset's basis.
+///
+/// A stream's own world transform (docs/protocol.md) comes first, the placement's after it. Time comes in as arguments.
+/// Not thread-safe.
+class Scene {
+ public:
+  struct Instance {
+    Placement placement;
+    SurfaceView view;
+    glm::mat4 scene_from_surface{1};
+    bool visible = true;
+  };
+
+  /// row: place surfaces whose stream states no world beside one another, along the scene's first axis.
+  Scene(std::vector<Placement> placements, const SceneOptions& options, bool row = false);
+
+  /// Takes over what poll() of stream number `index` returned.
+  void receive(std::size_t index, const PoseSource& source, const std::vector<ReceivedPose>& poses);
+
+  /// Rebuilds for `now_us` what has changed; true if anything has. REQUIRES: no poll() since receive().
+  bool advance(std::span<PoseSource* const> sources, TimeUs now_us);
+
+  std::vector<Instance>& instances() { return instances_; }
+  const std::vector<Instance>& instances() const { return instances_; }
+  /// Most of the vertices that any surface draws.
+  LevelOfDetail& lod() { return lod_; }
+  const LevelOfDetail& lod() const { return lod_; }
+  void set_paused(bool paused);
+  void set_playout(const PlayoutSettings& settings);
+
+  /// The box around the rest poses of all surfaces, in the scene; its version is 0 before there is one, and grows when it
+  /// changes.
+  const SurfaceFacts& facts() const { return facts_; }
+  /// Different poses shown by the surface that has shown most.
+  std::uint64_t poses_shown() const;
+
+  std::uint64_t vertex_count() const;                                  ///< Drawn, of all surfaces.
+  std::uint64_t triangle_count() const;                                ///< Likewise.
+  const Histogram& reconstruct_us() const { return reconstruct_us_; }  ///< Of all surfaces together, each advance().
+  const Histogram& normals_us() const { return normals_us_; }          ///< Likewise.
+
+ private:
+  void rebuild(std::span<Instance* const> changed);
+  void share_basis(SurfaceView& view);
+  void place(std::span<PoseSource* const> sources);
+
+  std::vector<Instance> instances_;
+  LevelOfDetail lod_;
+  bool row_;
+  std::map<std::string, std::weak_ptr<Reconstructor>> bases_;  ///< By asset.
+  SurfaceFacts facts_;
+  std::uint64_t facts_seen_ = 0;
+  Histogram reconstruct_us_, normals_us_;
+};
+
+/// The middle of a surface's pose and its radius, in the scene.
+struct Extent {
+  glm::vec3 barycentre{0};
+  float radius = 0;
+};
+Extent extent_of(const Scene::Instance& instance);
+
+}  // namespace eigencast

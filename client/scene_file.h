@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "client/scene.h"
+#include "common/core/result.h"
+
+namespace eigencast {
+
+/// Which streams a scene shows, and where.
+struct SceneDescription {
+  std::vector<std::string> streams;  ///< URLs, names at a context's broker, or "file:INPUT" (clip_source.h), each once.
+  std::vector<Placement> placements;  ///< Empty: one for each stream.
+  bool row = true;                    ///< See Scene: streams of the command line stand beside one another.
+};
+
+/// Reads a scene file's text (client/README.md). Errors: kCorrupt, naming the surface and the member; kTooLarge (more
+/// than kMostSurfaces).
+inline constexpr std::size_t kMostSurfaces = 256;
+Result<SceneDescription> scene_from_json(std::string_view text);
+
+/// The same from a file. Errors: kIo, kNotFound as well.
+Result<SceneDescription> read_scene_file(const std::string& path);
+
+}  // namespace eigencast

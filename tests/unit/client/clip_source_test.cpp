@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: MIT
+#include "client/clip_source.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <filesystem>
+
+#include "client/surface_view.h"
+#include "common/surface/shapes.h"
+#include "common/surface/write.h"
+
+namespace eigencast {
+namespace {
+
+std::shared_ptr<const BakedClip> heart() {
+  static const auto clip = BakedClip::open("heart", "");
+  EXPECT_TRUE(clip) << clip.error().message;
+  return *clip;
+}
+
+TEST(ClipSources, PlayAtTheClipsPaceFromTheirPhaseAndBeginAgain) {
+  TimeUs now = 5'000'000;
+  const auto clip = heart();
+  const double count = static_cast<double>(clip->frames.size());
+  ClipSource source(clip, 3 / clip->rate_hz + 1e-6, [&] { return now; });
+  auto poses = source.poll({});
+  ASSERT_EQ(poses.size(), 1u);
+  EXPECT_EQ(poses[0].envelope.capture_us, 5'000'000);
+  EXPECT_EQ(poses[0].coefficients, clip->frames[3]);
+  EXPECT_TRUE(source.poll({}).empty()) << "the next is not due";
+  now += static_cast<TimeUs>(1e6 / clip->rate_hz) + 1;
+  EXPECT_EQ(source.poll({}).at(0).coefficients, clip->frames[4]);
+  now = 5'000'000 + static_cast<TimeUs>(1e6 * (count - 2) / clip->rate_hz) + 1;
+  poses = source.poll({});
+  ASSERT_EQ(poses.size(), 1u) << "what was missed is over";
+  EXPECT_EQ(poses[0].coefficients, clip->frames[1]) << "the clip begins again";
+  EXPECT_EQ(source.stats().keys, 3u);
+}
+
+TEST(ClipSources, AViewerShowsTheSurfaceThatWasPlayed) {
+  TimeUs now = 0;
+  const auto clip = heart();
+  ClipSource source(clip, 0, [&] { return now; });
+  SurfaceView view;
+  view.receive(source, source.poll({}));
+  ASSERT_TRUE(view.advance(source, now));
+  EXPECT_EQ(view.poses_shown(), 1u);
+  EXPECT_EQ(view.asset_id(), clip->asset_id);
+  const auto shape = builtin_clip("heart");
+  ASSERT_TRUE(shape);
+  const auto truth = (*shape)->pose(0);
+  ASSERT_TRUE(truth);
+  double worst = 0;
+  for (std::size_t i = 0; i < clip->asset.vertex_count; ++i) {
+    for (std::size_t d = 0; d < 3; ++d)
+      worst = std::max(worst, std::abs(static_cast<double>(view.geometry().positions[3 * i + d]) +
+                                       clip->asset.origin[d] - (*truth)[clip->asset.source_vertex[i]][d]));
+  }
+  EXPECT_LT(worst, 0.02 * clip->asset.diagonal());
+}
+
+TEST(ClipSources, AStillFileIsOnePoseAndWhatIsNoFileSaysSo) {
+  const auto folder = std::filesystem::temp_directory_path() / ("eigencast-clip-source-" + std::to_string(::getpid()));
+  std::filesystem::create_directories(folder);
+  const std::string path = (folder / "ball.obj").string();
+  ASSERT_TRUE(write_surface(make_icosphere(3), path));
+  const auto clip = BakedClip::open(path, (folder / "cache").string());
+  ASSERT_TRUE(clip) << clip.error().message;
+  EXPECT_EQ((*clip)->frames.size(), 1u);
+  EXPECT_EQ((*clip)->asset.name, "ball");
+  const auto again = BakedClip::open(path, (folder / "cache").string());
+  ASSERT_TRUE(again);
+  EXPECT_EQ((*again)->asset_id, (*clip)->asset_id);
+  std::filesystem::remove_all(folder);
+  EXPECT_FALSE(BakedClip::open(path, ""));
+  const auto unknown = BakedClip::open("nonsense", "");
+  ASSERT_FALSE(unknown);
+  EXPECT_NE(unknown.error().message.find("heart"), std::string::npos) << unknown.error().message;
+  const auto cancelled = BakedClip::open("bar", "", [](double, std::string_view) { return false; });
+  ASSERT_FALSE(cancelled);
+  EXPECT_EQ(cancelled.error().code, ErrorCode::kCancelled);
+}
+
+}  // namespace
+}  // namespace eigencast
