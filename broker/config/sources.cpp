@@ -43,34 +43,63 @@ std::string lower(std::string_view text) {
   return changed_case(text, 'A', 'Z', 'a' - 'A');
 }
 
-/// The first line with a header that no key begins in, as "[!access]"; 0: none. toml++ 3.3 asserts that there is none,
-/// which would end a broker that reloads. Nothing else that a setting takes begins a line with a bracket.
-std::size_t line_of_broken_header(std::string_view toml) {
-  constexpr std::string_view kBlanks = " \t";
+/// Without the blanks that it begins with.
+std::string_view unindented(std::string_view text) {
+  return text.substr(std::min(text.find_first_not_of(" \t"), text.size()));
+}
+
+/// Whether the line is a header that no key begins in, as "[!access]". Nothing else that a setting takes begins a line
+/// with a bracket.
+bool is_broken_header(std::string_view line) {
   constexpr std::string_view kBegins = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-\"']";
+  line = unindented(line);
+  if (!line.starts_with('[')) return false;
+  line = unindented(line.substr(line.starts_with("[[") ? 2 : 1));
+  return line.empty() || kBegins.find(line.front()) == std::string_view::npos;
+}
+
+/// Whether anything but ASCII stands outside of comments and strings of one line.
+bool has_stray_characters(std::string_view line) {
+  char quote = 0;
+  for (std::size_t i = 0; i < line.size(); ++i) {
+    const char c = line[i];
+    if (quote != 0) {
+      if (c == '\\' && quote == '"') ++i;
+      if (c == quote) quote = 0;
+    } else if (c == '#') {
+      return false;
+    } else if (c == '"' || c == '\'') {
+      quote = c;
+    } else if (static_cast<unsigned char>(c) >= 0x80) {
+      return true;
+    }
+  }
+  return false;
+}
+
+/// Refuses what toml++ 3.3 asserts not to be there, instead of refusing it: that would end a broker that reloads.
+Result<void> check_readable(std::string_view toml, std::string_view name) {
   constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
   if (toml.starts_with(kByteOrderMark)) toml.remove_prefix(kByteOrderMark.size());
-  for (std::size_t line = 1; !toml.empty(); ++line) {
+  for (std::size_t number = 1; !toml.empty();) {
     const std::size_t end = std::min(toml.find_first_of("\n\r\v\f"), toml.size());
-    std::string_view rest = toml.substr(0, end);
+    const std::string_view line = toml.substr(0, end);
+    const char* flaw = is_broken_header(line) ? "'[' must begin the name of a section, such as [access]"
+                       : has_stray_characters(line)
+                           ? "only strings on one line, and comments, may hold other than ASCII"
+                           : nullptr;
+    if (flaw != nullptr)
+      return fail(ErrorCode::kInvalidArgument, std::string(name) + ":" + std::to_string(number) + ": " + flaw);
+    if (end < toml.size() && toml[end] == '\n') ++number;
     toml.remove_prefix(std::min(end + 1, toml.size()));
-    const auto skip = [&] { rest.remove_prefix(std::min(rest.find_first_not_of(kBlanks), rest.size())); };
-    skip();
-    if (!rest.starts_with('[')) continue;
-    rest.remove_prefix(rest.starts_with("[[") ? 2 : 1);
-    skip();
-    if (rest.empty() || kBegins.find(rest.front()) == std::string_view::npos) return line;
   }
-  return 0;
+  return {};
 }
 
 }  // namespace
 
 Result<void> read_config(Config& config, std::string_view toml, std::string_view name, Origins* origins) {
-  if (const std::size_t line = line_of_broken_header(toml); line > 0) {
-    return fail(ErrorCode::kInvalidArgument, std::string(name) + ":" + std::to_string(line) +
-                                                 ": '[' must begin the name of a section, such as [access]");
-  }
+  if (auto readable = check_readable(toml, name); !readable) return readable;
   const toml::parse_result parsed = toml::parse(toml, name);
   const auto at = [&](const toml::source_region& where) {
     return std::string(name) + ":" + std::to_string(where.begin.line);

@@ -127,14 +127,17 @@ TEST(ConfigTest, MistakesAreNamedWithLineAndSuggestion) {
   EXPECT_EQ(read_config_file(config, "/nonexistent/x.toml").error().code, ErrorCode::kNotFound);
 }
 
-TEST(ConfigTest, ABrokenHeaderIsRefusedWithItsLine) {
+TEST(ConfigTest, WhatTheParserDoesNotBearIsRefusedWithItsLine) {
   Config config;
-  for (const char* broken : {"[!ccess]", "[", "[[", "[ ", "[#]", "\t[ \xC3\xA4]", "[[!]]", "[.a]", "[\r", "[ [a]]", "[]", "[a"}) {
+  for (const char* broken :
+       {"[!ccess]", "[", "[[", "[ ", "[#]", "\t[ \xC3\xA4]", "[[!]]", "[.a]", "[\r", "[ [a]]", "[]", "[a",
+        "11\xEF\xBB\xBF=.3", "x = \xC3\xA4", "x = \"\" \xC3\xA4", "x = \"\\\"\" \xC3\xA4"}) {
     const auto read = read_config(config, std::string("[limits]\nmax_streams = 5\n") + broken + "\nx = 1\n", "file");
     ASSERT_FALSE(read) << broken;
     EXPECT_THAT(read.error().message, StartsWith("file:3: ")) << broken;
   }
-  EXPECT_FALSE(read_config(config, "\xEF\xBB\xBF[!]", "file"));
+  EXPECT_THAT(read_config(config, "\xEF\xBB\xBF[limits]\r\n[!]\r\n", "file").error().message, StartsWith("file:2: "));
+  EXPECT_TRUE(read_config(config, "# \xC3\xA4\n[server]\ndata_dir = \"\\\"\xC3\xA4\" # '\xC3\xA4\n", "file"));
   EXPECT_TRUE(read_config(config, "[ limits ]\nmax_streams = 5\n\t['assets']\n[\"log\"]\n", "file"));
 }
 
