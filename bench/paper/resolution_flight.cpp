@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: MIT
+//
+// Figures 6 and 7 of Zhang et al. 2013: deforming surfaces that a camera flies around, with and without control of their
+// levels of detail. Uses the client's own scene, resolvers and renderer; the picture's time is what it took to make.
+//
+// The flight's clock is the sum of those times: what is measured beside it (the picture of full detail to compare with)
+// does not delay it, and every run sees the same flight.
+#include <CLI/CLI.hpp>
+#include <cmath>
+#include <cstdio>
+#include <glm/ext/matrix_transform.hpp>
+#include <numeric>
+
+#include "client/camera_path.h"
+#include "client/clip_source.h"
+#include "client/level_control.h"
+#include "client/offscreen.h"
+#include "client/renderer.h"
+#include "client/scene.h"
+
+namespace eigencast {
+namespace {
+
+struct Settings {
+  std::string clip = "heart", cache, flight, resolver = "none";
+  int count = 6, width = 640, height = 480, compare_every = 0;
+  double f0 = 20, near = 0.5, far = 6, floor = 0.02;
+};
+
+/// Mean structural similarity of two pictures' brightness (Wang, Bovik, Sheikh, Simoncelli 2004, "Image quality
+/// assessment"), over windows of 8 x 8 pixels, 4 apart.
+double similarity(const Picture& a, const Picture& b) {
+  constexpr int kSide = 8, kStep = 4;
+  constexpr double kC1 = 0.01 * 255 * 0.01 * 255, kC2 = 0.03 * 255 * 0.03 * 255, kCount = kSide * kSide;
+  const auto grey = [](const std::uint8_t* p) { return 0.299 * p[0] + 0.587 * p[1] + 0.114 * p[2]; };
+  double sum = 0;
+  int windows = 0;
+  for (int y = 0; y + kSide <= a.height; y += kStep) {
+    for (int x = 0; x + kSide <= a.width; x += kStep, ++windows) {
+      double sa = 0, sb = 0, saa = 0, sbb = 0, sab = 0;
+      for (int j = 0; j < kSide; ++j) {
+        for (int i = 0; i < kSide; ++i) {
+          const double u = grey(a.pixel(x + i, y + j)), v = grey(b.pixel(x + i, y + j));
+          sa += u, sb += v, saa += u * u, sbb += v * v, sab += u * v;
+        }
+      }
+      const double ma = sa / kCount, mb = sb / kCount;
+      const double va = saa / kCount - ma * ma, vb = sbb / kCount - mb * mb, vab = sab / kCount - ma * mb;
+      sum += (2 * ma * mb + kC1) * (2 * vab + kC2) / ((ma * ma + mb * mb + kC1) * (va + vb + kC2));
+    }
+  }
+  return sum / windows;
+}
+
+class Flight {
+ public:
+  Flight(const Settings& settings, std::shared_ptr<const BakedClip> clip, CameraPath path)
+      : settings_(settings),
+        path_(std::move(path)),
+        scene_(placements(settings, clip->asset), {}),
+        levels_(level_settings(settings)) {
+    for (int i = 0; i < settings.count; ++i) {
+      sources_.push_back(std::make_unique<ClipSource>(clip, 0.11 * i, [this] { return now_us_; }));
+      list_.push_back(sources_.back().get());
+    }
+    camera_.set_viewport(settings.width, settings.height);
+  }
+
+  void fly(Renderer& renderer) {
+    renderer.set_surface_count(list_.size());
+    warm_up(renderer);
+    std::printf("t_s,work_ms,state,mean_lod,similarity");
+    for (int i = 0; i < settings_.count; ++i) std::printf(",lod_%d", i);
+    std::printf("\n");
+    std::optional<FrameWork> last;
+    for (int frame = 0; static_cast<double>(now_us_) / 1e6 < path_.seconds(); ++frame) {
+      const TimeUs began_us = now_us_, start = steady_now_us();
+      take_poses();
+      path_.apply(static_cast<double>(now_us_) / 1e6, camera_);
+      levels_.choose(scene_, list_, camera_, last);
+      scene_.advance(list_, now_us_);
+      draw(renderer);
+      const TimeUs work = steady_now_us() - start;
+      const std::vector<double> lod = levels_now();
+      const bool compare = settings_.compare_every > 0 && frame % settings_.compare_every == 0;
+      const double similar = compare ? similarity_to_full(renderer) : std::nan("");
+      now_us_ += work;
+      last = FrameWork{now_us_, static_cast<double>(work) / 1e6};
+      std::printf("%.6f,%.3f,%.5f,%.5f,", static_cast<double>(began_us) / 1e6, static_cast<double>(work) / 1e3,
+                  levels_.state(), std::accumulate(lod.begin(), lod.end(), 0.0) / static_cast<double>(lod.size()));
+      if (compare) std::printf("%.6f", similar);
+      for (const double each : lod) std::printf(",%.4f", each);
+      std::printf("\n");
+    }
+  }
+
+ private:
+  /// Two rows on the ground, each surface one unit from corner to corner, all looking along the first axis.
+  static std::vector<Placement> placements(const Settings& settings, const Asset& asset) {
+    std::vector<Placement> all;
+    const auto scale = static_cast<float>(1 / asset.diagonal());
+    const int columns = (settings.count + 1) / 2;
+    for (int i = 0; i < settings.count; ++i) {
+      const float column = static_cast<float>(i % columns) - 0.5F * static_cast<float>(columns - 1);
+      const glm::vec3 place(1.1F * column, 0, i < columns ? -0.45F : 0.45F);
+      all.push_back(
+          {static_cast<std::size_t>(i), "", glm::scale(glm::translate(glm::mat4(1), place), glm::vec3(scale))});
+    }
+    return all;
+  }
+
+  static LevelSettings level_settings(const Settings& settings) {
+    LevelSettings levels;
+    levels.kind = settings.resolver == "paper"    ? ResolverKind::kPaper
+                  : settings.resolver == "budget" ? ResolverKind::kBudget
+                                                  : ResolverKind::kNone;
+    levels.target_fps = settings.f0;
+    levels.near = settings.near;
+    levels.far = settings.far;
+    levels.floor = settings.floor;
+    return levels;
+  }
+
+  void take_poses() {
+    for (std::size_t i = 0; i < list_.size(); ++i) scene_.receive(i, *list_[i], list_[i]->poll({}));
+  }
+
+  void draw(Renderer& renderer) {
+    for (std::size_t i = 0; i < list_.size(); ++i) {
+      renderer.upload(i, scene_.instances()[i].view.geometry());
+      renderer.place(i, scene_.instances()[i].scene_from_surface);
+    }
+    const unsigned target = renderer.offscreen_target(settings_.width, settings_.height);
+    renderer.draw(camera_, {}, settings_.width, settings_.height, target);
+    Renderer::finish();
+  }
+
+  /// Drivers compile shaders when they are first used.
+  void warm_up(Renderer& renderer) {
+    take_poses();
+    scene_.advance(list_, now_us_);
+    const SurfaceFacts& f = scene_.facts();
+    camera_.set_scene({f.low[0], f.low[1], f.low[2]}, {f.high[0], f.high[1], f.high[2]});
+    for (int i = 0; i < 3; ++i) draw(renderer);
+  }
+
+  std::vector<double> levels_now() const {
+    std::vector<double> lod;
+    for (std::size_t i = 0; i < list_.size(); ++i)
+      lod.push_back(static_cast<double>(scene_.instances()[i].view.geometry().vertex_count()) /
+                    list_[i]->asset()->vertex_count);
+    return lod;
+  }
+
+  double similarity_to_full(Renderer& renderer) {
+    const unsigned target = renderer.offscreen_target(settings_.width, settings_.height);
+    const Picture shown = Renderer::read_back(settings_.width, settings_.height, target);
+    for (Scene::Instance& instance : scene_.instances()) instance.view.set_most_vertices(std::nullopt);
+    scene_.advance(list_, now_us_);
+    draw(renderer);
+    return similarity(shown, Renderer::read_back(settings_.width, settings_.height, target));
+  }
+
+  const Settings settings_;
+  const CameraPath path_;
+  TimeUs now_us_ = 0;
+  std::vector<std::unique_ptr<ClipSource>> sources_;
+  std::vector<PoseSource*> list_;
+  Scene scene_;
+  LevelControl levels_;
+  Camera camera_;
+};
+
+Result<void> run(const Settings& settings) {
+  auto path = CameraPath::read(settings.flight);
+  if (!path) return path.error();
+  const auto clip = BakedClip::open(settings.clip, settings.cache);
+  if (!clip) return clip.error();
+  const auto context = OffscreenContext::create();
+  if (!context) return context.error();
+  const auto renderer = Renderer::create();
+  if (!renderer) return renderer.error();
+  std::fprintf(stderr, "%s: %u vertices x %d, %dx%d pixels, %s\n", settings.clip.c_str(), (*clip)->asset.vertex_count,
+               settings.count, settings.width, settings.height, (*renderer)->device().c_str());
+  Flight(settings, *clip, std::move(*path)).fly(**renderer);
+  return {};
+}
+
+}  // namespace
+}  // namespace eigencast
+
+int main(int argc, char** argv) {
+  eigencast::Settings settings;
+  CLI::App app{
+      "Flies around deforming surfaces and writes, for each picture, what it took and which levels were drawn (CSV)."};
+  app.add_option("--clip", settings.clip)->capture_default_str();
+  app.add_option("--count", settings.count)->check(CLI::Range(1, 256))->capture_default_str();
+  app.add_option("--flight", settings.flight, "camera path (JSON)")->required();
+  app.add_option("--resolver", settings.resolver)
+      ->check(CLI::IsMember({"none", "paper", "budget"}))
+      ->capture_default_str();
+  app.add_option("--f0", settings.f0)->capture_default_str();
+  app.add_option("--near", settings.near, "of the paper's resolver: distance of full detail")->capture_default_str();
+  app.add_option("--far", settings.far, "and of none")->capture_default_str();
+  app.add_option("--floor", settings.floor)->capture_default_str();
+  app.add_option("--width", settings.width)->capture_default_str();
+  app.add_option("--height", settings.height)->capture_default_str();
+  app.add_option("--compare-every", settings.compare_every, "pictures; 0: none")->capture_default_str();
+  app.add_option("--cache", settings.cache, "folder of baked assets");
+  CLI11_PARSE(app, argc, argv);
+  if (const auto done = eigencast::run(settings); !done) {
+    std::fprintf(stderr, "%s\n", done.error().message.c_str());
+    return 1;
+  }
+  return 0;
+}
