@@ -61,12 +61,17 @@ std::vector<std::int32_t> reference(const CoefficientLayout& layout, const Key& 
                                     std::uint8_t step) {
   if (!has(key.bands, band) || key.q.size() != layout.size()) return {};
   const auto [first, last] = layout.range(band);
-  std::vector<std::int32_t> values(last - first);
+  const std::span held = std::span(key.q).subspan(first, last - first);
+  if (key.step == step) {
+    const bool valid = std::all_of(held.begin(), held.end(), [](std::int32_t q) { return fixed::in_range(q); });
+    return valid ? std::vector<std::int32_t>(held.begin(), held.end()) : std::vector<std::int32_t>();
+  }
+  std::vector<std::int32_t> values(held.size());
   const fixed::Rescale rule(key.step, step);
-  for (std::size_t i = first; i < last; ++i) {
-    const std::int64_t value = rule(key.q[i]);
+  for (std::size_t i = 0; i < held.size(); ++i) {
+    const std::int64_t value = rule(held[i]);
     if (!fixed::in_range(value)) return {};
-    values[i - first] = static_cast<std::int32_t>(value);
+    values[i] = static_cast<std::int32_t>(value);
   }
   return values;
 }

@@ -23,14 +23,8 @@ struct DecisionCosts {
   }
 };
 
-/// What levels of a rule cost in a context, in 1/256 bit.
-struct LevelCosts {
-  std::int32_t zero = 0, one = 0, two = 0, each_more = 0;
-
-  std::int64_t of(std::int64_t level) const {
-    return level >= 2 ? two + (level - 2) * each_more : level == 1 ? one : zero;
-  }
-};
+/// What levels 0 to 4 of a rule cost in a context, in 1/256 bit. From 2 on each level costs as much more than the one before.
+using LevelCosts = std::array<std::int32_t, 5>;
 
 /// By rule and context.
 using CostTable = std::array<std::array<LevelCosts, kContexts>, 2>;
@@ -42,8 +36,9 @@ CostTable make_cost_table() {
     for (unsigned context = 0; context < kContexts; ++context) {
       const LevelOdds odds(rule, context);
       const std::int32_t more_0 = costs.more[odds.beyond_0], more_1 = costs.more[odds.beyond_1];
-      table[rule][context] = {costs.stop[odds.beyond_0], 256 + more_0 + costs.stop[odds.beyond_1],
-                              256 + more_0 + more_1 + costs.stop[odds.later], costs.more[odds.later]};
+      const std::int32_t two = 256 + more_0 + more_1 + costs.stop[odds.later], more = costs.more[odds.later];
+      table[rule][context] = {costs.stop[odds.beyond_0], 256 + more_0 + costs.stop[odds.beyond_1], two, two + more,
+                              two + 2 * more};
     }
   }
   return table;
@@ -93,89 +88,107 @@ Predictor best_predictor(std::span<const std::int32_t> values, const Motion& mot
   return best.energy * (count + kRestoringCost) < usual.energy * count ? best.predictor : usual.predictor;
 }
 
-/// Viterbi's search for the levels of least distortion + lambda * rate. Contexts are those of the true residuals.
+/// x / divisor: by a multiplication for x < 2^24 (divisors are at most 126), by a division beyond.
+class Quotient {
+ public:
+  explicit Quotient(std::int64_t divisor)
+      : divisor_(divisor), inverse_(((std::int64_t{1} << 32) + divisor - 1) / divisor) {}
+  std::int64_t operator()(std::int64_t x) const { return x < 1 << 24 ? x * inverse_ >> 32 : x / divisor_; }
+
+ private:
+  std::int64_t divisor_, inverse_;
+};
+
+/// Viterbi's search for the levels of least distortion + lambda * rate. Contexts are those of the true residuals. Prices
+/// are in 1/4096 of a squared step, less what all candidates of a value have in common, so that they fit 31 bits.
 class Trellis {
  public:
-  Trellis(std::span<const std::int64_t> residuals, const Spacing& spacing)
-      : residuals_(residuals), m_(spacing.half), lambda_(4 * m_ * m_ * 15 / 16), steps_(residuals.size()) {}
+  explicit Trellis(const Spacing& spacing)
+      : m_(spacing.half), lambda_(4 * spacing.half * spacing.half * 15 / 16), spacings_(2 * m_) {}
 
-  /// Magnitudes of the levels.
-  void search(ContextModel contexts, std::vector<std::int64_t>& levels) {
+  /// Writes the magnitudes of the levels.
+  void search(std::span<const std::int64_t> residuals, ContextModel contexts, std::span<std::uint32_t> levels) const {
     constexpr std::int64_t kNever = std::int64_t{1} << 60;
     std::array<std::int64_t, 4> cost = {0, kNever, kNever, kNever};
-    for (std::size_t i = 0; i < residuals_.size(); ++i) {
-      const std::int64_t x = residuals_[i] < 0 ? -residuals_[i] : residuals_[i];
-      Step& step = steps_[i];
-      std::array<std::array<std::int64_t, 2>, 2> price;
-      offer(x, contexts.next(), step, price);
+    std::vector<Step> steps(residuals.size());
+    for (std::size_t i = 0; i < residuals.size(); ++i) {
+      const std::int64_t x = residuals[i] < 0 ? -residuals[i] : residuals[i];
+      const unsigned context = contexts.next();
       contexts.add(x);
-      const auto merge = [&](unsigned from, unsigned parity, unsigned other, unsigned other_parity) {
-        const std::int64_t a = cost[from] + price[rule_of(from)][parity];
-        const std::int64_t b = cost[other] + price[rule_of(other)][other_parity];
-        const bool second = b < a;
-        return std::pair(second ? b : a, second);
-      };
+      const auto [at_0, at_1] = offers(x, context, steps[i]);
       // Who leads where: kNextState, read backwards.
-      const auto [c0, t0] = merge(0, 0, 1, 1);
-      const auto [c1, t1] = merge(2, 0, 3, 1);
-      const auto [c2, t2] = merge(1, 0, 0, 1);
-      const auto [c3, t3] = merge(3, 0, 2, 1);
-      cost = {c0, c1, c2, c3};
-      step.second = {t0, t1, t2, t3};
+      const std::array<std::int64_t, 4> first = {cost[0] + at_0.even, cost[2] + at_1.even, cost[1] + at_0.even,
+                                                 cost[3] + at_1.even};
+      const std::array<std::int64_t, 4> second = {cost[1] + at_0.odd, cost[3] + at_1.odd, cost[0] + at_0.odd,
+                                                  cost[2] + at_1.odd};
+      for (unsigned state = 0; state < 4; ++state) {
+        const std::int64_t gain = std::min<std::int64_t>(second[state] - first[state], 0);
+        steps[i].second[state] = gain < 0;
+        cost[state] = first[state] + gain;
+      }
     }
-    trace_back(static_cast<unsigned>(std::min_element(cost.begin(), cost.end()) - cost.begin()), levels);
+    trace_back(static_cast<unsigned>(std::min_element(cost.begin(), cost.end()) - cost.begin()), steps, levels);
   }
 
  private:
   struct Step {
-    std::array<std::array<std::int64_t, 2>, 2> level;  ///< The best of each rule and parity.
-    std::array<bool, 4> second;                        ///< The path to each state came from the second of its two.
+    std::array<std::uint32_t, 2> low;  ///< By rule: the highest level whose point is not above the residual; m >= 1.
+    std::array<bool, 2> zero;          ///< By rule: level 0 is the best even one, though it is not beside the residual.
+    std::array<bool, 4> second;        ///< The path to each state came from the second of its two.
+  };
+  /// The prices of the best even and odd level of a rule.
+  struct Offer {
+    std::int32_t even, odd;
   };
 
-  /// The cheapest level of each rule and parity, and its price in 1/4096 of a squared step.
-  void offer(std::int64_t x, unsigned context, Step& step, std::array<std::array<std::int64_t, 2>, 2>& price) const {
-    const std::int64_t spacing = 2 * m_;
-    const std::int64_t below_0 = x < (std::int64_t{1} << 31)
-                                     ? std::int64_t{static_cast<std::uint32_t>(x) / static_cast<std::uint32_t>(spacing)}
-                                     : x / spacing;
-    const std::array<std::int64_t, 2> below = {below_0, below_0 + (x - below_0 * spacing >= m_ ? 1 : 0)};
-    for (const unsigned rule : {0u, 1u}) {
-      const LevelCosts& costs = costs_[rule][context];
-      const auto price_of = [&](std::int64_t level) {
-        const std::int64_t error = x - point(rule, level) * m_;
-        return error * error * 4096 + lambda_ * costs.of(level);
-      };
-      const std::int64_t low = below[rule];
-      const auto parity = static_cast<unsigned>(low & 1);
-      step.level[rule][parity] = low;
-      price[rule][parity] = price_of(low);
-      step.level[rule][parity ^ 1] = low + 1;
-      price[rule][parity ^ 1] = price_of(low + 1);
-      if (low != 1) continue;
-      if (const std::int64_t zero = price_of(0); zero < price[rule][0]) {
-        price[rule][0] = zero;
-        step.level[rule][0] = 0;
-      }
-    }
+  /// The offers of rules 0 and 1 for a residual of magnitude x.
+  std::pair<Offer, Offer> offers(std::int64_t x, unsigned context, Step& step) const {
+    const std::int64_t whole = spacings_(x);
+    const auto rest = static_cast<std::int32_t>(x - whole * 2 * m_);
+    const bool further = rest >= m_;
+    step.low = {static_cast<std::uint32_t>(whole), static_cast<std::uint32_t>(whole + further)};
+    // From level 2 on all cost alike.
+    const auto low_0 = static_cast<unsigned>(std::min<std::int64_t>(whole, 2)), low_1 = low_0 + further;
+    const std::int32_t to_0 = low_1 == 0 ? m_ : 0;  // Rule 1 has a point at 0, too, which is nearer than the others.
+    const std::int32_t beyond_1 = rest + m_ - 2 * m_ * further - to_0;
+    return {
+        offer(costs_[0][context], low_0, rest, rest - 2 * m_, rest + 2 * m_, step.low[0], step.zero[0]),
+        offer(costs_[1][context], low_1, beyond_1, beyond_1 - 2 * m_ + to_0, beyond_1 + m_, step.low[1], step.zero[1])};
   }
 
-  void trace_back(unsigned state, std::vector<std::int64_t>& levels) const {
-    struct Origin {
-      std::uint8_t state, parity;
+  /// low    the level whose point lies `beyond` before the residual, or as many levels below as cost alike
+  /// below  what the residual lies beyond the next level's point
+  /// all    the residual if low is 1
+  Offer offer(const LevelCosts& costs, unsigned low, std::int32_t beyond, std::int32_t below, std::int32_t all,
+              std::uint32_t true_low, bool& zero) const {
+    const auto price = [&](std::int32_t error, unsigned level) {
+      return error * error * 4096 + lambda_ * costs[level];
     };
-    constexpr std::array<std::array<Origin, 2>, 4> kOrigins = {
-        {{{{0, 0}, {1, 1}}}, {{{2, 0}, {3, 1}}}, {{{1, 0}, {0, 1}}}, {{{3, 0}, {2, 1}}}}};
-    for (std::size_t i = steps_.size(); i-- > 0;) {
-      const Origin origin = kOrigins[state][steps_[i].second[state] ? 1 : 0];
-      levels[i] = steps_[i].level[rule_of(origin.state)][origin.parity];
-      state = origin.state;
+    const std::int32_t price_low = price(beyond, low), price_high = price(below, low + 1), price_zero = price(all, 0);
+    // Without branches: which level is odd is anybody's guess.
+    const std::int32_t swap = (price_high - price_low) & -static_cast<std::int32_t>(true_low & 1);
+    const std::int32_t even = price_low + swap,
+                       gain = std::min(price_zero - even, 0) & -static_cast<std::int32_t>(low == 1);
+    zero = gain < 0;
+    return {even + gain, price_high - swap};
+  }
+
+  static void trace_back(unsigned state, std::span<const Step> steps, std::span<std::uint32_t> levels) {
+    // state << 1 | parity of either origin.
+    constexpr std::array<std::array<std::uint8_t, 2>, 4> kOrigins = {{{0, 3}, {4, 7}, {2, 1}, {6, 5}}};
+    for (std::size_t i = steps.size(); i-- > 0;) {
+      const unsigned origin = kOrigins[state][std::size_t{steps[i].second[state]}], parity = origin & 1;
+      state = origin >> 1;
+      const unsigned rule = rule_of(state);
+      const std::uint32_t low = steps[i].low[rule];
+      const bool zero = (parity == 0) & steps[i].zero[rule];
+      levels[i] = (low + ((low & 1) ^ parity)) & (std::uint32_t{zero} - 1);
     }
   }
 
-  std::span<const std::int64_t> residuals_;
-  std::int64_t m_;
-  std::int64_t lambda_;  ///< 0.06 squared spacings a bit, as 1/4096 of a squared step for 1/256 bit.
-  std::vector<Step> steps_;
+  std::int32_t m_;
+  std::int32_t lambda_;  ///< 0.06 squared spacings a bit, as 1/4096 of a squared step for 1/256 bit.
+  Quotient spacings_;
   const CostTable& costs_ = level_costs();
 };
 
@@ -213,6 +226,26 @@ void put_level(RangeEncoder& out, std::int64_t level, const LevelOdds& odds) {
   if (level >= kMaxUnary) put_escape(out, level - kMaxUnary);
 }
 
+/// Writes the levels, and what they decode to; false if a value would leave the range.
+bool put_levels(RangeEncoder& out, std::span<const std::int32_t> values, std::span<const std::int64_t> residuals,
+                std::span<const std::uint32_t> levels, ContextModel contexts, const Spacing& spacing,
+                std::span<std::int32_t> decoded) {
+  unsigned state = 0;
+  for (std::size_t i = 0; i < levels.size(); ++i) {
+    const unsigned rule = rule_of(state);
+    const std::int64_t magnitude = point(rule, levels[i]) * spacing.half;
+    const bool negative = residuals[i] < 0;
+    const std::int64_t value = values[i] - residuals[i] + (negative ? -magnitude : magnitude);
+    if (!fixed::in_range(value)) return false;
+    decoded[i] = static_cast<std::int32_t>(value);
+    put_level(out, levels[i], LevelOdds(rule, contexts.next()));
+    if (levels[i] > 0) out.put_even(negative);
+    contexts.add(magnitude);
+    state = kNextState[state][levels[i] & 1];
+  }
+  return true;
+}
+
 }  // namespace
 
 bool append_coarse(std::span<const std::int32_t> values, const References& from, const Spacing& spacing, Bytes& out,
@@ -220,35 +253,24 @@ bool append_coarse(std::span<const std::int32_t> values, const References& from,
   assert(spacing.half >= 1 && spacing.half <= kMaxHalfSpacing && from.c1.size() == values.size());
   const Motion motion(from);
   const Predictor predict = best_predictor(values, motion);
-  std::vector<std::int64_t> residuals(values.size()), levels(values.size());
+  std::vector<std::int64_t> residuals(values.size());
   std::uint64_t sum = 0;
   for (std::size_t i = 0; i < values.size(); ++i) {
     residuals[i] = values[i] - predict(motion.c1[i], motion.c2[i]);
     sum += static_cast<std::uint64_t>(residuals[i] < 0 ? -residuals[i] : residuals[i]);
   }
   const unsigned scale = scale_code_of(sum, values.size(), spacing.half);
-  ContextModel contexts(motion.speeds, spacing, scale);
-  Trellis(residuals, spacing).search(contexts, levels);
+  const ContextModel contexts(motion.speeds, spacing, scale);
+  std::vector<std::uint32_t> levels(values.size());
+  Trellis(spacing).search(residuals, contexts, levels);
 
-  unsigned state = 0;
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    const std::int64_t magnitude = point(rule_of(state), levels[i]) * spacing.half;
-    const std::int64_t value = values[i] - residuals[i] + (residuals[i] < 0 ? -magnitude : magnitude);
-    if (!fixed::in_range(value)) return false;
-    state = kNextState[state][levels[i] & 1];
-    decoded[i] = static_cast<std::int32_t>(value);
-  }
-
+  const std::size_t begin = out.size();
   RangeEncoder encoder(out);
   put_scale(encoder, scale, motion.expected_scale(spacing.half));
   put_predictor(encoder, predict);
-  state = 0;
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    const unsigned rule = rule_of(state);
-    put_level(encoder, levels[i], LevelOdds(rule, contexts.next()));
-    if (levels[i] > 0) encoder.put_even(residuals[i] < 0);
-    contexts.add(point(rule, levels[i]) * spacing.half);
-    state = kNextState[state][levels[i] & 1];
+  if (!put_levels(encoder, values, residuals, levels, contexts, spacing, decoded)) {
+    out.resize(begin);
+    return false;
   }
   encoder.finish();
   return true;

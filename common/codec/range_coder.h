@@ -21,13 +21,9 @@ class RangeEncoder {
   /// Codes a decision that is true with probability p / 2^15, 0 < p < 2^15.
   void put(bool decision, std::uint32_t p) {
     const std::uint32_t bound = (range_ >> kProbabilityBits) * p;
-    if (decision) {
-      range_ = bound;
-    } else {
-      low_ += bound;
-      range_ -= bound;
-    }
-    normalise();
+    low_ += decision ? 0 : bound;
+    range_ = decision ? bound : range_ - bound;
+    while (range_ < kBottom) shift();
   }
   void put_even(bool decision) { put(decision, 1u << (kProbabilityBits - 1)); }
 
@@ -41,23 +37,21 @@ class RangeEncoder {
       value = low_;
     }
     low_ = value;
-    if (low_ >> 32 != 0) carry();
-    for (int shift = 24; shift >= 0; shift -= 8) out_.push_back(static_cast<std::uint8_t>(low_ >> shift));
+    for (int byte = 0; byte < 4; ++byte) shift();
     while (out_.size() > begin_ && out_.back() == 0) out_.pop_back();
   }
 
  private:
-  void normalise() {
+  /// Moves the highest byte out; the bit above it is a carry into the bytes before, which stays one until now because the
+  /// interval only shrinks.
+  void shift() {
     if (low_ >> 32 != 0) carry();
-    while (range_ < kBottom) {
-      out_.push_back(static_cast<std::uint8_t>(low_ >> 24));
-      low_ = (low_ << 8) & 0xffffffffu;
-      range_ <<= 8;
-    }
+    out_.push_back(static_cast<std::uint8_t>(low_ >> 24));
+    low_ = (low_ << 8) & 0xffffffffu;
+    range_ <<= 8;
   }
   /// There is a byte that takes it: the interval never leaves [0, 1).
   void carry() {
-    low_ &= 0xffffffffu;
     for (std::size_t i = out_.size(); ++out_[--i] == 0;) {
     }
   }
@@ -78,12 +72,8 @@ class RangeDecoder {
   bool get(std::uint32_t p) {
     const std::uint32_t bound = (range_ >> kProbabilityBits) * p;
     const bool decision = code_ < bound;
-    if (decision) {
-      range_ = bound;
-    } else {
-      code_ -= bound;
-      range_ -= bound;
-    }
+    code_ -= decision ? 0 : bound;
+    range_ = decision ? bound : range_ - bound;
     while (range_ < kBottom) {
       range_ <<= 8;
       take_byte();
