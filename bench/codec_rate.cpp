@@ -12,6 +12,7 @@
 #include "common/codec/chain.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/read.h"
+#include "common/wire/envelope.h"
 #include "sdk/bake.h"
 #include "sdk/publisher.h"
 #include "sender/surface_error.h"
@@ -44,9 +45,14 @@ double time_us(Work&& work) {
   return samples[kTimedRepetitions / 2];
 }
 
+/// Bytes of a frame's envelope and of the WebSocket header before it.
+std::size_t bytes_around(std::size_t payload) {
+  return Envelope::kBytes + (payload + Envelope::kBytes < 126 ? 2 : 4);
+}
+
 /// Bytes, errors and times of all frames of one kind.
 struct Tally {
-  std::size_t frames = 0, bytes = 0;
+  std::size_t frames = 0, bytes = 0, on_the_wire = 0;
   std::vector<std::size_t> band_bytes;
   double square = 0;  ///< Of surface distances between target and decoded pose.
   std::vector<double> encode_us, decode_us;
@@ -57,6 +63,7 @@ struct Tally {
     decode_us.push_back(time_us([&] { (void)decode_key(layout, target.bands, state, coded.payload); }));
     ++frames;
     bytes += coded.payload.size();
+    on_the_wire += coded.payload.size() + bytes_around(coded.payload.size());
     band_bytes.resize(layout.band_ends.size());
     for (std::size_t band = 0; band < band_bytes.size(); ++band) {
       const auto keep = static_cast<std::uint8_t>(1u << band);
@@ -77,7 +84,7 @@ struct Tally {
         "%-10s %6.1f bytes/frame %6.1f kbit/s payload %6.1f on the wire; error %.2e diag; encode %5.1f us decode %5.1f "
         "us; bytes by band",
         name, static_cast<double>(bytes) / n, static_cast<double>(bytes) / n * 8e-3 * frames_per_second,
-        (static_cast<double>(bytes) / n + 32) * 8e-3 * frames_per_second, std::sqrt(square / n) / diagonal,
+        static_cast<double>(on_the_wire) / n * 8e-3 * frames_per_second, std::sqrt(square / n) / diagonal,
         median(encode_us), median(decode_us));
     for (const std::size_t band : band_bytes) std::printf(" %.1f", static_cast<double>(band) / n);
     std::printf("\n");
@@ -126,14 +133,13 @@ void run(const MotionClip& clip, double eps, double keys_per_second, int rank) {
   std::printf("KG %.3f %% basis alone, %.3f %% in all\n", truncation.result().kg_percent, total.result().kg_percent);
   keys.print("key", keys_per_second, asset.diagonal());
   synthetics.print("synthetic", 2 * keys_per_second, asset.diagonal());
-  const auto k = static_cast<double>(keys.bytes), n = static_cast<double>(keys.frames);
+  const auto k = static_cast<double>(keys.bytes), wire = static_cast<double>(keys.on_the_wire),
+             n = static_cast<double>(keys.frames);
   std::printf("join       %6.1f bytes\n", static_cast<double>(join_bytes) / (n + 1));
   std::printf(
-      "x3 over raw, payload: full %.2f, compact 1.00;  with 32 bytes of envelope and WebSocket a frame: full %.2f, "
-      "compact %.2f\n",
-      (k + static_cast<double>(synthetics.bytes)) / k,
-      (k + static_cast<double>(synthetics.bytes) + 3 * 32 * n) / (k + 32 * n),
-      (k + 32 * n + 3 * 30 * n) / (k + 32 * n));
+      "x3 over raw, payload: full %.2f, compact 1.00;  with envelope and WebSocket header: full %.2f, compact %.2f\n",
+      (k + static_cast<double>(synthetics.bytes)) / k, (wire + static_cast<double>(synthetics.on_the_wire)) / wire,
+      (wire + static_cast<double>(3 * bytes_around(0)) * n) / wire);
 }
 
 }  // namespace
