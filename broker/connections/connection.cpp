@@ -411,7 +411,12 @@ void Connection::close_when_sent(const std::string& reason, CloseCode code) {
 void Connection::tick() {
   const TimeUs silent_us = context_.turn.now_us() - heard_us_;
   const TimeUs idle_us = context_.config.timeouts.idle_ms * 1000;
-  if (silent_us > idle_us) return cut_later();
+  if (silent_us > idle_us) {
+    log(context_.log, LogLevel::kWarning,
+        name() + ": closed, nothing came from it for " + std::to_string(silent_us / 1'000'000) +
+            " s (timeouts.idle_ms)");
+    return cut_later();
+  }
   if (silent_us > idle_us / 2 && !std::exchange(pinged_, true)) send_framed(websocket::framed(Opcode::kPing, {}));
   if (!closing_ && grant_->has_expired(std::time(nullptr))) {
     log(context_.log, LogLevel::kInfo, name() + ": closed, the token of " + grant_->label() + " has expired");

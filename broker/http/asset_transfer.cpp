@@ -43,6 +43,9 @@ class Download : public std::enable_shared_from_this<Download> {
                          [self = shared_from_this(), id](Result<AssetStore::Object>& object) {
                            if (object) return self->answer(id, std::move(*object));
                            const bool missing = object.error().code == ErrorCode::kNotFound;
+                           if (!missing) {
+                             log(self->context_.log, LogLevel::kError, "download refused: " + object.error().message);
+                           }
                            self->connection_->answer_error(missing ? Status::not_found : Status::internal_server_error,
                                                            object.error());
                          });
@@ -185,6 +188,10 @@ class Upload : public std::enable_shared_from_this<Upload> {
     }
     if (error && error != http::error::need_buffer) {  // Cut off in the middle: nobody is there to be told.
       ++context_.counters.uploads_failed;
+      const bool timed_out = error == asio::error::operation_aborted;
+      log(context_.log, LogLevel::kWarning,
+          "an upload from " + connection_->peer().text() + " was cut off, nothing of it is kept: " +
+              (timed_out ? "nothing came for timeouts.transfer_ms" : error.message()));
       return connection_->close();
     }
     auto& parser = connection_->parser();

@@ -25,8 +25,8 @@ const std::vector<std::string> kEndless{"--frames", "1000000", "--rate", "raw"};
 
 class Fault : public Operation {
  protected:
-  void start(std::vector<std::string> more = {}) {
-    broker_ = scene_.start_broker(std::move(more));
+  void start(std::vector<std::string> more = {}, std::vector<std::string> wrapper = {}) {
+    broker_ = scene_.start_broker(std::move(more), std::move(wrapper));
     sender_ = scene_.start_sender({"torus", "--rate", "30"});
     client_ = scene_.start_client("a", kEndless);
     ASSERT_TRUE(grows("a")) << scene_.logs();
@@ -43,15 +43,15 @@ class Fault : public Operation {
 };
 
 TEST_F(Fault, WithoutDescriptorsItWaitsSaysSoAndGoesOn) {
-  const auto broker = scene_.start_broker({}, {"/bin/bash", "-c", "ulimit -n 48; exec \"$@\"", "bash"});
+  start({}, {"/bin/bash", "-c", "ulimit -n 48; exec \"$@\"", "bash"});
   std::vector<int> sockets;
   for (int i = 0; i < 80; ++i) sockets.push_back(connect_to(scene_.port()));
-  EXPECT_TRUE(broker->wait_for_output("ulimit -n", kPatience)) << scene_.logs();
+  EXPECT_TRUE(broker_->wait_for_output("ulimit -n", kPatience)) << scene_.logs();
+  EXPECT_TRUE(grows("a")) << scene_.logs();
   for (const int fd : sockets) ::close(fd);
   EXPECT_TRUE(eventually([&] { return get("/livez").find("200 OK") != std::string::npos; }, kPatience))
       << scene_.logs();
-  const auto sender = scene_.start_sender({"torus", "--rate", "30"});
-  EXPECT_TRUE(live()) << scene_.logs();
+  EXPECT_EQ(api("clients")["clients"].size(), 2u) << "who was there stayed";
 }
 
 TEST_F(Fault, AFullDiskRefusesUploadsAndEndsNothing) {
@@ -155,6 +155,7 @@ TEST_F(Fault, ASenderThatStopsIsCutOffAndFindsItsStreamAgain) {
   start({"--timeouts-idle-ms", "3000"});
   sender_->signal(SIGSTOP);
   EXPECT_TRUE(client_->wait_for_output("stalled", kPatience)) << scene_.logs();
+  EXPECT_THAT(broker_->output(), HasSubstr("nothing came from it for 3 s (timeouts.idle_ms)")) << scene_.logs();
   EXPECT_EQ(api("streams")["streams"][0]["state"], "stalled");
   EXPECT_TRUE(broker_->running());
   sender_->signal(SIGCONT);
@@ -203,10 +204,79 @@ TEST_F(Fault, AClockThatJumpsIsNoMatter) {
   }
 }
 
+std::string hash_of(const std::string& object) {
+  return sha256(ByteView(reinterpret_cast<const std::uint8_t*>(object.data()), object.size())).hex();
+}
+
+TEST_F(Fault, AnUploadCutOffAtAnyByteLeavesNothing) {
+  auto broker = scene_.start_broker();
+  const std::string object(300, 'x');
+  const std::string id = hash_of(object);
+  const std::string head = "PUT /v1/assets/" + id + " HTTP/1.1\r\nHost: localhost\r\nContent-Length: 300\r\n\r\n";
+  const std::string upload = head + object;
+  for (std::size_t cut = 1; cut < upload.size(); ++cut) {
+    const int fd = connect_to(scene_.port());
+    ASSERT_TRUE(send_all(fd, upload.substr(0, cut))) << cut;
+    if (cut % 2 == 0) {  // With a reset.
+      const linger now{1, 0};
+      ::setsockopt(fd, SOL_SOCKET, SO_LINGER, &now, sizeof now);
+    }
+    ::close(fd);
+  }
+  const auto nothing_left = [this] {
+    return metric("eigencast_broker_uploads") == 0 && metric("eigencast_broker_asset_bytes") == 0 &&
+           std::filesystem::is_empty(scene_.file("assets") + "/assets/uploading");
+  };
+  EXPECT_TRUE(eventually(nothing_left, kPatience)) << scene_.logs();
+  EXPECT_EQ(metric("eigencast_broker_asset_objects"), 0);
+  EXPECT_GT(metric("eigencast_broker_uploads_failed_total"), 0);
+  EXPECT_THAT(broker->output(), HasSubstr("an upload from 127.0.0.1 was cut off"));
+
+  // The broker itself goes in the middle of one.
+  const int fd = connect_to(scene_.port());
+  ASSERT_TRUE(send_all(fd, upload.substr(0, upload.size() - 1)));
+  EXPECT_TRUE(eventually([&] { return metric("eigencast_broker_uploads") == 1; }, kPatience)) << scene_.logs();
+  kill(*broker);
+  ::close(fd);
+  broker = scene_.start_broker();
+  EXPECT_TRUE(nothing_left()) << scene_.logs();
+  EXPECT_THAT(ask(scene_.port(), "GET", "/v1/assets/" + id), HasSubstr("404"));
+  EXPECT_THAT(ask(scene_.port(), "PUT", "/v1/assets/" + id, object), HasSubstr("201"));
+  EXPECT_EQ(body_of(ask(scene_.port(), "GET", "/v1/assets/" + id)), object);
+}
+
+TEST_F(Fault, ADownloadThatIsCutOffGoesOnWhereItStopped) {
+  auto broker = scene_.start_broker();
+  std::string object;
+  std::mt19937 random(1);
+  for (int n = 0; n < 3'000'000; ++n) object += static_cast<char>(random());
+  const std::string id = hash_of(object);
+  ASSERT_THAT(ask(scene_.port(), "PUT", "/v1/assets/" + id, object), HasSubstr("201")) << scene_.logs();
+  std::string got;
+  while (got.size() < object.size()) {
+    const int fd = connect_to(scene_.port());
+    ASSERT_TRUE(send_all(fd, "GET /v1/assets/" + id +
+                                 " HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nRange: bytes=" +
+                                 std::to_string(got.size()) + "-\r\nIf-Range: \"" + id + "\"\r\n\r\n"));
+    std::string answer(900'000, '\0');
+    std::size_t size = 0;
+    for (ssize_t count = 0; size < answer.size(); size += static_cast<std::size_t>(count)) {
+      if ((count = ::recv(fd, answer.data() + size, answer.size() - size, 0)) <= 0) break;
+    }
+    ::close(fd);
+    answer.resize(size);
+    ASSERT_THAT(answer.substr(0, 12), "HTTP/1.1 206") << scene_.logs();
+    got += body_of(answer);
+    kill(*broker);  // A restart in between is no matter either.
+    broker = scene_.start_broker();
+  }
+  EXPECT_EQ(hash_of(got), id);
+}
+
 TEST_F(Fault, DownloadsThatNobodyReadsAndDownloadsAtFullSpeedLetEveryFrameThrough) {
   start();
   const std::string object(16u << 20, 'x');
-  const std::string id = sha256(ByteView(reinterpret_cast<const std::uint8_t*>(object.data()), object.size())).hex();
+  const std::string id = hash_of(object);
   ASSERT_THAT(ask(scene_.port(), "PUT", "/v1/assets/" + id, object), HasSubstr("201")) << scene_.logs();
   const std::string request = "GET /v1/assets/" + id + " HTTP/1.1\r\nHost: localhost\r\n\r\n";
   std::vector<int> unread;
