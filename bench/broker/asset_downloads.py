@@ -50,7 +50,8 @@ def main():
     options = parser.parse_args()
     folder = tempfile.mkdtemp(prefix="eigencast-downloads-")
     processes = [subprocess.Popen([options.bin_dir + "/eigencast-broker", "--listen", "127.0.0.1:0", "--admin-listen", "127.0.0.1:0",
-                                   "--port-file", folder + "/port", "--data-dir", folder + "/data"], stderr=subprocess.DEVNULL)]
+                                   "--port-file", folder + "/port", "--data-dir", folder + "/data",
+                                   "--timeouts-idle-ms", "3600000"], stderr=subprocess.DEVNULL)]  # curl answers no ping.
     try:
         while not os.path.exists(folder + "/port"):
             time.sleep(0.05)
