@@ -27,6 +27,9 @@ constexpr std::uint32_t kRetryAfterMs = 500;
 constexpr std::size_t kReturnsPerSecond = 2000;
 constexpr std::int64_t kShortCertificateS = 14 * 86'400;
 
+// Poses of many streams that are due within so little of each other leave together. A few streams are never so close.
+constexpr TimeUs kLeastPumpGapUs = 1000;
+
 Recorder::Settings recorder_settings(const Config& config, const std::string& version) {
   Recorder::Settings settings;
   settings.folder = data_dir_of(config) + "/recordings";
@@ -152,10 +155,13 @@ Broker::Broker(const Config& config, Doors doors, std::string version, LogSink l
                std::move(log),
                std::move(version),
                std::move(id),
-               turn_,
-               [this] { arm_schedule(); }},
+               turn_},
       loop_(1),
-      turn_(loop_, turn_settings(config_), context_.log, [this] { hub_.deliver(); }),
+      turn_(loop_, turn_settings(config_), context_.log,
+            [this] {
+              hub_.deliver();
+              arm_schedule();
+            }),
       disk_(kDiskThreads),
       schedule_(loop_.get_executor()),
       tick_(loop_.get_executor()),
@@ -249,11 +255,13 @@ void Broker::arm_schedule() {
   const auto due = hub_.next_due_us();
   if (!due || (scheduled_us_ && *scheduled_us_ <= *due)) return;
   scheduled_us_ = due;
-  schedule_.expires_at(std::chrono::steady_clock::time_point(std::chrono::microseconds(*due)));
+  const TimeUs at_us = std::max(*due, pumped_us_ + kLeastPumpGapUs);
+  schedule_.expires_at(std::chrono::steady_clock::time_point(std::chrono::microseconds(at_us)));
   schedule_.async_wait([this](ErrorOf error) {
     if (error) return;
     scheduled_us_.reset();
-    hub_.pump(steady_now_us());
+    pumped_us_ = steady_now_us();
+    hub_.pump(pumped_us_);
     arm_schedule();
   });
 }

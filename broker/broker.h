@@ -91,6 +91,7 @@ class Broker {
   asio::thread_pool disk_;
   Timer schedule_;
   std::optional<TimeUs> scheduled_us_;
+  TimeUs pumped_us_ = 0;
   Timer tick_;
   Timer deadline_;
   Timer watchdog_;

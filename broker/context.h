@@ -84,7 +84,6 @@ struct Context {
   std::string version;
   std::string session_id;
   Turn& turn;                              ///< What leaves at the end of each turn of the loop.
-  std::function<void()> schedule_changed;  ///< The hub's next_due_us() may be earlier than before.
   Counters counters{};
   std::unordered_set<Connection*> connections{};  ///< WebSockets that are open.
   std::uint64_t last_connection_id = 0;

@@ -49,24 +49,3 @@ def float_frame(kind, sequence, capture_us, values_of_band):
     head = bytes([1, 0]) + (bytes([0, 0]) + varint(0) if kind == JOIN else b"")
     sections = b"".join(varint(len(run)) + run for run in runs)
     return struct.pack(ENVELOPE, kind, (1 << len(runs)) - 1, 0, 0, 0, sequence, capture_us) + head + sections
-
-
-def quantised_run(values):
-    """An exact run without a predictor: such a key can be decoded from any state."""
-    zigzag = [2 * v if v >= 0 else -2 * v - 1 for v in values]
-    mean = sum(zigzag) / len(zigzag)
-    low_bits = max(0, int(mean).bit_length() - 1)
-    bits = []
-    for z in zigzag:
-        bits.append("1" * (z >> low_bits) + "0" + (format(z & ((1 << low_bits) - 1), f"0{low_bits}b") if low_bits else ""))
-        if z >> low_bits >= 24:
-            raise ValueError("a value that needs the escape code")
-    text = "".join(bits)
-    text += "0" * (-len(text) % 8)
-    return bytes([0x80 | low_bits]) + int(text, 2).to_bytes(len(text) // 8, "big")
-
-
-def quantised_frame(kind, sequence, capture_us, bands, values_of_band, step=100):
-    sections = b"".join(varint(len(run)) + run for run in map(quantised_run, values_of_band))
-    head = bytes([2, step]) + (bytes([0, 0, 0]) if kind == JOIN else b"")
-    return struct.pack(ENVELOPE, kind, (1 << bands) - 1, 0, 0, 0, sequence, capture_us) + head + sections

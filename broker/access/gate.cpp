@@ -29,13 +29,14 @@ Error lacking(const Identity& identity, const std::string& right, std::string_vi
 
 Grant::Grant(Gate& gate, Identity identity, std::shared_ptr<const AccessPolicy> policy, TimeUs now_us)
     : gate_(gate), identity_(std::move(identity)), policy_(std::move(policy)) {
-  const auto add = [&](Ledger& ledger, const std::string& key, bool is_token, std::string whose) {
+  const auto add = [&](Ledger& ledger, const std::string& key, bool is_token) {
     const std::lock_guard lock(ledger.mutex());
-    holders_.push_back({&ledger, ledger.account(key, now_us), is_token, std::move(whose)});
+    holders_.push_back({&ledger, ledger.account(key, now_us), is_token});
   };
   const std::string address = identity_.sender.address.limit_key();
-  add(gate_.addresses_, address, false, "address " + address);
-  if (!identity_.key.empty()) add(gate_.tokens_, identity_.key, true, identity_.name);
+  holders_.reserve(identity_.key.empty() ? 1 : 2);
+  add(gate_.addresses_, address, false);
+  if (!identity_.key.empty()) add(gate_.tokens_, identity_.key, true);
 }
 
 Grant::~Grant() {
@@ -92,9 +93,10 @@ bool Grant::is_void() {
 }
 
 Error Grant::over(const Holder& holder, const char* limit, std::int64_t most) const {
-  return fail(ErrorCode::kRefused, holder.whose + " has reached a limit of this broker: " +
-                                       (holder.is_token ? "per_token." : "per_address.") + limit + " = " +
-                                       std::to_string(most));
+  return fail(ErrorCode::kRefused,
+              (holder.is_token ? identity_.name : "address " + identity_.sender.address.limit_key()) +
+                  " has reached a limit of this broker: " + (holder.is_token ? "per_token." : "per_address.") + limit +
+                  " = " + std::to_string(most));
 }
 
 Result<void> Grant::take(Share share) {

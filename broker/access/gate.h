@@ -58,7 +58,6 @@ class Grant {
     Ledger* ledger = nullptr;
     std::shared_ptr<Account> account;
     bool is_token = false;
-    std::string whose;
   };
   Grant(Gate& gate, Identity identity, std::shared_ptr<const AccessPolicy> policy, TimeUs now_us);
   Result<void> take_bytes(Pace Account::*pace, const char* limit, std::uint64_t bytes, TimeUs now_us);

@@ -96,16 +96,22 @@ Result<StreamPatterns> StreamPatterns::from(std::span<const std::string> pattern
   if (patterns.size() > kMaxPatterns) {
     return fail(ErrorCode::kInvalidArgument, std::to_string(patterns.size()) + " stream patterns are too many: 256");
   }
-  StreamPatterns made;
   for (const std::string& pattern : patterns) {
     if (auto good = check(pattern); !good) return good.error();
-    made.patterns_.push_back(pattern);
   }
+  StreamPatterns made;
+  if (!patterns.empty())
+    made.patterns_ = std::make_shared<const std::vector<std::string>>(patterns.begin(), patterns.end());
   return made;
 }
 
+const std::vector<std::string>& StreamPatterns::texts() const {
+  static const std::vector<std::string> kNone;
+  return patterns_ ? *patterns_ : kNone;
+}
+
 bool StreamPatterns::matches(std::string_view stream) const {
-  return std::any_of(patterns_.begin(), patterns_.end(),
+  return std::any_of(texts().begin(), texts().end(),
                      [&](const std::string& pattern) { return name_matches(pattern, stream); });
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <memory>
 #include <span>
 #include <string>
 #include <string_view>
@@ -25,12 +26,12 @@ class StreamPatterns {
   static Result<StreamPatterns> from(std::span<const std::string> patterns);
 
   bool matches(std::string_view stream) const;
-  bool empty() const { return patterns_.empty(); }
-  const std::vector<std::string>& texts() const { return patterns_; }
-  bool operator==(const StreamPatterns&) const = default;
+  bool empty() const { return !patterns_; }
+  const std::vector<std::string>& texts() const;
+  bool operator==(const StreamPatterns& other) const { return texts() == other.texts(); }
 
  private:
-  std::vector<std::string> patterns_;
+  std::shared_ptr<const std::vector<std::string>> patterns_;  ///< Null: none. All connections of a token share them.
 };
 
 /// What its holder may do.

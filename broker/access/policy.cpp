@@ -202,8 +202,14 @@ std::variant<Identity, Denial> AccessPolicy::identify_token(std::string_view tok
     identity.rights = known->rights;
     return identity;
   }
-  auto claims = verify_token(token, tokens_, now_s);
-  if (!claims) return denial(401, claims.error().message, true);
+  const Sha256 hash = sha256({reinterpret_cast<const std::uint8_t*>(token.data()), token.size()});
+  auto claims = checked_.find(hash, tokens_.leeway_s, now_s);
+  if (!claims) {
+    auto verified = verify_token(token, tokens_, now_s);
+    if (!verified) return denial(401, verified.error().message, true);
+    checked_.keep(hash, *verified);
+    claims = std::move(*verified);
+  }
   identity.name =
       claims->subject.empty() ? "a token of key '" + claims->key_id + "'" : "token '" + claims->subject + "'";
   identity.key = "jwt " + claims->key_id + " " + claims->subject;

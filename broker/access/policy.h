@@ -10,6 +10,7 @@
 
 #include "broker/access/address.h"
 #include "broker/access/jwt.h"
+#include "broker/access/token_cache.h"
 #include "broker/access/token_file.h"
 #include "broker/config/config.h"
 
@@ -89,6 +90,7 @@ class AccessPolicy {
   Rights anonymous_rights_;
   TokenRules tokens_;
   TokenFile static_tokens_;
+  mutable TokenCache checked_;
   std::vector<std::string> origins_;
   std::vector<IpRange> proxies_;
   ProxyHeader proxy_header_ = ProxyHeader::kXForwardedFor;

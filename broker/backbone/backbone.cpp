@@ -408,6 +408,8 @@ void Backbone::take(Remote& remote, Bytes message) {
     ++totals_.frames_followed;
   }
   totals_.frames_dropped += remote.follower.dropped() - dropped;
+  hub_->owes(*remote.stream());
+  hub_->deliver();
   surroundings_.frames_came();
 }
 

@@ -107,7 +107,6 @@ void Publisher::on_binary(ByteView message) {
   }
   ++context().counters.frames_received;
   context().hub.owes(*stream_);
-  context().schedule_changed();
 }
 
 void Publisher::on_watcher_count(std::uint32_t count) {

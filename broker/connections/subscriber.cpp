@@ -79,8 +79,9 @@ void Subscriber::subscribe(const control::Subscribe& request) {
     if (watched) return;
     streams_.erase((*stream)->id());
     grant().give_back(Share::kStream);
-    context().hub.left(**stream);
+    return context().hub.left(**stream);
   }
+  context().hub.owes(**stream);
 }
 
 void Subscriber::unsubscribe(const control::Unsubscribe& request) {
@@ -133,6 +134,7 @@ void Subscriber::step(Stream& stream, Ladder& ladder) {
   const auto step = ladder.look(outbox().counts(stream.id()), stream.bands());
   if (!step) return;
   if (!stream.watch(*this, step->profile)) return ladder.stay();  // One profile more than the stream may have.
+  context().hub.owes(stream);
   ++(step->down ? context().counters.ladder_down : context().counters.ladder_up)[step->rung];
   send(control::Notice{stream.name(), step->why + "; set frames.ladder on the broker to change that", 0});
 }

@@ -88,6 +88,7 @@ void Feed::pump(TimeUs now_us, std::vector<FramePtr>& out) {
 }
 
 std::optional<TimeUs> Feed::next_due_us() const {
+  if (profile_.rate == Profile::Rate::kRaw) return std::nullopt;
   return profile_.rate == Profile::Rate::kEstimated ? forecaster_.next_due_us() : pacer_.next_due_us();
 }
 

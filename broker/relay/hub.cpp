@@ -30,7 +30,15 @@ void Hub::left(Stream& stream) {
 }
 
 void Hub::pump(TimeUs now_us) {
-  for (auto& [name, stream] : streams_) stream->pump(now_us);
+  pumping_.clear();
+  for (const auto& [due_us, stream] : due_) {
+    if (due_us > now_us) break;
+    pumping_.push_back(stream);
+  }
+  for (Stream* stream : pumping_) {
+    stream->pump(now_us);
+    schedule(*stream);
+  }
 }
 
 void Hub::owes(Stream& stream) {
@@ -38,22 +46,37 @@ void Hub::owes(Stream& stream) {
 }
 
 void Hub::deliver() {
-  for (Stream* stream : owing_) stream->deliver();
+  for (Stream* stream : owing_) {
+    stream->deliver();
+    schedule(*stream);
+  }
   owing_.clear();
 }
 
 void Hub::forget(decltype(streams_)::iterator stream) {
   std::erase(owing_, stream->second.get());
+  unschedule(*stream->second);
   streams_.erase(stream);
 }
 
+void Hub::schedule(Stream& stream) {
+  const auto due_us = stream.next_due_us();
+  if (due_us == stream.wake_us_) return;
+  unschedule(stream);
+  if (!due_us) return;
+  due_.emplace(*due_us, &stream);
+  stream.wake_us_ = due_us;
+}
+
+void Hub::unschedule(Stream& stream) {
+  if (!stream.wake_us_) return;
+  due_.erase({*stream.wake_us_, &stream});
+  stream.wake_us_.reset();
+}
+
 std::optional<TimeUs> Hub::next_due_us() const {
-  std::optional<TimeUs> next;
-  for (const auto& [name, stream] : streams_) {
-    const auto due = stream->next_due_us();
-    if (due && (!next || *due < *next)) next = due;
-  }
-  return next;
+  if (due_.empty()) return std::nullopt;
+  return due_.begin()->first;
 }
 
 std::vector<const Stream*> Hub::streams() const {

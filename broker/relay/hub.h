@@ -4,8 +4,10 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "broker/relay/stream.h"
@@ -33,10 +35,12 @@ class Hub {
   /// Call when a publisher or watcher has left `stream`: it may be forgotten, and the pointer is dead then.
   void left(Stream& stream);
 
+  /// Pumps the streams that have something due by now.
   void pump(TimeUs now_us);
-  /// The stream took frames: deliver() delivers them.
+  /// The stream took frames or watchers: deliver() delivers what follows and learns when it has something due next.
   void owes(Stream& stream);
   void deliver();
+  /// When pump() has something to do next.
   std::optional<TimeUs> next_due_us() const;
 
   /// In the order of their names; valid until the next open() or left().
@@ -44,12 +48,17 @@ class Hub {
   std::size_t size() const { return streams_.size(); }
 
  private:
+  /// Asks the stream when it has something due next.
+  void schedule(Stream& stream);
+  void unschedule(Stream& stream);
   bool make_room();
   void forget(std::map<std::string, std::unique_ptr<Stream>, std::less<>>::iterator stream);
 
   Settings settings_;
   std::map<std::string, std::unique_ptr<Stream>, std::less<>> streams_;
   std::vector<Stream*> owing_;
+  std::set<std::pair<TimeUs, Stream*>> due_;  ///< Each stream that waits for a time: Stream::wake_us_.
+  std::vector<Stream*> pumping_;  ///< Scratch.
   std::uint32_t last_id_ = 0;
 };
 

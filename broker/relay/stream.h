@@ -123,6 +123,7 @@ class Stream {
   std::size_t profile_count() const { return groups_.size(); }
 
  private:
+  friend class Hub;
   struct Group {
     Group(const Profile& profile, const Feed::Source& source) : feed(profile, source) {}
     Feed feed;
@@ -154,8 +155,9 @@ class Stream {
   std::map<Profile, std::uint32_t> wanted_;               ///< How many ask for each; holds before any epoch and in all.
   std::unordered_map<const Watcher*, Group*> group_of_;
   std::map<Profile, std::unique_ptr<Group>> groups_;
-  std::vector<Watcher*> order_;  ///< All watchers, waiting ones too.
-  bool has_leaving_ = false;     ///< Of any group.
+  std::vector<Watcher*> order_;    ///< All watchers, waiting ones too.
+  bool has_leaving_ = false;       ///< Of any group.
+  std::optional<TimeUs> wake_us_;  ///< Its hub's: when it will be pumped next.
   Tracer tracer_;
   std::uint64_t keys_received_ = 0;
   std::uint64_t frames_made_ = 0;

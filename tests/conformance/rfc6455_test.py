@@ -262,10 +262,10 @@ ws.on('error', (error) => { console.error(error); process.exit(6); });
 """
 
     def test_echo_and_close(self):
-        where = os.environ.get("EIGENCAST_NODE_MODULES", "/usr/share/nodejs")  # Debian's node-ws.
+        where = os.environ.get("NODE_PATH", "/usr/share/nodejs")  # Debian's node-ws.
         node = shutil.which("node")
         if not node or not (pathlib.Path(where) / "ws").is_dir():
-            self.skipTest("SKIPPED: no node, or no `ws` in its folder: EIGENCAST_NODE_MODULES names another")
+            self.skipTest("SKIPPED: no node, or no `ws` in its folder: npm install ws, and NODE_PATH names its node_modules")
         done = subprocess.run([node, "-e", self.SCRIPT, "node", str(self.port)], env={**os.environ, "NODE_PATH": where}, timeout=30)
         self.assertEqual(done.returncode, 0)
 

@@ -8,6 +8,8 @@
 #include <cstdio>
 #include <fstream>
 
+#include "common/core/bytes.h"
+
 namespace eigencast::broker {
 namespace {
 
@@ -65,6 +67,53 @@ TEST_F(GateTest, WhoShowsNothingIsAnonymousOnLoopbackOnly) {
   EXPECT_EQ(denied.status, 401);
   EXPECT_FALSE(denied.failed_login) << "nothing was tried";
   EXPECT_THAT(denied.message, HasSubstr("asks for a token"));
+}
+
+TEST_F(GateTest, ATokenThatWasCheckedBeforeStillEndsWithItsTimeAndWithItsKey) {
+  const std::string token = token_for("viewer", {}, {"lab/**"});
+  const auto request = request_from("8.8.8.8", token);
+  const auto status_at = [&](std::int64_t now_s) {
+    const auto admitted = gate().admit(request, 0, now_s);
+    const auto* denied = std::get_if<Denial>(&admitted);
+    return denied == nullptr ? 0 : denied->status;
+  };
+  EXPECT_TRUE(let_in(request)->may_subscribe("lab/a"));
+  const GrantPtr again = let_in(request);
+  EXPECT_TRUE(again->may_subscribe("lab/a"));
+  EXPECT_FALSE(again->may_subscribe("other"));
+  EXPECT_FALSE(again->may_publish("lab/a"));
+  EXPECT_EQ(status_at(kNow + 59), 0);
+  EXPECT_EQ(status_at(kNow + 60 + config_.access.jwt_leeway_s), 401);
+  std::string forged = token;
+  forged.back() = forged.back() == 'A' ? 'B' : 'A';
+  EXPECT_EQ(turned_away(request_from("8.8.8.8", forged)).status, 401);
+  EXPECT_TRUE(let_in(request));
+  config_.access.jwt_secret = "another secret of the tests, long enough";
+  gate().replace_policy(AccessPolicy::from_config(config_).value());
+  EXPECT_EQ(turned_away(request).status, 401);
+}
+
+TEST(TokenCacheTest, IsBoundedAndLooksAtTheTimes) {
+  TokenCache cache;
+  Claims claims;
+  claims.expires_s = 100;
+  claims.not_before_s = 50;
+  const auto hash = [](std::uint64_t i) {
+    Bytes bytes;
+    ByteWriter(bytes).u64(i);
+    return sha256(bytes);
+  };
+  cache.keep(hash(0), claims);
+  EXPECT_TRUE(cache.find(hash(0), 5, 45));
+  EXPECT_TRUE(cache.find(hash(0), 5, 104));
+  EXPECT_FALSE(cache.find(hash(1), 5, 60));
+  EXPECT_FALSE(cache.find(hash(0), 5, 44)) << "the clock was set back";
+  EXPECT_EQ(cache.size(), 0u);
+  for (std::uint64_t i = 0; i < 2 * TokenCache::kMost + 5; ++i) {
+    cache.keep(hash(i), claims);
+    ASSERT_LE(cache.size(), TokenCache::kMost);
+  }
+  EXPECT_FALSE(cache.find(hash(2 * TokenCache::kMost + 4), 5, 105));
 }
 
 TEST_F(GateTest, AProxyThatNobodyNamedMakesNobodyLocal) {
