@@ -27,8 +27,8 @@ def viewers_of(server, name, subs, seconds):
     return out, subprocess.Popen(
         ["taskset", "-c", LOAD_CPU, str(server.tools.folder / "wsload"), "--port", str(server.port), "--pid", str(server.process.pid),
          "--no-spin", "--quiet", "--json", str(out), "--no-pub", "--subs", str(subs), "--secs", str(seconds), "--warm",
-         str(CONNECTING_S + 1), "--rate", "1", "--size", str(SIZE), "--us", "--magic-off", "-1", "--ts-off", "20", "--seq-off", "12",
-         "--find-off", "20", "--find-seq-off", "12", "--path", "/v1/subscribe/s0?rate=raw", "--subproto", "eigencast.v1", "--ready",
+         str(CONNECTING_S + 1), "--rate", "1", "--size", str(SIZE), "--us", "--magic-off", "-1", "--ts-off", "19", "--seq-off", "11",
+         "--find-off", "19", "--find-seq-off", "11", "--path", "/v1/subscribe/s0?rate=raw", "--subproto", "eigencast.v1", "--ready",
          '"waiting"'], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 

@@ -161,8 +161,8 @@ class Server:
 
     def spoken(self, streams, several):
         """Arguments of wsload for the bare server and the broker: frames of the broker's own format."""
-        command = ["--us", "--template", self.tools.folder / "frame.bin", "--magic-off", "-1", "--ts-off", "20", "--seq-off", "12",
-                   "--find-off", "20", "--find-seq-off", "12", *(["--mesh"] if several else [])]
+        command = ["--us", "--template", self.tools.folder / "frame.bin", "--magic-off", "-1", "--ts-off", "19", "--seq-off", "11",
+                   "--find-off", "19", "--find-seq-off", "11", *(["--mesh"] if several else [])]
         if self.kind.startswith("raw"):
             return command + ["--path", "/sub", "--pub-path", "/pub"]
         command += ["--subproto", "eigencast.v1", "--pub-subproto", "eigencast.v1", "--pub-path", "/v1/publish/s{s}",
