@@ -14,6 +14,7 @@ namespace {
 constexpr TimeUs kForever = std::numeric_limits<TimeUs>::max();
 /// After another broker was faster to change a row, its change is on its way here.
 constexpr TimeUs kOvertakenUs = 50'000;
+constexpr TimeUs kForgetEveryUs = 60'000'000;
 
 Bytes bytes_of(std::string_view text) {
   return {text.begin(), text.end()};
@@ -125,6 +126,7 @@ void Backbone::on_disconnected(const std::string& why) {
 
 void Backbone::on_table_read() {
   table_read_ = true;
+  settled_ = false;
   writing_.clear();
   say(LogLevel::kInfo, "connected, " + std::to_string(directory_.streams().size()) + " streams are known");
   reconcile();
@@ -136,6 +138,7 @@ void Backbone::on_row(const std::string& key, std::optional<std::string> text, s
   if (auto taken = directory_.take(*name, text, revision); !taken) {
     say(LogLevel::kWarning, "stream '" + *name + "': " + taken.error().message);
   }
+  settled_ = false;
   if (table_read_) reconcile();
 }
 
@@ -145,9 +148,9 @@ void Backbone::reconcile() {
   // What is done here calls back: a frame that came, a claim that was granted.
   if (hub_ == nullptr || std::exchange(reconciling_, true)) return;
   reconcile_claims();
-  reconcile_own();
+  if (!settled_) reconcile_own();
   reconcile_followed();
-  for (const std::string& name : directory_.forgotten(surroundings_.now_us())) write(name, std::nullopt);
+  forget();
   reconciling_ = false;
 }
 
@@ -159,6 +162,7 @@ void Backbone::reconcile_claims() {
 
 void Backbone::reconcile_own() {
   const TimeUs now = surroundings_.now_us();
+  settled_ = true;
   std::vector<std::pair<std::string, DirectoryEntry>> overruled;
   for (const auto& [name, own] : own_) {
     const DirectoryEntry* holder = directory_.live(name, now);
@@ -167,7 +171,9 @@ void Backbone::reconcile_own() {
       continue;
     }
     const Directory::Known* known = directory_.find(name);
-    if (known == nullptr || known->entry != own.entry) write(name, own.entry);
+    if (known != nullptr && known->entry == own.entry) continue;
+    settled_ = false;
+    write(name, own.entry);
   }
   for (const auto& [name, holder] : overruled) {
     ++totals_.senders_dismissed;
@@ -178,10 +184,19 @@ void Backbone::reconcile_own() {
   for (const auto& [name, known] : directory_.streams()) {
     const bool mine = known.entry && known.entry->live && known.entry->owner == settings_.id;
     if (!mine || own_.contains(name) || claims_.contains(name)) continue;
+    settled_ = false;
     DirectoryEntry entry = *known.entry;
     entry.live = false;
     write(name, entry);
   }
+}
+
+/// Removes what brokers left that have been gone for long.
+void Backbone::forget() {
+  const TimeUs now = surroundings_.now_us();
+  if (now < next_forget_us_) return;
+  next_forget_us_ = now + kForgetEveryUs;
+  for (const std::string& name : directory_.forgotten(now)) write(name, std::nullopt);
 }
 
 void Backbone::reconcile_followed() {
@@ -245,6 +260,7 @@ void Backbone::grant(const std::string& name, Result<std::uint32_t> epoch) {
   if (found == claims_.end()) return;
   const Granted granted = std::move(found->second.granted);
   claims_.erase(found);
+  settled_ = false;  // Whoever claimed may be gone.
   granted(std::move(epoch));
 }
 
@@ -276,6 +292,7 @@ void Backbone::write(const std::string& name, const std::optional<DirectoryEntry
 
 void Backbone::on_announced(const Stream& stream) {
   if (remotes_.contains(stream.name()) && remotes_.find(stream.name())->second->stream() != nullptr) return;
+  settled_ = false;
   own_[stream.name()] = {{settings_.id, stream.epoch(), true, stream.announcement()}, stream.layout(), nullptr};
 }
 
@@ -291,10 +308,12 @@ void Backbone::on_key(const Stream& stream, const KeyRecordPtr& record) {
 }
 
 void Backbone::on_stalled(const Stream& stream) {
+  settled_ = false;
   own_.erase(stream.name());
 }
 
 void Backbone::on_forgotten(const Stream& stream) {
+  settled_ = false;
   own_.erase(stream.name());
   if (const auto found = remotes_.find(stream.name()); found != remotes_.end()) found->second->forget_stream();
 }

@@ -106,6 +106,7 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   void reconcile_claims();
   void reconcile_own();
   void reconcile_followed();
+  void forget();
   void try_claim(const std::string& name);
   void grant(const std::string& name, Result<std::uint32_t> epoch);
   void write(const std::string& name, const std::optional<DirectoryEntry>& entry,
@@ -135,7 +136,8 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   std::map<std::string, std::shared_ptr<Remote>, std::less<>> remotes_;
   std::map<std::string, TimeUs, std::less<>> writing_;  ///< Rows that are being written, or may be tried again then.
   std::vector<std::shared_ptr<void>> listening_;
-  TimeUs next_alive_us_ = 0;
+  bool settled_ = false;  ///< Own streams are in the directory as they are: nothing to do until one of both changes.
+  TimeUs next_alive_us_ = 0, next_forget_us_ = 0;
   Totals totals_;
 };
 
