@@ -102,9 +102,12 @@ class Cluster(unittest.TestCase):
         if why:
             self.skipTest(f"SKIPPED: {why}")
         self.folder = tempfile.TemporaryDirectory(prefix="eigencast-cluster-")
+        self.addCleanup(self.clean_folder)
         self.network = hosts.Network(self.NATS + self.BROKERS).__enter__()
+        self.addCleanup(self.network.__exit__)  # Ends what runs on them.
         self.hosts = self.network.hosts
         self.processes, self.viewers, self.senders = {}, [], []
+        self.addCleanup(self.end_viewers)
         for name in self.NATS:
             self.start_nats(name)
         for name in self.BROKERS:
@@ -113,12 +116,11 @@ class Cluster(unittest.TestCase):
             self.wait_for(lambda: self.metric(name, "eigencast_broker_backbone_connected") == 1 and
                           self.metric(name, "eigencast_broker_backbone_brokers") == len(self.BROKERS), 30, f"{name} meets the others")
 
-    def tearDown(self):
-        if not hasattr(self, "network"):
-            return
+    def end_viewers(self):
         for viewer in self.viewers:
             viewer.over = True
-        self.network.__exit__()
+
+    def clean_folder(self):
         if os.environ.get("KEEP"):
             print("kept", shutil.copytree(self.folder.name, "/tmp/eigencast-cluster-kept", dirs_exist_ok=True))
         self.folder.cleanup()
@@ -276,6 +278,17 @@ cluster {{ name: eigencast, listen: "{self.hosts[name].address}:6222", routes: [
         owned = [self.metric(b, "eigencast_broker_backbone_frames_published_total") > 0 for b in self.BROKERS[:2]]
         self.assertEqual(sum(owned), 1)
         self.assert_clean()
+
+
+class Undone(unittest.TestCase):
+    def test_a_network_that_cannot_be_made_leaves_nothing(self):
+        why = hosts.available()
+        if why:
+            self.skipTest(f"SKIPPED: {why}")
+        network = hosts.Network(["fine", "a-name-too-long-for-an-interface"])
+        self.assertRaises(subprocess.CalledProcessError, network.__enter__)
+        spaces = subprocess.run(["ip", "netns", "list"], capture_output=True, text=True).stdout
+        self.assertNotIn(network.prefix, spaces)
 
 
 class Guarded(unittest.TestCase):

@@ -58,11 +58,19 @@ class Network:
     """with Network(["n1", "b1"]) as network: network.hosts["b1"]"""
 
     def __init__(self, names):
-        self.prefix = f"ec{os.getpid() % 10000}"
+        self.prefix = f"ec{os.getpid()}"
         self.switch = f"{self.prefix}-switch"
         self.hosts = {name: Host(self, name, f"10.77.0.{i + 1}") for i, name in enumerate(names)}
 
     def __enter__(self):
+        try:
+            self.build()
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def build(self):
         ip("netns", "add", self.switch)
         ip("-n", self.switch, "link", "add", "bridge", "type", "bridge")
         ip("-n", self.switch, "link", "set", "bridge", "up")
@@ -73,7 +81,6 @@ class Network:
             ip("-n", host.space, "addr", "add", f"{host.address}/24", "dev", "eth0")
             ip("-n", host.space, "link", "set", "eth0", "up")
             ip("-n", host.space, "link", "set", "lo", "up")
-        return self
 
     def __exit__(self, *_):
         for host in self.hosts.values():
