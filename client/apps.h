@@ -5,7 +5,7 @@
 #include <span>
 
 #include "client/options.h"
-#include "client/pose_source.h"
+#include "view/pose_source.h"
 
 namespace eigencast {
 

@@ -6,8 +6,8 @@
 #include <string_view>
 #include <vector>
 
-#include "client/camera.h"
 #include "common/core/result.h"
+#include "view/camera.h"
 
 namespace eigencast {
 

@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "client/pose_source.h"
 #include "sdk/bake.h"
+#include "view/pose_source.h"
 
 namespace eigencast {
 

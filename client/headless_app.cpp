@@ -6,11 +6,11 @@
 
 #include "client/apps.h"
 #include "client/camera_path.h"
-#include "client/offscreen.h"
-#include "client/overlay.h"
-#include "client/renderer.h"
 #include "client/session.h"
 #include "common/core/files.h"
+#include "view/offscreen.h"
+#include "view/overlay.h"
+#include "view/renderer.h"
 
 namespace eigencast {
 namespace {

@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "client/level_control.h"
-#include "client/surface_view.h"
 #include "sdk/subscriber.h"
+#include "view/surface_view.h"
 
 namespace eigencast {
 

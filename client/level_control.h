@@ -7,9 +7,9 @@
 #include <string>
 #include <string_view>
 
-#include "client/camera.h"
 #include "client/lod_resolver.h"
-#include "client/scene.h"
+#include "view/camera.h"
+#include "view/scene.h"
 
 namespace eigencast {
 

@@ -5,8 +5,8 @@
 #include <string_view>
 #include <vector>
 
-#include "client/scene.h"
 #include "common/core/result.h"
+#include "view/scene.h"
 
 namespace eigencast {
 

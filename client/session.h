@@ -9,13 +9,13 @@
 #include <string>
 #include <vector>
 
-#include "client/camera.h"
 #include "client/hud_text.h"
 #include "client/level_control.h"
 #include "client/options.h"
 #include "client/rate_meter.h"
-#include "client/renderer.h"
-#include "client/scene.h"
+#include "view/camera.h"
+#include "view/renderer.h"
+#include "view/scene.h"
 
 namespace eigencast {
 

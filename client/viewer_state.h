@@ -5,10 +5,11 @@
 #include <string>
 #include <vector>
 
-#include "client/camera.h"
 #include "client/level_control.h"
-#include "client/level_of_detail.h"
 #include "common/motion/playout.h"
+#include "view/camera.h"
+#include "view/level_of_detail.h"
+#include "view/overlay.h"
 
 namespace eigencast {
 
@@ -48,10 +49,6 @@ struct ViewerState {
 /// The action of a key: upper-case letters, '+', '-', ',', '.', ' ', or a name ("Home", "F1", "F12", "Escape").
 std::optional<Action> action_for_key(std::string_view key);
 
-/// One line of the help: keys, what they do, how that stands now ("on", "Y", "42 %"; may be empty).
-struct HelpLine {
-  std::string keys, what, state;
-};
 std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod,
                                  ResolverKind resolver);
 

@@ -8,12 +8,12 @@
 #include "client/apps.h"
 #include "client/camera_path.h"
 #include "client/clip_source.h"
-#include "client/overlay.h"
-#include "client/renderer.h"
 #include "client/session.h"
 #include "client/viewer_state.h"
 #include "common/core/files.h"
 #include "common/net/url.h"
+#include "view/overlay.h"
+#include "view/renderer.h"
 
 namespace eigencast {
 namespace {

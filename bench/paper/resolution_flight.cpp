@@ -14,9 +14,9 @@
 #include "client/camera_path.h"
 #include "client/clip_source.h"
 #include "client/level_control.h"
-#include "client/offscreen.h"
-#include "client/renderer.h"
-#include "client/scene.h"
+#include "view/offscreen.h"
+#include "view/renderer.h"
+#include "view/scene.h"
 
 namespace eigencast {
 namespace {

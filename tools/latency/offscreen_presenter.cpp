@@ -2,11 +2,11 @@
 #include <algorithm>
 #include <cstdio>
 
-#include "client/camera.h"
-#include "client/offscreen.h"
-#include "client/renderer.h"
 #include "common/reconstruction/reconstruct.h"
 #include "tools/latency/presenter.h"
+#include "view/camera.h"
+#include "view/offscreen.h"
+#include "view/renderer.h"
 
 namespace eigencast::latency {
 namespace {

@@ -10,8 +10,8 @@
 #include <nlohmann/json.hpp>
 
 #include "client/apps.h"
-#include "client/picture.h"
 #include "tests/unit/client/fake_source.h"
+#include "view/picture.h"
 
 namespace eigencast {
 namespace {

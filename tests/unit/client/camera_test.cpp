@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/camera.h"
+#include "view/camera.h"
 
 #include <gtest/gtest.h>
 

@@ -6,9 +6,9 @@
 
 #include <filesystem>
 
-#include "client/surface_view.h"
 #include "common/surface/shapes.h"
 #include "common/surface/write.h"
+#include "view/surface_view.h"
 
 namespace eigencast {
 namespace {

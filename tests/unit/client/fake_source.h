@@ -9,7 +9,7 @@
 #include <functional>
 #include <map>
 
-#include "client/pose_source.h"
+#include "view/pose_source.h"
 
 namespace eigencast::testing {
 

@@ -4,9 +4,9 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "client/offscreen.h"
-#include "client/renderer.h"
 #include "tests/unit/client/fake_source.h"
+#include "view/offscreen.h"
+#include "view/renderer.h"
 
 namespace eigencast {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/scene.h"
+#include "view/scene.h"
 
 #include <gtest/gtest.h>
 
@@ -8,10 +8,10 @@
 
 #include "client/camera_path.h"
 #include "client/level_control.h"
-#include "client/offscreen.h"
-#include "client/renderer.h"
 #include "client/scene_file.h"
 #include "tests/unit/client/fake_source.h"
+#include "view/offscreen.h"
+#include "view/renderer.h"
 
 namespace eigencast {
 namespace {

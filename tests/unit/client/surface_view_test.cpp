@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/surface_view.h"
+#include "view/surface_view.h"
 
 #include <gtest/gtest.h>
 

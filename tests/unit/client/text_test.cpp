@@ -9,12 +9,12 @@
 
 #include "client/hud_text.h"
 #include "client/options.h"
-#include "client/picture.h"
 #include "client/rate_meter.h"
 #include "client/viewer_state.h"
 #include "common/net/url.h"
 #include "sdk/contexts.h"
 #include "tests/support/process.h"
+#include "view/picture.h"
 
 namespace eigencast {
 namespace {

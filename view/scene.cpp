@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/scene.h"
+#include "view/scene.h"
 
 #include <algorithm>
 #include <glm/ext/matrix_transform.hpp>

@@ -4,9 +4,12 @@
 #include <string>
 #include <vector>
 
-#include "client/viewer_state.h"
-
 namespace eigencast {
+
+/// One line of the help: keys, what they do, how that stands now ("on", "Y", "42 %"; may be empty).
+struct HelpLine {
+  std::string keys, what, state;
+};
 
 /// What the overlay shows; empty strings and lists are left out.
 struct OverlayContent {

@@ -5,10 +5,10 @@
 #include <memory>
 #include <string>
 
-#include "client/camera.h"
-#include "client/picture.h"
-#include "client/surface_view.h"
 #include "common/core/result.h"
+#include "view/camera.h"
+#include "view/picture.h"
+#include "view/surface_view.h"
 
 namespace eigencast {
 

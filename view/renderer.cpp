@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/renderer.h"
+#include "view/renderer.h"
 
 #include <algorithm>
 #include <array>
@@ -11,8 +11,8 @@
 #include <glm/geometric.hpp>
 #include <glm/matrix.hpp>
 
-#include "client/gl_objects.h"
-#include "client/shaders.h"
+#include "view/gl_objects.h"
+#include "view/shaders.h"
 
 namespace eigencast {
 namespace {

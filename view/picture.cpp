@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/picture.h"
+#include "view/picture.h"
 
 #include <png.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/overlay.h"
+#include "view/overlay.h"
 
 #include <backends/imgui_impl_glfw.h>
 #include <backends/imgui_impl_opengl3.h>

@@ -9,11 +9,11 @@
 #include <string>
 #include <vector>
 
-#include "client/band_fade.h"
-#include "client/level_of_detail.h"
-#include "client/pose_source.h"
 #include "common/motion/playout.h"
 #include "common/reconstruction/reconstruct.h"
+#include "view/band_fade.h"
+#include "view/level_of_detail.h"
+#include "view/pose_source.h"
 
 namespace eigencast {
 

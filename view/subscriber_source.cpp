@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/pose_source.h"
+#include "view/pose_source.h"
 
 namespace eigencast {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/band_fade.h"
+#include "view/band_fade.h"
 
 #include <algorithm>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/level_of_detail.h"
+#include "view/level_of_detail.h"
 
 #include <algorithm>
 #include <cmath>

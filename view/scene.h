@@ -9,8 +9,8 @@
 #include <string>
 #include <vector>
 
-#include "client/surface_view.h"
 #include "common/core/histogram.h"
+#include "view/surface_view.h"
 
 namespace eigencast {
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/gl_objects.h"
+#include "view/gl_objects.h"
 
 #include <array>
 #include <utility>

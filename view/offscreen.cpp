@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "client/offscreen.h"
+#include "view/offscreen.h"
 
 #include <epoxy/egl.h>
 
