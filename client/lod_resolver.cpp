@@ -127,9 +127,20 @@ void BudgetResolver::learn(double seconds) {
   fixed_ = std::max(0.0, median_of_last([&](const Sample& s) { return s.seconds - slope_ * s.vertices; }));
 }
 
-double BudgetResolver::wanted_vertices(double most) const {
-  const double target = settings_.fill / settings_.f0;
-  double wanted = std::clamp((target - fixed_) / slope_, 0.0, most);
+void BudgetResolver::judge(double least, double seconds) {
+  const double frame = 1 / settings_.f0;
+  const bool at_least = drawn_ <= least * (1 + kDeadBand);
+  const bool hopeless = at_least && seconds > frame && fixed_ > frame;
+  const bool hopeful = fixed_ + slope_ * least < settings_.fill * frame;
+  frames_against_ = (within_reach_ ? hopeless : hopeful) ? frames_against_ + 1 : 0;
+  if (frames_against_ < kPatience) return;
+  within_reach_ = !within_reach_;
+  frames_against_ = 0;
+}
+
+double BudgetResolver::wanted_vertices(double least, double most) const {
+  const double planned = within_reach_ ? settings_.fill / settings_.f0 : (1 + kShare) * (fixed_ + slope_ * least);
+  double wanted = std::clamp((planned - fixed_) / slope_, 0.0, most);
   if (drawn_ <= 0) return wanted;
   wanted = std::min(wanted, drawn_ * kGrowth);
   const bool small = std::abs(wanted - drawn_) < kDeadBand * drawn_ && wanted < most;
@@ -137,10 +148,16 @@ double BudgetResolver::wanted_vertices(double most) const {
 }
 
 std::vector<std::uint32_t> BudgetResolver::resolve(std::span<const ObjectView> objects, std::optional<FrameWork> last) {
-  if (is_usable(last) && drawn_ > 0) learn(last->seconds);
-  double most = 0;
-  for (const ObjectView& object : objects) most += object.vertex_cost * object.vertices;
-  auto n = split_budget(objects, wanted_vertices(most));
+  double least = 0, most = 0;
+  for (const ObjectView& object : objects) {
+    least += object.vertex_cost * object.least;
+    most += object.vertex_cost * object.vertices;
+  }
+  if (is_usable(last) && drawn_ > 0) {
+    learn(last->seconds);
+    judge(least, last->seconds);
+  }
+  auto n = split_budget(objects, wanted_vertices(least, most));
   drawn_ = total_cost(objects, n);
   planned_ = (fixed_ + slope_ * drawn_) * settings_.f0;
   return n;

@@ -86,6 +86,11 @@ class PaperResolver final : public LodResolver {
 /// screen is least: the error of a surface goes with its area there times the length of an edge, pixels^2 / sqrt(N), and
 /// so N ~ (pixels^2 / cost)^(2/3) within its bounds.
 ///
+/// Where a alone takes longer than a frame may, no V holds the rate, and giving the surfaces away gains nothing. That is
+/// believed only on evidence: kPatience frames at the least V that were all late, for vertices that the model says are
+/// not why. From then on they may take kShare of what the least V takes, and the frame be so much later, until the model
+/// says as long that the least V would be in time again.
+///
 /// V goes down at once and up by at most kGrowth a frame; changes within kDeadBand are not made. What is out of sight is
 /// drawn at its least.
 class BudgetResolver final : public LodResolver {
@@ -93,6 +98,8 @@ class BudgetResolver final : public LodResolver {
   static constexpr double kGrowth = 1.15;
   static constexpr double kDeadBand = 0.03;
   static constexpr std::size_t kWindow = 48;  ///< Frames that the cost is learnt from.
+  static constexpr double kShare = 0.25;      ///< Of the time at the least V: for vertices that cannot hold the rate.
+  static constexpr int kPatience = 8;         ///< Frames.
 
   struct Settings {
     double f0 = 60;            ///< Wanted frames per second.
@@ -108,6 +115,7 @@ class BudgetResolver final : public LodResolver {
 
   double seconds_per_vertex() const { return slope_; }
   double seconds_fixed() const { return fixed_; }
+  bool within_reach() const { return within_reach_; }  ///< Fewer vertices can hold the rate, as far as is known.
 
  private:
   struct Sample {
@@ -115,13 +123,16 @@ class BudgetResolver final : public LodResolver {
     double seconds;
   };
   void learn(double seconds);
-  double wanted_vertices(double most) const;
+  void judge(double least, double seconds);
+  double wanted_vertices(double least, double most) const;
 
   Settings settings_;
   double slope_;
   double fixed_ = 0;
   double planned_ = 0;
   double drawn_ = 0;  ///< V of the last frame.
+  bool within_reach_ = true;
+  int frames_against_ = 0;  ///< The last so many speak against within_reach_.
   std::deque<Sample> samples_;
 };
 

@@ -3,9 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
-#include <numeric>
 #include <random>
 
 namespace eigencast {
@@ -122,8 +122,26 @@ struct Flight {
   double within = 0;  ///< Part of the frames within 1.25 / f0 after the first second.
   double use = 0;     ///< Median part of the frame's time used while below full detail.
   double mean_level = 0;
-  double wobble = 0;     ///< Mean |change of V| / V over the last quarter.
-  bool was_full = true;  ///< Every frame of the last quarter at full detail.
+  double wobble = 0;                      ///< Mean |change of V| / V over the last quarter.
+  bool was_full = true;                   ///< Every frame of the last quarter at full detail.
+  std::vector<double> t, level, seconds;  ///< Of each frame: when it was done, part of all vertices, work.
+
+  double slowest_percentile(double percent) const {  ///< Of the work after the first second.
+    std::vector<double> sorted;
+    for (std::size_t i = 0; i < t.size(); ++i) {
+      if (t[i] > 1) sorted.push_back(seconds[i]);
+    }
+    std::sort(sorted.begin(), sorted.end());
+    return sorted[static_cast<std::size_t>(percent / 100 * static_cast<double>(sorted.size() - 1))];
+  }
+  double level_between(double from, double to) const {
+    double sum = 0;
+    int count = 0;
+    for (std::size_t i = 0; i < t.size(); ++i) {
+      if (t[i] >= from && t[i] < to) sum += level[i], ++count;
+    }
+    return sum / count;
+  }
 };
 
 Flight fly(const Machine& machine, double f0, double duration, std::size_t count = 6, std::uint32_t vertices = 8431) {
@@ -132,7 +150,7 @@ Flight fly(const Machine& machine, double f0, double duration, std::size_t count
   std::normal_distribution<double> normal(0, 1);
   std::uniform_real_distribution<double> uniform(0, 1);
   std::optional<FrameWork> last;
-  std::vector<double> uses, totals, levels;
+  std::vector<double> uses, totals;
   int frames = 0, within = 0;
   double t = 0;
   Flight flight;
@@ -148,7 +166,9 @@ Flight fly(const Machine& machine, double f0, double duration, std::size_t count
     if (uniform(random) < machine.spike_chance) seconds *= 4;
     t += std::max(seconds, 1 / f0);  // the display's own rate
     last = FrameWork{static_cast<TimeUs>(t * 1e6), seconds};
-    levels.push_back(v / full);
+    flight.t.push_back(t);
+    flight.level.push_back(v / full);
+    flight.seconds.push_back(seconds);
     if (t > 1) {
       ++frames;
       within += seconds <= 1.25 / f0;
@@ -162,7 +182,7 @@ Flight fly(const Machine& machine, double f0, double duration, std::size_t count
   flight.within = static_cast<double>(within) / frames;
   std::sort(uses.begin(), uses.end());
   flight.use = uses.empty() ? 1 : uses[uses.size() / 2];
-  flight.mean_level = std::accumulate(levels.begin(), levels.end(), 0.0) / static_cast<double>(levels.size());
+  flight.mean_level = flight.level_between(0, duration + 1);
   for (std::size_t i = 1; i < totals.size(); ++i) flight.wobble += std::abs(totals[i] - totals[i - 1]) / totals[i];
   flight.wobble /= static_cast<double>(totals.size());
   return flight;
@@ -200,6 +220,54 @@ TEST(BudgetResolver, AnswersAStepOfTheLoadWithinAFewFrames) {
 TEST(BudgetResolver, KeepsTheFloorWhenNothingHelps) {
   const Flight flight = fly({[](double, double) { return 0.2; }, 0.02, 0}, 60, 10);
   EXPECT_GE(flight.mean_level, 0.0099);
+}
+
+TEST(BudgetResolver, GivesNoSurfaceAwayForAFixedCostThatFillsTheFrame) {
+  // Pixels alone take longer than a frame of 60/s; full detail would add 10 ms. A quarter of the fixed cost is 4.5 ms and more.
+  for (const double fixed : {0.018, 0.030, 0.200}) {
+    const Flight flight = fly({[&](double v, double) { return fixed + 0.010 * v / 50'586; }, 0.02, 0}, 60, 20);
+    EXPECT_GE(flight.mean_level, 0.35) << fixed << " s";
+    EXPECT_LE(flight.slowest_percentile(99), 1.25 * (fixed + 0.0001) * 1.12)
+        << fixed << " s: a quarter more, and the noise of work and plan";
+  }
+}
+
+TEST(BudgetResolver, HoldsTheRateBesideAFixedCostThatNearlyFillsTheFrame) {
+  // With the least of the vertices a frame takes 0.92 to 0.99 of its time: it can be held, so it is.
+  for (const double fixed : {0.0145, 0.0150, 0.0155}) {
+    const Flight flight = fly({[&](double v, double) { return fixed + 0.1 * v / 50'586; }, 0.01, 0}, 60, 20);
+    EXPECT_LE(flight.slowest_percentile(95), 1.03 / 60) << fixed << " s";
+    EXPECT_GE(flight.within, 0.99) << fixed << " s";
+  }
+}
+
+TEST(BudgetResolver, TheFloorIsKeptWhereTheVerticesThemselvesAreTooMany) {
+  // Full detail takes 10 s, the floor of a hundredth of it 0.1 s: late, but every vertex more makes it later.
+  const Flight flight = fly({[](double v, double) { return 0.002 + 10 * v / 50'586; }, 0.03, 0}, 20, 30);
+  EXPECT_LE(flight.level_between(12, 30), 0.0101);
+}
+
+TEST(BudgetResolver, AFixedCostThatComesAndGoesTakesDetailOnlyWhileItIsThere) {
+  // A second window covers the screen for five seconds.
+  const auto seconds = [](double v, double t) { return (t > 5 && t < 10 ? 0.040 : 0.003) + 0.008 * v / 50'586; };
+  const Flight flight = fly({seconds, 0.03, 0}, 60, 16);
+  EXPECT_GE(flight.level_between(1, 5), 0.99);
+  EXPECT_GE(flight.level_between(7, 10), 0.9) << "8 of the 10 ms that a quarter of 40 ms is";
+  EXPECT_GE(flight.level_between(11, 16), 0.99);
+}
+
+TEST(BudgetResolver, HoldsTheRateAgainAfterALoadThatWasOutOfReach) {
+  // For five seconds everything takes ten times as long, so that even the floor is late.
+  const auto seconds = [](double v, double t) { return (0.004 + 0.1 * v / 50'586) * (t > 5 && t < 10 ? 10 : 1); };
+  const Flight flight = fly({seconds, 0.03, 0}, 60, 20);
+  int late = 0, frames = 0;
+  for (std::size_t i = 0; i < flight.t.size(); ++i) {
+    if (flight.t[i] > 5 && flight.t[i] < 10.5) continue;
+    ++frames;
+    late += flight.t[i] > 1 && flight.seconds[i] > 1.25 / 60;
+  }
+  EXPECT_LE(late, 0.01 * frames);
+  EXPECT_GE(flight.level_between(12, 20), 0.8 * flight.level_between(2, 5));
 }
 
 TEST(BudgetResolver, IgnoresMeasurementsThatAreNone) {
