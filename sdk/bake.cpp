@@ -13,7 +13,9 @@
 #include <vector>
 
 #include "common/core/clock.h"
+#include "common/progressive/point_normals.h"
 #include "common/progressive/prefix.h"
+#include "common/progressive/splats.h"
 #include "common/spectral/basis.h"
 #include "common/spectral/laplacian.h"
 #include "common/surface/check.h"
@@ -24,7 +26,7 @@ namespace eigencast {
 namespace {
 
 /// Grows with every change of what a bake gives for the same input, so that old results are not found again.
-constexpr std::uint32_t kRecipe = 2;
+constexpr std::uint32_t kRecipe = 3;
 constexpr std::uint8_t kRecordVersion = 1;
 constexpr std::array<std::uint32_t, 3> kBandEnds = {14, 54,
                                                     104};  // after 4 affine columns, whole turns of the augmented basis
@@ -220,6 +222,11 @@ Asset asset_from(const Surface& surface, const Basis& basis, PrefixOrder order, 
   for (std::size_t axis = 0; axis < 3; ++axis) {
     asset.box_low[axis] = box.low[axis] - asset.origin[axis];
     asset.box_high[axis] = box.high[axis] - asset.origin[axis];
+  }
+  if (surface.is_point_cloud()) {
+    PointSplats splats = build_splats(surface.positions, oriented_normals(surface.positions), order);
+    asset.splats = {std::move(splats.frame), std::move(splats.normal), std::move(splats.radius),
+                    std::move(splats.parent_radius)};
   }
   asset.map = std::move(order.map);
   asset.faces = std::move(order.faces);

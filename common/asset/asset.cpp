@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "common/asset/asset.h"
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 
@@ -106,14 +107,42 @@ Result<void> check_faces(const Asset& a) {
   return {};
 }
 
+Result<void> check_splats(const Asset& a) {
+  const Asset::Splats& s = a.splats;
+  if (s.size() == 0) return {};
+  const std::size_t n = a.vertex_count;
+  if (!a.is_point_cloud()) return corrupt("it has faces and splats");
+  if (s.size() != n || s.normal.size() != n || s.radius.size() != n || s.parent_radius.size() != n) {
+    return corrupt("there are splats, but not one for each row");
+  }
+  for (std::uint32_t i = 0; i < n; ++i) {
+    const std::uint32_t end = std::max(a.base_count, i + 1);
+    const float squared =
+        s.normal[i][0] * s.normal[i][0] + s.normal[i][1] * s.normal[i][1] + s.normal[i][2] * s.normal[i][2];
+    if (s.frame[i][0] >= end || s.frame[i][1] >= end || !(std::abs(squared - 1) < 1e-3F) || !(s.radius[i] >= 0) ||
+        !(s.parent_radius[i] >= 0)) {
+      return corrupt("the splat of row " + std::to_string(i) + " is out of its range");
+    }
+  }
+  return {};
+}
+
 }  // namespace
+
+void Asset::Splats::append(const Splats& more) {
+  const auto add = [](auto& to, const auto& from) { to.insert(to.end(), from.begin(), from.end()); };
+  add(frame, more.frame);
+  add(normal, more.normal);
+  add(radius, more.radius);
+  add(parent_radius, more.parent_radius);
+}
 
 double Asset::diagonal() const {
   return std::hypot(box_high[0] - box_low[0], box_high[1] - box_low[1], box_high[2] - box_low[2]);
 }
 
 Result<void> validate_asset(const Asset& asset) {
-  for (auto* check : {check_limits, check_shapes, check_facts, check_rows, check_faces}) {
+  for (auto* check : {check_limits, check_shapes, check_facts, check_rows, check_faces, check_splats}) {
     if (auto result = check(asset); !result) return result;
   }
   return {};

@@ -39,6 +39,18 @@ struct Asset {
   std::vector<double> rest;                         ///< r x 3, row-major: coefficients of the rest pose.
   double area = 0;                                  ///< trace M
 
+  /// How to draw points as discs (progressive/splats.h says what each array holds); empty for meshes and where the asset brings
+  /// none. Normals are within a degree, radii rounded up by a twenty-second at most.
+  struct Splats {
+    std::vector<std::array<std::uint32_t, 2>> frame;
+    std::vector<std::array<float, 3>> normal;
+    std::vector<float> radius, parent_radius;
+
+    std::size_t size() const { return frame.size(); }
+    void append(const Splats& more);
+  };
+  Splats splats;  ///< n or nothing
+
   UpAxis up_axis = UpAxis::kY;
   Handedness handedness = Handedness::kRight;
   double metres_per_unit = 0;                   ///< 0 = unknown

@@ -9,6 +9,7 @@
 #include "common/asset/format.h"
 #include "common/asset/manifest.h"
 #include "common/asset/predictor.h"
+#include "common/asset/splat_tile.h"
 #include "common/asset/structure_tile.h"
 
 namespace eigencast {
@@ -123,6 +124,10 @@ class Encoder {
         return r.error();
       column = asset_.band_ends[b];
     }
+    if (asset_.splats.size() > 0) {
+      Bytes raw = encode_splats(asset_.splats, row_, end_row, asset_.base_count, asset_.diagonal());
+      if (auto r = add_tile(TileKind::kSplats, 0, std::move(raw), entry, object.bytes); !r) return r.error();
+    }
     object.id = entry.id = sha256(object.bytes);
     manifest_.chunks.push_back(std::move(entry));
     row_ = end_row;
@@ -161,6 +166,7 @@ class Encoder {
     TileEntry tile;
     tile.kind = static_cast<std::uint8_t>(kind);
     tile.index = static_cast<std::uint8_t>(index);
+    tile.required = kind != TileKind::kSplats;
     tile.raw_bytes = static_cast<std::uint32_t>(raw.size());
     if (encoding_.compress) {
       auto packed = zstd_compress(raw);

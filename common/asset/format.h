@@ -11,6 +11,7 @@
 
 namespace eigencast {
 
+struct ChunkEntry;
 struct Manifest;
 
 /// One content-addressed object: its bytes and their hash.
@@ -77,6 +78,7 @@ class AssetReader {
   AssetReader() = default;
   Result<void> verify(std::size_t index, ByteView bytes) const;
   Result<void> decode(std::size_t index, ByteView bytes);
+  Result<void> decode_splats_of(const ChunkEntry& entry, ByteView bytes);
 
   Asset asset_;
   std::vector<ChunkRef> chunks_;

@@ -16,6 +16,7 @@
 
 #include "common/asset/asset_limits.h"
 #include "common/asset/predictor.h"
+#include "common/asset/splat_tile.h"
 
 namespace eigencast {
 namespace {
@@ -251,7 +252,7 @@ class Parser {
     if (tile.compression == Compression::kStored && tile.raw_bytes != tile.stored_bytes) {
       return corrupt(where + ": stored, yet its two sizes differ");
     }
-    return known ? known_tile(where, t, rows, faces, old_faces, tile) : extra_tile(where, tile);
+    return known ? known_tile(where, t, rows, faces, old_faces, tile) : extra_tile(where, rows, tile);
   }
 
   Result<void> known_tile(const std::string& where, std::size_t t, std::uint64_t rows, std::uint64_t faces,
@@ -270,10 +271,16 @@ class Parser {
     return {};
   }
 
-  Result<void> extra_tile(const std::string& where, const TileEntry& tile) {
+  Result<void> extra_tile(const std::string& where, std::uint64_t rows, const TileEntry& tile) {
     if (tile.kind == 0 || tile.kind == static_cast<std::uint8_t>(TileKind::kStructure) ||
         tile.kind == static_cast<std::uint8_t>(TileKind::kBasis)) {
       return corrupt(where + ": a second structure or basis tile");
+    }
+    if (tile.kind == static_cast<std::uint8_t>(TileKind::kSplats)) {
+      if (tile.raw_bytes < min_splat_bytes(rows) || tile.raw_bytes > max_splat_bytes(rows)) {
+        return corrupt(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
+      }
+      return {};
     }
     if (tile.required) {
       return fail(ErrorCode::kUnsupported, "asset manifest: " + where + " is required and of kind " +

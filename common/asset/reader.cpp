@@ -7,6 +7,7 @@
 #include "common/asset/basis_tile.h"
 #include "common/asset/format.h"
 #include "common/asset/manifest.h"
+#include "common/asset/splat_tile.h"
 #include "common/asset/structure_tile.h"
 
 namespace eigencast {
@@ -122,6 +123,10 @@ Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
     at += tile.stored_bytes;
   }
 
+  if (auto splats = decode_splats_of(entry, bytes); !splats) {
+    asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
+    return splats;
+  }
   append(asset_.map, structure->map);
   append(asset_.source_vertex, structure->source_vertex);
   append(asset_.mass, structure->mass);
@@ -131,6 +136,23 @@ Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
   seen_source_ = std::move(seen);
   asset_.rows_ready = entry.end_row;
   asset_.faces_ready = entry.end_face;
+  return {};
+}
+
+/// Splats are there for all rows or for none: a chunk without them, or without the part of it that has them, ends them.
+Result<void> AssetReader::decode_splats_of(const ChunkEntry& entry, ByteView bytes) {
+  std::size_t at = 0;
+  for (const TileEntry& tile : entry.tiles) {
+    const bool there = tile.kind == static_cast<std::uint8_t>(TileKind::kSplats) && tile.raw_bytes > 0 &&
+                       at + tile.stored_bytes <= bytes.size();
+    if (there && asset_.is_point_cloud() && asset_.splats.size() == asset_.rows_ready) {
+      auto raw = unpacked(tile, bytes.subspan(at, tile.stored_bytes));
+      if (!raw) return raw.error();
+      return decode_splats(*raw, entry.end_row, asset_.base_count, asset_.diagonal(), asset_.splats);
+    }
+    at += tile.stored_bytes;
+  }
+  asset_.splats = {};
   return {};
 }
 

@@ -4,6 +4,7 @@
 //            predictors:varint[rows], row:varint and weight:zigzag of each
 // The specification is docs/asset-format.md.
 #include "common/asset/structure_tile.h"
+#include "common/asset/zigzag.h"
 
 #include <algorithm>
 #include <cmath>
@@ -13,13 +14,6 @@ namespace eigencast {
 namespace {
 
 using Corners = std::array<std::uint32_t, 3>;
-
-std::uint64_t zigzag(std::int64_t v) {
-  return (static_cast<std::uint64_t>(v) << 1) ^ static_cast<std::uint64_t>(v >> 63);
-}
-std::int64_t unzigzag(std::uint64_t v) {
-  return static_cast<std::int64_t>(v >> 1) ^ -static_cast<std::int64_t>(v & 1);
-}
 
 /// For each vertex below first_row, the new rows that contract onto it at level first_row, ascending.
 class Descendants {

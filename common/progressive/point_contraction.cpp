@@ -6,6 +6,7 @@
 
 #include "common/progressive/contraction.h"
 #include "common/progressive/neighbours.h"
+#include "common/progressive/point_normals.h"
 #include "common/progressive/quadric.h"
 
 namespace eigencast::progressive {
@@ -18,35 +19,6 @@ constexpr std::size_t kFewestNeighbours = 4;  // Left to a point that others dro
 double squared_distance(const Vec3& a, const Vec3& b) {
   const Vec3 e = minus(b, a);
   return dot(e, e);
-}
-
-// The direction in which points spread least about their mean, by iterating (trace I - covariance), whose dominant
-// direction it is.
-Vec3 normal_from_points(std::span<const Vec3> positions, const Vec3& centre, std::span<const std::uint32_t> around) {
-  double xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
-  Vec3 mean = centre;
-  for (const std::uint32_t i : around) {
-    for (std::size_t d = 0; d < 3; ++d) mean[d] += positions[i][d];
-  }
-  for (double& value : mean) value /= static_cast<double>(around.size() + 1);
-  const auto add = [&](const Vec3& p) {
-    const Vec3 e = minus(p, mean);
-    xx += e[0] * e[0], xy += e[0] * e[1], xz += e[0] * e[2], yy += e[1] * e[1], yz += e[1] * e[2], zz += e[2] * e[2];
-  };
-  add(centre);
-  for (const std::uint32_t i : around) add(positions[i]);
-  const double trace = xx + yy + zz;
-  Vec3 n{0.48, 0.6, 0.64};
-  if (trace <= 0) return n;
-  for (int round = 0; round < 32; ++round) {
-    const Vec3 next{trace * n[0] - (xx * n[0] + xy * n[1] + xz * n[2]),
-                    trace * n[1] - (xy * n[0] + yy * n[1] + yz * n[2]),
-                    trace * n[2] - (xz * n[0] + yz * n[1] + zz * n[2])};
-    const double length = std::sqrt(dot(next, next));
-    if (length <= 0) break;
-    n = {next[0] / length, next[1] / length, next[2] / length};
-  }
-  return n;
 }
 
 class PointContraction {
@@ -63,7 +35,6 @@ class PointContraction {
   std::vector<Step> run();
 
  private:
-
   void weld();
   void link_neighbours();
   void make_quadrics();

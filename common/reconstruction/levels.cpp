@@ -2,10 +2,29 @@
 #include "common/reconstruction/reconstruct.h"
 
 #include <algorithm>
+#include <array>
 #include <cassert>
 #include <cmath>
 
 namespace eigencast {
+namespace {
+
+using Vector = std::array<float, 3>;
+
+Vector minus(const Vector& a, const Vector& b) {
+  return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+}
+Vector cross(const Vector& a, const Vector& b) {
+  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
+/// Zero where there is no direction.
+Vector unit(const Vector& a) {
+  const float length = std::hypot(a[0], a[1], a[2]);
+  const float scale = length > 0 ? 1 / length : 0;
+  return {a[0] * scale, a[1] * scale, a[2] * scale};
+}
+
+}  // namespace
 
 std::vector<std::uint32_t> triangles_at_level(const Asset& asset, std::uint32_t N) {
   assert(asset.base_count <= N && N <= asset.rows_ready);
@@ -50,6 +69,42 @@ void vertex_normals(std::span<const float> positions, std::span<const std::uint3
     normals[i + 1] = static_cast<float>(y * scale);
     normals[i + 2] = static_cast<float>(z * scale);
   }
+}
+
+void splat_normals(const Asset& asset, std::span<const float> positions, std::span<float> normals) {
+  const std::size_t N = positions.size() / 3;
+  assert(normals.size() >= positions.size());
+  if (asset.splats.size() < N) {
+    std::fill_n(normals.begin(), positions.size(), 0.0F);
+    return;
+  }
+  const auto point = [&](std::size_t i) {
+    return Vector{positions[3 * i], positions[3 * i + 1], positions[3 * i + 2]};
+  };
+  for (std::size_t i = 0; i < N; ++i) {
+    const auto& [first, second] = asset.splats.frame[i];
+    const Vector here = point(i);
+    const Vector t = unit(minus(point(first), here));
+    const Vector m = unit(cross(t, minus(point(second), here)));
+    const auto& n = asset.splats.normal[i];
+    Vector normal = n;
+    if (m != Vector{}) {
+      const Vector b = cross(m, t);
+      for (std::size_t d = 0; d < 3; ++d) normal[d] = n[0] * t[d] + n[1] * b[d] + n[2] * m[d];
+    }
+    std::copy(normal.begin(), normal.end(), &normals[3 * i]);
+  }
+}
+
+void splat_radii(const Asset& asset, std::uint32_t N, std::span<float> radii) {
+  assert(asset.base_count <= N && N <= asset.rows_ready && radii.size() >= N);
+  const Asset::Splats& splats = asset.splats;
+  if (splats.size() < N) {
+    std::fill_n(radii.begin(), N, 0.0F);
+    return;
+  }
+  std::copy_n(splats.radius.begin(), N, radii.begin());
+  for (std::uint32_t i = asset.base_count; i < N; ++i) radii[asset.map[i]] = splats.parent_radius[i];
 }
 
 std::uint32_t level_from_fraction(const Asset& asset, double fraction) {

@@ -60,6 +60,16 @@ std::vector<std::uint32_t> triangles_at_level(const Asset& asset, std::uint32_t 
 void vertex_normals(std::span<const float> positions, std::span<const std::uint32_t> triangles,
                     std::span<float> normals);
 
+/// Unit normals of a point cloud's discs in the pose of `positions` (as rebuilt, of the first rows): those of the rest pose, turned
+/// with the frames of the asset's splats. Zero where the asset has none.
+///   normals  room for as many floats as positions
+void splat_normals(const Asset& asset, std::span<const float> positions, std::span<float> normals);
+
+/// Radii of a point cloud's discs at level N, at rest; 0 where the asset has none. Costs O(N).
+///   radii  room for N
+/// REQUIRES: asset.base_count <= N <= asset.rows_ready.
+void splat_radii(const Asset& asset, std::uint32_t N, std::span<float> radii);
+
 /// The level nearest to a fraction of the vertices that is drawable now: clamp(round(fraction n), base_count, rows_ready).
 std::uint32_t level_from_fraction(const Asset& asset, double fraction);
 

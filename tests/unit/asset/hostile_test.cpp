@@ -16,8 +16,9 @@
 namespace eigencast {
 namespace {
 
-EncodedAsset sample(bool compress = false) {
-  auto encoded = encode_asset(sample_asset(1, 7), {.exact_columns = 4, .first_chunk_rows = 16, .compress = compress});
+EncodedAsset sample(bool compress = false, bool cloud = false) {
+  auto encoded =
+      encode_asset(sample_asset(1, 7, cloud), {.exact_columns = 4, .first_chunk_rows = 16, .compress = compress});
   EXPECT_TRUE(encoded);
   return std::move(*encoded);
 }
@@ -114,8 +115,8 @@ TEST(AssetHostile, EveryChangedByteOfARehashedManifestIsRefusedOrHarmless) {
 }
 
 TEST(AssetHostile, EveryChangedOrMissingByteOfARehashedTileIsRefusedOrHarmless) {
-  for (const bool compress : {false, true}) {
-    const EncodedAsset good = sample(compress);
+  for (const auto& [compress, cloud] : {std::pair{false, false}, {true, false}, {false, true}}) {
+    const EncodedAsset good = sample(compress, cloud);
     const auto manifest = read_manifest(good.manifest.bytes);
     int errors = 0;
     for (std::size_t c = 0; c < good.chunks.size(); ++c) {

@@ -112,6 +112,36 @@ TEST(AssetRoundTrip, PointCloud) {
   const Asset decoded = round_trip(cloud, {.first_chunk_rows = 64});
   EXPECT_TRUE(decoded.is_point_cloud());
   expect_same_structure(cloud, decoded);
+  EXPECT_EQ(decoded.splats.frame, cloud.splats.frame);
+  for (std::uint32_t i = 0; i < cloud.vertex_count; ++i) {
+    const auto& n = cloud.splats.normal[i];
+    const auto& m = decoded.splats.normal[i];
+    EXPECT_GT(n[0] * m[0] + n[1] * m[1] + n[2] * m[2], 0.9998F);  // 1.1 degrees
+    EXPECT_GE(decoded.splats.radius[i], cloud.splats.radius[i]);
+    EXPECT_LE(decoded.splats.radius[i], 1.045F * cloud.splats.radius[i]);
+    EXPECT_GE(decoded.splats.parent_radius[i], i < cloud.base_count ? 0 : cloud.splats.parent_radius[i]);
+  }
+}
+
+TEST(AssetReader, SplatsArriveWithTheirRowsOrNotAtAll) {
+  const Asset cloud = sample_asset(2, 8, true);
+  const auto encoded = encode_asset(cloud, {.first_chunk_rows = 20});
+  ASSERT_TRUE(encoded);
+  auto reader = AssetReader::from_manifest(encoded->manifest.id, encoded->manifest.bytes);
+  ASSERT_TRUE(reader);
+  for (std::size_t c = 0; c < encoded->chunks.size(); ++c) {
+    ASSERT_TRUE(reader->add_chunk(c, encoded->chunks[c].bytes));
+    EXPECT_EQ(reader->asset().splats.size(), reader->asset().rows_ready);
+  }
+  // Only what the bands need of the second chunk: the first's splats go, too.
+  auto thrifty = AssetReader::from_manifest(encoded->manifest.id, encoded->manifest.bytes);
+  ASSERT_TRUE(thrifty && thrifty->add_chunk(0, encoded->chunks[0].bytes));
+  const Bytes& second = encoded->chunks[1].bytes;
+  ASSERT_LT(thrifty->chunks()[1].needed_bytes, second.size());
+  ASSERT_TRUE(thrifty->add_chunk(1, ByteView(second).first(thrifty->chunks()[1].needed_bytes)));
+  EXPECT_EQ(thrifty->asset().splats.size(), 0u);
+  ASSERT_TRUE(thrifty->add_chunk(2, encoded->chunks[2].bytes));
+  EXPECT_EQ(thrifty->asset().splats.size(), 0u);
 }
 
 TEST(AssetReader, WhileArrivingEachPrefixIsTheSurfaceAtThatLevel) {

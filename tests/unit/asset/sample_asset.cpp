@@ -90,6 +90,17 @@ void add_faces(Asset& asset, const std::vector<Corners>& faces) {
   asset.face_total = asset.faces_ready = static_cast<std::uint32_t>(faces.size());
 }
 
+/// Frames from the rows next to a row in number; normals as if frames were the axes.
+void add_splats(Asset& asset, const std::vector<Point>& points) {
+  for (std::uint32_t i = 0; i < points.size(); ++i) {
+    asset.splats.frame.push_back(i < 4 ? std::array{(i + 1) % 4, (i + 2) % 4} : std::array{i - 1, i - 3});
+    asset.splats.normal.push_back(
+        {static_cast<float>(points[i][0]), static_cast<float>(points[i][1]), static_cast<float>(points[i][2])});
+    asset.splats.radius.push_back(0.01F + 0.3F / static_cast<float>(i + 1));
+    asset.splats.parent_radius.push_back(i < asset.base_count ? 0 : 0.01F);
+  }
+}
+
 }  // namespace
 
 std::uint32_t corner_at_level(const Asset& asset, std::uint32_t a, std::uint32_t N) {
@@ -124,7 +135,11 @@ Asset sample_asset(int subdivisions, std::uint32_t rank, bool cloud) {
   }
   asset.rest.assign(std::size_t{rank} * 3, 0);
   for (std::uint32_t axis = 0; axis < 3 && axis + 1 < rank; ++axis) asset.rest[(axis + 1) * 3 + axis] = 1;
-  if (!cloud) add_faces(asset, sphere.faces);
+  if (cloud) {
+    add_splats(asset, sphere.points);
+  } else {
+    add_faces(asset, sphere.faces);
+  }
   return asset;
 }
 

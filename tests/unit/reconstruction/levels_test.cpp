@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include <gtest/gtest.h>
 
+#include <array>
+#include <cmath>
 #include <limits>
+#include <random>
 
 #include "common/reconstruction/reconstruct.h"
 #include "tests/unit/reconstruction/random_asset.h"
@@ -117,6 +120,64 @@ TEST(Level, IsTheNearestThatCanBeDrawn) {
   EXPECT_EQ(level_from_fraction(asset, std::numeric_limits<double>::quiet_NaN()), 3U);
   asset.rows_ready = 400;
   EXPECT_EQ(level_from_fraction(asset, 1), 400U);
+}
+
+/// Six points of the x y plane with two more above it; row 6 splits off 0, then 7 off 6 and 8 off 0.
+Asset cloud_with_splats() {
+  Asset cloud = testing::random_asset(9, 4);
+  cloud.base_count = 6;
+  cloud.map = {0, 1, 2, 3, 4, 5, 0, 6, 0};
+  for (std::uint32_t i = 0; i < 9; ++i) {
+    cloud.splats.frame.push_back({i == 1 ? 2U : 1U, i == 3 ? 4U : 3U});
+    cloud.splats.normal.push_back({0.6F, 0, 0.8F});
+    cloud.splats.radius.push_back(1.0F + static_cast<float>(i));
+    cloud.splats.parent_radius.push_back(i < 6 ? 0.0F : 0.1F * static_cast<float>(i));
+  }
+  return cloud;
+}
+
+TEST(Splats, RadiiShrinkAsRowsSplitOff) {
+  const Asset cloud = cloud_with_splats();
+  std::vector<float> radii(9);
+  splat_radii(cloud, 6, radii);
+  EXPECT_EQ(std::vector<float>(radii.begin(), radii.begin() + 6), (std::vector<float>{1, 2, 3, 4, 5, 6}));
+  splat_radii(cloud, 7, radii);
+  EXPECT_FLOAT_EQ(radii[0], 0.6F);
+  EXPECT_EQ(radii[6], 7.0F);
+  splat_radii(cloud, 9, radii);
+  EXPECT_FLOAT_EQ(radii[0], 0.8F);
+  EXPECT_FLOAT_EQ(radii[6], 0.7F);
+  EXPECT_EQ(radii[8], 9.0F);
+}
+
+TEST(Splats, NormalsTurnWithTheSurfaceAndDoNotMindScale) {
+  const Asset cloud = cloud_with_splats();
+  std::mt19937 random(3);
+  std::vector<float> positions, turned;
+  for (int i = 0; i < 9; ++i) {
+    std::array<float, 3> p{};
+    for (float& x : p) x = static_cast<float>(random()) / 4294967296.0F;
+    positions.insert(positions.end(), p.begin(), p.end());
+    turned.insert(turned.end(), {-3 * p[1] + 1, 3 * p[0], 3 * p[2] - 7});  // a quarter turn about z, thrice the size
+  }
+  std::vector<float> before(27), after(27);
+  splat_normals(cloud, positions, before);
+  splat_normals(cloud, turned, after);
+  for (std::size_t i = 0; i < 27; i += 3) {
+    EXPECT_NEAR(std::hypot(before[i], before[i + 1], before[i + 2]), 1, 1e-5);
+    EXPECT_NEAR(after[i], -before[i + 1], 1e-4);
+    EXPECT_NEAR(after[i + 1], before[i], 1e-4);
+    EXPECT_NEAR(after[i + 2], before[i + 2], 1e-4);
+  }
+}
+
+TEST(Splats, WithoutThemThereAreNoNormalsAndNoRadii) {
+  const Asset cloud = testing::random_asset(9, 4);
+  std::vector<float> some(27, 1.0F), radii(9, 1.0F);
+  splat_normals(cloud, std::vector<float>(27, 1.0F), some);
+  splat_radii(cloud, 9, radii);
+  EXPECT_EQ(some, std::vector<float>(27, 0.0F));
+  EXPECT_EQ(radii, std::vector<float>(9, 0.0F));
 }
 
 }  // namespace

@@ -109,6 +109,7 @@ TEST(Bake, PointCloudsAndHarmonicBasesWork) {
   ASSERT_TRUE(points) << points.error().message;
   expect_sound(cloud, *points);
   EXPECT_TRUE(points->asset.is_point_cloud());
+  EXPECT_EQ(points->asset.splats.size(), cloud.positions.size());
   const auto harmonic = bake(make_icosphere(3), of_rank(40, "harmonic"));
   ASSERT_TRUE(harmonic);
   EXPECT_EQ(harmonic->asset.basis_kind, "harmonic");

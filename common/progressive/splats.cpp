@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: MIT
+#include "common/progressive/splats.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <limits>
+
+#include "common/progressive/contraction.h"
+#include "common/progressive/neighbours.h"
+#include "common/progressive/quadric.h"
+
+namespace eigencast {
+namespace progressive {
+namespace {
+
+constexpr std::uint32_t kFinestFrame = 16384;  // rows from here on are no corners of frames
+constexpr std::size_t kNearest = 8;            // rows that are tried as corners
+constexpr std::size_t kCandidates = 48;
+constexpr std::size_t kRadiusNeighbours = 6;
+constexpr double kRadius = 0.8;  // of the mean distance of the nearest points: discs overlap on an uneven surface, too
+
+double length(const Vec3& a) {
+  return std::sqrt(dot(a, a));
+}
+
+/// The rows about a row that came before it, by way of the tree that contraction makes.
+class Forebears {
+ public:
+  explicit Forebears(const PrefixOrder& order) : order_(order), children_(order.order.size()) {
+    for (std::uint32_t i = order.base_count; i < std::min<std::size_t>(order.map.size(), kFinestFrame); ++i) {
+      children_[order.map[i]].push_back(i);
+    }
+  }
+
+  /// REQUIRES: row >= base_count.
+  std::vector<std::uint32_t> about(std::uint32_t row, std::span<const std::array<std::uint32_t, 2>> frames) const {
+    std::vector<std::uint32_t> found;
+    const std::uint32_t end = std::min(row, kFinestFrame);
+    const auto add = [&](std::uint32_t i) {
+      if (i < end && found.size() < kCandidates && std::find(found.begin(), found.end(), i) == found.end()) {
+        found.push_back(i);
+      }
+    };
+    add(prefix_corner(order_.map, row, std::max(end, order_.base_count)));
+    for (std::size_t at = 0; at < found.size() && found.size() < kCandidates; ++at) {
+      for (const std::uint32_t i : frames[found[at]]) add(i);
+      for (const std::uint32_t i : children_[found[at]]) add(i);
+    }
+    return found;
+  }
+
+ private:
+  const PrefixOrder& order_;
+  std::vector<std::vector<std::uint32_t>> children_;
+};
+
+class SplatBuilder {
+ public:
+  SplatBuilder(std::span<const Vec3> positions, std::span<const Vec3> normals, const PrefixOrder& order)
+      : order_(order), n_(order.order.size()) {
+    x_.reserve(n_);
+    normals_.reserve(n_);
+    for (const std::uint32_t i : order.order) {
+      x_.push_back(positions[i]);
+      normals_.push_back(normals[i]);
+    }
+  }
+
+  PointSplats run() {
+    make_frames();
+    make_radii();
+    return std::move(result_);
+  }
+
+ private:
+  void make_frames() {
+    std::vector<std::uint32_t> base(order_.base_count);
+    for (std::uint32_t i = 0; i < order_.base_count; ++i) base[i] = i;
+    const Neighbours neighbours(x_, base);
+    const Forebears forebears(order_);
+    result_.frame.resize(n_);
+    result_.normal.resize(n_);
+    for (std::uint32_t i = 0; i < n_; ++i) {
+      result_.frame[i] = best_frame(
+          i, i < order_.base_count ? neighbours.nearest(x_[i], kCandidates) : forebears.about(i, result_.frame));
+      const auto [a, b] = result_.frame[i];
+      const auto axes = frame_from_points(x_[i], x_[a], x_[b]);
+      for (std::size_t k = 0; k < 3; ++k) result_.normal[i][k] = static_cast<float>(dot(axes[k], normals_[i]));
+    }
+  }
+
+  /// Of pairs of the nearest candidates that lie in different directions within the surface, the one nearest by; its order
+  /// such that the frame's third vector is on the normal's side.
+  std::array<std::uint32_t, 2> best_frame(std::uint32_t i, std::vector<std::uint32_t> candidates) const {
+    std::erase_if(candidates, [&](std::uint32_t j) { return x_[j] == x_[i]; });
+    std::sort(candidates.begin(), candidates.end(), [&](std::uint32_t a, std::uint32_t b) {
+      const double to_a = length(minus(x_[a], x_[i])), to_b = length(minus(x_[b], x_[i]));
+      return to_a != to_b ? to_a < to_b : a < b;
+    });
+    candidates.resize(std::min(candidates.size(), kNearest));
+    std::array<std::uint32_t, 2> best{i, i};
+    double least = std::numeric_limits<double>::infinity();
+    for (std::size_t a = 1; a < candidates.size(); ++a) {
+      for (std::size_t b = 0; b < a; ++b) {
+        const Vec3 u = minus(x_[candidates[a]], x_[i]), v = minus(x_[candidates[b]], x_[i]);
+        const double upright = dot(cross(u, v), normals_[i]);  // |u| |v| sin(u, v) cos(tilt)
+        const double cost = (length(u) + length(v)) * length(u) * length(v) / std::abs(upright);
+        if (!(cost < least)) continue;
+        least = cost;
+        best = upright > 0 ? std::array{candidates[a], candidates[b]} : std::array{candidates[b], candidates[a]};
+      }
+    }
+    return best;
+  }
+
+  /// A disc reaches to the far side of the discs that it stands for.
+  void make_radii() {
+    const std::vector<std::uint32_t> first = first_at_position(x_);
+    std::vector<std::uint32_t> places;
+    for (std::uint32_t i = 0; i < n_; ++i) {
+      if (first[i] == i) places.push_back(i);
+    }
+    const Neighbours neighbours(x_, places);
+    std::vector<double> alone(n_);
+    for (std::uint32_t i = 0; i < n_; ++i) {
+      double sum = 0;
+      const auto around = neighbours.nearest(x_[i], kRadiusNeighbours + 1);
+      for (const std::uint32_t j : around) sum += length(minus(x_[j], x_[i]));
+      alone[i] = around.size() > 1 ? kRadius * sum / static_cast<double>(around.size() - 1) : 0;
+    }
+    std::vector<std::vector<std::uint32_t>> stands_for(n_);
+    for (std::uint32_t i = 0; i < n_; ++i) stands_for[i] = {i};
+    std::vector<double> now = alone;
+    result_.radius.resize(n_);
+    result_.parent_radius.resize(n_);
+    for (auto i = static_cast<std::uint32_t>(n_); i-- > order_.base_count;) {
+      const std::uint32_t onto = order_.map[i];
+      result_.radius[i] = static_cast<float>(now[i]);
+      result_.parent_radius[i] = static_cast<float>(now[onto]);
+      for (const std::uint32_t j : stands_for[i]) {
+        now[onto] = std::max(now[onto], length(minus(x_[j], x_[onto])) + alone[j] / 2);
+      }
+      if (stands_for[onto].size() < stands_for[i].size()) std::swap(stands_for[onto], stands_for[i]);
+      stands_for[onto].insert(stands_for[onto].end(), stands_for[i].begin(), stands_for[i].end());
+      stands_for[i] = {};
+    }
+    for (std::uint32_t i = 0; i < order_.base_count; ++i) result_.radius[i] = static_cast<float>(now[i]);
+  }
+
+  const PrefixOrder& order_;
+  std::size_t n_;
+  std::vector<Vec3> x_, normals_;  // by row
+  PointSplats result_;
+};
+
+}  // namespace
+}  // namespace progressive
+
+std::array<Vec3, 3> frame_from_points(const Vec3& origin, const Vec3& first, const Vec3& second) {
+  using namespace progressive;
+  const auto unit = [](Vec3 a) {
+    const double size = std::sqrt(dot(a, a));
+    for (double& value : a) value /= size;
+    return a;
+  };
+  const Vec3 t = unit(minus(first, origin));
+  const Vec3 m = unit(cross(t, minus(second, origin)));
+  if (!std::isfinite(m[0] + m[1] + m[2])) return {Vec3{1, 0, 0}, Vec3{0, 1, 0}, Vec3{0, 0, 1}};
+  return {t, cross(m, t), m};
+}
+
+PointSplats build_splats(std::span<const Vec3> positions, std::span<const Vec3> normals, const PrefixOrder& order) {
+  assert(positions.size() == order.order.size() && normals.size() == positions.size());
+  return progressive::SplatBuilder(positions, normals, order).run();
+}
+
+}  // namespace eigencast
