@@ -20,6 +20,7 @@
 #include <string>
 
 #include "common/codec/band.h"
+#include "common/codec/empty_key.h"
 #include "common/codec/fixed.h"
 
 namespace eigencast {
@@ -35,25 +36,10 @@ Error misuse(std::string what) {
 bool has(std::uint8_t bands, std::size_t band) {
   return (bands >> band & 1) != 0;
 }
-bool is_float(const CoefficientLayout& layout) {
-  return layout.codec != CodecKind::kQuantised;
-}
 
 bool fits(const CoefficientLayout& layout, const Key& key) {
   const std::size_t size = is_float(layout) ? key.f.size() : key.q.size();
   return (key.bands & ~layout.all_bands()) == 0 && size == layout.size() && (!is_float(layout) || key.step == 0);
-}
-
-Key empty_key(const CoefficientLayout& layout, std::uint8_t bands, std::uint8_t step) {
-  Key key;
-  key.bands = bands;
-  key.step = step;
-  if (is_float(layout)) {
-    key.f.resize(layout.size());
-  } else {
-    key.q.resize(layout.size());
-  }
-  return key;
 }
 
 /// The band's values of a key of the state at `step`; empty where the key lacks the band or rescaling leaves the range.

@@ -111,11 +111,12 @@ class Trellis {
     constexpr std::int64_t kNever = std::int64_t{1} << 60;
     std::array<std::int64_t, 4> cost = {0, kNever, kNever, kNever};
     std::vector<Step> steps(residuals.size());
-    for (std::size_t i = 0; i < residuals.size(); ++i) {
-      const std::int64_t x = residuals[i] < 0 ? -residuals[i] : residuals[i];
+    Step* step = steps.data();
+    for (const std::int64_t residual : residuals) {
+      const std::int64_t x = residual < 0 ? -residual : residual;
       const unsigned context = contexts.next();
       contexts.add(x);
-      const auto [at_0, at_1] = offers(x, context, steps[i]);
+      const auto [at_0, at_1] = offers(x, context, *step);
       // Who leads where: kNextState, read backwards.
       const std::array<std::int64_t, 4> first = {cost[0] + at_0.even, cost[2] + at_1.even, cost[1] + at_0.even,
                                                  cost[3] + at_1.even};
@@ -123,9 +124,10 @@ class Trellis {
                                                   cost[2] + at_1.odd};
       for (unsigned state = 0; state < 4; ++state) {
         const std::int64_t gain = std::min<std::int64_t>(second[state] - first[state], 0);
-        steps[i].second[state] = gain < 0;
+        step->second[state] = gain < 0;
         cost[state] = first[state] + gain;
       }
+      ++step;
     }
     trace_back(static_cast<unsigned>(std::min_element(cost.begin(), cost.end()) - cost.begin()), steps, levels);
   }

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <string>
 
+#include "common/codec/empty_key.h"
 #include "common/codec/fixed.h"
 
 namespace eigencast {
@@ -22,10 +23,6 @@ constexpr double kHalfSpacingOverRms = 1.8;
 
 Error overflow(std::size_t index) {
   return fail(ErrorCode::kTooLarge, "coefficient " + std::to_string(index) + " leaves +-2^30 steps; use a larger step");
-}
-
-bool is_float(CodecKind kind) {
-  return kind != CodecKind::kQuantised;
 }
 
 Result<double> as_carried(CodecKind kind, double value) {
@@ -120,20 +117,13 @@ Result<Key> key_from_coefficients(const CoefficientLayout& layout, std::span<con
     return fail(ErrorCode::kInvalidArgument, "coefficients: " + std::to_string(C.size()) +
                                                  " values where the layout has " + std::to_string(layout.size()));
   }
-  Key key;
-  key.bands = layout.all_bands();
-  key.step = is_float(layout.codec) ? 0 : step;
-  if (is_float(layout.codec)) {
-    key.f.resize(C.size());
-  } else {
-    key.q.resize(C.size());
-  }
+  Key key = empty_key(layout, layout.all_bands(), is_float(layout) ? std::uint8_t{0} : step);
   const double size = step_size(step);
   for (std::size_t i = 0; i < C.size(); ++i) {
     if (!std::isfinite(C[i])) {
       return fail(ErrorCode::kInvalidArgument, "coefficients: value " + std::to_string(i) + " is not finite");
     }
-    if (is_float(layout.codec)) {
+    if (is_float(layout)) {
       const auto value = as_carried(layout.codec, C[i]);
       if (!value) return value.error();
       key.f[i] = *value;
@@ -147,7 +137,7 @@ Result<Key> key_from_coefficients(const CoefficientLayout& layout, std::span<con
 }
 
 std::vector<double> coefficients_from_key(const CoefficientLayout& layout, const Key& key) {
-  if (is_float(layout.codec)) return key.f;
+  if (is_float(layout)) return key.f;
   const double size = step_size(key.step);
   std::vector<double> C(key.q.size());
   std::transform(key.q.begin(), key.q.end(), C.begin(), [size](std::int32_t q) { return q * size; });
@@ -172,20 +162,13 @@ Result<Key> interpolate_keys(const CoefficientLayout& layout, const Key& a, cons
     return fail(ErrorCode::kInvalidArgument, "interpolation: step " + std::to_string(at) + "/" + std::to_string(of) +
                                                  " is not between 0 and 1 in up to 65535 parts");
   }
-  Key out;
-  out.bands = a.bands & b.bands;
-  out.step = b.step;
-  if (is_float(layout.codec)) {
-    out.f.resize(layout.size());
-  } else {
-    out.q.resize(layout.size());
-  }
+  Key out = empty_key(layout, a.bands & b.bands, b.step);
   const fixed::Rescale rule(a.step, b.step);
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
     if ((out.bands >> band & 1) == 0) continue;
     const auto [first, last] = layout.range(band);
     for (std::size_t i = first; i < last; ++i) {
-      if (is_float(layout.codec)) {
+      if (is_float(layout)) {
         const double value = a.f[i] + (b.f[i] - a.f[i]) * at / of;
         if (!std::isfinite(value))
           return fail(ErrorCode::kTooLarge, "interpolation: coefficient " + std::to_string(i) + " overflows");

@@ -7,29 +7,14 @@
 #include <cmath>
 #include <string>
 
+#include "common/codec/empty_key.h"
 #include "common/codec/fixed.h"
 
 namespace eigencast {
 namespace {
 
-bool is_float(const CoefficientLayout& layout) {
-  return layout.codec != CodecKind::kQuantised;
-}
-
 Error overflow(std::size_t index) {
   return fail(ErrorCode::kTooLarge, "a made pose: coefficient " + std::to_string(index) + " leaves the codec's range");
-}
-
-Key empty_pose(const CoefficientLayout& layout, std::uint8_t bands, std::uint8_t step) {
-  Key key;
-  key.bands = bands;
-  key.step = step;
-  if (is_float(layout)) {
-    key.f.resize(layout.size());
-  } else {
-    key.q.resize(layout.size());
-  }
-  return key;
 }
 
 /// n / d to the nearest integer, halves away from zero. REQUIRES: d > 0, |n| < 2^62, d < 2^32.
@@ -140,7 +125,7 @@ Result<Key> blend_keys(const CoefficientLayout& layout, std::span<const Key* con
   assert(!keys.empty() && keys.size() == weights.size() && step_from < keys.size());
   std::uint8_t bands = layout.all_bands();
   for (const Key* key : keys) bands &= key->bands;
-  Key out = empty_pose(layout, bands, keys[step_from]->step);
+  Key out = empty_key(layout, bands, keys[step_from]->step);
   std::vector<double> scaled(weights.begin(), weights.end());
   for (std::size_t k = 0; !is_float(layout) && k < keys.size(); ++k)
     scaled[k] *= step_size(keys[k]->step) / step_size(out.step);
