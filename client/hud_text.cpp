@@ -2,20 +2,11 @@
 #include "client/hud_text.h"
 
 #include <algorithm>
-#include <cstdarg>
-#include <cstdio>
+
+#include "common/core/text.h"
 
 namespace eigencast {
 namespace {
-
-[[gnu::format(printf, 1, 2)]] std::string text(const char* format, ...) {
-  char line[256];
-  va_list arguments;
-  va_start(arguments, format);
-  std::vsnprintf(line, sizeof line, format, arguments);
-  va_end(arguments);
-  return line;
-}
 
 /// 32802 -> "32,802"
 std::string with_commas(std::uint64_t number) {
@@ -26,14 +17,14 @@ std::string with_commas(std::uint64_t number) {
 
 std::string milliseconds(TimeUs us) {
   const double ms = static_cast<double>(us) / 1000;
-  return text(ms < 10 ? "%.1f ms" : "%.0f ms", ms);
+  return formatted(ms < 10 ? "%.1f ms" : "%.0f ms", ms);
 }
 
 /// "LOD of each 1.00 0.42 0.07": the first eight.
 std::string text_from_each(const std::vector<double>& levels) {
   constexpr std::size_t kMost = 8;
   std::string line = "of each";
-  for (std::size_t i = 0; i < std::min(levels.size(), kMost); ++i) line += text(" %.2f", levels[i]);
+  for (std::size_t i = 0; i < std::min(levels.size(), kMost); ++i) line += formatted(" %.2f", levels[i]);
   return levels.size() > kMost ? line + " ..." : line;
 }
 
@@ -92,7 +83,7 @@ std::string_view name_of(PlayoutMode mode) {
 std::string text_from_mode(const Profile& profile) {
   if (profile.rate == Profile::Rate::kRaw) return "raw";
   const bool estimated = profile.rate == Profile::Rate::kEstimated;
-  std::string mode = text("%s x%d", estimated ? "estimated" : "interpolated", profile.k);
+  std::string mode = formatted("%s x%d", estimated ? "estimated" : "interpolated", profile.k);
   if (profile.scheme == Profile::Scheme::kHermite) mode += " hermite";
   if (profile.scheme == Profile::Scheme::kCatmullRom) mode += " catmull-rom";
   if (profile.scheme == Profile::Scheme::kDamped) mode += " damped";
@@ -105,31 +96,33 @@ std::string text_from_shown(Shown shown, bool settling, const Playout& playout) 
   if (playout.settings().mode == PlayoutMode::kLatest) return line + " \xC2\xB7 as it comes";
   line += " \xC2\xB7 " + milliseconds(playout.delay_us()) + " held back";
   const double percent = 100 * playout.smoothness();
-  return line + (playout.settings().delay_us > 0 ? std::string() : text(" (smooth %.0f %%)", percent));
+  return line + (playout.settings().delay_us > 0 ? std::string() : formatted(" (smooth %.0f %%)", percent));
 }
 
 std::string text_from_levels(const LevelControl& levels, double work_s) {
   const double f0 = levels.settings().target_fps;
   const std::string line = std::string(name_of(levels.kind())) +
-                           text(" \xC2\xB7 %.4g/s \xC2\xB7 %.1f of %.1f ms", f0, 1000 * work_s, 1000 / f0);
-  if (levels.kind() == ResolverKind::kPaper) return line + text(" \xC2\xB7 kappa %.2f", levels.state());
-  return line + text(" \xC2\xB7 %.0f %% planned", 100 * levels.state());
+                           formatted(" \xC2\xB7 %.4g/s \xC2\xB7 %.1f of %.1f ms", f0, 1000 * work_s, 1000 / f0);
+  if (levels.kind() == ResolverKind::kPaper) return line + formatted(" \xC2\xB7 kappa %.2f", levels.state());
+  return line + formatted(" \xC2\xB7 %.0f %% planned", 100 * levels.state());
 }
 
 std::vector<std::string> hud_lines(const HudFigures& f) {
   std::vector<std::string> lines;
-  lines.push_back(text("%.0f keys/s \xC2\xB7 %.0f poses/s \xC2\xB7 %.0f drawn/s", f.keys_hz, f.poses_hz, f.drawn_hz));
-  lines.push_back(text("%.0f kbit/s", f.kbit_per_s) + (f.latency_count == 0
-                                                           ? std::string(" \xC2\xB7 latency not known yet")
-                                                           : " \xC2\xB7 latency " + milliseconds(f.latency_p50_us) +
-                                                                 " (p99 " + milliseconds(f.latency_p99_us) + ")"));
+  lines.push_back(
+      formatted("%.0f keys/s \xC2\xB7 %.0f poses/s \xC2\xB7 %.0f drawn/s", f.keys_hz, f.poses_hz, f.drawn_hz));
+  lines.push_back(formatted("%.0f kbit/s", f.kbit_per_s) +
+                  (f.latency_count == 0 ? std::string(" \xC2\xB7 latency not known yet")
+                                        : " \xC2\xB7 latency " + milliseconds(f.latency_p50_us) + " (p99 " +
+                                              milliseconds(f.latency_p99_us) + ")"));
   const double level =
       f.vertices_total == 0 ? 0 : static_cast<double>(f.vertices) / static_cast<double>(f.vertices_total);
-  lines.push_back(text("LOD %.2f \xC2\xB7 ", level) + with_commas(f.vertices) + " of " + with_commas(f.vertices_total) +
-                  " vertices" + (f.faces == 0 ? std::string(", points") : ", " + with_commas(f.faces) + " faces"));
+  lines.push_back(formatted("LOD %.2f \xC2\xB7 ", level) + with_commas(f.vertices) + " of " +
+                  with_commas(f.vertices_total) + " vertices" +
+                  (f.faces == 0 ? std::string(", points") : ", " + with_commas(f.faces) + " faces"));
   if (f.levels.size() > 1) lines.push_back(text_from_each(f.levels));
   if (!f.resolver.empty()) lines.push_back(f.resolver);
-  lines.push_back(text("bands %u of %u \xC2\xB7 rank %u", f.bands, f.bands_total, f.rank));
+  lines.push_back(formatted("bands %u of %u \xC2\xB7 rank %u", f.bands, f.bands_total, f.rank));
   if (!f.shown.empty()) lines.push_back(f.shown);
   lines.push_back(f.mode);
   return lines;
@@ -138,8 +131,9 @@ std::vector<std::string> hud_lines(const HudFigures& f) {
 std::string connection_line(const Subscriber::Stats& stats, const std::optional<control::StreamInfo>& info) {
   const std::string stream = info && !info->stream.empty() ? " \xC2\xB7 " + info->stream : std::string();
   if (stats.state == Subscriber::State::kDownloading && stats.asset_bytes_total > 0) {
-    return text("downloading model %.1f of %.1f MB", megabytes(stats.asset_bytes_downloaded + stats.asset_bytes_cached),
-                megabytes(stats.asset_bytes_total)) +
+    return formatted("downloading model %.1f of %.1f MB",
+                     megabytes(stats.asset_bytes_downloaded + stats.asset_bytes_cached),
+                     megabytes(stats.asset_bytes_total)) +
            stream;
   }
   std::string line(name_of(stats.state));
@@ -150,7 +144,7 @@ std::string connection_line(const Subscriber::Stats& stats, const std::optional<
 
 std::string banner_text(const Subscriber::Stats& stats, std::optional<TimeUs> since_us) {
   if (!since_us) return {};
-  const std::string since = text("no data for %.1f s", static_cast<double>(*since_us) / 1e6);
+  const std::string since = formatted("no data for %.1f s", static_cast<double>(*since_us) / 1e6);
   switch (stats.state) {
     case Subscriber::State::kLive:
     case Subscriber::State::kDownloading:

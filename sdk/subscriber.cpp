@@ -255,11 +255,12 @@ class Receiver {
           news_.poses.push_back({frame->envelope, now, steady_now_us(), std::move(**pose), decoder_.layout()});
           news = true;
         }
-        if (now - last_ack_us_ >= kAckIntervalUs) acknowledge(now);
       }
     }
     if (!trouble.empty()) log(log_, LogLevel::kWarning, "frame not decoded: " + trouble);
     if (news) wake_();
+    const std::lock_guard lock(mutex_);  // After the pose is on its way to who waits for it.
+    if (ack_ && now - last_ack_us_ >= kAckIntervalUs) acknowledge(now);
   }
 
   /// REQUIRES: mutex_ is held and ack_ is set.

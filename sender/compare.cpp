@@ -2,12 +2,12 @@
 #include "sender/compare.h"
 
 #include <array>
-#include <cstdio>
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
 
 #include "common/core/files.h"
+#include "common/core/text.h"
 
 namespace eigencast {
 namespace {
@@ -171,10 +171,8 @@ Result<void> add_to_report(const Comparison& comparison, const std::string& repo
 std::string text_from_comparison(const Comparison& comparison) {
   std::string text;
   const auto add = [&text](const char* what, const SurfaceError& error) {
-    char line[200];
-    std::snprintf(line, sizeof line, "%-18s %5zu poses   KG %.3f %%   rms %.2e   max %.2e of the diagonal\n", what,
-                  error.poses, error.kg_percent, error.rms, error.max);
-    text += line;
+    text += formatted("%-18s %5zu poses   KG %.3f %%   rms %.2e   max %.2e of the diagonal\n", what, error.poses,
+                      error.kg_percent, error.rms, error.max);
   };
   add("keys", comparison.keys);
   add("interpolated", comparison.interpolated);

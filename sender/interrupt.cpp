@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cerrno>
 
+#include "common/core/timers.h"
+
 namespace eigencast {
 namespace {
 
@@ -24,6 +26,7 @@ Interrupt::Interrupt() {
   // A shell's background job starts with SIGINT ignored, and an ignored signal is never pending.
   signal(SIGINT, SIG_DFL);
   pthread_sigmask(SIG_BLOCK, &set, nullptr);
+  sleep_on_time();
 }
 
 bool Interrupt::wait_until(TimeUs deadline_us) {

@@ -4,7 +4,8 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <cstdio>
+
+#include "common/core/text.h"
 
 namespace eigencast {
 namespace {
@@ -28,9 +29,7 @@ float median(std::vector<float> values) {
 }
 
 std::string percent(float fraction) {
-  char text[16];
-  std::snprintf(text, sizeof text, "%.0f %%", static_cast<double>(fraction) * 100);
-  return text;
+  return formatted("%.0f %%", static_cast<double>(fraction) * 100);
 }
 
 }  // namespace

@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/core/files.h"
+#include "common/core/text.h"
 #include "common/net/websocket.h"
 #include "common/wire/control.h"
 #include "tools/latency/local_broker.h"
@@ -117,9 +118,7 @@ int sweep(const Options& options, const std::string& version, const std::atomic<
           if (!o) return complain(o.error());
           const auto ms = [](const HdrHistogram& h, double p) {
             const auto value = h.reliable_percentile(p);
-            char text[32];
-            std::snprintf(text, sizeof text, value ? "%.3f" : "-", static_cast<double>(value.value_or(0)) / 1000);
-            return std::string(text);
+            return value ? formatted("%.3f", static_cast<double>(*value) / 1000) : std::string("-");
           };
           std::printf("%7g %8u %6d %5d | %9s %9s | %9s %9s | %9s %7.1f %6llu %5.0f\n", rate, clients, interpolation,
                       rank, ms(o->keys, 50).c_str(), ms(o->keys, 99).c_str(), ms(o->synthetic, 50).c_str(),

@@ -3,13 +3,13 @@
 #include <unistd.h>
 
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
+#include "common/core/text.h"
 #include "tools/latency/report.h"
 
 namespace eigencast::latency {
@@ -116,15 +116,9 @@ void compare_histograms(const std::string& title, const Json& a, const Json& b, 
   for (const char* p : {"p50_us", "p90_us", "p99_us", "p99.9_us", "max_us"}) {
     if (!a.contains(p) || !b.contains(p) || !a.at(p).is_number() || !b.at(p).is_number()) continue;
     const double x = a.at(p).get<double>() / 1000, y = b.at(p).get<double>() / 1000;
-    char line[160];
-    std::snprintf(line, sizeof line, "  %-28s %-9s %10.3f %10.3f %+10.3f", title.c_str(),
-                  std::string(p).substr(0, std::string(p).size() - 3).c_str(), x, y, y - x);
-    out += line;
-    if (x > 0) {
-      std::snprintf(line, sizeof line, " %+7.1f %%", 100 * (y - x) / x);
-      out += line;
-    }
-    out += "\n";
+    out += formatted("  %-28s %-9s %10.3f %10.3f %+10.3f", title.c_str(),
+                     std::string(p).substr(0, std::string(p).size() - 3).c_str(), x, y, y - x);
+    out += x > 0 ? formatted(" %+7.1f %%\n", 100 * (y - x) / x) : std::string("\n");
   }
 }
 
@@ -172,9 +166,7 @@ Result<std::string> comparison(const std::string& path_a, const std::string& pat
   std::string out;
   compare_objects("inputs", part(*a, "inputs"), part(*b, "inputs"), out);
   compare_objects("environments", part(*a, "environment"), part(*b, "environment"), out);
-  char head[160];
-  std::snprintf(head, sizeof head, "  %-28s %-9s %10s %10s %10s\n", "ms", "", "A", "B", "B - A");
-  out += head;
+  out += formatted("  %-28s %-9s %10s %10s %10s\n", "ms", "", "A", "B", "B - A");
   for (const char* kind : {"keys", "synthetic"}) compare_histograms(kind, part(*a, kind), part(*b, kind), out);
   for (const char* kind : {"keys", "synthetic"}) {
     const Json &x = part(part(part(*a, "traced"), kind), "stages"), &y = part(part(part(*b, "traced"), kind), "stages");

@@ -7,9 +7,9 @@
 #include <bit>
 #include <cassert>
 #include <cmath>
-#include <cstdio>
 
 #include "common/core/bytes.h"
+#include "common/core/text.h"
 
 namespace eigencast::latency {
 namespace {
@@ -49,13 +49,6 @@ Bytes deflated(const Bytes& bytes) {
   (void)done;
   out.resize(size);
   return out;
-}
-
-template <typename... Values>
-std::string formatted(const char* format, Values... values) {
-  char text[160];
-  std::snprintf(text, sizeof text, format, values...);
-  return text;
 }
 
 }  // namespace

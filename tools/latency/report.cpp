@@ -2,10 +2,10 @@
 #include "tools/latency/report.h"
 
 #include <algorithm>
-#include <cstdarg>
-#include <cstdio>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
+
+#include "common/core/text.h"
 
 namespace eigencast::latency {
 namespace {
@@ -14,19 +14,9 @@ using Json = nlohmann::ordered_json;
 
 constexpr double kPercentiles[] = {50, 75, 90, 95, 99, 99.9, 99.99, 100};
 
-__attribute__((format(printf, 1, 2))) std::string formatted(const char* format, ...) {
-  char text[512];
-  va_list values;
-  va_start(values, format);
-  std::vsnprintf(text, sizeof text, format, values);
-  va_end(values);
-  return text;
-}
-
 std::string percentile_name(double p) {
   if (p == 100) return "max";
-  std::string name = formatted("p%g", p);
-  return name;
+  return formatted("p%g", p);
 }
 
 std::string ms(std::optional<std::int64_t> us) {

@@ -12,6 +12,7 @@
 #include <thread>
 
 #include "common/codec/key.h"
+#include "common/core/timers.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/shapes.h"
 #include "sdk/asset_cache.h"
@@ -111,6 +112,7 @@ class Sending {
   explicit Sending(const Inputs& inputs) : interval_us_(1e6 / inputs.rate_hz) {}
 
   void run() {
+    sleep_on_time();
     const TimeUs start_us = steady_now_us() + 1000;
     for (std::uint64_t i = 0; !stopping_; ++i) {
       const TimeUs intended_us = start_us + static_cast<TimeUs>(interval_us_ * static_cast<double>(i));
@@ -206,7 +208,7 @@ class Watching {
         timeline_({one_clock, one_clock && on_this_machine(inputs.url)}) {}
   Result<void> prepare();
   void run();
-  void take(const ReceivedPose& pose, TimeUs taken_us, const Subscriber::Stats& stats);
+  void take(const ReceivedPose& pose, TimeUs taken_us);
   void count(const ReceivedPose& pose, TimeUs shown_us);
   bool counts(const ReceivedPose& pose) const;
   void take_traces();
@@ -247,15 +249,15 @@ void Watching::run() {
   while (!stopping_) {
     const std::vector<ReceivedPose> poses = subscriber_->poll(milliseconds(20));
     const TimeUs taken_us = steady_now_us();
-    const Subscriber::Stats stats = subscriber_->stats();
     for (const ReceivedPose& pose : poses) {
       if (presenter_ && &pose != &poses.back()) {  // As the viewer does: a picture of the newest only.
         outcome_.counts.overtaken += counts(pose) ? 1 : 0;
         continue;
       }
-      take(pose, taken_us, stats);
+      take(pose, taken_us);
     }
     take_traces();
+    const Subscriber::Stats stats = subscriber_->stats();
     if (stats.clock_offset_us)
       outcome_.viewer_clock.add({steady_now_us() - start_us_, *stats.clock_offset_us, *stats.clock_error_us});
     const std::lock_guard lock(mutex_);
@@ -265,7 +267,7 @@ void Watching::run() {
   presenter_.reset();
 }
 
-void Watching::take(const ReceivedPose& pose, TimeUs taken_us, const Subscriber::Stats& stats) {
+void Watching::take(const ReceivedPose& pose, TimeUs taken_us) {
   const Asset* asset = subscriber_->asset();
   if (asset == nullptr) return;
   // From the second of several on, the wait for the first belongs to the hand over.
@@ -283,6 +285,7 @@ void Watching::take(const ReceivedPose& pose, TimeUs taken_us, const Subscriber:
   const TimeUs shown_us = presenter_ ? steady_now_us() : rebuilt_us;
   if (first_picture_us_ == 0) first_picture_us_ = shown_us - start_us_;
   if (!counts(pose)) return;
+  const Subscriber::Stats stats = subscriber_->stats();  // After the last stamp: it takes its time, too.
   if (counted_from_us_ == 0) {
     counted_from_us_ = shown_us;
     bytes_at_begin_ = stats.bytes;
