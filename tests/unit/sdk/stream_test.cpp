@@ -473,6 +473,58 @@ TEST(Create, RefusesWhatCannotBeMeant) {
   EXPECT_EQ(Publisher::create(options, m.asset, m.encoded).error().code, ErrorCode::kInvalidArgument);
 }
 
+/// A temperature or a colour rides along: a fourth channel, which the surface is not made of.
+TEST(Stream, ValuesBesideXYZAreRelayedInterpolatedAndDecoded) {
+  LoopbackBroker broker;
+  const Model& ball = model(40);
+  PublisherOptions options;
+  options.url = broker.url("live/ball");
+  const StreamFormat format{ball.asset->rank, 4, ball.asset->band_ends, "quantised"};
+  auto publisher = Publisher::create_for_keys(options, format, ball.encoded);
+  ASSERT_TRUE(publisher) << publisher.error().message;
+  const CoefficientLayout layout{CodecKind::kQuantised, format.rows, format.channels, format.band_ends};
+  const std::uint8_t step = step_index_below(1e-4);
+  std::map<TimeUs, std::vector<double>> sent;
+  const auto send = [&] {
+    std::vector<double> C(layout.size());
+    for (std::size_t row = 0; row < layout.rows; ++row) {
+      for (std::size_t axis = 0; axis < 3; ++axis) C[row * 4 + axis] = ball.asset->rest[row * 3 + axis];
+      C[row * 4 + 3] = std::sin(0.3 * static_cast<double>(sent.size()) + static_cast<double>(row));
+    }
+    const TimeUs now = steady_now_us();
+    Key key = *key_from_coefficients(layout, C, step);
+    C = coefficients_from_key(layout, key);
+    if ((*publisher)->send_key(std::move(key), now) == SendStatus::kSent) sent[now] = std::move(C);
+    return !sent.empty();
+  };
+  ASSERT_TRUE(eventually(send));
+  const auto raw = subscribe(broker), tripled = subscribe(broker, {.rate = Profile::Rate::kInterpolated, .k = 3});
+  int keys = 0, between = 0;
+  const auto compare = [&](const ReceivedPose& p, const std::vector<double>& expected, double tolerance) {
+    EXPECT_EQ(p.channels, 4u);
+    ASSERT_EQ(p.coefficients.size(), expected.size());
+    for (std::size_t i = 0; i < expected.size(); ++i) ASSERT_NEAR(p.coefficients[i], expected[i], tolerance) << i;
+  };
+  eventually([&] {
+    send();
+    for (const ReceivedPose& p : raw->poll(milliseconds(10))) {
+      compare(p, sent.at(p.envelope.capture_us), 0);
+      ++keys;
+    }
+    for (const ReceivedPose& p : tripled->poll(milliseconds(10))) {
+      const auto after = sent.upper_bound(p.envelope.capture_us);
+      if (p.envelope.kind != FrameKind::kSynthetic || after == sent.end() || after == sent.begin()) continue;
+      const double u = double(p.envelope.step.at) / p.envelope.step.of;
+      // Made poses are coded without a spacing where keys are: what rounding to steps leaves.
+      compare(p, straight_between(std::prev(after)->second, after->second, u), step_size(step));
+      ++between;
+    }
+    return keys >= 20 && between >= 20;
+  });
+  EXPECT_GE(keys, 20);
+  EXPECT_GE(between, 20);
+}
+
 TEST(Stream, VelocitiesBendTheWayBetweenKeys) {
   // One coefficient swings; keys are 40 ms apart, a tenth of its turn. Between them a straight line cuts the corner.
   LoopbackBroker broker;
