@@ -58,8 +58,8 @@ def lines_of(path):
 class Stage:
     """A broker on a port of its own and what runs beside it; everything ends with the `with` block."""
 
-    def __init__(self, options):
-        self.options = options
+    def __init__(self, options, *broker_arguments):
+        self.options, self.broker_arguments = options, broker_arguments
         self.folder = pathlib.Path(tempfile.mkdtemp(prefix="eigencast-paper-"))
         self.running = []
 
@@ -72,7 +72,7 @@ class Stage:
     def __enter__(self):
         port_file = self.folder / "port"
         self.start("eigencast-broker", "--listen", "127.0.0.1:0", "--admin-listen", "127.0.0.1:0", "--port-file",
-                   port_file, "--data-dir", self.folder / "assets")
+                   port_file, "--data-dir", self.folder / "assets", *self.broker_arguments)
         self.port = self.port_from(port_file)
         return self
 
@@ -96,12 +96,17 @@ class Stage:
             sys.exit(f"{process.args[0]} ended with {status}:\n{process.log.read_text()[-2000:]}")
 
     def port_from(self, path, seconds=20):
+        """The first port of the file, which the program last started writes once it listens."""
         end = time.monotonic() + seconds
-        while not path.exists():
+        while not (path.exists() and path.read_text().endswith("\n")):
             if time.monotonic() > end:
                 sys.exit(f"{path} was not written:\n{self.running[-1].log.read_text()[-2000:]}")
             time.sleep(0.02)
-        return int(path.read_text())
+        return int(path.read_text().split()[0])
+
+    def bake(self, clip):
+        """Once, before anybody waits for its poses; it stays in the cache."""
+        self.wait(self.start("eigencast-sender", "--no-progress", "bake", clip), 300)
 
     def url(self, stream, port=None):
         return f"ws://127.0.0.1:{port or self.port}/{stream}"
@@ -117,6 +122,7 @@ class Stage:
 def truth_of(stage, clip, frames, velocities=False):
     """The clip's coefficients, frame by frame (F x r x 3; with velocities, per second, F x r x 6), as the programs
     themselves make and carry them uncompressed, and its surface: area and diagonal."""
+    stage.bake(clip)
     received, report = stage.folder / "truth.jsonl", stage.folder / "truth.json"
     client = stage.start("eigencast-client", stage.url("truth") + "?rate=raw", "--headless", "--size", "32x32", "--lod",
                          "0.02", "--frames", 1_000_000, "--duration", 6 + 3 * frames / 30, "--wait", 60, "--record",
@@ -170,7 +176,7 @@ def rms_over_diagonal(difference, surface):
 def strip(options, name, rows, title):
     """rows: lists of (png or None, caption), drawn as a grid of pictures."""
     columns = max(len(row) for row in rows)
-    figure, axes = plt.subplots(len(rows), columns, figsize=(2.9 * columns, 3.1 * len(rows)), squeeze=False)
+    figure, axes = plt.subplots(len(rows), columns, figsize=(2.9 * columns, 3.1 * len(rows)), squeeze=False, layout="constrained")
     for row, line in zip(axes, rows):
         for axis, (png, caption) in zip(row, line + [(None, "")] * (columns - len(line))):
             axis.axis("off")

@@ -1,79 +1,68 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Remote rendering as a peer of the coefficient stream: eigencast-client's pictures of a clip, one for each pose, coded as video at 30/s
-by x264 (-tune zerolatency: no frame waits for a later one) at two qualities.
+"""Remote rendering as a peer of the coefficient stream: eigencast-client's pictures of clips, one for each pose, coded as video
+at 30/s by x264 (-tune zerolatency: no frame waits for a later one) at two qualities.
 
-    remote_rendering.py BIN_FOLDER CLIP [--size 1440x900]
-
-Poses are sent slowly, so that a processor without a GPU draws all of them; the video takes them at 30/s. The delay is the time that
-the encoder takes for a picture, drawing and reading PNG files not counted."""
-
-import argparse
+Poses are sent slowly, so that a processor without a GPU draws all of them; the video takes them at 30/s. The delay is the time
+that the encoder takes for a picture, drawing and reading PNG files not counted. bench/paper/figure_08.py draws the result.
+"""
 import pathlib
 import re
 import shutil
 import subprocess
 import sys
-import tempfile
-import time
 
-POSES_PER_S, PICTURES_PER_S = 4, 30
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "paper"))
+from common import Stage, clip_argument, drawn, parser, skip, watch, write_table  # noqa: E402
 
-
-def draw(folder, clip, size, pictures, data):
-    """Fills `pictures` with frame_0001.png and on; returns how many."""
-    port_file = data / "port"
-    broker = subprocess.Popen([folder / "eigencast-broker", "--listen", "127.0.0.1:0", "--admin-listen", "", "--data-dir", data / "broker",
-                               "--port-file", port_file, "--log-level", "error"])
-    sender = None
-    try:
-        for _ in range(100):
-            time.sleep(0.1)
-            if port_file.exists() and port_file.read_text().strip():
-                break
-        url = f"ws://127.0.0.1:{port_file.read_text().split()[0].rsplit(':', 1)[-1]}/peer"
-        sender = subprocess.Popen([folder / "eigencast-sender", "--no-progress", "play", clip, "--rate", str(POSES_PER_S), "--cache",
-                                   data / "cache", "--to", url], stderr=subprocess.DEVNULL)
-        subprocess.run([folder / "eigencast-client", url, "--headless", "--frames", "40", "--rate", "raw", "--size", size, "--out", pictures,
-                        "--cache", data / "cache"], check=True, timeout=90, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    finally:
-        for process in filter(None, [sender, broker]):
-            process.terminate()
-            process.wait()
-    return len(list(pictures.glob("frame_*.png")))
+CLIPS = ("horse-gallop", "human-walk", "elephant-gallop")
+QUALITIES = (23, 30)  # crf
+POSES_PER_S, PICTURES_PER_S = 3, 30
 
 
-def code(pictures, raw, size, count, quality):
+def draw(stage, options, name):
+    """The folder of the pictures, frame_0001.png and on, and how many they are."""
+    stage.bake(clip_argument(options, name))
+    viewer = watch(stage, name, "rate=raw", 120, "--frames", options.pictures, size=options.size)
+    sender = stage.start("eigencast-sender", "--no-progress", "play", clip_argument(options, name), "--rate", POSES_PER_S, "--speed",
+                         POSES_PER_S / PICTURES_PER_S, "--to", stage.url(name))
+    drawn(stage, viewer)
+    sender.terminate()
+    sender.wait(20)
+    return viewer.folder, len(list(viewer.folder.glob("frame_*.png")))
+
+
+def code(folder, raw, size, count, quality):
     """kbit/s, and milliseconds of the encoder for one picture."""
-    video = pictures / f"{quality}.h264"
-    done = subprocess.run(["ffmpeg", "-hide_banner", "-y", "-benchmark", "-f", "rawvideo", "-pix_fmt", "yuv420p", "-s", size, "-r", str(PICTURES_PER_S),
-                           "-i", raw, "-c:v", "libx264", "-tune", "zerolatency", "-crf", str(quality), "-f", "h264", video],
-                          check=True, capture_output=True, text=True)
+    video = folder / f"{quality}.h264"
+    done = subprocess.run(["ffmpeg", "-hide_banner", "-y", "-benchmark", "-f", "rawvideo", "-pix_fmt", "yuv420p", "-s", size, "-r",
+                           str(PICTURES_PER_S), "-i", raw, "-c:v", "libx264", "-tune", "zerolatency", "-crf", str(quality), "-f", "h264",
+                           video], check=True, capture_output=True, text=True)
     seconds = float(re.search(r"rtime=([0-9.]+)s", done.stderr)[1])
     return video.stat().st_size * 8e-3 * PICTURES_PER_S / count, 1000 * seconds / count
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=pathlib.Path)
-    parser.add_argument("clip")
-    parser.add_argument("--size", default="1440x900")
-    arguments = parser.parse_args()
+    p = parser(__doc__)
+    p.add_argument("--size", default="1440x900")
+    p.add_argument("--pictures", type=int, default=40, help="of each clip")
+    p.add_argument("--clips", nargs="+", default=list(CLIPS))
+    options = p.parse_args()
     if not shutil.which("ffmpeg"):
-        print("SKIPPED: no ffmpeg, so nothing to compare with", file=sys.stderr)
-        return 0
-    with tempfile.TemporaryDirectory() as scratch:
-        data = pathlib.Path(scratch)
-        pictures = data / "pictures"
-        count = draw(arguments.folder.resolve(), arguments.clip, arguments.size, pictures, data)
-        raw = data / "pictures.yuv"
-        subprocess.run(["ffmpeg", "-hide_banner", "-loglevel", "error", "-i", pictures / "frame_%04d.png", "-pix_fmt", "yuv420p", "-f", "rawvideo", raw],
-                       check=True)
-        for quality in (23, 30):
-            rate, delay = code(pictures, raw, arguments.size, count, quality)
-            print(f"x264 zerolatency crf {quality}, {arguments.size} at {PICTURES_PER_S}/s, {count} pictures: {rate:.0f} kbit/s, {delay:.1f} ms a picture")
-    return 0
+        skip("no ffmpeg, so nothing to compare with")
+    rows = []
+    with Stage(options) as stage:
+        for name in options.clips:
+            folder, count = draw(stage, options, name)
+            raw = folder / "pictures.yuv"
+            subprocess.run(["ffmpeg", "-hide_banner", "-loglevel", "error", "-i", folder / "frame_%04d.png", "-pix_fmt", "yuv420p", "-f",
+                            "rawvideo", raw], check=True)
+            for quality in QUALITIES:
+                rate, delay = code(folder, raw, options.size, count, quality)
+                rows.append([name, options.size, quality, count, f"{rate:.0f}", f"{delay:.1f}"])
+            raw.unlink()
+    write_table(options, "remote_rendering", ["clip", "size", "crf", "pictures", "kbit_per_s", "encode_ms"], rows)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
