@@ -92,20 +92,21 @@ class Headless {
     if (path_) path_->apply(flown_s(), camera_);
     if (!flight_began_us_) flight_began_us_ = steady_now_us();
     const unsigned target = renderer_->offscreen_target(options_.width, options_.height);
-    session_->draw(*renderer_, camera_, {}, options_.width, options_.height, target, true);
+    session_->draw(*renderer_, camera_, options_.look, options_.width, options_.height, target, true);
     if (overlay_) {
-      overlay_->draw({hud_lines(session_->figures()),
-                      session_->connection(),
-                      session_->is_connected(),
-                      session_->banner(),
-                      {},
-                      false},
-                     options_.width, options_.height, target);
+      OverlayContent content;
+      content.figures = hud_lines(session_->figures());
+      content.connection = session_->connection();
+      content.connected = session_->is_connected();
+      content.banner = session_->banner();
+      content.legend = session_->legend();
+      overlay_->draw(content, options_.width, options_.height, target);
     }
     ++taken_;
     if (options_.out.empty()) return {};
     const Result<void> written =
-        write_png(frame_name(options_.out, taken_), Renderer::read_back(options_.width, options_.height, target));
+        write_png(frame_name(options_.out, taken_),
+                  Renderer::read_back(options_.width, options_.height, target, options_.look.transparent));
     if (written) session_->count_written();
     return written;
   }
@@ -113,8 +114,8 @@ class Headless {
   Result<void> write_results() {
     if (!options_.screenshot.empty() && taken_ > 0) {
       const unsigned target = renderer_->offscreen_target(options_.width, options_.height);
-      const Result<void> written =
-          write_png(options_.screenshot, Renderer::read_back(options_.width, options_.height, target));
+      const Result<void> written = write_png(
+          options_.screenshot, Renderer::read_back(options_.width, options_.height, target, options_.look.transparent));
       if (!written) return written;
     }
     std::string path = options_.json;

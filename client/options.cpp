@@ -2,6 +2,7 @@
 #include "client/options.h"
 
 #include <CLI/CLI.hpp>
+#include <cmath>
 #include <cstdio>
 #include <map>
 
@@ -30,7 +31,8 @@ const std::map<std::string, Profile::Scheme> kSchemes{{"linear", Profile::Scheme
                                                       {"damped", Profile::Scheme::kDamped}};
 
 struct RawOptions {
-  std::string scene, resolver, size = "1280x720", rate, form, scheme, playout = "latest", context;
+  std::string scene, resolver, size = "1280x720", colour = "clay", colour_map = "viridis", colour_range, rate, form,
+                               scheme, playout = "latest", context;
   Credentials credentials;
   int k = 3, bands = 8;
   double delay_ms = 0, smooth = 1, ahead_ms = 200;
@@ -40,6 +42,35 @@ bool size_from_text(const std::string& text, int& width, int& height) {
   char rest = 0;
   return std::sscanf(text.c_str(), "%5dx%5d%c", &width, &height, &rest) == 2 && width >= 16 && height >= 16 &&
          width <= 16384 && height <= 16384;
+}
+
+/// "speed", "channel:4".
+bool colour_from_text(const std::string& text, SurfacePainter::Wish& wish) {
+  const std::size_t colon = text.find(':');
+  const auto colouring = colouring_from_name(text.substr(0, colon));
+  if (!colouring || (colon != std::string::npos) != (*colouring == Colouring::kChannel)) return false;
+  wish.colouring = *colouring;
+  char rest = 0;
+  return colon == std::string::npos ||
+         (std::sscanf(text.c_str() + colon, ":%3u%c", &wish.channel, &rest) == 1 && wish.channel >= 3);
+}
+
+/// What the surfaces look like; the complaint if the command line cannot mean it.
+std::string read_look(const RawOptions& raw, Look& look) {
+  if (!colour_from_text(raw.colour, look.colour))
+    return "--colour " + raw.colour +
+           ": give clay, own, normals, movement, speed, error, or channel:K with K from 3, the first beyond x, y, z";
+  const auto map = colour_map_from_name(raw.colour_map);
+  if (!map) return "--colour-map " + raw.colour_map + ": give viridis, cividis, coolwarm, turbo or grey";
+  look.colour_map = *map;
+  if (raw.colour_range.empty()) return {};
+  float low = 0, high = 0;
+  char rest = 0;
+  if (std::sscanf(raw.colour_range.c_str(), "%f,%f%c", &low, &high, &rest) != 2 || !(low < high) ||
+      !(std::isfinite(low) && std::isfinite(high)))
+    return "--colour-range " + raw.colour_range + ": give the lowest and the highest value, such as 0,0.5";
+  look.colour_range = {low, high};
+  return {};
 }
 
 /// The profile that URL and options ask for together; options win.
@@ -195,7 +226,21 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
       ->capture_default_str();
   app.add_option("--view", options.view, "first view")
       ->check(CLI::IsMember({"iso", "front", "back", "left", "right", "top", "bottom"}));
-  app.add_flag("--hud", options.hud, "headless: draw the figures into the pictures too");
+  app.add_option(
+         "--colour", raw.colour,
+         "what the surfaces' colours say: clay, own (those of the file), normals, movement (from the rest pose), "
+         "speed, channel:K (a scalar that rides on the stream), error (against the truth)")
+      ->capture_default_str();
+  app.add_option("--colour-map", raw.colour_map, "colours of numbers")
+      ->check(CLI::IsMember({"viridis", "cividis", "coolwarm", "turbo", "grey"}))
+      ->capture_default_str();
+  app.add_option("--colour-range", raw.colour_range,
+                 "LOW,HIGH: the values of the map's ends, in the stream's units (default: what has been seen)");
+  app.add_flag("--edges", options.look.edges, "draw the triangles' edges");
+  app.add_flag("--wireframe", options.look.wireframe, "draw edges only");
+  app.add_flag("--points", options.look.points, "draw vertices as points");
+  app.add_flag("--transparent", options.look.transparent, "pictures without a background");
+  app.add_flag("--hud", options.hud, "headless: draw the figures and the colours' legend into the pictures too");
   app.add_option("--json", options.json, "write the report to this file at the end");
   app.add_option("--record", options.record, "write every received pose to this file, one JSON object a line");
   app.add_option("--record-shown", options.record_shown,
@@ -214,6 +259,7 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   if (!size_from_text(raw.size, options.width, options.height)) {
     return usage("--size " + raw.size + ": give width x height of 16 to 16384 pixels, such as 1280x720");
   }
+  if (const std::string complaint = read_look(raw, options.look); !complaint.empty()) return usage(complaint);
   if (!options.headless && !options.out.empty())
     return usage("--out is for --headless; in the window use --screenshot or key S");
   if (const Result<void> found = find_streams(raw, options); !found) return usage(found.error().message);

@@ -10,6 +10,7 @@
 #include "client/scene_file.h"
 #include "common/net/url.h"
 #include "common/wire/control.h"
+#include "view/look.h"
 
 namespace eigencast {
 
@@ -23,6 +24,7 @@ struct ClientOptions {
   bool follow_display = false;  ///< The target is the display's own rate.
   std::string camera_path;      ///< File; empty: the user moves the camera.
   std::string view = "iso";
+  Look look;
   int width = 1280, height = 720;
   bool headless = false, hud = false;
   std::uint64_t frames = 0;  ///< 0: no limit

@@ -179,7 +179,62 @@ void Session::frame_scene(Camera& camera) {
   camera.set_scene({facts.low[0], facts.low[1], facts.low[2]}, {facts.high[0], facts.high[1], facts.high[2]});
 }
 
-void Session::draw(Renderer& renderer, const Camera& camera, RenderOptions options, int width_px, int height_px,
+void Session::paint(Renderer& renderer, const Look& look) {
+  const auto& instances = scene_.instances();
+  painters_.resize(instances.size());
+  if (!(look.colour == painted_look_.colour)) legend_range_.reset();
+  painted_look_ = look;
+  for (std::size_t i = 0; i < instances.size(); ++i) {
+    painters_[i].paint(instances[i].view, *sources_[instances[i].placement.source], look.colour);
+    renderer.paint(i, painters_[i].paint());
+    if (painters_[i].range()) legend_range_.include(*painters_[i].range());
+  }
+}
+
+RenderOptions Session::render_options(const Look& look) const {
+  RenderOptions options;
+  options.edges = look.edges;
+  options.wireframe = look.wireframe;
+  options.points = look.points;
+  options.axes = look.axes;
+  options.grid = look.grid;
+  options.transparent = look.transparent;
+  options.colourfulness = colourfulness();
+  options.colour_map = look.colour_map;
+  options.colour_range = look.colour_range.value_or(legend_range_.span());
+  return options;
+}
+
+std::optional<Legend> Session::legend() const {
+  if (!legend_range_.known()) return std::nullopt;
+  const Asset* asset = sources_.front()->asset();
+  const double metres_per_unit = asset == nullptr ? 0 : asset->metres_per_unit;
+  const auto span = painted_look_.colour_range.value_or(legend_range_.span());
+  Legend legend{title_of(painted_look_.colour), unit_of(painted_look_.colour, metres_per_unit), span[0], span[1],
+                painted_look_.colour_map};
+  if (!legend.unit.empty() && metres_per_unit > 0) {
+    legend.low *= static_cast<float>(metres_per_unit);
+    legend.high *= static_cast<float>(metres_per_unit);
+  }
+  return legend;
+}
+
+std::string Session::why_not_painted() const {
+  return painters_.empty() ? std::string() : painters_.front().why_not();
+}
+
+SurfacePainter::Wish Session::next_colouring(const SurfacePainter::Wish& wish) const {
+  std::vector<SurfacePainter::Wish> all;
+  for (const PoseSource* source : sources_) {
+    for (const SurfacePainter::Wish& offered : wishes_for(*source)) {
+      if (std::find(all.begin(), all.end(), offered) == all.end()) all.push_back(offered);
+    }
+  }
+  const auto at = std::find(all.begin(), all.end(), wish);
+  return at == all.end() || at + 1 == all.end() ? SurfacePainter::Wish{} : *(at + 1);
+}
+
+void Session::draw(Renderer& renderer, const Camera& camera, const Look& look, int width_px, int height_px,
                    unsigned target, bool finish) {
   const TimeUs start = steady_now_us();
   const auto& instances = scene_.instances();
@@ -188,9 +243,9 @@ void Session::draw(Renderer& renderer, const Camera& camera, RenderOptions optio
     renderer.upload(i, instances[i].view.geometry());
     renderer.place(i, instances[i].scene_from_surface, instances[i].visible);
   }
+  paint(renderer, look);
   const TimeUs uploaded = steady_now_us();
-  options.colourfulness = colourfulness();
-  renderer.draw(camera, options, width_px, height_px, target);
+  renderer.draw(camera, render_options(look), width_px, height_px, target);
   if (finish || levels_.active()) Renderer::finish();
   const TimeUs end = steady_now_us();
   upload_us_.add(uploaded - start);

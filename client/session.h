@@ -14,6 +14,7 @@
 #include "client/options.h"
 #include "client/rate_meter.h"
 #include "view/camera.h"
+#include "view/look.h"
 #include "view/renderer.h"
 #include "view/scene.h"
 
@@ -33,8 +34,16 @@ class Session final {
   bool update(std::chrono::milliseconds timeout, Camera& camera);
   /// Uploads and draws the scene; measures both, and waits for the graphics card if `finish` or if the levels of detail
   /// follow what a picture costs.
-  void draw(Renderer& renderer, const Camera& camera, RenderOptions options, int width_px, int height_px,
-            unsigned target, bool finish);
+  void draw(Renderer& renderer, const Camera& camera, const Look& look, int width_px, int height_px, unsigned target,
+            bool finish);
+  /// What the renderer is told for this look now.
+  RenderOptions render_options(const Look& look) const;
+  /// Of what draw() drew last; nothing while colours stand for no numbers.
+  std::optional<Legend> legend() const;
+  /// Why the first surface's colours are not those that the look asks for; empty if they are.
+  std::string why_not_painted() const;
+  /// The colouring after this one, of those that the surfaces offer.
+  SurfacePainter::Wish next_colouring(const SurfacePainter::Wish& wish) const;
 
   Scene& scene() { return scene_; }
   const Scene& scene() const { return scene_; }
@@ -56,6 +65,7 @@ class Session final {
  private:
   Session(const ClientOptions& options, std::span<PoseSource* const> sources, LogSink log);
   bool poll(std::chrono::milliseconds timeout);
+  void paint(Renderer& renderer, const Look& look);
   void record(std::size_t source, const std::vector<ReceivedPose>& poses);
   void record_shown(TimeUs drawn_us);
   void say_states();
@@ -71,6 +81,9 @@ class Session final {
   LogSink log_;
   Scene scene_;
   LevelControl levels_;
+  std::vector<SurfacePainter> painters_;  ///< One for each surface.
+  LegendRange legend_range_;
+  Look painted_look_;
   std::ofstream record_, shown_record_;
   RateMeter keys_, poses_, drawn_rate_, bytes_;
   Histogram drawn_latency_us_, upload_us_, draw_us_, work_us_;

@@ -14,9 +14,10 @@ struct KeyBinding {
   std::string_view key;
   Action action;
 };
-constexpr std::array<KeyBinding, 24> kBindings{
+constexpr std::array<KeyBinding, 28> kBindings{
     {{"R", Action::kResetCamera}, {"Home", Action::kResetCamera}, {"H", Action::kHelp},         {"F1", Action::kHelp},
      {"X", Action::kAxes},        {"G", Action::kGrid},           {"E", Action::kEdges},        {"P", Action::kPoints},
+     {"W", Action::kWireframe},   {"V", Action::kColouring},      {"C", Action::kColourMap},    {"B", Action::kLegend},
      {"F", Action::kHud},         {"S", Action::kScreenshot},     {"F12", Action::kScreenshot}, {"+", Action::kFiner},
      {"=", Action::kFiner},       {".", Action::kFiner},          {"-", Action::kCoarser},      {",", Action::kCoarser},
      {"M", Action::kPlayout},     {"]", Action::kSmoother},       {"[", Action::kMoreLive},     {" ", Action::kPause},
@@ -63,16 +64,28 @@ void ViewerState::apply(Action action, Camera& camera, LevelOfDetail& lod) {
       help = !help;
       break;
     case Action::kAxes:
-      axes = !axes;
+      look.axes = !look.axes;
       break;
     case Action::kGrid:
-      grid = !grid;
+      look.grid = !look.grid;
       break;
     case Action::kEdges:
-      edges = !edges;
+      look.edges = !look.edges;
+      break;
+    case Action::kWireframe:
+      look.wireframe = !look.wireframe;
+      break;
+    case Action::kColouring:
+      colouring_wanted = true;
+      break;
+    case Action::kColourMap:
+      look.colour_map = next_map(look.colour_map);
+      break;
+    case Action::kLegend:
+      look.legend = !look.legend;
       break;
     case Action::kPoints:
-      points = !points;
+      look.points = !look.points;
       break;
     case Action::kHud:
       hud = !hud;
@@ -135,10 +148,14 @@ std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera,
           {"Space", "pause", on_off(state.paused)},
           {"M", "motion between arrivals", text_from_playout(state.playout)},
           {"[ ]", "live to smooth", text_from_smoothness(state.playout)},
-          {"E", "edges", on_off(state.edges)},
-          {"P", "points", on_off(state.points)},
-          {"G", "ground grid", on_off(state.grid)},
-          {"X", "axes", on_off(state.axes)},
+          {"V", "what colours say", title_of(state.look.colour)},
+          {"C", "colour map", std::string(name_of(state.look.colour_map))},
+          {"B", "its legend", on_off(state.look.legend)},
+          {"E", "edges", on_off(state.look.edges)},
+          {"W", "wireframe", on_off(state.look.wireframe)},
+          {"P", "points", on_off(state.look.points)},
+          {"G", "ground grid", on_off(state.look.grid)},
+          {"X", "axes", on_off(state.look.axes)},
           {"U", "up axis", up},
           {"F", "figures", on_off(state.hud)},
           {"S  F12", "screenshot", ""},

@@ -9,6 +9,7 @@
 #include "common/motion/playout.h"
 #include "view/camera.h"
 #include "view/level_of_detail.h"
+#include "view/look.h"
 #include "view/overlay.h"
 
 namespace eigencast {
@@ -20,7 +21,11 @@ enum class Action {
   kAxes,
   kGrid,
   kEdges,
+  kWireframe,
   kPoints,
+  kColouring,
+  kColourMap,
+  kLegend,
   kHud,
   kScreenshot,
   kFiner,
@@ -36,9 +41,11 @@ enum class Action {
 
 /// The switches of the viewer, apart from any window.
 struct ViewerState {
-  bool help = false, hud = true, axes = false, grid = true, edges = false, points = false;
+  bool help = false, hud = true;
+  Look look;
   bool paused = false, quit = false;
   PlayoutSettings playout;
+  bool colouring_wanted = false;   ///< The next of wishes_for(): whoever knows the source takes this and clears it.
   bool resolver_wanted = false;    ///< Another resolver: whoever holds it takes this and clears it.
   bool screenshot_wanted = false;  ///< Whoever draws next takes it and clears this.
 

@@ -86,6 +86,7 @@ class Window {
     if (!session) return session.error();
     session_ = std::move(session).value();
     state_.playout = options.view_options.playout;
+    state_.look = options.look;
     camera_.set_view(options.view);
     take_size();
     listen();
@@ -124,7 +125,8 @@ class Window {
 
   Result<void> save(const std::string& path) {
     draw_picture();  // the back buffer's content is undefined after a swap
-    return write_png(path, Renderer::read_back(width_, height_, renderer_->offscreen_target(width_, height_)));
+    return write_png(path, Renderer::read_back(width_, height_, renderer_->offscreen_target(width_, height_),
+                                               state_.look.transparent));
   }
 
   Session& session() { return *session_; }
@@ -167,24 +169,29 @@ class Window {
     content.connected = session_->is_connected();
     content.banner = session_->banner();
     content.paused = state_.paused;
+    if (state_.look.legend) content.legend = session_->legend();
+    if (content.banner.empty()) content.banner = session_->why_not_painted();
     if (state_.help) content.help = help_lines(state_, camera_, session_->scene().lod(), session_->levels().kind());
     return content;
   }
 
-  RenderOptions render_options() const {
-    return {state_.edges, state_.points, state_.axes, state_.grid, session_->colourfulness()};
+  /// A window has something behind it in any case.
+  Look shown_look() const {
+    Look look = state_.look;
+    look.transparent = false;
+    return look;
   }
 
   void draw() {
     if (width_ < 1 || height_ < 1) return;
-    session_->draw(*renderer_, camera_, render_options(), width_, height_, 0, false);
+    session_->draw(*renderer_, camera_, shown_look(), width_, height_, 0, false);
     overlay_->draw(overlay_content(), width_, height_, 0);
     glfwSwapBuffers(window_);
   }
 
   void draw_picture() {
     const unsigned target = renderer_->offscreen_target(width_, height_);
-    renderer_->draw(camera_, render_options(), width_, height_, target);
+    renderer_->draw(camera_, session_->render_options(state_.look), width_, height_, target);
     overlay_->draw(overlay_content(), width_, height_, target);
   }
 
@@ -207,6 +214,10 @@ class Window {
     if (!wanted || (action == GLFW_REPEAT && !repeats)) return;
     state_.apply(*wanted, camera_, session_->scene().lod());
     session_->scene().set_playout(state_.playout);
+    if (state_.colouring_wanted) {
+      state_.colouring_wanted = false;
+      state_.look.colour = session_->next_colouring(state_.look.colour);
+    }
     if (state_.resolver_wanted) {
       state_.resolver_wanted = false;
       session_->levels().set_kind(next_kind(session_->levels().kind()));

@@ -7,6 +7,7 @@
 #include <imgui.h>
 
 #include <array>
+#include <cstdio>
 #include <filesystem>
 
 namespace eigencast {
@@ -36,6 +37,35 @@ bool begin_card(const char* name, ImVec2 at, ImVec2 pivot, float alpha) {
   ImGui::SetNextWindowPos(at, ImGuiCond_Always, pivot);
   ImGui::SetNextWindowBgAlpha(alpha);
   return ImGui::Begin(name, nullptr, kCard);
+}
+
+/// A bar of the map's colours, its lowest value at the bottom, with three marks.
+void draw_legend(const Legend& legend, ImVec2 at, float scale) {
+  begin_card("legend", at, {0, 0.5F}, 0.62F);
+  ImGui::TextUnformatted(legend.title.c_str());
+  ImGui::Dummy({0, 3 * scale});
+  const ImVec2 corner = ImGui::GetCursorScreenPos(), size{16 * scale, 168 * scale};
+  const ColourTable table = table_of(legend.map);
+  ImDrawList& list = *ImGui::GetWindowDrawList();
+  constexpr std::size_t kSteps = 64;
+  for (std::size_t i = 0; i < kSteps; ++i) {
+    const auto& colour = table[255 * i / (kSteps - 1)];
+    const float low = corner.y + size.y * (1 - static_cast<float>(i) / kSteps);
+    list.AddRectFilled({corner.x, low - size.y / kSteps - 0.5F}, {corner.x + size.x, low},
+                       IM_COL32(colour[0], colour[1], colour[2], 255));
+  }
+  const float half_line = 0.5F * ImGui::GetTextLineHeight();
+  ImGui::Dummy({size.x + 78 * scale, size.y + half_line});
+  for (int i = 0; i <= 2; ++i) {
+    char number[48];
+    const float part = 0.5F * static_cast<float>(i);
+    std::snprintf(number, sizeof number, "%.3g %s", static_cast<double>(legend.low + part * (legend.high - legend.low)),
+                  i == 2 ? legend.unit.c_str() : "");
+    const float y = corner.y + size.y * (1 - part);
+    list.AddLine({corner.x + size.x, y}, {corner.x + size.x + 4 * scale, y}, IM_COL32(220, 225, 232, 255));
+    list.AddText({corner.x + size.x + 9 * scale, y - half_line}, IM_COL32(235, 238, 242, 255), number);
+  }
+  ImGui::End();
 }
 
 void draw_help(const std::vector<HelpLine>& lines, ImVec2 centre, float scale) {
@@ -120,6 +150,7 @@ void Overlay::draw(const OverlayContent& content, int width_px, int height_px, u
     ImGui::TextColored({1, 0.80F, 0.45F, 1}, "%s", content.banner.c_str());
     ImGui::End();
   }
+  if (content.legend) draw_legend(*content.legend, {gap, 0.5F * size.y}, scale_);
   if (!content.help.empty()) draw_help(content.help, {0.5F * size.x, 0.5F * size.y}, scale_);
   ImGui::Render();
   glBindFramebuffer(GL_FRAMEBUFFER, target);

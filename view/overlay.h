@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <optional>
 #include <string>
 #include <vector>
+
+#include "view/look.h"
 
 namespace eigencast {
 
@@ -19,6 +22,7 @@ struct OverlayContent {
   std::string banner;
   std::vector<HelpLine> help;
   bool paused = false;
+  std::optional<Legend> legend;
 };
 
 /// Text over the picture: figures, connection line, banner, help (Dear ImGui). One at a time; belongs to the OpenGL

@@ -9,10 +9,11 @@
 
 namespace eigencast {
 
-/// An 8-bit RGB picture, row by row from the top.
+/// An 8-bit picture, row by row from the top.
 struct Picture {
   int width = 0, height = 0;
-  std::vector<std::uint8_t> rgb;  ///< height x width x 3
+  std::vector<std::uint8_t> rgb;         ///< height x width x 3
+  std::vector<std::uint8_t> alpha = {};  ///< height x width, the colours not multiplied by it; empty: opaque.
 
   const std::uint8_t* pixel(int x, int y) const {
     return rgb.data() +
@@ -23,7 +24,7 @@ struct Picture {
 /// Writes through a temporary name, so that no half picture is ever seen. Errors: kIo, kInvalidArgument.
 Result<void> write_png(const std::string& path, const Picture& picture);
 
-/// Errors: kIo, kCorrupt, kTooLarge (a side over 16,384).
+/// Its alpha is left out. Errors: kIo, kCorrupt, kTooLarge (a side over 16,384).
 Result<Picture> read_png(const std::string& path);
 
 }  // namespace eigencast

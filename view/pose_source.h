@@ -4,12 +4,15 @@
 #include <chrono>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
 #include "sdk/subscriber.h"
 
 namespace eigencast {
+
+class Truth;
 
 /// Where the viewer's poses come from. Seen by the applications only through this, so that tests feed them without a
 /// network.
@@ -26,6 +29,10 @@ class PoseSource {
   virtual std::uint32_t epoch() const = 0;
   virtual const std::optional<control::StreamInfo>& info() const = 0;
   virtual Subscriber::Stats stats() const = 0;
+  /// n x 3, linear RGB, in the asset's order of vertices; empty where none are known. Valid until the next poll().
+  virtual std::span<const float> vertex_colours() const { return {}; }
+  /// What its poses should look like; null where that is not known here. The source keeps it.
+  virtual Truth* truth() const { return nullptr; }
 };
 
 /// The source that watches a stream of a broker. Errors: as Subscriber::create.

@@ -10,6 +10,7 @@
 #include <glm/ext/matrix_transform.hpp>
 #include <glm/geometric.hpp>
 #include <glm/matrix.hpp>
+#include <optional>
 
 #include "view/gl_objects.h"
 #include "view/shaders.h"
@@ -45,6 +46,7 @@ class Renderer::Surface final {
   Surface& operator=(const Surface&) = delete;
 
   void upload(const SurfaceGeometry& geometry);
+  void paint(const SurfacePaint& paint);
   bool drawable() const { return visible && vertex_count_ > 0; }
   bool is_point_cloud() const { return is_point_cloud_; }
   float spacing() const { return spacing_ * scale_; }  ///< Of points, in the scene.
@@ -57,9 +59,10 @@ class Renderer::Surface final {
   bool visible = true;
 
  private:
-  GLuint array_ = 0, positions_ = 0, normals_ = 0, triangles_ = 0;
+  GLuint array_ = 0, positions_ = 0, normals_ = 0, triangles_ = 0, values_ = 0;
   GLsizei vertex_count_ = 0, index_count_ = 0;
-  std::uint64_t pose_version_ = 0, topology_version_ = 0;
+  std::uint64_t pose_version_ = 0, topology_version_ = 0, paint_version_ = 0;
+  int paint_ = 0;  ///< As kPaint of the shaders has it.
   bool is_point_cloud_ = false;
   float spacing_ = 0, scale_ = 1;
   glm::mat4 scene_from_surface_{1};
@@ -67,7 +70,7 @@ class Renderer::Surface final {
 };
 
 Renderer::Surface::Surface() {
-  for (GLuint* buffer : {&positions_, &normals_, &triangles_}) glGenBuffers(1, buffer);
+  for (GLuint* buffer : {&positions_, &normals_, &triangles_, &values_}) glGenBuffers(1, buffer);
   glGenVertexArrays(1, &array_);
   glBindVertexArray(array_);
   glBindBuffer(GL_ARRAY_BUFFER, positions_);
@@ -80,7 +83,7 @@ Renderer::Surface::Surface() {
 
 Renderer::Surface::~Surface() {
   glDeleteVertexArrays(1, &array_);
-  for (GLuint buffer : {positions_, normals_, triangles_}) glDeleteBuffers(1, &buffer);
+  for (GLuint buffer : {positions_, normals_, triangles_, values_}) glDeleteBuffers(1, &buffer);
 }
 
 void Renderer::Surface::place(const glm::mat4& scene_from_surface) {
@@ -121,7 +124,24 @@ void Renderer::Surface::upload(const SurfaceGeometry& geometry) {
   }
 }
 
+void Renderer::Surface::paint(const SurfacePaint& paint) {
+  if (paint.version == paint_version_) return;
+  paint_version_ = paint.version;
+  const bool numbers = paint.kind == SurfacePaint::Kind::kScalar, colours = paint.kind == SurfacePaint::Kind::kColour;
+  paint_ = numbers ? 1 : colours ? 2 : paint.kind == SurfacePaint::Kind::kNormal ? 3 : 0;
+  glBindVertexArray(array_);
+  glDisableVertexAttribArray(2);
+  glVertexAttrib3f(2, 0, 0, 0);
+  if (!numbers && !colours) return;
+  glBindBuffer(GL_ARRAY_BUFFER, values_);
+  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(paint.values.size() * sizeof(float)), paint.values.data(),
+               GL_STREAM_DRAW);
+  glVertexAttribPointer(2, numbers ? 1 : 3, GL_FLOAT, GL_FALSE, 0, nullptr);
+  glEnableVertexAttribArray(2);
+}
+
 void Renderer::Surface::bind(const GlProgram& program) const {
+  program.set("paint", paint_);
   program.set("scene_from_surface", scene_from_surface_);
   program.set("scene_from_normal", scene_from_normal_);
   glBindVertexArray(array_);
@@ -144,13 +164,15 @@ class Renderer::Impl {
   void draw_ground(const Camera& camera, const RenderOptions& options) const;
   void draw_surfaces(const Camera& camera, const RenderOptions& options, int height) const;
   void draw_edges() const;
+  void use_colour_table(ColourMap map);
   void draw_axes(const Camera& camera) const;
   void set_lighting(const GlProgram& program, const Camera& camera) const;
   void finish_picture(const RenderOptions& options, unsigned target) const;
 
   GlProgram background_, shadow_, mesh_, line_, splat_, ground_, finish_;
   GLuint empty_array_ = 0, axes_array_ = 0, axes_ = 0;
-  GLuint shadow_map_ = 0, shadow_framebuffer_ = 0;
+  GLuint shadow_map_ = 0, shadow_framebuffer_ = 0, colour_table_ = 0;
+  std::optional<ColourMap> colour_map_;  ///< In the table.
   GLuint offscreen_ = 0, offscreen_colour_ = 0;
   int offscreen_width_ = 0, offscreen_height_ = 0;
   glm::mat4 clip_from_scene_{1}, view_from_scene_{1}, clip_from_view_{1}, light_from_scene_{1};
@@ -161,7 +183,7 @@ class Renderer::Impl {
 Renderer::Impl::~Impl() {
   for (GLuint array : {empty_array_, axes_array_}) glDeleteVertexArrays(1, &array);
   glDeleteBuffers(1, &axes_);
-  for (GLuint texture : {shadow_map_, offscreen_colour_}) glDeleteTextures(1, &texture);
+  for (GLuint texture : {shadow_map_, offscreen_colour_, colour_table_}) glDeleteTextures(1, &texture);
   for (GLuint framebuffer : {shadow_framebuffer_, offscreen_}) glDeleteFramebuffers(1, &framebuffer);
 }
 
@@ -178,12 +200,12 @@ Result<void> Renderer::Impl::init() {
     const char* name;
     std::string vertex, fragment;
   };
-  const std::string lighting = shaders::kLighting;
+  const std::string lighting = shaders::kLighting, paint = lighting + shaders::kPaint;
   for (const Source& source : {Source{background_, "background", shaders::kScreenVertex, shaders::kBackgroundFragment},
                                Source{shadow_, "shadow", shaders::kShadowVertex, shaders::kShadowFragment},
-                               Source{mesh_, "mesh", shaders::kMeshVertex, lighting + shaders::kMeshFragment},
+                               Source{mesh_, "mesh", shaders::kMeshVertex, paint + shaders::kMeshFragment},
                                Source{line_, "line", shaders::kMeshVertex, shaders::kLineFragment},
-                               Source{splat_, "splat", shaders::kSplatVertex, lighting + shaders::kSplatFragment},
+                               Source{splat_, "splat", shaders::kSplatVertex, paint + shaders::kSplatFragment},
                                Source{ground_, "ground", shaders::kGroundVertex, lighting + shaders::kGroundFragment},
                                Source{finish_, "finish", shaders::kScreenVertex, shaders::kFinishFragment}}) {
     Result<GlProgram> program = GlProgram::create(source.name, source.vertex, source.fragment);
@@ -206,6 +228,7 @@ Result<void> Renderer::Impl::init() {
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_COMPARE_MODE, GL_COMPARE_REF_TO_TEXTURE);
+  glGenTextures(1, &colour_table_);
   glGenFramebuffers(1, &shadow_framebuffer_);
   glBindFramebuffer(GL_FRAMEBUFFER, shadow_framebuffer_);
   glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D, shadow_map_, 0);
@@ -237,13 +260,17 @@ void Renderer::Impl::draw(const Camera& camera, const RenderOptions& options, in
   glDisable(GL_SCISSOR_TEST);
   glClearDepth(1);
   glDepthMask(GL_TRUE);
+  glClearColor(0, 0, 0, 0);
   glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
-  draw_background();
+  // Alpha as coverage: over a transparent picture the colours come out multiplied by it.
+  glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ONE, GL_ONE_MINUS_SRC_ALPHA);
+  if (!options.transparent) draw_background();
+  use_colour_table(options.colour_map);
   glActiveTexture(GL_TEXTURE0);
   glBindTexture(GL_TEXTURE_2D, shadow_map_);
   glEnable(GL_DEPTH_TEST);
   draw_surfaces(camera, options, height);
-  if (options.edges && !options.points) draw_edges();
+  if (options.edges && !options.points && !options.wireframe) draw_edges();
   draw_ground(camera, options);
   if (options.axes) draw_axes(camera);
   glDisable(GL_DEPTH_TEST);
@@ -272,6 +299,20 @@ void Renderer::Impl::draw_shadow_map() {
   }
 }
 
+void Renderer::Impl::use_colour_table(ColourMap map) {
+  glActiveTexture(GL_TEXTURE1);
+  glBindTexture(GL_TEXTURE_2D, colour_table_);
+  if (colour_map_ == map) return;
+  colour_map_ = map;
+  const ColourTable table = table_of(map);
+  glPixelStorei(GL_UNPACK_ALIGNMENT, 1);
+  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGB8, static_cast<GLsizei>(table.size()), 1, 0, GL_RGB, GL_UNSIGNED_BYTE,
+               table.data());
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
+}
+
 void Renderer::Impl::draw_background() const {
   glDisable(GL_DEPTH_TEST);
   glDisable(GL_BLEND);
@@ -297,18 +338,33 @@ void Renderer::Impl::set_lighting(const GlProgram& program, const Camera& camera
 
 void Renderer::Impl::draw_surfaces(const Camera& camera, const RenderOptions& options, int height) const {
   const auto as_points = [&](const Surface& surface) { return surface.is_point_cloud() || options.points; };
+  const auto draw_meshes = [&] {
+    for (const auto& surface : surfaces_) {
+      if (!surface->drawable() || as_points(*surface)) continue;
+      surface->bind(mesh_);
+      surface->draw_triangles();
+    }
+  };
   set_lighting(mesh_, camera);
-  // Only under edges: the slope term would let back faces shine through along the silhouette.
-  if (options.edges) glEnable(GL_POLYGON_OFFSET_FILL);
+  mesh_.set("colour_table", 1);
+  mesh_.set("colour_range", glm::vec2(options.colour_range[0], options.colour_range[1]));
+  // Only under lines: the slope term would let back faces shine through along the silhouette.
+  if (options.edges || options.wireframe) glEnable(GL_POLYGON_OFFSET_FILL);
   glPolygonOffset(1, 1);
-  for (const auto& surface : surfaces_) {
-    if (!surface->drawable() || as_points(*surface)) continue;
-    surface->bind(mesh_);
-    surface->draw_triangles();
-  }
+  // A wireframe hides what is behind the surface: its faces leave their depth and nothing else.
+  if (options.wireframe) glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
+  draw_meshes();
   glDisable(GL_POLYGON_OFFSET_FILL);
+  if (options.wireframe) {
+    glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+    glPolygonMode(GL_FRONT_AND_BACK, GL_LINE);
+    draw_meshes();
+    glPolygonMode(GL_FRONT_AND_BACK, GL_FILL);
+  }
 
   set_lighting(splat_, camera);
+  splat_.set("colour_table", 1);
+  splat_.set("colour_range", glm::vec2(options.colour_range[0], options.colour_range[1]));
   splat_.set("view_from_scene", view_from_scene_);
   splat_.set("clip_from_view", clip_from_view_);
   splat_.set("px_per_unit", 0.5F * static_cast<float>(height) / std::tan(0.5F * Camera::kFieldOfView));
@@ -327,7 +383,6 @@ void Renderer::Impl::draw_edges() const {
   line_.set("clip_from_scene", clip_from_scene_);
   line_.set("line_colour", glm::vec4(0.08F, 0.05F, 0.07F, 0.42F));
   glEnable(GL_BLEND);
-  glBlendFunc(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA);
   glPolygonMode(GL_FRONT_AND_BACK, GL_LINE);
   glDepthMask(GL_FALSE);
   for (const auto& surface : surfaces_) {
@@ -358,7 +413,6 @@ void Renderer::Impl::draw_ground(const Camera& camera, const RenderOptions& opti
               0.5F * std::max(glm::length(extent - glm::dot(extent, up) * up), 0.2F * scene_radius_) / reach);
   ground_.set("shadow_blur", 0.012F);
   glEnable(GL_BLEND);
-  glBlendFunc(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA);
   glDepthMask(GL_FALSE);
   glBindVertexArray(empty_array_);
   glDrawArrays(GL_TRIANGLE_STRIP, 0, 4);
@@ -443,6 +497,11 @@ void Renderer::upload(std::size_t surface, const SurfaceGeometry& geometry) {
   impl_->surfaces_[surface]->upload(geometry);
 }
 
+void Renderer::paint(std::size_t surface, const SurfacePaint& paint) {
+  assert(surface < impl_->surfaces_.size());
+  impl_->surfaces_[surface]->paint(paint);
+}
+
 void Renderer::place(std::size_t surface, const glm::mat4& scene_from_surface, bool visible) {
   assert(surface < impl_->surfaces_.size());
   impl_->surfaces_[surface]->place(scene_from_surface);
@@ -461,22 +520,26 @@ Result<Picture> Renderer::picture(const Camera& camera, const RenderOptions& opt
   }
   const unsigned target = offscreen_target(width_px, height_px);
   draw(camera, options, width_px, height_px, target);
-  return read_back(width_px, height_px, target);
+  return read_back(width_px, height_px, target, options.transparent);
 }
 
-Picture Renderer::read_back(int width_px, int height_px, unsigned source) {
+Picture Renderer::read_back(int width_px, int height_px, unsigned source, bool with_alpha) {
   Picture picture;
   picture.width = width_px;
   picture.height = height_px;
-  const std::size_t row = 3 * static_cast<std::size_t>(width_px);
-  std::vector<std::uint8_t> upside_down(row * static_cast<std::size_t>(height_px));
+  const auto width = static_cast<std::size_t>(width_px), height = static_cast<std::size_t>(height_px);
+  std::vector<std::uint8_t> upside_down(4 * width * height);
   glBindFramebuffer(GL_READ_FRAMEBUFFER, source);
   glPixelStorei(GL_PACK_ALIGNMENT, 1);
-  glReadPixels(0, 0, width_px, height_px, GL_RGB, GL_UNSIGNED_BYTE, upside_down.data());
-  picture.rgb.resize(upside_down.size());
-  for (std::size_t y = 0; y < static_cast<std::size_t>(height_px); ++y) {
-    std::memcpy(picture.rgb.data() + y * row, upside_down.data() + (static_cast<std::size_t>(height_px) - 1 - y) * row,
-                row);
+  glReadPixels(0, 0, width_px, height_px, GL_RGBA, GL_UNSIGNED_BYTE, upside_down.data());
+  picture.rgb.resize(3 * width * height);
+  if (with_alpha) picture.alpha.resize(width * height);
+  for (std::size_t y = 0; y < height; ++y) {
+    for (std::size_t x = 0; x < width; ++x) {
+      const std::uint8_t* from = upside_down.data() + 4 * ((height - 1 - y) * width + x);
+      std::copy_n(from, 3, picture.rgb.data() + 3 * (y * width + x));
+      if (with_alpha) picture.alpha[y * width + x] = from[3];
+    }
   }
   return picture;
 }

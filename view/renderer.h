@@ -1,20 +1,26 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
 #include <glm/mat4x4.hpp>
 #include <memory>
 #include <string>
 
 #include "common/core/result.h"
 #include "view/camera.h"
+#include "view/colour_map.h"
+#include "view/paint.h"
 #include "view/picture.h"
 #include "view/surface_view.h"
 
 namespace eigencast {
 
 struct RenderOptions {
-  bool edges = false, points = false, axes = false, grid = true;
-  float colourfulness = 1;  ///< 0 = grey, as while the connection is lost.
+  bool edges = false, wireframe = false, points = false, axes = false, grid = true;
+  bool transparent = false;                    ///< No wall: what is drawn keeps its alpha, the floor only its shadow.
+  float colourfulness = 1;                     ///< 0 = grey, as while the connection is lost.
+  ColourMap colour_map = ColourMap::kViridis;  ///< Of surfaces painted with numbers,
+  std::array<float, 2> colour_range{0, 1};     ///< from the first of these to the second.
 };
 
 /// Draws surfaces with OpenGL 3.3 core, 4 samples a pixel, into a framebuffer of its own and from there to wherever is
@@ -32,14 +38,16 @@ class Renderer final {
   void set_surface_count(std::size_t count);
   /// Hands the changed parts of a surface to the graphics card. REQUIRES: surface < the count, which is 1 at first.
   void upload(std::size_t surface, const SurfaceGeometry& geometry);
+  /// What its vertices are painted with. REQUIRES: as many values as the uploaded geometry's vertices take.
+  void paint(std::size_t surface, const SurfacePaint& paint);
   /// Where a surface stands, and whether it is drawn.
   void place(std::size_t surface, const glm::mat4& scene_from_surface, bool visible = true);
   /// Draws what was uploaded last (nothing is fine) to framebuffer `target` (0 = the window), width x height pixels.
   void draw(const Camera& camera, const RenderOptions& options, int width_px, int height_px, unsigned target = 0);
   /// Draws into memory. Errors: kUnsupported (larger than the card can).
   Result<Picture> picture(const Camera& camera, const RenderOptions& options, int width_px, int height_px);
-  /// What is in framebuffer `source` now.
-  static Picture read_back(int width_px, int height_px, unsigned source = 0);
+  /// What is in framebuffer `source` now. with_alpha: its alpha, too, where it has one.
+  static Picture read_back(int width_px, int height_px, unsigned source = 0, bool with_alpha = false);
 
   /// An off-screen framebuffer of this size that may be drawn to and read back; kept until another size is asked for.
   unsigned offscreen_target(int width_px, int height_px);

@@ -36,6 +36,28 @@ void main() {
 inline constexpr const char* kShadowFragment = R"(#version 330 core
 void main() {})";
 
+/// What a surface is painted with: see SurfacePaint::Kind. Numbers outside the range get the colour of its end, those that are
+/// none grey. Painted surfaces are lit gently, so that their colours remain those of the legend.
+inline constexpr const char* kPaint = R"(
+uniform int paint;
+uniform sampler2D colour_table;
+uniform vec2 colour_range;
+vec3 base_from_paint(vec3 painted, vec3 n, vec3 clay) {
+  if (paint == 1) {
+    float t = (painted.x - colour_range.x) / (colour_range.y - colour_range.x);
+    if (!(t > -1e30 && t < 1e30)) return vec3(0.35);
+    return pow(texture(colour_table, vec2((255.0 * clamp(t, 0.0, 1.0) + 0.5) / 256.0, 0.5)).rgb, vec3(2.2));
+  }
+  return paint == 2 ? painted : paint == 3 ? pow(0.5 + 0.5 * n, vec3(2.2)) : clay;
+}
+vec4 finished(vec3 at, vec3 n, vec3 painted, bool inside, float key_shadow) {
+  vec3 base = base_from_paint(painted, n, inside ? albedo_inside : albedo);
+  if (paint != 1 && paint != 3) return vec4(shown(shaded(at, n, base, key_shadow)), 1.0);
+  float light = 0.60 + 0.13 * dot(n, up) + 0.34 * max(dot(n, key_light), 0.0) * key_shadow +
+                0.08 * max(dot(n, fill_light), 0.0);
+  return vec4(pow(clamp(base * (paint == 3 ? 1.0 : light), 0.0, 1.0), vec3(1.0 / 2.2)), 1.0);
+})";
+
 /// Shared by everything that receives the shadow: 12 taps on a spiral, turned from pixel to pixel, the outermost first;
 /// where four of those agree the others would too.
 inline constexpr const char* kLighting = R"(#version 330 core
@@ -62,9 +84,8 @@ vec3 shown(vec3 linear) {
 }
 uniform vec3 eye, up, key_light, fill_light;
 uniform vec3 albedo, albedo_inside;
-vec3 shaded(vec3 at, vec3 n, bool inside, float key_shadow) {
+vec3 shaded(vec3 at, vec3 n, vec3 base, float key_shadow) {
   vec3 v = normalize(eye - at);
-  vec3 base = inside ? albedo_inside : albedo;
   float sky = 0.5 + 0.5 * dot(n, up);
   vec3 light = mix(vec3(0.26, 0.215, 0.20), vec3(0.42, 0.455, 0.50), sky);
   float key = max(dot(n, key_light), 0.0);
@@ -80,12 +101,15 @@ vec3 shaded(vec3 at, vec3 n, bool inside, float key_shadow) {
 inline constexpr const char* kMeshVertex = R"(#version 330 core
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
+layout(location = 2) in vec3 vertex_paint;
 uniform mat4 scene_from_surface;
 uniform mat3 scene_from_normal;
 uniform mat4 clip_from_scene;
 out vec3 at;
 out vec3 scene_normal;
+out vec3 painted;
 void main() {
+  painted = vertex_paint;
   at = (scene_from_surface * vec4(position, 1.0)).xyz;
   scene_normal = dot(normal, normal) > 0.0 ? normalize(scene_from_normal * normal) : vec3(0.0);
   gl_Position = clip_from_scene * vec4(at, 1.0);
@@ -93,6 +117,7 @@ void main() {
 inline constexpr const char* kMeshFragment = R"(
 in vec3 at;
 in vec3 scene_normal;
+in vec3 painted;
 uniform float normal_offset;
 out vec4 colour;
 void main() {
@@ -103,7 +128,7 @@ void main() {
   bool inside = !gl_FrontFacing;
   if (dot(n, eye - at) < 0.0 && inside) n = -n;
   float shadow = lit_by_key(at + normal_offset * n, 0.0008);
-  colour = vec4(shown(shaded(at, n, inside, shadow)), 1.0);
+  colour = finished(at, n, painted, inside, shadow);
 })";
 
 inline constexpr const char* kLineFragment = R"(#version 330 core
@@ -115,6 +140,7 @@ void main() { colour = line_colour; })";
 inline constexpr const char* kSplatVertex = R"(#version 330 core
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
+layout(location = 2) in vec3 vertex_paint;
 uniform mat4 scene_from_surface;
 uniform mat3 scene_from_normal;
 uniform mat4 view_from_scene;
@@ -124,7 +150,9 @@ uniform float px_per_unit;
 out vec3 centre;
 flat out vec3 scene_normal;
 flat out vec3 scene_centre;
+flat out vec3 painted;
 void main() {
+  painted = vertex_paint;
   scene_centre = (scene_from_surface * vec4(position, 1.0)).xyz;
   scene_normal = dot(normal, normal) > 0.0 ? normalize(scene_from_normal * normal) : vec3(0.0);
   vec4 view = view_from_scene * vec4(scene_centre, 1.0);
@@ -136,6 +164,7 @@ inline constexpr const char* kSplatFragment = R"(
 in vec3 centre;
 flat in vec3 scene_normal;
 flat in vec3 scene_centre;
+flat in vec3 painted;
 uniform mat4 view_from_scene;
 uniform mat4 clip_from_view;
 uniform float radius;
@@ -155,7 +184,7 @@ void main() {
       : normalize(transpose(mat3(view_from_scene)) * normalize(vec3(0.55 * ball.xy, 1.0)));
   if (dot(n, eye - scene_centre) < 0.0) n = -n;
   float shadow = lit_by_key(scene_centre + 2.5 * normal_offset * n, 0.002);
-  colour = vec4(shown(shaded(scene_centre, n, false, shadow)), 1.0);
+  colour = finished(scene_centre, n, painted, false, shadow);
 })";
 
 /// The floor: nothing but shadow and, if wanted, lines that fade with the distance.
@@ -192,7 +221,7 @@ void main() {
 })";
 
 /// Last: depth shading for bare clouds (after Boucheny 2009, "Eye-dome lighting") and fading to grey while nothing
-/// comes.
+/// comes. Colours come multiplied by their alpha, and go without.
 inline constexpr const char* kFinishFragment = R"(#version 330 core
 in vec2 uv;
 uniform sampler2D picture;
@@ -208,7 +237,8 @@ float distance_at(ivec2 px) {
 }
 void main() {
   ivec2 px = ivec2(gl_FragCoord.xy);
-  vec3 c = texelFetch(picture, px, 0).rgb;
+  vec4 premultiplied = texelFetch(picture, px, 0);
+  vec3 c = premultiplied.rgb / max(premultiplied.a, 1.0 / 255.0);
   if (dome > 0.0 && texelFetch(depth, px, 0).r < 1.0) {
     float here = distance_at(px), sum = 0.0;
     for (int i = 0; i < 8; ++i) {
@@ -219,7 +249,7 @@ void main() {
     c *= 0.28 + 0.72 * exp(-dome * min(sum, 0.5) / 8.0);
   }
   float grey = dot(c, vec3(0.299, 0.587, 0.114));
-  colour = vec4(mix(vec3(0.9 * grey + 0.06), c, colourfulness), 1.0);
+  colour = vec4(mix(vec3(0.9 * grey + 0.06), c, colourfulness), premultiplied.a);
 })";
 
 }  // namespace eigencast::shaders

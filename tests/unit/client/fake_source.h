@@ -121,7 +121,7 @@ inline ReceivedPose sphere_pose(const Asset& asset, std::uint64_t sequence, Time
 }
 
 /// A source that a test fills by hand: each poll() returns the next batch.
-class FakeSource final : public PoseSource {
+class FakeSource : public PoseSource {
  public:
   explicit FakeSource(Asset asset) : asset_(std::move(asset)) {
     stats_.state = Subscriber::State::kLive;

@@ -170,11 +170,96 @@ TEST_F(Render, EveryModeDraws) {
   FakeSource source(sphere_asset(3));
   SurfaceView scene;
   const Picture plain = picture_of(source, scene);
-  for (bool RenderOptions::*mode : {&RenderOptions::edges, &RenderOptions::points, &RenderOptions::axes}) {
+  for (bool RenderOptions::*mode :
+       {&RenderOptions::edges, &RenderOptions::wireframe, &RenderOptions::points, &RenderOptions::axes}) {
     options_ = RenderOptions{};
     options_.*mode = true;
     EXPECT_GT(mean_difference(plain, picture_of(source, scene)), 0.05);
   }
+}
+
+/// The pixel where a point of the scene is.
+const std::uint8_t* pixel_at(const Picture& picture, const Camera& camera, const glm::vec3& point) {
+  const glm::vec2 at = camera.pixel_from_scene(point).value();
+  return picture.pixel(static_cast<int>(at.x), static_cast<int>(at.y));
+}
+
+TEST_F(Render, NumbersHaveTheColoursOfTheirMap) {
+  FakeSource source(sphere_asset(4));
+  SurfaceView scene;
+  picture_of(source, scene);
+  SurfacePaint paint;
+  paint.kind = SurfacePaint::Kind::kScalar;
+  for (std::uint32_t i = 0; i < scene.geometry().vertex_count(); ++i)
+    paint.values.push_back(scene.geometry().positions[3 * i]);  // x, from -1 to 1
+  paint.version = 1;
+  renderer_->paint(0, paint);
+  options_.colour_range = {-1, 1};
+  for (const ColourMap map : {ColourMap::kViridis, ColourMap::kCoolwarm, ColourMap::kGrey}) {
+    options_.colour_map = map;
+    const Picture picture = picture_of(source, scene);
+    for (const float x : {-0.6F, 0.0F, 0.6F}) {
+      const std::uint8_t* seen = pixel_at(picture, camera_, {x, 0, std::sqrt(1 - x * x)});
+      const auto meant = table_of(map)[static_cast<std::size_t>(127.5F * (x + 1))];
+      // The light changes how bright it is, not its hue: each channel by nearly the same factor.
+      const double bright = (seen[0] + seen[1] + seen[2]) / static_cast<double>(meant[0] + meant[1] + meant[2]);
+      EXPECT_GT(bright, 0.7);
+      EXPECT_LT(bright, 1.15);
+      for (std::size_t c = 0; c < 3; ++c) EXPECT_NEAR(seen[c], bright * meant[c], 10) << name_of(map) << " " << x;
+    }
+  }
+}
+
+TEST_F(Render, NormalsAndOwnColoursAreSeen) {
+  FakeSource source(sphere_asset(4));
+  SurfaceView scene;
+  picture_of(source, scene);
+  SurfacePaint paint;
+  paint.kind = SurfacePaint::Kind::kNormal;
+  paint.version = 1;
+  renderer_->paint(0, paint);
+  const Picture normals = picture_of(source, scene);
+  const std::uint8_t* front = pixel_at(normals, camera_, {0, 0, 1});
+  EXPECT_NEAR(front[0], 128, 4);
+  EXPECT_NEAR(front[1], 128, 4);
+  EXPECT_NEAR(front[2], 255, 4);
+  paint.kind = SurfacePaint::Kind::kColour;
+  for (std::uint32_t i = 0; i < scene.geometry().vertex_count(); ++i)
+    paint.values.insert(paint.values.end(), {0.02F, 0.6F, 0.02F});
+  paint.version = 2;
+  renderer_->paint(0, paint);
+  const Picture own = picture_of(source, scene);
+  const std::uint8_t* green = pixel_at(own, camera_, {0, 0, 1});
+  EXPECT_GT(green[1], 2 * green[0]);
+}
+
+TEST_F(Render, ATransparentPictureHasAlphaOnlyWhereTheSurfaceAndItsShadowAre) {
+  FakeSource source(sphere_asset(4));
+  SurfaceView scene;
+  const Picture opaque = picture_of(source, scene);
+  EXPECT_TRUE(opaque.alpha.empty());
+  options_.transparent = true;
+  options_.grid = false;
+  const Picture picture = picture_of(source, scene);
+  ASSERT_EQ(picture.alpha.size(), std::size_t{kWidth} * kHeight);
+  const auto index = [&](int x, int y) { return static_cast<std::size_t>(y * kWidth + x); };
+  EXPECT_EQ(picture.alpha[index(kWidth / 2, kHeight / 2)], 255);
+  EXPECT_EQ(picture.alpha[index(2, 2)], 0);
+  for (int c = 0; c < 3; ++c)
+    EXPECT_NEAR(picture.pixel(kWidth / 2, kHeight / 2)[c], opaque.pixel(kWidth / 2, kHeight / 2)[c], 1);
+  int partly = 0;
+  for (const std::uint8_t a : picture.alpha) partly += a > 0 && a < 255 ? 1 : 0;
+  EXPECT_GT(partly, 100) << "edges and the shadow";
+}
+
+TEST_F(Render, AWireframeLetsTheWallThroughAndHidesTheBack) {
+  FakeSource source(sphere_asset(2));
+  SurfaceView scene;
+  const double full = silhouette_of(picture_of(source, scene)).area;
+  options_.wireframe = true;
+  const double lines = silhouette_of(picture_of(source, scene)).area;
+  EXPECT_GT(lines, 0.02 * full);
+  EXPECT_LT(lines, 0.7 * full);
 }
 
 TEST_F(Render, AnImpossibleSizeIsRefused) {

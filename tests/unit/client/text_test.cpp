@@ -115,7 +115,7 @@ TEST(ViewerState, KeysDoWhatTheHelpSays) {
     state.apply(*action, camera, lod);
   };
   press("E");
-  EXPECT_TRUE(state.edges);
+  EXPECT_TRUE(state.look.edges);
   press(" ");
   EXPECT_TRUE(state.paused);
   press("+");
@@ -172,6 +172,7 @@ TEST_F(Files, APictureComesBackAsItWasWritten) {
 
 TEST_F(Files, PicturesThatCannotBeAreErrors) {
   EXPECT_EQ(write_png(path("a.png"), Picture{5, 3, {1, 2}}).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(write_png(path("a.png"), Picture{1, 1, {1, 2, 3}, {1, 2}}).error().code, ErrorCode::kInvalidArgument);
   EXPECT_EQ(write_png(path("none/a.png"), Picture{1, 1, {1, 2, 3}}).error().code, ErrorCode::kIo);
   std::ofstream(path("bad.png")) << "not a picture";
   EXPECT_EQ(read_png(path("bad.png")).error().code, ErrorCode::kCorrupt);
@@ -288,6 +289,12 @@ TEST(Options, WrongUsageExitsWithTwo) {
                                                     {"--resolver", "x"},
                                                     {"--target-fps", "0"},
                                                     {"--scene", "/nonexistent.json"},
+                                                    {"--colour", "red"},
+                                                    {"--colour", "channel"},
+                                                    {"--colour", "channel:2"},
+                                                    {"--colour", "speed:3"},
+                                                    {"--colour-map", "jet"},
+                                                    {"--colour-range", "2,1"},
                                                     {"ws://h/a", "--scene", "/nonexistent.json"},
                                                     {"ws://h/a", "ftp://x/y"},
                                                     {"ftp://x/y"},

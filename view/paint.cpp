@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: MIT
+#include "view/paint.h"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <utility>
+
+namespace eigencast {
+namespace {
+
+constexpr std::array<std::string_view, kColourings> kNames{"clay",  "own",     "normals", "movement",
+                                                           "speed", "channel", "error"};
+constexpr TimeUs kLongestStepUs = 1'000'000;  // poses further apart say nothing about a speed
+
+/// Three columns of C, from `first` on, times `scale`; those beyond the last channel are zero.
+std::vector<double> columns_of(std::span<const double> C, std::uint32_t channels, std::uint32_t first,
+                               std::uint32_t count, double scale = 1) {
+  const std::size_t rank = C.size() / channels;
+  std::vector<double> D(rank * 3, 0.0);
+  for (std::size_t k = 0; k < rank; ++k) {
+    for (std::uint32_t d = 0; d < count && first + d < channels; ++d)
+      D[3 * k + d] = scale * C[k * channels + first + d];
+  }
+  return D;
+}
+
+/// The channels that neither say where nor how fast.
+std::uint32_t scalar_channels(const PoseSource& source) {
+  if (!source.info()) return 0;
+  const auto& format = source.info()->format;
+  return format.channels < 3 + format.velocity_channels ? 0 : format.channels - 3 - format.velocity_channels;
+}
+
+std::optional<std::array<float, 2>> range_of(std::span<const float> values) {
+  std::optional<std::array<float, 2>> range;
+  for (const float value : values) {
+    if (!std::isfinite(value)) continue;
+    if (!range) range = {value, value};
+    (*range)[0] = std::min((*range)[0], value);
+    (*range)[1] = std::max((*range)[1], value);
+  }
+  return range;
+}
+
+}  // namespace
+
+std::string_view name_of(Colouring colouring) {
+  return kNames[static_cast<std::size_t>(colouring)];
+}
+
+std::optional<Colouring> colouring_from_name(std::string_view name) {
+  const auto at = std::find(kNames.begin(), kNames.end(), name);
+  if (at == kNames.end()) return std::nullopt;
+  return static_cast<Colouring>(at - kNames.begin());
+}
+
+void SurfacePainter::paint(const SurfaceView& view, const PoseSource& source, const Wish& wish) {
+  const std::uint64_t pose = view.geometry().pose_version;
+  // What was refused may have become possible: a truth that was still being prepared, say.
+  if (pose == seen_pose_ && wish == wish_ && why_not_.empty()) return;
+  if (wish.colouring == Colouring::kClay && paint_.kind == SurfacePaint::Kind::kClay) {
+    wish_ = wish;
+    seen_pose_ = pose;
+    why_not_.clear();
+    return;
+  }
+  if (!(wish == wish_)) before_time_.reset();
+  wish_ = wish;
+  seen_pose_ = pose;
+  why_not_.clear();
+  fill(view, source, wish);
+  range_ = paint_.kind == SurfacePaint::Kind::kScalar ? range_of(paint_.values) : std::nullopt;
+  ++paint_.version;
+}
+
+void SurfacePainter::fill(const SurfaceView& view, const PoseSource& source, const Wish& wish) {
+  const Asset* asset = source.asset();
+  const std::uint32_t N = view.geometry().vertex_count();
+  const std::span<const double> C = view.coefficients();
+  if (asset == nullptr || N == 0 || C.empty() || C.size() % asset->rank != 0 || N > asset->rows_ready)
+    return refuse("nothing has come yet");
+  const auto channels = static_cast<std::uint32_t>(C.size() / asset->rank);
+  paint_.kind = SurfacePaint::Kind::kScalar;
+  switch (wish.colouring) {
+    case Colouring::kClay:
+      return refuse("");
+    case Colouring::kNormals:
+      paint_.kind = SurfacePaint::Kind::kNormal;
+      paint_.values.clear();
+      return;
+    case Colouring::kOwn: {
+      const std::span<const float> own = source.vertex_colours();
+      if (own.size() != std::size_t{asset->vertex_count} * 3) return refuse("the surface has no colours of its own");
+      paint_.kind = SurfacePaint::Kind::kColour;
+      paint_.values.assign(own.begin(), own.begin() + std::ptrdiff_t{N} * 3);
+      return;
+    }
+    case Colouring::kMovement: {
+      std::vector<double> D = columns_of(C, channels, 0, 3);
+      for (std::size_t i = 0; i < D.size(); ++i) D[i] -= asset->rest[i];
+      return lengths_of(view, D);
+    }
+    case Colouring::kSpeed:
+      return fill_speed(view, source);
+    case Colouring::kChannel: {
+      if (wish.channel < 3 || wish.channel >= channels)
+        return refuse("the stream has no channel " + std::to_string(wish.channel));
+      vectors_.resize(std::size_t{N} * 3);
+      view.reconstructor().rebuild(columns_of(C, channels, wish.channel, 1), 3, asset->rank, N, vectors_);
+      paint_.values.resize(N);
+      for (std::size_t i = 0; i < N; ++i) paint_.values[i] = vectors_[3 * i];
+      return;
+    }
+    case Colouring::kError: {
+      Truth* truth = source.truth();
+      paint_.values.resize(N);
+      if (truth == nullptr) return refuse("no truth to compare with: --truth FILE names it");
+      if (!truth->errors(C, channels, view.geometry().positions, paint_.values)) refuse(truth->why());
+      return;
+    }
+  }
+}
+
+void SurfacePainter::refuse(std::string why) {
+  paint_.kind = SurfacePaint::Kind::kClay;
+  paint_.values.clear();
+  why_not_ = std::move(why);
+}
+
+void SurfacePainter::lengths_of(const SurfaceView& view, std::span<const double> D) {
+  const std::uint32_t N = view.geometry().vertex_count();
+  vectors_.resize(std::size_t{N} * 3);
+  view.reconstructor().rebuild(D, 3, static_cast<std::uint32_t>(D.size() / 3), N, vectors_);
+  paint_.values.resize(N);
+  for (std::size_t i = 0; i < N; ++i) {
+    const float* v = vectors_.data() + 3 * i;
+    paint_.values[i] = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+  }
+}
+
+void SurfacePainter::fill_speed(const SurfaceView& view, const PoseSource& source) {
+  const std::span<const double> C = view.coefficients();
+  const auto channels = static_cast<std::uint32_t>(C.size() / source.asset()->rank);
+  const auto& info = source.info();
+  if (info && info->format.velocity_channels >= 3 && info->format.channels == channels) {
+    const std::uint32_t first = channels - info->format.velocity_channels;
+    return lengths_of(view, columns_of(C, channels, first, 3, 1e6 / static_cast<double>(info->format.velocity_us)));
+  }
+  const TimeUs now = view.shown_capture_us().value_or(0);
+  const std::vector<double> X = columns_of(C, channels, 0, 3);
+  if (before_time_ && *before_time_ != now && before_.size() == X.size()) {
+    const TimeUs step = now - *before_time_;
+    difference_.assign(X.size(), 0.0);
+    if (step > 0 && step <= kLongestStepUs) {
+      for (std::size_t i = 0; i < X.size(); ++i) difference_[i] = (X[i] - before_[i]) * 1e6 / static_cast<double>(step);
+    }
+  }
+  if (difference_.size() != X.size()) difference_.assign(X.size(), 0.0);
+  if (!before_time_ || *before_time_ != now) before_ = X;
+  before_time_ = now;
+  lengths_of(view, difference_);
+}
+
+std::vector<SurfacePainter::Wish> wishes_for(const PoseSource& source) {
+  std::vector<SurfacePainter::Wish> wishes{{Colouring::kClay, 3}};
+  if (!source.vertex_colours().empty()) wishes.push_back({Colouring::kOwn, 3});
+  if (source.asset() == nullptr || !source.asset()->is_point_cloud()) wishes.push_back({Colouring::kNormals, 3});
+  wishes.push_back({Colouring::kMovement, 3});
+  wishes.push_back({Colouring::kSpeed, 3});
+  for (std::uint32_t i = 0; i < scalar_channels(source); ++i) wishes.push_back({Colouring::kChannel, 3 + i});
+  if (source.truth() != nullptr) wishes.push_back({Colouring::kError, 3});
+  return wishes;
+}
+
+std::string title_of(const SurfacePainter::Wish& wish) {
+  switch (wish.colouring) {
+    case Colouring::kClay:
+      return "clay";
+    case Colouring::kOwn:
+      return "its own colours";
+    case Colouring::kNormals:
+      return "normals";
+    case Colouring::kMovement:
+      return "movement from rest";
+    case Colouring::kSpeed:
+      return "speed";
+    case Colouring::kChannel:
+      return "channel " + std::to_string(wish.channel);
+    case Colouring::kError:
+      return "error";
+  }
+  return {};
+}
+
+std::string unit_of(const SurfacePainter::Wish& wish, double metres_per_unit) {
+  const bool metres = metres_per_unit > 0;
+  switch (wish.colouring) {
+    case Colouring::kMovement:
+    case Colouring::kError:
+      return metres ? "m" : "units";
+    case Colouring::kSpeed:
+      return metres ? "m/s" : "units/s";
+    default:
+      return {};
+  }
+}
+
+void LegendRange::include(const std::array<float, 2>& range) {
+  if (!seen_) {
+    seen_ = range;
+    return;
+  }
+  (*seen_)[0] = std::min((*seen_)[0], range[0]);
+  (*seen_)[1] = std::max((*seen_)[1], range[1]);
+}
+
+std::array<float, 2> LegendRange::span() const {
+  if (!seen_) return {0, 1};
+  const double most = std::max(std::abs(static_cast<double>((*seen_)[0])), std::abs(static_cast<double>((*seen_)[1])));
+  // A surface at rest moves by rounding errors only: no colours for those.
+  const auto end = static_cast<float>(most > 1e-30 ? round_up(most) : 1);
+  return {(*seen_)[0] < 0 ? -end : 0, end};
+}
+
+double round_up(double value) {
+  assert(value > 0 && std::isfinite(value));
+  const double power = std::pow(10.0, std::floor(std::log10(value)));
+  for (const double digit : {1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0}) {
+    if (digit * power >= value * (1 - 1e-9)) return digit * power;
+  }
+  return 10 * power;
+}
+
+}  // namespace eigencast

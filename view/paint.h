@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "view/pose_source.h"
+#include "view/surface_view.h"
+#include "view/truth.h"
+
+namespace eigencast {
+
+/// What the colours of the surfaces say.
+enum class Colouring { kClay, kOwn, kNormals, kMovement, kSpeed, kChannel, kError };
+inline constexpr int kColourings = 7;
+
+/// "clay", "own", "normals", "movement", "speed", "channel", "error": as --colour takes them.
+std::string_view name_of(Colouring colouring);
+std::optional<Colouring> colouring_from_name(std::string_view name);
+
+/// The colours of one surface's vertices, as the renderer takes them.
+struct SurfacePaint {
+  enum class Kind { kClay, kScalar, kColour, kNormal };
+  Kind kind = Kind::kClay;
+  std::vector<float> values;  ///< N of kScalar, N x 3 (linear RGB) of kColour; else empty.
+  std::uint64_t version = 0;  ///< Grows when kind or values have changed.
+};
+
+/// Makes the colours of one surface, anew only where the surface or what is asked for has changed.
+///
+/// Not thread-safe.
+class SurfacePainter {
+ public:
+  struct Wish {
+    Colouring colouring = Colouring::kClay;
+    std::uint32_t channel = 3;  ///< Of kChannel.
+    bool operator==(const Wish&) const = default;
+  };
+
+  /// Paints the geometry that `view` has now.
+  void paint(const SurfaceView& view, const PoseSource& source, const Wish& wish);
+  const SurfacePaint& paint() const { return paint_; }
+  /// Of the finite values of kScalar; nothing if there are none.
+  std::optional<std::array<float, 2>> range() const { return range_; }
+  /// Why the surface is clay although something else was asked for; empty if it is not.
+  const std::string& why_not() const { return why_not_; }
+
+ private:
+  void fill(const SurfaceView& view, const PoseSource& source, const Wish& wish);
+  void lengths_of(const SurfaceView& view, std::span<const double> D);
+  void fill_speed(const SurfaceView& view, const PoseSource& source);
+  void refuse(std::string why);
+
+  SurfacePaint paint_;
+  Wish wish_;
+  std::uint64_t seen_pose_ = 0;
+  std::optional<std::array<float, 2>> range_;
+  std::string why_not_;
+  // For the speed of streams that carry no velocities: the pose before.
+  std::vector<double> before_, difference_;
+  std::optional<TimeUs> before_time_;
+  std::vector<float> vectors_;
+};
+
+/// What may be asked of a source, in the order in which key V goes through it; channels one by one.
+std::vector<SurfacePainter::Wish> wishes_for(const PoseSource& source);
+
+/// How the legend calls it: "movement from rest", "channel 4"; and its unit, "m" where the asset knows it.
+std::string title_of(const SurfacePainter::Wish& wish);
+std::string unit_of(const SurfacePainter::Wish& wish, double metres_per_unit);
+
+/// The span of a legend: keeps what it has seen, from a round number to a round number, so that colours do not flicker.
+/// Values of both signs get a span with zero in its middle.
+class LegendRange {
+ public:
+  void reset() { seen_.reset(); }
+  void include(const std::array<float, 2>& range);
+  bool known() const { return seen_.has_value(); }
+  std::array<float, 2> span() const;
+
+ private:
+  std::optional<std::array<float, 2>> seen_;
+};
+
+/// The least of 1, 1.5, 2, 3, 4, 5, 6, 8 times a power of ten that is no less than `value`. REQUIRES: value > 0, finite.
+double round_up(double value);
+
+}  // namespace eigencast
