@@ -73,6 +73,7 @@ ObjectView object_view(const Scene::Instance& instance, const Asset& asset, cons
   object.distance = static_cast<double>(glm::length(extent.barycentre - camera.position()));
   object.pixels = instance.visible ? camera.diameter_px(extent.barycentre, extent.radius) : 0;
   object.vertex_cost = asset.is_point_cloud() ? 0.5 : 1;  // no normals, no faces
+  object.drawn = instance.view.geometry().vertex_count();
   return object;
 }
 

@@ -148,11 +148,13 @@ double BudgetResolver::wanted_vertices(double least, double most) const {
 }
 
 std::vector<std::uint32_t> BudgetResolver::resolve(std::span<const ObjectView> objects, std::optional<FrameWork> last) {
-  double least = 0, most = 0;
+  double least = 0, most = 0, drawn = 0;
   for (const ObjectView& object : objects) {
     least += object.vertex_cost * object.least;
     most += object.vertex_cost * object.vertices;
+    drawn += object.vertex_cost * object.drawn;
   }
+  if (drawn > 0 && drawn_ > 0) drawn_ = drawn;
   if (is_usable(last) && drawn_ > 0) {
     learn(last->seconds);
     judge(least, last->seconds);

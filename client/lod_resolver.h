@@ -18,6 +18,7 @@ struct ObjectView {
   double distance = 0;         ///< From the eye to the barycentre of the present pose; scene units, >= 0.
   double pixels = 0;           ///< Diameter on the screen in pixels; 0 if out of sight.
   double vertex_cost = 1;      ///< Cost of one vertex relative to the others (instances, shading, points); > 0.
+  std::uint32_t drawn = 0;     ///< In the last frame, which may lag behind what was resolved; 0: as was resolved.
 };
 
 /// How long a frame took to make: the work alone, without waiting for the display.

@@ -11,6 +11,7 @@
 #include <glm/geometric.hpp>
 #include <glm/matrix.hpp>
 #include <optional>
+#include <utility>
 
 #include "view/gl_objects.h"
 #include "view/shaders.h"
@@ -59,9 +60,12 @@ class Renderer::Surface final {
   bool visible = true;
 
  private:
+  void upload_triangles(const SurfaceGeometry& geometry);
+
   GLuint array_ = 0, positions_ = 0, normals_ = 0, triangles_ = 0, values_ = 0;
   GLsizei vertex_count_ = 0, index_count_ = 0;
-  std::uint64_t pose_version_ = 0, topology_version_ = 0, paint_version_ = 0;
+  std::size_t index_room_ = 0;  ///< Of the buffer.
+  std::uint64_t maker_ = 0, pose_version_ = 0, topology_version_ = 0, paint_version_ = 0;
   int paint_ = 0;  ///< As kPaint of the shaders has it.
   bool is_point_cloud_ = false;
   float spacing_ = 0, scale_ = 1;
@@ -99,6 +103,7 @@ void Renderer::Surface::place(const glm::mat4& scene_from_surface) {
 
 void Renderer::Surface::upload(const SurfaceGeometry& geometry) {
   const auto bytes = [](const auto& values) { return static_cast<GLsizeiptr>(values.size() * sizeof(values[0])); };
+  if (std::exchange(maker_, geometry.maker) != geometry.maker) pose_version_ = topology_version_ = index_room_ = 0;
   is_point_cloud_ = geometry.is_point_cloud;
   spacing_ = geometry.point_spacing;
   if (geometry.pose_version != pose_version_) {
@@ -116,11 +121,32 @@ void Renderer::Surface::upload(const SurfaceGeometry& geometry) {
       glBufferData(GL_ARRAY_BUFFER, bytes(geometry.normals), geometry.normals.data(), GL_STREAM_DRAW);
     }
   }
-  if (geometry.topology_version != topology_version_) {
-    topology_version_ = geometry.topology_version;
-    index_count_ = static_cast<GLsizei>(geometry.triangles.size());
-    glBindVertexArray(array_);
-    glBufferData(GL_ELEMENT_ARRAY_BUFFER, bytes(geometry.triangles), geometry.triangles.data(), GL_DYNAMIC_DRAW);
+  if (geometry.topology_version != topology_version_) upload_triangles(geometry);
+}
+
+void Renderer::Surface::upload_triangles(const SurfaceGeometry& geometry) {
+  const std::vector<std::uint32_t>& indices = geometry.triangles;
+  const std::uint64_t had = std::exchange(topology_version_, geometry.topology_version);
+  index_count_ = static_cast<GLsizei>(indices.size());
+  glBindVertexArray(array_);
+  if (indices.size() > index_room_ || geometry.triangle_blocks.empty()) {
+    index_room_ = indices.size() + indices.size() / 4;
+    glBufferData(GL_ELEMENT_ARRAY_BUFFER, static_cast<GLsizeiptr>(index_room_ * sizeof(GLuint)), nullptr,
+                 GL_DYNAMIC_DRAW);
+    glBufferSubData(GL_ELEMENT_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(indices.size() * sizeof(GLuint)),
+                    indices.data());
+    return;
+  }
+  // What has changed since, in runs of blocks.
+  const std::vector<std::uint64_t>& blocks = geometry.triangle_blocks;
+  const auto is_new = [had](std::uint64_t version) { return version > had; };
+  for (auto first = std::find_if(blocks.begin(), blocks.end(), is_new); first != blocks.end();) {
+    const auto last = std::find_if_not(first, blocks.end(), is_new);
+    const auto begin = static_cast<std::size_t>(first - blocks.begin()) * LevelTriangles::kBlock;
+    const auto end = std::min(indices.size(), static_cast<std::size_t>(last - blocks.begin()) * LevelTriangles::kBlock);
+    glBufferSubData(GL_ELEMENT_ARRAY_BUFFER, static_cast<GLintptr>(begin * sizeof(GLuint)),
+                    static_cast<GLsizeiptr>((end - begin) * sizeof(GLuint)), indices.data() + begin);
+    first = std::find_if(last, blocks.end(), is_new);
   }
 }
 

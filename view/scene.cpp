@@ -97,14 +97,16 @@ void Scene::share_basis(SurfaceView& view) {
 
 void Scene::rebuild(std::span<Instance* const> changed) {
   std::vector<std::pair<const Reconstructor*, SurfaceView::Work>> works;
-  for (const Instance* instance : changed) works.emplace_back(&instance->view.reconstructor(), instance->view.work());
-  const auto key = [](const auto& work) { return std::tuple(work.first, work.second.rank, work.second.N); };
+  for (Instance* instance : changed) works.emplace_back(&instance->view.reconstructor(), instance->view.work());
+  const auto key = [](const auto& work) {
+    return std::tuple(work.first, work.second.rank, work.second.N, work.second.first);
+  };
   std::sort(works.begin(), works.end(), [&](const auto& a, const auto& b) { return key(a) < key(b); });
   std::vector<PoseToRebuild> poses;
   for (std::size_t i = 0; i < works.size(); ++i) {
     poses.push_back(works[i].second.pose);
     if (i + 1 < works.size() && key(works[i + 1]) == key(works[i])) continue;
-    works[i].first->rebuild(poses, works[i].second.rank, works[i].second.N);
+    works[i].first->rebuild(poses, works[i].second.rank, works[i].second.N, works[i].second.first);
     poses.clear();
   }
 }

@@ -2,7 +2,9 @@
 #include "view/surface_view.h"
 
 #include <algorithm>
+#include <atomic>
 #include <bit>
+#include <cassert>
 #include <cmath>
 
 #include "common/reconstruction/reconstruct.h"
@@ -33,7 +35,11 @@ PoseOrigin origin_of(FrameKind kind) {
 
 }  // namespace
 
-SurfaceView::SurfaceView(const SceneOptions& options) : playout_(options.playout), lod_(options.lod) {}
+SurfaceView::SurfaceView(const SceneOptions& options)
+    : playout_(options.playout), lod_(options.lod), morphs_(options.morph) {
+  static std::atomic<std::uint64_t> made{0};
+  geometry_.maker = ++made;
+}
 
 void SurfaceView::receive(const PoseSource& source, const std::vector<ReceivedPose>& poses) {
   follow_epoch(source);
@@ -76,6 +82,7 @@ void SurfaceView::show_rest(const Asset& asset) {
   coefficients_ = asset.rest;
   channels_ = 3;
   geometry_.positions.clear();
+  triangles_.forget();
   facts_rows_ = 0;
 }
 
@@ -125,34 +132,60 @@ bool SurfaceView::prepare(const PoseSource& source, TimeUs now_us) {
   if (N == 0) return false;
   if (most_vertices_) N = std::max(std::min(N, *most_vertices_), asset->base_count);
   const bool new_pose = choose_pose(source, now_us);
-  const bool new_level = N != geometry_.vertex_count() || asset->faces_ready != built_faces_ready_;
+  const std::uint32_t had = geometry_.vertex_count();
+  const bool new_level = change_level(*asset, N, now_us);
   if (!new_pose && !new_level) return false;
   if (asset->rows_ready > reconstructor_->tiles().rows()) reconstructor_->update(*asset);
   update_facts(*asset);
-  if (new_level) {
-    geometry_.triangles = triangles_at_level(*asset, N);
-    built_faces_ready_ = asset->faces_ready;
-    ++geometry_.topology_version;
-  }
-  level_ = N;
+  stand_at_own_places();
+  geometry_.positions.resize(3 * std::size_t{morph_.drawn()});
+  first_to_rebuild_ = new_pose ? 0 : std::min(had, morph_.drawn());
   rank_to_rebuild_ = std::min(asset->rank, std::max(1U, rank_in_use(coefficients_, channels_)));
-  geometry_.positions.resize(std::size_t{N} * 3);
-  positions_to_fill_ = geometry_.positions;
   return true;
 }
 
+bool SurfaceView::change_level(const Asset& asset, std::uint32_t N, TimeUs now_us) {
+  const bool jump = !morphs_ || geometry_.vertex_count() == 0 || morph_.drawn() > asset.rows_ready;
+  const std::uint32_t before = geometry_.vertex_count();
+  if (jump) morph_.jump(N);
+  const bool moved = morph_.advance(N, now_us) || morph_.drawn() != before;
+  const bool new_faces = triangles_.update(asset, geometry_.triangles);
+  triangles_.set_level(morph_.drawn(), geometry_.triangles);
+  if (geometry_.topology_version != triangles_.version()) {
+    geometry_.topology_version = triangles_.version();
+    geometry_.triangle_blocks = triangles_.block_versions();
+  }
+  return moved || new_faces;
+}
+
+void SurfaceView::stand_at_own_places() {
+  if (own_places_.empty()) return;
+  assert(geometry_.positions.size() == 3 * std::size_t{own_first_} + own_places_.size() || geometry_.positions.empty());
+  if (!geometry_.positions.empty())
+    std::copy(own_places_.begin(), own_places_.end(), geometry_.positions.begin() + 3 * std::ptrdiff_t{own_first_});
+  own_places_.clear();
+}
+
 void SurfaceView::finish(const Asset& asset) {
+  std::vector<float>& positions = geometry_.positions;
+  own_first_ = morph_.whole();
+  own_places_.assign(positions.begin() + 3 * std::ptrdiff_t{own_first_}, positions.end());
+  morph_.blend(asset.map, positions);
   geometry_.is_point_cloud = asset.is_point_cloud();
-  geometry_.normals.resize(geometry_.is_point_cloud ? 0 : geometry_.positions.size());
-  if (!geometry_.is_point_cloud) vertex_normals(geometry_.positions, geometry_.triangles, geometry_.normals);
-  geometry_.point_spacing = static_cast<float>(std::sqrt(std::max(asset.area, 0.0) / level_));
+  geometry_.normals.resize(geometry_.is_point_cloud ? 0 : positions.size());
+  if (!geometry_.is_point_cloud) {
+    area_normals(positions, geometry_.triangles, geometry_.normals);
+    morph_.share(asset.map, geometry_.normals);
+    normalise(geometry_.normals);
+  }
+  geometry_.point_spacing = static_cast<float>(std::sqrt(std::max(asset.area, 0.0) / morph_.effective()));
   ++geometry_.pose_version;
 }
 
 bool SurfaceView::advance(const PoseSource& source, TimeUs now_us) {
   if (!prepare(source, now_us)) return false;
   const Work all = work();
-  reconstructor_->rebuild({&all.pose, 1}, all.rank, all.N);
+  reconstructor_->rebuild({&all.pose, 1}, all.rank, all.N, all.first);
   finish(*source.asset());
   return true;
 }

@@ -10,8 +10,10 @@
 #include <vector>
 
 #include "common/motion/playout.h"
+#include "common/reconstruction/level_triangles.h"
 #include "common/reconstruction/reconstruct.h"
 #include "view/band_fade.h"
+#include "view/level_morph.h"
 #include "view/level_of_detail.h"
 #include "view/pose_source.h"
 
@@ -19,11 +21,14 @@ namespace eigencast {
 
 /// What is to be drawn: rebuilt positions, normals and triangles. Versions grow when their part has changed.
 struct SurfaceGeometry {
+  std::uint64_t maker = 0;               ///< Whose versions these are.
   std::vector<float> positions;          ///< N x 3, scene units, in level-of-detail order.
   std::vector<float> normals;            ///< N x 3; empty for a point cloud.
   std::vector<std::uint32_t> triangles;  ///< 3 indices each.
   std::uint64_t pose_version = 0;        ///< Of positions and normals.
-  std::uint64_t topology_version = 0;    ///< Of triangles and N.
+  std::uint64_t topology_version = 0;    ///< Of triangles.
+  /// For each run of LevelTriangles::kBlock indices the topology_version it changed at; empty: all change with each.
+  std::vector<std::uint64_t> triangle_blocks;
   bool is_point_cloud = false;
   float point_spacing = 0;  ///< Typical distance of neighbours at this level, scene units.
   std::uint32_t vertex_count() const { return static_cast<std::uint32_t>(positions.size() / 3); }
@@ -38,11 +43,13 @@ struct SurfaceFacts {
 
 struct SceneOptions {
   PlayoutSettings playout;
-  double lod = 1;  ///< Most of the vertices to draw.
+  double lod = 1;     ///< Most of the vertices to draw.
+  bool morph = true;  ///< Levels go over into one another (LevelMorph); false: at once.
 };
 
 /// One surface of a scene. Turns what a PoseSource found into the surface to draw now: chooses the pose (Playout) and the number of vertices
-/// (LevelOfDetail), fades where the set of bands changes (BandFade), rebuilds positions and normals. Keeps the last pose
+/// (LevelOfDetail), fades where the set of bands changes (BandFade), lets vertices come and go without a jump (LevelMorph),
+/// rebuilds positions and normals; of a pose that stands only the vertices that are new. Keeps the last pose
 /// while nothing comes, also when a new epoch brings the same asset; draws the rest pose of an asset before the first
 /// pose, and as much of an asset as has arrived.
 ///
@@ -63,9 +70,11 @@ class SurfaceView {
   bool prepare(const PoseSource& source, TimeUs now_us);
   struct Work {
     PoseToRebuild pose;
-    std::uint32_t rank = 0, N = 0;
+    std::uint32_t rank = 0, N = 0, first = 0;  ///< The rows from `first` to N.
   };
-  Work work() const { return {{coefficients_, channels_, positions_to_fill_}, rank_to_rebuild_, level_}; }
+  Work work() {
+    return {{coefficients_, channels_, geometry_.positions}, rank_to_rebuild_, morph_.drawn(), first_to_rebuild_};
+  }
   const Reconstructor& reconstructor() const { return *reconstructor_; }
   void finish(const Asset& asset);
 
@@ -110,6 +119,8 @@ class SurfaceView {
   void show_rest(const Asset& asset);
   void add_pose(const ReceivedPose& pose, const Asset& asset);
   bool choose_pose(const PoseSource& source, TimeUs now_us);
+  bool change_level(const Asset& asset, std::uint32_t N, TimeUs now_us);
+  void stand_at_own_places();
   void update_facts(const Asset& asset);
 
   Playout playout_;
@@ -121,10 +132,14 @@ class SurfaceView {
   std::string asset_id_;
   std::shared_ptr<Reconstructor> reconstructor_ = std::make_shared<Reconstructor>();
   std::optional<std::uint32_t> most_vertices_;
-  std::uint32_t level_ = 0, rank_to_rebuild_ = 0;
-  std::span<float> positions_to_fill_;
+  bool morphs_;
+  LevelMorph morph_;
+  LevelTriangles triangles_;
+  std::vector<float> own_places_;  ///< Of the vertices that are drawn elsewhere: from own_first_ to the last.
+  std::uint32_t own_first_ = 0;
+  std::uint32_t first_to_rebuild_ = 0, rank_to_rebuild_ = 0;
   std::vector<double> barycentre_weights_;  ///< r: barycentre = weights . coefficients.
-  std::uint32_t facts_rows_ = 0, built_faces_ready_ = 0;
+  std::uint32_t facts_rows_ = 0;
   BandFade fade_;
   std::vector<double> coefficients_;  ///< Shown: r x channels_.
   std::uint32_t channels_ = 3;

@@ -58,10 +58,13 @@ class Flight {
       : settings_(settings),
         path_(std::move(path)),
         scene_(placements(settings, clip->asset), {}),
+        full_(placements(settings, clip->asset), {.playout = {}, .morph = false}),
         levels_(level_settings(settings)) {
-    for (int i = 0; i < settings.count; ++i) {
-      sources_.push_back(std::make_unique<ClipSource>(clip, 0.11 * i, [this] { return now_us_; }));
-      list_.push_back(sources_.back().get());
+    for (std::vector<PoseSource*>* list : {&list_, &full_list_}) {
+      for (int i = 0; i < settings.count; ++i) {
+        sources_.push_back(std::make_unique<ClipSource>(clip, 0.11 * i, [this] { return now_us_; }));
+        list->push_back(sources_.back().get());
+      }
     }
     camera_.set_viewport(settings.width, settings.height);
   }
@@ -75,11 +78,11 @@ class Flight {
     std::optional<FrameWork> last;
     for (int frame = 0; static_cast<double>(now_us_) / 1e6 < path_.seconds(); ++frame) {
       const TimeUs began_us = now_us_, start = steady_now_us();
-      take_poses();
+      take_poses(scene_, list_);
       path_.apply(static_cast<double>(now_us_) / 1e6, camera_);
       levels_.choose(scene_, list_, camera_, last);
       scene_.advance(list_, now_us_);
-      draw(renderer);
+      draw(renderer, scene_);
       const TimeUs work = steady_now_us() - start;
       const std::vector<double> lod = levels_now();
       const bool compare = settings_.compare_every > 0 && frame % settings_.compare_every == 0;
@@ -121,14 +124,14 @@ class Flight {
     return levels;
   }
 
-  void take_poses() {
-    for (std::size_t i = 0; i < list_.size(); ++i) scene_.receive(i, *list_[i], list_[i]->poll({}));
+  static void take_poses(Scene& scene, std::span<PoseSource* const> list) {
+    for (std::size_t i = 0; i < list.size(); ++i) scene.receive(i, *list[i], list[i]->poll({}));
   }
 
-  void draw(Renderer& renderer) {
+  void draw(Renderer& renderer, const Scene& scene) {
     for (std::size_t i = 0; i < list_.size(); ++i) {
-      renderer.upload(i, scene_.instances()[i].view.geometry());
-      renderer.place(i, scene_.instances()[i].scene_from_surface);
+      renderer.upload(i, scene.instances()[i].view.geometry());
+      renderer.place(i, scene.instances()[i].scene_from_surface);
     }
     const unsigned target = renderer.offscreen_target(settings_.width, settings_.height);
     renderer.draw(camera_, {}, settings_.width, settings_.height, target);
@@ -137,11 +140,11 @@ class Flight {
 
   /// Drivers compile shaders when they are first used.
   void warm_up(Renderer& renderer) {
-    take_poses();
+    take_poses(scene_, list_);
     scene_.advance(list_, now_us_);
     const SurfaceFacts& f = scene_.facts();
     camera_.set_scene({f.low[0], f.low[1], f.low[2]}, {f.high[0], f.high[1], f.high[2]});
-    for (int i = 0; i < 3; ++i) draw(renderer);
+    for (int i = 0; i < 3; ++i) draw(renderer, scene_);
   }
 
   std::vector<double> levels_now() const {
@@ -155,9 +158,9 @@ class Flight {
   double similarity_to_full(Renderer& renderer) {
     const unsigned target = renderer.offscreen_target(settings_.width, settings_.height);
     const Picture shown = Renderer::read_back(settings_.width, settings_.height, target);
-    for (Scene::Instance& instance : scene_.instances()) instance.view.set_most_vertices(std::nullopt);
-    scene_.advance(list_, now_us_);
-    draw(renderer);
+    take_poses(full_, full_list_);
+    full_.advance(full_list_, now_us_);
+    draw(renderer, full_);
     return similarity(shown, Renderer::read_back(settings_.width, settings_.height, target));
   }
 
@@ -165,8 +168,9 @@ class Flight {
   const CameraPath path_;
   TimeUs now_us_ = 0;
   std::vector<std::unique_ptr<ClipSource>> sources_;
-  std::vector<PoseSource*> list_;
+  std::vector<PoseSource*> list_, full_list_;
   Scene scene_;
+  Scene full_;  ///< At full detail, to compare with.
   LevelControl levels_;
   Camera camera_;
 };

@@ -41,10 +41,9 @@ std::vector<std::uint32_t> triangles_at_level(const Asset& asset, std::uint32_t 
   return triangles;
 }
 
-void vertex_normals(std::span<const float> positions, std::span<const std::uint32_t> triangles,
-                    std::span<float> normals) {
-  assert(normals.size() >= positions.size());
-  std::fill_n(normals.begin(), positions.size(), 0.0F);
+void area_normals(std::span<const float> positions, std::span<const std::uint32_t> triangles, std::span<float> sums) {
+  assert(sums.size() >= positions.size());
+  std::fill_n(sums.begin(), positions.size(), 0.0F);
   for (std::size_t t = 0; t + 3 <= triangles.size(); t += 3) {
     const std::size_t corners[3] = {3 * std::size_t{triangles[t]}, 3 * std::size_t{triangles[t + 1]},
                                     3 * std::size_t{triangles[t + 2]}};
@@ -57,18 +56,27 @@ void vertex_normals(std::span<const float> positions, std::span<const std::uint3
     // Twice the area long: summing it weights each face by its area.
     const float normal[3] = {u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]};
     for (const std::size_t corner : corners) {
-      for (std::size_t d = 0; d < 3; ++d) normals[corner + d] += normal[d];
+      for (std::size_t d = 0; d < 3; ++d) sums[corner + d] += normal[d];
     }
   }
-  for (std::size_t i = 0; i + 3 <= positions.size(); i += 3) {
+}
+
+void normalise(std::span<float> vectors) {
+  for (std::size_t i = 0; i + 3 <= vectors.size(); i += 3) {
     // In double: the square of a small face's area leaves the range of float.
-    const double x = normals[i], y = normals[i + 1], z = normals[i + 2];
+    const double x = vectors[i], y = vectors[i + 1], z = vectors[i + 2];
     const double length = std::sqrt(x * x + y * y + z * z);
     const double scale = length > 0 ? 1 / length : 0;
-    normals[i] = static_cast<float>(x * scale);
-    normals[i + 1] = static_cast<float>(y * scale);
-    normals[i + 2] = static_cast<float>(z * scale);
+    vectors[i] = static_cast<float>(x * scale);
+    vectors[i + 1] = static_cast<float>(y * scale);
+    vectors[i + 2] = static_cast<float>(z * scale);
   }
+}
+
+void vertex_normals(std::span<const float> positions, std::span<const std::uint32_t> triangles,
+                    std::span<float> normals) {
+  area_normals(positions, triangles, normals);
+  normalise(normals.first(positions.size()));
 }
 
 void splat_normals(const Asset& asset, std::span<const float> positions, std::span<float> normals) {

@@ -34,7 +34,9 @@ std::vector<float> packed_coefficients(const BasisTiles& tiles, std::span<const 
 
 Reconstructor::Reconstructor(InstructionSet set, unsigned threads) : set_(set), threads_(threads) {}
 
-void Reconstructor::rebuild(std::span<const PoseToRebuild> poses, std::uint32_t rank, std::uint32_t N) const {
+void Reconstructor::rebuild(std::span<const PoseToRebuild> poses, std::uint32_t rank, std::uint32_t N,
+                            std::uint32_t first) const {
+  if (first >= N) return;
   assert(N <= tiles_.rows() && rank <= tiles_.rank());
   const std::vector<float> C = packed_coefficients(tiles_, poses, rank);
   const kernel::Functions& functions = kernel::functions(set_);
@@ -44,10 +46,13 @@ void Reconstructor::rebuild(std::span<const PoseToRebuild> poses, std::uint32_t 
     for (const PoseToRebuild& pose : poses) X.push_back(pose.positions.data() + 3 * first_row);
     functions.product(tiles_.view(first_tile, rank), end_row - first_row, C.data(), poses.size(), X.data());
   };
-  if (threads_ == 1 || std::size_t{N} * rank * 3 * poses.size() < kWorthThreads) return rebuild_tiles(0, N);
+  const std::size_t begin = first / kernel::kTileRows;
+  const std::size_t rows = N - begin * kernel::kTileRows;
+  if (threads_ == 1 || rows * rank * 3 * poses.size() < kWorthThreads) return rebuild_tiles(begin, N);
   constexpr std::size_t kRows = kTilesPerTask * kernel::kTileRows;
-  worker_team().run((N + kRows - 1) / kRows, [&](std::size_t task) {
-    rebuild_tiles(task * kTilesPerTask, std::min<std::size_t>(N, (task + 1) * kRows));
+  worker_team().run((rows + kRows - 1) / kRows, [&](std::size_t task) {
+    const std::size_t tile = begin + task * kTilesPerTask;
+    rebuild_tiles(tile, std::min<std::size_t>(N, tile * kernel::kTileRows + kRows));
   });
 }
 

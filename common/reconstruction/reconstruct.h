@@ -35,8 +35,9 @@ class Reconstructor {
 
   /// The first N rows from the first `rank` columns, as for a receiver of fewer bands. Differs from the sum in double by
   /// at most 1e-6 of the sum of its terms' magnitudes. REQUIRES: N <= tiles().rows(), rank <= tiles().rank(), each
-  /// C.size() >= rank * channels, channels >= 3.
-  void rebuild(std::span<const PoseToRebuild> poses, std::uint32_t rank, std::uint32_t N) const;
+  /// C.size() >= rank * channels, channels >= 3. The rows before `first` may be left as they are.
+  void rebuild(std::span<const PoseToRebuild> poses, std::uint32_t rank, std::uint32_t N,
+               std::uint32_t first = 0) const;
   void rebuild(std::span<const double> C, std::uint32_t channels, std::uint32_t rank, std::uint32_t N,
                std::span<float> positions) const;
 
@@ -59,6 +60,11 @@ std::vector<std::uint32_t> triangles_at_level(const Asset& asset, std::uint32_t 
 ///   normals  room for as many floats as positions
 void vertex_normals(std::span<const float> positions, std::span<const std::uint32_t> triangles,
                     std::span<float> normals);
+
+/// The same in two parts. Sums, for each vertex, the normals of its faces, each as long as twice the face's area;
+void area_normals(std::span<const float> positions, std::span<const std::uint32_t> triangles, std::span<float> sums);
+/// makes vectors of three a unit long, but those of no length.
+void normalise(std::span<float> vectors);
 
 /// Unit normals of a point cloud's discs in the pose of `positions` (as rebuilt, of the first rows): those of the rest pose, turned
 /// with the frames of the asset's splats. Zero where the asset has none.

@@ -163,12 +163,12 @@ TEST_F(SurfaceViews, ASenderThatComesBackWithTheSameAssetDoesNotShowTheRestPose)
     EXPECT_NEAR(height(), 0.5, 0.01);
   }
   scene_.lod().set_fraction(0.5);
-  EXPECT_TRUE(turn(5000));
+  EXPECT_TRUE(turn(1'005'000));
   EXPECT_NEAR(height(), 0.5, 0.01) << "also when something else changes";
   scene_.lod().set_fraction(1);
-  turn(6000);
+  turn(2'006'000);
   source_.batches.push_back({sphere_pose(source_.asset_, 1, 50, 0.7, 0, 2)});
-  EXPECT_TRUE(turn(7000)) << "its clock is a new one: earlier times count";
+  EXPECT_TRUE(turn(2'007'000)) << "its clock is a new one: earlier times count";
   EXPECT_NEAR(height(), 0.7, 0.01);
   EXPECT_EQ(scene_.facts().version, facts) << "the camera has nothing new to frame";
   EXPECT_EQ(scene_.geometry().topology_version, topology + 2);
