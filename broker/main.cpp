@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "broker/access/token_command.h"
+#include "broker/backbone/member.h"
 #include "broker/broker.h"
 #include "broker/config/options.h"
 #include "broker/operation/logger.h"
@@ -53,6 +54,7 @@ int run(int argc, char** argv) {
   if (auto doors = broker::Broker::load_doors(options->loaded.config); !doors) {
     return complain(doors.error(), kUsage);
   }
+  if (auto good = broker::Member::check(options->loaded.config); !good) return complain(good.error(), kUsage);
   if (options->check_only) return std::puts("the configuration is good") < 0 ? 1 : 0;
 
   const broker::Config& config = options->loaded.config;

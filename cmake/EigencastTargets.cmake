@@ -50,7 +50,8 @@ function(eigencast_documents PROGRAM)
     return()
   endif()
   set(DIR "${PROJECT_BINARY_DIR}/share")
-  set(MAN "${DIR}/man/man1/${PROGRAM}.1")
+  set(PAGE "${DIR}/man/man1/${PROGRAM}.1")
+  set(MAN "${PAGE}.gz")
   set(BASH "${DIR}/bash-completion/completions/${PROGRAM}")
   set(ZSH "${DIR}/zsh/vendor-completions/_${PROGRAM}")
   set(FISH "${DIR}/fish/vendor_completions.d/${PROGRAM}.fish")
@@ -61,7 +62,8 @@ function(eigencast_documents PROGRAM)
     install(FILES "${FILE}" DESTINATION "${CMAKE_INSTALL_DATADIR}/${BELOW}" COMPONENT ${ARG_COMPONENT})
   endforeach()
   add_custom_command(OUTPUT "${MAN}" "${BASH}" "${ZSH}" "${FISH}"
-    COMMAND ${PROGRAM} man > "${MAN}"
+    COMMAND ${PROGRAM} man > "${PAGE}"
+    COMMAND gzip -9nf "${PAGE}"
     COMMAND ${PROGRAM} completion bash > "${BASH}"
     COMMAND ${PROGRAM} completion zsh > "${ZSH}"
     COMMAND ${PROGRAM} completion fish > "${FISH}"

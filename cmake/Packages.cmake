@@ -25,6 +25,7 @@ set(CPACK_DEBIAN_PACKAGE_CONTROL_STRICT_PERMISSION ON)
 set(CPACK_DEBIAN_BROKER_PACKAGE_NAME eigencast-broker)
 set(CPACK_DEBIAN_BROKER_PACKAGE_SECTION net)
 set(CPACK_DEBIAN_BROKER_PACKAGE_DEPENDS "adduser")
+set(CPACK_DEBIAN_BROKER_PACKAGE_RECOMMENDS "curl, openssl")
 set(CPACK_DEBIAN_BROKER_PACKAGE_SUGGESTS "nginx, prometheus")
 set(CPACK_COMPONENT_BROKER_DESCRIPTION "relays deforming 3D surfaces to many viewers
 The broker takes frames of spectral coefficients from senders, interpolates
@@ -36,6 +37,9 @@ set(CPACK_DEBIAN_BROKER_PACKAGE_CONTROL_EXTRA
 
 set(CPACK_DEBIAN_TOOLS_PACKAGE_NAME eigencast-tools)
 set(CPACK_DEBIAN_TOOLS_PACKAGE_SECTION graphics)
+# libepoxy loads these by name, where no linker sees it; certificates are checked against the system's authorities.
+set(CPACK_DEBIAN_TOOLS_PACKAGE_DEPENDS "ca-certificates, libegl1, libgl1")
+set(CPACK_DEBIAN_TOOLS_PACKAGE_RECOMMENDS "fonts-dejavu-core, libgl1-mesa-dri")
 set(CPACK_COMPONENT_TOOLS_DESCRIPTION "sender, native viewer and latency meter for deforming 3D surfaces
 The sender bakes meshes and point clouds into streamable assets and publishes
 their motion; the viewer rebuilds the surface at a level of detail that holds
@@ -55,25 +59,34 @@ set(CPACK_COMPONENT_DEVELOPMENT_DESCRIPTION "headers of libeigencast
 Headers, CMake package and pkg-config file to build programs that publish or
 watch deforming 3D surfaces.")
 
-# The broker's package: unit, socket, annotated configuration, documents.
+# The broker's package: unit, socket, annotated configuration, and what stands around a broker as examples.
 install(FILES deploy/systemd/eigencast-broker.service deploy/systemd/eigencast-broker.socket
   DESTINATION lib/systemd/system COMPONENT broker)
 install(FILES deploy/eigencast.toml DESTINATION /etc/eigencast COMPONENT broker)
+install(DIRECTORY deploy/nginx deploy/prometheus deploy/grafana DESTINATION share/doc/eigencast-broker/examples COMPONENT broker)
 install(FILES deploy/desktop/eigencast-client.desktop DESTINATION share/applications COMPONENT tools)
 
-# Every package states its licence and its history; man pages are made from the programs' own help.
+# Every package states its licence and its history, and holds the documents for its users, compressed as Debian wants them. Manual
+# pages and completions come with the programs (eigencast_documents).
 string(TIMESTAMP EIGENCAST_PACKAGE_DATE "%a, %d %b %Y %H:%M:%S +0000" UTC)
 configure_file(deploy/debian/changelog.in "${PROJECT_BINARY_DIR}/packages/changelog.Debian" @ONLY)
-find_program(GZIP gzip)
-add_custom_command(OUTPUT "${PROJECT_BINARY_DIR}/packages/changelog.Debian.gz"
-  COMMAND "${GZIP}" -9 -n -k -f "${PROJECT_BINARY_DIR}/packages/changelog.Debian"
-  DEPENDS "${PROJECT_BINARY_DIR}/packages/changelog.Debian" VERBATIM)
-add_custom_target(package_documents ALL DEPENDS "${PROJECT_BINARY_DIR}/packages/changelog.Debian.gz")
-foreach(PACKAGE broker:eigencast-broker tools:eigencast-tools library:libeigencast0 development:libeigencast-dev)
-  string(REPLACE ":" ";" PACKAGE "${PACKAGE}")
-  list(GET PACKAGE 0 COMPONENT)
-  list(GET PACKAGE 1 NAME)
-  install(FILES deploy/debian/copyright "${PROJECT_BINARY_DIR}/packages/changelog.Debian.gz"
-    DESTINATION "share/doc/${NAME}" COMPONENT ${COMPONENT})
-endforeach()
+configure_file(CHANGELOG.md "${PROJECT_BINARY_DIR}/packages/changelog" COPYONLY)
+find_program(GZIP gzip REQUIRED)
+function(eigencast_package_documents PACKAGE COMPONENT)
+  set(COMPRESSED)
+  foreach(DOCUMENT IN ITEMS "${PROJECT_BINARY_DIR}/packages/changelog.Debian" "${PROJECT_BINARY_DIR}/packages/changelog" ${ARGN})
+    cmake_path(ABSOLUTE_PATH DOCUMENT)
+    cmake_path(GET DOCUMENT FILENAME NAME)
+    set(OUTPUT "${PROJECT_BINARY_DIR}/packages/${PACKAGE}/${NAME}.gz")
+    add_custom_command(OUTPUT "${OUTPUT}" COMMAND "${GZIP}" -9nc "${DOCUMENT}" > "${OUTPUT}" DEPENDS "${DOCUMENT}" VERBATIM)
+    list(APPEND COMPRESSED "${OUTPUT}")
+  endforeach()
+  file(MAKE_DIRECTORY "${PROJECT_BINARY_DIR}/packages/${PACKAGE}")
+  add_custom_target("${PACKAGE}-package-documents" ALL DEPENDS ${COMPRESSED})
+  install(FILES deploy/debian/copyright ${COMPRESSED} DESTINATION "share/doc/${PACKAGE}" COMPONENT ${COMPONENT})
+endfunction()
+eigencast_package_documents(eigencast-broker broker docs/operations.md docs/scaling.md)
+eigencast_package_documents(eigencast-tools tools docs/formats.md docs/deform.md docs/latency.md docs/time.md)
+eigencast_package_documents(libeigencast0 library)
+eigencast_package_documents(libeigencast-dev development docs/protocol.md docs/asset-format.md)
 include(CPack)

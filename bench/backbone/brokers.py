@@ -9,43 +9,20 @@ brokers is then compared with what they use. All brokers share one core: shares,
 """
 import argparse
 import contextlib
-import json
-import pathlib
 import shutil
-import subprocess
 import sys
-import time
 
-from edge import CONNECTING_S, Nats, Sender
-from harness import LOAD_CPU, SIZE, Server, Tools
+from edge import Nats, watched
+from harness import Server, Tools
 from scaling import Costs, Crowd, core_of
 
 
-def viewers_of(server, name, subs, seconds):
-    out = server.tools.folder / f"{name}.jsonl"
-    out.unlink(missing_ok=True)
-    return out, subprocess.Popen(
-        ["taskset", "-c", LOAD_CPU, str(server.tools.folder / "wsload"), "--port", str(server.port), "--pid", str(server.process.pid),
-         "--no-spin", "--quiet", "--json", str(out), "--no-pub", "--subs", str(subs), "--secs", str(seconds), "--warm",
-         str(CONNECTING_S + 1), "--rate", "1", "--size", str(SIZE), "--us", "--magic-off", "-1", "--ts-off", "19", "--seq-off", "11",
-         "--find-off", "19", "--find-seq-off", "11", "--path", "/v1/subscribe/s0?rate=raw", "--subproto", "eigencast.v1", "--ready",
-         '"waiting"'], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-
-
 def run(tools, brokers, viewers, rate, seconds):
-    """Share of a core of each broker."""
+    """Share of a core of each broker, and what each delivers in a second."""
     with contextlib.ExitStack() as stack:
         nats = stack.enter_context(Nats(tools.folder))
         servers = [stack.enter_context(Server(tools, "broker", sockets_writes="epoll", backbone_servers=nats)) for _ in range(brokers)]
-        crowds = [viewers_of(server, f"crowd{i}", viewers // brokers, seconds) for i, server in enumerate(servers)]
-        time.sleep(CONNECTING_S)
-        sender = Sender(servers[0].port, tools, rate)
-        results = []
-        for out, process in crowds:
-            process.wait()
-            results.append(json.loads(out.read_text().splitlines()[-1]))
-        sender.over = True
-        sender.join()
+        results = watched(servers, servers[0], viewers // brokers, rate, seconds)
         return [r["cpu_pct"] / 100 for r in results], [r["delivered_per_s"] for r in results]
 
 
@@ -55,10 +32,11 @@ def main():
     parser.add_argument("--viewers", type=int, default=1200)
     parser.add_argument("--rate", type=int, default=30)
     parser.add_argument("--seconds", type=int, default=5)
+    parser.add_argument("--keep", metavar="FOLDER", help="where the compiled tools are kept for the next time")
     options = parser.parse_args()
     if not shutil.which("nats-server"):
         sys.exit("SKIPPED: no nats-server")
-    tools = Tools(options.broker)
+    tools = Tools(options.broker, options.keep)
     one, delivered = run(tools, 1, options.viewers, options.rate, options.seconds)
     few, _ = run(tools, 2, 2, options.rate, options.seconds)
     costs = Costs(cpu_s_per_million=one[0] / delivered[0] * 1e6, hop_us=few[1] / options.rate * 1e6)

@@ -8,7 +8,6 @@ The measured broker has one core to itself; NATS, the sender, the other brokers 
 turns; medians. Skipped, loudly, without nats-server.
 """
 import argparse
-import json
 import pathlib
 import shutil
 import statistics
@@ -68,29 +67,20 @@ class Sender(threading.Thread):
         self.peer.sock.close()
 
 
-def load(server, sender_port, options):
-    """Figures of wsload at `server` while a sender, which begins when all viewers are there, sends to the broker at `sender_port`."""
-    out = server.tools.folder / "edge.jsonl"
-    out.unlink(missing_ok=True)
-    viewers = subprocess.Popen(
-        ["taskset", "-c", LOAD_CPU, str(server.tools.folder / "wsload"), "--port", str(server.port), "--pid", str(server.process.pid),
-         "--no-spin", "--quiet", "--json", str(out), "--no-pub", "--subs", str(options.subs), "--secs", str(options.seconds), "--warm",
-         str(CONNECTING_S + 1), "--rate", "1", "--size", str(SIZE), "--us", "--magic-off", "-1", "--ts-off", "19", "--seq-off", "11",
-         "--find-off", "19", "--find-seq-off", "11", "--path", "/v1/subscribe/s0?rate=raw", "--subproto", "eigencast.v1", "--ready",
-         '"waiting"'], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+def watched(servers, origin, subs, rate, seconds):
+    """Figures of wsload with `subs` viewers at each of `servers`, while a sender, which begins when all are there, sends to `origin`."""
+    crowds = [server.viewers(subs, seconds, CONNECTING_S + 1) for server in servers]
     time.sleep(CONNECTING_S)
-    sender = Sender(sender_port, server.tools, options.rate)
-    told, _ = viewers.communicate()
+    sender = Sender(origin.port, origin.tools, rate)
+    figures = [crowd() for crowd in crowds]
     sender.over = True
     sender.join()
-    if not out.exists():
-        sys.exit(f"wsload failed: {told}")
-    return json.loads(out.read_text().splitlines()[-1])
+    return figures
 
 
 def alone(tools, options):
     with Server(tools, "broker", sockets_writes="epoll") as server:
-        return load(server, server.port, options)
+        return watched([server], server, options.subs, options.rate, options.seconds)[0]
 
 
 def followed(tools, options):
@@ -99,7 +89,7 @@ def followed(tools, options):
                                                                              backbone_servers=nats) as edge:
             for task in pathlib.Path(f"/proc/{origin.process.pid}/task").iterdir():
                 subprocess.run(["taskset", "-p", "-c", LOAD_CPU, task.name], check=True, capture_output=True)
-            return load(edge, origin.port, options)
+            return watched([edge], origin, options.subs, options.rate, options.seconds)[0]
 
 
 def main():
@@ -109,15 +99,16 @@ def main():
     parser.add_argument("--rate", type=int, default=30)
     parser.add_argument("--seconds", type=int, default=4)
     parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--keep", metavar="FOLDER", help="where the compiled tools are kept for the next time")
     options = parser.parse_args()
     if not shutil.which("nats-server"):
         sys.exit("SKIPPED: no nats-server")
-    tools = Tools(options.broker)
+    tools = Tools(options.broker, options.keep)
     runs = {"at the sender's broker": [], "one hop over NATS": []}
     for _ in range(options.repeat):
         runs["at the sender's broker"].append(alone(tools, options))
         runs["one hop over NATS"].append(followed(tools, options))
-    columns = ["cpu_s_per_1M", "p50_ms", "p99_ms", "gaps"]
+    columns = ["cpu_s_per_1M", "p50_ms", "p99_ms", "delivered_per_s"]
     print(f"{options.subs} viewers, {options.rate} poses/s of {SIZE} bytes, medians of {options.repeat}")
     print(f"  {'':28}" + "".join(f"{column:>16}" for column in columns))
     for name, results in runs.items():

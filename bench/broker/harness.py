@@ -84,6 +84,8 @@ def mqtt(kind, body):
 
 
 # How the peers are spoken to: arguments of wsload. Each message of theirs is of SIZE bytes, too.
+# Where a frame of the broker's holds its capture time and its sequence (docs/protocol.md, "Envelope").
+FRAMES = ["--us", "--magic-off", "-1", "--ts-off", "19", "--seq-off", "11", "--find-off", "19", "--find-seq-off", "11"]
 MQTT_CONNECT = mqtt(0x10, b"\x00\x04MQTT\x04\x02\x00\x00\x00\x00")
 SPOKEN = {
     "mosquitto": ["--subproto", "mqtt", "--pub-subproto", "mqtt", "--path", "/mqtt", "--pub-path", "/mqtt",
@@ -150,19 +152,35 @@ class Server:
     def load(self, *flags, streams=1, several=False):
         """One run of wsload; its figures. `several`: each connection watches all streams."""
         out = self.tools.folder / "out.jsonl"
-        out.unlink(missing_ok=True)
-        command = ["taskset", "-c", LOAD_CPU, self.tools.folder / "wsload", "--port", str(self.port), "--pid",
-                   str(self.process.pid), "--no-spin", "--quiet", "--json", out, "--streams", str(streams), "--size", str(SIZE)]
-        command += SPOKEN[self.kind] if self.kind in SPOKEN else self.spoken(streams, several)
+        command = self.wsload(out, "--streams", streams, *(SPOKEN[self.kind] if self.kind in SPOKEN else self.spoken(streams, several)))
         done = subprocess.run([*command, *map(str, flags)], capture_output=True, text=True)
         if not out.exists():
             sys.exit(f"wsload failed: {done.stderr}{done.stdout}")
         return json.loads(out.read_text().splitlines()[-1])
 
+    def wsload(self, out, *words):
+        """The load generator at this server; its figures will be the last line of `out`."""
+        out.unlink(missing_ok=True)
+        return ["taskset", "-c", LOAD_CPU, self.tools.folder / "wsload", "--port", str(self.port), "--pid", str(self.process.pid), "--no-spin",
+                "--quiet", "--json", out, "--size", str(SIZE), *map(str, words)]
+
+    def viewers(self, subs, seconds, warm):
+        """Viewers of s0, whose sender is another process and comes later; call what is returned for their figures, when they have ended."""
+        out = self.tools.folder / f"viewers-{self.port}.jsonl"
+        command = self.wsload(out, *FRAMES, "--no-pub", "--subs", subs, "--secs", seconds, "--warm", warm, "--rate", 1, "--subproto",
+                              "eigencast.v1", "--path", "/v1/subscribe/s0?rate=raw", "--ready", '"waiting"')
+        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+        def figures():
+            told, _ = process.communicate()
+            if not out.exists():
+                sys.exit(f"wsload failed: {told}")
+            return json.loads(out.read_text().splitlines()[-1])
+        return figures
+
     def spoken(self, streams, several):
         """Arguments of wsload for the bare server and the broker: frames of the broker's own format."""
-        command = ["--us", "--template", self.tools.folder / "frame.bin", "--magic-off", "-1", "--ts-off", "19", "--seq-off", "11",
-                   "--find-off", "19", "--find-seq-off", "11", *(["--mesh"] if several else [])]
+        command = [*FRAMES, "--template", self.tools.folder / "frame.bin", *(["--mesh"] if several else [])]
         if self.kind.startswith("raw"):
             return command + ["--path", "/sub", "--pub-path", "/pub"]
         command += ["--subproto", "eigencast.v1", "--pub-subproto", "eigencast.v1", "--pub-path", "/v1/publish/s{s}",

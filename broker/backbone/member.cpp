@@ -4,7 +4,10 @@
 #include <boost/asio/post.hpp>
 #include <chrono>
 #include <ctime>
+#include <fstream>
 #include <utility>
+
+#include "broker/config/places.h"
 
 namespace eigencast::broker {
 namespace {
@@ -19,10 +22,10 @@ NatsLink::Settings link_settings(const Config& config, const std::string& id) {
   settings.name = "eigencast-broker " + id;
   settings.prefix = from.prefix;
   settings.replicas = static_cast<int>(from.replicas);
-  settings.ca_file = from.ca;
-  settings.certificate_file = from.certificate;
-  settings.key_file = from.key;
-  settings.credentials_file = from.credentials;
+  settings.ca_file = located(from.ca);
+  settings.certificate_file = located(from.certificate);
+  settings.key_file = located(from.key);
+  settings.credentials_file = located(from.credentials);
   settings.user = from.user;
   settings.password = from.password;
   settings.token = from.token;
@@ -30,6 +33,17 @@ NatsLink::Settings link_settings(const Config& config, const std::string& id) {
 }
 
 }  // namespace
+
+Result<void> Member::check(const Config& config) {
+  if (config.backbone.servers.empty()) return {};
+  const auto settings = link_settings(config, "check");
+  // libnats reads this one only when it connects, where its absence looks like a server that is away.
+  if (!settings.credentials_file.empty() && !std::ifstream(settings.credentials_file)) {
+    return fail(ErrorCode::kInvalidArgument, "backbone.credentials: cannot read " + settings.credentials_file);
+  }
+  auto link = NatsLink::create(settings, [](const std::function<void()>&) {});
+  return link ? Result<void>() : Result<void>(link.error());
+}
 
 Result<std::unique_ptr<Member>> Member::create(const Config& config, const std::string& id, AssetStore& assets,
                                                LogSink log) {

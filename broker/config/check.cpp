@@ -71,6 +71,9 @@ Result<void> check_config(const Config& config) {
   if (config.tls.require_client_certificate && config.tls.client_ca.empty()) {
     return wrong("tls.require_client_certificate needs tls.client_ca, which says whose certificates count");
   }
+  if (config.backbone.certificate.empty() != config.backbone.key.empty()) {
+    return wrong("backbone.certificate and backbone.key go together: set both, or none");
+  }
   const std::string& prefix = config.proxy.path_prefix;
   if (!prefix.empty() && (!prefix.starts_with('/') || prefix.ends_with('/'))) {
     return wrong("proxy.path_prefix = '" + prefix + "' must begin with '/' and not end with one: /eigencast");

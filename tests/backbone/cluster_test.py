@@ -330,7 +330,8 @@ authorization {{ users: [ {{ user: broker, password: secret, permissions: {{
         process = subprocess.Popen(
             [PROGRAMS / "eigencast-broker", "--listen=127.0.0.1:0", "--admin-listen=127.0.0.1:0", f"--port-file={ports}",
              f"--data-dir={self.folder}/data-{name}", "--log-level=error", f"--backbone-servers=tls://localhost:{self.nats}",
-             f"--backbone-ca={self.folder}/{ca}", "--backbone-user=broker"], env={**os.environ, "EIGENCAST_BACKBONE__PASSWORD": password})
+             f"--backbone-ca={ca}", "--backbone-user=broker"],
+            env={**os.environ, "EIGENCAST_BACKBONE__PASSWORD": password, "CREDENTIALS_DIRECTORY": self.folder})
         self.addCleanup(process.wait)
         self.addCleanup(process.terminate)
         data, admin = ports_of(ports)
