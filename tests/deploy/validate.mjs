@@ -6,7 +6,7 @@ import fs from 'node:fs';
 import path from 'node:path';
 import {createRequire} from 'node:module';
 
-const require = createRequire(path.join(process.env.NODE_PATH ?? '.', 'x.js'));
+const require = createRequire(path.resolve(process.env.NODE_PATH || '.', 'x.js'));
 let yaml, Ajv, addFormats, compose;
 try {
   yaml = require('js-yaml');
