@@ -21,6 +21,8 @@ constexpr std::size_t kGramBlock = 64;
 constexpr std::size_t kGramParts = 8;
 // Multiplications below which waking other threads takes longer than they save.
 constexpr std::size_t kWorthThreads = 10'000'000;
+// Bytes of positions that a processor's cache keeps until their turn comes.
+constexpr std::size_t kFitsCache = 512 * 1024;
 
 std::size_t whole_gram_tiles(std::size_t columns) {
   return (columns + kernel::kGramTile - 1) / kernel::kGramTile * kernel::kGramTile;
@@ -104,13 +106,13 @@ template <typename Value>
 bool weigh(const Asset& asset, std::span<const double> weights, std::span<const Value> positions, std::size_t first,
            std::size_t rows, float* Y) {
   const std::array<double, 3> origin = {asset.origin[0], asset.origin[1], asset.origin[2]};
-  double zero = 0;
+  std::array<double, 3> zero{};  // One for each axis, so that no sum waits for another.
   for (std::size_t i = 0; i < rows; ++i) {
     const Value* x = &positions[3 * std::size_t{asset.source_vertex[first + i]}];
     float* y = Y + i / kernel::kTileRows * 3 * kernel::kTileRows + i % kernel::kTileRows;
     for (std::size_t d = 0; d < 3; ++d) {
       const double weighted = weights[first + i] * (static_cast<double>(x[d]) - origin[d]);
-      zero += 0 * weighted;
+      zero[d] += 0 * weighted;
       y[d * kernel::kTileRows] = static_cast<float>(weighted);
     }
   }
@@ -118,7 +120,14 @@ bool weigh(const Asset& asset, std::span<const double> weights, std::span<const 
     float* y = Y + i / kernel::kTileRows * 3 * kernel::kTileRows + i % kernel::kTileRows;
     for (std::size_t d = 0; d < 3; ++d) y[d * kernel::kTileRows] = 0;
   }
-  return zero == 0;
+  return zero == std::array<double, 3>{};
+}
+
+// Fetches what is read in the asset's order, that is, in none, as one stream.
+template <typename Value>
+void prefetch(std::span<const Value> values) {
+  constexpr std::size_t kLine = kernel::kAlignment / sizeof(Value);
+  for (std::size_t i = 0; i < values.size(); i += kLine) __builtin_prefetch(values.data() + i);
 }
 
 template <typename Value>
@@ -145,6 +154,7 @@ Result<std::vector<double>> Projector::project(std::span<const Value> positions)
   std::vector<std::vector<double>> sums(parts);
   std::atomic<bool> finite = true;
   const kernel::Functions& functions = kernel::functions(set_);
+  if (positions.size_bytes() <= kFitsCache) prefetch(positions);
   const auto sum_part = [&](std::size_t part) {
     const std::size_t first = part * kRows, rows = std::min(kRows, n - first);
     const std::size_t tiles = (rows + kernel::kTileRows - 1) / kernel::kTileRows;
