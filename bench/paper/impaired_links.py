@@ -21,7 +21,7 @@ MODES = {
     "raw, estimated by the viewer": ("rate=raw", ["--playout", "estimate"]),
     "raw, half-way between": ("rate=raw", ["--playout", "estimate", "--smooth", "0.5"]),
 }
-CLIPS = {"heart": 30, "human-walk": 120}
+CLIPS = {"heart": 30, "horse-gallop": 48, "human-walk": 120}
 CLIP_HZ = 30
 
 

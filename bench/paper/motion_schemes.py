@@ -105,8 +105,9 @@ def main():
         for number, scheme in enumerate(BETWEEN):
             values = [curves[name, every][number] or 0 for name in names]
             axis.bar(np.arange(len(names)) + (number - 2) * 0.17, values, 0.16, label=scheme)
-        axis.set_xticks(np.arange(len(names)), names, rotation=30, fontsize=8)
+        axis.set_xticks(np.arange(len(names)), names, rotation=30, ha="right", fontsize=8)
         axis.set_yscale("log")
+        axis.set_ylim(1e-4, 20)
         axis.set_title(f"{30 // every} keys/s", fontsize=10)
         axis.grid(axis="y", alpha=0.3)
     axes[0].set_ylabel("rms error of the poses between keys, % of the diagonal", fontsize=8)
