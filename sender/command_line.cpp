@@ -21,6 +21,8 @@ eigencast-sender play fox.glb --animation Run --to ws://broker/fox
 eigencast-sender play cloth.pc2 --rest cloth.obj --once --to ws://broker/cloth
 eigencast-sender play 'frames/*.obj' --once --to ws://broker/show
 simulation | eigencast-sender pipe --mesh rest.obj --to ws://broker/sim
+eigencast-sender deform heart --to ws://broker/heart                   # a window: drag the cage around it
+eigencast-sender deform heart --to studio/ann --watch studio/bob         # and see what another one does
 eigencast-sender deform heart --script twist --to ws://broker/heart     # by a cage that is made around it
 eigencast-sender deform dragon.ply --cage cage.obj --script keys.json --to ws://broker/dragon
 eigencast-sender replay show.ecrec --to ws://broker/show --from 60
@@ -175,7 +177,7 @@ void add_document_commands(CLI::App& app, Settings& s) {
 
 void add_deform_command(CLI::App& app, Settings& s) {
   DeformCommand& command = s.deform;
-  CLI::App* deform = app.add_subcommand("deform", "Stream a model that a script deforms by a cage or by handles");
+  CLI::App* deform = app.add_subcommand("deform", "Deform a model in a window, or by a script, while it goes out");
   runs(*deform, s, command);
   add_source_options(*deform, command.source);
   add_target_options(*deform, command.target);
@@ -192,10 +194,34 @@ void add_deform_command(CLI::App& app, Settings& s) {
       ->capture_default_str();
   deform->add_option("--handles", command.handles, "no cage: handles.json, and all else as rigid as possible")
       ->excludes(cage);
-  deform->add_option("--script", command.script, "keys.json, or twist, bend, both")->required();
-  deform->add_option("--rate", command.rate_hz, "key poses a second")
-      ->check(CLI::Range(0.1, 1000.0))
+  CLI::Option* script = deform->add_option("--script", command.script,
+                                           "keys.json, or twist, bend, both (default: a window, and your hand)");
+  deform
+      ->add_option_function<std::vector<std::string>>(
+          "--watch",
+          [&command](const std::vector<std::string>& streams) {
+            for (const std::string& stream : streams) command.watch.emplace_back().url = stream;
+          },
+          "streams of others, shown beside the model: as --to")
+      ->excludes(script);
+  deform->add_option("--view", command.view, "of the window at first: front, back, left, right, top, bottom, iso")
+      ->check(CLI::IsMember({"front", "back", "left", "right", "top", "bottom", "iso"}))
       ->capture_default_str();
+  deform
+      ->add_option_function<std::string>(
+          "--size",
+          [&command](const std::string& size) {
+            char end = 0;
+            if (std::sscanf(size.c_str(), "%5dx%5d%c", &command.width, &command.height, &end) != 2 ||
+                command.width < 64 || command.height < 64) {
+              throw CLI::ValidationError("--size", "give width x height, such as 1280x800");
+            }
+          },
+          "of the window, width x height")
+      ->default_str("1280x800")
+      ->excludes(script);
+  deform->add_option("--rate", command.rate_hz, "key poses a second (default: 30, by hand at most 60)")
+      ->check(CLI::Range(0.1, 1000.0));
   deform->add_option("--speed", command.speed, "of the script")
       ->check(CLI::Range(0.001, 1000.0))
       ->capture_default_str();
@@ -301,6 +327,12 @@ Result<void> resolve_targets(const CLI::App& app, Settings& s) {
   if (!resolved) return resolved.error();
   target->url = resolved->url;
   target->credentials = resolved->credentials;
+  for (TargetOptions& other : s.deform.watch) {
+    const auto watched = resolve_target(other.url, target->credentials, target->context, *contexts);
+    if (!watched) return watched.error();
+    other.url = watched->url;
+    other.credentials = watched->credentials;
+  }
   return {};
 }
 

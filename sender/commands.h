@@ -2,6 +2,7 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
 #include "common/codec/key.h"
 #include "common/net/url.h"
@@ -69,12 +70,15 @@ struct DeformCommand {
   std::string cage_out;               ///< Write the cage there; empty: no.
   std::string coordinates = "green";  ///< green, mean-value
   std::string handles;                ///< JSON file: no cage, but handles, as rigid as possible.
-  std::string script;                 ///< JSON file, or twist, bend, both.
-  double rate_hz = 30;
+  std::string script;                 ///< JSON file, or twist, bend, both; empty: by hand, in a window.
+  double rate_hz = 0;                 ///< 0: 30 of a script, 60 by hand.
   double speed = 1;
   bool once = false;
-  double duration_s = 0;     ///< 0: until the script ends.
-  std::uint64_t frames = 0;  ///< 0: no end.
+  double duration_s = 0;             ///< 0: until the script ends.
+  std::uint64_t frames = 0;          ///< 0: no end.
+  std::vector<TargetOptions> watch;  ///< Streams of others, shown in the window.
+  std::string view = "front";        ///< Of the window, see Camera::set_view.
+  int width = 1280, height = 800;    ///< Of the window.
   std::string json;
 };
 
@@ -110,10 +114,10 @@ struct ReplayCommand {
   std::string file;
   TargetOptions target;  ///< The codec is the recording's.
   double speed = 1;
-  double from_s = 0;       ///< Since the start of the recording.
-  double duration_s = 0;   ///< Of the recording; 0: to its end.
+  double from_s = 0;      ///< Since the start of the recording.
+  double duration_s = 0;  ///< Of the recording; 0: to its end.
   bool loop = false;
-  std::string asset_dir;   ///< Objects by hash (bake --out); empty: those of the recording, or the broker's.
+  std::string asset_dir;  ///< Objects by hash (bake --out); empty: those of the recording, or the broker's.
   std::string json;
 };
 

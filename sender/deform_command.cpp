@@ -6,10 +6,12 @@
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "common/core/histogram.h"
 #include "common/surface/read.h"
 #include "common/surface/write.h"
+#include "sender/by_hand.h"
 #include "sender/commands.h"
 #include "sender/deform/arap.h"
 #include "sender/deform/cage.h"
@@ -154,45 +156,60 @@ class Performance {
   std::uint64_t skipped_ = 0;
 };
 
-Result<nlohmann::json> perform(const DeformCommand& command, Source source, const Console& console,
-                               Interrupt& interrupt) {
+Result<std::string> by_script(const DeformCommand& command, Deformer& deformer, ProjectedDeformer projected,
+                              const Script& script, const Asset& asset, Publisher& publisher, Interrupt& interrupt) {
+  Performance performance(command, deformer, std::move(projected), script);
+  const auto error = performance.error(asset);
+  if (!error) return error.error();
+  spdlog::info("what is sent lies {:.2e} (rms), {:.2e} (largest) of the diagonal from the full deformation", error->rms,
+               error->max);
+  const TimeUs deadline_us =
+      command.duration_s > 0 ? steady_now_us() + static_cast<TimeUs>(command.duration_s * 1e6) : 0;
+  if (!wait_until_live(publisher, deadline_us, interrupt) && !interrupt.requested()) {
+    return fail(ErrorCode::kUnreachable, "no pose was sent: the broker is not live: " + publisher.stats().detail);
+  }
+  if (const auto ran = performance.run(publisher, interrupt); !ran) return ran.error();
+  const Publisher::Stats stats = publisher.stats();
+  const nlohmann::json report{{"frames_sent", stats.frames_sent},
+                              {"frames_dropped", stats.frames_dropped},
+                              {"frames_skipped", performance.skipped()},
+                              {"bytes", stats.payload_bytes},
+                              {"handles", deformer.handles().size()},
+                              {"rms_over_diagonal", error->rms},
+                              {"max_over_diagonal", error->max},
+                              {"pose_us_p50", performance.pose_us().percentile(50)},
+                              {"pose_us_p99", performance.pose_us().percentile(99)}};
+  return report.dump(2);
+}
+
+Result<std::string> perform(const DeformCommand& command, Source source, const Console& console, Interrupt& interrupt) {
   auto deformer = bind(command, source.clip->rest(), console, interrupt);
   if (!deformer) return deformer.error();
-  const auto script = script_of(command.script, (*deformer)->handles());
-  if (!script) return script.error();
+  std::optional<Script> script;
+  if (!command.script.empty()) {
+    auto read = script_of(command.script, (*deformer)->handles());
+    if (!read) return read.error();
+    script = std::move(*read);
+  }
   const auto asset = std::make_shared<const Asset>(std::move(source.baked.asset));
   const auto projector = Projector::create(*asset);
   if (!projector) return projector.error();
   auto projected = ProjectedDeformer::create(**deformer, *asset, *projector);
   if (!projected) return projected.error();
-  Performance performance(command, **deformer, std::move(*projected), *script);
-  const auto error = performance.error(*asset);
-  if (!error) return error.error();
-  spdlog::info("what is sent lies {:.2e} (rms), {:.2e} (largest) of the diagonal from the full deformation", error->rms,
-               error->max);
   const auto publisher = publish(command.target, command.rate_hz, asset, std::move(source.baked.encoded));
   if (!publisher) return publisher.error();
-  const TimeUs deadline_us =
-      command.duration_s > 0 ? steady_now_us() + static_cast<TimeUs>(command.duration_s * 1e6) : 0;
-  if (!wait_until_live(**publisher, deadline_us, interrupt) && !interrupt.requested()) {
-    return fail(ErrorCode::kUnreachable, "no pose was sent: the broker is not live: " + (*publisher)->stats().detail);
-  }
-  if (const auto ran = performance.run(**publisher, interrupt); !ran) return ran.error();
+  auto report = script ? by_script(command, **deformer, std::move(*projected), *script, *asset, **publisher, interrupt)
+                       : deform_by_hand(command, **deformer, *projected, *asset, **publisher, interrupt);
   const Publisher::Stats stats = (*publisher)->stats();
-  return nlohmann::json{{"frames_sent", stats.frames_sent},
-                        {"frames_dropped", stats.frames_dropped},
-                        {"frames_skipped", performance.skipped()},
-                        {"bytes", stats.payload_bytes},
-                        {"handles", (*deformer)->handles().size()},
-                        {"rms_over_diagonal", error->rms},
-                        {"max_over_diagonal", error->max},
-                        {"pose_us_p50", performance.pose_us().percentile(50)},
-                        {"pose_us_p99", performance.pose_us().percentile(99)}};
+  spdlog::info("sent {} poses, {} dropped", stats.frames_sent, stats.frames_dropped);
+  return report;
 }
 
 }  // namespace
 
-int run(const DeformCommand& command, const Console& console, Interrupt& interrupt) {
+int run(const DeformCommand& given, const Console& console, Interrupt& interrupt) {
+  DeformCommand command = given;
+  if (command.rate_hz == 0) command.rate_hz = command.script.empty() ? 60 : 30;
   if (const auto usable = check_stream_url(command.target.url); !usable) {
     spdlog::error("{}", usable.error().message);
     return kExitUsage;
@@ -201,9 +218,7 @@ int run(const DeformCommand& command, const Console& console, Interrupt& interru
   if (!source) return report_failure(source.error());
   const auto report = perform(command, std::move(*source), console, interrupt);
   if (!report) return report_failure(report.error());
-  spdlog::info("sent {} poses, {} dropped; a pose took {} us (median)", (*report)["frames_sent"].get<std::uint64_t>(),
-               (*report)["frames_dropped"].get<std::uint64_t>(), (*report)["pose_us_p50"].get<std::int64_t>());
-  const auto written = write_report(command.json, report->dump(2));
+  const auto written = write_report(command.json, *report);
   return written ? kExitOk : report_failure(written.error());
 }
 

@@ -8,6 +8,7 @@
 #include <glm/ext/matrix_clip_space.hpp>
 #include <glm/ext/matrix_transform.hpp>
 #include <glm/geometric.hpp>
+#include <glm/matrix.hpp>
 
 namespace eigencast {
 namespace {
@@ -159,6 +160,19 @@ std::optional<glm::vec2> Camera::pixel_from_scene(const glm::vec3& point) const 
   if (clip.w <= 0) return std::nullopt;
   return glm::vec2((0.5F + 0.5F * clip.x / clip.w) * static_cast<float>(width_),
                    (0.5F - 0.5F * clip.y / clip.w) * static_cast<float>(height_));
+}
+
+glm::vec3 Camera::direction_through(const glm::vec2& pixel) const {
+  const float height = static_cast<float>(height_), tan_y = std::tan(0.5F * kFieldOfView);
+  const glm::vec2 from_centre = (pixel - 0.5F * glm::vec2(width_, height_)) * (2 * tan_y / height);
+  const glm::vec3 in_view(from_centre.x, -from_centre.y, -1);
+  return glm::normalize(glm::transpose(glm::mat3(view_from_scene())) * in_view);
+}
+
+float Camera::scene_per_px(const glm::vec3& point) const {
+  const glm::vec3 in_view = glm::vec3(view_from_scene() * glm::vec4(point, 1));
+  assert(in_view.z < 0);
+  return -2 * std::tan(0.5F * kFieldOfView) * in_view.z / static_cast<float>(height_);
 }
 
 double Camera::diameter_px(const glm::vec3& centre, float radius) const {

@@ -48,6 +48,10 @@ class Camera {
   glm::vec3 scene_high() const { return high_; }
   /// Where a point of the scene lands, in pixels; nothing when it is behind the camera.
   std::optional<glm::vec2> pixel_from_scene(const glm::vec3& point) const;
+  /// From the camera through a pixel: unit length.
+  glm::vec3 direction_through(const glm::vec2& pixel) const;
+  /// What a pixel is long in the plane of a point that faces the camera. REQUIRES: the point is before the camera.
+  float scene_per_px(const glm::vec3& point) const;
   /// Diameter in pixels of a ball, at most that of the picture's; 0 if none of it can be in the picture.
   double diameter_px(const glm::vec3& centre, float radius) const;
   bool moved() const { return moved_; }

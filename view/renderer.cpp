@@ -183,6 +183,7 @@ class Renderer::Impl {
   GlTarget target_;
   std::string device_;
   std::vector<std::unique_ptr<Surface>> surfaces_;
+  Markup markup_;
 
  private:
   void draw_shadow_map();
@@ -195,6 +196,7 @@ class Renderer::Impl {
   void set_lighting(const GlProgram& program, const Camera& camera) const;
   void finish_picture(const RenderOptions& options, unsigned target) const;
 
+  MarkupPainter painter_;
   GlProgram background_, shadow_, mesh_, line_, splat_, ground_, finish_;
   GLuint empty_array_ = 0, axes_array_ = 0, axes_ = 0;
   GLuint shadow_map_ = 0, shadow_framebuffer_ = 0, colour_table_ = 0;
@@ -238,6 +240,7 @@ Result<void> Renderer::Impl::init() {
     if (!program) return program.error();
     source.program = std::move(program).value();
   }
+  if (const Result<void> ready = painter_.init(); !ready) return ready;
   glGenBuffers(1, &axes_);
   for (GLuint* array : {&empty_array_, &axes_array_}) glGenVertexArrays(1, array);
   glBindVertexArray(axes_array_);
@@ -299,6 +302,7 @@ void Renderer::Impl::draw(const Camera& camera, const RenderOptions& options, in
   if (options.edges && !options.points && !options.wireframe) draw_edges();
   draw_ground(camera, options);
   if (options.axes) draw_axes(camera);
+  painter_.draw(markup_, clip_from_scene_, width, height);
   glDisable(GL_DEPTH_TEST);
   target_.resolve();
   finish_picture(options, target);
@@ -532,6 +536,10 @@ void Renderer::place(std::size_t surface, const glm::mat4& scene_from_surface, b
   assert(surface < impl_->surfaces_.size());
   impl_->surfaces_[surface]->place(scene_from_surface);
   impl_->surfaces_[surface]->visible = visible;
+}
+
+void Renderer::mark(Markup markup) {
+  impl_->markup_ = std::move(markup);
 }
 
 void Renderer::draw(const Camera& camera, const RenderOptions& options, int width_px, int height_px, unsigned target) {

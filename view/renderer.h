@@ -9,6 +9,7 @@
 #include "common/core/result.h"
 #include "view/camera.h"
 #include "view/colour_map.h"
+#include "view/markup.h"
 #include "view/paint.h"
 #include "view/picture.h"
 #include "view/surface_view.h"
@@ -42,6 +43,8 @@ class Renderer final {
   void paint(std::size_t surface, const SurfacePaint& paint);
   /// Where a surface stands, and whether it is drawn.
   void place(std::size_t surface, const glm::mat4& scene_from_surface, bool visible = true);
+  /// What to draw over the surfaces from now on.
+  void mark(Markup markup);
   /// Draws what was uploaded last (nothing is fine) to framebuffer `target` (0 = the window), width x height pixels.
   void draw(const Camera& camera, const RenderOptions& options, int width_px, int height_px, unsigned target = 0);
   /// Draws into memory. Errors: kUnsupported (larger than the card can).

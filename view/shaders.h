@@ -220,6 +220,29 @@ void main() {
   colour = vec4(vec3(0.10, 0.12, 0.16), fade * max(dark, 0.20 * line));
 })";
 
+/// Marks of markup.h, whose corners come in clip space.
+inline constexpr const char* kMarkVertex = R"(#version 330 core
+layout(location = 0) in vec4 clip;
+layout(location = 1) in vec4 mark_colour;
+layout(location = 2) in vec2 mark_round;
+out vec4 ink;
+out vec2 around;
+void main() {
+  ink = mark_colour;
+  around = mark_round;
+  gl_Position = clip;
+})";
+inline constexpr const char* kMarkFragment = R"(#version 330 core
+in vec4 ink;
+in vec2 around;
+uniform float opacity;
+out vec4 colour;
+void main() {
+  float beyond = length(around);
+  if (beyond > 1.0) discard;
+  colour = vec4(ink.rgb * (beyond > 0.72 ? 0.35 : 1.0), ink.a * opacity);
+})";
+
 /// Last: depth shading for bare clouds (after Boucheny 2009, "Eye-dome lighting") and fading to grey while nothing
 /// comes. Colours come multiplied by their alpha, and go without.
 inline constexpr const char* kFinishFragment = R"(#version 330 core

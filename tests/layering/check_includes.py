@@ -32,8 +32,10 @@ ROOMS = {
             "common/progressive", "common/asset", "common/reconstruction", "common/net"},
     # Surfaces and handles: no window, no network.
     "sender/deform": {"common/core", "common/surface", "common/asset", "common/reconstruction"},
+    # The window over them.
+    "sender/studio": {"common/core", "common/surface", "common/asset", "common/reconstruction", "common/net", "sdk", "sender/deform", "view"},
     "sender": {"common/core", "common/command_line", "common/core/hash", "common/wire", "common/codec", "common/motion", "common/surface",
-               "common/spectral", "common/progressive", "common/asset", "common/reconstruction", "common/net", "common/recording", "sdk", "sender/deform", "view"},
+               "common/spectral", "common/progressive", "common/asset", "common/reconstruction", "common/net", "common/recording", "sdk", "sender/deform", "sender/studio"},
     # Streams as pictures, for every program that draws.
     "view": {"common/core", "common/motion", "common/surface", "common/asset", "common/reconstruction", "common/wire", "sdk"},
     "client": {"view", "common/core", "common/command_line", "common/core/hash", "common/wire", "common/codec", "common/motion", "common/surface",
@@ -56,14 +58,14 @@ LIBRARIES = {
     "Boost": (r"boost/", {"common/net", "broker"}, 36),
     "libnats": (r"nats/", {"broker"}, 1),
     "liburing": (r"liburing\.h", {"broker"}, 1),
-    "nlohmann_json": (r"nlohmann/", {"common/wire", "broker", "sdk", "sender", "sender/deform", "client", "tools/latency"}, 25),
+    "nlohmann_json": (r"nlohmann/", {"common/wire", "broker", "sdk", "sender", "sender/deform", "client", "tools/latency"}, 26),
     "CLI11": (r"CLI/", {"common/command_line", "broker", "sender", "client", "tools/latency"}, 12),
     "prometheus-cpp": (r"prometheus/", {"broker"}, 3),
     "systemd": (r"systemd/", {"broker"}, 1),
     "spdlog": (r"spdlog/", {"broker", "sender", "client"}, 14),
     "toml++": (r"toml(\+\+|plusplus)", {"broker"}, 2),
-    "GL and windows": (r"(epoxy|GLFW|EGL|GL|imgui[a-z_0-9]*\.h|imgui)(/|$)", {"view", "client", "sender"}, 16),
-    "GLM": (r"glm/", {"view", "client", "sender"}, 20),
+    "GL and windows": (r"(epoxy|GLFW|EGL|GL|imgui[a-z_0-9]*\.h|imgui)(/|$)", {"view", "client", "sender/studio"}, 18),
+    "GLM": (r"glm/", {"view", "client", "sender/studio"}, 22),
     "zlib": (r"zlib\.h", {"tools/latency"}, 1),
     "libpng": (r"png\.h", {"view"}, 2),
 }

@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <vector>
+
+#include "common/surface/surface.h"
+#include "sender/deform/moves.h"
+
+namespace eigencast::studio {
+
+/// What is done to the chosen handles.
+enum class Tool { kMove, kRotate, kScale, kTwist, kBend };
+const char* name_of(Tool tool);
+
+/// Handles that are edited: where they are, which are chosen, and the way back. Without a choice, all are meant.
+///
+/// A gesture goes from begin() to finish() or cancel(); each step within it starts from where the handles were at begin(), so
+/// that nothing adds up, and the whole is one step back. Pure state. Not thread-safe.
+class Editor {
+ public:
+  static constexpr std::size_t kMostSteps = 500;  ///< The oldest are forgotten.
+
+  explicit Editor(std::vector<Vec3> rest);
+
+  std::span<const Vec3> handles() const { return handles_; }
+  std::span<const Vec3> rest() const { return rest_; }
+  bool is_chosen(std::size_t handle) const { return chosen_[handle] != 0; }
+  std::size_t chosen_count() const;
+  /// Of the handles that are meant, where they are, or were at begin().
+  Box box() const;
+  Vec3 centre() const;
+
+  void choose(std::span<const std::uint32_t> handles, bool add);
+  void toggle(std::uint32_t handle) { chosen_[handle] = chosen_[handle] == 0; }
+  void choose_none() { chosen_.assign(chosen_.size(), 0); }
+
+  void begin();
+  bool is_under_way() const { return under_way_; }
+  // Each REQUIRES: is_under_way(). Angles in radians, about the axis through centre(); of a twist and a bend, over box().
+  void move(const Vec3& by);
+  void rotate(std::size_t axis, double angle);
+  void scale(const Vec3& by);
+  void twist(std::size_t axis, double angle);
+  void bend(const deform::Frame& frame, double angle);
+  void finish();
+  void cancel();
+
+  bool undo();
+  bool redo();
+  /// Back to rest, all of them, as one step.
+  void reset();
+
+ private:
+  void transform(const std::function<Vec3(const Vec3&)>& by);
+  void remember(std::vector<Vec3> before);
+
+  std::vector<Vec3> rest_, handles_, before_;
+  std::vector<char> chosen_;
+  bool under_way_ = false;
+  std::vector<std::vector<Vec3>> undo_, redo_;
+};
+
+}  // namespace eigencast::studio

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <string_view>
+
+#include "sender/studio/gizmo.h"
+
+namespace eigencast::studio {
+
+enum class Button { kLeft, kMiddle, kRight };
+struct Modifiers {
+  bool shift = false, control = false;
+};
+
+/// What a key asks for.
+enum class Command {
+  kMove,
+  kRotate,
+  kScale,
+  kTwist,
+  kBend,
+  kChooseAll,
+  kChooseNone,
+  kUndo,
+  kRedo,
+  kReset,
+  kHome,
+  kShow,
+  kCage,
+  kEdges,
+  kFigures,
+  kHelp,
+  kQuit
+};
+/// The command of a key: an upper-case letter, or "Home", "Escape", "Delete", "F1".
+std::optional<Command> command_for_key(std::string_view key, const Modifiers& modifiers);
+
+/// Turns what mouse and keys do into edits and views: a left drag of a handle moves what is chosen, of a knob does what
+/// the tool does; beside both it turns the camera, with Shift it draws a rectangle of choice. Middle and right drags
+/// move the camera. Pure state, no window, no time. Not thread-safe.
+class Hand {
+ public:
+  /// Both must outlive it.
+  Hand(Editor& editor, Camera& camera) : editor_(editor), camera_(camera) {}
+
+  void press(Button button, const glm::vec2& mouse, const Modifiers& modifiers);
+  void move(const glm::vec2& mouse);
+  void release(Button button);
+  void wheel(float steps);
+  /// Does what concerns edit and camera; false for the others, which are the window's.
+  bool command(Command command);
+
+  Tool tool() const { return tool_; }
+  const glm::vec2& mouse() const { return mouse_; }
+  /// Edges between handles, handles, knobs, the rectangle.
+  Markup markup(std::span<const Face> handle_faces) const;
+
+ private:
+  enum class Doing { kNothing, kHandles, kKnob, kTurning, kPanning, kChoosing };
+  void press_left(const Modifiers& modifiers);
+  Gizmo gizmo() const { return gizmo_at(camera_, editor_.centre()); }
+
+  Editor& editor_;
+  Camera& camera_;
+  Tool tool_ = Tool::kMove;
+  Doing doing_ = Doing::kNothing;
+  Button button_ = Button::kLeft;
+  glm::vec2 mouse_{0}, pressed_{0};
+  bool moved_ = false;    ///< Farther than a click does.
+  Vec3 held_{};           ///< The handle that is dragged, where it was.
+  Gizmo grabbed_;         ///< As it was when its knob was taken.
+  std::size_t axis_ = 0;  ///< Of that knob.
+};
+
+}  // namespace eigencast::studio

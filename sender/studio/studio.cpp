@@ -1,0 +1,380 @@
+// SPDX-License-Identifier: MIT
+#include "sender/studio/studio.h"
+
+#define GLFW_INCLUDE_NONE
+#include <GLFW/glfw3.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "common/net/url.h"
+#include "sender/studio/hand.h"
+#include "sender/studio/send_pace.h"
+
+namespace eigencast::studio {
+namespace {
+
+constexpr TimeUs kHeartbeatUs = 500'000, kFiguresEveryUs = 250'000, kLongestWaitUs = 50'000;
+
+std::string name_of_key(int key) {
+  if (key >= GLFW_KEY_A && key <= GLFW_KEY_Z) return std::string(1, static_cast<char>(key));
+  return key == GLFW_KEY_HOME                                  ? "Home"
+         : key == GLFW_KEY_ESCAPE                              ? "Escape"
+         : key == GLFW_KEY_DELETE || key == GLFW_KEY_BACKSPACE ? "Delete"
+         : key == GLFW_KEY_F1                                  ? "F1"
+                                                               : "";
+}
+
+std::vector<HelpLine> help_of(Tool tool) {
+  return {{"left drag", "a handle: move what is chosen; a knob: the tool; else turn the view", ""},
+          {"Shift+left drag", "choose by a rectangle", ""},
+          {"Shift+click", "choose one more, or one less", ""},
+          {"middle, right drag; wheel", "move the view; zoom", ""},
+          {"M R S T B", "move, rotate, scale, twist, bend", name_of(tool)},
+          {"A  Esc", "choose all; none, or give a drag up", ""},
+          {"Ctrl+Z  Ctrl+Y", "undo, redo", ""},
+          {"Delete", "back to rest", ""},
+          {"V", "full detail, or as viewers get it", ""},
+          {"C  E  F", "cage, edges, figures", ""},
+          {"Home", "the first view", ""},
+          {"H  F1", "this help", ""},
+          {"Q", "quit", ""}};
+}
+
+/// GLFW's library and the one window.
+class Window {
+ public:
+  ~Window() {
+    if (window_ != nullptr) glfwDestroyWindow(window_);
+    if (library_) glfwTerminate();
+  }
+  Result<void> open(const Options& options) {
+    glfwSetErrorCallback(nullptr);
+    library_ = glfwInit() == GLFW_TRUE;
+    if (library_) {
+      glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 3);
+      glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 3);
+      glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
+      glfwWindowHint(GLFW_OPENGL_FORWARD_COMPAT, GLFW_TRUE);
+      window_ = glfwCreateWindow(options.width, options.height, options.title.c_str(), nullptr, nullptr);
+    }
+    if (window_ != nullptr) return {};
+    const char* why = nullptr;
+    glfwGetError(&why);
+    return fail(ErrorCode::kUnsupported, std::string("no window can be opened: ") +
+                                             (why != nullptr ? why : "unknown reason") +
+                                             ". Without a display, --script deforms instead of a hand");
+  }
+  GLFWwindow* get() const { return window_; }
+
+ private:
+  GLFWwindow* window_ = nullptr;
+  bool library_ = false;
+};
+
+class Studio {
+ public:
+  Studio(const Options& options, deform::Deformer& deformer, deform::ProjectedDeformer& projected, const Asset& asset,
+         Publisher& publisher)
+      : options_(options),
+        deformer_(deformer),
+        projected_(projected),
+        asset_(asset),
+        publisher_(publisher),
+        editor_(in_asset_space(deformer.handles())),
+        hand_(editor_, camera_),
+        local_(asset, deformer.linear_map()),
+        pace_(static_cast<TimeUs>(1e6 / options.rate_hz), kHeartbeatUs) {}
+
+  Result<void> open(const LogSink& log);
+  Result<void> run(const std::function<bool()>& stop);
+  Report report() const {
+    Report all = report_;
+    all.painting = painter_->report();
+    all.rms = local_.rms();
+    all.max = local_.max();
+    return all;
+  }
+
+ private:
+  std::vector<Vec3> in_asset_space(std::span<const Vec3> handles) const;
+  void listen();
+  void take_size();
+  glm::vec2 pixels(double x, double y) const;
+  Modifiers modifiers() const;
+  void on_command(Command command);
+  /// Something came from the hand, now.
+  void felt() {
+    input_us_ = steady_now_us();
+    redraw_ = true;
+  }
+  Result<void> make_pose();
+  void send_if_due();
+  void make_surface();
+  void show();
+  std::vector<std::string> figures() const;
+  static Studio& of(GLFWwindow* window) { return *static_cast<Studio*>(glfwGetWindowUserPointer(window)); }
+
+  const Options& options_;
+  deform::Deformer& deformer_;
+  deform::ProjectedDeformer& projected_;
+  const Asset& asset_;
+  Publisher& publisher_;
+  Camera camera_;
+  Editor editor_;
+  Hand hand_;
+  LocalSurface local_;
+  SendPace pace_;
+  Window window_;
+  std::unique_ptr<Painter> painter_;
+  int width_ = 0, height_ = 0;
+  bool redraw_ = true, received_ = false, cage_ = true, edges_ = false, figures_ = true, help_ = false, quit_ = false;
+  std::optional<TimeUs> input_us_;       ///< Of the newest event that has not become a pose.
+  std::optional<TimeUs> pose_input_us_;  ///< Of the pose.
+  bool unsent_ = false;                  ///< The pose by hand has not gone out.
+  std::vector<Vec3> posed_;              ///< The handles that y_ and C_ are of.
+  std::vector<double> y_, C_;
+  std::uint64_t pose_ = 0;
+  std::shared_ptr<const SurfaceGeometry> surface_;
+  std::uint64_t surface_pose_ = 0;  ///< What surface_ shows.
+  bool surface_received_ = false;   ///< Likewise.
+  TimeUs shown_us_ = 0;
+  Report report_;
+};
+
+std::vector<Vec3> Studio::in_asset_space(std::span<const Vec3> handles) const {
+  std::vector<Vec3> moved(handles.begin(), handles.end());
+  for (Vec3& p : moved) {
+    for (std::size_t axis = 0; axis < 3; ++axis) p[axis] -= asset_.origin[axis];
+  }
+  return moved;
+}
+
+Result<void> Studio::open(const LogSink& log) {
+  Painter::Options painting;
+  for (const SubscriberOptions& wanted : options_.watch) {
+    Result<std::unique_ptr<PoseSource>> source = subscribe_to(wanted, log);
+    if (!source) return source.error();
+    painting.others.push_back(std::move(*source));
+    painting.names.push_back(parse_broker_url(wanted.url)->stream);
+  }
+  if (const Result<void> opened = window_.open(options_); !opened) return opened;
+  painting.window = window_.get();
+  painting.log = log;
+  float unused = 1;
+  glfwGetWindowContentScale(window_.get(), &painting.scale, &unused);
+  painting.scale = std::max(painting.scale, 1.0F);
+  const auto [low, high] = local_.box();
+  if (asset_.up_axis == Asset::UpAxis::kX) camera_.set_up(Camera::Up::kX);
+  if (asset_.up_axis == Asset::UpAxis::kZ) camera_.set_up(Camera::Up::kZ);
+  take_size();
+  frame(camera_, low, high, editor_.rest());
+  painting.low = camera_.scene_low();
+  painting.high = camera_.scene_high();
+  if (!camera_.set_view(options_.view)) return fail(ErrorCode::kInvalidArgument, "no view is called " + options_.view);
+  if (const Result<void> posed = make_pose(); !posed) return posed;
+  make_surface();
+  Result<std::unique_ptr<Painter>> painter = Painter::start(std::move(painting));
+  if (!painter) return painter.error();
+  painter_ = std::move(*painter);
+  listen();
+  return {};
+}
+
+void Studio::listen() {
+  GLFWwindow* window = window_.get();
+  glfwSetWindowUserPointer(window, this);
+  glfwSetFramebufferSizeCallback(window, [](GLFWwindow* w, int, int) { of(w).take_size(); });
+  glfwSetWindowRefreshCallback(window, [](GLFWwindow* w) { of(w).redraw_ = true; });
+  glfwSetCursorPosCallback(window, [](GLFWwindow* w, double x, double y) {
+    of(w).felt();
+    of(w).hand_.move(of(w).pixels(x, y));
+  });
+  glfwSetScrollCallback(window, [](GLFWwindow* w, double, double steps) {
+    of(w).felt();
+    of(w).hand_.wheel(static_cast<float>(steps));
+  });
+  glfwSetMouseButtonCallback(window, [](GLFWwindow* w, int button, int action, int) {
+    of(w).felt();
+    const Button which = button == GLFW_MOUSE_BUTTON_LEFT    ? Button::kLeft
+                         : button == GLFW_MOUSE_BUTTON_RIGHT ? Button::kRight
+                                                             : Button::kMiddle;
+    double x = 0, y = 0;
+    glfwGetCursorPos(w, &x, &y);
+    if (action == GLFW_PRESS)
+      of(w).hand_.press(which, of(w).pixels(x, y), of(w).modifiers());
+    else
+      of(w).hand_.release(which);
+  });
+  glfwSetKeyCallback(window, [](GLFWwindow* w, int key, int, int action, int) {
+    if (action == GLFW_RELEASE) return;
+    of(w).felt();
+    if (const auto command = command_for_key(name_of_key(key), of(w).modifiers())) of(w).on_command(*command);
+  });
+}
+
+void Studio::take_size() {
+  glfwGetFramebufferSize(window_.get(), &width_, &height_);
+  if (width_ > 0 && height_ > 0) camera_.set_viewport(width_, height_);
+  redraw_ = true;
+}
+
+/// Mouse places come in window units, which are not pixels on HiDPI screens.
+glm::vec2 Studio::pixels(double x, double y) const {
+  int w = 1, h = 1;
+  glfwGetWindowSize(window_.get(), &w, &h);
+  return {static_cast<float>(x) * static_cast<float>(width_) / static_cast<float>(std::max(w, 1)),
+          static_cast<float>(y) * static_cast<float>(height_) / static_cast<float>(std::max(h, 1))};
+}
+
+Modifiers Studio::modifiers() const {
+  const auto held = [this](int left, int right) {
+    return glfwGetKey(window_.get(), left) == GLFW_PRESS || glfwGetKey(window_.get(), right) == GLFW_PRESS;
+  };
+  return {held(GLFW_KEY_LEFT_SHIFT, GLFW_KEY_RIGHT_SHIFT), held(GLFW_KEY_LEFT_CONTROL, GLFW_KEY_RIGHT_CONTROL)};
+}
+
+void Studio::on_command(Command command) {
+  if (hand_.command(command)) return;
+  switch (command) {
+    case Command::kShow:
+      received_ = !received_;
+      break;
+    case Command::kCage:
+      cage_ = !cage_;
+      break;
+    case Command::kEdges:
+      edges_ = !edges_;
+      break;
+    case Command::kFigures:
+      figures_ = !figures_;
+      break;
+    case Command::kHelp:
+      help_ = !help_;
+      break;
+    case Command::kQuit:
+      quit_ = true;
+      break;
+    default:
+      break;
+  }
+}
+
+Result<void> Studio::make_pose() {
+  const std::span<const Vec3> handles = editor_.handles();
+  if (std::equal(handles.begin(), handles.end(), posed_.begin(), posed_.end())) {
+    input_us_.reset();
+    return {};
+  }
+  posed_.assign(handles.begin(), handles.end());
+  std::vector<Vec3> in_source = posed_;
+  for (Vec3& p : in_source) {
+    for (std::size_t axis = 0; axis < 3; ++axis) p[axis] += asset_.origin[axis];
+  }
+  Result<std::vector<double>> C = projected_.coefficients(in_source);
+  if (!C) return C.error();
+  C_ = std::move(*C);
+  y_ = deformer_.controls(posed_);
+  ++pose_;
+  redraw_ = true;
+  pose_input_us_ = std::exchange(input_us_, std::nullopt);
+  pace_.changed();
+  if (!pose_input_us_) return {};
+  if (unsent_) ++report_.held_back;
+  unsent_ = true;
+  ++report_.poses;
+  report_.input_to_coefficients_us.add(steady_now_us() - *pose_input_us_);
+  return {};
+}
+
+void Studio::send_if_due() {
+  const TimeUs now_us = steady_now_us(), due_us = pace_.due_us(now_us);
+  if (due_us > now_us) return;
+  (void)publisher_.send_coefficients(C_, now_us);  // It counts what it drops.
+  pace_.sent(now_us);
+  if (!std::exchange(unsent_, false)) return;
+  if (due_us <= *pose_input_us_)
+    report_.input_to_sent_us.add(steady_now_us() - *pose_input_us_);
+  else
+    ++report_.held_back;
+}
+
+/// After what is sent: the others wait longer for it than one's own eye.
+void Studio::make_surface() {
+  if (surface_ && surface_pose_ == pose_ && surface_received_ == received_) return;
+  const bool by_hand = surface_pose_ != pose_ && pose_input_us_;
+  surface_pose_ = pose_;
+  surface_received_ = received_;
+  local_.show_received(received_);
+  local_.set(y_, C_);
+  surface_ = std::make_shared<const SurfaceGeometry>(local_.geometry());
+  redraw_ = true;
+  if (by_hand) report_.input_to_pose_us.add(steady_now_us() - *pose_input_us_);
+}
+
+std::vector<std::string> Studio::figures() const {
+  const std::size_t chosen = editor_.chosen_count();
+  char error[96];
+  std::snprintf(error, sizeof error, "%s, sent within %.2g rms, %.2g largest, of the diagonal",
+                local_.received_shown() ? "as viewers get it" : "full detail", local_.rms(), local_.max());
+  return {std::string(name_of(hand_.tool())) + ", " + (chosen == 0 ? "all" : std::to_string(chosen) + " of") + " " +
+              std::to_string(editor_.handles().size()) + " handles",
+          error};
+}
+
+void Studio::show() {
+  const Publisher::Stats stats = publisher_.stats();
+  Picturing state;
+  state.camera = camera_;
+  state.options.edges = edges_;
+  state.markup = hand_.markup(deformer_.handle_faces());
+  if (!cage_) state.markup.lines.clear(), state.markup.dots.clear();
+  state.width_px = width_;
+  state.height_px = height_;
+  state.surface = surface_;
+  state.pose = pose_;
+  state.input_us = pose_input_us_;
+  if (figures_) state.figures = figures();
+  state.connected = stats.state == Publisher::State::kLive;
+  state.connection = state.connected ? "on the air, " + std::to_string(stats.subscribers) + " watching" : stats.detail;
+  if (help_) state.help = help_of(hand_.tool());
+  painter_->show(std::move(state));
+}
+
+Result<void> Studio::run(const std::function<bool()>& stop) {
+  const TimeUs end_us = options_.duration_s > 0 ? steady_now_us() + static_cast<TimeUs>(options_.duration_s * 1e6) : 0;
+  while (!quit_ && glfwWindowShouldClose(window_.get()) == GLFW_FALSE && !stop()) {
+    const TimeUs now_us = steady_now_us();
+    if (end_us > 0 && now_us >= end_us) break;
+    const TimeUs wait_us = std::clamp<TimeUs>(pace_.due_us(now_us) - now_us, 0, kLongestWaitUs);
+    if (wait_us > 0)
+      glfwWaitEventsTimeout(static_cast<double>(wait_us) * 1e-6);
+    else
+      glfwPollEvents();
+    if (const Result<void> posed = make_pose(); !posed) return posed;
+    send_if_due();
+    make_surface();
+    if (const auto box = painter_->take_box()) {
+      frame(camera_, box->first, box->second, editor_.rest());
+      redraw_ = true;
+    }
+    if (!redraw_ && steady_now_us() - shown_us_ < kFiguresEveryUs) continue;
+    show();
+    redraw_ = false;
+    shown_us_ = steady_now_us();
+  }
+  return {};
+}
+
+}  // namespace
+
+Result<Report> run(const Options& options, deform::Deformer& deformer, deform::ProjectedDeformer& projected,
+                   const Asset& asset, Publisher& publisher, const std::function<bool()>& stop, const LogSink& log) {
+  Studio studio(options, deformer, projected, asset, publisher);
+  if (const Result<void> opened = studio.open(log); !opened) return opened.error();
+  if (const Result<void> ran = studio.run(stop); !ran) return ran.error();
+  return studio.report();
+}
+
+}  // namespace eigencast::studio
