@@ -44,11 +44,11 @@ double LevelMorph::effective() const {
   return std::accumulate(weights_.begin(), weights_.end(), static_cast<double>(whole_));
 }
 
-void LevelMorph::blend(std::span<const std::uint32_t> map, std::span<float> positions) const {
-  assert(positions.size() >= 3 * std::size_t{drawn()});
+void LevelMorph::blend(std::span<const std::uint32_t> map, std::span<float> values) const {
+  assert(values.size() >= 3 * std::size_t{drawn()});
   for (std::size_t i = 0; i < weights_.size(); ++i) {
-    float* y = &positions[3 * (whole_ + i)];
-    const float* from = &positions[3 * std::size_t{map[whole_ + i]}];
+    float* y = &values[3 * (whole_ + i)];
+    const float* from = &values[3 * std::size_t{map[whole_ + i]}];
     for (std::size_t d = 0; d < 3; ++d) y[d] = from[d] + weights_[i] * (y[d] - from[d]);
   }
 }

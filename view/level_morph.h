@@ -38,11 +38,13 @@ class LevelMorph {
   std::uint32_t drawn() const { return whole_ + static_cast<std::uint32_t>(weights_.size()); }
   /// The first so many stand at their own place.
   std::uint32_t whole() const { return whole_; }
+  /// How much of vertex i < drawn() is there: 1 at its own place.
+  float weight(std::uint32_t i) const { return i < whole_ ? 1.0F : weights_[i - whole_]; }
   /// Vertices to draw, each as much as it is there.
   double effective() const;
 
-  /// y from x, in place: 3 floats for each of drawn() vertices.
-  void blend(std::span<const std::uint32_t> map, std::span<float> positions) const;
+  /// y from x, in place: 3 floats for each of drawn() vertices, places or whatever else belongs to them alone.
+  void blend(std::span<const std::uint32_t> map, std::span<float> values) const;
 
   /// What belongs to the vertices as a sum over their faces (normals times areas) for who is drawn: each vertex gives what its
   /// place is not its own to the one that it comes from, and sees as much of that one's. Without a jump where vertices come and

@@ -50,6 +50,8 @@ class Renderer::Surface final {
   void paint(const SurfacePaint& paint);
   bool drawable() const { return visible && vertex_count_ > 0; }
   bool is_point_cloud() const { return is_point_cloud_; }
+  bool has_discs() const { return has_discs_; }        ///< Points with normals and radii.
+  float scale() const { return scale_; }               ///< Of the surface in the scene.
   float spacing() const { return spacing_ * scale_; }  ///< Of points, in the scene.
   void place(const glm::mat4& scene_from_surface);
   /// Sets the program's transform and binds the arrays.
@@ -62,19 +64,19 @@ class Renderer::Surface final {
  private:
   void upload_triangles(const SurfaceGeometry& geometry);
 
-  GLuint array_ = 0, positions_ = 0, normals_ = 0, triangles_ = 0, values_ = 0;
+  GLuint array_ = 0, positions_ = 0, normals_ = 0, triangles_ = 0, values_ = 0, radii_ = 0;
   GLsizei vertex_count_ = 0, index_count_ = 0;
   std::size_t index_room_ = 0;  ///< Of the buffer.
   std::uint64_t maker_ = 0, pose_version_ = 0, topology_version_ = 0, paint_version_ = 0;
   int paint_ = 0;  ///< As kPaint of the shaders has it.
-  bool is_point_cloud_ = false;
+  bool is_point_cloud_ = false, has_discs_ = false;
   float spacing_ = 0, scale_ = 1;
   glm::mat4 scene_from_surface_{1};
   glm::mat3 scene_from_normal_{1};
 };
 
 Renderer::Surface::Surface() {
-  for (GLuint* buffer : {&positions_, &normals_, &triangles_, &values_}) glGenBuffers(1, buffer);
+  for (GLuint* buffer : {&positions_, &normals_, &triangles_, &values_, &radii_}) glGenBuffers(1, buffer);
   glGenVertexArrays(1, &array_);
   glBindVertexArray(array_);
   glBindBuffer(GL_ARRAY_BUFFER, positions_);
@@ -82,12 +84,14 @@ Renderer::Surface::Surface() {
   glEnableVertexAttribArray(0);
   glBindBuffer(GL_ARRAY_BUFFER, normals_);
   glVertexAttribPointer(1, 3, GL_FLOAT, GL_FALSE, 0, nullptr);
+  glBindBuffer(GL_ARRAY_BUFFER, radii_);
+  glVertexAttribPointer(3, 1, GL_FLOAT, GL_FALSE, 0, nullptr);
   glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, triangles_);
 }
 
 Renderer::Surface::~Surface() {
   glDeleteVertexArrays(1, &array_);
-  for (GLuint buffer : {positions_, normals_, triangles_, values_}) glDeleteBuffers(1, &buffer);
+  for (GLuint buffer : {positions_, normals_, triangles_, values_, radii_}) glDeleteBuffers(1, &buffer);
 }
 
 void Renderer::Surface::place(const glm::mat4& scene_from_surface) {
@@ -119,6 +123,14 @@ void Renderer::Surface::upload(const SurfaceGeometry& geometry) {
       glEnableVertexAttribArray(1);
       glBindBuffer(GL_ARRAY_BUFFER, normals_);
       glBufferData(GL_ARRAY_BUFFER, bytes(geometry.normals), geometry.normals.data(), GL_STREAM_DRAW);
+    }
+    has_discs_ = !geometry.radii.empty();
+    if (has_discs_) {
+      glEnableVertexAttribArray(3);
+      glBindBuffer(GL_ARRAY_BUFFER, radii_);
+      glBufferData(GL_ARRAY_BUFFER, bytes(geometry.radii), geometry.radii.data(), GL_STREAM_DRAW);
+    } else {
+      glDisableVertexAttribArray(3);
     }
   }
   if (geometry.topology_version != topology_version_) upload_triangles(geometry);
@@ -404,6 +416,7 @@ void Renderer::Impl::draw_surfaces(const Camera& camera, const RenderOptions& op
     surface->bind(splat_);
     const float scale = surface->is_point_cloud() ? 1.15F : 0.32F;
     splat_.set("radius", scale * std::max(surface->spacing(), 1e-4F * camera.scene_radius()));
+    splat_.set("discs", surface->has_discs() ? surface->scale() : 0.0F);
     surface->draw_points();
   }
 }
@@ -482,7 +495,7 @@ void Renderer::Impl::finish_picture(const RenderOptions& options, unsigned targe
   finish_.set("colourfulness", std::clamp(options.colourfulness, 0.0F, 1.0F));
   const bool all_clouds =
       !surfaces_.empty() && std::all_of(surfaces_.begin(), surfaces_.end(), [](const auto& surface) {
-        return surface->is_point_cloud() || !surface->drawable();
+        return (surface->is_point_cloud() && !surface->has_discs()) || !surface->drawable();
       });
   finish_.set("dome", all_clouds ? 90.0F : 0.0F);
   const float m = clip_from_view_[2][2], k = clip_from_view_[3][2];

@@ -136,38 +136,49 @@ uniform vec4 line_colour;
 out vec4 colour;
 void main() { colour = line_colour; })";
 
-/// Points as small balls: the fragment knows its place on the ball, hence its own depth and normal.
+/// Points as discs across their normal where the surface has radii (discs > 0, its scale). Discs sink towards their rim, so
+/// that each pixel goes to the nearest one and no rim stands out (Schuetz, Wimmer 2015, "High-quality point-based rendering
+/// using fast single-pass interpolation"). Others as small balls: the fragment knows its place on the ball, hence its own
+/// depth and normal.
 inline constexpr const char* kSplatVertex = R"(#version 330 core
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
 layout(location = 2) in vec3 vertex_paint;
+layout(location = 3) in float disc_radius;
 uniform mat4 scene_from_surface;
 uniform mat3 scene_from_normal;
 uniform mat4 view_from_scene;
 uniform mat4 clip_from_view;
 uniform float radius;
+uniform float discs;
 uniform float px_per_unit;
 out vec3 centre;
 flat out vec3 scene_normal;
 flat out vec3 scene_centre;
 flat out vec3 painted;
+flat out float r;
+flat out float point_px;
 void main() {
   painted = vertex_paint;
   scene_centre = (scene_from_surface * vec4(position, 1.0)).xyz;
   scene_normal = dot(normal, normal) > 0.0 ? normalize(scene_from_normal * normal) : vec3(0.0);
   vec4 view = view_from_scene * vec4(scene_centre, 1.0);
   centre = view.xyz;
+  r = discs > 0.0 ? discs * disc_radius : radius;
   gl_Position = clip_from_view * view;
-  gl_PointSize = max(2.0 * radius * px_per_unit / max(-view.z, 1e-6), 1.5);
+  point_px = max(2.0 * r * px_per_unit / max(-view.z, 1e-6), 1.5);
+  gl_PointSize = point_px;
 })";
 inline constexpr const char* kSplatFragment = R"(
 in vec3 centre;
 flat in vec3 scene_normal;
 flat in vec3 scene_centre;
 flat in vec3 painted;
+flat in float r;
+flat in float point_px;
 uniform mat4 view_from_scene;
 uniform mat4 clip_from_view;
-uniform float radius;
+uniform float discs;
 uniform float normal_offset;
 out vec4 colour;
 void main() {
@@ -175,14 +186,31 @@ void main() {
   disc.y = -disc.y;
   float rr = dot(disc, disc);
   if (rr > 1.0) discard;
-  vec3 ball = vec3(disc, sqrt(1.0 - rr));
-  vec4 clip = clip_from_view * vec4(centre + radius * vec3(0.0, 0.0, ball.z), 1.0);
+  vec3 at = centre, n = scene_normal;
+  if (discs > 0.0) {
+    vec3 plane = mat3(view_from_scene) * scene_normal;
+    vec3 beside = centre + r * vec3(disc, 0.0);  // on the ray of this fragment
+    float along = dot(beside, plane);
+    // Grazing discs keep a pixel's width, so that silhouettes have no holes.
+    float least = 2.0 / point_px * abs(centre.z) / max(length(centre), 1e-6);
+    float t = abs(along) > 1e-6 * length(beside) ? dot(centre, plane) / along : 1.0;
+    at = beside * t;
+    if (length(at - centre) > r) {
+      if (abs(dot(normalize(centre), plane)) > 0.3 || abs(dot(disc, normalize(plane.xy + 1e-9))) > least) discard;
+      at = beside;
+    }
+    at *= 1.0 + 0.7 * dot(at - centre, at - centre) / (r * length(at));
+  } else {
+    vec3 ball = vec3(disc, sqrt(1.0 - rr));
+    at = centre + vec3(0.0, 0.0, r * ball.z);
+    // Where a normal is known it wins; a bare cloud is shaded by a flattened ball and by depth afterwards.
+    if (dot(n, n) < 0.25) n = transpose(mat3(view_from_scene)) * normalize(vec3(0.55 * ball.xy, 1.0));
+  }
+  vec4 clip = clip_from_view * vec4(at, 1.0);
   gl_FragDepth = 0.5 * clip.z / clip.w + 0.5;
-  // Where a normal is known it wins; a bare cloud is shaded by a flattened ball and by depth afterwards.
-  vec3 n = dot(scene_normal, scene_normal) > 0.25
-      ? normalize(scene_normal)
-      : normalize(transpose(mat3(view_from_scene)) * normalize(vec3(0.55 * ball.xy, 1.0)));
-  if (dot(n, eye - scene_centre) < 0.0) n = -n;
+  n = normalize(n);
+  // Seen from behind; but not those of the rim that only just look away.
+  if (dot(n, normalize(eye - scene_centre)) < (discs > 0.0 ? -0.3 : 0.0)) n = -n;
   float shadow = lit_by_key(scene_centre + 2.5 * normal_offset * n, 0.002);
   colour = finished(scene_centre, n, painted, false, shadow);
 })";

@@ -170,16 +170,36 @@ void SurfaceView::finish(const Asset& asset) {
   std::vector<float>& positions = geometry_.positions;
   own_first_ = morph_.whole();
   own_places_.assign(positions.begin() + 3 * std::ptrdiff_t{own_first_}, positions.end());
-  morph_.blend(asset.map, positions);
   geometry_.is_point_cloud = asset.is_point_cloud();
-  geometry_.normals.resize(geometry_.is_point_cloud ? 0 : positions.size());
+  if (geometry_.is_point_cloud) make_discs(asset);
+  morph_.blend(asset.map, positions);
   if (!geometry_.is_point_cloud) {
+    geometry_.normals.resize(positions.size());
     area_normals(positions, geometry_.triangles, geometry_.normals);
     morph_.share(asset.map, geometry_.normals);
     normalise(geometry_.normals);
   }
   geometry_.point_spacing = static_cast<float>(std::sqrt(std::max(asset.area, 0.0) / morph_.effective()));
   ++geometry_.pose_version;
+}
+
+void SurfaceView::make_discs(const Asset& asset) {
+  const std::uint32_t N = morph_.drawn();
+  const bool has_discs = asset.splats.size() >= N;
+  geometry_.normals.resize(has_discs ? 3 * std::size_t{N} : 0);
+  geometry_.radii.resize(has_discs ? N : 0);
+  if (!has_discs) return;
+  splat_normals(asset, geometry_.positions, geometry_.normals);
+  morph_.blend(asset.map, geometry_.normals);
+  normalise(geometry_.normals);
+  // A disc that comes begins as the one that it splits off, which shrinks as much as the new one is there.
+  splat_radii(asset, morph_.whole(), geometry_.radii);
+  for (std::uint32_t i = morph_.whole(); i < N; ++i) {
+    const float weight = morph_.weight(i);
+    float& parent = geometry_.radii[asset.map[i]];
+    geometry_.radii[i] = parent + weight * (asset.splats.radius[i] - parent);
+    parent += weight * (asset.splats.parent_radius[i] - parent);
+  }
 }
 
 bool SurfaceView::advance(const PoseSource& source, TimeUs now_us) {

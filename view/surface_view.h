@@ -23,7 +23,8 @@ namespace eigencast {
 struct SurfaceGeometry {
   std::uint64_t maker = 0;               ///< Whose versions these are.
   std::vector<float> positions;          ///< N x 3, scene units, in level-of-detail order.
-  std::vector<float> normals;            ///< N x 3; empty for a point cloud.
+  std::vector<float> normals;            ///< N x 3; empty for a point cloud whose asset brings none.
+  std::vector<float> radii;              ///< N: of a point cloud's discs, surface units; empty as normals.
   std::vector<std::uint32_t> triangles;  ///< 3 indices each.
   std::uint64_t pose_version = 0;        ///< Of positions and normals.
   std::uint64_t topology_version = 0;    ///< Of triangles.
@@ -121,6 +122,7 @@ class SurfaceView {
   bool choose_pose(const PoseSource& source, TimeUs now_us);
   bool change_level(const Asset& asset, std::uint32_t N, TimeUs now_us);
   void stand_at_own_places();
+  void make_discs(const Asset& asset);
   void update_facts(const Asset& asset);
 
   Playout playout_;
