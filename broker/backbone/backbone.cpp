@@ -6,8 +6,6 @@
 #include <limits>
 #include <utility>
 
-#include "broker/backbone/remote.h"
-
 namespace eigencast::broker {
 namespace {
 
@@ -45,7 +43,9 @@ Backbone::Backbone(Settings settings, Link& link, AssetExchange& assets, Surroun
       link_(link),
       assets_(assets),
       surroundings_(std::move(surroundings)),
-      directory_(settings_.id, surroundings_.now_us()) {}
+      directory_(settings_.id, surroundings_.now_us()),
+      following_({settings_.id, settings_.prefix, settings_.retry_us, settings_.linger_us}, link, assets,
+                 {surroundings_.now_us, surroundings_.frames_came, surroundings_.log}) {}
 
 Backbone::~Backbone() {
   stop();
@@ -53,6 +53,7 @@ Backbone::~Backbone() {
 
 void Backbone::start(Hub& hub) {
   hub_ = &hub;
+  following_.start(hub);
   link_.start(*this);
   const auto heard = [this](Bytes message) {
     if (message.empty()) return;
@@ -76,11 +77,7 @@ void Backbone::stop() {
   link_.stop();
   assets_.stop();
   listening_.clear();
-  // The streams end after this: nobody's place to feed them any more.
-  for (const auto& [name, remote] : remotes_) remote->subscription.reset();
-  for (const auto& [name, remote] : std::exchange(remotes_, {})) {
-    if (remote->stream() != nullptr) remote->stream()->release(*remote);
-  }
+  following_.stop();
   own_.clear();
   claims_.clear();
   hub_ = nullptr;
@@ -149,7 +146,7 @@ void Backbone::reconcile() {
   if (hub_ == nullptr || std::exchange(reconciling_, true)) return;
   reconcile_claims();
   if (!settled_) reconcile_own();
-  reconcile_followed();
+  following_.reconcile(directory_, connected_, table_read_);
   forget();
   reconciling_ = false;
 }
@@ -178,7 +175,7 @@ void Backbone::reconcile_own() {
   for (const auto& [name, holder] : overruled) {
     ++totals_.senders_dismissed;
     say(LogLevel::kWarning, "stream '" + name + "': its sender is at another broker now, the one here is sent away");
-    if (Stream* stream = hub_->find(name)) follow(*stream, holder);
+    if (Stream* stream = hub_->find(name)) following_.follow(*stream, holder);
   }
   // What this broker is still said to have, but has no more.
   for (const auto& [name, known] : directory_.streams()) {
@@ -197,29 +194,6 @@ void Backbone::forget() {
   if (now < next_forget_us_) return;
   next_forget_us_ = now + kForgetEveryUs;
   for (const std::string& name : directory_.forgotten(now)) write(name, std::nullopt);
-}
-
-void Backbone::reconcile_followed() {
-  const TimeUs now = surroundings_.now_us();
-  std::vector<std::string> over;
-  for (const auto& [name, remote] : remotes_) {
-    const Directory::Known* known = directory_.find(name);
-    const bool same = known != nullptr && known->entry && known->entry->live &&
-                      known->entry->owner == remote->entry().owner && known->entry->epoch == remote->entry().epoch;
-    if (remote->stream() != nullptr && remote->stream()->watchers() > 0) remote->watched_us = now;
-    const bool wanted = now - remote->watched_us < settings_.linger_us;
-    if (remote->stream() == nullptr || !wanted || (table_read_ && !same)) over.push_back(name);
-  }
-  for (const std::string& name : over) unfollow(name);
-  for (const Stream* stream : hub_->streams()) {
-    if (stream->has_publisher() || stream->watchers() == 0) continue;
-    const DirectoryEntry* holder = directory_.live(stream->name(), now);
-    if (holder == nullptr || holder->owner == settings_.id || holder->epoch < stream->epoch()) continue;
-    follow(*hub_->find(stream->name()), *holder);
-  }
-  std::vector<std::shared_ptr<Remote>> all;
-  for (const auto& [name, remote] : remotes_) all.push_back(remote);
-  for (const auto& remote : all) advance(remote);
 }
 
 // ---- Streams of this broker ----
@@ -291,7 +265,7 @@ void Backbone::write(const std::string& name, const std::optional<DirectoryEntry
 }
 
 void Backbone::on_announced(const Stream& stream) {
-  if (remotes_.contains(stream.name()) && remotes_.find(stream.name())->second->stream() != nullptr) return;
+  if (following_.feeds(stream.name())) return;
   settled_ = false;
   own_[stream.name()] = {{settings_.id, stream.epoch(), true, stream.announcement()}, stream.layout(), nullptr};
 }
@@ -315,7 +289,7 @@ void Backbone::on_stalled(const Stream& stream) {
 void Backbone::on_forgotten(const Stream& stream) {
   settled_ = false;
   own_.erase(stream.name());
-  if (const auto found = remotes_.find(stream.name()); found != remotes_.end()) found->second->forget_stream();
+  following_.forget_stream(stream.name());
 }
 
 void Backbone::answer_join(ByteView question, const Link::Reply& reply) {
@@ -332,111 +306,15 @@ void Backbone::answer_join(ByteView question, const Link::Reply& reply) {
   reply(message_of(FrameKind::kJoin, newest.after->newer.bands, epoch, newest, *payload));
 }
 
-// ---- Streams of other brokers ----
-
-void Backbone::follow(Stream& stream, const DirectoryEntry& entry) {
-  unfollow(stream.name());
-  auto remote = std::make_shared<Remote>(stream, entry);
-  remote->watched_us = surroundings_.now_us();
-  // Known first: what the stream tells its taps then is of another broker.
-  remotes_[stream.name()] = remote;
-  if (const auto claimed = stream.claim(*remote, true); !claimed) remotes_.erase(stream.name());
-}
-
-void Backbone::unfollow(const std::string& name) {
-  const auto found = remotes_.find(name);
-  if (found == remotes_.end()) return;
-  const std::shared_ptr<Remote> remote = found->second;
-  remotes_.erase(found);
-  remote->subscription.reset();
-  Stream* stream = remote->stream();
-  remote->forget_stream();
-  if (stream == nullptr) return;
-  stream->release(*remote);
-  hub_->left(*stream);
-}
-
-void Backbone::advance(const std::shared_ptr<Remote>& remote) {
-  const TimeUs now = surroundings_.now_us();
-  if (remote->stream() == nullptr || !connected_) return;
-  if (remote->phase == Remote::Phase::kWaiting && now >= remote->next_us) fetch_surface(remote);
-  if (remote->phase == Remote::Phase::kFetched) begin(remote);
-  if (remote->phase == Remote::Phase::kFollowing && remote->follower.wants_join(now)) ask_join(remote);
-}
-
-void Backbone::fetch_surface(const std::shared_ptr<Remote>& remote) {
-  remote->phase = Remote::Phase::kFetching;
-  const auto asset = Sha256::from_hex(remote->entry().announce.asset);
-  if (!asset) {
-    remote->phase = Remote::Phase::kUnusable;
-    return;
-  }
-  assets_.fetch(remote->entry().owner, *asset, [this, weak = std::weak_ptr(remote)](const Result<void>& fetched) {
-    const auto still = weak.lock();
-    if (!still || still->stream() == nullptr) return;
-    if (fetched) {
-      still->phase = Remote::Phase::kFetched;
-      return;
-    }
-    still->phase = Remote::Phase::kWaiting;
-    still->next_us = surroundings_.now_us() + settings_.retry_us;
-    say(LogLevel::kWarning, "the surface of stream '" + still->stream()->name() +
-                                "' does not come, trying again: " + fetched.error().message);
-  });
-}
-
-void Backbone::begin(const std::shared_ptr<Remote>& remote) {
-  Stream& stream = *remote->stream();
-  if (const auto begun = stream.announce(remote->entry().announce, remote->entry().epoch); !begun) {
-    remote->phase = Remote::Phase::kUnusable;
-    return say(LogLevel::kWarning, "stream '" + stream.name() + "' cannot be followed: " + begun.error().message);
-  }
-  say(LogLevel::kInfo, "stream '" + stream.name() + "' of broker " + remote->entry().owner + " is followed, epoch " +
-                           std::to_string(remote->entry().epoch));
-  remote->phase = Remote::Phase::kFollowing;
-  remote->subscription = link_.subscribe(settings_.prefix + ".frames." + token_from_stream(stream.name()),
-                                         [this, weak = std::weak_ptr(remote)](Bytes message) {
-                                           if (const auto still = weak.lock()) take(*still, std::move(message));
-                                         });
-}
-
-void Backbone::ask_join(const std::shared_ptr<Remote>& remote) {
-  Bytes question;
-  ByteWriter out(question);
-  out.u32(remote->entry().epoch);
-  out.text(remote->stream()->name());
-  ++totals_.joins_asked;
-  link_.ask(settings_.prefix + ".joins." + remote->entry().owner, std::move(question), Follower::kJoinTimeoutUs,
-            [this, weak = std::weak_ptr(remote)](Result<Bytes> answer) {
-              const auto still = weak.lock();
-              if (still && answer && !answer->empty()) take(*still, std::move(*answer));
-            });
-}
-
-void Backbone::take(Remote& remote, Bytes message) {
-  if (remote.stream() == nullptr) return;
-  const std::uint64_t dropped = remote.follower.dropped();
-  for (const Bytes& frame : remote.follower.take(std::move(message))) {
-    if (const auto added = remote.stream()->add_frame(frame, surroundings_.now_us()); !added) {
-      say(LogLevel::kWarning,
-          "stream '" + remote.stream()->name() +
-              "': a frame of another broker is refused, asking for a join: " + added.error().message);
-      remote.follower.begin_anew();
-      break;
-    }
-    ++totals_.frames_followed;
-  }
-  totals_.frames_dropped += remote.follower.dropped() - dropped;
-  hub_->owes(*remote.stream());
-  hub_->deliver();
-  surroundings_.frames_came();
-}
-
 Backbone::Totals Backbone::totals() const {
   Totals totals = totals_;
   totals.connected = connected_;
   totals.brokers = directory_.brokers(surroundings_.now_us());
-  totals.streams_followed = remotes_.size();
+  const Following::Totals followed = following_.totals();
+  totals.streams_followed = followed.streams;
+  totals.frames_followed = followed.frames;
+  totals.frames_dropped = followed.frames_dropped;
+  totals.joins_asked = followed.joins_asked;
   totals.streams_known = static_cast<std::uint64_t>(
       std::count_if(directory_.streams().begin(), directory_.streams().end(),
                     [](const auto& item) { return item.second.entry && item.second.entry->live; }));

@@ -10,7 +10,7 @@
 
 #include "broker/backbone/asset_exchange.h"
 #include "broker/backbone/directory.h"
-#include "broker/backbone/follower.h"
+#include "broker/backbone/following.h"
 #include "broker/backbone/link.h"
 #include "broker/relay/hub.h"
 #include "broker/relay/ownership.h"
@@ -18,8 +18,6 @@
 #include "common/core/log.h"
 
 namespace eigencast::broker {
-
-class Remote;
 
 /// Several brokers as one: a stream whose sender is at one of them is seen at all.
 ///
@@ -105,20 +103,12 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   void reconcile();
   void reconcile_claims();
   void reconcile_own();
-  void reconcile_followed();
   void forget();
   void try_claim(const std::string& name);
   void grant(const std::string& name, Result<std::uint32_t> epoch);
   void write(const std::string& name, const std::optional<DirectoryEntry>& entry,
              std::function<void(const Result<std::uint64_t>&)> written = {});
   bool may_write(const std::string& name) const;
-  void follow(Stream& stream, const DirectoryEntry& entry);
-  void unfollow(const std::string& name);
-  void advance(const std::shared_ptr<Remote>& remote);
-  void fetch_surface(const std::shared_ptr<Remote>& remote);
-  void begin(const std::shared_ptr<Remote>& remote);
-  void ask_join(const std::shared_ptr<Remote>& remote);
-  void take(Remote& remote, Bytes message);
   void answer_join(ByteView question, const Link::Reply& reply);
   void sign_of_life();
   void say(LogLevel level, const std::string& text) const;
@@ -129,11 +119,11 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   const Surroundings surroundings_;
   Hub* hub_ = nullptr;
   Directory directory_;
+  Following following_;
   bool connected_ = false, table_read_ = false, reconciling_ = false;
   std::string trouble_;
   std::map<std::string, Claim, std::less<>> claims_;
   std::map<std::string, Own, std::less<>> own_;
-  std::map<std::string, std::shared_ptr<Remote>, std::less<>> remotes_;
   std::map<std::string, TimeUs, std::less<>> writing_;  ///< Rows that are being written, or may be tried again then.
   std::vector<std::shared_ptr<void>> listening_;
   bool settled_ = false;  ///< Own streams are in the directory as they are: nothing to do until one of both changes.

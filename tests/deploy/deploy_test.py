@@ -86,6 +86,8 @@ class Deploy(unittest.TestCase):
             file.write_text(toml.replace("/keys/main.pem", public))
             done = subprocess.run([BROKER, "--config", file, "--check-config"], capture_output=True, text=True)
             self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+            shown = subprocess.run([BROKER, "--config", file, "--show-config"], capture_output=True, text=True).stdout
+            self.assertRegex(shown, r'monitors = \["', "Prometheus and the autoscaler read the admin port without a token")
 
     def test_manifests_fit_published_schemas(self):
         if not shutil.which("node"):

@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: MIT
+#include "broker/backbone/following.h"
+
+#include <utility>
+#include <vector>
+
+#include "broker/backbone/remote.h"
+
+namespace eigencast::broker {
+
+Following::Following(Settings settings, Link& link, AssetExchange& assets, Surroundings surroundings)
+    : settings_(std::move(settings)), link_(link), assets_(assets), surroundings_(std::move(surroundings)) {}
+
+Following::~Following() {
+  stop();
+}
+
+void Following::stop() {
+  for (const auto& [name, remote] : remotes_) remote->subscription.reset();
+  for (const auto& [name, remote] : std::exchange(remotes_, {})) {
+    if (remote->stream() != nullptr) remote->stream()->release(*remote);
+  }
+  hub_ = nullptr;
+}
+
+bool Following::feeds(std::string_view name) const {
+  const auto found = remotes_.find(name);
+  return found != remotes_.end() && found->second->stream() != nullptr;
+}
+
+void Following::forget_stream(std::string_view name) {
+  if (const auto found = remotes_.find(name); found != remotes_.end()) found->second->forget_stream();
+}
+
+void Following::reconcile(const Directory& directory, bool connected, bool complete) {
+  let_go(directory, complete);
+  take_up(directory);
+  if (!connected) return;
+  std::vector<RemotePtr> all;
+  for (const auto& [name, remote] : remotes_) all.push_back(remote);
+  for (const RemotePtr& remote : all) advance(remote);
+}
+
+void Following::let_go(const Directory& directory, bool complete) {
+  const TimeUs now = surroundings_.now_us();
+  std::vector<std::string> over;
+  for (const auto& [name, remote] : remotes_) {
+    const Directory::Known* known = directory.find(name);
+    const bool same = known != nullptr && known->entry && known->entry->live &&
+                      known->entry->owner == remote->entry().owner && known->entry->epoch == remote->entry().epoch;
+    if (remote->stream() != nullptr && remote->stream()->watchers() > 0) remote->watched_us = now;
+    const bool wanted = now - remote->watched_us < settings_.linger_us;
+    if (remote->stream() == nullptr || !wanted || (complete && !same)) over.push_back(name);
+  }
+  for (const std::string& name : over) unfollow(name);
+}
+
+void Following::take_up(const Directory& directory) {
+  const TimeUs now = surroundings_.now_us();
+  for (const Stream* stream : hub_->streams()) {
+    if (stream->has_publisher() || stream->watchers() == 0) continue;
+    const DirectoryEntry* holder = directory.live(stream->name(), now);
+    if (holder == nullptr || holder->owner == settings_.self || holder->epoch < stream->epoch()) continue;
+    follow(*hub_->find(stream->name()), *holder);
+  }
+}
+
+void Following::follow(Stream& stream, const DirectoryEntry& entry) {
+  unfollow(stream.name());
+  auto remote = std::make_shared<Remote>(stream, entry);
+  remote->watched_us = surroundings_.now_us();
+  // Known first: what the stream tells its taps then is of another broker.
+  remotes_[stream.name()] = remote;
+  if (const auto claimed = stream.claim(*remote, true); !claimed) remotes_.erase(stream.name());
+}
+
+void Following::unfollow(const std::string& name) {
+  const auto found = remotes_.find(name);
+  if (found == remotes_.end()) return;
+  const RemotePtr remote = found->second;
+  remotes_.erase(found);
+  remote->subscription.reset();
+  Stream* stream = remote->stream();
+  remote->forget_stream();
+  if (stream == nullptr) return;
+  stream->release(*remote);
+  hub_->left(*stream);
+}
+
+void Following::advance(const RemotePtr& remote) {
+  const TimeUs now = surroundings_.now_us();
+  if (remote->stream() == nullptr) return;
+  if (remote->phase == Remote::Phase::kWaiting && now >= remote->next_us) fetch_surface(remote);
+  if (remote->phase == Remote::Phase::kFetched) begin(remote);
+  if (remote->phase == Remote::Phase::kFollowing && remote->follower.wants_join(now)) ask_join(remote);
+}
+
+void Following::fetch_surface(const RemotePtr& remote) {
+  remote->phase = Remote::Phase::kFetching;
+  const auto asset = Sha256::from_hex(remote->entry().announce.asset);
+  if (!asset) {
+    remote->phase = Remote::Phase::kUnusable;
+    return;
+  }
+  assets_.fetch(remote->entry().owner, *asset, [this, weak = std::weak_ptr(remote)](const Result<void>& fetched) {
+    const auto still = weak.lock();
+    if (!still || still->stream() == nullptr) return;
+    if (fetched) {
+      still->phase = Remote::Phase::kFetched;
+      return;
+    }
+    still->phase = Remote::Phase::kWaiting;
+    still->next_us = surroundings_.now_us() + settings_.retry_us;
+    say(LogLevel::kWarning, "the surface of stream '" + still->stream()->name() +
+                                "' does not come, trying again: " + fetched.error().message);
+  });
+}
+
+void Following::begin(const RemotePtr& remote) {
+  Stream& stream = *remote->stream();
+  if (const auto begun = stream.announce(remote->entry().announce, remote->entry().epoch); !begun) {
+    remote->phase = Remote::Phase::kUnusable;
+    return say(LogLevel::kWarning, "stream '" + stream.name() + "' cannot be followed: " + begun.error().message);
+  }
+  say(LogLevel::kInfo, "stream '" + stream.name() + "' of broker " + remote->entry().owner + " is followed, epoch " +
+                           std::to_string(remote->entry().epoch));
+  remote->phase = Remote::Phase::kFollowing;
+  remote->subscription = link_.subscribe(settings_.prefix + ".frames." + token_from_stream(stream.name()),
+                                         [this, weak = std::weak_ptr(remote)](Bytes message) {
+                                           if (const auto still = weak.lock()) take(*still, std::move(message));
+                                         });
+}
+
+void Following::ask_join(const RemotePtr& remote) {
+  Bytes question;
+  ByteWriter out(question);
+  out.u32(remote->entry().epoch);
+  out.text(remote->stream()->name());
+  ++totals_.joins_asked;
+  link_.ask(settings_.prefix + ".joins." + remote->entry().owner, std::move(question), Follower::kJoinTimeoutUs,
+            [this, weak = std::weak_ptr(remote)](Result<Bytes> answer) {
+              const auto still = weak.lock();
+              if (still && answer && !answer->empty()) take(*still, std::move(*answer));
+            });
+}
+
+void Following::take(Remote& remote, Bytes message) {
+  if (remote.stream() == nullptr) return;
+  const std::uint64_t dropped = remote.follower.dropped();
+  for (const Bytes& frame : remote.follower.take(std::move(message))) {
+    if (const auto added = remote.stream()->add_frame(frame, surroundings_.now_us()); !added) {
+      say(LogLevel::kWarning,
+          "stream '" + remote.stream()->name() +
+              "': a frame of another broker is refused, asking for a join: " + added.error().message);
+      remote.follower.begin_anew();
+      break;
+    }
+    ++totals_.frames;
+  }
+  totals_.frames_dropped += remote.follower.dropped() - dropped;
+  hub_->owes(*remote.stream());
+  hub_->deliver();
+  surroundings_.frames_came();
+}
+
+Following::Totals Following::totals() const {
+  Totals totals = totals_;
+  totals.streams = remotes_.size();
+  return totals;
+}
+
+void Following::say(LogLevel level, const std::string& text) const {
+  log(surroundings_.log, level, "backbone: " + text);
+}
+
+}  // namespace eigencast::broker
