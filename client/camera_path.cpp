@@ -96,4 +96,17 @@ void CameraPath::apply(double seconds, Camera& camera) const {
   camera.look_from(key.eye, key.target);
 }
 
+std::string text_from_camera(const Camera& camera) {
+  const auto list = [](const glm::vec3& v) { return json::array({v.x, v.y, v.z}); };
+  return json{{"t", 0}, {"eye", list(camera.position())}, {"target", list(camera.target())}}.dump();
+}
+
+bool camera_from_text(std::string_view text, Camera& camera) {
+  auto path = CameraPath::from_json(text);
+  if (!path) path = CameraPath::from_json("{\"keys\": [" + std::string(text) + "]}");
+  if (!path) return false;
+  path->apply(0, camera);
+  return true;
+}
+
 }  // namespace eigencast

@@ -38,4 +38,9 @@ class CameraPath {
   std::vector<Key> keys_;
 };
 
+/// The camera's place as a key of a path, for the clipboard: {"t":0,"eye":[...],"target":[...]}.
+std::string text_from_camera(const Camera& camera);
+/// Moves the camera to where such a text, or the first key of a whole path, says; false if it is no such text.
+bool camera_from_text(std::string_view text, Camera& camera);
+
 }  // namespace eigencast

@@ -6,6 +6,8 @@
 #include <filesystem>
 #include <thread>
 
+#include "client/clip_truth.h"
+#include "client/own_colours.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/read.h"
 #include "common/surface/shapes.h"
@@ -15,19 +17,23 @@ namespace {
 
 constexpr std::size_t kMostBytes = std::size_t{1} << 30;
 
+}  // namespace
+
 Result<std::unique_ptr<MotionClip>> open_input(const std::string& input) {
   std::error_code ignored;
   const bool is_word = input.find_first_of("/*?[.") == std::string::npos;
   return is_word && !std::filesystem::exists(input, ignored) ? builtin_clip(input) : open_clip(input);
 }
 
-Result<void> project_frames(const MotionClip& clip, BakedClip& baked, const BakeProgress& progress) {
-  if (clip.frame_count() > kMostBytes / (baked.asset.rest.size() * sizeof(double)))
+Result<std::vector<std::vector<double>>> project_clip(const MotionClip& clip, const Asset& asset,
+                                                      const BakeProgress& progress) {
+  if (clip.frame_count() > kMostBytes / (asset.rest.size() * sizeof(double)))
     return fail(ErrorCode::kTooLarge,
                 std::to_string(clip.frame_count()) +
                     " frames are over 1 GiB of coefficients; eigencast-sender play streams any number");
-  const auto projector = Projector::create(baked.asset);
+  const auto projector = Projector::create(asset);
   if (!projector) return projector.error();
+  std::vector<std::vector<double>> frames;
   for (std::size_t frame = 0; frame < clip.frame_count(); ++frame) {
     if (progress && !progress(static_cast<double>(frame) / static_cast<double>(clip.frame_count()), "reading frames"))
       return fail(ErrorCode::kCancelled, "stopped at frame " + std::to_string(frame));
@@ -36,12 +42,10 @@ Result<void> project_frames(const MotionClip& clip, BakedClip& baked, const Bake
     static_assert(sizeof(Vec3) == 3 * sizeof(double));
     auto C = projector->coefficients_from_positions(std::span<const double>(pose->front().data(), 3 * pose->size()));
     if (!C) return in_context("frame " + std::to_string(frame), C.error());
-    baked.frames.push_back(std::move(*C));
+    frames.push_back(std::move(*C));
   }
-  return {};
+  return frames;
 }
-
-}  // namespace
 
 std::optional<std::string> clip_in(const std::string& stream) {
   constexpr std::string_view kScheme = "file:";
@@ -51,7 +55,7 @@ std::optional<std::string> clip_in(const std::string& stream) {
 
 Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& input, const std::string& cache_dir,
                                                          const BakeProgress& progress) {
-  const auto clip = open_input(input);
+  auto clip = open_input(input);
   if (!clip) return clip.error();
   BakeOptions options;
   options.name = std::filesystem::path(input).stem().string();
@@ -62,8 +66,12 @@ Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& inpu
   baked->asset_id = result->encoded.manifest.id.hex();
   baked->asset = std::move(result->asset);
   baked->rate_hz = (*clip)->frame_rate_hz();
-  if (const auto projected = project_frames(**clip, *baked, progress); !projected)
-    return in_context(input, projected.error());
+  auto frames = project_clip(**clip, baked->asset, progress);
+  if (!frames) return in_context(input, frames.error());
+  baked->frames = std::move(*frames);
+  if (const Appearance* looks = (*clip)->appearance(); looks != nullptr)
+    baked->vertex_colours = own_colours((*clip)->rest(), *looks, baked->asset.source_vertex);
+  baked->motion = std::move(*clip);
   return std::shared_ptr<const BakedClip>(std::move(baked));
 }
 
@@ -73,6 +81,8 @@ ClipSource::ClipSource(std::shared_ptr<const BakedClip> clip, double phase_s, Cl
       clock_(clock ? std::move(clock) : Clock(steady_now_us)),
       began_us_(clock_()),
       phase_s_(phase_s) {
+  if (clip_->motion && !clip_->frames.empty())
+    truth_ = std::make_unique<ClipTruth>(clip_->motion, clip_->frames, clip_->asset.source_vertex, clip_->asset.origin);
   stats_.state = Subscriber::State::kLive;
   info_.emplace();
   info_->stream = clip_->name;

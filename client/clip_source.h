@@ -7,10 +7,20 @@
 #include <string>
 #include <vector>
 
+#include "common/surface/motion_clip.h"
 #include "sdk/bake.h"
 #include "view/pose_source.h"
+#include "view/truth.h"
 
 namespace eigencast {
+
+/// The clip that a user means: a built-in shape's name, a path, a folder or a glob. Errors: those of open_clip.
+Result<std::unique_ptr<MotionClip>> open_input(const std::string& input);
+
+/// The coefficients of all its frames, each r x 3. Errors: those of reading a frame; kTooLarge (over 1 GiB), kCancelled,
+/// kNumerical. REQUIRES: asset.complete().
+Result<std::vector<std::vector<double>>> project_clip(const MotionClip& clip, const Asset& asset,
+                                                      const BakeProgress& progress = {});
 
 /// A file or built-in shape as this process bakes it: the asset and every frame's coefficients, as a sender would send
 /// them uncompressed.
@@ -18,7 +28,9 @@ struct BakedClip {
   std::string name, asset_id;
   Asset asset;
   double rate_hz = 30;
-  std::vector<std::vector<double>> frames;  ///< Each r x 3, row-major.
+  std::shared_ptr<const MotionClip> motion;  ///< As it was read: pose() of one thread at a time.
+  std::vector<std::vector<double>> frames;   ///< Each r x 3, row-major.
+  std::vector<float> vertex_colours;  ///< n x 3, linear RGB, in the asset's order; empty where the file has none.
 
   /// Opens, bakes (or finds baked in cache_dir) and projects all frames. `input`: a built-in shape's name, a path, a
   /// folder or a glob, as the sender takes. Errors: those of open_clip and bake; kTooLarge (frames of over 1 GiB: play
@@ -40,9 +52,12 @@ class ClipSource final : public PoseSource {
   std::uint32_t epoch() const override { return 1; }
   const std::optional<control::StreamInfo>& info() const override { return info_; }
   Subscriber::Stats stats() const override { return stats_; }
+  std::span<const float> vertex_colours() const override { return clip_->vertex_colours; }
+  Truth* truth() const override { return truth_.get(); }
 
  private:
   std::shared_ptr<const BakedClip> clip_;
+  std::unique_ptr<Truth> truth_;
   bool waits_;
   Clock clock_;
   TimeUs began_us_;

@@ -15,6 +15,8 @@
 namespace eigencast {
 namespace {
 
+constexpr TimeUs kTurnsAnyway = 100'000;  // how long the turntable waits for a new pose
+
 std::string frame_name(const std::string& folder, std::uint64_t number) {
   char name[32];
   std::snprintf(name, sizeof name, "frame_%04llu.png", static_cast<unsigned long long>(number));
@@ -57,10 +59,13 @@ class Headless {
       const double seconds = static_cast<double>(steady_now_us() - start) / 1e6;
       if (options_.duration_s > 0 && seconds >= options_.duration_s) break;
       if (options_.frames > 0 && taken_ >= options_.frames) break;
+      if (options_.turntable > 0 && taken_ >= options_.turntable) break;
       if (taken_ == 0 && seconds >= options_.wait_s) return report_no_stream();
       if (flight_is_over()) break;
       session_->update(std::chrono::milliseconds(flying() ? 0 : 20), camera_);
-      if (session_->scene().poses_shown() == shown_ && !flying()) continue;
+      // Round a surface that stands still one goes as well.
+      const bool turns = options_.turntable > 0 && taken_ > 0 && steady_now_us() - taken_us_ >= kTurnsAnyway;
+      if (session_->scene().poses_shown() == shown_ && !flying() && !turns) continue;
       shown_ = session_->scene().poses_shown();
       if (const Result<void> taken = take_picture(); !taken) return taken.error();
     }
@@ -90,6 +95,8 @@ class Headless {
 
   Result<void> take_picture() {
     if (path_) path_->apply(flown_s(), camera_);
+    if (options_.turntable > 0 && taken_ > 0) camera_.turn(6.2831853F / static_cast<float>(options_.turntable));
+    taken_us_ = steady_now_us();
     if (!flight_began_us_) flight_began_us_ = steady_now_us();
     const unsigned target = renderer_->offscreen_target(options_.width, options_.height);
     session_->draw(*renderer_, camera_, options_.look, options_.width, options_.height, target, true);
@@ -146,6 +153,7 @@ class Headless {
   std::optional<CameraPath> path_;
   std::optional<TimeUs> flight_began_us_;
   std::uint64_t taken_ = 0, shown_ = 0;
+  TimeUs taken_us_ = 0;
 };
 
 }  // namespace

@@ -136,6 +136,8 @@ std::string connection_line(const Subscriber::Stats& stats, const std::optional<
                      megabytes(stats.asset_bytes_total)) +
            stream;
   }
+  // A clip that is made here says itself how far it is.
+  if (stats.state == Subscriber::State::kDownloading && !stats.detail.empty()) return stats.detail + stream;
   std::string line(name_of(stats.state));
   line += stream;
   if (!stats.detail.empty() && stats.state != Subscriber::State::kLive) line += " \xC2\xB7 " + stats.detail;
@@ -143,7 +145,7 @@ std::string connection_line(const Subscriber::Stats& stats, const std::optional<
 }
 
 std::string banner_text(const Subscriber::Stats& stats, std::optional<TimeUs> since_us) {
-  if (!since_us) return {};
+  if (!since_us) return stats.state == Subscriber::State::kRefused ? stats.detail : std::string();
   const std::string since = formatted("no data for %.1f s", static_cast<double>(*since_us) / 1e6);
   switch (stats.state) {
     case Subscriber::State::kLive:

@@ -32,27 +32,6 @@ spdlog::level::level_enum level_from(eigencast::LogLevel level) {
   return spdlog::level::info;
 }
 
-/// A stream of a broker, or a clip that this process bakes and plays.
-eigencast::Result<std::unique_ptr<eigencast::PoseSource>> open_source(std::size_t number,
-                                                                      const eigencast::ClientOptions& options,
-                                                                      const eigencast::LogSink& log) {
-  const std::string& stream = options.scene.streams[number];
-  const std::optional<std::string> input = eigencast::clip_in(stream);
-  if (!input) {
-    eigencast::SubscriberOptions wanted;
-    wanted.url = stream;
-    wanted.credentials = options.credentials[number];
-    wanted.profile = options.profile;
-    wanted.cache_dir = options.cache_dir;
-    return eigencast::subscribe_to(std::move(wanted), log);
-  }
-  eigencast::log(log, eigencast::LogLevel::kInfo, *input + ": baking, or looking it up");
-  const auto clip = eigencast::BakedClip::open(*input, options.cache_dir,
-                                               [](double, std::string_view) { return !stop_wanted.load(); });
-  if (!clip) return clip.error();
-  return std::unique_ptr<eigencast::PoseSource>(std::make_unique<eigencast::ClipSource>(*clip));
-}
-
 int run(int argc, char** argv) {
   auto parsed = eigencast::options_from_command_line(argc, argv);
   if (const auto* exit_now = std::get_if<eigencast::ExitNow>(&parsed)) return exit_now->code;
@@ -70,7 +49,8 @@ int run(int argc, char** argv) {
   std::vector<std::unique_ptr<eigencast::PoseSource>> sources;
   std::vector<eigencast::PoseSource*> all;
   for (std::size_t i = 0; i < options.scene.streams.size(); ++i) {
-    auto source = open_source(i, options, log);
+    auto source = eigencast::open_source(options.scene.streams[i], &options.credentials[i], options, !options.headless,
+                                         stop_wanted, log);
     if (!source) {
       eigencast::log(log, eigencast::LogLevel::kError, source.error().message);
       return eigencast::clip_in(options.scene.streams[i]) ? eigencast::kExitNoStream : eigencast::kExitUsage;
@@ -78,8 +58,11 @@ int run(int argc, char** argv) {
     all.push_back(source->get());
     sources.push_back(std::move(source).value());
   }
+  const eigencast::OpenSource open = [&](const std::string& stream) {
+    return eigencast::open_source(stream, nullptr, options, true, stop_wanted, log);
+  };
   return options.headless ? eigencast::run_headless(options, all, stop_wanted, log)
-                          : eigencast::run_window(options, all, stop_wanted, log);
+                          : eigencast::run_window(options, all, open, stop_wanted, log);
 }
 
 }  // namespace

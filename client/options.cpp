@@ -7,6 +7,7 @@
 #include <map>
 
 #include "client/clip_source.h"
+#include "client/settings.h"
 #include "common/net/url.h"
 #include "sdk/asset_cache.h"
 #include "sdk/contexts.h"
@@ -16,7 +17,8 @@ namespace {
 
 constexpr const char* kDefaultUrl = "ws://127.0.0.1:7490/demo";
 constexpr const char* kExamples = R"(Examples:
-  eigencast-client                                        the stream "demo" of a broker on this machine
+  eigencast-client                                        a window that asks what to show
+  eigencast-client ws://localhost:7490/demo               the stream "demo" of a broker on this machine
   eigencast-client ws://host:7490/heart --lod 0.3         three tenths of the vertices
   eigencast-client ws://host:7490/heart --rate raw --playout interpolate
   eigencast-client wss://host/heart --token @FILE         a broker that asks who comes
@@ -119,7 +121,13 @@ Result<Target> resolve(const std::string& stream, const RawOptions& raw) {
   return target;
 }
 
-/// The streams of the scene file or of the command line, or the usual one; for each its credentials.
+bool knows_a_broker(const RawOptions& raw) {
+  const auto contexts = Contexts::load(Contexts::default_path());
+  return !raw.context.empty() || !contexts || contexts->find("") != nullptr;
+}
+
+/// The streams of the scene file or of the command line; or the context's; or, without a window to ask in, the usual one. For each
+/// its credentials.
 Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
   SceneDescription& scene = options.scene;
   if (!raw.scene.empty()) {
@@ -136,7 +144,7 @@ Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
                   "view: name a file, a folder, a glob or a built-in shape, such as heart");
     for (std::string& stream : scene.streams) stream = "file:" + stream;
   }
-  if (scene.streams.empty()) scene.streams = {""};
+  if (scene.streams.empty() && (options.headless || knows_a_broker(raw))) scene.streams = {""};
   for (std::string& stream : scene.streams) {
     Target target;
     if (clip_in(stream)) {
@@ -163,6 +171,7 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   ClientOptions options;
   RawOptions raw;
   options.cache_dir = default_cache_dir();
+  options.settings = Settings::default_path();
   CLI::App app{"Watches a deforming surface that a broker streams.", "eigencast-client"};
   app.footer(kExamples);
   app.set_version_flag("--version", "eigencast-client " EIGENCAST_VERSION);
@@ -170,8 +179,7 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
                  "ws://host[:port]/stream, wss://..., or streams at the context's broker; or, after the word view, "
                  "files, folders, "
                  "globs or built-in shapes, which are baked and played here without a broker")
-      ->envname("EIGENCAST_URL")
-      ->default_str(kDefaultUrl);
+      ->envname("EIGENCAST_URL");
   app.add_option("--scene", raw.scene, "a JSON file that says which streams stand where (client/README.md)");
   app.add_option("--context", raw.context, "broker by name, see eigencast-sender context (default: the current one)")
       ->envname("EIGENCAST_CONTEXT");
@@ -236,6 +244,10 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
       ->capture_default_str();
   app.add_option("--colour-range", raw.colour_range,
                  "LOW,HIGH: the values of the map's ends, in the stream's units (default: what has been seen)");
+  app.add_option(
+      "--truth", options.truth,
+      "the clip that the streams play (file, folder, glob or built-in shape), for --colour error; files that are "
+      "played here are their own");
   app.add_flag("--edges", options.look.edges, "draw the triangles' edges");
   app.add_flag("--wireframe", options.look.wireframe, "draw edges only");
   app.add_flag("--points", options.look.points, "draw vertices as points");
@@ -246,6 +258,12 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   app.add_option("--record-shown", options.record_shown,
                  "write what each picture shows, and when, to this file, one JSON object a line");
   app.add_option("--screenshot", options.screenshot, "write the last picture to this PNG file at the end");
+  app.add_option("--turntable", options.turntable, "headless: so many pictures, once round the scene, then end");
+  app.add_option("--ui-scale", options.ui_scale, "size of texts and panels (default: the display's)")
+      ->check(CLI::Range(0.5, 8.0));
+  app.add_option("--settings", options.settings,
+                 "file in which the window remembers its size and switches; \"\": nowhere")
+      ->capture_default_str();
   app.add_option("--wait", options.wait_s, "headless: seconds to wait for the first pose")
       ->check(CLI::Range(0.0, 1e7))
       ->capture_default_str();
@@ -260,10 +278,15 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
     return usage("--size " + raw.size + ": give width x height of 16 to 16384 pixels, such as 1280x720");
   }
   if (const std::string complaint = read_look(raw, options.look); !complaint.empty()) return usage(complaint);
+  options.size_given = app.count("--size") > 0;
+  for (const char* of_look : {"--edges", "--wireframe", "--points", "--transparent", "--colour-map"})
+    options.look_given |= app.count(of_look) > 0;
   if (!options.headless && !options.out.empty())
     return usage("--out is for --headless; in the window use --screenshot or key S");
   if (const Result<void> found = find_streams(raw, options); !found) return usage(found.error().message);
-  for (const std::string& stream : options.scene.streams) {
+  std::vector<std::string> asked = options.scene.streams;
+  if (asked.empty()) asked = {kDefaultUrl};  // for those that will be opened in the window
+  for (const std::string& stream : asked) {
     if (clip_in(stream)) continue;
     Result<std::optional<Profile>> profile = profile_from(app, stream, raw);
     if (!profile) return usage("the stream's URL: " + profile.error().message);

@@ -16,7 +16,8 @@ namespace eigencast {
 
 /// What the command line says.
 struct ClientOptions {
-  SceneDescription scene;                ///< Its streams as they were meant: of a context, where a name was given.
+  SceneDescription
+      scene;  ///< Its streams as they were meant: of a context, where a name was given. None: the window welcomes.
   std::vector<Credentials> credentials;  ///< One for each stream.
   std::optional<Profile> profile;        ///< Set if an option asked for it; else the URL's query decides.
   SceneOptions view_options;
@@ -31,6 +32,12 @@ struct ClientOptions {
   double duration_s = 0;     ///< 0: no limit
   double wait_s = 30;        ///< Headless: how long to wait for the first pose.
   std::string out, json, record, record_shown, screenshot;
+  std::string truth;            ///< File of the clip that the streams play; empty: none.
+  std::string settings;         ///< File in which the window remembers; empty: it does not.
+  bool look_given = false;      ///< The command line says something about `look`, so what is remembered does not count.
+  bool size_given = false;      ///< Likewise of width and height.
+  double ui_scale = 0;          ///< Of texts and panels; 0: as the display says.
+  std::uint64_t turntable = 0;  ///< Headless: so many pictures, once round the scene. 0: none.
   std::string cache_dir;
   bool verbose = false;
 };

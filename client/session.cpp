@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cassert>
 #include <nlohmann/json.hpp>
+#include <thread>
 #include <utility>
 
 namespace eigencast {
@@ -61,6 +62,8 @@ Session::Session(const ClientOptions& options, std::span<PoseSource* const> sour
       levels_(options.levels),
       started_us_(steady_now_us()),
       said_(sources.size()) {
+  for (std::size_t i = 0; i < sources.size(); ++i)
+    names_.push_back(i < options.scene.streams.size() ? options.scene.streams[i] : "");
   for (const Placement& placement : options.scene.placements) assert(placement.source < sources.size());
 }
 
@@ -79,7 +82,46 @@ Result<std::unique_ptr<Session>> Session::create(const ClientOptions& options, s
   return session;
 }
 
+void Session::add(PoseSource& source, const std::string& name, Placement placement) {
+  auto at = std::find(sources_.begin(), sources_.end(), &source);
+  placement.source = static_cast<std::size_t>(at - sources_.begin());
+  if (at == sources_.end()) {
+    sources_.push_back(&source);
+    names_.push_back(name);
+    said_.emplace_back();
+  }
+  scene_.add(std::move(placement));
+}
+
+PoseSource* Session::remove(std::size_t surface) {
+  const std::size_t source = scene_.instances()[surface].placement.source;
+  scene_.remove(surface);
+  if (surface < painters_.size()) painters_.erase(painters_.begin() + static_cast<std::ptrdiff_t>(surface));
+  renderer_stale_ = true;
+  auto& instances = scene_.instances();
+  if (std::any_of(instances.begin(), instances.end(), [&](const auto& i) { return i.placement.source == source; }))
+    return nullptr;
+  for (Scene::Instance& instance : instances) instance.placement.source -= instance.placement.source > source ? 1 : 0;
+  const auto at = static_cast<std::ptrdiff_t>(source);
+  PoseSource* gone = sources_[source];
+  sources_.erase(sources_.begin() + at);
+  names_.erase(names_.begin() + at);
+  said_.erase(said_.begin() + at);
+  return gone;
+}
+
+std::string Session::name_of_surface(std::size_t surface) const {
+  const Placement& placement = scene_.instances()[surface].placement;
+  if (!placement.name.empty()) return placement.name;
+  const auto& info = sources_[placement.source]->info();
+  return info && !info->stream.empty() ? info->stream : names_[placement.source];
+}
+
 bool Session::poll(std::chrono::milliseconds timeout) {
+  if (sources_.empty()) {
+    std::this_thread::sleep_for(timeout);
+    return false;
+  }
   bool received = false;
   const auto share = timeout / static_cast<int>(sources_.size());
   for (std::size_t i = 0; i < sources_.size(); ++i) {
@@ -114,8 +156,24 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera) {
     lost_since_us_ = now;
   }
   say_states();
+  remember(now);
   rebuilding_us_ += steady_now_us() - now;
   return changed;
+}
+
+void Session::remember(TimeUs now_us) {
+  std::uint64_t all = 0;
+  for (const Scene::Instance& instance : scene_.instances()) {
+    const Asset* asset = sources_[instance.placement.source]->asset();
+    all += asset == nullptr ? 0 : asset->vertex_count;
+  }
+  HistorySample sample;
+  sample.lod = all == 0 ? 0 : static_cast<double>(scene_.vertex_count()) / static_cast<double>(all);
+  sample.drawn_hz = drawn_rate_.per_second();
+  sample.control = levels_.state();
+  sample.latency_ms = static_cast<double>(last_latency_us_) / 1000;
+  sample.kbit_per_s = bytes_.per_second() * 8 / 1000;
+  history_.add(sample, now_us);
 }
 
 void Session::record(std::size_t source, const std::vector<ReceivedPose>& poses) {
@@ -158,7 +216,7 @@ void Session::say_states() {
     if (said_[i] == stats.state) continue;  // the source itself says why and when it tries again
     said_[i] = stats.state;
     std::string line(name_of(stats.state));
-    if (sources_.size() > 1 && i < options_.scene.streams.size()) line = options_.scene.streams[i] + ": " + line;
+    if (sources_.size() > 1) line = names_[i] + ": " + line;
     if (!stats.detail.empty()) line += ": " + stats.detail;
     const bool fine = is_well(stats.state) || stats.state == Subscriber::State::kConnecting ||
                       stats.state == Subscriber::State::kWaiting;
@@ -207,7 +265,7 @@ RenderOptions Session::render_options(const Look& look) const {
 
 std::optional<Legend> Session::legend() const {
   if (!legend_range_.known()) return std::nullopt;
-  const Asset* asset = sources_.front()->asset();
+  const Asset* asset = sources_.empty() ? nullptr : sources_.front()->asset();
   const double metres_per_unit = asset == nullptr ? 0 : asset->metres_per_unit;
   const auto span = painted_look_.colour_range.value_or(legend_range_.span());
   Legend legend{title_of(painted_look_.colour), unit_of(painted_look_.colour, metres_per_unit), span[0], span[1],
@@ -223,13 +281,18 @@ std::string Session::why_not_painted() const {
   return painters_.empty() ? std::string() : painters_.front().why_not();
 }
 
-SurfacePainter::Wish Session::next_colouring(const SurfacePainter::Wish& wish) const {
+std::vector<SurfacePainter::Wish> Session::colourings() const {
   std::vector<SurfacePainter::Wish> all;
   for (const PoseSource* source : sources_) {
     for (const SurfacePainter::Wish& offered : wishes_for(*source)) {
       if (std::find(all.begin(), all.end(), offered) == all.end()) all.push_back(offered);
     }
   }
+  return all;
+}
+
+SurfacePainter::Wish Session::next_colouring(const SurfacePainter::Wish& wish) const {
+  const std::vector<SurfacePainter::Wish> all = colourings();
   const auto at = std::find(all.begin(), all.end(), wish);
   return at == all.end() || at + 1 == all.end() ? SurfacePainter::Wish{} : *(at + 1);
 }
@@ -238,6 +301,7 @@ void Session::draw(Renderer& renderer, const Camera& camera, const Look& look, i
                    unsigned target, bool finish) {
   const TimeUs start = steady_now_us();
   const auto& instances = scene_.instances();
+  if (std::exchange(renderer_stale_, false)) renderer.set_surface_count(0);
   renderer.set_surface_count(instances.size());
   for (std::size_t i = 0; i < instances.size(); ++i) {
     renderer.upload(i, instances[i].view.geometry());
@@ -260,11 +324,15 @@ void Session::draw(Renderer& renderer, const Camera& camera, const Look& look, i
     TimeUs newest = 0;
     for (const Scene::Instance& instance : instances)
       newest = std::max(newest, instance.view.shown_capture_us().value_or(0));
-    if (newest > 0) drawn_latency_us_.add(end - newest);
+    if (newest > 0) {
+      last_latency_us_ = end - newest;
+      drawn_latency_us_.add(last_latency_us_);
+    }
   }
 }
 
 Subscriber::Stats Session::stats() const {
+  if (sources_.empty()) return {};
   Subscriber::Stats all = troubled().stats();
   for (const PoseSource* source : sources_) {
     if (source == &troubled()) continue;
@@ -300,7 +368,7 @@ std::optional<TimeUs> Session::newest_arrival_us() const {
 }
 
 bool Session::is_connected() const {
-  return is_well(troubled().stats().state);
+  return sources_.empty() || is_well(troubled().stats().state);
 }
 
 float Session::colourfulness() const {
@@ -326,6 +394,7 @@ HudFigures Session::figures() const {
     f.vertices_total += asset->vertex_count;
     f.levels.push_back(static_cast<double>(instance.view.geometry().vertex_count()) / asset->vertex_count);
   }
+  if (scene_.instances().empty()) return f;
   const SurfaceView& first = scene_.instances().front().view;
   const PoseSource& source = *sources_[scene_.instances().front().placement.source];
   f.bands = first.bands_received();
@@ -340,10 +409,12 @@ HudFigures Session::figures() const {
 }
 
 std::string Session::connection() const {
+  if (sources_.empty()) return {};
   return connection_line(stats(), troubled().info());
 }
 
 std::string Session::banner() const {
+  if (sources_.empty()) return {};
   std::optional<TimeUs> since;
   if (newest_arrival_us()) since = steady_now_us() - *newest_arrival_us();
   return banner_text(stats(), since);
@@ -369,6 +440,8 @@ json Session::surfaces_report() const {
 std::string Session::report(const Renderer& renderer, int width_px, int height_px) const {
   const Subscriber::Stats stats = this->stats();
   const HudFigures figures_now = figures();
+  if (scene_.instances().empty())
+    return json{{"program", "eigencast-client " EIGENCAST_VERSION}, {"surfaces", json::array()}}.dump(2) + "\n";
   const PoseSource& source = *sources_[scene_.instances().front().placement.source];
   const SurfaceView& view = scene_.instances().front().view;
   std::uint64_t unusable = 0;

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "client/history.h"
 #include "client/hud_text.h"
 #include "client/level_control.h"
 #include "client/options.h"
@@ -42,8 +43,17 @@ class Session final {
   std::optional<Legend> legend() const;
   /// Why the first surface's colours are not those that the look asks for; empty if they are.
   std::string why_not_painted() const;
-  /// The colouring after this one, of those that the surfaces offer.
+  /// All that the surfaces offer, and the one after this.
+  std::vector<SurfacePainter::Wish> colourings() const;
   SurfacePainter::Wish next_colouring(const SurfacePainter::Wish& wish) const;
+
+  /// One source more, which must outlive the session or its removal; the surfaces that show it, all of them `placements`'.
+  void add(PoseSource& source, const std::string& name, Placement placement = {});
+  /// Takes a surface out, and its source if no other shows it: returned, to be ended by whoever owns it; else null.
+  PoseSource* remove(std::size_t surface);
+  const std::vector<PoseSource*>& sources() const { return sources_; }
+  /// What people call a surface: its own name, or its stream's.
+  std::string name_of_surface(std::size_t surface) const;
 
   Scene& scene() { return scene_; }
   const Scene& scene() const { return scene_; }
@@ -58,6 +68,7 @@ class Session final {
   std::uint64_t drawn() const { return drawn_; }
   std::uint64_t written() const { return written_; }
   void count_written() { ++written_; }
+  const History& history() const { return history_; }
 
   /// The report as JSON text (docs: client/README.md).
   std::string report(const Renderer& renderer, int width_px, int height_px) const;
@@ -65,6 +76,7 @@ class Session final {
  private:
   Session(const ClientOptions& options, std::span<PoseSource* const> sources, LogSink log);
   bool poll(std::chrono::milliseconds timeout);
+  void remember(TimeUs now_us);
   void paint(Renderer& renderer, const Look& look);
   void record(std::size_t source, const std::vector<ReceivedPose>& poses);
   void record_shown(TimeUs drawn_us);
@@ -77,13 +89,17 @@ class Session final {
   nlohmann::json surfaces_report() const;
 
   const ClientOptions options_;
-  const std::vector<PoseSource*> sources_;
+  std::vector<PoseSource*> sources_;
+  std::vector<std::string> names_;  ///< Of the sources, for people; nothing secret.
   LogSink log_;
   Scene scene_;
   LevelControl levels_;
   std::vector<SurfacePainter> painters_;  ///< One for each surface.
   LegendRange legend_range_;
   Look painted_look_;
+  History history_;
+  TimeUs last_latency_us_ = 0;   ///< Capture to picture, of the newest pose drawn.
+  bool renderer_stale_ = false;  ///< Surfaces have moved up: what the card holds belongs to others.
   std::ofstream record_, shown_record_;
   RateMeter keys_, poses_, drawn_rate_, bytes_;
   Histogram drawn_latency_us_, upload_us_, draw_us_, work_us_;

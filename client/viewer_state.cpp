@@ -14,14 +14,41 @@ struct KeyBinding {
   std::string_view key;
   Action action;
 };
-constexpr std::array<KeyBinding, 28> kBindings{
-    {{"R", Action::kResetCamera}, {"Home", Action::kResetCamera}, {"H", Action::kHelp},         {"F1", Action::kHelp},
-     {"X", Action::kAxes},        {"G", Action::kGrid},           {"E", Action::kEdges},        {"P", Action::kPoints},
-     {"W", Action::kWireframe},   {"V", Action::kColouring},      {"C", Action::kColourMap},    {"B", Action::kLegend},
-     {"F", Action::kHud},         {"S", Action::kScreenshot},     {"F12", Action::kScreenshot}, {"+", Action::kFiner},
-     {"=", Action::kFiner},       {".", Action::kFiner},          {"-", Action::kCoarser},      {",", Action::kCoarser},
-     {"M", Action::kPlayout},     {"]", Action::kSmoother},       {"[", Action::kMoreLive},     {" ", Action::kPause},
-     {"U", Action::kUpAxis},      {"A", Action::kResolver},       {"Escape", Action::kQuit},    {"Q", Action::kQuit}}};
+constexpr std::array<KeyBinding, 35> kBindings{{{"R", Action::kResetCamera},
+                                                {"Home", Action::kResetCamera},
+                                                {"H", Action::kHelp},
+                                                {"F1", Action::kHelp},
+                                                {"X", Action::kAxes},
+                                                {"G", Action::kGrid},
+                                                {"E", Action::kEdges},
+                                                {"P", Action::kPoints},
+                                                {"W", Action::kWireframe},
+                                                {"V", Action::kColouring},
+                                                {"C", Action::kColourMap},
+                                                {"B", Action::kLegend},
+                                                {"F", Action::kHud},
+                                                {"S", Action::kScreenshot},
+                                                {"F12", Action::kScreenshot},
+                                                {"+", Action::kFiner},
+                                                {"=", Action::kFiner},
+                                                {".", Action::kFiner},
+                                                {"-", Action::kCoarser},
+                                                {",", Action::kCoarser},
+                                                {"M", Action::kPlayout},
+                                                {"]", Action::kSmoother},
+                                                {"[", Action::kMoreLive},
+                                                {" ", Action::kPause},
+                                                {"U", Action::kUpAxis},
+                                                {"A", Action::kResolver},
+                                                {"Tab", Action::kPanel},
+                                                {"Y", Action::kTurntable},
+                                                {"K", Action::kRecord},
+                                                {"Shift+S", Action::kCleanScreenshot},
+                                                {"Shift+F12", Action::kCleanScreenshot},
+                                                {"Ctrl+C", Action::kCopyCamera},
+                                                {"Ctrl+V", Action::kPaste},
+                                                {"Escape", Action::kQuit},
+                                                {"Q", Action::kQuit}}};
 
 std::string on_off(bool on) {
   return on ? "on" : "off";
@@ -76,7 +103,7 @@ void ViewerState::apply(Action action, Camera& camera, LevelOfDetail& lod) {
       look.wireframe = !look.wireframe;
       break;
     case Action::kColouring:
-      colouring_wanted = true;
+      ++colourings_on;
       break;
     case Action::kColourMap:
       look.colour_map = next_map(look.colour_map);
@@ -92,6 +119,24 @@ void ViewerState::apply(Action action, Camera& camera, LevelOfDetail& lod) {
       break;
     case Action::kScreenshot:
       screenshot_wanted = true;
+      break;
+    case Action::kCleanScreenshot:
+      clean_screenshot_wanted = true;
+      break;
+    case Action::kPanel:
+      panel = !panel;
+      break;
+    case Action::kTurntable:
+      turntable = !turntable;
+      break;
+    case Action::kRecord:
+      recording = !recording;
+      break;
+    case Action::kCopyCamera:
+      copy_wanted = true;
+      break;
+    case Action::kPaste:
+      paste_wanted = true;
       break;
     case Action::kFiner:
       lod.finer();
@@ -142,6 +187,7 @@ std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera,
   return {{"left drag", "rotate", ""},
           {"right or middle drag, Shift+left", "pan", ""},
           {"wheel", "zoom to the cursor", ""},
+          {"double click", "turn round the point that was hit", ""},
           {"R  Home", "reset the camera", ""},
           {"+ -  . ,", "level of detail, at most", percent},
           {"A", "who lowers it to hold the rate", std::string(name_of(resolver))},
@@ -157,8 +203,12 @@ std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera,
           {"G", "ground grid", on_off(state.look.grid)},
           {"X", "axes", on_off(state.look.axes)},
           {"U", "up axis", up},
+          {"Tab", "panel: surfaces, look, motion, plots", on_off(state.panel)},
           {"F", "figures", on_off(state.hud)},
-          {"S  F12", "screenshot", ""},
+          {"S  F12", "screenshot; with Shift without background", ""},
+          {"Y", "turntable", on_off(state.turntable)},
+          {"K", "write every picture", on_off(state.recording)},
+          {"Ctrl+C  Ctrl+V", "copy the camera; paste a camera, a URL or a path", ""},
           {"H  F1", "this help", on_off(state.help)},
           {"Q  Esc", "quit", ""}};
 }
@@ -169,15 +219,20 @@ ResolverKind next_kind(ResolverKind kind) {
                                         : ResolverKind::kBudget;
 }
 
-std::string next_screenshot_name(const std::string& prefix) {
+std::string next_free_name(const std::string& prefix, const std::string& ending) {
   for (int number = 1; number < 10'000; ++number) {
-    char ending[16];
-    std::snprintf(ending, sizeof ending, "_%04d.png", number);
+    char digits[16];
+    std::snprintf(digits, sizeof digits, "_%04d", number);
     // A folder that cannot be read makes writing fail, which says why.
     std::error_code error;
-    if (!std::filesystem::exists(prefix + ending, error)) return prefix + ending;
+    const std::string name = prefix + digits + ending;
+    if (!std::filesystem::exists(name, error)) return name;
   }
-  return prefix + "_9999.png";
+  return prefix + "_9999" + ending;
+}
+
+std::string next_screenshot_name(const std::string& prefix) {
+  return next_free_name(prefix, ".png");
 }
 
 }  // namespace eigencast

@@ -28,6 +28,12 @@ enum class Action {
   kLegend,
   kHud,
   kScreenshot,
+  kCleanScreenshot,
+  kPanel,
+  kTurntable,
+  kRecord,
+  kCopyCamera,
+  kPaste,
   kFiner,
   kCoarser,
   kResolver,
@@ -41,19 +47,24 @@ enum class Action {
 
 /// The switches of the viewer, apart from any window.
 struct ViewerState {
-  bool help = false, hud = true;
+  bool help = false, hud = true, panel = false;
   Look look;
   bool paused = false, quit = false;
   PlayoutSettings playout;
-  bool colouring_wanted = false;   ///< The next of wishes_for(): whoever knows the source takes this and clears it.
+  int colourings_on = 0;           ///< So many on in wishes_for(): whoever knows the source takes this and clears it.
   bool resolver_wanted = false;    ///< Another resolver: whoever holds it takes this and clears it.
   bool screenshot_wanted = false;  ///< Whoever draws next takes it and clears this.
+  bool clean_screenshot_wanted = false;            ///< Likewise, of the scene alone, without background.
+  bool turntable = false;                          ///< The camera goes round the scene.
+  bool recording = false;                          ///< Every picture is written.
+  bool copy_wanted = false, paste_wanted = false;  ///< The camera to the clipboard; whatever is there into the viewer.
 
   /// Does what the action asks, to itself, the camera or the level of detail.
   void apply(Action action, Camera& camera, LevelOfDetail& lod);
 };
 
-/// The action of a key: upper-case letters, '+', '-', ',', '.', ' ', or a name ("Home", "F1", "F12", "Escape").
+/// The action of a key: upper-case letters, '+', '-', ',', '.', ' ', or a name ("Home", "Tab", "F1", "F12", "Escape"), with "Ctrl+"
+/// before it, or "Shift+" before those of screenshots.
 std::optional<Action> action_for_key(std::string_view key);
 
 std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod,
@@ -62,7 +73,9 @@ std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera,
 /// The next of budget, paper, none, as key A goes round them.
 ResolverKind next_kind(ResolverKind kind);
 
-/// prefix + "_0001.png" and up: the first name that is not taken in the folder.
+/// prefix + "_0001" + ending and up: the first name that is not taken in the folder.
+std::string next_free_name(const std::string& prefix, const std::string& ending);
+/// The same of pictures: "_0001.png".
 std::string next_screenshot_name(const std::string& prefix);
 
 }  // namespace eigencast

@@ -104,6 +104,11 @@ void Camera::rotate(const glm::vec2& drag_px) {
   moved_ = true;
 }
 
+void Camera::turn(float radians) {
+  azimuth_ = std::remainder(azimuth_ + radians, 2 * kPi);
+  moved_ = true;
+}
+
 void Camera::pan(const glm::vec2& drag_px) {
   const glm::vec3 back = offset_direction();
   const glm::vec3 right = glm::normalize(glm::cross(up_vector(), back));

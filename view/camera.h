@@ -31,6 +31,8 @@ class Camera {
   bool set_view(std::string_view name);
 
   void rotate(const glm::vec2& drag_px);
+  /// Round the axis that is up, counter-clockwise seen from above; the distance stays.
+  void turn(float radians);
   void pan(const glm::vec2& drag_px);
   /// One step of the wheel; what is under the cursor stays under it. steps > 0 goes nearer.
   void zoom(float steps, const glm::vec2& cursor_px);

@@ -25,6 +25,7 @@ struct Legend {
   std::string title, unit;
   float low = 0, high = 1;
   ColourMap map = ColourMap::kViridis;
+  bool operator==(const Legend&) const = default;
 };
 
 }  // namespace eigencast

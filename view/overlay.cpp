@@ -6,6 +6,7 @@
 #include <epoxy/gl.h>
 #include <imgui.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdio>
 #include <filesystem>
@@ -41,7 +42,7 @@ bool begin_card(const char* name, ImVec2 at, ImVec2 pivot, float alpha) {
 
 /// A bar of the map's colours, its lowest value at the bottom, with three marks.
 void draw_legend(const Legend& legend, ImVec2 at, float scale) {
-  begin_card("legend", at, {0, 0.5F}, 0.62F);
+  begin_card("legend", at, {1, 1}, 0.62F);
   ImGui::TextUnformatted(legend.title.c_str());
   ImGui::Dummy({0, 3 * scale});
   const ImVec2 corner = ImGui::GetCursorScreenPos(), size{16 * scale, 168 * scale};
@@ -69,7 +70,10 @@ void draw_legend(const Legend& legend, ImVec2 at, float scale) {
 }
 
 void draw_help(const std::vector<HelpLine>& lines, ImVec2 centre, float scale) {
-  begin_card("help", centre, {0.5F, 0.5F}, 0.86F);
+  begin_card("help", centre, {0.5F, 0.5F}, 0.93F);
+  // All of it or nothing is of use: on a low window the letters are smaller.
+  const float wanted = (static_cast<float>(lines.size()) + 1.5F) * (ImGui::GetFontSize() + 4 * scale);
+  ImGui::SetWindowFontScale(std::clamp(2 * centre.y / wanted, 0.5F, 1.0F));
   if (ImGui::BeginTable("keys", 3, ImGuiTableFlags_SizingFixedFit)) {
     for (const HelpLine& line : lines) {
       ImGui::TableNextRow();
@@ -100,6 +104,13 @@ Overlay::Overlay(void* window, float scale) : has_window_(window != nullptr), sc
   style.WindowPadding = {11, 8};
   style.Colors[ImGuiCol_WindowBg] = {0.09F, 0.11F, 0.14F, 1};
   style.Colors[ImGuiCol_TextDisabled] = {0.68F, 0.73F, 0.79F, 1};
+  style.Colors[ImGuiCol_FrameBg] = {0.27F, 0.32F, 0.39F, 1};
+  style.Colors[ImGuiCol_FrameBgHovered] = {0.33F, 0.40F, 0.49F, 1};
+  style.Colors[ImGuiCol_Header] = {0.19F, 0.24F, 0.31F, 1};
+  style.Colors[ImGuiCol_HeaderHovered] = {0.26F, 0.33F, 0.42F, 1};
+  style.Colors[ImGuiCol_Button] = {0.22F, 0.40F, 0.62F, 1};
+  style.FrameRounding = 4;
+  style.ItemSpacing.y = 3;
   style.ScaleAllSizes(scale);
   if (has_window_) ImGui_ImplGlfw_InitForOpenGL(static_cast<GLFWwindow*>(window), true);
   ImGui_ImplOpenGL3_Init("#version 330 core");
@@ -111,7 +122,16 @@ Overlay::~Overlay() {
   ImGui::DestroyContext();
 }
 
-void Overlay::draw(const OverlayContent& content, int width_px, int height_px, unsigned target) {
+bool Overlay::wants_mouse() const {
+  return ImGui::GetIO().WantCaptureMouse;
+}
+
+bool Overlay::wants_keys() const {
+  return ImGui::GetIO().WantTextInput;
+}
+
+void Overlay::draw(const OverlayContent& content, int width_px, int height_px, unsigned target,
+                   const std::function<void()>& panels) {
   ImGui_ImplOpenGL3_NewFrame();
   if (has_window_) {
     ImGui_ImplGlfw_NewFrame();
@@ -135,8 +155,14 @@ void Overlay::draw(const OverlayContent& content, int width_px, int height_px, u
   if (!content.connection.empty()) {
     begin_card("connection", {gap, size.y - gap}, {0, 1}, 0.62F);
     // Shape and word carry the meaning, the colour only helps.
-    ImGui::TextColored(content.connected ? ImVec4(0.45F, 0.9F, 0.55F, 1) : ImVec4(1, 0.72F, 0.35F, 1), "%s",
-                       content.connected ? "(*)" : "( )");
+    const float line = ImGui::GetTextLineHeight();
+    const ImVec2 corner = ImGui::GetCursorScreenPos(), middle{corner.x + 0.45F * line, corner.y + 0.55F * line};
+    ImDrawList& list = *ImGui::GetWindowDrawList();
+    if (content.connected)
+      list.AddCircleFilled(middle, 0.30F * line, IM_COL32(115, 230, 140, 255));
+    else
+      list.AddCircle(middle, 0.28F * line, IM_COL32(255, 184, 90, 255), 0, 0.12F * line);
+    ImGui::Dummy({0.85F * line, line});
     ImGui::SameLine();
     ImGui::TextUnformatted(content.connection.c_str());
     if (content.paused) {
@@ -150,7 +176,8 @@ void Overlay::draw(const OverlayContent& content, int width_px, int height_px, u
     ImGui::TextColored({1, 0.80F, 0.45F, 1}, "%s", content.banner.c_str());
     ImGui::End();
   }
-  if (content.legend) draw_legend(*content.legend, {gap, 0.5F * size.y}, scale_);
+  if (content.legend) draw_legend(*content.legend, {size.x - gap, size.y - gap}, scale_);
+  if (panels) panels();
   if (!content.help.empty()) draw_help(content.help, {0.5F * size.x, 0.5F * size.y}, scale_);
   ImGui::Render();
   glBindFramebuffer(GL_FRAMEBUFFER, target);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -12,6 +13,7 @@ namespace eigencast {
 /// One line of the help: keys, what they do, how that stands now ("on", "Y", "42 %"; may be empty).
 struct HelpLine {
   std::string keys, what, state;
+  bool operator==(const HelpLine&) const = default;
 };
 
 /// What the overlay shows; empty strings and lists are left out.
@@ -23,6 +25,7 @@ struct OverlayContent {
   std::vector<HelpLine> help;
   bool paused = false;
   std::optional<Legend> legend;
+  bool operator==(const OverlayContent&) const = default;
 };
 
 /// Text over the picture: figures, connection line, banner, help (Dear ImGui). One at a time; belongs to the OpenGL
@@ -35,8 +38,14 @@ class Overlay final {
   Overlay(const Overlay&) = delete;
   Overlay& operator=(const Overlay&) = delete;
 
-  /// Draws to framebuffer `target`.
-  void draw(const OverlayContent& content, int width_px, int height_px, unsigned target);
+  /// Draws to framebuffer `target`. panels: called while ImGui takes windows, for those that the user operates.
+  void draw(const OverlayContent& content, int width_px, int height_px, unsigned target,
+            const std::function<void()>& panels = {});
+
+  /// Mouse or keys are the panels' now, not the scene's.
+  bool wants_mouse() const;
+  bool wants_keys() const;
+  float scale() const { return scale_; }
 
  private:
   bool has_window_;

@@ -227,7 +227,7 @@ double round_up(double value) {
   assert(value > 0 && std::isfinite(value));
   const double power = std::pow(10.0, std::floor(std::log10(value)));
   for (const double digit : {1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0}) {
-    if (digit * power >= value * (1 - 1e-9)) return digit * power;
+    if (digit * power >= value * (1 - 1e-6)) return digit * power;
   }
   return 10 * power;
 }

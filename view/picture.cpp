@@ -48,6 +48,26 @@ Result<void> write_png(const std::string& path, const Picture& picture) {
   return {};
 }
 
+namespace {
+
+/// The rest of reading, once libpng has seen the header.
+Result<Picture> finish_reading(png_image& image, const std::string& name) {
+  if (image.width > kLongestSide || image.height > kLongestSide) {
+    png_image_free(&image);
+    return fail(ErrorCode::kTooLarge, name + ": over 16,384 pixels on a side");
+  }
+  image.format = PNG_FORMAT_RGB;
+  Picture picture;
+  picture.width = static_cast<int>(image.width);
+  picture.height = static_cast<int>(image.height);
+  picture.rgb.resize(PNG_IMAGE_SIZE(image));
+  if (png_image_finish_read(&image, nullptr, picture.rgb.data(), 0, nullptr) == 0)
+    return fail(ErrorCode::kCorrupt, name + ": " + image.message);
+  return picture;
+}
+
+}  // namespace
+
 Result<Picture> read_png(const std::string& path) {
   png_image image{};
   image.version = PNG_IMAGE_VERSION;
@@ -56,19 +76,15 @@ Result<Picture> read_png(const std::string& path) {
     return fail(std::filesystem::exists(path, error) ? ErrorCode::kCorrupt : ErrorCode::kIo,
                 path + ": " + image.message);
   }
-  if (image.width > kLongestSide || image.height > kLongestSide) {
-    png_image_free(&image);
-    return fail(ErrorCode::kTooLarge, path + ": over 16,384 pixels on a side");
-  }
-  image.format = PNG_FORMAT_RGB;
-  Picture picture;
-  picture.width = static_cast<int>(image.width);
-  picture.height = static_cast<int>(image.height);
-  picture.rgb.resize(PNG_IMAGE_SIZE(image));
-  if (png_image_finish_read(&image, nullptr, picture.rgb.data(), 0, nullptr) == 0) {
-    return fail(ErrorCode::kCorrupt, path + ": " + image.message);
-  }
-  return picture;
+  return finish_reading(image, path);
+}
+
+Result<Picture> read_png_bytes(std::span<const std::uint8_t> bytes, const std::string& name) {
+  png_image image{};
+  image.version = PNG_IMAGE_VERSION;
+  if (png_image_begin_read_from_memory(&image, bytes.data(), bytes.size()) == 0)
+    return fail(ErrorCode::kCorrupt, name + ": " + image.message);
+  return finish_reading(image, name);
 }
 
 }  // namespace eigencast

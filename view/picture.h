@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -26,5 +27,7 @@ Result<void> write_png(const std::string& path, const Picture& picture);
 
 /// Its alpha is left out. Errors: kIo, kCorrupt, kTooLarge (a side over 16,384).
 Result<Picture> read_png(const std::string& path);
+/// The same from memory; `name` is for the error's words. Errors: kCorrupt, kTooLarge.
+Result<Picture> read_png_bytes(std::span<const std::uint8_t> bytes, const std::string& name);
 
 }  // namespace eigencast

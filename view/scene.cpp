@@ -2,6 +2,7 @@
 #include "view/scene.h"
 
 #include <algorithm>
+#include <cassert>
 #include <glm/ext/matrix_transform.hpp>
 #include <glm/geometric.hpp>
 #include <glm/matrix.hpp>
@@ -49,12 +50,21 @@ std::optional<glm::mat4> world_of(const PoseSource& source) {
 
 }  // namespace
 
-Scene::Scene(std::vector<Placement> placements, const SceneOptions& options, bool row) : lod_(options.lod), row_(row) {
-  for (Placement& placement : placements) {
-    Instance& instance =
-        instances_.emplace_back(Instance{std::move(placement), SurfaceView(options), glm::mat4(1), true});
-    instance.scene_from_surface = instance.placement.scene_from_world;
-  }
+Scene::Scene(std::vector<Placement> placements, const SceneOptions& options, bool row)
+    : options_(options), lod_(options.lod), row_(row) {
+  for (Placement& placement : placements) add(std::move(placement));
+}
+
+void Scene::add(Placement placement) {
+  Instance& instance =
+      instances_.emplace_back(Instance{std::move(placement), SurfaceView(options_), glm::mat4(1), true});
+  instance.scene_from_surface = instance.placement.scene_from_world;
+}
+
+void Scene::remove(std::size_t index) {
+  assert(index < instances_.size());
+  instances_.erase(instances_.begin() + static_cast<std::ptrdiff_t>(index));
+  facts_seen_ = 0;  // the box is another now
 }
 
 void Scene::receive(std::size_t index, const PoseSource& source, const std::vector<ReceivedPose>& poses) {
@@ -135,7 +145,7 @@ void Scene::place(std::span<PoseSource* const> sources) {
     all.add(box.low);
     all.add(box.high);
   }
-  if (seen == facts_seen_) return;
+  if (seen == facts_seen_ || seen == 0) return;
   facts_seen_ = seen;
   facts_.low = {all.low.x, all.low.y, all.low.z};
   facts_.high = {all.high.x, all.high.y, all.high.z};
@@ -148,6 +158,7 @@ void Scene::set_paused(bool paused) {
 }
 
 void Scene::set_playout(const PlayoutSettings& settings) {
+  options_.playout = settings;
   for (Instance& instance : instances_) instance.view.set_playout(settings);
 }
 

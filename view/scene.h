@@ -38,6 +38,11 @@ class Scene {
   /// row: place surfaces whose stream states no world beside one another, along the scene's first axis.
   Scene(std::vector<Placement> placements, const SceneOptions& options, bool row = false);
 
+  /// One surface more, after those there are.
+  void add(Placement placement);
+  /// Takes surface number `index` out; later ones move up. REQUIRES: there is one.
+  void remove(std::size_t index);
+
   /// Takes over what poll() of stream number `index` returned.
   void receive(std::size_t index, const PoseSource& source, const std::vector<ReceivedPose>& poses);
 
@@ -68,6 +73,7 @@ class Scene {
   void share_basis(SurfaceView& view);
   void place(std::span<PoseSource* const> sources);
 
+  SceneOptions options_;
   std::vector<Instance> instances_;
   LevelOfDetail lod_;
   bool row_;

@@ -1,7 +1,5 @@
 // SPDX-License-Identifier: MIT
 #include <gtest/gtest.h>
-#include <signal.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <cstdlib>
@@ -11,6 +9,7 @@
 
 #include "client/apps.h"
 #include "tests/unit/client/fake_source.h"
+#include "tests/unit/client/virtual_display.h"
 #include "view/picture.h"
 
 namespace eigencast {
@@ -20,6 +19,7 @@ using nlohmann::json;
 using testing::FakeSource;
 using testing::sphere_asset;
 using testing::sphere_pose;
+using testing::VirtualDisplay;
 
 class Apps : public ::testing::Test {
  protected:
@@ -45,6 +45,9 @@ class Apps : public ::testing::Test {
   ClientOptions options_;
   std::atomic<bool> stop_{false};
   std::string said_;
+  OpenSource open_ = [](const std::string& stream) -> Result<std::unique_ptr<PoseSource>> {
+    return fail(ErrorCode::kNotFound, stream + ": this test opens nothing");
+  };
 };
 
 TEST_F(Apps, HeadlessWritesOnePictureForEachPoseAndAReport) {
@@ -121,45 +124,10 @@ TEST_F(Apps, FilesThatCannotBeWrittenAreFailures) {
   EXPECT_NE(said_.find("cannot be written"), std::string::npos) << said_;
 }
 
-/// An X server without a screen for the time of one test.
-class VirtualDisplay {
- public:
-  VirtualDisplay() {
-    int ends[2];
-    if (::pipe(ends) != 0) return;
-    pid_ = ::fork();
-    if (pid_ == 0) {
-      const std::string fd = std::to_string(ends[1]);
-      ::close(ends[0]);
-      ::execlp("Xvfb", "Xvfb", "-displayfd", fd.c_str(), "-screen", "0", "800x600x24", "-nolisten", "tcp",
-               static_cast<char*>(nullptr));
-      ::_exit(127);
-    }
-    ::close(ends[1]);
-    from_server_ = ends[0];
-    // The number and its newline may come apart, and the server dies if nobody is there to take both.
-    std::string text;
-    for (char c = 0; c != '\n' && ::read(from_server_, &c, 1) == 1;) text += c;
-    if (!text.empty()) number_ = std::atoi(text.c_str());
-  }
-  ~VirtualDisplay() {
-    if (from_server_ >= 0) ::close(from_server_);
-    if (pid_ <= 0) return;
-    ::kill(pid_, SIGTERM);
-    ::waitpid(pid_, nullptr, 0);
-  }
-  bool ready() const { return number_ >= 0; }
-  std::string name() const { return ":" + std::to_string(number_); }
-
- private:
-  pid_t pid_ = -1;
-  int number_ = -1, from_server_ = -1;
-};
-
 TEST_F(Apps, WithoutADisplayTheWindowTellsAboutHeadless) {
   ::unsetenv("DISPLAY");
   ::unsetenv("WAYLAND_DISPLAY");
-  EXPECT_EQ(run_window(options_, sources_, stop_, log()), kExitFailed);
+  EXPECT_EQ(run_window(options_, sources_, open_, stop_, log()), kExitFailed);
   EXPECT_NE(said_.find("--headless"), std::string::npos) << said_;
 }
 
@@ -205,7 +173,7 @@ TEST_F(Apps, KeysWheelAndDragReachTheWindow) {
     EXPECT_EQ(std::system(("xdotool " + steps[done]).c_str()), 0) << steps[done];
     ++done;
   };
-  const int code = run_window(options_, sources_, stop_, log());
+  const int code = run_window(options_, sources_, open_, stop_, log());
   std::vector<Picture> pictures;
   for (std::size_t i = 1; i < steps.size(); ++i) {
     const auto read = read_png(picture(i));
@@ -233,7 +201,7 @@ TEST_F(Apps, TheWindowShowsTheSurfaceThatHeadlessShows) {
   options_.frames = 3;
   options_.screenshot = path("window.png");
   options_.json = path("window.json");
-  ASSERT_EQ(run_window(options_, sources_, stop_, log()), kExitGood) << said_;
+  ASSERT_EQ(run_window(options_, sources_, open_, stop_, log()), kExitGood) << said_;
   const auto window = read_png(path("window.png"));
   ASSERT_TRUE(window) << window.error().message;
 

@@ -7,8 +7,8 @@
 #include <cmath>
 #include <limits>
 
-#include "view/colour_map.h"
 #include "tests/unit/client/fake_source.h"
+#include "view/colour_map.h"
 
 namespace eigencast {
 namespace {

@@ -199,7 +199,8 @@ std::variant<ClientOptions, ExitNow> parsed(std::vector<const char*> arguments) 
 }
 
 TEST(Options, DefaultsAndTheQueryDecideUnlessAsked) {
-  const auto plain = parsed({});
+  EXPECT_TRUE(std::get<ClientOptions>(parsed({})).scene.streams.empty()) << "the window asks";
+  const auto plain = parsed({"--headless"});
   ASSERT_TRUE(std::holds_alternative<ClientOptions>(plain));
   EXPECT_EQ(std::get<ClientOptions>(plain).scene.streams.front(), "ws://127.0.0.1:7490/demo");
   EXPECT_FALSE(std::get<ClientOptions>(plain).profile);

@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: MIT
+#include "client/open_source.h"
+
+#include <filesystem>
+
+#include "client/clip_source.h"
+#include "client/clip_truth.h"
+#include "client/opening_clip.h"
+#include "sdk/contexts.h"
+
+namespace eigencast {
+namespace {
+
+bool starts_with(const std::string& text, std::string_view prefix) {
+  return text.compare(0, prefix.size(), prefix) == 0;
+}
+
+bool ends_with(const std::string& text, std::string_view ending) {
+  return text.size() >= ending.size() && text.compare(text.size() - ending.size(), ending.size(), ending) == 0;
+}
+
+Result<std::unique_ptr<PoseSource>> subscribe(const std::string& stream, const Credentials* credentials,
+                                              const ClientOptions& options, const LogSink& log) {
+  SubscriberOptions wanted;
+  wanted.url = stream;
+  wanted.profile = options.profile;
+  wanted.cache_dir = options.cache_dir;
+  if (credentials != nullptr) {
+    wanted.credentials = *credentials;
+    return subscribe_to(std::move(wanted), log);
+  }
+  const auto contexts = Contexts::load(Contexts::default_path());
+  if (!contexts) return contexts.error();
+  // The first stream's credentials are the user's, for the same broker; a context's are for its own.
+  auto target = resolve_target(stream, {}, "", *contexts);
+  if (!target) return target.error();
+  wanted.url = target->url;
+  wanted.credentials = target->credentials;
+  return subscribe_to(std::move(wanted), log);
+}
+
+}  // namespace
+
+Wanted wanted_from(const std::string& text) {
+  constexpr const char* kAround = " \t\r\n\"'";
+  const std::size_t first = text.find_first_not_of(kAround);
+  if (first == std::string::npos) return {};
+  const std::string what = text.substr(first, text.find_last_not_of(kAround) - first + 1);
+  for (const std::string_view scheme : {"ws://", "wss://", "http://", "https://"}) {
+    if (starts_with(what, scheme)) return {Wanted::Kind::kStream, what};
+  }
+  if (clip_in(what)) return {Wanted::Kind::kClip, what};
+  std::error_code ignored;
+  if (ends_with(what, ".json") && std::filesystem::is_regular_file(what, ignored)) return {Wanted::Kind::kScene, what};
+  return {Wanted::Kind::kClip, "file:" + what};
+}
+
+Result<std::unique_ptr<PoseSource>> open_source(const std::string& stream, const Credentials* credentials,
+                                                const ClientOptions& options, bool in_background,
+                                                const std::atomic<bool>& stop, const LogSink& log) {
+  const std::optional<std::string> input = clip_in(stream);
+  if (!input) {
+    auto source = subscribe(stream, credentials, options, log);
+    return source && !options.truth.empty() ? with_truth(std::move(*source), options.truth) : std::move(source);
+  }
+  eigencast::log(log, LogLevel::kInfo, *input + ": baking, or looking it up");
+  if (in_background) return std::unique_ptr<PoseSource>(std::make_unique<OpeningClip>(*input, options.cache_dir));
+  const auto clip =
+      BakedClip::open(*input, options.cache_dir, [&stop](double, std::string_view) { return !stop.load(); });
+  if (!clip) return clip.error();
+  return std::unique_ptr<PoseSource>(std::make_unique<ClipSource>(*clip));
+}
+
+}  // namespace eigencast

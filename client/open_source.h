@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <atomic>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "client/options.h"
+#include "view/pose_source.h"
+
+namespace eigencast {
+
+/// What a user who types, pastes or drops a text means by it.
+struct Wanted {
+  enum class Kind { kNothing, kStream, kClip, kScene };
+  Kind kind = Kind::kNothing;
+  std::string what;  ///< A stream's URL, a clip's "file:INPUT", a scene's path.
+};
+/// URLs of brokers (ws, wss, http, https) are streams; files that end in .json scenes; other paths, globs and the names of
+/// built-in shapes clips. Spaces and quotes around it are dropped.
+Wanted wanted_from(const std::string& text);
+
+/// Opens a stream of a broker, or a clip (see clip_source.h): null credentials are looked up in the contexts.
+/// in_background: a clip is baked while its source says how far it is; else this returns when it is baked.
+/// `stop`: when set, baking ends. Errors: as subscribe_to and BakedClip::open.
+using OpenSource = std::function<Result<std::unique_ptr<PoseSource>>(const std::string& stream)>;
+Result<std::unique_ptr<PoseSource>> open_source(const std::string& stream, const Credentials* credentials,
+                                                const ClientOptions& options, bool in_background,
+                                                const std::atomic<bool>& stop, const LogSink& log);
+
+}  // namespace eigencast

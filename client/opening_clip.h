@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <atomic>
+#include <mutex>
+#include <string>
+#include <thread>
+
+#include "client/clip_source.h"
+
+namespace eigencast {
+
+/// A clip that is baked on a thread of its own while the viewer already runs; then it plays as ClipSource does. While it is
+/// being made its state is kDownloading with how far it is, and kRefused with why if it cannot be.
+///
+/// Use from one thread.
+class OpeningClip final : public PoseSource {
+ public:
+  OpeningClip(std::string input, std::string cache_dir);
+  /// Stops baking and waits for that: at most until the bake's next report of progress.
+  ~OpeningClip() override;
+
+  std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout) override;
+  const Asset* asset() const override { return playing_ ? playing_->asset() : nullptr; }
+  std::uint32_t epoch() const override { return playing_ ? playing_->epoch() : 0; }
+  const std::optional<control::StreamInfo>& info() const override { return playing_ ? playing_->info() : info_; }
+  Subscriber::Stats stats() const override;
+  std::span<const float> vertex_colours() const override;
+  Truth* truth() const override { return playing_ ? playing_->truth() : nullptr; }
+
+ private:
+  void bake(const std::string& input, const std::string& cache_dir);
+
+  std::optional<control::StreamInfo> info_;
+  std::unique_ptr<ClipSource> playing_;
+  std::atomic<bool> stop_{false};
+  mutable std::mutex mutex_;
+  std::string detail_;                                            // guarded by mutex_
+  std::optional<Result<std::shared_ptr<const BakedClip>>> made_;  // guarded by mutex_
+  std::optional<std::string> failed_;
+  std::thread thread_;  ///< Last: it uses the others.
+};
+
+}  // namespace eigencast

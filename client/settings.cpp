@@ -1,0 +1,89 @@
+// SPDX-License-Identifier: MIT
+#include "client/settings.h"
+
+#include <algorithm>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "client/json_file.h"
+#include "common/core/files.h"
+#include "sdk/contexts.h"
+
+namespace eigencast {
+namespace {
+
+using nlohmann::json;
+
+/// name -> member, for the switches of a look.
+struct Switch {
+  const char* name;
+  bool Look::*member;
+};
+constexpr std::array<Switch, 7> kSwitches{{{"edges", &Look::edges},
+                                           {"wireframe", &Look::wireframe},
+                                           {"points", &Look::points},
+                                           {"grid", &Look::grid},
+                                           {"axes", &Look::axes},
+                                           {"transparent", &Look::transparent},
+                                           {"legend", &Look::legend}}};
+
+void read_bool(const json& object, const char* name, bool& value) {
+  if (const auto at = object.find(name); at != object.end() && at->is_boolean()) value = at->get<bool>();
+}
+
+void read_side(const json& object, const char* name, int& value) {
+  const auto at = object.find(name);
+  if (at == object.end() || !at->is_number_integer()) return;
+  if (const auto side = at->get<long long>(); side >= 160 && side <= 16384) value = static_cast<int>(side);
+}
+
+}  // namespace
+
+void Settings::opened(const std::string& what) {
+  std::erase(recent, what);
+  recent.insert(recent.begin(), what);
+  if (recent.size() > kMostRecent) recent.resize(kMostRecent);
+}
+
+std::string Settings::default_path() {
+  const std::string contexts = Contexts::default_path();
+  if (contexts.empty()) return {};
+  return (std::filesystem::path(contexts).parent_path() / "viewer.json").string();
+}
+
+Result<Settings> Settings::load(const std::string& path) {
+  Settings settings;
+  std::error_code ignored;
+  if (path.empty() || !std::filesystem::exists(path, ignored)) return settings;
+  const auto text = read_small_file(path);
+  if (!text) return text.error();
+  const json all = json::parse(*text, nullptr, false);
+  if (!all.is_object())
+    return fail(ErrorCode::kCorrupt, path + ": is not a JSON object; the viewer starts as at first");
+  read_side(all, "width", settings.width);
+  read_side(all, "height", settings.height);
+  read_bool(all, "figures", settings.hud);
+  read_bool(all, "panel", settings.panel);
+  if (const auto look = all.find("look"); look != all.end() && look->is_object()) {
+    for (const Switch& each : kSwitches) read_bool(*look, each.name, settings.look.*each.member);
+    if (const auto map = look->find("colour_map"); map != look->end() && map->is_string())
+      settings.look.colour_map = colour_map_from_name(map->get<std::string>()).value_or(ColourMap::kViridis);
+  }
+  if (const auto recent = all.find("recent"); recent != all.end() && recent->is_array()) {
+    for (const json& each : *recent) {
+      if (each.is_string() && settings.recent.size() < kMostRecent) settings.recent.push_back(each.get<std::string>());
+    }
+  }
+  return settings;
+}
+
+Result<void> Settings::save(const std::string& path) const {
+  std::error_code ignored;
+  std::filesystem::create_directories(std::filesystem::path(path).parent_path(), ignored);
+  json all{{"width", width}, {"height", height}, {"figures", hud}, {"panel", panel}, {"recent", recent}};
+  for (const Switch& each : kSwitches) all["look"][each.name] = look.*each.member;
+  all["look"]["colour_map"] = name_of(look.colour_map);
+  return write_file_atomically(path, all.dump(2, ' ', false, json::error_handler_t::replace) + "\n");
+}
+
+}  // namespace eigencast

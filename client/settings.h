@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/core/result.h"
+#include "view/look.h"
+
+namespace eigencast {
+
+/// What the window remembers from one time to the next.
+struct Settings {
+  static constexpr std::size_t kMostRecent = 6;
+
+  int width = 1280, height = 720;
+  bool hud = true, panel = false;
+  Look look;                        ///< But for colouring and range, which belong to a stream.
+  std::vector<std::string> recent;  ///< What was opened, newest first; nothing secret.
+
+  /// Puts it first.
+  void opened(const std::string& what);
+
+  /// $XDG_CONFIG_HOME/eigencast/viewer.json; empty where no such folder is known.
+  static std::string default_path();
+  /// Members that are missing, or make no sense, are as at first: a newer or an older version may have written them. Errors:
+  /// kIo, kCorrupt (no JSON object); no such file is none.
+  static Result<Settings> load(const std::string& path);
+  /// Errors: kIo.
+  Result<void> save(const std::string& path) const;
+};
+
+}  // namespace eigencast

@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: MIT
+#include "client/ui/panel.h"
+
+#include <imgui.h>
+
+#include <algorithm>
+#include <cstdio>
+
+namespace eigencast {
+namespace {
+
+void draw_surfaces(Session& session, UiRequests& requests, TextField& to_open, float scale) {
+  auto& instances = session.scene().instances();
+  for (std::size_t i = 0; i < instances.size(); ++i) {
+    Scene::Instance& instance = instances[i];
+    const PoseSource& source = *session.sources()[instance.placement.source];
+    ImGui::PushID(static_cast<int>(i));
+    ImGui::Checkbox("##shown", &instance.visible);
+    ImGui::SameLine();
+    ImGui::TextUnformatted(session.name_of_surface(i).c_str());
+    char line[96];
+    const Asset* asset = source.asset();
+    const double level = asset == nullptr ? 0
+                                          : static_cast<double>(instance.view.geometry().vertex_count()) /
+                                                std::max(1U, asset->vertex_count);
+    std::snprintf(line, sizeof line, "%s, detail %.2f", std::string(name_of(source.stats().state)).c_str(), level);
+    ImGui::TextDisabled("      %s", line);
+    ImGui::SameLine(ImGui::GetContentRegionAvail().x - 54 * scale);
+    if (ImGui::SmallButton("remove")) requests.remove = i;
+    ImGui::PopID();
+  }
+  ImGui::SetNextItemWidth(-58 * scale);
+  const bool entered = ImGui::InputTextWithHint("##open", "URL, path or shape", to_open.data(), to_open.size(),
+                                                ImGuiInputTextFlags_EnterReturnsTrue);
+  ImGui::SameLine();
+  if (ImGui::Button("Add", {-1, 0}) || entered) requests.open = to_open.data();
+}
+
+void draw_look(Session& session, Look& look) {
+  ImGui::SetNextItemWidth(-1);
+  if (ImGui::BeginCombo("##colours", ("colours: " + title_of(look.colour)).c_str())) {
+    for (const SurfacePainter::Wish& wish : session.colourings()) {
+      if (ImGui::Selectable(title_of(wish).c_str(), wish == look.colour)) look.colour = wish;
+    }
+    ImGui::EndCombo();
+  }
+  ImGui::SetNextItemWidth(-1);
+  if (ImGui::BeginCombo("##map", ("map: " + std::string(name_of(look.colour_map))).c_str())) {
+    for (int i = 0; i < kColourMaps; ++i) {
+      const auto map = static_cast<ColourMap>(i);
+      if (ImGui::Selectable(std::string(name_of(map)).c_str(), map == look.colour_map)) look.colour_map = map;
+    }
+    ImGui::EndCombo();
+  }
+  if (ImGui::BeginTable("switches", 2)) {
+    const std::array<std::pair<const char*, bool*>, 6> switches{{{"edges", &look.edges},
+                                                                 {"wireframe", &look.wireframe},
+                                                                 {"points", &look.points},
+                                                                 {"legend", &look.legend},
+                                                                 {"grid", &look.grid},
+                                                                 {"axes", &look.axes}}};
+    for (const auto& [name, value] : switches) {
+      ImGui::TableNextColumn();
+      ImGui::Checkbox(name, value);
+    }
+    ImGui::EndTable();
+  }
+}
+
+void draw_motion(Session& session, ViewerState& state) {
+  constexpr std::array<const char*, 3> kModes{"as poses come", "interpolated here", "estimated here"};
+  const PlayoutSettings before = state.playout;
+  int mode = static_cast<int>(state.playout.mode);
+  ImGui::SetNextItemWidth(-1);
+  if (ImGui::Combo("##mode", &mode, kModes.data(), kModes.size())) {
+    state.playout.mode = static_cast<PlayoutMode>(mode);
+    state.playout.smoothness.reset();
+    state.playout.delay_us = 0;
+  }
+  if (state.playout.mode == PlayoutMode::kLatest) {
+    ImGui::TextDisabled("nothing is held back");
+  } else {
+    auto smooth = static_cast<float>(Playout(state.playout).smoothness());
+    ImGui::TextDisabled("live");
+    ImGui::SameLine();
+    ImGui::SetNextItemWidth(-ImGui::CalcTextSize("smooth").x - 12);
+    if (ImGui::SliderFloat("##smooth", &smooth, 0, 1, "")) {
+      state.playout.smoothness = static_cast<double>(smooth);
+      state.playout.delay_us = 0;
+    }
+    ImGui::SameLine();
+    ImGui::TextDisabled("smooth");
+    if (!session.scene().instances().empty()) {
+      const Playout& playout = session.scene().instances().front().view.playout();
+      ImGui::TextDisabled("%.0f ms held back", static_cast<double>(playout.delay_us()) / 1000);
+    }
+  }
+  if (before.mode != state.playout.mode || before.smoothness != state.playout.smoothness)
+    session.scene().set_playout(state.playout);
+}
+
+void draw_detail(Session& session) {
+  auto level = static_cast<float>(session.scene().lod().fraction());
+  ImGui::SetNextItemWidth(-1);
+  if (ImGui::SliderFloat("##lod", &level, 0.001F, 1, "at most %.3f of the vertices", ImGuiSliderFlags_Logarithmic))
+    session.scene().lod().set_fraction(static_cast<double>(level));
+  ImGui::SetNextItemWidth(-1);
+  if (!ImGui::BeginCombo("##resolver", ("lowered by: " + std::string(name_of(session.levels().kind()))).c_str()))
+    return;
+  for (const ResolverKind kind : {ResolverKind::kBudget, ResolverKind::kPaper, ResolverKind::kNone}) {
+    if (ImGui::Selectable(std::string(name_of(kind)).c_str(), session.levels().kind() == kind))
+      session.levels().set_kind(kind);
+  }
+  ImGui::EndCombo();
+}
+
+void draw_export(ViewerState& state) {
+  if (ImGui::Button("screenshot")) state.screenshot_wanted = true;
+  ImGui::SameLine();
+  if (ImGui::Button("without background")) state.clean_screenshot_wanted = true;
+  ImGui::Checkbox("turntable", &state.turntable);
+  ImGui::SameLine();
+  ImGui::Checkbox("write every picture", &state.recording);
+}
+
+}  // namespace
+
+UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, float scale) {
+  UiRequests requests;
+  const ImVec2 screen = ImGui::GetIO().DisplaySize;
+  const float gap = 12 * scale, width = 292 * scale;
+  ImGui::SetNextWindowPos({gap, gap}, ImGuiCond_Always);
+  ImGui::SetNextWindowSizeConstraints({width, 0}, {width, std::max(80.0F, screen.y - 5.2F * gap)});
+  ImGui::SetNextWindowBgAlpha(0.80F);
+  ImGui::Begin("panel", nullptr,
+               ImGuiWindowFlags_NoTitleBar | ImGuiWindowFlags_NoMove | ImGuiWindowFlags_NoResize |
+                   ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings);
+  const auto section = [](const char* name) { return ImGui::CollapsingHeader(name, ImGuiTreeNodeFlags_DefaultOpen); };
+  if (section("Surfaces")) draw_surfaces(session, requests, to_open, scale);
+  if (section("Look")) draw_look(session, state.look);
+  if (section("Motion")) draw_motion(session, state);
+  if (section("Detail")) draw_detail(session);
+  if (section("Pictures")) draw_export(state);
+  if (section("Over time")) draw_plots(session.history(), session.levels().kind(), scale);
+  ImGui::End();
+  return requests;
+}
+
+}  // namespace eigencast

@@ -1,0 +1,34 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <optional>
+#include <string>
+
+#include "client/session.h"
+#include "client/viewer_state.h"
+
+namespace eigencast {
+
+/// A line of text that the user types.
+using TextField = std::array<char, 1024>;
+
+/// What a panel or card asks of its window.
+struct UiRequests {
+  std::string open;  ///< Whatever the user typed or pressed; empty: nothing.
+  std::optional<std::size_t> remove;
+};
+
+/// The panel at the left: surfaces, colours, motion, detail, export, plots over time. Changes state and session in place.
+/// REQUIRES: called while an Overlay draws. Not thread-safe.
+UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, float scale);
+
+/// The card of a viewer that shows nothing yet: built-in demos, a line for a URL or a file, what was opened before.
+/// REQUIRES: as draw_panel.
+UiRequests draw_welcome(const std::vector<std::string>& recent, TextField& to_open, float scale);
+
+/// Levels, pictures a second, resolver, latency and bit rate over the last minute. REQUIRES: as draw_panel.
+void draw_plots(const History& history, ResolverKind resolver, float scale);
+
+}  // namespace eigencast

@@ -1,0 +1,315 @@
+// SPDX-License-Identifier: MIT
+#include "client/viewer.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+
+#include "client/clip_source.h"
+#include "client/pick.h"
+#include "common/net/url.h"
+
+namespace eigencast {
+namespace {
+
+constexpr auto kIdleWait = std::chrono::milliseconds(6);  // how late a key or drag may be noticed while no pose comes
+constexpr double kEmptyWaitS = 0.1;                       // likewise, while there is nothing that poses could come from
+constexpr TimeUs kFiguresEveryUs = 250'000;
+constexpr TimeUs kNoticeUs = 8'000'000;
+constexpr double kTurnSeconds = 12;
+
+/// Not the URL as it was given: it may hold a token.
+std::string shown_name(const std::string& stream) {
+  const auto url = parse_broker_url(stream);
+  return clip_in(stream).value_or(url ? url->shown() : "");
+}
+
+std::string title_for(const std::string& name) {
+  return "Eigencast" + (name.empty() ? "" : " - " + name);
+}
+
+}  // namespace
+
+Viewer::Viewer(const ClientOptions& options, OpenSource open, LogSink log)
+    : options_(options), open_(std::move(open)), log_(std::move(log)) {}
+
+Viewer::~Viewer() {
+  session_.reset();
+  overlay_.reset();
+  renderer_.reset();
+}
+
+Result<void> Viewer::open(std::span<PoseSource* const> sources) {
+  if (auto settings = Settings::load(options_.settings)) {
+    settings_ = std::move(*settings);
+  } else {
+    log(log_, LogLevel::kWarning, settings.error().message);
+  }
+  const int width = options_.size_given || options_.settings.empty() ? options_.width : settings_.width;
+  const int height = options_.size_given || options_.settings.empty() ? options_.height : settings_.height;
+  const std::string first = options_.scene.streams.empty() ? "" : shown_name(options_.scene.streams.front());
+  if (const auto opened = window_.open(width, height, title_for(first)); !opened) return opened;
+  Result<std::unique_ptr<Renderer>> renderer = Renderer::create();
+  if (!renderer) return renderer.error();
+  renderer_ = std::move(*renderer);
+  ClientOptions mine = options_;
+  if (options_.follow_display) mine.levels.target_fps = window_.display_rate_hz();
+  if (!options_.camera_path.empty()) {
+    Result<CameraPath> path = CameraPath::read(options_.camera_path);
+    if (!path) return path.error();
+    path_.emplace(std::move(*path));
+  }
+  Result<std::unique_ptr<Session>> session = Session::create(mine, sources, log_);
+  if (!session) return session.error();
+  session_ = std::move(*session);
+  state_.playout = options_.view_options.playout;
+  state_.look = options_.look_given ? options_.look : settings_.look;
+  state_.look.colour = options_.look.colour;
+  state_.look.colour_range = options_.look.colour_range;
+  state_.hud = settings_.hud;
+  state_.panel = settings_.panel;
+  camera_.set_view(options_.view);
+  window_.listen(*this);
+  const float scale = options_.ui_scale > 0 ? static_cast<float>(options_.ui_scale) : window_.content_scale();
+  overlay_ = std::make_unique<Overlay>(window_.handle(), scale);  // after listen(): it calls our handlers too
+  for (const std::string& stream : options_.scene.streams) {
+    if (const std::string name = shown_name(stream); !name.empty()) settings_.opened(name);
+  }
+  return {};
+}
+
+void Viewer::turn() {
+  window_.poll_events(redraw_ == 0 && session_->sources().empty() && !state_.turntable ? kEmptyWaitS : 0);
+  session_->scene().set_paused(state_.paused);
+  const bool poses = session_->update(redraw_ > 0 ? std::chrono::milliseconds(0) : kIdleWait, camera_);
+  const TimeUs now = steady_now_us();
+  const bool scene_changed = move_camera(now) || poses;
+  if (!scene_changed && redraw_ == 0 && !content_changed(now)) return;
+  redraw_ = std::max(redraw_ - 1, 0);
+  draw();
+  if (const UiRequests wanted = std::exchange(requests_, {}); !wanted.open.empty() || wanted.remove) {
+    if (wanted.remove) remove(*wanted.remove);
+    if (!wanted.open.empty()) open_wanted(wanted.open);
+    redraw_ = kRedrawsAfterInput;
+  }
+  write_what_is_wanted(scene_changed);
+}
+
+/// Along its path, again and again; else round the scene, if it is to turn.
+bool Viewer::move_camera(TimeUs now_us) {
+  const double since = turned_us_ == 0 ? 0 : static_cast<double>(now_us - turned_us_) / 1e6;
+  turned_us_ = now_us;
+  if (path_) {
+    if (!flight_began_us_) flight_began_us_ = now_us;
+    const double flown = static_cast<double>(now_us - *flight_began_us_) / 1e6;
+    path_->apply(path_->seconds() > 0 ? std::fmod(flown, path_->seconds()) : 0, camera_);
+    return true;
+  }
+  if (!state_.turntable || session_->scene().instances().empty()) return false;
+  camera_.turn(static_cast<float>(since * 6.283185307 / kTurnSeconds));
+  return true;
+}
+
+/// Texts and plots, looked at now and then: the picture stays as it is while they do.
+bool Viewer::content_changed(TimeUs now_us) {
+  const bool fading = session_->colourfulness() != drawn_colourfulness_;
+  if (now_us - checked_us_ < (fading ? 30'000 : kFiguresEveryUs)) return false;
+  checked_us_ = now_us;
+  return fading || state_.panel || overlay_->wants_keys() || !(overlay_content() == drawn_content_);
+}
+
+OverlayContent Viewer::overlay_content() const {
+  OverlayContent content;
+  const bool empty = session_->scene().instances().empty();
+  if (state_.hud && !empty) content.figures = hud_lines(session_->figures());
+  content.connection = session_->connection();
+  content.connected = session_->is_connected();
+  content.banner = steady_now_us() < notice_until_us_ ? notice_ : session_->banner();
+  if (content.banner.empty()) content.banner = session_->why_not_painted();
+  content.paused = state_.paused;
+  if (state_.look.legend) content.legend = session_->legend();
+  if (state_.help) content.help = help_lines(state_, camera_, session_->scene().lod(), session_->levels().kind());
+  return content;
+}
+
+/// A window has something behind it in any case.
+Look Viewer::shown_look() const {
+  Look look = state_.look;
+  look.transparent = false;
+  return look;
+}
+
+void Viewer::draw() {
+  if (width_ < 1 || height_ < 1) return;
+  session_->draw(*renderer_, camera_, shown_look(), width_, height_, 0, false);
+  drawn_content_ = overlay_content();
+  drawn_colourfulness_ = session_->colourfulness();
+  overlay_->draw(drawn_content_, width_, height_, 0, [this] { draw_panels(); });
+  window_.swap();
+}
+
+void Viewer::draw_panels() {
+  if (session_->scene().instances().empty()) {
+    requests_ = draw_welcome(settings_.recent, to_open_, overlay_->scale());
+  } else if (state_.panel) {
+    requests_ = draw_panel(*session_, state_, to_open_, overlay_->scale());
+  }
+}
+
+void Viewer::do_what_keys_wanted() {
+  for (; state_.colourings_on > 0; --state_.colourings_on)
+    state_.look.colour = session_->next_colouring(state_.look.colour);
+  if (std::exchange(state_.resolver_wanted, false)) session_->levels().set_kind(next_kind(session_->levels().kind()));
+  if (std::exchange(state_.copy_wanted, false)) {
+    window_.set_clipboard(text_from_camera(camera_));
+    say("the camera is in the clipboard", false);
+  }
+  if (std::exchange(state_.paste_wanted, false)) paste(window_.clipboard());
+}
+
+void Viewer::paste(const std::string& text) {
+  if (camera_from_text(text, camera_)) return;
+  open_wanted(text);
+}
+
+void Viewer::open_wanted(const std::string& text) {
+  const Wanted wanted = wanted_from(text);
+  if (wanted.kind == Wanted::Kind::kNothing) return;
+  const Result<void> opened =
+      wanted.kind == Wanted::Kind::kScene ? add_scene(wanted.what) : add_stream(wanted.what, {}, true);
+  if (!opened) return say(opened.error().message, true);
+  to_open_.fill('\0');
+  const std::string name = wanted.kind == Wanted::Kind::kScene ? wanted.what : shown_name(wanted.what);
+  if (!name.empty()) settings_.opened(name);
+  window_.set_title(title_for(name));
+}
+
+/// again: the same stream a second time is a second surface of the source there is.
+Result<void> Viewer::add_stream(const std::string& stream, const Placement& placement, bool again) {
+  if (session_->scene().instances().size() >= kMostSurfaces)
+    return fail(ErrorCode::kTooLarge, "a scene holds at most " + std::to_string(kMostSurfaces) + " surfaces");
+  const auto there = std::find_if(opened_.begin(), opened_.end(), [&](const Opened& o) { return o.stream == stream; });
+  if (again && there != opened_.end()) {
+    session_->add(*there->source, shown_name(stream), placement);
+    return {};
+  }
+  Result<std::unique_ptr<PoseSource>> source = open_(stream);
+  if (!source) return source.error();
+  opened_.push_back({stream, std::move(*source)});
+  session_->add(*opened_.back().source, shown_name(stream), placement);
+  return {};
+}
+
+Result<void> Viewer::add_scene(const std::string& path) {
+  const Result<SceneDescription> scene = read_scene_file(path);
+  if (!scene) return scene.error();
+  for (const Placement& placement : scene->placements) {
+    if (const auto added = add_stream(scene->streams[placement.source], placement, true); !added) return added;
+  }
+  return {};
+}
+
+void Viewer::remove(std::size_t surface) {
+  const PoseSource* gone = session_->remove(surface);
+  std::erase_if(opened_, [&](const Opened& each) { return gone != nullptr && each.source.get() == gone; });
+}
+
+void Viewer::say(const std::string& notice, bool bad) {
+  notice_ = notice;
+  notice_until_us_ = steady_now_us() + (bad ? kNoticeUs : kNoticeUs / 3);
+  log(log_, bad ? LogLevel::kError : LogLevel::kInfo, notice);
+}
+
+void Viewer::write_what_is_wanted(bool scene_changed) {
+  const auto report = [this](const Result<void>& written, const std::string& path) {
+    // A picture that cannot be written is no reason to close the window.
+    written ? say("screenshot: " + path, false) : say(written.error().message, true);
+  };
+  if (std::exchange(state_.screenshot_wanted, false)) {
+    const std::string path = next_screenshot_name("eigencast");
+    report(save(path), path);
+  }
+  if (std::exchange(state_.clean_screenshot_wanted, false)) {
+    const std::string path = next_screenshot_name("eigencast");
+    report(save_scene(path, true), path);
+  }
+  if (!state_.recording) record_folder_.clear();
+  if (!state_.recording || !scene_changed) return;
+  if (record_folder_.empty()) {
+    record_folder_ = next_free_name("eigencast_pictures", "");
+    recorded_ = 0;
+    std::error_code error;
+    std::filesystem::create_directories(record_folder_, error);
+    log(log_, LogLevel::kInfo, "writing every picture to " + record_folder_);
+  }
+  char name[32];
+  std::snprintf(name, sizeof name, "frame_%06llu.png", static_cast<unsigned long long>(++recorded_));
+  const Result<void> written = save_scene((std::filesystem::path(record_folder_) / name).string(), false);
+  if (written) return;
+  state_.recording = false;
+  say(written.error().message, true);
+}
+
+Result<void> Viewer::save(const std::string& path) {
+  const unsigned target = renderer_->offscreen_target(width_, height_);  // a back buffer is undefined after a swap
+  renderer_->draw(camera_, session_->render_options(state_.look), width_, height_, target);
+  overlay_->draw(overlay_content(), width_, height_, target, [this] { draw_panels(); });
+  requests_ = {};
+  return write_png(path, Renderer::read_back(width_, height_, target, state_.look.transparent));
+}
+
+Result<void> Viewer::save_scene(const std::string& path, bool transparent) {
+  Look look = state_.look;
+  look.transparent |= transparent;
+  Result<Picture> picture = renderer_->picture(camera_, session_->render_options(look), width_, height_);
+  return picture ? write_png(path, *picture) : Result<void>(picture.error());
+}
+
+Result<void> Viewer::remember() {
+  if (options_.settings.empty()) return {};
+  const glm::ivec2 size = window_.size();
+  settings_.width = size.x;
+  settings_.height = size.y;
+  settings_.hud = state_.hud;
+  settings_.panel = state_.panel;
+  settings_.look = state_.look;
+  return settings_.save(options_.settings);
+}
+
+void Viewer::on_resize(int width_px, int height_px) {
+  width_ = width_px;
+  height_ = height_px;
+  camera_.set_viewport(width_, height_);
+}
+
+void Viewer::on_key(const std::string& name, bool repeated) {
+  if (overlay_ && overlay_->wants_keys()) return;
+  const std::optional<Action> wanted = action_for_key(name);
+  const bool repeats = wanted == Action::kFiner || wanted == Action::kCoarser || wanted == Action::kSmoother ||
+                       wanted == Action::kMoreLive;
+  if (!wanted || (repeated && !repeats)) return;
+  state_.apply(*wanted, camera_, session_->scene().lod());
+  do_what_keys_wanted();  // at once: what follows may move the camera that is to be copied
+  session_->scene().set_playout(state_.playout);
+}
+
+void Viewer::on_drag(Drag drag, glm::vec2 by_px) {
+  if (overlay_ && overlay_->wants_mouse()) return;
+  drag == Drag::kPan ? camera_.pan(by_px) : camera_.rotate(by_px);
+}
+
+void Viewer::on_wheel(float steps, glm::vec2 at_px) {
+  if (!overlay_ || !overlay_->wants_mouse()) camera_.zoom(steps, at_px);
+}
+
+void Viewer::on_double_click(glm::vec2 at_px) {
+  if (overlay_ && overlay_->wants_mouse()) return;
+  if (const auto hit = pick(session_->scene(), camera_, at_px, width_, height_)) camera_.look_at(*hit);
+}
+
+void Viewer::on_drop(const std::vector<std::string>& what) {
+  for (const std::string& each : what) open_wanted(each);
+}
+
+}  // namespace eigencast

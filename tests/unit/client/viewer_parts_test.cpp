@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: MIT
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+
+#include "client/clip_source.h"
+#include "client/clip_truth.h"
+#include "client/history.h"
+#include "client/open_source.h"
+#include "client/opening_clip.h"
+#include "client/own_colours.h"
+#include "client/pick.h"
+#include "client/settings.h"
+#include "common/surface/shapes.h"
+#include "common/surface/write.h"
+#include "tests/support/process.h"
+#include "tests/unit/client/fake_source.h"
+#include "view/picture.h"
+
+namespace eigencast {
+namespace {
+
+using testing::FakeSource;
+using testing::sphere_asset;
+
+/// A clip of five frames of a sphere that grows taller, as files of this folder.
+std::string growing_sphere(const testing::TemporaryFolder& folder) {
+  Surface sphere = make_icosphere(2);
+  for (int frame = 0; frame < 5; ++frame) {
+    EXPECT_TRUE(write_surface(sphere, folder.file("f" + std::to_string(frame) + ".obj")));
+    for (Vec3& p : sphere.positions) p[1] *= 1.1;
+  }
+  return folder.file("f*.obj");
+}
+
+TEST(WantedFrom, TellsStreamsFilesAndScenesApart) {
+  EXPECT_EQ(wanted_from("  ").kind, Wanted::Kind::kNothing);
+  EXPECT_EQ(wanted_from(" wss://host/a ").kind, Wanted::Kind::kStream);
+  EXPECT_EQ(wanted_from(" wss://host/a\n").what, "wss://host/a");
+  EXPECT_EQ(wanted_from("http://host:7490/a").kind, Wanted::Kind::kStream);
+  EXPECT_EQ(wanted_from("\"/tmp/my mesh.obj\"").what, "file:/tmp/my mesh.obj");
+  EXPECT_EQ(wanted_from("heart").what, "file:heart");
+  const testing::TemporaryFolder folder;
+  std::ofstream(folder.file("s.json")) << "{}";
+  EXPECT_EQ(wanted_from(folder.file("s.json")).kind, Wanted::Kind::kScene);
+}
+
+TEST(Settings, ComeBackAsTheyWereAndBearNonsense) {
+  const testing::TemporaryFolder folder;
+  const std::string path = folder.file("deep/viewer.json");
+  Settings settings;
+  settings.width = 999;
+  settings.hud = false;
+  settings.look.edges = true;
+  settings.look.colour_map = ColourMap::kTurbo;
+  for (int i = 0; i < 9; ++i) settings.opened("ws://h/" + std::to_string(i));
+  settings.opened("ws://h/7");
+  ASSERT_TRUE(settings.save(path));
+  const auto back = Settings::load(path);
+  ASSERT_TRUE(back) << back.error().message;
+  EXPECT_EQ(back->width, 999);
+  EXPECT_FALSE(back->hud);
+  EXPECT_TRUE(back->look.edges);
+  EXPECT_EQ(back->look.colour_map, ColourMap::kTurbo);
+  ASSERT_EQ(back->recent.size(), Settings::kMostRecent);
+  EXPECT_EQ(back->recent.front(), "ws://h/7") << "once, in front";
+  std::ofstream(path)
+      << R"({"width": -3, "height": "x", "look": {"edges": 7, "colour_map": "jet"}, "recent": [1, "a"]})";
+  const auto odd = Settings::load(path);
+  ASSERT_TRUE(odd);
+  EXPECT_EQ(odd->width, 1280);
+  EXPECT_FALSE(odd->look.edges);
+  EXPECT_EQ(odd->look.colour_map, ColourMap::kViridis);
+  EXPECT_EQ(odd->recent, (std::vector<std::string>{"a"}));
+  std::ofstream(path) << "no json";
+  EXPECT_EQ(Settings::load(path).error().code, ErrorCode::kCorrupt);
+  EXPECT_TRUE(Settings::load(folder.file("none.json")));
+}
+
+TEST(History, KeepsAMinuteOfSamplesAtItsPace) {
+  History history;
+  EXPECT_TRUE(history.add({1, 0, 0, 0, 0}, 1'000'000));
+  EXPECT_FALSE(history.add({1, 0, 0, 0, 0}, 1'010'000));
+  for (int i = 1; i < 1000; ++i) history.add({0, static_cast<double>(i), 0, 0, 0}, 1'000'000 + i * History::kEveryUs);
+  EXPECT_EQ(history.size(), History::kMost);
+  EXPECT_EQ(history.values(&HistorySample::drawn_hz).back(), 999);
+  EXPECT_EQ(axis_for({0.3F, 0.21F}), (std::array<float, 2>{0, 0.3F}));
+  EXPECT_EQ(axis_for({}), (std::array<float, 2>{0, 1}));
+}
+
+TEST(Pick, HitsTheNearSideAndOnlyWhatIsThere) {
+  FakeSource source(sphere_asset(4));
+  Scene scene({{}}, {});
+  PoseSource* const sources[] = {&source};
+  scene.receive(0, source, {});
+  scene.advance(sources, 0);
+  Camera camera;
+  camera.set_viewport(400, 300);
+  camera.set_view("front");
+  camera.set_scene({-1, -1, -1}, {1, 1, 1});
+  const auto hit = pick(scene, camera, {200, 150}, 400, 300);
+  ASSERT_TRUE(hit);
+  EXPECT_NEAR(hit->z, 1, 0.02);
+  EXPECT_NEAR(hit->x, 0, 0.01);
+  const glm::vec3 aside{0.5F, 0.5F, std::sqrt(0.5F)};
+  const auto there = pick(scene, camera, camera.pixel_from_scene(aside).value(), 400, 300);
+  ASSERT_TRUE(there);
+  EXPECT_NEAR(there->x, aside.x, 0.02);
+  EXPECT_NEAR(there->y, aside.y, 0.02);
+  EXPECT_FALSE(pick(scene, camera, {2, 2}, 400, 300));
+  scene.instances().front().visible = false;
+  EXPECT_FALSE(pick(scene, camera, {200, 150}, 400, 300));
+}
+
+TEST(ClipTruths, FindTheMomentByTheCoefficientsAndMeasureTheDistance) {
+  const testing::TemporaryFolder folder;
+  const auto clip = BakedClip::open(growing_sphere(folder), "");
+  ASSERT_TRUE(clip) << clip.error().message;
+  ClipSource source(*clip, 0, [] { return TimeUs{0}; });
+  auto* truth = dynamic_cast<ClipTruth*>(source.truth());
+  ASSERT_NE(truth, nullptr);
+  const auto& frames = (*clip)->frames;
+  EXPECT_EQ(truth->moment_of(frames[2], 3).part, 0);
+  std::vector<double> between = frames[1];
+  for (std::size_t i = 0; i < between.size(); ++i) between[i] = 0.75 * frames[1][i] + 0.25 * frames[2][i];
+  const auto moment = truth->moment_of(between, 3);
+  EXPECT_EQ(moment.first, 1u);
+  EXPECT_NEAR(moment.part, 0.25, 1e-9);
+
+  // What was rebuilt exactly is off by nothing; moved by d, by d.
+  const auto pose = (*clip)->motion->pose(3);
+  ASSERT_TRUE(pose);
+  std::vector<float> positions, errors(100);
+  for (std::size_t i = 0; i < errors.size(); ++i) {
+    for (std::size_t d = 0; d < 3; ++d)
+      positions.push_back(static_cast<float>((*pose)[(*clip)->asset.source_vertex[i]][d] - (*clip)->asset.origin[d] +
+                                             (d == 1 ? 0.125 : 0)));
+  }
+  ASSERT_TRUE(truth->errors(frames[3], 3, positions, errors));
+  for (const float error : errors) EXPECT_NEAR(error, 0.125, 1e-5);
+  EXPECT_FALSE(truth->errors(std::vector<double>(9), 3, positions, errors));
+  EXPECT_NE(truth->why().find("another surface"), std::string::npos);
+}
+
+TEST(ClipTruths, AStreamGetsItsTruthInTheBackgroundOrSaysWhyNot) {
+  const testing::TemporaryFolder folder;
+  const std::string files = growing_sphere(folder);
+  const auto clip = BakedClip::open(files, "");
+  ASSERT_TRUE(clip);
+  const auto settle = [](PoseSource& source) {
+    const std::vector<double> none(3);
+    for (int i = 0; i < 1000; ++i) {
+      source.poll(std::chrono::milliseconds(10));
+      if (source.truth()->why() != "the truth is being prepared" && i > 0) return;
+    }
+  };
+  const auto right = with_truth(std::make_unique<ClipSource>(*clip), files);
+  settle(*right);
+  std::vector<float> errors(10), positions(30);
+  EXPECT_TRUE(right->truth()->errors((*clip)->frames[0], 3, positions, errors)) << right->truth()->why();
+  const auto wrong = with_truth(std::make_unique<ClipSource>(*clip), "sphere");
+  settle(*wrong);
+  EXPECT_NE(wrong->truth()->why().find("10242 vertices"), std::string::npos) << wrong->truth()->why();
+}
+
+TEST(OpeningClips, BakeInTheBackgroundAndSaySo) {
+  const testing::TemporaryFolder folder;
+  OpeningClip good(growing_sphere(folder), "");
+  EXPECT_EQ(good.stats().state, Subscriber::State::kDownloading);
+  EXPECT_FALSE(good.stats().detail.empty());
+  for (int i = 0; i < 3000 && good.asset() == nullptr; ++i) good.poll(std::chrono::milliseconds(10));
+  ASSERT_NE(good.asset(), nullptr);
+  EXPECT_EQ(good.stats().state, Subscriber::State::kLive);
+  OpeningClip bad("no/such/file.obj", "");
+  for (int i = 0; i < 1000 && bad.stats().state != Subscriber::State::kRefused; ++i)
+    bad.poll(std::chrono::milliseconds(10));
+  EXPECT_EQ(bad.stats().state, Subscriber::State::kRefused);
+  EXPECT_NE(bad.stats().detail.find("no/such/file.obj"), std::string::npos);
+}
+
+TEST(OwnColours, AreTheMeanOfTheCornersAndAbsentWhereTheFileHasNone) {
+  Surface quad{{{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}}, {{0, 1, 2}, {0, 2, 3}}};
+  const std::vector<std::uint32_t> order{3, 2, 1, 0};
+  EXPECT_TRUE(own_colours(quad, {}, order).empty());
+  Appearance looks;
+  looks.corner_colour = {{{{1, 0, 0, 1}, {0, 1, 0, 1}, {0, 0, 1, 1}}}, {{{0, 0, 1, 1}, {0, 0, 1, 1}, {1, 1, 1, 1}}}};
+  const auto colours = own_colours(quad, looks, order);
+  ASSERT_EQ(colours.size(), 12u);
+  EXPECT_EQ(colours[9], 0.5F) << "vertex 0: half red, half blue";
+  EXPECT_EQ(colours[11], 0.5F);
+  EXPECT_EQ(colours[7], 1) << "vertex 1";
+
+  // A texture of two pixels, red and blue; coordinates repeat.
+  const testing::TemporaryFolder folder;
+  const std::string path = folder.file("t.png");
+  ASSERT_TRUE(write_png(path, Picture{2, 1, {255, 0, 0, 0, 0, 255}}));
+  std::ifstream in(path, std::ios::binary);
+  Appearance textured;
+  textured.images.push_back({"t", "image/png", {std::istreambuf_iterator<char>(in), {}}});
+  textured.materials.push_back({"m", {1, 1, 1, 1}, 0});
+  textured.face_material = {0, 0};
+  textured.corner_uv.assign(2, {{{0.25F, 0.5F}, {1.75F, 0.5F}, {-0.75F, 0.5F}}});
+  const auto sampled = own_colours(quad, textured, order);
+  ASSERT_EQ(sampled.size(), 12u);
+  EXPECT_EQ(sampled[9], 1) << "vertex 0 is red";
+  EXPECT_EQ(sampled[8], 1) << "vertex 1 blue";
+}
+
+}  // namespace
+}  // namespace eigencast

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: MIT
+#include <gtest/gtest.h>
+
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <mutex>
+#include <nlohmann/json.hpp>
+#include <thread>
+
+#include "client/apps.h"
+#include "client/settings.h"
+#include "tests/support/process.h"
+#include "tests/unit/client/drop_source.h"
+#include "tests/unit/client/fake_source.h"
+#include "tests/unit/client/virtual_display.h"
+#include "view/picture.h"
+
+// The window as a user meets it: real X events through a virtual display.
+namespace eigencast {
+namespace {
+
+using testing::FakeSource;
+using testing::sphere_asset;
+using testing::VirtualDisplay;
+
+class TheWindow : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    if (!display_.ready()) GTEST_SKIP() << "Xvfb does not start: THE WINDOW IS NOT TESTED (install the package xvfb)";
+    if (std::system("command -v xdotool >/dev/null") != 0)
+      GTEST_SKIP() << "xdotool is not there: THE WINDOW IS NOT TESTED (install the package xdotool)";
+    ::setenv("DISPLAY", display_.name().c_str(), 1);
+    options_.width = 640;
+    options_.height = 480;
+    options_.size_given = true;
+    options_.duration_s = 60;  // only if nothing else ends it
+    options_.settings = folder_.file("config/viewer.json");
+  }
+
+  /// Opens what the user asks for as a still sphere, and notes what that was.
+  OpenSource opener() {
+    return [this](const std::string& stream) -> Result<std::unique_ptr<PoseSource>> {
+      const std::lock_guard lock(mutex_);
+      opened_.push_back(stream);
+      if (stream.find("nowhere") != std::string::npos) return fail(ErrorCode::kNotFound, stream + ": no such file");
+      return std::unique_ptr<PoseSource>(std::make_unique<FakeSource>(sphere_asset(2)));
+    };
+  }
+  std::vector<std::string> opened() {
+    const std::lock_guard lock(mutex_);
+    return opened_;
+  }
+  static bool xdotool(const std::string& command) { return std::system(("xdotool " + command).c_str()) == 0; }
+
+  /// Runs the window while `user` does things; ends it afterwards.
+  int run(const std::function<void()>& user) {
+    std::thread thread([&] {
+      for (int i = 0; i < 500 && !xdotool("search --onlyvisible --name Eigencast >/dev/null 2>&1"); ++i)
+        std::this_thread::sleep_for(std::chrono::milliseconds(10));
+      user();
+      stop_.store(true);
+    });
+    const int code = run_window(options_, {}, opener(), stop_, [this](LogLevel, std::string_view message) {
+      const std::lock_guard lock(mutex_);
+      said_ += std::string(message) + "\n";
+    });
+    thread.join();
+    return code;
+  }
+  bool said(const std::string& what) {
+    const std::lock_guard lock(mutex_);
+    return said_.find(what) != std::string::npos;
+  }
+  static bool until(const std::function<bool()>& there) {
+    for (int i = 0; i < 1000 && !there(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    return there();
+  }
+
+  const VirtualDisplay display_;
+  const testing::TemporaryFolder folder_;
+  ClientOptions options_;
+  std::atomic<bool> stop_{false};
+  std::mutex mutex_;
+  std::vector<std::string> opened_;
+  std::string said_;
+};
+
+TEST_F(TheWindow, WelcomesAndOpensADemoAtAClick) {
+  EXPECT_EQ(run([&] {
+              // Down the card's buttons, wherever its fonts put them: the first that is hit is the first demo.
+              for (int y = 100; y < 300 && opened().empty(); y += 8) {
+                xdotool("mousemove 200 " + std::to_string(y) + " click 1");
+                std::this_thread::sleep_for(std::chrono::milliseconds(120));
+              }
+              EXPECT_TRUE(until([&] { return !opened().empty(); }));
+            }),
+            kExitGood);
+  ASSERT_FALSE(opened().empty());
+  EXPECT_EQ(opened().front(), "file:heart");
+  const auto settings = Settings::load(options_.settings);
+  ASSERT_TRUE(settings);
+  EXPECT_EQ(settings->recent, (std::vector<std::string>{"heart"})) << "remembered for the next time";
+}
+
+TEST_F(TheWindow, TakesWhatIsDroppedAndSaysWhatItCannotOpen) {
+  EXPECT_EQ(
+      run([&] {
+        EXPECT_TRUE(testing::drop_on_window(display_.name(), "file:///tmp/a%20mesh.obj\r\n"));
+        EXPECT_TRUE(until([&] { return opened().size() == 1; }));
+        EXPECT_TRUE(testing::drop_on_window(display_.name(), "ws://127.0.0.1:7490/live/heart?access_token=secret\r\n"));
+        EXPECT_TRUE(until([&] { return opened().size() == 2; }));
+        EXPECT_TRUE(testing::drop_on_window(display_.name(), "file:///nowhere.obj\r\n"));
+        EXPECT_TRUE(until([&] { return said("no such file"); }));
+      }),
+      kExitGood);
+  ASSERT_GE(opened().size(), 2u);
+  EXPECT_EQ(opened()[0], "file:/tmp/a mesh.obj");
+  EXPECT_EQ(opened()[1], "ws://127.0.0.1:7490/live/heart?access_token=secret");
+  std::ifstream in(options_.settings);
+  const std::string remembered((std::istreambuf_iterator<char>(in)), {});
+  EXPECT_NE(remembered.find("live/heart"), std::string::npos) << remembered;
+  EXPECT_EQ(remembered.find("secret"), std::string::npos) << "tokens are nobody's business";
+}
+
+TEST_F(TheWindow, KeysChangeTheLookAndTheNextWindowRemembers) {
+  const auto start = std::filesystem::current_path();
+  std::filesystem::current_path(folder_.path());
+  EXPECT_EQ(run([&] {
+              EXPECT_TRUE(testing::drop_on_window(display_.name(), "file:///tmp/a.obj\r\n"));
+              EXPECT_TRUE(until([&] { return opened().size() == 1; }));
+              xdotool("mousemove 320 300 key w key c key Tab key shift+s");
+              EXPECT_TRUE(until([&] { return std::filesystem::exists("eigencast_0001.png"); }));
+              xdotool("key ctrl+c mousedown 1 mousemove 420 330 mouseup 1 key ctrl+v key shift+s");
+              EXPECT_TRUE(until([&] { return std::filesystem::exists("eigencast_0002.png"); }));
+            }),
+            kExitGood);
+  const auto first = read_png("eigencast_0001.png"), second = read_png("eigencast_0002.png");
+  std::filesystem::current_path(start);
+  ASSERT_TRUE(first);
+  ASSERT_TRUE(second);
+  double difference = 0;
+  ASSERT_EQ(first->rgb.size(), second->rgb.size());
+  for (std::size_t i = 0; i < first->rgb.size(); ++i) difference += std::abs(first->rgb[i] - second->rgb[i]);
+  EXPECT_LT(difference / static_cast<double>(first->rgb.size()), 0.5) << "the camera came back from the clipboard";
+  const auto settings = Settings::load(options_.settings);
+  ASSERT_TRUE(settings);
+  EXPECT_TRUE(settings->look.wireframe);
+  EXPECT_TRUE(settings->panel);
+  EXPECT_EQ(settings->look.colour_map, ColourMap::kCividis);
+}
+
+}  // namespace
+}  // namespace eigencast
