@@ -220,11 +220,12 @@ void put_predictor(RangeEncoder& out, const Predictor& predict) {
 }
 
 void put_level(RangeEncoder& out, std::int64_t level, const LevelOdds& odds) {
-  out.put(level > 0, kMore[odds.beyond_0]);
+  const std::uint16_t* more = kMore.data();
+  out.put(level > 0, more[odds.beyond_0]);
   if (level == 0) return;
-  out.put(level > 1, kMore[odds.beyond_1]);
+  out.put(level > 1, more[odds.beyond_1]);
   for (std::int64_t reached = 2; reached <= level && reached < kMaxUnary; ++reached)
-    out.put(level > reached, kMore[odds.later]);
+    out.put(level > reached, more[odds.later]);
   if (level >= kMaxUnary) put_escape(out, level - kMaxUnary);
 }
 
@@ -233,17 +234,20 @@ bool put_levels(RangeEncoder& out, std::span<const std::int32_t> values, std::sp
                 std::span<const std::uint32_t> levels, ContextModel contexts, const Spacing& spacing,
                 std::span<std::int32_t> decoded) {
   unsigned state = 0;
-  for (std::size_t i = 0; i < levels.size(); ++i) {
+  const std::int32_t* target = values.data();
+  const std::int64_t* residual = residuals.data();
+  std::int32_t* result = decoded.data();
+  for (const std::uint32_t level : levels) {
     const unsigned rule = rule_of(state);
-    const std::int64_t magnitude = point(rule, levels[i]) * spacing.half;
-    const bool negative = residuals[i] < 0;
-    const std::int64_t value = values[i] - residuals[i] + (negative ? -magnitude : magnitude);
+    const std::int64_t magnitude = point(rule, level) * spacing.half;
+    const bool negative = *residual < 0;
+    const std::int64_t value = *target++ - *residual++ + (negative ? -magnitude : magnitude);
     if (!fixed::in_range(value)) return false;
-    decoded[i] = static_cast<std::int32_t>(value);
-    put_level(out, levels[i], LevelOdds(rule, contexts.next()));
-    if (levels[i] > 0) out.put_even(negative);
+    *result++ = static_cast<std::int32_t>(value);
+    put_level(out, level, LevelOdds(rule, contexts.next()));
+    if (level > 0) out.put_even(negative);
     contexts.add(magnitude);
-    state = kNextState[state][levels[i] & 1];
+    state = kNextState[state][level & 1];
   }
   return true;
 }
