@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: MIT
+#include "tools/latency/watching.h"
+
+#include <algorithm>
+#include <future>
+
+#include "common/net/url.h"
+
+namespace eigencast::latency {
+
+using std::chrono::milliseconds;
+
+bool on_this_machine(const std::string& url) {
+  const auto parsed = parse_broker_url(url);
+  return parsed && (parsed->host == "localhost" || parsed->host == "::1" || parsed->host.rfind("127.", 0) == 0);
+}
+
+Watching::Watching(const Inputs& inputs, bool one_clock, TimeUs start_us)
+    : inputs_(inputs),
+      one_clock_(one_clock),
+      start_us_(start_us),
+      timeline_({one_clock, one_clock && on_this_machine(inputs.url)}) {}
+
+Result<std::unique_ptr<Watching>> Watching::create(const Inputs& inputs, bool one_clock, const LogSink& log) {
+  SubscriberOptions options;
+  options.url = inputs.viewer_url.empty() ? inputs.url : inputs.viewer_url;
+  Profile profile;
+  profile.rate = inputs.interpolation > 1 ? Profile::Rate::kInterpolated : Profile::Rate::kRaw;
+  if (inputs.interpolation > 1) profile.k = static_cast<std::uint8_t>(inputs.interpolation);
+  profile.form = inputs.form == "compact" ? Profile::Form::kCompact : Profile::Form::kFull;
+  options.profile = profile;
+  options.trace_every = inputs.trace_every;
+  const TimeUs start_us = steady_now_us();
+  auto subscriber = Subscriber::create(options, log);
+  if (!subscriber) return subscriber.error();
+  std::unique_ptr<Watching> made(new Watching(inputs, one_clock, start_us));
+  made->subscriber_ = std::move(*subscriber);
+  std::promise<Result<void>> ready;
+  auto is_ready = ready.get_future();
+  made->thread_ = std::thread([w = made.get(), told = std::move(ready)]() mutable {
+    const Result<void> prepared = w->prepare();  // On the thread that OpenGL will be used on.
+    const bool good = bool{prepared};
+    told.set_value(prepared);
+    if (good) w->run();
+  });
+  if (const Result<void> prepared = is_ready.get(); !prepared) return prepared.error();
+  return made;
+}
+
+void Watching::stop() {
+  stopping_ = true;
+  if (thread_.joinable()) thread_.join();
+}
+
+std::string Watching::detail() const {
+  const std::lock_guard lock(mutex_);
+  return detail_;
+}
+
+Progress Watching::progress() const {
+  const std::lock_guard lock(mutex_);
+  const HdrHistogram& h = outcome_.keys;
+  return {0, 0, outcome_.counts.keys_received, outcome_.counts.synthetic_received, h.percentile(50), h.percentile(99)};
+}
+
+Result<void> Watching::prepare() {
+  if (inputs_.present.empty()) return {};
+  auto made = make_presenter(inputs_.present);
+  if (!made) return made.error();
+  presenter_ = std::move(*made);
+  outcome_.device = presenter_->device();
+  return {};
+}
+
+void Watching::run() {
+  while (!stopping_) {
+    const std::vector<ReceivedPose> poses = subscriber_->poll(milliseconds(20));
+    const TimeUs taken_us = steady_now_us();
+    for (const ReceivedPose& pose : poses) {
+      if (presenter_ && &pose != &poses.back()) {  // As the viewer does: a picture of the newest only.
+        outcome_.counts.overtaken += counts(pose) ? 1 : 0;
+        continue;
+      }
+      take(pose, taken_us);
+    }
+    take_traces();
+    const Subscriber::Stats stats = subscriber_->stats();
+    if (stats.clock_offset_us)
+      outcome_.viewer_clock.add({steady_now_us() - start_us_, *stats.clock_offset_us, *stats.clock_error_us});
+    const std::lock_guard lock(mutex_);
+    detail_ = stats.detail;
+    if (stats.rtt_us) outcome_.round_trip_us = stats.rtt_us;
+  }
+  presenter_.reset();
+}
+
+void Watching::take(const ReceivedPose& pose, TimeUs taken_us) {
+  const Asset* asset = subscriber_->asset();
+  if (asset == nullptr) return;
+  // From the second of several on, the wait for the first belongs to the hand over.
+  const TimeUs begun_us = std::max(taken_us, steady_now_us());
+  const std::uint32_t level = level_from_fraction(*asset, inputs_.lod);
+  positions_.resize(std::size_t{level} * 3);
+  if (subscriber_->epoch() != reconstructed_epoch_) reconstructor_.reset();
+  reconstructed_epoch_ = subscriber_->epoch();
+  reconstructor_.update(*asset);
+  reconstructor_.rebuild(pose.coefficients, pose.channels, asset->rank, level, positions_);
+  const TimeUs rebuilt_us = steady_now_us();
+  if (first_surface_us_ == 0) first_surface_us_ = rebuilt_us - start_us_;
+  if (whole_asset_us_ == 0 && asset->complete()) whole_asset_us_ = rebuilt_us - start_us_;
+  if (presenter_) presenter_->present(*asset, level, positions_);
+  const TimeUs shown_us = presenter_ ? steady_now_us() : rebuilt_us;
+  if (first_picture_us_ == 0) first_picture_us_ = shown_us - start_us_;
+  if (!counts(pose)) return;
+  const Subscriber::Stats stats = subscriber_->stats();  // After the last stamp: it takes its time, too.
+  if (counted_from_us_ == 0) {
+    counted_from_us_ = shown_us;
+    bytes_at_begin_ = stats.bytes;
+    skipped_at_begin_ = stats.skipped;
+  }
+  outcome_.vertices_rebuilt = level;
+  outcome_.seconds = static_cast<double>(shown_us - counted_from_us_) / 1e6;
+  outcome_.kbit_per_s =
+      outcome_.seconds > 0 ? static_cast<double>(stats.bytes - bytes_at_begin_) * 8e-3 / outcome_.seconds : 0;
+  outcome_.counts.superseded = stats.skipped - skipped_at_begin_;
+  count(pose, shown_us);
+  Received received{pose.envelope, pose.arrival_us, pose.decoded_us, begun_us, rebuilt_us, shown_us, std::nullopt};
+  if (stats.clock_offset_us) received.clock = ViewerClock{*stats.clock_offset_us, *stats.clock_error_us};
+  timeline_.add(received);
+}
+
+bool Watching::counts(const ReceivedPose& pose) const {
+  const TimeUs from_us = from_us_, until_us = until_us_, capture_us = pose.envelope.capture_us;
+  return from_us != 0 && capture_us >= from_us && (until_us == 0 || capture_us < until_us);
+}
+
+void Watching::count(const ReceivedPose& pose, TimeUs shown_us) {
+  const Envelope& head = pose.envelope;
+  const bool key = head.kind == FrameKind::kKey || head.kind == FrameKind::kJoin || head.step.at == head.step.of;
+  const std::lock_guard lock(mutex_);
+  Counts& counts = outcome_.counts;
+  if (!seen_.insert({head.sequence, key ? std::uint8_t{0} : head.step.byte()}).second) return void(++counts.duplicate);
+  if (seen_.size() > 1024) seen_.erase(seen_.begin());
+  if (head.capture_us <= newest_capture_us_) ++counts.out_of_order;
+  newest_capture_us_ = std::max(newest_capture_us_, head.capture_us);
+  ++(key ? counts.keys_received : counts.synthetic_received);
+  if (!one_clock_) return;
+  age_.show(head.capture_us, shown_us);
+  const TimeUs latency_us = shown_us - head.capture_us;
+  if (static_cast<double>(latency_us) > inputs_.late_ms * 1000) ++counts.late;
+  (key ? outcome_.keys : outcome_.synthetic).add(latency_us);
+  const TimeUs second_us = (shown_us - counted_from_us_) / 1'000'000 * 1'000'000;
+  if (outcome_.intervals.empty() || outcome_.intervals.back().start_us < second_us)
+    outcome_.intervals.push_back({second_us, 1'000'000, {}, {}});
+  (key ? outcome_.intervals.back().keys : outcome_.intervals.back().synthetic).add(latency_us);
+}
+
+void Watching::take_traces() {
+  for (const control::Trace& trace : subscriber_->take_traces()) {
+    if (from_us_ == 0) continue;
+    if (trace.broker_clock)
+      outcome_.sender_clock.add(
+          {steady_now_us() - start_us_, trace.broker_clock->offset_us, trace.broker_clock->error_us});
+    timeline_.add(trace);
+  }
+  for (StagedPose& pose : timeline_.take()) {
+    ++outcome_.counts.traced;
+    if (outcome_.samples.size() < kMostSamples) outcome_.samples.push_back(pose);
+  }
+}
+
+void Watching::tell(Outcome& outcome) {
+  take_traces();
+  std::swap(outcome, outcome_);
+  const Subscriber::Stats stats = subscriber_->stats();
+  outcome.counts.trace_incomplete = timeline_.incomplete();
+  if (first_surface_us_ != 0) outcome.first_surface_us = first_surface_us_;
+  if (whole_asset_us_ != 0) outcome.whole_asset_us = whole_asset_us_;
+  if (first_picture_us_ != 0 && !outcome.device.empty()) outcome.first_picture_us = first_picture_us_;
+  outcome.age_us = age_.ages_us();
+  outcome.asset_bytes = stats.asset_bytes_total;
+  if (const Asset* asset = subscriber_->asset()) outcome.vertices = asset->vertex_count;
+}
+
+}  // namespace eigencast::latency
