@@ -13,22 +13,25 @@ import subprocess
 import sys
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "paper"))
-from common import Stage, clip_argument, drawn, parser, skip, watch, write_table  # noqa: E402
+from common import Stage, clip_argument, drawn, np, parser, skip, watch, write_table  # noqa: E402
 
 CLIPS = ("horse-gallop", "human-walk", "elephant-gallop")
 QUALITIES = (23, 30)  # crf
-POSES_PER_S, PICTURES_PER_S = 3, 30
+PICTURES_PER_S = 30
 
 
 def draw(stage, options, name):
     """The folder of the pictures, frame_0001.png and on, and how many they are."""
     stage.bake(clip_argument(options, name))
     viewer = watch(stage, name, "rate=raw", 120, "--frames", options.pictures, size=options.size)
-    sender = stage.start("eigencast-sender", "--no-progress", "play", clip_argument(options, name), "--rate", POSES_PER_S, "--speed",
-                         POSES_PER_S / PICTURES_PER_S, "--to", stage.url(name))
-    drawn(stage, viewer)
+    sender = stage.start("eigencast-sender", "--no-progress", "play", clip_argument(options, name), "--rate", options.pace, "--speed",
+                         options.pace / PICTURES_PER_S, "--to", stage.url(name))
+    lines, _ = drawn(stage, viewer)
     sender.terminate()
     sender.wait(20)
+    gaps = np.diff([line["capture_us"] for line in lines])
+    if np.max(gaps) > 1.5e6 / options.pace:
+        sys.exit(f"{name}: a pose was not drawn in time; give --pace below {options.pace:g}")
     return viewer.folder, len(list(viewer.folder.glob("frame_*.png")))
 
 
@@ -46,6 +49,7 @@ def main():
     p = parser(__doc__)
     p.add_argument("--size", default="1440x900")
     p.add_argument("--pictures", type=int, default=40, help="of each clip")
+    p.add_argument("--pace", type=float, default=2, help="poses a second that are drawn")
     p.add_argument("--clips", nargs="+", default=list(CLIPS))
     options = p.parse_args()
     if not shutil.which("ffmpeg"):
