@@ -6,6 +6,7 @@
 #include "common/asset/basis_tile.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 #include <string>
@@ -29,14 +30,41 @@ std::uint16_t unzigzag16(std::uint16_t code) {
   return static_cast<std::uint16_t>((code >> 1) ^ (code & 1u ? 0xffffu : 0u));
 }
 
-/// The integers of column k in the rows before the block.
-std::vector<std::int16_t> earlier_rows(const BasisBlock& block, std::uint32_t k, float scale,
-                                       std::span<const float> basis) {
-  std::vector<std::int16_t> column(block.end_row);
-  for (std::uint32_t i = 0; i < block.first_row; ++i)
-    column[i] = integer_from(basis[std::size_t{i} * block.rank + k], scale);
-  return column;
-}
+/// Columns [first, end) of a basis as integers, each row by row to the block's end. Some at a time: a cache line of the basis
+/// holds as many entries of a row.
+class IntegerColumns {
+ public:
+  static constexpr std::uint32_t kMost = 16;
+
+  IntegerColumns(const BasisBlock& block, std::uint32_t first)
+      : block_(block), first_(first), end_(std::min(first + kMost, block.end_column)) {
+    for (std::uint32_t k = first_; k < end_; ++k) columns_[k - first_].resize(block.end_row);
+  }
+
+  std::uint32_t end() const { return end_; }
+  std::vector<std::int16_t>& operator[](std::uint32_t k) { return columns_[k - first_]; }
+  float scale(std::uint32_t k) const { return block_.column_scales[k - block_.exact_columns]; }
+
+  void take(std::span<const float> basis, std::uint32_t row, std::uint32_t end_row) {
+    for (; row < end_row; ++row) {
+      for (std::uint32_t k = first_; k < end_; ++k) {
+        (*this)[k][row] = integer_from(basis[std::size_t{row} * block_.rank + k], scale(k));
+      }
+    }
+  }
+  void give(std::span<float> basis, std::uint32_t row, std::uint32_t end_row) {
+    for (; row < end_row; ++row) {
+      for (std::uint32_t k = first_; k < end_; ++k) {
+        basis[std::size_t{row} * block_.rank + k] = static_cast<float>((*this)[k][row]) * scale(k);
+      }
+    }
+  }
+
+ private:
+  const BasisBlock& block_;
+  std::uint32_t first_, end_;
+  std::array<std::vector<std::int16_t>, kMost> columns_;
+};
 
 }  // namespace
 
@@ -75,15 +103,17 @@ Bytes encode_basis(const BasisBlock& block, std::span<const float> basis) {
   }
   std::uint8_t* low = raw.data() + 4 * floats;
   std::uint8_t* high = low + integers;
-  for (std::uint32_t k = first_integer; k < block.end_column; ++k) {
-    const float scale = block.column_scales[k - block.exact_columns];
-    std::vector<std::int16_t> column = earlier_rows(block, k, scale, basis);
-    for (std::uint32_t i = block.first_row; i < block.end_row; ++i) {
-      column[i] = integer_from(basis[std::size_t{i} * block.rank + k], scale);
-      const std::int32_t predicted = block.predictors.predict(i - block.first_row, column);
-      const std::uint16_t code = zigzag16(static_cast<std::uint16_t>(column[i] - predicted));
-      *low++ = static_cast<std::uint8_t>(code);
-      *high++ = static_cast<std::uint8_t>(code >> 8);
+  for (std::uint32_t first = first_integer; first < block.end_column; first += IntegerColumns::kMost) {
+    IntegerColumns columns(block, first);
+    columns.take(basis, 0, block.end_row);
+    for (std::uint32_t k = first; k < columns.end(); ++k) {
+      const auto& column = columns[k];
+      for (std::uint32_t i = block.first_row; i < block.end_row; ++i) {
+        const std::int32_t predicted = block.predictors.predict(i - block.first_row, column);
+        const std::uint16_t code = zigzag16(static_cast<std::uint16_t>(column[i] - predicted));
+        *low++ = static_cast<std::uint8_t>(code);
+        *high++ = static_cast<std::uint8_t>(code >> 8);
+      }
     }
   }
   return raw;
@@ -109,20 +139,23 @@ Result<void> decode_basis(const BasisBlock& block, ByteView raw, std::span<float
   }
   const std::uint8_t* low = raw.data() + 4 * floats;
   const std::uint8_t* high = low + integers;
-  for (std::uint32_t k = first_integer; k < block.end_column; ++k) {
-    const float scale = block.column_scales[k - block.exact_columns];
-    std::vector<std::int16_t> column = earlier_rows(block, k, scale, basis);
-    for (std::uint32_t i = block.first_row; i < block.end_row; ++i) {
-      const std::int32_t predicted = block.predictors.predict(i - block.first_row, column);
-      const auto code = static_cast<std::uint16_t>(*low++ | *high++ << 8);
-      const auto value = static_cast<std::int16_t>(predicted + unzigzag16(code));
-      if (value == -32768 || (scale == 0 && value != 0)) {
-        return fail(ErrorCode::kCorrupt,
-                    "basis tile: row " + std::to_string(i) + " column " + std::to_string(k) + " is out of its range");
+  for (std::uint32_t first = first_integer; first < block.end_column; first += IntegerColumns::kMost) {
+    IntegerColumns columns(block, first);
+    columns.take(basis, 0, block.first_row);
+    for (std::uint32_t k = first; k < columns.end(); ++k) {
+      auto& column = columns[k];
+      for (std::uint32_t i = block.first_row; i < block.end_row; ++i) {
+        const std::int32_t predicted = block.predictors.predict(i - block.first_row, column);
+        const auto code = static_cast<std::uint16_t>(*low++ | *high++ << 8);
+        const auto value = static_cast<std::int16_t>(predicted + unzigzag16(code));
+        if (value == -32768 || (columns.scale(k) == 0 && value != 0)) {
+          return fail(ErrorCode::kCorrupt,
+                      "basis tile: row " + std::to_string(i) + " column " + std::to_string(k) + " is out of its range");
+        }
+        column[i] = value;
       }
-      column[i] = value;
-      basis[std::size_t{i} * block.rank + k] = static_cast<float>(value) * scale;
     }
+    columns.give(basis, block.first_row, block.end_row);
   }
   return {};
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <string>
 #include <utility>
 
@@ -11,6 +12,7 @@
 #include "common/asset/predictor.h"
 #include "common/asset/splat_tile.h"
 #include "common/asset/structure_tile.h"
+#include "common/core/worker_team.h"
 
 namespace eigencast {
 namespace {
@@ -108,25 +110,18 @@ class Encoder {
     entry.end_face = end_face;
     AssetObject object;
     const Predictors predictors = part_of(predictors_, row_, end_row);
-    if (auto r = add_tile(TileKind::kStructure, 0, structure(range, end_face, predictors), entry, object.bytes); !r)
-      return r.error();
-    std::uint32_t column = 0;
-    for (std::size_t b = 0; b < asset_.band_ends.size(); ++b) {
-      const BasisBlock block{row_,
-                             end_row,
-                             column,
-                             asset_.band_ends[b],
-                             manifest_.exact_columns,
-                             asset_.rank,
-                             manifest_.column_scales,
-                             predictors};
-      if (auto r = add_tile(TileKind::kBasis, b, encode_basis(block, asset_.basis), entry, object.bytes); !r)
-        return r.error();
-      column = asset_.band_ends[b];
-    }
-    if (asset_.splats.size() > 0) {
-      Bytes raw = encode_splats(asset_.splats, row_, end_row, asset_.base_count, asset_.diagonal());
-      if (auto r = add_tile(TileKind::kSplats, 0, std::move(raw), entry, object.bytes); !r) return r.error();
+    std::vector<NewTile> tiles(asset_.band_ends.size() + (asset_.splats.size() > 0 ? 1 : 0));
+    worker_team().run(tiles.size(), [&](std::size_t t) {
+      const bool is_band = t < asset_.band_ends.size();
+      tiles[t] = is_band ? packed(TileKind::kBasis, t, basis_of_band(t, end_row, predictors))
+                         : packed(TileKind::kSplats, 0,
+                                  encode_splats(asset_.splats, row_, end_row, asset_.base_count, asset_.diagonal()));
+    });
+    tiles.insert(tiles.begin(), packed(TileKind::kStructure, 0, structure(range, end_face, predictors)));
+    for (const NewTile& tile : tiles) {
+      if (tile.failed) return *tile.failed;
+      object.bytes.insert(object.bytes.end(), tile.stored.begin(), tile.stored.end());
+      entry.tiles.push_back(tile.entry);
     }
     object.id = entry.id = sha256(object.bytes);
     manifest_.chunks.push_back(std::move(entry));
@@ -156,31 +151,53 @@ class Encoder {
     return raw;
   }
 
-  Result<void> add_tile(TileKind kind, std::size_t index, Bytes raw, ChunkEntry& entry, Bytes& chunk) const {
+  struct NewTile {
+    TileEntry entry;
+    Bytes stored;
+    std::optional<Error> failed;
+  };
+
+  Bytes basis_of_band(std::size_t b, std::uint32_t end_row, const Predictors& predictors) const {
+    const BasisBlock block{row_,
+                           end_row,
+                           b == 0 ? 0 : asset_.band_ends[b - 1],
+                           asset_.band_ends[b],
+                           manifest_.exact_columns,
+                           asset_.rank,
+                           manifest_.column_scales,
+                           predictors};
+    return encode_basis(block, asset_.basis);
+  }
+
+  /// Throws nothing, as tasks of a team must.
+  NewTile packed(TileKind kind, std::size_t index, Bytes raw) const {
+    NewTile tile;
     if (raw.size() > asset_limits::kMaxTileBytes) {
-      return fail(ErrorCode::kTooLarge, "asset: a tile of " + std::to_string(raw.size()) +
-                                            " bytes is over the limit of " +
-                                            std::to_string(asset_limits::kMaxTileBytes) + "; a base of " +
-                                            std::to_string(asset_.base_count) + " vertices must fit the first chunk");
+      tile.failed =
+          fail(ErrorCode::kTooLarge, "asset: a tile of " + std::to_string(raw.size()) + " bytes is over the limit of " +
+                                         std::to_string(asset_limits::kMaxTileBytes) + "; a base of " +
+                                         std::to_string(asset_.base_count) + " vertices must fit the first chunk");
+      return tile;
     }
-    TileEntry tile;
-    tile.kind = static_cast<std::uint8_t>(kind);
-    tile.index = static_cast<std::uint8_t>(index);
-    tile.required = kind != TileKind::kSplats;
-    tile.raw_bytes = static_cast<std::uint32_t>(raw.size());
+    tile.entry.kind = static_cast<std::uint8_t>(kind);
+    tile.entry.index = static_cast<std::uint8_t>(index);
+    tile.entry.required = kind != TileKind::kSplats;
+    tile.entry.raw_bytes = static_cast<std::uint32_t>(raw.size());
     if (encoding_.compress) {
-      auto packed = zstd_compress(raw);
-      if (!packed) return packed.error();
-      if (packed->size() < raw.size()) {
-        tile.compression = Compression::kZstd;
-        raw = std::move(*packed);
+      auto smaller = zstd_compress(raw);
+      if (!smaller) {
+        tile.failed = smaller.error();
+        return tile;
+      }
+      if (smaller->size() < raw.size()) {
+        tile.entry.compression = Compression::kZstd;
+        raw = std::move(*smaller);
       }
     }
-    tile.stored_bytes = static_cast<std::uint32_t>(raw.size());
-    tile.hash = sha256(raw);
-    chunk.insert(chunk.end(), raw.begin(), raw.end());
-    entry.tiles.push_back(tile);
-    return {};
+    tile.entry.stored_bytes = static_cast<std::uint32_t>(raw.size());
+    tile.entry.hash = sha256(raw);
+    tile.stored = std::move(raw);
+    return tile;
   }
 
   const Asset& asset_;

@@ -13,6 +13,7 @@ namespace eigencast {
 
 struct ChunkEntry;
 struct Manifest;
+struct Predictors;
 
 /// One content-addressed object: its bytes and their hash.
 struct AssetObject {
@@ -78,6 +79,7 @@ class AssetReader {
   AssetReader() = default;
   Result<void> verify(std::size_t index, ByteView bytes) const;
   Result<void> decode(std::size_t index, ByteView bytes);
+  Result<void> decode_bands(const ChunkEntry& entry, ByteView bytes, const Predictors& predictors);
   Result<void> decode_splats_of(const ChunkEntry& entry, ByteView bytes);
 
   Asset asset_;

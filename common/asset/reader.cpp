@@ -9,6 +9,7 @@
 #include "common/asset/manifest.h"
 #include "common/asset/splat_tile.h"
 #include "common/asset/structure_tile.h"
+#include "common/core/worker_team.h"
 
 namespace eigencast {
 namespace {
@@ -101,28 +102,10 @@ Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
 
   asset_.basis.reserve(std::size_t{entry.end_row} * asset_.rank);
   asset_.basis.resize(std::size_t{entry.end_row} * asset_.rank, 0.0F);
-  std::size_t at = entry.tiles[0].stored_bytes;
-  std::uint32_t column = 0;
-  for (std::size_t b = 0; b < bands_; ++b) {
-    const TileEntry& tile = entry.tiles[1 + b];
-    const BasisBlock block{range.first_row,
-                           range.end_row,
-                           column,
-                           asset_.band_ends[b],
-                           manifest_->exact_columns,
-                           asset_.rank,
-                           manifest_->column_scales,
-                           structure->predictors};
-    raw = unpacked(tile, bytes.subspan(at, tile.stored_bytes));
-    const Result<void> decoded = raw ? decode_basis(block, *raw, asset_.basis) : Result<void>(raw.error());
-    if (!decoded) {
-      asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
-      return decoded;
-    }
-    column = asset_.band_ends[b];
-    at += tile.stored_bytes;
+  if (auto decoded = decode_bands(entry, bytes, structure->predictors); !decoded) {
+    asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
+    return decoded;
   }
-
   if (auto splats = decode_splats_of(entry, bytes); !splats) {
     asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
     return splats;
@@ -136,6 +119,30 @@ Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
   seen_source_ = std::move(seen);
   asset_.rows_ready = entry.end_row;
   asset_.faces_ready = entry.end_face;
+  return {};
+}
+
+/// Bands share neither bytes nor columns: at the same time.
+Result<void> AssetReader::decode_bands(const ChunkEntry& entry, ByteView bytes, const Predictors& predictors) {
+  std::vector<std::size_t> begin{entry.tiles[0].stored_bytes};
+  for (std::size_t b = 0; b < bands_; ++b) begin.push_back(begin.back() + entry.tiles[1 + b].stored_bytes);
+  std::vector<Result<void>> results(bands_);
+  worker_team().run(bands_, [&](std::size_t b) {
+    const BasisBlock block{asset_.rows_ready,
+                           entry.end_row,
+                           b == 0 ? 0 : asset_.band_ends[b - 1],
+                           asset_.band_ends[b],
+                           manifest_->exact_columns,
+                           asset_.rank,
+                           manifest_->column_scales,
+                           predictors};
+    const TileEntry& tile = entry.tiles[1 + b];
+    auto raw = unpacked(tile, bytes.subspan(begin[b], tile.stored_bytes));
+    results[b] = raw ? decode_basis(block, *raw, asset_.basis) : Result<void>(raw.error());
+  });
+  for (Result<void>& result : results) {
+    if (!result) return std::move(result);
+  }
   return {};
 }
 
