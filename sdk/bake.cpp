@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "sdk/bake.h"
 
-#include <unistd.h>
-
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -13,6 +11,7 @@
 #include <vector>
 
 #include "common/core/clock.h"
+#include "common/core/memory.h"
 #include "common/progressive/point_normals.h"
 #include "common/progressive/prefix.h"
 #include "common/progressive/splats.h"
@@ -26,8 +25,8 @@ namespace eigencast {
 namespace {
 
 /// Grows with every change of what a bake gives for the same input, so that old results are not found again.
-constexpr std::uint32_t kRecipe = 3;
-constexpr std::uint8_t kRecordVersion = 1;
+constexpr std::uint32_t kRecipe = 4;
+constexpr std::uint8_t kRecordVersion = 2;
 constexpr std::array<std::uint32_t, 3> kBandEnds = {14, 54,
                                                     104};  // after 4 affine columns, whole turns of the augmented basis
 
@@ -44,13 +43,7 @@ std::string text(const char* format, auto... values) {
 
 /// Peak of a bake: eigenvectors, candidate columns and the basis side by side, and the vectors of one Lanczos band.
 double bytes_needed(std::size_t n, std::size_t rank) {
-  return 8.0 * static_cast<double>(n) * (3 * static_cast<double>(rank) + 150);
-}
-
-double bytes_of_machine() {
-  const long pages = ::sysconf(_SC_PHYS_PAGES);
-  const long page_bytes = ::sysconf(_SC_PAGESIZE);
-  return pages > 0 && page_bytes > 0 ? static_cast<double>(pages) * static_cast<double>(page_bytes) : 0;
+  return 8.0 * static_cast<double>(n) * (3 * static_cast<double>(rank) + 180);
 }
 
 Result<BasisKind> kind_from(const std::string& name) {
@@ -69,12 +62,12 @@ Result<void> check_options(const Surface& surface, const BakeOptions& options) {
     return fail(ErrorCode::kInvalidArgument, "an asset error that is not between 0 and 0.1 of the diagonal");
   }
   const double needed = bytes_needed(surface.vertex_count(), static_cast<std::size_t>(options.rank));
-  const double there = bytes_of_machine();
-  if (there > 0 && needed > there) {
-    return fail(ErrorCode::kTooLarge,
-                text("baking %zu vertices at rank %d needs about %.1f GB of memory, this machine has %.1f GB: "
-                     "lower the rank or simplify the surface",
-                     surface.vertex_count(), options.rank, needed / 1e9, there / 1e9));
+  if (const double there = usable_memory(); needed > there) {
+    return fail(
+        ErrorCode::kTooLarge,
+        text("baking %zu vertices at rank %d needs about %.1f GB of memory, %.1f GB are free here: lower the rank, "
+             "simplify the surface, or end what else takes memory",
+             surface.vertex_count(), options.rank, needed / 1e9, there / 1e9));
   }
   return {};
 }
@@ -114,6 +107,7 @@ Bytes record_from(const BakeResult& result) {
   out.u8(kRecordVersion);
   out.bytes(result.encoded.manifest.id.digest);
   out.u8(result.certified ? 1 : 0);
+  out.u8(result.approximate ? 1 : 0);
   out.f64(result.residual);
   out.varint(result.report.size());
   out.text(result.report);
@@ -130,6 +124,7 @@ std::optional<BakeResult> load(const AssetCache& cache, const Sha256& key) {
   const ByteView id = in.bytes(result.encoded.manifest.id.digest.size());
   std::copy(id.begin(), id.end(), result.encoded.manifest.id.digest.begin());
   result.certified = in.u8() != 0;
+  result.approximate = in.u8() != 0;
   result.residual = in.f64();
   const ByteView report = in.bytes(in.varint());
   if (!in.finished()) return std::nullopt;
@@ -272,6 +267,16 @@ double worst_rest_error(const Surface& surface, const Asset& asset) {
   return diagonal > 0 ? worst / diagonal : worst;
 }
 
+std::string quality_of(const Basis& basis) {
+  if (!basis.approximate) {
+    return text("; eigenvectors %s, residual %.1e\n", basis.certified ? "complete" : "NOT certified complete",
+                basis.residual);
+  }
+  const std::string missed = basis.missed == 0 ? "none passed over" : text("%d passed over", basis.missed);
+  return text("; eigenvectors approximate, as of this many vertices: largest relative residual %.2f, %s\n",
+              basis.residual, missed.c_str());
+}
+
 std::string report_of(const Surface& surface, const BakeOptions& options, const Laplacian& laplacian,
                       const Basis& basis, const BakeResult& result, double seconds) {
   std::string report = text_from_report(check_surface(surface));
@@ -283,8 +288,7 @@ std::string report_of(const Surface& surface, const BakeOptions& options, const 
   if (static_cast<int>(result.asset.rank) < options.rank) {
     report += text(" (%d asked for: the surface has too few vertices)", options.rank);
   }
-  report += text("; eigenvectors %s, residual %.1e\n", basis.certified ? "complete" : "NOT certified complete",
-                 basis.residual);
+  report += quality_of(basis);
   report += text("rest pose: worst error %.1e of the box's diagonal\n", worst_rest_error(surface, result.asset));
   report += text("levels of detail: %u to %u vertices\n", result.asset.base_count, result.asset.vertex_count);
   report += text("asset: %.2f MB in %zu chunks, id %s\n", static_cast<double>(result.encoded.total_bytes()) / 1e6,
@@ -335,6 +339,7 @@ Result<BakeResult> bake_afresh(const Surface& surface, const BakeOptions& option
   result.asset = std::move(*asset);
   result.encoded = std::move(*encoded);
   result.certified = basis->certified;
+  result.approximate = basis->approximate;
   result.residual = basis->residual;
   result.report =
       report_of(surface, options, *laplacian, *basis, result, static_cast<double>(steady_now_us() - start) / 1e6);

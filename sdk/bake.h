@@ -27,7 +27,8 @@ struct BakeResult {
   Asset asset;           ///< As receivers will have it: decoded from `encoded`.
   EncodedAsset encoded;
   bool from_cache = false;
-  bool certified = false;
+  bool certified = false;    ///< All eigenvectors are there, and are to the residual.
+  bool approximate = false;  ///< They are approximations, of a surface of more than 150,000 vertices.
   double residual = 0;
   std::string report;    ///< For people: what check_surface found, rank used, seconds taken.
 };

@@ -35,6 +35,7 @@ std::string json_from(const BakeResult& baked) {
                         {"bytes", baked.encoded.total_bytes()},
                         {"chunks", baked.encoded.chunks.size()},
                         {"certified", baked.certified},
+                        {"approximate", baked.approximate},
                         {"residual", baked.residual},
                         {"from_cache", baked.from_cache}}
       .dump(2);

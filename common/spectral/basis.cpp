@@ -174,6 +174,8 @@ Basis basis_from(BasisKind kind, const Laplacian& laplacian, const Eigenbasis& e
   basis.area = laplacian.area;
   basis.residual = eigenbasis.residual;
   basis.certified = eigenbasis.certified;
+  basis.approximate = eigenbasis.approximate;
+  basis.missed = eigenbasis.missed;
   return basis;
 }
 

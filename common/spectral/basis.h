@@ -21,6 +21,8 @@ struct Basis {
   double area = 0;
   double residual = 0;  ///< Of the eigenpairs used.
   bool certified = false;
+  bool approximate = false;  ///< As of Eigenbasis, with `missed`.
+  int missed = 0;
 };
 
 struct BasisOptions {

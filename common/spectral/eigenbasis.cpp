@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "common/spectral/eigenbasis.h"
 
-#include <unistd.h>
-
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
@@ -16,9 +14,10 @@
 #include <string>
 #include <vector>
 
-#include "common/core/worker_team.h"
+#include "common/core/memory.h"
 #include "common/spectral/block_lanczos.h"
-#include "common/spectral/bridges.h"
+#include "common/spectral/multilevel.h"
+#include "common/spectral/symmetric_form.h"
 
 namespace eigencast {
 namespace {
@@ -29,9 +28,8 @@ constexpr int kSmallestBand = 32;
 constexpr double kGap = 1e-7;  // relative width from which on a gap between eigenvalues can be told from rounding
 constexpr double kSame =
     1e-9;  // relative width up to which eigenvalues count as one, of which any mixture is a solution
-constexpr int kMaxAttempts = 60;  // at one band
-constexpr double kFirstShift =
-    -0.01 * 8 * std::numbers::pi;  // times 1 / area: about -1 % of the first nonzero eigenvalue
+constexpr Eigen::Index kManyVertices = 150000;  // beyond, eigenvectors are approximated
+constexpr int kMaxAttempts = 60;                // at one band
 
 struct Cancelled : std::exception {};
 
@@ -42,50 +40,10 @@ double bytes_needed(Eigen::Index n, int m) {
   return static_cast<double>(n) * columns * static_cast<double>(sizeof(double));
 }
 
-double physical_memory() {
-  const long pages = sysconf(_SC_PHYS_PAGES), size = sysconf(_SC_PAGESIZE);
-  return pages > 0 && size > 0 ? static_cast<double>(pages) * static_cast<double>(size)
-                               : std::numeric_limits<double>::infinity();
-}
-
 std::string stage_text(double bytes) {
   if (bytes < 1e9) return "eigenvectors";
   const std::string tenths = std::to_string(std::lround(bytes * 1e-8));
   return "eigenvectors (about " + tenths.substr(0, tenths.size() - 1) + "." + tenths.back() + " GB of memory)";
-}
-
-/// S = M^{-1/2} L M^{-1/2}: the same eigenvalues, orthonormal eigenvectors M^{1/2} phi.
-Eigen::SparseMatrix<double> symmetric_form(const Laplacian& laplacian) {
-  Eigen::SparseMatrix<double> S = laplacian.L;
-  const Eigen::VectorXd scale = laplacian.mass.cwiseSqrt().cwiseInverse();
-  for (int column = 0; column < S.outerSize(); ++column) {
-    for (Eigen::SparseMatrix<double>::InnerIterator it(S, column); it; ++it) {
-      it.valueRef() *= scale[it.row()] * scale[it.col()];
-    }
-  }
-  return S;
-}
-
-/// The kernel of S is known without a solver: one indicator per component, M^{1/2} chi_c / sqrt(A_c). At most `most`.
-struct Kernel {
-  Panels vectors;
-  int count = 0;
-};
-Kernel kernel_of(const Laplacian& laplacian, int most) {
-  const ComponentLabels labels = components_from_pattern(laplacian.L);
-  const Eigen::Index n = laplacian.mass.size();
-  const auto count = static_cast<int>(std::min<Eigen::Index>(most, Eigen::Index{labels.count}));
-  Kernel kernel{zero_panels(n, count), count};
-  Eigen::VectorXd area = Eigen::VectorXd::Zero(count);
-  for (Eigen::Index i = 0; i < n; ++i) {
-    const Eigen::Index c = labels.of_vertex[static_cast<std::size_t>(i)];
-    if (c < count) area[c] += laplacian.mass[i];
-  }
-  for (Eigen::Index i = 0; i < n; ++i) {
-    const Eigen::Index c = labels.of_vertex[static_cast<std::size_t>(i)];
-    if (c < count) kernel.vectors.at(i, c) = std::sqrt(laplacian.mass[i] / area[c]);
-  }
-  return kernel;
 }
 
 /// Finds eigenpairs of S band by band upwards. All eigenvalues below `boundary_`, which lies in a gap of the spectrum,
@@ -164,7 +122,7 @@ class Bands {
     const int room = static_cast<int>(S_.rows() - kernel_.count) - 1;
     const int take = std::min(band_, m_ - have_ + 3);
     if (first_band()) {
-      if (!op_.factor(step * kFirstShift / laplacian_.area)) return std::nullopt;
+      if (!op_.factor(step * first_shift(laplacian_.area))) return std::nullopt;
       return Plan{std::min(take + 2 + extra, room), take};
     }
     if (!op_.factor(boundary_ + step * 0.42 * take * spacing_)) return std::nullopt;
@@ -313,36 +271,6 @@ class Bands {
   double reported_ = 0;
 };
 
-/// The largest ||S h_j - lambda_j h_j||, each in units of its eigenvalue, but no less than the first that is not zero.
-double worst_residual(const Eigen::SparseMatrix<double>& S, const Panels& H, const Eigen::VectorXd& values) {
-  const auto positive = std::find_if(values.begin(), values.end(), [](double value) { return value > 0; });
-  const double floor = positive != values.end() ? *positive : 0;
-  std::vector<double> worst(static_cast<std::size_t>(values.size()), 0.0);
-  worker_team().run(worst.size(), [&](std::size_t i) {
-    const auto j = static_cast<Eigen::Index>(i);
-    Eigen::VectorXd h(H.rows());
-    for (Eigen::Index row = 0; row < H.rows(); ++row) h[row] = H.at(row, j);
-    const double defect = (S * h - values[j] * h).norm();
-    const double scale = std::max(values[j], floor);
-    worst[i] = scale > 0 ? defect / scale : defect;
-  });
-  return *std::max_element(worst.begin(), worst.end());
-}
-
-Eigenbasis finish(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, Panels H, Eigen::VectorXd values) {
-  Eigenbasis result;
-  result.residual = worst_residual(S, H, values);
-  result.certified = true;
-  const Eigen::VectorXd scale = laplacian.mass.cwiseSqrt().cwiseInverse();
-  result.Phi.resize(H.rows(), values.size());
-  worker_team().run(static_cast<std::size_t>(values.size()), [&](std::size_t i) {
-    const auto j = static_cast<Eigen::Index>(i);
-    for (Eigen::Index row = 0; row < H.rows(); ++row) result.Phi(row, j) = H.at(row, j) * scale[row];
-  });
-  result.eigenvalues = std::move(values);
-  return result;
-}
-
 Result<Eigenbasis> solve_dense(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, int m) {
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver{Eigen::MatrixXd(S)};
   if (solver.info() != Eigen::Success) return fail(ErrorCode::kNumerical, "the dense eigensolver did not converge");
@@ -355,7 +283,7 @@ Result<Eigenbasis> solve_dense(const Laplacian& laplacian, const Eigen::SparseMa
     for (Eigen::Index row = 0; row < H.rows() && j >= kernel.count; ++row) H.at(row, j) = solver.eigenvectors()(row, j);
   }
   if (!orthonormalise(H, m)) return fail(ErrorCode::kNumerical, "the eigenvectors of the surface are not independent");
-  return finish(laplacian, S, std::move(H), std::move(values));
+  return eigenbasis_from(laplacian, S, std::move(H), std::move(values));
 }
 
 Result<Eigenbasis> solve_in_bands(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, int m,
@@ -365,12 +293,18 @@ Result<Eigenbasis> solve_in_bands(const Laplacian& laplacian, const Eigen::Spars
   Panels H = bands.take_vectors();
   if (!orthonormalise(H, m)) return fail(ErrorCode::kNumerical, "the eigenvectors of the surface are not independent");
   if (progress && !progress(1, "eigenvectors")) throw Cancelled();
-  return finish(laplacian, S, std::move(H), bands.values());
+  return eigenbasis_from(laplacian, S, std::move(H), bands.values());
 }
 
 }  // namespace
 
-Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Progress& progress) {
+double first_shift(double area) {
+  return -0.01 * 8 * std::numbers::pi / area;
+}
+
+namespace {
+
+Result<Eigenbasis> solve(const Laplacian& laplacian, int m, bool exactly, const Progress& progress) {
   const Eigen::Index n = laplacian.mass.size();
   if (m < 1 || 2 * Eigen::Index{m} >= n) {
     return fail(ErrorCode::kInvalidArgument, "a surface of " + std::to_string(n) + " vertices has no " +
@@ -378,13 +312,13 @@ Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Pro
                                                  " smooth harmonics: ask for fewer than half its vertices");
   }
   try {
-    const double bytes = bytes_needed(n, m);
-    if (bytes > physical_memory()) {
-      return fail(ErrorCode::kTooLarge, stage_text(bytes) + ": this machine has " +
-                                            std::to_string(std::lround(physical_memory() * 1e-9)) +
-                                            " GB; ask for fewer, or simplify the surface");
+    const double bytes = exactly ? bytes_needed(n, m) : multilevel_bytes(n, m);
+    if (const double usable = usable_memory(); bytes > usable) {
+      return fail(ErrorCode::kTooLarge, stage_text(bytes) + ": " + std::to_string(std::lround(usable * 1e-9)) +
+                                            " GB are free here; ask for fewer, or simplify the surface");
     }
     if (progress && !progress(0, stage_text(bytes))) throw Cancelled();
+    if (!exactly) return approximate_eigenbasis(laplacian, m, {}, progress);
     const Eigen::SparseMatrix<double> S = symmetric_form(laplacian);
     if (n <= kDenseLimit) return solve_dense(laplacian, S, m);
     return solve_in_bands(laplacian, S, m, progress);
@@ -396,6 +330,15 @@ Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Pro
   } catch (const std::exception& error) {
     return fail(ErrorCode::kNumerical, std::string("the eigensolver stopped: ") + error.what());
   }
+}
+
+}  // namespace
+
+Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Progress& progress) {
+  return solve(laplacian, m, laplacian.mass.size() <= kManyVertices, progress);
+}
+Result<Eigenbasis> solve_eigenbasis_exactly(const Laplacian& laplacian, int m, const Progress& progress) {
+  return solve(laplacian, m, true, progress);
 }
 
 }  // namespace eigencast

@@ -64,7 +64,13 @@ void ShiftInvert::apply(const double* from, double* to) {
   if (callback_) callback_();
 }
 
-void ShiftInvert::solve(double* X) {
+void ShiftInvert::apply_in_place(double* X, double* scratch) const {
+  scatter_rows(X, order_.data(), rows(), scratch);
+  solve(scratch);
+  gather_rows(scratch, order_.data(), rows(), X);
+}
+
+void ShiftInvert::solve(double* X) const {
   const auto& stored = ldlt_.matrixL().nestedExpression();
   const UnitLower L{stored.outerIndexPtr(), stored.innerIndexPtr(), stored.valuePtr()};
   const PanelFunctions& functions = panel_functions();

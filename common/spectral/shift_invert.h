@@ -30,9 +30,11 @@ class ShiftInvert {
   void on_apply(std::function<void()> callback) { callback_ = std::move(callback); }
   /// to = (S - sigma I)^{-1} from, one panel each. REQUIRES: factor() gave true.
   void apply(const double* from, double* to);
+  /// The same in place and without the callback; thread-safe. scratch: one panel.
+  void apply_in_place(double* X, double* scratch) const;
 
  private:
-  void solve(double* X);
+  void solve(double* X) const;
   bool solves_well();
 
   const Eigen::SparseMatrix<double>& S_;

@@ -147,6 +147,58 @@ TEST(AugmentedBasis, PointCloudsAndComponentsAreExactToo) {
   expect_exact(basis_of(pieces, BasisKind::kAugmented, 60), pieces);
 }
 
+/// Forty-one balls that touch and overlap, some vertices twice.
+Surface many_pieces() {
+  std::mt19937 generator(11);
+  Surface all;
+  const Surface ball = make_icosphere(2);
+  for (int piece = 0; piece < 41; ++piece) {
+    const Vec3 centre{3 * testing::uniform(generator), 3 * testing::uniform(generator),
+                      3 * testing::uniform(generator)};
+    const double radius = 0.15 + 0.3 * testing::uniform(generator);
+    const auto first = static_cast<std::uint32_t>(all.positions.size());
+    for (const Vec3& p : ball.positions) {
+      all.positions.push_back({centre[0] + radius * p[0], centre[1] + radius * p[1], centre[2] + radius * p[2]});
+    }
+    for (const Face& f : ball.faces) all.faces.push_back({f[0] + first, f[1] + first, f[2] + first});
+    all.positions.push_back(all.positions[first + 7]);
+    all.faces.push_back({first + 161 + 1, first, first + 1});
+  }
+  return all;
+}
+
+/// Each piece moves by itself.
+std::vector<Vec3> scattered(const Surface& pieces) {
+  std::mt19937 generator(13);
+  std::vector<Vec3> pose = pieces.positions;
+  for (std::size_t first = 0; first < pose.size(); first += 163) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const double step = 0.2 * testing::uniform(generator);
+      for (std::size_t i = first; i < first + 163; ++i) pose[i][axis] += step;
+    }
+  }
+  return pose;
+}
+
+// Without faces nothing says which ball a point of two that overlap belongs to: worse than the mesh, but a basis still.
+TEST(AugmentedBasis, ManyPiecesAsPointsKeepABasis) {
+  Surface pieces = many_pieces();
+  const std::vector<Vec3> pose = scattered(pieces);
+  const auto percent = [&] {
+    const auto laplacian = build_laplacian(pieces);
+    EXPECT_TRUE(laplacian);
+    const auto basis = build_basis(pieces, *laplacian, {BasisKind::kAugmented, 200});
+    EXPECT_TRUE(basis && basis->certified);
+    KgError error;
+    error.add_frame(pose, testing::round_trip(*basis, pose));
+    return error.percent();
+  };
+  const double mesh = percent();
+  pieces.faces.clear();
+  EXPECT_LE(mesh, 1);
+  EXPECT_LE(percent(), 3);
+}
+
 TEST(AugmentedBasis, FarFromTheOriginItIsAsExactAsTheNumbersAllow) {
   Surface surface = make_torus(40, 20, 1.0, 0.4);
   for (Vec3& p : surface.positions) p[0] += 1e5;

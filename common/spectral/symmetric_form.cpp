@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: MIT
+#include "common/spectral/symmetric_form.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "common/core/worker_team.h"
+#include "common/spectral/bridges.h"
+
+namespace eigencast {
+namespace {
+
+/// The largest ||S h_j - lambda_j h_j||, each in units of its eigenvalue, but no less than the first that is not zero.
+double worst_residual(const Eigen::SparseMatrix<double>& S, const Panels& H, const Eigen::VectorXd& values) {
+  const auto positive = std::find_if(values.begin(), values.end(), [](double value) { return value > 0; });
+  const double floor = positive != values.end() ? *positive : 0;
+  std::vector<double> worst(static_cast<std::size_t>(values.size()), 0.0);
+  worker_team().run(worst.size(), [&](std::size_t i) {
+    const auto j = static_cast<Eigen::Index>(i);
+    Eigen::VectorXd h(H.rows());
+    for (Eigen::Index row = 0; row < H.rows(); ++row) h[row] = H.at(row, j);
+    const double defect = (S * h - values[j] * h).norm();
+    const double scale = std::max(values[j], floor);
+    worst[i] = scale > 0 ? defect / scale : defect;
+  });
+  return *std::max_element(worst.begin(), worst.end());
+}
+
+}  // namespace
+
+Eigen::SparseMatrix<double> symmetric_form(const Laplacian& laplacian) {
+  Eigen::SparseMatrix<double> S = laplacian.L;
+  const Eigen::VectorXd scale = laplacian.mass.cwiseSqrt().cwiseInverse();
+  for (int column = 0; column < S.outerSize(); ++column) {
+    for (Eigen::SparseMatrix<double>::InnerIterator it(S, column); it; ++it) {
+      it.valueRef() *= scale[it.row()] * scale[it.col()];
+    }
+  }
+  return S;
+}
+
+Kernel kernel_of(const Laplacian& laplacian, int most) {
+  const ComponentLabels labels = components_from_pattern(laplacian.L);
+  const Eigen::Index n = laplacian.mass.size();
+  const auto count = static_cast<int>(std::min<Eigen::Index>(most, Eigen::Index{labels.count}));
+  Kernel kernel{zero_panels(n, count), count};
+  Eigen::VectorXd area = Eigen::VectorXd::Zero(count);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Eigen::Index c = labels.of_vertex[static_cast<std::size_t>(i)];
+    if (c < count) area[c] += laplacian.mass[i];
+  }
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Eigen::Index c = labels.of_vertex[static_cast<std::size_t>(i)];
+    if (c < count) kernel.vectors.at(i, c) = std::sqrt(laplacian.mass[i] / area[c]);
+  }
+  return kernel;
+}
+
+Eigenbasis eigenbasis_from(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, Panels H,
+                           Eigen::VectorXd values) {
+  Eigenbasis result;
+  result.residual = worst_residual(S, H, values);
+  result.certified = true;
+  const Eigen::VectorXd scale = laplacian.mass.cwiseSqrt().cwiseInverse();
+  result.Phi.resize(H.rows(), values.size());
+  worker_team().run(static_cast<std::size_t>(values.size()), [&](std::size_t i) {
+    const auto j = static_cast<Eigen::Index>(i);
+    for (Eigen::Index row = 0; row < H.rows(); ++row) result.Phi(row, j) = H.at(row, j) * scale[row];
+  });
+  result.eigenvalues = std::move(values);
+  return result;
+}
+
+}  // namespace eigencast

@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: MIT
+#include "common/core/memory.h"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+namespace eigencast {
+namespace {
+
+TEST(UsableMemory, IsSomethingThatTheMachineHas) {
+  const double machine = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
+  EXPECT_GT(usable_memory(), 1e7);
+  EXPECT_LE(usable_memory(), machine);
+}
+
+}  // namespace
+}  // namespace eigencast
