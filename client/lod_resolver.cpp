@@ -61,7 +61,7 @@ std::vector<std::uint32_t> split_budget(std::span<const ObjectView> objects, dou
   std::vector<double> share(objects.size());
   for (std::size_t i = 0; i < objects.size(); ++i) {
     const ObjectView& object = objects[i];
-    share[i] = object.pixels > 0 ? std::pow(object.pixels * object.pixels / object.vertex_cost, 2.0 / 3.0) : 0;
+    share[i] = object.pixels > 0 ? object.pixels / std::sqrt(object.vertex_cost) : 0;
   }
   // cost(scale) = sum of cost x clamp(scale x share) grows with scale and is linear between the points where an object
   // meets a bound: bisection over those points, then one linear step.
@@ -142,7 +142,9 @@ double BudgetResolver::wanted_vertices(double least, double most) const {
   const double planned = within_reach_ ? settings_.fill / settings_.f0 : (1 + kShare) * (fixed_ + slope_ * least);
   double wanted = std::clamp((planned - fixed_) / slope_, 0.0, most);
   if (drawn_ <= 0) return wanted;
-  wanted = std::min(wanted, drawn_ * kGrowth);
+  // If all of the last frame's time came from its vertices, this part of them would do.
+  const double part = samples_.empty() ? 1 : settings_.fill / settings_.f0 / samples_.back().seconds;
+  wanted = std::clamp(wanted, drawn_ * std::min(kFall, part), drawn_ * kGrowth);
   const bool small = std::abs(wanted - drawn_) < kDeadBand * drawn_ && wanted < most;
   return small ? drawn_ : wanted;
 }

@@ -83,20 +83,22 @@ class PaperResolver final : public LodResolver {
 ///
 /// A frame costs a + b V, where V sums cost x N over the objects. Both are learnt while it runs: b by least squares over
 /// the last frames, which pull it only as far as V has varied; a from the newest frames, so that a step of the load is
-/// answered within a few. V is then what the budget leaves, and it is split so that the sum of the shading errors on the
-/// screen is least: the error of a surface goes with its area there times the length of an edge, pixels^2 / sqrt(N), and
-/// so N ~ (pixels^2 / cost)^(2/3) within its bounds.
+/// answered within a few. V is then what the budget leaves, and it is split so that the sum of the errors on the screen is
+/// least: what is linear between vertices is off by the square of an edge, everywhere on the surface, pixels^2 / N in all,
+/// and so N ~ pixels / sqrt(cost) within its bounds.
 ///
 /// Where a alone takes longer than a frame may, no V holds the rate, and giving the surfaces away gains nothing. That is
 /// believed only on evidence: kPatience frames at the least V that were all late, for vertices that the model says are
 /// not why. From then on they may take kShare of what the least V takes, and the frame be so much later, until the model
 /// says as long that the least V would be in time again.
 ///
-/// V goes down at once and up by at most kGrowth a frame; changes within kDeadBand are not made. What is out of sight is
-/// drawn at its least.
+/// V goes up by at most kGrowth a frame, and down by no more than a frame that was late asks for, or kFall: one that was late
+/// for another reason does not take all detail. Changes within kDeadBand are not made. What is out of sight is drawn at its
+/// least.
 class BudgetResolver final : public LodResolver {
  public:
   static constexpr double kGrowth = 1.15;
+  static constexpr double kFall = 0.6;  ///< V is at least so much of what it was.
   static constexpr double kDeadBand = 0.03;
   static constexpr std::size_t kWindow = 48;  ///< Frames that the cost is learnt from.
   static constexpr double kShare = 0.25;      ///< Of the time at the least V: for vertices that cannot hold the rate.
@@ -137,7 +139,7 @@ class BudgetResolver final : public LodResolver {
   std::deque<Sample> samples_;
 };
 
-/// Splits `budget` over the objects so that the sum of pixels^2 / sqrt(N) is least, with sum(cost x N) <= budget where the
+/// Splits `budget` over the objects so that the sum of pixels^2 / N is least, with sum(cost x N) <= budget where the
 /// bounds allow it. Exact up to rounding: objects at a bound leave the sum, the others share what is left.
 std::vector<std::uint32_t> split_budget(std::span<const ObjectView> objects, double budget);
 

@@ -127,7 +127,10 @@ bool Session::poll(std::chrono::milliseconds timeout) {
   for (std::size_t i = 0; i < sources_.size(); ++i) {
     const std::vector<ReceivedPose> poses = sources_[i]->poll(received ? std::chrono::milliseconds(0) : share);
     received |= !poses.empty();
-    for (const ReceivedPose& pose : poses) last_arrival_us_ = std::max(last_arrival_us_, pose.arrival_us);
+    for (const ReceivedPose& pose : poses) {
+      last_arrival_us_ = std::max(last_arrival_us_, pose.arrival_us);
+      decode_us_.add(pose.decoded_us - pose.arrival_us);
+    }
     poses_taken_ += poses.size();
     if (record_.is_open()) record(i, poses);
     scene_.receive(i, *sources_[i], poses);
@@ -491,7 +494,8 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
   report["asset_bytes"] = {{"downloaded", stats.asset_bytes_downloaded},
                            {"cached", stats.asset_bytes_cached},
                            {"total", stats.asset_bytes_total}};
-  report["frame_time_us"] = {{"reconstruct", json_from(scene_.reconstruct_us())},
+  report["frame_time_us"] = {{"decode", json_from(decode_us_)},
+                             {"reconstruct", json_from(scene_.reconstruct_us())},
                              {"normals", json_from(scene_.normals_us())},
                              {"upload", json_from(upload_us_)},
                              {"draw", json_from(draw_us_)},

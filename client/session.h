@@ -102,7 +102,7 @@ class Session final {
   bool renderer_stale_ = false;  ///< Surfaces have moved up: what the card holds belongs to others.
   std::ofstream record_, shown_record_;
   RateMeter keys_, poses_, drawn_rate_, bytes_;
-  Histogram drawn_latency_us_, upload_us_, draw_us_, work_us_;
+  Histogram decode_us_, drawn_latency_us_, upload_us_, draw_us_, work_us_;
   TimeUs started_us_ = 0;
   /// What had been received when a pose arrived.
   struct Received {

@@ -103,6 +103,7 @@ TEST_F(Apps, AFlightDrawsWithoutNewPosesAndTheReportSaysWhoChoseTheLevels) {
   EXPECT_EQ(report["surfaces"][0]["of"], 642);
   EXPECT_EQ(report["surfaces"][1]["of"], 162);
   EXPECT_EQ(report["frame_time_us"]["work"]["count"], report["frames_out"]["drawn"]);
+  EXPECT_EQ(report["frame_time_us"]["decode"]["count"], report["frames_in"]["poses"]);
   EXPECT_GT(report["lod"]["state"], 0);
   options_.camera_path = path("none.json");
   EXPECT_EQ(run_headless(options_, both, stop_, log()), kExitFailed);

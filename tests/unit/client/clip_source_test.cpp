@@ -8,20 +8,17 @@
 
 #include "common/surface/shapes.h"
 #include "common/surface/write.h"
+#include "tests/unit/client/baked_heart.h"
 #include "view/surface_view.h"
 
 namespace eigencast {
 namespace {
 
-std::shared_ptr<const BakedClip> heart() {
-  static const auto clip = BakedClip::open("heart", "");
-  EXPECT_TRUE(clip) << clip.error().message;
-  return *clip;
-}
+using testing::baked_heart;
 
 TEST(ClipSources, PlayAtTheClipsPaceFromTheirPhaseAndBeginAgain) {
   TimeUs now = 5'000'000;
-  const auto clip = heart();
+  const auto clip = baked_heart();
   const double count = static_cast<double>(clip->frames.size());
   ClipSource source(clip, 3 / clip->rate_hz + 1e-6, [&] { return now; });
   auto poses = source.poll({});
@@ -40,7 +37,7 @@ TEST(ClipSources, PlayAtTheClipsPaceFromTheirPhaseAndBeginAgain) {
 
 TEST(ClipSources, AViewerShowsTheSurfaceThatWasPlayed) {
   TimeUs now = 0;
-  const auto clip = heart();
+  const auto clip = baked_heart();
   ClipSource source(clip, 0, [&] { return now; });
   SurfaceView view;
   view.receive(source, source.poll({}));

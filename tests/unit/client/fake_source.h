@@ -113,7 +113,7 @@ inline ReceivedPose sphere_pose(const Asset& asset, std::uint64_t sequence, Time
   pose.envelope.bands = 3;
   pose.envelope.epoch = epoch;
   pose.envelope.sequence = sequence;
-  pose.envelope.capture_us = pose.arrival_us = time_us;
+  pose.envelope.capture_us = pose.arrival_us = pose.decoded_us = time_us;
   pose.coefficients = asset.rest;
   pose.coefficients[0] = shift;
   pose.coefficients[7] = stretch;

@@ -6,9 +6,9 @@
 #include <cmath>
 #include <random>
 
-#include "client/clip_source.h"
 #include "common/asset/format.h"
 #include "common/reconstruction/level_triangles.h"
+#include "tests/unit/client/baked_heart.h"
 #include "view/offscreen.h"
 #include "view/renderer.h"
 #include "view/surface_view.h"
@@ -16,16 +16,12 @@
 namespace eigencast {
 namespace {
 
+using testing::baked_heart;
+
 constexpr TimeUs kFrame = 16'667;
 
-std::shared_ptr<const BakedClip> heart() {
-  static const auto clip = BakedClip::open("heart", "");
-  EXPECT_TRUE(clip) << clip.error().message;
-  return *clip;
-}
-
 TEST(LevelTriangles, AnyWalkGivesTheTrianglesOfTheLevelAndSaysWhichBlocksChanged) {
-  const Asset& asset = heart()->asset;
+  const Asset& asset = baked_heart()->asset;
   LevelTriangles levels;
   std::vector<std::uint32_t> triangles, copy;
   EXPECT_TRUE(levels.update(asset, triangles));
@@ -51,7 +47,7 @@ TEST(LevelTriangles, AnyWalkGivesTheTrianglesOfTheLevelAndSaysWhichBlocksChanged
 }
 
 TEST(LevelTriangles, AStepTouchesTheFacesOfItsVerticesOnly) {
-  const Asset& asset = heart()->asset;
+  const Asset& asset = baked_heart()->asset;
   LevelTriangles levels;
   std::vector<std::uint32_t> triangles;
   levels.update(asset, triangles);
@@ -65,7 +61,7 @@ TEST(LevelTriangles, AStepTouchesTheFacesOfItsVerticesOnly) {
 }
 
 TEST(LevelTriangles, FollowAnAssetThatArrives) {
-  const auto bytes = encode_asset(heart()->asset, {.first_chunk_rows = 256});
+  const auto bytes = encode_asset(baked_heart()->asset, {.first_chunk_rows = 256});
   ASSERT_TRUE(bytes);
   auto reader = AssetReader::from_manifest(bytes->manifest.id, bytes->manifest.bytes);
   ASSERT_TRUE(reader);
@@ -157,7 +153,7 @@ TEST(LevelMorphs, PlacesFollowChainsOfVerticesThatMoveThemselves) {
 }
 
 TEST(LevelMorphs, ASurfaceWhoseVerticesJustCameLooksAsWithoutThem) {
-  const Asset& asset = heart()->asset;
+  const Asset& asset = baked_heart()->asset;
   const std::uint32_t N = asset.vertex_count / 5, more = asset.vertex_count / 2;
   Reconstructor reconstructor;
   reconstructor.update(asset);
@@ -186,7 +182,7 @@ TEST(LevelMorphs, ASurfaceWhoseVerticesJustCameLooksAsWithoutThem) {
 /// The heart in a pose that stands still.
 struct PausedHeart {
   explicit PausedHeart(bool morph = true)
-      : source(heart(), 0.3, [this] { return now; }), view({.playout = {}, .morph = morph}) {
+      : source(baked_heart(), 0.3, [this] { return now; }), view({.playout = {}, .morph = morph}) {
     view.receive(source, source.poll({}));
     view.advance(source, now);
     view.set_paused(true);
@@ -203,7 +199,7 @@ struct PausedHeart {
 TEST(ProgressiveSurfaces, DownAndUpGivesTheSameBuffers) {
   PausedHeart still;
   const SurfaceGeometry full = still.view.geometry();
-  ASSERT_EQ(full.vertex_count(), heart()->asset.vertex_count);
+  ASSERT_EQ(full.vertex_count(), baked_heart()->asset.vertex_count);
   for (const double fraction : {0.5, 0.52, 0.1, 0.3, 0.05, 1.0}) {
     int frames = 0;
     while (still.turn(fraction)) ASSERT_LT(++frames, 40);
@@ -227,7 +223,7 @@ TEST(ProgressiveSurfaces, OfAPoseThatStandsOnlyTheNewRowsAreRebuilt) {
   still.view.lod().set_fraction(0.5);
   ASSERT_TRUE(still.view.prepare(still.source, still.now += kFrame));
   EXPECT_EQ(still.view.work().first, before);
-  EXPECT_EQ(still.view.work().N, heart()->asset.vertex_count / 2);
+  EXPECT_EQ(still.view.work().N, baked_heart()->asset.vertex_count / 2);
 }
 
 /// What changes from one picture to the next while the level goes from one to another and nothing else does.

@@ -7,6 +7,7 @@
 
 #include "common/surface/shapes.h"
 #include "sdk/bake.h"
+#include "tests/unit/client/baked_heart.h"
 #include "tests/unit/client/fake_source.h"
 #include "view/offscreen.h"
 #include "view/renderer.h"
@@ -19,17 +20,16 @@ using testing::FakeSource;
 
 /// The heart with its faces or as points.
 const Asset& heart(bool as_points) {
-  static const auto make = [](bool points) {
+  static const Asset points = [] {
     Surface surface = (*builtin_clip("heart"))->rest();
-    if (points) surface.faces.clear();
+    surface.faces.clear();
     BakeOptions options;
     options.rank = 40;
     auto result = bake(surface, options);
     EXPECT_TRUE(result);
     return std::move(result->asset);
-  };
-  static const Asset mesh = make(false), points = make(true);
-  return as_points ? points : mesh;
+  }();
+  return as_points ? points : testing::baked_heart()->asset;
 }
 
 /// The rest pose leant over and stretched: x + 0.4 y, 1.4 y, z.
