@@ -13,7 +13,7 @@ set(CPACK_STRIP_FILES ON)
 set(CPACK_INSTALL_DEFAULT_DIRECTORY_PERMISSIONS OWNER_READ OWNER_WRITE OWNER_EXECUTE GROUP_READ GROUP_EXECUTE WORLD_READ WORLD_EXECUTE)
 set(CPACK_DEB_COMPONENT_INSTALL ON)
 set(CPACK_COMPONENTS_GROUPING IGNORE)
-set(CPACK_COMPONENTS_ALL broker tools library development)
+set(CPACK_COMPONENTS_ALL broker tools library development python)
 set(CPACK_DEBIAN_FILE_NAME DEB-DEFAULT)
 set(CPACK_DEBIAN_PACKAGE_RELEASE 1)
 set(CPACK_DEBIAN_PACKAGE_SHLIBDEPS ON)
@@ -59,6 +59,15 @@ set(CPACK_COMPONENT_DEVELOPMENT_DESCRIPTION "headers of libeigencast
 Headers, CMake package and pkg-config file to build programs that publish or
 watch deforming 3D surfaces.")
 
+set(CPACK_DEBIAN_PYTHON_PACKAGE_NAME python3-eigencast)
+set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
+set(CPACK_DEBIAN_PYTHON_PACKAGE_ARCHITECTURE all)
+set(CPACK_DEBIAN_PYTHON_PACKAGE_SHLIBDEPS OFF)
+set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "libeigencast0 (>= ${PROJECT_VERSION}), python3, python3-numpy")
+set(CPACK_COMPONENT_PYTHON_DESCRIPTION "publish and watch deforming 3D surfaces from Python
+A package over libeigencast by ctypes and numpy: bake a surface, publish its
+poses without ever blocking, and subscribe to what others publish.")
+
 # The broker's package: unit, socket, annotated configuration, and what stands around a broker as examples.
 install(FILES deploy/systemd/eigencast-broker.service deploy/systemd/eigencast-broker.socket
   DESTINATION lib/systemd/system COMPONENT broker)
@@ -88,5 +97,6 @@ endfunction()
 eigencast_package_documents(eigencast-broker broker docs/operations.md docs/scaling.md)
 eigencast_package_documents(eigencast-tools tools docs/formats.md docs/deform.md docs/latency.md docs/time.md)
 eigencast_package_documents(libeigencast0 library)
-eigencast_package_documents(libeigencast-dev development docs/protocol.md docs/asset-format.md)
+eigencast_package_documents(libeigencast-dev development docs/protocol.md docs/asset-format.md docs/sdk.md)
+eigencast_package_documents(python3-eigencast python docs/sdk.md)
 include(CPack)

@@ -7,6 +7,7 @@
 #include <deque>
 #include <exception>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -25,14 +26,14 @@ struct ec_asset {
 
 struct ec_publisher {
   std::unique_ptr<eigencast::Publisher> publisher;
-  std::size_t values = 0;
+  std::size_t vertices = 0, scalars = 0;
 };
 
 struct ec_subscriber {
   std::unique_ptr<eigencast::Subscriber> subscriber;
   std::deque<eigencast::ReceivedPose> waiting;
   std::optional<eigencast::ReceivedPose> current;
-  std::vector<float> positions, normals;
+  std::vector<float> positions, normals, scalars, velocities;
   eigencast::Reconstructor reconstructor;
   std::vector<std::uint32_t> triangles;
   /// What `triangles` are of: a surface, as far as it had arrived, at a level.
@@ -173,6 +174,36 @@ bool can_rebuild(const Subscriber& subscriber, const ReceivedPose& pose) {
          pose.coefficients.size() >= std::size_t{asset->rank} * pose.channels;
 }
 
+/// Channels `first` to first + count - 1 of the current pose, times `factor`, on the first N vertices: N x count.
+std::vector<float> rebuilt_channels(const ec_subscriber& self, std::uint32_t first, std::uint32_t count, double factor,
+                                    std::uint32_t N) {
+  const ReceivedPose& pose = *self.current;
+  const std::uint32_t rank = self.subscriber->asset()->rank;
+  std::vector<float> values(std::size_t{N} * count), three(std::size_t{3} * N);
+  std::vector<double> columns(std::size_t{3} * rank);
+  for (std::uint32_t k = 0; k < count; k += 3) {  // the kernel takes three at a time
+    const std::uint32_t width = std::min(3U, count - k);
+    std::fill(columns.begin(), columns.end(), 0);
+    for (std::size_t row = 0; row < rank; ++row) {
+      for (std::uint32_t j = 0; j < width; ++j)
+        columns[3 * row + j] = factor * pose.coefficients[row * pose.channels + first + k + j];
+    }
+    self.reconstructor.rebuild(columns, 3, rank, N, three);
+    for (std::size_t i = 0; i < N; ++i) std::copy_n(&three[3 * i], width, &values[i * count + k]);
+  }
+  return values;
+}
+
+/// What rides on the current pose besides its positions.
+void rebuild_riders(ec_subscriber& self, std::uint32_t N) {
+  const std::uint32_t channels = self.current->channels;
+  const auto& info = self.subscriber->info();
+  const std::uint32_t v = info ? std::min(info->format.velocity_channels, channels - 3) : 0;
+  self.scalars = rebuilt_channels(self, 3, channels - 3 - v, 1, N);
+  self.velocities.clear();
+  if (v == 3) self.velocities = rebuilt_channels(self, channels - v, v, 1e6 / info->format.velocity_us, N);
+}
+
 ec_status rebuild(ec_subscriber& self, double detail, ec_surface* out) {
   const Asset* asset = self.subscriber->asset();
   if (!self.current || !can_rebuild(*self.subscriber, *self.current)) {
@@ -197,6 +228,8 @@ ec_status rebuild(ec_subscriber& self, double detail, ec_surface* out) {
   if (!self.normals.empty()) vertex_normals(self.positions, self.triangles, self.normals);
   for (std::size_t i = 0; i < self.positions.size(); ++i) self.positions[i] += static_cast<float>(asset->origin[i % 3]);
 
+  rebuild_riders(self, level);
+
   ec_surface surface = EC_INIT(ec_surface);
   surface.vertex_count = level;
   surface.triangle_count = static_cast<std::uint32_t>(self.triangles.size() / 3);
@@ -207,7 +240,15 @@ ec_status rebuild(ec_subscriber& self, double detail, ec_surface* out) {
   surface.capture_us = pose.envelope.capture_us;
   surface.sequence = pose.envelope.sequence;
   surface.interpolated = pose.envelope.step.of != 0 && pose.envelope.step.at != pose.envelope.step.of;
+  surface.scalar_count = static_cast<std::uint32_t>(self.scalars.size() / level);
+  surface.scalars = self.scalars.empty() ? nullptr : self.scalars.data();
+  surface.velocities = self.velocities.empty() ? nullptr : self.velocities.data();
   return give(out, surface);
+}
+
+/// A caller's array of so many values for each vertex, where the publisher was made for it.
+std::span<const float> rows_of(const float* values, std::size_t vertices, std::size_t width) {
+  return values == nullptr ? std::span<const float>() : std::span(values, vertices * width);
 }
 
 }  // namespace
@@ -325,9 +366,11 @@ ec_status ec_publisher_create(const char* url, const ec_asset* asset, const ec_p
     publisher_options.bitrate = given.bitrate;
     publisher_options.still_heartbeat_us = given.still_heartbeat_us;
     if (given.key_rate_hz > 0) publisher_options.key_rate_hz = given.key_rate_hz;
+    publisher_options.scalars = given.scalars;
+    publisher_options.velocities = given.velocities != 0;
     auto created = Publisher::create(publisher_options, asset->asset, asset->encoded);
     if (!created) return failed(created.error());
-    *publisher = new ec_publisher{std::move(*created), std::size_t{3} * asset->asset->vertex_count};
+    *publisher = new ec_publisher{std::move(*created), asset->asset->vertex_count, given.scalars};
     return EC_OK;
   });
 }
@@ -336,7 +379,21 @@ ec_status ec_publisher_send(ec_publisher* publisher, const float* positions, int
   return guarded([&] {
     if (publisher == nullptr || positions == nullptr)
       return invalid("ec_publisher_send: publisher or positions is null");
-    const auto sent = publisher->publisher->send_positions({positions, publisher->values}, capture_us);
+    const auto sent = publisher->publisher->send_positions({positions, 3 * publisher->vertices}, capture_us);
+    return sent ? from_send(*sent) : failed(sent.error());
+  });
+}
+
+ec_status ec_publisher_send_pose(ec_publisher* publisher, const ec_pose* pose) {
+  return guarded([&] {
+    if (publisher == nullptr || pose == nullptr) return invalid("ec_publisher_send_pose: publisher or pose is null");
+    if (lacks_size(pose)) return invalid("ec_publisher_send_pose: struct_size of the pose is not set; use EC_INIT");
+    const ec_pose given = filled(pose);
+    if (given.positions == nullptr) return invalid("ec_publisher_send_pose: positions are null");
+    const std::size_t n = publisher->vertices;
+    const auto sent = publisher->publisher->send_pose({rows_of(given.positions, n, 3), rows_of(given.velocities, n, 3),
+                                                       rows_of(given.scalars, n, publisher->scalars)},
+                                                      given.capture_us);
     return sent ? from_send(*sent) : failed(sent.error());
   });
 }

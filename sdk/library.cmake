@@ -19,6 +19,7 @@ install(TARGETS eigencast EXPORT eigencast-targets
   LIBRARY DESTINATION "${CMAKE_INSTALL_LIBDIR}" COMPONENT library NAMELINK_COMPONENT development)
 install(DIRECTORY include/eigencast DESTINATION "${CMAKE_INSTALL_INCLUDEDIR}" COMPONENT development
   FILES_MATCHING PATTERN "*.h" PATTERN "*.hpp")
+install(DIRECTORY python/eigencast DESTINATION lib/python3/dist-packages COMPONENT python FILES_MATCHING PATTERN "*.py")
 install(EXPORT eigencast-targets NAMESPACE eigencast:: DESTINATION "${CMAKE_INSTALL_LIBDIR}/cmake/eigencast"
   COMPONENT development)
 configure_package_config_file("${PROJECT_SOURCE_DIR}/cmake/eigencast-config.cmake.in"

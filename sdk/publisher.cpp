@@ -130,7 +130,8 @@ class Publisher::Impl {
         asset_(std::move(asset)),
         encoded_(std::move(encoded)),
         log_(std::move(log)),
-        layout_{options_.codec, asset_->rank, options_.velocities ? 6U : 3U, asset_->band_ends},
+        layout_{options_.codec, asset_->rank, 3U + options_.scalars + (options_.velocities ? 3U : 0U),
+                asset_->band_ends},
         format_{layout_.rows,
                 layout_.channels,
                 layout_.band_ends,
@@ -206,14 +207,37 @@ class Publisher::Impl {
 
   bool wants_velocities() const { return options_.velocities; }
 
-  /// V: empty, or velocities per second.
-  SendStatus send(std::span<const double> C, std::span<const double> V, TimeUs capture_us, Work work) {
+  std::uint32_t scalars() const { return options_.scalars; }
+
+  /// n x s values of vertices as r x s coefficients, three columns a pass.
+  Result<std::vector<double>> coefficients_from_scalars(std::span<const float> values) {
+    const std::size_t n = asset_->vertex_count, s = options_.scalars, r = asset_->rank;
+    std::vector<double> S(r * s);
+    std::vector<float> columns(3 * n);
+    for (std::size_t first = 0; first < s; first += 3) {
+      const std::size_t count = std::min<std::size_t>(3, s - first);
+      for (std::size_t i = 0; i < n; ++i) {
+        for (std::size_t k = 0; k < 3; ++k) columns[3 * i + k] = k < count ? values[i * s + first + k] : 0;
+      }
+      auto C = projector_->coefficients_from_vectors(columns);
+      if (!C) return C.error();
+      for (std::size_t row = 0; row < r; ++row) std::copy_n(&(*C)[3 * row], count, &S[row * s + first]);
+    }
+    return S;
+  }
+
+  /// V: empty, or velocities per second; S: r x scalars.
+  SendStatus send(std::span<const double> C, std::span<const double> V, std::span<const double> S, TimeUs capture_us,
+                  Work work) {
     const std::lock_guard lock(mutex_);
     if (V.empty() == options_.velocities)
       return unusable(fail(ErrorCode::kInvalidArgument, V.empty() ? "a pose without velocities, which were announced"
                                                                   : "velocities that were not announced"));
-    std::vector<double> both;
-    if (!V.empty()) C = both = beside_each_other(C, V);
+    if (S.size() != std::size_t{layout_.rows} * options_.scalars)
+      return unusable(
+          fail(ErrorCode::kInvalidArgument, "a pose without the scalars that were announced, or with more"));
+    std::vector<double> all;
+    if (layout_.channels > 3) C = all = beside_each_other(C, V, S);
     if (const auto early = hindrance(capture_us)) return *early;
     auto key = key_from_coefficients(layout_, C, quantiser_.step);
     if (!key) return unusable(key.error());
@@ -252,16 +276,21 @@ class Publisher::Impl {
  private:
   enum class Phase { kDown, kIntroduce, kAnnounced, kLive };
 
-  /// Rows of x, y, z and their velocities in units of format_.velocity_us.
-  std::vector<double> beside_each_other(std::span<const double> C, std::span<const double> V) const {
-    std::vector<double> both(C.size() == V.size() ? 2 * C.size() : 0);
+  /// Rows of x, y, z, scalars, and velocities in units of format_.velocity_us. Empty, which is refused later, where the
+  /// sizes do not fit.
+  std::vector<double> beside_each_other(std::span<const double> C, std::span<const double> V,
+                                        std::span<const double> S) const {
+    const std::size_t r = layout_.rows, c = layout_.channels, s = options_.scalars;
+    if (C.size() != 3 * r || (!V.empty() && V.size() != C.size())) return {};
+    std::vector<double> all(r * c);
     const double unit_s = format_.velocity_us * 1e-6;
-    for (std::size_t i = 0; 2 * i < both.size(); ++i) {
-      const std::size_t row = i / 3, axis = i % 3;
-      both[row * 6 + axis] = C[i];
-      both[row * 6 + 3 + axis] = V[i] * unit_s;
+    for (std::size_t row = 0; row < r; ++row) {
+      double* to = &all[row * c];
+      std::copy_n(&C[3 * row], 3, to);
+      for (std::size_t k = 0; k < s; ++k) to[3 + k] = S[row * s + k];
+      for (std::size_t axis = 0; !V.empty() && axis < 3; ++axis) to[3 + s + axis] = V[3 * row + axis] * unit_s;
     }
-    return both;
+    return all;
   }
 
   /// Sends what the gate lets through. What did not leave leaves the gate as it was. REQUIRES: as send_key; a key was
@@ -604,6 +633,11 @@ Result<std::unique_ptr<Publisher>> Publisher::create(PublisherOptions options, s
                 "the error bound must be a positive length in model units, or 0 for the default");
   if (!std::isfinite(options.bitrate) || options.bitrate < 0 || options.still_heartbeat_us < 0)
     return fail(ErrorCode::kInvalidArgument, "bit rate and heartbeat must be positive, or 0 for none");
+  if (options.scalars > kMostScalars)
+    return fail(ErrorCode::kInvalidArgument, "a stream carries at most " + std::to_string(kMostScalars) + " scalars");
+  if (options.scalars > 0 && options.still_heartbeat_us > 0)
+    return fail(ErrorCode::kInvalidArgument,
+                "a publisher of scalars cannot leave out still poses: they may change while the surface stands still");
   if (options.velocities && options.still_heartbeat_us > 0)
     return fail(ErrorCode::kInvalidArgument,
                 "a publisher of velocities cannot leave out still poses: a held pose would go on with its velocities");
@@ -642,7 +676,7 @@ SendStatus Publisher::send_coefficients(std::span<const double> C, TimeUs captur
 }
 
 SendStatus Publisher::send_coefficients(std::span<const double> C, std::span<const double> V, TimeUs capture_us) {
-  return impl_->send(C, V, capture_us, {steady_now_us(), 0});
+  return impl_->send(C, V, {}, capture_us, {steady_now_us(), 0});
 }
 
 Result<SendStatus> Publisher::send_positions(std::span<const float> positions, TimeUs capture_us) {
@@ -651,23 +685,38 @@ Result<SendStatus> Publisher::send_positions(std::span<const float> positions, T
 
 Result<SendStatus> Publisher::send_positions(std::span<const float> positions, std::span<const float> velocities,
                                              TimeUs capture_us) {
+  return send_pose({positions, velocities, {}}, capture_us);
+}
+
+Result<SendStatus> Publisher::send_pose(const VertexPose& pose, TimeUs capture_us) {
   if (auto usable = check_capture_time(capture_us); !usable) return usable.error();
-  if (velocities.empty() == impl_->wants_velocities()) {
+  if (pose.velocities.empty() == impl_->wants_velocities()) {
     return fail(ErrorCode::kInvalidArgument,
-                velocities.empty() ? "this publisher was made for velocities: give those of the vertices as well"
-                                   : "this publisher was not made for velocities: set PublisherOptions::velocities");
+                pose.velocities.empty()
+                    ? "this publisher was made for velocities: give those of the vertices as well"
+                    : "this publisher was not made for velocities: set PublisherOptions::velocities");
+  }
+  if (pose.scalars.size() != std::size_t{impl_->asset().vertex_count} * impl_->scalars()) {
+    return fail(ErrorCode::kInvalidArgument, "this publisher was made for " + std::to_string(impl_->scalars()) +
+                                                 " scalars of each vertex; " + std::to_string(pose.scalars.size()) +
+                                                 " values are given in all");
   }
   const TimeUs begun_us = steady_now_us();
   if (auto made = impl_->make_projector(); !made) return made.error();
-  auto C = impl_->projector()->coefficients_from_positions(positions);
+  auto C = impl_->projector()->coefficients_from_positions(pose.positions);
   if (!C) return C.error();
-  std::vector<double> V;
-  if (!velocities.empty()) {  // Projecting is linear: a velocity is projected as a position is.
-    auto projected = impl_->projector()->coefficients_from_positions(velocities);
+  std::vector<double> V, S;
+  if (!pose.velocities.empty()) {
+    auto projected = impl_->projector()->coefficients_from_vectors(pose.velocities);
     if (!projected) return in_context("velocities", projected.error());
     V = std::move(*projected);
   }
-  return impl_->send(*C, V, capture_us, {begun_us, steady_now_us()});
+  if (!pose.scalars.empty()) {
+    auto projected = impl_->coefficients_from_scalars(pose.scalars);
+    if (!projected) return in_context("scalars", projected.error());
+    S = std::move(*projected);
+  }
+  return impl_->send(*C, V, S, capture_us, {begun_us, steady_now_us()});
 }
 
 std::vector<double> Publisher::as_received() const {

@@ -4,6 +4,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -29,15 +30,28 @@ struct PublisherOptions {
   /// so often; 0: every pose is sent. A viewer never shows a pose further off than that bound because of it.
   TimeUs still_heartbeat_us = 0;
   bool velocities = false;  ///< Poses come with velocities, which go out beside them: for viewers with scheme=hermite.
-  double key_rate_hz = 30;  ///< Announced; send() may be called at any rate.
+  /// Values that ride on each vertex beside its place, such as stress or temperature, at most kMostScalars: channels 3 to
+  /// 2 + scalars of the stream. They are coded within `error`, too, each in its own unit: give them a range of about the
+  /// surface's diagonal, and the default keeps a thousandth of it.
+  std::uint32_t scalars = 0;
+  double key_rate_hz = 30;                     ///< Announced; send() may be called at any rate.
   std::optional<std::vector<double>> world{};  ///< Announced, see control::Announce.
   std::size_t max_unsent_bytes =
-      64 * 1024;  ///< A frame is dropped, before it is coded, while more than this is unsent.
+      64 * 1024;                 ///< A frame is dropped, before it is coded, while more than this is unsent.
   Credentials credentials = {};  ///< Token and trusted authorities; see common/net/url.h.
 };
 
 /// The error bound of coding holds on average, not for each pose, so that still surfaces get more.
 inline constexpr double kStillOverError = 1.5;
+
+inline constexpr std::uint32_t kMostScalars = 10;
+
+/// What a pose says of each of n vertices, in the source's order.
+struct VertexPose {
+  std::span<const float> positions;   ///< n x 3
+  std::span<const float> velocities;  ///< n x 3, per second; empty unless PublisherOptions::velocities.
+  std::span<const float> scalars;     ///< n x PublisherOptions::scalars
+};
 
 /// Publishes one deforming surface to a broker and keeps doing so: uploads the asset where it is missing, announces it, codes and
 /// sends keys, and does all of that again after a lost connection. Frames sent meanwhile are dropped, never queued.
@@ -55,7 +69,7 @@ class Publisher final {
     std::uint64_t payload_bytes = 0;  ///< Of the frames sent, envelope included.
     std::uint32_t subscribers = 0;
     std::uint64_t reconnects = 0;
-    bool gave_up = false;            ///< The broker gave the stream to another sender: nothing is tried again.
+    bool gave_up = false;  ///< The broker gave the stream to another sender: nothing is tried again.
   };
 
   /// Starts connecting in the background. `asset` is what is projected on and must be decode(encoded); both are shared, not copied.
@@ -65,7 +79,8 @@ class Publisher final {
   /// For one who has keys already, of a recording: the same, with send_key() only. `encoded` may be empty but for the
   /// manifest's id: the broker must have the asset then. Errors: kInvalidArgument (URL, stream name, format).
   static Result<std::unique_ptr<Publisher>> create_for_keys(PublisherOptions options, const StreamFormat& format,
-                                                            std::shared_ptr<const EncodedAsset> encoded, LogSink log = {});
+                                                            std::shared_ptr<const EncodedAsset> encoded,
+                                                            LogSink log = {});
   ~Publisher();
 
   /// The key as it is, of create_for_keys()'s format, all or some of its bands; the rest as send_coefficients().
@@ -82,6 +97,8 @@ class Publisher final {
   /// The same with the vertices' velocities, n x 3, per second. Errors: kInvalidArgument also without PublisherOptions::velocities.
   Result<SendStatus> send_positions(std::span<const float> positions, std::span<const float> velocities,
                                     TimeUs capture_us);
+  /// The same with all that was announced. Errors: kInvalidArgument, also for what was not, or is missing.
+  Result<SendStatus> send_pose(const VertexPose& pose, TimeUs capture_us);
   /// The coefficients (r x 3) that receivers decode for the last key that was sent; empty before the first of a connection.
   std::vector<double> as_received() const;
   Stats stats() const;  ///< Thread-safe.

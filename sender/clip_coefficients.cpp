@@ -13,7 +13,7 @@ Result<std::vector<double>> ClipCoefficients::project(const std::vector<Vec3>& p
   if (!velocities_) return C;
   const auto moving = clip_->velocity(frame);
   if (!moving) return moving.error();
-  auto V = projector_->coefficients_from_positions(std::span<const double>(moving->front().data(), 3 * moving->size()));
+  auto V = projector_->coefficients_from_vectors(std::span<const double>(moving->front().data(), 3 * moving->size()));
   if (!V) return in_context("velocities of frame " + std::to_string(frame), V.error());
   C->insert(C->end(), V->begin(), V->end());
   return C;

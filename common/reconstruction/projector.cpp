@@ -103,9 +103,8 @@ std::vector<double> inverse_of_triangle(const std::vector<double>& L, std::size_
 // W (X - origin) of the rows from `first` on, tile by tile as the kernel wants it; zero beyond the last row. Returns
 // whether all are finite.
 template <typename Value>
-bool weigh(const Asset& asset, std::span<const double> weights, std::span<const Value> positions, std::size_t first,
-           std::size_t rows, float* Y) {
-  const std::array<double, 3> origin = {asset.origin[0], asset.origin[1], asset.origin[2]};
+bool weigh(const Asset& asset, const std::array<double, 3>& origin, std::span<const double> weights,
+           std::span<const Value> positions, std::size_t first, std::size_t rows, float* Y) {
   std::array<double, 3> zero{};  // One for each axis, so that no sum waits for another.
   for (std::size_t i = 0; i < rows; ++i) {
     const Value* x = &positions[3 * std::size_t{asset.source_vertex[first + i]}];
@@ -141,7 +140,8 @@ Result<void> check_finite(std::span<const Value> positions) {
 }  // namespace
 
 template <typename Value>
-Result<std::vector<double>> Projector::project(std::span<const Value> positions) const {
+Result<std::vector<double>> Projector::project(std::span<const Value> positions,
+                                               const std::array<double, 3>& origin) const {
   const std::size_t n = asset_->vertex_count, r = asset_->rank;
   if (positions.size() != 3 * n) {
     return fail(ErrorCode::kInvalidArgument, "positions: " + std::to_string(positions.size()) +
@@ -161,7 +161,7 @@ Result<std::vector<double>> Projector::project(std::span<const Value> positions)
     AlignedVector<float> Y(tiles * 3 * kernel::kTileRows);
     AlignedVector<float> scratch(3 * r * kernel::kWidestVector);
     sums[part].resize(3 * r);
-    if (!weigh(*asset_, weights_, positions, first, rows, Y.data())) finite = false;
+    if (!weigh(*asset_, origin, weights_, positions, first, rows, Y.data())) finite = false;
     functions.add_transposed(tiles_.view(part * kForwardTiles, asset_->rank), tiles, Y.data(), sums[part].data(),
                              scratch.data());
   };
@@ -205,11 +205,19 @@ Result<Projector> Projector::create(const Asset& asset, InstructionSet set, unsi
 }
 
 Result<std::vector<double>> Projector::coefficients_from_positions(std::span<const float> positions) const {
-  return project(positions);
+  return project(positions, asset_->origin);
 }
 
 Result<std::vector<double>> Projector::coefficients_from_positions(std::span<const double> positions) const {
-  return project(positions);
+  return project(positions, asset_->origin);
+}
+
+Result<std::vector<double>> Projector::coefficients_from_vectors(std::span<const float> vectors) const {
+  return project(vectors, {});
+}
+
+Result<std::vector<double>> Projector::coefficients_from_vectors(std::span<const double> vectors) const {
+  return project(vectors, {});
 }
 
 }  // namespace eigencast

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -96,11 +97,14 @@ class Projector {
   /// Errors: kInvalidArgument (size; a value that is not finite, naming the vertex).
   Result<std::vector<double>> coefficients_from_positions(std::span<const float> positions) const;
   Result<std::vector<double>> coefficients_from_positions(std::span<const double> positions) const;
+  /// The same of values that have no place, such as velocities or scalars: nothing is taken from them.
+  Result<std::vector<double>> coefficients_from_vectors(std::span<const float> vectors) const;
+  Result<std::vector<double>> coefficients_from_vectors(std::span<const double> vectors) const;
 
  private:
   Projector() = default;
   template <typename Value>
-  Result<std::vector<double>> project(std::span<const Value> positions) const;
+  Result<std::vector<double>> project(std::span<const Value> positions, const std::array<double, 3>& origin) const;
 
   const Asset* asset_ = nullptr;
   BasisTiles tiles_;

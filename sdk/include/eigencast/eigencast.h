@@ -58,7 +58,7 @@ typedef enum ec_status {
   }())
 #else
 #define EC_INIT(type) \
-  { sizeof(type) }
+  { .struct_size = sizeof(type) }
 #endif
 
 /** The library's version, such as "0.1.0". */
@@ -127,11 +127,16 @@ typedef struct ec_publisher_options {
   double key_rate_hz; /**< Poses a second that you intend to send; announced, not enforced (default: 30). */
   double bitrate; /**< Bits a second to keep to, by coarser levels, then fewer bands (default: as the error takes). */
   int64_t still_heartbeat_us; /**< While the surface stands still, send it only so often (default: every pose). */
-  const char* token;  /**< Shown to the broker; "@FILE" reads it (default: EIGENCAST_TOKEN of the environment). */
+  const char* token;   /**< Shown to the broker; "@FILE" reads it (default: EIGENCAST_TOKEN of the environment). */
   const char* ca_file; /**< PEM file of the authorities trusted for wss:// (default: the system's). */
-  const char* certificate_file; /**< PEM file of a certificate of your own, for brokers that ask for one (default: none). */
-  const char* key_file;         /**< PEM file of its private key. */
-  int insecure;                 /**< Not 0: the broker's certificate is not checked; for trying out only. */
+  const char*
+      certificate_file; /**< PEM file of a certificate of your own, for brokers that ask for one (default: none). */
+  const char* key_file; /**< PEM file of its private key. */
+  int insecure;         /**< Not 0: the broker's certificate is not checked; for trying out only. */
+  uint32_t
+      scalars; /**< Values that ride on each vertex (stress, temperature), up to 10 (default: none). They are coded within
+                       `error`, too, each in its own unit: a range of about the surface's diagonal keeps a thousandth of it. */
+  int velocities; /**< Not 0: poses come with velocities, for viewers that ask for scheme=hermite. */
 } ec_publisher_options;
 
 typedef struct ec_publisher_stats {
@@ -157,6 +162,18 @@ EC_API ec_status ec_publisher_create(const char* url, const ec_asset* asset, con
  * Returns EC_OK, EC_DROPPED or EC_DISCONNECTED. Errors: EC_INVALID_ARGUMENT (a number is not finite).
  */
 EC_API ec_status ec_publisher_send(ec_publisher* publisher, const float* positions, int64_t capture_us);
+
+/** All that a pose says of the vertices, in the order that was baked. */
+typedef struct ec_pose {
+  size_t struct_size;
+  const float* positions;  /**< vertex_count x 3 */
+  const float* velocities; /**< vertex_count x 3, per second; null unless the publisher was made for them. */
+  const float* scalars;    /**< vertex_count x scalars; null unless the publisher was made for some. */
+  int64_t capture_us;      /**< As in ec_publisher_send(). */
+} ec_pose;
+
+/** As ec_publisher_send(), with velocities and scalars. Errors: EC_INVALID_ARGUMENT, also for what was not announced or is missing. */
+EC_API ec_status ec_publisher_send_pose(ec_publisher* publisher, const ec_pose* pose);
 EC_API ec_status ec_publisher_get_stats(const ec_publisher* publisher, ec_publisher_stats* stats);
 /** Disconnects, waiting at most a second. Null is allowed. */
 EC_API void ec_publisher_release(ec_publisher* publisher);
@@ -169,11 +186,12 @@ typedef struct ec_subscriber ec_subscriber;
 typedef struct ec_subscriber_options {
   size_t struct_size;
   const char* cache_dir; /**< Where downloaded assets are kept; "" for nowhere (default: the user's cache folder). */
-  const char* token;  /**< Shown to the broker; "@FILE" reads it (default: EIGENCAST_TOKEN of the environment). */
-  const char* ca_file; /**< PEM file of the authorities trusted for wss:// (default: the system's). */
-  const char* certificate_file; /**< PEM file of a certificate of your own, for brokers that ask for one (default: none). */
-  const char* key_file;         /**< PEM file of its private key. */
-  int insecure;                 /**< Not 0: the broker's certificate is not checked; for trying out only. */
+  const char* token;     /**< Shown to the broker; "@FILE" reads it (default: EIGENCAST_TOKEN of the environment). */
+  const char* ca_file;   /**< PEM file of the authorities trusted for wss:// (default: the system's). */
+  const char*
+      certificate_file; /**< PEM file of a certificate of your own, for brokers that ask for one (default: none). */
+  const char* key_file; /**< PEM file of its private key. */
+  int insecure;         /**< Not 0: the broker's certificate is not checked; for trying out only. */
 } ec_subscriber_options;
 
 typedef struct ec_subscriber_stats {
@@ -200,6 +218,9 @@ typedef struct ec_surface {
   int64_t capture_us;            /**< When the pose holds, on the publisher's clock. */
   uint64_t sequence;             /**< Number of the key pose that this is or leads up to. */
   int interpolated;              /**< 1 when it was made between two key poses. */
+  uint32_t scalar_count;         /**< Values that ride on each vertex. */
+  const float* scalars;          /**< N x scalar_count; null where there are none. */
+  const float* velocities;       /**< N x 3, per second; null where the stream carries none. */
 } ec_surface;
 
 /** Starts connecting to ws://host:port/stream[?rate=raw] in the background. Errors: EC_INVALID_ARGUMENT. */

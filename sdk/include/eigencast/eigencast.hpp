@@ -108,6 +108,8 @@ struct PublisherOptions {
   double bitrate = 0;                   ///< Bits a second to keep to; 0: as the error takes.
   std::int64_t still_heartbeat_us = 0;  ///< While the surface stands still, send it only so often; 0: every pose.
   Access access = {};                   ///< How the broker lets you in.
+  std::uint32_t scalars = 0;            ///< Values that ride on each vertex, see ec_publisher_options.
+  bool velocities = false;              ///< Poses come with velocities.
 };
 
 /// Publishes one deforming surface. Not thread-safe; different Publishers are independent.
@@ -121,19 +123,36 @@ class Publisher {
     c_options.key_rate_hz = options.key_rate_hz;
     c_options.bitrate = options.bitrate;
     c_options.still_heartbeat_us = options.still_heartbeat_us;
+    c_options.scalars = options.scalars;
+    c_options.velocities = options.velocities ? 1 : 0;
     options.access.give_to(c_options);
     ec_publisher* publisher = nullptr;
     check(ec_publisher_create(url.c_str(), asset.get(), &c_options, &publisher));
     publisher_.reset(publisher);
-    values_ = std::size_t{3} * asset.info().vertex_count;
+    vertices_ = asset.info().vertex_count;
+    scalars_ = options.scalars;
+    velocities_ = options.velocities;
   }
 
   /// Sends a pose: 3 numbers per vertex, in the order that was baked. Never blocks.
   /// Returns EC_OK, EC_DROPPED (the next one supersedes it) or EC_DISCONNECTED (it reconnects by itself).
   [[nodiscard]] ec_status send(std::span<const float> positions, std::int64_t capture_us = now_us()) {
-    if (positions.size() != values_)
-      throw std::invalid_argument("Publisher::send: positions must hold 3 numbers per vertex of the asset");
-    return check(ec_publisher_send(publisher_.get(), positions.data(), capture_us));
+    return send(positions, {}, {}, capture_us);
+  }
+  /// The same with 3 numbers per vertex and second, or none, and the scalars of each vertex, as many as were announced.
+  [[nodiscard]] ec_status send(std::span<const float> positions, std::span<const float> velocities,
+                               std::span<const float> scalars, std::int64_t capture_us = now_us()) {
+    if (positions.size() != 3 * vertices_ || velocities.size() != (velocities_ ? 3 * vertices_ : 0) ||
+        scalars.size() != scalars_ * vertices_) {
+      throw std::invalid_argument(
+          "Publisher::send: 3 numbers per vertex of the asset, and velocities and scalars as announced");
+    }
+    auto pose = EC_INIT(ec_pose);
+    pose.positions = positions.data();
+    pose.velocities = velocities.empty() ? nullptr : velocities.data();
+    pose.scalars = scalars.empty() ? nullptr : scalars.data();
+    pose.capture_us = capture_us;
+    return check(ec_publisher_send_pose(publisher_.get(), &pose));
   }
 
   ec_publisher_stats stats() const {
@@ -144,7 +163,8 @@ class Publisher {
 
  private:
   std::unique_ptr<ec_publisher, void (*)(ec_publisher*)> publisher_;
-  std::size_t values_ = 0;
+  std::size_t vertices_ = 0, scalars_ = 0;
+  bool velocities_ = false;
 };
 
 /// Watches one stream. Not thread-safe; different Subscribers are independent.

@@ -49,6 +49,17 @@ TEST(Projector, InvertsReconstruction) {
   }
 }
 
+TEST(Projector, TakesNoOriginFromVectors) {
+  Asset asset = random_asset(300, 12);
+  asset.origin = {100, -20, 3};
+  const std::vector<double> C = random_values(36);
+  std::vector<double> vectors = source_positions(asset, C);
+  for (std::size_t i = 0; i < vectors.size(); ++i) vectors[i] -= asset.origin[i % 3];
+  const auto found = projector_of(asset).coefficients_from_vectors(std::span<const double>(vectors));
+  ASSERT_TRUE(found);
+  EXPECT_LT(largest_difference(C, *found), 1e-4);  // the sums of places are made in double, and large
+}
+
 // The Gram matrix takes out what quantising did to orthonormality: without it the error would be of the noise's size.
 TEST(Projector, QuantisationOfTheBasisDoesNoHarm) {
   const Asset asset = random_asset(600, 50, 0.02);

@@ -1,0 +1,19 @@
+# SPDX-License-Identifier: MIT
+"""Publish and watch deforming 3D surfaces: libeigencast from Python, by ctypes and numpy.
+
+    asset = eigencast.bake(positions, faces)              # (n, 3) floats, (F, 3) integers; no faces: a point cloud
+    with eigencast.Publisher("ws://broker/demo", asset) as publisher:
+        publisher.send(positions)                         # never blocks
+
+    with eigencast.Subscriber("ws://broker/demo") as subscriber:
+        pose = subscriber.next(timeout=1.0)               # a Pose, or None if none came
+
+Errors are raised as Error; what becomes of a pose that is sent is a value (Sent). An object is used from one thread at a time;
+different ones are independent. Arrays of a Pose are copies: they stay.
+"""
+from ._library import Error, Status, library_path, now_us, version
+from ._objects import Asset, Pose, Publisher, PublisherStats, Sent, Subscriber, SubscriberStats, bake
+
+__all__ = ["Asset", "Error", "Pose", "Publisher", "PublisherStats", "Sent", "Status", "Subscriber", "SubscriberStats", "bake",
+           "library_path", "now_us", "version"]
+__version__ = version()

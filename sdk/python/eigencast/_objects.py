@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: MIT
+"""Assets, publishers and subscribers: objects over the C interface, arrays over its pointers."""
+import ctypes
+import dataclasses
+import enum
+import typing
+
+import numpy
+
+from . import _library
+from ._library import LIBRARY, Status, check
+
+
+def _pointer(array, c_type):
+    return array.ctypes.data_as(ctypes.POINTER(c_type))
+
+
+def _text(value):
+    return None if value is None else str(value).encode()
+
+
+class _Object:
+    """Owns one object of the C interface; closed once, at the latest when nobody refers to it."""
+    _release = staticmethod(lambda handle: None)
+    _handle = None
+
+    def close(self):
+        handle, self._handle = self._handle, None
+        if handle:
+            self._release(handle)
+
+    def _open(self):
+        if not self._handle:
+            raise ValueError(f"the {type(self).__name__.lower()} is closed")
+        return self._handle
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    def __del__(self):
+        self.close()
+
+    def _stats(self, function, c_struct, result):
+        raw = c_struct()
+        check(function(self._open(), ctypes.byref(raw)))
+        return result(**{field.name: field.type(getattr(raw, field.name)) for field in dataclasses.fields(result)})
+
+
+class Asset(_Object):
+    """A surface in the form that can be streamed. Immutable; publishers made from it go on living without it. See bake()."""
+    _release = staticmethod(LIBRARY.ec_asset_release)
+
+    def __init__(self, handle):
+        self._handle = handle
+        info = _library.AssetInfo()
+        check(LIBRARY.ec_asset_get_info(handle, ctypes.byref(info)))
+        self.vertex_count = info.vertex_count
+        self.face_count = info.face_count  #: 0: a point cloud.
+        self.rank = info.rank
+        self.id = info.id.decode()  #: The content id: 64 hexadecimal digits.
+        self.from_cache = bool(info.from_cache)  #: Nothing had to be computed.
+
+
+def bake(positions, faces=None, *, rank=200, basis="augmented", name="", cache_dir=None, progress=None):
+    """Bakes a surface: seconds for tens of thousands of vertices, nothing when it is in the cache.
+
+      positions  (n, 3)
+      faces      (F, 3) vertex numbers, counter-clockwise from outside; None or empty: a point cloud
+      basis      "augmented" or "harmonic"
+      cache_dir  where results are kept and found again; "" for nowhere (default: the user's cache folder)
+      progress   called with a fraction and a stage; what it raises ends the bake and is raised again
+    Raises Error, ValueError (shapes).
+    """
+    positions = numpy.ascontiguousarray(positions, dtype=numpy.float64)
+    if positions.ndim != 2 or positions.shape[1] != 3:
+        raise ValueError(f"positions must be (n, 3), not {positions.shape}")
+    given = numpy.empty((0, 3)) if faces is None else numpy.asarray(faces)
+    if given.ndim != 2 or given.shape[1] != 3:
+        raise ValueError(f"faces must be (F, 3), not {given.shape}")
+    if given.size and (given.min() < 0 or given.max() >= len(positions)):
+        raise ValueError(f"faces name vertices outside 0..{len(positions) - 1}")
+    triangles = numpy.ascontiguousarray(given, dtype=numpy.uint32)
+    raised = []
+
+    def told(_, fraction, stage):
+        try:
+            progress(fraction, stage.decode())
+            return 0
+        except BaseException as error:  # must not cross the C interface; goes on below
+            raised.append(error)
+            return 1
+
+    options = _library.BakeOptions(basis=_text(basis), rank=rank, name=_text(name), cache_dir=_text(cache_dir))
+    if progress is not None:
+        options.progress = _library.PROGRESS(told)
+    handle = ctypes.c_void_p()
+    status = LIBRARY.ec_bake(_pointer(positions, ctypes.c_double), len(positions), _pointer(triangles, ctypes.c_uint32), len(triangles),
+                             ctypes.byref(options), ctypes.byref(handle))
+    if raised:
+        raise raised[0]
+    check(status)
+    return Asset(handle)
+
+
+def _access(token, ca_file, certificate_file, key_file, insecure):
+    return {"token": _text(token), "ca_file": _text(ca_file), "certificate_file": _text(certificate_file), "key_file": _text(key_file),
+            "insecure": int(insecure)}
+
+
+class Sent(enum.Enum):
+    """What became of a pose."""
+    SENT = Status.OK
+    DROPPED = Status.DROPPED  #: The link is behind; the next pose supersedes it.
+    DISCONNECTED = Status.DISCONNECTED  #: There is no connection now; it is being made anew in the background.
+
+
+@dataclasses.dataclass(frozen=True)
+class PublisherStats:
+    live: bool
+    subscribers: int
+    frames_sent: int
+    frames_dropped: int
+    bytes_sent: int
+    reconnects: int
+
+
+class Publisher(_Object):
+    """Publishes one deforming surface to ws://host:port/stream, and keeps doing so across lost connections.
+
+      error               root mean square vertex error that quantising may add, model units (default: 1e-3 of the diagonal)
+      bitrate             bits a second to keep to (default: as the error takes)
+      still_heartbeat_us  while the surface stands still, send it only so often (default: every pose)
+      scalars             how many values ride on each vertex; coded within `error`, too, each in its own unit: a range of about the
+                          surface's diagonal keeps a thousandth of it
+      velocities          poses come with velocities, for viewers that ask for scheme=hermite
+      token               shown to the broker; "@FILE" reads it (default: EIGENCAST_TOKEN of the environment)
+    """
+    _release = staticmethod(LIBRARY.ec_publisher_release)
+
+    def __init__(self, url, asset, *, codec="quantised", error=0.0, key_rate_hz=30.0, bitrate=0.0, still_heartbeat_us=0, scalars=0,
+                 velocities=False, token=None, ca_file=None, certificate_file=None, key_file=None, insecure=False):
+        options = _library.PublisherOptions(codec=_text(codec), error=error, key_rate_hz=key_rate_hz, bitrate=bitrate,
+                                            still_heartbeat_us=still_heartbeat_us, scalars=scalars, velocities=int(velocities),
+                                            **_access(token, ca_file, certificate_file, key_file, insecure))
+        handle = ctypes.c_void_p()
+        check(LIBRARY.ec_publisher_create(_text(url), asset._open(), ctypes.byref(options), ctypes.byref(handle)))
+        self._handle = handle
+        n = asset.vertex_count
+        self._shapes = {"positions": (n, 3), "velocities": (n, 3) if velocities else None, "scalars": (n, scalars) if scalars else None}
+
+    def _rows(self, what, values):
+        """As the library takes them; None where the publisher was not made for them."""
+        shape = self._shapes[what]
+        if (values is None) != (shape is None):
+            raise ValueError(f"{what} {'must be given' if values is None else 'were not announced'}: see Publisher({what}=...)")
+        if values is None:
+            return None
+        rows = numpy.ascontiguousarray(values, dtype=numpy.float32)
+        if what == "scalars" and rows.ndim == 1:
+            rows = rows[:, None]
+        if rows.shape != shape:
+            raise ValueError(f"{what} must be {shape}, not {rows.shape}")
+        return rows
+
+    def send(self, positions, capture_us=None, *, velocities=None, scalars=None):
+        """Sends a pose, (n, 3) in the order that was baked, as of `capture_us` (default: now; must grow), with velocities (n, 3) per second
+        and scalars (n, s) where they were announced. Never blocks."""
+        given = {what: self._rows(what, values)
+                 for what, values in (("positions", positions), ("velocities", velocities), ("scalars", scalars))}
+        pose = _library.PoseToSend(capture_us=_library.now_us() if capture_us is None else int(capture_us))
+        for what, rows in given.items():
+            if rows is not None:
+                setattr(pose, what, _pointer(rows, ctypes.c_float))
+        return Sent(check(LIBRARY.ec_publisher_send_pose(self._open(), ctypes.byref(pose))))
+
+    def stats(self):
+        return self._stats(LIBRARY.ec_publisher_get_stats, _library.PublisherStats, PublisherStats)
+
+
+@dataclasses.dataclass(frozen=True)
+class Pose:
+    """A rebuilt surface of N vertices, coarse to fine."""
+    positions: numpy.ndarray  #: (N, 3) float32
+    normals: typing.Optional[numpy.ndarray]  #: (N, 3) float32, unit length; None for point clouds
+    triangles: numpy.ndarray  #: (T, 3) uint32, all below N
+    source_vertex: numpy.ndarray  #: (N,) uint32: which vertex of the publisher's surface each one is
+    capture_us: int  #: when it holds, on the publisher's clock
+    sequence: int  #: number of the key pose that this is or leads up to
+    interpolated: bool  #: made between two key poses
+    scalars: numpy.ndarray  #: (N, s) float32: what rides on the vertices; s may be 0
+    velocities: typing.Optional[numpy.ndarray]  #: (N, 3) float32 per second; None where the stream carries none
+
+    def in_source_order(self):
+        """(N, 3) positions in the publisher's order of vertices; of a whole surface (detail 1) alone."""
+        ordered = numpy.empty_like(self.positions)
+        ordered[self.source_vertex] = self.positions
+        return ordered
+
+
+@dataclasses.dataclass(frozen=True)
+class SubscriberStats:
+    live: bool
+    keys: int
+    interpolated: int
+    bytes_received: int
+    missed: int
+    reconnects: int
+    latency_p50_us: int
+    latency_p99_us: int
+
+
+class Subscriber(_Object):
+    """Watches ws://host:port/stream[?rate=raw], and keeps doing so across lost connections.
+
+      detail     fraction of the vertices to rebuild, 0..1
+      cache_dir  where downloaded assets are kept; "" for nowhere (default: the user's cache folder)
+    """
+    _release = staticmethod(LIBRARY.ec_subscriber_release)
+
+    def __init__(self, url, *, detail=1.0, cache_dir=None, token=None, ca_file=None, certificate_file=None, key_file=None, insecure=False):
+        options = _library.SubscriberOptions(cache_dir=_text(cache_dir),
+                                             **_access(token, ca_file, certificate_file, key_file, insecure))
+        handle = ctypes.c_void_p()
+        check(LIBRARY.ec_subscriber_create(_text(url), ctypes.byref(options), ctypes.byref(handle)))
+        self._handle = handle
+        self.detail = detail
+
+    def next(self, timeout=1.0):
+        """The next pose, oldest first, waiting at most `timeout` seconds; None if none came, also while connecting."""
+        if check(LIBRARY.ec_subscriber_next(self._open(), max(0, round(1000 * timeout)))) != Status.OK:
+            return None
+        return self._pose()
+
+    def __iter__(self):
+        """All poses from now on, without end."""
+        while self._handle:
+            pose = self.next()
+            if pose is not None:
+                yield pose
+
+    def _pose(self):
+        raw = _library.Surface()
+        check(LIBRARY.ec_subscriber_surface(self._open(), self.detail, ctypes.byref(raw)))
+
+        def copied(pointer, *shape):
+            return numpy.ctypeslib.as_array(pointer, shape).copy() if pointer and shape[0] else numpy.empty(shape, dtype=pointer._type_)
+
+        n, t = raw.vertex_count, raw.triangle_count
+        return Pose(copied(raw.positions, n, 3), copied(raw.normals, n, 3) if raw.normals else None, copied(raw.triangles, t, 3),
+                    copied(raw.source_vertex, n), raw.capture_us, raw.sequence, bool(raw.interpolated),
+                    copied(raw.scalars, n, raw.scalar_count) if raw.scalar_count else numpy.empty((n, 0), dtype=numpy.float32),
+                    copied(raw.velocities, n, 3) if raw.velocities else None)
+
+    def stats(self):
+        return self._stats(LIBRARY.ec_subscriber_get_stats, _library.SubscriberStats, SubscriberStats)

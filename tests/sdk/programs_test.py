@@ -1,0 +1,137 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""Installs the build, takes the programs of docs/sdk.md, builds them against the installed tree, and lets each watch one of another language.
+
+Usage: programs_test.py BUILD_DIR SOURCE_DIR. Exits with 77 where numpy is missing.
+"""
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+import time
+import zlib
+
+try:
+    import numpy  # noqa: F401, the Python programs need it
+except ImportError:
+    print("numpy is not installed for this interpreter")
+    sys.exit(77)
+
+BUILD, SOURCE = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
+WATCHED_BY = {"publish.c": "subscribe.py", "publish.cpp": "subscribe.c", "publish.py": "subscribe.cpp"}
+PAINTED = "stress.py"  # watched by eigencast-client
+
+
+def run(command, **more):
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=100, check=False, **more)
+    if done.returncode != 0:
+        sys.exit(f"{' '.join(map(str, command))} ended with {done.returncode}:\n{done.stdout}")
+    return done.stdout
+
+
+def programs_of(page):
+    """Name -> text of each block that stands below its file's name."""
+    found = dict(re.findall(r"^`(\w+\.(?:c|cpp|py))`\n\n```\w+\n(.*?)^```$", page.read_text(encoding="utf-8"), re.M | re.S))
+    wanted = set(WATCHED_BY) | set(WATCHED_BY.values()) | {PAINTED}
+    if set(found) != wanted:
+        sys.exit(f"{page} has the programs {sorted(found)}, this test runs {sorted(wanted)}")
+    return found
+
+
+def commands(folder, prefix, environment):
+    """Builds what is to be built. Name -> command."""
+    flags = run(["pkg-config", "--cflags", "--libs", "eigencast"], env=environment).split()
+    made = {}
+    for name, text in programs_of(SOURCE / "docs/sdk.md").items():
+        source = folder / name
+        source.write_text(text, encoding="utf-8")
+        if name.endswith(".py"):
+            made[name] = [sys.executable, source]
+            continue
+        program = folder / name.replace(".", "_")
+        compiler = ["cc", "-std=gnu11"] if name.endswith(".c") else ["c++", "-std=c++20"]
+        run(compiler + ["-Wall", "-Wextra", "-Werror", source, "-o", program] + flags + ["-lm"], env=environment)
+        made[name] = [program]
+    return made
+
+
+def rgb_of(png):
+    """Rows of r, g, b of an 8-bit PNG picture without interlacing."""
+    data, at, packed = png.read_bytes(), 8, b""
+    while at < len(data):
+        length, kind = int.from_bytes(data[at:at + 4], "big"), data[at + 4:at + 8]
+        body = data[at + 8:at + 8 + length]
+        if kind == b"IHDR":
+            width, height, samples = int.from_bytes(body[:4], "big"), int.from_bytes(body[4:8], "big"), {2: 3, 6: 4}[body[9]]
+        packed += body if kind == b"IDAT" else b""
+        at += length + 12
+    raw, stride = zlib.decompress(packed), samples * width
+    picture = numpy.zeros((height + 1, stride + samples), dtype=int)  # a row above and a pixel before, of zeros
+    for y in range(height):
+        kind, line = raw[y * (stride + 1)], raw[y * (stride + 1) + 1:(y + 1) * (stride + 1)]
+        row, up = picture[y + 1], picture[y]
+        for i, value in enumerate(line, samples):
+            a, b, c = row[i - samples], up[i], up[i - samples]
+            nearest = min((abs(b - c), 0, a), (abs(a - c), 1, b), (abs(a + b - 2 * c), 2, c))[2]
+            row[i] = value + (0, a, b, (a + b) // 2, nearest)[kind] & 255
+    return picture[1:, samples:].reshape(height, width, samples)[:, :, :3]
+
+
+def watch_scalar(command, url, prefix, environment, folder):
+    """A viewer that is asked for the scalar paints the surface with it: viridis is far greener than clay and wall."""
+    viewer = prefix / "bin/eigencast-client"
+    if not viewer.exists():
+        print("no viewer in this build: the scalar is not looked at")
+        return
+    green = {}
+    with subprocess.Popen(command + [url], env=environment) as sender:
+        for colour in ("clay", "channel:3"):
+            pictures = folder / colour.replace(":", "-")
+            run([viewer, url, "--headless", "--frames", "10", "--out", pictures, "--size", "160x120", "--colour", colour], env=environment)
+            rgb = rgb_of(sorted(pictures.glob("*.png"))[-1])
+            green[colour] = int((rgb[:, :, 1] - rgb[:, :, 0] > 50).sum())
+        sender.terminate()
+    if green["clay"] > 20 or green["channel:3"] < 300:
+        sys.exit(f"pixels in the colours of the scalar: {green}")
+    print(f"{PAINTED}, watched by eigencast-client: pixels in the colours of the scalar {green}")
+
+
+def main():
+    with tempfile.TemporaryDirectory(prefix="eigencast-sdk-") as name:
+        folder = pathlib.Path(name)
+        prefix = folder / "prefix"
+        run(["cmake", "--install", BUILD, "--prefix", prefix])
+        library = next(prefix.rglob("libeigencast.so.0"))
+        package = next(prefix.rglob("eigencast/__init__.py"))
+        environment = dict(os.environ, PKG_CONFIG_PATH=str(next(prefix.rglob("eigencast.pc")).parent), LD_LIBRARY_PATH=str(library.parent),
+                           PYTHONPATH=str(package.parent.parent), EIGENCAST_CACHE=str(folder / "cache"), PYTHONDONTWRITEBYTECODE="1",
+                           XDG_CACHE_HOME=str(folder / "cache"))
+        made = commands(folder, prefix, environment)
+        port_file = folder / "port"
+        broker = subprocess.Popen([prefix / "bin/eigencast-broker", "--listen", "127.0.0.1:0", "--admin-listen", "127.0.0.1:0", "--port-file",
+                                   port_file, "--data-dir", folder / "assets"], env=environment, stdout=subprocess.DEVNULL,
+                                  stderr=subprocess.DEVNULL)
+        try:
+            end = time.monotonic() + 20
+            while not port_file.exists() or not port_file.read_text().endswith("\n"):
+                if time.monotonic() > end or broker.poll() is not None:
+                    sys.exit("the broker did not start")
+                time.sleep(0.05)
+            port = port_file.read_text().split()[0]
+            for publisher, subscriber in WATCHED_BY.items():
+                url = f"ws://127.0.0.1:{port}/sdk/{publisher}"
+                with subprocess.Popen(made[publisher] + [url], env=environment, stdout=subprocess.PIPE, text=True) as sender:
+                    seen = run(made[subscriber] + [url], env=environment).splitlines()
+                    said, _ = sender.communicate(timeout=60)
+                if len(seen) < 30 or sender.returncode != 0 or "sent 0 poses" in said:
+                    sys.exit(f"{publisher} watched by {subscriber}: {len(seen)} lines; {said}")
+                print(f"{publisher}, watched by {subscriber}: {said.strip()}; {seen[-1]}")
+            watch_scalar(made[PAINTED], f"ws://127.0.0.1:{port}/sdk/stress", prefix, environment, folder)
+        finally:
+            broker.terminate()
+            broker.wait()
+
+
+main()

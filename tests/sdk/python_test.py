@@ -1,0 +1,167 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""The Python package against a real broker: what is published arrives, with its scalars and velocities; misuse raises.
+
+Usage: python_test.py BROKER LIBRARY PACKAGE_FOLDER. Exits with 77 where numpy is missing.
+"""
+import gc
+import os
+import pathlib
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+try:
+    import numpy
+except ImportError:
+    print("numpy is not installed for this interpreter")
+    sys.exit(77)
+
+BROKER, os.environ["EIGENCAST_LIBRARY"], PACKAGE = sys.argv[1:4]
+sys.dont_write_bytecode = True
+sys.path.insert(0, PACKAGE)
+import eigencast  # noqa: E402
+from eigencast import _library  # noqa: E402
+
+
+def sheet(side=16):
+    y, x = numpy.mgrid[0:side, 0:side].astype(float) / side
+    positions = numpy.stack([x.ravel(), y.ravel(), 0.1 * numpy.sin(3 * x.ravel())], axis=1)
+    corner = (numpy.arange(side - 1)[:, None] * side + numpy.arange(side - 1)).ravel()
+    faces = numpy.concatenate([numpy.stack([corner, corner + 1, corner + side], axis=1),
+                               numpy.stack([corner + 1, corner + side + 1, corner + side], axis=1)])
+    return positions, faces
+
+
+class Package(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.folder = tempfile.TemporaryDirectory()
+        port = pathlib.Path(cls.folder.name) / "port"
+        cls.broker = subprocess.Popen([BROKER, "--listen", "127.0.0.1:0", "--admin-listen", "127.0.0.1:0", "--port-file", port, "--data-dir",
+                                       pathlib.Path(cls.folder.name) / "assets"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        end = time.monotonic() + 20
+        while not port.exists() or not port.read_text().endswith("\n"):
+            if time.monotonic() > end:
+                raise RuntimeError("the broker did not start")
+            time.sleep(0.02)
+        cls.origin = "ws://127.0.0.1:" + port.read_text().split()[0]
+        cls.positions, cls.faces = sheet()
+        cls.asset = eigencast.bake(cls.positions, cls.faces, rank=40, cache_dir="")
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.broker.terminate()
+        cls.broker.wait()
+        cls.folder.cleanup()
+
+    def watched(self, url, send, enough, **options):
+        """Sends until a watcher has a pose that is enough; gives that."""
+        with eigencast.Subscriber(url + "?rate=raw", cache_dir="", **options) as subscriber:
+            end = time.monotonic() + 30
+            while time.monotonic() < end:
+                send()
+                pose = subscriber.next(timeout=0.03)
+                if pose is not None and enough(pose):
+                    return pose
+            self.fail(f"nothing came: {subscriber.stats()}")
+
+    def test_an_asset_says_what_it_is(self):
+        self.assertEqual((self.asset.vertex_count, self.asset.face_count, self.asset.rank), (256, 450, 40))
+        self.assertRegex(self.asset.id, "^[0-9a-f]{64}$")
+        self.assertFalse(self.asset.from_cache)
+
+    def test_what_is_sent_arrives_in_place_and_order(self):
+        bent = self.positions + numpy.stack([0 * self.positions[:, 0], 0 * self.positions[:, 0], self.positions[:, 0] ** 2], axis=1)
+        with eigencast.Publisher(self.origin + "/bent", self.asset) as publisher:
+            pose = self.watched(self.origin + "/bent", lambda: publisher.send(bent), lambda p: len(p.positions) == 256)
+            self.assertGreater(publisher.stats().frames_sent, 0)
+            self.assertTrue(publisher.stats().live)
+        self.assertLess(numpy.abs(pose.in_source_order() - bent).max(), 0.02)
+        self.assertEqual(pose.triangles.shape, (450, 3))
+        numpy.testing.assert_allclose(numpy.linalg.norm(pose.normals, axis=1), 1, atol=1e-5)
+        self.assertEqual(pose.scalars.shape, (256, 0))
+        self.assertIsNone(pose.velocities)
+        self.assertFalse(pose.interpolated)
+
+    def test_scalars_and_velocities_ride_along(self):
+        stress = numpy.stack([self.positions[:, 0], 1 - self.positions[:, 1], 0.5 + 0 * self.positions[:, 0], self.positions[:, 0] ** 2], axis=1)
+        velocity = numpy.stack([2 + 0 * self.positions[:, 0], 0 * self.positions[:, 0], -self.positions[:, 1]], axis=1)
+        with eigencast.Publisher(self.origin + "/stress", self.asset, scalars=4, velocities=True) as publisher:
+            pose = self.watched(self.origin + "/stress", lambda: publisher.send(self.positions, velocities=velocity, scalars=stress),
+                                lambda p: len(p.positions) == 256)
+            with self.assertRaisesRegex(ValueError, "scalars must be given"):
+                publisher.send(self.positions, velocities=velocity)
+            with self.assertRaisesRegex(ValueError, r"scalars must be \(256, 4\)"):
+                publisher.send(self.positions, velocities=velocity, scalars=stress[:, :2])
+        self.assertEqual(pose.scalars.shape, (256, 4))
+        self.assertLess(numpy.abs(pose.scalars - stress[pose.source_vertex]).max(), 0.05)
+        # Coded as the movement in a quarter of a key interval, within the same error as positions.
+        off = pose.velocities - velocity[pose.source_vertex]
+        self.assertLess(numpy.sqrt((off ** 2).sum(axis=1).mean()), 0.001 * numpy.sqrt(2) * 4 * 30 * 2)
+        self.assertLess(numpy.abs(pose.in_source_order() - self.positions).max(), 0.02)
+
+    def test_a_share_of_the_vertices_may_be_asked_for(self):
+        with eigencast.Publisher(self.origin + "/coarse", self.asset) as publisher:
+            pose = self.watched(self.origin + "/coarse", lambda: publisher.send(self.positions), lambda p: True, detail=0.25)
+        self.assertLess(len(pose.positions), 100)
+        self.assertLess(pose.triangles.max(), len(pose.positions))
+
+    def test_a_point_cloud_has_no_triangles(self):
+        cloud = eigencast.bake(self.positions, rank=20, cache_dir="")
+        with eigencast.Publisher(self.origin + "/cloud", cloud) as publisher:
+            pose = self.watched(self.origin + "/cloud", lambda: publisher.send(self.positions), lambda p: len(p.positions) == 256)
+        self.assertEqual(pose.triangles.shape, (0, 3))
+        self.assertIsNone(pose.normals)
+
+    def test_without_a_broker_it_says_so_and_never_waits(self):
+        with eigencast.Publisher("ws://127.0.0.1:9/nobody", self.asset) as publisher:
+            self.assertIs(publisher.send(self.positions), eigencast.Sent.DISCONNECTED)
+        with eigencast.Subscriber("ws://127.0.0.1:9/nobody", cache_dir="") as subscriber:
+            self.assertIsNone(subscriber.next(timeout=0.01))
+
+    def test_progress_is_told_and_can_end_the_bake(self):
+        told = []
+        eigencast.bake(self.positions, self.faces, rank=30, cache_dir="", progress=lambda fraction, stage: told.append((fraction, stage)))
+        self.assertTrue(told and all(0 <= fraction <= 1 and stage for fraction, stage in told))
+
+        def enough(*_):
+            raise KeyboardInterrupt
+
+        with self.assertRaises(KeyboardInterrupt):
+            eigencast.bake(self.positions, self.faces, rank=30, cache_dir="", progress=enough)
+
+    def test_misuse_raises_and_says_why(self):
+        with self.assertRaisesRegex(ValueError, r"\(n, 3\)"):
+            eigencast.bake(self.positions[:, :2], self.faces)
+        with self.assertRaisesRegex(ValueError, "outside 0..255"):
+            eigencast.bake(self.positions, self.faces - 1)
+        with self.assertRaises(eigencast.Error) as caught:
+            eigencast.Subscriber("not a url")
+        self.assertEqual(caught.exception.status, eigencast.Status.INVALID_ARGUMENT)
+        with self.assertRaises(eigencast.Error):
+            eigencast.Publisher(self.origin + "/many", self.asset, scalars=11)
+        publisher = eigencast.Publisher(self.origin + "/closed", self.asset)
+        publisher.close()
+        with self.assertRaisesRegex(ValueError, "closed"):
+            publisher.send(self.positions)
+        with eigencast.Publisher(self.origin + "/nan", self.asset) as publisher:
+            with self.assertRaises(eigencast.Error):
+                publisher.send(self.positions * numpy.nan)
+
+    def test_objects_that_nobody_refers_to_are_released(self):
+        for _ in range(3):
+            eigencast.Publisher(self.origin + "/dropped", self.asset)
+        gc.collect()
+
+    def test_structs_are_as_long_as_the_library_says(self):
+        """The library writes as many bytes as both sides know, and gives the caller's length back."""
+        info = _library.AssetInfo()
+        _library.check(_library.LIBRARY.ec_asset_get_info(self.asset._open(), info))
+        self.assertEqual(info.struct_size, _library.ctypes.sizeof(info))
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
