@@ -17,6 +17,7 @@
 #include "sender/deform/cage.h"
 #include "sender/deform/cage_deformer.h"
 #include "sender/deform/projected.h"
+#include "sender/deform/reduced_arap.h"
 #include "sender/deform/script.h"
 #include "sender/live.h"
 #include "sender/progress_line.h"
@@ -50,18 +51,20 @@ Result<std::string> text_of(const std::string& path) {
   return std::string((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
 }
 
-Result<std::unique_ptr<Deformer>> with_handles(const std::string& path, const Surface& model) {
-  const auto text = text_of(path);
+/// By hand among the shapes of the asset's basis, which keeps up with the mouse; by a script on the model itself.
+Result<std::unique_ptr<Deformer>> with_handles(const DeformCommand& command, const Surface& model, const Asset& asset) {
+  const auto text = text_of(command.handles);
   if (!text) return text.error();
   auto groups = deform::handle_groups_from_json(*text, model);
-  if (!groups) return in_context(path, groups.error());
+  if (!groups) return in_context(command.handles, groups.error());
   spdlog::info("{} handles", groups->size());
+  if (command.script.empty()) return deform::reduced_arap_deformer(asset, *groups);
   return deform::arap_deformer(model, std::move(*groups));
 }
 
-Result<std::unique_ptr<Deformer>> bind(const DeformCommand& command, const Surface& model, const Console& console,
-                                       Interrupt& interrupt) {
-  if (!command.handles.empty()) return with_handles(command.handles, model);
+Result<std::unique_ptr<Deformer>> bind(const DeformCommand& command, const Surface& model, const Asset& asset,
+                                       const Console& console, Interrupt& interrupt) {
+  if (!command.handles.empty()) return with_handles(command, model, asset);
   auto cage = cage_of(command, model);
   if (!cage) return cage.error();
   spdlog::info("cage: {} vertices, {} faces", cage->vertex_count(), cage->faces.size());
@@ -183,7 +186,8 @@ Result<std::string> by_script(const DeformCommand& command, Deformer& deformer, 
 }
 
 Result<std::string> perform(const DeformCommand& command, Source source, const Console& console, Interrupt& interrupt) {
-  auto deformer = bind(command, source.clip->rest(), console, interrupt);
+  const auto asset = std::make_shared<const Asset>(std::move(source.baked.asset));
+  auto deformer = bind(command, source.clip->rest(), *asset, console, interrupt);
   if (!deformer) return deformer.error();
   std::optional<Script> script;
   if (!command.script.empty()) {
@@ -191,7 +195,6 @@ Result<std::string> perform(const DeformCommand& command, Source source, const C
     if (!read) return read.error();
     script = std::move(*read);
   }
-  const auto asset = std::make_shared<const Asset>(std::move(source.baked.asset));
   const auto projector = Projector::create(*asset);
   if (!projector) return projector.error();
   auto projected = ProjectedDeformer::create(**deformer, *asset, *projector);

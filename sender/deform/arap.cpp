@@ -1,16 +1,14 @@
 // SPDX-License-Identifier: MIT
 #include "sender/deform/arap.h"
 
-#include <Eigen/Geometry>
-#include <Eigen/SVD>
 #include <Eigen/Sparse>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cassert>
-#include <map>
 #include <numeric>
 
 #include "common/core/worker_team.h"
+#include "sender/deform/rigidity.h"
 #include "sender/deform/vector.h"
 
 namespace eigencast::deform {
@@ -21,34 +19,6 @@ using Sparse = Eigen::SparseMatrix<double>;
 
 constexpr std::uint32_t kFree = ~0u;
 constexpr std::size_t kVerticesPerTask = 256;
-// Of the largest angle's cotangent: obtuse and degenerate triangles would repel or tear without it.
-constexpr double kLeastWeight = 1e-3, kMostWeight = 1e3;
-
-struct Neighbour {
-  std::uint32_t vertex;
-  double weight;
-};
-
-/// Each vertex's neighbours with half the sum of the cotangents across the edge, held between bounds.
-std::vector<std::vector<Neighbour>> neighbours_of(const Surface& model) {
-  std::map<std::pair<std::uint32_t, std::uint32_t>, double> edges;
-  for (const Face& f : model.faces) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      const std::uint32_t a = f[(k + 1) % 3], b = f[(k + 2) % 3];
-      if (a == b) continue;
-      const Vec3 u = model.positions[a] - model.positions[f[k]], v = model.positions[b] - model.positions[f[k]];
-      const double area2 = length(cross(u, v));
-      edges[{std::min(a, b), std::max(a, b)}] += area2 > 0 ? 0.5 * dot(u, v) / area2 : 0;
-    }
-  }
-  std::vector<std::vector<Neighbour>> all(model.vertex_count());
-  for (const auto& [edge, cotangents] : edges) {
-    const double weight = std::clamp(cotangents, kLeastWeight, kMostWeight);
-    all[edge.first].push_back({edge.second, weight});
-    all[edge.second].push_back({edge.first, weight});
-  }
-  return all;
-}
 
 /// A vertex that no path of edges leads to from a held one, or the number of vertices.
 std::size_t unheld(const std::vector<std::vector<Neighbour>>& neighbours, const std::vector<std::uint32_t>& held) {
@@ -77,7 +47,7 @@ class ArapDeformer final : public Deformer {
       : rest_(model.positions),
         groups_(std::move(groups)),
         iterations_(iterations),
-        neighbours_(neighbours_of(model)) {}
+        neighbours_(cotangent_neighbours(model.positions, model.faces)) {}
 
   Result<void> prepare();
   std::span<const Vec3> handles() const override { return handles_; }
@@ -155,11 +125,7 @@ void ArapDeformer::fit_rotations() {
         S += n.weight * eigen(rest_[n.vertex] - rest_[v]) *
              (pose_.row(n.vertex) - pose_.row(static_cast<Eigen::Index>(v)));
       }
-      const Eigen::JacobiSVD<Eigen::Matrix3d> svd(S, Eigen::ComputeFullU | Eigen::ComputeFullV);
-      Eigen::Matrix3d V = svd.matrixV();
-      // A rotation, not a reflection: the direction that matters least is turned over.
-      if ((V * svd.matrixU().transpose()).determinant() < 0) V.col(2) = -V.col(2);
-      rotations_[v] = V * svd.matrixU().transpose();
+      rotations_[v] = best_rotation(S);
     }
   });
 }

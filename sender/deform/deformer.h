@@ -31,6 +31,10 @@ class Deformer {
   virtual std::vector<Vec3> positions(std::span<const Vec3> moved) = 0;
   /// The map that positions() is, if it is linear in controls that the handles determine; else null.
   virtual const LinearMap* linear_map() const { return nullptr; }
+  /// Whether it works on an asset's basis itself and gives its coefficients; else they are projected.
+  virtual bool makes_coefficients() const { return false; }
+  /// Those of the pose (r x 3, row-major). REQUIRES: makes_coefficients(); as positions().
+  virtual std::vector<double> coefficients(std::span<const Vec3>) { return {}; }
   /// The controls y (c x 3, row-major) of the linear map. REQUIRES: linear_map() is not null; as positions().
   virtual std::vector<double> controls(std::span<const Vec3>) const { return {}; }
 };

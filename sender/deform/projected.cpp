@@ -27,13 +27,12 @@ Result<void> ProjectedDeformer::project_weights(const LinearMap& map, const Asse
   controls_ = c;
   P_.resize(rank_ * c);
   offset_.resize(rank_ * 3);
-  // The projector takes three columns at a time and subtracts the origin from them, which is added before.
-  std::vector<double> columns(3 * n);
-  const auto project = [&](const auto& value_of) -> Result<std::vector<double>> {
+  std::vector<double> columns(3 * n);  // as many as the projector takes at a time
+  const auto project = [&](const auto& value_of) {
     for (std::size_t i = 0; i < n; ++i) {
-      for (std::size_t k = 0; k < 3; ++k) columns[3 * i + k] = value_of(i, k) + asset.origin[k];
+      for (std::size_t k = 0; k < 3; ++k) columns[3 * i + k] = value_of(i, k);
     }
-    return projector_->coefficients_from_positions(std::span<const double>(columns));
+    return projector_->coefficients_from_vectors(std::span<const double>(columns));
   };
   for (std::size_t first = 0; first < c; first += 3) {
     const auto C =
@@ -52,6 +51,7 @@ Result<void> ProjectedDeformer::project_weights(const LinearMap& map, const Asse
 }
 
 Result<std::vector<double>> ProjectedDeformer::coefficients(std::span<const Vec3> moved) {
+  if (deformer_->makes_coefficients()) return deformer_->coefficients(moved);
   if (!is_linear()) {
     const std::vector<Vec3> pose = deformer_->positions(moved);
     return projector_->coefficients_from_positions(std::span<const double>(pose.front().data(), 3 * pose.size()));

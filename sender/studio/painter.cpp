@@ -134,7 +134,7 @@ class Painter::Impl {
     const glm::vec3 low(facts.low[0], facts.low[1], facts.low[2]), high(facts.high[0], facts.high[1], facts.high[2]);
     const float aside = options_.high.x + kGap * (options_.high.x - options_.low.x) - low.x;
     beside_ = glm::translate(glm::mat4(1), {aside, 0, 0});
-    log(options_.log, LogLevel::kInfo,
+    log(options_.log, LogLevel::kDebug,
         std::to_string(scene_.vertex_count()) + " vertices of others stand beside the model");
     const glm::vec3 shift(aside, 0, 0);
     const std::lock_guard lock(mutex_);

@@ -316,8 +316,11 @@ void Studio::make_surface() {
 std::vector<std::string> Studio::figures() const {
   const std::size_t chosen = editor_.chosen_count();
   char error[96];
-  std::snprintf(error, sizeof error, "%s, sent within %.2g rms, %.2g largest, of the diagonal",
-                local_.received_shown() ? "as viewers get it" : "full detail", local_.rms(), local_.max());
+  if (deformer_.linear_map() == nullptr)
+    std::snprintf(error, sizeof error, "what is sent is all there is");
+  else
+    std::snprintf(error, sizeof error, "%s, sent within %.2g rms, %.2g largest, of the diagonal",
+                  local_.received_shown() ? "as viewers get it" : "full detail", local_.rms(), local_.max());
   return {std::string(name_of(hand_.tool())) + ", " + (chosen == 0 ? "all" : std::to_string(chosen) + " of") + " " +
               std::to_string(editor_.handles().size()) + " handles",
           error};

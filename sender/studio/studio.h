@@ -33,7 +33,7 @@ struct Report {
 
 /// A window in which a hand deforms a surface, which goes out while it does. Returns when the window is closed, the time is over or
 /// stop() says so.
-///   deformer   must have a linear map
+///   deformer   has a linear map, or makes coefficients
 /// All must outlive the call. Call from the main thread. Errors: kUnsupported (no display, no OpenGL), kInvalidArgument (a URL).
 Result<Report> run(const Options& options, deform::Deformer& deformer, deform::ProjectedDeformer& projected,
                    const Asset& asset, Publisher& publisher, const std::function<bool()>& stop, const LogSink& log);

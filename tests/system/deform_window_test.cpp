@@ -52,7 +52,8 @@ class Desk {
                                  "--size",
                                  std::to_string(kWidth) + "x" + std::to_string(kHeight),
                                  "--json",
-                                 report_file()};
+                                 report_file(),
+                                 "--verbose"};
     all.insert(all.end(), more.begin(), more.end());
     sender_ = std::make_unique<Process>(std::move(all), scene_.file(name_ + ".log"));
     ASSERT_TRUE(sender_->wait_for_output("live at", milliseconds(60000))) << sender_->output();
@@ -138,6 +139,9 @@ struct Twin {
   studio::Hand hand;
 };
 
+// A software renderer shares the processor with everything else.
+constexpr milliseconds kPatience{60000};
+
 #define SKIP_WITHOUT_A_SCREEN() \
   if (!on_path("Xvfb") || !on_path("xdotool")) GTEST_SKIP() << "Xvfb and xdotool are not installed"
 
@@ -150,10 +154,12 @@ TEST(DeformWindow, AMouseDeformsTheHeartAndAViewerSeesIt) {
   const auto client = scene.start_client("viewer", {"--frames", "100000"});
   Twin twin;
   const auto arrives = [&](double within) {
-    return eventually([&] {
-      const auto poses = scene.received("viewer");
-      return !poses.empty() && twin.distance(poses.back()) < within;
-    });
+    return eventually(
+        [&] {
+          const auto poses = scene.received("viewer");
+          return !poses.empty() && twin.distance(poses.back()) < within;
+        },
+        kPatience);
   };
   ASSERT_TRUE(arrives(2e-3)) << scene.logs();
 
@@ -218,10 +224,12 @@ TEST(DeformWindow, TwoNodesDeformAndSeeEachOther) {
   twins[1].drag(knob, grown);
   bobs.drag(knob, grown);
   const auto arrives = [&](const std::string& viewer, Twin& twin) {
-    return eventually([&] {
-      const auto poses = scene.received(viewer);
-      return !poses.empty() && twin.distance(poses.back()) < 5e-3;
-    });
+    return eventually(
+        [&] {
+          const auto poses = scene.received(viewer);
+          return !poses.empty() && twin.distance(poses.back()) < 5e-3;
+        },
+        kPatience);
   };
   EXPECT_TRUE(arrives("of-ann", twins[0])) << scene.logs();
   EXPECT_TRUE(arrives("of-bob", twins[1])) << scene.logs();
