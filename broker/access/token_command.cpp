@@ -4,6 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
+#include <memory>
 #include <sstream>
 #include <utility>
 #include <vector>
@@ -156,12 +157,15 @@ void add_options(CLI::App& app, Arguments& arguments, bool creates) {
   app.add_flag("--admin", arguments.admin, creates ? "Its holder may administer" : "Ask also for the right admin");
 }
 
-}  // namespace
+constexpr const char* kDescription = "Makes tokens and says what they are good for";
 
-CommandEnd token_command(int argc, const char* const* argv, std::span<const std::string_view> environment,
-                         std::int64_t now_unix_s, const std::string& input) {
-  Arguments arguments;
-  CLI::App app("Makes tokens and says what they are good for", "eigencast-broker token");
+struct Commands {
+  CLI::App* create;
+  CLI::App* inspect;
+};
+
+/// `arguments` must outlive `app`.
+Commands add_commands(CLI::App& app, Arguments& arguments) {
   app.footer(kFooter);
   app.require_subcommand(1);
   CLI::App* make = app.add_subcommand("create", "Make a token, signed (JWT) or fixed");
@@ -173,6 +177,16 @@ CommandEnd token_command(int argc, const char* const* argv, std::span<const std:
   CLI::App* look = app.add_subcommand("inspect", "Say what a token grants, or why it would be refused");
   add_options(*look, arguments, false);
   look->add_option("token", arguments.token, "The token, or - to read it from standard input")->required();
+  return {make, look};
+}
+
+}  // namespace
+
+CommandEnd token_command(int argc, const char* const* argv, std::span<const std::string_view> environment,
+                         std::int64_t now_unix_s, const std::string& input) {
+  Arguments arguments;
+  CLI::App app(kDescription, "eigencast-broker token");
+  const Commands commands = add_commands(app, arguments);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -186,7 +200,14 @@ CommandEnd token_command(int argc, const char* const* argv, std::span<const std:
   }
   const auto policy = configured_policy(arguments.config_file, environment);
   if (!policy) return failed(policy.error());
-  return make->parsed() ? create(arguments, **policy, now_unix_s) : inspect(arguments, **policy, now_unix_s);
+  return commands.create->parsed() ? create(arguments, **policy, now_unix_s) : inspect(arguments, **policy, now_unix_s);
+}
+
+void describe_token_command(CLI::App& app) {
+  const auto arguments = std::make_shared<Arguments>();
+  CLI::App* token = app.add_subcommand("token", kDescription);
+  add_commands(*token, *arguments);
+  token->callback([arguments] {});  // keeps them as long as the table
 }
 
 }  // namespace eigencast::broker

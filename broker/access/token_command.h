@@ -6,6 +6,10 @@
 #include <string>
 #include <string_view>
 
+namespace CLI {
+class App;
+}
+
 namespace eigencast::broker {
 
 /// What a command ends with.
@@ -18,5 +22,8 @@ struct CommandEnd {
 /// eigencast-broker token create|inspect ...; argv[0] is "token". `input` is asked for a token that is given as "-".
 CommandEnd token_command(int argc, const char* const* argv, std::span<const std::string_view> environment,
                          std::int64_t now_unix_s, const std::string& input);
+
+/// The table of its options as command "token" of `app`, for help, manual page and completion.
+void describe_token_command(CLI::App& app);
 
 }  // namespace eigencast::broker

@@ -6,21 +6,24 @@
 #include <utility>
 #include <vector>
 
+#include "broker/access/token_command.h"
 #include "broker/config/places.h"
 #include "broker/config/show.h"
+#include "common/command_line/documents.h"
 
 namespace eigencast::broker {
 namespace {
 
-constexpr const char* kFooter =
-    "Examples:\n"
-    "  eigencast-broker                                         listen on 127.0.0.1:7490\n"
-    "  eigencast-broker --listen 127.0.0.1:0 --port-file PORT   any free port, written to PORT\n"
-    "  eigencast-broker --config eigencast.toml --check-config  try a configuration\n"
-    "  eigencast-broker --default-config                        all settings, explained\n"
+constexpr const char* kExamples =
+    "eigencast-broker                                         # listens on 127.0.0.1:7490\n"
+    "eigencast-broker --listen 127.0.0.1:0 --port-file PORT   # any free port, written to PORT\n"
+    "eigencast-broker --config eigencast.toml --check-config  # tries a configuration\n"
+    "eigencast-broker --default-config                        # all settings, explained\n"
+    "eigencast-broker token create --publish 'lab/**'         # a token for a sender";
+constexpr const char* kExitStatus = "0  ended as asked\n1  failure\n2  usage or configuration\n4  cannot listen";
+constexpr const char* kSettings =
     "Every setting has a flag, --section-name (--limits-max-streams 16), and a name in the environment,\n"
-    "EIGENCAST_SECTION__NAME. SIGHUP reads the configuration again.\n"
-    "Exit codes: 0 ended as asked, 1 failure, 2 usage or configuration, 4 cannot listen.";
+    "EIGENCAST_SECTION__NAME. SIGHUP reads the configuration again.";
 
 /// The flags that --help shows; the others are in --default-config.
 struct ShownFlag {
@@ -60,7 +63,7 @@ Result<Options> read_options(int argc, const char* const* argv, std::span<const 
                              std::string_view version) {
   Options options;
   CLI::App app("Relays live deforming surfaces from senders to any number of viewers", "eigencast-broker");
-  app.footer(kFooter);
+  app.footer(std::string("examples:\n") + kExamples + "\n\n" + kSettings + "\n\nexit status:\n" + kExitStatus);
   app.set_version_flag("--version", "eigencast-broker " + std::string(version));
   app.add_option("-c,--config", options.sources.file,
                  "Configuration file (TOML; default: eigencast.toml in $CONFIGURATION_DIRECTORY, if there)");
@@ -74,6 +77,11 @@ Result<Options> read_options(int argc, const char* const* argv, std::span<const 
   app.add_flag("--check-config", options.check_only, "Read and check the configuration, then end");
   app.add_flag("--show-config", show, "Print every setting and where its value comes from, then end");
   app.add_flag("--default-config", defaults, "Print the default configuration file with its explanations, then end");
+  std::string shell;
+  CLI::App* completion = app.add_subcommand("completion", "Write a completion script to standard output");
+  completion->add_option("shell", shell, "For which shell")->required()->check(CLI::IsMember({"bash", "zsh", "fish"}));
+  CLI::App* man = app.add_subcommand("man", "Write the manual page to standard output")->group("");
+  describe_token_command(app);  // carried out before this table is asked
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -84,6 +92,11 @@ Result<Options> read_options(int argc, const char* const* argv, std::span<const 
       return options;
     }
     return fail(ErrorCode::kInvalidArgument, err.str());
+  }
+  if (completion->parsed() || man->parsed()) {
+    options.answer = man->parsed() ? man_page_from(app, version, kExitStatus, kExamples)
+                                   : completion_from(app, *shell_from_name(shell));
+    return options;
   }
   if (defaults) {
     options.answer = default_file();

@@ -67,7 +67,8 @@ std::string man_page_from(const CLI::App& app, std::string_view version, std::st
       if (!option.environment.empty()) environment[option.environment] = option.description;
     }
     if (row.path.empty()) {
-      if (rows.size() == 1) page += "\\fB" + roff(name) + "\\fR [\\fIoptions\\fR]\n.br\n";
+      if (rows.size() == 1 || app.get_require_subcommand_min() == 0)
+        page += "\\fB" + roff(name) + "\\fR [\\fIoptions\\fR]\n.br\n";
       continue;
     }
     std::string title = row.path[0];

@@ -281,7 +281,7 @@ TEST(OptionsTest, UsageErrorsAndAnswers) {
   const char* version[] = {"eigencast-broker", "--version"};
   EXPECT_THAT(read_options(2, version, {}, "1.2.3")->answer.value(), HasSubstr("eigencast-broker 1.2.3"));
   const char* help[] = {"eigencast-broker", "--help"};
-  EXPECT_THAT(read_options(2, help, {}, "0")->answer.value(), HasSubstr("Exit codes"));
+  EXPECT_THAT(read_options(2, help, {}, "0")->answer.value(), HasSubstr("exit status"));
 }
 
 }  // namespace
