@@ -1,18 +1,23 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Holds a running broker to RFC 6455, from outside: raw bytes, Python's websockets, Node's ws where they are installed.
+"""Holds a running broker to RFC 6455, from outside: raw bytes, and Python's websockets, Node's ws and Chromium where they are
+installed.
 
     rfc6455_test.py BROKER [-v]        the broker must be built with EIGENCAST_TEST_ENDPOINTS (for /echo)
 """
 import asyncio
 import base64
 import hashlib
+import http.server
 import os
 import pathlib
+import queue
 import shutil
 import socket
 import subprocess
 import sys
+import tempfile
+import threading
 import time
 import unittest
 
@@ -221,6 +226,73 @@ class Raw(Case):
         self.assertEqual(peer.receive(), (TEXT, b"alive"))
 
 
+class Strict(Case):
+    """What the Autobahn test suite calls strict: what was whole is echoed first, and a fault ends the connection at once."""
+
+    def echoes_then_fails_with(self, code, good, bad):
+        for step in (None, 1):
+            peer = Peer(self.port)
+            peer.send(frame(TEXT, good), bad, step=step)
+            self.assertEqual(peer.receive(), (TEXT, good))
+            self.assertEqual(peer.close_code(), code)
+
+    def test_what_came_before_a_fault_is_answered(self):
+        for reserved in range(1, 8):
+            for opcode in (TEXT, BINARY, CLOSE, PING, PONG):
+                self.echoes_then_fails_with(1002, b"*", frame(opcode, b"*", reserved=reserved))
+        for opcode in (3, 7, 11, 15):
+            self.echoes_then_fails_with(1002, b"*", frame(opcode))
+            self.echoes_then_fails_with(1002, b"*", frame(opcode, b"payload") + frame(PING))
+        self.echoes_then_fails_with(1002, b"*", frame(0, b"no message has begun"))
+        self.echoes_then_fails_with(1002, b"*", frame(0, b"no message has begun", fin=False))
+
+    def test_a_message_in_fragments_at_every_boundary(self):
+        peer = Peer(self.port)
+        payload = "Hello-\u00b5\u20ac\U0001f600!".encode()
+        for opcode in (TEXT, BINARY):
+            for first in range(len(payload) + 1):
+                for second in range(first, len(payload) + 1):
+                    peer.send(frame(opcode, payload[:first], fin=False), frame(PING, b"p"), frame(0, payload[first:second], fin=False),
+                              frame(PONG), frame(0, payload[second:]))
+                    self.assertEqual(peer.receive(), (PONG, b"p"))
+                    self.assertEqual(peer.receive(), (opcode, payload), (first, second))
+
+    def test_bad_utf8_ends_at_its_octet_in_whatever_fragment(self):
+        start = "\u03ba\u1f79\u03c3\u03bc\u03b5".encode()
+        for bad in (b"\xf4\x90", b"\xed\xa0", b"\xc0", b"\xe0\x80", b"\xf0\x80", b"\xf5", b"\xff", b"\xce\x41", b"\xe1\x80\x41"):
+            for cut in range(len(bad)):
+                peer = Peer(self.port)
+                # No fragment is the last, and the frame of the bad octet is not whole: it must be found all the same.
+                peer.send(frame(TEXT, start + bad[:cut], fin=False), frame(0, bad[cut:] + b"never sent", fin=False)[:6 + len(bad) - cut])
+                self.assertEqual(peer.close_code(), 1007, (bad, cut))
+
+    def test_a_character_may_be_unfinished_until_the_message_ends(self):
+        for unfinished in (b"\xce", b"\xe1\xbd", b"\xf0\x9f\x98"):
+            peer = Peer(self.port)
+            peer.send(frame(TEXT, unfinished, fin=False), frame(PING, b"still there"))
+            self.assertEqual(peer.receive(), (PONG, b"still there"))
+            peer.send(frame(0))
+            self.assertEqual(peer.close_code(), 1007)
+
+    def test_nothing_is_answered_after_a_close(self):
+        for late in (frame(TEXT, b"late"), frame(PING, b"late"), frame(BINARY, b"*" * 200_000)):
+            peer = Peer(self.port)
+            peer.send(close_frame(1000), late)
+            opcode, payload = peer.receive()
+            self.assertEqual((opcode, payload[:2]), (CLOSE, b"\x03\xe8"))
+            peer.sock.settimeout(5)
+            try:
+                self.assertEqual(peer.buffer + peer.sock.recv(4096), b"")
+            except ConnectionResetError:
+                pass  # It closed with the late bytes unread.
+
+    def test_a_close_between_fragments_ends_the_message(self):
+        for code in (1000, 3000, 4999):
+            peer = Peer(self.port)
+            peer.send(frame(TEXT, b"frag", fin=False), close_frame(code, b"enough"), frame(0, b"ment"))
+            self.assertEqual(peer.close_code(), code)
+
+
 class PythonWebsockets(Case):
     def setUp(self):
         try:
@@ -268,6 +340,85 @@ ws.on('error', (error) => { console.error(error); process.exit(6); });
             self.skipTest("SKIPPED: no node, or no `ws` in its folder: npm install ws, and NODE_PATH names its node_modules")
         done = subprocess.run([node, "-e", self.SCRIPT, "node", str(self.port)], env={**os.environ, "NODE_PATH": where}, timeout=30)
         self.assertEqual(done.returncode, 0)
+
+
+PAGE = """<!doctype html><script>
+const base = 'ws://127.0.0.1:PORT', seen = [];
+const told = (event) => new Promise((resolve, reject) => Object.assign(event[0], {['on' + event[1]]: resolve, onerror: () => reject(event[1] + ': error')}));
+async function echo() {
+  const ws = new WebSocket(base + '/echo');
+  ws.binaryType = 'arraybuffer';
+  await told([ws, 'open']);
+  seen.push('extensions:' + ws.extensions);
+  for (const size of [0, 1, 125, 126, 65535, 65536, 1 << 20]) {
+    for (const sent of ['\u03ba'.repeat(size), new Uint8Array(size).fill(7)]) {
+      ws.send(sent);
+      const got = (await told([ws, 'message'])).data;
+      const same = typeof sent === 'string' ? got === sent : new Uint8Array(got).every((byte) => byte === 7) && got.byteLength === size;
+      if (!same) throw 'echo of ' + size;
+    }
+  }
+  ws.close(4321, 'bye');
+  const closed = await told([ws, 'close']);
+  seen.push('echo:' + closed.code + closed.wasClean);
+}
+async function refused() {
+  const ws = new WebSocket(base + '/v1/subscribe', 'eigencast.v1');
+  seen.push('op:' + JSON.parse((await told([ws, 'message'])).data).op + ws.protocol);
+  ws.send(new Uint8Array(3));
+  const closed = await told([ws, 'close']);
+  seen.push('refused:' + closed.code + closed.wasClean);
+  const wrong = new WebSocket(base + '/v1/subscribe', 'chat');
+  await told([wrong, 'open']).then(() => seen.push('opened'), () => seen.push('not opened'));
+}
+echo().then(refused).catch((error) => seen.push('' + error)).then(() => fetch('/done', {method: 'POST', body: seen.join(' ')}));
+</script>"""
+
+
+class Chromium(unittest.TestCase):
+    def test_echo_closes_and_subprotocols(self):
+        chromium = shutil.which("chromium")
+        if not chromium:
+            self.skipTest("SKIPPED: chromium is not installed")
+        done = queue.Queue()
+        # The page is of another origin than the broker, which must be told that it may come.
+        server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), lambda *args: Page(done, *args))
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        self.addCleanup(server.server_close)
+        self.addCleanup(server.shutdown)
+        page = f"http://127.0.0.1:{server.server_address[1]}"
+        with Broker(BROKER, f"--access-origins={page}") as broker, tempfile.TemporaryDirectory() as folder:
+            server.page = PAGE.replace("PORT", str(broker.port)).encode()
+            browser = subprocess.Popen([chromium, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", f"--user-data-dir={folder}",
+                                        page], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+            try:
+                self.assertEqual(done.get(timeout=60), "extensions: echo:4321true op:welcomeeigencast.v1 refused:1003true not opened")
+            finally:
+                browser.terminate()
+                browser.wait(10)
+
+
+class Page(http.server.BaseHTTPRequestHandler):
+    def __init__(self, done, *args):
+        self.done = done
+        super().__init__(*args)
+
+    def do_GET(self):
+        self.answer(self.server.page)
+
+    def do_POST(self):
+        self.done.put(self.rfile.read(int(self.headers["Content-Length"])).decode())
+        self.answer(b"")
+
+    def answer(self, body):
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html; charset=utf-8")
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *_):
+        pass
 
 
 if __name__ == "__main__":
