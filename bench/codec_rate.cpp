@@ -57,9 +57,11 @@ struct Tally {
   double square = 0;  ///< Of surface distances between target and decoded pose.
   std::vector<double> encode_us, decode_us;
 
+  /// encode  what made `coded`
+  template <typename Encode>
   void add(const CoefficientLayout& layout, const Asset& asset, const ChainState& state, const Key& target,
-           const CodedKey& coded, std::uint8_t half_spacing) {
-    encode_us.push_back(time_us([&] { (void)encode_key(layout, state, target, half_spacing); }));
+           const CodedKey& coded, Encode&& encode) {
+    encode_us.push_back(time_us(encode));
     decode_us.push_back(time_us([&] { (void)decode_key(layout, target.bands, state, coded.payload); }));
     ++frames;
     bytes += coded.payload.size();
@@ -115,10 +117,14 @@ void run(const MotionClip& clip, double eps, double keys_per_second, int rank) {
     Key held = target;
     if (state) {
       CodedKey coded = value_or_exit(encode_key(layout, *state, target, quantiser.half_spacing));
-      keys.add(layout, asset, *state, target, coded, quantiser.half_spacing);
+      keys.add(layout, asset, *state, target, coded,
+               [&] { (void)encode_key(layout, *state, target, quantiser.half_spacing); });
       for (std::uint32_t at = 1; at < 3; ++at) {
         const Key pose = value_or_exit(interpolate_keys(layout, state->newer, coded.key, at, 3));
-        synthetics.add(layout, asset, *state, pose, value_or_exit(encode_key(layout, *state, pose, coarse)), coarse);
+        const auto encode = [&] { return value_or_exit(encode_pose(layout, *state, pose, coarse)); };
+        CodedKey made{encode(), {}};
+        made.key = value_or_exit(decode_key(layout, pose.bands, *state, made.payload));
+        synthetics.add(layout, asset, *state, pose, made, encode);
       }
       held = std::move(coded.key);
     }

@@ -171,21 +171,16 @@ void Feed::emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out) {
   emit_made(head, stands_at_->half_spacing, state, pose, out);
 }
 
-void Feed::emit_made(Envelope head, std::uint8_t key_spacing, const ChainState& state, const Result<Key>& pose,
+void Feed::emit_made(Envelope head, std::uint8_t key_spacing, const ChainState& state, Result<Key> pose,
                      std::vector<FramePtr>& out) {
   if (!pose) return void(++failed_poses_);
   const unsigned half_spacing =
       std::min(kMaxHalfSpacing, unsigned{key_spacing} * kSyntheticSpacingNumerator / kSyntheticSpacingDenominator);
-  auto coded = encode_key(source_.layout, state, *pose, static_cast<std::uint8_t>(half_spacing));
-  if (!coded) return void(++failed_poses_);
-  Bytes payload = std::move(coded->payload);
-  head.bands = pose->bands & mask_;
-  if (head.bands != pose->bands) {
-    auto cut = cut_bands(source_.layout, false, pose->bands, mask_, payload);
-    if (!cut) return void(++failed_poses_);
-    payload = std::move(*cut);
-  }
-  out.push_back(make_frame(head, payload));
+  pose->bands &= mask_;  // Bands are coded each for itself: the others need not be coded at all.
+  head.bands = pose->bands;
+  const auto payload = encode_pose(source_.layout, state, *std::move(pose), static_cast<std::uint8_t>(half_spacing));
+  if (!payload) return void(++failed_poses_);
+  out.push_back(make_frame(head, *payload));
 }
 
 Result<Key> Feed::pose_between(const KeyRecord& record, const Pacer::Due& due) {

@@ -90,7 +90,7 @@ class Feed {
   void emit_synthetic(const KeyRecord& record, const Pacer::Due& due, std::vector<FramePtr>& out);
   void emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out);
   /// A pose that is no reference, coded against `state` more coarsely than a key of `key_spacing`, and cut to the profile's bands.
-  void emit_made(Envelope head, std::uint8_t key_spacing, const ChainState& state, const Result<Key>& pose,
+  void emit_made(Envelope head, std::uint8_t key_spacing, const ChainState& state, Result<Key> pose,
                  std::vector<FramePtr>& out);
   Result<Key> pose_between(const KeyRecord& record, const Pacer::Due& due);
   Result<Key> pose_on_curve(const KeyRecord& record, const KeyRecord* next, TimeUs t_us) const;

@@ -109,6 +109,22 @@ Result<void> append_run(const CoefficientLayout& layout, std::size_t band, const
   return {};
 }
 
+/// Appends the run of a band of a pose at the state's own step; false: it takes append_run.
+bool append_quick_run(const CoefficientLayout& layout, std::size_t band, const ChainState& state, const Key& pose,
+                      std::uint8_t half_spacing, band::QuickWorkspace& workspace, Bytes& out) {
+  if (half_spacing == 0 || is_float(layout) || pose.step != state.newer.step) return false;
+  if (!has(state.newer.bands, band) || !fits(layout, state.newer)) return false;
+  const Key& older = state.older;
+  const bool moves = has(older.bands, band) && fits(layout, older) && older.step == pose.step;
+  if (!moves && has(older.bands, band)) return false;
+  const auto [first, last] = layout.range(band);
+  const auto of_band = [&, first = first, count = last - first](const Key& key) {
+    return std::span(key.q).subspan(first, count);
+  };
+  return band::append_quick(of_band(pose), of_band(state.newer), of_band(moves ? older : state.newer),
+                            {half_spacing, layout.channels}, workspace, out);
+}
+
 /// Reads one run into `key` and returns the bytes it took.
 Result<std::size_t> read_run(const CoefficientLayout& layout, std::size_t band, const band::References& from,
                              std::uint8_t half_spacing, ByteView in, Key& key) {
@@ -142,6 +158,20 @@ void append_head(const CoefficientLayout& layout, bool join, const Head& head, B
   writer.u8(head.older_step);
   writer.u8(head.older_bands);
   writer.varint(static_cast<std::uint64_t>(head.age_us));
+}
+
+Result<void> check_coded(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing) {
+  if (key.bands == 0 || !fits(layout, key)) return misuse("the key does not fit the layout");
+  if (half_spacing > band::kMaxHalfSpacing) return misuse("a half spacing is 63 steps at most");
+  return {};
+}
+
+/// Of a key or synthetic pose.
+void append_key_head(const CoefficientLayout& layout, const ChainState& state, const Key& key,
+                     std::uint8_t half_spacing, ByteWriter& writer) {
+  const std::uint8_t m = is_float(layout) ? std::uint8_t{0} : half_spacing;
+  const bool same_step = !is_float(layout) && key.step == state.newer.step;
+  append_head(layout, false, {m, same_step ? std::nullopt : std::optional(key.step), 0, 0, 0}, writer);
 }
 
 Result<Head> read_head(const CoefficientLayout& layout, bool join, std::uint8_t bands, ByteReader& reader) {
@@ -194,23 +224,43 @@ ChainState advanced(std::optional<ChainState> state, Key key, TimeUs age_us) {
 
 Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& state, const Key& key,
                             std::uint8_t half_spacing) {
-  if (key.bands == 0 || !fits(layout, key)) return misuse("the key does not fit the layout");
-  if (half_spacing > band::kMaxHalfSpacing) return misuse("a half spacing is 63 steps at most");
+  if (const auto checked = check_coded(layout, key, half_spacing); !checked) return checked.error();
   CodedKey out{{}, key};
   ByteWriter writer(out.payload);
-  const std::uint8_t m = is_float(layout) ? std::uint8_t{0} : half_spacing;
-  const bool same_step = !is_float(layout) && key.step == state.newer.step;
-  append_head(layout, false, {m, same_step ? std::nullopt : std::optional(key.step), 0, 0, 0}, writer);
+  append_key_head(layout, state, key, half_spacing, writer);
   Bytes run;
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
     if (!has(key.bands, band)) continue;
     run.clear();
-    const auto appended = append_run(layout, band, references(layout, state, band, key.step), m, out.key, run);
+    const auto appended =
+        append_run(layout, band, references(layout, state, band, key.step), half_spacing, out.key, run);
     if (!appended) return appended.error();
     writer.varint(run.size());
     writer.bytes(run);
   }
   return out;
+}
+
+Result<Bytes> encode_pose(const CoefficientLayout& layout, const ChainState& state, Key pose,
+                          std::uint8_t half_spacing) {
+  if (const auto checked = check_coded(layout, pose, half_spacing); !checked) return checked.error();
+  Bytes payload;
+  ByteWriter writer(payload);
+  append_key_head(layout, state, pose, half_spacing, writer);
+  Bytes run;
+  band::QuickWorkspace workspace;
+  for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
+    if (!has(pose.bands, band)) continue;
+    run.clear();
+    if (!append_quick_run(layout, band, state, pose, half_spacing, workspace, run)) {
+      const auto from = references(layout, state, band, pose.step);
+      const auto appended = append_run(layout, band, from, half_spacing, pose, run);
+      if (!appended) return appended.error();
+    }
+    writer.varint(run.size());
+    writer.bytes(run);
+  }
+  return payload;
 }
 
 std::uint8_t half_spacing_of(ByteView payload) {

@@ -31,10 +31,49 @@ Result<double> as_carried(CodecKind kind, double value) {
   return double{static_cast<float>(value)};
 }
 
-/// round_half_away(difference * at / of) for |difference| <= 2^31, at <= of <= 65535.
-std::int64_t scaled(std::int64_t difference, std::uint32_t at, std::uint32_t of) {
-  const std::int64_t magnitude = (std::abs(difference) * at * 2 + of) / (std::int64_t{of} * 2);
-  return difference < 0 ? -magnitude : magnitude;
+/// a + round_half_away((b - a) * at / of), of = `parts`, at = half of `twice_at`, for |b - a| <= 2^31, at < of <= 65535.
+/// In doubles, because those come several at a time: the numerator stays below 2^53, and the quotient is further from the
+/// next integer, if it is none, than it can be off.
+std::int32_t between(std::int32_t a, std::int32_t b, double twice_at, double parts) {
+  const double difference = static_cast<double>(b) - static_cast<double>(a);
+  const auto magnitude = static_cast<std::int32_t>((std::abs(difference) * twice_at + parts) / (2 * parts));
+  return a + (difference < 0 ? -magnitude : magnitude);
+}
+
+/// The values [first, last) of the pose at/of between quantised keys.
+Result<void> interpolate_quantised(const Key& a, const Key& b, std::uint32_t at, std::uint32_t of, std::size_t first,
+                                   std::size_t last, Key& out) {
+  const std::int32_t* from = a.q.data();
+  if (a.step != b.step) {
+    const fixed::Rescale rule(a.step, b.step);
+    for (std::size_t i = first; i < last; ++i) {
+      const std::int64_t value = rule(a.q[i]);
+      if (!fixed::in_range(value)) return overflow(i);
+      out.q[i] = static_cast<std::int32_t>(value);
+    }
+    from = out.q.data();
+  }
+  const std::int32_t* to = b.q.data();
+  std::int32_t* made = out.q.data();
+  if (at == of) {
+    std::copy(to + first, to + last, made + first);
+    return {};
+  }
+  for (std::size_t i = first; i < last; ++i) made[i] = between(from[i], to[i], 2.0 * at, of);
+  return {};
+}
+
+Result<void> interpolate_floats(CodecKind codec, const Key& a, const Key& b, std::uint32_t at, std::uint32_t of,
+                                std::size_t first, std::size_t last, Key& out) {
+  for (std::size_t i = first; i < last; ++i) {
+    const double value = a.f[i] + (b.f[i] - a.f[i]) * at / of;
+    if (!std::isfinite(value))
+      return fail(ErrorCode::kTooLarge, "interpolation: coefficient " + std::to_string(i) + " overflows");
+    const auto carried = as_carried(codec, value);
+    if (!carried) return carried.error();
+    out.f[i] = *carried;
+  }
+  return {};
 }
 
 }  // namespace
@@ -163,24 +202,12 @@ Result<Key> interpolate_keys(const CoefficientLayout& layout, const Key& a, cons
                                                  " is not between 0 and 1 in up to 65535 parts");
   }
   Key out = empty_key(layout, a.bands & b.bands, b.step);
-  const fixed::Rescale rule(a.step, b.step);
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
     if ((out.bands >> band & 1) == 0) continue;
     const auto [first, last] = layout.range(band);
-    for (std::size_t i = first; i < last; ++i) {
-      if (is_float(layout)) {
-        const double value = a.f[i] + (b.f[i] - a.f[i]) * at / of;
-        if (!std::isfinite(value))
-          return fail(ErrorCode::kTooLarge, "interpolation: coefficient " + std::to_string(i) + " overflows");
-        const auto carried = as_carried(layout.codec, value);
-        if (!carried) return carried.error();
-        out.f[i] = *carried;
-        continue;
-      }
-      const std::int64_t from = rule(a.q[i]);
-      if (!fixed::in_range(from)) return overflow(i);
-      out.q[i] = static_cast<std::int32_t>(from + scaled(b.q[i] - from, at, of));
-    }
+    const auto done = is_float(layout) ? interpolate_floats(layout.codec, a, b, at, of, first, last, out)
+                                       : interpolate_quantised(a, b, at, of, first, last, out);
+    if (!done) return done.error();
   }
   return out;
 }

@@ -62,6 +62,9 @@ void check_key(const CoefficientLayout& layout, const ChainState& state, const K
   require(coded.has_value());
   require(half_spacing != 0 || coded->key == key);
   require(decode_key(layout, key.bands, state, coded->payload).value() == coded->key);
+  const auto pose = encode_pose(layout, state, key, half_spacing);
+  require(pose.has_value() && decode_key(layout, key.bands, state, *pose).has_value());
+  require(half_spacing != 0 || *pose == coded->payload);
 }
 
 /// Poses of all schemes: either there is none, or it is a key like any other.

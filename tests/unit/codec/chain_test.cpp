@@ -145,6 +145,54 @@ TEST(Chain, CoarseKeysStayNearTheirTargetsAndTheReceiverHoldsTheSendersState) {
   }
 }
 
+TEST(Chain, PosesForOnceStayNearTheirTargetsForFewBytesMoreThanKeys) {
+  for (const std::uint32_t channels : {1u, 3u, 4u}) {
+    const CoefficientLayout layout = layout_of(CodecKind::kQuantised, 200, channels);
+    const MotionSample motion(layout);
+    for (const std::uint8_t half_spacing : {1, 4, 15, 63}) {
+      double squares = 0, worst = 0;
+      std::size_t bytes = 0, bytes_of_keys = 0;
+      for (int frame = 1; frame < 40; ++frame) {
+        const ChainState state{motion.key(frame - 1, 150), motion.key(frame, 150), 33'333};
+        const Key pose = interpolate_keys(layout, state.newer, motion.key(frame + 1, 150), 1 + frame % 2, 3).value();
+        const Bytes payload = encode_pose(layout, state, pose, half_spacing).value();
+        EXPECT_EQ(half_spacing_of(payload), half_spacing);
+        const auto decoded = decode_key(layout, layout.all_bands(), state, payload);
+        ASSERT_TRUE(decoded) << decoded.error().message;
+        bytes += payload.size();
+        bytes_of_keys += encode_key(layout, state, pose, half_spacing)->payload.size();
+        for (std::size_t i = 0; i < layout.size(); ++i) {
+          const double error = static_cast<double>(pose.q[i]) - decoded->q[i];
+          squares += error * error;
+          worst = std::max(worst, std::abs(error));
+        }
+      }
+      const double rms = std::sqrt(squares / (39 * static_cast<double>(layout.size())));
+      EXPECT_LE(rms, 0.72 * half_spacing) << int{half_spacing};
+      EXPECT_LE(worst, 3 * half_spacing) << int{half_spacing};
+      EXPECT_LE(static_cast<double>(bytes), 1.15 * static_cast<double>(bytes_of_keys)) << int{half_spacing};
+    }
+  }
+}
+
+TEST_P(EachCodec, PosesForOnceAreKeysWhereTheyCannotBeCodedQuickly) {
+  const CoefficientLayout layout = layout_of(GetParam());
+  const MotionSample motion(layout);
+  ChainState state = motion.state(150);
+  const auto check = [&](const Key& pose, std::uint8_t half_spacing) {
+    EXPECT_EQ(encode_pose(layout, state, pose, half_spacing).value(),
+              encode_key(layout, state, pose, half_spacing)->payload);
+  };
+  check(motion.key(2, 150), 0);
+  check(motion.key(2, 147), 4);  // At another step.
+  state.newer.bands = 1;
+  state.newer = cut(layout, state.newer, 1);
+  const Bytes narrow = encode_pose(layout, state, motion.key(2, 150), 4).value();
+  const Bytes band_1 = cut_bands(layout, false, layout.all_bands(), 2, narrow).value();
+  const Bytes as_key = encode_key(layout, state, motion.key(2, 150), 4)->payload;
+  EXPECT_EQ(band_1, cut_bands(layout, false, layout.all_bands(), 2, as_key).value());
+}
+
 TEST(Chain, CoarserSpacingsCostLess) {
   const CoefficientLayout layout = layout_of(CodecKind::kQuantised, 200);
   const MotionSample motion(layout);
@@ -173,11 +221,19 @@ TEST(Chain, RandomAndExtremeKeysSurviveAndStayUnderTheWorstCase) {
         }
         key.q[random() % key.q.size()] = frame % 2 == 0 ? 1 << 30 : -(1 << 30);
         if (frame == 0) state = advanced(std::nullopt, key, 0);
-        const CodedKey coarse = encode_key(layout, state, key, static_cast<std::uint8_t>(1 + random() % 63)).value();
+        const auto half_spacing = static_cast<std::uint8_t>(1 + random() % 63);
+        const CodedKey coarse = encode_key(layout, state, key, half_spacing).value();
         EXPECT_LE(coarse.payload.size(), 2 + 6 * layout.band_ends.size() + 12 * layout.size());
         const auto near = decode_key(layout, key.bands, state, coarse.payload);
         ASSERT_TRUE(near) << near.error().message;
         ASSERT_EQ(*near, coarse.key);
+        const Bytes pose = encode_pose(layout, state, key, half_spacing).value();
+        EXPECT_LE(pose.size(), 2 + 6 * layout.band_ends.size() + 12 * layout.size());
+        const auto seen = decode_key(layout, key.bands, state, pose);
+        ASSERT_TRUE(seen) << seen.error().message;
+        for (std::size_t i = 0; i < key.q.size(); ++i) {
+          ASSERT_LE(std::abs(std::int64_t{seen->q[i]} - key.q[i]), 3 * half_spacing);
+        }
         const Bytes payload = encode_key(layout, state, key, 0).value().payload;
         EXPECT_LE(payload.size(), 2 + 5 * layout.band_ends.size() + 7 * layout.size());
         const auto decoded = decode_key(layout, key.bands, state, payload);
@@ -197,8 +253,11 @@ TEST(Chain, EncodingRefusesWhatNoDecoderWouldTake) {
   Key key = motion.key(2, 150);
   key.q[5] = (1 << 30) + 1;
   EXPECT_EQ(encode_key(layout, state, key, 0).error().code, ErrorCode::kTooLarge);
+  EXPECT_EQ(encode_pose(layout, state, key, 4).error().code, ErrorCode::kTooLarge);
   key.q.pop_back();
   EXPECT_EQ(encode_key(layout, state, key, 0).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(encode_pose(layout, state, key, 4).error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(encode_pose(layout, state, motion.key(2, 150), 64).error().code, ErrorCode::kInvalidArgument);
   ChainState backwards = state;
   backwards.age_us = -1;
   EXPECT_EQ(encode_join(layout, backwards).error().code, ErrorCode::kInvalidArgument);

@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: MIT
+//
+// The encoder of coarse runs for poses that nobody builds upon: each level is chosen for itself, in 32-bit passes that
+// the compiler makes into vectors. What it writes is read like any other coarse run.
+#include <algorithm>
+#include <array>
+#include <cassert>
+#include <cmath>
+
+#include "common/codec/coarse_writer.h"
+
+namespace eigencast::band {
+namespace {
+
+/// Values up to here, so that differences, weighted by up to 11, fit 31 bits.
+constexpr std::uint32_t kMostMagnitude = 1u << 24;
+
+/// What a bit is worth, in squared spacings: as in the thorough search, and more, since what a level costs those after
+/// it is not looked at.
+constexpr double kBitWorth = 0.09;
+
+/// By rule and context, in 1/256 of m: residuals up to here are taken for 0.
+using ZeroZones = std::array<std::array<std::uint16_t, kContexts>, 2>;
+
+ZeroZones make_zero_zones() {
+  const DecisionCosts costs;
+  ZeroZones zones;
+  for (const unsigned rule : {0u, 1u}) {
+    const double first = rule == 0 ? 2 : 1;  // Where level 1 lies, in m.
+    for (unsigned context = 0; context < kContexts; ++context) {
+      const LevelOdds odds(rule, context);
+      const double bits =
+          (256.0 + costs.more[odds.beyond_0] + costs.stop[odds.beyond_1] - costs.stop[odds.beyond_0]) / 256;
+      // x^2 = (x - first)^2 + worth of the bits.
+      const double limit = (first * first + 4 * kBitWorth * bits) / (2 * first);
+      zones[rule][context] = static_cast<std::uint16_t>(std::lround(256 * std::clamp(limit, 0.0, 3.0)));
+    }
+  }
+  return zones;
+}
+
+const ZeroZones& zero_zones() {
+  static const ZeroZones kZones = make_zero_zones();
+  return kZones;
+}
+
+bool all_small(std::span<const std::int32_t> values) {
+  std::uint32_t seen = 0;
+  for (const std::int32_t value : values) seen |= static_cast<std::uint32_t>(value ^ (value >> 31));
+  return seen < kMostMagnitude;
+}
+
+/// The weight of c1 - c2 that leaves the least energy, by least squares and then on its grid.
+Predictor best_speed(std::span<const std::int32_t> values, const std::int32_t* c1, const std::int32_t* c2) {
+  // Several sums at a time; in doubles, which hold them exactly enough in any order, and whose order is fixed.
+  constexpr std::size_t kLanes = 4;
+  std::array<double, kLanes> vds{}, dds{};
+  const std::int32_t* v = values.data();
+  const std::size_t whole = values.size() / kLanes * kLanes;
+  for (std::size_t i = 0; i < whole; i += kLanes) {
+    for (std::size_t lane = 0; lane < kLanes; ++lane) {
+      const double d = c1[i + lane] - c2[i + lane], moved = v[i + lane] - c1[i + lane];
+      vds[lane] += moved * d, dds[lane] += d * d;
+    }
+  }
+  for (std::size_t i = whole; i < values.size(); ++i) {
+    const double d = c1[i] - c2[i];
+    vds[0] += (v[i] - c1[i]) * d, dds[0] += d * d;
+  }
+  const double vd = (vds[0] + vds[1]) + (vds[2] + vds[3]), dd = (dds[0] + dds[1]) + (dds[2] + dds[3]);
+  const double weight = dd > 0 ? std::floor(8 * vd / dd + 0.5) + 4 : 4;
+  return {static_cast<unsigned>(std::clamp(weight, 0.0, 15.0)), kUsualRestoring};
+}
+
+struct Sums {
+  std::uint64_t speeds = 0, residuals = 0;
+};
+
+/// Writes |c1 - c2| and what the prediction leaves of each value.
+Sums predict_all(std::span<const std::int32_t> values, const std::int32_t* c1, const std::int32_t* c2,
+                 const Predictor& predict, std::uint32_t* speeds, std::int32_t* residuals) {
+  const std::int32_t weight = static_cast<std::int32_t>(predict.speed) - 4;
+  const std::int32_t* v = values.data();
+  Sums sums;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    const std::int32_t d = c1[i] - c2[i], residual = v[i] - c1[i] - ((weight * d + 4) >> 3);
+    residuals[i] = residual;
+    speeds[i] = static_cast<std::uint32_t>(std::abs(d));
+    sums.speeds += speeds[i];
+    sums.residuals += static_cast<std::uint32_t>(std::abs(residual));
+  }
+  return sums;
+}
+
+void put_levels(RangeEncoder& out, std::span<const std::int32_t> residuals, ContextModel contexts, std::int32_t m) {
+  const ZeroZones& zones = zero_zones();
+  const Quotient spacings(2 * std::int64_t{m});
+  unsigned state = 0;
+  for (const std::int32_t residual : residuals) {
+    const unsigned rule = rule_of(state), context = contexts.next();
+    const std::int64_t x = std::abs(residual);
+    const LevelOdds odds(rule, context);
+    if (x << 8 <= std::int64_t{zones[rule][context]} * m) {
+      out.put(false, kMore[odds.beyond_0]);
+      contexts.add(0);
+      state = kNextState[state][0];
+      continue;
+    }
+    const std::int64_t level = std::max<std::int64_t>(1, spacings(x + (m * (14 + 16 * rule) >> 4)));
+    put_level(out, level, odds);
+    out.put_even(residual < 0);
+    contexts.add(point(rule, level) * m);
+    state = kNextState[state][level & 1];
+  }
+}
+
+}  // namespace
+
+bool append_quick(std::span<const std::int32_t> values, std::span<const std::int32_t> c1,
+                  std::span<const std::int32_t> c2, const Spacing& spacing, QuickWorkspace& workspace, Bytes& out) {
+  assert(spacing.half >= 1 && spacing.half <= kMaxHalfSpacing && c1.size() == values.size() && c2.size() == c1.size());
+  if (!all_small(values) || !all_small(c1) || !all_small(c2)) return false;
+  const Predictor predict = best_speed(values, c1.data(), c2.data());
+  workspace.speeds.resize(values.size());
+  workspace.residuals.resize(values.size());
+  const Sums sums =
+      predict_all(values, c1.data(), c2.data(), predict, workspace.speeds.data(), workspace.residuals.data());
+  const unsigned scale = scale_code_of(sums.residuals, values.size(), spacing.half);
+  RangeEncoder encoder(out);
+  put_scale(encoder, scale, scale_code_of(sums.speeds, values.size(), spacing.half));
+  put_predictor(encoder, predict);
+  put_levels(encoder, workspace.residuals, ContextModel(workspace.speeds, spacing, scale), spacing.half);
+  encoder.finish();
+  return true;
+}
+
+}  // namespace eigencast::band
