@@ -96,6 +96,17 @@ Result<void> check_readable(std::string_view toml, std::string_view name) {
   return {};
 }
 
+/// Whether EIGENCAST_`rest` is a setting's variable but for the one underscore where two part section and key: with two;
+/// else empty.
+std::string meant_by(std::string_view rest) {
+  for (std::size_t at = rest.find('_'); at != std::string_view::npos; at = rest.find('_', at + 1)) {
+    const std::string_view section = rest.substr(0, at), key = rest.substr(at + 1);
+    if (find_setting(lower(section) + "." + lower(key)) != nullptr)
+      return std::string(section) + "__" + std::string(key);
+  }
+  return {};
+}
+
 }  // namespace
 
 Result<void> read_config(Config& config, std::string_view toml, std::string_view name, Origins* origins) {
@@ -148,8 +159,15 @@ Result<void> read_environment(Config& config, std::span<const std::string_view> 
     const auto equals = entry.find('=');
     const std::string_view name = entry.substr(0, equals);
     constexpr std::string_view kPrefix = "EIGENCAST_";
+    if (equals == std::string_view::npos || !name.starts_with(kPrefix)) continue;
     const auto split = name.find("__");
-    if (equals == std::string_view::npos || !name.starts_with(kPrefix) || split == std::string_view::npos) continue;
+    if (split == std::string_view::npos) {
+      const std::string meant = meant_by(name.substr(kPrefix.size()));
+      if (meant.empty()) continue;
+      return fail(ErrorCode::kInvalidArgument, "environment variable " + std::string(name) + ": did you mean " +
+                                                   std::string(kPrefix) + meant +
+                                                   "? Two underscores part section and key");
+    }
     if (split < kPrefix.size()) continue;
     const std::string_view section = name.substr(kPrefix.size(), split - kPrefix.size());
     const std::string path = lower(section) + "." + lower(name.substr(split + 2));

@@ -23,7 +23,7 @@ Result<void> read_config(Config& config, std::string_view toml, std::string_view
 Result<void> read_config_file(Config& config, const std::string& path, Origins* origins = nullptr);
 
 /// Reads EIGENCAST_SECTION__KEY of `environment` ("NAME=value" lines) over `config`. Names without __ are of other
-/// programs, and left alone. Errors: as above.
+/// programs, and left alone, unless a second underscore would make them a setting's. Errors: as above.
 Result<void> read_environment(Config& config, std::span<const std::string_view> environment,
                               Origins* origins = nullptr);
 

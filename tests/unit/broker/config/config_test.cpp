@@ -160,6 +160,25 @@ TEST(ConfigTest, FlagsWinOverEnvironmentOverFile) {
   }
 }
 
+TEST(ConfigTest, VariablesThatLackAnUnderscoreAreRefused) {
+  for (const std::string_view wrong : {"EIGENCAST_LIMITS_MAX_STREAMS", "EIGENCAST_PER_ADDRESS_CONNECTIONS"}) {
+    const std::string entry = std::string(wrong) + "=6";
+    const std::string_view line = entry;
+    Config config;
+    const auto refused = read_environment(config, {&line, 1});
+    ASSERT_FALSE(refused) << wrong;
+    EXPECT_THAT(refused.error().message, HasSubstr(wrong == "EIGENCAST_LIMITS_MAX_STREAMS"
+                                                       ? "did you mean EIGENCAST_LIMITS__MAX_STREAMS?"
+                                                       : "did you mean EIGENCAST_PER_ADDRESS__CONNECTIONS?"));
+  }
+  for (const std::string_view other :
+       {"EIGENCAST_TOKEN=6", "EIGENCAST_LIMITS=6", "EIGENCAST_=6", "EIGENCAST_LIMITS_=6"}) {
+    Config config;
+    EXPECT_TRUE(read_environment(config, {&other, 1})) << other;
+    EXPECT_EQ(config.limits.max_streams, Config{}.limits.max_streams);
+  }
+}
+
 TEST(ConfigTest, NobodyListensBeyondLoopbackUnasked) {
   for (const char* open : {"0.0.0.0:7490", "[::]:7490", "192.168.1.2:7490"}) {
     Config config;
