@@ -107,8 +107,9 @@ class Broker:
     def __init__(self, program, *flags, wrap=()):
         self.folder = tempfile.mkdtemp(prefix="eigencast-peer-")
         port_file = pathlib.Path(self.folder) / "port"
-        self.process = subprocess.Popen([*wrap, program, "--listen=127.0.0.1:0", "--admin-listen=127.0.0.1:0", f"--port-file={port_file}",
-                                         f"--data-dir={self.folder}", "--log-level=error", *flags])
+        defaults = ["--listen=127.0.0.1:0", "--admin-listen=127.0.0.1:0", f"--port-file={port_file}", f"--data-dir={self.folder}", "--log-level=error"]
+        given = {flag.split("=")[0] for flag in flags}
+        self.process = subprocess.Popen([*wrap, program, *(flag for flag in defaults if flag.split("=")[0] not in given), *flags])
         self.port = port_of(port_file)
 
     def __enter__(self):
