@@ -17,6 +17,7 @@
 #include "broker/connections/connection.h"
 #include "broker/http/http_session.h"
 #include "broker/operation/admin.h"
+#include "broker/random_id.h"
 
 namespace eigencast::broker {
 namespace {
@@ -65,13 +66,6 @@ Turn::Settings turn_settings(const Config& config) {
 /// Over how long those who are told to come back are spread.
 std::uint32_t return_spread_ms(std::size_t connections) {
   return static_cast<std::uint32_t>(std::clamp<std::size_t>(connections * 1000 / kReturnsPerSecond, 200, 30'000));
-}
-
-std::string random_id() {
-  std::random_device device;
-  std::string id;
-  for (int i = 0; i < 16; ++i) id += "0123456789abcdef"[device() & 15];
-  return id;
 }
 
 }  // namespace

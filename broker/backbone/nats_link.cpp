@@ -1,18 +1,9 @@
 // SPDX-License-Identifier: MIT
-#include "broker/backbone/nats_link.h"
-
-#include <nats/nats.h>
-
 #include <algorithm>
-#include <atomic>
-#include <chrono>
-#include <condition_variable>
-#include <deque>
-#include <map>
-#include <mutex>
-#include <random>
-#include <thread>
 #include <utility>
+
+#include "broker/backbone/nats_link_impl.h"
+#include "broker/random_id.h"
 
 namespace eigencast::broker {
 namespace {
@@ -22,24 +13,7 @@ using namespace std::chrono_literals;
 constexpr std::size_t kMaxWaitingBytes = 8u << 20;  ///< Of messages that are to leave.
 constexpr std::size_t kMaxWaitingMessages = 16'384;
 constexpr int kMaxComing = 16'384;  ///< Messages on their way to the loop.
-constexpr std::int64_t kTableTimeoutMs = 2'000;
-constexpr auto kReread = 60s;  ///< The table is read again so often, whatever was told meanwhile.
-constexpr auto kLeave = 1s;    ///< What waits when stopping gets so long to leave.
-
-template <auto destroy>
-struct Destroyer {
-  template <typename T>
-  void operator()(T* object) const {
-    destroy(object);
-  }
-};
-using OptionsPtr = std::unique_ptr<natsOptions, Destroyer<natsOptions_Destroy>>;
-using ConnectionPtr = std::unique_ptr<natsConnection, Destroyer<natsConnection_Destroy>>;
-using MessagePtr = std::unique_ptr<natsMsg, Destroyer<natsMsg_Destroy>>;
-using JetStreamPtr = std::unique_ptr<jsCtx, Destroyer<jsCtx_Destroy>>;
-using StorePtr = std::unique_ptr<kvStore, Destroyer<kvStore_Destroy>>;
-using WatcherPtr = std::unique_ptr<kvWatcher, Destroyer<kvWatcher_Destroy>>;
-using EntryPtr = std::unique_ptr<kvEntry, Destroyer<kvEntry_Destroy>>;
+constexpr auto kLeave = 1s;         ///< What waits when stopping gets so long to leave.
 
 Bytes data_of(natsMsg* message) {
   const auto* data = reinterpret_cast<const std::uint8_t*>(natsMsg_GetData(message));
@@ -53,89 +27,14 @@ std::string bucket_of(std::string prefix) {
   return prefix + "_streams";
 }
 
-std::string random_token() {
-  std::random_device device;
-  std::string token;
-  for (int i = 0; i < 22; ++i) token += "abcdefghijklmnopqrstuvwxyz012345"[device() & 31];
-  return token;
-}
-
 }  // namespace
 
-class NatsLink::Impl : public std::enable_shared_from_this<Impl> {
- public:
-  Impl(Settings settings, OptionsPtr options, std::function<void(std::function<void()>)> on_loop)
-      : settings_(std::move(settings)),
-        bucket_(bucket_of(settings_.prefix)),
-        inbox_("_INBOX." + random_token()),
-        options_(std::move(options)),
-        on_loop_(std::move(on_loop)) {}
-  ~Impl() { stop(); }
-
-  void start(Listener& listener);
-  void stop();
-  void publish(const std::string& subject, Bytes message, const std::string& reply = {});
-  std::shared_ptr<void> subscribe(const std::string& subject, std::function<void(Bytes, std::string reply)> handler);
-  void ask(const std::string& subject, Bytes message, TimeUs timeout_us, Answer answer);
-  void write_row(const std::string& key, std::optional<std::string> text, std::uint64_t expected,
-                 std::function<void(const Result<std::uint64_t>&)> written);
-
- private:
-  struct Outgoing {
-    std::string subject, reply;
-    Bytes message;
-  };
-  struct Question {
-    Answer answer;
-    std::chrono::steady_clock::time_point until;
-  };
-  /// What libnats holds of a subscription. `heard` runs on its thread.
-  struct Subscribed {
-    std::function<void(natsMsg*)> heard;
-  };
-
-  void hand_over(std::function<void()> work);
-  void listen_to_connection();
-  void came_up();
-  void went_down(const std::string& why);
-  std::shared_ptr<void> subscribe_raw(const std::string& subject, std::function<void(natsMsg*)> heard);
-  void send_all();
-  void expire_questions();
-  void write_all();
-  void read_table();
-  void watch_once(std::uint64_t generation);
-  JetStreamPtr jet_stream() const;
-  Result<StorePtr> open_table(jsCtx& js) const;
-  Result<std::uint64_t> write_now(const std::string& key, const std::optional<std::string>& text,
-                                  std::uint64_t expected);
-  void tell_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision);
-  void hear_row(ByteView message);
-
-  const Settings settings_;
-  const std::string bucket_, inbox_;
-  OptionsPtr options_;
-  ConnectionPtr connection_;
-  std::function<void(std::function<void()>)> on_loop_;
-  Listener* listener_ = nullptr;                               // Of the loop.
-  std::map<std::uint64_t, Question> questions_;                // Of the loop.
-  std::uint64_t last_question_ = 0;                            // Of the loop.
-  std::shared_ptr<bool> open_ = std::make_shared<bool>(true);  // Of the loop: handlers may be called.
-  std::atomic<int> coming_{0};
-  std::atomic<bool> waiting_{false};  ///< There are questions.
-  std::vector<std::shared_ptr<void>> subscriptions_;
-
-  std::mutex mutex_;
-  std::condition_variable news_;
-  // GUARDED_BY(mutex_), all that follows.
-  std::deque<Outgoing> outgoing_;
-  std::size_t outgoing_bytes_ = 0;
-  std::deque<std::function<void()>> rows_;
-  bool connected_ = false, stopping_ = false;
-  std::uint64_t generation_ = 0;  ///< Of the connection.
-  std::chrono::steady_clock::time_point leave_until_{};
-
-  std::thread sender_, writer_, reader_;
-};
+NatsLink::Impl::Impl(Settings settings, OptionsPtr options, std::function<void(std::function<void()>)> on_loop)
+    : settings_(std::move(settings)),
+      bucket_(bucket_of(settings_.prefix)),
+      inbox_("_INBOX." + random_id(32)),
+      options_(std::move(options)),
+      on_loop_(std::move(on_loop)) {}
 
 // ---- To and from the loop ----
 
@@ -343,175 +242,6 @@ void NatsLink::Impl::expire_questions() {
     waiting_ = !questions_.empty();
     for (const Answer& answer : late) answer(fail(ErrorCode::kTimeout, "another broker did not answer in time"));
   });
-}
-
-// ---- The table ----
-
-void NatsLink::Impl::write_row(const std::string& key, std::optional<std::string> text, std::uint64_t expected,
-                               std::function<void(const Result<std::uint64_t>&)> written) {
-  const std::lock_guard lock(mutex_);
-  rows_.push_back([this, key, text = std::move(text), expected, written = std::move(written)] {
-    const auto result = write_now(key, text, expected);
-    if (result) tell_row(key, text, *result);
-    hand_over([written, result] { written(result); });
-  });
-  news_.notify_all();
-}
-
-void NatsLink::Impl::write_all() {
-  std::unique_lock lock(mutex_);
-  for (;;) {
-    news_.wait(lock, [this] { return stopping_ || !rows_.empty(); });
-    if (stopping_ && (rows_.empty() || std::chrono::steady_clock::now() >= leave_until_)) return;
-    const auto job = std::move(rows_.front());
-    rows_.pop_front();
-    lock.unlock();
-    job();
-    lock.lock();
-  }
-}
-
-JetStreamPtr NatsLink::Impl::jet_stream() const {
-  jsOptions options;
-  jsOptions_Init(&options);
-  options.Wait = kTableTimeoutMs;
-  jsCtx* js = nullptr;
-  if (connection_) natsConnection_JetStream(&js, connection_.get(), &options);
-  return JetStreamPtr(js);
-}
-
-Result<std::uint64_t> NatsLink::Impl::write_now(const std::string& key, const std::optional<std::string>& text,
-                                                std::uint64_t expected) {
-  const auto away = [](const char* why) {
-    return fail(ErrorCode::kUnreachable, std::string("the directory of streams (JetStream) does not answer: ") + why);
-  };
-  const JetStreamPtr js = jet_stream();
-  if (!js) return away("no connection");
-  natsMsg* raw = nullptr;
-  const std::string subject = "$KV." + bucket_ + "." + key;
-  const std::string data = text.value_or("");
-  if (const natsStatus made =
-          natsMsg_Create(&raw, subject.c_str(), nullptr, data.data(), static_cast<int>(data.size()));
-      made != NATS_OK) {
-    return away(natsStatus_GetText(made));
-  }
-  const MessagePtr message(raw);
-  if (!text) natsMsgHeader_Set(raw, "KV-Operation", "DEL");
-  jsPubOptions options;
-  jsPubOptions_Init(&options);
-  options.MaxWait = kTableTimeoutMs;
-  options.ExpectLastSubjectSeq = expected;
-  options.ExpectNoMessage = expected == 0;
-  jsPubAck* ack = nullptr;
-  jsErrCode code{};
-  const natsStatus status = js_PublishMsg(&ack, js.get(), raw, &options, &code);
-  if (status == NATS_OK) {
-    const std::uint64_t revision = ack->Sequence;
-    jsPubAck_Destroy(ack);
-    return revision;
-  }
-  if (code == JSStreamWrongLastSequenceErr) {
-    return fail(ErrorCode::kRefused, "another broker has changed the stream's entry meanwhile");
-  }
-  return away(natsStatus_GetText(status));
-}
-
-void NatsLink::Impl::tell_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision) {
-  Bytes message;
-  ByteWriter out(message);
-  out.u64(revision);
-  out.u8(text ? 1 : 0);
-  out.u16(static_cast<std::uint16_t>(key.size()));
-  out.text(key);
-  if (text) out.text(*text);
-  publish(settings_.prefix + ".rows", std::move(message));
-}
-
-void NatsLink::Impl::hear_row(ByteView message) {
-  ByteReader in(message);
-  const std::uint64_t revision = in.u64();
-  const bool has_text = in.u8() == 1;
-  const ByteView key = in.bytes(in.u16());
-  const ByteView text = in.bytes(in.remaining());
-  if (in.failed()) return;
-  std::optional<std::string> row;
-  if (has_text) row.emplace(text.begin(), text.end());
-  hand_over([this, key = std::string(key.begin(), key.end()), row = std::move(row), revision] {
-    listener_->on_row(key, row, revision);
-  });
-}
-
-Result<StorePtr> NatsLink::Impl::open_table(jsCtx& js) const {
-  kvStore* store = nullptr;
-  natsStatus status = js_KeyValue(&store, &js, bucket_.c_str());
-  if (status == NATS_NOT_FOUND) {
-    kvConfig config;
-    kvConfig_Init(&config);
-    config.Bucket = bucket_.c_str();
-    config.Description = "Eigencast: which broker has which stream";
-    config.History = 1;
-    config.MaxBytes = 64 << 20;
-    config.StorageType = js_FileStorage;
-    config.Replicas = settings_.replicas;
-    status = js_CreateKeyValue(&store, &js, &config);
-  }
-  if (status != NATS_OK) return fail(ErrorCode::kUnreachable, natsStatus_GetText(status));
-  return StorePtr(store);
-}
-
-void NatsLink::Impl::read_table() {
-  std::unique_lock lock(mutex_);
-  while (!stopping_) {
-    news_.wait_for(lock, 500ms, [this] { return stopping_ || connected_; });
-    if (stopping_ || !connected_) continue;
-    const std::uint64_t generation = generation_;
-    lock.unlock();
-    watch_once(generation);
-    lock.lock();
-    news_.wait_for(lock, 500ms, [this] { return stopping_; });
-  }
-}
-
-void NatsLink::Impl::watch_once(std::uint64_t generation) {
-  const JetStreamPtr js = jet_stream();
-  if (!js) return;
-  auto store = open_table(*js);
-  if (!store) return;
-  kvWatchOptions options;
-  kvWatchOptions_Init(&options);
-  options.Timeout = kTableTimeoutMs;
-  kvWatcher* raw = nullptr;
-  if (kvStore_WatchAll(&raw, store->get(), &options) != NATS_OK) return;
-  const WatcherPtr watcher(raw);
-  const auto began = std::chrono::steady_clock::now();
-  bool read = false;
-  for (;;) {
-    kvEntry* entry = nullptr;
-    const natsStatus status = kvWatcher_Next(&entry, watcher.get(), 200);
-    const EntryPtr owned(entry);
-    {
-      const std::lock_guard lock(mutex_);
-      if (stopping_ || !connected_ || generation != generation_) return;
-    }
-    if (status == NATS_TIMEOUT) {
-      const auto age = std::chrono::steady_clock::now() - began;
-      if (age > kReread || (!read && age > 5s)) return;
-      continue;
-    }
-    if (status != NATS_OK) return;
-    if (entry == nullptr) {
-      read = true;
-      hand_over([this] { listener_->on_table_read(); });
-      continue;
-    }
-    const std::string key = kvEntry_Key(entry);
-    const std::uint64_t revision = kvEntry_Revision(entry);
-    std::optional<std::string> text;
-    if (kvEntry_Operation(entry) == kvOp_Put) {
-      text.emplace(static_cast<const char*>(kvEntry_Value(entry)), static_cast<std::size_t>(kvEntry_ValueLen(entry)));
-    }
-    hand_over([this, key, text = std::move(text), revision] { listener_->on_row(key, text, revision); });
-  }
 }
 
 // ---- The face ----

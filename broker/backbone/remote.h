@@ -22,7 +22,7 @@ class Remote final : public PublisherLink {
     kUnusable,  ///< Until the directory names another epoch.
   };
 
-  Remote(Stream& stream, DirectoryEntry entry) : stream_(&stream), entry_(std::move(entry)), follower(entry_.epoch) {}
+  Remote(Stream& stream, DirectoryEntry entry) : follower(entry.epoch), stream_(&stream), entry_(std::move(entry)) {}
 
   // A sender of this broker's own comes before what others say.
   bool yields() const override { return true; }
@@ -34,16 +34,15 @@ class Remote final : public PublisherLink {
   void forget_stream() { stream_ = nullptr; }
   const DirectoryEntry& entry() const { return entry_; }
 
- private:
-  Stream* stream_;
-  DirectoryEntry entry_;
-
- public:
   Follower follower;
   Phase phase = Phase::kWaiting;
   TimeUs next_us = 0;
   TimeUs watched_us = 0;  ///< When somebody was last seen to watch.
   std::shared_ptr<void> subscription;
+
+ private:
+  Stream* stream_;
+  DirectoryEntry entry_;
 };
 
 }  // namespace eigencast::broker

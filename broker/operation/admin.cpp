@@ -10,7 +10,6 @@
 #include <boost/beast/http/write.hpp>
 #include <ctime>
 #include <memory>
-#include <random>
 #include <string>
 #include <utility>
 
@@ -20,6 +19,7 @@
 #include "broker/http/http_target.h"
 #include "broker/operation/metrics.h"
 #include "broker/operation/report.h"
+#include "broker/random_id.h"
 
 namespace eigencast::broker {
 namespace {
@@ -138,9 +138,7 @@ class AdminSession : public std::enable_shared_from_this<AdminSession> {
   }
 
   void say_page() {
-    std::random_device random;
-    std::string nonce;
-    for (int i = 0; i < 32; ++i) nonce += "0123456789abcdef"[random() & 15];
+    const std::string nonce = random_id(32);
     response_.set(http::field::content_type, "text/html; charset=utf-8");
     response_.set("Content-Security-Policy",
                   "default-src 'none'; connect-src 'self'; base-uri 'none'; form-action 'none'; "

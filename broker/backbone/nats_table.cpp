@@ -1,0 +1,185 @@
+// SPDX-License-Identifier: MIT
+//
+// The table of a NatsLink: a bucket of JetStream's key-value store, and rows that brokers tell each other.
+#include <utility>
+
+#include "broker/backbone/nats_link_impl.h"
+
+namespace eigencast::broker {
+namespace {
+
+using namespace std::chrono_literals;
+
+constexpr std::int64_t kTableTimeoutMs = 2'000;
+constexpr auto kReread = 60s;  ///< The table is read again so often, whatever was told meanwhile.
+
+}  // namespace
+
+void NatsLink::Impl::write_row(const std::string& key, std::optional<std::string> text, std::uint64_t expected,
+                               std::function<void(const Result<std::uint64_t>&)> written) {
+  const std::lock_guard lock(mutex_);
+  rows_.push_back([this, key, text = std::move(text), expected, written = std::move(written)] {
+    const auto result = write_now(key, text, expected);
+    if (result) tell_row(key, text, *result);
+    hand_over([written, result] { written(result); });
+  });
+  news_.notify_all();
+}
+
+void NatsLink::Impl::write_all() {
+  std::unique_lock lock(mutex_);
+  for (;;) {
+    news_.wait(lock, [this] { return stopping_ || !rows_.empty(); });
+    if (stopping_ && (rows_.empty() || std::chrono::steady_clock::now() >= leave_until_)) return;
+    const auto job = std::move(rows_.front());
+    rows_.pop_front();
+    lock.unlock();
+    job();
+    lock.lock();
+  }
+}
+
+JetStreamPtr NatsLink::Impl::jet_stream() const {
+  jsOptions options;
+  jsOptions_Init(&options);
+  options.Wait = kTableTimeoutMs;
+  jsCtx* js = nullptr;
+  if (connection_) natsConnection_JetStream(&js, connection_.get(), &options);
+  return JetStreamPtr(js);
+}
+
+Result<std::uint64_t> NatsLink::Impl::write_now(const std::string& key, const std::optional<std::string>& text,
+                                                std::uint64_t expected) {
+  const auto away = [](const char* why) {
+    return fail(ErrorCode::kUnreachable, std::string("the directory of streams (JetStream) does not answer: ") + why);
+  };
+  const JetStreamPtr js = jet_stream();
+  if (!js) return away("no connection");
+  natsMsg* raw = nullptr;
+  const std::string subject = "$KV." + bucket_ + "." + key;
+  const std::string data = text.value_or("");
+  if (const natsStatus made =
+          natsMsg_Create(&raw, subject.c_str(), nullptr, data.data(), static_cast<int>(data.size()));
+      made != NATS_OK) {
+    return away(natsStatus_GetText(made));
+  }
+  const MessagePtr message(raw);
+  if (!text) natsMsgHeader_Set(raw, "KV-Operation", "DEL");
+  jsPubOptions options;
+  jsPubOptions_Init(&options);
+  options.MaxWait = kTableTimeoutMs;
+  options.ExpectLastSubjectSeq = expected;
+  options.ExpectNoMessage = expected == 0;
+  jsPubAck* ack = nullptr;
+  jsErrCode code{};
+  const natsStatus status = js_PublishMsg(&ack, js.get(), raw, &options, &code);
+  if (status == NATS_OK) {
+    const std::uint64_t revision = ack->Sequence;
+    jsPubAck_Destroy(ack);
+    return revision;
+  }
+  if (code == JSStreamWrongLastSequenceErr) {
+    return fail(ErrorCode::kRefused, "another broker has changed the stream's entry meanwhile");
+  }
+  return away(natsStatus_GetText(status));
+}
+
+void NatsLink::Impl::tell_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision) {
+  Bytes message;
+  ByteWriter out(message);
+  out.u64(revision);
+  out.u8(text ? 1 : 0);
+  out.u16(static_cast<std::uint16_t>(key.size()));
+  out.text(key);
+  if (text) out.text(*text);
+  publish(settings_.prefix + ".rows", std::move(message));
+}
+
+void NatsLink::Impl::hear_row(ByteView message) {
+  ByteReader in(message);
+  const std::uint64_t revision = in.u64();
+  const bool has_text = in.u8() == 1;
+  const ByteView key = in.bytes(in.u16());
+  const ByteView text = in.bytes(in.remaining());
+  if (in.failed()) return;
+  std::optional<std::string> row;
+  if (has_text) row.emplace(text.begin(), text.end());
+  hand_over([this, key = std::string(key.begin(), key.end()), row = std::move(row), revision] {
+    listener_->on_row(key, row, revision);
+  });
+}
+
+Result<StorePtr> NatsLink::Impl::open_table(jsCtx& js) const {
+  kvStore* store = nullptr;
+  natsStatus status = js_KeyValue(&store, &js, bucket_.c_str());
+  if (status == NATS_NOT_FOUND) {
+    kvConfig config;
+    kvConfig_Init(&config);
+    config.Bucket = bucket_.c_str();
+    config.Description = "Eigencast: which broker has which stream";
+    config.History = 1;
+    config.MaxBytes = 64 << 20;
+    config.StorageType = js_FileStorage;
+    config.Replicas = settings_.replicas;
+    status = js_CreateKeyValue(&store, &js, &config);
+  }
+  if (status != NATS_OK) return fail(ErrorCode::kUnreachable, natsStatus_GetText(status));
+  return StorePtr(store);
+}
+
+void NatsLink::Impl::read_table() {
+  std::unique_lock lock(mutex_);
+  while (!stopping_) {
+    news_.wait_for(lock, 500ms, [this] { return stopping_ || connected_; });
+    if (stopping_ || !connected_) continue;
+    const std::uint64_t generation = generation_;
+    lock.unlock();
+    watch_once(generation);
+    lock.lock();
+    news_.wait_for(lock, 500ms, [this] { return stopping_; });
+  }
+}
+
+void NatsLink::Impl::watch_once(std::uint64_t generation) {
+  const JetStreamPtr js = jet_stream();
+  if (!js) return;
+  auto store = open_table(*js);
+  if (!store) return;
+  kvWatchOptions options;
+  kvWatchOptions_Init(&options);
+  options.Timeout = kTableTimeoutMs;
+  kvWatcher* raw = nullptr;
+  if (kvStore_WatchAll(&raw, store->get(), &options) != NATS_OK) return;
+  const WatcherPtr watcher(raw);
+  const auto began = std::chrono::steady_clock::now();
+  bool read = false;
+  for (;;) {
+    kvEntry* entry = nullptr;
+    const natsStatus status = kvWatcher_Next(&entry, watcher.get(), 200);
+    const EntryPtr owned(entry);
+    {
+      const std::lock_guard lock(mutex_);
+      if (stopping_ || !connected_ || generation != generation_) return;
+    }
+    if (status == NATS_TIMEOUT) {
+      const auto age = std::chrono::steady_clock::now() - began;
+      if (age > kReread || (!read && age > 5s)) return;
+      continue;
+    }
+    if (status != NATS_OK) return;
+    if (entry == nullptr) {
+      read = true;
+      hand_over([this] { listener_->on_table_read(); });
+      continue;
+    }
+    const std::string key = kvEntry_Key(entry);
+    const std::uint64_t revision = kvEntry_Revision(entry);
+    std::optional<std::string> text;
+    if (kvEntry_Operation(entry) == kvOp_Put) {
+      text.emplace(static_cast<const char*>(kvEntry_Value(entry)), static_cast<std::size_t>(kvEntry_ValueLen(entry)));
+    }
+    hand_over([this, key, text = std::move(text), revision] { listener_->on_row(key, text, revision); });
+  }
+}
+
+}  // namespace eigencast::broker
