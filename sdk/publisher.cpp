@@ -19,6 +19,7 @@
 #include "common/wire/limits.h"
 #include "sdk/retry_text.h"
 #include "sdk/send_policy.h"
+#include "sdk/uploader.h"
 
 namespace eigencast {
 
@@ -50,65 +51,6 @@ Result<void> check_capture_time(TimeUs capture_us) {
   return fail(ErrorCode::kInvalidArgument,
               "capture time " + std::to_string(capture_us) + " us is out of range: it must be 0 to 2^62 - 1");
 }
-
-/// Puts the objects of an asset on a broker that lacks some of them: the manifest last, so that no manifest there ever
-/// names a chunk that is missing.
-class Uploader {
- public:
-  using Progress = std::function<void(std::uint64_t done, std::uint64_t total)>;
-
-  Uploader(HttpConnection& http, const EncodedAsset& encoded) : http_(http), encoded_(encoded) {}
-
-  Result<void> upload(const Progress& progress) {
-    const auto there = is_there(encoded_.manifest);
-    if (!there) return there.error();
-    if (*there) return {};
-    if (encoded_.manifest.bytes.empty()) {
-      return fail(ErrorCode::kRefused, "the broker does not have asset " + encoded_.manifest.id.hex() +
-                                           ", and it is not at hand here: give its objects, or put it there first");
-    }
-    std::uint64_t done = 0;
-    const std::uint64_t total = encoded_.total_bytes();
-    for (const AssetObject& chunk : encoded_.chunks) {
-      progress(done, total);
-      if (auto put = put_missing(chunk); !put) return put;
-      done += chunk.bytes.size();
-    }
-    progress(done, total);
-    return put_missing(encoded_.manifest);
-  }
-
- private:
-  static std::string target_of(const AssetObject& object) { return "/v1/assets/" + object.id.hex(); }
-
-  Result<bool> is_there(const AssetObject& object) {
-    auto answer = http_.head(target_of(object));
-    if (!answer) return answer.error();
-    if (answer->status == 200) return true;
-    if (answer->status == 404) return false;
-    return unexpected("asking for asset " + object.id.hex(), *answer);
-  }
-
-  Result<void> put_missing(const AssetObject& object) {
-    const auto there = is_there(object);
-    if (!there) return there.error();
-    if (*there) return {};
-    auto answer = http_.put(target_of(object), object.bytes);
-    if (!answer) return answer.error();
-    if (answer->status >= 200 && answer->status < 300) return {};
-    return unexpected("uploading asset object " + object.id.hex(), *answer);
-  }
-
-  static Error unexpected(const std::string& doing, const HttpResponse& answer) {
-    const std::string said(answer.body.begin(),
-                           answer.body.begin() + std::min<std::ptrdiff_t>(std::ssize(answer.body), 300));
-    return fail(ErrorCode::kRefused,
-                doing + ": the broker answered " + std::to_string(answer.status) + (said.empty() ? "" : ", " + said));
-  }
-
-  HttpConnection& http_;
-  const EncodedAsset& encoded_;
-};
 
 Result<BrokerUrl> destination(const PublisherOptions& options, const LogSink& log) {
   auto url = parse_broker_url(options.url);
