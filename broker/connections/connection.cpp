@@ -15,9 +15,6 @@ namespace {
 using websocket::CloseCode;
 using websocket::Opcode;
 
-// One write takes at most so much, so that what waits behind it can still be replaced by something newer.
-constexpr std::size_t kMostDueBytes = 128 * 1024;
-
 // Reads of one turn, so that a sender in full flow lets the others have theirs.
 constexpr int kMostReads = 4;
 
@@ -41,11 +38,6 @@ void tune(Socket& socket, const Config& config) {
     socket.set_option(UnsentLimit(static_cast<int>(config.sockets.unsent_bytes)), ignored);
   if (config.sockets.send_buffer_bytes > 0)
     socket.set_option(Socket::send_buffer_size(static_cast<int>(config.sockets.send_buffer_bytes)), ignored);
-}
-
-ByteView bytes_of(const Outbox::Item& item) {
-  if (item.frame) return item.frame->wire;
-  return {reinterpret_cast<const std::uint8_t*>(item.text->data()), item.text->size()};
 }
 
 }  // namespace
@@ -74,17 +66,6 @@ void Connection::start(std::string answer) {
   });
 }
 
-template <typename Work>
-void Connection::guarded(Work work) {
-  try {
-    work();
-  } catch (const std::exception& exception) {
-    log_failure(exception);
-    blocked_ = true;
-    cut_later();
-  }
-}
-
 void Connection::log_failure(const std::exception& exception) noexcept {
   try {
     log(context_.log, LogLevel::kError, name() + ": closed, the broker failed: " + exception.what());
@@ -103,13 +84,17 @@ void Connection::wait_to_read(Transport::Wait wait) {
 
 void Connection::on_readable() {
   for (int i = 0; i < kMostReads; ++i) {
-    const std::span<std::uint8_t> buffer(context_.read_buffer);
+    const std::span<std::uint8_t> buffer = std::span(context_.read_buffer).first(read_bytes());
     const Transport::Outcome outcome = transport_.read(buffer);
     if (outcome.error) return cut();
     if (outcome.wait != Transport::Wait::kNo) return wait_to_read(outcome.wait);
     heard_us_ = context_.turn.now_us();
     pinged_ = false;
     if (!take_input(buffer.first(outcome.bytes))) return;
+    if (is_overdue()) {
+      paused_ = true;
+      return;
+    }
     if (!transport_.is_tls() && outcome.bytes < buffer.size()) break;
   }
   wait_to_read(Transport::Wait::kReadable);
@@ -137,7 +122,33 @@ void Connection::on_event(const websocket::MessageReader::Event& event) {
   }
   if (event.kind == Kind::kText) return on_text(text());
   if (event.kind == Kind::kBinary) return on_binary(event.payload);
-  if (event.kind == Kind::kPing) return send_framed(websocket::framed(Opcode::kPong, text()));
+  if (event.kind == Kind::kPing) return on_ping(text());
+  if (event.kind == Kind::kPong && watch_.note_pong(text())) {
+    outbox_.hold_from(watch_.hold_from_us());
+    flush();
+  }
+}
+
+void Connection::on_ping(std::string_view payload) {
+  const auto pong = std::make_shared<const std::string>(websocket::framed(Opcode::kPong, payload));
+  if (outbox_.push_droppable(pong)) return flush();
+  if (!blocked_ && open_) leave();
+  if (!outbox_.push_droppable(pong)) outbox_.push_late_pong(pong);
+  flush();
+}
+
+bool Connection::is_overdue() {
+  const auto many = static_cast<std::size_t>(context_.config.limits.max_queued_control_messages) / 2;
+  if (outbox_.control_messages() < many) return false;
+  if (!blocked_ && open_) leave();  // That the socket does not take them is not said yet.
+  return blocked_ && outbox_.control_messages() >= many;
+}
+
+void Connection::read_on() {
+  if (paused_ && !ended_ && !is_overdue()) {
+    paused_ = false;
+    wait_to_read(Transport::Wait::kReadable);
+  }
 }
 
 void Connection::on_peer_closed(const websocket::MessageReader::Event& event) {
@@ -184,131 +195,6 @@ void Connection::send_framed(std::string message) {
   cut_later();  // The owner may be in the middle of telling all its watchers something.
 }
 
-void Connection::send_droppable(const Outbox::Text& text) {
-  if (!closing_ && outbox_.push_droppable(text)) flush();
-}
-
-void Connection::deliver(std::uint32_t stream_id, std::span<const FramePtr> frames) {
-  if (frames.size() == 1 && deliver_at_once(stream_id, frames[0])) return;
-  for (const FramePtr& frame : frames) {
-    outbox_.offer(stream_id, frame);
-    flush();
-  }
-}
-
-bool Connection::deliver_at_once(std::uint32_t stream_id, const FramePtr& frame) {
-  if (blocked_ || !open_ || ended_ || closing_ || !due_.empty() || outbox_.lanes() != 1) return false;
-  if (!context_.turn.writes_singly() || transport_.is_tls()) return false;
-  if (!outbox_.pass(stream_id, *frame, context_.turn.now_us())) return false;
-  note_leaving(*frame);
-  const iovec piece{const_cast<std::uint8_t*>(frame->wire.data()), frame->wire.size()};
-  const Transport::Outcome outcome = transport_.write({&piece, 1});
-  if (!outcome.error && outcome.bytes == frame->wire.size()) {
-    count_sent(outcome.bytes);
-    return true;
-  }
-  left_in_part(frame, outcome);
-  return true;
-}
-
-void Connection::left_in_part(const FramePtr& frame, const Transport::Outcome& outcome) {
-  guarded([&] {
-    due_.push_back({nullptr, frame});
-    due_bytes_ += frame->wire.size();
-    left(outcome);
-  });
-}
-
-void Connection::flush() {
-  if (blocked_ || !open_ || ended_ || close_due_) return;
-  try {
-    gather();
-  } catch (const std::exception& exception) {
-    log_failure(exception);
-    cut_later();
-  }
-}
-
-void Connection::gather() {
-  std::uint64_t poses = 0;
-  bool urgent = closing_;
-  const auto join = [this](std::uint32_t id) { return join_of(id); };
-  while (due_bytes_ < kMostDueBytes && due_.size() < kMaxPieces) {
-    auto item = outbox_.take(context_.turn.now_us(), join);
-    if (!item) {
-      if (closing_) {
-        item = Outbox::Item{std::make_shared<const std::string>(websocket::framed_close(close_code_, close_reason_)),
-                            nullptr};
-        close_due_ = true;
-      } else {
-        break;
-      }
-    } else if (closing_ && item->frame) {
-      continue;
-    }
-    urgent = urgent || item->text != nullptr;
-    poses += item->frame ? 1 : 0;
-    due_bytes_ += bytes_of(*item).size();
-    due_.push_back(std::move(*item));
-    if (close_due_) break;
-  }
-  if (due_.empty()) return;
-  const bool full = due_bytes_ >= kMostDueBytes || due_.size() >= kMaxPieces;
-  const bool several = outbox_.lanes() > 1;
-  const bool may_wait = several && context_.turn.gathers(poses) && !urgent && !full;
-  context_.turn.add(*this, may_wait);
-}
-
-int Connection::plain_socket() {
-  return transport_.is_tls() ? -1 : transport_.socket().native_handle();
-}
-
-std::size_t Connection::pieces(std::span<iovec> out) {
-  if (blocked_ || ended_) return 0;
-  std::size_t count = 0;
-  std::size_t skip = first_left_;
-  for (const Outbox::Item& item : due_) {
-    if (count == out.size()) break;
-    if (item.frame) note_leaving(*item.frame);
-    const ByteView bytes = bytes_of(item).subspan(std::exchange(skip, 0));
-    out[count++] = {const_cast<std::uint8_t*>(bytes.data()), bytes.size()};
-  }
-  return count;
-}
-
-void Connection::leave() {
-  std::array<iovec, kMaxPieces> all;
-  // TLS takes a record at a time; what it did not take yet is offered again until it has to wait.
-  do {
-    const std::size_t count = pieces(all);
-    if (count == 0) return;
-    left(transport_.write({all.data(), count}));
-  } while (transport_.is_tls() && !blocked_);
-}
-
-void Connection::left(const Transport::Outcome& outcome) {
-  guarded([&] {
-    if (ended_) return;
-    if (outcome.error) {  // Later: whoever makes this connection write may be in the middle of all its watchers.
-      blocked_ = true;
-      return cut_later();
-    }
-    drop_sent(outcome.bytes);
-    if (due_.empty()) return all_left();
-    if (transport_.is_tls() && outcome.wait == Transport::Wait::kNo) return;
-    block(outcome.wait == Transport::Wait::kNo ? Transport::Wait::kWritable : outcome.wait);
-  });
-}
-
-void Connection::note_leaving(const Frame& frame) {
-  FrameTimes& times = frame.times;
-  if (times.left_us != 0) return;
-  times.left_us = steady_now_us();
-  const TimeUs from_us = times.due_us != 0 ? times.due_us : times.arrival_us;
-  if (from_us != 0) context_.counters.latency.add(times.left_us - from_us);
-  if (times.due_us != 0 && times.arrival_us != 0) context_.counters.hold.add(times.due_us - times.arrival_us);
-}
-
 std::string Connection::name() const {
   return label() + " #" + std::to_string(id_);
 }
@@ -324,58 +210,6 @@ void Connection::describe(ClientFacts& facts) const {
   facts.skipped = outbox_.skipped_total();
   facts.joins = outbox_.joins_total();
   facts.control_waiting = outbox_.control_messages();
-}
-
-void Connection::count_sent(std::size_t bytes) {
-  ++context_.counters.frames_sent;
-  context_.counters.frame_bytes_sent += bytes;
-  ++frames_sent_;
-  bytes_sent_ += bytes;
-}
-
-void Connection::drop_sent(std::size_t bytes) {
-  std::size_t whole = 0;
-  first_left_ += bytes;
-  for (; whole < due_.size(); ++whole) {
-    const std::size_t size = bytes_of(due_[whole]).size();
-    if (first_left_ < size) break;
-    first_left_ -= size;
-    due_bytes_ -= size;
-    if (!due_[whole].frame) continue;
-    count_sent(size);
-  }
-  due_.erase(due_.begin(), due_.begin() + static_cast<std::ptrdiff_t>(whole));
-}
-
-void Connection::all_left() {
-  if (close_due_) {
-    if (close_came_) transport_.end_writing();
-    return;
-  }
-  flush();  // What one write could not take.
-}
-
-void Connection::block(Transport::Wait wait) {
-  blocked_ = true;
-  // The peer may stay away for long: what has not begun to leave gives way to what is new then.
-  std::size_t begun = first_left_ + transport_.held_bytes();
-  std::erase_if(due_, [&](const Outbox::Item& item) {
-    const std::size_t size = bytes_of(item).size();
-    if (begun > 0) {
-      begun -= std::min(begun, size);
-      return false;
-    }
-    if (!item.frame) return false;
-    outbox_.take_back(*item.frame);
-    due_bytes_ -= size;
-    return true;
-  });
-  transport_.async_wait(wait, [self = shared_from_this()](ErrorOf error) {
-    if (error || self->ended_) return;
-    self->blocked_ = false;
-    if (!self->due_.empty()) self->context_.turn.add(*self, false);
-    self->flush();
-  });
 }
 
 void Connection::refuse(const Error& error, const std::string& stream, CloseCode code) {
@@ -413,8 +247,9 @@ void Connection::tick() {
   const TimeUs idle_us = context_.config.timeouts.idle_ms * 1000;
   if (silent_us > idle_us) {
     log(context_.log, LogLevel::kWarning,
-        name() + ": closed, nothing came from it for " + std::to_string(silent_us / 1'000'000) +
-            " s (timeouts.idle_ms)");
+        name() +
+            (paused_ ? ": closed, it asks and has not taken the answers for " : ": closed, nothing came from it for ") +
+            std::to_string(silent_us / 1'000'000) + " s (timeouts.idle_ms)");
     return cut_later();
   }
   if (silent_us > idle_us / 2 && !std::exchange(pinged_, true)) send_framed(websocket::framed(Opcode::kPing, {}));
@@ -426,6 +261,7 @@ void Connection::tick() {
     log(context_.log, LogLevel::kInfo, label() + ": closed, the configuration no longer lets in " + grant_->label());
     return say_bye("the rights of this connection have changed: connect again", kRetryAfterMs, CloseCode::kPolicy);
   }
+  if (watch_.is_asking()) look();  // The answer to a ping shows the window, even of who sends no pongs.
   on_tick();
 }
 

@@ -11,12 +11,15 @@
 #include "broker/context.h"
 #include "broker/operation/client_facts.h"
 #include "broker/relay/outbox.h"
+#include "broker/relay/reader_watch.h"
 #include "broker/websocket/reader.h"
 
 namespace eigencast::broker {
 
 /// One WebSocket: reads messages, writes what its outbox decides, closes with a reason. Publisher and subscriber say
 /// what the messages mean.
+///
+/// A peer that asks and does not take the answers is not read until it does.
 ///
 /// What the outbox lets go waits for the end of the turn in `due_` and leaves in one write. While the socket takes less
 /// than that, the connection is blocked: frames not begun go back to the outbox, which keeps the newest. Holds no read
@@ -53,6 +56,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
   /// Called once, when nothing more comes or goes.
   virtual void on_closed() = 0;
   virtual void on_tick() {}
+  /// The most that is read at a time: what one read asks, the control queue must be able to answer.
+  virtual std::size_t read_bytes() const { return context_.read_buffer.size(); }
   virtual FramePtr join_of(std::uint32_t /*stream_id*/) { return nullptr; }
   virtual std::string label() const = 0;
 
@@ -94,6 +99,11 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
   /// False: the connection has ended.
   bool take_input(std::span<std::uint8_t> input);
   void on_event(const websocket::MessageReader::Event& event);
+  void on_ping(std::string_view payload);
+  /// So many answers wait that no more questions are to be heard.
+  bool is_overdue();
+  /// Goes on reading where it was paused and answers have left.
+  void read_on();
   void on_peer_closed(const websocket::MessageReader::Event& event);
   void on_broken(const websocket::MessageReader::Event& event);
   /// Writes a frame that nothing stands before straight to the socket; false: it goes by the outbox.
@@ -104,6 +114,8 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
   /// Before the kernel has it: a viewer on this machine may read it before the call returns.
   void note_leaving(const Frame& frame);
   void count_sent(std::size_t bytes);
+  /// Looks whether a peer that does not acknowledge still reads.
+  void look();
   void block(Transport::Wait wait);
   void all_left();
   void cut();
@@ -119,6 +131,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
   Transport transport_;
   websocket::MessageReader reader_;
   Outbox outbox_;
+  ReaderWatch watch_;
   std::vector<Outbox::Item> due_;  ///< Leaves next, in this order.
   std::size_t due_bytes_ = 0;      ///< Of all of it, also what has left of the first.
   std::size_t first_left_ = 0;     ///< Bytes of the first that have left.
@@ -137,6 +150,20 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
   bool close_due_ = false;   ///< The close frame is in due_ or has left.
   bool close_came_ = false;  ///< The peer's, or something that ends the reading as well.
   bool ended_ = false;
+  bool greeted_ = false;  ///< What comes first has left.
+  bool look_due_ = false;
+  bool paused_ = false;  ///< Nothing is read until answers have left.
 };
+
+template <typename Work>
+void Connection::guarded(Work work) {
+  try {
+    work();
+  } catch (const std::exception& exception) {
+    log_failure(exception);
+    blocked_ = true;
+    cut_later();
+  }
+}
 
 }  // namespace eigencast::broker

@@ -30,6 +30,8 @@ class Subscriber final : public Watcher, public Connection {
   void on_binary(ByteView message) override;
   void on_closed() override;
   void on_tick() override;
+  /// Questions of a few bytes have answers of many.
+  std::size_t read_bytes() const override { return 2048; }
   FramePtr join_of(std::uint32_t stream_id) override;
   std::string label() const override;
   void subscribe(const control::Subscribe& request);

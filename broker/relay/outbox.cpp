@@ -91,7 +91,7 @@ void Outbox::offer(std::uint32_t stream_id, const FramePtr& frame) {
 
 bool Outbox::pass(std::uint32_t stream_id, const Frame& frame, TimeUs now_us) {
   Lane* lane = find(stream_id);
-  if (lane == nullptr || !control_.empty() || lane->key || lane->pose) return false;
+  if (lane == nullptr || !control_.empty() || late_pong_ || lane->key || lane->pose) return false;
   // Who has nothing yet may well begin with this frame, if it is a join.
   if (!decodable(frame.envelope, lane->newest) || window_closed(*lane, now_us)) return false;
   note_sent(*lane, frame, now_us);
@@ -105,6 +105,7 @@ std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_o
     control_bytes_ -= item.text->size();
     return item;
   }
+  if (late_pong_) return Item{std::exchange(late_pong_, nullptr), nullptr};
   for (std::size_t i = 0; i < lanes_.size(); ++i) {
     Lane& lane = lanes_[(turn_ + i) % lanes_.size()];
     if ((!lane.key && !lane.pose && !lane.wants_join) || window_closed(lane, now_us)) continue;
@@ -192,6 +193,7 @@ void Outbox::begin_window(Lane& lane, const control::Ack::Item& item, TimeUs now
   const InFlight& last = lane.last;
   if (last.sent_us < 0 || item.sequence > last.sequence) return;
   acknowledges_ = true;
+  hold_from_us_ = ReaderWatch::kNever;
   if (item.sequence == last.sequence && item.step == last.step) return note_round_trip(now_us - last.sent_us, now_us);
   lane.in_flight.push_back(last);
 }
@@ -211,6 +213,7 @@ std::optional<TimeUs> Outbox::round_trip_us() const {
 }
 
 bool Outbox::window_closed(const Lane& lane, TimeUs now_us) const {
+  if (now_us >= hold_from_us_) return true;
   if (!acknowledges_ || lane.in_flight.empty()) return false;
   const TimeUs allowed = round_trip_us().value_or(0) + limits_.window_slack_us;
   return now_us - lane.in_flight.front().sent_us > allowed && now_us - lane.last_sent_us < limits_.probe_us;

@@ -10,6 +10,7 @@
 
 #include "broker/relay/frame.h"
 #include "broker/relay/ladder.h"
+#include "broker/relay/reader_watch.h"
 #include "common/wire/control.h"
 
 namespace eigencast::broker {
@@ -23,7 +24,8 @@ namespace eigencast::broker {
 /// join frame first, never a backlog.
 ///
 /// A client that acknowledges has in flight at most its round trip plus `window_slack_us` of frames: while the oldest
-/// unacknowledged frame is older, the newest wait. One that never acknowledges has no window.
+/// unacknowledged frame is older, the newest wait. One that never acknowledges has no window; frames wait from
+/// hold_from() on, where its owner finds that it no longer reads (ReaderWatch).
 ///
 /// Time comes in as an argument. Not thread-safe.
 class Outbox {
@@ -59,6 +61,9 @@ class Outbox {
   [[nodiscard]] bool push_control(Text text);
   /// For what may be lost (traces): false if it was dropped because a quarter of the queue is in use.
   bool push_droppable(Text text);
+  /// An answer to a ping that leaves after all other control messages and takes the place of one that still waits: where
+  /// many come, the latest is answered (RFC 6455, 5.5.3).
+  void push_late_pong(Text text) { late_pong_ = std::move(text); }
 
   /// Starts a lane, or starts it anew (new epoch, new profile): the receiver is taken to know nothing.
   void open_lane(std::uint32_t stream_id);
@@ -78,6 +83,9 @@ class Outbox {
   void take_back(const Frame& frame);
 
   void acknowledge(const control::Ack::Item& item, TimeUs now_us);
+
+  /// Frames wait from then on, until it is said anew; ReaderWatch::kNever: they do not. Of who acknowledges: ignored.
+  void hold_from(TimeUs when_us) { hold_from_us_ = acknowledges_ ? ReaderWatch::kNever : when_us; }
 
   /// Frames skipped since the last call, per lane; lanes without any are left out.
   std::vector<Skipped> take_skipped();
@@ -124,6 +132,8 @@ class Outbox {
 
   Limits limits_;
   std::vector<Text> control_;  ///< Oldest first.
+  Text late_pong_;
+  TimeUs hold_from_us_ = ReaderWatch::kNever;
   std::size_t control_bytes_ = 0;
   std::vector<Lane> lanes_;
   std::size_t turn_ = 0;

@@ -6,6 +6,7 @@
 """
 import json
 import pathlib
+import re
 import socket
 import subprocess
 import sys
@@ -17,7 +18,7 @@ import urllib.request
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker")]
 import payloads
-from websocket_peer import BINARY, CLOSE, TEXT, Broker, Peer, frame, port_of
+from websocket_peer import BINARY, CLOSE, PING, PONG, TEXT, Broker, Peer, frame, port_of, ports_of
 
 BROKER = RELAY = None
 SUBPROTOCOL = "eigencast.v1"
@@ -60,9 +61,10 @@ class Sender(threading.Thread):
 
 
 class Viewer:
-    """Collects capture times, profiles and notices; acknowledges where it is to."""
+    """Collects capture times, profiles and notices; acknowledges and answers pings where it is to."""
 
-    def __init__(self, port, stream, query="", acknowledges=False, receive_buffer=0):
+    def __init__(self, port, stream, query="", acknowledges=False, answers=True, receive_buffer=0):
+        self.answers = answers
         self.peer = Peer(port, f"/v1/subscribe/{stream}{query}", SUBPROTOCOL, receive_buffer=receive_buffer)
         self.captures, self.profiles, self.notices, self.newest = [], [], [], None
         if acknowledges:
@@ -87,6 +89,8 @@ class Viewer:
                 self.profiles.append(message["profile"])
             if message["op"] == "notice":
                 self.notices.append(message["message"])
+        elif opcode == PING and self.answers:
+            self.peer.send(frame(PONG, payload))
         elif opcode == CLOSE:
             raise EOFError("the broker closed")
 
@@ -121,6 +125,13 @@ class SlowViewers(unittest.TestCase):
         self.addCleanup(self.broker.__exit__)
         self.port = self.broker.port
 
+    def steps_counted(self, direction):
+        """Steps of all ladders, as the metrics tell them."""
+        admin = ports_of(pathlib.Path(self.broker.folder) / "port")[1]
+        text = urllib.request.urlopen(f"http://127.0.0.1:{admin}/metrics").read().decode()
+        return sum(float(count) for labels, count in re.findall(r"^eigencast_broker_ladder_steps_total{(.*)} (.*)$", text, re.M)
+                   if f'direction="{direction}"' in labels)
+
     def stale_after_a_stall(self, seconds, **viewer):
         """Poses of the time of the stall that the viewer is given when it wakes."""
         stalled, other = Viewer(self.port, "s", "?rate=raw", **viewer), Viewer(self.port, "s", "?rate=raw")
@@ -142,10 +153,43 @@ class SlowViewers(unittest.TestCase):
         with Sender(self.port, "s", [48], self.rate):
             self.assertLessEqual(self.stale_after_a_stall(4, acknowledges=True, receive_buffer=32768), 4)
 
-    def test_who_never_acknowledges_gets_little_more_than_its_own_buffer_held(self):
+    def test_who_never_acknowledges_is_missed_when_its_window_narrows(self):
         self.rate = 90
         with Sender(self.port, "s", [48], self.rate):
-            self.assertLessEqual(self.stale_after_a_stall(4, receive_buffer=8192), 40)
+            for receive_buffer in (8192, 32768):
+                for answers in (True, False):
+                    with self.subTest(receive_buffer=receive_buffer, answers=answers):
+                        stale = self.stale_after_a_stall(4, answers=answers, receive_buffer=receive_buffer)
+                        print(f"{stale} stale poses, receive buffer {receive_buffer}, answers pings: {answers}")
+                        self.assertLessEqual(stale, 40)
+
+    def test_who_asks_and_takes_no_answer_is_not_heard_until_it_does(self):
+        viewer = Peer(self.port, "/v1/subscribe", SUBPROTOCOL, receive_buffer=8192)
+        viewer.sock.settimeout(0.3)
+        question = frame(TEXT, json.dumps({"op": "ping", "id": 1, "time_us": 1}).encode())
+        with self.assertRaises(TimeoutError):  # The broker stops reading, long before it would lose patience.
+            for _ in range(20_000):
+                viewer.sock.sendall(question * 100)
+        viewer.sock.settimeout(5)
+        answered = 0
+        while answered < 1000:  # What it has heard is answered once the viewer reads, and it hears more.
+            opcode, payload = viewer.receive()
+            self.assertEqual(opcode, TEXT)
+            answered += b'"pong"' in payload
+        viewer.sock.close()
+
+    def test_of_a_flood_of_pings_the_latest_is_answered(self):
+        viewer = Peer(self.port, "/v1/subscribe", SUBPROTOCOL, receive_buffer=8192)
+        last = 200_000
+        for first in range(0, last, 1000):
+            viewer.send(*(frame(PING, b"%d" % number) for number in range(first + 1, first + 1001)))
+        answered = 0
+        while answered < last:
+            opcode, payload = viewer.receive()
+            if opcode == PONG:
+                self.assertGreater(int(payload), answered, "in order")
+                answered = int(payload)
+        viewer.sock.close()
 
     def test_a_link_that_is_too_slow_is_served_from_a_lower_rung(self):
         port_file = pathlib.Path(self.broker.folder) / "relay-port"
@@ -162,6 +206,8 @@ class SlowViewers(unittest.TestCase):
             viewer.read_for(3)
             self.assertEqual(viewer.rungs()[-1], ("raw", None, 3), "this rung suits the link")
             self.assertGreater(len(viewer.captures) - settled, 200, "of 300 keys")
+            self.assertEqual(self.steps_counted("down"), 3)
+            self.assertEqual(self.steps_counted("up"), 0)
 
     def test_the_step_is_undone_when_the_link_recovers(self):
         with Sender(self.port, "s", [14, 54, 104, 200], 60):
@@ -169,6 +215,7 @@ class SlowViewers(unittest.TestCase):
             viewer.read_until(lambda: viewer.steps("instead of") == 1, 30, pause=0.02)
             viewer.read_until(lambda: viewer.steps("again") == 1, 40)
             self.assertEqual(viewer.rungs()[-2:], [("interpolated", "compact", 4), ("interpolated", "full", 4)])
+            self.assertEqual((self.steps_counted("down"), self.steps_counted("up")), (1, 1))
 
 
 if __name__ == "__main__":

@@ -286,5 +286,40 @@ TEST_F(OutboxTest, LanesTakeTurns) {
   EXPECT_EQ(take(), std::nullopt);
 }
 
+TEST_F(OutboxTest, WhoIsHeldGetsTheNewestByAJoinWhenTheHoldEnds) {
+  join_at(1);
+  EXPECT_EQ(take(), -1);
+  outbox_.hold_from(500);
+  offer_key(2);
+  EXPECT_EQ(take(), 2) << "not yet";
+  now_ = 500;
+  for (std::uint64_t s = 3; s < 30; ++s) offer_key(s);
+  EXPECT_EQ(take(), std::nullopt);
+  EXPECT_FALSE(outbox_.pass(1, *frame(FrameKind::kKey, 3), now_));
+  now_ = 60'000'000;
+  EXPECT_EQ(take(), std::nullopt) << "however long it takes";
+  ASSERT_TRUE(outbox_.push_control(text("control")));
+  EXPECT_TRUE(outbox_.take(now_, [](std::uint32_t) { return nullptr; })->text);
+  outbox_.hold_from(ReaderWatch::kNever);
+  EXPECT_EQ(take(), -29);
+  EXPECT_EQ(take(), std::nullopt);
+  outbox_.hold_from(0);
+  outbox_.acknowledge({1, 29, 0}, now_);
+  offer_key(30);
+  EXPECT_EQ(take(), 30) << "who acknowledges has a window";
+}
+
+TEST_F(OutboxTest, OfManyPongsTheLatestLeaves) {
+  for (const char* pong : {"1", "2", "3"}) outbox_.push_late_pong(text(pong));
+  ASSERT_TRUE(outbox_.push_control(text("control")));
+  join_at(1);
+  const auto next = [&] { return outbox_.take(now_, [&](std::uint32_t) { return join_; }); };
+  EXPECT_EQ(*next()->text, "control");
+  EXPECT_FALSE(outbox_.pass(1, *frame(FrameKind::kJoin, 1), now_)) << "nothing overtakes it";
+  EXPECT_EQ(*next()->text, "3");
+  EXPECT_TRUE(next()->frame);
+  EXPECT_FALSE(next());
+}
+
 }  // namespace
 }  // namespace eigencast::broker
