@@ -36,6 +36,9 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
   /// Sends "bye", then closes with `code`; what the peer does not take within timeouts.shutdown_ms is cut off.
   void say_bye(const std::string& reason, std::uint32_t retry_after_ms, websocket::CloseCode code);
 
+  /// It has been said bye to, or has said so: what is left is to be taken and to close.
+  bool is_closing() const { return closing_; }
+
   /// What the admin API tells of it.
   virtual void describe(ClientFacts& facts) const;
   std::uint64_t id() const { return id_; }
@@ -80,7 +83,6 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
   void refuse(const Error& error, const std::string& stream, websocket::CloseCode code);
   /// Deals with a text that parse() refused: an unknown op is answered, anything else closes the connection.
   void refuse_text(const Error& error, const std::string& stream);
-  bool is_closing() const { return closing_; }
   /// Pings and what nobody expects here; true if it was dealt with.
   bool answer_common(const ControlMessage& message);
   Result<ControlMessage> parse(std::string_view text);

@@ -170,7 +170,7 @@ class AdminSession : public std::enable_shared_from_this<AdminSession> {
   Result<void> kick() {
     const std::string id = parameter("id");
     for (Connection* connection : context_.connections) {
-      if (std::to_string(connection->id()) != id) continue;
+      if (std::to_string(connection->id()) != id || connection->is_closing()) continue;
       log(context_.log, LogLevel::kWarning, connection->name() + ": closed through the admin port");
       ++context_.counters.kicked;
       connection->say_bye("closed by the operator", 0, websocket::CloseCode::kPolicy);
