@@ -185,7 +185,10 @@ void Connection::drop_sent(std::size_t bytes) {
 }
 
 void Connection::all_left() {
-  if (!std::exchange(greeted_, true)) due_.shrink_to_fit();  // As much as that is not due again for long.
+  if (!std::exchange(greeted_, true)) {  // As much as that is not due again for long.
+    due_.shrink_to_fit();
+    outbox_.shrink();
+  }
   if (close_due_) {
     if (close_came_) transport_.end_writing();
     return;

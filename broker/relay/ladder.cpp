@@ -66,6 +66,10 @@ std::optional<Ladder::Step> Ladder::look(const Counts& counts, std::uint8_t band
   const Counts lately{counts.sent - before.sent, counts.skipped - before.skipped, counts.joins - before.joins};
   if (lately.sent == 0) return std::nullopt;  // A reader that sleeps, or a stream that does.
   before_ = rung_;
+  if (rung_ == 0 && !is_bad(lately)) {  // As most are, each second.
+    bad_seconds_ = 0;
+    return ++good_seconds_ < climbs_after_ ? std::nullopt : climb({});
+  }
   const auto rungs = rungs_below(asked_, bands);
   rung_ = std::min(rung_, rungs.size() - 1);
   if (is_bad(lately)) {

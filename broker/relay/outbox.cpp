@@ -91,7 +91,7 @@ void Outbox::offer(std::uint32_t stream_id, const FramePtr& frame) {
 
 bool Outbox::pass(std::uint32_t stream_id, const Frame& frame, TimeUs now_us) {
   Lane* lane = find(stream_id);
-  if (lane == nullptr || !control_.empty() || late_pong_ || lane->key || lane->pose) return false;
+  if (lane == nullptr || !control_.empty() || lane->key || lane->pose) return false;
   // Who has nothing yet may well begin with this frame, if it is a join.
   if (!decodable(frame.envelope, lane->newest) || window_closed(*lane, now_us)) return false;
   note_sent(*lane, frame, now_us);

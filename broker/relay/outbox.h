@@ -68,6 +68,8 @@ class Outbox {
   /// Starts a lane, or starts it anew (new epoch, new profile): the receiver is taken to know nothing.
   void open_lane(std::uint32_t stream_id);
   void close_lane(std::uint32_t stream_id);
+  /// Gives back what memory a burst of control messages took.
+  void shrink() { control_.shrink_to_fit(); }
   /// Puts a frame into its lane. Ignored if the lane is not open.
   void offer(std::uint32_t stream_id, const FramePtr& frame);
 
