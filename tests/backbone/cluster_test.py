@@ -332,10 +332,13 @@ authorization {{ users: [ {{ user: broker, password: secret, permissions: {{
              f"--data-dir={self.folder}/data-{name}", "--log-level=error", f"--backbone-servers=tls://localhost:{self.nats}",
              f"--backbone-ca={ca}", "--backbone-user=broker"],
             env={**os.environ, "EIGENCAST_BACKBONE__PASSWORD": password, "CREDENTIALS_DIRECTORY": self.folder})
-        self.addCleanup(process.wait)
-        self.addCleanup(process.terminate)
+        self.addCleanup(self.end, process)
         data, admin = ports_of(ports)
         return data, lambda path: urllib.request.urlopen(f"http://127.0.0.1:{admin}{path}", timeout=5).read().decode()
+
+    def end(self, process):
+        process.terminate()
+        self.assertEqual(process.wait(20), 0, "a broker that is told to end does so well")
 
     def wait_for(self, condition, what):
         for _ in range(200):
@@ -369,6 +372,41 @@ authorization {{ users: [ {{ user: broker, password: secret, permissions: {{
         for password, ca in (("wrong", "ca.pem"), ("secret", "server.pem")):
             _, ask = self.broker(f"{password}-{ca}", password, ca)
             self.assertRegex(ask("/readyz"), "ready, degraded: .*no NATS server")
+
+
+class Ending(unittest.TestCase):
+    def test_a_broker_ends_well_while_messages_pour_in(self):
+        if not shutil.which("nats-server"):
+            self.skipTest("SKIPPED: no nats-server")
+        folder = pathlib.Path(tempfile.mkdtemp(prefix="eigencast-ending-"))
+        self.addCleanup(shutil.rmtree, folder)
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = probe.getsockname()[1]
+        nats = subprocess.Popen(["nats-server", "-a", "127.0.0.1", "-p", str(port), "-js", "-sd", folder / "jetstream"], stderr=subprocess.DEVNULL)
+        self.addCleanup(nats.wait)
+        self.addCleanup(nats.terminate)
+        over = threading.Event()
+        self.addCleanup(over.set)
+
+        def pour():
+            while not over.is_set():
+                try:
+                    with socket.create_connection(("127.0.0.1", port)) as sock:
+                        sock.sendall(b'CONNECT {"verbose":false}\r\n')
+                        while not over.wait(0.001):
+                            sock.sendall(b"PUB eigencast.alive 3\r\n+ab\r\n" * 50)
+                except OSError:
+                    over.wait(0.1)
+        threading.Thread(target=pour, daemon=True).start()
+        for run in range(40):
+            ports = folder / f"ports-{run}"
+            broker = subprocess.Popen([PROGRAMS / "eigencast-broker", "--listen=127.0.0.1:0", "--admin-listen=127.0.0.1:0", f"--port-file={ports}",
+                                       f"--data-dir={folder}/data", "--log-level=error", f"--backbone-servers=nats://127.0.0.1:{port}"])
+            ports_of(ports)
+            time.sleep(0.2)
+            broker.terminate()
+            self.assertEqual(broker.wait(20), 0)
 
 
 if __name__ == "__main__":
