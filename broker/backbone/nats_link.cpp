@@ -38,8 +38,14 @@ NatsLink::Impl::Impl(Settings settings, OptionsPtr options, std::function<void(s
 
 // ---- To and from the loop ----
 
+/// Nothing after stop(): the loop may be gone.
+void NatsLink::Impl::to_loop(std::function<void()> work) {
+  const std::lock_guard lock(mutex_);
+  if (!stopping_) on_loop_(std::move(work));
+}
+
 void NatsLink::Impl::hand_over(std::function<void()> work) {
-  on_loop_([self = shared_from_this(), work = std::move(work)] {
+  to_loop([self = shared_from_this(), work = std::move(work)] {
     if (*self->open_) work();
   });
 }
@@ -65,23 +71,29 @@ void NatsLink::Impl::went_down(const std::string& why) {
 }
 
 void NatsLink::Impl::listen_to_connection() {
-  // The connection ends before this object does, and with it these calls.
-  natsOptions_SetReconnectedCB(
-      options_.get(), [](natsConnection*, void* impl) { static_cast<Impl*>(impl)->came_up(); }, this);
+  // Called on a thread of libnats, the last of them when the connection has closed, maybe after stop() has returned:
+  // this object is kept until then.
+  auto* kept = new std::shared_ptr<Impl>(shared_from_this());
+  const natsConnectionHandler up = [](natsConnection*, void* closure) {
+    (*static_cast<std::shared_ptr<Impl>*>(closure))->came_up();
+  };
+  natsOptions_SetReconnectedCB(options_.get(), up, kept);
+  natsOptions_SetRetryOnFailedConnect(options_.get(), true, up, kept);
   natsOptions_SetDisconnectedCB(
       options_.get(),
-      [](natsConnection* connection, void* impl) {
+      [](natsConnection* connection, void* closure) {
         const char* text = nullptr;
         natsConnection_GetLastError(connection, &text);
         const std::string why = text != nullptr && *text != 0 ? text : "the connection to the NATS server is gone";
-        static_cast<Impl*>(impl)->went_down(why);
+        (*static_cast<std::shared_ptr<Impl>*>(closure))->went_down(why);
       },
-      this);
+      kept);
+  natsOptions_SetClosedCB(
+      options_.get(), [](natsConnection*, void* closure) { delete static_cast<std::shared_ptr<Impl>*>(closure); },
+      kept);
   // Silence: slow consumers lose messages, which is noticed as gaps; libnats would print.
   natsOptions_SetErrorHandler(
       options_.get(), [](natsConnection*, natsSubscription*, natsStatus, void*) {}, nullptr);
-  natsOptions_SetRetryOnFailedConnect(
-      options_.get(), true, [](natsConnection*, void* impl) { static_cast<Impl*>(impl)->came_up(); }, this);
 }
 
 void NatsLink::Impl::start(Listener& listener) {
@@ -177,7 +189,7 @@ void NatsLink::Impl::send_all() {
 std::shared_ptr<void> NatsLink::Impl::subscribe_raw(const std::string& subject, std::function<void(natsMsg*)> heard) {
   if (!connection_) return nullptr;
   natsSubscription* subscription = nullptr;
-  auto* subscribed = new Subscribed{std::move(heard)};
+  auto* subscribed = new Subscribed{shared_from_this(), std::move(heard)};
   const natsStatus status = natsConnection_Subscribe(
       &subscription, connection_.get(), subject.c_str(),
       [](natsConnection*, natsSubscription*, natsMsg* raw, void* closure) {
@@ -212,8 +224,8 @@ std::shared_ptr<void> NatsLink::Impl::subscribe(const std::string& subject,
       return;
     }
     const char* reply = natsMsg_GetReply(message);
-    on_loop_([self = shared_from_this(), wanted, shared, data = data_of(message),
-              reply = std::string(reply == nullptr ? "" : reply)]() mutable {
+    to_loop([self = shared_from_this(), wanted, shared, data = data_of(message),
+             reply = std::string(reply == nullptr ? "" : reply)]() mutable {
       --self->coming_;
       if (*self->open_ && *wanted) (*shared)(std::move(data), std::move(reply));
     });

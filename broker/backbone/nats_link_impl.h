@@ -54,11 +54,13 @@ class NatsLink::Impl : public std::enable_shared_from_this<Impl> {
     Answer answer;
     std::chrono::steady_clock::time_point until;
   };
-  /// What libnats holds of a subscription. `heard` runs on its thread.
+  /// What libnats holds of a subscription. `heard` runs on its thread, and may do so yet when stop() has returned.
   struct Subscribed {
+    std::shared_ptr<Impl> impl;
     std::function<void(natsMsg*)> heard;
   };
 
+  void to_loop(std::function<void()> work);
   void hand_over(std::function<void()> work);
   void listen_to_connection();
   void came_up();
