@@ -1,22 +1,29 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# What `eigencast-sender` says about itself: every option of every --help stands in the manual page and in each completion script;
+# What a program says about itself: every option of every --help stands in the manual page and in each completion script;
 # the page has no error of roff; the bash script completes; zsh and fish take theirs, where they are installed.
-# Usage: sender_documents.sh PATH/eigencast-sender
+# Usage: documents.sh PATH/eigencast-sender|eigencast-broker
 set -euo pipefail
-sender=$1
+program=$1
+name=$(basename "$program")
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 fail() { echo "FAILED: $*"; exit 1; }
 
-"$sender" man > "$folder/man"
-for shell in bash zsh fish; do "$sender" completion $shell > "$folder/$shell"; done
+"$program" man > "$folder/man"
+for shell in bash zsh fish; do "$program" completion $shell > "$folder/$shell"; done
 
-commands=("" bake play pipe deform export evaluate compare context "context add" "context list" "context use" "context remove" completion)
+case $name in
+  eigencast-sender) most=60
+    commands=("" bake play pipe deform export evaluate compare context "context add" "context list" "context use" "context remove" completion) ;;
+  eigencast-broker) most=20
+    commands=("" token "token create" "token inspect" completion) ;;
+  *) fail "what $name can be asked is not known here" ;;
+esac
 options=0
 for command in "${commands[@]}"; do
   # shellcheck disable=SC2086
-  for option in $("$sender" $command --help | grep -oE '^ +(-[a-z],)?--[a-z-]+' | grep -oE '\-\-[a-z-]+'); do
+  for option in $("$program" $command --help | grep -oE '^ +(-[a-z],)?--[a-z-]+' | grep -oE '\-\-[a-z-]+'); do
     options=$((options + 1))
     grep -qF -- "${option//-/\\-}" "$folder/man" || fail "$command $option is not in the manual page"
     grep -qF -- "$option" "$folder/bash" || fail "$command $option is not in the completion for bash"
@@ -24,7 +31,7 @@ for command in "${commands[@]}"; do
     grep -qF -- "-l ${option#--}" "$folder/fish" || fail "$command $option is not in the completion for fish"
   done
 done
-[ $options -gt 60 ] || fail "only $options options found in the help texts"
+[ $options -gt $most ] || fail "only $options options found in the help texts"
 
 if command -v groff > /dev/null; then
   warnings=$(groff -man -ww -Tutf8 -z "$folder/man" 2>&1)
@@ -39,16 +46,23 @@ completes() {  # completes "words typed" expected...
   [[ $1 == *' ' ]] && COMP_WORDS+=("")
   COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
   COMPREPLY=()
-  _eigencast_sender
+  "_${name//-/_}"
   for word in "${@:2}"; do
     [[ " ${COMPREPLY[*]} " == *" $word "* ]] || fail "'$1' completes to '${COMPREPLY[*]}', without $word"
   done
 }
-completes "eigencast-sender p" play pipe
-completes "eigencast-sender play --ra" --rate --rank
-completes "eigencast-sender play --basis " augmented harmonic
-completes "eigencast-sender -v context " add list use remove
-completes "eigencast-sender completion " bash zsh fish
+if [ "$name" = eigencast-broker ]; then
+  completes "eigencast-broker token " create inspect
+  completes "eigencast-broker token create --s" --subscribe --subject --static
+  completes "eigencast-broker --check" --check-config
+  completes "eigencast-broker completion " bash zsh fish
+else
+  completes "eigencast-sender p" play pipe
+  completes "eigencast-sender play --ra" --rate --rank
+  completes "eigencast-sender play --basis " augmented harmonic
+  completes "eigencast-sender -v context " add list use remove
+  completes "eigencast-sender completion " bash zsh fish
+fi
 
 if command -v zsh > /dev/null; then zsh -n "$folder/zsh" || fail "zsh refuses its script"; else echo "SKIPPED: no zsh here"; fi
 if command -v fish > /dev/null; then fish -n "$folder/fish" || fail "fish refuses its script"; else echo "SKIPPED: no fish here"; fi
