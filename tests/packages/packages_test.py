@@ -74,6 +74,12 @@ class Packages(OnMachines):
         for program in programs:
             self.assertRegex(self.says(f"{program} --version"), r"eigencast-\w+ \d")
             self.assertEqual(self.says(f"ldd {program} | grep 'not found' || true"), "")
+        pages = self.says("dpkg -L eigencast-broker eigencast-tools | grep '/man1/.*gz$'").split()
+        self.assertGreaterEqual(len(pages), 2)
+        for page in pages:
+            program = pathlib.Path(page).name.removesuffix(".1.gz")
+            self.assertEqual(self.says(f"zcat {page}"), self.says(f"{program} man"))
+            self.run_at(f"test -s /usr/share/bash-completion/completions/{program} -a -s /usr/share/zsh/vendor-completions/_{program}")
         self.assertEqual(self.says("stat -c '%U %a' /var/lib/eigencast"), "eigencast 750")
         self.assertEqual(self.says("dpkg --verify eigencast-broker eigencast-tools libeigencast0 libeigencast-dev"), "")
         for document in ("operations", "scaling"):
