@@ -65,7 +65,7 @@ def row_of(name, run, similar, options):
 def main():
     p = parser(__doc__)
     p.add_argument("--f0", type=float, default=20)
-    p.add_argument("--seconds", type=float, default=16)
+    p.add_argument("--seconds", type=float, default=12)
     p.add_argument("--width", type=int, default=192, help="small, where the processor draws: pixels are a fixed cost")
     p.add_argument("--height", type=int, default=108)
     p.add_argument("--count", type=int, default=6)
