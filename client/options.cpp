@@ -8,6 +8,7 @@
 
 #include "client/clip_source.h"
 #include "client/settings.h"
+#include "common/command_line/documents.h"
 #include "common/net/url.h"
 #include "sdk/asset_cache.h"
 #include "sdk/contexts.h"
@@ -16,16 +17,21 @@ namespace eigencast {
 namespace {
 
 constexpr const char* kDefaultUrl = "ws://127.0.0.1:7490/demo";
-constexpr const char* kExamples = R"(Examples:
-  eigencast-client                                        a window that asks what to show
-  eigencast-client ws://localhost:7490/demo               the stream "demo" of a broker on this machine
-  eigencast-client ws://host:7490/heart --lod 0.3         three tenths of the vertices
-  eigencast-client ws://host:7490/heart --rate raw --playout interpolate
-  eigencast-client wss://host/heart --token @FILE         a broker that asks who comes
-  eigencast-client view horse.obj                         a file, without a broker
-  eigencast-client --headless --frames 90 --out pictures  no display needed
-In the window, H shows the keys.
-Exit codes: 0 good, 1 failed (no display, no file written), 2 wrong usage, 4 no stream came.)";
+constexpr const char* kExamples =
+    R"(eigencast-client                                        # a window that asks what to show
+eigencast-client ws://localhost:7490/demo               # the stream "demo" of a broker on this machine
+eigencast-client ws://host:7490/heart --lod 0.3         # three tenths of the vertices
+eigencast-client ws://host:7490/heart --rate raw --playout interpolate
+eigencast-client wss://host/heart --token @FILE         # a broker that asks who comes
+eigencast-client view horse.obj                         # a file, without a broker
+eigencast-client --headless --frames 90 --out pictures  # no display needed
+eigencast-client completion bash                        # or zsh, fish: a script for your shell; man: the manual page
+)";
+constexpr const char* kExitStatus = R"(0 good
+1 failed: no display, a file that cannot be written
+2 wrong usage
+4 no stream came
+)";
 
 const std::map<std::string, Profile::Scheme> kSchemes{{"linear", Profile::Scheme::kLinear},
                                                       {"catmull-rom", Profile::Scheme::kCatmullRom},
@@ -165,6 +171,19 @@ ExitNow usage(const std::string& message) {
   return {kExitUsage};
 }
 
+/// "man" and "completion SHELL" in the streams' place: what the program says about itself, on standard output.
+std::optional<ExitNow> write_documents(const CLI::App& app, const std::vector<std::string>& words) {
+  if (words == std::vector<std::string>{"man"}) {
+    std::fputs(man_page_from(app, EIGENCAST_VERSION, kExitStatus, kExamples).c_str(), stdout);
+    return ExitNow{kExitGood};
+  }
+  if (words.empty() || words.front() != "completion") return std::nullopt;
+  const auto shell = words.size() == 2 ? shell_from_name(words[1]) : std::nullopt;
+  if (!shell) return usage("completion: name your shell: bash, zsh or fish");
+  std::fputs(completion_from(app, *shell).c_str(), stdout);
+  return ExitNow{kExitGood};
+}
+
 }  // namespace
 
 std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const char* const* argv) {
@@ -173,7 +192,8 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   options.cache_dir = default_cache_dir();
   options.settings = Settings::default_path();
   CLI::App app{"Watches a deforming surface that a broker streams.", "eigencast-client"};
-  app.footer(kExamples);
+  app.footer("examples:\n" + std::string(kExamples) + "in the window, H shows the keys\n\nexit status:\n" +
+             kExitStatus);
   app.set_version_flag("--version", "eigencast-client " EIGENCAST_VERSION);
   app.add_option("streams", options.scene.streams,
                  "ws://host[:port]/stream, wss://..., or streams at the context's broker; or, after the word view, "
@@ -262,18 +282,20 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   app.add_option("--ui-scale", options.ui_scale, "size of texts and panels (default: the display's)")
       ->check(CLI::Range(0.5, 8.0));
   app.add_option("--settings", options.settings,
-                 "file in which the window remembers its size and switches; \"\": nowhere")
-      ->capture_default_str();
+                 "file in which the window remembers its size and switches; \"\": nowhere (default: "
+                 "~/.config/eigencast/viewer.json)");
   app.add_option("--wait", options.wait_s, "headless: seconds to wait for the first pose")
       ->check(CLI::Range(0.0, 1e7))
       ->capture_default_str();
-  app.add_option("--cache", options.cache_dir, "folder for downloaded models; \"\" keeps none")->capture_default_str();
+  app.add_option("--cache", options.cache_dir,
+                 "folder for downloaded models; \"\" keeps none (default: ~/.cache/eigencast)");
   app.add_flag("-v,--verbose", options.verbose, "log more");
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& stop) {
     return ExitNow{app.exit(stop) == 0 ? kExitGood : kExitUsage};
   }
+  if (const auto documents = write_documents(app, options.scene.streams)) return *documents;
   if (!size_from_text(raw.size, options.width, options.height)) {
     return usage("--size " + raw.size + ": give width x height of 16 to 16384 pixels, such as 1280x720");
   }

@@ -121,8 +121,10 @@ bool Viewer::content_changed(TimeUs now_us) {
 
 OverlayContent Viewer::overlay_content() const {
   OverlayContent content;
-  const bool empty = session_->scene().instances().empty();
-  if (state_.hud && !empty) content.figures = hud_lines(session_->figures());
+  // Figures of nothing say nothing.
+  if (const HudFigures figures = session_->figures(); state_.hud && figures.vertices_total > 0)
+    content.figures = hud_lines(figures);
+  if (state_.panel) content.left_px = panel_width(overlay_->scale());
   content.connection = session_->connection();
   content.connected = session_->is_connected();
   content.banner = steady_now_us() < notice_until_us_ ? notice_ : session_->banner();

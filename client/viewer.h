@@ -48,7 +48,7 @@ class Viewer final : public WindowListener {
   void on_double_click(glm::vec2 at_px) override;
   void on_drop(const std::vector<std::string>& what) override;
 
-  static constexpr int kRedrawsAfterInput = 3;  ///< Panels answer to input one or two pictures later.
+  static constexpr int kRedrawsAfterInput = 4;  ///< Panels answer to input, and find their sizes, some pictures later.
 
   void open_wanted(const std::string& text);
   Result<void> add_stream(const std::string& stream, const Placement& placement, bool again);

@@ -56,24 +56,29 @@ void draw_legend(const Legend& legend, ImVec2 at, float scale) {
                        IM_COL32(colour[0], colour[1], colour[2], 255));
   }
   const float half_line = 0.5F * ImGui::GetTextLineHeight();
-  ImGui::Dummy({size.x + 78 * scale, size.y + half_line});
+  float widest = 0;
   for (int i = 0; i <= 2; ++i) {
-    char number[48];
+    char number[64];
     const float part = 0.5F * static_cast<float>(i);
-    std::snprintf(number, sizeof number, "%.3g %s", static_cast<double>(legend.low + part * (legend.high - legend.low)),
+    std::snprintf(number, sizeof number, "%.3g%s %s",
+                  static_cast<double>(legend.low + part * (legend.high - legend.low)), i == 2 ? "+" : "",
                   i == 2 ? legend.unit.c_str() : "");
     const float y = corner.y + size.y * (1 - part);
     list.AddLine({corner.x + size.x, y}, {corner.x + size.x + 4 * scale, y}, IM_COL32(220, 225, 232, 255));
     list.AddText({corner.x + size.x + 9 * scale, y - half_line}, IM_COL32(235, 238, 242, 255), number);
+    widest = std::max(widest, ImGui::CalcTextSize(number).x);
   }
+  ImGui::Dummy({size.x + 9 * scale + widest, size.y + half_line});
   ImGui::End();
 }
 
 void draw_help(const std::vector<HelpLine>& lines, ImVec2 centre, float scale) {
   begin_card("help", centre, {0.5F, 0.5F}, 0.93F);
   // All of it or nothing is of use: on a low window the letters are smaller.
-  const float wanted = (static_cast<float>(lines.size()) + 1.5F) * (ImGui::GetFontSize() + 4 * scale);
-  ImGui::SetWindowFontScale(std::clamp(2 * centre.y / wanted, 0.5F, 1.0F));
+  const ImGuiStyle& style = ImGui::GetStyle();
+  const auto rows = static_cast<float>(lines.size());
+  const float room = 1.96F * centre.y - 2 * style.WindowPadding.y - 2 * rows * style.CellPadding.y;
+  ImGui::SetWindowFontScale(std::clamp(room / (rows * ImGui::GetFontSize()), 0.4F, 1.0F));
   if (ImGui::BeginTable("keys", 3, ImGuiTableFlags_SizingFixedFit)) {
     for (const HelpLine& line : lines) {
       ImGui::TableNextRow();
@@ -172,7 +177,7 @@ void Overlay::draw(const OverlayContent& content, int width_px, int height_px, u
     ImGui::End();
   }
   if (!content.banner.empty()) {
-    begin_card("banner", {0.5F * size.x, size.y - 5.5F * gap}, {0.5F, 1}, 0.88F);
+    begin_card("banner", {0.5F * (size.x + content.left_px), size.y - 5.5F * gap}, {0.5F, 1}, 0.88F);
     ImGui::TextColored({1, 0.80F, 0.45F, 1}, "%s", content.banner.c_str());
     ImGui::End();
   }

@@ -25,6 +25,7 @@ struct OverlayContent {
   std::vector<HelpLine> help;
   bool paused = false;
   std::optional<Legend> legend;
+  float left_px = 0;  ///< What a panel covers.
   bool operator==(const OverlayContent&) const = default;
 };
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <iterator>
 #include <utility>
 
 namespace eigencast {
@@ -32,15 +33,19 @@ std::uint32_t scalar_channels(const PoseSource& source) {
   return format.channels < 3 + format.velocity_channels ? 0 : format.channels - 3 - format.velocity_channels;
 }
 
+/// All but the outermost hundredths: a few vertices far off would leave one colour for all others.
 std::optional<std::array<float, 2>> range_of(std::span<const float> values) {
-  std::optional<std::array<float, 2>> range;
-  for (const float value : values) {
-    if (!std::isfinite(value)) continue;
-    if (!range) range = {value, value};
-    (*range)[0] = std::min((*range)[0], value);
-    (*range)[1] = std::max((*range)[1], value);
-  }
-  return range;
+  std::vector<float> sorted;
+  sorted.reserve(values.size());
+  std::copy_if(values.begin(), values.end(), std::back_inserter(sorted), [](float v) { return std::isfinite(v); });
+  if (sorted.empty()) return std::nullopt;
+  const auto at = [&](std::size_t rank) {
+    const auto place = sorted.begin() + static_cast<std::ptrdiff_t>(rank);
+    std::nth_element(sorted.begin(), place, sorted.end());
+    return *place;
+  };
+  const std::size_t outer = sorted.size() / 100;
+  return std::array<float, 2>{at(outer), at(sorted.size() - 1 - outer)};
 }
 
 }  // namespace

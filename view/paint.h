@@ -45,7 +45,7 @@ class SurfacePainter {
   /// Paints the geometry that `view` has now.
   void paint(const SurfaceView& view, const PoseSource& source, const Wish& wish);
   const SurfacePaint& paint() const { return paint_; }
-  /// Of the finite values of kScalar; nothing if there are none.
+  /// Of the finite values of kScalar, but for the outermost hundredth at each end; nothing if there are none.
   std::optional<std::array<float, 2>> range() const { return range_; }
   /// Why the surface is clay although something else was asked for; empty if it is not.
   const std::string& why_not() const { return why_not_; }

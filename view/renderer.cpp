@@ -452,8 +452,9 @@ void Renderer::Impl::draw_ground(const Camera& camera, const RenderOptions& opti
   ground_.set("grid_cells", 20.0F);
   ground_.set("grid_strength", options.grid ? 1.0F : 0.0F);
   const glm::vec3 extent = camera.scene_high() - camera.scene_low();
-  ground_.set("contact_radius",
-              0.5F * std::max(glm::length(extent - glm::dot(extent, up) * up), 0.2F * scene_radius_) / reach);
+  const bool any = std::any_of(surfaces_.begin(), surfaces_.end(), [](const auto& s) { return s->drawable(); });
+  const float across = std::max(glm::length(extent - glm::dot(extent, up) * up), 0.2F * scene_radius_);
+  ground_.set("contact_radius", any ? 0.5F * across / reach : 1e-4F);
   ground_.set("shadow_blur", 0.012F);
   glEnable(GL_BLEND);
   glDepthMask(GL_FALSE);

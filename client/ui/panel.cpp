@@ -128,7 +128,7 @@ void draw_export(ViewerState& state) {
 UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, float scale) {
   UiRequests requests;
   const ImVec2 screen = ImGui::GetIO().DisplaySize;
-  const float gap = 12 * scale, width = 292 * scale;
+  const float gap = 12 * scale, width = panel_width(scale) - gap;
   ImGui::SetNextWindowPos({gap, gap}, ImGuiCond_Always);
   ImGui::SetNextWindowSizeConstraints({width, 0}, {width, std::max(80.0F, screen.y - 5.2F * gap)});
   ImGui::SetNextWindowBgAlpha(0.80F);
@@ -141,7 +141,7 @@ UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, 
   if (section("Motion")) draw_motion(session, state);
   if (section("Detail")) draw_detail(session);
   if (section("Pictures")) draw_export(state);
-  if (section("Over time")) draw_plots(session.history(), session.levels().kind(), scale);
+  if (section("The last minute")) draw_plots(session.history(), session.levels().kind(), scale);
   ImGui::End();
   return requests;
 }

@@ -43,16 +43,18 @@ void draw_plot(const char* name, const char* format, const std::vector<float>& v
 }  // namespace
 
 void draw_plots(const History& history, ResolverKind resolver, float scale) {
-  draw_plot("detail", "%.2f of the vertices", history.values(&HistorySample::lod), scale);
-  draw_plot("pictures", "%.0f /s", history.values(&HistorySample::drawn_hz), scale);
-  if (resolver != ResolverKind::kNone) {
-    const bool paper = resolver == ResolverKind::kPaper;
-    draw_plot(paper ? "kappa" : "planned part of a picture's time", "%.2f", history.values(&HistorySample::control),
-              scale);
-  }
-  draw_plot("latency", "%.0f ms, capture to picture", history.values(&HistorySample::latency_ms), scale);
-  draw_plot("bandwidth", "%.0f kbit/s", history.values(&HistorySample::kbit_per_s), scale);
-  ImGui::TextDisabled("the last minute");
+  if (!ImGui::BeginTable("plots", 2)) return;
+  const auto plot = [&](const char* name, const char* format, double HistorySample::*member) {
+    ImGui::TableNextColumn();
+    draw_plot(name, format, history.values(member), scale);
+  };
+  plot("detail", "%.2f", &HistorySample::lod);
+  plot("pictures", "%.0f /s", &HistorySample::drawn_hz);
+  plot("latency", "%.0f ms", &HistorySample::latency_ms);
+  plot("bandwidth", "%.0f kbit/s", &HistorySample::kbit_per_s);
+  if (resolver != ResolverKind::kNone)
+    plot(resolver == ResolverKind::kPaper ? "kappa" : "planned", "%.2f", &HistorySample::control);
+  ImGui::EndTable();
 }
 
 }  // namespace eigencast

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 # What a program says about itself: every option of every --help stands in the manual page and in each completion script;
 # the page has no error of roff; the bash script completes; zsh and fish take theirs, where they are installed.
-# Usage: documents.sh PATH/eigencast-sender|eigencast-broker
+# Usage: documents.sh PATH/eigencast-sender|eigencast-broker|eigencast-client
 set -euo pipefail
 program=$1
 name=$(basename "$program")
@@ -18,6 +18,7 @@ case $name in
     commands=("" bake play pipe deform export evaluate compare context "context add" "context list" "context use" "context remove" completion) ;;
   eigencast-broker) most=20
     commands=("" token "token create" "token inspect" completion) ;;
+  eigencast-client) most=40 commands=("") ;;
   *) fail "what $name can be asked is not known here" ;;
 esac
 options=0
@@ -56,6 +57,9 @@ if [ "$name" = eigencast-broker ]; then
   completes "eigencast-broker token create --s" --subscribe --subject --static
   completes "eigencast-broker --check" --check-config
   completes "eigencast-broker completion " bash zsh fish
+elif [ "$name" = eigencast-client ]; then
+  completes "eigencast-client --colour-m" --colour-map
+  completes "eigencast-client --colour-map " viridis cividis coolwarm
 else
   completes "eigencast-sender p" play pipe
   completes "eigencast-sender play --ra" --rate --rank

@@ -122,6 +122,7 @@ class FarOff final : public Truth {
  public:
   bool errors(std::span<const double>, std::uint32_t, std::span<const float>, std::span<float> errors) override {
     std::fill(errors.begin(), errors.end(), 0.125F);
+    errors[0] = 100;
     return ready;
   }
   std::string why() const override { return "being prepared"; }
@@ -142,7 +143,9 @@ TEST(Paint, ATruthThatIsNotReadyIsAskedAgain) {
   truth.ready = true;
   painter.paint(view, source, {Colouring::kError, 3});
   EXPECT_EQ(painter.why_not(), "");
-  EXPECT_EQ(painter.paint().values.front(), 0.125F);
+  EXPECT_EQ(painter.paint().values.back(), 0.125F);
+  EXPECT_EQ(painter.range(), (std::array<float, 2>{0.125F, 0.125F}))
+      << "one vertex far off leaves the others their colours";
 }
 
 TEST(Legend, GoesFromRoundNumberToRoundNumberAndNeverShrinks) {
