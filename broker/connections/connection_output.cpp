@@ -27,26 +27,30 @@ void Connection::send_droppable(const Outbox::Text& text) {
 }
 
 void Connection::deliver(std::uint32_t stream_id, std::span<const FramePtr> frames) {
-  if (frames.size() == 1 && deliver_at_once(stream_id, frames[0])) return;
+  if (frames.size() != 1 || !deliver_at_once(stream_id, frames[0])) deliver_in_turn(stream_id, frames);
+}
+
+void Connection::deliver_in_turn(std::uint32_t stream_id, std::span<const FramePtr> frames) {
   for (const FramePtr& frame : frames) {
     outbox_.offer(stream_id, frame);
     flush();
   }
 }
 
-bool Connection::deliver_at_once(std::uint32_t stream_id, const FramePtr& frame) {
+bool Connection::deliver_at_once(std::uint32_t stream_id, const FramePtr& shared) {
   if (blocked_ || !open_ || ended_ || closing_ || !due_.empty() || outbox_.lanes() != 1) return false;
   if (!context_.turn.writes_singly() || transport_.is_tls()) return false;
-  if (!outbox_.pass(stream_id, *frame, context_.turn.now_us())) return false;
-  note_leaving(*frame);
-  const iovec piece{const_cast<std::uint8_t*>(frame->wire.data()), frame->wire.size()};
+  const Frame& frame = *shared;
+  if (!outbox_.pass(stream_id, frame, context_.turn.now_us())) return false;
+  note_leaving(frame);
+  const iovec piece{const_cast<std::uint8_t*>(frame.wire.data()), frame.wire.size()};
   const Transport::Outcome outcome = transport_.write({&piece, 1});
-  if (!outcome.error && outcome.bytes == frame->wire.size()) {
+  if (outcome.bytes == piece.iov_len) {  // Whole, and so without an error: no frame is empty.
     count_sent(outcome.bytes);
     if (look_due_) look();
     return true;
   }
-  left_in_part(frame, outcome);
+  left_in_part(shared, outcome);
   return true;
 }
 

@@ -32,11 +32,9 @@ const char* Turn::backend() const {
   return ring_ ? "io_uring" : "epoll";
 }
 
-TimeUs Turn::now_us() {
-  if (!now_us_) {
-    now_us_ = steady_now_us();
-    arm_end();
-  }
+TimeUs Turn::begin_turn() {
+  now_us_ = steady_now_us();
+  arm_end();
   return *now_us_;
 }
 

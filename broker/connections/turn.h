@@ -66,7 +66,7 @@ class Turn {
   const char* backend() const;
 
   /// The time at which this turn began, for all its decisions.
-  TimeUs now_us();
+  TimeUs now_us() { return now_us_ ? *now_us_ : begin_turn(); }
 
   /// Whether each write is a system call of its own: waiting for others gains nothing then.
   bool writes_singly() const { return !ring_; }
@@ -79,6 +79,7 @@ class Turn {
   bool gathers(std::uint64_t poses) { return gathering_.waits(poses, now_us()); }
 
  private:
+  TimeUs begin_turn();
   void arm_end();
   void arm_tick();
   void enter(Leaver& leaver, Leaver::Line line);
