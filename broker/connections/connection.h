@@ -108,9 +108,10 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
   void read_on();
   void on_peer_closed(const websocket::MessageReader::Event& event);
   void on_broken(const websocket::MessageReader::Event& event);
-  /// Writes a frame that nothing stands before straight to the socket; false: it goes by the outbox.
-  bool deliver_at_once(std::uint32_t stream_id, const FramePtr& shared);
-  [[gnu::noinline]] void deliver_in_turn(std::uint32_t stream_id, std::span<const FramePtr> frames);
+  /// Nothing stands before a frame: it may go straight to the socket if the outbox lets it pass.
+  bool leaves_at_once() const;
+  /// By the outbox.
+  void deliver_in_turn(std::uint32_t stream_id, std::span<const FramePtr> frames);
   void left_in_part(const FramePtr& frame, const Transport::Outcome& outcome);
   void gather();
   void drop_sent(std::size_t bytes);

@@ -26,8 +26,21 @@ void Connection::send_droppable(const Outbox::Text& text) {
   if (!closing_ && outbox_.push_droppable(text)) flush();
 }
 
+bool Connection::leaves_at_once() const {
+  if (blocked_ || !open_ || ended_ || closing_ || !due_.empty() || outbox_.lanes() != 1) return false;
+  return context_.turn.writes_singly() && !transport_.is_tls();
+}
+
 void Connection::deliver(std::uint32_t stream_id, std::span<const FramePtr> frames) {
-  if (frames.size() != 1 || !deliver_at_once(stream_id, frames[0])) deliver_in_turn(stream_id, frames);
+  if (frames.size() != 1 || !leaves_at_once()) return deliver_in_turn(stream_id, frames);
+  const Frame& frame = *frames[0];
+  if (!outbox_.pass(stream_id, frame, context_.turn.now_us())) return deliver_in_turn(stream_id, frames);
+  note_leaving(frame);
+  const iovec piece{const_cast<std::uint8_t*>(frame.wire.data()), frame.wire.size()};
+  const Transport::Outcome outcome = transport_.write({&piece, 1});
+  if (outcome.bytes != piece.iov_len) return left_in_part(frames[0], outcome);
+  count_sent(outcome.bytes);
+  if (look_due_) look();
 }
 
 void Connection::deliver_in_turn(std::uint32_t stream_id, std::span<const FramePtr> frames) {
@@ -35,23 +48,6 @@ void Connection::deliver_in_turn(std::uint32_t stream_id, std::span<const FrameP
     outbox_.offer(stream_id, frame);
     flush();
   }
-}
-
-bool Connection::deliver_at_once(std::uint32_t stream_id, const FramePtr& shared) {
-  if (blocked_ || !open_ || ended_ || closing_ || !due_.empty() || outbox_.lanes() != 1) return false;
-  if (!context_.turn.writes_singly() || transport_.is_tls()) return false;
-  const Frame& frame = *shared;
-  if (!outbox_.pass(stream_id, frame, context_.turn.now_us())) return false;
-  note_leaving(frame);
-  const iovec piece{const_cast<std::uint8_t*>(frame.wire.data()), frame.wire.size()};
-  const Transport::Outcome outcome = transport_.write({&piece, 1});
-  if (outcome.bytes == piece.iov_len) {  // Whole, and so without an error: no frame is empty.
-    count_sent(outcome.bytes);
-    if (look_due_) look();
-    return true;
-  }
-  left_in_part(shared, outcome);
-  return true;
 }
 
 void Connection::left_in_part(const FramePtr& frame, const Transport::Outcome& outcome) {
