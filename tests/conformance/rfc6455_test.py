@@ -387,7 +387,8 @@ class Chromium(unittest.TestCase):
         self.addCleanup(server.server_close)
         self.addCleanup(server.shutdown)
         page = f"http://127.0.0.1:{server.server_address[1]}"
-        with Broker(BROKER, f"--access-origins={page}") as broker, tempfile.TemporaryDirectory() as folder:
+        # The browser's children still write into its folder while they end.
+        with Broker(BROKER, f"--access-origins={page}") as broker, tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
             server.page = PAGE.replace("PORT", str(broker.port)).encode()
             browser = subprocess.Popen([chromium, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", f"--user-data-dir={folder}",
                                         page], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
