@@ -9,8 +9,7 @@
 #include "common/asset/format.h"
 #include "common/reconstruction/level_triangles.h"
 #include "tests/unit/client/baked_heart.h"
-#include "view/offscreen.h"
-#include "view/renderer.h"
+#include "tests/unit/client/offscreen_pictures.h"
 #include "view/surface_view.h"
 
 namespace eigencast {
@@ -234,16 +233,6 @@ struct Smoothness {
   int pictures = 0;
 };
 
-double mean_difference(const Picture& a, const Picture& b, int* largest = nullptr) {
-  double sum = 0;
-  for (std::size_t i = 0; i < a.rgb.size(); ++i) {
-    const int difference = std::abs(int{a.rgb[i]} - int{b.rgb[i]});
-    sum += difference;
-    if (largest != nullptr) *largest = std::max(*largest, difference);
-  }
-  return sum / static_cast<double>(a.rgb.size());
-}
-
 Smoothness go_over(Renderer& renderer, bool morph, double from, double to) {
   constexpr int kWidth = 240, kHeight = 180;
   PausedHeart still(morph);
@@ -263,21 +252,19 @@ Smoothness go_over(Renderer& renderer, bool morph, double from, double to) {
   Picture last = first;
   while (still.turn(to)) {
     Picture next = picture();
-    result.most_mean = std::max(result.most_mean, mean_difference(last, next, &result.most_pixel));
+    result.most_mean = std::max(result.most_mean, testing::mean_difference(last, next, &result.most_pixel));
     last = std::move(next);
     ++result.pictures;
   }
-  result.end_to_end = mean_difference(first, last);
+  result.end_to_end = testing::mean_difference(first, last);
   return result;
 }
 
-TEST(ProgressiveSurfaces, TwoPicturesInARowDifferByLessThanTheBoundWhileLevelsChange) {
-  auto context = OffscreenContext::create();
-  ASSERT_TRUE(context) << context.error().message;
-  auto renderer = Renderer::create();
-  ASSERT_TRUE(renderer) << renderer.error().message;
+using SurfacePictures = testing::OffscreenPictures;
+
+TEST_F(SurfacePictures, TwoPicturesInARowDifferByLessThanTheBoundWhileLevelsChange) {
   for (const auto& [from, to] : {std::pair(0.02, 1.0), std::pair(0.5, 0.05)}) {
-    const Smoothness jump = go_over(**renderer, false, from, to), smooth = go_over(**renderer, true, from, to);
+    const Smoothness jump = go_over(*renderer_, false, from, to), smooth = go_over(*renderer_, true, from, to);
     ASSERT_EQ(jump.pictures, 1);
     EXPECT_NEAR(smooth.end_to_end, jump.end_to_end, 1e-9) << "the same at the end";
     EXPECT_LE(smooth.most_mean, 0.4) << "of 255, from picture to picture at 60/s, whatever the levels";

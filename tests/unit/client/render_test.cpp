@@ -5,13 +5,15 @@
 #include <cstdlib>
 
 #include "tests/unit/client/fake_source.h"
-#include "view/offscreen.h"
-#include "view/renderer.h"
+#include "tests/unit/client/offscreen_pictures.h"
 
 namespace eigencast {
 namespace {
 
 using testing::FakeSource;
+using testing::is_clay;
+using testing::mean_difference;
+using testing::OffscreenPictures;
 using testing::sphere_asset;
 using testing::sphere_pose;
 
@@ -22,10 +24,6 @@ constexpr int kWidth = 320, kHeight = 240;
 struct Silhouette {
   double area = 0, x = 0, y = 0;
 };
-
-bool is_clay(const std::uint8_t* p) {
-  return p[0] > p[2] + 28;
-}  // everything else in the scene is grey or blue
 
 Silhouette silhouette_of(const Picture& picture) {
   Silhouette s;
@@ -44,21 +42,11 @@ Silhouette silhouette_of(const Picture& picture) {
   return s;
 }
 
-double mean_difference(const Picture& a, const Picture& b) {
-  double sum = 0;
-  for (std::size_t i = 0; i < a.rgb.size(); ++i) sum += std::abs(int{a.rgb[i]} - int{b.rgb[i]});
-  return sum / static_cast<double>(a.rgb.size());
-}
-
-class Render : public ::testing::Test {
+class Render : public OffscreenPictures {
  protected:
   void SetUp() override {
-    auto context = OffscreenContext::create();
-    ASSERT_TRUE(context) << context.error().message;
-    context_ = std::move(context).value();
-    auto renderer = Renderer::create();
-    ASSERT_TRUE(renderer) << renderer.error().message;
-    renderer_ = std::move(renderer).value();
+    OffscreenPictures::SetUp();
+    if (HasFatalFailure()) return;
     camera_.set_viewport(kWidth, kHeight);
     camera_.set_view("front");
   }
@@ -66,16 +54,12 @@ class Render : public ::testing::Test {
   Picture picture_of(FakeSource& source, SurfaceView& scene, TimeUs now_us = 0) {
     scene.receive(source, source.poll({}));
     if (scene.advance(source, now_us)) renderer_->upload(0, scene.geometry());
-    const auto& f = scene.facts();
-    if (f.version > 0) camera_.set_scene({f.low[0], f.low[1], f.low[2]}, {f.high[0], f.high[1], f.high[2]});
+    if (scene.facts().version > 0) frame(scene.facts());
     auto picture = renderer_->picture(camera_, options_, kWidth, kHeight);
     EXPECT_TRUE(picture);
     return std::move(picture).value();
   }
 
-  std::unique_ptr<OffscreenContext> context_;
-  std::unique_ptr<Renderer> renderer_;
-  Camera camera_;
   RenderOptions options_;
 };
 

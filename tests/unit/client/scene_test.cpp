@@ -10,8 +10,7 @@
 #include "client/level_control.h"
 #include "client/scene_file.h"
 #include "tests/unit/client/fake_source.h"
-#include "view/offscreen.h"
-#include "view/renderer.h"
+#include "tests/unit/client/offscreen_pictures.h"
 
 namespace eigencast {
 namespace {
@@ -210,37 +209,32 @@ TEST(Levels, TheManualLevelBoundsTheResolver) {
   EXPECT_EQ(stage.geometry(0).vertex_count(), 2562u);
 }
 
-TEST(Scenes, EachSurfaceIsDrawnAtItsPlaceAndMayBeHidden) {
-  auto context = OffscreenContext::create();
-  ASSERT_TRUE(context) << context.error().message;
-  auto renderer = Renderer::create();
-  ASSERT_TRUE(renderer) << renderer.error().message;
+using ScenePictures = testing::OffscreenPictures;
+
+TEST_F(ScenePictures, EachSurfaceIsDrawnAtItsPlaceAndMayBeHidden) {
   Stage stage({sphere_asset(3)}, {at(0, {-2, 0, 0}), at(0, {2, 0, 0})});
   ASSERT_TRUE(stage.turn(0));
-  Camera camera;
-  camera.set_viewport(320, 160);
-  camera.set_view("front");
-  const SurfaceFacts& f = stage.scene.facts();
-  camera.set_scene({f.low[0], f.low[1], f.low[2]}, {f.high[0], f.high[1], f.high[2]});
-  (*renderer)->set_surface_count(2);
+  camera_.set_viewport(320, 160);
+  camera_.set_view("front");
+  frame(stage.scene.facts());
+  renderer_->set_surface_count(2);
   const auto is_clay_at = [&](const Picture& picture, const glm::vec3& place) {
-    const auto px = camera.pixel_from_scene(place);
-    const std::uint8_t* p = picture.pixel(static_cast<int>(px->x), static_cast<int>(px->y));
-    return p[0] > p[2] + 28;
+    const auto px = camera_.pixel_from_scene(place);
+    return testing::is_clay(picture.pixel(static_cast<int>(px->x), static_cast<int>(px->y)));
   };
   for (const bool second_visible : {true, false}) {
     for (std::size_t i = 0; i < 2; ++i) {
-      (*renderer)->upload(i, stage.geometry(i));
-      (*renderer)->place(i, stage.scene.instances()[i].scene_from_surface, i == 0 || second_visible);
+      renderer_->upload(i, stage.geometry(i));
+      renderer_->place(i, stage.scene.instances()[i].scene_from_surface, i == 0 || second_visible);
     }
-    const auto picture = (*renderer)->picture(camera, {}, 320, 160);
+    const auto picture = renderer_->picture(camera_, {}, 320, 160);
     ASSERT_TRUE(picture);
     EXPECT_TRUE(is_clay_at(*picture, {-2, 0, 0}));
     EXPECT_EQ(is_clay_at(*picture, {2, 0, 0}), second_visible);
     EXPECT_FALSE(is_clay_at(*picture, {0, 0, 0}));
   }
-  (*renderer)->set_surface_count(1);
-  const auto picture = (*renderer)->picture(camera, {}, 320, 160);
+  renderer_->set_surface_count(1);
+  const auto picture = renderer_->picture(camera_, {}, 320, 160);
   ASSERT_TRUE(picture);
   EXPECT_TRUE(is_clay_at(*picture, {-2, 0, 0}));
 }

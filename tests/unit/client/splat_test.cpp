@@ -9,14 +9,15 @@
 #include "sdk/bake.h"
 #include "tests/unit/client/baked_heart.h"
 #include "tests/unit/client/fake_source.h"
-#include "view/offscreen.h"
-#include "view/renderer.h"
+#include "tests/unit/client/offscreen_pictures.h"
 #include "view/surface_view.h"
 
 namespace eigencast {
 namespace {
 
 using testing::FakeSource;
+using testing::is_clay;
+using testing::OffscreenPictures;
 
 /// The heart with its faces or as points.
 const Asset& heart(bool as_points) {
@@ -112,23 +113,18 @@ TEST(Splats, ACloudThatBringsNoDiscsHasNone) {
   EXPECT_TRUE(view.geometry().radii.empty());
 }
 
-class SplatPictures : public ::testing::Test {
+class SplatPictures : public OffscreenPictures {
  protected:
   static constexpr int kWidth = 320, kHeight = 240;
   void SetUp() override {
-    auto context = OffscreenContext::create();
-    ASSERT_TRUE(context) << context.error().message;
-    context_ = std::move(context).value();
-    auto renderer = Renderer::create();
-    ASSERT_TRUE(renderer) << renderer.error().message;
-    renderer_ = std::move(renderer).value();
+    OffscreenPictures::SetUp();
+    if (HasFatalFailure()) return;
     camera_.set_viewport(kWidth, kHeight);
     camera_.set_view("iso");
   }
   Picture picture_of(const Shown& shown) {
     renderer_->upload(0, shown.view.geometry());
-    const auto& f = shown.view.facts();
-    camera_.set_scene({f.low[0], f.low[1], f.low[2]}, {f.high[0], f.high[1], f.high[2]});
+    frame(shown.view.facts());
     auto picture = renderer_->picture(camera_, {}, kWidth, kHeight).value();
     if (const char* folder = std::getenv("EIGENCAST_TEST_PICTURES")) {
       const std::string kind = shown.source.asset_.is_point_cloud() ? "points" : "mesh";
@@ -137,11 +133,6 @@ class SplatPictures : public ::testing::Test {
     }
     return picture;
   }
-  static bool is_clay(const std::uint8_t* p) { return p[0] > p[2] + 28; }
-
-  std::unique_ptr<OffscreenContext> context_;
-  std::unique_ptr<Renderer> renderer_;
-  Camera camera_;
 };
 
 TEST_F(SplatPictures, SparseCloudsAreClosedAndShadedAsTheSurfaceIs) {
