@@ -67,10 +67,8 @@ def flood_one(tools, repeat):
 
 def stall(tools, repeat):
     for stalled in (0, 10):
-        seen = compare(tools, [BARE, EPOLL, URING], repeat,
-                       ["p99_ms", "stale_first_ms", "stale_msgs", "rss_peak_kb", "rss_idle_kb", "loss_pct"], "--subs", 200, "--rate", 90,
-                       "--secs", 7, "--stall", stalled, "--stall-at", 2, "--stall-ms", 4000, "--rcvbuf", 32768)
-        del seen
+        compare(tools, [BARE, EPOLL, URING], repeat, ["p99_ms", "stale_first_ms", "stale_msgs", "rss_peak_kb", "rss_idle_kb", "loss_pct"],
+                "--subs", 200, "--rate", 90, "--secs", 7, "--stall", stalled, "--stall-at", 2, "--stall-ms", 4000, "--rcvbuf", 32768)
 
 
 def many(tools, repeat):
@@ -78,13 +76,22 @@ def many(tools, repeat):
             "--subs", 4000, "--rate", 30, "--secs", 4)
 
 
+def certificate_of(tools):
+    return {"tls_certificate": tools.folder / "cert.pem", "tls_key": tools.folder / "key.pem"}
+
+
+def over_tls(tools):
+    return [("raw t", {}), ("broker", {"sockets_writes": "epoll", **certificate_of(tools)})]
+
+
 def idle(tools, repeat):
-    compare(tools, [BARE, EPOLL], repeat, ["connect_s", "rss_conn_kb"], "--subs", 4000, "--secs", 0.2, "--warm", 0, "--no-pub")
+    for servers, flags in (([BARE, EPOLL], []), (over_tls(tools), ["--tls"])):
+        compare(tools, servers, repeat, ["connect_s", "rss_conn_kb"], "--subs", 4000, "--secs", 0.2, "--warm", 0, "--no-pub", *flags)
 
 
 def joins(tools, repeat):
     """Connections a second of server CPU, up to the first message; without and with signed tokens, and TLS."""
-    certificate = {"tls_certificate": tools.folder / "cert.pem", "tls_key": tools.folder / "key.pem"}
+    certificate = certificate_of(tools)
     kinds = [("bare", "raw e", None, {}), ("anonymous", "broker", None, {}), ("HS256", "broker", "HS256", {}),
              ("ES256", "broker", "ES256", {}), ("bare TLS", "raw t", None, {}), ("HS256 and TLS", "broker", "HS256", certificate)]
     seen = {kind[0]: [] for kind in kinds}
@@ -130,9 +137,7 @@ def peers(tools, repeat):
 
 
 def tls(tools, repeat):
-    settings = {"tls_certificate": tools.folder / "cert.pem", "tls_key": tools.folder / "key.pem"}
-    servers = [("raw t", {}), ("broker", {"sockets_writes": "epoll", **settings})]
-    compare(tools, servers, repeat, ["cpu_s_per_1M", "p99_ms", "loss_pct", "rss_conn_kb", "connect_s"],
+    compare(tools, over_tls(tools), repeat, ["cpu_s_per_1M", "p99_ms", "loss_pct", "rss_conn_kb", "connect_s"],
             "--subs", 1000, "--rate", 30, "--secs", 4, "--tls")
 
 
