@@ -22,6 +22,12 @@ set(CPACK_DEBIAN_PACKAGE_GENERATE_SHLIBS ON)
 set(CPACK_DEBIAN_COMPRESSION_TYPE xz)
 set(CPACK_DEBIAN_PACKAGE_CONTROL_STRICT_PERMISSION ON)
 
+# What dpkg is given with a package, of the folder of deploy/debian that has its name.
+macro(eigencast_package_scripts PACKAGE COMPONENT)
+  set(CPACK_DEBIAN_${COMPONENT}_PACKAGE_CONTROL_EXTRA ${ARGN})
+  list(TRANSFORM CPACK_DEBIAN_${COMPONENT}_PACKAGE_CONTROL_EXTRA PREPEND "${PROJECT_SOURCE_DIR}/deploy/debian/${PACKAGE}/")
+endmacro()
+
 set(CPACK_DEBIAN_BROKER_PACKAGE_NAME eigencast-broker)
 set(CPACK_DEBIAN_BROKER_PACKAGE_SECTION net)
 set(CPACK_DEBIAN_BROKER_PACKAGE_DEPENDS "adduser")
@@ -32,8 +38,7 @@ The broker takes frames of spectral coefficients from senders, interpolates
 them to a multiple of their rate, and relays them over WebSockets to any
 number of viewers, each at its own rate and bandwidth. It keeps the surfaces
 themselves as content-addressed assets.")
-set(CPACK_DEBIAN_BROKER_PACKAGE_CONTROL_EXTRA
-  "${PROJECT_SOURCE_DIR}/deploy/debian/conffiles;${PROJECT_SOURCE_DIR}/deploy/debian/postinst;${PROJECT_SOURCE_DIR}/deploy/debian/prerm;${PROJECT_SOURCE_DIR}/deploy/debian/postrm")
+eigencast_package_scripts(eigencast-broker BROKER conffiles postinst prerm postrm)
 
 set(CPACK_DEBIAN_TOOLS_PACKAGE_NAME eigencast-tools)
 set(CPACK_DEBIAN_TOOLS_PACKAGE_SECTION graphics)
@@ -47,7 +52,7 @@ its frame rate; the latency meter says where the time between them goes.")
 
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME "libeigencast0")
 set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libs)
-set(CPACK_DEBIAN_LIBRARY_PACKAGE_CONTROL_EXTRA "${PROJECT_SOURCE_DIR}/deploy/debian/triggers")
+eigencast_package_scripts(libeigencast0 LIBRARY triggers)
 set(CPACK_COMPONENT_LIBRARY_DESCRIPTION "publish and watch deforming 3D surfaces from any program
 A C interface, with C++ over it, to bake a surface, publish its poses without
 ever blocking, and subscribe to what others publish.")
@@ -64,6 +69,8 @@ set(CPACK_DEBIAN_PYTHON_PACKAGE_SECTION python)
 set(CPACK_DEBIAN_PYTHON_PACKAGE_ARCHITECTURE all)
 set(CPACK_DEBIAN_PYTHON_PACKAGE_SHLIBDEPS OFF)
 set(CPACK_DEBIAN_PYTHON_PACKAGE_DEPENDS "libeigencast0 (>= ${PROJECT_VERSION}), python3, python3-numpy")
+# Compiled modules beside the sources come with the package and go with it, whoever imports them.
+eigencast_package_scripts(python3-eigencast PYTHON postinst prerm)
 set(CPACK_COMPONENT_PYTHON_DESCRIPTION "publish and watch deforming 3D surfaces from Python
 A package over libeigencast by ctypes and numpy: bake a surface, publish its
 poses without ever blocking, and subscribe to what others publish.")

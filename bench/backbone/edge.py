@@ -2,12 +2,14 @@
 # SPDX-License-Identifier: MIT
 """What one more hop costs: viewers at a broker that has the sender, beside viewers at one that follows it over NATS.
 
-    EIGENCAST_WSLOAD=FOLDER bench/backbone/edge.py --broker build/bench/bin/eigencast-broker [--subs 1000] [--rate 30]
+    EIGENCAST_WSLOAD=FOLDER bench/backbone/edge.py --broker build/bench/bin/eigencast-broker [--subs 1000] [--rate 30] [--both]
 
-The measured broker has one core to itself; NATS, the sender, the other brokers and the load share the other one. The arrangements take
-turns; medians. Skipped, loudly, without nats-server.
+The measured broker has one core to itself; NATS, the sender, the other broker and the load share the other one. --both: two brokers, each
+with that many viewers, beside one that has all of them; here both brokers are on the first core. The arrangements take turns; medians.
+Skipped, loudly, without nats-server.
 """
 import argparse
+import collections
 import pathlib
 import shutil
 import statistics
@@ -68,7 +70,8 @@ class Sender(threading.Thread):
 
 
 def watched(servers, origin, subs, rate, seconds):
-    """Figures of wsload with `subs` viewers at each of `servers`, while a sender, which begins when all are there, sends to `origin`."""
+    """Figures of wsload with `subs` viewers at each of `servers` (one that is named twice has two crowds), while a sender, which begins when
+    all are there, sends to `origin`."""
     crowds = [server.viewers(subs, seconds, CONNECTING_S + 1) for server in servers]
     time.sleep(CONNECTING_S)
     sender = Sender(origin.port, origin.tools, rate)
@@ -78,9 +81,15 @@ def watched(servers, origin, subs, rate, seconds):
     return figures
 
 
+def summary(crowds):
+    """Figures of one server from those of its crowds; each of them counts all that the server used, and its own deliveries."""
+    return {"cpu_s_per_1M": 1 / sum(1 / crowd["cpu_s_per_1M"] for crowd in crowds), "p50_ms": statistics.mean(crowd["p50_ms"] for crowd in crowds),
+            "p99_ms": max(crowd["p99_ms"] for crowd in crowds), "delivered_per_s": sum(crowd["delivered_per_s"] for crowd in crowds)}
+
+
 def alone(tools, options):
     with Server(tools, "broker", sockets_writes="epoll") as server:
-        return watched([server], server, options.subs, options.rate, options.seconds)[0]
+        return {"at the sender's broker": summary(watched([server], server, options.subs, options.rate, options.seconds))}
 
 
 def followed(tools, options):
@@ -89,7 +98,20 @@ def followed(tools, options):
                                                                              backbone_servers=nats) as edge:
             for task in pathlib.Path(f"/proc/{origin.process.pid}/task").iterdir():
                 subprocess.run(["taskset", "-p", "-c", LOAD_CPU, task.name], check=True, capture_output=True)
-            return watched([edge], origin, options.subs, options.rate, options.seconds)[0]
+            return {"one hop over NATS": summary(watched([edge], origin, options.subs, options.rate, options.seconds))}
+
+
+def one_with_all(tools, options):
+    with Server(tools, "broker", sockets_writes="epoll") as server:
+        return {"one broker, all viewers": summary(watched([server] * 2, server, options.subs, options.rate, options.seconds))}
+
+
+def two_with_half(tools, options):
+    with Nats(tools.folder) as nats:
+        with Server(tools, "broker", sockets_writes="epoll", backbone_servers=nats) as origin, Server(
+                tools, "broker", sockets_writes="epoll", backbone_servers=nats) as edge:
+            first, second = watched([origin, edge], origin, options.subs, options.rate, options.seconds)
+    return {"two: that of the sender": summary([first]), "two: that which follows": summary([second])}
 
 
 def main():
@@ -99,20 +121,23 @@ def main():
     parser.add_argument("--rate", type=int, default=30)
     parser.add_argument("--seconds", type=int, default=4)
     parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--both", action="store_true", help="viewers at two brokers, beside one that has all of them")
     parser.add_argument("--keep", metavar="FOLDER", help="where the compiled tools are kept for the next time")
     options = parser.parse_args()
     if not shutil.which("nats-server"):
         sys.exit("SKIPPED: no nats-server")
     tools = Tools(options.broker, options.keep)
-    runs = {"at the sender's broker": [], "one hop over NATS": []}
+    runs = collections.defaultdict(list)
     for _ in range(options.repeat):
-        runs["at the sender's broker"].append(alone(tools, options))
-        runs["one hop over NATS"].append(followed(tools, options))
+        for arrangement in (one_with_all, two_with_half) if options.both else (alone, followed):
+            for name, figures in arrangement(tools, options).items():
+                runs[name].append(figures)
     columns = ["cpu_s_per_1M", "p50_ms", "p99_ms", "delivered_per_s"]
-    print(f"{options.subs} viewers, {options.rate} poses/s of {SIZE} bytes, medians of {options.repeat}")
+    print(f"{options.subs} viewers{' a broker' if options.both else ''}, {options.rate} poses/s of {SIZE} bytes, medians of {options.repeat}")
     print(f"  {'':28}" + "".join(f"{column:>16}" for column in columns))
     for name, results in runs.items():
         print(f"  {name:28}" + "".join(f"{statistics.median(r[c] for r in results):16.3f}" for c in columns))
+    print("  cpu_s_per_1M of each run:", "; ".join(f"{name}: {', '.join(format(r['cpu_s_per_1M'], '.2f') for r in results)}" for name, results in runs.items()))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,8 @@ class Costs:
 
     cpu_s_per_million: float = 5.0  # Deliveries, plain; TLS is about 1.7 times that.
     pose_us: float = 30.0  # Making one interpolated pose, once per stream and profile at each broker.
-    hop_us: float = 40.0  # Taking one key from NATS.
+    hop_us: float = 40.0  # Taking one key from NATS, or telling it.
+    idle_core: float = 0.004  # Of a broker that nobody watches: timers, signs of life.
     load: float = 0.6  # Of a core that is planned for; the rest is for bursts.
     viewers_per_broker: int = 20_000  # limits.max_connections
 
@@ -57,7 +58,8 @@ def watched_streams(crowd, brokers):
 def core_of(crowd, brokers, costs):
     deliveries = crowd.viewers / brokers * crowd.watched * crowd.key_rate * crowd.k
     followed = watched_streams(crowd, brokers)
-    return (deliveries * costs.cpu_s_per_million + followed * crowd.key_rate * ((crowd.k - 1) * costs.pose_us + costs.hop_us)) / 1e6
+    poses = followed * crowd.key_rate * ((crowd.k - 1) * costs.pose_us + costs.hop_us)
+    return costs.idle_core + (deliveries * costs.cpu_s_per_million + poses) / 1e6
 
 
 def plan(crowd, costs):
@@ -74,7 +76,7 @@ def plan(crowd, costs):
 def simulate(crowd, brokers, costs, seed=1):
     """Core shares of all brokers with viewers placed at random, each watching random streams, a pose at a time."""
     chance = random.Random(seed)
-    load = [0.0] * brokers
+    load = [costs.idle_core] * brokers
     streams = [set() for _ in range(brokers)]
     for _ in range(crowd.viewers):
         at = chance.randrange(brokers)

@@ -166,7 +166,7 @@ class Server:
 
     def viewers(self, subs, seconds, warm):
         """Viewers of s0, whose sender is another process and comes later; call what is returned for their figures, when they have ended."""
-        out = self.tools.folder / f"viewers-{self.port}.jsonl"
+        out = pathlib.Path(tempfile.mkdtemp(dir=self.tools.folder)) / "viewers.jsonl"
         command = self.wsload(out, *FRAMES, "--no-pub", "--subs", subs, "--secs", seconds, "--warm", warm, "--rate", 1, "--subproto",
                               "eigencast.v1", "--path", "/v1/subscribe/s0?rate=raw", "--ready", '"waiting"')
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)

@@ -76,7 +76,7 @@ class NatsLink::Impl : public std::enable_shared_from_this<Impl> {
   Result<std::uint64_t> write_now(const std::string& key, const std::optional<std::string>& text,
                                   std::uint64_t expected);
   void tell_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision);
-  void hear_row(ByteView message);
+  void hear_row(ByteView message);  // On the loop. What is lost is found when the table is read again.
 
   const Settings settings_;
   const std::string bucket_, inbox_;

@@ -104,9 +104,7 @@ void NatsLink::Impl::hear_row(ByteView message) {
   if (in.failed()) return;
   std::optional<std::string> row;
   if (has_text) row.emplace(text.begin(), text.end());
-  hand_over([this, key = std::string(key.begin(), key.end()), row = std::move(row), revision] {
-    listener_->on_row(key, row, revision);
-  });
+  listener_->on_row(std::string(key.begin(), key.end()), std::move(row), revision);
 }
 
 Result<StorePtr> NatsLink::Impl::open_table(jsCtx& js) const {

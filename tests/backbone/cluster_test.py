@@ -24,6 +24,7 @@ import urllib.request
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker"), str(pathlib.Path(__file__).parent)]
 import hosts
+import nats_users
 import payloads
 from websocket_peer import BINARY, TEXT, Peer, frame, ports_of
 
@@ -175,6 +176,12 @@ cluster {{ name: eigencast, listen: "{self.hosts[name].address}:6222", routes: [
             return None
         return next((float(line.split()[-1]) for line in text.splitlines() if line.split()[:1] == [name]), None)
 
+    def busiest_nats(self):
+        """The NATS server at which most brokers are."""
+        peers = "".join(subprocess.run(["ip", "netns", "exec", self.hosts[broker].space, "ss", "-tnH", "state", "established", "dport = :4222"],
+                                       check=True, capture_output=True, text=True).stdout for broker in self.BROKERS)
+        return max(self.NATS, key=lambda name: peers.count(f"{self.hosts[name].address}:4222"))
+
     def wait_for(self, condition, seconds, what):
         began = time.monotonic()
         while time.monotonic() - began < seconds:
@@ -216,6 +223,16 @@ cluster {{ name: eigencast, listen: "{self.hosts[name].address}:6222", routes: [
             self.assert_goes_on(one + two, began, time.monotonic())
             self.start_nats(victim)
             time.sleep(6)  # The cluster heals before the next one dies.
+
+        # A server that goes silent instead of dying: nobody tells its brokers.
+        victim = self.busiest_nats()
+        began = time.monotonic()
+        self.hosts[victim].link("down")
+        time.sleep(8)
+        print(f"  cable of NATS server {victim} pulled")
+        self.assert_goes_on(one + two, began, time.monotonic())
+        self.hosts[victim].link("up")
+        time.sleep(6)
 
         began = time.monotonic()
         self.kill("b3")
@@ -292,15 +309,17 @@ class Undone(unittest.TestCase):
 
 
 class Guarded(unittest.TestCase):
-    """One NATS server that asks for TLS, a user and his password, with no more rights than docs/scaling.md says; all on loopback."""
+    """One NATS server that asks who comes, over TLS; all on loopback."""
 
-    NATS = """
+    SERVER = """
 listen: "127.0.0.1:{port}"
 jetstream {{ store_dir: "{folder}/jetstream" }}
-tls {{ cert_file: "{folder}/server.pem", key_file: "{folder}/server.key" }}
-authorization {{ users: [ {{ user: broker, password: secret, permissions: {{
-  publish: ["eigencast.>", "_INBOX.>", "$JS.API.>", "$KV.eigencast_streams.>"], subscribe: ["eigencast.>", "_INBOX.>"] }} }} ] }}
+tls {{ cert_file: "{folder}/server.pem", key_file: "{folder}/server.key", ca_file: "{folder}/ca.pem", verify: {verify} }}
+{rest}
 """
+    # No more rights than docs/scaling.md says.
+    PASSWORD = """authorization { users: [ { user: broker, password: secret, permissions: {
+  publish: ["eigencast.>", "_INBOX.>", "$JS.API.>", "$KV.eigencast_streams.>"], subscribe: ["eigencast.>", "_INBOX.>"] } } ] }"""
 
     def setUp(self):
         if not shutil.which("nats-server"):
@@ -310,28 +329,31 @@ authorization {{ users: [ {{ user: broker, password: secret, permissions: {{
         make = lambda *words: subprocess.run(["openssl", *words], cwd=self.folder, check=True, capture_output=True)
         curve = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"]
         make("req", "-x509", *curve, "-keyout", "ca.key", "-out", "ca.pem", "-days", "2", "-subj", "/CN=test")
-        make("req", *curve, "-keyout", "server.key", "-out", "server.csr", "-subj", "/CN=localhost")
         pathlib.Path(self.folder, "names").write_text("subjectAltName=DNS:localhost")
-        make("x509", "-req", "-in", "server.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial", "-days", "2", "-out", "server.pem",
-             "-extfile", "names")
+        for name in ("server", "broker"):
+            make("req", *curve, "-keyout", f"{name}.key", "-out", f"{name}.csr", "-subj", "/CN=localhost")
+            make("x509", "-req", "-in", f"{name}.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial", "-days", "2", "-out", f"{name}.pem",
+                 "-extfile", "names")
+
+    def start_nats(self, rest, verify="false"):
         with socket.socket() as probe:
             probe.bind(("127.0.0.1", 0))
             self.nats = probe.getsockname()[1]
         config = pathlib.Path(self.folder, "nats.conf")
-        config.write_text(self.NATS.format(port=self.nats, folder=self.folder))
+        config.write_text(self.SERVER.format(port=self.nats, folder=self.folder, rest=rest, verify=verify))
         self.log = pathlib.Path(self.folder, "nats.log")
         server = subprocess.Popen(["nats-server", "-c", config], stderr=open(self.log, "w"))
         self.addCleanup(server.wait)
         self.addCleanup(server.terminate)
 
-    def broker(self, name, password="secret", ca="ca.pem"):
-        """Its data port and a way to ask its admin port."""
-        ports = pathlib.Path(self.folder, name)
+    def broker(self, name, ca="ca.pem", **shown):
+        """Its data port and a way to ask its admin port. `shown`: settings of [backbone] with which it shows who it is."""
+        ports = pathlib.Path(self.folder, f"ports-{name}")
         process = subprocess.Popen(
             [PROGRAMS / "eigencast-broker", "--listen=127.0.0.1:0", "--admin-listen=127.0.0.1:0", f"--port-file={ports}",
              f"--data-dir={self.folder}/data-{name}", "--log-level=error", f"--backbone-servers=tls://localhost:{self.nats}",
-             f"--backbone-ca={ca}", "--backbone-user=broker"],
-            env={**os.environ, "EIGENCAST_BACKBONE__PASSWORD": password, "CREDENTIALS_DIRECTORY": self.folder})
+             f"--backbone-ca={ca}"],
+            env={**os.environ, **{f"EIGENCAST_BACKBONE__{key.upper()}": value for key, value in shown.items()}, "CREDENTIALS_DIRECTORY": self.folder})
         self.addCleanup(self.end, process)
         data, admin = ports_of(ports)
         return data, lambda path: urllib.request.urlopen(f"http://127.0.0.1:{admin}{path}", timeout=5).read().decode()
@@ -345,19 +367,24 @@ authorization {{ users: [ {{ user: broker, password: secret, permissions: {{
             if condition():
                 return
             time.sleep(0.05)
-        self.fail(what)
+        self.fail(f"{what}\n{self.log.read_text()[-2000:]}")
 
-    def test_streams_cross_an_encrypted_backbone_with_few_rights(self):
-        one, ask_one = self.broker("one")
-        two, ask_two = self.broker("two")
+    def publish(self, port, asset, rows):
+        """The sender of stream s, granted: the directory answered."""
+        sender = Peer(port, "/v1/publish/s", "eigencast.v1")
+        sender.send(frame(TEXT, payloads.announce(asset, rows, "float32").encode()))
+        while b'"announced"' not in sender.receive()[1]:
+            pass
+        return sender
+
+    def assert_streams_cross(self, **shown):
+        one, ask_one = self.broker("one", **shown)
+        two, _ = self.broker("two", **shown)
         self.wait_for(lambda: "2 brokers" in ask_one("/api/broker"), "they do not meet")
         body, asset = payloads.asset()
         urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{one}/v1/assets/{asset}", data=body, method="PUT")).close()
         template, rows = payloads.float_join(600)
-        sender = Peer(one, "/v1/publish/s", "eigencast.v1")
-        sender.send(frame(TEXT, payloads.announce(asset, rows, "float32").encode()))
-        while b'"announced"' not in sender.receive()[1]:
-            pass
+        sender = self.publish(one, asset, rows)
         viewer = Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v1")
         for sequence in range(100):
             sender.send(frame(BINARY, template[:11] + sequence.to_bytes(8, "little") + (1000 * sequence + 1).to_bytes(8, "little") + template[27:]))
@@ -368,9 +395,28 @@ authorization {{ users: [ {{ user: broker, password: secret, permissions: {{
         self.assertEqual(fetched, body)
         self.assertNotIn("Violation", self.log.read_text())
 
+    def test_streams_cross_with_a_password_and_few_rights(self):
+        self.start_nats(self.PASSWORD)
+        self.assert_streams_cross(user="broker", password="secret")
+
+    def test_streams_cross_with_a_token(self):
+        self.start_nats('authorization { token: "a secret" }')
+        self.assert_streams_cross(token="a secret")
+
+    def test_streams_cross_with_a_certificate(self):
+        self.start_nats("", verify="true")
+        self.assert_streams_cross(certificate="broker.pem", key="broker.key")
+
+    def test_streams_cross_with_signed_credentials(self):
+        credentials, server = nats_users.make(self.folder)
+        pathlib.Path(self.folder, "broker.creds").write_text(credentials)
+        self.start_nats(server)
+        self.assert_streams_cross(credentials="broker.creds")
+
     def test_who_is_not_let_in_says_so_and_serves_on(self):
+        self.start_nats(self.PASSWORD)
         for password, ca in (("wrong", "ca.pem"), ("secret", "server.pem")):
-            _, ask = self.broker(f"{password}-{ca}", password, ca)
+            _, ask = self.broker(f"{password}-{ca}", ca, user="broker", password=password)
             self.assertRegex(ask("/readyz"), "ready, degraded: .*no NATS server")
 
 

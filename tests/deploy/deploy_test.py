@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import tomllib
 import unittest
 import urllib.request
 
@@ -37,6 +38,19 @@ def metrics_of_a_broker():
             broker.terminate()
             broker.wait(20)
     return {line.split()[2] for line in text.splitlines() if line.startswith("# TYPE")}
+
+
+def image():
+    """The command and the environment that the container's image brings."""
+    text = (DEPLOY / "container/Containerfile").read_text()
+    return json.loads(re.search(r"^ENTRYPOINT (.*)$", text, re.M)[1]), dict(re.findall(r"\b(EIGENCAST_\w+)=(\S+)", text))
+
+
+def make_key(public):
+    """The public half of a new key that signs tokens."""
+    key = public + ".private"
+    subprocess.run(["openssl", "ecparam", "-name", "prime256v1", "-genkey", "-noout", "-out", key], check=True, capture_output=True)
+    subprocess.run(["openssl", "ec", "-in", key, "-pubout", "-out", public], check=True, capture_output=True)
 
 
 class Deploy(unittest.TestCase):
@@ -75,19 +89,58 @@ class Deploy(unittest.TestCase):
         done = subprocess.run(["promtool", "check", "config", "prometheus.yml"], cwd=DEPLOY / "prometheus", capture_output=True, text=True)
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
 
-    def test_the_broker_takes_the_configuration_of_kubernetes(self):
+    def settings_of(self, words, environment, folder):
+        """What a broker has in force when started so, after it has found no fault with it."""
+        where = {"env": {**os.environ, **environment}, "cwd": folder, "capture_output": True, "text": True}
+        checked = subprocess.run([BROKER, *words, "--check-config"], **where)
+        self.assertEqual(checked.returncode, 0, checked.stdout + checked.stderr)
+        return tomllib.loads(subprocess.run([BROKER, *words, "--show-config"], **where).stdout)
+
+    def test_a_pod_has_the_settings_of_the_configuration_map(self):
         text = (DEPLOY / "kubernetes/configmap.yaml").read_text().split("eigencast.toml: |\n", 1)[1]
         toml = "\n".join(line.removeprefix("    ") for line in text.splitlines())
+        arguments = re.search(r"^ +args: (\[.*\])$", (DEPLOY / "kubernetes/statefulset.yaml").read_text(), re.M)
+        entry, environment = image()
+        words = entry[1:] + (json.loads(arguments[1]) if arguments else [])
+        # Kubernetes adds its own for each service of the namespace.
+        environment |= {"EIGENCAST_BROKER_SERVICE_HOST": "10.0.0.1", "EIGENCAST_BROKER_PORT": "tcp://10.0.0.1:7490", "EIGENCAST_BROKER_PORT_7490_TCP_PORT": "7490"}
         with tempfile.TemporaryDirectory() as folder:
-            key, public = f"{folder}/key.pem", f"{folder}/main.pem"
-            subprocess.run(["openssl", "ecparam", "-name", "prime256v1", "-genkey", "-noout", "-out", key], check=True, capture_output=True)
-            subprocess.run(["openssl", "ec", "-in", key, "-pubout", "-out", public], check=True, capture_output=True)
-            file = pathlib.Path(folder) / "eigencast.toml"
-            file.write_text(toml.replace("/keys/main.pem", public))
-            done = subprocess.run([BROKER, "--config", file, "--check-config"], capture_output=True, text=True)
-            self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
-            shown = subprocess.run([BROKER, "--config", file, "--show-config"], capture_output=True, text=True).stdout
-            self.assertRegex(shown, r'monitors = \["', "Prometheus and the autoscaler read the admin port without a token")
+            make_key(f"{folder}/main.pem")
+            (pathlib.Path(folder) / "eigencast.toml").write_text(toml.replace("/keys/main.pem", f"{folder}/main.pem"))
+            shown = self.settings_of([word.replace("/etc/eigencast/", "") for word in words], environment, folder)
+        wanted = tomllib.loads(toml)
+        wanted["access"].pop("jwt_keys")
+        for section, settings in wanted.items():
+            self.assertEqual({key: shown[section][key] for key in settings}, settings, section)
+        self.assertTrue(wanted["server"]["admin_listen"].startswith("0.0.0.0:"), "the kubelet asks from outside of the pod")
+        self.assertTrue(wanted["access"]["monitors"], "Prometheus and the autoscaler read the admin port without a token")
+
+    def test_a_container_of_compose_has_the_settings_that_compose_says(self):
+        entry, environment = image()
+        said = dict(re.findall(r"^ +(EIGENCAST_\w+): (\S+)$", (DEPLOY / "container/compose.yaml").read_text(), re.M))
+        with tempfile.TemporaryDirectory() as folder:
+            make_key(f"{folder}/main.pem")
+            given = {"EIGENCAST_ACCESS__JWT_KEYS": f"main ES256 {folder}/main.pem"}  # As the file's head tells people to.
+            shutil.copy(DEPLOY / "eigencast.toml", folder)
+            shown = self.settings_of([word.replace("/etc/eigencast/", "") for word in entry[1:]], environment | said | given, folder)
+        self.assertEqual(shown["server"]["admin_listen"], said["EIGENCAST_SERVER__ADMIN_LISTEN"])
+        self.assertEqual(shown["access"]["monitors"], [said["EIGENCAST_ACCESS__MONITORS"]])
+        self.assertEqual(shown["proxy"]["trusted"], [said["EIGENCAST_PROXY__TRUSTED"]])
+
+    def test_nginx_takes_the_site_of_compose(self):
+        nginx = shutil.which("nginx") or "/usr/sbin/nginx"
+        if not os.path.exists(nginx):
+            self.skipTest("SKIPPED: no nginx")
+        with tempfile.TemporaryDirectory() as folder:
+            subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2", "-subj",
+                            "/CN=localhost", "-keyout", "tls.key", "-out", "tls.crt"], cwd=folder, check=True, capture_output=True)
+            site = (DEPLOY / "container/nginx.conf").read_text()
+            self.assertIn("http://broker:7490/", site)
+            site = site.replace("http://broker:", "http://127.0.0.1:").replace("/etc/nginx/tls/", f"{folder}/")
+            conf = pathlib.Path(folder, "nginx.conf")
+            conf.write_text(f"pid {folder}/pid;\nevents {{}}\nhttp {{\naccess_log off;\n{site}}}\n")
+            done = subprocess.run([nginx, "-t", "-c", conf, "-e", "stderr", "-p", folder], capture_output=True, text=True)
+            self.assertEqual(done.returncode, 0, done.stderr)
 
     def test_manifests_fit_published_schemas(self):
         if not shutil.which("node"):

@@ -81,12 +81,30 @@ class Packages(OnMachines):
             self.assertEqual(self.says(f"zcat {page}"), self.says(f"{program} man"))
             self.run_at(f"test -s /usr/share/bash-completion/completions/{program} -a -s /usr/share/zsh/vendor-completions/_{program}")
         self.assertEqual(self.says("stat -c '%U %a' /var/lib/eigencast"), "eigencast 750")
-        self.assertEqual(self.says("dpkg --verify eigencast-broker eigencast-tools libeigencast0 libeigencast-dev"), "")
+        self.assertEqual(self.says("dpkg --verify eigencast-broker eigencast-tools libeigencast0 libeigencast-dev python3-eigencast"), "")
         for document in ("operations", "scaling"):
             self.run_at(f"zcat /usr/share/doc/eigencast-broker/{document}.md.gz")
         # What the unit and the packages point at is there.
         for path in re.findall(r"/usr/share/doc/\S+", self.says("systemctl cat eigencast-broker.service")):
             self.run_at(f"test -e {path}")
+
+    def test_python_publishes_and_watches(self):
+        self.run_at("apt install ./eigencast-broker_*.deb ./python3-eigencast_*.deb ./libeigencast0_*.deb")
+        page = (ROOT / "docs/sdk.md").read_text()
+        for name in ("publish.py", "subscribe.py"):
+            program = re.search(rf"^`{name}`\n\n```python\n(.*?)^```$", page, re.M | re.S)[1]
+            (self.machines[0].root / "root" / name).write_text(program)
+        self.assertEqual(self.says("python3 -c 'import eigencast; print(eigencast.library_path())'"), "libeigencast.so.0")
+        with open(self.folder / "publish.log", "w") as log:
+            publishing = self.machines[0].start("python3 publish.py ws://127.0.0.1:7490/lab/sheet", log)
+        self.addCleanup(publishing.wait)
+        self.addCleanup(publishing.kill)
+        seen = self.says("timeout 60 python3 subscribe.py ws://127.0.0.1:7490/lab/sheet").splitlines()
+        self.assertEqual(len(seen), 30)
+        self.assertRegex(seen[-1], r"^\d+ vertices from .* captured \d+ us ago$")
+        self.assertEqual(publishing.wait(30), 0)
+        self.assertRegex((self.folder / "publish.log").read_text(), r"sent [1-9]\d* poses")
+        self.run_at("apt remove python3-eigencast && test ! -e /usr/lib/python3/dist-packages/eigencast")
 
     def test_an_upgrade_keeps_what_the_administrator_changed(self):
         self.run_at("apt install ./eigencast-broker_*.deb")
