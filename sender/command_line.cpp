@@ -28,6 +28,7 @@ eigencast-sender deform dragon.ply --cage cage.obj --script keys.json --to ws://
 eigencast-sender replay show.ecrec --to ws://broker/show --from 60
 eigencast-sender bake scan.ply --rank 300
 eigencast-sender evaluate clip.npy                                     # error and bit rate, without a network
+eigencast-sender evaluate clip.npy -r 50,100,200 --lod 1,0.5,0.1 --plots out
 eigencast-sender export fox.glb --to fox.mdd
 eigencast-sender context add studio wss://broker.example --token "$TOKEN"
 eigencast-sender play heart --to demo                                  # at the context's broker
@@ -71,12 +72,22 @@ void add_clip_options(CLI::App& app, SourceOptions& source) {
       ->capture_default_str();
 }
 
-void add_bake_options(CLI::App& app, SourceOptions& source) {
-  source.cache_dir = default_cache_dir();
-  app.add_option("--basis", source.basis, "augmented or harmonic")
+/// One or, to compare them, several of each.
+template <typename Bases, typename Ranks>
+void add_basis_options(CLI::App& app, Bases& bases, Ranks& ranks) {
+  app.add_option("--basis", bases, "augmented or harmonic")
       ->check(CLI::IsMember({"augmented", "harmonic"}))
+      ->delimiter(',')
       ->capture_default_str();
-  app.add_option("--rank", source.rank, "coefficients per axis")->check(CLI::Range(4, 4096))->capture_default_str();
+  app.add_option("-r,--rank,--r", ranks, "coefficients per axis")
+      ->check(CLI::Range(4, 4096))
+      ->delimiter(',')
+      ->capture_default_str();
+}
+
+/// What a bake takes beside basis and rank.
+void add_asset_options(CLI::App& app, SourceOptions& source) {
+  source.cache_dir = default_cache_dir();
   app.add_option("--asset-error", source.asset_error,
                  "what storing the basis may move vertices by, of the diagonal; 0: 32-bit floats, a large asset")
       ->check(CLI::Range(0.0, 0.1))
@@ -86,18 +97,27 @@ void add_bake_options(CLI::App& app, SourceOptions& source) {
       ->envname("EIGENCAST_CACHE");
 }
 
+void add_bake_options(CLI::App& app, SourceOptions& source) {
+  add_basis_options(app, source.basis, source.rank);
+  add_asset_options(app, source);
+}
+
 void add_source_options(CLI::App& app, SourceOptions& source) {
   add_clip_options(app, source);
   add_bake_options(app, source);
 }
 
-void add_codec_options(CLI::App& app, std::string& codec, double& error) {
+/// One error or, to compare them, several.
+template <typename Errors>
+CLI::Option* add_codec_options(CLI::App& app, std::string& codec, Errors& errors) {
   app.add_option("--codec", codec, "quantised, float32 or float64")
       ->check(CLI::IsMember({"quantised", "float32", "float64"}))
       ->capture_default_str();
-  app.add_option("--error", error,
-                 "vertex error that quantising may add, in model units (default: 1e-3 of the diagonal)")
-      ->check(CLI::PositiveNumber);
+  return app
+      .add_option("--error", errors,
+                  "vertex error that quantising may add, in model units (default: 1e-3 of the diagonal)")
+      ->check(CLI::PositiveNumber)
+      ->delimiter(',');
 }
 
 /// The same as eigencast-client has; those of the context where they are not given.
@@ -231,6 +251,32 @@ void add_deform_command(CLI::App& app, Settings& s) {
   deform->add_option("--json", command.json, "write a report at the end");
 }
 
+void add_evaluate_command(CLI::App& app, Settings& s) {
+  EvaluateCommand& command = s.evaluate;
+  CLI::App* evaluate = app.add_subcommand(
+      "evaluate", "State error and bit rate of a clip, without a network; lists are tried in all combinations");
+  runs(*evaluate, s, command);
+  add_clip_options(*evaluate, command.source);
+  add_basis_options(*evaluate, command.bases, command.ranks);
+  add_asset_options(*evaluate, command.source);
+  CLI::Option* error = add_codec_options(*evaluate, command.codec, command.errors);
+  evaluate
+      ->add_option("--step", command.steps,
+                   "instead of --error: what one step of a coefficient moves the surface by, of the diagonal")
+      ->check(CLI::PositiveNumber)
+      ->delimiter(',')
+      ->excludes(error);
+  evaluate->add_option("--lod", command.levels, "levels of detail: fractions of the vertices")
+      ->check(CLI::Range(0.0, 1.0))
+      ->delimiter(',')
+      ->capture_default_str();
+  evaluate->add_option("--rate", command.rate_hz, "poses a second, for kbit/s")
+      ->check(CLI::Range(0.1, 1000.0))
+      ->capture_default_str();
+  evaluate->add_option("--json", command.json, "write a report");
+  evaluate->add_option("--plots", command.plots, "draw the errors into this folder, as PNG");
+}
+
 void add_commands(CLI::App& app, Settings& s) {
   CLI::App* bake = app.add_subcommand("bake", "Turn a surface into a streamable asset (cached by content)");
   runs(*bake, s, s.bake);
@@ -278,14 +324,7 @@ void add_commands(CLI::App& app, Settings& s) {
       ->required();
   export_clip->add_option("--json", s.export_clip.json, "write a report");
 
-  CLI::App* evaluate = app.add_subcommand("evaluate", "State error and bit rate of a clip, without a network");
-  runs(*evaluate, s, s.evaluate);
-  add_source_options(*evaluate, s.evaluate.source);
-  add_codec_options(*evaluate, s.evaluate.codec, s.evaluate.error);
-  evaluate->add_option("--rate", s.evaluate.rate_hz, "poses a second, for kbit/s")
-      ->check(CLI::Range(0.1, 1000.0))
-      ->capture_default_str();
-  evaluate->add_option("--json", s.evaluate.json, "write a report");
+  add_evaluate_command(app, s);
 
   CLI::App* replay = app.add_subcommand("replay", "Stream a recording of the broker again");
   runs(*replay, s, s.replay);

@@ -96,11 +96,16 @@ struct ExportCommand {
 };
 
 struct EvaluateCommand {
-  SourceOptions source;
+  SourceOptions source;                            ///< But for its basis and rank.
+  std::vector<std::string> bases = {"augmented"};  ///< All combinations of these are evaluated.
+  std::vector<int> ranks = {200};
+  std::vector<double> levels = {1};  ///< Fractions of the vertices.
   std::string codec = "quantised";
-  double error = 0;     ///< Model units; 0: 1e-3 of the diagonal.
-  double rate_hz = 30;  ///< For kbit/s.
+  std::vector<double> errors;  ///< Model units.
+  std::vector<double> steps;   ///< See eps_from_step. Neither: an error of 1e-3 of the diagonal.
+  double rate_hz = 30;         ///< For kbit/s.
   std::string json;
+  std::string plots;  ///< Folder; empty: none.
 };
 
 struct CompareCommand {

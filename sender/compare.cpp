@@ -85,13 +85,6 @@ Result<void> for_each_line(const std::string& path, Line&& read_line) {
   return {};
 }
 
-json json_from(const SurfaceError& error) {
-  return {{"poses", error.poses},
-          {"kg_percent", error.kg_percent},
-          {"rms_over_diagonal", error.rms},
-          {"max_over_diagonal", error.max}};
-}
-
 }  // namespace
 
 Result<Comparison> compare_with_truth(const MotionClip& clip, const Asset& asset, const SentFrames& sent,

@@ -14,6 +14,8 @@ namespace eigencast {
 namespace {
 
 constexpr std::size_t kWebSocketHeaderBytes = 4;  // server to client, payload of 126 to 65,535 bytes
+constexpr TimeUs kKeyInterval = 33'333;
+constexpr std::size_t kStillPoses = 60;  // two seconds
 
 class Stopwatch {
  public:
@@ -25,12 +27,13 @@ class Stopwatch {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
-/// Codes a key against the state, decodes it again, counts, and advances the state, whose newer key it then is.
-Result<void> count_key(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing,
-                       std::optional<ChainState>& state, Evaluation& result) {
+/// Codes a key against the state, decodes it again, and advances the state, whose newer key it then is. Returns the payload's
+/// bytes; 0 for the first, which joins.
+Result<std::size_t> code_key(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing,
+                             std::optional<ChainState>& state, Evaluation& result) {
   if (!state) {
     state = advanced(std::nullopt, key, 0);
-    return {};
+    return std::size_t{0};
   }
   const Stopwatch encoding;
   auto coded = encode_key(layout, *state, key, half_spacing);
@@ -41,11 +44,90 @@ Result<void> count_key(const CoefficientLayout& layout, const Key& key, std::uin
   result.decode_ns.add(decoding.ns());
   if (!decoded) return decoded.error();
   if (*decoded != coded->key) return fail(ErrorCode::kInternal, "a decoded key differs from the one that was coded");
-  result.payload_bytes += coded->payload.size();
-  ++result.frames;
-  state = advanced(std::move(state), std::move(coded->key), 33'333);
-  return {};
+  state = advanced(std::move(state), std::move(coded->key), kKeyInterval);
+  return coded->payload.size();
 }
+
+/// The same pose again and again, after the motion that `state` has seen.
+Result<StillPose> stand_still(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing,
+                              std::optional<ChainState> state, const Asset& asset) {
+  Evaluation uncounted;
+  StillPose still;
+  std::vector<double> before = coefficients_from_key(layout, state->newer);
+  for (std::size_t pose = 1; pose <= kStillPoses; ++pose) {
+    const auto coded = code_key(layout, key, half_spacing, state, uncounted);
+    if (!coded) return coded.error();
+    std::vector<double> now = coefficients_from_key(layout, state->newer);
+    const double moved = surface_distance(before, now, asset.area) / asset.diagonal();
+    if (moved > 0) still.settles_after = pose;
+    if (2 * pose > kStillPoses) still.moves = std::max(still.moves, moved);
+    before = std::move(now);
+  }
+  return still;
+}
+
+/// What the receiver of coefficients rebuilds, and the truth beside it, both in the asset's order and space.
+class Rows {
+ public:
+  explicit Rows(const Asset& asset) : asset_(asset), floats_(3 * std::size_t{asset.vertex_count}) {
+    reconstructor_.update(asset);
+  }
+  std::vector<Vec3> rebuilt(std::span<const double> C) {
+    reconstructor_.rebuild(C, 3, asset_.rank, asset_.vertex_count, floats_);
+    std::vector<Vec3> rows(asset_.vertex_count);
+    for (std::size_t row = 0; row < rows.size(); ++row) {
+      for (std::size_t axis = 0; axis < 3; ++axis) rows[row][axis] = double{floats_[3 * row + axis]};
+    }
+    return rows;
+  }
+  std::vector<Vec3> of(std::span<const Vec3> source) const {
+    std::vector<Vec3> rows(asset_.vertex_count);
+    for (std::size_t row = 0; row < rows.size(); ++row) {
+      for (std::size_t axis = 0; axis < 3; ++axis)
+        rows[row][axis] = source[asset_.source_vertex[row]][axis] - asset_.origin[axis];
+    }
+    return rows;
+  }
+
+ private:
+  const Asset& asset_;
+  Reconstructor reconstructor_;
+  std::vector<float> floats_;
+};
+
+/// Sums of what every frame adds to.
+class Sums {
+ public:
+  Sums(const Asset& asset, const MotionClip& clip, std::span<const double> levels)
+      : rows_(asset),
+        truncation_(asset.diagonal()),
+        total_(asset.diagonal()),
+        surface_(rows_.of(clip.rest().positions), asset.faces) {
+    const std::vector<Vec3> rest = rows_.of(clip.rest().positions);
+    for (const double fraction : levels) levels_.emplace_back(asset, fraction, rest);
+  }
+  void add(std::span<const Vec3> pose, std::span<const double> sent, std::span<const double> received) {
+    const std::vector<Vec3> truth = rows_.of(pose);
+    truncation_.add(truth, rows_.rebuilt(sent));
+    const std::vector<Vec3> rebuilt = rows_.rebuilt(received);
+    rms_by_frame_.push_back(total_.add(truth, rebuilt));
+    surface_.move_to(truth);
+    for (LevelErrorSum& level : levels_) level.add(truth, surface_, rebuilt);
+  }
+  void state(Evaluation& result) {
+    result.truncation = truncation_.result();
+    result.total = total_.result();
+    for (const LevelErrorSum& level : levels_) result.levels.push_back(level.result());
+    result.rms_by_frame = std::move(rms_by_frame_);
+  }
+
+ private:
+  Rows rows_;
+  SurfaceErrorSum truncation_, total_;
+  SurfaceDistance surface_;
+  std::vector<LevelErrorSum> levels_;
+  std::vector<double> rms_by_frame_;
+};
 
 }  // namespace
 
@@ -57,34 +139,44 @@ double Evaluation::wire_kbit_per_s(double rate_hz) const {
   return payload_kbit_per_s(rate_hz) + static_cast<double>(Envelope::kBytes + kWebSocketHeaderBytes) * 8e-3 * rate_hz;
 }
 
-Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, CodecKind codec, double eps) {
+double eps_from_step(const Asset& asset, double step) {
+  return step * asset.diagonal() / 2 * std::sqrt(static_cast<double>(asset.rank));
+}
+
+Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const EvaluateOptions& options,
+                            const BakeProgress& progress) {
   const auto projector = Projector::create(asset);
   if (!projector) return projector.error();
-  const CoefficientLayout layout{codec, asset.rank, 3, asset.band_ends};
-  const Quantiser quantiser = quantiser_for_error(eps, asset.area, asset.rank);
+  const CoefficientLayout layout{options.codec, asset.rank, 3, asset.band_ends};
+  const Quantiser quantiser = quantiser_for_error(options.eps, asset.area, asset.rank);
 
   Evaluation result;
-  SurfaceErrorSum truncation(asset.diagonal()), total(asset.diagonal());
-  SourceRebuilder rebuilder(asset);
+  Sums sums(asset, clip, options.levels);
   std::optional<ChainState> state;
   double quantising = 0;
   for (std::size_t frame = 0; frame < clip.frame_count(); ++frame) {
+    const double done = static_cast<double>(frame) / static_cast<double>(clip.frame_count());
+    if (progress && !progress(done, "evaluating")) return fail(ErrorCode::kCancelled, "stopped while evaluating");
     const auto truth = clip.pose(frame);
     if (!truth) return truth.error();
-    std::vector<double> flat;
-    flat.reserve(truth->size() * 3);
-    for (const Vec3& vertex : *truth) flat.insert(flat.end(), vertex.begin(), vertex.end());
-    const auto C = projector->coefficients_from_positions(std::span<const double>(flat));
+    const auto C =
+        projector->coefficients_from_positions(std::span<const double>(truth->front().data(), 3 * truth->size()));
     if (!C) return in_context("frame " + std::to_string(frame), C.error());
     const auto key = key_from_coefficients(layout, *C, quantiser.step);
     if (!key) return key.error();
-    if (const auto counted = count_key(layout, *key, quantiser.half_spacing, state, result); !counted)
-      return counted.error();
-    truncation.add(*truth, rebuilder.rebuild(*C, 3));
+    const auto coded = code_key(layout, *key, quantiser.half_spacing, state, result);
+    if (!coded) return coded.error();
+    result.payload_bytes += *coded;
+    result.frames += frame > 0 ? 1 : 0;
     const std::vector<double> received = coefficients_from_key(layout, state->newer);
     const double distance = surface_distance(*C, received, asset.area);
     quantising += distance * distance;
-    total.add(*truth, rebuilder.rebuild(received, 3));
+    sums.add(*truth, *C, received);
+    if (frame == clip.frame_count() / 2) {
+      const auto still = stand_still(layout, *key, quantiser.half_spacing, state, asset);
+      if (!still) return still.error();
+      result.still = *still;
+    }
   }
   if (state) {
     const auto join = encode_join(layout, *state);
@@ -92,8 +184,7 @@ Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, CodecKin
     result.join_bytes = join->size();
   }
   result.quantising_rms = std::sqrt(quantising / static_cast<double>(std::max<std::size_t>(clip.frame_count(), 1)));
-  result.truncation = truncation.result();
-  result.total = total.result();
+  sums.state(result);
   return result;
 }
 

@@ -5,14 +5,32 @@
 #include "common/codec/key.h"
 #include "common/core/histogram.h"
 #include "common/surface/motion_clip.h"
+#include "sdk/bake.h"
+#include "sender/level_error.h"
 #include "sender/surface_error.h"
 
 namespace eigencast {
 
+struct EvaluateOptions {
+  CodecKind codec = CodecKind::kQuantised;
+  double eps = 0;  ///< Vertex error of quantising, model units (see quantiser_for_error); not of float codecs.
+  std::vector<double> levels = {1};  ///< Fractions of the vertices that are drawn.
+};
+
+/// What viewers see of a surface that was moving and now stands still, while its pose goes on being sent.
+struct StillPose {
+  std::size_t settles_after = 0;  ///< Poses after the first of the stand that still differ from the one before.
+  double moves =
+      0;  ///< Rms movement of the surface between two poses in the second half of the stand, at most, over the diagonal.
+};
+
 /// What streaming a clip costs and loses, without a network.
 struct Evaluation {
-  SurfaceError truncation;    ///< Basis alone.
-  SurfaceError total;         ///< Basis and codec: what every receiver at full detail sees.
+  SurfaceError truncation;           ///< Basis alone.
+  SurfaceError total;                ///< Basis and codec: what every receiver at full detail sees.
+  std::vector<LevelError> levels;    ///< The same at the levels asked for.
+  std::vector<double> rms_by_frame;  ///< Of `total`.
+  StillPose still;
   double quantising_rms = 0;  ///< Area-weighted rms distance of what is received from what was projected, model units.
   std::uint64_t frames = 0;
   std::uint64_t payload_bytes = 0;  ///< Of all keys; the first is a join frame and is not counted.
@@ -24,9 +42,13 @@ struct Evaluation {
   double wire_kbit_per_s(double rate_hz) const;
 };
 
+/// The vertex error (model units) that quantising all coefficients of a pose with steps of `step` leaves, where one step of one
+/// coefficient moves the surface by step x diagonal (rms): eps = (step diagonal / 2) sqrt(r), by Parseval.
+double eps_from_step(const Asset& asset, double step);
+
 /// Projects, codes, decodes and rebuilds every frame of the clip once.
-///   eps  vertex error of quantising, model units (see quantiser_for_error); ignored by float codecs
-/// Errors: those of the clip; kInternal if a decoder did not give back what the encoder was given.
-Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, CodecKind codec, double eps);
+/// Errors: those of the clip; kInternal if a decoder did not give back what the encoder was given; kCancelled (progress said so).
+Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const EvaluateOptions& options,
+                            const BakeProgress& progress = {});
 
 }  // namespace eigencast

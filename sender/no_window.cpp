@@ -1,11 +1,16 @@
 // SPDX-License-Identifier: MIT
 #include "sender/by_hand.h"
+#include "sender/evaluate_report.h"
 
 namespace eigencast {
 
 Result<std::string> deform_by_hand(const DeformCommand&, deform::Deformer&, deform::ProjectedDeformer&, const Asset&,
                                    Publisher&, Interrupt&) {
   return fail(ErrorCode::kUnsupported, "this build has no window to deform in; --script deforms without one");
+}
+
+Result<std::vector<std::string>> write_plots(const EvaluatedClip&, const std::string&) {
+  return fail(ErrorCode::kUnsupported, "this build draws no pictures; --json writes what they would show");
 }
 
 }  // namespace eigencast

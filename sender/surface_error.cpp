@@ -4,28 +4,40 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "common/surface/surface_distance.h"
 
 namespace eigencast {
 
-void SurfaceErrorSum::add(std::span<const Vec3> truth, std::span<const Vec3> rebuilt) {
+nlohmann::json json_from(const SurfaceError& error) {
+  return {{"poses", error.poses},
+          {"kg_percent", error.kg_percent},
+          {"rms_over_diagonal", error.rms},
+          {"mean_over_diagonal", error.mean},
+          {"max_over_diagonal", error.max}};
+}
+
+double SurfaceErrorSum::add(std::span<const Vec3> truth, std::span<const Vec3> rebuilt) {
   assert(truth.size() == rebuilt.size());
   kg_.add_frame(truth, rebuilt);
+  double pose = 0;
   for (std::size_t i = 0; i < truth.size(); ++i) {
-    double squared = 0;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const double difference = truth[i][axis] - rebuilt[i][axis];
-      squared += difference * difference;
-    }
-    sum_squared_ += squared;
+    const double squared = squared_distance(truth[i], rebuilt[i]);
+    pose += squared;
+    sum_ += std::sqrt(squared);
     max_squared_ = std::max(max_squared_, squared);
   }
+  sum_squared_ += pose;
   vertices_ += truth.size();
   ++poses_;
+  return truth.empty() ? 0 : std::sqrt(pose / static_cast<double>(truth.size())) / diagonal_;
 }
 
 SurfaceError SurfaceErrorSum::result() const {
   if (poses_ == 0) return {};
-  return {poses_, kg_.percent(), std::sqrt(sum_squared_ / static_cast<double>(vertices_)) / diagonal_,
+  const auto count = static_cast<double>(vertices_);
+  return {poses_, kg_.percent(), std::sqrt(sum_squared_ / count) / diagonal_, sum_ / count / diagonal_,
           std::sqrt(max_squared_) / diagonal_};
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <nlohmann/json_fwd.hpp>
 #include <span>
 #include <vector>
 
@@ -17,22 +18,26 @@ struct SurfaceError {
   std::size_t poses = 0;
   double kg_percent = 0;  ///< Karni & Gotsman 2004, "Compression of soft-body animation sequences", over all poses.
   double rms = 0;         ///< Root mean square of the vertex distances over all poses.
+  double mean = 0;        ///< Mean of the same.
   double max = 0;         ///< Largest vertex distance in any pose.
 };
+
+/// As reports state it.
+nlohmann::json json_from(const SurfaceError& error);
 
 /// Sums up the error of poses that come one by one. Not thread-safe.
 class SurfaceErrorSum {
  public:
   /// diagonal  length of the rest box's diagonal, > 0
   explicit SurfaceErrorSum(double diagonal) : diagonal_(diagonal) {}
-  /// REQUIRES: truth.size() == rebuilt.size()
-  void add(std::span<const Vec3> truth, std::span<const Vec3> rebuilt);
+  /// Returns the pose's own rms, over the diagonal. REQUIRES: truth.size() == rebuilt.size()
+  double add(std::span<const Vec3> truth, std::span<const Vec3> rebuilt);
   SurfaceError result() const;
 
  private:
   double diagonal_;
   KgError kg_;
-  double sum_squared_ = 0, max_squared_ = 0;
+  double sum_squared_ = 0, sum_ = 0, max_squared_ = 0;
   std::size_t vertices_ = 0, poses_ = 0;
 };
 

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "common/core/text.h"
+#include "common/surface/surface_distance.h"
 
 namespace eigencast {
 namespace {
@@ -15,12 +16,6 @@ constexpr float kFarForSurface = 0.05F;  // of the diagonal
 constexpr float kFarForVertex = 0.15F;
 constexpr float kAloneFactor = 6;  // a vertex that moves so much more than the surface moves alone
 constexpr float kTornStretch = 2.5F;
-
-double squared_distance(const Vec3& a, const Vec3& b) {
-  double sum = 0;
-  for (std::size_t c = 0; c < 3; ++c) sum += (a[c] - b[c]) * (a[c] - b[c]);
-  return sum;
-}
 
 float median(std::vector<float> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);

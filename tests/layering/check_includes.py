@@ -35,7 +35,7 @@ ROOMS = {
     # The window over them.
     "sender/studio": {"common/core", "common/surface", "common/asset", "common/reconstruction", "common/net", "sdk", "sender/deform", "view"},
     "sender": {"common/core", "common/command_line", "common/core/hash", "common/wire", "common/codec", "common/motion", "common/surface",
-               "common/spectral", "common/progressive", "common/asset", "common/reconstruction", "common/net", "common/recording", "sdk", "sender/deform", "sender/studio"},
+               "common/spectral", "common/progressive", "common/asset", "common/reconstruction", "common/net", "common/recording", "sdk", "sender/deform", "sender/studio", "view"},
     # Streams as pictures, for every program that draws.
     "view": {"common/core", "common/motion", "common/surface", "common/asset", "common/reconstruction", "common/wire", "sdk"},
     "client": {"view", "common/core", "common/command_line", "common/core/hash", "common/wire", "common/codec", "common/motion", "common/surface",
@@ -58,7 +58,7 @@ LIBRARIES = {
     "Boost": (r"boost/", {"common/net", "broker"}, 36),
     "libnats": (r"nats/", {"broker"}, 1),
     "liburing": (r"liburing\.h", {"broker"}, 1),
-    "nlohmann_json": (r"nlohmann/", {"common/wire", "broker", "sdk", "sender", "sender/deform", "client", "tools/latency"}, 28),
+    "nlohmann_json": (r"nlohmann/", {"common/wire", "broker", "sdk", "sender", "sender/deform", "client", "tools/latency"}, 30),
     "CLI11": (r"CLI/", {"common/command_line", "broker", "sender", "client", "tools/latency"}, 12),
     "prometheus-cpp": (r"prometheus/", {"broker"}, 3),
     "systemd": (r"systemd/", {"broker"}, 1),
@@ -67,6 +67,7 @@ LIBRARIES = {
     "GL and windows": (r"(epoxy|GLFW|EGL|GL|imgui[a-z_0-9]*\.h|imgui)(/|$)", {"view", "client", "sender/studio"}, 20),
     "GLM": (r"glm/", {"view", "client", "sender/studio"}, 28),
     "zlib": (r"zlib\.h", {"tools/latency"}, 1),
+    "stb": (r"stb/", {"sender"}, 1),
     "libpng": (r"png\.h", {"view"}, 2),
 }
 

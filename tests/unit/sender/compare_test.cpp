@@ -82,8 +82,8 @@ TEST_F(Compare, RecordsOfAnotherRunAreRefused) {
 
 TEST_F(Compare, EvaluatingOfflineLosesOnlyWhatTheQuantiserMay) {
   const double eps = 3e-4 * asset_.diagonal();
-  const auto coarse = evaluate(*clip_, asset_, CodecKind::kQuantised, eps);
-  const auto exact = evaluate(*clip_, asset_, CodecKind::kFloat64, eps);
+  const auto coarse = evaluate(*clip_, asset_, {CodecKind::kQuantised, eps});
+  const auto exact = evaluate(*clip_, asset_, {CodecKind::kFloat64, eps});
   ASSERT_TRUE(coarse && exact);
   EXPECT_EQ(exact->total.kg_percent, exact->truncation.kg_percent);
   EXPECT_GT(coarse->total.rms, coarse->truncation.rms);

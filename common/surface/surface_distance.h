@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <limits>
+#include <span>
+#include <vector>
+
+#include "common/surface/surface.h"
+
+namespace eigencast {
+
+/// Distances from points to a surface that moves: to the nearest of its triangles or, where it has none, of its points. A tree of
+/// boxes that is built once and follows the poses. Reading is thread-safe; move_to() is not.
+class SurfaceDistance {
+ public:
+  /// O(F log F). REQUIRES: at least one position, faces within them.
+  SurfaceDistance(std::span<const Vec3> positions, std::span<const Face> faces);
+
+  /// Another pose of the same surface. O(n + F). REQUIRES: as many positions.
+  void move_to(std::span<const Vec3> positions);
+
+  /// Squared distance of p to the surface.
+  ///   known   a bound from above, squared
+  ///   enough  the search ends with what it has as soon as that is not above this, squared
+  double squared(const Vec3& p, double known = std::numeric_limits<double>::infinity(), double enough = 0) const;
+
+ private:
+  struct Node {
+    Box box;
+    std::uint32_t first =
+        0;  ///< Of the leaf's entries in order_; of an inner node: its right child, the left one is the next node.
+    std::uint32_t count = 0;  ///< 0: an inner node.
+  };
+  std::uint32_t build(std::span<std::uint32_t> entries, std::span<const Vec3> centres);
+  Box box_of(std::uint32_t entry) const;
+  double squared_to(std::uint32_t entry, const Vec3& p) const;
+
+  std::vector<Vec3> positions_;
+  std::vector<Face> faces_;
+  std::vector<std::uint32_t> order_;  ///< Faces, or points, leaf by leaf.
+  std::vector<Node> nodes_;           ///< Children behind their parents.
+};
+
+/// The largest squared distance of `points` to a surface: one side of a Hausdorff distance.
+///   bounds   of each point's squared distance from above (to a vertex that is known to be near), or empty: they only save time
+///   so_far   nothing below it matters; what is returned is at least this
+double farthest_squared(std::span<const Vec3> points, const SurfaceDistance& surface,
+                        std::span<const double> bounds = {}, double so_far = 0);
+
+double squared_distance(const Vec3& a, const Vec3& b);
+
+}  // namespace eigencast

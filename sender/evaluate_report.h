@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "sender/evaluate.h"
+
+namespace eigencast {
+
+/// One basis with one codec, evaluated.
+struct EvaluatedRow {
+  std::string basis;
+  std::uint32_t rank = 0;
+  double diagonal = 0;
+  std::uint64_t asset_bytes = 0;
+  double eps = 0;     ///< As asked for, model units.
+  std::string codec;  ///< As it was asked for: the same name in rows of other bases.
+  Evaluation evaluation;
+};
+
+/// What was evaluated, for reports.
+struct EvaluatedClip {
+  std::string input, codec;
+  double rate_hz = 30;
+  std::vector<EvaluatedRow> rows;
+};
+
+/// For people: a line for each basis, rank, codec step and level.
+std::string table_of(const EvaluatedClip& clip);
+/// Everything as JSON, for programs.
+std::string report_of(const EvaluatedClip& clip);
+/// Draws into `folder`, which is made, whatever has more than one point: error by frame, by rank, by kbit/s, by level. Returns the
+/// files' names. Errors: kIo; kUnsupported (built without pictures).
+Result<std::vector<std::string>> write_plots(const EvaluatedClip& clip, const std::string& folder);
+
+}  // namespace eigencast

@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: MIT
+#include "sender/evaluate.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "common/surface/shapes.h"
+#include "sender/evaluate_report.h"
+#include "tests/support/process.h"
+
+namespace eigencast {
+namespace {
+
+class Evaluate : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    clip_ = std::move(*builtin_clip("torus", 5));
+    asset_ = std::move(bake(clip_->rest(), {.basis = "augmented", .rank = 60, .name = {}})->asset);
+  }
+  static void TearDownTestSuite() { clip_.reset(); }
+  static Evaluation evaluated(const EvaluateOptions& options) {
+    auto result = evaluate(*clip_, asset_, options);
+    EXPECT_TRUE(result) << result.error().message;
+    return std::move(*result);
+  }
+
+  static inline std::unique_ptr<MotionClip> clip_;
+  static inline Asset asset_;
+};
+
+TEST_F(Evaluate, DistancesAreInOrderAtEveryLevel) {
+  const double eps = 1e-3 * asset_.diagonal();
+  const Evaluation evaluation = evaluated({CodecKind::kQuantised, eps, {1, 0.3, 0.05}});
+  ASSERT_EQ(evaluation.levels.size(), 3u);
+  for (const LevelError& level : evaluation.levels) {
+    EXPECT_GT(level.vertex.mean, 0);
+    EXPECT_LE(level.vertex.mean, level.vertex.rms);
+    EXPECT_LE(level.vertex.rms, level.vertex.max);
+    EXPECT_GT(level.edges.spatial, 0);
+    EXPECT_GT(level.edges.temporal, 0);
+  }
+  // At full detail a vertex's own counterpart is a point of the other surface.
+  EXPECT_LE(evaluation.levels[0].hausdorff, evaluation.levels[0].vertex.max);
+  EXPECT_EQ(evaluation.levels[0].vertex.rms, evaluation.total.rms);
+  // Coarse triangles cut corners, which their vertices do not show.
+  EXPECT_GT(evaluation.levels[2].hausdorff, 2 * evaluation.levels[0].hausdorff);
+  EXPECT_LT(evaluation.levels[2].vertices, evaluation.levels[1].vertices);
+  EXPECT_EQ(evaluation.rms_by_frame.size(), clip_->frame_count());
+}
+
+TEST_F(Evaluate, AStepStandsForTheErrorThatParsevalGivesIt) {
+  const double step = 1e-3;
+  const double eps = eps_from_step(asset_, step);
+  EXPECT_NEAR(eps / asset_.diagonal(), 0.5e-3 * std::sqrt(60), 1e-9);
+  const Evaluation evaluation = evaluated({CodecKind::kQuantised, eps, {1}});
+  EXPECT_LE(evaluation.quantising_rms, eps);
+  EXPECT_GT(evaluation.quantising_rms, 0.1 * eps);
+}
+
+TEST_F(Evaluate, AStillPoseSettlesAndMovesNoMore) {
+  for (const CodecKind codec : {CodecKind::kQuantised, CodecKind::kFloat32}) {
+    const Evaluation evaluation = evaluated({codec, 1e-3 * asset_.diagonal(), {1}});
+    EXPECT_EQ(evaluation.still.moves, 0);
+    EXPECT_LE(evaluation.still.settles_after, 10u);
+  }
+}
+
+TEST_F(Evaluate, StopsWhenItIsTold) {
+  const auto stopped = evaluate(*clip_, asset_, {CodecKind::kFloat32, 1, {1}},
+                                [](double fraction, std::string_view) { return fraction < 0.5; });
+  ASSERT_FALSE(stopped);
+  EXPECT_EQ(stopped.error().code, ErrorCode::kCancelled);
+}
+
+TEST_F(Evaluate, PointsAreHeldAgainstPoints) {
+  auto baked = bake({clip_->rest().positions, {}}, {.basis = "augmented", .rank = 40, .name = {}});
+  ASSERT_TRUE(baked) << baked.error().message;
+  const auto evaluation = evaluate(*clip_, baked->asset, {CodecKind::kQuantised, 1e-3 * asset_.diagonal(), {1, 0.2}});
+  ASSERT_TRUE(evaluation) << evaluation.error().message;
+  EXPECT_LE(evaluation->levels[0].hausdorff, evaluation->levels[0].vertex.max);
+  EXPECT_GT(evaluation->levels[1].hausdorff, evaluation->levels[0].hausdorff);
+  EXPECT_EQ(evaluation->levels[0].edges.combined(), 0);
+}
+
+TEST_F(Evaluate, ReportsHoldARowForEachLevelAndPlotsWhatHasALine) {
+  EvaluatedClip clip{"torus", "quantised", 30, {}};
+  for (const double over_diagonal : {2e-3, 1e-3}) {
+    const double eps = over_diagonal * asset_.diagonal();
+    clip.rows.push_back(
+        {"augmented", 60, asset_.diagonal(), 1000, eps, "error", evaluated({CodecKind::kQuantised, eps, {1, 0.5}})});
+  }
+  const auto report = nlohmann::json::parse(report_of(clip));
+  ASSERT_EQ(report["results"].size(), 2u);
+  EXPECT_EQ(report["results"][1]["levels"][1]["lod"], 0.5);
+  EXPECT_NEAR(report["results"][1]["error_over_diagonal"].get<double>(), 1e-3, 1e-12);
+  const std::string table = table_of(clip);
+  EXPECT_EQ(std::count(table.begin(), table.end(), '\n'), 2 + 4 + 2);
+
+  const testing::TemporaryFolder folder;
+  const auto plots = write_plots(clip, folder.file("plots"));
+  if (!plots && plots.error().code == ErrorCode::kUnsupported) GTEST_SKIP() << plots.error().message;
+  ASSERT_TRUE(plots) << plots.error().message;
+  EXPECT_EQ(plots->size(), 3u);  // One rank: no line over ranks.
+  for (const std::string& path : *plots) EXPECT_GT(std::filesystem::file_size(path), 1000u) << path;
+}
+
+}  // namespace
+}  // namespace eigencast
