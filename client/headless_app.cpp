@@ -34,9 +34,13 @@ class Headless {
     Result<std::unique_ptr<Renderer>> renderer = Renderer::create();
     if (!renderer) return renderer.error();
     renderer_ = std::move(renderer).value();
+    Result<RebuilderChoice> rebuilder = choose_rebuilder(options_.reconstruct, *renderer_, true);
+    if (!rebuilder) return rebuilder.error();
+    rebuilder_ = std::move(*rebuilder);
     Result<std::unique_ptr<Session>> session = Session::create(options_, sources, log_);
     if (!session) return session.error();
     session_ = std::move(session).value();
+    session_->rebuild_with(rebuilder_);
     if (options_.hud) overlay_ = std::make_unique<Overlay>(nullptr);
     camera_.set_viewport(options_.width, options_.height);
     camera_.set_view(options_.view);
@@ -147,6 +151,7 @@ class Headless {
   // The context goes last: what follows it needs it current when destroyed.
   std::unique_ptr<OffscreenContext> context_;
   std::unique_ptr<Renderer> renderer_;
+  RebuilderChoice rebuilder_;
   std::unique_ptr<Overlay> overlay_;
   std::unique_ptr<Session> session_;
   Camera camera_;

@@ -99,6 +99,13 @@ std::string text_from_shown(Shown shown, bool settling, const Playout& playout) 
   return line + (playout.settings().delay_us > 0 ? std::string() : formatted(" (smooth %.0f %%)", percent));
 }
 
+std::string text_from_rebuilt(std::size_t on_card, std::size_t surfaces) {
+  if (surfaces == 0) return {};
+  if (on_card == 0) return "rebuilt on the CPU";
+  if (on_card == surfaces) return "rebuilt on the GPU";
+  return formatted("rebuilt on the GPU: %zu, on the CPU: %zu", on_card, surfaces - on_card);
+}
+
 std::string text_from_levels(const LevelControl& levels, double work_s) {
   const double f0 = levels.settings().target_fps;
   const std::string line = std::string(name_of(levels.kind())) +
@@ -122,7 +129,8 @@ std::vector<std::string> hud_lines(const HudFigures& f) {
                   (f.faces == 0 ? std::string(", points") : ", " + with_commas(f.faces) + " faces"));
   if (f.levels.size() > 1) lines.push_back(text_from_each(f.levels));
   if (!f.resolver.empty()) lines.push_back(f.resolver);
-  lines.push_back(formatted("bands %u of %u \xC2\xB7 rank %u", f.bands, f.bands_total, f.rank));
+  lines.push_back(formatted("bands %u of %u \xC2\xB7 rank %u", f.bands, f.bands_total, f.rank) +
+                  (f.rebuilt.empty() ? "" : " \xC2\xB7 " + f.rebuilt));
   if (!f.shown.empty()) lines.push_back(f.shown);
   lines.push_back(f.mode);
   return lines;

@@ -21,6 +21,7 @@ struct HudFigures {
   std::uint64_t vertices = 0, vertices_total = 0, faces = 0;  ///< Of all surfaces.
   std::vector<double> levels;                                 ///< Of each surface: part of its vertices.
   std::uint32_t bands = 0, bands_total = 0, rank = 0;
+  std::string rebuilt;   ///< From text_from_rebuilt.
   std::string resolver;  ///< From text_from_levels; empty if the user alone decides.
   std::string shown;     ///< From text_from_shown.
   std::string mode;      ///< From text_from_mode.
@@ -39,6 +40,9 @@ std::string text_from_mode(const Profile& profile);
 
 /// What the picture is, and how it comes about: "interpolated · 67 ms held back (smooth 100 %)".
 std::string text_from_shown(Shown shown, bool settling, const Playout& playout);
+
+/// Who rebuilds the surfaces: "rebuilt on the CPU", "rebuilt on the GPU", or, where some are too large for the card, both.
+std::string text_from_rebuilt(std::size_t on_card, std::size_t surfaces);
 
 /// Who chooses the levels, for which rate, and how that stands: "budget · 60/s · 12.1 of 16.7 ms · 87 % planned".
 std::string text_from_levels(const LevelControl& levels, double work_s);

@@ -39,8 +39,8 @@ const std::map<std::string, Profile::Scheme> kSchemes{{"linear", Profile::Scheme
                                                       {"damped", Profile::Scheme::kDamped}};
 
 struct RawOptions {
-  std::string scene, resolver, size = "1280x720", colour = "clay", colour_map = "viridis", colour_range, rate, form,
-                               scheme, playout = "latest", context;
+  std::string reconstruct = "auto", scene, resolver, size = "1280x720", colour = "clay", colour_map = "viridis",
+              colour_range, rate, form, scheme, playout = "latest", context;
   Credentials credentials;
   int k = 3, bands = 8;
   double delay_ms = 0, smooth = 1, ahead_ms = 200;
@@ -228,6 +228,12 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   app.add_option("--lod-floor", options.levels.floor, "least part of its vertices that a surface keeps")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
+  app.add_option(
+         "--reconstruct", raw.reconstruct,
+         "who rebuilds surfaces from their coefficients: the processor, the graphics card, or whoever is quicker "
+         "when the program starts")
+      ->check(CLI::IsMember({"auto", "cpu", "gpu"}))
+      ->capture_default_str();
   app.add_option("--camera-path", options.camera_path,
                  "a JSON file that moves the camera (client/README.md); headless it says how long the flight takes");
   app.add_option("--rate", raw.rate, "poses that the broker sends")
@@ -317,6 +323,7 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   options.levels.kind = raw.resolver == "paper"                                                ? ResolverKind::kPaper
                         : raw.resolver == "none" || (raw.resolver.empty() && options.headless) ? ResolverKind::kNone
                                                                                                : ResolverKind::kBudget;
+  options.reconstruct = rebuild_on_from_name(raw.reconstruct).value_or(RebuildOn::kAuto);
   options.follow_display = !options.headless && app.count("--target-fps") == 0;
   const bool has_delay = app.count("--smooth") + app.count("--delay") + app.count("--ahead") > 0;
   if (raw.playout == "latest" && has_delay)

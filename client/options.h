@@ -11,6 +11,7 @@
 #include "common/net/url.h"
 #include "common/wire/control.h"
 #include "view/look.h"
+#include "view/rebuilder_choice.h"
 
 namespace eigencast {
 
@@ -22,6 +23,7 @@ struct ClientOptions {
   std::optional<Profile> profile;        ///< Set if an option asked for it; else the URL's query decides.
   SceneOptions view_options;
   LevelSettings levels;
+  RebuildOn reconstruct = RebuildOn::kAuto;
   bool follow_display = false;  ///< The target is the display's own rate.
   std::string camera_path;      ///< File; empty: the user moves the camera.
   std::string view = "iso";

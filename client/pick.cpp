@@ -4,6 +4,8 @@
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <glm/matrix.hpp>
+#include <span>
+#include <vector>
 
 namespace eigencast {
 namespace {
@@ -12,8 +14,8 @@ struct Ray {
   glm::vec3 from{0}, to{0};  ///< Towards `to`, not unit length: parameters are the same in every space.
 };
 
-glm::vec3 vertex(const SurfaceGeometry& g, std::size_t i) {
-  return {g.positions[3 * i], g.positions[3 * i + 1], g.positions[3 * i + 2]};
+glm::vec3 vertex(std::span<const float> positions, std::size_t i) {
+  return {positions[3 * i], positions[3 * i + 1], positions[3 * i + 2]};
 }
 
 /// Moeller, Trumbore 1997, "Fast, minimum storage ray-triangle intersection"; both sides count.
@@ -45,19 +47,21 @@ std::optional<glm::vec3> pick(const Scene& scene, const Camera& camera, const gl
                                                     1 - 2 * at_px.y / static_cast<float>(height_px), 0.5F, 1);
   const Ray in_scene{camera.position(), glm::vec3(far) / far.w};
   std::optional<float> nearest;
+  std::vector<float> room;
   const auto take = [&](const std::optional<float>& t) {
     if (t && (!nearest || *t < *nearest)) nearest = t;
   };
   for (const Scene::Instance& instance : scene.instances()) {
     const SurfaceGeometry& g = instance.view.geometry();
-    if (!instance.visible || g.positions.empty()) continue;
+    if (!instance.visible || g.vertex_count() == 0) continue;
+    const std::span<const float> X = instance.view.positions(room);
     const glm::mat4 surface_from_scene = glm::inverse(instance.scene_from_surface);
     const Ray ray{glm::vec3(surface_from_scene * glm::vec4(in_scene.from, 1)),
                   glm::vec3(surface_from_scene * glm::vec4(in_scene.to, 1))};
     for (std::size_t i = 0; g.is_point_cloud && i < g.vertex_count(); ++i)
-      take(hit_point(ray, vertex(g, i), 1.2F * g.point_spacing));
+      take(hit_point(ray, vertex(X, i), 1.2F * g.point_spacing));
     for (std::size_t f = 0; f + 2 < g.triangles.size(); f += 3)
-      take(hit_triangle(ray, vertex(g, g.triangles[f]), vertex(g, g.triangles[f + 1]), vertex(g, g.triangles[f + 2])));
+      take(hit_triangle(ray, vertex(X, g.triangles[f]), vertex(X, g.triangles[f + 1]), vertex(X, g.triangles[f + 2])));
   }
   if (!nearest) return std::nullopt;
   return in_scene.from + *nearest * (in_scene.to - in_scene.from);

@@ -7,6 +7,8 @@
 #include <thread>
 #include <utility>
 
+#include "common/core/text.h"
+
 namespace eigencast {
 namespace {
 
@@ -80,6 +82,18 @@ Result<std::unique_ptr<Session>> Session::create(const ClientOptions& options, s
       return fail(ErrorCode::kIo, options.record_shown + ": cannot be written; is its folder there?");
   }
   return session;
+}
+
+void Session::rebuild_with(const RebuilderChoice& choice) {
+  scene_.set_rebuilder(choice.card.get());
+  rebuild_trial_ = choice.trial;
+  std::string line = std::string("surfaces are rebuilt on the ") + (choice.card ? "graphics card" : "processor");
+  if (choice.trial) {
+    line += formatted(": a trial took %.1f ms there and %.1f ms on the other",
+                      static_cast<double>(choice.card ? choice.trial->gpu_us : choice.trial->cpu_us) / 1000,
+                      static_cast<double>(choice.card ? choice.trial->cpu_us : choice.trial->gpu_us) / 1000);
+  }
+  log(log_, LogLevel::kInfo, line);
 }
 
 void Session::add(PoseSource& source, const std::string& name, Placement placement) {
@@ -405,6 +419,11 @@ HudFigures Session::figures() const {
     f.rank = asset->rank;
     f.bands_total = static_cast<std::uint32_t>(asset->band_ends.size());
   }
+  const auto& instances = scene_.instances();
+  f.rebuilt = text_from_rebuilt(static_cast<std::size_t>(std::count_if(
+                                    instances.begin(), instances.end(),
+                                    [](const auto& instance) { return instance.view.geometry().card != nullptr; })),
+                                instances.size());
   if (levels_.active()) f.resolver = text_from_levels(levels_, static_cast<double>(work_us_.percentile(50)) / 1e6);
   f.shown = text_from_shown(first.shown(), first.settling(), first.playout());
   f.mode = text_from_mode(source.info() ? source.info()->profile : options_.profile.value_or(Profile{}));
@@ -435,7 +454,8 @@ json Session::surfaces_report() const {
                         {"poses_shown", view.poses_shown()},
                         {"vertices", view.geometry().vertex_count()},
                         {"of", asset == nullptr ? 0 : asset->vertex_count},
-                        {"faces", view.geometry().triangles.size() / 3}});
+                        {"faces", view.geometry().triangles.size() / 3},
+                        {"rebuilt", view.geometry().card ? "gpu" : "cpu"}});
   }
   return surfaces;
 }
@@ -479,6 +499,10 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
                    {"target_fps", levels_.active() ? json(levels_.settings().target_fps) : json(nullptr)},
                    {"state", levels_.active() ? json(levels_.state()) : json(nullptr)}};
   report["surfaces"] = surfaces_report();
+  report["reconstruct"] = {
+      {"asked", name_of(options_.reconstruct)},
+      {"trial_us",
+       rebuild_trial_ ? json{{"cpu", rebuild_trial_->cpu_us}, {"gpu", rebuild_trial_->gpu_us}} : json(nullptr)}};
   report["bands"] = {{"received", figures_now.bands}, {"of", figures_now.bands_total}, {"rank", figures_now.rank}};
   const Playout& playout = view.playout();
   report["playout"] = {{"mode", name_of(playout.settings().mode)},

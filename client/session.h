@@ -16,6 +16,7 @@
 #include "client/rate_meter.h"
 #include "view/camera.h"
 #include "view/look.h"
+#include "view/rebuilder_choice.h"
 #include "view/renderer.h"
 #include "view/scene.h"
 
@@ -55,6 +56,9 @@ class Session final {
   /// What people call a surface: its own name, or its stream's.
   std::string name_of_surface(std::size_t surface) const;
 
+  /// Who rebuilds the surfaces from now on; must outlive the session.
+  void rebuild_with(const RebuilderChoice& choice);
+
   Scene& scene() { return scene_; }
   const Scene& scene() const { return scene_; }
   LevelControl& levels() { return levels_; }
@@ -93,6 +97,7 @@ class Session final {
   std::vector<std::string> names_;  ///< Of the sources, for people; nothing secret.
   LogSink log_;
   Scene scene_;
+  std::optional<RebuilderChoice::Trial> rebuild_trial_;
   LevelControl levels_;
   std::vector<SurfacePainter> painters_;  ///< One for each surface.
   LegendRange legend_range_;

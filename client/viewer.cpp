@@ -37,6 +37,7 @@ Viewer::Viewer(const ClientOptions& options, OpenSource open, LogSink log)
 Viewer::~Viewer() {
   session_.reset();
   overlay_.reset();
+  rebuilder_.card.reset();
   renderer_.reset();
 }
 
@@ -63,6 +64,10 @@ Result<void> Viewer::open(std::span<PoseSource* const> sources) {
   Result<std::unique_ptr<Session>> session = Session::create(mine, sources, log_);
   if (!session) return session.error();
   session_ = std::move(*session);
+  Result<RebuilderChoice> rebuilder = choose_rebuilder(options_.reconstruct, *renderer_, false);
+  if (!rebuilder) return rebuilder.error();
+  rebuilder_ = std::move(*rebuilder);
+  session_->rebuild_with(rebuilder_);
   state_.playout = options_.view_options.playout;
   state_.look = options_.look_given ? options_.look : settings_.look;
   state_.look.colour = options_.look.colour;

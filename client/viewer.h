@@ -70,8 +70,9 @@ class Viewer final : public WindowListener {
   const OpenSource open_;
   const LogSink log_;
   GlfwWindow window_;
-  // Renderer and overlay need the window's context when they go.
+  // Renderer, rebuilder and overlay need the window's context when they go.
   std::unique_ptr<Renderer> renderer_;
+  RebuilderChoice rebuilder_;
   std::unique_ptr<Overlay> overlay_;
   struct Opened {
     std::string stream;

@@ -2,6 +2,7 @@
 #include "view/gl_objects.h"
 
 #include <array>
+#include <cassert>
 #include <utility>
 
 namespace eigencast {
@@ -23,21 +24,22 @@ Result<GLuint> compile(GLenum kind, const std::string& name, const std::string& 
 
 }  // namespace
 
-Result<GlProgram> GlProgram::create(const std::string& name, const std::string& vertex, const std::string& fragment) {
-  const Result<GLuint> v = compile(GL_VERTEX_SHADER, name, vertex);
-  if (!v) return v.error();
-  const Result<GLuint> f = compile(GL_FRAGMENT_SHADER, name, fragment);
-  if (!f) {
-    glDeleteShader(*v);
-    return f.error();
-  }
+Result<GlProgram> GlProgram::create(const std::string& name, const std::string& vertex, const std::string& fragment,
+                                    std::span<const char* const> captured) {
   GlProgram program;
   program.id_ = glCreateProgram();
-  glAttachShader(program.id_, *v);
-  glAttachShader(program.id_, *f);
+  for (const auto& [kind, source] : {std::pair(GL_VERTEX_SHADER, vertex), std::pair(GL_FRAGMENT_SHADER, fragment)}) {
+    if (source.empty()) continue;
+    const Result<GLuint> shader = compile(static_cast<GLenum>(kind), name, source);
+    if (!shader) return shader.error();
+    glAttachShader(program.id_, *shader);
+    glDeleteShader(*shader);  // with the program
+  }
+  if (!captured.empty()) {
+    glTransformFeedbackVaryings(program.id_, static_cast<GLsizei>(captured.size()), captured.data(),
+                                GL_INTERLEAVED_ATTRIBS);
+  }
   glLinkProgram(program.id_);
-  glDeleteShader(*v);
-  glDeleteShader(*f);
   GLint good = GL_FALSE;
   glGetProgramiv(program.id_, GL_LINK_STATUS, &good);
   if (good == GL_TRUE) return program;
@@ -53,6 +55,26 @@ GlProgram& GlProgram::operator=(GlProgram&& other) noexcept {
 
 GlProgram::~GlProgram() {
   if (id_ != 0) glDeleteProgram(id_);
+}
+
+// Through a target that no array remembers.
+void GlBuffer::reserve(std::size_t bytes, GLenum usage) {
+  if (bytes <= bytes_) return;
+  bytes_ = bytes;
+  glBindBuffer(GL_COPY_WRITE_BUFFER, id_);
+  glBufferData(GL_COPY_WRITE_BUFFER, static_cast<GLsizeiptr>(bytes), nullptr, usage);
+}
+
+void GlBuffer::replace_bytes(const void* data, std::size_t bytes) {
+  bytes_ = bytes;
+  glBindBuffer(GL_COPY_WRITE_BUFFER, id_);
+  glBufferData(GL_COPY_WRITE_BUFFER, static_cast<GLsizeiptr>(bytes), data, GL_STREAM_DRAW);
+}
+
+void GlBuffer::write_bytes(std::size_t offset, const void* data, std::size_t bytes) {
+  assert(offset + bytes <= bytes_);
+  glBindBuffer(GL_COPY_WRITE_BUFFER, id_);
+  glBufferSubData(GL_COPY_WRITE_BUFFER, static_cast<GLintptr>(offset), static_cast<GLsizeiptr>(bytes), data);
 }
 
 void GlTarget::resize(int width, int height, int samples) {

@@ -8,6 +8,7 @@
 #include <glm/vec2.hpp>
 #include <glm/vec3.hpp>
 #include <glm/vec4.hpp>
+#include <span>
 #include <string>
 #include <string_view>
 
@@ -19,8 +20,10 @@ namespace eigencast {
 class GlProgram final {
  public:
   GlProgram() = default;
-  /// Errors: kInternal, with the compiler's log.
-  static Result<GlProgram> create(const std::string& name, const std::string& vertex, const std::string& fragment);
+  /// captured: what the vertex shader says of each vertex, packed one after the other, where it is to be kept (transform
+  /// feedback). No fragment shader: nothing is drawn. Errors: kInternal, with the compiler's log.
+  static Result<GlProgram> create(const std::string& name, const std::string& vertex, const std::string& fragment,
+                                  std::span<const char* const> captured = {});
   GlProgram(GlProgram&& other) noexcept : id_(other.id_) { other.id_ = 0; }
   GlProgram& operator=(GlProgram&& other) noexcept;
   ~GlProgram();
@@ -37,6 +40,36 @@ class GlProgram final {
  private:
   GLint at(const char* name) const { return glGetUniformLocation(id_, name); }
   GLuint id_ = 0;
+};
+
+/// Memory of the graphics card. Owned; needs its context current when destroyed.
+class GlBuffer final {
+ public:
+  GlBuffer() { glGenBuffers(1, &id_); }
+  GlBuffer(const GlBuffer&) = delete;
+  GlBuffer& operator=(const GlBuffer&) = delete;
+  ~GlBuffer() { glDeleteBuffers(1, &id_); }
+
+  GLuint id() const { return id_; }
+  std::size_t bytes() const { return bytes_; }
+  /// Makes room for at least so many bytes; what was in it is lost where it must grow.
+  void reserve(std::size_t bytes, GLenum usage);
+  /// All of it anew, for one picture.
+  template <typename T>
+  void replace(std::span<const T> values) {
+    replace_bytes(values.data(), values.size_bytes());
+  }
+  /// REQUIRES: within bytes().
+  template <typename T>
+  void write(std::size_t offset, std::span<const T> values) {
+    write_bytes(offset, values.data(), values.size_bytes());
+  }
+
+ private:
+  void replace_bytes(const void* data, std::size_t bytes);
+  void write_bytes(std::size_t offset, const void* data, std::size_t bytes);
+  GLuint id_ = 0;
+  std::size_t bytes_ = 0;
 };
 
 /// Framebuffers of one size: a multisampled one to draw to with a depth that can be read, and its resolved colours.

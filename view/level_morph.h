@@ -40,6 +40,8 @@ class LevelMorph {
   std::uint32_t whole() const { return whole_; }
   /// How much of vertex i < drawn() is there: 1 at its own place.
   float weight(std::uint32_t i) const { return i < whole_ ? 1.0F : weights_[i - whole_]; }
+  /// Of the vertices from whole() on.
+  std::span<const float> moving() const { return weights_; }
   /// Vertices to draw, each as much as it is there.
   double effective() const;
 

@@ -121,7 +121,7 @@ void SurfacePainter::fill(const SurfaceView& view, const PoseSource& source, con
       Truth* truth = source.truth();
       paint_.values.resize(N);
       if (truth == nullptr) return refuse("no truth to compare with: --truth FILE names it");
-      if (!truth->errors(C, channels, view.geometry().positions, paint_.values)) refuse(truth->why());
+      if (!truth->errors(C, channels, view.positions(vectors_), paint_.values)) refuse(truth->why());
       return;
     }
   }

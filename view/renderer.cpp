@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "view/gl_objects.h"
+#include "view/gl_surface.h"
 #include "view/shaders.h"
 
 namespace eigencast {
@@ -38,153 +39,6 @@ glm::vec3 centre_of(const Camera& camera) {
 
 }  // namespace
 
-/// What the graphics card holds of one surface.
-class Renderer::Surface final {
- public:
-  Surface();
-  ~Surface();
-  Surface(const Surface&) = delete;
-  Surface& operator=(const Surface&) = delete;
-
-  void upload(const SurfaceGeometry& geometry);
-  void paint(const SurfacePaint& paint);
-  bool drawable() const { return visible && vertex_count_ > 0; }
-  bool is_point_cloud() const { return is_point_cloud_; }
-  bool has_discs() const { return has_discs_; }        ///< Points with normals and radii.
-  float scale() const { return scale_; }               ///< Of the surface in the scene.
-  float spacing() const { return spacing_ * scale_; }  ///< Of points, in the scene.
-  void place(const glm::mat4& scene_from_surface);
-  /// Sets the program's transform and binds the arrays.
-  void bind(const GlProgram& program) const;
-  void draw_triangles() const { glDrawElements(GL_TRIANGLES, index_count_, GL_UNSIGNED_INT, nullptr); }
-  void draw_points() const { glDrawArrays(GL_POINTS, 0, vertex_count_); }
-
-  bool visible = true;
-
- private:
-  void upload_triangles(const SurfaceGeometry& geometry);
-
-  GLuint array_ = 0, positions_ = 0, normals_ = 0, triangles_ = 0, values_ = 0, radii_ = 0;
-  GLsizei vertex_count_ = 0, index_count_ = 0;
-  std::size_t index_room_ = 0;  ///< Of the buffer.
-  std::uint64_t maker_ = 0, pose_version_ = 0, topology_version_ = 0, paint_version_ = 0;
-  int paint_ = 0;  ///< As kPaint of the shaders has it.
-  bool is_point_cloud_ = false, has_discs_ = false;
-  float spacing_ = 0, scale_ = 1;
-  glm::mat4 scene_from_surface_{1};
-  glm::mat3 scene_from_normal_{1};
-};
-
-Renderer::Surface::Surface() {
-  for (GLuint* buffer : {&positions_, &normals_, &triangles_, &values_, &radii_}) glGenBuffers(1, buffer);
-  glGenVertexArrays(1, &array_);
-  glBindVertexArray(array_);
-  glBindBuffer(GL_ARRAY_BUFFER, positions_);
-  glVertexAttribPointer(0, 3, GL_FLOAT, GL_FALSE, 0, nullptr);
-  glEnableVertexAttribArray(0);
-  glBindBuffer(GL_ARRAY_BUFFER, normals_);
-  glVertexAttribPointer(1, 3, GL_FLOAT, GL_FALSE, 0, nullptr);
-  glBindBuffer(GL_ARRAY_BUFFER, radii_);
-  glVertexAttribPointer(3, 1, GL_FLOAT, GL_FALSE, 0, nullptr);
-  glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, triangles_);
-}
-
-Renderer::Surface::~Surface() {
-  glDeleteVertexArrays(1, &array_);
-  for (GLuint buffer : {positions_, normals_, triangles_, values_, radii_}) glDeleteBuffers(1, &buffer);
-}
-
-void Renderer::Surface::place(const glm::mat4& scene_from_surface) {
-  scene_from_surface_ = scene_from_surface;
-  const glm::mat3 linear(scene_from_surface);
-  // The cofactors: right also where the matrix mirrors, shears or flattens.
-  scene_from_normal_ =
-      glm::mat3(glm::cross(linear[1], linear[2]), glm::cross(linear[2], linear[0]), glm::cross(linear[0], linear[1]));
-  const float determinant = glm::determinant(linear);
-  if (determinant < 0) scene_from_normal_ = -scene_from_normal_;
-  scale_ = std::cbrt(std::abs(determinant));
-}
-
-void Renderer::Surface::upload(const SurfaceGeometry& geometry) {
-  const auto bytes = [](const auto& values) { return static_cast<GLsizeiptr>(values.size() * sizeof(values[0])); };
-  if (std::exchange(maker_, geometry.maker) != geometry.maker) pose_version_ = topology_version_ = index_room_ = 0;
-  is_point_cloud_ = geometry.is_point_cloud;
-  spacing_ = geometry.point_spacing;
-  if (geometry.pose_version != pose_version_) {
-    pose_version_ = geometry.pose_version;
-    vertex_count_ = static_cast<GLsizei>(geometry.vertex_count());
-    glBindVertexArray(array_);
-    glBindBuffer(GL_ARRAY_BUFFER, positions_);
-    glBufferData(GL_ARRAY_BUFFER, bytes(geometry.positions), geometry.positions.data(), GL_STREAM_DRAW);
-    if (geometry.normals.empty()) {
-      glDisableVertexAttribArray(1);
-      glVertexAttrib3f(1, 0, 0, 0);
-    } else {
-      glEnableVertexAttribArray(1);
-      glBindBuffer(GL_ARRAY_BUFFER, normals_);
-      glBufferData(GL_ARRAY_BUFFER, bytes(geometry.normals), geometry.normals.data(), GL_STREAM_DRAW);
-    }
-    has_discs_ = !geometry.radii.empty();
-    if (has_discs_) {
-      glEnableVertexAttribArray(3);
-      glBindBuffer(GL_ARRAY_BUFFER, radii_);
-      glBufferData(GL_ARRAY_BUFFER, bytes(geometry.radii), geometry.radii.data(), GL_STREAM_DRAW);
-    } else {
-      glDisableVertexAttribArray(3);
-    }
-  }
-  if (geometry.topology_version != topology_version_) upload_triangles(geometry);
-}
-
-void Renderer::Surface::upload_triangles(const SurfaceGeometry& geometry) {
-  const std::vector<std::uint32_t>& indices = geometry.triangles;
-  const std::uint64_t had = std::exchange(topology_version_, geometry.topology_version);
-  index_count_ = static_cast<GLsizei>(indices.size());
-  glBindVertexArray(array_);
-  if (indices.size() > index_room_ || geometry.triangle_blocks.empty()) {
-    index_room_ = indices.size() + indices.size() / 4;
-    glBufferData(GL_ELEMENT_ARRAY_BUFFER, static_cast<GLsizeiptr>(index_room_ * sizeof(GLuint)), nullptr,
-                 GL_DYNAMIC_DRAW);
-    glBufferSubData(GL_ELEMENT_ARRAY_BUFFER, 0, static_cast<GLsizeiptr>(indices.size() * sizeof(GLuint)),
-                    indices.data());
-    return;
-  }
-  // What has changed since, in runs of blocks.
-  const std::vector<std::uint64_t>& blocks = geometry.triangle_blocks;
-  const auto is_new = [had](std::uint64_t version) { return version > had; };
-  for (auto first = std::find_if(blocks.begin(), blocks.end(), is_new); first != blocks.end();) {
-    const auto last = std::find_if_not(first, blocks.end(), is_new);
-    const auto begin = static_cast<std::size_t>(first - blocks.begin()) * LevelTriangles::kBlock;
-    const auto end = std::min(indices.size(), static_cast<std::size_t>(last - blocks.begin()) * LevelTriangles::kBlock);
-    glBufferSubData(GL_ELEMENT_ARRAY_BUFFER, static_cast<GLintptr>(begin * sizeof(GLuint)),
-                    static_cast<GLsizeiptr>((end - begin) * sizeof(GLuint)), indices.data() + begin);
-    first = std::find_if(last, blocks.end(), is_new);
-  }
-}
-
-void Renderer::Surface::paint(const SurfacePaint& paint) {
-  if (paint.version == paint_version_) return;
-  paint_version_ = paint.version;
-  const bool numbers = paint.kind == SurfacePaint::Kind::kScalar, colours = paint.kind == SurfacePaint::Kind::kColour;
-  paint_ = numbers ? 1 : colours ? 2 : paint.kind == SurfacePaint::Kind::kNormal ? 3 : 0;
-  glBindVertexArray(array_);
-  glDisableVertexAttribArray(2);
-  glVertexAttrib3f(2, 0, 0, 0);
-  if (!numbers && !colours) return;
-  glBindBuffer(GL_ARRAY_BUFFER, values_);
-  glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(paint.values.size() * sizeof(float)), paint.values.data(),
-               GL_STREAM_DRAW);
-  glVertexAttribPointer(2, numbers ? 1 : 3, GL_FLOAT, GL_FALSE, 0, nullptr);
-  glEnableVertexAttribArray(2);
-}
-
-void Renderer::Surface::bind(const GlProgram& program) const {
-  program.set("paint", paint_);
-  program.set("scene_from_surface", scene_from_surface_);
-  program.set("scene_from_normal", scene_from_normal_);
-  glBindVertexArray(array_);
-}
-
 class Renderer::Impl {
  public:
   ~Impl();
@@ -194,7 +48,7 @@ class Renderer::Impl {
 
   GlTarget target_;
   std::string device_;
-  std::vector<std::unique_ptr<Surface>> surfaces_;
+  std::vector<std::unique_ptr<GlSurface>> surfaces_;
   Markup markup_;
 
  private:
@@ -379,7 +233,7 @@ void Renderer::Impl::set_lighting(const GlProgram& program, const Camera& camera
 }
 
 void Renderer::Impl::draw_surfaces(const Camera& camera, const RenderOptions& options, int height) const {
-  const auto as_points = [&](const Surface& surface) { return surface.is_point_cloud() || options.points; };
+  const auto as_points = [&](const GlSurface& surface) { return surface.is_point_cloud() || options.points; };
   const auto draw_meshes = [&] {
     for (const auto& surface : surfaces_) {
       if (!surface->drawable() || as_points(*surface)) continue;
@@ -527,13 +381,13 @@ Renderer::~Renderer() = default;
 Result<std::unique_ptr<Renderer>> Renderer::create() {
   auto impl = std::make_unique<Impl>();
   if (const Result<void> ready = impl->init(); !ready) return ready.error();
-  impl->surfaces_.push_back(std::make_unique<Surface>());
+  impl->surfaces_.push_back(std::make_unique<GlSurface>());
   return std::unique_ptr<Renderer>(new Renderer(std::move(impl)));
 }
 
 void Renderer::set_surface_count(std::size_t count) {
   impl_->surfaces_.resize(std::min(count, impl_->surfaces_.size()));
-  while (impl_->surfaces_.size() < count) impl_->surfaces_.push_back(std::make_unique<Surface>());
+  while (impl_->surfaces_.size() < count) impl_->surfaces_.push_back(std::make_unique<GlSurface>());
 }
 
 void Renderer::upload(std::size_t surface, const SurfaceGeometry& geometry) {

@@ -60,7 +60,6 @@ class Renderer final {
   static void finish();               ///< Waits until everything has been drawn; for measuring.
 
  private:
-  class Surface;
   class Impl;
   explicit Renderer(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;

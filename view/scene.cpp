@@ -7,7 +7,6 @@
 #include <glm/geometric.hpp>
 #include <glm/matrix.hpp>
 #include <limits>
-#include <tuple>
 
 namespace eigencast {
 namespace {
@@ -83,12 +82,13 @@ bool Scene::advance(std::span<PoseSource* const> sources, TimeUs now_us) {
   }
   place(sources);
   if (changed.empty()) return false;
-  const TimeUs start = steady_now_us();
-  rebuild(changed);
-  const TimeUs rebuilt = steady_now_us();
-  for (Instance* instance : changed) instance->view.finish(*sources[instance->placement.source]->asset());
-  reconstruct_us_.add(rebuilt - start);
-  normals_us_.add(steady_now_us() - rebuilt);
+  const auto asset_of = [&](const Instance* i) -> const Asset& { return *sources[i->placement.source]->asset(); };
+  std::vector<RebuildJob> jobs;
+  for (Instance* instance : changed) jobs.push_back(instance->view.job(asset_of(instance)));
+  const SurfaceRebuilder::Cost cost = rebuilder().rebuild(jobs);
+  for (Instance* instance : changed) instance->view.finish(asset_of(instance));
+  reconstruct_us_.add(cost.positions_us);
+  normals_us_.add(cost.normals_us);
   return true;
 }
 
@@ -105,20 +105,9 @@ void Scene::share_basis(SurfaceView& view) {
   std::erase_if(bases_, [](const auto& entry) { return entry.second.expired(); });
 }
 
-void Scene::rebuild(std::span<Instance* const> changed) {
-  std::vector<std::pair<const Reconstructor*, SurfaceView::Work>> works;
-  for (Instance* instance : changed) works.emplace_back(&instance->view.reconstructor(), instance->view.work());
-  const auto key = [](const auto& work) {
-    return std::tuple(work.first, work.second.rank, work.second.N, work.second.first);
-  };
-  std::sort(works.begin(), works.end(), [&](const auto& a, const auto& b) { return key(a) < key(b); });
-  std::vector<PoseToRebuild> poses;
-  for (std::size_t i = 0; i < works.size(); ++i) {
-    poses.push_back(works[i].second.pose);
-    if (i + 1 < works.size() && key(works[i + 1]) == key(works[i])) continue;
-    works[i].first->rebuild(poses, works[i].second.rank, works[i].second.N, works[i].second.first);
-    poses.clear();
-  }
+void Scene::set_rebuilder(SurfaceRebuilder* rebuilder) {
+  rebuilder_ = rebuilder;
+  for (Instance& instance : instances_) instance.view.forget_rebuilt();
 }
 
 void Scene::place(std::span<PoseSource* const> sources) {

@@ -21,8 +21,8 @@ struct Placement {
   glm::mat4 scene_from_world{1};
 };
 
-/// The surfaces to draw, each from one of several streams. Chooses poses and levels (SurfaceView), and rebuilds the
-/// surfaces that share an asset, a level and a rank in one pass over the asset's basis.
+/// The surfaces to draw, each from one of several streams. Chooses poses and levels (SurfaceView), and lets a
+/// SurfaceRebuilder rebuild what has changed in one go.
 ///
 /// A stream's own world transform (docs/protocol.md) comes first, the placement's after it. Time comes in as arguments.
 /// Not thread-safe.
@@ -45,6 +45,10 @@ class Scene {
 
   /// Takes over what poll() of stream number `index` returned.
   void receive(std::size_t index, const PoseSource& source, const std::vector<ReceivedPose>& poses);
+
+  /// Who rebuilds from now on, which must outlive the scene's last advance(); at first, and with null, the processor.
+  void set_rebuilder(SurfaceRebuilder* rebuilder);
+  SurfaceRebuilder& rebuilder() { return rebuilder_ != nullptr ? *rebuilder_ : cpu_; }
 
   /// Rebuilds for `now_us` what has changed; true if anything has. REQUIRES: no poll() since receive().
   bool advance(std::span<PoseSource* const> sources, TimeUs now_us);
@@ -69,7 +73,6 @@ class Scene {
   const Histogram& normals_us() const { return normals_us_; }          ///< Likewise.
 
  private:
-  void rebuild(std::span<Instance* const> changed);
   void share_basis(SurfaceView& view);
   void place(std::span<PoseSource* const> sources);
 
@@ -77,6 +80,8 @@ class Scene {
   std::vector<Instance> instances_;
   LevelOfDetail lod_;
   bool row_;
+  CpuRebuilder cpu_;
+  SurfaceRebuilder* rebuilder_ = nullptr;                      ///< Instead of cpu_.
   std::map<std::string, std::weak_ptr<Reconstructor>> bases_;  ///< By asset.
   SurfaceFacts facts_;
   std::uint64_t facts_seen_ = 0;

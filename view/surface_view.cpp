@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <atomic>
 #include <bit>
-#include <cassert>
 #include <cmath>
 
 #include "common/reconstruction/reconstruct.h"
@@ -81,9 +80,15 @@ void SurfaceView::show_rest(const Asset& asset) {
   shown_ = Shown::kHeld;
   coefficients_ = asset.rest;
   channels_ = 3;
-  geometry_.positions.clear();
+  forget_rebuilt();
   triangles_.forget();
   facts_rows_ = 0;
+}
+
+void SurfaceView::forget_rebuilt() {
+  geometry_.positions.clear();
+  geometry_.own_places.clear();
+  geometry_.card.reset();
 }
 
 void SurfaceView::add_pose(const ReceivedPose& pose, const Asset& asset) {
@@ -137,8 +142,7 @@ bool SurfaceView::prepare(const PoseSource& source, TimeUs now_us) {
   if (!new_pose && !new_level) return false;
   if (asset->rows_ready > reconstructor_->tiles().rows()) reconstructor_->update(*asset);
   update_facts(*asset);
-  stand_at_own_places();
-  geometry_.positions.resize(3 * std::size_t{morph_.drawn()});
+  level_changed_ |= new_level;
   first_to_rebuild_ = new_pose ? 0 : std::min(had, morph_.drawn());
   rank_to_rebuild_ = std::min(asset->rank, std::max(1U, rank_in_use(coefficients_, channels_)));
   return true;
@@ -158,56 +162,33 @@ bool SurfaceView::change_level(const Asset& asset, std::uint32_t N, TimeUs now_u
   return moved || new_faces;
 }
 
-void SurfaceView::stand_at_own_places() {
-  if (own_places_.empty()) return;
-  assert(geometry_.positions.size() == 3 * std::size_t{own_first_} + own_places_.size() || geometry_.positions.empty());
-  if (!geometry_.positions.empty())
-    std::copy(own_places_.begin(), own_places_.end(), geometry_.positions.begin() + 3 * std::ptrdiff_t{own_first_});
-  own_places_.clear();
+RebuildJob SurfaceView::job(const Asset& asset) {
+  return {&asset,           reconstructor_, coefficients_,     channels_,
+          rank_to_rebuild_, &morph_,        first_to_rebuild_, level_changed_ || geometry_.level_version == 0,
+          &geometry_};
 }
 
 void SurfaceView::finish(const Asset& asset) {
-  std::vector<float>& positions = geometry_.positions;
-  own_first_ = morph_.whole();
-  own_places_.assign(positions.begin() + 3 * std::ptrdiff_t{own_first_}, positions.end());
   geometry_.is_point_cloud = asset.is_point_cloud();
-  if (geometry_.is_point_cloud) make_discs(asset);
-  morph_.blend(asset.map, positions);
-  if (!geometry_.is_point_cloud) {
-    geometry_.normals.resize(positions.size());
-    area_normals(positions, geometry_.triangles, geometry_.normals);
-    morph_.share(asset.map, geometry_.normals);
-    normalise(geometry_.normals);
-  }
   geometry_.point_spacing = static_cast<float>(std::sqrt(std::max(asset.area, 0.0) / morph_.effective()));
   ++geometry_.pose_version;
-}
-
-void SurfaceView::make_discs(const Asset& asset) {
-  const std::uint32_t N = morph_.drawn();
-  const bool has_discs = asset.splats.size() >= N;
-  geometry_.normals.resize(has_discs ? 3 * std::size_t{N} : 0);
-  geometry_.radii.resize(has_discs ? N : 0);
-  if (!has_discs) return;
-  splat_normals(asset, geometry_.positions, geometry_.normals);
-  morph_.blend(asset.map, geometry_.normals);
-  normalise(geometry_.normals);
-  // A disc that comes begins as the one that it splits off, which shrinks as much as the new one is there.
-  splat_radii(asset, morph_.whole(), geometry_.radii);
-  for (std::uint32_t i = morph_.whole(); i < N; ++i) {
-    const float weight = morph_.weight(i);
-    float& parent = geometry_.radii[asset.map[i]];
-    geometry_.radii[i] = parent + weight * (asset.splats.radius[i] - parent);
-    parent += weight * (asset.splats.parent_radius[i] - parent);
-  }
+  level_changed_ = false;
 }
 
 bool SurfaceView::advance(const PoseSource& source, TimeUs now_us) {
   if (!prepare(source, now_us)) return false;
-  const Work all = work();
-  reconstructor_->rebuild({&all.pose, 1}, all.rank, all.N, all.first);
+  const RebuildJob all = job(*source.asset());
+  CpuRebuilder().rebuild({&all, 1});
   finish(*source.asset());
   return true;
+}
+
+std::span<const float> SurfaceView::positions(std::vector<float>& room) const {
+  if (!geometry_.card) return geometry_.positions;
+  room.resize(3 * std::size_t{morph_.drawn()});
+  reconstructor_->rebuild(coefficients_, channels_, rank_to_rebuild_, morph_.drawn(), room);
+  morph_.blend(triangles_.map(), room);
+  return room;
 }
 
 std::array<float, 3> SurfaceView::barycentre() const {

@@ -16,24 +16,10 @@
 #include "view/level_morph.h"
 #include "view/level_of_detail.h"
 #include "view/pose_source.h"
+#include "view/rebuild.h"
+#include "view/surface_geometry.h"
 
 namespace eigencast {
-
-/// What is to be drawn: rebuilt positions, normals and triangles. Versions grow when their part has changed.
-struct SurfaceGeometry {
-  std::uint64_t maker = 0;               ///< Whose versions these are.
-  std::vector<float> positions;          ///< N x 3, scene units, in level-of-detail order.
-  std::vector<float> normals;            ///< N x 3; empty for a point cloud whose asset brings none.
-  std::vector<float> radii;              ///< N: of a point cloud's discs, surface units; empty as normals.
-  std::vector<std::uint32_t> triangles;  ///< 3 indices each.
-  std::uint64_t pose_version = 0;        ///< Of positions and normals.
-  std::uint64_t topology_version = 0;    ///< Of triangles.
-  /// For each run of LevelTriangles::kBlock indices the topology_version it changed at; empty: all change with each.
-  std::vector<std::uint64_t> triangle_blocks;
-  bool is_point_cloud = false;
-  float point_spacing = 0;  ///< Typical distance of neighbours at this level, scene units.
-  std::uint32_t vertex_count() const { return static_cast<std::uint32_t>(positions.size() / 3); }
-};
 
 /// The rest pose's box, and the ways of the scene that the asset states.
 struct SurfaceFacts {
@@ -62,22 +48,21 @@ class SurfaceView {
   /// Takes over what the source's poll() returned.
   void receive(const PoseSource& source, const std::vector<ReceivedPose>& poses);
 
-  /// Rebuilds the surface for `now_us` if pose, level or asset have changed; true if geometry() has.
+  /// Rebuilds the surface for `now_us` on the processor if pose, level or asset have changed; true if geometry() has.
   /// REQUIRES: no poll() of the source since receive().
   bool advance(const PoseSource& source, TimeUs now_us);
 
-  /// advance() in its parts, for who rebuilds several surfaces in one pass: prepare() decides and says whether anything
-  /// is to be rebuilt; if so, rebuild work() with reconstructor(), then finish(). REQUIRES: as advance().
+  /// advance() in its parts, for who rebuilds several surfaces in one pass, or elsewhere: prepare() decides and says whether
+  /// anything is to be rebuilt; if so, do job() with a SurfaceRebuilder, then finish(). REQUIRES: as advance().
   bool prepare(const PoseSource& source, TimeUs now_us);
-  struct Work {
-    PoseToRebuild pose;
-    std::uint32_t rank = 0, N = 0, first = 0;  ///< The rows from `first` to N.
-  };
-  Work work() {
-    return {{coefficients_, channels_, geometry_.positions}, rank_to_rebuild_, morph_.drawn(), first_to_rebuild_};
-  }
-  const Reconstructor& reconstructor() const { return *reconstructor_; }
+  RebuildJob job(const Asset& asset);
   void finish(const Asset& asset);
+  /// The next rebuild takes nothing over from the last one, which another rebuilder may have done.
+  void forget_rebuilt();
+
+  const Reconstructor& reconstructor() const { return *reconstructor_; }
+  /// The positions of geometry(), N x 3: rebuilt into `room` where only the graphics card has them.
+  std::span<const float> positions(std::vector<float>& room) const;
 
   /// Lets views of the same asset share its basis. REQUIRES: all of them show asset_id(), which is not empty.
   void share(std::shared_ptr<Reconstructor> reconstructor) { reconstructor_ = std::move(reconstructor); }
@@ -121,8 +106,6 @@ class SurfaceView {
   void add_pose(const ReceivedPose& pose, const Asset& asset);
   bool choose_pose(const PoseSource& source, TimeUs now_us);
   bool change_level(const Asset& asset, std::uint32_t N, TimeUs now_us);
-  void stand_at_own_places();
-  void make_discs(const Asset& asset);
   void update_facts(const Asset& asset);
 
   Playout playout_;
@@ -137,9 +120,8 @@ class SurfaceView {
   bool morphs_;
   LevelMorph morph_;
   LevelTriangles triangles_;
-  std::vector<float> own_places_;  ///< Of the vertices that are drawn elsewhere: from own_first_ to the last.
-  std::uint32_t own_first_ = 0;
   std::uint32_t first_to_rebuild_ = 0, rank_to_rebuild_ = 0;
+  bool level_changed_ = false;              ///< Since the last rebuild.
   std::vector<double> barycentre_weights_;  ///< r: barycentre = weights . coefficients.
   std::uint32_t facts_rows_ = 0;
   BandFade fade_;

@@ -29,6 +29,7 @@ class LevelTriangles {
   /// REQUIRES: base_count <= N <= rows_ready of the last update().
   void set_level(std::uint32_t N, std::vector<std::uint32_t>& triangles);
   std::uint32_t level() const { return level_; }
+  std::span<const std::uint32_t> map() const { return map_; }  ///< Of the rows that have arrived.
 
   /// Grows with every change.
   std::uint64_t version() const { return version_; }

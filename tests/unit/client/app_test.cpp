@@ -5,10 +5,12 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "client/apps.h"
 #include "tests/unit/client/fake_source.h"
+#include "tests/unit/client/offscreen_pictures.h"
 #include "tests/unit/client/virtual_display.h"
 #include "view/picture.h"
 
@@ -107,6 +109,30 @@ TEST_F(Apps, AFlightDrawsWithoutNewPosesAndTheReportSaysWhoChoseTheLevels) {
   EXPECT_GT(report["lod"]["state"], 0);
   options_.camera_path = path("none.json");
   EXPECT_EQ(run_headless(options_, both, stop_, log()), kExitFailed);
+}
+
+TEST_F(Apps, TheSamePicturesWhoeverRebuildsTheSurfacesAndTheReportSaysWho) {
+  options_.headless = true;
+  options_.frames = 3;
+  std::map<RebuildOn, Picture> last;
+  for (const RebuildOn on : {RebuildOn::kCpu, RebuildOn::kGpu}) {
+    FakeSource source(sphere_asset(3));
+    for (int i = 1; i <= 3; ++i)
+      source.batches.push_back({sphere_pose(source.asset_, static_cast<std::uint64_t>(i), 1000 * i, 0.5 + 0.1 * i)});
+    const std::vector<PoseSource*> alone{&source};
+    options_.reconstruct = on;
+    options_.json = path("rebuilt.json");
+    options_.screenshot = path("rebuilt.png");
+    ASSERT_EQ(run_headless(options_, alone, stop_, log()), kExitGood) << said_;
+    const json report = json::parse(std::ifstream(options_.json));
+    EXPECT_EQ(report["reconstruct"]["asked"], name_of(on));
+    EXPECT_EQ(report["reconstruct"]["trial_us"], nullptr);
+    EXPECT_EQ(report["surfaces"][0]["rebuilt"], name_of(on));
+    EXPECT_EQ(report["surfaces"][0]["vertices"], 642);
+    EXPECT_EQ(report["frame_time_us"]["reconstruct"]["count"], report["frame_time_us"]["normals"]["count"]);
+    last[on] = read_png(options_.screenshot).value();
+  }
+  EXPECT_LT(testing::mean_difference(last[RebuildOn::kCpu], last[RebuildOn::kGpu]), 0.01);
 }
 
 TEST_F(Apps, HeadlessWithoutAStreamSaysSoAndExitsWithFour) {

@@ -221,8 +221,8 @@ TEST(ProgressiveSurfaces, OfAPoseThatStandsOnlyTheNewRowsAreRebuilt) {
   const std::uint32_t before = still.view.geometry().vertex_count();
   still.view.lod().set_fraction(0.5);
   ASSERT_TRUE(still.view.prepare(still.source, still.now += kFrame));
-  EXPECT_EQ(still.view.work().first, before);
-  EXPECT_EQ(still.view.work().N, baked_heart()->asset.vertex_count / 2);
+  EXPECT_EQ(still.view.job(*still.source.asset()).first, before);
+  EXPECT_EQ(still.view.job(*still.source.asset()).vertices(), baked_heart()->asset.vertex_count / 2);
 }
 
 /// What changes from one picture to the next while the level goes from one to another and nothing else does.

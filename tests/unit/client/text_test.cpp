@@ -35,12 +35,15 @@ TEST(HudText, StatesRatesLatencyAndLevel) {
   f.bands_total = 4;
   f.rank = 200;
   f.mode = "raw";
+  f.rebuilt = text_from_rebuilt(2, 2);
   const auto lines = hud_lines(f);
   ASSERT_EQ(lines.size(), 5u);
   EXPECT_EQ(lines[0], "30 keys/s \xC2\xB7 90 poses/s \xC2\xB7 60 drawn/s");
   EXPECT_EQ(lines[1], "56 kbit/s \xC2\xB7 latency 4.1 ms (p99 38 ms)");
   EXPECT_EQ(lines[2], "LOD 0.42 \xC2\xB7 13,777 of 32,802 vertices, 27,550 faces");
-  EXPECT_EQ(lines[3], "bands 3 of 4 \xC2\xB7 rank 200");
+  EXPECT_EQ(lines[3], "bands 3 of 4 \xC2\xB7 rank 200 \xC2\xB7 rebuilt on the GPU");
+  EXPECT_EQ(text_from_rebuilt(0, 2), "rebuilt on the CPU");
+  EXPECT_EQ(text_from_rebuilt(1, 3), "rebuilt on the GPU: 1, on the CPU: 2");
 }
 
 TEST(HudText, SaysWhenNothingIsKnown) {

@@ -1,0 +1,279 @@
+// SPDX-License-Identifier: MIT
+// What the graphics card rebuilds is what the processor does, within the tolerance that CardRebuilder states.
+#include "view/card_rebuilder.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <map>
+#include <random>
+#include <string>
+#include <tuple>
+
+#include "common/surface/shapes.h"
+#include "sdk/bake.h"
+#include "tests/unit/client/baked_heart.h"
+#include "tests/unit/client/fake_source.h"
+#include "tests/unit/client/offscreen_pictures.h"
+#include "view/rebuilder_choice.h"
+
+namespace eigencast {
+namespace {
+
+using testing::FakeSource;
+using testing::sphere_asset;
+using testing::sphere_pose;
+
+constexpr TimeUs kFrame = 16'667;
+
+const Asset& baked(const char* basis, double asset_error, bool as_points) {
+  static std::map<std::tuple<std::string, double, bool>, Asset> all;
+  const auto [at, fresh] = all.try_emplace({basis, asset_error, as_points});
+  if (!fresh) return at->second;
+  Surface surface = (*builtin_clip("heart"))->rest();
+  if (as_points) surface.faces.clear();
+  BakeOptions options;
+  options.basis = basis;
+  options.rank = 37;  // no multiple of anything
+  options.asset_error = asset_error;
+  auto result = bake(surface, options);
+  EXPECT_TRUE(result);
+  return at->second = std::move(result->asset);
+}
+
+/// The rest pose with every coefficient disturbed by up to a twentieth of the largest.
+std::vector<double> disturbed(const Asset& asset, unsigned seed) {
+  std::mt19937 random(seed);
+  std::uniform_real_distribution<double> by(-0.05, 0.05);
+  std::vector<double> C = asset.rest;
+  double largest = 0;
+  for (const double c : C) largest = std::max(largest, std::abs(c));
+  for (double& c : C) c += by(random) * largest / std::sqrt(asset.rank);
+  return C;
+}
+
+/// Two views of one stream, the one rebuilt by the card, the other by the processor.
+class CardRebuilders : public testing::OffscreenPictures {
+ protected:
+  void SetUp() override {
+    OffscreenPictures::SetUp();
+    if (HasFatalFailure()) return;
+    auto made = CardRebuilder::create();
+    ASSERT_TRUE(made) << made.error().message;
+    card_ = std::move(*made);
+  }
+  void TearDown() override {
+    by_card_.reset();
+    card_.reset();
+    OffscreenPictures::TearDown();
+  }
+
+  void show(Asset asset) {
+    source_ = std::make_unique<FakeSource>(std::move(asset));
+    source_->info_->epoch = 1;
+    source_->info_->asset = "it";
+    by_card_ = std::make_unique<Scene>(std::vector<Placement>(1), SceneOptions());
+    by_processor_ = std::make_unique<Scene>(std::vector<Placement>(1), SceneOptions());
+    by_card_->set_rebuilder(card_.get());
+    for (Scene* scene : {by_card_.get(), by_processor_.get()}) scene->receive(0, *source_, {});
+  }
+  void pose(std::vector<double> C) {
+    ReceivedPose pose = sphere_pose(source_->asset_, ++sequence_, now_, 1);
+    pose.coefficients = std::move(C);
+    for (Scene* scene : {by_card_.get(), by_processor_.get()}) scene->receive(0, *source_, {pose});
+  }
+  bool turn(double fraction, TimeUs step = kFrame) {
+    now_ += step;
+    PoseSource* const source = source_.get();
+    bool changed = false;
+    for (Scene* scene : {by_card_.get(), by_processor_.get()}) {
+      scene->lod().set_fraction(fraction);
+      changed |= scene->advance({&source, 1}, now_);
+    }
+    return changed;
+  }
+  static const SurfaceView& view(const Scene& scene) { return scene.instances()[0].view; }
+
+  /// Of a vertex' coordinate: the sum of its terms' magnitudes.
+  double magnitude(std::uint32_t i, std::size_t d) const {
+    const Asset& asset = source_->asset_;
+    const std::span<const double> C = view(*by_processor_).coefficients();
+    double sum = 0;
+    for (std::size_t k = 0; k < asset.rank; ++k)
+      sum += std::abs(static_cast<double>(asset.basis[i * asset.rank + k]) * C[3 * k + d]);
+    return sum;
+  }
+
+  void expect_the_same() const {
+    const SurfaceGeometry &card = view(*by_card_).geometry(), &processor = view(*by_processor_).geometry();
+    ASSERT_TRUE(card.card);
+    ASSERT_FALSE(processor.card);
+    EXPECT_TRUE(card.positions.empty());
+    ASSERT_EQ(card.vertex_count(), processor.vertex_count());
+    EXPECT_EQ(card.triangles, processor.triangles);
+    EXPECT_EQ(card.radii, processor.radii);
+    EXPECT_EQ(card.is_point_cloud, processor.is_point_cloud);
+    const ReadBack back = read_back(card);
+    ASSERT_EQ(back.positions.size(), processor.positions.size());
+    ASSERT_EQ(back.normals.size(), processor.normals.size());
+    double largest = 0;
+    for (std::uint32_t i = 0; i < 3; ++i) largest = std::max(largest, magnitude(0, i));
+    for (std::uint32_t i = 0; i < card.vertex_count(); ++i) {
+      for (std::size_t d = 0; d < 3; ++d) {
+        // Vertices on their way hold terms of those that they come from: of the whole surface's size, then.
+        ASSERT_NEAR(back.positions[3 * i + d], processor.positions[3 * i + d],
+                    2e-6 * std::max(largest, magnitude(i, d)))
+            << "vertex " << i;
+      }
+      if (processor.normals.empty()) continue;
+      const float* a = &back.normals[3 * i];
+      const float* b = &processor.normals[3 * i];
+      const double off = std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
+      ASSERT_LT(off, 0.1 * M_PI / 180) << "normal of vertex " << i;
+    }
+  }
+
+  std::unique_ptr<CardRebuilder> card_;
+  std::unique_ptr<FakeSource> source_;
+  std::unique_ptr<Scene> by_card_, by_processor_;
+  std::uint64_t sequence_ = 0;
+  TimeUs now_ = 1'000'000;
+};
+
+TEST_F(CardRebuilders, MeshesAndCloudsOfEveryKindOfBasisComeOutTheSameAtAnyLevel) {
+  for (const bool as_points : {false, true}) {
+    for (Asset& asset : std::vector<Asset>{baked("augmented", 1e-4, as_points), baked("harmonic", 1e-4, as_points),
+                                           baked("augmented", 0, as_points), sphere_asset(3, as_points)}) {
+      SCOPED_TRACE(asset.basis_kind + " " + asset.name + (as_points ? " points" : ""));
+      show(std::move(asset));
+      for (const double fraction : {1.0, 0.01, 0.37}) {
+        turn(fraction, 1'000'000);  // too long for a morph
+        expect_the_same();
+        pose(disturbed(source_->asset_, static_cast<unsigned>(100 * fraction)));
+        turn(fraction);
+        expect_the_same();
+        if (HasFatalFailure()) return;
+      }
+    }
+  }
+}
+
+TEST_F(CardRebuilders, VerticesOnTheirWayBetweenLevelsAreWhereTheProcessorHasThem) {
+  for (const bool as_points : {false, true}) {
+    show(baked("augmented", 1e-4, as_points));
+    turn(0.05, 1'000'000);
+    int pictures = 0;
+    for (const double fraction : {0.9, 0.3, 1.0, 0.05}) {
+      for (int picture = 0; turn(fraction) && picture < 40; ++picture, ++pictures) {
+        if (picture == 3) pose(disturbed(source_->asset_, 7));  // and a new pose meanwhile
+        if (picture == 5 && fraction == 0.9) turn(0.6);         // another level before the first is reached
+        expect_the_same();
+        if (HasFatalFailure()) return;
+      }
+    }
+    EXPECT_GT(pictures, 30);
+  }
+}
+
+TEST_F(CardRebuilders, ReceiversOfFewBandsAndSurfacesThatAreStillArrivingToo) {
+  const Asset& whole = baked("augmented", 1e-4, false);
+  show(whole);
+  const auto arrive = [&](std::uint32_t rows) {
+    source_->asset_.rows_ready = rows;
+    const auto& death = whole.death;
+    source_->asset_.faces_ready =
+        static_cast<std::uint32_t>(std::lower_bound(death.begin(), death.end(), rows) - death.begin());
+  };
+  for (const double part : {0.1, 0.35, 0.99, 1.0}) {
+    arrive(static_cast<std::uint32_t>(part * whole.vertex_count));
+    for (int picture = 0; turn(1) && picture < 40; ++picture) expect_the_same();
+    if (HasFatalFailure()) return;
+  }
+  std::vector<double> few = disturbed(whole, 3);
+  std::fill(few.begin() + 3 * 13, few.end(), 0.0);
+  pose(few);
+  ASSERT_TRUE(turn(1));
+  expect_the_same();
+}
+
+TEST_F(CardRebuilders, PicturesLookTheSame) {
+  for (const bool as_points : {false, true}) {
+    show(baked("augmented", 1e-4, as_points));
+    pose(disturbed(source_->asset_, 5));
+    turn(0.6, 1'000'000);
+    frame(view(*by_card_).facts());
+    camera_.set_viewport(200, 150);
+    const auto picture = [&](const Scene& scene) {
+      renderer_->upload(0, view(scene).geometry());
+      return renderer_->picture(camera_, {}, 200, 150).value();
+    };
+    int largest = 0;
+    const Picture a = picture(*by_processor_), b = picture(*by_card_);
+    EXPECT_LT(testing::mean_difference(a, b, &largest), 0.01);
+    // The other way round as well: arrays of the one must not stay behind for the other.
+    EXPECT_EQ(picture(*by_processor_).rgb, a.rgb);
+  }
+}
+
+TEST_F(CardRebuilders, PositionsAreThereForWhoAsksForThem) {
+  show(baked("augmented", 1e-4, false));
+  turn(0.2, 1'000'000);
+  turn(0.7);
+  std::vector<float> room;
+  const std::span<const float> mine = view(*by_card_).positions(room);
+  const auto& processor = view(*by_processor_).geometry().positions;
+  ASSERT_EQ(mine.size(), processor.size());
+  for (std::size_t i = 0; i < mine.size(); ++i) ASSERT_NEAR(mine[i], processor[i], 1e-5F);
+}
+
+TEST_F(CardRebuilders, ManyInstancesOfOneAssetHaveEachItsOwnPose) {
+  const auto clip = testing::baked_heart();
+  TimeUs now = 1'000'000;
+  std::vector<std::unique_ptr<ClipSource>> sources;
+  std::vector<PoseSource*> list;
+  std::vector<Placement> placements;
+  for (std::size_t i = 0; i < 5; ++i) {
+    sources.push_back(std::make_unique<ClipSource>(clip, 0.17 * static_cast<double>(i), [&now] { return now; }));
+    list.push_back(sources.back().get());
+    placements.push_back({i, "", glm::mat4(1)});
+  }
+  Scene cards(placements, {}), processors(placements, {});
+  cards.set_rebuilder(card_.get());
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    const auto poses = list[i]->poll({});
+    for (Scene* scene : {&cards, &processors}) scene->receive(i, *list[i], poses);
+  }
+  for (Scene* scene : {&cards, &processors}) {
+    for (std::size_t i = 0; i < list.size(); ++i)
+      scene->instances()[i].view.set_most_vertices(400 + 300 * static_cast<std::uint32_t>(i));
+    ASSERT_TRUE(scene->advance(list, now));
+  }
+  for (std::size_t i = 0; i < list.size(); ++i) {
+    const ReadBack back = read_back(cards.instances()[i].view.geometry());
+    const auto& positions = processors.instances()[i].view.geometry().positions;
+    ASSERT_EQ(back.positions.size(), positions.size());
+    for (std::size_t k = 0; k < positions.size(); ++k) ASSERT_NEAR(back.positions[k], positions[k], 1e-5F) << i;
+    if (i == 0) continue;
+    EXPECT_NE(back.positions[0], read_back(cards.instances()[0].view.geometry()).positions[0]);
+  }
+}
+
+TEST_F(CardRebuilders, WhoIsQuickerIsMeasuredAndWhoIsAskedForIsTaken) {
+  const auto cpu = choose_rebuilder(RebuildOn::kCpu, *renderer_, false);
+  ASSERT_TRUE(cpu);
+  EXPECT_FALSE(cpu->card);
+  EXPECT_FALSE(cpu->trial);
+  const auto gpu = choose_rebuilder(RebuildOn::kGpu, *renderer_, false);
+  ASSERT_TRUE(gpu) << gpu.error().message;
+  EXPECT_TRUE(gpu->card);
+  EXPECT_FALSE(gpu->trial);
+  const auto measured = choose_rebuilder(RebuildOn::kAuto, *renderer_, false);
+  ASSERT_TRUE(measured);
+  ASSERT_TRUE(measured->trial);
+  EXPECT_GT(measured->trial->cpu_us, 0);
+  EXPECT_GT(measured->trial->gpu_us, 0);
+  EXPECT_EQ(measured->card != nullptr, measured->trial->gpu_us < measured->trial->cpu_us);
+}
+
+}  // namespace
+}  // namespace eigencast

@@ -1,0 +1,362 @@
+// SPDX-License-Identifier: MIT
+#include "view/card_rebuilder.h"
+
+#include <algorithm>
+#include <array>
+#include <cassert>
+#include <glm/vec2.hpp>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "view/card_basis.h"
+#include "view/card_shaders.h"
+#include "view/gl_objects.h"
+#include "view/gl_surface.h"
+
+namespace eigencast {
+namespace {
+
+constexpr GLsizei kSumsWidth = 1024;  // pixels, one for each vertex
+constexpr const char* kVersion = "#version 330 core\n";
+
+/// Where sums over faces are drawn: a pixel of three floats for each vertex.
+class Sums final {
+ public:
+  Sums() {
+    glGenTextures(1, &texture_);
+    glGenFramebuffers(1, &framebuffer_);
+  }
+  ~Sums() {
+    glDeleteFramebuffers(1, &framebuffer_);
+    glDeleteTextures(1, &texture_);
+  }
+  Sums(const Sums&) = delete;
+  Sums& operator=(const Sums&) = delete;
+
+  /// Room for so many vertices.
+  void reserve(std::uint32_t vertices) {
+    const GLsizei height = static_cast<GLsizei>((vertices + kSumsWidth - 1) / kSumsWidth);
+    if (height <= height_) return;
+    height_ = height;
+    glActiveTexture(GL_TEXTURE0);
+    glBindTexture(GL_TEXTURE_2D, texture_);
+    glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32F, kSumsWidth, height_, 0, GL_RGBA, GL_FLOAT, nullptr);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+    glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+    glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_);
+    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, texture_, 0);
+  }
+  void copy_to(const Sums& other) const {
+    glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_);
+    glBindFramebuffer(GL_DRAW_FRAMEBUFFER, other.framebuffer_);
+    glBlitFramebuffer(0, 0, kSumsWidth, height_, 0, 0, kSumsWidth, height_, GL_COLOR_BUFFER_BIT, GL_NEAREST);
+  }
+  /// What is drawn from now on is added.
+  void bind() const {
+    glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_);
+    glViewport(0, 0, kSumsWidth, height_);
+    glEnable(GL_BLEND);
+    glBlendFunc(GL_ONE, GL_ONE);
+    glDisable(GL_DEPTH_TEST);
+    glDisable(GL_SCISSOR_TEST);
+    glEnable(GL_PROGRAM_POINT_SIZE);
+  }
+  static void clear() {
+    constexpr std::array<float, 4> kNothing{};
+    glClearBufferfv(GL_COLOR, 0, kNothing.data());
+  }
+  glm::vec2 size() const { return {kSumsWidth, height_}; }
+  GLuint texture() const { return texture_; }
+
+ private:
+  GLuint texture_ = 0, framebuffer_ = 0;
+  GLsizei height_ = 0;
+};
+
+/// The longest way from a vertex that is moving to one that is not.
+int generations(const LevelMorph& level, std::span<const std::uint32_t> map) {
+  std::vector<int> steps(level.moving().size(), 1);
+  int most = 0;
+  for (std::size_t i = 0; i < steps.size(); ++i) {
+    const std::uint32_t parent = map[level.whole() + i];
+    if (parent >= level.whole()) steps[i] = steps[parent - level.whole()] + 1;
+    most = std::max(most, steps[i]);
+  }
+  return most;
+}
+
+}  // namespace
+
+class CardRebuilder::Impl {
+ public:
+  explicit Impl(bool finish) : finish_(finish) {}
+  ~Impl();
+  Result<void> init();
+  bool fits(const Asset& asset) const;
+  Cost rebuild(std::span<const RebuildJob> jobs);
+
+ private:
+  struct Basis {
+    std::weak_ptr<const Reconstructor> of;
+    std::unique_ptr<CardBasis> card;
+  };
+  /// The textures that shaders read buffers through, each with its name there.
+  enum Unit : GLuint { kFloats, kIntegers, kC, kPlaces, kWeights, kParents, kCorners, kFrames, kRest, kUnits };
+  static constexpr GLuint kSumsUnit = kUnits;
+
+  CardBasis& basis_of(const RebuildJob& job);
+  void read(Unit unit, GLenum format, const GlBuffer& buffer) { read(unit, format, buffer.id()); }
+  void read(Unit unit, GLenum format, GLuint buffer);
+  void read_level(const RebuildJob& job);
+  void keep(const GlBuffer& buffer, GLsizei bytes, std::uint32_t first, std::uint32_t end);
+  void make_places(const RebuildJob& job, CardSurface& card);
+  void make_normals(const RebuildJob& job, CardSurface& card);
+  const Sums& sum_over_faces(const RebuildJob& job, CardSurface& card);
+
+  bool finish_;
+  std::size_t most_texels_ = 0;
+  GLuint array_ = 0;
+  std::array<GLuint, kUnits> textures_{};
+  GlProgram places_, blend_, face_normals_, share_, mesh_normals_, disc_normals_;
+  GlBuffer coefficients_, weights_, parents_;
+  Sums sums_, shared_;
+  Sums nowhere_;  ///< Bound while nothing is drawn: without a window there is no other framebuffer.
+  std::map<const Reconstructor*, Basis> bases_;
+  CpuRebuilder cpu_;
+};
+
+CardRebuilder::Impl::~Impl() {
+  glDeleteVertexArrays(1, &array_);
+  glDeleteTextures(kUnits, textures_.data());
+}
+
+Result<void> CardRebuilder::Impl::init() {
+  GLint most = 0;
+  glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &most);
+  most_texels_ = static_cast<std::size_t>(most);
+  nowhere_.reserve(1);
+  glGenVertexArrays(1, &array_);
+  glGenTextures(kUnits, textures_.data());
+  const std::string version = kVersion, level = version + shaders::kLevel, unit = level + shaders::kUnit;
+  struct Source {
+    GlProgram& program;
+    const char* name;
+    std::string vertex, fragment;
+    std::vector<const char*> kept;
+  };
+  const std::array<Source, 6> sources{
+      Source{places_, "places", shaders::kPlaces, "", {"place"}},
+      Source{blend_, "levels", level + shaders::kBlendPlaces + shaders::kBlend, "", {"place"}},
+      Source{face_normals_, "face normals", version + shaders::kPixel + shaders::kFaceNormals, shaders::kPart, {}},
+      Source{share_, "shared normals", level + shaders::kPixel + shaders::kShare, shaders::kPart, {}},
+      Source{mesh_normals_, "normals", unit + shaders::kMeshNormals + shaders::kBlend, "", {"normal"}},
+      Source{disc_normals_, "disc normals", unit + shaders::kDiscNormals + shaders::kBlend, "", {"normal"}}};
+  for (const Source& source : sources) {
+    Result<GlProgram> program = GlProgram::create(source.name, source.vertex, source.fragment, source.kept);
+    if (!program) return program.error();
+    source.program = std::move(program).value();
+    source.program.use();
+    for (const auto& [name, number] :
+         {std::pair("floats", kFloats), std::pair("integers", kIntegers), std::pair("C", kC),
+          std::pair("places", kPlaces), std::pair("positions", kPlaces), std::pair("weights", kWeights),
+          std::pair("parents", kParents), std::pair("corners", kCorners), std::pair("frames", kFrames),
+          std::pair("rest", kRest)})
+      source.program.set(name, static_cast<int>(number));
+    source.program.set("sums", static_cast<int>(kSumsUnit));
+  }
+  return {};
+}
+
+bool CardRebuilder::Impl::fits(const Asset& asset) const {
+  GLint side = 0;
+  glGetIntegerv(GL_MAX_TEXTURE_SIZE, &side);
+  return CardBasis::texels(asset) <= most_texels_ && std::size_t{asset.face_total} * 3 <= most_texels_ &&
+         asset.vertex_count <= static_cast<std::size_t>(side) * kSumsWidth;
+}
+
+CardBasis& CardRebuilder::Impl::basis_of(const RebuildJob& job) {
+  std::erase_if(bases_, [](const auto& entry) { return entry.second.of.expired(); });
+  Basis& basis = bases_[job.basis.get()];
+  if (!basis.card) basis = {job.basis, std::make_unique<CardBasis>()};
+  basis.card->update(*job.asset, job.basis->tiles());
+  return *basis.card;
+}
+
+void CardRebuilder::Impl::read(Unit unit, GLenum format, GLuint buffer) {
+  glActiveTexture(GL_TEXTURE0 + unit);
+  glBindTexture(GL_TEXTURE_BUFFER, textures_[unit]);
+  glTexBuffer(GL_TEXTURE_BUFFER, format, buffer);
+}
+
+/// The next program's vertices `first` to `end` are kept in their places of the buffer, `bytes` each; nothing is drawn.
+void CardRebuilder::Impl::keep(const GlBuffer& buffer, GLsizei bytes, std::uint32_t first, std::uint32_t end) {
+  if (first >= end) return;
+  nowhere_.bind();
+  glBindBufferRange(GL_TRANSFORM_FEEDBACK_BUFFER, 0, buffer.id(), GLintptr{first} * bytes,
+                    GLsizeiptr{end - first} * bytes);
+  glEnable(GL_RASTERIZER_DISCARD);
+  glBeginTransformFeedback(GL_POINTS);
+  glDrawArrays(GL_POINTS, static_cast<GLint>(first), static_cast<GLsizei>(end - first));
+  glEndTransformFeedback();
+  glDisable(GL_RASTERIZER_DISCARD);
+  glBindBufferBase(GL_TRANSFORM_FEEDBACK_BUFFER, 0, 0);
+}
+
+void CardRebuilder::Impl::read_level(const RebuildJob& job) {
+  const std::uint32_t whole = job.level->whole();
+  const std::span<const std::uint32_t> map(job.asset->map);
+  weights_.replace(job.level->moving());
+  parents_.replace(map.subspan(whole, job.level->moving().size()));
+  read(kWeights, GL_R32F, weights_);
+  read(kParents, GL_R32I, parents_);
+  for (const GlProgram* program : {&blend_, &share_, &mesh_normals_, &disc_normals_}) {
+    program->use();
+    program->set("whole", static_cast<int>(whole));
+  }
+}
+
+void CardRebuilder::Impl::make_places(const RebuildJob& job, CardSurface& card) {
+  const BasisTiles& tiles = job.basis->tiles();
+  const CardBasis& basis = basis_of(job);
+  const CardBasis::Coefficients packed = CardBasis::pack(tiles, job.C, job.channels, job.rank);
+  coefficients_.replace(std::span<const float>(packed.values));
+  read(kFloats, GL_RGBA32F, basis.floats());
+  read(kIntegers, GL_RGBA16I, basis.integers());
+  read(kC, GL_RGBA32F, coefficients_);
+  places_.use();
+  places_.set("float_groups", static_cast<int>(packed.float_groups));
+  places_.set("integer_groups", static_cast<int>(packed.integer_groups));
+  places_.set("float_stride", static_cast<int>(basis.float_groups()));
+  places_.set("integer_stride", static_cast<int>(basis.integer_groups()));
+  card.places.reserve(std::size_t{job.asset->vertex_count} * CardSurface::kPlaceBytes, GL_DYNAMIC_COPY);
+  keep(card.places, CardSurface::kPlaceBytes, job.first, job.vertices());
+
+  card.moving = !job.level->moving().empty();
+  if (!card.moving) return;
+  read(kPlaces, GL_RGBA32F, card.places);
+  const std::uint32_t whole = job.level->whole();
+  card.positions.reserve(card.places.bytes(), GL_DYNAMIC_COPY);
+  glBindBuffer(GL_COPY_READ_BUFFER, card.places.id());
+  glBindBuffer(GL_COPY_WRITE_BUFFER, card.positions.id());
+  glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0, GLsizeiptr{whole} * CardSurface::kPlaceBytes);
+  blend_.use();
+  keep(card.positions, CardSurface::kPlaceBytes, whole, job.vertices());
+}
+
+const Sums& CardRebuilder::Impl::sum_over_faces(const RebuildJob& job, CardSurface& card) {
+  const std::uint32_t N = job.vertices(), whole = job.level->whole();
+  sums_.reserve(N);
+  read(kPlaces, GL_RGBA32F, card.drawn());
+  read(kCorners, GL_R32I, card.triangles.buffer());
+  sums_.bind();
+  Sums::clear();
+  face_normals_.use();
+  face_normals_.set("size", sums_.size());
+  glDrawArrays(GL_POINTS, 0, card.triangles.count());
+  if (!card.moving) return sums_;
+  shared_.reserve(N);
+  shared_.bind();
+  Sums::clear();
+  sums_.copy_to(shared_);
+  shared_.bind();
+  share_.use();
+  share_.set("size", sums_.size());
+  glActiveTexture(GL_TEXTURE0 + kSumsUnit);
+  glBindTexture(GL_TEXTURE_2D, sums_.texture());
+  glDrawArraysInstanced(GL_POINTS, static_cast<GLint>(whole), static_cast<GLsizei>(N - whole),
+                        generations(*job.level, job.asset->map));
+  return shared_;
+}
+
+void CardRebuilder::Impl::make_normals(const RebuildJob& job, CardSurface& card) {
+  card.has_normals = !job.asset->is_point_cloud() || job.asset->splats.size() >= job.vertices();
+  if (!card.has_normals) return;
+  card.normals.reserve(std::size_t{job.asset->vertex_count} * CardSurface::kNormalBytes, GL_DYNAMIC_COPY);
+  if (job.asset->is_point_cloud()) {
+    const CardBasis& basis = basis_of(job);
+    read(kPlaces, GL_RGBA32F, card.places);
+    read(kFrames, GL_RG32I, basis.frames());
+    read(kRest, GL_RGBA32F, basis.disc_normals());
+    disc_normals_.use();
+  } else {
+    const Sums& sums = sum_over_faces(job, card);
+    glActiveTexture(GL_TEXTURE0 + kSumsUnit);
+    glBindTexture(GL_TEXTURE_2D, sums.texture());
+    mesh_normals_.use();
+  }
+  keep(card.normals, CardSurface::kNormalBytes, 0, job.vertices());
+}
+
+SurfaceRebuilder::Cost CardRebuilder::Impl::rebuild(std::span<const RebuildJob> jobs) {
+  Cost cost;
+  glBindVertexArray(array_);
+  auto spent = [this, since = steady_now_us()]() mutable {
+    if (finish_) glFinish();
+    const TimeUs now = steady_now_us();
+    return now - std::exchange(since, now);
+  };
+  for (const RebuildJob& job : jobs) {
+    SurfaceGeometry& geometry = *job.geometry;
+    if (!fits(*job.asset)) {
+      const Cost here = cpu_.rebuild({&job, 1});
+      cost.positions_us += here.positions_us;
+      cost.normals_us += here.normals_us;
+      spent();
+      continue;
+    }
+    if (!geometry.card) geometry.card = std::make_shared<CardSurface>();
+    geometry.card_vertices = job.vertices();
+    read_level(job);
+    make_places(job, *geometry.card);
+    cost.positions_us += spent();
+    geometry.card->triangles.follow(geometry);
+    if (job.asset->is_point_cloud() && job.level_changed) fill_radii(*job.asset, *job.level, geometry);
+    make_normals(job, *geometry.card);
+    cost.normals_us += spent();
+  }
+  glDisable(GL_BLEND);
+  glBindFramebuffer(GL_FRAMEBUFFER, 0);
+  glBindVertexArray(0);
+  return cost;
+}
+
+CardRebuilder::CardRebuilder(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+CardRebuilder::~CardRebuilder() = default;
+
+Result<std::unique_ptr<CardRebuilder>> CardRebuilder::create(bool finish) {
+  if (epoxy_gl_version() < 33)
+    return fail(ErrorCode::kUnsupported, "rebuilding surfaces on the graphics card takes OpenGL 3.3");
+  auto impl = std::make_unique<Impl>(finish);
+  if (const Result<void> ready = impl->init(); !ready) return ready.error();
+  return std::unique_ptr<CardRebuilder>(new CardRebuilder(std::move(impl)));
+}
+
+SurfaceRebuilder::Cost CardRebuilder::rebuild(std::span<const RebuildJob> jobs) {
+  return impl_->rebuild(jobs);
+}
+
+bool CardRebuilder::fits(const Asset& asset) const {
+  return impl_->fits(asset);
+}
+
+ReadBack read_back(const SurfaceGeometry& geometry) {
+  assert(geometry.card);
+  const std::size_t N = geometry.card_vertices;
+  std::vector<float> places(4 * N);
+  ReadBack back;
+  const auto get = [](const GlBuffer& buffer, std::vector<float>& values) {
+    glBindBuffer(GL_COPY_READ_BUFFER, buffer.id());
+    glGetBufferSubData(GL_COPY_READ_BUFFER, 0, static_cast<GLsizeiptr>(values.size() * sizeof(float)), values.data());
+  };
+  get(geometry.card->drawn(), places);
+  for (std::size_t i = 0; i < N; ++i)
+    back.positions.insert(back.positions.end(), places.begin() + 4 * static_cast<std::ptrdiff_t>(i),
+                          places.begin() + 4 * static_cast<std::ptrdiff_t>(i) + 3);
+  back.normals.resize(geometry.card->has_normals ? 3 * N : 0);
+  if (!back.normals.empty()) get(geometry.card->normals, back.normals);
+  return back;
+}
+
+}  // namespace eigencast

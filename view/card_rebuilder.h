@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <memory>
+
+#include "common/core/result.h"
+#include "view/rebuild.h"
+
+namespace eigencast {
+
+/// Rebuilds on the graphics card, with OpenGL 3.3 core: the basis lies there, a pose is its coefficients (12 bytes each), and
+/// positions and normals never leave it. Results are those of CpuRebuilder but for rounding: positions within 2e-6 of the sum
+/// of their terms' magnitudes, normals where the surface has any area within 0.1 degrees.
+///
+/// A surface too large for the card's buffers is rebuilt on the processor, as its geometry then says (no `card`).
+///
+/// Belongs to the OpenGL context that was current when it was made, which must be current in every call and when it and the
+/// surfaces that it has rebuilt go. Not thread-safe.
+class CardRebuilder final : public SurfaceRebuilder {
+ public:
+  /// finish: waits for the card after each part, so that the costs are those of the parts and not of asking for them.
+  /// Errors: kUnsupported (OpenGL below 3.3), kInternal (a shader does not compile; the message holds the log).
+  static Result<std::unique_ptr<CardRebuilder>> create(bool finish = false);
+  ~CardRebuilder() override;
+
+  Cost rebuild(std::span<const RebuildJob> jobs) override;
+  std::string_view name() const override { return "gpu"; }
+  /// The card can address the asset.
+  bool fits(const Asset& asset) const;
+
+ private:
+  class Impl;
+  explicit CardRebuilder(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+/// Positions and normals of a surface that the card has rebuilt, read back: for tests and measurements. Empty normals where it
+/// has none. REQUIRES: geometry.card.
+struct ReadBack {
+  std::vector<float> positions, normals;
+};
+ReadBack read_back(const SurfaceGeometry& geometry);
+
+}  // namespace eigencast

@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+/// GLSL 3.30 of CardRebuilder: vertex shaders whose results are kept, one vertex of the surface each.
+namespace eigencast::shaders {
+
+/// X = Psi C. The basis lies in tiles of 64 rows, of each tile the columns in groups of four, of each group the rows; beside
+/// each other where neighbours read beside each other. Columns on a grid are 16-bit integers, the others floats.
+///   C  for each group the coefficients of its four columns: of x, of y, of z
+inline constexpr const char* kPlaces = R"(#version 330 core
+uniform samplerBuffer floats;
+uniform isamplerBuffer integers;
+uniform samplerBuffer C;
+uniform int float_groups, float_stride, integer_groups, integer_stride;
+out vec4 place;
+void main() {
+  int tile = gl_VertexID >> 6, row = gl_VertexID & 63, c = 0;
+  vec3 sum = vec3(0.0);
+  int at = tile * float_stride * 64 + row;
+  for (int group = 0; group < float_groups; ++group, at += 64, c += 3) {
+    vec4 psi = texelFetch(floats, at);
+    sum += vec3(dot(psi, texelFetch(C, c)), dot(psi, texelFetch(C, c + 1)), dot(psi, texelFetch(C, c + 2)));
+  }
+  at = tile * integer_stride * 64 + row;
+  for (int group = 0; group < integer_groups; ++group, at += 64, c += 3) {
+    vec4 psi = vec4(texelFetch(integers, at));
+    sum += vec3(dot(psi, texelFetch(C, c)), dot(psi, texelFetch(C, c + 1)), dot(psi, texelFetch(C, c + 2)));
+  }
+  place = vec4(sum, 1.0);
+})";
+
+/// Vertices on their way between levels: those from `whole` on have a weight and a parent (LevelMorph).
+inline constexpr const char* kLevel = R"(
+uniform int whole;
+uniform samplerBuffer weights;
+uniform isamplerBuffer parents;
+float weight_of(int i) { return texelFetch(weights, i - whole).x; }
+int parent_of(int i) { return texelFetch(parents, i - whole).x; }
+)";
+/// What is drawn of a vertex' own value(), parents first.
+inline constexpr const char* kBlend = R"(
+vec3 blended(int i) {
+  vec3 sum = vec3(0.0);
+  float left = 1.0;
+  for (; i >= whole; i = parent_of(i)) {
+    float w = weight_of(i);
+    sum += left * w * value(i);
+    left *= 1.0 - w;
+    if (left == 0.0) return sum;
+  }
+  return sum + left * value(i);
+}
+)";
+inline constexpr const char* kBlendPlaces = R"(
+uniform samplerBuffer places;
+vec3 value(int i) { return texelFetch(places, i).xyz; }
+vec3 blended(int i);
+out vec4 place;
+void main() { place = vec4(blended(gl_VertexID), 1.0); }
+)";
+
+/// Sums over faces, by drawing: each vertex has a pixel, onto which each of its faces' corners puts a point, and points add
+/// up. Here the normal of the face, as long as twice its area.
+inline constexpr const char* kPixel = R"(
+uniform vec2 size;
+vec4 pixel_of(int i) {
+  vec2 pixel = vec2(i % int(size.x), i / int(size.x));
+  return vec4(2.0 * (pixel + 0.5) / size - 1.0, 0.0, 1.0);
+}
+)";
+inline constexpr const char* kFaceNormals = R"(
+uniform isamplerBuffer corners;
+uniform samplerBuffer positions;
+flat out vec3 part;
+vec3 corner(int at) { return texelFetch(positions, texelFetch(corners, at).x).xyz; }
+void main() {
+  int first = gl_VertexID / 3 * 3;
+  vec3 a = corner(first);
+  part = cross(corner(first + 1) - a, corner(first + 2) - a);
+  gl_Position = pixel_of(texelFetch(corners, gl_VertexID).x);
+  gl_PointSize = 1.0;
+}
+)";
+/// What vertices give to those that they come from (LevelMorph::share): to the parent in instance 0, to its parent in 1, ...
+inline constexpr const char* kShare = R"(
+uniform sampler2D sums;
+flat out vec3 part;
+void main() {
+  int i = gl_VertexID;
+  float given = 1.0;
+  for (int step = 0; step <= gl_InstanceID; ++step) {
+    if (i < whole) {
+      given = 0.0;
+      break;
+    }
+    given *= 1.0 - weight_of(i);
+    i = parent_of(i);
+  }
+  part = given * texelFetch(sums, ivec2(gl_VertexID % int(size.x), gl_VertexID / int(size.x)), 0).xyz;
+  gl_Position = given == 0.0 ? vec4(2.0, 2.0, 2.0, 1.0) : pixel_of(i);
+  gl_PointSize = 1.0;
+}
+)";
+inline constexpr const char* kPart = R"(#version 330 core
+flat in vec3 part;
+out vec4 sum;
+void main() { sum = vec4(part, 0.0); })";
+
+/// Unit normals of a value(), or zero where it has none.
+inline constexpr const char* kUnit = R"(
+vec3 unit(vec3 v) {
+  float largest = max(max(abs(v.x), abs(v.y)), abs(v.z));
+  return largest > 0.0 ? normalize(v / largest) : vec3(0.0);
+}
+)";
+inline constexpr const char* kMeshNormals = R"(
+uniform sampler2D sums;
+vec3 value(int i) {
+  int width = textureSize(sums, 0).x;
+  return texelFetch(sums, ivec2(i % width, i / width), 0).xyz;
+}
+vec3 blended(int i);
+out vec3 normal;
+void main() { normal = unit(blended(gl_VertexID)); }
+)";
+/// Of a point cloud's discs: those of the rest pose, turned with their frames (splat_normals() in common/reconstruction).
+inline constexpr const char* kDiscNormals = R"(
+uniform samplerBuffer places;
+uniform isamplerBuffer frames;
+uniform samplerBuffer rest;
+vec3 point(int i) { return texelFetch(places, i).xyz; }
+vec3 value(int i) {
+  ivec2 frame = texelFetch(frames, i).xy;
+  vec3 n = texelFetch(rest, i).xyz, here = point(i);
+  vec3 t = unit(point(frame.x) - here);
+  vec3 m = unit(cross(t, point(frame.y) - here));
+  return m == vec3(0.0) ? n : n.x * t + n.y * cross(m, t) + n.z * m;
+}
+vec3 blended(int i);
+out vec3 normal;
+void main() { normal = unit(blended(gl_VertexID)); }
+)";
+
+}  // namespace eigencast::shaders

@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: MIT
+#include "view/gl_surface.h"
+
+#include <algorithm>
+#include <cmath>
+#include <glm/geometric.hpp>
+#include <glm/matrix.hpp>
+#include <span>
+#include <utility>
+
+#include "common/reconstruction/level_triangles.h"
+
+namespace eigencast {
+namespace {
+
+// Of the arrays, as the shaders number them.
+constexpr GLuint kPosition = 0, kNormal = 1, kPaint = 2, kRadius = 3;
+
+void set_array(GLuint number, GLuint buffer, GLint floats, GLsizei stride) {
+  glBindBuffer(GL_ARRAY_BUFFER, buffer);
+  glVertexAttribPointer(number, floats, GL_FLOAT, GL_FALSE, stride, nullptr);
+  glEnableVertexAttribArray(number);
+}
+
+}  // namespace
+
+void GlTriangles::follow(const SurfaceGeometry& geometry) {
+  if (std::exchange(maker_, geometry.maker) != geometry.maker) count_ = 0, version_ = 0;
+  if (geometry.topology_version == version_) return;
+  const std::uint64_t had = std::exchange(version_, geometry.topology_version);
+  const std::span<const std::uint32_t> indices = geometry.triangles;
+  count_ = static_cast<GLsizei>(indices.size());
+  if (indices.size_bytes() > buffer_.bytes() || geometry.triangle_blocks.empty() || had == 0) {
+    buffer_.reserve(indices.size_bytes() + indices.size_bytes() / 4, GL_DYNAMIC_DRAW);
+    buffer_.write(0, indices);
+    return;
+  }
+  // What has changed since, in runs of blocks.
+  const std::vector<std::uint64_t>& blocks = geometry.triangle_blocks;
+  const auto is_new = [had](std::uint64_t version) { return version > had; };
+  for (auto first = std::find_if(blocks.begin(), blocks.end(), is_new); first != blocks.end();) {
+    const auto last = std::find_if_not(first, blocks.end(), is_new);
+    const auto begin = static_cast<std::size_t>(first - blocks.begin()) * LevelTriangles::kBlock;
+    const auto end = std::min(indices.size(), static_cast<std::size_t>(last - blocks.begin()) * LevelTriangles::kBlock);
+    buffer_.write(begin * sizeof(GLuint), indices.subspan(begin, end - begin));
+    first = std::find_if(last, blocks.end(), is_new);
+  }
+}
+
+GlSurface::GlSurface() {
+  glGenVertexArrays(1, &array_);
+}
+
+GlSurface::~GlSurface() {
+  glDeleteVertexArrays(1, &array_);
+}
+
+void GlSurface::place(const glm::mat4& scene_from_surface) {
+  scene_from_surface_ = scene_from_surface;
+  const glm::mat3 linear(scene_from_surface);
+  // The cofactors: right also where the matrix mirrors, shears or flattens.
+  scene_from_normal_ =
+      glm::mat3(glm::cross(linear[1], linear[2]), glm::cross(linear[2], linear[0]), glm::cross(linear[0], linear[1]));
+  const float determinant = glm::determinant(linear);
+  if (determinant < 0) scene_from_normal_ = -scene_from_normal_;
+  scale_ = std::cbrt(std::abs(determinant));
+}
+
+void GlSurface::upload(const SurfaceGeometry& geometry) {
+  const bool other_maker = std::exchange(maker_, geometry.maker) != geometry.maker;
+  const bool other_card = std::exchange(card_, geometry.card.get()) != geometry.card.get();
+  if (other_maker || other_card) pose_version_ = level_version_ = topology_version_ = 0;
+  is_point_cloud_ = geometry.is_point_cloud;
+  spacing_ = geometry.point_spacing;
+  glBindVertexArray(array_);
+  if (std::exchange(pose_version_, geometry.pose_version) != geometry.pose_version) take_pose(geometry);
+  if (std::exchange(level_version_, geometry.level_version) != geometry.level_version) take_radii(geometry);
+  if (std::exchange(topology_version_, geometry.topology_version) != geometry.topology_version)
+    take_triangles(geometry);
+}
+
+void GlSurface::take_pose(const SurfaceGeometry& geometry) {
+  vertex_count_ = static_cast<GLsizei>(geometry.vertex_count());
+  const CardSurface* card = geometry.card.get();
+  if (card == nullptr) {
+    positions_.replace(std::span<const float>(geometry.positions));
+    normals_.replace(std::span<const float>(geometry.normals));
+  }
+  card != nullptr ? set_array(kPosition, card->drawn().id(), 3, CardSurface::kPlaceBytes)
+                  : set_array(kPosition, positions_.id(), 3, 0);
+  if (card != nullptr ? !card->has_normals : geometry.normals.empty()) {
+    glDisableVertexAttribArray(kNormal);
+    glVertexAttrib3f(kNormal, 0, 0, 0);
+  } else {
+    card != nullptr ? set_array(kNormal, card->normals.id(), 3, CardSurface::kNormalBytes)
+                    : set_array(kNormal, normals_.id(), 3, 0);
+  }
+}
+
+void GlSurface::take_radii(const SurfaceGeometry& geometry) {
+  has_discs_ = !geometry.radii.empty();
+  if (!has_discs_) return glDisableVertexAttribArray(kRadius);
+  radii_.replace(std::span<const float>(geometry.radii));
+  set_array(kRadius, radii_.id(), 1, 0);
+}
+
+void GlSurface::take_triangles(const SurfaceGeometry& geometry) {
+  if (!geometry.card) triangles_.follow(geometry);
+  const GlTriangles& triangles = geometry.card ? geometry.card->triangles : triangles_;
+  index_count_ = triangles.count();
+  glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, triangles.buffer());
+}
+
+void GlSurface::paint(const SurfacePaint& paint) {
+  if (paint.version == paint_version_) return;
+  paint_version_ = paint.version;
+  const bool numbers = paint.kind == SurfacePaint::Kind::kScalar, colours = paint.kind == SurfacePaint::Kind::kColour;
+  paint_ = numbers ? 1 : colours ? 2 : paint.kind == SurfacePaint::Kind::kNormal ? 3 : 0;
+  glBindVertexArray(array_);
+  glDisableVertexAttribArray(kPaint);
+  glVertexAttrib3f(kPaint, 0, 0, 0);
+  if (!numbers && !colours) return;
+  values_.replace(std::span<const float>(paint.values));
+  set_array(kPaint, values_.id(), numbers ? 1 : 3, 0);
+}
+
+void GlSurface::bind(const GlProgram& program) const {
+  program.set("paint", paint_);
+  program.set("scene_from_surface", scene_from_surface_);
+  program.set("scene_from_normal", scene_from_normal_);
+  glBindVertexArray(array_);
+}
+
+}  // namespace eigencast

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <glm/mat3x3.hpp>
+#include <glm/mat4x4.hpp>
+
+#include "view/gl_objects.h"
+#include "view/paint.h"
+#include "view/surface_geometry.h"
+
+namespace eigencast {
+
+/// A surface's triangles on the graphics card, of which only the blocks that have changed are sent.
+class GlTriangles final {
+ public:
+  void follow(const SurfaceGeometry& geometry);
+  GLuint buffer() const { return buffer_.id(); }
+  GLsizei count() const { return count_; }  ///< Indices.
+
+ private:
+  GlBuffer buffer_;
+  GLsizei count_ = 0;
+  std::uint64_t maker_ = 0, version_ = 0;
+};
+
+/// What the graphics card holds of a surface that it rebuilds itself (CardRebuilder): made there, never sent.
+class CardSurface final {
+ public:
+  static constexpr GLsizei kPlaceBytes = 4 * sizeof(float);   ///< x, y, z, 1.
+  static constexpr GLsizei kNormalBytes = 3 * sizeof(float);  ///< Unit length.
+
+  GlBuffer places;     ///< Each vertex at its own place.
+  GlBuffer positions;  ///< Each where it is drawn, if `moving`: then some are on their way between levels.
+  bool moving = false;
+  GlBuffer normals;
+  bool has_normals = false;
+  GlTriangles triangles;
+  const GlBuffer& drawn() const { return moving ? positions : places; }
+};
+
+/// What the graphics card draws of one surface. Needs its context current in every call.
+class GlSurface final {
+ public:
+  GlSurface();
+  ~GlSurface();
+  GlSurface(const GlSurface&) = delete;
+  GlSurface& operator=(const GlSurface&) = delete;
+
+  /// Takes over what has changed.
+  void upload(const SurfaceGeometry& geometry);
+  void paint(const SurfacePaint& paint);
+  void place(const glm::mat4& scene_from_surface);
+
+  bool drawable() const { return visible && vertex_count_ > 0; }
+  bool is_point_cloud() const { return is_point_cloud_; }
+  bool has_discs() const { return has_discs_; }        ///< Points with normals and radii.
+  float scale() const { return scale_; }               ///< Of the surface in the scene.
+  float spacing() const { return spacing_ * scale_; }  ///< Of points, in the scene.
+
+  /// Sets the program's transform and binds the arrays.
+  void bind(const GlProgram& program) const;
+  void draw_triangles() const { glDrawElements(GL_TRIANGLES, index_count_, GL_UNSIGNED_INT, nullptr); }
+  void draw_points() const { glDrawArrays(GL_POINTS, 0, vertex_count_); }
+
+  bool visible = true;
+
+ private:
+  void take_pose(const SurfaceGeometry& geometry);
+  void take_radii(const SurfaceGeometry& geometry);
+  void take_triangles(const SurfaceGeometry& geometry);
+
+  GLuint array_ = 0;
+  GlBuffer positions_, normals_, values_, radii_;
+  GlTriangles triangles_;
+  GLsizei vertex_count_ = 0, index_count_ = 0;
+  const CardSurface* card_ = nullptr;  ///< Whose arrays are bound, to be compared only; null: this one's own.
+  std::uint64_t maker_ = 0, pose_version_ = 0, level_version_ = 0, topology_version_ = 0, paint_version_ = 0;
+  int paint_ = 0;  ///< As kPaint of the shaders has it.
+  bool is_point_cloud_ = false, has_discs_ = false;
+  float spacing_ = 0, scale_ = 1;
+  glm::mat4 scene_from_surface_{1};
+  glm::mat3 scene_from_normal_{1};
+};
+
+}  // namespace eigencast

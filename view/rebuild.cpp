@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: MIT
+#include "view/rebuild.h"
+
+#include <algorithm>
+#include <cassert>
+#include <tuple>
+#include <vector>
+
+namespace eigencast {
+namespace {
+
+/// Vertices that were drawn elsewhere go back to their own places, which the rows of this pose are counted on.
+void stand_at_own_places(SurfaceGeometry& geometry) {
+  if (geometry.own_places.empty()) return;
+  assert(geometry.positions.size() == 3 * std::size_t{geometry.own_first} + geometry.own_places.size() ||
+         geometry.positions.empty());
+  if (!geometry.positions.empty())
+    std::copy(geometry.own_places.begin(), geometry.own_places.end(),
+              geometry.positions.begin() + 3 * std::ptrdiff_t{geometry.own_first});
+  geometry.own_places.clear();
+}
+
+void multiply(std::span<const RebuildJob> jobs) {
+  std::vector<const RebuildJob*> order;
+  for (const RebuildJob& job : jobs) {
+    stand_at_own_places(*job.geometry);
+    job.geometry->positions.resize(3 * std::size_t{job.vertices()});
+    order.push_back(&job);
+  }
+  const auto key = [](const RebuildJob* job) {
+    return std::tuple(job->basis.get(), job->rank, job->vertices(), job->first);
+  };
+  std::sort(order.begin(), order.end(), [&](auto* a, auto* b) { return key(a) < key(b); });
+  std::vector<PoseToRebuild> poses;
+  for (std::size_t i = 0; i < order.size(); ++i) {
+    const RebuildJob& job = *order[i];
+    poses.push_back({job.C, job.channels, job.geometry->positions});
+    if (i + 1 < order.size() && key(order[i + 1]) == key(&job)) continue;
+    job.basis->rebuild(poses, job.rank, job.vertices(), job.first);
+    poses.clear();
+  }
+}
+
+void finish(const RebuildJob& job) {
+  const Asset& asset = *job.asset;
+  SurfaceGeometry& geometry = *job.geometry;
+  std::vector<float>& positions = geometry.positions;
+  geometry.own_first = job.level->whole();
+  geometry.own_places.assign(positions.begin() + 3 * std::ptrdiff_t{geometry.own_first}, positions.end());
+  if (asset.is_point_cloud()) {
+    if (job.level_changed) fill_radii(asset, *job.level, geometry);
+    geometry.normals.resize(3 * geometry.radii.size());
+    if (!geometry.radii.empty()) {
+      splat_normals(asset, positions, geometry.normals);
+      job.level->blend(asset.map, geometry.normals);
+      normalise(geometry.normals);
+    }
+    job.level->blend(asset.map, positions);
+    return;
+  }
+  job.level->blend(asset.map, positions);
+  geometry.normals.resize(positions.size());
+  area_normals(positions, geometry.triangles, geometry.normals);
+  job.level->share(asset.map, geometry.normals);
+  normalise(geometry.normals);
+}
+
+}  // namespace
+
+void fill_radii(const Asset& asset, const LevelMorph& level, SurfaceGeometry& geometry) {
+  const std::uint32_t N = level.drawn();
+  std::vector<float>& radii = geometry.radii;
+  ++geometry.level_version;
+  radii.resize(asset.splats.size() >= N ? N : 0);
+  if (radii.empty()) return;
+  // A disc that comes begins as the one that it splits off, which shrinks as much as the new one is there.
+  splat_radii(asset, level.whole(), radii);
+  for (std::uint32_t i = level.whole(); i < N; ++i) {
+    const float weight = level.weight(i);
+    float& parent = radii[asset.map[i]];
+    radii[i] = parent + weight * (asset.splats.radius[i] - parent);
+    parent += weight * (asset.splats.parent_radius[i] - parent);
+  }
+}
+
+SurfaceRebuilder::Cost CpuRebuilder::rebuild(std::span<const RebuildJob> jobs) {
+  const TimeUs start = steady_now_us();
+  multiply(jobs);
+  const TimeUs multiplied = steady_now_us();
+  for (const RebuildJob& job : jobs) finish(job);
+  return {multiplied - start, steady_now_us() - multiplied};
+}
+
+}  // namespace eigencast
