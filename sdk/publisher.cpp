@@ -3,23 +3,18 @@
 
 #include <algorithm>
 #include <cmath>
-#include <condition_variable>
 #include <cstdio>
 #include <mutex>
 #include <optional>
-#include <thread>
 
-#include "common/codec/chain.h"
 #include "common/net/clock_offset.h"
-#include "common/net/guarded_run.h"
-#include "common/net/http.h"
-#include "common/reconstruction/reconstruct.h"
 #include "common/wire/control.h"
-#include "common/wire/envelope.h"
 #include "common/wire/limits.h"
+#include "sdk/introducer.h"
+#include "sdk/key_writer.h"
+#include "sdk/pose_projection.h"
 #include "sdk/retry_text.h"
 #include "sdk/send_policy.h"
-#include "sdk/uploader.h"
 
 namespace eigencast {
 
@@ -44,6 +39,16 @@ std::string megabytes(std::uint64_t bytes) {
 std::uint32_t velocity_unit(double key_rate_hz) {
   const double us = key_rate_hz > 0 ? 1e6 / key_rate_hz / 4 : 0;
   return static_cast<std::uint32_t>(std::clamp(us, 1000.0, static_cast<double>(limits::kMaxVelocityUs)));
+}
+
+StreamFormat format_of(const PublisherOptions& options, const Asset& asset) {
+  StreamFormat format{asset.rank, 3U + options.scalars, asset.band_ends, std::string(name_of(options.codec))};
+  if (options.velocities) {
+    format.channels += 3;
+    format.velocity_channels = 3;
+    format.velocity_us = velocity_unit(options.key_rate_hz);
+  }
+  return format;
 }
 
 Result<void> check_capture_time(TimeUs capture_us) {
@@ -72,19 +77,14 @@ class Publisher::Impl {
         asset_(std::move(asset)),
         encoded_(std::move(encoded)),
         log_(std::move(log)),
-        layout_{options_.codec, asset_->rank, 3U + options_.scalars + (options_.velocities ? 3U : 0U),
-                asset_->band_ends},
-        format_{layout_.rows,
-                layout_.channels,
-                layout_.band_ends,
-                std::string(name_of(layout_.codec)),
-                options_.velocities ? 3U : 0U,
-                options_.velocities ? velocity_unit(options_.key_rate_hz) : StreamFormat{}.velocity_us} {
-    const double error = options_.error > 0 ? options_.error : kDefaultErrorOverDiagonal * asset_->diagonal();
-    if (options_.codec == CodecKind::kQuantised) quantiser_ = quantiser_for_error(error, asset_->area, asset_->rank);
-    if (options_.still_heartbeat_us > 0) still_.emplace(kStillOverError * error, options_.still_heartbeat_us);
-    if (options_.bitrate > 0)
-      rate_.emplace(options_.bitrate, quantiser_.half_spacing, static_cast<std::uint8_t>(asset_->band_ends.size()));
+        format_(format_of(options_, *asset_)),
+        quantiser_(options_.codec == CodecKind::kQuantised
+                       ? quantiser_for_error(error_bound(), asset_->area, asset_->rank)
+                       : Quantiser{}),
+        projection_(asset_, options_.velocities, options_.scalars),
+        writer_({options_.codec, format_.rows, format_.channels, format_.band_ends}, quantiser_.half_spacing,
+                rate_control()) {
+    if (options_.still_heartbeat_us > 0) still_.emplace(kStillOverError * error_bound(), options_.still_heartbeat_us);
     stats_.detail = "connecting to " + url_.origin();
   }
 
@@ -94,8 +94,9 @@ class Publisher::Impl {
         url_(std::move(url)),
         encoded_(std::move(encoded)),
         log_(std::move(log)),
-        layout_{codec, format.rows, format.channels, format.band_ends},
-        format_(std::move(format)) {
+        format_(std::move(format)),
+        projection_(nullptr, false, 0),
+        writer_({codec, format_.rows, format_.channels, format_.band_ends}, quantiser_.half_spacing, std::nullopt) {
     stats_.detail = "connecting to " + url_.origin();
   }
 
@@ -109,36 +110,18 @@ class Publisher::Impl {
     events.on_open = [this] { on_open(); };
     events.on_text = [this](std::string_view text) { on_text(text); };
     events.on_down = [this](const Error& why, milliseconds wait) { on_down(why, wait); };
-    introducer_ = std::thread([this] {
-      guarded_run([this] { introduce(); }, [this](const std::string& what) { introduction_failed(what); });
-    });
-    {
-      const std::lock_guard lock(mutex_);
-      socket_ = std::make_unique<WebSocket>(std::move(socket), std::move(events), log_);
-    }
-    changed_.notify_all();
+    Introducer::Events introduction;
+    introduction.on_progress = [this](std::uint64_t sent, std::uint64_t total) { on_progress(sent, total); };
+    introduction.on_done = [this](const Result<void>& done) { return on_introduced(done); };
+    introduction.on_exception = [this](const std::string& what) { introduction_failed(what); };
+    const std::lock_guard lock(mutex_);
+    introducer_ = std::make_unique<Introducer>(url_, encoded_, std::move(introduction));
+    socket_ = std::make_unique<WebSocket>(std::move(socket), std::move(events), log_);
   }
 
   ~Impl() {
-    {
-      const std::lock_guard lock(mutex_);
-      stopping_ = true;
-      if (http_) http_->cancel();
-    }
-    changed_.notify_all();
-    if (introducer_.joinable()) introducer_.join();
+    if (introducer_) introducer_->stop();
     if (socket_) socket_->stop();
-  }
-
-  Projector* projector() { return projector_ ? &*projector_ : nullptr; }
-  const Asset& asset() const { return *asset_; }
-
-  Result<void> make_projector() {
-    if (projector_) return {};
-    auto made = Projector::create(*asset_);
-    if (!made) return made.error();
-    projector_ = std::move(*made);
-    return {};
   }
 
   /// When the work on a pose began, and when its coefficients were there; 0: they were given.
@@ -147,26 +130,7 @@ class Publisher::Impl {
     TimeUs transformed_us = 0;
   };
 
-  bool wants_velocities() const { return options_.velocities; }
-
-  std::uint32_t scalars() const { return options_.scalars; }
-
-  /// n x s values of vertices as r x s coefficients, three columns a pass.
-  Result<std::vector<double>> coefficients_from_scalars(std::span<const float> values) {
-    const std::size_t n = asset_->vertex_count, s = options_.scalars, r = asset_->rank;
-    std::vector<double> S(r * s);
-    std::vector<float> columns(3 * n);
-    for (std::size_t first = 0; first < s; first += 3) {
-      const std::size_t count = std::min<std::size_t>(3, s - first);
-      for (std::size_t i = 0; i < n; ++i) {
-        for (std::size_t k = 0; k < 3; ++k) columns[3 * i + k] = k < count ? values[i * s + first + k] : 0;
-      }
-      auto C = projector_->coefficients_from_vectors(columns);
-      if (!C) return C.error();
-      for (std::size_t row = 0; row < r; ++row) std::copy_n(&(*C)[3 * row], count, &S[row * s + first]);
-    }
-    return S;
-  }
+  PoseProjection& projection() { return projection_; }
 
   /// V: empty, or velocities per second; S: r x scalars.
   SendStatus send(std::span<const double> C, std::span<const double> V, std::span<const double> S, TimeUs capture_us,
@@ -175,39 +139,27 @@ class Publisher::Impl {
     if (V.empty() == options_.velocities)
       return unusable(fail(ErrorCode::kInvalidArgument, V.empty() ? "a pose without velocities, which were announced"
                                                                   : "velocities that were not announced"));
-    if (S.size() != std::size_t{layout_.rows} * options_.scalars)
+    if (S.size() != std::size_t{format_.rows} * options_.scalars)
       return unusable(
           fail(ErrorCode::kInvalidArgument, "a pose without the scalars that were announced, or with more"));
     std::vector<double> all;
-    if (layout_.channels > 3) C = all = beside_each_other(C, V, S);
+    if (format_.channels > 3) C = all = beside_each_other(C, V, S);
     if (const auto early = hindrance(capture_us)) return *early;
-    auto key = key_from_coefficients(layout_, C, quantiser_.step);
+    auto key = key_from_coefficients(writer_.layout(), C, quantiser_.step);
     if (!key) return unusable(key.error());
-    if (!chain_ || !still_) return send_key(std::move(*key), capture_us, work);
+    if (!writer_.held() || !still_) return send_key(std::move(*key), capture_us, work);
     return send_unless_still(std::move(*key), C, capture_us, work);
   }
 
   SendStatus send_recorded(Key key, ByteView payload, TimeUs capture_us, Work work) {
     const std::lock_guard lock(mutex_);
     if (const auto early = hindrance(capture_us)) return *early;
-    if (chain_ && !payload.empty()) {
-      if (const auto here = decode_key(layout_, key.bands, *chain_, payload); here && *here == key) {
-        return send_coded({Bytes(payload.begin(), payload.end()), std::move(key)}, capture_us, work);
-      }
-    }
-    return send_key(std::move(key), capture_us, work);
+    return send_coded(writer_.code_as(std::move(key), payload, capture_us), work);
   }
 
   std::vector<double> as_received() const {
     const std::lock_guard lock(mutex_);
-    if (!chain_) return {};
-    std::vector<double> C = coefficients_from_key(layout_, chain_->newer);
-    if (layout_.channels == 3) return C;
-    for (std::size_t row = 0; row < layout_.rows; ++row)
-      std::copy_n(C.begin() + static_cast<std::ptrdiff_t>(row * layout_.channels), 3,
-                  C.begin() + static_cast<std::ptrdiff_t>(row * 3));
-    C.resize(std::size_t{layout_.rows} * 3);
-    return C;
+    return writer_.positions_held();
   }
 
   Stats stats() const {
@@ -218,11 +170,20 @@ class Publisher::Impl {
  private:
   enum class Phase { kDown, kIntroduce, kAnnounced, kLive };
 
+  double error_bound() const {
+    return options_.error > 0 ? options_.error : kDefaultErrorOverDiagonal * asset_->diagonal();
+  }
+
+  std::optional<RateControl> rate_control() const {
+    if (options_.bitrate <= 0) return std::nullopt;
+    return RateControl(options_.bitrate, quantiser_.half_spacing, static_cast<std::uint8_t>(format_.band_ends.size()));
+  }
+
   /// Rows of x, y, z, scalars, and velocities in units of format_.velocity_us. Empty, which is refused later, where the
   /// sizes do not fit.
   std::vector<double> beside_each_other(std::span<const double> C, std::span<const double> V,
                                         std::span<const double> S) const {
-    const std::size_t r = layout_.rows, c = layout_.channels, s = options_.scalars;
+    const std::size_t r = format_.rows, c = format_.channels, s = options_.scalars;
     if (C.size() != 3 * r || (!V.empty() && V.size() != C.size())) return {};
     std::vector<double> all(r * c);
     const double unit_s = format_.velocity_us * 1e-6;
@@ -239,18 +200,18 @@ class Publisher::Impl {
   /// sent, and there is a gate.
   SendStatus send_unless_still(Key key, std::span<const double> C, TimeUs capture_us, const Work& work) {
     const StillGate before = *still_;
-    const double distance = surface_distance(C, coefficients_from_key(layout_, chain_->newer), asset_->area);
+    const double distance = surface_distance(C, coefficients_from_key(writer_.layout(), *writer_.held()), asset_->area);
     switch (still_->next(distance, capture_us)) {
       case StillGate::Action::kSkip:
         ++stats_.frames_held;
         return SendStatus::kSent;
       case StillGate::Action::kHold: {
-        const SendStatus held = send_key(chain_->newer, capture_us, work);
+        const SendStatus held = send_key(*writer_.held(), capture_us, work);
         if (held != SendStatus::kSent) still_ = before;
         return held;
       }
       case StillGate::Action::kResume:
-        if (const auto held = send_key(chain_->newer, still_->held_until_us(), work); held != SendStatus::kSent) {
+        if (const auto held = send_key(*writer_.held(), still_->held_until_us(), work); held != SendStatus::kSent) {
           still_ = before;
           return held;
         }
@@ -264,12 +225,7 @@ class Publisher::Impl {
   /// Codes and sends the next key of the chain, with the spacing and the bands that the bit rate allows. REQUIRES: mutex_ is
   /// held, nothing hinders.
   SendStatus send_key(Key key, TimeUs capture_us, Work work) {
-    const RateControl::Choice choice = rate_ ? rate_->choice() : RateControl::Choice{quantiser_.half_spacing, 8};
-    if (choice.bands < layout_.band_ends.size()) key = lowest_bands(layout_, std::move(key), choice.bands);
-    // A key is predicted from the two before it; the first one goes out as the state that holds it twice.
-    auto coded = chain_ ? encode_key(layout_, *chain_, key, choice.half_spacing) : as_first(std::move(key));
-    if (!coded) return unusable(coded.error());
-    return send_coded(std::move(*coded), capture_us, work);
+    return send_coded(writer_.code(std::move(key), capture_us), work);
   }
 
   /// Why a pose of this time cannot be sent now, counted. REQUIRES: mutex_ is held.
@@ -277,45 +233,23 @@ class Publisher::Impl {
     if (stats_.state != State::kLive) return dropped(SendStatus::kDisconnected);
     if (socket_->unsent_bytes() > options_.max_unsent_bytes) return dropped(SendStatus::kDropped);
     if (auto usable = check_capture_time(capture_us); !usable) return unusable(usable.error());
-    if (chain_ && capture_us <= last_capture_us_) return dropped(SendStatus::kDropped);
+    if (!writer_.may_follow(capture_us)) return dropped(SendStatus::kDropped);
     return std::nullopt;
   }
 
   /// REQUIRES: mutex_ is held, the stream is live, nothing hinders.
-  SendStatus send_coded(CodedKey coded, TimeUs capture_us, Work work) {
-    Envelope envelope;
-    envelope.bands = coded.key.bands;
-    envelope.stream_id = stream_id_;
-    envelope.epoch = epoch_;
-    envelope.sequence = sequence_ + 1;
-    envelope.capture_us = capture_us;
-    envelope.kind = chain_ ? FrameKind::kKey : FrameKind::kJoin;
-    const TimeUs age = chain_ ? capture_us - last_capture_us_ : 0;
-    ChainState next = advanced(chain_, std::move(coded.key), age);
-    Bytes message;
-    message.reserve(Envelope::kBytes + coded.payload.size());
-    append_envelope(envelope, message);
-    message.insert(message.end(), coded.payload.begin(), coded.payload.end());
-    const std::size_t bytes = message.size();
+  SendStatus send_coded(Result<KeyWriter::Coded> coded, const Work& work) {
+    if (!coded) return unusable(coded.error());
+    const std::size_t bytes = coded->message.size();
     // Before it is handed over: the broker may have it before the call returns.
     const TimeUs sent_us = steady_now_us();
-    const SendStatus status = socket_->send_binary(std::move(message));
+    const SendStatus status = socket_->send_binary(std::move(coded->message));
     if (status != SendStatus::kSent) return dropped(status);
-    chain_ = std::move(next);
-    last_capture_us_ = capture_us;
-    ++sequence_;
+    writer_.sent(*std::move(coded), bytes);
     ++stats_.frames_sent;
     stats_.payload_bytes += bytes;
-    if (rate_) rate_->add(bytes, capture_us);
     if (trace_every_ != 0) trace(work, sent_us);
     return status;
-  }
-
-  /// The key as a join that holds it twice.
-  Result<CodedKey> as_first(Key key) const {
-    auto payload = encode_join(layout_, advanced(std::nullopt, key, 0));
-    if (!payload) return payload.error();
-    return CodedKey{std::move(*payload), std::move(key)};
   }
 
   SendStatus dropped(SendStatus status) {
@@ -333,11 +267,11 @@ class Publisher::Impl {
   /// REQUIRES: mutex_ is held.
   void trace(const Work& work, TimeUs sent_us) {
     const TimeUs now = steady_now_us();
-    if (sequence_ % trace_every_ == 0) {
+    if (writer_.sequence() % trace_every_ == 0) {
       control::Trace m;
-      m.stream_id = stream_id_;
-      m.epoch = epoch_;
-      m.sequence = sequence_;
+      m.stream_id = writer_.stream_id();
+      m.epoch = writer_.epoch();
+      m.sequence = writer_.sequence();
       m.stages.emplace_back(control::stage::kBegun, work.begun_us);
       if (work.transformed_us != 0) m.stages.emplace_back(control::stage::kTransformed, work.transformed_us);
       m.stages.emplace_back(control::stage::kSent, sent_us);
@@ -365,20 +299,19 @@ class Publisher::Impl {
     phase_ = Phase::kIntroduce;
     stats_.state = State::kUploading;
     stats_.detail = "connected to " + url_.origin();
-    changed_.notify_all();
+    introducer_->begin(milliseconds(0));
   }
 
   void on_down(const Error& why, milliseconds wait) {
     {
       const std::lock_guard lock(mutex_);
       phase_ = Phase::kDown;
-      chain_.reset();
+      writer_.restart();
       stats_.subscribers = 0;
       stats_.gave_up = wait.count() == 0;
       stats_.state = why.code == ErrorCode::kRefused || wait.count() == 0 ? State::kRefused : State::kConnecting;
       stats_.detail = why.message + try_again_in(wait);
-      if (http_) http_->cancel();
-      changed_.notify_all();
+      introducer_->cancel();
     }
     log(log_, LogLevel::kWarning, why.message + try_again_in(wait));
   }
@@ -401,10 +334,7 @@ class Publisher::Impl {
       const std::lock_guard lock(mutex_);
       if (phase_ != Phase::kAnnounced) return;
       phase_ = Phase::kLive;
-      stream_id_ = m.stream_id;
-      epoch_ = m.epoch;
-      sequence_ = 0;
-      chain_.reset();
+      writer_.begin(m.stream_id, m.epoch);
       if (still_) still_->restart();
       stats_.state = State::kLive;
       stats_.detail = "live at " + url_.origin() + "/" + url_.stream;
@@ -438,11 +368,10 @@ class Publisher::Impl {
       const std::lock_guard lock(mutex_);
       stats_.detail = text;
       if (phase_ == Phase::kAnnounced || phase_ == Phase::kLive) {
-        chain_.reset();
+        writer_.restart();
         phase_ = Phase::kIntroduce;
         stats_.state = lacks_asset ? State::kUploading : State::kRefused;
-        introduce_after_ = std::chrono::steady_clock::now() + (lacks_asset ? kUploadRetry : kRefusedRetry);
-        changed_.notify_all();
+        introducer_->begin(lacks_asset ? kUploadRetry : kRefusedRetry);
       }
     }
     log(log_, LogLevel::kError, text);
@@ -463,42 +392,27 @@ class Publisher::Impl {
     return socket_->send_text(std::move(text));
   }
 
-  // On the introducer's thread: uploads and announces whenever a connection is new.
+  // On the introducer's thread, whenever a connection is new.
 
-  void introduce() {
-    std::unique_lock lock(mutex_);
-    while (true) {
-      changed_.wait(lock, [&] { return stopping_ || (socket_ && phase_ == Phase::kIntroduce); });
-      if (introduce_after_) {
-        const auto until = *introduce_after_;
-        changed_.wait_until(lock, until, [&] { return stopping_ || phase_ != Phase::kIntroduce; });
-        introduce_after_.reset();
-      }
-      if (stopping_) return;
-      if (phase_ != Phase::kIntroduce) continue;
-      http_ = std::make_shared<HttpConnection>(url_);
-      const auto http = http_;
-      lock.unlock();
-      const auto done = Uploader(*http, *encoded_).upload([this](std::uint64_t sent, std::uint64_t total) {
-        const std::lock_guard progress_lock(mutex_);
-        stats_.detail = "uploading " + megabytes(sent) + " of " + megabytes(total) + " MB";
-      });
-      lock.lock();
-      http_.reset();
-      if (stopping_) return;
-      if (phase_ != Phase::kIntroduce || (!done && done.error().code == ErrorCode::kCancelled)) continue;
-      done ? announce() : upload_failed(done.error());
-    }
+  void on_progress(std::uint64_t sent, std::uint64_t total) {
+    const std::lock_guard lock(mutex_);
+    stats_.detail = "uploading " + megabytes(sent) + " of " + megabytes(total) + " MB";
   }
 
-  /// An exception ended introduce(): it is to start anew after a while.
+  std::optional<milliseconds> on_introduced(const Result<void>& done) {
+    const std::lock_guard lock(mutex_);
+    if (phase_ != Phase::kIntroduce) return std::nullopt;
+    if (!done) return upload_failed(done.error());
+    announce();
+    return std::nullopt;
+  }
+
   void introduction_failed(const std::string& what) {
     {
       const std::lock_guard lock(mutex_);
-      http_.reset();
       if (phase_ == Phase::kAnnounced) phase_ = Phase::kIntroduce;
       stats_.detail = what + try_again_in(kUploadRetry);
-      introduce_after_ = std::chrono::steady_clock::now() + kUploadRetry;
+      if (phase_ == Phase::kIntroduce) introducer_->begin(kUploadRetry);
     }
     log(log_, LogLevel::kError, what);
   }
@@ -516,14 +430,14 @@ class Publisher::Impl {
     (void)socket_->send_text(text_from_control(m));
   }
 
-  /// REQUIRES: mutex_ is held.
-  void upload_failed(const Error& why) {
+  /// After how long it is tried again. REQUIRES: mutex_ is held.
+  milliseconds upload_failed(const Error& why) {
     const bool refused = why.code == ErrorCode::kRefused;
     const milliseconds wait = refused ? kRefusedRetry : kUploadRetry;
     stats_.state = refused ? State::kRefused : State::kUploading;
     stats_.detail = why.message + try_again_in(wait);
-    introduce_after_ = std::chrono::steady_clock::now() + wait;
     log(log_, LogLevel::kWarning, stats_.detail);
+    return wait;
   }
 
   const PublisherOptions options_;
@@ -531,34 +445,23 @@ class Publisher::Impl {
   const std::shared_ptr<const Asset> asset_;
   const std::shared_ptr<const EncodedAsset> encoded_;
   const LogSink log_;
-  const CoefficientLayout layout_;
   const StreamFormat format_;
-  Quantiser quantiser_;
-  std::optional<Projector> projector_;  ///< Of the caller's thread alone.
+  const Quantiser quantiser_;
+  PoseProjection projection_;  ///< Of the caller's thread alone.
 
   mutable std::mutex mutex_;
-  std::condition_variable changed_;
   // GUARDED_BY(mutex_), all that follows.
-  std::unique_ptr<WebSocket> socket_;  ///< Set once by start().
-  std::shared_ptr<HttpConnection> http_;
+  std::unique_ptr<WebSocket> socket_;       ///< Set once by start().
+  std::unique_ptr<Introducer> introducer_;  ///< Likewise.
   Phase phase_ = Phase::kDown;
-  std::optional<std::chrono::steady_clock::time_point> introduce_after_;
-  bool stopping_ = false;
   bool ever_open_ = false;
-  std::uint32_t stream_id_ = 0;
-  std::uint32_t epoch_ = 0;
-  std::uint64_t sequence_ = 0;  ///< Of the last key sent in this epoch.
-  TimeUs last_capture_us_ = 0;
-  std::optional<RateControl> rate_;  ///< Where a bit rate was asked for.
-  std::optional<StillGate> still_;   ///< Where still surfaces are not to be sent again and again.
-  std::optional<ChainState> chain_;  ///< Nothing until the first frame of a connection.
+  KeyWriter writer_;
+  std::optional<StillGate> still_;  ///< Where still surfaces are not to be sent again and again.
   Stats stats_;
   std::uint32_t trace_every_ = 0;  ///< Keys of which the broker wants traces; 0: none.
   ClockOffset clock_;              ///< The broker's; learnt while there are traces.
   TimeUs last_ping_us_ = 0;
   std::uint64_t ping_id_ = 0;
-
-  std::thread introducer_;
 };
 
 Publisher::Publisher(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
@@ -632,33 +535,10 @@ Result<SendStatus> Publisher::send_positions(std::span<const float> positions, s
 
 Result<SendStatus> Publisher::send_pose(const VertexPose& pose, TimeUs capture_us) {
   if (auto usable = check_capture_time(capture_us); !usable) return usable.error();
-  if (pose.velocities.empty() == impl_->wants_velocities()) {
-    return fail(ErrorCode::kInvalidArgument,
-                pose.velocities.empty()
-                    ? "this publisher was made for velocities: give those of the vertices as well"
-                    : "this publisher was not made for velocities: set PublisherOptions::velocities");
-  }
-  if (pose.scalars.size() != std::size_t{impl_->asset().vertex_count} * impl_->scalars()) {
-    return fail(ErrorCode::kInvalidArgument, "this publisher was made for " + std::to_string(impl_->scalars()) +
-                                                 " scalars of each vertex; " + std::to_string(pose.scalars.size()) +
-                                                 " values are given in all");
-  }
   const TimeUs begun_us = steady_now_us();
-  if (auto made = impl_->make_projector(); !made) return made.error();
-  auto C = impl_->projector()->coefficients_from_positions(pose.positions);
-  if (!C) return C.error();
-  std::vector<double> V, S;
-  if (!pose.velocities.empty()) {
-    auto projected = impl_->projector()->coefficients_from_vectors(pose.velocities);
-    if (!projected) return in_context("velocities", projected.error());
-    V = std::move(*projected);
-  }
-  if (!pose.scalars.empty()) {
-    auto projected = impl_->coefficients_from_scalars(pose.scalars);
-    if (!projected) return in_context("scalars", projected.error());
-    S = std::move(*projected);
-  }
-  return impl_->send(*C, V, S, capture_us, {begun_us, steady_now_us()});
+  const auto made = impl_->projection().project(pose);
+  if (!made) return made.error();
+  return impl_->send(made->C, made->V, made->S, capture_us, {begun_us, steady_now_us()});
 }
 
 std::vector<double> Publisher::as_received() const {

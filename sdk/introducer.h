@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <thread>
+
+#include "common/asset/format.h"
+#include "common/core/result.h"
+#include "common/net/http.h"
+#include "common/net/url.h"
+
+namespace eigencast {
+
+/// Brings a publisher's asset to the broker whenever it is told to begin, on a thread of its own. Its events are called on
+/// that thread, with no lock of its own held. Thread-safe.
+class Introducer {
+ public:
+  struct Events {
+    std::function<void(std::uint64_t sent, std::uint64_t total)> on_progress;
+    /// The asset is there, or why not; not called where begin() or cancel() came meanwhile. Says after how long to try
+    /// again; nothing: not before begin().
+    std::function<std::optional<std::chrono::milliseconds>(const Result<void>& done)> on_done;
+    /// Memory ran out, or one of the above threw: nothing happens before begin().
+    std::function<void(const std::string& what)> on_exception;
+  };
+
+  Introducer(BrokerUrl url, std::shared_ptr<const EncodedAsset> encoded, Events events);
+  ~Introducer() { stop(); }
+  Introducer(const Introducer&) = delete;
+  Introducer& operator=(const Introducer&) = delete;
+
+  /// Uploads what the broker lacks, after a while.
+  void begin(std::chrono::milliseconds after);
+  /// The broker is gone: what is under way ends.
+  void cancel();
+  /// Ends the thread; nothing happens any more.
+  void stop();
+
+ private:
+  void run();
+
+  const BrokerUrl url_;
+  const std::shared_ptr<const EncodedAsset> encoded_;
+  const Events events_;
+
+  std::mutex mutex_;
+  std::condition_variable changed_;
+  // GUARDED_BY(mutex_), all that follows.
+  std::optional<std::chrono::steady_clock::time_point> due_;  ///< When to upload next.
+  std::uint64_t orders_ = 0;                                  ///< Calls of begin() and cancel().
+  std::shared_ptr<HttpConnection> http_;                      ///< While uploading.
+  bool stopping_ = false;
+
+  std::thread thread_;
+};
+
+}  // namespace eigencast

@@ -1,0 +1,77 @@
+// SPDX-License-Identifier: MIT
+#include "sdk/key_writer.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "common/wire/envelope.h"
+
+namespace eigencast {
+
+KeyWriter::KeyWriter(CoefficientLayout layout, std::uint8_t half_spacing, std::optional<RateControl> rate)
+    : layout_(std::move(layout)), half_spacing_(half_spacing), rate_(std::move(rate)) {}
+
+void KeyWriter::begin(std::uint32_t stream_id, std::uint32_t epoch) {
+  restart();
+  stream_id_ = stream_id;
+  epoch_ = epoch;
+  sequence_ = 0;
+}
+
+Result<KeyWriter::Coded> KeyWriter::code(Key key, TimeUs capture_us) const {
+  const std::size_t all = layout_.band_ends.size();
+  const auto choice = rate_ ? rate_->choice() : RateControl::Choice{half_spacing_, static_cast<std::uint8_t>(all)};
+  if (choice.bands < all) key = lowest_bands(layout_, std::move(key), choice.bands);
+  if (chain_) {
+    auto coded = encode_key(layout_, *chain_, key, choice.half_spacing);
+    if (!coded) return coded.error();
+    return framed(*std::move(coded), capture_us);
+  }
+  // A key is predicted from the two before it; the first one goes out as the state that holds it twice.
+  auto payload = encode_join(layout_, advanced(std::nullopt, key, 0));
+  if (!payload) return payload.error();
+  return framed({*std::move(payload), std::move(key)}, capture_us);
+}
+
+Result<KeyWriter::Coded> KeyWriter::code_as(Key key, ByteView payload, TimeUs capture_us) const {
+  if (chain_ && !payload.empty()) {
+    if (const auto here = decode_key(layout_, key.bands, *chain_, payload); here && *here == key)
+      return framed({Bytes(payload.begin(), payload.end()), std::move(key)}, capture_us);
+  }
+  return code(std::move(key), capture_us);
+}
+
+KeyWriter::Coded KeyWriter::framed(CodedKey coded, TimeUs capture_us) const {
+  Envelope envelope;
+  envelope.bands = coded.key.bands;
+  envelope.stream_id = stream_id_;
+  envelope.epoch = epoch_;
+  envelope.sequence = sequence_ + 1;
+  envelope.capture_us = capture_us;
+  envelope.kind = chain_ ? FrameKind::kKey : FrameKind::kJoin;
+  Coded out{{}, advanced(chain_, std::move(coded.key), chain_ ? capture_us - last_capture_us_ : 0), capture_us};
+  out.message.reserve(Envelope::kBytes + coded.payload.size());
+  append_envelope(envelope, out.message);
+  out.message.insert(out.message.end(), coded.payload.begin(), coded.payload.end());
+  return out;
+}
+
+void KeyWriter::sent(Coded coded, std::size_t bytes) {
+  chain_ = std::move(coded.next);
+  last_capture_us_ = coded.capture_us;
+  ++sequence_;
+  if (rate_) rate_->add(bytes, coded.capture_us);
+}
+
+std::vector<double> KeyWriter::positions_held() const {
+  if (!chain_) return {};
+  std::vector<double> C = coefficients_from_key(layout_, chain_->newer);
+  if (layout_.channels == 3) return C;
+  for (std::size_t row = 0; row < layout_.rows; ++row)
+    std::copy_n(C.begin() + static_cast<std::ptrdiff_t>(row * layout_.channels), 3,
+                C.begin() + static_cast<std::ptrdiff_t>(row * 3));
+  C.resize(std::size_t{layout_.rows} * 3);
+  return C;
+}
+
+}  // namespace eigencast

@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "common/codec/chain.h"
+#include "common/core/bytes.h"
+#include "common/core/clock.h"
+#include "sdk/send_policy.h"
+
+namespace eigencast {
+
+/// A sender's end of one stream's key chain: keys in, messages out (docs/protocol.md); FrameDecoder is the other end.
+/// What did not leave changes nothing. Pure: no thread, no clock, no socket. Not thread-safe.
+class KeyWriter {
+ public:
+  /// A key as the next message, and where the chain stands once it has left.
+  struct Coded {
+    Bytes message;
+    ChainState next;
+    TimeUs capture_us = 0;
+  };
+
+  /// half_spacing  of coded levels (see encode_key) while nothing else is said by `rate`, where a bit rate is kept
+  KeyWriter(CoefficientLayout layout, std::uint8_t half_spacing, std::optional<RateControl> rate);
+
+  /// The next message is the first of a stream that the broker knows by these.
+  void begin(std::uint32_t stream_id, std::uint32_t epoch);
+  /// The chain is broken: the next message is a join.
+  void restart() { chain_.reset(); }
+
+  /// The key as the next one. Errors: those of the codec.
+  Result<Coded> code(Key key, TimeUs capture_us) const;
+  /// The same, with the payload that it had in another chain where that gives the same key in this one: exactly.
+  Result<Coded> code_as(Key key, ByteView payload, TimeUs capture_us) const;
+  /// It left, as so many bytes.
+  void sent(Coded coded, std::size_t bytes);
+
+  /// The last key that left, as receivers have it; null before the first of a chain.
+  const Key* held() const { return chain_ ? &chain_->newer : nullptr; }
+  /// Whether a pose of this time may follow.
+  bool may_follow(TimeUs capture_us) const { return !chain_ || capture_us > last_capture_us_; }
+  const CoefficientLayout& layout() const { return layout_; }
+  std::uint32_t stream_id() const { return stream_id_; }
+  std::uint32_t epoch() const { return epoch_; }
+  std::uint64_t sequence() const { return sequence_; }  ///< Of the last key that left in this epoch.
+  /// r x 3 of held(); empty where there is none.
+  std::vector<double> positions_held() const;
+
+ private:
+  Coded framed(CodedKey coded, TimeUs capture_us) const;
+
+  const CoefficientLayout layout_;
+  const std::uint8_t half_spacing_;
+  std::optional<RateControl> rate_;
+  std::optional<ChainState> chain_;  ///< Nothing until the first message of a chain.
+  std::uint32_t stream_id_ = 0;
+  std::uint32_t epoch_ = 0;
+  std::uint64_t sequence_ = 0;
+  TimeUs last_capture_us_ = 0;
+};
+
+}  // namespace eigencast

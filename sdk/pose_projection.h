@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "common/asset/asset.h"
+#include "common/core/result.h"
+#include "common/reconstruction/reconstruct.h"
+#include "sdk/publisher.h"
+
+namespace eigencast {
+
+/// From what a pose says of each vertex to coefficients. Not thread-safe.
+class PoseProjection {
+ public:
+  struct Coefficients {
+    std::vector<double> C;  ///< r x 3, row-major.
+    std::vector<double> V;  ///< r x 3, per second; empty without velocities.
+    std::vector<double> S;  ///< r x scalars; empty without.
+  };
+
+  /// velocities, scalars  what poses come with: PublisherOptions
+  PoseProjection(std::shared_ptr<const Asset> asset, bool velocities, std::uint32_t scalars)
+      : asset_(std::move(asset)), velocities_(velocities), scalars_(scalars) {}
+
+  /// Errors: kInvalidArgument (values missing, too many or not finite), and those of the Projector, which is made for the
+  /// first pose.
+  Result<Coefficients> project(const VertexPose& pose);
+
+ private:
+  /// n x s values of vertices as r x s coefficients, three columns a pass.
+  Result<std::vector<double>> project_scalars(std::span<const float> values) const;
+
+  std::shared_ptr<const Asset> asset_;
+  bool velocities_;
+  std::uint32_t scalars_;
+  std::optional<Projector> projector_;
+};
+
+}  // namespace eigencast
