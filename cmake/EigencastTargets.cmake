@@ -71,10 +71,9 @@ function(eigencast_documents PROGRAM)
   add_custom_target(${PROGRAM}-documents ALL DEPENDS "${MAN}" "${BASH}" "${ZSH}" "${FISH}")
 endfunction()
 
-# eigencast_test(NAME SOURCES ... LINKS ... [LABELS ...] [TIMEOUT s] [SERIAL]) makes a GoogleTest binary whose cases ctest sees one
-# by one; SERIAL ones have the machine for themselves.
+# eigencast_test(NAME SOURCES ... LINKS ... [LABELS ...] [TIMEOUT s]) makes a GoogleTest binary whose cases ctest sees one by one.
 function(eigencast_test NAME)
-  cmake_parse_arguments(ARG "SERIAL" "TIMEOUT" "SOURCES;LINKS;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "" "TIMEOUT" "SOURCES;LINKS;LABELS" ${ARGN})
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 120)
   endif()
@@ -86,7 +85,7 @@ function(eigencast_test NAME)
     EIGENCAST_BIN_DIR="${PROJECT_BINARY_DIR}/bin")
   include(GoogleTest)
   gtest_discover_tests(${NAME} DISCOVERY_TIMEOUT 60
-    PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}" RUN_SERIAL ${ARG_SERIAL})
+    PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
 endfunction()
 
 # eigencast_kernel_variants(TARGET NAME) adds NAME_avx2.cpp and NAME_avx512.cpp, compiled for those processors, where they mean
