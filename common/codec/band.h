@@ -15,8 +15,9 @@ namespace eigencast::band {
 
 /// The values of the two latest keys in a band, at the step of the frame.
 struct References {
-  std::vector<std::int32_t> c1;  ///< The latest key; empty where it lacks the band.
-  std::vector<std::int32_t> c2;  ///< The one before it; empty where it lacks the band, which then counts as at rest.
+  std::span<const std::int32_t> c1;  ///< The latest key; empty where it lacks the band.
+  std::span<const std::int32_t>
+      c2;  ///< The one before it; empty where it lacks the band, which then counts as at rest.
 };
 
 /// What a coarse run may cost and lose.

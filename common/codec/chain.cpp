@@ -42,31 +42,41 @@ bool fits(const CoefficientLayout& layout, const Key& key) {
   return (key.bands & ~layout.all_bands()) == 0 && size == layout.size() && (!is_float(layout) || key.step == 0);
 }
 
-/// The band's values of a key of the state at `step`; empty where the key lacks the band or rescaling leaves the range.
-std::vector<std::int32_t> reference(const CoefficientLayout& layout, const Key& key, std::size_t band,
-                                    std::uint8_t step) {
+bool all_in_range(std::span<const std::int32_t> values) {
+  bool all = true;  // Without leaving early, so that the compiler takes several at a time.
+  for (const std::int32_t q : values) all &= (q >= -fixed::kMaxValue) & (q <= fixed::kMaxValue);
+  return all;
+}
+
+/// Memory for values that are not at the step of the frame, used over again.
+struct RescaledValues {
+  std::vector<std::int32_t> c1, c2;
+};
+
+/// The band's values of a key of the state at `step`, rescaled if they must be; empty where the key lacks the band or
+/// rescaling leaves the range.
+std::span<const std::int32_t> reference(const CoefficientLayout& layout, const Key& key, std::size_t band,
+                                        std::uint8_t step, std::vector<std::int32_t>& rescaled) {
   if (!has(key.bands, band) || key.q.size() != layout.size()) return {};
   const auto [first, last] = layout.range(band);
   const std::span held = std::span(key.q).subspan(first, last - first);
-  if (key.step == step) {
-    const bool valid = std::all_of(held.begin(), held.end(), [](std::int32_t q) { return fixed::in_range(q); });
-    return valid ? std::vector<std::int32_t>(held.begin(), held.end()) : std::vector<std::int32_t>();
-  }
-  std::vector<std::int32_t> values(held.size());
+  if (key.step == step) return all_in_range(held) ? held : std::span<const std::int32_t>();
+  rescaled.resize(held.size());
   const fixed::Rescale rule(key.step, step);
   for (std::size_t i = 0; i < held.size(); ++i) {
     const std::int64_t value = rule(held[i]);
     if (!fixed::in_range(value)) return {};
-    values[i] = static_cast<std::int32_t>(value);
+    rescaled[i] = static_cast<std::int32_t>(value);
   }
-  return values;
+  return rescaled;
 }
 
+/// Valid as long as the state and the memory are left as they are.
 band::References references(const CoefficientLayout& layout, const ChainState& state, std::size_t band,
-                            std::uint8_t step) {
+                            std::uint8_t step, RescaledValues& memory) {
   band::References out;
-  out.c1 = reference(layout, state.newer, band, step);
-  if (!out.c1.empty()) out.c2 = reference(layout, state.older, band, step);
+  out.c1 = reference(layout, state.newer, band, step, memory.c1);
+  if (!out.c1.empty()) out.c2 = reference(layout, state.older, band, step, memory.c2);
   return out;
 }
 
@@ -94,7 +104,7 @@ Result<void> append_run(const CoefficientLayout& layout, std::size_t band, const
   if (is_float(layout)) return append_floats(layout, band, key, out);
   const auto [first, last] = layout.range(band);
   const std::span<std::int32_t> values = std::span(key.q).subspan(first, last - first);
-  if (!std::all_of(values.begin(), values.end(), [](std::int32_t q) { return fixed::in_range(q); })) {
+  if (!all_in_range(values)) {
     return fail(ErrorCode::kTooLarge, "codec: a value of band " + std::to_string(band) + " leaves +-2^30");
   }
   if (half_spacing > 0 && !from.c1.empty()) {
@@ -229,11 +239,12 @@ Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& s
   ByteWriter writer(out.payload);
   append_key_head(layout, state, key, half_spacing, writer);
   Bytes run;
+  RescaledValues memory;
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
     if (!has(key.bands, band)) continue;
     run.clear();
     const auto appended =
-        append_run(layout, band, references(layout, state, band, key.step), half_spacing, out.key, run);
+        append_run(layout, band, references(layout, state, band, key.step, memory), half_spacing, out.key, run);
     if (!appended) return appended.error();
     writer.varint(run.size());
     writer.bytes(run);
@@ -249,11 +260,12 @@ Result<Bytes> encode_pose(const CoefficientLayout& layout, const ChainState& sta
   append_key_head(layout, state, pose, half_spacing, writer);
   Bytes run;
   band::QuickWorkspace workspace;
+  RescaledValues memory;
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
     if (!has(pose.bands, band)) continue;
     run.clear();
     if (!append_quick_run(layout, band, state, pose, half_spacing, workspace, run)) {
-      const auto from = references(layout, state, band, pose.step);
+      const auto from = references(layout, state, band, pose.step, memory);
       const auto appended = append_run(layout, band, from, half_spacing, pose, run);
       if (!appended) return appended.error();
     }
@@ -272,9 +284,10 @@ Result<Key> decode_key(const CoefficientLayout& layout, std::uint8_t bands, cons
   const auto head = read_head(layout, false, bands, reader);
   if (!head) return head.error();
   Key key = empty_key(layout, bands, head->step.value_or(state.newer.step));
+  RescaledValues memory;
   const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
     const auto taken =
-        read_run(layout, band, references(layout, state, band, key.step), head->half_spacing, section, key);
+        read_run(layout, band, references(layout, state, band, key.step, memory), head->half_spacing, section, key);
     if (!taken) return taken.error();
     if (*taken != section.size()) return fail(ErrorCode::kCorrupt, "bytes are left over");
     return {};
@@ -292,6 +305,7 @@ Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& sta
   ChainState coded = state;
   Bytes out;
   ByteWriter writer(out);
+  std::vector<std::int32_t> rescaled;
   append_head(layout, true, {0, state.newer.step, state.older.step, older_bands, state.age_us}, writer);
   Bytes run;
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
@@ -300,7 +314,7 @@ Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& sta
     band::References from;
     if (has(older_bands, band)) {
       if (const auto appended = append_run(layout, band, {}, 0, coded.older, run); !appended) return appended.error();
-      from.c1 = reference(layout, state.older, band, state.newer.step);
+      from.c1 = reference(layout, state.older, band, state.newer.step, rescaled);
     }
     if (const auto appended = append_run(layout, band, from, 0, coded.newer, run); !appended) return appended.error();
     writer.varint(run.size());
@@ -315,13 +329,14 @@ Result<ChainState> decode_join(const CoefficientLayout& layout, std::uint8_t ban
   if (!head) return head.error();
   ChainState state{empty_key(layout, head->older_bands, head->older_step), empty_key(layout, bands, *head->step),
                    head->age_us};
+  std::vector<std::int32_t> rescaled;
   const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
     band::References from;
     if (has(head->older_bands, band)) {
       const auto taken = read_run(layout, band, from, 0, section, state.older);
       if (!taken) return taken.error();
       section = section.subspan(*taken);
-      from.c1 = reference(layout, state.older, band, state.newer.step);
+      from.c1 = reference(layout, state.older, band, state.newer.step, rescaled);
     }
     const auto taken = read_run(layout, band, from, 0, section, state.newer);
     if (!taken) return taken.error();

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <memory>
 
 #include "common/codec/coarse_writer.h"
 
@@ -37,19 +38,62 @@ const CostTable& level_costs() {
   return kTable;
 }
 
+/// What levels cost as the search weighs it against distortion: 0.06 squared spacings a bit, in 1/4096 of a squared step.
+/// Each thread keeps the table that it used last, since m changes seldom.
+const CostTable& prices_at(std::int32_t m) {
+  struct Kept {
+    std::int32_t m = 0;
+    CostTable prices{};
+  };
+  thread_local Kept kept;
+  if (kept.m == m) return kept.prices;
+  const std::int32_t lambda = 4 * m * m * 15 / 16;  // For 1/256 bit.
+  kept = {m, level_costs()};
+  for (auto& rule : kept.prices) {
+    for (LevelCosts& levels : rule) {
+      for (std::int32_t& price : levels) price *= lambda;
+    }
+  }
+  return kept.prices;
+}
+
 /// What a restoring weight costs, as a share of the energy of one value: 4 bits buy 2 ln 2 each.
 constexpr double kRestoringCost = 5.5;
+
+/// Sums over a run of products of the movement v, the one before it d, and the pose c before the movement.
+template <typename Number>
+struct Moments {
+  Number vv{}, vd{}, vc{}, dd{}, dc{}, cc{};
+
+  void add(Number v, Number d, Number c) {
+    vv += v * v, vd += v * d, vc += v * c, dd += d * d, dc += d * c, cc += c * c;
+  }
+};
+
+Moments<double> moments_of(std::span<const std::int32_t> values, const Motion& motion) {
+  using Two = double __attribute__((vector_size(16)));
+  const auto two = [](std::span<const std::int32_t> from, std::size_t i) {
+    return Two{static_cast<double>(from[i]), static_cast<double>(from[i + 1])};
+  };
+  Moments<Two> pairs;
+  const std::size_t whole = values.size() & ~std::size_t{1};
+  for (std::size_t i = 0; i < whole; i += 2) {
+    const Two c = two(motion.c1, i);
+    pairs.add(two(values, i) - c, c - two(motion.c2, i), c);
+  }
+  const auto sum = [](Two of) { return of[0] + of[1]; };
+  Moments<double> all{sum(pairs.vv), sum(pairs.vd), sum(pairs.vc), sum(pairs.dd), sum(pairs.dc), sum(pairs.cc)};
+  if (whole < values.size()) {
+    const double c = motion.c1[whole];
+    all.add(values[whole] - c, c - motion.c2[whole], c);
+  }
+  return all;
+}
 
 /// The weights that leave the least energy, by least squares and then on their grid. A restoring weight is taken where it
 /// gains what it costs.
 Predictor best_predictor(std::span<const std::int32_t> values, const Motion& motion) {
-  double vv = 0, vd = 0, vc = 0, dd = 0, dc = 0, cc = 0;
-  for (std::size_t i = 0; i < values.size(); ++i) {
-    const auto c = static_cast<double>(motion.c1[i]);
-    const double d = c - static_cast<double>(motion.c2[i]);
-    const double v = static_cast<double>(values[i]) - c;
-    vv += v * v, vd += v * d, vc += v * c, dd += d * d, dc += d * c, cc += c * c;
-  }
+  const Moments<double> of = moments_of(values, motion);
   const auto on_grid = [](double weight, int unit, int zero) {
     return static_cast<unsigned>(std::clamp(std::floor(weight * unit) + zero, 0.0, 15.0));
   };
@@ -60,14 +104,15 @@ Predictor best_predictor(std::span<const std::int32_t> values, const Motion& mot
   const auto consider = [&](Choice& best, unsigned speed, unsigned restoring) {
     const double w = (static_cast<double>(speed) - 4) / 8;
     const double a = (static_cast<double>(restoring) - kUsualRestoring) / 16;
-    const double energy = vv + w * w * dd + 2 * w * a * dc + a * a * cc - 2 * w * vd - 2 * a * vc;
+    const double energy = of.vv + w * w * of.dd + 2 * w * a * of.dc + a * a * of.cc - 2 * w * of.vd - 2 * a * of.vc;
     if (energy < best.energy) best = {{speed, restoring}, energy};
   };
-  const double determinant = dd * cc - dc * dc;
-  const unsigned alone = on_grid(dd > 0 ? vd / dd : 0, 8, 4);
-  const unsigned speed = on_grid(determinant > 0 ? (vd * cc - vc * dc) / determinant : 0, 8, 4);
-  const unsigned restoring = on_grid(determinant > 0 ? (vc * dd - vd * dc) / determinant : 0, 16, kUsualRestoring);
-  Choice usual{{}, vv}, best = usual;
+  const double determinant = of.dd * of.cc - of.dc * of.dc;
+  const unsigned alone = on_grid(of.dd > 0 ? of.vd / of.dd : 0, 8, 4);
+  const unsigned speed = on_grid(determinant > 0 ? (of.vd * of.cc - of.vc * of.dc) / determinant : 0, 8, 4);
+  const unsigned restoring =
+      on_grid(determinant > 0 ? (of.vc * of.dd - of.vd * of.dc) / determinant : 0, 16, kUsualRestoring);
+  Choice usual{{}, of.vv}, best = usual;
   for (const unsigned one : {0u, 1u}) {
     consider(usual, std::min(alone + one, 15u), kUsualRestoring);
     for (const unsigned other : {0u, 1u}) consider(best, std::min(speed + one, 15u), std::min(restoring + other, 15u));
@@ -76,122 +121,139 @@ Predictor best_predictor(std::span<const std::int32_t> values, const Motion& mot
   return best.energy * (count + kRestoringCost) < usual.energy * count ? best.predictor : usual.predictor;
 }
 
-/// Viterbi's search for the levels of least distortion + lambda * rate. Contexts are those of the true residuals. Prices
-/// are in 1/4096 of a squared step, less what all candidates of a value have in common, so that they fit 31 bits.
+/// Four numbers that are worked on at a time.
+using Four = std::int32_t __attribute__((vector_size(16)));
+
+/// Viterbi's search for the levels of least distortion + lambda * rate. Prices are in 1/4096 of a squared step, less what
+/// all candidates of a value have in common, so that they stay within 2^29; costs are those of the four states less that
+/// of the first, which are never more than two prices apart.
 class Trellis {
  public:
   explicit Trellis(const Spacing& spacing)
-      : m_(spacing.half), lambda_(4 * spacing.half * spacing.half * 15 / 16), spacings_(2 * m_) {}
+      : m_(spacing.half), square_(4096 * m_ * m_), spacings_(2 * m_), prices_(prices_at(m_)) {}
 
   /// Writes the magnitudes of the levels.
-  void search(std::span<const std::int64_t> residuals, ContextModel contexts, std::span<std::uint32_t> levels) const {
-    constexpr std::int64_t kNever = std::int64_t{1} << 60;
-    std::array<std::int64_t, 4> cost = {0, kNever, kNever, kNever};
-    std::vector<Step> steps(residuals.size());
-    Step* step = steps.data();
+  ///   contexts  of the true residuals, as many
+  void search(std::span<const std::int64_t> residuals, const std::uint8_t* contexts, std::uint32_t* levels) const {
+    constexpr std::int32_t kNever = 1 << 30;
+    // Who leads where: kNextState, read backwards, as state << 1 | parity; by state, the even level, then the odd one.
+    constexpr Four kEven = {0, 4, 2, 6}, kOdd = {3, 7, 1, 5};
+    Four cost = {0, kNever, kNever, kNever};
+    const auto steps = std::make_unique_for_overwrite<Step[]>(residuals.size());
+    Step* step = steps.get();
     for (const std::int64_t residual : residuals) {
-      const std::int64_t x = residual < 0 ? -residual : residual;
-      const unsigned context = contexts.next();
-      contexts.add(x);
-      const auto [at_0, at_1] = offers(x, context, *step);
-      // Who leads where: kNextState, read backwards.
-      const std::array<std::int64_t, 4> first = {cost[0] + at_0.even, cost[2] + at_1.even, cost[1] + at_0.even,
-                                                 cost[3] + at_1.even};
-      const std::array<std::int64_t, 4> second = {cost[1] + at_0.odd, cost[3] + at_1.odd, cost[0] + at_0.odd,
-                                                  cost[2] + at_1.odd};
-      for (unsigned state = 0; state < 4; ++state) {
-        const std::int64_t gain = std::min<std::int64_t>(second[state] - first[state], 0);
-        step->second[state] = gain < 0;
-        cost[state] = first[state] + gain;
-      }
+      const Four offer = offers(residual < 0 ? -residual : residual, *contexts++, *step);
+      const Four even =
+          __builtin_shufflevector(cost, cost, 0, 2, 1, 3) + __builtin_shufflevector(offer, offer, 0, 2, 0, 2);
+      const Four odd =
+          __builtin_shufflevector(cost, cost, 1, 3, 0, 2) + __builtin_shufflevector(offer, offer, 1, 3, 1, 3);
+      step->origin = odd < even ? kOdd : kEven;
+      cost = odd < even ? odd : even;
+      cost -= __builtin_shufflevector(cost, cost, 0, 0, 0, 0);
       ++step;
     }
-    trace_back(static_cast<unsigned>(std::min_element(cost.begin(), cost.end()) - cost.begin()), steps, levels);
+    unsigned best = 0;
+    for (unsigned state = 1; state < 4; ++state) {
+      if (cost[state] < cost[best]) best = state;
+    }
+    trace_back(best, steps.get(), residuals.size(), levels);
   }
 
  private:
   struct Step {
+    Four origin;                       ///< By state: where its path came from, and by which parity.
     std::array<std::uint32_t, 2> low;  ///< By rule: the highest level whose point is not above the residual; m >= 1.
     std::array<bool, 2> zero;          ///< By rule: level 0 is the best even one, though it is not beside the residual.
-    std::array<bool, 4> second;        ///< The path to each state came from the second of its two.
   };
   /// The prices of the best even and odd level of a rule.
   struct Offer {
     std::int32_t even, odd;
   };
 
-  /// The offers of rules 0 and 1 for a residual of magnitude x.
-  std::pair<Offer, Offer> offers(std::int64_t x, unsigned context, Step& step) const {
+  /// The even and odd offers of rules 0 and 1 for a residual of magnitude x.
+  Four offers(std::int64_t x, unsigned context, Step& step) const {
     const std::int64_t whole = spacings_(x);
     const auto rest = static_cast<std::int32_t>(x - whole * 2 * m_);
     const bool further = rest >= m_;
     step.low = {static_cast<std::uint32_t>(whole), static_cast<std::uint32_t>(whole + further)};
     // From level 2 on all cost alike.
     const auto low_0 = static_cast<unsigned>(std::min<std::int64_t>(whole, 2)), low_1 = low_0 + further;
-    const std::int32_t to_0 = low_1 == 0 ? m_ : 0;  // Rule 1 has a point at 0, too, which is nearer than the others.
-    const std::int32_t beyond_1 = rest + m_ - 2 * m_ * further - to_0;
-    return {
-        offer(costs_[0][context], low_0, rest, rest - 2 * m_, rest + 2 * m_, step.low[0], step.zero[0]),
-        offer(costs_[1][context], low_1, beyond_1, beyond_1 - 2 * m_ + to_0, beyond_1 + m_, step.low[1], step.zero[1])};
+    // A point that the residual lies rest + k m beyond has a distortion of k^2 m^2 + 2 k m rest, and of rest^2, which all
+    // have in common. Masks, not branches: how far beyond is anybody's guess.
+    const std::int32_t slope = 8192 * m_ * rest, to_zero = 4 * square_ + 2 * slope;
+    const std::int32_t if_further = -std::int32_t{further};
+    const Offer rule_0 =
+        offer(0, 4 * square_ - 2 * slope, to_zero, prices_[0].data()[context].data(), low_0, step.low[0], step.zero[0]);
+    // Rule 1 has a point at 0, too, which is nearer than the others.
+    const std::int32_t below = (square_ + slope - (2 * slope & if_further)) & -std::int32_t{low_1 != 0};
+    const std::int32_t above = square_ - slope + ((8 * square_ - 2 * slope) & if_further);
+    const Offer rule_1 =
+        offer(below, above, to_zero & ~if_further, prices_[1].data()[context].data(), low_1, step.low[1], step.zero[1]);
+    return Four{rule_0.even, rule_0.odd, rule_1.even, rule_1.odd};
   }
 
-  /// low    the level whose point lies `beyond` before the residual, or as many levels below as cost alike
-  /// below  what the residual lies beyond the next level's point
-  /// all    the residual if low is 1
-  Offer offer(const LevelCosts& costs, unsigned low, std::int32_t beyond, std::int32_t below, std::int32_t all,
-              std::uint32_t true_low, bool& zero) const {
-    const auto price = [&](std::int32_t error, unsigned level) {
-      return error * error * 4096 + lambda_ * costs[level];
-    };
-    const std::int32_t price_low = price(beyond, low), price_high = price(below, low + 1), price_zero = price(all, 0);
-    // Without branches: which level is odd is anybody's guess.
+  /// Distortions of levels `low` and low + 1, and of level 0, which is another one if low is 1.
+  ///   low  the level itself, or as many levels below as cost alike
+  static Offer offer(std::int32_t below, std::int32_t above, std::int32_t to_zero, const std::int32_t* prices,
+                     unsigned low, std::uint32_t true_low, bool& zero) {
+    const std::int32_t price_low = below + prices[low], price_high = above + prices[low + 1];
     const std::int32_t swap = (price_high - price_low) & -static_cast<std::int32_t>(true_low & 1);
     const std::int32_t even = price_low + swap,
-                       gain = std::min(price_zero - even, 0) & -static_cast<std::int32_t>(low == 1);
+                       gain = std::min(to_zero + prices[0] - even, 0) & -static_cast<std::int32_t>(low == 1);
     zero = gain < 0;
     return {even + gain, price_high - swap};
   }
 
-  static void trace_back(unsigned state, std::span<const Step> steps, std::span<std::uint32_t> levels) {
-    // state << 1 | parity of either origin.
-    constexpr std::array<std::array<std::uint8_t, 2>, 4> kOrigins = {{{0, 3}, {4, 7}, {2, 1}, {6, 5}}};
-    for (std::size_t i = steps.size(); i-- > 0;) {
-      const unsigned origin = kOrigins[state][std::size_t{steps[i].second[state]}], parity = origin & 1;
+  static void trace_back(unsigned state, const Step* steps, std::size_t count, std::uint32_t* levels) {
+    for (std::size_t i = count; i-- > 0;) {
+      const auto origin = static_cast<unsigned>(steps[i].origin[state]), parity = origin & 1;
       state = origin >> 1;
       const unsigned rule = rule_of(state);
-      const std::uint32_t low = steps[i].low[rule];
-      const bool zero = (parity == 0) & steps[i].zero[rule];
+      const std::uint32_t low = steps[i].low.data()[rule];
+      const bool zero = (parity == 0) & steps[i].zero.data()[rule];
       levels[i] = (low + ((low & 1) ^ parity)) & (std::uint32_t{zero} - 1);
     }
   }
 
   std::int32_t m_;
-  std::int32_t lambda_;  ///< 0.06 squared spacings a bit, as 1/4096 of a squared step for 1/256 bit.
+  std::int32_t square_;  ///< m^2, as a price.
   Quotient spacings_;
-  const CostTable& costs_ = level_costs();
+  const CostTable& prices_;
 };
 
-/// Writes the levels, and what they decode to; false if a value would leave the range.
-bool put_levels(RangeEncoder& out, std::span<const std::int32_t> values, std::span<const std::int64_t> residuals,
-                std::span<const std::uint32_t> levels, ContextModel contexts, const Spacing& spacing,
-                std::span<std::int32_t> decoded) {
+/// A level as the coder takes it.
+struct Decision {
+  std::uint32_t level;
+  std::uint8_t rule, context;
+  bool negative;
+};
+
+/// What the levels decode to, and how they are coded; false if a value would leave the range.
+bool decide(std::span<const std::int32_t> values, const std::int64_t* residual, const std::uint32_t* level,
+            ContextModel contexts, std::int64_t m, Decision* decision, std::int32_t* decoded) {
   unsigned state = 0;
-  const std::int32_t* target = values.data();
-  const std::int64_t* residual = residuals.data();
-  std::int32_t* result = decoded.data();
-  for (const std::uint32_t level : levels) {
+  bool in_range = true;
+  for (const std::int32_t target : values) {
     const unsigned rule = rule_of(state);
-    const std::int64_t magnitude = point(rule, level) * spacing.half;
+    const std::int64_t magnitude = point(rule, *level) * m;
     const bool negative = *residual < 0;
-    const std::int64_t value = *target++ - *residual++ + (negative ? -magnitude : magnitude);
-    if (!fixed::in_range(value)) return false;
-    *result++ = static_cast<std::int32_t>(value);
-    put_level(out, level, LevelOdds(rule, contexts.next()));
-    if (level > 0) out.put_even(negative);
+    const std::int64_t value = target - *residual++ + (negative ? -magnitude : magnitude);
+    in_range &= fixed::in_range(value);
+    *decoded++ = static_cast<std::int32_t>(value);
+    *decision++ = {*level, static_cast<std::uint8_t>(rule), static_cast<std::uint8_t>(contexts.next()), negative};
     contexts.add(magnitude);
-    state = kNextState[state][level & 1];
+    state = kNextState.data()[state].data()[*level++ & 1];
   }
-  return true;
+  return in_range;
+}
+
+/// Writes the levels, with which the run ends.
+void put_levels(RangeEncoder out, std::span<const Decision> decisions) {
+  for (const Decision& d : decisions) {
+    put_level(out, d.level, LevelOdds(d.rule, d.context));
+    if (d.level > 0) out.put_even(d.negative);
+  }
+  out.finish();
 }
 
 }  // namespace
@@ -201,26 +263,30 @@ bool append_coarse(std::span<const std::int32_t> values, const References& from,
   assert(spacing.half >= 1 && spacing.half <= kMaxHalfSpacing && from.c1.size() == values.size());
   const Motion motion(from);
   const Predictor predict = best_predictor(values, motion);
-  std::vector<std::int64_t> residuals(values.size());
+  const auto residuals = std::make_unique_for_overwrite<std::int64_t[]>(values.size());
   std::uint64_t sum = 0;
   for (std::size_t i = 0; i < values.size(); ++i) {
     residuals[i] = values[i] - predict(motion.c1[i], motion.c2[i]);
     sum += static_cast<std::uint64_t>(residuals[i] < 0 ? -residuals[i] : residuals[i]);
   }
   const unsigned scale = scale_code_of(sum, values.size(), spacing.half);
-  const ContextModel contexts(motion.speeds, spacing, scale);
-  std::vector<std::uint32_t> levels(values.size());
-  Trellis(spacing).search(residuals, contexts, levels);
+  const ContextModel first(motion.speeds, spacing, scale);
+  const auto contexts = std::make_unique_for_overwrite<std::uint8_t[]>(values.size());
+  ContextModel model = first;
+  for (std::size_t i = 0; i < values.size(); ++i) {
+    contexts[i] = static_cast<std::uint8_t>(model.next());
+    model.add(std::abs(residuals[i]));
+  }
+  const auto levels = std::make_unique_for_overwrite<std::uint32_t[]>(values.size());
+  Trellis(spacing).search({residuals.get(), values.size()}, contexts.get(), levels.get());
+  const auto decisions = std::make_unique_for_overwrite<Decision[]>(values.size());
+  if (!decide(values, residuals.get(), levels.get(), first, spacing.half, decisions.get(), decoded.data()))
+    return false;
 
-  const std::size_t begin = out.size();
   RangeEncoder encoder(out);
   put_scale(encoder, scale, motion.expected_scale(spacing.half));
   put_predictor(encoder, predict);
-  if (!put_levels(encoder, values, residuals, levels, contexts, spacing, decoded)) {
-    out.resize(begin);
-    return false;
-  }
-  encoder.finish();
+  put_levels(encoder, {decisions.get(), values.size()});
   return true;
 }
 

@@ -6,6 +6,7 @@
 #include <bit>
 #include <cassert>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -91,22 +92,23 @@ class ContextModel {
 
   /// The context of the next value.
   unsigned next() const {
-    const std::int64_t sum = base_ + 16 * std::int64_t{*speed_} + 3 * recent_[channel_];
+    const std::int64_t sum = base_ + 16 * std::int64_t{*speed_} + 3 * recent_.data()[channel_];
     return static_cast<unsigned>(std::clamp(log_of(sum) - unit_, 0, static_cast<int>(kContexts) - 1));
   }
 
   /// Its residual turned out to be of this magnitude.
   void add(std::int64_t magnitude) {
-    recent_[channel_] += (16 * magnitude - recent_[channel_]) >> 3;
+    std::int64_t& recent = recent_.data()[channel_];
+    recent += (16 * magnitude - recent) >> 3;
     if (++channel_ == channels_) channel_ = 0;
     ++speed_;
   }
 
  private:
-  /// 8 log2(x), piecewise linear between powers of two. REQUIRES: x >= 8.
+  /// 8 log2(x), piecewise linear between powers of two: exponent and three bits of a double. REQUIRES: 0 < x < 2^53.
   static int log_of(std::int64_t x) {
-    const int whole = std::bit_width(static_cast<std::uint64_t>(x)) - 1;
-    return whole << 3 | static_cast<int>(x >> (whole - 3) & 7);
+    static_assert(std::numeric_limits<double>::is_iec559);
+    return static_cast<int>(std::bit_cast<std::uint64_t>(static_cast<double>(x)) >> 49) - (1023 << 3);
   }
 
   const std::uint32_t* speed_;

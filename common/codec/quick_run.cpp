@@ -92,7 +92,7 @@ Sums predict_all(std::span<const std::int32_t> values, const std::int32_t* c1, c
   return sums;
 }
 
-void put_levels(RangeEncoder& out, std::span<const std::int32_t> residuals, ContextModel contexts, std::int32_t m) {
+void put_levels(RangeEncoder out, std::span<const std::int32_t> residuals, ContextModel contexts, std::int32_t m) {
   const ZeroZones& zones = zero_zones();
   const Quotient spacings(2 * std::int64_t{m});
   unsigned state = 0;
@@ -112,6 +112,7 @@ void put_levels(RangeEncoder& out, std::span<const std::int32_t> residuals, Cont
     contexts.add(point(rule, level) * m);
     state = kNextState[state][level & 1];
   }
+  out.finish();
 }
 
 }  // namespace
@@ -130,7 +131,6 @@ bool append_quick(std::span<const std::int32_t> values, std::span<const std::int
   put_scale(encoder, scale, scale_code_of(sums.speeds, values.size(), spacing.half));
   put_predictor(encoder, predict);
   put_levels(encoder, workspace.residuals, ContextModel(workspace.speeds, spacing, scale), spacing.half);
-  encoder.finish();
   return true;
 }
 
