@@ -17,6 +17,7 @@
 #include "common/progressive/splats.h"
 #include "common/spectral/basis.h"
 #include "common/spectral/laplacian.h"
+#include "common/spectral/motion_basis.h"
 #include "common/surface/check.h"
 #include "common/wire/limits.h"
 #include "sdk/asset_cache.h"
@@ -41,19 +42,34 @@ std::string text(const char* format, auto... values) {
   return line.data();
 }
 
-/// Peak of a bake: eigenvectors, candidate columns and the basis side by side, and the vectors of one Lanczos band.
-double bytes_needed(std::size_t n, std::size_t rank) {
-  return 8.0 * static_cast<double>(n) * (3 * static_cast<double>(rank) + 180);
+/// Peak of a bake: eigenvectors, candidate columns and the basis side by side, and the vectors of one Lanczos band; of a motion's
+/// basis its columns as they are given and as they are worked on.
+double bytes_needed(std::size_t n, const BakeOptions& options) {
+  auto columns = 3.0 * options.rank + 180;
+  if (options.motion != nullptr && options.motion->columns.count > 0)
+    columns = 5 * static_cast<double>(options.motion->columns.count) + 60;
+  return 8.0 * static_cast<double>(n) * columns;
 }
 
-Result<BasisKind> kind_from(const std::string& name) {
-  if (name == "augmented") return BasisKind::kAugmented;
-  if (name == "harmonic") return BasisKind::kHarmonic;
-  return fail(ErrorCode::kInvalidArgument, "there is no basis '" + name + "': use 'augmented' or 'harmonic'");
+bool is_of_motion(const std::string& basis) {
+  return basis == "rig" || basis == "cage" || basis == "pca";
+}
+
+Result<void> check_basis(const BakeOptions& options) {
+  if (options.basis == "augmented" || options.basis == "harmonic") return {};
+  if (!is_of_motion(options.basis)) {
+    return fail(ErrorCode::kInvalidArgument,
+                "there is no basis '" + options.basis + "': use 'augmented', 'harmonic', 'rig', 'cage' or 'pca'");
+  }
+  const bool has_columns = options.motion != nullptr && options.motion->columns.count > 0;
+  if (options.motion != nullptr && has_columns == (options.basis != "pca")) return {};
+  return fail(ErrorCode::kInvalidArgument, "a '" + options.basis + "' basis is made of a motion's " +
+                                               (options.basis == "pca" ? "poses" : "columns") +
+                                               ", which are not given");
 }
 
 Result<void> check_options(const Surface& surface, const BakeOptions& options) {
-  if (auto kind = kind_from(options.basis); !kind) return kind.error();
+  if (auto basis = check_basis(options); !basis) return basis;
   if (options.rank < 1 || options.rank > static_cast<int>(limits::kMaxRows)) {
     return fail(ErrorCode::kInvalidArgument, "a rank of " + std::to_string(options.rank) + ": use 1 to " +
                                                  std::to_string(limits::kMaxRows) + ", 200 does for most surfaces");
@@ -61,7 +77,7 @@ Result<void> check_options(const Surface& surface, const BakeOptions& options) {
   if (!(options.asset_error >= 0 && options.asset_error <= 0.1)) {
     return fail(ErrorCode::kInvalidArgument, "an asset error that is not between 0 and 0.1 of the diagonal");
   }
-  const double needed = bytes_needed(surface.vertex_count(), static_cast<std::size_t>(options.rank));
+  const double needed = bytes_needed(surface.vertex_count(), options);
   if (const double there = usable_memory(); needed > there) {
     return fail(
         ErrorCode::kTooLarge,
@@ -72,8 +88,8 @@ Result<void> check_options(const Surface& surface, const BakeOptions& options) {
   return {};
 }
 
-/// What a result depends on.
-Sha256 key_of(const Surface& surface, const BakeOptions& options) {
+/// What a result depends on. Errors: those of the motion's poses.
+Result<Sha256> key_of(const Surface& surface, const BakeOptions& options) {
   Bytes head;
   ByteWriter out(head);
   out.text("eigencast bake");
@@ -93,6 +109,15 @@ Sha256 key_of(const Surface& surface, const BakeOptions& options) {
   };
   stream.update(view(surface.positions));
   stream.update(view(surface.faces));
+  if (is_of_motion(options.basis)) {
+    const KnownMotion& motion = *options.motion;
+    stream.update(view(motion.columns.W));
+    for (std::size_t i = 0; i < motion.samples(); ++i) {
+      const auto pose = motion.sample(i);
+      if (!pose) return pose.error();
+      stream.update(view(*pose));
+    }
+  }
   return stream.finish();
 }
 
@@ -235,17 +260,21 @@ Asset asset_from(const Surface& surface, const Basis& basis, PrefixOrder order, 
 
 /// How the basis is stored. In the clips of people, animals and faces that were looked at, coefficient k (from 1) never
 /// was larger than 0.3 k^-1.2 diagonal sqrt(area) beyond the affine ones, and mostly half that, whatever moved: a motion that
-/// is larger by a factor suffers an error that is.
-AssetEncoding encoding_of(const Asset& asset, const BakeOptions& options) {
+/// is larger by a factor suffers an error that is. What a learned basis meets is known: twice the root mean square, or as much as
+/// leaves a column steps of an eighth of its entries, so that columns stay independent.
+AssetEncoding encoding_of(const Asset& asset, const Basis& basis, const BakeOptions& options) {
   AssetEncoding encoding;
   if (options.asset_error == 0) {
     encoding.exact_columns = asset.rank;
     return encoding;
   }
   encoding.error = options.asset_error * asset.diagonal();
+  const double least = 8 * encoding.error * std::sqrt(12 * asset.area / asset.rank);
   for (std::uint32_t k = 0; k < asset.rank; ++k) {
     const double* rest = &asset.rest[std::size_t{3} * k];
-    const double moving = 0.2 * std::pow(k + 1.0, -1.2) * asset.diagonal() * std::sqrt(asset.area);
+    const double moving = basis.kind == BasisKind::kLearned
+                              ? std::max(2 * basis.rms[k], least)
+                              : 0.2 * std::pow(k + 1.0, -1.2) * asset.diagonal() * std::sqrt(asset.area);
     encoding.amplitudes.push_back(std::max(moving, 1.5 * std::hypot(rest[0], rest[1], rest[2])));
   }
   return encoding;
@@ -268,6 +297,12 @@ double worst_rest_error(const Surface& surface, const Asset& asset) {
 }
 
 std::string quality_of(const Basis& basis) {
+  const bool learned = basis.kind == BasisKind::kLearned;
+  if (learned || basis.kind == BasisKind::kSpanned) {
+    std::string line = learned ? "" : text(" of the %d that hold all of its motion", basis.dimensions);
+    if (basis.rms.size() > 0) line += text("; leaves out %.2g %% of the poses' extent", 100 * basis.left_out);
+    return line + "\n";
+  }
   if (!basis.approximate) {
     return text("; eigenvectors %s, residual %.1e\n", basis.certified ? "complete" : "NOT certified complete",
                 basis.residual);
@@ -285,7 +320,7 @@ std::string report_of(const Surface& surface, const BakeOptions& options, const 
     report += text("operator: %d separate pieces, joined by %d springs\n", laplacian.components, laplacian.bridges);
   }
   report += text("basis: %s, rank %u", options.basis.c_str(), result.asset.rank);
-  if (static_cast<int>(result.asset.rank) < options.rank) {
+  if (!is_of_motion(options.basis) && static_cast<int>(result.asset.rank) < options.rank) {
     report += text(" (%d asked for: the surface has too few vertices)", options.rank);
   }
   report += quality_of(basis);
@@ -294,7 +329,7 @@ std::string report_of(const Surface& surface, const BakeOptions& options, const 
   report += text("asset: %.2f MB in %zu chunks, id %s\n", static_cast<double>(result.encoded.total_bytes()) / 1e6,
                  result.encoded.chunks.size(), result.encoded.manifest.id.hex().c_str());
   report += text("baked in %.1f s, with about %.0f MB of memory\n", seconds,
-                 bytes_needed(surface.vertex_count(), static_cast<std::size_t>(basis.Psi.cols())) / 1e6);
+                 bytes_needed(surface.vertex_count(), options) / 1e6);
   return report;
 }
 
@@ -316,21 +351,27 @@ Error cancelled(std::string_view stage) {
   return fail(ErrorCode::kCancelled, "baking was stopped before its stage '" + std::string(stage) + "'");
 }
 
+Result<Basis> basis_of(const Surface& surface, const Laplacian& laplacian, const BakeOptions& options,
+                       const Progress& progress) {
+  if (is_of_motion(options.basis))
+    return build_motion_basis(surface, laplacian, *options.motion, options.rank, progress);
+  const BasisKind kind = options.basis == "harmonic" ? BasisKind::kHarmonic : BasisKind::kAugmented;
+  return build_basis(surface, laplacian, {kind, options.rank}, progress);
+}
+
 Result<BakeResult> bake_afresh(const Surface& surface, const BakeOptions& options, const Stages& stages) {
   const TimeUs start = steady_now_us();
   if (!stages.at(0.01, "operator")) return cancelled("operator");
   auto laplacian = build_laplacian(surface);
   if (!laplacian) return laplacian.error();
-  auto kind = kind_from(options.basis);
-  if (!kind) return kind.error();
-  auto basis = build_basis(surface, *laplacian, {*kind, options.rank}, stages.within(kLaplacianDone, kBasisDone));
+  auto basis = basis_of(surface, *laplacian, options, stages.within(kLaplacianDone, kBasisDone));
   if (!basis) return basis.error();
   if (!stages.at(kBasisDone, "levels of detail")) return cancelled("levels of detail");
   auto order = build_prefix_order(surface);
   if (!order) return order.error();
   if (!stages.at(kOrderDone, "encoding")) return cancelled("encoding");
   const Asset exact = asset_from(surface, *basis, std::move(*order), options);
-  auto encoded = encode_asset(exact, encoding_of(exact, options));
+  auto encoded = encode_asset(exact, encoding_of(exact, *basis, options));
   if (!encoded) return encoded.error();
   auto asset = decode_asset(*encoded);
   if (!asset) return in_context("the asset just encoded cannot be decoded", asset.error());
@@ -355,10 +396,11 @@ Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, cons
   if (auto valid = validate_surface(surface); !valid) return valid.error();
   if (auto checked = check_options(surface, options); !checked) return checked.error();
   const AssetCache cache(cache_dir);
-  const Sha256 key = cache_dir.empty() ? Sha256{} : key_of(surface, options);
+  const auto key = cache_dir.empty() ? Result<Sha256>(Sha256{}) : key_of(surface, options);
+  if (!key) return key.error();
   try {
     if (!cache_dir.empty()) {
-      if (auto found = load(cache, key)) {
+      if (auto found = load(cache, *key)) {
         stages.at(1, "found in the cache");
         return std::move(*found);
       }
@@ -366,7 +408,7 @@ Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, cons
     auto result = bake_afresh(surface, options, stages);
     if (!result) return result;
     if (!cache_dir.empty()) {
-      if (auto stored = store(cache, key, *result); !stored) return stored.error();
+      if (auto stored = store(cache, *key, *result); !stored) return stored.error();
     }
     stages.at(1, "done");
     return result;

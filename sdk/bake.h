@@ -7,30 +7,34 @@
 
 #include "common/asset/asset.h"
 #include "common/asset/format.h"
+#include "common/spectral/known_motion.h"
 #include "common/surface/surface.h"
 
 namespace eigencast {
 
 struct BakeOptions {
-  std::string basis = "augmented";  ///< "augmented" (default) or "harmonic".
-  int rank = 200;                   ///< r (default: 200).
-  std::string name;                 ///< Of the surface, for people.
+  /// "augmented" (default), "harmonic"; or, of the motion below, "rig" or "cage" (its columns) or "pca" (learned from its poses).
+  std::string basis = "augmented";
+  int rank = 200;    ///< r (default: 200).
+  std::string name;  ///< Of the surface, for people.
   /// What rounding the basis may move a vertex by (root mean square, of the box's diagonal) in a motion as large as those of
   /// animations (default: 1e-4). 0: columns of 32-bit floats, an asset five to ten times as large.
   double asset_error = 1e-4;
+  /// What rig, cage and pca are made of; must outlive the bake. `rank` then is the most that they may have.
+  const KnownMotion* motion = nullptr;
 };
 
 /// As in spectral/eigenbasis.h: fraction in [0, 1], what is being done; returns false to cancel.
 using BakeProgress = std::function<bool(double fraction, std::string_view stage)>;
 
 struct BakeResult {
-  Asset asset;           ///< As receivers will have it: decoded from `encoded`.
+  Asset asset;  ///< As receivers will have it: decoded from `encoded`.
   EncodedAsset encoded;
   bool from_cache = false;
-  bool certified = false;    ///< All eigenvectors are there, and are to the residual.
+  bool certified = false;    ///< All eigenvectors are there, and are to the residual. (A motion's bases have none.)
   bool approximate = false;  ///< They are approximations, of a surface of more than 150,000 vertices.
   double residual = 0;
-  std::string report;    ///< For people: what check_surface found, rank used, seconds taken.
+  std::string report;  ///< For people: what check_surface found, rank used, seconds taken.
 };
 
 /// Turns a surface into a streamable asset: checks, Laplacian, basis, contraction order, encoding. With a cache directory (see

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
 
 #include "common/command_line/documents.h"
@@ -75,22 +76,34 @@ void add_clip_options(CLI::App& app, SourceOptions& source) {
 /// One or, to compare them, several of each.
 template <typename Bases, typename Ranks>
 void add_basis_options(CLI::App& app, Bases& bases, Ranks& ranks) {
-  app.add_option("--basis", bases, "augmented or harmonic")
-      ->check(CLI::IsMember({"augmented", "harmonic"}))
+  app.add_option(
+         "--basis", bases,
+         "augmented or harmonic, for any motion; rig, of a glTF file's skin and morph targets, or cage, whose motion "
+         "they hold exactly; pca, learned from the clip")
+      ->check(CLI::IsMember({"augmented", "harmonic", "rig", "cage", "pca"}))
       ->delimiter(',')
       ->capture_default_str();
-  app.add_option("-r,--rank,--r", ranks, "coefficients per axis")
+  app.add_option("-r,--rank,--r", ranks, "coefficients per axis (default: 200; pca: 50; rig, cage: all that there are)")
       ->check(CLI::Range(4, 4096))
-      ->delimiter(',')
-      ->capture_default_str();
+      ->delimiter(',');
 }
 
 /// What a bake takes beside basis and rank.
 void add_asset_options(CLI::App& app, SourceOptions& source) {
   source.cache_dir = default_cache_dir();
-  app.add_option("--asset-error", source.asset_error,
-                 "what storing the basis may move vertices by, of the diagonal; 0: 32-bit floats, a large asset")
-      ->check(CLI::Range(0.0, 0.1))
+  app.add_option(
+         "--asset-error", source.asset_error,
+         "what storing the basis may move vertices by, of the diagonal; 0: 32-bit floats, a large asset (default: "
+         "1e-4; rig, cage: 0)")
+      ->check(CLI::Range(0.0, 0.1));
+  CLI::Option* cage = app.add_option("--cage", source.cage.file, "closed mesh around the model (default: one is made)");
+  app.add_option("--cage-resolution", source.cage.resolution, "of a cage that is made: cubes along the longest side")
+      ->check(CLI::Range(1, 64))
+      ->capture_default_str()
+      ->excludes(cage);
+  app.add_option("--coordinates", source.cage.coordinates,
+                 "of the cage: green keeps shapes; mean-value is affine, outside too")
+      ->check(CLI::IsMember({"green", "mean-value"}))
       ->capture_default_str();
   app.add_option("--name", source.name, "name of the surface, for people");
   app.add_option("--cache", source.cache_dir, "folder where bakes are kept; '' for none (default: ~/.cache/eigencast)")
@@ -201,19 +214,10 @@ void add_deform_command(CLI::App& app, Settings& s) {
   runs(*deform, s, command);
   add_source_options(*deform, command.source);
   add_target_options(*deform, command.target);
-  CLI::Option* cage = deform->add_option("--cage", command.cage, "closed mesh around the model (default: one is made)");
-  deform
-      ->add_option("--cage-resolution", command.cage_resolution, "of a cage that is made: cubes along the longest side")
-      ->check(CLI::Range(1, 64))
-      ->capture_default_str()
-      ->excludes(cage);
   deform->add_option("--cage-out", command.cage_out,
                      "write the cage, to edit it or to number its vertices (.obj, ...)");
-  deform->add_option("--coordinates", command.coordinates, "green keeps shapes; mean-value is affine, outside too")
-      ->check(CLI::IsMember({"green", "mean-value"}))
-      ->capture_default_str();
   deform->add_option("--handles", command.handles, "no cage: handles.json, and all else as rigid as possible")
-      ->excludes(cage);
+      ->excludes(deform->get_option("--cage"));
   CLI::Option* script = deform->add_option("--script", command.script,
                                            "keys.json, or twist, bend, both (default: a window, and your hand)");
   deform
@@ -352,6 +356,23 @@ void add_commands(CLI::App& app, Settings& s) {
   add_document_commands(app, s);
 }
 
+/// What no single option can say.
+Result<void> check_together(const CLI::App& app, const Settings& s) {
+  const CLI::App* command = app.get_subcommands().front();
+  if (command->get_option_no_throw("--cage") == nullptr) return {};
+  const bool deforms = command == app.get_subcommand("deform");
+  const std::vector<std::string> bases = command->get_option("--basis")->reduced_results();
+  const bool is_cage = std::find(bases.begin(), bases.end(), "cage") != bases.end();
+  if (is_cage && deforms && !s.deform.handles.empty())
+    return fail(ErrorCode::kInvalidArgument, "--handles moves the model without a cage: take another --basis");
+  if (is_cage || deforms) return {};
+  for (const char* option : {"--cage", "--cage-resolution", "--coordinates"}) {
+    if (command->get_option(option)->count() > 0)
+      return fail(ErrorCode::kInvalidArgument, std::string(option) + " goes with --basis cage");
+  }
+  return {};
+}
+
 /// Names and contexts become URLs.
 Result<void> resolve_targets(const CLI::App& app, Settings& s) {
   TargetOptions* target = app.got_subcommand("play")     ? &s.play.target
@@ -396,9 +417,10 @@ Invocation parse_command_line(int argc, char** argv) {
   }
   settings->console.progress = !settings->no_progress;
   settings->console.on_terminal = isatty(STDERR_FILENO) == 1;
-  const auto resolved = resolve_targets(*app, *settings);
-  if (!resolved) {
-    std::fprintf(stderr, "%s\n", resolved.error().message.c_str());
+  auto usable = check_together(*app, *settings);
+  if (usable) usable = resolve_targets(*app, *settings);
+  if (!usable) {
+    std::fprintf(stderr, "%s\n", usable.error().message.c_str());
     return {{}, kExitUsage, false};
   }
   return {[app, settings](Interrupt& interrupt) { return settings->run(interrupt); }, kExitOk, settings->verbose};

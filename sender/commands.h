@@ -65,13 +65,10 @@ struct PipeCommand {
 struct DeformCommand {
   SourceOptions source;  ///< The model.
   TargetOptions target;
-  std::string cage;                   ///< File; empty: one is made.
-  int cage_resolution = 5;            ///< See deform::cage_around.
-  std::string cage_out;               ///< Write the cage there; empty: no.
-  std::string coordinates = "green";  ///< green, mean-value
-  std::string handles;                ///< JSON file: no cage, but handles, as rigid as possible.
-  std::string script;                 ///< JSON file, or twist, bend, both; empty: by hand, in a window.
-  double rate_hz = 0;                 ///< 0: 30 of a script, 60 by hand.
+  std::string cage_out;  ///< Write the cage there; empty: no.
+  std::string handles;   ///< JSON file: no cage, but handles, as rigid as possible.
+  std::string script;    ///< JSON file, or twist, bend, both; empty: by hand, in a window.
+  double rate_hz = 0;    ///< 0: 30 of a script, 60 by hand.
   double speed = 1;
   bool once = false;
   double duration_s = 0;             ///< 0: until the script ends.
@@ -98,8 +95,8 @@ struct ExportCommand {
 struct EvaluateCommand {
   SourceOptions source;                            ///< But for its basis and rank.
   std::vector<std::string> bases = {"augmented"};  ///< All combinations of these are evaluated.
-  std::vector<int> ranks = {200};
-  std::vector<double> levels = {1};  ///< Fractions of the vertices.
+  std::vector<int> ranks = {0};                    ///< As of SourceOptions.
+  std::vector<double> levels = {1};                ///< Fractions of the vertices.
   std::string codec = "quantised";
   std::vector<double> errors;  ///< Model units.
   std::vector<double> steps;   ///< See eps_from_step. Neither: an error of 1e-3 of the diagonal.

@@ -9,13 +9,10 @@
 #include <optional>
 
 #include "common/core/histogram.h"
-#include "common/surface/read.h"
 #include "common/surface/write.h"
 #include "sender/by_hand.h"
 #include "sender/commands.h"
 #include "sender/deform/arap.h"
-#include "sender/deform/cage.h"
-#include "sender/deform/cage_deformer.h"
 #include "sender/deform/projected.h"
 #include "sender/deform/reduced_arap.h"
 #include "sender/deform/script.h"
@@ -32,15 +29,6 @@ using deform::ProjectedDeformer;
 using deform::Script;
 
 constexpr std::uintmax_t kMaxScriptBytes = 64 << 20;
-
-Result<Surface> cage_of(const DeformCommand& command, const Surface& model) {
-  if (command.cage.empty()) return deform::cage_around(model, command.cage_resolution);
-  auto mesh = read_surface(command.cage);
-  if (!mesh) return mesh;
-  auto cage = deform::cage_from_mesh(std::move(*mesh));
-  if (!cage) return in_context(command.cage, cage.error());
-  return cage;
-}
 
 Result<std::string> text_of(const std::string& path) {
   std::error_code error;
@@ -62,23 +50,28 @@ Result<std::unique_ptr<Deformer>> with_handles(const DeformCommand& command, con
   return deform::arap_deformer(model, std::move(*groups));
 }
 
-Result<std::unique_ptr<Deformer>> bind(const DeformCommand& command, const Surface& model, const Asset& asset,
+/// source.cage, where there is one, is taken.
+Result<std::unique_ptr<Deformer>> bind(const DeformCommand& command, Source& source, const Asset& asset,
                                        const Console& console, Interrupt& interrupt) {
+  const Surface& model = source.clip->rest();
   if (!command.handles.empty()) return with_handles(command, model, asset);
-  auto cage = cage_of(command, model);
-  if (!cage) return cage.error();
-  spdlog::info("cage: {} vertices, {} faces", cage->vertex_count(), cage->faces.size());
-  if (!command.cage_out.empty()) {
-    if (const auto written = write_surface(*cage, command.cage_out); !written) return written.error();
+  std::unique_ptr<Deformer> deformer = std::move(source.cage);
+  if (deformer == nullptr) {
+    ProgressLine line(console.progress, console.on_terminal);
+    auto bound = bind_cage(command.source.cage, model, [&](double fraction) {
+      line.show(fraction, "binding the model to its cage", steady_now_us());
+      return !interrupt.requested();
+    });
+    line.finish();
+    if (!bound) return bound;
+    deformer = std::move(*bound);
   }
-  const auto coordinates =
-      command.coordinates == "green" ? deform::CageCoordinates::kGreen : deform::CageCoordinates::kMeanValue;
-  ProgressLine line(console.progress, console.on_terminal);
-  auto deformer = deform::cage_deformer(model, std::move(*cage), coordinates, [&](double fraction) {
-    line.show(fraction, "binding the model to its cage", steady_now_us());
-    return !interrupt.requested();
-  });
-  line.finish();
+  spdlog::info("cage: {} vertices, {} faces", deformer->handles().size(), deformer->handle_faces().size());
+  if (!command.cage_out.empty()) {
+    const Surface cage{{deformer->handles().begin(), deformer->handles().end()},
+                       {deformer->handle_faces().begin(), deformer->handle_faces().end()}};
+    if (const auto written = write_surface(cage, command.cage_out); !written) return written.error();
+  }
   return deformer;
 }
 
@@ -187,7 +180,7 @@ Result<std::string> by_script(const DeformCommand& command, Deformer& deformer, 
 
 Result<std::string> perform(const DeformCommand& command, Source source, const Console& console, Interrupt& interrupt) {
   const auto asset = std::make_shared<const Asset>(std::move(source.baked.asset));
-  auto deformer = bind(command, source.clip->rest(), *asset, console, interrupt);
+  auto deformer = bind(command, source, *asset, console, interrupt);
   if (!deformer) return deformer.error();
   std::optional<Script> script;
   if (!command.script.empty()) {

@@ -4,8 +4,12 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "common/spectral/rig_columns.h"
 #include "common/surface/read.h"
 #include "common/surface/shapes.h"
+#include "common/wire/limits.h"
+#include "sender/deform/cage.h"
+#include "sender/deform/cage_deformer.h"
 
 namespace eigencast {
 namespace {
@@ -26,7 +30,56 @@ std::string public_name(const std::string& clip_name) {
   return generic && !folder.empty() ? folder : stem;
 }
 
+int rank_of(const SourceOptions& options) {
+  if (options.rank > 0) return options.rank;
+  if (options.basis == "pca") return 50;
+  return options.basis == "rig" || options.basis == "cage" ? static_cast<int>(limits::kMaxRows) : 200;
+}
+
+double asset_error_of(const SourceOptions& options) {
+  return options.asset_error.value_or(options.basis == "rig" || options.basis == "cage" ? 0 : 1e-4);
+}
+
+KnownMotion with_poses(const MotionClip& clip, SpanningColumns columns) {
+  return {std::move(columns), clip.frame_count(), [&clip](std::size_t i) { return clip.pose(i); }};
+}
+
+Result<KnownMotion> motion_of_rig(const MotionClip& clip) {
+  if (clip.rig() == nullptr) {
+    return fail(ErrorCode::kInvalidArgument,
+                "it states no bones and no morph targets, which the basis rig is made of (glTF "
+                "does); learn a basis from its poses with --basis pca");
+  }
+  auto columns = columns_from_rig(*clip.rig());
+  if (!columns) return columns.error();
+  return with_poses(clip, std::move(*columns));
+}
+
+/// Where the handles of a cage move by its size, its faces' normals turn and stretch by one: the columns are scaled so.
+KnownMotion motion_of_cage(const deform::Deformer& cage) {
+  const deform::LinearMap& map = *cage.linear_map();
+  SpanningColumns columns{map.controls, map.W};
+  const double size = bounding_box(cage.handles()).diagonal();
+  for (std::size_t i = 0; i < map.vertices; ++i) {
+    for (std::size_t handle = 0; handle < cage.handles().size(); ++handle) columns.W[i * map.controls + handle] *= size;
+  }
+  return {std::move(columns), 0, {}};
+}
+
 }  // namespace
+
+Result<std::unique_ptr<deform::Deformer>> bind_cage(const CageOptions& options, const Surface& model,
+                                                    const std::function<bool(double)>& progress) {
+  auto cage = options.file.empty() ? deform::cage_around(model, options.resolution) : read_surface(options.file);
+  if (cage && !options.file.empty()) {
+    cage = deform::cage_from_mesh(std::move(*cage));
+    if (!cage) return in_context(options.file, cage.error());
+  }
+  if (!cage) return cage.error();
+  const bool green = options.coordinates == "green";
+  return deform::cage_deformer(model, std::move(*cage),
+                               green ? deform::CageCoordinates::kGreen : deform::CageCoordinates::kMeanValue, progress);
+}
 
 Result<std::unique_ptr<MotionClip>> open_source(const SourceOptions& options) {
   // Neither a path, nor a glob, nor a file's name: a built-in shape is meant, and its error lists those that there are.
@@ -40,12 +93,28 @@ Result<std::unique_ptr<MotionClip>> open_source(const SourceOptions& options) {
 Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress) {
   auto clip = open_source(options);
   if (!clip) return clip.error();
-  const BakeOptions bake_options{options.basis, options.rank,
+  const Surface& rest = (*clip)->rest();
+  std::unique_ptr<deform::Deformer> cage;
+  KnownMotion motion;
+  if (options.basis == "rig") {
+    auto of_rig = motion_of_rig(**clip);
+    if (!of_rig) return in_context(options.input, of_rig.error());
+    motion = std::move(*of_rig);
+  } else if (options.basis == "cage") {
+    auto bound = bind_cage(options.cage, rest,
+                           [&](double) { return !progress || progress(0, "binding the model to its cage"); });
+    if (!bound) return in_context(options.input, bound.error());
+    cage = std::move(*bound);
+    motion = motion_of_cage(*cage);
+  } else if (options.basis == "pca") {
+    motion = with_poses(**clip, {});
+  }
+  const BakeOptions bake_options{options.basis, rank_of(options),
                                  options.name.empty() ? public_name((*clip)->name()) : options.name,
-                                 options.asset_error};
-  auto baked = bake((*clip)->rest(), bake_options, options.cache_dir, progress);
+                                 asset_error_of(options), &motion};
+  auto baked = bake(rest, bake_options, options.cache_dir, progress);
   if (!baked) return in_context(options.input, baked.error());
-  return Source{std::move(*clip), std::move(*baked)};
+  return Source{std::move(*clip), std::move(*baked), std::move(cage)};
 }
 
 }  // namespace eigencast

@@ -2,12 +2,21 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "common/surface/motion_clip.h"
 #include "sdk/bake.h"
+#include "sender/deform/deformer.h"
 
 namespace eigencast {
+
+/// The cage around a model.
+struct CageOptions {
+  std::string file;                   ///< Empty: one is made.
+  int resolution = 5;                 ///< See deform::cage_around.
+  std::string coordinates = "green";  ///< green, mean-value
+};
 
 /// What to stream and how to bake it: the options that all commands share.
 struct SourceOptions {
@@ -17,8 +26,9 @@ struct SourceOptions {
   std::string animation;       ///< Of a glTF file: name or number (default: the first).
   double sample_rate_hz = 30;  ///< Of formats that state curves instead of poses.
   std::string basis = "augmented";
-  int rank = 200;
-  double asset_error = 1e-4;  ///< See BakeOptions.
+  int rank = 0;                       ///< 0: 200; of pca 50; of rig and cage all columns that there are.
+  std::optional<double> asset_error;  ///< See BakeOptions (default: 1e-4; of rig and cage, which are exact, 0).
+  CageOptions cage;                   ///< Of the basis cage.
   std::string name;  ///< (default: the built-in's, or the file's or folder's without its path: assets are public)
   std::string cache_dir;
 };
@@ -27,12 +37,18 @@ struct SourceOptions {
 struct Source {
   std::unique_ptr<MotionClip> clip;
   BakeResult baked;
+  std::unique_ptr<deform::Deformer> cage;  ///< Where the basis is that of a cage: the model bound to it.
 };
 
 /// Opens the input: a path that exists, or a glob, wins over a built-in name. Errors: those of builtin_clip and open_clip.
 Result<std::unique_ptr<MotionClip>> open_source(const SourceOptions& options);
 
-/// Opens and bakes, or finds it baked.
+/// The cage, read or made, and the model bound to it. Errors: those of read_surface, deform::cage_from_mesh, cage_around and
+/// cage_deformer.
+Result<std::unique_ptr<deform::Deformer>> bind_cage(const CageOptions& options, const Surface& model,
+                                                    const std::function<bool(double)>& progress);
+
+/// Opens and bakes, or finds it baked. Errors: those of both; kInvalidArgument (rig: the clip has none).
 Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress);
 
 }  // namespace eigencast

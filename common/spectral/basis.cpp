@@ -9,23 +9,16 @@
 #include <string>
 #include <vector>
 
+#include "common/spectral/affine.h"
 #include "common/spectral/panels.h"
 
 namespace eigencast {
 namespace {
 
 constexpr double kDependent = 1e-2;    // relative residual below which a column says nothing new but noise
-constexpr double kFlat = 1e-13;        // of the rest pose's size: a coordinate that others determine
 constexpr double kFlatProduct = 1e-9;  // norm of a product with a coordinate that does not vary
 constexpr int kHarmonicsPerTurn = 7;   // between two groups of three products
 constexpr double kSolveShare = 0.85;   // of the time, for progress
-
-using RestMap = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>;
-
-RestMap matrix_from(std::span<const Vec3> positions) {
-  static_assert(sizeof(Vec3) == 3 * sizeof(double));
-  return {positions.empty() ? nullptr : positions.front().data(), static_cast<Eigen::Index>(positions.size()), 3};
-}
 
 /// Everything here is in the symmetric form h = M^{1/2} psi, where the inner product is the plain one.
 struct Candidates {
@@ -33,32 +26,6 @@ struct Candidates {
   Eigen::MatrixXd harmonics;  // n x m, orthonormal, the constant first
   Eigen::MatrixXd rest;  // n x 3: x0, y0, z0 about the M-centroid in units of their root mean square; not times M^{1/2}
 };
-
-Eigen::MatrixXd orthonormal_affine(const Eigen::VectorXd& root_mass, const Eigen::MatrixXd& rest) {
-  Eigen::MatrixXd columns(root_mass.size(), 4);
-  columns.col(0) = root_mass.normalized();
-  Eigen::Index count = 1;
-  for (Eigen::Index axis = 0; axis < 3; ++axis) {
-    Eigen::VectorXd column = root_mass.cwiseProduct(rest.col(axis));
-    for (int pass = 0; pass < 3; ++pass) {
-      const auto before = columns.leftCols(count);
-      column -= before * (before.transpose() * column);
-      if (pass == 0 && column.norm() < kFlat * root_mass.norm()) column.setZero();
-      column.normalize();  // leaves zero as it is
-    }
-    if (column.norm() < 0.5) continue;
-    columns.col(count++) = column;
-  }
-  return columns.leftCols(count);
-}
-
-Eigen::MatrixXd centred_rest(std::span<const Vec3> positions, const Eigen::VectorXd& mass) {
-  Eigen::MatrixXd rest = matrix_from(positions);
-  const Eigen::RowVector3d centroid = mass.transpose() * rest / mass.sum();
-  rest.rowwise() -= centroid;
-  const double size = std::sqrt((mass.asDiagonal() * rest.cwiseAbs2()).sum() / mass.sum());
-  return size > 0 ? Eigen::MatrixXd(rest / size) : rest;
-}
 
 /// Chooses columns in embedded order by a Cholesky factorisation of their Gram matrix that grows by one column at a
 /// time and passes over columns that those before determine.
@@ -225,6 +192,7 @@ Result<Basis> build_augmented(const Surface& rest, const Laplacian& laplacian, i
 
 Result<Basis> build_basis(const Surface& rest, const Laplacian& laplacian, const BasisOptions& options,
                           const Progress& progress) {
+  assert(options.kind == BasisKind::kAugmented || options.kind == BasisKind::kHarmonic);
   const Eigen::Index n = laplacian.mass.size();
   if (static_cast<Eigen::Index>(rest.vertex_count()) != n) {
     return fail(ErrorCode::kInvalidArgument, "the Laplacian of " + std::to_string(n) +
@@ -249,7 +217,7 @@ Result<Basis> build_basis(const Surface& rest, const Laplacian& laplacian, const
 
 Eigen::MatrixXd coefficients_from_positions(const Basis& basis, std::span<const Vec3> positions) {
   assert(static_cast<Eigen::Index>(positions.size()) == basis.Psi.rows());
-  const Eigen::Matrix<double, Eigen::Dynamic, 3> weighted = basis.mass.asDiagonal() * matrix_from(positions);
+  const Eigen::Matrix<double, Eigen::Dynamic, 3> weighted = basis.mass.asDiagonal() * matrix_from_positions(positions);
   return basis.Psi.transpose() * weighted;
 }
 
@@ -264,9 +232,9 @@ std::vector<Vec3> positions_from_coefficients(const Basis& basis, const Eigen::M
 void KgError::add_frame(std::span<const Vec3> truth, std::span<const Vec3> rebuilt) {
   assert(truth.size() == rebuilt.size());
   if (truth.empty()) return;
-  const auto X = matrix_from(truth);
+  const auto X = matrix_from_positions(truth);
   const Eigen::RowVector3d mean = X.colwise().mean();
-  numerator_ += (X - matrix_from(rebuilt)).squaredNorm();
+  numerator_ += (X - matrix_from_positions(rebuilt)).squaredNorm();
   denominator_ += (X.rowwise() - mean).squaredNorm();
 }
 

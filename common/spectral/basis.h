@@ -9,7 +9,12 @@
 
 namespace eigencast {
 
-enum class BasisKind { kHarmonic, kAugmented };
+enum class BasisKind {
+  kHarmonic,
+  kAugmented,
+  kSpanned,  ///< By columns that are known: of a skin, of a cage (motion_basis.h).
+  kLearned,  ///< From poses (motion_basis.h).
+};
 
 /// An M-orthonormal basis to stream a surface in.
 ///   Psi   n x r, Psi^T M Psi = I
@@ -23,10 +28,15 @@ struct Basis {
   bool certified = false;
   bool approximate = false;  ///< As of Eigenbasis, with `missed`.
   int missed = 0;
+  // Of bases that are made for a known motion:
+  int dimensions = 0;  ///< Columns that hold all of it; r may be less.
+  Eigen::VectorXd
+      rms;  ///< r: root mean square of each coefficient's norm over x, y, z in its poses; empty: none are known.
+  double left_out = 0;  ///< Share of the poses' extent (as of KG, weighted by area) that the basis does not hold.
 };
 
 struct BasisOptions {
-  BasisKind kind = BasisKind::kAugmented;
+  BasisKind kind = BasisKind::kAugmented;  ///< Or kHarmonic.
   int rank = 200;  ///< r; lowered to what n allows, which the result's column count says: n/2 - 1, but 4 for
                    ///< an augmented basis, which is what its rest pose needs.
 };

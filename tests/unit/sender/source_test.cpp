@@ -3,9 +3,16 @@
 
 #include <gtest/gtest.h>
 
+#include <filesystem>
 #include <fstream>
 
 #include "common/surface/shapes.h"
+#include "common/surface/write.h"
+#include "sender/deform/cage.h"
+#include "sender/deform/cage_deformer.h"
+#include "sender/deform/projected.h"
+#include "sender/deform/script.h"
+#include "sender/evaluate.h"
 #include "tests/support/process.h"
 
 namespace eigencast {
@@ -23,7 +30,8 @@ TEST(Source, EveryBuiltInShapeOpensByItsName) {
 
 TEST(Source, TheAssetIsNamedWithoutThePathToItsFile) {
   const testing::TemporaryFolder folder;
-  std::ofstream(folder.file("tetra.off")) << "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n";
+  std::ofstream(folder.file("tetra.off"))
+      << "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n";
   SourceOptions options;
   options.input = folder.file("tetra.off");
   options.rank = 4;
@@ -40,6 +48,98 @@ TEST(Source, AnUnknownNameIsRefusedWithTheNamesThereAre) {
   EXPECT_EQ(clip.error().code, ErrorCode::kNotFound);
   EXPECT_NE(clip.error().message.find("heart"), std::string::npos);
   EXPECT_NE(clip.error().message.find("torus"), std::string::npos);
+}
+
+SourceOptions of_basis(const std::string& input, const std::string& basis) {
+  SourceOptions options;
+  options.input = input;
+  options.basis = basis;
+  return options;
+}
+
+// Whatever the cage does, not only what a script makes of it: what goes out is the deformation itself, to float columns' rounding.
+TEST(Source, TheBasisOfACageHoldsAllThatItDoes) {
+  const testing::TemporaryFolder folder;
+  const Surface model = make_heart(9);
+  const auto cage = deform::cage_around(model, 2);
+  ASSERT_TRUE(cage);
+  ASSERT_TRUE(write_surface(model, folder.file("heart.obj")) && write_surface(*cage, folder.file("cage.obj")));
+  for (const char* coordinates : {"green", "mean-value"}) {
+    SourceOptions options = of_basis(folder.file("heart.obj"), "cage");
+    options.cage.file = folder.file("cage.obj");
+    options.cage.coordinates = coordinates;
+    const auto source = bake_source(options, {});
+    ASSERT_TRUE(source) << source.error().message;
+    ASSERT_NE(source->cage, nullptr);
+    const Asset& asset = source->baked.asset;
+    EXPECT_EQ(asset.basis_kind, "cage");
+    EXPECT_LE(asset.rank, source->cage->linear_map()->controls);
+    EXPECT_EQ(asset.band_ends.back(), asset.rank);
+    const auto projector = Projector::create(asset);
+    ASSERT_TRUE(projector);
+    auto projected = deform::ProjectedDeformer::create(*source->cage, asset, *projector);
+    ASSERT_TRUE(projected);
+    const auto script = deform::Script::builtin("both", source->cage->handles());
+    ASSERT_TRUE(script);
+    SurfaceErrorSum error(asset.diagonal());
+    SourceRebuilder rebuilder(asset);
+    for (const double time_s : {0.0, 0.5, 1.0, 2.0}) {
+      const std::vector<Vec3> handles = script->handles_at(time_s);
+      const auto C = projected->coefficients(handles);
+      ASSERT_TRUE(C);
+      error.add(source->cage->positions(handles), rebuilder.rebuild(*C, 3));
+    }
+    EXPECT_LT(error.result().max, 1e-5) << coordinates;
+    EXPECT_LT(error.result().rms, 1e-6) << coordinates;
+  }
+}
+
+TEST(Source, ABasisOfARigNeedsOneAndALearnedOneNeedsPoses) {
+  const auto rig = bake_source(of_basis("heart", "rig"), {});
+  ASSERT_FALSE(rig);
+  EXPECT_NE(rig.error().message.find("--basis pca"), std::string::npos) << rig.error().message;
+  const testing::TemporaryFolder folder;
+  ASSERT_TRUE(write_surface(make_icosphere(2), folder.file("ball.obj")));
+  const auto pca = bake_source(of_basis(folder.file("ball.obj"), "pca"), {});
+  ASSERT_FALSE(pca);
+  EXPECT_NE(pca.error().message.find("only one"), std::string::npos) << pca.error().message;
+}
+
+TEST(Source, ALearnedBasisTakesTheClipsPoses) {
+  const testing::TemporaryFolder folder;
+  const Surface model = make_heart(9);
+  const auto cage = deform::cage_around(model, 2);
+  ASSERT_TRUE(cage);
+  const auto deformer = deform::cage_deformer(model, *cage, deform::CageCoordinates::kGreen);
+  const auto script = deform::Script::builtin("twist", (*deformer)->handles());
+  for (int i = 0; i < 12; ++i) {
+    const Surface pose{(*deformer)->positions(script->handles_at(i / 12.0)), model.faces};
+    ASSERT_TRUE(write_surface(pose, folder.file("pose" + std::to_string(i) + ".obj")));
+  }
+  const auto error = [&](const char* basis) {
+    SourceOptions options = of_basis(folder.file("pose*.obj"), basis);
+    options.rank = 20;
+    const auto source = bake_source(options, {});
+    EXPECT_TRUE(source) << source.error().message;
+    EXPECT_EQ(source->baked.asset.basis_kind, basis);
+    return evaluate(*source->clip, source->baked.asset, {CodecKind::kFloat64, 0, {}})->truncation.kg_percent;
+  };
+  EXPECT_LT(20 * error("pca"), error("augmented"));
+}
+
+// The whole way of a skinned file: what the receiver rebuilds is the clip.
+TEST(Source, TheBasisOfARigStreamsSkinnedAndMorphedClipsExactly) {
+  const std::filesystem::path folder = std::filesystem::path(EIGENCAST_DATA_DIR) / "gltf";
+  if (!std::filesystem::exists(folder)) GTEST_SKIP() << folder << " is not there: real inputs are not tested";
+  for (const char* file : {"Fox.glb", "AnimatedMorphCube.gltf"}) {
+    const auto source = bake_source(of_basis((folder / file).string(), "rig"), {});
+    ASSERT_TRUE(source) << source.error().message;
+    EXPECT_EQ(source->baked.asset.basis_kind, "rig");
+    EXPECT_LE(source->baked.asset.rank, 96u);
+    const auto result = evaluate(*source->clip, source->baked.asset, {CodecKind::kFloat32, 0, {}});
+    ASSERT_TRUE(result);
+    EXPECT_LT(result->total.max, 1e-6) << file;
+  }
 }
 
 }  // namespace

@@ -1,0 +1,315 @@
+// SPDX-License-Identifier: MIT
+#include "common/spectral/motion_basis.h"
+
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <cmath>
+#include <new>
+#include <string>
+
+#include "common/spectral/affine.h"
+#include "common/spectral/panels.h"
+
+namespace eigencast {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+constexpr Index kWidth = kPanelWidth;
+constexpr double kNothing = 3e-7;  // of a column's length; squared it stays above what rounding leaves in a Gram matrix
+constexpr Index kSpare = 24;       // components kept beyond those asked for, while more poses come
+constexpr Index kPanelsAtOnce = 16;     // of poses, between two renewals of the components
+constexpr double kUnusedShare = 1e-10;  // of the poses' variance: what columns count that no pose needs
+
+Index whole_panels(Index columns) {
+  return (columns + kWidth - 1) / kWidth * kWidth;
+}
+
+/// In the symmetric form h = M^{1/2} psi the inner product is the plain one. What the affine columns hold is taken out of all
+/// others.
+struct Form {
+  VectorXd root_mass;
+  MatrixXd affine;  // n x a
+  Eigen::RowVector3d centre;
+
+  Form(const Surface& surface, const VectorXd& mass)
+      : root_mass(mass.cwiseSqrt()),
+        affine(orthonormal_affine(root_mass, centred_rest(surface.positions, mass))),
+        centre(mass.transpose() * matrix_from_positions(surface.positions) / mass.sum()) {}
+
+  VectorXd without_affine(VectorXd h) const {
+    for (int pass = 0; pass < 2; ++pass) h -= affine * (affine.transpose() * h);
+    return h;
+  }
+  void take_affine_out(Panels& H) const {
+    for (Index j = 0; j < H.columns(); ++j) {
+      VectorXd column(H.rows());
+      for (Index i = 0; i < H.rows(); ++i) column[i] = H.at(i, j);
+      column = without_affine(std::move(column));
+      for (Index i = 0; i < H.rows(); ++i) H.at(i, j) = column[i];
+    }
+  }
+};
+
+/// The poses' coordinates, eight columns at a time, without their affine part.
+class PoseColumns {
+ public:
+  PoseColumns(const KnownMotion& motion, const Form& form, const Progress& progress)
+      : motion_(motion), form_(form), progress_(progress), count_(motion.samples()) {
+    affine_squares_ = VectorXd::Zero(form.affine.cols());
+  }
+
+  std::size_t count() const { return count_; }
+  /// Fills a panel; false, and nothing filled, at the end.
+  Result<bool> next(double* panel) {
+    while (static_cast<Index>(waiting_.size()) < kWidth && read_ < count_) {
+      if (auto read = read_pose(); !read) return read.error();
+    }
+    if (waiting_.empty()) return false;
+    const Index columns = std::min<Index>(kWidth, static_cast<Index>(waiting_.size()));
+    for (Index j = 0; j < columns; ++j) {
+      const VectorXd& column = waiting_[static_cast<std::size_t>(j)];
+      for (Index i = 0; i < column.size(); ++i) panel[i * kWidth + j] = column[i];
+    }
+    waiting_.erase(waiting_.begin(), waiting_.begin() + columns);
+    return true;
+  }
+
+  /// Sums over the poses read: of the squares of each affine coefficient, and of what the affine columns do not hold; and of all
+  /// but the constant column, which moves a surface and has no part in its shapes.
+  const VectorXd& affine_squares() const { return affine_squares_; }
+  double other_squares() const { return other_squares_; }
+  double shape_squares() const { return affine_squares_.tail(affine_squares_.size() - 1).sum() + other_squares_; }
+
+ private:
+  Result<void> read_pose() {
+    if (progress_ && !progress_(static_cast<double>(read_) / static_cast<double>(count_), "learning from poses"))
+      return fail(ErrorCode::kCancelled, "stopped while learning from pose " + std::to_string(read_));
+    const std::size_t number = read_++;
+    const auto pose = motion_.sample(number);
+    if (!pose) return pose.error();
+    if (static_cast<Index>(pose->size()) != form_.root_mass.size()) {
+      return fail(ErrorCode::kInvalidArgument, "pose " + std::to_string(number) + " has " +
+                                                   std::to_string(pose->size()) + " vertices, the rest pose " +
+                                                   std::to_string(form_.root_mass.size()));
+    }
+    const PositionMap X = matrix_from_positions(*pose);
+    for (Index axis = 0; axis < 3; ++axis) {
+      const VectorXd h = (X.col(axis).array() - form_.centre[axis]) * form_.root_mass.array();
+      const VectorXd c = form_.affine.transpose() * h;
+      if (!c.allFinite()) return fail(ErrorCode::kInvalidArgument, "pose " + std::to_string(number) + " is not finite");
+      affine_squares_ += c.cwiseAbs2();
+      waiting_.push_back(form_.without_affine(h));
+      other_squares_ += waiting_.back().squaredNorm();
+    }
+    return {};
+  }
+
+  const KnownMotion& motion_;
+  const Form& form_;
+  const Progress& progress_;
+  std::size_t count_, read_ = 0;
+  std::vector<VectorXd> waiting_;
+  VectorXd affine_squares_;
+  double other_squares_ = 0;
+};
+
+/// Eigenpairs of a Gram or covariance matrix, the largest first.
+struct Principal {
+  MatrixXd vectors;
+  VectorXd values;
+  /// How many values are above `least`.
+  Index above(double least) const {
+    Index count = 0;
+    while (count < values.size() && values[count] > least) ++count;
+    return count;
+  }
+};
+
+Principal principal_of(const MatrixXd& symmetric) {
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(symmetric);
+  return {solver.eigenvectors().rowwise().reverse(), solver.eigenvalues().reverse()};
+}
+
+/// H = H T for T of any width, filled up with zeros to whole panels.
+void rotate_to(Panels& H, const MatrixXd& T) {
+  MatrixXd padded = MatrixXd::Zero(H.columns(), whole_panels(T.cols()));
+  padded.topLeftCorner(T.rows(), T.cols()) = T;
+  rotate(H, padded);
+}
+
+/// Columns beside the affine ones, orthonormal, with the variance of their coefficients over the poses.
+struct Directions {
+  Panels Q;
+  Index count = 0;
+  VectorXd squares;      // count: sums over the poses; where there are none, zero
+  double captured = 0;   // their sum before any were left out
+  Index dimensions = 0;  // before any were left out
+};
+
+Result<void> clean(Directions& directions, const Form& form) {
+  form.take_affine_out(directions.Q);
+  if (orthonormalise(directions.Q, directions.count) && orthonormalise(directions.Q, directions.count)) return {};
+  return fail(ErrorCode::kNumerical, "the columns of this motion cannot be told apart: take another basis");
+}
+
+/// The given columns without their affine part, each one long; those of nothing else are zero. `lengths`: what they were.
+Panels unit_columns(const SpanningColumns& given, const Form& form, VectorXd& lengths) {
+  const auto c = static_cast<Index>(given.count);
+  const Index n = form.root_mass.size();
+  const Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>> W(given.W.data(), n,
+                                                                                                   c);
+  Panels columns = zero_panels(n, c);
+  lengths = VectorXd::Zero(c);
+  for (Index j = 0; j < c; ++j) {
+    const VectorXd whole = form.root_mass.cwiseProduct(W.col(j));
+    const VectorXd h = form.without_affine(whole);
+    const double length = h.norm();
+    if (!(length > kNothing * whole.norm())) continue;
+    lengths[j] = length;
+    for (Index i = 0; i < n; ++i) columns.at(i, j) = h[i] / length;
+  }
+  return columns;
+}
+
+/// An orthonormal basis of what the given columns span; `reach` is how far they go in each direction (k x k).
+Result<Directions> spanned_by(const SpanningColumns& given, const Form& form, MatrixXd& reach) {
+  VectorXd lengths;
+  Directions directions{unit_columns(given, form, lengths), 0, {}, 0, 0};
+  Panels& Q = directions.Q;
+  const auto c = static_cast<Index>(given.count);
+  const Principal principal = principal_of(gram(Q).topLeftCorner(c, c));
+  const Index k = principal.above(kNothing * kNothing * principal.values[0]);
+  directions.count = directions.dimensions = k;
+  const VectorXd roots = principal.values.head(k).cwiseSqrt();
+  rotate_to(Q, principal.vectors.leftCols(k) * roots.cwiseInverse().asDiagonal());
+  const MatrixXd K = roots.asDiagonal() * principal.vectors.leftCols(k).transpose() * lengths.asDiagonal();
+  reach = K * K.transpose();
+  if (auto cleaned = clean(directions, form); !cleaned) return cleaned.error();
+  return directions;
+}
+
+/// Turns them so that each prefix holds as much of the poses as can be, and keeps `most`.
+Result<void> order(Directions& directions, const MatrixXd& reach, PoseColumns& poses, Index most) {
+  const Index k = directions.count;
+  if (k == 0) return {};
+  MatrixXd covariance = MatrixXd::Zero(k, k);
+  Panels panel(directions.Q.rows());
+  panel.append();
+  for (;;) {
+    std::fill_n(panel[0], directions.Q.rows() * kWidth, 0.0);
+    const auto more = poses.next(panel[0]);
+    if (!more) return more.error();
+    if (!*more) break;
+    const MatrixXd C = transposed_product(directions.Q, 0, directions.Q.count(), panel[0]).topRows(k);
+    covariance += C * C.transpose();
+  }
+  directions.captured = covariance.trace();
+  const double unit = directions.captured > 0 ? kUnusedShare * directions.captured : 1;
+  const Principal principal = principal_of(covariance + unit / std::max(reach.trace(), 1e-300) * reach);
+  directions.count = std::min(k, most);
+  const MatrixXd T = principal.vectors.leftCols(directions.count);
+  directions.squares = (T.transpose() * covariance * T).diagonal().cwiseMax(0);
+  rotate_to(directions.Q, T);
+  return {};
+}
+
+/// The principal components of the poses, `most` at most.
+Result<Directions> learnt_from(PoseColumns& poses, const Form& form, Index most) {
+  Directions directions{Panels(form.root_mass.size()), 0, {}, 0, 0};
+  Panels& H = directions.Q;  // components times the root of their sums of squares, then new poses
+  Principal principal;
+  Index kept = 0;
+  for (bool more = true; more;) {
+    const Index before = H.count();
+    while (more && H.count() < before + kPanelsAtOnce) {
+      const auto filled = poses.next(H.append());
+      if (!filled) return filled.error();
+      more = *filled;
+    }
+    principal = principal_of(gram(H));
+    kept = std::min(principal.above(kNothing * kNothing * poses.shape_squares()), more ? most + kSpare : most);
+    rotate_to(H, principal.vectors.leftCols(kept));
+  }
+  directions.count = directions.dimensions = kept;
+  directions.squares = principal.values.head(kept);
+  directions.captured = directions.squares.sum();
+  if (kept == 0) return directions;
+  rotate_to(H, MatrixXd(directions.squares.cwiseSqrt().cwiseInverse().asDiagonal()));
+  if (auto cleaned = clean(directions, form); !cleaned) return cleaned.error();
+  return directions;
+}
+
+Basis basis_from(const Form& form, const Laplacian& laplacian, const Directions& directions, const PoseColumns& poses) {
+  const Index a = form.affine.cols();
+  Basis basis;
+  basis.certified = true;
+  basis.mass = laplacian.mass;
+  basis.area = laplacian.area;
+  basis.dimensions = static_cast<int>(a + directions.dimensions);
+  basis.Psi.resize(form.root_mass.size(), a + directions.count);
+  basis.Psi.leftCols(a) = form.affine;
+  for (Index j = 0; j < directions.count; ++j) {
+    for (Index i = 0; i < basis.Psi.rows(); ++i) basis.Psi(i, a + j) = directions.Q.at(i, j);
+  }
+  basis.Psi.array().colwise() /= form.root_mass.array();
+  if (poses.count() == 0) return basis;
+  basis.rms.resize(a + directions.count);
+  basis.rms << poses.affine_squares(), directions.squares;
+  basis.rms = (basis.rms / static_cast<double>(poses.count())).cwiseSqrt();
+  const double all = poses.shape_squares();
+  const double lost = poses.other_squares() - directions.squares.sum();
+  basis.left_out = all > 0 ? std::sqrt(std::max(0.0, lost / all)) : 0;
+  return basis;
+}
+
+Result<Basis> build(const Surface& rest, const Laplacian& laplacian, const KnownMotion& motion, int rank,
+                    const Progress& progress) {
+  const Form form(rest, laplacian.mass);
+  const Index n = form.root_mass.size();
+  const Index most = std::max<Index>(0, std::min<Index>(rank, n) - form.affine.cols());
+  PoseColumns poses(motion, form, progress);
+  if (motion.columns.count == 0) {
+    auto directions = learnt_from(poses, form, most);
+    if (!directions) return directions.error();
+    Basis basis = basis_from(form, laplacian, *directions, poses);
+    basis.kind = BasisKind::kLearned;
+    return basis;
+  }
+  MatrixXd reach;
+  auto directions = spanned_by(motion.columns, form, reach);
+  if (!directions) return directions.error();
+  if (auto ordered = order(*directions, reach, poses, most); !ordered) return ordered.error();
+  Basis basis = basis_from(form, laplacian, *directions, poses);
+  basis.kind = BasisKind::kSpanned;
+  return basis;
+}
+
+}  // namespace
+
+Result<Basis> build_motion_basis(const Surface& rest, const Laplacian& laplacian, const KnownMotion& motion, int rank,
+                                 const Progress& progress) {
+  const SpanningColumns& columns = motion.columns;
+  const std::size_t n = rest.vertex_count();
+  if (static_cast<std::size_t>(laplacian.mass.size()) != n || columns.W.size() != n * columns.count) {
+    return fail(ErrorCode::kInvalidArgument, "the columns of this motion, or the Laplacian, are of another surface");
+  }
+  if (columns.count == 0 && motion.poses < 2) {
+    return fail(
+        ErrorCode::kInvalidArgument,
+        "a basis is learned from the poses of a clip, and there is only one here: give a clip, or another basis");
+  }
+  if (columns.count > SpanningColumns::kMost) {
+    return fail(ErrorCode::kTooLarge, std::to_string(columns.count) + " columns are more than the " +
+                                          std::to_string(SpanningColumns::kMost) + " that a basis is made of");
+  }
+  try {
+    return build(rest, laplacian, motion, rank, progress);
+  } catch (const std::bad_alloc&) {
+    return fail(ErrorCode::kTooLarge, "not enough memory for a basis of " + std::to_string(n) + " vertices");
+  }
+}
+
+}  // namespace eigencast
