@@ -63,11 +63,35 @@ elif [ "$name" = eigencast-client ]; then
 else
   completes "eigencast-sender p" play pipe
   completes "eigencast-sender play --ra" --rate --rank
-  completes "eigencast-sender play --basis " augmented harmonic
+  completes "eigencast-sender play --basis " augmented harmonic rig cage pca
   completes "eigencast-sender -v context " add list use remove
   completes "eigencast-sender completion " bash zsh fish
 fi
 
-if command -v zsh > /dev/null; then zsh -n "$folder/zsh" || fail "zsh refuses its script"; else echo "SKIPPED: no zsh here"; fi
-if command -v fish > /dev/null; then fish -n "$folder/fish" || fail "fish refuses its script"; else echo "SKIPPED: no fish here"; fi
+if command -v zsh > /dev/null; then
+  zsh -n "$folder/zsh" || fail "zsh refuses its script"
+  mkdir "$folder/functions"
+  cp "$folder/zsh" "$folder/functions/_$name"
+  # shellcheck disable=SC2016
+  found=$(zsh -f -c 'fpath=($1 $fpath); autoload -U compinit; compinit -D -u; autoload +X _$2 && print $_comps[$2]' zsh "$folder/functions" "$name")
+  [ "$found" = "_$name" ] || fail "zsh completes $name with '$found'"
+else
+  echo "SKIPPED: no zsh here"
+fi
+if command -v fish > /dev/null; then
+  fish --no-execute "$folder/fish" || fail "fish refuses its script"
+  fish_completes() {  # as completes
+    local found
+    found=$(HOME=$folder fish --no-config -c 'source $argv[1]; complete -C $argv[2]' "$folder/fish" "$1" | cut -f1 | tr '\n' ' ')
+    for word in "${@:2}"; do [[ " $found" == *" $word "* ]] || fail "'$1' completes to '$found' in fish, without $word"; done
+  }
+  fish_completes "$name completion " bash zsh fish
+  if [ "$name" = eigencast-sender ]; then
+    fish_completes "$name p" play pipe
+    fish_completes "$name play --basis " augmented rig pca
+    fish_completes "$name context " add list use remove
+  fi
+else
+  echo "SKIPPED: no fish here"
+fi
 echo "$options options, ${#commands[@]} help texts: all the same"
