@@ -121,6 +121,11 @@ void Backbone::on_disconnected(const std::string& why) {
   reconcile();
 }
 
+void Backbone::on_new_table() {
+  table_read_ = false;
+  directory_.begin_anew();
+}
+
 void Backbone::on_table_read() {
   table_read_ = true;
   settled_ = false;

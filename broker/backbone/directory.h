@@ -56,6 +56,8 @@ class Directory {
   /// A change that was told; `text` is empty where the entry was removed. Changes older than what is known are ignored.
   /// Errors: kCorrupt (the entry stays as it was).
   Result<void> take(std::string_view stream, std::optional<std::string_view> text, std::uint64_t revision);
+  /// Nothing is known of streams any more: revisions count from the beginning.
+  void begin_anew() { streams_.clear(); }
   /// A broker gave a sign of life.
   void heard(std::string_view broker, TimeUs now_us);
   /// A broker said that it stops.

@@ -25,6 +25,8 @@ class Link {
     /// The connection is up (again), or lost.
     virtual void on_connected() = 0;
     virtual void on_disconnected(const std::string& why) = 0;
+    /// The table is another one than before (its servers lost it, somebody removed it): what was told of rows is void.
+    virtual void on_new_table() = 0;
     /// A row of the table; `text` is empty where it was removed.
     virtual void on_row(const std::string& key, std::optional<std::string> text, std::uint64_t revision) = 0;
     /// All rows that the table had when the connection came up have been told.

@@ -29,6 +29,7 @@ using MessagePtr = std::unique_ptr<natsMsg, Destroyer<natsMsg_Destroy>>;
 using JetStreamPtr = std::unique_ptr<jsCtx, Destroyer<jsCtx_Destroy>>;
 using StorePtr = std::unique_ptr<kvStore, Destroyer<kvStore_Destroy>>;
 using WatcherPtr = std::unique_ptr<kvWatcher, Destroyer<kvWatcher_Destroy>>;
+using StreamInfoPtr = std::unique_ptr<jsStreamInfo, Destroyer<jsStreamInfo_Destroy>>;
 using EntryPtr = std::unique_ptr<kvEntry, Destroyer<kvEntry_Destroy>>;
 
 /// What nats_link.cpp (messages) and nats_table.cpp (the table) share, and nobody else sees.
@@ -73,6 +74,7 @@ class NatsLink::Impl : public std::enable_shared_from_this<Impl> {
   void watch_once(std::uint64_t generation);
   JetStreamPtr jet_stream() const;
   Result<StorePtr> open_table(jsCtx& js) const;
+  bool tell_new_table(jsCtx& js);
   Result<std::uint64_t> write_now(const std::string& key, const std::optional<std::string>& text,
                                   std::uint64_t expected);
   void tell_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision);
@@ -87,6 +89,7 @@ class NatsLink::Impl : public std::enable_shared_from_this<Impl> {
   std::map<std::uint64_t, Question> questions_;                // Of the loop.
   std::uint64_t last_question_ = 0;                            // Of the loop.
   std::shared_ptr<bool> open_ = std::make_shared<bool>(true);  // Of the loop: handlers may be called.
+  std::int64_t table_made_ = 0;                                // Of the reader: when the table was, by its servers.
   std::atomic<int> coming_{0};
   std::atomic<bool> waiting_{false};  ///< There are questions.
   std::vector<std::shared_ptr<void>> subscriptions_;

@@ -125,6 +125,16 @@ Result<StorePtr> NatsLink::Impl::open_table(jsCtx& js) const {
   return StorePtr(store);
 }
 
+/// False where nothing can be said of the table just now.
+bool NatsLink::Impl::tell_new_table(jsCtx& js) {
+  jsStreamInfo* raw = nullptr;
+  js_GetStreamInfo(&raw, &js, ("KV_" + bucket_).c_str(), nullptr, nullptr);
+  const StreamInfoPtr info(raw);
+  if (!info) return false;
+  if (std::exchange(table_made_, info->Created) != info->Created) hand_over([this] { listener_->on_new_table(); });
+  return true;
+}
+
 void NatsLink::Impl::read_table() {
   std::unique_lock lock(mutex_);
   while (!stopping_) {
@@ -142,7 +152,7 @@ void NatsLink::Impl::watch_once(std::uint64_t generation) {
   const JetStreamPtr js = jet_stream();
   if (!js) return;
   auto store = open_table(*js);
-  if (!store) return;
+  if (!store || !tell_new_table(*js)) return;
   kvWatchOptions options;
   kvWatchOptions_Init(&options);
   options.Timeout = kTableTimeoutMs;

@@ -308,8 +308,36 @@ class Undone(unittest.TestCase):
         self.assertNotIn(network.prefix, spaces)
 
 
-class Guarded(unittest.TestCase):
-    """One NATS server that asks who comes, over TLS; all on loopback."""
+class Sender(threading.Thread):
+    """Announces stream s at a broker of this machine, is granted, and sends until `over`."""
+
+    def __init__(self, port):
+        super().__init__(daemon=True)
+        body, self.asset = payloads.asset()
+        urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{port}/v1/assets/{self.asset}", data=body, method="PUT")).close()
+        self.template, rows = payloads.float_join(600)
+        self.peer = Peer(port, "/v1/publish/s", "eigencast.v1")
+        self.peer.send(frame(TEXT, payloads.announce(self.asset, rows, "float32").encode()))
+        while b'"announced"' not in self.peer.receive()[1]:
+            pass
+        self.body, self.over = body, threading.Event()
+        self.start()
+
+    def run(self):
+        sequence = 0
+        while not self.over.wait(0.02):
+            head = self.template[:11] + sequence.to_bytes(8, "little") + (20_000 * sequence + 1).to_bytes(8, "little")
+            self.peer.send(frame(BINARY, head + self.template[27:]))
+            sequence += 1
+
+    def end(self):
+        self.over.set()
+        self.join()
+        self.peer.sock.close()
+
+
+class OneServer(unittest.TestCase):
+    """One NATS server that asks who comes, over TLS, and brokers; all on loopback."""
 
     SERVER = """
 listen: "127.0.0.1:{port}"
@@ -320,6 +348,8 @@ tls {{ cert_file: "{folder}/server.pem", key_file: "{folder}/server.key", ca_fil
     # No more rights than docs/scaling.md says.
     PASSWORD = """authorization { users: [ { user: broker, password: secret, permissions: {
   publish: ["eigencast.>", "_INBOX.>", "$JS.API.>", "$KV.eigencast_streams.>"], subscribe: ["eigencast.>", "_INBOX.>"] } } ] }"""
+
+    nats = None
 
     def setUp(self):
         if not shutil.which("nats-server"):
@@ -336,15 +366,17 @@ tls {{ cert_file: "{folder}/server.pem", key_file: "{folder}/server.key", ca_fil
                  "-extfile", "names")
 
     def start_nats(self, rest, verify="false"):
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.nats = probe.getsockname()[1]
+        if self.nats is None:
+            with socket.socket() as probe:
+                probe.bind(("127.0.0.1", 0))
+                self.nats = probe.getsockname()[1]
         config = pathlib.Path(self.folder, "nats.conf")
         config.write_text(self.SERVER.format(port=self.nats, folder=self.folder, rest=rest, verify=verify))
         self.log = pathlib.Path(self.folder, "nats.log")
         server = subprocess.Popen(["nats-server", "-c", config], stderr=open(self.log, "w"))
         self.addCleanup(server.wait)
         self.addCleanup(server.terminate)
+        return server
 
     def broker(self, name, ca="ca.pem", **shown):
         """Its data port and a way to ask its admin port. `shown`: settings of [backbone] with which it shows who it is."""
@@ -369,30 +401,38 @@ tls {{ cert_file: "{folder}/server.pem", key_file: "{folder}/server.key", ca_fil
             time.sleep(0.05)
         self.fail(f"{what}\n{self.log.read_text()[-2000:]}")
 
-    def publish(self, port, asset, rows):
-        """The sender of stream s, granted: the directory answered."""
-        sender = Peer(port, "/v1/publish/s", "eigencast.v1")
-        sender.send(frame(TEXT, payloads.announce(asset, rows, "float32").encode()))
-        while b'"announced"' not in sender.receive()[1]:
-            pass
-        return sender
+    def meet(self, count=2, **shown):
+        """The data ports of brokers that have heard of each other."""
+        brokers = [self.broker(f"broker-{number}", **shown) for number in range(count)]
+        for _, ask in brokers:
+            self.wait_for(lambda: f"{count} brokers" in ask("/api/broker"), "they do not meet")
+        return [port for port, _ in brokers]
 
-    def assert_streams_cross(self, **shown):
-        one, ask_one = self.broker("one", **shown)
-        two, _ = self.broker("two", **shown)
-        self.wait_for(lambda: "2 brokers" in ask_one("/api/broker"), "they do not meet")
-        body, asset = payloads.asset()
-        urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{one}/v1/assets/{asset}", data=body, method="PUT")).close()
-        template, rows = payloads.float_join(600)
-        sender = self.publish(one, asset, rows)
-        viewer = Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v1")
-        for sequence in range(100):
-            sender.send(frame(BINARY, template[:11] + sequence.to_bytes(8, "little") + (1000 * sequence + 1).to_bytes(8, "little") + template[27:]))
-            time.sleep(0.02)
+    def sender(self, port):
+        """Refused for a moment where the one before it, at another broker, has just gone: tries again, as senders do."""
+        for _ in range(100):
+            try:
+                sender = Sender(port)
+            except EOFError:
+                time.sleep(0.05)
+                continue
+            self.addCleanup(sender.end)
+            return sender
+        self.fail("the sender is refused")
+
+    def assert_frames_come(self, viewer, seconds=15):
+        viewer.sock.settimeout(seconds)
         while viewer.receive()[0] != BINARY:
             pass
-        fetched = urllib.request.urlopen(f"http://127.0.0.1:{two}/v1/assets/{asset}").read()
-        self.assertEqual(fetched, body)
+
+
+class Guarded(OneServer):
+    def assert_streams_cross(self, **shown):
+        one, two = self.meet(**shown)
+        sender = self.sender(one)
+        self.assert_frames_come(Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        fetched = urllib.request.urlopen(f"http://127.0.0.1:{two}/v1/assets/{sender.asset}").read()
+        self.assertEqual(fetched, sender.body)
         self.assertNotIn("Violation", self.log.read_text())
 
     def test_streams_cross_with_a_password_and_few_rights(self):
@@ -418,6 +458,27 @@ tls {{ cert_file: "{folder}/server.pem", key_file: "{folder}/server.key", ca_fil
         for password, ca in (("wrong", "ca.pem"), ("secret", "server.pem")):
             _, ask = self.broker(f"{password}-{ca}", ca, user="broker", password=password)
             self.assertRegex(ask("/readyz"), "ready, degraded: .*no NATS server")
+
+
+class Forgotten(OneServer):
+    def test_a_directory_that_is_lost_is_written_anew(self):
+        who = {"user": "broker", "password": "secret"}
+        server = self.start_nats(self.PASSWORD)
+        one, two = self.meet(**who)
+        self.sender(one).end()
+        sender = self.sender(one)  # Not the first: the revision of the stream's entry has grown.
+        self.assert_frames_come(Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        server.kill()
+        server.wait()
+        shutil.rmtree(pathlib.Path(self.folder, "jetstream"))
+        self.start_nats(self.PASSWORD)
+        three, ask = self.broker("broker-3", **who)
+        self.wait_for(lambda: "3 brokers" in ask("/api/broker"), "they do not meet again")
+        self.assert_frames_come(Peer(three, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        self.assert_frames_come(Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        sender.end()
+        self.sender(two)  # It moves, and is known.
+        self.assert_frames_come(Peer(three, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
 
 
 class Ending(unittest.TestCase):

@@ -416,6 +416,35 @@ TEST_F(BackboneTest, ATableThatDoesNotAnswerIsDoneWithoutAfterAWhile) {
   EXPECT_EQ(b().backbone->totals().streams_known, 1U) << "told as soon as it can be";
 }
 
+TEST_F(BackboneTest, ATableThatItsServersLostIsWrittenAnew) {
+  publish(new_sender(), a(), "other");  // The revision of the entry of s is not that of the first of a new table.
+  Sender& sender = new_sender();
+  publish(sender, a());
+  network.lose_table();
+  for (const auto& site : sites) site->link.cut();
+  pass(100'000);
+  for (const auto& site : sites) site->link.connect();
+  pass(1'000'000);
+  add_site("c");
+  pass(100'000);
+  FakeReceiver& viewer = new_viewer();
+  FakeReceiver& here = new_viewer();
+  watch(*sites[2], viewer);
+  watch(a(), here);
+  pass(100'000);
+  send(sender);
+  ASSERT_FALSE(viewer.poses.empty());
+  EXPECT_EQ(viewer.poses.back().key, here.poses.back().key);
+  sender.leave();
+  pass(100'000);
+  Sender& moved = new_sender();
+  publish(moved, b());
+  pass(100'000);
+  send(moved);
+  EXPECT_EQ(viewer.infos.back().epoch, moved.stream->epoch());
+  EXPECT_EQ(viewer.undecodable, 0);
+}
+
 TEST_F(BackboneTest, ABrokerThatStopsLeavesItsStreamsFree) {
   Sender& first = new_sender();
   publish(first, a());

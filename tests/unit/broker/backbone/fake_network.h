@@ -6,6 +6,7 @@
 #include <map>
 #include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "broker/backbone/link.h"
@@ -33,7 +34,15 @@ class FakeNetwork {
   void later(std::function<void()> work) { coming.push_back(std::move(work)); }
 
   std::vector<FakeLink*> links;
+  /// The servers come back with nothing; their links are connected again by the test.
+  void lose_table() {
+    table.clear();
+    revision = 0;
+    ++tables;
+  }
+
   std::map<std::string, Row> table;
+  int tables = 1;
   std::uint64_t revision = 0;
   bool table_answers = true;
   std::function<bool(const std::string& subject)> drops;
@@ -50,6 +59,7 @@ class FakeLink final : public Link {
     connected_ = true;
     network_.later([this] {
       listener_->on_connected();
+      if (std::exchange(table_, network_.tables) != network_.tables) listener_->on_new_table();
       for (const auto& [key, row] : network_.table) listener_->on_row(key, row.text, row.revision);
       listener_->on_table_read();
     });
@@ -132,6 +142,7 @@ class FakeLink final : public Link {
   Listener* listener_ = nullptr;
   std::vector<std::shared_ptr<Heard>> heard_;
   bool connected_ = true;
+  int table_ = 0;  ///< Of network_.tables.
 };
 
 }  // namespace eigencast::broker::testing
