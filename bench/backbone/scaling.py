@@ -38,6 +38,10 @@ class Crowd:
     joins_per_s: float = 0.0  # Of the whole crowd.
 
 
+SPEAKERS = 100  # Brokers without streams that give a sign of life in a second, of however many.
+SIGN_BYTES = 60.0  # With what NATS puts around it.
+
+
 @dataclasses.dataclass
 class Plan:
     brokers: int
@@ -55,10 +59,16 @@ def watched_streams(crowd, brokers):
     return crowd.streams * (1 - (1 - 1 / crowd.streams) ** picks) if crowd.streams > 1 else min(1.0, picks)
 
 
+def signs(crowd, brokers):
+    """Signs of life that each broker hears in a second: of those with a stream's sender all, of the others some."""
+    return min(brokers, SPEAKERS + crowd.streams)
+
+
 def core_of(crowd, brokers, costs):
     deliveries = crowd.viewers / brokers * crowd.watched * crowd.key_rate * crowd.k
     followed = watched_streams(crowd, brokers)
     poses = followed * crowd.key_rate * ((crowd.k - 1) * costs.pose_us + costs.hop_us)
+    poses += signs(crowd, brokers) * costs.hop_us
     return costs.idle_core + (deliveries * costs.cpu_s_per_million + poses) / 1e6
 
 
@@ -68,7 +78,7 @@ def plan(crowd, costs):
         brokers = max(brokers + 1, math.ceil(brokers * 1.02))
     per_viewer = crowd.watched * crowd.key_rate * (crowd.key_bytes + (crowd.k - 1) * crowd.pose_bytes) * 8
     followed = watched_streams(crowd, brokers)
-    nats = crowd.key_rate * crowd.key_bytes * 8 * (crowd.streams + brokers * followed)
+    nats = 8 * (crowd.key_rate * crowd.key_bytes * (crowd.streams + brokers * followed) + brokers * signs(crowd, brokers) * SIGN_BYTES)
     return Plan(brokers, core_of(crowd, brokers, costs), followed, crowd.viewers / brokers * per_viewer / 1e6,
                 crowd.viewers * per_viewer / 1e9, nats / 1e6, crowd.joins_per_s * crowd.asset_bytes * 8 / 1e9)
 
@@ -84,6 +94,7 @@ def simulate(crowd, brokers, costs, seed=1):
             streams[at].add(chance.randrange(crowd.streams))
         load[at] += crowd.watched * crowd.key_rate * crowd.k * costs.cpu_s_per_million / 1e6
     for at in range(brokers):
+        load[at] += signs(crowd, brokers) * costs.hop_us / 1e6
         load[at] += len(streams[at]) * crowd.key_rate * ((crowd.k - 1) * costs.pose_us + costs.hop_us) / 1e6
     return load
 

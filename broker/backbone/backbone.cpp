@@ -96,7 +96,8 @@ void Backbone::tick() {
 void Backbone::sign_of_life() {
   const TimeUs now = surroundings_.now_us();
   if (!connected_ || now < next_alive_us_) return;
-  next_alive_us_ = now + settings_.alive_every_us;
+  const bool has_streams = !own_.empty() || !claims_.empty();
+  next_alive_us_ = now + settings_.alive_every_us * (has_streams ? 1 : directory_.pace());
   link_.publish(settings_.prefix + ".alive", bytes_of("+" + settings_.id));
 }
 
@@ -198,6 +199,7 @@ void Backbone::forget() {
   const TimeUs now = surroundings_.now_us();
   if (now < next_forget_us_) return;
   next_forget_us_ = now + kForgetEveryUs;
+  directory_.forget_silent(now);
   for (const std::string& name : directory_.forgotten(now)) write(name, std::nullopt);
 }
 
@@ -205,6 +207,8 @@ void Backbone::forget() {
 
 void Backbone::claim(const std::string& stream, const control::Announce& announce, Granted granted) {
   claims_[stream] = {announce, std::move(granted), surroundings_.now_us()};
+  next_alive_us_ = 0;  // Whoever is to believe that the stream's broker is there hears of it first.
+  sign_of_life();
   try_claim(stream);
 }
 

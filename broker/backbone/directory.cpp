@@ -83,9 +83,17 @@ Result<void> Directory::take(std::string_view stream, std::optional<std::string_
 
 void Directory::heard(std::string_view broker, TimeUs now_us) {
   if (broker.empty() || broker.size() > kMaxOwnerBytes) return;
-  heard_us_[std::string(broker)] = now_us;
-  // Ids are new in every run: what is silent for long will not come back.
-  std::erase_if(heard_us_, [&](const auto& item) { return now_us - item.second > 2 * kForgetUs; });
+  const auto found = heard_us_.find(broker);
+  if (found != heard_us_.end()) {
+    found->second = now_us;
+  } else if (heard_us_.size() < kMaxBrokers) {
+    heard_us_.emplace(broker, now_us);
+  }
+}
+
+void Directory::forget_silent(TimeUs now_us) {
+  const TimeUs longest = std::max(2 * kForgetUs, pace() * kSilenceUs);
+  std::erase_if(heard_us_, [&](const auto& item) { return now_us - item.second > longest; });
 }
 
 bool Directory::is_alive(std::string_view broker, TimeUs now_us) const {
@@ -125,7 +133,7 @@ std::vector<std::string> Directory::forgotten(TimeUs now_us) const {
 
 std::size_t Directory::brokers(TimeUs now_us) const {
   return 1 + static_cast<std::size_t>(std::count_if(heard_us_.begin(), heard_us_.end(), [&](const auto& item) {
-           return item.first != self_ && now_us - item.second < kSilenceUs;
+           return item.first != self_ && now_us - item.second < pace() * kSilenceUs;
          }));
 }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <map>
 #include <optional>
@@ -44,6 +45,9 @@ class Directory {
   static constexpr TimeUs kSilenceUs = 5'000'000;
   /// Entries of brokers that are gone are removed after so long.
   static constexpr TimeUs kForgetUs = 600'000'000;
+  /// Of brokers without streams about so many give a sign of life in each period, however many there are.
+  static constexpr std::size_t kSpeakers = 100;
+  static constexpr std::size_t kMaxBrokers = 200'000;  ///< More are not counted.
 
   struct Known {
     std::optional<DirectoryEntry> entry;  ///< Nothing: removed.
@@ -60,6 +64,8 @@ class Directory {
   void begin_anew() { streams_.clear(); }
   /// A broker gave a sign of life.
   void heard(std::string_view broker, TimeUs now_us);
+  /// Forgets brokers that have been silent for long: ids are new in every run, they will not come back.
+  void forget_silent(TimeUs now_us);
   /// A broker said that it stops.
   void gone(std::string_view broker) { heard_us_.erase(std::string(broker)); }
 
@@ -79,7 +85,10 @@ class Directory {
   std::vector<std::string> forgotten(TimeUs now_us) const;
 
   const std::string& self() const { return self_; }
-  std::size_t brokers(TimeUs now_us) const;  ///< That are there, this one included.
+  /// How many periods a broker without streams lets pass between two signs of life, so that a crowd of brokers is not
+  /// busy with them: nobody asks whether such a broker is there.
+  int pace() const { return static_cast<int>(std::max<std::size_t>(1, heard_us_.size() / kSpeakers)); }
+  std::size_t brokers(TimeUs now_us) const;  ///< That are there, this one included; of many, as of pace() periods ago.
   const std::map<std::string, Known, std::less<>>& streams() const { return streams_; }
 
  private:

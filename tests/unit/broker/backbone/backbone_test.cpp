@@ -445,6 +445,25 @@ TEST_F(BackboneTest, ATableThatItsServersLostIsWrittenAnew) {
   EXPECT_EQ(viewer.undecodable, 0);
 }
 
+TEST_F(BackboneTest, InACrowdOnlyBrokersWithStreamsSpeakEachSecond) {
+  std::map<std::string, int> signs;
+  const auto count = [&signs](const Bytes& message) { ++signs[std::string(message.begin() + 1, message.end())]; };
+  FakeLink ear(network);
+  const auto listening = ear.subscribe("test.alive", count);
+  for (int i = 0; i < 1000; ++i) {
+    const std::string other = "+crowd-" + std::to_string(i);
+    a().link.publish("test.alive", Bytes(other.begin(), other.end()));
+  }
+  pass(2'000'000);
+  signs.clear();
+  Sender& sender = new_sender();
+  publish(sender, a());
+  EXPECT_EQ(signs["a"], 1) << "before others hear of its stream";
+  pass(20'000'000);
+  EXPECT_GE(signs["a"], 20);
+  EXPECT_LE(signs["b"], 2);
+}
+
 TEST_F(BackboneTest, ABrokerThatStopsLeavesItsStreamsFree) {
   Sender& first = new_sender();
   publish(first, a());

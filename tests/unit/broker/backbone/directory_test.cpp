@@ -80,6 +80,19 @@ TEST(Directory, SilentBrokersHoldNothing) {
   EXPECT_EQ(directory.live("s", 2 * Directory::kSilenceUs), nullptr) << "it said so";
 }
 
+TEST(Directory, OfManyBrokersThoseWithoutStreamsSpeakSeldom) {
+  Directory directory("me", 0);
+  EXPECT_EQ(directory.pace(), 1);
+  const TimeUs now = Directory::kSilenceUs;
+  for (int i = 0; i < 1000; ++i) directory.heard("broker-" + std::to_string(i), now);
+  EXPECT_EQ(directory.pace(), 10);
+  EXPECT_EQ(directory.brokers(now + 10 * Directory::kSilenceUs - 1), 1001U) << "silent, and counted yet";
+  EXPECT_FALSE(directory.is_alive("broker-1", now + Directory::kSilenceUs)) << "who has a stream speaks each period";
+  EXPECT_EQ(directory.brokers(now + 10 * Directory::kSilenceUs), 1U);
+  directory.forget_silent(now + 2 * Directory::kForgetUs + 1);
+  EXPECT_EQ(directory.pace(), 1);
+}
+
 TEST(Directory, ForgetsWhatGoneBrokersLeft) {
   Directory directory("me", 0);
   ASSERT_TRUE(directory.take("theirs", text_from_entry(entry_of("a", 1)), 1));
