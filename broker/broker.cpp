@@ -18,6 +18,7 @@
 #include "broker/http/http_session.h"
 #include "broker/operation/admin.h"
 #include "broker/random_id.h"
+#include "common/core/timers.h"
 
 namespace eigencast::broker {
 namespace {
@@ -219,6 +220,7 @@ void Broker::accept(Socket socket) {
 }
 
 void Broker::run() {
+  run_when_woken(kPassingOn);
   turn_.begin();
   context_.started_us = steady_now_us();
   context_.drain = [this] { stop(); };

@@ -8,6 +8,7 @@
 #include "client/camera_path.h"
 #include "client/session.h"
 #include "common/core/files.h"
+#include "common/core/timers.h"
 #include "view/offscreen.h"
 #include "view/overlay.h"
 #include "view/renderer.h"
@@ -58,6 +59,7 @@ class Headless {
   }
 
   Result<int> run(const std::atomic<bool>& stop) {
+    run_when_woken(kMakingPoses);  // Not before: what draws beside this thread, where a processor does, shall not be like it.
     const TimeUs start = steady_now_us();
     while (!stop.load()) {
       const double seconds = static_cast<double>(steady_now_us() - start) / 1e6;

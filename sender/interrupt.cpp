@@ -27,6 +27,7 @@ Interrupt::Interrupt() {
   signal(SIGINT, SIG_DFL);
   pthread_sigmask(SIG_BLOCK, &set, nullptr);
   sleep_on_time();
+  run_when_woken(kMakingPoses);
 }
 
 bool Interrupt::wait_until(TimeUs deadline_us) {

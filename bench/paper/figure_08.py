@@ -37,7 +37,8 @@ def remote_rows(options, rows):
     vertices = {row["clip"]: row["vertices"] for row in rows}
     with open(table) as file:
         return [{**dict.fromkeys(HEADER, ""), "clip": row["clip"], "vertices": vertices[row["clip"]],
-                 "method": f"x264 crf {row['crf']}, {row['size']}", "kbit_per_s": row["kbit_per_s"], "first_bytes": "0"}
+                 "method": f"x264 crf {row['crf']}, {row['size']}", "kbit_per_s": row["kbit_per_s"], "first_bytes": "0",
+                 "encode_us": f"{1000 * float(row['encode_ms']):.0f}"}
                 for row in csv.DictReader(file) if row["clip"] in vertices]
 
 

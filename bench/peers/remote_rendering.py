@@ -21,7 +21,10 @@ PICTURES_PER_S = 30
 
 
 def draw(stage, options, name):
-    """The folder of the pictures, frame_0001.png and on, and how many they are."""
+    """The folder of the pictures, frame_0001.png and on; those that --keep has from before, if there are as many."""
+    kept = options.keep and options.keep / f"{name}-{options.size}"
+    if kept and len(list(kept.glob("frame_*.png"))) >= options.pictures:
+        return kept
     stage.bake(clip_argument(options, name))
     viewer = watch(stage, name, "rate=raw", 120, "--frames", options.pictures, size=options.size)
     sender = stage.start("eigencast-sender", "--no-progress", "play", clip_argument(options, name), "--rate", options.pace, "--speed",
@@ -32,12 +35,17 @@ def draw(stage, options, name):
     gaps = np.diff([line["capture_us"] for line in lines])
     if np.max(gaps) > 1.5e6 / options.pace:
         sys.exit(f"{name}: a pose was not drawn in time; give --pace below {options.pace:g}")
-    return viewer.folder, len(list(viewer.folder.glob("frame_*.png")))
+    if not kept:
+        return viewer.folder
+    kept.mkdir(parents=True, exist_ok=True)
+    for picture in viewer.folder.glob("frame_*.png"):
+        shutil.copy(picture, kept)
+    return kept
 
 
-def code(folder, raw, size, count, quality):
+def code(raw, size, count, quality):
     """kbit/s, and milliseconds of the encoder for one picture."""
-    video = folder / f"{quality}.h264"
+    video = raw.with_suffix(f".{quality}.h264")
     done = subprocess.run(["ffmpeg", "-hide_banner", "-y", "-benchmark", "-f", "rawvideo", "-pix_fmt", "yuv420p", "-s", size, "-r",
                            str(PICTURES_PER_S), "-i", raw, "-c:v", "libx264", "-tune", "zerolatency", "-crf", str(quality), "-f", "h264",
                            video], check=True, capture_output=True, text=True)
@@ -51,18 +59,19 @@ def main():
     p.add_argument("--pictures", type=int, default=40, help="of each clip")
     p.add_argument("--pace", type=float, default=2, help="poses a second that are drawn")
     p.add_argument("--clips", nargs="+", default=list(CLIPS))
+    p.add_argument("--keep", type=pathlib.Path, help="folder that keeps the pictures: a second run only codes them")
     options = p.parse_args()
     if not shutil.which("ffmpeg"):
         skip("no ffmpeg, so nothing to compare with")
     rows = []
     with Stage(options) as stage:
         for name in options.clips:
-            folder, count = draw(stage, options, name)
-            raw = folder / "pictures.yuv"
+            folder = draw(stage, options, name)
+            count, raw = len(list(folder.glob("frame_*.png"))), stage.folder / f"{name}.yuv"
             subprocess.run(["ffmpeg", "-hide_banner", "-loglevel", "error", "-i", folder / "frame_%04d.png", "-pix_fmt", "yuv420p", "-f",
                             "rawvideo", raw], check=True)
             for quality in QUALITIES:
-                rate, delay = code(folder, raw, options.size, count, quality)
+                rate, delay = code(raw, options.size, count, quality)
                 rows.append([name, options.size, quality, count, f"{rate:.0f}", f"{delay:.1f}"])
             raw.unlink()
     write_table(options, "remote_rendering", ["clip", "size", "crf", "pictures", "kbit_per_s", "encode_ms"], rows)

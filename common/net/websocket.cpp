@@ -19,6 +19,7 @@
 #include <random>
 #include <thread>
 
+#include "common/core/timers.h"
 #include "common/net/backoff.h"
 #include "common/net/client_stream.h"
 #include "common/net/guarded_run.h"
@@ -90,8 +91,10 @@ class WebSocket::Impl {
         work_(asio::make_work_guard(io_)),
         random_(std::random_device{}()) {
     asio::post(io_, [this] { connect(); });
-    thread_ =
-        std::thread([this] { guarded_run([this] { io_.run(); }, [this](const std::string& what) { recover(what); }); });
+    thread_ = std::thread([this] {
+      run_when_woken(kPassingOn);
+      guarded_run([this] { io_.run(); }, [this](const std::string& what) { recover(what); });
+    });
   }
 
   ~Impl() { stop(); }

@@ -80,7 +80,8 @@ void Sending::stop() {
 }
 
 void Sending::run() {
-  sleep_on_time();
+  sleep_on_time();  // As a sender does.
+  run_when_woken(kMakingPoses);
   const TimeUs start_us = steady_now_us() + 1000;
   for (std::uint64_t i = 0; !stopping_; ++i) {
     const TimeUs intended_us = start_us + static_cast<TimeUs>(interval_us_ * static_cast<double>(i));

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <future>
 
+#include "common/core/timers.h"
 #include "common/net/url.h"
 
 namespace eigencast::latency {
@@ -73,6 +74,7 @@ Result<void> Watching::prepare() {
 }
 
 void Watching::run() {
+  run_when_woken(kMakingPoses);  // As the viewer does.
   while (!stopping_) {
     const std::vector<ReceivedPose> poses = subscriber_->poll(milliseconds(20));
     const TimeUs taken_us = steady_now_us();
@@ -117,12 +119,17 @@ void Watching::take(const ReceivedPose& pose, TimeUs taken_us) {
     counted_from_us_ = shown_us;
     bytes_at_begin_ = stats.bytes;
     skipped_at_begin_ = stats.skipped;
+    missed_at_begin_ = stats.missed;
   }
   outcome_.vertices_rebuilt = level;
   outcome_.seconds = static_cast<double>(shown_us - counted_from_us_) / 1e6;
   outcome_.kbit_per_s =
       outcome_.seconds > 0 ? static_cast<double>(stats.bytes - bytes_at_begin_) * 8e-3 / outcome_.seconds : 0;
   outcome_.counts.superseded = stats.skipped - skipped_at_begin_;
+  if (!one_clock_) {  // Of a sender elsewhere only the gaps in its keys' numbers are known.
+    const std::uint64_t missed = stats.missed - missed_at_begin_;
+    outcome_.counts.keys_lost = missed - std::min(missed, outcome_.counts.superseded);
+  }
   count(pose, shown_us);
   Received received{pose.envelope, pose.arrival_us, pose.decoded_us, begun_us, rebuilt_us, shown_us, std::nullopt};
   if (stats.clock_offset_us) received.clock = ViewerClock{*stats.clock_offset_us, *stats.clock_error_us};

@@ -62,7 +62,7 @@ class Watching {
   Timeline timeline_;
   std::set<std::pair<std::uint64_t, std::uint8_t>> seen_;  ///< Of the newest keys.
   TimeUs newest_capture_us_ = 0;
-  std::uint64_t bytes_at_begin_ = 0, skipped_at_begin_ = 0;
+  std::uint64_t bytes_at_begin_ = 0, skipped_at_begin_ = 0, missed_at_begin_ = 0;
   TimeUs counted_from_us_ = 0;
   std::atomic<bool> stopping_{false};
   std::atomic<TimeUs> from_us_{0}, until_us_{0}, first_surface_us_{0}, whole_asset_us_{0};

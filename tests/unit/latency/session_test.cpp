@@ -120,6 +120,39 @@ TEST(Session, OneEndOnlyMeasuresByTheClocksOffsets) {
   EXPECT_GT(o->total_error_us, 0);
 }
 
+/// The link breaks in the middle of the run and comes back: who does not know what was sent goes by the numbers of the keys.
+TEST(Session, OneEndOnlyCountsTheKeysThatNeverCame) {
+  LoopbackBroker broker;
+  Inputs sends = quick(broker);
+  sends.mode = "publish";
+  sends.duration_s = 5;
+  sends.warmup_s = 0;
+  std::thread sender([&] { EXPECT_TRUE(run_session(sends, never, {}, {})); });
+  ImpairedRelay::Options link;
+  link.target_port = broker.port();
+  auto relay = ImpairedRelay::start(link);
+  ASSERT_TRUE(relay) << relay.error().message;
+  link.port = (*relay)->port();
+  Inputs watches = quick(broker);
+  watches.mode = "passive";
+  watches.url = (*relay)->url("test");
+  watches.warmup_s = 0.3;
+  watches.duration_s = 3;
+  std::thread breaks([&] {
+    testing::sleep_for(testing::milliseconds(1300));
+    relay->reset();
+    testing::sleep_for(testing::milliseconds(300));
+    relay = ImpairedRelay::start(link);
+    EXPECT_TRUE(relay) << relay.error().message;
+  });
+  const auto o = run_session(watches, never, {}, {});
+  breaks.join();
+  sender.join();
+  ASSERT_TRUE(o) << o.error().message;
+  EXPECT_GT(o->counts.keys_received, 5u);
+  EXPECT_GT(o->counts.keys_lost, 5u) << "300 ms are nine keys";
+}
+
 /// The link breaks for good in the middle of the run.
 TEST(Session, EndsByItsDeadlineThoughFramesAreLostAndCountsThem) {
   LoopbackBroker broker;
