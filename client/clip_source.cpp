@@ -7,7 +7,6 @@
 #include <thread>
 
 #include "client/clip_truth.h"
-#include "client/own_colours.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/read.h"
 #include "common/surface/shapes.h"
@@ -59,6 +58,7 @@ Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& inpu
   if (!clip) return clip.error();
   BakeOptions options;
   options.name = std::filesystem::path(input).stem().string();
+  options.looks = (*clip)->appearance();
   auto result = bake((*clip)->rest(), options, cache_dir, progress);
   if (!result) return in_context(input, result.error());
   auto baked = std::make_shared<BakedClip>();
@@ -69,8 +69,6 @@ Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& inpu
   auto frames = project_clip(**clip, baked->asset, progress);
   if (!frames) return in_context(input, frames.error());
   baked->frames = std::move(*frames);
-  if (const Appearance* looks = (*clip)->appearance(); looks != nullptr)
-    baked->vertex_colours = own_colours((*clip)->rest(), *looks, baked->asset.source_vertex);
   baked->motion = std::move(*clip);
   return std::shared_ptr<const BakedClip>(std::move(baked));
 }

@@ -30,7 +30,6 @@ struct BakedClip {
   double rate_hz = 30;
   std::shared_ptr<const MotionClip> motion;  ///< As it was read: pose() of one thread at a time.
   std::vector<std::vector<double>> frames;   ///< Each r x 3, row-major.
-  std::vector<float> vertex_colours;  ///< n x 3, linear RGB, in the asset's order; empty where the file has none.
 
   /// Opens, bakes (or finds baked in cache_dir) and projects all frames. `input`: a built-in shape's name, a path, a
   /// folder or a glob, as the sender takes. Errors: those of open_clip and bake; kTooLarge (frames of over 1 GiB: play
@@ -52,7 +51,6 @@ class ClipSource final : public PoseSource {
   std::uint32_t epoch() const override { return 1; }
   const std::optional<control::StreamInfo>& info() const override { return info_; }
   Subscriber::Stats stats() const override { return stats_; }
-  std::span<const float> vertex_colours() const override { return clip_->vertex_colours; }
   Truth* truth() const override { return truth_.get(); }
 
  private:

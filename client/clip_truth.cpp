@@ -160,7 +160,6 @@ class TruthfulSource final : public PoseSource {
   std::uint32_t epoch() const override { return source_->epoch(); }
   const std::optional<control::StreamInfo>& info() const override { return source_->info(); }
   Subscriber::Stats stats() const override { return source_->stats(); }
-  std::span<const float> vertex_colours() const override { return source_->vertex_colours(); }
   Truth* truth() const override { return &truth_; }
 
  private:

@@ -61,8 +61,4 @@ Subscriber::Stats OpeningClip::stats() const {
   return stats;
 }
 
-std::span<const float> OpeningClip::vertex_colours() const {
-  return playing_ ? playing_->vertex_colours() : std::span<const float>();
-}
-
 }  // namespace eigencast

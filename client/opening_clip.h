@@ -25,7 +25,6 @@ class OpeningClip final : public PoseSource {
   std::uint32_t epoch() const override { return playing_ ? playing_->epoch() : 0; }
   const std::optional<control::StreamInfo>& info() const override { return playing_ ? playing_->info() : info_; }
   Subscriber::Stats stats() const override;
-  std::span<const float> vertex_colours() const override;
   Truth* truth() const override { return playing_ ? playing_->truth() : nullptr; }
 
  private:

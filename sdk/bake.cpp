@@ -19,6 +19,7 @@
 #include "common/spectral/laplacian.h"
 #include "common/spectral/motion_basis.h"
 #include "common/surface/check.h"
+#include "common/surface/stated_colours.h"
 #include "common/wire/limits.h"
 #include "sdk/asset_cache.h"
 
@@ -35,6 +36,8 @@ constexpr std::array<std::uint32_t, 3> kBandEnds = {14, 54,
 constexpr double kLaplacianDone = 0.03;
 constexpr double kBasisDone = 0.85;
 constexpr double kOrderDone = 0.93;
+
+using Colour = std::array<std::uint8_t, 3>;
 
 std::string text(const char* format, auto... values) {
   std::array<char, 256> line{};
@@ -89,7 +92,7 @@ Result<void> check_options(const Surface& surface, const BakeOptions& options) {
 }
 
 /// What a result depends on. Errors: those of the motion's poses.
-Result<Sha256> key_of(const Surface& surface, const BakeOptions& options) {
+Result<Sha256> key_of(const Surface& surface, const std::vector<Colour>& colours, const BakeOptions& options) {
   Bytes head;
   ByteWriter out(head);
   out.text("eigencast bake");
@@ -109,6 +112,7 @@ Result<Sha256> key_of(const Surface& surface, const BakeOptions& options) {
   };
   stream.update(view(surface.positions));
   stream.update(view(surface.faces));
+  if (!colours.empty()) stream.update(view(colours));
   if (is_of_motion(options.basis)) {
     const KnownMotion& motion = *options.motion;
     stream.update(view(motion.columns.W));
@@ -212,8 +216,9 @@ std::vector<double> rest_coefficients(const Surface& surface, const Basis& basis
   return rest;
 }
 
-/// REQUIRES: the basis and the order are of this surface.
-Asset asset_from(const Surface& surface, const Basis& basis, PrefixOrder order, const BakeOptions& options) {
+/// REQUIRES: the colours, the basis and the order are of this surface.
+Asset asset_from(const Surface& surface, const std::vector<Colour>& colours, const Basis& basis, PrefixOrder order,
+                 const BakeOptions& options) {
   Asset asset;
   const std::size_t n = surface.vertex_count();
   const auto r = static_cast<std::size_t>(basis.Psi.cols());
@@ -247,6 +252,9 @@ Asset asset_from(const Surface& surface, const Basis& basis, PrefixOrder order, 
     PointSplats splats = build_splats(surface.positions, oriented_normals(surface.positions), order);
     asset.splats = {std::move(splats.frame), std::move(splats.normal), std::move(splats.radius),
                     std::move(splats.parent_radius)};
+  }
+  if (!colours.empty()) {
+    for (const std::uint32_t source : order.order) asset.colours.push_back(colours[source]);
   }
   asset.map = std::move(order.map);
   asset.faces = std::move(order.faces);
@@ -326,6 +334,7 @@ std::string report_of(const Surface& surface, const BakeOptions& options, const 
   report += quality_of(basis);
   report += text("rest pose: worst error %.1e of the box's diagonal\n", worst_rest_error(surface, result.asset));
   report += text("levels of detail: %u to %u vertices\n", result.asset.base_count, result.asset.vertex_count);
+  if (!result.asset.colours.empty()) report += "colours: one for each vertex\n";
   report += text("asset: %.2f MB in %zu chunks, id %s\n", static_cast<double>(result.encoded.total_bytes()) / 1e6,
                  result.encoded.chunks.size(), result.encoded.manifest.id.hex().c_str());
   report += text("baked in %.1f s, with about %.0f MB of memory\n", seconds,
@@ -359,7 +368,8 @@ Result<Basis> basis_of(const Surface& surface, const Laplacian& laplacian, const
   return build_basis(surface, laplacian, {kind, options.rank}, progress);
 }
 
-Result<BakeResult> bake_afresh(const Surface& surface, const BakeOptions& options, const Stages& stages) {
+Result<BakeResult> bake_afresh(const Surface& surface, const std::vector<Colour>& colours, const BakeOptions& options,
+                               const Stages& stages) {
   const TimeUs start = steady_now_us();
   if (!stages.at(0.01, "operator")) return cancelled("operator");
   auto laplacian = build_laplacian(surface);
@@ -370,7 +380,7 @@ Result<BakeResult> bake_afresh(const Surface& surface, const BakeOptions& option
   auto order = build_prefix_order(surface);
   if (!order) return order.error();
   if (!stages.at(kOrderDone, "encoding")) return cancelled("encoding");
-  const Asset exact = asset_from(surface, *basis, std::move(*order), options);
+  const Asset exact = asset_from(surface, colours, *basis, std::move(*order), options);
   auto encoded = encode_asset(exact, encoding_of(exact, *basis, options));
   if (!encoded) return encoded.error();
   auto asset = decode_asset(*encoded);
@@ -395,8 +405,10 @@ Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, cons
   if (!stages.at(0, "checking")) return cancelled("checking");
   if (auto valid = validate_surface(surface); !valid) return valid.error();
   if (auto checked = check_options(surface, options); !checked) return checked.error();
+  const std::vector<Colour> colours =
+      options.looks != nullptr ? stated_colours(surface, *options.looks) : std::vector<Colour>();
   const AssetCache cache(cache_dir);
-  const auto key = cache_dir.empty() ? Result<Sha256>(Sha256{}) : key_of(surface, options);
+  const auto key = cache_dir.empty() ? Result<Sha256>(Sha256{}) : key_of(surface, colours, options);
   if (!key) return key.error();
   try {
     if (!cache_dir.empty()) {
@@ -405,7 +417,7 @@ Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, cons
         return std::move(*found);
       }
     }
-    auto result = bake_afresh(surface, options, stages);
+    auto result = bake_afresh(surface, colours, options, stages);
     if (!result) return result;
     if (!cache_dir.empty()) {
       if (auto stored = store(cache, *key, *result); !stored) return stored.error();

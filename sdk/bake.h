@@ -8,6 +8,7 @@
 #include "common/asset/asset.h"
 #include "common/asset/format.h"
 #include "common/spectral/known_motion.h"
+#include "common/surface/appearance.h"
 #include "common/surface/surface.h"
 
 namespace eigencast {
@@ -22,6 +23,8 @@ struct BakeOptions {
   double asset_error = 1e-4;
   /// What rig, cage and pca are made of; must outlive the bake. `rank` then is the most that they may have.
   const KnownMotion* motion = nullptr;
+  /// Colours that the asset is to have, of the same surface; null: none. Needed until bake() returns.
+  const Appearance* looks = nullptr;
 };
 
 /// As in spectral/eigenbasis.h: fraction in [0, 1], what is being done; returns false to cancel.

@@ -111,7 +111,7 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
   }
   const BakeOptions bake_options{options.basis, rank_of(options),
                                  options.name.empty() ? public_name((*clip)->name()) : options.name,
-                                 asset_error_of(options), &motion};
+                                 asset_error_of(options), &motion, (*clip)->appearance()};
   auto baked = bake(rest, bake_options, options.cache_dir, progress);
   if (!baked) return in_context(options.input, baked.error());
   return Source{std::move(*clip), std::move(*baked), std::move(cage)};

@@ -7,11 +7,19 @@
 #include <iterator>
 #include <utility>
 
+#include "common/surface/stated_colours.h"
+
 namespace eigencast {
 namespace {
 
 constexpr std::array<std::string_view, kColourings> kNames{"clay",  "own",     "normals", "movement",
                                                            "speed", "channel", "error"};
+/// Linear light of sRGB bytes.
+const std::array<float, 256> kLight = [] {
+  std::array<float, 256> light{};
+  for (std::size_t i = 0; i < light.size(); ++i) light[i] = linear_from_srgb(static_cast<float>(i) / 255);
+  return light;
+}();
 constexpr TimeUs kLongestStepUs = 1'000'000;  // poses further apart say nothing about a speed
 
 /// Three columns of C, from `first` on, times `scale`; those beyond the last channel are zero.
@@ -64,6 +72,9 @@ void SurfacePainter::paint(const SurfaceView& view, const PoseSource& source, co
   const std::uint64_t pose = view.geometry().pose_version;
   // What was refused may have become possible: a truth that was still being prepared, say.
   if (pose == seen_pose_ && wish == wish_ && why_not_.empty()) return;
+  const bool settled = wish == wish_ && why_not_.empty() && seen_level_ == view.level_version();
+  if (settled && paint_.kind == SurfacePaint::Kind::kColour) return;  // which do not move with the pose
+  seen_level_ = view.level_version();
   if (wish.colouring == Colouring::kClay && paint_.kind == SurfacePaint::Kind::kClay) {
     wish_ = wish;
     seen_pose_ = pose;
@@ -94,13 +105,8 @@ void SurfacePainter::fill(const SurfaceView& view, const PoseSource& source, con
       paint_.kind = SurfacePaint::Kind::kNormal;
       paint_.values.clear();
       return;
-    case Colouring::kOwn: {
-      const std::span<const float> own = source.vertex_colours();
-      if (own.size() != std::size_t{asset->vertex_count} * 3) return refuse("the surface has no colours of its own");
-      paint_.kind = SurfacePaint::Kind::kColour;
-      paint_.values.assign(own.begin(), own.begin() + std::ptrdiff_t{N} * 3);
-      return;
-    }
+    case Colouring::kOwn:
+      return fill_own(view, *asset);
     case Colouring::kMovement: {
       std::vector<double> D = columns_of(C, channels, 0, 3);
       for (std::size_t i = 0; i < D.size(); ++i) D[i] -= asset->rest[i];
@@ -125,6 +131,17 @@ void SurfacePainter::fill(const SurfaceView& view, const PoseSource& source, con
       return;
     }
   }
+}
+
+void SurfacePainter::fill_own(const SurfaceView& view, const Asset& asset) {
+  const std::size_t N = view.geometry().vertex_count();
+  if (asset.colours.size() < N) return refuse("the surface has no colours of its own");
+  paint_.kind = SurfacePaint::Kind::kColour;
+  paint_.values.resize(3 * N);
+  for (std::size_t i = 0; i < N; ++i) {
+    for (std::size_t c = 0; c < 3; ++c) paint_.values[3 * i + c] = kLight[asset.colours[i][c]];
+  }
+  view.blend(paint_.values);
 }
 
 void SurfacePainter::refuse(std::string why) {
@@ -169,7 +186,7 @@ void SurfacePainter::fill_speed(const SurfaceView& view, const PoseSource& sourc
 
 std::vector<SurfacePainter::Wish> wishes_for(const PoseSource& source) {
   std::vector<SurfacePainter::Wish> wishes{{Colouring::kClay, 3}};
-  if (!source.vertex_colours().empty()) wishes.push_back({Colouring::kOwn, 3});
+  if (source.asset() != nullptr && !source.asset()->colours.empty()) wishes.push_back({Colouring::kOwn, 3});
   if (source.asset() == nullptr || !source.asset()->is_point_cloud()) wishes.push_back({Colouring::kNormals, 3});
   wishes.push_back({Colouring::kMovement, 3});
   wishes.push_back({Colouring::kSpeed, 3});

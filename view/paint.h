@@ -15,7 +15,7 @@
 
 namespace eigencast {
 
-/// What the colours of the surfaces say.
+/// What the colours of the surfaces say; kOwn: the vertices' own, as their file has them.
 enum class Colouring { kClay, kOwn, kNormals, kMovement, kSpeed, kChannel, kError };
 inline constexpr int kColourings = 7;
 
@@ -53,12 +53,13 @@ class SurfacePainter {
  private:
   void fill(const SurfaceView& view, const PoseSource& source, const Wish& wish);
   void lengths_of(const SurfaceView& view, std::span<const double> D);
+  void fill_own(const SurfaceView& view, const Asset& asset);
   void fill_speed(const SurfaceView& view, const PoseSource& source);
   void refuse(std::string why);
 
   SurfacePaint paint_;
   Wish wish_;
-  std::uint64_t seen_pose_ = 0;
+  std::uint64_t seen_pose_ = 0, seen_level_ = 0;
   std::optional<std::array<float, 2>> range_;
   std::string why_not_;
   // For the speed of streams that carry no velocities: the pose before.

@@ -29,8 +29,6 @@ class PoseSource {
   virtual std::uint32_t epoch() const = 0;
   virtual const std::optional<control::StreamInfo>& info() const = 0;
   virtual Subscriber::Stats stats() const = 0;
-  /// n x 3, linear RGB, in the asset's order of vertices; empty where none are known. Valid until the next poll().
-  virtual std::span<const float> vertex_colours() const { return {}; }
   /// What its poses should look like; null where that is not known here. The source keeps it.
   virtual Truth* truth() const { return nullptr; }
 };

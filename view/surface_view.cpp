@@ -82,6 +82,7 @@ void SurfaceView::show_rest(const Asset& asset) {
   channels_ = 3;
   forget_rebuilt();
   triangles_.forget();
+  ++level_version_;
   facts_rows_ = 0;
 }
 
@@ -143,6 +144,7 @@ bool SurfaceView::prepare(const PoseSource& source, TimeUs now_us) {
   if (asset->rows_ready > reconstructor_->tiles().rows()) reconstructor_->update(*asset);
   update_facts(*asset);
   level_changed_ |= new_level;
+  if (new_level) ++level_version_;
   first_to_rebuild_ = new_pose ? 0 : std::min(had, morph_.drawn());
   rank_to_rebuild_ = std::min(asset->rank, std::max(1U, rank_in_use(coefficients_, channels_)));
   return true;

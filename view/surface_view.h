@@ -64,6 +64,12 @@ class SurfaceView {
   /// The positions of geometry(), N x 3: rebuilt into `room` where only the graphics card has them.
   std::span<const float> positions(std::vector<float>& room) const;
 
+  /// What belongs to vertices alone (colours, say) as it is drawn while some of them come or go: 3 floats each of geometry()'s, in
+  /// place.
+  void blend(std::span<float> values) const { morph_.blend(triangles_.map(), values); }
+  /// Grows when blend() gives something else.
+  std::uint64_t level_version() const { return level_version_; }
+
   /// Lets views of the same asset share its basis. REQUIRES: all of them show asset_id(), which is not empty.
   void share(std::shared_ptr<Reconstructor> reconstructor) { reconstructor_ = std::move(reconstructor); }
   const std::shared_ptr<Reconstructor>& shared_reconstructor() const { return reconstructor_; }
@@ -121,6 +127,7 @@ class SurfaceView {
   LevelMorph morph_;
   LevelTriangles triangles_;
   std::uint32_t first_to_rebuild_ = 0, rank_to_rebuild_ = 0;
+  std::uint64_t level_version_ = 1;
   bool level_changed_ = false;              ///< Since the last rebuild.
   std::vector<double> barycentre_weights_;  ///< r: barycentre = weights . coefficients.
   std::uint32_t facts_rows_ = 0;

@@ -127,6 +127,11 @@ Result<void> check_splats(const Asset& a) {
   return {};
 }
 
+Result<void> check_colours(const Asset& a) {
+  if (a.colours.empty() || a.colours.size() == a.vertex_count) return {};
+  return corrupt("there are colours, but not one for each row");
+}
+
 }  // namespace
 
 void Asset::Splats::append(const Splats& more) {
@@ -142,7 +147,7 @@ double Asset::diagonal() const {
 }
 
 Result<void> validate_asset(const Asset& asset) {
-  for (auto* check : {check_limits, check_shapes, check_facts, check_rows, check_faces, check_splats}) {
+  for (auto* check : {check_limits, check_shapes, check_facts, check_rows, check_faces, check_splats, check_colours}) {
     if (auto result = check(asset); !result) return result;
   }
   return {};

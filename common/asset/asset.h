@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -10,6 +11,8 @@
 #include "common/core/result.h"
 
 namespace eigencast {
+
+struct AssetTexture;
 
 /// A spectral asset as arrays: everything a receiver needs to rebuild a surface from coefficients, and a sender to
 /// project on it. Rows (vertices) are in level-of-detail order: see progressive/prefix.h for map, faces and death.
@@ -27,12 +30,12 @@ struct Asset {
   std::string basis_kind =
       "augmented";  ///< "harmonic", "augmented", ...: for people; the arithmetic does not depend on it.
   std::vector<std::uint32_t> band_ends;
-  std::vector<float> basis;                         ///< n x r, row-major: Psi as receivers have it (dequantised).
+  std::vector<float> basis;          ///< n x r, row-major: Psi as receivers have it (dequantised).
   std::uint32_t exact_columns = 0;   ///< Where column_scales is not empty: leading columns that are not on a grid.
   std::vector<float> column_scales;  ///< Empty, or r - exact_columns: entries of the later columns are float(integer) *
                                      ///< scale with 16-bit integers, as the asset's bytes hold them.
-  std::vector<float> mass;                          ///< n: diagonal of M.
-  std::vector<std::uint32_t> map;                   ///< n
+  std::vector<float> mass;           ///< n: diagonal of M.
+  std::vector<std::uint32_t> map;    ///< n
   std::vector<std::array<std::uint32_t, 3>> faces;  ///< F, by death; empty = point cloud.
   std::vector<std::uint32_t> death;                 ///< F, ascending.
   std::vector<std::uint32_t> source_vertex;         ///< n: the number that row i has in the source (a permutation).
@@ -49,7 +52,9 @@ struct Asset {
     std::size_t size() const { return frame.size(); }
     void append(const Splats& more);
   };
-  Splats splats;  ///< n or nothing
+  Splats splats;                                     ///< n or nothing
+  std::vector<std::array<std::uint8_t, 3>> colours;  ///< n or nothing: of the vertices, sRGB.
+  std::shared_ptr<const AssetTexture> texture;       ///< Null where there is none, and until all chunks are there.
 
   UpAxis up_axis = UpAxis::kY;
   Handedness handedness = Handedness::kRight;

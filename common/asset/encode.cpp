@@ -7,6 +7,7 @@
 
 #include "common/asset/asset_limits.h"
 #include "common/asset/basis_tile.h"
+#include "common/asset/colour_tile.h"
 #include "common/asset/format.h"
 #include "common/asset/manifest.h"
 #include "common/asset/predictor.h"
@@ -101,6 +102,12 @@ class Encoder {
   }
 
  private:
+  struct NewTile {
+    TileEntry entry;
+    Bytes stored;
+    std::optional<Error> failed;
+  };
+
   Result<AssetObject> encode_chunk(std::uint32_t end_row) {
     const ChunkRange range{row_, end_row, asset_.base_count, asset_.vertex_count};
     const auto end_death = std::lower_bound(asset_.death.begin(), asset_.death.end(), end_row);
@@ -110,14 +117,12 @@ class Encoder {
     entry.end_face = end_face;
     AssetObject object;
     const Predictors predictors = part_of(predictors_, row_, end_row);
-    std::vector<NewTile> tiles(asset_.band_ends.size() + (asset_.splats.size() > 0 ? 1 : 0));
-    worker_team().run(tiles.size(), [&](std::size_t t) {
-      const bool is_band = t < asset_.band_ends.size();
-      tiles[t] = is_band ? packed(TileKind::kBasis, t, basis_of_band(t, end_row, predictors))
-                         : packed(TileKind::kSplats, 0,
-                                  encode_splats(asset_.splats, row_, end_row, asset_.base_count, asset_.diagonal()));
+    std::vector<NewTile> tiles(asset_.band_ends.size());
+    worker_team().run(tiles.size(), [&](std::size_t b) {
+      tiles[b] = packed(TileKind::kBasis, b, basis_of_band(b, end_row, predictors));
     });
     tiles.insert(tiles.begin(), packed(TileKind::kStructure, 0, structure(range, end_face, predictors)));
+    add_looks(end_row, tiles);
     for (const NewTile& tile : tiles) {
       if (tile.failed) return *tile.failed;
       object.bytes.insert(object.bytes.end(), tile.stored.begin(), tile.stored.end());
@@ -151,11 +156,17 @@ class Encoder {
     return raw;
   }
 
-  struct NewTile {
-    TileEntry entry;
-    Bytes stored;
-    std::optional<Error> failed;
-  };
+  /// What readers need not know.
+  void add_looks(std::uint32_t end_row, std::vector<NewTile>& tiles) const {
+    if (asset_.splats.size() > 0) {
+      tiles.push_back(packed(TileKind::kSplats, 0,
+                             encode_splats(asset_.splats, row_, end_row, asset_.base_count, asset_.diagonal())));
+    }
+    if (!asset_.colours.empty()) {
+      const auto map = std::span(asset_.map).subspan(row_, end_row - row_);
+      tiles.push_back(packed(TileKind::kColours, 0, encode_colours(asset_.colours, row_, map)));
+    }
+  }
 
   Bytes basis_of_band(std::size_t b, std::uint32_t end_row, const Predictors& predictors) const {
     const BasisBlock block{row_,
@@ -181,7 +192,7 @@ class Encoder {
     }
     tile.entry.kind = static_cast<std::uint8_t>(kind);
     tile.entry.index = static_cast<std::uint8_t>(index);
-    tile.entry.required = kind != TileKind::kSplats;
+    tile.entry.required = kind == TileKind::kStructure || kind == TileKind::kBasis;
     tile.entry.raw_bytes = static_cast<std::uint32_t>(raw.size());
     if (encoding_.compress) {
       auto smaller = zstd_compress(raw);

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "common/asset/asset.h"
@@ -80,7 +81,7 @@ class AssetReader {
   Result<void> verify(std::size_t index, ByteView bytes) const;
   Result<void> decode(std::size_t index, ByteView bytes);
   Result<void> decode_bands(const ChunkEntry& entry, ByteView bytes, const Predictors& predictors);
-  Result<void> decode_splats_of(const ChunkEntry& entry, ByteView bytes);
+  Result<void> decode_looks(const ChunkEntry& entry, ByteView bytes, std::span<const std::uint32_t> map);
 
   Asset asset_;
   std::vector<ChunkRef> chunks_;

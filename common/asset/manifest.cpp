@@ -15,6 +15,7 @@
 #include <utility>
 
 #include "common/asset/asset_limits.h"
+#include "common/asset/colour_tile.h"
 #include "common/asset/predictor.h"
 #include "common/asset/splat_tile.h"
 
@@ -278,6 +279,12 @@ class Parser {
     }
     if (tile.kind == static_cast<std::uint8_t>(TileKind::kSplats)) {
       if (tile.raw_bytes < min_splat_bytes(rows) || tile.raw_bytes > max_splat_bytes(rows)) {
+        return corrupt(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
+      }
+      return {};
+    }
+    if (tile.kind == static_cast<std::uint8_t>(TileKind::kColours) && tile.index == 0) {
+      if (tile.raw_bytes != colour_bytes(rows)) {
         return corrupt(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
       }
       return {};

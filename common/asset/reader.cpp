@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
+#include <optional>
 #include <string>
 #include <utility>
 
 #include "common/asset/asset_limits.h"
 #include "common/asset/basis_tile.h"
+#include "common/asset/colour_tile.h"
 #include "common/asset/format.h"
 #include "common/asset/manifest.h"
 #include "common/asset/splat_tile.h"
@@ -21,6 +23,23 @@ std::string chunk_name(std::size_t index) {
 Result<Bytes> unpacked(const TileEntry& tile, ByteView stored) {
   if (tile.compression == Compression::kZstd) return zstd_decompress(stored, tile.raw_bytes);
   return Bytes(stored.begin(), stored.end());
+}
+
+struct FoundTile {
+  const TileEntry* entry;
+  ByteView stored;
+};
+
+/// The first tile of a kind that may be absent, of set 0; nothing where `bytes` end before it.
+std::optional<FoundTile> find_tile(const ChunkEntry& chunk, ByteView bytes, TileKind kind) {
+  std::size_t at = 0;
+  for (const TileEntry& tile : chunk.tiles) {
+    const bool wanted = tile.kind == static_cast<std::uint8_t>(kind) && tile.index == 0 && tile.raw_bytes > 0;
+    if (at + tile.stored_bytes > bytes.size()) break;
+    if (wanted) return FoundTile{&tile, bytes.subspan(at, tile.stored_bytes)};
+    at += tile.stored_bytes;
+  }
+  return std::nullopt;
 }
 
 template <typename T>
@@ -106,9 +125,9 @@ Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
     asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
     return decoded;
   }
-  if (auto splats = decode_splats_of(entry, bytes); !splats) {
+  if (auto looks = decode_looks(entry, bytes, structure->map); !looks) {
     asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
-    return splats;
+    return looks;
   }
   append(asset_.map, structure->map);
   append(asset_.source_vertex, structure->source_vertex);
@@ -146,20 +165,25 @@ Result<void> AssetReader::decode_bands(const ChunkEntry& entry, ByteView bytes, 
   return {};
 }
 
-/// Splats are there for all rows or for none: a chunk without them, or without the part of it that has them, ends them.
-Result<void> AssetReader::decode_splats_of(const ChunkEntry& entry, ByteView bytes) {
-  std::size_t at = 0;
-  for (const TileEntry& tile : entry.tiles) {
-    const bool there = tile.kind == static_cast<std::uint8_t>(TileKind::kSplats) && tile.raw_bytes > 0 &&
-                       at + tile.stored_bytes <= bytes.size();
-    if (there && asset_.is_point_cloud() && asset_.splats.size() == asset_.rows_ready) {
-      auto raw = unpacked(tile, bytes.subspan(at, tile.stored_bytes));
-      if (!raw) return raw.error();
-      return decode_splats(*raw, entry.end_row, asset_.base_count, asset_.diagonal(), asset_.splats);
-    }
-    at += tile.stored_bytes;
+/// What is not required is there for all rows or for none: a chunk without it, or without the part of it that has it, ends it.
+Result<void> AssetReader::decode_looks(const ChunkEntry& entry, ByteView bytes, std::span<const std::uint32_t> map) {
+  const auto colour_tile = find_tile(entry, bytes, TileKind::kColours);
+  std::vector<std::array<std::uint8_t, 3>> colours;
+  if (colour_tile && asset_.colours.size() == asset_.rows_ready) {
+    auto raw = unpacked(*colour_tile->entry, colour_tile->stored);
+    if (!raw) return raw.error();
+    colours = decode_colours(*raw, asset_.colours, map);
   }
-  asset_.splats = {};
+  const auto splat_tile = find_tile(entry, bytes, TileKind::kSplats);
+  if (splat_tile && asset_.is_point_cloud() && asset_.splats.size() == asset_.rows_ready) {
+    auto raw = unpacked(*splat_tile->entry, splat_tile->stored);
+    if (!raw) return raw.error();
+    auto decoded = decode_splats(*raw, entry.end_row, asset_.base_count, asset_.diagonal(), asset_.splats);
+    if (!decoded) return decoded;
+  } else {
+    asset_.splats = {};
+  }
+  colours.empty() ? asset_.colours.clear() : append(asset_.colours, colours);
   return {};
 }
 

@@ -25,7 +25,9 @@ class FileFrames final : public Frames {
  public:
   explicit FileFrames(std::vector<std::string> paths) : paths_(std::move(paths)) {}
   std::size_t count() const override { return paths_.size(); }
-  Result<Surface> read(std::size_t frame) const override { return read_surface(paths_[frame]); }
+  Result<Surface> read(std::size_t frame, Appearance* looks) const override {
+    return read_surface(paths_[frame], looks);
+  }
   std::string label(std::size_t frame) const override {
     return "frame " + std::to_string(frame) + " (" + paths_[frame] + ")";
   }
@@ -38,7 +40,7 @@ class NpyFrames final : public Frames {
  public:
   NpyFrames(NpyFile file, std::string path) : file_(std::move(file)), path_(std::move(path)) {}
   std::size_t count() const override { return file_.shape()[0]; }
-  Result<Surface> read(std::size_t frame) const override {
+  Result<Surface> read(std::size_t frame, Appearance* /*looks*/) const override {
     auto positions = file_.read_positions(frame);
     if (!positions) return positions.error();
     return Surface{std::move(*positions), {}};
@@ -73,10 +75,11 @@ std::optional<std::string> difference(const Surface& frame, const Surface& rest,
 
 class RecordedClip final : public MotionClip {
  public:
-  RecordedClip(std::unique_ptr<Frames> frames, Surface rest, bool frames_have_faces, std::string name,
+  RecordedClip(std::unique_ptr<Frames> frames, Surface rest, Appearance looks, bool frames_have_faces, std::string name,
                std::vector<std::string> notes)
       : frames_(std::move(frames)),
         rest_(std::move(rest)),
+        looks_(std::move(looks)),
         frames_have_faces_(frames_have_faces),
         name_(std::move(name)),
         notes_(std::move(notes)) {}
@@ -86,10 +89,11 @@ class RecordedClip final : public MotionClip {
   double frame_rate_hz() const override { return frames_->rate_hz(); }
   std::string name() const override { return name_; }
   std::vector<std::string> notes() const override { return notes_; }
+  const Appearance* appearance() const override { return &looks_; }
 
   Result<std::vector<Vec3>> pose(std::size_t frame) const override {
     assert(frame < frame_count());
-    auto surface = frames_->read(frame);
+    auto surface = frames_->read(frame, nullptr);
     if (!surface) return surface.error();
     if (const auto how = difference(*surface, rest_, frames_have_faces_)) {
       return fail(ErrorCode::kInvalidArgument, frames_->label(frame) + " " + *how);
@@ -100,6 +104,7 @@ class RecordedClip final : public MotionClip {
  private:
   std::unique_ptr<Frames> frames_;
   Surface rest_;
+  Appearance looks_;
   bool frames_have_faces_;
   std::string name_;
   std::vector<std::string> notes_;
@@ -171,10 +176,10 @@ ClipOptions with_files_beside(ClipOptions options, const std::string& first) {
 }
 
 // The pose and topology that the frames are held against.
-Result<Surface> rest_of(const Frames& frames, Surface first, const ClipOptions& options) {
+Result<Surface> rest_of(const Frames& frames, Surface first, const ClipOptions& options, Appearance& looks) {
   Surface rest = std::move(first);
   if (!options.rest.empty()) {
-    auto stated = read_surface(options.rest);
+    auto stated = read_surface(options.rest, &looks);
     if (!stated) return stated.error();
     if (const auto how = difference(rest, *stated, !rest.is_point_cloud() && !stated->is_point_cloud())) {
       return fail(ErrorCode::kInvalidArgument, frames.label(0) + " " + *how + " (" + options.rest + ")");
@@ -200,18 +205,19 @@ Result<std::unique_ptr<MotionClip>> clip_from_path(const std::string& path, cons
   auto frames = frames_of(std::move(*paths));
   if (!frames) return frames.error();
 
-  auto first = (*frames)->read(0);
+  Appearance looks;
+  auto first = (*frames)->read(0, &looks);
   if (!first) return first.error();
   const bool frames_have_faces = !first->is_point_cloud();
-  auto rest = rest_of(**frames, std::move(*first), options);
+  auto rest = rest_of(**frames, std::move(*first), options, looks);
   if (!rest) return rest.error();
   if (const auto valid = validate_surface(*rest); !valid) return in_context(path, valid.error());
   std::vector<std::string> notes;
   if ((ending == "pc2" || ending == "mdd") && options.rest.empty()) {
     notes.push_back("no rest mesh beside " + first_path + ": played as a point cloud; name one with --rest");
   }
-  return std::unique_ptr<MotionClip>(
-      std::make_unique<RecordedClip>(std::move(*frames), std::move(*rest), frames_have_faces, path, std::move(notes)));
+  return std::unique_ptr<MotionClip>(std::make_unique<RecordedClip>(
+      std::move(*frames), std::move(*rest), std::move(looks), frames_have_faces, path, std::move(notes)));
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "common/core/result.h"
+#include "common/surface/appearance.h"
 #include "common/surface/surface.h"
 
 /// Private to common/surface.
@@ -21,7 +22,8 @@ class Frames {
   virtual ~Frames() = default;
   virtual std::size_t count() const = 0;
   virtual double rate_hz() const { return kUnstatedRateHz; }
-  virtual Result<Surface> read(std::size_t frame) const = 0;
+  /// looks: filled with what the frame says of colours, if wanted and if it says anything.
+  virtual Result<Surface> read(std::size_t frame, Appearance* looks) const = 0;
   /// "frame 3 of clip.npy", for messages.
   virtual std::string label(std::size_t frame) const = 0;
 };

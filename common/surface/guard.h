@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <string>
@@ -19,10 +20,11 @@
 namespace eigencast {
 
 struct GuardedMesh {
-  std::string plain;            ///< The file for OpenMesh.
-  std::vector<Vec3> positions;  ///< As the file states them: OpenMesh holds 32-bit floats.
-  std::size_t triangles = 0;    ///< After splitting n-gons in fans.
-  bool binary = false;          ///< How STL's `plain` is to be read.
+  std::string plain;                                   ///< The file for OpenMesh.
+  std::vector<Vec3> positions;                         ///< As the file states them: OpenMesh holds 32-bit floats.
+  std::vector<std::array<std::uint8_t, 3>> colours{};  ///< sRGB; as many as positions, or none.
+  std::size_t triangles = 0;                           ///< After splitting n-gons in fans.
+  bool binary = false;                                 ///< How STL's `plain` is to be read.
 };
 
 /// Each takes the bytes of a file. Errors: kCorrupt, kUnsupported, kTooLarge; the caller adds the file's name.
@@ -31,6 +33,12 @@ Result<GuardedMesh> guard_off(std::string_view bytes);
 Result<GuardedMesh> guard_ply(std::string_view bytes);
 /// positions: three per triangle.
 Result<GuardedMesh> guard_stl(std::string_view bytes);
+
+/// A colour stated in parts of 0 to 1, sRGB; what lies outside becomes the nearest.
+std::array<std::uint8_t, 3> colour_from_parts(const std::array<double, 3>& parts);
+
+/// Colours stand for all vertices or for none.
+void drop_partial_colours(GuardedMesh& mesh);
 
 /// Limits and emptiness, the same for all formats.
 Result<void> check_sizes(std::size_t vertices, std::size_t triangles);

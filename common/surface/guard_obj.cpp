@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
+#include <array>
+#include <cmath>
 #include <cstdint>
 #include <limits>
 
@@ -41,6 +43,7 @@ class ObjGuard {
     }
     if (const auto sizes = check_sizes(mesh_.positions.size(), mesh_.triangles); !sizes) return sizes.error();
     if (const auto written = write_faces(); !written) return written.error();
+    drop_partial_colours(mesh_);
     return std::move(mesh_);
   }
 
@@ -59,7 +62,19 @@ class ObjGuard {
     }
     mesh_.plain += '\n';
     mesh_.positions.push_back(p);
+    take_colour(rest);
     return {};
+  }
+
+  // Three numbers more, of 0 to 1, as many programs write them; a single one is a weight, of which nothing is made.
+  void take_colour(std::string_view rest) {
+    std::array<double, 3> parts{};
+    for (double& part : parts) {
+      const auto value = text::coordinate_from_token(text::take_token(rest));
+      if (!value) return;
+      part = *value;
+    }
+    mesh_.colours.push_back(colour_from_parts(parts));
   }
 
   Result<void> take_face(std::string_view rest) {
@@ -129,6 +144,17 @@ Result<void> check_sizes(std::size_t vertices, std::size_t triangles) {
                                           " and " + std::to_string(kMaxSurfaceFaces));
   }
   return {};
+}
+
+std::array<std::uint8_t, 3> colour_from_parts(const std::array<double, 3>& parts) {
+  std::array<std::uint8_t, 3> colour{};
+  for (std::size_t c = 0; c < 3; ++c)
+    colour[c] = static_cast<std::uint8_t>(std::lround(255 * std::clamp(parts[c], 0.0, 1.0)));
+  return colour;
+}
+
+void drop_partial_colours(GuardedMesh& mesh) {
+  if (mesh.colours.size() != mesh.positions.size()) mesh.colours.clear();
 }
 
 Result<void> check_corners(std::uint64_t corners, std::size_t line) {

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include <array>
 #include <cstdint>
 #include <optional>
 
@@ -26,6 +27,7 @@ class OffGuard {
       if (const auto taken = take_face(i); !taken) return taken.error();
     }
     if (const auto sizes = check_sizes(vertices_, mesh_.triangles); !sizes) return sizes.error();
+    drop_partial_colours(mesh_);
     return std::move(mesh_);
   }
 
@@ -46,8 +48,10 @@ class OffGuard {
     std::string_view rest = *line;
     std::string_view kind = text::take_token(rest);
     if (kind.substr(0, 2) == "ST") kind.remove_prefix(2);
-    if (kind.substr(0, 1) == "C") kind.remove_prefix(1);
-    if (kind.substr(0, 1) == "N") kind.remove_prefix(1);
+    has_colours_ = kind.substr(0, 1) == "C";
+    if (has_colours_) kind.remove_prefix(1);
+    has_normals_ = kind.substr(0, 1) == "N";
+    if (has_normals_) kind.remove_prefix(1);
     if (kind == "4OFF" || kind == "nOFF" || kind == "4nOFF") {
       return fail(ErrorCode::kUnsupported, "OFF of other than three dimensions");
     }
@@ -97,7 +101,21 @@ class OffGuard {
     }
     mesh_.plain.back() = '\n';
     mesh_.positions.push_back(p);
+    if (has_colours_) take_colour(*line);
     return {};
+  }
+
+  // After a normal, if there is one: whole numbers of 0 to 255, or numbers with a point of 0 to 1.
+  void take_colour(std::string_view rest) {
+    for (int k = 0; has_normals_ && k < 3; ++k) text::take_token(rest);
+    std::array<double, 3> parts{};
+    for (double& part : parts) {
+      const std::string_view token = text::take_token(rest);
+      const auto value = text::coordinate_from_token(token);
+      if (!value) return;
+      part = text::integer_from_token(token) ? *value / 255 : *value;
+    }
+    mesh_.colours.push_back(colour_from_parts(parts));
   }
 
   Result<void> take_face(std::size_t i) {
@@ -132,6 +150,7 @@ class OffGuard {
   text::Lines lines_;
   std::size_t vertices_ = 0;
   std::size_t faces_ = 0;
+  bool has_colours_ = false, has_normals_ = false;
   GuardedMesh mesh_;
 };
 

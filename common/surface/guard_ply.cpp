@@ -157,6 +157,7 @@ class PlyGuard {
     }
     if (const auto indices = check_indices(); !indices) return indices.error();
     if (const auto sizes = check_sizes(mesh_.positions.size(), mesh_.triangles); !sizes) return sizes.error();
+    drop_partial_colours(mesh_);
     write_plain();
     return std::move(mesh_);
   }
@@ -281,7 +282,8 @@ class PlyGuard {
     const bool is_vertex = element.name == "vertex";
     const bool is_face = element.name == "face";
     Vec3 p{};
-    unsigned found = 0;
+    unsigned found = 0, coloured = 0;
+    std::array<double, 3> colour{};
     for (const Property& property : element.properties) {
       if (property.list_count) {
         const bool indices = is_face && (property.name == "vertex_indices" || property.name == "vertex_index");
@@ -290,6 +292,7 @@ class PlyGuard {
       }
       const auto value = body.take(property.scalar);
       if (!value) return broken(element, i, property);
+      if (is_vertex) coloured |= take_colour(property, *value, colour);
       if (!is_vertex || property.name.size() != 1 || property.name[0] < 'x' || property.name[0] > 'z') continue;
       const auto axis = static_cast<std::size_t>(property.name[0] - 'x');
       if (!(std::abs(*value) <= static_cast<double>(std::numeric_limits<float>::max()))) {
@@ -302,8 +305,21 @@ class PlyGuard {
     if (is_vertex) {
       if (found != 7) return fail(ErrorCode::kCorrupt, "the vertices lack one of x, y, z");
       mesh_.positions.push_back(p);
+      if (coloured == 7) mesh_.colours.push_back(colour_from_parts(colour));
     }
     return {};
+  }
+
+  // red, green, blue: of 0 to 1 as floats, else of all that the type holds. The bit of the channel, or 0.
+  static unsigned take_colour(const Property& property, double value, std::array<double, 3>& colour) {
+    constexpr std::array<std::string_view, 3> kChannels{"red", "green", "blue"};
+    const auto at = std::find(kChannels.begin(), kChannels.end(), property.name);
+    if (at == kChannels.end() || std::isnan(value)) return 0;
+    const auto channel = static_cast<std::size_t>(at - kChannels.begin());
+    const bool is_float = property.scalar >= Scalar::kFloat32;
+    const double most = is_float ? 1 : std::exp2(8.0 * static_cast<double>(bytes_of(property.scalar))) - 1;
+    colour[channel] = value / most;
+    return 1U << channel;
   }
 
   Result<void> take_list(Body& body, const Property& property, const Element& element, std::uint64_t i, bool indices) {

@@ -68,10 +68,10 @@ Result<Surface> surface_from_npy(const std::string& path) {
 Result<Surface> surface_from_cache(const std::string& path) {
   const auto frames = open_point_cache(path);
   if (!frames) return frames.error();
-  return (*frames)->read(0);
+  return (*frames)->read(0, nullptr);
 }
 
-Result<Surface> surface_from_file(const std::string& path) {
+Result<Surface> surface_from_file(const std::string& path, Appearance& looks) {
   const std::string ending = text::ending_of(path);
   if (ending == "npy") return surface_from_npy(path);
   if (ending == "pc2" || ending == "mdd") return surface_from_cache(path);
@@ -79,6 +79,7 @@ Result<Surface> surface_from_file(const std::string& path) {
   if (is_gltf || is_foreign(ending)) {
     const auto clip = is_gltf ? open_gltf_clip(path, {}) : open_foreign_clip(path, {});
     if (!clip) return clip.error();
+    if ((*clip)->appearance() != nullptr) looks = *(*clip)->appearance();
     return (*clip)->rest();
   }
   for (const Format& format : kMeshFormats) {
@@ -92,6 +93,7 @@ Result<Surface> surface_from_file(const std::string& path) {
     if (!guarded) return in_context(path, guarded.error());
     auto surface = surface_from_guarded(*guarded, format.format);
     if (!surface) return in_context(path, surface.error());
+    looks.vertex_colour = std::move(guarded->colours);
     return surface;
   }
   if (ending == "xyz") {
@@ -112,9 +114,10 @@ std::string readable_endings() {
          (foreign.empty() ? std::string(" or mdd (built without assimp: no fbx, dae)")
                           : ", mdd, " + foreign + " (through assimp)");
 }
-Result<Surface> read_surface(const std::string& path) {
+Result<Surface> read_surface(const std::string& path, Appearance* looks) {
   try {
-    return surface_from_file(path);
+    Appearance unwanted;
+    return surface_from_file(path, looks != nullptr ? *looks : unwanted);
   } catch (const std::bad_alloc&) {
     return fail(ErrorCode::kTooLarge, path + ": not enough memory to read it");
   }

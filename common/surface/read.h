@@ -4,6 +4,7 @@
 #include <memory>
 #include <string>
 
+#include "common/surface/appearance.h"
 #include "common/surface/motion_clip.h"
 
 namespace eigencast {
@@ -12,7 +13,8 @@ namespace eigencast {
 /// dropped. OBJ, PLY, OFF, STL (through OpenMesh's readers), XYZ (x y z [nx ny nz] a line), NPY ((n,3), or the first
 /// frame of (T,n,3)), PC2 and MDD (first frame, no faces), glTF (see open_clip). Errors: kNotFound, kIo, kUnsupported (unknown ending), kCorrupt (what is wrong and where),
 /// kTooLarge (over limits).
-Result<Surface> read_surface(const std::string& path);
+/// looks: filled with what the file says of colours and textures, if wanted.
+Result<Surface> read_surface(const std::string& path, Appearance* looks = nullptr);
 
 struct ClipOptions {
   std::string rest{};       ///< File of the rest pose (default: beside a cache; else the first frame).

@@ -17,8 +17,10 @@ namespace eigencast {
 namespace {
 
 EncodedAsset sample(bool compress = false, bool cloud = false) {
-  auto encoded =
-      encode_asset(sample_asset(1, 7, cloud), {.exact_columns = 4, .first_chunk_rows = 16, .compress = compress});
+  Asset asset = sample_asset(1, 7, cloud);
+  for (std::uint8_t i = 0; cloud && i < asset.vertex_count; ++i)
+    asset.colours.push_back({i, static_cast<std::uint8_t>(40 * i), 9});
+  auto encoded = encode_asset(asset, {.exact_columns = 4, .first_chunk_rows = 16, .compress = compress});
   EXPECT_TRUE(encoded);
   return std::move(*encoded);
 }
@@ -230,10 +232,10 @@ TEST(AssetExtensions, OptionalTilesAndSectionsOfUnknownKindAreSkippedRequiredOne
       m.chunks[1].id = sha256(chunk);
     });
   };
-  const auto skipped = decode_asset(extended(false, 16));
+  const auto skipped = decode_asset(extended(false, 130));
   ASSERT_TRUE(skipped) << skipped.error().message;
   EXPECT_EQ(skipped->faces, sample_asset(1, 7).faces);
-  EXPECT_EQ(decode_asset(extended(true, 16)).error().code, ErrorCode::kUnsupported);
+  EXPECT_EQ(decode_asset(extended(true, 130)).error().code, ErrorCode::kUnsupported);
   EXPECT_EQ(decode_asset(extended(false, 2)).error().code, ErrorCode::kCorrupt);
 
   const auto with_section = [](bool required) {

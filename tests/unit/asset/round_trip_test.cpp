@@ -144,6 +144,40 @@ TEST(AssetReader, SplatsArriveWithTheirRowsOrNotAtAll) {
   EXPECT_EQ(thrifty->asset().splats.size(), 0u);
 }
 
+TEST(AssetReader, ColoursArriveWithTheirRowsOrNotAtAll) {
+  for (const bool cloud : {false, true}) {
+    Asset whole = sample_asset(2, 8, cloud);
+    for (std::uint32_t i = 0; i < whole.vertex_count; ++i) {
+      const auto byte = [&](std::uint32_t k) { return static_cast<std::uint8_t>(k * i + 250); };
+      whole.colours.push_back({byte(1), byte(77), byte(201)});
+    }
+    const auto encoded = encode_asset(whole, {.first_chunk_rows = 20});
+    ASSERT_TRUE(encoded);
+    auto reader = AssetReader::from_manifest(encoded->manifest.id, encoded->manifest.bytes);
+    ASSERT_TRUE(reader);
+    for (std::size_t c = 0; c < encoded->chunks.size(); ++c) {
+      ASSERT_TRUE(reader->add_chunk(c, encoded->chunks[c].bytes));
+      const Asset& part = reader->asset();
+      ASSERT_EQ(part.colours.size(), part.rows_ready);
+      EXPECT_TRUE(std::equal(part.colours.begin(), part.colours.end(), whole.colours.begin()));
+    }
+    EXPECT_EQ(reader->asset().splats.size(), cloud ? whole.vertex_count : 0);
+    auto thrifty = AssetReader::from_manifest(encoded->manifest.id, encoded->manifest.bytes);
+    ASSERT_TRUE(thrifty && thrifty->add_chunk(0, encoded->chunks[0].bytes));
+    ASSERT_TRUE(thrifty->add_chunk(1, ByteView(encoded->chunks[1].bytes).first(thrifty->chunks()[1].needed_bytes)));
+    ASSERT_TRUE(thrifty->add_chunk(2, encoded->chunks[2].bytes));
+    EXPECT_TRUE(thrifty->asset().colours.empty());
+  }
+}
+
+TEST(AssetEncode, ColoursAreOneForEachRow) {
+  Asset asset = sample_asset(1, 6);
+  asset.colours.resize(asset.vertex_count - 1);
+  const auto result = encode_asset(asset);
+  ASSERT_FALSE(result);
+  EXPECT_NE(result.error().message.find("colours"), std::string::npos);
+}
+
 TEST(AssetReader, WhileArrivingEachPrefixIsTheSurfaceAtThatLevel) {
   const Asset whole = sample_asset(3, 10);
   const auto encoded = encode_asset(whole, {.first_chunk_rows = 40});

@@ -23,9 +23,7 @@ constexpr SurfacePainter::Wish kMovement{Colouring::kMovement, 3}, kSpeed{Colour
 class PaintedSource : public FakeSource {
  public:
   using FakeSource::FakeSource;
-  std::span<const float> vertex_colours() const override { return colours; }
   Truth* truth() const override { return truth_; }
-  std::vector<float> colours;
   Truth* truth_ = nullptr;
 };
 
@@ -102,20 +100,56 @@ TEST(Paint, AScalarChannelIsRebuiltAndMissingOnesAreRefused) {
 
 TEST(Paint, FollowsTheLevelOfDetail) {
   PaintedSource source(sphere_asset(3));
-  source.colours.assign(std::size_t{source.asset_.vertex_count} * 3, 0.5F);
+  source.asset_.colours.assign(source.asset_.vertex_count, {255, 188, 0});
   SurfaceView view;
   SurfacePainter painter;
   show(source, view, sphere_pose(source.asset_, 1, 1000, 2));
   painter.paint(view, source, {Colouring::kOwn, 3});
-  EXPECT_EQ(painter.paint().values.size(), 3u * 642);
+  ASSERT_EQ(painter.paint().values.size(), 3u * 642);
+  EXPECT_FLOAT_EQ(painter.paint().values[0], 1);
+  EXPECT_NEAR(painter.paint().values[1], 0.503, 1e-3) << "linear light of 188";
   const std::uint64_t version = painter.paint().version;
   painter.paint(view, source, {Colouring::kOwn, 3});
   EXPECT_EQ(painter.paint().version, version) << "nothing has changed";
+  show(source, view, sphere_pose(source.asset_, 2, 2000, 1));
+  painter.paint(view, source, {Colouring::kOwn, 3});
+  EXPECT_EQ(painter.paint().version, version) << "colours do not move with the pose";
   view.lod().set_fraction(0.25);
   view.advance(source, 1000);
   painter.paint(view, source, {Colouring::kOwn, 3});
   EXPECT_EQ(painter.paint().values.size(), 3u * view.geometry().vertex_count());
   EXPECT_GT(painter.paint().version, version);
+}
+
+TEST(Paint, ColoursOfVerticesThatComeStartAsTheirParents) {
+  PaintedSource source(sphere_asset(2));
+  for (std::uint32_t i = 0; i < source.asset_.vertex_count; ++i)
+    source.asset_.colours.push_back(i < 42 ? std::array<std::uint8_t, 3>{255, 0, 0}
+                                           : std::array<std::uint8_t, 3>{0, 0, 255});
+  SurfaceView view;
+  SurfacePainter painter;
+  view.lod().set_fraction(42.0 / 162);
+  show(source, view, sphere_pose(source.asset_, 1, 1000, 1));
+  ASSERT_EQ(view.geometry().vertex_count(), 42u);
+  view.lod().set_fraction(1);
+  view.advance(source, 2000);
+  painter.paint(view, source, {Colouring::kOwn, 3});
+  ASSERT_EQ(painter.paint().values.size(), 3u * 162);
+  EXPECT_LT(painter.paint().values[3 * 161 + 2], 0.05F) << "hardly there";
+  for (TimeUs now = 20'000; now < 900'000; now += 20'000) view.advance(source, now);
+  painter.paint(view, source, {Colouring::kOwn, 3});
+  EXPECT_EQ(painter.paint().values[3 * 161], 0);
+  EXPECT_EQ(painter.paint().values[3 * 161 + 2], 1);
+}
+
+TEST(Paint, ASurfaceWithoutColoursIsClayAndSaysWhy) {
+  PaintedSource source(sphere_asset(2));
+  SurfaceView view;
+  show(source, view, sphere_pose(source.asset_, 1, 1000, 1));
+  SurfacePainter painter;
+  painter.paint(view, source, {Colouring::kOwn, 3});
+  EXPECT_EQ(painter.paint().kind, SurfacePaint::Kind::kClay);
+  EXPECT_NE(painter.why_not().find("no colours"), std::string::npos);
 }
 
 class FarOff final : public Truth {

@@ -10,7 +10,6 @@
 #include "client/history.h"
 #include "client/open_source.h"
 #include "client/opening_clip.h"
-#include "client/own_colours.h"
 #include "client/pick.h"
 #include "client/settings.h"
 #include "common/surface/shapes.h"
@@ -178,34 +177,6 @@ TEST(OpeningClips, BakeInTheBackgroundAndSaySo) {
     bad.poll(std::chrono::milliseconds(10));
   EXPECT_EQ(bad.stats().state, Subscriber::State::kRefused);
   EXPECT_NE(bad.stats().detail.find("no/such/file.obj"), std::string::npos);
-}
-
-TEST(OwnColours, AreTheMeanOfTheCornersAndAbsentWhereTheFileHasNone) {
-  Surface quad{{{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}}, {{0, 1, 2}, {0, 2, 3}}};
-  const std::vector<std::uint32_t> order{3, 2, 1, 0};
-  EXPECT_TRUE(own_colours(quad, {}, order).empty());
-  Appearance looks;
-  looks.corner_colour = {{{{1, 0, 0, 1}, {0, 1, 0, 1}, {0, 0, 1, 1}}}, {{{0, 0, 1, 1}, {0, 0, 1, 1}, {1, 1, 1, 1}}}};
-  const auto colours = own_colours(quad, looks, order);
-  ASSERT_EQ(colours.size(), 12u);
-  EXPECT_EQ(colours[9], 0.5F) << "vertex 0: half red, half blue";
-  EXPECT_EQ(colours[11], 0.5F);
-  EXPECT_EQ(colours[7], 1) << "vertex 1";
-
-  // A texture of two pixels, red and blue; coordinates repeat.
-  const testing::TemporaryFolder folder;
-  const std::string path = folder.file("t.png");
-  ASSERT_TRUE(write_png(path, Picture{2, 1, {255, 0, 0, 0, 0, 255}}));
-  std::ifstream in(path, std::ios::binary);
-  Appearance textured;
-  textured.images.push_back({"t", "image/png", {std::istreambuf_iterator<char>(in), {}}});
-  textured.materials.push_back({"m", {1, 1, 1, 1}, 0});
-  textured.face_material = {0, 0};
-  textured.corner_uv.assign(2, {{{0.25F, 0.5F}, {1.75F, 0.5F}, {-0.75F, 0.5F}}});
-  const auto sampled = own_colours(quad, textured, order);
-  ASSERT_EQ(sampled.size(), 12u);
-  EXPECT_EQ(sampled[9], 1) << "vertex 0 is red";
-  EXPECT_EQ(sampled[8], 1) << "vertex 1 blue";
 }
 
 }  // namespace

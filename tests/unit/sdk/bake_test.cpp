@@ -176,6 +176,29 @@ TEST(Bake, SecondTimeComesFromTheCacheAndIsTheSame) {
   EXPECT_EQ(std::count(stages.begin(), stages.end(), "eigenvectors"), 0);
 }
 
+TEST(Bake, ColoursStayWithTheirVertices) {
+  const TemporaryFolder folder;
+  const Surface surface = make_icosphere(2);
+  Appearance looks;
+  for (std::size_t i = 0; i < surface.vertex_count(); ++i)
+    looks.vertex_colour.push_back({static_cast<std::uint8_t>(i), 7, static_cast<std::uint8_t>(3 * i)});
+  BakeOptions options = of_rank(20);
+  const auto plain = bake(surface, options, folder.path());
+  options.looks = &looks;
+  for (const bool again : {false, true}) {
+    const auto result = bake(surface, options, folder.path());
+    ASSERT_TRUE(result);
+    EXPECT_EQ(result->from_cache, again) << "not to be mistaken for the surface without colours";
+    ASSERT_EQ(result->asset.colours.size(), surface.vertex_count());
+    for (std::size_t row = 0; row < result->asset.colours.size(); ++row)
+      EXPECT_EQ(result->asset.colours[row], looks.vertex_colour[result->asset.source_vertex[row]]);
+    EXPECT_NE(result->report.find("colours"), std::string::npos);
+  }
+  looks.vertex_colour.clear();
+  const auto empty = bake(surface, options, folder.path());
+  EXPECT_TRUE(empty && plain && empty->from_cache) << "looks that say nothing change nothing";
+}
+
 TEST(Bake, CacheTellsSurfacesAndOptionsApart) {
   const TemporaryFolder folder;
   const Surface surface = make_icosphere(2);
