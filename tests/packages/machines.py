@@ -64,6 +64,7 @@ class Machine:
             made.mkdir()
         self.options = f"lowerdir={root},upperdir={self.layers[0]},workdir={self.layers[1]}"
         self.nspawn = None
+        self.log = folder / f"{host.name}-nspawn.log"
 
     def __enter__(self):
         subprocess.run(["mount", "-t", "overlay", "overlay", "-o", self.options, self.root], check=True, capture_output=True)
@@ -77,15 +78,16 @@ class Machine:
     def boot(self):
         addresses = "".join(f"{host.address} {host.name}.example.org {host.name}\n" for host in self.host.network.hosts.values())
         (self.root / "etc/hosts").write_text("127.0.0.1 localhost\n" + addresses)
-        self.nspawn = subprocess.Popen(
-            ["systemd-nspawn", "--quiet", f"--directory={self.root}", "--boot", "--register=no", "--keep-unit", "--resolv-conf=off",
-             f"--network-namespace-path=/run/netns/{self.host.space}", "--console=read-only", f"--machine={self.name}"],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        with open(self.log, "w") as log:
+            self.nspawn = subprocess.Popen(
+                ["systemd-nspawn", "--quiet", f"--directory={self.root}", "--boot", "--register=no", "--keep-unit", "--resolv-conf=off",
+                 f"--network-namespace-path=/run/netns/{self.host.space}", "--console=read-only", f"--machine={self.name}"],
+                stdin=subprocess.DEVNULL, stdout=log, stderr=log)
         for _ in range(600):
             if self.init() and self.run("systemctl is-system-running", check=False).stdout.strip() in ("running", "degraded"):
                 return
             if self.nspawn.poll() is not None:
-                raise RuntimeError(f"systemd-nspawn ended with {self.nspawn.returncode}")
+                raise RuntimeError(f"systemd-nspawn ended with {self.nspawn.returncode}: {self.log.read_text()[-1000:]}")
             time.sleep(0.1)
         raise RuntimeError(f"{self.name} does not come up: {self.run('systemctl list-jobs', check=False).stdout}")
 

@@ -61,12 +61,14 @@ class OnMachines(unittest.TestCase):
         self.run_at("systemctl daemon-reload")
 
 
-class Packages(OnMachines):
+class Files(unittest.TestCase):
     def test_lintian_finds_no_error(self):
         done = subprocess.run(["lintian", "--allow-root", "--fail-on", "error", *DEBS], capture_output=True, text=True)
         print(done.stdout)
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
 
+
+class Packages(OnMachines):
     def test_what_is_installed(self):
         self.run_at("apt install ./*.deb")
         programs = self.says("dpkg -L eigencast-broker eigencast-tools | grep ^/usr/bin/eigencast-").split()
