@@ -25,20 +25,28 @@ Result<void> copy_objects(const EncodedAsset& encoded, const std::string& direct
   return copy(encoded.manifest);
 }
 
-std::string json_from(const BakeResult& baked) {
-  return nlohmann::json{{"asset", baked.encoded.manifest.id.hex()},
-                        {"name", baked.asset.name},
-                        {"vertices", baked.asset.vertex_count},
-                        {"faces", baked.asset.face_total},
-                        {"rank", baked.asset.rank},
-                        {"basis", baked.asset.basis_kind},
-                        {"bytes", baked.encoded.total_bytes()},
-                        {"chunks", baked.encoded.chunks.size()},
-                        {"certified", baked.certified},
-                        {"approximate", baked.approximate},
-                        {"residual", baked.residual},
-                        {"from_cache", baked.from_cache}}
-      .dump(2);
+nlohmann::json json_from(const RankChoice& choice) {
+  nlohmann::json tried = nlohmann::json::array();
+  for (const auto& [rank, error] : choice.tried) tried.push_back({{"rank", rank}, {"rms_over_diagonal", error}});
+  return {{"rms_over_diagonal", choice.chosen.error}, {"tried", tried}};
+}
+
+std::string json_from(const Source& source) {
+  const BakeResult& baked = source.baked;
+  nlohmann::json report = {{"asset", baked.encoded.manifest.id.hex()},
+                           {"name", baked.asset.name},
+                           {"vertices", baked.asset.vertex_count},
+                           {"faces", baked.asset.face_total},
+                           {"rank", baked.asset.rank},
+                           {"basis", baked.asset.basis_kind},
+                           {"bytes", baked.encoded.total_bytes()},
+                           {"chunks", baked.encoded.chunks.size()},
+                           {"certified", baked.certified},
+                           {"approximate", baked.approximate},
+                           {"residual", baked.residual},
+                           {"from_cache", baked.from_cache}};
+  if (source.rank_choice) report["rank_choice"] = json_from(*source.rank_choice);
+  return report.dump(2);
 }
 
 void print(const BakeResult& baked) {
@@ -60,7 +68,7 @@ int run(const BakeCommand& command, const Console& console, Interrupt& interrupt
     if (const auto copied = copy_objects(baked.encoded, command.out_dir); !copied)
       return report_failure(copied.error());
   }
-  const auto written = write_report(command.json, json_from(baked));
+  const auto written = write_report(command.json, json_from(*source));
   return written ? kExitOk : report_failure(written.error());
 }
 

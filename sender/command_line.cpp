@@ -28,6 +28,7 @@ eigencast-sender deform heart --script twist --to ws://broker/heart     # by a c
 eigencast-sender deform dragon.ply --cage cage.obj --script keys.json --to ws://broker/dragon
 eigencast-sender replay show.ecrec --to ws://broker/show --from 60
 eigencast-sender bake scan.ply --rank 300
+eigencast-sender bake rest.obj --target-error 1e-3 --poses clip.npy    # as many coefficients as that takes
 eigencast-sender evaluate clip.npy                                     # error and bit rate, without a network
 eigencast-sender evaluate clip.npy -r 50,100,200 --lod 1,0.5,0.1 --plots out
 eigencast-sender export fox.glb --to fox.mdd
@@ -75,7 +76,7 @@ void add_clip_options(CLI::App& app, SourceOptions& source) {
 
 /// One or, to compare them, several of each.
 template <typename Bases, typename Ranks>
-void add_basis_options(CLI::App& app, Bases& bases, Ranks& ranks) {
+void add_basis_options(CLI::App& app, Bases& bases, Ranks& ranks, SourceOptions& source) {
   app.add_option(
          "--basis", bases,
          "augmented or harmonic, for any motion; rig, of a glTF file's skin and morph targets, or cage, whose motion "
@@ -83,9 +84,15 @@ void add_basis_options(CLI::App& app, Bases& bases, Ranks& ranks) {
       ->check(CLI::IsMember({"augmented", "harmonic", "rig", "cage", "pca"}))
       ->delimiter(',')
       ->capture_default_str();
-  app.add_option("-r,--rank,--r", ranks, "coefficients per axis (default: 200; pca: 50; rig, cage: all that there are)")
-      ->check(CLI::Range(4, 4096))
-      ->delimiter(',');
+  CLI::Option* rank = app.add_option("-r,--rank,--r", ranks,
+                                     "coefficients per axis (default: 200; pca: 50; rig, cage: all that there are)")
+                          ->check(CLI::Range(4, 4096))
+                          ->delimiter(',');
+  CLI::Option* target = app.add_option("--target-error", source.target_error,
+                                       "instead of --rank: as many as leave this rms error, of the diagonal")
+                            ->check(CLI::Range(1e-9, 1.0))
+                            ->excludes(rank);
+  app.add_option("--poses", source.poses, "clip that --target-error is judged by (default: the input)")->needs(target);
 }
 
 /// What a bake takes beside basis and rank.
@@ -111,7 +118,7 @@ void add_asset_options(CLI::App& app, SourceOptions& source) {
 }
 
 void add_bake_options(CLI::App& app, SourceOptions& source) {
-  add_basis_options(app, source.basis, source.rank);
+  add_basis_options(app, source.basis, source.rank, source);
   add_asset_options(app, source);
 }
 
@@ -261,7 +268,7 @@ void add_evaluate_command(CLI::App& app, Settings& s) {
       "evaluate", "State error and bit rate of a clip, without a network; lists are tried in all combinations");
   runs(*evaluate, s, command);
   add_clip_options(*evaluate, command.source);
-  add_basis_options(*evaluate, command.bases, command.ranks);
+  add_basis_options(*evaluate, command.bases, command.ranks, command.source);
   add_asset_options(*evaluate, command.source);
   CLI::Option* error = add_codec_options(*evaluate, command.codec, command.errors);
   evaluate

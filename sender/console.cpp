@@ -6,17 +6,20 @@
 #include "common/core/files.h"
 #include "sender/commands.h"
 #include "sender/progress_line.h"
+#include "sender/target_error.h"
 
 namespace eigencast {
 
 Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt) {
   ProgressLine line(console.progress, console.on_terminal);
-  auto source = bake_source(options, [&](double fraction, std::string_view stage) {
+  const auto progress = [&](double fraction, std::string_view stage) {
     line.show(fraction, stage, steady_now_us());
     return !interrupt.requested();
-  });
+  };
+  auto source = options.target_error > 0 ? bake_for_target(options, progress) : bake_source(options, progress);
   line.finish();
   if (!source) return source;
+  if (source->rank_choice) spdlog::info("{}", source->rank_choice->text(options.target_error));
   for (const std::string& note : source->clip->notes()) spdlog::info("{}", note);
   return source;
 }

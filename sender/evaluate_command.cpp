@@ -57,7 +57,7 @@ int run(const EvaluateCommand& command, const Console& console, Interrupt& inter
   if (!codec) return report_failure(codec.error());
   EvaluatedClip clip{command.source.input, command.codec, command.rate_hz, {}};
   for (const std::string& basis : command.bases) {
-    for (const int rank : command.ranks) {
+    for (const int rank : command.source.target_error > 0 ? std::vector{0} : command.ranks) {
       const auto done = evaluate_basis(command, basis, rank, *codec, console, interrupt, clip.rows);
       if (!done) return report_failure(done.error());
     }

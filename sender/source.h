@@ -8,6 +8,7 @@
 #include "common/surface/motion_clip.h"
 #include "sdk/bake.h"
 #include "sender/deform/deformer.h"
+#include "sender/rank_search.h"
 
 namespace eigencast {
 
@@ -31,13 +32,16 @@ struct SourceOptions {
   CageOptions cage;                   ///< Of the basis cage.
   std::string name;  ///< (default: the built-in's, or the file's or folder's without its path: assets are public)
   std::string cache_dir;
+  double target_error = 0;  ///< Rms error of the basis, over the diagonal, that decides the rank; 0: `rank` does.
+  std::string poses;        ///< Clip that it is judged by (default: the input).
 };
 
 /// A clip and the asset baked from its rest pose.
 struct Source {
   std::unique_ptr<MotionClip> clip;
   BakeResult baked;
-  std::unique_ptr<deform::Deformer> cage;  ///< Where the basis is that of a cage: the model bound to it.
+  std::unique_ptr<deform::Deformer> cage;      ///< Where the basis is that of a cage: the model bound to it.
+  std::optional<RankChoice> rank_choice = {};  ///< Where a target decided it.
 };
 
 /// Opens the input: a path that exists, or a glob, wins over a built-in name. Errors: those of builtin_clip and open_clip.
