@@ -73,6 +73,16 @@ class Deploy(unittest.TestCase):
     def test_rules_name_metrics_that_exist(self):
         self.assert_known("the rules", re.findall(r"expr: (.*)", (DEPLOY / "prometheus/eigencast.rules.yml").read_text()))
 
+    def test_every_alert_is_tested(self):
+        named = lambda word, file: set(re.findall(rf"{word}: (Eigencast\w+)", (DEPLOY / "prometheus" / file).read_text()))
+        self.assertEqual(named("alertname", "eigencast.rules.test.yml"), named("alert", "eigencast.rules.yml"))
+
+    def test_the_job_that_the_rules_ask_for_is_the_one_that_scrapes(self):
+        asked = set(re.findall(r'job="([\w-]+)"', (DEPLOY / "prometheus/eigencast.rules.yml").read_text()))
+        self.assertEqual(len(asked), 1)
+        for file in ("deploy/prometheus/prometheus.yml", "docs/operations.md"):
+            self.assertEqual(set(re.findall(r"job_name: ([\w-]+)", (ROOT / file).read_text())), asked, file)
+
     def test_autoscaling_names_a_metric_that_exists(self):
         self.assert_known("the autoscaler", re.findall(r"metric: \{name: (\w+)\}", (DEPLOY / "kubernetes/hpa.yaml").read_text()))
 
