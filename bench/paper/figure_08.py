@@ -38,7 +38,7 @@ def remote_rows(options, rows):
     with open(table) as file:
         return [{**dict.fromkeys(HEADER, ""), "clip": row["clip"], "vertices": vertices[row["clip"]],
                  "method": f"x264 crf {row['crf']}, {row['size']}", "kbit_per_s": row["kbit_per_s"], "first_bytes": "0",
-                 "encode_us": f"{1000 * float(row['encode_ms']):.0f}"}
+                 "encode_us": f"{1000 * float(row['processor_ms']):.0f}"}
                 for row in csv.DictReader(file) if row["clip"] in vertices]
 
 

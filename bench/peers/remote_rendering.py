@@ -44,13 +44,13 @@ def draw(stage, options, name):
 
 
 def code(raw, size, count, quality):
-    """kbit/s, and milliseconds of the encoder for one picture."""
+    """kbit/s, and what the encoder takes for one picture: milliseconds, and those of a processor."""
     video = raw.with_suffix(f".{quality}.h264")
     done = subprocess.run(["ffmpeg", "-hide_banner", "-y", "-benchmark", "-f", "rawvideo", "-pix_fmt", "yuv420p", "-s", size, "-r",
                            str(PICTURES_PER_S), "-i", raw, "-c:v", "libx264", "-tune", "zerolatency", "-crf", str(quality), "-f", "h264",
                            video], check=True, capture_output=True, text=True)
-    seconds = float(re.search(r"rtime=([0-9.]+)s", done.stderr)[1])
-    return video.stat().st_size * 8e-3 * PICTURES_PER_S / count, 1000 * seconds / count
+    user, system, real = (float(re.search(rf"{kind}time=([0-9.]+)s", done.stderr)[1]) for kind in "usr")
+    return video.stat().st_size * 8e-3 * PICTURES_PER_S / count, 1000 * real / count, 1000 * (user + system) / count
 
 
 def main():
@@ -71,10 +71,10 @@ def main():
             subprocess.run(["ffmpeg", "-hide_banner", "-loglevel", "error", "-i", folder / "frame_%04d.png", "-pix_fmt", "yuv420p", "-f",
                             "rawvideo", raw], check=True)
             for quality in QUALITIES:
-                rate, delay = code(raw, options.size, count, quality)
-                rows.append([name, options.size, quality, count, f"{rate:.0f}", f"{delay:.1f}"])
+                rate, delay, processor = code(raw, options.size, count, quality)
+                rows.append([name, options.size, quality, count, f"{rate:.0f}", f"{delay:.1f}", f"{processor:.1f}"])
             raw.unlink()
-    write_table(options, "remote_rendering", ["clip", "size", "crf", "pictures", "kbit_per_s", "encode_ms"], rows)
+    write_table(options, "remote_rendering", ["clip", "size", "crf", "pictures", "kbit_per_s", "encode_ms", "processor_ms"], rows)
 
 
 if __name__ == "__main__":

@@ -34,8 +34,13 @@ Result<std::unique_ptr<LocalBroker>> LocalBroker::start() {
   posix_spawn_file_actions_init(&actions);
   posix_spawn_file_actions_addopen(&actions, STDOUT_FILENO, (folder + "/log").c_str(), O_WRONLY | O_CREAT, 0600);
   posix_spawn_file_actions_adddup2(&actions, STDOUT_FILENO, STDERR_FILENO);
+  posix_spawnattr_t attributes;
+  posix_spawnattr_init(&attributes);
+  posix_spawnattr_setflags(&attributes,
+                           POSIX_SPAWN_SETPGROUP);  // Ctrl-C is for us: we end the broker when we are done.
   pid_t pid = -1;
-  const int failed = posix_spawn(&pid, program.c_str(), &actions, nullptr, arguments.data(), environ);
+  const int failed = posix_spawn(&pid, program.c_str(), &actions, &attributes, arguments.data(), environ);
+  posix_spawnattr_destroy(&attributes);
   posix_spawn_file_actions_destroy(&actions);
   if (failed != 0) return fail(ErrorCode::kIo, program + ": cannot be started");
   std::unique_ptr<LocalBroker> broker(new LocalBroker(pid, folder));

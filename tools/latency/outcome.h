@@ -31,6 +31,9 @@ struct Inputs {
   double duration_s = 10, warmup_s = 2;
   std::uint32_t trace_every = 1;  ///< Keys that are traced.
   double late_ms = 100;           ///< A pose older than that counts as late.
+
+  bool sends() const { return mode == "loop" || mode == "publish"; }
+  bool watches() const { return mode != "publish"; }
 };
 
 struct Interval {
@@ -78,6 +81,11 @@ struct Outcome {
   std::string device;                      ///< That draws the pictures.
   std::uint64_t asset_bytes = 0;
   std::uint32_t vertices = 0, vertices_rebuilt = 0;
+  /// Of the stream: as its sender announced them, where that is not this process.
+  int rank = 0;
+  double key_rate_hz = 0;        ///< 0: not said.
+  std::string trouble;           ///< Why the stream was not live when measuring ended; empty: it was.
+  std::uint64_t reconnects = 0;  ///< Of the viewer, while measured.
   double kbit_per_s = 0;
   Counts counts;
   std::optional<Load::Figures> load;

@@ -80,14 +80,16 @@ Json json_from(const ClockTrack& track) {
   return json;
 }
 
+/// What the sender is asked for is null where there is none in this process.
 Json json_from(const Inputs& in) {
+  const auto asked = [&](Json value) { return in.sends() ? value : Json(nullptr); };
   return {{"mode", in.mode},
           {"url", in.url},
           {"viewer_url", in.viewer_url},
-          {"source", in.source},
-          {"rank", in.rank},
-          {"codec", in.codec},
-          {"rate_hz", in.rate_hz},
+          {"source", asked(in.source)},
+          {"rank", asked(in.rank)},
+          {"codec", asked(in.codec)},
+          {"rate_hz", asked(in.rate_hz)},
           {"interpolation", in.interpolation},
           {"form", in.form},
           {"lod", in.lod},
@@ -143,14 +145,40 @@ std::string load_lines(const Load::Figures& load) {
   return text;
 }
 
+unsigned long long n(std::uint64_t v) {
+  return static_cast<unsigned long long>(v);
+}
+
+std::string schedule_line(const Outcome& o) {
+  return formatted(
+      "schedule: %llu sends missed, %llu dropped; sender's thread late by %.3f ms (p99); this process used %.0f %% of "
+      "a core\n",
+      n(o.counts.sends_missed), n(o.counts.sends_dropped), static_cast<double>(o.send_lag_us.percentile(99)) / 1000,
+      100 * o.cpu_share);
+}
+
+std::string warnings(const Outcome& o) {
+  std::string text;
+  for (const std::string& complaint : complaints(o)) text += "WARNING: " + complaint + "\n";
+  return text;
+}
+
+/// Of a sender alone, which knows nothing of what became of its poses.
+std::string sending_table(const Outcome& o) {
+  return formatted("publish: %s, r = %d, %g poses/s, %.1f s\nkeys: %llu sent\n", o.inputs.source.c_str(), o.rank,
+                   o.key_rate_hz, o.seconds, n(o.counts.keys_sent)) +
+         schedule_line(o) + warnings(o);
+}
+
 }  // namespace
 
 std::string table(const Outcome& o) {
+  if (!o.inputs.watches()) return sending_table(o);
   const Counts& c = o.counts;
-  const auto n = [](std::uint64_t v) { return static_cast<unsigned long long>(v); };
   std::string text = formatted(
-      "%s: %s, %u of %u vertices, r = %d, %g poses/s, %s, %.1f s, %.1f kbit/s; times in ms\n\n", o.inputs.mode.c_str(),
-      o.inputs.source.c_str(), o.vertices_rebuilt, o.vertices, o.inputs.rank, o.inputs.rate_hz,
+      "%s: %s, %u of %u vertices, r = %d, %s, %s, %.1f s, %.1f kbit/s; times in ms\n\n", o.inputs.mode.c_str(),
+      o.inputs.sends() ? o.inputs.source.c_str() : o.inputs.url.c_str(), o.vertices_rebuilt, o.vertices, o.rank,
+      o.key_rate_hz > 0 ? formatted("%g poses/s", o.key_rate_hz).c_str() : "poses as they come",
       o.inputs.interpolation > 1
           ? formatted("interpolated x %d, %s", o.inputs.interpolation, o.inputs.form.c_str()).c_str()
           : "raw",
@@ -170,8 +198,8 @@ std::string table(const Outcome& o) {
       "\nstages add up to the total: %llu poses checked, %llu beyond the clocks' uncertainty, at worst %.3f ms "
       "unexplained; %llu with a stage below zero\n",
       n(o.sums_checked), n(o.sums_wrong), static_cast<double>(o.worst_unexplained_us) / 1000, n(o.impossible));
-  if (o.held_us.count() > 0) {
-    const double interval_us = 1e6 / o.inputs.rate_hz;
+  if (o.held_us.count() > 0 && o.key_rate_hz > 0) {
+    const double interval_us = 1e6 / o.key_rate_hz;
     const auto least = static_cast<double>(o.held_us.min()), median = static_cast<double>(o.held_us.percentile(50));
     text += formatted(
         "interpolation held poses %.3f ms at least, %.3f in the median: %.3f and %.3f of a key interval (x %d cannot "
@@ -185,16 +213,11 @@ std::string table(const Outcome& o) {
         "0\n";
   text += clock_line("sender to broker:", o.sender_clock) + clock_line("viewer to broker:", o.viewer_clock);
   text += formatted(
-      "keys: %llu sent, %llu received, %llu lost; frames superseded %llu (intended: newer ones overtook them), "
-      "overtaken "
-      "in the viewer %llu; late %llu, duplicate %llu, out of order %llu\n",
-      n(c.keys_sent), n(c.keys_received), n(c.keys_lost), n(c.superseded), n(c.overtaken), n(c.late), n(c.duplicate),
-      n(c.out_of_order));
-  text += formatted(
-      "schedule: %llu sends missed, %llu dropped; sender's thread late by %.3f ms (p99); this process used %.0f %% of "
-      "a core\n",
-      n(c.sends_missed), n(c.sends_dropped), static_cast<double>(o.send_lag_us.percentile(99)) / 1000,
-      100 * o.cpu_share);
+      "keys: %s%llu received, %llu lost; frames superseded %llu (intended: newer ones overtook them), overtaken in the "
+      "viewer %llu; late %llu, duplicate %llu, out of order %llu\n",
+      o.inputs.sends() ? formatted("%llu sent, ", n(c.keys_sent)).c_str() : "", n(c.keys_received), n(c.keys_lost),
+      n(c.superseded), n(c.overtaken), n(c.late), n(c.duplicate), n(c.out_of_order));
+  if (o.inputs.sends()) text += schedule_line(o);
   const auto seconds = [](const std::optional<TimeUs>& us) {
     return us ? formatted("%.3f s", static_cast<double>(*us) / 1e6) : std::string("not seen");
   };
@@ -203,8 +226,7 @@ std::string table(const Outcome& o) {
                     seconds(o.whole_asset_us).c_str(), static_cast<double>(o.asset_bytes) / 1e6);
   if (!o.device.empty()) text += "pictures of " + o.inputs.present + " pixels by " + o.device + "\n";
   if (o.load) text += load_lines(*o.load);
-  for (const std::string& complaint : complaints(o)) text += "WARNING: " + complaint + "\n";
-  return text;
+  return text + warnings(o);
 }
 
 std::string json_report(const Outcome& o, const std::string& version) {
@@ -222,6 +244,8 @@ std::string json_report(const Outcome& o, const std::string& version) {
   json["measured_s"] = o.seconds;
   json["vertices"] = o.vertices;
   json["vertices_rebuilt"] = o.vertices_rebuilt;
+  json["rank"] = o.rank;
+  json["key_rate_hz"] = o.key_rate_hz > 0 ? Json(o.key_rate_hz) : Json(nullptr);
   json["kbit_per_s"] = o.kbit_per_s;
   json["keys"] = json_from(o.keys, o.total_error_us);
   json["synthetic"] = json_from(o.synthetic, o.total_error_us);
@@ -326,14 +350,22 @@ std::vector<std::string> complaints(const Outcome& o) {
     if (o.one_machine && best && std::abs(best->offset_us) > best->error_us)
       all.push_back("the broker was taken to share our clock, being on loopback, but its clock is another one");
   }
+  if (o.load && o.load->viewers + 1 < o.inputs.clients)
+    all.push_back(formatted("only %llu of %u light viewers were watching", n(o.load->viewers), o.inputs.clients - 1));
   if (o.load && o.load->was_bottleneck())
     all.push_back("the light viewers' own thread was near its limit: the broker may be faster than this");
   if (o.send_lag_us.count() > 0 && o.send_lag_us.percentile(99) > 5000)
     all.push_back("the sender's thread woke late: this machine is overloaded, and the delays include that");
   if (o.counts.sends_missed > 0) all.push_back("the sender could not hold the rate: see the missed sends");
-  if (o.inputs.mode != "publish" && o.counts.traced == 0)
+  if (o.counts.sends_dropped > 0)
+    all.push_back("poses were dropped before they left: the link was behind, or the broker gone");
+  if (!o.trouble.empty()) all.push_back("the stream was not there to the end: " + o.trouble);
+  if (o.reconnects > 0)
+    all.push_back(formatted("the viewer's connection broke and came back, times: %llu",
+                            static_cast<unsigned long long>(o.reconnects)));
+  if (o.inputs.watches() && o.counts.traced == 0)
     all.push_back("no traces came, so there are no stages: is sender and broker of this version?");
-  if (o.inputs.mode != "publish" && !o.whole_asset_us)
+  if (o.inputs.watches() && !o.whole_asset_us)
     all.push_back("the surface had not wholly arrived when measuring began: delays are of a part of it");
   if (o.counts.keys_lost > 0) all.push_back("keys were lost that nothing superseded");
   return all;

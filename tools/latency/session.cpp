@@ -55,8 +55,7 @@ void sum_up(Outcome& outcome) {
 
 Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop, const OnProgress& progress,
                             LogSink log) {
-  const bool sends = inputs.mode == "loop" || inputs.mode == "publish";
-  const bool watches = inputs.mode != "publish";
+  const bool sends = inputs.sends(), watches = inputs.watches();
   std::unique_ptr<Sending> sending;
   std::unique_ptr<Load> load;
   std::unique_ptr<Watching> watching;
@@ -115,6 +114,7 @@ Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop,
   const double cpu = (process_seconds() - cpu_start) / (static_cast<double>(end_us - begin_us) / 1e6);
   if (sending) sending->end(end_us);
   if (watching && inputs.mode == "loop") watching->end(end_us);
+  const std::string trouble = watching ? watching->trouble() : std::string();
   std::optional<Load::Figures> load_figures;
   if (load) load_figures = load->finish();
   if (sending) {
@@ -127,6 +127,11 @@ Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop,
   Outcome outcome;
   if (watching) watching->tell(outcome);
   outcome.inputs = inputs;
+  outcome.trouble = trouble;
+  if (sends) {
+    outcome.rank = inputs.rank;
+    outcome.key_rate_hz = inputs.rate_hz;
+  }
   outcome.one_clock = inputs.mode == "loop";
   outcome.one_machine = outcome.one_clock && on_this_machine(inputs.url);
   outcome.load = std::move(load_figures);

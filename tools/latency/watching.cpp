@@ -58,6 +58,11 @@ std::string Watching::detail() const {
   return detail_;
 }
 
+std::string Watching::trouble() const {
+  const std::lock_guard lock(mutex_);
+  return live_ ? std::string() : detail_;
+}
+
 Progress Watching::progress() const {
   const std::lock_guard lock(mutex_);
   const HdrHistogram& h = outcome_.keys;
@@ -91,6 +96,7 @@ void Watching::run() {
       outcome_.viewer_clock.add({steady_now_us() - start_us_, *stats.clock_offset_us, *stats.clock_error_us});
     const std::lock_guard lock(mutex_);
     detail_ = stats.detail;
+    live_ = stats.state == Subscriber::State::kLive;
     if (stats.rtt_us) outcome_.round_trip_us = stats.rtt_us;
   }
   presenter_.reset();
@@ -120,11 +126,13 @@ void Watching::take(const ReceivedPose& pose, TimeUs taken_us) {
     bytes_at_begin_ = stats.bytes;
     skipped_at_begin_ = stats.skipped;
     missed_at_begin_ = stats.missed;
+    reconnects_at_begin_ = stats.reconnects;
   }
   outcome_.vertices_rebuilt = level;
   outcome_.seconds = static_cast<double>(shown_us - counted_from_us_) / 1e6;
   outcome_.kbit_per_s =
       outcome_.seconds > 0 ? static_cast<double>(stats.bytes - bytes_at_begin_) * 8e-3 / outcome_.seconds : 0;
+  outcome_.reconnects = stats.reconnects - reconnects_at_begin_;
   outcome_.counts.superseded = stats.skipped - skipped_at_begin_;
   if (!one_clock_) {  // Of a sender elsewhere only the gaps in its keys' numbers are known.
     const std::uint64_t missed = stats.missed - missed_at_begin_;
@@ -186,7 +194,11 @@ void Watching::tell(Outcome& outcome) {
   if (first_picture_us_ != 0 && !outcome.device.empty()) outcome.first_picture_us = first_picture_us_;
   outcome.age_us = age_.ages_us();
   outcome.asset_bytes = stats.asset_bytes_total;
-  if (const Asset* asset = subscriber_->asset()) outcome.vertices = asset->vertex_count;
+  if (const Asset* asset = subscriber_->asset()) {
+    outcome.vertices = asset->vertex_count;
+    outcome.rank = static_cast<int>(asset->rank);
+  }
+  if (const auto& info = subscriber_->info()) outcome.key_rate_hz = info->key_rate_hz;
 }
 
 }  // namespace eigencast::latency

@@ -37,6 +37,8 @@ class Watching {
   bool has_surface() const { return first_surface_us_ != 0; }
   bool has_whole_surface() const { return whole_asset_us_ != 0; }
   std::string detail() const;
+  /// Why the stream is not live now; empty: it is.
+  std::string trouble() const;
   Progress progress() const;
   /// After stop(): fills in what the viewer knows.
   void tell(Outcome& outcome);
@@ -62,13 +64,14 @@ class Watching {
   Timeline timeline_;
   std::set<std::pair<std::uint64_t, std::uint8_t>> seen_;  ///< Of the newest keys.
   TimeUs newest_capture_us_ = 0;
-  std::uint64_t bytes_at_begin_ = 0, skipped_at_begin_ = 0, missed_at_begin_ = 0;
+  std::uint64_t bytes_at_begin_ = 0, skipped_at_begin_ = 0, missed_at_begin_ = 0, reconnects_at_begin_ = 0;
   TimeUs counted_from_us_ = 0;
   std::atomic<bool> stopping_{false};
   std::atomic<TimeUs> from_us_{0}, until_us_{0}, first_surface_us_{0}, whole_asset_us_{0};
   TimeUs first_picture_us_ = 0;
   mutable std::mutex mutex_;
   std::string detail_;  ///< GUARDED_BY(mutex_)
+  bool live_ = false;   ///< GUARDED_BY(mutex_)
   Outcome outcome_;     ///< GUARDED_BY(mutex_) for what progress() reads.
   std::thread thread_;
 };

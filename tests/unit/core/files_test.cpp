@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "common/core/files.h"
 
+#include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <filesystem>
@@ -35,6 +37,20 @@ TEST_F(Files, WritesAndReplacesAndLeavesNothingElse) {
   ASSERT_TRUE(write_file_atomically(path, "one"));
   ASSERT_TRUE(write_file_atomically(path, std::string("t\0o", 3)));
   EXPECT_EQ(content_of(path), std::string("t\0o", 3));
+  EXPECT_EQ(entries(), 1u);
+}
+
+TEST_F(Files, APipeIsWrittenToAndStays) {
+  const std::string path = folder_ + "/pipe";
+  ASSERT_EQ(::mkfifo(path.c_str(), 0600), 0);
+  const int reader = ::open(path.c_str(), O_RDONLY | O_NONBLOCK);
+  ASSERT_GE(reader, 0);
+  ASSERT_TRUE(write_file_atomically(path, "text"));
+  char text[8] = {};
+  EXPECT_EQ(::read(reader, text, sizeof text), 4);
+  ::close(reader);
+  EXPECT_STREQ(text, "text");
+  EXPECT_TRUE(std::filesystem::is_fifo(path)) << "no file took its place";
   EXPECT_EQ(entries(), 1u);
 }
 

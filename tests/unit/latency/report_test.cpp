@@ -58,6 +58,50 @@ TEST(Report, JsonIsValidFiniteAndEchoesItsInputs) {
   EXPECT_THAT(json["warnings"], IsEmpty());
 }
 
+TEST(Report, WhoOnlyWatchesTellsOfTheStreamAndNotOfASenderThatIsNotThere) {
+  Outcome o = sample();
+  o.inputs.mode = "passive";
+  o.rank = 24;
+  o.key_rate_hz = 10;
+  o.held_us.add(66'667);
+  EXPECT_THAT(table(o), HasSubstr("ws://broker/test"));
+  EXPECT_THAT(table(o), HasSubstr("r = 24, 10 poses/s"));
+  EXPECT_THAT(table(o), Not(HasSubstr("heart")));
+  EXPECT_THAT(table(o), HasSubstr("0.667 of a key interval"));
+  EXPECT_THAT(table(o), Not(HasSubstr(" sent")));
+  const auto json = nlohmann::json::parse(json_report(o, "1"));
+  EXPECT_TRUE(json["inputs"]["source"].is_null());
+  EXPECT_EQ(json["key_rate_hz"], 10);
+  EXPECT_EQ(json["rank"], 24);
+}
+
+TEST(Report, WhoOnlySendsTellsOfThatAlone) {
+  Outcome o = sample();
+  o.inputs.mode = "publish";
+  o.counts.sends_dropped = 3;
+  EXPECT_THAT(table(o), HasSubstr("1000 sent"));
+  EXPECT_THAT(table(o), HasSubstr("3 dropped"));
+  EXPECT_THAT(table(o), HasSubstr("WARNING: poses were dropped"));
+  EXPECT_THAT(table(o), Not(HasSubstr("received")));
+}
+
+TEST(Report, ViewersThatAreNotThereAreSaid) {
+  Outcome o = sample();
+  o.inputs.clients = 1000;
+  o.load.emplace().viewers = 600;
+  EXPECT_THAT(table(o), HasSubstr("only 600 of 999 light viewers"));
+  o.load->viewers = 999;
+  EXPECT_THAT(table(o), Not(HasSubstr("WARNING")));
+}
+
+TEST(Report, AStreamThatEndedOrBrokeIsSaid) {
+  Outcome o = sample();
+  o.trouble = "no broker at ws://broker";
+  o.reconnects = 2;
+  EXPECT_THAT(table(o), HasSubstr("not there to the end: no broker at ws://broker"));
+  EXPECT_THAT(table(o), HasSubstr("came back, times: 2"));
+}
+
 TEST(Report, StagesThatDoNotAddUpAreSaidLoudly) {
   Outcome o = sample();
   o.sums_wrong = 3;
