@@ -5,8 +5,10 @@
 #include <sys/socket.h>
 
 #include <array>
+#include <boost/asio/bind_allocator.hpp>
 #include <boost/asio/post.hpp>
 #include <ctime>
+#include <memory_resource>
 #include <utility>
 
 namespace eigencast::broker {
@@ -74,12 +76,14 @@ void Connection::log_failure(const std::exception& exception) noexcept {
 }
 
 void Connection::wait_to_read(Transport::Wait wait) {
-  transport_.async_wait(wait, [self = shared_from_this()](ErrorOf error) {
+  auto handler = [self = shared_from_this()](ErrorOf error) {
     self->guarded([&] {
       if (error) return self->ended();
       self->on_readable();
     });
-  });
+  };
+  // Memory of its own size: an idle connection waits for long, and what Asio would use over again may be much larger.
+  transport_.async_wait(wait, asio::bind_allocator(std::pmr::polymorphic_allocator<>(), std::move(handler)));
 }
 
 void Connection::on_readable() {

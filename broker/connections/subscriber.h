@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
-#include <unordered_map>
 
 #include "broker/connections/connection.h"
 #include "broker/relay/stream.h"
@@ -45,7 +45,7 @@ class Subscriber final : public Watcher, public Connection {
     Stream* stream;
     Ladder ladder;
   };
-  std::unordered_map<std::uint32_t, Watched> streams_;
+  std::map<std::uint32_t, Watched> streams_;  ///< Of few streams a tree takes less memory than a table.
   std::uint64_t joins_counted_ = 0;
 };
 
