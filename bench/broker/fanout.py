@@ -156,7 +156,7 @@ def main():
         start = time.monotonic()
         print(f"{row}:", flush=True)
         if row == "interpolated":
-            interpolation.run(tools)
+            interpolation.run(tools, options.repeat)
         elif row in ROWS:
             ROWS[row](tools, options.repeat)
         else:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: MIT
-"""100 streams of r = 200 at 30 keys a second, as a sender codes them, each watched interpolated x3 by one viewer: the
-broker's share of one core."""
+"""100 streams of r = 200 at 30 keys a second, as a sender codes them: the broker's share of one core where each is watched
+interpolated x3 by one viewer, beside raw by three, which makes as many deliveries a second of the same keys. What
+interpolation alone costs, without a socket, says interpolation_rate."""
 import os
 import pathlib
 import socket
@@ -14,7 +15,7 @@ from harness import Server
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "tests/support"))
 from websocket_peer import BINARY, Peer
 
-STREAMS, ROWS, RATE, SECONDS = 100, 200, 30, 6
+STREAMS, ROWS, RATE, SECONDS = 100, 200, 30, 4
 BANDS = [14, 54, 104, 200]
 
 
@@ -75,33 +76,45 @@ def real_keys(tools, count):
     return frames[:count]
 
 
-def run(tools):
+def run(tools, repeat):
     keys = real_keys(tools, RATE * (SECONDS + 1))
-    with Server(tools, "broker") as server:
-        senders, viewers = [], []
+    print(f"  {STREAMS} streams, r = {ROWS}, {RATE} keys/s of {sum(map(len, keys)) / len(keys):.0f} bytes: % of one core")
+    settings = [("x3, one viewer each", "", 1), ("raw, three viewers each", "?rate=raw", 3), ("raw, one viewer each", "?rate=raw", 1)]
+    seen = {name: [] for name, _, _ in settings}
+    for _ in range(repeat):
+        for name, query, viewers in settings:
+            seen[name].append(share_of_core(tools, keys, query, viewers))
+    for name, runs in seen.items():
+        print(f"  {name:24}" + "".join(f"{100 * share:7.1f}" for share, _ in runs) + f"; {runs[0][1]:.0f} kB/s to viewers", flush=True)
+
+
+def share_of_core(tools, keys, query, viewers_each):
+    """The broker's CPU seconds a second, and what the viewers were sent, while all streams are sent and watched."""
+    with Server(tools, "broker", frames_ladder="false") as server:
         hello = payloads.announce(tools.asset, ROWS, "quantised", BANDS)
-        for i in range(STREAMS):
-            senders.append(connect(server.port, f"/v1/publish/s{i}", hello, b'"announced"'))
-            viewers.append(connect(server.port, f"/v1/subscribe/s{i}", None, b""))
-            viewers[-1].setblocking(False)
+        senders = [connect(server.port, f"/v1/publish/s{i}", hello, b'"announced"') for i in range(STREAMS)]
+        viewers = [[connect(server.port, f"/v1/subscribe/s{i}{query}", None, b"") for _ in range(viewers_each)] for i in range(STREAMS)]
+        for viewer in sum(viewers, []):
+            viewer.setblocking(False)
         period = 1 / RATE
         start = time.monotonic() + 0.1
         received = spent = 0
         for i, frame in enumerate(keys):
-            due = start + i * period
             wire = framed(0x82, frame)
             if i == RATE:
-                spent = server.cpu_seconds()
+                spent, received = server.cpu_seconds(), 0
             for j in range(STREAMS):
-                wait = due + period * j / STREAMS - time.monotonic()
+                wait = start + i * period + period * j / STREAMS - time.monotonic()
                 if wait > 0:
                     time.sleep(wait)
                 senders[j].sendall(wire)
-                try:
-                    received += len(viewers[j].recv(1 << 18))
-                except BlockingIOError:
-                    pass
-        spent = server.cpu_seconds() - spent
+                received += sum(map(drained, viewers[j]))
         took = time.monotonic() - start - 1
-        print(f"  {STREAMS} streams, r = {ROWS}, {RATE} keys/s of {sum(map(len, keys)) / len(keys):.0f} bytes, x3: {100 * spent / took:.1f} % of one core; "
-              f"{received / took / 1e6:.1f} MB/s to viewers")
+        return (server.cpu_seconds() - spent) / took, received / took / 1e3
+
+
+def drained(viewer):
+    try:
+        return len(viewer.recv(1 << 18))
+    except BlockingIOError:
+        return 0
