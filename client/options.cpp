@@ -260,10 +260,10 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
       ->capture_default_str();
   app.add_option("--view", options.view, "first view")
       ->check(CLI::IsMember({"iso", "front", "back", "left", "right", "top", "bottom"}));
-  app.add_option(
-         "--colour", raw.colour,
-         "what the surfaces' colours say: clay, own (those of the file), normals, movement (from the rest pose), "
-         "speed, channel:K (a scalar that rides on the stream), error (against the truth)")
+  app.add_option("--colour", raw.colour,
+                 "what the surfaces' colours say: clay, own (those of the file), textured, normals, movement (from the "
+                 "rest pose), "
+                 "speed, channel:K (a scalar that rides on the stream), error (against the truth)")
       ->capture_default_str();
   app.add_option("--colour-map", raw.colour_map, "colours of numbers")
       ->check(CLI::IsMember({"viridis", "cividis", "coolwarm", "turbo", "grey"}))

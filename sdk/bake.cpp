@@ -22,6 +22,7 @@
 #include "common/surface/stated_colours.h"
 #include "common/wire/limits.h"
 #include "sdk/asset_cache.h"
+#include "sdk/bake_texture.h"
 
 namespace eigencast {
 namespace {
@@ -37,7 +38,20 @@ constexpr double kLaplacianDone = 0.03;
 constexpr double kBasisDone = 0.85;
 constexpr double kOrderDone = 0.93;
 
-using Colour = std::array<std::uint8_t, 3>;
+/// What an asset is to have beside its shape.
+struct Looks {
+  std::vector<std::array<std::uint8_t, 3>> colours;
+  std::optional<TexturePlan> texture;
+  std::string report;
+};
+
+Looks looks_of(const Surface& surface, const Appearance* stated) {
+  Looks looks;
+  if (stated == nullptr) return looks;
+  looks.colours = stated_colours(surface, *stated);
+  looks.texture = plan_texture(surface, *stated, looks.report);
+  return looks;
+}
 
 std::string text(const char* format, auto... values) {
   std::array<char, 256> line{};
@@ -92,7 +106,7 @@ Result<void> check_options(const Surface& surface, const BakeOptions& options) {
 }
 
 /// What a result depends on. Errors: those of the motion's poses.
-Result<Sha256> key_of(const Surface& surface, const std::vector<Colour>& colours, const BakeOptions& options) {
+Result<Sha256> key_of(const Surface& surface, const Looks& looks, const BakeOptions& options) {
   Bytes head;
   ByteWriter out(head);
   out.text("eigencast bake");
@@ -112,7 +126,13 @@ Result<Sha256> key_of(const Surface& surface, const std::vector<Colour>& colours
   };
   stream.update(view(surface.positions));
   stream.update(view(surface.faces));
-  if (!colours.empty()) stream.update(view(colours));
+  if (!looks.colours.empty()) stream.update(view(looks.colours));
+  if (looks.texture) {
+    stream.update(view(looks.texture->low));
+    stream.update(view(looks.texture->high));
+    stream.update(view(looks.texture->places));
+    stream.update(looks.texture->image);
+  }
   if (is_of_motion(options.basis)) {
     const KnownMotion& motion = *options.motion;
     stream.update(view(motion.columns.W));
@@ -216,8 +236,8 @@ std::vector<double> rest_coefficients(const Surface& surface, const Basis& basis
   return rest;
 }
 
-/// REQUIRES: the colours, the basis and the order are of this surface.
-Asset asset_from(const Surface& surface, const std::vector<Colour>& colours, const Basis& basis, PrefixOrder order,
+/// REQUIRES: the looks, the basis and the order are of this surface.
+Asset asset_from(const Surface& surface, const Looks& looks, const Basis& basis, PrefixOrder order,
                  const BakeOptions& options) {
   Asset asset;
   const std::size_t n = surface.vertex_count();
@@ -253,9 +273,10 @@ Asset asset_from(const Surface& surface, const std::vector<Colour>& colours, con
     asset.splats = {std::move(splats.frame), std::move(splats.normal), std::move(splats.radius),
                     std::move(splats.parent_radius)};
   }
-  if (!colours.empty()) {
-    for (const std::uint32_t source : order.order) asset.colours.push_back(colours[source]);
+  if (!looks.colours.empty()) {
+    for (const std::uint32_t source : order.order) asset.colours.push_back(looks.colours[source]);
   }
+  if (looks.texture) asset.texture = texture_along(order, *looks.texture);
   asset.map = std::move(order.map);
   asset.faces = std::move(order.faces);
   asset.death = std::move(order.death);
@@ -368,7 +389,7 @@ Result<Basis> basis_of(const Surface& surface, const Laplacian& laplacian, const
   return build_basis(surface, laplacian, {kind, options.rank}, progress);
 }
 
-Result<BakeResult> bake_afresh(const Surface& surface, const std::vector<Colour>& colours, const BakeOptions& options,
+Result<BakeResult> bake_afresh(const Surface& surface, const Looks& looks, const BakeOptions& options,
                                const Stages& stages) {
   const TimeUs start = steady_now_us();
   if (!stages.at(0.01, "operator")) return cancelled("operator");
@@ -377,10 +398,12 @@ Result<BakeResult> bake_afresh(const Surface& surface, const std::vector<Colour>
   auto basis = basis_of(surface, *laplacian, options, stages.within(kLaplacianDone, kBasisDone));
   if (!basis) return basis.error();
   if (!stages.at(kBasisDone, "levels of detail")) return cancelled("levels of detail");
-  auto order = build_prefix_order(surface);
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> seams;
+  if (looks.texture) seams = seam_edges(surface.faces, looks.texture->places);
+  auto order = build_prefix_order(surface, seams);
   if (!order) return order.error();
   if (!stages.at(kOrderDone, "encoding")) return cancelled("encoding");
-  const Asset exact = asset_from(surface, colours, *basis, std::move(*order), options);
+  const Asset exact = asset_from(surface, looks, *basis, std::move(*order), options);
   auto encoded = encode_asset(exact, encoding_of(exact, *basis, options));
   if (!encoded) return encoded.error();
   auto asset = decode_asset(*encoded);
@@ -394,6 +417,7 @@ Result<BakeResult> bake_afresh(const Surface& surface, const std::vector<Colour>
   result.residual = basis->residual;
   result.report =
       report_of(surface, options, *laplacian, *basis, result, static_cast<double>(steady_now_us() - start) / 1e6);
+  result.report += looks.report;
   return result;
 }
 
@@ -405,10 +429,9 @@ Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, cons
   if (!stages.at(0, "checking")) return cancelled("checking");
   if (auto valid = validate_surface(surface); !valid) return valid.error();
   if (auto checked = check_options(surface, options); !checked) return checked.error();
-  const std::vector<Colour> colours =
-      options.looks != nullptr ? stated_colours(surface, *options.looks) : std::vector<Colour>();
+  const Looks looks = looks_of(surface, options.looks);
   const AssetCache cache(cache_dir);
-  const auto key = cache_dir.empty() ? Result<Sha256>(Sha256{}) : key_of(surface, colours, options);
+  const auto key = cache_dir.empty() ? Result<Sha256>(Sha256{}) : key_of(surface, looks, options);
   if (!key) return key.error();
   try {
     if (!cache_dir.empty()) {
@@ -417,7 +440,7 @@ Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, cons
         return std::move(*found);
       }
     }
-    auto result = bake_afresh(surface, colours, options, stages);
+    auto result = bake_afresh(surface, looks, options, stages);
     if (!result) return result;
     if (!cache_dir.empty()) {
       if (auto stored = store(cache, *key, *result); !stored) return stored.error();

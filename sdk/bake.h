@@ -23,7 +23,7 @@ struct BakeOptions {
   double asset_error = 1e-4;
   /// What rig, cage and pca are made of; must outlive the bake. `rank` then is the most that they may have.
   const KnownMotion* motion = nullptr;
-  /// Colours that the asset is to have, of the same surface; null: none. Needed until bake() returns.
+  /// Colours and texture that the asset is to have, of the same surface; null: none. Needed until bake() returns.
   const Appearance* looks = nullptr;
 };
 

@@ -24,11 +24,13 @@ Result<GLuint> compile(GLenum kind, const std::string& name, const std::string& 
 
 }  // namespace
 
-Result<GlProgram> GlProgram::create(const std::string& name, const std::string& vertex, const std::string& fragment,
+Result<GlProgram> GlProgram::create(const std::string& name, const Shaders& shaders,
                                     std::span<const char* const> captured) {
   GlProgram program;
   program.id_ = glCreateProgram();
-  for (const auto& [kind, source] : {std::pair(GL_VERTEX_SHADER, vertex), std::pair(GL_FRAGMENT_SHADER, fragment)}) {
+  for (const auto& [kind, source] :
+       {std::pair(GL_VERTEX_SHADER, shaders.vertex), std::pair(GL_GEOMETRY_SHADER, shaders.geometry),
+        std::pair(GL_FRAGMENT_SHADER, shaders.fragment)}) {
     if (source.empty()) continue;
     const Result<GLuint> shader = compile(static_cast<GLenum>(kind), name, source);
     if (!shader) return shader.error();

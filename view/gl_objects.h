@@ -23,6 +23,13 @@ class GlProgram final {
   /// captured: what the vertex shader says of each vertex, packed one after the other, where it is to be kept (transform
   /// feedback). No fragment shader: nothing is drawn. Errors: kInternal, with the compiler's log.
   static Result<GlProgram> create(const std::string& name, const std::string& vertex, const std::string& fragment,
+                                  std::span<const char* const> captured = {}) {
+    return create(name, Shaders{vertex, {}, fragment}, captured);
+  }
+  struct Shaders {
+    std::string vertex, geometry, fragment;  ///< Empty: none.
+  };
+  static Result<GlProgram> create(const std::string& name, const Shaders& shaders,
                                   std::span<const char* const> captured = {});
   GlProgram(GlProgram&& other) noexcept : id_(other.id_) { other.id_ = 0; }
   GlProgram& operator=(GlProgram&& other) noexcept;

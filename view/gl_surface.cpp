@@ -114,12 +114,16 @@ void GlSurface::take_triangles(const SurfaceGeometry& geometry) {
 void GlSurface::paint(const SurfacePaint& paint) {
   if (paint.version == paint_version_) return;
   paint_version_ = paint.version;
-  const bool numbers = paint.kind == SurfacePaint::Kind::kScalar, colours = paint.kind == SurfacePaint::Kind::kColour;
+  const bool numbers = paint.kind == SurfacePaint::Kind::kScalar, textured = paint.kind == SurfacePaint::Kind::kTexture,
+             colours = textured || paint.kind == SurfacePaint::Kind::kColour;
+  if (!textured) texture_.reset();
+  if (textured && !texture_) texture_ = std::make_unique<GlTexturePaint>();
+  if (textured) texture_->follow(paint);
   paint_ = numbers ? 1 : colours ? 2 : paint.kind == SurfacePaint::Kind::kNormal ? 3 : 0;
   glBindVertexArray(array_);
   glDisableVertexAttribArray(kPaint);
-  glVertexAttrib3f(kPaint, 0, 0, 0);
-  if (!numbers && !colours) return;
+  textured ? glVertexAttrib3f(kPaint, 1, 1, 1) : glVertexAttrib3f(kPaint, 0, 0, 0);
+  if (paint.values.empty()) return;
   values_.replace(std::span<const float>(paint.values));
   set_array(kPaint, values_.id(), numbers ? 1 : 3, 0);
 }

@@ -4,10 +4,12 @@
 #include <cstdint>
 #include <glm/mat3x3.hpp>
 #include <glm/mat4x4.hpp>
+#include <memory>
 
 #include "view/gl_objects.h"
 #include "view/paint.h"
 #include "view/surface_geometry.h"
+#include "view/texture_paint.h"
 
 namespace eigencast {
 
@@ -63,6 +65,9 @@ class GlSurface final {
   void draw_triangles() const { glDrawElements(GL_TRIANGLES, index_count_, GL_UNSIGNED_INT, nullptr); }
   void draw_points() const { glDrawArrays(GL_POINTS, 0, vertex_count_); }
 
+  /// Of a surface that is painted with its image; else null.
+  const GlTexturePaint* texture() const { return texture_.get(); }
+
   bool visible = true;
 
  private:
@@ -73,6 +78,7 @@ class GlSurface final {
   GLuint array_ = 0;
   GlBuffer positions_, normals_, values_, radii_;
   GlTriangles triangles_;
+  std::unique_ptr<GlTexturePaint> texture_;
   GLsizei vertex_count_ = 0, index_count_ = 0;
   const CardSurface* card_ = nullptr;  ///< Whose arrays are bound, to be compared only; null: this one's own.
   std::uint64_t maker_ = 0, pose_version_ = 0, level_version_ = 0, topology_version_ = 0, paint_version_ = 0;

@@ -12,8 +12,8 @@
 namespace eigencast {
 namespace {
 
-constexpr std::array<std::string_view, kColourings> kNames{"clay",  "own",     "normals", "movement",
-                                                           "speed", "channel", "error"};
+constexpr std::array<std::string_view, kColourings> kNames{"clay",     "own",   "textured", "normals",
+                                                           "movement", "speed", "channel",  "error"};
 /// Linear light of sRGB bytes.
 const std::array<float, 256> kLight = [] {
   std::array<float, 256> light{};
@@ -73,7 +73,8 @@ void SurfacePainter::paint(const SurfaceView& view, const PoseSource& source, co
   // What was refused may have become possible: a truth that was still being prepared, say.
   if (pose == seen_pose_ && wish == wish_ && why_not_.empty()) return;
   const bool settled = wish == wish_ && why_not_.empty() && seen_level_ == view.level_version();
-  if (settled && paint_.kind == SurfacePaint::Kind::kColour) return;  // which do not move with the pose
+  const bool still = paint_.kind == SurfacePaint::Kind::kColour || paint_.kind == SurfacePaint::Kind::kTexture;
+  if (settled && still) return;  // which do not move with the pose
   seen_level_ = view.level_version();
   if (wish.colouring == Colouring::kClay && paint_.kind == SurfacePaint::Kind::kClay) {
     wish_ = wish;
@@ -107,6 +108,8 @@ void SurfacePainter::fill(const SurfaceView& view, const PoseSource& source, con
       return;
     case Colouring::kOwn:
       return fill_own(view, *asset);
+    case Colouring::kTextured:
+      return fill_textured(view, *asset);
     case Colouring::kMovement: {
       std::vector<double> D = columns_of(C, channels, 0, 3);
       for (std::size_t i = 0; i < D.size(); ++i) D[i] -= asset->rest[i];
@@ -142,6 +145,25 @@ void SurfacePainter::fill_own(const SurfaceView& view, const Asset& asset) {
     for (std::size_t c = 0; c < 3; ++c) paint_.values[3 * i + c] = kLight[asset.colours[i][c]];
   }
   view.blend(paint_.values);
+}
+
+void SurfacePainter::fill_textured(const SurfaceView& view, const Asset& asset) {
+  if (!asset.texture) {
+    return refuse(asset.complete() || asset.is_point_cloud() ? "the surface has no texture"
+                                                             : "the texture comes with the last of the surface");
+  }
+  auto image = image_of(asset.texture);
+  if (!image) return refuse(image.error().message);
+  if (asset.colours.empty()) {
+    paint_.values.clear();
+  } else {
+    fill_own(view, asset);
+  }
+  if (!levels_) levels_ = std::make_shared<TextureLevels>();
+  levels_->follow(asset.texture, view.geometry(), view.morph());
+  paint_.kind = SurfacePaint::Kind::kTexture;
+  paint_.levels = levels_;
+  paint_.image = std::move(*image);
 }
 
 void SurfacePainter::refuse(std::string why) {
@@ -187,6 +209,7 @@ void SurfacePainter::fill_speed(const SurfaceView& view, const PoseSource& sourc
 std::vector<SurfacePainter::Wish> wishes_for(const PoseSource& source) {
   std::vector<SurfacePainter::Wish> wishes{{Colouring::kClay, 3}};
   if (source.asset() != nullptr && !source.asset()->colours.empty()) wishes.push_back({Colouring::kOwn, 3});
+  if (source.asset() != nullptr && source.asset()->texture) wishes.push_back({Colouring::kTextured, 3});
   if (source.asset() == nullptr || !source.asset()->is_point_cloud()) wishes.push_back({Colouring::kNormals, 3});
   wishes.push_back({Colouring::kMovement, 3});
   wishes.push_back({Colouring::kSpeed, 3});
@@ -201,6 +224,8 @@ std::string title_of(const SurfacePainter::Wish& wish) {
       return "clay";
     case Colouring::kOwn:
       return "its own colours";
+    case Colouring::kTextured:
+      return "its texture";
     case Colouring::kNormals:
       return "normals";
     case Colouring::kMovement:

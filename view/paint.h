@@ -11,24 +11,28 @@
 
 #include "view/pose_source.h"
 #include "view/surface_view.h"
+#include "view/texture_levels.h"
 #include "view/truth.h"
 
 namespace eigencast {
 
-/// What the colours of the surfaces say; kOwn: the vertices' own, as their file has them.
-enum class Colouring { kClay, kOwn, kNormals, kMovement, kSpeed, kChannel, kError };
-inline constexpr int kColourings = 7;
+/// What the colours of the surfaces say; kOwn: the vertices' own, as their file has them; kTextured: the image.
+enum class Colouring { kClay, kOwn, kTextured, kNormals, kMovement, kSpeed, kChannel, kError };
+inline constexpr int kColourings = 8;
 
-/// "clay", "own", "normals", "movement", "speed", "channel", "error": as --colour takes them.
+/// "clay", "own", "textured", "normals", "movement", "speed", "channel", "error": as --colour takes them.
 std::string_view name_of(Colouring colouring);
 std::optional<Colouring> colouring_from_name(std::string_view name);
 
 /// The colours of one surface's vertices, as the renderer takes them.
 struct SurfacePaint {
-  enum class Kind { kClay, kScalar, kColour, kNormal };
+  enum class Kind { kClay, kScalar, kColour, kNormal, kTexture };
   Kind kind = Kind::kClay;
-  std::vector<float> values;  ///< N of kScalar, N x 3 (linear RGB) of kColour; else empty.
-  std::uint64_t version = 0;  ///< Grows when kind or values have changed.
+  std::vector<float> values;  ///< N of kScalar, N x 3 (linear RGB) of kColour, and of kTexture where the image
+                              ///< is to be multiplied by colours; else empty.
+  std::shared_ptr<const TextureLevels> levels;  ///< Of kTexture: where the corners lie,
+  std::shared_ptr<const Picture> image;         ///< in what.
+  std::uint64_t version = 0;                    ///< Grows when kind or values have changed.
 };
 
 /// Makes the colours of one surface, anew only where the surface or what is asked for has changed.
@@ -53,6 +57,7 @@ class SurfacePainter {
  private:
   void fill(const SurfaceView& view, const PoseSource& source, const Wish& wish);
   void lengths_of(const SurfaceView& view, std::span<const double> D);
+  void fill_textured(const SurfaceView& view, const Asset& asset);
   void fill_own(const SurfaceView& view, const Asset& asset);
   void fill_speed(const SurfaceView& view, const PoseSource& source);
   void refuse(std::string why);
@@ -66,6 +71,7 @@ class SurfacePainter {
   std::vector<double> before_, difference_;
   std::optional<TimeUs> before_time_;
   std::vector<float> vectors_;
+  std::shared_ptr<TextureLevels> levels_;
 };
 
 /// What may be asked of a source, in the order in which key V goes through it; channels one by one.

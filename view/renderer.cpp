@@ -16,6 +16,7 @@
 #include "view/gl_objects.h"
 #include "view/gl_surface.h"
 #include "view/shaders.h"
+#include "view/texture_paint.h"
 
 namespace eigencast {
 namespace {
@@ -63,7 +64,7 @@ class Renderer::Impl {
   void finish_picture(const RenderOptions& options, unsigned target) const;
 
   MarkupPainter painter_;
-  GlProgram background_, shadow_, mesh_, line_, splat_, ground_, finish_;
+  GlProgram background_, shadow_, mesh_, textured_, line_, splat_, ground_, finish_;
   GLuint empty_array_ = 0, axes_array_ = 0, axes_ = 0;
   GLuint shadow_map_ = 0, shadow_framebuffer_ = 0, colour_table_ = 0;
   std::optional<ColourMap> colour_map_;  ///< In the table.
@@ -95,17 +96,21 @@ Result<void> Renderer::Impl::init() {
     std::string vertex, fragment;
   };
   const std::string lighting = shaders::kLighting, paint = lighting + shaders::kPaint;
-  for (const Source& source : {Source{background_, "background", shaders::kScreenVertex, shaders::kBackgroundFragment},
-                               Source{shadow_, "shadow", shaders::kShadowVertex, shaders::kShadowFragment},
-                               Source{mesh_, "mesh", shaders::kMeshVertex, paint + shaders::kMeshFragment},
-                               Source{line_, "line", shaders::kMeshVertex, shaders::kLineFragment},
-                               Source{splat_, "splat", shaders::kSplatVertex, paint + shaders::kSplatFragment},
-                               Source{ground_, "ground", shaders::kGroundVertex, lighting + shaders::kGroundFragment},
-                               Source{finish_, "finish", shaders::kScreenVertex, shaders::kFinishFragment}}) {
+  for (const Source& source :
+       {Source{background_, "background", shaders::kScreenVertex, shaders::kBackgroundFragment},
+        Source{shadow_, "shadow", shaders::kShadowVertex, shaders::kShadowFragment},
+        Source{mesh_, "mesh", shaders::kMeshVertex, paint + shaders::kMeshPaint + shaders::kMeshFragment},
+        Source{line_, "line", shaders::kMeshVertex, shaders::kLineFragment},
+        Source{splat_, "splat", shaders::kSplatVertex, paint + shaders::kSplatFragment},
+        Source{ground_, "ground", shaders::kGroundVertex, lighting + shaders::kGroundFragment},
+        Source{finish_, "finish", shaders::kScreenVertex, shaders::kFinishFragment}}) {
     Result<GlProgram> program = GlProgram::create(source.name, source.vertex, source.fragment);
     if (!program) return program.error();
     source.program = std::move(program).value();
   }
+  Result<GlProgram> textured = textured_program(shaders::kMeshVertex, paint, shaders::kMeshFragment);
+  if (!textured) return textured.error();
+  textured_ = std::move(textured).value();
   if (const Result<void> ready = painter_.init(); !ready) return ready;
   glGenBuffers(1, &axes_);
   for (GLuint* array : {&empty_array_, &axes_array_}) glGenVertexArrays(1, array);
@@ -237,13 +242,21 @@ void Renderer::Impl::draw_surfaces(const Camera& camera, const RenderOptions& op
   const auto draw_meshes = [&] {
     for (const auto& surface : surfaces_) {
       if (!surface->drawable() || as_points(*surface)) continue;
-      surface->bind(mesh_);
+      // Edges have no image: Mesa's software renderer does not draw the lines of what a geometry shader has made.
+      const bool with_image = surface->texture() != nullptr && !options.wireframe;
+      const GlProgram& program = with_image ? textured_ : mesh_;
+      program.use();
+      surface->bind(program);
+      if (with_image) surface->texture()->bind(program);
+      if (surface->texture() != nullptr && !with_image) program.set("paint", 0);
       surface->draw_triangles();
     }
   };
-  set_lighting(mesh_, camera);
-  mesh_.set("colour_table", 1);
-  mesh_.set("colour_range", glm::vec2(options.colour_range[0], options.colour_range[1]));
+  for (const GlProgram* program : {&mesh_, &textured_}) {
+    set_lighting(*program, camera);
+    program->set("colour_table", 1);
+    program->set("colour_range", glm::vec2(options.colour_range[0], options.colour_range[1]));
+  }
   // Only under lines: the slope term would let back faces shine through along the silhouette.
   if (options.edges || options.wireframe) glEnable(GL_POLYGON_OFFSET_FILL);
   glPolygonOffset(1, 1);
@@ -268,6 +281,7 @@ void Renderer::Impl::draw_surfaces(const Camera& camera, const RenderOptions& op
   for (const auto& surface : surfaces_) {
     if (!surface->drawable() || !as_points(*surface)) continue;
     surface->bind(splat_);
+    if (surface->texture() != nullptr) splat_.set("paint", 0);
     const float scale = surface->is_point_cloud() ? 1.15F : 0.32F;
     splat_.set("radius", scale * std::max(surface->spacing(), 1e-4F * camera.scene_radius()));
     splat_.set("discs", surface->has_discs() ? surface->scale() : 0.0F);

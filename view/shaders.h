@@ -114,10 +114,14 @@ void main() {
   scene_normal = dot(normal, normal) > 0.0 ? normalize(scene_from_normal * normal) : vec3(0.0);
   gl_Position = clip_from_scene * vec4(at, 1.0);
 })";
+/// What a mesh is painted with here; GlTexturePaint's program has another.
+inline constexpr const char* kMeshPaint = R"(
+in vec3 painted;
+vec3 own_paint() { return painted; }
+)";
 inline constexpr const char* kMeshFragment = R"(
 in vec3 at;
 in vec3 scene_normal;
-in vec3 painted;
 uniform float normal_offset;
 out vec4 colour;
 void main() {
@@ -128,7 +132,7 @@ void main() {
   bool inside = !gl_FrontFacing;
   if (dot(n, eye - at) < 0.0 && inside) n = -n;
   float shadow = lit_by_key(at + normal_offset * n, 0.0008);
-  colour = finished(at, n, painted, inside, shadow);
+  colour = finished(at, n, own_paint(), inside, shadow);
 })";
 
 inline constexpr const char* kLineFragment = R"(#version 330 core

@@ -67,6 +67,7 @@ class SurfaceView {
   /// What belongs to vertices alone (colours, say) as it is drawn while some of them come or go: 3 floats each of geometry()'s, in
   /// place.
   void blend(std::span<float> values) const { morph_.blend(triangles_.map(), values); }
+  const LevelMorph& morph() const { return morph_; }
   /// Grows when blend() gives something else.
   std::uint64_t level_version() const { return level_version_; }
 

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "common/asset/asset_limits.h"
+#include "common/asset/texture.h"
 
 namespace eigencast {
 namespace {
@@ -132,6 +133,10 @@ Result<void> check_colours(const Asset& a) {
   return corrupt("there are colours, but not one for each row");
 }
 
+Result<void> check_texture(const Asset& a) {
+  return a.texture ? validate_texture(*a.texture, a) : Result<void>();
+}
+
 }  // namespace
 
 void Asset::Splats::append(const Splats& more) {
@@ -147,7 +152,8 @@ double Asset::diagonal() const {
 }
 
 Result<void> validate_asset(const Asset& asset) {
-  for (auto* check : {check_limits, check_shapes, check_facts, check_rows, check_faces, check_splats, check_colours}) {
+  for (auto* check :
+       {check_limits, check_shapes, check_facts, check_rows, check_faces, check_splats, check_colours, check_texture}) {
     if (auto result = check(asset); !result) return result;
   }
   return {};

@@ -13,6 +13,7 @@
 #include "common/asset/predictor.h"
 #include "common/asset/splat_tile.h"
 #include "common/asset/structure_tile.h"
+#include "common/asset/texture.h"
 #include "common/core/worker_team.h"
 
 namespace eigencast {
@@ -166,6 +167,10 @@ class Encoder {
       const auto map = std::span(asset_.map).subspan(row_, end_row - row_);
       tiles.push_back(packed(TileKind::kColours, 0, encode_colours(asset_.colours, row_, map)));
     }
+    if (asset_.texture && end_row == asset_.vertex_count) {
+      tiles.push_back(packed(TileKind::kWedges, 0, encode_wedges(*asset_.texture, asset_)));
+      tiles.push_back(packed(TileKind::kImage, 0, asset_.texture->image));
+    }
   }
 
   Bytes basis_of_band(std::size_t b, std::uint32_t end_row, const Predictors& predictors) const {
@@ -194,7 +199,7 @@ class Encoder {
     tile.entry.index = static_cast<std::uint8_t>(index);
     tile.entry.required = kind == TileKind::kStructure || kind == TileKind::kBasis;
     tile.entry.raw_bytes = static_cast<std::uint32_t>(raw.size());
-    if (encoding_.compress) {
+    if (encoding_.compress && kind != TileKind::kImage) {  // which is compressed already
       auto smaller = zstd_compress(raw);
       if (!smaller) {
         tile.failed = smaller.error();

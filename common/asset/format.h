@@ -15,6 +15,7 @@ namespace eigencast {
 struct ChunkEntry;
 struct Manifest;
 struct Predictors;
+struct StructureTile;
 
 /// One content-addressed object: its bytes and their hash.
 struct AssetObject {
@@ -82,6 +83,8 @@ class AssetReader {
   Result<void> decode(std::size_t index, ByteView bytes);
   Result<void> decode_bands(const ChunkEntry& entry, ByteView bytes, const Predictors& predictors);
   Result<void> decode_looks(const ChunkEntry& entry, ByteView bytes, std::span<const std::uint32_t> map);
+  Result<std::shared_ptr<const AssetTexture>> decode_texture(const ChunkEntry& entry, ByteView bytes,
+                                                             const StructureTile& structure) const;
 
   Asset asset_;
   std::vector<ChunkRef> chunks_;

@@ -18,6 +18,7 @@
 #include "common/asset/colour_tile.h"
 #include "common/asset/predictor.h"
 #include "common/asset/splat_tile.h"
+#include "common/asset/texture.h"
 
 namespace eigencast {
 namespace {
@@ -289,6 +290,8 @@ class Parser {
       }
       return {};
     }
+    if (tile.kind == static_cast<std::uint8_t>(TileKind::kImage) && tile.raw_bytes > AssetTexture::kMaxImageBytes)
+      return too_large(where + ", an image,", tile.raw_bytes, AssetTexture::kMaxImageBytes);
     if (tile.required) {
       return fail(ErrorCode::kUnsupported, "asset manifest: " + where + " is required and of kind " +
                                                std::to_string(tile.kind) +

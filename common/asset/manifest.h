@@ -14,7 +14,14 @@
 namespace eigencast {
 
 /// What a tile of a chunk holds. Values are on the wire; docs/asset-format.md lists the reserved ones.
-enum class TileKind : std::uint8_t { kStructure = 1, kBasis = 2, kColours = 18, kSplats = 20 };
+enum class TileKind : std::uint8_t {
+  kStructure = 1,
+  kBasis = 2,
+  kWedges = 16,
+  kColours = 18,
+  kSplats = 20,
+  kImage = 21
+};
 
 /// One run of bytes inside a chunk. Tiles lie back to back in the order of the list.
 struct TileEntry {

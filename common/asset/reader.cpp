@@ -11,6 +11,7 @@
 #include "common/asset/manifest.h"
 #include "common/asset/splat_tile.h"
 #include "common/asset/structure_tile.h"
+#include "common/asset/texture.h"
 #include "common/core/worker_team.h"
 
 namespace eigencast {
@@ -125,10 +126,16 @@ Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
     asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
     return decoded;
   }
+  auto texture = decode_texture(entry, bytes, *structure);
+  if (!texture) {
+    asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
+    return texture.error();
+  }
   if (auto looks = decode_looks(entry, bytes, structure->map); !looks) {
     asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
     return looks;
   }
+  asset_.texture = std::move(*texture);
   append(asset_.map, structure->map);
   append(asset_.source_vertex, structure->source_vertex);
   append(asset_.mass, structure->mass);
@@ -185,6 +192,26 @@ Result<void> AssetReader::decode_looks(const ChunkEntry& entry, ByteView bytes, 
   }
   colours.empty() ? asset_.colours.clear() : append(asset_.colours, colours);
   return {};
+}
+
+/// Comes with the last chunk: only then all corners are where they belong.
+Result<std::shared_ptr<const AssetTexture>> AssetReader::decode_texture(const ChunkEntry& entry, ByteView bytes,
+                                                                        const StructureTile& structure) const {
+  const auto wedge_tile = find_tile(entry, bytes, TileKind::kWedges);
+  const auto image_tile = find_tile(entry, bytes, TileKind::kImage);
+  if (entry.end_row != asset_.vertex_count || !wedge_tile || !image_tile) return std::shared_ptr<const AssetTexture>();
+  auto raw = unpacked(*wedge_tile->entry, wedge_tile->stored);
+  if (!raw) return raw.error();
+  auto image = unpacked(*image_tile->entry, image_tile->stored);
+  if (!image) return image.error();
+  std::vector<std::uint32_t> map = asset_.map;
+  append(map, structure.map);
+  std::vector<std::array<std::uint32_t, 3>> faces = structure.old_faces;
+  append(faces, structure.faces);
+  auto texture = decode_wedges(*raw, asset_.base_count, map, faces);
+  if (!texture) return texture.error();
+  texture->image = std::move(*image);
+  return std::make_shared<const AssetTexture>(std::move(*texture));
 }
 
 Result<Asset> decode_asset(const EncodedAsset& encoded) {

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "common/surface/surface.h"
@@ -22,14 +23,13 @@ struct Step {
 struct Candidate {
   double cost;
   std::uint32_t from, to, version;
-  bool operator<(const Candidate& other) const {
-    return cost != other.cost ? cost > other.cost : from > other.from;
-  }
+  bool operator<(const Candidate& other) const { return cost != other.cost ? cost > other.cost : from > other.from; }
 };
 
 /// Contractions of a mesh in the order in which they are made. No face has a repeated corner; positions are finite and
-/// have been brought to unit size.
-std::vector<Step> contract_mesh(std::span<const Vec3> positions, std::span<const Face> faces);
+/// have been brought to unit size. `seams`: edges (the lower vertex first; ascending) that hold their line as boundaries do.
+std::vector<Step> contract_mesh(std::span<const Vec3> positions, std::span<const Face> faces,
+                                std::span<const std::pair<std::uint32_t, std::uint32_t>> seams = {});
 
 /// Contractions of a point cloud in the order in which they are made. Positions as above.
 std::vector<Step> contract_points(std::span<const Vec3> positions);

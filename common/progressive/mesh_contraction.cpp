@@ -25,7 +25,8 @@ enum class Rules {
 
 class MeshContraction {
  public:
-  MeshContraction(std::span<const Vec3> positions, std::span<const Face> faces);
+  MeshContraction(std::span<const Vec3> positions, std::span<const Face> faces,
+                  std::span<const std::pair<std::uint32_t, std::uint32_t>> seams);
   std::vector<Step> run();
 
  private:
@@ -67,6 +68,7 @@ class MeshContraction {
   }
 
   std::span<const Vec3> x_;
+  std::span<const std::pair<std::uint32_t, std::uint32_t>> seams_;
   std::vector<Face> faces_;                         ///< Corners as they are now.
   std::vector<std::vector<std::uint32_t>> around_;  ///< Living faces of each vertex.
   std::vector<Quadric> quadrics_;
@@ -88,8 +90,10 @@ class MeshContraction {
   std::vector<Candidate> choices_;
 };
 
-MeshContraction::MeshContraction(std::span<const Vec3> positions, std::span<const Face> faces)
+MeshContraction::MeshContraction(std::span<const Vec3> positions, std::span<const Face> faces,
+                                 std::span<const std::pair<std::uint32_t, std::uint32_t>> seams)
     : x_(positions),
+      seams_(seams),
       faces_(faces.begin(), faces.end()),
       around_(positions.size()),
       quadrics_(positions.size()),
@@ -184,10 +188,12 @@ void MeshContraction::make_quadrics() {
       quadrics_[u].area += twice_area / 6;
       area_of_[component_of(u)] += twice_area / 6;
     }
-    // Edges that do not lie between two faces hold their line by planes across it.
+    // Edges that do not lie between two faces, and seams, hold their line by planes across it.
     gather_neighbours(u, around_from_);
     for (const Neighbour& v : around_from_) {
-      if (v.faces == 2) continue;
+      if (v.faces == 2 &&
+          !std::binary_search(seams_.begin(), seams_.end(), std::pair(std::min(u, v.vertex), std::max(u, v.vertex))))
+        continue;
       const Vec3 edge = minus(x_[v.vertex], x_[u]);
       for (const std::uint32_t f : around_[u]) {
         if (!has(f, v.vertex)) continue;
@@ -374,8 +380,9 @@ bool MeshContraction::keeps_sides(std::uint32_t u, std::uint32_t v) const {
 
 }  // namespace
 
-std::vector<Step> contract_mesh(std::span<const Vec3> positions, std::span<const Face> faces) {
-  return MeshContraction(positions, faces).run();
+std::vector<Step> contract_mesh(std::span<const Vec3> positions, std::span<const Face> faces,
+                                std::span<const std::pair<std::uint32_t, std::uint32_t>> seams) {
+  return MeshContraction(positions, faces, seams).run();
 }
 
 }  // namespace eigencast::progressive

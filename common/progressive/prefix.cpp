@@ -155,7 +155,8 @@ void order_faces(const Surface& surface, PrefixOrder& prefix) {
 
 }  // namespace
 
-Result<PrefixOrder> build_prefix_order(const Surface& surface) {
+Result<PrefixOrder> build_prefix_order(const Surface& surface,
+                                       std::span<const std::pair<std::uint32_t, std::uint32_t>> seams) {
   if (auto ok = check(surface); !ok) return ok.error();
   const std::vector<Vec3> positions = unit_positions(surface.positions);
   std::vector<Face> faces;
@@ -163,8 +164,9 @@ Result<PrefixOrder> build_prefix_order(const Surface& surface) {
     if (!has_repeated_corner(face)) faces.push_back(face);
   }
   PrefixOrder prefix;
-  order_vertices(faces.empty() ? progressive::contract_points(positions) : progressive::contract_mesh(positions, faces),
-                 positions, prefix);
+  order_vertices(
+      faces.empty() ? progressive::contract_points(positions) : progressive::contract_mesh(positions, faces, seams),
+      positions, prefix);
   order_faces(surface, prefix);
   return prefix;
 }

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "common/core/result.h"
@@ -42,7 +43,9 @@ struct PrefixOrder {
 /// faces is ordered as a point cloud.
 ///
 /// Errors: kInvalidArgument (no vertices, an index out of range, a coordinate that is not finite), kTooLarge.
-Result<PrefixOrder> build_prefix_order(const Surface& surface);
+///   seams  edges (vertices, the lower one first; ascending) that are kept as boundaries are: of texture coordinates, say
+Result<PrefixOrder> build_prefix_order(const Surface& surface,
+                                       std::span<const std::pair<std::uint32_t, std::uint32_t>> seams = {});
 
 /// Number of faces that exist with N vertices. O(log F). REQUIRES: N <= n.
 std::uint32_t prefix_face_count(std::span<const std::uint32_t> death, std::uint32_t N);

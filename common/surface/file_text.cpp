@@ -70,6 +70,13 @@ std::string_view take_token(std::string_view& rest) {
   return token;
 }
 
+std::string_view trimmed(std::string_view line) {
+  constexpr std::string_view kBlanks = " \t\v\f\r";
+  const std::size_t first = line.find_first_not_of(kBlanks);
+  if (first == std::string_view::npos) return {};
+  return line.substr(first, line.find_last_not_of(kBlanks) - first + 1);
+}
+
 std::string_view without_comment(std::string_view line) {
   return line.substr(0, std::min(line.find('#'), line.size()));
 }

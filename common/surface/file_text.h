@@ -35,6 +35,9 @@ class Lines {
 /// Takes the first token, up to blanks, off `rest`; empty at the end.
 std::string_view take_token(std::string_view& rest);
 
+/// Without blanks at either end.
+std::string_view trimmed(std::string_view line);
+
 /// `line` up to a '#'.
 std::string_view without_comment(std::string_view line);
 

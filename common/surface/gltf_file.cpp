@@ -9,6 +9,7 @@
 
 #include "common/surface/file_text.h"
 #include "common/surface/scalars.h"
+#include "common/surface/sequence.h"
 
 namespace eigencast {
 namespace {
@@ -83,13 +84,7 @@ Result<void> check_json(std::string_view json) {
 struct Folder {
   fs::path path;  ///< Canonical; empty: nothing.
 
-  bool holds(const std::string& name) const {
-    std::error_code code;
-    const fs::path file = fs::canonical(name, code);
-    if (code || path.empty() || !fs::is_regular_file(file, code)) return false;
-    const auto [mine, rest] = std::mismatch(path.begin(), path.end(), file.begin(), file.end());
-    return mine == path.end() && rest != file.end();
-  }
+  bool holds(const std::string& name) const { return is_file_below(path.string(), name); }
 };
 
 bool file_exists(const std::string& name, void* folder) {

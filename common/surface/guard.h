@@ -23,8 +23,12 @@ struct GuardedMesh {
   std::string plain;                                   ///< The file for OpenMesh.
   std::vector<Vec3> positions;                         ///< As the file states them: OpenMesh holds 32-bit floats.
   std::vector<std::array<std::uint8_t, 3>> colours{};  ///< sRGB; as many as positions, or none.
-  std::size_t triangles = 0;                           ///< After splitting n-gons in fans.
-  bool binary = false;                                 ///< How STL's `plain` is to be read.
+  std::vector<std::array<std::array<float, 2>, 3>>
+      corner_uv{};              ///< A triangle each, or none; NaN: nowhere in the image.
+  std::vector<int> material{};  ///< A triangle each, of material_names; -1: none.
+  std::vector<std::string> material_names{}, material_files{};  ///< As the file calls them.
+  std::size_t triangles = 0;                                    ///< After splitting n-gons in fans.
+  bool binary = false;                                          ///< How STL's `plain` is to be read.
 };
 
 /// Each takes the bytes of a file. Errors: kCorrupt, kUnsupported, kTooLarge; the caller adds the file's name.

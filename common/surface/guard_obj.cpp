@@ -4,6 +4,9 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <map>
+#include <optional>
+#include <string>
 
 #include "common/surface/file_text.h"
 #include "common/surface/guard.h"
@@ -13,6 +16,8 @@ namespace {
 
 using text::corrupt_at;
 using text::quoted;
+
+constexpr float kNowhere = std::numeric_limits<float>::quiet_NaN();
 
 class ObjGuard {
  public:
@@ -34,6 +39,9 @@ class ObjGuard {
       Result<void> taken;
       if (keyword == "v") taken = take_vertex(rest);
       if (keyword == "f") taken = take_face(rest);
+      if (keyword == "vt") take_place(rest);
+      if (keyword == "usemtl") take_material(rest);
+      if (keyword == "mtllib") mesh_.material_files.emplace_back(text::trimmed(rest));
       if (!taken) return taken.error();
     }
     if (!joined.empty()) return corrupt_at(lines_.number(), "the file ends where a line should go on");
@@ -44,6 +52,7 @@ class ObjGuard {
     if (const auto sizes = check_sizes(mesh_.positions.size(), mesh_.triangles); !sizes) return sizes.error();
     if (const auto written = write_faces(); !written) return written.error();
     drop_partial_colours(mesh_);
+    write_looks();
     return std::move(mesh_);
   }
 
@@ -77,6 +86,53 @@ class ObjGuard {
     mesh_.colours.push_back(colour_from_parts(parts));
   }
 
+  // Numbers that are none leave a place that is nowhere, so that the others keep their numbers.
+  void take_place(std::string_view rest) {
+    std::array<float, 2> uv{kNowhere, kNowhere};
+    const auto u = text::coordinate_from_token(text::take_token(rest));
+    const std::string_view second = text::take_token(rest);
+    const auto v = second.empty() ? std::optional<double>(0) : text::coordinate_from_token(second);
+    // Images begin below here, and above everywhere else.
+    if (u && v) uv = {static_cast<float>(*u), static_cast<float>(1 - *v)};
+    places_.push_back(uv);
+  }
+
+  void take_material(std::string_view rest) {
+    const std::string name(text::trimmed(rest));
+    const auto [at, fresh] = number_of_material_.try_emplace(name, static_cast<int>(mesh_.material_names.size()));
+    if (fresh) mesh_.material_names.push_back(name);
+    material_ = at->second;
+  }
+
+  // The number of the place in "7/8/9", from 1; 0 where none is stated.
+  std::int64_t place_of(std::string_view token) const {
+    const std::size_t slash = token.find('/');
+    if (slash == std::string_view::npos) return 0;
+    const std::string_view rest = token.substr(slash + 1);
+    const auto stated = text::integer_from_token(rest.substr(0, std::min(rest.find('/'), rest.size())));
+    const auto count = static_cast<std::int64_t>(places_.size());
+    const std::int64_t index = !stated ? 0 : *stated < 0 ? count + 1 + *stated : *stated;
+    return index < 1 || index > static_cast<std::int64_t>(std::numeric_limits<std::uint32_t>::max()) ? 0 : index;
+  }
+
+  // Places and materials of the triangles, in fans as OpenMesh makes them.
+  void write_looks() {
+    const bool any_place = std::any_of(corner_places_.begin(), corner_places_.end(), [](auto at) { return at != 0; });
+    const bool any_material = std::any_of(face_material_.begin(), face_material_.end(), [](int m) { return m >= 0; });
+    const auto place = [&](std::size_t corner) {
+      const std::uint32_t at = corner_places_[corner];
+      return at == 0 || at > places_.size() ? std::array<float, 2>{kNowhere, kNowhere} : places_[at - 1];
+    };
+    std::size_t first = 0;
+    for (std::size_t f = 0; f < corner_counts_.size(); ++f) {
+      for (std::size_t k = 2; k < corner_counts_[f]; ++k) {
+        if (any_place) mesh_.corner_uv.push_back({place(first), place(first + k - 1), place(first + k)});
+        if (any_material) mesh_.material.push_back(face_material_[f]);
+      }
+      first += corner_counts_[f];
+    }
+  }
+
   Result<void> take_face(std::string_view rest) {
     std::size_t count = 0;
     for (std::string_view token = text::take_token(rest); !token.empty(); token = text::take_token(rest)) {
@@ -92,10 +148,12 @@ class ObjGuard {
         line_of_largest_ = lines_.number();
       }
       corners_.push_back(static_cast<std::uint32_t>(index));
+      corner_places_.push_back(static_cast<std::uint32_t>(place_of(token)));
       ++count;
     }
     if (const auto corners = check_corners(count, lines_.number()); !corners) return corners.error();
     corner_counts_.push_back(static_cast<std::uint32_t>(count));
+    face_material_.push_back(material_);
     mesh_.triangles += count - 2;
     return {};
   }
@@ -130,6 +188,11 @@ class ObjGuard {
   GuardedMesh mesh_;
   std::vector<std::uint32_t> corners_;
   std::vector<std::uint32_t> corner_counts_;
+  std::vector<std::array<float, 2>> places_;
+  std::vector<std::uint32_t> corner_places_;  // from 1
+  std::vector<int> face_material_;
+  std::map<std::string, int> number_of_material_;
+  int material_ = -1;
   std::int64_t largest_index_ = 0;
   std::size_t line_of_largest_ = 0;
 };

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "common/surface/read.h"
 
+#include <filesystem>
 #include <new>
 #include <string_view>
 
@@ -9,6 +10,7 @@
 #include "common/surface/gltf.h"
 #include "common/surface/guard.h"
 #include "common/surface/npy.h"
+#include "common/surface/obj_materials.h"
 #include "common/surface/openmesh_reader.h"
 #include "common/surface/point_cache.h"
 
@@ -93,7 +95,10 @@ Result<Surface> surface_from_file(const std::string& path, Appearance& looks) {
     if (!guarded) return in_context(path, guarded.error());
     auto surface = surface_from_guarded(*guarded, format.format);
     if (!surface) return in_context(path, surface.error());
-    looks.vertex_colour = std::move(guarded->colours);
+    add_obj_looks(
+        *guarded,
+        std::filesystem::path(path).parent_path().empty() ? "." : std::filesystem::path(path).parent_path().string(),
+        looks);
     return surface;
   }
   if (ending == "xyz") {

@@ -20,6 +20,16 @@ bool is_file(const std::string& path) {
   return fs::is_regular_file(path, code);
 }
 
+bool is_file_below(const std::string& folder, const std::string& path) {
+  std::error_code code;
+  const fs::path holder = folder.empty() ? fs::path() : fs::canonical(folder, code);
+  if (code || holder.empty()) return false;
+  const fs::path file = fs::canonical(path, code);
+  if (code || !fs::is_regular_file(file, code)) return false;
+  const auto [mine, rest] = std::mismatch(holder.begin(), holder.end(), file.begin(), file.end());
+  return mine == holder.end() && rest != file.end();
+}
+
 namespace {
 
 bool is_readable_kind(const std::string& path) {

@@ -20,4 +20,7 @@ Result<std::vector<std::string>> files_of_sequence(const std::string& path);
 /// Whether the path names a regular file.
 bool is_file(const std::string& path);
 
+/// Whether it does, and one that lies below `folder` when all links are resolved. An empty folder holds nothing.
+bool is_file_below(const std::string& folder, const std::string& path);
+
 }  // namespace eigencast

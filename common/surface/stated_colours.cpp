@@ -57,7 +57,7 @@ std::vector<std::array<std::uint8_t, 3>> stated_colours(const Surface& surface, 
     for (std::size_t c = 0; c < 3 && corners[v] > 0; ++c) mean[c] = sum[v][c] / corners[v];
     colours.push_back(bytes_from(mean));
     const auto& rgb = colours.back();
-    any |= rgb[0] != rgb[1] || rgb[1] != rgb[2] || (has_corners && rgb != colours.front());
+    any |= rgb[0] != rgb[1] || rgb[1] != rgb[2] || rgb != colours.front();
   }
   if (!any) colours.clear();
   return colours;

@@ -69,6 +69,7 @@ LIBRARIES = {
     "zlib": (r"zlib\.h", {"tools/latency"}, 1),
     "stb": (r"stb/", {"sender"}, 1),
     "libpng": (r"png\.h", {"view"}, 2),
+    "libjpeg": (r"jpeglib\.h", {"view"}, 1),
 }
 
 INCLUDE = re.compile(r'^\s*#\s*include\s*(["<])([^">]+)[">]')

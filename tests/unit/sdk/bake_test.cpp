@@ -11,6 +11,7 @@
 #include <set>
 
 #include "common/asset/format.h"
+#include "common/asset/texture.h"
 #include "common/progressive/prefix.h"
 #include "common/surface/read.h"
 #include "common/surface/shapes.h"
@@ -197,6 +198,57 @@ TEST(Bake, ColoursStayWithTheirVertices) {
   looks.vertex_colour.clear();
   const auto empty = bake(surface, options, folder.path());
   EXPECT_TRUE(empty && plain && empty->from_cache) << "looks that say nothing change nothing";
+}
+
+TEST(Bake, ATextureGoesWithTheAssetAndOthersAreSaid) {
+  const TemporaryFolder folder;
+  const Surface surface = make_icosphere(2);
+  Appearance looks;
+  for (const Face& face : surface.faces) {
+    std::array<std::array<float, 2>, 3> corners{};
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Vec3& p = surface.positions[face[k]];
+      corners[k] = {static_cast<float>(std::atan2(p[1], p[0])), static_cast<float>(p[2])};
+    }
+    looks.corner_uv.push_back(corners);
+    looks.face_material.push_back(looks.corner_uv.size() % 4 == 0 ? 1 : 0);
+  }
+  looks.images = {{"most.png", "image/png", {0x89, 'P', 'N', 'G', 7}},
+                  {"few.jpg", "image/jpeg", {0xff, 0xd8, 0xff, 8}},
+                  {"never.bmp", "image/bmp", {1}}};
+  looks.materials = {{"a", {1, 1, 1, 1}, 0}, {"b", {1, 1, 1, 1}, 1}, {"c", {1, 1, 1, 1}, 2}};
+  BakeOptions options = of_rank(20);
+  const auto plain = bake(surface, options, folder.path());
+  options.looks = &looks;
+  for (const bool again : {false, true}) {
+    const auto result = bake(surface, options, folder.path());
+    ASSERT_TRUE(result) << result.error().message;
+    EXPECT_EQ(result->from_cache, again);
+    const Asset& asset = result->asset;
+    ASSERT_NE(asset.texture, nullptr);
+    EXPECT_EQ(asset.texture->image, looks.images[0].bytes);
+    EXPECT_NE(result->report.find("\"most.png\""), std::string::npos) << result->report;
+    EXPECT_NE(result->report.find("other 1"), std::string::npos);
+    std::size_t nowhere = 0;
+    for (std::size_t f = 0; f < asset.faces.size(); ++f) {
+      for (std::size_t k = 0; k < 3; ++k) {
+        const std::uint32_t wedge = asset.texture->corners[f][k];
+        if (asset.texture->places[wedge] == AssetTexture::kNone) {
+          ++nowhere;
+          continue;
+        }
+        const Vec3& p = surface.positions[asset.source_vertex[asset.faces[f][k]]];
+        EXPECT_NEAR(asset.texture->uv(wedge)[1], p[2], 1e-4);
+        EXPECT_NEAR(std::remainder(asset.texture->uv(wedge)[0] - std::atan2(p[1], p[0]), 2 * M_PI), 0, 2e-4);
+      }
+    }
+    EXPECT_EQ(nowhere, 3 * (surface.faces.size() / 4)) << "those of the other image";
+  }
+  looks.images[0].bytes.clear();
+  const auto second = bake(surface, options, folder.path());
+  ASSERT_TRUE(second && second->asset.texture);
+  EXPECT_EQ(second->asset.texture->image, looks.images[1].bytes);
+  EXPECT_NE(second->report.find("left out"), std::string::npos);
 }
 
 TEST(Bake, CacheTellsSurfacesAndOptionsApart) {

@@ -2,7 +2,9 @@
 #include <gtest/gtest.h>
 
 #include <array>
+#include <cmath>
 #include <cstdint>
+#include <filesystem>
 #include <string>
 #include <vector>
 
@@ -69,6 +71,58 @@ TEST(Looks, ColoursOfCornersAreTheMeanOfTheirLightTimesTheMaterials) {
   grey.materials.push_back({"grey", {0.5F, 0.5F, 0.5F, 1}, -1});
   grey.face_material = {0, 0};
   EXPECT_TRUE(stated_colours(quad, grey).empty()) << "nothing to see in one grey";
+  grey.materials.push_back({"black", {0, 0, 0, 1}, -1});
+  grey.face_material = {0, 1};
+  EXPECT_EQ(stated_colours(quad, grey).size(), 4u);
+}
+
+/// What an OBJ file of one square says, with what lies beside it.
+Appearance looks_of_square(const TempDir& dir, const std::string& more, const std::string& faces) {
+  const std::string name =
+      dir.write("square.obj", more + "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 .75\nvt 0 1\n" + faces);
+  Appearance looks;
+  const auto surface = read_surface(name, &looks);
+  EXPECT_TRUE(surface) << surface.error().message;
+  return looks;
+}
+
+TEST(Looks, ObjStatesPlacesInAnImageThatBeginsAtItsTop) {
+  const TempDir dir;
+  const Appearance looks = looks_of_square(dir, "", "f 1/1 2/2/7 3/3 4/-1\n");
+  ASSERT_EQ(looks.corner_uv.size(), 2u);
+  using Uv = std::array<float, 2>;
+  EXPECT_EQ(looks.corner_uv[0], (std::array<Uv, 3>{Uv{0, 1}, Uv{1, 1}, Uv{1, .25F}}));
+  EXPECT_EQ(looks.corner_uv[1], (std::array<Uv, 3>{Uv{0, 1}, Uv{1, .25F}, Uv{0, 0}}));
+  const Appearance some = looks_of_square(dir, "", "f 1/1 2/2 3/3\nf 1 3 4/99\n");
+  ASSERT_EQ(some.corner_uv.size(), 2u);
+  for (const Uv& uv : some.corner_uv[1]) EXPECT_TRUE(std::isnan(uv[0]) || uv == (Uv{0, 1}));
+  EXPECT_TRUE(std::isnan(some.corner_uv[1][2][0])) << "a number beyond the last is nowhere";
+  EXPECT_TRUE(looks_of_square(dir, "", "f 1//1 2 3\n").corner_uv.empty());
+}
+
+TEST(Looks, ObjMaterialsGiveColoursAndImagesFromFilesBelowTheFolder) {
+  const TempDir dir;
+  dir.write("secret.png", "elsewhere");
+  std::filesystem::create_directory(dir.file("model"));
+  const TempDir outside;
+  outside.write("far.png", "far");
+  dir.write("m.mtl",
+            "newmtl skin\nKd .8 .8 .8\nmap_Kd -s 1 1 1 skin image.png\nmap_Kd skin.png\n"
+            "newmtl red\nKd 1 0 0\n newmtl far\nmap_Kd " +
+                outside.file("far.png") + "\n");
+  dir.write("skin.png", "pixels");
+  const Appearance looks = looks_of_square(dir, "mtllib m.mtl\nmtllib absent.mtl\n",
+                                           "usemtl skin\nf 1/1 2/2 3/3\nusemtl red\nf 1 3 4\nusemtl far\nf 1 2 4\n");
+  EXPECT_EQ(looks.face_material, (std::vector<int>{0, 1, 2}));
+  ASSERT_EQ(looks.materials.size(), 3u);
+  EXPECT_EQ(looks.materials[0].name, "skin");
+  ASSERT_EQ(looks.materials[0].image, 0);
+  EXPECT_EQ(std::string(looks.images[0].bytes.begin(), looks.images[0].bytes.end()), "pixels");
+  EXPECT_EQ(looks.materials[0].base_colour[0], 1) << "an image is not darkened";
+  EXPECT_EQ(looks.materials[1].image, -1);
+  EXPECT_EQ(looks.materials[1].base_colour, (std::array<float, 4>{1, 0, 0, 1}));
+  ASSERT_EQ(looks.materials[2].image, 1);
+  EXPECT_TRUE(looks.images[1].bytes.empty()) << "a file that does not lie below the model's folder is not opened";
 }
 
 TEST(Looks, TheTransferOfSrgbGoesThereAndBack) {

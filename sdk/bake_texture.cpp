@@ -1,0 +1,108 @@
+// SPDX-License-Identifier: MIT
+#include "sdk/bake_texture.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace eigencast {
+namespace {
+
+/// Coordinates beyond this are no place in any image.
+constexpr float kFarthest = 1e6F;
+
+/// The image of a face, as a number of looks.images; -1: none.
+int image_of(const Appearance& looks, std::size_t face) {
+  if (looks.face_material.size() <= face) return looks.images.size() == 1 ? 0 : -1;
+  const int material = looks.face_material[face];
+  if (material < 0 || static_cast<std::size_t>(material) >= looks.materials.size()) return -1;
+  const int image = looks.materials[static_cast<std::size_t>(material)].image;
+  return static_cast<std::size_t>(image) < looks.images.size() ? image : -1;
+}
+
+bool in_image(const std::array<std::array<float, 2>, 3>& corners) {
+  for (const auto& uv : corners) {
+    if (!(std::abs(uv[0]) <= kFarthest && std::abs(uv[1]) <= kFarthest)) return false;
+  }
+  return true;
+}
+
+/// Why an asset cannot have it; empty if it can.
+std::string refusal(const Appearance::Image& image) {
+  const auto starts_with = [&](std::initializer_list<std::uint8_t> magic) {
+    return image.bytes.size() >= magic.size() && std::equal(magic.begin(), magic.end(), image.bytes.begin());
+  };
+  if (image.bytes.empty()) return "is not there or too large";
+  if (image.bytes.size() > AssetTexture::kMaxImageBytes) return "has more than 16 MiB";
+  if (!starts_with({0x89, 'P', 'N', 'G'}) && !starts_with({0xff, 0xd8, 0xff})) return "is neither PNG nor JPEG";
+  return {};
+}
+
+}  // namespace
+
+std::optional<TexturePlan> plan_texture(const Surface& surface, const Appearance& looks, std::string& report) {
+  const std::size_t F = surface.faces.size();
+  if (looks.corner_uv.size() != F || F == 0 || looks.images.empty()) return std::nullopt;
+  std::vector<std::size_t> faces_of(looks.images.size(), 0);
+  for (std::size_t f = 0; f < F; ++f) {
+    const int image = image_of(looks, f);
+    if (image >= 0 && in_image(looks.corner_uv[f])) ++faces_of[static_cast<std::size_t>(image)];
+  }
+  std::size_t chosen = looks.images.size(), others = 0;
+  for (std::size_t i = 0; i < looks.images.size(); ++i) {
+    if (faces_of[i] == 0) continue;
+    const std::string why = refusal(looks.images[i]);
+    if (!why.empty()) {
+      report += "texture: left out, image \"" + looks.images[i].name + "\" " + why + "\n";
+    } else if (chosen == looks.images.size() || faces_of[i] > faces_of[chosen]) {
+      others += chosen == looks.images.size() ? 0 : 1;
+      chosen = i;
+    } else {
+      ++others;
+    }
+  }
+  if (chosen == looks.images.size()) return std::nullopt;
+  TexturePlan plan;
+  plan.image = looks.images[chosen].bytes;
+  const auto wanted = [&](std::size_t f) {
+    return image_of(looks, f) == static_cast<int>(chosen) && in_image(looks.corner_uv[f]);
+  };
+  plan.low.fill(std::numeric_limits<float>::max());
+  plan.high.fill(-std::numeric_limits<float>::max());
+  for (std::size_t f = 0; f < F; ++f) {
+    if (!wanted(f)) continue;
+    for (const auto& uv : looks.corner_uv[f]) {
+      for (std::size_t d = 0; d < 2; ++d) {
+        plan.low[d] = std::min(plan.low[d], uv[d]);
+        plan.high[d] = std::max(plan.high[d], uv[d]);
+      }
+    }
+  }
+  plan.places.assign(F, {AssetTexture::kNone, AssetTexture::kNone, AssetTexture::kNone});
+  for (std::size_t f = 0; f < F; ++f) {
+    for (std::size_t k = 0; k < 3 && wanted(f); ++k) {
+      for (std::size_t d = 0; d < 2; ++d)
+        plan.places[f][k][d] = texture_grid(looks.corner_uv[f][k][d], plan.low[d], plan.high[d]);
+    }
+  }
+  report += "texture: image \"" + looks.images[chosen].name + "\", " + std::to_string(plan.image.size() / 1024) +
+            " KiB, on " + std::to_string(faces_of[chosen]) + " of " + std::to_string(F) + " faces";
+  if (others > 0) report += "; an asset has one, the other " + std::to_string(others) + " are left out";
+  report += "\n";
+  return plan;
+}
+
+std::shared_ptr<const AssetTexture> texture_along(const PrefixOrder& order, const TexturePlan& plan) {
+  WedgeOrder wedges = build_wedges(order, plan.places);
+  AssetTexture texture;
+  texture.first_wedge = std::move(wedges.first_wedge);
+  texture.places = std::move(wedges.places);
+  texture.parent = std::move(wedges.parent);
+  texture.corners = std::move(wedges.corners);
+  texture.low = plan.low;
+  texture.high = plan.high;
+  texture.image = plan.image;
+  return std::make_shared<const AssetTexture>(std::move(texture));
+}
+
+}  // namespace eigencast

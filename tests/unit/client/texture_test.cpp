@@ -1,0 +1,243 @@
+// SPDX-License-Identifier: MIT
+// Surfaces drawn with an image: which place a corner has at each level, what is decoded, what is seen.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+
+#include "tests/support/process.h"
+#include "tests/unit/client/fake_source.h"
+#include "tests/unit/client/offscreen_pictures.h"
+#include "view/jpeg.h"
+#include "view/paint.h"
+#include "view/texture_levels.h"
+
+namespace eigencast {
+namespace {
+
+using testing::FakeSource;
+using testing::OffscreenPictures;
+using testing::sphere_asset;
+using testing::sphere_pose;
+
+constexpr SurfacePainter::Wish kTextured{Colouring::kTextured, 3};
+
+/// 8 x 4 pixels of one red, (192, 16, 32).
+const Bytes kRedJpeg{
+    0xff, 0xd8, 0xff, 0xe0, 0x00, 0x10, 0x4a, 0x46, 0x49, 0x46, 0x00, 0x01, 0x01, 0x00, 0x00, 0x01, 0x00, 0x01,
+    0x00, 0x00, 0xff, 0xdb, 0x00, 0x43, 0x00, 0x06, 0x04, 0x05, 0x06, 0x05, 0x04, 0x06, 0x06, 0x05, 0x06, 0x07,
+    0x07, 0x06, 0x08, 0x0a, 0x10, 0x0a, 0x0a, 0x09, 0x09, 0x0a, 0x14, 0x0e, 0x0f, 0x0c, 0x10, 0x17, 0x14, 0x18,
+    0x18, 0x17, 0x14, 0x16, 0x16, 0x1a, 0x1d, 0x25, 0x1f, 0x1a, 0x1b, 0x23, 0x1c, 0x16, 0x16, 0x20, 0x2c, 0x20,
+    0x23, 0x26, 0x27, 0x29, 0x2a, 0x29, 0x19, 0x1f, 0x2d, 0x30, 0x2d, 0x28, 0x30, 0x25, 0x28, 0x29, 0x28, 0xff,
+    0xdb, 0x00, 0x43, 0x01, 0x07, 0x07, 0x07, 0x0a, 0x08, 0x0a, 0x13, 0x0a, 0x0a, 0x13, 0x28, 0x1a, 0x16, 0x1a,
+    0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28,
+    0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28,
+    0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0x28, 0xff, 0xc0, 0x00, 0x11,
+    0x08, 0x00, 0x04, 0x00, 0x08, 0x03, 0x01, 0x22, 0x00, 0x02, 0x11, 0x01, 0x03, 0x11, 0x01, 0xff, 0xc4, 0x00,
+    0x15, 0x00, 0x01, 0x01, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
+    0x00, 0x07, 0xff, 0xc4, 0x00, 0x14, 0x10, 0x01, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00,
+    0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0xff, 0xc4, 0x00, 0x15, 0x01, 0x01, 0x01, 0x00, 0x00, 0x00, 0x00, 0x00,
+    0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x05, 0x07, 0xff, 0xc4, 0x00, 0x14, 0x11, 0x01, 0x00,
+    0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0xff, 0xda, 0x00,
+    0x0c, 0x03, 0x01, 0x00, 0x02, 0x11, 0x03, 0x11, 0x00, 0x3f, 0x00, 0x99, 0x00, 0x19, 0x63, 0x7f, 0xff, 0xd9};
+
+Bytes png_of(const Picture& picture) {
+  const testing::TemporaryFolder folder;
+  EXPECT_TRUE(write_png(folder.file("t.png"), picture));
+  std::ifstream in(folder.file("t.png"), std::ios::binary);
+  return {std::istreambuf_iterator<char>(in), {}};
+}
+
+/// Red for u below a half, blue above.
+Bytes red_and_blue() {
+  Picture picture{64, 64, {}};
+  for (int i = 0; i < 64 * 64; ++i) {
+    const bool red = i % 64 < 32;
+    picture.rgb.insert(picture.rgb.end(),
+                       {static_cast<std::uint8_t>(red ? 230 : 10), 10, static_cast<std::uint8_t>(red ? 10 : 230)});
+  }
+  return png_of(picture);
+}
+
+/// The sphere in two halves, of z below and above 0: two wedges at vertices of faces of both, at u = 0.25 and u = 0.75.
+Asset textured_sphere(int subdivisions, Bytes image) {
+  Asset asset = sphere_asset(subdivisions);
+  AssetTexture t;
+  // Both wedges at every vertex: any sides may meet there at some level.
+  for (std::uint32_t i = 0; i <= asset.vertex_count; ++i) t.first_wedge.push_back(2 * i);
+  for (std::uint32_t i = 0; i < asset.vertex_count; ++i) {
+    for (std::uint32_t side = 0; side < 2; ++side) {
+      t.places.push_back({static_cast<std::uint16_t>(side == 0 ? 16384 : 49150), static_cast<std::uint16_t>(7 * i)});
+      t.parent.push_back(2 * asset.map[i] + side);
+    }
+  }
+  for (const auto& face : asset.faces) {
+    float z = 0;
+    for (const std::uint32_t v : face) z += asset.basis[std::size_t{v} * asset.rank + 3];
+    const std::uint32_t side = z < 0 ? 0 : 1;
+    t.corners.push_back({2 * face[0] + side, 2 * face[1] + side, 2 * face[2] + side});
+  }
+  t.image = std::move(image);
+  asset.texture = std::make_shared<const AssetTexture>(std::move(t));
+  EXPECT_TRUE(validate_asset(asset));
+  return asset;
+}
+
+void show(FakeSource& source, SurfaceView& view, TimeUs now) {
+  source.batches.push_back({sphere_pose(source.asset_, static_cast<std::uint64_t>(now), now, 1)});
+  view.receive(source, source.poll({}));
+  view.advance(source, now);
+}
+
+TEST(TextureLevels, CornersAreWedgesOfTheirVerticesOnTheirSideOfTheSeam) {
+  FakeSource source(textured_sphere(3, red_and_blue()));
+  SurfaceView view;
+  TextureLevels levels;
+  show(source, view, 1000);
+  TimeUs now = 10'000'000;
+  for (const double fraction : {1.0, 0.3, 0.31, 0.05, 0.8, 1.0, 0.02}) {
+    view.lod().set_fraction(fraction);
+    for (int picture = 0; picture < 20; ++picture) {
+      view.advance(source, now += 20'000);
+      levels.follow(source.asset_.texture, view.geometry(), view.morph());
+      const auto& triangles = view.geometry().triangles;
+      ASSERT_EQ(levels.corners().values.size(), triangles.size());
+      ASSERT_EQ(levels.places().values.size(), 2u * view.geometry().vertex_count());
+      for (std::size_t slot = 0; slot < triangles.size(); ++slot) {
+        const std::uint32_t wedge = levels.corners().values[slot];
+        ASSERT_EQ(wedge / 2, triangles[slot]) << "slot " << slot << " at " << fraction;
+        ASSERT_EQ(wedge % 2, source.asset_.texture->corners[slot / 3][slot % 3] % 2);
+        ASSERT_NEAR(levels.places().values[wedge][0], wedge % 2 == 0 ? 0.25 : 0.75, 1e-4);
+      }
+    }
+  }
+}
+
+TEST(TextureLevels, PlacesGoOverAsVerticesDo) {
+  FakeSource source(textured_sphere(2, red_and_blue()));
+  SurfaceView view;
+  TextureLevels levels;
+  view.lod().set_fraction(42.0 / 162);
+  show(source, view, 1000);
+  levels.follow(source.asset_.texture, view.geometry(), view.morph());
+  view.lod().set_fraction(1);
+  view.advance(source, 20'000);
+  levels.follow(source.asset_.texture, view.geometry(), view.morph());
+  const AssetTexture& t = *source.asset_.texture;
+  const float weight = view.morph().weight(161);
+  ASSERT_GT(weight, 0);
+  ASSERT_LT(weight, 0.5F);
+  const std::array<float, 2> from = levels.places().values[t.parent[322]], own = t.uv(322);
+  EXPECT_NEAR(levels.places().values[322][1], from[1] + weight * (own[1] - from[1]), 1e-6);
+  for (TimeUs now = 40'000; now < 900'000; now += 20'000) {
+    view.advance(source, now);
+    levels.follow(source.asset_.texture, view.geometry(), view.morph());
+  }
+  for (std::uint32_t w = 0; w < t.places.size(); ++w) ASSERT_EQ(levels.places().values[w], t.uv(w)) << w;
+}
+
+TEST(TextureLevels, OnlyWhatChangesIsMarked) {
+  FakeSource source(textured_sphere(4, red_and_blue()));
+  SceneOptions at_once;
+  at_once.morph = false;
+  SurfaceView view(at_once);
+  TextureLevels levels;
+  show(source, view, 1000);
+  levels.follow(source.asset_.texture, view.geometry(), view.morph());
+  const std::uint64_t before = levels.version();
+  ASSERT_GT(levels.places().versions.size(), 4u);
+  view.lod().set_fraction(2560.0 / 2562);
+  view.advance(source, 2000);
+  levels.follow(source.asset_.texture, view.geometry(), view.morph());
+  const auto fresh = [&](const auto& blocks) {
+    return std::count_if(blocks.versions.begin(), blocks.versions.end(), [&](auto v) { return v > before; });
+  };
+  EXPECT_EQ(fresh(levels.places()), 0);
+  EXPECT_LE(fresh(levels.corners()), 6) << "two vertices have about twelve faces";
+}
+
+TEST(Images, PngAndJpegAreDecodedAndOthersRefusedInWords) {
+  const auto texture = [](Bytes image) {
+    AssetTexture t;
+    t.image = std::move(image);
+    return std::make_shared<const AssetTexture>(std::move(t));
+  };
+  const auto jpeg = texture(kRedJpeg);
+  const auto red = image_of(jpeg);
+  ASSERT_TRUE(red) << red.error().message;
+  EXPECT_EQ((*red)->width, 8);
+  EXPECT_EQ((*red)->height, 4);
+  EXPECT_NEAR((*red)->pixel(3, 2)[0], 192, 4);
+  EXPECT_NEAR((*red)->pixel(3, 2)[2], 32, 4);
+  EXPECT_EQ(image_of(jpeg).value(), *red) << "decoded once";
+  EXPECT_TRUE(image_of(texture(red_and_blue())));
+  for (std::size_t size = 0; size < 160; ++size) {
+    const auto cut = read_jpeg_bytes(std::span(kRedJpeg).first(size), "cut");
+    ASSERT_FALSE(cut) << size;
+    EXPECT_FALSE(cut.error().message.empty());
+  }
+  for (std::size_t i = 2; i < kRedJpeg.size(); ++i) {
+    for (const std::uint8_t value : {0x00, 0x7f, 0xff}) {
+      Bytes bad = kRedJpeg;
+      bad[i] = value;
+      (void)read_jpeg_bytes(bad, "changed");  // whatever comes of it
+    }
+  }
+  const auto other = image_of(texture({'B', 'M', 1, 2, 3}));
+  ASSERT_FALSE(other);
+  EXPECT_NE(other.error().message.find("neither PNG nor JPEG"), std::string::npos);
+  EXPECT_FALSE(image_of(texture({0x89, 'P', 'N', 'G', 13, 10, 26, 10, 0})));
+}
+
+TEST(TexturePaint, ABrokenImageIsSaidAndTheSurfaceStaysClay) {
+  FakeSource source(textured_sphere(2, {0xff, 0xd8, 0xff, 0, 1, 2}));
+  SurfaceView view;
+  show(source, view, 1000);
+  SurfacePainter painter;
+  painter.paint(view, source, kTextured);
+  EXPECT_EQ(painter.paint().kind, SurfacePaint::Kind::kClay);
+  EXPECT_NE(painter.why_not().find("texture"), std::string::npos);
+  FakeSource plain(sphere_asset(2));
+  SurfaceView other;
+  show(plain, other, 1000);
+  painter.paint(other, plain, kTextured);
+  EXPECT_EQ(painter.why_not(), "the surface has no texture");
+}
+
+class TexturedPictures : public OffscreenPictures {};
+
+TEST_F(TexturedPictures, BothSidesOfTheSeamHaveTheirColourAtEveryLevel) {
+  for (const double fraction : {1.0, 0.2, 0.05}) {
+    FakeSource source(textured_sphere(4, red_and_blue()));
+    SceneOptions options;
+    options.lod = fraction;
+    SurfaceView view(options);
+    show(source, view, 1000);
+    SurfacePainter painter;
+    painter.paint(view, source, kTextured);
+    ASSERT_EQ(painter.paint().kind, SurfacePaint::Kind::kTexture) << painter.why_not();
+    frame(view.facts());
+    camera_.set_view("right");
+    renderer_->upload(0, view.geometry());
+    renderer_->paint(0, painter.paint());
+    const auto picture = renderer_->picture(camera_, {}, 160, 160);
+    ASSERT_TRUE(picture) << picture.error().message;
+    int red = 0, blue = 0, mixed = 0;
+    for (int y = 60; y < 100; ++y) {
+      for (int x = 50; x < 110; ++x) {
+        const std::uint8_t* p = picture->pixel(x, y);
+        red += p[0] > p[2] + 60 ? 1 : 0;
+        blue += p[2] > p[0] + 60 ? 1 : 0;
+        mixed += std::abs(p[0] - p[2]) <= 60 ? 1 : 0;
+      }
+    }
+    EXPECT_GT(red, 700) << fraction;
+    EXPECT_GT(blue, 700) << fraction;
+    EXPECT_LT(mixed, 150) << fraction << ": the seam is sharp";
+  }
+}
+
+}  // namespace
+}  // namespace eigencast

@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: MIT
+#include "view/texture_paint.h"
+
+#include <algorithm>
+#include <map>
+#include <span>
+
+#include "view/texture_levels.h"
+
+namespace eigencast {
+namespace {
+
+/// Texture units: 0 and 1 are the shadow's and the colour table's.
+constexpr int kImageUnit = 2, kCornersUnit = 3, kPlacesUnit = 4;
+constexpr float kAnisotropy = 8;
+
+/// Corners at one vertex may lie at several places of the image: only here is it known whose corner it is.
+constexpr const char* kGeometry = R"(#version 330 core
+layout(triangles) in;
+layout(triangle_strip, max_vertices = 3) out;
+in vec3 vertex_at[];
+in vec3 vertex_normal[];
+in vec3 vertex_painted[];
+uniform usamplerBuffer corners;
+uniform samplerBuffer places;
+out vec3 at;
+out vec3 scene_normal;
+out vec3 corner_painted;
+out vec2 uv;
+flat out int in_image;
+void main() {
+  vec2 place[3];
+  in_image = 1;
+  for (int k = 0; k < 3; ++k) {
+    place[k] = texelFetch(places, int(texelFetch(corners, 3 * gl_PrimitiveIDIn + k).x)).xy;
+    if (place[k].x < -1e30) in_image = 0;
+  }
+  int all = in_image;
+  for (int k = 0; k < 3; ++k) {
+    at = vertex_at[k];
+    scene_normal = vertex_normal[k];
+    corner_painted = vertex_painted[k];
+    uv = place[k];
+    in_image = all;
+    gl_Position = gl_in[k].gl_Position;
+    EmitVertex();
+  }
+  EndPrimitive();
+})";
+constexpr const char* kOwnPaint = R"(
+in vec3 corner_painted;
+in vec2 uv;
+flat in int in_image;
+uniform sampler2D image;
+vec3 own_paint() {
+  vec3 texel = texture(image, uv).rgb;
+  return in_image == 1 ? corner_painted * texel : corner_painted;
+}
+)";
+
+/// The vertex shader's results under the names that the geometry shader knows.
+std::string renamed(const std::string& vertex) {
+  const std::size_t after_version = vertex.find('\n') + 1;
+  return vertex.substr(0, after_version) +
+         "#define at vertex_at\n#define scene_normal vertex_normal\n#define painted vertex_painted\n" +
+         vertex.substr(after_version);
+}
+
+/// One image of the card for all surfaces that have it.
+std::shared_ptr<GlImage> shared_image(const std::shared_ptr<const Picture>& picture) {
+  static thread_local std::map<const Picture*, std::weak_ptr<GlImage>> known;
+  std::erase_if(known, [](const auto& entry) { return entry.second.expired(); });
+  if (auto image = known[picture.get()].lock()) return image;
+  auto image = std::make_shared<GlImage>(*picture);
+  known[picture.get()] = image;
+  return image;
+}
+
+/// Sends the blocks that have changed since `had`; all of them where the buffer must grow.
+template <typename T>
+void send(GlBuffer& buffer, const VersionedBlocks<T>& blocks, std::uint64_t had) {
+  const std::span<const T> values(blocks.values);
+  if (values.size_bytes() > buffer.bytes() || had == 0) {
+    buffer.reserve(values.size_bytes() + values.size_bytes() / 4 + sizeof(T), GL_DYNAMIC_DRAW);
+    buffer.write(0, values);
+    return;
+  }
+  constexpr std::size_t kBlock = VersionedBlocks<T>::kBlock;
+  for (std::size_t block = 0; block < blocks.versions.size(); ++block) {
+    if (blocks.versions[block] <= had) continue;
+    const std::size_t begin = block * kBlock, end = std::min(values.size(), begin + kBlock);
+    buffer.write(begin * sizeof(T), values.subspan(begin, end - begin));
+  }
+}
+
+}  // namespace
+
+GlImage::GlImage(const Picture& picture) {
+  glGenTextures(1, &id_);
+  glBindTexture(GL_TEXTURE_2D, id_);
+  glPixelStorei(GL_UNPACK_ALIGNMENT, 1);
+  glTexImage2D(GL_TEXTURE_2D, 0, GL_SRGB8, picture.width, picture.height, 0, GL_RGB, GL_UNSIGNED_BYTE,
+               picture.rgb.data());
+  glGenerateMipmap(GL_TEXTURE_2D);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_LINEAR_MIPMAP_LINEAR);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+  if (epoxy_has_gl_extension("GL_EXT_texture_filter_anisotropic"))
+    glTexParameterf(GL_TEXTURE_2D, GL_TEXTURE_MAX_ANISOTROPY_EXT, kAnisotropy);
+}
+
+GlImage::~GlImage() {
+  glDeleteTextures(1, &id_);
+}
+
+GlTexturePaint::GlTexturePaint() {
+  glGenTextures(1, &corners_texture_);
+  glGenTextures(1, &places_texture_);
+}
+
+GlTexturePaint::~GlTexturePaint() {
+  glDeleteTextures(1, &corners_texture_);
+  glDeleteTextures(1, &places_texture_);
+}
+
+void GlTexturePaint::follow(const SurfacePaint& paint) {
+  const TextureLevels& levels = *paint.levels;
+  if (levels_ != &levels) version_ = 0;
+  levels_ = &levels;
+  send(corners_, levels.corners(), version_);
+  send(places_, levels.places(), version_);
+  version_ = levels.version();
+  if (picture_ != paint.image) {
+    picture_ = paint.image;
+    image_ = shared_image(picture_);
+  }
+}
+
+void GlTexturePaint::bind(const GlProgram& program) const {
+  program.set("image", kImageUnit);
+  program.set("corners", kCornersUnit);
+  program.set("places", kPlacesUnit);
+  glActiveTexture(GL_TEXTURE0 + kImageUnit);
+  glBindTexture(GL_TEXTURE_2D, image_->id());
+  glActiveTexture(GL_TEXTURE0 + kCornersUnit);
+  glBindTexture(GL_TEXTURE_BUFFER, corners_texture_);
+  glTexBuffer(GL_TEXTURE_BUFFER, GL_R32UI, corners_.id());
+  glActiveTexture(GL_TEXTURE0 + kPlacesUnit);
+  glBindTexture(GL_TEXTURE_BUFFER, places_texture_);
+  glTexBuffer(GL_TEXTURE_BUFFER, GL_RG32F, places_.id());
+  glActiveTexture(GL_TEXTURE0);
+}
+
+Result<GlProgram> textured_program(const std::string& vertex, const std::string& before_fragment,
+                                   const std::string& fragment) {
+  return GlProgram::create("textured mesh", {renamed(vertex), kGeometry, before_fragment + kOwnPaint + fragment});
+}
+
+}  // namespace eigencast
