@@ -281,6 +281,13 @@ void add_evaluate_command(CLI::App& app, Settings& s) {
       ->check(CLI::Range(0.0, 1.0))
       ->delimiter(',')
       ->capture_default_str();
+  evaluate
+      ->add_option(
+          "--detail", command.detail,
+          "what a harmonic basis leaves out of the rest pose, put back along normals (the paper's way) or in frames "
+          "that turn: measured here, no viewer does it")
+      ->check(CLI::IsMember({"none", "normal", "frames"}))
+      ->capture_default_str();
   evaluate->add_option("--rate", command.rate_hz, "poses a second, for kbit/s")
       ->check(CLI::Range(0.1, 1000.0))
       ->capture_default_str();

@@ -98,18 +98,19 @@ class Rows {
 /// Sums of what every frame adds to.
 class Sums {
  public:
-  Sums(const Asset& asset, const MotionClip& clip, std::span<const double> levels)
+  Sums(const Asset& asset, const MotionClip& clip, const EvaluateOptions& options)
       : rows_(asset),
+        detail_(options.detail, rows_.of(clip.rest().positions), rows_.rebuilt(asset.rest), asset.faces),
         truncation_(asset.diagonal()),
         total_(asset.diagonal()),
         surface_(rows_.of(clip.rest().positions), asset.faces) {
     const std::vector<Vec3> rest = rows_.of(clip.rest().positions);
-    for (const double fraction : levels) levels_.emplace_back(asset, fraction, rest);
+    for (const double fraction : options.levels) levels_.emplace_back(asset, fraction, rest);
   }
   void add(std::span<const Vec3> pose, std::span<const double> sent, std::span<const double> received) {
     const std::vector<Vec3> truth = rows_.of(pose);
-    truncation_.add(truth, rows_.rebuilt(sent));
-    const std::vector<Vec3> rebuilt = rows_.rebuilt(received);
+    truncation_.add(truth, detailed(sent));
+    const std::vector<Vec3> rebuilt = detailed(received);
     rms_by_frame_.push_back(total_.add(truth, rebuilt));
     surface_.move_to(truth);
     for (LevelErrorSum& level : levels_) level.add(truth, surface_, rebuilt);
@@ -122,7 +123,14 @@ class Sums {
   }
 
  private:
+  std::vector<Vec3> detailed(std::span<const double> C) {
+    std::vector<Vec3> pose = rows_.rebuilt(C);
+    detail_.add_to(pose);
+    return pose;
+  }
+
   Rows rows_;
+  Detail detail_;
   SurfaceErrorSum truncation_, total_;
   SurfaceDistance surface_;
   std::vector<LevelErrorSum> levels_;
@@ -151,7 +159,7 @@ Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const Ev
   const Quantiser quantiser = quantiser_for_error(options.eps, asset.area, asset.rank);
 
   Evaluation result;
-  Sums sums(asset, clip, options.levels);
+  Sums sums(asset, clip, options);
   std::optional<ChainState> state;
   double quantising = 0;
   for (std::size_t frame = 0; frame < clip.frame_count(); ++frame) {

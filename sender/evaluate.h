@@ -6,6 +6,7 @@
 #include "common/core/histogram.h"
 #include "common/surface/motion_clip.h"
 #include "sdk/bake.h"
+#include "sender/detail.h"
 #include "sender/level_error.h"
 #include "sender/surface_error.h"
 
@@ -14,7 +15,8 @@ namespace eigencast {
 struct EvaluateOptions {
   CodecKind codec = CodecKind::kQuantised;
   double eps = 0;  ///< Vertex error of quantising, model units (see quantiser_for_error); not of float codecs.
-  std::vector<double> levels = {1};  ///< Fractions of the vertices that are drawn.
+  std::vector<double> levels = {1};       ///< Fractions of the vertices that are drawn.
+  DetailKind detail = DetailKind::kNone;  ///< Added to what is rebuilt; only here, no viewer does.
 };
 
 /// What viewers see of a surface that was moving and now stands still, while its pose goes on being sent.

@@ -29,6 +29,8 @@ std::vector<CodecToTry> codecs_of(const EvaluateCommand& command, const Asset& a
 /// Bakes once, and evaluates with each codec.
 Result<void> evaluate_basis(const EvaluateCommand& command, const std::string& basis, int rank, CodecKind codec,
                             const Console& console, Interrupt& interrupt, std::vector<EvaluatedRow>& rows) {
+  const auto detail = detail_from_name(command.detail);
+  if (!detail) return detail.error();
   SourceOptions options = command.source;
   options.basis = basis;
   options.rank = rank;
@@ -41,7 +43,7 @@ Result<void> evaluate_basis(const EvaluateCommand& command, const std::string& b
       line.show(fraction, stage, steady_now_us());
       return !interrupt.requested();
     };
-    auto evaluation = evaluate(*source->clip, asset, {codec, eps, command.levels}, progress);
+    auto evaluation = evaluate(*source->clip, asset, {codec, eps, command.levels, *detail}, progress);
     line.finish();
     if (!evaluation) return evaluation.error();
     rows.push_back({asset.basis_kind, asset.rank, asset.diagonal(), source->baked.encoded.total_bytes(), eps, name,
@@ -55,7 +57,7 @@ Result<void> evaluate_basis(const EvaluateCommand& command, const std::string& b
 int run(const EvaluateCommand& command, const Console& console, Interrupt& interrupt) {
   const auto codec = codec_from_name(command.codec);
   if (!codec) return report_failure(codec.error());
-  EvaluatedClip clip{command.source.input, command.codec, command.rate_hz, {}};
+  EvaluatedClip clip{command.source.input, command.codec, command.detail, command.rate_hz, {}};
   for (const std::string& basis : command.bases) {
     for (const int rank : command.source.target_error > 0 ? std::vector{0} : command.ranks) {
       const auto done = evaluate_basis(command, basis, rank, *codec, console, interrupt, clip.rows);

@@ -73,9 +73,10 @@ std::string notes_on(const EvaluatedRow& row) {
 std::string table_of(const EvaluatedClip& clip) {
   const std::size_t frames = clip.rows.empty() ? 0 : clip.rows.front().evaluation.total.poses;
   std::string text = formatted(
-      "%s, %zu frames, %s, %g poses/s; errors over the rest box's diagonal; kbit/s with envelope and WebSocket "
+      "%s, %zu frames, %s, detail %s, %g poses/s; errors over the rest box's diagonal; kbit/s with envelope and "
+      "WebSocket "
       "header\n",
-      clip.input.c_str(), frames, clip.codec.c_str(), clip.rate_hz);
+      clip.input.c_str(), frames, clip.codec.c_str(), clip.detail.c_str(), clip.rate_hz);
   text +=
       "basis          r    error   lod vertices    KG %      rms     mean      max Hausdorff     STED   kbit/s     "
       "MB\n";
@@ -89,7 +90,12 @@ std::string table_of(const EvaluatedClip& clip) {
 std::string report_of(const EvaluatedClip& clip) {
   json results = json::array();
   for (const EvaluatedRow& row : clip.rows) results.push_back(json_from(row, clip.rate_hz));
-  return json{{"input", clip.input}, {"codec", clip.codec}, {"rate_hz", clip.rate_hz}, {"results", results}}.dump(2);
+  return json{{"input", clip.input},
+              {"codec", clip.codec},
+              {"detail", clip.detail},
+              {"rate_hz", clip.rate_hz},
+              {"results", results}}
+      .dump(2);
 }
 
 }  // namespace eigencast

@@ -21,7 +21,7 @@ struct EvaluatedRow {
 
 /// What was evaluated, for reports.
 struct EvaluatedClip {
-  std::string input, codec;
+  std::string input, codec, detail;
   double rate_hz = 30;
   std::vector<EvaluatedRow> rows;
 };

@@ -86,7 +86,7 @@ TEST_F(Evaluate, PointsAreHeldAgainstPoints) {
 }
 
 TEST_F(Evaluate, ReportsHoldARowForEachLevelAndPlotsWhatHasALine) {
-  EvaluatedClip clip{"torus", "quantised", 30, {}};
+  EvaluatedClip clip{"torus", "quantised", "none", 30, {}};
   for (const double over_diagonal : {2e-3, 1e-3}) {
     const double eps = over_diagonal * asset_.diagonal();
     clip.rows.push_back(
