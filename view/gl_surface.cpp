@@ -122,8 +122,8 @@ void GlSurface::paint(const SurfacePaint& paint) {
   paint_ = numbers ? 1 : colours ? 2 : paint.kind == SurfacePaint::Kind::kNormal ? 3 : 0;
   glBindVertexArray(array_);
   glDisableVertexAttribArray(kPaint);
-  textured ? glVertexAttrib3f(kPaint, 1, 1, 1) : glVertexAttrib3f(kPaint, 0, 0, 0);
-  if (paint.values.empty()) return;
+  glVertexAttrib3f(kPaint, 0, 0, 0);
+  if (!numbers && !colours) return;
   values_.replace(std::span<const float>(paint.values));
   set_array(kPaint, values_.id(), numbers ? 1 : 3, 0);
 }

@@ -154,16 +154,30 @@ void SurfacePainter::fill_textured(const SurfaceView& view, const Asset& asset) 
   }
   auto image = image_of(asset.texture);
   if (!image) return refuse(image.error().message);
-  if (asset.colours.empty()) {
-    paint_.values.clear();
-  } else {
-    fill_own(view, asset);
-  }
+  paint_.times_values = !asset.colours.empty();
+  paint_.times_values ? fill_own(view, asset) : sample_image(view, *asset.texture, **image);
   if (!levels_) levels_ = std::make_shared<TextureLevels>();
   levels_->follow(asset.texture, view.geometry(), view.morph());
   paint_.kind = SurfacePaint::Kind::kTexture;
   paint_.levels = levels_;
   paint_.image = std::move(*image);
+}
+
+void SurfacePainter::sample_image(const SurfaceView& view, const AssetTexture& texture, const Picture& image) {
+  const std::size_t N = view.geometry().vertex_count();
+  paint_.values.assign(3 * N, 1);
+  const auto pixel = [](float part, int size) {
+    const float inside = part - std::floor(part);
+    return std::min(static_cast<int>(inside * static_cast<float>(size)), size - 1);
+  };
+  for (std::size_t i = 0; i < N; ++i) {
+    const std::uint32_t wedge = texture.first_wedge[i];
+    if (wedge == texture.first_wedge[i + 1] || texture.places[wedge] == AssetTexture::kNone) continue;
+    const std::array<float, 2> uv = texture.uv(wedge);
+    const std::uint8_t* texel = image.pixel(pixel(uv[0], image.width), pixel(uv[1], image.height));
+    for (std::size_t c = 0; c < 3; ++c) paint_.values[3 * i + c] = kLight[texel[c]];
+  }
+  view.blend(paint_.values);
 }
 
 void SurfacePainter::refuse(std::string why) {

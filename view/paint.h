@@ -28,10 +28,10 @@ std::optional<Colouring> colouring_from_name(std::string_view name);
 struct SurfacePaint {
   enum class Kind { kClay, kScalar, kColour, kNormal, kTexture };
   Kind kind = Kind::kClay;
-  std::vector<float> values;  ///< N of kScalar, N x 3 (linear RGB) of kColour, and of kTexture where the image
-                              ///< is to be multiplied by colours; else empty.
+  std::vector<float> values;  ///< N of kScalar, N x 3 (linear RGB) of kColour, and of kTexture for points and edges.
   std::shared_ptr<const TextureLevels> levels;  ///< Of kTexture: where the corners lie,
   std::shared_ptr<const Picture> image;         ///< in what.
+  bool times_values = false;                    ///< Of kTexture: the image counts times values.
   std::uint64_t version = 0;                    ///< Grows when kind or values have changed.
 };
 
@@ -58,6 +58,7 @@ class SurfacePainter {
   void fill(const SurfaceView& view, const PoseSource& source, const Wish& wish);
   void lengths_of(const SurfaceView& view, std::span<const double> D);
   void fill_textured(const SurfaceView& view, const Asset& asset);
+  void sample_image(const SurfaceView& view, const AssetTexture& texture, const Picture& image);
   void fill_own(const SurfaceView& view, const Asset& asset);
   void fill_speed(const SurfaceView& view, const PoseSource& source);
   void refuse(std::string why);

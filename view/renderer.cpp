@@ -248,7 +248,6 @@ void Renderer::Impl::draw_surfaces(const Camera& camera, const RenderOptions& op
       program.use();
       surface->bind(program);
       if (with_image) surface->texture()->bind(program);
-      if (surface->texture() != nullptr && !with_image) program.set("paint", 0);
       surface->draw_triangles();
     }
   };
@@ -281,7 +280,6 @@ void Renderer::Impl::draw_surfaces(const Camera& camera, const RenderOptions& op
   for (const auto& surface : surfaces_) {
     if (!surface->drawable() || !as_points(*surface)) continue;
     surface->bind(splat_);
-    if (surface->texture() != nullptr) splat_.set("paint", 0);
     const float scale = surface->is_point_cloud() ? 1.15F : 0.32F;
     splat_.set("radius", scale * std::max(surface->spacing(), 1e-4F * camera.scene_radius()));
     splat_.set("discs", surface->has_discs() ? surface->scale() : 0.0F);

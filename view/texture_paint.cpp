@@ -52,9 +52,10 @@ in vec3 corner_painted;
 in vec2 uv;
 flat in int in_image;
 uniform sampler2D image;
+uniform int times_painted;
 vec3 own_paint() {
-  vec3 texel = texture(image, uv).rgb;
-  return in_image == 1 ? corner_painted * texel : corner_painted;
+  vec3 texel = texture(image, uv).rgb, factor = times_painted == 1 ? corner_painted : vec3(1.0);
+  return in_image == 1 ? factor * texel : factor;
 }
 )";
 
@@ -129,6 +130,7 @@ void GlTexturePaint::follow(const SurfacePaint& paint) {
   send(corners_, levels.corners(), version_);
   send(places_, levels.places(), version_);
   version_ = levels.version();
+  times_values_ = paint.times_values;
   if (picture_ != paint.image) {
     picture_ = paint.image;
     image_ = shared_image(picture_);
@@ -136,6 +138,7 @@ void GlTexturePaint::follow(const SurfacePaint& paint) {
 }
 
 void GlTexturePaint::bind(const GlProgram& program) const {
+  program.set("times_painted", times_values_ ? 1 : 0);
   program.set("image", kImageUnit);
   program.set("corners", kCornersUnit);
   program.set("places", kPlacesUnit);

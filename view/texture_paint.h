@@ -40,6 +40,7 @@ class GlTexturePaint final {
   GlBuffer corners_, places_;
   GLuint corners_texture_ = 0, places_texture_ = 0;
   std::uint64_t version_ = 0;
+  bool times_values_ = false;
   const void* levels_ = nullptr;  ///< Whose versions these are, to be compared only.
   std::shared_ptr<const Picture> picture_;
   std::shared_ptr<GlImage> image_;

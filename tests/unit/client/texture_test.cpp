@@ -218,6 +218,9 @@ TEST_F(TexturedPictures, BothSidesOfTheSeamHaveTheirColourAtEveryLevel) {
     SurfacePainter painter;
     painter.paint(view, source, kTextured);
     ASSERT_EQ(painter.paint().kind, SurfacePaint::Kind::kTexture) << painter.why_not();
+    ASSERT_EQ(painter.paint().values.size(), 3u * view.geometry().vertex_count());
+    EXPECT_NEAR(painter.paint().values[0], std::pow(230 / 255.0, 2.2), 0.02)
+        << "points are red where their first wedge is";
     frame(view.facts());
     camera_.set_view("right");
     renderer_->upload(0, view.geometry());
