@@ -88,16 +88,20 @@ function(eigencast_test NAME)
     PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
 endfunction()
 
-# eigencast_kernel_variants(TARGET NAME) adds NAME_avx2.cpp and NAME_avx512.cpp, compiled for those processors, where they mean
-# something. NAME_baseline.cpp, which every build has, is compiled as they are otherwise: with full optimisation, and
+# eigencast_kernel_variants(TARGET NAME) adds NAME_avx2.cpp and NAME_avx512.cpp, and NAME_avx512vnni.cpp where there is one, compiled
+# for those processors, where they mean something. NAME_baseline.cpp, which every build has, is compiled as they are otherwise: with full optimisation, and
 # with multiplications and additions fused where the processor can.
 function(eigencast_kernel_variants TARGET NAME)
   set(COMMON -O3 -ffp-contract=fast)
   set_source_files_properties(${NAME}_baseline.cpp PROPERTIES COMPILE_OPTIONS "${COMMON}")
   if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
     set_source_files_properties(${NAME}_avx2.cpp PROPERTIES COMPILE_OPTIONS "${COMMON};-mavx2;-mfma")
-    set_source_files_properties(${NAME}_avx512.cpp PROPERTIES COMPILE_OPTIONS
-      "${COMMON};-mavx2;-mfma;-mavx512f;-mavx512bw;-mavx512dq;-mavx512vl;-mprefer-vector-width=512")
+    set(AVX512 -mavx2 -mfma -mavx512f -mavx512bw -mavx512dq -mavx512vl -mprefer-vector-width=512)
+    set_source_files_properties(${NAME}_avx512.cpp PROPERTIES COMPILE_OPTIONS "${COMMON};${AVX512}")
     target_sources(${TARGET} PRIVATE ${NAME}_avx2.cpp ${NAME}_avx512.cpp)
+    if(EXISTS "${CMAKE_CURRENT_SOURCE_DIR}/${NAME}_avx512vnni.cpp")
+      set_source_files_properties(${NAME}_avx512vnni.cpp PROPERTIES COMPILE_OPTIONS "${COMMON};${AVX512};-mavx512vnni")
+      target_sources(${TARGET} PRIVATE ${NAME}_avx512vnni.cpp)
+    endif()
   endif()
 endfunction()

@@ -9,6 +9,7 @@ namespace {
 
 constexpr std::size_t kRows = kernel::kTileRows;
 constexpr std::size_t kColumns = CardBasis::kColumns;
+static_assert(kColumns % 2 == 0, "groups hold whole pairs of columns");
 
 constexpr std::size_t groups_of(std::size_t columns) {
   return (columns + kColumns - 1) / kColumns;
@@ -24,7 +25,7 @@ std::vector<Value> in_groups(const Value* columns, std::size_t count, const Plac
   std::vector<Value> groups(groups_of(count) * kRows * kColumns);
   for (std::size_t k = 0; k < count; ++k) {
     Value* group = groups.data() + k / kColumns * kRows * kColumns + k % kColumns;
-    for (std::size_t row = 0; row < kRows; ++row) group[row * kColumns] = columns[k * kRows + place_of(row)];
+    for (std::size_t row = 0; row < kRows; ++row) group[row * kColumns] = columns[place_of(row, k)];
   }
   return groups;
 }
@@ -52,10 +53,10 @@ void CardBasis::update(const Asset& asset, const BasisTiles& tiles) {
 }
 
 void CardBasis::append_tile(const kernel::Tiles& tile, std::size_t number) {
-  const std::vector<float> floats = in_groups(tile.floats, tile.float_columns, [](std::size_t row) { return row; });
+  const std::vector<float> floats = in_groups(tile.floats, tile.float_columns,
+                                              [](std::size_t row, std::size_t column) { return column * kRows + row; });
   floats_.write(number * floats.size() * sizeof(float), std::span<const float>(floats));
-  const std::vector<std::int16_t> integers =
-      in_groups(tile.integers, tile.integer_columns, [](std::size_t row) { return kernel::place_of_integer(row); });
+  const std::vector<std::int16_t> integers = in_groups(tile.integers, tile.integer_columns, kernel::place_of_integer);
   integers_.write(number * integers.size() * sizeof(std::int16_t), std::span<const std::int16_t>(integers));
 }
 

@@ -40,15 +40,6 @@ bool begin_card(const char* name, ImVec2 at, ImVec2 pivot, float alpha) {
   return ImGui::Begin(name, nullptr, kCard);
 }
 
-/// Makes the next card as large as these lines: ImGui alone goes by what the card held in the picture before, and cuts off
-/// what has become longer.
-void fit_next_card(const std::vector<std::string>& lines) {
-  const auto rows = static_cast<float>(lines.size());
-  ImVec2 size{0, rows * ImGui::GetTextLineHeight() + (rows - 1) * ImGui::GetStyle().ItemSpacing.y};
-  for (const std::string& line : lines) size.x = std::max(size.x, ImGui::CalcTextSize(line.c_str()).x);
-  ImGui::SetNextWindowContentSize(size);
-}
-
 /// A bar of the map's colours, its lowest value at the bottom, with three marks.
 void draw_legend(const Legend& legend, ImVec2 at, float scale) {
   begin_card("legend", at, {1, 1}, 0.62F);
@@ -157,7 +148,6 @@ void Overlay::draw(const OverlayContent& content, int width_px, int height_px, u
   const ImVec2 size = ImGui::GetIO().DisplaySize;
   const float gap = 12 * scale_;
   if (!content.figures.empty()) {
-    fit_next_card(content.figures);
     begin_card("figures", {size.x - gap, gap}, {1, 0}, 0.62F);
     for (std::size_t i = 0; i < content.figures.size(); ++i) {
       if (i + 1 < content.figures.size())

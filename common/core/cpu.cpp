@@ -12,6 +12,9 @@ std::vector<InstructionSet> find_instruction_sets() {
       __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")) {
     sets.push_back(InstructionSet::kAvx512);
   }
+  if (sets.back() == InstructionSet::kAvx512 && __builtin_cpu_supports("avx512vnni")) {
+    sets.push_back(InstructionSet::kAvx512Vnni);
+  }
 #endif
   return sets;
 }
@@ -31,6 +34,8 @@ const char* name_of(InstructionSet set) {
       return "AVX2";
     case InstructionSet::kAvx512:
       return "AVX-512";
+    case InstructionSet::kAvx512Vnni:
+      return "AVX-512 VNNI";
   }
   return "?";
 }

@@ -7,9 +7,10 @@ namespace eigencast {
 
 /// What the processor can do beyond what every build asks of it; each contains those before.
 enum class InstructionSet {
-  kBaseline,  ///< SSE2 on x86-64, NEON on 64-bit ARM.
-  kAvx2,      ///< With fused multiply-add.
-  kAvx512,    ///< F, BW, DQ and VL.
+  kBaseline,    ///< SSE2 on x86-64, NEON on 64-bit ARM.
+  kAvx2,        ///< With fused multiply-add.
+  kAvx512,      ///< F, BW, DQ and VL.
+  kAvx512Vnni,  ///< With VNNI: products of 16-bit integers summed in one instruction.
 };
 
 /// Those that this processor and operating system run, best last. Thread-safe.

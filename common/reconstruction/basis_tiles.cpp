@@ -9,6 +9,9 @@ namespace eigencast {
 namespace {
 
 constexpr std::size_t kRows = kernel::kTileRows;
+constexpr double kLargestWhole = 32767;
+constexpr double kLargestSum = 2.0e9;       // leaves room for what rounding 4,096 coefficients adds, below 2^31
+constexpr double kRoundingShare = 1.0 / 4;  // of the error that the basis has: adds 3 % to it
 
 /// The integer that `value` is `scale` times, if there is one of 16 bits.
 bool integer_of(float value, float scale, std::int16_t& integer) {
@@ -40,22 +43,25 @@ void BasisTiles::update(const Asset& asset, std::uint32_t rows) {
   scales_.clear();
   floats_.clear();
   integers_ = {};
+  columns_.clear();
   append(asset, end);
 }
 
 bool BasisTiles::append(const Asset& asset, std::uint32_t end) {
   const std::size_t tiles = (end + kRows - 1) / kRows;
-  const std::size_t integer_columns = rank_ - float_columns_;
+  const std::size_t integer_columns = rank_ - float_columns_, stride = kernel::whole_pairs(integer_columns);
   floats_.resize(tiles * kRows * float_columns_);
-  integers_.resize(tiles * kRows * integer_columns);
+  integers_.resize(tiles * kRows * stride);
+  columns_.resize(integer_columns);
   for (std::size_t i = rows_; i < end; ++i) {
     const float* row = &asset.basis[i * rank_];
     float* to = floats_.data() + i / kRows * kRows * float_columns_ + i % kRows;
     for (std::size_t k = 0; k < float_columns_; ++k) to[k * kRows] = row[k];
-    std::int16_t* integers =
-        integers_.data() + i / kRows * kRows * integer_columns + kernel::place_of_integer(i % kRows);
+    std::int16_t* integers = integers_.data() + i / kRows * kRows * stride;
     for (std::size_t k = 0; k < integer_columns; ++k) {
-      if (!integer_of(row[float_columns_ + k], scales_[k], integers[k * kRows])) return false;
+      std::int16_t& integer = integers[kernel::place_of_integer(i % kRows, k)];
+      if (!integer_of(row[float_columns_ + k], scales_[k], integer)) return false;
+      columns_[k].add(integer);
     }
   }
   rows_ = end;
@@ -64,14 +70,52 @@ bool BasisTiles::append(const Asset& asset, std::uint32_t end) {
 
 kernel::Tiles BasisTiles::view(std::size_t first, std::uint32_t rank) const {
   assert(rank <= rank_);
-  const std::size_t integer_columns = rank_ - float_columns_;
+  const std::size_t stride = kernel::whole_pairs(rank_ - float_columns_);
   const std::uint32_t float_columns = std::min(rank, float_columns_);
   return {floats_.data() + first * kRows * float_columns_,
-          integers_.data() + first * kRows * integer_columns,
+          integers_.data() + first * kRows * stride,
           float_columns,
           float_columns_,
-          rank - float_columns,
-          integer_columns};
+          kernel::whole_pairs(rank - float_columns),
+          stride};
+}
+
+std::optional<WholeCoefficients> BasisTiles::whole_coefficients(std::span<const double> C, std::uint32_t channels,
+                                                                std::uint32_t rank) const {
+  assert(rank <= rank_);
+  if (rank <= float_columns_) return std::nullopt;
+  const std::size_t columns = rank - float_columns_;
+  const auto steps = [&](std::size_t k, std::size_t d) {  // what one unit of the column's integers moves a vertex by
+    return C[(float_columns_ + k) * channels + d] * static_cast<double>(scales_[k]);
+  };
+  WholeCoefficients whole;
+  double squares = 0;  // of the integers in a row, in the mean
+  for (std::size_t k = 0; k < columns; ++k) squares += columns_[k].squares / rows_;
+  double of_basis = 0, of_rounding = 0;
+  for (std::size_t d = 0; d < 3; ++d) {
+    double most = 0, sum = 0;
+    for (std::size_t k = 0; k < columns; ++k) {
+      const double step = std::abs(steps(k, d));
+      most = std::max(most, step);
+      sum += step * columns_[k].largest;
+      of_basis += step * step;
+    }
+    const double unit = std::max(most / kLargestWhole, sum / kLargestSum);
+    of_rounding += unit * unit * squares;
+    whole.unit[d] = static_cast<float>(unit);
+  }
+  if (!std::isfinite(of_basis) || of_rounding > kRoundingShare * kRoundingShare * of_basis) return std::nullopt;
+  whole.C.resize(3 * kernel::whole_pairs(columns));
+  for (std::size_t k = 0; k < columns; ++k) {
+    for (std::size_t d = 0; d < 3; ++d) {
+      const double unit = whole.unit[d];
+      if (!(unit > 0)) continue;
+      const double rounded = std::nearbyint(steps(k, d) / unit);
+      whole.C[3 * (k - k % 2) + 2 * d + k % 2] =
+          static_cast<std::int16_t>(std::clamp(rounded, -kLargestWhole, kLargestWhole));
+    }
+  }
+  return whole;
 }
 
 }  // namespace eigencast

@@ -16,18 +16,21 @@ inline constexpr std::size_t kAlignment = 64;     ///< Bytes that tiles begin at
 inline constexpr std::size_t kWidestVector = 16;  ///< Floats in the widest vector of any variant.
 inline constexpr std::size_t kGramTile = 8;
 
-// Integers of a column lie in pairs: row j of a group of 2 x kGroupRows rows beside row j + kGroupRows, so that one word
-// is both. A shift gives the one and a mask the other, kIntegerUnit-fold, which is the fastest way to get at them.
-inline constexpr std::size_t kGroupRows = 16;
+// Columns of integers lie in pairs, row by row: one word holds both. Of a word that is a float's bits, shifted or masked,
+// either column comes kIntegerUnit-fold; and processors multiply and add both halves of words at once. The partner of a
+// last odd column is zero.
 inline constexpr double kIntegerUnit = 65536;
-/// Where the integer of a tile's row lies in its column.
-constexpr std::size_t place_of_integer(std::size_t row) {
-  return row / (2 * kGroupRows) * 2 * kGroupRows + row % kGroupRows * 2 + row / kGroupRows % 2;
+constexpr std::size_t whole_pairs(std::size_t columns) {
+  return (columns + 1) / 2 * 2;
+}
+/// Where the integer of a tile's row and column lies.
+constexpr std::size_t place_of_integer(std::size_t row, std::size_t column) {
+  return column / 2 * 2 * kTileRows + 2 * row + column % 2;
 }
 
 /// Tiles one after the other: of each tile `float_columns` columns of floats and `integer_columns` columns of integers
-/// are used; the next tile begins `float_stride`, `integer_stride` columns later. Rows of the last tile that do not
-/// exist hold zero. An integer stands for kIntegerUnit times itself.
+/// are used; the next tile begins `float_stride`, `integer_stride` columns later. Both counts of integers are whole pairs.
+/// Rows of the last tile that do not exist hold zero. An integer stands for kIntegerUnit times itself.
 struct Tiles {
   const float* floats = nullptr;
   const std::int16_t* integers = nullptr;
@@ -35,14 +38,25 @@ struct Tiles {
   std::size_t integer_columns = 0, integer_stride = 0;
 };
 
+/// Coefficients of one pose, and room for what they give.
+///   C       columns x 3, floats' columns first
+///   whole   of the integers' columns instead, pair after pair: for each axis the two of the pair side by side; no sum of
+///           products with a row's integers may exceed 2^31 - 1. Null: C serves all columns.
+///   unit    what a whole coefficient times an integer stands for, for each axis
+///   X       rows x 3, row-major
+struct Pose {
+  const float* C = nullptr;
+  const std::int16_t* whole = nullptr;
+  float unit[3] = {};
+  float* X = nullptr;
+};
+
 /// The kernels as one instruction set does them. Variants differ in rounding only: each result is within 1e-6 of the sum
 /// of its terms' magnitudes.
 struct Functions {
   /// X_p = Psi C_p for several poses in one pass over the basis.
   ///   rows  of the basis, from the first tile on
-  ///   C     poses x columns x 3, floats' columns first
-  ///   X     one pointer for each pose: rows x 3, row-major
-  void (*product)(const Tiles& tiles, std::size_t rows, const float* C, std::size_t poses, float* const* X);
+  void (*product)(const Tiles& tiles, std::size_t rows, const Pose* poses, std::size_t count);
 
   /// S += Psi^T Y. Within the call sums are in float, lane by lane: meant for some tens of tiles.
   ///   Y        tile after tile 3 x kTileRows; zero for rows that do not exist

@@ -1,124 +1,132 @@
 // SPDX-License-Identifier: MIT
 //
 // The kernels, once for each instruction set: a source file defines EIGENCAST_VARIANT, the name of its functions, and is
-// compiled with that set's flags. Nothing of the standard library may be called here: an inline function compiled with
-// those flags could end up serving the whole program.
+// compiled with that set's flags (common/core/vector_lanes.h).
 #pragma once
 
-#include <cstring>
-
+#include "common/core/vector_lanes.h"
 #include "common/reconstruction/kernel.h"
-
-#if defined(__x86_64__)
-#include <immintrin.h>
-#elif defined(__ARM_NEON)
-#include <arm_neon.h>
-#endif
-
-// Running sums stay in registers only if the short loops over them are unrolled.
-#if defined(__clang__)
-#define EIGENCAST_UNROLL _Pragma("unroll")
-#else
-#define EIGENCAST_UNROLL _Pragma("GCC unroll 16")
-#endif
 
 namespace eigencast::kernel {
 namespace {
 
-#if defined(__AVX512F__)
-constexpr std::size_t kLanes = 16;
-constexpr std::size_t kRegisters = 32;
-#elif defined(__AVX2__)
-constexpr std::size_t kLanes = 8;
-constexpr std::size_t kRegisters = 16;
-#elif defined(__ARM_NEON)
-constexpr std::size_t kLanes = 4;
-constexpr std::size_t kRegisters = 32;
-#else
-constexpr std::size_t kLanes = 4;
-constexpr std::size_t kRegisters = 16;
-#endif
-static_assert(kLanes <= kWidestVector);
+static_assert(kFloatLanes <= kWidestVector);
+constexpr std::size_t kVectors = kTileRows / kFloatLanes;  // in a column of a tile
 
-typedef float Floats __attribute__((vector_size(kLanes * sizeof(float))));
-typedef double Doubles __attribute__((vector_size(kLanes * sizeof(float))));
-constexpr std::size_t kDoubles = kLanes / 2;
-
-inline Floats load(const float* from) {
-  Floats to;
-  std::memcpy(&to, from, sizeof to);
-  return to;
-}
-inline void store(const Floats& from, float* to) {
-  std::memcpy(to, &from, sizeof from);
-}
-inline Doubles load(const double* from) {
-  Doubles to;
-  std::memcpy(&to, from, sizeof to);
-  return to;
-}
-inline void store(const Doubles& from, double* to) {
-  std::memcpy(to, &from, sizeof from);
-}
-
-typedef std::int32_t Integers __attribute__((vector_size(kLanes * sizeof(std::int32_t))));
-
-inline Floats floats_of(const Integers& from) {
-#if defined(__AVX512F__)
-  return _mm512_maskz_cvtepi32_ps(0xffff, reinterpret_cast<__m512i>(from));
-#else
-  return __builtin_convertvector(from, Floats);
-#endif
-}
-
-constexpr std::size_t kPairsInGroup = kGroupRows / kLanes;
-constexpr std::size_t kPairs = kTileRows / (2 * kLanes);
-
-/// The row of the first vector of a tile's pair of vectors; the other begins kGroupRows later.
-constexpr std::size_t row_of_pair(std::size_t pair) {
-  return pair / kPairsInGroup * 2 * kGroupRows + pair % kPairsInGroup * kLanes;
-}
-
-/// Two vectors of a column's entries.
-inline void load_pair(const float* column, std::size_t pair, Floats& first, Floats& second) {
-  first = load(column + row_of_pair(pair));
-  second = load(column + row_of_pair(pair) + kGroupRows);
-}
-/// The same of integers, kIntegerUnit-fold: what the sign takes to extend is left out.
-inline void load_pair(const std::int16_t* column, std::size_t pair, Floats& first, Floats& second) {
-  Integers both;
-  std::memcpy(&both, column + pair * 2 * kLanes, sizeof both);
-  first = floats_of(both << 16);
-  second = floats_of(both & ~0xffff);
-}
-
-// Pairs of vectors that one pass over the columns of a tile takes, so that its sums fit the registers.
+// Vectors of a column that one pass over a tile takes, so that its sums fit the registers.
 template <std::size_t kPoses>
-constexpr std::size_t pairs_per_pass() {
-  constexpr std::size_t fitting = (kRegisters == 32 ? 4 : 2) / kPoses;
-  return fitting < 1 ? 1 : fitting < kPairs ? fitting : kPairs;
+constexpr std::size_t vectors_per_pass() {
+  constexpr std::size_t fitting = (kVectorRegisters == 32 ? 8 : 4) / kPoses;
+  return fitting < kVectors ? fitting : kVectors;
+}
+template <std::size_t kPoses>
+constexpr std::size_t passes() {
+  return kVectors / vectors_per_pass<kPoses>();
 }
 
-template <std::size_t kPoses, std::size_t kHere, typename Value>
-inline void add_columns(const Value* column, std::size_t first_pair, std::size_t columns, std::size_t stride,
-                        const float* C, std::size_t pose_stride, bool ahead, Floats (&sums)[kPoses][3][2 * kHere]) {
-  constexpr std::size_t kLine = kAlignment / sizeof(Value);
-  for (std::size_t k = 0; k < columns; ++k, column += kTileRows, C += 3) {
-    if (ahead) {
-      EIGENCAST_UNROLL
-      for (std::size_t i = 0; i < kTileRows; i += kLine) __builtin_prefetch(column + stride * kTileRows + i, 0, 2);
-    }
-    Floats psi[2 * kHere];
+/// What passes over a tile fetch of what comes next: pass `turn` of `turns` asks for every turns-th column of the tile that
+/// follows, so that memory is as busy in each of them.
+struct Ahead {
+  std::size_t turn = 0, turns = 1;
+};
+
+/// Asks for a column (or a pair of them) of the next tile when it is this pass's turn.
+class Prefetcher {
+ public:
+  Prefetcher(const Ahead& ahead) : left_(ahead.turn), turns_(ahead.turns) {}
+  template <std::size_t kBytes, typename Value>
+  void pass(const Value* next) {
+    if (left_-- != 0) return;
+    left_ = turns_ - 1;
     EIGENCAST_UNROLL
-    for (std::size_t q = 0; q < kHere; ++q) load_pair(column, first_pair + q, psi[2 * q], psi[2 * q + 1]);
+    for (std::size_t i = 0; i < kBytes; i += kAlignment) {
+      __builtin_prefetch(reinterpret_cast<const char*>(next) + i, 0, 2);
+    }
+  }
+
+ private:
+  std::size_t left_, turns_;
+};
+
+/// The sums of some vectors of rows: for each pose and axis.
+template <typename Vector, std::size_t kPoses, std::size_t kHere>
+struct Sums {
+  Vector of[kPoses][3][kHere] = {};
+};
+
+template <std::size_t kPoses, std::size_t kHere>
+inline void add_column(const Floats (&psi)[kHere], const Pose* poses, std::size_t column,
+                       Sums<Floats, kPoses, kHere>& sums) {
+  EIGENCAST_UNROLL
+  for (std::size_t p = 0; p < kPoses; ++p) {
+    EIGENCAST_UNROLL
+    for (std::size_t d = 0; d < 3; ++d) {
+      const float c = poses[p].C[3 * column + d];
+      EIGENCAST_UNROLL
+      for (std::size_t v = 0; v < kHere; ++v) sums.of[p][d][v] += psi[v] * c;
+    }
+  }
+}
+
+template <std::size_t kPoses, std::size_t kHere>
+inline void add_floats(const Tiles& tiles, const float* at, const Pose* poses, const Ahead& ahead,
+                       Sums<Floats, kPoses, kHere>& sums) {
+  Prefetcher prefetcher(ahead);
+  for (std::size_t k = 0; k < tiles.float_columns; ++k, at += kTileRows) {
+    prefetcher.pass<kTileRows * sizeof(float)>(at + tiles.float_stride * kTileRows);
+    Floats psi[kHere];
+    EIGENCAST_UNROLL
+    for (std::size_t v = 0; v < kHere; ++v) psi[v] = load<Floats>(at + v * kFloatLanes);
+    add_column<kPoses, kHere>(psi, poses, k, sums);
+  }
+}
+
+template <std::size_t kPoses, std::size_t kHere>
+inline void add_integers(const Tiles& tiles, const std::int16_t* at, const Pose* poses, const Ahead& ahead,
+                         Sums<Floats, kPoses, kHere>& sums) {
+  Prefetcher prefetcher(ahead);
+  for (std::size_t k = 0; k < tiles.integer_columns; k += 2, at += 2 * kTileRows) {
+    prefetcher.pass<2 * kTileRows * sizeof(std::int16_t)>(at + tiles.integer_stride * kTileRows);
+    Floats even[kHere], odd[kHere];
+    EIGENCAST_UNROLL
+    for (std::size_t v = 0; v < kHere; ++v) {
+      const Words both = load<Words>(at + 2 * v * kFloatLanes);
+      even[v] = floats_of(both << 16);
+      odd[v] = floats_of(both & ~0xffff);
+    }
+    add_column<kPoses, kHere>(even, poses, tiles.float_columns + k, sums);
+    add_column<kPoses, kHere>(odd, poses, tiles.float_columns + k + 1, sums);
+  }
+}
+
+template <std::size_t kPoses, std::size_t kHere>
+inline void add_wholes(const Tiles& tiles, const std::int16_t* at, const Pose* poses, const Ahead& ahead,
+                       Sums<Floats, kPoses, kHere>& floats) {
+  Sums<Words, kPoses, kHere> sums;
+  Prefetcher prefetcher(ahead);
+  for (std::size_t k = 0; k < tiles.integer_columns; k += 2, at += 2 * kTileRows) {
+    prefetcher.pass<2 * kTileRows * sizeof(std::int16_t)>(at + tiles.integer_stride * kTileRows);
+    Words both[kHere];
+    EIGENCAST_UNROLL
+    for (std::size_t v = 0; v < kHere; ++v) both[v] = load<Words>(at + 2 * v * kFloatLanes);
     EIGENCAST_UNROLL
     for (std::size_t p = 0; p < kPoses; ++p) {
       EIGENCAST_UNROLL
       for (std::size_t d = 0; d < 3; ++d) {
-        const float c = C[p * pose_stride + d];
+        const Words c = Words{} + load<std::int32_t>(poses[p].whole + 3 * k + 2 * d);
         EIGENCAST_UNROLL
-        for (std::size_t v = 0; v < 2 * kHere; ++v) sums[p][d][v] += psi[v] * c;
+        for (std::size_t v = 0; v < kHere; ++v) {
+          sums.of[p][d][v] = add_products_of_halves(sums.of[p][d][v], both[v], c);
+        }
       }
+    }
+  }
+  EIGENCAST_UNROLL
+  for (std::size_t p = 0; p < kPoses; ++p) {
+    EIGENCAST_UNROLL
+    for (std::size_t d = 0; d < 3; ++d) {
+      EIGENCAST_UNROLL
+      for (std::size_t v = 0; v < kHere; ++v) floats.of[p][d][v] += floats_of(sums.of[p][d][v]) * poses[p].unit[d];
     }
   }
 }
@@ -147,114 +155,155 @@ inline void interleave(const float (&planes)[3][kTileRows], std::size_t rows, fl
   }
 }
 
-template <std::size_t kPoses>
-inline void product_tile(const Tiles& tiles, std::size_t tile, std::size_t rows, const float* C,
-                         std::size_t pose_stride, bool ahead, float* const* X) {
-  constexpr std::size_t kHere = pairs_per_pass<kPoses>();
+template <std::size_t kPoses, bool kWhole>
+inline void product_tile(const Tiles& tiles, std::size_t tile, std::size_t rows, const Pose* poses, std::size_t turn,
+                         std::size_t turns) {
+  constexpr std::size_t kHere = vectors_per_pass<kPoses>();
   alignas(kAlignment) float planes[kPoses][3][kTileRows];
-  for (std::size_t pair = 0; pair < kPairs; pair += kHere) {
-    Floats sums[kPoses][3][2 * kHere] = {};
-    const bool last = ahead && pair + kHere == kPairs;
-    add_columns<kPoses, kHere>(tiles.floats + tile * tiles.float_stride * kTileRows, pair, tiles.float_columns,
-                               tiles.float_stride, C, pose_stride, last, sums);
-    add_columns<kPoses, kHere>(tiles.integers + tile * tiles.integer_stride * kTileRows, pair, tiles.integer_columns,
-                               tiles.integer_stride, C + 3 * tiles.float_columns, pose_stride, last, sums);
+  const float* floats = tiles.floats + tile * tiles.float_stride * kTileRows;
+  const std::int16_t* integers = tiles.integers + tile * tiles.integer_stride * kTileRows;
+  for (std::size_t pass = 0; pass < passes<kPoses>(); ++pass) {
+    const std::size_t row = pass * kHere * kFloatLanes;
+    const Ahead ahead{turn + pass, turns};
+    Sums<Floats, kPoses, kHere> sums;
+    if constexpr (kWhole) {
+      add_wholes<kPoses, kHere>(tiles, integers + 2 * row, poses, ahead, sums);
+    } else {
+      add_integers<kPoses, kHere>(tiles, integers + 2 * row, poses, ahead, sums);
+    }
+    add_floats<kPoses, kHere>(tiles, floats + row, poses, ahead, sums);
     EIGENCAST_UNROLL
     for (std::size_t p = 0; p < kPoses; ++p) {
       EIGENCAST_UNROLL
       for (std::size_t d = 0; d < 3; ++d) {
         EIGENCAST_UNROLL
-        for (std::size_t q = 0; q < kHere; ++q) {
-          store(sums[p][d][2 * q], planes[p][d] + row_of_pair(pair + q));
-          store(sums[p][d][2 * q + 1], planes[p][d] + row_of_pair(pair + q) + kGroupRows);
-        }
+        for (std::size_t v = 0; v < kHere; ++v) store(sums.of[p][d][v], planes[p][d] + row + v * kFloatLanes);
       }
     }
   }
-  for (std::size_t p = 0; p < kPoses; ++p) interleave(planes[p], rows, X[p] + 3 * tile * kTileRows);
+  for (std::size_t p = 0; p < kPoses; ++p) interleave(planes[p], rows, poses[p].X + 3 * tile * kTileRows);
 }
 
-void product(const Tiles& tiles, std::size_t rows, const float* C, std::size_t poses, float* const* X) {
-  constexpr std::size_t kTogether = 2;
-  const std::size_t stride = 3 * (tiles.float_columns + tiles.integer_columns);
+/// Poses that are taken in one pass over a tile: two, if both have whole coefficients or neither has.
+inline std::size_t poses_together(const Pose* poses, std::size_t left) {
+  return left > 1 && (poses[0].whole != nullptr) == (poses[1].whole != nullptr) ? 2 : 1;
+}
+
+void product(const Tiles& tiles, std::size_t rows, const Pose* poses, std::size_t count) {
+  std::size_t turns = 0;
+  for (std::size_t p = 0; p < count;) {
+    const std::size_t together = poses_together(poses + p, count - p);
+    turns += together == 2 ? passes<2>() : passes<1>();
+    p += together;
+  }
   for (std::size_t tile = 0; tile * kTileRows < rows; ++tile) {
     const std::size_t left = rows - tile * kTileRows;
     const std::size_t here = left < kTileRows ? left : kTileRows;
-    // The tile stays in the cache while all poses pass, and the last one asks for the next tile; where one pass is all,
-    // the processor sees the next one coming.
-    std::size_t p = 0;
-    for (; p + kTogether <= poses; p += kTogether) {
-      const bool ahead = p + kTogether == poses && (p > 0 || pairs_per_pass<kTogether>() < kPairs);
-      product_tile<kTogether>(tiles, tile, here, C + p * stride, stride, ahead, X + p);
-    }
-    if (p < poses) {
-      const bool ahead = p > 0 || pairs_per_pass<1>() < kPairs;
-      product_tile<1>(tiles, tile, here, C + p * stride, stride, ahead, X + p);
+    // The tile stays in the cache while all poses pass.
+    std::size_t turn = 0;
+    for (std::size_t p = 0; p < count;) {
+      const Pose* at = poses + p;
+      const std::size_t together = poses_together(at, count - p);
+      if (together == 2) {
+        (at->whole != nullptr ? product_tile<2, true> : product_tile<2, false>)(tiles, tile, here, at, turn, turns);
+        turn += passes<2>();
+      } else {
+        (at->whole != nullptr ? product_tile<1, true> : product_tile<1, false>)(tiles, tile, here, at, turn, turns);
+        turn += passes<1>();
+      }
+      p += together;
     }
   }
 }
 
-// Y of as many pairs as registers hold beside a column and its sums.
-constexpr std::size_t kHeldPairs = kRegisters == 32 && kPairs > 2 ? 2 : kPairs;
+// Vectors of Y that registers hold beside two columns and their sums.
+constexpr std::size_t kHeld = kVectorRegisters == 32 && kVectors > 4 ? 4 : kVectors;
 
-template <typename Value>
-inline void add_transposed_columns(const Value* column, std::size_t columns, std::size_t stride, const float* Y,
-                                   float* sums) {
-  constexpr std::size_t kLine = kAlignment / sizeof(Value);
-  for (std::size_t pair = 0; pair < kPairs; pair += kHeldPairs) {
-    Floats y[3][2 * kHeldPairs];
-    EIGENCAST_UNROLL
-    for (std::size_t d = 0; d < 3; ++d) {
-      EIGENCAST_UNROLL
-      for (std::size_t q = 0; q < kHeldPairs; ++q) load_pair(Y + d * kTileRows, pair + q, y[d][2 * q], y[d][2 * q + 1]);
-    }
-    const Value* at = column;
-    float* to = sums;
-    for (std::size_t k = 0; k < columns; ++k, at += kTileRows, to += 3 * kLanes) {
-      if (pair == 0) {  // The sums push what the processor fetches ahead out of its view.
-        EIGENCAST_UNROLL
-        for (std::size_t i = 0; i < kTileRows; i += kLine) __builtin_prefetch(at + stride * kTileRows + i, 0, 2);
-      }
-      Floats s[3] = {load(to), load(to + kLanes), load(to + 2 * kLanes)};
-      EIGENCAST_UNROLL
-      for (std::size_t q = 0; q < kHeldPairs; ++q) {
-        Floats first, second;
-        load_pair(at, pair + q, first, second);
-        EIGENCAST_UNROLL
-        for (std::size_t d = 0; d < 3; ++d) s[d] += first * y[d][2 * q];
-        EIGENCAST_UNROLL
-        for (std::size_t d = 0; d < 3; ++d) s[d] += second * y[d][2 * q + 1];
-      }
-      EIGENCAST_UNROLL
-      for (std::size_t d = 0; d < 3; ++d) store(s[d], to + d * kLanes);
-    }
-  }
-}
+struct HeldRows {
+  Floats y[3][kHeld];
+};
 
-template <typename Lanes>
-inline auto sum_of_lanes(Lanes lanes) {
+inline HeldRows load_rows(const float* Y, std::size_t first) {
+  HeldRows rows;
   EIGENCAST_UNROLL
-  for (std::size_t width = sizeof(Lanes) / sizeof(lanes[0]) / 2; width > 0; width /= 2) {
+  for (std::size_t d = 0; d < 3; ++d) {
     EIGENCAST_UNROLL
-    for (std::size_t i = 0; i < width; ++i) lanes[i] += lanes[i + width];
+    for (std::size_t v = 0; v < kHeld; ++v) rows.y[d][v] = load<Floats>(Y + d * kTileRows + (first + v) * kFloatLanes);
   }
-  return lanes[0];
+  return rows;
+}
+
+/// Asks for what lies `next` values later. The sums push what the processor fetches ahead out of its view.
+template <std::size_t kBytes, typename Value>
+inline void fetch_next_tile(const Value* at, std::size_t next) {
+  EIGENCAST_UNROLL
+  for (std::size_t i = 0; i < kBytes; i += kAlignment) {
+    __builtin_prefetch(reinterpret_cast<const char*>(at + next) + i, 0, 2);
+  }
+}
+
+inline void add_transposed_floats(const float* tile, std::size_t columns, std::size_t stride, const float* Y,
+                                  float* sums) {
+  for (std::size_t first = 0; first < kVectors; first += kHeld) {
+    const HeldRows rows = load_rows(Y, first);
+    const float* at = tile;
+    float* to = sums;
+    for (std::size_t k = 0; k < columns; ++k, at += kTileRows, to += 3 * kFloatLanes) {
+      if (first == 0) fetch_next_tile<kTileRows * sizeof(float)>(at, stride * kTileRows);
+      struct {
+        Floats axis[3];
+      } s = load<decltype(s)>(to);
+      EIGENCAST_UNROLL
+      for (std::size_t v = 0; v < kHeld; ++v) {
+        const Floats psi = load<Floats>(at + (first + v) * kFloatLanes);
+        EIGENCAST_UNROLL
+        for (std::size_t d = 0; d < 3; ++d) s.axis[d] += psi * rows.y[d][v];
+      }
+      store(s, to);
+    }
+  }
+}
+
+inline void add_transposed_integers(const std::int16_t* tile, std::size_t columns, std::size_t stride, const float* Y,
+                                    float* sums) {
+  for (std::size_t first = 0; first < kVectors; first += kHeld) {
+    const HeldRows rows = load_rows(Y, first);
+    const std::int16_t* at = tile;
+    float* to = sums;
+    for (std::size_t k = 0; k < columns; k += 2, at += 2 * kTileRows, to += 6 * kFloatLanes) {
+      if (first == 0) fetch_next_tile<2 * kTileRows * sizeof(std::int16_t)>(at, stride * kTileRows);
+      struct {
+        Floats even[3], odd[3];
+      } s = load<decltype(s)>(to);
+      EIGENCAST_UNROLL
+      for (std::size_t v = 0; v < kHeld; ++v) {
+        const Words both = load<Words>(at + 2 * (first + v) * kFloatLanes);
+        const Floats even = floats_of(both << 16), odd = floats_of(both & ~0xffff);
+        EIGENCAST_UNROLL
+        for (std::size_t d = 0; d < 3; ++d) s.even[d] += even * rows.y[d][v];
+        EIGENCAST_UNROLL
+        for (std::size_t d = 0; d < 3; ++d) s.odd[d] += odd * rows.y[d][v];
+      }
+      store(s, to);
+    }
+  }
 }
 
 void add_transposed(const Tiles& tiles, std::size_t tile_count, const float* Y, double* S, float* scratch) {
   const std::size_t count = 3 * (tiles.float_columns + tiles.integer_columns);
-  for (std::size_t i = 0; i < count * kLanes; ++i) scratch[i] = 0;
+  for (std::size_t i = 0; i < count * kFloatLanes; ++i) scratch[i] = 0;
   for (std::size_t tile = 0; tile < tile_count; ++tile, Y += 3 * kTileRows) {
-    add_transposed_columns(tiles.floats + tile * tiles.float_stride * kTileRows, tiles.float_columns,
-                           tiles.float_stride, Y, scratch);
-    add_transposed_columns(tiles.integers + tile * tiles.integer_stride * kTileRows, tiles.integer_columns,
-                           tiles.integer_stride, Y, scratch + 3 * kLanes * tiles.float_columns);
+    add_transposed_floats(tiles.floats + tile * tiles.float_stride * kTileRows, tiles.float_columns, tiles.float_stride,
+                          Y, scratch);
+    add_transposed_integers(tiles.integers + tile * tiles.integer_stride * kTileRows, tiles.integer_columns,
+                            tiles.integer_stride, Y, scratch + 3 * kFloatLanes * tiles.float_columns);
   }
-  for (std::size_t i = 0; i < count; ++i) S[i] += static_cast<double>(sum_of_lanes(load(scratch + i * kLanes)));
+  for (std::size_t i = 0; i < count; ++i)
+    S[i] += static_cast<double>(sum_of_lanes(load<Floats>(scratch + i * kFloatLanes)));
 }
 
-constexpr std::size_t kGramRows = kRegisters == 32 ? 8 : 4;
-constexpr std::size_t kGramVectors = kGramTile / kDoubles;
+constexpr std::size_t kGramRows = kVectorRegisters == 32 ? 8 : 4;
+constexpr std::size_t kGramVectors = kGramTile / kDoubleLanes;
 
 // One tile of entries stays in registers while all rows pass.
 inline void add_gram_tile(const double* B, std::size_t rows, std::size_t width, std::size_t i, std::size_t j,
@@ -263,12 +312,13 @@ inline void add_gram_tile(const double* B, std::size_t rows, std::size_t width, 
   EIGENCAST_UNROLL
   for (std::size_t a = 0; a < kGramRows; ++a) {
     EIGENCAST_UNROLL
-    for (std::size_t b = 0; b < kGramVectors; ++b) sums[a][b] = load(G + (i + a) * width + j + kDoubles * b);
+    for (std::size_t b = 0; b < kGramVectors; ++b)
+      sums[a][b] = load<Doubles>(G + (i + a) * width + j + kDoubleLanes * b);
   }
   for (std::size_t row = 0; row < rows; ++row, B += width) {
     Doubles right[kGramVectors];
     EIGENCAST_UNROLL
-    for (std::size_t b = 0; b < kGramVectors; ++b) right[b] = load(B + j + kDoubles * b);
+    for (std::size_t b = 0; b < kGramVectors; ++b) right[b] = load<Doubles>(B + j + kDoubleLanes * b);
     EIGENCAST_UNROLL
     for (std::size_t a = 0; a < kGramRows; ++a) {
       EIGENCAST_UNROLL
@@ -278,7 +328,7 @@ inline void add_gram_tile(const double* B, std::size_t rows, std::size_t width, 
   EIGENCAST_UNROLL
   for (std::size_t a = 0; a < kGramRows; ++a) {
     EIGENCAST_UNROLL
-    for (std::size_t b = 0; b < kGramVectors; ++b) store(sums[a][b], G + (i + a) * width + j + kDoubles * b);
+    for (std::size_t b = 0; b < kGramVectors; ++b) store(sums[a][b], G + (i + a) * width + j + kDoubleLanes * b);
   }
 }
 
@@ -293,19 +343,19 @@ void add_inverse(const double* T, std::size_t rows, std::size_t width, const dou
   for (std::size_t i = 0; i < rows; ++i, T += width) {
     const std::size_t end = (i / kGramTile + 1) * kGramTile;
     Doubles sums[3] = {};
-    for (std::size_t k = 0; k < end; k += kDoubles) {
+    for (std::size_t k = 0; k < end; k += kDoubleLanes) {
       __builtin_prefetch(T + width + k);
-      const Doubles t = load(T + k);
+      const Doubles t = load<Doubles>(T + k);
       EIGENCAST_UNROLL
-      for (std::size_t d = 0; d < 3; ++d) sums[d] += t * load(S + d * width + k);
+      for (std::size_t d = 0; d < 3; ++d) sums[d] += t * load<Doubles>(S + d * width + k);
     }
     double y[3];
     EIGENCAST_UNROLL
     for (std::size_t d = 0; d < 3; ++d) y[d] = sum_of_lanes(sums[d]);
-    for (std::size_t k = 0; k < end; k += kDoubles) {
-      const Doubles t = load(T + k);
+    for (std::size_t k = 0; k < end; k += kDoubleLanes) {
+      const Doubles t = load<Doubles>(T + k);
       EIGENCAST_UNROLL
-      for (std::size_t d = 0; d < 3; ++d) store(load(C + d * width + k) + t * y[d], C + d * width + k);
+      for (std::size_t d = 0; d < 3; ++d) store(load<Doubles>(C + d * width + k) + t * y[d], C + d * width + k);
     }
   }
 }

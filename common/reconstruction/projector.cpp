@@ -159,8 +159,8 @@ Result<std::vector<double>> Projector::project(std::span<const Value> positions,
     const std::size_t first = part * kRows, rows = std::min(kRows, n - first);
     const std::size_t tiles = (rows + kernel::kTileRows - 1) / kernel::kTileRows;
     AlignedVector<float> Y(tiles * 3 * kernel::kTileRows);
-    AlignedVector<float> scratch(3 * r * kernel::kWidestVector);
-    sums[part].resize(3 * r);
+    AlignedVector<float> scratch(3 * (r + 1) * kernel::kWidestVector);
+    sums[part].resize(3 * (r + 1));  // an odd last column of integers has a partner
     if (!weigh(*asset_, origin, weights_, positions, first, rows, Y.data())) finite = false;
     functions.add_transposed(tiles_.view(part * kForwardTiles, asset_->rank), tiles, Y.data(), sums[part].data(),
                              scratch.data());

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <cassert>
+#include <optional>
+#include <vector>
 
 #include "common/core/worker_team.h"
 #include "common/reconstruction/kernel.h"
@@ -14,19 +16,24 @@ namespace {
 constexpr std::size_t kWorthThreads = 10'000'000;
 constexpr std::size_t kTilesPerTask = 16;
 
-/// C as the kernel wants it: poses x rank x 3, in units of the tiles' entries.
-std::vector<float> packed_coefficients(const BasisTiles& tiles, std::span<const PoseToRebuild> poses,
-                                       std::uint32_t rank) {
-  std::vector<float> packed;
-  packed.reserve(poses.size() * rank * 3);
-  for (const PoseToRebuild& pose : poses) {
-    assert(pose.channels >= 3 && pose.C.size() >= std::size_t{rank} * pose.channels);
-    for (std::uint32_t k = 0; k < rank; ++k) {
-      for (std::size_t d = 0; d < 3; ++d) {
-        packed.push_back(static_cast<float>(pose.C[std::size_t{k} * pose.channels + d] * tiles.scale(k)));
-      }
+/// A pose's coefficients as the kernel wants them.
+struct PackedPose {
+  std::vector<float>
+      C;  // x 3, in units of the tiles' entries, zero beyond the last of an odd count of integers' columns
+  std::optional<WholeCoefficients> whole;
+};
+
+PackedPose packed(const BasisTiles& tiles, const PoseToRebuild& pose, std::uint32_t rank) {
+  assert(pose.channels >= 3 && pose.C.size() >= std::size_t{rank} * pose.channels);
+  PackedPose packed;
+  packed.C.reserve(3 * (std::size_t{rank} + 1));
+  packed.whole = tiles.whole_coefficients(pose.C, pose.channels, rank);
+  for (std::uint32_t k = 0; k < rank; ++k) {
+    for (std::size_t d = 0; d < 3; ++d) {
+      packed.C.push_back(static_cast<float>(pose.C[std::size_t{k} * pose.channels + d] * tiles.scale(k)));
     }
   }
+  packed.C.resize(packed.C.size() + 3);
   return packed;
 }
 
@@ -38,13 +45,22 @@ void Reconstructor::rebuild(std::span<const PoseToRebuild> poses, std::uint32_t 
                             std::uint32_t first) const {
   if (first >= N) return;
   assert(N <= tiles_.rows() && rank <= tiles_.rank());
-  const std::vector<float> C = packed_coefficients(tiles_, poses, rank);
+  std::vector<PackedPose> all;
+  all.reserve(poses.size());
+  for (const PoseToRebuild& pose : poses) all.push_back(packed(tiles_, pose, rank));
   const kernel::Functions& functions = kernel::functions(set_);
   const auto rebuild_tiles = [&](std::size_t first_tile, std::size_t end_row) {
     const std::size_t first_row = first_tile * kernel::kTileRows;
-    std::vector<float*> X;
-    for (const PoseToRebuild& pose : poses) X.push_back(pose.positions.data() + 3 * first_row);
-    functions.product(tiles_.view(first_tile, rank), end_row - first_row, C.data(), poses.size(), X.data());
+    std::vector<kernel::Pose> here(poses.size());
+    for (std::size_t p = 0; p < poses.size(); ++p) {
+      here[p].C = all[p].C.data();
+      if (all[p].whole) {
+        here[p].whole = all[p].whole->C.data();
+        std::copy(all[p].whole->unit.begin(), all[p].whole->unit.end(), here[p].unit);
+      }
+      here[p].X = poses[p].positions.data() + 3 * first_row;
+    }
+    functions.product(tiles_.view(first_tile, rank), end_row - first_row, here.data(), here.size());
   };
   const std::size_t begin = first / kernel::kTileRows;
   const std::size_t rows = N - begin * kernel::kTileRows;

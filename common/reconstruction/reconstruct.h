@@ -35,7 +35,8 @@ class Reconstructor {
   const BasisTiles& tiles() const { return tiles_; }
 
   /// The first N rows from the first `rank` columns, as for a receiver of fewer bands. Differs from the sum in double by
-  /// at most 1e-6 of the sum of its terms' magnitudes. REQUIRES: N <= tiles().rows(), rank <= tiles().rank(), each
+  /// at most 1e-6 of the sum of its terms' magnitudes, but where coefficients are rounded to 16 bits, which adds at most 3 %
+  /// to the error of the basis (BasisTiles::whole_coefficients). REQUIRES: N <= tiles().rows(), rank <= tiles().rank(), each
   /// C.size() >= rank * channels, channels >= 3. The rows before `first` may be left as they are.
   void rebuild(std::span<const PoseToRebuild> poses, std::uint32_t rank, std::uint32_t N,
                std::uint32_t first = 0) const;

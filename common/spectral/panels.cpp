@@ -20,7 +20,7 @@ extern const PanelFunctions avx512_panel_functions;
 
 const PanelFunctions& panel_functions(InstructionSet set) {
 #if defined(__x86_64__)
-  if (set == InstructionSet::kAvx512) return avx512_panel_functions;
+  if (set >= InstructionSet::kAvx512) return avx512_panel_functions;
   if (set == InstructionSet::kAvx2) return avx2_panel_functions;
 #endif
   static_cast<void>(set);
