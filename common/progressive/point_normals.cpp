@@ -6,11 +6,14 @@
 #include <cmath>
 #include <numeric>
 #include <tuple>
+#include <utility>
 
 #include "common/core/worker_team.h"
 #include "common/progressive/contraction.h"
+#include "common/progressive/directions.h"
 #include "common/progressive/neighbours.h"
 #include "common/progressive/quadric.h"
+#include "common/progressive/visibility.h"
 
 namespace eigencast {
 namespace progressive {
@@ -44,15 +47,22 @@ Vec3 normal_from_points(std::span<const Vec3> positions, const Vec3& centre, std
 
 namespace {
 
-constexpr std::size_t kNeighbours = 16;      // that a normal is made from
-constexpr std::size_t kEdges = 10;           // of a point, along which its sign may be carried
-constexpr double kUp = 1e-3;                 // weight of "upwards" beside "outwards"
+constexpr std::size_t kNeighbours = 16;  // that a normal is made from
+constexpr std::size_t kEdges = 10;       // of a point, along which its sign may be carried
+constexpr double kUp = 1e-3;             // weight of "upwards" beside "outwards"
+constexpr double kManyVotes = 30;        // of a set: about those of two points that are seen from half of all sides
+constexpr double kClear = 0.15;          // share of a set's votes by which one side must lead to decide
+constexpr double kReach = 1.0;           // radius of a disc that hides, of the mean distance to a point's neighbours
 constexpr std::size_t kPointsAtOnce = 1024;  // for a thread
 
-/// Sets of points whose normals' signs are known relative to each other.
+/// Sets of points whose normals' signs are known relative to each other, with what has been seen of them: a vote counts for
+/// the normal of the set's root.
 class SignedSets {
  public:
-  explicit SignedSets(std::size_t n) : parent_(n), flipped_(n, 0) { std::iota(parent_.begin(), parent_.end(), 0U); }
+  explicit SignedSets(std::vector<SideVote> votes)
+      : parent_(votes.size()), flipped_(votes.size(), 0), votes_(std::move(votes)) {
+    std::iota(parent_.begin(), parent_.end(), 0U);
+  }
 
   struct Root {
     std::uint32_t root;
@@ -72,17 +82,38 @@ class SignedSets {
     }
     return {root, flipped};
   }
+  /// Makes one set of two, unless what has been seen of both says that the edge carries the sign wrongly.
   void join(std::uint32_t a, std::uint32_t b, bool opposite) {
     const Root x = find(a), y = find(b);
     if (x.root == y.root) return;
+    const bool against = x.flipped ^ y.flipped ^ opposite;
+    SideVote &first = votes_[std::min(x.root, y.root)], &second = votes_[std::max(x.root, y.root)];
+    const double added = against ? -second.along : second.along;
+    if (is_clear(first) && is_clear(second) && (first.along > 0) != (added > 0)) return;
     parent_[std::max(x.root, y.root)] = std::min(x.root, y.root);
-    flipped_[std::max(x.root, y.root)] = x.flipped ^ y.flipped ^ opposite ? 1 : 0;
+    flipped_[std::max(x.root, y.root)] = against ? 1 : 0;
+    first.along += added;
+    first.all += second.all;
   }
 
+  /// Of a root: whether it is seen which way its normal should look.
+  bool decided(std::uint32_t root) const { return is_clear(votes_[root]); }
+  bool looks_inwards(std::uint32_t root) const { return votes_[root].along < 0; }
+
  private:
+  static bool is_clear(const SideVote& vote) {
+    return vote.all >= kManyVotes && std::abs(vote.along) >= kClear * vote.all;
+  }
+
   std::vector<std::uint32_t> parent_;
   std::vector<char> flipped_;
+  std::vector<SideVote> votes_;
 };
+
+double distance(const Vec3& a, const Vec3& b) {
+  const Vec3 e = minus(b, a);
+  return std::sqrt(dot(e, e));
+}
 
 struct Edge {
   double doubt;  // 0: the mirrored normal is the other's, up to its sign; 1: across it
@@ -97,20 +128,23 @@ Edge edge_between(std::span<const Vec3> positions, std::span<const Vec3> normals
   return {1 - std::abs(agreement), std::min(a, b), std::max(a, b), agreement < 0};
 }
 
-/// Directions spread evenly over the sphere.
-std::array<Vec3, 64> all_round() {
-  std::array<Vec3, 64> directions{};
-  for (std::size_t k = 0; k < directions.size(); ++k) {
-    const double y = 1 - (2 * static_cast<double>(k) + 1) / static_cast<double>(directions.size());
-    const double angle = 2.399963229728653 * static_cast<double>(k);  // the golden one
-    const double r = std::sqrt(1 - y * y);
-    directions[k] = {r * std::cos(angle), y, r * std::sin(angle)};
+/// Whether most normals at the set's outermost points look inwards; where that is even, as on a sheet, whether the highest
+/// looks down.
+bool looks_inwards(std::span<const Vec3> positions, std::span<const Vec3> normals, std::span<const std::uint32_t> set) {
+  double outwards = 0;
+  bool first = true;
+  for (const Vec3& direction : all_round()) {
+    const auto outermost = *std::max_element(set.begin(), set.end(), [&](std::uint32_t a, std::uint32_t b) {
+      return dot(direction, positions[a]) < dot(direction, positions[b]);
+    });
+    outwards += dot(direction, normals[outermost]);
+    if (std::exchange(first, false)) outwards += kUp * normals[outermost][1];
   }
-  return directions;
+  return outwards < 0;
 }
 
-/// Turns each set so that normals at its outermost points look outwards, all together; where that is even, as on a sheet,
-/// so that the highest looks up.
+/// Turns each set as a whole: to the side from which it is seen, or, where that is not clear, outwards at its outermost
+/// points.
 void turn_outwards(std::span<const Vec3> positions, SignedSets& sets, std::vector<Vec3>& normals) {
   std::vector<std::vector<std::uint32_t>> members(positions.size());  // by root
   for (std::uint32_t i = 0; i < positions.size(); ++i) {
@@ -119,18 +153,10 @@ void turn_outwards(std::span<const Vec3> positions, SignedSets& sets, std::vecto
     if (!flipped) continue;
     for (double& x : normals[i]) x = -x;
   }
-  const auto directions = all_round();
-  for (const auto& set : members) {
+  for (std::uint32_t root = 0; root < members.size(); ++root) {
+    const auto& set = members[root];
     if (set.empty()) continue;
-    double outwards = 0;
-    for (const Vec3& direction : directions) {
-      const auto outermost = *std::max_element(set.begin(), set.end(), [&](std::uint32_t a, std::uint32_t b) {
-        return dot(direction, positions[a]) < dot(direction, positions[b]);
-      });
-      outwards += dot(direction, normals[outermost]);
-      if (&direction == &directions.front()) outwards += kUp * normals[outermost][1];
-    }
-    if (outwards >= 0) continue;
+    if (!(sets.decided(root) ? sets.looks_inwards(root) : looks_inwards(positions, normals, set))) continue;
     for (const std::uint32_t i : set) {
       for (double& x : normals[i]) x = -x;
     }
@@ -151,6 +177,7 @@ std::vector<Vec3> oriented_normals(std::span<const Vec3> positions) {
   if (members.size() < 3) return normals;
   const Neighbours neighbours(positions, members);
   std::vector<std::array<std::uint32_t, kEdges>> edges_of(members.size());
+  std::vector<double> reach(positions.size());  // 0 for copies of a point, which neither hide nor vote
   worker_team().run((members.size() + kPointsAtOnce - 1) / kPointsAtOnce, [&](std::size_t part) {
     const std::size_t end = std::min(members.size(), (part + 1) * kPointsAtOnce);
     for (std::size_t m = part * kPointsAtOnce; m < end; ++m) {
@@ -160,6 +187,8 @@ std::vector<Vec3> oriented_normals(std::span<const Vec3> positions) {
       normals[i] = normal_from_points(positions, positions[i], around);
       edges_of[m].fill(i);
       std::copy_n(around.begin(), std::min(kEdges, around.size()), edges_of[m].begin());
+      for (const std::uint32_t j : edges_of[m]) reach[i] += distance(positions[i], positions[j]);
+      reach[i] *= kReach / static_cast<double>(std::max<std::size_t>(1, std::min(kEdges, around.size())));
     }
   });
   std::vector<Edge> edges;
@@ -172,7 +201,7 @@ std::vector<Vec3> oriented_normals(std::span<const Vec3> positions) {
   std::sort(edges.begin(), edges.end(), [](const Edge& a, const Edge& b) {
     return std::tie(a.doubt, a.from, a.to) < std::tie(b.doubt, b.from, b.to);
   });
-  SignedSets sets(positions.size());
+  SignedSets sets(side_votes(positions, normals, reach));
   for (const Edge& edge : edges) sets.join(edge.from, edge.to, edge.opposite);
   for (std::uint32_t i = 0; i < positions.size(); ++i) {
     if (first[i] == i) continue;

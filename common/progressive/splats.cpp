@@ -18,7 +18,8 @@ constexpr std::uint32_t kFinestFrame = 16384;  // rows from here on are no corne
 constexpr std::size_t kNearest = 8;            // rows that are tried as corners
 constexpr std::size_t kCandidates = 48;
 constexpr std::size_t kRadiusNeighbours = 6;
-constexpr double kRadius = 0.8;  // of the mean distance of the nearest points: discs overlap on an uneven surface, too
+constexpr double kSameWay = 0.3;  // cosine between normals of discs that one may stand for
+constexpr double kRadius = 0.8;   // of the mean distance of the nearest points: discs overlap on an uneven surface, too
 
 double length(const Vec3& a) {
   return std::sqrt(dot(a, a));
@@ -114,7 +115,8 @@ class SplatBuilder {
     return best;
   }
 
-  /// A disc reaches to the far side of the discs that it stands for.
+  /// A disc reaches, within its plane, to the far side of the discs that it stands for and that look the same way: those on
+  /// the other side of a limb would make it larger than the limb.
   void make_radii() {
     const std::vector<std::uint32_t> first = first_at_position(x_);
     std::vector<std::uint32_t> places;
@@ -139,7 +141,10 @@ class SplatBuilder {
       result_.radius[i] = static_cast<float>(now[i]);
       result_.parent_radius[i] = static_cast<float>(now[onto]);
       for (const std::uint32_t j : stands_for[i]) {
-        now[onto] = std::max(now[onto], length(minus(x_[j], x_[onto])) + alone[j] / 2);
+        if (dot(normals_[j], normals_[onto]) < kSameWay) continue;
+        const Vec3 e = minus(x_[j], x_[onto]);
+        const double above = dot(e, normals_[onto]);
+        now[onto] = std::max(now[onto], std::sqrt(std::max(0.0, dot(e, e) - above * above)) + alone[j] / 2);
       }
       if (stands_for[onto].size() < stands_for[i].size()) std::swap(stands_for[onto], stands_for[i]);
       stands_for[onto].insert(stands_for[onto].end(), stands_for[i].begin(), stands_for[i].end());

@@ -16,7 +16,7 @@ namespace eigencast {
 ///           there are no such rows: the frame of the axes
 ///   normal  n: unit normal of the rest pose in that frame, (t, b, m)
 ///   radius  n: of the row's disc when the row appears, at level row + 1 (a row of the base: at the base's level), where it
-///           covers all that will be split off it
+///           covers, seen along its normal, all that will be split off it and looks the same way
 ///   parent_radius  n: of the disc of map[row] from then on, until the next row splits off it; 0 for rows of the base
 struct PointSplats {
   std::vector<std::array<std::uint32_t, 2>> frame;

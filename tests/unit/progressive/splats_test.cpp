@@ -104,13 +104,17 @@ TEST(PointNormals, AreUnitAndFiniteWhateverThePoints) {
 struct Cloud {
   explicit Cloud(Surface mesh) : surface{std::move(mesh.positions), {}} {
     order = build_prefix_order(surface).value();
-    splats = build_splats(surface.positions, oriented_normals(surface.positions), order);
-    for (const std::uint32_t i : order.order) rows.push_back(surface.positions[i]);
+    const std::vector<Vec3> all = oriented_normals(surface.positions);
+    splats = build_splats(surface.positions, all, order);
+    for (const std::uint32_t i : order.order) {
+      rows.push_back(surface.positions[i]);
+      normals.push_back(all[i]);
+    }
   }
   Surface surface;
   PrefixOrder order;
   PointSplats splats;
-  std::vector<Vec3> rows;
+  std::vector<Vec3> rows, normals;
 };
 
 TEST(Splats, FramesAreThereAtEveryLevelAndGiveTheNormalsBack) {
@@ -127,7 +131,7 @@ TEST(Splats, FramesAreThereAtEveryLevelAndGiveTheNormalsBack) {
   }
 }
 
-TEST(Splats, DiscsOfEveryLevelCoverAllPoints) {
+TEST(Splats, DiscsOfEveryLevelCoverAllPointsThatLookTheirWay) {
   const Cloud cloud(make_torus(60, 30, 1, 0.4));
   const auto n = static_cast<std::uint32_t>(cloud.rows.size());
   for (const std::uint32_t N : {cloud.order.base_count, n / 20, n / 3, n - 1, n}) {
@@ -136,7 +140,10 @@ TEST(Splats, DiscsOfEveryLevelCoverAllPoints) {
       radii[cloud.order.map[i]] = cloud.splats.parent_radius[i];
     for (std::uint32_t i = 0; i < n; ++i) {
       const std::uint32_t stand = prefix_corner(cloud.order.map, i, N);
-      EXPECT_LE(length(minus(cloud.rows[i], cloud.rows[stand])), radii[stand] * 1.000001) << i << " at " << N;
+      const Vec3 e = minus(cloud.rows[i], cloud.rows[stand]);
+      const Vec3 &here = cloud.normals[stand], &there = cloud.normals[i];
+      if (dot(here, there) < 0.31) continue;  // on another side of the tube
+      EXPECT_LE(length(cross(e, here)), radii[stand] * 1.000001) << i << " at " << N;
     }
   }
 }
@@ -157,10 +164,10 @@ TEST(Splats, OfFewOrCoincidentPointsStandStill) {
 TEST(PointNormals, OfNearlyAllPointsOfAnimalsLookOutwards) {
   const std::filesystem::path data = EIGENCAST_DATA_DIR;
   if (!std::filesystem::exists(data)) GTEST_SKIP() << data << " is not there: real inputs are not tested";
-  for (const char* name : {"horse-gallop", "elephant-gallop", "human-walk", "fox-run"}) {
+  for (const char* name : {"horse-gallop", "elephant-gallop", "human-walk", "fox-run", "ict-face"}) {
     const auto mesh = read_surface((data / "animations" / name / "rest.obj").string());
     ASSERT_TRUE(mesh) << mesh.error().message;
-    EXPECT_GT(share_outwards(*mesh, oriented_normals(mesh->positions)), 0.94) << name;
+    EXPECT_GT(share_outwards(*mesh, oriented_normals(mesh->positions)), 0.955) << name;
   }
 }
 
