@@ -5,8 +5,10 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <future>
 #include <new>
 #include <optional>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -28,7 +30,7 @@ namespace eigencast {
 namespace {
 
 /// Grows with every change of what a bake gives for the same input, so that old results are not found again.
-constexpr std::uint32_t kRecipe = 4;
+constexpr std::uint32_t kRecipe = 5;
 constexpr std::uint8_t kRecordVersion = 2;
 constexpr std::array<std::uint32_t, 3> kBandEnds = {14, 54,
                                                     104};  // after 4 affine columns, whole turns of the augmented basis
@@ -389,18 +391,32 @@ Result<Basis> basis_of(const Surface& surface, const Laplacian& laplacian, const
   return build_basis(surface, laplacian, {kind, options.rank}, progress);
 }
 
+/// Levels of detail need nothing of the basis, and whoever solves for that leaves a processor idle now and then: found on a
+/// thread of their own, which the future's end waits for; where there is no thread to be had, when they are asked for.
+std::future<Result<PrefixOrder>> start_order(const Surface& surface, const Looks& looks) {
+  const auto work = [&surface, &looks] {
+    std::vector<std::pair<std::uint32_t, std::uint32_t>> seams;
+    if (looks.texture) seams = seam_edges(surface.faces, looks.texture->places);
+    return build_prefix_order(surface, seams);
+  };
+  try {
+    return std::async(std::launch::async, work);
+  } catch (const std::system_error&) {
+    return std::async(std::launch::deferred, work);
+  }
+}
+
 Result<BakeResult> bake_afresh(const Surface& surface, const Looks& looks, const BakeOptions& options,
                                const Stages& stages) {
   const TimeUs start = steady_now_us();
   if (!stages.at(0.01, "operator")) return cancelled("operator");
   auto laplacian = build_laplacian(surface);
   if (!laplacian) return laplacian.error();
+  auto order_to_come = start_order(surface, looks);
   auto basis = basis_of(surface, *laplacian, options, stages.within(kLaplacianDone, kBasisDone));
   if (!basis) return basis.error();
   if (!stages.at(kBasisDone, "levels of detail")) return cancelled("levels of detail");
-  std::vector<std::pair<std::uint32_t, std::uint32_t>> seams;
-  if (looks.texture) seams = seam_edges(surface.faces, looks.texture->places);
-  auto order = build_prefix_order(surface, seams);
+  auto order = order_to_come.get();
   if (!order) return order.error();
   if (!stages.at(kOrderDone, "encoding")) return cancelled("encoding");
   const Asset exact = asset_from(surface, looks, *basis, std::move(*order), options);

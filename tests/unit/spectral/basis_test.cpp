@@ -5,6 +5,8 @@
 
 #include <algorithm>
 
+#include "common/spectral/augment.h"
+#include "common/spectral/eigenbasis.h"
 #include "support.h"
 
 namespace eigencast {
@@ -302,6 +304,27 @@ TEST(Basis, RefusesTheLaplacianOfAnotherSurface) {
   ASSERT_FALSE(basis);
   EXPECT_EQ(basis.error().code, ErrorCode::kInvalidArgument);
   EXPECT_FALSE(build_basis(make_icosphere(1), *laplacian, {BasisKind::kHarmonic, 0}));
+}
+
+// A torus and the heart are so smooth that products with their points say little that harmonics do not.
+TEST(AugmentedBasis, ACoarserSurfaceForetellsItsHarmonics) {
+  constexpr int kRank = 60, kProducts = kRank / 10;
+  for (const Surface& surface : {make_heart(30), make_torus(140, 60, 1.0, 0.4)}) {
+    const auto laplacian = build_laplacian(surface);
+    ASSERT_TRUE(laplacian);
+    const int foretold = harmonics_on_coarser(surface.positions, *laplacian, kProducts, kRank);
+    ASSERT_GE(foretold, kRank - 3 * kProducts);
+    const auto columns_with = [&](int m) {
+      const auto eigenbasis = solve_eigenbasis(*laplacian, m);
+      Candidates candidates = candidates_from(surface.positions, laplacian->mass);
+      candidates.harmonics = laplacian->mass.cwiseSqrt().asDiagonal() * eigenbasis->Phi;
+      return augment(candidates, kProducts, kRank).cols();
+    };
+    EXPECT_EQ(columns_with(foretold), kRank);
+    EXPECT_LT(columns_with(foretold - 3), kRank) << "more were foretold than it takes: " << foretold;
+  }
+  const auto small = build_laplacian(make_icosphere(2));
+  EXPECT_EQ(harmonics_on_coarser(make_icosphere(2).positions, *small, 2, 20), 0);
 }
 
 }  // namespace

@@ -1,0 +1,177 @@
+// SPDX-License-Identifier: MIT
+#include "common/spectral/augment.h"
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+#include "common/spectral/affine.h"
+#include "common/spectral/coarsening.h"
+#include "common/spectral/eigenbasis.h"
+#include "common/spectral/panels.h"
+
+namespace eigencast {
+namespace {
+
+constexpr double kDependent = 1e-2;           // relative residual below which a column says nothing new but noise
+constexpr double kFlatProduct = 1e-9;         // norm of a product with a coordinate that does not vary
+constexpr double kDependentOnCoarser = 2e-2;  // there: triangles as coarse make noise of their own
+constexpr int kHarmonicsPerTurn = 7;          // between two groups of three products
+constexpr Eigen::Index kCoarseEnough = 3000;  // vertices that tell how many harmonics it takes
+
+/// Chooses columns in embedded order by a Cholesky factorisation of their Gram matrix that grows by one column at a
+/// time and passes over columns that those before determine.
+class Selection {
+ public:
+  Selection(Eigen::MatrixXd gram, int rank) : gram_(std::move(gram)), R_(Eigen::MatrixXd::Zero(rank, rank)) {}
+
+  bool full() const { return static_cast<Eigen::Index>(chosen_.size()) == R_.cols(); }
+  const std::vector<Eigen::Index>& chosen() const { return chosen_; }
+
+  /// Takes candidate `index` if at least `threshold` of its norm is new.
+  void offer(Eigen::Index index, double threshold) {
+    const double squared_norm = gram_(index, index);
+    if (full() || !(squared_norm > 0)) return;
+    const Eigen::Index k = static_cast<Eigen::Index>(chosen_.size());
+    Eigen::VectorXd column(k);
+    for (Eigen::Index i = 0; i < k; ++i) column[i] = gram_(chosen_[static_cast<std::size_t>(i)], index);
+    R_.topLeftCorner(k, k).triangularView<Eigen::Upper>().transpose().solveInPlace(column);
+    const double rest = squared_norm - column.squaredNorm();
+    if (!(rest > threshold * threshold * squared_norm)) return;
+    R_.col(k).head(k) = column;
+    R_(k, k) = std::sqrt(rest);
+    chosen_.push_back(index);
+  }
+
+  /// Upper triangular: chosen columns = Q R.
+  Eigen::MatrixXd R() const {
+    const auto k = static_cast<Eigen::Index>(chosen_.size());
+    return R_.topLeftCorner(k, k);
+  }
+
+ private:
+  Eigen::MatrixXd gram_;
+  Eigen::MatrixXd R_;
+  std::vector<Eigen::Index> chosen_;
+};
+
+/// All candidate columns side by side: affine | harmonics but the constant | phi_k * (x0, y0, z0) for k = 2..K,
+/// normalised.
+struct CandidateColumns {
+  Panels panels;
+  Eigen::Index affine = 0, harmonics = 0;
+};
+
+CandidateColumns candidate_columns(const Candidates& from, int K) {
+  const Eigen::Index n = from.harmonics.rows();
+  const Eigen::Index a = from.affine.cols();
+  const Eigen::Index m = from.harmonics.cols() - 1;
+  CandidateColumns columns{zero_panels(n, a + m + 3 * (K - 1)), a, m};
+  const auto set = [&](Eigen::Index j, const auto& column) {
+    for (Eigen::Index i = 0; i < n; ++i) columns.panels.at(i, j) = column[i];
+  };
+  for (Eigen::Index j = 0; j < a; ++j) set(j, from.affine.col(j));
+  for (Eigen::Index j = 0; j < m; ++j) set(a + j, from.harmonics.col(j + 1));
+  for (Eigen::Index k = 1; k < K; ++k) {
+    for (Eigen::Index axis = 0; axis < 3; ++axis) {
+      Eigen::VectorXd column = from.harmonics.col(k).cwiseProduct(from.rest.col(axis));
+      const double norm = column.norm();
+      column *= norm > kFlatProduct ? 1 / norm : 0;
+      set(a + m + 3 * (k - 1) + axis, column);
+    }
+  }
+  return columns;
+}
+
+struct Selected {
+  Selection selection;
+  Eigen::Index harmonics_offered = 0;  // the constant not counted
+};
+
+Selected select(const CandidateColumns& columns, int K, int rank, double dependent) {
+  const Eigen::Index affine = columns.affine, harmonics = columns.harmonics;
+  Selection selection(gram(columns.panels), rank);
+  for (Eigen::Index i = 0; i < affine; ++i) selection.offer(i, 0);
+  Eigen::Index next = 0;
+  const auto offer_harmonics = [&](std::size_t until) {
+    while (next < harmonics && selection.chosen().size() < until) selection.offer(affine + next++, dependent);
+  };
+  for (Eigen::Index k = 1; k < K; ++k) {
+    offer_harmonics(selection.chosen().size() + kHarmonicsPerTurn);
+    const std::size_t after = selection.chosen().size() + 3;
+    for (Eigen::Index axis = 0; axis < 3; ++axis) {
+      selection.offer(affine + harmonics + 3 * (k - 1) + axis, dependent);
+    }
+    offer_harmonics(after);
+  }
+  offer_harmonics(static_cast<std::size_t>(rank));
+  return {std::move(selection), next};
+}
+
+/// Where the vertices of a coarser surface lie.
+std::vector<Vec3> averages(const Coarsened& coarse, const Eigen::VectorXd& mass, std::span<const Vec3> positions) {
+  const Eigen::MatrixXd moments = coarse.P.transpose() * (mass.asDiagonal() * matrix_from_positions(positions));
+  const Eigen::VectorXd weights = coarse.P.transpose() * mass;
+  std::vector<Vec3> means(static_cast<std::size_t>(weights.size()));
+  for (Eigen::Index i = 0; i < weights.size(); ++i) {
+    for (Eigen::Index d = 0; d < 3; ++d) {
+      means[static_cast<std::size_t>(i)][static_cast<std::size_t>(d)] = moments(i, d) / weights[i];
+    }
+  }
+  return means;
+}
+
+}  // namespace
+
+Candidates candidates_from(std::span<const Vec3> rest, const Eigen::VectorXd& mass) {
+  Candidates candidates;
+  candidates.rest = centred_rest(rest, mass);
+  candidates.affine = orthonormal_affine(mass.cwiseSqrt(), candidates.rest);
+  return candidates;
+}
+
+Eigen::MatrixXd augment(Candidates& from, int K, int rank) {
+  CandidateColumns columns = candidate_columns(from, K);
+  const Eigen::Index n = from.harmonics.rows();
+  from.harmonics.resize(0, 0);
+  const Selection selection = select(columns, K, rank, kDependent).selection;
+  const auto chosen = static_cast<Eigen::Index>(selection.chosen().size());
+  Panels Q = zero_panels(n, chosen);
+  for (Eigen::Index j = 0; j < chosen; ++j) {
+    copy_column(columns.panels, selection.chosen()[static_cast<std::size_t>(j)], Q, j);
+  }
+  columns.panels.drop_from(0);
+  Eigen::MatrixXd turn = Eigen::MatrixXd::Zero(Q.columns(), Q.columns());
+  turn.topLeftCorner(chosen, chosen) =
+      selection.R().triangularView<Eigen::Upper>().solve(Eigen::MatrixXd::Identity(chosen, chosen));
+  rotate(Q, turn);
+  orthonormalise(Q, chosen);  // once more: the Gram matrix squares the condition number
+  Eigen::MatrixXd result(Q.rows(), chosen);
+  for (Eigen::Index j = 0; j < chosen; ++j) {
+    for (Eigen::Index i = 0; i < Q.rows(); ++i) result(i, j) = Q.at(i, j);
+  }
+  return result;
+}
+
+int harmonics_on_coarser(std::span<const Vec3> rest, const Laplacian& laplacian, int K, int rank) {
+  Laplacian coarse;
+  std::vector<Vec3> positions(rest.begin(), rest.end());
+  const Laplacian* here = &laplacian;
+  const Eigen::Index least = 4 * Eigen::Index{rank};
+  while (here->mass.size() > std::max(kCoarseEnough, 2 * least)) {
+    Coarsened next = coarsen(*here);
+    if (next.laplacian.mass.size() < least || 10 * next.laplacian.mass.size() > 9 * here->mass.size()) break;
+    positions = averages(next, here->mass, positions);
+    coarse = std::move(next.laplacian);
+    here = &coarse;
+  }
+  if (here == &laplacian) return 0;
+  auto eigenbasis = solve_eigenbasis_exactly(coarse, rank);
+  if (!eigenbasis) return 0;
+  Candidates candidates = candidates_from(positions, coarse.mass);
+  candidates.harmonics = std::move(eigenbasis->Phi);
+  candidates.harmonics.array().colwise() *= coarse.mass.cwiseSqrt().array();
+  return 1 + static_cast<int>(select(candidate_columns(candidates, K), K, rank, kDependentOnCoarser).harmonics_offered);
+}
+
+}  // namespace eigencast
