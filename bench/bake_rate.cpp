@@ -2,8 +2,8 @@
 //
 // bake_rate [--peers] [--exactly] [--m M] SHAPE...: seconds for the M lowest eigenpairs (default 200) of the Laplacian of surfaces, ours
 // and, with --peers, ARPACK with sparse LU and with sparse Cholesky and Spectra's stock shift-invert: the same pair (L, M),
-// the same shift below zero, the same tolerance, one after the other in one run. SHAPE is a file, or heart:N, ico:LEVEL,
-// torus:ROWS for a built-in one. --exactly: ours once more without approximation, for surfaces of more than 150,000 vertices.
+// the same shift below zero, the same tolerance, one after the other in one run. SHAPE as bench/named_surface.h has it.
+// --exactly: ours once more without approximation, for surfaces of more than 150,000 vertices.
 // Residuals of all are measured by the same lines.
 #include <Eigen/Core>
 #include <Eigen/SparseCholesky>
@@ -13,14 +13,14 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <ctime>
 #include <functional>
 #include <numbers>
 #include <string>
 #include <vector>
 
+#include "bench/named_surface.h"
 #include "common/spectral/eigenbasis.h"
-#include "common/surface/read.h"
-#include "common/surface/shapes.h"
 
 #if EIGENCAST_HAS_SPECTRA
 #include <Spectra/MatOp/SparseSymMatProd.h>
@@ -46,6 +46,11 @@ constexpr double kTolerance = 1e-9;
 
 double now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+/// Of all threads.
+double processor_seconds() {
+  return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
 }
 
 double shift_of(const Laplacian& laplacian) {
@@ -155,21 +160,8 @@ double truncation(const Surface& surface, const Laplacian& laplacian, const Foun
   return std::sqrt(left / laplacian.area) / bounding_box(surface.positions).diagonal();
 }
 
-Surface surface_of(const std::string& name) {
-  const auto colon = name.find(':');
-  const std::string kind = name.substr(0, colon);
-  const int size = colon == std::string::npos ? 0 : std::atoi(name.c_str() + colon + 1);
-  if (kind == "heart") return make_heart(size);
-  if (kind == "ico") return make_icosphere(size);
-  if (kind == "torus") return make_torus(2 * size, size, 1.0, 0.4);
-  auto surface = read_surface(name);
-  if (surface) return std::move(*surface);
-  std::fprintf(stderr, "bake_rate: %s\n", surface.error().message.c_str());
-  std::exit(1);
-}
-
 void compare(const std::string& name, int m, bool peers, bool exactly) {
-  const Surface surface = surface_of(name);
+  const Surface surface = bench::named_surface(name);
   const double begin = now();
   const auto laplacian = build_laplacian(surface);
   if (!laplacian) return static_cast<void>(std::fprintf(stderr, "%s\n", laplacian.error().message.c_str()));
@@ -193,12 +185,12 @@ void compare(const std::string& name, int m, bool peers, bool exactly) {
   }
   double first = 0;
   for (const Peer& peer : all) {
-    const double start = now();
+    const double start = now(), used_before = processor_seconds();
     Found found = peer.solve();
-    const double seconds = now() - start;
+    const double seconds = now() - start, used = processor_seconds() - used_before;
     if (first == 0) first = seconds;
-    std::printf("  %-30s %8.2f s  %5.1fx  residual %.1e  lambda_m %.6g  rest pose left %.4e\n", peer.name, seconds,
-                seconds / first, worst_residual(*laplacian, found), found.values.maxCoeff(),
+    std::printf("  %-30s %8.2f s  %5.1fx  processor %8.2f s  residual %.1e  lambda_m %.6g  rest pose left %.4e\n",
+                peer.name, seconds, seconds / first, used, worst_residual(*laplacian, found), found.values.maxCoeff(),
                 truncation(surface, *laplacian, found));
     std::fflush(stdout);
   }

@@ -5,14 +5,15 @@
 // Eigen's products. All in one run, one after the other in every repetition; medians.
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <functional>
-#include <random>
 #include <string>
 #include <vector>
 
 #include "bench/machine_limits.h"
+#include "bench/random_asset.h"
 #include "common/core/worker_team.h"
 #include "common/reconstruction/reconstruct.h"
 
@@ -21,24 +22,6 @@ namespace {
 using namespace eigencast;
 
 constexpr int kRepetitions = 41;
-
-/// An asset on a 16-bit grid but for four columns, as bakes are; its numbers mean nothing.
-Asset random_asset(std::uint32_t n, std::uint32_t r, bool on_grid) {
-  Asset asset;
-  asset.vertex_count = asset.rows_ready = n;
-  asset.rank = r;
-  std::mt19937 random(1);
-  if (on_grid) {
-    asset.exact_columns = std::min(r, 4U);
-    asset.column_scales.assign(r - asset.exact_columns, 1e-4F);
-  }
-  asset.basis.resize(std::size_t{n} * r);
-  for (float& value : asset.basis) value = static_cast<float>(static_cast<int>(random() % 65535) - 32767) * 1e-4F;
-  asset.mass.assign(n, 1.0F);
-  asset.source_vertex.resize(n);
-  for (std::uint32_t i = 0; i < n; ++i) asset.source_vertex[i] = i;
-  return asset;
-}
 
 struct Case {
   std::string name;
@@ -192,13 +175,10 @@ int main(int argc, char** argv) {
   const auto n = static_cast<std::uint32_t>(argc > 1 ? std::strtoul(argv[1], nullptr, 10) : 42321);
   const auto r = static_cast<std::uint32_t>(argc > 2 ? std::strtoul(argv[2], nullptr, 10) : 200);
   if (n < 64 || r < 4) return std::fprintf(stderr, "reconstruction_rate: VERTICES >= 64, RANK >= 4\n"), 2;
-  const Asset grid = random_asset(n, r, true), floats = random_asset(n, r, false);
+  const Asset grid = bench::random_asset(n, r, true), floats = bench::random_asset(n, r, false);
   Scene scene{grid, floats, {}, {}, std::vector<std::vector<float>>(6, std::vector<float>(std::size_t{n} * 3))};
-  std::mt19937 random(2);
-  for (std::size_t i = 0; i < std::size_t{r} * 3; ++i) {
-    scene.C.push_back(static_cast<double>(random()) / 4294967296.0 - 0.5);
-    scene.C_float.push_back(static_cast<float>(scene.C.back()));
-  }
+  scene.C = bench::random_coefficients(r);
+  scene.C_float.assign(scene.C.begin(), scene.C.end());
   const double rate = multiplication_rate();
   std::printf("one core multiplies and adds %.1f thousand million floats a second; %u threads; medians of %d\n",
               rate * 1e-9, worker_team().threads(), kRepetitions);

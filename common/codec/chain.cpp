@@ -135,13 +135,6 @@ bool append_quick_run(const CoefficientLayout& layout, std::size_t band, const C
                             {half_spacing, layout.channels}, workspace, out);
 }
 
-/// Memory that encode_pose uses over again.
-struct PoseScratch {
-  Bytes payload, run;
-  band::QuickWorkspace workspace;
-  RescaledValues memory;
-};
-
 /// Reads one run into `key` and returns the bytes it took.
 Result<std::size_t> read_run(const CoefficientLayout& layout, std::size_t band, const band::References& from,
                              std::uint8_t half_spacing, ByteView in, Key& key) {
@@ -224,9 +217,9 @@ Result<void> each_section(const CoefficientLayout& layout, std::uint8_t bands, B
     if (!has(bands, band)) continue;
     const std::uint64_t length = reader.varint();
     const ByteView section = reader.bytes(length);
-    const auto where = [band] { return "payload: band " + std::to_string(band); };
-    if (reader.failed()) return fail(ErrorCode::kCorrupt, where() + ": it ends early");
-    if (const auto visited = visit(band, section); !visited) return in_context(where(), visited.error());
+    const std::string where = "payload: band " + std::to_string(band);
+    if (reader.failed()) return fail(ErrorCode::kCorrupt, where + ": it ends early");
+    if (const auto visited = visit(band, section); !visited) return in_context(where, visited.error());
   }
   if (!reader.finished()) return corrupt(std::to_string(reader.remaining()) + " bytes are left over");
   return {};
@@ -262,12 +255,12 @@ Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& s
 Result<Bytes> encode_pose(const CoefficientLayout& layout, const ChainState& state, Key pose,
                           std::uint8_t half_spacing) {
   if (const auto checked = check_coded(layout, pose, half_spacing); !checked) return checked.error();
-  // A broker makes thousands a second: of each, only what is returned is memory of its own.
-  thread_local PoseScratch scratch;
-  auto& [payload, run, workspace, memory] = scratch;
-  payload.clear();
+  Bytes payload;
   ByteWriter writer(payload);
   append_key_head(layout, state, pose, half_spacing, writer);
+  Bytes run;
+  band::QuickWorkspace workspace;
+  RescaledValues memory;
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
     if (!has(pose.bands, band)) continue;
     run.clear();
@@ -279,7 +272,7 @@ Result<Bytes> encode_pose(const CoefficientLayout& layout, const ChainState& sta
     writer.varint(run.size());
     writer.bytes(run);
   }
-  return Bytes(payload);
+  return payload;
 }
 
 std::uint8_t half_spacing_of(ByteView payload) {

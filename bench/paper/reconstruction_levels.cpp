@@ -1,0 +1,45 @@
+// SPDX-License-Identifier: MIT
+//
+// reconstruction_levels VERTICES SET THREADS SECONDS: a line of CSV for each tenth of the vertices: milliseconds that one
+// pose's positions take at that level of detail, r = 200, int16 basis: the mean over SECONDS, in which a quota shows, and the
+// median. SET is baseline or best; THREADS 0 is as many as pay.
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <vector>
+
+#include "bench/random_asset.h"
+#include "common/reconstruction/reconstruct.h"
+
+int main(int argc, char** argv) {
+  using namespace eigencast;
+  using Clock = std::chrono::steady_clock;
+  if (argc != 5) return std::fprintf(stderr, "reconstruction_levels VERTICES baseline|best THREADS SECONDS\n"), 2;
+  constexpr std::uint32_t kRank = 200;
+  const auto n = static_cast<std::uint32_t>(std::strtoul(argv[1], nullptr, 10));
+  const InstructionSet set =
+      std::strcmp(argv[2], "baseline") == 0 ? InstructionSet::kBaseline : instruction_sets().back();
+  const std::chrono::duration<double> wanted(std::strtod(argv[4], nullptr));
+  const Asset asset = bench::random_asset(n, kRank, true);
+  const std::vector<double> C = bench::random_coefficients(kRank);
+  std::vector<float> positions(std::size_t{n} * 3);
+  Reconstructor reconstructor(set, static_cast<unsigned>(std::strtoul(argv[3], nullptr, 10)));
+  reconstructor.update(asset);
+  std::puts("vertices,set,level_percent,mean_ms,median_ms");
+  for (std::uint32_t level = 10; level <= 100; level += 10) {
+    const std::uint32_t N = n / 100 * level;
+    std::vector<double> ms;
+    for (const auto begin = Clock::now(); Clock::now() - begin < wanted;) {
+      const auto before = Clock::now();
+      reconstructor.rebuild(C, 3, kRank, N, positions);
+      ms.push_back(std::chrono::duration<double, std::milli>(Clock::now() - before).count());
+    }
+    double sum = 0;
+    for (const double value : ms) sum += value;
+    std::sort(ms.begin(), ms.end());
+    std::printf("%u,%s,%u,%.4f,%.4f\n", n, name_of(set), level, sum / static_cast<double>(ms.size()),
+                ms[ms.size() / 2]);
+  }
+}
