@@ -65,8 +65,8 @@ inline Floats floats_of(const Words& from) {
 /// around where that is beyond a word.
 inline Words add_products_of_halves(const Words& sums, const Words& a, const Words& b) {
 #if defined(__AVX512VNNI__)
-  return reinterpret_cast<Words>(_mm512_dpwssd_epi32(reinterpret_cast<__m512i>(sums), reinterpret_cast<__m512i>(a),
-                                                     reinterpret_cast<__m512i>(b)));
+  return reinterpret_cast<Words>(
+      _mm512_dpwssd_epi32(reinterpret_cast<__m512i>(sums), reinterpret_cast<__m512i>(a), reinterpret_cast<__m512i>(b)));
 #elif defined(__AVX512BW__)
   return sums + reinterpret_cast<Words>(_mm512_madd_epi16(reinterpret_cast<__m512i>(a), reinterpret_cast<__m512i>(b)));
 #elif defined(__AVX2__)
