@@ -11,7 +11,7 @@ namespace eigencast {
 namespace {
 
 constexpr double kDoubleClickS = 0.35;
-constexpr float kDoubleClickPx = 6;
+constexpr float kDoubleClickPx = 6;  // at 96 dpi
 
 std::string base_name_of(int key) {
   if ((key >= GLFW_KEY_A && key <= GLFW_KEY_Z) || key == GLFW_KEY_SPACE || key == GLFW_KEY_COMMA ||
@@ -74,6 +74,7 @@ Result<void> GlfwWindow::open(int width, int height, const std::string& title) {
   glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 3);
   glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
   glfwWindowHint(GLFW_OPENGL_FORWARD_COMPAT, GLFW_TRUE);
+  glfwWindowHint(GLFW_VISIBLE, GLFW_FALSE);
   window_ = glfwCreateWindow(width, height, title.c_str(), nullptr, nullptr);
   if (window_ == nullptr) return no_window();
   glfwMakeContextCurrent(window_);
@@ -85,6 +86,7 @@ void GlfwWindow::listen(WindowListener& listener) {
   listener_ = &listener;
   glfwSetWindowUserPointer(window_, this);
   glfwSetFramebufferSizeCallback(window_, [](GLFWwindow* w, int, int) { of(w).take_size(); });
+  glfwSetWindowContentScaleCallback(window_, [](GLFWwindow* w, float, float) { of(w).take_size(); });
   glfwSetWindowRefreshCallback(window_, [](GLFWwindow* w) { of(w).listener_->on_anything(); });
   glfwSetWindowFocusCallback(window_, [](GLFWwindow* w, int) { of(w).listener_->on_anything(); });
   glfwSetCharCallback(window_, [](GLFWwindow* w, unsigned) { of(w).listener_->on_anything(); });
@@ -106,6 +108,7 @@ void GlfwWindow::listen(WindowListener& listener) {
     of(w).listener_->on_anything();
     of(w).listener_->on_drop(std::vector<std::string>(paths, paths + count));
   });
+  glfwShowWindow(window_);
   take_size();
 }
 
@@ -140,7 +143,8 @@ void GlfwWindow::on_cursor(double x, double y) {
 
 void GlfwWindow::on_press() {
   const double now = glfwGetTime();
-  const bool again = now - pressed_s_ < kDoubleClickS && glm::length(cursor_ - pressed_at_) < kDoubleClickPx;
+  const float close = kDoubleClickPx * std::max(content_scale(), pixels_per_unit());
+  const bool again = now - pressed_s_ < kDoubleClickS && glm::length(cursor_ - pressed_at_) < close;
   pressed_s_ = again ? -1 : now;
   pressed_at_ = cursor_;
   if (again) listener_->on_double_click(cursor_);
@@ -169,6 +173,11 @@ float GlfwWindow::content_scale() const {
   float scale = 1, unused = 1;
   glfwGetWindowContentScale(window_, &scale, &unused);
   return std::max(scale, 1.0F);
+}
+
+float GlfwWindow::pixels_per_unit() const {
+  const glm::vec2 unit = pixels(1, 1);
+  return unit.x > 0 ? unit.x : 1;
 }
 
 double GlfwWindow::display_rate_hz() const {

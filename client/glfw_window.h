@@ -36,14 +36,15 @@ class GlfwWindow final {
 
   /// Errors: kUnsupported (no display, no OpenGL), with what to do instead.
   Result<void> open(int width, int height, const std::string& title);
-  /// From now on; `listener` must outlive the window. It is told the size at once.
+  /// From now on, when the window is shown; `listener` must outlive the window. It is told the size at once.
   void listen(WindowListener& listener);
 
   void poll_events(double wait_s);  ///< Waits for the first at most so long; 0: not at all.
   bool close_wanted() const;
   void swap();
   void set_title(const std::string& title);
-  float content_scale() const;  ///< 1 = 96 dpi
+  float content_scale() const;    ///< 1 = 96 dpi
+  float pixels_per_unit() const;  ///< Of the picture, to a unit of the window: 2 on dense displays of some systems.
   double display_rate_hz() const;
   glm::ivec2 size() const;  ///< In window units, as it is asked for.
   std::string clipboard() const;

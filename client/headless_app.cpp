@@ -42,7 +42,8 @@ class Headless {
     if (!session) return session.error();
     session_ = std::move(session).value();
     session_->rebuild_with(rebuilder_);
-    if (options_.hud) overlay_ = std::make_unique<Overlay>(nullptr);
+    if (options_.hud)
+      overlay_ = std::make_unique<Overlay>(nullptr, text_scale(1, 1, static_cast<float>(options_.ui_scale)));
     camera_.set_viewport(options_.width, options_.height);
     camera_.set_view(options_.view);
     if (!options_.camera_path.empty()) {
@@ -105,7 +106,7 @@ class Headless {
     taken_us_ = steady_now_us();
     if (!flight_began_us_) flight_began_us_ = steady_now_us();
     const unsigned target = renderer_->offscreen_target(options_.width, options_.height);
-    session_->draw(*renderer_, camera_, options_.look, options_.width, options_.height, target, true);
+    session_->draw(*renderer_, camera_, options_.look, options_.width, options_.height, target);
     if (overlay_) {
       OverlayContent content;
       content.figures = hud_lines(session_->figures());
@@ -115,6 +116,7 @@ class Headless {
       content.legend = session_->legend();
       overlay_->draw(content, options_.width, options_.height, target);
     }
+    session_->finish_picture(true);
     ++taken_;
     if (options_.out.empty()) return {};
     const Result<void> written =

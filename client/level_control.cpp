@@ -31,6 +31,7 @@ void LevelControl::make_resolver(const Camera& camera) {
   if (settings_.kind == ResolverKind::kBudget) {
     BudgetResolver::Settings settings;
     settings.f0 = settings_.target_fps;
+    settings.fill = settings_.fill;
     resolver_ = std::make_unique<BudgetResolver>(settings);
   } else {
     PaperResolver::Settings settings;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "client/open_source.h"
 
+#include <algorithm>
 #include <filesystem>
 
 #include "client/clip_source.h"
@@ -31,8 +32,8 @@ Result<std::unique_ptr<PoseSource>> subscribe(const std::string& stream, const C
   }
   const auto contexts = Contexts::load(Contexts::default_path());
   if (!contexts) return contexts.error();
-  // The first stream's credentials are the user's, for the same broker; a context's are for its own.
-  auto target = resolve_target(stream, {}, "", *contexts);
+  const Credentials given = credentials_for(stream, options.scene.streams, options.credentials);
+  auto target = resolve_target(stream, given, "", *contexts);
   if (!target) return target.error();
   wanted.url = target->url;
   wanted.credentials = target->credentials;
@@ -53,6 +54,19 @@ Wanted wanted_from(const std::string& text) {
   std::error_code ignored;
   if (ends_with(what, ".json") && std::filesystem::is_regular_file(what, ignored)) return {Wanted::Kind::kScene, what};
   return {Wanted::Kind::kClip, "file:" + what};
+}
+
+Credentials credentials_for(const std::string& stream, std::span<const std::string> streams,
+                            std::span<const Credentials> credentials) {
+  const auto wanted = parse_broker_url(stream);
+  for (std::size_t i = 0; wanted && i < std::min(streams.size(), credentials.size()); ++i) {
+    const auto known = parse_broker_url(streams[i]);
+    if (clip_in(streams[i]) || !known || known->origin() != wanted->origin()) continue;
+    Credentials given = credentials[i];
+    if (!wanted->credentials.token.empty()) given.token.clear();
+    return given;
+  }
+  return {};
 }
 
 Result<std::unique_ptr<PoseSource>> open_source(const std::string& stream, const Credentials* credentials,

@@ -14,22 +14,6 @@ namespace {
 
 using nlohmann::json;
 
-std::string_view name_of(FrameKind kind) {
-  switch (kind) {
-    case FrameKind::kKey:
-      return "key";
-    case FrameKind::kJoin:
-      return "join";
-    case FrameKind::kSynthetic:
-      return "synthetic";
-    case FrameKind::kStep:
-      return "step";
-    case FrameKind::kEstimate:
-      return "estimate";
-  }
-  return "unknown";
-}
-
 json json_from(const Histogram& h) {
   return {{"count", h.count()},      {"p50", h.percentile(50)}, {"p90", h.percentile(90)},
           {"p99", h.percentile(99)}, {"max", h.max()},          {"negative", h.negative()}};
@@ -72,15 +56,8 @@ Session::Session(const ClientOptions& options, std::span<PoseSource* const> sour
 Result<std::unique_ptr<Session>> Session::create(const ClientOptions& options, std::span<PoseSource* const> sources,
                                                  LogSink log) {
   std::unique_ptr<Session> session(new Session(options, sources, std::move(log)));
-  if (!options.record.empty()) {
-    session->record_.open(options.record, std::ios::trunc);
-    if (!session->record_) return fail(ErrorCode::kIo, options.record + ": cannot be written; is its folder there?");
-  }
-  if (!options.record_shown.empty()) {
-    session->shown_record_.open(options.record_shown, std::ios::trunc);
-    if (!session->shown_record_)
-      return fail(ErrorCode::kIo, options.record_shown + ": cannot be written; is its folder there?");
-  }
+  if (const Result<void> opened = session->record_.open(options.record, options.record_shown); !opened)
+    return opened.error();
   return session;
 }
 
@@ -110,7 +87,7 @@ void Session::add(PoseSource& source, const std::string& name, Placement placeme
 PoseSource* Session::remove(std::size_t surface) {
   const std::size_t source = scene_.instances()[surface].placement.source;
   scene_.remove(surface);
-  if (surface < painters_.size()) painters_.erase(painters_.begin() + static_cast<std::ptrdiff_t>(surface));
+  colours_.remove(surface);
   renderer_stale_ = true;
   auto& instances = scene_.instances();
   if (std::any_of(instances.begin(), instances.end(), [&](const auto& i) { return i.placement.source == source; }))
@@ -146,7 +123,7 @@ bool Session::poll(std::chrono::milliseconds timeout) {
       decode_us_.add(pose.decoded_us - pose.arrival_us);
     }
     poses_taken_ += poses.size();
-    if (record_.is_open()) record(i, poses);
+    record_.received(i, poses);
     scene_.receive(i, *sources_[i], poses);
   }
   return received;
@@ -155,6 +132,7 @@ bool Session::poll(std::chrono::milliseconds timeout) {
 bool Session::update(std::chrono::milliseconds timeout, Camera& camera) {
   const bool received = poll(timeout);
   const TimeUs now = steady_now_us();
+  work_.start(now);
   levels_.choose(scene_, sources_, camera, std::exchange(last_work_, std::nullopt));
   const bool changed = scene_.advance(sources_, now);
   frame_scene(camera);
@@ -174,7 +152,7 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera) {
   }
   say_states();
   remember(now);
-  rebuilding_us_ += steady_now_us() - now;
+  work_.stop(steady_now_us());
   return changed;
 }
 
@@ -191,40 +169,6 @@ void Session::remember(TimeUs now_us) {
   sample.latency_ms = static_cast<double>(last_latency_us_) / 1000;
   sample.kbit_per_s = bytes_.per_second() * 8 / 1000;
   history_.add(sample, now_us);
-}
-
-void Session::record(std::size_t source, const std::vector<ReceivedPose>& poses) {
-  for (const ReceivedPose& pose : poses) {
-    const Envelope& e = pose.envelope;
-    const json line{{"stream", source},
-                    {"kind", name_of(e.kind)},
-                    {"sequence", e.sequence},
-                    {"at", e.step.at},
-                    {"of", e.step.of},
-                    {"epoch", e.epoch},
-                    {"bands", e.bands},
-                    {"ahead", (e.flags & Envelope::kAhead) != 0},
-                    {"capture_us", e.capture_us},
-                    {"arrival_us", pose.arrival_us},
-                    {"channels", pose.channels},
-                    {"coefficients", pose.coefficients}};
-    record_ << line.dump() << '\n';
-  }
-  if (!poses.empty()) record_.flush();
-}
-
-void Session::record_shown(TimeUs drawn_us) {
-  for (std::size_t i = 0; i < scene_.instances().size(); ++i) {
-    const SurfaceView& view = scene_.instances()[i].view;
-    if (!view.shown_capture_us()) continue;
-    const json line{{"surface", i},
-                    {"drawn_us", drawn_us},
-                    {"capture_us", *view.shown_capture_us()},
-                    {"shown", name_of(view.shown())},
-                    {"settling", view.settling()},
-                    {"coefficients", view.coefficients()}};
-    shown_record_ << line.dump() << '\n';
-  }
 }
 
 void Session::say_states() {
@@ -254,18 +198,6 @@ void Session::frame_scene(Camera& camera) {
   camera.set_scene({facts.low[0], facts.low[1], facts.low[2]}, {facts.high[0], facts.high[1], facts.high[2]});
 }
 
-void Session::paint(Renderer& renderer, const Look& look) {
-  const auto& instances = scene_.instances();
-  painters_.resize(instances.size());
-  if (!(look.colour == painted_look_.colour)) legend_range_.reset();
-  painted_look_ = look;
-  for (std::size_t i = 0; i < instances.size(); ++i) {
-    painters_[i].paint(instances[i].view, *sources_[instances[i].placement.source], look.colour);
-    renderer.paint(i, painters_[i].paint());
-    if (painters_[i].range()) legend_range_.include(*painters_[i].range());
-  }
-}
-
 RenderOptions Session::render_options(const Look& look) const {
   RenderOptions options;
   options.edges = look.edges;
@@ -276,47 +208,18 @@ RenderOptions Session::render_options(const Look& look) const {
   options.transparent = look.transparent;
   options.colourfulness = colourfulness();
   options.colour_map = look.colour_map;
-  options.colour_range = look.colour_range.value_or(legend_range_.span());
+  options.colour_range = colours_.range(look);
   return options;
 }
 
 std::optional<Legend> Session::legend() const {
-  if (!legend_range_.known()) return std::nullopt;
-  const Asset* asset = sources_.empty() ? nullptr : sources_.front()->asset();
-  const double metres_per_unit = asset == nullptr ? 0 : asset->metres_per_unit;
-  const auto span = painted_look_.colour_range.value_or(legend_range_.span());
-  Legend legend{title_of(painted_look_.colour), unit_of(painted_look_.colour, metres_per_unit), span[0], span[1],
-                painted_look_.colour_map};
-  if (!legend.unit.empty() && metres_per_unit > 0) {
-    legend.low *= static_cast<float>(metres_per_unit);
-    legend.high *= static_cast<float>(metres_per_unit);
-  }
-  return legend;
-}
-
-std::string Session::why_not_painted() const {
-  return painters_.empty() ? std::string() : painters_.front().why_not();
-}
-
-std::vector<SurfacePainter::Wish> Session::colourings() const {
-  std::vector<SurfacePainter::Wish> all;
-  for (const PoseSource* source : sources_) {
-    for (const SurfacePainter::Wish& offered : wishes_for(*source)) {
-      if (std::find(all.begin(), all.end(), offered) == all.end()) all.push_back(offered);
-    }
-  }
-  return all;
-}
-
-SurfacePainter::Wish Session::next_colouring(const SurfacePainter::Wish& wish) const {
-  const std::vector<SurfacePainter::Wish> all = colourings();
-  const auto at = std::find(all.begin(), all.end(), wish);
-  return at == all.end() || at + 1 == all.end() ? SurfacePainter::Wish{} : *(at + 1);
+  return colours_.legend(sources_.empty() ? nullptr : sources_.front()->asset());
 }
 
 void Session::draw(Renderer& renderer, const Camera& camera, const Look& look, int width_px, int height_px,
-                   unsigned target, bool finish) {
+                   unsigned target) {
   const TimeUs start = steady_now_us();
+  work_.start(start);
   const auto& instances = scene_.instances();
   if (std::exchange(renderer_stale_, false)) renderer.set_surface_count(0);
   renderer.set_surface_count(instances.size());
@@ -324,28 +227,30 @@ void Session::draw(Renderer& renderer, const Camera& camera, const Look& look, i
     renderer.upload(i, instances[i].view.geometry());
     renderer.place(i, instances[i].scene_from_surface, instances[i].visible);
   }
-  paint(renderer, look);
-  const TimeUs uploaded = steady_now_us();
+  colours_.paint(scene_, sources_, look, renderer);
+  uploaded_us_ = steady_now_us();
+  upload_us_.add(uploaded_us_ - start);
   renderer.draw(camera, render_options(look), width_px, height_px, target);
-  if (finish || levels_.active()) Renderer::finish();
+}
+
+void Session::finish_picture(bool wait) {
+  if (wait || levels_.active()) Renderer::finish();
   const TimeUs end = steady_now_us();
-  upload_us_.add(uploaded - start);
-  draw_us_.add(end - uploaded);
-  const TimeUs work = end - start + std::exchange(rebuilding_us_, 0);
+  draw_us_.add(end - uploaded_us_);
+  work_.stop(end);
+  const TimeUs work = work_.take();
   work_us_.add(work);
   last_work_ = FrameWork{end, static_cast<double>(work) / 1e6};
   ++drawn_;
-  if (shown_record_.is_open()) record_shown(end);
-  if (scene_.poses_shown() != drawn_pose_) {
-    drawn_pose_ = scene_.poses_shown();
-    TimeUs newest = 0;
-    for (const Scene::Instance& instance : instances)
-      newest = std::max(newest, instance.view.shown_capture_us().value_or(0));
-    if (newest > 0) {
-      last_latency_us_ = end - newest;
-      drawn_latency_us_.add(last_latency_us_);
-    }
-  }
+  record_.shown(scene_, end);
+  if (scene_.poses_shown() == drawn_pose_) return;
+  drawn_pose_ = scene_.poses_shown();
+  TimeUs newest = 0;
+  for (const Scene::Instance& instance : scene_.instances())
+    newest = std::max(newest, instance.view.shown_capture_us().value_or(0));
+  if (newest == 0) return;
+  last_latency_us_ = end - newest;
+  drawn_latency_us_.add(last_latency_us_);
 }
 
 Subscriber::Stats Session::stats() const {

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <fstream>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <optional>
@@ -13,7 +12,10 @@
 #include "client/hud_text.h"
 #include "client/level_control.h"
 #include "client/options.h"
+#include "client/pose_record.h"
 #include "client/rate_meter.h"
+#include "client/scene_colours.h"
+#include "client/work_clock.h"
 #include "view/camera.h"
 #include "view/look.h"
 #include "view/rebuilder_choice.h"
@@ -34,19 +36,16 @@ class Session final {
 
   /// Waits at most `timeout` for poses, then rebuilds the surfaces; true if there is something new to draw.
   bool update(std::chrono::milliseconds timeout, Camera& camera);
-  /// Uploads and draws the scene; measures both, and waits for the graphics card if `finish` or if the levels of detail
-  /// follow what a picture costs.
-  void draw(Renderer& renderer, const Camera& camera, const Look& look, int width_px, int height_px, unsigned target,
-            bool finish);
+  /// Uploads and draws the scene; more may be drawn over it until finish_picture().
+  void draw(Renderer& renderer, const Camera& camera, const Look& look, int width_px, int height_px, unsigned target);
+  /// The picture is drawn, and yet to be shown: what it took ends here. Waits for the graphics card if `wait` or if the levels of
+  /// detail follow what a picture costs.
+  void finish_picture(bool wait);
   /// What the renderer is told for this look now.
   RenderOptions render_options(const Look& look) const;
   /// Of what draw() drew last; nothing while colours stand for no numbers.
   std::optional<Legend> legend() const;
-  /// Why the first surface's colours are not those that the look asks for; empty if they are.
-  std::string why_not_painted() const;
-  /// All that the surfaces offer, and the one after this.
-  std::vector<SurfacePainter::Wish> colourings() const;
-  SurfacePainter::Wish next_colouring(const SurfacePainter::Wish& wish) const;
+  const SceneColours& colours() const { return colours_; }
 
   /// One source more, which must outlive the session or its removal; the surfaces that show it, all of them `placements`'.
   void add(PoseSource& source, const std::string& name, Placement placement = {});
@@ -81,9 +80,6 @@ class Session final {
   Session(const ClientOptions& options, std::span<PoseSource* const> sources, LogSink log);
   bool poll(std::chrono::milliseconds timeout);
   void remember(TimeUs now_us);
-  void paint(Renderer& renderer, const Look& look);
-  void record(std::size_t source, const std::vector<ReceivedPose>& poses);
-  void record_shown(TimeUs drawn_us);
   void say_states();
   void frame_scene(Camera& camera);
   /// Of all sources: counts added up, the state of the first that is not well.
@@ -99,13 +95,11 @@ class Session final {
   Scene scene_;
   std::optional<RebuilderChoice::Trial> rebuild_trial_;
   LevelControl levels_;
-  std::vector<SurfacePainter> painters_;  ///< One for each surface.
-  LegendRange legend_range_;
-  Look painted_look_;
+  SceneColours colours_;
   History history_;
   TimeUs last_latency_us_ = 0;   ///< Capture to picture, of the newest pose drawn.
   bool renderer_stale_ = false;  ///< Surfaces have moved up: what the card holds belongs to others.
-  std::ofstream record_, shown_record_;
+  PoseRecord record_;
   RateMeter keys_, poses_, drawn_rate_, bytes_;
   Histogram decode_us_, drawn_latency_us_, upload_us_, draw_us_, work_us_;
   TimeUs started_us_ = 0;
@@ -116,7 +110,8 @@ class Session final {
   };
   std::optional<Received> first_, last_;
   TimeUs last_arrival_us_ = 0;
-  TimeUs rebuilding_us_ = 0;  ///< Work of update() since the last picture.
+  WorkClock work_;
+  TimeUs uploaded_us_ = 0;  ///< The surfaces of the picture that is being drawn.
   std::optional<FrameWork> last_work_;
   std::optional<TimeUs> lost_since_us_;
   std::uint64_t poses_taken_ = 0, drawn_ = 0, written_ = 0;

@@ -76,8 +76,8 @@ Result<void> Viewer::open(std::span<PoseSource* const> sources) {
   state_.panel = settings_.panel;
   camera_.set_view(options_.view);
   window_.listen(*this);
-  const float scale = options_.ui_scale > 0 ? static_cast<float>(options_.ui_scale) : window_.content_scale();
-  overlay_ = std::make_unique<Overlay>(window_.handle(), scale);  // after listen(): it calls our handlers too
+  overlay_ =
+      std::make_unique<Overlay>(window_.handle(), text_scale_now());  // after listen(): it calls our handlers too
   for (const std::string& stream : options_.scene.streams) {
     if (const std::string name = shown_name(stream); !name.empty()) settings_.opened(name);
   }
@@ -133,7 +133,7 @@ OverlayContent Viewer::overlay_content() const {
   content.connection = session_->connection();
   content.connected = session_->is_connected();
   content.banner = steady_now_us() < notice_until_us_ ? notice_ : session_->banner();
-  if (content.banner.empty()) content.banner = session_->why_not_painted();
+  if (content.banner.empty()) content.banner = session_->colours().why_not();
   content.paused = state_.paused;
   if (state_.look.legend) content.legend = session_->legend();
   if (state_.help) content.help = help_lines(state_, camera_, session_->scene().lod(), session_->levels().kind());
@@ -149,11 +149,17 @@ Look Viewer::shown_look() const {
 
 void Viewer::draw() {
   if (width_ < 1 || height_ < 1) return;
-  session_->draw(*renderer_, camera_, shown_look(), width_, height_, 0, false);
+  // Where levels of detail follow what a picture takes it is made apart, and the window's buffer waited for afterwards.
+  const bool apart = session_->levels().active();
+  const unsigned target = apart ? renderer_->offscreen_target(width_, height_) : 0;
+  session_->draw(*renderer_, camera_, shown_look(), width_, height_, target);
   drawn_content_ = overlay_content();
   drawn_colourfulness_ = session_->colourfulness();
-  overlay_->draw(drawn_content_, width_, height_, 0, [this] { draw_panels(); });
+  overlay_->draw(drawn_content_, width_, height_, target, [this] { draw_panels(); });
+  session_->finish_picture(false);
+  if (apart) Renderer::copy_to_window(target, width_, height_);
   window_.swap();
+  if (apart) Renderer::finish();  // the display's turn ends here, not in the next picture's time
 }
 
 void Viewer::draw_panels() {
@@ -166,7 +172,7 @@ void Viewer::draw_panels() {
 
 void Viewer::do_what_keys_wanted() {
   for (; state_.colourings_on > 0; --state_.colourings_on)
-    state_.look.colour = session_->next_colouring(state_.look.colour);
+    state_.look.colour = next_colouring(session_->sources(), state_.look.colour);
   if (std::exchange(state_.resolver_wanted, false)) session_->levels().set_kind(next_kind(session_->levels().kind()));
   if (std::exchange(state_.copy_wanted, false)) {
     window_.set_clipboard(text_from_camera(camera_));
@@ -284,7 +290,13 @@ Result<void> Viewer::remember() {
   return settings_.save(options_.settings);
 }
 
+TextScale Viewer::text_scale_now() const {
+  return text_scale(window_.content_scale(), window_.pixels_per_unit(), static_cast<float>(options_.ui_scale));
+}
+
+/// Also when the window comes to a display of another density.
 void Viewer::on_resize(int width_px, int height_px) {
+  if (overlay_) overlay_->set_scale(text_scale_now());
   width_ = width_px;
   height_ = height_px;
   camera_.set_viewport(width_, height_);

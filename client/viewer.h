@@ -61,6 +61,7 @@ class Viewer final : public WindowListener {
   bool content_changed(TimeUs now_us);
   OverlayContent overlay_content() const;
   Look shown_look() const;
+  TextScale text_scale_now() const;
   void draw();
   void draw_panels();
   void write_what_is_wanted(bool scene_changed);

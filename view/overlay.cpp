@@ -96,14 +96,14 @@ void draw_help(const std::vector<HelpLine>& lines, ImVec2 centre, float scale) {
   ImGui::End();
 }
 
-}  // namespace
-
-Overlay::Overlay(void* window, float scale) : has_window_(window != nullptr), scale_(scale) {
-  ImGui::CreateContext();
-  ImGui::GetIO().IniFilename = nullptr;
-  load_font(scale);
-  ImGui::StyleColorsDark();
+/// Letters in the picture's pixels, everything laid out in the window's units.
+void take_scale(TextScale scale) {
+  ImGui::GetIO().Fonts->Clear();
+  load_font(scale.layout * scale.pixels);
+  ImGui::GetIO().FontGlobalScale = 1 / scale.pixels;
   ImGuiStyle& style = ImGui::GetStyle();
+  style = ImGuiStyle();
+  ImGui::StyleColorsDark();
   style.WindowRounding = 7;
   style.WindowBorderSize = 0;
   style.WindowPadding = {11, 8};
@@ -116,7 +116,20 @@ Overlay::Overlay(void* window, float scale) : has_window_(window != nullptr), sc
   style.Colors[ImGuiCol_Button] = {0.22F, 0.40F, 0.62F, 1};
   style.FrameRounding = 4;
   style.ItemSpacing.y = 3;
-  style.ScaleAllSizes(scale);
+  style.ScaleAllSizes(scale.layout);
+}
+
+}  // namespace
+
+TextScale text_scale(float content, float pixels_per_unit, float wanted) {
+  const float pixels = std::max(pixels_per_unit, 0.1F);
+  return {wanted > 0 ? wanted : std::max(content / pixels, 1.0F), pixels};
+}
+
+Overlay::Overlay(void* window, TextScale scale) : has_window_(window != nullptr), scale_(scale) {
+  ImGui::CreateContext();
+  ImGui::GetIO().IniFilename = nullptr;
+  take_scale(scale_);
   if (has_window_) ImGui_ImplGlfw_InitForOpenGL(static_cast<GLFWwindow*>(window), true);
   ImGui_ImplOpenGL3_Init("#version 330 core");
 }
@@ -125,6 +138,14 @@ Overlay::~Overlay() {
   ImGui_ImplOpenGL3_Shutdown();
   if (has_window_) ImGui_ImplGlfw_Shutdown();
   ImGui::DestroyContext();
+}
+
+void Overlay::set_scale(TextScale scale) {
+  if (scale == scale_) return;
+  scale_ = scale;
+  ImGui_ImplOpenGL3_DestroyFontsTexture();
+  take_scale(scale_);
+  ImGui_ImplOpenGL3_CreateFontsTexture();
 }
 
 bool Overlay::wants_mouse() const {
@@ -146,7 +167,7 @@ void Overlay::draw(const OverlayContent& content, int width_px, int height_px, u
   }
   ImGui::NewFrame();
   const ImVec2 size = ImGui::GetIO().DisplaySize;
-  const float gap = 12 * scale_;
+  const float gap = 12 * scale_.layout;
   if (!content.figures.empty()) {
     begin_card("figures", {size.x - gap, gap}, {1, 0}, 0.62F);
     for (std::size_t i = 0; i < content.figures.size(); ++i) {
@@ -181,9 +202,9 @@ void Overlay::draw(const OverlayContent& content, int width_px, int height_px, u
     ImGui::TextColored({1, 0.80F, 0.45F, 1}, "%s", content.banner.c_str());
     ImGui::End();
   }
-  if (content.legend) draw_legend(*content.legend, {size.x - gap, size.y - gap}, scale_);
+  if (content.legend) draw_legend(*content.legend, {size.x - gap, size.y - gap}, scale_.layout);
   if (panels) panels();
-  if (!content.help.empty()) draw_help(content.help, {0.5F * size.x, 0.5F * size.y}, scale_);
+  if (!content.help.empty()) draw_help(content.help, {0.5F * size.x, 0.5F * size.y}, scale_.layout);
   ImGui::Render();
   glBindFramebuffer(GL_FRAMEBUFFER, target);
   ImGui_ImplOpenGL3_RenderDrawData(ImGui::GetDrawData());

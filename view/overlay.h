@@ -29,12 +29,23 @@ struct OverlayContent {
   bool operator==(const OverlayContent&) const = default;
 };
 
+/// How large texts and panels are: `layout` in ImGui's units, which are the window's, as a part of their size at 96 dpi; `pixels`
+/// of the picture to such a unit.
+struct TextScale {
+  float layout = 1, pixels = 1;
+  bool operator==(const TextScale&) const = default;
+};
+
+/// For a display that wants everything `content` times as large as at 96 dpi. Where the window's units are larger than pixels
+/// (macOS, Wayland) they bring that size along, elsewhere (X11, Windows) the layout must. wanted: instead of the display's; 0: none.
+TextScale text_scale(float content, float pixels_per_unit, float wanted = 0);
+
 /// Text over the picture: figures, connection line, banner, help (Dear ImGui). One at a time; belongs to the OpenGL
 /// context that was current when it was made. Not thread-safe.
 class Overlay final {
  public:
-  /// `window`: the GLFWwindow whose input it follows, or null without a window. scale: 1 = 96 dpi.
-  explicit Overlay(void* window, float scale = 1);
+  /// `window`: the GLFWwindow whose input it follows, or null without a window.
+  explicit Overlay(void* window, TextScale scale = {});
   ~Overlay();
   Overlay(const Overlay&) = delete;
   Overlay& operator=(const Overlay&) = delete;
@@ -43,14 +54,17 @@ class Overlay final {
   void draw(const OverlayContent& content, int width_px, int height_px, unsigned target,
             const std::function<void()>& panels = {});
 
+  /// From the next draw() on: the window is on another display.
+  void set_scale(TextScale scale);
+
   /// Mouse or keys are the panels' now, not the scene's.
   bool wants_mouse() const;
   bool wants_keys() const;
-  float scale() const { return scale_; }
+  float scale() const { return scale_.layout; }
 
  private:
   bool has_window_;
-  float scale_;
+  TextScale scale_;
 };
 
 }  // namespace eigencast

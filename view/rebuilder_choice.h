@@ -19,7 +19,8 @@ std::optional<RebuildOn> rebuild_on_from_name(std::string_view name);
 
 /// What was chosen, and what it was chosen by.
 struct RebuilderChoice {
-  /// What one pose of the trial surface took until it could be drawn, the fastest of several.
+  /// What one pose of the trial surface took until it could be drawn, the fastest of several; of the card what an eighth of it took,
+  /// where that alone was slower.
   struct Trial {
     TimeUs cpu_us = 0, gpu_us = 0;
     bool gpu_is_faster() const { return gpu_us < cpu_us; }

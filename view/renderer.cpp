@@ -461,6 +461,11 @@ Picture Renderer::read_back(int width_px, int height_px, unsigned source, bool w
 unsigned Renderer::offscreen_target(int width_px, int height_px) {
   return impl_->offscreen_target(width_px, height_px);
 }
+void Renderer::copy_to_window(unsigned source, int width_px, int height_px) {
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, source);
+  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
+  glBlitFramebuffer(0, 0, width_px, height_px, 0, 0, width_px, height_px, GL_COLOR_BUFFER_BIT, GL_NEAREST);
+}
 int Renderer::samples() const {
   return impl_->target_.samples();
 }

@@ -55,6 +55,9 @@ class Renderer final {
   /// An off-screen framebuffer of this size that may be drawn to and read back; kept until another size is asked for.
   unsigned offscreen_target(int width_px, int height_px);
 
+  /// Shows what is in framebuffer `source` in the window, as soon as that is swapped.
+  static void copy_to_window(unsigned source, int width_px, int height_px);
+
   int samples() const;                ///< Per pixel, as the driver gave them.
   const std::string& device() const;  ///< The driver's name for itself.
   static void finish();               ///< Waits until everything has been drawn; for measuring.

@@ -35,7 +35,7 @@ def fly(options, clip, path, resolver, *arguments):
     if not program.exists():
         skip(f"{program} is not built (cmake --preset bench; ninja resolution_flight), or --bin names another folder")
     done = subprocess.run([program, "--clip", clip, "--flight", path, "--resolver", resolver, "--f0", str(options.f0), "--width",
-                           str(options.width), "--height", str(options.height), "--cache", path.parent, *map(str, arguments)],
+                           str(options.width), "--height", str(options.height), "--cache", path.parent, *(["--model"] if options.model else []), *map(str, arguments)],
                           capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise SystemExit(done.stderr)
@@ -71,6 +71,7 @@ def main():
     p.add_argument("--count", type=int, default=6)
     p.add_argument("--clip", default="horse-gallop", help="a real clip, or a built-in shape")
     p.add_argument("--runs", type=int, default=1, help="of each resolver, interleaved; the middle one is drawn")
+    p.add_argument("--model", action="store_true", help="times of a model instead of this machine's: every run is the same")
     options = p.parse_args()
     clip = options.clip
     if clip != "heart" and not (options.data / "animations" / clip / "vertices.npy").exists():

@@ -39,7 +39,7 @@ void draw_surfaces(Session& session, UiRequests& requests, TextField& to_open, f
 void draw_look(Session& session, Look& look) {
   ImGui::SetNextItemWidth(-1);
   if (ImGui::BeginCombo("##colours", ("colours: " + title_of(look.colour)).c_str())) {
-    for (const SurfacePainter::Wish& wish : session.colourings()) {
+    for (const SurfacePainter::Wish& wish : colourings_of(session.sources())) {
       if (ImGui::Selectable(title_of(wish).c_str(), wish == look.colour)) look.colour = wish;
     }
     ImGui::EndCombo();

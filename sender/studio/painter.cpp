@@ -76,7 +76,7 @@ class Painter::Impl {
     } else {
       renderer_ = std::move(*renderer);
       renderer_->set_surface_count(1 + sources_.size());
-      overlay_ = std::make_unique<Overlay>(nullptr, options_.scale);
+      overlay_ = std::make_unique<Overlay>(nullptr, TextScale{options_.scale, 1});
       report_.device = renderer_->device();
       ready.set_value({});
       while (wait()) turn();

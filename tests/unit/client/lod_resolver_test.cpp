@@ -8,6 +8,8 @@
 #include <functional>
 #include <random>
 
+#include "client/work_clock.h"
+
 namespace eigencast {
 namespace {
 
@@ -291,6 +293,56 @@ TEST(BudgetResolver, IgnoresMeasurementsThatAreNone) {
     EXPECT_EQ(resolver.resolve(objects, FrameWork{0, bad}), before);
   }
   EXPECT_TRUE(resolver.resolve({}, FrameWork{0, 0.01}).empty());
+}
+
+/// Pictures in a window, as the viewer makes them: work, then a swap that returns at the display's next turn. What is measured is
+/// what WorkClock says, or, if `with_wait`, the time from picture to picture.
+double level_in_a_window(double full_ms, double display_hz, bool with_wait) {
+  const std::vector<ObjectView> objects{{50'000, 500, 1, 500, 1}};
+  BudgetResolver resolver({.f0 = display_hz});
+  const double turn_us = 1e6 / display_hz;
+  WorkClock clock;
+  std::optional<FrameWork> last;
+  TimeUs now = 0, swapped = 0;
+  double level = 0;
+  for (int picture = 0; picture < 600; ++picture) {
+    clock.start(now);  // levels and rebuilding
+    const double part = resolver.resolve(objects, last)[0] / 50'000.0;
+    now += static_cast<TimeUs>(400 * full_ms * part);
+    clock.stop(now);
+    now += 200;  // poses are polled
+    clock.start(now);
+    now += static_cast<TimeUs>(600 * full_ms * part);
+    clock.stop(now);
+    const TimeUs worked = clock.take();
+    now = static_cast<TimeUs>(std::ceil(static_cast<double>(now) / turn_us) * turn_us);
+    last = FrameWork{now, static_cast<double>(with_wait ? now - swapped : worked) / 1e6};
+    swapped = now;
+    level = part;
+  }
+  return level;
+}
+
+TEST(BudgetResolver, WaitingForTheDisplayTakesNoDetail) {
+  for (const double hz : {60.0, 144.0}) {
+    // All vertices take three quarters of the display's turn.
+    EXPECT_EQ(level_in_a_window(750 / hz, hz, false), 1) << hz;
+    EXPECT_LT(level_in_a_window(750 / hz, hz, true), 0.9) << "else this test could not fail";
+  }
+  // And where they take twice that, so many are drawn as the turn allows.
+  EXPECT_NEAR(level_in_a_window(2000 / 60.0, 60, false), 0.46, 0.04);
+}
+
+TEST(WorkClock, CountsWhatLiesBetweenStartAndStop) {
+  WorkClock clock;
+  clock.stop(50);
+  EXPECT_EQ(clock.take(), 0);
+  clock.start(100);
+  clock.stop(130);
+  clock.start(200);
+  clock.stop(207);
+  EXPECT_EQ(clock.take(), 37);
+  EXPECT_EQ(clock.take(), 0);
 }
 
 }  // namespace

@@ -14,6 +14,7 @@
 #include "common/net/url.h"
 #include "sdk/contexts.h"
 #include "tests/support/process.h"
+#include "view/overlay.h"
 #include "view/picture.h"
 
 namespace eigencast {
@@ -314,6 +315,15 @@ TEST(Options, WrongUsageExitsWithTwo) {
     EXPECT_EQ(std::get<ExitNow>(result).code, kExitUsage) << arguments[0];
   }
   EXPECT_EQ(std::get<ExitNow>(parsed({"--help"})).code, kExitGood);
+}
+
+TEST(TextScales, TextsAreAsLargeAsTheDisplayWantsThemInWhateverUnits) {
+  EXPECT_EQ(text_scale(1, 1), (TextScale{1, 1}));
+  EXPECT_EQ(text_scale(2, 1), (TextScale{2, 1})) << "X11, Windows: units are pixels";
+  EXPECT_EQ(text_scale(2, 2), (TextScale{1, 2})) << "macOS, Wayland: units are two pixels, letters still sharp";
+  EXPECT_EQ(text_scale(1.5F, 2), (TextScale{1, 2})) << "never smaller than at 96 dpi";
+  EXPECT_EQ(text_scale(3, 1.5F), (TextScale{2, 1.5F}));
+  EXPECT_EQ(text_scale(2, 2, 3), (TextScale{3, 2})) << "--ui-scale wins";
 }
 
 }  // namespace

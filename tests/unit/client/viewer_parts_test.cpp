@@ -179,5 +179,27 @@ TEST(OpeningClips, BakeInTheBackgroundAndSaySo) {
   EXPECT_NE(bad.stats().detail.find("no/such/file.obj"), std::string::npos);
 }
 
+TEST(OpenedLater, ATokenGoesToTheBrokerThatItWasGivenForAndToNoOther) {
+  const std::vector<std::string> streams{"file:heart", "wss://lab:7490/horse", "ws://127.0.0.1:9000/fox"};
+  std::vector<Credentials> credentials(3);
+  credentials[0].token = "of nobody";
+  credentials[1].token = "of the lab";
+  credentials[1].ca_file = "lab.pem";
+  credentials[2].token = "of this machine";
+  const auto token = [&](const std::string& url) { return credentials_for(url, streams, credentials).token; };
+  EXPECT_EQ(token("wss://lab:7490/elephant?rate=raw"), "of the lab");
+  EXPECT_EQ(token("https://lab/v1/subscribe/elephant"), "of the lab") << "the same broker in other words";
+  EXPECT_EQ(token("ws://127.0.0.1:9000/horse"), "of this machine");
+  EXPECT_EQ(token("ws://lab:7490/horse"), "") << "never in the clear what was given for TLS";
+  EXPECT_EQ(token("wss://lab:7491/horse"), "");
+  EXPECT_EQ(token("wss://lab.example.org:7490/horse"), "");
+  EXPECT_EQ(token("ws://127.0.0.1:7490/horse"), "");
+  EXPECT_EQ(token("file:heart"), "");
+  EXPECT_EQ(token("no URL"), "");
+  const Credentials own = credentials_for("wss://lab:7490/horse?access_token=mine", streams, credentials);
+  EXPECT_EQ(own.token, "") << "the URL's own stands";
+  EXPECT_EQ(own.ca_file, "lab.pem");
+}
+
 }  // namespace
 }  // namespace eigencast
