@@ -85,7 +85,11 @@ if command -v fish > /dev/null; then
     found=$(HOME=$folder fish --no-config -c 'source $argv[1]; complete -C $argv[2]' "$folder/fish" "$1" | cut -f1 | tr '\n' ' ')
     for word in "${@:2}"; do [[ " $found" == *" $word "* ]] || fail "'$1' completes to '$found' in fish, without $word"; done
   }
-  fish_completes "$name completion " bash zsh fish
+  if [ "$name" = eigencast-client ]; then
+    fish_completes "$name --colour-map " viridis cividis coolwarm
+  else
+    fish_completes "$name completion " bash zsh fish
+  fi
   if [ "$name" = eigencast-sender ]; then
     fish_completes "$name p" play pipe
     fish_completes "$name play --basis " augmented rig pca
