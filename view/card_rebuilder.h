@@ -10,7 +10,9 @@ namespace eigencast {
 
 /// Rebuilds on the graphics card, with OpenGL 3.3 core: the basis lies there, a pose is its coefficients (12 bytes each), and
 /// positions and normals never leave it. Results are those of CpuRebuilder but for rounding: positions within 2e-6 of the sum
-/// of their terms' magnitudes, normals where the surface has any area within 0.1 degrees.
+/// of their terms' magnitudes (on the way between levels: or of the largest such sum of those that the vertex comes from), and
+/// what CpuRebuilder moves them by where it rounds coefficients to 16 bits (BasisTiles::whole_coefficients), which the card
+/// does not; normals where the surface has any area within 0.1 degrees.
 ///
 /// A surface too large for the card's buffers is rebuilt on the processor, as its geometry then says (no `card`).
 ///

@@ -2,16 +2,17 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 
 #include "common/reconstruction/kernel.h"
 #include "common/reconstruction/reconstruct.h"
+#include "tests/unit/reconstruction/coefficient_rounding.h"
 #include "tests/unit/reconstruction/random_asset.h"
 
 namespace eigencast {
 namespace {
 
+using testing::CoefficientRounding;
 using testing::random_asset;
 using testing::random_values;
 
@@ -87,20 +88,6 @@ Asset grid_asset(std::uint32_t n, std::uint32_t r, std::uint32_t exact, double s
   return asset;
 }
 
-/// By how much rounding a pose's coefficients to 16 bits may move each axis of row i: half a unit for each integer.
-std::array<double, 3> rounding_of(const Asset& asset, const BasisTiles& tiles, const std::vector<double>& C,
-                                  std::uint32_t channels, std::uint32_t rank, std::size_t i) {
-  const auto whole = tiles.whole_coefficients(C, channels, rank);
-  std::array<double, 3> rounding{};
-  if (!whole) return rounding;
-  for (std::size_t k = asset.exact_columns; k < rank; ++k) {
-    const float scale = asset.column_scales[k - asset.exact_columns];
-    const double integer = scale > 0 ? std::round(asset.basis[i * asset.rank + k] / scale) : 0;
-    for (std::size_t d = 0; d < 3; ++d) rounding[d] += 0.5 * double{whole->unit[d]} * std::abs(integer);
-  }
-  return rounding;
-}
-
 /// Poses of different channels rebuilt at once, against the sum in double; nothing beyond row N may be written.
 void expect_rebuilt(const Asset& asset, InstructionSet set, std::uint32_t rank, std::uint32_t N, std::size_t poses) {
   constexpr float kUntouched = 12345;
@@ -115,9 +102,9 @@ void expect_rebuilt(const Asset& asset, InstructionSet set, std::uint32_t rank, 
   for (std::size_t p = 0; p < poses; ++p) jobs.push_back({C[p], static_cast<std::uint32_t>(3 + p % 2), X[p]});
   reconstructor.rebuild(jobs, rank, N);
   for (std::size_t p = 0; p < poses; ++p) {
+    const CoefficientRounding rounded(asset, reconstructor.tiles(), C[p], static_cast<std::uint32_t>(3 + p % 2), rank);
     for (std::size_t i = 0; i < N; ++i) {
-      const auto rounding =
-          rounding_of(asset, reconstructor.tiles(), C[p], static_cast<std::uint32_t>(3 + p % 2), rank, i);
+      const auto rounding = rounded.of(i);
       for (std::size_t d = 0; d < 3; ++d) {
         double x = 0, scale = 0;
         for (std::size_t k = 0; k < rank; ++k) {
@@ -271,9 +258,9 @@ TEST(Reconstructor, FollowsAnAssetThatArrives) {
     reconstructor.rebuild(C, 3, 21, rows, a);
     at_once.rebuild(C, 3, 21, rows, b);
     // How coefficients are rounded depends on the rows that are there.
+    const CoefficientRounding of_part(part, reconstructor.tiles(), C, 3, 21), of_whole(part, at_once.tiles(), C, 3, 21);
     for (std::size_t i = 0; i < rows; ++i) {
-      const auto x = rounding_of(part, reconstructor.tiles(), C, 3, 21, i),
-                 y = rounding_of(part, at_once.tiles(), C, 3, 21, i);
+      const auto x = of_part.of(i), y = of_whole.of(i);
       for (std::size_t d = 0; d < 3; ++d) ASSERT_NEAR(a[3 * i + d], b[3 * i + d], x[d] + y[d] + 1e-3);
     }
   }
