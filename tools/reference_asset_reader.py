@@ -5,7 +5,7 @@
     reference_asset_reader.py MANIFEST_FILE CHUNK_FILE...
     reference_asset_reader.py MANIFEST_FILE CHUNK_FILE... --expect JSON_FILE    (compares; fails on the first difference)
 
-Standard library only, so tiles compressed with zstd are refused. It favours plainness over speed.
+Standard library only; tiles compressed with zstd through the zstd program. It favours plainness over speed.
 """
 import hashlib
 import json
@@ -123,6 +123,8 @@ def tile_bytes(chunk, data, position):
     tile = chunk["tiles"][position]
     stored = data[offset:offset + tile["stored"]]
     need(len(stored) == tile["stored"] and hashlib.sha256(stored).digest() == tile["hash"], "a tile does not have its hash")
+    if tile["compression"] == 2 and tile["kind"] == 2:
+        return Coded(stored)
     need(tile["compression"] in (0, 1), "unknown compression")
     if tile["compression"] == 1:
         stored = unzstd(stored)
@@ -134,6 +136,53 @@ def unzstd(data):
     """Python's library has no zstd before 3.14; the zstd program (Debian package zstd) does it."""
     need(shutil.which("zstd"), "compressed: install the zstd program to read it")
     return subprocess.run(["zstd", "-d", "-c", "-q"], input=data, stdout=subprocess.PIPE, check=True).stdout
+
+
+class Coded:
+    """A range coder whose decisions' probabilities are learned."""
+
+    def __init__(self, data):
+        self.data, self.at, self.code, self.range = data, 4, int.from_bytes((data + bytes(4))[:4], "big"), 0xFF000000
+
+    def decision(self, p):
+        bound = (self.range >> 15) * p
+        yes = self.code < bound
+        if yes:
+            self.range = bound
+        else:
+            self.code -= bound
+            self.range -= bound
+        while self.range < 1 << 24:
+            self.range <<= 8
+            self.code = self.code << 8 | (self.data[self.at] if self.at < len(self.data) else 0)
+            self.at += 1
+        return yes
+
+    def learned(self, model, key):
+        quick, slow, seen = model.get(key, (0x8000, 0x8000, 0))
+        yes = self.decision((quick + slow) >> 2)
+        seen = min(seen + 1, 7)
+        at = min(seen, 4)
+        if yes:
+            model[key] = (quick + ((0xFFFF - quick) >> at), slow + ((0xFFFF - slow) >> seen), seen)
+        else:
+            model[key] = (quick - (quick >> at), slow - (slow >> seen), seen)
+        return yes
+
+    def signed(self, model):
+        bits = 0
+        while bits < 32 and self.learned(model, ("more", bits)):
+            bits += 1
+        if bits == 0:
+            return 0
+        number = 1
+        for _ in range(bits - 1):
+            bit = self.learned(model, ("bit", bits, number)) if number < 8 else self.decision(1 << 14)
+            number = number << 1 | bit
+        return -number if self.learned(model, "negative") else number
+
+    def end(self):
+        need(self.at >= len(self.data) and self.data[-1:] != b"\0", "bytes too many at the end")
 
 
 def reference(m, asset, i):
@@ -196,9 +245,68 @@ def add_structure(m, asset, chunk, b):
     asset["death"] += new_deaths
 
 
+def bits_of(value):
+    return struct.unpack("<I", struct.pack("<f", value))[0]
+
+
+def ordered(bits):
+    return 0x7FFFFFFF - bits if bits >> 31 else bits
+
+
+def predicted_float(column, row, predictors):
+    weights = sum(weight for _, weight in predictors)
+    if weights <= 0:
+        return column[row - 1] if row else 0.0
+    total = 0.0
+    for at, weight in predictors:
+        total += column[at] * weight
+    largest = 3.4028234663852886e38
+    return as_f32(min(max(total / weights, -largest), largest))
+
+
+def add_coded_basis(m, asset, chunk, low, high, b):
+    first, end = chunk["first_row"], chunk["end_row"]
+    levels = [150] * (end - first)
+    contexts = [{} for _ in range(40)]
+    for k in range(low, min(max(m["E"], low), high)):
+        column = asset["columns"][k]
+        for i in range(first, end):
+            predicted = bits_of(predicted_float(column, i, chunk["predictors"][i - first]))
+            exponent = predicted >> 23 & 0xFF
+            left = b.signed(contexts[min(max(levels[i - first] - exponent, 0), 39)])
+            levels[i - first] = exponent + abs(left).bit_length()
+            number = (ordered(predicted) + left + (1 << 31)) % (1 << 32) - (1 << 31)
+            value = struct.unpack("<f", struct.pack("<I", (0x7FFFFFFF - number) % (1 << 32) if number < 0 else number))[0]
+            need(math.isfinite(value), "a basis value is not finite")
+            column.append(value)
+    means = [32] * (end - first)
+    contexts = [{} for _ in range(40)]
+    for columns, k in enumerate(range(min(max(m["E"], low), high), high), 1):
+        column = asset["columns"][k]
+        met = expected = 1 << 10
+        for i in range(first, end):
+            mean = means[i - first]
+            likely = mean * met // expected
+            bits = likely.bit_length()
+            residual = b.signed(contexts[bits if bits < 2 else min(2 * bits - 2 + (likely >> (bits - 2) & 1), 39)])
+            size = 16 * min(abs(residual), 4095)
+            met, expected = met + size, expected + mean
+            if expected >= 1 << 16:
+                met, expected = (met + 1) // 2, (expected + 1) // 2
+            means[i - first] = max(mean + int((size - mean) / min(columns + 1, 10)), 1)
+            predicted = (sum(weight * column[row] for row, weight in chunk["predictors"][i - first]) + 32) >> 6
+            value = predicted + residual
+            need(abs(value) <= 32767 and (value == 0 or m["column_scales"][k - m["E"]] != 0), "a basis value is out of range")
+            column.append(value)
+    b.end()
+
+
 def add_basis(m, asset, chunk, band, b):
     low = m["band_ends"][band - 1] if band else 0
     high = m["band_ends"][band]
+    if isinstance(b, Coded):
+        add_coded_basis(m, asset, chunk, low, high, b)
+        return
     first_integer = min(max(m["E"], low), high)
     rows = chunk["end_row"] - chunk["first_row"]
     floats = rows * (first_integer - low)

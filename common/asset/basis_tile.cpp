@@ -11,17 +11,11 @@
 #include <cmath>
 #include <string>
 
+#include "common/asset/integer_columns.h"
 #include "common/asset/manifest.h"
 
 namespace eigencast {
 namespace {
-
-constexpr float kLargestInteger = 32767;
-
-std::int16_t integer_from(float value, float scale) {
-  if (scale == 0) return 0;
-  return static_cast<std::int16_t>(std::lrint(std::clamp(value / scale, -kLargestInteger, kLargestInteger)));
-}
 
 std::uint16_t zigzag16(std::uint16_t difference) {
   return static_cast<std::uint16_t>((difference << 1) ^ (difference & 0x8000u ? 0xffffu : 0u));
@@ -30,43 +24,19 @@ std::uint16_t unzigzag16(std::uint16_t code) {
   return static_cast<std::uint16_t>((code >> 1) ^ (code & 1u ? 0xffffu : 0u));
 }
 
-/// Columns [first, end) of a basis as integers, each row by row to the block's end. Some at a time: a cache line of the basis
-/// holds as many entries of a row.
-class IntegerColumns {
- public:
-  static constexpr std::uint32_t kMost = 16;
-
-  IntegerColumns(const BasisBlock& block, std::uint32_t first)
-      : block_(block), first_(first), end_(std::min(first + kMost, block.end_column)) {
-    for (std::uint32_t k = first_; k < end_; ++k) columns_[k - first_].resize(block.end_row);
-  }
-
-  std::uint32_t end() const { return end_; }
-  std::vector<std::int16_t>& operator[](std::uint32_t k) { return columns_[k - first_]; }
-  float scale(std::uint32_t k) const { return block_.column_scales[k - block_.exact_columns]; }
-
-  void take(std::span<const float> basis, std::uint32_t row, std::uint32_t end_row) {
-    for (; row < end_row; ++row) {
-      for (std::uint32_t k = first_; k < end_; ++k) {
-        (*this)[k][row] = integer_from(basis[std::size_t{row} * block_.rank + k], scale(k));
-      }
-    }
-  }
-  void give(std::span<float> basis, std::uint32_t row, std::uint32_t end_row) {
-    for (; row < end_row; ++row) {
-      for (std::uint32_t k = first_; k < end_; ++k) {
-        basis[std::size_t{row} * block_.rank + k] = static_cast<float>((*this)[k][row]) * scale(k);
-      }
-    }
-  }
-
- private:
-  const BasisBlock& block_;
-  std::uint32_t first_, end_;
-  std::array<std::vector<std::int16_t>, kMost> columns_;
-};
+Error bad_entry(std::uint32_t row, std::uint32_t column, const char* why) {
+  return fail(ErrorCode::kCorrupt,
+              "basis tile: row " + std::to_string(row) + " column " + std::to_string(column) + why);
+}
 
 }  // namespace
+
+Error entry_not_finite(std::uint32_t row, std::uint32_t column) {
+  return bad_entry(row, column, " is not finite");
+}
+Error entry_out_of_range(std::uint32_t row, std::uint32_t column) {
+  return bad_entry(row, column, " is out of its range");
+}
 
 std::vector<float> column_scales_from_basis(std::span<const float> basis, std::uint32_t rank,
                                             std::uint32_t exact_columns, std::span<const double> steps) {
@@ -77,7 +47,7 @@ std::vector<float> column_scales_from_basis(std::span<const float> basis, std::u
     }
   }
   for (std::size_t k = 0; k < scales.size(); ++k) {
-    scales[k] /= kLargestInteger;
+    scales[k] /= IntegerColumns::kLargest;
     if (scales[k] < kMinColumnScale) {
       scales[k] = 0;
     } else if (!steps.empty()) {
@@ -131,8 +101,7 @@ Result<void> decode_basis(const BasisBlock& block, ByteView raw, std::span<float
       for (std::size_t plane = 0; plane < 4; ++plane) bits |= std::uint32_t{raw[plane * floats + at]} << (8 * plane);
       const auto value = std::bit_cast<float>(bits);
       if (!std::isfinite(value)) {
-        return fail(ErrorCode::kCorrupt,
-                    "basis tile: row " + std::to_string(i) + " column " + std::to_string(k) + " is not finite");
+        return entry_not_finite(i, k);
       }
       basis[std::size_t{i} * block.rank + k] = value;
     }
@@ -149,8 +118,7 @@ Result<void> decode_basis(const BasisBlock& block, ByteView raw, std::span<float
         const auto code = static_cast<std::uint16_t>(*low++ | *high++ << 8);
         const auto value = static_cast<std::int16_t>(predicted + unzigzag16(code));
         if (value == -32768 || (columns.scale(k) == 0 && value != 0)) {
-          return fail(ErrorCode::kCorrupt,
-                      "basis tile: row " + std::to_string(i) + " column " + std::to_string(k) + " is out of its range");
+          return entry_out_of_range(i, k);
         }
         column[i] = value;
       }

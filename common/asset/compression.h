@@ -9,8 +9,8 @@
 
 namespace eigencast {
 
-/// How the bytes of a tile are kept.
-enum class Compression : std::uint8_t { kStored = 0, kZstd = 1 };
+/// How the bytes of a tile are kept. kCoded: basis tiles only (basis_tile.h).
+enum class Compression : std::uint8_t { kStored = 0, kZstd = 1, kCoded = 2 };
 
 /// One zstd frame with its content size; deterministic for one version of the library only, which is why ids are hashes
 /// of bytes. Errors: kInternal.

@@ -119,9 +119,7 @@ class Encoder {
     AssetObject object;
     const Predictors predictors = part_of(predictors_, row_, end_row);
     std::vector<NewTile> tiles(asset_.band_ends.size());
-    worker_team().run(tiles.size(), [&](std::size_t b) {
-      tiles[b] = packed(TileKind::kBasis, b, basis_of_band(b, end_row, predictors));
-    });
+    worker_team().run(tiles.size(), [&](std::size_t b) { tiles[b] = basis_of_band(b, end_row, predictors); });
     tiles.insert(tiles.begin(), packed(TileKind::kStructure, 0, structure(range, end_face, predictors)));
     add_looks(end_row, tiles);
     for (const NewTile& tile : tiles) {
@@ -173,7 +171,7 @@ class Encoder {
     }
   }
 
-  Bytes basis_of_band(std::size_t b, std::uint32_t end_row, const Predictors& predictors) const {
+  NewTile basis_of_band(std::size_t b, std::uint32_t end_row, const Predictors& predictors) const {
     const BasisBlock block{row_,
                            end_row,
                            b == 0 ? 0 : asset_.band_ends[b - 1],
@@ -182,7 +180,19 @@ class Encoder {
                            asset_.rank,
                            manifest_.column_scales,
                            predictors};
-    return encode_basis(block, asset_.basis);
+    NewTile tile = packed(TileKind::kBasis, b, encode_basis(block, asset_.basis));
+    if (tile.failed || !encoding_.code) return tile;
+    Bytes coded = code_basis(block, asset_.basis);
+    const bool readable = tile.entry.raw_bytes <= asset_limits::kMaxExpansion * coded.size();
+    if (coded.size() < tile.stored.size() && readable) keep(tile, Compression::kCoded, std::move(coded));
+    return tile;
+  }
+
+  static void keep(NewTile& tile, Compression compression, Bytes stored) {
+    tile.entry.compression = compression;
+    tile.entry.stored_bytes = static_cast<std::uint32_t>(stored.size());
+    tile.entry.hash = sha256(stored);
+    tile.stored = std::move(stored);
   }
 
   /// Throws nothing, as tasks of a team must.
@@ -206,13 +216,11 @@ class Encoder {
         return tile;
       }
       if (smaller->size() < raw.size()) {
-        tile.entry.compression = Compression::kZstd;
-        raw = std::move(*smaller);
+        keep(tile, Compression::kZstd, std::move(*smaller));
+        return tile;
       }
     }
-    tile.entry.stored_bytes = static_cast<std::uint32_t>(raw.size());
-    tile.entry.hash = sha256(raw);
-    tile.stored = std::move(raw);
+    keep(tile, Compression::kStored, std::move(raw));
     return tile;
   }
 

@@ -240,7 +240,8 @@ class Parser {
     if (required > 1) return corrupt(where + ": reserved flag bits are set");
     tile.required = required == 1;
     const bool known = t <= manifest_.facts.band_ends.size();
-    if (compression > 1) {
+    const bool coded = compression == static_cast<std::uint8_t>(Compression::kCoded);
+    if (compression > 1 && !(coded && known && t > 0)) {
       if (!known && !tile.required) {
         tile.raw_bytes = 0;  // never decompressed
         return {};

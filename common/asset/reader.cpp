@@ -163,7 +163,12 @@ Result<void> AssetReader::decode_bands(const ChunkEntry& entry, ByteView bytes, 
                            manifest_->column_scales,
                            predictors};
     const TileEntry& tile = entry.tiles[1 + b];
-    auto raw = unpacked(tile, bytes.subspan(begin[b], tile.stored_bytes));
+    const ByteView stored = bytes.subspan(begin[b], tile.stored_bytes);
+    if (tile.compression == Compression::kCoded) {
+      results[b] = decode_coded_basis(block, stored, asset_.basis);
+      return;
+    }
+    auto raw = unpacked(tile, stored);
     results[b] = raw ? decode_basis(block, *raw, asset_.basis) : Result<void>(raw.error());
   });
   for (Result<void>& result : results) {

@@ -20,7 +20,7 @@ ROOMS = {
     "common/surface": {"common/core"},
     "common/spectral": {"common/core", "common/surface"},
     "common/progressive": {"common/core", "common/surface"},
-    "common/asset": {"common/core", "common/core/hash"},
+    "common/asset": {"common/core", "common/core/hash", "common/codec"},  # its range coder
     "common/reconstruction": {"common/core", "common/asset"},
     "common/net": {"common/core", "common/wire"},
     # The relay decides: no sockets, no clock, no other room of the broker.

@@ -20,7 +20,8 @@ EncodedAsset sample(bool compress = false, bool cloud = false) {
   Asset asset = sample_asset(1, 7, cloud);
   for (std::uint8_t i = 0; cloud && i < asset.vertex_count; ++i)
     asset.colours.push_back({i, static_cast<std::uint8_t>(40 * i), 9});
-  auto encoded = encode_asset(asset, {.exact_columns = 4, .first_chunk_rows = 16, .compress = compress});
+  auto encoded =
+      encode_asset(asset, {.exact_columns = 4, .first_chunk_rows = 16, .compress = compress, .code = compress});
   EXPECT_TRUE(encoded);
   return std::move(*encoded);
 }

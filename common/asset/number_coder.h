@@ -1,0 +1,117 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+
+#include "common/codec/range_coder.h"
+#include "common/core/bytes.h"
+
+/// Numbers of a distribution that is not known before as a run of bytes: decisions of a range coder whose probabilities are
+/// learned on the way (docs/asset-format.md, "Coded tiles"). What writes and what reads is one function, `pass`: a writer
+/// takes the value and gives it back, a reader takes anything and gives what was written.
+namespace eigencast {
+
+/// A decision and how probable it has been: the mean of a quick and a slow estimate, never 0 or 1.
+class AdaptiveBit {
+ public:
+  /// Of `true`, in units of 2^-15.
+  std::uint32_t probability() const { return (std::uint32_t{quick_} + slow_) >> 2; }
+  void learn(bool decision) {
+    if (seen_ < kSlow) ++seen_;
+    const unsigned quick = std::min<unsigned>(seen_, kQuick);
+    if (decision) {
+      quick_ = static_cast<std::uint16_t>(quick_ + ((kOne - quick_) >> quick));
+      slow_ = static_cast<std::uint16_t>(slow_ + ((kOne - slow_) >> seen_));
+    } else {
+      quick_ = static_cast<std::uint16_t>(quick_ - (quick_ >> quick));
+      slow_ = static_cast<std::uint16_t>(slow_ - (slow_ >> seen_));
+    }
+  }
+
+ private:
+  static constexpr unsigned kOne = 0xffff, kQuick = 4, kSlow = 7;
+  std::uint16_t quick_ = 0x8000, slow_ = 0x8000, seen_ = 0;
+};
+
+class BitWriter {
+ public:
+  explicit BitWriter(Bytes& out) : encoder_(out) {}
+  bool pass(bool decision, AdaptiveBit& bit) {
+    encoder_.put(decision, bit.probability());
+    bit.learn(decision);
+    return decision;
+  }
+  bool pass_even(bool decision) {
+    encoder_.put_even(decision);
+    return decision;
+  }
+  void finish() { encoder_.finish(); }
+
+ private:
+  band::RangeEncoder encoder_;
+};
+
+class BitReader {
+ public:
+  explicit BitReader(ByteView in) : decoder_(in) {}
+  bool pass(bool, AdaptiveBit& bit) {
+    const bool decision = decoder_.get(bit.probability());
+    bit.learn(decision);
+    return decision;
+  }
+  bool pass_even(bool) { return decoder_.get_even(); }
+  /// All bytes were read, and none of them was needless.
+  bool finished() const { return decoder_.finished(); }
+
+ private:
+  band::RangeDecoder decoder_;
+};
+
+/// Numbers of up to 32 bits: how many bits one has, as decisions "more than 0", "more than 1", ...; then its bits below the
+/// highest, of which the first three know those before them, and the others are even.
+class NumberModel {
+ public:
+  template <typename Coder>
+  std::uint32_t pass(Coder& coder, std::uint32_t value) {
+    unsigned bits = 0;
+    while (bits < kMostBits && coder.pass((std::uint64_t{value} >> bits) != 0, more_[bits])) ++bits;
+    if (bits == 0) return 0;
+    std::uint32_t number = 1;
+    for (unsigned place = bits - 1; place-- > 0;) {
+      const bool bit = (value >> place & 1) != 0;
+      const bool coded = number < kTree ? coder.pass(bit, tree_[bits - 1][number]) : coder.pass_even(bit);
+      number = number << 1 | std::uint32_t{coded};
+    }
+    return number;
+  }
+
+ private:
+  static constexpr unsigned kMostBits = 32;
+  static constexpr std::uint32_t kTree = 8;
+  std::array<AdaptiveBit, kMostBits> more_;
+  std::array<std::array<AdaptiveBit, kTree>, kMostBits> tree_;
+};
+
+/// The same with a sign. -2^31 is one of them.
+class SignedModel {
+ public:
+  template <typename Coder>
+  std::int32_t pass(Coder& coder, std::int32_t value) {
+    const std::uint32_t size = size_.pass(coder, size_of(value));
+    if (size == 0) return 0;
+    return static_cast<std::int32_t>(coder.pass(value < 0, negative_) ? 0 - size : size);
+  }
+  static std::uint32_t size_of(std::int32_t value) {
+    return value < 0 ? 0 - static_cast<std::uint32_t>(value) : static_cast<std::uint32_t>(value);
+  }
+
+ private:
+  NumberModel size_;
+  AdaptiveBit negative_;
+};
+
+}  // namespace eigencast
