@@ -25,6 +25,15 @@ Inputs quick(const LoopbackBroker& broker) {
   return in;
 }
 
+/// The other end, for so long.
+std::thread publishes(const LoopbackBroker& broker, double seconds) {
+  Inputs in = quick(broker);
+  in.mode = "publish";
+  in.duration_s = seconds;
+  in.warmup_s = 0;
+  return std::thread([in] { EXPECT_TRUE(run_session(in, never, {}, {})); });
+}
+
 TEST(Session, EveryPoseIsMeasuredAndItsStagesAddUp) {
   LoopbackBroker broker;
   const auto o = run_session(quick(broker), never, {}, {});
@@ -103,11 +112,7 @@ TEST(Session, LightViewersLoadTheBrokerBesideTheMeasuredOne) {
 
 TEST(Session, OneEndOnlyMeasuresByTheClocksOffsets) {
   LoopbackBroker broker;
-  Inputs sends = quick(broker);
-  sends.mode = "publish";
-  sends.duration_s = 4;
-  sends.warmup_s = 0;
-  std::thread sender([&] { EXPECT_TRUE(run_session(sends, never, {}, {})); });
+  std::thread sender = publishes(broker, 4);
   Inputs watches = quick(broker);
   watches.mode = "passive";
   const auto o = run_session(watches, never, {}, {});
@@ -123,11 +128,7 @@ TEST(Session, OneEndOnlyMeasuresByTheClocksOffsets) {
 /// The link breaks in the middle of the run and comes back: who does not know what was sent goes by the numbers of the keys.
 TEST(Session, OneEndOnlyCountsTheKeysThatNeverCame) {
   LoopbackBroker broker;
-  Inputs sends = quick(broker);
-  sends.mode = "publish";
-  sends.duration_s = 5;
-  sends.warmup_s = 0;
-  std::thread sender([&] { EXPECT_TRUE(run_session(sends, never, {}, {})); });
+  std::thread sender = publishes(broker, 5);
   ImpairedRelay::Options link;
   link.target_port = broker.port();
   auto relay = ImpairedRelay::start(link);

@@ -1,0 +1,240 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""Brokers of one machine over one NATS server: who is let in, what it forgets, and a broker that ends while messages pour in.
+
+    one_server_test.py FOLDER-OF-PROGRAMS [-v]
+
+Skipped, loudly, without nats-server.
+"""
+import os
+import pathlib
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+import urllib.request
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker"), str(pathlib.Path(__file__).parent)]
+import nats_users
+import payloads
+from websocket_peer import BINARY, TEXT, Peer, frame, ports_of
+
+PROGRAMS = None
+
+
+class Sender(threading.Thread):
+    """Announces stream s at a broker of this machine, is granted, and sends until `over`."""
+
+    def __init__(self, port):
+        super().__init__(daemon=True)
+        body, self.asset = payloads.asset()
+        urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{port}/v1/assets/{self.asset}", data=body, method="PUT")).close()
+        self.template, rows = payloads.float_join(600)
+        self.peer = Peer(port, "/v1/publish/s", "eigencast.v1")
+        self.peer.send(frame(TEXT, payloads.announce(self.asset, rows, "float32").encode()))
+        while b'"announced"' not in self.peer.receive()[1]:
+            pass
+        self.body, self.over = body, threading.Event()
+        self.start()
+
+    def run(self):
+        sequence = 0
+        while not self.over.wait(0.02):
+            head = self.template[:11] + sequence.to_bytes(8, "little") + (20_000 * sequence + 1).to_bytes(8, "little")
+            self.peer.send(frame(BINARY, head + self.template[27:]))
+            sequence += 1
+
+    def end(self):
+        self.over.set()
+        self.join()
+        self.peer.sock.close()
+
+
+class OneServer(unittest.TestCase):
+    """One NATS server that asks who comes, over TLS, and brokers; all on loopback."""
+
+    SERVER = """
+listen: "127.0.0.1:{port}"
+jetstream {{ store_dir: "{folder}/jetstream" }}
+tls {{ cert_file: "{folder}/server.pem", key_file: "{folder}/server.key", ca_file: "{folder}/ca.pem", verify: {verify} }}
+{rest}
+"""
+    # No more rights than docs/scaling.md says.
+    PASSWORD = """authorization { users: [ { user: broker, password: secret, permissions: {
+  publish: ["eigencast.>", "_INBOX.>", "$JS.API.>", "$KV.eigencast_streams.>"], subscribe: ["eigencast.>", "_INBOX.>"] } } ] }"""
+
+    nats = None
+
+    def setUp(self):
+        if not shutil.which("nats-server"):
+            self.skipTest("SKIPPED: no nats-server")
+        self.folder = tempfile.mkdtemp(prefix="eigencast-guarded-")
+        self.addCleanup(shutil.rmtree, self.folder)
+        make = lambda *words: subprocess.run(["openssl", *words], cwd=self.folder, check=True, capture_output=True)
+        curve = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"]
+        make("req", "-x509", *curve, "-keyout", "ca.key", "-out", "ca.pem", "-days", "2", "-subj", "/CN=test")
+        pathlib.Path(self.folder, "names").write_text("subjectAltName=DNS:localhost")
+        for name in ("server", "broker"):
+            make("req", *curve, "-keyout", f"{name}.key", "-out", f"{name}.csr", "-subj", "/CN=localhost")
+            make("x509", "-req", "-in", f"{name}.csr", "-CA", "ca.pem", "-CAkey", "ca.key", "-CAcreateserial", "-days", "2", "-out", f"{name}.pem",
+                 "-extfile", "names")
+
+    def start_nats(self, rest, verify="false"):
+        if self.nats is None:
+            with socket.socket() as probe:
+                probe.bind(("127.0.0.1", 0))
+                self.nats = probe.getsockname()[1]
+        config = pathlib.Path(self.folder, "nats.conf")
+        config.write_text(self.SERVER.format(port=self.nats, folder=self.folder, rest=rest, verify=verify))
+        self.log = pathlib.Path(self.folder, "nats.log")
+        server = subprocess.Popen(["nats-server", "-c", config], stderr=open(self.log, "w"))
+        self.addCleanup(server.wait)
+        self.addCleanup(server.terminate)
+        return server
+
+    def broker(self, name, ca="ca.pem", **shown):
+        """Its data port and a way to ask its admin port. `shown`: settings of [backbone] with which it shows who it is."""
+        ports = pathlib.Path(self.folder, f"ports-{name}")
+        process = subprocess.Popen(
+            [PROGRAMS / "eigencast-broker", "--listen=127.0.0.1:0", "--admin-listen=127.0.0.1:0", f"--port-file={ports}",
+             f"--data-dir={self.folder}/data-{name}", "--log-level=error", f"--backbone-servers=tls://localhost:{self.nats}",
+             f"--backbone-ca={ca}"],
+            env={**os.environ, **{f"EIGENCAST_BACKBONE__{key.upper()}": value for key, value in shown.items()}, "CREDENTIALS_DIRECTORY": self.folder})
+        self.addCleanup(self.end, process)
+        data, admin = ports_of(ports)
+        return data, lambda path: urllib.request.urlopen(f"http://127.0.0.1:{admin}{path}", timeout=5).read().decode()
+
+    def end(self, process):
+        process.terminate()
+        self.assertEqual(process.wait(20), 0, "a broker that is told to end does so well")
+
+    def wait_for(self, condition, what):
+        for _ in range(200):
+            if condition():
+                return
+            time.sleep(0.05)
+        self.fail(f"{what}\n{self.log.read_text()[-2000:]}")
+
+    def meet(self, count=2, **shown):
+        """The data ports of brokers that have heard of each other."""
+        brokers = [self.broker(f"broker-{number}", **shown) for number in range(count)]
+        for _, ask in brokers:
+            self.wait_for(lambda: f"{count} brokers" in ask("/api/broker"), "they do not meet")
+        return [port for port, _ in brokers]
+
+    def sender(self, port):
+        """Refused for a moment where the one before it, at another broker, has just gone: tries again, as senders do."""
+        for _ in range(100):
+            try:
+                sender = Sender(port)
+            except EOFError:
+                time.sleep(0.05)
+                continue
+            self.addCleanup(sender.end)
+            return sender
+        self.fail("the sender is refused")
+
+    def assert_frames_come(self, viewer, seconds=15):
+        viewer.sock.settimeout(seconds)
+        while viewer.receive()[0] != BINARY:
+            pass
+
+
+class Guarded(OneServer):
+    def assert_streams_cross(self, **shown):
+        one, two = self.meet(**shown)
+        sender = self.sender(one)
+        self.assert_frames_come(Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        fetched = urllib.request.urlopen(f"http://127.0.0.1:{two}/v1/assets/{sender.asset}").read()
+        self.assertEqual(fetched, sender.body)
+        self.assertNotIn("Violation", self.log.read_text())
+
+    def test_streams_cross_with_a_password_and_few_rights(self):
+        self.start_nats(self.PASSWORD)
+        self.assert_streams_cross(user="broker", password="secret")
+
+    def test_streams_cross_with_a_token(self):
+        self.start_nats('authorization { token: "a secret" }')
+        self.assert_streams_cross(token="a secret")
+
+    def test_streams_cross_with_a_certificate(self):
+        self.start_nats("", verify="true")
+        self.assert_streams_cross(certificate="broker.pem", key="broker.key")
+
+    def test_streams_cross_with_signed_credentials(self):
+        credentials, server = nats_users.make(self.folder)
+        pathlib.Path(self.folder, "broker.creds").write_text(credentials)
+        self.start_nats(server)
+        self.assert_streams_cross(credentials="broker.creds")
+
+    def test_who_is_not_let_in_says_so_and_serves_on(self):
+        self.start_nats(self.PASSWORD)
+        for password, ca in (("wrong", "ca.pem"), ("secret", "server.pem")):
+            _, ask = self.broker(f"{password}-{ca}", ca, user="broker", password=password)
+            self.assertRegex(ask("/readyz"), "ready, degraded: .*no NATS server")
+
+
+class Forgotten(OneServer):
+    def test_a_directory_that_is_lost_is_written_anew(self):
+        who = {"user": "broker", "password": "secret"}
+        server = self.start_nats(self.PASSWORD)
+        one, two = self.meet(**who)
+        self.sender(one).end()
+        sender = self.sender(one)  # Not the first: the revision of the stream's entry has grown.
+        self.assert_frames_come(Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        server.kill()
+        server.wait()
+        shutil.rmtree(pathlib.Path(self.folder, "jetstream"))
+        self.start_nats(self.PASSWORD)
+        three, ask = self.broker("broker-3", **who)
+        self.wait_for(lambda: "3 brokers" in ask("/api/broker"), "they do not meet again")
+        self.assert_frames_come(Peer(three, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        self.assert_frames_come(Peer(two, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+        sender.end()
+        self.sender(two)  # It moves, and is known.
+        self.assert_frames_come(Peer(three, "/v1/subscribe/s?rate=raw", "eigencast.v1"))
+
+
+class Ending(unittest.TestCase):
+    def test_a_broker_ends_well_while_messages_pour_in(self):
+        if not shutil.which("nats-server"):
+            self.skipTest("SKIPPED: no nats-server")
+        folder = pathlib.Path(tempfile.mkdtemp(prefix="eigencast-ending-"))
+        self.addCleanup(shutil.rmtree, folder)
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = probe.getsockname()[1]
+        nats = subprocess.Popen(["nats-server", "-a", "127.0.0.1", "-p", str(port), "-js", "-sd", folder / "jetstream"], stderr=subprocess.DEVNULL)
+        self.addCleanup(nats.wait)
+        self.addCleanup(nats.terminate)
+        over = threading.Event()
+        self.addCleanup(over.set)
+
+        def pour():
+            while not over.is_set():
+                try:
+                    with socket.create_connection(("127.0.0.1", port)) as sock:
+                        sock.sendall(b'CONNECT {"verbose":false}\r\n')
+                        while not over.wait(0.001):
+                            sock.sendall(b"PUB eigencast.alive 3\r\n+ab\r\n" * 50)
+                except OSError:
+                    over.wait(0.1)
+        threading.Thread(target=pour, daemon=True).start()
+        for run in range(40):
+            ports = folder / f"ports-{run}"
+            broker = subprocess.Popen([PROGRAMS / "eigencast-broker", "--listen=127.0.0.1:0", "--admin-listen=127.0.0.1:0", f"--port-file={ports}",
+                                       f"--data-dir={folder}/data", "--log-level=error", f"--backbone-servers=nats://127.0.0.1:{port}"])
+            ports_of(ports)
+            time.sleep(0.2)
+            broker.terminate()
+            self.assertEqual(broker.wait(20), 0)
+
+
+if __name__ == "__main__":
+    PROGRAMS = pathlib.Path(sys.argv.pop(1)).resolve()
+    unittest.main(verbosity=2, warnings="ignore")
