@@ -87,7 +87,8 @@ Found ours(const Laplacian& laplacian, int m, bool exactly) {
     std::exit(1);
   }
   if (basis->approximate) {
-    std::printf("  approximate: %d eigenvalues passed over\n", basis->missed);
+    std::printf("  approximate: %s eigenvalues passed over\n",
+                basis->missed ? std::to_string(*basis->missed).c_str() : "not counted,");
   } else if (!basis->certified) {
     std::fprintf(stderr, "bake_rate: not certified\n");
   }

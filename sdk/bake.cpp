@@ -35,6 +35,9 @@ constexpr std::uint8_t kRecordVersion = 2;
 constexpr std::array<std::uint32_t, 3> kBandEnds = {14, 54,
                                                     104};  // after 4 affine columns, whole turns of the augmented basis
 
+constexpr double kKernelBytes =
+    12'000;  // of a point: the heat kernel's pairs, matrix and factor; 9 KB at 42,000 points
+
 // Where each stage ends, as a fraction of the whole.
 constexpr double kLaplacianDone = 0.03;
 constexpr double kBasisDone = 0.85;
@@ -61,13 +64,17 @@ std::string text(const char* format, auto... values) {
   return line.data();
 }
 
+bool uses_kernel(const BakeOptions& options) {
+  return options.points_operator == "pb-mhb";
+}
+
 /// Peak of a bake: eigenvectors, candidate columns and the basis side by side, and the vectors of one Lanczos band; of a motion's
 /// basis its columns as they are given and as they are worked on.
 double bytes_needed(std::size_t n, const BakeOptions& options) {
   auto columns = 3.0 * options.rank + 180;
   if (options.motion != nullptr && options.motion->columns.count > 0)
     columns = 5 * static_cast<double>(options.motion->columns.count) + 60;
-  return 8.0 * static_cast<double>(n) * columns;
+  return static_cast<double>(n) * (8 * columns + (uses_kernel(options) ? kKernelBytes : 0));
 }
 
 bool is_of_motion(const std::string& basis) {
@@ -87,8 +94,20 @@ Result<void> check_basis(const BakeOptions& options) {
                                                ", which are not given");
 }
 
+Result<void> check_points_operator(const Surface& surface, const BakeOptions& options) {
+  if (!uses_kernel(options) && options.points_operator != "delaunay") {
+    return fail(ErrorCode::kInvalidArgument,
+                "there is no operator '" + options.points_operator + "' of points: use 'delaunay' or 'pb-mhb'");
+  }
+  if (!uses_kernel(options) || surface.is_point_cloud()) return {};
+  return fail(ErrorCode::kInvalidArgument,
+              "'pb-mhb' is an operator of point clouds, and this surface has faces, which say more than it would find: "
+              "leave the option out, or the faces");
+}
+
 Result<void> check_options(const Surface& surface, const BakeOptions& options) {
   if (auto basis = check_basis(options); !basis) return basis;
+  if (auto points = check_points_operator(surface, options); !points) return points;
   if (options.rank < 1 || options.rank > static_cast<int>(limits::kMaxRows)) {
     return fail(ErrorCode::kInvalidArgument, "a rank of " + std::to_string(options.rank) + ": use 1 to " +
                                                  std::to_string(limits::kMaxRows) + ", 200 does for most surfaces");
@@ -119,6 +138,7 @@ Result<Sha256> key_of(const Surface& surface, const Looks& looks, const BakeOpti
   out.text(options.name);
   out.u32(static_cast<std::uint32_t>(options.rank));
   out.f64(options.asset_error);
+  if (uses_kernel(options)) out.text(options.points_operator);
   out.u64(surface.positions.size());
   out.u64(surface.faces.size());
   Sha256Stream stream;
@@ -247,7 +267,7 @@ Asset asset_from(const Surface& surface, const Looks& looks, const Basis& basis,
   asset.vertex_count = static_cast<std::uint32_t>(n);
   asset.rank = static_cast<std::uint32_t>(r);
   asset.base_count = order.base_count;
-  asset.basis_kind = options.basis;
+  asset.basis_kind = options.basis + (uses_kernel(options) ? "/" + options.points_operator : "");
   asset.name = options.name;
   for (const std::uint32_t end : kBandEnds) {
     if (end < r) asset.band_ends.push_back(end);
@@ -338,7 +358,8 @@ std::string quality_of(const Basis& basis) {
     return text("; eigenvectors %s, residual %.1e\n", basis.certified ? "complete" : "NOT certified complete",
                 basis.residual);
   }
-  const std::string missed = basis.missed == 0 ? "none passed over" : text("%d passed over", basis.missed);
+  std::string missed = "those passed over not counted";
+  if (basis.missed) missed = *basis.missed == 0 ? "none passed over" : text("%d passed over", *basis.missed);
   return text("; eigenvectors approximate, as of this many vertices: largest relative residual %.2f, %s\n",
               basis.residual, missed.c_str());
 }
@@ -349,6 +370,10 @@ std::string report_of(const Surface& surface, const BakeOptions& options, const 
   if (!report.empty() && report.back() != '\n') report += '\n';
   if (laplacian.components > 1) {
     report += text("operator: %d separate pieces, joined by %d springs\n", laplacian.components, laplacian.bridges);
+  }
+  if (uses_kernel(options)) {
+    report += text("operator: heat kernel between points (PB-MHB), %.0f entries a row\n",
+                   static_cast<double>(laplacian.L.nonZeros()) / static_cast<double>(surface.vertex_count()));
   }
   report += text("basis: %s, rank %u", options.basis.c_str(), result.asset.rank);
   if (!is_of_motion(options.basis) && static_cast<int>(result.asset.rank) < options.rank) {
@@ -410,7 +435,8 @@ Result<BakeResult> bake_afresh(const Surface& surface, const Looks& looks, const
                                const Stages& stages) {
   const TimeUs start = steady_now_us();
   if (!stages.at(0.01, "operator")) return cancelled("operator");
-  auto laplacian = build_laplacian(surface);
+  auto laplacian = build_laplacian(
+      surface, {.points = uses_kernel(options) ? PointsOperator::kPbMhb : PointsOperator::kLocalDelaunay});
   if (!laplacian) return laplacian.error();
   auto order_to_come = start_order(surface, looks);
   auto basis = basis_of(surface, *laplacian, options, stages.within(kLaplacianDone, kBasisDone));

@@ -25,6 +25,8 @@ struct BakeOptions {
   const KnownMotion* motion = nullptr;
   /// Colours and texture that the asset is to have, of the same surface; null: none. Needed until bake() returns.
   const Appearance* looks = nullptr;
+  /// Of point clouds: "delaunay" (default) or "pb-mhb", slower (PointsOperator in spectral/laplacian.h).
+  std::string points_operator = "delaunay";
 };
 
 /// As in spectral/eigenbasis.h: fraction in [0, 1], what is being done; returns false to cancel.

@@ -103,6 +103,11 @@ void add_asset_options(CLI::App& app, SourceOptions& source) {
          "what storing the basis may move vertices by, of the diagonal; 0: 32-bit floats, a large asset (default: "
          "1e-4; rig, cage: 0)")
       ->check(CLI::Range(0.0, 0.1));
+  app.add_option(
+         "--points-operator", source.points_operator,
+         "of point clouds: delaunay, or pb-mhb, the heat kernel between points, which takes some five times as long")
+      ->check(CLI::IsMember({"delaunay", "pb-mhb"}))
+      ->capture_default_str();
   CLI::Option* cage = app.add_option("--cage", source.cage.file, "closed mesh around the model (default: one is made)");
   app.add_option("--cage-resolution", source.cage.resolution, "of a cage that is made: cubes along the longest side")
       ->check(CLI::Range(1, 64))

@@ -46,7 +46,7 @@ json json_from(const EvaluatedRow& row, double rate_hz) {
 
 std::string table_line(const EvaluatedRow& row, const LevelError& level, double rate_hz) {
   const Evaluation& e = row.evaluation;
-  return formatted("%-10s %5u %8.2e %5g %8u %7.3f %8.2e %8.2e %8.2e %9.2e %8.2e %8.1f %6.2f\n", row.basis.c_str(),
+  return formatted("%-16s %5u %8.2e %5g %8u %7.3f %8.2e %8.2e %8.2e %9.2e %8.2e %8.1f %6.2f\n", row.basis.c_str(),
                    row.rank, row.eps / row.diagonal, level.fraction, level.vertices, level.vertex.kg_percent,
                    level.vertex.rms, level.vertex.mean, level.vertex.max, level.hausdorff, level.edges.combined(),
                    e.wire_kbit_per_s(rate_hz), static_cast<double>(row.asset_bytes) * 1e-6);
@@ -78,7 +78,8 @@ std::string table_of(const EvaluatedClip& clip) {
       "header\n",
       clip.input.c_str(), frames, clip.codec.c_str(), clip.detail.c_str(), clip.rate_hz);
   text +=
-      "basis          r    error   lod vertices    KG %      rms     mean      max Hausdorff     STED   kbit/s     "
+      "basis                r    error   lod vertices    KG %      rms     mean      max Hausdorff     STED   kbit/s   "
+      "  "
       "MB\n";
   for (const EvaluatedRow& row : clip.rows) {
     for (const LevelError& level : row.evaluation.levels) text += table_line(row, level, clip.rate_hz);

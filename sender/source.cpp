@@ -109,9 +109,10 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
   } else if (options.basis == "pca") {
     motion = with_poses(**clip, {});
   }
-  const BakeOptions bake_options{options.basis, rank_of(options),
-                                 options.name.empty() ? public_name((*clip)->name()) : options.name,
-                                 asset_error_of(options), &motion, (*clip)->appearance()};
+  const BakeOptions bake_options{
+      options.basis,           rank_of(options), options.name.empty() ? public_name((*clip)->name()) : options.name,
+      asset_error_of(options), &motion,          (*clip)->appearance(),
+      options.points_operator};
   auto baked = bake(rest, bake_options, options.cache_dir, progress);
   if (!baked) return in_context(options.input, baked.error());
   return Source{std::move(*clip), std::move(*baked), std::move(cage)};

@@ -27,9 +27,10 @@ struct SourceOptions {
   std::string animation;       ///< Of a glTF file: name or number (default: the first).
   double sample_rate_hz = 30;  ///< Of formats that state curves instead of poses.
   std::string basis = "augmented";
-  int rank = 0;                       ///< 0: 200; of pca 50; of rig and cage all columns that there are.
-  std::optional<double> asset_error;  ///< See BakeOptions (default: 1e-4; of rig and cage, which are exact, 0).
-  CageOptions cage;                   ///< Of the basis cage.
+  int rank = 0;                              ///< 0: 200; of pca 50; of rig and cage all columns that there are.
+  std::optional<double> asset_error;         ///< See BakeOptions (default: 1e-4; of rig and cage, which are exact, 0).
+  std::string points_operator = "delaunay";  ///< See BakeOptions.
+  CageOptions cage;                          ///< Of the basis cage.
   std::string name;  ///< (default: the built-in's, or the file's or folder's without its path: assets are public)
   std::string cache_dir;
   double target_error = 0;  ///< Rms error of the basis, over the diagonal, that decides the rank; 0: `rank` does.

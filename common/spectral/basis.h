@@ -27,7 +27,7 @@ struct Basis {
   double residual = 0;  ///< Of the eigenpairs used.
   bool certified = false;
   bool approximate = false;  ///< As of Eigenbasis, with `missed`.
-  int missed = 0;
+  std::optional<int> missed;
   // Of bases that are made for a known motion:
   int dimensions = 0;  ///< Columns that hold all of it; r may be less.
   Eigen::VectorXd

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <functional>
+#include <optional>
 #include <string_view>
 
 #include "common/core/result.h"
@@ -22,8 +23,9 @@ struct Eigenbasis {
   double residual = 0;     ///< max_j ||L phi_j - lambda_j M phi_j||_{M^-1} / max(lambda_j, first nonzero lambda)
   bool certified = false;  ///< No eigenvalue was missed: inertia at a gap above lambda_m says so, or all were computed.
   bool approximate = false;  ///< See approximate_eigenbasis: a smooth basis, whose `residual` is large.
-  int missed =
-      0;  ///< Where approximate: eigenvalues below the last of `eigenvalues` that are not among them, by inertia.
+  /// Where approximate: eigenvalues below the last of `eigenvalues` that are not among them, by inertia; nothing where there
+  /// is no factor to count them by.
+  std::optional<int> missed;
 };
 
 /// Up to 150,000 vertices: shift-invert block Lanczos by bands with inertia counts; a dense solver up to n = 512, after Vallet

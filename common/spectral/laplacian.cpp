@@ -8,6 +8,7 @@
 
 #include "common/spectral/bridges.h"
 #include "common/spectral/local_delaunay.h"
+#include "common/spectral/point_kernel.h"
 #include "common/surface/check.h"
 
 namespace eigencast {
@@ -118,6 +119,14 @@ std::vector<Face> faces_with_three_corners(std::span<const Face> faces) {
   return result;
 }
 
+/// The triangles of a cloud, whose area stays, give way to the kernel.
+void use_kernel(const PointKernel& kernel, Assembly& assembly) {
+  assembly.entries.clear();
+  assembly.entries.reserve(4 * kernel.pairs.size());
+  for (const auto& [a, b, weight] : kernel.pairs) add_spring(a, b, weight, assembly.entries);
+  assembly.mass = Eigen::Map<const Eigen::VectorXd>(kernel.area.data(), assembly.mass.size());
+}
+
 /// Coincident points share the mass of the first of them and follow it on a spring.
 void attach_coincident(const LocalTriangles& local, Assembly& assembly) {
   std::vector<std::uint32_t> copies(static_cast<std::size_t>(assembly.mass.size()), 1);
@@ -137,13 +146,14 @@ Eigen::SparseMatrix<double> matrix_from(Eigen::Index n, const Triplets& entries)
 
 }  // namespace
 
-Result<Laplacian> build_laplacian(const Surface& surface, bool bridge) {
+Result<Laplacian> build_laplacian(const Surface& surface, const LaplacianOptions& options) {
   if (auto valid = validate_surface(surface); !valid) return valid.error();
   const bool cloud = surface.is_point_cloud();
   Assembly assembly;
   if (cloud) {
     const LocalTriangles local = local_delaunay(surface.positions);
     assembly = assemble(surface.positions, local.faces, 1.0 / 3);
+    if (options.points == PointsOperator::kPbMhb) use_kernel(point_kernel(surface.positions, local), assembly);
     attach_coincident(local, assembly);
   } else {
     assembly = assemble(surface.positions, faces_with_three_corners(surface.faces), 1.0);
@@ -165,7 +175,7 @@ Result<Laplacian> build_laplacian(const Surface& surface, bool bridge) {
   result.L = matrix_from(n, assembly.entries);
   ComponentLabels labels = components_from_pattern(result.L);
   result.components = static_cast<int>(labels.count);
-  if (bridge && labels.count > 1) {
+  if (options.bridge && labels.count > 1) {
     const auto bridges = find_bridges(surface.positions, std::move(labels));
     for (const auto& [a, b] : bridges) add_spring(a, b, kSpring, assembly.entries);
     result.bridges = static_cast<int>(bridges.size());

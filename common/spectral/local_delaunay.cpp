@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <utility>
 
 #include "common/spectral/kd_tree.h"
 
@@ -16,9 +17,17 @@ constexpr double kCoincident = 1e-9;   // of the box's diagonal
 constexpr double kTooNear = 1e-7;      // of the neighbourhood's radius
 constexpr double kPushedOutTo = 1e-6;  // of the neighbourhood's radius
 
+constexpr double kCellReach = 0.5;  // of the neighbourhood's radius: what lies outside of it cuts no cell so small
+
 struct Neighbour {
   std::uint32_t index;
-  Eigen::Vector2d inverted;  // in the tangent plane, x / |x|^2
+  Eigen::Vector2d inverted;  // in the tangent plane, in units of the radius, x / |x|^2
+};
+
+/// In the tangent plane; none when all lie on the point.
+struct Neighbourhood {
+  std::vector<Neighbour> points;
+  double radius = 0;
 };
 
 Eigen::Vector3d vector_from(const Vec3& p) {
@@ -58,10 +67,11 @@ class Neighbourhoods {
 /// The star of the origin in the Delaunay triangulation of the origin and the neighbours. Inversion turns "the circle
 /// through the origin and two neighbours is empty" into "the line through their images has the others on the origin's
 /// side": the star is the convex hull of the images. Where the origin is a corner of the hull itself it lies on the
-/// cloud's rim, and the hull's two edges at the origin are no triangles.
-void add_star(std::uint32_t centre, std::vector<Neighbour>& neighbours, std::vector<Face>& faces) {
+/// cloud's rim, and the hull's two edges at the origin are no triangles. The corners of the origin's Voronoi cell are the
+/// circles' centres. Returns the cell's area, as LocalTriangles states it.
+double add_star(std::uint32_t centre, const Neighbourhood& around, std::vector<Face>& faces) {
   const std::uint32_t origin = centre;
-  std::vector<Neighbour> points = neighbours;
+  std::vector<Neighbour> points = around.points;
   points.push_back({origin, Eigen::Vector2d::Zero()});
   std::sort(points.begin(), points.end(), [](const Neighbour& a, const Neighbour& b) {
     if (a.inverted.x() != b.inverted.x()) return a.inverted.x() < b.inverted.x();
@@ -80,19 +90,29 @@ void add_star(std::uint32_t centre, std::vector<Neighbour>& neighbours, std::vec
   for (const Neighbour& p : points) push(p, 0);
   const std::size_t lower = size - 1;
   for (std::size_t i = points.size() - 1; i-- > 0;) push(points[i], lower);
+  std::vector<Eigen::Vector2d> corners;
+  bool closed = true;
   for (std::size_t i = 0; i + 1 < size; ++i) {
     const Neighbour& a = hull[i];
     const Neighbour& b = hull[i + 1];
-    if (a.index == origin || b.index == origin || a.index == b.index) continue;
-    if (cross(a.inverted, b.inverted) <= 0) continue;
+    const double turn = cross(a.inverted, b.inverted);
+    if (a.index == origin || b.index == origin || a.index == b.index || turn <= 0) {
+      closed = false;
+      continue;
+    }
     faces.push_back({centre, a.index, b.index});
+    const Eigen::Vector2d edge = b.inverted - a.inverted;
+    corners.emplace_back(edge.y() / (2 * turn), -edge.x() / (2 * turn));
+    closed = closed && corners.back().norm() <= kCellReach;
   }
+  if (!closed || corners.size() < 3) return 0;
+  double twice = 0;
+  for (std::size_t i = 0; i < corners.size(); ++i) twice += cross(corners[i], corners[(i + 1) % corners.size()]);
+  return 0.5 * twice * around.radius * around.radius;
 }
 
-/// Neighbours in the tangent plane, inverted; empty when all lie on the point.
-std::vector<Neighbour> invert(std::span<const Vec3> positions, std::uint32_t centre,
-                              std::span<const std::uint32_t> indices) {
-  std::vector<Neighbour> result;
+Neighbourhood invert(std::span<const Vec3> positions, std::uint32_t centre, std::span<const std::uint32_t> indices) {
+  Neighbourhood result;
   const Eigen::Vector3d p = vector_from(positions[centre]);
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
   double radius = 0;
@@ -105,12 +125,13 @@ std::vector<Neighbour> invert(std::span<const Vec3> positions, std::uint32_t cen
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(covariance / (radius * radius));
   const Eigen::Vector3d u = axes.eigenvectors().col(2);
   const Eigen::Vector3d v = axes.eigenvectors().col(1);
-  result.reserve(indices.size());
+  result.radius = radius;
+  result.points.reserve(indices.size());
   for (const std::uint32_t j : indices) {
     const Eigen::Vector3d d = (vector_from(positions[j]) - p) / radius;
     Eigen::Vector2d q(d.dot(u), d.dot(v));
     if (q.norm() < kTooNear) q = kPushedOutTo * Eigen::Vector2d(std::cos(double(j)), std::sin(double(j)));
-    result.push_back({j, q / q.squaredNorm()});
+    result.points.push_back({j, q / q.squaredNorm()});
   }
   return result;
 }
@@ -137,11 +158,12 @@ std::vector<std::uint32_t> find_coincident(std::span<const Vec3> positions, Neig
   return leader;
 }
 
-void add_all_stars(std::span<const Vec3> positions, Neighbourhoods& neighbourhoods, std::vector<Face>& faces) {
-  faces.reserve(6 * positions.size());
+void add_all_stars(std::span<const Vec3> positions, Neighbourhoods& neighbourhoods, LocalTriangles& result) {
+  result.faces.reserve(6 * positions.size());
+  result.cell.assign(positions.size(), 0);
   for (std::uint32_t i = 0; i < positions.size(); ++i) {
-    std::vector<Neighbour> neighbours = invert(positions, i, neighbourhoods.of(i));
-    if (neighbours.size() >= 2) add_star(i, neighbours, faces);
+    const Neighbourhood around = invert(positions, i, neighbourhoods.of(i));
+    if (around.points.size() >= 2) result.cell[i] = add_star(i, around, result.faces);
   }
 }
 
@@ -160,18 +182,23 @@ LocalTriangles local_delaunay(std::span<const Vec3> positions) {
     }
   }
   if (result.coincident.empty()) {
-    add_all_stars(positions, all, result.faces);
+    add_all_stars(positions, all, result);
     return result;
   }
   std::vector<Vec3> distinct;
   distinct.reserve(kept.size());
   for (const std::uint32_t i : kept) distinct.push_back(positions[i]);
-  if (distinct.size() < 3) return result;
+  if (distinct.size() < 3) {
+    result.cell.assign(positions.size(), 0);
+    return result;
+  }
   Neighbourhoods neighbourhoods(distinct);
-  add_all_stars(distinct, neighbourhoods, result.faces);
+  add_all_stars(distinct, neighbourhoods, result);
   for (Face& face : result.faces) {
     for (std::uint32_t& corner : face) corner = kept[corner];
   }
+  const std::vector<double> cells = std::exchange(result.cell, std::vector<double>(positions.size(), 0));
+  for (std::size_t i = 0; i < kept.size(); ++i) result.cell[kept[i]] = cells[i];
   return result;
 }
 

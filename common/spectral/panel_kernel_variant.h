@@ -85,9 +85,48 @@ void solve_upper(const UnitLower& L, std::size_t first, std::size_t end, double*
   }
 }
 
+/// Row i of S X.
+inline Row row_of_product(const SparseRows& S, std::size_t i, const double* X) {
+  Row sum = {}, other = {};  // two sums, so that one addition need not wait for the other
+  int p = S.begin[i];
+  for (; p + 1 < S.begin[i + 1]; p += 2) {
+    add(S.value[p], load<Row>(X + static_cast<std::size_t>(S.column[p]) * kPanelWidth), sum);
+    add(S.value[p + 1], load<Row>(X + static_cast<std::size_t>(S.column[p + 1]) * kPanelWidth), other);
+  }
+  if (p < S.begin[i + 1]) add(S.value[p], load<Row>(X + static_cast<std::size_t>(S.column[p]) * kPanelWidth), sum);
+  add(1, other, sum);
+  return sum;
+}
+
+void multiply(const SparseRows& S, std::size_t first, std::size_t end, const double* X, const double* shift,
+              double* Y) {
+  const Row by = load<Row>(shift);
+  for (std::size_t i = first; i < end; ++i) {
+    Row y = row_of_product(S, i, X);
+    const Row x = load<Row>(X + i * kPanelWidth);
+    EIGENCAST_UNROLL
+    for (std::size_t v = 0; v < kVectors; ++v) y.part[v] -= by.part[v] * x.part[v];
+    store(y, Y + i * kPanelWidth);
+  }
+}
+
+void smooth(const SparseRows& S, const ChebyshevStep& by, std::size_t first, std::size_t end, const double* R,
+            const double* Z, double* D, double* next) {
+  for (std::size_t i = first; i < end; ++i) {
+    Row defect = load<Row>(R + i * kPanelWidth);
+    add(-1, row_of_product(S, i, Z), defect);
+    Row d = {};
+    if (by.keep != 0) add(by.keep, load<Row>(D + i * kPanelWidth), d);
+    add(by.step * by.inverse_diagonal[i], defect, d);
+    store(d, D + i * kPanelWidth);
+    add(1, load<Row>(Z + i * kPanelWidth), d);
+    store(d, next + i * kPanelWidth);
+  }
+}
+
 }  // namespace
 
 extern const PanelFunctions EIGENCAST_VARIANT;
-const PanelFunctions EIGENCAST_VARIANT = {add_gram, add_product, solve_lower, solve_upper};
+const PanelFunctions EIGENCAST_VARIANT = {add_gram, add_product, solve_lower, solve_upper, multiply, smooth};
 
 }  // namespace eigencast

@@ -11,18 +11,26 @@
 namespace eigencast {
 namespace {
 
+constexpr Eigen::Index kWidth = kPanelWidth;
+
 /// The largest ||S h_j - lambda_j h_j||, each in units of its eigenvalue, but no less than the first that is not zero.
 double worst_residual(const Eigen::SparseMatrix<double>& S, const Panels& H, const Eigen::VectorXd& values) {
   const auto positive = std::find_if(values.begin(), values.end(), [](double value) { return value > 0; });
   const double floor = positive != values.end() ? *positive : 0;
-  std::vector<double> worst(static_cast<std::size_t>(values.size()), 0.0);
+  Eigen::VectorXd shift = Eigen::VectorXd::Zero(H.columns());
+  shift.head(values.size()) = values;
+  std::vector<double> worst(static_cast<std::size_t>(H.count()), 0.0);
   worker_team().run(worst.size(), [&](std::size_t i) {
-    const auto j = static_cast<Eigen::Index>(i);
-    Eigen::VectorXd h(H.rows());
-    for (Eigen::Index row = 0; row < H.rows(); ++row) h[row] = H.at(row, j);
-    const double defect = (S * h - values[j] * h).norm();
-    const double scale = std::max(values[j], floor);
-    worst[i] = scale > 0 ? defect / scale : defect;
+    const auto panel = static_cast<Eigen::Index>(i);
+    Panels defects = zero_panels(H.rows(), 1);
+    panel_functions().multiply(rows_of(S), 0, static_cast<std::size_t>(H.rows()), H[panel],
+                               shift.data() + panel * kWidth, defects[0]);
+    const Eigen::Map<const Eigen::Matrix<double, kWidth, Eigen::Dynamic>> columns(defects[0], kWidth, H.rows());
+    const Eigen::VectorXd norms = columns.rowwise().norm();
+    for (Eigen::Index j = 0; j < kWidth && panel * kWidth + j < values.size(); ++j) {
+      const double scale = std::max(values[panel * kWidth + j], floor);
+      worst[i] = std::max(worst[i], scale > 0 ? norms[j] / scale : norms[j]);
+    }
   });
   return *std::max_element(worst.begin(), worst.end());
 }
@@ -38,6 +46,15 @@ Eigen::SparseMatrix<double> symmetric_form(const Laplacian& laplacian) {
     }
   }
   return S;
+}
+
+SparseRows rows_of(const Eigen::SparseMatrix<double>& S) {
+  return {S.outerIndexPtr(), S.innerIndexPtr(), S.valuePtr()};
+}
+
+Error cannot_be_factored() {
+  return fail(ErrorCode::kNumerical,
+              "the surface's operator cannot be factored: its triangles differ too much in size or shape");
 }
 
 Kernel kernel_of(const Laplacian& laplacian, int most) {
@@ -64,9 +81,12 @@ Eigenbasis eigenbasis_from(const Laplacian& laplacian, const Eigen::SparseMatrix
   result.certified = true;
   const Eigen::VectorXd scale = laplacian.mass.cwiseSqrt().cwiseInverse();
   result.Phi.resize(H.rows(), values.size());
-  worker_team().run(static_cast<std::size_t>(values.size()), [&](std::size_t i) {
-    const auto j = static_cast<Eigen::Index>(i);
-    for (Eigen::Index row = 0; row < H.rows(); ++row) result.Phi(row, j) = H.at(row, j) * scale[row];
+  worker_team().run(static_cast<std::size_t>(H.count()), [&](std::size_t i) {
+    const Eigen::Index first = static_cast<Eigen::Index>(i) * kWidth;
+    const Eigen::Index count = std::min(kWidth, values.size() - first);
+    for (Eigen::Index row = 0; row < H.rows(); ++row) {
+      for (Eigen::Index j = first; j < first + count; ++j) result.Phi(row, j) = H.at(row, j) * scale[row];
+    }
   });
   result.eigenvalues = std::move(values);
   return result;

@@ -111,6 +111,13 @@ TEST(Bake, PointCloudsAndHarmonicBasesWork) {
   expect_sound(cloud, *points);
   EXPECT_TRUE(points->asset.is_point_cloud());
   EXPECT_EQ(points->asset.splats.size(), cloud.positions.size());
+  BakeOptions by_kernel = of_rank(40);
+  by_kernel.points_operator = "pb-mhb";
+  const auto kernel = bake(cloud, by_kernel);
+  ASSERT_TRUE(kernel) << kernel.error().message;
+  expect_sound(cloud, *kernel);
+  EXPECT_EQ(kernel->asset.basis_kind, "augmented/pb-mhb");
+  EXPECT_NE(kernel->report.find("PB-MHB"), std::string::npos) << kernel->report;
   const auto harmonic = bake(make_icosphere(3), of_rank(40, "harmonic"));
   ASSERT_TRUE(harmonic);
   EXPECT_EQ(harmonic->asset.basis_kind, "harmonic");
@@ -145,6 +152,14 @@ TEST(Bake, RefusesOptionsThatCannotBeMeant) {
     const auto result = bake(surface, options);
     ASSERT_FALSE(result);
     EXPECT_EQ(result.error().code, ErrorCode::kInvalidArgument);
+  }
+  for (const char* points_operator : {"pb-mhb", "graph"}) {  // of a surface with faces; one that there is not
+    BakeOptions options = of_rank(20);
+    options.points_operator = points_operator;
+    const auto result = bake(surface, options);
+    ASSERT_FALSE(result);
+    EXPECT_EQ(result.error().code, ErrorCode::kInvalidArgument);
+    EXPECT_NE(result.error().message.find(points_operator), std::string::npos);
   }
 }
 
@@ -270,6 +285,11 @@ TEST(Bake, CacheTellsSurfacesAndOptionsApart) {
   EXPECT_TRUE(fresh(surface, of_rank(31)));
   EXPECT_TRUE(fresh(surface, of_rank(30, "harmonic")));
   EXPECT_TRUE(fresh(surface, named));
+  const Surface cloud{surface.positions, {}};
+  BakeOptions by_kernel = of_rank(30);
+  by_kernel.points_operator = "pb-mhb";
+  EXPECT_TRUE(fresh(cloud, of_rank(30)));
+  EXPECT_TRUE(fresh(cloud, by_kernel));
   EXPECT_FALSE(fresh(surface, of_rank(30)));
 }
 

@@ -14,7 +14,7 @@ namespace {
 using testing::orthonormality_defect;
 
 Laplacian laplacian_of(const Surface& surface, bool bridge = true) {
-  auto laplacian = build_laplacian(surface, bridge);
+  auto laplacian = build_laplacian(surface, {.bridge = bridge});
   EXPECT_TRUE(laplacian);
   return std::move(*laplacian);
 }

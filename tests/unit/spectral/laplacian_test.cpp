@@ -4,9 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Eigenvalues>
+#include <algorithm>
 #include <limits>
 #include <numbers>
 
+#include "common/spectral/local_delaunay.h"
 #include "support.h"
 
 namespace eigencast {
@@ -87,7 +89,7 @@ TEST(Laplacian, ComponentsAreJoinedSoThatOneEigenvalueIsZero) {
   EXPECT_NEAR(lambda[0], 0, 1e-10);
   EXPECT_GT(lambda[1], 1e-3);
 
-  const auto apart = build_laplacian(surface, false);
+  const auto apart = build_laplacian(surface, {.bridge = false});
   ASSERT_TRUE(apart);
   EXPECT_EQ(apart->components, 3);
   EXPECT_EQ(apart->bridges, 0);
@@ -188,6 +190,14 @@ Surface fibonacci_cloud(int n) {
   return cloud;
 }
 
+Surface grid_cloud(int width, int height) {
+  Surface cloud;
+  for (int i = 0; i < width; ++i) {
+    for (int j = 0; j < height; ++j) cloud.positions.push_back({double(i), double(j), 0});
+  }
+  return cloud;
+}
+
 TEST(PointLaplacian, CoversTheSphereOnce) {
   const Surface cloud = fibonacci_cloud(2000);
   const auto laplacian = build_laplacian(cloud);
@@ -229,10 +239,7 @@ TEST(PointLaplacian, TightClustersAreBridged) {
 }
 
 TEST(PointLaplacian, GridsWithManyEqualDistancesAndOpenBordersWork) {
-  Surface cloud;
-  for (int i = 0; i < 15; ++i) {
-    for (int j = 0; j < 15; ++j) cloud.positions.push_back({double(i), double(j), 0});
-  }
+  const Surface cloud = grid_cloud(15, 15);
   const auto laplacian = build_laplacian(cloud);
   ASSERT_TRUE(laplacian);
   expect_usable(*laplacian, cloud.vertex_count());
@@ -245,6 +252,105 @@ TEST(PointLaplacian, FourPointsDo) {
   const auto laplacian = build_laplacian(cloud);
   ASSERT_TRUE(laplacian);
   expect_usable(*laplacian, 4);
+}
+
+TEST(LocalDelaunay, CellsOfAGridAreItsSquaresAndOpenOnesAreZero) {
+  const Surface cloud = grid_cloud(12, 11);
+  const LocalTriangles local = local_delaunay(cloud.positions);
+  ASSERT_EQ(local.cell.size(), cloud.vertex_count());
+  for (std::size_t i = 0; i < local.cell.size(); ++i) {
+    const auto [x, y, z] = cloud.positions[i];
+    const bool inner = x > 0 && x < 11 && y > 0 && y < 10;
+    EXPECT_NEAR(local.cell[i], inner ? 1 : 0, 1e-12) << i;
+  }
+}
+
+constexpr LaplacianOptions kPbMhb{.points = PointsOperator::kPbMhb};
+
+// The formula, by hand, where all is known: unit cells, four neighbours at 1 and the next two at the root of 2.
+TEST(PbMhb, WeightsOfAGridAreTheHeatKernel) {
+  const int size = 25;
+  const auto laplacian = build_laplacian(grid_cloud(size, size), kPbMhb);
+  ASSERT_TRUE(laplacian);
+  expect_usable(*laplacian, size * size);
+  const double h = (4 + 2 * std::sqrt(2)) / 6, t = h * h;
+  const int middle = size * (size / 2) + size / 2;
+  EXPECT_NEAR(laplacian->mass[middle], 1, 1e-12);
+  for (const auto& [dx, dy] : {std::pair{1, 0}, {0, 2}, {3, -2}, {-4, 4}}) {
+    const double weight = std::exp(-(dx * dx + dy * dy) / (4 * t)) / (4 * std::numbers::pi * t * t);
+    EXPECT_NEAR(laplacian->L.coeff(middle, middle + size * dx + dy), -weight, 1e-12 * weight) << dx << " " << dy;
+  }
+  EXPECT_EQ(laplacian->L.coeff(middle, middle + 7 * size), 0);  // beyond 6.07 h
+}
+
+/// Of the six nearest points, for points alike, by looking at all.
+double squared_spacing(const Surface& cloud) {
+  const Eigen::MatrixXd X = matrix_from(cloud.positions);
+  double sum = 0;
+  int points = 0;
+  for (Eigen::Index i = 0; i < X.rows(); i += 50, ++points) {
+    Eigen::VectorXd distance = (X.rowwise() - X.row(i)).rowwise().norm();
+    std::partial_sort(distance.begin(), distance.begin() + 7, distance.end());
+    sum += distance.segment(1, 6).mean();
+  }
+  return std::pow(sum / points, 2);
+}
+
+TEST(PbMhb, CoversTheSphereAndItsEigenvaluesAreThoseOfTheSphereOnceTheirBiasIsTakenOut) {
+  const Surface cloud = fibonacci_cloud(2500);
+  const auto laplacian = build_laplacian(cloud, kPbMhb);
+  ASSERT_TRUE(laplacian);
+  expect_usable(*laplacian, cloud.vertex_count());
+  EXPECT_EQ(laplacian->components, 1);
+  EXPECT_NEAR(laplacian->area, 4 * std::numbers::pi, 0.01 * laplacian->area);
+  EXPECT_GT(laplacian->L.nonZeros(), 100 * 2500);
+  const auto basis = solve_eigenbasis(*laplacian, 36);
+  ASSERT_TRUE(basis) << basis.error().message;
+  EXPECT_TRUE(basis->certified);
+  const double t = squared_spacing(cloud);
+  for (int k = 1; k < 36; ++k) {
+    const double l = std::floor(std::sqrt(k)), truth = l * (l + 1);
+    EXPECT_NEAR(-std::log(1 - t * basis->eigenvalues[k]) / t, truth, 0.03 * truth) << k;
+    EXPECT_LT(basis->eigenvalues[k], truth) << k;
+  }
+}
+
+TEST(PbMhb, ScalesAsALaplacianDoes) {
+  Surface cloud = fibonacci_cloud(500);
+  const auto small = build_laplacian(cloud, kPbMhb);
+  for (Vec3& p : cloud.positions) p = {1000 * p[0], 1000 * p[1], 1000 * p[2]};
+  const auto large = build_laplacian(cloud, kPbMhb);
+  ASSERT_TRUE(small && large);
+  EXPECT_LE((small->L - large->L).norm(), 1e-9 * small->L.norm());
+  EXPECT_LE((1e6 * small->mass - large->mass).norm(), 1e-9 * large->mass.norm());
+}
+
+// A dense cluster next to few points, many copies of one, and a border: no row beyond the bound, nothing that is not finite.
+TEST(PbMhb, ClustersCopiesAndBordersAreGuarded) {
+  Surface cloud = grid_cloud(20, 20);
+  std::mt19937 generator(3);
+  for (int i = 0; i < 220; ++i) {
+    cloud.positions.push_back({5 + 1e-4 * testing::uniform(generator), 5 + 1e-4 * testing::uniform(generator), 0});
+  }
+  for (int copy = 0; copy < 150; ++copy) cloud.positions.push_back(cloud.positions[7]);
+  cloud.positions.push_back({60, 60, 0});
+  const auto laplacian = build_laplacian(cloud, kPbMhb);
+  ASSERT_TRUE(laplacian);
+  expect_usable(*laplacian, cloud.vertex_count());
+  EXPECT_LE(laplacian->L.nonZeros(), Eigen::Index{2 * 192 + 1} * laplacian->L.rows());
+  EXPECT_NEAR(laplacian->area, 20 * 20, 0.1 * 20 * 20);
+  const Eigen::VectorXd lambda = spectrum(*laplacian);
+  EXPECT_GE(lambda[0], -1e-12 * lambda[lambda.size() - 1]);
+  EXPECT_GT(lambda[1], 1e-4);
+}
+
+TEST(PbMhb, PointsOnALineAreRefusedAndFourPointsDo) {
+  Surface line;
+  for (int i = 0; i < 50; ++i) line.positions.push_back({double(i), 2.0 * i, 0});
+  EXPECT_FALSE(build_laplacian(line, kPbMhb));
+  const auto four = build_laplacian({{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {}}, kPbMhb);
+  ASSERT_TRUE(four);
+  expect_usable(*four, 4);
 }
 
 }  // namespace

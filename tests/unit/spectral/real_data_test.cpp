@@ -83,7 +83,7 @@ TEST(RealData, TwentySixBonesAreBridged) {
   SKIP_WITHOUT_DATA();
   const auto bones = read_surface((kData / "meshes/nasty/cgal_bones.off").string());
   ASSERT_TRUE(bones);
-  const auto apart = build_laplacian(*bones, false);
+  const auto apart = build_laplacian(*bones, {.bridge = false});
   ASSERT_TRUE(apart);
   EXPECT_EQ(apart->components, 26);
   const auto kernel = solve_eigenbasis(*apart, 40);

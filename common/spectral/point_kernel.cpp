@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: MIT
+#include "common/spectral/point_kernel.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <functional>
+#include <numbers>
+#include <tuple>
+#include <utility>
+
+#include "common/core/worker_team.h"
+#include "common/spectral/kd_tree.h"
+
+namespace eigencast {
+namespace {
+
+constexpr std::size_t kSpacingOf = 6;         // nearest points
+constexpr std::size_t kMostNeighbours = 192;  // what is within the kernel on an even cloud is 110 to 150
+constexpr double kCut = 9.210340371976184;    // -ln 1e-4
+constexpr double kLeastWeight =
+    1e-7;  // a hundredth of the least on an even cloud: what hangs on less is as good as apart
+constexpr std::size_t kPointsAtOnce = 1024;  // of a thread
+
+using Pair = PointKernel::Pair;
+
+/// Points that are no copies of others, and where they stand in the cloud.
+struct Distinct {
+  std::vector<std::uint32_t> index;
+  std::vector<Vec3> positions;
+};
+
+Distinct distinct_points(std::span<const Vec3> positions, const LocalTriangles& local) {
+  std::vector<char> is_copy(positions.size(), 0);
+  for (const auto& [copy, leader] : local.coincident) is_copy[copy] = 1;
+  Distinct distinct;
+  for (std::uint32_t i = 0; i < positions.size(); ++i) {
+    if (is_copy[i] != 0) continue;
+    distinct.index.push_back(i);
+    distinct.positions.push_back(positions[i]);
+  }
+  return distinct;
+}
+
+/// work(first, end) for the points, shares of them at the same time.
+void for_shares(std::size_t points, const std::function<void(std::size_t, std::size_t)>& work) {
+  worker_team().run((points + kPointsAtOnce - 1) / kPointsAtOnce, [&](std::size_t share) {
+    work(share * kPointsAtOnce, std::min(points, (share + 1) * kPointsAtOnce));
+  });
+}
+
+std::vector<double> spacings(const KdTree& tree, std::span<const Vec3> positions) {
+  std::vector<double> spacing(positions.size());
+  for_shares(positions.size(), [&](std::size_t first, std::size_t end) {
+    std::array<std::uint32_t, kSpacingOf + 1> found{};  // itself among them
+    std::array<double, kSpacingOf + 1> squared{};
+    for (std::size_t i = first; i < end; ++i) {
+      const std::size_t count = tree.knnSearch(positions[i].data(), found.size(), found.data(), squared.data());
+      double sum = 0;
+      for (std::size_t j = 0; j < count; ++j) sum += std::sqrt(squared[j]);
+      spacing[i] = count > 1 ? sum / static_cast<double>(count - 1) : 0;
+    }
+  });
+  return spacing;
+}
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+/// Of cells that are closed the area, of others what a cell mostly has where points lie as far apart as the nearest ones do: by
+/// its own distances a point far from all others would weigh more than they.
+std::vector<double> areas(const Distinct& distinct, const KdTree& tree, std::span<const double> cell,
+                          std::span<const double> spacing) {
+  std::vector<double> area(spacing.size());
+  std::vector<double> of_square;
+  for (std::size_t i = 0; i < area.size(); ++i) {
+    area[i] = cell[distinct.index[i]];
+    if (area[i] > 0) of_square.push_back(area[i] / (spacing[i] * spacing[i]));
+  }
+  const double usual = of_square.empty() ? 1 : median(std::move(of_square));
+  std::array<std::uint32_t, kSpacingOf + 1> found{};
+  std::array<double, kSpacingOf + 1> squared{};
+  for (std::size_t i = 0; i < area.size(); ++i) {
+    if (area[i] > 0) continue;
+    const std::size_t count = tree.knnSearch(distinct.positions[i].data(), found.size(), found.data(), squared.data());
+    std::vector<double> nearby;
+    for (std::size_t k = 0; k < count; ++k) nearby.push_back(spacing[found[k]]);
+    area[i] = usual * std::pow(median(std::move(nearby)), 2);
+  }
+  return area;
+}
+
+bool before(const Pair& p, const Pair& q) {
+  return std::tie(p.a, p.b) < std::tie(q.a, q.b);
+}
+
+}  // namespace
+
+PointKernel point_kernel(std::span<const Vec3> positions, const LocalTriangles& local) {
+  const Distinct distinct = distinct_points(positions, local);
+  const std::size_t n = distinct.positions.size();
+  const PointSet points{distinct.positions};
+  const KdTree tree(3, points);
+  const std::vector<double> spacing = spacings(tree, distinct.positions);
+  const std::vector<double> area = areas(distinct, tree, local.cell, spacing);
+
+  std::vector<std::vector<Pair>> parts((n + kPointsAtOnce - 1) / kPointsAtOnce);
+  for_shares(n, [&](std::size_t first, std::size_t end) {
+    std::vector<Pair>& pairs = parts[first / kPointsAtOnce];
+    std::vector<std::uint32_t> found(std::min(kMostNeighbours + 1, n));
+    std::vector<double> squared(found.size());
+    for (std::size_t i = first; i < end; ++i) {
+      const std::size_t count =
+          tree.knnSearch(distinct.positions[i].data(), found.size(), found.data(), squared.data());
+      for (std::size_t k = 0; k < count; ++k) {
+        const std::size_t j = found[k];
+        const double t = spacing[i] * spacing[j];
+        if (j == i || !(squared[k] < 4 * t * kCut)) continue;
+        const double weight = area[i] / t * (area[j] / t) * std::exp(-squared[k] / (4 * t)) / (4 * std::numbers::pi);
+        if (weight < kLeastWeight) continue;  // so that bridges find it
+        const auto [a, b] = std::minmax(distinct.index[i], distinct.index[j]);
+        pairs.push_back({a, b, weight});
+      }
+    }
+  });
+
+  // A pair that both of its points have among their nearest is there twice.
+  PointKernel kernel;
+  std::size_t total = 0;
+  for (const auto& part : parts) total += part.size();
+  kernel.pairs.reserve(total);
+  for (auto& part : parts) {
+    kernel.pairs.insert(kernel.pairs.end(), part.begin(), part.end());
+    part = {};
+  }
+  std::sort(kernel.pairs.begin(), kernel.pairs.end(), before);
+  const auto same = [](const Pair& p, const Pair& q) { return p.a == q.a && p.b == q.b; };
+  kernel.pairs.erase(std::unique(kernel.pairs.begin(), kernel.pairs.end(), same), kernel.pairs.end());
+  kernel.area.assign(positions.size(), 0);
+  for (std::size_t i = 0; i < n; ++i) kernel.area[distinct.index[i]] = area[i];
+  return kernel;
+}
+
+}  // namespace eigencast
