@@ -31,7 +31,7 @@ void LevelControl::make_resolver(const Camera& camera) {
   if (settings_.kind == ResolverKind::kBudget) {
     BudgetResolver::Settings settings;
     settings.f0 = settings_.target_fps;
-    settings.fill = settings_.fill;
+    settings.deadline = settings_.deadline;
     resolver_ = std::make_unique<BudgetResolver>(settings);
   } else {
     PaperResolver::Settings settings;
@@ -47,6 +47,11 @@ void LevelControl::make_resolver(const Camera& camera) {
 void LevelControl::choose(Scene& scene, std::span<PoseSource* const> sources, const Camera& camera,
                           std::optional<FrameWork> last) {
   auto& instances = scene.instances();
+  for (Scene::Instance& instance : instances) {
+    const Extent extent = extent_of(instance);
+    instance.view.set_px_per_unit(static_cast<double>(extent.scale) *
+                                  camera.most_px_per_unit(extent.barycentre, extent.radius));
+  }
   if (!active()) {
     for (Scene::Instance& instance : instances) instance.view.set_most_vertices(std::nullopt);
     return;

@@ -22,9 +22,9 @@ std::string_view name_of(ResolverKind kind);
 struct LevelSettings {
   ResolverKind kind = ResolverKind::kNone;
   double target_fps = 60;
-  /// Part of a picture's time that the budget resolver plans for: a display that is missed shows the picture a whole turn later, a
-  /// rate that only the user wants leaves less to noise.
-  double fill = 0.92;
+  /// When a picture is late, in its times: a display that is missed shows it a whole turn later, a rate that only the user wants may
+  /// now and then be missed by a quarter.
+  double deadline = 1;
   double floor = 0.02;  ///< Least part of its vertices that a surface keeps.
   /// Of the paper's resolver: distances, scene units, at which G (Eq. 5) is 1 and 0. Default: the eye in the scene's
   /// middle, and four of its radii off.
@@ -38,7 +38,7 @@ class LevelControl {
  public:
   explicit LevelControl(const LevelSettings& settings);
 
-  /// Sets the levels of the next picture. `last`: the work of the picture before.
+  /// Sets the levels of the next picture, and how large each surface is seen. `last`: the work of the picture before.
   /// REQUIRES: `sources` are those that the scene advances with.
   void choose(Scene& scene, std::span<PoseSource* const> sources, const Camera& camera, std::optional<FrameWork> last);
 

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
-#include <numeric>
+#include <utility>
 
 namespace eigencast {
 namespace {
@@ -95,18 +95,54 @@ std::vector<std::uint32_t> split_budget(std::span<const ObjectView> objects, dou
   return n;
 }
 
-BudgetResolver::BudgetResolver(const Settings& settings) : settings_(settings), slope_(settings.start_cost) {}
+double DriftingValue::deviation() const {
+  std::vector<double> sorted(distances_.begin(), distances_.end());
+  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  return 1.4826 * *middle;  // of normal noise
+}
+
+void DriftingValue::add(double measured, double far) {
+  constexpr std::size_t kFew = 4;  // tell nothing of the noise
+  if (!value_) value_ = measured;
+  const double distance = measured - *value_, before = std::exchange(last_, measured);
+  if (distances_.size() >= kFew) far = std::min(far, kFar * deviation());
+  const bool is_far = std::abs(distance) > far;
+  if (is_far && far_before_ * distance > 0) {
+    value_ = 0.5 * (measured + before);
+  } else if (!is_far) {
+    *value_ += kGain * distance;
+  }
+  far_before_ = is_far ? distance : 0;
+  distances_.push_back(std::abs(distance));
+  if (distances_.size() > kWindow) distances_.pop_front();
+}
+
+void PlanMargin::add(double taken) {
+  taken_.push_back(taken);
+  if (taken_.size() > kWindow) taken_.pop_front();
+}
+
+double PlanMargin::fill() const {
+  constexpr double kAtFirst = 1.05;
+  double late = kAtFirst;
+  if (taken_.size() >= kFew) {
+    std::vector<double> sorted(taken_.begin(), taken_.end());
+    const auto at = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() * 19 / 20);
+    std::nth_element(sorted.begin(), at, sorted.end());
+    late = *at;
+  }
+  return std::clamp(kEdge * deadline_ / late, kLeast, 1.0);
+}
+
+BudgetResolver::BudgetResolver(const Settings& settings)
+    : settings_(settings), slope_(settings.start_cost), margin_(settings.deadline) {}
 
 void BudgetResolver::learn(double seconds) {
+  constexpr std::size_t kFirst = 8;  // foretell nothing
+  if (samples_.size() >= kFirst) margin_.add(seconds / (fixed_ + slope_ * drawn_));
   samples_.push_back({drawn_, seconds});
   if (samples_.size() > kWindow) samples_.pop_front();
-  // One frame that the system took away (a page fault, another program) must not move the level.
-  const auto median_of_last = [&](auto value) {
-    std::vector<double> last;
-    for (auto s = samples_.rbegin(); s != samples_.rend() && last.size() < 3; ++s) last.push_back(value(*s));
-    std::sort(last.begin(), last.end());
-    return last[last.size() / 2];
-  };
 
   double mean_v = 0, mean_t = 0;
   for (const Sample& s : samples_) mean_v += s.vertices, mean_t += s.seconds;
@@ -120,18 +156,22 @@ void BudgetResolver::learn(double seconds) {
   // The old slope counts as much as a variation of V by a tenth would; it never runs away where V stands still.
   const double prior = 0.01 * mean_v * mean_v * static_cast<double>(samples_.size());
   if (variance + prior > 0) slope_ = (covariance + prior * slope_) / (variance + prior);
-  // All of the newest frame's time may come from the vertices, never more; and never nothing.
-  const double newest = median_of_last([](const Sample& s) { return s.seconds; });
-  const double per_vertex = newest / std::max(drawn_, 1.0);
+  // All of the newest frame's time may come from the vertices, never more; and never nothing. But one frame that the system took
+  // away (a page fault, another program) must not move the level.
+  std::vector<double> newest;
+  for (auto s = samples_.rbegin(); s != samples_.rend() && newest.size() < 3; ++s) newest.push_back(s->seconds);
+  std::sort(newest.begin(), newest.end());
+  const double per_vertex = newest[newest.size() / 2] / std::max(drawn_, 1.0);
   slope_ = std::clamp(slope_, 0.02 * per_vertex, per_vertex);
-  fixed_ = std::max(0.0, median_of_last([&](const Sample& s) { return s.seconds - slope_ * s.vertices; }));
+  rest_.add(seconds - slope_ * drawn_, 0.25 * seconds);
+  fixed_ = std::max(0.0, rest_.value());
 }
 
 void BudgetResolver::judge(double least, double seconds) {
   const double frame = 1 / settings_.f0;
   const bool at_least = drawn_ <= least * (1 + kDeadBand);
   const bool hopeless = at_least && seconds > frame && fixed_ > frame;
-  const bool hopeful = fixed_ + slope_ * least < settings_.fill * frame;
+  const bool hopeful = fixed_ + slope_ * least < fill() * frame;
   frames_against_ = (within_reach_ ? hopeless : hopeful) ? frames_against_ + 1 : 0;
   if (frames_against_ < kPatience) return;
   within_reach_ = !within_reach_;
@@ -139,11 +179,11 @@ void BudgetResolver::judge(double least, double seconds) {
 }
 
 double BudgetResolver::wanted_vertices(double least, double most) const {
-  const double planned = within_reach_ ? settings_.fill / settings_.f0 : (1 + kShare) * (fixed_ + slope_ * least);
+  const double planned = within_reach_ ? fill() / settings_.f0 : (1 + kShare) * (fixed_ + slope_ * least);
   double wanted = std::clamp((planned - fixed_) / slope_, 0.0, most);
   if (drawn_ <= 0) return wanted;
   // If all of the last frame's time came from its vertices, this part of them would do.
-  const double part = samples_.empty() ? 1 : settings_.fill / settings_.f0 / samples_.back().seconds;
+  const double part = samples_.empty() ? 1 : fill() / settings_.f0 / samples_.back().seconds;
   wanted = std::clamp(wanted, drawn_ * std::min(kFall, part), drawn_ * kGrowth);
   const bool small = std::abs(wanted - drawn_) < kDeadBand * drawn_ && wanted < most;
   return small ? drawn_ : wanted;

@@ -79,11 +79,53 @@ class PaperResolver final : public LodResolver {
   int interval_frames_ = 0;
 };
 
+/// Follows a value that drifts, from measurements with noise: evenly where they differ from it by no more than they usually do. One that
+/// is far off is passed over; with a second in a row the value has jumped.
+class DriftingValue {
+ public:
+  static constexpr double kGain = 0.3;        ///< Of a measurement within the noise.
+  static constexpr double kFar = 3;           ///< Standard deviations.
+  static constexpr std::size_t kWindow = 16;  ///< Measurements that tell the noise.
+
+  /// far: off by more than this it is far off, whatever the noise has been.
+  void add(double measured, double far);
+  double value() const { return value_.value_or(0); }
+
+ private:
+  double deviation() const;
+
+  std::optional<double> value_;
+  double last_ = 0;
+  double far_before_ = 0;         ///< By how much the last one was off, if far.
+  std::deque<double> distances_;  ///< Of the measurements from what was expected.
+};
+
+/// How much of a frame's time may be planned for, so that all but one frame in twenty are done by the deadline. What the last frames
+/// took beside what was foretold of them says how much must be left for that; a quiet machine leaves little.
+class PlanMargin {
+ public:
+  static constexpr std::size_t kWindow = 64;  ///< Frames that count.
+  static constexpr std::size_t kFew = 16;     ///< Fewer say nothing.
+  static constexpr double kLeast = 0.85;      ///< Of a frame's time is planned for in any case,
+  static constexpr double kEdge = 0.97;       ///< and of the deadline no more than this.
+
+  /// deadline: in frames' times; >= 1.
+  explicit PlanMargin(double deadline) : deadline_(deadline) {}
+  /// Takes what a frame took, as a part of what it should have taken; > 0.
+  void add(double taken);
+  /// Of a frame's time, in [kLeast, 1].
+  double fill() const;
+
+ private:
+  double deadline_;
+  std::deque<double> taken_;
+};
+
 /// Holds the frame's work within its time and spends all of it where it is seen.
 ///
 /// A frame costs a + b V, where V sums cost x N over the objects. Both are learnt while it runs: b by least squares over
-/// the last frames, which pull it only as far as V has varied; a from the newest frames, so that a step of the load is
-/// answered within a few. V is then what the budget leaves, and it is split so that the sum of the errors on the screen is
+/// the last frames, which pull it only as far as V has varied; a as a DriftingValue, so that a step of the load is
+/// answered within a few and noise is not answered at all. V is then what the budget leaves, and it is split so that the sum of the errors on the screen is
 /// least: what is linear between vertices is off by the square of an edge, everywhere on the surface, pixels^2 / N in all,
 /// and so N ~ pixels / sqrt(cost) within its bounds.
 ///
@@ -106,7 +148,7 @@ class BudgetResolver final : public LodResolver {
 
   struct Settings {
     double f0 = 60;            ///< Wanted frames per second.
-    double fill = 0.92;        ///< Part of 1 / f0 to plan for; the rest is for noise.
+    double deadline = 1;       ///< In times of 1 / f0, when a frame is late: see PlanMargin.
     double start_cost = 1e-7;  ///< Seconds per vertex, believed before anything was measured.
   };
 
@@ -118,6 +160,7 @@ class BudgetResolver final : public LodResolver {
 
   double seconds_per_vertex() const { return slope_; }
   double seconds_fixed() const { return fixed_; }
+  double fill() const { return margin_.fill(); }       ///< Part of 1 / f0 that is planned for.
   bool within_reach() const { return within_reach_; }  ///< Fewer vertices can hold the rate, as far as is known.
 
  private:
@@ -132,11 +175,13 @@ class BudgetResolver final : public LodResolver {
   Settings settings_;
   double slope_;
   double fixed_ = 0;
+  DriftingValue rest_;  ///< What b V leaves of the frames' times: fixed_, where it is positive.
   double planned_ = 0;
   double drawn_ = 0;  ///< V of the last frame.
   bool within_reach_ = true;
   int frames_against_ = 0;  ///< The last so many speak against within_reach_.
   std::deque<Sample> samples_;
+  PlanMargin margin_;
 };
 
 /// Splits `budget` over the objects so that the sum of pixels^2 / N is least, with sum(cost x N) <= budget where the

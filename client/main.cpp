@@ -4,6 +4,7 @@
 
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <exception>
 
 #include "client/apps.h"
@@ -36,6 +37,8 @@ int run(int argc, char** argv) {
   auto parsed = eigencast::options_from_command_line(argc, argv);
   if (const auto* exit_now = std::get_if<eigencast::ExitNow>(&parsed)) return exit_now->code;
   const auto& options = std::get<eigencast::ClientOptions>(parsed);
+  // Read above, for one broker; libraries below would give it to any.
+  ::unsetenv("EIGENCAST_TOKEN");
 
   const auto logger = spdlog::stderr_color_mt("client");
   logger->set_pattern("%H:%M:%S.%e %^%l%$ %v");

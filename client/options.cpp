@@ -111,12 +111,25 @@ Result<std::optional<Profile>> profile_from(const CLI::App& app, const std::stri
   return std::optional<Profile>(profile);
 }
 
-/// Names and contexts become a URL with its credentials.
-Result<Target> resolve(const std::string& stream, const RawOptions& raw) {
+std::string origin_of(const std::string& url) {
+  const auto parsed = parse_broker_url(url);
+  return parsed ? parsed->origin() : std::string();
+}
+
+/// Names and contexts become a URL with its credentials. home: the broker that token and certificate of the command line are for; empty:
+/// this stream's, which it becomes. Others are only told what the contexts hold for them.
+Result<Target> resolve(const std::string& stream, const RawOptions& raw, std::string& home) {
   const auto contexts = Contexts::load(Contexts::default_path());
   if (!contexts) return contexts.error();
   const bool nothing = stream.empty() && contexts->find(raw.context) == nullptr && raw.context.empty();
-  auto target = resolve_target(nothing ? kDefaultUrl : stream, raw.credentials, raw.context, *contexts);
+  const std::string to = nothing ? kDefaultUrl : stream;
+  const auto meant = resolve_target(to, {}, raw.context, *contexts);
+  if (!meant) return meant.error();
+  const std::string broker = origin_of(meant->url);
+  if (home.empty()) home = raw.context.empty() ? broker : origin_of(contexts->find(raw.context)->url);
+  Credentials given = raw.credentials;
+  if (broker != home) given = {"", raw.credentials.ca_file};
+  auto target = resolve_target(to, given, raw.context, *contexts);
   if (!target) return target.error();
   const auto url = parse_broker_url(target->url);
   if (!url || url->credentials.token.empty()) return target;
@@ -151,12 +164,13 @@ Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
     for (std::string& stream : scene.streams) stream = "file:" + stream;
   }
   if (scene.streams.empty() && (options.headless || knows_a_broker(raw))) scene.streams = {""};
+  std::string home;
   for (std::string& stream : scene.streams) {
     Target target;
     if (clip_in(stream)) {
       target.url = stream;
     } else {
-      auto resolved = resolve(stream, raw);
+      auto resolved = resolve(stream, raw, home);
       if (!resolved) return resolved.error();
       target = std::move(*resolved);
     }
@@ -203,11 +217,14 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   app.add_option("--scene", raw.scene, "a JSON file that says which streams stand where (client/README.md)");
   app.add_option("--context", raw.context, "broker by name, see eigencast-sender context (default: the current one)")
       ->envname("EIGENCAST_CONTEXT");
-  app.add_option("--token", raw.credentials.token, "token for the broker, or @FILE that holds it")
+  app.add_option(
+         "--token", raw.credentials.token,
+         "token, or @FILE that holds it, for the broker of --context, else of the first stream, and for no other")
       ->envname("EIGENCAST_TOKEN");
   app.add_option("--ca", raw.credentials.ca_file,
                  "PEM file of the authorities trusted for wss:// (default: the system's)");
-  app.add_option("--cert", raw.credentials.certificate_file, "PEM file of a certificate for brokers that ask for one");
+  app.add_option("--cert", raw.credentials.certificate_file,
+                 "PEM file of a certificate for a broker that asks for one");
   app.add_option("--key", raw.credentials.key_file, "PEM file of its private key");
   app.add_flag("--insecure", raw.credentials.insecure, "do not check the broker's certificate: for trying out only");
   app.add_flag("--headless", options.headless, "no window: render into memory, no display needed");
@@ -324,6 +341,7 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
                         : raw.resolver == "none" || (raw.resolver.empty() && options.headless) ? ResolverKind::kNone
                                                                                                : ResolverKind::kBudget;
   options.reconstruct = rebuild_on_from_name(raw.reconstruct).value_or(RebuildOn::kAuto);
+  if (options.headless) options.levels.deadline = 1.25;  // no display to miss
   options.follow_display = !options.headless && app.count("--target-fps") == 0;
   const bool has_delay = app.count("--smooth") + app.count("--delay") + app.count("--ahead") > 0;
   if (raw.playout == "latest" && has_delay)

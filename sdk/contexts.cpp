@@ -62,6 +62,20 @@ bool write_private(const std::string& path, const std::string& text) {
   return ::close(descriptor) == 0 && written;
 }
 
+/// The context that is meant: of that name; else, of a URL's broker, or the current one.
+const Context* context_for(const std::string& to, const std::string& name, const Contexts& contexts) {
+  const Context* current = contexts.find(name);
+  const auto meant = parse_broker_url(to);
+  if (!name.empty() || !meant) return current;
+  const auto is_its = [&](const Context& context) {
+    const auto known = parse_broker_url(context.url);
+    return known && known->origin() == meant->origin();
+  };
+  if (current != nullptr && is_its(*current)) return current;
+  const auto at = std::find_if(contexts.all().begin(), contexts.all().end(), is_its);
+  return at == contexts.all().end() ? current : &*at;
+}
+
 /// `own` wins, each part for itself.
 Credentials merged(Credentials own, const Credentials& other) {
   if (own.token.empty()) own.token = other.token;
@@ -165,7 +179,7 @@ Result<void> Contexts::remove(const std::string& name) {
 
 Result<Target> resolve_target(const std::string& to, const Credentials& given, const std::string& name,
                               const Contexts& contexts) {
-  const Context* context = contexts.find(name);
+  const Context* context = context_for(to, name, contexts);
   if (!name.empty() && context == nullptr)
     return fail(ErrorCode::kNotFound, "no context \"" + name + "\"; see: eigencast-sender context list");
   const bool is_url = to.find("://") != std::string::npos;

@@ -9,6 +9,7 @@
 #include <glm/ext/matrix_transform.hpp>
 #include <glm/geometric.hpp>
 #include <glm/matrix.hpp>
+#include <limits>
 
 namespace eigencast {
 namespace {
@@ -178,6 +179,12 @@ float Camera::scene_per_px(const glm::vec3& point) const {
   const glm::vec3 in_view = glm::vec3(view_from_scene() * glm::vec4(point, 1));
   assert(in_view.z < 0);
   return -2 * std::tan(0.5F * kFieldOfView) * in_view.z / static_cast<float>(height_);
+}
+
+double Camera::most_px_per_unit(const glm::vec3& centre, float radius) const {
+  const float nearest = glm::length(centre - position()) - radius;
+  if (nearest <= 0) return std::numeric_limits<double>::infinity();
+  return static_cast<double>(0.5F * static_cast<float>(height_) / std::tan(0.5F * kFieldOfView) / nearest);
 }
 
 double Camera::diameter_px(const glm::vec3& centre, float radius) const {

@@ -6,13 +6,29 @@
 #include <numeric>
 
 namespace eigencast {
+namespace {
+
+/// What a weight changes by in `elapsed_us` where all of it takes `whole_us`.
+float step_of(TimeUs elapsed_us, TimeUs whole_us) {
+  return elapsed_us < whole_us ? static_cast<float>(elapsed_us) / static_cast<float>(whole_us) : 1.0F;
+}
+
+}  // namespace
+
+MorphPace MorphPace::of(double way_px) {
+  const double us = 1e6 * way_px / kPixelsPerSecond;
+  MorphPace pace;
+  if (us < double{kAppear}) pace.appear_us = static_cast<TimeUs>(std::max(us, 0.0));
+  pace.vanish_us = std::min(pace.appear_us, kVanish);
+  return pace;
+}
 
 void LevelMorph::jump(std::uint32_t N) {
   whole_ = N;
   weights_.clear();
 }
 
-bool LevelMorph::advance(std::uint32_t N, TimeUs now_us) {
+bool LevelMorph::advance(std::uint32_t N, TimeUs now_us, const MorphPace& pace) {
   const bool settled = drawn() == N && weights_.empty();
   const TimeUs elapsed = seen_us_ ? now_us - *seen_us_ : kOutOfSight;
   seen_us_ = now_us;
@@ -26,11 +42,11 @@ bool LevelMorph::advance(std::uint32_t N, TimeUs now_us) {
     whole_ = N;
   }
   if (N > drawn()) weights_.resize(N - whole_, 0.0F);
-  const auto step = static_cast<float>(std::clamp<TimeUs>(elapsed, 0, kLongestStep));
+  const TimeUs gone = std::clamp<TimeUs>(elapsed, 0, kLongestStep);
+  const float up = step_of(gone, pace.appear_us), down = step_of(gone, pace.vanish_us);
   const std::size_t stay = N - whole_;
-  for (std::size_t i = 0; i < stay; ++i) weights_[i] = std::min(1.0F, weights_[i] + step / float{kAppear});
-  for (std::size_t i = stay; i < weights_.size(); ++i)
-    weights_[i] = std::max(0.0F, weights_[i] - step / float{kVanish});
+  for (std::size_t i = 0; i < stay; ++i) weights_[i] = std::min(1.0F, weights_[i] + up);
+  for (std::size_t i = stay; i < weights_.size(); ++i) weights_[i] = std::max(0.0F, weights_[i] - down);
   assert(std::is_sorted(weights_.rbegin(), weights_.rend()));
   while (weights_.size() > stay && weights_.back() == 0) weights_.pop_back();
   const auto moving = std::find_if(weights_.begin(), weights_.begin() + static_cast<std::ptrdiff_t>(stay),

@@ -10,9 +10,20 @@
 
 namespace eigencast {
 
+/// How long vertices take to come and to go: as long as their way on the screen asks for. A vertex that comes is drawn and paid for
+/// before it is of use, so that whoever waits longer than anybody can see draws fewer of them in the same time.
+struct MorphPace {
+  static constexpr TimeUs kAppear = 250'000;      ///< At most.
+  static constexpr TimeUs kVanish = 100'000;      ///< Shorter: the time of a picture waits for it.
+  static constexpr double kPixelsPerSecond = 30;  ///< Half a pixel from picture to picture at 60/s.
+  TimeUs appear_us = kAppear, vanish_us = kVanish;
+
+  /// Of vertices that move `way_px` pixels at most, which may be infinite: unknown.
+  static MorphPace of(double way_px);
+};
+
 /// Lets vertices come and go without a jump: one that appears starts where the vertex stands that it was contracted into,
-/// and moves to its own place within kAppear; one that vanishes goes back there within kVanish, and is drawn so long.
-/// Vertex i with weight s_i stands at
+/// and moves to its own place; one that vanishes goes back there, and is drawn so long. Vertex i with weight s_i stands at
 ///
 ///   y_i = (1 - s_i) y_map(i) + s_i x_i,
 ///
@@ -22,8 +33,6 @@ namespace eigencast {
 /// Time comes in as arguments. Not thread-safe.
 class LevelMorph {
  public:
-  static constexpr TimeUs kAppear = 250'000;
-  static constexpr TimeUs kVanish = 100'000;  ///< Shorter: the time of a picture waits for it.
   /// Weights go on by no more than this in one picture, however long it took.
   static constexpr TimeUs kLongestStep = 50'000;
   /// Who has not looked for so long sees no jump.
@@ -32,7 +41,7 @@ class LevelMorph {
   void jump(std::uint32_t N);
 
   /// Aims at N vertices and goes on to `now_us`; true if there is anything new to draw.
-  bool advance(std::uint32_t N, TimeUs now_us);
+  bool advance(std::uint32_t N, TimeUs now_us, const MorphPace& pace = {});
 
   /// Vertices to draw: the first so many.
   std::uint32_t drawn() const { return whole_ + static_cast<std::uint32_t>(weights_.size()); }

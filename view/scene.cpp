@@ -175,7 +175,7 @@ Extent extent_of(const Scene::Instance& instance) {
   const glm::mat4& m = instance.scene_from_surface;
   const float scale = std::cbrt(std::abs(glm::determinant(glm::mat3(m))));
   return {glm::vec3(m * glm::vec4(vec3_from(instance.view.barycentre()), 1)),
-          0.5F * scale * glm::length(vec3_from(facts.high) - vec3_from(facts.low))};
+          0.5F * scale * glm::length(vec3_from(facts.high) - vec3_from(facts.low)), scale};
 }
 
 }  // namespace eigencast

@@ -88,10 +88,11 @@ class Scene {
   Histogram reconstruct_us_, normals_us_;
 };
 
-/// The middle of a surface's pose and its radius, in the scene.
+/// The middle of a surface's pose and its radius, in the scene, and how much larger it is there than in itself.
 struct Extent {
   glm::vec3 barycentre{0};
   float radius = 0;
+  float scale = 1;
 };
 Extent extent_of(const Scene::Instance& instance);
 

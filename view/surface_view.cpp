@@ -154,7 +154,7 @@ bool SurfaceView::change_level(const Asset& asset, std::uint32_t N, TimeUs now_u
   const bool jump = !morphs_ || geometry_.vertex_count() == 0 || morph_.drawn() > asset.rows_ready;
   const std::uint32_t before = geometry_.vertex_count();
   if (jump) morph_.jump(N);
-  const bool moved = morph_.advance(N, now_us) || morph_.drawn() != before;
+  const bool moved = morph_.advance(N, now_us, pace(asset, N)) || morph_.drawn() != before;
   const bool new_faces = triangles_.update(asset, geometry_.triangles);
   triangles_.set_level(morph_.drawn(), geometry_.triangles);
   if (geometry_.topology_version != triangles_.version()) {
@@ -162,6 +162,12 @@ bool SurfaceView::change_level(const Asset& asset, std::uint32_t N, TimeUs now_u
     geometry_.triangle_blocks = triangles_.block_versions();
   }
   return moved || new_faces;
+}
+
+/// Vertices move along an edge of the coarsest level on their way.
+MorphPace SurfaceView::pace(const Asset& asset, std::uint32_t N) const {
+  const std::uint32_t coarsest = std::max(1U, std::min(N, morph_.whole()));
+  return asset.area > 0 ? MorphPace::of(px_per_unit_ * std::sqrt(asset.area / coarsest)) : MorphPace();
 }
 
 RebuildJob SurfaceView::job(const Asset& asset) {

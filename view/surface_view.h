@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -79,6 +80,9 @@ class SurfaceView {
 
   /// Draws no more than N vertices from now on, whatever lod() allows; nothing: as many as lod() says.
   void set_most_vertices(std::optional<std::uint32_t> N) { most_vertices_ = N; }
+  /// How large it is seen: pixels that one unit of the surface takes at most. Vertices come and go the quicker the shorter their way
+  /// is on the screen (MorphPace). Infinite, as at first: not known.
+  void set_px_per_unit(double pixels) { px_per_unit_ = pixels; }
   /// The area's barycentre of the pose in geometry(), surface coordinates: a linear function of the coefficients.
   std::array<float, 3> barycentre() const;
 
@@ -113,6 +117,7 @@ class SurfaceView {
   void add_pose(const ReceivedPose& pose, const Asset& asset);
   bool choose_pose(const PoseSource& source, TimeUs now_us);
   bool change_level(const Asset& asset, std::uint32_t N, TimeUs now_us);
+  MorphPace pace(const Asset& asset, std::uint32_t N) const;
   void update_facts(const Asset& asset);
 
   Playout playout_;
@@ -124,6 +129,7 @@ class SurfaceView {
   std::string asset_id_;
   std::shared_ptr<Reconstructor> reconstructor_ = std::make_shared<Reconstructor>();
   std::optional<std::uint32_t> most_vertices_;
+  double px_per_unit_ = std::numeric_limits<double>::infinity();
   bool morphs_;
   LevelMorph morph_;
   LevelTriangles triangles_;

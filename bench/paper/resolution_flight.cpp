@@ -25,7 +25,7 @@ namespace {
 struct Settings {
   std::string clip = "heart", cache, flight, resolver = "none";
   int count = 6, width = 640, height = 480, compare_every = 0;
-  double f0 = 20, near = 0.5, far = 6, floor = 0.02, fill = LevelSettings().fill;
+  double f0 = 20, near = 0.5, far = 6, floor = 0.02, deadline = 1.25;  // as headless: no display is missed
   bool model = false, at_once = false;
 };
 
@@ -146,7 +146,7 @@ class Flight {
     levels.near = settings.near;
     levels.far = settings.far;
     levels.floor = settings.floor;
-    levels.fill = settings.fill;
+    levels.deadline = settings.deadline;
     return levels;
   }
 
@@ -235,7 +235,7 @@ int main(int argc, char** argv) {
   app.add_option("--near", settings.near, "of the paper's resolver: distance of full detail")->capture_default_str();
   app.add_option("--far", settings.far, "and of none")->capture_default_str();
   app.add_option("--floor", settings.floor)->capture_default_str();
-  app.add_option("--fill", settings.fill, "part of a picture's time that the budget resolver plans for")
+  app.add_option("--deadline", settings.deadline, "of the budget resolver: pictures' times after which one is late")
       ->capture_default_str();
   app.add_flag("--at-once", settings.at_once, "levels change from one picture to the next, not smoothly");
   app.add_flag("--model", settings.model, "pictures take what a model says, so that every run is the same");

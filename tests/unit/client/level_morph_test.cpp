@@ -4,7 +4,9 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <limits>
 #include <random>
+#include <tuple>
 
 #include "common/asset/format.h"
 #include "common/reconstruction/level_triangles.h"
@@ -93,17 +95,37 @@ TEST(LevelMorphs, VerticesGoTheirWayWithinTheirTimeAndThenStand) {
   for (; morph.whole() < 14; ++frames) {
     ASSERT_TRUE(morph.advance(14, now += kFrame));
     EXPECT_GT(morph.effective(), last);
-    EXPECT_LE(morph.effective() - last, 4 * static_cast<double>(kFrame) / LevelMorph::kAppear + 1e-5);
+    EXPECT_LE(morph.effective() - last, 4 * static_cast<double>(kFrame) / MorphPace::kAppear + 1e-5);
     last = morph.effective();
   }
-  EXPECT_NEAR(frames, static_cast<double>(LevelMorph::kAppear) / kFrame, 2);
+  EXPECT_NEAR(frames, static_cast<double>(MorphPace::kAppear) / kFrame, 2);
   EXPECT_FALSE(morph.advance(14, now += kFrame));
   for (frames = 0; morph.drawn() > 6; ++frames) {
     ASSERT_TRUE(morph.advance(6, now += kFrame));
     EXPECT_EQ(morph.whole(), 6u);
   }
-  EXPECT_NEAR(frames, static_cast<double>(LevelMorph::kVanish) / kFrame, 2);
+  EXPECT_NEAR(frames, static_cast<double>(MorphPace::kVanish) / kFrame, 2);
   EXPECT_FALSE(morph.advance(6, now += kFrame));
+}
+
+TEST(LevelMorphs, TakeAsLongAsTheWayOnTheScreenAsksFor) {
+  const double unknown = std::numeric_limits<double>::infinity();
+  for (const auto& [pixels, appear, vanish] :
+       {std::tuple(unknown, 250'000, 100'000), std::tuple(100.0, 250'000, 100'000), std::tuple(6.0, 200'000, 100'000),
+        std::tuple(1.5, 50'000, 50'000), std::tuple(0.0, 0, 0), std::tuple(std::nan(""), 250'000, 100'000)}) {
+    const MorphPace pace = MorphPace::of(pixels);
+    EXPECT_EQ(pace.appear_us, appear) << pixels;
+    EXPECT_EQ(pace.vanish_us, vanish) << pixels;
+  }
+  for (const double pixels : {0.0, 0.4}) {
+    LevelMorph morph;
+    morph.jump(10);
+    morph.advance(10, 0);
+    morph.advance(14, kFrame, MorphPace::of(pixels));
+    EXPECT_EQ(morph.whole(), 14u) << "less than half a pixel is no way";
+    morph.advance(6, 2 * kFrame, MorphPace::of(pixels));
+    EXPECT_EQ(morph.drawn(), 6u);
+  }
 }
 
 TEST(LevelMorphs, ASlowPictureIsNoJumpAndALongAbsenceIsOne) {
@@ -111,7 +133,7 @@ TEST(LevelMorphs, ASlowPictureIsNoJumpAndALongAbsenceIsOne) {
   morph.jump(10);
   morph.advance(10, 0);
   morph.advance(20, 400'000);
-  EXPECT_LE(morph.effective(), 10 + 10.0 * LevelMorph::kLongestStep / LevelMorph::kAppear + 1e-5);
+  EXPECT_LE(morph.effective(), 10 + 10.0 * LevelMorph::kLongestStep / MorphPace::kAppear + 1e-5);
   morph.advance(20, 400'000 + LevelMorph::kOutOfSight);
   EXPECT_EQ(morph.whole(), 20u);
 }
@@ -129,7 +151,7 @@ TEST(LevelMorphs, WhoTurnsBackGoesOnFromWhereItIs) {
     const std::uint32_t whole = morph.whole(), drawn = morph.drawn();
     morph.advance(level(random), now += kFrame);
     const double moving = std::max(morph.drawn(), drawn) - std::min(morph.whole(), whole);
-    ASSERT_LE(std::abs(morph.effective() - before), moving * kFrame / LevelMorph::kVanish + 1e-3);
+    ASSERT_LE(std::abs(morph.effective() - before), moving * kFrame / MorphPace::kVanish + 1e-3);
   }
 }
 
@@ -233,7 +255,7 @@ struct Smoothness {
   int pictures = 0;
 };
 
-Smoothness go_over(Renderer& renderer, bool morph, double from, double to) {
+Smoothness go_over(Renderer& renderer, bool morph, double from, double to, bool size_known = false) {
   constexpr int kWidth = 240, kHeight = 180;
   PausedHeart still(morph);
   while (still.turn(from)) {
@@ -243,6 +265,7 @@ Smoothness go_over(Renderer& renderer, bool morph, double from, double to) {
   camera.set_view("iso");
   const auto& f = still.view.facts();
   camera.set_scene({f.low[0], f.low[1], f.low[2]}, {f.high[0], f.high[1], f.high[2]});
+  if (size_known) still.view.set_px_per_unit(camera.most_px_per_unit(camera.target(), camera.scene_radius()));
   const auto picture = [&] {
     renderer.upload(0, still.view.geometry());
     return renderer.picture(camera, {}, kWidth, kHeight).value();
@@ -270,6 +293,15 @@ TEST_F(SurfacePictures, TwoPicturesInARowDifferByLessThanTheBoundWhileLevelsChan
     EXPECT_LE(smooth.most_mean, 0.4) << "of 255, from picture to picture at 60/s, whatever the levels";
     EXPECT_LE(smooth.most_mean, 0.45 * jump.most_mean);
     EXPECT_LT(smooth.most_pixel, jump.most_pixel);
+  }
+  for (const auto& [from, to] :
+       {std::pair(0.02, 1.0), std::pair(0.5, 0.05), std::pair(0.3, 1.0), std::pair(1.0, 0.5)}) {
+    const Smoothness jump = go_over(*renderer_, false, from, to), quick = go_over(*renderer_, true, from, to, true);
+    EXPECT_NEAR(quick.end_to_end, jump.end_to_end, 1e-9);
+    EXPECT_LE(quick.most_mean, 0.4) << "where vertices take as long as their way on the screen needs";
+    if (from >= 0.3 && to >= 0.3) {
+      EXPECT_LE(quick.pictures, 10) << "short ways";
+    }
   }
 }
 

@@ -190,6 +190,47 @@ Flight fly(const Machine& machine, double f0, double duration, std::size_t count
   return flight;
 }
 
+TEST(DriftingValue, FollowsADriftEvenlyAJumpAtOnceAndNoSpike) {
+  std::mt19937 random(3);
+  std::normal_distribution<double> noise(0, 0.5);
+  DriftingValue value;
+  double most_step = 0, error = 0;
+  for (int i = 0; i < 400; ++i) {
+    const double before = value.value();
+    value.add(10 + 0.01 * i + noise(random) + (i % 40 == 33 ? 30 : 0), 5);
+    if (i > 5) most_step = std::max(most_step, std::abs(value.value() - before));
+    if (i > 20) error += std::abs(value.value() - (10 + 0.01 * i)) / 379;
+  }
+  EXPECT_LE(most_step, 0.3 * 3 * 1.5 * 0.5) << "one far off is passed over";
+  EXPECT_LE(error, 0.2) << "less than half of the noise";
+  for (int i = 0; i < 3; ++i) value.add(40 + noise(random), 5);
+  EXPECT_NEAR(value.value(), 40, 1);
+  for (int i = 0; i < 3; ++i) value.add(2, 5);
+  EXPECT_NEAR(value.value(), 2, 1e-9);
+}
+
+TEST(PlanMargin, LeavesWhatTheNoiseNeeds) {
+  const auto fill = [](double deadline, double noise) {
+    PlanMargin margin(deadline);
+    std::mt19937 random(3);
+    std::normal_distribution<double> normal(0, noise);
+    for (int i = 0; i < 100; ++i) margin.add(std::exp(normal(random)));
+    return margin.fill();
+  };
+  EXPECT_NEAR(fill(1, 1e-6), PlanMargin::kEdge, 1e-4);
+  EXPECT_NEAR(fill(1, 0.03), PlanMargin::kEdge / std::exp(1.645 * 0.03), 0.02);
+  EXPECT_NEAR(fill(1, 0.06), PlanMargin::kEdge / std::exp(1.645 * 0.06), 0.03);
+  EXPECT_DOUBLE_EQ(fill(1, 0.5), PlanMargin::kLeast) << "most of the frame's time is used on any machine";
+  EXPECT_DOUBLE_EQ(fill(1.25, 0.06), 1) << "so much noise fits in a quarter";
+  EXPECT_LT(fill(1.25, 0.2), 0.97);
+  PlanMargin margin(1);
+  const double before = margin.fill();
+  for (std::size_t i = 1; i < PlanMargin::kFew; ++i) margin.add(3);
+  EXPECT_EQ(margin.fill(), before) << "of few frames nothing is learnt";
+  for (std::size_t i = 0; i < PlanMargin::kWindow; ++i) margin.add(i % 25 == 7 ? 4.0 : 1.0);
+  EXPECT_DOUBLE_EQ(margin.fill(), PlanMargin::kEdge) << "a frame in twenty may be late, however late it is";
+}
+
 TEST(BudgetResolver, HoldsTheRateOnASlowMachineAndUsesIt) {
   // Full detail (50,586 vertices) would take 200 ms, as the paper's five frames a second.
   const Flight flight = fly({[](double v, double) { return 0.005 + 0.195 * v / 50'586; }, 0.03, 0}, 20, 20);
@@ -197,6 +238,20 @@ TEST(BudgetResolver, HoldsTheRateOnASlowMachineAndUsesIt) {
   EXPECT_GE(flight.use, 0.85);
   EXPECT_GE(flight.mean_level, 0.18) << "all that 45 ms allow is 0.2";
   EXPECT_LE(flight.wobble, 0.01);
+}
+
+TEST(BudgetResolver, LeavesAsMuchTimeAsTheMachineIsNoisy) {
+  const auto flight_of = [](double noise) {
+    return fly({[](double v, double) { return 0.005 + 0.195 * v / 50'586; }, noise, 0}, 20, 30);
+  };
+  const Flight quiet = flight_of(0.005), usual = flight_of(0.04), loud = flight_of(0.12);
+  EXPECT_GE(quiet.use, 0.94);
+  EXPECT_GE(usual.use, 0.87);
+  EXPECT_GE(loud.use, 0.80);
+  EXPECT_LE(loud.use, usual.use);
+  EXPECT_LE(quiet.slowest_percentile(95), 1.0 / 20) << "in the display's own time";
+  EXPECT_LE(usual.slowest_percentile(95), 1.03 / 20);
+  EXPECT_GE(loud.within, 0.95);
 }
 
 TEST(BudgetResolver, DrawsEverythingOnAFastMachine) {

@@ -136,6 +136,8 @@ TEST(Scenes, WhatIsOutOfSightHasNoSizeAndABallHasThatOfItsSilhouette) {
   EXPECT_EQ(camera.diameter_px({0, -9, 0}, 1), 0);
   EXPECT_GT(camera.diameter_px({4.6F, 0, 0}, 1), 0) << "a part of it is in the picture";
   EXPECT_DOUBLE_EQ(camera.diameter_px({0, 0, 10}, 1), 500) << "around the eye: the whole picture";
+  EXPECT_NEAR(camera.most_px_per_unit({0, 0, 0}, 1), focal / 9, 0.01);
+  EXPECT_TRUE(std::isinf(camera.most_px_per_unit({0, 0, 9.5F}, 1)));
 }
 
 TEST(Scenes, LookingFromAPlaceIsTheViewThatWasAskedFor) {

@@ -246,6 +246,25 @@ TEST(Options, CredentialsComeFromFlagsUrlAndContexts) {
   EXPECT_EQ(shown.scene.streams.front(), "ws://other:7490/x?rate=raw");
   EXPECT_EQ(shown.credentials.front().token, "t.o.k");
   EXPECT_EQ(std::get<ExitNow>(parsed({"--context", "none"})).code, kExitUsage);
+  // A token is for one broker: the first, or the context's that is named.
+  const auto tokens = [&](std::vector<const char*> arguments) {
+    std::vector<std::string> all;
+    for (const Credentials& each : options(std::move(arguments)).credentials) all.push_back(each.token);
+    return all;
+  };
+  using Tokens = std::vector<std::string>;
+  EXPECT_EQ(tokens({"--token", "t", "file:heart", "ws://a/x", "wss://a/x", "ws://a:7490/y", "ws://b/x?access_token=u"}),
+            (Tokens{"", "t", "", "t", "u"}));
+  EXPECT_EQ(tokens({"--token", "t", "--context", "studio", "ws://a/x", "live/b"}), (Tokens{"", "t"}));
+  EXPECT_EQ(tokens({"--token", "t", "ws://a/x", "live/b"}), (Tokens{"t", "secret"})) << "the context's own";
+  ::setenv("EIGENCAST_TOKEN", "e", 1);
+  EXPECT_EQ(tokens({"ws://a/x", "ws://b/x"}), (Tokens{"e", ""}));
+  ::unsetenv("EIGENCAST_TOKEN");
+  const auto others =
+      options({"--token", "t", "--cert", "c", "--key", "k", "--ca", "ca", "--insecure", "ws://a/x", "ws://b/x"});
+  EXPECT_EQ(others.credentials[1].certificate_file + others.credentials[1].key_file, "") << "who one is";
+  EXPECT_FALSE(others.credentials[1].insecure);
+  EXPECT_EQ(others.credentials[1].ca_file, "ca") << "whom one trusts";
   ::unsetenv("XDG_CONFIG_HOME");
 }
 

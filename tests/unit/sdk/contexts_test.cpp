@@ -83,6 +83,17 @@ TEST(Contexts, TargetsAreUrlsStreamsOfAContextOrTheContextItself) {
   EXPECT_EQ(resolve_target("", {}, "", Contexts()).error().code, ErrorCode::kInvalidArgument);
 }
 
+TEST(Contexts, AUrlFindsTheContextOfItsBroker) {
+  const Contexts contexts = two();
+  const auto token = [&](const std::string& to, const std::string& name) {
+    return resolve_target(to, {}, name, contexts)->credentials.token;
+  };
+  EXPECT_EQ(contexts.current(), "home");
+  EXPECT_EQ(token("ws://studio.example:1234/other", ""), "secret") << "not the current one, but its broker's";
+  EXPECT_EQ(token("wss://studio.example:1234/other", ""), "") << "another scheme is another broker";
+  EXPECT_EQ(token("ws://studio.example:1234/other", "home"), "") << "another one was named";
+}
+
 TEST(Contexts, ATokenGoesToItsOwnBrokerOnly) {
   const Contexts contexts = two();
   const auto token = [&](const std::string& to, const std::string& given) {
