@@ -4,17 +4,11 @@
 #include <Eigen/Core>
 #include <cstring>
 
+#include "common/core/vector_lanes.h"
+
 namespace eigencast::bench {
 namespace {
 
-#if defined(__AVX512F__)
-constexpr std::size_t kLanes = 16;
-#elif defined(__AVX2__)
-constexpr std::size_t kLanes = 8;
-#else
-constexpr std::size_t kLanes = 4;
-#endif
-using Floats = float __attribute__((vector_size(kLanes * sizeof(float))));
 constexpr std::size_t kChains = 12;
 
 using RowMajor = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -56,7 +50,24 @@ float multiply_add(std::size_t rounds) {
   return sum;
 }
 std::size_t multiply_add_size() {
-  return kChains * kLanes;
+  return kChains * kFloatLanes;
+}
+
+std::int32_t multiply_add_halves(std::size_t rounds) {
+  Words chains[kChains];
+  for (std::size_t i = 0; i < kChains; ++i) chains[i] = Words{} + static_cast<std::int32_t>(i);
+  Words a = Words{} + 3, b = Words{} + 5;
+  for (std::size_t round = 0; round < rounds; ++round) {
+    hold(a);
+    hold(b);
+    for (std::size_t i = 0; i < kChains; ++i) chains[i] = add_products_of_halves(chains[i], a, b);
+  }
+  std::int32_t sum = 0;
+  for (const Words& chain : chains) sum += chain[0];
+  return sum;
+}
+std::size_t multiply_add_halves_size() {
+  return 2 * kChains * kFloatLanes;
 }
 
 void eigen_product(const float* Psi, std::size_t rows, std::size_t rank, const float* C, float* X) {

@@ -51,7 +51,7 @@ void measure(std::vector<Case>& cases, bool at_hand) {
 volatile std::uint64_t sink;
 
 /// `share` of the bytes of every tile row, by as many threads as the team has.
-void read_all(const std::vector<std::uint64_t>& words, std::size_t bytes, unsigned threads) {
+void read_all(const AlignedVector<std::uint64_t>& words, std::size_t bytes, unsigned threads) {
   if (threads == 1) {
     sink = bench::read_words(words.data(), bytes);
     return;
@@ -62,19 +62,29 @@ void read_all(const std::vector<std::uint64_t>& words, std::size_t bytes, unsign
   });
 }
 
-/// Multiplications a second of one core.
-double multiplication_rate() {
+/// Multiplications a second of one core: `size` in each of the rounds that `work` is told to do.
+double multiplication_rate(std::size_t size, const std::function<std::uint64_t(std::size_t)>& work) {
   std::vector<double> rates;
   for (int i = 0; i < 9; ++i) {
     constexpr std::size_t kRounds = 2'000'000;
     const auto begin = std::chrono::steady_clock::now();
-    sink = static_cast<std::uint64_t>(bench::multiply_add(kRounds));
+    sink = work(kRounds);
     const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    rates.push_back(static_cast<double>(kRounds * bench::multiply_add_size()) / seconds);
+    rates.push_back(static_cast<double>(kRounds * size) / seconds);
   }
   std::nth_element(rates.begin(), rates.begin() + 4, rates.end());
   return rates[4];
 }
+
+/// What one core can do.
+struct CoreRates {
+  double floats = multiplication_rate(bench::multiply_add_size(), [](std::size_t rounds) {
+    return static_cast<std::uint64_t>(bench::multiply_add(rounds));
+  });
+  double halves = multiplication_rate(bench::multiply_add_halves_size(), [](std::size_t rounds) {
+    return static_cast<std::uint64_t>(bench::multiply_add_halves(rounds));
+  });
+};
 
 struct Scene {
   const Asset& grid;
@@ -84,9 +94,9 @@ struct Scene {
   std::vector<std::vector<float>> X;  // of six instances
 };
 
-void compare_products(Scene& scene, std::uint32_t N, bool at_hand, double core_rate) {
+void compare_products(Scene& scene, std::uint32_t N, bool at_hand, const CoreRates& core) {
   const std::uint32_t r = scene.grid.rank;
-  std::vector<std::uint64_t> words(std::size_t{N} * r / 2 + 64, 1);
+  const AlignedVector<std::uint64_t> words(std::size_t{N} * r / 2 + 64, 1);
   std::vector<Reconstructor> all;
   all.reserve(32);
   std::vector<Case> cases;
@@ -94,6 +104,7 @@ void compare_products(Scene& scene, std::uint32_t N, bool at_hand, double core_r
     std::size_t bytes;
     std::size_t poses;
     unsigned threads;
+    bool integers = false;
   };
   std::vector<Note> notes;
   const auto add = [&](std::string name, Note note, std::function<void()> run) {
@@ -107,7 +118,7 @@ void compare_products(Scene& scene, std::uint32_t N, bool at_hand, double core_r
     const std::size_t bytes = std::size_t{N} * (integers ? 2 * std::size_t{r} + 8 : 4 * std::size_t{r});
     const std::string name = std::string(integers ? "int16 " : "float ") + name_of(set) + ", " + std::to_string(poses) +
                              (poses == 1 ? " pose, " : " poses, ") + (threads == 1 ? "1 thread" : "threads");
-    add(name, {bytes, poses, threads == 1 ? 1 : most}, [&, poses, N] {
+    add(name, {bytes, poses, threads == 1 ? 1 : most, integers}, [&, poses, N] {
       std::vector<PoseToRebuild> jobs;
       for (std::size_t p = 0; p < poses; ++p) jobs.push_back({scene.C, 3, scene.X[p]});
       reconstructor.rebuild(jobs, r, N);
@@ -140,7 +151,7 @@ void compare_products(Scene& scene, std::uint32_t N, bool at_hand, double core_r
     const double multiplications = static_cast<double>(N) * r * 3 * static_cast<double>(notes[i].poses);
     std::printf("%-42s %9.3f %8.1f %13.0f%%\n", cases[i].name.c_str(), seconds * 1e3,
                 static_cast<double>(notes[i].bytes) / seconds * 1e-9,
-                100 * multiplications / (core_rate * notes[i].threads) / seconds);
+                100 * multiplications / ((notes[i].integers ? core.halves : core.floats) * notes[i].threads) / seconds);
   }
 }
 
@@ -179,11 +190,14 @@ int main(int argc, char** argv) {
   Scene scene{grid, floats, {}, {}, std::vector<std::vector<float>>(6, std::vector<float>(std::size_t{n} * 3))};
   scene.C = bench::random_coefficients(r);
   scene.C_float.assign(scene.C.begin(), scene.C.end());
-  const double rate = multiplication_rate();
-  std::printf("one core multiplies and adds %.1f thousand million floats a second; %u threads; medians of %d\n",
-              rate * 1e-9, worker_team().threads(), kRepetitions);
-  compare_products(scene, n, false, rate);
-  compare_products(scene, n / 10, false, rate);
-  compare_products(scene, n / 10, true, rate);
+  const CoreRates core;
+  std::printf(
+      "one core multiplies and adds %.1f thousand million floats, %.1f integers of 16 bits a second; %u threads; "
+      "medians "
+      "of %d\n",
+      core.floats * 1e-9, core.halves * 1e-9, worker_team().threads(), kRepetitions);
+  compare_products(scene, n, false, core);
+  compare_products(scene, n / 10, false, core);
+  compare_products(scene, n / 10, true, core);
   compare_transforms(scene);
 }

@@ -53,6 +53,19 @@ inline void store(const Vector& from, Value* to) {
   std::memcpy(to, &from, sizeof from);
 }
 
+/// Has a vector stay in its register from here on: compilers else read it again from memory for each of its uses, where a
+/// processor that can read one wide vector a cycle could as well multiply.
+template <typename Vector>
+[[gnu::always_inline]] inline void hold(Vector& vector) {
+#if defined(__AVX512F__)
+  asm("" : "+v"(vector));
+#elif defined(__x86_64__)
+  asm("" : "+x"(vector));
+#elif defined(__ARM_NEON)
+  asm("" : "+w"(vector));
+#endif
+}
+
 inline Floats floats_of(const Words& from) {
 #if defined(__AVX512F__)
   return _mm512_maskz_cvtepi32_ps(0xffff, reinterpret_cast<__m512i>(from));

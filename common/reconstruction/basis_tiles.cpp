@@ -4,6 +4,9 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <new>
+
+#include <sys/mman.h>
 
 namespace eigencast {
 namespace {
@@ -12,6 +15,11 @@ constexpr std::size_t kRows = kernel::kTileRows;
 constexpr double kLargestWhole = 32767;
 constexpr double kLargestSum = 2.0e9;       // leaves room for what rounding 4,096 coefficients adds, below 2^31
 constexpr double kRoundingShare = 1.0 / 4;  // of the error that the basis has: adds 3 % to it
+
+constexpr std::size_t kHugePage = std::size_t{1} << 21;
+constexpr std::align_val_t alignment_of(std::size_t bytes) {
+  return std::align_val_t{bytes < 2 * kHugePage ? kernel::kAlignment : kHugePage};
+}
 
 /// The integer that `value` is `scale` times, if there is one of 16 bits.
 bool integer_of(float value, float scale, std::int16_t& integer) {
@@ -26,6 +34,18 @@ bool integer_of(float value, float scale, std::int16_t& integer) {
 }
 
 }  // namespace
+
+void* allocate_lines(std::size_t bytes) {
+  void* const at = ::operator new(bytes, alignment_of(bytes));
+#ifdef MADV_HUGEPAGE
+  // What does not lie in whole pages, and systems that lend none, stay as they are.
+  if (bytes >= 2 * kHugePage) static_cast<void>(madvise(at, bytes / kHugePage * kHugePage, MADV_HUGEPAGE));
+#endif
+  return at;
+}
+void free_lines(void* at, std::size_t bytes) {
+  ::operator delete(at, alignment_of(bytes));
+}
 
 void BasisTiles::update(const Asset& asset, std::uint32_t rows) {
   if (rank_ == 0) {

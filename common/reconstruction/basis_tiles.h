@@ -5,7 +5,6 @@
 #include <array>
 #include <cstdint>
 #include <cstdlib>
-#include <new>
 #include <optional>
 #include <span>
 #include <vector>
@@ -15,17 +14,19 @@
 
 namespace eigencast {
 
-/// Memory that begins at a multiple of a cache line.
+/// Memory that begins at a multiple of a cache line; where it is large, of a huge page, and in such pages if the system lends
+/// them: kernels that stream through it meet a page's border every 4 KB else, and processors fetch nothing ahead over those.
+void* allocate_lines(std::size_t bytes);
+void free_lines(void* at, std::size_t bytes);
+
 template <typename T>
 struct CacheLineAllocator {
   using value_type = T;
   CacheLineAllocator() = default;
   template <typename U>
   explicit CacheLineAllocator(const CacheLineAllocator<U>&) {}
-  T* allocate(std::size_t count) {
-    return static_cast<T*>(::operator new (count * sizeof(T), std::align_val_t{kernel::kAlignment}));
-  }
-  void deallocate(T* at, std::size_t) { ::operator delete (at, std::align_val_t{kernel::kAlignment}); }
+  T* allocate(std::size_t count) { return static_cast<T*>(allocate_lines(count * sizeof(T))); }
+  void deallocate(T* at, std::size_t count) { free_lines(at, count * sizeof(T)); }
   friend bool operator==(const CacheLineAllocator&, const CacheLineAllocator&) { return true; }
 };
 template <typename T>

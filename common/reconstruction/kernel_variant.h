@@ -4,6 +4,8 @@
 // compiled with that set's flags (common/core/vector_lanes.h).
 #pragma once
 
+#include <utility>
+
 #include "common/core/vector_lanes.h"
 #include "common/reconstruction/kernel.h"
 
@@ -25,28 +27,45 @@ constexpr std::size_t passes() {
 }
 
 /// What passes over a tile fetch of what comes next: pass `turn` of `turns` asks for every turns-th column of the tile that
-/// follows, so that memory is as busy in each of them.
+/// follows, so that memory is as busy in each of them. A lone pass reads as fast as memory gives: it asks for what lies a
+/// little ahead, and leaves the rest to the processor, which has more requests under way at once than programs may have.
 struct Ahead {
   std::size_t turn = 0, turns = 1;
+  bool lone = false;
 };
 
-/// Asks for a column (or a pair of them) of the next tile when it is this pass's turn.
+/// Asks for a column (or a pair of them) of what is ahead when it is this pass's turn.
 class Prefetcher {
  public:
-  Prefetcher(const Ahead& ahead) : left_(ahead.turn), turns_(ahead.turns) {}
+  Prefetcher(const Ahead& ahead) : left_(ahead.turn), turns_(ahead.turns), lone_(ahead.lone) {}
   template <std::size_t kBytes, typename Value>
-  void pass(const Value* next) {
+  void pass(const Value* at, std::size_t next_tile) {
+    if (lone_) return fetch<kBytes>(reinterpret_cast<const char*>(at) + kNear);
     if (left_-- != 0) return;
     left_ = turns_ - 1;
-    EIGENCAST_UNROLL
-    for (std::size_t i = 0; i < kBytes; i += kAlignment) {
-      __builtin_prefetch(reinterpret_cast<const char*>(next) + i, 0, 2);
-    }
+    fetch<kBytes>(reinterpret_cast<const char*>(at + next_tile));
   }
 
  private:
+  static constexpr std::size_t kNear = 1024;
+  template <std::size_t kBytes>
+  static void fetch(const char* at) {
+    EIGENCAST_UNROLL
+    for (std::size_t i = 0; i < kBytes; i += kAlignment) __builtin_prefetch(at + i, 0, 2);
+  }
+
   std::size_t left_, turns_;
+  bool lone_;
 };
+
+/// Vectors that several sums are made of, where there are registers for them beside the sums.
+template <std::size_t kHere, typename Vector>
+inline void hold_all(Vector (&vectors)[kHere]) {
+  if constexpr (kVectorRegisters == 32) {
+    EIGENCAST_UNROLL
+    for (std::size_t v = 0; v < kHere; ++v) hold(vectors[v]);
+  }
+}
 
 /// The sums of some vectors of rows: for each pose and axis.
 template <typename Vector, std::size_t kPoses, std::size_t kHere>
@@ -73,10 +92,11 @@ inline void add_floats(const Tiles& tiles, const float* at, const Pose* poses, c
                        Sums<Floats, kPoses, kHere>& sums) {
   Prefetcher prefetcher(ahead);
   for (std::size_t k = 0; k < tiles.float_columns; ++k, at += kTileRows) {
-    prefetcher.pass<kTileRows * sizeof(float)>(at + tiles.float_stride * kTileRows);
+    prefetcher.pass<kTileRows * sizeof(float)>(at, tiles.float_stride * kTileRows);
     Floats psi[kHere];
     EIGENCAST_UNROLL
     for (std::size_t v = 0; v < kHere; ++v) psi[v] = load<Floats>(at + v * kFloatLanes);
+    hold_all(psi);
     add_column<kPoses, kHere>(psi, poses, k, sums);
   }
 }
@@ -86,7 +106,7 @@ inline void add_integers(const Tiles& tiles, const std::int16_t* at, const Pose*
                          Sums<Floats, kPoses, kHere>& sums) {
   Prefetcher prefetcher(ahead);
   for (std::size_t k = 0; k < tiles.integer_columns; k += 2, at += 2 * kTileRows) {
-    prefetcher.pass<2 * kTileRows * sizeof(std::int16_t)>(at + tiles.integer_stride * kTileRows);
+    prefetcher.pass<2 * kTileRows * sizeof(std::int16_t)>(at, tiles.integer_stride * kTileRows);
     Floats even[kHere], odd[kHere];
     EIGENCAST_UNROLL
     for (std::size_t v = 0; v < kHere; ++v) {
@@ -94,6 +114,8 @@ inline void add_integers(const Tiles& tiles, const std::int16_t* at, const Pose*
       even[v] = floats_of(both << 16);
       odd[v] = floats_of(both & ~0xffff);
     }
+    hold_all(even);
+    hold_all(odd);
     add_column<kPoses, kHere>(even, poses, tiles.float_columns + k, sums);
     add_column<kPoses, kHere>(odd, poses, tiles.float_columns + k + 1, sums);
   }
@@ -105,10 +127,11 @@ inline void add_wholes(const Tiles& tiles, const std::int16_t* at, const Pose* p
   Sums<Words, kPoses, kHere> sums;
   Prefetcher prefetcher(ahead);
   for (std::size_t k = 0; k < tiles.integer_columns; k += 2, at += 2 * kTileRows) {
-    prefetcher.pass<2 * kTileRows * sizeof(std::int16_t)>(at + tiles.integer_stride * kTileRows);
+    prefetcher.pass<2 * kTileRows * sizeof(std::int16_t)>(at, tiles.integer_stride * kTileRows);
     Words both[kHere];
     EIGENCAST_UNROLL
     for (std::size_t v = 0; v < kHere; ++v) both[v] = load<Words>(at + 2 * v * kFloatLanes);
+    hold_all(both);
     EIGENCAST_UNROLL
     for (std::size_t p = 0; p < kPoses; ++p) {
       EIGENCAST_UNROLL
@@ -131,22 +154,23 @@ inline void add_wholes(const Tiles& tiles, const std::int16_t* at, const Pose* p
   }
 }
 
+/// Of 3 kFloatLanes interleaved floats the kPart-th vector: number i of them is axis i % 3 of row i / 3.
+template <std::size_t kPart, std::size_t... kLane>
+inline Floats interleaved(const Floats& x, const Floats& y, const Floats& z, std::index_sequence<kLane...>) {
+  constexpr auto number = [](std::size_t lane) { return kPart * kFloatLanes + lane; };
+  const Floats two = __builtin_shufflevector(x, y, ((number(kLane) % 3 == 1 ? kFloatLanes : 0) + number(kLane) / 3)...);
+  return __builtin_shufflevector(two, z, (number(kLane) % 3 == 2 ? kFloatLanes + number(kLane) / 3 : kLane)...);
+}
+
 /// x, y, z of `rows` rows, one after the other.
 inline void interleave(const float (&planes)[3][kTileRows], std::size_t rows, float* out) {
-  typedef float Four __attribute__((vector_size(16)));
+  constexpr std::make_index_sequence<kFloatLanes> kLanes;
   std::size_t i = 0;
-  for (; i + 4 <= rows; i += 4, out += 12) {
-    Four x, y, z;
-    std::memcpy(&x, planes[0] + i, sizeof x);
-    std::memcpy(&y, planes[1] + i, sizeof y);
-    std::memcpy(&z, planes[2] + i, sizeof z);
-    const Four low = __builtin_shufflevector(x, y, 0, 4, 1, 5);
-    const Four high = __builtin_shufflevector(x, y, 2, 6, 3, 7);
-    const Four middle = __builtin_shufflevector(low, z, 3, 5, 3, 5);
-    const Four rows_of_four[3] = {__builtin_shufflevector(low, z, 0, 1, 4, 2),
-                                  __builtin_shufflevector(middle, high, 0, 1, 4, 5),
-                                  __builtin_shufflevector(z, high, 2, 6, 7, 3)};
-    std::memcpy(out, rows_of_four, sizeof rows_of_four);
+  for (; i + kFloatLanes <= rows; i += kFloatLanes, out += 3 * kFloatLanes) {
+    const auto x = load<Floats>(planes[0] + i), y = load<Floats>(planes[1] + i), z = load<Floats>(planes[2] + i);
+    store(interleaved<0>(x, y, z, kLanes), out);
+    store(interleaved<1>(x, y, z, kLanes), out + kFloatLanes);
+    store(interleaved<2>(x, y, z, kLanes), out + 2 * kFloatLanes);
   }
   for (; i < rows; ++i, out += 3) {
     out[0] = planes[0][i];
@@ -164,7 +188,7 @@ inline void product_tile(const Tiles& tiles, std::size_t tile, std::size_t rows,
   const std::int16_t* integers = tiles.integers + tile * tiles.integer_stride * kTileRows;
   for (std::size_t pass = 0; pass < passes<kPoses>(); ++pass) {
     const std::size_t row = pass * kHere * kFloatLanes;
-    const Ahead ahead{turn + pass, turns};
+    const Ahead ahead{turn + pass, turns, kPoses == 1 && turns == 1};
     Sums<Floats, kPoses, kHere> sums;
     if constexpr (kWhole) {
       add_wholes<kPoses, kHere>(tiles, integers + 2 * row, poses, ahead, sums);

@@ -13,8 +13,8 @@ namespace eigencast {
 namespace {
 
 // Multiplications below which waking other threads takes longer than they save.
-constexpr std::size_t kWorthThreads = 10'000'000;
-constexpr std::size_t kTilesPerTask = 16;
+constexpr std::size_t kWorthThreads = 20'000'000;
+constexpr std::size_t kTilesPerTask = 4;
 
 /// A pose's coefficients as the kernel wants them.
 struct PackedPose {
