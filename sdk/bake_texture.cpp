@@ -27,18 +27,20 @@ bool in_image(const std::array<std::array<float, 2>, 3>& corners) {
   return true;
 }
 
-/// Why an asset cannot have it; empty if it can.
-std::string refusal(const Appearance::Image& image) {
+}  // namespace
+
+Result<void> check_image(const Appearance::Image& image) {
   const auto starts_with = [&](std::initializer_list<std::uint8_t> magic) {
     return image.bytes.size() >= magic.size() && std::equal(magic.begin(), magic.end(), image.bytes.begin());
   };
-  if (image.bytes.empty()) return "is not there or too large";
-  if (image.bytes.size() > AssetTexture::kMaxImageBytes) return "has more than 16 MiB";
-  if (!starts_with({0x89, 'P', 'N', 'G'}) && !starts_with({0xff, 0xd8, 0xff})) return "is neither PNG nor JPEG";
+  const std::string what = "image \"" + image.name + "\" ";
+  if (image.bytes.empty()) return fail(ErrorCode::kNotFound, what + "is not there or too large");
+  if (image.bytes.size() > AssetTexture::kMaxImageBytes)
+    return fail(ErrorCode::kTooLarge, what + "has more than 16 MiB");
+  if (!starts_with({0x89, 'P', 'N', 'G'}) && !starts_with({0xff, 0xd8, 0xff}))
+    return fail(ErrorCode::kUnsupported, what + "is neither PNG nor JPEG");
   return {};
 }
-
-}  // namespace
 
 std::optional<TexturePlan> plan_texture(const Surface& surface, const Appearance& looks, std::string& report) {
   const std::size_t F = surface.faces.size();
@@ -51,9 +53,8 @@ std::optional<TexturePlan> plan_texture(const Surface& surface, const Appearance
   std::size_t chosen = looks.images.size(), others = 0;
   for (std::size_t i = 0; i < looks.images.size(); ++i) {
     if (faces_of[i] == 0) continue;
-    const std::string why = refusal(looks.images[i]);
-    if (!why.empty()) {
-      report += "texture: left out, image \"" + looks.images[i].name + "\" " + why + "\n";
+    if (const auto usable = check_image(looks.images[i]); !usable) {
+      report += "texture: left out, " + usable.error().message + "\n";
     } else if (chosen == looks.images.size() || faces_of[i] > faces_of[chosen]) {
       others += chosen == looks.images.size() ? 0 : 1;
       chosen = i;

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "common/asset/texture.h"
+#include "common/core/result.h"
 #include "common/progressive/wedges.h"
 #include "common/surface/appearance.h"
 #include "common/surface/surface.h"
@@ -19,6 +20,9 @@ struct TexturePlan {
   std::vector<CornerPlaces> places;  ///< A face each.
   Bytes image;
 };
+
+/// Why an asset cannot have an image (that is whole): too large, or neither PNG nor JPEG.
+Result<void> check_image(const Appearance::Image& image);
 
 /// Of a surface's images the one that most faces have; faces of others are nowhere in it. Nothing where there is none that an asset can
 /// have. `report` gets lines for people: which it is, and what was left out and why.

@@ -44,7 +44,8 @@ std::string json_from(const Source& source) {
                            {"certified", baked.certified},
                            {"approximate", baked.approximate},
                            {"residual", baked.residual},
-                           {"from_cache", baked.from_cache}};
+                           {"from_cache", baked.from_cache},
+                           {"findings", source.findings}};
   if (source.rank_choice) report["rank_choice"] = json_from(*source.rank_choice);
   return report.dump(2);
 }

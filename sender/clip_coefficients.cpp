@@ -44,6 +44,7 @@ Result<ClipCoefficients> ClipCoefficients::create(const MotionClip& clip, const 
     if (const auto put = all.store_->put(frame, *C); !put) return put.error();
   }
   all.findings_ = jumps.findings();
+  all.order_ = jumps.order();
   return all;
 }
 

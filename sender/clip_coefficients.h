@@ -26,6 +26,8 @@ class ClipCoefficients {
   Result<std::vector<double>> at(std::size_t frame) const;
   /// Frames that do not follow from the others, a line each; see JumpFinder.
   const std::vector<std::string>& findings() const { return findings_; }
+  /// Errors: kInvalidArgument: the clip's vertices are in another order than its faces'; see JumpFinder.
+  const Result<void>& order() const { return order_; }
   /// False for a clip whose coefficients are more than CoefficientStore takes: it is projected while it plays.
   bool stored() const { return store_.has_value(); }
 
@@ -39,6 +41,7 @@ class ClipCoefficients {
   bool velocities_;
   std::optional<CoefficientStore> store_;
   std::vector<std::string> findings_;
+  Result<void> order_;
 };
 
 }  // namespace eigencast

@@ -21,6 +21,7 @@ Result<Source> bake_with_progress(const SourceOptions& options, const Console& c
   if (!source) return source;
   if (source->rank_choice) spdlog::info("{}", source->rank_choice->text(options.target_error));
   for (const std::string& note : source->clip->notes()) spdlog::info("{}", note);
+  for (const std::string& finding : source->findings) spdlog::warn("{}", finding);
   return source;
 }
 

@@ -8,7 +8,9 @@
 
 #include "common/codec/chain.h"
 #include "common/reconstruction/reconstruct.h"
+#include "common/surface/jumps.h"
 #include "common/wire/envelope.h"
+#include "sender/order_check.h"
 
 namespace eigencast {
 namespace {
@@ -162,11 +164,13 @@ Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const Ev
   Sums sums(asset, clip, options);
   std::optional<ChainState> state;
   double quantising = 0;
+  JumpFinder jumps(clip.rest());
   for (std::size_t frame = 0; frame < clip.frame_count(); ++frame) {
     const double done = static_cast<double>(frame) / static_cast<double>(clip.frame_count());
     if (progress && !progress(done, "evaluating")) return fail(ErrorCode::kCancelled, "stopped while evaluating");
     const auto truth = clip.pose(frame);
     if (!truth) return truth.error();
+    jumps.add(*truth);
     const auto C =
         projector->coefficients_from_positions(std::span<const double>(truth->front().data(), 3 * truth->size()));
     if (!C) return in_context("frame " + std::to_string(frame), C.error());
@@ -193,6 +197,8 @@ Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const Ev
   }
   result.quantising_rms = std::sqrt(quantising / static_cast<double>(std::max<std::size_t>(clip.frame_count(), 1)));
   sums.state(result);
+  if (const auto accepted = accept_order(jumps.order(), options.any_order); !accepted) return accepted.error();
+  result.findings = jumps.findings();
   return result;
 }
 

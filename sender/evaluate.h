@@ -17,6 +17,7 @@ struct EvaluateOptions {
   double eps = 0;  ///< Vertex error of quantising, model units (see quantiser_for_error); not of float codecs.
   std::vector<double> levels = {1};       ///< Fractions of the vertices that are drawn.
   DetailKind detail = DetailKind::kNone;  ///< Added to what is rebuilt; only here, no viewer does.
+  bool any_order = false;                 ///< As of SourceOptions.
 };
 
 /// What viewers see of a surface that was moving and now stands still, while its pose goes on being sent.
@@ -38,6 +39,7 @@ struct Evaluation {
   std::uint64_t payload_bytes = 0;  ///< Of all keys; the first is a join frame and is not counted.
   std::uint64_t join_bytes = 0;     ///< Of the join frame at the end.
   Histogram encode_ns, decode_ns;
+  std::vector<std::string> findings;  ///< Frames that do not follow from the others, a line each; see JumpFinder.
 
   /// Payload alone, and with envelope (27 bytes) and WebSocket header (4).
   double payload_kbit_per_s(double rate_hz) const;
@@ -49,7 +51,7 @@ struct Evaluation {
 double eps_from_step(const Asset& asset, double step);
 
 /// Projects, codes, decodes and rebuilds every frame of the clip once.
-/// Errors: those of the clip; kInternal if a decoder did not give back what the encoder was given; kCancelled (progress said so).
+/// Errors: those of the clip; kInvalidArgument (its vertices are in another order than its faces'); kInternal if a decoder did not give back what the encoder was given; kCancelled (progress said so).
 Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const EvaluateOptions& options,
                             const BakeProgress& progress = {});
 

@@ -91,11 +91,9 @@ std::string table_of(const EvaluatedClip& clip) {
 std::string report_of(const EvaluatedClip& clip) {
   json results = json::array();
   for (const EvaluatedRow& row : clip.rows) results.push_back(json_from(row, clip.rate_hz));
-  return json{{"input", clip.input},
-              {"codec", clip.codec},
-              {"detail", clip.detail},
-              {"rate_hz", clip.rate_hz},
-              {"results", results}}
+  const json findings = clip.rows.empty() ? json::array() : json(clip.rows.front().evaluation.findings);
+  return json{{"input", clip.input},   {"findings", findings},    {"codec", clip.codec},
+              {"detail", clip.detail}, {"rate_hz", clip.rate_hz}, {"results", results}}
       .dump(2);
 }
 

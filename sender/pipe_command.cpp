@@ -9,6 +9,7 @@
 
 #include "sender/commands.h"
 #include "sender/live.h"
+#include "sender/order_check.h"
 #include "sender/pose_stream.h"
 
 namespace eigencast {
@@ -31,14 +32,16 @@ Result<std::optional<std::size_t>> read_some(std::span<char> room, Interrupt& in
 }
 
 struct Counts {
-  std::uint64_t poses = 0, unusable = 0;
+  std::uint64_t poses = 0, unusable = 0, misfits = 0;
   std::size_t unfinished_bytes = 0;
   std::uint64_t restarts = 0;
 };
 
-Result<void> pump(const PipeCommand& command, std::size_t vertices, Publisher& publisher, Counts& counts,
+Result<void> pump(const PipeCommand& command, const Surface& mesh, Publisher& publisher, Counts& counts,
                   Interrupt& interrupt) {
+  const std::size_t vertices = mesh.vertex_count();
   PoseStream stream(vertices);
+  ArrivalCheck order(mesh, command.source.any_order);
   PipePace pace(command.rate_hz);
   StatusLog status(steady_now_us());
   while (true) {
@@ -49,6 +52,10 @@ Result<void> pump(const PipeCommand& command, std::size_t vertices, Publisher& p
     const auto whole = stream.filled(**got);
     if (!whole) return whole.error();
     if (!*whole) continue;
+    const auto misfit = order.look(stream.positions(), stream.count() - 1, steady_now_us());
+    if (!misfit) return misfit.error();
+    if (*misfit) spdlog::warn("{}", **misfit);
+    counts.misfits = order.misfits();
     const auto due_us = pace.due_us(steady_now_us(), stream.time_s());
     if (!due_us) return due_us.error();
     if (interrupt.wait_until(*due_us)) return {};
@@ -77,7 +84,6 @@ int run(const PipeCommand& command, const Console& console, Interrupt& interrupt
   }
   auto source = bake_with_progress(command.source, console, interrupt);
   if (!source) return report_failure(source.error());
-  const std::size_t vertices = source->clip->rest().vertex_count();
   const auto asset = std::make_shared<const Asset>(std::move(source->baked.asset));
   const auto publisher =
       publish(command.target, command.rate_hz > 0 ? command.rate_hz : 30, asset, std::move(source->baked.encoded));
@@ -87,17 +93,13 @@ int run(const PipeCommand& command, const Console& console, Interrupt& interrupt
     spdlog::warn("the broker is not there yet; poses are dropped until it is: {}", (*publisher)->stats().detail);
   }
   Counts counts;
-  const auto pumped = pump(command, vertices, **publisher, counts, interrupt);
+  const auto pumped = pump(command, source->clip->rest(), **publisher, counts, interrupt);
   const Publisher::Stats stats = (*publisher)->stats();
   spdlog::info("read {} poses, sent {}, dropped {}", counts.poses, stats.frames_sent, stats.frames_dropped);
-  const nlohmann::json report{{"poses", counts.poses},
-                              {"frames_sent", stats.frames_sent},
-                              {"frames_dropped", stats.frames_dropped},
-                              {"unusable", counts.unusable},
-                              {"unfinished_bytes", counts.unfinished_bytes},
-                              {"restarts", counts.restarts},
-                              {"bytes", stats.payload_bytes},
-                              {"reconnects", stats.reconnects}};
+  const nlohmann::json report{
+      {"poses", counts.poses},       {"frames_sent", stats.frames_sent}, {"frames_dropped", stats.frames_dropped},
+      {"unusable", counts.unusable}, {"misfits", counts.misfits},        {"unfinished_bytes", counts.unfinished_bytes},
+      {"restarts", counts.restarts}, {"bytes", stats.payload_bytes},     {"reconnects", stats.reconnects}};
   const auto written = write_report(command.json, report.dump(2));
   if (!pumped) return report_failure(pumped.error());
   if (!written) return report_failure(written.error());

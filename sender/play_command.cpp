@@ -11,6 +11,7 @@
 #include "sender/clip_coefficients.h"
 #include "sender/commands.h"
 #include "sender/live.h"
+#include "sender/order_check.h"
 #include "sender/progress_line.h"
 #include "sender/schedule.h"
 
@@ -95,8 +96,11 @@ Result<ClipCoefficients> Player::read_clip(const Projector& projector, Interrupt
   line.finish();
   if (!coefficients) return coefficients;
   if (!coefficients->stored()) spdlog::warn("the clip is so long that its frames are read again while it plays");
-  findings_ = coefficients->findings();
-  for (const std::string& finding : findings_) spdlog::warn("{}", finding);
+  for (const std::string& finding : coefficients->findings()) spdlog::warn("{}", finding);
+  findings_ = source_.findings;
+  findings_.insert(findings_.end(), coefficients->findings().begin(), coefficients->findings().end());
+  if (const auto accepted = accept_order(coefficients->order(), command_.source.any_order); !accepted)
+    return in_context(command_.source.input, accepted.error());
   return coefficients;
 }
 

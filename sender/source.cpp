@@ -5,11 +5,13 @@
 #include <filesystem>
 
 #include "common/spectral/rig_columns.h"
+#include "common/surface/jumps.h"
 #include "common/surface/read.h"
 #include "common/surface/shapes.h"
 #include "common/wire/limits.h"
 #include "sender/deform/cage.h"
 #include "sender/deform/cage_deformer.h"
+#include "sender/order_check.h"
 
 namespace eigencast {
 namespace {
@@ -94,6 +96,9 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
   auto clip = open_source(options);
   if (!clip) return clip.error();
   const Surface& rest = (*clip)->rest();
+  const JumpFinder mesh(rest);
+  if (const auto accepted = accept_order(mesh.order(), options.any_order); !accepted)
+    return in_context(options.input, accepted.error());
   std::unique_ptr<deform::Deformer> cage;
   KnownMotion motion;
   if (options.basis == "rig") {
@@ -115,7 +120,9 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
       options.points_operator};
   auto baked = bake(rest, bake_options, options.cache_dir, progress);
   if (!baked) return in_context(options.input, baked.error());
-  return Source{std::move(*clip), std::move(*baked), std::move(cage)};
+  Source source{std::move(*clip), std::move(*baked), std::move(cage)};
+  if (const std::string finding = mesh.rest_finding(); !finding.empty()) source.findings.push_back(finding);
+  return source;
 }
 
 }  // namespace eigencast

@@ -4,6 +4,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "common/surface/motion_clip.h"
 #include "sdk/bake.h"
@@ -35,6 +36,7 @@ struct SourceOptions {
   std::string cache_dir;
   double target_error = 0;  ///< Rms error of the basis, over the diagonal, that decides the rank; 0: `rank` does.
   std::string poses;        ///< Clip that it is judged by (default: the input).
+  bool any_order = false;   ///< Take poses whose vertices certainly are in another order than the faces'.
 };
 
 /// A clip and the asset baked from its rest pose.
@@ -43,6 +45,8 @@ struct Source {
   BakeResult baked;
   std::unique_ptr<deform::Deformer> cage;      ///< Where the basis is that of a cage: the model bound to it.
   std::optional<RankChoice> rank_choice = {};  ///< Where a target decided it.
+  std::vector<std::string> findings =
+      {};  ///< What of the mesh, or of the poses it was judged by, looks wrong: a line each.
 };
 
 /// Opens the input: a path that exists, or a glob, wins over a built-in name. Errors: those of builtin_clip and open_clip.
@@ -53,7 +57,8 @@ Result<std::unique_ptr<MotionClip>> open_source(const SourceOptions& options);
 Result<std::unique_ptr<deform::Deformer>> bind_cage(const CageOptions& options, const Surface& model,
                                                     const std::function<bool(double)>& progress);
 
-/// Opens and bakes, or finds it baked. Errors: those of both; kInvalidArgument (rig: the clip has none).
+/// Opens and bakes, or finds it baked. Errors: those of both; kInvalidArgument (rig: the clip has none; the faces are of another order
+/// of vertices).
 Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress);
 
 }  // namespace eigencast

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "common/reconstruction/reconstruct.h"
+#include "sender/order_check.h"
 #include "sender/surface_error.h"
 
 namespace eigencast {
@@ -51,6 +52,7 @@ Result<Source> bake_for_target(const SourceOptions& options, const BakeProgress&
   const auto clip = open_samples(options);
   if (!clip) return clip.error();
   Source best;
+  std::optional<std::string> misfit;  // Of the poses that ranks are judged by, once they were looked at.
   const auto attempt = [&](int rank) -> Result<TriedRank> {
     SourceOptions with_rank = options;
     with_rank.rank = rank;
@@ -59,6 +61,12 @@ Result<Source> bake_for_target(const SourceOptions& options, const BakeProgress&
       return !progress || progress(fraction, trying + std::string(stage));
     });
     if (!source) return source.error();
+    if (!misfit) {
+      const auto looked =
+          look_at_frames(source->clip->rest(), **clip, sample_frames((*clip)->frame_count()), options.any_order);
+      if (!looked) return looked.error();
+      misfit = *looked;
+    }
     const auto error = error_on_samples(source->baked.asset, **clip);
     if (!error) return error.error();
     const TriedRank tried{static_cast<int>(source->baked.asset.rank), *error};
@@ -69,6 +77,7 @@ Result<Source> bake_for_target(const SourceOptions& options, const BakeProgress&
   auto choice = choose_rank(options.target_error, kLargestRank, attempt);
   if (!choice) return in_context(options.input, choice.error());
   best.rank_choice = std::move(*choice);
+  if (misfit && !misfit->empty()) best.findings.push_back(*misfit);
   return best;
 }
 

@@ -14,7 +14,7 @@ Result<double> error_on_samples(const Asset& asset, const MotionClip& clip);
 
 /// As bake_source, with the rank that options.target_error takes on the poses of options.poses or, without, of the input; `rank`
 /// of the options is not used. Several bakes, all of which stay in the cache. Errors: those of bake_source; kInvalidArgument
-/// where the largest rank does not do, or there are no poses to judge by.
+/// where the largest rank does not do, there are no poses to judge by, or they are in another order.
 Result<Source> bake_for_target(const SourceOptions& options, const BakeProgress& progress);
 
 }  // namespace eigencast

@@ -7,8 +7,9 @@
 #include <numeric>
 #include <optional>
 #include <string>
-#include <tuple>
 #include <utility>
+
+#include "common/surface/gltf_weld.h"
 
 namespace eigencast {
 namespace {
@@ -20,14 +21,6 @@ constexpr std::size_t kMaxInstances = 10'000;
 Error corrupt(const std::string& what) {
   return fail(ErrorCode::kCorrupt, what);
 }
-
-/// Vertices of one primitive of one node, before welding.
-struct Part {
-  std::size_t node = 0;
-  std::vector<Vec3> positions;
-  std::vector<std::vector<Rig::Influence>> influences;  ///< Sorted by bone.
-  std::vector<std::vector<Vec3>> offsets;               ///< Of each morph target.
-};
 
 class Builder {
  public:
@@ -47,20 +40,12 @@ class Builder {
   std::size_t bone_of_node(std::size_t node);
   Result<std::vector<Face>> faces_of(const tinygltf::Primitive& primitive, std::size_t vertices);
   Result<void> add_corners(const tinygltf::Primitive& primitive, const std::vector<Face>& faces, std::size_t vertices);
-  int order_of(std::size_t a, std::size_t b) const;
-  void weld();
-  void fill_rig(const std::vector<std::size_t>& representative, std::size_t n);
   Result<void> add_looks();
-
-  const Part& part_of(std::size_t vertex) const { return parts_[part_of_vertex_[vertex]]; }
-  std::size_t local(std::size_t vertex) const { return vertex - first_vertex_[part_of_vertex_[vertex]]; }
 
   const tinygltf::Model& model_;
   GltfNumbers& numbers_;
   GltfScene scene_;
-  std::vector<Part> parts_;
-  std::vector<std::size_t> first_vertex_;
-  std::vector<std::uint32_t> part_of_vertex_;
+  GltfParts parts_;
   std::map<int, std::size_t> skin_bones_;
   std::map<std::size_t, std::size_t> node_bones_;
   std::size_t skipped_ = 0;
@@ -270,11 +255,11 @@ Result<void> Builder::add_corners(const tinygltf::Primitive& primitive, const st
   if ((uv && uv->count != vertices) || (colour && colour->count != vertices)) {
     return corrupt("texture coordinates or colours are not one a vertex");
   }
-  // Arrays begin where the first primitive states something; those before it get zero, or white.
+  // Arrays begin where the first primitive states something; faces of those that do not get zero, or white.
   const std::size_t before = scene_.faces.size();
   const std::array<float, 4> white{1, 1, 1, 1};
-  if (uv) looks.corner_uv.resize(before + faces.size());
-  if (colour) looks.corner_colour.resize(before + faces.size(), {white, white, white});
+  if (uv || !looks.corner_uv.empty()) looks.corner_uv.resize(before + faces.size());
+  if (colour || !looks.corner_colour.empty()) looks.corner_colour.resize(before + faces.size(), {white, white, white});
   for (std::size_t f = 0; f < faces.size(); ++f) {
     for (std::size_t k = 0; k < 3; ++k) {
       for (std::size_t c = 0; uv && c < 2; ++c)
@@ -299,13 +284,13 @@ Result<void> Builder::add_primitive(const tinygltf::Primitive& primitive, std::s
     ++skipped_;
     return {};
   }
-  if (numbers_.count(position_at->second) + part_of_vertex_.size() > kMaxSurfaceVertices) {
+  if (numbers_.count(position_at->second) + parts_.vertices() > kMaxSurfaceVertices) {
     return fail(ErrorCode::kTooLarge, "more than " + std::to_string(kMaxSurfaceVertices) + " vertices");
   }
   const auto positions = numbers_.read(position_at->second, 3);
   if (!positions) return positions.error();
   const std::size_t n = positions->count;
-  Part part;
+  GltfPart part;
   part.node = node;
   const auto to_vectors = [n](const GltfNumbers::Array& array) {
     std::vector<Vec3> vectors(n);
@@ -339,11 +324,9 @@ Result<void> Builder::add_primitive(const tinygltf::Primitive& primitive, std::s
     faces = std::move(*read);
     if (const auto added = add_corners(primitive, faces, n); !added) return added;
   }
-  const auto base = static_cast<std::uint32_t>(part_of_vertex_.size());
+  const auto base = static_cast<std::uint32_t>(parts_.vertices());
   for (const Face& f : faces) scene_.faces.push_back({f[0] + base, f[1] + base, f[2] + base});
-  first_vertex_.push_back(base);
-  part_of_vertex_.resize(base + n, static_cast<std::uint32_t>(parts_.size()));
-  parts_.push_back(std::move(part));
+  parts_.add(std::move(part));
   return {};
 }
 
@@ -368,108 +351,6 @@ Result<void> Builder::add_instance(std::size_t index) {
       return in_context("mesh " + std::to_string(node.mesh), added.error());
   }
   return {};
-}
-
-// Below, at or above 0 as vertex a comes before b: equal ones are at one place and move alike, always.
-int Builder::order_of(std::size_t a, std::size_t b) const {
-  const Part& A = part_of(a);
-  const Part& B = part_of(b);
-  const std::size_t i = local(a);
-  const std::size_t j = local(b);
-  const auto order = [](const auto& x, const auto& y) { return x < y ? -1 : y < x ? 1 : 0; };
-  if (const int by_place = order(A.positions[i], B.positions[j]); by_place != 0) return by_place;
-  const auto& mine = A.influences[i];
-  const auto& theirs = B.influences[j];
-  if (mine.size() != theirs.size()) return mine.size() < theirs.size() ? -1 : 1;
-  for (std::size_t k = 0; k < mine.size(); ++k) {
-    if (const int by = order(std::tie(mine[k].bone, mine[k].weight), std::tie(theirs[k].bone, theirs[k].weight));
-        by != 0)
-      return by;
-  }
-  // Morph targets of different nodes are different targets.
-  if (A.offsets.size() + B.offsets.size() > 0 && A.node != B.node) return A.node < B.node ? -1 : 1;
-  for (std::size_t k = 0; k < A.offsets.size(); ++k) {
-    if (const int by = order(A.offsets[k][i], B.offsets[k][j]); by != 0) return by;
-  }
-  return 0;
-}
-
-void Builder::weld() {
-  const std::size_t raw = part_of_vertex_.size();
-  std::vector<std::uint32_t> sorted(raw);
-  std::iota(sorted.begin(), sorted.end(), 0u);
-  std::sort(sorted.begin(), sorted.end(), [this](std::uint32_t a, std::uint32_t b) {
-    const int order = order_of(a, b);
-    return order != 0 ? order < 0 : a < b;
-  });
-  // first[v]: the first vertex of the file that is the same as v.
-  std::vector<std::uint32_t> first(raw);
-  std::size_t torn = 0;
-  for (std::size_t k = 0; k < raw; ++k) {
-    const bool same = k > 0 && order_of(sorted[k - 1], sorted[k]) == 0;
-    first[sorted[k]] = same ? first[sorted[k - 1]] : sorted[k];
-    const auto place = [this](std::uint32_t v) { return part_of(v).positions[local(v)]; };
-    if (k > 0 && !same && place(sorted[k - 1]) == place(sorted[k])) ++torn;
-  }
-  std::vector<std::uint32_t> number(raw);
-  std::vector<std::size_t> representative;
-  for (std::size_t v = 0; v < raw; ++v) {
-    if (first[v] == v) {
-      number[v] = static_cast<std::uint32_t>(representative.size());
-      representative.push_back(v);
-    } else {
-      number[v] = number[first[v]];
-    }
-  }
-  const std::size_t n = representative.size();
-  if (n < raw) {
-    scene_.notes.push_back(std::to_string(raw) + " vertices welded to " + std::to_string(n) +
-                           ": the file repeats them along seams");
-  }
-  if (torn > 0)
-    scene_.notes.push_back(std::to_string(torn) +
-                           " vertices share a place with one that moves otherwise; they stay apart");
-  Appearance& looks = scene_.appearance;
-  std::size_t kept = 0;
-  for (std::size_t f = 0; f < scene_.faces.size(); ++f) {
-    const Face face{number[scene_.faces[f][0]], number[scene_.faces[f][1]], number[scene_.faces[f][2]]};
-    if (face[0] == face[1] || face[1] == face[2] || face[2] == face[0]) continue;
-    scene_.faces[kept] = face;
-    if (!looks.corner_uv.empty()) looks.corner_uv[kept] = looks.corner_uv[f];
-    if (!looks.corner_colour.empty()) looks.corner_colour[kept] = looks.corner_colour[f];
-    looks.face_material[kept] = looks.face_material[f];
-    ++kept;
-  }
-  if (kept < scene_.faces.size()) {
-    scene_.notes.push_back(std::to_string(scene_.faces.size() - kept) +
-                           " faces with two corners at one place left out");
-  }
-  scene_.faces.resize(kept);
-  looks.face_material.resize(kept);
-  if (!looks.corner_uv.empty()) looks.corner_uv.resize(kept);
-  if (!looks.corner_colour.empty()) looks.corner_colour.resize(kept);
-  fill_rig(representative, n);
-}
-
-void Builder::fill_rig(const std::vector<std::size_t>& representative, std::size_t n) {
-  Rig& rig = scene_.rig;
-  rig.bind.reserve(n);
-  rig.first_influence.reserve(n + 1);
-  rig.first_influence.push_back(0);
-  for (std::size_t i = 0; i < n; ++i) {
-    const std::size_t v = representative[i];
-    const Part& part = part_of(v);
-    rig.bind.push_back(part.positions[local(v)]);
-    rig.influences.insert(rig.influences.end(), part.influences[local(v)].begin(), part.influences[local(v)].end());
-    rig.first_influence.push_back(static_cast<std::uint32_t>(rig.influences.size()));
-    for (std::size_t k = 0; k < part.offsets.size(); ++k) {
-      const Vec3& offset = part.offsets[k][local(v)];
-      if (offset == Vec3{0, 0, 0}) continue;
-      Rig::MorphTarget& target = rig.targets[scene_.nodes[part.node].first_target + k];
-      target.vertices.push_back(static_cast<std::uint32_t>(i));
-      target.offsets.push_back(offset);
-    }
-  }
 }
 
 Result<void> Builder::add_looks() {
@@ -510,14 +391,14 @@ Result<GltfScene> Builder::build() {
       return fail(ErrorCode::kTooLarge, "more than " + std::to_string(kMaxInstances) + " meshes");
     if (const auto added = add_instance(node); !added) return added.error();
   }
-  if (part_of_vertex_.empty()) return fail(ErrorCode::kUnsupported, "no triangles and no points in its scene");
+  if (parts_.vertices() == 0) return fail(ErrorCode::kUnsupported, "no triangles and no points in its scene");
   if (parts_.size() > 1) {
     scene_.notes.push_back(std::to_string(parts_.size()) + " parts of " + std::to_string(instances) +
                            " nodes taken as one surface");
   }
   if (skipped_ > 0)
     scene_.notes.push_back(std::to_string(skipped_) + " parts are lines or have no positions: left out");
-  weld();
+  weld(parts_, scene_);
   if (const auto looks = add_looks(); !looks) return looks.error();
   return std::move(scene_);
 }

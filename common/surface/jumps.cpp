@@ -15,21 +15,15 @@ namespace {
 constexpr float kUnusual = 8;            // times the median step
 constexpr float kFarForSurface = 0.05F;  // of the diagonal
 constexpr float kFarForVertex = 0.15F;
-constexpr float kAloneFactor = 6;  // a vertex that moves so much more than the surface moves alone
-constexpr float kTornStretch = 2.5F;
+constexpr float kAloneFactor = 6;   // a vertex that moves so much more than the surface moves alone
 constexpr float kEmpty = 1e-3F;     // of the rest pose's size
 constexpr float kOtherSize = 4;     // times or parts of it
-constexpr double kScattered = 0.3;  // shortest edges against ways between any two vertices: about 0.55 at random
-constexpr std::size_t kFewFaces = 1000;
+constexpr double kElsewhere = 0.5;  // diagonals between the places of three frames
 
 float median(std::vector<float> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
-}
-
-std::string percent(float fraction) {
-  return formatted("%.*f %%", fraction < 0.0995F ? 1 : 0, static_cast<double>(fraction) * 100);
 }
 
 double rms_distance(std::span<const Vec3> a, std::span<const Vec3> b) {
@@ -55,40 +49,10 @@ bool axes_exchanged(std::span<const Vec3> before, std::span<const Vec3> after) {
   return false;
 }
 
-/// Whether even the shortest edges of faces are as long as ways between any vertices. A mesh of long slivers has short ones; of
-/// few faces nothing can be said.
-bool joins_at_random(const Surface& surface) {
-  if (surface.faces.size() < kFewFaces) return false;
-  double edges = 0, ways = 0;
-  const std::size_t n = surface.positions.size();
-  for (std::size_t f = 0; f < surface.faces.size(); ++f) {
-    const Face& face = surface.faces[f];
-    const auto edge = [&](std::size_t k) {
-      return squared_distance(surface.positions[face[k]], surface.positions[face[(k + 1) % 3]]);
-    };
-    edges += std::min({edge(0), edge(1), edge(2)});
-    ways += squared_distance(surface.positions[f % n], surface.positions[(f + n / 2 + f / 7) % n]);
-  }
-  return edges > kScattered * kScattered * ways;
-}
-
 }  // namespace
 
 JumpFinder::JumpFinder(const Surface& rest)
-    : faces_(rest.faces),
-      diagonal_(std::max(bounding_box(rest.positions).diagonal(), 1e-30)),
-      scattered_(joins_at_random(rest)) {
-  rest_edge_length_ = edge_length(rest.positions);
-}
-
-float JumpFinder::edge_length(std::span<const Vec3> positions) const {
-  double sum = 0;
-  for (const Face& face : faces_) {
-    for (std::size_t k = 0; k < 3; ++k) sum += squared_distance(positions[face[k]], positions[face[(k + 1) % 3]]);
-  }
-  const double diagonal = std::max(bounding_box(positions).diagonal(), 1e-30);
-  return static_cast<float>(std::sqrt(sum / std::max<double>(1, 3.0 * static_cast<double>(faces_.size()))) / diagonal);
-}
+    : order_(rest), diagonal_(std::max(bounding_box(rest.positions).diagonal(), 1e-30)) {}
 
 void JumpFinder::add(std::span<const Vec3> positions) {
   assert(before_.empty() || before_.size() == positions.size());
@@ -102,11 +66,41 @@ void JumpFinder::add(std::span<const Vec3> positions) {
   }
   if (!before_.empty()) step.rms = static_cast<float>(rms_distance(before_, positions) / diagonal_);
   step.worst = static_cast<float>(std::sqrt(worst) / diagonal_);
-  step.size = static_cast<float>(bounding_box(positions).diagonal() / diagonal_);
-  if (rest_edge_length_ > 0 && step.size > kEmpty) step.stretch = edge_length(positions) / rest_edge_length_;
+  const Box box = bounding_box(positions);
+  step.size = static_cast<float>(box.diagonal() / diagonal_);
   step.exchanged = step.rms > kFarForSurface && axes_exchanged(before_, positions);
+  if (step.size > kEmpty) {
+    const Misfit misfit = order_.look(positions);
+    if (misfit.kind != Misfit::Kind::kNone) misfits_.emplace_back(static_cast<std::uint32_t>(steps_.size()), misfit);
+  }
+  if (centres_.size() < 3) {
+    const Vec3 &low = box.low, &high = box.high;
+    centres_.push_back({(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, (low[2] + high[2]) / 2});
+  }
   before_.assign(positions.begin(), positions.end());
   steps_.push_back(step);
+}
+
+const Misfit* JumpFinder::misfit_of(std::size_t frame) const {
+  const auto at = std::lower_bound(misfits_.begin(), misfits_.end(), frame,
+                                   [](const auto& misfit, std::size_t wanted) { return misfit.first < wanted; });
+  return at != misfits_.end() && at->first == frame ? &at->second : nullptr;
+}
+
+bool JumpFinder::is_same_misfit(std::size_t frame, std::size_t other) const {
+  const Misfit *a = misfit_of(frame), *b = misfit_of(other);
+  return a != nullptr && b != nullptr && a->kind == b->kind;
+}
+
+std::size_t JumpFinder::lonely_of_three() const {
+  if (steps_.size() != 3) return steps_.size();
+  for (std::size_t t = 0; t < 3; ++t) {
+    const Vec3 &mine = centres_[t], &one = centres_[(t + 1) % 3], &other = centres_[(t + 2) % 3];
+    const double nearest = std::sqrt(std::min(squared_distance(mine, one), squared_distance(mine, other)));
+    const bool far = nearest > kElsewhere * diagonal_;
+    if (far && nearest > double{kUnusual} * std::sqrt(squared_distance(one, other))) return t;
+  }
+  return steps_.size();
 }
 
 std::vector<JumpFinder::Jump> JumpFinder::jumps() const {
@@ -116,17 +110,18 @@ std::vector<JumpFinder::Jump> JumpFinder::jumps() const {
   const bool enough = steps_.size() >= 4;
   const float usual_rms = this->usual_rms();
   const float usual_worst = enough ? median(std::move(worst)) : 0;
+  const std::size_t lonely = lonely_of_three();
   bool jumped = false;
   for (std::size_t t = 0; t < steps_.size(); ++t) {
     const Step& step = steps_[t];
-    const bool torn = step.stretch > kTornStretch;
-    const bool surface = enough && step.rms > kFarForSurface && step.rms > kUnusual * usual_rms;
+    const bool misfits = misfit_of(t) != nullptr;
+    const bool surface = t == lonely || (enough && step.rms > kFarForSurface && step.rms > kUnusual * usual_rms);
     const bool vertex = enough && step.worst > kFarForVertex && step.worst > kUnusual * usual_worst &&
                         step.worst > kAloneFactor * step.rms;
     // The way back from a frame that is out of place is no finding of its own.
-    const bool returns = jumped && !torn;
-    jumped = torn || ((surface || vertex) && !returns);
-    if (jumped) kinds[t] = torn ? Jump::kTorn : vertex ? Jump::kVertex : Jump::kSurface;
+    const bool returns = jumped && !misfits;
+    jumped = misfits || ((surface || vertex) && !returns);
+    if (jumped) kinds[t] = misfits ? Jump::kMisfit : vertex ? Jump::kVertex : Jump::kSurface;
   }
   return kinds;
 }
@@ -137,18 +132,18 @@ float JumpFinder::usual_rms() const {
   return rms.empty() ? 0 : median(std::move(rms));
 }
 
-std::string JumpFinder::text_of(const Step& step, Jump kind) const {
-  if (kind == Jump::kTorn) {
-    return "edges " + formatted("%.0f", std::max(3.0, std::round(double{step.stretch}))) +
-           " times as long as in the rest pose; is the order of vertices another?";
-  }
+std::string JumpFinder::text_of(std::size_t frame, Jump kind) const {
+  const Step& step = steps_[frame];
+  if (kind == Jump::kMisfit) return misfit_of(frame)->text();
   if (kind == Jump::kVertex) {
-    return "vertex " + std::to_string(step.vertex) + " jumps by " + percent(step.worst) +
-           " of the diagonal, the surface by " + percent(step.rms) + "; has the order of vertices changed?";
+    return "vertex " + std::to_string(step.vertex) + " jumps by " + percent_text(step.worst) +
+           " of the diagonal, the surface by " + percent_text(step.rms) + "; has the order of vertices changed?";
   }
   if (step.size < kEmpty) return "all vertices are in one place; is the frame empty?";
-  const std::string jump =
-      "the surface jumps by " + percent(step.rms) + " of its diagonal, " + percent(usual_rms()) + " is usual; ";
+  const bool few = steps_.size() < 4;
+  const std::string jump = few ? "the surface is far from where the other two frames are; "
+                               : "the surface jumps by " + percent_text(step.rms) + " of its diagonal, " +
+                                     percent_text(usual_rms()) + " is usual; ";
   if (step.size > kOtherSize || step.size < 1 / kOtherSize)
     return jump + "it is " + formatted("%.3g", double{step.size}) +
            " times as large as the rest pose; is it in another unit?";
@@ -157,27 +152,37 @@ std::string JumpFinder::text_of(const Step& step, Jump kind) const {
 
 std::vector<std::string> JumpFinder::findings(std::size_t limit) const {
   std::vector<std::string> lines;
-  if (scattered_) {
-    lines.push_back(
-        "rest pose: its faces join vertices from all over it; are they the faces of another file, or of another order "
-        "of "
-        "vertices?");
-  }
   const std::vector<Jump> kinds = jumps();
   std::size_t more = 0;
   for (std::size_t t = 0; t < kinds.size();) {
     std::size_t end = t + 1;
-    while (kinds[t] == Jump::kTorn && end < kinds.size() && kinds[end] == Jump::kTorn) ++end;
+    while (kinds[t] == Jump::kMisfit && end < kinds.size() && is_same_misfit(t, end)) ++end;
     if (kinds[t] != Jump::kNone && lines.size() >= limit) more += end - t;
     if (kinds[t] != Jump::kNone && lines.size() < limit) {
       const std::string last = end > t + 1 ? " to " + std::to_string(end - 1) : "";
-      lines.push_back((last.empty() ? "frame " : "frames ") + std::to_string(t) + last + ": " +
-                      text_of(steps_[t], kinds[t]));
+      lines.push_back((last.empty() ? "frame " : "frames ") + std::to_string(t) + last + ": " + text_of(t, kinds[t]));
     }
     t = end;
   }
   if (more > 0) lines.push_back("and " + std::to_string(more) + " more frames");
   return lines;
+}
+
+std::string JumpFinder::rest_finding() const {
+  if (order_.rest().kind == Misfit::Kind::kNone) return {};
+  return "rest pose: its faces join vertices that are no neighbours, " + order_.rest().text();
+}
+
+Result<void> JumpFinder::order() const {
+  const auto certain =
+      std::count_if(misfits_.begin(), misfits_.end(), [](const auto& misfit) { return misfit.second.certain; });
+  if (!order_.rest().certain && 2 * static_cast<std::size_t>(certain) <= steps_.size()) return {};
+  const std::string where =
+      order_.rest().certain ? "the mesh" : std::to_string(certain) + " of " + std::to_string(steps_.size()) + " frames";
+  return fail(ErrorCode::kInvalidArgument,
+              where +
+                  ": the faces join vertices that are no neighbours; they are of another file, or of another order of "
+                  "vertices: export mesh and clip together, with the order of vertices kept");
 }
 
 }  // namespace eigencast

@@ -12,6 +12,7 @@ import subprocess
 import time
 
 PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
+HOME = "opt"  # Where commands run, below a machine's root.
 APT = """APT::Get::Assume-Yes "true";
 APT::Install-Recommends "false";
 Binary::apt::APT::Keep-Downloaded-Packages "true";
@@ -29,13 +30,13 @@ class NoRoot(Exception):
 
 
 def make_root(folder, packages, also=()):
-    """A clean root in `folder`, in whose cache is all that installing `packages` (.deb files, kept in its /root) and the Debian packages
+    """A clean root in `folder`, in whose cache is all that installing `packages` (.deb files, kept in its home) and the Debian packages
     `also` takes: its machines need no network."""
     if not (folder / "etc/apt/apt.conf.d/90test").exists():
         bootstrap(folder)
     for package in packages:
-        shutil.copy(package, folder / "root")
-    names = [f"/root/{package.name}" for package in packages]
+        shutil.copy(package, folder / HOME)
+    names = [f"/{HOME}/{package.name}" for package in packages]
     for words in (["update", "-qq"], ["install", "-qq", "--download-only", *names, *also]):
         done = subprocess.run(["chroot", folder, "apt-get", *words], env={**os.environ, "PATH": PATH}, capture_output=True, text=True)
         if done.returncode != 0:
@@ -60,6 +61,7 @@ class Machine:
         self.host, self.name = host, host.name
         self.layers = [folder / f"{host.name}-{layer}" for layer in ("upper", "work")]
         self.root = folder / host.name
+        self.home = self.root / HOME
         for made in (*self.layers, self.root):
             made.mkdir()
         self.options = f"lowerdir={root},upperdir={self.layers[0]},workdir={self.layers[1]}"
@@ -96,11 +98,11 @@ class Machine:
         return children[0] if children else None
 
     def command(self, text):
-        return ["nsenter", f"--target={self.init()}", "--all", "--", "env", "-i", f"PATH={PATH}", "HOME=/root", "DEBIAN_FRONTEND=noninteractive",
+        return ["nsenter", f"--target={self.init()}", "--all", "--", "env", "-i", f"PATH={PATH}", f"HOME=/{HOME}", "DEBIAN_FRONTEND=noninteractive",
                 "sh", "-ec", f"cd; {text}"]
 
     def run(self, text, check=True, timeout=240):
-        """What a shell of root says, in root's folder, when told `text`."""
+        """What a shell of root says, at home, when told `text`."""
         done = subprocess.run(self.command(text), capture_output=True, text=True, timeout=timeout, stdin=subprocess.DEVNULL)
         if check and done.returncode != 0:
             raise AssertionError(f"{self.name}: {text}\nended with {done.returncode}\n{done.stdout[-3000:]}{done.stderr[-3000:]}")

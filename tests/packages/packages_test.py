@@ -95,7 +95,7 @@ class Packages(OnMachines):
         page = (ROOT / "docs/sdk.md").read_text()
         for name in ("publish.py", "subscribe.py"):
             program = re.search(rf"^`{name}`\n\n```python\n(.*?)^```$", page, re.M | re.S)[1]
-            (self.machines[0].root / "root" / name).write_text(program)
+            (self.machines[0].home / name).write_text(program)
         self.assertEqual(self.says("python3 -c 'import eigencast; print(eigencast.library_path())'"), "libeigencast.so.0")
         with open(self.folder / "publish.log", "w") as log:
             publishing = self.machines[0].start("python3 publish.py ws://127.0.0.1:7490/lab/sheet", log)
@@ -120,7 +120,7 @@ class Packages(OnMachines):
         with open(tree / "etc/eigencast/eigencast.toml", "a") as file:
             file.write("# a new comment upstream\n")
         subprocess.run("md5sum $(find . -type f -not -path './DEBIAN/*' -printf '%P ') >DEBIAN/md5sums", shell=True, cwd=tree, check=True)
-        subprocess.run(["dpkg-deb", "-b", tree, self.machines[0].root / "root/newer.deb"], check=True, capture_output=True)
+        subprocess.run(["dpkg-deb", "-b", tree, self.machines[0].home / "newer.deb"], check=True, capture_output=True)
         self.run_at("apt install ./newer.deb")
         self.assertEqual(self.says("systemctl is-active eigencast-broker"), "active")
         self.assertNotEqual(self.property("MainPID"), before, "the new program runs")
@@ -173,7 +173,7 @@ class Unit(OnMachines):
         self.run_at("umask 077; openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 2 -subj /CN=localhost "
                     "-addext subjectAltName=DNS:localhost -keyout own.key -out own.pem; cp own.pem /etc/eigencast/own.pem; "
                     "chmod 644 /etc/eigencast/own.pem; printf '[tls]\\ncertificate = \"own.pem\"\\nkey = \"tls.key\"\\n' >/etc/eigencast/eigencast.toml")
-        self.drop_in("LoadCredential=tls.key:/root/own.key\n")
+        self.drop_in(f"LoadCredential=tls.key:/{machines.HOME}/own.key\n")
         self.run_at("systemctl restart eigencast-broker")
         self.run_at("curl -fsS --cacert own.pem https://localhost:7490/v1/streams")
 
@@ -210,7 +210,7 @@ class Stranger(OnMachines):
         broker.run(script["broker"])
         for files, to in copies:
             for file in re.findall(r"`([^`]+)`", files):
-                shutil.copy(broker.root / "root" / file, {"sender": sender, "viewer": viewer}[to].root / "root")
+                shutil.copy(broker.home / file, {"sender": sender, "viewer": viewer}[to].home)
         with open(self.folder / "sender.log", "w") as log:
             streaming = sender.start(script["sender"], log)
             self.addCleanup(streaming.wait)
@@ -220,10 +220,10 @@ class Stranger(OnMachines):
                           "no stream", 120)
             self.assertIsNone(streaming.poll(), (self.folder / "sender.log").read_text())
             viewer.run(script["viewer"])
-        pictures = sorted((viewer.root / "root/pictures").glob("*.png"))
+        pictures = sorted((viewer.home / "pictures").glob("*.png"))
         self.assertEqual(len(pictures), 30)
         self.assertGreater(pictures[-1].stat().st_size, 5_000, "a picture of something")
-        report = json.loads((viewer.root / "root/report.json").read_text())
+        report = json.loads((viewer.home / "report.json").read_text())
         print("  report of the viewer:", {k: report[k] for k in list(report)[:8]})
 
         # And nobody else: not without a token, not with the wrong one, not past an unknown authority.

@@ -21,7 +21,7 @@ except ImportError:
 
 BUILD, SOURCE = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
 WATCHED_BY = {"publish.c": "subscribe.py", "publish.cpp": "subscribe.c", "publish.py": "subscribe.cpp"}
-PAINTED = "stress.py"  # watched by eigencast-client
+SHOWN = {"stress.py", "painted.py"}  # watched by eigencast-client
 
 
 def run(command, **more):
@@ -34,7 +34,7 @@ def run(command, **more):
 def programs_of(page):
     """Name -> text of each block that stands below its file's name."""
     found = dict(re.findall(r"^`(\w+\.(?:c|cpp|py))`\n\n```\w+\n(.*?)^```$", page.read_text(encoding="utf-8"), re.M | re.S))
-    wanted = set(WATCHED_BY) | set(WATCHED_BY.values()) | {PAINTED}
+    wanted = set(WATCHED_BY) | set(WATCHED_BY.values()) | SHOWN
     if set(found) != wanted:
         sys.exit(f"{page} has the programs {sorted(found)}, this test runs {sorted(wanted)}")
     return found
@@ -79,23 +79,62 @@ def rgb_of(png):
     return picture[1:, samples:].reshape(height, width, samples)[:, :, :3]
 
 
-def watch_scalar(command, url, prefix, environment, folder):
-    """A viewer that is asked for the scalar paints the surface with it: viridis is far greener than clay and wall."""
+def write_png(path, rgb):
+    """rgb: rows of pixels of three bytes."""
+    def chunk(kind, body):
+        return len(body).to_bytes(4, "big") + kind + body + zlib.crc32(kind + body).to_bytes(4, "big")
+
+    size = rgb.shape[1].to_bytes(4, "big") + rgb.shape[0].to_bytes(4, "big")
+    rows = b"".join(b"\0" + row.astype("uint8").tobytes() for row in rgb)
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", size + bytes([8, 2, 0, 0, 0])) + chunk(b"IDAT", zlib.compress(rows)) +
+                     chunk(b"IEND", b""))
+
+
+def pictures_of(command, url, prefix, environment, folder, colours):
+    """What eigencast-client shows of a program's stream, coloured by each of `colours`: rows of r, g, b."""
     viewer = prefix / "bin/eigencast-client"
     if not viewer.exists():
-        print("no viewer in this build: the scalar is not looked at")
-        return
-    green = {}
-    with subprocess.Popen(command + [url], env=environment) as sender:
-        for colour in ("clay", "channel:3"):
-            pictures = folder / colour.replace(":", "-")
+        print(f"no viewer in this build: {url} is not looked at")
+        return None
+    shown = {}
+    with subprocess.Popen(command[:2] + [url] + command[2:], env=environment) as sender:
+        for colour in colours:
+            pictures = folder / (url.rsplit("/", 1)[1] + "-" + colour.replace(":", "-"))
             run([viewer, url, "--headless", "--frames", "10", "--out", pictures, "--size", "160x120", "--colour", colour], env=environment)
-            rgb = rgb_of(sorted(pictures.glob("*.png"))[-1])
-            green[colour] = int((rgb[:, :, 1] - rgb[:, :, 0] > 50).sum())
+            shown[colour] = rgb_of(sorted(pictures.glob("*.png"))[-1])
         sender.terminate()
+    return shown
+
+
+def watch_scalar(command, url, prefix, environment, folder):
+    """A viewer that is asked for the scalar paints the surface with it: viridis is far greener than clay and wall."""
+    shown = pictures_of(command, url, prefix, environment, folder, ("clay", "channel:3"))
+    if shown is None:
+        return
+    green = {colour: int((rgb[:, :, 1] - rgb[:, :, 0] > 50).sum()) for colour, rgb in shown.items()}
     if green["clay"] > 20 or green["channel:3"] < 300:
         sys.exit(f"pixels in the colours of the scalar: {green}")
-    print(f"{PAINTED}, watched by eigencast-client: pixels in the colours of the scalar {green}")
+    print(f"stress.py, watched by eigencast-client: pixels in the colours of the scalar {green}")
+
+
+def watch_texture(command, url, prefix, environment, folder):
+    """The image lies on the surface the right way round (magenta above cyan); its own colours are others (red grows to the right, green
+    upwards)."""
+    image = numpy.zeros((64, 64, 3))
+    image[:32], image[32:] = (255, 0, 255), (0, 255, 255)
+    write_png(folder / "image.png", image)
+    shown = pictures_of(command + [folder / "image.png"], url, prefix, environment, folder, ("textured", "own"))
+    if shown is None:
+        return
+    r, g, b = (shown["textured"][:, :, c] for c in range(3))
+    magenta, cyan = (r > g + 60) & (b > g + 60), (g > r + 60) & (b > r + 60)
+    if min(magenta.sum(), cyan.sum()) < 300 or numpy.nonzero(magenta)[0].mean() + 10 > numpy.nonzero(cyan)[0].mean():
+        sys.exit(f"of the image {magenta.sum()} pixels magenta and {cyan.sum()} cyan, the former above; expected 300 of each")
+    r, g, b = (shown["own"][:, :, c] for c in range(3))
+    red, green = (r > g + 60) & (r > b + 60), (g > r + 60) & (g > b + 60)
+    if min(red.sum(), green.sum()) < 100 or numpy.nonzero(green)[0].mean() > numpy.nonzero(red)[0].mean():
+        sys.exit(f"of the colours {red.sum()} pixels red and {green.sum()} green, the latter above; expected 100 of each")
+    print(f"painted.py, watched by eigencast-client: {magenta.sum()} pixels magenta, {cyan.sum()} cyan; {red.sum()} red, {green.sum()} green")
 
 
 def main():
@@ -128,7 +167,8 @@ def main():
                 if len(seen) < 30 or sender.returncode != 0 or "sent 0 poses" in said:
                     sys.exit(f"{publisher} watched by {subscriber}: {len(seen)} lines; {said}")
                 print(f"{publisher}, watched by {subscriber}: {said.strip()}; {seen[-1]}")
-            watch_scalar(made[PAINTED], f"ws://127.0.0.1:{port}/sdk/stress", prefix, environment, folder)
+            watch_scalar(made["stress.py"], f"ws://127.0.0.1:{port}/sdk/stress", prefix, environment, folder)
+            watch_texture(made["painted.py"], f"ws://127.0.0.1:{port}/sdk/painted", prefix, environment, folder)
         finally:
             broker.terminate()
             broker.wait()

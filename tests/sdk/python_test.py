@@ -103,6 +103,44 @@ class Package(unittest.TestCase):
         self.assertLess(numpy.sqrt((off ** 2).sum(axis=1).mean()), 0.001 * numpy.sqrt(2) * 4 * 30 * 2)
         self.assertLess(numpy.abs(pose.in_source_order() - self.positions).max(), 0.02)
 
+    def test_colours_and_textures_arrive_with_their_corners(self):
+        image = b"\x89PNG\r\n\x1a\n" + bytes(range(200))  # nobody decodes it on the way
+        uv = self.positions[self.faces][:, :, :2] + numpy.where(numpy.arange(450) % 2, 2.0, 0.0)[:, None, None]  # a seam along every edge
+        uv[7] = numpy.nan
+        colours = (255 * self.positions).clip(0, 255).astype(numpy.uint8)
+        asset = eigencast.bake(self.positions, self.faces, rank=40, cache_dir="", image=image, corner_uv=uv, vertex_colours=colours)
+        url = self.origin + "/painted"
+        with eigencast.Publisher(url, asset) as publisher, eigencast.Subscriber(url + "?rate=raw", cache_dir="") as subscriber:
+            pose, end = None, time.monotonic() + 30
+            while time.monotonic() < end and (pose is None or pose.corner_uv is None):
+                publisher.send(self.positions)
+                pose = subscriber.next(timeout=0.03) or pose
+            self.assertEqual(subscriber.image(), image)
+        numpy.testing.assert_array_equal(pose.vertex_colours, colours[pose.source_vertex])
+        # Each triangle is one of the source's, with its corners in some turn.
+        given = {tuple(sorted(face)): dict(zip(face, places)) for face, places in zip(self.faces.tolist(), uv)}
+        for triangle, places in zip(pose.source_vertex[pose.triangles].tolist(), pose.corner_uv):
+            for vertex, place in zip(triangle, places):
+                numpy.testing.assert_allclose(place, given[tuple(sorted(triangle))][vertex], atol=1e-4)
+        with eigencast.Publisher(url + "2", self.asset) as publisher:
+            plain = self.watched(url + "2", lambda: publisher.send(self.positions), lambda p: len(p.positions) == 256)
+        self.assertIsNone(plain.vertex_colours)
+        self.assertIsNone(plain.corner_uv)
+
+    def test_an_appearance_that_cannot_be_meant_is_refused(self):
+        png, uv = b"\x89PNG\r\n\x1a\n0", self.positions[:, :2]
+        for wrong, said in (({"image": png}, "needs places"), ({"vertex_uv": uv}, "an image"),
+                            ({"image": b"GIF89a", "vertex_uv": uv}, "neither PNG nor JPEG"), ({"image": b"", "vertex_uv": uv}, "not there"),
+                            ({"image": png, "vertex_uv": uv, "corner_uv": uv[self.faces]}, "one of the two")):
+            with self.assertRaisesRegex(eigencast.Error, said):
+                eigencast.bake(self.positions, self.faces, rank=40, cache_dir="", **wrong)
+        with self.assertRaisesRegex(eigencast.Error, "point cloud"):
+            eigencast.bake(self.positions, rank=20, cache_dir="", image=png, vertex_uv=uv)
+        for wrong, said in (({"vertex_colours": self.positions}, "whole numbers"), ({"vertex_colours": uv}, r"must be \(256, 3\)"),
+                            ({"vertex_colours": 300 + 0 * self.faces[:256]}, "0..255"), ({"vertex_uv": self.positions}, r"must be \(256, 2\)")):
+            with self.assertRaisesRegex(ValueError, said):
+                eigencast.bake(self.positions, self.faces, rank=40, cache_dir="", **wrong)
+
     def test_a_share_of_the_vertices_may_be_asked_for(self):
         with eigencast.Publisher(self.origin + "/coarse", self.asset) as publisher:
             pose = self.watched(self.origin + "/coarse", lambda: publisher.send(self.positions), lambda p: True, detail=0.25)

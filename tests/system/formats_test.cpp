@@ -114,6 +114,39 @@ TEST(Formats, PosesFromStandardInputArriveAndWhatIsUnfinishedIsSaid) {
   EXPECT_GE(scene.received("viewer").size(), 4u) << scene.logs();
 }
 
+/// Runs `eigencast-sender` to its end; a broker that is not there.
+std::pair<int, std::string> run_sender(const Scene& scene, std::vector<std::string> arguments) {
+  arguments.insert(arguments.begin(), std::string(EIGENCAST_BIN_DIR) + "/eigencast-sender");
+  Process sender(arguments, scene.file("sender.log"));
+  const int status = sender.wait(milliseconds(60000));
+  return {status, sender.output()};
+}
+
+TEST(Formats, AClipWhoseVerticesAreInAnotherOrderIsRefusedByAllThatReadIt) {
+  const Scene scene;
+  const auto clip = builtin_clip("heart");
+  ASSERT_TRUE(write_surface((*clip)->rest(), scene.file("rest.obj")));
+  std::filesystem::create_directory(scene.file("reversed"));
+  for (const std::size_t frame : {0u, 7u, 14u}) {
+    Surface pose{*(*clip)->pose(frame), {}};
+    std::reverse(pose.positions.begin(), pose.positions.end());
+    ASSERT_TRUE(write_surface(pose, scene.file("reversed/" + std::to_string(frame) + ".obj")));
+  }
+  const std::string rest = scene.file("rest.obj"), poses = scene.file("reversed");
+  const std::vector<std::string> play{"play", poses, "--rest", rest, "--rank", "8", "--to", "ws://127.0.0.1:1/a"};
+  const std::vector<std::string> evaluate{"evaluate", poses, "--rest", rest, "--rank", "8"};
+  for (const auto& command : {play, evaluate, {"bake", rest, "--poses", poses, "--target-error", "0.9"}}) {
+    const auto [status, said] = run_sender(scene, command);
+    EXPECT_EQ(status, 1) << command[0] << said;
+    EXPECT_NE(said.find("--any-order takes them as they are"), std::string::npos) << command[0] << said;
+  }
+  auto all_the_same = evaluate;
+  all_the_same.push_back("--any-order");
+  const auto [status, said] = run_sender(scene, all_the_same);
+  EXPECT_EQ(status, 0) << said;
+  EXPECT_NE(said.find("frames 0 to 2: "), std::string::npos) << said;
+}
+
 // What a user has: whole files, real motion. The sender reads and checks each to its end before it plays some of it.
 TEST(Formats, EveryRealClipPlays) {
   const std::filesystem::path data = EIGENCAST_DATA_DIR;

@@ -80,6 +80,19 @@ typedef struct ec_asset ec_asset;
  * to cancel. */
 typedef int (*ec_progress)(void* user, double fraction, const char* stage);
 
+/** How a surface looks: colours of its vertices, an image on its faces, or both. Viewers show the image where they
+ * are asked for textures, else the colours. */
+typedef struct ec_appearance {
+  size_t struct_size;
+  const uint8_t* vertex_colours; /**< vertex_count x 3: red, green, blue, sRGB (default: none). */
+  const void* image;      /**< A whole PNG or JPEG file of at most 16 MiB, 8,192 pixels a side (default: none). */
+  size_t image_size;      /**< Its bytes. */
+  const float* corner_uv; /**< face_count x 3 x 2: where in the image the corners of each face lie; (0, 0) is its upper
+                             left corner, (1, 1) its lower right one, beyond it repeats. Corners that meet in a vertex
+                             may lie apart (seams). A face with a corner that is no number (NAN) has none of it. */
+  const float* vertex_uv; /**< vertex_count x 2, instead of corner_uv: for an image without seams. */
+} ec_appearance;
+
 typedef struct ec_bake_options {
   size_t struct_size;
   const char* basis; /**< "augmented" or "harmonic" (default: "augmented"). */
@@ -87,8 +100,9 @@ typedef struct ec_bake_options {
   const char* name;  /**< Of the surface, for people (default: ""). */
   const char*
       cache_dir; /**< Where results are kept and found again; "" for nowhere (default: the user's cache folder). */
-  ec_progress progress; /**< (default: none) */
-  void* user;           /**< Handed to `progress`. */
+  ec_progress progress;            /**< (default: none) */
+  void* user;                      /**< Handed to `progress`. */
+  const ec_appearance* appearance; /**< Colours and texture (default: none). */
 } ec_bake_options;
 
 typedef struct ec_asset_info {
@@ -106,7 +120,8 @@ typedef struct ec_asset_info {
  *   faces      face_count x 3 vertex numbers, counter-clockwise from outside; null with face_count 0 for a point cloud
  *   options    null for all defaults
  * On EC_OK *asset is the caller's to release.
- * Errors: EC_INVALID_ARGUMENT, EC_TOO_LARGE, EC_NUMERICAL, EC_CANCELLED, EC_IO.
+ * Errors: EC_INVALID_ARGUMENT, EC_TOO_LARGE, EC_NUMERICAL, EC_CANCELLED, EC_IO; EC_UNSUPPORTED (an image that is
+ * neither PNG nor JPEG).
  */
 EC_API ec_status ec_bake(const double* positions, uint32_t vertex_count, const uint32_t* faces, uint32_t face_count,
                          const ec_bake_options* options, ec_asset** asset);
@@ -221,6 +236,11 @@ typedef struct ec_surface {
   uint32_t scalar_count;         /**< Values that ride on each vertex. */
   const float* scalars;          /**< N x scalar_count; null where there are none. */
   const float* velocities;       /**< N x 3, per second; null where the stream carries none. */
+  const uint8_t* vertex_colours; /**< N x 3, sRGB; null where the surface has none. */
+  const float* corner_uv;        /**< triangle_count x 3 x 2 as of ec_appearance, NAN where a triangle has none of the
+                                    image; null where the surface has no texture, or until all of it has arrived. */
+  const void* image;             /**< The PNG or JPEG file; null with corner_uv. */
+  size_t image_size;
 } ec_surface;
 
 /** Starts connecting to ws://host:port/stream[?rate=raw] in the background. Errors: EC_INVALID_ARGUMENT. */

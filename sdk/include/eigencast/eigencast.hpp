@@ -37,12 +37,21 @@ inline std::int64_t now_us() {
   return ec_now_us();
 }
 
+/// How a surface looks; see ec_appearance. Needed until bake() returns.
+struct Appearance {
+  std::span<const std::uint8_t> vertex_colours = {};  ///< 3 per vertex: red, green, blue, sRGB.
+  std::span<const std::uint8_t> image = {};           ///< A whole PNG or JPEG file.
+  std::span<const float> corner_uv = {};              ///< 6 per triangle; (0, 0): the image's upper left corner.
+  std::span<const float> vertex_uv = {};              ///< 2 per vertex, instead.
+};
+
 struct BakeOptions {
   std::string basis = "augmented";                         ///< or "harmonic"
   std::uint32_t rank = 200;                                ///< Coefficients per axis.
   std::string name = {};                                   ///< Of the surface, for people.
   std::optional<std::string> cache_dir = {};               ///< Empty text: nowhere (default: the user's cache folder).
   std::function<bool(double, const char*)> progress = {};  ///< Fraction and stage; return false to cancel.
+  std::optional<Appearance> appearance = {};               ///< Colours and texture.
 };
 
 /// A surface that can be streamed. Cheap to copy: copies share it. Thread-safe: immutable.
@@ -63,6 +72,22 @@ class Asset {
         return static_cast<const BakeOptions*>(user)->progress(fraction, stage) ? 0 : 1;
       };
       c_options.user = const_cast<BakeOptions*>(&options);
+    }
+    auto appearance = EC_INIT(ec_appearance);
+    if (options.appearance) {
+      const Appearance& looks = *options.appearance;
+      const auto given = [](auto values, std::size_t wanted, const char* what) {
+        if (!values.empty() && values.size() != wanted) throw std::invalid_argument(what);
+        return values.empty() ? nullptr : values.data();
+      };
+      appearance.vertex_colours =
+          given(looks.vertex_colours, positions.size(), "Asset::bake: vertex_colours are not 3 per vertex");
+      appearance.corner_uv = given(looks.corner_uv, 2 * faces.size(), "Asset::bake: corner_uv are not 6 per triangle");
+      appearance.vertex_uv =
+          given(looks.vertex_uv, positions.size() / 3 * 2, "Asset::bake: vertex_uv are not 2 per vertex");
+      appearance.image = looks.image.empty() ? nullptr : looks.image.data();
+      appearance.image_size = looks.image.size();
+      c_options.appearance = &appearance;
     }
     ec_asset* asset = nullptr;
     check(ec_bake(positions.data(), static_cast<std::uint32_t>(positions.size() / 3), faces.data(),

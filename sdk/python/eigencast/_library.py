@@ -4,7 +4,7 @@ import ctypes
 import ctypes.util
 import enum
 import os
-from ctypes import POINTER, c_char_p, c_double, c_float, c_int, c_int64, c_size_t, c_uint32, c_uint64, c_void_p
+from ctypes import POINTER, c_char_p, c_double, c_float, c_int, c_int64, c_size_t, c_uint8, c_uint32, c_uint64, c_void_p
 
 SONAME = "libeigencast.so.0"
 
@@ -47,9 +47,14 @@ class Sized(ctypes.Structure):
         self.struct_size = ctypes.sizeof(self)
 
 
+class Appearance(Sized):
+    _fields_ = [("struct_size", c_size_t), ("vertex_colours", POINTER(c_uint8)), ("image", c_char_p), ("image_size", c_size_t),
+                ("corner_uv", POINTER(c_float)), ("vertex_uv", POINTER(c_float))]
+
+
 class BakeOptions(Sized):
     _fields_ = [("struct_size", c_size_t), ("basis", c_char_p), ("rank", c_uint32), ("name", c_char_p), ("cache_dir", c_char_p),
-                ("progress", PROGRESS), ("user", c_void_p)]
+                ("progress", PROGRESS), ("user", c_void_p), ("appearance", POINTER(Appearance))]
 
 
 class AssetInfo(Sized):
@@ -87,7 +92,8 @@ class Surface(Sized):
     _fields_ = [("struct_size", c_size_t), ("vertex_count", c_uint32), ("triangle_count", c_uint32), ("positions", POINTER(c_float)),
                 ("normals", POINTER(c_float)), ("triangles", POINTER(c_uint32)), ("source_vertex", POINTER(c_uint32)),
                 ("capture_us", c_int64), ("sequence", c_uint64), ("interpolated", c_int), ("scalar_count", c_uint32), ("scalars", POINTER(c_float)),
-                ("velocities", POINTER(c_float))]
+                ("velocities", POINTER(c_float)), ("vertex_colours", POINTER(c_uint8)), ("corner_uv", POINTER(c_float)), ("image", c_void_p),
+                ("image_size", c_size_t)]
 
 
 # name -> (result, arguments)

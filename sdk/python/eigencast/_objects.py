@@ -64,7 +64,22 @@ class Asset(_Object):
         self.from_cache = bool(info.from_cache)  #: Nothing had to be computed.
 
 
-def bake(positions, faces=None, *, rank=200, basis="augmented", name="", cache_dir=None, progress=None):
+def _checked(what, values, shape, dtype):
+    """As the library takes them; None where there are none."""
+    if values is None:
+        return None
+    rows = numpy.asarray(values)
+    if rows.shape != shape:
+        raise ValueError(f"{what} must be {shape}, not {rows.shape}")
+    if dtype == numpy.uint8 and rows.dtype.kind == "f":
+        raise ValueError(f"{what} must be whole numbers from 0 to 255, not {rows.dtype}: multiply parts of 1 by 255 and round them")
+    if dtype == numpy.uint8 and rows.size and (rows.min() < 0 or rows.max() > 255):
+        raise ValueError(f"{what} must lie in 0..255")
+    return numpy.ascontiguousarray(rows, dtype=dtype)
+
+
+def bake(positions, faces=None, *, rank=200, basis="augmented", name="", cache_dir=None, progress=None, vertex_colours=None, image=None,
+         corner_uv=None, vertex_uv=None):
     """Bakes a surface: seconds for tens of thousands of vertices, nothing when it is in the cache.
 
       positions  (n, 3)
@@ -72,6 +87,10 @@ def bake(positions, faces=None, *, rank=200, basis="augmented", name="", cache_d
       basis      "augmented" or "harmonic"
       cache_dir  where results are kept and found again; "" for nowhere (default: the user's cache folder)
       progress   called with a fraction and a stage; what it raises ends the bake and is raised again
+      vertex_colours  (n, 3) of 0..255, sRGB
+      image      bytes of a whole PNG or JPEG file, at most 16 MiB and 8,192 pixels a side, with one of
+      corner_uv    (F, 3, 2): where in the image the corners of each face lie, (0, 0) its upper left corner; a face with a NaN has none of it
+      vertex_uv    (n, 2): the same without seams
     Raises Error, ValueError (shapes).
     """
     positions = numpy.ascontiguousarray(positions, dtype=numpy.float64)
@@ -83,6 +102,15 @@ def bake(positions, faces=None, *, rank=200, basis="augmented", name="", cache_d
     if given.size and (given.min() < 0 or given.max() >= len(positions)):
         raise ValueError(f"faces name vertices outside 0..{len(positions) - 1}")
     triangles = numpy.ascontiguousarray(given, dtype=numpy.uint32)
+    n, f = len(positions), len(triangles)
+    colours = _checked("vertex_colours", vertex_colours, (n, 3), numpy.uint8)
+    corners = _checked("corner_uv", corner_uv, (f, 3, 2), numpy.float32)
+    vertices = _checked("vertex_uv", vertex_uv, (n, 2), numpy.float32)
+    looks = _library.Appearance(image=None if image is None else bytes(image), image_size=0 if image is None else len(image))
+    for what, rows, c_type in (("vertex_colours", colours, ctypes.c_uint8), ("corner_uv", corners, ctypes.c_float),
+                               ("vertex_uv", vertices, ctypes.c_float)):
+        if rows is not None:
+            setattr(looks, what, _pointer(rows, c_type))
     raised = []
 
     def told(_, fraction, stage):
@@ -94,6 +122,7 @@ def bake(positions, faces=None, *, rank=200, basis="augmented", name="", cache_d
             return 1
 
     options = _library.BakeOptions(basis=_text(basis), rank=rank, name=_text(name), cache_dir=_text(cache_dir))
+    options.appearance = ctypes.pointer(looks)
     if progress is not None:
         options.progress = _library.PROGRESS(told)
     handle = ctypes.c_void_p()
@@ -192,6 +221,8 @@ class Pose:
     interpolated: bool  #: made between two key poses
     scalars: numpy.ndarray  #: (N, s) float32: what rides on the vertices; s may be 0
     velocities: typing.Optional[numpy.ndarray]  #: (N, 3) float32 per second; None where the stream carries none
+    vertex_colours: typing.Optional[numpy.ndarray]  #: (N, 3) uint8, sRGB; None where the surface has none
+    corner_uv: typing.Optional[numpy.ndarray]  #: (T, 3, 2) float32, NaN where a triangle has none of the image; None without a texture
 
     def in_source_order(self):
         """(N, 3) positions in the publisher's order of vertices; of a whole surface (detail 1) alone."""
@@ -252,7 +283,16 @@ class Subscriber(_Object):
         return Pose(copied(raw.positions, n, 3), copied(raw.normals, n, 3) if raw.normals else None, copied(raw.triangles, t, 3),
                     copied(raw.source_vertex, n), raw.capture_us, raw.sequence, bool(raw.interpolated),
                     copied(raw.scalars, n, raw.scalar_count) if raw.scalar_count else numpy.empty((n, 0), dtype=numpy.float32),
-                    copied(raw.velocities, n, 3) if raw.velocities else None)
+                    copied(raw.velocities, n, 3) if raw.velocities else None,
+                    copied(raw.vertex_colours, n, 3) if raw.vertex_colours else None,
+                    copied(raw.corner_uv, t, 3, 2) if raw.corner_uv else None)
+
+    def image(self):
+        """The PNG or JPEG file that corner_uv of the current pose point into, as bytes; None without a texture. It stays with the surface:
+        once is enough."""
+        raw = _library.Surface()
+        check(LIBRARY.ec_subscriber_surface(self._open(), 0.0, ctypes.byref(raw)))
+        return ctypes.string_at(raw.image, raw.image_size) if raw.image else None
 
     def stats(self):
         return self._stats(LIBRARY.ec_subscriber_get_stats, _library.SubscriberStats, SubscriberStats)

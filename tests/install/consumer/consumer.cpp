@@ -16,6 +16,17 @@ int main() {
   }
   const auto asset = eigencast::Asset::bake(positions, faces, {.rank = 20, .cache_dir = ""});
   if (asset.info().vertex_count != 144 || asset.info().face_count != 242 || asset.info().rank != 20) return 1;
+  const std::vector<std::uint8_t> colours(positions.size(), 90), too_few(5);
+  const auto bake_with = [&](const std::vector<std::uint8_t>& given) {
+    return eigencast::Asset::bake(positions, faces,
+                                  {.rank = 20, .cache_dir = "", .appearance = {{.vertex_colours = given}}});
+  };
+  if (std::string(bake_with(colours).info().id) == asset.info().id) return 4;
+  try {
+    bake_with(too_few);
+    return 5;
+  } catch (const std::invalid_argument&) {
+  }
   try {
     eigencast::Subscriber subscriber("not a url");
     return 2;

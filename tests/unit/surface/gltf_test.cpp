@@ -138,6 +138,28 @@ TEST(Gltf, skins_blend_their_joints_and_ignore_the_node_they_hang_on) {
   EXPECT_EQ(rig->influences[4].weight, 1) << "weights are made to add up to one";
 }
 
+TEST(Gltf, parts_without_texture_coordinates_or_colours_may_follow_those_with_them) {
+  Glb glb;
+  const int position = glb.floats({0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1}, "VEC3", 3);
+  const int uv = glb.floats({0, 0, 1, 0, 0, 1, 1, 1}, "VEC2", 2);
+  const int colour = glb.floats({1, 0, 0, 1, 0, 0, 1, 0, 0, 1, 0, 0}, "VEC3", 3);
+  const int first = glb.shorts({0, 1, 2}), others = glb.shorts({0, 2, 3, 0, 1, 1, 0, 3, 1});
+  const std::string place = R"({"attributes":{"POSITION":)" + text(position);
+  const auto clip = open(glb.bytes(R"("nodes":[{"mesh":0}],"meshes":[{"primitives":[)" + place + R"(,"TEXCOORD_0":)" +
+                                   text(uv) + R"(,"COLOR_0":)" + text(colour) + R"(},"indices":)" + text(first) + "}," +
+                                   place + R"(},"indices":)" + text(others) + "}]}]"));
+  ASSERT_TRUE(clip) << clip.error().message;
+  ASSERT_EQ((*clip)->rest().faces, (std::vector<Face>{{0, 1, 2}, {0, 2, 3}, {0, 3, 1}}))
+      << "one of the three collapses";
+  const Appearance* looks = (*clip)->appearance();
+  using Uv = std::array<float, 2>;
+  ASSERT_EQ(looks->corner_uv.size(), 3u);
+  EXPECT_EQ(looks->corner_uv[0], (std::array<Uv, 3>{Uv{0, 0}, Uv{1, 0}, Uv{0, 1}}));
+  EXPECT_EQ(looks->corner_uv[2], (std::array<Uv, 3>{}));
+  ASSERT_EQ(looks->corner_colour.size(), 3u);
+  EXPECT_EQ(looks->corner_colour[2][0], (std::array<float, 4>{1, 1, 1, 1}));
+}
+
 TEST(Gltf, seams_are_welded_only_where_both_sides_move_alike) {
   Glb glb;
   // Three triangles without indices: the edge of the first two is a seam; the third moves with a morph target.

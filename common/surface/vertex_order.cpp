@@ -1,0 +1,244 @@
+// SPDX-License-Identifier: MIT
+#include "common/surface/vertex_order.h"
+
+#include <algorithm>
+#include <array>
+#include <cassert>
+#include <cmath>
+
+#include "common/core/text.h"
+#include "common/surface/surface_distance.h"
+
+namespace eigencast {
+namespace {
+
+constexpr std::size_t kMostFaces = 2'000'000;
+constexpr double kFolded = -0.3;  // cosine between the normals of faces that lie on each other
+// Parts of the edges, beyond those of the rest pose. Surfaces that were squashed flat or shaken by a third of their edges have up to 0.2.
+constexpr float kManyFolded = 0.2F;
+constexpr float kSurelyFolded = 0.3F;
+constexpr float kManyFoldedAtRest = 0.15F;
+// Vertices taken at even strides from a regular grid make a smooth surface again, but of long edges.
+constexpr float kLongEdges = 2.5F, kSurelyLongEdges = 8;
+constexpr std::size_t kFewPairs = 100, kEnoughPairs = 1000;
+// A vertex that is off by more, in lengths of edges nearby: 0.7 at most in animations, about 1 where surfaces are stretched to rags.
+constexpr float kStray = 1.5F;
+constexpr float kFarStray = 0.01F;  // of the diagonal
+constexpr double kFull = 0.01;      // a ball's is 0.094
+constexpr double kClosed = 1e-6;
+
+Vec3 minus(const Vec3& a, const Vec3& b) {
+  return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+}
+
+Vec3 cross(const Vec3& a, const Vec3& b) {
+  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+}
+
+double dot(const Vec3& a, const Vec3& b) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/// Twice the face's area long.
+Vec3 normal_of(const Face& face, std::span<const Vec3> positions) {
+  const Vec3& corner = positions[face[0]];
+  return cross(minus(positions[face[1]], corner), minus(positions[face[2]], corner));
+}
+
+/// An edge as one of its faces runs along it.
+struct HalfEdge {
+  std::uint32_t low, high, face;
+  bool upwards;
+};
+
+std::vector<HalfEdge> half_edges_of(std::span<const Face> faces) {
+  std::vector<HalfEdge> half_edges;
+  half_edges.reserve(3 * faces.size());
+  for (std::uint32_t f = 0; f < faces.size(); ++f) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      const std::uint32_t a = faces[f][k], b = faces[f][(k + 1) % 3];
+      if (a != b) half_edges.push_back({std::min(a, b), std::max(a, b), f, a < b});
+    }
+  }
+  std::sort(half_edges.begin(), half_edges.end(),
+            [](const HalfEdge& x, const HalfEdge& y) { return std::pair(x.low, x.high) < std::pair(y.low, y.high); });
+  return half_edges;
+}
+
+}  // namespace
+
+std::string percent_text(float part) {
+  return formatted("%.*f %%", part < 0.0995F ? 1 : 0, static_cast<double>(part) * 100);
+}
+
+std::string Misfit::text() const {
+  switch (kind) {
+    case Kind::kOrder:
+      return (stretch > kLongEdges
+                  ? "edges are " + formatted("%.3g", double{stretch}) + " times as long as in the rest pose, "
+                  : std::string()) +
+             percent_text(folded) +
+             " of the edges have their two faces folded on each other; is the order of vertices another?";
+    case Kind::kInsideOut:
+      return "the surface is inside out; is it mirrored, or are two of its axes exchanged?";
+    case Kind::kVertex:
+      return "vertex " + std::to_string(vertex) + " stands " + percent_text(away) +
+             " of the diagonal away from its neighbours" +
+             (others > 0 ? ", and " + std::to_string(others) + " more stand away from theirs" : "") +
+             "; is it in the wrong place, or has the order of vertices changed?";
+    case Kind::kNone:
+      break;
+  }
+  assert(false);
+  return {};
+}
+
+VertexOrder::VertexOrder(const Surface& rest)
+    : faces_(rest.faces.begin(),
+             rest.faces.begin() + static_cast<std::ptrdiff_t>(std::min(rest.faces.size(), kMostFaces))),
+      degree_(rest.vertex_count(), 0),
+      diagonal_(std::max(bounding_box(rest.positions).diagonal(), 1e-30)) {
+  const std::vector<HalfEdge> half_edges = half_edges_of(faces_);
+  for (std::size_t i = 0; i < half_edges.size(); ++i) {
+    const HalfEdge& edge = half_edges[i];
+    const bool known = i > 0 && half_edges[i - 1].low == edge.low && half_edges[i - 1].high == edge.high;
+    if (known) {
+      if (half_edges[i - 1].upwards != edge.upwards) face_pairs_.emplace_back(half_edges[i - 1].face, edge.face);
+      continue;
+    }
+    edges_.emplace_back(edge.low, edge.high);
+    ++degree_[edge.low];
+    ++degree_[edge.high];
+  }
+  edge_length_ = edge_length(rest.positions);
+  at_rest_ = locals(rest.positions);
+  rest_.folded = folded(rest.positions);
+  if (face_pairs_.size() >= kEnoughPairs && rest_.folded > kManyFoldedAtRest) {
+    rest_.kind = Misfit::Kind::kOrder;
+    rest_.certain = rest_.folded > kSurelyFolded;
+  }
+  if (faces_.size() == rest.faces.size()) fullness_ = fullness(rest.positions);
+}
+
+Misfit VertexOrder::look(std::span<const Vec3> positions) const {
+  assert(positions.size() == degree_.size());
+  Misfit misfit;
+  misfit.folded = folded(positions);
+  misfit.stretch = stretch(positions);
+  // Of faces that do not fit the rest pose nothing can be said in others.
+  if (rest_.kind != Misfit::Kind::kNone) return misfit;
+  const float more = misfit.folded - rest_.folded;
+  const bool enough = face_pairs_.size() >= kEnoughPairs;
+  misfit.certain = enough && (more > kSurelyFolded || misfit.stretch > kSurelyLongEdges);
+  if (misfit.certain || (face_pairs_.size() >= kFewPairs && (more > kManyFolded || misfit.stretch > kLongEdges))) {
+    misfit.kind = Misfit::Kind::kOrder;
+    return misfit;
+  }
+  if (std::abs(fullness_) > kFull) {
+    const double now = fullness(positions);
+    if (now * fullness_ < 0 && std::abs(now) > std::abs(fullness_) / 2) misfit.kind = Misfit::Kind::kInsideOut;
+  }
+  if (misfit.kind == Misfit::Kind::kNone) look_for_strays(positions, misfit);
+  return misfit;
+}
+
+std::vector<VertexOrder::Local> VertexOrder::locals(std::span<const Vec3> positions) const {
+  const std::size_t n = positions.size();
+  std::vector<double> lengths(n, 0), rings(n, 0), ring_edges(n, 0);
+  std::vector<Vec3> sums(n, Vec3{});
+  std::vector<float> edge_lengths;
+  edge_lengths.reserve(edges_.size());
+  for (const auto& [a, b] : edges_) {
+    const double length = std::sqrt(squared_distance(positions[a], positions[b]));
+    edge_lengths.push_back(static_cast<float>(length));
+    lengths[a] += length;
+    lengths[b] += length;
+    for (std::size_t c = 0; c < 3; ++c) {
+      sums[a][c] += positions[b][c];
+      sums[b][c] += positions[a][c];
+    }
+  }
+  for (std::size_t e = 0; e < edges_.size(); ++e) {
+    const auto& [a, b] = edges_[e];
+    const double length = double{edge_lengths[e]};
+    rings[a] += std::max(0.0, lengths[b] - length);
+    rings[b] += std::max(0.0, lengths[a] - length);
+    ring_edges[a] += degree_[b] - 1;
+    ring_edges[b] += degree_[a] - 1;
+  }
+  std::vector<Local> locals(n);
+  for (std::size_t i = 0; i < n; ++i) {
+    if (degree_[i] == 0) continue;
+    const Vec3 mean{sums[i][0] / degree_[i], sums[i][1] / degree_[i], sums[i][2] / degree_[i]};
+    locals[i] = {static_cast<float>(lengths[i] / degree_[i]),
+                 static_cast<float>(ring_edges[i] > 0 ? rings[i] / ring_edges[i] : 0),
+                 static_cast<float>(std::sqrt(squared_distance(positions[i], mean)))};
+  }
+  return locals;
+}
+
+void VertexOrder::look_for_strays(std::span<const Vec3> positions, Misfit& misfit) const {
+  const std::vector<Local> now = locals(positions);
+  std::uint32_t strays = 0;
+  for (std::size_t i = 0; i < now.size(); ++i) {
+    const Local& rest = at_rest_[i];
+    if (!(rest.ring > 0 && now[i].ring > 0)) continue;
+    const float stretch = now[i].ring / rest.ring;
+    // The own edges of the rest pose count, too: those of the middle of a fan are far longer than its neighbours' others.
+    const float around = std::max(now[i].ring, stretch * rest.incident);
+    const float off = now[i].off - stretch * rest.off;
+    const float away = off / stretch / static_cast<float>(diagonal_);
+    if (!(off > kStray * around && away > kFarStray)) continue;
+    ++strays;
+    if (away <= misfit.away) continue;
+    misfit.away = away;
+    misfit.vertex = static_cast<std::uint32_t>(i);
+  }
+  if (strays == 0) return;
+  misfit.kind = Misfit::Kind::kVertex;
+  misfit.others = strays - 1;
+}
+
+double VertexOrder::edge_length(std::span<const Vec3> positions) const {
+  double sum = 0;
+  for (const auto& [a, b] : edges_) sum += squared_distance(positions[a], positions[b]);
+  return std::sqrt(sum / static_cast<double>(std::max<std::size_t>(1, edges_.size())));
+}
+
+float VertexOrder::stretch(std::span<const Vec3> positions) const {
+  if (!(edge_length_ > 0)) return 1;
+  const double longer = edge_length(positions) / edge_length_;
+  // Crumpled, a surface has a smaller box; in other units, edges of other lengths.
+  return static_cast<float>(std::min(longer, longer * diagonal_ / std::max(bounding_box(positions).diagonal(), 1e-30)));
+}
+
+float VertexOrder::folded(std::span<const Vec3> positions) const {
+  std::vector<Vec3> normals;
+  normals.reserve(faces_.size());
+  for (const Face& face : faces_) {
+    Vec3 normal = normal_of(face, positions);
+    const double length = std::sqrt(dot(normal, normal));
+    for (double& part : normal) part = length > 0 ? part / length : 0;
+    normals.push_back(normal);
+  }
+  std::size_t count = 0;
+  for (const auto& [f, g] : face_pairs_) count += dot(normals[f], normals[g]) < kFolded ? 1 : 0;
+  return static_cast<float>(count) / static_cast<float>(std::max<std::size_t>(1, face_pairs_.size()));
+}
+
+double VertexOrder::fullness(std::span<const Vec3> positions) const {
+  if (positions.empty()) return 0;
+  double volume = 0, area = 0;
+  Vec3 sum{};
+  const Vec3 near = positions.front();
+  for (const Face& face : faces_) {
+    const Vec3 normal = normal_of(face, positions);
+    volume += dot(minus(positions[face[0]], near), normal) / 6;
+    area += std::sqrt(dot(normal, normal)) / 2;
+    for (std::size_t c = 0; c < 3; ++c) sum[c] += normal[c] / 2;
+  }
+  if (!(area > 0) || std::sqrt(dot(sum, sum)) > kClosed * area) return 0;
+  return volume / std::pow(area, 1.5);
+}
+
+}  // namespace eigencast

@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "common/surface/surface.h"
+
+namespace eigencast {
+
+/// A part of a whole for people: "5.0 %", "42 %".
+std::string percent_text(float part);
+
+/// What of a pose does not fit its faces.
+struct Misfit {
+  enum class Kind : std::uint8_t {
+    kNone,
+    kVertex,     ///< Vertices stand away from their neighbours.
+    kInsideOut,  ///< The surface is mirrored.
+    kOrder,      ///< Faces join vertices that are no neighbours: the order of vertices is another.
+  };
+  Kind kind = Kind::kNone;
+  bool certain = false;      ///< No deformation of the surface looks like it. Of kOrder.
+  std::uint32_t vertex = 0;  ///< That stands farthest away.
+  std::uint32_t others = 0;  ///< That stand away beside it.
+  float away = 0;            ///< How far, of the diagonal.
+  float folded = 0;          ///< Part of the edges whose two faces lie on each other.
+  float stretch = 1;  ///< Rms length of edges, relative to the rest pose: as it is or over the box, whichever is less.
+
+  /// For people: what, and the likely cause. REQUIRES: kind is not kNone.
+  std::string text() const;
+};
+
+/// Tells by neighbours alone whether the vertices of a pose are in the order of the rest pose's faces, wherever the surface is, how it
+/// is turned, how large, and however it is bent:
+///  - two faces that meet in an edge seldom lie on each other (less than 107 degrees apart): at one edge of a hundred in surfaces, at every
+///    second one where faces join vertices at random;
+///  - edges do not become many times as long while the surface stays as large;
+///  - a vertex stands about in the middle of its neighbours: what it is off by, beyond the rest pose's offset, is a fraction of the edges
+///    around.
+/// Lengths are compared with those of edges nearby, so that no scale and no even stretch matters. Thread-safe after construction.
+class VertexOrder {
+ public:
+  /// Copies what it needs; of surfaces with millions of faces it looks at some. Without faces everything fits.
+  explicit VertexOrder(const Surface& rest);
+
+  /// Of the rest pose itself: kNone or kOrder.
+  const Misfit& rest() const { return rest_; }
+  /// REQUIRES: as many positions as the rest pose has. O(n + F).
+  Misfit look(std::span<const Vec3> positions) const;
+
+ private:
+  /// Of a vertex: mean length of its edges, of the other edges of its neighbours, and its distance from its neighbours' mean.
+  struct Local {
+    float incident = 0, ring = 0, off = 0;
+  };
+  std::vector<Local> locals(std::span<const Vec3> positions) const;
+  void look_for_strays(std::span<const Vec3> positions, Misfit& misfit) const;
+  float folded(std::span<const Vec3> positions) const;
+  float stretch(std::span<const Vec3> positions) const;
+  double edge_length(std::span<const Vec3> positions) const;
+  /// Volume over area^1.5, which no scale changes; 0 of surfaces that are not closed.
+  double fullness(std::span<const Vec3> positions) const;
+
+  std::vector<Face> faces_;
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> edges_;  ///< Of vertices.
+  std::vector<std::pair<std::uint32_t, std::uint32_t>>
+      face_pairs_;                     ///< That meet in an edge and have the same orientation.
+  std::vector<std::uint32_t> degree_;  ///< n
+  std::vector<Local> at_rest_;         ///< n
+  double diagonal_;
+  double edge_length_ = 0;  ///< Rms.
+  double fullness_ = 0;
+  Misfit rest_;
+};
+
+}  // namespace eigencast

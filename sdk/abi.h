@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <eigencast/eigencast.h>
+
+#include <algorithm>
+#include <cstring>
+#include <exception>
+#include <memory>
+#include <new>
+#include <string>
+
+#include "common/asset/asset.h"
+#include "common/asset/format.h"
+#include "common/core/result.h"
+#include "common/net/url.h"
+
+/// What the functions of the C interface share: arguments are checked in them, results become statuses, exceptions stop there.
+
+struct ec_asset {
+  std::shared_ptr<const eigencast::Asset> asset;
+  std::shared_ptr<const eigencast::EncodedAsset> encoded;
+  bool from_cache = false;
+};
+
+namespace eigencast::abi {
+
+/// Keeps the words for ec_last_error() on this thread.
+ec_status failed(const Error& error);
+ec_status invalid(const char* text);
+
+/// Runs `body`, which returns an ec_status; no exception gets out.
+template <typename Body>
+ec_status guarded(Body&& body) {
+  try {
+    return body();
+  } catch (const std::bad_alloc&) {
+    return failed(fail(ErrorCode::kTooLarge, "out of memory"));
+  } catch (const std::exception& error) {
+    return failed(fail(ErrorCode::kInternal, error.what()));
+  } catch (...) {
+    return failed(fail(ErrorCode::kInternal, "unknown exception"));
+  }
+}
+
+/// Options whose struct_size was forgotten would read as all defaults: refused instead.
+template <typename Options>
+bool lacks_size(const Options* given) {
+  return given != nullptr && given->struct_size < sizeof(std::size_t);
+}
+
+/// The caller's struct with our defaults where it is absent or was built against an older, shorter one.
+template <typename Options>
+Options filled(const Options* given) {
+  Options options = EC_INIT(Options);
+  if (given != nullptr) std::memcpy(&options, given, std::min(given->struct_size, sizeof options));
+  return options;
+}
+
+/// Copies a result into the caller's struct, as much of it as the caller knows.
+template <typename Struct>
+ec_status give(Struct* to, Struct from) {
+  if (to == nullptr || to->struct_size < sizeof(std::size_t))
+    return invalid("the result struct is null or its struct_size is not set");
+  const std::size_t size = std::min(to->struct_size, sizeof from);
+  from.struct_size = to->struct_size;
+  std::memcpy(to, &from, size);
+  return EC_OK;
+}
+
+/// Of either struct of options.
+template <typename Options>
+Credentials credentials_from(const Options& given) {
+  const auto text = [](const char* value) { return std::string(value != nullptr ? value : ""); };
+  return {text(given.token), text(given.ca_file), text(given.certificate_file), text(given.key_file),
+          given.insecure != 0};
+}
+
+inline std::string text_or(const char* text, std::string fallback) {
+  return text != nullptr ? text : std::move(fallback);
+}
+
+}  // namespace eigencast::abi

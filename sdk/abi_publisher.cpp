@@ -1,0 +1,104 @@
+// SPDX-License-Identifier: MIT
+#include <span>
+
+#include "sdk/abi.h"
+#include "sdk/publisher.h"
+
+struct ec_publisher {
+  std::unique_ptr<eigencast::Publisher> publisher;
+  std::size_t vertices = 0, scalars = 0;
+};
+
+namespace eigencast {
+namespace {
+
+ec_status from_send(SendStatus status) {
+  switch (status) {
+    case SendStatus::kSent:
+      return EC_OK;
+    case SendStatus::kDropped:
+      return EC_DROPPED;
+    case SendStatus::kDisconnected:
+      return EC_DISCONNECTED;
+  }
+  return EC_INTERNAL;
+}
+
+/// A caller's array of so many values for each vertex, where the publisher was made for it.
+std::span<const float> rows_of(const float* values, std::size_t vertices, std::size_t width) {
+  return values == nullptr ? std::span<const float>() : std::span(values, vertices * width);
+}
+
+}  // namespace
+}  // namespace eigencast
+
+using namespace eigencast;
+using namespace eigencast::abi;
+
+ec_status ec_publisher_create(const char* url, const ec_asset* asset, const ec_publisher_options* options,
+                              ec_publisher** publisher) {
+  return guarded([&] {
+    if (url == nullptr || asset == nullptr || publisher == nullptr)
+      return invalid("ec_publisher_create: url, asset or publisher is null");
+    if (lacks_size(options)) return invalid("ec_publisher_create: struct_size of the options is not set; use EC_INIT");
+    const ec_publisher_options given = filled(options);
+    PublisherOptions publisher_options;
+    publisher_options.url = url;
+    publisher_options.credentials = credentials_from(given);
+    const auto codec = codec_from_name(text_or(given.codec, "quantised"));
+    if (!codec) return failed(codec.error());
+    publisher_options.codec = *codec;
+    publisher_options.error = given.error;
+    publisher_options.bitrate = given.bitrate;
+    publisher_options.still_heartbeat_us = given.still_heartbeat_us;
+    if (given.key_rate_hz > 0) publisher_options.key_rate_hz = given.key_rate_hz;
+    publisher_options.scalars = given.scalars;
+    publisher_options.velocities = given.velocities != 0;
+    auto created = Publisher::create(publisher_options, asset->asset, asset->encoded);
+    if (!created) return failed(created.error());
+    *publisher = new ec_publisher{std::move(*created), asset->asset->vertex_count, given.scalars};
+    return EC_OK;
+  });
+}
+
+ec_status ec_publisher_send(ec_publisher* publisher, const float* positions, int64_t capture_us) {
+  return guarded([&] {
+    if (publisher == nullptr || positions == nullptr)
+      return invalid("ec_publisher_send: publisher or positions is null");
+    const auto sent = publisher->publisher->send_positions({positions, 3 * publisher->vertices}, capture_us);
+    return sent ? from_send(*sent) : failed(sent.error());
+  });
+}
+
+ec_status ec_publisher_send_pose(ec_publisher* publisher, const ec_pose* pose) {
+  return guarded([&] {
+    if (publisher == nullptr || pose == nullptr) return invalid("ec_publisher_send_pose: publisher or pose is null");
+    if (lacks_size(pose)) return invalid("ec_publisher_send_pose: struct_size of the pose is not set; use EC_INIT");
+    const ec_pose given = filled(pose);
+    if (given.positions == nullptr) return invalid("ec_publisher_send_pose: positions are null");
+    const std::size_t n = publisher->vertices;
+    const auto sent = publisher->publisher->send_pose({rows_of(given.positions, n, 3), rows_of(given.velocities, n, 3),
+                                                       rows_of(given.scalars, n, publisher->scalars)},
+                                                      given.capture_us);
+    return sent ? from_send(*sent) : failed(sent.error());
+  });
+}
+
+ec_status ec_publisher_get_stats(const ec_publisher* publisher, ec_publisher_stats* stats) {
+  return guarded([&] {
+    if (publisher == nullptr) return invalid("ec_publisher_get_stats: publisher is null");
+    const Publisher::Stats now = publisher->publisher->stats();
+    ec_publisher_stats result = EC_INIT(ec_publisher_stats);
+    result.live = now.state == Publisher::State::kLive ? 1 : 0;
+    result.subscribers = now.subscribers;
+    result.frames_sent = now.frames_sent;
+    result.frames_dropped = now.frames_dropped;
+    result.bytes_sent = now.payload_bytes;
+    result.reconnects = now.reconnects;
+    return give(stats, result);
+  });
+}
+
+void ec_publisher_release(ec_publisher* publisher) {
+  delete publisher;
+}

@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: MIT
+#include "sender/order_check.h"
+
+#include <utility>
+
+namespace eigencast {
+namespace {
+
+constexpr std::uint64_t kFirstPoses = 30;
+constexpr TimeUs kPauseUs = 200'000;
+
+Error other_order(const std::string& where) {
+  return fail(
+      ErrorCode::kInvalidArgument,
+      where +
+          ": the mesh's faces join vertices that are no neighbours there; mesh and poses are of different files, or of "
+          "different orders of vertices: export them together, with the order of vertices kept");
+}
+
+}  // namespace
+
+Result<void> accept_order(const Result<void>& order, bool any_order) {
+  if (order || any_order) return {};
+  return fail(order.error().code, order.error().message + " (--any-order takes them as they are)");
+}
+
+Result<std::string> look_at_frames(const Surface& mesh, const MotionClip& clip, const std::vector<std::size_t>& frames,
+                                   bool any_order) {
+  const VertexOrder order(mesh);
+  std::string first;
+  std::size_t misfits = 0, certain = 0;
+  for (const std::size_t frame : frames) {
+    const auto pose = clip.pose(frame);
+    if (!pose) return pose.error();
+    if (pose->size() != mesh.vertex_count()) continue;  // Whoever projects it says so.
+    const Misfit misfit = order.look(*pose);
+    if (misfit.kind == Misfit::Kind::kNone) continue;
+    if (misfits++ == 0) first = "frame " + std::to_string(frame) + ": " + misfit.text();
+    certain += misfit.certain ? 1 : 0;
+  }
+  if (misfits > 1)
+    first +=
+        " (and " + std::to_string(misfits - 1) + " more of the " + std::to_string(frames.size()) + " frames looked at)";
+  if (2 * certain <= frames.size()) return first;
+  const auto accepted = accept_order(
+      other_order(std::to_string(certain) + " of the " + std::to_string(frames.size()) + " frames looked at"),
+      any_order);
+  return accepted ? Result<std::string>(first) : accepted.error();
+}
+
+Result<std::optional<std::string>> ArrivalCheck::look(std::span<const float> positions, std::uint64_t number,
+                                                      TimeUs now_us) {
+  if (looked_ >= kFirstPoses && now_us < next_us_) return std::optional<std::string>();
+  next_us_ = now_us + kPauseUs;
+  std::vector<Vec3> pose(positions.size() / 3);
+  for (std::size_t i = 0; i < positions.size(); ++i) pose[i / 3][i % 3] = double{positions[i]};
+  const Misfit misfit = order_.look(pose);
+  misfits_ += misfit.kind != Misfit::Kind::kNone ? 1 : 0;
+  if (looked_++ == 0 && misfit.certain) {
+    const auto accepted = accept_order(other_order("the first pose"), any_order_);
+    if (!accepted) return accepted.error();
+  }
+  if (std::exchange(before_, misfit.kind) == misfit.kind || misfit.kind == Misfit::Kind::kNone)
+    return std::optional<std::string>();
+  return std::optional("pose " + std::to_string(number) + ": " + misfit.text());
+}
+
+}  // namespace eigencast

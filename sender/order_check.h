@@ -1,0 +1,44 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "common/core/clock.h"
+#include "common/surface/motion_clip.h"
+#include "common/surface/vertex_order.h"
+
+namespace eigencast {
+
+/// The refusal of a clip in another order than its faces' (JumpFinder::order and the like), with the way round it.
+///   any_order  the user takes any: nothing is refused
+Result<void> accept_order(const Result<void>& order, bool any_order);
+
+/// What of these frames does not fit the mesh that they are of, in a line; empty: nothing.
+/// Errors: those of the clip; kInvalidArgument: most frames certainly are in another order, and not any order is taken.
+Result<std::string> look_at_frames(const Surface& mesh, const MotionClip& clip, const std::vector<std::size_t>& frames,
+                                   bool any_order);
+
+/// Looks at poses of a mesh as they arrive: at the first ones, then at one in every 0.2 s, so that it costs next to nothing.
+/// Not thread-safe.
+class ArrivalCheck {
+ public:
+  ArrivalCheck(const Surface& mesh, bool any_order) : order_(mesh), any_order_(any_order) {}
+
+  /// positions: n x 3. A line for people where misfits begin or become others; else nothing.
+  /// Errors: kInvalidArgument: the very first pose certainly is in another order.
+  Result<std::optional<std::string>> look(std::span<const float> positions, std::uint64_t number, TimeUs now_us);
+  std::uint64_t misfits() const { return misfits_; }  ///< Of the poses that were looked at.
+
+ private:
+  VertexOrder order_;
+  bool any_order_;
+  std::uint64_t looked_ = 0, misfits_ = 0;
+  TimeUs next_us_ = 0;
+  Misfit::Kind before_ = Misfit::Kind::kNone;
+};
+
+}  // namespace eigencast
