@@ -417,6 +417,17 @@ Result<void> resolve_targets(const CLI::App& app, Settings& s) {
   return {};
 }
 
+/// What to say of a first word that is no command; empty if it is one, or an option.
+std::string refusal_of_command(CLI::App& app, int argc, char** argv) {
+  if (argc < 2 || *argv[1] == '-') return {};
+  std::string names;
+  for (const CLI::App* command : app.get_subcommands({})) {
+    if (command->get_name() == argv[1]) return {};
+    names += (names.empty() ? "" : ", ") + command->get_name();
+  }
+  return "there is no command \"" + std::string(argv[1]) + "\"; there are " + names;
+}
+
 }  // namespace
 
 Invocation parse_command_line(int argc, char** argv) {
@@ -431,6 +442,10 @@ Invocation parse_command_line(int argc, char** argv) {
   app->require_subcommand(1);
   app->fallthrough();
   add_commands(*app, *settings);
+  if (const std::string refusal = refusal_of_command(*app, argc, argv); !refusal.empty()) {
+    std::fprintf(stderr, "%s\n", refusal.c_str());
+    return {{}, kExitUsage, false};
+  }
   try {
     app->parse(argc, argv);
   } catch (const CLI::ParseError& error) {

@@ -71,7 +71,7 @@ std::optional<Span> span_of(const RecordedPose& pose, const SentFrames& sent) {
 template <typename Line>
 Result<void> for_each_line(const std::string& path, Line&& read_line) {
   std::ifstream in(path);
-  if (!in) return fail(ErrorCode::kNotFound, path + ": cannot be opened");
+  if (!in) return fail(ErrorCode::kNotFound, path + ": no such file, or it may not be read");
   std::string text;
   for (std::size_t number = 1; std::getline(in, text); ++number) {
     const json line = json::parse(text, nullptr, false);

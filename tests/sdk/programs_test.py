@@ -117,24 +117,27 @@ def watch_scalar(command, url, prefix, environment, folder):
     print(f"stress.py, watched by eigencast-client: pixels in the colours of the scalar {green}")
 
 
-def watch_texture(command, url, prefix, environment, folder):
-    """The image lies on the surface the right way round (magenta above cyan); its own colours are others (red grows to the right, green
-    upwards)."""
+def watch_looks(command, url, prefix, environment, folder):
+    """The image lies on the surface the right way round (magenta above cyan); colours are where their vertices are (red grows to the right,
+    green upwards)."""
     image = numpy.zeros((64, 64, 3))
     image[:32], image[32:] = (255, 0, 255), (0, 255, 255)
     write_png(folder / "image.png", image)
-    shown = pictures_of(command + [folder / "image.png"], url, prefix, environment, folder, ("textured", "own"))
-    if shown is None:
+
+    def is_above(what, first, second):
+        if min(first.sum(), second.sum()) < 150 or numpy.nonzero(first)[0].mean() + 5 > numpy.nonzero(second)[0].mean():
+            sys.exit(f"{what}: {first.sum()} and {second.sum()} pixels, of which the first should be above and there be 150 of each")
+        return f"{what} {first.sum()} and {second.sum()} pixels"
+
+    textured = pictures_of(command + [folder / "image.png"], url + "-textured", prefix, environment, folder, ("textured",))
+    coloured = pictures_of(command, url + "-coloured", prefix, environment, folder, ("own",))
+    if textured is None or coloured is None:
         return
-    r, g, b = (shown["textured"][:, :, c] for c in range(3))
-    magenta, cyan = (r > g + 60) & (b > g + 60), (g > r + 60) & (b > r + 60)
-    if min(magenta.sum(), cyan.sum()) < 300 or numpy.nonzero(magenta)[0].mean() + 10 > numpy.nonzero(cyan)[0].mean():
-        sys.exit(f"of the image {magenta.sum()} pixels magenta and {cyan.sum()} cyan, the former above; expected 300 of each")
-    r, g, b = (shown["own"][:, :, c] for c in range(3))
-    red, green = (r > g + 60) & (r > b + 60), (g > r + 60) & (g > b + 60)
-    if min(red.sum(), green.sum()) < 100 or numpy.nonzero(green)[0].mean() > numpy.nonzero(red)[0].mean():
-        sys.exit(f"of the colours {red.sum()} pixels red and {green.sum()} green, the latter above; expected 100 of each")
-    print(f"painted.py, watched by eigencast-client: {magenta.sum()} pixels magenta, {cyan.sum()} cyan; {red.sum()} red, {green.sum()} green")
+    r, g, b = (textured["textured"][:, :, c] for c in range(3))
+    lines = [is_above("magenta, cyan", (r > g + 60) & (b > g + 60), (g > r + 60) & (b > r + 60))]
+    r, g, b = (coloured["own"][:, :, c] for c in range(3))
+    lines.append(is_above("green, red", (g > r + 60) & (g > b + 60), (r > g + 60) & (r > b + 60)))
+    print(f"painted.py, watched by eigencast-client: {'; '.join(lines)}")
 
 
 def main():
@@ -168,7 +171,7 @@ def main():
                     sys.exit(f"{publisher} watched by {subscriber}: {len(seen)} lines; {said}")
                 print(f"{publisher}, watched by {subscriber}: {said.strip()}; {seen[-1]}")
             watch_scalar(made["stress.py"], f"ws://127.0.0.1:{port}/sdk/stress", prefix, environment, folder)
-            watch_texture(made["painted.py"], f"ws://127.0.0.1:{port}/sdk/painted", prefix, environment, folder)
+            watch_looks(made["painted.py"], f"ws://127.0.0.1:{port}/sdk/painted", prefix, environment, folder)
         finally:
             broker.terminate()
             broker.wait()

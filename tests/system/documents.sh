@@ -34,6 +34,11 @@ for command in "${commands[@]}"; do
 done
 [ $options -gt $most ] || fail "only $options options found in the help texts"
 
+if [ "$name" = eigencast-sender ]; then
+  said=$("$program" nonsense 2>&1) && fail "a command that is not there is taken"
+  [[ $said == *'no command "nonsense"'*evaluate* ]] || fail "of a command that is not there is said: $said"
+fi
+
 if command -v groff > /dev/null; then
   warnings=$(groff -man -ww -Tutf8 -z "$folder/man" 2>&1)
   [ -z "$warnings" ] || fail "$warnings"

@@ -80,8 +80,7 @@ typedef struct ec_asset ec_asset;
  * to cancel. */
 typedef int (*ec_progress)(void* user, double fraction, const char* stage);
 
-/** How a surface looks: colours of its vertices, an image on its faces, or both. Viewers show the image where they
- * are asked for textures, else the colours. */
+/** How a surface looks: colours of its vertices, an image on its faces, or both, of which viewers show the product. */
 typedef struct ec_appearance {
   size_t struct_size;
   const uint8_t* vertex_colours; /**< vertex_count x 3: red, green, blue, sRGB (default: none). */

@@ -26,13 +26,8 @@ Asset round_trip(const Asset& asset, const AssetEncoding& encoding) {
 }
 
 void expect_same_structure(const Asset& a, const Asset& b) {
-  EXPECT_EQ(a.map, b.map);
-  EXPECT_EQ(a.source_vertex, b.source_vertex);
-  EXPECT_EQ(a.mass, b.mass);
-  EXPECT_EQ(a.faces, b.faces);
-  EXPECT_EQ(a.death, b.death);
-  EXPECT_EQ(a.rest, b.rest);
-  EXPECT_EQ(a.band_ends, b.band_ends);
+  using A = Asset;
+  expect_same(a, b, &A::map, &A::source_vertex, &A::mass, &A::faces, &A::death, &A::rest, &A::band_ends);
 }
 
 TEST(AssetRoundTrip, KeepsEveryArrayAndFact) {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <gtest/gtest.h>
+
 #include <cstdint>
 
 #include "common/asset/asset.h"
@@ -16,5 +18,13 @@ Asset sample_asset(int subdivisions, std::uint32_t rank, bool cloud = false);
 
 /// The corner of full resolution `a` with N vertices.
 std::uint32_t corner_at_level(const Asset& asset, std::uint32_t a, std::uint32_t N);
+
+/// Expects these members of both to be equal.
+template <typename T, typename... Members>
+void expect_same(const T& a, const T& b, Members... members) {
+  int number = 0;
+  const auto expect_equal = [&](auto member) { EXPECT_EQ(a.*member, b.*member) << "member " << number++; };
+  (expect_equal(members), ...);
+}
 
 }  // namespace eigencast

@@ -43,14 +43,9 @@ Asset textured_asset(int subdivisions) {
   return asset;
 }
 
-void expect_same(const AssetTexture& a, const AssetTexture& b) {
-  EXPECT_EQ(a.first_wedge, b.first_wedge);
-  EXPECT_EQ(a.places, b.places);
-  EXPECT_EQ(a.parent, b.parent);
-  EXPECT_EQ(a.corners, b.corners);
-  EXPECT_EQ(a.low, b.low);
-  EXPECT_EQ(a.high, b.high);
-  EXPECT_EQ(a.image, b.image);
+void expect_same_texture(const AssetTexture& a, const AssetTexture& b) {
+  using T = AssetTexture;
+  expect_same(a, b, &T::first_wedge, &T::places, &T::parent, &T::corners, &T::low, &T::high, &T::image);
 }
 
 TEST(Texture, ComesBackAsItWasWithTheLastChunk) {
@@ -64,7 +59,7 @@ TEST(Texture, ComesBackAsItWasWithTheLastChunk) {
     ASSERT_TRUE(reader->add_chunk(c, encoded->chunks[c].bytes));
   }
   ASSERT_NE(reader->asset().texture, nullptr);
-  expect_same(*reader->asset().texture, *whole.texture);
+  expect_same_texture(*reader->asset().texture, *whole.texture);
   EXPECT_TRUE(validate_asset(reader->asset()));
   const auto plain = encode_asset(sample_asset(2, 7), {.first_chunk_rows = 20});
   EXPECT_EQ(decode_asset(*plain)->texture, nullptr);
