@@ -26,11 +26,8 @@ namespace {
 constexpr std::size_t kDiskThreads = 2;
 constexpr std::uint32_t kRetryAfterMs = 500;
 /// So many come back in a second after a restart, about.
-constexpr std::size_t kReturnsPerSecond = 2000;
+constexpr std::uint64_t kReturnsPerSecond = 2000;
 constexpr std::int64_t kShortCertificateS = 14 * 86'400;
-
-// Poses of many streams that are due within so little of each other leave together. A few streams are never so close.
-constexpr TimeUs kLeastPumpGapUs = 1000;
 
 Recorder::Settings recorder_settings(const Config& config, const std::string& version) {
   Recorder::Settings settings;
@@ -43,30 +40,19 @@ Recorder::Settings recorder_settings(const Config& config, const std::string& ve
   return settings;
 }
 
-Hub::Settings hub_settings(const Config& config, std::vector<StreamTap*> taps) {
-  Hub::Settings settings;
-  settings.max_streams = static_cast<std::size_t>(config.limits.max_streams);
-  settings.stream.max_span_us = config.frames.max_span_ms * 1000;
-  settings.stream.max_ahead_us = config.frames.max_ahead_ms * 1000;
-  settings.stream.max_watchers = static_cast<std::uint32_t>(config.limits.max_subscribers_per_stream);
-  settings.stream.max_profiles = static_cast<std::size_t>(config.limits.max_profiles_per_stream);
-  settings.stream.taps = std::move(taps);
-  return settings;
-}
-
-Turn::Settings turn_settings(const Config& config) {
-  using Backend = Turn::Settings::Backend;
-  Turn::Settings settings;
-  settings.gathering.tick_us = config.frames.gather_ms * 1000;
-  settings.gathering.above_per_second = static_cast<std::uint64_t>(config.frames.gather_above);
-  const std::string& writes = config.sockets.writes;
-  settings.backend = writes == "epoll" ? Backend::kEpoll : writes == "io_uring" ? Backend::kUring : Backend::kAuto;
-  return settings;
-}
-
 /// Over how long those who are told to come back are spread.
-std::uint32_t return_spread_ms(std::size_t connections) {
-  return static_cast<std::uint32_t>(std::clamp<std::size_t>(connections * 1000 / kReturnsPerSecond, 200, 30'000));
+std::uint32_t return_spread_ms(std::uint64_t connections) {
+  return static_cast<std::uint32_t>(std::clamp<std::uint64_t>(connections * 1000 / kReturnsPerSecond, 200, 30'000));
+}
+
+void say_bye_to_all(Context& loop, std::uint32_t spread_ms) {
+  std::minstd_rand random(std::random_device{}());
+  std::uniform_int_distribution<std::uint32_t> later(0, spread_ms);
+  // Copied: a connection that has nothing left to send may close within the call.
+  const std::vector<Connection*> open(loop.connections.begin(), loop.connections.end());
+  for (Connection* connection : open) {
+    connection->say_bye("the broker is stopping", kRetryAfterMs + later(random), websocket::CloseCode::kServiceRestart);
+  }
 }
 
 }  // namespace
@@ -129,42 +115,24 @@ Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string
 
 Broker::Broker(const Config& config, Doors doors, std::string version, LogSink log, std::unique_ptr<AssetStore> assets,
                EpochSource epochs, std::string id, std::unique_ptr<Member> member)
-    : config_(config),
-      gate_(config_, std::move(doors.policy)),
+    : gate_(std::move(doors.policy)),
       tls_(std::move(doors.tls)),
       assets_(std::move(assets)),
-      recorder_(recorder_settings(config_, version), *assets_, log),
+      recorder_(recorder_settings(config, version), *assets_, log),
       epochs_(std::move(epochs)),
       alone_([this] { return epochs_.next(static_cast<std::uint64_t>(std::time(nullptr))); }),
       member_(std::move(member)),
-      hub_(hub_settings(config_, taps())),
-      context_{loop_,
-               disk_,
-               config_,
-               gate_,
-               hub_,
-               *assets_,
-               recorder_,
-               member_ ? static_cast<Ownership&>(member_->backbone()) : alone_,
-               member_ ? &member_->backbone() : nullptr,
-               std::move(log),
-               std::move(version),
-               std::move(id),
-               turn_},
-      loop_(1),
-      turn_(loop_, turn_settings(config_), context_.log,
-            [this] {
-              hub_.deliver();
-              arm_schedule();
-            }),
       disk_(kDiskThreads),
-      schedule_(loop_.get_executor()),
-      tick_(loop_.get_executor()),
-      deadline_(loop_.get_executor()),
-      watchdog_(loop_.get_executor()),
-      data_listener_(loop_, context_.log, [this](Socket socket) { accept(std::move(socket)); }),
-      admin_listener_(loop_, context_.log, [this](Socket socket) { serve_admin(context_, std::move(socket)); }) {
-  context_.tls = [this] { return tls_; };
+      loops_(config,
+             {disk_, gate_, *assets_, recorder_, member_ ? static_cast<Ownership&>(member_->backbone()) : alone_,
+              member_ ? &member_->backbone() : nullptr, log, std::move(version), std::move(id)},
+             taps()),
+      tick_(loop().get_executor()),
+      deadline_(loop().get_executor()),
+      watchdog_(loop().get_executor()),
+      data_listener_(loop(), log, [this](Socket socket) { accept(std::move(socket)); }),
+      admin_listener_(loop(), log, [this](Socket socket) { serve_admin(context(), std::move(socket)); }) {
+  context().tls = [this] { return tls_; };
   warn_about_doors();
 }
 
@@ -176,8 +144,8 @@ std::vector<StreamTap*> Broker::taps() {
 
 void Broker::join_others() {
   if (!member_) return;
-  const auto replaces = [this] { return config_.streams.second_sender == "replace"; };
-  member_->start({loop_, disk_, epochs_, hub_, replaces, [this] { arm_schedule(); }});
+  const auto replaces = [this] { return config().streams.second_sender == "replace"; };
+  member_->start({loop(), disk_, epochs_, loops_.first().hub(), replaces, [this] { loops_.first().arm_schedule(); }});
 }
 
 Broker::~Broker() {
@@ -189,23 +157,23 @@ Broker::~Broker() {
 }
 
 Result<void> Broker::listen(const GivenSockets& given) {
-  const auto data = parse_address(config_.server.listen);
+  const auto data = parse_address(config().server.listen);
   if (!data) return data.error();
   if (auto opened = given.data >= 0 ? data_listener_.adopt(given.data) : data_listener_.open(*data); !opened) {
     return opened;
   }
   if (given.admin >= 0) return admin_listener_.adopt(given.admin);
-  if (config_.server.admin_listen.empty()) return {};
-  const auto admin = parse_address(config_.server.admin_listen);
+  if (config().server.admin_listen.empty()) return {};
+  const auto admin = parse_address(config().server.admin_listen);
   if (!admin) return admin.error();
-  const bool by_default = config_.server.admin_listen == Config{}.server.admin_listen;
+  const bool by_default = config().server.admin_listen == Config{}.server.admin_listen;
   if (by_default && data->port == 0) return {};
   return admin_listener_.open(*admin);
 }
 
 void Broker::accept(Socket socket) {
-  if (context_.counters.connections >= static_cast<std::uint64_t>(config_.limits.max_connections)) {
-    ++context_.counters.connections_refused;
+  if (loops_.connections_total() >= static_cast<std::uint64_t>(config().limits.max_connections)) {
+    ++context().counters.connections_refused;
     // One try without waiting: the answer fits any socket's buffer.
     static constexpr std::string_view kAnswer =
         "HTTP/1.1 503 Service Unavailable\r\nRetry-After: 5\r\nConnection: close\r\nContent-Length: 0\r\n\r\n";
@@ -214,52 +182,21 @@ void Broker::accept(Socket socket) {
     socket.write_some(asio::buffer(kAnswer), ignored);
     return;
   }
-  auto tls = context_.tls();
+  auto tls = context().tls();
   auto transport = tls ? Transport(std::move(socket), std::move(tls)) : Transport(std::move(socket));
-  std::make_shared<HttpSession>(context_, std::move(transport))->start();
+  std::make_shared<HttpSession>(context(), std::move(transport))->start();
 }
 
 void Broker::run() {
-  run_when_woken(kPassingOn);
-  turn_.begin();
-  context_.started_us = steady_now_us();
-  context_.drain = [this] { stop(); };
+  loops_.first().begin();
+  context().drain = [this] { stop(); };
   join_others();
   tick();
   watch();
+  loops_.start();
   service_manager::ready(status());
-  for (;;) {
-    // What one handler could not do (no memory) must not end the streams of all others: its own work is lost, the loop
-    // goes on. A stopped loop returns at once.
-    try {
-      loop_.run();
-      return;
-    } catch (const std::exception& exception) {
-      log_failure(exception);
-    }
-  }
-}
-
-void Broker::log_failure(const std::exception& exception) noexcept {
-  try {
-    log(context_.log, LogLevel::kError, std::string("a request was given up, the broker goes on: ") + exception.what());
-  } catch (const std::exception&) {  // Not even memory for the line.
-  }
-}
-
-void Broker::arm_schedule() {
-  const auto due = hub_.next_due_us();
-  if (!due || (scheduled_us_ && *scheduled_us_ <= *due)) return;
-  scheduled_us_ = due;
-  const TimeUs at_us = std::max(*due, pumped_us_ + kLeastPumpGapUs);
-  schedule_.expires_at(std::chrono::steady_clock::time_point(std::chrono::microseconds(at_us)));
-  schedule_.async_wait([this](ErrorOf error) {
-    if (error) return;
-    scheduled_us_.reset();
-    pumped_us_ = steady_now_us();
-    hub_.pump(pumped_us_);
-    arm_schedule();
-  });
+  loops_.first().run();
+  loops_.stop();
 }
 
 void Broker::tick() {
@@ -267,28 +204,31 @@ void Broker::tick() {
   tick_.async_wait([this](ErrorOf error) {
     if (!error) tick();
   });
-  for (Connection* connection : context_.connections) connection->tick();
+  loops_.tick();
   if (++ticks_ % 10 == 0) service_manager::status(status());
 }
 
 std::string Broker::status() const {
-  return std::to_string(hub_.size()) + " streams, " + std::to_string(context_.connections.size()) + " connections" +
-         (member_ ? ", " + member_->backbone().status() : std::string());
+  return std::to_string(loops_.first().context().hub.size()) + " streams, " + std::to_string(websockets()) +
+         " connections" + (member_ ? ", " + member_->backbone().status() : std::string());
 }
 
-/// From the loop, so that it speaks for what matters: a loop that no longer turns falls silent.
+/// From the loops, so that it speaks for what matters: where one of them no longer turns, it falls silent.
 void Broker::watch() {
   const auto period_us = service_manager::watchdog_us();
   if (!period_us) return;
-  service_manager::alive();
-  watchdog_.expires_after(std::chrono::microseconds(*period_us / 3));
-  watchdog_.async_wait([this](ErrorOf error) {
-    if (!error) watch();
-  });
+  loops_.go_round([](Context&) {},
+                  [this, period_us] {
+                    service_manager::alive();
+                    watchdog_.expires_after(std::chrono::microseconds(*period_us / 3));
+                    watchdog_.async_wait([this](ErrorOf error) {
+                      if (!error) watch();
+                    });
+                  });
 }
 
 void Broker::obey_signals(std::function<Result<Config>()> load) {
-  signals_ = std::make_unique<Signals>(loop_, [this, load = std::move(load)](int signal) {
+  signals_ = std::make_unique<Signals>(loop(), [this, load = std::move(load)](int signal) {
     if (signal == SIGHUP) return reload(load());
     stop();
   });
@@ -302,67 +242,66 @@ void Broker::reload(const Result<Config>& wanted) {
 
 void Broker::apply(const Result<Config>& wanted) {
   if (!wanted) {
-    return log(context_.log, LogLevel::kError,
+    return log(context().log, LogLevel::kError,
                "the configuration is not reloaded, everything stays as it was: " + wanted.error().message);
   }
   auto doors = load_doors(*wanted);
   if (!doors) return apply(doors.error());
-  const auto changes = changes_between(config_, *wanted);
+  const auto changes = changes_between(config(), *wanted);
   for (const ConfigChange& change : changes) {
-    log(context_.log, change.live ? LogLevel::kInfo : LogLevel::kWarning,
+    log(context().log, change.live ? LogLevel::kInfo : LogLevel::kWarning,
         change.path + " = " + change.after + " instead of " + change.before +
             (change.live ? "" : ": needs a restart, the old value stays until then"));
   }
-  config_ = reloaded(config_, *wanted);
+  const auto next = std::make_shared<const Config>(reloaded(config(), *wanted));
+  loops_.go_round([next](Context& each) { each.config = *next; }, [] {});
   gate_.replace_policy(std::move(doors->policy));
   tls_ = std::move(doors->tls);
   warn_about_doors();
-  log(context_.log, LogLevel::kInfo,
+  log(context().log, LogLevel::kInfo,
       "the configuration is reloaded, " + std::to_string(changes.size()) + " settings differ");
 }
 
 void Broker::warn_about_doors() {
-  const auto listen = parse_address(config_.server.listen);
+  const auto listen = parse_address(config().server.listen);
   if (tls_) {
     const std::int64_t left_s = certificate_expires_s(tls_.get()) - std::time(nullptr);
     const std::string when = left_s < 0 ? "has expired" : "expires in " + std::to_string(left_s / 86'400) + " days";
     if (left_s < kShortCertificateS) {
-      log(context_.log, LogLevel::kWarning, "the certificate " + config_.tls.certificate + " " + when);
+      log(context().log, LogLevel::kWarning, "the certificate " + config().tls.certificate + " " + when);
     }
-  } else if (listen && !listen->loopback && gate_.policy()->has_tokens() && config_.proxy.trusted.empty()) {
-    log(context_.log, LogLevel::kWarning,
+  } else if (listen && !listen->loopback && gate_.policy()->has_tokens() && config().proxy.trusted.empty()) {
+    log(context().log, LogLevel::kWarning,
         "tokens travel unencrypted: set tls.certificate and tls.key, or put a proxy in front and name it in "
         "proxy.trusted");
   }
 }
 
 void Broker::stop() {
-  asio::post(loop_, [this] {
-    if (context_.draining) return loop_.stop();
+  asio::post(loop(), [this] {
+    if (context().draining) return loop().stop();
     drain();
   });
 }
 
+std::uint64_t Broker::websockets() const {
+  return loops_.first().context().connections.size() + loops_.connections_elsewhere();
+}
+
 void Broker::drain() {
-  context_.draining = true;
-  log(context_.log, LogLevel::kInfo,
-      "stopping: " + std::to_string(context_.connections.size()) + " connections are told");
+  context().draining = true;
+  log(context().log, LogLevel::kInfo, "stopping: " + std::to_string(websockets()) + " connections are told");
   service_manager::stopping();
   data_listener_.close();
   if (member_) member_->stop();
-  std::minstd_rand random(std::random_device{}());
-  std::uniform_int_distribution<std::uint32_t> later(0, return_spread_ms(context_.connections.size()));
-  // Copied: a connection that has nothing left to send may close within the call.
-  const std::vector<Connection*> open(context_.connections.begin(), context_.connections.end());
-  for (Connection* connection : open) {
-    connection->say_bye("the broker is stopping", kRetryAfterMs + later(random), websocket::CloseCode::kServiceRestart);
-  }
-  const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(config_.timeouts.shutdown_ms);
+  const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(config().timeouts.shutdown_ms);
+  const std::uint32_t spread_ms = return_spread_ms(websockets());
+  loops_.go_round([spread_ms](Context& each) { say_bye_to_all(each, spread_ms); }, [] {});
   wait_for_peers(until);
 }
 
 void Broker::wait_for_peers(std::chrono::steady_clock::time_point until) {
-  if (context_.connections.empty() || std::chrono::steady_clock::now() >= until) return loop_.stop();
+  if (websockets() == 0 || std::chrono::steady_clock::now() >= until) return loop().stop();
   deadline_.expires_after(std::chrono::milliseconds(20));
   deadline_.async_wait([this, until](ErrorOf error) {
     if (!error) wait_for_peers(until);

@@ -1,21 +1,18 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <boost/asio/io_context.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <functional>
 #include <memory>
-#include <optional>
 #include <string>
 #include <utility>
 
 #include "broker/backbone/member.h"
 #include "broker/config/config.h"
 #include "broker/connections/listener.h"
-#include "broker/context.h"
+#include "broker/loops.h"
 #include "broker/operation/service_manager.h"
 #include "broker/relay/epoch_source.h"
-#include "broker/relay/hub.h"
 #include "broker/storage/asset_store.h"
 #include "broker/storage/recorder.h"
 
@@ -23,7 +20,7 @@ namespace eigencast::broker {
 
 /// The whole service in one object: what it is made of, in the order of construction.
 ///
-/// One event loop, run by the caller of run(); stop() may be called from any thread.
+/// Its event loops are those of Loops, the first run by the caller of run(); stop() may be called from any thread.
 class Broker {
  public:
   /// Opens the data folder and listens. Errors: kUnreachable (cannot listen), kRefused and others (data folder).
@@ -35,7 +32,7 @@ class Broker {
   Broker& operator=(const Broker&) = delete;
 
   /// The data port speaks TLS from now on; before run().
-  void use_tls(TlsProvider tls) { context_.tls = std::move(tls); }
+  void use_tls(TlsProvider tls) { context().tls = std::move(tls); }
 
   /// Serves until stop(), then returns when all peers are told, at most timeouts.shutdown_ms later.
   void run();
@@ -48,8 +45,8 @@ class Broker {
   };
   static Result<Doors> load_doors(const Config& config);
 
-  /// Takes over what is reloadable of `wanted` and says what changes and what needs a restart. On the loop's thread, or
-  /// before run().
+  /// Takes over what is reloadable of `wanted` and says what changes and what needs a restart. On the first loop's
+  /// thread, or before run().
   void reload(const Result<Config>& wanted);
   /// From now on SIGTERM and SIGINT call stop(), and SIGHUP reloads what `load` gives.
   void obey_signals(std::function<Result<Config>()> load);
@@ -66,17 +63,19 @@ class Broker {
   void apply(const Result<Config>& wanted);
   Result<void> listen(const GivenSockets& given);
   void accept(Socket socket);
-  void arm_schedule();
+  asio::io_context& loop() { return loops_.first().io(); }
+  Context& context() { return loops_.first().context(); }
+  const Config& config() const { return loops_.first().context().config; }
   void tick();
   void watch();
   std::string status() const;
+  /// Open ones, of all loops.
+  std::uint64_t websockets() const;
   void warn_about_doors();
-  void log_failure(const std::exception& exception) noexcept;
   void drain();
   void wait_for_peers(std::chrono::steady_clock::time_point until);
 
   class Signals;
-  Config config_;
   Gate gate_;
   std::shared_ptr<SSL_CTX> tls_;  ///< Null: the data port is plain.
   std::unique_ptr<AssetStore> assets_;
@@ -84,14 +83,8 @@ class Broker {
   EpochSource epochs_;
   SoleOwnership alone_;
   std::unique_ptr<Member> member_;  ///< Null: this broker stands alone.
-  Hub hub_;
-  Context context_;  // What waits in the loop below ends with it and needs all above.
-  asio::io_context loop_;
-  Turn turn_;
   asio::thread_pool disk_;
-  Timer schedule_;
-  std::optional<TimeUs> scheduled_us_;
-  TimeUs pumped_us_ = 0;
+  Loops loops_;  // What waits in them ends with them and needs all above.
   Timer tick_;
   Timer deadline_;
   Timer watchdog_;

@@ -2,11 +2,14 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <map>
 #include <string>
 #include <unordered_set>
+#include <utility>
+#include <vector>
 
 #include <boost/asio/thread_pool.hpp>
 
@@ -24,6 +27,7 @@ namespace eigencast::broker {
 
 class Backbone;
 class Connection;
+class Loops;
 
 /// Times in buckets, for /metrics: how many were at most so long. Belongs to the event loop.
 struct LatencyBuckets {
@@ -35,13 +39,17 @@ struct LatencyBuckets {
     ++counts[bucket];
     sum_us += us;
   }
+  LatencyBuckets& operator+=(const LatencyBuckets& other) {
+    for (std::size_t i = 0; i < counts.size(); ++i) counts[i] += other.counts[i];
+    sum_us += other.sum_us;
+    return *this;
+  }
   std::array<std::uint64_t, kUpTo.size() + 1> counts{};  ///< The last: longer than all.
   TimeUs sum_us = 0;
 };
 
 /// What happened so far, for /metrics. Owned by the event loop.
 struct Counters {
-  std::uint64_t connections = 0;  ///< Open now, of all kinds.
   std::uint64_t connections_total = 0;
   std::uint64_t connections_refused = 0;
   std::uint64_t frames_received = 0;
@@ -68,25 +76,47 @@ struct Counters {
   std::uint64_t download_bytes = 0;
 };
 
+/// One of those counted in `count`, while it lives.
+class Seat {
+ public:
+  Seat() = default;
+  explicit Seat(std::atomic<std::uint64_t>& count) : count_(&count) { ++count; }
+  ~Seat() { leave(); }
+  Seat(Seat&& other) noexcept : count_(std::exchange(other.count_, nullptr)) {}
+  Seat& operator=(Seat&& other) noexcept {
+    std::swap(count_, other.count_);
+    return *this;
+  }
+  void leave() {
+    if (auto* count = std::exchange(count_, nullptr)) --*count;
+  }
+
+ private:
+  std::atomic<std::uint64_t>* count_ = nullptr;
+};
+
 /// What the connections of one event loop share. Built before them, destroyed after them; used on the loop's thread
-/// only, except `disk` and `log`, which are thread-safe.
+/// only, except what is said to be of all loops, which is thread-safe.
 struct Context {
-  asio::io_context& loop;
-  asio::thread_pool& disk;  ///< For calls that block on the disk.
-  const Config& config;
-  Gate& gate;
+  asio::io_context& loop;   ///< Of all loops: for posts.
+  asio::thread_pool& disk;  ///< Of all loops. For calls that block on the disk.
+  Config config;            ///< As of the latest reload.
+  Gate& gate;               ///< Of all loops.
   Hub& hub;
-  AssetStore& assets;
-  Recorder& recorder;
-  Ownership& ownership;
-  const Backbone* backbone;  ///< Null: this broker stands alone.
-  LogSink log;
+  AssetStore& assets;        ///< Of all loops.
+  Recorder& recorder;        ///< Of all loops.
+  Ownership& ownership;      ///< Of the first loop.
+  const Backbone* backbone;  ///< Of the first loop. Null: this broker stands alone.
+  LogSink log;               ///< Of all loops.
   std::string version;
   std::string session_id;
-  Turn& turn;                              ///< What leaves at the end of each turn of the loop.
+  Turn& turn;    ///< What leaves at the end of each turn of the loop.
+  Loops& loops;  ///< Of the first loop, which senders, HTTP and the admin port belong to.
+  std::atomic<std::uint64_t>& last_connection_id;  ///< Of all loops.
+  std::atomic<std::uint64_t> open{
+      0};  ///< Of all loops: connections of this one, those that are on their way to it too.
   Counters counters{};
   std::unordered_set<Connection*> connections{};  ///< WebSockets that are open.
-  std::uint64_t last_connection_id = 0;
   TimeUs started_us = 0;
   std::function<void()> drain{};  ///< Begins to stop, as SIGTERM does.
   bool draining = false;

@@ -81,7 +81,7 @@ Result<void> Grant::may_administer() const {
 }
 
 bool Grant::has_expired(std::int64_t now_unix_s) const {
-  return identity_.expires_s && now_unix_s >= *identity_.expires_s && gate_.config_.access.expiry_disconnects;
+  return identity_.expires_s && now_unix_s >= *identity_.expires_s && policy_->expiry_disconnects();
 }
 
 bool Grant::is_void() {
@@ -102,7 +102,7 @@ Error Grant::over(const Holder& holder, const char* limit, std::int64_t most) co
 Result<void> Grant::take(Share share) {
   const auto index = static_cast<std::size_t>(share);
   for (std::size_t i = 0; i < holders_.size(); ++i) {
-    const std::int64_t most = gate_.quota(holders_[i].is_token).shares[index];
+    const std::int64_t most = policy_->quota(holders_[i].is_token).shares[index];
     const std::lock_guard lock(holders_[i].ledger->mutex());
     if (holders_[i].account->shares[index] < most) {
       ++holders_[i].account->shares[index];
@@ -129,7 +129,7 @@ void Grant::give_back(Share share) {
 
 Result<void> Grant::take_message(TimeUs now_us) {
   for (Holder& holder : holders_) {
-    const std::int64_t most = gate_.quota(holder.is_token).messages_per_s;
+    const std::int64_t most = policy_->quota(holder.is_token).messages_per_s;
     const auto rate = static_cast<double>(most);
     const std::lock_guard lock(holder.ledger->mutex());
     if (!holder.account->messages.take(1, rate, rate, now_us)) return over(holder, "messages_per_s", most);
@@ -147,7 +147,7 @@ Result<void> Grant::take_download(std::uint64_t bytes, TimeUs now_us) {
 
 Result<void> Grant::take_bytes(Pace Account::*pace, const char* limit, std::uint64_t bytes, TimeUs now_us) {
   for (Holder& holder : holders_) {
-    const Gate::Quota quota = gate_.quota(holder.is_token);
+    const Quota& quota = policy_->quota(holder.is_token);
     const bool up = pace == &Account::upload_bytes;
     const std::int64_t most = up ? quota.upload_bytes_per_hour : quota.download_bytes_per_hour;
     const auto hour = static_cast<double>(most);
@@ -158,18 +158,8 @@ Result<void> Grant::take_bytes(Pace Account::*pace, const char* limit, std::uint
   return {};
 }
 
-Gate::Quota Gate::quota(bool of_token) const {
-  const auto of = [](const auto& limits) {
-    return Quota{{limits.connections, limits.publishers, limits.streams},
-                 limits.messages_per_s,
-                 limits.upload_bytes_per_hour,
-                 limits.download_bytes_per_hour};
-  };
-  return of_token ? of(config_.per_token) : of(config_.per_address);
-}
-
-std::optional<Denial> Gate::slowed(const std::string& address, TimeUs now_us) {
-  const auto most = static_cast<double>(config_.access.failures_per_minute);
+std::optional<Denial> Gate::slowed(const AccessPolicy& rules, const std::string& address, TimeUs now_us) {
+  const auto most = static_cast<double>(rules.failures_per_minute());
   const std::lock_guard lock(addresses_.mutex());
   const TimeUs wait_us = addresses_.account(address, now_us)->failures.wait_us(1, most / 60, most, now_us);
   if (wait_us <= 0) return std::nullopt;
@@ -178,8 +168,8 @@ std::optional<Denial> Gate::slowed(const std::string& address, TimeUs now_us) {
   return denied;
 }
 
-void Gate::count_failure(const std::string& address, TimeUs now_us) {
-  const auto most = static_cast<double>(config_.access.failures_per_minute);
+void Gate::count_failure(const AccessPolicy& rules, const std::string& address, TimeUs now_us) {
+  const auto most = static_cast<double>(rules.failures_per_minute());
   const std::lock_guard lock(addresses_.mutex());
   (void)addresses_.account(address, now_us)->failures.take(1, most / 60, most, now_us);
 }
@@ -190,7 +180,7 @@ std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs 
   // Who sends no token guesses none, and need not wait.
   const bool with_token = !request.authorization.empty() || !request.query_token.empty();
   if (with_token) {
-    if (auto denied = slowed(address, now_us)) {
+    if (auto denied = slowed(*rules, address, now_us)) {
       ++denied_;
       return std::move(*denied);
     }
@@ -198,7 +188,7 @@ std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs 
   auto found = rules->identify(request, now_unix_s);
   if (auto* denied = std::get_if<Denial>(&found)) {
     ++denied_;
-    if (denied->failed_login) count_failure(address, now_us);
+    if (denied->failed_login) count_failure(*rules, address, now_us);
     return std::move(*denied);
   }
   return GrantPtr(new Grant(*this, std::move(std::get<Identity>(found)), rules, now_us));

@@ -12,7 +12,6 @@
 
 #include "broker/access/ledger.h"
 #include "broker/access/policy.h"
-#include "broker/config/config.h"
 #include "common/core/clock.h"
 
 namespace eigencast::broker {
@@ -65,7 +64,7 @@ class Grant {
 
   Gate& gate_;
   Identity identity_;
-  std::shared_ptr<const AccessPolicy> policy_;  ///< By which it was let in, or that confirmed it last.
+  std::shared_ptr<const AccessPolicy> policy_;  ///< By which it was let in, or that confirmed it last (is_void()).
   std::vector<Holder> holders_;
   std::array<std::int64_t, kShares> taken_{};
 };
@@ -74,9 +73,7 @@ using GrantPtr = std::shared_ptr<Grant>;
 /// The door: asks the policy, counts, and slows down who guesses. Thread-safe.
 class Gate {
  public:
-  /// `config` is read at each use, so that reloaded limits count at once.
-  Gate(const Config& config, std::shared_ptr<const AccessPolicy> policy)
-      : config_(config), policy_(std::move(policy)) {}
+  explicit Gate(std::shared_ptr<const AccessPolicy> policy) : policy_(std::move(policy)) {}
 
   std::variant<GrantPtr, Denial> admit(const AccessRequest& request, TimeUs now_us, std::int64_t now_unix_s);
   /// What is asked of the admin port: its state, or to change something.
@@ -88,23 +85,16 @@ class Gate {
   /// those of whom it forwards are, at admit().
   GrantPtr accept(const IpAddress& peer, TimeUs now_us);
 
+  /// Counts at once for who comes, and for who is here from their next is_void() on.
   void replace_policy(std::shared_ptr<const AccessPolicy> policy);
   std::shared_ptr<const AccessPolicy> policy() const;
   std::uint64_t denied() const { return denied_; }
 
  private:
   friend class Grant;
-  struct Quota {
-    std::array<std::int64_t, kShares> shares{};
-    std::int64_t messages_per_s = 0;
-    std::int64_t upload_bytes_per_hour = 0;
-    std::int64_t download_bytes_per_hour = 0;
-  };
-  Quota quota(bool of_token) const;
-  std::optional<Denial> slowed(const std::string& address, TimeUs now_us);
-  void count_failure(const std::string& address, TimeUs now_us);
+  std::optional<Denial> slowed(const AccessPolicy& rules, const std::string& address, TimeUs now_us);
+  void count_failure(const AccessPolicy& rules, const std::string& address, TimeUs now_us);
 
-  const Config& config_;
   mutable std::mutex policy_mutex_;
   std::shared_ptr<const AccessPolicy> policy_;  ///< GUARDED_BY(policy_mutex_)
   Ledger addresses_;

@@ -89,6 +89,14 @@ std::string_view bearer_of(std::string_view header) {
   return header;
 }
 
+template <typename Limits>
+Quota quota_from(const Limits& limits) {
+  return {{limits.connections, limits.publishers, limits.streams},
+          limits.messages_per_s,
+          limits.upload_bytes_per_hour,
+          limits.download_bytes_per_hour};
+}
+
 Denial denial(int status, std::string message, bool failed_login = false) {
   return {status, std::move(message), 0, failed_login};
 }
@@ -128,6 +136,10 @@ Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Conf
     policy->static_tokens_ = std::move(*file);
   }
   policy->origins_ = config.access.origins;
+  policy->of_address_ = quota_from(config.per_address);
+  policy->of_token_ = quota_from(config.per_token);
+  policy->failures_per_minute_ = config.access.failures_per_minute;
+  policy->expiry_disconnects_ = config.access.expiry_disconnects;
   auto proxies = ranges_from("proxy.trusted", config.proxy.trusted);
   if (!proxies) return proxies.error();
   policy->proxies_ = std::move(*proxies);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -10,6 +12,7 @@
 
 #include "broker/access/address.h"
 #include "broker/access/jwt.h"
+#include "broker/access/ledger.h"
 #include "broker/access/token_cache.h"
 #include "broker/access/token_file.h"
 #include "broker/config/config.h"
@@ -51,7 +54,15 @@ struct Identity {
 /// A key as the settings write it: "KEY-ID ALGORITHM FILE". Errors: those of TokenKey::from_file().
 Result<TokenKey> key_from_setting(const std::string& text);
 
-/// The rules: keys, tokens, patterns, origins, proxies. Made from the configuration; immutable and thread-safe.
+/// What one address, or one token, may use at a time.
+struct Quota {
+  std::array<std::int64_t, kShares> shares{};
+  std::int64_t messages_per_s = 0;
+  std::int64_t upload_bytes_per_hour = 0;
+  std::int64_t download_bytes_per_hour = 0;
+};
+
+/// The rules: keys, tokens, patterns, origins, proxies, quotas. Made from the configuration; immutable and thread-safe.
 class AccessPolicy {
  public:
   /// Reads the files that the configuration names. Errors: kInvalidArgument, kNotFound, kRefused, naming the setting.
@@ -80,6 +91,9 @@ class AccessPolicy {
            !(anonymous_rights_.publish.empty() && anonymous_rights_.subscribe.empty());
   }
   const TokenRules& token_rules() const { return tokens_; }
+  const Quota& quota(bool of_token) const { return of_token ? of_token_ : of_address_; }
+  std::int64_t failures_per_minute() const { return failures_per_minute_; }
+  bool expiry_disconnects() const { return expiry_disconnects_; }
 
  private:
   std::variant<Identity, Denial> identify_token(std::string_view token, Identity identity, std::int64_t now_s) const;
@@ -95,6 +109,10 @@ class AccessPolicy {
   std::vector<IpRange> proxies_;
   ProxyHeader proxy_header_ = ProxyHeader::kXForwardedFor;
   std::vector<IpRange> monitors_;
+  Quota of_address_;
+  Quota of_token_;
+  std::int64_t failures_per_minute_ = 0;
+  bool expiry_disconnects_ = true;
 };
 
 }  // namespace eigencast::broker

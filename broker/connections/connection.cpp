@@ -59,7 +59,7 @@ void Connection::start(std::string answer) {
     heard_us_ = opened_us_ = context_.turn.now_us();
     id_ = ++context_.last_connection_id;
     open_ = true;
-    ++context_.counters.connections;
+    seat_ = Seat(context_.open);
     context_.connections.insert(this);
     send_framed(std::move(answer));
     wait_to_read(Transport::Wait::kReadable);
@@ -284,7 +284,7 @@ void Connection::ended() {
   context_.turn.forget(*this);
   due_.clear();
   if (!open_) return;
-  --context_.counters.connections;
+  seat_.leave();
   context_.connections.erase(this);
   on_closed();
 }

@@ -141,6 +141,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Leav
   std::size_t first_left_ = 0;     ///< Bytes of the first that have left.
   std::string close_reason_;
   std::unique_ptr<Timer> deadline_;  ///< Of closing.
+  Seat seat_;
   TimeUs heard_us_ = 0;
   TimeUs opened_us_ = 0;
   std::uint64_t id_ = 0;

@@ -117,6 +117,13 @@ void Subscriber::on_trace(const std::shared_ptr<const std::string>& text) {
   send_droppable(text);
 }
 
+void Subscriber::on_dismissed(Stream& stream, const Error& why) {
+  if (streams_.erase(stream.id()) != 0) grant().give_back(Share::kStream);
+  outbox().close_lane(stream.id());
+  stream.unwatch(*this);
+  send(control::ErrorMessage{std::string(name_of(why.code)), why.message, stream.name()});
+}
+
 FramePtr Subscriber::join_of(std::uint32_t stream_id) {
   const auto found = streams_.find(stream_id);
   return found == streams_.end() ? nullptr : found->second.stream->join_for(*this);

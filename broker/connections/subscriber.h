@@ -22,6 +22,7 @@ class Subscriber final : public Watcher, public Connection {
   void on_frame(const Stream& stream, const FramePtr& frame) override;
   void on_frames(const Stream& stream, std::span<const FramePtr> frames) override;
   void on_trace(const std::shared_ptr<const std::string>& text) override;
+  void on_dismissed(Stream& stream, const Error& why) override;
   void describe(ClientFacts& facts) const override;
 
  private:

@@ -59,6 +59,31 @@ Transport::Transport(Socket socket, std::shared_ptr<SSL_CTX> context)
   SSL_set_accept_state(tls_.get());
 }
 
+Transport::Transport(asio::io_context& loop, Detached detached)
+    : socket_(loop.get_executor()), tls_(std::move(detached.tls_)), tls_failed_(detached.tls_failed_) {
+  ErrorOf error;
+  socket_.assign(detached.v6_ ? Tcp::v6() : Tcp::v4(), detached.socket_, error);
+  if (!error) detached.socket_ = -1;  // Else every call fails, and the connection ends by that.
+}
+
+Transport::Detached Transport::detach() {
+  ErrorOf error;
+  const bool v6 = socket_.local_endpoint(error).protocol() == Tcp::v6();
+  const int socket = socket_.release(error);
+  return Detached(error ? -1 : socket, v6, std::move(tls_), tls_failed_);
+}
+
+Transport::Detached::Detached(Detached&& other) noexcept
+    : socket_(std::exchange(other.socket_, -1)),
+      v6_(other.v6_),
+      tls_(std::move(other.tls_)),
+      tls_failed_(other.tls_failed_) {}
+
+Transport::Detached::~Detached() {
+  tls_.reset();
+  if (socket_ >= 0) ::close(socket_);
+}
+
 Transport::Outcome Transport::tls_outcome(int result) {
   if (result > 0) return {static_cast<std::size_t>(result), Wait::kNo, {}};
   const int number = errno;

@@ -41,8 +41,11 @@ class Transport {
     ErrorOf error{};
   };
   using executor_type = Executor;
+  class Detached;
 
   explicit Transport(Socket socket) : socket_(std::move(socket)) {}
+  /// One that detach() took off another loop.
+  Transport(asio::io_context& loop, Detached detached);
   /// A TLS server; handshake first. Errors appear there.
   Transport(Socket socket, std::shared_ptr<SSL_CTX> context);
 
@@ -60,6 +63,8 @@ class Transport {
   Outcome write(std::span<const iovec> pieces);
   /// Bytes at the front of what was offered last that TLS has taken but not sent: they can no longer be replaced.
   std::size_t held_bytes() const { return held_; }
+  /// Takes the connection off its loop, for another one. REQUIRES: nothing waits for it. This one is of no use then.
+  Detached detach();
   /// No more will be written: tells the peer. What it sends can still be read.
   void end_writing();
   void close();
@@ -130,6 +135,23 @@ class Transport {
   std::unique_ptr<SSL, FreeTls> tls_;
   std::size_t held_ = 0;
   bool tls_failed_ = false;
+};
+
+/// A connection on its way from one event loop to another. Closes if it does not arrive.
+class Transport::Detached {
+ public:
+  ~Detached();
+  Detached(Detached&& other) noexcept;
+  Detached& operator=(Detached&&) = delete;
+
+ private:
+  friend class Transport;
+  Detached(int socket, bool v6, std::unique_ptr<SSL, FreeTls> tls, bool tls_failed)
+      : socket_(socket), v6_(v6), tls_(std::move(tls)), tls_failed_(tls_failed) {}
+  int socket_;  ///< -1: none.
+  bool v6_;
+  std::unique_ptr<SSL, FreeTls> tls_;
+  bool tls_failed_;
 };
 
 }  // namespace eigencast::broker

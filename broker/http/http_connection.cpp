@@ -29,14 +29,12 @@ HttpConnection::HttpConnection(Context& context, Transport transport)
     : context_(context),
       transport_(std::move(transport)),
       timer_(context.loop.get_executor()),
-      peer_(peer_of(transport_.socket())) {
-  ++context_.counters.connections;
+      peer_(peer_of(transport_.socket())),
+      seat_(context.open) {
   ++context_.counters.connections_total;
 }
 
-HttpConnection::~HttpConnection() {
-  --context_.counters.connections;
-}
+HttpConnection::~HttpConnection() = default;
 
 void HttpConnection::arm(std::int64_t timeout_ms) {
   timer_.expires_after(std::chrono::milliseconds(timeout_ms));

@@ -23,7 +23,7 @@ using HttpHeaders = std::vector<std::pair<beast::http::field, std::string>>;
 
 /// One HTTP/1.1 connection of the data port as far as it is bytes and time: the TLS handshake, one request head after
 /// the other, answers, and a close that loses none of them. What is answered, on_head() decides. Kept alive by its
-/// pending operations. Belongs to its event loop.
+/// pending operations. Belongs to the first event loop.
 class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
  public:
   using Status = beast::http::status;
@@ -102,6 +102,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   std::optional<Parser> parser_;
   IpAddress peer_;
   std::vector<std::uint8_t> drained_;
+  Seat seat_;
 };
 
 }  // namespace eigencast::broker

@@ -10,6 +10,7 @@
 #include "broker/http/access_facts.h"
 #include "broker/http/asset_transfer.h"
 #include "broker/http/upgrade_request.h"
+#include "broker/loops.h"
 #include "broker/websocket/upgrade.h"
 
 namespace eigencast::broker {
@@ -160,8 +161,16 @@ void HttpSession::subscribe(std::optional<control::Subscribe> first) {
   if (!may_begin(first ? grant_->may_subscribe(first->stream) : grant_->may_fetch_assets())) return;
   disarm();
   std::string answer = upgrade_answer();
-  std::make_shared<Subscriber>(context(), std::move(transport()), std::move(grant_), std::move(first))
-      ->start(std::move(answer));
+  Context& there = context().loops.least_busy();
+  if (&there == &context()) {
+    return std::make_shared<Subscriber>(there, std::move(transport()), std::move(grant_), std::move(first))
+        ->start(std::move(answer));
+  }
+  asio::post(there.loop, [&there, seat = Seat(there.open), transport = transport().detach(), grant = std::move(grant_),
+                          first = std::move(first), answer = std::move(answer)]() mutable {
+    std::make_shared<Subscriber>(there, Transport(there.loop, std::move(transport)), std::move(grant), std::move(first))
+        ->start(std::move(answer));
+  });
 }
 
 }  // namespace eigencast::broker

@@ -6,7 +6,8 @@
 
 namespace eigencast::broker {
 
-/// What the data port answers: who may come in, assets, the stream list, and upgrades, which hand the socket on.
+/// What the data port answers: who may come in, assets, the stream list, and upgrades, which hand the socket on: a
+/// viewer's to the loop with the fewest connections.
 class HttpSession final : public HttpConnection {
  public:
   HttpSession(Context& context, Transport transport);

@@ -9,6 +9,7 @@
 #include <boost/beast/http/string_body.hpp>
 #include <boost/beast/http/write.hpp>
 #include <ctime>
+#include <functional>
 #include <memory>
 #include <string>
 #include <utility>
@@ -17,6 +18,7 @@
 #include "broker/connections/connection.h"
 #include "broker/http/access_facts.h"
 #include "broker/http/http_target.h"
+#include "broker/loops.h"
 #include "broker/operation/metrics.h"
 #include "broker/operation/report.h"
 #include "broker/random_id.h"
@@ -58,6 +60,10 @@ class AdminSession : public std::enable_shared_from_this<AdminSession> {
     path_ = target.substr(0, question);
     query_ = question == std::string::npos ? std::string() : target.substr(question + 1);
     if (admitted()) route();
+    if (!asks_loops_) respond();
+  }
+
+  void respond() {
     response_.prepare_payload();
     if (parser_.get().method() == http::verb::head) response_.body().clear();
     http::async_write(socket_, response_, [self = shared_from_this()](ErrorOf, std::size_t) {
@@ -65,6 +71,24 @@ class AdminSession : public std::enable_shared_from_this<AdminSession> {
       self->socket_.shutdown(Tcp::socket::shutdown_both, ignored);
       self->timer_.cancel();
     });
+  }
+
+  /// Responds when each loop has done `work` and then `answer` was called.
+  void ask_loops(std::function<void(Context&)> work, std::function<void()> answer) {
+    asks_loops_ = true;
+    context_.loops.go_round(std::move(work), [self = shared_from_this(), answer = std::move(answer)] {
+      answer();
+      self->respond();
+    });
+  }
+  void ask_facts(bool with_clients, std::function<void(const Facts&)> answer) {
+    const auto facts = std::make_shared<Facts>();
+    ask_loops(
+        [facts, with_clients](Context& loop) {
+          facts->add(loop);
+          if (with_clients) facts->add_clients(loop);
+        },
+        [facts, answer = std::move(answer)] { answer(*facts); });
   }
 
   bool reads() const { return parser_.get().method() == http::verb::get || parser_.get().method() == http::verb::head; }
@@ -115,7 +139,9 @@ class AdminSession : public std::enable_shared_from_this<AdminSession> {
   }
 
   void route_read() {
-    if (path_ == "/livez") return say(Status::ok, "alive");
+    if (path_ == "/livez") {  // All loops turn, or nobody answers.
+      return ask_loops([](Context&) {}, [this] { say(Status::ok, "alive"); });
+    }
     if (path_ == "/readyz") {
       if (context_.draining) return say(Status::service_unavailable, "stopping");
       // A broker that has lost the others still serves its own streams: to take it out would end those too.
@@ -125,13 +151,18 @@ class AdminSession : public std::enable_shared_from_this<AdminSession> {
     if (path_ == "/version") return say(Status::ok, "eigencast-broker " + context_.version);
     if (path_ == "/metrics") {
       response_.set(http::field::content_type, "text/plain; version=0.0.4; charset=utf-8");
-      response_.body() = metrics_text(context_);
-      return;
+      return ask_facts(false, [this](const Facts& facts) { response_.body() = metrics_text(context_, facts); });
     }
     if (path_ == "/") return say_page();
-    if (path_ == "/api/broker") return say_json(broker_report(context_));
-    if (path_ == "/api/streams") return say_json(streams_report(context_));
-    if (path_ == "/api/clients") return say_json(clients_report(context_));
+    if (path_ == "/api/broker") {
+      return ask_facts(false, [this](const Facts& facts) { say_json(broker_report(context_, facts)); });
+    }
+    if (path_ == "/api/streams") {
+      return ask_facts(false, [this](const Facts& facts) { say_json(streams_report(context_, facts)); });
+    }
+    if (path_ == "/api/clients") {
+      return ask_facts(true, [this](const Facts& facts) { say_json(clients_report(facts)); });
+    }
     if (path_ == "/api/recordings") return say_json(recordings_report(context_));
     say(Status::not_found,
         "see / /livez /readyz /version /metrics /api/broker /api/streams /api/clients /api/recordings");
@@ -153,7 +184,7 @@ class AdminSession : public std::enable_shared_from_this<AdminSession> {
       context_.drain();
       return say_result({});
     }
-    if (path_ == "/api/clients/kick") return say_result(kick());
+    if (path_ == "/api/clients/kick") return kick();
     const std::string stream = parameter("stream");
     if (path_ == "/api/recordings/start" || path_ == "/api/recordings/stop") {
       if (auto name = check_stream_name(stream); !name) {
@@ -167,16 +198,26 @@ class AdminSession : public std::enable_shared_from_this<AdminSession> {
         "/api/recordings/stop?stream=NAME");
   }
 
-  Result<void> kick() {
+  void kick() {
     const std::string id = parameter("id");
-    for (Connection* connection : context_.connections) {
+    const auto found = std::make_shared<bool>(false);
+    ask_loops(
+        [id, found](Context& loop) { *found = *found || kick_in(loop, id); },
+        [this, id, found] {
+          say_result(*found ? Result<void>()
+                            : fail(ErrorCode::kNotFound, "?id=N: there is no client '" + id + "', see /api/clients"));
+        });
+  }
+
+  static bool kick_in(Context& loop, const std::string& id) {
+    for (Connection* connection : loop.connections) {
       if (std::to_string(connection->id()) != id || connection->is_closing()) continue;
-      log(context_.log, LogLevel::kWarning, connection->name() + ": closed through the admin port");
-      ++context_.counters.kicked;
+      log(loop.log, LogLevel::kWarning, connection->name() + ": closed through the admin port");
+      ++loop.counters.kicked;
       connection->say_bye("closed by the operator", 0, websocket::CloseCode::kPolicy);
-      return {};
+      return true;
     }
-    return fail(ErrorCode::kNotFound, "?id=N: there is no client '" + id + "', see /api/clients");
+    return false;
   }
 
   /// Of the query; names of streams and numbers need no decoding but that of '/'.
@@ -203,6 +244,7 @@ class AdminSession : public std::enable_shared_from_this<AdminSession> {
   http::response<http::string_body> response_;
   std::string path_;
   std::string query_;
+  bool asks_loops_ = false;
 };
 
 }  // namespace

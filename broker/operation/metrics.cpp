@@ -26,7 +26,7 @@ using Labels = std::vector<ClientMetric::Label>;
 /// The broker as a Collectable: what the loop counts in plain integers becomes metrics only when somebody asks.
 class BrokerMetrics final : public prometheus::Collectable {
  public:
-  explicit BrokerMetrics(const Context& context) : context_(context) {}
+  BrokerMetrics(const Context& context, const Facts& facts) : context_(context), facts_(facts) {}
 
   std::vector<MetricFamily> Collect() const override {
     families_.clear();
@@ -75,11 +75,16 @@ class BrokerMetrics final : public prometheus::Collectable {
   }
 
   void connections() const {
-    const Counters& counters = context_.counters;
+    const Counters& counters = facts_.counters;
     add(family("eigencast_broker_build_info", MetricType::Gauge, "Always 1; the version is a label."), 1,
         {{"version", context_.version}});
     gauge("draining", "1 while the broker stops.", std::uint64_t{context_.draining});
-    gauge("connections", "Open connections of the data port.", counters.connections);
+    gauge("connections", "Open connections of the data port.", facts_.connections_total());
+    auto& of_loops = family("eigencast_broker_thread_connections", MetricType::Gauge,
+                            "Those of each event loop; the first, 0, has all that are no viewers.");
+    for (std::size_t i = 0; i < facts_.connections.size(); ++i) {
+      add(of_loops, static_cast<double>(facts_.connections[i]), {{"thread", std::to_string(i)}});
+    }
     counter("connections_total", "Connections accepted on the data port.", counters.connections_total);
     counter("connections_refused_total", "Connections over limits.max_connections.", counters.connections_refused);
     counter("requests_denied_total", "Requests turned away for want of rights, or over a limit.",
@@ -98,7 +103,7 @@ class BrokerMetrics final : public prometheus::Collectable {
     for (const Stream* stream : context_.hub.streams()) {
       ++states[static_cast<std::size_t>(stream->state())];
       watchers += stream->watchers();
-      failed += stream->poses_failed();
+      failed += facts_.made_of(stream->name()).poses_failed;
     }
     auto& known = family("eigencast_broker_streams", MetricType::Gauge, "Streams known, by state.");
     for (std::size_t i = 0; i < 3; ++i) {
@@ -107,12 +112,11 @@ class BrokerMetrics final : public prometheus::Collectable {
     }
     gauge("subscriptions", "Streams watched, summed over connections.", watchers);
     gauge("poses_failed", "Poses beyond the codec's range, summed over the streams known.", failed);
-    counter("senders_replaced_total", "Senders that another one took the place of.",
-            context_.counters.senders_replaced);
+    counter("senders_replaced_total", "Senders that another one took the place of.", facts_.counters.senders_replaced);
   }
 
   void frames() const {
-    const Counters& counters = context_.counters;
+    const Counters& counters = facts_.counters;
     counter("frames_received_total", "Frames taken from senders.", counters.frames_received);
     counter("frames_refused_total", "Frames of senders that broke the protocol.", counters.frames_refused);
     counter("frames_sent_total", "Frames sent to viewers.", counters.frames_sent);
@@ -135,7 +139,7 @@ class BrokerMetrics final : public prometheus::Collectable {
   }
 
   void storage() const {
-    const Counters& counters = context_.counters;
+    const Counters& counters = facts_.counters;
     gauge("asset_bytes", "Bytes in the asset store, uploads under way included.", context_.assets.total_bytes());
     gauge("asset_quota_bytes", "assets.max_total_bytes.", context_.assets.settings().max_total_bytes);
     gauge("asset_objects", "Objects in the asset store.", std::uint64_t{context_.assets.objects()});
@@ -208,13 +212,14 @@ class BrokerMetrics final : public prometheus::Collectable {
   }
 
   const Context& context_;
+  const Facts& facts_;
   mutable std::vector<MetricFamily> families_;
 };
 
 }  // namespace
 
-std::string metrics_text(const Context& context) {
-  return prometheus::TextSerializer().Serialize(BrokerMetrics(context).Collect());
+std::string metrics_text(const Context& context, const Facts& facts) {
+  return prometheus::TextSerializer().Serialize(BrokerMetrics(context, facts).Collect());
 }
 
 }  // namespace eigencast::broker

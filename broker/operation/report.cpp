@@ -6,7 +6,6 @@
 #include <vector>
 
 #include "broker/backbone/backbone.h"
-#include "broker/connections/connection.h"
 
 namespace eigencast::broker {
 namespace {
@@ -24,9 +23,7 @@ std::string text_of(const json& value) {
   return value.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
 }
 
-json facts_of(const Connection& connection) {
-  ClientFacts facts;
-  connection.describe(facts);
+json json_of(const ClientFacts& facts) {
   json streams = json::array();
   for (const auto& watched : facts.streams) {
     streams.push_back({{"stream", watched.stream}, {"profile", watched.profile}, {"ladder_step", watched.rung}});
@@ -47,9 +44,10 @@ json facts_of(const Connection& connection) {
 
 }  // namespace
 
-std::string streams_report(const Context& context) {
+std::string streams_report(const Context& context, const Facts& facts) {
   json list = json::array();
   for (const Stream* stream : context.hub.streams()) {
+    const Facts::Made made = facts.made_of(stream->name());
     list.push_back({{"stream", stream->name()},
                     {"stream_id", stream->id()},
                     {"state", name_of(stream->state())},
@@ -59,19 +57,20 @@ std::string streams_report(const Context& context) {
                     {"rows", stream->announcement().format.rows},
                     {"key_rate_hz", stream->key_rate_hz()},
                     {"keys_received", stream->keys_received()},
-                    {"frames_made", stream->frames_made()},
-                    {"poses_failed", stream->poses_failed()},
-                    {"profiles", stream->profile_count()},
+                    {"frames_made", made.frames},
+                    {"poses_failed", made.poses_failed},
+                    {"profiles", made.profiles},
                     {"viewers", stream->watchers()}});
   }
   return text_of({{"streams", list}});
 }
 
-std::string clients_report(const Context& context) {
-  std::vector<const Connection*> sorted(context.connections.begin(), context.connections.end());
-  std::sort(sorted.begin(), sorted.end(), [](const auto* a, const auto* b) { return a->id() < b->id(); });
+std::string clients_report(const Facts& facts) {
+  std::vector<const ClientFacts*> sorted;
+  for (const ClientFacts& client : facts.clients) sorted.push_back(&client);
+  std::sort(sorted.begin(), sorted.end(), [](const auto* a, const auto* b) { return a->id < b->id; });
   json list = json::array();
-  for (const Connection* connection : sorted) list.push_back(facts_of(*connection));
+  for (const ClientFacts* client : sorted) list.push_back(json_of(*client));
   return text_of({{"clients", list}});
 }
 
@@ -90,8 +89,8 @@ std::string recordings_report(const Context& context) {
   return text_of({{"recordings", list}});
 }
 
-std::string broker_report(const Context& context) {
-  const Counters& counters = context.counters;
+std::string broker_report(const Context& context, const Facts& facts) {
+  const Counters& counters = facts.counters;
   const bool degraded = context.backbone != nullptr && !context.backbone->totals().connected;
   return text_of({{"version", context.version},
                   {"session_id", context.session_id},
@@ -101,7 +100,8 @@ std::string broker_report(const Context& context) {
                                              : "ok"},
                   {"backbone", context.backbone == nullptr ? json() : json(context.backbone->status())},
                   {"draining", context.draining},
-                  {"connections", counters.connections},
+                  {"threads", facts.connections.size()},
+                  {"connections", facts.connections_total()},
                   {"frames_received", counters.frames_received},
                   {"frames_sent", counters.frames_sent},
                   {"frame_bytes_sent", counters.frame_bytes_sent},

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: MIT
 #include "broker/relay/hub.h"
 
+#include <cassert>
+
 namespace eigencast::broker {
 namespace {
 
 bool is_idle(const Stream& stream) {
-  return !stream.has_publisher() && stream.watchers() == 0;
+  return !stream.has_publisher() && stream.watchers_here() == 0 && !stream.is_mirrored();
 }
 
 }  // namespace
@@ -16,8 +18,10 @@ Result<Stream*> Hub::open(std::string_view name) {
     return fail(ErrorCode::kTooLarge, "all " + std::to_string(settings_.max_streams) +
                                           " streams that limits.max_streams allows are in use: raise it, or stop one");
   }
-  auto stream = std::make_unique<Stream>(std::string(name), ++last_id_, settings_.stream);
-  return streams_.emplace(std::string(name), std::move(stream)).first->second.get();
+  auto made = std::make_unique<Stream>(std::string(name), settings_.ids->of(name), settings_.stream);
+  Stream* stream = streams_.emplace(std::string(name), std::move(made)).first->second.get();
+  if (settings_.on_opened) settings_.on_opened(*stream);
+  return stream;
 }
 
 Stream* Hub::find(std::string_view name) {
@@ -27,6 +31,11 @@ Stream* Hub::find(std::string_view name) {
 
 void Hub::left(Stream& stream) {
   if (is_idle(stream) && stream.epoch() == 0) forget(streams_.find(stream.name()));
+}
+
+void Hub::drop(Stream& stream) {
+  assert(is_idle(stream));
+  forget(streams_.find(stream.name()));
 }
 
 void Hub::pump(TimeUs now_us) {

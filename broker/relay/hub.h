@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -14,7 +15,7 @@
 
 namespace eigencast::broker {
 
-/// All streams of a broker by name. Ids are given once per name and run.
+/// All streams of an event loop by name.
 ///
 /// A stream that nobody publishes, nobody watches and that never had a pose is forgotten; one that holds a last pose
 /// stays until the room is needed. Not thread-safe: belongs to one event loop.
@@ -22,10 +23,14 @@ class Hub {
  public:
   struct Settings {
     std::size_t max_streams = 1024;  ///< (default: 1,024)
-    Stream::Settings stream;
+    Stream::Settings stream{};
+    std::shared_ptr<StreamIds> ids{};             ///< Of all hubs of a broker (default: this one is alone).
+    std::function<void(Stream&)> on_opened = {};  ///< A stream was made that nobody publishes or watches yet.
   };
 
-  explicit Hub(const Settings& settings) : settings_(settings) {}
+  explicit Hub(const Settings& settings) : settings_(settings) {
+    if (!settings_.ids) settings_.ids = std::make_shared<StreamIds>();
+  }
 
   /// The stream of that name, made if there is none. REQUIRES: check_stream_name passed. Errors: kTooLarge
   /// (max_streams).
@@ -34,6 +39,8 @@ class Hub {
   Stream* find(std::string_view name);
   /// Call when a publisher or watcher has left `stream`: it may be forgotten, and the pointer is dead then.
   void left(Stream& stream);
+  /// Forgets it, whatever pose it holds. REQUIRES: nobody publishes or watches it.
+  void drop(Stream& stream);
 
   /// Pumps the streams that have something due by now.
   void pump(TimeUs now_us);
@@ -58,8 +65,7 @@ class Hub {
   std::map<std::string, std::unique_ptr<Stream>, std::less<>> streams_;
   std::vector<Stream*> owing_;
   std::set<std::pair<TimeUs, Stream*>> due_;  ///< Each stream that waits for a time: Stream::wake_us_.
-  std::vector<Stream*> pumping_;  ///< Scratch.
-  std::uint32_t last_id_ = 0;
+  std::vector<Stream*> pumping_;              ///< Scratch.
 };
 
 }  // namespace eigencast::broker

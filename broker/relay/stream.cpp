@@ -30,10 +30,15 @@ std::shared_ptr<const std::string> framed_text(const control::Trace& trace) {
 
 }  // namespace
 
-Stream::Stream(std::string name, std::uint32_t id, const Settings& settings)
-    : name_(std::move(name)), id_(id), settings_(settings) {}
+void Watcher::on_dismissed(Stream& stream, const Error& /*why*/) {
+  stream.unwatch(*this);
+}
+
+Stream::Stream(std::string name, std::shared_ptr<StreamShare> share, const Settings& settings)
+    : name_(std::move(name)), share_(std::move(share)), id_(share_->id), settings_(settings) {}
 
 Stream::~Stream() {
+  share_->watchers -= watchers_here();
   for (StreamTap* tap : settings_.taps) tap->on_forgotten(*this);
 }
 
@@ -61,6 +66,10 @@ Result<void> Stream::claim(PublisherLink& link, bool replace) {
 void Stream::release(PublisherLink& link) {
   if (publisher_ != &link) return;
   publisher_ = nullptr;
+  stall();
+}
+
+void Stream::stall() {
   if (!std::exchange(publishing_, false)) return;
   deliver();
   for (StreamTap* tap : settings_.taps) tap->on_stalled(*this);
@@ -68,22 +77,39 @@ void Stream::release(PublisherLink& link) {
 }
 
 Result<void> Stream::announce(const control::Announce& announce, std::uint32_t epoch) {
-  assert(epoch >= epoch_);
+  auto begun = stand_at({announce, epoch, true, nullptr});
+  if (begun) tell_count();
+  return begun;
+}
+
+Result<void> Stream::stand_at(const Standing& standing) {
+  assert(standing.epoch >= epoch_);
   deliver();
-  const auto codec = codec_from_name(announce.format.codec);
-  if (!codec) return codec.error();
-  announced_ = announce;
-  layout_ = {*codec, announce.format.rows, announce.format.channels, announce.format.band_ends};
-  epoch_ = epoch;
-  publishing_ = true;
-  newest_.reset();
-  for (StreamTap* tap : settings_.taps) tap->on_announced(*this);
-  groups_.clear();
-  group_of_.clear();
-  for (Watcher* watcher : order_) join_group(*watcher, profiles_.at(watcher));
+  if (standing.epoch != 0) {
+    const StreamFormat& format = standing.announced.format;
+    const auto codec = codec_from_name(format.codec);
+    if (!codec) return codec.error();
+    announced_ = standing.announced;
+    layout_ = {*codec, format.rows, format.channels, format.band_ends};
+    epoch_ = standing.epoch;
+    publishing_ = standing.live;
+    newest_ = standing.newest;
+    for (StreamTap* tap : settings_.taps) tap->on_announced(*this);
+    groups_.clear();
+    group_of_.clear();
+    for (Watcher* watcher : order_) join_group(*watcher, profiles_.at(watcher));
+  }
+  awaits_standing_ = false;
   for (Watcher* watcher : order_) watcher->on_stream_changed(*this, true);
-  tell_count();
   return {};
+}
+
+Standing Stream::standing() const {
+  return {announced_, epoch_, publishing_, newest_};
+}
+
+void Stream::dismiss(const Error& why) {
+  for (Watcher* watcher : std::vector<Watcher*>(order_)) watcher->on_dismissed(*this, why);
 }
 
 Result<void> Stream::add_frame(ByteView message, TimeUs now_us) {
@@ -98,15 +124,19 @@ Result<void> Stream::take_frame(ByteView message, TimeUs now_us) {
   if (!frame) return frame.error();
   const auto record = record_from(*frame, now_us);
   if (!record) return in_context(frame_label(frame->envelope), record.error());
-  newest_ = *record;
+  take_record(*record, now_us);
+  return {};
+}
+
+void Stream::take_record(const KeyRecordPtr& record, TimeUs now_us) {
+  newest_ = record;
   ++keys_received_;
-  tracer_.note_key((*record)->sequence, now_us);
+  tracer_.note_key(record->sequence, record->arrival_us);
   for (StreamTap* tap : settings_.taps) tap->on_key(*this, newest_);
   for (auto& [profile, group] : groups_) {
-    group->feed.add_key(*record, now_us, group->leaving);
+    group->feed.add_key(record, now_us, group->leaving);
   }
   has_leaving_ = true;
-  return {};
 }
 
 Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) const {
@@ -162,10 +192,6 @@ Result<void> Stream::watch(Watcher& watcher, const Profile& wanted) {
   const Profile profile = canonical(wanted);
   const auto before = profiles_.find(&watcher);
   const bool known = before != profiles_.end();
-  if (!known && profiles_.size() >= settings_.max_watchers) {
-    return fail(ErrorCode::kTooLarge, "stream '" + name_ + "' has " + std::to_string(settings_.max_watchers) +
-                                          " watchers, the most that limits.max_subscribers_per_stream allows");
-  }
   const std::size_t given_up = known && wanted_.at(before->second) == 1 ? 1 : 0;
   if (wanted_.size() - given_up >= settings_.max_profiles && !wanted_.contains(profile)) {
     return fail(ErrorCode::kTooLarge,
@@ -175,13 +201,23 @@ Result<void> Stream::watch(Watcher& watcher, const Profile& wanted) {
   if (known) {
     forget_wanted(watcher);
     leave_group(watcher);
-  } else {
-    order_.push_back(&watcher);
+  } else if (auto placed = take_place(watcher); !placed) {
+    return placed;
   }
   note_wanted(watcher, profile);
   if (epoch_ != 0) join_group(watcher, profile);
-  watcher.on_stream_changed(*this, true);
+  if (!awaits_standing_) watcher.on_stream_changed(*this, true);
   if (!known) tell_count();
+  return {};
+}
+
+Result<void> Stream::take_place(Watcher& watcher) {
+  if (share_->watchers++ >= settings_.max_watchers) {
+    --share_->watchers;
+    return fail(ErrorCode::kTooLarge, "stream '" + name_ + "' has " + std::to_string(settings_.max_watchers) +
+                                          " watchers, the most that limits.max_subscribers_per_stream allows");
+  }
+  order_.push_back(&watcher);
   return {};
 }
 
@@ -191,6 +227,7 @@ void Stream::unwatch(Watcher& watcher) {
   forget_wanted(watcher);
   leave_group(watcher);
   std::erase(order_, &watcher);
+  --share_->watchers;
   trace(watcher, 0);
   tell_count();
 }
@@ -218,6 +255,7 @@ std::optional<TimeUs> Stream::next_due_us() const {
 }
 
 void Stream::relay_trace(const control::Trace& trace) {
+  for (StreamTap* tap : settings_.taps) tap->on_trace(*this, trace);
   control::Trace relayed = trace;
   relayed.stream_id = id_;
   relayed.epoch = epoch_;
@@ -229,7 +267,20 @@ void Stream::relay_trace(const control::Trace& trace) {
 
 void Stream::trace(Watcher& watcher, std::uint32_t every) {
   if (every != 0 && !profiles_.contains(&watcher)) return;
+  const std::uint32_t before = tracer_.every();
   tracer_.want(&watcher, every);
+  if (tracer_.every() != before && publisher_ != nullptr) publisher_->on_trace_wanted();
+}
+
+void Stream::trace_elsewhere(std::uint32_t every) {
+  trace_elsewhere_ = every;
+  if (publisher_ != nullptr) publisher_->on_trace_wanted();
+}
+
+std::uint32_t Stream::trace_every() const {
+  const std::uint32_t here = tracer_.every();
+  if (here == 0 || trace_elsewhere_ == 0) return std::max(here, trace_elsewhere_);
+  return std::min(here, trace_elsewhere_);
 }
 
 void Stream::tell_traces(Group& group) {

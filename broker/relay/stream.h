@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "broker/relay/feed.h"
+#include "broker/relay/stream_ids.h"
 #include "broker/relay/stream_tap.h"
 #include "broker/relay/tracer.h"
 #include "common/wire/control.h"
@@ -32,6 +33,8 @@ class Watcher {
   }
   /// `text`: framed.
   virtual void on_trace(const std::shared_ptr<const std::string>& text) = 0;
+  /// The stream cannot be had; it must stop watching within the call.
+  virtual void on_dismissed(Stream& stream, const Error& why);
 };
 
 /// The sender of a stream, as the stream sees it.
@@ -39,15 +42,27 @@ class PublisherLink {
  public:
   virtual ~PublisherLink() = default;
   virtual void on_watcher_count(std::uint32_t count) = 0;
+  /// Stream::trace_every() has changed.
+  virtual void on_trace_wanted() {}
   /// It is no longer the sender: another one has claimed the stream. Must not touch the stream.
   virtual void on_replaced() {}
   /// Whether it makes way for whoever claims the stream.
   virtual bool yields() const { return false; }
 };
 
+/// Where a stream stands: all that another event loop needs to go on from there.
+struct Standing {
+  control::Announce announced;
+  std::uint32_t epoch = 0;  ///< 0: nothing was ever announced.
+  bool live = false;        ///< The sender is there.
+  KeyRecordPtr newest;      ///< Null: no key of this epoch has come.
+};
+using StandingPtr = std::shared_ptr<const Standing>;
+
 /// One stream: its publisher, its key chain, and a feed per profile that somebody watches.
 ///
 /// Time comes in as an argument; no sockets. Not thread-safe: a stream and all who watch it belong to one event loop.
+/// Where several loops watch a stream, each has one of its own (see mirror.h), and they share a StreamShare.
 class Stream {
  public:
   struct Settings {
@@ -58,7 +73,9 @@ class Stream {
     TimeUs max_ahead_us = 200'000;        ///< Estimates end so long after the newest key (default: 200 ms).
   };
 
-  Stream(std::string name, std::uint32_t id, const Settings& settings);
+  Stream(std::string name, std::uint32_t id, const Settings& settings)
+      : Stream(std::move(name), std::make_shared<StreamShare>(id), settings) {}
+  Stream(std::string name, std::shared_ptr<StreamShare> share, const Settings& settings);
   ~Stream();
   Stream(const Stream&) = delete;
   Stream& operator=(const Stream&) = delete;
@@ -82,6 +99,30 @@ class Stream {
   Result<void> take_frame(ByteView message, TimeUs now_us);
   void deliver();
 
+  // For one that mirrors a stream of another loop.
+
+  /// Whoever begins to watch is told nothing until stand_at().
+  void await_standing() { awaits_standing_ = true; }
+  /// Goes on from where the other one stands. REQUIRES: what announce() requires. Errors: as announce().
+  Result<void> stand_at(const Standing& standing);
+  /// As take_frame(), of a key that another loop took.
+  void take_record(const KeyRecordPtr& record, TimeUs now_us);
+  /// The sender is gone: the last pose is held.
+  void stall();
+  /// Sends all watchers away.
+  void dismiss(const Error& why);
+
+  // For the one that is mirrored.
+
+  Standing standing() const;
+  /// It is kept while `mirrored`; then its hub must be told that somebody left.
+  void set_mirrored(bool mirrored) { mirrored_ = mirrored; }
+  bool is_mirrored() const { return mirrored_; }
+  /// What its mirrors' watchers want traced: as trace_every().
+  void trace_elsewhere(std::uint32_t every);
+  /// Watchers came or left in another loop.
+  void tell_count();
+
   /// Adds a watcher, or changes its profile. Calls on_stream_changed. Errors: kTooLarge (too many watchers or
   /// profiles).
   Result<void> watch(Watcher& watcher, const Profile& profile);
@@ -94,7 +135,7 @@ class Stream {
   /// The watcher wants traces of every so many keys; 0: none. Ignored from who does not watch.
   void trace(Watcher& watcher, std::uint32_t every);
   /// What the sender is to trace: the least that a watcher wants; 0: nothing.
-  std::uint32_t trace_every() const { return tracer_.every(); }
+  std::uint32_t trace_every() const;
   /// Passes a sender's trace on to those who want it.
   void relay_trace(const control::Trace& trace);
 
@@ -112,7 +153,9 @@ class Stream {
   const CoefficientLayout& layout() const { return layout_; }
   double key_rate_hz() const { return announced_.key_rate_hz; }
   control::StreamInfo::State state() const;
-  std::uint32_t watchers() const { return static_cast<std::uint32_t>(profiles_.size()); }
+  /// In all loops; and in this one.
+  std::uint32_t watchers() const { return share_->watchers.load(std::memory_order_relaxed); }
+  std::uint32_t watchers_here() const { return static_cast<std::uint32_t>(profiles_.size()); }
   bool has_publisher() const { return publisher_ != nullptr; }
   std::uint64_t keys_received() const { return keys_received_; }
   std::uint64_t frames_made() const { return frames_made_; }
@@ -139,15 +182,19 @@ class Stream {
   void leave_group(Watcher& watcher);
   void deliver(Group& group);
   void tell_traces(Group& group);
-  void tell_count();
+  Result<void> take_place(Watcher& watcher);
   Result<KeyRecordPtr> record_from(const FrameView& frame, TimeUs now_us) const;
 
   std::string name_;
+  std::shared_ptr<StreamShare> share_;
   std::uint32_t id_;
   Settings settings_;
   PublisherLink* publisher_ = nullptr;
   std::uint32_t epoch_ = 0;
   bool publishing_ = false;  ///< The present publisher has announced.
+  bool awaits_standing_ = false;
+  bool mirrored_ = false;
+  std::uint32_t trace_elsewhere_ = 0;
   control::Announce announced_;
   CoefficientLayout layout_;
   KeyRecordPtr newest_;

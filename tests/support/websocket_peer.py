@@ -38,13 +38,15 @@ def close_frame(code, reason=b""):
 class Peer:
     """One raw connection."""
 
-    def __init__(self, port, path="/echo", subprotocol=None, headers=(), upgrade=True, receive_buffer=0):
+    def __init__(self, port, path="/echo", subprotocol=None, headers=(), upgrade=True, receive_buffer=0, tls=None):
         self.sock = socket.socket()
         self.sock.settimeout(10)
         if receive_buffer:
             self.sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
         self.sock.connect(("127.0.0.1", port))
         self.sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        if tls:  # An ssl.SSLContext.
+            self.sock = tls.wrap_socket(self.sock)
         self.buffer = b""
         if not upgrade:
             return

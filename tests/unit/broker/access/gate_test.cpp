@@ -39,9 +39,10 @@ class GateTest : public ::testing::Test {
   GateTest() { config_.access.jwt_secret = kSecret; }
 
   Gate& gate() {
-    if (!gate_) gate_ = std::make_unique<Gate>(config_, AccessPolicy::from_config(config_).value());
+    if (!gate_) gate_ = std::make_unique<Gate>(AccessPolicy::from_config(config_).value());
     return *gate_;
   }
+  void reload() { gate().replace_policy(AccessPolicy::from_config(config_).value()); }
   GrantPtr let_in(const AccessRequest& request, TimeUs now_us = 0) {
     auto admitted = gate().admit(request, now_us, kNow);
     if (auto* grant = std::get_if<GrantPtr>(&admitted)) return *grant;
@@ -89,7 +90,7 @@ TEST_F(GateTest, ATokenThatWasCheckedBeforeStillEndsWithItsTimeAndWithItsKey) {
   EXPECT_EQ(turned_away(request_from("8.8.8.8", forged)).status, 401);
   EXPECT_TRUE(let_in(request));
   config_.access.jwt_secret = "another secret of the tests, long enough";
-  gate().replace_policy(AccessPolicy::from_config(config_).value());
+  reload();
   EXPECT_EQ(turned_away(request).status, 401);
 }
 
@@ -187,6 +188,8 @@ TEST_F(GateTest, AnExpiredTokenEndsConnectionsIfAsked) {
   EXPECT_FALSE(grant->has_expired(kNow + 89)) << "the leeway counts";
   EXPECT_TRUE(grant->has_expired(kNow + 90));
   config_.access.expiry_disconnects = false;
+  reload();
+  EXPECT_FALSE(grant->is_void());
   EXPECT_FALSE(grant->has_expired(kNow + 90));
   EXPECT_FALSE(let_in(request_from("127.0.0.1"))->has_expired(kNow * 2));
 }
@@ -243,6 +246,7 @@ TEST_F(GateTest, MessagesAndUploadsFlowAtTheirPace) {
   EXPECT_THAT(grant->take_upload(1, 0).error().message, HasSubstr("upload_bytes_per_hour"));
   EXPECT_TRUE(grant->take_upload(10, 10 * kSecond));
   config_.per_token.download_bytes_per_hour = 7200;
+  reload();
   const auto reader = let_in(request_from("8.8.8.8", token_for("a", {}, {"**"})));
   EXPECT_TRUE(reader->take_download(7200, 0));
   EXPECT_THAT(reader->take_download(1, 0).error().message, HasSubstr("per_token.download_bytes_per_hour = 7200"));
@@ -251,7 +255,6 @@ TEST_F(GateTest, MessagesAndUploadsFlowAtTheirPace) {
 }
 
 TEST_F(GateTest, AReloadEndsWhatItNoLongerLetsIn) {
-  const auto reload = [&] { gate().replace_policy(AccessPolicy::from_config(config_).value()); };
   const auto signed_one = let_in(request_from("8.8.8.8", token_for("a", {}, {"**"})));
   const auto local = let_in(request_from("127.0.0.1"));
   reload();
@@ -274,6 +277,15 @@ TEST_F(GateTest, AReloadEndsWhatItNoLongerLetsIn) {
   EXPECT_TRUE(signed_one->is_void()) << "the key has changed";
 }
 
+TEST_F(GateTest, ReloadedLimitsCountForWhoIsHere) {
+  const auto grant = let_in(request_from("127.0.0.1"));
+  EXPECT_TRUE(grant->take(Share::kStream));
+  config_.per_address.streams = 1;
+  reload();
+  EXPECT_FALSE(grant->is_void());
+  EXPECT_THAT(grant->take(Share::kStream).error().message, HasSubstr("per_address.streams = 1"));
+}
+
 TEST_F(GateTest, AFixedTokenCountsAsLongAsItsLineStands) {
   const std::string path = ::testing::TempDir() + "/eigencast-gate-tokens";
   const auto made = create_static_token("cam", {"lab/**"}, {}, false).value();
@@ -281,7 +293,7 @@ TEST_F(GateTest, AFixedTokenCountsAsLongAsItsLineStands) {
     std::ofstream(path) << text << "\n";
     ::chmod(path.c_str(), 0600);
     config_.access.tokens_file = path;
-    if (gate_) gate().replace_policy(AccessPolicy::from_config(config_).value());
+    if (gate_) reload();
   };
   write(made.line);
   const auto grant = let_in(request_from("8.8.8.8", made.token));

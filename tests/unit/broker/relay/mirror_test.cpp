@@ -1,0 +1,375 @@
+// SPDX-License-Identifier: MIT
+#include "broker/relay/mirror.h"
+
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <deque>
+#include <random>
+
+#include "tests/unit/broker/support.h"
+
+// One stream in three loops without threads: what travels between them waits in queues until the test lets it go on.
+namespace eigencast::broker {
+namespace {
+
+using testing::FakeReceiver;
+using testing::FakeSender;
+using testing::key_number;
+using testing::small_announce;
+using State = control::StreamInfo::State;
+
+const Profile kRaw{Profile::Rate::kRaw};
+const Profile kFull{};
+
+/// Takes joins as a connection does: when what it is told begins anew.
+class Viewer : public FakeReceiver {
+ public:
+  void on_stream_changed(const Stream& stream, bool restart) override {
+    FakeReceiver::on_stream_changed(stream, restart);
+    if (!restart) return;
+    if (const FramePtr join = watched->join_for(*this)) decode(*join);
+  }
+  void on_dismissed(Stream& stream, const Error& why) override {
+    dismissed = why.code;
+    stream.unwatch(*this);
+    watched = nullptr;
+  }
+  Stream* watched = nullptr;
+  std::optional<ErrorCode> dismissed;
+};
+
+class MirrorTest : public ::testing::Test {
+ protected:
+  struct Away {
+    std::unique_ptr<Mirrors> mirrors;
+    std::unique_ptr<Hub> hub;
+    std::deque<MirrorEvents> inbox;
+    std::uint64_t taken = 0;
+    bool settles = false;
+  };
+
+  explicit MirrorTest(std::size_t max_streams = 8) {
+    Hub::Settings settings;
+    settings.max_streams = max_streams;
+    settings.ids = std::make_shared<StreamIds>();
+    mirrored_ = std::make_unique<Mirrored>(
+        2, Mirrored::Surroundings{
+               [this](std::size_t loop, MirrorEvents events) { away_[loop].inbox.push_back(std::move(events)); },
+               [this](std::size_t loop) { return away_[loop].taken; }, [this] { flushes_ = true; }});
+    for (std::size_t i = 0; i < 2; ++i) {
+      Away& away = away_[i];
+      away.mirrors = std::make_unique<Mirrors>(Mirrors::Surroundings{
+          [this, i](MirrorAsks asks) { asked_.emplace_back(i, std::move(asks)); }, [&away] { away.settles = true; }});
+      settings.on_opened = [&away](Stream& stream) { away.mirrors->on_opened(stream); };
+      away.hub = std::make_unique<Hub>(settings);
+    }
+    settings.on_opened = {};
+    settings.stream.taps = {mirrored_.get()};
+    origin_ = std::make_unique<Hub>(settings);
+  }
+
+  Hub& hub(std::size_t loop) { return loop == 0 ? *origin_ : *away_[loop - 1].hub; }
+
+  /// One thing that waits goes on, if there is one of that sort.
+  bool step(std::size_t which) {
+    if (which == 0) {
+      if (!std::exchange(flushes_, false)) return false;
+      mirrored_->flush();
+    } else if (which == 1) {
+      if (asked_.empty()) return false;
+      const auto [loop, asks] = std::move(asked_.front());
+      asked_.pop_front();
+      mirrored_->take(*origin_, loop, asks);
+    } else if (which < 4) {
+      Away& away = away_[which - 2];
+      if (!std::exchange(away.settles, false)) return false;
+      away.mirrors->settle(*away.hub);
+    } else {
+      Away& away = away_[which - 4];
+      if (away.inbox.empty()) return false;
+      const MirrorEvents events = std::move(away.inbox.front());
+      away.inbox.pop_front();
+      away.taken += events.size();
+      away.mirrors->take(*away.hub, events, now_);
+      away.hub->deliver();
+    }
+    return true;
+  }
+  static constexpr std::size_t kSteps = 6;
+  void settle() {
+    for (bool moved = true; moved;) {
+      moved = false;
+      for (std::size_t i = 0; i < kSteps; ++i) moved = step(i) || moved;
+    }
+  }
+
+  void watch(Viewer& viewer, std::size_t loop, const Profile& profile, const std::string& name = "a") {
+    viewer.watched = hub(loop).open(name).value();
+    ASSERT_TRUE(viewer.watched->watch(viewer, profile));
+    hub(loop).owes(*viewer.watched);
+  }
+  void leave(Viewer& viewer, std::size_t loop) {
+    Stream* stream = std::exchange(viewer.watched, nullptr);
+    stream->unwatch(viewer);
+    hub(loop).left(*stream);
+  }
+  void begin() {
+    stream_ = origin_->open("a").value();
+    ASSERT_TRUE(stream_->claim(sender_));
+    sender_.begin_anew();
+    ASSERT_TRUE(stream_->announce(small_announce(), ++epoch_));
+  }
+  void publish() {
+    now_ += 30'000;
+    ASSERT_TRUE(stream_->take_frame(sender_.next(now_), now_));
+    origin_->owes(*stream_);
+    origin_->deliver();
+    ++keys_;
+  }
+
+  TimeUs now_ = 1'000'000;
+  std::uint32_t epoch_ = 0;
+  int keys_ = 0;
+  FakeSender sender_;
+  std::unique_ptr<Mirrored> mirrored_;
+  std::array<Away, 2> away_;
+  std::unique_ptr<Hub> origin_;
+  Stream* stream_ = nullptr;
+  std::deque<std::pair<std::size_t, MirrorAsks>> asked_;
+  bool flushes_ = false;
+};
+
+TEST_F(MirrorTest, EveryLoopMakesTheSameFrames) {
+  begin();
+  std::array<Viewer, 3> raw;
+  std::array<Viewer, 3> full;
+  for (std::size_t loop = 0; loop < 3; ++loop) {
+    watch(raw[loop], loop, kRaw);
+    watch(full[loop], loop, kFull);
+  }
+  settle();
+  for (int i = 0; i < 10; ++i) {
+    publish();
+    settle();
+    for (int ms = 0; ms < 30; ++ms) {
+      for (std::size_t loop = 0; loop < 3; ++loop) hub(loop).pump(now_ + ms * 1000);
+    }
+  }
+  EXPECT_EQ(raw[0].frames.size(), 10u);
+  EXPECT_GE(full[0].frames.size(), 25u);
+  for (const auto& viewers : {std::cref(raw), std::cref(full)}) {
+    for (std::size_t loop = 1; loop < 3; ++loop) {
+      const Viewer& there = viewers.get()[loop];
+      const Viewer& here = viewers.get()[0];
+      ASSERT_EQ(there.frames.size(), here.frames.size());
+      for (std::size_t i = 0; i < here.frames.size(); ++i) {
+        EXPECT_EQ(there.frames[i]->wire, here.frames[i]->wire) << loop << ", frame " << i;
+      }
+      EXPECT_EQ(there.undecodable, 0);
+    }
+  }
+}
+
+TEST_F(MirrorTest, WhoComesIsToldOnceHowTheStreamStands) {
+  Viewer early;
+  watch(early, 1, kRaw);
+  EXPECT_TRUE(early.infos.empty()) << "nobody knows yet";
+  settle();
+  ASSERT_EQ(early.infos.size(), 1u);
+  EXPECT_EQ(early.infos[0].state, State::kWaiting);
+  begin();
+  publish();
+  settle();
+  ASSERT_EQ(early.infos.size(), 2u);
+  EXPECT_EQ(early.infos[1].state, State::kLive);
+  EXPECT_EQ(early.infos[1].epoch, epoch_);
+  Viewer late;
+  watch(late, 2, kRaw);
+  settle();
+  ASSERT_EQ(late.infos.size(), 1u);
+  EXPECT_EQ(late.infos[0].state, State::kLive);
+  EXPECT_EQ(late.infos[0].stream_id, early.infos[0].stream_id);
+  ASSERT_EQ(late.poses.size(), 1u) << "the present pose";
+  EXPECT_EQ(late.poses[0].key, key_number(0));
+  stream_->release(sender_);
+  settle();
+  EXPECT_EQ(late.infos.back().state, State::kStalled);
+  Viewer after;
+  watch(after, 2, kRaw);
+  leave(early, 1);
+  settle();
+  watch(early, 1, kRaw);
+  settle();
+  for (const Viewer* viewer : {&after, &early}) {
+    EXPECT_EQ(viewer->infos.back().state, State::kStalled);
+    EXPECT_EQ(viewer->poses.back().key, key_number(0)) << "the last pose is held";
+  }
+  begin();
+  settle();
+  for (const Viewer* viewer : {&late, &after, &early}) EXPECT_EQ(viewer->infos.back().epoch, epoch_);
+}
+
+TEST_F(MirrorTest, TheSenderHearsOfAllWhoWatchAndOfWhatTheyWantTraced) {
+  begin();
+  std::array<Viewer, 3> viewers;
+  for (std::size_t loop = 0; loop < 3; ++loop) watch(viewers[loop], loop, kRaw);
+  settle();
+  EXPECT_EQ(sender_.counts.back(), 3u);
+  EXPECT_EQ(viewers[2].watched->watchers(), 3u);
+  viewers[1].watched->trace(viewers[1], 6);
+  viewers[2].watched->trace(viewers[2], 4);
+  settle();
+  EXPECT_EQ(stream_->trace_every(), 4u);
+  control::Trace trace;
+  trace.sequence = 12;
+  trace.stages = {{"made", 1}};
+  stream_->relay_trace(trace);
+  settle();
+  EXPECT_EQ(viewers[0].traces.size(), 0u);
+  EXPECT_EQ(viewers[1].traces.size(), 1u);
+  EXPECT_EQ(viewers[2].traces, viewers[1].traces);
+  leave(viewers[2], 2);
+  settle();
+  EXPECT_EQ(stream_->trace_every(), 6u);
+  EXPECT_EQ(sender_.counts.back(), 2u);
+  leave(viewers[1], 1);
+  leave(viewers[0], 0);
+  settle();
+  EXPECT_EQ(sender_.counts.back(), 0u);
+  EXPECT_EQ(stream_->trace_every(), 0u);
+  EXPECT_EQ(hub(1).size() + hub(2).size(), 0u) << "nobody watches: no mirror";
+}
+
+TEST_F(MirrorTest, WatchersOfAllLoopsCountTowardsTheLimit) {
+  Hub::Settings settings;
+  settings.stream.max_watchers = 2;
+  settings.ids = std::make_shared<StreamIds>();
+  Hub one(settings);
+  Hub two(settings);
+  std::array<Viewer, 3> viewers;
+  Stream* here = one.open("a").value();
+  Stream* there = two.open("a").value();
+  EXPECT_EQ(here->id(), there->id());
+  for (Viewer& viewer : viewers) viewer.watched = there;
+  ASSERT_TRUE(there->watch(viewers[0], kRaw));
+  ASSERT_TRUE(there->watch(viewers[1], kRaw));
+  viewers[2].watched = here;
+  EXPECT_EQ(here->watch(viewers[2], kRaw).error().code, ErrorCode::kTooLarge);
+  EXPECT_EQ(here->watchers(), 2u);
+  there->unwatch(viewers[0]);
+  EXPECT_TRUE(here->watch(viewers[2], kRaw));
+  two.drop(*two.open("b").value());
+  EXPECT_NE(two.open("b").value()->id(), here->id());
+}
+
+TEST_F(MirrorTest, ALoopThatDoesNotKeepUpGoesOnFromThePresent) {
+  begin();
+  Viewer viewer;
+  watch(viewer, 1, kRaw);
+  settle();
+  publish();
+  settle();
+  const std::size_t before = viewer.frames.size();
+  for (std::uint64_t i = 0; i < Mirrored::kMostUnderWay + 100; ++i) {
+    publish();
+    step(0);
+  }
+  std::uint64_t waiting = 0;
+  for (const MirrorEvents& events : away_[0].inbox) waiting += events.size();
+  EXPECT_LE(waiting, Mirrored::kMostUnderWay);
+  away_[0].taken += waiting;  // As if each had been dealt with, and nothing else came.
+  away_[0].inbox.clear();
+  mirrored_->flush();
+  settle();
+  EXPECT_EQ(viewer.frames.size(), before) << "no backlog";
+  EXPECT_EQ(viewer.poses.back().key, key_number(keys_ - 1));
+  publish();
+  settle();
+  EXPECT_EQ(viewer.poses.back().key, key_number(keys_ - 1));
+  EXPECT_EQ(viewer.undecodable, 0);
+}
+
+class FullMirrorTest : public MirrorTest {
+ protected:
+  FullMirrorTest() : MirrorTest(1) {}
+};
+
+TEST_F(FullMirrorTest, WhatTheOriginHasNoRoomForIsRefused) {
+  begin();
+  Viewer viewer;
+  watch(viewer, 1, kRaw, "b");
+  settle();
+  EXPECT_EQ(viewer.dismissed, ErrorCode::kTooLarge);
+  EXPECT_EQ(hub(1).size(), 0u);
+  Viewer good;
+  watch(good, 1, kRaw, "a");
+  settle();
+  EXPECT_EQ(good.infos.back().state, State::kLive);
+}
+
+/// Whatever comes first: once all is settled, everybody sees the present, and nobody was sent what cannot be decoded.
+TEST_F(MirrorTest, InWhateverOrderThingsHappen) {
+  std::mt19937 random(7);
+  const auto pick = [&](std::size_t count) { return std::uniform_int_distribution<std::size_t>(0, count - 1)(random); };
+  std::array<Viewer, 9> viewers;
+  bool live = false;
+  for (int round = 0; round < 4000; ++round) {
+    Viewer& viewer = viewers[pick(viewers.size())];
+    const std::size_t loop = static_cast<std::size_t>(&viewer - viewers.data()) % 3;
+    switch (pick(8)) {
+      case 0:
+        if (viewer.watched != nullptr) leave(viewer, loop);
+        break;
+      case 1:
+        watch(viewer, loop, kRaw);
+        break;
+      case 2:
+        if (live && pick(8) == 0) {
+          stream_->release(sender_);
+          origin_->left(*stream_);
+          live = false;
+        }
+        break;
+      case 3:
+        if (!live) begin();
+        live = true;
+        break;
+      case 4:
+        if (live) publish();
+        break;
+      default:
+        step(pick(kSteps));
+    }
+    if (round % 50 != 49) continue;
+    if (live) publish();
+    settle();
+    std::uint32_t watching = 0;
+    for (const Viewer& one : viewers) {
+      if (one.watched == nullptr) continue;
+      ++watching;
+      ASSERT_EQ(one.undecodable, 0) << "round " << round;
+      ASSERT_FALSE(one.infos.empty());
+      ASSERT_EQ(one.infos.back().epoch, epoch_);
+      if (live) {
+        ASSERT_EQ(one.poses.back().key, key_number(keys_ - 1)) << "round " << round;
+      }
+    }
+    if (stream_ != nullptr) {
+      ASSERT_EQ(stream_->watchers(), watching);
+    }
+    if (live) {
+      ASSERT_EQ(sender_.counts.back(), watching);
+    }
+  }
+  for (std::size_t i = 0; i < viewers.size(); ++i) {
+    if (viewers[i].watched != nullptr) leave(viewers[i], i % 3);
+  }
+  settle();
+  EXPECT_EQ(hub(1).size() + hub(2).size(), 0u);
+  ASSERT_NE(stream_, nullptr);
+  EXPECT_FALSE(stream_->is_mirrored());
+}
+
+}  // namespace
+}  // namespace eigencast::broker
