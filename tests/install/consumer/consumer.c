@@ -10,13 +10,13 @@ AT(ec_bake_options, user, 48);
 AT(ec_bake_options, appearance, 56);
 AT(ec_appearance, vertex_uv, 40);
 AT(ec_asset_info, from_cache, 88);
-AT(ec_publisher_options, velocities, 92);
+AT(ec_publisher_options, velocities, 88);
 AT(ec_publisher_stats, reconnects, 40);
 AT(ec_pose, capture_us, 32);
 AT(ec_subscriber_options, insecure, 48);
 AT(ec_subscriber_stats, latency_p99_us, 64);
-AT(ec_surface, velocities, 88);
-AT(ec_surface, image_size, 120);
+AT(ec_surface, velocities, 80);
+AT(ec_surface, image_size, 112);
 
 enum { kSide = 8, kVertices = kSide * kSide, kFaces = 2 * (kSide - 1) * (kSide - 1) };
 static double rest[3 * kVertices];
