@@ -302,7 +302,7 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
                  "write what each picture shows, and when, to this file, one JSON object a line");
   app.add_option("--screenshot", options.screenshot, "write the last picture to this PNG file at the end");
   app.add_option("--turntable", options.turntable, "headless: so many pictures, once round the scene, then end");
-  app.add_option("--ui-scale", options.ui_scale, "size of texts and panels (default: the display's)")
+  app.add_option("--ui-scale", options.ui_scale, "size of texts, panels and lines (default: the display's)")
       ->check(CLI::Range(0.5, 8.0));
   app.add_option("--settings", options.settings,
                  "file in which the window remembers its size and switches; \"\": nowhere (default: "

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "client/pose_record.h"
 
+#include <array>
 #include <nlohmann/json.hpp>
 #include <string_view>
 
@@ -12,19 +13,9 @@ namespace {
 using nlohmann::json;
 
 std::string_view name_of(FrameKind kind) {
-  switch (kind) {
-    case FrameKind::kKey:
-      return "key";
-    case FrameKind::kJoin:
-      return "join";
-    case FrameKind::kSynthetic:
-      return "synthetic";
-    case FrameKind::kStep:
-      return "step";
-    case FrameKind::kEstimate:
-      return "estimate";
-  }
-  return "unknown";
+  constexpr std::array<std::string_view, 6> kNames{"unknown", "key", "join", "synthetic", "step", "estimate"};
+  const auto number = static_cast<std::size_t>(kind);
+  return kNames[number < kNames.size() ? number : 0];
 }
 
 Result<void> open_file(const std::string& path, std::ofstream& file) {

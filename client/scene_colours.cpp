@@ -12,10 +12,15 @@ void SceneColours::paint(const Scene& scene, std::span<PoseSource* const> source
   if (!(look.colour == painted_.colour)) range_.reset();
   painted_ = look;
   for (std::size_t i = 0; i < instances.size(); ++i) {
+    painters_[i].set_images(decode_, Renderer::longest_texture_side());
     painters_[i].paint(instances[i].view, *sources[instances[i].placement.source], look.colour);
     renderer.paint(i, painters_[i].paint());
     if (painters_[i].range()) range_.include(*painters_[i].range());
   }
+}
+
+bool SceneColours::is_waiting() const {
+  return std::any_of(painters_.begin(), painters_.end(), [](const auto& painter) { return painter.is_waiting(); });
 }
 
 void SceneColours::remove(std::size_t surface) {

@@ -19,6 +19,9 @@ namespace eigencast {
 /// Not thread-safe.
 class SceneColours final {
  public:
+  /// decode: who decodes the surfaces' images.
+  explicit SceneColours(Decode decode = Decode::kBeside) : decode_(decode) {}
+
   /// Paints what the surfaces are now, and hands it to the renderer. REQUIRES: `sources` are those that the scene advances with.
   void paint(const Scene& scene, std::span<PoseSource* const> sources, const Look& look, Renderer& renderer);
   /// Surface number `surface` has gone; later ones move up.
@@ -30,8 +33,11 @@ class SceneColours final {
   std::optional<Legend> legend(const Asset* asset) const;
   /// Why the first surface's colours are not those that the look asks for; empty if they are.
   std::string why_not() const { return painters_.empty() ? std::string() : painters_.front().why_not(); }
+  /// Something is being made for them: paint again soon.
+  bool is_waiting() const;
 
  private:
+  Decode decode_;
   std::vector<SurfacePainter> painters_;  ///< One for each surface.
   LegendRange range_;
   Look painted_;

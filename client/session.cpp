@@ -46,6 +46,8 @@ Session::Session(const ClientOptions& options, std::span<PoseSource* const> sour
       scene_(options.scene.placements.empty() ? one_each(sources.size()) : options.scene.placements,
              options.view_options, options.scene.row),
       levels_(options.levels),
+      colours_(options.headless ? Decode::kNow : Decode::kBeside),
+      pixel_scale_(options.ui_scale > 0 ? static_cast<float>(options.ui_scale) : 1),
       started_us_(steady_now_us()),
       said_(sources.size()) {
   for (std::size_t i = 0; i < sources.size(); ++i)
@@ -207,6 +209,7 @@ RenderOptions Session::render_options(const Look& look) const {
   options.grid = look.grid;
   options.transparent = look.transparent;
   options.colourfulness = colourfulness();
+  options.pixel_scale = pixel_scale_;
   options.colour_map = look.colour_map;
   options.colour_range = colours_.range(look);
   return options;

@@ -41,6 +41,8 @@ class Session final {
   /// The picture is drawn, and yet to be shown: what it took ends here. Waits for the graphics card if `wait` or if the levels of
   /// detail follow what a picture costs.
   void finish_picture(bool wait);
+  /// Pixels of the picture to one at 96 dpi; at first as --ui-scale says.
+  void set_pixel_scale(float scale) { pixel_scale_ = scale; }
   /// What the renderer is told for this look now.
   RenderOptions render_options(const Look& look) const;
   /// Of what draw() drew last; nothing while colours stand for no numbers.
@@ -96,6 +98,7 @@ class Session final {
   std::optional<RebuilderChoice::Trial> rebuild_trial_;
   LevelControl levels_;
   SceneColours colours_;
+  float pixel_scale_;
   History history_;
   TimeUs last_latency_us_ = 0;   ///< Capture to picture, of the newest pose drawn.
   bool renderer_stale_ = false;  ///< Surfaces have moved up: what the card holds belongs to others.

@@ -68,6 +68,7 @@ Result<void> Viewer::open(std::span<PoseSource* const> sources) {
   if (!rebuilder) return rebuilder.error();
   rebuilder_ = std::move(*rebuilder);
   session_->rebuild_with(rebuilder_);
+  session_->set_pixel_scale(text_scale_now().of_picture());
   state_.playout = options_.view_options.playout;
   state_.look = options_.look_given ? options_.look : settings_.look;
   state_.look.colour = options_.look.colour;
@@ -118,7 +119,7 @@ bool Viewer::move_camera(TimeUs now_us) {
 
 /// Texts and plots, looked at now and then: the picture stays as it is while they do.
 bool Viewer::content_changed(TimeUs now_us) {
-  const bool fading = session_->colourfulness() != drawn_colourfulness_;
+  const bool fading = session_->colourfulness() != drawn_colourfulness_ || session_->colours().is_waiting();
   if (now_us - checked_us_ < (fading ? 30'000 : kFiguresEveryUs)) return false;
   checked_us_ = now_us;
   return fading || state_.panel || overlay_->wants_keys() || !(overlay_content() == drawn_content_);
@@ -297,6 +298,7 @@ TextScale Viewer::text_scale_now() const {
 /// Also when the window comes to a display of another density.
 void Viewer::on_resize(int width_px, int height_px) {
   if (overlay_) overlay_->set_scale(text_scale_now());
+  if (session_) session_->set_pixel_scale(text_scale_now().of_picture());
   width_ = width_px;
   height_ = height_px;
   camera_.set_viewport(width_, height_);

@@ -48,6 +48,7 @@ class Camera {
   float scene_radius() const { return radius_; }
   glm::vec3 scene_low() const { return low_; }
   glm::vec3 scene_high() const { return high_; }
+  glm::vec3 scene_centre() const { return 0.5F * (low_ + high_); }
   /// Where a point of the scene lands, in pixels; nothing when it is behind the camera.
   std::optional<glm::vec2> pixel_from_scene(const glm::vec3& point) const;
   /// From the camera through a pixel: unit length.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "view/gl_objects.h"
 
+#include <algorithm>
 #include <array>
 #include <cassert>
 #include <utility>
@@ -59,6 +60,32 @@ GlProgram::~GlProgram() {
   if (id_ != 0) glDeleteProgram(id_);
 }
 
+template <GlKind kKind>
+GLuint GlName<kKind>::make() {
+  GLuint id = 0;
+  if constexpr (kKind == GlKind::kTexture) glGenTextures(1, &id);
+  if constexpr (kKind == GlKind::kArray) glGenVertexArrays(1, &id);
+  if constexpr (kKind == GlKind::kFramebuffer) glGenFramebuffers(1, &id);
+  return id;
+}
+
+template <GlKind kKind>
+void GlName<kKind>::release(GLuint id) {
+  if constexpr (kKind == GlKind::kTexture) glDeleteTextures(1, &id);
+  if constexpr (kKind == GlKind::kArray) glDeleteVertexArrays(1, &id);
+  if constexpr (kKind == GlKind::kFramebuffer) glDeleteFramebuffers(1, &id);
+}
+
+template class GlName<GlKind::kTexture>;
+template class GlName<GlKind::kArray>;
+template class GlName<GlKind::kFramebuffer>;
+
+void set_line_width(float pixels) {
+  std::array<GLfloat, 2> range{1, 1};
+  glGetFloatv(GL_ALIASED_LINE_WIDTH_RANGE, range.data());
+  glLineWidth(std::clamp(pixels, range[0], range[1]));
+}
+
 // Through a target that no array remembers.
 void GlBuffer::reserve(std::size_t bytes, GLenum usage) {
   if (bytes <= bytes_) return;
@@ -79,46 +106,37 @@ void GlBuffer::write_bytes(std::size_t offset, const void* data, std::size_t byt
   glBufferSubData(GL_COPY_WRITE_BUFFER, static_cast<GLintptr>(offset), static_cast<GLsizeiptr>(bytes), data);
 }
 
-void GlTarget::resize(int width, int height, int samples) {
+void GlPicture::resize(int width, int height) {
   if (width == width_ && height == height_) return;
-  release();
   width_ = width;
   height_ = height;
-  glGenTextures(1, &sampled_colour_);
-  glBindTexture(GL_TEXTURE_2D_MULTISAMPLE, sampled_colour_);
-  glTexImage2DMultisample(GL_TEXTURE_2D_MULTISAMPLE, samples, GL_RGBA8, width, height, GL_TRUE);
-  glGenTextures(1, &depth_);
-  glBindTexture(GL_TEXTURE_2D_MULTISAMPLE, depth_);
-  glTexImage2DMultisample(GL_TEXTURE_2D_MULTISAMPLE, samples, GL_DEPTH_COMPONENT24, width, height, GL_TRUE);
-  glGenFramebuffers(1, &drawing_);
-  glBindFramebuffer(GL_FRAMEBUFFER, drawing_);
-  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D_MULTISAMPLE, sampled_colour_, 0);
-  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D_MULTISAMPLE, depth_, 0);
-  glGetIntegerv(GL_SAMPLES, &samples_);
-
-  glGenTextures(1, &colour_);
-  glBindTexture(GL_TEXTURE_2D, colour_);
+  glBindTexture(GL_TEXTURE_2D, texture());
   glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, width, height, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
-  glGenFramebuffers(1, &resolved_);
-  glBindFramebuffer(GL_FRAMEBUFFER, resolved_);
-  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, colour_, 0);
+  glBindFramebuffer(GL_FRAMEBUFFER, framebuffer());
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, texture(), 0);
+}
+
+void GlTarget::resize(int width, int height, int samples) {
+  if (width == width_ && height == height_) return;
+  width_ = width;
+  height_ = height;
+  glBindTexture(GL_TEXTURE_2D_MULTISAMPLE, sampled_colour_.id());
+  glTexImage2DMultisample(GL_TEXTURE_2D_MULTISAMPLE, samples, GL_RGBA8, width, height, GL_TRUE);
+  glBindTexture(GL_TEXTURE_2D_MULTISAMPLE, depth_.id());
+  glTexImage2DMultisample(GL_TEXTURE_2D_MULTISAMPLE, samples, GL_DEPTH_COMPONENT24, width, height, GL_TRUE);
+  bind();
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D_MULTISAMPLE, sampled_colour_.id(), 0);
+  glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D_MULTISAMPLE, depth_.id(), 0);
+  glGetIntegerv(GL_SAMPLES, &samples_);
+  resolved_.resize(width, height);
 }
 
 void GlTarget::resolve() const {
-  glBindFramebuffer(GL_READ_FRAMEBUFFER, drawing_);
-  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, resolved_);
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, drawing_.id());
+  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, resolved_.framebuffer());
   glBlitFramebuffer(0, 0, width_, height_, 0, 0, width_, height_, GL_COLOR_BUFFER_BIT, GL_NEAREST);
-}
-
-void GlTarget::release() {
-  if (drawing_ == 0) return;
-  const std::array<GLuint, 2> framebuffers{drawing_, resolved_};
-  const std::array<GLuint, 3> textures{sampled_colour_, depth_, colour_};
-  glDeleteFramebuffers(2, framebuffers.data());
-  glDeleteTextures(3, textures.data());
-  drawing_ = 0;
 }
 
 }  // namespace eigencast

@@ -49,6 +49,29 @@ class GlProgram final {
   GLuint id_ = 0;
 };
 
+/// What OpenGL gives a number to. Owned; needs its context current when made and when destroyed.
+enum class GlKind { kTexture, kArray, kFramebuffer };
+template <GlKind kKind>
+class GlName final {
+ public:
+  GlName() : id_(make()) {}
+  GlName(const GlName&) = delete;
+  GlName& operator=(const GlName&) = delete;
+  ~GlName() { release(id_); }
+  GLuint id() const { return id_; }
+
+ private:
+  static GLuint make();
+  static void release(GLuint id);
+  GLuint id_;
+};
+using GlTexture = GlName<GlKind::kTexture>;
+using GlArray = GlName<GlKind::kArray>;
+using GlFramebuffer = GlName<GlKind::kFramebuffer>;
+
+/// Of lines from now on, pixels; less where the card draws none so wide.
+void set_line_width(float pixels);
+
 /// Memory of the graphics card. Owned; needs its context current when destroyed.
 class GlBuffer final {
  public:
@@ -79,27 +102,37 @@ class GlBuffer final {
   std::size_t bytes_ = 0;
 };
 
+/// A picture of 8-bit colours and alpha to draw to, to show and to read back.
+class GlPicture final {
+ public:
+  /// Makes it width x height; nothing happens if it is so already.
+  void resize(int width, int height);
+  GLuint framebuffer() const { return framebuffer_.id(); }
+  GLuint texture() const { return colours_.id(); }
+
+ private:
+  GlTexture colours_;
+  GlFramebuffer framebuffer_;
+  int width_ = 0, height_ = 0;
+};
+
 /// Framebuffers of one size: a multisampled one to draw to with a depth that can be read, and its resolved colours.
 class GlTarget final {
  public:
-  GlTarget() = default;
-  GlTarget(const GlTarget&) = delete;
-  GlTarget& operator=(const GlTarget&) = delete;
-  ~GlTarget() { release(); }
-
   /// Makes it width x height with up to `samples` a pixel; nothing happens if it is so already.
   void resize(int width, int height, int samples);
-  void bind() const { glBindFramebuffer(GL_FRAMEBUFFER, drawing_); }
+  void bind() const { glBindFramebuffer(GL_FRAMEBUFFER, drawing_.id()); }
   /// Averages the samples into colour_texture().
   void resolve() const;
-  GLuint colour_texture() const { return colour_; }
-  GLuint depth_texture() const { return depth_; }
+  GLuint colour_texture() const { return resolved_.texture(); }
+  GLuint depth_texture() const { return depth_.id(); }
   int samples() const { return samples_; }
 
  private:
-  void release();
   int width_ = 0, height_ = 0, samples_ = 0;
-  GLuint drawing_ = 0, sampled_colour_ = 0, depth_ = 0, resolved_ = 0, colour_ = 0;
+  GlTexture sampled_colour_, depth_;
+  GlFramebuffer drawing_;
+  GlPicture resolved_;
 };
 
 }  // namespace eigencast

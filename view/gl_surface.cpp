@@ -47,14 +47,6 @@ void GlTriangles::follow(const SurfaceGeometry& geometry) {
   }
 }
 
-GlSurface::GlSurface() {
-  glGenVertexArrays(1, &array_);
-}
-
-GlSurface::~GlSurface() {
-  glDeleteVertexArrays(1, &array_);
-}
-
 void GlSurface::place(const glm::mat4& scene_from_surface) {
   scene_from_surface_ = scene_from_surface;
   const glm::mat3 linear(scene_from_surface);
@@ -72,7 +64,7 @@ void GlSurface::upload(const SurfaceGeometry& geometry) {
   if (other_maker || other_card) pose_version_ = level_version_ = topology_version_ = 0;
   is_point_cloud_ = geometry.is_point_cloud;
   spacing_ = geometry.point_spacing;
-  glBindVertexArray(array_);
+  glBindVertexArray(array_.id());
   if (std::exchange(pose_version_, geometry.pose_version) != geometry.pose_version) take_pose(geometry);
   if (std::exchange(level_version_, geometry.level_version) != geometry.level_version) take_radii(geometry);
   if (std::exchange(topology_version_, geometry.topology_version) != geometry.topology_version)
@@ -120,7 +112,7 @@ void GlSurface::paint(const SurfacePaint& paint) {
   if (textured && !texture_) texture_ = std::make_unique<GlTexturePaint>();
   if (textured) texture_->follow(paint);
   paint_ = numbers ? 1 : colours ? 2 : paint.kind == SurfacePaint::Kind::kNormal ? 3 : 0;
-  glBindVertexArray(array_);
+  glBindVertexArray(array_.id());
   glDisableVertexAttribArray(kPaint);
   glVertexAttrib3f(kPaint, 0, 0, 0);
   if (!numbers && !colours) return;
@@ -132,7 +124,7 @@ void GlSurface::bind(const GlProgram& program) const {
   program.set("paint", paint_);
   program.set("scene_from_surface", scene_from_surface_);
   program.set("scene_from_normal", scene_from_normal_);
-  glBindVertexArray(array_);
+  glBindVertexArray(array_.id());
 }
 
 }  // namespace eigencast

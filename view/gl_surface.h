@@ -44,11 +44,6 @@ class CardSurface final {
 /// What the graphics card draws of one surface. Needs its context current in every call.
 class GlSurface final {
  public:
-  GlSurface();
-  ~GlSurface();
-  GlSurface(const GlSurface&) = delete;
-  GlSurface& operator=(const GlSurface&) = delete;
-
   /// Takes over what has changed.
   void upload(const SurfaceGeometry& geometry);
   void paint(const SurfacePaint& paint);
@@ -75,7 +70,7 @@ class GlSurface final {
   void take_radii(const SurfaceGeometry& geometry);
   void take_triangles(const SurfaceGeometry& geometry);
 
-  GLuint array_ = 0;
+  GlArray array_;
   GlBuffer positions_, normals_, values_, radii_;
   GlTriangles triangles_;
   std::unique_ptr<GlTexturePaint> texture_;

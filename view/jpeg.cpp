@@ -11,11 +11,14 @@
 namespace eigencast {
 namespace {
 
-constexpr int kLongestSide = 16'384;
+constexpr int kLongestSide = 16'384, kMostScans = 200;
+
+enum WayOut : int { kBroken = 1, kEndless = 2 };
 
 /// libjpeg's way out of an error, which would end the program otherwise.
 struct Trouble {
   jpeg_error_mgr manager;
+  jpeg_progress_mgr progress;
   std::jmp_buf way_out;
   std::array<char, JMSG_LENGTH_MAX> words;
 };
@@ -23,21 +26,36 @@ struct Trouble {
 void leave(j_common_ptr image) {
   auto* trouble = reinterpret_cast<Trouble*>(image->err);
   image->err->format_message(image, trouble->words.data());
-  std::longjmp(trouble->way_out, 1);
+  std::longjmp(trouble->way_out, kBroken);
 }
 void say_nothing(j_common_ptr, int) {}
+/// A small file may ask for its pixels to be gone through without end.
+void count_scans(j_common_ptr image) {
+  if (reinterpret_cast<j_decompress_ptr>(image)->input_scan_number > kMostScans)
+    std::longjmp(reinterpret_cast<Trouble*>(image->err)->way_out, kEndless);
+}
 
 enum class Outcome { kRead, kCorrupt, kTooLarge, kUnsupported };
 
 /// Holds nothing that would have to be destroyed: errors jump over it.
 Outcome decode(std::span<const std::uint8_t> bytes, jpeg_decompress_struct& image, Trouble& trouble, Picture& picture) {
-  if (setjmp(trouble.way_out) != 0) return Outcome::kCorrupt;
+  switch (setjmp(trouble.way_out)) {
+    case kBroken:
+      return Outcome::kCorrupt;
+    case kEndless:
+      return Outcome::kTooLarge;
+    default:
+      break;
+  }
   jpeg_create_decompress(&image);
   jpeg_mem_src(&image, bytes.data(), static_cast<unsigned long>(bytes.size()));
   jpeg_read_header(&image, TRUE);
-  if (image.image_width > kLongestSide || image.image_height > kLongestSide) return Outcome::kTooLarge;
+  if (image.image_width > kLongestSide || image.image_height > kLongestSide ||
+      std::size_t{image.image_width} * image.image_height > kMostPixels)
+    return Outcome::kTooLarge;
   if (image.jpeg_color_space == JCS_CMYK || image.jpeg_color_space == JCS_YCCK) return Outcome::kUnsupported;
   image.out_color_space = JCS_RGB;
+  image.progress = &trouble.progress;
   jpeg_start_decompress(&image);
   picture.width = static_cast<int>(image.output_width);
   picture.height = static_cast<int>(image.output_height);
@@ -58,6 +76,7 @@ Result<Picture> read_jpeg_bytes(std::span<const std::uint8_t> bytes, const std::
   image.err = jpeg_std_error(&trouble.manager);
   trouble.manager.error_exit = leave;
   trouble.manager.emit_message = say_nothing;
+  trouble.progress.progress_monitor = count_scans;
   Picture picture;
   const Outcome outcome = decode(bytes, image, trouble, picture);
   jpeg_destroy_decompress(&image);
@@ -65,7 +84,7 @@ Result<Picture> read_jpeg_bytes(std::span<const std::uint8_t> bytes, const std::
     case Outcome::kRead:
       return picture;
     case Outcome::kTooLarge:
-      return fail(ErrorCode::kTooLarge, name + ": over 16,384 pixels on a side");
+      return fail(ErrorCode::kTooLarge, name + ": over 16,384 pixels on a side, 134 million, or 200 scans");
     case Outcome::kUnsupported:
       return fail(ErrorCode::kUnsupported, name + ": a JPEG in colours of print (CMYK); save it in RGB");
     case Outcome::kCorrupt:

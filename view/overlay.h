@@ -33,6 +33,7 @@ struct OverlayContent {
 /// of the picture to such a unit.
 struct TextScale {
   float layout = 1, pixels = 1;
+  float of_picture() const { return layout * pixels; }  ///< Pixels of the picture to one at 96 dpi.
   bool operator==(const TextScale&) const = default;
 };
 

@@ -86,6 +86,7 @@ void SurfacePainter::paint(const SurfaceView& view, const PoseSource& source, co
   wish_ = wish;
   seen_pose_ = pose;
   why_not_.clear();
+  waiting_ = false;
   fill(view, source, wish);
   range_ = paint_.kind == SurfacePaint::Kind::kScalar ? range_of(paint_.values) : std::nullopt;
   ++paint_.version;
@@ -152,15 +153,17 @@ void SurfacePainter::fill_textured(const SurfaceView& view, const Asset& asset) 
     return refuse(asset.complete() || asset.is_point_cloud() ? "the surface has no texture"
                                                              : "the texture comes with the last of the surface");
   }
-  auto image = image_of(asset.texture);
-  if (!image) return refuse(image.error().message);
+  TextureImage image = image_of(asset.texture, decode_, longest_side_);
+  if (image.failed) return refuse(image.failed->message);
+  waiting_ = !image.picture;
+  if (waiting_) return refuse("the texture is being decoded");
   paint_.times_values = !asset.colours.empty();
-  paint_.times_values ? fill_own(view, asset) : sample_image(view, *asset.texture, **image);
+  paint_.times_values ? fill_own(view, asset) : sample_image(view, *asset.texture, *image.picture);
   if (!levels_) levels_ = std::make_shared<TextureLevels>();
   levels_->follow(asset.texture, view.geometry(), view.morph());
   paint_.kind = SurfacePaint::Kind::kTexture;
   paint_.levels = levels_;
-  paint_.image = std::move(*image);
+  paint_.image = std::move(image.picture);
 }
 
 void SurfacePainter::sample_image(const SurfaceView& view, const AssetTexture& texture, const Picture& image) {

@@ -11,6 +11,7 @@
 
 #include "view/pose_source.h"
 #include "view/surface_view.h"
+#include "view/texture_image.h"
 #include "view/texture_levels.h"
 #include "view/truth.h"
 
@@ -46,6 +47,11 @@ class SurfacePainter {
     bool operator==(const Wish&) const = default;
   };
 
+  /// Who decodes images, and how large they may be for the card.
+  void set_images(Decode decode, int longest_side) {
+    decode_ = decode;
+    longest_side_ = longest_side;
+  }
   /// Paints the geometry that `view` has now.
   void paint(const SurfaceView& view, const PoseSource& source, const Wish& wish);
   const SurfacePaint& paint() const { return paint_; }
@@ -53,6 +59,8 @@ class SurfacePainter {
   std::optional<std::array<float, 2>> range() const { return range_; }
   /// Why the surface is clay although something else was asked for; empty if it is not.
   const std::string& why_not() const { return why_not_; }
+  /// It soon may be another: ask again.
+  bool is_waiting() const { return waiting_; }
 
  private:
   void fill(const SurfaceView& view, const PoseSource& source, const Wish& wish);
@@ -68,6 +76,9 @@ class SurfacePainter {
   std::uint64_t seen_pose_ = 0, seen_level_ = 0;
   std::optional<std::array<float, 2>> range_;
   std::string why_not_;
+  bool waiting_ = false;
+  Decode decode_ = Decode::kNow;
+  int longest_side_ = kLongestTextureSide;
   // For the speed of streams that carry no velocities: the pose before.
   std::vector<double> before_, difference_;
   std::optional<TimeUs> before_time_;

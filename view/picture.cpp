@@ -52,9 +52,10 @@ namespace {
 
 /// The rest of reading, once libpng has seen the header.
 Result<Picture> finish_reading(png_image& image, const std::string& name) {
-  if (image.width > kLongestSide || image.height > kLongestSide) {
+  if (image.width > kLongestSide || image.height > kLongestSide ||
+      std::size_t{image.width} * image.height > kMostPixels) {
     png_image_free(&image);
-    return fail(ErrorCode::kTooLarge, name + ": over 16,384 pixels on a side");
+    return fail(ErrorCode::kTooLarge, name + ": over 16,384 pixels on a side, or 134 million");
   }
   image.format = PNG_FORMAT_RGB;
   Picture picture;

@@ -19,6 +19,7 @@ namespace eigencast {
 struct RenderOptions {
   bool edges = false, wireframe = false, points = false, axes = false, grid = true;
   bool transparent = false;                    ///< No wall: what is drawn keeps its alpha, the floor only its shadow.
+  float pixel_scale = 1;                       ///< Pixels to one at 96 dpi: the width of lines and the least points.
   float colourfulness = 1;                     ///< 0 = grey, as while the connection is lost.
   ColourMap colour_map = ColourMap::kViridis;  ///< Of surfaces painted with numbers,
   std::array<float, 2> colour_range{0, 1};     ///< from the first of these to the second.
@@ -58,6 +59,7 @@ class Renderer final {
   /// Shows what is in framebuffer `source` in the window, as soon as that is swapped.
   static void copy_to_window(unsigned source, int width_px, int height_px);
 
+  static int longest_texture_side();  ///< That the card takes.
   int samples() const;                ///< Per pixel, as the driver gave them.
   const std::string& device() const;  ///< The driver's name for itself.
   static void finish();               ///< Waits until everything has been drawn; for measuring.

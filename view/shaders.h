@@ -156,6 +156,7 @@ uniform mat4 clip_from_view;
 uniform float radius;
 uniform float discs;
 uniform float px_per_unit;
+uniform float pixel_scale;
 out vec3 centre;
 flat out vec3 scene_normal;
 flat out vec3 scene_centre;
@@ -170,7 +171,7 @@ void main() {
   centre = view.xyz;
   r = discs > 0.0 ? discs * disc_radius : radius;
   gl_Position = clip_from_view * view;
-  point_px = max(2.0 * r * px_per_unit / max(-view.z, 1e-6), 1.5);
+  point_px = max(2.0 * r * px_per_unit / max(-view.z, 1e-6), 1.5 * pixel_scale);
   gl_PointSize = point_px;
 })";
 inline constexpr const char* kSplatFragment = R"(
@@ -236,6 +237,7 @@ in vec3 at;
 in vec2 along;
 uniform float grid_cells;
 uniform float grid_strength;
+uniform float pixel_scale;
 uniform float contact_radius;
 out vec4 colour;
 float lines(vec2 cell, float width) {
@@ -248,7 +250,8 @@ void main() {
   float fade = 1.0 - smoothstep(0.25, 1.0, length(along));
   float dark = 0.40 * (1.0 - lit_by_key(at, 0.0015));
   dark += 0.16 * exp(-2.2 * dot(along, along) / (contact_radius * contact_radius));
-  float line = grid_strength * (0.55 * lines(along * grid_cells, 1.1) + 0.45 * lines(along * grid_cells / 5.0, 1.5));
+  float line = grid_strength * (0.55 * lines(along * grid_cells, 1.1 * pixel_scale) +
+                               0.45 * lines(along * grid_cells / 5.0, 1.5 * pixel_scale));
   colour = vec4(vec3(0.10, 0.12, 0.16), fade * max(dark, 0.20 * line));
 })";
 

@@ -3,39 +3,13 @@
 
 #include <algorithm>
 #include <atomic>
-#include <map>
-#include <mutex>
-#include <optional>
-#include <string>
 #include <utility>
 
 #include "common/reconstruction/level_triangles.h"
-#include "view/jpeg.h"
 #include "view/level_morph.h"
 #include "view/surface_geometry.h"
 
 namespace eigencast {
-namespace {
-
-constexpr int kLongestSide = 8192;
-
-bool starts_with(const Bytes& bytes, std::initializer_list<std::uint8_t> magic) {
-  return bytes.size() >= magic.size() && std::equal(magic.begin(), magic.end(), bytes.begin());
-}
-
-Result<Picture> decode(const Bytes& bytes) {
-  const std::string name = "the surface's texture";
-  auto picture = starts_with(bytes, {0x89, 'P', 'N', 'G'}) ? read_png_bytes(bytes, name)
-                 : starts_with(bytes, {0xff, 0xd8, 0xff})
-                     ? read_jpeg_bytes(bytes, name)
-                     : Result<Picture>(fail(ErrorCode::kUnsupported, name + " is neither PNG nor JPEG"));
-  if (picture && std::max(picture->width, picture->height) > kLongestSide)
-    return fail(ErrorCode::kTooLarge, name + " has " + std::to_string(picture->width) + " x " +
-                                          std::to_string(picture->height) + " pixels; 8192 a side can be");
-  return picture;
-}
-
-}  // namespace
 
 void TextureLevels::follow(std::shared_ptr<const AssetTexture> texture, const SurfaceGeometry& geometry,
                            const LevelMorph& morph) {
@@ -84,30 +58,6 @@ void TextureLevels::place_wedges(std::uint32_t from_vertex, const LevelMorph& mo
       places_.set(w, uv, version_);
     }
   }
-}
-
-Result<std::shared_ptr<const Picture>> image_of(const std::shared_ptr<const AssetTexture>& texture) {
-  struct Known {
-    std::weak_ptr<const AssetTexture> texture;
-    std::weak_ptr<const Picture> picture;
-    std::optional<Error> failed;
-  };
-  static std::mutex mutex;
-  static std::map<const AssetTexture*, Known> known;
-  const std::lock_guard lock(mutex);
-  std::erase_if(known, [](const auto& entry) { return entry.second.texture.expired(); });
-  Known& mine = known[texture.get()];
-  mine.texture = texture;
-  if (mine.failed) return *mine.failed;
-  if (auto picture = mine.picture.lock()) return picture;
-  auto decoded = decode(texture->image);
-  if (!decoded) {
-    mine.failed = decoded.error();
-    return decoded.error();
-  }
-  auto picture = std::make_shared<const Picture>(std::move(*decoded));
-  mine.picture = picture;
-  return picture;
 }
 
 }  // namespace eigencast

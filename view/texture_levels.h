@@ -9,8 +9,6 @@
 #include <vector>
 
 #include "common/asset/texture.h"
-#include "common/core/result.h"
-#include "view/picture.h"
 
 namespace eigencast {
 
@@ -60,9 +58,5 @@ class TextureLevels {
   VersionedBlocks<std::uint32_t> corners_;
   VersionedBlocks<std::array<float, 2>> places_;
 };
-
-/// The image of a texture, decoded; the same one for all who ask while somebody has it. Thread-safe. Errors: kCorrupt, kUnsupported
-/// (neither PNG nor JPEG), kTooLarge (a side over 8,192 pixels).
-Result<std::shared_ptr<const Picture>> image_of(const std::shared_ptr<const AssetTexture>& texture);
 
 }  // namespace eigencast

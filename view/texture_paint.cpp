@@ -97,8 +97,7 @@ void send(GlBuffer& buffer, const VersionedBlocks<T>& blocks, std::uint64_t had)
 }  // namespace
 
 GlImage::GlImage(const Picture& picture) {
-  glGenTextures(1, &id_);
-  glBindTexture(GL_TEXTURE_2D, id_);
+  glBindTexture(GL_TEXTURE_2D, id());
   glPixelStorei(GL_UNPACK_ALIGNMENT, 1);
   glTexImage2D(GL_TEXTURE_2D, 0, GL_SRGB8, picture.width, picture.height, 0, GL_RGB, GL_UNSIGNED_BYTE,
                picture.rgb.data());
@@ -107,20 +106,6 @@ GlImage::GlImage(const Picture& picture) {
   glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
   if (epoxy_has_gl_extension("GL_EXT_texture_filter_anisotropic"))
     glTexParameterf(GL_TEXTURE_2D, GL_TEXTURE_MAX_ANISOTROPY_EXT, kAnisotropy);
-}
-
-GlImage::~GlImage() {
-  glDeleteTextures(1, &id_);
-}
-
-GlTexturePaint::GlTexturePaint() {
-  glGenTextures(1, &corners_texture_);
-  glGenTextures(1, &places_texture_);
-}
-
-GlTexturePaint::~GlTexturePaint() {
-  glDeleteTextures(1, &corners_texture_);
-  glDeleteTextures(1, &places_texture_);
 }
 
 void GlTexturePaint::follow(const SurfacePaint& paint) {
@@ -145,10 +130,10 @@ void GlTexturePaint::bind(const GlProgram& program) const {
   glActiveTexture(GL_TEXTURE0 + kImageUnit);
   glBindTexture(GL_TEXTURE_2D, image_->id());
   glActiveTexture(GL_TEXTURE0 + kCornersUnit);
-  glBindTexture(GL_TEXTURE_BUFFER, corners_texture_);
+  glBindTexture(GL_TEXTURE_BUFFER, corners_texture_.id());
   glTexBuffer(GL_TEXTURE_BUFFER, GL_R32UI, corners_.id());
   glActiveTexture(GL_TEXTURE0 + kPlacesUnit);
-  glBindTexture(GL_TEXTURE_BUFFER, places_texture_);
+  glBindTexture(GL_TEXTURE_BUFFER, places_texture_.id());
   glTexBuffer(GL_TEXTURE_BUFFER, GL_RG32F, places_.id());
   glActiveTexture(GL_TEXTURE0);
 }

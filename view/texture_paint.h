@@ -13,24 +13,16 @@ namespace eigencast {
 class GlImage final {
  public:
   explicit GlImage(const Picture& picture);
-  ~GlImage();
-  GlImage(const GlImage&) = delete;
-  GlImage& operator=(const GlImage&) = delete;
-  GLuint id() const { return id_; }
+  GLuint id() const { return texture_.id(); }
 
  private:
-  GLuint id_ = 0;
+  GlTexture texture_;
 };
 
 /// What the graphics card holds to draw one surface with its image: the wedges of the triangles' corners and their places, of which
 /// only what changes is sent. Needs its context current in every call.
 class GlTexturePaint final {
  public:
-  GlTexturePaint();
-  ~GlTexturePaint();
-  GlTexturePaint(const GlTexturePaint&) = delete;
-  GlTexturePaint& operator=(const GlTexturePaint&) = delete;
-
   /// REQUIRES: paint.kind == kTexture.
   void follow(const SurfacePaint& paint);
   /// For the program below. REQUIRES: follow() was called.
@@ -38,7 +30,7 @@ class GlTexturePaint final {
 
  private:
   GlBuffer corners_, places_;
-  GLuint corners_texture_ = 0, places_texture_ = 0;
+  GlTexture corners_texture_, places_texture_;
   std::uint64_t version_ = 0;
   bool times_values_ = false;
   const void* levels_ = nullptr;  ///< Whose versions these are, to be compared only.

@@ -168,6 +168,22 @@ const std::uint8_t* pixel_at(const Picture& picture, const Camera& camera, const
   return picture.pixel(static_cast<int>(at.x), static_cast<int>(at.y));
 }
 
+TEST_F(Render, LinesAreAsWideAsTheDisplayIsDense) {
+  FakeSource source(sphere_asset(2));
+  SurfaceView scene;
+  options_.grid = false;
+  const Picture plain = picture_of(source, scene);
+  const auto changed = [&](RenderOptions options, float scale) {
+    options.pixel_scale = scale;
+    return mean_difference(plain, renderer_->picture(camera_, options, kWidth, kHeight).value());
+  };
+  RenderOptions edges, axes;
+  edges.edges = axes.axes = true;
+  edges.grid = axes.grid = false;
+  EXPECT_GT(changed(edges, 2), 1.4 * changed(edges, 1));
+  EXPECT_GT(changed(axes, 3), changed(axes, 1));
+}
+
 TEST_F(Render, NumbersHaveTheColoursOfTheirMap) {
   FakeSource source(sphere_asset(4));
   SurfaceView scene;

@@ -3,15 +3,18 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <fstream>
 #include <iterator>
+#include <thread>
 
 #include "tests/support/process.h"
 #include "tests/unit/client/fake_source.h"
 #include "tests/unit/client/offscreen_pictures.h"
 #include "view/jpeg.h"
 #include "view/paint.h"
+#include "view/texture_image.h"
 #include "view/texture_levels.h"
 
 namespace eigencast {
@@ -165,14 +168,14 @@ TEST(Images, PngAndJpegAreDecodedAndOthersRefusedInWords) {
     return std::make_shared<const AssetTexture>(std::move(t));
   };
   const auto jpeg = texture(kRedJpeg);
-  const auto red = image_of(jpeg);
-  ASSERT_TRUE(red) << red.error().message;
-  EXPECT_EQ((*red)->width, 8);
-  EXPECT_EQ((*red)->height, 4);
-  EXPECT_NEAR((*red)->pixel(3, 2)[0], 192, 4);
-  EXPECT_NEAR((*red)->pixel(3, 2)[2], 32, 4);
-  EXPECT_EQ(image_of(jpeg).value(), *red) << "decoded once";
-  EXPECT_TRUE(image_of(texture(red_and_blue())));
+  const auto red = image_of(jpeg, Decode::kNow).picture;
+  ASSERT_TRUE(red);
+  EXPECT_EQ(red->width, 8);
+  EXPECT_EQ(red->height, 4);
+  EXPECT_NEAR(red->pixel(3, 2)[0], 192, 4);
+  EXPECT_NEAR(red->pixel(3, 2)[2], 32, 4);
+  EXPECT_EQ(image_of(jpeg, Decode::kNow).picture, red) << "decoded once";
+  EXPECT_TRUE(image_of(texture(red_and_blue()), Decode::kNow).picture);
   for (std::size_t size = 0; size < 160; ++size) {
     const auto cut = read_jpeg_bytes(std::span(kRedJpeg).first(size), "cut");
     ASSERT_FALSE(cut) << size;
@@ -185,10 +188,71 @@ TEST(Images, PngAndJpegAreDecodedAndOthersRefusedInWords) {
       (void)read_jpeg_bytes(bad, "changed");  // whatever comes of it
     }
   }
-  const auto other = image_of(texture({'B', 'M', 1, 2, 3}));
-  ASSERT_FALSE(other);
-  EXPECT_NE(other.error().message.find("neither PNG nor JPEG"), std::string::npos);
-  EXPECT_FALSE(image_of(texture({0x89, 'P', 'N', 'G', 13, 10, 26, 10, 0})));
+  const auto other = image_of(texture({'B', 'M', 1, 2, 3}), Decode::kNow).failed;
+  ASSERT_TRUE(other);
+  EXPECT_NE(other->message.find("neither PNG nor JPEG"), std::string::npos);
+  EXPECT_TRUE(image_of(texture({0x89, 'P', 'N', 'G', 13, 10, 26, 10, 0}), Decode::kNow).failed);
+  // A header of 16,383 x 16,383 pixels without them: refused before memory is asked for.
+  Bytes huge = kRedJpeg;
+  std::size_t header = 2;
+  while (huge[header] != 0xff || huge[header + 1] != 0xc0) ASSERT_LT(++header, huge.size() - 9);
+  huge[header + 5] = huge[header + 7] = 0x3f;
+  huge[header + 6] = huge[header + 8] = 0xff;
+  EXPECT_EQ(read_jpeg_bytes(huge, "huge").error().code, ErrorCode::kTooLarge);
+}
+
+TEST(Images, AreDecodedBesideAndHalvedUntilTheCardTakesThem) {
+  std::vector<std::shared_ptr<const AssetTexture>> textures;
+  for (std::size_t i = 0; i < 2 * kMostImagesWaiting; ++i) {
+    AssetTexture t;
+    t.image = red_and_blue();
+    textures.push_back(std::make_shared<const AssetTexture>(std::move(t)));
+  }
+  std::vector<std::shared_ptr<const Picture>> pictures(textures.size());
+  const auto ask = [&](std::size_t i) { return image_of(textures[i], Decode::kBeside, 20).picture; };
+  for (int turn = 0; turn < 2000; ++turn) {
+    bool all = true;
+    for (std::size_t i = 0; i < textures.size(); ++i) {
+      if (!pictures[i]) pictures[i] = ask(i);
+      all = all && pictures[i];
+    }
+    if (all) break;
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  for (std::size_t i = 0; i < textures.size(); ++i) {
+    ASSERT_TRUE(pictures[i]) << i << " of more than may wait";
+    EXPECT_EQ(pictures[i]->width, 16);
+    EXPECT_EQ(pictures[i]->pixel(3, 9)[0], 230);
+    EXPECT_EQ(pictures[i]->pixel(12, 9)[2], 230);
+    EXPECT_EQ(ask(i), pictures[i]);
+  }
+  AssetTexture broken;
+  broken.image = {0xff, 0xd8, 0xff, 0, 1, 2};
+  const auto bad = std::make_shared<const AssetTexture>(std::move(broken));
+  TextureImage image;
+  for (int turn = 0; turn < 2000 && !image.failed; ++turn) {
+    image = image_of(bad, Decode::kBeside);
+    if (!image.failed) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  EXPECT_TRUE(image.failed);
+  const Picture half = halved({2, 2, {0, 255, 10, 0, 255, 10, 255, 255, 10, 255, 255, 10}, {}});
+  EXPECT_EQ(half.rgb, (std::vector<std::uint8_t>{180, 255, 10})) << "half the light, not half the number";
+}
+
+TEST(TexturePaint, TheSurfaceIsClayUntilItsImageIsThere) {
+  FakeSource source(textured_sphere(2, red_and_blue()));
+  SurfaceView view;
+  show(source, view, 1000);
+  SurfacePainter painter;
+  painter.set_images(Decode::kBeside, kLongestTextureSide);
+  painter.paint(view, source, kTextured);
+  EXPECT_TRUE(painter.is_waiting());
+  EXPECT_EQ(painter.paint().kind, SurfacePaint::Kind::kClay);
+  for (int turn = 0; turn < 2000 && painter.is_waiting(); ++turn) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    painter.paint(view, source, kTextured);
+  }
+  EXPECT_EQ(painter.paint().kind, SurfacePaint::Kind::kTexture) << painter.why_not();
 }
 
 TEST(TexturePaint, ABrokenImageIsSaidAndTheSurfaceStaysClay) {

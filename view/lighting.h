@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <glm/mat4x4.hpp>
+#include <glm/vec3.hpp>
+#include <memory>
+#include <span>
+
+#include "common/core/result.h"
+#include "view/camera.h"
+#include "view/gl_objects.h"
+
+namespace eigencast {
+
+class GlSurface;
+
+/// The two lights, which go with the camera, and what the surfaces keep the first one from. Needs its context current in every call.
+class Lighting final {
+ public:
+  /// Errors: as GlProgram::create.
+  Result<void> init();
+  /// Puts the lights beside the camera and draws the surfaces' shadows, into a framebuffer that stays bound.
+  void cast(const Camera& camera, std::span<const std::unique_ptr<GlSurface>> surfaces);
+  /// The shadows become texture 0.
+  void bind() const;
+  /// Uses a program of shaders::kLighting and tells it camera and lights.
+  void light(const GlProgram& program, const Camera& camera) const;
+
+ private:
+  GlProgram shadow_;
+  GlTexture shadows_;
+  GlFramebuffer framebuffer_;
+  glm::vec3 key_{0, 1, 0}, fill_{0, 0, 1};
+  glm::mat4 light_from_scene_{1};
+};
+
+}  // namespace eigencast

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "common/core/result.h"
+#include "view/camera.h"
+#include "view/gl_objects.h"
+#include "view/lighting.h"
+
+namespace eigencast {
+
+/// What is around the surfaces: a wall, the floor with their shadows, the scene's axes. Needs its context current in every call.
+class Surroundings final {
+ public:
+  /// Errors: as GlProgram::create.
+  Result<void> init();
+  void draw_wall() const;
+  struct Floor {
+    bool grid = true;
+    bool shadow = true;     ///< Of what stands on it, where it touches.
+    float pixel_scale = 1;  ///< Of the grid's lines.
+  };
+  /// REQUIRES: lighting.bind().
+  void draw_floor(const Camera& camera, const Lighting& lighting, const Floor& floor) const;
+  /// In front of everything.
+  void draw_axes(const Camera& camera, float pixel_scale) const;
+
+ private:
+  GlProgram wall_, floor_, line_;
+  GlArray none_, axes_;
+  GlBuffer ends_;
+};
+
+}  // namespace eigencast
