@@ -12,7 +12,7 @@
 #include "common/net/guarded_run.h"
 #include "common/net/http.h"
 #include "sdk/asset_cache.h"
-#include "sdk/retry_text.h"
+#include "sdk/broker_text.h"
 
 namespace eigencast {
 

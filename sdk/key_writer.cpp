@@ -49,7 +49,9 @@ KeyWriter::Coded KeyWriter::framed(CodedKey coded, TimeUs capture_us) const {
   envelope.sequence = sequence_ + 1;
   envelope.capture_us = capture_us;
   envelope.kind = chain_ ? FrameKind::kKey : FrameKind::kJoin;
-  Coded out{{}, advanced(chain_, std::move(coded.key), chain_ ? capture_us - last_capture_us_ : 0), capture_us};
+  ChainState next = chain_ ? ChainState{chain_->newer, std::move(coded.key), capture_us - last_capture_us_}
+                           : advanced(std::nullopt, std::move(coded.key), 0);
+  Coded out{{}, std::move(next), capture_us};
   out.message.reserve(Envelope::kBytes + coded.payload.size());
   append_envelope(envelope, out.message);
   out.message.insert(out.message.end(), coded.payload.begin(), coded.payload.end());

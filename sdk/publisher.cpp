@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "sdk/publisher.h"
 
-#include <algorithm>
-#include <cmath>
 #include <cstdio>
 #include <mutex>
 #include <optional>
@@ -10,10 +8,10 @@
 #include "common/net/clock_offset.h"
 #include "common/wire/control.h"
 #include "common/wire/limits.h"
+#include "sdk/broker_text.h"
 #include "sdk/introducer.h"
 #include "sdk/key_writer.h"
 #include "sdk/pose_projection.h"
-#include "sdk/retry_text.h"
 #include "sdk/send_policy.h"
 
 namespace eigencast {
@@ -34,36 +32,10 @@ std::string megabytes(std::uint64_t bytes) {
   return text;
 }
 
-/// A velocity is sent as the movement in a quarter of a key interval: so coarse that it costs few bits, so fine that its
-/// rounding moves a pose between two keys (by at most 4/27 of an interval's movement) less than that of the keys does.
-std::uint32_t velocity_unit(double key_rate_hz) {
-  const double us = key_rate_hz > 0 ? 1e6 / key_rate_hz / 4 : 0;
-  return static_cast<std::uint32_t>(std::clamp(us, 1000.0, static_cast<double>(limits::kMaxVelocityUs)));
-}
-
-StreamFormat format_of(const PublisherOptions& options, const Asset& asset) {
-  StreamFormat format{asset.rank, 3U + options.scalars, asset.band_ends, std::string(name_of(options.codec))};
-  if (options.velocities) {
-    format.channels += 3;
-    format.velocity_channels = 3;
-    format.velocity_us = velocity_unit(options.key_rate_hz);
-  }
-  return format;
-}
-
 Result<void> check_capture_time(TimeUs capture_us) {
   if (capture_us >= 0 && capture_us <= limits::kMaxTimeUs) return {};
   return fail(ErrorCode::kInvalidArgument,
               "capture time " + std::to_string(capture_us) + " us is out of range: it must be 0 to 2^62 - 1");
-}
-
-Result<BrokerUrl> destination(const PublisherOptions& options, const LogSink& log) {
-  auto url = parse_broker_url(options.url);
-  if (!url) return url;
-  if (const auto good = complete_credentials(*url, options.credentials, log); !good) return good.error();
-  if (auto name = check_stream_name(url->stream); !name)
-    return in_context("stream name in \"" + url->shown() + "\"", name.error());
-  return url;
 }
 
 }  // namespace
@@ -79,12 +51,13 @@ class Publisher::Impl {
         log_(std::move(log)),
         format_(format_of(options_, *asset_)),
         quantiser_(options_.codec == CodecKind::kQuantised
-                       ? quantiser_for_error(error_bound(), asset_->area, asset_->rank)
+                       ? quantiser_for_error(error_bound(options_, *asset_), asset_->area, asset_->rank)
                        : Quantiser{}),
         projection_(asset_, options_.velocities, options_.scalars),
         writer_({options_.codec, format_.rows, format_.channels, format_.band_ends}, quantiser_.half_spacing,
                 rate_control()) {
-    if (options_.still_heartbeat_us > 0) still_.emplace(kStillOverError * error_bound(), options_.still_heartbeat_us);
+    if (options_.still_heartbeat_us > 0)
+      still_.emplace(kStillOverError * error_bound(options_, *asset_), options_.still_heartbeat_us);
     stats_.detail = "connecting to " + url_.origin();
   }
 
@@ -143,7 +116,7 @@ class Publisher::Impl {
       return unusable(
           fail(ErrorCode::kInvalidArgument, "a pose without the scalars that were announced, or with more"));
     std::vector<double> all;
-    if (format_.channels > 3) C = all = beside_each_other(C, V, S);
+    if (format_.channels > 3) C = all = rows_in_format(format_, C, V, S);
     if (const auto early = hindrance(capture_us)) return *early;
     auto key = key_from_coefficients(writer_.layout(), C, quantiser_.step);
     if (!key) return unusable(key.error());
@@ -170,30 +143,9 @@ class Publisher::Impl {
  private:
   enum class Phase { kDown, kIntroduce, kAnnounced, kLive };
 
-  double error_bound() const {
-    return options_.error > 0 ? options_.error : kDefaultErrorOverDiagonal * asset_->diagonal();
-  }
-
   std::optional<RateControl> rate_control() const {
     if (options_.bitrate <= 0) return std::nullopt;
     return RateControl(options_.bitrate, quantiser_.half_spacing, static_cast<std::uint8_t>(format_.band_ends.size()));
-  }
-
-  /// Rows of x, y, z, scalars, and velocities in units of format_.velocity_us. Empty, which is refused later, where the
-  /// sizes do not fit.
-  std::vector<double> beside_each_other(std::span<const double> C, std::span<const double> V,
-                                        std::span<const double> S) const {
-    const std::size_t r = format_.rows, c = format_.channels, s = options_.scalars;
-    if (C.size() != 3 * r || (!V.empty() && V.size() != C.size())) return {};
-    std::vector<double> all(r * c);
-    const double unit_s = format_.velocity_us * 1e-6;
-    for (std::size_t row = 0; row < r; ++row) {
-      double* to = &all[row * c];
-      std::copy_n(&C[3 * row], 3, to);
-      for (std::size_t k = 0; k < s; ++k) to[3 + k] = S[row * s + k];
-      for (std::size_t axis = 0; !V.empty() && axis < 3; ++axis) to[3 + s + axis] = V[3 * row + axis] * unit_s;
-    }
-    return all;
   }
 
   /// Sends what the gate lets through. What did not leave leaves the gate as it was. REQUIRES: as send_key; a key was
@@ -317,13 +269,7 @@ class Publisher::Impl {
   }
 
   void on_text(std::string_view text) {
-    auto message = control_from_text(text);
-    if (!message) {
-      if (message.error().code != ErrorCode::kUnsupported)
-        log(log_, LogLevel::kWarning, "from the broker: " + message.error().message);
-      return;
-    }
-    std::visit([this](const auto& m) { on_message(m); }, *message);
+    if (const auto message = read_control(text, log_)) std::visit([this](const auto& m) { on_message(m); }, *message);
   }
 
   template <typename Message>
@@ -473,24 +419,7 @@ Result<std::unique_ptr<Publisher>> Publisher::create(PublisherOptions options, s
     return fail(ErrorCode::kInvalidArgument, "a publisher needs a complete asset");
   auto url = destination(options, log);
   if (!url) return url.error();
-  if (!std::isfinite(options.error) || options.error < 0)
-    return fail(ErrorCode::kInvalidArgument,
-                "the error bound must be a positive length in model units, or 0 for the default");
-  if (!std::isfinite(options.bitrate) || options.bitrate < 0 || options.still_heartbeat_us < 0)
-    return fail(ErrorCode::kInvalidArgument, "bit rate and heartbeat must be positive, or 0 for none");
-  if (options.scalars > kMostScalars)
-    return fail(ErrorCode::kInvalidArgument, "a stream carries at most " + std::to_string(kMostScalars) + " scalars");
-  if (options.scalars > 0 && options.still_heartbeat_us > 0)
-    return fail(ErrorCode::kInvalidArgument,
-                "a publisher of scalars cannot leave out still poses: they may change while the surface stands still");
-  if (options.velocities && options.still_heartbeat_us > 0)
-    return fail(ErrorCode::kInvalidArgument,
-                "a publisher of velocities cannot leave out still poses: a held pose would go on with its velocities");
-  if (options.bitrate > 0 && options.codec != CodecKind::kQuantised)
-    return fail(ErrorCode::kInvalidArgument, "only the quantised codec can keep to a bit rate");
-  if (options.error == 0 && !(asset->diagonal() > 0))
-    return fail(ErrorCode::kInvalidArgument,
-                "the rest pose has no extent, so the error bound has no default: give one");
+  if (auto usable = check_options(options, *asset); !usable) return usable.error();
   auto impl =
       std::make_unique<Impl>(std::move(options), std::move(*url), std::move(asset), std::move(encoded), std::move(log));
   impl->start();

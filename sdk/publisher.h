@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <functional>
 #include <memory>
-#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -13,38 +11,9 @@
 #include "common/core/log.h"
 #include "common/net/websocket.h"
 #include "common/wire/control.h"
+#include "sdk/publisher_options.h"
 
 namespace eigencast {
-
-/// The default of PublisherOptions::error, over the diagonal of the rest box.
-inline constexpr double kDefaultErrorOverDiagonal = 1e-3;
-
-struct PublisherOptions {
-  std::string url;  ///< ws://host:port/stream
-  CodecKind codec = CodecKind::kQuantised;
-  double error = 0;  ///< eps: rms vertex error of quantising, in model units; 0 = the default.
-  /// Bits a second that the frames sent, envelopes included, keep to on average, by coarser levels and, where that is
-  /// not enough, fewer bands; 0: whatever the error bound takes. Only with kQuantised.
-  double bitrate = 0;
-  /// Poses of a surface that stands still, within kStillOverError of what receivers hold, are left out, but for one every
-  /// so often; 0: every pose is sent. A viewer never shows a pose further off than that bound because of it.
-  TimeUs still_heartbeat_us = 0;
-  bool velocities = false;  ///< Poses come with velocities, which go out beside them: for viewers with scheme=hermite.
-  /// Values that ride on each vertex beside its place, such as stress or temperature, at most kMostScalars: channels 3 to
-  /// 2 + scalars of the stream. They are coded within `error`, too, each in its own unit: give them a range of about the
-  /// surface's diagonal, and the default keeps a thousandth of it.
-  std::uint32_t scalars = 0;
-  double key_rate_hz = 30;                     ///< Announced; send() may be called at any rate.
-  std::optional<std::vector<double>> world{};  ///< Announced, see control::Announce.
-  std::size_t max_unsent_bytes =
-      64 * 1024;                 ///< A frame is dropped, before it is coded, while more than this is unsent.
-  Credentials credentials = {};  ///< Token and trusted authorities; see common/net/url.h.
-};
-
-/// The error bound of coding holds on average, not for each pose, so that still surfaces get more.
-inline constexpr double kStillOverError = 1.5;
-
-inline constexpr std::uint32_t kMostScalars = 10;
 
 /// What a pose says of each of n vertices, in the source's order.
 struct VertexPose {

@@ -6,7 +6,7 @@
 #include <variant>
 
 #include "common/net/guarded_run.h"
-#include "sdk/retry_text.h"
+#include "sdk/broker_text.h"
 
 namespace eigencast {
 namespace {
@@ -112,13 +112,7 @@ void Receiver::on_down(const Error& why, milliseconds wait) {
 }
 
 void Receiver::on_text(std::string_view text) {
-  auto message = control_from_text(text);
-  if (!message) {
-    if (message.error().code != ErrorCode::kUnsupported)
-      log(log_, LogLevel::kWarning, "from the broker: " + message.error().message);
-    return;
-  }
-  std::visit([this](const auto& m) { on_message(m); }, *message);
+  if (const auto message = read_control(text, log_)) std::visit([this](const auto& m) { on_message(m); }, *message);
 }
 
 void Receiver::on_message(const control::StreamInfo& m) {

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <boost/asio/async_result.hpp>
-#include <boost/asio/io_context.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/ssl/context.hpp>
 #include <boost/asio/ssl/stream.hpp>
@@ -23,14 +22,15 @@ namespace eigencast {
 using ClientTls = std::shared_ptr<boost::asio::ssl::context>;
 Result<ClientTls> make_client_tls(const BrokerUrl& url);
 
-/// The bytes of a client's connection, plain or TLS, as Beast wants them. One thread at a time.
+/// The bytes of a client's connection, plain or TLS, as Beast wants them. One thread at a time: its handlers run on the
+/// executor.
 class ClientStream {
  public:
   using next_layer_type = boost::beast::tcp_stream;
   using executor_type = next_layer_type::executor_type;
   using error_code = boost::system::error_code;
 
-  ClientStream(boost::asio::io_context& io, ClientTls tls) : tcp_(io), context_(std::move(tls)) {
+  ClientStream(const executor_type& executor, ClientTls tls) : tcp_(executor), context_(std::move(tls)) {
     if (context_) tls_.emplace(tcp_, *context_);
   }
   executor_type get_executor() { return tcp_.get_executor(); }

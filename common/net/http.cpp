@@ -95,7 +95,7 @@ class HttpConnection::Impl {
 
   Result<void> connect() {
     if (cancelled_) return fail(ErrorCode::kCancelled, "stopped by the caller");
-    stream_ = std::make_unique<ClientStream>(io_, tls_);
+    stream_ = std::make_unique<ClientStream>(io_.get_executor(), tls_);
     buffer_.clear();
     error_code ec;
     std::vector<tcp::endpoint> endpoints;

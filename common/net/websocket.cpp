@@ -4,6 +4,7 @@
 #include <netinet/tcp.h>
 
 #include <algorithm>
+#include <boost/asio/any_io_executor.hpp>
 #include <boost/asio/connect.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
@@ -23,6 +24,7 @@
 #include "common/net/backoff.h"
 #include "common/net/client_stream.h"
 #include "common/net/guarded_run.h"
+#include "common/net/locking_executor.h"
 #include "common/net/websocket_failure.h"
 #include "common/wire/limits.h"
 
@@ -52,7 +54,7 @@ struct Outgoing {
 /// One connection, from its first try to its end. Handlers of a past one find that it is not the current one and do
 /// nothing.
 struct Link {
-  Link(asio::io_context& io, ClientTls tls) : socket(io, std::move(tls)) {}
+  Link(const asio::any_io_executor& executor, ClientTls tls) : socket(executor, std::move(tls)) {}
   ws::stream<ClientStream> socket;
   beast::flat_buffer in;
   ws::response_type response;
@@ -90,7 +92,7 @@ class WebSocket::Impl {
         where_(options_.url.origin()),
         work_(asio::make_work_guard(io_)),
         random_(std::random_device{}()) {
-    asio::post(io_, [this] { connect(); });
+    asio::post(executor_, [this] { connect(); });
     thread_ = std::thread([this] {
       run_when_woken(kPassingOn);
       guarded_run([this] { io_.run(); }, [this](const std::string& what) { recover(what); });
@@ -100,6 +102,8 @@ class WebSocket::Impl {
   ~Impl() { stop(); }
 
   SendStatus send(Outgoing message) {
+    // Whoever finds no handler at work writes here and now: waking the connection's thread takes longer than writing does.
+    const std::unique_lock turn(turn_, std::try_to_lock);
     std::uint64_t generation = 0;
     {
       const std::lock_guard lock(mutex_);
@@ -107,8 +111,19 @@ class WebSocket::Impl {
       if (unsent_ > 0 && unsent_ + message.bytes.size() > options_.max_unsent_bytes) return SendStatus::kDropped;
       unsent_ += message.bytes.size();
       generation = generation_;
-      asio::post(io_, [this, generation, m = std::move(message)]() mutable { enqueue(generation, std::move(m)); });
+      if (!turn || posted_ > 0) {  // Not past those that wait for that thread.
+        asio::post(executor_, [this, generation, m = std::move(message)]() mutable {
+          {
+            const std::lock_guard taken(mutex_);
+            --posted_;
+          }
+          enqueue(generation, std::move(m));
+        });
+        ++posted_;
+        return SendStatus::kSent;
+      }
     }
+    enqueue(generation, std::move(message));
     return SendStatus::kSent;
   }
 
@@ -131,7 +146,7 @@ class WebSocket::Impl {
     assert(std::this_thread::get_id() != thread_.get_id());
     const std::lock_guard lock(stop_mutex_);
     if (!thread_.joinable()) return;
-    asio::post(io_, [this] { close_politely(); });
+    asio::post(executor_, [this] { close_politely(); });
     thread_.join();
   }
 
@@ -149,7 +164,7 @@ class WebSocket::Impl {
       }
       tls_ = std::move(*made);
     }
-    link_ = std::make_shared<Link>(io_, tls_);
+    link_ = std::make_shared<Link>(executor_, tls_);
     const LinkPtr link = link_;
     give_up_after(options_.connect_timeout, link);
     error_code not_numeric;
@@ -345,6 +360,7 @@ class WebSocket::Impl {
 
   /// A handler threw: the connection that it was of is in no known state.
   void recover(const std::string& what) {
+    const std::lock_guard turn(turn_);
     if (stopping_) return;
     if (link_) {
       down(link_, {fail(ErrorCode::kInternal, "connection to " + where_ + " given up: " + what)});
@@ -391,14 +407,17 @@ class WebSocket::Impl {
   const LogSink log_;
   const std::string where_;
 
+  /// Held by every handler, and by who writes on a thread of its own; taken before mutex_.
+  std::recursive_mutex turn_;
   asio::io_context io_;
   asio::executor_work_guard<asio::io_context::executor_type> work_;
-  tcp::resolver resolver_{io_};
-  asio::steady_timer connect_timer_{io_};
-  asio::steady_timer retry_timer_{io_};
-  asio::steady_timer stop_timer_{io_};
+  const asio::any_io_executor executor_{LockingExecutor(io_.get_executor(), turn_)};
+  tcp::resolver resolver_{executor_};
+  asio::steady_timer connect_timer_{executor_};
+  asio::steady_timer retry_timer_{executor_};
+  asio::steady_timer stop_timer_{executor_};
 
-  // Of the connection's thread alone.
+  // GUARDED_BY(turn_), what follows up to mutex_.
   std::minstd_rand random_;
   ClientTls tls_;  ///< Made by the first try.
   LinkPtr link_;
@@ -408,6 +427,7 @@ class WebSocket::Impl {
   mutable std::mutex mutex_;
   bool open_ = false;                     ///< GUARDED_BY(mutex_)
   std::size_t unsent_ = 0;                ///< GUARDED_BY(mutex_)
+  std::size_t posted_ = 0;                ///< GUARDED_BY(mutex_); messages on their way to the connection's thread.
   std::optional<milliseconds> hold_off_;  ///< GUARDED_BY(mutex_)
   std::uint64_t generation_ =
       0;  ///< GUARDED_BY(mutex_); grows at each open and each down, so that no message crosses them.

@@ -48,7 +48,8 @@ struct WebSocketEvents {
 /// certificate) every half a minute. TLS and token are those of the URL. TCP_NODELAY is set. An exception that an event's handler throws ends the
 /// connection, not the process; it is made anew.
 ///
-/// Runs one thread. send_* and stop() are safe from any thread.
+/// Runs one thread. send_* and stop() are safe from any thread; what is sent is written on the caller's where the connection is
+/// idle, without ever waiting for the socket.
 class WebSocket final {
  public:
   WebSocket(WebSocketOptions options, WebSocketEvents events, LogSink log = {});

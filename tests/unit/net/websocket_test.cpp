@@ -4,11 +4,13 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <array>
 #include <atomic>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/websocket.hpp>
+#include <functional>
 #include <mutex>
 #include <stdexcept>
 #include <thread>
@@ -151,20 +153,22 @@ TEST(WebSocket, AServerWithoutTlsIsToldApartAndTriedAgain) {
   EXPECT_GT(log.down(0).second.count(), 0);
 }
 
-/// Accepts one connection, upgrades it if `protocol` says how, and then never reads again.
+/// Accepts one connection, upgrades it if `protocol` says how, does what it is told, and then never reads again.
 class DeafServer {
  public:
-  explicit DeafServer(std::string protocol)
+  using Socket = beast::websocket::stream<tcp::socket>;
+  explicit DeafServer(std::string protocol, std::function<void(Socket&)> first = {})
       : acceptor_(loop_, tcp::endpoint(asio::ip::address_v4::loopback(), 0)), socket_(loop_) {
     // A small window, so that a test fills it soon; set before accepting, as TCP wants it.
     acceptor_.set_option(asio::socket_base::receive_buffer_size(4096));
-    thread_ = std::thread([this, p = std::move(protocol)] {
+    thread_ = std::thread([this, p = std::move(protocol), before_that = std::move(first)] {
       acceptor_.accept(socket_.next_layer());
       if (p == "none") return;
       socket_.set_option(beast::websocket::stream_base::decorator(
           [&](beast::websocket::response_type& r) { r.set(beast::http::field::sec_websocket_protocol, p); }));
       boost::system::error_code ignored;
       socket_.accept(ignored);
+      if (before_that) before_that(socket_);
     });
   }
   ~DeafServer() { thread_.join(); }
@@ -173,7 +177,7 @@ class DeafServer {
  private:
   asio::io_context loop_;
   tcp::acceptor acceptor_;
-  beast::websocket::stream<tcp::socket> socket_;
+  Socket socket_;
   std::thread thread_;
 };
 
@@ -194,6 +198,45 @@ TEST(WebSocket, WhatThePeerDoesNotTakeIsCountedAndThenDropped) {
   EXPECT_GT(dropped, 0);
   EXPECT_TRUE(eventually([&] { return socket.send_binary(Bytes(10'000)) == SendStatus::kDropped; }));
   socket.stop();  // Must end although the peer never answers the close.
+}
+
+TEST(WebSocket, WhatSeveralThreadsSendArrivesWholeAndInTheOrderOfEach) {
+  constexpr std::uint8_t kThreads = 3, kEach = 250;
+  // Some longer than what Beast writes at a time.
+  const auto message_of = [](std::uint8_t thread, std::uint8_t number) {
+    Bytes message(2 + number * 37 % 9000, static_cast<std::uint8_t>(thread ^ number));
+    message[0] = thread, message[1] = number;
+    return message;
+  };
+  std::array<std::uint8_t, kThreads> heard{};
+  std::atomic<bool> all_heard = false;
+  DeafServer server("eigencast.v1", [&](DeafServer::Socket& socket) {
+    beast::flat_buffer in;
+    for (int i = 0; i < kThreads * kEach; ++i, in.clear()) {
+      if (i % 4 == 0) socket.ping({});  // Answers leave among the messages.
+      socket.read(in);
+      const auto* first = static_cast<const std::uint8_t*>(in.cdata().data());
+      ASSERT_LT(first[0], kThreads);
+      ASSERT_EQ(Bytes(first, first + in.size()), message_of(first[0], heard[first[0]]++));
+    }
+    all_heard = true;
+  });
+  Log log;
+  auto options = options_for(server.url(), "/");
+  options.max_unsent_bytes = 1 << 30;
+  WebSocket socket(std::move(options), log.events());
+  ASSERT_TRUE(eventually([&] { return socket.is_open(); }));
+  std::vector<std::thread> senders;
+  for (std::uint8_t thread = 0; thread < kThreads; ++thread) {
+    senders.emplace_back([&, thread] {
+      for (std::uint8_t number = 0; number < kEach; ++number) {
+        EXPECT_EQ(socket.send_binary(message_of(thread, number)), SendStatus::kSent);
+        if (number % 8 == 0) std::this_thread::yield();
+      }
+    });
+  }
+  for (std::thread& sender : senders) sender.join();
+  EXPECT_TRUE(eventually([&] { return all_heard.load(); }));
 }
 
 TEST(WebSocket, ASilentPeerIsGivenUp) {

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <chrono>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "common/core/log.h"
+#include "common/wire/control.h"
+
+/// What both ends of a stream hear from their broker and say about it.
+namespace eigencast {
+
+/// What a message about a lost peer ends with: "; next try in 400 ms", or nothing when there is none.
+inline std::string try_again_in(std::chrono::milliseconds wait) {
+  return wait.count() > 0 ? "; next try in " + std::to_string(wait.count()) + " ms" : std::string();
+}
+
+/// A text message of the broker's. Nothing where it is of a kind that this program does not know, which newer brokers may
+/// send, or broken, which the log tells.
+inline std::optional<ControlMessage> read_control(std::string_view text, const LogSink& log) {
+  auto message = control_from_text(text);
+  if (message) return std::move(*message);
+  if (message.error().code != ErrorCode::kUnsupported)
+    eigencast::log(log, LogLevel::kWarning, "from the broker: " + message.error().message);
+  return std::nullopt;
+}
+
+}  // namespace eigencast
