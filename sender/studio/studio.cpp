@@ -291,12 +291,13 @@ Result<void> Studio::make_pose() {
 void Studio::send_if_due() {
   const TimeUs now_us = steady_now_us(), due_us = pace_.due_us(now_us);
   if (due_us > now_us) return;
-  (void)publisher_.send_coefficients(C_, now_us);  // It counts what it drops.
+  const bool by_hand = std::exchange(unsent_, false), at_once = by_hand && due_us <= *pose_input_us_;
+  // A pose is as old as the movement that made it; one that the pace held back is of the moment that it leaves.
+  (void)publisher_.send_coefficients(C_, at_once ? *pose_input_us_ : now_us);  // It counts what it drops.
   pace_.sent(now_us);
-  if (!std::exchange(unsent_, false)) return;
-  if (due_us <= *pose_input_us_)
+  if (at_once)
     report_.input_to_sent_us.add(steady_now_us() - *pose_input_us_);
-  else
+  else if (by_hand)
     ++report_.held_back;
 }
 
