@@ -82,7 +82,8 @@ def measure(stage, options, clip, link, frames, surface):
         for line in lines:
             line["array"] = np.array(line["coefficients"]).reshape(len(frames[0]), -1)[:, :3]
         errors, delays, held = sampled(lines, truth, clip == "heart", options.seconds)
-        gaps = np.diff([line["drawn_us"] for line in lines]) / 1000
+        drawn = np.array([line["drawn_us"] for line in lines])
+        gaps = np.diff(drawn[drawn >= drawn[-1] - options.seconds * 1e6]) / 1000
         rows.append([clip, LINKS[link], mode, f"{100 * np.mean(errors):.2f}", f"{100 * np.percentile(errors, 95):.2f}",
                      f"{np.percentile(delays, 50):.0f}", f"{np.percentile(delays, 95):.0f}", f"{np.max(gaps):.0f}",
                      f"{100 * held:.0f}", f"{json.loads(report.read_text())['kbit_per_s']:.0f}"])
