@@ -2,7 +2,6 @@
 #pragma once
 
 #include <memory>
-#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <span>
 #include <string>
@@ -10,6 +9,7 @@
 
 #include "client/history.h"
 #include "client/hud_text.h"
+#include "client/json_file.h"
 #include "client/level_control.h"
 #include "client/options.h"
 #include "client/pose_record.h"
