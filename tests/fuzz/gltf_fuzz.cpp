@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "common/spectral/rig_columns.h"
 #include "common/surface/gltf.h"
 #include "tests/fuzz/clip_bytes.h"
 
@@ -18,8 +19,14 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   for (const Rig::Influence& influence : rig.influences) {
     if (influence.bone >= rig.bones.size()) std::abort();
   }
+  if (n * rig.bones.size() <= 100'000) {
+    const auto columns = columns_from_rig(rig);
+    if (columns && columns->W.size() != n * columns->count) std::abort();
+  }
   const std::size_t faces = (*clip)->rest().faces.size();
   const Appearance& looks = *(*clip)->appearance();
-  if (looks.face_material.size() != faces || (!looks.corner_uv.empty() && looks.corner_uv.size() > faces)) std::abort();
+  if (looks.face_material.size() != faces || (!looks.corner_uv.empty() && looks.corner_uv.size() != faces) ||
+      (!looks.corner_colour.empty() && looks.corner_colour.size() != faces))
+    std::abort();
   return 0;
 }
