@@ -80,6 +80,13 @@ band::References references(const CoefficientLayout& layout, const ChainState& s
   return out;
 }
 
+/// What coding poses uses over again.
+struct PoseWorkspace {
+  Bytes run;
+  band::QuickWorkspace quick;
+  RescaledValues rescaled;
+};
+
 Result<void> append_floats(const CoefficientLayout& layout, std::size_t band, const Key& key, Bytes& out) {
   const auto [first, last] = layout.range(band);
   ByteWriter writer(out);
@@ -256,21 +263,20 @@ Result<Bytes> encode_pose(const CoefficientLayout& layout, const ChainState& sta
                           std::uint8_t half_spacing) {
   if (const auto checked = check_coded(layout, pose, half_spacing); !checked) return checked.error();
   Bytes payload;
+  payload.reserve(layout.size());  // A coarse value takes less than a byte, but for surfaces that jump.
   ByteWriter writer(payload);
   append_key_head(layout, state, pose, half_spacing, writer);
-  Bytes run;
-  band::QuickWorkspace workspace;
-  RescaledValues memory;
+  thread_local PoseWorkspace memory;
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
     if (!has(pose.bands, band)) continue;
-    run.clear();
-    if (!append_quick_run(layout, band, state, pose, half_spacing, workspace, run)) {
-      const auto from = references(layout, state, band, pose.step, memory);
-      const auto appended = append_run(layout, band, from, half_spacing, pose, run);
+    memory.run.clear();
+    if (!append_quick_run(layout, band, state, pose, half_spacing, memory.quick, memory.run)) {
+      const auto from = references(layout, state, band, pose.step, memory.rescaled);
+      const auto appended = append_run(layout, band, from, half_spacing, pose, memory.run);
       if (!appended) return appended.error();
     }
-    writer.varint(run.size());
-    writer.bytes(run);
+    writer.varint(memory.run.size());
+    writer.bytes(memory.run);
   }
   return payload;
 }

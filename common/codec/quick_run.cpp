@@ -6,6 +6,7 @@
 #include <array>
 #include <cassert>
 #include <cmath>
+#include <cstring>
 
 #include "common/codec/coarse_writer.h"
 
@@ -53,21 +54,29 @@ bool all_small(std::span<const std::int32_t> values) {
 /// The weight of c1 - c2 that leaves the least energy, by least squares and then on its grid.
 Predictor best_speed(std::span<const std::int32_t> values, const std::int32_t* c1, const std::int32_t* c2) {
   // Several sums at a time; in doubles, which hold them exactly enough in any order, and whose order is fixed.
+  using TwoInts = std::int32_t __attribute__((vector_size(8)));
+  using Two = double __attribute__((vector_size(16)));
   constexpr std::size_t kLanes = 4;
-  std::array<double, kLanes> vds{}, dds{};
+  const auto two = [](const std::int32_t* from) {
+    TwoInts ints;
+    std::memcpy(&ints, from, sizeof ints);
+    return __builtin_convertvector(ints, Two);
+  };
+  std::array<Two, 2> vds{}, dds{};
   const std::int32_t* v = values.data();
   const std::size_t whole = values.size() / kLanes * kLanes;
   for (std::size_t i = 0; i < whole; i += kLanes) {
-    for (std::size_t lane = 0; lane < kLanes; ++lane) {
-      const double d = c1[i + lane] - c2[i + lane], moved = v[i + lane] - c1[i + lane];
-      vds[lane] += moved * d, dds[lane] += d * d;
+    for (std::size_t half : {0u, 1u}) {
+      const Two c = two(c1 + i + 2 * half), d = c - two(c2 + i + 2 * half), moved = two(v + i + 2 * half) - c;
+      vds.data()[half] += moved * d, dds.data()[half] += d * d;
     }
   }
   for (std::size_t i = whole; i < values.size(); ++i) {
     const double d = c1[i] - c2[i];
-    vds[0] += (v[i] - c1[i]) * d, dds[0] += d * d;
+    vds[0][0] += (v[i] - c1[i]) * d, dds[0][0] += d * d;
   }
-  const double vd = (vds[0] + vds[1]) + (vds[2] + vds[3]), dd = (dds[0] + dds[1]) + (dds[2] + dds[3]);
+  const double vd = (vds[0][0] + vds[0][1]) + (vds[1][0] + vds[1][1]);
+  const double dd = (dds[0][0] + dds[0][1]) + (dds[1][0] + dds[1][1]);
   const double weight = dd > 0 ? std::floor(8 * vd / dd + 0.5) + 4 : 4;
   return {static_cast<unsigned>(std::clamp(weight, 0.0, 15.0)), kUsualRestoring};
 }
