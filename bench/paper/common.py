@@ -39,6 +39,26 @@ def parser(description):
     return p
 
 
+def bench_parser(description):
+    """For what runs programs of the preset bench."""
+    p = parser(description)
+    p.add_argument("--programs", type=pathlib.Path, default=ROOT / "build/bench/bench", help="folder of the preset bench's programs")
+    return p
+
+
+def bench_program(options, name):
+    found = options.programs / name
+    if not found.exists():
+        skip(f"{found} is not built (cmake --preset bench; ninja {name}), or --programs names another folder")
+    return found
+
+
+def bench_rows(options, name, *arguments, **how):
+    """What such a program prints as CSV: a dictionary for each line."""
+    done = subprocess.run([bench_program(options, name), *arguments], check=True, capture_output=True, text=True, **how)
+    return list(csv.DictReader(done.stdout.splitlines()))
+
+
 def clip_argument(options, name):
     """The sender's argument for a clip: a built-in's name, or the folder of a real one, which must be there."""
     if name in ("heart", "sphere", "torus", "bar"):

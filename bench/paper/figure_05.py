@@ -6,11 +6,9 @@ Runs reconstruction_levels (preset bench) as it comes, with one thread, with SSE
 control group of the cpu controller; where none can be made the row is left out, and said). The paper's curves are of a PC of
 3.07 GHz and of an iPad 2, without numbers; its transform of one frame (Table I) is drawn beside ours instead.
 """
-import csv
 import os
-import subprocess
 
-from common import ROOT, parser, pathlib, plt, skip, write_picture, write_table
+from common import bench_parser, bench_rows, pathlib, plt, write_picture, write_table
 
 SURFACES = {"horse": (8431, 35), "elephant": (42321, 275), "dinosaur": (56194, 415)}  # vertices, the paper's ms
 GROUP = pathlib.Path("/sys/fs/cgroup/cpu/eigencast-figure-05")
@@ -42,11 +40,7 @@ class Quota:
 
 
 def main():
-    p = parser(__doc__)
-    p.add_argument("--program", type=pathlib.Path, default=ROOT / "build/bench/bench/reconstruction_levels")
-    options = p.parse_args()
-    if not options.program.exists():
-        skip(f"{options.program} is not built (cmake --preset bench; ninja reconstruction_levels), or --program names another")
+    options = bench_parser(__doc__).parse_args()
     table = []
     figure, axes = plt.subplots(1, len(SURFACES), figsize=(13, 4.2))
     with Quota() as quota:
@@ -55,9 +49,8 @@ def main():
                 limited = "processor" in way
                 if limited and not quota.made:
                     continue
-                done = subprocess.run([options.program, str(vertices), instructions, str(threads), str(seconds)], check=True,
-                                      capture_output=True, text=True, preexec_fn=quota.enter if limited else None)
-                rows = list(csv.DictReader(done.stdout.splitlines()))
+                rows = bench_rows(options, "reconstruction_levels", str(vertices), instructions, str(threads), str(seconds),
+                                  preexec_fn=quota.enter if limited else None)
                 column = "mean_ms" if limited else "median_ms"
                 axis.plot([int(row["level_percent"]) for row in rows], [float(row[column]) for row in rows], ".-", label=way)
                 table.append([name, vertices, way, *(f"{float(row[column]):.3f}" for row in rows)])

@@ -10,7 +10,7 @@ for Figure 10; its text says that the bar has far smaller details and errors tha
 import csv
 import subprocess
 
-from common import ROOT, clip_argument, np, parser, pathlib, plt, skip, write_picture, write_table
+from common import bench_parser, bench_program, clip_argument, np, plt, write_picture, write_table
 
 CLIPS = ("horse-gallop", "elephant-gallop")
 RANK = 200
@@ -18,17 +18,10 @@ COLOURS = {"base only": "0.6", "world axes": "tab:olive", "normal (paper)": "tab
            "deformation transfer": "tab:purple", "augmented": "tab:blue"}
 
 
-def program(options, name):
-    found = options.programs / name
-    if not found.exists():
-        skip(f"{found} is not built (cmake --preset bench; ninja {name}), or --programs names another folder")
-    return str(found)
-
-
 def lines_of(options):
     """CSV lines of detail_methods by their kind, clips by their names."""
     paths = {clip_argument(options, name): name for name in CLIPS}
-    done = subprocess.run([program(options, "detail_methods"), str(RANK), *paths, "box"], check=True, capture_output=True, text=True)
+    done = subprocess.run([bench_program(options, "detail_methods"), str(RANK), *paths, "box"], check=True, capture_output=True, text=True)
     kinds = {"method": [], "frame": [], "height": []}
     for kind, clip, *values in csv.reader(done.stdout.splitlines()):
         kinds[kind].append([paths.get(clip, "bar" if clip == "box" else clip), *values])
@@ -64,15 +57,14 @@ def draw_heights(options, rows):
 
 
 def table_two(options):
-    done = subprocess.run([program(options, "table_two")], check=True, capture_output=True, text=True)
+    done = subprocess.run([bench_program(options, "table_two")], check=True, capture_output=True, text=True)
     lines = [[cell.strip() for cell in line.strip("| ").split("|")] for line in done.stdout.splitlines() if line.startswith("|")]
     write_table(options, "table_two", ["pose", "surface", "base", "normal (paper)", "augmented", "the paper's own"],
                 [line for line in lines[2:]])
 
 
 def main():
-    p = parser(__doc__)
-    p.add_argument("--programs", type=pathlib.Path, default=ROOT / "build/bench/bench", help="folder of table_two and detail_methods")
+    p = bench_parser(__doc__)
     options = p.parse_args()
     kinds = lines_of(options)
     write_table(options, "figure_10_methods", ["clip", "method", "kg_percent", "rms", "max", "kg_percent_at_rest"], kinds["method"])

@@ -5,10 +5,7 @@
 Runs table_one (preset bench). Horse, elephant and bar are the paper's; its heart, head and dinosaur cannot be had, so others of
 the same size stand for them: named in the table. The paper's column of the transform is taken as one direction of one frame.
 """
-import csv
-import subprocess
-
-from common import ROOT, np, parser, pathlib, plt, skip, write_picture, write_table
+from common import bench_parser, bench_rows, np, plt, skip, write_picture, write_table
 
 # model, what stands for it, the paper's vertices, its seconds: mesh, points, transform.
 ROWS = [("heart", "heart of the built-in shapes", "heart:27", 7349, 7.065, 451, 0.031),
@@ -20,19 +17,14 @@ ROWS = [("heart", "heart of the built-in shapes", "heart:27", 7349, 7.065, 451, 
 
 
 def main():
-    p = parser(__doc__)
-    p.add_argument("--program", type=pathlib.Path, default=ROOT / "build/bench/bench/table_one")
-    options = p.parse_args()
-    if not options.program.exists():
-        skip(f"{options.program} is not built (cmake --preset bench; ninja table_one), or --program names another")
+    options = bench_parser(__doc__).parse_args()
     arguments = []
     for name, _, source, *_ in ROWS:
         is_file = "/" in source
         if is_file and not (options.data / source.split("@")[0].split("^")[0]).exists():
             skip(f"{options.data / source} is not there")
         arguments.append(f"{name}={options.data / source if is_file else source}")
-    done = subprocess.run([options.program, *arguments], check=True, capture_output=True, text=True)
-    ours = list(csv.DictReader(done.stdout.splitlines()))
+    ours = bench_rows(options, "table_one", *arguments)
     table = []
     for (name, stands, _, vertices, mesh, points, transform), row in zip(ROWS, ours):
         if abs(int(row["vertices"]) / vertices - 1) > 0.05:

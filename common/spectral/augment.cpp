@@ -5,6 +5,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/core/worker_team.h"
 #include "common/spectral/affine.h"
 #include "common/spectral/coarsening.h"
 #include "common/spectral/eigenbasis.h"
@@ -16,6 +17,7 @@ namespace {
 constexpr double kDependent = 1e-2;           // relative residual below which a column says nothing new but noise
 constexpr double kFlatProduct = 1e-9;         // norm of a product with a coordinate that does not vary
 constexpr double kDependentOnCoarser = 2e-2;  // there: triangles as coarse make noise of their own
+constexpr Eigen::Index kWidth = kPanelWidth;
 constexpr int kHarmonicsPerTurn = 7;          // between two groups of three products
 constexpr Eigen::Index kCoarseEnough = 3000;  // vertices that tell how many harmonics it takes
 
@@ -62,25 +64,45 @@ struct CandidateColumns {
   Eigen::Index affine = 0, harmonics = 0;
 };
 
+/// A column: values, times others where there are any, times a number.
+struct Column {
+  const double* values = nullptr;
+  const double* times = nullptr;
+  double scale = 1;
+};
+
+void fill(std::span<const Column> columns, Panels& panels) {
+  worker_team().run(static_cast<std::size_t>(panels.count()), [&](std::size_t panel) {
+    const std::size_t first = panel * kPanelWidth, count = std::min(kPanelWidth, columns.size() - first);
+    double* to = panels[static_cast<Eigen::Index>(panel)];
+    for (Eigen::Index i = 0; i < panels.rows(); ++i, to += kPanelWidth) {
+      for (std::size_t j = 0; j < count; ++j) {
+        const Column& column = columns[first + j];
+        to[j] = column.scale * column.values[i] * (column.times != nullptr ? column.times[i] : 1);
+      }
+    }
+  });
+}
+
 CandidateColumns candidate_columns(const Candidates& from, int K) {
-  const Eigen::Index n = from.harmonics.rows();
   const Eigen::Index a = from.affine.cols();
   const Eigen::Index m = from.harmonics.cols() - 1;
-  CandidateColumns columns{zero_panels(n, a + m + 3 * (K - 1)), a, m};
-  const auto set = [&](Eigen::Index j, const auto& column) {
-    for (Eigen::Index i = 0; i < n; ++i) columns.panels.at(i, j) = column[i];
-  };
-  for (Eigen::Index j = 0; j < a; ++j) set(j, from.affine.col(j));
-  for (Eigen::Index j = 0; j < m; ++j) set(a + j, from.harmonics.col(j + 1));
+  std::vector<Column> columns;
+  for (Eigen::Index j = 0; j < a; ++j) columns.push_back({from.affine.col(j).data()});
+  for (Eigen::Index j = 0; j < m; ++j) columns.push_back({from.harmonics.col(j + 1).data()});
   for (Eigen::Index k = 1; k < K; ++k) {
     for (Eigen::Index axis = 0; axis < 3; ++axis) {
-      Eigen::VectorXd column = from.harmonics.col(k).cwiseProduct(from.rest.col(axis));
-      const double norm = column.norm();
-      column *= norm > kFlatProduct ? 1 / norm : 0;
-      set(a + m + 3 * (k - 1) + axis, column);
+      columns.push_back({from.harmonics.col(k).data(), from.rest.col(axis).data()});
     }
   }
-  return columns;
+  worker_team().run(columns.size() - static_cast<std::size_t>(a + m), [&](std::size_t i) {
+    const auto product = static_cast<Eigen::Index>(i);
+    const double norm = from.harmonics.col(1 + product / 3).cwiseProduct(from.rest.col(product % 3)).norm();
+    columns[static_cast<std::size_t>(a + m) + i].scale = norm > kFlatProduct ? 1 / norm : 0;
+  });
+  CandidateColumns result{zero_panels(from.harmonics.rows(), static_cast<Eigen::Index>(columns.size())), a, m};
+  fill(columns, result.panels);
+  return result;
 }
 
 struct Selected {
@@ -137,9 +159,12 @@ Eigen::MatrixXd augment(Candidates& from, int K, int rank) {
   const Selection selection = select(columns, K, rank, kDependent).selection;
   const auto chosen = static_cast<Eigen::Index>(selection.chosen().size());
   Panels Q = zero_panels(n, chosen);
-  for (Eigen::Index j = 0; j < chosen; ++j) {
-    copy_column(columns.panels, selection.chosen()[static_cast<std::size_t>(j)], Q, j);
-  }
+  worker_team().run(static_cast<std::size_t>(Q.count()), [&](std::size_t panel) {
+    const auto first = static_cast<Eigen::Index>(panel) * kWidth;
+    for (Eigen::Index j = first; j < std::min(chosen, first + kWidth); ++j) {
+      copy_column(columns.panels, selection.chosen()[static_cast<std::size_t>(j)], Q, j);
+    }
+  });
   columns.panels.drop_from(0);
   Eigen::MatrixXd turn = Eigen::MatrixXd::Zero(Q.columns(), Q.columns());
   turn.topLeftCorner(chosen, chosen) =
@@ -147,9 +172,12 @@ Eigen::MatrixXd augment(Candidates& from, int K, int rank) {
   rotate(Q, turn);
   orthonormalise(Q, chosen);  // once more: the Gram matrix squares the condition number
   Eigen::MatrixXd result(Q.rows(), chosen);
-  for (Eigen::Index j = 0; j < chosen; ++j) {
-    for (Eigen::Index i = 0; i < Q.rows(); ++i) result(i, j) = Q.at(i, j);
-  }
+  worker_team().run(static_cast<std::size_t>(Q.count()), [&](std::size_t panel) {
+    const auto first = static_cast<Eigen::Index>(panel) * kWidth;
+    for (Eigen::Index i = 0; i < Q.rows(); ++i) {
+      for (Eigen::Index j = first; j < std::min(chosen, first + kWidth); ++j) result(i, j) = Q.at(i, j);
+    }
+  });
   return result;
 }
 

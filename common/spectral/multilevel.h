@@ -6,18 +6,16 @@
 namespace eigencast {
 
 struct MultilevelOptions {
-  Eigen::Index coarse_vertices = 20000;     ///< Where the eigenproblem is solved exactly, at most.
-  Eigen::Index factored_vertices = 10000000;  ///< Beyond, multigrid takes the place of a sparse factor.
-  int most_steps = 4;                       ///< Of iteration on the surface itself.
-  double change = 5e-3;                     ///< Of the sum of eigenvalues below which a step was the last.
+  Eigen::Index coarse_vertices = 20000;  ///< Where the eigenproblem is solved exactly, at most.
+  int most_steps = 4;                    ///< Of inverse iteration on each level.
+  double change = 5e-3;                  ///< Of the sum of eigenvalues below which a step was the last.
 };
 
 /// Approximations to the lowest m eigenpairs of a surface of many vertices: eigenvectors of a coarser one, interpolated, then
-/// inverse iteration with Rayleigh-Ritz projection on a fifth more vectors than asked for, by blocks, until it changes little;
-/// by a sparse factor, or, where that would be too large, by multigrid. A stream needs a smooth orthonormal basis, which this
-/// is, not eigenvectors. The result says how good it is: `residual`, and in `missed` how many eigenvalues below the last Ritz
-/// value inertia counts too many, where there is a factor. Takes 1.2 m vectors, a factor or eight vectors a thread more, and
-/// the result's m. Errors: kNumerical, kCancelled. May throw std::bad_alloc.
+/// block inverse iteration with Rayleigh-Ritz projection on a fifth more vectors than asked for, until it changes little. A
+/// stream needs a smooth orthonormal basis, which this is, not eigenvectors. The result says how good it is: `residual`, and
+/// in `missed` how many eigenvalues below the last Ritz value inertia counts too many. Takes 1.2 m vectors, a sparse factor
+/// and the result's m. Errors: kNumerical, kCancelled. May throw std::bad_alloc.
 Result<Eigenbasis> approximate_eigenbasis(const Laplacian& laplacian, int m, const MultilevelOptions& options = {},
                                           const Progress& progress = {});
 

@@ -23,13 +23,6 @@ struct SparseRows {
   const double* value;
 };
 
-/// A step of Chebyshev's iteration for S z = r, scaled by S's diagonal D: d = keep d + (step / D) (r - S z), next = z + d.
-struct ChebyshevStep {
-  const double* inverse_diagonal;
-  double keep;
-  double step;
-};
-
 /// Products of panels, rows x kPanelWidth, row-major, as one instruction set does them. Small matrices are kPanelWidth x
 /// kPanelWidth, row-major.
 struct PanelFunctions {
@@ -41,9 +34,6 @@ struct PanelFunctions {
   /// Rows [first, end) of Y = S X - X diag(shift), shift of kPanelWidth.
   void (*multiply)(const SparseRows& S, std::size_t first, std::size_t end, const double* X, const double* shift,
                    double* Y);
-  /// Rows [first, end) of the step; `next` is not Z.
-  void (*smooth)(const SparseRows& S, const ChebyshevStep& by, std::size_t first, std::size_t end, const double* R,
-                 const double* Z, double* D, double* next);
 };
 
 /// Those of the best instruction set here, or of `set`, which must be one of instruction_sets().

@@ -110,23 +110,9 @@ void multiply(const SparseRows& S, std::size_t first, std::size_t end, const dou
   }
 }
 
-void smooth(const SparseRows& S, const ChebyshevStep& by, std::size_t first, std::size_t end, const double* R,
-            const double* Z, double* D, double* next) {
-  for (std::size_t i = first; i < end; ++i) {
-    Row defect = load<Row>(R + i * kPanelWidth);
-    add(-1, row_of_product(S, i, Z), defect);
-    Row d = {};
-    if (by.keep != 0) add(by.keep, load<Row>(D + i * kPanelWidth), d);
-    add(by.step * by.inverse_diagonal[i], defect, d);
-    store(d, D + i * kPanelWidth);
-    add(1, load<Row>(Z + i * kPanelWidth), d);
-    store(d, next + i * kPanelWidth);
-  }
-}
-
 }  // namespace
 
 extern const PanelFunctions EIGENCAST_VARIANT;
-const PanelFunctions EIGENCAST_VARIANT = {add_gram, add_product, solve_lower, solve_upper, multiply, smooth};
+const PanelFunctions EIGENCAST_VARIANT = {add_gram, add_product, solve_lower, solve_upper, multiply};
 
 }  // namespace eigencast

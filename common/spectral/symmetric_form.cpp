@@ -52,11 +52,6 @@ SparseRows rows_of(const Eigen::SparseMatrix<double>& S) {
   return {S.outerIndexPtr(), S.innerIndexPtr(), S.valuePtr()};
 }
 
-Error cannot_be_factored() {
-  return fail(ErrorCode::kNumerical,
-              "the surface's operator cannot be factored: its triangles differ too much in size or shape");
-}
-
 Kernel kernel_of(const Laplacian& laplacian, int most) {
   const ComponentLabels labels = components_from_pattern(laplacian.L);
   const Eigen::Index n = laplacian.mass.size();

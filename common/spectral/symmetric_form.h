@@ -16,9 +16,6 @@ Eigen::SparseMatrix<double> symmetric_form(const Laplacian& laplacian);
 /// S as kernels read it; its columns are its rows.
 SparseRows rows_of(const Eigen::SparseMatrix<double>& S);
 
-/// For who needs a factor of S and gets none.
-Error cannot_be_factored();
-
 /// The kernel of S, known without a solver: one indicator for each component, M^{1/2} chi_c / sqrt(A_c). At most `most`.
 struct Kernel {
   Panels vectors;

@@ -36,21 +36,17 @@ TEST(Multilevel, EigenvaluesAreThoseOfTheExactSolverToAPercent) {
   ASSERT_TRUE(laplacian);
   const int m = 80;
   const auto exact = solve_eigenbasis_exactly(*laplacian, m);
-  ASSERT_TRUE(exact) << exact.error().message;
-  for (const Eigen::Index factored : {300000, 4000}) {  // by a factor of the surface, and by multigrid
-    SCOPED_TRACE(factored);
-    const auto rough = approximate_eigenbasis(*laplacian, m, {.coarse_vertices = 1500, .factored_vertices = factored});
-    ASSERT_TRUE(rough) << rough.error().message;
-    EXPECT_TRUE(rough->approximate);
-    EXPECT_FALSE(rough->certified);
-    EXPECT_EQ(rough->missed, factored > 16002 ? std::optional<int>(0) : std::nullopt);
-    EXPECT_GT(rough->residual, exact->residual);
-    EXPECT_EQ(rough->eigenvalues[0], 0);
-    EXPECT_LE(testing::orthonormality_defect(rough->Phi, laplacian->mass), 1e-10);
-    for (int k = 1; k < m; ++k) {
-      EXPECT_GE(rough->eigenvalues[k], exact->eigenvalues[k] * (1 - 1e-9)) << k;  // Ritz values lie above
-      EXPECT_LE(rough->eigenvalues[k], exact->eigenvalues[k] * 1.01) << k;
-    }
+  const auto rough = approximate_eigenbasis(*laplacian, m, {.coarse_vertices = 1500});
+  ASSERT_TRUE(exact && rough) << rough.error().message;
+  EXPECT_TRUE(rough->approximate);
+  EXPECT_FALSE(rough->certified);
+  EXPECT_EQ(rough->missed, 0);
+  EXPECT_GT(rough->residual, exact->residual);
+  EXPECT_EQ(rough->eigenvalues[0], 0);
+  EXPECT_LE(testing::orthonormality_defect(rough->Phi, laplacian->mass), 1e-10);
+  for (int k = 1; k < m; ++k) {
+    EXPECT_GE(rough->eigenvalues[k], exact->eigenvalues[k] * (1 - 1e-9)) << k;  // Ritz values lie above
+    EXPECT_LE(rough->eigenvalues[k], exact->eigenvalues[k] * 1.01) << k;
   }
 }
 
@@ -64,12 +60,9 @@ TEST(Multilevel, ABasisOfItRebuildsABentPoseAsWell) {
     return (X - basis.Phi * (basis.Phi.transpose() * laplacian->mass.asDiagonal() * X)).norm();
   };
   const auto exact = solve_eigenbasis_exactly(*laplacian, 60);
-  ASSERT_TRUE(exact);
-  for (const Eigen::Index factored : {300000, 4000}) {
-    const auto rough = approximate_eigenbasis(*laplacian, 60, {.coarse_vertices = 2000, .factored_vertices = factored});
-    ASSERT_TRUE(rough);
-    EXPECT_LE(error_of(*rough), 1.02 * error_of(*exact)) << factored;
-  }
+  const auto rough = approximate_eigenbasis(*laplacian, 60, {.coarse_vertices = 2000});
+  ASSERT_TRUE(exact && rough);
+  EXPECT_LE(error_of(*rough), 1.02 * error_of(*exact));
 }
 
 TEST(Multilevel, IsCancelled) {
