@@ -56,7 +56,7 @@ std::vector<float> rebuilt_channels(const ec_subscriber& self, std::uint32_t fir
       for (std::uint32_t j = 0; j < width; ++j)
         columns[3 * row + j] = factor * pose.coefficients[row * pose.channels + first + k + j];
     }
-    self.reconstructor.rebuild(columns, 3, rank, N, three);
+    self.reconstructor.combine(columns, 3, rank, N, three);
     for (std::size_t i = 0; i < N; ++i) std::copy_n(&three[3 * i], width, &values[i * count + k]);
   }
   return values;
@@ -106,10 +106,13 @@ ec_status rebuild(ec_subscriber& self, double detail, ec_surface* out) {
     self.triangles_of = wanted;
   }
   self.positions.resize(std::size_t{3} * level);
+  const bool has_detail = self.reconstructor.has_detail();
+  self.normals.resize(asset->is_point_cloud() && !has_detail ? 0 : self.positions.size());
   const ReceivedPose& pose = *self.current;
-  self.reconstructor.rebuild(pose.coefficients, pose.channels, asset->rank, level, self.positions);
-  self.normals.resize(asset->is_point_cloud() ? 0 : self.positions.size());
-  if (!self.normals.empty()) vertex_normals(self.positions, self.triangles, self.normals);
+  PoseToRebuild wish{pose.coefficients, pose.channels, self.positions, {}};
+  if (has_detail) wish.normals = self.normals;
+  self.reconstructor.rebuild({&wish, 1}, asset->rank, level);
+  if (!has_detail && !self.normals.empty()) vertex_normals(self.positions, self.triangles, self.normals);
   for (std::size_t i = 0; i < self.positions.size(); ++i) self.positions[i] += static_cast<float>(asset->origin[i % 3]);
 
   rebuild_riders(self, level);

@@ -17,6 +17,7 @@
 #include "common/progressive/point_normals.h"
 #include "common/progressive/prefix.h"
 #include "common/progressive/splats.h"
+#include "common/reconstruction/reconstruct.h"
 #include "common/spectral/basis.h"
 #include "common/spectral/laplacian.h"
 #include "common/spectral/motion_basis.h"
@@ -24,13 +25,14 @@
 #include "common/surface/stated_colours.h"
 #include "common/wire/limits.h"
 #include "sdk/asset_cache.h"
+#include "sdk/bake_detail.h"
 #include "sdk/bake_texture.h"
 
 namespace eigencast {
 namespace {
 
 /// Grows with every change of what a bake gives for the same input, so that old results are not found again.
-constexpr std::uint32_t kRecipe = 6;
+constexpr std::uint32_t kRecipe = 7;
 constexpr std::uint8_t kRecordVersion = 2;
 constexpr std::array<std::uint32_t, 3> kBandEnds = {14, 54,
                                                     104};  // after 4 affine columns, whole turns of the augmented basis
@@ -74,6 +76,7 @@ double bytes_needed(std::size_t n, const BakeOptions& options) {
   auto columns = 3.0 * options.rank + 180;
   if (options.motion != nullptr && options.motion->columns.count > 0)
     columns = 5 * static_cast<double>(options.motion->columns.count) + 60;
+  if (detail_of(options) != DetailKind::kNone) columns += 2.0 * options.rank;  // as integers, and while coded
   return static_cast<double>(n) * (8 * columns + (uses_kernel(options) ? kKernelBytes : 0));
 }
 
@@ -105,9 +108,18 @@ Result<void> check_points_operator(const Surface& surface, const BakeOptions& op
               "leave the option out, or the faces");
 }
 
+Result<void> check_detail(const BakeOptions& options) {
+  if (detail_of(options) == DetailKind::kNone || options.basis == "harmonic" || options.basis == "pca") return {};
+  return fail(ErrorCode::kInvalidArgument, "detail '" + std::string(name_of(*options.detail)) + "' of a basis '" +
+                                               options.basis +
+                                               "', which holds the rest pose as it is: leave the option out, or take "
+                                               "the basis 'harmonic'");
+}
+
 Result<void> check_options(const Surface& surface, const BakeOptions& options) {
   if (auto basis = check_basis(options); !basis) return basis;
   if (auto points = check_points_operator(surface, options); !points) return points;
+  if (auto detail = check_detail(options); !detail) return detail;
   if (options.rank < 1 || options.rank > static_cast<int>(limits::kMaxRows)) {
     return fail(ErrorCode::kInvalidArgument, "a rank of " + std::to_string(options.rank) + ": use 1 to " +
                                                  std::to_string(limits::kMaxRows) + ", 200 does for most surfaces");
@@ -139,6 +151,7 @@ Result<Sha256> key_of(const Surface& surface, const Looks& looks, const BakeOpti
   out.u32(static_cast<std::uint32_t>(options.rank));
   out.f64(options.asset_error);
   if (uses_kernel(options)) out.text(options.points_operator);
+  out.u8(static_cast<std::uint8_t>(detail_of(options)));
   out.u64(surface.positions.size());
   out.u64(surface.faces.size());
   Sha256Stream stream;
@@ -258,9 +271,9 @@ std::vector<double> rest_coefficients(const Surface& surface, const Basis& basis
   return rest;
 }
 
-/// REQUIRES: the looks, the basis and the order are of this surface.
-Asset asset_from(const Surface& surface, const Looks& looks, const Basis& basis, PrefixOrder order,
-                 const BakeOptions& options) {
+/// REQUIRES: the looks, the normals (of points), the basis and the order are of this surface.
+Asset asset_from(const Surface& surface, const Looks& looks, std::span<const Vec3> normals, const Basis& basis,
+                 PrefixOrder order, const BakeOptions& options) {
   Asset asset;
   const std::size_t n = surface.vertex_count();
   const auto r = static_cast<std::size_t>(basis.Psi.cols());
@@ -291,7 +304,7 @@ Asset asset_from(const Surface& surface, const Looks& looks, const Basis& basis,
     asset.box_high[axis] = box.high[axis] - asset.origin[axis];
   }
   if (surface.is_point_cloud()) {
-    PointSplats splats = build_splats(surface.positions, oriented_normals(surface.positions), order);
+    PointSplats splats = build_splats(surface.positions, normals, order);
     asset.splats = {std::move(splats.frame), std::move(splats.normal), std::move(splats.radius),
                     std::move(splats.parent_radius)};
   }
@@ -333,18 +346,30 @@ AssetEncoding encoding_of(const Asset& asset, const Basis& basis, const BakeOpti
 
 /// Largest distance of a vertex of the rest pose, as receivers rebuild it, from the source's, over the box's diagonal.
 double worst_rest_error(const Surface& surface, const Asset& asset) {
+  Reconstructor receiver;
+  receiver.update(asset);
+  std::vector<float> rest(std::size_t{3} * asset.vertex_count);
+  receiver.rebuild(asset.rest, 3, asset.rank, asset.vertex_count, rest);
   double worst = 0;
   for (std::size_t row = 0; row < asset.vertex_count; ++row) {
-    Vec3 p = asset.origin;
-    for (std::size_t k = 0; k < asset.rank; ++k) {
-      for (std::size_t axis = 0; axis < 3; ++axis)
-        p[axis] += double{asset.basis[row * asset.rank + k]} * asset.rest[3 * k + axis];
-    }
     const Vec3& truth = surface.positions[asset.source_vertex[row]];
-    worst = std::max(worst, std::hypot(p[0] - truth[0], p[1] - truth[1], p[2] - truth[2]));
+    double squared = 0;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const double off = double{rest[3 * row + axis]} + asset.origin[axis] - truth[axis];
+      squared += off * off;
+    }
+    worst = std::max(worst, std::sqrt(squared));
   }
   const double diagonal = asset.diagonal();
   return diagonal > 0 ? worst / diagonal : worst;
+}
+
+/// What it is and what it costs.
+std::string report_of_detail(const EncodedAsset& encoded, const Asset& asset) {
+  if (asset.detail.size() == 0) return {};
+  return text("detail: %s; %.0f %% of the asset, and viewers multiply three times as much for a pose\n",
+              asset.detail.axes == 1 ? "along normals" : "in frames that turn with the surface",
+              100 * static_cast<double>(encoded.detail_bytes()) / static_cast<double>(encoded.total_bytes()));
 }
 
 std::string quality_of(const Basis& basis) {
@@ -381,6 +406,7 @@ std::string report_of(const Surface& surface, const BakeOptions& options, const 
   }
   report += quality_of(basis);
   report += text("rest pose: worst error %.1e of the box's diagonal\n", worst_rest_error(surface, result.asset));
+  report += report_of_detail(result.encoded, result.asset);
   report += text("levels of detail: %u to %u vertices\n", result.asset.base_count, result.asset.vertex_count);
   if (!result.asset.colours.empty()) report += "colours: one for each vertex\n";
   report += text("asset: %.2f MB in %zu chunks, id %s\n", static_cast<double>(result.encoded.total_bytes()) / 1e6,
@@ -445,8 +471,12 @@ Result<BakeResult> bake_afresh(const Surface& surface, const Looks& looks, const
   auto order = order_to_come.get();
   if (!order) return order.error();
   if (!stages.at(kOrderDone, "encoding")) return cancelled("encoding");
-  const Asset exact = asset_from(surface, looks, *basis, std::move(*order), options);
-  auto encoded = encode_asset(exact, encoding_of(exact, *basis, options));
+  const auto normals = surface.is_point_cloud() ? oriented_normals(surface.positions) : std::vector<Vec3>();
+  Asset exact = asset_from(surface, looks, normals, *basis, std::move(*order), options);
+  const AssetEncoding encoding = encoding_of(exact, *basis, options);
+  if (const DetailKind detail = detail_of(options); detail != DetailKind::kNone)
+    exact.detail = detail_from(detail, exact, surface, normals, encoding);
+  auto encoded = encode_asset(exact, encoding);
   if (!encoded) return encoded.error();
   auto asset = decode_asset(*encoded);
   if (!asset) return in_context("the asset just encoded cannot be decoded", asset.error());
@@ -464,6 +494,10 @@ Result<BakeResult> bake_afresh(const Surface& surface, const Looks& looks, const
 }
 
 }  // namespace
+
+DetailKind detail_of(const BakeOptions& options) {
+  return options.detail.value_or(options.basis == "harmonic" ? DetailKind::kFrames : DetailKind::kNone);
+}
 
 Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, const std::string& cache_dir,
                         const BakeProgress& progress) {

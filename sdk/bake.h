@@ -2,10 +2,12 @@
 #pragma once
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <string_view>
 
 #include "common/asset/asset.h"
+#include "common/asset/detail.h"
 #include "common/asset/format.h"
 #include "common/spectral/known_motion.h"
 #include "common/surface/appearance.h"
@@ -27,7 +29,12 @@ struct BakeOptions {
   const Appearance* looks = nullptr;
   /// Of point clouds: "delaunay" (default) or "pb-mhb", slower (PointsOperator in spectral/laplacian.h).
   std::string points_operator = "delaunay";
+  /// How what "harmonic" or "pca" leave out of the rest pose comes back in every pose, and full normals with it (default: frames for
+  /// "harmonic", else none). An asset two to three times as large, whose poses take viewers three times the multiplications.
+  std::optional<DetailKind> detail = std::nullopt;
 };
+/// What such a bake gives.
+DetailKind detail_of(const BakeOptions& options);
 
 /// As in spectral/eigenbasis.h: fraction in [0, 1], what is being done; returns false to cancel.
 using BakeProgress = std::function<bool(double fraction, std::string_view stage)>;

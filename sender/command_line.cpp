@@ -108,6 +108,11 @@ void add_asset_options(CLI::App& app, SourceOptions& source) {
          "of point clouds: delaunay, or pb-mhb, the heat kernel between points, which takes some five times as long")
       ->check(CLI::IsMember({"delaunay", "pb-mhb"}))
       ->capture_default_str();
+  app.add_option("--detail", source.detail,
+                 "what a harmonic or pca basis leaves out of the rest pose, put back by viewers: along normals (the "
+                 "paper's way) or in frames that turn with the surface, at two to three times the asset (default: "
+                 "harmonic: frames, else none)")
+      ->check(CLI::IsMember({"none", "normal", "frames"}));
   CLI::Option* cage = app.add_option("--cage", source.cage.file, "closed mesh around the model (default: one is made)");
   app.add_option("--cage-resolution", source.cage.resolution, "of a cage that is made: cubes along the longest side")
       ->check(CLI::Range(1, 64))
@@ -287,13 +292,6 @@ void add_evaluate_command(CLI::App& app, Settings& s) {
   evaluate->add_option("--lod", command.levels, "levels of detail: fractions of the vertices")
       ->check(CLI::Range(0.0, 1.0))
       ->delimiter(',')
-      ->capture_default_str();
-  evaluate
-      ->add_option(
-          "--detail", command.detail,
-          "what a harmonic basis leaves out of the rest pose, put back along normals (the paper's way) or in frames "
-          "that turn: measured here, no viewer does it")
-      ->check(CLI::IsMember({"none", "normal", "frames"}))
       ->capture_default_str();
   evaluate->add_option("--rate", command.rate_hz, "poses a second, for kbit/s")
       ->check(CLI::Range(0.1, 1000.0))

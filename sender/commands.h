@@ -98,10 +98,9 @@ struct EvaluateCommand {
   std::vector<int> ranks = {0};                    ///< As of SourceOptions.
   std::vector<double> levels = {1};                ///< Fractions of the vertices.
   std::string codec = "quantised";
-  std::vector<double> errors;   ///< Model units.
-  std::vector<double> steps;    ///< See eps_from_step. Neither: an error of 1e-3 of the diagonal.
-  std::string detail = "none";  ///< See DetailKind.
-  double rate_hz = 30;          ///< For kbit/s.
+  std::vector<double> errors;  ///< Model units.
+  std::vector<double> steps;   ///< See eps_from_step. Neither: an error of 1e-3 of the diagonal.
+  double rate_hz = 30;         ///< For kbit/s.
   std::string json;
   std::string plots;  ///< Folder; empty: none.
 };

@@ -102,7 +102,6 @@ class Sums {
  public:
   Sums(const Asset& asset, const MotionClip& clip, const EvaluateOptions& options)
       : rows_(asset),
-        detail_(options.detail, rows_.of(clip.rest().positions), rows_.rebuilt(asset.rest), asset.faces),
         truncation_(asset.diagonal()),
         total_(asset.diagonal()),
         surface_(rows_.of(clip.rest().positions), asset.faces) {
@@ -111,8 +110,8 @@ class Sums {
   }
   void add(std::span<const Vec3> pose, std::span<const double> sent, std::span<const double> received) {
     const std::vector<Vec3> truth = rows_.of(pose);
-    truncation_.add(truth, detailed(sent));
-    const std::vector<Vec3> rebuilt = detailed(received);
+    truncation_.add(truth, rows_.rebuilt(sent));
+    const std::vector<Vec3> rebuilt = rows_.rebuilt(received);
     rms_by_frame_.push_back(total_.add(truth, rebuilt));
     surface_.move_to(truth);
     for (LevelErrorSum& level : levels_) level.add(truth, surface_, rebuilt);
@@ -125,14 +124,7 @@ class Sums {
   }
 
  private:
-  std::vector<Vec3> detailed(std::span<const double> C) {
-    std::vector<Vec3> pose = rows_.rebuilt(C);
-    detail_.add_to(pose);
-    return pose;
-  }
-
   Rows rows_;
-  Detail detail_;
   SurfaceErrorSum truncation_, total_;
   SurfaceDistance surface_;
   std::vector<LevelErrorSum> levels_;

@@ -6,7 +6,6 @@
 #include "common/core/histogram.h"
 #include "common/surface/motion_clip.h"
 #include "sdk/bake.h"
-#include "sender/detail.h"
 #include "sender/level_error.h"
 #include "sender/surface_error.h"
 
@@ -15,9 +14,8 @@ namespace eigencast {
 struct EvaluateOptions {
   CodecKind codec = CodecKind::kQuantised;
   double eps = 0;  ///< Vertex error of quantising, model units (see quantiser_for_error); not of float codecs.
-  std::vector<double> levels = {1};       ///< Fractions of the vertices that are drawn.
-  DetailKind detail = DetailKind::kNone;  ///< Added to what is rebuilt; only here, no viewer does.
-  bool any_order = false;                 ///< As of SourceOptions.
+  std::vector<double> levels = {1};  ///< Fractions of the vertices that are drawn.
+  bool any_order = false;            ///< As of SourceOptions.
 };
 
 /// What viewers see of a surface that was moving and now stands still, while its pose goes on being sent.

@@ -29,11 +29,11 @@ std::vector<CodecToTry> codecs_of(const EvaluateCommand& command, const Asset& a
 /// Bakes once, and evaluates with each codec.
 Result<void> evaluate_basis(const EvaluateCommand& command, const std::string& basis, int rank, CodecKind codec,
                             const Console& console, Interrupt& interrupt, std::vector<EvaluatedRow>& rows) {
-  const auto detail = detail_from_name(command.detail);
-  if (!detail) return detail.error();
   SourceOptions options = command.source;
   options.basis = basis;
   options.rank = rank;
+  // Of several bases those that hold the rest pose have nothing to bring back.
+  if (command.bases.size() > 1 && basis != "harmonic" && basis != "pca") options.detail.clear();
   const auto source = bake_with_progress(options, console, interrupt);
   if (!source) return source.error();
   const Asset& asset = source->baked.asset;
@@ -44,14 +44,14 @@ Result<void> evaluate_basis(const EvaluateCommand& command, const std::string& b
       return !interrupt.requested();
     };
     auto evaluation =
-        evaluate(*source->clip, asset, {codec, eps, command.levels, *detail, options.any_order}, progress);
+        evaluate(*source->clip, asset, {codec, eps, command.levels, options.any_order}, progress);
     line.finish();
     if (!evaluation) return evaluation.error();
     if (rows.empty()) {  // The same frames in all of them.
       for (const std::string& finding : evaluation->findings) spdlog::warn("{}", finding);
     }
     evaluation->findings.insert(evaluation->findings.begin(), source->findings.begin(), source->findings.end());
-    rows.push_back({asset.basis_kind, asset.rank, asset.diagonal(), source->baked.encoded.total_bytes(), eps, name,
+    rows.push_back({asset.basis_kind, std::string(name_of(detail_of(asset))), asset.rank, asset.diagonal(), source->baked.encoded.total_bytes(), eps, name,
                     std::move(*evaluation)});
   }
   return {};
@@ -62,7 +62,7 @@ Result<void> evaluate_basis(const EvaluateCommand& command, const std::string& b
 int run(const EvaluateCommand& command, const Console& console, Interrupt& interrupt) {
   const auto codec = codec_from_name(command.codec);
   if (!codec) return report_failure(codec.error());
-  EvaluatedClip clip{command.source.input, command.codec, command.detail, command.rate_hz, {}};
+  EvaluatedClip clip{command.source.input, command.codec, command.rate_hz, {}};
   for (const std::string& basis : command.bases) {
     for (const int rank : command.source.target_error > 0 ? std::vector{0} : command.ranks) {
       const auto done = evaluate_basis(command, basis, rank, *codec, console, interrupt, clip.rows);

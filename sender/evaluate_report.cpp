@@ -26,6 +26,7 @@ json json_from(const EvaluatedRow& row, double rate_hz) {
   json levels = json::array();
   for (const LevelError& level : e.levels) levels.push_back(json_from(level));
   return {{"basis", row.basis},
+          {"detail", row.detail},
           {"rank", row.rank},
           {"error_over_diagonal", row.eps / row.diagonal},
           {"frames", e.total.poses},
@@ -60,11 +61,12 @@ std::string notes_on(const EvaluatedRow& row) {
                           : formatted("a still pose changes up to pose %zu of its stand", e.still.settles_after);
   if (e.still.moves > 0) still += formatted(" and goes on to move by %.1e of the diagonal (rms)", e.still.moves);
   return formatted(
-      "%s, r = %u, error %.2e: basis alone KG %.3f %%, rms %.2e; quantising adds %.2e (area-weighted rms); %s; join "
+      "%s, r = %u, detail %s, error %.2e: basis alone KG %.3f %%, rms %.2e; quantising adds %.2e (area-weighted rms); "
+      "%s; join "
       "frame "
       "%llu bytes; encode %.1f us, decode %.1f us (median)\n",
-      row.basis.c_str(), row.rank, row.eps / row.diagonal, e.truncation.kg_percent, e.truncation.rms,
-      e.quantising_rms / row.diagonal, still.c_str(), static_cast<unsigned long long>(e.join_bytes),
+      row.basis.c_str(), row.rank, row.detail.c_str(), row.eps / row.diagonal, e.truncation.kg_percent,
+      e.truncation.rms, e.quantising_rms / row.diagonal, still.c_str(), static_cast<unsigned long long>(e.join_bytes),
       static_cast<double>(e.encode_ns.percentile(50)) * 1e-3, static_cast<double>(e.decode_ns.percentile(50)) * 1e-3);
 }
 
@@ -73,10 +75,10 @@ std::string notes_on(const EvaluatedRow& row) {
 std::string table_of(const EvaluatedClip& clip) {
   const std::size_t frames = clip.rows.empty() ? 0 : clip.rows.front().evaluation.total.poses;
   std::string text = formatted(
-      "%s, %zu frames, %s, detail %s, %g poses/s; errors over the rest box's diagonal; kbit/s with envelope and "
+      "%s, %zu frames, %s, %g poses/s; errors over the rest box's diagonal; kbit/s with envelope and "
       "WebSocket "
       "header\n",
-      clip.input.c_str(), frames, clip.codec.c_str(), clip.detail.c_str(), clip.rate_hz);
+      clip.input.c_str(), frames, clip.codec.c_str(), clip.rate_hz);
   text +=
       "basis                r    error   lod vertices    KG %      rms     mean      max Hausdorff     STED   kbit/s   "
       "  "
@@ -93,7 +95,7 @@ std::string report_of(const EvaluatedClip& clip) {
   for (const EvaluatedRow& row : clip.rows) results.push_back(json_from(row, clip.rate_hz));
   const json findings = clip.rows.empty() ? json::array() : json(clip.rows.front().evaluation.findings);
   return json{{"input", clip.input},   {"findings", findings},    {"codec", clip.codec},
-              {"detail", clip.detail}, {"rate_hz", clip.rate_hz}, {"results", results}}
+              {"rate_hz", clip.rate_hz}, {"results", results}}
       .dump(2);
 }
 

@@ -10,7 +10,7 @@ namespace eigencast {
 
 /// One basis with one codec, evaluated.
 struct EvaluatedRow {
-  std::string basis;
+  std::string basis, detail;
   std::uint32_t rank = 0;
   double diagonal = 0;
   std::uint64_t asset_bytes = 0;
@@ -21,7 +21,7 @@ struct EvaluatedRow {
 
 /// What was evaluated, for reports.
 struct EvaluatedClip {
-  std::string input, codec, detail;
+  std::string input, codec;
   double rate_hz = 30;
   std::vector<EvaluatedRow> rows;
 };

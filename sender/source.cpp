@@ -114,10 +114,15 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
   } else if (options.basis == "pca") {
     motion = with_poses(**clip, {});
   }
-  const BakeOptions bake_options{
+  BakeOptions bake_options{
       options.basis,           rank_of(options), options.name.empty() ? public_name((*clip)->name()) : options.name,
       asset_error_of(options), &motion,          (*clip)->appearance(),
       options.points_operator};
+  if (!options.detail.empty()) {
+    const auto detail = detail_from_name(options.detail);
+    if (!detail) return detail.error();
+    bake_options.detail = *detail;
+  }
   auto baked = bake(rest, bake_options, options.cache_dir, progress);
   if (!baked) return in_context(options.input, baked.error());
   Source source{std::move(*clip), std::move(*baked), std::move(cage)};

@@ -172,7 +172,8 @@ Result<void> CardRebuilder::Impl::init() {
 bool CardRebuilder::Impl::fits(const Asset& asset) const {
   GLint side = 0;
   glGetIntegerv(GL_MAX_TEXTURE_SIZE, &side);
-  return CardBasis::texels(asset) <= most_texels_ && std::size_t{asset.face_total} * 3 <= most_texels_ &&
+  return asset.detail.size() == 0 && CardBasis::texels(asset) <= most_texels_ &&
+         std::size_t{asset.face_total} * 3 <= most_texels_ &&
          asset.vertex_count <= static_cast<std::size_t>(side) * kSumsWidth;
 }
 

@@ -14,7 +14,8 @@ namespace eigencast {
 /// what CpuRebuilder moves them by where it rounds coefficients to 16 bits (BasisTiles::whole_coefficients), which the card
 /// does not; normals where the surface has any area within 0.1 degrees.
 ///
-/// A surface too large for the card's buffers is rebuilt on the processor, as its geometry then says (no `card`).
+/// A surface too large for the card's buffers, or with detail (DetailKind), is rebuilt on the processor, as its geometry then says (no
+/// `card`).
 ///
 /// Belongs to the OpenGL context that was current when it was made, which must be current in every call and when it and the
 /// surfaces that it has rebuilt go. Not thread-safe.
@@ -27,7 +28,7 @@ class CardRebuilder final : public SurfaceRebuilder {
 
   Cost rebuild(std::span<const RebuildJob> jobs) override;
   std::string_view name() const override { return "gpu"; }
-  /// The card can address the asset.
+  /// The card can address the asset, and its basis is all that there is to it.
   bool fits(const Asset& asset) const;
 
  private:

@@ -122,7 +122,7 @@ void SurfacePainter::fill(const SurfaceView& view, const PoseSource& source, con
       if (wish.channel < 3 || wish.channel >= channels)
         return refuse("the stream has no channel " + std::to_string(wish.channel));
       vectors_.resize(std::size_t{N} * 3);
-      view.reconstructor().rebuild(columns_of(C, channels, wish.channel, 1), 3, asset->rank, N, vectors_);
+      view.reconstructor().combine(columns_of(C, channels, wish.channel, 1), 3, asset->rank, N, vectors_);
       paint_.values.resize(N);
       for (std::size_t i = 0; i < N; ++i) paint_.values[i] = vectors_[3 * i];
       return;
@@ -192,7 +192,7 @@ void SurfacePainter::refuse(std::string why) {
 void SurfacePainter::lengths_of(const SurfaceView& view, std::span<const double> D) {
   const std::uint32_t N = view.geometry().vertex_count();
   vectors_.resize(std::size_t{N} * 3);
-  view.reconstructor().rebuild(D, 3, static_cast<std::uint32_t>(D.size() / 3), N, vectors_);
+  view.reconstructor().combine(D, 3, static_cast<std::uint32_t>(D.size() / 3), N, vectors_);
   paint_.values.resize(N);
   for (std::size_t i = 0; i < N; ++i) {
     const float* v = vectors_.data() + 3 * i;

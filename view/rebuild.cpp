@@ -20,23 +20,30 @@ void stand_at_own_places(SurfaceGeometry& geometry) {
   geometry.own_places.clear();
 }
 
+/// The first row to rebuild. Normals that come with rows are drawn on their way between levels, and not kept where they belong.
+std::uint32_t first_of(const RebuildJob& job) {
+  return job.basis->has_detail() ? 0 : job.first;
+}
+
 void multiply(std::span<const RebuildJob> jobs) {
   std::vector<const RebuildJob*> order;
   for (const RebuildJob& job : jobs) {
     stand_at_own_places(*job.geometry);
     job.geometry->positions.resize(3 * std::size_t{job.vertices()});
+    if (job.basis->has_detail()) job.geometry->normals.resize(job.geometry->positions.size());
     order.push_back(&job);
   }
   const auto key = [](const RebuildJob* job) {
-    return std::tuple(job->basis.get(), job->rank, job->vertices(), job->first);
+    return std::tuple(job->basis.get(), job->rank, job->vertices(), first_of(*job));
   };
   std::sort(order.begin(), order.end(), [&](auto* a, auto* b) { return key(a) < key(b); });
   std::vector<PoseToRebuild> poses;
   for (std::size_t i = 0; i < order.size(); ++i) {
     const RebuildJob& job = *order[i];
-    poses.push_back({job.C, job.channels, job.geometry->positions});
+    poses.push_back({job.C, job.channels, job.geometry->positions, {}});
+    if (job.basis->has_detail()) poses.back().normals = job.geometry->normals;
     if (i + 1 < order.size() && key(order[i + 1]) == key(&job)) continue;
-    job.basis->rebuild(poses, job.rank, job.vertices(), job.first);
+    job.basis->rebuild(poses, job.rank, job.vertices(), first_of(job));
     poses.clear();
   }
 }
@@ -47,14 +54,15 @@ void finish(const RebuildJob& job) {
   std::vector<float>& positions = geometry.positions;
   geometry.own_first = job.level->whole();
   geometry.own_places.assign(positions.begin() + 3 * std::ptrdiff_t{geometry.own_first}, positions.end());
-  if (asset.is_point_cloud()) {
-    if (job.level_changed) fill_radii(asset, *job.level, geometry);
+  if (asset.is_point_cloud() && job.level_changed) fill_radii(asset, *job.level, geometry);
+  if (asset.is_point_cloud() && !job.basis->has_detail()) {
     geometry.normals.resize(3 * geometry.radii.size());
-    if (!geometry.radii.empty()) {
-      splat_normals(asset, positions, geometry.normals);
-      job.level->blend(asset.map, geometry.normals);
-      normalise(geometry.normals);
-    }
+    if (!geometry.radii.empty()) splat_normals(asset, positions, geometry.normals);
+  }
+  if (asset.is_point_cloud() || job.basis->has_detail()) {
+    // They belong to vertices and not to the level's faces.
+    if (!geometry.normals.empty()) job.level->blend(asset.map, geometry.normals);
+    normalise(geometry.normals);
     job.level->blend(asset.map, positions);
     return;
   }

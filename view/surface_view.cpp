@@ -145,7 +145,9 @@ bool SurfaceView::prepare(const PoseSource& source, TimeUs now_us) {
   update_facts(*asset);
   level_changed_ |= new_level;
   if (new_level) ++level_version_;
-  first_to_rebuild_ = new_pose ? 0 : std::min(had, morph_.drawn());
+  const bool all = new_pose || has_detail_ != reconstructor_->has_detail();
+  has_detail_ = reconstructor_->has_detail();
+  first_to_rebuild_ = all ? 0 : std::min(had, morph_.drawn());
   rank_to_rebuild_ = std::min(asset->rank, std::max(1U, rank_in_use(coefficients_, channels_)));
   return true;
 }

@@ -136,6 +136,7 @@ class SurfaceView {
   std::uint32_t first_to_rebuild_ = 0, rank_to_rebuild_ = 0;
   std::uint64_t level_version_ = 1;
   bool level_changed_ = false;              ///< Since the last rebuild.
+  bool has_detail_ = false;                 ///< Of geometry().
   std::vector<double> barycentre_weights_;  ///< r: barycentre = weights . coefficients.
   std::uint32_t facts_rows_ = 0;
   BandFade fade_;

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "common/asset/asset_limits.h"
+#include "common/asset/manifest.h"
 #include "common/asset/texture.h"
 
 namespace eigencast {
@@ -128,6 +129,25 @@ Result<void> check_splats(const Asset& a) {
   return {};
 }
 
+Result<void> check_detail(const Asset& a) {
+  const Asset::Detail& d = a.detail;
+  if (d.size() == 0) return {};
+  const std::size_t n = a.vertex_count, entries = n * a.rank;
+  if (d.axes != 1 && d.axes != 3) return corrupt("its detail has " + std::to_string(d.axes) + " axes, not 1 or 3");
+  if (d.size() != n || d.normal.size() != n || d.along_x.size() != entries || d.along_y.size() != entries ||
+      d.steps.size() != a.rank || !std::all_of(d.steps.begin(), d.steps.end(), is_column_scale)) {
+    return corrupt("there is detail, but not for each row and column");
+  }
+  for (std::uint32_t i = 0; i < n; ++i) {
+    const auto& [x, y, z] = d.normal[i];
+    const auto is_finite = [](float component) { return std::isfinite(component); };
+    if (!std::all_of(d.offset[i].begin(), d.offset[i].end(), is_finite) ||
+        !(std::abs(x * x + y * y + z * z - 1) < 1e-3F))
+      return corrupt("the detail of row " + std::to_string(i) + " is out of its range");
+  }
+  return {};
+}
+
 Result<void> check_colours(const Asset& a) {
   if (a.colours.empty() || a.colours.size() == a.vertex_count) return {};
   return corrupt("there are colours, but not one for each row");
@@ -147,13 +167,20 @@ void Asset::Splats::append(const Splats& more) {
   add(parent_radius, more.parent_radius);
 }
 
+void Asset::Splats::resize(std::size_t rows) {
+  frame.resize(rows);
+  normal.resize(rows);
+  radius.resize(rows);
+  parent_radius.resize(rows);
+}
+
 double Asset::diagonal() const {
   return std::hypot(box_high[0] - box_low[0], box_high[1] - box_low[1], box_high[2] - box_low[2]);
 }
 
 Result<void> validate_asset(const Asset& asset) {
-  for (auto* check :
-       {check_limits, check_shapes, check_facts, check_rows, check_faces, check_splats, check_colours, check_texture}) {
+  for (auto* check : {check_limits, check_shapes, check_facts, check_rows, check_faces, check_splats, check_detail,
+                      check_colours, check_texture}) {
     if (auto result = check(asset); !result) return result;
   }
   return {};

@@ -51,8 +51,24 @@ struct Asset {
 
     std::size_t size() const { return frame.size(); }
     void append(const Splats& more);
+    void resize(std::size_t rows);
   };
-  Splats splats;                                     ///< n or nothing
+  Splats splats;  ///< n or nothing
+
+  /// What the basis leaves out of the rest pose, and how it comes back in every other (asset/detail.h): for each row the derivatives
+  /// of the basis' columns along two tangents, an offset from where the basis puts the vertex, and the surface's normal at rest; both
+  /// are told in the frame that those tangents span in the pose at hand. Empty where the asset brings none.
+  struct Detail {
+    std::uint32_t axes = 3;                      ///< 3; 1: offsets are along z, the frame's normal, alone.
+    std::vector<float> steps;                    ///< r: what one unit in a column of the next two is.
+    std::vector<std::int16_t> along_x, along_y;  ///< n x r, row-major; no units for vertices without neighbours.
+    std::vector<std::array<float, 3>> offset;    ///< n
+    std::vector<std::array<float, 3>> normal;    ///< n, of unit length.
+    float unit = 0;                              ///< Of offsets, as the asset's bytes hold them.
+
+    std::size_t size() const { return offset.size(); }
+  };
+  Detail detail;                                     ///< n or nothing
   std::vector<std::array<std::uint8_t, 3>> colours;  ///< n or nothing: of the vertices, sRGB.
   std::shared_ptr<const AssetTexture> texture;       ///< Null where there is none, and until all chunks are there.
 

@@ -13,16 +13,10 @@
 
 #include "common/asset/integer_columns.h"
 #include "common/asset/manifest.h"
+#include "common/asset/zigzag.h"
 
 namespace eigencast {
 namespace {
-
-std::uint16_t zigzag16(std::uint16_t difference) {
-  return static_cast<std::uint16_t>((difference << 1) ^ (difference & 0x8000u ? 0xffffu : 0u));
-}
-std::uint16_t unzigzag16(std::uint16_t code) {
-  return static_cast<std::uint16_t>((code >> 1) ^ (code & 1u ? 0xffffu : 0u));
-}
 
 Error bad_entry(std::uint32_t row, std::uint32_t column, const char* why) {
   return fail(ErrorCode::kCorrupt,
@@ -55,6 +49,18 @@ std::vector<float> column_scales_from_basis(std::span<const float> basis, std::u
     }
   }
   return scales;
+}
+
+std::vector<float> on_grid(std::span<const float> basis, std::uint32_t rank, std::uint32_t exact_columns,
+                           std::span<const float> column_scales) {
+  std::vector<float> rounded(basis.begin(), basis.end());
+  for (std::size_t row = 0; row < rounded.size(); row += rank) {
+    for (std::uint32_t k = exact_columns; k < rank; ++k) {
+      const float scale = column_scales[k - exact_columns];
+      rounded[row + k] = static_cast<float>(IntegerColumns::integer_from(rounded[row + k], scale)) * scale;
+    }
+  }
+  return rounded;
 }
 
 Bytes encode_basis(const BasisBlock& block, std::span<const float> basis) {

@@ -27,6 +27,10 @@ struct BasisBlock {
 std::vector<float> column_scales_from_basis(std::span<const float> basis, std::uint32_t rank,
                                             std::uint32_t exact_columns, std::span<const double> steps);
 
+/// The basis as readers have it: n x r, row-major.
+std::vector<float> on_grid(std::span<const float> basis, std::uint32_t rank, std::uint32_t exact_columns,
+                           std::span<const float> column_scales);
+
 /// basis: n x r, row-major, as the asset has it (not yet quantised).
 Bytes encode_basis(const BasisBlock& block, std::span<const float> basis);
 

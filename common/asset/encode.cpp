@@ -8,6 +8,7 @@
 #include "common/asset/asset_limits.h"
 #include "common/asset/basis_tile.h"
 #include "common/asset/colour_tile.h"
+#include "common/asset/detail_tile.h"
 #include "common/asset/format.h"
 #include "common/asset/manifest.h"
 #include "common/asset/predictor.h"
@@ -53,7 +54,7 @@ Asset facts_of(const Asset& asset) {
 /// The last row of each chunk: the first chunk holds the base and at least `first` rows, each later one as many as came
 /// before it, up to what keeps a chunk near kTargetChunkBytes.
 std::vector<std::uint32_t> chunk_ends(const Asset& asset, std::uint32_t first) {
-  const std::uint64_t row_bytes = std::uint64_t{asset.rank} * 2 + 24;
+  const std::uint64_t row_bytes = std::uint64_t{asset.rank} * (asset.detail.size() > 0 ? 6 : 2) + 24;
   const std::uint64_t most = std::max<std::uint64_t>(asset_limits::kTargetChunkBytes / row_bytes, 1024);
   std::vector<std::uint32_t> ends;
   std::uint64_t end = std::max<std::uint64_t>({first, asset.base_count, 1});
@@ -83,6 +84,10 @@ class Encoder {
     manifest_.column_scales =
         column_scales_from_basis(asset.basis, asset.rank, manifest_.exact_columns, steps_of(encoding, asset.rank));
     predictors_ = choose_predictors(asset, manifest_.exact_columns, manifest_.column_scales);
+    if (asset.detail.size() > 0) {
+      detail_ =
+          detail_on_basis(asset, on_grid(asset.basis, asset.rank, manifest_.exact_columns, manifest_.column_scales));
+    }
   }
 
   Result<EncodedAsset> encode() {
@@ -161,8 +166,9 @@ class Encoder {
       tiles.push_back(packed(TileKind::kSplats, 0,
                              encode_splats(asset_.splats, row_, end_row, asset_.base_count, asset_.diagonal())));
     }
+    const auto map = std::span(asset_.map).subspan(row_, end_row - row_);
+    if (detail_.size() > 0) tiles.push_back(packed(TileKind::kDetail, 0, encode_detail(detail_, row_, map)));
     if (!asset_.colours.empty()) {
-      const auto map = std::span(asset_.map).subspan(row_, end_row - row_);
       tiles.push_back(packed(TileKind::kColours, 0, encode_colours(asset_.colours, row_, map)));
     }
     if (asset_.texture && end_row == asset_.vertex_count) {
@@ -228,6 +234,7 @@ class Encoder {
   AssetEncoding encoding_;
   Manifest manifest_;
   Predictors predictors_;
+  Asset::Detail detail_;  // of the basis that readers have
   std::uint32_t row_ = 0;
   std::vector<Corners> faces_;  // of the chunks so far, at their last level
 };
@@ -237,6 +244,16 @@ class Encoder {
 std::size_t EncodedAsset::total_bytes() const {
   std::size_t sum = manifest.bytes.size();
   for (const AssetObject& chunk : chunks) sum += chunk.bytes.size();
+  return sum;
+}
+
+std::size_t EncodedAsset::detail_bytes() const {
+  const auto read = read_manifest(manifest.bytes);
+  std::size_t sum = 0;
+  for (std::size_t c = 0; read && c < read->chunks.size(); ++c) {
+    for (const TileEntry& tile : read->chunks[c].tiles)
+      sum += tile.kind == static_cast<std::uint8_t>(TileKind::kDetail) ? tile.stored_bytes : 0;
+  }
   return sum;
 }
 

@@ -29,6 +29,7 @@ struct EncodedAsset {
   AssetObject manifest;
   std::vector<AssetObject> chunks;
   std::size_t total_bytes() const;
+  std::size_t detail_bytes() const;  ///< Of them what Asset::detail takes.
 };
 
 /// How the basis is stored. The receivers' basis is the dequantised one, so a sender must project on

@@ -43,12 +43,12 @@ class IntegerColumns {
     }
   }
 
- private:
   static std::int16_t integer_from(float value, float scale) {
     if (scale == 0) return 0;
     return static_cast<std::int16_t>(std::lrint(std::clamp(value / scale, -kLargest, kLargest)));
   }
 
+ private:
   const BasisBlock& block_;
   std::uint32_t first_, end_;
   std::array<std::vector<std::int16_t>, kMost> columns_;

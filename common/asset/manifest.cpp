@@ -16,6 +16,7 @@
 
 #include "common/asset/asset_limits.h"
 #include "common/asset/colour_tile.h"
+#include "common/asset/detail_tile.h"
 #include "common/asset/predictor.h"
 #include "common/asset/splat_tile.h"
 #include "common/asset/texture.h"
@@ -170,7 +171,7 @@ class Parser {
     for (float& s : manifest_.column_scales) {
       s = in_.f32();
       // The largest integer is 32767: scale * 32767 must still be a float.
-      if (s != 0 && !(s >= kMinColumnScale && s <= kMostColumnScale)) return corrupt("a column scale is out of range");
+      if (!is_column_scale(s)) return corrupt("a column scale is out of range");
     }
     return {};
   }
@@ -215,7 +216,8 @@ class Parser {
       TileEntry tile;
       const std::uint64_t rows = chunk.end_row - first_row;
       const std::uint64_t faces = chunk.end_face - first_face;
-      if (auto result = one_tile(where + " tile " + std::to_string(t), t, rows, faces, first_face, tile); !result)
+      if (auto result = one_tile(where + " tile " + std::to_string(t), t, first_row, rows, faces, first_face, tile);
+          !result)
         return result;
       chunk.tiles.push_back(tile);
     }
@@ -228,8 +230,8 @@ class Parser {
     return {};
   }
 
-  Result<void> one_tile(const std::string& where, std::size_t t, std::uint64_t rows, std::uint64_t faces,
-                        std::uint64_t old_faces, TileEntry& tile) {
+  Result<void> one_tile(const std::string& where, std::size_t t, std::uint32_t first_row, std::uint64_t rows,
+                        std::uint64_t faces, std::uint64_t old_faces, TileEntry& tile) {
     tile.kind = in_.u8();
     tile.index = in_.u8();
     const std::uint8_t required = in_.u8();
@@ -255,7 +257,7 @@ class Parser {
     if (tile.compression == Compression::kStored && tile.raw_bytes != tile.stored_bytes) {
       return corrupt(where + ": stored, yet its two sizes differ");
     }
-    return known ? known_tile(where, t, rows, faces, old_faces, tile) : extra_tile(where, rows, tile);
+    return known ? known_tile(where, t, rows, faces, old_faces, tile) : extra_tile(where, first_row, rows, tile);
   }
 
   Result<void> known_tile(const std::string& where, std::size_t t, std::uint64_t rows, std::uint64_t faces,
@@ -274,7 +276,8 @@ class Parser {
     return {};
   }
 
-  Result<void> extra_tile(const std::string& where, std::uint64_t rows, const TileEntry& tile) {
+  Result<void> extra_tile(const std::string& where, std::uint32_t first_row, std::uint64_t rows,
+                          const TileEntry& tile) {
     if (tile.kind == 0 || tile.kind == static_cast<std::uint8_t>(TileKind::kStructure) ||
         tile.kind == static_cast<std::uint8_t>(TileKind::kBasis)) {
       return corrupt(where + ": a second structure or basis tile");
@@ -287,6 +290,14 @@ class Parser {
     }
     if (tile.kind == static_cast<std::uint8_t>(TileKind::kColours) && tile.index == 0) {
       if (tile.raw_bytes != colour_bytes(rows)) {
+        return corrupt(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
+      }
+      return {};
+    }
+    if (tile.kind == static_cast<std::uint8_t>(TileKind::kDetail) && tile.index == 0) {
+      const std::uint32_t rank = manifest_.facts.rank;
+      if (tile.raw_bytes != detail_bytes(rows, first_row, rank, 1) &&
+          tile.raw_bytes != detail_bytes(rows, first_row, rank, 3)) {
         return corrupt(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
       }
       return {};

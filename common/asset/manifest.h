@@ -20,7 +20,8 @@ enum class TileKind : std::uint8_t {
   kWedges = 16,
   kColours = 18,
   kSplats = 20,
-  kImage = 21
+  kImage = 21,
+  kDetail = 22
 };
 
 /// One run of bytes inside a chunk. Tiles lie back to back in the order of the list.
@@ -64,6 +65,9 @@ struct Manifest {
 inline constexpr float kMinColumnScale = 1e-30F;
 /// So that value * 32767 is finite.
 inline constexpr float kMostColumnScale = 1e34F;
+inline bool is_column_scale(float scale) {
+  return scale == 0 || (scale >= kMinColumnScale && scale <= kMostColumnScale);
+}
 
 Bytes write_manifest(const Manifest& manifest);
 

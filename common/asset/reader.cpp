@@ -7,6 +7,7 @@
 #include "common/asset/asset_limits.h"
 #include "common/asset/basis_tile.h"
 #include "common/asset/colour_tile.h"
+#include "common/asset/detail_tile.h"
 #include "common/asset/format.h"
 #include "common/asset/manifest.h"
 #include "common/asset/splat_tile.h"
@@ -186,6 +187,11 @@ Result<void> AssetReader::decode_looks(const ChunkEntry& entry, ByteView bytes, 
     if (!raw) return raw.error();
     colours = decode_colours(*raw, asset_.colours, map);
   }
+  // Of fewer bands more is missing than detail brings.
+  const auto detail_tile = bands_ < asset_.band_ends.size() ? std::nullopt : find_tile(entry, bytes, TileKind::kDetail);
+  const bool has_detail = detail_tile && asset_.detail.size() == asset_.rows_ready;
+  auto detail = has_detail ? unpacked(*detail_tile->entry, detail_tile->stored) : Result<Bytes>(Bytes{});
+  if (!detail) return detail.error();
   const auto splat_tile = find_tile(entry, bytes, TileKind::kSplats);
   if (splat_tile && asset_.is_point_cloud() && asset_.splats.size() == asset_.rows_ready) {
     auto raw = unpacked(*splat_tile->entry, splat_tile->stored);
@@ -194,6 +200,12 @@ Result<void> AssetReader::decode_looks(const ChunkEntry& entry, ByteView bytes, 
     if (!decoded) return decoded;
   } else {
     asset_.splats = {};
+  }
+  if (!has_detail) {
+    asset_.detail = {};
+  } else if (auto decoded = decode_detail(*detail, asset_.rank, map, asset_.detail); !decoded) {
+    if (asset_.splats.size() > 0) asset_.splats.resize(asset_.rows_ready);
+    return decoded;
   }
   colours.empty() ? asset_.colours.clear() : append(asset_.colours, colours);
   return {};

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <string>
 
+#include "common/asset/octahedral.h"
 #include "common/asset/zigzag.h"
 
 namespace eigencast {
@@ -24,31 +25,6 @@ std::uint8_t code_from_radius(double radius, double diagonal) {
 }
 float radius_from_code(std::uint8_t code, double diagonal) {
   return code == kNoRadius ? 0 : static_cast<float>(diagonal * std::exp2(-code / kStepsPerOctave));
-}
-
-/// The octahedron |x| + |y| + |z| = 1 unfolded onto a square, its lower half over the corners.
-std::array<std::int8_t, 2> octahedral_from_normal(const std::array<float, 3>& n) {
-  const float size = std::abs(n[0]) + std::abs(n[1]) + std::abs(n[2]);
-  float x = n[0] / size, y = n[1] / size;
-  if (n[2] < 0) {
-    const float folded = (1 - std::abs(y)) * (x < 0 ? -1.0F : 1.0F);
-    y = (1 - std::abs(x)) * (y < 0 ? -1.0F : 1.0F);
-    x = folded;
-  }
-  return {static_cast<std::int8_t>(std::lrint(x * kMostOctahedral)),
-          static_cast<std::int8_t>(std::lrint(y * kMostOctahedral))};
-}
-std::array<float, 3> normal_from_octahedral(std::int8_t u, std::int8_t v) {
-  float x = std::max(static_cast<float>(u) / kMostOctahedral, -1.0F);
-  float y = std::max(static_cast<float>(v) / kMostOctahedral, -1.0F);
-  const float z = 1 - std::abs(x) - std::abs(y);
-  if (z < 0) {
-    const float folded = (1 - std::abs(y)) * (x < 0 ? -1.0F : 1.0F);
-    y = (1 - std::abs(x)) * (y < 0 ? -1.0F : 1.0F);
-    x = folded;
-  }
-  const float scale = 1 / std::sqrt(x * x + y * y + z * z);
-  return {x * scale, y * scale, z * scale};
 }
 
 Error corrupt(std::string what) {
@@ -70,7 +46,7 @@ Bytes encode_splats(const Asset::Splats& splats, std::uint32_t first_row, std::u
   Bytes raw(4 * rows);
   for (std::size_t k = 0; k < rows; ++k) {
     const std::size_t i = first_row + k;
-    const auto octahedral = octahedral_from_normal(splats.normal[i]);
+    const auto octahedral = octahedral_from_normal(splats.normal[i], kMostOctahedral);
     raw[k] = static_cast<std::uint8_t>(octahedral[0]);
     raw[rows + k] = static_cast<std::uint8_t>(octahedral[1]);
     raw[2 * rows + k] = code_from_radius(splats.radius[i], diagonal);
@@ -92,8 +68,8 @@ Result<void> decode_splats(ByteView raw, std::uint32_t end_row, std::uint32_t ba
   ByteReader in(raw.subspan(4 * rows));
   for (std::uint32_t i = first_row; i < end_row; ++i) {
     const std::size_t k = i - first_row;
-    added.normal.push_back(
-        normal_from_octahedral(static_cast<std::int8_t>(raw[k]), static_cast<std::int8_t>(raw[rows + k])));
+    added.normal.push_back(normal_from_octahedral(static_cast<std::int8_t>(raw[k]),
+                                                  static_cast<std::int8_t>(raw[rows + k]), kMostOctahedral));
     added.radius.push_back(radius_from_code(raw[2 * rows + k], diagonal));
     added.parent_radius.push_back(radius_from_code(raw[3 * rows + k], diagonal));
     std::array<std::uint32_t, 2> frame{};

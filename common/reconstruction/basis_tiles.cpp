@@ -93,6 +93,26 @@ bool BasisTiles::append(const Asset& asset, std::uint32_t end) {
   return true;
 }
 
+void BasisTiles::update(std::span<const std::int16_t> entries, std::span<const float> scales, std::uint32_t rows) {
+  if (rank_ == 0) {
+    rank_ = static_cast<std::uint32_t>(scales.size());
+    scales_.assign(scales.begin(), scales.end());
+  }
+  assert(float_columns_ == 0 && rank_ == scales.size() && entries.size() >= std::size_t{rows} * rank_);
+  const std::size_t stride = kernel::whole_pairs(rank_);
+  integers_.resize((rows + kRows - 1) / kRows * kRows * stride);
+  columns_.resize(rank_);
+  for (std::size_t i = rows_; i < rows; ++i) {
+    std::int16_t* integers = integers_.data() + i / kRows * kRows * stride;
+    for (std::size_t k = 0; k < rank_; ++k) {
+      const std::int16_t entry = entries[i * rank_ + k];
+      integers[kernel::place_of_integer(i % kRows, k)] = entry;
+      columns_[k].add(entry);
+    }
+  }
+  rows_ = std::max(rows_, rows);
+}
+
 kernel::Tiles BasisTiles::view(std::size_t first, std::uint32_t rank) const {
   assert(rank <= rank_);
   const std::size_t stride = kernel::whole_pairs(rank_ - float_columns_);

@@ -47,6 +47,10 @@ class BasisTiles {
  public:
   /// Takes the rows of `asset` (this object's first, grown) that have arrived since; at most the first `rows`.
   void update(const Asset& asset, std::uint32_t rows = ~0U);
+  /// The same of another matrix that goes with a surface, all of whose entries are integers: rows() becomes `rows`.
+  ///   entries  at least rows x r, row-major: those from before, and more
+  ///   scales   r: what one unit of each column is
+  void update(std::span<const std::int16_t> entries, std::span<const float> scales, std::uint32_t rows);
 
   std::uint32_t rows() const { return rows_; }
   std::uint32_t rank() const { return rank_; }

@@ -8,20 +8,24 @@
 
 #include "common/asset/asset.h"
 #include "common/reconstruction/basis_tiles.h"
+#include "common/reconstruction/detail_tiles.h"
 
 namespace eigencast {
 
 /// One surface to rebuild: an instance of an asset, or one pose of several.
 ///   C          r x channels, row-major; only the first three columns are used
 ///   positions  room for N x 3 floats, row-major
+///   normals    the same, where has_detail(): unit normals of the surface at full detail; or empty
 struct PoseToRebuild {
   std::span<const double> C;
   std::uint32_t channels = 3;
   std::span<float> positions;
+  std::span<float> normals{};
 };
 
 /// X = Psi C, the hot kernel: keeps an asset's basis as the processor likes to read it (see BasisTiles), follows the
-/// asset as it arrives, and takes all poses of a call in one pass over the basis.
+/// asset as it arrives, and takes all poses of a call in one pass over the basis. Where the asset brings detail (see DetailKind) two more
+/// such products give each vertex the frame in which its offset is told: all of it the same at every level.
 ///
 /// rebuild() is thread-safe as long as nobody updates. It uses the process's threads where the work is worth it.
 class Reconstructor {
@@ -30,9 +34,10 @@ class Reconstructor {
   explicit Reconstructor(InstructionSet set = instruction_sets().back(), unsigned threads = 0);
 
   /// Takes the rows that have arrived since the last call; always call it with the same asset, grown. Costs n x r once.
-  void update(const Asset& asset) { tiles_.update(asset); }
-  void reset() { tiles_ = {}; }  ///< Forgets the asset, before following another.
+  void update(const Asset& asset);
+  void reset();  ///< Forgets the asset, before following another.
   const BasisTiles& tiles() const { return tiles_; }
+  bool has_detail() const { return detail_.rows() > 0; }
 
   /// The first N rows from the first `rank` columns, as for a receiver of fewer bands. Differs from the sum in double by
   /// at most 1e-6 of the sum of its terms' magnitudes, but where coefficients are rounded to 16 bits, which adds at most 3 %
@@ -42,14 +47,21 @@ class Reconstructor {
                std::uint32_t first = 0) const;
   void rebuild(std::span<const double> C, std::uint32_t channels, std::uint32_t rank, std::uint32_t N,
                std::span<float> positions) const;
+  /// Psi C alone: of values that ride on a surface, and of where it would be without detail. As rebuild().
+  void combine(std::span<const double> C, std::uint32_t channels, std::uint32_t rank, std::uint32_t N,
+               std::span<float> values) const;
 
  private:
+  void run(std::span<const PoseToRebuild> poses, std::uint32_t rank, std::uint32_t N, std::uint32_t first,
+           bool with_detail) const;
+
   InstructionSet set_;
   unsigned threads_;
   BasisTiles tiles_;
+  DetailTiles detail_;
 };
 
-/// The same once, without keeping anything: for those who rebuild one pose of an asset.
+/// Psi C once, without keeping anything: where one pose of an asset is, without detail.
 /// REQUIRES: N <= asset.rows_ready, and as Reconstructor::rebuild.
 void positions_from_coefficients(const Asset& asset, std::span<const double> C, std::uint32_t channels,
                                  std::uint32_t rank, std::uint32_t N, std::span<float> positions);

@@ -5,6 +5,7 @@
 
 #include <functional>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include "common/asset/asset_limits.h"
@@ -16,8 +17,9 @@
 namespace eigencast {
 namespace {
 
-EncodedAsset sample(bool compress = false, bool cloud = false) {
+EncodedAsset sample(bool compress = false, bool cloud = false, bool detail = false) {
   Asset asset = sample_asset(1, 7, cloud);
+  if (detail) asset.detail = sample_detail(asset, 3);
   for (std::uint8_t i = 0; cloud && i < asset.vertex_count; ++i)
     asset.colours.push_back({i, static_cast<std::uint8_t>(40 * i), 9});
   auto encoded =
@@ -118,8 +120,9 @@ TEST(AssetHostile, EveryChangedByteOfARehashedManifestIsRefusedOrHarmless) {
 }
 
 TEST(AssetHostile, EveryChangedOrMissingByteOfARehashedTileIsRefusedOrHarmless) {
-  for (const auto& [compress, cloud] : {std::pair{false, false}, {true, false}, {false, true}}) {
-    const EncodedAsset good = sample(compress, cloud);
+  for (const auto& [compress, cloud, detail] :
+       {std::tuple{false, false, false}, {true, false, false}, {false, true, true}}) {
+    const EncodedAsset good = sample(compress, cloud, detail);
     const auto manifest = read_manifest(good.manifest.bytes);
     int errors = 0;
     for (std::size_t c = 0; c < good.chunks.size(); ++c) {
@@ -178,6 +181,33 @@ TEST(AssetHostile, ABadBasisTileLeavesTheReaderAsItWas) {
   EXPECT_EQ(reader->asset().map, before.map);
   EXPECT_EQ(reader->asset().basis, before.basis);
   EXPECT_EQ(reader->asset().faces, before.faces);
+}
+
+TEST(AssetHostile, ABadDetailTileLeavesTheReaderAsItWas) {
+  const EncodedAsset good = sample(false, true, true);
+  const auto manifest = read_manifest(good.manifest.bytes);
+  std::size_t tile = 0;
+  while (manifest->chunks[1].tiles[tile].kind != static_cast<std::uint8_t>(TileKind::kDetail)) ++tile;
+  auto reader = reader_of(good.manifest.bytes);
+  ASSERT_TRUE(reader && reader->add_chunk(0, good.chunks[0].bytes));
+  const Asset before = reader->asset();
+  int refused = 0;
+  for (int value = 0; value < 256; ++value) {
+    const EncodedAsset changed = with_tile(good, 1, tile, [&](Bytes& b) {
+      const std::size_t rows = manifest->chunks[1].end_row - 16, column = 5;  // of no step
+      b[rows * 2 * (2 + 3) + column * rows] = static_cast<std::uint8_t>(value);
+    });
+    auto other = reader_of(changed.manifest.bytes);
+    ASSERT_TRUE(other && other->add_chunk(0, changed.chunks[0].bytes));
+    if (other->add_chunk(1, changed.chunks[1].bytes)) continue;
+    ++refused;
+    EXPECT_EQ(other->asset().rows_ready, before.rows_ready);
+    EXPECT_EQ(other->asset().detail.along_x, before.detail.along_x);
+    EXPECT_EQ(other->asset().detail.along_y, before.detail.along_y);
+    EXPECT_EQ(other->asset().splats.size(), before.splats.size());
+    EXPECT_EQ(other->asset().basis, before.basis);
+  }
+  EXPECT_EQ(refused, 255);  // What a column of no step holds is zero.
 }
 
 TEST(AssetHostile, AnotherVersionSaysSo) {
@@ -244,6 +274,22 @@ TEST(AssetExtensions, OptionalTilesAndSectionsOfUnknownKindAreSkippedRequiredOne
   };
   EXPECT_TRUE(decode_asset(with_section(false)));
   EXPECT_EQ(decode_asset(with_section(true)).error().code, ErrorCode::kUnsupported);
+}
+
+TEST(AssetExtensions, AReaderThatKnowsNoDetailReadsTheRest) {
+  const EncodedAsset detailed = sample(false, false, true);
+  // What is private means to this reader what detail means to one that was built before it.
+  const auto without = decode_asset(with_manifest(detailed, [](Manifest& m) {
+    for (ChunkEntry& chunk : m.chunks) {
+      for (TileEntry& tile : chunk.tiles) tile.kind = tile.kind == 22 ? 200 : tile.kind;
+    }
+  }));
+  ASSERT_TRUE(without) << without.error().message;
+  const auto plain = decode_asset(sample());
+  ASSERT_TRUE(plain);
+  EXPECT_EQ(without->detail.size(), 0u);
+  EXPECT_EQ(without->basis, plain->basis);
+  EXPECT_EQ(without->faces, plain->faces);
 }
 
 TEST(AssetCompression, RefusesAnythingButOneWholeFrameOfTheSizeStated) {

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "common/asset/detail.h"
 #include "common/asset/format.h"
 #include "sample_asset.h"
 
@@ -116,6 +117,79 @@ TEST(AssetRoundTrip, PointCloud) {
     EXPECT_LE(decoded.splats.radius[i], 1.045F * cloud.splats.radius[i]);
     EXPECT_GE(decoded.splats.parent_radius[i], i < cloud.base_count ? 0 : cloud.splats.parent_radius[i]);
   }
+}
+
+/// Where detail puts the vertices of the rest pose.
+std::vector<std::array<double, 3>> detailed_rest(const Asset& asset) {
+  std::vector<std::array<double, 3>> positions;
+  for (std::size_t i = 0; i < asset.rows_ready; ++i) {
+    std::array<double, 3> at{}, x{}, y{}, offset{};
+    for (std::size_t k = 0; k < asset.rank; ++k) {
+      for (std::size_t d = 0; d < 3; ++d) {
+        const double c = asset.rest[3 * k + d], step = double{asset.detail.steps[k]};
+        at[d] += c * double{asset.basis[i * asset.rank + k]};
+        x[d] += c * step * static_cast<double>(asset.detail.along_x[i * asset.rank + k]);
+        y[d] += c * step * static_cast<double>(asset.detail.along_y[i * asset.rank + k]);
+      }
+    }
+    for (std::size_t d = 0; d < 3; ++d) offset[d] = double{asset.detail.offset[i][d]};
+    offset = frame_from_derivatives(x, y).from_frame(offset);
+    for (std::size_t d = 0; d < 3; ++d) at[d] += offset[d];
+    positions.push_back(at);
+  }
+  return positions;
+}
+
+TEST(AssetRoundTrip, DetailKeepsItsDerivativesAndTheRestPose) {
+  for (const std::uint32_t axes : {1U, 3U}) {
+    Asset asset = sample_asset(2, 8);
+    asset.detail = sample_detail(asset, axes);
+    // Steps so coarse that the basis moves vertices by more than a percent of the sphere's radius.
+    AssetEncoding coarse{.exact_columns = 0, .first_chunk_rows = 20};
+    coarse.amplitudes.assign(8, 1);
+    coarse.error = 0.05;
+    const Asset decoded = round_trip(asset, coarse);
+    EXPECT_EQ(decoded.detail.axes, axes);
+    EXPECT_EQ(decoded.detail.steps, asset.detail.steps);
+    EXPECT_EQ(decoded.detail.along_x, asset.detail.along_x);
+    EXPECT_EQ(decoded.detail.along_y, asset.detail.along_y);
+    ASSERT_EQ(decoded.detail.size(), asset.vertex_count);
+    const auto before = detailed_rest(asset), after = detailed_rest(decoded);
+    double moved = 0;
+    for (std::size_t i = 0; i < asset.vertex_count; ++i) {
+      for (std::size_t d = 0; d < 3; ++d) {
+        moved = std::max(moved, std::abs(after[i][d] - before[i][d]));
+        EXPECT_NEAR(decoded.detail.normal[i][d], asset.detail.normal[i][d], 1e-4F);
+      }
+    }
+    EXPECT_EQ(moved < 1e-5, axes == 3) << moved << ": along normals alone it cannot be kept";
+  }
+}
+
+TEST(AssetReader, DetailArrivesWithItsRowsOrNotAtAll) {
+  Asset asset = sample_asset(2, 8);
+  asset.band_ends = {3, 8};
+  asset.detail = sample_detail(asset, 3);
+  const auto encoded = encode_asset(asset, {.first_chunk_rows = 20});
+  ASSERT_TRUE(encoded);
+  EXPECT_GT(encoded->detail_bytes(), 1000u);
+  EXPECT_LT(encoded->detail_bytes(), encoded->total_bytes());
+  auto reader = AssetReader::from_manifest(encoded->manifest.id, encoded->manifest.bytes);
+  ASSERT_TRUE(reader);
+  for (std::size_t c = 0; c < encoded->chunks.size(); ++c) {
+    ASSERT_TRUE(reader->add_chunk(c, encoded->chunks[c].bytes));
+    EXPECT_EQ(reader->asset().detail.size(), reader->asset().rows_ready);
+  }
+  // Of fewer bands there is none, and without the detail of one chunk none of any.
+  auto one_band = AssetReader::from_manifest(encoded->manifest.id, encoded->manifest.bytes, 1);
+  ASSERT_TRUE(one_band && one_band->add_chunk(0, encoded->chunks[0].bytes));
+  EXPECT_EQ(one_band->asset().detail.size(), 0u);
+  auto thrifty = AssetReader::from_manifest(encoded->manifest.id, encoded->manifest.bytes);
+  ASSERT_TRUE(thrifty && thrifty->add_chunk(0, encoded->chunks[0].bytes));
+  EXPECT_EQ(thrifty->asset().detail.size(), 20u);
+  ASSERT_TRUE(thrifty->add_chunk(1, ByteView(encoded->chunks[1].bytes).first(thrifty->chunks()[1].needed_bytes)));
+  ASSERT_TRUE(thrifty->add_chunk(2, encoded->chunks[2].bytes));
+  EXPECT_EQ(thrifty->asset().detail.size(), 0u);
 }
 
 TEST(AssetReader, SplatsArriveWithTheirRowsOrNotAtAll) {

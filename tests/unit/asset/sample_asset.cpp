@@ -143,4 +143,24 @@ Asset sample_asset(int subdivisions, std::uint32_t rank, bool cloud) {
   return asset;
 }
 
+Asset::Detail sample_detail(const Asset& asset, std::uint32_t axes) {
+  Asset::Detail detail;
+  detail.axes = axes;
+  for (std::uint32_t k = 0; k < asset.rank; ++k) detail.steps.push_back(k == 5 ? 0 : 1e-3F * static_cast<float>(k + 1));
+  for (std::uint32_t i = 0; i < asset.vertex_count; ++i) {
+    for (std::uint32_t k = 0; k < asset.rank; ++k) {
+      const auto entry = [&](std::uint32_t seed) {
+        const std::uint32_t hash = (i * 131 + k * 31 + seed) * 2654435761U;
+        return static_cast<std::int16_t>(k == 5 ? 0 : static_cast<int>(hash >> 16) - 32768 + (hash >> 31 == 0 ? 1 : 0));
+      };
+      detail.along_x.push_back(entry(1));
+      detail.along_y.push_back(entry(2));
+    }
+    const float t = 0.1F * static_cast<float>(i), height = std::sin(t), flat = std::cos(t);
+    detail.offset.push_back({axes == 3 ? 0.02F * flat : 0, axes == 3 ? -0.01F : 0, 0.03F * height});
+    detail.normal.push_back({flat * std::cos(3 * t), flat * std::sin(3 * t), height});
+  }
+  return detail;
+}
+
 }  // namespace eigencast

@@ -16,6 +16,10 @@ namespace eigencast {
 ///   cloud  leave the faces out
 Asset sample_asset(int subdivisions, std::uint32_t rank, bool cloud = false);
 
+/// Detail for an asset that has none: every number a fixed function of the row.
+///   axes  1 or 3
+Asset::Detail sample_detail(const Asset& asset, std::uint32_t axes);
+
 /// The corner of full resolution `a` with N vertices.
 std::uint32_t corner_at_level(const Asset& asset, std::uint32_t a, std::uint32_t N);
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/asset/detail.h"
 #include "common/reconstruction/kernel.h"
 #include "common/reconstruction/reconstruct.h"
 #include "tests/unit/reconstruction/coefficient_rounding.h"
@@ -279,6 +280,98 @@ TEST(Reconstructor, KeepsFloatsWhereAnEntryIsOffTheGrid) {
     EXPECT_FALSE(tiles.has_integers());
     expect_rebuilt(asset, instruction_sets().back(), 21, 200, 1);
   }
+}
+
+/// Detail of arbitrary numbers, of derivatives that may span any frame.
+void add_detail(Asset& asset) {
+  const std::size_t n = asset.vertex_count, r = asset.rank;
+  asset.detail.steps.assign(r, 1e-4F);
+  const auto entries = [&](unsigned seed) {
+    std::vector<std::int16_t> all;
+    for (const double value : random_values(n * r, seed))
+      all.push_back(static_cast<std::int16_t>(std::clamp(8000 * value, -32767.0, 32767.0)));
+    return all;
+  };
+  asset.detail.along_x = entries(11);
+  asset.detail.along_y = entries(12);
+  const auto offsets = random_values(3 * n, 13);
+  for (std::size_t i = 0; i < n; ++i) {
+    asset.detail.offset.push_back({static_cast<float>(offsets[3 * i]), static_cast<float>(offsets[3 * i + 1]),
+                                   static_cast<float>(offsets[3 * i + 2])});
+    asset.detail.normal.push_back({0.6F, 0, 0.8F});
+  }
+}
+
+TEST(Reconstructor, AddsDetailInTheFramesOfThePose) {
+  Asset asset = grid_asset(3000, 21, 4);
+  add_detail(asset);
+  const auto C = random_values(63);
+  for (const InstructionSet set : instruction_sets()) {
+    Reconstructor reconstructor(set);
+    reconstructor.update(asset);
+    ASSERT_TRUE(reconstructor.has_detail());
+    std::vector<float> base(9000), X(9000), normals(9000);
+    reconstructor.combine(C, 3, 21, 3000, base);
+    const PoseToRebuild pose{C, 3, X, normals};
+    reconstructor.rebuild({&pose, 1}, 21, 3000);
+    for (std::size_t i = 0; i < 3000; ++i) {
+      std::array<double, 3> u{}, v{}, offset{};
+      for (std::size_t k = 0; k < 21; ++k) {
+        for (std::size_t d = 0; d < 3; ++d) {
+          u[d] += 1e-4 * asset.detail.along_x[i * 21 + k] * C[3 * k + d];
+          v[d] += 1e-4 * asset.detail.along_y[i * 21 + k] * C[3 * k + d];
+        }
+      }
+      const auto frame = frame_from_derivatives(u, v);
+      for (std::size_t d = 0; d < 3; ++d) offset[d] = double{asset.detail.offset[i][d]};
+      offset = frame.from_frame(offset);
+      const auto normal = frame.from_frame({0.6, 0, 0.8});
+      // A frame of almost no area turns with the rounding of what spans it.
+      const double area = std::hypot(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]);
+      const double tolerance = 1e-4 + 3e-3 / std::max(area, 1e-2);
+      for (std::size_t d = 0; d < 3; ++d) {
+        ASSERT_NEAR(X[3 * i + d] - base[3 * i + d], offset[d], tolerance) << "row " << i << ", area " << area;
+        ASSERT_NEAR(normals[3 * i + d], normal[d], tolerance) << "row " << i << ", area " << area;
+      }
+    }
+    // The same bits at every level, from any row on, on any number of threads, with and without normals.
+    std::vector<float> some(3 * 1500), alone(9000);
+    reconstructor.rebuild(C, 3, 21, 1500, some);
+    EXPECT_TRUE(std::equal(some.begin(), some.end(), X.begin()));
+    const PoseToRebuild rest{C, 3, some, {}};
+    std::fill(some.begin() + 3 * 1100, some.end(), 0.0F);
+    reconstructor.rebuild({&rest, 1}, 21, 1500, 1100);
+    EXPECT_TRUE(std::equal(some.begin(), some.end(), X.begin()));
+    Reconstructor one(set, 1);
+    one.update(asset);
+    one.rebuild(C, 3, 21, 3000, alone);
+    EXPECT_EQ(alone, X);
+  }
+}
+
+TEST(Reconstructor, FollowsDetailThatArrivesAndEnds) {
+  Asset whole = grid_asset(200, 21, 4);
+  add_detail(whole);
+  Reconstructor reconstructor;
+  for (const std::uint32_t rows : {60U, 100U, 200U}) {
+    Asset part = whole;
+    part.rows_ready = rows;
+    part.basis.resize(std::size_t{rows} * 21);
+    part.detail.along_x.resize(std::size_t{rows} * 21);
+    part.detail.along_y.resize(std::size_t{rows} * 21);
+    part.detail.offset.resize(rows);
+    part.detail.normal.resize(rows);
+    reconstructor.update(part);
+    EXPECT_EQ(reconstructor.has_detail(), true);
+  }
+  whole.detail = {};
+  reconstructor.update(whole);
+  EXPECT_FALSE(reconstructor.has_detail());
+  const auto C = random_values(63);
+  std::vector<float> base(600), X(600);
+  reconstructor.combine(C, 3, 21, 200, base);
+  reconstructor.rebuild(C, 3, 21, 200, X);
+  EXPECT_EQ(base, X);
 }
 
 TEST(Kernel, TransposedProductAgreesWithTheSumInEveryInstructionSet) {

@@ -13,6 +13,7 @@
 #include "common/asset/format.h"
 #include "common/asset/texture.h"
 #include "common/progressive/prefix.h"
+#include "common/reconstruction/reconstruct.h"
 #include "common/surface/read.h"
 #include "common/surface/shapes.h"
 #include "temporary_folder.h"
@@ -122,6 +123,104 @@ TEST(Bake, PointCloudsAndHarmonicBasesWork) {
   ASSERT_TRUE(harmonic);
   EXPECT_EQ(harmonic->asset.basis_kind, "harmonic");
   EXPECT_TRUE(validate_asset(harmonic->asset));
+}
+
+/// A torus with bumps that a smooth basis leaves out.
+Surface bumpy_torus() {
+  Surface surface = make_torus(48, 24, 1, 0.4);
+  for (std::size_t i = 0; i < surface.positions.size(); ++i) {
+    for (std::size_t axis = 0; axis < 3; ++axis)
+      surface.positions[i][axis] += (axis == i % 3 ? 0.02 : 0.01) * std::sin(40.0 * static_cast<double>(i));
+  }
+  return surface;
+}
+BakeOptions with_detail(DetailKind detail) {
+  BakeOptions options = of_rank(60, "harmonic");
+  options.detail = detail;
+  return options;
+}
+/// As receivers rebuild it, in rows' order, in the asset's space.
+std::vector<float> received(const Asset& asset, const std::vector<double>& C, std::uint32_t N) {
+  Reconstructor reconstructor;
+  reconstructor.update(asset);
+  std::vector<float> positions(std::size_t{3} * N);
+  reconstructor.rebuild(C, 3, asset.rank, N, positions);
+  return positions;
+}
+double worst_distance(const Surface& source, const Asset& asset, const std::vector<float>& rows) {
+  double worst = 0;
+  for (std::size_t i = 0; i < rows.size() / 3; ++i) {
+    const Vec3& truth = source.positions[asset.source_vertex[i]];
+    const auto off = [&](std::size_t d) { return double{rows[3 * i + d]} + asset.origin[d] - truth[d]; };
+    worst = std::max(worst, std::hypot(off(0), off(1), off(2)));
+  }
+  return worst;
+}
+
+TEST(BakeDetail, FramesBringBackTheRestPoseAtEveryLevelAndTurnWithTheSurface) {
+  for (const bool cloud : {false, true}) {
+    Surface surface = bumpy_torus();
+    if (cloud) surface.faces.clear();
+    const auto frames = bake(surface, of_rank(60, "harmonic")), none = bake(surface, with_detail(DetailKind::kNone)),
+               normal = bake(surface, with_detail(DetailKind::kNormal));
+    ASSERT_TRUE(frames && none && normal);
+    const Asset& asset = frames->asset;
+    EXPECT_EQ(detail_of(asset), DetailKind::kFrames) << "what a harmonic basis is baked with";
+    EXPECT_EQ(detail_of(none->asset), DetailKind::kNone);
+    EXPECT_EQ(detail_of(normal->asset), DetailKind::kNormal);
+    EXPECT_NE(frames->report.find("detail: in frames that turn with the surface"), std::string::npos);
+    EXPECT_LT(frames->encoded.total_bytes(), 4 * none->encoded.total_bytes());
+    const auto worst_of = [&](const BakeResult& result) {
+      return worst_distance(surface, result.asset, received(result.asset, result.asset.rest, asset.vertex_count));
+    };
+    EXPECT_GT(worst_of(*none), 0.02);
+    EXPECT_LT(worst_of(*normal), 0.95 * worst_of(*none));
+    EXPECT_LT(worst_of(*frames), 2e-3 * worst_of(*none));
+
+    const std::vector<float> full = received(asset, asset.rest, asset.vertex_count);
+    for (const std::uint32_t N : {asset.base_count, asset.vertex_count / 3})
+      EXPECT_TRUE(std::equal(full.begin(), full.begin() + 3 * N, received(asset, asset.rest, N).begin()));
+    // A quarter turn round z, and stretched: rotations of the frames, and of them alone.
+    std::vector<double> turned = asset.rest;
+    for (std::size_t k = 0; k < asset.rank; ++k) {
+      turned[3 * k] = -asset.rest[3 * k + 1];
+      turned[3 * k + 1] = asset.rest[3 * k];
+    }
+    const std::vector<float> now = received(asset, turned, asset.vertex_count);
+    for (std::size_t i = 0; i < full.size(); i += 3) {
+      ASSERT_NEAR(now[i], -full[i + 1], 1e-4F);
+      ASSERT_NEAR(now[i + 1], full[i], 1e-4F);
+      ASSERT_NEAR(now[i + 2], full[i + 2], 1e-4F);
+    }
+  }
+}
+
+TEST(BakeDetail, NormalsAreThoseOfTheSurfaceAtFullDetail) {
+  const Surface surface = bumpy_torus();
+  const auto baked = bake(surface, with_detail(DetailKind::kFrames));
+  ASSERT_TRUE(baked) << baked.error().message;
+  const Asset& asset = baked->asset;
+  Reconstructor reconstructor;
+  reconstructor.update(asset);
+  const std::size_t count = std::size_t{3} * asset.vertex_count;
+  std::vector<float> positions(count), normals(count), of_faces(count);
+  const PoseToRebuild pose{asset.rest, 3, positions, normals};
+  reconstructor.rebuild({&pose, 1}, asset.rank, asset.vertex_count);
+  vertex_normals(positions, triangles_at_level(asset, asset.vertex_count), of_faces);
+  for (std::size_t i = 0; i < count; i += 3) {
+    const float cosine = normals[i] * of_faces[i] + normals[i + 1] * of_faces[i + 1] + normals[i + 2] * of_faces[i + 2];
+    EXPECT_GT(cosine, 0.999F) << i / 3;
+  }
+}
+
+TEST(BakeDetail, OfABasisThatHoldsTheRestPoseIsRefused) {
+  BakeOptions options = of_rank(60);
+  options.detail = DetailKind::kFrames;
+  const auto refused = bake(make_icosphere(2), options);
+  ASSERT_FALSE(refused);
+  EXPECT_NE(refused.error().message.find("detail 'frames' of a basis 'augmented'"), std::string::npos);
+  options.detail = DetailKind::kNone;
+  EXPECT_TRUE(bake(make_icosphere(2), options));
 }
 
 TEST(Bake, RefusesWhatCannotBeStreamed) {
@@ -284,6 +383,9 @@ TEST(Bake, CacheTellsSurfacesAndOptionsApart) {
   EXPECT_TRUE(fresh(turned, of_rank(30)));
   EXPECT_TRUE(fresh(surface, of_rank(31)));
   EXPECT_TRUE(fresh(surface, of_rank(30, "harmonic")));
+  BakeOptions smooth = of_rank(30, "harmonic");
+  smooth.detail = DetailKind::kNone;
+  EXPECT_TRUE(fresh(surface, smooth));
   EXPECT_TRUE(fresh(surface, named));
   const Surface cloud{surface.positions, {}};
   BakeOptions by_kernel = of_rank(30);

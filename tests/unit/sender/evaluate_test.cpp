@@ -85,12 +85,27 @@ TEST_F(Evaluate, PointsAreHeldAgainstPoints) {
   EXPECT_EQ(evaluation->levels[0].edges.combined(), 0);
 }
 
+TEST_F(Evaluate, DetailLeavesLessThanTheBasisDoesAndFramesTheLeast) {
+  // Few columns, so that they leave out more than the codec does.
+  std::vector<double> rms;
+  for (const DetailKind kind : {DetailKind::kNone, DetailKind::kNormal, DetailKind::kFrames}) {
+    auto baked = bake(clip_->rest(), {.basis = "harmonic", .rank = 24, .name = {}, .detail = kind});
+    ASSERT_TRUE(baked) << baked.error().message;
+    const auto evaluation = evaluate(*clip_, baked->asset, {CodecKind::kFloat32, 1, {1, 0.3}});
+    ASSERT_TRUE(evaluation) << evaluation.error().message;
+    rms.push_back(evaluation->total.rms);
+    EXPECT_NEAR(evaluation->levels[1].vertex.rms, rms.back(), 0.3 * rms.back()) << "vertices are where they are";
+  }
+  EXPECT_LT(rms[1], rms[0]);
+  EXPECT_LT(rms[2], 0.9 * rms[0]);
+}
+
 TEST_F(Evaluate, ReportsHoldARowForEachLevelAndPlotsWhatHasALine) {
-  EvaluatedClip clip{"torus", "quantised", "none", 30, {}};
+  EvaluatedClip clip{"torus", "quantised", 30, {}};
   for (const double over_diagonal : {2e-3, 1e-3}) {
     const double eps = over_diagonal * asset_.diagonal();
-    clip.rows.push_back(
-        {"augmented", 60, asset_.diagonal(), 1000, eps, "error", evaluated({CodecKind::kQuantised, eps, {1, 0.5}})});
+    clip.rows.push_back({"augmented", "none", 60, asset_.diagonal(), 1000, eps, "error",
+                         evaluated({CodecKind::kQuantised, eps, {1, 0.5}})});
   }
   const auto report = nlohmann::json::parse(report_of(clip));
   ASSERT_EQ(report["results"].size(), 2u);

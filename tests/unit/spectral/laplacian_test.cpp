@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include "common/spectral/local_delaunay.h"
+#include "common/spectral/tangent_derivatives.h"
 #include "support.h"
 
 namespace eigencast {
@@ -351,6 +352,53 @@ TEST(PbMhb, PointsOnALineAreRefusedAndFourPointsDo) {
   const auto four = build_laplacian({{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {}}, kPbMhb);
   ASSERT_TRUE(four);
   expect_usable(*four, 4);
+}
+
+TEST(TangentDerivatives, OfThePositionsAreOrthonormalTangentsAndOfALinearFunctionItsSlopes) {
+  const Surface torus = make_torus(40, 20, 1, 0.4);
+  std::vector<std::uint32_t> parents;
+  for (std::uint32_t i = 0; i < torus.vertex_count(); ++i) parents.push_back(i == 0 ? 0 : i - 1);
+  for (const std::vector<Face>& faces : {torus.faces, std::vector<Face>()}) {
+    const TangentDerivatives derivatives = tangent_derivatives(torus.positions, faces, parents);
+    Eigen::Vector3d before = Eigen::Vector3d::Zero();
+    for (std::size_t i = 0; i < torus.vertex_count(); ++i) {
+      Eigen::Vector3d x = Eigen::Vector3d::Zero(), y = Eigen::Vector3d::Zero();
+      double constant = 0;
+      for (const auto& [j, along_x, along_y] : derivatives.of(i)) {
+        const Vec3& p = torus.positions[j];
+        x += along_x * Eigen::Vector3d(p[0], p[1], p[2]);
+        y += along_y * Eigen::Vector3d(p[0], p[1], p[2]);
+        constant = std::max({constant, std::abs(along_x), std::abs(along_y)});
+      }
+      EXPECT_NEAR(x.norm(), 1, 1e-9);
+      EXPECT_NEAR(y.norm(), 1, 1e-9);
+      EXPECT_NEAR(x.dot(y), 0, 1e-9);
+      // The torus' own normal there, from its circle of radius 1 in the xz plane.
+      const Vec3& p = torus.positions[i];
+      const double ring = std::hypot(p[0], p[2]);
+      const Eigen::Vector3d normal = Eigen::Vector3d(p[0] - p[0] / ring, p[1], p[2] - p[2] / ring) / 0.4;
+      const double side = x.cross(y).dot(normal);
+      EXPECT_GT(faces.empty() ? std::abs(side) : side, 0.99);
+      // Tangents lie along those of the parent, here a neighbour on the grid, but where a row of it ends.
+      if (i % 40 != 0 && i % 20 != 0) {
+        EXPECT_GT(x.dot(before), 0.9) << i;
+      }
+      before = x;
+      double sum = 0;
+      for (const auto& [j, along_x, along_y] : derivatives.of(i)) sum += along_x;
+      EXPECT_NEAR(sum, 0, 1e-9 * constant) << "a constant has no slope";
+    }
+  }
+}
+
+TEST(TangentDerivatives, ThereAreNoneWhereFacesSpanNoPlane) {
+  const std::vector<Vec3> positions = {{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {0, 1, 0}, {5, 5, 5}};
+  const std::vector<std::uint32_t> parents = {0, 0, 1, 0, 0};
+  const TangentDerivatives derivatives =
+      tangent_derivatives(positions, std::vector<Face>{{0, 1, 2}, {0, 1, 3}}, parents);
+  EXPECT_EQ(derivatives.of(0).size(), 3u);
+  EXPECT_TRUE(derivatives.of(2).empty());
+  EXPECT_TRUE(derivatives.of(4).empty());
 }
 
 }  // namespace
