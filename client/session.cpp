@@ -7,6 +7,7 @@
 #include <thread>
 #include <utility>
 
+#include "common/asset/detail.h"
 #include "common/core/text.h"
 
 namespace eigencast {
@@ -363,7 +364,8 @@ json Session::surfaces_report() const {
                         {"vertices", view.geometry().vertex_count()},
                         {"of", asset == nullptr ? 0 : asset->vertex_count},
                         {"faces", view.geometry().triangles.size() / 3},
-                        {"rebuilt", view.geometry().card ? "gpu" : "cpu"}});
+                        {"rebuilt", view.geometry().card ? "gpu" : "cpu"},
+                        {"detail", asset == nullptr ? "none" : name_of(detail_of(*asset))}});
   }
   return surfaces;
 }

@@ -110,8 +110,8 @@ void add_asset_options(CLI::App& app, SourceOptions& source) {
       ->capture_default_str();
   app.add_option("--detail", source.detail,
                  "what a harmonic or pca basis leaves out of the rest pose, put back by viewers: along normals (the "
-                 "paper's way) or in frames that turn with the surface, at two to three times the asset (default: "
-                 "harmonic: frames, else none)")
+                 "paper's way) or in frames that turn with the surface, with an asset "
+                 "three times as large (default: harmonic: frames, else none)")
       ->check(CLI::IsMember({"none", "normal", "frames"}));
   CLI::Option* cage = app.add_option("--cage", source.cage.file, "closed mesh around the model (default: one is made)");
   app.add_option("--cage-resolution", source.cage.resolution, "of a cage that is made: cubes along the longest side")

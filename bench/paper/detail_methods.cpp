@@ -14,7 +14,6 @@
 #include "common/surface/shapes.h"
 #include "common/surface/surface_distance.h"
 #include "sdk/asset_cache.h"
-#include "sender/detail.h"
 #include "sender/source.h"
 #include "sender/surface_error.h"
 
@@ -34,9 +33,10 @@ T value_or_exit(Result<T> result) {
 /// A surface in one basis.
 class Received {
  public:
-  Received(const Surface& surface, const char* basis, int rank)
-      : asset_(
-            std::make_unique<Asset>(value_or_exit(bake(surface, {basis, rank, "detail"}, default_cache_dir())).asset)),
+  Received(const Surface& surface, const char* basis, int rank, DetailKind detail = DetailKind::kNone)
+      : asset_(std::make_unique<Asset>(
+            value_or_exit(bake(surface, {basis, rank, "detail", 1e-4, nullptr, nullptr, detail}, default_cache_dir()))
+                .asset)),
         projector_(value_or_exit(Projector::create(*asset_))),
         rebuilder_(*asset_) {}
   std::vector<Vec3> of(std::span<const Vec3> pose) {
@@ -46,6 +46,7 @@ class Received {
     return {rebuilt.begin(), rebuilt.end()};
   }
   double diagonal() const { return asset_->diagonal(); }
+  const Asset& asset() const { return *asset_; }
 
  private:
   std::unique_ptr<Asset> asset_;
@@ -69,9 +70,9 @@ class Methods {
       : rest_(rest),
         harmonic_(rest, "harmonic", rank),
         augmented_(rest, "augmented", rank),
+        normal_(rest, "harmonic", rank, DetailKind::kNormal),
+        frames_(rest, "harmonic", rank, DetailKind::kFrames),
         base_rest_(harmonic_.of(rest.positions)),
-        normal_(DetailKind::kNormal, rest.positions, base_rest_, rest.faces),
-        frames_(DetailKind::kFrames, rest.positions, base_rest_, rest.faces),
         transfer_(rest.positions, base_rest_, rest.faces) {}
 
   std::map<std::string, std::vector<Vec3>> of(std::span<const Vec3> pose) {
@@ -82,8 +83,8 @@ class Methods {
     for (std::size_t i = 0; i < world.size(); ++i) {
       for (std::size_t axis = 0; axis < 3; ++axis) world[i][axis] += rest_.positions[i][axis] - base_rest_[i][axis];
     }
-    normal_.add_to(ways["3 normal (paper)"] = base);
-    frames_.add_to(ways["4 frames"] = base);
+    ways["3 normal (paper)"] = normal_.of(pose);
+    ways["4 frames"] = frames_.of(pose);
     if (!transfer_.carry(base, ways["5 deformation transfer"])) {
       std::fprintf(stderr, "detail_methods: the Poisson system cannot be factored\n");
       std::exit(1);
@@ -92,21 +93,23 @@ class Methods {
     return ways;
   }
   double diagonal() const { return augmented_.diagonal(); }
-  const Detail& normal() const { return normal_; }
+  const Asset& normal() const { return normal_.asset(); }
 
  private:
   const Surface& rest_;
-  Received harmonic_, augmented_;
+  Received harmonic_, augmented_, normal_, frames_;
   std::vector<Vec3> base_rest_;
-  Detail normal_, frames_;
   bench::DeformationTransfer transfer_;
 };
 
-void print_heights(const std::string& name, const Detail& normal, double diagonal) {
-  const std::vector<double> heights = normal.heights();
+/// Of an asset with detail along normals.
+void print_heights(const std::string& name, const Asset& normal) {
+  std::vector<double> heights(normal.vertex_count);  // in the source's order
+  for (std::size_t row = 0; row < heights.size(); ++row)
+    heights[normal.source_vertex[row]] = std::abs(double{normal.detail.offset[row][2]}) / normal.diagonal();
   for (std::size_t k = 0; k < kHeights; ++k) {
     const std::size_t i = k * heights.size() / kHeights;
-    std::printf("height,%s,%zu,%.4e\n", name.c_str(), i, std::abs(heights[i]) / diagonal);
+    std::printf("height,%s,%zu,%.4e\n", name.c_str(), i, heights[i]);
   }
 }
 
@@ -131,7 +134,7 @@ void run(const std::string& name, const MotionClip& clip, int rank) {
     std::printf("method,%s,%s,%.3f,%.3e,%.3e,%.3f\n", name.c_str(), method.c_str() + 2, error.kg_percent, error.rms,
                 error.max, at_rest.at(method).result().kg_percent);
   }
-  print_heights(name, methods.normal(), diagonal);
+  print_heights(name, methods.normal());
 }
 
 }  // namespace
@@ -144,9 +147,7 @@ int main(int argc, char** argv) {
     options.input = argv[i];
     if (options.input == "box") {
       const Surface bar = make_box(40, 185, 40, {1, 4.625, 1});
-      Received harmonic(bar, "harmonic", rank);
-      print_heights("box", Detail(DetailKind::kNormal, bar.positions, harmonic.of(bar.positions), bar.faces),
-                    harmonic.diagonal());
+      print_heights("box", Received(bar, "harmonic", rank, DetailKind::kNormal).asset());
       continue;
     }
     const auto clip = value_or_exit(open_source(options));

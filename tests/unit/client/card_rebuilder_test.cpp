@@ -29,9 +29,9 @@ using testing::sphere_pose;
 
 constexpr TimeUs kFrame = 16'667;
 
-const Asset& baked(const char* basis, double asset_error, bool as_points) {
-  static std::map<std::tuple<std::string, double, bool>, Asset> all;
-  const auto [at, fresh] = all.try_emplace({basis, asset_error, as_points});
+const Asset& baked(const char* basis, double asset_error, bool as_points, DetailKind detail = DetailKind::kNone) {
+  static std::map<std::tuple<std::string, double, bool, DetailKind>, Asset> all;
+  const auto [at, fresh] = all.try_emplace({basis, asset_error, as_points, detail});
   if (!fresh) return at->second;
   Surface surface = (*builtin_clip("heart"))->rest();
   if (as_points) surface.faces.clear();
@@ -39,6 +39,7 @@ const Asset& baked(const char* basis, double asset_error, bool as_points) {
   options.basis = basis;
   options.rank = 37;  // no multiple of anything
   options.asset_error = asset_error;
+  options.detail = detail;
   auto result = bake(surface, options);
   EXPECT_TRUE(result);
   return at->second = std::move(result->asset);
@@ -180,6 +181,39 @@ TEST_F(CardRebuilders, MeshesAndCloudsOfEveryKindOfBasisComeOutTheSameAtAnyLevel
         if (HasFatalFailure()) return;
       }
     }
+  }
+}
+
+TEST_F(CardRebuilders, SurfacesWithDetailAreLeftToTheProcessorWithNormalsOfTheirOwn) {
+  show(baked("harmonic", 1e-4, false, DetailKind::kFrames));
+  EXPECT_FALSE(card_->fits(source_->asset_));
+  turn(0.02, 1'000'000);
+  pose(disturbed(source_->asset_, 5));
+  for (const double fraction : {0.02, 0.3, 0.1}) {
+    // On the way, too.
+    for (int picture = 0; turn(fraction) && picture < 5; ++picture) {
+      const SurfaceGeometry &card = view(*by_card_).geometry(), &processor = view(*by_processor_).geometry();
+      ASSERT_FALSE(card.card);
+      EXPECT_EQ(card.positions, processor.positions);
+      EXPECT_EQ(card.normals, processor.normals);
+      ASSERT_EQ(card.normals.size(), card.positions.size());
+      for (std::size_t i = 0; i < card.normals.size(); i += 3)
+        ASSERT_NEAR(std::hypot(card.normals[i], card.normals[i + 1], card.normals[i + 2]), 1, 1e-4F);
+    }
+  }
+  turn(0.3, 1'000'000);
+  turn(0.3, 1'000'000);
+  const SurfaceGeometry& geometry = view(*by_card_).geometry();
+  const Reconstructor& basis = view(*by_card_).reconstructor();
+  const std::uint32_t N = geometry.vertex_count();
+  std::vector<float> positions(3 * std::size_t{N}), normals(positions.size()), base(positions.size());
+  const PoseToRebuild whole{pose_, 3, positions, normals};
+  basis.rebuild({&whole, 1}, source_->asset_.rank, N);
+  basis.combine(pose_, 3, source_->asset_.rank, N, base);
+  EXPECT_NE(positions, base);
+  for (std::size_t i = 0; i < positions.size(); ++i) {
+    ASSERT_NEAR(geometry.positions[i], positions[i], 1e-4F);
+    ASSERT_NEAR(geometry.normals[i], normals[i], 1e-3F);
   }
 }
 
