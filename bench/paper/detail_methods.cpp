@@ -35,7 +35,8 @@ class Received {
  public:
   Received(const Surface& surface, const char* basis, int rank, DetailKind detail = DetailKind::kNone)
       : asset_(std::make_unique<Asset>(
-            value_or_exit(bake(surface, {basis, rank, "detail", 1e-4, nullptr, nullptr, detail}, default_cache_dir()))
+            value_or_exit(
+                bake(surface, {basis, rank, "detail", 1e-4, nullptr, nullptr, "delaunay", detail}, default_cache_dir()))
                 .asset)),
         projector_(value_or_exit(Projector::create(*asset_))),
         rebuilder_(*asset_) {}

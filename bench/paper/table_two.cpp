@@ -99,7 +99,7 @@ class Normals {
 class Received {
  public:
   Received(const Surface& bar, const char* basis, const std::string& cache) {
-    auto baked = bake(bar, {basis, kRank, "bar", 1e-4, nullptr, nullptr, DetailKind::kNone}, cache);
+    auto baked = bake(bar, {basis, kRank, "bar", 1e-4, nullptr, nullptr, "delaunay", DetailKind::kNone}, cache);
     if (!baked) {
       std::fprintf(stderr, "%s\n", baked.error().message.c_str());
       std::exit(1);
