@@ -123,7 +123,10 @@ void Reconstructor::run(std::span<const PoseToRebuild> poses, std::uint32_t rank
     rebuild_tiles(tile, std::min<std::size_t>(N, tile * kernel::kTileRows + kRows));
   };
   const std::size_t multiplications = rows * rank * 3 * poses.size() * (with_detail ? 3 : 1);
-  if (threads_ == 1 || multiplications < kWorthThreads) {
+  const bool alone = threads_ == 1 || multiplications < kWorthThreads;
+  if (alone && !with_detail) {
+    rebuild_tiles(begin, N);
+  } else if (alone) {
     for (std::size_t task = 0; task < tasks; ++task) do_task(task);
   } else {
     worker_team().run(tasks, do_task);
