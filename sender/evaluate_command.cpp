@@ -43,16 +43,15 @@ Result<void> evaluate_basis(const EvaluateCommand& command, const std::string& b
       line.show(fraction, stage, steady_now_us());
       return !interrupt.requested();
     };
-    auto evaluation =
-        evaluate(*source->clip, asset, {codec, eps, command.levels, options.any_order}, progress);
+    auto evaluation = evaluate(*source->clip, asset, {codec, eps, command.levels, options.any_order}, progress);
     line.finish();
     if (!evaluation) return evaluation.error();
     if (rows.empty()) {  // The same frames in all of them.
       for (const std::string& finding : evaluation->findings) spdlog::warn("{}", finding);
     }
     evaluation->findings.insert(evaluation->findings.begin(), source->findings.begin(), source->findings.end());
-    rows.push_back({asset.basis_kind, std::string(name_of(detail_of(asset))), asset.rank, asset.diagonal(), source->baked.encoded.total_bytes(), eps, name,
-                    std::move(*evaluation)});
+    rows.push_back({asset.basis_kind, std::string(name_of(detail_of(asset))), asset.rank, asset.diagonal(),
+                    source->baked.encoded.total_bytes(), eps, name, std::move(*evaluation)});
   }
   return {};
 }

@@ -94,8 +94,11 @@ std::string report_of(const EvaluatedClip& clip) {
   json results = json::array();
   for (const EvaluatedRow& row : clip.rows) results.push_back(json_from(row, clip.rate_hz));
   const json findings = clip.rows.empty() ? json::array() : json(clip.rows.front().evaluation.findings);
-  return json{{"input", clip.input},   {"findings", findings},    {"codec", clip.codec},
-              {"rate_hz", clip.rate_hz}, {"results", results}}
+  return json{{"input", clip.input},
+              {"findings", findings},
+              {"codec", clip.codec},
+              {"rate_hz", clip.rate_hz},
+              {"results", results}}
       .dump(2);
 }
 
