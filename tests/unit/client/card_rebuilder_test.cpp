@@ -9,6 +9,7 @@
 #include <cmath>
 #include <map>
 #include <random>
+#include <span>
 #include <string>
 #include <tuple>
 
@@ -207,9 +208,10 @@ TEST_F(CardRebuilders, SurfacesWithDetailAreLeftToTheProcessorWithNormalsOfTheir
   const Reconstructor& basis = view(*by_card_).reconstructor();
   const std::uint32_t N = geometry.vertex_count();
   std::vector<float> positions(3 * std::size_t{N}), normals(positions.size()), base(positions.size());
-  const PoseToRebuild whole{pose_, 3, positions, normals};
+  const std::span<const double> C = view(*by_card_).coefficients();
+  const PoseToRebuild whole{C, 3, positions, normals};
   basis.rebuild({&whole, 1}, source_->asset_.rank, N);
-  basis.combine(pose_, 3, source_->asset_.rank, N, base);
+  basis.combine(C, 3, source_->asset_.rank, N, base);
   EXPECT_NE(positions, base);
   for (std::size_t i = 0; i < positions.size(); ++i) {
     ASSERT_NEAR(geometry.positions[i], positions[i], 1e-4F);
