@@ -40,11 +40,13 @@ class Horse : public ::testing::Test {
     if (folder_.empty()) GTEST_SKIP() << "SKIPPED: no shared data at " EIGENCAST_DATA_DIR;
   }
 
-  void stream(const std::string& basis, Scene& scene) {
+  /// detail: of harmonic bases.
+  void stream(const std::string& basis, Scene& scene, const std::string& detail = "none") {
     const std::string input = folder_ + "/vertices.npy";
-    ASSERT_EQ(scene.run("bake", {"eigencast-sender", "bake", input, "--basis", basis}), 0) << scene.logs();
+    ASSERT_EQ(scene.run("bake", {"eigencast-sender", "bake", input, "--basis", basis, "--detail", detail}), 0)
+        << scene.logs();
     const auto broker = scene.start_broker();
-    const auto sender = scene.start_sender({input, "--basis", basis, "--rate", "30"});
+    const auto sender = scene.start_sender({input, "--basis", basis, "--detail", detail, "--rate", "30"});
     const auto full = scene.start_client("full", {"--frames", "1000000", "--lod", "1"});
     ASSERT_TRUE(eventually([&] { return scene.received("full").size() > 60; }, kPatience)) << scene.logs();
     const auto coarse = scene.start_client("coarse", {"--frames", "20", "--lod", "0.2", "--rate", "raw"});
@@ -58,9 +60,10 @@ class Horse : public ::testing::Test {
   }
 
   /// The error of all keys that the viewer at full detail received.
-  Comparison compare(const std::string& basis, const Scene& scene) {
+  Comparison compare(const std::string& basis, const Scene& scene, DetailKind detail = DetailKind::kNone) {
     const auto clip = open_animation(folder_);
-    const auto baked = bake(clip->rest(), {.basis = basis, .rank = 200, .name = {}}, default_cache_dir());
+    const BakeOptions options{.basis = basis, .rank = 200, .name = {}, .detail = detail};
+    const auto baked = bake(clip->rest(), options, default_cache_dir());
     EXPECT_TRUE(baked) << baked.error().message;
     const auto comparison = compare_with_truth(*clip, baked->asset, scene.sent(), scene.received("full"));
     EXPECT_TRUE(comparison) << comparison.error().message;
@@ -89,6 +92,17 @@ TEST_F(Horse, HarmonicArrivesWithTheErrorThatTheBasisPredicts) {
   EXPECT_GT(comparison.keys.poses, 20u);
   EXPECT_GT(comparison.keys.kg_percent, 2.05);
   EXPECT_LT(comparison.keys.kg_percent, 2.30);
+}
+
+/// Half of what the basis alone leaves (above): viewers put the rest back.
+TEST_F(Horse, HarmonicWithDetailArrivesWithHalfTheError) {
+  Scene scene;
+  stream("harmonic", scene, "frames");
+  if (HasFatalFailure()) return;
+  const Comparison comparison = compare("harmonic", scene, DetailKind::kFrames);
+  EXPECT_GT(comparison.keys.poses, 20u);
+  EXPECT_GT(comparison.keys.kg_percent, 1.02);
+  EXPECT_LT(comparison.keys.kg_percent, 1.15);
 }
 
 TEST_F(Horse, ViewersOfDifferentDetailAndTimeSeeTheSameMotion) {
