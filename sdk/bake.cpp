@@ -26,6 +26,7 @@
 #include "common/wire/limits.h"
 #include "sdk/asset_cache.h"
 #include "sdk/bake_detail.h"
+#include "sdk/bake_record.h"
 #include "sdk/bake_texture.h"
 
 namespace eigencast {
@@ -33,7 +34,6 @@ namespace {
 
 /// Grows with every change of what a bake gives for the same input, so that old results are not found again.
 constexpr std::uint32_t kRecipe = 8;
-constexpr std::uint8_t kRecordVersion = 2;
 constexpr std::array<std::uint32_t, 3> kBandEnds = {14, 54,
                                                     104};  // after 4 affine columns, whole turns of the augmented basis
 
@@ -178,67 +178,6 @@ Result<Sha256> key_of(const Surface& surface, const Looks& looks, const BakeOpti
     }
   }
   return stream.finish();
-}
-
-std::string record_name(const Sha256& key) {
-  return "bake-" + key.hex();
-}
-
-Bytes record_from(const BakeResult& result) {
-  Bytes bytes;
-  bytes.reserve(64 + result.report.size());
-  ByteWriter out(bytes);
-  out.u8(kRecordVersion);
-  out.bytes(result.encoded.manifest.id.digest);
-  out.u8(result.certified ? 1 : 0);
-  out.u8(result.approximate ? 1 : 0);
-  out.f64(result.residual);
-  out.varint(result.report.size());
-  out.text(result.report);
-  return bytes;
-}
-
-/// Everything again, verified; nothing when a part is missing or damaged.
-std::optional<BakeResult> load(const AssetCache& cache, const Sha256& key) {
-  const auto record = cache.load_record(record_name(key));
-  if (!record) return std::nullopt;
-  ByteReader in(*record);
-  if (in.u8() != kRecordVersion) return std::nullopt;
-  BakeResult result;
-  const ByteView id = in.bytes(result.encoded.manifest.id.digest.size());
-  std::copy(id.begin(), id.end(), result.encoded.manifest.id.digest.begin());
-  result.certified = in.u8() != 0;
-  result.approximate = in.u8() != 0;
-  result.residual = in.f64();
-  const ByteView report = in.bytes(in.varint());
-  if (!in.finished()) return std::nullopt;
-  result.report.assign(report.begin(), report.end());
-
-  auto manifest = cache.load(result.encoded.manifest.id);
-  if (!manifest) return std::nullopt;
-  result.encoded.manifest.bytes = std::move(*manifest);
-  auto reader = AssetReader::from_manifest(result.encoded.manifest.id, result.encoded.manifest.bytes);
-  if (!reader) return std::nullopt;
-  for (std::size_t i = 0; i < reader->chunks().size(); ++i) {
-    const Sha256 chunk_id = reader->chunks()[i].id;
-    auto chunk = cache.load(chunk_id);
-    if (!chunk || !reader->add_chunk(i, *chunk)) return std::nullopt;
-    result.encoded.chunks.push_back({chunk_id, std::move(*chunk)});
-  }
-  result.asset = std::move(*reader).take();
-  if (!result.asset.complete()) return std::nullopt;
-  result.from_cache = true;
-  return result;
-}
-
-/// The record last: whoever finds it finds what it names.
-Result<void> store(const AssetCache& cache, const Sha256& key, const BakeResult& result) {
-  for (const AssetObject& chunk : result.encoded.chunks) {
-    if (auto stored = cache.store(chunk.id, chunk.bytes); !stored) return stored;
-  }
-  const AssetObject& manifest = result.encoded.manifest;
-  if (auto stored = cache.store(manifest.id, manifest.bytes); !stored) return stored;
-  return cache.store_record(record_name(key), record_from(result));
 }
 
 Vec3 centroid_of(const Surface& surface, const Basis& basis) {
@@ -511,7 +450,7 @@ Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, cons
   if (!key) return key.error();
   try {
     if (!cache_dir.empty()) {
-      if (auto found = load(cache, *key)) {
+      if (auto found = load_bake(cache, *key)) {
         stages.at(1, "found in the cache");
         return std::move(*found);
       }
@@ -519,7 +458,7 @@ Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, cons
     auto result = bake_afresh(surface, looks, options, stages);
     if (!result) return result;
     if (!cache_dir.empty()) {
-      if (auto stored = store(cache, *key, *result); !stored) return stored.error();
+      if (auto stored = store_bake(cache, *key, *result); !stored) return stored.error();
     }
     stages.at(1, "done");
     return result;
