@@ -7,6 +7,7 @@
 #include <functional>
 #include <vector>
 
+#include "common/spectral/elimination_order.h"
 #include "common/spectral/panels.h"
 
 namespace eigencast {
@@ -38,7 +39,7 @@ class ShiftInvert {
   bool solves_well();
 
   const Eigen::SparseMatrix<double>& S_;
-  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> ldlt_;
+  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>, Eigen::Lower, EliminationOrder> ldlt_;
   std::function<void()> callback_;
   Eigen::VectorXi order_;         // row i of S is row order_[i] of the factor
   std::vector<double> permuted_;  // a panel in the factor's order

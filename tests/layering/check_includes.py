@@ -51,6 +51,7 @@ LIBRARIES = {
     "OpenMesh": (r"OpenMesh/", {"common/surface"}, 2),
     "assimp": (r"assimp/", {"common/surface"}, 1),
     "tinygltf": (r"tiny_gltf\.h", {"common/surface"}, 1),
+    "METIS": (r"metis\.h", {"common/spectral"}, 1),
     "nanoflann": (r"nanoflann\.hpp", {"common/spectral", "common/progressive"}, 4),
     "meshoptimizer": (r"meshoptimizer\.h", {"common/progressive"}, 2),
     "zstd": (r"zstd\.h", {"common/asset"}, 2),
