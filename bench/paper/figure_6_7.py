@@ -15,6 +15,7 @@ import tempfile
 
 from common import clip_argument, np, parser, pathlib, plt, skip, write_picture, write_table
 
+CHANGES = {"change_mean": "levels change", "change_part": "pixels by > 3", "motion_mean": "motion changes", "motion_part": "pixels by > 3 "}
 RESOLVERS = {"none": "full detail", "paper": "Eq. 5/6, Algorithm 1", "budget": "budget (ours)"}
 
 
@@ -49,6 +50,11 @@ def similarity(run, since):
     return f"{np.nanmean(run['similarity'][run['t_s'] >= since]):.4f}" if run else "-"
 
 
+def changed(run, what):
+    """What levels alone change from picture to picture, and what everything else does: mean of all channels, of 255."""
+    return f"{np.nanmean(run[what][run['t_s'] >= 1]):.4g}" if run else "-"
+
+
 def row_of(name, run, similar, options):
     steady = run["t_s"] >= 1
     work, mean = run["work_ms"][steady], run["mean_lod"][steady]
@@ -59,7 +65,8 @@ def row_of(name, run, similar, options):
     return [RESOLVERS[name], len(work), f"{1000 / np.mean(work):.1f}", f"{1000 / np.percentile(work, 95):.1f}",
             f"{100 * np.mean(work <= 1.25 * budget):.1f}",
             f"{100 * np.mean(used):.0f}" if below.any() else "-", f"{100 * np.percentile(used, 5):.0f}" if below.any() else "-",
-            f"{np.mean(mean):.3f}", f"{lod.min():.3f}", similarity(similar, 1), similarity(similar, options.seconds / 2)]
+            f"{np.mean(mean):.3f}", f"{lod.min():.3f}", similarity(similar, 1), similarity(similar, options.seconds / 2),
+            *(changed(similar, what) for what in CHANGES if options.model)]
 
 
 def main():
@@ -86,10 +93,11 @@ def main():
             for name in RESOLVERS:
                 runs[name].append(fly(options, argument, path, name, "--count", options.count))
         # Apart, so that the pictures to compare with disturb no time.
-        similar = {name: fly(options, argument, path, name, "--count", options.count, "--compare-every", 5)
+        similar = {name: fly(options, argument, path, name, "--count", options.count, "--compare-every", 5,
+                             *(["--changes-every", 2] if options.model else []))
                    for name in RESOLVERS if name != "none"}
     header = ["levels", "pictures", "rate/s", "rate p5 /s", "within 1.25/f0 %", "budget used %", "used p5 %", "mean LOD", "least LOD",
-              "SSIM to full", "SSIM, second half"]
+              "SSIM to full", "SSIM, second half", *(CHANGES.values() if options.model else [])]
     table = [row_of(name, run, similar.get(name), options) for name in RESOLVERS for run in runs[name]]
     write_table(options, "figure_6_7", header, table)
     figure, axes = plt.subplots(2, 3, figsize=(14, 6), sharex=True, sharey="row")

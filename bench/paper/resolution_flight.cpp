@@ -24,7 +24,7 @@ namespace {
 
 struct Settings {
   std::string clip = "heart", cache, flight, resolver = "none";
-  int count = 6, width = 640, height = 480, compare_every = 0;
+  int count = 6, width = 640, height = 480, compare_every = 0, changes_every = 0;
   double f0 = 20, near = 0.5, far = 6, floor = 0.02, deadline = 1.25;  // as headless: no display is missed
   bool model = false, at_once = false;
 };
@@ -52,6 +52,29 @@ double similarity(const Picture& a, const Picture& b) {
     }
   }
   return sum / windows;
+}
+
+/// How two pictures differ.
+struct Difference {
+  double mean = 0;  ///< Of all channels, of 255.
+  double part = 0;  ///< Of the pixels, that differ by more than kSeen in a channel.
+  static constexpr int kSeen = 3;
+};
+
+Difference difference(const Picture& a, const Picture& b) {
+  Difference d;
+  for (std::size_t i = 0; i < a.rgb.size(); i += 3) {
+    int most = 0;
+    for (std::size_t c = i; c < i + 3; ++c) {
+      const int by = std::abs(int{a.rgb[c]} - int{b.rgb[c]});
+      d.mean += by;
+      most = std::max(most, by);
+    }
+    d.part += most > Difference::kSeen ? 1 : 0;
+  }
+  d.mean /= static_cast<double>(a.rgb.size());
+  d.part /= static_cast<double>(a.rgb.size() / 3);
+  return d;
 }
 
 /// A machine that takes the same time on every run, whatever else runs beside it: 8 ms, 45 ms for all vertices, 6 ms for surfaces that
@@ -96,7 +119,7 @@ class Flight {
   void fly(Renderer& renderer) {
     renderer.set_surface_count(list_.size());
     warm_up(renderer);
-    std::printf("t_s,work_ms,state,mean_lod,similarity");
+    std::printf("t_s,work_ms,state,mean_lod,similarity,change_mean,change_part,motion_mean,motion_part");
     for (int i = 0; i < settings_.count; ++i) std::printf(",lod_%d", i);
     std::printf("\n");
     std::optional<FrameWork> last;
@@ -104,6 +127,8 @@ class Flight {
       const TimeUs began_us = now_us_, start = steady_now_us();
       take_poses(scene_, list_);
       path_.apply(static_cast<double>(now_us_) / 1e6, camera_);
+      const bool look = settings_.changes_every > 0 && frame > 0 && frame % settings_.changes_every == 0;
+      const Picture as_before = look ? with_levels_as_before(renderer) : Picture{};
       levels_.choose(scene_, list_, camera_, last);
       scene_.advance(list_, now_us_);
       draw(renderer, scene_);
@@ -111,12 +136,21 @@ class Flight {
           settings_.model ? machine_.work_us(scene_, camera_, settings_, all_vertices_) : steady_now_us() - start;
       const std::vector<double> lod = levels_now();
       const bool compare = settings_.compare_every > 0 && frame % settings_.compare_every == 0;
+      const Picture shown = settings_.changes_every > 0 ? shown_now(renderer) : Picture{};
       const double similar = compare ? similarity_to_full(renderer) : std::nan("");
+      before_us_ = now_us_;
       now_us_ += work;
       last = FrameWork{now_us_, static_cast<double>(work) / 1e6};
       std::printf("%.6f,%.3f,%.5f,%.5f,", static_cast<double>(began_us) / 1e6, static_cast<double>(work) / 1e3,
                   levels_.state(), std::accumulate(lod.begin(), lod.end(), 0.0) / static_cast<double>(lod.size()));
       if (compare) std::printf("%.6f", similar);
+      if (look) {
+        const Difference levels = difference(as_before, shown), motion = difference(last_shown_, as_before);
+        std::printf(",%.5f,%.5f,%.5f,%.5f", levels.mean, levels.part, motion.mean, motion.part);
+      } else {
+        std::printf(",,,,");
+      }
+      last_shown_ = shown;
       for (const double each : lod) std::printf(",%.4f", each);
       std::printf("\n");
     }
@@ -181,20 +215,32 @@ class Flight {
     return lod;
   }
 
+  Picture shown_now(Renderer& renderer) const {
+    return Renderer::read_back(settings_.width, settings_.height,
+                               renderer.offscreen_target(settings_.width, settings_.height));
+  }
+
+  /// The poses and the view of now; the levels, and how far their vertices have come, of the picture before.
+  Picture with_levels_as_before(Renderer& renderer) {
+    scene_.advance(list_, before_us_);
+    draw(renderer, scene_);
+    return shown_now(renderer);
+  }
+
   double similarity_to_full(Renderer& renderer) {
-    const unsigned target = renderer.offscreen_target(settings_.width, settings_.height);
-    const Picture shown = Renderer::read_back(settings_.width, settings_.height, target);
+    const Picture shown = shown_now(renderer);
     take_poses(full_, full_list_);
     full_.advance(full_list_, now_us_);
     draw(renderer, full_);
-    return similarity(shown, Renderer::read_back(settings_.width, settings_.height, target));
+    return similarity(shown, shown_now(renderer));
   }
 
   const Settings settings_;
   const CameraPath path_;
   const double all_vertices_;
   ModelMachine machine_;
-  TimeUs now_us_ = 0;
+  TimeUs now_us_ = 0, before_us_ = 0;
+  Picture last_shown_;  ///< If changes are looked at.
   std::vector<std::unique_ptr<ClipSource>> sources_;
   std::vector<PoseSource*> list_, full_list_;
   Scene scene_;
@@ -242,8 +288,17 @@ int main(int argc, char** argv) {
   app.add_option("--width", settings.width)->capture_default_str();
   app.add_option("--height", settings.height)->capture_default_str();
   app.add_option("--compare-every", settings.compare_every, "pictures; 0: none")->capture_default_str();
+  app.add_option(
+         "--changes-every", settings.changes_every,
+         "pictures, of which it is told what levels alone have changed since the one before, and what motion has; "
+         "with --model: it takes time (0: none)")
+      ->capture_default_str();
   app.add_option("--cache", settings.cache, "folder of baked assets");
   CLI11_PARSE(app, argc, argv);
+  if (settings.changes_every > 0 && !settings.model) {
+    std::fprintf(stderr, "--changes-every takes time from the pictures that it looks at: give --model as well\n");
+    return 2;
+  }
   if (const auto done = eigencast::run(settings); !done) {
     std::fprintf(stderr, "%s\n", done.error().message.c_str());
     return 1;
