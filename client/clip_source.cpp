@@ -73,7 +73,7 @@ Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& inpu
   return std::shared_ptr<const BakedClip>(std::move(baked));
 }
 
-ClipSource::ClipSource(std::shared_ptr<const BakedClip> clip, double phase_s, Clock clock)
+ClipSource::ClipSource(std::shared_ptr<const BakedClip> clip, double phase_s, Clock clock, std::uint32_t epoch)
     : clip_(std::move(clip)),
       waits_(!clock),
       clock_(clock ? std::move(clock) : Clock(steady_now_us)),
@@ -85,7 +85,7 @@ ClipSource::ClipSource(std::shared_ptr<const BakedClip> clip, double phase_s, Cl
   info_.emplace();
   info_->stream = clip_->name;
   info_->state = control::StreamInfo::State::kLive;
-  info_->epoch = 1;
+  info_->epoch = epoch;
   info_->asset = clip_->asset_id;
   info_->format = {clip_->asset.rank, 3, clip_->asset.band_ends, "float64"};
   info_->key_rate_hz = clip_->rate_hz;
@@ -113,7 +113,7 @@ std::vector<ReceivedPose> ClipSource::poll(std::chrono::milliseconds timeout) {
   ReceivedPose pose;
   pose.envelope.kind = FrameKind::kKey;
   pose.envelope.bands = static_cast<std::uint8_t>((1U << std::min<std::size_t>(8, clip_->asset.band_ends.size())) - 1);
-  pose.envelope.epoch = 1;
+  pose.envelope.epoch = epoch();
   pose.envelope.sequence = static_cast<std::uint64_t>(number);
   pose.envelope.capture_us = due_us(number);
   pose.arrival_us = pose.decoded_us = now;

@@ -43,12 +43,13 @@ class ClipSource final : public PoseSource {
  public:
   using Clock = std::function<TimeUs()>;
   /// phase_s: how far into the clip it begins. clock: the steady clock, unless a test or a bench says the time; then
-  /// poll() never waits.
-  explicit ClipSource(std::shared_ptr<const BakedClip> clip, double phase_s = 0, Clock clock = {});
+  /// poll() never waits. epoch: of all it plays; > 0.
+  explicit ClipSource(std::shared_ptr<const BakedClip> clip, double phase_s = 0, Clock clock = {},
+                      std::uint32_t epoch = 1);
 
   std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout) override;
   const Asset* asset() const override { return &clip_->asset; }
-  std::uint32_t epoch() const override { return 1; }
+  std::uint32_t epoch() const override { return info_->epoch; }
   const std::optional<control::StreamInfo>& info() const override { return info_; }
   Subscriber::Stats stats() const override { return stats_; }
   Truth* truth() const override { return truth_.get(); }

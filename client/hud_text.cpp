@@ -2,6 +2,7 @@
 #include "client/hud_text.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "common/core/text.h"
 
@@ -26,6 +27,12 @@ std::string text_from_each(const std::vector<double>& levels) {
   std::string line = "of each";
   for (std::size_t i = 0; i < std::min(levels.size(), kMost); ++i) line += formatted(" %.2f", levels[i]);
   return levels.size() > kMost ? line + " ..." : line;
+}
+
+/// ", 4 s left", ", 2 min left"
+std::string text_from_left(double seconds) {
+  return formatted(seconds < 90 ? ", %.0f s left" : ", %.0f min left",
+                   std::ceil(seconds < 90 ? seconds : seconds / 60));
 }
 
 double megabytes(std::uint64_t bytes) {
@@ -118,38 +125,47 @@ std::vector<std::string> hud_lines(const HudFigures& f) {
   std::vector<std::string> lines;
   lines.push_back(
       formatted("%.0f keys/s \xC2\xB7 %.0f poses/s \xC2\xB7 %.0f drawn/s", f.keys_hz, f.poses_hz, f.drawn_hz));
-  lines.push_back(formatted("%.0f kbit/s", f.kbit_per_s) +
-                  (f.latency_count == 0 ? std::string(" \xC2\xB7 latency not known yet")
-                                        : " \xC2\xB7 latency " + milliseconds(f.latency_p50_us) + " (p99 " +
+  lines.push_back((f.received ? formatted("%.0f kbit/s \xC2\xB7 ", f.kbit_per_s) : std::string()) +
+                  (f.latency_count == 0 ? std::string("latency not known yet")
+                                        : "latency " + milliseconds(f.latency_p50_us) + " (p99 " +
                                               milliseconds(f.latency_p99_us) + ")"));
   const double level =
       f.vertices_total == 0 ? 0 : static_cast<double>(f.vertices) / static_cast<double>(f.vertices_total);
   lines.push_back(formatted("LOD %.2f \xC2\xB7 ", level) + with_commas(f.vertices) + " of " +
                   with_commas(f.vertices_total) + " vertices" +
                   (f.faces == 0 ? std::string(", points") : ", " + with_commas(f.faces) + " faces"));
-  if (f.levels.size() > 1) lines.push_back(text_from_each(f.levels));
+  if (f.received) lines.push_back(f.mode);
+  if (!f.shown.empty()) lines.push_back(f.shown);
   if (!f.resolver.empty()) lines.push_back(f.resolver);
   lines.push_back(formatted("bands %u of %u \xC2\xB7 rank %u", f.bands, f.bands_total, f.rank) +
                   (f.rebuilt.empty() ? "" : " \xC2\xB7 " + f.rebuilt));
-  if (!f.shown.empty()) lines.push_back(f.shown);
-  lines.push_back(f.mode);
+  if (f.levels.size() > 1) lines.push_back(text_from_each(f.levels));
   return lines;
 }
 
-std::string connection_line(const Subscriber::Stats& stats, const std::optional<control::StreamInfo>& info) {
-  const std::string stream = info && !info->stream.empty() ? " \xC2\xB7 " + info->stream : std::string();
-  if (stats.state == Subscriber::State::kDownloading && stats.asset_bytes_total > 0) {
-    return formatted("downloading model %.1f of %.1f MB",
-                     megabytes(stats.asset_bytes_downloaded + stats.asset_bytes_cached),
-                     megabytes(stats.asset_bytes_total)) +
-           stream;
-  }
-  // A clip that is made here says itself how far it is.
-  if (stats.state == Subscriber::State::kDownloading && !stats.detail.empty()) return stats.detail + stream;
+std::string connection_line(const Subscriber::Stats& stats, const std::optional<control::StreamInfo>& info,
+                            double bytes_per_s) {
+  const std::uint64_t there = stats.asset_bytes_downloaded + stats.asset_bytes_cached, all = stats.asset_bytes_total;
+  const std::string progress =
+      formatted("%.1f of %.1f MB", megabytes(there), megabytes(all)) +
+      (bytes_per_s > 0 && there < all ? text_from_left(static_cast<double>(all - there) / bytes_per_s) : std::string());
   std::string line(name_of(stats.state));
-  line += stream;
-  if (!stats.detail.empty() && stats.state != Subscriber::State::kLive) line += " \xC2\xB7 " + stats.detail;
-  return line;
+  switch (stats.state) {
+    case Subscriber::State::kDownloading:
+      // A clip that is made here says itself how far it is.
+      line = all > 0 ? "downloading model " + progress : stats.detail.empty() ? line : stats.detail;
+      break;
+    case Subscriber::State::kLive:
+      // What is still to come, what is wrong with that, what the broker has to say.
+      if (!stats.detail.empty()) line = stats.detail;
+      if (there < all) line += ": " + progress;
+      break;
+    default:
+      break;
+  }
+  if (info && !info->stream.empty()) line += " \xC2\xB7 " + info->stream;
+  const bool said = stats.state == Subscriber::State::kLive || stats.state == Subscriber::State::kDownloading;
+  return said || stats.detail.empty() ? line : line + " \xC2\xB7 " + stats.detail;
 }
 
 std::string banner_text(const Subscriber::Stats& stats, std::optional<TimeUs> since_us) {

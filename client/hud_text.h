@@ -16,6 +16,7 @@ namespace eigencast {
 /// What the figures on the screen are made of.
 struct HudFigures {
   double keys_hz = 0, poses_hz = 0, drawn_hz = 0, kbit_per_s = 0;
+  bool received = false;  ///< Bytes from a broker: else rate and mode of a connection say nothing.
   TimeUs latency_p50_us = 0, latency_p99_us = 0;
   std::uint64_t latency_count = 0;
   std::uint64_t vertices = 0, vertices_total = 0, faces = 0;  ///< Of all surfaces.
@@ -47,11 +48,12 @@ std::string text_from_rebuilt(std::size_t on_card, std::size_t surfaces);
 /// Who chooses the levels, for which rate, and how that stands: "budget · 60/s · 12.1 of 16.7 ms · 87 % planned".
 std::string text_from_levels(const LevelControl& levels, double work_s);
 
-/// The panel's lines, Latin-1 characters only.
+/// The figures' lines, the most important first; Latin-1 characters only.
 std::vector<std::string> hud_lines(const HudFigures& figures);
 
-/// One line on how the connection stands: "downloading model 4.1 of 11.3 MB".
-std::string connection_line(const Subscriber::Stats& stats, const std::optional<control::StreamInfo>& info);
+/// One line on how the connection stands: "downloading model 4.1 of 11.3 MB, 2 s left". bytes_per_s: of the download; 0: not known.
+std::string connection_line(const Subscriber::Stats& stats, const std::optional<control::StreamInfo>& info,
+                            double bytes_per_s = 0);
 
 /// What to say across the picture while a surface stands still because nothing comes; empty while all is well.
 /// `since_us`: how long ago the last pose came; nothing if none ever came.

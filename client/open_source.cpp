@@ -78,7 +78,8 @@ Result<std::unique_ptr<PoseSource>> open_source(const std::string& stream, const
     return source && !options.truth.empty() ? with_truth(std::move(*source), options.truth) : std::move(source);
   }
   eigencast::log(log, LogLevel::kInfo, *input + ": baking, or looking it up");
-  if (in_background) return std::unique_ptr<PoseSource>(std::make_unique<OpeningClip>(*input, options.cache_dir));
+  if (in_background)
+    return std::unique_ptr<PoseSource>(std::make_unique<OpeningClip>(*input, options.cache_dir, options.watch));
   const auto clip =
       BakedClip::open(*input, options.cache_dir, [&stop](double, std::string_view) { return !stop.load(); });
   if (!clip) return clip.error();

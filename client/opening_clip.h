@@ -2,6 +2,7 @@
 #pragma once
 
 #include <atomic>
+#include <condition_variable>
 #include <mutex>
 #include <string>
 #include <thread>
@@ -13,10 +14,15 @@ namespace eigencast {
 /// A clip that is baked on a thread of its own while the viewer already runs; then it plays as ClipSource does. While it is
 /// being made its state is kDownloading with how far it is, and kRefused with why if it cannot be.
 ///
+/// One that is watched is read again when its files have changed and then stood still for half a second, and plays on until that is
+/// done; what cannot be read then is said, and the surface as it was stays.
+///
 /// Use from one thread.
 class OpeningClip final : public PoseSource {
  public:
-  OpeningClip(std::string input, std::string cache_dir);
+  static constexpr std::chrono::milliseconds kLook{500};  ///< From look to look at files that are watched.
+
+  OpeningClip(std::string input, std::string cache_dir, bool watch = false);
   /// Stops baking and waits for that: at most until the bake's next report of progress.
   ~OpeningClip() override;
 
@@ -29,11 +35,15 @@ class OpeningClip final : public PoseSource {
 
  private:
   void bake(const std::string& input, const std::string& cache_dir);
+  void watch(const std::string& input, const std::string& cache_dir);
+  bool pause();
 
   std::optional<control::StreamInfo> info_;
   std::unique_ptr<ClipSource> playing_;
+  std::uint32_t times_read_ = 0;
   std::atomic<bool> stop_{false};
   mutable std::mutex mutex_;
+  std::condition_variable stopping_;
   std::string detail_;                                            // guarded by mutex_
   std::optional<Result<std::shared_ptr<const BakedClip>>> made_;  // guarded by mutex_
   std::optional<std::string> failed_;

@@ -24,6 +24,7 @@ eigencast-client ws://host:7490/heart --lod 0.3         # three tenths of the ve
 eigencast-client ws://host:7490/heart --rate raw --playout interpolate
 eigencast-client wss://host/heart --token @FILE         # a broker that asks who comes
 eigencast-client view horse.obj                         # a file, without a broker
+eigencast-client view frames --watch                    # a folder that is being written
 eigencast-client --headless --frames 90 --out pictures  # no display needed
 eigencast-client completion bash                        # or zsh, fish: a script for your shell; man: the manual page
 )";
@@ -67,7 +68,8 @@ bool colour_from_text(const std::string& text, SurfacePainter::Wish& wish) {
 std::string read_look(const RawOptions& raw, Look& look) {
   if (!colour_from_text(raw.colour, look.colour))
     return "--colour " + raw.colour +
-           ": give clay, own, normals, movement, speed, error, or channel:K with K from 3, the first beyond x, y, z";
+           ": give clay, own, textured, normals, movement, speed, error, or channel:K with K from 3, the first beyond "
+           "x, y, z";
   const auto map = colour_map_from_name(raw.colour_map);
   if (!map) return "--colour-map " + raw.colour_map + ": give viridis, cividis, coolwarm, turbo or grey";
   look.colour_map = *map;
@@ -291,12 +293,13 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
       "--truth", options.truth,
       "the clip that the streams play (file, folder, glob or built-in shape), for --colour error; files that are "
       "played here are their own");
+  app.add_flag("--watch", options.watch, "in the window: files that are played here are read again when they change");
   app.add_flag("--edges", options.look.edges, "draw the triangles' edges");
   app.add_flag("--wireframe", options.look.wireframe, "draw edges only");
   app.add_flag("--points", options.look.points, "draw vertices as points");
   app.add_flag("--transparent", options.look.transparent, "pictures without a background");
   app.add_flag("--hud", options.hud, "headless: draw the figures and the colours' legend into the pictures too");
-  app.add_option("--json", options.json, "write the report to this file at the end");
+  app.add_option("--json,--report", options.json, "write the report to this file at the end");
   app.add_option("--record", options.record, "write every received pose to this file, one JSON object a line");
   app.add_option("--record-shown", options.record_shown,
                  "write what each picture shows, and when, to this file, one JSON object a line");
@@ -326,6 +329,7 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   options.size_given = app.count("--size") > 0;
   for (const char* of_look : {"--edges", "--wireframe", "--points", "--transparent", "--colour-map"})
     options.look_given |= app.count(of_look) > 0;
+  if (options.headless && options.watch) return usage("--watch is for the window; headless a file is read once");
   if (!options.headless && !options.out.empty())
     return usage("--out is for --headless; in the window use --screenshot or key S");
   if (const Result<void> found = find_streams(raw, options); !found) return usage(found.error().message);

@@ -34,6 +34,7 @@ struct ClientOptions {
   double duration_s = 0;     ///< 0: no limit
   double wait_s = 30;        ///< Headless: how long to wait for the first pose.
   std::string out, json, record, record_shown, screenshot;
+  bool watch = false;           ///< Files that change are read again.
   std::string truth;            ///< File of the clip that the streams play; empty: none.
   std::string settings;         ///< File in which the window remembers; empty: it does not.
   bool look_given = false;      ///< The command line says something about `look`, so what is remembered does not count.

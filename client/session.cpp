@@ -3,30 +3,13 @@
 
 #include <algorithm>
 #include <cassert>
-#include <nlohmann/json.hpp>
 #include <thread>
 #include <utility>
 
-#include "common/asset/detail.h"
 #include "common/core/text.h"
 
 namespace eigencast {
 namespace {
-
-using nlohmann::json;
-
-json json_from(const Histogram& h) {
-  return {{"count", h.count()},      {"p50", h.percentile(50)}, {"p90", h.percentile(90)},
-          {"p99", h.percentile(99)}, {"max", h.max()},          {"negative", h.negative()}};
-}
-
-json json_from(const std::optional<TimeUs>& value) {
-  return value ? json(*value) : json(nullptr);
-}
-
-bool is_well(Subscriber::State state) {
-  return state == Subscriber::State::kLive || state == Subscriber::State::kDownloading;
-}
 
 std::vector<Placement> one_each(std::size_t sources) {
   std::vector<Placement> placements(sources);
@@ -34,25 +17,18 @@ std::vector<Placement> one_each(std::size_t sources) {
   return placements;
 }
 
-double per_second(std::uint64_t count, double seconds) {
-  return seconds > 0 ? static_cast<double>(count) / seconds : 0;
-}
-
 }  // namespace
 
 Session::Session(const ClientOptions& options, std::span<PoseSource* const> sources, LogSink log)
     : options_(options),
-      sources_(sources.begin(), sources.end()),
+      connections_(sources, options.scene.streams, log),
       log_(std::move(log)),
       scene_(options.scene.placements.empty() ? one_each(sources.size()) : options.scene.placements,
              options.view_options, options.scene.row),
       levels_(options.levels),
       colours_(options.headless ? Decode::kNow : Decode::kBeside),
       pixel_scale_(options.ui_scale > 0 ? static_cast<float>(options.ui_scale) : 1),
-      started_us_(steady_now_us()),
-      said_(sources.size()) {
-  for (std::size_t i = 0; i < sources.size(); ++i)
-    names_.push_back(i < options.scene.streams.size() ? options.scene.streams[i] : "");
+      started_us_(steady_now_us()) {
   for (const Placement& placement : options.scene.placements) assert(placement.source < sources.size());
 }
 
@@ -77,13 +53,7 @@ void Session::rebuild_with(const RebuilderChoice& choice) {
 }
 
 void Session::add(PoseSource& source, const std::string& name, Placement placement) {
-  auto at = std::find(sources_.begin(), sources_.end(), &source);
-  placement.source = static_cast<std::size_t>(at - sources_.begin());
-  if (at == sources_.end()) {
-    sources_.push_back(&source);
-    names_.push_back(name);
-    said_.emplace_back();
-  }
+  placement.source = connections_.add(source, name);
   scene_.add(std::move(placement));
 }
 
@@ -96,30 +66,25 @@ PoseSource* Session::remove(std::size_t surface) {
   if (std::any_of(instances.begin(), instances.end(), [&](const auto& i) { return i.placement.source == source; }))
     return nullptr;
   for (Scene::Instance& instance : instances) instance.placement.source -= instance.placement.source > source ? 1 : 0;
-  const auto at = static_cast<std::ptrdiff_t>(source);
-  PoseSource* gone = sources_[source];
-  sources_.erase(sources_.begin() + at);
-  names_.erase(names_.begin() + at);
-  said_.erase(said_.begin() + at);
-  return gone;
+  return connections_.remove(source);
 }
 
 std::string Session::name_of_surface(std::size_t surface) const {
   const Placement& placement = scene_.instances()[surface].placement;
   if (!placement.name.empty()) return placement.name;
-  const auto& info = sources_[placement.source]->info();
-  return info && !info->stream.empty() ? info->stream : names_[placement.source];
+  const auto& info = sources()[placement.source]->info();
+  return info && !info->stream.empty() ? info->stream : connections_.name(placement.source);
 }
 
 bool Session::poll(std::chrono::milliseconds timeout) {
-  if (sources_.empty()) {
+  if (sources().empty()) {
     std::this_thread::sleep_for(timeout);
     return false;
   }
   bool received = false;
-  const auto share = timeout / static_cast<int>(sources_.size());
-  for (std::size_t i = 0; i < sources_.size(); ++i) {
-    const std::vector<ReceivedPose> poses = sources_[i]->poll(received ? std::chrono::milliseconds(0) : share);
+  const auto share = timeout / static_cast<int>(sources().size());
+  for (std::size_t i = 0; i < sources().size(); ++i) {
+    const std::vector<ReceivedPose> poses = sources()[i]->poll(received ? std::chrono::milliseconds(0) : share);
     received |= !poses.empty();
     for (const ReceivedPose& pose : poses) {
       last_arrival_us_ = std::max(last_arrival_us_, pose.arrival_us);
@@ -127,7 +92,7 @@ bool Session::poll(std::chrono::milliseconds timeout) {
     }
     poses_taken_ += poses.size();
     record_.received(i, poses);
-    scene_.receive(i, *sources_[i], poses);
+    scene_.receive(i, *sources()[i], poses);
   }
   return received;
 }
@@ -136,10 +101,10 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera) {
   const bool received = poll(timeout);
   const TimeUs now = steady_now_us();
   work_.start(now);
-  levels_.choose(scene_, sources_, camera, std::exchange(last_work_, std::nullopt));
-  const bool changed = scene_.advance(sources_, now);
+  levels_.choose(scene_, sources(), camera, std::exchange(last_work_, std::nullopt));
+  const bool changed = scene_.advance(sources(), now);
   frame_scene(camera);
-  const Subscriber::Stats stats = this->stats();
+  const Subscriber::Stats stats = connections_.look(now);
   if (received) {
     last_ = Received{last_arrival_us_, stats.keys, stats.bytes, poses_taken_};
     if (!first_) first_ = last_;
@@ -148,12 +113,6 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera) {
   poses_.sample(poses_taken_, now);
   bytes_.sample(stats.bytes, now);
   drawn_rate_.sample(drawn_, now);
-  if (is_connected()) {
-    lost_since_us_.reset();
-  } else if (!lost_since_us_) {
-    lost_since_us_ = now;
-  }
-  say_states();
   remember(now);
   work_.stop(steady_now_us());
   return changed;
@@ -162,7 +121,7 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera) {
 void Session::remember(TimeUs now_us) {
   std::uint64_t all = 0;
   for (const Scene::Instance& instance : scene_.instances()) {
-    const Asset* asset = sources_[instance.placement.source]->asset();
+    const Asset* asset = sources()[instance.placement.source]->asset();
     all += asset == nullptr ? 0 : asset->vertex_count;
   }
   HistorySample sample;
@@ -172,20 +131,6 @@ void Session::remember(TimeUs now_us) {
   sample.latency_ms = static_cast<double>(last_latency_us_) / 1000;
   sample.kbit_per_s = bytes_.per_second() * 8 / 1000;
   history_.add(sample, now_us);
-}
-
-void Session::say_states() {
-  for (std::size_t i = 0; i < sources_.size(); ++i) {
-    const Subscriber::Stats stats = sources_[i]->stats();
-    if (said_[i] == stats.state) continue;  // the source itself says why and when it tries again
-    said_[i] = stats.state;
-    std::string line(name_of(stats.state));
-    if (sources_.size() > 1) line = names_[i] + ": " + line;
-    if (!stats.detail.empty()) line += ": " + stats.detail;
-    const bool fine = is_well(stats.state) || stats.state == Subscriber::State::kConnecting ||
-                      stats.state == Subscriber::State::kWaiting;
-    log(log_, fine ? LogLevel::kInfo : LogLevel::kWarning, line);
-  }
 }
 
 void Session::frame_scene(Camera& camera) {
@@ -217,7 +162,7 @@ RenderOptions Session::render_options(const Look& look) const {
 }
 
 std::optional<Legend> Session::legend() const {
-  return colours_.legend(sources_.empty() ? nullptr : sources_.front()->asset());
+  return colours_.legend(sources().empty() ? nullptr : sources().front()->asset());
 }
 
 void Session::draw(Renderer& renderer, const Camera& camera, const Look& look, int width_px, int height_px,
@@ -231,7 +176,7 @@ void Session::draw(Renderer& renderer, const Camera& camera, const Look& look, i
     renderer.upload(i, instances[i].view.geometry());
     renderer.place(i, instances[i].scene_from_surface, instances[i].visible);
   }
-  colours_.paint(scene_, sources_, look, renderer);
+  colours_.paint(scene_, sources(), look, renderer);
   uploaded_us_ = steady_now_us();
   upload_us_.add(uploaded_us_ - start);
   renderer.draw(camera, render_options(look), width_px, height_px, target);
@@ -257,35 +202,6 @@ void Session::finish_picture(bool wait) {
   drawn_latency_us_.add(last_latency_us_);
 }
 
-Subscriber::Stats Session::stats() const {
-  if (sources_.empty()) return {};
-  Subscriber::Stats all = troubled().stats();
-  for (const PoseSource* source : sources_) {
-    if (source == &troubled()) continue;
-    const Subscriber::Stats s = source->stats();
-    all.keys += s.keys;
-    all.synthetic += s.synthetic;
-    all.joins += s.joins;
-    all.bytes += s.bytes;
-    all.rejected += s.rejected;
-    all.skipped += s.skipped;
-    all.missed += s.missed;
-    all.reconnects += s.reconnects;
-    all.asset_bytes_downloaded += s.asset_bytes_downloaded;
-    all.asset_bytes_cached += s.asset_bytes_cached;
-    all.asset_bytes_total += s.asset_bytes_total;
-    all.latency_us.merge(s.latency_us);
-  }
-  return all;
-}
-
-const PoseSource& Session::troubled() const {
-  for (const PoseSource* source : sources_) {
-    if (!is_well(source->stats().state)) return *source;
-  }
-  return *sources_.front();
-}
-
 std::optional<TimeUs> Session::newest_arrival_us() const {
   std::optional<TimeUs> newest;
   for (const Scene::Instance& instance : scene_.instances())
@@ -293,13 +209,10 @@ std::optional<TimeUs> Session::newest_arrival_us() const {
   return newest;
 }
 
-bool Session::is_connected() const {
-  return sources_.empty() || is_well(troubled().stats().state);
-}
-
 float Session::colourfulness() const {
-  if (!lost_since_us_ || !newest_arrival_us()) return 1;
-  return std::clamp(1 - static_cast<float>(steady_now_us() - *lost_since_us_) / 500'000.0F, 0.0F, 1.0F);
+  const std::optional<TimeUs>& since = connections_.lost_since_us();
+  if (!since || !newest_arrival_us()) return 1;
+  return std::clamp(1 - static_cast<float>(steady_now_us() - *since) / 500'000.0F, 0.0F, 1.0F);
 }
 
 HudFigures Session::figures() const {
@@ -308,21 +221,22 @@ HudFigures Session::figures() const {
   f.poses_hz = poses_.per_second();
   f.drawn_hz = drawn_rate_.per_second();
   f.kbit_per_s = bytes_.per_second() * 8 / 1000;
-  const Subscriber::Stats stats = this->stats();
+  const Subscriber::Stats stats = connections_.stats();
+  f.received = stats.bytes > 0;
   f.latency_p50_us = stats.latency_us.percentile(50);
   f.latency_p99_us = stats.latency_us.percentile(99);
   f.latency_count = stats.latency_us.count();
   f.vertices = scene_.vertex_count();
   f.faces = scene_.triangle_count();
   for (const Scene::Instance& instance : scene_.instances()) {
-    const Asset* asset = sources_[instance.placement.source]->asset();
+    const Asset* asset = sources()[instance.placement.source]->asset();
     if (asset == nullptr) continue;
     f.vertices_total += asset->vertex_count;
     f.levels.push_back(static_cast<double>(instance.view.geometry().vertex_count()) / asset->vertex_count);
   }
   if (scene_.instances().empty()) return f;
   const SurfaceView& first = scene_.instances().front().view;
-  const PoseSource& source = *sources_[scene_.instances().front().placement.source];
+  const PoseSource& source = *sources()[scene_.instances().front().placement.source];
   f.bands = first.bands_received();
   if (const Asset* asset = source.asset()) {
     f.rank = asset->rank;
@@ -339,104 +253,8 @@ HudFigures Session::figures() const {
   return f;
 }
 
-std::string Session::connection() const {
-  if (sources_.empty()) return {};
-  return connection_line(stats(), troubled().info());
-}
-
 std::string Session::banner() const {
-  if (sources_.empty()) return {};
-  std::optional<TimeUs> since;
-  if (newest_arrival_us()) since = steady_now_us() - *newest_arrival_us();
-  return banner_text(stats(), since);
-}
-
-json Session::surfaces_report() const {
-  json surfaces = json::array();
-  for (const Scene::Instance& instance : scene_.instances()) {
-    const PoseSource& source = *sources_[instance.placement.source];
-    const Asset* asset = source.asset();
-    const SurfaceView& view = instance.view;
-    surfaces.push_back({{"stream", instance.placement.source},
-                        {"name", instance.placement.name},
-                        {"state", name_of(source.stats().state)},
-                        {"poses_shown", view.poses_shown()},
-                        {"vertices", view.geometry().vertex_count()},
-                        {"of", asset == nullptr ? 0 : asset->vertex_count},
-                        {"faces", view.geometry().triangles.size() / 3},
-                        {"rebuilt", view.geometry().card ? "gpu" : "cpu"},
-                        {"detail", asset == nullptr ? "none" : name_of(detail_of(*asset))}});
-  }
-  return surfaces;
-}
-
-std::string Session::report(const Renderer& renderer, int width_px, int height_px) const {
-  const Subscriber::Stats stats = this->stats();
-  const HudFigures figures_now = figures();
-  if (scene_.instances().empty())
-    return json{{"program", "eigencast-client " EIGENCAST_VERSION}, {"surfaces", json::array()}}.dump(2) + "\n";
-  const PoseSource& source = *sources_[scene_.instances().front().placement.source];
-  const SurfaceView& view = scene_.instances().front().view;
-  std::uint64_t unusable = 0;
-  for (const Scene::Instance& instance : scene_.instances()) unusable += instance.view.poses_unusable();
-  // Rates are those between the first and the last arrival, with the counters as they stood at both.
-  const Received first = first_.value_or(Received{}), last = last_.value_or(Received{});
-  const double span_s = static_cast<double>(last.arrival_us - first.arrival_us) / 1e6;
-  const auto& info = source.info();
-  json report;
-  report["program"] = "eigencast-client " EIGENCAST_VERSION;
-  report["url"] = options_.scene.streams.empty() ? "" : options_.scene.streams.front();
-  report["stream"] = info ? info->stream : "";
-  report["asset"] = info ? info->asset : "";
-  report["mode"] = figures_now.mode;
-  report["state"] = name_of(stats.state);
-  report["duration_s"] = static_cast<double>(steady_now_us() - started_us_) / 1e6;
-  report["receiving_s"] = span_s;
-  report["frames_in"] = {{"keys", stats.keys},         {"synthetic", stats.synthetic}, {"joins", stats.joins},
-                         {"poses", poses_taken_},      {"bytes", stats.bytes},         {"missed", stats.missed},
-                         {"rejected", stats.rejected}, {"unusable", unusable}};
-  report["frames_out"] = {{"drawn", drawn_}, {"poses_shown", scene_.poses_shown()}, {"written", written_}};
-  report["rates_hz"] = {{"keys", per_second(last.keys - first.keys, span_s)},
-                        {"poses", per_second(last.poses - first.poses, span_s)},
-                        {"drawn", per_second(drawn_, span_s)}};
-  report["kbit_per_s"] = per_second((last.bytes - first.bytes) * 8, span_s) / 1000;
-  report["latency_us"] = {{"arrival", json_from(stats.latency_us)}, {"drawn", json_from(drawn_latency_us_)}};
-  report["lod"] = {{"fraction", scene_.lod().fraction()},
-                   {"vertices", figures_now.vertices},
-                   {"of", figures_now.vertices_total},
-                   {"faces", figures_now.faces},
-                   {"resolver", name_of(levels_.kind())},
-                   {"target_fps", levels_.active() ? json(levels_.settings().target_fps) : json(nullptr)},
-                   {"state", levels_.active() ? json(levels_.state()) : json(nullptr)}};
-  report["surfaces"] = surfaces_report();
-  report["reconstruct"] = {
-      {"asked", name_of(options_.reconstruct)},
-      {"trial_us",
-       rebuild_trial_ ? json{{"cpu", rebuild_trial_->cpu_us}, {"gpu", rebuild_trial_->gpu_us}} : json(nullptr)}};
-  report["bands"] = {{"received", figures_now.bands}, {"of", figures_now.bands_total}, {"rank", figures_now.rank}};
-  const Playout& playout = view.playout();
-  report["playout"] = {{"mode", name_of(playout.settings().mode)},
-                       {"smoothness", playout.smoothness()},
-                       {"delay_us", playout.delay_us()}};
-  for (std::size_t i = 0; i < view.times_shown().size(); ++i)
-    report["playout"]["shown"][std::string(name_of(static_cast<Shown>(i)))] = view.times_shown()[i];
-  if (const Asset* asset = source.asset()) report["surface"] = {{"area", asset->area}, {"diagonal", asset->diagonal()}};
-  report["reconnects"] = stats.reconnects;
-  report["clock"] = {{"offset_us", json_from(stats.clock_offset_us)},
-                     {"error_us", json_from(stats.clock_error_us)},
-                     {"rtt_us", json_from(stats.rtt_us)}};
-  report["asset_bytes"] = {{"downloaded", stats.asset_bytes_downloaded},
-                           {"cached", stats.asset_bytes_cached},
-                           {"total", stats.asset_bytes_total}};
-  report["frame_time_us"] = {{"decode", json_from(decode_us_)},
-                             {"reconstruct", json_from(scene_.reconstruct_us())},
-                             {"normals", json_from(scene_.normals_us())},
-                             {"upload", json_from(upload_us_)},
-                             {"draw", json_from(draw_us_)},
-                             {"work", json_from(work_us_)}};
-  report["picture"] = {
-      {"width", width_px}, {"height", height_px}, {"samples", renderer.samples()}, {"device", renderer.device()}};
-  return report.dump(2) + "\n";
+  return connections_.banner(newest_arrival_us(), steady_now_us());
 }
 
 }  // namespace eigencast

@@ -7,9 +7,9 @@
 #include <string>
 #include <vector>
 
+#include "client/connections.h"
 #include "client/history.h"
 #include "client/hud_text.h"
-#include "client/json_file.h"
 #include "client/level_control.h"
 #include "client/options.h"
 #include "client/pose_record.h"
@@ -24,8 +24,8 @@
 
 namespace eigencast {
 
-/// What window and headless viewer share: polls the sources, keeps the scene and its levels of detail, counts, says on
-/// the log how the connections stand, records poses, and writes the report.
+/// What window and headless viewer share: polls the sources, keeps the scene and its levels of detail, counts, records poses, and
+/// writes the report.
 ///
 /// Not thread-safe.
 class Session final {
@@ -53,7 +53,7 @@ class Session final {
   void add(PoseSource& source, const std::string& name, Placement placement = {});
   /// Takes a surface out, and its source if no other shows it: returned, to be ended by whoever owns it; else null.
   PoseSource* remove(std::size_t surface);
-  const std::vector<PoseSource*>& sources() const { return sources_; }
+  const std::vector<PoseSource*>& sources() const { return connections_.sources(); }
   /// What people call a surface: its own name, or its stream's.
   std::string name_of_surface(std::size_t surface) const;
 
@@ -65,11 +65,11 @@ class Session final {
   LevelControl& levels() { return levels_; }
   const LevelControl& levels() const { return levels_; }
   HudFigures figures() const;
-  std::string connection() const;
+  std::string connection() const { return connections_.line(); }
   std::string banner() const;
   /// 1 while poses may come, falling to 0 within half a second of a lost connection.
   float colourfulness() const;
-  bool is_connected() const;
+  bool is_connected() const { return connections_.are_well(); }
   std::uint64_t drawn() const { return drawn_; }
   std::uint64_t written() const { return written_; }
   void count_written() { ++written_; }
@@ -82,17 +82,11 @@ class Session final {
   Session(const ClientOptions& options, std::span<PoseSource* const> sources, LogSink log);
   bool poll(std::chrono::milliseconds timeout);
   void remember(TimeUs now_us);
-  void say_states();
   void frame_scene(Camera& camera);
-  /// Of all sources: counts added up, the state of the first that is not well.
-  Subscriber::Stats stats() const;
-  const PoseSource& troubled() const;
   std::optional<TimeUs> newest_arrival_us() const;
-  nlohmann::json surfaces_report() const;
 
   const ClientOptions options_;
-  std::vector<PoseSource*> sources_;
-  std::vector<std::string> names_;  ///< Of the sources, for people; nothing secret.
+  Connections connections_;
   LogSink log_;
   Scene scene_;
   std::optional<RebuilderChoice::Trial> rebuild_trial_;
@@ -116,10 +110,8 @@ class Session final {
   WorkClock work_;
   TimeUs uploaded_us_ = 0;  ///< The surfaces of the picture that is being drawn.
   std::optional<FrameWork> last_work_;
-  std::optional<TimeUs> lost_since_us_;
   std::uint64_t poses_taken_ = 0, drawn_ = 0, written_ = 0;
   std::uint64_t facts_version_ = 0, drawn_pose_ = 0;
-  std::vector<std::optional<Subscriber::State>> said_;
   bool up_set_ = false;
 };
 

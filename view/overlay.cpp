@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 
@@ -40,12 +41,94 @@ bool begin_card(const char* name, ImVec2 at, ImVec2 pivot, float alpha) {
   return ImGui::Begin(name, nullptr, kCard);
 }
 
-/// A bar of the map's colours, its lowest value at the bottom, with three marks.
-void draw_legend(const Legend& legend, ImVec2 at, float scale) {
-  begin_card("legend", at, {1, 1}, 0.62F);
+/// Of the picture, in ImGui's units.
+struct Room {
+  ImVec2 size;
+  float gap, scale;
+};
+
+float height_of(const std::string& text, float width) {
+  return ImGui::CalcTextSize(text.c_str(), nullptr, false, width).y;
+}
+
+float width_of(const std::string& text) {
+  return ImGui::CalcTextSize(text.c_str()).x;
+}
+
+/// As many lines as leave the scene its part of the picture, the first ones first; the last of all is less than the others. Says
+/// where the card ends.
+float draw_figures(const std::vector<std::string>& lines, const Room& room, float left) {
+  constexpr float kPart = 0.3F;  // of its height
+  const ImGuiStyle& style = ImGui::GetStyle();
+  const float width = room.size.x - left - 2 * room.gap - 2 * style.WindowPadding.x;
+  if (lines.empty() || width < 6 * ImGui::GetFontSize()) return 0;  // the panel is all there is
+  begin_card("figures", {room.size.x - room.gap, room.gap}, {1, 0}, 0.62F);
+  ImGui::PushTextWrapPos(style.WindowPadding.x + width);
+  float height = 2 * style.WindowPadding.y - style.ItemSpacing.y;
+  for (std::size_t i = 0; i < lines.size(); ++i) {
+    const float more = height_of(lines[i], width) + style.ItemSpacing.y;
+    if (i > 0 && height + more > kPart * room.size.y) break;
+    height += more;
+    if (i + 1 < lines.size())
+      ImGui::TextUnformatted(lines[i].c_str());
+    else
+      ImGui::TextDisabled("%s", lines[i].c_str());
+  }
+  ImGui::PopTextWrapPos();
+  ImGui::End();
+  return room.gap + height;
+}
+
+/// right: what the legend takes there.
+void draw_connection(const OverlayContent& content, const Room& room, float right) {
+  if (content.connection.empty()) return;
+  begin_card("connection", {room.gap, room.size.y - room.gap}, {0, 1}, 0.62F);
+  // Shape and word carry the meaning, the colour only helps.
+  const float line = ImGui::GetTextLineHeight();
+  const ImVec2 corner = ImGui::GetCursorScreenPos(), middle{corner.x + 0.45F * line, corner.y + 0.55F * line};
+  ImDrawList& list = *ImGui::GetWindowDrawList();
+  if (content.connected)
+    list.AddCircleFilled(middle, 0.30F * line, IM_COL32(115, 230, 140, 255));
+  else
+    list.AddCircle(middle, 0.28F * line, IM_COL32(255, 184, 90, 255), 0, 0.12F * line);
+  ImGui::Dummy({0.85F * line, line});
+  ImGui::SameLine();
+  const float widest = room.size.x - right - 2 * room.gap - ImGui::GetStyle().WindowPadding.x;
+  ImGui::PushTextWrapPos(std::max(widest, 8 * line));
+  ImGui::TextUnformatted(content.connection.c_str());
+  ImGui::PopTextWrapPos();
+  if (content.paused) {
+    ImGui::SameLine();
+    ImGui::TextColored({1, 0.85F, 0.5F, 1}, "  paused (Space)");
+  }
+  ImGui::End();
+}
+
+void draw_banner(const OverlayContent& content, const Room& room) {
+  if (content.banner.empty()) return;
+  const float padding = ImGui::GetStyle().WindowPadding.x;
+  const float widest = room.size.x - content.left_px - 2 * room.gap - 2 * padding;
+  begin_card("banner", {0.5F * (room.size.x + content.left_px), room.size.y - 5.5F * room.gap}, {0.5F, 1}, 0.88F);
+  ImGui::PushStyleColor(ImGuiCol_Text, {1, 0.80F, 0.45F, 1});
+  ImGui::PushTextWrapPos(padding + std::max(widest, 8 * ImGui::GetTextLineHeight()));
+  ImGui::TextUnformatted(content.banner.c_str());
+  ImGui::PopTextWrapPos();
+  ImGui::PopStyleColor();
+  ImGui::End();
+}
+
+/// A bar of the map's colours, its lowest value at the bottom, with three marks; no higher than there is room below `top`. Says how
+/// far the card reaches from the right.
+float draw_legend(const Legend& legend, const Room& room, float top) {
+  const float scale = room.scale, half_line = 0.5F * ImGui::GetTextLineHeight();
+  const ImGuiStyle& style = ImGui::GetStyle();
+  const float beside =
+      2 * style.WindowPadding.y + 2 * style.ItemSpacing.y + 3 * scale + ImGui::GetTextLineHeight() + half_line;
+  const float bar = std::clamp(room.size.y - top - 2 * room.gap - beside, 40 * scale, 168 * scale);
+  begin_card("legend", {room.size.x - room.gap, room.size.y - room.gap}, {1, 1}, 0.62F);
   ImGui::TextUnformatted(legend.title.c_str());
   ImGui::Dummy({0, 3 * scale});
-  const ImVec2 corner = ImGui::GetCursorScreenPos(), size{16 * scale, 168 * scale};
+  const ImVec2 corner = ImGui::GetCursorScreenPos(), size{16 * scale, bar};
   const ColourTable table = table_of(legend.map);
   ImDrawList& list = *ImGui::GetWindowDrawList();
   constexpr std::size_t kSteps = 64;
@@ -55,7 +138,6 @@ void draw_legend(const Legend& legend, ImVec2 at, float scale) {
     list.AddRectFilled({corner.x, low - size.y / kSteps - 0.5F}, {corner.x + size.x, low},
                        IM_COL32(colour[0], colour[1], colour[2], 255));
   }
-  const float half_line = 0.5F * ImGui::GetTextLineHeight();
   float widest = 0;
   for (int i = 0; i <= 2; ++i) {
     char number[64];
@@ -66,26 +148,38 @@ void draw_legend(const Legend& legend, ImVec2 at, float scale) {
     const float y = corner.y + size.y * (1 - part);
     list.AddLine({corner.x + size.x, y}, {corner.x + size.x + 4 * scale, y}, IM_COL32(220, 225, 232, 255));
     list.AddText({corner.x + size.x + 9 * scale, y - half_line}, IM_COL32(235, 238, 242, 255), number);
-    widest = std::max(widest, ImGui::CalcTextSize(number).x);
+    widest = std::max(widest, width_of(number));
   }
   ImGui::Dummy({size.x + 9 * scale + widest, size.y + half_line});
   ImGui::End();
+  return room.gap + 2 * style.WindowPadding.x + std::max(width_of(legend.title), size.x + 9 * scale + widest);
 }
 
-void draw_help(const std::vector<HelpLine>& lines, ImVec2 centre, float scale) {
-  begin_card("help", centre, {0.5F, 0.5F}, 0.93F);
-  // All of it or nothing is of use: on a low window the letters are smaller.
+/// All of it or nothing is of use: where there is little room everything about it is smaller.
+void draw_help(const std::vector<HelpLine>& lines, const Room& room) {
+  if (lines.empty()) return;
   const ImGuiStyle& style = ImGui::GetStyle();
-  const auto rows = static_cast<float>(lines.size());
-  const float room = 1.96F * centre.y - 2 * style.WindowPadding.y - 2 * rows * style.CellPadding.y;
-  ImGui::SetWindowFontScale(std::clamp(room / (rows * ImGui::GetFontSize()), 0.4F, 1.0F));
+  const ImVec2 cell = style.CellPadding, padding = style.WindowPadding;
+  const float between = 10 * room.scale + style.ItemSpacing.x;
+  std::array<float, 3> widest{};
+  for (const HelpLine& line : lines) {
+    const std::array<const std::string*, 3> texts{&line.keys, &line.what, &line.state};
+    for (std::size_t i = 0; i < widest.size(); ++i) widest[i] = std::max(widest[i], width_of(*texts[i]));
+  }
+  const float width = widest[0] + widest[1] + widest[2] + between + 6 * cell.x + 2 * padding.x;
+  const float height = static_cast<float>(lines.size()) * (ImGui::GetFontSize() + 2 * cell.y) + 2 * padding.y;
+  const float part = std::clamp(0.96F * std::min(room.size.x / width, room.size.y / height), 0.25F, 1.0F);
+  ImGui::PushStyleVar(ImGuiStyleVar_CellPadding, {part * cell.x, part * cell.y});
+  ImGui::PushStyleVar(ImGuiStyleVar_WindowPadding, {part * padding.x, part * padding.y});
+  begin_card("help", {0.5F * room.size.x, 0.5F * room.size.y}, {0.5F, 0.5F}, 0.93F);
+  ImGui::SetWindowFontScale(part);
   if (ImGui::BeginTable("keys", 3, ImGuiTableFlags_SizingFixedFit)) {
     for (const HelpLine& line : lines) {
       ImGui::TableNextRow();
       ImGui::TableNextColumn();
       ImGui::TextColored({1.0F, 0.78F, 0.55F, 1}, "%s", line.keys.c_str());
       ImGui::TableNextColumn();
-      ImGui::Dummy({10 * scale, 0});
+      ImGui::Dummy({part * 10 * room.scale, 0});
       ImGui::SameLine();
       ImGui::TextUnformatted(line.what.c_str());
       ImGui::TableNextColumn();
@@ -94,6 +188,7 @@ void draw_help(const std::vector<HelpLine>& lines, ImVec2 centre, float scale) {
     ImGui::EndTable();
   }
   ImGui::End();
+  ImGui::PopStyleVar(2);
 }
 
 /// Letters in the picture's pixels, everything laid out in the window's units.
@@ -126,7 +221,15 @@ TextScale text_scale(float content, float pixels_per_unit, float wanted) {
   return {wanted > 0 ? wanted : std::max(content / pixels, 1.0F), pixels};
 }
 
-Overlay::Overlay(void* window, TextScale scale) : has_window_(window != nullptr), scale_(scale) {
+TextScale fitted(TextScale scale, float width, float height) {
+  constexpr float kWidth = 340, kHeight = 270;             // at 96 dpi
+  constexpr float kStep = 1.0F / 16, kLeast = 10 * kStep;  // of what was wanted; fonts are made for each step
+  const float part = std::min(width / kWidth, height / kHeight) / scale.layout;
+  scale.layout *= std::clamp(kStep * std::floor(part / kStep), kLeast, 1.0F);
+  return scale;
+}
+
+Overlay::Overlay(void* window, TextScale scale) : has_window_(window != nullptr), wanted_(scale), scale_(scale) {
   ImGui::CreateContext();
   ImGui::GetIO().IniFilename = nullptr;
   take_scale(scale_);
@@ -140,7 +243,7 @@ Overlay::~Overlay() {
   ImGui::DestroyContext();
 }
 
-void Overlay::set_scale(TextScale scale) {
+void Overlay::use_scale(TextScale scale) {
   if (scale == scale_) return;
   scale_ = scale;
   ImGui_ImplOpenGL3_DestroyFontsTexture();
@@ -156,8 +259,7 @@ bool Overlay::wants_keys() const {
   return ImGui::GetIO().WantTextInput;
 }
 
-void Overlay::draw(const OverlayContent& content, int width_px, int height_px, unsigned target,
-                   const std::function<void()>& panels) {
+void Overlay::begin_frame(int width_px, int height_px) {
   ImGui_ImplOpenGL3_NewFrame();
   if (has_window_) {
     ImGui_ImplGlfw_NewFrame();
@@ -165,46 +267,32 @@ void Overlay::draw(const OverlayContent& content, int width_px, int height_px, u
     ImGui::GetIO().DisplaySize = {static_cast<float>(width_px), static_cast<float>(height_px)};
     ImGui::GetIO().DeltaTime = 1.0F / 60;
   }
-  ImGui::NewFrame();
   const ImVec2 size = ImGui::GetIO().DisplaySize;
-  const float gap = 12 * scale_.layout;
-  if (!content.figures.empty()) {
-    begin_card("figures", {size.x - gap, gap}, {1, 0}, 0.62F);
-    for (std::size_t i = 0; i < content.figures.size(); ++i) {
-      if (i + 1 < content.figures.size())
-        ImGui::TextUnformatted(content.figures[i].c_str());
-      else
-        ImGui::TextDisabled("%s", content.figures[i].c_str());
-    }
-    ImGui::End();
-  }
-  if (!content.connection.empty()) {
-    begin_card("connection", {gap, size.y - gap}, {0, 1}, 0.62F);
-    // Shape and word carry the meaning, the colour only helps.
-    const float line = ImGui::GetTextLineHeight();
-    const ImVec2 corner = ImGui::GetCursorScreenPos(), middle{corner.x + 0.45F * line, corner.y + 0.55F * line};
-    ImDrawList& list = *ImGui::GetWindowDrawList();
-    if (content.connected)
-      list.AddCircleFilled(middle, 0.30F * line, IM_COL32(115, 230, 140, 255));
-    else
-      list.AddCircle(middle, 0.28F * line, IM_COL32(255, 184, 90, 255), 0, 0.12F * line);
-    ImGui::Dummy({0.85F * line, line});
-    ImGui::SameLine();
-    ImGui::TextUnformatted(content.connection.c_str());
-    if (content.paused) {
-      ImGui::SameLine();
-      ImGui::TextColored({1, 0.85F, 0.5F, 1}, "  paused (Space)");
-    }
-    ImGui::End();
-  }
-  if (!content.banner.empty()) {
-    begin_card("banner", {0.5F * (size.x + content.left_px), size.y - 5.5F * gap}, {0.5F, 1}, 0.88F);
-    ImGui::TextColored({1, 0.80F, 0.45F, 1}, "%s", content.banner.c_str());
-    ImGui::End();
-  }
-  if (content.legend) draw_legend(*content.legend, {size.x - gap, size.y - gap}, scale_.layout);
+  use_scale(fitted(wanted_, size.x, size.y));
+  ImGui::NewFrame();
+}
+
+void Overlay::lay_out(const OverlayContent& content, const std::function<void()>& panels) const {
+  const Room room{ImGui::GetIO().DisplaySize, 12 * scale_.layout, scale_.layout};
+  const float top = draw_figures(content.figures, room, content.left_px);
+  const float right = content.legend ? draw_legend(*content.legend, room, top) : 0;
+  draw_connection(content, room, right);
+  draw_banner(content, room);
   if (panels) panels();
-  if (!content.help.empty()) draw_help(content.help, {0.5F * size.x, 0.5F * size.y}, scale_.layout);
+  draw_help(content.help, room);
+}
+
+void Overlay::draw(const OverlayContent& content, int width_px, int height_px, unsigned target,
+                   const std::function<void()>& panels) {
+  // A card knows how large it is when it has been laid out once. A window shows it a picture later; a picture that is written has
+  // no later.
+  if (!has_window_) {
+    begin_frame(width_px, height_px);
+    lay_out(content, panels);
+    ImGui::EndFrame();
+  }
+  begin_frame(width_px, height_px);
+  lay_out(content, panels);
   ImGui::Render();
   glBindFramebuffer(GL_FRAMEBUFFER, target);
   ImGui_ImplOpenGL3_RenderDrawData(ImGui::GetDrawData());

@@ -18,7 +18,7 @@ struct HelpLine {
 
 /// What the overlay shows; empty strings and lists are left out.
 struct OverlayContent {
-  std::vector<std::string> figures;
+  std::vector<std::string> figures;  ///< The most important first: where there is little room the last are left out.
   std::string connection;
   bool connected = true;
   std::string banner;
@@ -41,6 +41,10 @@ struct TextScale {
 /// (macOS, Wayland) they bring that size along, elsewhere (X11, Windows) the layout must. wanted: instead of the display's; 0: none.
 TextScale text_scale(float content, float pixels_per_unit, float wanted = 0);
 
+/// What texts are drawn at in a window of this size (its units): smaller than wanted, down to five eighths, where they would leave
+/// the scene too little of it.
+TextScale fitted(TextScale scale, float width, float height);
+
 /// Text over the picture: figures, connection line, banner, help (Dear ImGui). One at a time; belongs to the OpenGL
 /// context that was current when it was made. Not thread-safe.
 class Overlay final {
@@ -56,15 +60,20 @@ class Overlay final {
             const std::function<void()>& panels = {});
 
   /// From the next draw() on: the window is on another display.
-  void set_scale(TextScale scale);
+  void set_scale(TextScale scale) { wanted_ = scale; }
 
   /// Mouse or keys are the panels' now, not the scene's.
   bool wants_mouse() const;
   bool wants_keys() const;
-  float scale() const { return scale_.layout; }
+  float scale() const { return scale_.layout; }  ///< As fitted() to the last picture.
 
  private:
+  void use_scale(TextScale scale);
+  void begin_frame(int width_px, int height_px);
+  void lay_out(const OverlayContent& content, const std::function<void()>& panels) const;
+
   bool has_window_;
+  TextScale wanted_;
   TextScale scale_;
 };
 

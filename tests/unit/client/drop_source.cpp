@@ -114,4 +114,14 @@ bool drop_on_window(const std::string& display, const std::string& uris) {
   return DropSource(display).drop(uris);
 }
 
+bool set_display_density(const std::string& display, int dpi) {
+  Display* const server = XOpenDisplay(display.c_str());
+  if (server == nullptr) return false;
+  const std::string resources = "Xft.dpi:\t" + std::to_string(dpi) + "\n";
+  XChangeProperty(server, XDefaultRootWindow(server), XA_RESOURCE_MANAGER, XA_STRING, 8, PropModeReplace,
+                  reinterpret_cast<const unsigned char*>(resources.data()), static_cast<int>(resources.size()));
+  XCloseDisplay(server);
+  return true;
+}
+
 }  // namespace eigencast::testing

@@ -35,6 +35,7 @@ TEST(HudText, StatesRatesLatencyAndLevel) {
   f.bands = 3;
   f.bands_total = 4;
   f.rank = 200;
+  f.received = true;
   f.mode = "raw";
   f.rebuilt = text_from_rebuilt(2, 2);
   const auto lines = hud_lines(f);
@@ -42,7 +43,11 @@ TEST(HudText, StatesRatesLatencyAndLevel) {
   EXPECT_EQ(lines[0], "30 keys/s \xC2\xB7 90 poses/s \xC2\xB7 60 drawn/s");
   EXPECT_EQ(lines[1], "56 kbit/s \xC2\xB7 latency 4.1 ms (p99 38 ms)");
   EXPECT_EQ(lines[2], "LOD 0.42 \xC2\xB7 13,777 of 32,802 vertices, 27,550 faces");
-  EXPECT_EQ(lines[3], "bands 3 of 4 \xC2\xB7 rank 200 \xC2\xB7 rebuilt on the GPU");
+  EXPECT_EQ(lines[3], "raw");
+  EXPECT_EQ(lines[4], "bands 3 of 4 \xC2\xB7 rank 200 \xC2\xB7 rebuilt on the GPU");
+  f.received = false;
+  EXPECT_EQ(hud_lines(f)[1], "latency 4.1 ms (p99 38 ms)") << "what is played here has no connection";
+  EXPECT_EQ(hud_lines(f).size(), 4u);
   EXPECT_EQ(text_from_rebuilt(0, 2), "rebuilt on the CPU");
   EXPECT_EQ(text_from_rebuilt(1, 3), "rebuilt on the GPU: 1, on the CPU: 2");
 }
@@ -80,6 +85,22 @@ TEST(HudText, ConnectionLineCountsTheDownload) {
   stats.asset_bytes_cached = 1'100'000;
   stats.asset_bytes_total = 11'300'000;
   EXPECT_EQ(connection_line(stats, std::nullopt), "downloading model 4.1 of 11.3 MB");
+  EXPECT_EQ(connection_line(stats, std::nullopt, 1'000'000), "downloading model 4.1 of 11.3 MB, 8 s left");
+  EXPECT_EQ(connection_line(stats, std::nullopt, 30'000), "downloading model 4.1 of 11.3 MB, 4 min left");
+  // It can be drawn long before all of it is there.
+  stats.state = Subscriber::State::kLive;
+  stats.detail = "live, downloading detail";
+  EXPECT_EQ(connection_line(stats, std::nullopt, 1'000'000), "live, downloading detail: 4.1 of 11.3 MB, 8 s left");
+  stats.asset_bytes_downloaded = 10'200'000;
+  stats.detail = "live";
+  control::StreamInfo info;
+  info.stream = "demo";
+  EXPECT_EQ(connection_line(stats, info, 1'000'000), "live \xC2\xB7 demo");
+  stats.detail = "the link takes 30 poses/s";
+  EXPECT_EQ(connection_line(stats, info), "the link takes 30 poses/s \xC2\xB7 demo") << "what the broker says";
+  stats.state = Subscriber::State::kLost;
+  stats.detail = "next try in 400 ms";
+  EXPECT_EQ(connection_line(stats, info), "lost \xC2\xB7 demo \xC2\xB7 next try in 400 ms");
 }
 
 TEST(HudText, BannerOnlyForASurfaceThatStandsStill) {
@@ -204,6 +225,8 @@ std::variant<ClientOptions, ExitNow> parsed(std::vector<const char*> arguments) 
 
 TEST(Options, DefaultsAndTheQueryDecideUnlessAsked) {
   EXPECT_TRUE(std::get<ClientOptions>(parsed({})).scene.streams.empty()) << "the window asks";
+  for (const char* name : {"--json", "--report"})
+    EXPECT_EQ(std::get<ClientOptions>(parsed({"--headless", name, "a.json"})).json, "a.json");
   const auto plain = parsed({"--headless"});
   ASSERT_TRUE(std::holds_alternative<ClientOptions>(plain));
   EXPECT_EQ(std::get<ClientOptions>(plain).scene.streams.front(), "ws://127.0.0.1:7490/demo");
@@ -293,8 +316,8 @@ TEST(HudText, StatesEachSurfaceAndTheResolver) {
   settings.target_fps = 20;
   f.resolver = text_from_levels(LevelControl(settings), 0.0412);
   const auto lines = hud_lines(f);
-  EXPECT_EQ(lines[3], "of each 1.00 0.42 0.07");
-  EXPECT_EQ(lines[4], "paper \xC2\xB7 20/s \xC2\xB7 41.2 of 50.0 ms \xC2\xB7 kappa 0.00");
+  EXPECT_EQ(lines[3], "paper \xC2\xB7 20/s \xC2\xB7 41.2 of 50.0 ms \xC2\xB7 kappa 0.00");
+  EXPECT_EQ(lines.back(), "of each 1.00 0.42 0.07");
 }
 
 TEST(Options, WrongUsageExitsWithTwo) {
@@ -323,6 +346,7 @@ TEST(Options, WrongUsageExitsWithTwo) {
                                                     {"ws://h/a", "ftp://x/y"},
                                                     {"ftp://x/y"},
                                                     {"--out", "x"},
+                                                    {"--headless", "--watch"},
                                                     {"--playout", "x"},
                                                     {"--smooth", "0.5"},
                                                     {"--playout", "estimate", "--smooth", "1.5"},
@@ -343,6 +367,14 @@ TEST(TextScales, TextsAreAsLargeAsTheDisplayWantsThemInWhateverUnits) {
   EXPECT_EQ(text_scale(1.5F, 2), (TextScale{1, 2})) << "never smaller than at 96 dpi";
   EXPECT_EQ(text_scale(3, 1.5F), (TextScale{2, 1.5F}));
   EXPECT_EQ(text_scale(2, 2, 3), (TextScale{3, 2})) << "--ui-scale wins";
+}
+
+TEST(TextScales, AreSmallerInWindowsThatHaveNoRoomForThem) {
+  EXPECT_EQ(fitted({1, 1}, 640, 480), (TextScale{1, 1}));
+  EXPECT_EQ(fitted({2, 1}, 1280, 720), (TextScale{2, 1}));
+  EXPECT_EQ(fitted({2, 1}, 480, 360), (TextScale{1.25F, 1})) << "five eighths at most";
+  EXPECT_EQ(fitted({1, 2}, 300, 400), (TextScale{0.875F, 2})) << "in the window's units";
+  EXPECT_EQ(fitted({4, 1}, 30, 20), (TextScale{2.5F, 1})) << "five eighths at least";
 }
 
 }  // namespace

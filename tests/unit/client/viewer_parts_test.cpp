@@ -4,6 +4,7 @@
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 
 #include "client/clip_source.h"
 #include "client/clip_truth.h"
@@ -177,6 +178,33 @@ TEST(OpeningClips, BakeInTheBackgroundAndSaySo) {
     bad.poll(std::chrono::milliseconds(10));
   EXPECT_EQ(bad.stats().state, Subscriber::State::kRefused);
   EXPECT_NE(bad.stats().detail.find("no/such/file.obj"), std::string::npos);
+}
+
+TEST(OpeningClips, ThoseThatAreWatchedAreReadAgainWhenTheyHaveChanged) {
+  const testing::TemporaryFolder folder;
+  const std::string file = folder.file("a.obj");
+  ASSERT_TRUE(write_surface(make_icosphere(2), file));
+  OpeningClip clip(file, "", true);
+  const auto until = [&](const std::function<bool()>& there) {
+    for (int i = 0; i < 3000 && !there(); ++i) clip.poll(std::chrono::milliseconds(10));
+    return there();
+  };
+  ASSERT_TRUE(until([&] { return clip.asset() != nullptr; }));
+  EXPECT_EQ(clip.asset()->vertex_count, 162u);
+  EXPECT_EQ(clip.epoch(), 1u);
+  ASSERT_TRUE(write_surface(make_icosphere(3), file));
+  ASSERT_TRUE(until([&] { return clip.epoch() == 2; })) << "what plays goes on until the new one is there";
+  EXPECT_EQ(clip.asset()->vertex_count, 642u);
+  EXPECT_EQ(clip.info()->epoch, 2u);
+  std::vector<ReceivedPose> poses;
+  for (int i = 0; i < 3000 && poses.empty(); ++i) poses = clip.poll(std::chrono::milliseconds(10));
+  ASSERT_FALSE(poses.empty());
+  EXPECT_EQ(poses.front().envelope.epoch, 2u);
+  std::ofstream(file) << "v 1 2\n";
+  ASSERT_TRUE(until([&] { return !clip.stats().detail.empty(); }));
+  EXPECT_EQ(clip.stats().state, Subscriber::State::kLive) << "the surface as it was stays";
+  EXPECT_EQ(clip.asset()->vertex_count, 642u);
+  std::filesystem::remove(file);
 }
 
 TEST(OpenedLater, ATokenGoesToTheBrokerThatItWasGivenForAndToNoOther) {

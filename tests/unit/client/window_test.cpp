@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <map>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <thread>
@@ -13,6 +14,7 @@
 #include "tests/support/process.h"
 #include "tests/unit/client/drop_source.h"
 #include "tests/unit/client/fake_source.h"
+#include "tests/unit/client/offscreen_pictures.h"
 #include "tests/unit/client/virtual_display.h"
 #include "view/picture.h"
 
@@ -148,6 +150,65 @@ TEST_F(TheWindow, KeysChangeTheLookAndTheNextWindowRemembers) {
   EXPECT_TRUE(settings->look.wireframe);
   EXPECT_TRUE(settings->panel);
   EXPECT_EQ(settings->look.colour_map, ColourMap::kCividis);
+}
+
+TEST_F(TheWindow, DrawsOnlyWhenSomethingHasChanged) {
+  options_.width = 200;
+  options_.height = 150;
+  options_.settings = "";
+  options_.json = folder_.file("report.json");
+  EXPECT_EQ(run([&] {
+              EXPECT_TRUE(testing::drop_on_window(display_.name(), "file:///tmp/a.obj\r\n"));
+              std::this_thread::sleep_for(std::chrono::seconds(2));
+            }),
+            kExitGood);
+  const auto report = nlohmann::json::parse(std::ifstream(options_.json));
+  EXPECT_GE(report["frames_out"]["drawn"], 3);
+  EXPECT_LE(report["frames_out"]["drawn"], 60) << "figures change four times a second, and the surface stands still";
+}
+
+/// The picture of key S.
+Picture screenshot(const std::string& keys, const std::string& name) {
+  EXPECT_EQ(std::system(("xdotool mousemove 320 300 key " + keys + " key s").c_str()), 0);
+  for (int i = 0; i < 1000 && !std::filesystem::exists(name); ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  std::this_thread::sleep_for(std::chrono::milliseconds(100));
+  const auto picture = read_png(name);
+  return picture ? *picture : Picture{};
+}
+
+TEST_F(TheWindow, TextsAndLinesAreAsLargeAsTheDisplayAsksFor) {
+  options_.width = 720;
+  options_.height = 560;
+  options_.settings = "";
+  options_.look_given = options_.look.wireframe = true;
+  const auto start = std::filesystem::current_path();
+  std::map<int, double> card, lines;
+  for (const int dpi : {96, 192}) {
+    ASSERT_TRUE(testing::set_display_density(display_.name(), dpi));
+    const std::string folder = folder_.file(std::to_string(dpi));
+    std::filesystem::create_directories(folder);
+    std::filesystem::current_path(folder);
+    stop_.store(false);
+    Picture picture;
+    EXPECT_EQ(run([&] {
+                EXPECT_TRUE(testing::drop_on_window(display_.name(), "file:///tmp/a.obj\r\n"));
+                std::this_thread::sleep_for(std::chrono::milliseconds(500));
+                picture = screenshot("f", "eigencast_0001.png");
+              }),
+              kExitGood);
+    std::filesystem::current_path(start);
+    ASSERT_EQ(picture.rgb.size(), 3u * 720 * 560);
+    // The card of the connection is dark on a light floor, and as wide there as its padding; the lines are of clay.
+    for (int y = 400; y < 560; ++y) card[dpi] += picture.pixel(16 * dpi / 96, y)[0] < 110 ? 1 : 0;
+    for (int y = 0; y < 560; ++y) {
+      for (int x = 0; x < 720; ++x) lines[dpi] += testing::is_clay(picture.pixel(x, y)) ? 1 : 0;
+    }
+  }
+  EXPECT_NEAR(card[96], 31, 4);
+  EXPECT_NEAR(card[192] / card[96], 2, 0.2);
+  EXPECT_GT(lines[96], 1000);
+  EXPECT_GT(lines[192], 1.4 * lines[96]);
 }
 
 }  // namespace

@@ -1,0 +1,115 @@
+// SPDX-License-Identifier: MIT
+#include <nlohmann/json.hpp>
+
+#include "client/session.h"
+#include "common/asset/detail.h"
+
+namespace eigencast {
+namespace {
+
+using nlohmann::json;
+
+json json_from(const Histogram& h) {
+  return {{"count", h.count()},      {"p50", h.percentile(50)}, {"p90", h.percentile(90)},
+          {"p99", h.percentile(99)}, {"max", h.max()},          {"negative", h.negative()}};
+}
+
+json json_from(const std::optional<TimeUs>& value) {
+  return value ? json(*value) : json(nullptr);
+}
+
+double per_second(std::uint64_t count, double seconds) {
+  return seconds > 0 ? static_cast<double>(count) / seconds : 0;
+}
+
+json surfaces_from(const Scene& scene, std::span<PoseSource* const> sources) {
+  json surfaces = json::array();
+  for (const Scene::Instance& instance : scene.instances()) {
+    const PoseSource& source = *sources[instance.placement.source];
+    const Asset* asset = source.asset();
+    const SurfaceView& view = instance.view;
+    surfaces.push_back({{"stream", instance.placement.source},
+                        {"name", instance.placement.name},
+                        {"state", name_of(source.stats().state)},
+                        {"poses_shown", view.poses_shown()},
+                        {"vertices", view.geometry().vertex_count()},
+                        {"of", asset == nullptr ? 0 : asset->vertex_count},
+                        {"faces", view.geometry().triangles.size() / 3},
+                        {"rebuilt", view.geometry().card ? "gpu" : "cpu"},
+                        {"detail", asset == nullptr ? "none" : name_of(detail_of(*asset))}});
+  }
+  return surfaces;
+}
+
+}  // namespace
+
+std::string Session::report(const Renderer& renderer, int width_px, int height_px) const {
+  const Subscriber::Stats stats = connections_.stats();
+  const HudFigures figures_now = figures();
+  if (scene_.instances().empty())
+    return json{{"program", "eigencast-client " EIGENCAST_VERSION}, {"surfaces", json::array()}}.dump(2) + "\n";
+  const PoseSource& source = *sources()[scene_.instances().front().placement.source];
+  const SurfaceView& view = scene_.instances().front().view;
+  std::uint64_t unusable = 0;
+  for (const Scene::Instance& instance : scene_.instances()) unusable += instance.view.poses_unusable();
+  // Rates are those between the first and the last arrival, with the counters as they stood at both.
+  const Received first = first_.value_or(Received{}), last = last_.value_or(Received{});
+  const double span_s = static_cast<double>(last.arrival_us - first.arrival_us) / 1e6;
+  const auto& info = source.info();
+  json report;
+  report["program"] = "eigencast-client " EIGENCAST_VERSION;
+  report["url"] = options_.scene.streams.empty() ? "" : options_.scene.streams.front();
+  report["stream"] = info ? info->stream : "";
+  report["asset"] = info ? info->asset : "";
+  report["mode"] = figures_now.mode;
+  report["state"] = name_of(stats.state);
+  report["duration_s"] = static_cast<double>(steady_now_us() - started_us_) / 1e6;
+  report["receiving_s"] = span_s;
+  report["frames_in"] = {{"keys", stats.keys},         {"synthetic", stats.synthetic}, {"joins", stats.joins},
+                         {"poses", poses_taken_},      {"bytes", stats.bytes},         {"missed", stats.missed},
+                         {"rejected", stats.rejected}, {"unusable", unusable}};
+  report["frames_out"] = {{"drawn", drawn_}, {"poses_shown", scene_.poses_shown()}, {"written", written_}};
+  report["rates_hz"] = {{"keys", per_second(last.keys - first.keys, span_s)},
+                        {"poses", per_second(last.poses - first.poses, span_s)},
+                        {"drawn", per_second(drawn_, span_s)}};
+  report["kbit_per_s"] = per_second((last.bytes - first.bytes) * 8, span_s) / 1000;
+  report["latency_us"] = {{"arrival", json_from(stats.latency_us)}, {"drawn", json_from(drawn_latency_us_)}};
+  report["lod"] = {{"fraction", scene_.lod().fraction()},
+                   {"vertices", figures_now.vertices},
+                   {"of", figures_now.vertices_total},
+                   {"faces", figures_now.faces},
+                   {"resolver", name_of(levels_.kind())},
+                   {"target_fps", levels_.active() ? json(levels_.settings().target_fps) : json(nullptr)},
+                   {"state", levels_.active() ? json(levels_.state()) : json(nullptr)}};
+  report["surfaces"] = surfaces_from(scene_, sources());
+  report["reconstruct"] = {
+      {"asked", name_of(options_.reconstruct)},
+      {"trial_us",
+       rebuild_trial_ ? json{{"cpu", rebuild_trial_->cpu_us}, {"gpu", rebuild_trial_->gpu_us}} : json(nullptr)}};
+  report["bands"] = {{"received", figures_now.bands}, {"of", figures_now.bands_total}, {"rank", figures_now.rank}};
+  const Playout& playout = view.playout();
+  report["playout"] = {{"mode", name_of(playout.settings().mode)},
+                       {"smoothness", playout.smoothness()},
+                       {"delay_us", playout.delay_us()}};
+  for (std::size_t i = 0; i < view.times_shown().size(); ++i)
+    report["playout"]["shown"][std::string(name_of(static_cast<Shown>(i)))] = view.times_shown()[i];
+  if (const Asset* asset = source.asset()) report["surface"] = {{"area", asset->area}, {"diagonal", asset->diagonal()}};
+  report["reconnects"] = stats.reconnects;
+  report["clock"] = {{"offset_us", json_from(stats.clock_offset_us)},
+                     {"error_us", json_from(stats.clock_error_us)},
+                     {"rtt_us", json_from(stats.rtt_us)}};
+  report["asset_bytes"] = {{"downloaded", stats.asset_bytes_downloaded},
+                           {"cached", stats.asset_bytes_cached},
+                           {"total", stats.asset_bytes_total}};
+  report["frame_time_us"] = {{"decode", json_from(decode_us_)},
+                             {"reconstruct", json_from(scene_.reconstruct_us())},
+                             {"normals", json_from(scene_.normals_us())},
+                             {"upload", json_from(upload_us_)},
+                             {"draw", json_from(draw_us_)},
+                             {"work", json_from(work_us_)}};
+  report["picture"] = {
+      {"width", width_px}, {"height", height_px}, {"samples", renderer.samples()}, {"device", renderer.device()}};
+  return report.dump(2) + "\n";
+}
+
+}  // namespace eigencast
