@@ -1,171 +1,16 @@
 // SPDX-License-Identifier: MIT
-#include "broker/backbone/backbone.h"
-
-#include <gtest/gtest.h>
-#include <unistd.h>
-
-#include <filesystem>
-
-#include "tests/unit/broker/backbone/fake_network.h"
-#include "tests/unit/broker/support.h"
+//
+// What viewers at one broker get of a stream that is sent to another.
+#include "tests/unit/broker/backbone/sites.h"
 
 namespace eigencast::broker {
 namespace {
 
-namespace fs = std::filesystem;
-using testing::FakeLink;
-using testing::FakeNetwork;
-using testing::FakeReceiver;
-using testing::FakeSender;
+using namespace testing;
 using State = control::StreamInfo::State;
 
-constexpr TimeUs kStart = 1'000'000'000;
-const Profile kRaw{Profile::Rate::kRaw};
-
-Bytes content(std::uint8_t fill, std::size_t size) {
-  return Bytes(size, fill);
-}
-
-/// One broker as far as the backbone is concerned: streams, a store, and no network.
-class Site {
- public:
-  Site(FakeNetwork& network, TimeUs& now, std::string id, bool replace)
-      : id_(id), link(network), now_(now), replace_(replace) {
-    std::string pattern = (fs::temp_directory_path() / "eigencast-backbone-XXXXXX").string();
-    folder_ = ::mkdtemp(pattern.data());
-    store = AssetStore::open(folder_, {}).value();
-    const auto at_once = [](const std::function<void()>& work) { work(); };
-    exchange = std::make_unique<AssetExchange>(link, *store, "test", at_once, at_once);
-    Backbone::Settings settings;
-    settings.id = id;
-    settings.prefix = "test";
-    Backbone::Surroundings around;
-    around.now_us = [this] { return now_; };
-    around.next_epoch = [this](std::uint32_t above) -> Result<std::uint32_t> {
-      return last_epoch_ = std::max(above, last_epoch_) + 1;
-    };
-    around.replaces = [this] { return replace_; };
-    around.frames_came = [] {};
-    backbone = std::make_unique<Backbone>(settings, link, *exchange, around);
-    Hub::Settings hub_settings;
-    hub_settings.stream.taps = {store.get(), backbone.get()};
-    hub = std::make_unique<Hub>(hub_settings);
-    backbone->start(*hub);
-  }
-  ~Site() {
-    backbone->stop();
-    hub.reset();
-    backbone.reset();
-    exchange.reset();
-    store.reset();
-    fs::remove_all(folder_);
-  }
-
-  Sha256 put(const Bytes& bytes) {
-    const Sha256 id = sha256(bytes);
-    auto upload = store->begin_upload(id).value();
-    EXPECT_TRUE(upload->write(bytes));
-    EXPECT_TRUE(upload->commit());
-    return id;
-  }
-
-  std::string id_;
-  FakeLink link;
-  std::unique_ptr<AssetStore> store;
-  std::unique_ptr<AssetExchange> exchange;
-  std::unique_ptr<Backbone> backbone;
-  std::unique_ptr<Hub> hub;
-
- private:
-  TimeUs& now_;
-  bool replace_;
-  std::string folder_;
-  std::uint32_t last_epoch_ = 0;
-};
-
-/// A sender at a site: what broker/connections/publisher does, without the connection.
-struct Sender : FakeSender {
-  void on_replaced() override { replaced = true; }
-  void publish(Site& site, const std::string& name, const Sha256& asset) {
-    stream = site.hub->open(name).value();
-    claimed = stream->claim(*this);
-    if (!claimed) return;
-    control::Announce announce = testing::small_announce();
-    announce.asset = asset.hex();
-    site.backbone->claim(name, announce, [this, announce](const Result<std::uint32_t>& epoch) {
-      granted = epoch;
-      if (!epoch) return stream->release(*this);
-      begin_anew();
-      EXPECT_TRUE(stream->announce(announce, *epoch));
-    });
-  }
-  void leave() { stream->release(*this); }
-  Stream* stream = nullptr;
-  Result<void> claimed;
-  std::optional<Result<std::uint32_t>> granted;
-  bool replaced = false;
-};
-
-class BackboneTest : public ::testing::Test {
- protected:
-  void add_site(const std::string& id) { sites.push_back(std::make_unique<Site>(network, now, id, replace)); }
-  void SetUp() override {
-    add_site("a");
-    add_site("b");
-    pass(100'000);
-  }
-  void pass(TimeUs duration) {
-    for (const TimeUs until = now + duration; now < until;) {
-      now += 25'000;
-      for (const auto& site : sites) site->backbone->tick();
-      network.run();
-    }
-  }
-  /// One key of the sender, everywhere.
-  void send(Sender& sender) {
-    capture += 33'333;
-    ASSERT_TRUE(sender.stream->add_frame(sender.next(capture), now));
-    network.run();
-  }
-  Site& a() { return *sites[0]; }
-  Site& b() { return *sites[1]; }
-  /// A stream of `site` that sends.
-  void publish(Sender& sender, Site& site, const std::string& name = "s") {
-    const Sha256 chunk = site.put(content(1, 700'000));
-    Bytes manifest = content(2, 100);
-    ByteWriter(manifest).bytes(chunk.digest);
-    asset = site.put(manifest);
-    sender.publish(site, name, asset);
-    network.run();
-    ASSERT_TRUE(sender.granted.has_value());
-    ASSERT_TRUE(*sender.granted) << sender.granted->error().message;
-    send(sender);
-  }
-  void watch(Site& site, FakeReceiver& viewer, const std::string& name = "s") {
-    Stream* stream = site.hub->open(name).value();
-    ASSERT_TRUE(stream->watch(viewer, kRaw));
-    if (const FramePtr join = stream->join_for(viewer)) viewer.decode(*join);
-  }
-
-  Sender& new_sender() { return senders_.emplace_back(); }
-  FakeReceiver& new_viewer() { return viewers_.emplace_back(); }
-
-  bool replace = false;
-  TimeUs now = kStart, capture = 0;
-  Sha256 asset;
-  FakeNetwork network;
-
- private:
-  // Streams know them to their end.
-  std::deque<Sender> senders_;
-  std::deque<FakeReceiver> viewers_;
-
- protected:
-  std::vector<std::unique_ptr<Site>> sites;
-};
-
 TEST_F(BackboneTest, AStreamOfOneBrokerIsSeenAtAnother) {
-  Sender& sender = new_sender();
+  SiteSender& sender = new_sender();
   publish(sender, a());
   FakeReceiver& here = new_viewer();
   FakeReceiver& there = new_viewer();
@@ -188,7 +33,7 @@ TEST_F(BackboneTest, AStreamOfOneBrokerIsSeenAtAnother) {
 }
 
 TEST_F(BackboneTest, NothingIsFollowedThatNobodyWatches) {
-  Sender& sender = new_sender();
+  SiteSender& sender = new_sender();
   publish(sender, a());
   pass(1'000'000);
   EXPECT_EQ(b().backbone->totals().streams_followed, 0U);
@@ -211,11 +56,11 @@ TEST_F(BackboneTest, NothingIsFollowedThatNobodyWatches) {
   send(sender);
   EXPECT_EQ(viewer.infos.back().state, State::kLive);
   EXPECT_EQ(viewer.undecodable, 0);
-  EXPECT_EQ(viewer.poses.back().key, testing::key_number(2));
+  EXPECT_EQ(viewer.poses.back().key, key_number(2));
 }
 
 TEST_F(BackboneTest, TheAssetComesOncePerBroker) {
-  Sender& sender = new_sender();
+  SiteSender& sender = new_sender();
   publish(sender, a());
   FakeReceiver& one = new_viewer();
   FakeReceiver& two = new_viewer();
@@ -226,7 +71,7 @@ TEST_F(BackboneTest, TheAssetComesOncePerBroker) {
 }
 
 TEST_F(BackboneTest, LostFramesCostAJoinAndNothingElse) {
-  Sender& sender = new_sender();
+  SiteSender& sender = new_sender();
   publish(sender, a());
   FakeReceiver& viewer = new_viewer();
   watch(b(), viewer);
@@ -247,111 +92,9 @@ TEST_F(BackboneTest, LostFramesCostAJoinAndNothingElse) {
   }
 }
 
-TEST_F(BackboneTest, ASecondSenderAtAnotherBrokerIsRefused) {
-  Sender& first = new_sender();
-  Sender& second = new_sender();
-  publish(first, a());
-  second.publish(b(), "s", b().put(content(9, 10)));
-  network.run();
-  ASSERT_TRUE(second.granted.has_value());
-  EXPECT_EQ(second.granted->error().code, ErrorCode::kRefused);
-  EXPECT_EQ(b().backbone->totals().claims_refused, 1U);
-  EXPECT_FALSE(first.replaced);
-}
-
-TEST_F(BackboneTest, OfTwoAtOnceOneIsRefused) {
-  const Sha256 in_a = a().put(content(9, 10)), in_b = b().put(content(9, 10));
-  Sender& first = new_sender();
-  Sender& second = new_sender();
-  first.publish(a(), "s", in_a);
-  second.publish(b(), "s", in_b);  // Neither knows of the other: both write.
-  network.run();
-  pass(500'000);
-  ASSERT_TRUE(first.granted && second.granted);
-  EXPECT_NE(first.granted->has_value(), second.granted->has_value());
-  const Result<std::uint32_t>& loser = *first.granted ? *second.granted : *first.granted;
-  EXPECT_EQ(loser.error().code, ErrorCode::kRefused);
-}
-
-TEST_F(BackboneTest, ASenderMovesAndItsViewersGoOn) {
-  Sender& sender = new_sender();
-  publish(sender, a());
-  FakeReceiver& viewer = new_viewer();
-  watch(b(), viewer);
-  pass(100'000);
-  send(sender);
-  const std::uint32_t epoch = viewer.infos.back().epoch;
-  sender.leave();
-  pass(100'000);
-  EXPECT_EQ(viewer.infos.back().state, State::kStalled);
-  // To the very broker where it was followed.
-  Sender& moved = new_sender();
-  publish(moved, b());
-  ASSERT_TRUE(moved.claimed);
-  pass(100'000);
-  send(moved);
-  EXPECT_EQ(viewer.infos.back().state, State::kLive);
-  EXPECT_GT(viewer.infos.back().epoch, epoch);
-  EXPECT_EQ(viewer.undecodable, 0);
-  // And back.
-  FakeReceiver& other = new_viewer();
-  watch(a(), other);
-  pass(100'000);
-  EXPECT_EQ(other.infos.back().state, State::kLive);
-  moved.leave();
-  pass(100'000);
-  Sender& back = new_sender();
-  publish(back, a());
-  pass(100'000);
-  send(back);
-  EXPECT_EQ(viewer.infos.back().state, State::kLive);
-  EXPECT_EQ(viewer.undecodable + other.undecodable, 0);
-  EXPECT_EQ(viewer.poses.back().key, other.poses.back().key);
-}
-
-TEST_F(BackboneTest, ARefusedSenderLeavesTheFollowedStreamAsItWas) {
-  Sender& first = new_sender();
-  publish(first, a());
-  FakeReceiver& viewer = new_viewer();
-  watch(b(), viewer);
-  pass(100'000);
-  send(first);
-  Sender& second = new_sender();
-  second.publish(b(), "s", b().put(content(9, 10)));
-  network.run();
-  EXPECT_TRUE(second.claimed) << "the follower yields until the directory has spoken";
-  EXPECT_FALSE(*second.granted);
-  pass(200'000);
-  send(first);
-  EXPECT_EQ(viewer.infos.back().state, State::kLive);
-  EXPECT_EQ(viewer.undecodable, 0);
-  EXPECT_EQ(viewer.poses.back().envelope.sequence, 2U);
-}
-
-TEST_F(BackboneTest, ADeadBrokersStreamMayBeTakenOver) {
-  Sender& first = new_sender();
-  Sender& second = new_sender();
-  publish(first, a());
-  FakeReceiver& viewer = new_viewer();
-  watch(b(), viewer);
-  pass(6'000'000);
-  EXPECT_EQ(viewer.infos.back().state, State::kLive);
-  a().link.cut();  // No word of goodbye.
-  pass(1'000'000);
-  second.publish(b(), "s", b().put(content(9, 10)));
-  network.run();
-  EXPECT_FALSE(*second.granted) << "too early";
-  pass(Directory::kSilenceUs);
-  Sender& third = new_sender();
-  publish(third, b());
-  send(third);
-  EXPECT_EQ(viewer.infos.back().state, State::kLive);
-  EXPECT_EQ(viewer.undecodable, 0);
-}
-
 TEST_F(BackboneTest, WithoutAConnectionLocalStreamsGoOnAndNewOnesBegin) {
-  Sender& sender = new_sender();
-  Sender& another = new_sender();
+  SiteSender& sender = new_sender();
+  SiteSender& another = new_sender();
   publish(sender, a());
   FakeReceiver& viewer = new_viewer();
   FakeReceiver& other = new_viewer();
@@ -377,34 +120,9 @@ TEST_F(BackboneTest, WithoutAConnectionLocalStreamsGoOnAndNewOnesBegin) {
   EXPECT_EQ(far.poses.back().key, other.poses.back().key);
 }
 
-TEST_F(BackboneTest, WhenBrokersMeetAgainOneSenderStays) {
-  Sender& first = new_sender();
-  Sender& second = new_sender();
-  publish(first, a());
-  a().link.cut();
-  pass(7'000'000);
-  publish(second, b());
-  FakeReceiver& at_a = new_viewer();
-  FakeReceiver& at_b = new_viewer();
-  watch(a(), at_a);
-  watch(b(), at_b);
-  send(first);
-  send(second);
-  ASSERT_NE(at_a.infos.back().epoch, at_b.infos.back().epoch);
-  a().link.connect();
-  pass(1'000'000);
-  EXPECT_NE(first.replaced, second.replaced);
-  EXPECT_TRUE(first.replaced) << "the later one stays";
-  pass(100'000);
-  send(second);
-  EXPECT_EQ(at_a.infos.back().epoch, at_b.infos.back().epoch);
-  EXPECT_EQ(at_a.poses.back().key, at_b.poses.back().key);
-  EXPECT_EQ(at_a.undecodable + at_b.undecodable, 0);
-}
-
 TEST_F(BackboneTest, ATableThatDoesNotAnswerIsDoneWithoutAfterAWhile) {
   network.table_answers = false;
-  Sender& sender = new_sender();
+  SiteSender& sender = new_sender();
   sender.publish(a(), "s", a().put(content(9, 10)));
   pass(5'000'000);
   EXPECT_FALSE(sender.granted.has_value());
@@ -418,7 +136,7 @@ TEST_F(BackboneTest, ATableThatDoesNotAnswerIsDoneWithoutAfterAWhile) {
 
 TEST_F(BackboneTest, ATableThatItsServersLostIsWrittenAnew) {
   publish(new_sender(), a(), "other");  // The revision of the entry of s is not that of the first of a new table.
-  Sender& sender = new_sender();
+  SiteSender& sender = new_sender();
   publish(sender, a());
   network.lose_table();
   for (const auto& site : sites) site->link.cut();
@@ -437,7 +155,7 @@ TEST_F(BackboneTest, ATableThatItsServersLostIsWrittenAnew) {
   EXPECT_EQ(viewer.poses.back().key, here.poses.back().key);
   sender.leave();
   pass(100'000);
-  Sender& moved = new_sender();
+  SiteSender& moved = new_sender();
   publish(moved, b());
   pass(100'000);
   send(moved);
@@ -456,7 +174,7 @@ TEST_F(BackboneTest, InACrowdOnlyBrokersWithStreamsSpeakEachSecond) {
   }
   pass(2'000'000);
   signs.clear();
-  Sender& sender = new_sender();
+  SiteSender& sender = new_sender();
   publish(sender, a());
   EXPECT_EQ(signs["a"], 1) << "before others hear of its stream";
   pass(20'000'000);
@@ -464,17 +182,8 @@ TEST_F(BackboneTest, InACrowdOnlyBrokersWithStreamsSpeakEachSecond) {
   EXPECT_LE(signs["b"], 2);
 }
 
-TEST_F(BackboneTest, ABrokerThatStopsLeavesItsStreamsFree) {
-  Sender& first = new_sender();
-  publish(first, a());
-  a().backbone->stop();
-  network.run();
-  Sender& second = new_sender();
-  publish(second, b());
-}
-
 TEST_F(BackboneTest, AnAssetThatTheOwnerHasNotIsAskedForAgain) {
-  Sender& sender = new_sender();
+  SiteSender& sender = new_sender();
   sender.publish(a(), "s", sha256(content(77, 7)));
   network.run();
   FakeReceiver& viewer = new_viewer();
@@ -489,7 +198,7 @@ TEST_F(BackboneTest, AnAssetThatTheOwnerHasNotIsAskedForAgain) {
 TEST_F(BackboneTest, ThreeBrokersAndManyStreams) {
   add_site("c");
   pass(100'000);
-  std::vector<Sender*> senders;
+  std::vector<SiteSender*> senders;
   std::vector<FakeReceiver*> viewers;
   for (int i = 0; i < 12; ++i) {
     const std::string name = "lab." + std::to_string(i) + "/x";

@@ -1,0 +1,175 @@
+// SPDX-License-Identifier: MIT
+//
+// Who may send a stream, where several brokers stand together.
+#include "tests/unit/broker/backbone/sites.h"
+
+namespace eigencast::broker {
+namespace {
+
+using namespace testing;
+using State = control::StreamInfo::State;
+using ClaimsTest = BackboneTest;
+
+TEST_F(ClaimsTest, ASecondSenderAtAnotherBrokerIsRefused) {
+  SiteSender& first = new_sender();
+  SiteSender& second = new_sender();
+  publish(first, a());
+  second.publish(b(), "s", b().put(content(9, 10)));
+  network.run();
+  ASSERT_TRUE(second.granted.has_value());
+  EXPECT_EQ(second.granted->error().code, ErrorCode::kRefused);
+  EXPECT_EQ(b().backbone->totals().claims_refused, 1U);
+  EXPECT_FALSE(first.replaced);
+}
+
+TEST_F(ClaimsTest, WhereSendersAreReplacedTheOneAtAnotherBrokerIsSentAway) {
+  replaces = true;
+  SiteSender& first = new_sender();
+  SiteSender& second = new_sender();
+  publish(first, a());
+  FakeReceiver& at_a = new_viewer();
+  FakeReceiver& at_b = new_viewer();
+  watch(a(), at_a);
+  watch(b(), at_b);
+  pass(100'000);
+  send(first);
+  publish(second, b());
+  pass(200'000);
+  EXPECT_TRUE(first.replaced);
+  EXPECT_EQ(a().backbone->totals().senders_dismissed, 1U);
+  EXPECT_EQ(b().backbone->totals().claims_refused, 0U);
+  send(second);
+  for (const FakeReceiver* viewer : {&at_a, &at_b}) {
+    EXPECT_EQ(viewer->infos.back().epoch, second.stream->epoch());
+    EXPECT_EQ(viewer->infos.back().state, State::kLive);
+    EXPECT_EQ(viewer->undecodable, 0);
+    EXPECT_EQ(viewer->poses.back().key, key_number(1));
+  }
+}
+
+TEST_F(ClaimsTest, OfTwoAtOnceOneIsRefused) {
+  const Sha256 in_a = a().put(content(9, 10)), in_b = b().put(content(9, 10));
+  SiteSender& first = new_sender();
+  SiteSender& second = new_sender();
+  first.publish(a(), "s", in_a);
+  second.publish(b(), "s", in_b);  // Neither knows of the other: both write.
+  network.run();
+  pass(500'000);
+  ASSERT_TRUE(first.granted && second.granted);
+  EXPECT_NE(first.granted->has_value(), second.granted->has_value());
+  const Result<std::uint32_t>& loser = *first.granted ? *second.granted : *first.granted;
+  EXPECT_EQ(loser.error().code, ErrorCode::kRefused);
+}
+
+TEST_F(ClaimsTest, ASenderMovesAndItsViewersGoOn) {
+  SiteSender& sender = new_sender();
+  publish(sender, a());
+  FakeReceiver& viewer = new_viewer();
+  watch(b(), viewer);
+  pass(100'000);
+  send(sender);
+  const std::uint32_t epoch = viewer.infos.back().epoch;
+  sender.leave();
+  pass(100'000);
+  EXPECT_EQ(viewer.infos.back().state, State::kStalled);
+  // To the very broker where it was followed.
+  SiteSender& moved = new_sender();
+  publish(moved, b());
+  ASSERT_TRUE(moved.claimed);
+  pass(100'000);
+  send(moved);
+  EXPECT_EQ(viewer.infos.back().state, State::kLive);
+  EXPECT_GT(viewer.infos.back().epoch, epoch);
+  EXPECT_EQ(viewer.undecodable, 0);
+  // And back.
+  FakeReceiver& other = new_viewer();
+  watch(a(), other);
+  pass(100'000);
+  EXPECT_EQ(other.infos.back().state, State::kLive);
+  moved.leave();
+  pass(100'000);
+  SiteSender& back = new_sender();
+  publish(back, a());
+  pass(100'000);
+  send(back);
+  EXPECT_EQ(viewer.infos.back().state, State::kLive);
+  EXPECT_EQ(viewer.undecodable + other.undecodable, 0);
+  EXPECT_EQ(viewer.poses.back().key, other.poses.back().key);
+}
+
+TEST_F(ClaimsTest, ARefusedSenderLeavesTheFollowedStreamAsItWas) {
+  SiteSender& first = new_sender();
+  publish(first, a());
+  FakeReceiver& viewer = new_viewer();
+  watch(b(), viewer);
+  pass(100'000);
+  send(first);
+  SiteSender& second = new_sender();
+  second.publish(b(), "s", b().put(content(9, 10)));
+  network.run();
+  EXPECT_TRUE(second.claimed) << "the follower yields until the directory has spoken";
+  EXPECT_FALSE(*second.granted);
+  pass(200'000);
+  send(first);
+  EXPECT_EQ(viewer.infos.back().state, State::kLive);
+  EXPECT_EQ(viewer.undecodable, 0);
+  EXPECT_EQ(viewer.poses.back().envelope.sequence, 2U);
+}
+
+TEST_F(ClaimsTest, ADeadBrokersStreamMayBeTakenOver) {
+  SiteSender& first = new_sender();
+  SiteSender& second = new_sender();
+  publish(first, a());
+  FakeReceiver& viewer = new_viewer();
+  watch(b(), viewer);
+  pass(6'000'000);
+  EXPECT_EQ(viewer.infos.back().state, State::kLive);
+  a().link.cut();  // No word of goodbye.
+  pass(1'000'000);
+  second.publish(b(), "s", b().put(content(9, 10)));
+  network.run();
+  EXPECT_FALSE(*second.granted) << "too early";
+  pass(Directory::kSilenceUs);
+  SiteSender& third = new_sender();
+  publish(third, b());
+  send(third);
+  EXPECT_EQ(viewer.infos.back().state, State::kLive);
+  EXPECT_EQ(viewer.undecodable, 0);
+}
+
+TEST_F(ClaimsTest, WhenBrokersMeetAgainOneSenderStays) {
+  SiteSender& first = new_sender();
+  SiteSender& second = new_sender();
+  publish(first, a());
+  a().link.cut();
+  pass(7'000'000);
+  publish(second, b());
+  FakeReceiver& at_a = new_viewer();
+  FakeReceiver& at_b = new_viewer();
+  watch(a(), at_a);
+  watch(b(), at_b);
+  send(first);
+  send(second);
+  ASSERT_NE(at_a.infos.back().epoch, at_b.infos.back().epoch);
+  a().link.connect();
+  pass(1'000'000);
+  EXPECT_NE(first.replaced, second.replaced);
+  EXPECT_TRUE(first.replaced) << "the later one stays";
+  pass(100'000);
+  send(second);
+  EXPECT_EQ(at_a.infos.back().epoch, at_b.infos.back().epoch);
+  EXPECT_EQ(at_a.poses.back().key, at_b.poses.back().key);
+  EXPECT_EQ(at_a.undecodable + at_b.undecodable, 0);
+}
+
+TEST_F(ClaimsTest, ABrokerThatStopsLeavesItsStreamsFree) {
+  SiteSender& first = new_sender();
+  publish(first, a());
+  a().backbone->stop();
+  network.run();
+  SiteSender& second = new_sender();
+  publish(second, b());
+}
+
+}  // namespace
+}  // namespace eigencast::broker

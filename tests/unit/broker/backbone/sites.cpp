@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: MIT
+#include "tests/unit/broker/backbone/sites.h"
+
+#include <unistd.h>
+
+#include <filesystem>
+#include <utility>
+
+namespace eigencast::broker::testing {
+
+namespace fs = std::filesystem;
+
+Site::Site(FakeNetwork& network, const TimeUs& now, std::string id, const bool& replaces)
+    : link(network), now_(now), replaces_(replaces) {
+  std::string pattern = (fs::temp_directory_path() / "eigencast-backbone-XXXXXX").string();
+  folder_ = ::mkdtemp(pattern.data());
+  store = AssetStore::open(folder_, {}).value();
+  const auto at_once = [](const std::function<void()>& work) { work(); };
+  exchange = std::make_unique<AssetExchange>(link, *store, "test", at_once, at_once);
+  Backbone::Settings settings;
+  settings.id = std::move(id);
+  settings.prefix = "test";
+  backbone = std::make_unique<Backbone>(settings, link, *exchange, surroundings());
+  Hub::Settings hub_settings;
+  hub_settings.stream.taps = {store.get(), backbone.get()};
+  hub = std::make_unique<Hub>(hub_settings);
+  backbone->start(*hub);
+}
+
+Backbone::Surroundings Site::surroundings() {
+  Backbone::Surroundings around;
+  around.now_us = [this] { return now_; };
+  around.next_epoch = [this](std::uint32_t above) -> Result<std::uint32_t> {
+    return last_epoch_ = std::max(above, last_epoch_) + 1;
+  };
+  around.replaces = [this] { return replaces_; };
+  around.frames_came = [] {};
+  return around;
+}
+
+Site::~Site() {
+  backbone->stop();
+  hub.reset();
+  backbone.reset();
+  exchange.reset();
+  store.reset();
+  fs::remove_all(folder_);
+}
+
+Sha256 Site::put(const Bytes& bytes) {
+  const Sha256 id = sha256(bytes);
+  auto upload = store->begin_upload(id).value();
+  EXPECT_TRUE(upload->write(bytes));
+  EXPECT_TRUE(upload->commit());
+  return id;
+}
+
+void SiteSender::publish(Site& site, const std::string& name, const Sha256& asset) {
+  stream = site.hub->open(name).value();
+  claimed = stream->claim(*this);
+  if (!claimed) return;
+  control::Announce announce = small_announce();
+  announce.asset = asset.hex();
+  site.backbone->claim(name, announce, [this, announce](const Result<std::uint32_t>& epoch) {
+    granted = epoch;
+    if (!epoch) return stream->release(*this);
+    begin_anew();
+    EXPECT_TRUE(stream->announce(announce, *epoch));
+  });
+}
+
+void BackboneTest::SetUp() {
+  add_site("a");
+  add_site("b");
+  pass(100'000);
+}
+
+void BackboneTest::pass(TimeUs duration) {
+  for (const TimeUs until = now + duration; now < until;) {
+    now += 25'000;
+    for (const auto& site : sites) site->backbone->tick();
+    network.run();
+  }
+}
+
+void BackboneTest::publish(SiteSender& sender, Site& site, const std::string& name) {
+  const Sha256 chunk = site.put(content(1, 700'000));
+  Bytes manifest = content(2, 100);
+  ByteWriter(manifest).bytes(chunk.digest);
+  asset = site.put(manifest);
+  sender.publish(site, name, asset);
+  network.run();
+  ASSERT_TRUE(sender.granted.has_value());
+  ASSERT_TRUE(*sender.granted) << sender.granted->error().message;
+  send(sender);
+}
+
+void BackboneTest::send(SiteSender& sender) {
+  capture += 33'333;
+  ASSERT_TRUE(sender.stream->add_frame(sender.next(capture), now));
+  network.run();
+}
+
+void BackboneTest::watch(Site& site, FakeReceiver& viewer, const std::string& name) {
+  Stream* stream = site.hub->open(name).value();
+  ASSERT_TRUE(stream->watch(viewer, Profile{Profile::Rate::kRaw}));
+  if (const FramePtr join = stream->join_for(viewer)) viewer.decode(*join);
+}
+
+}  // namespace eigencast::broker::testing

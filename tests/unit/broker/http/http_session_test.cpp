@@ -1,0 +1,59 @@
+// SPDX-License-Identifier: MIT
+//
+// What HTTP clients of a whole broker are answered.
+#include <gmock/gmock.h>
+
+#include "tests/unit/broker/service.h"
+
+namespace eigencast::broker {
+namespace {
+
+using namespace testing;
+using ::testing::HasSubstr;
+using HttpSessionTest = ServiceTest;
+
+TEST_F(HttpSessionTest, Assets) {
+  const std::string id = put_asset("0123456789");
+  const std::string target = "/v1/assets/" + id;
+  EXPECT_EQ(request("GET", target).body, "0123456789");
+  const auto part = request("GET", target, {}, "bytes=2-4");
+  EXPECT_EQ(part.status, 206);
+  EXPECT_EQ(part.body, "234");
+  EXPECT_EQ(part.headers.at("Content-Range"), "bytes 2-4/10");
+  EXPECT_EQ(request("GET", target, {}, "bytes=10-").status, 416);
+  const auto head = request("HEAD", target);
+  EXPECT_EQ(head.status, 200);
+  EXPECT_EQ(head.headers.at("ETag"), "\"" + id + "\"");
+  EXPECT_EQ(head.headers.at("Content-Length"), "10");
+  EXPECT_EQ(request("PUT", target, "0123456789").status, 200);
+  EXPECT_EQ(request("PUT", target, "something else").status, 422);
+  EXPECT_EQ(request("PUT", target, std::string(100'001, 'x')).status, 413);
+  EXPECT_EQ(request("DELETE", target).status, 405);
+  EXPECT_EQ(request("GET", "/v1/assets/" + std::string(64, '0')).status, 404);
+  EXPECT_EQ(request("GET", "/v1/assets/xyz").status, 400);
+  const std::string empty = put_asset("");
+  EXPECT_EQ(request("GET", "/v1/assets/" + empty).body, "");
+  EXPECT_THAT(request("GET", "/v1/streams").body, HasSubstr("\"streams\":[]"));
+}
+
+TEST_F(HttpSessionTest, ABodyThatNobodyReadsIsNotTheNextRequest) {
+  const std::string id = put_asset("0123456789");
+  const std::string inner = "GET /v1/streams HTTP/1.1\r\n\r\n";
+  for (const std::string& target : {"/v1/assets/" + id, std::string("/v1/streams"), std::string("/nothing")}) {
+    Wire wire(port_);
+    wire.write("GET " + target + " HTTP/1.1\r\nContent-Length: " + std::to_string(inner.size()) + "\r\n\r\n" + inner);
+    const auto answers = wire.read_all();
+    ASSERT_TRUE(answers) << target;
+    EXPECT_EQ(answers->find("HTTP/1.1 "), answers->rfind("HTTP/1.1 ")) << *answers;
+    EXPECT_THAT(*answers, HasSubstr("Connection: close")) << target;
+  }
+}
+
+TEST_F(HttpSessionTest, ASlowHeadIsCutOff) {
+  Wire wire(port_);
+  wire.write("GET /v1/str");
+  EXPECT_EQ(wire.read_all().value_or(""), "");
+}
+
+}  // namespace
+}  // namespace eigencast::broker

@@ -1,0 +1,276 @@
+// SPDX-License-Identifier: MIT
+//
+// The poses of a stream, as each profile gives them.
+#include "broker/relay/stream.h"
+
+#include "tests/unit/broker/relay/stream_scene.h"
+
+namespace eigencast::broker {
+namespace {
+
+using namespace testing;
+using StreamPosesTest = StreamTest;
+
+TEST_F(StreamPosesTest, RawDeliversExactlyWhatWasSent) {
+  FakeReceiver receiver;
+  ASSERT_TRUE(stream_.watch(receiver, kRaw));
+  begin();
+  std::vector<Bytes> sent;
+  for (int i = 0; i < 10; ++i) {
+    sent.push_back(sender_.next(now_ + i * kInterval));
+    ASSERT_TRUE(stream_.add_frame(sent.back(), now_));
+  }
+  ASSERT_EQ(receiver.frames.size(), sent.size());
+  for (std::size_t i = 0; i < sent.size(); ++i) {
+    const auto out = parse_frame(receiver.frames[i]->message()).value();
+    const auto in = parse_frame(sent[i]).value();
+    EXPECT_TRUE(std::equal(out.payload.begin(), out.payload.end(), in.payload.begin(), in.payload.end()));
+    EXPECT_EQ(out.envelope.capture_us, in.envelope.capture_us);
+    EXPECT_EQ(out.envelope.sequence, in.envelope.sequence);
+    EXPECT_EQ(out.envelope.stream_id, 7u);
+    EXPECT_EQ(out.envelope.epoch, 1u);
+    EXPECT_EQ(receiver.poses[i].key, key_number(static_cast<int>(i)));
+  }
+}
+
+TEST_F(StreamPosesTest, FullGivesThreePosesPerIntervalAndEachIsTheInterpolationOfItsNeighbours) {
+  FakeReceiver receiver;
+  ASSERT_TRUE(stream_.watch(receiver, kFull));
+  begin();
+  play(11);
+  wait(3 * kInterval);
+  EXPECT_EQ(receiver.undecodable, 0);
+  ASSERT_EQ(receiver.poses.size(), 1u + 3 * 10);
+  for (const auto& pose : receiver.poses) {
+    const int s = static_cast<int>(pose.envelope.sequence);
+    const auto [at, of] = pose.envelope.step;
+    if (pose.envelope.kind == FrameKind::kSynthetic) {
+      EXPECT_EQ(pose.key, interpolate_keys(small_layout(), key_number(s - 1), key_number(s), at, of).value());
+      EXPECT_EQ(pose.envelope.capture_us, 1'000'000 + (s - 1) * kInterval + at * kInterval / of);
+    } else {
+      EXPECT_EQ(pose.key, key_number(s));
+    }
+  }
+  for (std::size_t i = 1; i < receiver.poses.size(); ++i) {
+    EXPECT_EQ(receiver.poses[i].envelope.capture_us - receiver.poses[i - 1].envelope.capture_us, kInterval / 3);
+  }
+}
+
+TEST_F(StreamPosesTest, CompactGivesTheSamePosesAsFull) {
+  FakeReceiver full;
+  FakeReceiver compact;
+  ASSERT_TRUE(stream_.watch(full, kFull));
+  ASSERT_TRUE(stream_.watch(compact, kCompact));
+  begin();
+  play(11);
+  wait(3 * kInterval);
+  EXPECT_EQ(compact.undecodable, 0);
+  ASSERT_EQ(compact.poses.size(), full.poses.size());
+  std::size_t full_bytes = 0;
+  std::size_t compact_bytes = 0;
+  for (std::size_t i = 0; i < full.poses.size(); ++i) {
+    EXPECT_EQ(compact.poses[i].key, full.poses[i].key) << i;
+    EXPECT_EQ(compact.poses[i].envelope.capture_us, full.poses[i].envelope.capture_us) << i;
+  }
+  for (const auto& frame : full.frames) full_bytes += frame->message().size();
+  for (const auto& frame : compact.frames) compact_bytes += frame->message().size();
+  EXPECT_LT(compact_bytes, full_bytes);
+}
+
+TEST_F(StreamPosesTest, OfSeveralPosesDueTogetherOnlyTheNewestLeavesButEveryKey) {
+  FakeReceiver full;
+  FakeReceiver compact;
+  ASSERT_TRUE(stream_.watch(full, kFull));
+  ASSERT_TRUE(stream_.watch(compact, kCompact));
+  begin();
+  play(6);
+  const auto poses_of = [&](FakeReceiver& receiver) {
+    std::vector<FrameKind> kinds;
+    for (const auto& frame : receiver.frames) kinds.push_back(frame->envelope.kind);
+    receiver.frames.clear();
+    return kinds;
+  };
+  for (int round = 0; round < 5; ++round) {  // Key intervals in which nobody looks at the clock.
+    ASSERT_TRUE(stream_.add_frame(sender_.next(now_), now_));
+    full.frames.clear();
+    compact.frames.clear();
+    now_ += kInterval - 1000;
+    stream_.pump(now_);
+    for (FakeReceiver* receiver : {&full, &compact}) {
+      const auto kinds = poses_of(*receiver);
+      const auto shown = std::count_if(kinds.begin(), kinds.end(), [](FrameKind kind) {
+        return kind == FrameKind::kSynthetic || kind == FrameKind::kStep;
+      });
+      EXPECT_LE(shown, 1) << round;
+    }
+    now_ += 1000;
+  }
+  wait(3 * kInterval);
+  EXPECT_EQ(full.undecodable + compact.undecodable, 0) << "no key is missing";
+  EXPECT_EQ(full.poses.back().key, key_number(10));
+  EXPECT_EQ(compact.poses.back().key, key_number(10));
+}
+
+TEST_F(StreamPosesTest, JitteredKeysLeaveTheCompactChainWhole) {
+  FakeReceiver receiver;
+  ASSERT_TRUE(stream_.watch(receiver, kCompact));
+  begin();
+  const int jitter_ms[] = {0, 14, 3, 20, 0, 0, 25, 1, 9, 17, 2, 28};
+  const TimeUs start = now_;
+  for (int i = 0; i < 60; ++i) {
+    const TimeUs capture = start + i * kInterval;
+    wait(capture + jitter_ms[i % 12] * 1000 - now_);
+    ASSERT_TRUE(stream_.add_frame(sender_.next(capture), now_));
+  }
+  wait(5 * kInterval);
+  EXPECT_EQ(receiver.undecodable, 0);
+  EXPECT_EQ(receiver.poses.back().key, key_number(59));
+  EXPECT_GE(receiver.poses.size(), 150u);
+}
+
+TEST_F(StreamPosesTest, EachPoseOfAProfileIsMadeOnceAndShared) {
+  FakeReceiver a;
+  FakeReceiver b;
+  ASSERT_TRUE(stream_.watch(a, kFull));
+  ASSERT_TRUE(stream_.watch(b, Profile{Profile::Rate::kInterpolated, 3, Profile::Form::kFull, 2}));
+  begin();
+  play(4);
+  EXPECT_EQ(stream_.profile_count(), 1u) << "all bands and two of two bands are one profile";
+  EXPECT_EQ(a.frames, b.frames);
+  EXPECT_EQ(a.frames.size(), stream_.frames_made());
+}
+
+TEST_F(StreamPosesTest, BandsAreCut) {
+  FakeReceiver receiver;
+  for (const Profile::Rate rate : {Profile::Rate::kRaw, Profile::Rate::kInterpolated}) {
+    ASSERT_TRUE(stream_.watch(receiver, Profile{rate, 3, Profile::Form::kFull, 1}));
+    if (rate == Profile::Rate::kRaw) begin();
+    if (rate != Profile::Rate::kRaw) receiver.decode(*stream_.join_for(receiver));
+    receiver.poses.clear();
+    play(4);
+    EXPECT_EQ(receiver.undecodable, 0);
+    ASSERT_GT(receiver.poses.size(), 3u);
+    for (const auto& pose : receiver.poses) {
+      EXPECT_EQ(pose.envelope.bands, 1);
+      if (pose.envelope.kind == FrameKind::kSynthetic) continue;
+      Key low = key_number(static_cast<int>(pose.envelope.sequence));
+      low.bands = 1;
+      std::fill(low.q.begin() + 12, low.q.end(), 0);
+      EXPECT_EQ(pose.key, low);
+    }
+  }
+}
+
+TEST_F(StreamPosesTest, BandsThatComeBackTakeOneJoinAndNoRestart) {
+  for (const Profile& profile : {kRaw, kFull, kCompact}) {
+    Stream stream("a", 7, Stream::Settings{});
+    FakeSender sender;
+    FakeReceiver receiver;
+    ASSERT_TRUE(stream.claim(sender));
+    TimeUs now = 0;
+    const auto play_on = [&](Profile by, std::uint8_t bands) {
+      by.bands = bands;
+      ASSERT_TRUE(stream.watch(receiver, by));
+      if (const auto join = stream.join_for(receiver)) receiver.decode(*join);
+      receiver.frames.clear();
+      receiver.poses.clear();
+      for (const TimeUs end = now + 6 * kInterval; now < end; now += 1000) {
+        if (now % kInterval == 0) {
+          EXPECT_TRUE(stream.add_frame(sender.next(now), now));
+        }
+        stream.pump(now);
+      }
+      EXPECT_EQ(receiver.undecodable, 0);
+      ASSERT_GT(receiver.poses.size(), 3u);
+      for (const auto& frame : receiver.frames) EXPECT_NE(frame->envelope.kind, FrameKind::kJoin) << "one was enough";
+      for (const auto& pose : receiver.poses) EXPECT_EQ(pose.key.bands, (1u << bands) - 1);
+    };
+    ASSERT_TRUE(stream.announce(small_announce(), 1));
+    ASSERT_TRUE(stream.add_frame(sender.next(now), now));
+    now = kInterval;
+    const std::size_t told = receiver.infos.size();
+    for (const std::uint8_t bands : {2, 1, 2, 1, 2}) play_on(profile, bands);
+    for (std::size_t i = told; i < receiver.infos.size(); ++i) EXPECT_EQ(receiver.infos[i].epoch, 1u);
+  }
+}
+
+TEST_F(StreamPosesTest, AJoinAtAnyMomentBringsAReceiverInStep) {
+  for (const Profile& profile : {kRaw, kFull, kCompact}) {
+    Stream stream("a", 7, Stream::Settings{});
+    FakeSender sender;
+    FakeReceiver steady;
+    ASSERT_TRUE(stream.watch(steady, profile));
+    ASSERT_TRUE(stream.claim(sender));
+    ASSERT_TRUE(stream.announce(small_announce(), 1));
+    std::vector<std::unique_ptr<FakeReceiver>> late;
+    TimeUs now = 0;
+    for (; now < 12 * kInterval; now += 1000) {
+      if (now % kInterval == 0) {
+        ASSERT_TRUE(stream.add_frame(sender.next(now), now));
+      }
+      stream.pump(now);
+      if (now < 2 * kInterval || now > 6 * kInterval) continue;
+      late.push_back(std::make_unique<FakeReceiver>());
+      ASSERT_TRUE(stream.watch(*late.back(), profile));
+      const FramePtr join = stream.join_for(*late.back());
+      ASSERT_TRUE(join);
+      EXPECT_EQ(join, stream.join_for(steady)) << "made once";
+      late.back()->decode(*join);
+    }
+    for (const auto& receiver : late) {
+      EXPECT_EQ(receiver->undecodable, 0);
+      EXPECT_EQ(receiver->poses.back().key, steady.poses.back().key);
+    }
+  }
+}
+
+TEST_F(StreamPosesTest, AProfileCanChangeAnyTime) {
+  FakeReceiver receiver;
+  ASSERT_TRUE(stream_.watch(receiver, kRaw));
+  begin();
+  play(3);
+  for (const Profile& profile : {kFull, kCompact, kRaw, kCompact, kFull}) {
+    ASSERT_TRUE(stream_.watch(receiver, profile));
+    EXPECT_EQ(receiver.infos.back().profile.rate, profile.rate);
+    EXPECT_EQ(receiver.infos.back().profile.form, profile.form);
+    receiver.decode(*stream_.join_for(receiver));
+    const std::size_t before = receiver.poses.size();
+    play(4);
+    EXPECT_EQ(receiver.undecodable, 0);
+    EXPECT_GE(receiver.poses.size() - before, profile.rate == Profile::Rate::kRaw ? 4u : 9u);
+    EXPECT_EQ(stream_.profile_count(), 1u);
+  }
+}
+
+TEST_F(StreamPosesTest, AJoinOfTheSenderBridgesAGap) {
+  FakeReceiver raw;
+  FakeReceiver full;
+  FakeReceiver compact;
+  ASSERT_TRUE(stream_.watch(raw, kRaw));
+  ASSERT_TRUE(stream_.watch(full, kFull));
+  ASSERT_TRUE(stream_.watch(compact, kCompact));
+  begin();
+  play(3);
+  sender_.skip_number();
+  sender_.begin_anew();
+  play(3);
+  wait(3 * kInterval);
+  EXPECT_EQ(raw.undecodable + full.undecodable + compact.undecodable, 0);
+  EXPECT_EQ(raw.poses.size(), 6u);
+  EXPECT_EQ(full.poses.back().key, key_number(6));
+  EXPECT_EQ(compact.poses.back().key, key_number(6));
+}
+
+TEST_F(StreamPosesTest, WhoComesLateForRawKeysHasNothingPacedThatWouldBeDueForEver) {
+  begin();
+  play(3);
+  FakeReceiver late;
+  ASSERT_TRUE(stream_.watch(late, kRaw));
+  EXPECT_FALSE(stream_.next_due_us());
+  play(2);
+  EXPECT_FALSE(stream_.next_due_us());
+  EXPECT_FALSE(late.frames.empty());
+}
+
+}  // namespace
+}  // namespace eigencast::broker

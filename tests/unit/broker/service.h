@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <thread>
+
+#include "broker/config/config.h"
+#include "common/core/log.h"
+#include "common/wire/control.h"
+#include "tests/unit/broker/support.h"
+
+namespace eigencast::broker {
+class Broker;
+}
+
+/// The whole broker in this process, on a thread of its own, with blocking clients on loopback. What waits in vain ends
+/// with the test's time limit.
+namespace eigencast::broker::testing {
+
+/// A WebSocket client. Throws where nobody listens.
+class Client {
+ public:
+  Client(std::uint16_t port, const std::string& target, const std::string& subprotocol = "eigencast.v1");
+  ~Client();
+  Client(const Client&) = delete;
+  Client& operator=(const Client&) = delete;
+
+  /// Of the answer to the upgrade: 101 where it came about.
+  int status() const;
+  /// The subprotocol that the broker chose.
+  std::string subprotocol() const;
+
+  void send(const ControlMessage& message);
+  void send_text(const std::string& text);
+  void send_frame(const Bytes& frame);
+  /// Whether the last call failed, as all do once the connection is closed; and why.
+  bool failed() const;
+  std::string failure() const;
+
+  /// The next message; false when the connection is closed.
+  bool read();
+  /// The next control message; Bye when the connection is closed.
+  ControlMessage next_control();
+  template <typename T>
+  T wait_for() {
+    for (;;) {
+      const auto message = next_control();
+      if (const auto* wanted = std::get_if<T>(&message)) return *wanted;
+      if (failed()) {
+        ADD_FAILURE() << "closed: " << failure();
+        return {};
+      }
+    }
+  }
+  FramePtr next_frame();
+  /// Reads to the end, and returns the code that the broker closed with.
+  int close_code();
+
+ private:
+  struct Socket;
+  std::unique_ptr<Socket> socket_;
+};
+
+/// Bytes to the broker and back.
+class Wire {
+ public:
+  explicit Wire(std::uint16_t port);
+  ~Wire();
+  Wire(const Wire&) = delete;
+  Wire& operator=(const Wire&) = delete;
+
+  void write(const std::string& text);
+  /// All that comes until the broker ends; nothing if it breaks off.
+  std::optional<std::string> read_all();
+
+ private:
+  struct Socket;
+  std::unique_ptr<Socket> socket_;
+};
+
+/// As the broker knows it.
+std::string name_of_asset(const std::string& content);
+
+struct Answer {
+  int status = 0;
+  std::string body;
+  std::map<std::string, std::string> headers;
+};
+/// `range`: of the header of that name; none if empty.
+Answer http_request(std::uint16_t port, const std::string& method, const std::string& target,
+                    const std::string& body = {}, const std::string& range = {});
+
+class ServiceTest : public ::testing::Test {
+ protected:
+  ServiceTest();
+  ~ServiceTest() override;
+  void SetUp() override { start(); }
+
+  void start();
+  /// Tells the broker to, and does not wait.
+  void begin_to_stop();
+  void stop();
+
+  Answer request(const std::string& method, const std::string& target, const std::string& body = {},
+                 const std::string& range = {}) const {
+    return http_request(port_, method, target, body, range);
+  }
+  std::string put_asset(const std::string& content) const;
+  /// One that has announced small_announce(), see announced_.
+  std::unique_ptr<Client> sender(const std::string& stream);
+
+  Config config_;  ///< Of the next start().
+  LogSink log_;
+  std::string folder_;
+  std::string asset_;
+  control::Announced announced_;
+  std::uint16_t port_ = 0;
+  std::uint16_t admin_port_ = 0;
+
+ private:
+  std::unique_ptr<Broker> broker_;
+  std::thread thread_;
+};
+
+}  // namespace eigencast::broker::testing

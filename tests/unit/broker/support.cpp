@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: MIT
+#include "tests/unit/broker/support.h"
+
+namespace eigencast::broker::testing {
+
+CoefficientLayout small_layout() {
+  return {CodecKind::kQuantised, 8, 3, {4, 8}};
+}
+
+control::Announce small_announce() {
+  control::Announce announce;
+  announce.asset = std::string(64, 'a');
+  announce.format = {8, 3, {4, 8}, "quantised"};
+  announce.key_rate_hz = 30;
+  return announce;
+}
+
+Key key_number(int i) {
+  Key key;
+  key.bands = 3;
+  key.step = 100;
+  key.q.resize(24);
+  for (int j = 0; j < 24; ++j) key.q[static_cast<std::size_t>(j)] = (i * i * (j + 1)) % 977 - 400 + 7 * j;
+  return key;
+}
+
+Bytes FakeSender::next(TimeUs capture_us) {
+  const Key key = key_number(static_cast<int>(sequence_));
+  Envelope head;
+  head.sequence = sequence_++;
+  head.capture_us = capture_us;
+  head.bands = 3;
+  head.kind = state_ ? FrameKind::kKey : FrameKind::kJoin;
+  Bytes message, payload;
+  if (state_) {
+    payload = encode_key(small_layout(), *state_, key, 0).value().payload;
+    state_ = advanced(state_, key, capture_us - last_us_);
+  } else {
+    state_ = advanced({}, key, 0);
+    payload = encode_join(small_layout(), *state_).value();
+  }
+  append_envelope(head, message);
+  message.insert(message.end(), payload.begin(), payload.end());
+  last_us_ = capture_us;
+  return message;
+}
+
+void FakeReceiver::on_stream_changed(const Stream& stream, bool restart) {
+  infos.push_back(stream.info_for(*this));
+  if (restart) state_.reset();
+}
+
+void FakeReceiver::on_frame(const Stream&, const FramePtr& frame) {
+  frames.push_back(frame);
+  decode(*frame);
+}
+
+void FakeReceiver::on_trace(const std::shared_ptr<const std::string>& text) {
+  const bool short_one = static_cast<unsigned char>((*text)[1]) < 126;
+  traces.push_back(text->substr(short_one ? 2 : 4));
+}
+
+void FakeReceiver::decode(const Frame& frame) {
+  const auto view = parse_frame(frame.message());
+  if (!view) return void(++undecodable);
+  const Envelope& head = view->envelope;
+  if (head.kind == FrameKind::kJoin) {
+    auto state = decode_join(small_layout(), head.bands, view->payload);
+    if (!state) return void(++undecodable);
+    state_ = *state;
+    newest_ = head.sequence;
+    newest_us_ = head.capture_us;
+    show(head, state_->newer);
+  } else if (head.kind == FrameKind::kStep || head.kind == FrameKind::kEstimate) {
+    if (!state_ || head.sequence != newest_) return void(++undecodable);
+    const auto key = head.bands == 0 ? made(head) : decode_key(small_layout(), head.bands, *state_, view->payload);
+    if (!key) return void(++undecodable);
+    show(head, *key);
+  } else {
+    decode_key_frame(head, view->payload);
+  }
+}
+
+void FakeReceiver::decode_key_frame(const Envelope& head, ByteView payload) {
+  if (!state_ || head.sequence != newest_ + 1) return void(++undecodable);
+  const auto key = decode_key(small_layout(), head.bands, *state_, payload);
+  if (!key) return void(++undecodable);
+  show(head, *key);
+  if (head.kind == FrameKind::kSynthetic) return;
+  state_ = advanced(state_, *key, head.capture_us - newest_us_);
+  newest_ = head.sequence;
+  newest_us_ = head.capture_us;
+}
+
+void FakeReceiver::show(const Envelope& head, const Key& key) {
+  if ((head.flags & Envelope::kAhead) == 0) poses.push_back({head, key});
+}
+
+Result<Key> FakeReceiver::made(const Envelope& head) const {
+  const auto [at, of] = head.step;
+  const auto& [older, newer, age_us] = *state_;
+  const Profile::Scheme scheme = infos.back().profile.scheme;
+  const StreamFormat& format = infos.back().format;
+  if (head.kind == FrameKind::kEstimate)
+    return estimate_keys(small_layout(), older, newer, scheme == Profile::Scheme::kDamped, at, of);
+  if (scheme != Profile::Scheme::kHermite) return interpolate_keys(small_layout(), older, newer, at, of);
+  return hermite_keys(small_layout(), {format.velocity_channels, format.velocity_us}, older, newer, age_us, at, of);
+}
+
+}  // namespace eigencast::broker::testing
