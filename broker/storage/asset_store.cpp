@@ -24,7 +24,8 @@ namespace fs = std::filesystem;
 
 Error io_error(const std::string& what, int number) {
   std::string message = what + ": " + std::generic_category().message(number);
-  if (number == ENOSPC || number == EDQUOT || number == EFBIG) message += ": free some space in the broker's data folder";
+  if (number == ENOSPC || number == EDQUOT || number == EFBIG)
+    message += ": free some space in the broker's data folder";
   return fail(ErrorCode::kIo, std::move(message));
 }
 
@@ -222,25 +223,46 @@ void AssetStore::make_room() {
   std::sort(idle.begin(), idle.end());
   for (const auto& [used_us, id] : idle) {
     if (total_bytes_ <= settings_.max_total_bytes) return;
+    evict(id, used_us);
+  }
+}
+
+void AssetStore::evict(const Sha256& id, TimeUs used_us) {
+  const std::string aside = temporary_path();
+  {
     const std::lock_guard lock(mutex_);
     const auto entry = entries_.find(id);
-    if (entry == entries_.end() || entry->second.used_us != used_us) continue;  // Used meanwhile.
-    // Who is downloading it keeps its open file.
-    if (::unlink(path_of(id).c_str()) != 0 && errno != ENOENT) continue;
+    if (entry == entries_.end() || entry->second.used_us != used_us) return;  // Used meanwhile.
+    // Whoever asks contains() waits for this, and to free a large file takes long: that comes after it.
+    if (::rename(path_of(id).c_str(), aside.c_str()) != 0 && errno != ENOENT) return;
     total_bytes_ -= entry->second.size;
     entries_.erase(entry);
     ++evicted_;
   }
+  ::unlink(aside.c_str());  // Who is downloading it keeps its open file.
 }
 
-void AssetStore::add(const Sha256& id, std::uint64_t size) {
+Result<bool> AssetStore::admit(const Sha256& id, const std::string& verified, std::uint64_t size) {
   const TimeUs now_us = steady_now_us();
+  const std::string path = path_of(id);
   const std::lock_guard lock(mutex_);
+  const auto known = entries_.find(id);
+  if (known != entries_.end() && ::access(path.c_str(), F_OK) == 0) {
+    known->second.used_us = now_us;
+    return false;
+  }
+  if (::rename(verified.c_str(), path.c_str()) != 0) return io_error(path, errno);
+  if (known != entries_.end()) total_bytes_ -= known->second.size;  // Somebody has removed its file.
   entries_[id] = {size, now_us, now_us};
+  return true;
+}
+
+std::string AssetStore::temporary_path() {
+  return root_ + "/uploading/" + std::to_string(++temporaries_);
 }
 
 Result<std::unique_ptr<AssetStore::Upload>> AssetStore::begin_upload(const Sha256& id) {
-  std::string path = root_ + "/uploading/" + std::to_string(++uploads_);
+  std::string path = temporary_path();
   FileHandle file(::open(path.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644));
   if (file.get() < 0) return io_error(path, errno);
   return std::unique_ptr<Upload>(new Upload(*this, id, std::move(path), std::move(file)));
@@ -293,16 +315,12 @@ Result<bool> AssetStore::Upload::commit() {
     return io_error(folder, errno);
   }
   if (::fsync(file_.get()) != 0) return io_error(path_, errno);
-  // link() fails where the object is there already, which rename() would not tell.
-  if (::link(path_.c_str(), path.c_str()) != 0) {
-    if (errno == EEXIST) return false;
-    return io_error(path, errno);
-  }
-  kept_ = true;
-  store_.add(expected_, size_);
-  ::unlink(path_.c_str());
+  const auto admitted = store_.admit(expected_, path_, size_);
+  kept_ = admitted && *admitted;
+  if (!admitted) return admitted;
+  // Where it was there already, too: whoever put it may not have come so far.
   if (auto synced = sync_folder(folder); !synced) return synced.error();
-  return true;
+  return admitted;
 }
 
 }  // namespace eigencast::broker

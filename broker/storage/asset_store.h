@@ -35,7 +35,7 @@ class FileHandle {
 
 /// Objects (manifests and chunks) in a folder, each named by its SHA-256. What is visible is whole and has that hash.
 ///
-/// Layout: DIR/assets/ab/abcdef...  and DIR/assets/uploading/ for what is not verified yet (emptied at opening).
+/// Layout: DIR/assets/ab/abcdef...  and DIR/assets/uploading/ for what is not verified yet or on its way out (emptied at opening).
 ///
 /// When an upload needs the room, objects go that no stream uses, the one whose last use is longest ago first. A stream
 /// uses the asset that it announced and every object whose 32-byte id stands anywhere in it: so the store keeps the
@@ -124,7 +124,12 @@ class AssetStore final : public StreamTap {
   std::set<Sha256> needed() const;
   /// Evicts until the store is within its quota, as far as that is possible.
   void make_room();
-  void add(const Sha256& id, std::uint64_t size);
+  /// Unless it was used since `used_us`.
+  void evict(const Sha256& id, TimeUs used_us);
+  /// Makes a verified file an object. False: it was one already, and is used again.
+  Result<bool> admit(const Sha256& id, const std::string& verified, std::uint64_t size);
+  /// In the folder that is emptied at opening.
+  std::string temporary_path();
 
   std::string root_;
   Settings settings_;
@@ -135,7 +140,7 @@ class AssetStore final : public StreamTap {
   std::mutex evicting_;                                        ///< One at a time.
   std::atomic<std::uint64_t> evicted_{0};
   std::atomic<std::uint64_t> total_bytes_{0};  ///< Visible objects and uploads so far.
-  std::atomic<std::uint64_t> uploads_{0};      ///< Gives temporary names.
+  std::atomic<std::uint64_t> temporaries_{0};  ///< Names given so far.
 };
 
 }  // namespace eigencast::broker

@@ -32,6 +32,13 @@ class AssetStoreTest : public ::testing::Test {
     ASSERT_TRUE(opened) << opened.error().message;
     store_ = std::move(*opened);
   }
+  /// The object's name; nothing if there is no room for it.
+  std::optional<Sha256> put(const Bytes& content) const {
+    const auto upload = store_->begin_upload(sha256(content)).value();
+    const auto written = upload->write(content);
+    EXPECT_TRUE(!written || upload->commit());
+    return written ? std::optional(sha256(content)) : std::nullopt;
+  }
   std::size_t files_left() const {
     std::size_t count = 0;
     for (const auto& entry : fs::recursive_directory_iterator(folder_ + "/assets"))
@@ -141,12 +148,6 @@ TEST_F(AssetStoreTest, CapsHold) {
 
 TEST_F(AssetStoreTest, WhatNoStreamUsesGoesFirstAndLongestUnusedFirst) {
   open({1000, 1000, 0});
-  const auto put = [&](const Bytes& content) {
-    auto upload = store_->begin_upload(sha256(content)).value();
-    auto written = upload->write(content);
-    EXPECT_TRUE(!written || upload->commit());
-    return written ? std::optional(sha256(content)) : std::nullopt;
-  };
   const Sha256 chunk = *put(Bytes(300, 1));
   Bytes list(17, 0xee);  // A manifest, as far as the store knows: the id of its chunk stands somewhere in it.
   ByteWriter(list).bytes(chunk.digest);
@@ -170,6 +171,32 @@ TEST_F(AssetStoreTest, WhatNoStreamUsesGoesFirstAndLongestUnusedFirst) {
   EXPECT_FALSE(store_->contains(chunk));
   EXPECT_LE(store_->total_bytes(), 1000u);
   EXPECT_EQ(files_left(), store_->objects());
+}
+
+TEST_F(AssetStoreTest, WhatIsPutAgainIsUsedAgain) {
+  open({1000, 1000, 0});
+  const Sha256 first = *put(Bytes(300, 1)), second = *put(Bytes(300, 2));
+  EXPECT_EQ(put(Bytes(300, 1)), first);
+  ASSERT_TRUE(put(Bytes(500, 3)));
+  EXPECT_TRUE(store_->contains(first)) << "its sender is about to announce it";
+  EXPECT_FALSE(store_->contains(second));
+  EXPECT_EQ(store_->total_bytes(), 800u);
+  EXPECT_EQ(files_left(), 2u);
+}
+
+TEST_F(AssetStoreTest, FilesThatSomebodyElseBringsOrTakesAwayDoNotMatter) {
+  open();
+  const Sha256 id = sha256(kContent);
+  const std::string folder = folder_ + "/assets/" + id.hex().substr(0, 2);
+  fs::create_directory(folder);
+  std::ofstream(folder + "/" + id.hex()) << "not verified";
+  EXPECT_FALSE(store_->contains(id));
+  for (int i = 0; i < 2; ++i) {
+    EXPECT_EQ(put(kContent), id);
+    EXPECT_EQ(store_->bytes_of(id).value(), kContent);
+    EXPECT_EQ(store_->total_bytes(), kContent.size());
+    fs::remove(folder + "/" + id.hex());
+  }
 }
 
 TEST_F(AssetStoreTest, WhatWasUsedAMomentAgoStays) {
