@@ -301,7 +301,9 @@ void Broker::drain() {
 }
 
 void Broker::wait_for_peers(std::chrono::steady_clock::time_point until) {
-  if (websockets() == 0 || std::chrono::steady_clock::now() >= until) return loop().stop();
+  const Counters& counters = context().counters;
+  const bool empty = websockets() == 0 && counters.uploads_now + counters.downloads_now == 0;
+  if (empty || std::chrono::steady_clock::now() >= until) return loop().stop();
   deadline_.expires_after(std::chrono::milliseconds(20));
   deadline_.async_wait([this, until](ErrorOf error) {
     if (!error) wait_for_peers(until);

@@ -73,6 +73,7 @@ struct Counters {
   std::uint64_t uploads_now = 0;
   std::uint64_t upload_bytes = 0;
   std::uint64_t downloads = 0;
+  std::uint64_t downloads_now = 0;
   std::uint64_t download_bytes = 0;
 };
 

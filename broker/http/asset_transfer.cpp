@@ -32,11 +32,16 @@ Result<std::size_t> read_at(int file, std::uint64_t at, std::vector<char>& out) 
   }
 }
 
-/// The answer to one GET or HEAD.
+/// The answer to one GET or HEAD. Counts in downloads_now while it lives.
 class Download : public std::enable_shared_from_this<Download> {
  public:
   Download(HttpConnection& connection, Grant& grant)
-      : connection_(connection.shared_from_this()), context_(connection.context()), grant_(grant) {}
+      : connection_(connection.shared_from_this()), context_(connection.context()), grant_(grant) {
+    ++context_.counters.downloads_now;
+  }
+  ~Download() { --context_.counters.downloads_now; }
+  Download(const Download&) = delete;
+  Download& operator=(const Download&) = delete;
 
   void start(const Sha256& id) {
     connection_->on_disk([&assets = context_.assets, id] { return assets.read(id); },

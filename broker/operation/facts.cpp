@@ -32,6 +32,7 @@ void add_to(Counters& sum, const Counters& other) {
   sum.uploads_now += other.uploads_now;
   sum.upload_bytes += other.upload_bytes;
   sum.downloads += other.downloads;
+  sum.downloads_now += other.downloads_now;
   sum.download_bytes += other.download_bytes;
 }
 

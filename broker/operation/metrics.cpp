@@ -148,6 +148,7 @@ class BrokerMetrics final : public prometheus::Collectable {
     counter("uploads_total", "Assets taken.", counters.uploads);
     counter("uploads_failed_total", "Uploads refused or cut off.", counters.uploads_failed);
     counter("upload_bytes_total", "Bytes of uploads received.", counters.upload_bytes);
+    gauge("downloads", "Downloads under way.", counters.downloads_now);
     counter("downloads_total", "Assets served, whole or in part.", counters.downloads);
     counter("download_bytes_total", "Bytes of assets sent.", counters.download_bytes);
   }

@@ -191,6 +191,18 @@ TEST_F(LoopsTest, StoppingSaysByeInEveryLoop) {
   stop();
 }
 
+TEST_F(LoopsTest, AnAssetOnItsWayArrivesWhileItStops) {
+  const std::string content(50'000, 'x');
+  Wire upload(port_);
+  upload.write("PUT /v1/assets/" + name_of_asset(content) +
+               " HTTP/1.1\r\nConnection: close\r\nContent-Length: 50000\r\n\r\n" + content.substr(0, 20'000));
+  while (metric("eigencast_broker_uploads") != 1) std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  begin_to_stop();
+  upload.write(content.substr(20'000));
+  EXPECT_THAT(upload.read_all().value_or("broken off"), HasSubstr("HTTP/1.1 201 Created"));
+  stop();
+}
+
 TEST_F(LoopsTest, ComingAndGoingWhileItStops) {
   auto publisher = sender("a");
   std::atomic<bool> over = false;
