@@ -58,11 +58,13 @@ Loop::Loop(const Config& config, const Common& common, const Place& place, std::
                place.loops,
                place.last_connection_id},
       io_(1),
-      turn_(io_, turn_settings(config), common.log,
-            [this] {
-              hub_.deliver();
-              arm_schedule();
-            }),
+      turn_(
+          io_, turn_settings(config), common.log,
+          [this] {
+            hub_.deliver();
+            arm_schedule();
+          },
+          [this] { hub_.prepare(); }),
       schedule_(io_.get_executor()),
       tick_(io_.get_executor()) {}
 

@@ -98,6 +98,7 @@ Cost run(const std::vector<Bytes>& keys, std::size_t streams, double rate, const
       }
       hub.owes(*all[i]);
       hub.deliver();
+      hub.prepare();
     }
   }
   const double took_s = static_cast<double>(keys.size() - settled) / rate;

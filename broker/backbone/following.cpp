@@ -160,6 +160,7 @@ void Following::take(Remote& remote, Bytes message) {
   totals_.frames_dropped += remote.follower.dropped() - dropped;
   hub_->owes(*remote.stream());
   hub_->deliver();
+  hub_->prepare();
   surroundings_.frames_came();
 }
 

@@ -8,10 +8,12 @@
 
 namespace eigencast::broker {
 
-Turn::Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<void()> deliver)
+Turn::Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<void()> deliver,
+           std::function<void()> prepare)
     : loop_(loop),
       log_(std::move(log)),
       deliver_(std::move(deliver)),
+      prepare_(std::move(prepare)),
       wanted_(settings.backend),
       gathering_(settings.gathering),
       timer_(loop.get_executor()) {}
@@ -64,12 +66,21 @@ void Turn::forget(Leaver& leaver) {
 
 void Turn::arm_end() {
   if (std::exchange(end_armed_, true)) return;
-  asio::post(loop_, [this] {
+  asio::post(loop_, [this] { end_turn(); });
+}
+
+void Turn::end_turn() {
+  try {
     deliver_();
     end_armed_ = false;
     leave_all(now_);
+  } catch (...) {  // What could not be done now is done at the end of the next turn: there must be one.
+    end_armed_ = false;
     now_us_.reset();
-  });
+    throw;
+  }
+  now_us_.reset();
+  prepare_();
 }
 
 void Turn::arm_tick() {
@@ -84,6 +95,7 @@ void Turn::arm_tick() {
 
 void Turn::leave_all(std::vector<Leaver*>& list) {
   // Who cannot write all now, or is owed more by what the others' outcomes do, enters the next turn.
+  leaving_.clear();  // Of a turn that failed.
   leaving_.swap(list);
   std::erase(leaving_, nullptr);
   for (Leaver* leaver : leaving_) leaver->line_ = Leaver::Line::kNone;

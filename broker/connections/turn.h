@@ -54,8 +54,9 @@ class Turn {
     enum class Backend : std::uint8_t { kAuto, kEpoll, kUring } backend = Backend::kAuto;
   };
 
-  /// `deliver` is called at the end of each turn that began(), before what it adds leaves.
-  Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<void()> deliver);
+  /// `deliver` is called at the end of each turn that began(), before what it adds leaves, and `prepare` after that.
+  Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<void()> deliver,
+       std::function<void()> prepare);
   ~Turn();
   Turn(const Turn&) = delete;
   Turn& operator=(const Turn&) = delete;
@@ -81,6 +82,7 @@ class Turn {
  private:
   TimeUs begin_turn();
   void arm_end();
+  void end_turn();
   void arm_tick();
   void enter(Leaver& leaver, Leaver::Line line);
   std::vector<Leaver*>& list_of(Leaver::Line line) { return line == Leaver::Line::kNow ? now_ : tick_; }
@@ -88,7 +90,7 @@ class Turn {
 
   asio::io_context& loop_;
   LogSink log_;
-  std::function<void()> deliver_;
+  std::function<void()> deliver_, prepare_;
   Settings::Backend wanted_;
   Gathering gathering_;
   std::unique_ptr<Uring> ring_;

@@ -45,11 +45,11 @@ struct Uring::Ring {
   }
 
   void add(Leaver& leaver) {
-    const std::size_t first = pieces.size();
-    pieces.resize(first + Leaver::kMaxPieces);
-    const std::size_t count = leaver.pieces({pieces.data() + first, Leaver::kMaxPieces});
-    pieces.resize(first + count);
-    if (count > 0) writes.push_back({&leaver, first, count});
+    std::array<iovec, Leaver::kMaxPieces> all;
+    const std::size_t count = leaver.pieces(all);
+    if (count == 0) return;
+    writes.push_back({&leaver, pieces.size(), count});
+    pieces.insert(pieces.end(), all.begin(), all.begin() + count);
   }
 
   void submit() {

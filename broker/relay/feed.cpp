@@ -13,6 +13,9 @@ namespace {
 // The pacer never holds more than three key intervals, so a key that waits longer has been overtaken.
 constexpr std::size_t kMaxComing = 5;
 
+// Those of two intervals at the usual x3, and never so many that others wait long for them.
+constexpr std::size_t kMostAhead = 4;
+
 // Synthetic poses are shown for a part of a key interval and built upon by nobody, so that their levels lie further
 // apart than those of keys: what this adds is far below the error of interpolating (docs/performance.md).
 constexpr unsigned kSyntheticSpacingNumerator = 5, kSyntheticSpacingDenominator = 2;
@@ -25,6 +28,20 @@ std::uint8_t mask_of(const Profile& profile, const CoefficientLayout& layout) {
 
 bool is_compact(const Profile& profile) {
   return profile.rate == Profile::Rate::kInterpolated && profile.form == Profile::Form::kCompact;
+}
+
+/// Whether its poses depend on the two keys beside them alone, and travel in full.
+bool makes_poses_ahead(const Profile& profile) {
+  return profile.rate == Profile::Rate::kInterpolated && !is_compact(profile) &&
+         profile.scheme != Profile::Scheme::kCatmullRom;
+}
+
+/// Where a pose between keys stands among the others.
+std::pair<std::uint64_t, std::uint8_t> place_of(const Pacer::Due& due) {
+  return {due.sequence, due.at};
+}
+std::pair<std::uint64_t, std::uint8_t> place_of(const Frame& frame) {
+  return {frame.envelope.sequence, frame.envelope.step.at};
 }
 
 int further_keys(const Profile& profile) {
@@ -58,6 +75,7 @@ void Feed::add_key(KeyRecordPtr record, TimeUs now_us, std::vector<FramePtr>& ou
   if (!record->before) {  // What is pending leads nowhere any more.
     pacer_.reset();
     coming_.clear();
+    ahead_.clear();
     steps_pending_ = false;
   }
   pacer_.add_key(record->sequence, record->capture_us, now_us);
@@ -77,6 +95,7 @@ void Feed::pump(TimeUs now_us, std::vector<FramePtr>& out) {
   while (const auto due = pacer_.pop_due(now_us)) {
     const auto next_us = pacer_.next_due_us();
     const bool overtaken = next_us && *next_us <= now_us;
+    behind_ = overtaken || (behind_ && due->at < due->of);
     const std::size_t made = out.size();
     if (is_compact(profile_)) {
       pump_compact(*due, overtaken, out);
@@ -153,10 +172,8 @@ void Feed::emit_key(KeyRecordPtr record, std::uint8_t flags, std::vector<FramePt
 
 void Feed::emit_synthetic(const KeyRecord& record, const Pacer::Due& due, std::vector<FramePtr>& out) {
   if (!record.before || !stands_at_ || stands_at_->sequence + 1 != record.sequence) return;
-  Envelope head = envelope(FrameKind::kSynthetic, record);
-  head.step = {due.at, due.of};
-  head.capture_us = due.capture_us;
-  emit_made(head, record.half_spacing, *record.before, pose_between(record, due), out);
+  FramePtr frame = take_ahead(due);
+  emit_made(frame ? std::move(frame) : synthetic(record, due), out);
 }
 
 void Feed::emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out) {
@@ -168,19 +185,51 @@ void Feed::emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out) {
   const ChainState& state = *stands_at_->after;
   const bool damped = profile_.scheme == Profile::Scheme::kDamped;
   const auto pose = estimate_keys(source_.layout, state.older, state.newer, damped, due.at, due.of);
-  emit_made(head, stands_at_->half_spacing, state, pose, out);
+  emit_made(made(head, stands_at_->half_spacing, state, pose), out);
 }
 
-void Feed::emit_made(Envelope head, std::uint8_t key_spacing, const ChainState& state, Result<Key> pose,
-                     std::vector<FramePtr>& out) {
-  if (!pose) return void(++failed_poses_);
+void Feed::emit_made(FramePtr frame, std::vector<FramePtr>& out) {
+  if (!frame) return void(++failed_poses_);
+  out.push_back(std::move(frame));
+}
+
+FramePtr Feed::synthetic(const KeyRecord& record, const Pacer::Due& due) {
+  Envelope head = envelope(FrameKind::kSynthetic, record);
+  head.step = {due.at, due.of};
+  head.capture_us = due.capture_us;
+  return made(head, record.half_spacing, *record.before, pose_between(record, due));
+}
+
+FramePtr Feed::made(Envelope head, std::uint8_t key_spacing, const ChainState& state, Result<Key> pose) const {
+  if (!pose) return nullptr;
   const unsigned half_spacing =
       std::min(kMaxHalfSpacing, unsigned{key_spacing} * kSyntheticSpacingNumerator / kSyntheticSpacingDenominator);
   pose->bands &= mask_;  // Bands are coded each for itself: the others need not be coded at all.
   head.bands = pose->bands;
   const auto payload = encode_pose(source_.layout, state, *std::move(pose), static_cast<std::uint8_t>(half_spacing));
-  if (!payload) return void(++failed_poses_);
-  out.push_back(make_frame(head, *payload));
+  return payload ? make_frame(head, *payload) : nullptr;
+}
+
+void Feed::prepare() {
+  if (behind_ || !makes_poses_ahead(profile_)) return;
+  auto record = coming_.begin();
+  for (const Pacer::Due& due : pacer_.waiting()) {
+    if (ahead_.size() == kMostAhead) return;
+    while (record != coming_.end() && (*record)->sequence < due.sequence) ++record;
+    if (record == coming_.end()) return;
+    if (due.at == due.of || (*record)->sequence != due.sequence || !(*record)->before) continue;
+    if (!ahead_.empty() && place_of(due) <= place_of(*ahead_.back())) continue;
+    FramePtr frame = synthetic(**record, due);
+    if (frame) ahead_.push_back(std::move(frame));  // Else it is counted as failed when it is due.
+  }
+}
+
+FramePtr Feed::take_ahead(const Pacer::Due& due) {
+  while (!ahead_.empty() && place_of(*ahead_.front()) < place_of(due)) ahead_.pop_front();  // They were overtaken.
+  if (ahead_.empty() || place_of(*ahead_.front()) != place_of(due)) return nullptr;
+  FramePtr frame = std::move(ahead_.front());
+  ahead_.pop_front();
+  return frame;
 }
 
 Result<Key> Feed::pose_between(const KeyRecord& record, const Pacer::Due& due) {

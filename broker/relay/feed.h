@@ -72,6 +72,13 @@ class Feed {
   /// When pump() has something to do next; nothing while nothing is pending.
   std::optional<TimeUs> next_due_us() const;
 
+  /// Makes poses that wait for nothing but their time: soon after a key came, all that they are made of is in the
+  /// processor's caches, which it is not when they are due. Changes nothing but when the work is done; does nothing while
+  /// the caller is behind, since poses that are overtaken are not made at all.
+  void prepare();
+  /// Poses that are made and wait for their time.
+  std::size_t poses_ahead() const { return ahead_.size(); }
+
   /// The join frame that brings a receiver to where this feed stands now; made once per state. Null before the first
   /// key.
   FramePtr join();
@@ -89,9 +96,13 @@ class Feed {
   void pump_estimates(TimeUs now_us, std::vector<FramePtr>& out);
   void emit_synthetic(const KeyRecord& record, const Pacer::Due& due, std::vector<FramePtr>& out);
   void emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out);
-  /// A pose that is no reference, coded against `state` more coarsely than a key of `key_spacing`, and cut to the profile's bands.
-  void emit_made(Envelope head, std::uint8_t key_spacing, const ChainState& state, Result<Key> pose,
-                 std::vector<FramePtr>& out);
+  /// Null if it cannot be coded.
+  FramePtr synthetic(const KeyRecord& record, const Pacer::Due& due);
+  /// A pose that is no reference, coded against `state` more coarsely than a key of `key_spacing`, and cut to the profile's
+  /// bands. Null if it cannot be coded.
+  FramePtr made(Envelope head, std::uint8_t key_spacing, const ChainState& state, Result<Key> pose) const;
+  FramePtr take_ahead(const Pacer::Due& due);
+  void emit_made(FramePtr frame, std::vector<FramePtr>& out);
   Result<Key> pose_between(const KeyRecord& record, const Pacer::Due& due);
   Result<Key> pose_on_curve(const KeyRecord& record, const KeyRecord* next, TimeUs t_us) const;
   Envelope envelope(FrameKind kind, const KeyRecord& record) const;
@@ -103,6 +114,8 @@ class Feed {
   Pacer pacer_;                      ///< Of interpolated poses.
   Forecaster forecaster_;            ///< Of estimated ones.
   std::deque<KeyRecordPtr> coming_;  ///< Keys that came and have not left; bounded.
+  std::deque<FramePtr> ahead_;       ///< Synthetic poses made before they are due, in order; at most kMostAhead.
+  bool behind_ = false;              ///< Poses were overtaken since the last key that left in its time.
   KeyRecordPtr stands_at_;           ///< The last key that left.
   /// Catmull-Rom: whether the interval that leads up to key `sequence` is drawn with the key after it.
   struct Curve {

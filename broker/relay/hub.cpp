@@ -59,11 +59,18 @@ void Hub::deliver() {
     stream->deliver();
     schedule(*stream);
   }
+  delivered_.swap(owing_);
   owing_.clear();
+}
+
+void Hub::prepare() {
+  for (Stream* stream : delivered_) stream->prepare();
+  delivered_.clear();
 }
 
 void Hub::forget(decltype(streams_)::iterator stream) {
   std::erase(owing_, stream->second.get());
+  std::erase(delivered_, stream->second.get());
   unschedule(*stream->second);
   streams_.erase(stream);
 }

@@ -47,6 +47,8 @@ class Hub {
   /// The stream took frames or watchers: deliver() delivers what follows and learns when it has something due next.
   void owes(Stream& stream);
   void deliver();
+  /// Call when what the last deliver() made has left: the poses that its streams will need soon are made (Feed::prepare).
+  void prepare();
   /// When pump() has something to do next.
   std::optional<TimeUs> next_due_us() const;
 
@@ -64,6 +66,7 @@ class Hub {
   Settings settings_;
   std::map<std::string, std::unique_ptr<Stream>, std::less<>> streams_;
   std::vector<Stream*> owing_;
+  std::vector<Stream*> delivered_;            ///< By the last deliver(), and not prepared since.
   std::set<std::pair<TimeUs, Stream*>> due_;  ///< Each stream that waits for a time: Stream::wake_us_.
   std::vector<Stream*> pumping_;              ///< Scratch.
 };

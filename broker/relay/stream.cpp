@@ -179,8 +179,8 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
     if (!key) return key.error();
     record->before = newest_->after;
     record->half_spacing = half_spacing_of(frame.payload);
-    record->after =
-        std::make_shared<const ChainState>(advanced(state, std::move(*key), head.capture_us - newest_->capture_us));
+    record->after = std::make_shared<const ChainState>(
+        ChainState{state.newer, std::move(*key), head.capture_us - newest_->capture_us});
   }
   record->payload.assign(frame.payload.begin(), frame.payload.end());
   return KeyRecordPtr(std::move(record));
@@ -243,6 +243,10 @@ void Stream::pump(TimeUs now_us) {
 void Stream::deliver() {
   if (!std::exchange(has_leaving_, false)) return;
   for (auto& [profile, group] : groups_) deliver(*group);
+}
+
+void Stream::prepare() {
+  for (auto& [profile, group] : groups_) group->feed.prepare();
 }
 
 std::optional<TimeUs> Stream::next_due_us() const {

@@ -98,6 +98,8 @@ class Stream {
   /// gets is offered in one call.
   Result<void> take_frame(ByteView message, TimeUs now_us);
   void deliver();
+  /// See Feed::prepare.
+  void prepare();
 
   // For one that mirrors a stream of another loop.
 

@@ -61,6 +61,9 @@ class Pacer {
   /// When pop_due will next have something; nothing if the queue is empty.
   std::optional<TimeUs> next_due_us() const;
 
+  /// What waits, the next first; until the next call of another member.
+  const std::deque<Due>& waiting() const { return queue_; }
+
   /// Forgets everything, as at a new epoch.
   void reset();
 

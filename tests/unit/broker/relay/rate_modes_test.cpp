@@ -3,6 +3,7 @@
 // What each rate mode and scheme delivers, pose by pose, on a fake clock.
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <random>
 
@@ -98,6 +99,86 @@ TEST_F(RateModesTest, CatmullRomDrawsThroughFourKeysAndHoldsOneMore) {
     const Key expected = blended(s, pose.envelope.capture_us, s < 11);
     for (std::size_t i = 0; i < expected.q.size(); ++i) EXPECT_NEAR(pose.key.q[i], expected.q[i], 1) << s << " " << i;
   }
+}
+
+TEST_F(RateModesTest, PosesMadeAheadOfTheirTimeAreThoseMadeWhenDue) {
+  std::mt19937 random(11);
+  std::uniform_int_distribution<int> chance(0, 99);
+  for (const Profile& profile : {interpolated(Scheme::kLinear), interpolated(Scheme::kHermite, Form::kFull, 5),
+                                 interpolated(Scheme::kCatmullRom), interpolated(Scheme::kLinear, Form::kCompact)}) {
+    control::Announce announce = small_announce();
+    announce.format.velocity_channels = 1;
+    announce.format.velocity_us = 10'000;
+    std::array<Stream, 2> streams{Stream{"a", 7, Stream::Settings{}}, Stream{"a", 7, Stream::Settings{}}};
+    std::array<FakeReceiver, 2> receivers;
+    std::array<FakeSender, 2> senders;
+    for (std::size_t i : {0u, 1u}) {
+      ASSERT_TRUE(streams[i].claim(senders[i]));
+      ASSERT_TRUE(streams[i].announce(announce, 1));
+      ASSERT_TRUE(streams[i].watch(receivers[i], profile));
+    }
+    TimeUs now_us = kStart, captured_us = kStart;
+    for (int key = 0; key < 300; ++key) {
+      // Late keys, bursts, pauses, new chains.
+      const int fate = chance(random);
+      captured_us += fate < 4 ? 700'000 : kInterval;
+      if (fate == 5) senders[0].begin_anew(), senders[1].begin_anew();
+      const TimeUs arrives_us = std::max(now_us, captured_us + (fate > 90 ? 90'000 : fate * 100));
+      for (; now_us < arrives_us; now_us += 500) {
+        for (Stream& stream : streams) stream.pump(now_us);
+      }
+      for (std::size_t i : {0u, 1u}) {
+        ASSERT_TRUE(streams[i].add_frame(senders[i].next(captured_us), now_us));
+      }
+      streams[1].prepare();
+    }
+    EXPECT_EQ(receivers[0].undecodable, 0);
+    ASSERT_EQ(receivers[0].frames.size(), receivers[1].frames.size());
+    for (std::size_t i = 0; i < receivers[0].frames.size(); ++i) {
+      ASSERT_EQ(receivers[0].frames[i]->wire, receivers[1].frames[i]->wire) << i;
+      ASSERT_EQ(receivers[0].frames[i]->times.due_us, receivers[1].frames[i]->times.due_us) << i;
+    }
+    for (std::size_t i : {0u, 1u}) streams[i].unwatch(receivers[i]);
+  }
+}
+
+TEST(FeedTest, PosesAreMadeAheadUntilTheyAreOvertaken) {
+  Feed feed(interpolated(Scheme::kLinear), Feed::Source{small_layout(), {}, 7, 1});
+  std::vector<FramePtr> left;
+  TimeUs now_us = kStart;
+  std::shared_ptr<const ChainState> newest;
+  const auto key_comes = [&](int s) {
+    auto record = std::make_shared<KeyRecord>();
+    record->sequence = static_cast<std::uint64_t>(s);
+    record->capture_us = record->arrival_us = now_us = kStart + s * kInterval;
+    record->bands = 3;
+    record->before = newest;
+    newest = std::make_shared<const ChainState>(
+        ChainState{newest ? newest->newer : key_number(s), key_number(s), newest ? kInterval : 0});
+    record->after = newest;
+    feed.add_key(record, now_us, left);
+    feed.prepare();
+  };
+  key_comes(0);
+  EXPECT_EQ(feed.poses_ahead(), 0u) << "it begins the chain";
+  key_comes(1);
+  EXPECT_EQ(left.size(), 2u) << "key 0, and the first pose on the way from it, which was due at once";
+  EXPECT_EQ(feed.poses_ahead(), 1u) << "the second";
+  feed.prepare();
+  EXPECT_EQ(feed.poses_ahead(), 1u) << "made once";
+  feed.pump(now_us + kInterval / 3 - 1, left);
+  EXPECT_EQ(left.size(), 2u) << "it leaves when it is due, not before";
+  feed.pump(now_us + kInterval / 3, left);
+  EXPECT_EQ(left.size(), 3u);
+  EXPECT_EQ(feed.poses_ahead(), 0u);
+  key_comes(2);  // Key 1 is due since 10 ms, so is a pose: pumping is behind.
+  EXPECT_EQ(feed.poses_ahead(), 0u);
+  feed.pump(now_us + kInterval / 3, left);
+  feed.pump(now_us + kInterval * 2 / 3, left);
+  ASSERT_EQ(left.back()->envelope.sequence, 2u);
+  EXPECT_EQ(left.back()->envelope.kind, FrameKind::kKey) << "in its time";
+  key_comes(3);
+  EXPECT_EQ(feed.poses_ahead(), 1u);
 }
 
 TEST_F(RateModesTest, CatmullRomIsPacedEvenlyUnderJitterAndALateFurtherKeyIsNotWaitedFor) {
