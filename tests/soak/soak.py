@@ -3,7 +3,7 @@
 """Lets viewers come, watch, stall, download and go for minutes while the stream is recorded and its sender is killed again and
 again, then asserts that the broker's memory is flat and no descriptor leaks.
 
-Usage: soak.py BIN_DIR [--minutes M] [--viewers N]. Prints one line of JSON; exit status 1 where an assertion fails.
+Usage: soak.py BIN_DIR [--minutes M] [--viewers N] [--threads T]. Prints one line of JSON; exit status 1 where an assertion fails.
 """
 import argparse
 import base64
@@ -97,10 +97,11 @@ def main():
     parser.add_argument("bin_dir")
     parser.add_argument("--minutes", type=float, default=2)
     parser.add_argument("--viewers", type=int, default=40)
+    parser.add_argument("--threads", type=int, default=1, help="event loops of the broker")
     options = parser.parse_args()
     folder = tempfile.mkdtemp(prefix="eigencast-soak-")
     broker = subprocess.Popen([options.bin_dir + "/eigencast-broker", "--listen", "127.0.0.1:0", "--admin-listen", "127.0.0.1:0",
-                               "--port-file", folder + "/port", "--data-dir", folder + "/data"],
+                               "--port-file", folder + "/port", "--data-dir", folder + "/data", "--threads", str(options.threads)],
                               stderr=open(folder + "/broker.log", "w"))
     processes = [broker]
     try:
@@ -150,7 +151,7 @@ def main():
             time.sleep(1)
         warm = samples[int(len(samples) * WARM_SHARE):]
         middle, last = median(warm[:len(warm) // 2]), median(warm[len(warm) // 2:])
-        result = {"minutes": options.minutes, "viewers": options.viewers, "came": counts["came"], "stalled": counts["stalled"],
+        result = {"minutes": options.minutes, "viewers": options.viewers, "threads": options.threads, "came": counts["came"], "stalled": counts["stalled"],
                   "downloaded": counts["downloaded"], "errors": counts["errors"], "last_error": counts["last_error"], "sender_restarts": restarts,
                   "received_mb": round(counts["bytes"] / 1e6, 1),
                   "recorded_mb": round(metrics(admin)["eigencast_broker_recorded_bytes_total"] / 1e6, 2),
