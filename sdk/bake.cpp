@@ -8,12 +8,14 @@
 #include <future>
 #include <new>
 #include <optional>
+#include <span>
 #include <system_error>
 #include <utility>
 #include <vector>
 
 #include "common/core/clock.h"
 #include "common/core/memory.h"
+#include "common/core/worker_team.h"
 #include "common/progressive/point_normals.h"
 #include "common/progressive/prefix.h"
 #include "common/progressive/splats.h"
@@ -210,6 +212,26 @@ std::vector<double> rest_coefficients(const Surface& surface, const Basis& basis
   return rest;
 }
 
+/// Psi, n x r, with its rows in an order of the vertices, row-major. Some columns at a time, as many as fill a cache line of the result,
+/// each read from top to bottom: rows that are far apart are visited once for all of them.
+std::vector<float> rows_in_order(const Eigen::MatrixXd& Psi, std::span<const std::uint32_t> order) {
+  constexpr std::size_t kColumns = 16;
+  const auto r = static_cast<std::size_t>(Psi.cols());
+  std::vector<std::size_t> place(order.size());
+  for (std::size_t row = 0; row < order.size(); ++row) place[order[row]] = row;
+  std::vector<float> rows(order.size() * r);
+  worker_team().run((r + kColumns - 1) / kColumns, [&](std::size_t task) {
+    const std::size_t end = std::min(r, (task + 1) * kColumns);
+    for (std::size_t source = 0; source < place.size(); ++source) {
+      for (std::size_t k = task * kColumns; k < end; ++k) {
+        rows[place[source] * r + k] =
+            static_cast<float>(Psi(static_cast<Eigen::Index>(source), static_cast<Eigen::Index>(k)));
+      }
+    }
+  });
+  return rows;
+}
+
 /// REQUIRES: the looks, the normals (of points), the basis and the order are of this surface.
 Asset asset_from(const Surface& surface, const Looks& looks, std::span<const Vec3> normals, const Basis& basis,
                  PrefixOrder order, const BakeOptions& options) {
@@ -225,15 +247,9 @@ Asset asset_from(const Surface& surface, const Looks& looks, std::span<const Vec
     if (end < r) asset.band_ends.push_back(end);
   }
   asset.band_ends.push_back(asset.rank);
-  asset.basis.resize(n * r);
+  asset.basis = rows_in_order(basis.Psi, order.order);
   asset.mass.resize(n);
-  for (std::size_t row = 0; row < n; ++row) {
-    const Eigen::Index source = order.order[row];
-    asset.mass[row] = static_cast<float>(basis.mass[source]);
-    for (std::size_t k = 0; k < r; ++k) {
-      asset.basis[row * r + k] = static_cast<float>(basis.Psi(source, static_cast<Eigen::Index>(k)));
-    }
-  }
+  for (std::size_t row = 0; row < n; ++row) asset.mass[row] = static_cast<float>(basis.mass[order.order[row]]);
   asset.area = basis.area;
   asset.origin = centroid_of(surface, basis);
   asset.rest = rest_coefficients(surface, basis, asset.origin);

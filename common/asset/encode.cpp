@@ -20,6 +20,8 @@
 namespace eigencast {
 namespace {
 
+constexpr std::size_t kWeighedBytes = std::size_t{1} << 20;  // of a tile, up to which both ways of storing it are tried
+
 using Corners = std::array<std::uint32_t, 3>;
 
 /// Moves each corner to the vertex that stands for it with N vertices.
@@ -94,9 +96,10 @@ class Encoder {
     const std::vector<std::uint32_t> ends = chunk_ends(asset_, encoding_.first_chunk_rows);
     if (ends.size() > asset_limits::kMaxChunks)
       return fail(ErrorCode::kTooLarge, "asset: it would need more than 4096 chunks");
+    std::vector<NewTile> basis = basis_tiles(ends);
     EncodedAsset encoded;
-    for (const std::uint32_t end_row : ends) {
-      auto chunk = encode_chunk(end_row);
+    for (std::size_t c = 0; c < ends.size(); ++c) {
+      auto chunk = encode_chunk(ends[c], std::span(basis).subspan(c * bands(), bands()));
       if (!chunk) return chunk.error();
       encoded.chunks.push_back(std::move(*chunk));
     }
@@ -114,7 +117,31 @@ class Encoder {
     std::optional<Error> failed;
   };
 
-  Result<AssetObject> encode_chunk(std::uint32_t end_row) {
+  std::size_t bands() const { return asset_.band_ends.size(); }
+
+  /// Of each chunk each band. The last of them are the largest and begin first, so that no thread is left alone with one.
+  std::vector<NewTile> basis_tiles(std::span<const std::uint32_t> ends) const {
+    std::vector<Predictors> predictors;
+    for (std::size_t c = 0; c < ends.size(); ++c) {
+      predictors.push_back(part_of(predictors_, c == 0 ? 0 : ends[c - 1], ends[c]));
+    }
+    std::vector<NewTile> tiles(ends.size() * bands());
+    worker_team().run(tiles.size(), [&](std::size_t task) {
+      const std::size_t at = tiles.size() - 1 - task, c = at / bands(), b = at % bands();
+      const BasisBlock block{c == 0 ? 0 : ends[c - 1],
+                             ends[c],
+                             b == 0 ? 0 : asset_.band_ends[b - 1],
+                             asset_.band_ends[b],
+                             manifest_.exact_columns,
+                             asset_.rank,
+                             manifest_.column_scales,
+                             predictors[c]};
+      tiles[at] = basis_tile(block, b);
+    });
+    return tiles;
+  }
+
+  Result<AssetObject> encode_chunk(std::uint32_t end_row, std::span<NewTile> basis) {
     const ChunkRange range{row_, end_row, asset_.base_count, asset_.vertex_count};
     const auto end_death = std::lower_bound(asset_.death.begin(), asset_.death.end(), end_row);
     const auto end_face = static_cast<std::uint32_t>(end_death - asset_.death.begin());
@@ -123,9 +150,8 @@ class Encoder {
     entry.end_face = end_face;
     AssetObject object;
     const Predictors predictors = part_of(predictors_, row_, end_row);
-    std::vector<NewTile> tiles(asset_.band_ends.size());
-    worker_team().run(tiles.size(), [&](std::size_t b) { tiles[b] = basis_of_band(b, end_row, predictors); });
-    tiles.insert(tiles.begin(), packed(TileKind::kStructure, 0, structure(range, end_face, predictors)));
+    std::vector<NewTile> tiles{packed(TileKind::kStructure, 0, structure(range, end_face, predictors))};
+    std::move(basis.begin(), basis.end(), std::back_inserter(tiles));
     add_looks(end_row, tiles);
     for (const NewTile& tile : tiles) {
       if (tile.failed) return *tile.failed;
@@ -177,20 +203,27 @@ class Encoder {
     }
   }
 
-  NewTile basis_of_band(std::size_t b, std::uint32_t end_row, const Predictors& predictors) const {
-    const BasisBlock block{row_,
-                           end_row,
-                           b == 0 ? 0 : asset_.band_ends[b - 1],
-                           asset_.band_ends[b],
-                           manifest_.exact_columns,
-                           asset_.rank,
-                           manifest_.column_scales,
-                           predictors};
-    NewTile tile = packed(TileKind::kBasis, b, encode_basis(block, asset_.basis));
-    if (tile.failed || !encoding_.code) return tile;
-    Bytes coded = code_basis(block, asset_.basis);
-    const bool readable = tile.entry.raw_bytes <= asset_limits::kMaxExpansion * coded.size();
-    if (coded.size() < tile.stored.size() && readable) keep(tile, Compression::kCoded, std::move(coded));
+  /// As the smaller of the two ways has it. Of large tiles only the coded one is made, which takes a third less time: zstd wins where
+  /// entries repeat, as in small surfaces that are made by rule.
+  NewTile basis_tile(const BasisBlock& block, std::size_t b) const {
+    const std::size_t raw_bytes = basis_tile_bytes(manifest_, b, block.end_row - block.first_row);
+    NewTile coded = tile_of(TileKind::kBasis, b, raw_bytes);
+    bool readable = false;
+    if (encoding_.code && raw_bytes <= asset_limits::kMaxTileBytes) {
+      keep(coded, Compression::kCoded, code_basis(block, asset_.basis));
+      readable = raw_bytes <= asset_limits::kMaxExpansion * coded.stored.size();
+      if (readable && raw_bytes > kWeighedBytes) return coded;
+    }
+    NewTile plain = packed(TileKind::kBasis, b, encode_basis(block, asset_.basis));
+    return readable && (plain.failed || coded.stored.size() < plain.stored.size()) ? coded : plain;
+  }
+
+  static NewTile tile_of(TileKind kind, std::size_t index, std::size_t raw_bytes) {
+    NewTile tile;
+    tile.entry.kind = static_cast<std::uint8_t>(kind);
+    tile.entry.index = static_cast<std::uint8_t>(index);
+    tile.entry.required = kind == TileKind::kStructure || kind == TileKind::kBasis;
+    tile.entry.raw_bytes = static_cast<std::uint32_t>(raw_bytes);
     return tile;
   }
 
@@ -203,7 +236,7 @@ class Encoder {
 
   /// Throws nothing, as tasks of a team must.
   NewTile packed(TileKind kind, std::size_t index, Bytes raw) const {
-    NewTile tile;
+    NewTile tile = tile_of(kind, index, raw.size());
     if (raw.size() > asset_limits::kMaxTileBytes) {
       tile.failed =
           fail(ErrorCode::kTooLarge, "asset: a tile of " + std::to_string(raw.size()) + " bytes is over the limit of " +
@@ -211,10 +244,6 @@ class Encoder {
                                          std::to_string(asset_.base_count) + " vertices must fit the first chunk");
       return tile;
     }
-    tile.entry.kind = static_cast<std::uint8_t>(kind);
-    tile.entry.index = static_cast<std::uint8_t>(index);
-    tile.entry.required = kind == TileKind::kStructure || kind == TileKind::kBasis;
-    tile.entry.raw_bytes = static_cast<std::uint32_t>(raw.size());
     if (encoding_.compress && kind != TileKind::kImage) {  // which is compressed already
       auto smaller = zstd_compress(raw);
       if (!smaller) {

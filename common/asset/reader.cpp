@@ -149,12 +149,13 @@ Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
   return {};
 }
 
-/// Bands share neither bytes nor columns: at the same time.
+/// Bands share neither bytes nor columns: at the same time, the last one, which is the largest, first.
 Result<void> AssetReader::decode_bands(const ChunkEntry& entry, ByteView bytes, const Predictors& predictors) {
   std::vector<std::size_t> begin{entry.tiles[0].stored_bytes};
   for (std::size_t b = 0; b < bands_; ++b) begin.push_back(begin.back() + entry.tiles[1 + b].stored_bytes);
   std::vector<Result<void>> results(bands_);
-  worker_team().run(bands_, [&](std::size_t b) {
+  worker_team().run(bands_, [&](std::size_t task) {
+    const std::size_t b = bands_ - 1 - task;
     const BasisBlock block{asset_.rows_ready,
                            entry.end_row,
                            b == 0 ? 0 : asset_.band_ends[b - 1],
