@@ -96,7 +96,7 @@ void Renderer::Impl::draw(const Camera& camera, const RenderOptions& options, in
   const glm::mat4 clip_from_scene = camera.clip_from_view() * camera.view_from_scene();
   if (options.edges && !options.points && !options.wireframe) draw_edges(clip_from_scene, options.pixel_scale);
   const bool any = std::any_of(surfaces_.begin(), surfaces_.end(), [](const auto& s) { return s->drawable(); });
-  surroundings_.draw_floor(camera, lighting_, {options.grid, any, options.pixel_scale});
+  surroundings_.draw_floor(camera, lighting_, {options.grid && !options.transparent, any, options.pixel_scale});
   if (options.axes) surroundings_.draw_axes(camera, options.pixel_scale);
   painter_.draw(markup_, clip_from_scene, width, height);
   glDisable(GL_DEPTH_TEST);

@@ -18,9 +18,9 @@ namespace eigencast {
 
 struct RenderOptions {
   bool edges = false, wireframe = false, points = false, axes = false, grid = true;
-  bool transparent = false;                    ///< No wall: what is drawn keeps its alpha, the floor only its shadow.
-  float pixel_scale = 1;                       ///< Pixels to one at 96 dpi: the width of lines and the least points.
-  float colourfulness = 1;                     ///< 0 = grey, as while the connection is lost.
+  bool transparent = false;  ///< No wall, no grid: what is drawn keeps its alpha, the floor only its shadow.
+  float pixel_scale = 1;     ///< Pixels to one at 96 dpi: the width of lines and the least points.
+  float colourfulness = 1;   ///< 0 = grey, as while the connection is lost.
   ColourMap colour_map = ColourMap::kViridis;  ///< Of surfaces painted with numbers,
   std::array<float, 2> colour_range{0, 1};     ///< from the first of these to the second.
 };

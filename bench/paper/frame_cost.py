@@ -56,7 +56,7 @@ def measured(stage, lod, size, reconstruct, options):
 
 def main():
     p = parser(__doc__)
-    p.add_argument("--frames", type=int, default=12, help="pictures of each run")
+    p.add_argument("--frames", type=int, default=18, help="pictures of each run; of few too many are of a surface that is still being read")
     p.add_argument("--seconds", type=float, default=20, help="at most, of each run")
     p.add_argument("--prepare", action="store_true", help="bake, then end")
     options = p.parse_args()

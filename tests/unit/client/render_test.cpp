@@ -247,7 +247,6 @@ TEST_F(Render, ATransparentPictureHasAlphaOnlyWhereTheSurfaceAndItsShadowAre) {
   const Picture opaque = picture_of(source, scene);
   EXPECT_TRUE(opaque.alpha.empty());
   options_.transparent = true;
-  options_.grid = false;
   const Picture picture = picture_of(source, scene);
   ASSERT_EQ(picture.alpha.size(), std::size_t{kWidth} * kHeight);
   const auto index = [&](int x, int y) { return static_cast<std::size_t>(y * kWidth + x); };
@@ -258,6 +257,8 @@ TEST_F(Render, ATransparentPictureHasAlphaOnlyWhereTheSurfaceAndItsShadowAre) {
   int partly = 0;
   for (const std::uint8_t a : picture.alpha) partly += a > 0 && a < 255 ? 1 : 0;
   EXPECT_GT(partly, 100) << "edges and the shadow";
+  options_.grid = false;
+  EXPECT_EQ(picture_of(source, scene).alpha, picture.alpha) << "the grid is no part of what is cut out";
 }
 
 TEST_F(Render, AWireframeLetsTheWallThroughAndHidesTheBack) {
