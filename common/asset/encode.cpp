@@ -234,7 +234,6 @@ class Encoder {
     tile.stored = std::move(stored);
   }
 
-  /// Throws nothing, as tasks of a team must.
   NewTile packed(TileKind kind, std::size_t index, Bytes raw) const {
     NewTile tile = tile_of(kind, index, raw.size());
     if (raw.size() > asset_limits::kMaxTileBytes) {

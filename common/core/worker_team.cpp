@@ -5,9 +5,11 @@
 #include <atomic>
 #include <condition_variable>
 #include <cstdint>
+#include <exception>
 #include <mutex>
 #include <system_error>
 #include <thread>
+#include <utility>
 #include <vector>
 
 namespace eigencast {
@@ -22,13 +24,21 @@ struct WorkerTeam::State {
   std::size_t count = 0;
   std::uint64_t loop = 0;
   unsigned working = 0;
+  std::exception_ptr failure;  // of the first task that threw
   bool stopping = false;
+
   std::atomic<std::size_t> next = 0;
 
   std::vector<std::thread> workers;  // last: they use the rest
 
   void take_tasks(const std::function<void(std::size_t)>& call, std::size_t until) {
-    for (std::size_t i = next.fetch_add(1); i < until; i = next.fetch_add(1)) call(i);
+    try {
+      for (std::size_t i = next.fetch_add(1); i < until; i = next.fetch_add(1)) call(i);
+    } catch (...) {
+      next = until;
+      const std::lock_guard lock(mutex);
+      if (!failure) failure = std::current_exception();
+    }
   }
 
   void work() {
@@ -93,7 +103,10 @@ void WorkerTeam::run(std::size_t count, const std::function<void(std::size_t)>& 
   std::unique_lock lock(state.mutex);
   state.task = nullptr;  // a worker that wakes up late finds nothing
   state.changed.wait(lock, [&] { return state.working == 0; });
+  const std::exception_ptr failure = std::exchange(state.failure, nullptr);
   state.busy.clear();
+  lock.unlock();
+  if (failure) std::rethrow_exception(failure);
 }
 
 WorkerTeam& worker_team() {

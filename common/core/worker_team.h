@@ -21,7 +21,7 @@ class WorkerTeam {
 
   unsigned threads() const;
   /// Calls task(i) once for each i < count, on any of the threads in any order, and returns when all are done. What a
-  /// call writes is visible after it. REQUIRES: tasks throw nothing.
+  /// call writes is visible after it. What a task throws ends the loop and leaves run() (of several, the first).
   void run(std::size_t count, const std::function<void(std::size_t)>& task);
 
  private:

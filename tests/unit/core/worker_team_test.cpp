@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <atomic>
+#include <stdexcept>
+#include <string>
 #include <thread>
 #include <vector>
 
@@ -52,6 +54,31 @@ TEST(WorkerTeam, ServesSeveralCallersAtATime) {
 TEST(WorkerTeam, OneThreadIsTheCallers) {
   WorkerTeam team(1);
   team.run(20, [here = std::this_thread::get_id()](std::size_t) { EXPECT_EQ(std::this_thread::get_id(), here); });
+}
+
+TEST(WorkerTeam, WhatATaskThrowsReachesTheCallerWhenNobodyIsAtWork) {
+  for (const unsigned threads : {1U, 2U, 4U}) {
+    WorkerTeam team(threads);
+    for (std::size_t bad = 0; bad < 40; ++bad) {
+      std::atomic<int> at_work = 0;
+      std::string said;
+      try {
+        team.run(40, [&](std::size_t i) {
+          ++at_work;
+          std::this_thread::yield();
+          --at_work;
+          if (i >= bad) throw std::runtime_error("task");
+        });
+      } catch (const std::runtime_error& error) {
+        said = error.what();
+      }
+      EXPECT_EQ(said, "task");
+      EXPECT_EQ(at_work, 0);
+    }
+    std::vector<int> calls(40);
+    team.run(40, [&](std::size_t i) { ++calls[i]; });
+    EXPECT_EQ(calls, std::vector<int>(40, 1)) << "nothing of it is left";
+  }
 }
 
 TEST(InstructionSets, BeginWithTheBaselineAndGrow) {
