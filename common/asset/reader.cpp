@@ -194,20 +194,21 @@ Result<void> AssetReader::decode_looks(const ChunkEntry& entry, ByteView bytes, 
   auto detail = has_detail ? unpacked(*detail_tile->entry, detail_tile->stored) : Result<Bytes>(Bytes{});
   if (!detail) return detail.error();
   const auto splat_tile = find_tile(entry, bytes, TileKind::kSplats);
-  if (splat_tile && asset_.is_point_cloud() && asset_.splats.size() == asset_.rows_ready) {
+  const bool has_splats = splat_tile && asset_.is_point_cloud() && asset_.splats.size() == asset_.rows_ready;
+  if (has_splats) {
     auto raw = unpacked(*splat_tile->entry, splat_tile->stored);
     if (!raw) return raw.error();
     auto decoded = decode_splats(*raw, entry.end_row, asset_.base_count, asset_.diagonal(), asset_.splats);
     if (!decoded) return decoded;
-  } else {
-    asset_.splats = {};
   }
-  if (!has_detail) {
-    asset_.detail = {};
-  } else if (auto decoded = decode_detail(*detail, asset_.rank, map, asset_.detail); !decoded) {
-    if (asset_.splats.size() > 0) asset_.splats.resize(asset_.rows_ready);
-    return decoded;
+  if (has_detail) {
+    if (auto decoded = decode_detail(*detail, asset_.rank, map, asset_.detail); !decoded) {
+      if (has_splats) asset_.splats.resize(asset_.rows_ready);
+      return decoded;
+    }
   }
+  if (!has_splats) asset_.splats = {};
+  if (!has_detail) asset_.detail = {};
   colours.empty() ? asset_.colours.clear() : append(asset_.colours, colours);
   return {};
 }

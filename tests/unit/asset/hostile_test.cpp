@@ -3,6 +3,7 @@
 // damage.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <functional>
 #include <string>
 #include <tuple>
@@ -274,6 +275,26 @@ TEST(AssetExtensions, OptionalTilesAndSectionsOfUnknownKindAreSkippedRequiredOne
   };
   EXPECT_TRUE(decode_asset(with_section(false)));
   EXPECT_EQ(decode_asset(with_section(true)).error().code, ErrorCode::kUnsupported);
+}
+
+TEST(AssetHostile, ABadDetailTileOfAChunkWithoutSplatsKeepsThoseOfTheChunksBefore) {
+  const auto is_of = [](TileKind kind) {
+    return [kind](const TileEntry& tile) { return tile.kind == static_cast<std::uint8_t>(kind); };
+  };
+  const EncodedAsset no_splats = with_manifest(sample(false, true, true), [&](Manifest& m) {
+    auto& tiles = m.chunks[1].tiles;
+    std::find_if(tiles.begin(), tiles.end(), is_of(TileKind::kSplats))->kind = 200;  // private: skipped
+  });
+  const auto tiles = read_manifest(no_splats.manifest.bytes)->chunks[1].tiles;
+  const auto detail = std::find_if(tiles.begin(), tiles.end(), is_of(TileKind::kDetail)) - tiles.begin();
+  const EncodedAsset bad = with_tile(no_splats, 1, static_cast<std::size_t>(detail),
+                                     [](Bytes& b) { std::fill(b.begin(), b.end(), std::uint8_t{0x5a}); });
+  auto reader = reader_of(bad.manifest.bytes);
+  ASSERT_TRUE(reader && reader->add_chunk(0, bad.chunks[0].bytes));
+  const std::size_t before = reader->asset().splats.size();
+  ASSERT_GT(before, 0u);
+  ASSERT_FALSE(reader->add_chunk(1, bad.chunks[1].bytes));
+  EXPECT_EQ(reader->asset().splats.size(), before);
 }
 
 TEST(AssetExtensions, AReaderThatKnowsNoDetailReadsTheRest) {
