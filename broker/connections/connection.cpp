@@ -262,7 +262,7 @@ void Connection::tick() {
     return say_bye("the token has expired: connect with a new one", 0, CloseCode::kPolicy);
   }
   if (!closing_ && grant_->is_void()) {
-    log(context_.log, LogLevel::kInfo, label() + ": closed, the configuration no longer lets in " + grant_->label());
+    log(context_.log, LogLevel::kInfo, name() + ": closed, the configuration no longer lets in " + grant_->label());
     return say_bye("the rights of this connection have changed: connect again", kRetryAfterMs, CloseCode::kPolicy);
   }
   if (watch_.is_asking()) look();  // The answer to a ping shows the window, even of who sends no pongs.

@@ -73,14 +73,15 @@ void Subscriber::subscribe(const control::Subscribe& request) {
     if (!watched) grant().give_back(Share::kStream);
     return answer(stream.error());
   }
-  streams_.insert_or_assign((*stream)->id(), Watched{*stream, Ladder(request.profile)});
+  Watched& entry = streams_.try_emplace((*stream)->id(), Watched{*stream, Ladder(request.profile)}).first->second;
   if (auto watching = (*stream)->watch(*this, request.profile); !watching) {
     answer(watching.error());
-    if (watched) return;
+    if (watched) return;  // It goes on as it was.
     streams_.erase((*stream)->id());
     grant().give_back(Share::kStream);
     return context().hub.left(**stream);
   }
+  entry.ladder = Ladder(request.profile);
   context().hub.owes(**stream);
 }
 

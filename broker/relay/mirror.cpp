@@ -136,12 +136,16 @@ class Mirrors::Mirror final : public PublisherLink {
   /// False until the origin has answered: what comes before is of an earlier mirror of the stream.
   bool stands() const { return stands_; }
   void set_stands() { stands_ = true; }
+  /// The origin cannot have the stream: those who watched it are sent away, who comes meanwhile asks anew.
+  void set_refused() { refused_ = true; }
+  bool take_refusal() { return std::exchange(refused_, false); }
 
  private:
   Mirrors& mirrors_;
   Stream& stream_;
   bool changed_ = false;
   bool stands_ = false;
+  bool refused_ = false;
 };
 
 Mirrors::Mirrors(Surroundings surroundings) : surroundings_(std::move(surroundings)) {}
@@ -172,6 +176,7 @@ void Mirrors::settle(Hub& hub) {
     Stream& stream = mirror.stream();
     mirror.set_changed(false);
     if (stream.watchers_here() > 0) {
+      if (mirror.take_refusal()) ask(MirrorAsk::Kind::kFollow, stream);
       ask(MirrorAsk::Kind::kChanged, stream);
       continue;
     }
@@ -197,6 +202,7 @@ void Mirrors::take(Hub& hub, const MirrorEvents& events, TimeUs now_us) {
         continue;  // It does not come to that: the origin took the same.
       }
     } else if (const auto* error = std::get_if<MirrorEvent::ErrorPtr>(&event.what)) {
+      mirror.set_refused();
       stream.dismiss(**error);
     } else if (!mirror.stands()) {
       continue;

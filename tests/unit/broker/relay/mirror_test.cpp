@@ -308,6 +308,28 @@ TEST_F(FullMirrorTest, WhatTheOriginHasNoRoomForIsRefused) {
   EXPECT_EQ(good.infos.back().state, State::kLive);
 }
 
+TEST_F(FullMirrorTest, WhoComesWhileOthersAreRefusedIsAnsweredToo) {
+  begin();
+  for (const bool room : {false, true}) {
+    Viewer early, late;
+    watch(early, 1, kRaw, "b");
+    for (const std::size_t on_its_way : {2u, 1u, 0u, 4u}) ASSERT_TRUE(step(on_its_way));
+    ASSERT_EQ(early.dismissed, ErrorCode::kTooLarge);
+    watch(late, 1, kRaw, "b");
+    if (room) stream_->release(sender_);
+    settle();
+    if (room) {
+      ASSERT_EQ(late.infos.size(), 1u);
+      EXPECT_EQ(late.infos[0].state, State::kWaiting);
+      leave(late, 1);
+      settle();
+    } else {
+      EXPECT_EQ(late.dismissed, ErrorCode::kTooLarge);
+    }
+    EXPECT_EQ(hub(1).size(), 0u);
+  }
+}
+
 /// Whatever comes first: once all is settled, everybody sees the present, and nobody was sent what cannot be decoded.
 TEST_F(MirrorTest, InWhateverOrderThingsHappen) {
   std::mt19937 random(7);
