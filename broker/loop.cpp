@@ -76,13 +76,20 @@ void Loop::begin() {
 }
 
 void Loop::run() {
-  for (;;) {
-    try {  // A stopped loop returns at once.
-      io_.run();
-      return;
-    } catch (const std::exception& exception) {
-      log_failure(exception);
-    }
+  bool ended = false;
+  while (!ended) {
+    guarded([&] {
+      io_.run();  // A stopped loop returns at once.
+      ended = true;
+    });
+  }
+}
+
+void Loop::guarded(const std::function<void()>& work) noexcept {
+  try {
+    work();
+  } catch (const std::exception& exception) {
+    log_failure(exception);
   }
 }
 
@@ -103,7 +110,7 @@ void Loop::arm_schedule() {
     if (error) return;
     scheduled_us_.reset();
     pumped_us_ = steady_now_us();
-    hub_.pump(pumped_us_);
+    guarded([this] { hub_.pump(pumped_us_); });
     arm_schedule();
   });
 }

@@ -52,6 +52,8 @@ class Loop {
   /// Until stop(). What one handler could not do (no memory) must not end the streams of all others: its own work is
   /// lost, the loop goes on.
   void run();
+  /// Does a part of a handler's work that what follows it must not be lost with. On the loop's thread.
+  void guarded(const std::function<void()>& work) noexcept;
   /// From any thread.
   void stop() { io_.stop(); }
   /// Something has come that may be due before what was.

@@ -134,7 +134,7 @@ void Loops::pass_on(std::shared_ptr<Slip> slip, std::size_t next) {
   if (next == others_.size()) return asio::post(first_->io(), [slip = std::move(slip)] { slip->done(); });
   Loop& loop = *others_[next]->loop;
   asio::post(loop.io(), [this, slip = std::move(slip), &loop, next]() mutable {
-    slip->work(loop.context());
+    loop.guarded([&] { slip->work(loop.context()); });  // The slip comes back to where it began whatever comes of that.
     pass_on(std::move(slip), next + 1);
   });
 }
