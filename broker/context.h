@@ -114,8 +114,8 @@ struct Context {
   Turn& turn;    ///< What leaves at the end of each turn of the loop.
   Loops& loops;  ///< Of the first loop, which senders, HTTP and the admin port belong to.
   std::atomic<std::uint64_t>& last_connection_id;  ///< Of all loops.
-  std::atomic<std::uint64_t> open{
-      0};  ///< Of all loops: connections of this one, those that are on their way to it too.
+  /// For all loops to read: connections of this one, those that are on their way to it too.
+  std::atomic<std::uint64_t> open{0};
   Counters counters{};
   std::unordered_set<Connection*> connections{};  ///< WebSockets that are open.
   TimeUs started_us = 0;
