@@ -8,7 +8,9 @@
 
 #include <array>
 #include <boost/asio/ip/address.hpp>
+#include <boost/asio/post.hpp>
 #include <boost/asio/ssl/error.hpp>
+#include <boost/beast/websocket/teardown.hpp>
 #include <string_view>
 
 namespace eigencast {
@@ -124,6 +126,27 @@ Result<ClientTls> make_client_tls(const BrokerUrl& url) {
   }
   if (auto loaded = load_own(*context, own); !loaded) return loaded.error();
   return context;
+}
+
+void ClientStream::async_secure(const BrokerUrl& url, std::function<void(error_code)> handler) {
+  if (!tls_) return boost::asio::post(get_executor(), [handler = std::move(handler)] { handler({}); });
+  expect(url);
+  tls_->async_handshake(ssl::stream_base::client, std::move(handler));
+}
+
+void ClientStream::read_some(const Pieces<boost::asio::mutable_buffer>& into, Moved handler) {
+  if (tls_) return tls_->async_read_some(into, std::move(handler));
+  tcp_.async_read_some(into, std::move(handler));
+}
+
+void ClientStream::write_some(const Pieces<boost::asio::const_buffer>& from, Moved handler) {
+  if (tls_) return tls_->async_write_some(from, std::move(handler));
+  tcp_.async_write_some(from, std::move(handler));
+}
+
+void ClientStream::tear_down(boost::beast::role_type role, AnyHandler<error_code> handler) {
+  if (tls_) return tls_->async_shutdown(std::move(handler));
+  boost::beast::websocket::async_teardown(role, tcp_.socket(), std::move(handler));
 }
 
 void ClientStream::expect(const BrokerUrl& url) {

@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <boost/asio/async_result.hpp>
-#include <boost/asio/post.hpp>
+#include <boost/asio/any_io_executor.hpp>
+#include <boost/asio/associated_executor.hpp>
+#include <boost/asio/buffer.hpp>
 #include <boost/asio/ssl/context.hpp>
 #include <boost/asio/ssl/stream.hpp>
+#include <boost/beast/core/role.hpp>
 #include <boost/beast/core/tcp_stream.hpp>
-#include <boost/beast/websocket/teardown.hpp>
+#include <boost/container/static_vector.hpp>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string>
@@ -21,6 +24,35 @@ namespace eigencast {
 /// Errors: kInvalidArgument (no certificate or key in a file that the URL names; a key of another certificate).
 using ClientTls = std::shared_ptr<boost::asio::ssl::context>;
 Result<ClientTls> make_client_tls(const BrokerUrl& url);
+
+/// Any handler of an asynchronous operation, on the executor that it asks for: who takes one of these is compiled once, not once
+/// for each kind of handler. May only be moved; to be called once.
+template <typename... Results>
+class AnyHandler {
+ public:
+  using executor_type = boost::asio::any_io_executor;
+
+  template <typename Handler>
+  AnyHandler(Handler handler, const executor_type& otherwise)
+      : executor_(boost::asio::get_associated_executor(handler, otherwise)),
+        call_(std::make_unique<Of<Handler>>(std::move(handler))) {}
+  executor_type get_executor() const noexcept { return executor_; }
+  void operator()(Results... results) { call_->run(results...); }
+
+ private:
+  struct Call {
+    virtual ~Call() = default;
+    virtual void run(Results... results) = 0;
+  };
+  template <typename Handler>
+  struct Of final : Call {
+    explicit Of(Handler&& given) : handler(std::move(given)) {}
+    void run(Results... results) override { handler(results...); }
+    Handler handler;
+  };
+  executor_type executor_;
+  std::unique_ptr<Call> call_;
+};
 
 /// The bytes of a client's connection, plain or TLS, as Beast wants them. One thread at a time: its handlers run on the
 /// executor.
@@ -38,44 +70,45 @@ class ClientStream {
   const next_layer_type& next_layer() const { return tcp_; }
 
   /// The TLS handshake with the URL's host, whose name or address the certificate must bear; plain: nothing to do.
-  template <typename Handler>
-  void async_secure(const BrokerUrl& url, Handler handler) {
-    if (!tls_) return boost::asio::post(get_executor(), [handler = std::move(handler)]() mutable { handler({}); });
-    expect(url);
-    tls_->async_handshake(boost::asio::ssl::stream_base::client, std::move(handler));
-  }
+  void async_secure(const BrokerUrl& url, std::function<void(error_code)> handler);
   /// Why the handshake with `url` failed, and what to do. kRefused: the broker's certificate does not do, which only
   /// people can change; else kUnreachable.
   Error handshake_failure(const BrokerUrl& url, const error_code& code) const;
   /// What to do where `code` ended a connection; empty: nothing particular.
   static std::string advice_on(const error_code& code);
 
+  // What Beast asks of a stream.
   template <typename Buffers, typename Handler>
-  auto async_read_some(const Buffers& buffers, Handler&& handler) {
-    return boost::asio::async_initiate<Handler, void(error_code, std::size_t)>(
-        [this](auto&& done, const Buffers& into) {
-          if (tls_) return tls_->async_read_some(into, std::forward<decltype(done)>(done));
-          tcp_.async_read_some(into, std::forward<decltype(done)>(done));
-        },
-        handler, buffers);
+  void async_read_some(const Buffers& buffers, Handler&& handler) {
+    read_some(first_of<boost::asio::mutable_buffer>(buffers), {std::forward<Handler>(handler), get_executor()});
   }
   template <typename Buffers, typename Handler>
-  auto async_write_some(const Buffers& buffers, Handler&& handler) {
-    return boost::asio::async_initiate<Handler, void(error_code, std::size_t)>(
-        [this](auto&& done, const Buffers& from) {
-          if (tls_) return tls_->async_write_some(from, std::forward<decltype(done)>(done));
-          tcp_.async_write_some(from, std::forward<decltype(done)>(done));
-        },
-        handler, buffers);
+  void async_write_some(const Buffers& buffers, Handler&& handler) {
+    write_some(first_of<boost::asio::const_buffer>(buffers), {std::forward<Handler>(handler), get_executor()});
   }
-
   template <typename Handler>
   friend void async_teardown(boost::beast::role_type role, ClientStream& stream, Handler&& handler) {
-    if (stream.tls_) return stream.tls_->async_shutdown(std::forward<Handler>(handler));
-    boost::beast::websocket::async_teardown(role, stream.tcp_.socket(), std::forward<Handler>(handler));
+    stream.tear_down(role, {std::forward<Handler>(handler), stream.get_executor()});
   }
 
  private:
+  using Moved = AnyHandler<error_code, std::size_t>;
+  template <typename Buffer>
+  using Pieces = boost::container::static_vector<Buffer, 16>;
+
+  /// As many as go into one call; whoever reads or writes comes back for the rest.
+  template <typename Buffer, typename Buffers>
+  static Pieces<Buffer> first_of(const Buffers& buffers) {
+    Pieces<Buffer> pieces;
+    const auto end = boost::asio::buffer_sequence_end(buffers);
+    for (auto it = boost::asio::buffer_sequence_begin(buffers); it != end && pieces.size() < pieces.capacity(); ++it) {
+      if (const Buffer piece = *it; piece.size() > 0) pieces.push_back(piece);
+    }
+    return pieces;
+  }
+  void read_some(const Pieces<boost::asio::mutable_buffer>& into, Moved handler);
+  void write_some(const Pieces<boost::asio::const_buffer>& from, Moved handler);
+  void tear_down(boost::beast::role_type role, AnyHandler<error_code> handler);
   void expect(const BrokerUrl& url);
 
   boost::beast::tcp_stream tcp_;

@@ -22,6 +22,7 @@ namespace beast = boost::beast;
 namespace http = boost::beast::http;
 using tcp = asio::ip::tcp;
 using boost::system::error_code;
+using Request = http::request<http::span_body<const std::uint8_t>>;
 
 constexpr std::size_t kPieceBytes = 64 * 1024;
 /// What an error page may say.
@@ -41,7 +42,6 @@ class HttpConnection::Impl {
   Impl(BrokerUrl url, std::chrono::milliseconds timeout)
       : url_(std::move(url)), timeout_(timeout), where_(url_.origin()) {}
 
-  template <typename Request>
   Result<HttpResponse> exchange(Request& request, Bytes* body, std::uint64_t max_bytes,
                                 const std::function<void(std::uint64_t)>& progress) {
     if (url_.tls && !tls_) {
@@ -134,7 +134,6 @@ class HttpConnection::Impl {
     return cancelled_ ? fail(ErrorCode::kCancelled, "stopped by the caller") : std::move(error);
   }
 
-  template <typename Request>
   Result<HttpResponse> talk(Request& request, Bytes* body, std::uint64_t max_bytes,
                             const std::function<void(std::uint64_t)>& progress, bool& answered) {
     const error_code sent = write(request);
@@ -165,10 +164,8 @@ class HttpConnection::Impl {
     return response;
   }
 
-  template <typename Request>
   error_code write(Request& request) {
-    using Body = typename Request::body_type;
-    http::request_serializer<Body> serializer(request);
+    http::request_serializer<Request::body_type> serializer(request);
     error_code ec;
     while (!ec && !serializer.is_done()) {
       tcp().expires_after(timeout_);
@@ -224,7 +221,7 @@ HttpConnection::HttpConnection(HttpConnection&&) noexcept = default;
 HttpConnection& HttpConnection::operator=(HttpConnection&&) noexcept = default;
 
 Result<HttpResponse> HttpConnection::get(const std::string& target, std::uint64_t max_bytes, std::uint64_t from_byte) {
-  http::request<http::empty_body> request(http::verb::get, target, 11);
+  Request request(http::verb::get, target, 11);
   if (from_byte > 0) request.set(http::field::range, "bytes=" + std::to_string(from_byte) + "-");
   Bytes body;
   auto response = impl_->exchange(request, &body, max_bytes, {});
@@ -234,18 +231,18 @@ Result<HttpResponse> HttpConnection::get(const std::string& target, std::uint64_
 
 Result<HttpResponse> HttpConnection::get_rest(const std::string& target, std::uint64_t max_bytes, Bytes& body,
                                               const std::function<void(std::uint64_t)>& progress) {
-  http::request<http::empty_body> request(http::verb::get, target, 11);
+  Request request(http::verb::get, target, 11);
   if (!body.empty()) request.set(http::field::range, "bytes=" + std::to_string(body.size()) + "-");
   return impl_->exchange(request, &body, max_bytes, progress);
 }
 
 Result<HttpResponse> HttpConnection::head(const std::string& target) {
-  http::request<http::empty_body> request(http::verb::head, target, 11);
+  Request request(http::verb::head, target, 11);
   return impl_->exchange(request, nullptr, 0, {});
 }
 
 Result<HttpResponse> HttpConnection::put(const std::string& target, ByteView body) {
-  http::request<http::span_body<const std::uint8_t>> request(http::verb::put, target, 11);
+  Request request(http::verb::put, target, 11);
   request.body() = boost::beast::span<const std::uint8_t>(body.data(), body.size());
   request.set(http::field::content_type, "application/octet-stream");
   request.content_length(body.size());

@@ -19,6 +19,7 @@
 #include <optional>
 #include <random>
 #include <thread>
+#include <utility>
 
 #include "common/core/timers.h"
 #include "common/net/backoff.h"
@@ -55,7 +56,7 @@ struct Outgoing {
 /// nothing.
 struct Link {
   Link(const asio::any_io_executor& executor, ClientTls tls) : socket(executor, std::move(tls)) {}
-  ws::stream<ClientStream> socket;
+  ws::stream<ClientStream, false> socket;  ///< No compression: poses have no redundancy left.
   beast::flat_buffer in;
   ws::response_type response;
   std::deque<Outgoing> out;  ///< Bounded: send() drops what goes beyond max_unsent_bytes.
@@ -387,7 +388,8 @@ class WebSocket::Impl {
     retry_timer_.cancel();
     resolver_.cancel();
     if (!link_) return;
-    const LinkPtr link = link_;
+    // Gone with its last handler: the timer of its pings would keep the thread for half of silence_timeout.
+    const LinkPtr link = std::exchange(link_, nullptr);
     if (!was_open) {
       beast::get_lowest_layer(link->socket).close();
       return;

@@ -37,7 +37,7 @@ asio::ip::tcp::socket connected(asio::io_context& loop, std::uint16_t port) {
 struct Client::Socket {
   explicit Socket(std::uint16_t port) : stream(connected(loop, port)) {}
   asio::io_context loop;
-  websocket::stream<asio::ip::tcp::socket> stream;
+  websocket::stream<asio::ip::tcp::socket, false> stream;
   websocket::response_type response;
   beast::flat_buffer buffer;
   ErrorOf error;

@@ -156,7 +156,7 @@ TEST(WebSocket, AServerWithoutTlsIsToldApartAndTriedAgain) {
 /// Accepts one connection, upgrades it if `protocol` says how, does what it is told, and then never reads again.
 class DeafServer {
  public:
-  using Socket = beast::websocket::stream<tcp::socket>;
+  using Socket = beast::websocket::stream<tcp::socket, false>;
   explicit DeafServer(std::string protocol, std::function<void(Socket&)> first = {})
       : acceptor_(loop_, tcp::endpoint(asio::ip::address_v4::loopback(), 0)), socket_(loop_) {
     // A small window, so that a test fills it soon; set before accepting, as TCP wants it.

@@ -75,7 +75,7 @@ class ScriptedBroker {
   const Script script_;
   asio::io_context loop_;
   tcp::acceptor acceptor_;
-  beast::websocket::stream<tcp::socket> link_;
+  beast::websocket::stream<tcp::socket, false> link_;
   std::mutex mutex_;
   int subscribes_ = 0;  ///< GUARDED_BY(mutex_)
   std::thread thread_;
