@@ -4,6 +4,7 @@
 // and a broker would, and reports bits per kind of frame and band, the cost of tripling, Karni-Gotsman errors, and times.
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <filesystem>

@@ -8,7 +8,7 @@
 
 #include "common/asset/asset.h"
 #include "common/reconstruction/reconstruct.h"
-#include "common/spectral/basis.h"
+#include "common/spectral/kg_error.h"
 #include "common/surface/surface.h"
 
 namespace eigencast {
@@ -16,7 +16,7 @@ namespace eigencast {
 /// How far rebuilt surfaces are from the truth, over a set of poses. Fractions are of the rest box's diagonal.
 struct SurfaceError {
   std::size_t poses = 0;
-  double kg_percent = 0;  ///< Karni & Gotsman 2004, "Compression of soft-body animation sequences", over all poses.
+  double kg_percent = 0;  ///< KgError, over all poses.
   double rms = 0;         ///< Root mean square of the vertex distances over all poses.
   double mean = 0;        ///< Mean of the same.
   double max = 0;         ///< Largest vertex distance in any pose.

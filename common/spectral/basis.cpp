@@ -3,8 +3,6 @@
 
 #include <algorithm>
 #include <cassert>
-#include <cmath>
-#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -114,20 +112,6 @@ std::vector<Vec3> positions_from_coefficients(const Basis& basis, const Eigen::M
   Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>(positions.front().data(), basis.Psi.rows(), 3) =
       basis.Psi * C;
   return positions;
-}
-
-void KgError::add_frame(std::span<const Vec3> truth, std::span<const Vec3> rebuilt) {
-  assert(truth.size() == rebuilt.size());
-  if (truth.empty()) return;
-  const auto X = matrix_from_positions(truth);
-  const Eigen::RowVector3d mean = X.colwise().mean();
-  numerator_ += (X - matrix_from_positions(rebuilt)).squaredNorm();
-  denominator_ += (X.rowwise() - mean).squaredNorm();
-}
-
-double KgError::percent() const {
-  if (denominator_ > 0) return 100 * std::sqrt(numerator_ / denominator_);
-  return numerator_ > 0 ? std::numeric_limits<double>::infinity() : 0;
 }
 
 }  // namespace eigencast

@@ -53,16 +53,4 @@ Eigen::MatrixXd coefficients_from_positions(const Basis& basis, std::span<const 
 /// X = Psi C, n x 3.
 std::vector<Vec3> positions_from_coefficients(const Basis& basis, const Eigen::MatrixXd& C);
 
-/// Karni-Gotsman error in percent over a clip: 100 ||X - Y||_F / ||X - mean(X)||_F, means per frame and axis.
-/// Frames come one by one, so that a clip need not be in memory. Not thread-safe.
-class KgError {
- public:
-  void add_frame(std::span<const Vec3> truth, std::span<const Vec3> rebuilt);
-  double percent() const;
-
- private:
-  double numerator_ = 0;
-  double denominator_ = 0;
-};
-
 }  // namespace eigencast

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: MIT
 #include "common/spectral/block_lanczos.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
 #include <random>
 #include <string>
+#include <utility>
+
+#include "common/spectral/dense_eigen.h"
 
 namespace eigencast {
 namespace {
@@ -146,9 +148,9 @@ class BlockLanczos {
   }
 
   void diagonalise() {
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(T_);
-    theta_ = solver.eigenvalues();
-    Y_ = solver.eigenvectors();
+    DenseEigen pairs = dense_eigen(T_);
+    theta_ = std::move(pairs.values);
+    Y_ = std::move(pairs.vectors);
     order_.resize(static_cast<std::size_t>(theta_.size()));
     std::iota(order_.begin(), order_.end(), Eigen::Index{0});
     std::stable_sort(order_.begin(), order_.end(),

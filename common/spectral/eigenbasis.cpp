@@ -2,7 +2,6 @@
 #include "common/spectral/eigenbasis.h"
 
 #include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <exception>
@@ -16,6 +15,7 @@
 
 #include "common/core/memory.h"
 #include "common/spectral/block_lanczos.h"
+#include "common/spectral/dense_eigen.h"
 #include "common/spectral/multilevel.h"
 #include "common/spectral/symmetric_form.h"
 
@@ -223,7 +223,7 @@ class Bands {
         for (Eigen::Index j = first; j < end; ++j) X(i, j - first) = pairs.vectors.at(i, j);
       }
       const Eigen::MatrixXd weighed = X.transpose() * marks_.asDiagonal() * X;
-      X *= Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(weighed).eigenvectors();
+      X *= dense_eigen(weighed).vectors;
       for (Eigen::Index i = 0; i < X.rows(); ++i) {
         for (Eigen::Index j = first; j < end; ++j) pairs.vectors.at(i, j) = X(i, j - first);
       }
@@ -272,15 +272,15 @@ class Bands {
 };
 
 Result<Eigenbasis> solve_dense(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, int m) {
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver{Eigen::MatrixXd(S)};
-  if (solver.info() != Eigen::Success) return fail(ErrorCode::kNumerical, "the dense eigensolver did not converge");
-  Eigen::VectorXd values = solver.eigenvalues().head(m);
+  const DenseEigen all = dense_eigen(Eigen::MatrixXd(S));
+  if (!all.converged) return fail(ErrorCode::kNumerical, "the dense eigensolver did not converge");
+  Eigen::VectorXd values = all.values.head(m);
   const Kernel kernel = kernel_of(laplacian, m);
   values.head(kernel.count).setZero();
   Panels H = zero_panels(S.rows(), m);
   for (Eigen::Index j = 0; j < m; ++j) {
     if (j < kernel.count) copy_column(kernel.vectors, j, H, j);
-    for (Eigen::Index row = 0; row < H.rows() && j >= kernel.count; ++row) H.at(row, j) = solver.eigenvectors()(row, j);
+    for (Eigen::Index row = 0; row < H.rows() && j >= kernel.count; ++row) H.at(row, j) = all.vectors(row, j);
   }
   if (!orthonormalise(H, m)) return fail(ErrorCode::kNumerical, "the eigenvectors of the surface are not independent");
   return eigenbasis_from(laplacian, S, std::move(H), std::move(values));

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: MIT
 #include "common/spectral/motion_basis.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <new>
 #include <string>
 
 #include "common/spectral/affine.h"
+#include "common/spectral/dense_eigen.h"
 #include "common/spectral/panels.h"
 
 namespace eigencast {
@@ -129,8 +129,8 @@ struct Principal {
 };
 
 Principal principal_of(const MatrixXd& symmetric) {
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(symmetric);
-  return {solver.eigenvectors().rowwise().reverse(), solver.eigenvalues().reverse()};
+  const DenseEigen pairs = dense_eigen(symmetric);
+  return {pairs.vectors.rowwise().reverse(), pairs.values.reverse()};
 }
 
 /// H = H T for T of any width, filled up with zeros to whole panels.

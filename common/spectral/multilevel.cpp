@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: MIT
 #include "common/spectral/multilevel.h"
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cassert>
 #include <cmath>
 #include <memory>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "common/core/worker_team.h"
 #include "common/spectral/coarsening.h"
+#include "common/spectral/dense_eigen.h"
 #include "common/spectral/shift_invert.h"
 #include "common/spectral/symmetric_form.h"
 
@@ -98,12 +99,12 @@ class InverseIteration {
     const Eigen::MatrixXd cross = G.selfadjointView<Eigen::Lower>();
     const Eigen::MatrixXd A = scale.asDiagonal() * (cross + op_.sigma() * B) * scale.asDiagonal();
     const Eigen::MatrixXd scaled = scale.asDiagonal() * B * scale.asDiagonal();
-    const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> solver(A, scaled);
-    if (solver.info() != Eigen::Success || !solver.eigenvalues().allFinite()) {
+    DenseEigen pairs = dense_eigen(A, scaled);
+    if (!pairs.converged || !pairs.values.allFinite()) {
       return fail(ErrorCode::kNumerical, "the approximate eigenvectors of the surface are not independent");
     }
-    values_ = solver.eigenvalues();
-    rotate(H_, scale.asDiagonal() * solver.eigenvectors());
+    values_ = std::move(pairs.values);
+    rotate(H_, scale.asDiagonal() * pairs.vectors);
     return {};
   }
 

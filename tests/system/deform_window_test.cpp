@@ -2,6 +2,7 @@
 // The window of `eigencast-sender deform` on a screen of its own (Xvfb), with a real mouse (xdotool).
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <fstream>

@@ -7,6 +7,7 @@
 
 #include "common/spectral/augment.h"
 #include "common/spectral/eigenbasis.h"
+#include "common/spectral/kg_error.h"
 #include "support.h"
 
 namespace eigencast {

@@ -3,9 +3,9 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 
+#include "common/spectral/dense_eigen.h"
 #include "support.h"
 
 namespace eigencast {
@@ -23,7 +23,7 @@ Laplacian laplacian_of(const Surface& surface, bool bridge = true) {
 Eigen::VectorXd dense_spectrum(const Laplacian& laplacian, int m) {
   const Eigen::VectorXd scale = laplacian.mass.cwiseSqrt().cwiseInverse();
   const Eigen::MatrixXd S = scale.asDiagonal() * Eigen::MatrixXd(laplacian.L) * scale.asDiagonal();
-  return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(S, Eigen::EigenvaluesOnly).eigenvalues().head(m);
+  return dense_eigen(S).values.head(m);
 }
 
 void expect_eigenpairs(const Laplacian& laplacian, const Eigenbasis& basis) {

@@ -1,7 +1,10 @@
 // SPDX-License-Identifier: MIT
+#include "common/spectral/kg_error.h"
+
 #include <gtest/gtest.h>
 
-#include "support.h"
+#include <cmath>
+#include <vector>
 
 namespace eigencast {
 namespace {

@@ -3,6 +3,7 @@
 
 #include <filesystem>
 
+#include "common/spectral/kg_error.h"
 #include "common/spectral/rig_columns.h"
 #include "common/surface/read.h"
 #include "support.h"

@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <Eigen/Core>
+
+/// Eigenpairs of small dense matrices. Apart from those who ask for them, because Eigen's solver takes long to compile. Private to
+/// common/spectral and its tests.
+namespace eigencast {
+
+/// Of an n x n matrix.
+struct DenseEigen {
+  Eigen::VectorXd values;   ///< n, ascending.
+  Eigen::MatrixXd vectors;  ///< n x n, column j belongs to values[j].
+  bool converged = false;   ///< False: they are not to the last digits.
+};
+
+/// A v = lambda v with V^T V = I. A is symmetric; its lower triangle is read.
+DenseEigen dense_eigen(const Eigen::MatrixXd& A);
+
+/// A v = lambda B v with V^T B V = I. Both are symmetric, B is positive definite.
+DenseEigen dense_eigen(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
+
+}  // namespace eigencast
