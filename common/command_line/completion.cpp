@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include <CLI/CLI.hpp>
 #include <algorithm>
 
 #include "common/command_line/documents.h"
@@ -181,14 +180,14 @@ std::optional<Shell> shell_from_name(std::string_view name) {
 }
 
 std::string completion_from(const CLI::App& app, Shell shell) {
-  const std::vector<CommandRow> rows = commands_from(app);
+  const OptionTable table = table_from(app);
   switch (shell) {
     case Shell::kBash:
-      return bash_from(app.get_name(), rows);
+      return bash_from(table.program, table.commands);
     case Shell::kZsh:
-      return zsh_from(app.get_name(), rows);
+      return zsh_from(table.program, table.commands);
     case Shell::kFish:
-      return fish_from(app.get_name(), rows);
+      return fish_from(table.program, table.commands);
   }
   return {};
 }

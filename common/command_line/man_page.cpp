@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <map>
 
@@ -54,9 +53,10 @@ void append_verbatim(const char* title, std::string_view text, std::string& page
 
 std::string man_page_from(const CLI::App& app, std::string_view version, std::string_view exit_status,
                           std::string_view examples) {
-  const std::vector<CommandRow> rows = commands_from(app);
-  const std::string name = app.get_name();
-  std::string summary = app.get_description();
+  const OptionTable table = table_from(app);
+  const std::vector<CommandRow>& rows = table.commands;
+  const std::string& name = table.program;
+  std::string summary = rows[0].description;
   while (!summary.empty() && summary.back() == '.') summary.pop_back();
   std::string page = ".TH " + upper(roff(name)) + " 1 \"\" \"Eigencast " + std::string(version) +
                      "\" \"User commands\"\n.SH NAME\n" + roff(name) + " \\- " + roff(summary) + "\n.SH SYNOPSIS\n";
@@ -67,8 +67,7 @@ std::string man_page_from(const CLI::App& app, std::string_view version, std::st
       if (!option.environment.empty()) environment[option.environment] = option.description;
     }
     if (row.path.empty()) {
-      if (rows.size() == 1 || app.get_require_subcommand_min() == 0)
-        page += "\\fB" + roff(name) + "\\fR [\\fIoptions\\fR]\n.br\n";
+      if (rows.size() == 1 || !table.needs_command) page += "\\fB" + roff(name) + "\\fR [\\fIoptions\\fR]\n.br\n";
       continue;
     }
     std::string title = row.path[0];
@@ -82,7 +81,7 @@ std::string man_page_from(const CLI::App& app, std::string_view version, std::st
       if (option.names.back() != "--help") append_option(option, commands);
     }
   }
-  page += ".SH DESCRIPTION\n" + roff(app.get_description()) + "\n.SH OPTIONS\n";
+  page += ".SH DESCRIPTION\n" + roff(rows[0].description) + "\n.SH OPTIONS\n";
   for (const OptionRow& option : rows[0].options) append_option(option, page);
   if (!commands.empty()) page += ".SH COMMANDS\n" + commands;
   page += ".SH ENVIRONMENT\n";

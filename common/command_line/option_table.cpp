@@ -66,10 +66,10 @@ void add_commands(const CLI::App& app, std::vector<std::string> path, std::vecto
 
 }  // namespace
 
-std::vector<CommandRow> commands_from(const CLI::App& app) {
-  std::vector<CommandRow> rows;
-  add_commands(app, {}, rows);
-  return rows;
+OptionTable table_from(const CLI::App& app) {
+  OptionTable table{app.get_name(), app.get_require_subcommand_min() > 0, {}};
+  add_commands(app, {}, table.commands);
+  return table;
 }
 
 }  // namespace eigencast

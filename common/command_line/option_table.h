@@ -30,7 +30,12 @@ struct CommandRow {
   std::vector<OptionRow> arguments;
 };
 
-/// All commands that the help shows, parents before children, in the order of the table.
-std::vector<CommandRow> commands_from(const CLI::App& app);
+/// All that the help shows.
+struct OptionTable {
+  std::string program;
+  bool needs_command = false;        ///< The program does nothing without one.
+  std::vector<CommandRow> commands;  ///< Parents before children, in the order of the table.
+};
+OptionTable table_from(const CLI::App& app);
 
 }  // namespace eigencast

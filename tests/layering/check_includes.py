@@ -60,7 +60,7 @@ LIBRARIES = {
     "libnats": (r"nats/", {"broker"}, 1),
     "liburing": (r"liburing\.h", {"broker"}, 1),
     "nlohmann_json": (r"nlohmann/", {"common/wire", "broker", "sdk", "sender", "sender/deform", "client", "tools/latency"}, 30),
-    "CLI11": (r"CLI/", {"common/command_line", "broker", "sender", "client", "tools/latency"}, 12),
+    "CLI11": (r"CLI/", {"common/command_line", "broker", "sender", "client", "tools/latency"}, 10),
     "prometheus-cpp": (r"prometheus/", {"broker"}, 3),
     "systemd": (r"systemd/", {"broker"}, 1),
     "spdlog": (r"spdlog/", {"broker", "sender", "client"}, 14),
