@@ -71,10 +71,11 @@ function(eigencast_documents PROGRAM)
   add_custom_target(${PROGRAM}-documents ALL DEPENDS "${MAN}" "${BASH}" "${ZSH}" "${FISH}")
 endfunction()
 
-# eigencast_test(NAME SOURCES ... LINKS ... [LABELS ...] [TIMEOUT s]) makes a GoogleTest binary whose cases ctest sees one by one.
+# eigencast_test(NAME SOURCES ... LINKS ... [LABELS ...] [TIMEOUT s] [PROPERTIES FIXTURES_REQUIRED x...]) makes a GoogleTest binary whose
+# cases ctest sees one by one.
 # Its sources are 40 % of a build's time: a fifth quicker with -O1, a third with GoogleTest's headers compiled once for all tests.
 function(eigencast_test NAME)
-  cmake_parse_arguments(ARG "" "TIMEOUT" "SOURCES;LINKS;LABELS" ${ARGN})
+  cmake_parse_arguments(ARG "" "TIMEOUT" "SOURCES;LINKS;LABELS;PROPERTIES" ${ARGN})
   if(NOT ARG_TIMEOUT)
     set(ARG_TIMEOUT 120)
   endif()
@@ -91,7 +92,7 @@ function(eigencast_test NAME)
     EIGENCAST_BIN_DIR="${PROJECT_BINARY_DIR}/bin")
   include(GoogleTest)
   gtest_discover_tests(${NAME} DISCOVERY_TIMEOUT 60
-    PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}")
+    PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}" ${ARG_PROPERTIES})
 endfunction()
 
 # eigencast_kernel_variants(TARGET NAME) adds NAME_avx2.cpp and NAME_avx512.cpp, and NAME_avx512vnni.cpp where there is one, compiled

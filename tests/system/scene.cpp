@@ -32,7 +32,7 @@ std::string whole_lines(const std::string& path) {
 }  // namespace
 
 Scene::Scene() {
-  // Bakes are shared between the tests of one run through one cache; everything else is the scene's own.
+  // ctest names one cache for the bakes of a whole run; everything else is the scene's own.
   if (std::getenv("EIGENCAST_CACHE") == nullptr) setenv("EIGENCAST_CACHE", folder_.file("cache").c_str(), 1);
 }
 
