@@ -7,16 +7,18 @@
 #include <cmath>
 #include <cstdint>
 
+#include "common/asset/integer_columns.h"
+#include "common/asset/manifest.h"
 #include "common/core/worker_team.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/spectral/tangent_derivatives.h"
+#include "common/surface/vector.h"
 
 namespace eigencast {
 namespace {
 
 using Vector = std::array<double, 3>;
 
-constexpr float kLargestInteger = 32767;
 // Rounding error of derivatives, whose size is about one: frames and normals turn by no more than the most, and nothing is gained below
 // the least.
 constexpr double kLeastError = 1e-3, kMostError = 1e-2;
@@ -102,14 +104,6 @@ class Derivatives {
   TangentDerivatives stencils_;
 };
 
-double rms_distance(std::span<const Vec3> a, std::span<const Vec3> b) {
-  double sum = 0;
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    for (std::size_t axis = 0; axis < 3; ++axis) sum += (a[i][axis] - b[i][axis]) * (a[i][axis] - b[i][axis]);
-  }
-  return std::sqrt(sum / static_cast<double>(a.size()));
-}
-
 /// The steps with which the rounding of all columns adds up to `error`, or the finest of 16 bits.
 std::vector<float> steps_of(const Asset& asset, const Derivatives& derivatives, const AssetEncoding& encoding,
                             double error) {
@@ -123,20 +117,15 @@ std::vector<float> steps_of(const Asset& asset, const Derivatives& derivatives, 
   });
   std::vector<float> steps(r, 0.0F);
   for (std::size_t k = 0; k < r; ++k) {
-    for (const std::vector<float>& part : largest) steps[k] = std::max(steps[k], part[k] / kLargestInteger);
-    if (steps[k] < 1e-30F) {
+    for (const std::vector<float>& part : largest) steps[k] = std::max(steps[k], part[k] / IntegerColumns::kLargest);
+    if (steps[k] < kMinColumnScale) {
       steps[k] = 0;
     } else if (encoding.amplitudes.size() == r) {
       const double step = error * std::sqrt(12.0 / static_cast<double>(r)) / std::max(encoding.amplitudes[k], 1e-30);
-      steps[k] = std::max(steps[k], static_cast<float>(std::min(step, 1e30)));
+      steps[k] = std::max(steps[k], static_cast<float>(std::min(step, double{kMostColumnScale})));
     }
   }
   return steps;
-}
-
-std::int16_t rounded(float value, float step) {
-  if (step == 0) return 0;
-  return static_cast<std::int16_t>(std::lrint(std::clamp(value / step, -kLargestInteger, kLargestInteger)));
 }
 
 }  // namespace
@@ -162,7 +151,7 @@ Asset::Detail detail_from(DetailKind kind, const Asset& asset, const Surface& su
     Vector u{}, v{};  // of the rest pose, as readers find them
     const auto round = [&](std::span<const float> along, std::vector<std::int16_t>& to, Vector& derivative) {
       for (std::size_t k = 0; k < r; ++k) {
-        const std::int16_t entry = to[row * r + k] = rounded(along[k], detail.steps[k]);
+        const std::int16_t entry = to[row * r + k] = IntegerColumns::integer_from(along[k], detail.steps[k]);
         for (std::size_t axis = 0; axis < 3; ++axis)
           derivative[axis] += static_cast<double>(entry) * double{detail.steps[k]} * asset.rest[3 * k + axis];
       }

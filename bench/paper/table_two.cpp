@@ -13,10 +13,10 @@
 #include "bench/paper/picture.h"
 #include "common/spectral/kd_tree.h"
 #include "common/surface/shapes.h"
+#include "common/surface/vector.h"
 #include "sdk/bake.h"
 #include "sender/deform/cage_deformer.h"
 #include "sender/deform/script.h"
-#include "sender/deform/vector.h"
 #include "sender/surface_error.h"
 
 using namespace eigencast;

@@ -7,7 +7,7 @@
 #include <cmath>
 
 #include "common/core/text.h"
-#include "common/surface/surface_distance.h"
+#include "common/surface/vector.h"
 
 namespace eigencast {
 namespace {
@@ -24,12 +24,6 @@ float median(std::vector<float> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
   std::nth_element(values.begin(), middle, values.end());
   return *middle;
-}
-
-double rms_distance(std::span<const Vec3> a, std::span<const Vec3> b) {
-  double sum = 0;
-  for (std::size_t i = 0; i < a.size(); ++i) sum += squared_distance(a[i], b[i]);
-  return std::sqrt(sum / static_cast<double>(std::max<std::size_t>(1, a.size())));
 }
 
 /// y up for z up and the like: whether some order of the axes, one of them mirrored or not, brings `after` within a quarter of the

@@ -12,16 +12,6 @@ namespace {
 constexpr std::size_t kLeaf = 4;
 constexpr std::size_t kDeepest = 64;  // halving 32-bit counts
 
-Vec3 minus(const Vec3& a, const Vec3& b) {
-  return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-}
-double dot(const Vec3& a, const Vec3& b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-Vec3 cross(const Vec3& a, const Vec3& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-
 void grow(Box& box, const Vec3& p) {
   const bool empty = box.low[0] > box.high[0];
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -40,32 +30,25 @@ double squared_to_box(const Box& box, const Vec3& p) {
 }
 
 double squared_to_segment(const Vec3& p, const Vec3& a, const Vec3& b) {
-  const Vec3 along = minus(b, a), from = minus(p, a);
-  const double length = dot(along, along);
-  const double t = length > 0 ? std::clamp(dot(from, along) / length, 0.0, 1.0) : 0;
-  return squared_distance(from, {t * along[0], t * along[1], t * along[2]});
+  const Vec3 along = b - a, from = p - a;
+  const double squared_length = dot(along, along);
+  const double t = squared_length > 0 ? std::clamp(dot(from, along) / squared_length, 0.0, 1.0) : 0;
+  return squared_distance(from, t * along);
 }
 
 /// Of triangles without area, too.
 double squared_to_triangle(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
-  const Vec3 normal = cross(minus(b, a), minus(c, a));
+  const Vec3 normal = cross(b - a, c - a);
   const double squared_normal = dot(normal, normal);
-  const auto inside = [&](const Vec3& from, const Vec3& to) {
-    return dot(cross(minus(to, from), minus(p, from)), normal) >= 0;
-  };
+  const auto inside = [&](const Vec3& from, const Vec3& to) { return dot(cross(to - from, p - from), normal) >= 0; };
   if (squared_normal > 0 && inside(a, b) && inside(b, c) && inside(c, a)) {
-    const double height = dot(minus(p, a), normal);
+    const double height = dot(p - a, normal);
     return height * height / squared_normal;
   }
   return std::min({squared_to_segment(p, a, b), squared_to_segment(p, b, c), squared_to_segment(p, c, a)});
 }
 
 }  // namespace
-
-double squared_distance(const Vec3& a, const Vec3& b) {
-  const Vec3 d = minus(a, b);
-  return dot(d, d);
-}
 
 SurfaceDistance::SurfaceDistance(std::span<const Vec3> positions, std::span<const Face> faces)
     : positions_(positions.begin(), positions.end()), faces_(faces.begin(), faces.end()) {
@@ -93,7 +76,7 @@ std::uint32_t SurfaceDistance::build(std::span<std::uint32_t> entries, std::span
   }
   Box box;
   for (const std::uint32_t entry : entries) grow(box, centres[entry]);
-  const Vec3 sides = minus(box.high, box.low);
+  const Vec3 sides = box.high - box.low;
   const auto axis = static_cast<std::size_t>(std::max_element(sides.begin(), sides.end()) - sides.begin());
   const std::size_t half = entries.size() / 2;
   std::nth_element(entries.begin(), entries.begin() + static_cast<std::ptrdiff_t>(half), entries.end(),

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "common/surface/surface.h"
+#include "common/surface/vector.h"
 
 namespace eigencast {
 
@@ -47,7 +48,5 @@ class SurfaceDistance {
 ///   so_far   nothing below it matters; what is returned is at least this
 double farthest_squared(std::span<const Vec3> points, const SurfaceDistance& surface,
                         std::span<const double> bounds = {}, double so_far = 0);
-
-double squared_distance(const Vec3& a, const Vec3& b);
 
 }  // namespace eigencast

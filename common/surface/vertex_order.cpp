@@ -7,7 +7,7 @@
 #include <cmath>
 
 #include "common/core/text.h"
-#include "common/surface/surface_distance.h"
+#include "common/surface/vector.h"
 
 namespace eigencast {
 namespace {
@@ -27,22 +27,10 @@ constexpr float kFarStray = 0.01F;  // of the diagonal
 constexpr double kFull = 0.01;      // a ball's is 0.094
 constexpr double kClosed = 1e-6;
 
-Vec3 minus(const Vec3& a, const Vec3& b) {
-  return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-}
-
-Vec3 cross(const Vec3& a, const Vec3& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
-
-double dot(const Vec3& a, const Vec3& b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /// Twice the face's area long.
 Vec3 normal_of(const Face& face, std::span<const Vec3> positions) {
   const Vec3& corner = positions[face[0]];
-  return cross(minus(positions[face[1]], corner), minus(positions[face[2]], corner));
+  return cross(positions[face[1]] - corner, positions[face[2]] - corner);
 }
 
 /// An edge as one of its faces runs along it.
@@ -216,10 +204,7 @@ float VertexOrder::folded(std::span<const Vec3> positions) const {
   std::vector<Vec3> normals;
   normals.reserve(faces_.size());
   for (const Face& face : faces_) {
-    Vec3 normal = normal_of(face, positions);
-    const double length = std::sqrt(dot(normal, normal));
-    for (double& part : normal) part = length > 0 ? part / length : 0;
-    normals.push_back(normal);
+    normals.push_back(unit(normal_of(face, positions)));
   }
   std::size_t count = 0;
   for (const auto& [f, g] : face_pairs_) count += dot(normals[f], normals[g]) < kFolded ? 1 : 0;
@@ -233,11 +218,11 @@ double VertexOrder::fullness(std::span<const Vec3> positions) const {
   const Vec3 near = positions.front();
   for (const Face& face : faces_) {
     const Vec3 normal = normal_of(face, positions);
-    volume += dot(minus(positions[face[0]], near), normal) / 6;
-    area += std::sqrt(dot(normal, normal)) / 2;
-    for (std::size_t c = 0; c < 3; ++c) sum[c] += normal[c] / 2;
+    volume += dot(positions[face[0]] - near, normal) / 6;
+    area += length(normal) / 2;
+    sum = sum + 0.5 * normal;
   }
-  if (!(area > 0) || std::sqrt(dot(sum, sum)) > kClosed * area) return 0;
+  if (!(area > 0) || length(sum) > kClosed * area) return 0;
   return volume / std::pow(area, 1.5);
 }
 

@@ -8,8 +8,8 @@
 #include <numeric>
 
 #include "common/core/worker_team.h"
+#include "common/surface/vector.h"
 #include "sender/deform/rigidity.h"
-#include "sender/deform/vector.h"
 
 namespace eigencast::deform {
 namespace {

@@ -5,8 +5,8 @@
 #include <cmath>
 #include <map>
 
+#include "common/surface/vector.h"
 #include "sender/deform/cage.h"
-#include "sender/deform/vector.h"
 
 namespace eigencast::deform {
 namespace {

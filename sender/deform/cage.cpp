@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "common/surface/check.h"
-#include "sender/deform/vector.h"
+#include "common/surface/vector.h"
 
 namespace eigencast::deform {
 namespace {

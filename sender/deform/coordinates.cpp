@@ -7,7 +7,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "sender/deform/vector.h"
+#include "common/surface/vector.h"
 
 namespace eigencast::deform {
 namespace {

@@ -4,7 +4,7 @@
 #include <cassert>
 #include <cmath>
 
-#include "sender/deform/vector.h"
+#include "common/surface/vector.h"
 
 namespace eigencast::deform {
 namespace {

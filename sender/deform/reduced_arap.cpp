@@ -11,8 +11,8 @@
 #include <utility>
 
 #include "common/reconstruction/reconstruct.h"
+#include "common/surface/vector.h"
 #include "sender/deform/rigidity.h"
-#include "sender/deform/vector.h"
 
 namespace eigencast::deform {
 namespace {

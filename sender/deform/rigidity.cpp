@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <map>
 
-#include "sender/deform/vector.h"
+#include "common/surface/vector.h"
 
 namespace eigencast::deform {
 namespace {

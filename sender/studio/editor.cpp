@@ -5,12 +5,9 @@
 #include <cassert>
 #include <utility>
 
-#include "sender/deform/vector.h"
+#include "common/surface/vector.h"
 
 namespace eigencast::studio {
-
-using deform::operator+;
-using deform::operator*;
 
 const char* name_of(Tool tool) {
   switch (tool) {

@@ -7,14 +7,10 @@
 #include <glm/geometric.hpp>
 #include <numbers>
 
-#include "sender/deform/vector.h"
+#include "common/surface/vector.h"
 
 namespace eigencast::studio {
 namespace {
-
-using deform::operator+;
-using deform::operator-;
-using deform::operator*;
 
 constexpr float kGizmoPx = 90;
 constexpr double kLeastFactor = 0.02;

@@ -8,8 +8,8 @@
 #include <numbers>
 
 #include "common/surface/shapes.h"
+#include "common/surface/vector.h"
 #include "sender/deform/moves.h"
-#include "sender/deform/vector.h"
 
 namespace eigencast::deform {
 namespace {

@@ -11,8 +11,8 @@
 #include "common/surface/check.h"
 #include "common/surface/read.h"
 #include "common/surface/shapes.h"
+#include "common/surface/vector.h"
 #include "sender/deform/cage_deformer.h"
-#include "sender/deform/vector.h"
 
 namespace eigencast::deform {
 namespace {

@@ -8,9 +8,9 @@
 #include <random>
 
 #include "common/surface/shapes.h"
+#include "common/surface/vector.h"
 #include "sender/deform/cage.h"
 #include "sender/deform/moves.h"
-#include "sender/deform/vector.h"
 
 namespace eigencast::deform {
 namespace {

@@ -7,10 +7,10 @@
 #include <numbers>
 
 #include "common/surface/shapes.h"
+#include "common/surface/vector.h"
 #include "sdk/bake.h"
 #include "sender/deform/moves.h"
 #include "sender/deform/projected.h"
-#include "sender/deform/vector.h"
 
 namespace eigencast::deform {
 namespace {

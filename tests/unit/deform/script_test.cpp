@@ -9,7 +9,7 @@
 #include <numbers>
 
 #include "common/surface/shapes.h"
-#include "sender/deform/vector.h"
+#include "common/surface/vector.h"
 
 namespace eigencast::deform {
 namespace {
