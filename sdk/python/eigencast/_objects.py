@@ -106,7 +106,8 @@ def bake(positions, faces=None, *, rank=200, basis="augmented", name="", cache_d
     colours = _checked("vertex_colours", vertex_colours, (n, 3), numpy.uint8)
     corners = _checked("corner_uv", corner_uv, (f, 3, 2), numpy.float32)
     vertices = _checked("vertex_uv", vertex_uv, (n, 2), numpy.float32)
-    looks = _library.Appearance(image=None if image is None else bytes(image), image_size=0 if image is None else len(image))
+    file = None if image is None else bytes(image)
+    looks = _library.Appearance(image=file, image_size=0 if file is None else len(file))
     for what, rows, c_type in (("vertex_colours", colours, ctypes.c_uint8), ("corner_uv", corners, ctypes.c_float),
                                ("vertex_uv", vertices, ctypes.c_float)):
         if rows is not None:
