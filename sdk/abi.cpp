@@ -7,6 +7,7 @@
 #include "common/core/clock.h"
 #include "common/surface/check.h"
 #include "sdk/asset_cache.h"
+#include "sdk/asset_folder.h"
 #include "sdk/bake.h"
 #include "sdk/bake_texture.h"
 
@@ -186,6 +187,28 @@ ec_status ec_bake(const double* positions, uint32_t vertex_count, const uint32_t
     *asset = new ec_asset{std::make_shared<const Asset>(std::move(baked->asset)),
                           std::make_shared<const EncodedAsset>(std::move(baked->encoded)), baked->from_cache};
     return EC_OK;
+  });
+}
+
+ec_status ec_asset_load(const char* folder, const char* id, ec_asset** asset) {
+  return guarded([&] {
+    if (folder == nullptr || id == nullptr || asset == nullptr)
+      return invalid("ec_asset_load: folder, id or asset is null");
+    const auto hash = Sha256::from_hex(id);
+    if (!hash) return invalid("ec_asset_load: the id is not one of 64 hexadecimal digits");
+    auto loaded = read_asset(folder, *hash);
+    if (!loaded) return failed(loaded.error());
+    *asset = new ec_asset{std::make_shared<const Asset>(std::move(loaded->asset)),
+                          std::make_shared<const EncodedAsset>(std::move(loaded->encoded)), true};
+    return EC_OK;
+  });
+}
+
+ec_status ec_asset_save(const ec_asset* asset, const char* folder) {
+  return guarded([&] {
+    if (asset == nullptr || folder == nullptr) return invalid("ec_asset_save: asset or folder is null");
+    const auto written = write_asset(*asset->encoded, folder);
+    return written ? EC_OK : failed(written.error());
   });
 }
 

@@ -87,15 +87,16 @@ std::vector<float> places_at_level(const Asset& asset, std::uint32_t N, std::siz
   return places;
 }
 
-ec_status rebuild(ec_subscriber& self, double detail, ec_surface* out) {
+/// level_of: from the asset to how many of its vertices.
+template <typename LevelOf>
+ec_status rebuild(ec_subscriber& self, const LevelOf& level_of, ec_surface* out) {
   const Asset* asset = self.subscriber->asset();
   if (!self.current || !can_rebuild(*self.subscriber, *self.current)) {
     return failed(fail(ErrorCode::kNotFound,
                        "ec_subscriber_surface: no pose of the present surface has come yet; call ec_subscriber_next "
                        "until it returns EC_OK"));
   }
-  if (!(detail >= 0 && detail <= 1)) return invalid("ec_subscriber_surface: detail must lie in 0..1");
-  const std::uint32_t level = level_from_fraction(*asset, detail);
+  const std::uint32_t level = level_of(*asset);
   const ec_subscriber::TrianglesOf wanted{asset, self.subscriber->epoch(), asset->rows_ready, asset->faces_ready,
                                           level};
   if (self.triangles_of.asset != asset || self.triangles_of.epoch != wanted.epoch) self.reconstructor.reset();
@@ -184,7 +185,19 @@ ec_status ec_subscriber_next(ec_subscriber* subscriber, int timeout_ms) {
 ec_status ec_subscriber_surface(ec_subscriber* subscriber, double detail, ec_surface* surface) {
   return guarded([&] {
     if (subscriber == nullptr) return invalid("ec_subscriber_surface: subscriber is null");
-    return rebuild(*subscriber, detail, surface);
+    if (!(detail >= 0 && detail <= 1)) return invalid("ec_subscriber_surface: detail must lie in 0..1");
+    return rebuild(
+        *subscriber, [detail](const Asset& asset) { return level_from_fraction(asset, detail); }, surface);
+  });
+}
+
+ec_status ec_subscriber_surface_within(ec_subscriber* subscriber, uint32_t max_vertices, ec_surface* surface) {
+  return guarded([&] {
+    if (subscriber == nullptr) return invalid("ec_subscriber_surface_within: subscriber is null");
+    const auto level = [max_vertices](const Asset& asset) {
+      return std::min(std::max(max_vertices, asset.base_count), asset.rows_ready);
+    };
+    return rebuild(*subscriber, level, surface);
   });
 }
 

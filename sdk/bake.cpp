@@ -474,7 +474,8 @@ Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, cons
     auto result = bake_afresh(surface, looks, options, stages);
     if (!result) return result;
     if (!cache_dir.empty()) {
-      if (auto stored = store_bake(cache, *key, *result); !stored) return stored.error();
+      // Minutes of work are not thrown away because a disk is full.
+      if (const auto stored = store_bake(cache, *key, *result); !stored) result->not_kept = stored.error().message;
     }
     stages.at(1, "done");
     return result;

@@ -46,12 +46,14 @@ struct BakeResult {
   bool certified = false;    ///< All eigenvectors are there, and are to the residual. (A motion's bases have none.)
   bool approximate = false;  ///< They are approximations, of a surface of more than 150,000 vertices.
   double residual = 0;
+  std::string
+      not_kept;  ///< Why it could not be kept in the cache, which the bake does without; empty: it was, or had not to be.
   std::string report;  ///< For people: what check_surface found, rank used, seconds taken.
 };
 
 /// Turns a surface into a streamable asset: checks, Laplacian, basis, contraction order, encoding. With a cache directory (see
 /// asset_cache.h) the result is kept under the hash of the surface and the options, and found there next time.
-/// Errors: kInvalidArgument, kNumerical, kCancelled, kTooLarge, kIo.
+/// A cache that cannot be written to is done without. Errors: kInvalidArgument, kNumerical, kCancelled, kTooLarge.
 Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, const std::string& cache_dir = {},
                         const BakeProgress& progress = {});
 

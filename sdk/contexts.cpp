@@ -202,4 +202,13 @@ Result<Target> resolve_target(const std::string& to, const Credentials& given, c
   return target;
 }
 
+Result<Target> resolve_beside(const Target& home, const std::string& to, const Credentials& given,
+                              const std::string& context, const Contexts& contexts) {
+  const auto meant = resolve_target(to, {}, context, contexts);
+  if (!meant) return meant;
+  const auto there = parse_broker_url(meant->url), here = parse_broker_url(home.url);
+  const bool same_broker = there && here && there->origin() == here->origin();
+  return resolve_target(to, same_broker ? given : Credentials{{}, given.ca_file}, context, contexts);
+}
+
 }  // namespace eigencast

@@ -19,7 +19,7 @@ std::uint32_t velocity_unit(double key_rate_hz) {
 
 }  // namespace
 
-Result<void> check_options(const PublisherOptions& options, const Asset& asset) {
+Result<void> check_options(const PublisherOptions& options) {
   if (!std::isfinite(options.error) || options.error < 0)
     return fail(ErrorCode::kInvalidArgument,
                 "the error bound must be a positive length in model units, or 0 for the default");
@@ -35,6 +35,11 @@ Result<void> check_options(const PublisherOptions& options, const Asset& asset) 
                 "a publisher of velocities cannot leave out still poses: a held pose would go on with its velocities");
   if (options.bitrate > 0 && options.codec != CodecKind::kQuantised)
     return fail(ErrorCode::kInvalidArgument, "only the quantised codec can keep to a bit rate");
+  return {};
+}
+
+Result<void> check_options(const PublisherOptions& options, const Asset& asset) {
+  if (auto usable = check_options(options); !usable) return usable;
   if (options.error == 0 && !(asset.diagonal() > 0))
     return fail(ErrorCode::kInvalidArgument,
                 "the rest pose has no extent, so the error bound has no default: give one");

@@ -47,6 +47,8 @@ inline constexpr double kStillOverError = 1.5;
 inline constexpr std::uint32_t kMostScalars = 10;
 
 /// Errors: kInvalidArgument (what cannot be kept to, or not together).
+Result<void> check_options(const PublisherOptions& options);
+/// The same, and what this surface does not do with.
 Result<void> check_options(const PublisherOptions& options, const Asset& asset);
 
 /// Where to, with its credentials. Errors: kInvalidArgument (URL, stream name, credentials).

@@ -2,28 +2,13 @@
 #include <spdlog/spdlog.h>
 
 #include <cstdio>
-#include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "common/core/files.h"
+#include "sdk/asset_folder.h"
 #include "sender/commands.h"
 
 namespace eigencast {
 namespace {
-
-Result<void> copy_objects(const EncodedAsset& encoded, const std::string& directory) {
-  std::error_code error;
-  std::filesystem::create_directories(directory, error);
-  if (error) return fail(ErrorCode::kIo, directory + ": cannot be made: " + error.message());
-  const auto copy = [&](const AssetObject& object) {
-    const std::string_view bytes(reinterpret_cast<const char*>(object.bytes.data()), object.bytes.size());
-    return write_file_atomically(directory + "/" + object.id.hex(), bytes);
-  };
-  for (const AssetObject& chunk : encoded.chunks) {
-    if (auto copied = copy(chunk); !copied) return copied;
-  }
-  return copy(encoded.manifest);
-}
 
 nlohmann::json json_from(const RankChoice& choice) {
   nlohmann::json tried = nlohmann::json::array();
@@ -66,8 +51,8 @@ int run(const BakeCommand& command, const Console& console, Interrupt& interrupt
   const BakeResult& baked = source->baked;
   if (command.json != "-") print(baked);
   if (!command.out_dir.empty()) {
-    if (const auto copied = copy_objects(baked.encoded, command.out_dir); !copied)
-      return report_failure(copied.error());
+    if (const auto written = write_asset(baked.encoded, command.out_dir); !written)
+      return report_failure(written.error());
   }
   const auto written = write_report(command.json, json_from(*source));
   return written ? kExitOk : report_failure(written.error());

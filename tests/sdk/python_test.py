@@ -73,6 +73,37 @@ class Package(unittest.TestCase):
         self.assertRegex(self.asset.id, "^[0-9a-f]{64}$")
         self.assertFalse(self.asset.from_cache)
 
+    def test_an_asset_is_saved_and_loaded(self):
+        folder = pathlib.Path(self.folder.name) / "saved"
+        self.asset.save(folder)
+        loaded = eigencast.load(folder, self.asset.id)
+        self.assertEqual((loaded.id, loaded.vertex_count, loaded.rank), (self.asset.id, 256, 40))
+        with eigencast.Publisher(self.origin + "/loaded", loaded) as publisher:
+            pose = self.watched(self.origin + "/loaded", lambda: publisher.send(self.positions), lambda p: len(p.positions) == 256)
+        self.assertLess(numpy.abs(pose.in_source_order() - self.positions).max(), 0.02)
+        with self.assertRaisesRegex(eigencast.Error, "is not there"):
+            eigencast.load(folder, 64 * "0")
+        with self.assertRaisesRegex(eigencast.Error, "64 hexadecimal digits"):
+            eigencast.load(folder, "latest")
+        damaged = next(file for file in folder.iterdir() if file.name != self.asset.id)
+        damaged.write_bytes(damaged.read_bytes()[:-1] + b"!")
+        with self.assertRaises(eigencast.Error) as caught:
+            eigencast.load(folder, self.asset.id)
+        self.assertEqual(caught.exception.status, eigencast.Status.CORRUPT)
+        damaged.unlink()
+        with self.assertRaisesRegex(eigencast.Error, damaged.name):
+            eigencast.load(folder, self.asset.id)
+
+    def test_a_watcher_keeps_to_its_budget_of_vertices(self):
+        url = "http" + self.origin[2:] + "/budget"  # means the same as ws
+        with eigencast.Publisher(url, self.asset) as publisher:
+            pose = self.watched(url, lambda: publisher.send(self.positions), lambda p: len(p.positions) >= 100, max_vertices=100)
+            self.assertEqual(len(pose.positions), 100)
+            self.assertLess(pose.triangles.max(), 100)
+            coarsest = self.watched(url, lambda: publisher.send(self.positions), lambda p: True, max_vertices=1)
+            self.assertGreater(len(coarsest.positions), 1)
+            self.assertLess(len(coarsest.positions), 100)
+
     def test_what_is_sent_arrives_in_place_and_order(self):
         bent = self.positions + numpy.stack([0 * self.positions[:, 0], 0 * self.positions[:, 0], self.positions[:, 0] ** 2], axis=1)
         with eigencast.Publisher(self.origin + "/bent", self.asset) as publisher:

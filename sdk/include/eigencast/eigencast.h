@@ -124,6 +124,15 @@ typedef struct ec_asset_info {
  */
 EC_API ec_status ec_bake(const double* positions, uint32_t vertex_count, const uint32_t* faces, uint32_t face_count,
                          const ec_bake_options* options, ec_asset** asset);
+/**
+ * Loads an asset from a folder that ec_asset_save() or `eigencast-sender bake --out` wrote: nothing is computed.
+ *   id  its content id, as its bake gave it
+ * On EC_OK *asset is the caller's to release.
+ * Errors: EC_NOT_FOUND, EC_CORRUPT, EC_IO, EC_TOO_LARGE, EC_UNSUPPORTED (of a newer version), EC_INVALID_ARGUMENT.
+ */
+EC_API ec_status ec_asset_load(const char* folder, const char* id, ec_asset** asset);
+/** Writes the asset's objects into a folder, which is made: for other machines, and for programs that must not bake. Errors: EC_IO. */
+EC_API ec_status ec_asset_save(const ec_asset* asset, const char* folder);
 EC_API ec_status ec_asset_get_info(const ec_asset* asset, ec_asset_info* info);
 /** Null is allowed. Publishers made from the asset go on living. */
 EC_API void ec_asset_release(ec_asset* asset);
@@ -258,6 +267,8 @@ EC_API ec_status ec_subscriber_next(ec_subscriber* subscriber, int timeout_ms);
  * ec_subscriber_next() again; EC_INVALID_ARGUMENT.
  */
 EC_API ec_status ec_subscriber_surface(ec_subscriber* subscriber, double detail, ec_surface* surface);
+/** The same within a budget: at most max_vertices, but no fewer than the coarsest level of detail has. */
+EC_API ec_status ec_subscriber_surface_within(ec_subscriber* subscriber, uint32_t max_vertices, ec_surface* surface);
 EC_API ec_status ec_subscriber_get_stats(const ec_subscriber* subscriber, ec_subscriber_stats* stats);
 /** Disconnects, waiting at most a second. Null is allowed. */
 EC_API void ec_subscriber_release(ec_subscriber* subscriber);

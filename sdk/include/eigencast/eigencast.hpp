@@ -95,6 +95,14 @@ class Asset {
     return Asset(asset);
   }
 
+  /// Loads what save() or `eigencast-sender bake --out` wrote. id: the content id, as the bake gave it.
+  static Asset load(const std::string& folder, const std::string& id) {
+    ec_asset* asset = nullptr;
+    check(ec_asset_load(folder.c_str(), id.c_str(), &asset));
+    return Asset(asset);
+  }
+  void save(const std::string& folder) const { check(ec_asset_save(asset_.get(), folder.c_str())); }
+
   ec_asset_info info() const {
     auto info = EC_INIT(ec_asset_info);
     check(ec_asset_get_info(asset_.get(), &info));
@@ -217,6 +225,12 @@ class Subscriber {
   ec_surface surface(double detail = 1) {
     auto surface = EC_INIT(ec_surface);
     check(ec_subscriber_surface(subscriber_.get(), detail, &surface));
+    return surface;
+  }
+  /// The same within a budget of vertices, see ec_subscriber_surface_within().
+  ec_surface surface_within(std::uint32_t max_vertices) {
+    auto surface = EC_INIT(ec_surface);
+    check(ec_subscriber_surface_within(subscriber_.get(), max_vertices, &surface));
     return surface;
   }
 

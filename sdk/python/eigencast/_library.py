@@ -102,6 +102,8 @@ _SIGNATURES = {
     "ec_last_error": (c_char_p, []),
     "ec_now_us": (c_int64, []),
     "ec_bake": (c_int, [POINTER(c_double), c_uint32, POINTER(c_uint32), c_uint32, POINTER(BakeOptions), POINTER(c_void_p)]),
+    "ec_asset_load": (c_int, [c_char_p, c_char_p, POINTER(c_void_p)]),
+    "ec_asset_save": (c_int, [c_void_p, c_char_p]),
     "ec_asset_get_info": (c_int, [c_void_p, POINTER(AssetInfo)]),
     "ec_asset_release": (None, [c_void_p]),
     "ec_publisher_create": (c_int, [c_char_p, c_void_p, POINTER(PublisherOptions), POINTER(c_void_p)]),
@@ -111,6 +113,7 @@ _SIGNATURES = {
     "ec_subscriber_create": (c_int, [c_char_p, POINTER(SubscriberOptions), POINTER(c_void_p)]),
     "ec_subscriber_next": (c_int, [c_void_p, c_int]),
     "ec_subscriber_surface": (c_int, [c_void_p, c_double, POINTER(Surface)]),
+    "ec_subscriber_surface_within": (c_int, [c_void_p, c_uint32, POINTER(Surface)]),
     "ec_subscriber_get_stats": (c_int, [c_void_p, POINTER(SubscriberStats)]),
     "ec_subscriber_release": (None, [c_void_p]),
 }

@@ -63,6 +63,10 @@ class Asset(_Object):
         self.id = info.id.decode()  #: The content id: 64 hexadecimal digits.
         self.from_cache = bool(info.from_cache)  #: Nothing had to be computed.
 
+    def save(self, folder):
+        """Writes the asset into a folder, which is made, for load()."""
+        check(LIBRARY.ec_asset_save(self._open(), _text(folder)))
+
 
 def _checked(what, values, shape, dtype):
     """As the library takes them; None where there are none."""
@@ -132,6 +136,13 @@ def bake(positions, faces=None, *, rank=200, basis="augmented", name="", cache_d
     if raised:
         raise raised[0]
     check(status)
+    return Asset(handle)
+
+
+def load(folder, asset_id):
+    """The asset of that content id, from a folder that Asset.save() or `eigencast-sender bake --out` wrote: nothing is computed. Raises Error."""
+    handle = ctypes.c_void_p()
+    check(LIBRARY.ec_asset_load(_text(folder), _text(asset_id), ctypes.byref(handle)))
     return Asset(handle)
 
 
@@ -248,17 +259,18 @@ class Subscriber(_Object):
     """Watches ws://host:port/stream[?rate=raw], and keeps doing so across lost connections.
 
       detail     fraction of the vertices to rebuild, 0..1
+      max_vertices  instead: at most so many, but no fewer than the coarsest level of detail has
       cache_dir  where downloaded assets are kept; "" for nowhere (default: the user's cache folder)
     """
     _release = staticmethod(LIBRARY.ec_subscriber_release)
 
-    def __init__(self, url, *, detail=1.0, cache_dir=None, token=None, ca_file=None, certificate_file=None, key_file=None, insecure=False):
+    def __init__(self, url, *, detail=1.0, max_vertices=None, cache_dir=None, token=None, ca_file=None, certificate_file=None, key_file=None, insecure=False):
         options = _library.SubscriberOptions(cache_dir=_text(cache_dir),
                                              **_access(token, ca_file, certificate_file, key_file, insecure))
         handle = ctypes.c_void_p()
         check(LIBRARY.ec_subscriber_create(_text(url), ctypes.byref(options), ctypes.byref(handle)))
         self._handle = handle
-        self.detail = detail
+        self.detail, self.max_vertices = detail, max_vertices
 
     def next(self, timeout=1.0):
         """The next pose, oldest first, waiting at most `timeout` seconds; None if none came, also while connecting."""
@@ -275,7 +287,10 @@ class Subscriber(_Object):
 
     def _pose(self):
         raw = _library.Surface()
-        check(LIBRARY.ec_subscriber_surface(self._open(), self.detail, ctypes.byref(raw)))
+        if self.max_vertices is None:
+            check(LIBRARY.ec_subscriber_surface(self._open(), self.detail, ctypes.byref(raw)))
+        else:
+            check(LIBRARY.ec_subscriber_surface_within(self._open(), self.max_vertices, ctypes.byref(raw)))
 
         def copied(pointer, *shape):
             return numpy.ctypeslib.as_array(pointer, shape).copy() if pointer and shape[0] else numpy.empty(shape, dtype=pointer._type_)

@@ -2,9 +2,10 @@
 // Bakes a grid with the installed library through its C++ wrapper, and sees an error come out as one.
 #include <cstdio>
 #include <eigencast/eigencast.hpp>
+#include <string>
 #include <vector>
 
-int main() {
+int main(int, char** argv) {
   std::vector<double> positions;
   std::vector<std::uint32_t> faces;
   for (std::uint32_t y = 0; y < 12; ++y) {
@@ -16,6 +17,9 @@ int main() {
   }
   const auto asset = eigencast::Asset::bake(positions, faces, {.rank = 20, .cache_dir = ""});
   if (asset.info().vertex_count != 144 || asset.info().face_count != 242 || asset.info().rank != 20) return 1;
+  const std::string folder = std::string(argv[0]) + "-asset";
+  asset.save(folder);
+  if (std::string(eigencast::Asset::load(folder, asset.info().id).info().id) != asset.info().id) return 6;
   const std::vector<std::uint8_t> colours(positions.size(), 90), too_few(5);
   const auto bake_with = [&](const std::vector<std::uint8_t>& given) {
     return eigencast::Asset::bake(positions, faces,

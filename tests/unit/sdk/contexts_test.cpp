@@ -111,5 +111,19 @@ TEST(Contexts, ATokenGoesToItsOwnBrokerOnly) {
   EXPECT_EQ(mixed.key_file, "my.key");
 }
 
+TEST(Contexts, WhatIsGivenForOneBrokerGoesToNoOtherBesideIt) {
+  const Contexts contexts = two();
+  const Target home{"ws://here.example/a", {"mine", "trusted.pem"}};
+  const auto beside = [&](const std::string& to) {
+    return resolve_beside(home, to, home.credentials, "", contexts)->credentials;
+  };
+  EXPECT_EQ(beside("ws://here.example/b").token, "mine");
+  EXPECT_EQ(beside("http://here.example:7490/b").token, "mine") << "the same broker";
+  EXPECT_EQ(beside("ws://elsewhere.example/b").token, "");
+  EXPECT_EQ(beside("ws://elsewhere.example/b").ca_file, "trusted.pem");
+  EXPECT_EQ(beside("ws://studio.example:1234/b").token, "secret") << "its own context's";
+  EXPECT_EQ(beside("demo").token, "") << "at the current context's broker";
+}
+
 }  // namespace
 }  // namespace eigencast

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: MIT
+#include "sdk/asset_folder.h"
+
+#include <filesystem>
+#include <fstream>
+#include <string_view>
+#include <utility>
+
+#include "common/core/files.h"
+#include "common/wire/limits.h"
+
+namespace eigencast {
+namespace {
+
+namespace fs = std::filesystem;
+
+Result<Bytes> read_object(const std::string& folder, const Sha256& id) {
+  const fs::path path = fs::path(folder) / id.hex();
+  std::error_code code;
+  if (!fs::is_regular_file(path, code)) {
+    return fail(ErrorCode::kNotFound, path.string() +
+                                          " is not there: is this a folder that an asset was written to, whole, "
+                                          "and the asset's id the one that its bake gave?");
+  }
+  const std::uintmax_t size = fs::file_size(path, code);
+  if (code || size > limits::kMaxAssetObjectBytes)
+    return fail(ErrorCode::kTooLarge, path.string() + ": no asset's object");
+  Bytes bytes(static_cast<std::size_t>(size));
+  std::ifstream in(path, std::ios::binary);
+  if (!in.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size())))
+    return fail(ErrorCode::kIo, path.string() + ": cannot be read");
+  return bytes;
+}
+
+}  // namespace
+
+Result<void> write_asset(const EncodedAsset& encoded, const std::string& folder) {
+  std::error_code error;
+  fs::create_directories(folder, error);
+  if (error) return fail(ErrorCode::kIo, folder + ": cannot be made: " + error.message());
+  const auto write = [&](const AssetObject& object) {
+    const std::string_view bytes(reinterpret_cast<const char*>(object.bytes.data()), object.bytes.size());
+    return write_file_atomically(folder + "/" + object.id.hex(), bytes);
+  };
+  for (const AssetObject& chunk : encoded.chunks) {
+    if (auto written = write(chunk); !written) return written;
+  }
+  return write(encoded.manifest);
+}
+
+Result<AssetFromFolder> read_asset(const std::string& folder, const Sha256& id) {
+  auto manifest = read_object(folder, id);
+  if (!manifest) return manifest.error();
+  auto reader = AssetReader::from_manifest(id, *manifest);
+  if (!reader) return in_context(folder, reader.error());
+  AssetFromFolder result;
+  for (std::size_t i = 0; i < reader->chunks().size(); ++i) {
+    const Sha256 chunk_id = reader->chunks()[i].id;
+    auto chunk = read_object(folder, chunk_id);
+    if (!chunk) return chunk.error();
+    if (const auto added = reader->add_chunk(i, *chunk); !added) return in_context(folder, added.error());
+    result.encoded.chunks.push_back({chunk_id, std::move(*chunk)});
+  }
+  result.encoded.manifest = {id, std::move(*manifest)};
+  result.asset = std::move(*reader).take();
+  if (!result.asset.complete()) return fail(ErrorCode::kCorrupt, folder + ": the asset is not whole");
+  return result;
+}
+
+}  // namespace eigencast
