@@ -12,10 +12,6 @@
 namespace eigencast {
 namespace {
 
-bool starts_with(const std::string& text, std::string_view prefix) {
-  return text.compare(0, prefix.size(), prefix) == 0;
-}
-
 bool ends_with(const std::string& text, std::string_view ending) {
   return text.size() >= ending.size() && text.compare(text.size() - ending.size(), ending.size(), ending) == 0;
 }
@@ -47,10 +43,9 @@ Wanted wanted_from(const std::string& text) {
   const std::size_t first = text.find_first_not_of(kAround);
   if (first == std::string::npos) return {};
   const std::string what = text.substr(first, text.find_last_not_of(kAround) - first + 1);
-  for (const std::string_view scheme : {"ws://", "wss://", "http://", "https://"}) {
-    if (starts_with(what, scheme)) return {Wanted::Kind::kStream, what};
-  }
   if (clip_in(what)) return {Wanted::Kind::kClip, what};
+  // Of a scheme that is none of ours, too: who opens it says which there are.
+  if (what.find("://") != std::string::npos) return {Wanted::Kind::kStream, what};
   std::error_code ignored;
   if (ends_with(what, ".json") && std::filesystem::is_regular_file(what, ignored)) return {Wanted::Kind::kScene, what};
   return {Wanted::Kind::kClip, "file:" + what};

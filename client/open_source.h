@@ -19,7 +19,7 @@ struct Wanted {
   Kind kind = Kind::kNothing;
   std::string what;  ///< A stream's URL, a clip's "file:INPUT", a scene's path.
 };
-/// URLs of brokers (ws, wss, http, https) are streams; files that end in .json scenes; other paths, globs and the names of
+/// URLs of any scheme but file are streams, of which ws, wss, http and https can be opened; files that end in .json scenes; other paths, globs and the names of
 /// built-in shapes clips. Spaces and quotes around it are dropped.
 Wanted wanted_from(const std::string& text);
 

@@ -212,7 +212,8 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
              kExitStatus);
   app.set_version_flag("--version", "eigencast-client " EIGENCAST_VERSION);
   app.add_option("streams", options.scene.streams,
-                 "ws://host[:port]/stream, wss://..., or streams at the context's broker; or, after the word view, "
+                 "ws://host[:port]/stream (wss:// for TLS; http:// and https:// do as well), or streams at the "
+                 "context's broker; or, after the word view, "
                  "files, folders, "
                  "globs or built-in shapes, which are baked and played here without a broker")
       ->envname("EIGENCAST_URL");
@@ -322,6 +323,7 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
     return ExitNow{app.exit(stop) == 0 ? kExitGood : kExitUsage};
   }
   if (const auto documents = write_documents(app, options.scene.streams)) return *documents;
+  if (const std::string fault = fault_of_numbers(app); !fault.empty()) return usage(fault);
   if (!size_from_text(raw.size, options.width, options.height)) {
     return usage("--size " + raw.size + ": give width x height of 16 to 16384 pixels, such as 1280x720");
   }

@@ -15,6 +15,10 @@ nlohmann::json json_from(const Histogram& us) {
 
 }  // namespace
 
+Result<void> find_display() {
+  return studio::find_display();
+}
+
 Result<std::string> deform_by_hand(const DeformCommand& command, deform::Deformer& deformer,
                                    deform::ProjectedDeformer& projected, const Asset& asset, Publisher& publisher,
                                    Interrupt& interrupt) {

@@ -5,9 +5,12 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
+#include <cstdlib>
 
 #include "common/command_line/documents.h"
+#include "common/core/files.h"
 #include "common/surface/read.h"
 #include "sdk/asset_cache.h"
 #include "sdk/contexts.h"
@@ -36,6 +39,9 @@ eigencast-sender context add studio wss://broker.example --token "$TOKEN"
 eigencast-sender play heart --to demo                                  # at the context's broker
 eigencast-sender completion bash > ~/.local/share/bash-completion/completions/eigencast-sender)";
 
+/// Longer than anything runs, short enough to be counted in microseconds.
+constexpr double kMostSeconds = 1e9;
+
 constexpr const char* kExitStatus = R"(0  done
 1  failed
 2  wrong usage
@@ -59,6 +65,27 @@ struct Settings {
   CompareCommand compare;
   ReplayCommand replay;
 };
+
+CLI::Validator positive() {
+  return CLI::Validator(
+      [](std::string& text) -> std::string {
+        char* end = nullptr;
+        const double value = std::strtod(text.c_str(), &end);
+        const bool good = end != text.c_str() && *end == '\0' && std::isfinite(value) && value > 0;
+        return good ? std::string() : "give a number above 0, not " + text;
+      },
+      "");
+}
+
+/// For results: what is wrong with the place is told before the work.
+CLI::Validator place_for(Result<void> (*check)(const std::string& path)) {
+  return CLI::Validator(
+      [check](std::string& path) -> std::string {
+        const auto usable = path == "-" ? Result<void>() : check(path);
+        return usable ? std::string() : usable.error().message;
+      },
+      "");
+}
 
 void add_clip_options(CLI::App& app, SourceOptions& source) {
   app.add_option(
@@ -148,24 +175,26 @@ CLI::Option* add_codec_options(CLI::App& app, std::string& codec, Errors& errors
   return app
       .add_option("--error", errors,
                   "vertex error that quantising may add, in model units (default: 1e-3 of the diagonal)")
-      ->check(CLI::PositiveNumber)
+      ->check(positive())
       ->delimiter(',');
 }
 
 /// The same as eigencast-client has; those of the context where they are not given.
-void add_credential_options(CLI::App& app, Credentials& credentials) {
-  app.add_option("--token", credentials.token, "token for the broker, or @FILE that holds it")
-      ->envname("EIGENCAST_TOKEN");
+CLI::Option* add_credential_options(CLI::App& app, Credentials& credentials) {
+  CLI::Option* token = app.add_option("--token", credentials.token, "token for the broker, or @FILE that holds it");
   app.add_option("--ca", credentials.ca_file, "PEM file of the authorities trusted for wss:// (default: the system's)");
   app.add_option("--cert", credentials.certificate_file, "PEM file of a certificate for brokers that ask for one");
   app.add_option("--key", credentials.key_file, "PEM file of its private key");
   app.add_flag("--insecure", credentials.insecure, "do not check the broker's certificate: for trying out only");
+  return token;
 }
 
 void add_target_options(CLI::App& app, TargetOptions& target) {
-  app.add_option("--to", target.url, "ws://host[:port]/stream, or a stream at the context's broker")
+  app.add_option("--to", target.url,
+                 "ws://host[:port]/stream (wss:// for TLS; http:// and https:// do as well), or a stream at the "
+                 "context's broker")
       ->envname("EIGENCAST_URL");
-  add_credential_options(app, target.credentials);
+  add_credential_options(app, target.credentials)->envname("EIGENCAST_TOKEN");
   app.add_option("--context", target.context, "broker by name, see context (default: the current one)")
       ->envname("EIGENCAST_CONTEXT");
 }
@@ -174,7 +203,7 @@ void add_target_options(CLI::App& app, TargetOptions& target) {
 void add_coding_options(CLI::App& app, TargetOptions& target) {
   add_codec_options(app, target.codec, target.error);
   app.add_option("--bitrate", target.bitrate_kbit, "kbit/s to keep to: coarser levels, then fewer bands")
-      ->check(CLI::PositiveNumber);
+      ->check(positive());
   app.add_option("--still", target.still_s,
                  "while the surface stands still (within 1.5 --error), send it only every so many seconds")
       ->check(CLI::Range(0.1, 3600.0));
@@ -200,7 +229,8 @@ void add_context_commands(CLI::App& app, Settings& s) {
   };
   CLI::App* added = add("add", "Add a broker, or change it; the first is the current one");
   added->add_option("name", s.context.name, "what to call it")->required();
-  added->add_option("url", s.context.url, "ws://host[:port], or of one stream")->required();
+  added->add_option("url", s.context.url, "ws://host[:port] or wss://..., or of one stream")->required();
+  // Not that of the environment: it would be kept, and it may be another broker's.
   add_credential_options(*added, s.context.credentials);
   add("list", "List them; the current one has a star")->add_flag("--json", s.context.json, "as JSON");
   add("use", "Make one the current one")->add_option("name", s.context.name, "which")->required();
@@ -233,8 +263,8 @@ void add_deform_command(CLI::App& app, Settings& s) {
   runs(*deform, s, command);
   add_source_options(*deform, command.source);
   add_target_options(*deform, command.target);
-  deform->add_option("--cage-out", command.cage_out,
-                     "write the cage, to edit it or to number its vertices (.obj, ...)");
+  deform->add_option("--cage-out", command.cage_out, "write the cage, to edit it or to number its vertices (.obj, ...)")
+      ->check(place_for(check_place_of_file));
   deform->add_option("--handles", command.handles, "no cage: handles.json, and all else as rigid as possible")
       ->excludes(deform->get_option("--cage"));
   CLI::Option* script = deform->add_option("--script", command.script,
@@ -269,9 +299,10 @@ void add_deform_command(CLI::App& app, Settings& s) {
       ->check(CLI::Range(0.001, 1000.0))
       ->capture_default_str();
   deform->add_flag("--once", command.once, "stop at the end of a script that loops");
-  deform->add_option("--duration", command.duration_s, "stop after so many seconds")->check(CLI::PositiveNumber);
-  deform->add_option("--frames", command.frames, "stop after so many poses")->check(CLI::PositiveNumber);
-  deform->add_option("--json", command.json, "write a report at the end");
+  deform->add_option("--duration", command.duration_s, "stop after so many seconds")
+      ->check(CLI::Range(1e-3, kMostSeconds));
+  deform->add_option("--frames", command.frames, "stop after so many poses")->check(positive());
+  deform->add_option("--json", command.json, "write a report at the end")->check(place_for(check_place_of_file));
 }
 
 void add_evaluate_command(CLI::App& app, Settings& s) {
@@ -286,7 +317,7 @@ void add_evaluate_command(CLI::App& app, Settings& s) {
   evaluate
       ->add_option("--step", command.steps,
                    "instead of --error: what one step of a coefficient moves the surface by, of the diagonal")
-      ->check(CLI::PositiveNumber)
+      ->check(positive())
       ->delimiter(',')
       ->excludes(error);
   evaluate->add_option("--lod", command.levels, "levels of detail: fractions of the vertices")
@@ -296,16 +327,18 @@ void add_evaluate_command(CLI::App& app, Settings& s) {
   evaluate->add_option("--rate", command.rate_hz, "poses a second, for kbit/s")
       ->check(CLI::Range(0.1, 1000.0))
       ->capture_default_str();
-  evaluate->add_option("--json", command.json, "write a report");
-  evaluate->add_option("--plots", command.plots, "draw the errors into this folder, as PNG");
+  evaluate->add_option("--json", command.json, "write a report")->check(place_for(check_place_of_file));
+  evaluate->add_option("--plots", command.plots, "draw the errors into this folder, as PNG")
+      ->check(place_for(check_place_of_folder));
 }
 
 void add_commands(CLI::App& app, Settings& s) {
   CLI::App* bake = app.add_subcommand("bake", "Turn a surface into a streamable asset (cached by content)");
   runs(*bake, s, s.bake);
   add_source_options(*bake, s.bake.source);
-  bake->add_option("-o,--out", s.bake.out_dir, "copy the asset's objects into this folder");
-  bake->add_option("--json", s.bake.json, "write a report");
+  bake->add_option("-o,--out", s.bake.out_dir, "copy the asset's objects into this folder")
+      ->check(place_for(check_place_of_folder));
+  bake->add_option("--json", s.bake.json, "write a report")->check(place_for(check_place_of_file));
 
   CLI::App* play = app.add_subcommand("play", "Stream an animation to a broker");
   runs(*play, s, s.play);
@@ -320,10 +353,11 @@ void add_commands(CLI::App& app, Settings& s) {
   CLI::Option* once = play->add_flag("--once", s.play.once, "stop at the end of the clip");
   play->add_flag("--loop", s.loop, "start again at the end of the clip (default)")->excludes(once);
   play->add_option("--duration", s.play.duration_s, "stop after so many seconds, counted from the first try to connect")
-      ->check(CLI::PositiveNumber);
-  play->add_option("--frames", s.play.frames, "stop after so many poses")->check(CLI::PositiveNumber);
-  play->add_option("--json", s.play.json, "write a report at the end");
-  play->add_option("--record", s.play.record, "write capture time and frame of each pose, as JSON lines");
+      ->check(CLI::Range(1e-3, kMostSeconds));
+  play->add_option("--frames", s.play.frames, "stop after so many poses")->check(positive());
+  play->add_option("--json", s.play.json, "write a report at the end")->check(place_for(check_place_of_file));
+  play->add_option("--record", s.play.record, "write capture time and frame of each pose, as JSON lines")
+      ->check(place_for(check_place_of_file));
 
   CLI::App* pipe =
       app.add_subcommand("pipe", "Stream poses from standard input: 32-bit floats x, y, z for each vertex of the mesh");
@@ -334,7 +368,7 @@ void add_commands(CLI::App& app, Settings& s) {
   add_coding_options(*pipe, s.pipe.target);
   pipe->add_option("--rate", s.pipe.rate_hz, "poses a second (default: as they arrive, or at the times they state)")
       ->check(CLI::Range(0.1, 1000.0));
-  pipe->add_option("--json", s.pipe.json, "write a report at the end");
+  pipe->add_option("--json", s.pipe.json, "write a report at the end")->check(place_for(check_place_of_file));
 
   add_deform_command(app, s);
 
@@ -345,7 +379,7 @@ void add_commands(CLI::App& app, Settings& s) {
       ->add_option("--to", s.export_clip.to,
                    "x.pc2, x.mdd, x.npy (rest pose beside it as x.obj), x.obj, x.ply, x.off (a file a pose) or folder/")
       ->required();
-  export_clip->add_option("--json", s.export_clip.json, "write a report");
+  export_clip->add_option("--json", s.export_clip.json, "write a report")->check(place_for(check_place_of_file));
 
   add_evaluate_command(app, s);
 
@@ -357,19 +391,20 @@ void add_commands(CLI::App& app, Settings& s) {
       ->check(CLI::Range(0.001, 1000.0))
       ->capture_default_str();
   replay->add_option("--from", s.replay.from_s, "begin so many seconds into the recording")
-      ->check(CLI::NonNegativeNumber);
+      ->check(CLI::Range(0.0, kMostSeconds));
   replay->add_option("--duration", s.replay.duration_s, "play so many seconds of the recording")
-      ->check(CLI::PositiveNumber);
+      ->check(CLI::Range(1e-3, kMostSeconds));
   replay->add_flag("--loop", s.replay.loop, "begin again at the end");
   replay->add_option("--asset", s.replay.asset_dir, "folder with the asset's objects (bake --out)");
-  replay->add_option("--json", s.replay.json, "write a report at the end");
+  replay->add_option("--json", s.replay.json, "write a report at the end")->check(place_for(check_place_of_file));
 
   CLI::App* compare = app.add_subcommand("compare", "Compare poses that a client recorded with the clip that was sent");
   runs(*compare, s, s.compare);
   add_source_options(*compare, s.compare.source);
   compare->add_option("--sent", s.compare.sent, "record of the sender (play --record)")->required();
   compare->add_option("--received", s.compare.received, "record of the client (eigencast-client --record)")->required();
-  compare->add_option("--report", s.compare.report, "JSON file to add the result to");
+  compare->add_option("--report", s.compare.report, "JSON file to add the result to")
+      ->check(place_for(check_place_of_file));
 
   add_context_commands(app, s);
   add_document_commands(app, s);
@@ -402,13 +437,15 @@ Result<void> resolve_targets(const CLI::App& app, Settings& s) {
   if (target == nullptr) return {};
   const auto contexts = Contexts::load(Contexts::default_path());
   if (!contexts) return contexts.error();
-  const auto resolved = resolve_target(target->url, target->credentials, target->context, *contexts);
+  const Credentials given = target->credentials;
+  const auto resolved = resolve_target(target->url, given, target->context, *contexts);
   if (!resolved) return resolved.error();
   target->url = resolved->url;
   target->credentials = resolved->credentials;
   for (TargetOptions& other : s.deform.watch) {
-    const auto watched = resolve_target(other.url, target->credentials, target->context, *contexts);
+    const auto watched = resolve_beside(*resolved, other.url, given, target->context, *contexts);
     if (!watched) return watched.error();
+    if (const auto url = parse_broker_url(watched->url); !url) return url.error();
     other.url = watched->url;
     other.credentials = watched->credentials;
   }
@@ -451,7 +488,8 @@ Invocation parse_command_line(int argc, char** argv) {
   }
   settings->console.progress = !settings->no_progress;
   settings->console.on_terminal = isatty(STDERR_FILENO) == 1;
-  auto usable = check_together(*app, *settings);
+  const std::string fault = fault_of_numbers(*app);
+  auto usable = fault.empty() ? check_together(*app, *settings) : fail(ErrorCode::kInvalidArgument, fault);
   if (usable) usable = resolve_targets(*app, *settings);
   if (!usable) {
     std::fprintf(stderr, "%s\n", usable.error().message.c_str());

@@ -134,8 +134,9 @@ int run(const EvaluateCommand& command, const Console& console, Interrupt& inter
 int run(const ReplayCommand& command, const Console& console, Interrupt& interrupt);
 int run(const CompareCommand& command, const Console& console, Interrupt& interrupt);
 
-/// Bakes with progress on the console, cancelled by the interrupt.
-Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt);
+/// Bakes with progress on the console, cancelled by the interrupt. opened: as bake_source().
+Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt,
+                                  OpenedSource opened = {});
 
 /// Logs the error and gives its exit status; an interrupted run says only that.
 int report_failure(const Error& error);

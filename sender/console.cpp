@@ -10,16 +10,19 @@
 
 namespace eigencast {
 
-Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt) {
+Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt,
+                                  OpenedSource opened) {
   ProgressLine line(console.progress, console.on_terminal);
   const auto progress = [&](double fraction, std::string_view stage) {
     line.show(fraction, stage, steady_now_us());
     return !interrupt.requested();
   };
-  auto source = options.target_error > 0 ? bake_for_target(options, progress) : bake_source(options, progress);
+  auto source =
+      options.target_error > 0 ? bake_for_target(options, progress) : bake_source(options, progress, std::move(opened));
   line.finish();
   if (!source) return source;
   if (source->rank_choice) spdlog::info("{}", source->rank_choice->text(options.target_error));
+  if (!source->baked.not_kept.empty()) spdlog::warn("the bake is not kept: {}", source->baked.not_kept);
   for (const std::string& note : source->clip->notes()) spdlog::info("{}", note);
   for (const std::string& finding : source->findings) spdlog::warn("{}", finding);
   return source;
@@ -38,7 +41,8 @@ int report_failure(const Error& error) {
 
 Result<void> write_report(const std::string& path, const std::string& text) {
   if (path.empty()) return {};
-  if (path != "-") return write_file_atomically(path, text + "\n");
+  // By its own name, too: through another descriptor it would lie beneath what else the program prints into a file.
+  if (path != "-" && path != "/dev/stdout") return write_file_atomically(path, text + "\n");
   const bool written = std::fputs((text + "\n").c_str(), stdout) >= 0 && std::fflush(stdout) == 0;
   return written ? Result<void>() : fail(ErrorCode::kIo, "standard output cannot be written");
 }

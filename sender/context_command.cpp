@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include <cstdio>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "sdk/contexts.h"
@@ -13,16 +14,38 @@ void print(const Contexts& contexts, bool as_json) {
   for (const Context& context : contexts.all()) {
     const bool current = context.name == contexts.current();
     // Tokens are secrets: whether there is one is all that is shown.
-    list.push_back({{"name", context.name},
-                    {"url", context.url},
-                    {"token", !context.credentials.token.empty()},
-                    {"current", current}});
+    const auto known = parse_broker_url(context.url);
+    const bool in_url = known && !known->credentials.token.empty();
+    const bool token = in_url || !context.credentials.token.empty();
+    const std::string url = in_url ? known->shown() : context.url;
+    list.push_back({{"name", context.name}, {"url", url}, {"token", token}, {"current", current}});
     if (as_json) continue;
-    std::printf("%s %-16s %s%s\n", current ? "*" : " ", context.name.c_str(), context.url.c_str(),
-                context.credentials.token.empty() ? "" : "  (with a token)");
+    std::printf("%s %-16s %s%s\n", current ? "*" : " ", context.name.c_str(), url.c_str(),
+                token ? "  (with a token)" : "");
   }
   if (as_json) std::printf("%s\n", list.dump(2).c_str());
   if (!as_json && list.empty()) std::puts("no contexts; add one: eigencast-sender context add NAME ws://host");
+}
+
+/// As it is kept: files are named from the root, since it will be used from other folders; all of them are there.
+Result<Context> context_of(const ContextCommand& command) {
+  Context context{command.name, command.url, command.credentials};
+  Credentials& own = context.credentials;
+  for (std::string* file : {&own.ca_file, &own.certificate_file, &own.key_file})
+    if (!file->empty()) *file = std::filesystem::absolute(*file).lexically_normal().string();
+  if (own.token.starts_with('@'))
+    own.token = "@" + std::filesystem::absolute(own.token.substr(1)).lexically_normal().string();
+  auto url = parse_broker_url(context.url);
+  if (!url) return url.error();
+  if (const auto usable = complete_credentials(*url, own); !usable) return usable.error();
+  return context;
+}
+
+Result<void> change(Contexts& contexts, const ContextCommand& command) {
+  if (command.action == "use") return contexts.use(command.name);
+  if (command.action == "remove") return contexts.remove(command.name);
+  auto context = context_of(command);
+  return context ? contexts.add(std::move(*context)) : context.error();
 }
 
 }  // namespace
@@ -35,9 +58,7 @@ int run(const ContextCommand& command, const Console&, Interrupt&) {
     print(*contexts, command.json);
     return kExitOk;
   }
-  const auto changed = command.action == "add"   ? contexts->add({command.name, command.url, command.credentials})
-                       : command.action == "use" ? contexts->use(command.name)
-                                                 : contexts->remove(command.name);
+  const auto changed = change(*contexts, command);
   if (!changed) return report_failure(changed.error());
   const auto saved = contexts->save(path);
   return saved ? kExitOk : report_failure(saved.error());

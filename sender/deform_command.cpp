@@ -39,39 +39,39 @@ Result<std::string> text_of(const std::string& path) {
   return std::string((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
 }
 
-/// By hand among the shapes of the asset's basis, which keeps up with the mouse; by a script on the model itself.
-Result<std::unique_ptr<Deformer>> with_handles(const DeformCommand& command, const Surface& model, const Asset& asset) {
-  const auto text = text_of(command.handles);
+/// All that is known of a deformation before its basis is there.
+struct Plan {
+  OpenedSource model;
+  std::unique_ptr<Deformer> deformer;       ///< Null: by hand among the shapes of the basis, for which `groups` wait.
+  std::vector<deform::HandleGroup> groups;  ///< Handles; empty: a cage.
+  std::optional<Script> script;             ///< Nothing: by hand.
+};
+
+Result<std::vector<deform::HandleGroup>> read_handles(const std::string& path, const Surface& model) {
+  const auto text = text_of(path);
   if (!text) return text.error();
   auto groups = deform::handle_groups_from_json(*text, model);
-  if (!groups) return in_context(command.handles, groups.error());
+  if (!groups) return in_context(path, groups.error());
+  const auto usable = deform::check_handles(*groups, model.vertex_count(), model.faces.size());
+  if (!usable) return in_context(path, usable.error());
   spdlog::info("{} handles", groups->size());
-  if (command.script.empty()) return deform::reduced_arap_deformer(asset, *groups);
-  return deform::arap_deformer(model, std::move(*groups));
+  return groups;
 }
 
-/// source.cage, where there is one, is taken.
-Result<std::unique_ptr<Deformer>> bind(const DeformCommand& command, Source& source, const Asset& asset,
-                                       const Console& console, Interrupt& interrupt) {
-  const Surface& model = source.clip->rest();
-  if (!command.handles.empty()) return with_handles(command, model, asset);
-  std::unique_ptr<Deformer> deformer = std::move(source.cage);
-  if (deformer == nullptr) {
-    ProgressLine line(console.progress, console.on_terminal);
-    auto bound = bind_cage(command.source.cage, model, [&](double fraction) {
-      line.show(fraction, "binding the model to its cage", steady_now_us());
-      return !interrupt.requested();
-    });
-    line.finish();
-    if (!bound) return bound;
-    deformer = std::move(*bound);
-  }
-  spdlog::info("cage: {} vertices, {} faces", deformer->handles().size(), deformer->handle_faces().size());
-  if (!command.cage_out.empty()) {
-    const Surface cage{{deformer->handles().begin(), deformer->handles().end()},
-                       {deformer->handle_faces().begin(), deformer->handle_faces().end()}};
-    if (const auto written = write_surface(cage, command.cage_out); !written) return written.error();
-  }
+Result<std::unique_ptr<Deformer>> in_cage(const DeformCommand& command, const Surface& model, const Console& console,
+                                          Interrupt& interrupt) {
+  ProgressLine line(console.progress, console.on_terminal);
+  auto deformer = bind_cage(command.source.cage, model, [&](double fraction) {
+    line.show(fraction, "binding the model to its cage", steady_now_us());
+    return !interrupt.requested();
+  });
+  line.finish();
+  if (!deformer) return deformer;
+  spdlog::info("cage: {} vertices, {} faces", (*deformer)->handles().size(), (*deformer)->handle_faces().size());
+  if (command.cage_out.empty()) return deformer;
+  const Surface cage{{(*deformer)->handles().begin(), (*deformer)->handles().end()},
+                     {(*deformer)->handle_faces().begin(), (*deformer)->handle_faces().end()}};
+  if (const auto written = write_surface(cage, command.cage_out); !written) return written.error();
   return deformer;
 }
 
@@ -84,6 +84,35 @@ Result<Script> script_of(const std::string& what, std::span<const Vec3> handles)
   auto script = Script::from_json(*text, handles);
   if (!script) return in_context(what, script.error());
   return script;
+}
+
+/// Reads, checks and binds all that does not need the basis, so that what is wrong with it is told before minutes are spent on that.
+Result<Plan> plan_of(const DeformCommand& command, const Console& console, Interrupt& interrupt) {
+  if (command.script.empty()) {
+    if (const auto window = find_display(); !window) return window.error();
+  }
+  auto clip = open_source(command.source);
+  if (!clip) return clip.error();
+  const Surface& model = (*clip)->rest();
+  Plan plan;
+  if (!command.handles.empty()) {
+    auto groups = read_handles(command.handles, model);
+    if (!groups) return groups.error();
+    plan.groups = std::move(*groups);
+  }
+  if (command.handles.empty() || !command.script.empty()) {
+    auto deformer = command.handles.empty() ? in_cage(command, model, console, interrupt)
+                                            : deform::arap_deformer(model, plan.groups);
+    if (!deformer) return deformer.error();
+    plan.deformer = std::move(*deformer);
+  }
+  if (!command.script.empty()) {
+    auto script = script_of(command.script, plan.deformer->handles());
+    if (!script) return script.error();
+    plan.script = std::move(*script);
+  }
+  plan.model = {std::move(*clip), command.handles.empty() ? plan.deformer.get() : nullptr};
+  return plan;
 }
 
 /// A script on the air.
@@ -102,6 +131,7 @@ class Performance {
       const std::int64_t begin_us = steady_now_us();
       const auto C = projected_.coefficients(handles_at(tick->due_us - start_us));
       if (!C) return C.error();
+      if (const auto ours = still_ours(publisher); !ours) return ours;
       (void)publisher.send_coefficients(*C, tick->due_us);  // It counts what it drops.
       pose_us_.add(steady_now_us() - begin_us);
       status.show(publisher, steady_now_us());
@@ -162,6 +192,7 @@ Result<std::string> by_script(const DeformCommand& command, Deformer& deformer, 
   const TimeUs deadline_us =
       command.duration_s > 0 ? steady_now_us() + static_cast<TimeUs>(command.duration_s * 1e6) : 0;
   if (!wait_until_live(publisher, deadline_us, interrupt) && !interrupt.requested()) {
+    if (const auto ours = still_ours(publisher); !ours) return ours.error();
     return fail(ErrorCode::kUnreachable, "no pose was sent: the broker is not live: " + publisher.stats().detail);
   }
   if (const auto ran = performance.run(publisher, interrupt); !ran) return ran.error();
@@ -178,24 +209,22 @@ Result<std::string> by_script(const DeformCommand& command, Deformer& deformer, 
   return report.dump(2);
 }
 
-Result<std::string> perform(const DeformCommand& command, Source source, const Console& console, Interrupt& interrupt) {
+Result<std::string> perform(const DeformCommand& command, Plan plan, Source source, Interrupt& interrupt) {
   const auto asset = std::make_shared<const Asset>(std::move(source.baked.asset));
-  auto deformer = bind(command, source, *asset, console, interrupt);
-  if (!deformer) return deformer.error();
-  std::optional<Script> script;
-  if (!command.script.empty()) {
-    auto read = script_of(command.script, (*deformer)->handles());
-    if (!read) return read.error();
-    script = std::move(*read);
+  if (plan.deformer == nullptr) {
+    auto reduced = deform::reduced_arap_deformer(*asset, plan.groups);
+    if (!reduced) return reduced.error();
+    plan.deformer = std::move(*reduced);
   }
   const auto projector = Projector::create(*asset);
   if (!projector) return projector.error();
-  auto projected = ProjectedDeformer::create(**deformer, *asset, *projector);
+  auto projected = ProjectedDeformer::create(*plan.deformer, *asset, *projector);
   if (!projected) return projected.error();
   const auto publisher = publish(command.target, command.rate_hz, asset, std::move(source.baked.encoded));
   if (!publisher) return publisher.error();
-  auto report = script ? by_script(command, **deformer, std::move(*projected), *script, *asset, **publisher, interrupt)
-                       : deform_by_hand(command, **deformer, *projected, *asset, **publisher, interrupt);
+  auto report = plan.script ? by_script(command, *plan.deformer, std::move(*projected), *plan.script, *asset,
+                                        **publisher, interrupt)
+                            : deform_by_hand(command, *plan.deformer, *projected, *asset, **publisher, interrupt);
   const Publisher::Stats stats = (*publisher)->stats();
   spdlog::info("sent {} poses, {} dropped", stats.frames_sent, stats.frames_dropped);
   return report;
@@ -206,13 +235,12 @@ Result<std::string> perform(const DeformCommand& command, Source source, const C
 int run(const DeformCommand& given, const Console& console, Interrupt& interrupt) {
   DeformCommand command = given;
   if (command.rate_hz == 0) command.rate_hz = command.script.empty() ? 60 : 30;
-  if (const auto usable = check_stream_url(command.target.url); !usable) {
-    spdlog::error("{}", usable.error().message);
-    return kExitUsage;
-  }
-  auto source = bake_with_progress(command.source, console, interrupt);
+  if (const ExitCode usable = check_target(command.target); usable != kExitOk) return usable;
+  auto plan = plan_of(command, console, interrupt);
+  if (!plan) return report_failure(plan.error());
+  auto source = bake_with_progress(command.source, console, interrupt, std::move(plan->model));
   if (!source) return report_failure(source.error());
-  const auto report = perform(command, std::move(*source), console, interrupt);
+  const auto report = perform(command, std::move(*plan), std::move(*source), interrupt);
   if (!report) return report_failure(report.error());
   const auto written = write_report(command.json, *report);
   return written ? kExitOk : report_failure(written.error());

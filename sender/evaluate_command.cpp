@@ -26,6 +26,18 @@ std::vector<CodecToTry> codecs_of(const EvaluateCommand& command, const Asset& a
   return codecs;
 }
 
+/// All of several, before the first is baked.
+Result<void> check_bases(const EvaluateCommand& command) {
+  if (command.bases.size() < 2) return {};
+  const auto clip = open_source(command.source);
+  if (!clip) return clip.error();
+  for (const std::string& basis : command.bases) {
+    if (const auto usable = check_basis(basis, **clip); !usable)
+      return in_context(command.source.input, usable.error());
+  }
+  return {};
+}
+
 /// Bakes once, and evaluates with each codec.
 Result<void> evaluate_basis(const EvaluateCommand& command, const std::string& basis, int rank, CodecKind codec,
                             const Console& console, Interrupt& interrupt, std::vector<EvaluatedRow>& rows) {
@@ -61,6 +73,7 @@ Result<void> evaluate_basis(const EvaluateCommand& command, const std::string& b
 int run(const EvaluateCommand& command, const Console& console, Interrupt& interrupt) {
   const auto codec = codec_from_name(command.codec);
   if (!codec) return report_failure(codec.error());
+  if (const auto usable = check_bases(command); !usable) return report_failure(usable.error());
   EvaluatedClip clip{command.source.input, command.codec, command.rate_hz, {}};
   for (const std::string& basis : command.bases) {
     for (const int rank : command.source.target_error > 0 ? std::vector{0} : command.ranks) {

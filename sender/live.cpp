@@ -3,14 +3,15 @@
 
 #include <spdlog/spdlog.h>
 
-#include "common/net/url.h"
-#include "common/wire/control.h"
+#include "common/net/knock.h"
+#include "sdk/publisher_options.h"
 
 namespace eigencast {
 namespace {
 
 constexpr TimeUs kStatusEveryUs = 10'000'000;
 constexpr TimeUs kConnectLookUs = 10'000;
+constexpr std::chrono::seconds kKnockSilence{3};
 
 spdlog::level::level_enum level_of(LogLevel level) {
   switch (level) {
@@ -25,15 +26,7 @@ spdlog::level::level_enum level_of(LogLevel level) {
   }
 }
 
-}  // namespace
-
-LogSink to_log() {
-  return [](LogLevel level, std::string_view text) { spdlog::log(level_of(level), "{}", text); };
-}
-
-Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double rate_hz,
-                                           std::shared_ptr<const Asset> asset, EncodedAsset encoded,
-                                           bool velocities) {
+Result<PublisherOptions> options_of(const TargetOptions& target, bool velocities) {
   const auto codec = codec_from_name(target.codec);
   if (!codec) return codec.error();
   PublisherOptions options;
@@ -43,26 +36,60 @@ Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double r
   options.error = target.error;
   options.bitrate = target.bitrate_kbit * 1000;
   options.still_heartbeat_us = static_cast<TimeUs>(target.still_s * 1e6);
-  options.key_rate_hz = rate_hz;
   options.velocities = velocities;
-  return Publisher::create(options, std::move(asset), std::make_shared<const EncodedAsset>(std::move(encoded)),
+  return options;
+}
+
+Result<BrokerUrl> destination_of(const TargetOptions& target, bool velocities) {
+  const auto options = options_of(target, velocities);
+  if (!options) return options.error();
+  if (const auto usable = check_options(*options); !usable) return usable.error();
+  return destination(*options, {});
+}
+
+}  // namespace
+
+LogSink to_log() {
+  return [](LogLevel level, std::string_view text) { spdlog::log(level_of(level), "{}", text); };
+}
+
+Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double rate_hz,
+                                           std::shared_ptr<const Asset> asset, EncodedAsset encoded, bool velocities) {
+  auto options = options_of(target, velocities);
+  if (!options) return options.error();
+  options->key_rate_hz = rate_hz;
+  return Publisher::create(*options, std::move(asset), std::make_shared<const EncodedAsset>(std::move(encoded)),
                            to_log());
 }
 
 bool wait_until_live(const Publisher& publisher, TimeUs deadline_us, Interrupt& interrupt) {
   while (publisher.stats().state != Publisher::State::kLive) {
+    if (!still_ours(publisher)) return false;
     const TimeUs now_us = steady_now_us();
     if ((deadline_us > 0 && now_us >= deadline_us) || interrupt.wait_until(now_us + kConnectLookUs)) return false;
   }
   return true;
 }
 
-Result<void> check_stream_url(const std::string& text) {
-  const auto url = parse_broker_url(text);
-  if (!url) return url.error();
-  if (auto name = check_stream_name(url->stream); !name)
-    return in_context("stream name in \"" + text + "\"", name.error());
-  return {};
+Result<void> still_ours(const Publisher& publisher) {
+  const Publisher::Stats stats = publisher.stats();
+  return stats.gave_up ? fail(ErrorCode::kRefused, stats.detail) : Result<void>();
+}
+
+ExitCode check_target(const TargetOptions& target, bool velocities) {
+  const auto url = destination_of(target, velocities);
+  if (!url) {
+    spdlog::error("{}", url.error().message);
+    return kExitUsage;
+  }
+  const auto let_in = knock(*url, "/v1/publish/" + url->stream, kKnockSilence);
+  if (let_in) return kExitOk;
+  if (let_in.error().code == ErrorCode::kRefused) {
+    spdlog::error("{}", let_in.error().message);
+    return kExitUnreachable;
+  }
+  spdlog::warn("{}; it is tried again when there is something to send", let_in.error().message);
+  return kExitOk;
 }
 
 void StatusLog::show(const Publisher& publisher, TimeUs now_us) {

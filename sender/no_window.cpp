@@ -4,9 +4,13 @@
 
 namespace eigencast {
 
+Result<void> find_display() {
+  return fail(ErrorCode::kUnsupported, "this build has no window to deform in; --script deforms without one");
+}
+
 Result<std::string> deform_by_hand(const DeformCommand&, deform::Deformer&, deform::ProjectedDeformer&, const Asset&,
                                    Publisher&, Interrupt&) {
-  return fail(ErrorCode::kUnsupported, "this build has no window to deform in; --script deforms without one");
+  return find_display().error();
 }
 
 Result<std::vector<std::string>> write_plots(const EvaluatedClip&, const std::string&) {

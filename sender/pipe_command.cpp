@@ -59,6 +59,7 @@ Result<void> pump(const PipeCommand& command, const Surface& mesh, Publisher& pu
     const auto due_us = pace.due_us(steady_now_us(), stream.time_s());
     if (!due_us) return due_us.error();
     if (interrupt.wait_until(*due_us)) return {};
+    if (const auto ours = still_ours(publisher); !ours) return ours;
     const auto sent = publisher.send_positions(stream.positions(), *due_us);
     // One pose that a simulation spoilt must not end the show.
     if (!sent && counts.unusable++ == 0)
@@ -78,10 +79,12 @@ Result<void> pump(const PipeCommand& command, const Surface& mesh, Publisher& pu
 }  // namespace
 
 int run(const PipeCommand& command, const Console& console, Interrupt& interrupt) {
-  if (const auto usable = check_stream_url(command.target.url); !usable) {
-    spdlog::error("{}", usable.error().message);
+  if (::isatty(STDIN_FILENO) == 1) {
+    spdlog::error(
+        "standard input is a terminal: send the poses into it, simulation | eigencast-sender pipe ..., or < poses");
     return kExitUsage;
   }
+  if (const ExitCode usable = check_target(command.target); usable != kExitOk) return usable;
   auto source = bake_with_progress(command.source, console, interrupt);
   if (!source) return report_failure(source.error());
   const auto asset = std::make_shared<const Asset>(std::move(source->baked.asset));
@@ -103,7 +106,8 @@ int run(const PipeCommand& command, const Console& console, Interrupt& interrupt
   const auto written = write_report(command.json, report.dump(2));
   if (!pumped) return report_failure(pumped.error());
   if (!written) return report_failure(written.error());
-  return stats.frames_sent > 0 || counts.poses == 0 ? kExitOk : kExitUnreachable;
+  if (counts.poses == 0) return counts.unfinished_bytes == 0 ? kExitOk : kExitFailed;
+  return stats.frames_sent > 0 ? kExitOk : kExitUnreachable;
 }
 
 }  // namespace eigencast

@@ -42,8 +42,8 @@ class SentRecord {
 /// One run of the play loop and what it counted.
 class Player {
  public:
-  Player(const PlayCommand& command, const Console& console, Source source)
-      : command_(command), console_(console), source_(std::move(source)) {}
+  Player(const PlayCommand& command, const Console& console, Source source, SentRecord& record)
+      : command_(command), console_(console), source_(std::move(source)), record_(record) {}
 
   Result<void> run(Interrupt& interrupt);
   json report() const;
@@ -60,6 +60,7 @@ class Player {
   const PlayCommand& command_;
   const Console& console_;
   Source source_;
+  SentRecord& record_;
   std::shared_ptr<const Asset> asset_;
   std::unique_ptr<Publisher> publisher_;
   TimeUs try_us_ = 0;  ///< When it began to try; --duration counts from here.
@@ -113,8 +114,6 @@ SendStatus Player::send(std::vector<double>& values, TimeUs due_us) {
 }
 
 Result<void> Player::run(Interrupt& interrupt) {
-  SentRecord record;
-  if (const auto opened = record.open(command_.record); !opened) return opened;
   try_us_ = start_us_ = steady_now_us();
   asset_ = std::make_shared<const Asset>(std::move(source_.baked.asset));
   const auto projector = Projector::create(*asset_);
@@ -132,6 +131,7 @@ Result<void> Player::run(Interrupt& interrupt) {
   const TimeUs deadline_us = command_.duration_s > 0 ? try_us_ + static_cast<TimeUs>(command_.duration_s * 1e6) : 0;
   if (!wait_until_live(*publisher_, deadline_us, interrupt)) {
     if (interrupt.requested()) return {};
+    if (const auto ours = still_ours(*publisher_); !ours) return ours;
     return fail(ErrorCode::kUnreachable,
                 "no pose was sent: the duration is over and the broker is not live: " + publisher_->stats().detail);
   }
@@ -142,11 +142,16 @@ Result<void> Player::run(Interrupt& interrupt) {
     auto C = coefficients->at(tick->frame);
     if (!C) return C.error();
     if (interrupt.wait_until(tick->due_us)) break;
-    record.add(*tick, send(*C, tick->due_us));
+    if (const auto ours = still_ours(*publisher_); !ours) return ours;
+    record_.add(*tick, send(*C, tick->due_us));
     status.show(*publisher_, steady_now_us());
   }
   end_us_ = steady_now_us();
   skipped_ = schedule.skipped();
+  const Publisher::Stats stats = publisher_->stats();
+  if (stats.frames_sent == 0 && stats.frames_dropped > 0 && !interrupt.requested())
+    return fail(stats.state == Publisher::State::kLive ? ErrorCode::kInvalidArgument : ErrorCode::kUnreachable,
+                "no pose was sent: " + stats.detail);
   return {};
 }
 
@@ -164,20 +169,28 @@ json Player::report() const {
           {"findings", findings_}};
 }
 
+/// What can be wrong with all but the surface and the poses: told before the bake, which may take minutes.
+Result<OpenedSource> prepare(const PlayCommand& command, SentRecord& record) {
+  if (const auto opened = record.open(command.record); !opened) return opened.error();
+  auto clip = open_source(command.source);
+  if (!clip) return clip.error();
+  if (command.velocities && !(*clip)->has_velocities()) return (*clip)->velocity(0).error();
+  return OpenedSource{std::move(*clip)};
+}
+
 }  // namespace
 
 int run(const PlayCommand& command, const Console& console, Interrupt& interrupt) {
-  // Before the bake, which may take minutes.
-  if (const auto usable = check_stream_url(command.target.url); !usable) {
-    spdlog::error("{}", usable.error().message);
-    return kExitUsage;
-  }
-  auto source = bake_with_progress(command.source, console, interrupt);
+  if (const ExitCode usable = check_target(command.target, command.velocities); usable != kExitOk) return usable;
+  SentRecord record;
+  auto opened = prepare(command, record);
+  if (!opened) return report_failure(opened.error());
+  auto source = bake_with_progress(command.source, console, interrupt, std::move(*opened));
   if (!source) return report_failure(source.error());
   spdlog::info("{}: {} vertices, r = {}, asset {:.12}{}", source->clip->name(), source->baked.asset.vertex_count,
                source->baked.asset.rank, source->baked.encoded.manifest.id.hex(),
                source->baked.from_cache ? ", from the cache" : "");
-  Player player(command, console, std::move(*source));
+  Player player(command, console, std::move(*source), record);
   if (const auto played = player.run(interrupt); !played) return report_failure(played.error());
   const json report = player.report();
   spdlog::info("sent {} poses in {:.1f} s, {:.1f} kbit/s; {} dropped, {} skipped, {} reconnects",

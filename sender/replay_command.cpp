@@ -141,7 +141,7 @@ class Replayer {
         if (!send(std::move(*std::exchange(held, std::nullopt)), last_us, interrupt)) return false;
       }
       if (!send(std::move(**pose), last_us, interrupt)) return false;
-      if (publisher_->stats().gave_up) return fail(ErrorCode::kRefused, publisher_->stats().detail);
+      if (const auto ours = still_ours(*publisher_); !ours) return ours.error();
     }
   }
 
@@ -204,7 +204,7 @@ class Replayer {
     publisher_ = std::move(*made);
     while (!wait_until_live(*publisher_, steady_now_us() + kLookUs, interrupt)) {
       if (interrupt.requested()) return false;
-      if (publisher_->stats().gave_up) return fail(ErrorCode::kRefused, publisher_->stats().detail);
+      if (const auto ours = still_ours(*publisher_); !ours) return ours.error();
     }
     due_us_ = std::max(due_us_, steady_now_us());
     return true;
@@ -251,12 +251,9 @@ class Replayer {
 }  // namespace
 
 int run(const ReplayCommand& command, const Console&, Interrupt& interrupt) {
-  if (const auto usable = check_stream_url(command.target.url); !usable) {
-    spdlog::error("{}", usable.error().message);
-    return kExitUsage;
-  }
   auto reader = recording::Reader::open(command.file);
   if (!reader) return report_failure(reader.error());
+  if (const ExitCode usable = check_target(command.target); usable != kExitOk) return usable;
   const recording::Info& info = reader->info();
   spdlog::info("{}: stream '{}', {:.1f} s, {} frames{}", command.file, info.start.stream,
                static_cast<double>(info.duration_us) * 1e-6, info.frames,

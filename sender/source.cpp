@@ -47,11 +47,6 @@ KnownMotion with_poses(const MotionClip& clip, SpanningColumns columns) {
 }
 
 Result<KnownMotion> motion_of_rig(const MotionClip& clip) {
-  if (clip.rig() == nullptr) {
-    return fail(ErrorCode::kInvalidArgument,
-                "it states no bones and no morph targets, which the basis rig is made of (glTF "
-                "does); learn a basis from its poses with --basis pca");
-  }
   auto columns = columns_from_rig(*clip.rig());
   if (!columns) return columns.error();
   return with_poses(clip, std::move(*columns));
@@ -92,31 +87,50 @@ Result<std::unique_ptr<MotionClip>> open_source(const SourceOptions& options) {
   return open_clip(options.input, {options.rest, options.faces, options.animation, options.sample_rate_hz});
 }
 
-Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress) {
-  auto clip = open_source(options);
-  if (!clip) return clip.error();
-  const Surface& rest = (*clip)->rest();
+Result<void> check_basis(const std::string& basis, const MotionClip& clip) {
+  if (basis == "rig" && clip.rig() == nullptr) {
+    return fail(ErrorCode::kInvalidArgument,
+                "it states no bones and no morph targets, which the basis rig is made of (glTF "
+                "does); learn a basis from its poses with --basis pca");
+  }
+  if (basis == "pca" && clip.frame_count() < 2) {
+    return fail(
+        ErrorCode::kInvalidArgument,
+        "a basis is learned from the poses of a clip, and there is only one here: give a clip, or another basis");
+  }
+  return {};
+}
+
+Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress, OpenedSource opened) {
+  if (opened.clip == nullptr) {
+    auto clip = open_source(options);
+    if (!clip) return clip.error();
+    opened.clip = std::move(*clip);
+  }
+  const std::unique_ptr<MotionClip>& clip = opened.clip;
+  if (const auto usable = check_basis(options.basis, *clip); !usable) return in_context(options.input, usable.error());
+  const Surface& rest = clip->rest();
   const JumpFinder mesh(rest);
   if (const auto accepted = accept_order(mesh.order(), options.any_order); !accepted)
     return in_context(options.input, accepted.error());
-  std::unique_ptr<deform::Deformer> cage;
   KnownMotion motion;
   if (options.basis == "rig") {
-    auto of_rig = motion_of_rig(**clip);
+    auto of_rig = motion_of_rig(*clip);
     if (!of_rig) return in_context(options.input, of_rig.error());
     motion = std::move(*of_rig);
+  } else if (options.basis == "cage" && opened.cage != nullptr) {
+    motion = motion_of_cage(*opened.cage);
   } else if (options.basis == "cage") {
-    auto bound = bind_cage(options.cage, rest,
-                           [&](double) { return !progress || progress(0, "binding the model to its cage"); });
+    const auto bound = bind_cage(options.cage, rest,
+                                 [&](double) { return !progress || progress(0, "binding the model to its cage"); });
     if (!bound) return in_context(options.input, bound.error());
-    cage = std::move(*bound);
-    motion = motion_of_cage(*cage);
+    motion = motion_of_cage(**bound);
   } else if (options.basis == "pca") {
-    motion = with_poses(**clip, {});
+    motion = with_poses(*clip, {});
   }
   BakeOptions bake_options{
-      options.basis,           rank_of(options), options.name.empty() ? public_name((*clip)->name()) : options.name,
-      asset_error_of(options), &motion,          (*clip)->appearance(),
+      options.basis,           rank_of(options), options.name.empty() ? public_name(clip->name()) : options.name,
+      asset_error_of(options), &motion,          clip->appearance(),
       options.points_operator};
   if (!options.detail.empty()) {
     const auto detail = detail_from_name(options.detail);
@@ -125,7 +139,7 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
   }
   auto baked = bake(rest, bake_options, options.cache_dir, progress);
   if (!baked) return in_context(options.input, baked.error());
-  Source source{std::move(*clip), std::move(*baked), std::move(cage)};
+  Source source{std::move(opened.clip), std::move(*baked)};
   if (const std::string finding = mesh.rest_finding(); !finding.empty()) source.findings.push_back(finding);
   return source;
 }

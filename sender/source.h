@@ -40,11 +40,17 @@ struct SourceOptions {
   bool any_order = false;   ///< Take poses whose vertices certainly are in another order than the faces'.
 };
 
+/// What of an input is open already; null: nothing.
+struct OpenedSource {
+  std::unique_ptr<MotionClip> clip = {};
+  const deform::Deformer* cage =
+      nullptr;  ///< The model bound to the cage of the same options. Needed until it is baked.
+};
+
 /// A clip and the asset baked from its rest pose.
 struct Source {
   std::unique_ptr<MotionClip> clip;
   BakeResult baked;
-  std::unique_ptr<deform::Deformer> cage;      ///< Where the basis is that of a cage: the model bound to it.
   std::optional<RankChoice> rank_choice = {};  ///< Where a target decided it.
   std::vector<std::string> findings =
       {};  ///< What of the mesh, or of the poses it was judged by, looks wrong: a line each.
@@ -58,8 +64,11 @@ Result<std::unique_ptr<MotionClip>> open_source(const SourceOptions& options);
 Result<std::unique_ptr<deform::Deformer>> bind_cage(const CageOptions& options, const Surface& model,
                                                     const std::function<bool(double)>& progress);
 
-/// Opens and bakes, or finds it baked. Errors: those of both; kInvalidArgument (rig: the clip has none; the faces are of another order
-/// of vertices).
-Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress);
+/// Whether the clip has what this basis is made of. Errors: kInvalidArgument (rig, pca), saying what else would do.
+Result<void> check_basis(const std::string& basis, const MotionClip& clip);
+
+/// Opens, unless it is open, and bakes, or finds it baked. Errors: those of open_source, check_basis, bind_cage and bake;
+/// kInvalidArgument (the faces are of another order of vertices).
+Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress, OpenedSource opened = {});
 
 }  // namespace eigencast

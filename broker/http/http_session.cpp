@@ -113,6 +113,8 @@ void HttpSession::serve_streams() {
 
 void HttpSession::upgrade(const Target& target) {
   const bool echoes = target.kind == Target::Kind::kEcho;
+  // Before the rest, so that who asks without an upgrade learns whether they may (docs/protocol.md, section 9).
+  if (!echoes && !may_begin(target)) return;
   if (auto fault = fault_of_upgrade(parser().get(), buffer().size() > 0, echoes)) {
     return answer_error(fault->status, fault->error, std::move(fault->headers));
   }
@@ -130,7 +132,10 @@ void HttpSession::upgrade(const Target& target) {
   subscribe(control::Subscribe{target.name, *profile});
 }
 
-bool HttpSession::may_begin(const Result<void>& right) {
+bool HttpSession::may_begin(const Target& target) {
+  const auto right = target.kind == Target::Kind::kPublish ? grant_->may_publish(target.name)
+                     : target.name.empty()                 ? grant_->may_fetch_assets()
+                                                           : grant_->may_subscribe(target.name);
   if (!right) {
     answer_denial({403, right.error().message, 0, false});
     return false;
@@ -148,7 +153,6 @@ std::string HttpSession::upgrade_answer() {
 }
 
 void HttpSession::publish(const std::string& stream) {
-  if (!may_begin(grant_->may_publish(stream))) return;
   if (const auto taken = grant_->take(Share::kPublisher); !taken) {
     return answer_denial({429, taken.error().message, 1, false});
   }
@@ -158,7 +162,6 @@ void HttpSession::publish(const std::string& stream) {
 }
 
 void HttpSession::subscribe(std::optional<control::Subscribe> first) {
-  if (!may_begin(first ? grant_->may_subscribe(first->stream) : grant_->may_fetch_assets())) return;
   disarm();
   std::string answer = upgrade_answer();
   Context& there = context().loops.least_busy();

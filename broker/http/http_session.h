@@ -23,8 +23,8 @@ class HttpSession final : public HttpConnection {
   /// Hands the socket on; `first` is the stream of a subscriber's URL.
   void publish(const std::string& stream);
   void subscribe(std::optional<control::Subscribe> first);
-  /// Whether a WebSocket with this right may begin; else it is answered why not.
-  bool may_begin(const Result<void>& right);
+  /// Whether this WebSocket may begin; else it is answered why not.
+  bool may_begin(const Target& target);
   std::string upgrade_answer();
 
   GrantPtr grant_;  ///< Of the connection at first, then of who sent the latest request. Null: too many connections.

@@ -2,6 +2,10 @@
 #include "common/command_line/option_table.h"
 
 #include <CLI/CLI.hpp>
+#include <cmath>
+#include <cstdlib>
+
+#include "common/command_line/documents.h"
 
 namespace eigencast {
 namespace {
@@ -70,6 +74,19 @@ OptionTable table_from(const CLI::App& app) {
   OptionTable table{app.get_name(), app.get_require_subcommand_min() > 0, {}};
   add_commands(app, {}, table.commands);
   return table;
+}
+
+std::string fault_of_numbers(const CLI::App& app) {
+  for (const CLI::Option* option : app.get_options()) {
+    if (option->get_type_name().rfind("FLOAT", 0) != 0) continue;
+    for (const std::string& text : option->results()) {
+      if (std::isnan(std::strtod(text.c_str(), nullptr))) return option->get_name() + ": " + text + " is no number";
+    }
+  }
+  for (const CLI::App* command : app.get_subcommands()) {
+    if (std::string fault = fault_of_numbers(*command); !fault.empty()) return fault;
+  }
+  return {};
 }
 
 }  // namespace eigencast

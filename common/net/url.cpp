@@ -140,7 +140,8 @@ Result<BrokerUrl> parse_broker_url(std::string_view text) {
       return bad_url(text, "it contains a space or another character that URLs must not have");
   BrokerUrl url;
   std::string_view rest = text;
-  if (!take_scheme(rest, url.tls)) return bad_url(text, "it must start with ws:// or wss://");
+  if (!take_scheme(rest, url.tls))
+    return bad_url(text, "it must start with ws:// or wss:// (http:// and https:// do as well)");
   if (rest.find('#') != std::string_view::npos) return bad_url(text, "a '#' has no meaning here");
 
   const std::size_t authority_end = rest.find_first_of("/?");

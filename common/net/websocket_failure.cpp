@@ -60,20 +60,25 @@ WebSocketFailure failure_of_handshake(const error_code& ec, const ClientStream& 
   return {std::move(error), hopeless, hopeless ? kHopelessRetry : milliseconds(0)};
 }
 
+WebSocketFailure failure_of_answer(unsigned status, std::string_view body, const std::string& where, bool has_token) {
+  const std::string said = remark_of(body);
+  const std::string text =
+      where + " answered " + std::to_string(status) + (said.empty() ? "" : ": " + said) + advice_for(status, has_token);
+  const bool hopeless = status == 401 || status == 403;
+  if (status >= 400 && status < 500)
+    return {fail(ErrorCode::kRefused, text), true, hopeless ? kHopelessRetry : milliseconds(0)};
+  return {fail(ErrorCode::kUnreachable, text)};
+}
+
 WebSocketFailure failure_of_upgrade(const error_code& ec, const ws::response_type& response, const std::string& where,
                                     bool has_token) {
   if (ec != ws::error::upgrade_declined) {
     return {
         fail(ErrorCode::kUnreachable, "no WebSocket at " + where + ": " + ec.message() + ClientStream::advice_on(ec))};
   }
-  const unsigned status = response.result_int();
-  const std::string said = remark_of(response.body());
-  const std::string text =
-      where + " answered " + std::to_string(status) + (said.empty() ? "" : ": " + said) + advice_for(status, has_token);
-  const bool hopeless = status == 401 || status == 403;
-  const milliseconds least = std::max(hopeless ? kHopelessRetry : milliseconds(0), retry_after_of(response));
-  if (status >= 400 && status < 500) return {fail(ErrorCode::kRefused, text), true, least};
-  return {fail(ErrorCode::kUnreachable, text)};
+  WebSocketFailure failure = failure_of_answer(response.result_int(), response.body(), where, has_token);
+  failure.least_wait = std::max(failure.least_wait, failure.refused ? retry_after_of(response) : milliseconds(0));
+  return failure;
 }
 
 WebSocketFailure failure_of_close(const error_code& ec, const ws::close_reason& reason, const std::string& where) {

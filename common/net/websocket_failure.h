@@ -4,6 +4,7 @@
 #include <boost/beast/websocket/rfc6455.hpp>
 #include <chrono>
 #include <string>
+#include <string_view>
 
 #include "common/core/result.h"
 #include "common/net/client_stream.h"
@@ -27,6 +28,9 @@ struct WebSocketFailure {
 /// TLS was not agreed upon.
 WebSocketFailure failure_of_handshake(const boost::system::error_code& ec, const ClientStream& stream,
                                       const BrokerUrl& url);
+
+/// A broker answered a request for a WebSocket with a status that is none, and this body.
+WebSocketFailure failure_of_answer(unsigned status, std::string_view body, const std::string& where, bool has_token);
 
 /// The upgrade to a WebSocket was refused, or something else answered.
 WebSocketFailure failure_of_upgrade(const boost::system::error_code& ec,

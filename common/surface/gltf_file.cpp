@@ -143,7 +143,8 @@ Result<tinygltf::Model> gltf_model_from_bytes(std::string_view bytes, const std:
     const bool loaded = binary ? loader.LoadBinaryFromMemory(&model, &error, &warning, data, size, base)
                                : loader.LoadASCIIFromString(&model, &error, &warning, bytes.data(), size, base);
     if (!loaded)
-      return fail(ErrorCode::kCorrupt, error.empty() ? "not a glTF file" : error.substr(0, error.find('\n')));
+      return fail(ErrorCode::kCorrupt,
+                  "not a glTF file" + (error.empty() ? "" : ": " + error.substr(0, error.find('\n'))));
   } catch (const std::bad_alloc&) {
     return fail(ErrorCode::kTooLarge, "not enough memory for the file");
   } catch (const std::exception& e) {

@@ -8,6 +8,7 @@
 #include <system_error>
 
 #include "common/surface/file_text.h"
+#include "common/surface/foreign.h"
 #include "common/surface/natural_order.h"
 #include "common/surface/read.h"
 
@@ -38,11 +39,27 @@ bool is_readable_kind(const std::string& path) {
          ending == "npy" || ending == "pc2" || ending == "mdd";
 }
 
-// Files of one kind, in natural order; `faces.npy` is not a frame.
+// What is a clip by itself, or a mesh, but no frame of a sequence.
+bool is_whole_clip(const std::string& path) {
+  const std::string ending = text::ending_of(path);
+  return ending == "gltf" || ending == "glb" || is_foreign(ending);
+}
+
+// Files of one kind, in natural order; `faces.npy` is not a frame. One that is a clip by itself, where there is nothing else.
 Result<std::vector<std::string>> as_sequence(std::vector<std::string> paths, const std::string& where) {
-  std::erase_if(paths, [](const std::string& path) {
-    return !is_readable_kind(path) || fs::path(path).filename() == "faces.npy" || !is_file(path);
+  std::erase_if(paths, [](const std::string& path) { return !is_file(path); });
+  const auto frames_end = std::stable_partition(paths.begin(), paths.end(), [](const std::string& path) {
+    return is_readable_kind(path) && fs::path(path).filename() != "faces.npy";
   });
+  std::vector<std::string> others(frames_end, paths.end());
+  paths.erase(frames_end, paths.end());
+  std::erase_if(others, [](const std::string& path) { return !is_whole_clip(path); });
+  if (paths.empty() && others.size() == 1) return others;
+  if (paths.empty() && others.size() > 1) {
+    return fail(ErrorCode::kInvalidArgument, where + ": " + std::to_string(others.size()) +
+                                                 " files that are clips by themselves; name one, such as " +
+                                                 *std::min_element(others.begin(), others.end(), natural_less));
+  }
   if (paths.empty()) {
     return fail(ErrorCode::kNotFound, where + ": no files that end in " + readable_endings());
   }

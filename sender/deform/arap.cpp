@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cassert>
 #include <numeric>
+#include <utility>
 
 #include "common/core/worker_team.h"
 #include "common/surface/vector.h"
@@ -77,15 +78,9 @@ Result<void> ArapDeformer::prepare() {
   for (std::uint32_t g = 0; g < groups_.size(); ++g) {
     Vec3 centre{};
     for (const std::uint32_t v : groups_[g]) {
-      if (v >= rest_.size() || held_[v] != kFree)
-        return fail(ErrorCode::kInvalidArgument,
-                    "handle " + std::to_string(g) + ": vertex " + std::to_string(v) +
-                        (v >= rest_.size() ? " is not in the model" : " has a handle already"));
       held_[v] = g;
       centre = centre + rest_[v];
     }
-    if (groups_[g].empty())
-      return fail(ErrorCode::kInvalidArgument, "handle " + std::to_string(g) + " holds no vertex");
     handles_.push_back((1.0 / static_cast<double>(groups_[g].size())) * centre);
   }
   if (const std::size_t v = unheld(neighbours_, held_); v < rest_.size()) {
@@ -165,11 +160,28 @@ std::vector<Vec3> ArapDeformer::positions(std::span<const Vec3> moved) {
 
 }  // namespace
 
-Result<std::unique_ptr<Deformer>> arap_deformer(const Surface& model, std::vector<HandleGroup> groups, int iterations) {
-  assert(iterations >= 1 && iterations <= 100);
-  if (model.is_point_cloud())
+Result<void> check_handles(const std::vector<HandleGroup>& groups, std::size_t vertices, std::size_t faces) {
+  if (faces == 0)
     return fail(ErrorCode::kUnsupported, "handles need a mesh: a point cloud has no neighbours; use a cage");
   if (groups.empty()) return fail(ErrorCode::kInvalidArgument, "no handles are given");
+  std::vector<char> taken(vertices);
+  for (std::size_t g = 0; g < groups.size(); ++g) {
+    const auto wrong = [&](const std::string& what) {
+      return fail(ErrorCode::kInvalidArgument, "handle " + std::to_string(g) + ": " + what);
+    };
+    if (groups[g].empty()) return wrong("holds no vertex");
+    for (const std::uint32_t v : groups[g]) {
+      if (v >= vertices) return wrong("vertex " + std::to_string(v) + " is not in the model");
+      if (std::exchange(taken[v], 1) != 0) return wrong("vertex " + std::to_string(v) + " has a handle already");
+    }
+  }
+  return {};
+}
+
+Result<std::unique_ptr<Deformer>> arap_deformer(const Surface& model, std::vector<HandleGroup> groups, int iterations) {
+  assert(iterations >= 1 && iterations <= 100);
+  if (const auto usable = check_handles(groups, model.vertex_count(), model.faces.size()); !usable)
+    return usable.error();
   auto deformer = std::make_unique<ArapDeformer>(model, std::move(groups), iterations);
   if (const auto ready = deformer->prepare(); !ready) return ready.error();
   return std::unique_ptr<Deformer>(std::move(deformer));

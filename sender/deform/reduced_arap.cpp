@@ -56,7 +56,7 @@ class ReducedArap final : public Deformer {
     return {&asset_.basis[v * asset_.rank], static_cast<Eigen::Index>(asset_.rank)};
   }
   void add_energy(Eigen::MatrixXd& A);
-  Result<void> add_handles(const std::vector<HandleGroup>& groups, Eigen::MatrixXd& A);
+  void add_handles(const std::vector<HandleGroup>& groups, Eigen::MatrixXd& A);
 
   const Asset& asset_;
   int iterations_;
@@ -78,7 +78,7 @@ Result<void> ReducedArap::prepare(const std::vector<HandleGroup>& groups) {
   C_ = Eigen::Map<const Coefficients>(asset_.rest.data(), static_cast<Eigen::Index>(r), 3);
   Eigen::MatrixXd A = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(r), static_cast<Eigen::Index>(r));
   add_energy(A);
-  if (const auto added = add_handles(groups, A); !added) return added;
+  add_handles(groups, A);
   factor_.compute(A);
   if (factor_.info() != Eigen::Success || !factor_.isPositive())
     return fail(ErrorCode::kNumerical, "the system of the handles could not be factored");
@@ -114,22 +114,15 @@ void ReducedArap::add_energy(Eigen::MatrixXd& A) {
   A.triangularView<Eigen::StrictlyUpper>() = A.transpose();
 }
 
-Result<void> ReducedArap::add_handles(const std::vector<HandleGroup>& groups, Eigen::MatrixXd& A) {
+void ReducedArap::add_handles(const std::vector<HandleGroup>& groups, Eigen::MatrixXd& A) {
   std::vector<std::uint32_t> row_of(asset_.vertex_count);
   for (std::uint32_t i = 0; i < asset_.vertex_count; ++i) row_of[asset_.source_vertex[i]] = i;
-  std::vector<char> taken(asset_.vertex_count);
   const double scale = A.trace() / static_cast<double>(A.cols());
   H_ = RowMatrix::Zero(static_cast<Eigen::Index>(groups.size()), A.cols());
   for (std::size_t g = 0; g < groups.size(); ++g) {
-    const auto wrong = [&](const std::string& what) {
-      return fail(ErrorCode::kInvalidArgument, "handle " + std::to_string(g) + ": " + what);
-    };
-    if (groups[g].empty()) return wrong("holds no vertex");
     const double share = 1 / static_cast<double>(groups[g].size()), weight = kHold * scale * share;
     Vec3 centre{};
     for (const std::uint32_t v : groups[g]) {
-      if (v >= taken.size()) return wrong("vertex " + std::to_string(v) + " is not in the model");
-      if (std::exchange(taken[v], 1) != 0) return wrong("vertex " + std::to_string(v) + " has a handle already");
       const Eigen::RowVectorXd psi = row(row_of[v]).cast<double>();
       A.noalias() += weight * psi.transpose() * psi;
       H_.row(static_cast<Eigen::Index>(g)) += weight * psi;
@@ -149,7 +142,6 @@ Result<void> ReducedArap::add_handles(const std::vector<HandleGroup>& groups, Ei
   }
   A.diagonal().array() += kRest * scale;
   held_ += kRest * scale * C_;
-  return {};
 }
 
 std::vector<double> ReducedArap::coefficients(std::span<const Vec3> moved) {
@@ -186,9 +178,7 @@ std::vector<Vec3> ReducedArap::positions(std::span<const Vec3> moved) {
 Result<std::unique_ptr<Deformer>> reduced_arap_deformer(const Asset& asset, const std::vector<HandleGroup>& groups,
                                                         int iterations) {
   assert(asset.complete() && iterations >= 1);
-  if (asset.is_point_cloud())
-    return fail(ErrorCode::kUnsupported, "handles need a mesh: a point cloud has no neighbours; use a cage");
-  if (groups.empty()) return fail(ErrorCode::kInvalidArgument, "no handles are given");
+  if (const auto usable = check_handles(groups, asset.vertex_count, asset.face_total); !usable) return usable.error();
   auto deformer = std::make_unique<ReducedArap>(asset, iterations);
   if (const auto ready = deformer->prepare(groups); !ready) return ready.error();
   return std::unique_ptr<Deformer>(std::move(deformer));

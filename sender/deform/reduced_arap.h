@@ -15,7 +15,7 @@ namespace eigencast::deform {
 /// Handles are held by weight, not exactly; a part of the mesh that none holds stays where it is.
 ///   asset   complete, of the model; keeps a reference
 ///   groups  as arap_deformer, in the source's numbers
-/// Errors: kUnsupported (a point cloud); kInvalidArgument (groups); kNumerical.
+/// Errors: those of check_handles(); kNumerical.
 Result<std::unique_ptr<Deformer>> reduced_arap_deformer(const Asset& asset, const std::vector<HandleGroup>& groups,
                                                         int iterations = 8);
 

@@ -49,26 +49,31 @@ class Window {
     if (window_ != nullptr) glfwDestroyWindow(window_);
     if (library_) glfwTerminate();
   }
-  Result<void> open(const Options& options) {
+  Result<void> start() {
     glfwSetErrorCallback(nullptr);
     library_ = glfwInit() == GLFW_TRUE;
-    if (library_) {
-      glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 3);
-      glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 3);
-      glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
-      glfwWindowHint(GLFW_OPENGL_FORWARD_COMPAT, GLFW_TRUE);
-      window_ = glfwCreateWindow(options.width, options.height, options.title.c_str(), nullptr, nullptr);
-    }
-    if (window_ != nullptr) return {};
+    return library_ ? Result<void>() : failure();
+  }
+  Result<void> open(const Options& options) {
+    if (const Result<void> started = start(); !started) return started;
+    glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 3);
+    glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 3);
+    glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
+    glfwWindowHint(GLFW_OPENGL_FORWARD_COMPAT, GLFW_TRUE);
+    window_ = glfwCreateWindow(options.width, options.height, options.title.c_str(), nullptr, nullptr);
+    return window_ != nullptr ? Result<void>() : failure();
+  }
+  GLFWwindow* get() const { return window_; }
+
+ private:
+  static Error failure() {
     const char* why = nullptr;
     glfwGetError(&why);
     return fail(ErrorCode::kUnsupported, std::string("no window can be opened: ") +
                                              (why != nullptr ? why : "unknown reason") +
                                              ". Without a display, --script deforms instead of a hand");
   }
-  GLFWwindow* get() const { return window_; }
 
- private:
   GLFWwindow* window_ = nullptr;
   bool library_ = false;
 };
@@ -372,6 +377,10 @@ Result<void> Studio::run(const std::function<bool()>& stop) {
 }
 
 }  // namespace
+
+Result<void> find_display() {
+  return Window().start();
+}
 
 Result<Report> run(const Options& options, deform::Deformer& deformer, deform::ProjectedDeformer& projected,
                    const Asset& asset, Publisher& publisher, const std::function<bool()>& stop, const LogSink& log) {

@@ -31,6 +31,9 @@ struct Report {
   std::uint64_t poses = 0, held_back = 0;  ///< Made by hand; of those, how many waited for the pace or were overtaken.
 };
 
+/// Whether there is a display to open a window on; its graphics may still not do. Call from the main thread. Errors: kUnsupported.
+Result<void> find_display();
+
 /// A window in which a hand deforms a surface, which goes out while it does. Returns when the window is closed, the time is over or
 /// stop() says so.
 ///   deformer   has a linear map, or makes coefficients

@@ -109,6 +109,17 @@ TEST_F(AccessTest, FixedTokensOpenTheDoorAndInspectSaysWhatFor) {
   auto sender = scene_.start_sender({"torus", "--rate", "30", "--token", secret});
   EXPECT_TRUE(watches("a", {"--token", secret})) << scene_.logs();
   EXPECT_THAT(refusal("wrong", {"--token", "ect_" + std::string(64, '0')}), HasSubstr("does not know the token"));
+  // Senders learn it before they bake.
+  const auto turned_away = [&](const std::string& name, const std::string& token, const std::string& url) {
+    EXPECT_EQ(scene_.run(name, {"eigencast-sender", "play", "torus", "--cache", scene_.file("unused"), "--token", token,
+                                "--to", url}),
+              4);
+    EXPECT_FALSE(std::filesystem::exists(scene_.file("unused")));
+    return text_of(scene_.file(name + ".log"));
+  };
+  EXPECT_THAT(turned_away("guess", "ect_" + std::string(64, '0'), scene_.url()), HasSubstr("does not know the token"));
+  EXPECT_THAT(turned_away("astray", secret, "http://127.0.0.1:" + scene_.port() + "/other"),
+              HasSubstr("may not publish 'other'"));
   const std::vector<std::string> inspect = {
       "eigencast-broker", "token", "inspect", "--config", scene_.file("eigencast.toml"), secret};
   auto may = inspect;

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 # What a program says about itself: every option of every --help stands in the manual page and in each completion script;
 # the page has no error of roff; the bash script completes; zsh and fish take theirs, where they are installed.
-# Usage: documents.sh PATH/eigencast-sender|eigencast-broker|eigencast-client
+# Usage: documents.sh PATH/eigencast-sender|eigencast-broker|eigencast-client|eigencast-latency
 set -euo pipefail
 program=$1
 name=$(basename "$program")
@@ -15,10 +15,11 @@ for shell in bash zsh fish; do "$program" completion $shell > "$folder/$shell"; 
 
 case $name in
   eigencast-sender) most=60
-    commands=("" bake play pipe deform export evaluate compare context "context add" "context list" "context use" "context remove" completion) ;;
+    commands=("" bake play pipe deform export evaluate replay compare context "context add" "context list" "context use" "context remove" completion) ;;
   eigencast-broker) most=20
     commands=("" token "token create" "token inspect" completion) ;;
   eigencast-client) most=40 commands=("") ;;
+  eigencast-latency) most=30 commands=("" loop pair passive probe sweep compare completion) ;;
   *) fail "what $name can be asked is not known here" ;;
 esac
 options=0
@@ -62,6 +63,9 @@ if [ "$name" = eigencast-broker ]; then
   completes "eigencast-broker token create --s" --subscribe --subject --static
   completes "eigencast-broker --check" --check-config
   completes "eigencast-broker completion " bash zsh fish
+elif [ "$name" = eigencast-latency ]; then
+  completes "eigencast-latency p" pair passive probe
+  completes "eigencast-latency completion " bash zsh fish
 elif [ "$name" = eigencast-client ]; then
   completes "eigencast-client --colour-m" --colour-map
   completes "eigencast-client --colour-map " viridis cividis coolwarm

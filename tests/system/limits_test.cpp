@@ -108,6 +108,9 @@ TEST_F(LimitsTest, RightsHoldForEveryDoor) {
   };
   EXPECT_THAT(answer(http("GET", asset, looks)), HasSubstr(" 404 ")) << "it may ask";
   EXPECT_THAT(answer(http("GET", asset, "")), HasSubstr(" 401 "));
+  EXPECT_THAT(answer(http("GET", "/v1/publish/lab/a", sends)), HasSubstr(" 426 ")) << "it may, with an upgrade";
+  EXPECT_THAT(answer(http("GET", "/v1/publish/live/a", sends)), HasSubstr(" 403 ")) << "nor with one";
+  EXPECT_THAT(answer(http("GET", "/v1/subscribe/other", looks)), HasSubstr(" 403 "));
   EXPECT_THAT(answer(http("PUT", asset, looks)), HasSubstr(" 403 "));
   EXPECT_THAT(answer(http("PUT", asset, sends)), HasSubstr(" 422 "))
       << "it may send; what it sent is not what its name says";

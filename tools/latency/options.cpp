@@ -102,7 +102,7 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
   app.require_subcommand(1);
 
   CLI::App* loop = app.add_subcommand("loop", "sender and viewer in this process, on one clock: exact");
-  loop->add_option("url", o.inputs.url, "ws://host:port/stream (default: a broker of its own)");
+  loop->add_option("url", o.inputs.url, "ws://host:port/stream, or wss:// (default: a broker of its own)");
   loop->add_option("--viewer-url", o.inputs.viewer_url, "viewers go here instead, for example through a relay");
   loop->add_option("--clients", o.inputs.clients, "viewers; all but one are light")
       ->check(CLI::Range(1, 100000))
@@ -123,18 +123,18 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
   add_outputs(*pair, o);
 
   CLI::App* passive = app.add_subcommand("passive", "watch a stream that somebody else sends");
-  passive->add_option("url", o.inputs.url, "ws://host:port/stream")->required();
+  passive->add_option("url", o.inputs.url, "ws://host:port/stream, or wss://")->required();
   add_span(*passive, o.inputs);
   add_viewer(*passive, o.inputs);
   add_outputs(*passive, o);
 
   CLI::App* probe = app.add_subcommand("probe", "round trip to a broker, and how its clock stands to ours");
-  probe->add_option("url", o.inputs.url, "ws://host:port")->required();
+  probe->add_option("url", o.inputs.url, "ws://host:port, or wss://")->required();
   probe->add_option("--count", o.pings, "pings")->check(CLI::Range(1, 100000))->capture_default_str();
   probe->add_option("--json", o.json, "write the result here (- for standard output)");
 
   CLI::App* sweep = app.add_subcommand("sweep", "loop for every combination of the lists");
-  sweep->add_option("url", o.inputs.url, "ws://host:port/stream (default: a broker of its own)");
+  sweep->add_option("url", o.inputs.url, "ws://host:port/stream, or wss:// (default: a broker of its own)");
   sweep->add_option("--rates", o.rates, "keys a second")->delimiter(',');
   sweep->add_option("--clients", o.clients, "viewers")->delimiter(',');
   sweep->add_option("--interps", o.interpolations, "poses per key")->delimiter(',');
@@ -160,6 +160,10 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
     return ExitNow{app.exit(error) == 0 ? kExitGood : kExitUsage};
+  }
+  if (const std::string fault = fault_of_numbers(app); !fault.empty()) {
+    std::fprintf(stderr, "%s\n", fault.c_str());
+    return ExitNow{kExitUsage};
   }
   if (completion->parsed()) {
     std::fputs(completion_from(app, *shell_from_name(shell)).c_str(), stdout);

@@ -40,6 +40,9 @@ TEST(WantedFrom, TellsStreamsFilesAndScenesApart) {
   EXPECT_EQ(wanted_from(" wss://host/a ").kind, Wanted::Kind::kStream);
   EXPECT_EQ(wanted_from(" wss://host/a\n").what, "wss://host/a");
   EXPECT_EQ(wanted_from("http://host:7490/a").kind, Wanted::Kind::kStream);
+  EXPECT_EQ(wanted_from("WS://host/a").kind, Wanted::Kind::kStream);
+  EXPECT_EQ(wanted_from("ftp://host/a").kind, Wanted::Kind::kStream) << "so that it is told which schemes there are";
+  EXPECT_EQ(wanted_from("file:///tmp/a.obj").kind, Wanted::Kind::kClip);
   EXPECT_EQ(wanted_from("\"/tmp/my mesh.obj\"").what, "file:/tmp/my mesh.obj");
   EXPECT_EQ(wanted_from("heart").what, "file:heart");
   const testing::TemporaryFolder folder;

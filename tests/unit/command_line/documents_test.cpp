@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 
 namespace eigencast {
 namespace {
@@ -47,6 +48,19 @@ TEST(Documents, EachNamesEveryCommandAndOptionThatTheHelpShows) {
   EXPECT_THAT(man, HasSubstr(".SS \"go back\""));
   EXPECT_THAT(man, HasSubstr("1.2.3"));
   EXPECT_THAT(man, HasSubstr("mover go home"));
+}
+
+TEST(CommandLine, NumbersThatAreNoneAreFound) {
+  const auto fault = [](std::vector<std::string> words) {
+    Program program;
+    std::reverse(words.begin(), words.end());
+    program.app.parse(words);
+    return fault_of_numbers(program.app);
+  };
+  EXPECT_EQ(fault({"go", "nan", "--speed", "3.5"}), "") << "a place may be called so";
+  EXPECT_EQ(fault({"go", "home"}), "");
+  EXPECT_EQ(fault({"go", "home", "--speed", "nan"}), "--speed: nan is no number");
+  EXPECT_EQ(fault({"go", "home", "--speed=-NaN"}), "--speed: -NaN is no number");
 }
 
 TEST(Documents, TextIsNeverTakenForACommand) {

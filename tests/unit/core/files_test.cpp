@@ -54,6 +54,32 @@ TEST_F(Files, APipeIsWrittenToAndStays) {
   EXPECT_EQ(entries(), 1u);
 }
 
+// As /dev/stdout is one, which a shell may have sent to a file.
+TEST_F(Files, ALinkIsWrittenThroughAndStays) {
+  const std::string link = folder_ + "/link", target = folder_ + "/target";
+  std::filesystem::create_symlink(target, link);
+  ASSERT_TRUE(write_file_atomically(link, "text"));
+  EXPECT_TRUE(std::filesystem::is_symlink(link));
+  EXPECT_EQ(content_of(target), "text");
+  EXPECT_EQ(entries(), 2u);
+}
+
+TEST_F(Files, APlaceIsJudgedWithoutTouchingIt) {
+  for (const std::string& good : {std::string(), folder_ + "/new", std::string("/dev/null"), std::string("relative")})
+    EXPECT_TRUE(check_place_of_file(good)) << good;
+  for (const std::string& bad : {folder_, folder_ + "/no/file", std::string("/dev/null/file")}) {
+    const auto judged = check_place_of_file(bad);
+    ASSERT_FALSE(judged) << bad;
+    EXPECT_EQ(judged.error().message.rfind(bad + " cannot be written: ", 0), 0u) << judged.error().message;
+  }
+  EXPECT_TRUE(check_place_of_folder(folder_));
+  EXPECT_TRUE(check_place_of_folder(folder_ + "/to/be/made"));
+  EXPECT_FALSE(check_place_of_folder("/dev/null/below"));
+  std::filesystem::create_symlink(folder_ + "/later", folder_ + "/link");
+  EXPECT_TRUE(check_place_of_file(folder_ + "/link")) << "what it points to will be made";
+  EXPECT_EQ(entries(), 1u);
+}
+
 TEST_F(Files, AFailureNamesThePathAndLeavesNothing) {
   EXPECT_EQ(write_file_atomically(folder_ + "/no/such/folder", "x").error().code, ErrorCode::kIo);
   std::filesystem::create_directories(folder_ + "/taken");

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "common/core/hash/sha256.h"
+#include "common/net/knock.h"
 #include "tests/support/loopback_broker.h"
 
 namespace eigencast {
@@ -68,6 +69,26 @@ TEST_F(HttpToBroker, PutHeadGetAndRangesOnOneConnection) {
   ASSERT_TRUE(rest);
   EXPECT_EQ(body, bytes);
   EXPECT_EQ(seen, bytes.size());
+}
+
+TEST_F(HttpToBroker, AKnockTellsWhetherOneMayComeIn) {
+  constexpr std::chrono::seconds kSilence{5};
+  const auto url = parse_broker_url(broker_.url("a"));
+  EXPECT_TRUE(knock(*url, "/v1/publish/a", kSilence));
+  EXPECT_TRUE(knock(*url, "/v1/subscribe/a", kSilence));
+  const auto elsewhere = knock(*url, "/nothing", kSilence);
+  ASSERT_FALSE(elsewhere);
+  EXPECT_EQ(elsewhere.error().code, ErrorCode::kUnreachable) << "a server, but not what was asked for";
+  EXPECT_THAT(elsewhere.error().message, HasSubstr("answered 404"));
+  auto guess = *url;
+  guess.credentials.token = "ect_" + std::string(64, '0');
+  const auto refused = knock(guess, "/v1/publish/a", kSilence);
+  ASSERT_FALSE(refused);
+  EXPECT_EQ(refused.error().code, ErrorCode::kRefused);
+  EXPECT_THAT(refused.error().message, HasSubstr("the token that was given does not do"));
+  const auto nobody = knock(*parse_broker_url("ws://127.0.0.1:1/a"), "/v1/publish/a", kSilence);
+  ASSERT_FALSE(nobody);
+  EXPECT_EQ(nobody.error().code, ErrorCode::kUnreachable);
 }
 
 TEST_F(HttpToBroker, AStatusOfAnyKindIsAValue) {

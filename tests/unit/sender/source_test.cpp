@@ -70,16 +70,17 @@ TEST(Source, TheBasisOfACageHoldsAllThatItDoes) {
     options.cage.coordinates = coordinates;
     const auto source = bake_source(options, {});
     ASSERT_TRUE(source) << source.error().message;
-    ASSERT_NE(source->cage, nullptr);
+    const auto bound = bind_cage(options.cage, source->clip->rest(), {});
+    ASSERT_TRUE(bound);
     const Asset& asset = source->baked.asset;
     EXPECT_EQ(asset.basis_kind, "cage");
-    EXPECT_LE(asset.rank, source->cage->linear_map()->controls);
+    EXPECT_LE(asset.rank, (*bound)->linear_map()->controls);
     EXPECT_EQ(asset.band_ends.back(), asset.rank);
     const auto projector = Projector::create(asset);
     ASSERT_TRUE(projector);
-    auto projected = deform::ProjectedDeformer::create(*source->cage, asset, *projector);
+    auto projected = deform::ProjectedDeformer::create(**bound, asset, *projector);
     ASSERT_TRUE(projected);
-    const auto script = deform::Script::builtin("both", source->cage->handles());
+    const auto script = deform::Script::builtin("both", (*bound)->handles());
     ASSERT_TRUE(script);
     SurfaceErrorSum error(asset.diagonal());
     SourceRebuilder rebuilder(asset);
@@ -87,7 +88,7 @@ TEST(Source, TheBasisOfACageHoldsAllThatItDoes) {
       const std::vector<Vec3> handles = script->handles_at(time_s);
       const auto C = projected->coefficients(handles);
       ASSERT_TRUE(C);
-      error.add(source->cage->positions(handles), rebuilder.rebuild(*C, 3));
+      error.add((*bound)->positions(handles), rebuilder.rebuild(*C, 3));
     }
     EXPECT_LT(error.result().max, 1e-5) << coordinates;
     EXPECT_LT(error.result().rms, 1e-6) << coordinates;

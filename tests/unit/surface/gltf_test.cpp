@@ -8,6 +8,7 @@
 #include <filesystem>
 
 #include "common/surface/check.h"
+#include "common/surface/read.h"
 #include "tests/unit/surface/glb.h"
 
 namespace eigencast {
@@ -284,6 +285,18 @@ TEST(Gltf, files_outside_its_folder_are_never_opened) {
   EXPECT_FALSE(opens(dir.file("outside.bin")));
   EXPECT_FALSE(opens("http://localhost/outside.bin"));
   EXPECT_FALSE(gltf_clip_from_bytes(gltf("good.bin"), "", "x", {}).has_value()) << "without a folder nothing is read";
+}
+
+TEST(Gltf, alone_in_a_folder_it_is_what_the_folder_means) {
+  const TempDir dir;
+  dir.write("notes.txt", "of the fox");
+  dir.write("a.glb", skinned());
+  const auto alone = open_clip(dir.path());
+  ASSERT_TRUE(alone) << alone.error().message;
+  EXPECT_NE((*alone)->rig(), nullptr);
+  dir.write("b.glb", skinned());
+  EXPECT_THAT(open_clip(dir.path()).error().message,
+              HasSubstr("2 files that are clips by themselves; name one, such as "));
 }
 
 TEST(Gltf, every_truncation_and_every_changed_byte_is_an_error_or_a_valid_surface) {

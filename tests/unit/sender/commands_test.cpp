@@ -1,0 +1,114 @@
+// SPDX-License-Identifier: MIT
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+
+#include "sdk/contexts.h"
+#include "sender/commands.h"
+#include "tests/support/process.h"
+
+namespace eigencast {
+namespace {
+
+TEST(Play, EndsWhenItsDurationIsOverThoughNoBrokerCame) {
+  testing::TemporaryFolder folder;
+  PlayCommand command;
+  command.source.input = "sphere";
+  command.source.rank = 8;
+  command.source.cache_dir = folder.file("cache");
+  command.target.url = "ws://127.0.0.1:1/a";  // Where nobody listens.
+  command.duration_s = 0.3;
+  Interrupt interrupt;
+  const TimeUs start = steady_now_us();
+  EXPECT_EQ(run(command, Console{.progress = false}, interrupt), kExitUnreachable);
+  EXPECT_GE(steady_now_us() - start, 300'000);
+}
+
+/// Commands whose mistakes must be told before anything is baked: a bake would leave something in the cache.
+class BeforeTheBake : public ::testing::Test {
+ protected:
+  template <typename Command>
+  Command of_sphere() {
+    Command command;
+    command.source.input = "sphere";
+    command.source.cache_dir = folder_.file("cache");
+    if constexpr (requires { command.target; }) command.target.url = "ws://127.0.0.1:1/a";
+    return command;
+  }
+  template <typename Command>
+  void ends(const Command& command, int status, const std::string& what) {
+    Interrupt interrupt;
+    EXPECT_EQ(run(command, Console{.progress = false}, interrupt), status) << what;
+    EXPECT_FALSE(std::filesystem::exists(folder_.file("cache"))) << what;
+  }
+  std::string file(const std::string& name, const std::string& text) {
+    std::ofstream(folder_.file(name)) << text;
+    return folder_.file(name);
+  }
+  testing::TemporaryFolder folder_;
+};
+
+TEST_F(BeforeTheBake, PlayTellsWhatItCannotDo) {
+  auto play = of_sphere<PlayCommand>();
+  play.record = folder_.file("no/record");
+  ends(play, kExitFailed, "no folder for the record");
+  play = of_sphere<PlayCommand>();
+  play.target.credentials.token = "@" + folder_.file("no.token");
+  ends(play, kExitUsage, "no token there");
+  play = of_sphere<PlayCommand>();
+  play.target.codec = "float32";
+  play.target.bitrate_kbit = 10;
+  ends(play, kExitUsage, "a bit rate of a codec that has none");
+  play = of_sphere<PlayCommand>();
+  play.source.input = file("a.off", "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n");
+  play.velocities = true;
+  ends(play, kExitFailed, "velocities of a pose");
+}
+
+TEST_F(BeforeTheBake, DeformReadsItsFiles) {
+  for (const std::string& script :
+       {std::string("twits"), folder_.file("no.json"), folder_.file(""), file("broken.json", "{"),
+        file("typo.json", R"({"moves": [{"move": "twist", "axis": "y", "keys": [{"at": 0, "degree": 1}]}]})")}) {
+    auto deform = of_sphere<DeformCommand>();
+    deform.source.cage.resolution = 1;
+    deform.script = script;
+    ends(deform, kExitFailed, script);
+  }
+  auto deform = of_sphere<DeformCommand>();
+  deform.script = "twist";
+  deform.source.cage.file = file("open.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n");
+  ends(deform, kExitFailed, "a cage that is not closed");
+  deform = of_sphere<DeformCommand>();
+  deform.script = "twist";
+  deform.handles = file("handles.json", R"({"handles": [[0, 1], [1, 2]]})");
+  ends(deform, kExitFailed, "a vertex in two handles");
+}
+
+TEST_F(BeforeTheBake, EvaluateLooksAtAllOfItsBases) {
+  auto evaluate = of_sphere<EvaluateCommand>();
+  evaluate.bases = {"augmented", "rig"};
+  ends(evaluate, kExitFailed, "a sphere has no bones");
+}
+
+TEST(ContextAdd, NamesFilesFromTheRootAndTellsOfThoseThatAreMissing) {
+  const testing::TemporaryFolder folder;
+  ::setenv("XDG_CONFIG_HOME", folder.file("config").c_str(), 1);
+  std::ofstream(folder.file("token")) << "secret\n";
+  ContextCommand command{"add", "studio", "ws://studio.example", {}};
+  command.credentials.token = "@" + std::filesystem::relative(folder.file("token")).string();
+  Interrupt interrupt;
+  EXPECT_EQ(run(command, Console{}, interrupt), kExitOk);
+  const auto contexts = Contexts::load(Contexts::default_path());
+  ASSERT_TRUE(contexts && contexts->find("studio") != nullptr);
+  EXPECT_EQ(contexts->find("studio")->credentials.token, "@" + folder.file("token"));
+  command.name = "other";
+  command.credentials.token += ".missing";
+  EXPECT_EQ(run(command, Console{}, interrupt), kExitFailed);
+  EXPECT_EQ(Contexts::load(Contexts::default_path())->find("other"), nullptr);
+  ::unsetenv("XDG_CONFIG_HOME");
+}
+
+}  // namespace
+}  // namespace eigencast
