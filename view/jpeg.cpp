@@ -37,6 +37,12 @@ void count_scans(j_common_ptr image) {
 
 enum class Outcome { kRead, kCorrupt, kTooLarge, kUnsupported };
 
+/// Ends libjpeg's work whatever comes of it.
+struct EndOfWork {
+  jpeg_decompress_struct& image;
+  ~EndOfWork() { jpeg_destroy_decompress(&image); }
+};
+
 /// Holds nothing that would have to be destroyed: errors jump over it.
 Outcome decode(std::span<const std::uint8_t> bytes, jpeg_decompress_struct& image, Trouble& trouble, Picture& picture) {
   switch (setjmp(trouble.way_out)) {
@@ -78,9 +84,8 @@ Result<Picture> read_jpeg_bytes(std::span<const std::uint8_t> bytes, const std::
   trouble.manager.emit_message = say_nothing;
   trouble.progress.progress_monitor = count_scans;
   Picture picture;
-  const Outcome outcome = decode(bytes, image, trouble, picture);
-  jpeg_destroy_decompress(&image);
-  switch (outcome) {
+  const EndOfWork end{image};
+  switch (decode(bytes, image, trouble, picture)) {
     case Outcome::kRead:
       return picture;
     case Outcome::kTooLarge:

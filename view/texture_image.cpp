@@ -9,6 +9,7 @@
 #include <deque>
 #include <map>
 #include <mutex>
+#include <new>
 #include <string>
 #include <thread>
 #include <utility>
@@ -22,8 +23,10 @@ bool starts_with(const Bytes& bytes, std::initializer_list<std::uint8_t> magic) 
   return bytes.size() >= magic.size() && std::equal(magic.begin(), magic.end(), bytes.begin());
 }
 
+constexpr const char* kName = "the surface's texture";
+
 Result<Picture> decoded(const Bytes& bytes, int longest_side) {
-  const std::string name = "the surface's texture";
+  const std::string name = kName;
   auto picture = starts_with(bytes, {0x89, 'P', 'N', 'G'}) ? read_png_bytes(bytes, name)
                  : starts_with(bytes, {0xff, 0xd8, 0xff})
                      ? read_jpeg_bytes(bytes, name)
@@ -35,6 +38,15 @@ Result<Picture> decoded(const Bytes& bytes, int longest_side) {
     *picture = halved(*picture);
   }
   return picture;
+}
+
+/// Throws nothing: the thread that decodes would end the program, and who waits for it would wait forever.
+Result<Picture> decoded_or_why(const Bytes& bytes, int longest_side) {
+  try {
+    return decoded(bytes, longest_side);
+  } catch (const std::bad_alloc&) {
+    return fail(ErrorCode::kTooLarge, std::string(kName) + " takes more memory than there is");
+  }
 }
 
 class Decoder {
@@ -60,7 +72,7 @@ class Decoder {
     if (decode == Decode::kNow) {
       mine.waits = true;
       lock.unlock();
-      auto result = decoded(texture->image, longest_side);
+      auto result = decoded_or_why(texture->image, longest_side);
       lock.lock();
       keep(*texture, std::move(result));
       return {std::exchange(mine.fresh, nullptr), mine.failed};
@@ -94,7 +106,7 @@ class Decoder {
       const Job job = std::move(jobs_.front());
       jobs_.pop_front();
       lock.unlock();
-      auto result = decoded(job.texture->image, job.longest_side);
+      auto result = decoded_or_why(job.texture->image, job.longest_side);
       lock.lock();
       keep(*job.texture, std::move(result));
     }
