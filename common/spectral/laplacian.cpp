@@ -3,10 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
+#include <optional>
 #include <vector>
 
 #include "common/spectral/bridges.h"
+#include "common/spectral/intrinsic_triangles.h"
 #include "common/spectral/local_delaunay.h"
 #include "common/spectral/point_kernel.h"
 #include "common/surface/check.h"
@@ -26,30 +27,18 @@ double distance(const Vec3& a, const Vec3& b) {
   return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
 }
 
-/// Edge lengths of a face, each opposite to the corner of its number.
-using Lengths = std::array<double, 3>;
-
-Lengths lengths_of(std::span<const Vec3> positions, const Face& f) {
+EdgeLengths lengths_of(std::span<const Vec3> positions, const Face& f) {
   return {distance(positions[f[1]], positions[f[2]]), distance(positions[f[2]], positions[f[0]]),
           distance(positions[f[0]], positions[f[1]])};
 }
 
-/// Heron's formula after Kahan, "Miscalculating Area and Angles of a Needle-like Triangle"; 0 where rounding breaks the
-/// triangle inequality.
-double area_of(Lengths l) {
-  std::sort(l.begin(), l.end(), std::greater<>());
-  const double product =
-      (l[0] + (l[1] + l[2])) * (l[2] - (l[0] - l[1])) * (l[2] + (l[0] - l[1])) * (l[0] + (l[1] - l[2]));
-  return product > 0 ? 0.25 * std::sqrt(product) : 0;
-}
-
 /// What to add to every edge so that no face is degenerate: 0 on good meshes.
-double mollification(const std::vector<Lengths>& lengths) {
+double mollification(const std::vector<EdgeLengths>& lengths) {
   double sum = 0;
-  for (const Lengths& l : lengths) sum += l[0] + l[1] + l[2];
+  for (const EdgeLengths& l : lengths) sum += l[0] + l[1] + l[2];
   const double delta = kMollification * sum / (3 * static_cast<double>(lengths.size()));
   double epsilon = 0;
-  for (const Lengths& l : lengths) {
+  for (const EdgeLengths& l : lengths) {
     const double longest = std::max({l[0], l[1], l[2]});
     epsilon = std::max(epsilon, delta + 2 * longest - (l[0] + l[1] + l[2]));
   }
@@ -69,32 +58,46 @@ struct Assembly {
   Triplets entries;
   Eigen::VectorXd mass;  // 0 where no face is
   double area = 0;       // before mollification
+  std::optional<std::size_t> flips;
 };
 
 /// Cotangent weights from edge lengths alone, and a third of each face's area for its corners; all of it times `scale`.
-Assembly assemble(std::span<const Vec3> positions, std::span<const Face> faces, double scale) {
-  Assembly result;
-  result.mass = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(positions.size()));
-  std::vector<Lengths> lengths;
-  lengths.reserve(faces.size());
-  for (const Face& f : faces) lengths.push_back(lengths_of(positions, f));
-  if (lengths.empty()) return result;
-  const double epsilon = mollification(lengths);
-  result.entries.reserve(12 * faces.size());
+void add_faces(std::span<const Face> faces, std::span<const EdgeLengths> lengths, double scale, Assembly& assembly) {
+  assembly.entries.reserve(assembly.entries.size() + 12 * faces.size());
   for (std::size_t f = 0; f < faces.size(); ++f) {
-    Lengths l = lengths[f];
-    result.area += scale * area_of(l);
-    for (double& length : l) length += epsilon;
-    const double area = area_of(l);
+    const EdgeLengths& l = lengths[f];
+    const double area = area_from_lengths(l);
     if (!(area > 0)) continue;  // only when all faces are points
     for (std::size_t i = 0; i < 3; ++i) {
       const std::size_t j = (i + 1) % 3;
       const std::size_t k = (i + 2) % 3;
       const double cotangent = (l[j] * l[j] + l[k] * l[k] - l[i] * l[i]) / (4 * area);
-      add_spring(faces[f][j], faces[f][k], scale * cotangent / 2, result.entries);
-      result.mass[faces[f][i]] += scale * area / 3;
+      add_spring(faces[f][j], faces[f][k], scale * cotangent / 2, assembly.entries);
+      assembly.mass[faces[f][i]] += scale * area / 3;
     }
   }
+}
+
+/// What faces of three different corners give; as they are, or, on their tufted cover, as Delaunay triangles.
+Assembly assemble(std::span<const Vec3> positions, std::span<const Face> faces, double scale, bool delaunay) {
+  Assembly result;
+  result.mass = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(positions.size()));
+  std::vector<EdgeLengths> lengths;
+  lengths.reserve(faces.size());
+  for (const Face& f : faces) lengths.push_back(lengths_of(positions, f));
+  if (lengths.empty()) return result;
+  const double epsilon = mollification(lengths);
+  for (EdgeLengths& l : lengths) {
+    result.area += scale * area_from_lengths(l);
+    for (double& length : l) length += epsilon;
+  }
+  if (!delaunay) {
+    add_faces(faces, lengths, scale, result);
+    return result;
+  }
+  const IntrinsicTriangles cover = delaunay_cover(positions, faces, lengths);
+  add_faces(cover.faces, cover.lengths, scale / 2, result);
+  result.flips = cover.flips;
   return result;
 }
 
@@ -152,11 +155,12 @@ Result<Laplacian> build_laplacian(const Surface& surface, const LaplacianOptions
   Assembly assembly;
   if (cloud) {
     const LocalTriangles local = local_delaunay(surface.positions);
-    assembly = assemble(surface.positions, local.faces, 1.0 / 3);
+    assembly = assemble(surface.positions, local.faces, 1.0 / 3, false);
     if (options.points == PointsOperator::kPbMhb) use_kernel(point_kernel(surface.positions, local), assembly);
     attach_coincident(local, assembly);
   } else {
-    assembly = assemble(surface.positions, faces_with_three_corners(surface.faces), 1.0);
+    const std::vector<Face> faces = faces_with_three_corners(surface.faces);
+    assembly = assemble(surface.positions, faces, 1.0, options.delaunay || has_edge_of_many_faces(faces));
   }
   const double diagonal = bounding_box(surface.positions).diagonal();
   const double median = median_mass(assembly.mass);
@@ -167,6 +171,7 @@ Result<Laplacian> build_laplacian(const Surface& surface, const LaplacianOptions
   }
 
   Laplacian result;
+  result.flips = assembly.flips;
   const Eigen::Index n = static_cast<Eigen::Index>(surface.vertex_count());
   const double least = (cloud ? kUnreferencedMass : kLeastMass) * median;
   result.mass =

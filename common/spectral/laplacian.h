@@ -2,6 +2,8 @@
 #pragma once
 
 #include <Eigen/SparseCore>
+#include <cstddef>
+#include <optional>
 
 #include "common/core/result.h"
 #include "common/surface/surface.h"
@@ -16,8 +18,9 @@ struct Laplacian {
   Eigen::SparseMatrix<double> L;
   Eigen::VectorXd mass;
   double area = 0;
-  int components = 1;  ///< Before bridging; each would add a zero eigenvalue.
-  int bridges = 0;     ///< Spring edges added so that L has one zero eigenvalue.
+  int components = 1;                ///< Before bridging; each would add a zero eigenvalue.
+  int bridges = 0;                   ///< Spring edges added so that L has one zero eigenvalue.
+  std::optional<std::size_t> flips;  ///< Of edges of the tufted cover, where that was taken.
 };
 
 /// What stands in for the Laplacian of a point cloud.
@@ -30,11 +33,14 @@ enum class PointsOperator {
 
 struct LaplacianOptions {
   bool bridge = true;  ///< Joins components by weak springs at their nearest vertex pairs.
+  /// Of meshes: Delaunay triangles of the tufted cover (intrinsic_triangles.h), as where an edge has three or more faces: weights
+  /// are not negative however long and thin the faces are.
+  bool delaunay = false;
   PointsOperator points = PointsOperator::kLocalDelaunay;  ///< Of surfaces without faces.
 };
 
 /// Mesh: intrinsic cotangent assembly with mollification (Sharp & Crane 2020, "A Laplacian for Nonmanifold Triangle
-/// Meshes"), natural boundary. Points: see PointsOperator; those that coincide share a mass and hang on a spring. Errors:
+/// Meshes"), natural boundary; on the tufted cover where the mesh is not manifold. Points: see PointsOperator; those that coincide share a mass and hang on a spring. Errors:
 /// kInvalidArgument (see validate_surface), kNumerical (no area at all).
 Result<Laplacian> build_laplacian(const Surface& surface, const LaplacianOptions& options = {});
 

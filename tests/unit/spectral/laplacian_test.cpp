@@ -161,6 +161,73 @@ TEST(Laplacian, NonManifoldEdgesAndTurnedFacesAreNoTrouble) {
   EXPECT_GE(spectrum(*laplacian)[0], -1e-10);
 }
 
+/// Of a weight matrix without its diagonal.
+double largest_entry_off_the_diagonal(const Eigen::SparseMatrix<double>& L) {
+  double largest = -std::numeric_limits<double>::infinity();
+  for (int k = 0; k < L.outerSize(); ++k) {
+    for (Eigen::SparseMatrix<double>::InnerIterator it(L, k); it; ++it) {
+      if (it.row() != it.col()) largest = std::max(largest, it.value());
+    }
+  }
+  return largest;
+}
+
+TEST(TuftedCover, OfADelaunayMeshIsTheMeshTwice) {
+  const Surface sphere = make_icosphere(3);
+  const auto plain = build_laplacian(sphere), tufted = build_laplacian(sphere, {.delaunay = true});
+  ASSERT_TRUE(plain && tufted);
+  EXPECT_FALSE(plain->flips.has_value());
+  EXPECT_EQ(tufted->flips, 0u);
+  EXPECT_LE((plain->L - tufted->L).norm(), 1e-12 * plain->L.norm());
+  EXPECT_LE((plain->mass - tufted->mass).norm(), 1e-12 * plain->mass.norm());
+}
+
+TEST(TuftedCover, FlipsTakeNegativeWeightsAwayAndNoArea) {
+  Surface torus = make_torus(80, 12, 1.0, 0.4);
+  for (Vec3& p : torus.positions) p[2] *= 6;  // long and thin, many angles obtuse
+  const auto plain = build_laplacian(torus), flipped = build_laplacian(torus, {.delaunay = true});
+  ASSERT_TRUE(plain && flipped);
+  expect_usable(*flipped, torus.vertex_count());
+  EXPECT_GT(*flipped->flips, 100u);
+  EXPECT_GT(largest_entry_off_the_diagonal(plain->L), 0.1);
+  EXPECT_LE(largest_entry_off_the_diagonal(flipped->L), 1e-8);
+  EXPECT_NEAR(flipped->area, plain->area, 1e-9 * plain->area);
+}
+
+// Three pages of a book, which share their back.
+TEST(TuftedCover, IsTakenWhereAnEdgeHasThreeFacesWhicheverWayTheyAreTurned) {
+  Surface book;
+  constexpr std::uint32_t kLines = 12, kColumns = 5;
+  for (std::uint32_t line = 0; line < kLines; ++line) book.positions.push_back({0, 0, 0.3 * line});
+  for (int page = 0; page < 3; ++page) {
+    const auto first = static_cast<std::uint32_t>(book.positions.size());
+    const double angle = 2.1 * page;
+    for (std::uint32_t column = 1; column < kColumns; ++column) {
+      for (std::uint32_t line = 0; line < kLines; ++line)
+        book.positions.push_back({column * std::cos(angle), column * std::sin(angle), 0.3 * line});
+    }
+    const auto at = [&](std::uint32_t column, std::uint32_t line) {
+      return column == 0 ? line : first + (column - 1) * kLines + line;
+    };
+    for (std::uint32_t column = 0; column + 1 < kColumns; ++column) {
+      for (std::uint32_t line = 0; line + 1 < kLines; ++line) {
+        book.faces.push_back({at(column, line), at(column + 1, line), at(column + 1, line + 1)});
+        book.faces.push_back({at(column, line), at(column + 1, line + 1), at(column, line + 1)});
+      }
+    }
+  }
+  Surface turned = book;
+  for (std::size_t f = 0; f < turned.faces.size(); f += 3) std::swap(turned.faces[f][0], turned.faces[f][2]);
+  const auto laplacian = build_laplacian(book), other = build_laplacian(turned);
+  ASSERT_TRUE(laplacian && other);
+  ASSERT_TRUE(laplacian->flips.has_value());
+  expect_usable(*laplacian, book.vertex_count());
+  EXPECT_NEAR(laplacian->area, true_area(book), 1e-9 * laplacian->area);
+  EXPECT_LE(largest_entry_off_the_diagonal(laplacian->L), 1e-8);
+  EXPECT_GE(spectrum(*laplacian).minCoeff(), -1e-9);
+  EXPECT_LE((laplacian->L - other->L).norm(), 1e-6 * laplacian->L.norm());
+}
+
 TEST(Laplacian, RefusesWhatHasNoArea) {
   const Surface collinear{{{0, 0, 0}, {1, 1, 1}, {2, 2, 2}, {3, 3, 3}, {5, 5, 5}}, {{0, 1, 2}, {1, 2, 3}, {2, 3, 4}}};
   for (Surface surface :

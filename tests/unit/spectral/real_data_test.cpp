@@ -60,8 +60,7 @@ TEST(RealData, HorseErrorAtRank200) {
   EXPECT_LE(testing::worst_error(clip->rest().positions, testing::round_trip(*augmented, clip->rest().positions)),
             1e-12);
   const double error = kg_percent(*clip, *augmented);
-  EXPECT_GT(error, 0.85);
-  EXPECT_LT(error, 0.95);
+  EXPECT_NEAR(error, 0.945, 0.01);  // ten groups of products; docs/performance.md
   const auto harmonic = build_basis(clip->rest(), *laplacian, {BasisKind::kHarmonic, 200});
   ASSERT_TRUE(harmonic);
   EXPECT_NEAR(kg_percent(*clip, *harmonic), 2.15, 0.05);
