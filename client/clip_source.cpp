@@ -59,6 +59,8 @@ Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& inpu
   BakeOptions options;
   options.name = std::filesystem::path(input).stem().string();
   options.looks = (*clip)->appearance();
+  const KnownMotion motion = motion_of(**clip);
+  options.motion = &motion;
   auto result = bake((*clip)->rest(), options, cache_dir, progress);
   if (!result) return in_context(input, result.error());
   auto baked = std::make_shared<BakedClip>();

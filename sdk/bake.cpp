@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <future>
 #include <new>
 #include <optional>
@@ -15,11 +14,11 @@
 
 #include "common/core/clock.h"
 #include "common/core/memory.h"
+#include "common/core/text.h"
 #include "common/core/worker_team.h"
 #include "common/progressive/point_normals.h"
 #include "common/progressive/prefix.h"
 #include "common/progressive/splats.h"
-#include "common/reconstruction/reconstruct.h"
 #include "common/spectral/basis.h"
 #include "common/spectral/laplacian.h"
 #include "common/spectral/motion_basis.h"
@@ -29,16 +28,19 @@
 #include "sdk/asset_cache.h"
 #include "sdk/bake_detail.h"
 #include "sdk/bake_record.h"
+#include "sdk/bake_report.h"
 #include "sdk/bake_texture.h"
 
 namespace eigencast {
 namespace {
 
 /// Grows with every change of what a bake gives for the same input, so that old results are not found again.
-constexpr std::uint32_t kRecipe = 8;
+constexpr std::uint32_t kRecipe = 9;
 constexpr std::array<std::uint32_t, 3> kBandEnds = {14, 54,
                                                     104};  // after 4 affine columns, whole turns of the augmented basis
 
+constexpr std::size_t kPosesOfLevels = 6;              // more change little
+constexpr std::size_t kMostPosedVertices = 1'200'000;  // of all those poses: 100 bytes each
 constexpr double kKernelBytes =
     12'000;  // of a point: the heat kernel's pairs, matrix and factor; 9 KB at 42,000 points
 
@@ -46,6 +48,24 @@ constexpr double kKernelBytes =
 constexpr double kLaplacianDone = 0.03;
 constexpr double kBasisDone = 0.85;
 constexpr double kOrderDone = 0.93;
+
+/// Poses from all over a motion that levels of detail are to look like, too. One that cannot be read, or is not finite, is left out:
+/// whoever plays it says what is wrong with it.
+std::vector<std::vector<Vec3>> poses_of_levels(const Surface& surface, const KnownMotion* motion) {
+  std::vector<std::vector<Vec3>> poses;
+  if (motion == nullptr || motion->poses < 2 || surface.is_point_cloud()) return poses;
+  const std::size_t count =
+      std::min({kPosesOfLevels, motion->poses, kMostPosedVertices / std::max<std::size_t>(surface.vertex_count(), 1)});
+  for (std::size_t i = 0; i < count; ++i) {
+    auto pose = motion->pose((2 * i + 1) * motion->poses / (2 * count));
+    if (!pose || pose->size() != surface.vertex_count()) continue;
+    const bool finite = std::all_of(pose->begin(), pose->end(), [](const Vec3& p) {
+      return std::all_of(p.begin(), p.end(), [](double x) { return std::isfinite(x); });
+    });
+    if (finite) poses.push_back(std::move(*pose));
+  }
+  return poses;
+}
 
 /// What an asset is to have beside its shape.
 struct Looks {
@@ -60,12 +80,6 @@ Looks looks_of(const Surface& surface, const Appearance* stated) {
   looks.colours = stated_colours(surface, *stated);
   looks.texture = plan_texture(surface, *stated, looks.report);
   return looks;
-}
-
-std::string text(const char* format, auto... values) {
-  std::array<char, 256> line{};
-  std::snprintf(line.data(), line.size(), format, values...);
-  return line.data();
 }
 
 bool uses_kernel(const BakeOptions& options) {
@@ -133,15 +147,17 @@ Result<void> check_options(const Surface& surface, const BakeOptions& options) {
   if (const double there = usable_memory(); needed > there) {
     return fail(
         ErrorCode::kTooLarge,
-        text("baking %zu vertices at rank %d needs about %.1f GB of memory, %.1f GB are free here: lower the rank, "
-             "simplify the surface, or end what else takes memory",
-             surface.vertex_count(), options.rank, needed / 1e9, there / 1e9));
+        formatted(
+            "baking %zu vertices at rank %d needs about %.1f GB of memory, %.1f GB are free here: lower the rank, "
+            "simplify the surface, or end what else takes memory",
+            surface.vertex_count(), options.rank, needed / 1e9, there / 1e9));
   }
   return {};
 }
 
 /// What a result depends on. Errors: those of the motion's poses.
-Result<Sha256> key_of(const Surface& surface, const Looks& looks, const BakeOptions& options) {
+Result<Sha256> key_of(const Surface& surface, std::span<const std::vector<Vec3>> poses, const Looks& looks,
+                      const BakeOptions& options) {
   Bytes head;
   ByteWriter out(head);
   out.text("eigencast bake");
@@ -154,6 +170,7 @@ Result<Sha256> key_of(const Surface& surface, const Looks& looks, const BakeOpti
   out.f64(options.asset_error);
   if (uses_kernel(options)) out.text(options.points_operator);
   out.u8(static_cast<std::uint8_t>(detail_of(options)));
+  out.u8(options.delaunay ? 1 : 0);
   out.u64(surface.positions.size());
   out.u64(surface.faces.size());
   Sha256Stream stream;
@@ -163,6 +180,7 @@ Result<Sha256> key_of(const Surface& surface, const Looks& looks, const BakeOpti
   };
   stream.update(view(surface.positions));
   stream.update(view(surface.faces));
+  for (const auto& pose : poses) stream.update(view(pose));
   if (!looks.colours.empty()) stream.update(view(looks.colours));
   if (looks.texture) {
     stream.update(view(looks.texture->low));
@@ -299,78 +317,6 @@ AssetEncoding encoding_of(const Asset& asset, const Basis& basis, const BakeOpti
   return encoding;
 }
 
-/// Largest distance of a vertex of the rest pose, as receivers rebuild it, from the source's, over the box's diagonal.
-double worst_rest_error(const Surface& surface, const Asset& asset) {
-  Reconstructor receiver;
-  receiver.update(asset);
-  std::vector<float> rest(std::size_t{3} * asset.vertex_count);
-  receiver.rebuild(asset.rest, 3, asset.rank, asset.vertex_count, rest);
-  double worst = 0;
-  for (std::size_t row = 0; row < asset.vertex_count; ++row) {
-    const Vec3& truth = surface.positions[asset.source_vertex[row]];
-    double squared = 0;
-    for (std::size_t axis = 0; axis < 3; ++axis) {
-      const double off = double{rest[3 * row + axis]} + asset.origin[axis] - truth[axis];
-      squared += off * off;
-    }
-    worst = std::max(worst, std::sqrt(squared));
-  }
-  const double diagonal = asset.diagonal();
-  return diagonal > 0 ? worst / diagonal : worst;
-}
-
-/// What it is and what it costs.
-std::string report_of_detail(const EncodedAsset& encoded, const Asset& asset) {
-  if (asset.detail.size() == 0) return {};
-  return text("detail: %s; %.0f %% of the asset, and viewers multiply three times as much for a pose\n",
-              asset.detail.axes == 1 ? "along normals" : "in frames that turn with the surface",
-              100 * static_cast<double>(encoded.detail_bytes()) / static_cast<double>(encoded.total_bytes()));
-}
-
-std::string quality_of(const Basis& basis) {
-  const bool learned = basis.kind == BasisKind::kLearned;
-  if (learned || basis.kind == BasisKind::kSpanned) {
-    std::string line = learned ? "" : text(" of the %d that hold all of its motion", basis.dimensions);
-    if (basis.rms.size() > 0) line += text("; leaves out %.2g %% of the poses' extent", 100 * basis.left_out);
-    return line + "\n";
-  }
-  if (!basis.approximate) {
-    return text("; eigenvectors %s, residual %.1e\n", basis.certified ? "complete" : "NOT certified complete",
-                basis.residual);
-  }
-  std::string missed = "those passed over not counted";
-  if (basis.missed) missed = *basis.missed == 0 ? "none passed over" : text("%d passed over", *basis.missed);
-  return text("; eigenvectors approximate, as of this many vertices: largest relative residual %.2f, %s\n",
-              basis.residual, missed.c_str());
-}
-
-std::string report_of(const Surface& surface, const BakeOptions& options, const Laplacian& laplacian,
-                      const Basis& basis, const BakeResult& result, double seconds) {
-  std::string report = text_from_report(check_surface(surface));
-  if (!report.empty() && report.back() != '\n') report += '\n';
-  if (laplacian.components > 1) {
-    report += text("operator: %d separate pieces, joined by %d springs\n", laplacian.components, laplacian.bridges);
-  }
-  if (uses_kernel(options)) {
-    report += text("operator: heat kernel between points (PB-MHB), %.0f entries a row\n",
-                   static_cast<double>(laplacian.L.nonZeros()) / static_cast<double>(surface.vertex_count()));
-  }
-  report += text("basis: %s, rank %u", options.basis.c_str(), result.asset.rank);
-  if (!is_of_motion(options.basis) && static_cast<int>(result.asset.rank) < options.rank) {
-    report += text(" (%d asked for: the surface has too few vertices)", options.rank);
-  }
-  report += quality_of(basis);
-  report += text("rest pose: worst error %.1e of the box's diagonal\n", worst_rest_error(surface, result.asset));
-  report += report_of_detail(result.encoded, result.asset);
-  report += text("levels of detail: %u to %u vertices\n", result.asset.base_count, result.asset.vertex_count);
-  if (!result.asset.colours.empty()) report += "colours: one for each vertex\n";
-  report += text("asset: %.2f MB in %zu chunks, id %s\n", static_cast<double>(result.encoded.total_bytes()) / 1e6,
-                 result.encoded.chunks.size(), result.encoded.manifest.id.hex().c_str());
-  report += text("baked in %.1f s, with about %.0f MB of memory\n", seconds,
-                 bytes_needed(surface.vertex_count(), options) / 1e6);
-  return report;
-}
-
 /// Progress of one stage as progress of the whole.
 class Stages {
  public:
@@ -399,11 +345,12 @@ Result<Basis> basis_of(const Surface& surface, const Laplacian& laplacian, const
 
 /// Levels of detail need nothing of the basis, and whoever solves for that leaves a processor idle now and then: found on a
 /// thread of their own, which the future's end waits for; where there is no thread to be had, when they are asked for.
-std::future<Result<PrefixOrder>> start_order(const Surface& surface, const Looks& looks) {
-  const auto work = [&surface, &looks] {
+std::future<Result<PrefixOrder>> start_order(const Surface& surface, std::span<const std::vector<Vec3>> poses,
+                                             const Looks& looks) {
+  const auto work = [&surface, poses, &looks] {
     std::vector<std::pair<std::uint32_t, std::uint32_t>> seams;
     if (looks.texture) seams = seam_edges(surface.faces, looks.texture->places);
-    return build_prefix_order(surface, seams);
+    return build_prefix_order(surface, seams, poses);
   };
   try {
     return std::async(std::launch::async, work);
@@ -412,14 +359,15 @@ std::future<Result<PrefixOrder>> start_order(const Surface& surface, const Looks
   }
 }
 
-Result<BakeResult> bake_afresh(const Surface& surface, const Looks& looks, const BakeOptions& options,
-                               const Stages& stages) {
+Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vector<Vec3>> poses, const Looks& looks,
+                               const BakeOptions& options, const Stages& stages) {
   const TimeUs start = steady_now_us();
   if (!stages.at(0.01, "operator")) return cancelled("operator");
   auto laplacian = build_laplacian(
-      surface, {.points = uses_kernel(options) ? PointsOperator::kPbMhb : PointsOperator::kLocalDelaunay});
+      surface, {.delaunay = options.delaunay,
+                .points = uses_kernel(options) ? PointsOperator::kPbMhb : PointsOperator::kLocalDelaunay});
   if (!laplacian) return laplacian.error();
-  auto order_to_come = start_order(surface, looks);
+  auto order_to_come = start_order(surface, poses, looks);
   auto basis = basis_of(surface, *laplacian, options, stages.within(kLaplacianDone, kBasisDone));
   if (!basis) return basis.error();
   if (!stages.at(kBasisDone, "levels of detail")) return cancelled("levels of detail");
@@ -442,8 +390,9 @@ Result<BakeResult> bake_afresh(const Surface& surface, const Looks& looks, const
   result.certified = basis->certified;
   result.approximate = basis->approximate;
   result.residual = basis->residual;
-  result.report =
-      report_of(surface, options, *laplacian, *basis, result, static_cast<double>(steady_now_us() - start) / 1e6);
+  const double seconds = static_cast<double>(steady_now_us() - start) / 1e6;
+  result.report = report_of(result, {surface, poses.size(), options, *laplacian, *basis, seconds,
+                                     bytes_needed(surface.vertex_count(), options)});
   result.report += looks.report;
   return result;
 }
@@ -462,7 +411,8 @@ Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, cons
   if (auto checked = check_options(surface, options); !checked) return checked.error();
   const Looks looks = looks_of(surface, options.looks);
   const AssetCache cache(cache_dir);
-  const auto key = cache_dir.empty() ? Result<Sha256>(Sha256{}) : key_of(surface, looks, options);
+  const std::vector<std::vector<Vec3>> poses = poses_of_levels(surface, options.motion);
+  const auto key = cache_dir.empty() ? Result<Sha256>(Sha256{}) : key_of(surface, poses, looks, options);
   if (!key) return key.error();
   try {
     if (!cache_dir.empty()) {
@@ -471,7 +421,7 @@ Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, cons
         return std::move(*found);
       }
     }
-    auto result = bake_afresh(surface, looks, options, stages);
+    auto result = bake_afresh(surface, poses, looks, options, stages);
     if (!result) return result;
     if (!cache_dir.empty()) {
       // Minutes of work are not thrown away because a disk is full.

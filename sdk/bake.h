@@ -23,7 +23,8 @@ struct BakeOptions {
   /// What rounding the basis may move a vertex by (root mean square, of the box's diagonal) in a motion as large as those of
   /// animations (default: 1e-4). 0: columns of 32-bit floats, an asset five to ten times as large.
   double asset_error = 1e-4;
-  /// What rig, cage and pca are made of; must outlive the bake. `rank` then is the most that they may have.
+  /// What rig, cage and pca are made of (`rank` then is the most that they may have), and, of any basis, poses that the levels of
+  /// detail of a mesh are to look like (see build_prefix_order); null: none. Must outlive the bake.
   const KnownMotion* motion = nullptr;
   /// Colours and texture that the asset is to have, of the same surface; null: none. Needed until bake() returns.
   const Appearance* looks = nullptr;
@@ -32,6 +33,8 @@ struct BakeOptions {
   /// How what "harmonic" or "pca" leave out of the rest pose comes back in every pose, and full normals with it (default: frames for
   /// "harmonic", else none). An asset two to three times as large, whose poses take viewers three times the multiplications.
   std::optional<DetailKind> detail = std::nullopt;
+  bool delaunay =
+      false;  ///< Of meshes: the operator of LaplacianOptions::delaunay, whether its edges ask for it or not.
 };
 /// What such a bake gives.
 DetailKind detail_of(const BakeOptions& options);

@@ -135,6 +135,9 @@ void add_asset_options(CLI::App& app, SourceOptions& source) {
          "of point clouds: delaunay, or pb-mhb, the heat kernel between points, which takes some five times as long")
       ->check(CLI::IsMember({"delaunay", "pb-mhb"}))
       ->capture_default_str();
+  app.add_flag("--delaunay", source.delaunay,
+               "of meshes: take the operator of Delaunay triangles, as is done where an edge has three or more faces: "
+               "for long and thin faces");
   app.add_option("--detail", source.detail,
                  "what a harmonic or pca basis leaves out of the rest pose, put back by viewers: along normals (the "
                  "paper's way) or in frames that turn with the surface, with an asset "

@@ -42,14 +42,10 @@ double asset_error_of(const SourceOptions& options) {
   return options.asset_error.value_or(options.basis == "rig" || options.basis == "cage" ? 0 : 1e-4);
 }
 
-KnownMotion with_poses(const MotionClip& clip, SpanningColumns columns) {
-  return {std::move(columns), clip.frame_count(), [&clip](std::size_t i) { return clip.pose(i); }};
-}
-
 Result<KnownMotion> motion_of_rig(const MotionClip& clip) {
   auto columns = columns_from_rig(*clip.rig());
   if (!columns) return columns.error();
-  return with_poses(clip, std::move(*columns));
+  return motion_of(clip, std::move(*columns));
 }
 
 /// Where the handles of a cage move by its size, its faces' normals turn and stretch by one: the columns are scaled so.
@@ -125,13 +121,14 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
                                  [&](double) { return !progress || progress(0, "binding the model to its cage"); });
     if (!bound) return in_context(options.input, bound.error());
     motion = motion_of_cage(**bound);
-  } else if (options.basis == "pca") {
-    motion = with_poses(*clip, {});
+  } else {
+    motion = motion_of(*clip);
   }
   BakeOptions bake_options{
       options.basis,           rank_of(options), options.name.empty() ? public_name(clip->name()) : options.name,
       asset_error_of(options), &motion,          clip->appearance(),
       options.points_operator};
+  bake_options.delaunay = options.delaunay;
   if (!options.detail.empty()) {
     const auto detail = detail_from_name(options.detail);
     if (!detail) return detail.error();

@@ -31,6 +31,7 @@ struct SourceOptions {
   int rank = 0;                              ///< 0: 200; of pca 50; of rig and cage all columns that there are.
   std::optional<double> asset_error;         ///< See BakeOptions (default: 1e-4; of rig and cage, which are exact, 0).
   std::string points_operator = "delaunay";  ///< See BakeOptions.
+  bool delaunay = false;                     ///< Likewise.
   std::string detail;                        ///< See DetailKind; empty: as BakeOptions says.
   CageOptions cage;                          ///< Of the basis cage.
   std::string name;  ///< (default: the built-in's, or the file's or folder's without its path: assets are public)

@@ -26,9 +26,10 @@ struct Candidate {
   bool operator<(const Candidate& other) const { return cost != other.cost ? cost > other.cost : from > other.from; }
 };
 
-/// Contractions of a mesh in the order in which they are made. No face has a repeated corner; positions are finite and
-/// have been brought to unit size. `seams`: edges (the lower vertex first; ascending) that hold their line as boundaries do.
-std::vector<Step> contract_mesh(std::span<const Vec3> positions, std::span<const Face> faces,
+/// Contractions of a mesh in the order in which they are made, at least cost over all poses, the rest pose first and alone in
+/// saying what hangs together. No face has a repeated corner; positions (n in each pose) are finite and have been brought to
+/// unit size. `seams`: edges (the lower vertex first; ascending) that hold their line as boundaries do.
+std::vector<Step> contract_mesh(std::span<const std::vector<Vec3>> poses, std::span<const Face> faces,
                                 std::span<const std::pair<std::uint32_t, std::uint32_t>> seams = {});
 
 /// Contractions of a point cloud in the order in which they are made. Positions as above.

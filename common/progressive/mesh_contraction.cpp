@@ -23,9 +23,22 @@ enum class Rules {
   kNone,
 };
 
+Vec3 area_vector(std::span<const Vec3> x, const Face& face) {
+  return cross(minus(x[face[1]], x[face[0]]), minus(x[face[2]], x[face[0]]));
+}
+
+double longest_edge2(std::span<const Vec3> x, const Face& face) {
+  double longest = 0;
+  for (std::size_t c = 0; c < 3; ++c) {
+    const Vec3 e = minus(x[face[(c + 1) % 3]], x[face[c]]);
+    longest = std::max(longest, dot(e, e));
+  }
+  return longest;
+}
+
 class MeshContraction {
  public:
-  MeshContraction(std::span<const Vec3> positions, std::span<const Face> faces,
+  MeshContraction(std::span<const std::vector<Vec3>> poses, std::span<const Face> faces,
                   std::span<const std::pair<std::uint32_t, std::uint32_t>> seams);
   std::vector<Step> run();
 
@@ -38,7 +51,9 @@ class MeshContraction {
   void remove_unreferenced();
   void weld();
   void find_components();
-  void make_quadrics();
+  void make_quadrics(std::size_t pose);
+  double cost(std::uint32_t u, std::uint32_t v) const;
+  bool together_in_all_poses(std::uint32_t u, std::uint32_t v) const;
   void contract_all(Rules rules, std::size_t goal);
   bool contract_queue(std::size_t goal);
   void consider(std::uint32_t u);
@@ -49,29 +64,20 @@ class MeshContraction {
   void gather_neighbours(std::uint32_t u, std::vector<Neighbour>& neighbours);
   bool is_legal(std::uint32_t u, const std::vector<Neighbour>& around_u, const Neighbour& to);
   bool keeps_topology(std::uint32_t u, const std::vector<Neighbour>& around_u, const Neighbour& to);
-  bool keeps_sides(std::uint32_t u, std::uint32_t v) const;
+  bool keeps_sides(std::span<const Vec3> x, std::uint32_t u, std::uint32_t v) const;
   std::uint32_t component_of(std::uint32_t u);
   bool in_small_component(std::uint32_t u) { return many_components_ && left_in_[component_of(u)] <= kSmallComponent; }
   bool has(std::uint32_t f, std::uint32_t v) const {
     return faces_[f][0] == v || faces_[f][1] == v || faces_[f][2] == v;
   }
-  double longest_edge2(const Face& face) const {
-    double longest = 0;
-    for (std::size_t c = 0; c < 3; ++c) {
-      const Vec3 e = minus(x_[face[(c + 1) % 3]], x_[face[c]]);
-      longest = std::max(longest, dot(e, e));
-    }
-    return longest;
-  }
-  Vec3 area_vector(const Face& face) const {
-    return cross(minus(x_[face[1]], x_[face[0]]), minus(x_[face[2]], x_[face[0]]));
-  }
+  Quadric& quadric(std::size_t pose, std::uint32_t u) { return quadrics_[pose * x_.size() + u]; }
 
-  std::span<const Vec3> x_;
+  std::span<const std::vector<Vec3>> poses_;
+  std::span<const Vec3> x_;  ///< At rest: poses_[0].
   std::span<const std::pair<std::uint32_t, std::uint32_t>> seams_;
   std::vector<Face> faces_;                         ///< Corners as they are now.
   std::vector<std::vector<std::uint32_t>> around_;  ///< Living faces of each vertex.
-  std::vector<Quadric> quadrics_;
+  std::vector<Quadric> quadrics_;                   ///< Pose by pose.
   std::vector<std::uint32_t> version_;
   std::vector<bool> alive_;
   std::size_t alive_count_;
@@ -90,19 +96,20 @@ class MeshContraction {
   std::vector<Candidate> choices_;
 };
 
-MeshContraction::MeshContraction(std::span<const Vec3> positions, std::span<const Face> faces,
+MeshContraction::MeshContraction(std::span<const std::vector<Vec3>> poses, std::span<const Face> faces,
                                  std::span<const std::pair<std::uint32_t, std::uint32_t>> seams)
-    : x_(positions),
+    : poses_(poses),
+      x_(poses.front()),
       seams_(seams),
       faces_(faces.begin(), faces.end()),
-      around_(positions.size()),
-      quadrics_(positions.size()),
-      version_(positions.size()),
-      alive_(positions.size(), true),
-      alive_count_(positions.size()),
-      mark_(positions.size()),
-      slot_(positions.size()) {
-  steps_.reserve(positions.size());
+      around_(x_.size()),
+      quadrics_(poses.size() * x_.size()),
+      version_(x_.size()),
+      alive_(x_.size(), true),
+      alive_count_(x_.size()),
+      mark_(x_.size()),
+      slot_(x_.size()) {
+  steps_.reserve(x_.size());
   for (std::uint32_t f = 0; f < faces_.size(); ++f) {
     for (const std::uint32_t v : faces_[f]) around_[v].push_back(f);
   }
@@ -112,7 +119,7 @@ std::vector<Step> MeshContraction::run() {
   remove_unreferenced();
   weld();
   find_components();
-  make_quadrics();
+  for (std::size_t pose = 0; pose < poses_.size(); ++pose) make_quadrics(pose);
   const std::size_t useful = alive_count_;
   contract_all(Rules::kTopology, wanted_base(useful));
   // A base that is larger because of its topology is right as long as it is small; beyond that the topology has to go.
@@ -126,6 +133,10 @@ void MeshContraction::remove_unreferenced() {
   for (std::uint32_t v = 0; v < x_.size(); ++v) {
     if (around_[v].empty()) remove_lone(v);
   }
+}
+
+bool MeshContraction::together_in_all_poses(std::uint32_t u, std::uint32_t v) const {
+  return std::all_of(poses_.begin(), poses_.end(), [&](const auto& x) { return x[u] == x[v]; });
 }
 
 // Contracts vertices on boundaries that lie at the same place: they are seams, or a soup of triangles of which each has
@@ -149,7 +160,7 @@ void MeshContraction::weld() {
     std::uint32_t& target = kept[first[v]];
     if (target == kNoTarget || !alive_[target]) {
       target = v;
-    } else {
+    } else if (together_in_all_poses(v, target)) {
       contract(v, target);
     }
   }
@@ -177,16 +188,18 @@ void MeshContraction::find_components() {
   many_components_ = components > 1;
 }
 
-void MeshContraction::make_quadrics() {
-  for (std::uint32_t u = 0; u < x_.size(); ++u) {
+void MeshContraction::make_quadrics(std::size_t pose) {
+  const std::span<const Vec3> x = poses_[pose];
+  for (std::uint32_t u = 0; u < x.size(); ++u) {
+    Quadric& Q = quadric(pose, u);
     for (const std::uint32_t f : around_[u]) {
-      const Vec3 normal = area_vector(faces_[f]);
+      const Vec3 normal = area_vector(x, faces_[f]);
       const double twice_area = std::sqrt(dot(normal, normal));
       if (twice_area <= 0) continue;
       const Vec3 unit{normal[0] / twice_area, normal[1] / twice_area, normal[2] / twice_area};
-      quadrics_[u].add_plane(unit, x_[u], twice_area / 6);
-      quadrics_[u].area += twice_area / 6;
-      area_of_[component_of(u)] += twice_area / 6;
+      Q.add_plane(unit, x[u], twice_area / 6);
+      Q.area += twice_area / 6;
+      if (pose == 0) area_of_[component_of(u)] += twice_area / 6;
     }
     // Edges that do not lie between two faces, and seams, hold their line by planes across it.
     gather_neighbours(u, around_from_);
@@ -194,17 +207,28 @@ void MeshContraction::make_quadrics() {
       if (v.faces == 2 &&
           !std::binary_search(seams_.begin(), seams_.end(), std::pair(std::min(u, v.vertex), std::max(u, v.vertex))))
         continue;
-      const Vec3 edge = minus(x_[v.vertex], x_[u]);
+      const Vec3 edge = minus(x[v.vertex], x[u]);
       for (const std::uint32_t f : around_[u]) {
         if (!has(f, v.vertex)) continue;
-        const Vec3 across = cross(edge, area_vector(faces_[f]));
+        const Vec3 across = cross(edge, area_vector(x, faces_[f]));
         const double length = std::sqrt(dot(across, across));
         if (length <= 0) continue;
         const Vec3 unit{across[0] / length, across[1] / length, across[2] / length};
-        quadrics_[u].add_plane(unit, x_[u], kBoundaryWeight * dot(edge, edge) / 2);
+        Q.add_plane(unit, x[u], kBoundaryWeight * dot(edge, edge) / 2);
       }
     }
   }
+}
+
+/// The mean over the poses (Mohr & Gleicher 2003, "Deformation sensitive decimation").
+double MeshContraction::cost(std::uint32_t u, std::uint32_t v) const {
+  double sum = 0;
+  for (std::size_t pose = 0; pose < poses_.size(); ++pose) {
+    const auto& x = poses_[pose];
+    const Quadric* Q = &quadrics_[pose * x.size()];
+    sum += contraction_cost(Q[u], Q[v], x[u], x[v]);
+  }
+  return sum / static_cast<double>(poses_.size());
 }
 
 void MeshContraction::contract_all(Rules rules, std::size_t goal) {
@@ -250,8 +274,7 @@ void MeshContraction::consider(std::uint32_t u) {
   gather_neighbours(u, around_from_);
   choices_.clear();
   for (const Neighbour& v : around_from_) {
-    choices_.push_back(
-        {contraction_cost(quadrics_[u], quadrics_[v.vertex], x_[u], x_[v.vertex]), u, v.vertex, version_[u]});
+    choices_.push_back({cost(u, v.vertex), u, v.vertex, version_[u]});
   }
   std::sort(choices_.begin(), choices_.end(),
             [](const Candidate& a, const Candidate& b) { return a.cost != b.cost ? a.cost < b.cost : a.to < b.to; });
@@ -281,7 +304,7 @@ void MeshContraction::contract(std::uint32_t u, std::uint32_t v) {
       around_[v].push_back(f);
     }
   }
-  quadrics_[v] += quadrics_[u];
+  for (std::size_t pose = 0; pose < poses_.size(); ++pose) quadric(pose, v) += quadric(pose, u);
   alive_[u] = false;
   --alive_count_;
   if (!left_in_.empty()) --left_in_[component_of(u)];
@@ -323,7 +346,7 @@ void MeshContraction::gather_neighbours(std::uint32_t u, std::vector<Neighbour>&
 bool MeshContraction::is_legal(std::uint32_t u, const std::vector<Neighbour>& around_u, const Neighbour& to) {
   if (rules_ == Rules::kNone || in_small_component(u)) return true;
   if (rules_ == Rules::kTopology && !keeps_topology(u, around_u, to)) return false;
-  return keeps_sides(u, to.vertex);
+  return std::all_of(poses_.begin(), poses_.end(), [&](const auto& x) { return keeps_sides(x, u, to.vertex); });
 }
 
 // The link condition (Dey, Edelsbrunner, Guha, Nekhayev 1999, "Topology preserving edge contraction"), and that nothing
@@ -360,29 +383,29 @@ bool MeshContraction::keeps_topology(std::uint32_t u, const std::vector<Neighbou
   return true;
 }
 
-bool MeshContraction::keeps_sides(std::uint32_t u, std::uint32_t v) const {
+bool MeshContraction::keeps_sides(std::span<const Vec3> x, std::uint32_t u, std::uint32_t v) const {
   for (const std::uint32_t f : around_[u]) {
     if (has(f, v)) continue;
     Face moved = faces_[f];
     *std::find(moved.begin(), moved.end(), u) = v;
-    const Vec3 before = area_vector(faces_[f]);
+    const Vec3 before = area_vector(x, faces_[f]);
     const double before2 = dot(before, before);
     if (before2 <= 0) continue;
-    const Vec3 after = area_vector(moved);
+    const Vec3 after = area_vector(x, moved);
     const double after2 = dot(after, after);
     if (dot(before, after) <= kLeastNormalAgreement * std::sqrt(before2 * after2)) return false;
     // Needles show as noise in the normals: none is made, though one that is there may become a better one.
-    const double shape = std::sqrt(after2) / longest_edge2(moved);
-    if (shape < kLeastShape && shape < std::sqrt(before2) / longest_edge2(faces_[f])) return false;
+    const double shape = std::sqrt(after2) / longest_edge2(x, moved);
+    if (shape < kLeastShape && shape < std::sqrt(before2) / longest_edge2(x, faces_[f])) return false;
   }
   return true;
 }
 
 }  // namespace
 
-std::vector<Step> contract_mesh(std::span<const Vec3> positions, std::span<const Face> faces,
+std::vector<Step> contract_mesh(std::span<const std::vector<Vec3>> poses, std::span<const Face> faces,
                                 std::span<const std::pair<std::uint32_t, std::uint32_t>> seams) {
-  return MeshContraction(positions, faces, seams).run();
+  return MeshContraction(poses, faces, seams).run();
 }
 
 }  // namespace eigencast::progressive

@@ -97,7 +97,8 @@ void PointContraction::link_neighbours() {
 }
 
 // Planes through p that hold the direction across e = p - p_i within the tangent plane (Pauly, Gross, Kobbelt 2002,
-// "Efficient simplification of point-sampled surfaces").
+// "Efficient simplification of point-sampled surfaces"), and p itself, weighed as they are: planes alone let a point stand for a
+// long piece of a limb, for which it is drawn as a disc that is as long, and larger than the limb.
 void PointContraction::make_quadrics() {
   for (std::uint32_t p = 0; p < x_.size(); ++p) {
     if (!alive_[p] || links_[p].empty()) continue;
@@ -105,6 +106,7 @@ void PointContraction::make_quadrics() {
     double nearest = squared_distance(x_[p], x_[links_[p].front()]);
     for (const std::uint32_t i : links_[p]) nearest = std::min(nearest, squared_distance(x_[p], x_[i]));
     quadrics_[p].area = nearest;
+    quadrics_[p].add_point(x_[p], nearest);
     for (const std::uint32_t i : links_[p]) {
       const Vec3 e = minus(x_[p], x_[i]);
       const Vec3 normal = cross(e, cross(e, n));

@@ -62,23 +62,25 @@ Result<void> check(const Surface& surface) {
   return {};
 }
 
-// Within [-1, 1], so that weights and thresholds mean the same for every model.
-std::vector<Vec3> unit_positions(std::span<const Vec3> positions) {
-  Vec3 low = positions[0], high = positions[0];
-  for (const Vec3& p : positions) {
-    for (std::size_t d = 0; d < 3; ++d) {
-      low[d] = std::min(low[d], p[d]);
-      high[d] = std::max(high[d], p[d]);
+/// The rest pose within [-1, 1], so that weights and thresholds mean the same for every model, and the others beside it: as large as it
+/// makes them, each about its own middle.
+std::vector<std::vector<Vec3>> unit_poses(std::span<const Vec3> rest, std::span<const std::vector<Vec3>> others) {
+  std::vector<std::vector<Vec3>> poses = {{rest.begin(), rest.end()}};
+  poses.insert(poses.end(), others.begin(), others.end());
+  double half = 0;
+  for (std::vector<Vec3>& pose : poses) {
+    assert(pose.size() == rest.size());
+    const Box box = bounding_box(pose);
+    // Halves first: the difference of two finite numbers may not be finite.
+    if (half == 0) {
+      for (std::size_t d = 0; d < 3; ++d) half = std::max(half, box.high[d] / 2 - box.low[d] / 2);
+    }
+    if (half <= 0) continue;
+    for (Vec3& p : pose) {
+      for (std::size_t d = 0; d < 3; ++d) p[d] = (p[d] - (box.low[d] / 2 + box.high[d] / 2)) / half;
     }
   }
-  double half = 0;  // Halves first: the difference of two finite numbers may not be finite.
-  for (std::size_t d = 0; d < 3; ++d) half = std::max(half, high[d] / 2 - low[d] / 2);
-  std::vector<Vec3> unit(positions.begin(), positions.end());
-  if (half <= 0) return unit;
-  for (Vec3& p : unit) {
-    for (std::size_t d = 0; d < 3; ++d) p[d] = (p[d] - (low[d] / 2 + high[d] / 2)) / half;
-  }
-  return unit;
+  return poses;
 }
 
 void order_vertices(std::vector<Step> steps, std::span<const Vec3> positions, PrefixOrder& prefix) {
@@ -156,16 +158,18 @@ void order_faces(const Surface& surface, PrefixOrder& prefix) {
 }  // namespace
 
 Result<PrefixOrder> build_prefix_order(const Surface& surface,
-                                       std::span<const std::pair<std::uint32_t, std::uint32_t>> seams) {
+                                       std::span<const std::pair<std::uint32_t, std::uint32_t>> seams,
+                                       std::span<const std::vector<Vec3>> others) {
   if (auto ok = check(surface); !ok) return ok.error();
-  const std::vector<Vec3> positions = unit_positions(surface.positions);
+  const std::vector<std::vector<Vec3>> poses = unit_poses(surface.positions, others);
+  const std::vector<Vec3>& positions = poses.front();
   std::vector<Face> faces;
   for (const Face& face : surface.faces) {
     if (!has_repeated_corner(face)) faces.push_back(face);
   }
   PrefixOrder prefix;
   order_vertices(
-      faces.empty() ? progressive::contract_points(positions) : progressive::contract_mesh(positions, faces, seams),
+      faces.empty() ? progressive::contract_points(positions) : progressive::contract_mesh(poses, faces, seams),
       positions, prefix);
   order_faces(surface, prefix);
   return prefix;

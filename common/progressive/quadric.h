@@ -32,6 +32,13 @@ struct Quadric {
     constant += w * d * d;
   }
 
+  /// Adds w |x - p|^2, the squared distance from a point. Does not touch the area.
+  void add_point(const Vec3& p, double w) {
+    xx += w, yy += w, zz += w;
+    x -= w * p[0], y -= w * p[1], z -= w * p[2];
+    constant += w * dot(p, p);
+  }
+
   Quadric& operator+=(const Quadric& q) {
     xx += q.xx, xy += q.xy, xz += q.xz, yy += q.yy, yz += q.yz, zz += q.zz;
     x += q.x, y += q.y, z += q.z;

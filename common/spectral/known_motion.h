@@ -3,9 +3,11 @@
 
 #include <cstddef>
 #include <functional>
+#include <utility>
 #include <vector>
 
 #include "common/core/result.h"
+#include "common/surface/motion_clip.h"
 #include "common/surface/surface.h"
 
 namespace eigencast {
@@ -32,5 +34,10 @@ struct KnownMotion {
   std::size_t samples() const { return poses < kMostSamples ? poses : kMostSamples; }
   Result<std::vector<Vec3>> sample(std::size_t i) const { return pose(i * poses / samples()); }
 };
+
+/// The poses of a clip, which must outlive what is returned.
+inline KnownMotion motion_of(const MotionClip& clip, SpanningColumns columns = {}) {
+  return {std::move(columns), clip.frame_count(), [&clip](std::size_t i) { return clip.pose(i); }};
+}
 
 }  // namespace eigencast

@@ -62,7 +62,8 @@ class Horse : public ::testing::Test {
   /// The error of all keys that the viewer at full detail received.
   Comparison compare(const std::string& basis, const Scene& scene, DetailKind detail = DetailKind::kNone) {
     const auto clip = open_animation(folder_);
-    const BakeOptions options{.basis = basis, .rank = 200, .name = {}, .detail = detail};
+    const KnownMotion motion = motion_of(*clip);
+    const BakeOptions options{.basis = basis, .rank = 200, .name = {}, .motion = &motion, .detail = detail};
     const auto baked = bake(clip->rest(), options, default_cache_dir());
     EXPECT_TRUE(baked) << baked.error().message;
     const auto comparison = compare_with_truth(*clip, baked->asset, scene.sent(), scene.received("full"));
@@ -164,7 +165,8 @@ TEST_P(Interpolated, TheRateTriplesAndEveryPoseIsEquation7OfItsNeighbours) {
   const auto client = scene.start_client("a", {"--frames", "60", "--form", form});
   ASSERT_EQ(client->wait(kPatience), 0) << scene.logs();
   const auto clip = builtin_clip("torus");
-  const auto baked = bake((*clip)->rest(), {}, default_cache_dir());
+  const KnownMotion motion = motion_of(**clip);
+  const auto baked = bake((*clip)->rest(), {.name = {}, .motion = &motion}, default_cache_dir());
   ASSERT_TRUE(baked);
   // Compact poses are rounded to steps, full ones coded to within three half spacings of 2.5 times the keys' size.
   const Quantiser quantiser = quantiser_for_error(kDefaultErrorOverDiagonal * baked->asset.diagonal(), baked->asset.area, baked->asset.rank);
@@ -190,7 +192,8 @@ TEST(Raw, DeliversExactlyWhatWasSent) {
   ASSERT_EQ(client->wait(kPatience), 0) << scene.logs();
 
   const auto clip = builtin_clip("torus");
-  const auto baked = bake((*clip)->rest(), {}, default_cache_dir());
+  const KnownMotion motion = motion_of(**clip);
+  const auto baked = bake((*clip)->rest(), {.name = {}, .motion = &motion}, default_cache_dir());
   ASSERT_TRUE(baked);
   const auto projector = Projector::create(baked->asset);
   ASSERT_TRUE(projector);

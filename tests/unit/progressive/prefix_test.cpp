@@ -328,6 +328,41 @@ TEST(Prefix, RefusesWhatIsNoSurface) {
   EXPECT_NE(build_prefix_order(surface).error().message.find("vertex 7"), std::string::npos);
 }
 
+TEST(PrefixPoses, NoFaceOfALevelLiesAcrossWhatIsFoldedInAnotherPose) {
+  const Surface sheet = flat_square(40);
+  std::vector<std::vector<Vec3>> poses = {sheet.positions};
+  for (Vec3& p : poses[0]) p[2] = std::abs(p[0] - 0.5);
+  const auto faces_across = [&](const PrefixOrder& p) {
+    const std::vector<Face> faces = faces_at(p, 160);
+    return std::count_if(faces.begin(), faces.end(), [&](const Face& face) {
+      const auto u = [&](std::size_t corner) { return sheet.positions[p.order[face[corner]]][0]; };
+      return std::min({u(0), u(1), u(2)}) < 0.5 && std::max({u(0), u(1), u(2)}) > 0.5;
+    });
+  };
+  const auto folded = build_prefix_order(sheet, {}, poses);
+  ASSERT_TRUE(folded);
+  expect_valid(sheet, *folded);
+  EXPECT_EQ(faces_across(*folded), 0);
+  EXPECT_GT(faces_across(order_of(sheet)), 5);
+}
+
+TEST(PrefixPoses, WhatLiesTogetherOnlyAtRestIsNotWelded) {
+  Surface halves = flat_square(8);
+  append(halves, flat_square(8), {0.875, 0, 0});  // whose first column is the other's last
+  std::vector<std::vector<Vec3>> poses = {halves.positions};
+  for (std::size_t i = 64; i < 128; ++i) poses[0][i][0] += 0.5;
+  const auto crossings = [](const PrefixOrder& p) {
+    int count = 0;
+    for (std::uint32_t i = 32; i < 128; ++i) count += (p.order[i] < 64) != (p.order[p.map[i]] < 64);
+    return count;
+  };
+  const auto apart = build_prefix_order(halves, {}, poses);
+  ASSERT_TRUE(apart);
+  expect_valid(halves, *apart);
+  EXPECT_EQ(crossings(*apart), 0);
+  EXPECT_GE(crossings(order_of(halves)), 8);
+}
+
 TEST(PrefixPoints, CoversTheSphereEvenly) {
   Surface cloud = sphere(4);
   cloud.faces.clear();

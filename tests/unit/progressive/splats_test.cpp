@@ -111,6 +111,11 @@ struct Cloud {
       normals.push_back(all[i]);
     }
   }
+  std::vector<double> radii(std::uint32_t N) const {
+    std::vector<double> at_level(splats.radius.begin(), splats.radius.begin() + N);
+    for (std::uint32_t i = order.base_count; i < N; ++i) at_level[order.map[i]] = splats.parent_radius[i];
+    return at_level;
+  }
   Surface surface;
   PrefixOrder order;
   PointSplats splats;
@@ -135,9 +140,7 @@ TEST(Splats, DiscsOfEveryLevelCoverAllPointsThatLookTheirWay) {
   const Cloud cloud(make_torus(60, 30, 1, 0.4));
   const auto n = static_cast<std::uint32_t>(cloud.rows.size());
   for (const std::uint32_t N : {cloud.order.base_count, n / 20, n / 3, n - 1, n}) {
-    std::vector<double> radii(cloud.splats.radius.begin(), cloud.splats.radius.begin() + N);
-    for (std::uint32_t i = cloud.order.base_count; i < N; ++i)
-      radii[cloud.order.map[i]] = cloud.splats.parent_radius[i];
+    const std::vector<double> radii = cloud.radii(N);
     for (std::uint32_t i = 0; i < n; ++i) {
       const std::uint32_t stand = prefix_corner(cloud.order.map, i, N);
       const Vec3 e = minus(cloud.rows[i], cloud.rows[stand]);
@@ -146,6 +149,19 @@ TEST(Splats, DiscsOfEveryLevelCoverAllPointsThatLookTheirWay) {
       EXPECT_LE(length(cross(e, here)), radii[stand] * 1.000001) << i << " at " << N;
     }
   }
+}
+
+// A ring as thin as a leg: at a level where some six points go round it, discs stay about as small as the ring is thin.
+TEST(Splats, DiscsOfALimbAreNoLongerThanTheLimbIsThick) {
+  const Cloud cloud(make_torus(400, 16, 1, 0.04));
+  const std::uint32_t N = 900;
+  double worst = 0, sum = 0;
+  for (const double radius : cloud.radii(N)) {
+    worst = std::max(worst, radius / 0.04);
+    sum += radius / 0.04;
+  }
+  EXPECT_LE(worst, 2.0);
+  EXPECT_LE(sum / N, 1.0);
 }
 
 TEST(Splats, OfFewOrCoincidentPointsStandStill) {

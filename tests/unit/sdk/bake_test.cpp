@@ -77,6 +77,29 @@ TEST(Bake, RestPoseComesBackInTheSourcesOrderAndPlace) {
   }
 }
 
+TEST(Bake, LevelsAreMadeForPosesOfTheMotionThatCanBeRead) {
+  const Surface surface = make_torus(40, 20, 1.0, 0.4);
+  const KnownMotion motion{{}, 12, [&](std::size_t i) -> Result<std::vector<Vec3>> {
+                             if (i == 5) return fail(ErrorCode::kIo, "gone");
+                             std::vector<Vec3> pose = surface.positions;
+                             for (Vec3& p : pose) p[2] += 0.1 * static_cast<double>(i) * p[0] * p[0];
+                             if (i == 7) pose[3][1] = std::numeric_limits<double>::quiet_NaN();
+                             return pose;
+                           }};
+  BakeOptions options = of_rank(40);
+  const TemporaryFolder cache;
+  const auto still = bake(surface, options, cache.path().string());
+  options.motion = &motion;
+  const auto moving = bake(surface, options, cache.path().string());
+  ASSERT_TRUE(still && moving);
+  expect_sound(surface, *moving);
+  EXPECT_FALSE(moving->from_cache);
+  EXPECT_NE(moving->asset.source_vertex, still->asset.source_vertex);
+  EXPECT_NE(moving->report.find("made for the rest pose and 4 more"), std::string::npos) << moving->report;
+  EXPECT_EQ(still->report.find("made for the rest pose"), std::string::npos) << still->report;
+  EXPECT_TRUE(bake(surface, options, cache.path().string())->from_cache);
+}
+
 TEST(Bake, FacesAreTheSourcesFacesThroughThePermutation) {
   const Surface surface = make_icosphere(2);
   const auto result = bake(surface, of_rank(20));
