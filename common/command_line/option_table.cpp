@@ -49,19 +49,30 @@ OptionRow row_from(const CLI::Option& option) {
   return row;
 }
 
-void add_commands(const CLI::App& app, std::vector<std::string> path, std::vector<CommandRow>& rows) {
-  CommandRow row;
-  row.path = path;
-  row.description = app.get_description();
+std::vector<const CLI::App*> commands_below(const CLI::App& app) {
+  return app.get_subcommands([](const CLI::App*) { return true; });
+}
+
+/// Those of its groups, too, which CLI11 holds as commands without a name.
+void add_options(const CLI::App& app, CommandRow& row) {
   for (const CLI::Option* option : app.get_options()) {
     if (option->get_group().empty()) continue;
     OptionRow mine = row_from(*option);
     (mine.names.empty() ? row.arguments : row.options).push_back(std::move(mine));
   }
+  for (const CLI::App* group : commands_below(app)) {
+    if (group->get_name().empty()) add_options(*group, row);
+  }
+}
+
+void add_commands(const CLI::App& app, std::vector<std::string> path, std::vector<CommandRow>& rows) {
+  CommandRow row;
+  row.path = path;
+  row.description = app.get_description();
+  add_options(app, row);
   rows.push_back(std::move(row));
-  for (const CLI::App* command :
-       app.get_subcommands(std::function<bool(const CLI::App*)>([](const CLI::App*) { return true; }))) {
-    if (command->get_group().empty()) continue;
+  for (const CLI::App* command : commands_below(app)) {
+    if (command->get_name().empty() || command->get_group().empty()) continue;
     std::vector<std::string> below = path;
     below.push_back(command->get_name());
     add_commands(*command, std::move(below), rows);

@@ -25,6 +25,7 @@ struct Program {
     CLI::App* go = app.add_subcommand("go", "Go somewhere");
     go->add_option("place", text, "where to")->required();
     go->add_option("--gait", text, "how")->check(CLI::IsMember({"walk", "run"}));
+    go->add_option_group("end")->add_flag("--at-dusk", flag, "until it is dark");
     go->add_option("-s,--speed", number, "metres a second")->envname("MOVER_SPEED");
     CLI::App* back = go->add_subcommand("back", "And return");
     back->add_flag("--slowly", flag, "without haste");
@@ -39,8 +40,9 @@ TEST(Documents, EachNamesEveryCommandAndOptionThatTheHelpShows) {
   for (const std::string& text :
        {man, completion_from(program.app, Shell::kBash), completion_from(program.app, Shell::kZsh),
         completion_from(program.app, Shell::kFish)}) {
-    for (const char* word : {"go", "back", "gait", "walk", "run", "speed", "slowly", "quiet"})
+    for (const char* word : {"go", "back", "gait", "walk", "run", "speed", "slowly", "quiet", "at-dusk"})
       EXPECT_THAT(text, HasSubstr(word)) << text;
+    EXPECT_THAT(text, Not(HasSubstr("':'"))) << "a group of options is no command";
     EXPECT_THAT(text, Not(HasSubstr("secret")));
     EXPECT_THAT(text, Not(HasSubstr("hidden")));
   }
