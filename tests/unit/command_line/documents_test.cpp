@@ -40,7 +40,7 @@ TEST(Documents, EachNamesEveryCommandAndOptionThatTheHelpShows) {
   for (const std::string& text :
        {man, completion_from(program.app, Shell::kBash), completion_from(program.app, Shell::kZsh),
         completion_from(program.app, Shell::kFish)}) {
-    for (const char* word : {"go", "back", "gait", "walk", "run", "speed", "slowly", "quiet", "at-dusk"})
+    for (const char* word : {"go", "back", "gait", "walk", "run", "speed", "slowly", "quiet", "dusk"})
       EXPECT_THAT(text, HasSubstr(word)) << text;
     EXPECT_THAT(text, Not(HasSubstr("':'"))) << "a group of options is no command";
     EXPECT_THAT(text, Not(HasSubstr("secret")));
