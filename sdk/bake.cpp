@@ -86,16 +86,6 @@ bool uses_kernel(const BakeOptions& options) {
   return options.points_operator == "pb-mhb";
 }
 
-/// Peak of a bake: eigenvectors, candidate columns and the basis side by side, and the vectors of one Lanczos band; of a motion's
-/// basis its columns as they are given and as they are worked on.
-double bytes_needed(std::size_t n, const BakeOptions& options) {
-  auto columns = 3.0 * options.rank + 180;
-  if (options.motion != nullptr && options.motion->columns.count > 0)
-    columns = 5 * static_cast<double>(options.motion->columns.count) + 60;
-  if (detail_of(options) != DetailKind::kNone) columns += 2.0 * options.rank;  // as integers, and while coded
-  return static_cast<double>(n) * (8 * columns + (uses_kernel(options) ? kKernelBytes : 0));
-}
-
 bool is_of_motion(const std::string& basis) {
   return basis == "rig" || basis == "cage" || basis == "pca";
 }
@@ -143,7 +133,7 @@ Result<void> check_options(const Surface& surface, const BakeOptions& options) {
   if (!(options.asset_error >= 0 && options.asset_error <= 0.1)) {
     return fail(ErrorCode::kInvalidArgument, "an asset error that is not between 0 and 0.1 of the diagonal");
   }
-  const double needed = bytes_needed(surface.vertex_count(), options);
+  const double needed = bake_bytes(surface.vertex_count(), options);
   if (const double there = usable_memory(); needed > there) {
     return fail(
         ErrorCode::kTooLarge,
@@ -392,12 +382,22 @@ Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vect
   result.residual = basis->residual;
   const double seconds = static_cast<double>(steady_now_us() - start) / 1e6;
   result.report = report_of(result, {surface, poses.size(), options, *laplacian, *basis, seconds,
-                                     bytes_needed(surface.vertex_count(), options)});
+                                     bake_bytes(surface.vertex_count(), options)});
   result.report += looks.report;
   return result;
 }
 
 }  // namespace
+
+// Peak of a bake: eigenvectors, candidate columns and the basis side by side, and the vectors of one Lanczos band; of a motion's
+// basis its columns as they are given and as they are worked on.
+double bake_bytes(std::size_t vertices, const BakeOptions& options) {
+  auto columns = 3.0 * options.rank + 180;
+  if (options.motion != nullptr && options.motion->columns.count > 0)
+    columns = 5 * static_cast<double>(options.motion->columns.count) + 60;
+  if (detail_of(options) != DetailKind::kNone) columns += 2.0 * options.rank;  // as integers, and while coded
+  return static_cast<double>(vertices) * (8 * columns + (uses_kernel(options) ? kKernelBytes : 0));
+}
 
 DetailKind detail_of(const BakeOptions& options) {
   return options.detail.value_or(options.basis == "harmonic" ? DetailKind::kFrames : DetailKind::kNone);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <cstddef>
 #include <functional>
 #include <optional>
 #include <string>
@@ -33,8 +34,8 @@ struct BakeOptions {
   /// How what "harmonic" or "pca" leave out of the rest pose comes back in every pose, and full normals with it (default: frames for
   /// "harmonic", else none). An asset two to three times as large, whose poses take viewers three times the multiplications.
   std::optional<DetailKind> detail = std::nullopt;
-  bool delaunay =
-      false;  ///< Of meshes: the operator of LaplacianOptions::delaunay, whether its edges ask for it or not.
+  /// Of meshes: the operator of LaplacianOptions::delaunay, whether its edges ask for it or not.
+  bool delaunay = false;
 };
 /// What such a bake gives.
 DetailKind detail_of(const BakeOptions& options);
@@ -49,10 +50,13 @@ struct BakeResult {
   bool certified = false;    ///< All eigenvectors are there, and are to the residual. (A motion's bases have none.)
   bool approximate = false;  ///< They are approximations, of a surface of more than 150,000 vertices.
   double residual = 0;
-  std::string
-      not_kept;  ///< Why it could not be kept in the cache, which the bake does without; empty: it was, or had not to be.
+  /// Why it could not be kept in the cache, which the bake does without; empty: it was, or had not to be.
+  std::string not_kept;
   std::string report;  ///< For people: what check_surface found, rank used, seconds taken.
 };
+
+/// The memory that a bake of so many vertices takes, in bytes: an estimate from above. More than there is, and bake() refuses.
+double bake_bytes(std::size_t vertices, const BakeOptions& options);
 
 /// Turns a surface into a streamable asset: checks, Laplacian, basis, contraction order, encoding. With a cache directory (see
 /// asset_cache.h) the result is kept under the hash of the surface and the options, and found there next time.

@@ -2,6 +2,7 @@
 #include "sender/source.h"
 
 #include <algorithm>
+#include <cstdio>
 #include <filesystem>
 
 #include "common/spectral/rig_columns.h"
@@ -15,6 +16,8 @@
 
 namespace eigencast {
 namespace {
+
+constexpr double kMemoryWorthSaying = 1e9;  // bytes
 
 bool is_builtin(const std::string& input) {
   const std::vector<std::string> names = builtin_names();
@@ -133,6 +136,10 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
     const auto detail = detail_from_name(options.detail);
     if (!detail) return detail.error();
     bake_options.detail = *detail;
+  }
+  if (const double bytes = bake_bytes(rest.vertex_count(), bake_options); bytes >= kMemoryWorthSaying) {
+    std::fprintf(stderr, "%zu vertices take about %.1f GB of memory to bake, unless that was done before\n",
+                 rest.vertex_count(), bytes / 1e9);
   }
   auto baked = bake(rest, bake_options, options.cache_dir, progress);
   if (!baked) return in_context(options.input, baked.error());

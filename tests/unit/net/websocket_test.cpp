@@ -107,7 +107,7 @@ TEST(WebSocketToBroker, ARefusalWaitsTheLongestInterval) {
   LoopbackBroker broker;
   Log log;
   WebSocket socket(options_for(broker.url(""), "/v1/subscribe/bad..%20name"), log.events());
-  ASSERT_TRUE(eventually([&] { return log.down_count() == 1; }));
+  ASSERT_TRUE(eventually([&] { return log.down_count() >= 1; }));
   EXPECT_EQ(log.down(0).first.code, ErrorCode::kRefused);
   EXPECT_GE(log.down(0).second.count(), 45000);
 }
@@ -120,7 +120,7 @@ TEST(WebSocketToBroker, StaysAwayAsLongAsItIsAsked) {
     ASSERT_TRUE(eventually([&] { return log.opened == 1; }));
     socket.hold_off(pause);
     broker.stop();
-    ASSERT_TRUE(eventually([&] { return log.down_count() == 1; }));
+    ASSERT_TRUE(eventually([&] { return log.down_count() >= 1; }));
     // With 0 it does not expect us back soon: the longest interval, which is 60 s here, less its jitter.
     EXPECT_GE(log.down(0).second.count(), pause.count() > 0 ? 100'000 : 45'000);
   }
@@ -146,7 +146,7 @@ TEST(WebSocket, AServerWithoutTlsIsToldApartAndTriedAgain) {
   url.replace(0, 2, "wss");
   Log log;
   WebSocket socket(options_for(url, "/v1/subscribe/a"), log.events());
-  ASSERT_TRUE(eventually([&] { return log.down_count() == 1; }));
+  ASSERT_TRUE(eventually([&] { return log.down_count() >= 1; }));
   EXPECT_EQ(log.down(0).first.code, ErrorCode::kUnreachable);
   EXPECT_NE(log.down(0).first.message.find("no TLS at wss://127.0.0.1"), std::string::npos)
       << log.down(0).first.message;
@@ -245,7 +245,7 @@ TEST(WebSocket, ASilentPeerIsGivenUp) {
   auto options = options_for(server.url(), "/");
   options.silence_timeout = milliseconds(100);
   WebSocket socket(std::move(options), log.events());
-  ASSERT_TRUE(eventually([&] { return log.down_count() == 1; }));
+  ASSERT_TRUE(eventually([&] { return log.down_count() >= 1; }));
   EXPECT_EQ(log.opened, 1);
   EXPECT_EQ(log.down(0).first.code, ErrorCode::kTimeout);
 }
@@ -256,7 +256,7 @@ TEST(WebSocket, APeerThatNeverUpgradesIsGivenUp) {
   auto options = options_for(server.url(), "/");
   options.connect_timeout = milliseconds(100);
   WebSocket socket(std::move(options), log.events());
-  ASSERT_TRUE(eventually([&] { return log.down_count() == 1; }));
+  ASSERT_TRUE(eventually([&] { return log.down_count() >= 1; }));
   EXPECT_EQ(log.opened, 0);
   EXPECT_EQ(log.down(0).first.code, ErrorCode::kTimeout);
 }
@@ -265,7 +265,7 @@ TEST(WebSocket, APeerOfAnotherProtocolIsRefused) {
   DeafServer server("chat");
   Log log;
   WebSocket socket(options_for(server.url(), "/"), log.events());
-  ASSERT_TRUE(eventually([&] { return log.down_count() == 1; }));
+  ASSERT_TRUE(eventually([&] { return log.down_count() >= 1; }));
   EXPECT_THAT(log.down(0).first.message, HasSubstr("ws://127.0.0.1"));
   EXPECT_EQ(log.opened, 0);
 }
