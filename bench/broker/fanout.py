@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""What a delivery costs the broker, beside a bare server that writes the same bytes: rows of docs/performance.md, "Fan-out".
+"""What a delivery costs the broker, beside a bare server that writes the same bytes: rows of docs/performance/broker.md.
 
     EIGENCAST_WSLOAD=FOLDER bench/broker/fanout.py --broker build/bench/bin/eigencast-broker [ROW...]
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""What more event loops in one broker deliver (server.threads), row "threads" of docs/performance.md, "Fan-out".
+"""What more event loops in one broker deliver (server.threads), row "threads" of docs/performance/broker.md.
 
     bench/broker/threads.py --broker build/bench/bin/eigencast-broker [--viewers 1000] [--rate 360]
 

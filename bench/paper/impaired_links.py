@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Displayed error and delay of raw, interpolated and estimated modes over bad links (docs/performance.md, "Time").
+"""Displayed error and delay of raw, interpolated and estimated modes over bad links (docs/performance/time.md).
 
 For each link one sender plays to the broker directly; a viewer per mode watches through a relay of its own. What a picture
 shows is compared with what the sender's surface was at the moment of display: the error includes the delay. Links are those of

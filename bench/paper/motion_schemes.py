@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""What each scheme of interpolation and estimation is off by, on real clips and built-in motions (docs/performance.md, "Time").
+"""What each scheme of interpolation and estimation is off by, on real clips and built-in motions (docs/performance/time.md).
 
 Frames between keys of 15, 10 and 6 a second, and frames beyond the newest of 30 keys a second: root mean square distance, percent of
 the diagonal. All schemes are linear in the poses, so that what holds of vertices holds of coefficients; real clips are taken as
