@@ -96,7 +96,7 @@ TEST_F(BeforeTheBake, EvaluateLooksAtAllOfItsBases) {
 
 TEST_F(BeforeTheBake, PosesOfAnotherOrderAreNoticed) {
   const auto clip = folder_.file("clip.npy");
-  ASSERT_TRUE(write_clip(testing::Reordered(8), clip));  // The mesh beside it is in the right one.
+  ASSERT_TRUE(write_clip(Reordered(8), clip));  // The mesh beside it is in the right one.
   auto evaluate = of_sphere<EvaluateCommand>();
   evaluate.source.input = clip;
   ends(evaluate, kExitFailed, "most frames are in another order");

@@ -77,7 +77,7 @@ TEST(OrderCheck, LooksAtLargeMeshesAreRarer) {
     return static_cast<double>(pause_between_looks(looked, size)) * 1e-6;
   };
   EXPECT_LE(seconds(1, 30'000), 1.0 / 30) << "each of the first poses at the usual rate";
-  EXPECT_EQ(seconds(30, 30'000), 0.2);
+  EXPECT_DOUBLE_EQ(seconds(30, 30'000), 0.2);
   EXPECT_GE(seconds(1, 3'000'000), 1) << "a look takes up to 0.3 s";
   EXPECT_GE(seconds(30, 3'000'000), 10);
 }

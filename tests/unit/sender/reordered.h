@@ -7,7 +7,7 @@
 
 #include "common/surface/shapes.h"
 
-namespace eigencast::testing {
+namespace eigencast {
 
 /// Twenty frames of the heart, its vertices in another order from frame `from` on.
 class Reordered final : public MotionClip {
@@ -28,4 +28,4 @@ class Reordered final : public MotionClip {
   std::size_t from_;
 };
 
-}  // namespace eigencast::testing
+}  // namespace eigencast
