@@ -9,6 +9,7 @@
 #include "client/clip_source.h"
 #include "client/settings.h"
 #include "common/command_line/documents.h"
+#include "common/command_line/shared_options.h"
 #include "common/net/url.h"
 #include "sdk/asset_cache.h"
 #include "sdk/contexts.h"
@@ -220,16 +221,10 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   app.add_option("--scene", raw.scene, "a JSON file that says which streams stand where (client/README.md)");
   app.add_option("--context", raw.context, "broker by name, see eigencast-sender context (default: the current one)")
       ->envname("EIGENCAST_CONTEXT");
-  app.add_option(
-         "--token", raw.credentials.token,
-         "token, or @FILE that holds it, for the broker of --context, else of the first stream, and for no other")
+  add_credential_options(app, raw.credentials)
+      ->description(
+          "token, or @FILE that holds it, for the broker of --context, else of the first stream, and for no other")
       ->envname("EIGENCAST_TOKEN");
-  app.add_option("--ca", raw.credentials.ca_file,
-                 "PEM file of the authorities trusted for wss:// (default: the system's)");
-  app.add_option("--cert", raw.credentials.certificate_file,
-                 "PEM file of a certificate for a broker that asks for one");
-  app.add_option("--key", raw.credentials.key_file, "PEM file of its private key");
-  app.add_flag("--insecure", raw.credentials.insecure, "do not check the broker's certificate: for trying out only");
   app.add_flag("--headless", options.headless, "no window: render into memory, no display needed");
   app.add_option("--frames", options.frames, "end after so many new poses were drawn (0: never)");
   app.add_option("--duration", options.duration_s, "end after so many seconds (0: never)")->check(CLI::Range(0.0, 1e7));
@@ -329,7 +324,6 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   }
   if (const std::string complaint = read_look(raw, options.look); !complaint.empty()) return usage(complaint);
   options.size_given = app.count("--size") > 0;
-  options.resolver_given = app.count("--resolver") > 0;
   for (const char* of_look : {"--edges", "--wireframe", "--points", "--transparent", "--colour-map"})
     options.look_given |= app.count(of_look) > 0;
   if (options.headless && options.watch) return usage("--watch is for the window; headless a file is read once");
@@ -351,7 +345,6 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   if (options.headless) options.levels.deadline = 1.25;  // no display to miss
   options.follow_display = !options.headless && app.count("--target-fps") == 0;
   const bool has_delay = app.count("--smooth") + app.count("--delay") + app.count("--ahead") > 0;
-  options.playout_given = has_delay || app.count("--playout") > 0;
   if (raw.playout == "latest" && has_delay)
     return usage("--smooth, --delay and --ahead are for --playout interpolate or estimate; latest holds nothing back");
   if (app.count("--smooth") > 0 && app.count("--delay") > 0)

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -15,7 +17,6 @@
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
 #include "common/wire/limits.h"
-#include "sdk/asset_folder.h"
 #include "sdk/publisher.h"
 #include "sender/commands.h"
 #include "sender/live.h"
@@ -74,6 +75,12 @@ class ChainFollower {
   std::optional<ChainState> state_;
   std::uint64_t sequence_ = 0;
 };
+
+Result<Bytes> read_object(const std::string& path) {
+  std::ifstream in(path, std::ios::binary);
+  if (!in) return fail(ErrorCode::kIo, path + ": cannot be read");
+  return Bytes{std::istreambuf_iterator<char>(in), {}};
+}
 
 class Replayer {
  public:
@@ -219,7 +226,7 @@ class Replayer {
          it.increment(error)) {
       const auto id = Sha256::from_hex(it->path().filename().string());
       if (!id) continue;
-      auto bytes = read_object(command_.asset_dir, *id);
+      auto bytes = read_object(it->path().string());
       if (!bytes) return bytes.error();
       if (sha256(*bytes) != *id)
         return fail(ErrorCode::kCorrupt, it->path().string() + ": its content has another hash");

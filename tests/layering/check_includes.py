@@ -12,7 +12,7 @@ import sys
 ROOMS = {
     "common/core": set(),
     "common/core/hash": {"common/core"},
-    "common/command_line": {"common/core"},
+    "common/command_line": {"common/core", "common/net"},  # Credentials
     "common/wire": {"common/core"},
     "common/codec": {"common/core"},
     "common/motion": {"common/core"},

@@ -19,6 +19,18 @@ TEST_F(AccessTest, AStreamFlowsOverTlsForThoseWithTheRight) {
   auto sender = scene_.start_sender({"torus", "--rate", "30", "--token", sends, "--ca", ca});
   EXPECT_TRUE(watches("a", {"--token", looks, "--ca", ca})) << scene_.logs();
 
+  // Delays are measured through the same door.
+  std::vector<std::string> measures{"eigencast-latency", "passive", scene_.url(), "--ca", ca,
+                                    "--warmup",          "0",       "--duration", "0.5"};
+  EXPECT_EQ(scene_.run("unmeasured", measures), 1);
+  EXPECT_THAT(text_of(scene_.file("unmeasured.log")), HasSubstr("give a token with --token"));
+  measures.insert(measures.end(), {"--token", looks});
+  EXPECT_EQ(scene_.run("measured", measures), 0) << text_of(scene_.file("measured.log"));
+  EXPECT_EQ(
+      scene_.run("probed", {"eigencast-latency", "probe", scene_.url(), "--ca", ca, "--token", looks, "--count", "3"}),
+      0)
+      << text_of(scene_.file("probed.log"));
+
   EXPECT_THAT(refusal("no-token", {"--ca", ca}), HasSubstr("give a token with --token"));
   EXPECT_THAT(refusal("no-right", {"--ca", ca, "--token", sends}),
               HasSubstr("token 'sends' may not subscribe 'live/test'"));

@@ -3,6 +3,7 @@
 
 #include <unistd.h>
 
+#include <algorithm>
 #include <condition_variable>
 #include <cstdio>
 #include <memory>
@@ -14,6 +15,7 @@
 #include "common/net/websocket.h"
 #include "common/wire/control.h"
 #include "tools/latency/local_broker.h"
+#include "tools/latency/presenter.h"
 #include "tools/latency/report.h"
 #include "tools/latency/session.h"
 
@@ -27,7 +29,7 @@ int complain(const Error& error) {
 
 LogSink log_to_stderr(bool verbose) {
   return [verbose](LogLevel level, std::string_view text) {
-    if (verbose || level == LogLevel::kError)
+    if (verbose || level >= LogLevel::kWarning)
       std::fprintf(stderr, "%.*s\n", static_cast<int>(text.size()), text.data());
   };
 }
@@ -48,6 +50,27 @@ Result<void> write_to(const std::string& path, const std::string& text) {
   return {};
 }
 
+/// What viewers are to be sent is said by options: a query that is passed over would be measured as something else.
+Result<void> check_url(const std::string& text) {
+  if (text.empty()) return {};
+  const auto url = parse_broker_url(text);
+  if (!url) return url.error();
+  if (url->query.empty()) return {};
+  return fail(ErrorCode::kInvalidArgument,
+              url->shown() + ": leave out '?" + url->query + "'; --interp and --form say what viewers are sent");
+}
+
+/// What cannot be meant is found before the minutes are spent.
+Result<void> check(const Inputs& inputs) {
+  for (const std::string& url : {inputs.url, inputs.viewer_url})
+    if (auto good = check_url(url); !good) return good;
+  if (inputs.clients > 1 && !inputs.url_of_viewers().empty())
+    if (const auto good = Load::check_url(inputs.url_of_viewers()); !good) return good.error();
+  if (inputs.present.empty()) return {};
+  const auto size = picture_size_from_text(inputs.present);
+  return size ? Result<void>() : size.error();
+}
+
 /// The broker that is used: the one given, or one of our own, which `own` then holds.
 Result<void> choose_broker(Inputs& inputs, std::unique_ptr<LocalBroker>& own) {
   if (!inputs.url.empty()) return {};
@@ -55,6 +78,7 @@ Result<void> choose_broker(Inputs& inputs, std::unique_ptr<LocalBroker>& own) {
   if (!started) return started.error();
   own = std::move(*started);
   inputs.url = own->url("latency");
+  inputs.credentials = {};  // They are for somebody else's.
   return {};
 }
 
@@ -68,7 +92,7 @@ Result<void> write_reports(const Options& options, const Outcome& outcome, const
 
 int measure(const Options& options, const std::string& version, const std::atomic<bool>& stop) {
   Inputs inputs = options.inputs;
-  // A condition that cannot be meant is found before the minutes are spent.
+  if (const auto good = check(inputs); !good) return complain(good.error());
   for (const std::string& condition : options.fail_if)
     if (const auto known = failed_condition(condition, Outcome{}); !known) return complain(known.error());
   std::unique_ptr<LocalBroker> own;
@@ -77,7 +101,9 @@ int measure(const Options& options, const std::string& version, const std::atomi
   const auto outcome = run_session(inputs, stop, progress, log_to_stderr(options.verbose));
   if (progress) std::fputs("\r\033[K", stderr);
   if (!outcome) return complain(outcome.error());
-  std::fputs(table(*outcome).c_str(), options.json == "-" ? stderr : stdout);
+  const auto& o = options;
+  const bool report_on_stdout = o.json == "-" || o.csv == "-" || o.hgrm == "-" || o.hdr_log == "-" || o.samples == "-";
+  std::fputs(table(*outcome).c_str(), report_on_stdout ? stderr : stdout);
   if (auto written = write_reports(options, *outcome, version); !written) return complain(written.error());
   int code = kExitGood;
   for (const std::string& condition : options.fail_if) {
@@ -87,7 +113,8 @@ int measure(const Options& options, const std::string& version, const std::atomi
     std::fprintf(stderr, "eigencast-latency: %s\n", failed->c_str());
     code = kExitCondition;
   }
-  return sums_are_wrong(*outcome) ? int{kExitWrongSums} : code;
+  if (sums_are_wrong(*outcome)) return kExitWrongSums;
+  return outcome->trouble.empty() ? code : int{kExitFailed};
 }
 
 template <typename T>
@@ -97,6 +124,8 @@ std::vector<T> or_else(const std::vector<T>& list, T value) {
 
 int sweep(const Options& options, const std::string& version, const std::atomic<bool>& stop) {
   Inputs base = options.inputs;
+  for (const std::uint32_t clients : options.clients) base.clients = std::max(base.clients, clients);
+  if (const auto good = check(base); !good) return complain(good.error());
   std::unique_ptr<LocalBroker> own;
   if (auto chosen = choose_broker(base, own); !chosen) return complain(chosen.error());
   nlohmann::ordered_json reports = nlohmann::ordered_json::array();
@@ -205,8 +234,10 @@ class Prober {
 };
 
 int probe(const Options& options, const std::string& version, const std::atomic<bool>& stop) {
-  const auto url = parse_broker_url(options.inputs.url);
+  auto url = parse_broker_url(options.inputs.url);
   if (!url) return complain(url.error());
+  if (auto usable = complete_credentials(*url, options.inputs.credentials, log_to_stderr(false)); !usable)
+    return complain(usable.error());
   Prober prober(*url);
   if (const auto done = prober.run(options.pings, stop); !done) return complain(done.error());
   const HdrHistogram& trip = prober.round_trip_us;
@@ -218,7 +249,7 @@ int probe(const Options& options, const std::string& version, const std::atomic<
     std::printf("clock: the broker's is ahead of ours by %+.3f ms +- %.3f\n",
                 static_cast<double>(best->offset_us) / 1000, static_cast<double>(best->error_us) / 1000);
   nlohmann::ordered_json json{
-      {"schema", "eigencast-latency-probe"}, {"schema_version", kReportSchema}, {"url", options.inputs.url}};
+      {"schema", "eigencast-latency-probe"}, {"schema_version", kReportSchema}, {"url", url->origin()}};
   for (const auto& [name, value] : environment(version, options.inputs.url)) json["environment"][name] = value;
   json["count"] = trip.count();
   json["round_trip"] = {{"min_us", trip.min()}, {"p50_us", trip.percentile(50)}, {"max_us", trip.max()}};

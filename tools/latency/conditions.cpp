@@ -91,6 +91,16 @@ Result<std::optional<double>> value_of(const std::string& metric, const Outcome&
   return value ? std::optional(static_cast<double>(*value)) : std::nullopt;
 }
 
+/// How many poses a percentile needs; empty for what is none.
+std::string what_it_takes(const std::string& metric) {
+  const auto at = metric.rfind('p');
+  const double p = at == std::string::npos ? 100 : std::strtod(metric.c_str() + at + 1, nullptr);
+  if (!(p > 0 && p < 100)) return {};
+  const double needed = HdrHistogram::kSamplesBeyond / (1 - p / 100);
+  return formatted(": %s takes %.0f, a run of more seconds (--duration)", metric.substr(at).c_str(),
+                   std::ceil(needed - 1e-6));
+}
+
 Result<Json> read_report(const std::string& path) {
   std::ifstream in(path);
   if (!in) return fail(ErrorCode::kIo, path + ": cannot be read");
@@ -144,7 +154,7 @@ Result<std::string> failed_condition(const std::string& text, const Outcome& out
   if (!condition) return condition.error();
   const auto value = value_of(condition->metric, outcome);
   if (!value) return value.error();
-  if (!*value) return text + ": too few samples to say";
+  if (!*value) return text + ": too few samples to say" + what_it_takes(condition->metric);
   const bool failed = condition->op == '>' ? **value > condition->value : **value < condition->value;
   if (!failed) return std::string();
   std::ostringstream what;

@@ -14,7 +14,6 @@
 namespace eigencast::latency {
 namespace {
 
-constexpr double kSamplesBeyond = 10;
 constexpr std::uint32_t kCookie = 0x1c849303 | 0x10;            // V2, counts as ZigZag LEB128.
 constexpr std::uint32_t kCompressedCookie = 0x1c849304 | 0x10;  // The same, deflated.
 

@@ -18,6 +18,7 @@ namespace eigencast::latency {
 class HdrHistogram {
  public:
   static constexpr std::int64_t kHighest = 3'600'000'000;
+  static constexpr double kSamplesBeyond = 10;  ///< What reliable_percentile asks for.
 
   void add(std::int64_t value_us);
   void merge(const HdrHistogram& other);
@@ -32,8 +33,8 @@ class HdrHistogram {
   /// The highest value equivalent to the p-th percentile of the values that are not negative, at most max().
   /// REQUIRES: 0 <= p <= 100. 0 when empty.
   std::int64_t percentile(double p) const;
-  /// The percentile of all values, the negative ones included; nothing where it is one of those, or where fewer than ten
-  /// values lie beyond it, so that it would be a matter of luck. p = 100 is the maximum, which is always known unless empty.
+  /// The percentile of all values, the negative ones included; nothing where it is one of those, or where fewer than
+  /// kSamplesBeyond values lie beyond it, so that it would be a matter of luck. p = 100 is the maximum, which is always known unless empty.
   std::optional<std::int64_t> reliable_percentile(double p) const;
 
   /// The percentile spectrum as HdrHistogram's tools plot it (.hgrm), values divided by `unit_us`.

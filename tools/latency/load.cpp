@@ -89,8 +89,10 @@ class Load::Impl {
  public:
   Impl(const Options& options, const BrokerUrl& url, const sockaddr_storage& address)
       : options_(options), address_(address), viewers_(options.viewers) {
-    request_ = "GET /v1/subscribe/" + url.stream + (url.query.empty() ? "" : "?" + url.query) +
+    const std::string& token = url.credentials.token;
+    request_ = "GET " + url.prefix + "/v1/subscribe/" + url.stream + "?" + query_from_profile(options.profile) +
                " HTTP/1.1\r\nHost: " + url.host + ":" + std::to_string(url.port) +
+               (token.empty() ? "" : "\r\nAuthorization: Bearer " + token) +
                "\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
                "Sec-WebSocket-Key: ZWlnZW5jYXN0LWxvYWRlcg==\r\nSec-WebSocket-Protocol: eigencast.v1\r\n\r\n";
     poll_ = epoll_create1(EPOLL_CLOEXEC);
@@ -300,9 +302,18 @@ class Load::Impl {
 Load::Load(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
 Load::~Load() = default;
 
+Result<BrokerUrl> Load::check_url(const std::string& text) {
+  auto url = parse_broker_url(text);
+  if (url && url->tls)
+    return fail(ErrorCode::kInvalidArgument,
+                "light viewers speak no TLS: take one client, or name a door of ws:// with --viewer-url");
+  return url;
+}
+
 Result<std::unique_ptr<Load>> Load::start(const Options& options, TimeUs patience_us) {
-  const auto url = parse_broker_url(options.url);
+  auto url = check_url(options.url);
   if (!url) return url.error();
+  if (auto usable = complete_credentials(*url, options.credentials); !usable) return usable.error();
   if (auto files = allow_files(std::uint64_t{options.viewers} + 64); !files) return files.error();
   const auto address = address_of(*url);
   if (!address) return address.error();

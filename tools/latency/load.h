@@ -7,6 +7,8 @@
 
 #include "common/core/clock.h"
 #include "common/core/result.h"
+#include "common/net/url.h"
+#include "common/wire/control.h"
 #include "tools/latency/hdr_histogram.h"
 
 namespace eigencast::latency {
@@ -17,8 +19,10 @@ namespace eigencast::latency {
 class Load {
  public:
   struct Options {
-    std::string url;  ///< ws://host:port/stream?profile, numeric host or name.
+    std::string url;  ///< ws://host:port/stream, numeric host or name.
     std::uint32_t viewers = 0;
+    Profile profile = {};
+    Credentials credentials = {};
     TimeUs ack_every_us = 100'000;
   };
   struct Figures {
@@ -35,8 +39,10 @@ class Load {
     bool was_bottleneck() const { return cpu_share > 0.8 || lag_us.percentile(99) > 20'000; }
   };
 
+  /// Errors: kInvalidArgument (no URL, or one of TLS, which these viewers do not speak).
+  static Result<BrokerUrl> check_url(const std::string& text);
   /// Connects all, a few at a time, and returns when all are watching or `patience_us` is over.
-  /// Errors: kInvalidArgument (URL), kUnreachable (none could connect), kTooLarge (file descriptors).
+  /// Errors: those of check_url and of credentials, kUnreachable (none could connect), kTooLarge (file descriptors).
   static Result<std::unique_ptr<Load>> start(const Options& options, TimeUs patience_us);
   ~Load();
   /// What is counted begins now.

@@ -2,6 +2,7 @@
 #include <signal.h>
 
 #include <atomic>
+#include <cstdlib>
 
 #include "tools/latency/commands.h"
 
@@ -16,6 +17,7 @@ int main(int argc, char** argv) {
   using namespace eigencast::latency;
   const auto options = options_from_command_line(argc, argv, EIGENCAST_VERSION);
   if (const auto* now = std::get_if<ExitNow>(&options)) return now->code;
+  ::unsetenv("EIGENCAST_TOKEN");  // Read above; a broker of our own must not get it.
   struct sigaction action {};
   action.sa_handler = [](int) { stop_requested = true; };
   sigaction(SIGINT, &action, nullptr);

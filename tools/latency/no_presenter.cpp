@@ -4,7 +4,7 @@
 
 namespace eigencast::latency {
 
-Result<std::unique_ptr<Presenter>> make_presenter(const std::string&) {
+Result<std::unique_ptr<Presenter>> make_presenter(const PictureSize&) {
   return fail(ErrorCode::kUnsupported, "--present: this program was built without the viewer's renderer");
 }
 

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
-#include <cstdio>
 
 #include "common/reconstruction/reconstruct.h"
 #include "tools/latency/presenter.h"
@@ -11,14 +10,12 @@
 namespace eigencast::latency {
 namespace {
 
-constexpr int kMostPixelsASide = 8192;
-
 class OffscreenPresenter final : public Presenter {
  public:
-  OffscreenPresenter(std::unique_ptr<OffscreenContext> context, std::unique_ptr<Renderer> renderer, int width,
-                     int height)
-      : context_(std::move(context)), renderer_(std::move(renderer)), width_(width), height_(height) {
-    camera_.set_viewport(width, height);
+  OffscreenPresenter(std::unique_ptr<OffscreenContext> context, std::unique_ptr<Renderer> renderer,
+                     const PictureSize& size)
+      : context_(std::move(context)), renderer_(std::move(renderer)), size_(size) {
+    camera_.set_viewport(size.width, size.height);
   }
 
   void present(const Asset& asset, std::uint32_t N, std::span<const float> positions) override {
@@ -29,7 +26,7 @@ class OffscreenPresenter final : public Presenter {
     if (!surface_.is_point_cloud) vertex_normals(positions, surface_.triangles, surface_.normals);
     ++surface_.pose_version;
     renderer_->upload(0, surface_);
-    renderer_->draw(camera_, {}, width_, height_, renderer_->offscreen_target(width_, height_));
+    renderer_->draw(camera_, {}, size_.width, size_.height, renderer_->offscreen_target(size_.width, size_.height));
     Renderer::finish();
   }
 
@@ -53,7 +50,7 @@ class OffscreenPresenter final : public Presenter {
   // The context goes last: the renderer needs it current when destroyed.
   std::unique_ptr<OffscreenContext> context_;
   std::unique_ptr<Renderer> renderer_;
-  const int width_, height_;
+  const PictureSize size_;
   Camera camera_;
   SurfaceGeometry surface_;
   std::uint32_t faces_ready_ = 0;
@@ -61,17 +58,13 @@ class OffscreenPresenter final : public Presenter {
 
 }  // namespace
 
-Result<std::unique_ptr<Presenter>> make_presenter(const std::string& size) {
-  int width = 0, height = 0, end = 0;
-  if (std::sscanf(size.c_str(), "%dx%d%n", &width, &height, &end) != 2 || end != static_cast<int>(size.size()) ||
-      width < 1 || height < 1 || width > kMostPixelsASide || height > kMostPixelsASide)
-    return fail(ErrorCode::kInvalidArgument, "--present " + size + ": must be WIDTHxHEIGHT, for example 1440x900");
+Result<std::unique_ptr<Presenter>> make_presenter(const PictureSize& size) {
   auto context = OffscreenContext::create();
   if (!context) return context.error();
   auto renderer = Renderer::create();
   if (!renderer) return renderer.error();
   return std::unique_ptr<Presenter>(
-      std::make_unique<OffscreenPresenter>(std::move(*context), std::move(*renderer), width, height));
+      std::make_unique<OffscreenPresenter>(std::move(*context), std::move(*renderer), size));
 }
 
 }  // namespace eigencast::latency

@@ -5,6 +5,8 @@
 #include <cstdio>
 
 #include "common/command_line/documents.h"
+#include "common/command_line/shared_options.h"
+#include "common/core/files.h"
 
 namespace eigencast::latency {
 namespace {
@@ -19,7 +21,7 @@ constexpr const char* kExamples =
     R"(eigencast-latency loop                              # a broker of its own, the heart, 30 poses/s, raw
 eigencast-latency loop --interp 3 --clients 1000    # x 3, with 999 light viewers beside the measured one
 eigencast-latency loop --present 1440x900           # input to picture
-eigencast-latency loop ws://broker:7490/test --fail-if 'p99>60ms' --json result.json
+eigencast-latency loop ws://broker:7490/test --duration 40 --fail-if 'p99>60ms' --json result.json
 eigencast-latency pair --publish ws://broker:7490/test --duration 60     # on the one machine
 eigencast-latency pair --subscribe ws://broker:7490/test --duration 30   # on the other
 eigencast-latency passive ws://broker:7490/lab/horse                     # of a stream that is there already
@@ -28,7 +30,7 @@ eigencast-latency sweep --rates 30,60 --clients 1,100,1000 --interps 1,3
 eigencast-latency compare before.json after.json)";
 
 constexpr const char* kExitStatus = R"(0  good
-1  could not measure
+1  could not measure, or not to the end
 2  wrong usage
 3  a --fail-if condition held
 4  the stages do not add up)";
@@ -39,13 +41,33 @@ std::string indented(std::string_view lines) {
   return text + "\n";
 }
 
+/// What one run takes, and each of a sweep.
+CLI::Range rates() {
+  return {0.5, 1000.0};
+}
+CLI::Range clients() {
+  return {1, 100000};
+}
+CLI::Range interpolations() {
+  return {1, 15};
+}
+CLI::Range ranks() {
+  return {4, 1000};
+}
+
+void add_access(CLI::App& command, Inputs& in) {
+  add_credential_options(command, in.credentials)->envname("EIGENCAST_TOKEN");
+  for (const char* name : {"--token", "--ca", "--cert", "--key", "--insecure"})
+    command.get_option(name)->group("Access");
+}
+
 void add_outputs(CLI::App& command, Options& o) {
-  command.add_option("--json", o.json, "write the whole report here (- for standard output)")->group("Output");
-  command.add_option("--csv", o.csv, "write a line per second here")->group("Output");
-  command.add_option("--hgrm", o.hgrm, "write the percentile spectrum of the keys here (plots as HdrHistogram)")
-      ->group("Output");
-  command.add_option("--hdr-log", o.hdr_log, "write an HdrHistogram log here, V2")->group("Output");
-  command.add_option("--samples", o.samples, "write every traced pose with its stages here (CSV)")->group("Output");
+  const auto file = [](CLI::Option* option) { option->group("Output")->check(place_for(check_place_of_file)); };
+  file(command.add_option("--json", o.json, "write the whole report here (- for standard output)"));
+  file(command.add_option("--csv", o.csv, "write a line per second here"));
+  file(command.add_option("--hgrm", o.hgrm, "write the percentile spectrum of the keys here (plots as HdrHistogram)"));
+  file(command.add_option("--hdr-log", o.hdr_log, "write an HdrHistogram log here, V2"));
+  file(command.add_option("--samples", o.samples, "write every traced pose with its stages here (CSV)"));
   command
       .add_option("--fail-if", o.fail_if,
                   "exit 3 if it holds: 'p99>60ms', 'synthetic.p50>30ms', 'in_broker.p50>100us', 'lost>0'")
@@ -66,16 +88,18 @@ void add_span(CLI::App& command, Inputs& in) {
 }
 
 void add_sender(CLI::App& command, Inputs& in) {
-  command.add_option("--rate", in.rate_hz, "keys a second")->check(CLI::Range(0.5, 1000.0))->capture_default_str();
+  command.add_option("--rate", in.rate_hz, "keys a second")->check(rates())->capture_default_str();
   command.add_option("--source", in.source, "built-in shape: heart, torus, sphere, bar, heart:fine")
       ->capture_default_str();
-  command.add_option("--rank", in.rank, "coefficients per axis")->check(CLI::Range(4, 1000))->capture_default_str();
-  command.add_option("--codec", in.codec, "quantised, float32, float64")->capture_default_str();
+  command.add_option("--rank", in.rank, "coefficients per axis")->check(ranks())->capture_default_str();
+  command.add_option("--codec", in.codec, "how coefficients are coded")
+      ->check(CLI::IsMember({"quantised", "float32", "float64"}))
+      ->capture_default_str();
 }
 
 void add_viewer(CLI::App& command, Inputs& in) {
   command.add_option("--interp", in.interpolation, "poses per key: 1 (raw) to 15")
-      ->check(CLI::Range(1, 15))
+      ->check(interpolations())
       ->capture_default_str();
   command.add_option("--form", in.form, "full: the broker interpolates; compact: the viewer does")
       ->check(CLI::IsMember({"full", "compact"}))
@@ -88,7 +112,9 @@ void add_viewer(CLI::App& command, Inputs& in) {
   command.add_option("--trace-every", in.trace_every, "keys whose stages are told: every one, every second, ...")
       ->check(CLI::Range(1, 1000000))
       ->capture_default_str();
-  command.add_option("--late-ms", in.late_ms, "an older pose counts as late")->capture_default_str();
+  command.add_option("--late-ms", in.late_ms, "an older pose counts as late")
+      ->check(CLI::Range(0.0, 1e9))
+      ->capture_default_str();
 }
 
 }  // namespace
@@ -105,8 +131,9 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
   loop->add_option("url", o.inputs.url, "ws://host:port/stream, or wss:// (default: a broker of its own)");
   loop->add_option("--viewer-url", o.inputs.viewer_url, "viewers go here instead, for example through a relay");
   loop->add_option("--clients", o.inputs.clients, "viewers; all but one are light")
-      ->check(CLI::Range(1, 100000))
+      ->check(clients())
       ->capture_default_str();
+  add_access(*loop, o.inputs);
   add_span(*loop, o.inputs);
   add_sender(*loop, o.inputs);
   add_viewer(*loop, o.inputs);
@@ -117,6 +144,7 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
   std::string publish, subscribe;
   ends->add_option("--publish", publish, "be the sender of this stream");
   ends->add_option("--subscribe", subscribe, "be the viewer of this stream");
+  add_access(*pair, o.inputs);
   add_span(*pair, o.inputs);
   add_sender(*pair, o.inputs);
   add_viewer(*pair, o.inputs);
@@ -124,6 +152,7 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
 
   CLI::App* passive = app.add_subcommand("passive", "watch a stream that somebody else sends");
   passive->add_option("url", o.inputs.url, "ws://host:port/stream, or wss://")->required();
+  add_access(*passive, o.inputs);
   add_span(*passive, o.inputs);
   add_viewer(*passive, o.inputs);
   add_outputs(*passive, o);
@@ -131,20 +160,24 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
   CLI::App* probe = app.add_subcommand("probe", "round trip to a broker, and how its clock stands to ours");
   probe->add_option("url", o.inputs.url, "ws://host:port, or wss://")->required();
   probe->add_option("--count", o.pings, "pings")->check(CLI::Range(1, 100000))->capture_default_str();
-  probe->add_option("--json", o.json, "write the result here (- for standard output)");
+  probe->add_option("--json", o.json, "write the result here (- for standard output)")
+      ->check(place_for(check_place_of_file));
+  add_access(*probe, o.inputs);
 
   CLI::App* sweep = app.add_subcommand("sweep", "loop for every combination of the lists");
   sweep->add_option("url", o.inputs.url, "ws://host:port/stream, or wss:// (default: a broker of its own)");
-  sweep->add_option("--rates", o.rates, "keys a second")->delimiter(',');
-  sweep->add_option("--clients", o.clients, "viewers")->delimiter(',');
-  sweep->add_option("--interps", o.interpolations, "poses per key")->delimiter(',');
-  sweep->add_option("--ranks", o.ranks, "coefficients per axis")->delimiter(',');
+  sweep->add_option("--rates", o.rates, "keys a second")->check(rates())->delimiter(',');
+  sweep->add_option("--clients", o.clients, "viewers")->check(clients())->delimiter(',');
+  sweep->add_option("--interps", o.interpolations, "poses per key")->check(interpolations())->delimiter(',');
+  sweep->add_option("--ranks", o.ranks, "coefficients per axis")->check(ranks())->delimiter(',');
+  add_access(*sweep, o.inputs);
   add_span(*sweep, o.inputs);
   sweep->add_option("--source", o.inputs.source, "built-in shape")->capture_default_str();
   sweep->add_option("--lod", o.inputs.lod, "share of the vertices that are rebuilt")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
-  sweep->add_option("--json", o.json, "write all reports here, as an array");
+  sweep->add_option("--json", o.json, "write all reports here, as an array (- for standard output)")
+      ->check(place_for(check_place_of_file));
   sweep->add_flag("--no-progress", o.no_progress, "no progress line");
 
   CLI::App* compare = app.add_subcommand("compare", "two JSON reports side by side");

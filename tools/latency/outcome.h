@@ -6,19 +6,22 @@
 #include <string>
 #include <vector>
 
+#include "common/net/url.h"
 #include "tools/latency/clock_track.h"
 #include "tools/latency/display_age.h"
 #include "tools/latency/hdr_histogram.h"
+#include "tools/latency/intervals.h"
 #include "tools/latency/load.h"
 #include "tools/latency/timeline.h"
 
 namespace eigencast::latency {
 
-/// Everything that decides a run; echoed whole in its report.
+/// Everything that decides a run; echoed in its report, but for what is secret.
 struct Inputs {
   std::string mode = "loop";     ///< loop, publish, subscribe, passive
   std::string url;               ///< Of broker and stream.
   std::string viewer_url;        ///< Where viewers go, if not there (through a relay).
+  Credentials credentials;       ///< For all of these; in no report.
   std::string source = "heart";  ///< Built-in shape.
   int rank = 200;
   std::string codec = "quantised";
@@ -32,13 +35,17 @@ struct Inputs {
   std::uint32_t trace_every = 1;  ///< Keys that are traced.
   double late_ms = 100;           ///< A pose older than that counts as late.
 
+  const std::string& url_of_viewers() const { return viewer_url.empty() ? url : viewer_url; }
+  /// What viewers ask the broker for.
+  Profile profile() const {
+    Profile asked;
+    asked.rate = interpolation > 1 ? Profile::Rate::kInterpolated : Profile::Rate::kRaw;
+    if (interpolation > 1) asked.k = static_cast<std::uint8_t>(interpolation);
+    asked.form = form == "compact" ? Profile::Form::kCompact : Profile::Form::kFull;
+    return asked;
+  }
   bool sends() const { return mode == "loop" || mode == "publish"; }
   bool watches() const { return mode != "publish"; }
-};
-
-struct Interval {
-  TimeUs start_us = 0, length_us = 0;  ///< Since the measurement began.
-  HdrHistogram keys, synthetic;
 };
 
 struct Counts {
@@ -92,7 +99,7 @@ struct Outcome {
   HdrHistogram send_lag_us;  ///< How late the sender's thread woke.
   double cpu_share = 0;      ///< Of one core, of the whole process.
   double seconds = 0, start_unix_s = 0;
-  std::vector<Interval> intervals;
+  Intervals intervals;
   std::vector<StagedPose> samples;  ///< At most kMostSamples.
 };
 inline constexpr std::size_t kMostSamples = 200'000;

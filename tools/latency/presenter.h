@@ -24,8 +24,14 @@ class Presenter {
   virtual std::string device() const = 0;
 };
 
-/// Pictures of "WIDTHxHEIGHT" pixels. Errors: kInvalidArgument (size), kUnsupported (no OpenGL here, or this program was built
+struct PictureSize {
+  int width = 0, height = 0;
+};
+/// Of "WIDTHxHEIGHT". Errors: kInvalidArgument.
+Result<PictureSize> picture_size_from_text(const std::string& text);
+
+/// Errors: kUnsupported (no OpenGL here, or this program was built
 /// without the viewer's renderer).
-Result<std::unique_ptr<Presenter>> make_presenter(const std::string& size);
+Result<std::unique_ptr<Presenter>> make_presenter(const PictureSize& size);
 
 }  // namespace eigencast::latency

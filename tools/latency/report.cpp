@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/core/text.h"
+#include "common/net/url.h"
 
 namespace eigencast::latency {
 namespace {
@@ -80,12 +81,18 @@ Json json_from(const ClockTrack& track) {
   return json;
 }
 
+/// For reports, which are passed on: without a token that stands in it.
+std::string without_secrets(const std::string& url) {
+  const auto parsed = parse_broker_url(url);
+  return parsed ? parsed->shown() : url;
+}
+
 /// What the sender is asked for is null where there is none in this process.
 Json json_from(const Inputs& in) {
   const auto asked = [&](Json value) { return in.sends() ? value : Json(nullptr); };
   return {{"mode", in.mode},
-          {"url", in.url},
-          {"viewer_url", in.viewer_url},
+          {"url", without_secrets(in.url)},
+          {"viewer_url", without_secrets(in.viewer_url)},
           {"source", asked(in.source)},
           {"rank", asked(in.rank)},
           {"codec", asked(in.codec)},
@@ -177,8 +184,8 @@ std::string table(const Outcome& o) {
   const Counts& c = o.counts;
   std::string text = formatted(
       "%s: %s, %u of %u vertices, r = %d, %s, %s, %.1f s, %.1f kbit/s; times in ms\n\n", o.inputs.mode.c_str(),
-      o.inputs.sends() ? o.inputs.source.c_str() : o.inputs.url.c_str(), o.vertices_rebuilt, o.vertices, o.rank,
-      o.key_rate_hz > 0 ? formatted("%g poses/s", o.key_rate_hz).c_str() : "poses as they come",
+      o.inputs.sends() ? o.inputs.source.c_str() : without_secrets(o.inputs.url).c_str(), o.vertices_rebuilt,
+      o.vertices, o.rank, o.key_rate_hz > 0 ? formatted("%g poses/s", o.key_rate_hz).c_str() : "poses as they come",
       o.inputs.interpolation > 1
           ? formatted("interpolated x %d, %s", o.inputs.interpolation, o.inputs.form.c_str()).c_str()
           : "raw",
@@ -221,8 +228,9 @@ std::string table(const Outcome& o) {
   const auto seconds = [](const std::optional<TimeUs>& us) {
     return us ? formatted("%.3f s", static_cast<double>(*us) / 1e6) : std::string("not seen");
   };
-  text += formatted("since subscribing: first surface %s, first picture %s, whole surface %s (asset %.2f MB)\n",
-                    seconds(o.first_surface_us).c_str(), seconds(o.first_picture_us).c_str(),
+  text += formatted("since subscribing: first surface %s, %swhole surface %s (asset %.2f MB)\n",
+                    seconds(o.first_surface_us).c_str(),
+                    o.device.empty() ? "" : ("first picture " + seconds(o.first_picture_us) + ", ").c_str(),
                     seconds(o.whole_asset_us).c_str(), static_cast<double>(o.asset_bytes) / 1e6);
   if (!o.device.empty()) text += "pictures of " + o.inputs.present + " pixels by " + o.device + "\n";
   if (o.load) text += load_lines(*o.load);
@@ -299,7 +307,7 @@ std::string csv_report(const Outcome& o) {
                       static_cast<unsigned long long>(h.count())) +
             cell(50) + "," + cell(90) + "," + cell(99) + "," + cell(100) + "\n";
   };
-  for (const Interval& interval : o.intervals) {
+  for (const Interval& interval : o.intervals.all()) {
     line(interval, "key", interval.keys);
     line(interval, "synthetic", interval.synthetic);
   }
@@ -323,7 +331,7 @@ std::string samples_report(const Outcome& o) {
 
 std::string hdr_log(const Outcome& o) {
   std::vector<LogInterval> intervals;
-  for (const Interval& interval : o.intervals) {
+  for (const Interval& interval : o.intervals.all()) {
     if (interval.keys.count() > 0) intervals.push_back({"key", interval.start_us, interval.length_us, interval.keys});
     if (interval.synthetic.count() > 0)
       intervals.push_back({"synthetic", interval.start_us, interval.length_us, interval.synthetic});

@@ -51,6 +51,7 @@ Result<std::unique_ptr<Sending>> Sending::create(const Inputs& inputs, const Log
   options.url = inputs.url;
   options.codec = *codec;
   options.key_rate_hz = inputs.rate_hz;
+  options.credentials = inputs.credentials;
   auto asset = std::make_shared<const Asset>(std::move(baked->asset));
   auto encoded = std::make_shared<const EncodedAsset>(std::move(baked->encoded));
   auto publisher = Publisher::create(options, std::move(asset), std::move(encoded), log);
@@ -63,6 +64,8 @@ Result<void> Sending::wait_until_live(const std::atomic<bool>& stop) const {
   const TimeUs until_us = steady_now_us() + kConnectPatienceUs;
   while (publisher_->stats().state != Publisher::State::kLive) {
     if (stop) return fail(ErrorCode::kCancelled, "interrupted");
+    if (publisher_->stats().state == Publisher::State::kRefused)
+      return fail(ErrorCode::kRefused, publisher_->stats().detail);
     if (steady_now_us() > until_us)
       return fail(ErrorCode::kTimeout, "the sender is not live: " + publisher_->stats().detail);
     std::this_thread::sleep_for(std::chrono::milliseconds(5));

@@ -23,7 +23,7 @@ class Sending {
   static Result<std::unique_ptr<Sending>> create(const Inputs& inputs, const LogSink& log);
   ~Sending() { stop(); }
 
-  /// Errors: kTimeout, kCancelled (stop was set).
+  /// Errors: kTimeout, kRefused (by the broker), kCancelled (stop was set).
   Result<void> wait_until_live(const std::atomic<bool>& stop) const;
   void start();
   void stop();

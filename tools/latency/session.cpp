@@ -67,11 +67,8 @@ Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop,
     sending->start();
   }
   if (watches && inputs.clients > 1) {
-    const std::string profile = inputs.interpolation > 1
-                                    ? "?rate=" + std::to_string(inputs.interpolation) + "&form=" + inputs.form
-                                    : "?rate=raw";
-    const std::string url = inputs.viewer_url.empty() ? inputs.url : inputs.viewer_url;
-    auto made = Load::start({url + profile, inputs.clients - 1, 100'000}, kConnectPatienceUs);
+    auto made = Load::start({inputs.url_of_viewers(), inputs.clients - 1, inputs.profile(), inputs.credentials},
+                            kConnectPatienceUs);
     if (!made) return made.error();
     load = std::move(*made);
   }
@@ -81,6 +78,7 @@ Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop,
     if (!made) return made.error();
     watching = std::move(*made);
     while (!watching->has_surface() && !stop) {
+      if (watching->refused()) return fail(ErrorCode::kRefused, watching->detail());
       if (steady_now_us() > patience_us)
         return fail(ErrorCode::kTimeout, "no pose came within 20 s: " + watching->detail());
       std::this_thread::sleep_for(milliseconds(5));

@@ -24,13 +24,10 @@ Watching::Watching(const Inputs& inputs, bool one_clock, TimeUs start_us)
 
 Result<std::unique_ptr<Watching>> Watching::create(const Inputs& inputs, bool one_clock, const LogSink& log) {
   SubscriberOptions options;
-  options.url = inputs.viewer_url.empty() ? inputs.url : inputs.viewer_url;
-  Profile profile;
-  profile.rate = inputs.interpolation > 1 ? Profile::Rate::kInterpolated : Profile::Rate::kRaw;
-  if (inputs.interpolation > 1) profile.k = static_cast<std::uint8_t>(inputs.interpolation);
-  profile.form = inputs.form == "compact" ? Profile::Form::kCompact : Profile::Form::kFull;
-  options.profile = profile;
+  options.url = inputs.url_of_viewers();
+  options.profile = inputs.profile();
   options.trace_every = inputs.trace_every;
+  options.credentials = inputs.credentials;
   const TimeUs start_us = steady_now_us();
   auto subscriber = Subscriber::create(options, log);
   if (!subscriber) return subscriber.error();
@@ -53,6 +50,11 @@ void Watching::stop() {
   if (thread_.joinable()) thread_.join();
 }
 
+bool Watching::refused() const {
+  const std::lock_guard lock(mutex_);
+  return state_ == Subscriber::State::kRefused;
+}
+
 std::string Watching::detail() const {
   const std::lock_guard lock(mutex_);
   return detail_;
@@ -60,7 +62,7 @@ std::string Watching::detail() const {
 
 std::string Watching::trouble() const {
   const std::lock_guard lock(mutex_);
-  return live_ ? std::string() : detail_;
+  return state_ == Subscriber::State::kLive ? std::string() : detail_;
 }
 
 Progress Watching::progress() const {
@@ -71,7 +73,9 @@ Progress Watching::progress() const {
 
 Result<void> Watching::prepare() {
   if (inputs_.present.empty()) return {};
-  auto made = make_presenter(inputs_.present);
+  const auto size = picture_size_from_text(inputs_.present);
+  if (!size) return size.error();
+  auto made = make_presenter(*size);
   if (!made) return made.error();
   presenter_ = std::move(*made);
   outcome_.device = presenter_->device();
@@ -96,7 +100,7 @@ void Watching::run() {
       outcome_.viewer_clock.add({steady_now_us() - start_us_, *stats.clock_offset_us, *stats.clock_error_us});
     const std::lock_guard lock(mutex_);
     detail_ = stats.detail;
-    live_ = stats.state == Subscriber::State::kLive;
+    state_ = stats.state;
     if (stats.rtt_us) outcome_.round_trip_us = stats.rtt_us;
   }
   presenter_.reset();
@@ -164,10 +168,8 @@ void Watching::count(const ReceivedPose& pose, TimeUs shown_us) {
   const TimeUs latency_us = shown_us - head.capture_us;
   if (static_cast<double>(latency_us) > inputs_.late_ms * 1000) ++counts.late;
   (key ? outcome_.keys : outcome_.synthetic).add(latency_us);
-  const TimeUs second_us = (shown_us - counted_from_us_) / 1'000'000 * 1'000'000;
-  if (outcome_.intervals.empty() || outcome_.intervals.back().start_us < second_us)
-    outcome_.intervals.push_back({second_us, 1'000'000, {}, {}});
-  (key ? outcome_.intervals.back().keys : outcome_.intervals.back().synthetic).add(latency_us);
+  Interval& interval = outcome_.intervals.at(shown_us - counted_from_us_);
+  (key ? interval.keys : interval.synthetic).add(latency_us);
 }
 
 void Watching::take_traces() {

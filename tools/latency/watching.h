@@ -36,6 +36,9 @@ class Watching {
   void end(TimeUs until_us) { until_us_ = until_us; }
   bool has_surface() const { return first_surface_us_ != 0; }
   bool has_whole_surface() const { return whole_asset_us_ != 0; }
+  /// The broker said no: it will not be otherwise in a while.
+  bool refused() const;
+  /// What the viewer is about, for people.
   std::string detail() const;
   /// Why the stream is not live now; empty: it is.
   std::string trouble() const;
@@ -70,9 +73,9 @@ class Watching {
   std::atomic<TimeUs> from_us_{0}, until_us_{0}, first_surface_us_{0}, whole_asset_us_{0};
   TimeUs first_picture_us_ = 0;
   mutable std::mutex mutex_;
-  std::string detail_;  ///< GUARDED_BY(mutex_)
-  bool live_ = false;   ///< GUARDED_BY(mutex_)
-  Outcome outcome_;     ///< GUARDED_BY(mutex_) for what progress() reads.
+  std::string detail_;                                        ///< GUARDED_BY(mutex_)
+  Subscriber::State state_ = Subscriber::State::kConnecting;  ///< GUARDED_BY(mutex_)
+  Outcome outcome_;                                           ///< GUARDED_BY(mutex_) for what progress() reads.
   std::thread thread_;
 };
 

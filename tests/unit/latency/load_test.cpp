@@ -10,7 +10,7 @@ namespace {
 
 TEST(Load, ViewersConnectAndWait) {
   testing::LoopbackBroker broker;
-  auto load = Load::start({broker.url("nobody"), 100, 100'000}, 10'000'000);
+  auto load = Load::start({broker.url("nobody"), 100}, 10'000'000);
   ASSERT_TRUE(load) << load.error().message;
   const Load::Figures figures = (*load)->finish();
   EXPECT_EQ(figures.viewers, 100u);
@@ -18,11 +18,19 @@ TEST(Load, ViewersConnectAndWait) {
 }
 
 TEST(Load, NobodyThereAndUrlsThatCannotBeMeantAreErrors) {
-  EXPECT_FALSE(Load::start({"what", 1, 100'000}, 100'000));
+  EXPECT_FALSE(Load::start({"what", 1}, 100'000));
   testing::LoopbackBroker broker;
   const std::string url = broker.url("x");
   broker.stop();
-  EXPECT_FALSE(Load::start({url, 5, 100'000}, 1'000'000));
+  EXPECT_FALSE(Load::start({url, 5}, 1'000'000));
+}
+
+TEST(Load, SpeaksNoTlsAndSaysSo) {
+  const auto load = Load::start({"wss://127.0.0.1:1/x", 5}, 1'000'000);
+  ASSERT_FALSE(load);
+  EXPECT_EQ(load.error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(Load::start({"ws://127.0.0.1:1/x", 5, {}, {"two words"}}, 1'000'000).error().code,
+            ErrorCode::kInvalidArgument);
 }
 
 TEST(Load, IsTheBottleneckWhenItsThreadIsNearItsLimit) {

@@ -30,10 +30,7 @@ Outcome sample(int shift_us = 0) {
   o.whole_asset_us = 1;
   o.counts.keys_sent = o.counts.keys_received = 1000;
   o.counts.traced = 1000;
-  Interval interval;
-  interval.length_us = 1'000'000;
-  for (int i = 0; i < 30; ++i) interval.keys.add(1000);
-  o.intervals.push_back(interval);
+  for (int i = 0; i < 30; ++i) o.intervals.at(0).keys.add(1000);
   o.samples.resize(2);
   return o;
 }
@@ -46,7 +43,7 @@ TEST(Report, JsonIsValidFiniteAndEchoesItsInputs) {
   EXPECT_EQ(json["schema"], "eigencast-latency");
   EXPECT_EQ(json["schema_version"], 1);
   EXPECT_EQ(json["inputs"]["rate_hz"], 30);
-  EXPECT_EQ(json["inputs"]["url"], "ws://broker/test");
+  EXPECT_EQ(json["inputs"]["url"], "ws://broker:7490/test");
   EXPECT_EQ(json["inputs"]["mode"], "loop");
   EXPECT_EQ(json["environment"]["eigencast_version"], "1.2.3");
   EXPECT_EQ(json["keys"]["count"], 1000);
@@ -64,7 +61,7 @@ TEST(Report, WhoOnlyWatchesTellsOfTheStreamAndNotOfASenderThatIsNotThere) {
   o.rank = 24;
   o.key_rate_hz = 10;
   o.held_us.add(66'667);
-  EXPECT_THAT(table(o), HasSubstr("ws://broker/test"));
+  EXPECT_THAT(table(o), HasSubstr("ws://broker:7490/test"));
   EXPECT_THAT(table(o), HasSubstr("r = 24, 10 poses/s"));
   EXPECT_THAT(table(o), Not(HasSubstr("heart")));
   EXPECT_THAT(table(o), HasSubstr("0.667 of a key interval"));
@@ -73,6 +70,15 @@ TEST(Report, WhoOnlyWatchesTellsOfTheStreamAndNotOfASenderThatIsNotThere) {
   EXPECT_TRUE(json["inputs"]["source"].is_null());
   EXPECT_EQ(json["key_rate_hz"], 10);
   EXPECT_EQ(json["rank"], 24);
+}
+
+TEST(Report, NoTokenStandsInIt) {
+  Outcome o = sample();
+  o.inputs.mode = "passive";
+  o.inputs.url = o.inputs.viewer_url = "wss://broker/test?access_token=SECRET";
+  o.inputs.credentials.token = "SECRET";
+  EXPECT_THAT(table(o) + json_report(o, "1"), Not(HasSubstr("SECRET")));
+  EXPECT_THAT(json_report(o, "1"), HasSubstr("\"tls\": \"yes\""));
 }
 
 TEST(Report, WhoOnlySendsTellsOfThatAlone) {
@@ -148,6 +154,40 @@ TEST(Report, TheOtherFormatsHaveALinePerSecondAndPerSample) {
   EXPECT_THAT(hdr_log(o), HasSubstr("Tag=key,0.000,1.000,1.000,HIST"));
 }
 
+TEST(Intervals, AreSecondsAndWidenSoThatDaysTakeNoMore) {
+  Intervals intervals;
+  constexpr TimeUs kSecond = 1'000'000;
+  auto run_until = [&, next = TimeUs{0}](TimeUs until_s) mutable {
+    for (; next < until_s; ++next) {
+      Interval& interval = intervals.at(next * kSecond + 999'999);
+      interval.keys.add(next);
+      interval.synthetic.add(1);
+    }
+  };
+  run_until(900);
+  ASSERT_EQ(intervals.all().size(), Intervals::kMost);
+  EXPECT_EQ(intervals.all()[7].start_us, 7 * kSecond);
+  run_until(901);
+  EXPECT_EQ(intervals.all().size(), 451u) << "by two seconds now";
+  EXPECT_EQ(intervals.all()[7].start_us, 14 * kSecond);
+  EXPECT_EQ(intervals.all()[7].length_us, 2 * kSecond);
+  EXPECT_EQ(intervals.all()[7].keys.min(), 14);
+  EXPECT_EQ(intervals.all()[7].keys.max(), 15);
+  run_until(10'000);
+  EXPECT_LE(intervals.all().size(), Intervals::kMost);
+  std::uint64_t keys = 0, synthetic = 0;
+  TimeUs before_us = -1;
+  for (const Interval& interval : intervals.all()) {
+    keys += interval.keys.count();
+    synthetic += interval.synthetic.count();
+    EXPECT_GT(interval.start_us, before_us);
+    before_us = interval.start_us;
+  }
+  EXPECT_EQ(keys, 10'000u);
+  EXPECT_EQ(synthetic, 10'000u);
+  EXPECT_EQ(intervals.at(5).start_us, intervals.all().back().start_us) << "what comes late belongs to the newest";
+}
+
 TEST(Conditions, AreJudgedInTheirUnit) {
   const Outcome o = sample();
   EXPECT_EQ(failed_condition("p50>60ms", o).value(), "");
@@ -158,7 +198,9 @@ TEST(Conditions, AreJudgedInTheirUnit) {
   EXPECT_EQ(failed_condition("in_broker.p50>100us", o).value(), "");
   EXPECT_THAT(failed_condition("in_broker.p50>40us", o).value(), HasSubstr("it is 50 us"));
   EXPECT_EQ(failed_condition("lost>0", o).value(), "");
-  EXPECT_THAT(failed_condition("p99.9>60ms", o).value(), HasSubstr("too few samples"));
+  EXPECT_THAT(failed_condition("p99.9>60ms", o).value(), HasSubstr("too few samples to say: p99.9 takes 10000"));
+  EXPECT_THAT(failed_condition("synthetic.p99>60ms", o).value(), HasSubstr("p99 takes 1000"));
+  EXPECT_THAT(failed_condition("synthetic.max>60ms", o).value(), ::testing::EndsWith("too few samples to say"));
 }
 
 TEST(Conditions, ThatCannotBeMeantAreRefused) {

@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <vector>
+
+#include "common/core/clock.h"
+#include "tools/latency/hdr_histogram.h"
+
+namespace eigencast::latency {
+
+struct Interval {
+  TimeUs start_us = 0, length_us = 0;  ///< Since the measurement began.
+  HdrHistogram keys, synthetic;
+};
+
+/// A run second by second; one that is longer than kMost seconds by two, by four and so on, so that days take no more memory than a
+/// quarter of an hour.
+class Intervals {
+ public:
+  static constexpr std::size_t kMost = 900;
+
+  /// The interval of that time since the measurement began, or the newest if that is later.
+  Interval& at(TimeUs time_us);
+  const std::vector<Interval>& all() const { return all_; }
+
+ private:
+  void widen();
+
+  TimeUs length_us_ = 1'000'000;
+  std::vector<Interval> all_;  ///< Those in which something came, in order; at most kMost.
+};
+
+}  // namespace eigencast::latency
