@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <functional>
 #include <string>
 
 #include "common/asset/asset.h"
 #include "common/asset/format.h"
-#include "common/core/bytes.h"
 #include "common/core/hash/sha256.h"
 #include "common/core/result.h"
 
@@ -16,17 +14,12 @@ namespace eigencast {
 /// Writes the objects, the manifest last; the folder is made. Errors: kIo.
 Result<void> write_asset(const EncodedAsset& encoded, const std::string& folder);
 
-/// The bytes of the file that is named so, not looked at. Errors: kNotFound, kIo, kTooLarge.
-Result<Bytes> read_object(const std::string& folder, const Sha256& id);
-
-struct WholeAsset {
+struct AssetFromFolder {
   Asset asset;
   EncodedAsset encoded;
 };
-/// Reads the asset of that manifest, every object verified. Errors: those of read_object (naming it); kCorrupt, kTooLarge,
+/// Reads the asset of that manifest, every object verified. Errors: kNotFound (an object, naming it), kIo, kCorrupt, kTooLarge,
 /// kIncompatibleVersion, kUnsupported.
-Result<WholeAsset> read_asset(const std::string& folder, const Sha256& id);
-/// The same from objects that lie elsewhere. Errors: likewise, and those of `object_of`.
-Result<WholeAsset> assemble_asset(const Sha256& id, const std::function<Result<Bytes>(const Sha256& id)>& object_of);
+Result<AssetFromFolder> read_asset(const std::string& folder, const Sha256& id);
 
 }  // namespace eigencast
