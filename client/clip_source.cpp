@@ -67,6 +67,7 @@ Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& inpu
   baked->name = options.name;
   baked->asset_id = result->encoded.manifest.id.hex();
   baked->asset = std::move(result->asset);
+  baked->not_kept = std::move(result->not_kept);
   baked->rate_hz = (*clip)->frame_rate_hz();
   auto frames = project_clip(**clip, baked->asset, progress);
   if (!frames) return in_context(input, frames.error());
@@ -84,6 +85,7 @@ ClipSource::ClipSource(std::shared_ptr<const BakedClip> clip, double phase_s, Cl
   if (clip_->motion && !clip_->frames.empty())
     truth_ = std::make_unique<ClipTruth>(clip_->motion, clip_->frames, clip_->asset.source_vertex, clip_->asset.origin);
   stats_.state = Subscriber::State::kLive;
+  if (!clip_->not_kept.empty()) stats_.detail = "the bake is not kept: " + clip_->not_kept;
   info_.emplace();
   info_->stream = clip_->name;
   info_->state = control::StreamInfo::State::kLive;

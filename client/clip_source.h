@@ -26,6 +26,7 @@ Result<std::vector<std::vector<double>>> project_clip(const MotionClip& clip, co
 /// them uncompressed.
 struct BakedClip {
   std::string name, asset_id;
+  std::string not_kept;  ///< Why it will be baked again the next time; empty if it will not be.
   Asset asset;
   double rate_hz = 30;
   std::shared_ptr<const MotionClip> motion;  ///< As it was read: pose() of one thread at a time.

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "client/hud_text.h"
+#include "common/core/text.h"
 
 namespace eigencast {
 namespace {
@@ -13,22 +14,35 @@ bool is_well(Subscriber::State state) {
   return state == Subscriber::State::kLive || state == Subscriber::State::kDownloading;
 }
 
+void add_counts(const Subscriber::Stats& one, Subscriber::Stats& all) {
+  all.keys += one.keys;
+  all.synthetic += one.synthetic;
+  all.joins += one.joins;
+  all.bytes += one.bytes;
+  all.rejected += one.rejected;
+  all.skipped += one.skipped;
+  all.missed += one.missed;
+  all.reconnects += one.reconnects;
+  all.asset_bytes_downloaded += one.asset_bytes_downloaded;
+  all.asset_bytes_cached += one.asset_bytes_cached;
+  all.asset_bytes_total += one.asset_bytes_total;
+  all.latency_us.merge(one.latency_us);
+}
+
 }  // namespace
 
 Connections::Connections(std::span<PoseSource* const> sources, std::span<const std::string> names, LogSink log)
-    : sources_(sources.begin(), sources.end()),
-      names_(names.begin(), names.begin() + static_cast<std::ptrdiff_t>(std::min(names.size(), sources.size()))),
-      said_(sources.size()),
-      log_(std::move(log)) {
-  names_.resize(sources_.size());
+    : sources_(sources.begin(), sources.end()), known_(sources.size()), log_(std::move(log)) {
+  for (std::size_t i = 0; i < std::min(names.size(), known_.size()); ++i) known_[i].name = names[i];
+  ask();
 }
 
 std::size_t Connections::add(PoseSource& source, const std::string& name) {
   const auto at = std::find(sources_.begin(), sources_.end(), &source);
   if (at != sources_.end()) return static_cast<std::size_t>(at - sources_.begin());
   sources_.push_back(&source);
-  names_.push_back(name);
-  said_.emplace_back();
+  known_.push_back({name, {}, {}, {}});
+  ask();
   return sources_.size() - 1;
 }
 
@@ -36,80 +50,65 @@ PoseSource* Connections::remove(std::size_t source) {
   const auto at = static_cast<std::ptrdiff_t>(source);
   PoseSource* gone = sources_[source];
   sources_.erase(sources_.begin() + at);
-  names_.erase(names_.begin() + at);
-  said_.erase(said_.begin() + at);
+  known_.erase(known_.begin() + at);
+  ask();
   return gone;
 }
 
-Subscriber::Stats Connections::look(TimeUs now_us) {
-  Subscriber::Stats all = stats();
-  download_.sample(all.asset_bytes_downloaded, now_us);
-  if (are_well()) {
-    lost_since_us_.reset();
-  } else if (!lost_since_us_) {
-    lost_since_us_ = now_us;
+void Connections::look(TimeUs now_us) {
+  ask();
+  download_.sample(all_.asset_bytes_downloaded, now_us);
+  for (Known& known : known_) {
+    if (is_well(known.stats.state)) {
+      known.lost_since_us.reset();
+    } else if (!known.lost_since_us) {
+      known.lost_since_us = now_us;
+    }
   }
   say_states();
-  return all;
+}
+
+void Connections::ask() {
+  for (std::size_t i = 0; i < sources_.size(); ++i) known_[i].stats = sources_[i]->stats();
+  const auto bad =
+      std::find_if(known_.begin(), known_.end(), [](const Known& known) { return !is_well(known.stats.state); });
+  troubled_ = bad == known_.end() ? 0 : static_cast<std::size_t>(bad - known_.begin());
+  all_ = known_.empty() ? Subscriber::Stats{} : known_[troubled_].stats;
+  for (std::size_t i = 0; i < known_.size(); ++i) {
+    if (i != troubled_) add_counts(known_[i].stats, all_);
+  }
 }
 
 void Connections::say_states() {
-  for (std::size_t i = 0; i < sources_.size(); ++i) {
-    const Subscriber::Stats stats = sources_[i]->stats();
-    if (said_[i] == stats.state) continue;  // the source itself says why and when it tries again
-    said_[i] = stats.state;
-    std::string line(name_of(stats.state));
-    if (sources_.size() > 1) line = names_[i] + ": " + line;
-    if (!stats.detail.empty()) line += ": " + stats.detail;
+  for (Known& known : known_) {
+    const Subscriber::Stats& stats = known.stats;
+    if (known.said == stats.state) continue;  // the source itself says why and when it tries again
+    known.said = stats.state;
+    const std::string name(name_of(stats.state));
+    std::string line = stats.detail.compare(0, name.size(), name) == 0 ? stats.detail : name;  // it may say so itself
+    if (!stats.detail.empty() && line != stats.detail) line += ": " + stats.detail;
+    if (sources_.size() > 1) line = known.name + ": " + line;
     const bool fine = is_well(stats.state) || stats.state == Subscriber::State::kConnecting ||
                       stats.state == Subscriber::State::kWaiting;
     log(log_, fine ? LogLevel::kInfo : LogLevel::kWarning, line);
   }
 }
 
-Subscriber::Stats Connections::stats() const {
-  if (sources_.empty()) return {};
-  const PoseSource& first = troubled();
-  Subscriber::Stats all = first.stats();
-  for (const PoseSource* source : sources_) {
-    if (source == &first) continue;
-    const Subscriber::Stats s = source->stats();
-    all.keys += s.keys;
-    all.synthetic += s.synthetic;
-    all.joins += s.joins;
-    all.bytes += s.bytes;
-    all.rejected += s.rejected;
-    all.skipped += s.skipped;
-    all.missed += s.missed;
-    all.reconnects += s.reconnects;
-    all.asset_bytes_downloaded += s.asset_bytes_downloaded;
-    all.asset_bytes_cached += s.asset_bytes_cached;
-    all.asset_bytes_total += s.asset_bytes_total;
-    all.latency_us.merge(s.latency_us);
-  }
-  return all;
-}
-
-const PoseSource& Connections::troubled() const {
-  for (const PoseSource* source : sources_) {
-    if (!is_well(source->stats().state)) return *source;
-  }
-  return *sources_.front();
-}
-
 bool Connections::are_well() const {
-  return sources_.empty() || is_well(troubled().stats().state);
+  return known_.empty() || is_well(all_.state);
 }
 
-std::string Connections::line() const {
-  return sources_.empty() ? std::string() : connection_line(stats(), troubled().info(), download_.per_second());
-}
-
-std::string Connections::banner(std::optional<TimeUs> newest_arrival_us, TimeUs now_us) const {
+std::string Connections::line(bool has_banner) const {
   if (sources_.empty()) return {};
-  std::optional<TimeUs> since;
-  if (newest_arrival_us) since = now_us - *newest_arrival_us;
-  return banner_text(stats(), since);
+  const std::string line = connection_line(all_, sources_[troubled_]->info(), download_.per_second(), has_banner);
+  const auto well = std::count_if(known_.begin(), known_.end(), [](const Known& k) { return is_well(k.stats.state); });
+  return known_.size() == 1 ? line : formatted("%td of %zu live \xC2\xB7 ", well, known_.size()) + line;
+}
+
+std::string Connections::banner(std::optional<TimeUs> since_us) const {
+  if (sources_.empty()) return {};
+  const std::string text = banner_text(all_, since_us);
+  return text.empty() || known_.size() == 1 ? text : known_[troubled_].name + ": " + text;
 }
 
 }  // namespace eigencast

@@ -26,30 +26,40 @@ class Connections final {
   /// Forgets a source; those after it move up by one.
   PoseSource* remove(std::size_t source);
   const std::vector<PoseSource*>& sources() const { return sources_; }
-  const std::string& name(std::size_t source) const { return names_[source]; }
+  const std::string& name(std::size_t source) const { return known_[source].name; }
 
-  /// To be called in every turn; returns stats().
-  Subscriber::Stats look(TimeUs now_us);
+  /// To be called in every turn: asks each how it stands, which is what all below tell until the next turn.
+  void look(TimeUs now_us);
 
+  const Subscriber::Stats& stats(std::size_t source) const { return known_[source].stats; }
   /// Counts of all added up; the state of the first that is not well.
-  Subscriber::Stats stats() const;
+  const Subscriber::Stats& stats() const { return all_; }
   bool are_well() const;
-  /// Since when one of them has not been well, as look() saw it.
-  const std::optional<TimeUs>& lost_since_us() const { return lost_since_us_; }
-  /// See connection_line and banner_text; empty without sources.
-  std::string line() const;
-  std::string banner(std::optional<TimeUs> newest_arrival_us, TimeUs now_us) const;
+  /// Since when a source has not been well, as look() saw it; nothing while it is.
+  const std::optional<TimeUs>& lost_since_us(std::size_t source) const { return known_[source].lost_since_us; }
+  /// The first that is not well; without one the first of all.
+  std::size_t troubled() const { return troubled_; }
+  /// Of the troubled one, whose last pose came `since_us` ago (nothing: none ever came). See connection_line and banner_text; empty without
+  /// sources.
+  std::string line(bool has_banner) const;
+  std::string banner(std::optional<TimeUs> since_us) const;
 
  private:
-  const PoseSource& troubled() const;
+  struct Known {
+    std::string name;
+    Subscriber::Stats stats;
+    std::optional<Subscriber::State> said;
+    std::optional<TimeUs> lost_since_us;
+  };
+  void ask();
   void say_states();
 
   std::vector<PoseSource*> sources_;
-  std::vector<std::string> names_;
-  std::vector<std::optional<Subscriber::State>> said_;
+  std::vector<Known> known_;  ///< Of each source.
+  Subscriber::Stats all_;
+  std::size_t troubled_ = 0;
   LogSink log_;
   RateMeter download_;
-  std::optional<TimeUs> lost_since_us_;
 };
 
 }  // namespace eigencast

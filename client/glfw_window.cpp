@@ -66,10 +66,15 @@ GlfwWindow::~GlfwWindow() {
   if (library_) glfwTerminate();
 }
 
-Result<void> GlfwWindow::open(int width, int height, const std::string& title) {
+Result<void> GlfwWindow::open(int width, int height, const std::string& title, bool shrink) {
   glfwSetErrorCallback(nullptr);
   if (glfwInit() != GLFW_TRUE) return no_window();
   library_ = true;
+  if (GLFWmonitor* monitor = glfwGetPrimaryMonitor(); shrink && monitor != nullptr) {
+    int room_w = 0, room_h = 0;
+    glfwGetMonitorWorkarea(monitor, nullptr, nullptr, &room_w, &room_h);
+    if (room_w > 0 && room_h > 0) width = std::min(width, room_w), height = std::min(height, room_h);
+  }
   glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 3);
   glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 3);
   glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);

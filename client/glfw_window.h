@@ -34,8 +34,8 @@ class GlfwWindow final {
   GlfwWindow(const GlfwWindow&) = delete;
   GlfwWindow& operator=(const GlfwWindow&) = delete;
 
-  /// Errors: kUnsupported (no display, no OpenGL), with what to do instead.
-  Result<void> open(int width, int height, const std::string& title);
+  /// shrink: to what the display has room for. Errors: kUnsupported (no display, no OpenGL), with what to do instead.
+  Result<void> open(int width, int height, const std::string& title, bool shrink);
   /// From now on, when the window is shown; `listener` must outlive the window. It is told the size at once.
   void listen(WindowListener& listener);
 

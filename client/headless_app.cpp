@@ -60,7 +60,8 @@ class Headless {
   }
 
   Result<int> run(const std::atomic<bool>& stop) {
-    run_when_woken(kMakingPoses);  // Not before: what draws beside this thread, where a processor does, shall not be like it.
+    run_when_woken(
+        kMakingPoses);  // Not before: what draws beside this thread, where a processor does, shall not be like it.
     const TimeUs start = steady_now_us();
     while (!stop.load()) {
       const double seconds = static_cast<double>(steady_now_us() - start) / 1e6;
@@ -110,9 +111,10 @@ class Headless {
     if (overlay_) {
       OverlayContent content;
       content.figures = hud_lines(session_->figures());
-      content.connection = session_->connection();
+      const Session::Standing standing = session_->standing();
+      content.connection = standing.line;
       content.connected = session_->is_connected();
-      content.banner = session_->banner();
+      content.banner = standing.banner;
       content.legend = session_->legend();
       overlay_->draw(content, options_.width, options_.height, target);
     }
@@ -137,6 +139,8 @@ class Headless {
     if (path.empty() && !options_.out.empty()) path = (std::filesystem::path(options_.out) / "report.json").string();
     const std::string report = session_->report(*renderer_, options_.width, options_.height);
     const HudFigures f = session_->figures();
+    if (const std::string why = session_->colours().why_not(); !why.empty())
+      log(log_, LogLevel::kWarning, "colours are not as asked for: " + why);
     log(log_, LogLevel::kInfo,
         std::to_string(taken_) + " pictures drawn, at last " + std::to_string(f.vertices) + " of " +
             std::to_string(f.vertices_total) + " vertices" + (path.empty() ? "" : ", report: " + path));
@@ -144,9 +148,11 @@ class Headless {
   }
 
   int report_no_stream() {
+    const Session::Standing standing = session_->standing();
     log(log_, LogLevel::kError,
         "no pose came from " + (options_.scene.streams.empty() ? "the source" : options_.scene.streams.front()) +
-            " in time (" + session_->connection() + "); is a sender running? --wait gives it longer");
+            " in time (" + standing.line + (standing.banner.empty() ? "" : ": " + standing.banner) +
+            "); is a sender running? --wait gives it longer");
     return kExitNoStream;
   }
 

@@ -118,7 +118,9 @@ std::string text_from_levels(const LevelControl& levels, double work_s) {
   const std::string line = std::string(name_of(levels.kind())) +
                            formatted(" \xC2\xB7 %.4g/s \xC2\xB7 %.1f of %.1f ms", f0, 1000 * work_s, 1000 / f0);
   if (levels.kind() == ResolverKind::kPaper) return line + formatted(" \xC2\xB7 kappa %.2f", levels.state());
-  return line + formatted(" \xC2\xB7 %.0f %% planned", 100 * levels.state());
+  // Twice a picture's time and more: not even the least of the vertices would hold the rate.
+  return line + (levels.state() > 2 ? std::string(" \xC2\xB7 out of reach here")
+                                    : formatted(" \xC2\xB7 %.0f %% planned", 100 * levels.state()));
 }
 
 std::vector<std::string> hud_lines(const HudFigures& f) {
@@ -144,7 +146,7 @@ std::vector<std::string> hud_lines(const HudFigures& f) {
 }
 
 std::string connection_line(const Subscriber::Stats& stats, const std::optional<control::StreamInfo>& info,
-                            double bytes_per_s) {
+                            double bytes_per_s, bool has_banner) {
   const std::uint64_t there = stats.asset_bytes_downloaded + stats.asset_bytes_cached, all = stats.asset_bytes_total;
   const std::string progress =
       formatted("%.1f of %.1f MB", megabytes(there), megabytes(all)) +
@@ -163,9 +165,11 @@ std::string connection_line(const Subscriber::Stats& stats, const std::optional<
     default:
       break;
   }
-  if (info && !info->stream.empty()) line += " \xC2\xB7 " + info->stream;
   const bool said = stats.state == Subscriber::State::kLive || stats.state == Subscriber::State::kDownloading;
-  return said || stats.detail.empty() ? line : line + " \xC2\xB7 " + stats.detail;
+  const bool more = !said && !has_banner && !stats.detail.empty();
+  if (more && stats.detail.compare(0, line.size(), line) == 0) return stats.detail;  // "waiting for a sender at ..."
+  if (info && !info->stream.empty()) line += " \xC2\xB7 " + info->stream;
+  return more ? line + " \xC2\xB7 " + stats.detail : line;
 }
 
 std::string banner_text(const Subscriber::Stats& stats, std::optional<TimeUs> since_us) {

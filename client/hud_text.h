@@ -52,8 +52,9 @@ std::string text_from_levels(const LevelControl& levels, double work_s);
 std::vector<std::string> hud_lines(const HudFigures& figures);
 
 /// One line on how the connection stands: "downloading model 4.1 of 11.3 MB, 2 s left". bytes_per_s: of the download; 0: not known.
+/// has_banner: what is wrong is said there.
 std::string connection_line(const Subscriber::Stats& stats, const std::optional<control::StreamInfo>& info,
-                            double bytes_per_s = 0);
+                            double bytes_per_s = 0, bool has_banner = false);
 
 /// What to say across the picture while a surface stands still because nothing comes; empty while all is well.
 /// `since_us`: how long ago the last pose came; nothing if none ever came.

@@ -324,6 +324,7 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   }
   if (const std::string complaint = read_look(raw, options.look); !complaint.empty()) return usage(complaint);
   options.size_given = app.count("--size") > 0;
+  options.resolver_given = app.count("--resolver") > 0;
   for (const char* of_look : {"--edges", "--wireframe", "--points", "--transparent", "--colour-map"})
     options.look_given |= app.count(of_look) > 0;
   if (options.headless && options.watch) return usage("--watch is for the window; headless a file is read once");
@@ -345,6 +346,7 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   if (options.headless) options.levels.deadline = 1.25;  // no display to miss
   options.follow_display = !options.headless && app.count("--target-fps") == 0;
   const bool has_delay = app.count("--smooth") + app.count("--delay") + app.count("--ahead") > 0;
+  options.playout_given = has_delay || app.count("--playout") > 0;
   if (raw.playout == "latest" && has_delay)
     return usage("--smooth, --delay and --ahead are for --playout interpolate or estimate; latest holds nothing back");
   if (app.count("--smooth") > 0 && app.count("--delay") > 0)

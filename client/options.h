@@ -38,7 +38,9 @@ struct ClientOptions {
   std::string truth;            ///< File of the clip that the streams play; empty: none.
   std::string settings;         ///< File in which the window remembers; empty: it does not.
   bool look_given = false;      ///< The command line says something about `look`, so what is remembered does not count.
-  bool size_given = false;      ///< Likewise of width and height.
+  bool size_given = false;      ///< Likewise of width and height,
+  bool resolver_given = false;  ///< of who chooses the levels of detail,
+  bool playout_given = false;   ///< and of motion between arrivals.
   double ui_scale = 0;          ///< Of texts and panels; 0: as the display says.
   std::uint64_t turntable = 0;  ///< Headless: so many pictures, once round the scene. 0: none.
   std::string cache_dir;

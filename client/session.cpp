@@ -104,7 +104,8 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera) {
   levels_.choose(scene_, sources(), camera, std::exchange(last_work_, std::nullopt));
   const bool changed = scene_.advance(sources(), now);
   frame_scene(camera);
-  const Subscriber::Stats stats = connections_.look(now);
+  connections_.look(now);
+  const Subscriber::Stats& stats = connections_.stats();
   if (received) {
     last_ = Received{last_arrival_us_, stats.keys, stats.bytes, poses_taken_};
     if (!first_) first_ = last_;
@@ -154,7 +155,6 @@ RenderOptions Session::render_options(const Look& look) const {
   options.axes = look.axes;
   options.grid = look.grid;
   options.transparent = look.transparent;
-  options.colourfulness = colourfulness();
   options.pixel_scale = pixel_scale_;
   options.colour_map = look.colour_map;
   options.colour_range = colours_.range(look);
@@ -174,7 +174,7 @@ void Session::draw(Renderer& renderer, const Camera& camera, const Look& look, i
   renderer.set_surface_count(instances.size());
   for (std::size_t i = 0; i < instances.size(); ++i) {
     renderer.upload(i, instances[i].view.geometry());
-    renderer.place(i, instances[i].scene_from_surface, instances[i].visible);
+    renderer.place(i, instances[i].scene_from_surface, instances[i].visible, colourfulness(instances[i], start));
   }
   colours_.paint(scene_, sources(), look, renderer);
   uploaded_us_ = steady_now_us();
@@ -202,17 +202,25 @@ void Session::finish_picture(bool wait) {
   drawn_latency_us_.add(last_latency_us_);
 }
 
-std::optional<TimeUs> Session::newest_arrival_us() const {
+std::optional<TimeUs> Session::newest_arrival_us(std::size_t source) const {
   std::optional<TimeUs> newest;
-  for (const Scene::Instance& instance : scene_.instances())
-    newest = std::max(newest, instance.view.newest_arrival_us());
+  for (const Scene::Instance& instance : scene_.instances()) {
+    if (instance.placement.source == source) newest = std::max(newest, instance.view.newest_arrival_us());
+  }
   return newest;
 }
 
+float Session::colourfulness(const Scene::Instance& instance, TimeUs now_us) const {
+  const std::optional<TimeUs>& since = connections_.lost_since_us(instance.placement.source);
+  if (!since || !instance.view.newest_arrival_us()) return 1;
+  return std::clamp(1 - static_cast<float>(now_us - *since) / 500'000.0F, 0.0F, 1.0F);
+}
+
 float Session::colourfulness() const {
-  const std::optional<TimeUs>& since = connections_.lost_since_us();
-  if (!since || !newest_arrival_us()) return 1;
-  return std::clamp(1 - static_cast<float>(steady_now_us() - *since) / 500'000.0F, 0.0F, 1.0F);
+  const TimeUs now = steady_now_us();
+  float sum = 0;
+  for (const Scene::Instance& instance : scene_.instances()) sum += colourfulness(instance, now);
+  return scene_.instances().empty() ? 1 : sum / static_cast<float>(scene_.instances().size());
 }
 
 HudFigures Session::figures() const {
@@ -221,7 +229,7 @@ HudFigures Session::figures() const {
   f.poses_hz = poses_.per_second();
   f.drawn_hz = drawn_rate_.per_second();
   f.kbit_per_s = bytes_.per_second() * 8 / 1000;
-  const Subscriber::Stats stats = connections_.stats();
+  const Subscriber::Stats& stats = connections_.stats();
   f.received = stats.bytes > 0;
   f.latency_p50_us = stats.latency_us.percentile(50);
   f.latency_p99_us = stats.latency_us.percentile(99);
@@ -253,8 +261,14 @@ HudFigures Session::figures() const {
   return f;
 }
 
-std::string Session::banner() const {
-  return connections_.banner(newest_arrival_us(), steady_now_us());
+Session::Standing Session::standing() const {
+  std::optional<TimeUs> since;
+  if (const auto newest = newest_arrival_us(connections_.troubled())) since = steady_now_us() - *newest;
+  Standing standing;
+  standing.banner = connections_.banner(since);
+  standing.line = connections_.line(!standing.banner.empty());
+  if (standing.banner.empty()) standing.banner = colours_.why_not();
+  return standing;
 }
 
 }  // namespace eigencast

@@ -65,9 +65,12 @@ class Session final {
   LevelControl& levels() { return levels_; }
   const LevelControl& levels() const { return levels_; }
   HudFigures figures() const;
-  std::string connection() const { return connections_.line(); }
-  std::string banner() const;
-  /// 1 while poses may come, falling to 0 within half a second of a lost connection.
+  /// How the connections stand: a line, and what is to be said across the picture, if anything is.
+  struct Standing {
+    std::string line, banner;
+  };
+  Standing standing() const;
+  /// The mean of all surfaces', of which each is 1 while poses may come and falls to 0 within half a second of a lost connection.
   float colourfulness() const;
   bool is_connected() const { return connections_.are_well(); }
   std::uint64_t drawn() const { return drawn_; }
@@ -83,7 +86,8 @@ class Session final {
   bool poll(std::chrono::milliseconds timeout);
   void remember(TimeUs now_us);
   void frame_scene(Camera& camera);
-  std::optional<TimeUs> newest_arrival_us() const;
+  std::optional<TimeUs> newest_arrival_us(std::size_t source) const;
+  float colourfulness(const Scene::Instance& instance, TimeUs now_us) const;
 
   const ClientOptions options_;
   Connections connections_;

@@ -44,7 +44,7 @@ json surfaces_from(const Scene& scene, std::span<PoseSource* const> sources) {
 }  // namespace
 
 std::string Session::report(const Renderer& renderer, int width_px, int height_px) const {
-  const Subscriber::Stats stats = connections_.stats();
+  const Subscriber::Stats& stats = connections_.stats();
   const HudFigures figures_now = figures();
   if (scene_.instances().empty())
     return json{{"program", "eigencast-client " EIGENCAST_VERSION}, {"surfaces", json::array()}}.dump(2) + "\n";

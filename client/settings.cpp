@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "client/hud_text.h"
 #include "client/json_file.h"
 #include "common/core/files.h"
 #include "sdk/contexts.h"
@@ -35,6 +36,22 @@ void read_side(const json& object, const char* name, int& value) {
   const auto at = object.find(name);
   if (at == object.end() || !at->is_number_integer()) return;
   if (const auto side = at->get<long long>(); side >= 160 && side <= 16384) value = static_cast<int>(side);
+}
+
+/// The one of `values` that the member names.
+template <typename Value>
+std::optional<Value> read_named(const json& object, const char* name, std::initializer_list<Value> values) {
+  const auto at = object.find(name);
+  if (at == object.end() || !at->is_string()) return std::nullopt;
+  const auto named = std::find_if(values.begin(), values.end(), [&](Value value) { return name_of(value) == *at; });
+  return named == values.end() ? std::nullopt : std::optional(*named);
+}
+
+std::optional<double> read_part(const json& object, const char* name) {
+  const auto at = object.find(name);
+  if (at == object.end() || !at->is_number()) return std::nullopt;
+  const double part = at->get<double>();
+  return part >= 0 && part <= 1 ? std::optional(part) : std::nullopt;
 }
 
 }  // namespace
@@ -69,6 +86,10 @@ Result<Settings> Settings::load(const std::string& path) {
     if (const auto map = look->find("colour_map"); map != look->end() && map->is_string())
       settings.look.colour_map = colour_map_from_name(map->get<std::string>()).value_or(ColourMap::kViridis);
   }
+  settings.resolver = read_named(all, "resolver", {ResolverKind::kNone, ResolverKind::kBudget, ResolverKind::kPaper});
+  settings.playout =
+      read_named(all, "motion", {PlayoutMode::kLatest, PlayoutMode::kInterpolate, PlayoutMode::kEstimate});
+  settings.smoothness = read_part(all, "smoothness");
   if (const auto recent = all.find("recent"); recent != all.end() && recent->is_array()) {
     for (const json& each : *recent) {
       if (each.is_string() && settings.recent.size() < kMostRecent) settings.recent.push_back(each.get<std::string>());
@@ -81,6 +102,9 @@ Result<void> Settings::save(const std::string& path) const {
   std::error_code ignored;
   std::filesystem::create_directories(std::filesystem::path(path).parent_path(), ignored);
   json all{{"width", width}, {"height", height}, {"figures", hud}, {"panel", panel}, {"recent", recent}};
+  if (resolver) all["resolver"] = name_of(*resolver);
+  if (playout) all["motion"] = name_of(*playout);
+  if (smoothness) all["smoothness"] = *smoothness;
   for (const Switch& each : kSwitches) all["look"][each.name] = look.*each.member;
   all["look"]["colour_map"] = name_of(look.colour_map);
   return write_file_atomically(path, all.dump(2, ' ', false, json::error_handler_t::replace) + "\n");

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "client/level_control.h"
 #include "common/core/result.h"
+#include "common/motion/playout.h"
 #include "view/look.h"
 
 namespace eigencast {
@@ -16,8 +19,11 @@ struct Settings {
 
   int width = 1280, height = 720;
   bool hud = true, panel = false;
-  Look look;                        ///< But for colouring and range, which belong to a stream.
-  std::vector<std::string> recent;  ///< What was opened, newest first; nothing secret.
+  Look look;  ///< But for colouring and range, which belong to a stream.
+  std::optional<ResolverKind> resolver;
+  std::optional<PlayoutMode> playout;
+  std::optional<double> smoothness;  ///< 0..1, of that mode; nothing: its default.
+  std::vector<std::string> recent;   ///< What was opened, newest first; nothing secret.
 
   /// Puts it first.
   void opened(const std::string& what);

@@ -47,14 +47,20 @@ Result<void> Viewer::open(std::span<PoseSource* const> sources) {
   } else {
     log(log_, LogLevel::kWarning, settings.error().message);
   }
-  const int width = options_.size_given || options_.settings.empty() ? options_.width : settings_.width;
-  const int height = options_.size_given || options_.settings.empty() ? options_.height : settings_.height;
+  const bool remembered = !options_.size_given && !options_.settings.empty();
+  const int width = remembered ? settings_.width : options_.width;
+  const int height = remembered ? settings_.height : options_.height;
   const std::string first = options_.scene.streams.empty() ? "" : shown_name(options_.scene.streams.front());
-  if (const auto opened = window_.open(width, height, title_for(first)); !opened) return opened;
+  if (const auto opened = window_.open(width, height, title_for(first), remembered); !opened) return opened;
   Result<std::unique_ptr<Renderer>> renderer = Renderer::create();
   if (!renderer) return renderer.error();
   renderer_ = std::move(*renderer);
   ClientOptions mine = options_;
+  if (settings_.resolver && !options_.resolver_given) mine.levels.kind = *settings_.resolver;
+  if (settings_.playout && !options_.playout_given) {
+    mine.view_options.playout.mode = *settings_.playout;
+    mine.view_options.playout.smoothness = settings_.smoothness;
+  }
   if (options_.follow_display) mine.levels.target_fps = window_.display_rate_hz();
   if (!options_.camera_path.empty()) {
     Result<CameraPath> path = CameraPath::read(options_.camera_path);
@@ -69,7 +75,7 @@ Result<void> Viewer::open(std::span<PoseSource* const> sources) {
   rebuilder_ = std::move(*rebuilder);
   session_->rebuild_with(rebuilder_);
   session_->set_pixel_scale(text_scale_now().of_picture());
-  state_.playout = options_.view_options.playout;
+  state_.playout = mine.view_options.playout;
   state_.look = options_.look_given ? options_.look : settings_.look;
   state_.look.colour = options_.look.colour;
   state_.look.colour_range = options_.look.colour_range;
@@ -131,10 +137,10 @@ OverlayContent Viewer::overlay_content() const {
   if (const HudFigures figures = session_->figures(); state_.hud && figures.vertices_total > 0)
     content.figures = hud_lines(figures);
   if (state_.panel) content.left_px = panel_width(overlay_->scale());
-  content.connection = session_->connection();
+  const Session::Standing standing = session_->standing();
+  content.connection = standing.line;
   content.connected = session_->is_connected();
-  content.banner = steady_now_us() < notice_until_us_ ? notice_ : session_->banner();
-  if (content.banner.empty()) content.banner = session_->colours().why_not();
+  content.banner = steady_now_us() < notice_until_us_ ? notice_ : standing.banner;
   content.paused = state_.paused;
   if (state_.look.legend) content.legend = session_->legend();
   if (state_.help) content.help = help_lines(state_, camera_, session_->scene().lod(), session_->levels().kind());
@@ -191,7 +197,7 @@ void Viewer::open_wanted(const std::string& text) {
   const Wanted wanted = wanted_from(text);
   if (wanted.kind == Wanted::Kind::kNothing) return;
   const Result<void> opened =
-      wanted.kind == Wanted::Kind::kScene ? add_scene(wanted.what) : add_stream(wanted.what, {}, true);
+      wanted.kind == Wanted::Kind::kScene ? add_scene(wanted.what) : add_stream(wanted.what, {});
   if (!opened) return say(opened.error().message, true);
   to_open_.fill('\0');
   const std::string name = wanted.kind == Wanted::Kind::kScene ? wanted.what : shown_name(wanted.what);
@@ -199,12 +205,12 @@ void Viewer::open_wanted(const std::string& text) {
   window_.set_title(title_for(name));
 }
 
-/// again: the same stream a second time is a second surface of the source there is.
-Result<void> Viewer::add_stream(const std::string& stream, const Placement& placement, bool again) {
+/// The same stream a second time is a second surface of the source there is.
+Result<void> Viewer::add_stream(const std::string& stream, const Placement& placement) {
   if (session_->scene().instances().size() >= kMostSurfaces)
     return fail(ErrorCode::kTooLarge, "a scene holds at most " + std::to_string(kMostSurfaces) + " surfaces");
   const auto there = std::find_if(opened_.begin(), opened_.end(), [&](const Opened& o) { return o.stream == stream; });
-  if (again && there != opened_.end()) {
+  if (there != opened_.end()) {
     session_->add(*there->source, shown_name(stream), placement);
     return {};
   }
@@ -219,7 +225,7 @@ Result<void> Viewer::add_scene(const std::string& path) {
   const Result<SceneDescription> scene = read_scene_file(path);
   if (!scene) return scene.error();
   for (const Placement& placement : scene->placements) {
-    if (const auto added = add_stream(scene->streams[placement.source], placement, true); !added) return added;
+    if (const auto added = add_stream(scene->streams[placement.source], placement); !added) return added;
   }
   return {};
 }
@@ -266,6 +272,7 @@ void Viewer::write_what_is_wanted(bool scene_changed) {
 }
 
 Result<void> Viewer::save(const std::string& path) {
+  if (width_ < 1 || height_ < 1) return fail(ErrorCode::kUnsupported, path + ": the window has no picture now");
   const unsigned target = renderer_->offscreen_target(width_, height_);  // a back buffer is undefined after a swap
   renderer_->draw(camera_, session_->render_options(state_.look), width_, height_, target);
   overlay_->draw(overlay_content(), width_, height_, target, [this] { draw_panels(); });
@@ -288,6 +295,9 @@ Result<void> Viewer::remember() {
   settings_.hud = state_.hud;
   settings_.panel = state_.panel;
   settings_.look = state_.look;
+  settings_.resolver = session_->levels().kind();
+  settings_.playout = state_.playout.mode;
+  settings_.smoothness = state_.playout.smoothness;
   return settings_.save(options_.settings);
 }
 

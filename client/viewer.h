@@ -51,7 +51,7 @@ class Viewer final : public WindowListener {
   static constexpr int kRedrawsAfterInput = 4;  ///< Panels answer to input, and find their sizes, some pictures later.
 
   void open_wanted(const std::string& text);
-  Result<void> add_stream(const std::string& stream, const Placement& placement, bool again);
+  Result<void> add_stream(const std::string& stream, const Placement& placement);
   Result<void> add_scene(const std::string& path);
   void remove(std::size_t surface);
   void say(const std::string& notice, bool bad);

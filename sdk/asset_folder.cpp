@@ -10,8 +10,6 @@
 #include "common/wire/limits.h"
 
 namespace eigencast {
-namespace {
-
 namespace fs = std::filesystem;
 
 Result<Bytes> read_object(const std::string& folder, const Sha256& id) {
@@ -32,8 +30,6 @@ Result<Bytes> read_object(const std::string& folder, const Sha256& id) {
   return bytes;
 }
 
-}  // namespace
-
 Result<void> write_asset(const EncodedAsset& encoded, const std::string& folder) {
   std::error_code error;
   fs::create_directories(folder, error);
@@ -48,23 +44,27 @@ Result<void> write_asset(const EncodedAsset& encoded, const std::string& folder)
   return write(encoded.manifest);
 }
 
-Result<AssetFromFolder> read_asset(const std::string& folder, const Sha256& id) {
-  auto manifest = read_object(folder, id);
+Result<WholeAsset> assemble_asset(const Sha256& id, const std::function<Result<Bytes>(const Sha256& id)>& object_of) {
+  auto manifest = object_of(id);
   if (!manifest) return manifest.error();
   auto reader = AssetReader::from_manifest(id, *manifest);
-  if (!reader) return in_context(folder, reader.error());
-  AssetFromFolder result;
+  if (!reader) return in_context("asset " + id.hex(), reader.error());
+  WholeAsset result;
   for (std::size_t i = 0; i < reader->chunks().size(); ++i) {
     const Sha256 chunk_id = reader->chunks()[i].id;
-    auto chunk = read_object(folder, chunk_id);
+    auto chunk = object_of(chunk_id);
     if (!chunk) return chunk.error();
-    if (const auto added = reader->add_chunk(i, *chunk); !added) return in_context(folder, added.error());
+    if (const auto added = reader->add_chunk(i, *chunk); !added) return in_context("asset " + id.hex(), added.error());
     result.encoded.chunks.push_back({chunk_id, std::move(*chunk)});
   }
   result.encoded.manifest = {id, std::move(*manifest)};
   result.asset = std::move(*reader).take();
-  if (!result.asset.complete()) return fail(ErrorCode::kCorrupt, folder + ": the asset is not whole");
+  if (!result.asset.complete()) return fail(ErrorCode::kCorrupt, "asset " + id.hex() + " is not whole");
   return result;
+}
+
+Result<WholeAsset> read_asset(const std::string& folder, const Sha256& id) {
+  return assemble_asset(id, [&](const Sha256& object) { return read_object(folder, object); });
 }
 
 }  // namespace eigencast

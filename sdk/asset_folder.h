@@ -1,10 +1,12 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <functional>
 #include <string>
 
 #include "common/asset/asset.h"
 #include "common/asset/format.h"
+#include "common/core/bytes.h"
 #include "common/core/hash/sha256.h"
 #include "common/core/result.h"
 
@@ -14,12 +16,17 @@ namespace eigencast {
 /// Writes the objects, the manifest last; the folder is made. Errors: kIo.
 Result<void> write_asset(const EncodedAsset& encoded, const std::string& folder);
 
-struct AssetFromFolder {
+/// The bytes of the file that is named so, not looked at. Errors: kNotFound, kIo, kTooLarge.
+Result<Bytes> read_object(const std::string& folder, const Sha256& id);
+
+struct WholeAsset {
   Asset asset;
   EncodedAsset encoded;
 };
-/// Reads the asset of that manifest, every object verified. Errors: kNotFound (an object, naming it), kIo, kCorrupt, kTooLarge,
+/// Reads the asset of that manifest, every object verified. Errors: those of read_object (naming it); kCorrupt, kTooLarge,
 /// kIncompatibleVersion, kUnsupported.
-Result<AssetFromFolder> read_asset(const std::string& folder, const Sha256& id);
+Result<WholeAsset> read_asset(const std::string& folder, const Sha256& id);
+/// The same from objects that lie elsewhere. Errors: likewise, and those of `object_of`.
+Result<WholeAsset> assemble_asset(const Sha256& id, const std::function<Result<Bytes>(const Sha256& id)>& object_of);
 
 }  // namespace eigencast

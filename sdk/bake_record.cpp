@@ -8,6 +8,7 @@
 
 #include "common/asset/format.h"
 #include "common/core/bytes.h"
+#include "sdk/asset_folder.h"
 
 namespace eigencast {
 namespace {
@@ -40,8 +41,9 @@ std::optional<BakeResult> load_bake(const AssetCache& cache, const Sha256& key) 
   ByteReader in(*record);
   if (in.u8() != kRecordVersion) return std::nullopt;
   BakeResult result;
-  const ByteView id = in.bytes(result.encoded.manifest.id.digest.size());
-  std::copy(id.begin(), id.end(), result.encoded.manifest.id.digest.begin());
+  Sha256 id;
+  const ByteView digest = in.bytes(id.digest.size());
+  std::copy(digest.begin(), digest.end(), id.digest.begin());
   result.certified = in.u8() != 0;
   result.approximate = in.u8() != 0;
   result.residual = in.f64();
@@ -49,19 +51,13 @@ std::optional<BakeResult> load_bake(const AssetCache& cache, const Sha256& key) 
   if (!in.finished()) return std::nullopt;
   result.report.assign(report.begin(), report.end());
 
-  auto manifest = cache.load(result.encoded.manifest.id);
-  if (!manifest) return std::nullopt;
-  result.encoded.manifest.bytes = std::move(*manifest);
-  auto reader = AssetReader::from_manifest(result.encoded.manifest.id, result.encoded.manifest.bytes);
-  if (!reader) return std::nullopt;
-  for (std::size_t i = 0; i < reader->chunks().size(); ++i) {
-    const Sha256 chunk_id = reader->chunks()[i].id;
-    auto chunk = cache.load(chunk_id);
-    if (!chunk || !reader->add_chunk(i, *chunk)) return std::nullopt;
-    result.encoded.chunks.push_back({chunk_id, std::move(*chunk)});
-  }
-  result.asset = std::move(*reader).take();
-  if (!result.asset.complete()) return std::nullopt;
+  auto whole = assemble_asset(id, [&](const Sha256& object) -> Result<Bytes> {
+    auto bytes = cache.load(object);
+    return bytes ? Result<Bytes>(std::move(*bytes)) : fail(ErrorCode::kNotFound, object.hex());
+  });
+  if (!whole) return std::nullopt;
+  result.asset = std::move(whole->asset);
+  result.encoded = std::move(whole->encoded);
   result.from_cache = true;
   return result;
 }

@@ -13,9 +13,13 @@
 /// What both ends of a stream hear from their broker and say about it.
 namespace eigencast {
 
-/// What a message about a lost peer ends with: "; next try in 400 ms", or nothing when there is none.
+/// What a message about a lost peer ends with: "; next try in 400 ms", "; next try in 3.9 s", or nothing when there is none.
 inline std::string try_again_in(std::chrono::milliseconds wait) {
-  return wait.count() > 0 ? "; next try in " + std::to_string(wait.count()) + " ms" : std::string();
+  if (wait.count() <= 0) return {};
+  const auto tenths = (wait.count() + 50) / 100;
+  if (wait.count() < 1000) return "; next try in " + std::to_string(wait.count()) + " ms";
+  return "; next try in " + std::to_string(tenths / 10) + (tenths < 100 ? "." + std::to_string(tenths % 10) : "") +
+         " s";
 }
 
 /// A text message of the broker's. Nothing where it is of a kind that this program does not know, which newer brokers may

@@ -5,16 +5,14 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
-#include <cstdlib>
 
 #include "common/command_line/documents.h"
-#include "common/command_line/shared_options.h"
 #include "common/core/files.h"
 #include "common/surface/read.h"
-#include "sdk/asset_cache.h"
+#include "common/surface/write.h"
 #include "sdk/contexts.h"
+#include "sender/option_groups.h"
 
 namespace eigencast {
 namespace {
@@ -66,132 +64,6 @@ struct Settings {
   CompareCommand compare;
   ReplayCommand replay;
 };
-
-CLI::Validator positive() {
-  return CLI::Validator(
-      [](std::string& text) -> std::string {
-        char* end = nullptr;
-        const double value = std::strtod(text.c_str(), &end);
-        const bool good = end != text.c_str() && *end == '\0' && std::isfinite(value) && value > 0;
-        return good ? std::string() : "give a number above 0, not " + text;
-      },
-      "");
-}
-
-void add_clip_options(CLI::App& app, SourceOptions& source) {
-  app.add_option(
-         "input", source.input,
-         "built-in shape (heart, bar, torus, sphere, ...), clip.npy, .pc2, .mdd, .glb or .gltf, folder or 'glob' of "
-         "OBJ/PLY/OFF/STL/XYZ, or one file")
-      ->required();
-  app.add_option("--rest", source.rest, "file of the rest pose (default: beside the clip, or its first frame)");
-  app.add_option("--faces", source.faces, "faces of a .npy clip (default: faces.npy beside it)");
-  app.add_option("--animation", source.animation, "name or number of a glTF file's animation (default: the first)");
-  app.add_option("--sample-rate", source.sample_rate_hz, "poses a second that a glTF animation is sampled at")
-      ->check(CLI::Range(0.1, 1000.0))
-      ->capture_default_str();
-}
-
-/// One or, to compare them, several of each.
-template <typename Bases, typename Ranks>
-void add_basis_options(CLI::App& app, Bases& bases, Ranks& ranks, SourceOptions& source) {
-  app.add_option(
-         "--basis", bases,
-         "augmented or harmonic, for any motion; rig, of a glTF file's skin and morph targets, or cage, whose motion "
-         "they hold exactly; pca, learned from the clip")
-      ->check(CLI::IsMember({"augmented", "harmonic", "rig", "cage", "pca"}))
-      ->delimiter(',')
-      ->capture_default_str();
-  CLI::Option* rank = app.add_option("-r,--rank,--r", ranks,
-                                     "coefficients per axis (default: 200; pca: 50; rig, cage: all that there are)")
-                          ->check(CLI::Range(4, 4096))
-                          ->delimiter(',');
-  CLI::Option* target = app.add_option("--target-error", source.target_error,
-                                       "instead of --rank: as many as leave this rms error, of the diagonal")
-                            ->check(CLI::Range(1e-9, 1.0))
-                            ->excludes(rank);
-  app.add_option("--poses", source.poses, "clip that --target-error is judged by (default: the input)")->needs(target);
-}
-
-/// What a bake takes beside basis and rank.
-void add_asset_options(CLI::App& app, SourceOptions& source) {
-  source.cache_dir = default_cache_dir();
-  app.add_option(
-         "--asset-error", source.asset_error,
-         "what storing the basis may move vertices by, of the diagonal; 0: 32-bit floats, a large asset (default: "
-         "1e-4; rig, cage: 0)")
-      ->check(CLI::Range(0.0, 0.1));
-  app.add_option(
-         "--points-operator", source.points_operator,
-         "of point clouds: delaunay, or pb-mhb, the heat kernel between points, which takes some five times as long")
-      ->check(CLI::IsMember({"delaunay", "pb-mhb"}))
-      ->capture_default_str();
-  app.add_flag("--delaunay", source.delaunay,
-               "of meshes: take the operator of Delaunay triangles, as is done where an edge has three or more faces: "
-               "for long and thin faces");
-  app.add_option("--detail", source.detail,
-                 "what a harmonic or pca basis leaves out of the rest pose, put back by viewers: along normals (the "
-                 "paper's way) or in frames that turn with the surface, with an asset "
-                 "three times as large (default: harmonic: frames, else none)")
-      ->check(CLI::IsMember({"none", "normal", "frames"}));
-  CLI::Option* cage = app.add_option("--cage", source.cage.file, "closed mesh around the model (default: one is made)");
-  app.add_option("--cage-resolution", source.cage.resolution, "of a cage that is made: cubes along the longest side")
-      ->check(CLI::Range(1, 64))
-      ->capture_default_str()
-      ->excludes(cage);
-  app.add_option("--coordinates", source.cage.coordinates,
-                 "of the cage: green keeps shapes; mean-value is affine, outside too")
-      ->check(CLI::IsMember({"green", "mean-value"}))
-      ->capture_default_str();
-  app.add_option("--name", source.name, "name of the surface, for people");
-  app.add_flag("--any-order", source.any_order,
-               "take poses whose vertices seem to be in another order than the faces'; refused without");
-  app.add_option("--cache", source.cache_dir, "folder where bakes are kept; '' for none (default: ~/.cache/eigencast)")
-      ->envname("EIGENCAST_CACHE");
-}
-
-void add_bake_options(CLI::App& app, SourceOptions& source) {
-  add_basis_options(app, source.basis, source.rank, source);
-  add_asset_options(app, source);
-}
-
-void add_source_options(CLI::App& app, SourceOptions& source) {
-  add_clip_options(app, source);
-  add_bake_options(app, source);
-}
-
-/// One error or, to compare them, several.
-template <typename Errors>
-CLI::Option* add_codec_options(CLI::App& app, std::string& codec, Errors& errors) {
-  app.add_option("--codec", codec, "quantised, float32 or float64")
-      ->check(CLI::IsMember({"quantised", "float32", "float64"}))
-      ->capture_default_str();
-  return app
-      .add_option("--error", errors,
-                  "vertex error that quantising may add, in model units (default: 1e-3 of the diagonal)")
-      ->check(positive())
-      ->delimiter(',');
-}
-
-void add_target_options(CLI::App& app, TargetOptions& target) {
-  app.add_option("--to", target.url,
-                 "ws://host[:port]/stream (wss:// for TLS; http:// and https:// do as well), or a stream at the "
-                 "context's broker")
-      ->envname("EIGENCAST_URL");
-  add_credential_options(app, target.credentials)->envname("EIGENCAST_TOKEN");
-  app.add_option("--context", target.context, "broker by name, see context (default: the current one)")
-      ->envname("EIGENCAST_CONTEXT");
-}
-
-/// How the poses that are made here are coded and sent.
-void add_coding_options(CLI::App& app, TargetOptions& target) {
-  add_codec_options(app, target.codec, target.error);
-  app.add_option("--bitrate", target.bitrate_kbit, "kbit/s to keep to: coarser levels, then fewer bands")
-      ->check(positive());
-  app.add_option("--still", target.still_s,
-                 "while the surface stands still (within 1.5 --error), send it only every so many seconds")
-      ->check(CLI::Range(0.1, 3600.0));
-}
 
 /// The command runs with what the options have written to `command`.
 template <typename Command>
@@ -248,7 +120,7 @@ void add_deform_command(CLI::App& app, Settings& s) {
   add_source_options(*deform, command.source);
   add_target_options(*deform, command.target);
   deform->add_option("--cage-out", command.cage_out, "write the cage, to edit it or to number its vertices (.obj, ...)")
-      ->check(place_for(check_place_of_file));
+      ->check(place_for(check_place_of_surface));
   deform->add_option("--handles", command.handles, "no cage: handles.json, and all else as rigid as possible")
       ->excludes(deform->get_option("--cage"));
   CLI::Option* script = deform->add_option("--script", command.script,
@@ -362,7 +234,8 @@ void add_commands(CLI::App& app, Settings& s) {
   export_clip
       ->add_option("--to", s.export_clip.to,
                    "x.pc2, x.mdd, x.npy (rest pose beside it as x.obj), x.obj, x.ply, x.off (a file a pose) or folder/")
-      ->required();
+      ->required()
+      ->check(place_for(check_place_of_clip));
   export_clip->add_option("--json", s.export_clip.json, "write a report")->check(place_for(check_place_of_file));
 
   add_evaluate_command(app, s);

@@ -58,20 +58,23 @@ Result<std::vector<deform::HandleGroup>> read_handles(const std::string& path, c
   return groups;
 }
 
-Result<std::unique_ptr<Deformer>> in_cage(const DeformCommand& command, const Surface& model, const Console& console,
-                                          Interrupt& interrupt) {
+Result<Surface> make_cage(const DeformCommand& command, const Surface& model) {
+  auto cage = cage_of(command.source.cage, model);
+  if (!cage) return cage;
+  spdlog::info("cage: {} vertices, {} faces", cage->vertex_count(), cage->faces.size());
+  if (command.cage_out.empty()) return cage;
+  if (const auto written = write_surface(*cage, command.cage_out); !written) return written.error();
+  return cage;
+}
+
+Result<std::unique_ptr<Deformer>> in_cage(const DeformCommand& command, const Surface& model, Surface cage,
+                                          const Console& console, Interrupt& interrupt) {
   ProgressLine line(console.progress, console.on_terminal);
-  auto deformer = bind_cage(command.source.cage, model, [&](double fraction) {
+  auto deformer = bind_cage(command.source.cage, model, std::move(cage), [&](double fraction) {
     line.show(fraction, "binding the model to its cage", steady_now_us());
     return !interrupt.requested();
   });
   line.finish();
-  if (!deformer) return deformer;
-  spdlog::info("cage: {} vertices, {} faces", (*deformer)->handles().size(), (*deformer)->handle_faces().size());
-  if (command.cage_out.empty()) return deformer;
-  const Surface cage{{(*deformer)->handles().begin(), (*deformer)->handles().end()},
-                     {(*deformer)->handle_faces().begin(), (*deformer)->handle_faces().end()}};
-  if (const auto written = write_surface(cage, command.cage_out); !written) return written.error();
   return deformer;
 }
 
@@ -86,7 +89,7 @@ Result<Script> script_of(const std::string& what, std::span<const Vec3> handles)
   return script;
 }
 
-/// Reads, checks and binds all that does not need the basis, so that what is wrong with it is told before minutes are spent on that.
+/// Reads and checks, then binds all that does not need the basis, so that what is wrong with it is told before minutes are spent on that.
 Result<Plan> plan_of(const DeformCommand& command, const Console& console, Interrupt& interrupt) {
   if (command.script.empty()) {
     if (const auto window = find_display(); !window) return window.error();
@@ -94,24 +97,31 @@ Result<Plan> plan_of(const DeformCommand& command, const Console& console, Inter
   auto clip = open_source(command.source);
   if (!clip) return clip.error();
   const Surface& model = (*clip)->rest();
+  const bool has_cage = command.handles.empty();
   Plan plan;
-  if (!command.handles.empty()) {
+  Surface cage;
+  if (has_cage) {
+    auto made = make_cage(command, model);
+    if (!made) return made.error();
+    cage = std::move(*made);
+  } else {
     auto groups = read_handles(command.handles, model);
     if (!groups) return groups.error();
     plan.groups = std::move(*groups);
   }
-  if (command.handles.empty() || !command.script.empty()) {
-    auto deformer = command.handles.empty() ? in_cage(command, model, console, interrupt)
-                                            : deform::arap_deformer(model, plan.groups);
-    if (!deformer) return deformer.error();
-    plan.deformer = std::move(*deformer);
-  }
   if (!command.script.empty()) {
-    auto script = script_of(command.script, plan.deformer->handles());
+    auto script =
+        script_of(command.script, has_cage ? cage.positions : deform::centres_of(plan.groups, model.positions));
     if (!script) return script.error();
     plan.script = std::move(*script);
   }
-  plan.model = {std::move(*clip), command.handles.empty() ? plan.deformer.get() : nullptr};
+  if (has_cage || plan.script) {
+    auto deformer = has_cage ? in_cage(command, model, std::move(cage), console, interrupt)
+                             : deform::arap_deformer(model, plan.groups);
+    if (!deformer) return deformer.error();
+    plan.deformer = std::move(*deformer);
+  }
+  plan.model = {std::move(*clip), has_cage ? plan.deformer.get() : nullptr};
   return plan;
 }
 

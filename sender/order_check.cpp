@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "sender/order_check.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace eigencast {
@@ -8,6 +9,7 @@ namespace {
 
 constexpr std::uint64_t kFirstPoses = 30;
 constexpr TimeUs kPauseUs = 200'000;
+constexpr double kLookUs = 0.1;  // of a vertex or a face, at most
 
 Error other_order(const std::string& where) {
   return fail(
@@ -22,6 +24,12 @@ Error other_order(const std::string& where) {
 Result<void> accept_order(const Result<void>& order, bool any_order) {
   if (order || any_order) return {};
   return fail(order.error().code, order.error().message + " (--any-order takes them as they are)");
+}
+
+std::vector<std::size_t> sample_frames(std::size_t frame_count, std::size_t most) {
+  std::vector<std::size_t> frames(std::min(most, frame_count));
+  for (std::size_t i = 0; i < frames.size(); ++i) frames[i] = (i + 1) * frame_count / frames.size() - 1;
+  return frames;
 }
 
 Result<std::string> look_at_frames(const Surface& mesh, const MotionClip& clip, const std::vector<std::size_t>& frames,
@@ -48,10 +56,15 @@ Result<std::string> look_at_frames(const Surface& mesh, const MotionClip& clip, 
   return accepted ? Result<std::string>(first) : accepted.error();
 }
 
+TimeUs pause_between_looks(std::uint64_t looked, std::size_t size) {
+  const auto look_us = static_cast<TimeUs>(kLookUs * static_cast<double>(size));
+  return looked < kFirstPoses ? 5 * look_us : std::max(kPauseUs, 50 * look_us);
+}
+
 Result<std::optional<std::string>> ArrivalCheck::look(std::span<const float> positions, std::uint64_t number,
                                                       TimeUs now_us) {
-  if (looked_ >= kFirstPoses && now_us < next_us_) return std::optional<std::string>();
-  next_us_ = now_us + kPauseUs;
+  if (now_us < next_us_) return std::optional<std::string>();
+  next_us_ = now_us + pause_between_looks(looked_ + 1, size_);
   std::vector<Vec3> pose(positions.size() / 3);
   for (std::size_t i = 0; i < positions.size(); ++i) pose[i / 3][i % 3] = double{positions[i]};
   const Misfit misfit = order_.look(pose);

@@ -17,16 +17,25 @@ namespace eigencast {
 ///   any_order  the user takes any: nothing is refused
 Result<void> accept_order(const Result<void>& order, bool any_order);
 
+/// At most so many frames, spread evenly over a clip; the last is among them.
+std::vector<std::size_t> sample_frames(std::size_t frame_count, std::size_t most);
+
 /// What of these frames does not fit the mesh that they are of, in a line; empty: nothing.
 /// Errors: those of the clip; kInvalidArgument: most frames certainly are in another order, and not any order is taken.
 Result<std::string> look_at_frames(const Surface& mesh, const MotionClip& clip, const std::vector<std::size_t>& frames,
                                    bool any_order);
 
-/// Looks at poses of a mesh as they arrive: at the first ones, then at one in every 0.2 s, so that it costs next to nothing.
-/// Not thread-safe.
+/// How long after the beginning of a look at a pose the next one may be, so that looking takes a fifth of the time at most for the first
+/// poses, then a fiftieth.
+///   looked  how many poses were looked at
+///   size    of the mesh: vertices and faces
+TimeUs pause_between_looks(std::uint64_t looked, std::size_t size);
+
+/// Looks at poses of a mesh as they arrive: at the first ones, then at one in every 0.2 s; of large meshes at fewer. Not thread-safe.
 class ArrivalCheck {
  public:
-  ArrivalCheck(const Surface& mesh, bool any_order) : order_(mesh), any_order_(any_order) {}
+  ArrivalCheck(const Surface& mesh, bool any_order)
+      : order_(mesh), size_(mesh.vertex_count() + mesh.faces.size()), any_order_(any_order) {}
 
   /// positions: n x 3. A line for people where misfits begin or become others; else nothing.
   /// Errors: kInvalidArgument: the very first pose certainly is in another order.
@@ -35,6 +44,7 @@ class ArrivalCheck {
 
  private:
   VertexOrder order_;
+  std::size_t size_;
   bool any_order_;
   std::uint64_t looked_ = 0, misfits_ = 0;
   TimeUs next_us_ = 0;

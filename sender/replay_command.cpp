@@ -4,8 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
-#include <iterator>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -17,6 +15,7 @@
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
 #include "common/wire/limits.h"
+#include "sdk/asset_folder.h"
 #include "sdk/publisher.h"
 #include "sender/commands.h"
 #include "sender/live.h"
@@ -75,12 +74,6 @@ class ChainFollower {
   std::optional<ChainState> state_;
   std::uint64_t sequence_ = 0;
 };
-
-Result<Bytes> read_object(const std::string& path) {
-  std::ifstream in(path, std::ios::binary);
-  if (!in) return fail(ErrorCode::kIo, path + ": cannot be read");
-  return Bytes{std::istreambuf_iterator<char>(in), {}};
-}
 
 class Replayer {
  public:
@@ -226,7 +219,7 @@ class Replayer {
          it.increment(error)) {
       const auto id = Sha256::from_hex(it->path().filename().string());
       if (!id) continue;
-      auto bytes = read_object(it->path().string());
+      auto bytes = read_object(command_.asset_dir, *id);
       if (!bytes) return bytes.error();
       if (sha256(*bytes) != *id)
         return fail(ErrorCode::kCorrupt, it->path().string() + ": its content has another hash");

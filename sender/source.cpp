@@ -62,18 +62,31 @@ KnownMotion motion_of_cage(const deform::Deformer& cage) {
   return {std::move(columns), 0, {}};
 }
 
+/// Refuses, before minutes are spent on a bake, what the look at all poses would refuse after it.
+Result<void> check_order(const MotionClip& clip, JumpFinder& mesh, bool any_order) {
+  constexpr std::size_t kPoses = 5;
+  for (const std::size_t frame : sample_frames(clip.frame_count(), kPoses)) {
+    const auto pose = clip.pose(frame);
+    if (!pose) return pose.error();
+    if (pose->size() == clip.rest().vertex_count()) mesh.add(*pose);  // Whoever projects the others says so.
+  }
+  return accept_order(mesh.order(), any_order);
+}
+
 }  // namespace
 
-Result<std::unique_ptr<deform::Deformer>> bind_cage(const CageOptions& options, const Surface& model,
+Result<Surface> cage_of(const CageOptions& options, const Surface& model) {
+  if (options.file.empty()) return deform::cage_around(model, options.resolution);
+  auto cage = read_surface(options.file);
+  if (!cage) return cage;
+  cage = deform::cage_from_mesh(std::move(*cage));
+  return cage ? std::move(cage) : in_context(options.file, cage.error());
+}
+
+Result<std::unique_ptr<deform::Deformer>> bind_cage(const CageOptions& options, const Surface& model, Surface cage,
                                                     const std::function<bool(double)>& progress) {
-  auto cage = options.file.empty() ? deform::cage_around(model, options.resolution) : read_surface(options.file);
-  if (cage && !options.file.empty()) {
-    cage = deform::cage_from_mesh(std::move(*cage));
-    if (!cage) return in_context(options.file, cage.error());
-  }
-  if (!cage) return cage.error();
   const bool green = options.coordinates == "green";
-  return deform::cage_deformer(model, std::move(*cage),
+  return deform::cage_deformer(model, std::move(cage),
                                green ? deform::CageCoordinates::kGreen : deform::CageCoordinates::kMeanValue, progress);
 }
 
@@ -109,8 +122,8 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
   const std::unique_ptr<MotionClip>& clip = opened.clip;
   if (const auto usable = check_basis(options.basis, *clip); !usable) return in_context(options.input, usable.error());
   const Surface& rest = clip->rest();
-  const JumpFinder mesh(rest);
-  if (const auto accepted = accept_order(mesh.order(), options.any_order); !accepted)
+  JumpFinder mesh(rest);
+  if (const auto accepted = check_order(*clip, mesh, options.any_order); !accepted)
     return in_context(options.input, accepted.error());
   KnownMotion motion;
   if (options.basis == "rig") {
@@ -120,7 +133,9 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
   } else if (options.basis == "cage" && opened.cage != nullptr) {
     motion = motion_of_cage(*opened.cage);
   } else if (options.basis == "cage") {
-    const auto bound = bind_cage(options.cage, rest,
+    auto cage = cage_of(options.cage, rest);
+    if (!cage) return in_context(options.input, cage.error());
+    const auto bound = bind_cage(options.cage, rest, std::move(*cage),
                                  [&](double) { return !progress || progress(0, "binding the model to its cage"); });
     if (!bound) return in_context(options.input, bound.error());
     motion = motion_of_cage(**bound);

@@ -60,16 +60,17 @@ struct Source {
 /// Opens the input: a path that exists, or a glob, wins over a built-in name. Errors: those of builtin_clip and open_clip.
 Result<std::unique_ptr<MotionClip>> open_source(const SourceOptions& options);
 
-/// The cage, read or made, and the model bound to it. Errors: those of read_surface, deform::cage_from_mesh, cage_around and
-/// cage_deformer.
-Result<std::unique_ptr<deform::Deformer>> bind_cage(const CageOptions& options, const Surface& model,
+/// The cage, read or made around the model. Errors: those of read_surface, deform::cage_from_mesh and cage_around.
+Result<Surface> cage_of(const CageOptions& options, const Surface& model);
+/// The model bound to that cage, see deform::cage_deformer.
+Result<std::unique_ptr<deform::Deformer>> bind_cage(const CageOptions& options, const Surface& model, Surface cage,
                                                     const std::function<bool(double)>& progress);
 
 /// Whether the clip has what this basis is made of. Errors: kInvalidArgument (rig, pca), saying what else would do.
 Result<void> check_basis(const std::string& basis, const MotionClip& clip);
 
-/// Opens, unless it is open, and bakes, or finds it baked. Errors: those of open_source, check_basis, bind_cage and bake;
-/// kInvalidArgument (the faces are of another order of vertices).
+/// Opens, unless it is open, and bakes, or finds it baked. Errors: those of open_source, check_basis, cage_of, bind_cage and
+/// bake; kInvalidArgument (the mesh, or most of a few poses of the clip, certainly are in another order of vertices than the faces).
 Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress, OpenedSource opened = {});
 
 }  // namespace eigencast

@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "sender/target_error.h"
 
-#include <algorithm>
-
 #include "common/reconstruction/reconstruct.h"
 #include "sender/order_check.h"
 #include "sender/surface_error.h"
@@ -23,21 +21,23 @@ Result<std::unique_ptr<MotionClip>> open_samples(const SourceOptions& options) {
       poses.input + " is a single pose, which says nothing of the error in motion: --target-error needs --poses CLIP");
 }
 
-}  // namespace
-
-std::vector<std::size_t> sample_frames(std::size_t frame_count) {
-  const std::size_t count = std::min(kSamples, frame_count);
-  std::vector<std::size_t> frames(count);
-  for (std::size_t i = 0; i < count; ++i) frames[i] = (i + 1) * frame_count / count - 1;
-  return frames;
+/// What of the poses that ranks are judged by does not fit the input's mesh, before any of its bases is made.
+Result<std::string> look_at_samples(const SourceOptions& options, const MotionClip& samples) {
+  const auto frames = sample_frames(samples.frame_count(), kSamples);
+  if (options.poses.empty()) return look_at_frames(samples.rest(), samples, frames, options.any_order);
+  const auto input = open_source(options);
+  if (!input) return input.error();
+  return look_at_frames((*input)->rest(), samples, frames, options.any_order);
 }
+
+}  // namespace
 
 Result<double> error_on_samples(const Asset& asset, const MotionClip& clip) {
   const auto projector = Projector::create(asset);
   if (!projector) return projector.error();
   SourceRebuilder rebuilder(asset);
   SurfaceErrorSum sum(asset.diagonal());
-  for (const std::size_t frame : sample_frames(clip.frame_count())) {
+  for (const std::size_t frame : sample_frames(clip.frame_count(), kSamples)) {
     const auto pose = clip.pose(frame);
     if (!pose) return pose.error();
     const auto C =
@@ -51,8 +51,9 @@ Result<double> error_on_samples(const Asset& asset, const MotionClip& clip) {
 Result<Source> bake_for_target(const SourceOptions& options, const BakeProgress& progress) {
   const auto clip = open_samples(options);
   if (!clip) return clip.error();
+  const auto misfit = look_at_samples(options, **clip);
+  if (!misfit) return misfit.error();
   Source best;
-  std::optional<std::string> misfit;  // Of the poses that ranks are judged by, once they were looked at.
   const auto attempt = [&](int rank) -> Result<TriedRank> {
     SourceOptions with_rank = options;
     with_rank.rank = rank;
@@ -61,12 +62,6 @@ Result<Source> bake_for_target(const SourceOptions& options, const BakeProgress&
       return !progress || progress(fraction, trying + std::string(stage));
     });
     if (!source) return source.error();
-    if (!misfit) {
-      const auto looked =
-          look_at_frames(source->clip->rest(), **clip, sample_frames((*clip)->frame_count()), options.any_order);
-      if (!looked) return looked.error();
-      misfit = *looked;
-    }
     const auto error = error_on_samples(source->baked.asset, **clip);
     if (!error) return error.error();
     const TriedRank tried{static_cast<int>(source->baked.asset.rank), *error};
@@ -77,7 +72,7 @@ Result<Source> bake_for_target(const SourceOptions& options, const BakeProgress&
   auto choice = choose_rank(options.target_error, kLargestRank, attempt);
   if (!choice) return in_context(options.input, choice.error());
   best.rank_choice = std::move(*choice);
-  if (misfit && !misfit->empty()) best.findings.push_back(*misfit);
+  if (!misfit->empty()) best.findings.push_back(*misfit);
   return best;
 }
 

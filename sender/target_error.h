@@ -5,10 +5,7 @@
 
 namespace eigencast {
 
-/// Poses of `clip` that a basis is judged by: at most 24, evenly spread, the last one among them.
-std::vector<std::size_t> sample_frames(std::size_t frame_count);
-
-/// Rms error that an asset's basis leaves on the sample poses of a clip, over the diagonal. Errors: those of the clip;
+/// Rms error that an asset's basis leaves on at most 24 sample poses of a clip, over the diagonal. Errors: those of the clip;
 /// kInvalidArgument (a pose has another number of vertices).
 Result<double> error_on_samples(const Asset& asset, const MotionClip& clip);
 

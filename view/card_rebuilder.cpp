@@ -24,38 +24,27 @@ constexpr const char* kVersion = "#version 330 core\n";
 /// Where sums over faces are drawn: a pixel of three floats for each vertex.
 class Sums final {
  public:
-  Sums() {
-    glGenTextures(1, &texture_);
-    glGenFramebuffers(1, &framebuffer_);
-  }
-  ~Sums() {
-    glDeleteFramebuffers(1, &framebuffer_);
-    glDeleteTextures(1, &texture_);
-  }
-  Sums(const Sums&) = delete;
-  Sums& operator=(const Sums&) = delete;
-
   /// Room for so many vertices.
   void reserve(std::uint32_t vertices) {
     const GLsizei height = static_cast<GLsizei>((vertices + kSumsWidth - 1) / kSumsWidth);
     if (height <= height_) return;
     height_ = height;
     glActiveTexture(GL_TEXTURE0);
-    glBindTexture(GL_TEXTURE_2D, texture_);
+    glBindTexture(GL_TEXTURE_2D, texture_.id());
     glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32F, kSumsWidth, height_, 0, GL_RGBA, GL_FLOAT, nullptr);
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
-    glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_);
-    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, texture_, 0);
+    glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
+    glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, texture_.id(), 0);
   }
   void copy_to(const Sums& other) const {
-    glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_);
-    glBindFramebuffer(GL_DRAW_FRAMEBUFFER, other.framebuffer_);
+    glBindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer_.id());
+    glBindFramebuffer(GL_DRAW_FRAMEBUFFER, other.framebuffer_.id());
     glBlitFramebuffer(0, 0, kSumsWidth, height_, 0, 0, kSumsWidth, height_, GL_COLOR_BUFFER_BIT, GL_NEAREST);
   }
   /// What is drawn from now on is added.
   void bind() const {
-    glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_);
+    glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
     glViewport(0, 0, kSumsWidth, height_);
     glEnable(GL_BLEND);
     glBlendFunc(GL_ONE, GL_ONE);
@@ -68,10 +57,11 @@ class Sums final {
     glClearBufferfv(GL_COLOR, 0, kNothing.data());
   }
   glm::vec2 size() const { return {kSumsWidth, height_}; }
-  GLuint texture() const { return texture_; }
+  GLuint texture() const { return texture_.id(); }
 
  private:
-  GLuint texture_ = 0, framebuffer_ = 0;
+  GlTexture texture_;
+  GlFramebuffer framebuffer_;
   GLsizei height_ = 0;
 };
 
@@ -92,7 +82,6 @@ int generations(const LevelMorph& level, std::span<const std::uint32_t> map) {
 class CardRebuilder::Impl {
  public:
   explicit Impl(bool finish) : finish_(finish) {}
-  ~Impl();
   Result<void> init();
   bool fits(const Asset& asset) const;
   Cost rebuild(std::span<const RebuildJob> jobs);
@@ -117,8 +106,8 @@ class CardRebuilder::Impl {
 
   bool finish_;
   std::size_t most_texels_ = 0;
-  GLuint array_ = 0;
-  std::array<GLuint, kUnits> textures_{};
+  GlArray array_;
+  std::array<GlTexture, kUnits> textures_;
   GlProgram places_, blend_, face_normals_, share_, mesh_normals_, disc_normals_;
   GlBuffer coefficients_, weights_, parents_;
   Sums sums_, shared_;
@@ -127,18 +116,11 @@ class CardRebuilder::Impl {
   CpuRebuilder cpu_;
 };
 
-CardRebuilder::Impl::~Impl() {
-  glDeleteVertexArrays(1, &array_);
-  glDeleteTextures(kUnits, textures_.data());
-}
-
 Result<void> CardRebuilder::Impl::init() {
   GLint most = 0;
   glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &most);
   most_texels_ = static_cast<std::size_t>(most);
   nowhere_.reserve(1);
-  glGenVertexArrays(1, &array_);
-  glGenTextures(kUnits, textures_.data());
   const std::string version = kVersion, level = version + shaders::kLevel, unit = level + shaders::kUnit;
   struct Source {
     GlProgram& program;
@@ -187,7 +169,7 @@ CardBasis& CardRebuilder::Impl::basis_of(const RebuildJob& job) {
 
 void CardRebuilder::Impl::read(Unit unit, GLenum format, GLuint buffer) {
   glActiveTexture(GL_TEXTURE0 + unit);
-  glBindTexture(GL_TEXTURE_BUFFER, textures_[unit]);
+  glBindTexture(GL_TEXTURE_BUFFER, textures_[unit].id());
   glTexBuffer(GL_TEXTURE_BUFFER, format, buffer);
 }
 
@@ -292,7 +274,7 @@ void CardRebuilder::Impl::make_normals(const RebuildJob& job, CardSurface& card)
 
 SurfaceRebuilder::Cost CardRebuilder::Impl::rebuild(std::span<const RebuildJob> jobs) {
   Cost cost;
-  glBindVertexArray(array_);
+  glBindVertexArray(array_.id());
   auto spent = [this, since = steady_now_us()]() mutable {
     if (finish_) glFinish();
     const TimeUs now = steady_now_us();

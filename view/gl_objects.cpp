@@ -122,6 +122,12 @@ void GlTarget::resize(int width, int height, int samples) {
   if (width == width_ && height == height_) return;
   width_ = width;
   height_ = height;
+  // A card need not have more than one for textures; what asks for more than it has is no picture at all.
+  for (const GLenum most : {GL_MAX_SAMPLES, GL_MAX_COLOR_TEXTURE_SAMPLES, GL_MAX_DEPTH_TEXTURE_SAMPLES}) {
+    GLint here = 1;
+    glGetIntegerv(most, &here);
+    samples = std::clamp(samples, 1, std::max(here, 1));
+  }
   glBindTexture(GL_TEXTURE_2D_MULTISAMPLE, sampled_colour_.id());
   glTexImage2DMultisample(GL_TEXTURE_2D_MULTISAMPLE, samples, GL_RGBA8, width, height, GL_TRUE);
   glBindTexture(GL_TEXTURE_2D_MULTISAMPLE, depth_.id());

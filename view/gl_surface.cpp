@@ -122,6 +122,7 @@ void GlSurface::paint(const SurfacePaint& paint) {
 
 void GlSurface::bind(const GlProgram& program) const {
   program.set("paint", paint_);
+  program.set("colourfulness", colourfulness);
   program.set("scene_from_surface", scene_from_surface_);
   program.set("scene_from_normal", scene_from_normal_);
   glBindVertexArray(array_.id());

@@ -64,6 +64,7 @@ class GlSurface final {
   const GlTexturePaint* texture() const { return texture_.get(); }
 
   bool visible = true;
+  float colourfulness = 1;  ///< 0..1
 
  private:
   void take_pose(const SurfaceGeometry& geometry);

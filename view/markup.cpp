@@ -83,20 +83,12 @@ MarkTriangles triangles_from_markup(const Markup& markup, const glm::mat4& clip_
   return triangles;
 }
 
-MarkupPainter::~MarkupPainter() {
-  if (array_ == 0) return;
-  glDeleteVertexArrays(1, &array_);
-  glDeleteBuffers(1, &corners_);
-}
-
 Result<void> MarkupPainter::init() {
   Result<GlProgram> program = GlProgram::create("markup", shaders::kMarkVertex, shaders::kMarkFragment);
   if (!program) return program.error();
   program_ = std::move(*program);
-  glGenBuffers(1, &corners_);
-  glGenVertexArrays(1, &array_);
-  glBindVertexArray(array_);
-  glBindBuffer(GL_ARRAY_BUFFER, corners_);
+  glBindVertexArray(array_.id());
+  glBindBuffer(GL_ARRAY_BUFFER, corners_.id());
   const auto attribute = [](GLuint place, GLint size, std::size_t offset) {
     glVertexAttribPointer(place, size, GL_FLOAT, GL_FALSE, sizeof(MarkCorner), reinterpret_cast<const void*>(offset));
     glEnableVertexAttribArray(place);
@@ -110,8 +102,8 @@ Result<void> MarkupPainter::init() {
 void MarkupPainter::draw(const Markup& markup, const glm::mat4& clip_from_scene, int width_px, int height_px) const {
   const MarkTriangles triangles = triangles_from_markup(markup, clip_from_scene, width_px, height_px);
   if (triangles.corners.empty()) return;
-  glBindVertexArray(array_);
-  glBindBuffer(GL_ARRAY_BUFFER, corners_);
+  glBindVertexArray(array_.id());
+  glBindBuffer(GL_ARRAY_BUFFER, corners_.id());
   glBufferData(GL_ARRAY_BUFFER, static_cast<GLsizeiptr>(triangles.corners.size() * sizeof(MarkCorner)),
                triangles.corners.data(), GL_STREAM_DRAW);
   program_.use();

@@ -54,13 +54,13 @@ class MarkupPainter final {
   MarkupPainter() = default;
   MarkupPainter(const MarkupPainter&) = delete;
   MarkupPainter& operator=(const MarkupPainter&) = delete;
-  ~MarkupPainter();
   Result<void> init();
   void draw(const Markup& markup, const glm::mat4& clip_from_scene, int width_px, int height_px) const;
 
  private:
   GlProgram program_;
-  GLuint array_ = 0, corners_ = 0;
+  GlArray array_;
+  GlBuffer corners_;
 };
 
 }  // namespace eigencast

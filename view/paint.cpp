@@ -97,7 +97,7 @@ void SurfacePainter::fill(const SurfaceView& view, const PoseSource& source, con
   const std::uint32_t N = view.geometry().vertex_count();
   const std::span<const double> C = view.coefficients();
   if (asset == nullptr || N == 0 || C.empty() || C.size() % asset->rank != 0 || N > asset->rows_ready)
-    return refuse("nothing has come yet");
+    return refuse("");  // nothing has come yet
   const auto channels = static_cast<std::uint32_t>(C.size() / asset->rank);
   paint_.kind = SurfacePaint::Kind::kScalar;
   switch (wish.colouring) {

@@ -39,7 +39,7 @@ class Renderer::Impl {
   void draw_surfaces(const Camera& camera, const RenderOptions& options, int height) const;
   void draw_edges(const glm::mat4& clip_from_scene, float pixel_scale) const;
   void use_colour_table(ColourMap map);
-  void finish_picture(const Camera& camera, const RenderOptions& options, unsigned target) const;
+  void finish_picture(const Camera& camera, unsigned target) const;
 
   MarkupPainter painter_;
   Lighting lighting_;
@@ -101,7 +101,7 @@ void Renderer::Impl::draw(const Camera& camera, const RenderOptions& options, in
   painter_.draw(markup_, clip_from_scene, width, height);
   glDisable(GL_DEPTH_TEST);
   target_.resolve();
-  finish_picture(camera, options, target);
+  finish_picture(camera, target);
 }
 
 void Renderer::Impl::use_colour_table(ColourMap map) {
@@ -188,7 +188,7 @@ void Renderer::Impl::draw_edges(const glm::mat4& clip_from_scene, float pixel_sc
   glDisable(GL_BLEND);
 }
 
-void Renderer::Impl::finish_picture(const Camera& camera, const RenderOptions& options, unsigned target) const {
+void Renderer::Impl::finish_picture(const Camera& camera, unsigned target) const {
   glBindFramebuffer(GL_FRAMEBUFFER, target);
   finish_.use();
   glActiveTexture(GL_TEXTURE1);
@@ -197,7 +197,6 @@ void Renderer::Impl::finish_picture(const Camera& camera, const RenderOptions& o
   glBindTexture(GL_TEXTURE_2D, target_.colour_texture());
   finish_.set("picture", 0);
   finish_.set("depth", 1);
-  finish_.set("colourfulness", std::clamp(options.colourfulness, 0.0F, 1.0F));
   const bool all_clouds =
       !surfaces_.empty() && std::all_of(surfaces_.begin(), surfaces_.end(), [](const auto& surface) {
         return (surface->is_point_cloud() && !surface->has_discs()) || !surface->drawable();
@@ -240,10 +239,11 @@ void Renderer::paint(std::size_t surface, const SurfacePaint& paint) {
   impl_->surfaces_[surface]->paint(paint);
 }
 
-void Renderer::place(std::size_t surface, const glm::mat4& scene_from_surface, bool visible) {
+void Renderer::place(std::size_t surface, const glm::mat4& scene_from_surface, bool visible, float colourfulness) {
   assert(surface < impl_->surfaces_.size());
   impl_->surfaces_[surface]->place(scene_from_surface);
   impl_->surfaces_[surface]->visible = visible;
+  impl_->surfaces_[surface]->colourfulness = std::clamp(colourfulness, 0.0F, 1.0F);
 }
 
 void Renderer::mark(Markup markup) {

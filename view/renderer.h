@@ -20,7 +20,6 @@ struct RenderOptions {
   bool edges = false, wireframe = false, points = false, axes = false, grid = true;
   bool transparent = false;  ///< No wall, no grid: what is drawn keeps its alpha, the floor only its shadow.
   float pixel_scale = 1;     ///< Pixels to one at 96 dpi: the width of lines and the least points.
-  float colourfulness = 1;   ///< 0 = grey, as while the connection is lost.
   ColourMap colour_map = ColourMap::kViridis;  ///< Of surfaces painted with numbers,
   std::array<float, 2> colour_range{0, 1};     ///< from the first of these to the second.
 };
@@ -42,8 +41,8 @@ class Renderer final {
   void upload(std::size_t surface, const SurfaceGeometry& geometry);
   /// What its vertices are painted with. REQUIRES: as many values as the uploaded geometry's vertices take.
   void paint(std::size_t surface, const SurfacePaint& paint);
-  /// Where a surface stands, and whether it is drawn.
-  void place(std::size_t surface, const glm::mat4& scene_from_surface, bool visible = true);
+  /// Where a surface stands, whether it is drawn, and how much of its colours is left: 0 = grey, as while its connection is lost.
+  void place(std::size_t surface, const glm::mat4& scene_from_surface, bool visible = true, float colourfulness = 1);
   /// What to draw over the surfaces from now on.
   void mark(Markup markup);
   /// Draws what was uploaded last (nothing is fine) to framebuffer `target` (0 = the window), width x height pixels.

@@ -50,12 +50,17 @@ vec3 base_from_paint(vec3 painted, vec3 n, vec3 clay) {
   }
   return paint == 2 ? painted : paint == 3 ? pow(0.5 + 0.5 * n, vec3(2.2)) : clay;
 }
+uniform float colourfulness;
+vec4 faded(vec3 c) {
+  float grey = dot(c, vec3(0.299, 0.587, 0.114));
+  return vec4(mix(vec3(0.9 * grey + 0.06), c, colourfulness), 1.0);
+}
 vec4 finished(vec3 at, vec3 n, vec3 painted, bool inside, float key_shadow) {
   vec3 base = base_from_paint(painted, n, inside ? albedo_inside : albedo);
-  if (paint != 1 && paint != 3) return vec4(shown(shaded(at, n, base, key_shadow)), 1.0);
+  if (paint != 1 && paint != 3) return faded(shown(shaded(at, n, base, key_shadow)));
   float light = 0.60 + 0.13 * dot(n, up) + 0.34 * max(dot(n, key_light), 0.0) * key_shadow +
                 0.08 * max(dot(n, fill_light), 0.0);
-  return vec4(pow(clamp(base * (paint == 3 ? 1.0 : light), 0.0, 1.0), vec3(1.0 / 2.2)), 1.0);
+  return faded(pow(clamp(base * (paint == 3 ? 1.0 : light), 0.0, 1.0), vec3(1.0 / 2.2)));
 })";
 
 /// Shared by everything that receives the shadow: 12 taps on a spiral, turned from pixel to pixel, the outermost first;
@@ -278,13 +283,12 @@ void main() {
   colour = vec4(ink.rgb * (beyond > 0.72 ? 0.35 : 1.0), ink.a * opacity);
 })";
 
-/// Last: depth shading for bare clouds (after Boucheny 2009, "Eye-dome lighting") and fading to grey while nothing
-/// comes. Colours come multiplied by their alpha, and go without.
+/// Last: depth shading for bare clouds (after Boucheny 2009, "Eye-dome lighting"). Colours come multiplied by their alpha, and go
+/// without.
 inline constexpr const char* kFinishFragment = R"(#version 330 core
 in vec2 uv;
 uniform sampler2D picture;
 uniform sampler2DMS depth;
-uniform float colourfulness;
 uniform float dome;
 uniform vec2 near_far;
 out vec4 colour;
@@ -306,8 +310,7 @@ void main() {
     }
     c *= 0.28 + 0.72 * exp(-dome * min(sum, 0.5) / 8.0);
   }
-  float grey = dot(c, vec3(0.299, 0.587, 0.114));
-  colour = vec4(mix(vec3(0.9 * grey + 0.06), c, colourfulness), premultiplied.a);
+  colour = vec4(c, premultiplied.a);
 })";
 
 }  // namespace eigencast::shaders

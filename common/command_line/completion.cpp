@@ -47,11 +47,19 @@ std::string in_quotes(const std::string& text) {
   return result + "'";
 }
 
+/// A statement of bash that takes the lines of a compgen, each one completion.
+std::string bash_replies(const std::string& compgen) {
+  return "mapfile -t COMPREPLY < <(compgen " + compgen + " -- \"$current\")";
+}
+
 std::string bash_from(const std::string& program, const std::vector<CommandRow>& rows) {
   const std::string function = identifier_from(program);
   std::string text =
       "# bash completion for " + program + ", made from its table of options\n" + function + "() {\n" +
       "  local current=\"${COMP_WORDS[COMP_CWORD]}\" previous=\"${COMP_WORDS[COMP_CWORD-1]}\" path=\"\" word\n"
+      // --option=value are three words.
+      "  if [[ $current == = ]]; then current=\"\"; elif [[ $previous == = ]]; then "
+      "previous=\"${COMP_WORDS[COMP_CWORD-2]}\"; fi\n"
       "  for word in \"${COMP_WORDS[@]:1:COMP_CWORD-1}\"; do\n    case \"$path/$word\" in\n";
   for (const CommandRow& row : rows) {
     if (!row.path.empty())
@@ -64,9 +72,7 @@ std::string bash_from(const std::string& program, const std::vector<CommandRow>&
     for (const OptionRow& option : row.options) {
       if (!option.takes_value()) continue;
       const std::string action =
-          option.choices.empty()
-              ? "COMPREPLY=($(compgen -f -- \"$current\"))"
-              : "COMPREPLY=($(compgen -W " + in_quotes(joined(option.choices, " ")) + " -- \"$current\"))";
+          bash_replies(option.choices.empty() ? "-f" : "-W " + in_quotes(joined(option.choices, " ")));
       for (const std::string& name : option.names)
         text += "    " + in_quotes(path + " " + name) + ") " + action + "; return;;\n";
     }
@@ -77,10 +83,9 @@ std::string bash_from(const std::string& program, const std::vector<CommandRow>&
     std::vector<std::string> words = children_of(rows, row.path);
     for (const OptionRow& argument : row.arguments)
       words.insert(words.end(), argument.choices.begin(), argument.choices.end());
-    const std::string values = words.empty() ? "compgen -f" : "compgen -W " + in_quotes(joined(words, " "));
-    text += "    " + in_quotes(path) + ")\n      if [[ \"$current\" == -* ]]; then COMPREPLY=($(compgen -W " +
-            in_quotes(option_names(row)) + " -- \"$current\")); else COMPREPLY=($(" + values +
-            " -- \"$current\")); fi;;\n";
+    text += "    " + in_quotes(path) + ")\n      if [[ \"$current\" == -* ]]; then " +
+            bash_replies("-W " + in_quotes(option_names(row))) + "; else " +
+            bash_replies(words.empty() ? "-f" : "-W " + in_quotes(joined(words, " "))) + "; fi;;\n";
   }
   return text + "  esac\n}\ncomplete -o filenames -F " + function + " " + program + "\n";
 }
@@ -107,13 +112,21 @@ void append_zsh_function(const std::string& name, const CommandRow& row, const s
   for (const OptionRow& option : row.options) {
     const std::string others = option.names.size() > 1 ? "(" + joined(option.names, " ") + ")" : "";
     for (const std::string& each : option.names) {
-      text += "    " +
-              in_quotes(others + each + "[" + zsh_text(option.description) + "]" +
-                        (option.takes_value() ? ":" + zsh_values(option) : "")) +
-              " \\\n";
+      text +=
+          "    " +
+          in_quotes(others + each +
+                    (!option.takes_value() ? ""
+                     : each[1] == '-'      ? "="
+                                           : "+") +
+                    "[" + zsh_text(option.description) + "]" + (option.takes_value() ? ":" + zsh_values(option) : "")) +
+          " \\\n";
     }
   }
-  for (const OptionRow& argument : row.arguments) text += "    " + in_quotes("*:" + zsh_values(argument)) + " \\\n";
+  // One may stand for several; of several each has its place.
+  for (std::size_t i = 0; i < row.arguments.size(); ++i) {
+    const std::string place = row.arguments.size() == 1 ? "*" : std::to_string(i + 1);
+    text += "    " + in_quotes(place + ":" + zsh_values(row.arguments[i])) + " \\\n";
+  }
   if (children.empty()) {
     text += "    && return\n}\n";
     return;

@@ -9,8 +9,8 @@ namespace CLI {
 class App;
 }
 
-/// What can be said about a program, or its command line, from its table of options alone: the same table that parses its command line and prints its
-/// help, so that none of them can fall behind.
+/// What can be said about a program, or its command line, from its table of options alone: the same table that parses its
+/// command line and prints its help, so that none of them can fall behind.
 namespace eigencast {
 
 enum class Shell { kBash, kZsh, kFish };

@@ -2,6 +2,7 @@
 #include "common/command_line/option_table.h"
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 
@@ -41,7 +42,10 @@ OptionRow row_from(const CLI::Option& option) {
   row.description = option.get_description();
   row.environment = option.get_envname();
   row.required = option.get_required();
-  if (!row.choices.empty()) {
+  const bool are_told = std::all_of(row.choices.begin(), row.choices.end(), [&](const std::string& choice) {
+    return row.description.find(choice) != std::string::npos;
+  });
+  if (!are_told) {
     row.description += ": ";
     for (std::size_t i = 0; i < row.choices.size(); ++i) row.description += (i > 0 ? ", " : "") + row.choices[i];
   }

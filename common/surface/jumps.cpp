@@ -171,8 +171,9 @@ Result<void> JumpFinder::order() const {
   const auto certain =
       std::count_if(misfits_.begin(), misfits_.end(), [](const auto& misfit) { return misfit.second.certain; });
   if (!order_.rest().certain && 2 * static_cast<std::size_t>(certain) <= steps_.size()) return {};
-  const std::string where =
-      order_.rest().certain ? "the mesh" : std::to_string(certain) + " of " + std::to_string(steps_.size()) + " frames";
+  const std::string where = order_.rest().certain ? "the mesh"
+                                                  : std::to_string(certain) + " of the " +
+                                                        std::to_string(steps_.size()) + " frames looked at";
   return fail(ErrorCode::kInvalidArgument,
               where +
                   ": the faces join vertices that are no neighbours; they are of another file, or of another order of "

@@ -9,6 +9,7 @@
 #include <fstream>
 #include <system_error>
 
+#include "common/core/files.h"
 #include "common/surface/file_text.h"
 #include "common/surface/point_cache.h"
 
@@ -16,6 +17,28 @@ namespace eigencast {
 namespace {
 
 namespace fs = std::filesystem;
+
+/// What a clip becomes.
+enum class Form : std::uint8_t {
+  kFolder,    ///< A file for each pose, in it.
+  kSequence,  ///< A file for each pose, beside each other.
+  kCache,     ///< One file, with the rest pose beside it.
+};
+
+Result<std::string> ending_of_surface(const std::string& path) {
+  std::string ending = text::ending_of(path);
+  if (ending == "obj" || ending == "ply" || ending == "off") return ending;
+  return fail(ErrorCode::kUnsupported, path + ": files that end in obj, ply or off can be written");
+}
+
+Result<Form> form_of(const std::string& path, const std::string& ending) {
+  std::error_code ignored;
+  if (path.empty() || path.back() == '/' || fs::is_directory(path, ignored)) return Form::kFolder;
+  if (ending == "pc2" || ending == "mdd" || ending == "npy") return Form::kCache;
+  if (ending == "obj" || ending == "ply" || ending == "off") return Form::kSequence;
+  return fail(ErrorCode::kUnsupported,
+              path + ": clips that end in pc2, mdd, npy, obj, ply or off, and folders (ending in /) can be written");
+}
 
 // The shortest text that reads back as the same double.
 void append_number(std::string& text, double value) {
@@ -182,25 +205,39 @@ Result<void> write_sequence(const MotionClip& clip, const fs::path& start, const
 
 }  // namespace
 
+Result<void> check_place_of_surface(const std::string& path) {
+  const auto ending = ending_of_surface(path);
+  return ending ? check_place_of_file(path) : ending.error();
+}
+
+Result<void> check_place_of_clip(const std::string& path) {
+  const auto form = form_of(path, text::ending_of(path));
+  if (!form) return form.error();
+  if (*form == Form::kCache) return check_place_of_file(path);
+  return check_place_of_folder(*form == Form::kFolder ? path : fs::path(path).parent_path().string());
+}
+
 Result<void> write_surface(const Surface& surface, const std::string& path) {
-  const std::string ending = text::ending_of(path);
-  if (ending == "obj") return write_bytes(path, obj_text(surface));
-  if (ending == "ply") return write_bytes(path, ply_bytes(surface));
-  if (ending == "off") return write_bytes(path, off_text(surface));
-  return fail(ErrorCode::kUnsupported, path + ": files that end in obj, ply or off can be written");
+  const auto ending = ending_of_surface(path);
+  if (!ending) return ending.error();
+  return write_bytes(path, *ending == "obj"   ? obj_text(surface)
+                           : *ending == "ply" ? ply_bytes(surface)
+                                              : off_text(surface));
 }
 
 Result<void> write_clip(const MotionClip& clip, const std::string& path, const WriteProgress& progress) {
   const std::string ending = text::ending_of(path);
-  if (path.empty() || path.back() == '/' || fs::is_directory(path)) {
-    return write_sequence(clip, fs::path(path) / "frame", "obj", progress);
+  const auto form = form_of(path, ending);
+  if (!form) return form.error();
+  switch (*form) {
+    case Form::kFolder:
+      return write_sequence(clip, fs::path(path) / "frame", "obj", progress);
+    case Form::kSequence:
+      return write_sequence(clip, fs::path(path).replace_extension(), ending, progress);
+    case Form::kCache:
+      break;
   }
-  if (ending == "pc2" || ending == "mdd" || ending == "npy") return write_cache(clip, path, ending, progress);
-  if (ending == "obj" || ending == "ply" || ending == "off") {
-    return write_sequence(clip, fs::path(path).replace_extension(), ending, progress);
-  }
-  return fail(ErrorCode::kUnsupported,
-              path + ": clips that end in pc2, mdd, npy, obj, ply or off, and folders (ending in /) can be written");
+  return write_cache(clip, path, ending, progress);
 }
 
 }  // namespace eigencast

@@ -19,6 +19,10 @@ using WriteProgress = std::function<bool(double fraction)>;
 /// kCancelled, and those of the clip.
 Result<void> write_clip(const MotionClip& clip, const std::string& path, const WriteProgress& progress = {});
 
+/// Whether a clip, or a surface, could be written there, as far as can be told without doing it. Errors: kUnsupported (ending), kIo.
+Result<void> check_place_of_clip(const std::string& path);
+Result<void> check_place_of_surface(const std::string& path);
+
 /// Writes one surface as OBJ, PLY (binary, 64-bit floats) or OFF by its ending; coordinates exact. Errors: kUnsupported, kIo.
 Result<void> write_surface(const Surface& surface, const std::string& path);
 

@@ -75,13 +75,9 @@ class ArapDeformer final : public Deformer {
 
 Result<void> ArapDeformer::prepare() {
   held_.assign(rest_.size(), kFree);
+  handles_ = centres_of(groups_, rest_);
   for (std::uint32_t g = 0; g < groups_.size(); ++g) {
-    Vec3 centre{};
-    for (const std::uint32_t v : groups_[g]) {
-      held_[v] = g;
-      centre = centre + rest_[v];
-    }
-    handles_.push_back((1.0 / static_cast<double>(groups_[g].size())) * centre);
+    for (const std::uint32_t v : groups_[g]) held_[v] = g;
   }
   if (const std::size_t v = unheld(neighbours_, held_); v < rest_.size()) {
     return fail(ErrorCode::kInvalidArgument,
@@ -176,6 +172,16 @@ Result<void> check_handles(const std::vector<HandleGroup>& groups, std::size_t v
     }
   }
   return {};
+}
+
+std::vector<Vec3> centres_of(const std::vector<HandleGroup>& groups, std::span<const Vec3> positions) {
+  std::vector<Vec3> centres;
+  for (const HandleGroup& group : groups) {
+    Vec3 sum{};
+    for (const std::uint32_t v : group) sum = sum + positions[v];
+    centres.push_back((1.0 / static_cast<double>(group.size())) * sum);
+  }
+  return centres;
 }
 
 Result<std::unique_ptr<Deformer>> arap_deformer(const Surface& model, std::vector<HandleGroup> groups, int iterations) {

@@ -6,11 +6,13 @@
 
 #include <algorithm>
 #include <condition_variable>
+#include <exception>
 #include <future>
 #include <glm/ext/matrix_transform.hpp>
 #include <mutex>
 #include <thread>
 
+#include "common/net/guarded_run.h"
 #include "view/scene.h"
 
 namespace eigencast::studio {
@@ -70,20 +72,32 @@ class Painter::Impl {
   void run(std::promise<Result<void>>& ready) {
     glfwMakeContextCurrent(options_.window);
     glfwSwapInterval(1);
-    Result<std::unique_ptr<Renderer>> renderer = Renderer::create();
-    if (!renderer) {
-      ready.set_value(renderer.error());
-    } else {
+    const Result<void> opened = open();
+    ready.set_value(opened);
+    // What cannot be drawn (memory ran out) does not end what a hand is deforming: the next state perhaps can be.
+    const auto failed = [this](const std::string& what) { log(options_.log, LogLevel::kError, "drawing: " + what); };
+    if (opened) guarded_run([this] { draw_until_stopped(); }, failed);
+    overlay_.reset();
+    renderer_.reset();
+    glfwMakeContextCurrent(nullptr);
+  }
+
+  Result<void> open() {
+    try {
+      Result<std::unique_ptr<Renderer>> renderer = Renderer::create();
+      if (!renderer) return renderer.error();
       renderer_ = std::move(*renderer);
       renderer_->set_surface_count(1 + sources_.size());
       overlay_ = std::make_unique<Overlay>(nullptr, TextScale{options_.scale, 1});
       report_.device = renderer_->device();
-      ready.set_value({});
-      while (wait()) turn();
-      overlay_.reset();
-      renderer_.reset();
+      return {};
+    } catch (const std::exception& error) {
+      return fail(ErrorCode::kInternal, std::string("the window cannot draw: ") + error.what());
     }
-    glfwMakeContextCurrent(nullptr);
+  }
+
+  void draw_until_stopped() {
+    while (wait()) turn();
   }
 
   /// Until there may be something to draw; takes the newest state. False when it is over.

@@ -48,8 +48,8 @@ grep -q "$HOME" "$folder/man" && fail "the manual page holds a path of this mach
 
 # shellcheck disable=SC1091
 source "$folder/bash"
-completes() {  # completes "words typed" expected...
-  read -ra COMP_WORDS <<< "$1"
+completes() {  # completes "words typed" expected...; as bash does, = is a word
+  read -ra COMP_WORDS <<< "${1//=/ = }"
   [[ $1 == *' ' ]] && COMP_WORDS+=("")
   COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
   COMPREPLY=()
@@ -73,7 +73,11 @@ else
   completes "eigencast-sender p" play pipe
   completes "eigencast-sender play --ra" --rate --rank
   completes "eigencast-sender play --basis " augmented harmonic rig cage pca
+  completes "eigencast-sender play --basis=" augmented pca
+  completes "eigencast-sender play --basis=r" rig
   completes "eigencast-sender -v context " add list use remove
+  touch "$folder/my mesh.obj"
+  completes "eigencast-sender play $folder/my" "$folder/my mesh.obj"
   completes "eigencast-sender completion " bash zsh fish
 fi
 

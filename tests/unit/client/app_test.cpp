@@ -144,6 +144,16 @@ TEST_F(Apps, HeadlessWithoutAStreamSaysSoAndExitsWithFour) {
   EXPECT_NE(said_.find("no pose came"), std::string::npos) << said_;
 }
 
+TEST_F(Apps, HeadlessSaysWhichColoursThereAreNot) {
+  options_.headless = true;
+  options_.frames = 1;
+  EXPECT_EQ(run_headless(options_, sources_, stop_, log()), kExitGood) << said_;
+  EXPECT_EQ(said_.find("colours"), std::string::npos) << said_;
+  options_.look.colour.colouring = Colouring::kOwn;
+  EXPECT_EQ(run_headless(options_, sources_, stop_, log()), kExitGood) << said_;
+  EXPECT_NE(said_.find("no colours of its own"), std::string::npos) << said_;
+}
+
 TEST_F(Apps, FilesThatCannotBeWrittenAreFailures) {
   options_.headless = true;
   options_.record = path("none/poses.jsonl");

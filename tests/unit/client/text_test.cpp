@@ -101,6 +101,10 @@ TEST(HudText, ConnectionLineCountsTheDownload) {
   stats.state = Subscriber::State::kLost;
   stats.detail = "next try in 400 ms";
   EXPECT_EQ(connection_line(stats, info), "lost \xC2\xB7 demo \xC2\xB7 next try in 400 ms");
+  EXPECT_EQ(connection_line(stats, info, 0, true), "lost \xC2\xB7 demo") << "the banner says the rest";
+  stats.state = Subscriber::State::kWaiting;
+  stats.detail = "waiting for a sender at ws://h/demo";
+  EXPECT_EQ(connection_line(stats, info), stats.detail) << "nothing twice";
 }
 
 TEST(HudText, BannerOnlyForASurfaceThatStandsStill) {

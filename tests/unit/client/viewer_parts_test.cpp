@@ -8,6 +8,7 @@
 
 #include "client/clip_source.h"
 #include "client/clip_truth.h"
+#include "client/connections.h"
 #include "client/history.h"
 #include "client/open_source.h"
 #include "client/opening_clip.h"
@@ -58,6 +59,9 @@ TEST(Settings, ComeBackAsTheyWereAndBearNonsense) {
   settings.hud = false;
   settings.look.edges = true;
   settings.look.colour_map = ColourMap::kTurbo;
+  settings.resolver = ResolverKind::kPaper;
+  settings.playout = PlayoutMode::kEstimate;
+  settings.smoothness = 0.25;
   for (int i = 0; i < 9; ++i) settings.opened("ws://h/" + std::to_string(i));
   settings.opened("ws://h/7");
   ASSERT_TRUE(settings.save(path));
@@ -67,15 +71,19 @@ TEST(Settings, ComeBackAsTheyWereAndBearNonsense) {
   EXPECT_FALSE(back->hud);
   EXPECT_TRUE(back->look.edges);
   EXPECT_EQ(back->look.colour_map, ColourMap::kTurbo);
+  EXPECT_EQ(back->resolver, ResolverKind::kPaper);
+  EXPECT_EQ(back->playout, PlayoutMode::kEstimate);
+  EXPECT_EQ(back->smoothness, 0.25);
   ASSERT_EQ(back->recent.size(), Settings::kMostRecent);
   EXPECT_EQ(back->recent.front(), "ws://h/7") << "once, in front";
-  std::ofstream(path)
-      << R"({"width": -3, "height": "x", "look": {"edges": 7, "colour_map": "jet"}, "recent": [1, "a"]})";
+  std::ofstream(path) << R"({"width": -3, "height": "x", "look": {"edges": 7, "colour_map": "jet"}, "recent": [1, "a"],
+             "resolver": "best", "motion": 3, "smoothness": 7})";
   const auto odd = Settings::load(path);
   ASSERT_TRUE(odd);
   EXPECT_EQ(odd->width, 1280);
   EXPECT_FALSE(odd->look.edges);
   EXPECT_EQ(odd->look.colour_map, ColourMap::kViridis);
+  EXPECT_FALSE(odd->resolver || odd->playout || odd->smoothness);
   EXPECT_EQ(odd->recent, (std::vector<std::string>{"a"}));
   std::ofstream(path) << "no json";
   EXPECT_EQ(Settings::load(path).error().code, ErrorCode::kCorrupt);
@@ -166,6 +174,45 @@ TEST(ClipTruths, AStreamGetsItsTruthInTheBackgroundOrSaysWhyNot) {
   const auto wrong = with_truth(std::make_unique<ClipSource>(*clip), "sphere");
   settle(*wrong);
   EXPECT_NE(wrong->truth()->why().find("10242 vertices"), std::string::npos) << wrong->truth()->why();
+}
+
+TEST(ClipSources, SayThatABakeIsNotKept) {
+  const testing::TemporaryFolder folder;
+  std::ofstream(folder.file("a-file")) << "x";
+  const auto clip = BakedClip::open(growing_sphere(folder), folder.file("a-file"));
+  ASSERT_TRUE(clip) << clip.error().message;
+  const std::string detail = ClipSource(*clip).stats().detail;
+  EXPECT_NE(detail.find("not kept"), std::string::npos) << detail;
+  EXPECT_NE(detail.find("a-file"), std::string::npos) << detail;
+}
+
+TEST(Connections, OfSeveralTheTroubledOneIsNamed) {
+  FakeSource first(sphere_asset(1)), second(sphere_asset(1));
+  PoseSource* const sources[] = {&first, &second};
+  const std::string names[] = {"one", "two"};
+  std::string said;
+  Connections connections(sources, names, [&](LogLevel, std::string_view line) { said += std::string(line) + "\n"; });
+  first.stats_.keys = 3;
+  second.stats_.keys = 4;
+  connections.look(1'000'000);
+  EXPECT_TRUE(connections.are_well());
+  EXPECT_EQ(connections.stats().keys, 7u);
+  EXPECT_EQ(connections.line(false), "2 of 2 live \xC2\xB7 live \xC2\xB7 demo");
+  EXPECT_EQ(connections.banner(0), "");
+  second.stats_.state = Subscriber::State::kLost;
+  second.stats_.detail = "next try in 400 ms";
+  connections.look(2'000'000);
+  connections.look(3'000'000);
+  EXPECT_FALSE(connections.are_well());
+  EXPECT_EQ(connections.troubled(), 1u);
+  EXPECT_FALSE(connections.lost_since_us(0));
+  EXPECT_EQ(connections.lost_since_us(1), 2'000'000);
+  EXPECT_EQ(connections.stats().keys, 7u);
+  EXPECT_EQ(connections.banner(3'200'000), "two: no data for 3.2 s - connection lost: next try in 400 ms");
+  EXPECT_EQ(said, "one: live\ntwo: live\ntwo: lost: next try in 400 ms\n");
+  EXPECT_EQ(connections.remove(0), &first);
+  EXPECT_EQ(connections.lost_since_us(0), 2'000'000) << "the second has moved up";
+  EXPECT_EQ(connections.line(true), "lost \xC2\xB7 demo");
 }
 
 TEST(OpeningClips, BakeInTheBackgroundAndSaySo) {

@@ -135,6 +135,8 @@ TEST_F(TheWindow, KeysChangeTheLookAndTheNextWindowRemembers) {
               EXPECT_TRUE(until([&] { return std::filesystem::exists("eigencast_0001.png"); }));
               xdotool("key ctrl+c mousedown 1 mousemove 420 330 mouseup 1 key ctrl+v key shift+s");
               EXPECT_TRUE(until([&] { return std::filesystem::exists("eigencast_0002.png"); }));
+              xdotool("key a key m key shift+s");
+              EXPECT_TRUE(until([&] { return std::filesystem::exists("eigencast_0003.png"); }));
             }),
             kExitGood);
   const auto first = read_png("eigencast_0001.png"), second = read_png("eigencast_0002.png");
@@ -150,6 +152,21 @@ TEST_F(TheWindow, KeysChangeTheLookAndTheNextWindowRemembers) {
   EXPECT_TRUE(settings->look.wireframe);
   EXPECT_TRUE(settings->panel);
   EXPECT_EQ(settings->look.colour_map, ColourMap::kCividis);
+  EXPECT_EQ(settings->resolver, ResolverKind::kBudget);
+  EXPECT_EQ(settings->playout, PlayoutMode::kInterpolate);
+  for (const bool given : {false, true}) {
+    stop_.store(false);
+    options_.resolver_given = options_.playout_given = given;
+    options_.json = folder_.file("report.json");
+    EXPECT_EQ(run([&] {
+                EXPECT_TRUE(testing::drop_on_window(display_.name(), "file:///tmp/a.obj\r\n"));
+                EXPECT_TRUE(until([&] { return opened().size() == (given ? 3u : 2u); }));
+              }),
+              kExitGood);
+    const auto report = nlohmann::json::parse(std::ifstream(options_.json));
+    EXPECT_EQ(report["lod"]["resolver"], given ? "none" : "budget") << "the command line says more than memory";
+    EXPECT_EQ(report["playout"]["mode"], given ? "latest" : "interpolate");
+  }
 }
 
 TEST_F(TheWindow, DrawsOnlyWhenSomethingHasChanged) {

@@ -65,6 +65,19 @@ TEST(CommandLine, NumbersThatAreNoneAreFound) {
   EXPECT_EQ(fault({"go", "home", "--speed=-NaN"}), "--speed: -NaN is no number");
 }
 
+TEST(Documents, ArgumentsOfACommandThatHasSeveralHaveTheirPlaces) {
+  CLI::App app{"Moves.", "mover"};
+  std::string from, to, how;
+  app.add_option("from", from, "where from");
+  app.add_option("to", to, "where to");
+  app.add_option("--gait", how, "walk, or run")->check(CLI::IsMember({"walk", "run"}));
+  const std::string zsh = completion_from(app, Shell::kZsh);
+  EXPECT_THAT(zsh, HasSubstr("'1:from:_files'"));
+  EXPECT_THAT(zsh, HasSubstr("'2:to:_files'"));
+  EXPECT_THAT(zsh, Not(HasSubstr("'*:"))) << "two of these are an error of zsh";
+  EXPECT_THAT(zsh, HasSubstr("[walk, or run]")) << "what a text tells is not told again";
+}
+
 TEST(Documents, TextIsNeverTakenForACommand) {
   CLI::App app{"Moves.", "mover"};
   bool flag = false;

@@ -7,6 +7,7 @@
 #include <boost/asio/ip/tcp.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/websocket.hpp>
+#include <cmath>
 #include <mutex>
 #include <thread>
 #include <vector>
@@ -89,7 +90,9 @@ const std::string kBye = R"({"op":"bye","reason":"upgrade","retry_after_ms":6000
 long next_try_ms(const std::string& detail) {
   const std::string words = "next try in ";
   const auto at = detail.find(words);
-  return at == std::string::npos ? -1 : std::stol(detail.substr(at + words.size()));
+  if (at == std::string::npos) return -1;
+  const std::string wait = detail.substr(at + words.size());
+  return std::lround(std::stod(wait) * (wait.find(" ms") == std::string::npos ? 1000 : 1));
 }
 
 std::unique_ptr<Subscriber> subscribe(const ScriptedBroker& broker) {

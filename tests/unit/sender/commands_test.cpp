@@ -5,9 +5,11 @@
 #include <filesystem>
 #include <fstream>
 
+#include "common/surface/write.h"
 #include "sdk/contexts.h"
 #include "sender/commands.h"
 #include "tests/support/process.h"
+#include "tests/unit/sender/reordered.h"
 
 namespace eigencast {
 namespace {
@@ -90,6 +92,22 @@ TEST_F(BeforeTheBake, EvaluateLooksAtAllOfItsBases) {
   auto evaluate = of_sphere<EvaluateCommand>();
   evaluate.bases = {"augmented", "rig"};
   ends(evaluate, kExitFailed, "a sphere has no bones");
+}
+
+TEST_F(BeforeTheBake, PosesOfAnotherOrderAreNoticed) {
+  const auto clip = folder_.file("clip.npy");
+  ASSERT_TRUE(write_clip(Reordered(8), clip));  // The mesh beside it is in the right one.
+  auto evaluate = of_sphere<EvaluateCommand>();
+  evaluate.source.input = clip;
+  ends(evaluate, kExitFailed, "most frames are in another order");
+  auto play = of_sphere<PlayCommand>();
+  play.source.input = clip;
+  ends(play, kExitFailed, "likewise");
+  auto bake = of_sphere<BakeCommand>();
+  bake.source.input = folder_.file("clip.obj");
+  bake.source.target_error = 0.01;
+  bake.source.poses = clip;
+  ends(bake, kExitFailed, "the poses that ranks are judged by");
 }
 
 TEST(ContextAdd, NamesFilesFromTheRootAndTellsOfThoseThatAreMissing) {

@@ -6,7 +6,7 @@
 
 #include <algorithm>
 
-#include "common/surface/shapes.h"
+#include "tests/unit/sender/reordered.h"
 
 namespace eigencast {
 namespace {
@@ -22,24 +22,13 @@ std::vector<float> floats_of(const std::vector<Vec3>& pose) {
   return values;
 }
 
-/// The heart with its vertices in another order from frame `from` on.
-class Reordered final : public MotionClip {
- public:
-  explicit Reordered(std::size_t from) : clip_(std::move(*builtin_clip("heart"))), from_(from) {}
-  const Surface& rest() const override { return clip_->rest(); }
-  std::size_t frame_count() const override { return 20; }
-  double frame_rate_hz() const override { return 30; }
-  Result<std::vector<Vec3>> pose(std::size_t frame) const override {
-    auto pose = clip_->pose(frame);
-    if (pose && frame >= from_) std::reverse(pose->begin(), pose->end());
-    return pose;
-  }
-  std::string name() const override { return "reordered"; }
-
- private:
-  std::unique_ptr<MotionClip> clip_;
-  std::size_t from_;
-};
+TEST(OrderCheck, SamplesAreSpreadAndEndWithTheLastFrame) {
+  EXPECT_EQ(sample_frames(3, 24), (std::vector<std::size_t>{0, 1, 2}));
+  const std::vector<std::size_t> frames = sample_frames(1000, 24);
+  EXPECT_EQ(frames.size(), 24u);
+  EXPECT_EQ(frames.back(), 999u);
+  for (std::size_t i = 1; i < frames.size(); ++i) EXPECT_LE(frames[i] - frames[i - 1], 42u);
+}
 
 TEST(OrderCheck, FramesOfAnotherOrderAreNamedAndAMajorityOfThemRefused) {
   const std::vector<std::size_t> frames{0, 5, 10, 15, 19};
@@ -67,18 +56,30 @@ TEST(OrderCheck, ArrivingPosesAreNamedWhereTheyBeginToMisfit) {
     return pose;
   }());
   ArrivalCheck check(clip.rest(), false);
+  constexpr TimeUs kApart = 33'333;
   EXPECT_EQ(*check.look(good, 0, 0), std::nullopt);
-  const auto begins = check.look(reversed, 1, 1000);
+  const auto begins = check.look(reversed, 1, kApart);
   ASSERT_TRUE(begins && *begins);
   EXPECT_THAT(**begins, HasSubstr("pose 1: "));
-  EXPECT_EQ(*check.look(reversed, 2, 2000), std::nullopt) << "said once";
-  EXPECT_EQ(*check.look(good, 3, 3000), std::nullopt);
-  EXPECT_TRUE(*check.look(reversed, 4, 4000)) << "and again when it begins again";
+  EXPECT_EQ(*check.look(reversed, 2, 2 * kApart), std::nullopt) << "said once";
+  EXPECT_EQ(*check.look(good, 3, 3 * kApart), std::nullopt);
+  EXPECT_TRUE(*check.look(reversed, 4, 4 * kApart)) << "and again when it begins again";
   EXPECT_EQ(check.misfits(), 3u);
-  for (std::uint64_t i = 5; i < 1005; ++i) (void)check.look(reversed, i, 5000);
+  for (TimeUs i = 5; i < 30; ++i) (void)check.look(reversed, static_cast<std::uint64_t>(i), i * kApart);
+  for (std::uint64_t i = 30; i < 1000; ++i) (void)check.look(reversed, i, 30 * kApart);
   EXPECT_EQ(check.misfits(), 28u) << "the first 30 were looked at, 2 of them good";
-  (void)check.look(reversed, 1005, 300'000);
+  (void)check.look(reversed, 1005, 40 * kApart);
   EXPECT_EQ(check.misfits(), 29u) << "then one in a while";
+}
+
+TEST(OrderCheck, LooksAtLargeMeshesAreRarer) {
+  const auto seconds = [](std::uint64_t looked, std::size_t size) {
+    return static_cast<double>(pause_between_looks(looked, size)) * 1e-6;
+  };
+  EXPECT_LE(seconds(1, 30'000), 1.0 / 30) << "each of the first poses at the usual rate";
+  EXPECT_DOUBLE_EQ(seconds(30, 30'000), 0.2);
+  EXPECT_GE(seconds(1, 3'000'000), 1) << "a look takes up to 0.3 s";
+  EXPECT_GE(seconds(30, 3'000'000), 10);
 }
 
 TEST(OrderCheck, AFirstPoseOfAnotherOrderIsRefusedUnlessAnyIsTaken) {

@@ -53,8 +53,7 @@ TEST(RankSearch, ATargetThatCannotBeMetIsRefusedWithWhatTheLargestLeaves) {
   EXPECT_NE(choice.error().message.find("r = 512, leaves"), std::string::npos) << choice.error().message;
   const auto small = choose_rank(1e-6, 512, [](int rank) { return power_law(rank, 70); });
   ASSERT_FALSE(small);
-  EXPECT_NE(small.error().message.find("r = 70, all that there are"), std::string::npos)
-      << small.error().message;
+  EXPECT_NE(small.error().message.find("r = 70, all that there are"), std::string::npos) << small.error().message;
 }
 
 TEST(RankSearch, AFailureEndsTheSearch) {

@@ -70,7 +70,7 @@ TEST(Source, TheBasisOfACageHoldsAllThatItDoes) {
     options.cage.coordinates = coordinates;
     const auto source = bake_source(options, {});
     ASSERT_TRUE(source) << source.error().message;
-    const auto bound = bind_cage(options.cage, source->clip->rest(), {});
+    const auto bound = bind_cage(options.cage, source->clip->rest(), *cage, {});
     ASSERT_TRUE(bound);
     const Asset& asset = source->baked.asset;
     EXPECT_EQ(asset.basis_kind, "cage");

@@ -9,14 +9,6 @@
 namespace eigencast {
 namespace {
 
-TEST(TargetError, SamplesAreSpreadAndEndWithTheLastPose) {
-  EXPECT_EQ(sample_frames(3), (std::vector<std::size_t>{0, 1, 2}));
-  const std::vector<std::size_t> frames = sample_frames(1000);
-  EXPECT_EQ(frames.size(), 24u);
-  EXPECT_EQ(frames.back(), 999u);
-  for (std::size_t i = 1; i < frames.size(); ++i) EXPECT_LE(frames[i] - frames[i - 1], 42u);
-}
-
 TEST(TargetError, ARankIsChosenThatMeetsItOnTheClip) {
   const testing::TemporaryFolder folder;
   SourceOptions options;

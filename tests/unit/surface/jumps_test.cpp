@@ -79,7 +79,7 @@ TEST(Jumps, a_clip_of_another_order_is_refused_one_with_some_such_frames_is_not)
     const auto order = jumps.order();
     EXPECT_EQ(bool(order), wrong <= 12) << wrong;
     if (order) continue;
-    EXPECT_THAT(order.error().message, HasSubstr(std::to_string(wrong) + " of 24 frames: "));
+    EXPECT_THAT(order.error().message, HasSubstr(std::to_string(wrong) + " of the 24 frames looked at: "));
   }
 }
 

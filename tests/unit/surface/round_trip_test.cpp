@@ -53,6 +53,21 @@ void expect_round_trips(const MotionClip& clip, bool exact) {
   }
 }
 
+TEST(RoundTrip, where_nothing_can_be_written_is_known_before) {
+  const TempDir dir;
+  for (const char* name : {"a.pc2", "b.mdd", "c.npy", "d/", "new/e.obj", "new/deep/f.ply", "g.off"})
+    EXPECT_TRUE(check_place_of_clip(dir.file(name))) << name;
+  for (const char* name : {"a.abc", "none", "no/folder.pc2"}) {
+    EXPECT_FALSE(check_place_of_clip(dir.file(name))) << name;
+    EXPECT_FALSE(write_clip(*builtin_clip("sphere").value(), dir.file(name))) << name;
+  }
+  EXPECT_FALSE(check_place_of_clip("/dev/null/e.obj"));
+  EXPECT_TRUE(check_place_of_surface(dir.file("a.ply")));
+  EXPECT_FALSE(check_place_of_surface(dir.file("a.npy"))) << "no surface";
+  EXPECT_FALSE(check_place_of_surface(dir.file("no/a.ply")));
+  EXPECT_TRUE(std::filesystem::is_empty(dir.file(""))) << "looking makes nothing";
+}
+
 TEST(RoundTrip, built_in_shape_as_32_bit_floats_and_as_text) {
   expect_round_trips(FirstFrames(std::move(*builtin_clip("sphere")), 3), false);
 }
