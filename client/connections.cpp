@@ -101,8 +101,12 @@ bool Connections::are_well() const {
 std::string Connections::line(bool has_banner) const {
   if (sources_.empty()) return {};
   const std::string line = connection_line(all_, sources_[troubled_]->info(), download_.per_second(), has_banner);
-  const auto well = std::count_if(known_.begin(), known_.end(), [](const Known& k) { return is_well(k.stats.state); });
-  return known_.size() == 1 ? line : formatted("%td of %zu live \xC2\xB7 ", well, known_.size()) + line;
+  if (known_.size() == 1) return line;
+  const auto live = static_cast<std::size_t>(std::count_if(
+      known_.begin(), known_.end(), [](const Known& k) { return k.stats.state == Subscriber::State::kLive; }));
+  const bool complete = all_.asset_bytes_downloaded + all_.asset_bytes_cached >= all_.asset_bytes_total;
+  const std::string count = formatted("%zu of %zu live", live, known_.size());
+  return live == known_.size() && complete ? count : count + " \xC2\xB7 " + line;
 }
 
 std::string Connections::banner(std::optional<TimeUs> since_us) const {

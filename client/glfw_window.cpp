@@ -47,12 +47,12 @@ std::string name_of_key(int key, int modifiers) {
   return (modifiers & GLFW_MOD_SHIFT) != 0 && (name == "S" || name == "F12") ? "Shift+" + name : name;
 }
 
-Error no_window() {
+Error no_window(const char* what_to_do) {
   const char* why = nullptr;
   glfwGetError(&why);
-  return fail(ErrorCode::kUnsupported,
-              std::string("no window can be opened: ") + (why != nullptr ? why : "unknown reason") +
-                  ". Without a display, --headless --frames 90 --out DIR writes pictures instead");
+  return fail(ErrorCode::kUnsupported, std::string("no window can be opened: ") +
+                                           (why != nullptr ? why : "unknown reason") + ". " + what_to_do +
+                                           ", --headless --frames 90 --out DIR writes pictures instead");
 }
 
 GlfwWindow& of(GLFWwindow* window) {
@@ -68,7 +68,7 @@ GlfwWindow::~GlfwWindow() {
 
 Result<void> GlfwWindow::open(int width, int height, const std::string& title, bool shrink) {
   glfwSetErrorCallback(nullptr);
-  if (glfwInit() != GLFW_TRUE) return no_window();
+  if (glfwInit() != GLFW_TRUE) return no_window("Without a display");
   library_ = true;
   if (GLFWmonitor* monitor = glfwGetPrimaryMonitor(); shrink && monitor != nullptr) {
     int room_w = 0, room_h = 0;
@@ -80,7 +80,10 @@ Result<void> GlfwWindow::open(int width, int height, const std::string& title, b
   glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
   glfwWindowHint(GLFW_VISIBLE, GLFW_FALSE);
   window_ = glfwCreateWindow(width, height, title.c_str(), nullptr, nullptr);
-  if (window_ == nullptr) return no_window();
+  if (window_ == nullptr) {
+    return no_window(
+        "The display must offer OpenGL 3.3: install its graphics driver (Debian: libgl1-mesa-dri); without one");
+  }
   glfwMakeContextCurrent(window_);
   glfwSwapInterval(1);
   return {};

@@ -11,6 +11,7 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <optional>
 
 namespace eigencast {
 namespace {
@@ -34,11 +35,14 @@ void load_font(float scale) {
   fonts.AddFontDefault(&config);
 }
 
-/// A translucent card with one corner or edge (pivot, 0..1) pinned at a place of the picture.
-bool begin_card(const char* name, ImVec2 at, ImVec2 pivot, float alpha) {
+/// A translucent card with one corner or edge (pivot, 0..1) pinned at a place of the picture. content: its size where it is known; else
+/// the card is as large as it had to be in the picture before.
+bool begin_card(const char* name, ImVec2 at, ImVec2 pivot, float alpha, std::optional<ImVec2> content = {}) {
+  const ImVec2 padding = ImGui::GetStyle().WindowPadding;
   ImGui::SetNextWindowPos(at, ImGuiCond_Always, pivot);
+  if (content) ImGui::SetNextWindowSize({std::ceil(content->x + 2 * padding.x), std::ceil(content->y + 2 * padding.y)});
   ImGui::SetNextWindowBgAlpha(alpha);
-  return ImGui::Begin(name, nullptr, kCard);
+  return ImGui::Begin(name, nullptr, content ? kCard & ~ImGuiWindowFlags_AlwaysAutoResize : kCard);
 }
 
 /// Of the picture, in ImGui's units.
@@ -47,8 +51,9 @@ struct Room {
   float gap, scale;
 };
 
-float height_of(const std::string& text, float width) {
-  return ImGui::CalcTextSize(text.c_str(), nullptr, false, width).y;
+/// In lines that are no wider than `width`.
+ImVec2 size_of(const std::string& text, float width) {
+  return ImGui::CalcTextSize(text.c_str(), nullptr, false, width);
 }
 
 float width_of(const std::string& text) {
@@ -62,13 +67,17 @@ float draw_figures(const std::vector<std::string>& lines, const Room& room, floa
   const ImGuiStyle& style = ImGui::GetStyle();
   const float width = room.size.x - left - 2 * room.gap - 2 * style.WindowPadding.x;
   if (lines.empty() || width < 6 * ImGui::GetFontSize()) return 0;  // the panel is all there is
-  begin_card("figures", {room.size.x - room.gap, room.gap}, {1, 0}, 0.62F);
+  ImVec2 content{0, -style.ItemSpacing.y};
+  std::size_t shown = 0;
+  for (; shown < lines.size(); ++shown) {
+    const ImVec2 line = size_of(lines[shown], width);
+    const float height = content.y + style.ItemSpacing.y + line.y;
+    if (shown > 0 && height + 2 * style.WindowPadding.y > kPart * room.size.y) break;
+    content = {std::max(content.x, line.x), height};
+  }
+  begin_card("figures", {room.size.x - room.gap, room.gap}, {1, 0}, 0.62F, content);
   ImGui::PushTextWrapPos(style.WindowPadding.x + width);
-  float height = 2 * style.WindowPadding.y - style.ItemSpacing.y;
-  for (std::size_t i = 0; i < lines.size(); ++i) {
-    const float more = height_of(lines[i], width) + style.ItemSpacing.y;
-    if (i > 0 && height + more > kPart * room.size.y) break;
-    height += more;
+  for (std::size_t i = 0; i < shown; ++i) {
     if (i + 1 < lines.size())
       ImGui::TextUnformatted(lines[i].c_str());
     else
@@ -76,30 +85,35 @@ float draw_figures(const std::vector<std::string>& lines, const Room& room, floa
   }
   ImGui::PopTextWrapPos();
   ImGui::End();
-  return room.gap + height;
+  return room.gap + content.y + 2 * style.WindowPadding.y;
 }
 
 /// right: what the legend takes there.
 void draw_connection(const OverlayContent& content, const Room& room, float right) {
   if (content.connection.empty()) return;
-  begin_card("connection", {room.gap, room.size.y - room.gap}, {0, 1}, 0.62F);
+  constexpr const char* kPaused = "  paused (Space)";
+  const ImGuiStyle& style = ImGui::GetStyle();
+  const float line = ImGui::GetTextLineHeight(), mark = 0.85F * line;
+  const float rest = room.size.x - right - 2 * room.gap - style.WindowPadding.x;
+  const float widest = std::max(rest, 8 * line), before = style.WindowPadding.x + mark + style.ItemSpacing.x;
+  ImVec2 size = size_of(content.connection, widest - before);
+  size.x += mark + style.ItemSpacing.x + (content.paused ? style.ItemSpacing.x + width_of(kPaused) : 0);
+  begin_card("connection", {room.gap, room.size.y - room.gap}, {0, 1}, 0.62F, size);
   // Shape and word carry the meaning, the colour only helps.
-  const float line = ImGui::GetTextLineHeight();
   const ImVec2 corner = ImGui::GetCursorScreenPos(), middle{corner.x + 0.45F * line, corner.y + 0.55F * line};
   ImDrawList& list = *ImGui::GetWindowDrawList();
   if (content.connected)
     list.AddCircleFilled(middle, 0.30F * line, IM_COL32(115, 230, 140, 255));
   else
     list.AddCircle(middle, 0.28F * line, IM_COL32(255, 184, 90, 255), 0, 0.12F * line);
-  ImGui::Dummy({0.85F * line, line});
+  ImGui::Dummy({mark, line});
   ImGui::SameLine();
-  const float widest = room.size.x - right - 2 * room.gap - ImGui::GetStyle().WindowPadding.x;
-  ImGui::PushTextWrapPos(std::max(widest, 8 * line));
+  ImGui::PushTextWrapPos(widest);
   ImGui::TextUnformatted(content.connection.c_str());
   ImGui::PopTextWrapPos();
   if (content.paused) {
     ImGui::SameLine();
-    ImGui::TextColored({1, 0.85F, 0.5F, 1}, "  paused (Space)");
+    ImGui::TextColored({1, 0.85F, 0.5F, 1}, "%s", kPaused);
   }
   ImGui::End();
 }
@@ -107,10 +121,12 @@ void draw_connection(const OverlayContent& content, const Room& room, float righ
 void draw_banner(const OverlayContent& content, const Room& room) {
   if (content.banner.empty()) return;
   const float padding = ImGui::GetStyle().WindowPadding.x;
-  const float widest = room.size.x - content.left_px - 2 * room.gap - 2 * padding;
-  begin_card("banner", {0.5F * (room.size.x + content.left_px), room.size.y - 5.5F * room.gap}, {0.5F, 1}, 0.88F);
+  const float widest =
+      std::max(room.size.x - content.left_px - 2 * room.gap - 2 * padding, 8 * ImGui::GetTextLineHeight());
+  begin_card("banner", {0.5F * (room.size.x + content.left_px), room.size.y - 5.5F * room.gap}, {0.5F, 1}, 0.88F,
+             size_of(content.banner, widest));
   ImGui::PushStyleColor(ImGuiCol_Text, {1, 0.80F, 0.45F, 1});
-  ImGui::PushTextWrapPos(padding + std::max(widest, 8 * ImGui::GetTextLineHeight()));
+  ImGui::PushTextWrapPos(padding + widest);
   ImGui::TextUnformatted(content.banner.c_str());
   ImGui::PopTextWrapPos();
   ImGui::PopStyleColor();

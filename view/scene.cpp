@@ -7,11 +7,14 @@
 #include <glm/geometric.hpp>
 #include <glm/matrix.hpp>
 #include <limits>
+#include <optional>
+#include <utility>
 
 namespace eigencast {
 namespace {
 
-constexpr float kRowGap = 0.12F;  // between surfaces of a row, of the wider one
+constexpr float kRowGap = 0.12F;        // between surfaces of a row, of the wider one; and between rows
+constexpr std::size_t kLongestRow = 6;  // of surfaces that stand in one alone
 
 glm::vec3 vec3_from(const std::array<float, 3>& v) {
   return {v[0], v[1], v[2]};
@@ -35,6 +38,41 @@ Box box_in_scene(const SurfaceFacts& facts, const glm::mat4& scene_from_surface)
   }
   return box;
 }
+
+/// Surfaces beside one another along x; more of them than a row takes in rows that go away from the viewer.
+class Rows {
+ public:
+  Rows(std::size_t surfaces, Asset::UpAxis up)
+      : longest_(surfaces <= kLongestRow
+                     ? kLongestRow
+                     : static_cast<std::size_t>(std::ceil(std::sqrt(1.6 * static_cast<double>(surfaces))))),
+        depth_(up == Asset::UpAxis::kZ ? 1 : 2),
+        away_(up == Asset::UpAxis::kZ ? 1.0F : -1.0F) {}
+
+  /// Where the next one goes, of which this is the box where it stands.
+  glm::vec3 shift(const Box& box) {
+    if (in_row_ == longest_) {
+      in_row_ = 0;
+      ++row_;
+      front_ = back_;
+    }
+    const float width = box.high.x - box.low.x, gap = kRowGap * width;
+    glm::vec3 by{in_row_++ == 0 ? 0 : end_ + gap - box.low.x, 0, 0};
+    end_ = box.high.x + by.x + gap;
+    // Distances away from the viewer.
+    const float low = std::min(away_ * box.low[depth_], away_ * box.high[depth_]);
+    const float high = std::max(away_ * box.low[depth_], away_ * box.high[depth_]);
+    const float back = row_ == 0 ? 0 : front_ + gap - low;
+    by[depth_] = away_ * back;
+    back_ = std::max(back_, high + back);
+    return by;
+  }
+
+ private:
+  std::size_t longest_, in_row_ = 0, row_ = 0;
+  int depth_;
+  float away_, end_ = 0, front_ = 0, back_ = std::numeric_limits<float>::lowest();
+};
 
 std::optional<glm::mat4> world_of(const PoseSource& source) {
   const auto& info = source.info();
@@ -114,23 +152,22 @@ void Scene::place(std::span<PoseSource* const> sources) {
   std::uint64_t seen = 0;
   Box all;
   Asset::UpAxis up = Asset::UpAxis::kUnknown;
-  float end = 0;
+  std::optional<Rows> rows;
   for (Instance& instance : instances_) {
     const SurfaceFacts& facts = instance.view.facts();
     if (facts.version == 0) continue;
     seen += facts.version;
+    if (up == Asset::UpAxis::kUnknown) up = facts.up_axis;
     const std::optional<glm::mat4> world = world_of(*sources[instance.placement.source]);
     instance.scene_from_surface = instance.placement.scene_from_world * world.value_or(glm::mat4(1));
     Box box = box_in_scene(facts, instance.scene_from_surface);
     if (row_ && !world) {
-      const float width = box.high.x - box.low.x;
-      const float along = end == 0 ? 0 : end + kRowGap * width - box.low.x;
-      instance.scene_from_surface = glm::translate(glm::mat4(1), {along, 0, 0}) * instance.scene_from_surface;
-      box.low.x += along;
-      box.high.x += along;
-      end = box.high.x + kRowGap * width;
+      if (!rows) rows.emplace(instances_.size(), up);
+      const glm::vec3 shift = rows->shift(box);
+      instance.scene_from_surface = glm::translate(glm::mat4(1), shift) * instance.scene_from_surface;
+      box.low += shift;
+      box.high += shift;
     }
-    if (up == Asset::UpAxis::kUnknown) up = facts.up_axis;
     all.add(box.low);
     all.add(box.high);
   }

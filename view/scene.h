@@ -35,7 +35,8 @@ class Scene {
     bool visible = true;
   };
 
-  /// row: place surfaces whose stream states no world beside one another, along the scene's first axis.
+  /// row: place surfaces whose stream states no world beside one another, along the scene's first axis; more than six in several
+  /// rows, one behind the other.
   Scene(std::vector<Placement> placements, const SceneOptions& options, bool row = false);
 
   /// One surface more, after those there are.

@@ -168,6 +168,14 @@ TEST_F(Apps, WithoutADisplayTheWindowTellsAboutHeadless) {
   EXPECT_NE(said_.find("--headless"), std::string::npos) << said_;
 }
 
+TEST_F(Apps, WithoutOpenGLTheWindowTellsWhatToInstall) {
+  const VirtualDisplay display("GLX");
+  if (!display.ready()) GTEST_SKIP() << "Xvfb does not start: THE WINDOW IS NOT TESTED (install the package xvfb)";
+  ::setenv("DISPLAY", display.name().c_str(), 1);
+  EXPECT_EQ(run_window(options_, sources_, open_, stop_, log()), kExitFailed);
+  EXPECT_NE(said_.find("must offer OpenGL 3.3"), std::string::npos) << said_;
+}
+
 /// Pixels that differ in the middle third, where no figures are drawn.
 int different_in_the_middle(const Picture& a, const Picture& b) {
   int different = 0;

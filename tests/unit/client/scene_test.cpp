@@ -70,6 +70,28 @@ TEST(Scenes, SurfacesOfOneAssetShareItsBasisAndEachHasItsOwnPose) {
   EXPECT_EQ(stage.scene.poses_shown(), 1u);
 }
 
+TEST(Scenes, ManySurfacesStandInRowsBehindOneAnother) {
+  for (const auto up : {Asset::UpAxis::kY, Asset::UpAxis::kZ}) {
+    std::vector<Asset> assets(20, sphere_asset(1));
+    std::vector<Placement> placements;
+    for (std::size_t i = 0; i < assets.size(); ++i) {
+      assets[i].up_axis = up;
+      placements.push_back({i, "", glm::mat4(1)});
+    }
+    Stage stage(assets, placements, true);
+    ASSERT_TRUE(stage.turn(1000));
+    const int away = up == Asset::UpAxis::kZ ? 1 : 2;
+    const float step = 2.24F, sign = up == Asset::UpAxis::kZ ? 1.0F : -1.0F;
+    for (std::size_t i = 0; i < assets.size(); ++i) {
+      const glm::vec3 place(stage.scene.instances()[i].scene_from_surface[3]);
+      glm::vec3 wanted{0};
+      wanted.x = static_cast<float>(i % 6) * (step + 0.24F);
+      wanted[away] = sign * static_cast<float>(i / 6) * step;
+      EXPECT_LT(glm::length(place - wanted), 0.01F) << i << ": " << place.x << ' ' << place.y << ' ' << place.z;
+    }
+  }
+}
+
 TEST(Scenes, AnAssetThatGoesTakesItsBasisAlongAndAnotherOfTheSameNameIsItsOwn) {
   Stage stage({sphere_asset(2)}, {at(0, {0, 0, 0})});
   stage.sources[0]->info_->asset = "a";

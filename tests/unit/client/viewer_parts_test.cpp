@@ -197,7 +197,7 @@ TEST(Connections, OfSeveralTheTroubledOneIsNamed) {
   connections.look(1'000'000);
   EXPECT_TRUE(connections.are_well());
   EXPECT_EQ(connections.stats().keys, 7u);
-  EXPECT_EQ(connections.line(false), "2 of 2 live \xC2\xB7 live \xC2\xB7 demo");
+  EXPECT_EQ(connections.line(false), "2 of 2 live");
   EXPECT_EQ(connections.banner(0), "");
   second.stats_.state = Subscriber::State::kLost;
   second.stats_.detail = "next try in 400 ms";
@@ -208,6 +208,7 @@ TEST(Connections, OfSeveralTheTroubledOneIsNamed) {
   EXPECT_FALSE(connections.lost_since_us(0));
   EXPECT_EQ(connections.lost_since_us(1), 2'000'000);
   EXPECT_EQ(connections.stats().keys, 7u);
+  EXPECT_EQ(connections.line(true), "1 of 2 live \xC2\xB7 lost \xC2\xB7 demo");
   EXPECT_EQ(connections.banner(3'200'000), "two: no data for 3.2 s - connection lost: next try in 400 ms");
   EXPECT_EQ(said, "one: live\ntwo: live\ntwo: lost: next try in 400 ms\n");
   EXPECT_EQ(connections.remove(0), &first);

@@ -10,10 +10,10 @@
 
 namespace eigencast::testing {
 
-/// An X server without a screen for the time of one test.
+/// An X server without a screen, and without this extension, for the time of one test.
 class VirtualDisplay {
  public:
-  VirtualDisplay() {
+  explicit VirtualDisplay(const char* without = "COMPOSITE") {
     int ends[2];
     if (::pipe(ends) != 0) return;
     pid_ = ::fork();
@@ -21,7 +21,7 @@ class VirtualDisplay {
       const std::string fd = std::to_string(ends[1]);
       ::close(ends[0]);
       ::execlp("Xvfb", "Xvfb", "-displayfd", fd.c_str(), "-screen", "0", "800x600x24", "-nolisten", "tcp", "-noreset",
-               static_cast<char*>(nullptr));
+               "-extension", without, static_cast<char*>(nullptr));
       ::_exit(127);
     }
     ::close(ends[1]);
