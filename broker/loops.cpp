@@ -3,6 +3,7 @@
 
 #include <sched.h>
 
+#include <algorithm>
 #include <boost/asio/post.hpp>
 #include <thread>
 #include <utility>
@@ -10,16 +11,24 @@
 namespace eigencast::broker {
 namespace {
 
+/// As many as anybody may ask for by number (config/settings.def).
+constexpr std::size_t kMostLoops = 256;
+/// The kernel refuses a set that is smaller than its own, whatever this machine has.
+constexpr std::size_t kMostSets = 64;
+
 /// Cores that this process may run on.
 std::size_t cores() {
-  cpu_set_t allowed;
-  CPU_ZERO(&allowed);
-  if (::sched_getaffinity(0, sizeof allowed, &allowed) != 0) return 1;
-  return static_cast<std::size_t>(CPU_COUNT(&allowed));
+  for (std::vector<cpu_set_t> allowed(1); allowed.size() <= kMostSets; allowed.resize(2 * allowed.size())) {
+    const std::size_t bytes = allowed.size() * sizeof(cpu_set_t);
+    if (::sched_getaffinity(0, bytes, allowed.data()) == 0) {
+      return static_cast<std::size_t>(CPU_COUNT_S(bytes, allowed.data()));
+    }
+  }
+  return 1;
 }
 
 std::size_t loops_wanted(const Config& config) {
-  return config.server.threads == 0 ? cores() : static_cast<std::size_t>(config.server.threads);
+  return config.server.threads == 0 ? std::min(cores(), kMostLoops) : static_cast<std::size_t>(config.server.threads);
 }
 
 }  // namespace

@@ -29,14 +29,9 @@ Error lacking(const Identity& identity, const std::string& right, std::string_vi
 
 Grant::Grant(Gate& gate, Identity identity, std::shared_ptr<const AccessPolicy> policy, TimeUs now_us)
     : gate_(gate), identity_(std::move(identity)), policy_(std::move(policy)) {
-  const auto add = [&](Ledger& ledger, const std::string& key, bool is_token) {
-    const std::lock_guard lock(ledger.mutex());
-    holders_.push_back({&ledger, ledger.account(key, now_us), is_token});
-  };
-  const std::string address = identity_.sender.address.limit_key();
   holders_.reserve(identity_.key.empty() ? 1 : 2);
-  add(gate_.addresses_, address, false);
-  if (!identity_.key.empty()) add(gate_.tokens_, identity_.key, true);
+  holders_.push_back({gate_.addresses_.account(identity_.sender.address.limit_key(), now_us), false});
+  if (!identity_.key.empty()) holders_.push_back({gate_.tokens_.account(identity_.key, now_us), true});
 }
 
 Grant::~Grant() {
@@ -103,15 +98,8 @@ Result<void> Grant::take(Share share) {
   const auto index = static_cast<std::size_t>(share);
   for (std::size_t i = 0; i < holders_.size(); ++i) {
     const std::int64_t most = policy_->quota(holders_[i].is_token).shares[index];
-    const std::lock_guard lock(holders_[i].ledger->mutex());
-    if (holders_[i].account->shares[index] < most) {
-      ++holders_[i].account->shares[index];
-      continue;
-    }
-    if (i > 0) {
-      const std::lock_guard first(holders_[0].ledger->mutex());
-      --holders_[0].account->shares[index];
-    }
+    if (holders_[i].account->shares[index].take(most)) continue;
+    if (i > 0) holders_[0].account->shares[index].give_back();
     return over(holders_[i], kShareNames[index], most);
   }
   ++taken_[index];
@@ -121,17 +109,13 @@ Result<void> Grant::take(Share share) {
 void Grant::give_back(Share share) {
   const auto index = static_cast<std::size_t>(share);
   --taken_[index];
-  for (Holder& holder : holders_) {
-    const std::lock_guard lock(holder.ledger->mutex());
-    --holder.account->shares[index];
-  }
+  for (Holder& holder : holders_) holder.account->shares[index].give_back();
 }
 
 Result<void> Grant::take_message(TimeUs now_us) {
   for (Holder& holder : holders_) {
     const std::int64_t most = policy_->quota(holder.is_token).messages_per_s;
     const auto rate = static_cast<double>(most);
-    const std::lock_guard lock(holder.ledger->mutex());
     if (!holder.account->messages.take(1, rate, rate, now_us)) return over(holder, "messages_per_s", most);
   }
   return {};
@@ -151,7 +135,6 @@ Result<void> Grant::take_bytes(Pace Account::*pace, const char* limit, std::uint
     const bool up = pace == &Account::upload_bytes;
     const std::int64_t most = up ? quota.upload_bytes_per_hour : quota.download_bytes_per_hour;
     const auto hour = static_cast<double>(most);
-    const std::lock_guard lock(holder.ledger->mutex());
     Pace& flow = (*holder.account).*pace;
     if (!flow.take(static_cast<double>(bytes), hour / 3600, hour, now_us)) return over(holder, limit, most);
   }
@@ -160,7 +143,6 @@ Result<void> Grant::take_bytes(Pace Account::*pace, const char* limit, std::uint
 
 std::optional<Denial> Gate::slowed(const AccessPolicy& rules, const std::string& address, TimeUs now_us) {
   const auto most = static_cast<double>(rules.failures_per_minute());
-  const std::lock_guard lock(addresses_.mutex());
   const TimeUs wait_us = addresses_.account(address, now_us)->failures.wait_us(1, most / 60, most, now_us);
   if (wait_us <= 0) return std::nullopt;
   Denial denied{429, "too many failed tries to log in from this address: wait before the next", 0, false};
@@ -170,7 +152,6 @@ std::optional<Denial> Gate::slowed(const AccessPolicy& rules, const std::string&
 
 void Gate::count_failure(const AccessPolicy& rules, const std::string& address, TimeUs now_us) {
   const auto most = static_cast<double>(rules.failures_per_minute());
-  const std::lock_guard lock(addresses_.mutex());
   (void)addresses_.account(address, now_us)->failures.take(1, most / 60, most, now_us);
 }
 

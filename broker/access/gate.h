@@ -54,7 +54,6 @@ class Grant {
   friend class Gate;
   /// One of those whose limits the connection counts towards.
   struct Holder {
-    Ledger* ledger = nullptr;
     std::shared_ptr<Account> account;
     bool is_token = false;
   };

@@ -9,31 +9,46 @@ namespace {
 
 constexpr TimeUs kSweepEveryUs = 1'000'000;
 
-}  // namespace
-
-bool Pace::take(double amount, double per_s, double burst, TimeUs now_us) {
-  if (per_s <= 0) return true;
-  if (wait_us(amount, per_s, burst, now_us) > 0) return false;
-  paid_until_us_ = std::max(paid_until_us_, static_cast<double>(now_us)) + amount * 1e6 / per_s;
-  return true;
-}
-
-TimeUs Pace::wait_us(double amount, double per_s, double burst, TimeUs now_us) const {
-  if (per_s <= 0) return 0;
-  const double now = static_cast<double>(now_us);
-  const double ahead_us = std::max(paid_until_us_ - now, 0.0) + amount * 1e6 / per_s;
+TimeUs wait_from(double paid_until_us, double amount, double per_s, double burst, TimeUs now_us) {
+  const double ahead_us = std::max(paid_until_us - static_cast<double>(now_us), 0.0) + amount * 1e6 / per_s;
   // One amount over the burst is taken when nothing else is owed, or it never would be.
   const double allowed_us = std::max(burst, amount) * 1e6 / per_s;
   return ahead_us <= allowed_us + 0.5 ? 0 : static_cast<TimeUs>(std::ceil(ahead_us - allowed_us));
 }
 
+}  // namespace
+
+bool Pace::take(double amount, double per_s, double burst, TimeUs now_us) {
+  if (per_s <= 0) return true;
+  double paid_until_us = paid_until_us_;
+  double then = 0;
+  do {
+    if (wait_from(paid_until_us, amount, per_s, burst, now_us) > 0) return false;
+    then = std::max(paid_until_us, static_cast<double>(now_us)) + amount * 1e6 / per_s;
+  } while (!paid_until_us_.compare_exchange_weak(paid_until_us, then));
+  return true;
+}
+
+TimeUs Pace::wait_us(double amount, double per_s, double burst, TimeUs now_us) const {
+  return per_s <= 0 ? 0 : wait_from(paid_until_us_, amount, per_s, burst, now_us);
+}
+
+bool Tally::take(std::int64_t most) {
+  std::int64_t count = count_;
+  do {
+    if (count >= most) return false;
+  } while (!count_.compare_exchange_weak(count, count + 1));
+  return true;
+}
+
 bool Account::is_idle(TimeUs now_us) const {
-  return std::all_of(shares.begin(), shares.end(), [](std::int64_t count) { return count == 0; }) &&
+  return std::all_of(shares.begin(), shares.end(), [](const Tally& share) { return share.is_idle(); }) &&
          messages.is_idle(now_us) && upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) &&
          failures.is_idle(now_us);
 }
 
 std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) {
+  const std::lock_guard lock(mutex_);
   const auto found = accounts_.find(key);
   if (found != accounts_.end()) return found->second;
   if (accounts_.size() >= most_ && now_us - swept_us_ >= kSweepEveryUs) {
@@ -44,6 +59,11 @@ std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) 
   }
   if (accounts_.size() >= most_) return overflow_;
   return accounts_.emplace(key, std::make_shared<Account>()).first->second;
+}
+
+std::size_t Ledger::size() const {
+  const std::lock_guard lock(mutex_);
+  return accounts_.size();
 }
 
 }  // namespace eigencast::broker

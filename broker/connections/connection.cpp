@@ -58,6 +58,7 @@ void Connection::start(std::string answer) {
   guarded([&] {
     heard_us_ = opened_us_ = context_.turn.now_us();
     id_ = ++context_.last_connection_id;
+    watch_ = ReaderWatch(id_);
     open_ = true;
     seat_ = Seat(context_.open);
     context_.connections.insert(this);

@@ -4,10 +4,7 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <boost/asio/write.hpp>
-#include <boost/beast/http/empty_body.hpp>
-#include <boost/beast/http/read.hpp>
-#include <boost/beast/http/write.hpp>
+#include <boost/beast/http/error.hpp>
 #include <cerrno>
 #include <system_error>
 
@@ -61,9 +58,8 @@ class Download : public std::enable_shared_from_this<Download> {
     const std::string etag = "\"" + id.hex() + "\"";
     // What not everybody may have must not come out of somebody else's cache.
     const std::string scope = context_.gate.policy()->serves_everybody() ? "public" : "private";
-    HttpHeaders headers = {{http::field::etag, etag},
-                           {http::field::cache_control, scope + ", max-age=31536000, immutable"},
-                           {http::field::accept_ranges, "bytes"}};
+    HttpHeaders headers = {
+        {"ETag", etag}, {"Cache-Control", scope + ", max-age=31536000, immutable"}, {"Accept-Ranges", "bytes"}};
     if (etag_matches(connection_->header(http::field::if_none_match), etag)) {
       return connection_->answer(Status::not_modified, {}, std::move(headers));
     }
@@ -73,7 +69,7 @@ class Download : public std::enable_shared_from_this<Download> {
         ranged ? range_from_header(connection_->header(http::field::range), object.size) : RangeRequest{};
     const std::string size = std::to_string(object.size);
     if (wanted.kind == RangeRequest::Kind::kUnsatisfiable) {
-      headers.emplace_back(http::field::content_range, "bytes */" + size);
+      headers.emplace_back("Content-Range", "bytes */" + size);
       return connection_->answer_error(Status::range_not_satisfiable,
                                        fail(ErrorCode::kInvalidArgument, "the asset has " + size + " bytes"),
                                        std::move(headers));
@@ -85,28 +81,21 @@ class Download : public std::enable_shared_from_this<Download> {
       return connection_->answer_denial({429, taken.error().message, kRetryAfterS, false});
     }
     if (!whole) {
-      headers.emplace_back(http::field::content_range,
+      headers.emplace_back("Content-Range",
                            "bytes " + std::to_string(at_) + "-" + std::to_string(end_ - 1) + "/" + size);
     }
     ++context_.counters.downloads;
     object_ = std::move(object);
-    send_head(whole ? Status::ok : Status::partial_content, headers);
+    send_head(whole ? Status::ok : Status::partial_content, std::move(headers));
   }
 
-  void send_head(Status status, const HttpHeaders& headers) {
-    auto response = std::make_shared<http::response<http::empty_body>>(status, 11);
-    connection_->decorate(*response, headers);
-    response->set(http::field::content_type, "application/octet-stream");
-    response->keep_alive(connection_->may_keep());
-    response->content_length(end_ - at_);
+  void send_head(Status status, HttpHeaders headers) {
+    headers.emplace_back("Content-Type", "application/octet-stream");
+    headers.emplace_back("Content-Length", std::to_string(end_ - at_));
     if (connection_->is_head()) end_ = at_;
-    auto serializer = std::make_shared<http::response_serializer<http::empty_body>>(*response);
+    head_ = connection_->head_of(status, std::move(headers));
     connection_->arm(context_.config.timeouts.transfer_ms);
-    http::async_write_header(connection_->transport(), *serializer,
-                             [self = shared_from_this(), response, serializer](ErrorOf error, std::size_t) {
-                               if (error) return self->connection_->close();
-                               self->send_chunk();
-                             });
+    connection_->send(asio::buffer(head_), [self = shared_from_this()] { self->send_chunk(); });
   }
 
   void send_chunk() {
@@ -127,12 +116,10 @@ class Download : public std::enable_shared_from_this<Download> {
     chunk_.resize(count);
     at_ += count;
     connection_->arm(context_.config.timeouts.transfer_ms);
-    asio::async_write(connection_->transport(), asio::buffer(chunk_),
-                      [self = shared_from_this()](ErrorOf error, std::size_t) {
-                        if (error) return self->connection_->close();
-                        self->context_.counters.download_bytes += self->chunk_.size();
-                        self->send_chunk();
-                      });
+    connection_->send(asio::buffer(chunk_), [self = shared_from_this()] {
+      self->context_.counters.download_bytes += self->chunk_.size();
+      self->send_chunk();
+    });
   }
 
   std::shared_ptr<HttpConnection> connection_;
@@ -141,6 +128,7 @@ class Download : public std::enable_shared_from_this<Download> {
   std::optional<AssetStore::Object> object_;
   std::uint64_t at_ = 0;
   std::uint64_t end_ = 0;
+  std::string head_;
   std::vector<char> chunk_;
 };
 
@@ -168,30 +156,22 @@ class Upload : public std::enable_shared_from_this<Upload> {
   void begin_body() {
     chunk_.resize(kChunkBytes);
     if (!beast::iequals(connection_->header(http::field::expect), "100-continue")) return read_body();
-    auto response = std::make_shared<http::response<http::empty_body>>(Status::continue_, 11);
-    http::async_write(connection_->transport(), *response,
-                      [self = shared_from_this(), response](ErrorOf error, std::size_t) {
-                        if (error) return self->connection_->close();
-                        self->read_body();
-                      });
+    static constexpr std::string_view kContinue = "HTTP/1.1 100 Continue\r\n\r\n";
+    connection_->send(asio::buffer(kContinue), [self = shared_from_this()] { self->read_body(); });
   }
 
   void read_body() {
-    auto& parser = connection_->parser();
-    if (parser.is_done()) return commit();
-    auto& body = parser.get().body();
-    body.data = chunk_.data();
-    body.size = chunk_.size();
+    if (connection_->parser().is_done()) return commit();
     connection_->arm(context_.config.timeouts.transfer_ms);
-    http::async_read(connection_->transport(), connection_->buffer(), parser,
-                     [self = shared_from_this()](ErrorOf error, std::size_t) { self->on_body_read(error); });
+    connection_->read_body(
+        chunk_, [self = shared_from_this()](ErrorOf error, std::size_t count) { self->on_body_read(error, count); });
   }
 
-  void on_body_read(ErrorOf error) {
+  void on_body_read(ErrorOf error, std::size_t count) {
     if (error == http::error::body_limit) {
       return fail_with(fail(ErrorCode::kTooLarge, "the body is over assets.max_object_bytes"));
     }
-    if (error && error != http::error::need_buffer) {  // Cut off in the middle: nobody is there to be told.
+    if (error) {  // Cut off in the middle: nobody is there to be told.
       ++context_.counters.uploads_failed;
       const bool timed_out = error == asio::error::operation_aborted;
       log(context_.log, LogLevel::kWarning,
@@ -199,9 +179,7 @@ class Upload : public std::enable_shared_from_this<Upload> {
               (timed_out ? "nothing came for timeouts.transfer_ms" : error.message()));
       return connection_->close();
     }
-    auto& parser = connection_->parser();
-    const std::size_t count = chunk_.size() - parser.get().body().size;
-    if (!parser.content_length()) {  // Else it was counted at once.
+    if (!connection_->parser().content_length()) {  // Else it was counted at once.
       if (auto taken = grant_.take_upload(count, steady_now_us()); !taken) return fail_with(taken.error());
     }
     context_.counters.upload_bytes += count;
@@ -265,7 +243,7 @@ void receive_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
   if (context.counters.uploads_now >= static_cast<std::uint64_t>(context.config.limits.max_uploads)) {
     return connection.answer_error(Status::service_unavailable,
                                    fail(ErrorCode::kRefused, "too many uploads at a time: try again"),
-                                   {{http::field::retry_after, "1"}});
+                                   {{"Retry-After", "1"}});
   }
   std::make_shared<Upload>(connection, grant)->start(id);
 }

@@ -2,9 +2,10 @@
 #include "broker/http/http_connection.h"
 
 #include <algorithm>
+#include <boost/asio/executor_work_guard.hpp>
+#include <boost/asio/post.hpp>
+#include <boost/asio/write.hpp>
 #include <boost/beast/http/read.hpp>
-#include <boost/beast/http/string_body.hpp>
-#include <boost/beast/http/write.hpp>
 
 #include "broker/http/access_facts.h"
 #include "broker/http/http_target.h"
@@ -29,10 +30,7 @@ HttpConnection::HttpConnection(Context& context, Transport transport)
     : context_(context),
       transport_(std::move(transport)),
       timer_(context.loop.get_executor()),
-      peer_(peer_of(transport_.socket())),
-      seat_(context.open) {
-  ++context_.counters.connections_total;
-}
+      peer_(peer_of(transport_.socket())) {}
 
 HttpConnection::~HttpConnection() = default;
 
@@ -50,7 +48,7 @@ void HttpConnection::close() {
 
 void HttpConnection::start() {
   if (!transport_.is_tls()) return read_head();
-  arm(context_.config.timeouts.header_ms);
+  arm(limits().head_ms);
   transport_.async_handshake([self = shared_from_this()](ErrorOf error) {
     if (!error) return self->read_head();
     // A close with unread bytes would reset away the alert that says what was wrong.
@@ -62,13 +60,13 @@ void HttpConnection::start() {
 void HttpConnection::read_head() {
   parser_.emplace();
   parser_->header_limit(kMaxHeadBytes);
-  parser_->body_limit(static_cast<std::uint64_t>(context_.config.assets.max_object_bytes));
-  arm(context_.config.timeouts.header_ms);
+  parser_->body_limit(limits().body_bytes);
+  arm(limits().head_ms);
   http::async_read_header(transport_, buffer_, *parser_, [self = shared_from_this()](ErrorOf error, std::size_t) {
     if (!error) return self->on_head();
     if (error == http::error::body_limit) {
-      return self->answer_error(Status::payload_too_large,
-                                fail(ErrorCode::kTooLarge, "the body is over assets.max_object_bytes"));
+      return self->answer_error(Status::payload_too_large, fail(ErrorCode::kTooLarge, std::string("the body is over ") +
+                                                                                          self->limits().body_limit));
     }
     if (error == http::error::header_limit) {
       return self->answer_error(Status::request_header_fields_too_large,
@@ -85,17 +83,7 @@ void HttpConnection::read_head() {
 bool HttpConnection::may_keep() const {
   const bool body_unread = !parser_->is_header_done() ||
                            (!parser_->is_done() && (parser_->content_length().value_or(0) > 0 || parser_->chunked()));
-  return !body_unread && parser_->get().keep_alive();
-}
-
-void HttpConnection::decorate(http::fields& response, const HttpHeaders& headers) {
-  for (const auto& [field, value] : headers) response.set(field, value);
-  const std::string origin = header(http::field::origin);
-  if (origin.empty()) return;
-  response.insert(http::field::vary, "Origin");
-  if (!context_.gate.policy()->allows_origin(access_request_from(parser_->get(), peer_, {}))) return;
-  response.set(http::field::access_control_allow_origin, origin);
-  response.set(http::field::access_control_expose_headers, "Accept-Ranges, Content-Range, ETag, Retry-After");
+  return !body_unread && limits().keeps && parser_->get().keep_alive();
 }
 
 void HttpConnection::answer_denial(const Denial& denial) {
@@ -103,11 +91,10 @@ void HttpConnection::answer_denial(const Denial& denial) {
       "answered " + std::to_string(denial.status) + " to " + peer_.text() + ": " + denial.message);
   HttpHeaders headers;
   if (denial.status == 401) {
-    headers.emplace_back(http::field::www_authenticate, denial.failed_login
-                                                            ? "Bearer realm=\"eigencast\", error=\"invalid_token\""
-                                                            : "Bearer realm=\"eigencast\"");
+    headers.emplace_back("WWW-Authenticate", denial.failed_login ? "Bearer realm=\"eigencast\", error=\"invalid_token\""
+                                                                 : "Bearer realm=\"eigencast\"");
   }
-  if (denial.retry_after_s > 0) headers.emplace_back(http::field::retry_after, std::to_string(denial.retry_after_s));
+  if (denial.retry_after_s > 0) headers.emplace_back("Retry-After", std::to_string(denial.retry_after_s));
   answer_error(static_cast<Status>(denial.status), fail(ErrorCode::kRefused, denial.message), std::move(headers));
 }
 
@@ -119,17 +106,54 @@ void HttpConnection::answer_error(Status status, const Error& error, HttpHeaders
 
 void HttpConnection::answer(Status status, std::string body, HttpHeaders headers) {
   const bool keep = may_keep();
-  auto response = std::make_shared<http::response<http::string_body>>(status, 11);
-  decorate(*response, headers);
-  if (!body.empty()) response->set(http::field::content_type, "application/json");
-  response->keep_alive(keep);
-  response->body() = std::move(body);
-  if (status != Status::not_modified && status != Status::no_content) response->prepare_payload();
-  if (is_head()) response->body().clear();
-  arm(context_.config.timeouts.transfer_ms);
-  http::async_write(transport_, *response, [self = shared_from_this(), response, keep](ErrorOf error, std::size_t) {
+  const bool bodiless = status == Status::not_modified || status == Status::no_content;
+  const auto is_type = [](const auto& field) { return field.first == "Content-Type"; };
+  if (!body.empty() && std::none_of(headers.begin(), headers.end(), is_type)) {
+    headers.emplace_back("Content-Type", "application/json");
+  }
+  if (!bodiless) headers.emplace_back("Content-Length", std::to_string(body.size()));
+  const auto text = std::make_shared<std::string>(head_of(status, std::move(headers)));
+  if (!bodiless && !is_head()) *text += body;
+  arm(limits().transfer_ms);
+  send(asio::buffer(*text), [this, text, keep] { finish(keep); });
+}
+
+std::string HttpConnection::head_of(Status status, HttpHeaders headers) {
+  decorate(headers);
+  if (!may_keep()) headers.emplace_back("Connection", "close");
+  const auto reason = http::obsolete_reason(status);
+  std::string text = "HTTP/1.1 " + std::to_string(static_cast<unsigned>(status)) + " ";
+  text.append(reason.data(), reason.size()).append("\r\n");
+  for (const auto& [name, value] : headers) text.append(name).append(": ").append(value).append("\r\n");
+  return text + "\r\n";
+}
+
+void HttpConnection::send(asio::const_buffer bytes, std::function<void()> then) {
+  asio::async_write(transport_, bytes, [self = shared_from_this(), then = std::move(then)](ErrorOf error, std::size_t) {
     if (error) return self->close();
-    self->finish(keep);
+    then();
+  });
+}
+
+void HttpConnection::read_body(std::span<std::uint8_t> into, std::function<void(ErrorOf, std::size_t)> then) {
+  auto& body = parser_->get().body();
+  body.data = into.data();
+  body.size = into.size();
+  http::async_read(transport_, buffer_, *parser_,
+                   [self = shared_from_this(), most = into.size(), then = std::move(then)](ErrorOf error, std::size_t) {
+                     const std::size_t count = most - self->parser_->get().body().size;
+                     then(error == http::error::need_buffer ? ErrorOf() : error, count);
+                   });
+}
+
+void HttpConnection::do_on_disk(std::function<void()> work, std::function<void()> then) {
+  asio::post(context_.disk, [self = shared_from_this(), guard = asio::make_work_guard(context_.loop),
+                             work = std::move(work), then = std::move(then)]() mutable {
+    work();
+    work = nullptr;
+    asio::io_context& loop = self->context_.loop;
+    // The connection goes along and comes back: it must not end on the disk's thread.
+    asio::post(loop, [self = std::move(self), then = std::move(then)] { then(); });
   });
 }
 
@@ -137,7 +161,7 @@ void HttpConnection::finish(bool keep) {
   if (keep) return read_head();
   // Half-close, then read what still comes for a while: a close with unread bytes would reset the answer away.
   transport_.end_writing();
-  arm(std::min<std::int64_t>(context_.config.timeouts.transfer_ms, kLongestDrainMs));
+  arm(std::min(limits().transfer_ms, kLongestDrainMs));
   drain();
 }
 

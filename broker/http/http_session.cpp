@@ -33,7 +33,26 @@ std::string json_of(const Stream& stream) {
 }  // namespace
 
 HttpSession::HttpSession(Context& context, Transport transport)
-    : HttpConnection(context, std::move(transport)), grant_(context.gate.accept(peer(), steady_now_us())) {}
+    : HttpConnection(context, std::move(transport)),
+      seat_(context.open),
+      grant_(context.gate.accept(peer(), steady_now_us())) {
+  ++context.counters.connections_total;
+}
+
+HttpConnection::Limits HttpSession::limits() const {
+  const Config& config = context().config;
+  return {config.timeouts.header_ms, config.timeouts.transfer_ms,
+          static_cast<std::uint64_t>(config.assets.max_object_bytes), "assets.max_object_bytes"};
+}
+
+void HttpSession::decorate(HttpHeaders& headers) const {
+  const std::string origin = header(http::field::origin);
+  if (origin.empty()) return;
+  headers.emplace_back("Vary", "Origin");
+  if (!context().gate.policy()->allows_origin(access_request_from(parser().get(), peer(), {}))) return;
+  headers.emplace_back("Access-Control-Allow-Origin", origin);
+  headers.emplace_back("Access-Control-Expose-Headers", "Accept-Ranges, Content-Range, ETag, Retry-After");
+}
 
 void HttpSession::on_head() {
   const auto& request = parser().get();
@@ -69,34 +88,32 @@ bool HttpSession::admit(const Target& target) {
 
 void HttpSession::answer_preflight() {
   answer(Status::no_content, {},
-         {{http::field::access_control_allow_methods, "GET, HEAD, PUT"},
-          {http::field::access_control_allow_headers, "Authorization, Content-Type, If-None-Match, If-Range, Range"},
-          {http::field::access_control_max_age, "600"}});
+         {{"Access-Control-Allow-Methods", "GET, HEAD, PUT"},
+          {"Access-Control-Allow-Headers", "Authorization, Content-Type, If-None-Match, If-Range, Range"},
+          {"Access-Control-Max-Age", "600"}});
 }
 
 void HttpSession::serve(const Target& target) {
-  const auto method = parser().get().method();
-  const bool reads = method == http::verb::get || method == http::verb::head;
   switch (target.kind) {
     case Target::Kind::kPublish:
     case Target::Kind::kSubscribe:
     case Target::Kind::kEcho:
       return upgrade(target);
     case Target::Kind::kStreams:
-      if (reads) return serve_streams();
+      if (reads()) return serve_streams();
       return answer_error(Status::method_not_allowed,
                           fail(ErrorCode::kUnsupported, "the stream list is read by GET or HEAD"),
-                          {{http::field::allow, "GET, HEAD"}});
+                          {{"Allow", "GET, HEAD"}});
     case Target::Kind::kAsset: {
-      if (!reads && method != http::verb::put) {
+      if (!reads() && parser().get().method() != http::verb::put) {
         return answer_error(Status::method_not_allowed, fail(ErrorCode::kUnsupported, "assets take GET, HEAD and PUT"),
-                            {{http::field::allow, "GET, HEAD, PUT"}});
+                            {{"Allow", "GET, HEAD, PUT"}});
       }
-      if (const auto may = reads ? grant_->may_fetch_assets() : grant_->may_store_assets(); !may) {
+      if (const auto may = reads() ? grant_->may_fetch_assets() : grant_->may_store_assets(); !may) {
         return answer_denial({403, may.error().message, 0, false});
       }
       const Sha256 id = *Sha256::from_hex(target.name);
-      return reads ? send_asset(*this, *grant_, id) : receive_asset(*this, *grant_, id);
+      return reads() ? send_asset(*this, *grant_, id) : receive_asset(*this, *grant_, id);
     }
   }
 }
@@ -108,7 +125,7 @@ void HttpSession::serve_streams() {
     if (json.back() != '[') json += ',';
     json += json_of(*stream);
   }
-  answer(Status::ok, json + "]}\n", {{http::field::cache_control, "no-store"}});
+  answer(Status::ok, json + "]}\n", {{"Cache-Control", "no-store"}});
 }
 
 void HttpSession::upgrade(const Target& target) {

@@ -13,7 +13,9 @@ class HttpSession final : public HttpConnection {
   HttpSession(Context& context, Transport transport);
 
  private:
+  Limits limits() const override;
   void on_head() override;
+  void decorate(HttpHeaders& headers) const override;
   /// Who asks; false: it was answered that they may not come in.
   bool admit(const Target& target);
   void serve(const Target& target);
@@ -27,6 +29,7 @@ class HttpSession final : public HttpConnection {
   bool may_begin(const Target& target);
   std::string upgrade_answer();
 
+  Seat seat_;
   GrantPtr grant_;  ///< Of the connection at first, then of who sent the latest request. Null: too many connections.
 };
 

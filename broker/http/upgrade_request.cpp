@@ -34,12 +34,12 @@ std::optional<UpgradeFault> fault_of_upgrade(const HttpConnection::Parser::value
   if (!beast::websocket::is_upgrade(request) || more) {
     return UpgradeFault{Status::upgrade_required,
                         fail(ErrorCode::kInvalidArgument, "this is a WebSocket: connect with ws://"),
-                        {{http::field::upgrade, "websocket"}}};
+                        {{"Upgrade", "websocket"}}};
   }
   if (request[http::field::sec_websocket_version] != "13") {
     return UpgradeFault{Status::upgrade_required,
                         fail(ErrorCode::kIncompatibleVersion, "Sec-WebSocket-Version must be 13 (RFC 6455)"),
-                        {{http::field::upgrade, "websocket"}, {http::field::sec_websocket_version, "13"}}};
+                        {{"Upgrade", "websocket"}, {"Sec-WebSocket-Version", "13"}}};
   }
   if (!websocket::is_key(std::string(request[http::field::sec_websocket_key]))) {
     return UpgradeFault{Status::bad_request,

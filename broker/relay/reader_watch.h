@@ -21,6 +21,9 @@ class ReaderWatch {
  public:
   static constexpr TimeUs kNever = std::numeric_limits<TimeUs>::max();
 
+  /// Those of different `phase` look after different frames: who came one after the other do not all look in one turn.
+  explicit ReaderWatch(std::uint64_t phase = 0) : sent_(static_cast<std::uint32_t>(phase % kFramesBetweenLooks)) {}
+
   /// A frame left; true: look at the window now.
   bool note_sent() { return ++sent_ % kFramesBetweenLooks == 0; }
 
@@ -41,7 +44,7 @@ class ReaderWatch {
   static constexpr std::uint32_t kFramesBetweenLooks = 32;
 
   TimeUs hold_from_us_ = kNever;
-  std::uint32_t sent_ = 0;
+  std::uint32_t sent_;
   std::uint32_t widest_ = 0;  ///< Bytes; of late.
   std::uint32_t latest_ = 0;
   std::uint32_t question_ = 0;

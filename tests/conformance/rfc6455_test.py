@@ -71,7 +71,9 @@ class Raw(Case):
             for opcode in (TEXT, BINARY):
                 payload = b"*" * size
                 peer.send(frame(opcode, payload))
-                self.assertEqual(peer.receive(), (opcode, payload), size)
+                while (answer := peer.receive())[0] == PING:
+                    pass  # On a machine that is slow with the larger ones it asks whether somebody is there.
+                self.assertEqual(answer, (opcode, payload), size)
         payload = b"abcdefgh" * 16
         peer.send(frame(TEXT, payload), step=1)
         self.assertEqual(peer.receive(), (TEXT, payload))

@@ -23,7 +23,6 @@ class LoopsTest : public ServiceTest {
  protected:
   LoopsTest() {
     config_.server.threads = 3;
-    config_.server.admin_listen = "127.0.0.1:0";
     config_.limits.max_control_bytes = 65'536;
   }
   std::unique_ptr<Client> viewer(const std::string& stream = "a") {

@@ -167,9 +167,8 @@ Answer http_request(std::uint16_t port, const std::string& method, const std::st
 ServiceTest::ServiceTest() {
   std::string pattern = (fs::temp_directory_path() / "eigencast-service-XXXXXX").string();
   folder_ = ::mkdtemp(pattern.data());
-  config_.server.listen = "127.0.0.1:0";
+  config_.server.listen = config_.server.admin_listen = "127.0.0.1:0";
   config_.server.data_dir = folder_;
-  config_.timeouts.header_ms = 300;
   config_.limits.max_control_bytes = 4096;
   config_.assets.max_object_bytes = 100'000;
 }

@@ -5,8 +5,11 @@
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
+#include <atomic>
 #include <cstdio>
 #include <fstream>
+#include <thread>
+#include <vector>
 
 #include "common/core/bytes.h"
 
@@ -386,7 +389,7 @@ TEST(LedgerTest, IsBoundedAndStricterWhenFull) {
   Ledger ledger(2);
   const auto a = ledger.account("a", 0);
   const auto b = ledger.account("b", 0);
-  b->shares[0] = 1;
+  EXPECT_TRUE(b->shares[0].take(1));
   const auto c = ledger.account("c", 0);
   EXPECT_EQ(c, ledger.account("d", 0)) << "both share one";
   EXPECT_NE(c, a);
@@ -401,6 +404,26 @@ TEST(LedgerTest, ForgetsWhoIsIdleAndRemembersWhoOwes) {
   const auto fresh = ledger.account("fresh", 10 * kSecond);
   EXPECT_EQ(ledger.size(), 2U);
   EXPECT_FALSE(ledger.account("owes", 10 * kSecond)->failures.take(1, 0.01, 1, 10 * kSecond)) << "not a new account";
+}
+
+TEST(LedgerTest, ThreadsTogetherTakeNoMoreThanThereIs) {
+  constexpr int kThreads = 4, kTries = 2000, kMost = 3000;
+  Ledger ledger;
+  std::atomic<int> places{0}, messages{0};
+  {
+    std::vector<std::jthread> threads;
+    for (int i = 0; i < kThreads; ++i) {
+      threads.emplace_back([&] {
+        const auto account = ledger.account("one", 0);
+        for (int k = 0; k < kTries; ++k) {
+          if (account->shares[0].take(kMost)) ++places;
+          if (account->messages.take(1, 0.001, kMost, 0)) ++messages;
+        }
+      });
+    }
+  }
+  EXPECT_EQ(places, kMost);
+  EXPECT_EQ(messages, kMost);
 }
 
 TEST(PaceTest, OverAnyTimeNoMoreThanRateTimesTimePlusBurst) {

@@ -50,9 +50,27 @@ TEST_F(HttpSessionTest, ABodyThatNobodyReadsIsNotTheNextRequest) {
 }
 
 TEST_F(HttpSessionTest, ASlowHeadIsCutOff) {
+  stop();
+  config_.timeouts.header_ms = 300;
+  start();
   Wire wire(port_);
   wire.write("GET /v1/str");
   EXPECT_EQ(wire.read_all().value_or(""), "");
+}
+
+TEST_F(HttpSessionTest, TheAdminPortSaysWhatIsWrongWithAnOrder) {
+  const std::string much(60'000, 'x');
+  for (const std::string& body : {std::string(), std::string("stream=lab/horse"), much}) {
+    const Answer answer = http_request(admin_port_, "POST", "/api/recordings/start", body);
+    EXPECT_EQ(answer.status, 400) << body.size();
+    EXPECT_THAT(answer.body, HasSubstr("?stream=NAME")) << body.size();
+  }
+  EXPECT_EQ(http_request(admin_port_, "POST", "/api/drain", much + much).status, 413);
+  EXPECT_EQ(http_request(admin_port_, "DELETE", "/api/clients").status, 405);
+  EXPECT_THAT(http_request(admin_port_, "GET", "/nothing").body, HasSubstr("\"error\":\"not-found\""));
+  Wire wire(admin_port_);
+  wire.write("what?\r\n\r\n");
+  EXPECT_THAT(wire.read_all().value_or(""), HasSubstr("HTTP/1.1 400"));
 }
 
 }  // namespace

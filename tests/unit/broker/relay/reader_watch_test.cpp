@@ -3,6 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <vector>
+
 namespace eigencast::broker {
 namespace {
 
@@ -13,6 +16,14 @@ TEST(ReaderWatch, LooksAtOneFrameOf32) {
   int looks = 0;
   for (int i = 0; i < 320; ++i) looks += watch.note_sent() ? 1 : 0;
   EXPECT_EQ(looks, 10);
+}
+
+TEST(ReaderWatch, OfThoseWhoCameOneAfterTheOtherFewLookAtOnce) {
+  std::vector<ReaderWatch> watches;
+  for (std::uint64_t id = 1000; id < 1064; ++id) watches.emplace_back(id);
+  for (int frame = 0; frame < 64; ++frame) {
+    EXPECT_EQ(std::count_if(watches.begin(), watches.end(), [](ReaderWatch& watch) { return watch.note_sent(); }), 2);
+  }
 }
 
 TEST(ReaderWatch, AsksNobodyWhoseWindowStaysWide) {
