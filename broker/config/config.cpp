@@ -147,19 +147,25 @@ std::string_view section_doc(std::string_view section) {
   return {};
 }
 
+std::string closest_to(std::string_view wanted, std::span<const std::string> names) {
+  std::string best;
+  std::size_t least = wanted.size() / 2 + 1;
+  for (const std::string& name : names) {
+    const std::size_t distance = edit_distance(wanted, name);
+    if (distance >= least) continue;
+    least = distance;
+    best = name;
+  }
+  return best;
+}
+
 Error unknown_setting(std::string_view path) {
   path = path.substr(0, 100);
-  std::string best;
-  std::size_t least = path.size() / 2 + 1;
-  for (const Setting& setting : settings()) {
-    const std::size_t distance = edit_distance(path, setting.path());
-    if (distance < least) {
-      least = distance;
-      best = setting.path();
-    }
-  }
+  std::vector<std::string> paths;
+  for (const Setting& setting : settings()) paths.push_back(setting.path());
+  const std::string meant = closest_to(path, paths);
   std::string message = "unknown key '" + std::string(path) + "'";
-  if (!best.empty()) message += "; did you mean '" + best + "'?";
+  if (!meant.empty()) message += "; did you mean '" + meant + "'?";
   return fail(ErrorCode::kInvalidArgument, std::move(message));
 }
 

@@ -67,6 +67,8 @@ SettingValue value_of(const Config& config, const Setting& setting);
 /// As it is written in TOML: "text", true, 12, ["a", "b"].
 std::string toml_of(const SettingValue& value);
 
+/// Which of `names` was probably meant; empty: none is near.
+std::string closest_to(std::string_view wanted, std::span<const std::string> names);
 /// Says that there is no such key, and which one was probably meant.
 Error unknown_setting(std::string_view path);
 

@@ -57,6 +57,23 @@ CLI::Option* add_flag(CLI::App& app, const Setting& setting, std::string& value)
   return option->description(shown->help);
 }
 
+/// Of a command line with words that mean nothing: what may have been meant.
+Error unknown_words(const CLI::App& app) {
+  std::vector<std::string> words = app.remaining();
+  const auto first = std::find_if(words.begin(), words.end(), [](const auto& word) { return word.starts_with('-'); });
+  if (first == words.end())
+    return fail(ErrorCode::kInvalidArgument, "'" + words.front() + "' was not expected: see --help");
+  const std::string flag = first->substr(0, std::min<std::size_t>(first->find('='), 100));
+  std::vector<std::string> flags;
+  for (const CLI::Option* option : app.get_options()) {
+    for (const std::string& name : option->get_lnames()) flags.push_back("--" + name);
+  }
+  const std::string meant = closest_to(flag, flags);
+  return fail(ErrorCode::kInvalidArgument,
+              "unknown flag '" + flag + "'" +
+                  (meant.empty() ? ": see --help and --default-config" : "; did you mean '" + meant + "'?"));
+}
+
 }  // namespace
 
 Result<Options> read_options(int argc, const char* const* argv, std::span<const std::string_view> environment,
@@ -84,6 +101,8 @@ Result<Options> read_options(int argc, const char* const* argv, std::span<const 
   describe_token_command(app);  // carried out before this table is asked
   try {
     app.parse(argc, argv);
+  } catch (const CLI::ExtrasError&) {
+    return unknown_words(app);
   } catch (const CLI::ParseError& error) {
     std::ostringstream out;
     std::ostringstream err;

@@ -296,7 +296,14 @@ TEST_F(PlacesTest, AServiceFindsItsFileOfSettings) {
 
 TEST(OptionsTest, UsageErrorsAndAnswers) {
   const char* unknown[] = {"eigencast-broker", "--frobnicate"};
-  EXPECT_FALSE(read_options(2, unknown, {}, "0"));
+  EXPECT_THAT(read_options(2, unknown, {}, "0").error().message, HasSubstr("unknown flag '--frobnicate'"));
+  const char* nearly[] = {"eigencast-broker", "--port-file", "x", "--limits-max-streamz=3", "--lissten", "y"};
+  EXPECT_THAT(read_options(4, nearly, {}, "0").error().message, HasSubstr("'--limits-max-streams'?"));
+  nearly[3] = nearly[4];
+  nearly[4] = nearly[5];
+  EXPECT_THAT(read_options(5, nearly, {}, "0").error().message, HasSubstr("'--lissten'; did you mean '--listen'?"));
+  const char* alone[] = {"eigencast-broker", "3"};
+  EXPECT_THAT(read_options(2, alone, {}, "0").error().message, HasSubstr("'3' was not expected"));
   const char* version[] = {"eigencast-broker", "--version"};
   EXPECT_THAT(read_options(2, version, {}, "1.2.3")->answer.value(), HasSubstr("eigencast-broker 1.2.3"));
   const char* help[] = {"eigencast-broker", "--help"};
