@@ -71,6 +71,13 @@ class Broker::Signals {
       : set_(loop, SIGINT, SIGTERM, SIGHUP), on_signal_(std::move(on_signal)) {
     wait();
   }
+  ~Signals() {
+    ErrorOf ignored;
+    set_.remove(SIGHUP, ignored);
+    std::signal(SIGHUP, SIG_IGN);  // A reload that comes while all ends must not end it before it has.
+  }
+  Signals(const Signals&) = delete;
+  Signals& operator=(const Signals&) = delete;
 
  private:
   void wait() {

@@ -1,13 +1,16 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""What strangers may take and see, asked from outside by HTTP: the limit of downloads, who reads the admin port.
+"""What strangers may take and see, asked from outside by HTTP: the limit of downloads, who reads the admin port; how it ends.
 
     doors_test.py BROKER [-v]
 """
 import http.client
 import pathlib
+import shutil
+import signal
 import socket
 import sys
+import time
 import unittest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
@@ -44,6 +47,16 @@ class Doors(unittest.TestCase):
         broker = Broker(BROKER, *flags)
         self.addCleanup(broker.__exit__)
         return ports_of(pathlib.Path(broker.folder) / "port")
+
+    def test_a_reload_that_comes_too_late_ends_nothing(self):
+        for _ in range(3):
+            broker = Broker(BROKER)
+            broker.process.send_signal(signal.SIGTERM)
+            while broker.process.poll() is None:
+                broker.process.send_signal(signal.SIGHUP)
+                time.sleep(0.0002)
+            shutil.rmtree(broker.folder)
+            self.assertEqual(broker.process.returncode, 0)
 
     def test_downloads_of_an_address_are_limited_by_their_bytes(self):
         body, name = payloads.asset()
