@@ -83,6 +83,9 @@ void Connection::wait_to_read(Transport::Wait wait) {
       self->on_readable();
     });
   };
+  if (wait == Transport::Wait::kReadable && transport_.has_read_ahead()) {  // Of that the socket says nothing.
+    return asio::post(context_.loop, [handler = std::move(handler)] { handler({}); });
+  }
   // Memory of its own size: an idle connection waits for long, and what Asio would use over again may be much larger.
   transport_.async_wait(wait, asio::bind_allocator(std::pmr::polymorphic_allocator<>(), std::move(handler)));
 }

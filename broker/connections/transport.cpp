@@ -122,6 +122,10 @@ Transport::Outcome Transport::read(std::span<std::uint8_t> into) {
   return would_block() ? Outcome{0, Wait::kReadable, {}} : Outcome{0, Wait::kNo, error_from_errno()};
 }
 
+bool Transport::has_read_ahead() const {
+  return tls_ && !tls_failed_ && SSL_pending(tls_.get()) > 0;
+}
+
 Transport::Outcome Transport::write(std::span<const iovec> pieces) {
   if (tls_) return write_tls(pieces);
   ssize_t count = 0;

@@ -177,6 +177,15 @@ class Loops(unittest.TestCase):
         self.show(sender, early + late)
         self.stop([sender, *early, *late])
 
+    def test_all_messages_of_one_record_are_read(self):
+        question = json.dumps({"op": "ping", "id": 1, "time_us": 0}).ljust(500).encode()
+        for path in ("/v1/subscribe", "/v1/subscribe", "/v1/publish/b"):  # One viewer in each loop.
+            peer = self.connect(path)
+            peer.send(*[frame(TEXT, question)] * 30)  # TLS takes 16 KiB at a time.
+            for _ in range(30):
+                next_control(peer, "pong")
+            peer.sock.close()
+
     def test_assets_come_and_go_beside_both_loops(self):
         sender = self.publish()
         viewers = self.watch(4)
