@@ -161,9 +161,22 @@ def self_test(root):
     return []
 
 
+def check_scripts(root):
+    """The documents call scripts by their names."""
+    complaints = []
+    for top in ("bench", "deploy", "examples", "tests"):
+        for file in sorted((root / top).rglob("*")):
+            if file.is_file() and file.stat().st_mode & 0o111 == 0:
+                with file.open("rb") as content:
+                    if content.read(2) == b"#!":
+                        complaints.append(f"{file.relative_to(root)}: begins with #! and cannot be run: chmod +x")
+    return complaints
+
+
 def main():
     root = pathlib.Path(sys.argv[1])
     complaints, files = check(root)
+    complaints += check_scripts(root)
     complaints += self_test(root)
     for complaint in complaints:
         print(complaint)
