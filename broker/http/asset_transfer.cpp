@@ -41,6 +41,7 @@ class Download : public std::enable_shared_from_this<Download> {
   Download& operator=(const Download&) = delete;
 
   void start(const Sha256& id) {
+    connection_->arm(context_.config.timeouts.transfer_ms);  // No longer that of the head: the disk may take its time.
     connection_->on_disk([&assets = context_.assets, id] { return assets.read(id); },
                          [self = shared_from_this(), id](Result<AssetStore::Object>& object) {
                            if (object) return self->answer(id, std::move(*object));
@@ -144,6 +145,7 @@ class Upload : public std::enable_shared_from_this<Upload> {
   Upload& operator=(const Upload&) = delete;
 
   void start(const Sha256& id) {
+    connection_->arm(context_.config.timeouts.transfer_ms);
     connection_->on_disk([&assets = context_.assets, id] { return assets.begin_upload(id); },
                          [self = shared_from_this()](Result<std::unique_ptr<AssetStore::Upload>>& upload) {
                            if (!upload) return self->fail_with(upload.error());
