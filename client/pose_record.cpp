@@ -62,6 +62,7 @@ void PoseRecord::shown(const Scene& scene, TimeUs drawn_us) {
                     {"capture_us", *view.shown_capture_us()},
                     {"shown", name_of(view.shown())},
                     {"settling", view.settling()},
+                    {"vertices", view.geometry().vertex_count()},
                     {"coefficients", view.coefficients()}};
     shown_ << line.dump() << '\n';
   }

@@ -30,7 +30,7 @@ def played(stage, options, name):
 def viewer(stage, name, level):
     folder = stage.folder / f"{name}-{level}"
     folder.mkdir()
-    started = stage.start("eigencast-client", stage.url(name) + "?rate=raw", "--headless", "--size", "420x420", "--duration", 16, "--wait", 60,
+    started = stage.start("eigencast-client", stage.url(name) + "?rate=raw", "--headless", "--size", "420x420", "--duration", stage.options.seconds, "--wait", 60,
                           "--lod", level, "--view", "iso", "--out", folder, "--record-shown", folder / "shown.jsonl", "--json",
                           folder / "report.json")
     started.folder = folder
@@ -38,7 +38,10 @@ def viewer(stage, name, level):
 
 
 def column(stage, options, name):
-    """The pictures of one stream, one for each level, of the last pose that all viewers drew; and the rows of the table."""
+    """The pictures of one stream, one for each level, of the last pose that all viewers drew at their level; and the rows of the table.
+
+    Poses that a viewer drew while it was still reading the surface, coarser than its level, do not count.
+    """
     clip = played(stage, options, name)
     stage.bake(clip)
     viewers = [viewer(stage, name, level) for level in LEVELS]
@@ -47,12 +50,14 @@ def column(stage, options, name):
     pictures, rows, drawn = [], [], []
     for each in viewers:
         stage.wait(each, 120)
-        drawn.append({line["capture_us"]: f"frame_{i + 1:04d}.png" for i, line in enumerate(lines_of(each.folder / "shown.jsonl"))})
+        lines = lines_of(each.folder / "shown.jsonl")
+        drawn.append({line["capture_us"]: f"frame_{i + 1:04d}.png" for i, line in enumerate(lines)
+                      if line["vertices"] == lines[-1]["vertices"]})
     sender.terminate()
     sender.wait(20)
     common = sorted(set.intersection(*map(set, drawn)))
     if not common:
-        raise SystemExit(f"{name}: no pose was drawn by all three viewers: the machine is too busy; try again")
+        raise SystemExit(f"{name}: no pose was drawn by all three viewers at their levels: the machine is too busy; try again, or with --seconds")
     for each, level, shown in zip(viewers, LEVELS, drawn):
         report = json.loads((each.folder / "report.json").read_text())
         lod = report["lod"]
@@ -63,7 +68,9 @@ def column(stage, options, name):
 
 
 def main():
-    options = parser(__doc__).parse_args()
+    p = parser(__doc__)
+    p.add_argument("--seconds", type=float, default=20, help="that each stream is watched")
+    options = p.parse_args()
     columns, table = [], []
     with Stage(options) as stage:
         for name in CLIPS:
