@@ -69,15 +69,11 @@ class Broker::Signals {
  public:
   Signals(asio::io_context& loop, std::function<void(int)> on_signal)
       : set_(loop, SIGINT, SIGTERM, SIGHUP), on_signal_(std::move(on_signal)) {
+    // With its last set Asio gives a signal back to the system: a reload that comes while we end would end us at once.
+    static auto* const kept = new asio::signal_set(*new asio::io_context, SIGHUP);
+    (void)kept;
     wait();
   }
-  ~Signals() {
-    ErrorOf ignored;
-    set_.remove(SIGHUP, ignored);
-    std::signal(SIGHUP, SIG_IGN);  // A reload that comes while all ends must not end it before it has.
-  }
-  Signals(const Signals&) = delete;
-  Signals& operator=(const Signals&) = delete;
 
  private:
   void wait() {
