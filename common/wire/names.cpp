@@ -123,7 +123,7 @@ Result<void> check_stream_name(std::string_view name) {
     return invalid("stream name '" + std::string(name.substr(0, limits::kMaxStreamNameBytes)) +
                    "': " + std::string(why));
   };
-  if (name.empty()) return refuse("it is empty");
+  if (name.empty()) return refuse("it is empty; give one, such as lab/horse");
   if (name.size() > limits::kMaxStreamNameBytes) return refuse("it is longer than 128 bytes");
   for (std::size_t begin = 0; begin <= name.size();) {
     const std::size_t end = std::min(name.find('/', begin), name.size());
