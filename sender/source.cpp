@@ -51,17 +51,6 @@ Result<KnownMotion> motion_of_rig(const MotionClip& clip) {
   return motion_of(clip, std::move(*columns));
 }
 
-/// Where the handles of a cage move by its size, its faces' normals turn and stretch by one: the columns are scaled so.
-KnownMotion motion_of_cage(const deform::Deformer& cage) {
-  const deform::LinearMap& map = *cage.linear_map();
-  SpanningColumns columns{map.controls, map.W};
-  const double size = bounding_box(cage.handles()).diagonal();
-  for (std::size_t i = 0; i < map.vertices; ++i) {
-    for (std::size_t handle = 0; handle < cage.handles().size(); ++handle) columns.W[i * map.controls + handle] *= size;
-  }
-  return {std::move(columns), 0, {}};
-}
-
 /// Refuses, before minutes are spent on a bake, what the look at all poses would refuse after it.
 Result<void> check_order(const MotionClip& clip, JumpFinder& mesh, bool any_order) {
   constexpr std::size_t kPoses = 5;
@@ -74,6 +63,17 @@ Result<void> check_order(const MotionClip& clip, JumpFinder& mesh, bool any_orde
 }
 
 }  // namespace
+
+// Where the handles of a cage move by its size, its faces' normals turn and stretch by one: the columns are scaled so.
+KnownMotion motion_of_cage(const deform::Deformer& cage) {
+  const deform::LinearMap& map = *cage.linear_map();
+  SpanningColumns columns{map.controls, map.W};
+  const double size = bounding_box(cage.handles()).diagonal();
+  for (std::size_t i = 0; i < map.vertices; ++i) {
+    for (std::size_t handle = 0; handle < cage.handles().size(); ++handle) columns.W[i * map.controls + handle] *= size;
+  }
+  return {std::move(columns), 0, {}};
+}
 
 Result<Surface> cage_of(const CageOptions& options, const Surface& model) {
   if (options.file.empty()) return deform::cage_around(model, options.resolution);

@@ -66,6 +66,9 @@ Result<Surface> cage_of(const CageOptions& options, const Surface& model);
 Result<std::unique_ptr<deform::Deformer>> bind_cage(const CageOptions& options, const Surface& model, Surface cage,
                                                     const std::function<bool(double)>& progress);
 
+/// What a cage can do, for the basis of it.
+KnownMotion motion_of_cage(const deform::Deformer& cage);
+
 /// Whether the clip has what this basis is made of. Errors: kInvalidArgument (rig, pca), saying what else would do.
 Result<void> check_basis(const std::string& basis, const MotionClip& clip);
 
