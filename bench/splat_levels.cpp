@@ -15,8 +15,8 @@
 #include "common/progressive/neighbours.h"
 #include "common/progressive/point_normals.h"
 #include "common/progressive/prefix.h"
-#include "common/progressive/quadric.h"
 #include "common/progressive/splats.h"
+#include "common/surface/vector.h"
 
 namespace {
 
@@ -27,8 +27,7 @@ constexpr std::size_t kNeighbours = 6;
 constexpr int kRings = 4, kRays = 12;
 
 double distance(const Vec3& a, const Vec3& b) {
-  const Vec3 e = progressive::minus(a, b);
-  return std::sqrt(progressive::dot(e, e));
+  return length(a - b);
 }
 
 std::vector<std::uint32_t> first_rows(std::size_t count) {
@@ -64,8 +63,7 @@ struct Discs {
 /// Points spread over a disc, as many for each part of its area.
 std::vector<Vec3> points_of_disc(const Vec3& centre, const Vec3& normal, double radius) {
   const Vec3 aside = std::abs(normal[0]) < 0.7 ? Vec3{1, 0, 0} : Vec3{0, 1, 0};
-  const auto axes =
-      frame_from_points({}, progressive::cross(normal, aside), normal);  // the first and the third lie in it
+  const auto axes = frame_from_points({}, cross(normal, aside), normal);  // the first and the third lie in it
   std::vector<Vec3> points;
   for (int ring = 0; ring < kRings; ++ring) {
     const double r = radius * std::sqrt((ring + 1.0) / kRings);

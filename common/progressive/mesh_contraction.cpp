@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <queue>
 
 #include "common/progressive/contraction.h"
 #include "common/progressive/quadric.h"
+#include "common/surface/union_find.h"
+#include "common/surface/vector.h"
 
 namespace eigencast::progressive {
 namespace {
@@ -24,14 +25,13 @@ enum class Rules {
 };
 
 Vec3 area_vector(std::span<const Vec3> x, const Face& face) {
-  return cross(minus(x[face[1]], x[face[0]]), minus(x[face[2]], x[face[0]]));
+  return cross(x[face[1]] - x[face[0]], x[face[2]] - x[face[0]]);
 }
 
 double longest_edge2(std::span<const Vec3> x, const Face& face) {
   double longest = 0;
   for (std::size_t c = 0; c < 3; ++c) {
-    const Vec3 e = minus(x[face[(c + 1) % 3]], x[face[c]]);
-    longest = std::max(longest, dot(e, e));
+    longest = std::max(longest, squared_distance(x[face[(c + 1) % 3]], x[face[c]]));
   }
   return longest;
 }
@@ -65,7 +65,7 @@ class MeshContraction {
   bool is_legal(std::uint32_t u, const std::vector<Neighbour>& around_u, const Neighbour& to);
   bool keeps_topology(std::uint32_t u, const std::vector<Neighbour>& around_u, const Neighbour& to);
   bool keeps_sides(std::span<const Vec3> x, std::uint32_t u, std::uint32_t v) const;
-  std::uint32_t component_of(std::uint32_t u);
+  std::uint32_t component_of(std::uint32_t u) { return components_.root(u); }
   bool in_small_component(std::uint32_t u) { return many_components_ && left_in_[component_of(u)] <= kSmallComponent; }
   bool has(std::uint32_t f, std::uint32_t v) const {
     return faces_[f][0] == v || faces_[f][1] == v || faces_[f][2] == v;
@@ -86,9 +86,9 @@ class MeshContraction {
   Rules rules_ = Rules::kTopology;
 
   bool many_components_ = false;
-  std::vector<std::uint32_t> component_;  ///< Union-find forest.
-  std::vector<std::uint32_t> left_in_;    ///< Living vertices, at the root.
-  std::vector<double> area_of_;           ///< At the root.
+  UnionFind components_;
+  std::vector<std::uint32_t> left_in_;  ///< Living vertices, at the root.
+  std::vector<double> area_of_;         ///< At the root.
 
   std::vector<std::uint32_t> mark_, slot_;
   std::uint32_t stamp_ = 0;
@@ -107,6 +107,7 @@ MeshContraction::MeshContraction(std::span<const std::vector<Vec3>> poses, std::
       version_(x_.size()),
       alive_(x_.size(), true),
       alive_count_(x_.size()),
+      components_(x_.size()),
       mark_(x_.size()),
       slot_(x_.size()) {
   steps_.reserve(x_.size());
@@ -166,17 +167,10 @@ void MeshContraction::weld() {
   }
 }
 
-std::uint32_t MeshContraction::component_of(std::uint32_t u) {
-  while (component_[u] != u) u = component_[u] = component_[component_[u]];
-  return u;
-}
-
 void MeshContraction::find_components() {
-  component_.resize(x_.size());
-  std::iota(component_.begin(), component_.end(), 0U);
   for (std::uint32_t v = 0; v < x_.size(); ++v) {
     for (const std::uint32_t f : around_[v]) {
-      for (const std::uint32_t w : faces_[f]) component_[component_of(w)] = component_of(v);
+      for (const std::uint32_t w : faces_[f]) components_.join(v, w);
     }
   }
   left_in_.assign(x_.size(), 0);
@@ -194,10 +188,9 @@ void MeshContraction::make_quadrics(std::size_t pose) {
     Quadric& Q = quadric(pose, u);
     for (const std::uint32_t f : around_[u]) {
       const Vec3 normal = area_vector(x, faces_[f]);
-      const double twice_area = std::sqrt(dot(normal, normal));
+      const double twice_area = length(normal);
       if (twice_area <= 0) continue;
-      const Vec3 unit{normal[0] / twice_area, normal[1] / twice_area, normal[2] / twice_area};
-      Q.add_plane(unit, x[u], twice_area / 6);
+      Q.add_plane(unit(normal), x[u], twice_area / 6);
       Q.area += twice_area / 6;
       if (pose == 0) area_of_[component_of(u)] += twice_area / 6;
     }
@@ -207,14 +200,11 @@ void MeshContraction::make_quadrics(std::size_t pose) {
       if (v.faces == 2 &&
           !std::binary_search(seams_.begin(), seams_.end(), std::pair(std::min(u, v.vertex), std::max(u, v.vertex))))
         continue;
-      const Vec3 edge = minus(x[v.vertex], x[u]);
+      const Vec3 edge = x[v.vertex] - x[u];
       for (const std::uint32_t f : around_[u]) {
         if (!has(f, v.vertex)) continue;
         const Vec3 across = cross(edge, area_vector(x, faces_[f]));
-        const double length = std::sqrt(dot(across, across));
-        if (length <= 0) continue;
-        const Vec3 unit{across[0] / length, across[1] / length, across[2] / length};
-        Q.add_plane(unit, x[u], kBoundaryWeight * dot(edge, edge) / 2);
+        if (length(across) > 0) Q.add_plane(unit(across), x[u], kBoundaryWeight * dot(edge, edge) / 2);
       }
     }
   }

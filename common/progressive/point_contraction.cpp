@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
-#include <cmath>
 #include <queue>
 #include <utility>
 
@@ -8,6 +7,7 @@
 #include "common/progressive/neighbours.h"
 #include "common/progressive/point_normals.h"
 #include "common/progressive/quadric.h"
+#include "common/surface/vector.h"
 
 namespace eigencast::progressive {
 namespace {
@@ -15,11 +15,6 @@ namespace {
 constexpr std::size_t kNeighbours = 10;
 constexpr std::size_t kMostNeighbours = 2 * kNeighbours;
 constexpr std::size_t kFewestNeighbours = 4;  // Left to a point that others drop.
-
-double squared_distance(const Vec3& a, const Vec3& b) {
-  const Vec3 e = minus(b, a);
-  return dot(e, e);
-}
 
 class PointContraction {
  public:
@@ -108,12 +103,10 @@ void PointContraction::make_quadrics() {
     quadrics_[p].area = nearest;
     quadrics_[p].add_point(x_[p], nearest);
     for (const std::uint32_t i : links_[p]) {
-      const Vec3 e = minus(x_[p], x_[i]);
+      const Vec3 e = x_[p] - x_[i];
       const Vec3 normal = cross(e, cross(e, n));
-      const double length = std::sqrt(dot(normal, normal));
-      if (length <= 0) continue;
-      const Vec3 unit{normal[0] / length, normal[1] / length, normal[2] / length};
-      quadrics_[p].add_plane(unit, x_[p], nearest / static_cast<double>(links_[p].size()));
+      if (length(normal) > 0)
+        quadrics_[p].add_plane(unit(normal), x_[p], nearest / static_cast<double>(links_[p].size()));
     }
   }
 }

@@ -12,8 +12,8 @@
 #include "common/progressive/contraction.h"
 #include "common/progressive/directions.h"
 #include "common/progressive/neighbours.h"
-#include "common/progressive/quadric.h"
 #include "common/progressive/visibility.h"
+#include "common/surface/vector.h"
 
 namespace eigencast {
 namespace progressive {
@@ -26,7 +26,7 @@ Vec3 normal_from_points(std::span<const Vec3> positions, const Vec3& centre, std
   }
   for (double& value : mean) value /= static_cast<double>(around.size() + 1);
   const auto add = [&](const Vec3& p) {
-    const Vec3 e = minus(p, mean);
+    const Vec3 e = p - mean;
     xx += e[0] * e[0], xy += e[0] * e[1], xz += e[0] * e[2], yy += e[1] * e[1], yz += e[1] * e[2], zz += e[2] * e[2];
   };
   add(centre);
@@ -38,9 +38,8 @@ Vec3 normal_from_points(std::span<const Vec3> positions, const Vec3& centre, std
     const Vec3 next{trace * n[0] - (xx * n[0] + xy * n[1] + xz * n[2]),
                     trace * n[1] - (xy * n[0] + yy * n[1] + yz * n[2]),
                     trace * n[2] - (xz * n[0] + yz * n[1] + zz * n[2])};
-    const double length = std::sqrt(dot(next, next));
-    if (length <= 0) break;
-    n = {next[0] / length, next[1] / length, next[2] / length};
+    if (length(next) <= 0) break;
+    n = unit(next);
   }
   return n;
 }
@@ -110,11 +109,6 @@ class SignedSets {
   std::vector<SideVote> votes_;
 };
 
-double distance(const Vec3& a, const Vec3& b) {
-  const Vec3 e = minus(b, a);
-  return std::sqrt(dot(e, e));
-}
-
 struct Edge {
   double doubt;  // 0: the mirrored normal is the other's, up to its sign; 1: across it
   std::uint32_t from, to;
@@ -122,7 +116,7 @@ struct Edge {
 };
 
 Edge edge_between(std::span<const Vec3> positions, std::span<const Vec3> normals, std::uint32_t a, std::uint32_t b) {
-  const Vec3 e = minus(positions[b], positions[a]);
+  const Vec3 e = positions[b] - positions[a];
   const double squared = dot(e, e), along = dot(normals[a], e);
   const double agreement = dot(normals[a], normals[b]) - (squared > 0 ? 2 * along * dot(normals[b], e) / squared : 0);
   return {1 - std::abs(agreement), std::min(a, b), std::max(a, b), agreement < 0};
@@ -187,7 +181,7 @@ std::vector<Vec3> oriented_normals(std::span<const Vec3> positions) {
       normals[i] = normal_from_points(positions, positions[i], around);
       edges_of[m].fill(i);
       std::copy_n(around.begin(), std::min(kEdges, around.size()), edges_of[m].begin());
-      for (const std::uint32_t j : edges_of[m]) reach[i] += distance(positions[i], positions[j]);
+      for (const std::uint32_t j : edges_of[m]) reach[i] += length(positions[j] - positions[i]);
       reach[i] *= kReach / static_cast<double>(std::max<std::size_t>(1, std::min(kEdges, around.size())));
     }
   });

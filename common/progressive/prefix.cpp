@@ -10,6 +10,7 @@
 
 #include "common/progressive/contraction.h"
 #include "common/progressive/neighbours.h"
+#include "common/surface/edge_uses.h"
 
 namespace eigencast {
 namespace progressive {
@@ -125,10 +126,6 @@ std::uint32_t death_of(std::span<const std::uint32_t> map, Face corners, std::ui
   }
 }
 
-bool has_repeated_corner(const Face& face) {
-  return face[0] == face[1] || face[1] == face[2] || face[2] == face[0];
-}
-
 void order_faces(const Surface& surface, PrefixOrder& prefix) {
   std::vector<std::uint32_t> new_from_source(prefix.order.size());
   for (std::uint32_t i = 0; i < prefix.order.size(); ++i) new_from_source[prefix.order[i]] = i;
@@ -140,7 +137,7 @@ void order_faces(const Surface& surface, PrefixOrder& prefix) {
   std::vector<Entry> entries;
   entries.reserve(surface.faces.size());
   for (std::uint32_t f = 0; f < surface.faces.size(); ++f) {
-    if (has_repeated_corner(surface.faces[f])) continue;
+    if (!has_three_corners(surface.faces[f], surface.vertex_count())) continue;
     Face corners;
     for (std::size_t c = 0; c < 3; ++c) corners[c] = new_from_source[surface.faces[f][c]];
     entries.push_back({death_of(prefix.map, corners, prefix.base_count), f, corners});
@@ -165,7 +162,7 @@ Result<PrefixOrder> build_prefix_order(const Surface& surface,
   const std::vector<Vec3>& positions = poses.front();
   std::vector<Face> faces;
   for (const Face& face : surface.faces) {
-    if (!has_repeated_corner(face)) faces.push_back(face);
+    if (has_three_corners(face, surface.vertex_count())) faces.push_back(face);
   }
   PrefixOrder prefix;
   order_vertices(

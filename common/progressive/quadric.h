@@ -1,19 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "common/surface/surface.h"
+#include "common/surface/vector.h"
 
 namespace eigencast::progressive {
-
-inline Vec3 minus(const Vec3& a, const Vec3& b) {
-  return {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
-}
-inline double dot(const Vec3& a, const Vec3& b) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-inline Vec3 cross(const Vec3& a, const Vec3& b) {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-}
 
 /// The sum of w (n . x + d)^2 over planes, as a symmetric 4 x 4 matrix (Garland & Heckbert 1997), and the area it
 /// stands for.
@@ -56,9 +46,8 @@ struct Quadric {
 /// the rest pose alone would empty although they may bend in other poses; it also decides between equal costs.
 inline double contraction_cost(const Quadric& from, const Quadric& to, const Vec3& x_from, const Vec3& x_to) {
   constexpr double kDensity = 1e-3;
-  const Vec3 e = minus(x_to, x_from);
   const double error = from.at(x_to) + to.at(x_to);
-  return (error > 0 ? error : 0) + kDensity * from.area * dot(e, e);
+  return (error > 0 ? error : 0) + kDensity * from.area * squared_distance(x_from, x_to);
 }
 
 }  // namespace eigencast::progressive

@@ -8,7 +8,7 @@
 
 #include "common/progressive/contraction.h"
 #include "common/progressive/neighbours.h"
-#include "common/progressive/quadric.h"
+#include "common/surface/vector.h"
 
 namespace eigencast {
 namespace progressive {
@@ -20,10 +20,6 @@ constexpr std::size_t kCandidates = 48;
 constexpr std::size_t kRadiusNeighbours = 6;
 constexpr double kSameWay = 0.3;  // cosine between normals of discs that one may stand for
 constexpr double kRadius = 0.8;   // of the mean distance of the nearest points: discs overlap on an uneven surface, too
-
-double length(const Vec3& a) {
-  return std::sqrt(dot(a, a));
-}
 
 /// The rows about a row that came before it, by way of the tree that contraction makes.
 class Forebears {
@@ -96,7 +92,7 @@ class SplatBuilder {
   std::array<std::uint32_t, 2> best_frame(std::uint32_t i, std::vector<std::uint32_t> candidates) const {
     std::erase_if(candidates, [&](std::uint32_t j) { return x_[j] == x_[i]; });
     std::sort(candidates.begin(), candidates.end(), [&](std::uint32_t a, std::uint32_t b) {
-      const double to_a = length(minus(x_[a], x_[i])), to_b = length(minus(x_[b], x_[i]));
+      const double to_a = length(x_[a] - x_[i]), to_b = length(x_[b] - x_[i]);
       return to_a != to_b ? to_a < to_b : a < b;
     });
     candidates.resize(std::min(candidates.size(), kNearest));
@@ -104,7 +100,7 @@ class SplatBuilder {
     double least = std::numeric_limits<double>::infinity();
     for (std::size_t a = 1; a < candidates.size(); ++a) {
       for (std::size_t b = 0; b < a; ++b) {
-        const Vec3 u = minus(x_[candidates[a]], x_[i]), v = minus(x_[candidates[b]], x_[i]);
+        const Vec3 u = x_[candidates[a]] - x_[i], v = x_[candidates[b]] - x_[i];
         const double upright = dot(cross(u, v), normals_[i]);  // |u| |v| sin(u, v) cos(tilt)
         const double cost = (length(u) + length(v)) * length(u) * length(v) / std::abs(upright);
         if (!(cost < least)) continue;
@@ -128,7 +124,7 @@ class SplatBuilder {
     for (std::uint32_t i = 0; i < n_; ++i) {
       double sum = 0;
       const auto around = neighbours.nearest(x_[i], kRadiusNeighbours + 1);
-      for (const std::uint32_t j : around) sum += length(minus(x_[j], x_[i]));
+      for (const std::uint32_t j : around) sum += length(x_[j] - x_[i]);
       alone[i] = around.size() > 1 ? kRadius * sum / static_cast<double>(around.size() - 1) : 0;
     }
     std::vector<std::vector<std::uint32_t>> stands_for(n_);
@@ -142,7 +138,7 @@ class SplatBuilder {
       result_.parent_radius[i] = static_cast<float>(now[onto]);
       for (const std::uint32_t j : stands_for[i]) {
         if (dot(normals_[j], normals_[onto]) < kSameWay) continue;
-        const Vec3 e = minus(x_[j], x_[onto]);
+        const Vec3 e = x_[j] - x_[onto];
         const double above = dot(e, normals_[onto]);
         now[onto] = std::max(now[onto], std::sqrt(std::max(0.0, dot(e, e) - above * above)) + alone[j] / 2);
       }
@@ -163,15 +159,8 @@ class SplatBuilder {
 }  // namespace progressive
 
 std::array<Vec3, 3> frame_from_points(const Vec3& origin, const Vec3& first, const Vec3& second) {
-  using namespace progressive;
-  const auto unit = [](Vec3 a) {
-    const double size = std::sqrt(dot(a, a));
-    for (double& value : a) value /= size;
-    return a;
-  };
-  const Vec3 t = unit(minus(first, origin));
-  const Vec3 m = unit(cross(t, minus(second, origin)));
-  if (!std::isfinite(m[0] + m[1] + m[2])) return {Vec3{1, 0, 0}, Vec3{0, 1, 0}, Vec3{0, 0, 1}};
+  const Vec3 t = unit(first - origin), m = unit(cross(t, second - origin));
+  if (!(length(m) > 0)) return {Vec3{1, 0, 0}, Vec3{0, 1, 0}, Vec3{0, 0, 1}};
   return {t, cross(m, t), m};
 }
 

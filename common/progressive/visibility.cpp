@@ -11,7 +11,7 @@
 
 #include "common/core/worker_team.h"
 #include "common/progressive/directions.h"
-#include "common/progressive/quadric.h"
+#include "common/surface/vector.h"
 
 namespace eigencast::progressive {
 namespace {
@@ -44,9 +44,7 @@ class Camera {
   void aim(const Vec3& direction) {
     d_ = direction;
     const Vec3 side = std::abs(d_[1]) < 0.9 ? Vec3{0, 1, 0} : Vec3{1, 0, 0};
-    u_ = cross(side, d_);
-    const double length = std::sqrt(dot(u_, u_));
-    for (double& value : u_) value /= length;
+    u_ = unit(cross(side, d_));
     v_ = cross(d_, u_);
     low_u_ = low_v_ = std::numeric_limits<double>::infinity();
     double high_u = -low_u_, high_v = -low_v_;

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <array>
 #include <limits>
-#include <numeric>
 
 #include "common/spectral/kd_tree.h"
+#include "common/surface/union_find.h"
 
 namespace eigencast {
 namespace {
@@ -14,31 +14,15 @@ namespace {
 constexpr std::size_t kPairsPerComponent = 3;
 constexpr std::size_t kMaxQueries = 4096;
 
-class UnionFind {
- public:
-  explicit UnionFind(std::size_t n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), 0U); }
-  std::uint32_t find(std::uint32_t i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
+ComponentLabels labels_from(UnionFind& sets) {
+  ComponentLabels result;
+  result.of_vertex.resize(sets.size());
+  for (std::uint32_t i = 0; i < sets.size(); ++i) {
+    const std::uint32_t root = sets.root(i);
+    result.of_vertex[i] = root == i ? result.count++ : result.of_vertex[root];
   }
-  void join(std::uint32_t a, std::uint32_t b) {
-    a = find(a);
-    b = find(b);
-    if (a != b) parent_[std::max(a, b)] = std::min(a, b);
-  }
-  ComponentLabels labels() {
-    ComponentLabels result;
-    result.of_vertex.resize(parent_.size());
-    for (std::uint32_t i = 0; i < parent_.size(); ++i) {
-      const std::uint32_t root = find(i);
-      result.of_vertex[i] = root == i ? result.count++ : result.of_vertex[root];
-    }
-    return result;
-  }
-
- private:
-  std::vector<std::uint32_t> parent_;
-};
+  return result;
+}
 
 struct Pair {
   double squared_distance = std::numeric_limits<double>::infinity();
@@ -110,7 +94,7 @@ ComponentLabels components_from_pattern(const Eigen::SparseMatrix<double>& L) {
       sets.join(static_cast<std::uint32_t>(it.row()), static_cast<std::uint32_t>(it.col()));
     }
   }
-  return sets.labels();
+  return labels_from(sets);
 }
 
 ComponentLabels components_from_faces(std::size_t n, std::span<const Face> faces) {
@@ -119,7 +103,7 @@ ComponentLabels components_from_faces(std::size_t n, std::span<const Face> faces
     sets.join(f[0], f[1]);
     sets.join(f[1], f[2]);
   }
-  return sets.labels();
+  return labels_from(sets);
 }
 
 std::vector<std::pair<std::uint32_t, std::uint32_t>> find_bridges(std::span<const Vec3> positions,
@@ -147,7 +131,7 @@ std::vector<std::pair<std::uint32_t, std::uint32_t>> find_bridges(std::span<cons
         joined.join(labels.of_vertex[pair.from], labels.of_vertex[pair.to]);
       }
     }
-    const ComponentLabels merged = joined.labels();
+    const ComponentLabels merged = labels_from(joined);
     for (std::uint32_t& label : labels.of_vertex) label = merged.of_vertex[label];
     labels.count = merged.count;
   }

@@ -5,47 +5,15 @@
 #include <algorithm>
 #include <cmath>
 #include <functional>
-#include <tuple>
+#include <utility>
+
+#include "common/surface/edge_uses.h"
 
 namespace eigencast {
 namespace {
 
 constexpr double kNotDelaunay = -1e-9;  // sum of the cotangents opposite to an edge
 constexpr std::size_t kMostFlips = 30;  // of an edge, so that rounding cannot go on for ever
-
-/// One face's part of an edge.
-struct EdgeUse {
-  std::uint32_t low, high;  ///< Its ends.
-  std::uint32_t face, side;
-  bool upwards;      ///< The face runs from low to high.
-  double angle = 0;  ///< Of the face about the edge.
-};
-
-std::vector<EdgeUse> edge_uses(std::span<const Face> faces) {
-  std::vector<EdgeUse> uses;
-  uses.reserve(3 * faces.size());
-  for (std::uint32_t f = 0; f < faces.size(); ++f) {
-    for (std::uint32_t side = 0; side < 3; ++side) {
-      const std::uint32_t from = faces[f][side], to = faces[f][(side + 1) % 3];
-      uses.push_back({std::min(from, to), std::max(from, to), f, side, from < to});
-    }
-  }
-  std::sort(uses.begin(), uses.end(), [](const EdgeUse& a, const EdgeUse& b) {
-    return std::tie(a.low, a.high, a.face, a.side) < std::tie(b.low, b.high, b.face, b.side);
-  });
-  return uses;
-}
-
-/// Calls edge(first, last) for the uses of each edge.
-template <class Edge>
-void for_each_edge(std::vector<EdgeUse>& uses, const Edge& edge) {
-  for (auto first = uses.begin(); first != uses.end();) {
-    const auto last = std::find_if(
-        first, uses.end(), [&](const EdgeUse& use) { return use.low != first->low || use.high != first->high; });
-    edge(std::span<EdgeUse>(first, last));
-    first = last;
-  }
-}
 
 /// Brings the faces of an edge in their order around it.
 void sort_around(std::span<EdgeUse> edge, std::span<const Vec3> positions, std::span<const Face> faces) {
@@ -56,12 +24,13 @@ void sort_around(std::span<EdgeUse> edge, std::span<const Vec3> positions, std::
     return e - axis.dot(e) * axis;
   };
   const Eigen::Vector3d u = outwards(edge[0]), v = axis.cross(u);
-  for (EdgeUse& use : edge) {
+  std::vector<std::pair<double, EdgeUse>> by_angle;
+  for (const EdgeUse& use : edge) {
     const Eigen::Vector3d e = outwards(use);
-    use.angle = std::atan2(v.dot(e), u.dot(e));
+    by_angle.emplace_back(std::atan2(v.dot(e), u.dot(e)), use);
   }
-  std::sort(edge.begin(), edge.end(),
-            [](const EdgeUse& a, const EdgeUse& b) { return std::tie(a.angle, a.face) < std::tie(b.angle, b.face); });
+  std::stable_sort(by_angle.begin(), by_angle.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  for (std::size_t i = 0; i < edge.size(); ++i) edge[i] = by_angle[i].second;
 }
 
 /// Triangles by their sides: side 3 t + k of triangle t runs from its corner k to the next.
@@ -75,8 +44,8 @@ class Cover {
       length_.insert(length_.end(), {ab, bc, ca, ca, bc, ab});
     }
     twin_.resize(from_.size());
-    std::vector<EdgeUse> uses = edge_uses(faces);
-    for_each_edge(uses, [&](std::span<EdgeUse> edge) {
+    std::vector<EdgeUse> uses = edge_uses(faces, positions.size());
+    for_each_edge(std::span(uses), [&](std::span<EdgeUse> edge) {
       if (edge.size() > 2) sort_around(edge, positions, faces);
       for (std::size_t i = 0; i < edge.size(); ++i) {
         const std::uint32_t here = side_of(edge[i], true), there = side_of(edge[(i + 1) % edge.size()], false);
@@ -183,10 +152,10 @@ double area_from_lengths(EdgeLengths l) {
   return product > 0 ? 0.25 * std::sqrt(product) : 0;
 }
 
-bool has_edge_of_many_faces(std::span<const Face> faces) {
-  std::vector<EdgeUse> uses = edge_uses(faces);
+bool has_edge_of_many_faces(std::span<const Face> faces, std::size_t vertex_count) {
+  const std::vector<EdgeUse> uses = edge_uses(faces, vertex_count);
   bool any = false;
-  for_each_edge(uses, [&](std::span<EdgeUse> edge) { any = any || edge.size() > 2; });
+  for_each_edge(std::span(uses), [&](std::span<const EdgeUse> edge) { any = any || edge.size() > 2; });
   return any;
 }
 

@@ -25,7 +25,7 @@ struct IntrinsicTriangles {
 };
 
 /// Whether any edge has three or more faces.
-bool has_edge_of_many_faces(std::span<const Face> faces);
+bool has_edge_of_many_faces(std::span<const Face> faces, std::size_t vertex_count);
 
 /// The tufted cover of any triangles, its edges flipped until it is Delaunay (Sharp & Crane 2020, "A Laplacian for Nonmanifold
 /// Triangle Meshes"; flips of lengths alone as of Fisher, Springborn, Bobenko, Schroeder 2006, "An Algorithm for the Construction

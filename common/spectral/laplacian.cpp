@@ -3,14 +3,18 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <optional>
+#include <utility>
 #include <vector>
 
+#include "common/core/median.h"
 #include "common/spectral/bridges.h"
 #include "common/spectral/intrinsic_triangles.h"
 #include "common/spectral/local_delaunay.h"
 #include "common/spectral/point_kernel.h"
 #include "common/surface/check.h"
+#include "common/surface/edge_uses.h"
 
 namespace eigencast {
 namespace {
@@ -107,18 +111,13 @@ double median_mass(const Eigen::VectorXd& mass) {
   for (const double m : mass) {
     if (m > 0) positive.push_back(m);
   }
-  if (positive.empty()) return 0;
-  const auto middle = positive.begin() + static_cast<std::ptrdiff_t>(positive.size() / 2);
-  std::nth_element(positive.begin(), middle, positive.end());
-  return *middle;
+  return positive.empty() ? 0 : median(std::move(positive));
 }
 
-std::vector<Face> faces_with_three_corners(std::span<const Face> faces) {
+std::vector<Face> faces_with_three_corners(const Surface& surface) {
   std::vector<Face> result;
-  result.reserve(faces.size());
-  for (const Face& f : faces) {
-    if (f[0] != f[1] && f[1] != f[2] && f[2] != f[0]) result.push_back(f);
-  }
+  std::copy_if(surface.faces.begin(), surface.faces.end(), std::back_inserter(result),
+               [&](const Face& face) { return has_three_corners(face, surface.vertex_count()); });
   return result;
 }
 
@@ -159,8 +158,9 @@ Result<Laplacian> build_laplacian(const Surface& surface, const LaplacianOptions
     if (options.points == PointsOperator::kPbMhb) use_kernel(point_kernel(surface.positions, local), assembly);
     attach_coincident(local, assembly);
   } else {
-    const std::vector<Face> faces = faces_with_three_corners(surface.faces);
-    assembly = assemble(surface.positions, faces, 1.0, options.delaunay || has_edge_of_many_faces(faces));
+    const std::vector<Face> faces = faces_with_three_corners(surface);
+    const bool delaunay = options.delaunay || has_edge_of_many_faces(faces, surface.vertex_count());
+    assembly = assemble(surface.positions, faces, 1.0, delaunay);
   }
   const double diagonal = bounding_box(surface.positions).diagonal();
   const double median = median_mass(assembly.mass);

@@ -9,6 +9,7 @@
 #include <tuple>
 #include <utility>
 
+#include "common/core/median.h"
 #include "common/core/worker_team.h"
 #include "common/spectral/kd_tree.h"
 
@@ -62,12 +63,6 @@ std::vector<double> spacings(const KdTree& tree, std::span<const Vec3> positions
     }
   });
   return spacing;
-}
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 /// Of cells that are closed the area, of others what a cell mostly has where points lie as far apart as the nearest ones do: by

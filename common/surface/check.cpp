@@ -5,96 +5,53 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
-#include <numeric>
+
+#include "common/surface/edge_uses.h"
+#include "common/surface/union_find.h"
+#include "common/surface/vector.h"
 
 namespace eigencast {
 namespace {
 
 constexpr double kNoArea = 1e-14;  // of the squared diagonal
 
-class UnionFind {
- public:
-  explicit UnionFind(std::size_t n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), std::uint32_t{0}); }
-  std::uint32_t root(std::uint32_t i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-  void join(std::uint32_t a, std::uint32_t b) {
-    a = root(a);
-    b = root(b);
-    parent_[std::max(a, b)] = std::min(a, b);
-  }
-
- private:
-  std::vector<std::uint32_t> parent_;
-};
-
-// A face's side from corner `corner` (3 * face + k) to the next corner; `key` is (smaller, larger) vertex.
-struct Side {
-  std::uint64_t key;
-  std::uint32_t corner;
-  bool ascending;
-};
-
 std::uint32_t next_corner(std::uint32_t corner) {
   return corner % 3 == 2 ? corner - 2 : corner + 1;
 }
 
-bool has_three_corners(const Face& f, std::size_t n) {
-  return f[0] < n && f[1] < n && f[2] < n && f[0] != f[1] && f[1] != f[2] && f[2] != f[0];
-}
-
 double twice_area(const Vec3& a, const Vec3& b, const Vec3& c) {
-  const Vec3 u{b[0] - a[0], b[1] - a[1], b[2] - a[2]};
-  const Vec3 v{c[0] - a[0], c[1] - a[1], c[2] - a[2]};
-  return std::hypot(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]);
+  const Vec3 normal = cross(b - a, c - a);
+  return std::hypot(normal[0], normal[1], normal[2]);
 }
 
-std::vector<Side> sorted_sides(const Surface& surface) {
-  std::vector<Side> sides;
-  sides.reserve(surface.faces.size() * 3);
-  for (std::size_t f = 0; f < surface.faces.size(); ++f) {
-    const Face& face = surface.faces[f];
-    if (!has_three_corners(face, surface.vertex_count())) continue;
-    for (std::size_t k = 0; k < 3; ++k) {
-      const std::uint64_t a = face[k];
-      const std::uint64_t b = face[(k + 1) % 3];
-      sides.push_back({std::min(a, b) << 32 | std::max(a, b), static_cast<std::uint32_t>(3 * f + k), a < b});
-    }
-  }
-  std::sort(sides.begin(), sides.end(),
-            [](const Side& a, const Side& b) { return a.key != b.key ? a.key < b.key : a.corner < b.corner; });
-  return sides;
+std::uint32_t corner_of(const EdgeUse& use) {
+  return 3 * use.face + use.side;
 }
 
 // Joins the corners that two sides of one edge have at its two vertices.
-void join_across(UnionFind& corners, const Side& a, const Side& b) {
-  const bool same_way = a.ascending == b.ascending;
-  corners.join(a.corner, same_way ? b.corner : next_corner(b.corner));
-  corners.join(next_corner(a.corner), same_way ? next_corner(b.corner) : b.corner);
+void join_across(UnionFind& corners, const EdgeUse& a, const EdgeUse& b) {
+  const bool same_way = a.upwards == b.upwards;
+  corners.join(corner_of(a), same_way ? corner_of(b) : next_corner(corner_of(b)));
+  corners.join(next_corner(corner_of(a)), same_way ? next_corner(corner_of(b)) : corner_of(b));
 }
 
 void count_edges_and_fans(const Surface& surface, SurfaceReport& report) {
-  const std::vector<Side> sides = sorted_sides(surface);
+  const std::vector<EdgeUse> uses = edge_uses(surface.faces, surface.vertex_count());
   const std::size_t corner_count = surface.faces.size() * 3;
   UnionFind fans(corner_count);           // joined by every edge
   UnionFind manifold_fans(corner_count);  // joined by edges of two faces only: what a boundary loop runs along
   std::vector<std::uint32_t> boundary;
-  for (std::size_t first = 0, last = 0; first < sides.size(); first = last) {
-    for (last = first + 1; last < sides.size() && sides[last].key == sides[first].key;) {
-      join_across(fans, sides[first], sides[last]);
-      ++last;
-    }
-    const std::size_t count = last - first;
-    if (count == 1) {
-      boundary.push_back(sides[first].corner);
-    } else if (count == 2) {
-      join_across(manifold_fans, sides[first], sides[first + 1]);
-      if (sides[first].ascending == sides[first + 1].ascending) ++report.misoriented_edges;
+  for_each_edge(std::span(uses), [&](std::span<const EdgeUse> edge) {
+    for (const EdgeUse& use : edge.subspan(1)) join_across(fans, edge[0], use);
+    if (edge.size() == 1) {
+      boundary.push_back(corner_of(edge[0]));
+    } else if (edge.size() == 2) {
+      join_across(manifold_fans, edge[0], edge[1]);
+      if (edge[0].upwards == edge[1].upwards) ++report.misoriented_edges;
     } else {
       ++report.nonmanifold_edges;
     }
-  }
+  });
 
   report.boundary_edges = boundary.size();
   for (const std::uint32_t corner : boundary) manifold_fans.join(corner, next_corner(corner));
@@ -106,9 +63,9 @@ void count_edges_and_fans(const Surface& surface, SurfaceReport& report) {
       static_cast<std::size_t>(std::distance(loops.begin(), std::unique(loops.begin(), loops.end())));
 
   std::vector<std::uint8_t> fan_count(surface.vertex_count(), 0);
-  for (const Side& side : sides) {
-    if (fans.root(side.corner) != side.corner) continue;
-    std::uint8_t& count = fan_count[surface.faces[side.corner / 3][side.corner % 3]];
+  for (const EdgeUse& use : uses) {
+    if (fans.root(corner_of(use)) != corner_of(use)) continue;
+    std::uint8_t& count = fan_count[surface.faces[use.face][use.side]];
     if (count == 1) ++report.nonmanifold_vertices;
     if (count < 2) ++count;
   }

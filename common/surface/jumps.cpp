@@ -6,6 +6,7 @@
 #include <cassert>
 #include <cmath>
 
+#include "common/core/median.h"
 #include "common/core/text.h"
 #include "common/surface/vector.h"
 
@@ -19,12 +20,6 @@ constexpr float kAloneFactor = 6;   // a vertex that moves so much more than the
 constexpr float kEmpty = 1e-3F;     // of the rest pose's size
 constexpr float kOtherSize = 4;     // times or parts of it
 constexpr double kElsewhere = 0.5;  // diagonals between the places of three frames
-
-float median(std::vector<float> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// y up for z up and the like: whether some order of the axes, one of them mirrored or not, brings `after` within a quarter of the
 /// way back to `before`.

@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "common/core/text.h"
+#include "common/surface/edge_uses.h"
 #include "common/surface/vector.h"
 
 namespace eigencast {
@@ -31,26 +32,6 @@ constexpr double kClosed = 1e-6;
 Vec3 normal_of(const Face& face, std::span<const Vec3> positions) {
   const Vec3& corner = positions[face[0]];
   return cross(positions[face[1]] - corner, positions[face[2]] - corner);
-}
-
-/// An edge as one of its faces runs along it.
-struct HalfEdge {
-  std::uint32_t low, high, face;
-  bool upwards;
-};
-
-std::vector<HalfEdge> half_edges_of(std::span<const Face> faces) {
-  std::vector<HalfEdge> half_edges;
-  half_edges.reserve(3 * faces.size());
-  for (std::uint32_t f = 0; f < faces.size(); ++f) {
-    for (std::size_t k = 0; k < 3; ++k) {
-      const std::uint32_t a = faces[f][k], b = faces[f][(k + 1) % 3];
-      if (a != b) half_edges.push_back({std::min(a, b), std::max(a, b), f, a < b});
-    }
-  }
-  std::sort(half_edges.begin(), half_edges.end(),
-            [](const HalfEdge& x, const HalfEdge& y) { return std::pair(x.low, x.high) < std::pair(y.low, y.high); });
-  return half_edges;
 }
 
 }  // namespace
@@ -86,18 +67,15 @@ VertexOrder::VertexOrder(const Surface& rest)
              rest.faces.begin() + static_cast<std::ptrdiff_t>(std::min(rest.faces.size(), kMostFaces))),
       degree_(rest.vertex_count(), 0),
       diagonal_(std::max(bounding_box(rest.positions).diagonal(), 1e-30)) {
-  const std::vector<HalfEdge> half_edges = half_edges_of(faces_);
-  for (std::size_t i = 0; i < half_edges.size(); ++i) {
-    const HalfEdge& edge = half_edges[i];
-    const bool known = i > 0 && half_edges[i - 1].low == edge.low && half_edges[i - 1].high == edge.high;
-    if (known) {
-      if (half_edges[i - 1].upwards != edge.upwards) face_pairs_.emplace_back(half_edges[i - 1].face, edge.face);
-      continue;
+  const std::vector<EdgeUse> uses = edge_uses(faces_, rest.vertex_count());
+  for_each_edge(std::span(uses), [&](std::span<const EdgeUse> edge) {
+    edges_.emplace_back(edge[0].low, edge[0].high);
+    ++degree_[edge[0].low];
+    ++degree_[edge[0].high];
+    for (std::size_t i = 1; i < edge.size(); ++i) {
+      if (edge[i - 1].upwards != edge[i].upwards) face_pairs_.emplace_back(edge[i - 1].face, edge[i].face);
     }
-    edges_.emplace_back(edge.low, edge.high);
-    ++degree_[edge.low];
-    ++degree_[edge.high];
-  }
+  });
   edge_length_ = edge_length(rest.positions);
   at_rest_ = locals(rest.positions);
   rest_.folded = folded(rest.positions);

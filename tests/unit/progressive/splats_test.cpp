@@ -6,27 +6,18 @@
 #include <random>
 
 #include "common/progressive/point_normals.h"
-#include "common/progressive/quadric.h"
 #include "common/progressive/splats.h"
 #include "common/surface/read.h"
 #include "common/surface/shapes.h"
+#include "common/surface/vector.h"
 
 namespace eigencast {
 namespace {
 
-using progressive::cross;
-using progressive::dot;
-using progressive::minus;
-
-double length(const Vec3& a) {
-  return std::sqrt(dot(a, a));
-}
-
 std::vector<Vec3> normals_of_mesh(const Surface& mesh) {
   std::vector<Vec3> normals(mesh.positions.size());
   for (const Face& f : mesh.faces) {
-    const Vec3 n =
-        cross(minus(mesh.positions[f[1]], mesh.positions[f[0]]), minus(mesh.positions[f[2]], mesh.positions[f[0]]));
+    const Vec3 n = cross(mesh.positions[f[1]] - mesh.positions[f[0]], mesh.positions[f[2]] - mesh.positions[f[0]]);
     for (const std::uint32_t corner : f) {
       for (std::size_t d = 0; d < 3; ++d) normals[corner][d] += n[d];
     }
@@ -143,7 +134,7 @@ TEST(Splats, DiscsOfEveryLevelCoverAllPointsThatLookTheirWay) {
     const std::vector<double> radii = cloud.radii(N);
     for (std::uint32_t i = 0; i < n; ++i) {
       const std::uint32_t stand = prefix_corner(cloud.order.map, i, N);
-      const Vec3 e = minus(cloud.rows[i], cloud.rows[stand]);
+      const Vec3 e = cloud.rows[i] - cloud.rows[stand];
       const Vec3 &here = cloud.normals[stand], &there = cloud.normals[i];
       if (dot(here, there) < 0.31) continue;  // on another side of the tube
       EXPECT_LE(length(cross(e, here)), radii[stand] * 1.000001) << i << " at " << N;

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <set>
 
@@ -293,27 +292,6 @@ TEST(Bake, SaysInTheReportWhatWasLowered) {
   EXPECT_NE(result->report.find("42 vertices"), std::string::npos) << result->report;
 }
 
-TEST(Bake, SecondTimeComesFromTheCacheAndIsTheSame) {
-  const TemporaryFolder folder;
-  const Surface surface = make_icosphere(3);
-  const auto first = bake(surface, of_rank(40), folder.path());
-  ASSERT_TRUE(first);
-  EXPECT_FALSE(first->from_cache);
-  std::vector<std::string> stages;
-  const auto second = bake(surface, of_rank(40), folder.path(), [&](double, std::string_view stage) {
-    stages.emplace_back(stage);
-    return true;
-  });
-  ASSERT_TRUE(second);
-  EXPECT_TRUE(second->from_cache);
-  EXPECT_EQ(second->encoded.manifest.id, first->encoded.manifest.id);
-  EXPECT_EQ(second->asset.basis, first->asset.basis);
-  EXPECT_EQ(second->report, first->report);
-  EXPECT_EQ(second->residual, first->residual);
-  EXPECT_TRUE(second->certified);
-  EXPECT_EQ(std::count(stages.begin(), stages.end(), "eigenvectors"), 0);
-}
-
 TEST(Bake, ColoursStayWithTheirVertices) {
   const TemporaryFolder folder;
   const Surface surface = make_icosphere(2);
@@ -386,65 +364,6 @@ TEST(Bake, ATextureGoesWithTheAssetAndOthersAreSaid) {
   ASSERT_TRUE(second && second->asset.texture);
   EXPECT_EQ(second->asset.texture->image, looks.images[1].bytes);
   EXPECT_NE(second->report.find("left out"), std::string::npos);
-}
-
-TEST(Bake, CacheTellsSurfacesAndOptionsApart) {
-  const TemporaryFolder folder;
-  const Surface surface = make_icosphere(2);
-  ASSERT_TRUE(bake(surface, of_rank(30), folder.path()));
-  Surface moved = surface;
-  moved.positions[5][1] = std::nextafter(moved.positions[5][1], 9.0);
-  Surface turned = surface;
-  std::swap(turned.faces[3][0], turned.faces[3][1]);
-  BakeOptions named = of_rank(30);
-  named.name = "other";
-  const auto fresh = [&](const Surface& s, const BakeOptions& options) {
-    const auto result = bake(s, options, folder.path());
-    return result && !result->from_cache;
-  };
-  EXPECT_TRUE(fresh(moved, of_rank(30)));
-  EXPECT_TRUE(fresh(turned, of_rank(30)));
-  EXPECT_TRUE(fresh(surface, of_rank(31)));
-  EXPECT_TRUE(fresh(surface, of_rank(30, "harmonic")));
-  BakeOptions smooth = of_rank(30, "harmonic");
-  smooth.detail = DetailKind::kNone;
-  EXPECT_TRUE(fresh(surface, smooth));
-  EXPECT_TRUE(fresh(surface, named));
-  const Surface cloud{surface.positions, {}};
-  BakeOptions by_kernel = of_rank(30);
-  by_kernel.points_operator = "pb-mhb";
-  EXPECT_TRUE(fresh(cloud, of_rank(30)));
-  EXPECT_TRUE(fresh(cloud, by_kernel));
-  EXPECT_FALSE(fresh(surface, of_rank(30)));
-}
-
-TEST(Bake, DamagedCacheIsBakedAgain) {
-  const TemporaryFolder folder;
-  const Surface surface = make_icosphere(2);
-  const auto first = bake(surface, of_rank(30), folder.path());
-  ASSERT_TRUE(first);
-  std::vector<fs::path> files;
-  for (const auto& entry : fs::recursive_directory_iterator(folder.path())) {
-    if (entry.is_regular_file()) files.push_back(entry.path());
-  }
-  ASSERT_GE(files.size(), 3U);  // a record, a manifest, a chunk
-  for (const fs::path& file : files) {
-    fs::resize_file(file, fs::file_size(file) / 2);
-    const auto again = bake(surface, of_rank(30), folder.path());
-    ASSERT_TRUE(again);
-    EXPECT_FALSE(again->from_cache) << file;
-    EXPECT_EQ(again->encoded.manifest.id, first->encoded.manifest.id);
-    EXPECT_TRUE(bake(surface, of_rank(30), folder.path())->from_cache);
-  }
-}
-
-TEST(Bake, DoesWithoutACacheThatCannotBeWritten) {
-  const TemporaryFolder folder;
-  std::ofstream(folder.path() / "a-file") << "x";
-  const auto baked = bake(make_icosphere(1), of_rank(4), (folder.path() / "a-file").string());
-  ASSERT_TRUE(baked) << baked.error().message;
-  EXPECT_NE(baked->not_kept.find("a-file"), std::string::npos) << baked->not_kept;
-  EXPECT_EQ(bake(make_icosphere(1), of_rank(4), (folder.path() / "cache").string())->not_kept, "");
 }
 
 TEST(Bake, CanBeStoppedAtEveryStage) {
