@@ -35,9 +35,12 @@ namespace eigencast {
 namespace {
 
 /// Grows with every change of what a bake gives for the same input, so that old results are not found again.
-constexpr std::uint32_t kRecipe = 9;
+constexpr std::uint32_t kRecipe = 10;
 constexpr std::array<std::uint32_t, 3> kBandEnds = {14, 54,
                                                     104};  // after 4 affine columns, whole turns of the augmented basis
+
+// Across a surface, so that its masses and a basis over them are numbers of 32 bits.
+constexpr double kLeastSize = 1e-15, kMostSize = 1e15;
 
 constexpr std::size_t kPosesOfLevels = 6;              // more change little
 constexpr std::size_t kMostPosedVertices = 1'200'000;  // of all those poses: 100 bytes each
@@ -132,6 +135,12 @@ Result<void> check_options(const Surface& surface, const BakeOptions& options) {
   }
   if (!(options.asset_error >= 0 && options.asset_error <= 0.1)) {
     return fail(ErrorCode::kInvalidArgument, "an asset error that is not between 0 and 0.1 of the diagonal");
+  }
+  const double size = bounding_box(surface.positions).diagonal();
+  if (size > 0 && !(size >= kLeastSize && size <= kMostSize)) {
+    return fail(ErrorCode::kInvalidArgument,
+                formatted("the surface is %.1g units across; assets and streams hold %.0e to %.0e: choose another unit",
+                          size, kLeastSize, kMostSize));
   }
   const double needed = bake_bytes(surface.vertex_count(), options);
   if (const double there = usable_memory(); needed > there) {

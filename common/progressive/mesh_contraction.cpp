@@ -57,6 +57,7 @@ class MeshContraction {
   void contract_all(Rules rules, std::size_t goal);
   bool contract_queue(std::size_t goal);
   void consider(std::uint32_t u);
+  bool has_too_many_neighbours(const std::vector<Neighbour>& around_u) const;
   void contract(std::uint32_t u, std::uint32_t v);
   void drop_face(std::uint32_t f);
   void remove_lone(std::uint32_t u);
@@ -258,10 +259,20 @@ bool MeshContraction::contract_queue(std::size_t goal) {
   return any;
 }
 
+/// Whether no contraction of a vertex with these neighbours is legal, whichever it is: asking one by one takes the hub of a wheel
+/// of thousands of faces hours.
+bool MeshContraction::has_too_many_neighbours(const std::vector<Neighbour>& around_u) const {
+  if (rules_ != Rules::kTopology || around_u.size() <= kMostNeighbours + 4) return false;
+  const auto most = std::max_element(around_u.begin(), around_u.end(),
+                                     [](const Neighbour& a, const Neighbour& b) { return a.faces < b.faces; });
+  return around_u.size() > kMostNeighbours + 2 + most->faces;
+}
+
 // Puts the cheapest legal contraction of u in the queue, in place of the one that was there.
 void MeshContraction::consider(std::uint32_t u) {
   ++version_[u];
   gather_neighbours(u, around_from_);
+  if (has_too_many_neighbours(around_from_)) return;
   choices_.clear();
   for (const Neighbour& v : around_from_) {
     choices_.push_back({cost(u, v.vertex), u, v.vertex, version_[u]});

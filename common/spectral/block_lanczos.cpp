@@ -17,9 +17,10 @@ constexpr Eigen::Index kWidth = kPanelWidth;
 constexpr double kTolerance = 1e-9;  // of 1 / (lambda - sigma), before the power step that pairs() adds
 constexpr double kDigits = 20;       // natural logarithm of what a Krylov space must damp, for a guess of its size
 constexpr int kMaxRestarts = 40;
-constexpr double kLost = 1e-10;  // share of a column's length below which what is left of it is rounding
-constexpr double kShort = 1e-3;  // share below which it is orthogonalised once more
-constexpr int kMaxRounds = 8;    // of orthonormalising a block
+constexpr double kLost = 1e-10;           // share of a column's length below which what is left of it is rounding
+constexpr double kShort = 1e-3;           // share below which it is orthogonalised once more
+constexpr int kMaxRounds = 8;             // of orthonormalising a block
+constexpr int kMaxReplaced = 4 * kWidth;  // columns of a block, some of them again
 
 using Small = Eigen::Matrix<double, kWidth, kWidth>;
 
@@ -71,15 +72,22 @@ class BlockLanczos {
     return along;
   }
 
-  /// Against what is deflated, then against the panels from `first` on, where W is known to have most, then against all:
-  /// twice is enough (Parlett 1980, "The Symmetric Eigenvalue Problem"). Returns what lay along those from `first` on.
-  Eigen::MatrixXd orthogonalise(double* W, Eigen::Index first) const {
+  void subtract_deflated(double* W) const {
     for (const Panels* panels : deflated_) {
       subtract_product(*panels, 0, panels->count(), transposed_product(*panels, 0, panels->count(), W), W);
     }
+  }
+
+  /// Against what is deflated, then against the panels from `first` on, where W is known to have most, then against all:
+  /// twice is enough (Parlett 1980, "The Symmetric Eigenvalue Problem"). Last once more against what is deflated: what the panels
+  /// have of it by rounding grows from block to block otherwise, until the kernel stands among them. Returns what lay along those
+  /// from `first` on.
+  Eigen::MatrixXd orthogonalise(double* W, Eigen::Index first) const {
+    subtract_deflated(W);
     Eigen::MatrixXd along = subtract_along(W, first);
     const Eigen::MatrixXd rest = subtract_along(W, 0);
     along += rest.bottomRows(along.rows());
+    subtract_deflated(W);
     return along;
   }
 
@@ -106,17 +114,23 @@ class BlockLanczos {
   Small orthonormalise(double* W, const Eigen::VectorXd& lengths) {
     Small R = Small::Identity();
     bool fresh = true;
-    for (int round = 0; round < kMaxRounds; ++round) {
+    for (int round = 0, replaced = 0; round < kMaxRounds && replaced < kMaxReplaced;) {
       const Small G = panel_gram(W, n_);
       if ((G - Small::Identity()).cwiseAbs().maxCoeff() < 1e-13) break;
       const Eigen::VectorXd least = fresh ? Eigen::VectorXd(kLost * lengths) : Eigen::VectorXd::Constant(kWidth, 1e-7);
       Small upper;
       const Eigen::Index bad = cholesky(G, least, upper);
       if (bad < kWidth) {
-        replace_by_random(W, bad);
+        // It is made of those before it; what takes its place is no part of W.
+        const Eigen::VectorXd along =
+            upper.topLeftCorner(bad, bad).triangularView<Eigen::Upper>().solve(upper.col(bad).head(bad));
+        R.topRows(bad) += along * R.row(bad);
         R.row(bad).setZero();
+        replace_by_random(W, bad);
+        ++replaced;
         continue;
       }
+      ++round;
       multiply_panel(W, n_, upper.triangularView<Eigen::Upper>().solve(Small::Identity()));
       R = upper * R;
       if (fresh && (upper.diagonal().array() < kShort * lengths.array()).any()) orthogonalise(W, 0);

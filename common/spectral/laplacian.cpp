@@ -15,6 +15,7 @@
 #include "common/spectral/point_kernel.h"
 #include "common/surface/check.h"
 #include "common/surface/edge_uses.h"
+#include "common/surface/vector.h"
 
 namespace eigencast {
 namespace {
@@ -91,9 +92,12 @@ Assembly assemble(std::span<const Vec3> positions, std::span<const Face> faces, 
   for (const Face& f : faces) lengths.push_back(lengths_of(positions, f));
   if (lengths.empty()) return result;
   const double epsilon = mollification(lengths);
+  for (const Face& f : faces) {
+    const Vec3& corner = positions[f[0]];
+    result.area += scale / 2 * length(cross(positions[f[1]] - corner, positions[f[2]] - corner));
+  }
   for (EdgeLengths& l : lengths) {
-    result.area += scale * area_from_lengths(l);
-    for (double& length : l) length += epsilon;
+    for (double& edge : l) edge += epsilon;
   }
   if (!delaunay) {
     add_faces(faces, lengths, scale, result);

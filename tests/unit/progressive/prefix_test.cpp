@@ -3,8 +3,11 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <cmath>
 #include <limits>
 #include <set>
+#include <span>
 
 #include "tests/unit/progressive/meshes.h"
 
@@ -326,6 +329,22 @@ TEST(Prefix, RefusesWhatIsNoSurface) {
   surface = sphere(1);
   surface.positions[7][2] = std::numeric_limits<double>::quiet_NaN();
   EXPECT_NE(build_prefix_order(surface).error().message.find("vertex 7"), std::string::npos);
+}
+
+// Without its guard the hub would be asked about each of its neighbours after each contraction.
+TEST(Prefix, AWheelOfThousandsOfFacesIsContracted) {
+  constexpr std::uint32_t kRim = 4000;
+  Surface wheel{{{0, 0, 0.5}}, {}};
+  for (std::uint32_t i = 0; i < kRim; ++i) {
+    const double angle = 2 * M_PI * i / kRim;
+    wheel.positions.push_back({std::cos(angle), std::sin(angle), 0});
+    wheel.faces.push_back({0, 1 + i, 1 + (i + 1) % kRim});
+  }
+  const PrefixOrder order = order_of(wheel);
+  expect_valid(wheel, order);
+  EXPECT_LE(order.base_count, 50u);
+  const auto base = std::span(order.order).first(order.base_count);
+  EXPECT_NE(std::find(base.begin(), base.end(), 0u), base.end()) << "the hub";
 }
 
 TEST(PrefixPoses, NoFaceOfALevelLiesAcrossWhatIsFoldedInAnotherPose) {

@@ -257,6 +257,9 @@ TEST(Bake, RefusesWhatCannotBeStreamed) {
       {{{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {3, 0, 0}, {9, 0, 0}}, {}},
       {{{0, 0, 0}, {1, 0, 0}, {0, kNan, 0}, {3, 0, 0}}, face},
       {{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {3, 0, 0}}, {{0, 1, 4}}},  // a vertex that is not there
+      {{{0, 0, 0}, {0.1, 0.1, 0.1}, {0.2, 0.2, 0.2}, {0.7, 0.7, 0.7}}, face},
+      {{{0, 0, 0}, {1e30, 0, 0}, {0, 1e30, 0}, {0, 0, 1e30}}, face},  // numbers of 32 bits do not hold its area
+      {{{0, 0, 0}, {1e-30, 0, 0}, {0, 1e-30, 0}, {0, 0, 1e-30}}, face},
   };
   for (std::size_t i = 0; i < surfaces.size(); ++i) {
     const auto result = bake(surfaces[i], of_rank(20));
