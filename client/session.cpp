@@ -76,6 +76,10 @@ std::string Session::name_of_surface(std::size_t surface) const {
   return info && !info->stream.empty() ? info->stream : connections_.name(placement.source);
 }
 
+Subscriber::State Session::state_of_surface(std::size_t surface) const {
+  return connections_.stats(scene_.instances()[surface].placement.source).state;
+}
+
 bool Session::poll(std::chrono::milliseconds timeout) {
   if (sources().empty()) {
     std::this_thread::sleep_for(timeout);

@@ -56,6 +56,8 @@ class Session final {
   const std::vector<PoseSource*>& sources() const { return connections_.sources(); }
   /// What people call a surface: its own name, or its stream's.
   std::string name_of_surface(std::size_t surface) const;
+  /// How its stream stood when update() was called last.
+  Subscriber::State state_of_surface(std::size_t surface) const;
 
   /// Who rebuilds the surfaces from now on; must outlive the session.
   void rebuild_with(const RebuilderChoice& choice);

@@ -23,7 +23,8 @@ void draw_surfaces(Session& session, UiRequests& requests, TextField& to_open, f
     const double level = asset == nullptr ? 0
                                           : static_cast<double>(instance.view.geometry().vertex_count()) /
                                                 std::max(1U, asset->vertex_count);
-    std::snprintf(line, sizeof line, "%s, detail %.2f", std::string(name_of(source.stats().state)).c_str(), level);
+    std::snprintf(line, sizeof line, "%s, detail %.2f", std::string(name_of(session.state_of_surface(i))).c_str(),
+                  level);
     ImGui::TextDisabled("      %s", line);
     ImGui::SameLine(ImGui::GetContentRegionAvail().x - 54 * scale);
     if (ImGui::SmallButton("remove")) requests.remove = i;
