@@ -53,7 +53,6 @@ LIBRARIES = {
     "tinygltf": (r"tiny_gltf\.h", {"common/surface"}, 1),
     "METIS": (r"metis\.h", {"common/spectral"}, 1),
     "nanoflann": (r"nanoflann\.hpp", {"common/spectral", "common/progressive"}, 4),
-    "meshoptimizer": (r"meshoptimizer\.h", {"common/progressive"}, 2),
     "zstd": (r"zstd\.h", {"common/asset"}, 2),
     "OpenSSL": (r"openssl/", {"common/core/hash", "common/net", "broker", "broker/websocket"}, 10),
     "Boost": (r"boost/", {"common/net", "broker"}, 36),
