@@ -12,6 +12,8 @@ constexpr double kCoarsest = 63;
 /// Octaves of spacing per octave of rate and second: doubling the spacing saves about half of the bits.
 constexpr double kGainPerSecond = 3;
 constexpr TimeUs kBandPauseUs = 2'000'000;
+/// A band that has stayed for so long stays; one that had to go before is waited for twice as long, at most so long.
+constexpr TimeUs kLongestBandPauseUs = 64'000'000;
 /// Bands come back when the spacing is at most this, so that adding one does not take it to its end again.
 constexpr double kRoomForABand = 24;
 
@@ -23,6 +25,7 @@ RateControl::RateControl(double target_bits_per_s, std::uint8_t finest, std::uin
       all_bands_(bands),
       log_spacing_(std::log2(static_cast<double>(finest))),
       bits_per_s_(target_bits_per_s),
+      band_pause_us_(kBandPauseUs),
       choice_{finest, bands} {}
 
 void RateControl::add(std::size_t bytes, TimeUs capture_us) {
@@ -40,13 +43,21 @@ void RateControl::add(std::size_t bytes, TimeUs capture_us) {
   log_spacing_ = std::clamp(log_spacing_ + kGainPerSecond * excess * seconds, low, high);
   choice_.half_spacing = static_cast<std::uint8_t>(std::lround(std::exp2(log_spacing_)));
 
-  if (capture_us - bands_changed_us_ < kBandPauseUs) return;
+  const TimeUs since_us = capture_us - bands_changed_us_;
+  if (since_us < kBandPauseUs) return;
+  if (band_on_trial_ && since_us >= kLongestBandPauseUs) {
+    band_on_trial_ = false;
+    band_pause_us_ = kBandPauseUs;
+  }
   const bool too_much = log_spacing_ >= high && excess > 0 && choice_.bands > 1;
   const bool room = std::exp2(log_spacing_) <= std::max(kRoomForABand, double{1} * finest_) && excess <= 0;
   if (too_much) {
     --choice_.bands;
-  } else if (room && choice_.bands < all_bands_) {
+    if (band_on_trial_) band_pause_us_ = std::min(2 * band_pause_us_, kLongestBandPauseUs);
+    band_on_trial_ = false;
+  } else if (room && choice_.bands < all_bands_ && since_us >= band_pause_us_) {
     ++choice_.bands;
+    band_on_trial_ = true;
   } else {
     return;
   }

@@ -11,7 +11,8 @@
 namespace eigencast {
 
 /// Moves the spacing of levels, and where that is not enough the number of bands, so that a stream keeps to a bit rate.
-/// The spacing follows the ratio of spent to allowed bits smoothly, within about a second; bands come back one by one.
+/// The spacing follows the ratio of spent to allowed bits smoothly, within about a second; bands come back one by one, and one that
+/// had to go again ever later.
 class RateControl {
  public:
   struct Choice {
@@ -34,6 +35,8 @@ class RateControl {
   double bits_per_s_;   ///< Of the last half second or so.
   std::optional<TimeUs> last_us_;
   TimeUs bands_changed_us_ = 0;
+  TimeUs band_pause_us_;        ///< Before a band comes back.
+  bool band_on_trial_ = false;  ///< The last change was that one came back.
   Choice choice_;
 };
 

@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import urllib.request
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
@@ -127,6 +128,17 @@ class Stage:
     def bake(self, clip):
         """Once, before anybody waits for its poses; it stays in the cache."""
         self.wait(self.start("eigencast-sender", "--no-progress", "bake", clip), 300)
+
+    def wait_live(self, stream, seconds=120):
+        """Until its sender has begun, which takes a busy machine longer than a viewer waits."""
+        end = time.monotonic() + seconds
+        while True:
+            with urllib.request.urlopen(f"http://127.0.0.1:{self.port}/v1/streams") as answer:
+                if any(s["stream"] == stream and s["state"] == "live" for s in json.load(answer)["streams"]):
+                    return
+            if time.monotonic() > end:
+                sys.exit(f"nobody sends {stream}:\n{self.running[-1].log.read_text()[-2000:]}")
+            time.sleep(0.05)
 
     def url(self, stream, port=None):
         return f"ws://127.0.0.1:{port or self.port}/{stream}"

@@ -10,16 +10,18 @@ import sys
 from common import Stage, clip_argument, drawn, lines_of, parser, rms_over_diagonal, strip, watch, write_table
 
 CLIPS = ("elephant-gallop", "horse-gallop")
+CLIP_FRAMES = 48  # Of either; they are played again and again.
 FRAMES = (15, 16, 17, 18)  # Keys are every third.
 SLOWED = 10  # Frames of the clip take so many times as long.
 
 
 def play(stage, clip, stream, query, keys_hz):
     """Pictures by frame of the clip, with so many keys a second of the clip's own time."""
-    viewer = watch(stage, stream, query, 12, "--view", "right")
     sent = stage.folder / f"{stream}.jsonl"
     sender = stage.start("eigencast-sender", "--no-progress", "play", clip, "--rate", keys_hz / SLOWED, "--speed", 1 / SLOWED, "--to",
                          stage.url(stream), "--codec", "float64", "--record", sent)
+    stage.wait_live(stream)
+    viewer = watch(stage, stream, query, 22, "--view", "right")  # The clip takes 16 s, and begins anew.
     pictures, report = drawn(stage, viewer)
     sender.terminate()
     sender.wait(20)
@@ -28,7 +30,7 @@ def play(stage, clip, stream, query, keys_hz):
     for picture in pictures:
         frame = (picture["capture_us"] - first["capture_us"]) * 30e-6 / SLOWED + first["frame"]
         if abs(frame - round(frame)) < 0.02:
-            by_frame.setdefault(round(frame), picture)
+            by_frame.setdefault(round(frame) % CLIP_FRAMES, picture)
     return by_frame, report
 
 

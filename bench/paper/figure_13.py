@@ -27,9 +27,10 @@ def nearest(pictures, capture_us):
 
 def estimated(stage, clip, poses, scheme):
     """The pictures of frames LAST + STEPS as estimated."""
-    viewer = watch(stage, scheme, f"rate=estimated&k=3&scheme={scheme}", 14, *VIEW)
     sender = stage.start("eigencast-sender", "--no-progress", "pipe", "--mesh", pathlib.Path(clip).with_name("rest.obj"), "--to",
                          stage.url(scheme), "--codec", "float64", stdin=subprocess.PIPE)
+    stage.wait_live(scheme)
+    viewer = watch(stage, scheme, f"rate=estimated&k=2&scheme={scheme}", 14, *VIEW)
     time.sleep(3)
     begin = time.monotonic()
     for number, pose in enumerate(poses[:LAST + 1]):
@@ -50,9 +51,10 @@ def estimated(stage, clip, poses, scheme):
 
 def clip_itself(stage, clip, truth):
     """Pictures of the clip's own frames LAST and LAST + STEPS."""
-    viewer = watch(stage, "true", "rate=raw", 14, *VIEW)
     sender = stage.start("eigencast-sender", "--no-progress", "play", clip, "--rate", 3, "--speed", 0.1, "--to",
                          stage.url("true"), "--codec", "float64")
+    stage.wait_live("true")
+    viewer = watch(stage, "true", "rate=raw", 18, *VIEW)
     pictures, _ = drawn(stage, viewer)
     sender.terminate()
     sender.wait(20)

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 namespace eigencast {
 namespace {
@@ -45,6 +46,27 @@ TEST(RateControl, DropsBandsWhereSpacingIsNotEnoughAndTakesThemBack) {
   EXPECT_GE(control.choice().bands, 1);
   for (; frame <= 2000; ++frame) control.add(frame_bytes(control.choice(), 100), frame * kFrameUs);
   EXPECT_EQ(control.choice().bands, 4);
+}
+
+/// One band leaves room for another, which is then too much at any spacing.
+TEST(RateControl, ABandThatHadToGoAgainIsWaitedForEverLonger) {
+  RateControl control(14'400, 4, 4);
+  std::vector<TimeUs> raised;
+  double late_bits = 0;
+  constexpr int kFrames = 240 * 30;
+  for (int frame = 1; frame <= kFrames; ++frame) {
+    const RateControl::Choice before = control.choice();
+    const std::size_t bytes = 20u + 24u * before.bands + 60u / before.half_spacing;
+    if (frame > kFrames / 2) late_bits += static_cast<double>(bytes) * 8;
+    control.add(bytes, frame * kFrameUs);
+    if (control.choice().bands > before.bands) raised.push_back(frame * kFrameUs);
+  }
+  ASSERT_GE(raised.size(), 4u) << "it is tried";
+  EXPECT_LE(raised.size(), 8u);
+  EXPECT_GE(raised.back() - raised[raised.size() - 2], 30'000'000);
+  EXPECT_NEAR(late_bits / (kFrames / 2 * kFrameUs * 1e-6), 14'400, 0.05 * 14'400);
+  for (int frame = kFrames + 1; frame <= 3 * kFrames; ++frame) control.add(30, frame * kFrameUs);
+  EXPECT_EQ(control.choice().bands, 4) << "where there is room they all come back";
 }
 
 /// What a receiver knows at each time: it interpolates between held keys, or goes on along the last two.
