@@ -13,6 +13,7 @@ CLIPS = ("elephant-gallop", "horse-gallop")
 CLIP_FRAMES = 48  # Of either; they are played again and again.
 FRAMES = (15, 16, 17, 18)  # Keys are every third.
 SLOWED = 10  # Frames of the clip take so many times as long.
+LOD = 0.3  # As much as a picture of this size shows, drawn in time without a graphics card.
 
 
 def play(stage, clip, stream, query, keys_hz):
@@ -21,7 +22,7 @@ def play(stage, clip, stream, query, keys_hz):
     sender = stage.start("eigencast-sender", "--no-progress", "play", clip, "--rate", keys_hz / SLOWED, "--speed", 1 / SLOWED, "--to",
                          stage.url(stream), "--codec", "float64", "--record", sent)
     stage.wait_live(stream)
-    viewer = watch(stage, stream, query, 22, "--view", "right")  # The clip takes 16 s, and begins anew.
+    viewer = watch(stage, stream, query, 22, "--view", "right", "--lod", LOD)  # The clip takes 16 s, and begins anew.
     pictures, report = drawn(stage, viewer)
     sender.terminate()
     sender.wait(20)

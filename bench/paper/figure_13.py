@@ -16,7 +16,7 @@ CLIP, FRAMES = "horse-gallop", 48
 LAST = 20      # The last frame that is sent.
 KEYS_HZ = 3.0  # In place of 30.
 STEPS = (1, 2, 3)
-VIEW = ("--view", "right")
+VIEW = ("--view", "right", "--lod", 0.4)  # As much as a picture of this size shows, drawn in time without a graphics card.
 
 
 def nearest(pictures, capture_us):
