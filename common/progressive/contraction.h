@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <span>
 #include <utility>
@@ -28,9 +29,10 @@ struct Candidate {
 
 /// Contractions of a mesh in the order in which they are made, at least cost over all poses, the rest pose first and alone in
 /// saying what hangs together. No face has a repeated corner; positions (n in each pose) are finite and have been brought to
-/// unit size. `seams`: edges (the lower vertex first; ascending) that hold their line as boundaries do.
+/// unit size. `seams`: edges (the lower vertex first; ascending) that hold their line as boundaries do. Ends early once it is unwanted.
 std::vector<Step> contract_mesh(std::span<const std::vector<Vec3>> poses, std::span<const Face> faces,
-                                std::span<const std::pair<std::uint32_t, std::uint32_t>> seams = {});
+                                std::span<const std::pair<std::uint32_t, std::uint32_t>> seams,
+                                const std::atomic<bool>& unwanted);
 
 /// Contractions of a point cloud in the order in which they are made. Positions as above.
 std::vector<Step> contract_points(std::span<const Vec3> positions);

@@ -39,7 +39,7 @@ double longest_edge2(std::span<const Vec3> x, const Face& face) {
 class MeshContraction {
  public:
   MeshContraction(std::span<const std::vector<Vec3>> poses, std::span<const Face> faces,
-                  std::span<const std::pair<std::uint32_t, std::uint32_t>> seams);
+                  std::span<const std::pair<std::uint32_t, std::uint32_t>> seams, const std::atomic<bool>& unwanted);
   std::vector<Step> run();
 
  private:
@@ -73,6 +73,7 @@ class MeshContraction {
   }
   Quadric& quadric(std::size_t pose, std::uint32_t u) { return quadrics_[pose * x_.size() + u]; }
 
+  const std::atomic<bool>& unwanted_;
   std::span<const std::vector<Vec3>> poses_;
   std::span<const Vec3> x_;  ///< At rest: poses_[0].
   std::span<const std::pair<std::uint32_t, std::uint32_t>> seams_;
@@ -98,8 +99,10 @@ class MeshContraction {
 };
 
 MeshContraction::MeshContraction(std::span<const std::vector<Vec3>> poses, std::span<const Face> faces,
-                                 std::span<const std::pair<std::uint32_t, std::uint32_t>> seams)
-    : poses_(poses),
+                                 std::span<const std::pair<std::uint32_t, std::uint32_t>> seams,
+                                 const std::atomic<bool>& unwanted)
+    : unwanted_(unwanted),
+      poses_(poses),
       x_(poses.front()),
       seams_(seams),
       faces_(faces.begin(), faces.end()),
@@ -225,9 +228,9 @@ double MeshContraction::cost(std::uint32_t u, std::uint32_t v) const {
 void MeshContraction::contract_all(Rules rules, std::size_t goal) {
   rules_ = rules;
   // A contraction can make another legal two edges away, which nobody looks at then: hence the rounds.
-  for (bool progress = true; progress && alive_count_ > goal;) {
+  for (bool progress = true; progress && alive_count_ > goal && !unwanted_;) {
     queue_ = {};
-    for (std::uint32_t v = 0; v < x_.size(); ++v) {
+    for (std::uint32_t v = 0; v < x_.size() && !unwanted_; ++v) {
       if (alive_[v]) consider(v);
     }
     const std::size_t before = alive_count_;
@@ -237,7 +240,7 @@ void MeshContraction::contract_all(Rules rules, std::size_t goal) {
 
 bool MeshContraction::contract_queue(std::size_t goal) {
   bool any = false;
-  while (alive_count_ > goal && !queue_.empty()) {
+  while (alive_count_ > goal && !queue_.empty() && !unwanted_) {
     const Candidate top = queue_.top();
     queue_.pop();
     if (!alive_[top.from] || top.version != version_[top.from]) continue;
@@ -405,8 +408,9 @@ bool MeshContraction::keeps_sides(std::span<const Vec3> x, std::uint32_t u, std:
 }  // namespace
 
 std::vector<Step> contract_mesh(std::span<const std::vector<Vec3>> poses, std::span<const Face> faces,
-                                std::span<const std::pair<std::uint32_t, std::uint32_t>> seams) {
-  return MeshContraction(poses, faces, seams).run();
+                                std::span<const std::pair<std::uint32_t, std::uint32_t>> seams,
+                                const std::atomic<bool>& unwanted) {
+  return MeshContraction(poses, faces, seams, unwanted).run();
 }
 
 }  // namespace eigencast::progressive

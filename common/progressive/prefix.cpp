@@ -156,7 +156,7 @@ void order_faces(const Surface& surface, PrefixOrder& prefix) {
 
 Result<PrefixOrder> build_prefix_order(const Surface& surface,
                                        std::span<const std::pair<std::uint32_t, std::uint32_t>> seams,
-                                       std::span<const std::vector<Vec3>> others) {
+                                       std::span<const std::vector<Vec3>> others, const std::atomic<bool>& unwanted) {
   if (auto ok = check(surface); !ok) return ok.error();
   const std::vector<std::vector<Vec3>> poses = unit_poses(surface.positions, others);
   const std::vector<Vec3>& positions = poses.front();
@@ -165,9 +165,9 @@ Result<PrefixOrder> build_prefix_order(const Surface& surface,
     if (has_three_corners(face, surface.vertex_count())) faces.push_back(face);
   }
   PrefixOrder prefix;
-  order_vertices(
-      faces.empty() ? progressive::contract_points(positions) : progressive::contract_mesh(poses, faces, seams),
-      positions, prefix);
+  order_vertices(faces.empty() ? progressive::contract_points(positions)
+                               : progressive::contract_mesh(poses, faces, seams, unwanted),
+                 positions, prefix);
   order_faces(surface, prefix);
   return prefix;
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <span>
 #include <utility>
@@ -27,6 +28,9 @@ struct PrefixOrder {
   std::vector<std::uint32_t> face_source;  ///< One per face: its number in the source.
 };
 
+/// Of an order that nobody calls off.
+inline const std::atomic<bool> kWanted = false;
+
 /// Half-edge contraction with quadrics (Garland & Heckbert 1997, "Surface Simplification Using Quadric Error Metrics"):
 /// meshes; half point-pair contraction with point quadrics (Pauly, Gross, Kobbelt 2002, "Efficient simplification of
 /// point-sampled surfaces"): point clouds. The same bits for the same surface; on the order of a second for 100,000
@@ -46,10 +50,12 @@ struct PrefixOrder {
 ///   seams  edges (vertices, the lower one first; ascending) that are kept as boundaries are: of texture coordinates, say
 ///   poses  of a mesh: others (n each) that its levels are to look like, too. What bends in them keeps its vertices, and faces show
 ///          their side in all (Mohr & Gleicher 2003, "Deformation sensitive decimation"). Takes 100 bytes a vertex for each
+///   unwanted  set by another thread: an order of a mesh comes soon then, whose base is as large as it happens to be
 /// REQUIRES: the poses are of the surface's size, and finite.
 Result<PrefixOrder> build_prefix_order(const Surface& surface,
                                        std::span<const std::pair<std::uint32_t, std::uint32_t>> seams = {},
-                                       std::span<const std::vector<Vec3>> poses = {});
+                                       std::span<const std::vector<Vec3>> poses = {},
+                                       const std::atomic<bool>& unwanted = kWanted);
 
 /// Number of faces that exist with N vertices. O(log F). REQUIRES: N <= n.
 std::uint32_t prefix_face_count(std::span<const std::uint32_t> death, std::uint32_t N);
