@@ -20,7 +20,8 @@ Key key_number(int i) {
   key.bands = 3;
   key.step = 100;
   key.q.resize(24);
-  for (int j = 0; j < 24; ++j) key.q[static_cast<std::size_t>(j)] = (i * i * (j + 1)) % 977 - 400 + 7 * j;
+  const int n = i % 977;  // Long streams have large numbers, whose squares do not fit.
+  for (int j = 0; j < 24; ++j) key.q[static_cast<std::size_t>(j)] = (n * n * (j + 1)) % 977 - 400 + 7 * j;
   return key;
 }
 
