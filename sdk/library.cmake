@@ -8,6 +8,7 @@ target_include_directories(eigencast PUBLIC
   "$<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/include>" "$<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>")
 target_compile_definitions(eigencast PRIVATE EIGENCAST_VERSION="${PROJECT_VERSION}")
 target_link_libraries(eigencast PRIVATE $<BUILD_INTERFACE:eigencast_flags> $<BUILD_INTERFACE:eigencast_sdk>)
+eigencast_use_precompiled(eigencast eigencast_headers)
 # The static rooms bring symbols of header-only libraries along; the version script keeps all of them inside.
 target_link_options(eigencast PRIVATE "-Wl,--version-script=${CMAKE_CURRENT_SOURCE_DIR}/eigencast.map")
 set_target_properties(eigencast PROPERTIES

@@ -13,8 +13,6 @@
 namespace eigencast {
 namespace {
 
-using text::quoted;
-
 enum class Scalar { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat32, kFloat64 };
 
 struct ScalarName {
@@ -197,7 +195,7 @@ class PlyGuard {
       } else if (keyword == "property") {
         taken = take_property(rest);
       } else if (keyword != "comment" && keyword != "obj_info" && !keyword.empty()) {
-        taken = corrupt("the header says " + quoted(keyword) + ", which is not PLY");
+        taken = corrupt("the header says " + text::quoted(keyword) + ", which is not PLY");
       }
       if (!taken) return taken;
     }
@@ -213,7 +211,7 @@ class PlyGuard {
     } else if (name == "binary_big_endian") {
       encoding_ = Encoding::kBig;
     } else {
-      return corrupt("format " + quoted(name) + " is none of PLY's");
+      return corrupt("format " + text::quoted(name) + " is none of PLY's");
     }
     return {};
   }
@@ -223,7 +221,7 @@ class PlyGuard {
     element.name = text::take_token(rest);
     const std::string_view token = text::take_token(rest);
     const auto count = text::integer_from_token(token);
-    if (!count || *count < 0) return corrupt(quoted(token) + " is no count of elements");
+    if (!count || *count < 0) return corrupt(text::quoted(token) + " is no count of elements");
     element.count = static_cast<std::uint64_t>(*count);
     if (elements_.size() >= kMaxElements) return corrupt("more than " + std::to_string(kMaxElements) + " elements");
     elements_.push_back(std::move(element));
@@ -242,12 +240,12 @@ class PlyGuard {
       const std::string_view count_type = text::take_token(rest);
       property.list_count = scalar_from_name(count_type);
       if (!property.list_count || *property.list_count >= Scalar::kFloat32) {
-        return corrupt(quoted(count_type) + " is no type of a list's length");
+        return corrupt(text::quoted(count_type) + " is no type of a list's length");
       }
       type = text::take_token(rest);
     }
     const auto scalar = scalar_from_name(type);
-    if (!scalar) return corrupt(quoted(type) + " is none of PLY's types");
+    if (!scalar) return corrupt(text::quoted(type) + " is none of PLY's types");
     property.scalar = *scalar;
     property.name = text::take_token(rest);
     element.properties.push_back(std::move(property));
@@ -267,8 +265,8 @@ class PlyGuard {
       // The last token of a text may lack its blank.
       if (element.count > (bytes_.size() + 1) / std::max<std::size_t>(least_bytes, 1)) {
         return fail(ErrorCode::kCorrupt, "the header claims " + std::to_string(element.count) + " of " +
-                                             quoted(element.name) + ", more than the " + std::to_string(bytes_.size()) +
-                                             " bytes after it can hold");
+                                             text::quoted(element.name) + ", more than the " +
+                                             std::to_string(bytes_.size()) + " bytes after it can hold");
       }
       if (used) end_of_use_ = &element + 1;
       if (element.name == "vertex") has_vertices_ = true;
@@ -327,7 +325,7 @@ class PlyGuard {
     if (!count) return broken(element, i, property);
     // At least a byte a value, so that a lie ends here and not after billions of attempts.
     if (!(*count >= 0 && *count == std::floor(*count)) || *count > static_cast<double>(body.bytes_left())) {
-      return fail(ErrorCode::kCorrupt, quoted(element.name) + " " + std::to_string(i) + " claims a list of " +
+      return fail(ErrorCode::kCorrupt, text::quoted(element.name) + " " + std::to_string(i) + " claims a list of " +
                                            std::to_string(*count) + " values");
     }
     const auto length = static_cast<std::uint64_t>(*count);
@@ -351,9 +349,9 @@ class PlyGuard {
   }
 
   static Error broken(const Element& element, std::uint64_t i, const Property& property) {
-    return fail(ErrorCode::kCorrupt, quoted(element.name) + " " + std::to_string(i) + " of " +
+    return fail(ErrorCode::kCorrupt, text::quoted(element.name) + " " + std::to_string(i) + " of " +
                                          std::to_string(element.count) + ": the file ends, or has no number, at " +
-                                         quoted(property.name));
+                                         text::quoted(property.name));
   }
 
   Result<void> check_indices() {

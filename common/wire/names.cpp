@@ -172,13 +172,12 @@ Result<void> check_format(const StreamFormat& format) {
 Result<Profile> profile_from_query(std::string_view query) {
   QueryParts parts;
   while (!query.empty()) {
-    const std::size_t end = std::min(query.find('&'), query.size());
-    const std::string_view pair = query.substr(0, end);
-    query.remove_prefix(std::min(end + 1, query.size()));
+    const std::string_view pair = query.substr(0, query.find('&'));
+    query.remove_prefix(std::min(pair.size() + 1, query.size()));
     if (pair.empty()) continue;
-    const std::size_t equals = std::min(pair.find('='), pair.size());
-    const std::string_view value = equals < pair.size() ? pair.substr(equals + 1) : std::string_view{};
-    if (const auto read = read_parameter(pair.substr(0, equals), value, parts); !read) return read.error();
+    const std::string_view name = pair.substr(0, pair.find('='));
+    const std::string_view value = pair.substr(std::min(name.size() + 1, pair.size()));
+    if (const auto read = read_parameter(name, value, parts); !read) return read.error();
   }
   Profile profile;
   profile.rate = parts.rate.value_or(Profile::Rate::kInterpolated);

@@ -1,2 +1,0 @@
-// SPDX-License-Identifier: MIT
-// Exists so that its target can hold the precompiled headers of all tests.
