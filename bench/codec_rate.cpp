@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
-// codec_rate CLIP [EPS_OVER_DIAGONAL [KEYS_PER_SECOND [RANK]]]: bakes the first frame of a clip, codes the clip as a sender
-// and a broker would, and reports bits per kind of frame and band, the cost of tripling, Karni-Gotsman errors, and times.
+// codec_rate CLIP [EPS_OVER_DIAGONAL [KEYS_PER_SECOND [RANK]]]: bakes the first frame of a clip, codes the clip as a
+// sender and a broker would, and reports bits per kind of frame and band, the cost of tripling, Karni-Gotsman errors,
+// and times.
 #include <algorithm>
 #include <chrono>
 #include <cmath>

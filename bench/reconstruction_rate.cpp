@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
-// reconstruction_rate [VERTICES [RANK]]: times of X = Psi C and C = Psi^T M X on a basis of random entries (default 42,321
-// x 200, the elephant's), beside a plain read of the same bytes, the multiplications that the processor can do, and
-// Eigen's products. All in one run, one after the other in every repetition; medians.
+// reconstruction_rate [VERTICES [RANK]]: times of X = Psi C and C = Psi^T M X on a basis of random entries (default
+// 42,321 x 200, the elephant's), beside a plain read of the same bytes, the multiplications that the processor can do,
+// and Eigen's products. All in one run, one after the other in every repetition; medians.
 #include <algorithm>
 #include <chrono>
 #include <cmath>

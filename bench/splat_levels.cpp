@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: MIT
 //
-// splat_levels SURFACE...: how well discs stand for a cloud at its levels of detail (faces, if there are any, are left out; names
-// as of named_surface.h). Of each level: radii of the discs over the mean distance to the six nearest of the level's points, mean
-// and largest; and how far the discs' own points lie from the nearest point of the whole cloud, over the diagonal: root mean
-// square over the discs' area, 99th percentile, largest. The limit of the latter at a level is what discs of its full cloud leave.
+// splat_levels SURFACE...: how well discs stand for a cloud at its levels of detail (faces, if there are any, are left
+// out; names as of named_surface.h). Of each level: radii of the discs over the mean distance to the six nearest of the
+// level's points, mean and largest; and how far the discs' own points lie from the nearest point of the whole cloud,
+// over the diagonal: root mean square over the discs' area, 99th percentile, largest. The limit of the latter at a
+// level is what discs of its full cloud leave.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>

@@ -1,8 +1,9 @@
 // SPDX-License-Identifier: MIT
 //
-// vertex_cache SURFACE...: vertices that a card with a cache of 16 computes for a triangle (ACMR) at levels of detail (names as of
-// named_surface.h): with faces in their prefix order; in meshoptimizer's order of the level alone, which is no prefix of the next level's;
-// and in its order within blocks of deaths, each GROWTH times as many vertices as the one before, where a level draws its last block whole.
+// vertex_cache SURFACE...: vertices that a card with a cache of 16 computes for a triangle (ACMR) at levels of detail
+// (names as of named_surface.h): with faces in their prefix order; in meshoptimizer's order of the level alone, which
+// is no prefix of the next level's; and in its order within blocks of deaths, each GROWTH times as many vertices as the
+// one before, where a level draws its last block whole.
 #include <meshoptimizer.h>
 
 #include <algorithm>

@@ -13,8 +13,8 @@
 
 namespace eigencast::broker {
 
-/// One event loop: its streams and connections, what leaves at the end of its turns, and the timers of both. Runs on one
-/// thread, its owner's choice.
+/// One event loop: its streams and connections, what leaves at the end of its turns, and the timers of both. Runs on
+/// one thread, its owner's choice.
 class Loop {
  public:
   /// What all loops of a broker have in common; outlives them.

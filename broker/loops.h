@@ -12,9 +12,9 @@
 
 namespace eigencast::broker {
 
-/// The event loops of a broker. The first, which its owner runs, has all that there is one of: senders and their streams,
-/// HTTP, the admin port. The others, each on a thread of its own, share the viewers with it, and mirror the streams that
-/// theirs watch (relay/mirror.h).
+/// The event loops of a broker. The first, which its owner runs, has all that there is one of: senders and their
+/// streams, HTTP, the admin port. The others, each on a thread of its own, share the viewers with it, and mirror the
+/// streams that theirs watch (relay/mirror.h).
 ///
 /// Belongs to the first loop, except what is said to be for any thread. With one loop nothing is posted to anybody.
 class Loops {

@@ -17,8 +17,8 @@ int run_headless(const ClientOptions& options, std::span<PoseSource* const> sour
                  const LogSink& log);
 
 /// Opens the viewer's window and runs it until it is closed, `stop` is set, or options.frames or duration_s are
-/// reached. `sources`: one for each of options.scene.streams; none: it welcomes its user. open: how it opens what the user
-/// asks for. Call from the main thread. Returns an ExitCode; errors go to the log.
+/// reached. `sources`: one for each of options.scene.streams; none: it welcomes its user. open: how it opens what the
+/// user asks for. Call from the main thread. Returns an ExitCode; errors go to the log.
 int run_window(const ClientOptions& options, std::span<PoseSource* const> sources, const OpenSource& open,
                const std::atomic<bool>& stop, const LogSink& log);
 

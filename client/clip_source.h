@@ -17,8 +17,8 @@ namespace eigencast {
 /// The clip that a user means: a built-in shape's name, a path, a folder or a glob. Errors: those of open_clip.
 Result<std::unique_ptr<MotionClip>> open_input(const std::string& input);
 
-/// The coefficients of all its frames, each r x 3. Errors: those of reading a frame; kTooLarge (over 1 GiB), kCancelled,
-/// kNumerical. REQUIRES: asset.complete().
+/// The coefficients of all its frames, each r x 3. Errors: those of reading a frame; kTooLarge (over 1 GiB),
+/// kCancelled, kNumerical. REQUIRES: asset.complete().
 Result<std::vector<std::vector<double>>> project_clip(const MotionClip& clip, const Asset& asset,
                                                       const BakeProgress& progress = {});
 

@@ -13,7 +13,8 @@
 
 namespace eigencast {
 
-/// The sources of a session by their numbers, and how they stand, one by one and all together; says on the log when that changes.
+/// The sources of a session by their numbers, and how they stand, one by one and all together; says on the log when
+/// that changes.
 ///
 /// Not thread-safe.
 class Connections final {
@@ -39,8 +40,8 @@ class Connections final {
   const std::optional<TimeUs>& lost_since_us(std::size_t source) const { return known_[source].lost_since_us; }
   /// The first that is not well; without one the first of all.
   std::size_t troubled() const { return troubled_; }
-  /// Of the troubled one, whose last pose came `since_us` ago (nothing: none ever came). See connection_line and banner_text; empty without
-  /// sources.
+  /// Of the troubled one, whose last pose came `since_us` ago (nothing: none ever came). See connection_line and
+  /// banner_text; empty without sources.
   std::string line(bool has_banner) const;
   std::string banner(std::optional<TimeUs> since_us) const;
 

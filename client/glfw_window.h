@@ -26,7 +26,8 @@ class WindowListener {
   virtual void on_drop(const std::vector<std::string>& what) = 0;
 };
 
-/// GLFW's library and one window with an OpenGL 3.3 core context, current from open() on. One at a time, on the main thread.
+/// GLFW's library and one window with an OpenGL 3.3 core context, current from open() on. One at a time, on the main
+/// thread.
 class GlfwWindow final {
  public:
   GlfwWindow() = default;

@@ -22,8 +22,8 @@ std::string_view name_of(ResolverKind kind);
 struct LevelSettings {
   ResolverKind kind = ResolverKind::kNone;
   double target_fps = 60;
-  /// When a picture is late, in its times: a display that is missed shows it a whole turn later, a rate that only the user wants may
-  /// now and then be missed by a quarter.
+  /// When a picture is late, in its times: a display that is missed shows it a whole turn later, a rate that only the
+  /// user wants may now and then be missed by a quarter.
   double deadline = 1;
   double floor = 0.02;  ///< Least part of its vertices that a surface keeps.
   /// Of the paper's resolver: distances, scene units, at which G (Eq. 5) is 1 and 0. Default: the eye in the scene's

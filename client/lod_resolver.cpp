@@ -156,8 +156,8 @@ void BudgetResolver::learn(double seconds) {
   // The old slope counts as much as a variation of V by a tenth would; it never runs away where V stands still.
   const double prior = 0.01 * mean_v * mean_v * static_cast<double>(samples_.size());
   if (variance + prior > 0) slope_ = (covariance + prior * slope_) / (variance + prior);
-  // All of the newest frame's time may come from the vertices, never more; and never nothing. But one frame that the system took
-  // away (a page fault, another program) must not move the level.
+  // All of the newest frame's time may come from the vertices, never more; and never nothing. But one frame that the
+  // system took away (a page fault, another program) must not move the level.
   std::vector<double> newest;
   for (auto s = samples_.rbegin(); s != samples_.rend() && newest.size() < 3; ++s) newest.push_back(s->seconds);
   std::sort(newest.begin(), newest.end());

@@ -46,9 +46,9 @@ class LodResolver {
 ///
 ///   L_i = G(d_i) + F(f, d_i),  G = 1 - d',  F = kappa d' (kappa >= 0) or kappa (1 - d') (kappa < 0)
 ///
-/// d' is the distance scaled to [0, 1] between `near` and `far`; kappa is one for all objects and moves by delta in each
-/// interval in which the frame rate f leaves f0 +- T_f. The paper leaves the interval open: 100 ms here. L = 0 draws
-/// nothing there; here an object keeps its least.
+/// d' is the distance scaled to [0, 1] between `near` and `far`; kappa is one for all objects and moves by delta in
+/// each interval in which the frame rate f leaves f0 +- T_f. The paper leaves the interval open: 100 ms here. L = 0
+/// draws nothing there; here an object keeps its least.
 class PaperResolver final : public LodResolver {
  public:
   struct Settings {
@@ -79,8 +79,8 @@ class PaperResolver final : public LodResolver {
   int interval_frames_ = 0;
 };
 
-/// Follows a value that drifts, from measurements with noise: evenly where they differ from it by no more than they usually do. One that
-/// is far off is passed over; with a second in a row the value has jumped.
+/// Follows a value that drifts, from measurements with noise: evenly where they differ from it by no more than they
+/// usually do. One that is far off is passed over; with a second in a row the value has jumped.
 class DriftingValue {
  public:
   static constexpr double kGain = 0.3;        ///< Of a measurement within the noise.
@@ -100,8 +100,9 @@ class DriftingValue {
   std::deque<double> distances_;  ///< Of the measurements from what was expected.
 };
 
-/// How much of a frame's time may be planned for, so that all but one frame in twenty are done by the deadline. What the last frames
-/// took beside what was foretold of them says how much must be left for that; a quiet machine leaves little.
+/// How much of a frame's time may be planned for, so that all but one frame in twenty are done by the deadline. What
+/// the last frames took beside what was foretold of them says how much must be left for that; a quiet machine leaves
+/// little.
 class PlanMargin {
  public:
   static constexpr std::size_t kWindow = 64;  ///< Frames that count.
@@ -123,20 +124,20 @@ class PlanMargin {
 
 /// Holds the frame's work within its time and spends all of it where it is seen.
 ///
-/// A frame costs a + b V, where V sums cost x N over the objects. Both are learnt while it runs: b by least squares over
-/// the last frames, which pull it only as far as V has varied; a as a DriftingValue, so that a step of the load is
-/// answered within a few and noise is not answered at all. V is then what the budget leaves, and it is split so that the sum of the errors on the screen is
-/// least: what is linear between vertices is off by the square of an edge, everywhere on the surface, pixels^2 / N in all,
-/// and so N ~ pixels / sqrt(cost) within its bounds.
+/// A frame costs a + b V, where V sums cost x N over the objects. Both are learnt while it runs: b by least squares
+/// over the last frames, which pull it only as far as V has varied; a as a DriftingValue, so that a step of the load is
+/// answered within a few and noise is not answered at all. V is then what the budget leaves, and it is split so that
+/// the sum of the errors on the screen is least: what is linear between vertices is off by the square of an edge,
+/// everywhere on the surface, pixels^2 / N in all, and so N ~ pixels / sqrt(cost) within its bounds.
 ///
-/// Where a alone takes longer than a frame may, no V holds the rate, and giving the surfaces away gains nothing. That is
-/// believed only on evidence: kPatience frames at the least V that were all late, for vertices that the model says are
-/// not why. From then on they may take kShare of what the least V takes, and the frame be so much later, until the model
-/// says as long that the least V would be in time again.
+/// Where a alone takes longer than a frame may, no V holds the rate, and giving the surfaces away gains nothing. That
+/// is believed only on evidence: kPatience frames at the least V that were all late, for vertices that the model says
+/// are not why. From then on they may take kShare of what the least V takes, and the frame be so much later, until the
+/// model says as long that the least V would be in time again.
 ///
-/// V goes up by at most kGrowth a frame, and down by no more than a frame that was late asks for, or kFall: one that was late
-/// for another reason does not take all detail. Changes within kDeadBand are not made. What is out of sight is drawn at its
-/// least.
+/// V goes up by at most kGrowth a frame, and down by no more than a frame that was late asks for, or kFall: one that
+/// was late for another reason does not take all detail. Changes within kDeadBand are not made. What is out of sight is
+/// drawn at its least.
 class BudgetResolver final : public LodResolver {
  public:
   static constexpr double kGrowth = 1.15;

@@ -14,8 +14,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// What of a file, or of those of a folder or a glob, differs when they have changed: how many, how large, how new. Of what is not
-/// there nothing.
+/// What of a file, or of those of a folder or a glob, differs when they have changed: how many, how large, how new. Of
+/// what is not there nothing.
 struct Stamp {
   std::uint64_t files = 0, bytes = 0;
   fs::file_time_type newest = fs::file_time_type::min();
@@ -94,7 +94,8 @@ void OpeningClip::bake(const std::string& input, const std::string& cache_dir) {
     return !stop_.load();
   };
   Result<std::shared_ptr<const BakedClip>> made = fail(ErrorCode::kInternal, input + ": baking ended unexpectedly");
-  // An exception that leaves a thread would end the viewer; a surface that is too large for memory is only that surface's end.
+  // An exception that leaves a thread would end the viewer; a surface that is too large for memory is only that
+  // surface's end.
   try {
     made = BakedClip::open(input, cache_dir, progress);
   } catch (const std::exception& error) {

@@ -11,11 +11,11 @@
 
 namespace eigencast {
 
-/// A clip that is baked on a thread of its own while the viewer already runs; then it plays as ClipSource does. While it is
-/// being made its state is kDownloading with how far it is, and kRefused with why if it cannot be.
+/// A clip that is baked on a thread of its own while the viewer already runs; then it plays as ClipSource does. While
+/// it is being made its state is kDownloading with how far it is, and kRefused with why if it cannot be.
 ///
-/// One that is watched is read again when its files have changed and then stood still for half a second, and plays on until that is
-/// done; what cannot be read then is said, and the surface as it was stays.
+/// One that is watched is read again when its files have changed and then stood still for half a second, and plays on
+/// until that is done; what cannot be read then is said, and the surface as it was stays.
 ///
 /// Use from one thread.
 class OpeningClip final : public PoseSource {

@@ -119,8 +119,8 @@ std::string origin_of(const std::string& url) {
   return parsed ? parsed->origin() : std::string();
 }
 
-/// Names and contexts become a URL with its credentials. home: the broker that token and certificate of the command line are for; empty:
-/// this stream's, which it becomes. Others are only told what the contexts hold for them.
+/// Names and contexts become a URL with its credentials. home: the broker that token and certificate of the command
+/// line are for; empty: this stream's, which it becomes. Others are only told what the contexts hold for them.
 Result<Target> resolve(const std::string& stream, const RawOptions& raw, std::string& home) {
   const auto contexts = Contexts::load(Contexts::default_path());
   if (!contexts) return contexts.error();
@@ -148,8 +148,8 @@ bool knows_a_broker(const RawOptions& raw) {
   return !raw.context.empty() || !contexts || contexts->find("") != nullptr;
 }
 
-/// The streams of the scene file or of the command line; or the context's; or, without a window to ask in, the usual one. For each
-/// its credentials.
+/// The streams of the scene file or of the command line; or the context's; or, without a window to ask in, the usual
+/// one. For each its credentials.
 Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
   SceneDescription& scene = options.scene;
   if (!raw.scene.empty()) {

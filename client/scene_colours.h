@@ -22,14 +22,16 @@ class SceneColours final {
   /// decode: who decodes the surfaces' images.
   explicit SceneColours(Decode decode = Decode::kBeside) : decode_(decode) {}
 
-  /// Paints what the surfaces are now, and hands it to the renderer. REQUIRES: `sources` are those that the scene advances with.
+  /// Paints what the surfaces are now, and hands it to the renderer. REQUIRES: `sources` are those that the scene
+  /// advances with.
   void paint(const Scene& scene, std::span<PoseSource* const> sources, const Look& look, Renderer& renderer);
   /// Surface number `surface` has gone; later ones move up.
   void remove(std::size_t surface);
 
   /// The values of the colour map's ends for this look.
   std::array<float, 2> range(const Look& look) const { return look.colour_range.value_or(range_.span()); }
-  /// Of what was painted last; nothing while colours stand for no numbers. asset: the first surface's, for its units; may be null.
+  /// Of what was painted last; nothing while colours stand for no numbers. asset: the first surface's, for its units;
+  /// may be null.
   std::optional<Legend> legend(const Asset* asset) const;
   /// Why the first surface's colours are not those that the look asks for; empty if they are.
   std::string why_not() const { return painters_.empty() ? std::string() : painters_.front().why_not(); }

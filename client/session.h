@@ -24,8 +24,8 @@
 
 namespace eigencast {
 
-/// What window and headless viewer share: polls the sources, keeps the scene and its levels of detail, counts, records poses, and
-/// writes the report.
+/// What window and headless viewer share: polls the sources, keeps the scene and its levels of detail, counts, records
+/// poses, and writes the report.
 ///
 /// Not thread-safe.
 class Session final {
@@ -38,8 +38,8 @@ class Session final {
   bool update(std::chrono::milliseconds timeout, Camera& camera);
   /// Uploads and draws the scene; more may be drawn over it until finish_picture().
   void draw(Renderer& renderer, const Camera& camera, const Look& look, int width_px, int height_px, unsigned target);
-  /// The picture is drawn, and yet to be shown: what it took ends here. Waits for the graphics card if `wait` or if the levels of
-  /// detail follow what a picture costs.
+  /// The picture is drawn, and yet to be shown: what it took ends here. Waits for the graphics card if `wait` or if the
+  /// levels of detail follow what a picture costs.
   void finish_picture(bool wait);
   /// Pixels of the picture to one at 96 dpi; at first as --ui-scale says.
   void set_pixel_scale(float scale) { pixel_scale_ = scale; }
@@ -49,7 +49,8 @@ class Session final {
   std::optional<Legend> legend() const;
   const SceneColours& colours() const { return colours_; }
 
-  /// One source more, which must outlive the session or its removal; the surfaces that show it, all of them `placements`'.
+  /// One source more, which must outlive the session or its removal; the surfaces that show it, all of them
+  /// `placements`'.
   void add(PoseSource& source, const std::string& name, Placement placement = {});
   /// Takes a surface out, and its source if no other shows it: returned, to be ended by whoever owns it; else null.
   PoseSource* remove(std::size_t surface);
@@ -72,7 +73,8 @@ class Session final {
     std::string line, banner;
   };
   Standing standing() const;
-  /// The mean of all surfaces', of which each is 1 while poses may come and falls to 0 within half a second of a lost connection.
+  /// The mean of all surfaces', of which each is 1 while poses may come and falls to 0 within half a second of a lost
+  /// connection.
   float colourfulness() const;
   bool is_connected() const { return connections_.are_well(); }
   std::uint64_t drawn() const { return drawn_; }

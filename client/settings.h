@@ -30,8 +30,8 @@ struct Settings {
 
   /// $XDG_CONFIG_HOME/eigencast/viewer.json; empty where no such folder is known.
   static std::string default_path();
-  /// Members that are missing, or make no sense, are as at first: a newer or an older version may have written them. Errors:
-  /// kIo, kCorrupt (no JSON object); no such file is none.
+  /// Members that are missing, or make no sense, are as at first: a newer or an older version may have written them.
+  /// Errors: kIo, kCorrupt (no JSON object); no such file is none.
   static Result<Settings> load(const std::string& path);
   /// Errors: kIo.
   Result<void> save(const std::string& path) const;

@@ -63,8 +63,8 @@ struct ViewerState {
   void apply(Action action, Camera& camera, LevelOfDetail& lod);
 };
 
-/// The action of a key: upper-case letters, '+', '-', ',', '.', ' ', or a name ("Home", "Tab", "F1", "F12", "Escape"), with "Ctrl+"
-/// before it, or "Shift+" before those of screenshots.
+/// The action of a key: upper-case letters, '+', '-', ',', '.', ' ', or a name ("Home", "Tab", "F1", "F12", "Escape"),
+/// with "Ctrl+" before it, or "Shift+" before those of screenshots.
 std::optional<Action> action_for_key(std::string_view key);
 
 std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod,

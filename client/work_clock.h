@@ -8,8 +8,8 @@
 
 namespace eigencast {
 
-/// Adds up the time that a picture takes to make: what lies between start() and stop(), however often, and nothing else.
-/// Waiting for poses or for the display stays outside, and so lowers no level of detail.
+/// Adds up the time that a picture takes to make: what lies between start() and stop(), however often, and nothing
+/// else. Waiting for poses or for the display stays outside, and so lowers no level of detail.
 class WorkClock final {
  public:
   void start(TimeUs now_us) { began_us_ = now_us; }

@@ -15,7 +15,8 @@
 #include "common/core/result.h"
 #include "common/net/url.h"
 
-/// What the functions of the C interface share: arguments are checked in them, results become statuses, exceptions stop there.
+/// What the functions of the C interface share: arguments are checked in them, results become statuses, exceptions stop
+/// there.
 
 struct ec_asset {
   std::shared_ptr<const eigencast::Asset> asset;

@@ -23,8 +23,8 @@ struct WholeAsset {
   Asset asset;
   EncodedAsset encoded;
 };
-/// Reads the asset of that manifest, every object verified. Errors: those of read_object (naming it); kCorrupt, kTooLarge,
-/// kIncompatibleVersion, kUnsupported.
+/// Reads the asset of that manifest, every object verified. Errors: those of read_object (naming it); kCorrupt,
+/// kTooLarge, kIncompatibleVersion, kUnsupported.
 Result<WholeAsset> read_asset(const std::string& folder, const Sha256& id);
 /// The same from objects that lie elsewhere. Errors: likewise, and those of `object_of`.
 Result<WholeAsset> assemble_asset(const Sha256& id, const std::function<Result<Bytes>(const Sha256& id)>& object_of);

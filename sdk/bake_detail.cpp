@@ -19,8 +19,8 @@ namespace {
 
 using Vector = std::array<double, 3>;
 
-// Rounding error of derivatives, whose size is about one: frames and normals turn by no more than the most, and nothing is gained below
-// the least.
+// Rounding error of derivatives, whose size is about one: frames and normals turn by no more than the most, and nothing
+// is gained below the least.
 constexpr double kLeastError = 1e-3, kMostError = 1e-2;
 constexpr std::size_t kRowsAtOnce = 256;
 
@@ -72,7 +72,8 @@ std::vector<std::array<float, 3>> normal_rows(const Asset& asset, std::span<cons
   return rows;
 }
 
-/// The derivatives of all columns at each row, made again each time that they are asked for: as floats they would be twice the basis.
+/// The derivatives of all columns at each row, made again each time that they are asked for: as floats they would be
+/// twice the basis.
 class Derivatives {
  public:
   Derivatives(const Asset& asset, std::span<const Vec3> base)

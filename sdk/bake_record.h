@@ -9,7 +9,8 @@
 
 namespace eigencast {
 
-/// What was baked before from what `key` is the hash of, whole and verified; nothing where a part is missing or damaged.
+/// What was baked before from what `key` is the hash of, whole and verified; nothing where a part is missing or
+/// damaged.
 std::optional<BakeResult> load_bake(const AssetCache& cache, const Sha256& key);
 
 /// Keeps the result for load_bake(). Errors: those of the cache.

@@ -13,7 +13,8 @@
 /// What both ends of a stream hear from their broker and say about it.
 namespace eigencast {
 
-/// What a message about a lost peer ends with: "; next try in 400 ms", "; next try in 3.9 s", or nothing when there is none.
+/// What a message about a lost peer ends with: "; next try in 400 ms", "; next try in 3.9 s", or nothing when there is
+/// none.
 inline std::string try_again_in(std::chrono::milliseconds wait) {
   if (wait.count() <= 0) return {};
   const auto tenths = (wait.count() + 50) / 100;
@@ -22,8 +23,8 @@ inline std::string try_again_in(std::chrono::milliseconds wait) {
          " s";
 }
 
-/// A text message of the broker's. Nothing where it is of a kind that this program does not know, which newer brokers may
-/// send, or broken, which the log tells.
+/// A text message of the broker's. Nothing where it is of a kind that this program does not know, which newer brokers
+/// may send, or broken, which the log tells.
 inline std::optional<ControlMessage> read_control(std::string_view text, const LogSink& log) {
   auto message = control_from_text(text);
   if (message) return std::move(*message);

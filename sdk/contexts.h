@@ -49,7 +49,8 @@ struct Target {
 };
 
 /// What a user means by a URL or name, credentials and a context's name, any of which may be empty:
-///   a URL    as it stands; a context's credentials go only to the context's own host and port. Where none is named, those of any
+///   a URL    as it stands; a context's credentials go only to the context's own host and port. Where none is named,
+///   those of any
 ///            context whose broker this is
 ///   a name   that stream at the context's broker
 ///   nothing  the context's URL
@@ -57,8 +58,8 @@ struct Target {
 Result<Target> resolve_target(const std::string& to, const Credentials& given, const std::string& context,
                               const Contexts& contexts);
 
-/// The same for a further stream of a program whose credentials were given for `home`'s broker: another one is only told what the contexts
-/// hold for it, and trusted by the same authorities.
+/// The same for a further stream of a program whose credentials were given for `home`'s broker: another one is only
+/// told what the contexts hold for it, and trusted by the same authorities.
 Result<Target> resolve_beside(const Target& home, const std::string& to, const Credentials& given,
                               const std::string& context, const Contexts& contexts);
 

@@ -15,8 +15,8 @@ namespace eigencast {
 /// socket.
 ///
 /// A key s is decodable when the newest key is s-1, a synthetic frame that leads up to s likewise; a step (compact
-/// interpolation) or an estimate beyond s when the newest key is s; a join always. Whatever is not decodable waits for the next join. Not
-/// thread-safe.
+/// interpolation) or an estimate beyond s when the newest key is s; a join always. Whatever is not decodable waits for
+/// the next join. Not thread-safe.
 class FrameDecoder {
  public:
   struct Counts {

@@ -27,8 +27,8 @@ class PoseProjection {
   PoseProjection(std::shared_ptr<const Asset> asset, bool velocities, std::uint32_t scalars)
       : asset_(std::move(asset)), velocities_(velocities), scalars_(scalars) {}
 
-  /// Errors: kInvalidArgument (values missing, too many or not finite), and those of the Projector, which is made for the
-  /// first pose.
+  /// Errors: kInvalidArgument (values missing, too many or not finite), and those of the Projector, which is made for
+  /// the first pose.
   Result<Coefficients> project(const VertexPose& pose);
 
  private:

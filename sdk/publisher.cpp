@@ -174,8 +174,8 @@ class Publisher::Impl {
     return send_key(std::move(key), capture_us, work);
   }
 
-  /// Codes and sends the next key of the chain, with the spacing and the bands that the bit rate allows. REQUIRES: mutex_ is
-  /// held, nothing hinders.
+  /// Codes and sends the next key of the chain, with the spacing and the bands that the bit rate allows. REQUIRES:
+  /// mutex_ is held, nothing hinders.
   SendStatus send_key(Key key, TimeUs capture_us, Work work) {
     return send_coded(writer_.code(std::move(key), capture_us), work);
   }

@@ -22,8 +22,9 @@ struct VertexPose {
   std::span<const float> scalars;     ///< n x PublisherOptions::scalars
 };
 
-/// Publishes one deforming surface to a broker and keeps doing so: uploads the asset where it is missing, announces it, codes and
-/// sends keys, and does all of that again after a lost connection. Frames sent meanwhile are dropped, never queued.
+/// Publishes one deforming surface to a broker and keeps doing so: uploads the asset where it is missing, announces it,
+/// codes and sends keys, and does all of that again after a lost connection. Frames sent meanwhile are dropped, never
+/// queued.
 ///
 /// send() never blocks. Use from one thread; different Publishers are independent.
 class Publisher final {
@@ -41,8 +42,8 @@ class Publisher final {
     bool gave_up = false;  ///< The broker gave the stream to another sender: nothing is tried again.
   };
 
-  /// Starts connecting in the background. `asset` is what is projected on and must be decode(encoded); both are shared, not copied.
-  /// Errors: kInvalidArgument (URL, stream name, error <= 0).
+  /// Starts connecting in the background. `asset` is what is projected on and must be decode(encoded); both are shared,
+  /// not copied. Errors: kInvalidArgument (URL, stream name, error <= 0).
   static Result<std::unique_ptr<Publisher>> create(PublisherOptions options, std::shared_ptr<const Asset> asset,
                                                    std::shared_ptr<const EncodedAsset> encoded, LogSink log = {});
   /// For one who has keys already, of a recording: the same, with send_key() only. `encoded` may be empty but for the
@@ -53,22 +54,27 @@ class Publisher final {
   ~Publisher();
 
   /// The key as it is, of create_for_keys()'s format, all or some of its bands; the rest as send_coefficients().
-  ///   coded  the payload it had in another chain, or empty: sent again where it gives the same key, which costs no bits
+  ///   coded  the payload it had in another chain, or empty: sent again where it gives the same key, which costs no
+  ///   bits
   ///          and no time; otherwise the key is coded exactly.
   SendStatus send_key(Key key, TimeUs capture_us, ByteView coded = {});
-  /// C: r x 3 row-major; capture_us: when the pose holds, on the steady clock, growing; outside 0..kMaxTimeUs: kDropped.
+  /// C: r x 3 row-major; capture_us: when the pose holds, on the steady clock, growing; outside 0..kMaxTimeUs:
+  /// kDropped.
   SendStatus send_coefficients(std::span<const double> C, TimeUs capture_us);
-  /// The same with V: their velocities, r x 3, per second. REQUIRES: PublisherOptions::velocities; without them a publisher of
-  /// velocities sends none (kDropped).
+  /// The same with V: their velocities, r x 3, per second. REQUIRES: PublisherOptions::velocities; without them a
+  /// publisher of velocities sends none (kDropped).
   SendStatus send_coefficients(std::span<const double> C, std::span<const double> V, TimeUs capture_us);
-  /// positions: n x 3 in the source's vertex order. Projects, then as above. Errors: kInvalidArgument (also for the time).
+  /// positions: n x 3 in the source's vertex order. Projects, then as above. Errors: kInvalidArgument (also for the
+  /// time).
   Result<SendStatus> send_positions(std::span<const float> positions, TimeUs capture_us);
-  /// The same with the vertices' velocities, n x 3, per second. Errors: kInvalidArgument also without PublisherOptions::velocities.
+  /// The same with the vertices' velocities, n x 3, per second. Errors: kInvalidArgument also without
+  /// PublisherOptions::velocities.
   Result<SendStatus> send_positions(std::span<const float> positions, std::span<const float> velocities,
                                     TimeUs capture_us);
   /// The same with all that was announced. Errors: kInvalidArgument, also for what was not, or is missing.
   Result<SendStatus> send_pose(const VertexPose& pose, TimeUs capture_us);
-  /// The coefficients (r x 3) that receivers decode for the last key that was sent; empty before the first of a connection.
+  /// The coefficients (r x 3) that receivers decode for the last key that was sent; empty before the first of a
+  /// connection.
   std::vector<double> as_received() const;
   Stats stats() const;  ///< Thread-safe.
 

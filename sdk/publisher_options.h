@@ -26,13 +26,13 @@ struct PublisherOptions {
   /// Bits a second that the frames sent, envelopes included, keep to on average, by coarser levels and, where that is
   /// not enough, fewer bands; 0: whatever the error bound takes. Only with kQuantised.
   double bitrate = 0;
-  /// Poses of a surface that stands still, within kStillOverError of what receivers hold, are left out, but for one every
-  /// so often; 0: every pose is sent. A viewer never shows a pose further off than that bound because of it.
+  /// Poses of a surface that stands still, within kStillOverError of what receivers hold, are left out, but for one
+  /// every so often; 0: every pose is sent. A viewer never shows a pose further off than that bound because of it.
   TimeUs still_heartbeat_us = 0;
   bool velocities = false;  ///< Poses come with velocities, which go out beside them: for viewers with scheme=hermite.
-  /// Values that ride on each vertex beside its place, such as stress or temperature, at most kMostScalars: channels 3 to
-  /// 2 + scalars of the stream. They are coded within `error`, too, each in its own unit: give them a range of about the
-  /// surface's diagonal, and the default keeps a thousandth of it.
+  /// Values that ride on each vertex beside its place, such as stress or temperature, at most kMostScalars: channels 3
+  /// to 2 + scalars of the stream. They are coded within `error`, too, each in its own unit: give them a range of about
+  /// the surface's diagonal, and the default keeps a thousandth of it.
   std::uint32_t scalars = 0;
   double key_rate_hz = 30;                     ///< Announced; send() may be called at any rate.
   std::optional<std::vector<double>> world{};  ///< Announced, see control::Announce.

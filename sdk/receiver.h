@@ -36,8 +36,8 @@ struct Arrival {
   CoefficientLayout layout;
 };
 
-/// The network's side of a Subscriber: connection, control messages, chain, acknowledgements. Connects from its making to
-/// its end; what it finds waits for take() and condition(), which any thread may call.
+/// The network's side of a Subscriber: connection, control messages, chain, acknowledgements. Connects from its making
+/// to its end; what it finds waits for take() and condition(), which any thread may call.
 class Receiver {
  public:
   struct News {
@@ -82,7 +82,8 @@ class Receiver {
   void on_message(const control::ErrorMessage& m);
   void on_message(const control::Bye& m);
   void on_binary(ByteView bytes);
-  /// Decodes a message that came at `now` and keeps its pose, if it shows one. Errors: for the log. REQUIRES: mutex_ is held.
+  /// Decodes a message that came at `now` and keeps its pose, if it shows one. Errors: for the log. REQUIRES: mutex_ is
+  /// held.
   Result<bool> take_frame(ByteView bytes, TimeUs now);
   /// REQUIRES: mutex_ is held and ack_ is set.
   void acknowledge(TimeUs now);

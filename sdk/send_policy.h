@@ -11,8 +11,8 @@
 namespace eigencast {
 
 /// Moves the spacing of levels, and where that is not enough the number of bands, so that a stream keeps to a bit rate.
-/// The spacing follows the ratio of spent to allowed bits smoothly, within about a second; bands come back one by one, and one that
-/// had to go again ever later.
+/// The spacing follows the ratio of spent to allowed bits smoothly, within about a second; bands come back one by one,
+/// and one that had to go again ever later.
 class RateControl {
  public:
   struct Choice {

@@ -23,7 +23,7 @@ struct SubscriberOptions {
   std::string cache_dir;           ///< Where downloaded chunks are kept; empty: nowhere.
   std::uint32_t trace_every = 0;   ///< Ask for traces of keys whose sequence is a multiple of it; 0: none.
   std::chrono::milliseconds declined_retry{5000};  ///< A broker that refused the stream is asked again after so long.
-  Credentials credentials = {};    ///< Token and trusted authorities; see common/net/url.h.
+  Credentials credentials = {};                    ///< Token and trusted authorities; see common/net/url.h.
 };
 
 /// One pose as it was received and decoded.
@@ -35,9 +35,9 @@ struct ReceivedPose {
   std::uint32_t channels = 3;
 };
 
-/// Watches one stream: downloads the asset chunk by chunk (cache first), decodes frames, acknowledges, reconnects by itself, and
-/// keeps what it has meanwhile. Network and decoding run on threads of its own; everything that it found is handed over inside poll(),
-/// on the caller's thread, so that asset() and what poll returned need no lock.
+/// Watches one stream: downloads the asset chunk by chunk (cache first), decodes frames, acknowledges, reconnects by
+/// itself, and keeps what it has meanwhile. Network and decoding run on threads of its own; everything that it found is
+/// handed over inside poll(), on the caller's thread, so that asset() and what poll returned need no lock.
 ///
 /// Use from one thread; different Subscribers are independent.
 class Subscriber final {
@@ -45,29 +45,30 @@ class Subscriber final {
   enum class State { kConnecting, kWaiting, kDownloading, kLive, kStalled, kLost, kRefused };
   struct Stats {
     State state = State::kConnecting;
-    std::string detail;                 ///< For people: what is going on, why, and when the next try starts.
-    std::uint64_t keys = 0;             ///< Frames of kind key and join.
-    std::uint64_t synthetic = 0;        ///< Frames of kind synthetic and step.
+    std::string detail;           ///< For people: what is going on, why, and when the next try starts.
+    std::uint64_t keys = 0;       ///< Frames of kind key and join.
+    std::uint64_t synthetic = 0;  ///< Frames of kind synthetic and step.
     std::uint64_t joins = 0;
-    std::uint64_t bytes = 0;            ///< Frames only, envelopes included.
-    std::uint64_t rejected = 0;         ///< Frames that could not be decoded.
-    std::uint64_t skipped = 0;          ///< Frames that newer ones overtook in the broker, as its notices say.
-    std::uint64_t missed = 0;           ///< Key sequence numbers never seen.
+    std::uint64_t bytes = 0;     ///< Frames only, envelopes included.
+    std::uint64_t rejected = 0;  ///< Frames that could not be decoded.
+    std::uint64_t skipped = 0;   ///< Frames that newer ones overtook in the broker, as its notices say.
+    std::uint64_t missed = 0;    ///< Key sequence numbers never seen.
     std::uint64_t asset_bytes_downloaded = 0, asset_bytes_cached = 0, asset_bytes_total = 0;
     std::uint64_t reconnects = 0;
     std::optional<TimeUs> clock_offset_us, clock_error_us, rtt_us;  ///< To the broker.
-    Histogram latency_us;               ///< Arrival minus capture time, for a sender on this machine's clock.
+    Histogram latency_us;  ///< Arrival minus capture time, for a sender on this machine's clock.
   };
 
   /// Starts in the background. Errors: kInvalidArgument (URL, stream name).
   static Result<std::unique_ptr<Subscriber>> create(SubscriberOptions options, LogSink log = {});
   ~Subscriber();
 
-  /// Waits at most `timeout` for news, applies it, and returns the poses that came, oldest first (at most 64: older ones are dropped).
+  /// Waits at most `timeout` for news, applies it, and returns the poses that came, oldest first (at most 64: older
+  /// ones are dropped).
   std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout);
 
-  /// The surface of the current epoch as far as it has arrived, from the first chunk on; null before. Changes only inside poll(); a new
-  /// epoch's asset replaces the old one once it can be drawn.
+  /// The surface of the current epoch as far as it has arrived, from the first chunk on; null before. Changes only
+  /// inside poll(); a new epoch's asset replaces the old one once it can be drawn.
   const Asset* asset() const;
   /// The epoch of asset(); 0 before.
   std::uint32_t epoch() const;

@@ -17,15 +17,16 @@
 
 namespace eigencast {
 
-/// The surface that a viewer shows, and the one of a newer epoch that is on its way: asks for their objects, verifies them,
-/// and lets the newer take the other's place once it can be drawn. Downloads run on the fetcher's threads; everything else
-/// happens in the calls. Use from one thread.
+/// The surface that a viewer shows, and the one of a newer epoch that is on its way: asks for their objects, verifies
+/// them, and lets the newer take the other's place once it can be drawn. Downloads run on the fetcher's threads;
+/// everything else happens in the calls. Use from one thread.
 class Surfaces {
  public:
   /// wake  is called, on a thread of the fetcher's, when add_object() has something to do
   Surfaces(const BrokerUrl& url, std::string cache_dir, std::function<void()> wake, LogSink log);
 
-  /// The stream as it is announced (again). True: another surface than before is on its way from now on, or none any more.
+  /// The stream as it is announced (again). True: another surface than before is on its way from now on, or none any
+  /// more.
   bool announce(const control::StreamInfo& info);
   /// Verifies and applies at most one object, so that no call takes long. True: there may be another one ready.
   bool add_object();

@@ -12,8 +12,8 @@
 
 namespace eigencast {
 
-/// A clip as coefficients: every frame read, checked and projected before the first is played, in memory that does not grow
-/// with the clip. Keeps references to clip and projector. Not thread-safe.
+/// A clip as coefficients: every frame read, checked and projected before the first is played, in memory that does not
+/// grow with the clip. Keeps references to clip and projector. Not thread-safe.
 class ClipCoefficients {
  public:
   /// velocities: read and project these as well.

@@ -9,8 +9,9 @@
 
 namespace eigencast {
 
-/// Coefficients of the frames of a clip, so that playing reads and projects nothing: in memory while they are few, else in a
-/// temporary file without a name, which goes with the process. Frames may be put and read in any order. Not thread-safe.
+/// Coefficients of the frames of a clip, so that playing reads and projects nothing: in memory while they are few, else
+/// in a temporary file without a name, which goes with the process. Frames may be put and read in any order. Not
+/// thread-safe.
 class CoefficientStore {
  public:
   static constexpr std::uint64_t kMaxBytesInMemory = std::uint64_t{64} << 20;

@@ -7,7 +7,8 @@
 
 namespace eigencast {
 
-/// What the command line asks for: a command to run, or an exit status at once (help, version, or an error that was printed).
+/// What the command line asks for: a command to run, or an exit status at once (help, version, or an error that was
+/// printed).
 struct Invocation {
   std::function<int(Interrupt&)> run;
   int status = kExitOk;

@@ -89,7 +89,8 @@ Result<Script> script_of(const std::string& what, std::span<const Vec3> handles)
   return script;
 }
 
-/// Reads and checks, then binds all that does not need the basis, so that what is wrong with it is told before minutes are spent on that.
+/// Reads and checks, then binds all that does not need the basis, so that what is wrong with it is told before minutes
+/// are spent on that.
 Result<Plan> plan_of(const DeformCommand& command, const Console& console, Interrupt& interrupt) {
   if (command.script.empty()) {
     if (const auto window = find_display(); !window) return window.error();

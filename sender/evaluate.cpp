@@ -29,8 +29,8 @@ class Stopwatch {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
-/// Codes a key against the state, decodes it again, and advances the state, whose newer key it then is. Returns the payload's
-/// bytes; 0 for the first, which joins.
+/// Codes a key against the state, decodes it again, and advances the state, whose newer key it then is. Returns the
+/// payload's bytes; 0 for the first, which joins.
 Result<std::size_t> code_key(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing,
                              std::optional<ChainState>& state, Evaluation& result) {
   if (!state) {

@@ -21,8 +21,8 @@ struct EvaluateOptions {
 /// What viewers see of a surface that was moving and now stands still, while its pose goes on being sent.
 struct StillPose {
   std::size_t settles_after = 0;  ///< Poses after the first of the stand that still differ from the one before.
-  double moves =
-      0;  ///< Rms movement of the surface between two poses in the second half of the stand, at most, over the diagonal.
+  double moves = 0;  ///< Rms movement of the surface between two poses in the second half of the stand, at most, over
+                     ///< the diagonal.
 };
 
 /// What streaming a clip costs and loses, without a network.
@@ -44,12 +44,13 @@ struct Evaluation {
   double wire_kbit_per_s(double rate_hz) const;
 };
 
-/// The vertex error (model units) that quantising all coefficients of a pose with steps of `step` leaves, where one step of one
-/// coefficient moves the surface by step x diagonal (rms): eps = (step diagonal / 2) sqrt(r), by Parseval.
+/// The vertex error (model units) that quantising all coefficients of a pose with steps of `step` leaves, where one
+/// step of one coefficient moves the surface by step x diagonal (rms): eps = (step diagonal / 2) sqrt(r), by Parseval.
 double eps_from_step(const Asset& asset, double step);
 
 /// Projects, codes, decodes and rebuilds every frame of the clip once.
-/// Errors: those of the clip; kInvalidArgument (its vertices are in another order than its faces'); kInternal if a decoder did not give back what the encoder was given; kCancelled (progress said so).
+/// Errors: those of the clip; kInvalidArgument (its vertices are in another order than its faces'); kInternal if a
+/// decoder did not give back what the encoder was given; kCancelled (progress said so).
 Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const EvaluateOptions& options,
                             const BakeProgress& progress = {});
 

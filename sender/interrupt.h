@@ -5,9 +5,9 @@
 
 namespace eigencast {
 
-/// Turns SIGINT and SIGTERM into something to ask for. Make it before any thread is started: it blocks both signals for the
-/// calling thread and all that come from it. Poses are sent when it has waited, so that these threads sleep on time as well. Use
-/// from that thread.
+/// Turns SIGINT and SIGTERM into something to ask for. Make it before any thread is started: it blocks both signals for
+/// the calling thread and all that come from it. Poses are sent when it has waited, so that these threads sleep on time
+/// as well. Use from that thread.
 class Interrupt {
  public:
   Interrupt();

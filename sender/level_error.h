@@ -22,9 +22,9 @@ struct LevelError {
   EdgeDifferenceError edges;  ///< Of the level's edges; 0 for point clouds.
 };
 
-/// Sums up the error of a level over poses that come one by one. The Hausdorff distance is that of the vertices of either surface
-/// to the other's triangles (points: to its points), and of points on the level's triangles no farther apart than the edges at
-/// full detail. Keeps a reference to the asset. Not thread-safe.
+/// Sums up the error of a level over poses that come one by one. The Hausdorff distance is that of the vertices of
+/// either surface to the other's triangles (points: to its points), and of points on the level's triangles no farther
+/// apart than the edges at full detail. Keeps a reference to the asset. Not thread-safe.
 class LevelErrorSum {
  public:
   /// REQUIRES: the asset is complete; rest: its rest pose, n rows.

@@ -20,8 +20,8 @@ struct LineChart {
   std::vector<Line> lines;
 };
 
-/// The numbers that an axis from `low` to `high` is marked with: 3 to 12 round ones within, ascending (low < high; both above 0
-/// where it is logarithmic).
+/// The numbers that an axis from `low` to `high` is marked with: 3 to 12 round ones within, ascending (low < high; both
+/// above 0 where it is logarithmic).
 std::vector<double> axis_marks(double low, double high, bool logarithmic);
 
 /// 1200 x 720 pixels. Without a point that can be drawn, the axes run from 0.1 to 1.

@@ -20,15 +20,16 @@ Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double r
                                            std::shared_ptr<const Asset> asset, EncodedAsset encoded,
                                            bool velocities = false);
 
-/// Waits until the broker takes poses or the steady clock shows `deadline_us` (0: no end). False if interrupted, too late, or no longer ours.
+/// Waits until the broker takes poses or the steady clock shows `deadline_us` (0: no end). False if interrupted, too
+/// late, or no longer ours.
 bool wait_until_live(const Publisher& publisher, TimeUs deadline_us, Interrupt& interrupt);
 
 /// Errors: kRefused once the broker has given the stream to another sender: nothing is tried again then.
 Result<void> still_ours(const Publisher& publisher);
 
-/// All that can be told of a target before anything that takes long begins: its URL, the files of its credentials, codings that do not go
-/// together; and whether the broker is there and lets us in. One that is not there is warned of only, since it may come meanwhile.
-/// kExitOk, or the status to end with, when the log says why.
+/// All that can be told of a target before anything that takes long begins: its URL, the files of its credentials,
+/// codings that do not go together; and whether the broker is there and lets us in. One that is not there is warned of
+/// only, since it may come meanwhile. kExitOk, or the status to end with, when the log says why.
 ExitCode check_target(const TargetOptions& target, bool velocities = false);
 
 /// Every ten seconds a line in the log: poses a second, bit rate, viewers.

@@ -25,13 +25,14 @@ std::vector<std::size_t> sample_frames(std::size_t frame_count, std::size_t most
 Result<std::string> look_at_frames(const Surface& mesh, const MotionClip& clip, const std::vector<std::size_t>& frames,
                                    bool any_order);
 
-/// How long after the beginning of a look at a pose the next one may be, so that looking takes a fifth of the time at most for the first
-/// poses, then a fiftieth.
+/// How long after the beginning of a look at a pose the next one may be, so that looking takes a fifth of the time at
+/// most for the first poses, then a fiftieth.
 ///   looked  how many poses were looked at
 ///   size    of the mesh: vertices and faces
 TimeUs pause_between_looks(std::uint64_t looked, std::size_t size);
 
-/// Looks at poses of a mesh as they arrive: at the first ones, then at one in every 0.2 s; of large meshes at fewer. Not thread-safe.
+/// Looks at poses of a mesh as they arrive: at the first ones, then at one in every 0.2 s; of large meshes at fewer.
+/// Not thread-safe.
 class ArrivalCheck {
  public:
   ArrivalCheck(const Surface& mesh, bool any_order)

@@ -18,8 +18,8 @@ namespace eigencast {
 ///   header = "ECPOSES1", u32 flags (bit 0: poses have times; others 0), u32 vertices
 ///   pose   = [f64 time in seconds, if the header says so] f32 x, y, z for each vertex
 ///
-/// Without a header the stream is poses from its first byte on: the header's first bytes would be a coordinate of 3.5e9.
-/// Holds one pose. Not thread-safe.
+/// Without a header the stream is poses from its first byte on: the header's first bytes would be a coordinate
+/// of 3.5e9. Holds one pose. Not thread-safe.
 class PoseStream {
  public:
   explicit PoseStream(std::size_t vertices);
@@ -52,16 +52,17 @@ class PoseStream {
   std::uint64_t count_ = 0;
 };
 
-/// When piped poses are due: as they arrive, at an even rate, or at the times they state. A source that falls behind its own
-/// times by more than `kPatienceUs` is not made up for: time starts anew there, and that is counted. Pure. Not thread-safe.
+/// When piped poses are due: as they arrive, at an even rate, or at the times they state. A source that falls behind
+/// its own times by more than `kPatienceUs` is not made up for: time starts anew there, and that is counted. Pure. Not
+/// thread-safe.
 class PipePace {
  public:
   static constexpr TimeUs kPatienceUs = 100'000;
   /// rate_hz: 0: as they arrive, or at the times they state.
   explicit PipePace(double rate_hz) : rate_hz_(rate_hz) {}
 
-  /// The capture time of the next pose, which arrived at `arrival_us` and states `time_s`, or not; later than all before it.
-  /// Errors: kCorrupt (a stated time that is not finite or not after the one before).
+  /// The capture time of the next pose, which arrived at `arrival_us` and states `time_s`, or not; later than all
+  /// before it. Errors: kCorrupt (a stated time that is not finite or not after the one before).
   Result<TimeUs> due_us(TimeUs arrival_us, std::optional<double> time_s);
   std::uint64_t restarts() const { return restarts_; }
 

@@ -21,10 +21,11 @@ struct RankChoice {
   std::string text(double target) const;  ///< What was chosen and why, in a line.
 };
 
-/// A small rank whose error is not above `target`: ranks are doubled until one does, then what lies between is searched, where
-/// errors fall as powers of the rank, until a sixteenth is left. Each try is a bake.
+/// A small rank whose error is not above `target`: ranks are doubled until one does, then what lies between is
+/// searched, where errors fall as powers of the rank, until a sixteenth is left. Each try is a bake.
 ///   error_of  bakes with a rank and measures
-/// Errors: those of error_of; kInvalidArgument where `largest`, or the largest that the surface has vertices for, does not do.
+/// Errors: those of error_of; kInvalidArgument where `largest`, or the largest that the surface has vertices for, does
+/// not do.
 Result<RankChoice> choose_rank(double target, int largest, const std::function<Result<TriedRank>(int rank)>& error_of);
 
 }  // namespace eigencast

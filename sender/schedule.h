@@ -8,8 +8,9 @@
 
 namespace eigencast {
 
-/// When each pose of a clip is due and which one it is: tick i is due at start + i / rate, so that no error adds up. A tick that is missed by
-/// more than one interval is skipped and counted, never made up for by a burst. Time comes in as arguments. Not thread-safe.
+/// When each pose of a clip is due and which one it is: tick i is due at start + i / rate, so that no error adds up. A
+/// tick that is missed by more than one interval is skipped and counted, never made up for by a burst. Time comes in as
+/// arguments. Not thread-safe.
 class Schedule {
  public:
   struct Options {

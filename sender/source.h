@@ -57,7 +57,8 @@ struct Source {
       {};  ///< What of the mesh, or of the poses it was judged by, looks wrong: a line each.
 };
 
-/// Opens the input: a path that exists, or a glob, wins over a built-in name. Errors: those of builtin_clip and open_clip.
+/// Opens the input: a path that exists, or a glob, wins over a built-in name. Errors: those of builtin_clip and
+/// open_clip.
 Result<std::unique_ptr<MotionClip>> open_source(const SourceOptions& options);
 
 /// The cage, read or made around the model. Errors: those of read_surface, deform::cage_from_mesh and cage_around.
@@ -72,8 +73,9 @@ KnownMotion motion_of_cage(const deform::Deformer& cage);
 /// Whether the clip has what this basis is made of. Errors: kInvalidArgument (rig, pca), saying what else would do.
 Result<void> check_basis(const std::string& basis, const MotionClip& clip);
 
-/// Opens, unless it is open, and bakes, or finds it baked. Errors: those of open_source, check_basis, cage_of, bind_cage and
-/// bake; kInvalidArgument (the mesh, or most of a few poses of the clip, certainly are in another order of vertices than the faces).
+/// Opens, unless it is open, and bakes, or finds it baked. Errors: those of open_source, check_basis, cage_of,
+/// bind_cage and bake; kInvalidArgument (the mesh, or most of a few poses of the clip, certainly are in another order
+/// of vertices than the faces).
 Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress, OpenedSource opened = {});
 
 }  // namespace eigencast

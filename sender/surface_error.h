@@ -41,7 +41,8 @@ class SurfaceErrorSum {
   std::size_t vertices_ = 0, poses_ = 0;
 };
 
-/// Rebuilds poses at full resolution in the source's vertex order and space. Keeps a reference to the asset. Not thread-safe.
+/// Rebuilds poses at full resolution in the source's vertex order and space. Keeps a reference to the asset. Not
+/// thread-safe.
 class SourceRebuilder {
  public:
   explicit SourceRebuilder(const Asset& asset);

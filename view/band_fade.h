@@ -11,8 +11,8 @@
 namespace eigencast {
 
 /// Fades between two readings of the coefficients when the set of bands that come has changed (docs/protocol.md,
-/// section 6): the bands concerned go from what was shown to what is to be shown within kFadeUs of display time, so that
-/// detail does not snap in or out.
+/// section 6): the bands concerned go from what was shown to what is to be shown within kFadeUs of display time, so
+/// that detail does not snap in or out.
 ///
 /// Time comes in as arguments. Not thread-safe.
 class BandFade {

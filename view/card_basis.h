@@ -11,8 +11,8 @@
 
 namespace eigencast {
 
-/// An asset on the graphics card, as shaders::kPlaces reads it: the basis as BasisTiles has it, four columns a texel, and the
-/// discs of a point cloud. Needs its context current in every call.
+/// An asset on the graphics card, as shaders::kPlaces reads it: the basis as BasisTiles has it, four columns a texel,
+/// and the discs of a point cloud. Needs its context current in every call.
 class CardBasis final {
  public:
   static constexpr std::uint32_t kColumns = 4;  ///< In a texel.

@@ -8,17 +8,18 @@
 
 namespace eigencast {
 
-/// Rebuilds on the graphics card, with OpenGL 3.3 core: the basis lies there, a pose is its coefficients (12 bytes each), and
-/// positions and normals never leave it. Results are those of CpuRebuilder but for rounding: positions within 2e-6 of the sum
-/// of their terms' magnitudes (on the way between levels: or of the largest such sum of those that the vertex comes from), and
-/// what CpuRebuilder moves them by where it rounds coefficients to 16 bits (BasisTiles::whole_coefficients), which the card
-/// does not; normals where the surface has any area within 0.1 degrees.
+/// Rebuilds on the graphics card, with OpenGL 3.3 core: the basis lies there, a pose is its coefficients (12 bytes
+/// each), and positions and normals never leave it. Results are those of CpuRebuilder but for rounding: positions
+/// within 2e-6 of the sum of their terms' magnitudes (on the way between levels: or of the largest such sum of those
+/// that the vertex comes from), and what CpuRebuilder moves them by where it rounds coefficients to 16 bits
+/// (BasisTiles::whole_coefficients), which the card does not; normals where the surface has any area within 0.1
+/// degrees.
 ///
-/// A surface too large for the card's buffers, or with detail (DetailKind), is rebuilt on the processor, as its geometry then says (no
-/// `card`).
+/// A surface too large for the card's buffers, or with detail (DetailKind), is rebuilt on the processor, as its
+/// geometry then says (no `card`).
 ///
-/// Belongs to the OpenGL context that was current when it was made, which must be current in every call and when it and the
-/// surfaces that it has rebuilt go. Not thread-safe.
+/// Belongs to the OpenGL context that was current when it was made, which must be current in every call and when it and
+/// the surfaces that it has rebuilt go. Not thread-safe.
 class CardRebuilder final : public SurfaceRebuilder {
  public:
   /// finish: waits for the card after each part, so that the costs are those of the parts and not of asking for them.
@@ -37,8 +38,8 @@ class CardRebuilder final : public SurfaceRebuilder {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Positions and normals of a surface that the card has rebuilt, read back: for tests and measurements. Empty normals where it
-/// has none. REQUIRES: geometry.card.
+/// Positions and normals of a surface that the card has rebuilt, read back: for tests and measurements. Empty normals
+/// where it has none. REQUIRES: geometry.card.
 struct ReadBack {
   std::vector<float> positions, normals;
 };

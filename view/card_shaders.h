@@ -4,8 +4,8 @@
 /// GLSL 3.30 of CardRebuilder: vertex shaders whose results are kept, one vertex of the surface each.
 namespace eigencast::shaders {
 
-/// X = Psi C. The basis lies in tiles of 64 rows, of each tile the columns in groups of four, of each group the rows; beside
-/// each other where neighbours read beside each other. Columns on a grid are 16-bit integers, the others floats.
+/// X = Psi C. The basis lies in tiles of 64 rows, of each tile the columns in groups of four, of each group the rows;
+/// beside each other where neighbours read beside each other. Columns on a grid are 16-bit integers, the others floats.
 ///   C  for each group the coefficients of its four columns: of x, of y, of z
 inline constexpr const char* kPlaces = R"(#version 330 core
 uniform samplerBuffer floats;
@@ -59,8 +59,8 @@ out vec4 place;
 void main() { place = vec4(blended(gl_VertexID), 1.0); }
 )";
 
-/// Sums over faces, by drawing: each vertex has a pixel, onto which each of its faces' corners puts a point, and points add
-/// up. Here the normal of the face, as long as twice its area.
+/// Sums over faces, by drawing: each vertex has a pixel, onto which each of its faces' corners puts a point, and points
+/// add up. Here the normal of the face, as long as twice its area.
 inline constexpr const char* kPixel = R"(
 uniform vec2 size;
 vec4 pixel_of(int i) {
@@ -81,7 +81,8 @@ void main() {
   gl_PointSize = 1.0;
 }
 )";
-/// What vertices give to those that they come from (LevelMorph::share): to the parent in instance 0, to its parent in 1, ...
+/// What vertices give to those that they come from (LevelMorph::share): to the parent in instance 0, to its parent in
+/// 1, ...
 inline constexpr const char* kShare = R"(
 uniform sampler2D sums;
 flat out vec3 part;
@@ -123,7 +124,8 @@ vec3 blended(int i);
 out vec3 normal;
 void main() { normal = unit(blended(gl_VertexID)); }
 )";
-/// Of a point cloud's discs: those of the rest pose, turned with their frames (splat_normals() in common/reconstruction).
+/// Of a point cloud's discs: those of the rest pose, turned with their frames (splat_normals() in
+/// common/reconstruction).
 inline constexpr const char* kDiscNormals = R"(
 uniform samplerBuffer places;
 uniform isamplerBuffer frames;

@@ -20,8 +20,8 @@ namespace eigencast {
 class GlProgram final {
  public:
   GlProgram() = default;
-  /// captured: what the vertex shader says of each vertex, packed one after the other, where it is to be kept (transform
-  /// feedback). No fragment shader: nothing is drawn. Errors: kInternal, with the compiler's log.
+  /// captured: what the vertex shader says of each vertex, packed one after the other, where it is to be kept
+  /// (transform feedback). No fragment shader: nothing is drawn. Errors: kInternal, with the compiler's log.
   static Result<GlProgram> create(const std::string& name, const std::string& vertex, const std::string& fragment,
                                   std::span<const char* const> captured = {}) {
     return create(name, Shaders{vertex, {}, fragment}, captured);

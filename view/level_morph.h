@@ -10,8 +10,9 @@
 
 namespace eigencast {
 
-/// How long vertices take to come and to go: as long as their way on the screen asks for. A vertex that comes is drawn and paid for
-/// before it is of use, so that whoever waits longer than anybody can see draws fewer of them in the same time.
+/// How long vertices take to come and to go: as long as their way on the screen asks for. A vertex that comes is drawn
+/// and paid for before it is of use, so that whoever waits longer than anybody can see draws fewer of them in the same
+/// time.
 struct MorphPace {
   static constexpr TimeUs kAppear = 250'000;      ///< At most.
   static constexpr TimeUs kVanish = 100'000;      ///< Shorter: the time of a picture waits for it.
@@ -22,13 +23,14 @@ struct MorphPace {
   static MorphPace of(double way_px);
 };
 
-/// Lets vertices come and go without a jump: one that appears starts where the vertex stands that it was contracted into,
-/// and moves to its own place; one that vanishes goes back there, and is drawn so long. Vertex i with weight s_i stands at
+/// Lets vertices come and go without a jump: one that appears starts where the vertex stands that it was contracted
+/// into, and moves to its own place; one that vanishes goes back there, and is drawn so long. Vertex i with weight s_i
+/// stands at
 ///
 ///   y_i = (1 - s_i) y_map(i) + s_i x_i,
 ///
-/// where map(i) < i may be moving itself. Weights never grow along the numbers, so that those that are not 1 are the last.
-/// After Hoppe 1996, "Progressive Meshes" (geomorphs).
+/// where map(i) < i may be moving itself. Weights never grow along the numbers, so that those that are not 1 are the
+/// last. After Hoppe 1996, "Progressive Meshes" (geomorphs).
 ///
 /// Time comes in as arguments. Not thread-safe.
 class LevelMorph {
@@ -57,9 +59,9 @@ class LevelMorph {
   /// y from x, in place: 3 floats for each of drawn() vertices, places or whatever else belongs to them alone.
   void blend(std::span<const std::uint32_t> map, std::span<float> values) const;
 
-  /// What belongs to the vertices as a sum over their faces (normals times areas) for who is drawn: each vertex gives what its
-  /// place is not its own to the one that it comes from, and sees as much of that one's. Without a jump where vertices come and
-  /// go: at weight 0 both are what the surface without the vertex has. In place.
+  /// What belongs to the vertices as a sum over their faces (normals times areas) for who is drawn: each vertex gives
+  /// what its place is not its own to the one that it comes from, and sees as much of that one's. Without a jump where
+  /// vertices come and go: at weight 0 both are what the surface without the vertex has. In place.
   void share(std::span<const std::uint32_t> map, std::span<float> sums) const;
 
  private:

@@ -14,7 +14,8 @@ namespace eigencast {
 
 class GlSurface;
 
-/// The two lights, which go with the camera, and what the surfaces keep the first one from. Needs its context current in every call.
+/// The two lights, which go with the camera, and what the surfaces keep the first one from. Needs its context current
+/// in every call.
 class Lighting final {
  public:
   /// Errors: as GlProgram::create.

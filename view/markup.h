@@ -13,8 +13,8 @@
 
 namespace eigencast {
 
-/// Lines and dots drawn over surfaces: what a hand can take hold of. Widths in pixels; where a surface is in front, fainter.
-/// Colours are as the screen shows them, with opacity.
+/// Lines and dots drawn over surfaces: what a hand can take hold of. Widths in pixels; where a surface is in front,
+/// fainter. Colours are as the screen shows them, with opacity.
 struct Markup {
   struct Line {
     glm::vec3 from{0}, to{0};  ///< In the scene.

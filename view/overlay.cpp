@@ -35,8 +35,8 @@ void load_font(float scale) {
   fonts.AddFontDefault(&config);
 }
 
-/// A translucent card with one corner or edge (pivot, 0..1) pinned at a place of the picture. content: its size where it is known; else
-/// the card is as large as it had to be in the picture before.
+/// A translucent card with one corner or edge (pivot, 0..1) pinned at a place of the picture. content: its size where
+/// it is known; else the card is as large as it had to be in the picture before.
 bool begin_card(const char* name, ImVec2 at, ImVec2 pivot, float alpha, std::optional<ImVec2> content = {}) {
   const ImVec2 padding = ImGui::GetStyle().WindowPadding;
   ImGui::SetNextWindowPos(at, ImGuiCond_Always, pivot);
@@ -60,8 +60,8 @@ float width_of(const std::string& text) {
   return ImGui::CalcTextSize(text.c_str()).x;
 }
 
-/// As many lines as leave the scene its part of the picture, the first ones first; the last of all is less than the others. Says
-/// where the card ends.
+/// As many lines as leave the scene its part of the picture, the first ones first; the last of all is less than the
+/// others. Says where the card ends.
 float draw_figures(const std::vector<std::string>& lines, const Room& room, float left) {
   constexpr float kPart = 0.3F;  // of its height
   const ImGuiStyle& style = ImGui::GetStyle();
@@ -133,8 +133,8 @@ void draw_banner(const OverlayContent& content, const Room& room) {
   ImGui::End();
 }
 
-/// A bar of the map's colours, its lowest value at the bottom, with three marks; no higher than there is room below `top`. Says how
-/// far the card reaches from the right.
+/// A bar of the map's colours, its lowest value at the bottom, with three marks; no higher than there is room below
+/// `top`. Says how far the card reaches from the right.
 float draw_legend(const Legend& legend, const Room& room, float top) {
   const float scale = room.scale, half_line = 0.5F * ImGui::GetTextLineHeight();
   const ImGuiStyle& style = ImGui::GetStyle();
@@ -300,8 +300,8 @@ void Overlay::lay_out(const OverlayContent& content, const std::function<void()>
 
 void Overlay::draw(const OverlayContent& content, int width_px, int height_px, unsigned target,
                    const std::function<void()>& panels) {
-  // A card knows how large it is when it has been laid out once. A window shows it a picture later; a picture that is written has
-  // no later.
+  // A card knows how large it is when it has been laid out once. A window shows it a picture later; a picture that is
+  // written has no later.
   if (!has_window_) {
     begin_frame(width_px, height_px);
     lay_out(content, panels);

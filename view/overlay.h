@@ -29,20 +29,21 @@ struct OverlayContent {
   bool operator==(const OverlayContent&) const = default;
 };
 
-/// How large texts and panels are: `layout` in ImGui's units, which are the window's, as a part of their size at 96 dpi; `pixels`
-/// of the picture to such a unit.
+/// How large texts and panels are: `layout` in ImGui's units, which are the window's, as a part of their size at 96
+/// dpi; `pixels` of the picture to such a unit.
 struct TextScale {
   float layout = 1, pixels = 1;
   float of_picture() const { return layout * pixels; }  ///< Pixels of the picture to one at 96 dpi.
   bool operator==(const TextScale&) const = default;
 };
 
-/// For a display that wants everything `content` times as large as at 96 dpi. Where the window's units are larger than pixels
-/// (macOS, Wayland) they bring that size along, elsewhere (X11, Windows) the layout must. wanted: instead of the display's; 0: none.
+/// For a display that wants everything `content` times as large as at 96 dpi. Where the window's units are larger than
+/// pixels (macOS, Wayland) they bring that size along, elsewhere (X11, Windows) the layout must. wanted: instead of the
+/// display's; 0: none.
 TextScale text_scale(float content, float pixels_per_unit, float wanted = 0);
 
-/// What texts are drawn at in a window of this size (its units): smaller than wanted, down to five eighths, where they would leave
-/// the scene too little of it.
+/// What texts are drawn at in a window of this size (its units): smaller than wanted, down to five eighths, where they
+/// would leave the scene too little of it.
 TextScale fitted(TextScale scale, float width, float height);
 
 /// Text over the picture: figures, connection line, banner, help (Dear ImGui). One at a time; belongs to the OpenGL

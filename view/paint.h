@@ -106,7 +106,8 @@ class LegendRange {
   std::optional<std::array<float, 2>> seen_;
 };
 
-/// The least of 1, 1.5, 2, 3, 4, 5, 6, 8 times a power of ten that is no less than `value`. REQUIRES: value > 0, finite.
+/// The least of 1, 1.5, 2, 3, 4, 5, 6, 8 times a power of ten that is no less than `value`. REQUIRES: value > 0,
+/// finite.
 double round_up(double value);
 
 }  // namespace eigencast

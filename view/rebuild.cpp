@@ -20,7 +20,8 @@ void stand_at_own_places(SurfaceGeometry& geometry) {
   geometry.own_places.clear();
 }
 
-/// The first row to rebuild. Normals that come with rows are drawn on their way between levels, and not kept where they belong.
+/// The first row to rebuild. Normals that come with rows are drawn on their way between levels, and not kept where they
+/// belong.
 std::uint32_t first_of(const RebuildJob& job) {
   return job.basis->has_detail() ? 0 : job.first;
 }

@@ -14,8 +14,8 @@
 
 namespace eigencast {
 
-/// A surface to rebuild: the first vertices of an asset in one pose, the last of them on their way between levels. All that
-/// it refers to is kept by others while it is rebuilt.
+/// A surface to rebuild: the first vertices of an asset in one pose, the last of them on their way between levels. All
+/// that it refers to is kept by others while it is rebuilt.
 struct RebuildJob {
   const Asset* asset = nullptr;
   std::shared_ptr<const Reconstructor> basis;  ///< Holds at least the rows of the level.
@@ -30,8 +30,8 @@ struct RebuildJob {
   std::uint32_t vertices() const { return level->drawn(); }
 };
 
-/// Fills positions and normals of surfaces from their coefficients: X = Psi C, vertices that come or go between their places
-/// (LevelMorph), and of meshes the area-weighted normals of that, of point clouds those of their discs.
+/// Fills positions and normals of surfaces from their coefficients: X = Psi C, vertices that come or go between their
+/// places (LevelMorph), and of meshes the area-weighted normals of that, of point clouds those of their discs.
 class SurfaceRebuilder {
  public:
   /// Time that the caller waited.

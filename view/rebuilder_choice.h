@@ -19,8 +19,8 @@ std::optional<RebuildOn> rebuild_on_from_name(std::string_view name);
 
 /// What was chosen, and what it was chosen by.
 struct RebuilderChoice {
-  /// What one pose of the trial surface took until it could be drawn, the fastest of several; of the card what an eighth of it took,
-  /// where that alone was slower.
+  /// What one pose of the trial surface took until it could be drawn, the fastest of several; of the card what an
+  /// eighth of it took, where that alone was slower.
   struct Trial {
     TimeUs cpu_us = 0, gpu_us = 0;
     bool gpu_is_faster() const { return gpu_us < cpu_us; }
@@ -30,9 +30,9 @@ struct RebuilderChoice {
   std::optional<Trial> trial;           ///< Where it was measured.
 };
 
-/// Makes what was asked for; kAuto measures both on a surface of 16,384 vertices and 96 coefficients, which takes a few tens of
-/// milliseconds, and takes the processor where the card cannot do it. `renderer` forgets its surfaces. finish: see CardRebuilder.
-/// Errors, if the card was asked for: as CardRebuilder::create.
+/// Makes what was asked for; kAuto measures both on a surface of 16,384 vertices and 96 coefficients, which takes a few
+/// tens of milliseconds, and takes the processor where the card cannot do it. `renderer` forgets its surfaces. finish:
+/// see CardRebuilder. Errors, if the card was asked for: as CardRebuilder::create.
 Result<RebuilderChoice> choose_rebuilder(RebuildOn on, Renderer& renderer, bool finish);
 
 }  // namespace eigencast

@@ -41,7 +41,8 @@ class Renderer final {
   void upload(std::size_t surface, const SurfaceGeometry& geometry);
   /// What its vertices are painted with. REQUIRES: as many values as the uploaded geometry's vertices take.
   void paint(std::size_t surface, const SurfacePaint& paint);
-  /// Where a surface stands, whether it is drawn, and how much of its colours is left: 0 = grey, as while its connection is lost.
+  /// Where a surface stands, whether it is drawn, and how much of its colours is left: 0 = grey, as while its
+  /// connection is lost.
   void place(std::size_t surface, const glm::mat4& scene_from_surface, bool visible = true, float colourfulness = 1);
   /// What to draw over the surfaces from now on.
   void mark(Markup markup);

@@ -35,8 +35,8 @@ class Scene {
     bool visible = true;
   };
 
-  /// row: place surfaces whose stream states no world beside one another, along the scene's first axis; more than six in several
-  /// rows, one behind the other.
+  /// row: place surfaces whose stream states no world beside one another, along the scene's first axis; more than six
+  /// in several rows, one behind the other.
   Scene(std::vector<Placement> placements, const SceneOptions& options, bool row = false);
 
   /// One surface more, after those there are.
@@ -62,8 +62,8 @@ class Scene {
   void set_paused(bool paused);
   void set_playout(const PlayoutSettings& settings);
 
-  /// The box around the rest poses of all surfaces, in the scene; its version is 0 before there is one, and grows when it
-  /// changes.
+  /// The box around the rest poses of all surfaces, in the scene; its version is 0 before there is one, and grows when
+  /// it changes.
   const SurfaceFacts& facts() const { return facts_; }
   /// Different poses shown by the surface that has shown most.
   std::uint64_t poses_shown() const;

@@ -36,8 +36,8 @@ void main() {
 inline constexpr const char* kShadowFragment = R"(#version 330 core
 void main() {})";
 
-/// What a surface is painted with: see SurfacePaint::Kind. Numbers outside the range get the colour of its end, those that are
-/// none grey. Painted surfaces are lit gently, so that their colours remain those of the legend.
+/// What a surface is painted with: see SurfacePaint::Kind. Numbers outside the range get the colour of its end, those
+/// that are none grey. Painted surfaces are lit gently, so that their colours remain those of the legend.
 inline constexpr const char* kPaint = R"(
 uniform int paint;
 uniform sampler2D colour_table;
@@ -145,10 +145,10 @@ uniform vec4 line_colour;
 out vec4 colour;
 void main() { colour = line_colour; })";
 
-/// Points as discs across their normal where the surface has radii (discs > 0, its scale). Discs sink towards their rim, so
-/// that each pixel goes to the nearest one and no rim stands out (Schuetz, Wimmer 2015, "High-quality point-based rendering
-/// using fast single-pass interpolation"). Others as small balls: the fragment knows its place on the ball, hence its own
-/// depth and normal.
+/// Points as discs across their normal where the surface has radii (discs > 0, its scale). Discs sink towards their
+/// rim, so that each pixel goes to the nearest one and no rim stands out (Schuetz, Wimmer 2015, "High-quality
+/// point-based rendering using fast single-pass interpolation"). Others as small balls: the fragment knows its place on
+/// the ball, hence its own depth and normal.
 inline constexpr const char* kSplatVertex = R"(#version 330 core
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
@@ -283,8 +283,8 @@ void main() {
   colour = vec4(ink.rgb * (beyond > 0.72 ? 0.35 : 1.0), ink.a * opacity);
 })";
 
-/// Last: depth shading for bare clouds (after Boucheny 2009, "Eye-dome lighting"). Colours come multiplied by their alpha, and go
-/// without.
+/// Last: depth shading for bare clouds (after Boucheny 2009, "Eye-dome lighting"). Colours come multiplied by their
+/// alpha, and go without.
 inline constexpr const char* kFinishFragment = R"(#version 330 core
 in vec2 uv;
 uniform sampler2D picture;

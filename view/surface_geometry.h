@@ -11,7 +11,8 @@ class CardSurface;
 
 /// What is to be drawn: rebuilt positions, normals and triangles. Versions grow when their part has changed.
 ///
-/// Where the graphics card has rebuilt the surface (CardRebuilder) it holds positions and normals, and they are empty here.
+/// Where the graphics card has rebuilt the surface (CardRebuilder) it holds positions and normals, and they are empty
+/// here.
 struct SurfaceGeometry {
   std::uint64_t maker = 0;               ///< Whose versions these are.
   std::vector<float> positions;          ///< N x 3, scene units, in level-of-detail order.
@@ -30,7 +31,8 @@ struct SurfaceGeometry {
   std::uint32_t card_vertices = 0;    ///< N there.
   std::uint32_t vertex_count() const { return card ? card_vertices : static_cast<std::uint32_t>(positions.size() / 3); }
 
-  /// Of the vertices that are drawn elsewhere, on their way between levels: where they belong, from own_first to the last.
+  /// Of the vertices that are drawn elsewhere, on their way between levels: where they belong, from own_first to the
+  /// last.
   std::vector<float> own_places;
   std::uint32_t own_first = 0;
 };

@@ -35,11 +35,11 @@ struct SceneOptions {
   bool morph = true;  ///< Levels go over into one another (LevelMorph); false: at once.
 };
 
-/// One surface of a scene. Turns what a PoseSource found into the surface to draw now: chooses the pose (Playout) and the number of vertices
-/// (LevelOfDetail), fades where the set of bands changes (BandFade), lets vertices come and go without a jump (LevelMorph),
-/// rebuilds positions and normals; of a pose that stands only the vertices that are new. Keeps the last pose
-/// while nothing comes, also when a new epoch brings the same asset; draws the rest pose of an asset before the first
-/// pose, and as much of an asset as has arrived.
+/// One surface of a scene. Turns what a PoseSource found into the surface to draw now: chooses the pose (Playout) and
+/// the number of vertices (LevelOfDetail), fades where the set of bands changes (BandFade), lets vertices come and go
+/// without a jump (LevelMorph), rebuilds positions and normals; of a pose that stands only the vertices that are new.
+/// Keeps the last pose while nothing comes, also when a new epoch brings the same asset; draws the rest pose of an
+/// asset before the first pose, and as much of an asset as has arrived.
 ///
 /// Time comes in as arguments. Not thread-safe.
 class SurfaceView {
@@ -53,8 +53,8 @@ class SurfaceView {
   /// REQUIRES: no poll() of the source since receive().
   bool advance(const PoseSource& source, TimeUs now_us);
 
-  /// advance() in its parts, for who rebuilds several surfaces in one pass, or elsewhere: prepare() decides and says whether
-  /// anything is to be rebuilt; if so, do job() with a SurfaceRebuilder, then finish(). REQUIRES: as advance().
+  /// advance() in its parts, for who rebuilds several surfaces in one pass, or elsewhere: prepare() decides and says
+  /// whether anything is to be rebuilt; if so, do job() with a SurfaceRebuilder, then finish(). REQUIRES: as advance().
   bool prepare(const PoseSource& source, TimeUs now_us);
   RebuildJob job(const Asset& asset);
   void finish(const Asset& asset);
@@ -65,8 +65,8 @@ class SurfaceView {
   /// The positions of geometry(), N x 3: rebuilt into `room` where only the graphics card has them.
   std::span<const float> positions(std::vector<float>& room) const;
 
-  /// What belongs to vertices alone (colours, say) as it is drawn while some of them come or go: 3 floats each of geometry()'s, in
-  /// place.
+  /// What belongs to vertices alone (colours, say) as it is drawn while some of them come or go: 3 floats each of
+  /// geometry()'s, in place.
   void blend(std::span<float> values) const { morph_.blend(triangles_.map(), values); }
   const LevelMorph& morph() const { return morph_; }
   /// Grows when blend() gives something else.
@@ -80,8 +80,8 @@ class SurfaceView {
 
   /// Draws no more than N vertices from now on, whatever lod() allows; nothing: as many as lod() says.
   void set_most_vertices(std::optional<std::uint32_t> N) { most_vertices_ = N; }
-  /// How large it is seen: pixels that one unit of the surface takes at most. Vertices come and go the quicker the shorter their way
-  /// is on the screen (MorphPace). Infinite, as at first: not known.
+  /// How large it is seen: pixels that one unit of the surface takes at most. Vertices come and go the quicker the
+  /// shorter their way is on the screen (MorphPace). Infinite, as at first: not known.
   void set_px_per_unit(double pixels) { px_per_unit_ = pixels; }
   /// The area's barycentre of the pose in geometry(), surface coordinates: a linear function of the coefficients.
   std::array<float, 3> barycentre() const;

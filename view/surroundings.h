@@ -8,7 +8,8 @@
 
 namespace eigencast {
 
-/// What is around the surfaces: a wall, the floor with their shadows, the scene's axes. Needs its context current in every call.
+/// What is around the surfaces: a wall, the floor with their shadows, the scene's axes. Needs its context current in
+/// every call.
 class Surroundings final {
  public:
   /// Errors: as GlProgram::create.

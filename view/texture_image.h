@@ -16,19 +16,21 @@ struct TextureImage {
   std::optional<Error> failed;
 };
 
-/// Who decodes: the caller, who has it at once; or a thread beside it, and the caller asks again. There is one such thread, and no more
-/// than kMostImagesWaiting wait for it: others are taken up when they are asked for again.
+/// Who decodes: the caller, who has it at once; or a thread beside it, and the caller asks again. There is one such
+/// thread, and no more than kMostImagesWaiting wait for it: others are taken up when they are asked for again.
 enum class Decode { kNow, kBeside };
 inline constexpr std::size_t kMostImagesWaiting = 8;
 
 inline constexpr int kLongestTextureSide = 8192;  ///< Images are halved until no side is longer.
 
-/// The image of a texture; the same one for all who ask while somebody has it. longest_side: of what the graphics card takes, where
-/// that is less than kLongestTextureSide. Thread-safe. Errors: kCorrupt, kUnsupported (neither PNG nor JPEG), kTooLarge (kMostPixels).
+/// The image of a texture; the same one for all who ask while somebody has it. longest_side: of what the graphics card
+/// takes, where that is less than kLongestTextureSide. Thread-safe. Errors: kCorrupt, kUnsupported (neither PNG nor
+/// JPEG), kTooLarge (kMostPixels).
 TextureImage image_of(const std::shared_ptr<const AssetTexture>& texture, Decode decode,
                       int longest_side = kLongestTextureSide);
 
-/// A quarter of the pixels, each the mean of four in linear light (nearly: of their squares). REQUIRES: two pixels a side or more.
+/// A quarter of the pixels, each the mean of four in linear light (nearly: of their squares). REQUIRES: two pixels a
+/// side or more.
 Picture halved(const Picture& picture);
 
 }  // namespace eigencast

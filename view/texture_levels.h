@@ -32,8 +32,8 @@ struct VersionedBlocks {
   }
 };
 
-/// Which wedge each corner of the triangles that are drawn has, and where wedges lie in the image, while the level moves: at the cost
-/// of the move, and without a jump (places go over as LevelMorph lets the vertices do).
+/// Which wedge each corner of the triangles that are drawn has, and where wedges lie in the image, while the level
+/// moves: at the cost of the move, and without a jump (places go over as LevelMorph lets the vertices do).
 ///
 /// Not thread-safe.
 class TextureLevels {
@@ -41,7 +41,8 @@ class TextureLevels {
   /// uv of a wedge that is not in the image.
   static constexpr float kNone = -std::numeric_limits<float>::max();
 
-  /// Takes over what has changed since the last call. REQUIRES: the geometry and morph of one surface, that of the texture.
+  /// Takes over what has changed since the last call. REQUIRES: the geometry and morph of one surface, that of the
+  /// texture.
   void follow(std::shared_ptr<const AssetTexture> texture, const SurfaceGeometry& geometry, const LevelMorph& morph);
 
   const VersionedBlocks<std::uint32_t>& corners() const { return corners_; }       ///< As SurfaceGeometry::triangles.

@@ -19,8 +19,8 @@ class GlImage final {
   GlTexture texture_;
 };
 
-/// What the graphics card holds to draw one surface with its image: the wedges of the triangles' corners and their places, of which
-/// only what changes is sent. Needs its context current in every call.
+/// What the graphics card holds to draw one surface with its image: the wedges of the triangles' corners and their
+/// places, of which only what changes is sent. Needs its context current in every call.
 class GlTexturePaint final {
  public:
   /// REQUIRES: paint.kind == kTexture.
@@ -38,8 +38,8 @@ class GlTexturePaint final {
   std::shared_ptr<GlImage> image_;
 };
 
-/// Draws triangles with their image: the vertex shader of meshes, a geometry shader that gives corners their places, `fragment` with
-/// own_paint(). Errors: kInternal.
+/// Draws triangles with their image: the vertex shader of meshes, a geometry shader that gives corners their places,
+/// `fragment` with own_paint(). Errors: kInternal.
 Result<GlProgram> textured_program(const std::string& vertex, const std::string& before_fragment,
                                    const std::string& fragment);
 

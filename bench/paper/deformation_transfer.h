@@ -12,9 +12,10 @@
 
 namespace eigencast::bench {
 
-/// A detailed mesh carried by its smooth base at full resolution (Botsch, Sumner, Pauly, Gross 2006, "Deformation Transfer for
-/// Detail-Preserving Surface Editing"): each triangle of the base states a deformation gradient, its normal carried along, and the
-/// detailed mesh is the one whose gradients come nearest to these, one Poisson problem for each of x, y, z. Not thread-safe.
+/// A detailed mesh carried by its smooth base at full resolution (Botsch, Sumner, Pauly, Gross 2006, "Deformation
+/// Transfer for Detail-Preserving Surface Editing"): each triangle of the base states a deformation gradient, its
+/// normal carried along, and the detailed mesh is the one whose gradients come nearest to these, one Poisson problem
+/// for each of x, y, z. Not thread-safe.
 class DeformationTransfer {
  public:
   /// Factors the system. REQUIRES: faces not empty, both of the same vertices.

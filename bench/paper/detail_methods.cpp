@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What a smooth basis leaves out, put back in six ways: Figure 10 of Zhang et al. 2013, "Streaming 3D Deforming Surfaces with
-// Dynamic Resolution Control", and what else could be done at the same rate.
+// What a smooth basis leaves out, put back in six ways: Figure 10 of Zhang et al. 2013, "Streaming 3D Deforming
+// Surfaces with Dynamic Resolution Control", and what else could be done at the same rate.
 //   detail_methods RANK CLIP...        CLIP: a clip that eigencast-sender plays, or box: the bar of Table II at rest
 // Prints CSV lines of three kinds: method,CLIP,METHOD,KG,RMS,MAX,KG AT REST; frame,CLIP,METHOD,FRAME,HAUSDORFF;
 // height,CLIP,VERTEX,LENGTH. All but KG (percent) over the diagonal of the rest box; not quantised; MAX over vertices.

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
-// reconstruction_levels VERTICES SET THREADS SECONDS: a line of CSV for each tenth of the vertices: milliseconds that one
-// pose's positions take at that level of detail, r = 200, int16 basis: the mean over SECONDS, in which a quota shows, and the
-// median. SET is baseline or best; THREADS 0 is as many as pay.
+// reconstruction_levels VERTICES SET THREADS SECONDS: a line of CSV for each tenth of the vertices: milliseconds that
+// one pose's positions take at that level of detail, r = 200, int16 basis: the mean over SECONDS, in which a quota
+// shows, and the median. SET is baseline or best; THREADS 0 is as many as pay.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
-// Figures 6 and 7 of Zhang et al. 2013: deforming surfaces that a camera flies around, with and without control of their
-// levels of detail. Uses the client's own scene, resolvers and renderer; the picture's time is what it took to make.
+// Figures 6 and 7 of Zhang et al. 2013: deforming surfaces that a camera flies around, with and without control of
+// their levels of detail. Uses the client's own scene, resolvers and renderer; the picture's time is what it took to
+// make.
 //
 // The flight's clock is the sum of those times: what is measured beside it (the picture of full detail to compare with)
 // does not delay it, and every run sees the same flight.
@@ -77,8 +78,8 @@ Difference difference(const Picture& a, const Picture& b) {
   return d;
 }
 
-/// A machine that takes the same time on every run, whatever else runs beside it: 8 ms, 45 ms for all vertices, 6 ms for surfaces that
-/// fill the picture, and noise of 6 %.
+/// A machine that takes the same time on every run, whatever else runs beside it: 8 ms, 45 ms for all vertices, 6 ms
+/// for surfaces that fill the picture, and noise of 6 %.
 class ModelMachine {
  public:
   TimeUs work_us(const Scene& scene, const Camera& camera, const Settings& settings, double all_vertices) {

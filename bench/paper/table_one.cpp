@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
-// table_one NAME=SURFACE...: a line of CSV for each: how long the 200 lowest eigenpairs take of the mesh and of its vertices as
-// points, the operator included, a whole bake, and one pose's transform and reconstruction (medians of 41). SURFACE as
-// bench/named_surface.h has it.
+// table_one NAME=SURFACE...: a line of CSV for each: how long the 200 lowest eigenpairs take of the mesh and of its
+// vertices as points, the operator included, a whole bake, and one pose's transform and reconstruction (medians of 41).
+// SURFACE as bench/named_surface.h has it.
 #include <algorithm>
 #include <chrono>
 #include <cstdio>

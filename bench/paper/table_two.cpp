@@ -1,9 +1,10 @@
 // SPDX-License-Identifier: MIT
-// Table II and Figure 2 of Zhang et al. 2013, "Streaming 3D Deforming Surfaces with Dynamic Resolution Control", again: a bar
-// of 32,802 vertices, deformed by a cage with Green coordinates, sent with 200 coefficients an axis, as a mesh and as points.
+// Table II and Figure 2 of Zhang et al. 2013, "Streaming 3D Deforming Surfaces with Dynamic Resolution Control", again:
+// a bar of 32,802 vertices, deformed by a cage with Green coordinates, sent with 200 coefficients an axis, as a mesh
+// and as points.
 //   table_two [PICTURE.png]
-// The error is the symmetric Hausdorff distance between the vertices of the deformed and the rebuilt bar over the diagonal of
-// the rest box. The paper states neither its bar's proportions nor its angles, nor what it divides by.
+// The error is the symmetric Hausdorff distance between the vertices of the deformed and the rebuilt bar over the
+// diagonal of the rest box. The paper states neither its bar's proportions nor its angles, nor what it divides by.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -45,7 +46,8 @@ double hausdorff(std::span<const Vec3> a, std::span<const Vec3> b) {
   return std::max(farthest(a, b), farthest(b, a));
 }
 
-/// What normals are made of: fans of neighbours round each vertex, fixed at rest, so that they keep their sign in every pose.
+/// What normals are made of: fans of neighbours round each vertex, fixed at rest, so that they keep their sign in every
+/// pose.
 class Normals {
  public:
   explicit Normals(const Surface& surface) : surface_(surface) {
@@ -125,8 +127,8 @@ class Received {
   std::unique_ptr<SourceRebuilder> rebuilder_;
 };
 
-/// The paper's detail: at rest the distance of each vertex from the base model along its normal; in a pose the same along the
-/// normal of the moved base.
+/// The paper's detail: at rest the distance of each vertex from the base model along its normal; in a pose the same
+/// along the normal of the moved base.
 std::vector<Vec3> displaced(const Surface& bar, const Normals& normals, std::span<const Vec3> base_rest,
                             std::vector<Vec3> base) {
   const std::vector<Vec3> n_rest = normals.of(base_rest), n = normals.of(base);

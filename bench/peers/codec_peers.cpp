@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// codec_peers CLIP [RANK [EPS_OVER_DIAGONAL]]: what a clip takes as coefficients and as geometry, frame by frame, as CSV.
+// codec_peers CLIP [RANK [EPS_OVER_DIAGONAL]]: what a clip takes as coefficients and as geometry, frame by frame, as
+// CSV.
 //
 // The geometry codecs get the coarsest grid whose Karni-Gotsman error is no larger than that of the quantised stream in
 // all. Both round positions to a cubic grid over the box of the frame, so that their error is taken from that rounding

@@ -48,8 +48,8 @@ struct ForwardedHeaders {
 /// lets through with it.
 enum class ProxyHeader : std::uint8_t { kXForwardedFor, kForwarded };
 
-/// Who sent a request that came from `peer`: the peer itself, or, where that is a trusted proxy, whom it names, from the
-/// right, up to the first who is not trusted. What cannot be read stops at the proxy that said it. Safe on hostile
+/// Who sent a request that came from `peer`: the peer itself, or, where that is a trusted proxy, whom it names, from
+/// the right, up to the first who is not trusted. What cannot be read stops at the proxy that said it. Safe on hostile
 /// input: nobody who is not trusted is believed, and no header but `believed`.
 struct Sender {
   IpAddress address;

@@ -77,8 +77,8 @@ class Gate {
   std::variant<GrantPtr, Denial> admit(const AccessRequest& request, TimeUs now_us, std::int64_t now_unix_s);
   /// What is asked of the admin port: its state, or to change something.
   enum class AdminAsk { kRead, kControl };
-  /// Nothing: go on. On loopback without any tokens configured everybody may, to read in any case, as may monitors; else
-  /// it takes the right admin.
+  /// Nothing: go on. On loopback without any tokens configured everybody may, to read in any case, as may monitors;
+  /// else it takes the right admin.
   std::optional<Denial> admit_admin(const AccessRequest& request, AdminAsk ask, TimeUs now_us, std::int64_t now_unix_s);
   /// Before anything was read from it. Null: its address has too many connections. A trusted proxy's are not counted:
   /// those of whom it forwards are, at admit().

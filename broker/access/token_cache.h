@@ -13,7 +13,8 @@ namespace eigencast::broker {
 
 /// What signed tokens said that were checked before, by the SHA-256 of the whole token: who comes again with the same
 /// one need not have it parsed and verified again. Holds good ones only, so that guesses take no room; bounded: when it
-/// is full it begins anew. Belongs to one set of rules and goes with it when the configuration is reloaded. Thread-safe.
+/// is full it begins anew. Belongs to one set of rules and goes with it when the configuration is reloaded.
+/// Thread-safe.
 class TokenCache {
  public:
   static constexpr std::size_t kMost = 4096;

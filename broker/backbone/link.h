@@ -55,8 +55,8 @@ class Link {
   /// Errors of the answer: kUnreachable (nobody listens there, no connection), kTimeout.
   virtual void ask(const std::string& subject, Bytes message, TimeUs timeout_us, Answer answer) = 0;
 
-  /// Writes a row of the table if its revision is still `expected` (0: it never was there); empty text removes it. Gives
-  /// the new revision. Errors: kRefused (another revision), kUnreachable (the table does not answer just now).
+  /// Writes a row of the table if its revision is still `expected` (0: it never was there); empty text removes it.
+  /// Gives the new revision. Errors: kRefused (another revision), kUnreachable (the table does not answer just now).
   virtual void write_row(const std::string& key, std::optional<std::string> text, std::uint64_t expected,
                          std::function<void(const Result<std::uint64_t>&)> written) = 0;
 };

@@ -31,7 +31,8 @@ class Member {
   /// Whether the settings of [backbone] are of use: files are there and can be read. Connects to nobody.
   static Result<void> check(const Config& config);
 
-  /// Connects to nobody yet. `id`: of this run of the broker. The store outlives it. Errors: of [backbone], see NatsLink.
+  /// Connects to nobody yet. `id`: of this run of the broker. The store outlives it. Errors: of [backbone], see
+  /// NatsLink.
   static Result<std::unique_ptr<Member>> create(const Config& config, const std::string& id, AssetStore& assets,
                                                 LogSink log);
 

@@ -278,8 +278,8 @@ Result<std::unique_ptr<NatsLink>> NatsLink::create(const Settings& settings,
   set(natsOptions_SetMaxReconnect(raw, -1), "servers");
   set(natsOptions_SetReconnectWait(raw, 250), "servers");
   set(natsOptions_SetReconnectJitter(raw, 100, 200), "servers");
-  // A server that is cut off says nothing: after two pings without an answer, 1.2 s at most, it is left for another one,
-  // so that frames go on within two seconds.
+  // A server that is cut off says nothing: after two pings without an answer, 1.2 s at most, it is left for another
+  // one, so that frames go on within two seconds.
   set(natsOptions_SetPingInterval(raw, 400), "servers");
   set(natsOptions_SetMaxPingsOut(raw, 2), "servers");
   set(natsOptions_SetWriteDeadline(raw, 2'000), "servers");

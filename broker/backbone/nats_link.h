@@ -12,8 +12,8 @@ namespace eigencast::broker {
 /// A Link over NATS: subjects and requests of the core, and a bucket of JetStream's key-value store as the table.
 ///
 /// libnats calls from threads of its own and may block in whatever is asked of it, so everything that leaves goes
-/// through a thread (bounded: what finds no room is dropped, as the core of NATS itself would), everything that comes is
-/// handed to the event loop.
+/// through a thread (bounded: what finds no room is dropped, as the core of NATS itself would), everything that comes
+/// is handed to the event loop.
 class NatsLink final : public Link {
  public:
   struct Settings {

@@ -5,11 +5,12 @@
 
 #include "broker/config/config.h"
 
-/// Where the files of a broker are. systemd says so in the environment of the services that it starts (systemd.exec(5)):
-/// a unit needs no paths then, and a file of settings none either.
+/// Where the files of a broker are. systemd says so in the environment of the services that it starts
+/// (systemd.exec(5)): a unit needs no paths then, and a file of settings none either.
 namespace eigencast::broker {
 
-/// Where assets and recordings go: server.data_dir, $STATE_DIRECTORY, $XDG_STATE_HOME/eigencast, ~/.local/state/eigencast.
+/// Where assets and recordings go: server.data_dir, $STATE_DIRECTORY, $XDG_STATE_HOME/eigencast,
+/// ~/.local/state/eigencast.
 std::string data_dir_of(const Config& config);
 
 /// A file that a setting names. A path that begins with '/' is itself; another is looked for in $CREDENTIALS_DIRECTORY,

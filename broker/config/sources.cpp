@@ -96,8 +96,8 @@ Result<void> check_readable(std::string_view toml, std::string_view name) {
   return {};
 }
 
-/// Whether EIGENCAST_`rest` is a setting's variable but for the one underscore where two part section and key: with two;
-/// else empty.
+/// Whether EIGENCAST_`rest` is a setting's variable but for the one underscore where two part section and key: with
+/// two; else empty.
 std::string meant_by(std::string_view rest) {
   for (std::size_t at = rest.find('_'); at != std::string_view::npos; at = rest.find('_', at + 1)) {
     const std::string_view section = rest.substr(0, at), key = rest.substr(at + 1);

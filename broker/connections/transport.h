@@ -58,7 +58,8 @@ class Transport {
   /// One try to go on with the TLS handshake; done when there is nothing to wait for. Plain: done.
   Outcome shake_hands();
   Outcome read(std::span<std::uint8_t> into);
-  /// Whether bytes wait to be read that TLS has taken off the socket with what came before them: it takes whole records.
+  /// Whether bytes wait to be read that TLS has taken off the socket with what came before them: it takes whole
+  /// records.
   bool has_read_ahead() const;
   /// Plain: whatever the socket takes. TLS: at most one record of `scratch_bytes`; the first held_bytes() bytes must be
   /// offered again in the next call.

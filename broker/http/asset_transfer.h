@@ -6,8 +6,8 @@
 
 namespace eigencast::broker {
 
-// Both answer the request that is at hand on `connection`, and keep the connection alive meanwhile. `grant` is of who sent
-// it, and outlives the answer. Files are read and written by the disk's threads.
+// Both answer the request that is at hand on `connection`, and keep the connection alive meanwhile. `grant` is of who
+// sent it, and outlives the answer. Files are read and written by the disk's threads.
 
 /// A GET or HEAD of an asset: whole or a range of it, or 304, 404, 416, 429.
 void send_asset(HttpConnection& connection, Grant& grant, const Sha256& id);

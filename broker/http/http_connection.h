@@ -23,9 +23,10 @@ namespace eigencast::broker {
 /// Fields of an answer's head, by name.
 using HttpHeaders = std::vector<std::pair<std::string_view, std::string>>;
 
-/// One HTTP/1.1 connection as far as it is bytes and time: the TLS handshake, one request head after the other, answers,
-/// and a close that loses none of them. What is answered, on_head() decides. Kept alive by its pending operations.
-/// Belongs to the first event loop. All of Beast's reading and writing is in its .cpp: it takes long to compile.
+/// One HTTP/1.1 connection as far as it is bytes and time: the TLS handshake, one request head after the other,
+/// answers, and a close that loses none of them. What is answered, on_head() decides. Kept alive by its pending
+/// operations. Belongs to the first event loop. All of Beast's reading and writing is in its .cpp: it takes long to
+/// compile.
 class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
  public:
   using Status = beast::http::status;

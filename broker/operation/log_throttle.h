@@ -12,8 +12,8 @@
 namespace eigencast::broker {
 
 /// Decides which log lines are written, so that a flood of one kind (a client that fails a thousand times a second)
-/// cannot fill the disk or hide the others: of lines that differ in digits only, a few in each period pass, and the next
-/// that passes says how many did not. Remembers a bounded number of kinds. Not thread-safe.
+/// cannot fill the disk or hide the others: of lines that differ in digits only, a few in each period pass, and the
+/// next that passes says how many did not. Remembers a bounded number of kinds. Not thread-safe.
 class LogThrottle {
  public:
   struct Settings {

@@ -15,8 +15,9 @@ struct GivenSockets {
   int admin = -1;
 };
 
-/// What systemd (or anything that speaks its protocol, sd_notify(3) and sd_listen_fds(3)) has to hear and gives. Without
-/// it every call does nothing. Not thread-safe; take_sockets() changes the environment: before threads are started.
+/// What systemd (or anything that speaks its protocol, sd_notify(3) and sd_listen_fds(3)) has to hear and gives.
+/// Without it every call does nothing. Not thread-safe; take_sockets() changes the environment: before threads are
+/// started.
 namespace service_manager {
 
 /// The sockets named "data" and "admin" (FileDescriptorName=); a single unnamed one is data.

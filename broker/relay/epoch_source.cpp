@@ -22,7 +22,8 @@ Result<EpochSource> EpochSource::open(std::string path) {
 
 Result<std::uint32_t> EpochSource::next(std::uint64_t unix_seconds, std::uint32_t above) {
   const std::uint64_t by_time = unix_seconds > kStartOf2026 ? unix_seconds - kStartOf2026 : 0;
-  const auto epoch = static_cast<std::uint32_t>(std::max<std::uint64_t>(std::uint64_t{std::max(last_, above)} + 1, by_time));
+  const auto epoch =
+      static_cast<std::uint32_t>(std::max<std::uint64_t>(std::uint64_t{std::max(last_, above)} + 1, by_time));
   if (auto kept = write_file_atomically(path_, std::to_string(epoch) + "\n"); !kept) return kept.error();
   last_ = epoch;
   return epoch;

@@ -234,8 +234,8 @@ FramePtr Feed::take_ahead(const Pacer::Due& due) {
 
 Result<Key> Feed::pose_between(const KeyRecord& record, const Pacer::Due& due) {
   const Key &from = record.before->newer, &to = record.after->newer;
-  // A pose held by the sender (docs/protocol.md, section 5) stands still between its keys, whatever came before: a curve
-  // with the slope of the movement that ended there would leave it.
+  // A pose held by the sender (docs/protocol.md, section 5) stands still between its keys, whatever came before: a
+  // curve with the slope of the movement that ended there would leave it.
   if (profile_.scheme == Profile::Scheme::kCatmullRom && from == to) return to;
   switch (profile_.scheme) {
     case Profile::Scheme::kHermite:

@@ -39,7 +39,8 @@ using KeyRecordPtr = std::shared_ptr<const KeyRecord>;
 ///   raw        key s as it comes
 ///   full       synthetic (s, 1/k) ... (s, (k-1)/k), key s, evenly paced
 ///   compact    key s marked kAhead as soon as the steps before it have left, then step (s, 1/k) ... (s, k/k), paced
-///   estimated  key s as it comes, then estimate (s, 1/k), (s, 2/k) ... paced, until key s+1 comes or max_ahead_us is over
+///   estimated  key s as it comes, then estimate (s, 1/k), (s, 2/k) ... paced, until key s+1 comes or max_ahead_us is
+///   over
 ///
 /// Interpolated poses lie on the profile's curve. Catmull-Rom takes key s+1 where it came before the first pose of the
 /// interval was due, and does without it for the whole interval where not; Hermite takes the velocities of the format.
@@ -73,8 +74,8 @@ class Feed {
   std::optional<TimeUs> next_due_us() const;
 
   /// Makes poses that wait for nothing but their time: soon after a key came, all that they are made of is in the
-  /// processor's caches, which it is not when they are due. Changes nothing but when the work is done; does nothing while
-  /// the caller is behind, since poses that are overtaken are not made at all.
+  /// processor's caches, which it is not when they are due. Changes nothing but when the work is done; does nothing
+  /// while the caller is behind, since poses that are overtaken are not made at all.
   void prepare();
   /// Poses that are made and wait for their time.
   std::size_t poses_ahead() const { return ahead_.size(); }
@@ -98,8 +99,8 @@ class Feed {
   void emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out);
   /// Null if it cannot be coded.
   FramePtr synthetic(const KeyRecord& record, const Pacer::Due& due);
-  /// A pose that is no reference, coded against `state` more coarsely than a key of `key_spacing`, and cut to the profile's
-  /// bands. Null if it cannot be coded.
+  /// A pose that is no reference, coded against `state` more coarsely than a key of `key_spacing`, and cut to the
+  /// profile's bands. Null if it cannot be coded.
   FramePtr made(Envelope head, std::uint8_t key_spacing, const ChainState& state, Result<Key> pose) const;
   FramePtr take_ahead(const Pacer::Due& due);
   void emit_made(FramePtr frame, std::vector<FramePtr>& out);

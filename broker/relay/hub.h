@@ -47,7 +47,8 @@ class Hub {
   /// The stream took frames or watchers: deliver() delivers what follows and learns when it has something due next.
   void owes(Stream& stream);
   void deliver();
-  /// Call when what the last deliver() made has left: the poses that its streams will need soon are made (Feed::prepare).
+  /// Call when what the last deliver() made has left: the poses that its streams will need soon are made
+  /// (Feed::prepare).
   void prepare();
   /// When pump() has something to do next.
   std::optional<TimeUs> next_due_us() const;

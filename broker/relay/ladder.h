@@ -10,10 +10,11 @@
 
 namespace eigencast::broker {
 
-/// Decides which profile the link of one viewer bears: the rungs lead from what it asked for, over compact interpolation
-/// and raw keys, down to fewer and fewer bands. Who skips many frames, or needs join frames again and again, goes down;
-/// who gets everything for a while goes up again, after a longer while each time that it did not last. A reader that
-/// takes nothing at all stays where it is: it costs nothing, and is told the present pose when it wakes.
+/// Decides which profile the link of one viewer bears: the rungs lead from what it asked for, over compact
+/// interpolation and raw keys, down to fewer and fewer bands. Who skips many frames, or needs join frames again and
+/// again, goes down; who gets everything for a while goes up again, after a longer while each time that it did not
+/// last. A reader that takes nothing at all stays where it is: it costs nothing, and is told the present pose when it
+/// wakes.
 ///
 /// Looks at counts, a second at a time; no clock, no sockets. Not thread-safe.
 class Ladder {

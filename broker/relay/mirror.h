@@ -11,9 +11,9 @@
 
 #include "broker/relay/hub.h"
 
-/// One stream in several event loops. Its sender, its key chain and its taps are in the first one: the origin. Each loop
-/// where somebody watches it has a mirror of it, with the feeds that its own viewers use. What crosses is immutable and
-/// shared, in batches, in order. No sockets, no clock, no threads: how batches travel, the owner says.
+/// One stream in several event loops. Its sender, its key chain and its taps are in the first one: the origin. Each
+/// loop where somebody watches it has a mirror of it, with the feeds that its own viewers use. What crosses is
+/// immutable and shared, in batches, in order. No sockets, no clock, no threads: how batches travel, the owner says.
 namespace eigencast::broker {
 
 /// What happened to a stream at its origin.
@@ -22,8 +22,8 @@ struct MirrorEvent {
   using TracePtr = std::shared_ptr<const control::Trace>;
   using ErrorPtr = std::shared_ptr<const Error>;
   std::uint32_t stream_id = 0;
-  /// Where it stands (the answer to kFollow, and each announcement), its next key, its sender's end, a sender's trace, or
-  /// why it cannot be had.
+  /// Where it stands (the answer to kFollow, and each announcement), its next key, its sender's end, a sender's trace,
+  /// or why it cannot be had.
   std::variant<StandingPtr, KeyRecordPtr, Stalled, TracePtr, ErrorPtr> what;
 };
 using MirrorEvents = std::vector<MirrorEvent>;
@@ -38,7 +38,8 @@ struct MirrorAsk {
 };
 using MirrorAsks = std::vector<MirrorAsk>;
 
-/// At the loop of the senders: tells the other loops what becomes of the streams that they follow. A tap of its streams.
+/// At the loop of the senders: tells the other loops what becomes of the streams that they follow. A tap of its
+/// streams.
 ///
 /// A loop that has kMostUnderWay events before it gets no more; when it has dealt with them, it goes on from where the
 /// streams stand then.

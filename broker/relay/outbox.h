@@ -61,8 +61,8 @@ class Outbox {
   [[nodiscard]] bool push_control(Text text);
   /// For what may be lost (traces): false if it was dropped because a quarter of the queue is in use.
   bool push_droppable(Text text);
-  /// An answer to a ping that leaves after all other control messages and takes the place of one that still waits: where
-  /// many come, the latest is answered (RFC 6455, 5.5.3).
+  /// An answer to a ping that leaves after all other control messages and takes the place of one that still waits:
+  /// where many come, the latest is answered (RFC 6455, 5.5.3).
   void push_late_pong(Text text) { late_pong_ = std::move(text); }
 
   /// Starts a lane, or starts it anew (new epoch, new profile): the receiver is taken to know nothing.
@@ -73,8 +73,8 @@ class Outbox {
   /// Puts a frame into its lane. Ignored if the lane is not open.
   void offer(std::uint32_t stream_id, const FramePtr& frame);
 
-  /// offer() and take() in one for a frame that nothing stands before: true, and it must be sent now; false: nothing has
-  /// changed, offer it.
+  /// offer() and take() in one for a frame that nothing stands before: true, and it must be sent now; false: nothing
+  /// has changed, offer it.
   bool pass(std::uint32_t stream_id, const Frame& frame, TimeUs now_us);
 
   /// The next message to send now, control first, then the lanes in turn. Nothing: all is sent or waits for

@@ -90,9 +90,9 @@ class Stream {
   /// epochs do not fall. Errors: kInvalidArgument (codec).
   Result<void> announce(const control::Announce& announce, std::uint32_t epoch);
 
-  /// Takes a binary message of the publisher and delivers what follows from it. The envelope's stream id and epoch are not read: the connection and its
-  /// last announcement say them. Errors: kCorrupt, kTooLarge, kUnsupported (see docs/protocol.md); nothing has changed
-  /// then.
+  /// Takes a binary message of the publisher and delivers what follows from it. The envelope's stream id and epoch are
+  /// not read: the connection and its last announcement say them. Errors: kCorrupt, kTooLarge, kUnsupported (see
+  /// docs/protocol.md); nothing has changed then.
   Result<void> add_frame(ByteView message, TimeUs now_us);
   /// The same, but what follows from it waits for deliver(): of several messages that came at once, all that a watcher
   /// gets is offered in one call.

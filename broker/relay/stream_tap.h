@@ -8,9 +8,9 @@ namespace eigencast::broker {
 
 class Stream;
 
-/// Hears what streams take from their senders: what records, what keeps count of the assets in use, what passes keys on.
-/// Called on the stream's event loop, in the order in which things happen; must return at once and must not change the
-/// stream.
+/// Hears what streams take from their senders: what records, what keeps count of the assets in use, what passes keys
+/// on. Called on the stream's event loop, in the order in which things happen; must return at once and must not change
+/// the stream.
 class StreamTap {
  public:
   virtual ~StreamTap() = default;

@@ -35,7 +35,8 @@ class FileHandle {
 
 /// Objects (manifests and chunks) in a folder, each named by its SHA-256. What is visible is whole and has that hash.
 ///
-/// Layout: DIR/assets/ab/abcdef...  and DIR/assets/uploading/ for what is not verified yet or on its way out (emptied at opening).
+/// Layout: DIR/assets/ab/abcdef...  and DIR/assets/uploading/ for what is not verified yet or on its way out (emptied
+/// at opening).
 ///
 /// When an upload needs the room, objects go that no stream uses, the one whose last use is longest ago first. A stream
 /// uses the asset that it announced and every object whose 32-byte id stands anywhere in it: so the store keeps the

@@ -37,8 +37,8 @@ std::string_view name_of(RecordingInfo::State state);
 /// Records streams into files (docs/recording-format.md), one file each, on a thread of its own.
 ///
 /// The event loop only hands over keys that all share; the queue between is bounded in bytes, and what does not fit is
-/// left out, counted and logged, and bridged by a checkpoint: recording never delays a frame. Where the disk fails or is
-/// full, the recording ends, says so, and all else goes on. Thread-safe.
+/// left out, counted and logged, and bridged by a checkpoint: recording never delays a frame. Where the disk fails or
+/// is full, the recording ends, says so, and all else goes on. Thread-safe.
 class Recorder final : public StreamTap {
  public:
   struct Settings {

@@ -25,16 +25,16 @@ inline float panel_width(float scale) {
   return 304 * scale;
 }
 
-/// The panel at the left: surfaces, colours, motion, detail, export, plots over time. Changes state and session in place.
-/// REQUIRES: called while an Overlay draws. Not thread-safe.
+/// The panel at the left: surfaces, colours, motion, detail, export, plots over time. Changes state and session in
+/// place. REQUIRES: called while an Overlay draws. Not thread-safe.
 UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, float scale);
 
 /// The card of a viewer that shows nothing yet: built-in demos, a line for a URL or a file, what was opened before.
 /// REQUIRES: as draw_panel.
 UiRequests draw_welcome(const std::vector<std::string>& recent, TextField& to_open, float scale);
 
-/// Over the last minute: the part of the vertices drawn, pictures a second, milliseconds from capture to picture, bit rate, and what
-/// the resolver holds (kappa, or the planned part of a picture's time). REQUIRES: as draw_panel.
+/// Over the last minute: the part of the vertices drawn, pictures a second, milliseconds from capture to picture, bit
+/// rate, and what the resolver holds (kappa, or the planned part of a picture's time). REQUIRES: as draw_panel.
 void draw_plots(const History& history, ResolverKind resolver, float scale);
 
 }  // namespace eigencast

@@ -42,8 +42,8 @@ struct Asset {
   std::vector<double> rest;                         ///< r x 3, row-major: coefficients of the rest pose.
   double area = 0;                                  ///< trace M
 
-  /// How to draw points as discs (progressive/splats.h says what each array holds); empty for meshes and where the asset brings
-  /// none. Normals are within a degree, radii rounded up by a twenty-second at most.
+  /// How to draw points as discs (progressive/splats.h says what each array holds); empty for meshes and where the
+  /// asset brings none. Normals are within a degree, radii rounded up by a twenty-second at most.
   struct Splats {
     std::vector<std::array<std::uint32_t, 2>> frame;
     std::vector<std::array<float, 3>> normal;
@@ -55,9 +55,10 @@ struct Asset {
   };
   Splats splats;  ///< n or nothing
 
-  /// What the basis leaves out of the rest pose, and how it comes back in every other (asset/detail.h): for each row the derivatives
-  /// of the basis' columns along two tangents, an offset from where the basis puts the vertex, and the surface's normal at rest; both
-  /// are told in the frame that those tangents span in the pose at hand. Empty where the asset brings none.
+  /// What the basis leaves out of the rest pose, and how it comes back in every other (asset/detail.h): for each row
+  /// the derivatives of the basis' columns along two tangents, an offset from where the basis puts the vertex, and the
+  /// surface's normal at rest; both are told in the frame that those tangents span in the pose at hand. Empty where the
+  /// asset brings none.
   struct Detail {
     std::uint32_t axes = 3;                      ///< 3; 1: offsets are along z, the frame's normal, alone.
     std::vector<float> steps;                    ///< r: what one unit in a column of the next two is.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
-// coded basis tile  the float32 columns, then the int16 ones, column by column, each row by row: what is left of an entry
-//                   beside what the rows before it foretell, as a size and a sign. The specification is docs/asset-format.md.
+// coded basis tile  the float32 columns, then the int16 ones, column by column, each row by row: what is left of an
+// entry
+//                   beside what the rows before it foretell, as a size and a sign. The specification is
+//                   docs/asset-format.md.
 #include <algorithm>
 #include <array>
 #include <bit>
@@ -26,9 +28,9 @@ float unordered(std::int32_t number) {
   return std::bit_cast<float>(number < 0 ? 0x7fffffffu - bits : bits);
 }
 
-/// The float entries of a tile. The rows that predict a row's integers do so for its floats, weights brought to a sum of one,
-/// so that a constant is foretold to the bit. All products and the sums of integers are exact in double: every reader, with
-/// or without fused multiplications, finds the same.
+/// The float entries of a tile. The rows that predict a row's integers do so for its floats, weights brought to a sum
+/// of one, so that a constant is foretold to the bit. All products and the sums of integers are exact in double: every
+/// reader, with or without fused multiplications, finds the same.
 class FloatModel {
  public:
   explicit FloatModel(std::size_t rows) : level_(rows, kFirst) {}
@@ -67,8 +69,8 @@ class FloatModel {
   std::array<SignedModel, 40> contexts_;
 };
 
-/// The integer entries of a tile. Rows that are hard to foretell are so in every column: how large a residual will be is told
-/// by those that the row has had, times what this column's have been beside that.
+/// The integer entries of a tile. Rows that are hard to foretell are so in every column: how large a residual will be
+/// is told by those that the row has had, times what this column's have been beside that.
 class ResidualModel {
  public:
   explicit ResidualModel(std::size_t rows) : of_row_(rows, 2 * kOne) {}

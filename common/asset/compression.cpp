@@ -14,9 +14,9 @@ struct Parameter {
   int value;
 };
 
-/// Basis tiles are noise of many widths, with few strings that come again: all lies in dividing them into blocks whose symbols
-/// have one distribution, which the last strategies do well. With the search for strings cut short they take less time than
-/// level 12 and give 10 % less bytes, as many as level 19 does in five times the time.
+/// Basis tiles are noise of many widths, with few strings that come again: all lies in dividing them into blocks whose
+/// symbols have one distribution, which the last strategies do well. With the search for strings cut short they take
+/// less time than level 12 and give 10 % less bytes, as many as level 19 does in five times the time.
 constexpr Parameter kParameters[] = {{ZSTD_c_compressionLevel, 12},
                                      {ZSTD_c_strategy, ZSTD_btultra},
                                      {ZSTD_c_searchLog, 1},

@@ -10,8 +10,8 @@
 
 namespace eigencast {
 
-/// How what a basis leaves out of the rest pose comes back in other poses. With b_i where the basis puts a vertex and d_i what is
-/// missing there at rest, in a pose
+/// How what a basis leaves out of the rest pose comes back in other poses. With b_i where the basis puts a vertex and
+/// d_i what is missing there at rest, in a pose
 enum class DetailKind {
   kNone,
   kNormal,  ///< x_i = b_i + (d_i . n_i at rest) n_i, along the normal of what the basis holds: the paper's.
@@ -40,9 +40,10 @@ struct DetailFrame {
   }
 };
 
-/// The frame whose x and y are nearest to two derivatives of the pose (in the sum of squares), z along their cross product, whatever
-/// they are stretched and sheared by: of derivatives that are x and y at rest, frames turn from rest to pose by the rotation of the
-/// polar decomposition of the deformation's gradient. The axes of the world where the derivatives span no plane.
+/// The frame whose x and y are nearest to two derivatives of the pose (in the sum of squares), z along their cross
+/// product, whatever they are stretched and sheared by: of derivatives that are x and y at rest, frames turn from rest
+/// to pose by the rotation of the polar decomposition of the deformation's gradient. The axes of the world where the
+/// derivatives span no plane.
 template <typename Real>
 DetailFrame<Real> frame_from_derivatives(const std::array<Real, 3>& u, const std::array<Real, 3>& v) {
   const auto cross = [](const auto& a, const auto& b) {

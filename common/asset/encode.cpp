@@ -68,7 +68,8 @@ std::vector<std::uint32_t> chunk_ends(const Asset& asset, std::uint32_t first) {
   return ends;
 }
 
-/// The step of each column with which all columns add equally to the error, sum_k (amplitude_k step_k)^2 / 12 = error^2.
+/// The step of each column with which all columns add equally to the error, sum_k (amplitude_k step_k)^2 / 12 =
+/// error^2.
 std::vector<double> steps_of(const AssetEncoding& encoding, std::uint32_t rank) {
   if (encoding.amplitudes.size() != rank || !(encoding.error > 0)) return {};
   std::vector<double> steps;
@@ -119,7 +120,8 @@ class Encoder {
 
   std::size_t bands() const { return asset_.band_ends.size(); }
 
-  /// Of each chunk each band. The last of them are the largest and begin first, so that no thread is left alone with one.
+  /// Of each chunk each band. The last of them are the largest and begin first, so that no thread is left alone with
+  /// one.
   std::vector<NewTile> basis_tiles(std::span<const std::uint32_t> ends) const {
     std::vector<Predictors> predictors;
     for (std::size_t c = 0; c < ends.size(); ++c) {
@@ -203,8 +205,8 @@ class Encoder {
     }
   }
 
-  /// As the smaller of the two ways has it. Of large tiles only the coded one is made, which takes a third less time: zstd wins where
-  /// entries repeat, as in small surfaces that are made by rule.
+  /// As the smaller of the two ways has it. Of large tiles only the coded one is made, which takes a third less time:
+  /// zstd wins where entries repeat, as in small surfaces that are made by rule.
   NewTile basis_tile(const BasisBlock& block, std::size_t b) const {
     const std::size_t raw_bytes = basis_tile_bytes(manifest_, b, block.end_row - block.first_row);
     NewTile coded = tile_of(TileKind::kBasis, b, raw_bytes);

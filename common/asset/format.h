@@ -41,9 +41,9 @@ struct AssetEncoding {
       1024;              ///< Vertices in the first chunk at least; each chunk doubles what is there (default: 1024).
   bool compress = true;  ///< zstd where it makes a tile smaller (default: true).
   bool code = true;      ///< Basis tiles coded where that is smaller (default: true).
-  /// How large the coefficients get, r: the norms over x, y, z of each, at most. With them the inexact columns get the steps
-  /// by which rounding moves a vertex by `error` (root mean square, model units) when they are as large as that; empty: the
-  /// finest steps of 16 bits.
+  /// How large the coefficients get, r: the norms over x, y, z of each, at most. With them the inexact columns get the
+  /// steps by which rounding moves a vertex by `error` (root mean square, model units) when they are as large as that;
+  /// empty: the finest steps of 16 bits.
   std::vector<double> amplitudes{};
   double error = 0;
 };

@@ -12,8 +12,8 @@
 
 namespace eigencast {
 
-/// Columns [first, end) of a basis as integers, each row by row to the block's end. Some at a time: a cache line of the basis
-/// holds as many entries of a row.
+/// Columns [first, end) of a basis as integers, each row by row to the block's end. Some at a time: a cache line of the
+/// basis holds as many entries of a row.
 class IntegerColumns {
  public:
   static constexpr std::uint32_t kMost = 16;

@@ -10,9 +10,9 @@
 #include "common/codec/range_coder.h"
 #include "common/core/bytes.h"
 
-/// Numbers of a distribution that is not known before as a run of bytes: decisions of a range coder whose probabilities are
-/// learned on the way (docs/asset-format.md, "Coded tiles"). What writes and what reads is one function, `pass`: a writer
-/// takes the value and gives it back, a reader takes anything and gives what was written.
+/// Numbers of a distribution that is not known before as a run of bytes: decisions of a range coder whose probabilities
+/// are learned on the way (docs/asset-format.md, "Coded tiles"). What writes and what reads is one function, `pass`: a
+/// writer takes the value and gives it back, a reader takes anything and gives what was written.
 namespace eigencast {
 
 /// A decision and how probable it has been: the mean of a quick and a slow estimate, never 0 or 1.
@@ -71,8 +71,8 @@ class BitReader {
   band::RangeDecoder decoder_;
 };
 
-/// Numbers of up to 32 bits: how many bits one has, as decisions "more than 0", "more than 1", ...; then its bits below the
-/// highest, of which the first three know those before them, and the others are even.
+/// Numbers of up to 32 bits: how many bits one has, as decisions "more than 0", "more than 1", ...; then its bits below
+/// the highest, of which the first three know those before them, and the others are even.
 class NumberModel {
  public:
   template <typename Coder>

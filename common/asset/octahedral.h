@@ -8,8 +8,8 @@
 
 namespace eigencast {
 
-/// Directions as two integers of at most `most` in magnitude: the octahedron |x| + |y| + |z| = 1 unfolded onto a square, its lower half
-/// over the corners.
+/// Directions as two integers of at most `most` in magnitude: the octahedron |x| + |y| + |z| = 1 unfolded onto a
+/// square, its lower half over the corners.
 inline std::array<std::int16_t, 2> octahedral_from_normal(const std::array<float, 3>& n, float most) {
   const float size = std::abs(n[0]) + std::abs(n[1]) + std::abs(n[2]);
   float x = n[0] / size, y = n[1] / size;

@@ -18,8 +18,8 @@ std::uint64_t max_splat_bytes(std::uint64_t rows);
 Bytes encode_splats(const Asset::Splats& splats, std::uint32_t first_row, std::uint32_t end_row,
                     std::uint32_t base_count, double diagonal);
 
-/// Adds the rows from splats.size() to end_row. Safe on hostile input: frames come before what they turn, normals are of unit
-/// length. After an error nothing has changed. Errors: kCorrupt.
+/// Adds the rows from splats.size() to end_row. Safe on hostile input: frames come before what they turn, normals are
+/// of unit length. After an error nothing has changed. Errors: kCorrupt.
 Result<void> decode_splats(ByteView raw, std::uint32_t end_row, std::uint32_t base_count, double diagonal,
                            Asset::Splats& splats);
 

@@ -38,7 +38,8 @@ Bytes encode_structure(const ChunkRange& range, const StructureTile& tile, std::
                        std::span<const std::array<std::uint32_t, 3>> earlier_faces);
 
 /// The other way round. Safe on hostile input: every index of the result is in range, death ascends, masses are
-/// positive, predictors come before what they predict. Errors: kCorrupt. REQUIRES: raw was checked against max_structure_bytes, new_faces against the manifest.
+/// positive, predictors come before what they predict. Errors: kCorrupt. REQUIRES: raw was checked against
+/// max_structure_bytes, new_faces against the manifest.
 Result<StructureTile> decode_structure(ByteView raw, const ChunkRange& range, std::uint32_t new_faces,
                                        std::span<const std::uint32_t> earlier_source,
                                        std::span<const std::array<std::uint32_t, 3>> earlier_faces);

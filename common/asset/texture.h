@@ -13,10 +13,10 @@ namespace eigencast {
 
 struct Asset;
 
-/// Where the image of a surface lies on its faces. A wedge is a place in the image that a vertex has; along seams it has several.
-/// Wedges are numbered by vertex, and contract as vertices do: with the first N vertices a corner has the wedge that is found from
-/// its own by following `parent` until it is below first_wedge[N], and that is a wedge of the vertex that the corner then has. So
-/// both sides of a seam stay apart at every level.
+/// Where the image of a surface lies on its faces. A wedge is a place in the image that a vertex has; along seams it
+/// has several. Wedges are numbered by vertex, and contract as vertices do: with the first N vertices a corner has the
+/// wedge that is found from its own by following `parent` until it is below first_wedge[N], and that is a wedge of the
+/// vertex that the corner then has. So both sides of a seam stay apart at every level.
 struct AssetTexture {
   static constexpr std::size_t kMaxImageBytes = std::size_t{16} << 20;
   static constexpr std::array<std::uint16_t, 2> kNone{65535, 65535};  ///< A wedge that is not in the image.
@@ -28,8 +28,8 @@ struct AssetTexture {
   std::vector<std::array<std::uint32_t, 3>> corners;  ///< F: the wedges of each face's corners.
   Bytes image;                                        ///< A PNG or JPEG file.
 
-  /// In the image: (0, 0) is the upper left corner of its first pixel, (1, 1) the lower right one of its last; beyond it repeats.
-  /// REQUIRES: places[wedge] != kNone.
+  /// In the image: (0, 0) is the upper left corner of its first pixel, (1, 1) the lower right one of its last; beyond
+  /// it repeats. REQUIRES: places[wedge] != kNone.
   std::array<float, 2> uv(std::uint32_t wedge) const;
 };
 

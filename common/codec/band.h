@@ -8,9 +8,9 @@
 #include "common/core/bytes.h"
 #include "common/core/result.h"
 
-/// The values of one band as a run of bytes (docs/protocol.md, "Runs"). There are two kinds: exact runs, which may stand
-/// alone, and coarse runs, which need the two keys before them and give the values to within a spacing of the encoder's
-/// choice.
+/// The values of one band as a run of bytes (docs/protocol.md, "Runs"). There are two kinds: exact runs, which may
+/// stand alone, and coarse runs, which need the two keys before them and give the values to within a spacing of the
+/// encoder's choice.
 namespace eigencast::band {
 
 /// The values of the two latest keys in a band, at the step of the frame.
@@ -33,8 +33,8 @@ inline constexpr std::uint8_t kExactFollows = 0xff;
 /// Appends an exact run: the differences from c1, or the values themselves if c1 is empty.
 void append_exact(std::span<const std::int32_t> values, std::span<const std::int32_t> c1, Bytes& out);
 
-/// Appends a coarse run and writes what it decodes to. Chooses levels by a trellis search of rate and distortion, so that
-/// the root mean square error is about 0.56 m and single errors stay below 3 m.
+/// Appends a coarse run and writes what it decodes to. Chooses levels by a trellis search of rate and distortion, so
+/// that the root mean square error is about 0.56 m and single errors stay below 3 m.
 ///   values   the targets, `channels` to a row     from  c1 must be there
 ///   decoded  as many as values; other memory
 /// Returns false, and appends nothing, if a decoded value would leave the range: an exact run is needed then.

@@ -10,8 +10,8 @@
 //   run, quantised   exact_run.cpp, coarse_run.cpp
 //   run, float       the band's values, row by row, as float32 or float64
 //
-// A key is predicted from the receiver's two latest keys. In a join all runs are exact, the older key's from nothing and
-// the newer's from the older. Steps and m are 0 with float codecs.
+// A key is predicted from the receiver's two latest keys. In a join all runs are exact, the older key's from nothing
+// and the newer's from the older. Steps and m are 0 with float codecs.
 #include "common/codec/chain.h"
 
 #include <algorithm>

@@ -34,8 +34,8 @@ struct CodedKey {
 Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& state, const Key& key,
                             std::uint8_t half_spacing);
 
-/// Payload of a kSynthetic or kEstimate frame, for poses that are many and soon over: as encode_key, in a quarter of the
-/// time and a few more bytes, and what it decodes to is not told. Errors: as encode_key.
+/// Payload of a kSynthetic or kEstimate frame, for poses that are many and soon over: as encode_key, in a quarter of
+/// the time and a few more bytes, and what it decodes to is not told. Errors: as encode_key.
 Result<Bytes> encode_pose(const CoefficientLayout& layout, const ChainState& state, Key pose,
                           std::uint8_t half_spacing);
 

@@ -12,7 +12,8 @@
 namespace eigencast::band {
 namespace {
 
-/// What levels 0 to 4 of a rule cost in a context, in 1/256 bit. From 2 on each level costs as much more than the one before.
+/// What levels 0 to 4 of a rule cost in a context, in 1/256 bit. From 2 on each level costs as much more than the one
+/// before.
 using LevelCosts = std::array<std::int32_t, 5>;
 
 /// By rule and context.
@@ -38,8 +39,8 @@ const CostTable& level_costs() {
   return kTable;
 }
 
-/// What levels cost as the search weighs it against distortion: 0.06 squared spacings a bit, in 1/4096 of a squared step.
-/// Each thread keeps the table that it used last, since m changes seldom.
+/// What levels cost as the search weighs it against distortion: 0.06 squared spacings a bit, in 1/4096 of a squared
+/// step. Each thread keeps the table that it used last, since m changes seldom.
 const CostTable& prices_at(std::int32_t m) {
   struct Kept {
     std::int32_t m = 0;
@@ -90,8 +91,8 @@ Moments<double> moments_of(std::span<const std::int32_t> values, const Motion& m
   return all;
 }
 
-/// The weights that leave the least energy, by least squares and then on their grid. A restoring weight is taken where it
-/// gains what it costs.
+/// The weights that leave the least energy, by least squares and then on their grid. A restoring weight is taken where
+/// it gains what it costs.
 Predictor best_predictor(std::span<const std::int32_t> values, const Motion& motion) {
   const Moments<double> of = moments_of(values, motion);
   const auto on_grid = [](double weight, int unit, int zero) {
@@ -124,9 +125,9 @@ Predictor best_predictor(std::span<const std::int32_t> values, const Motion& mot
 /// Four numbers that are worked on at a time.
 using Four = std::int32_t __attribute__((vector_size(16)));
 
-/// Viterbi's search for the levels of least distortion + lambda * rate. Prices are in 1/4096 of a squared step, less what
-/// all candidates of a value have in common, so that they stay within 2^29; costs are those of the four states less that
-/// of the first, which are never more than two prices apart.
+/// Viterbi's search for the levels of least distortion + lambda * rate. Prices are in 1/4096 of a squared step, less
+/// what all candidates of a value have in common, so that they stay within 2^29; costs are those of the four states
+/// less that of the first, which are never more than two prices apart.
 class Trellis {
  public:
   explicit Trellis(const Spacing& spacing)
@@ -178,8 +179,8 @@ class Trellis {
     step.low = {static_cast<std::uint32_t>(whole), static_cast<std::uint32_t>(whole + further)};
     // From level 2 on all cost alike.
     const auto low_0 = static_cast<unsigned>(std::min<std::int64_t>(whole, 2)), low_1 = low_0 + further;
-    // A point that the residual lies rest + k m beyond has a distortion of k^2 m^2 + 2 k m rest, and of rest^2, which all
-    // have in common. Masks, not branches: how far beyond is anybody's guess.
+    // A point that the residual lies rest + k m beyond has a distortion of k^2 m^2 + 2 k m rest, and of rest^2, which
+    // all have in common. Masks, not branches: how far beyond is anybody's guess.
     const std::int32_t slope = 8192 * m_ * rest, to_zero = 4 * square_ + 2 * slope;
     const std::int32_t if_further = -std::int32_t{further};
     const Offer rule_0 =

@@ -13,13 +13,14 @@
 #include "common/codec/band.h"
 #include "common/codec/fixed.h"
 
-/// What coder and decoder of coarse runs must agree on bit by bit (docs/protocol.md, "Coarse runs"): prediction, levels,
-/// and how likely each level is.
+/// What coder and decoder of coarse runs must agree on bit by bit (docs/protocol.md, "Coarse runs"): prediction,
+/// levels, and how likely each level is.
 namespace eigencast::band {
 
-/// Of the two reconstruction rules one is in force at each value, chosen by the parities of the levels before it (trellis
-/// coded quantisation: Marcellin & Fischer 1990; in this form: Schwarz et al. 2021, "Quantization and entropy coding in
-/// the Versatile Video Coding standard"). In units of m, rule 0 has the points 0, 2, 4, ... and rule 1 has 0, 1, 3, 5, ...
+/// Of the two reconstruction rules one is in force at each value, chosen by the parities of the levels before it
+/// (trellis coded quantisation: Marcellin & Fischer 1990; in this form: Schwarz et al. 2021, "Quantization and entropy
+/// coding in the Versatile Video Coding standard"). In units of m, rule 0 has the points 0, 2, 4, ... and rule 1 has 0,
+/// 1, 3, 5, ...
 inline constexpr std::array<std::array<std::uint8_t, 2>, 4> kNextState = {{{0, 2}, {2, 0}, {1, 3}, {3, 1}}};
 inline constexpr unsigned rule_of(unsigned state) {
   return state >> 1;

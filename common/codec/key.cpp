@@ -15,8 +15,8 @@ namespace eigencast {
 namespace {
 
 constexpr int kTableOrigin = 160;
-/// The state is held 6 to 11 times finer than half the spacing of levels, which meets any bound to within 3 %. 4 times costs
-/// 1 % more bits, 12 times 0.5 % fewer, but leaves rate control less room.
+/// The state is held 6 to 11 times finer than half the spacing of levels, which meets any bound to within 3 %. 4 times
+/// costs 1 % more bits, 12 times 0.5 % fewer, but leaves rate control less room.
 constexpr unsigned kFinestHalfSpacing = 6;
 /// m over the rms error of a value, as measured on moving surfaces; 1.8 where no level is 0.
 constexpr double kHalfSpacingOverRms = 1.8;
@@ -31,9 +31,9 @@ Result<double> as_carried(CodecKind kind, double value) {
   return double{static_cast<float>(value)};
 }
 
-/// a + round_half_away((b - a) * at / of), of = `parts`, at = half of `twice_at`, for |b - a| <= 2^31, at < of <= 65535.
-/// In doubles, because those come several at a time: the numerator stays below 2^53, and the quotient is further from the
-/// next integer, if it is none, than it can be off.
+/// a + round_half_away((b - a) * at / of), of = `parts`, at = half of `twice_at`, for |b - a| <= 2^31, at < of <=
+/// 65535. In doubles, because those come several at a time: the numerator stays below 2^53, and the quotient is further
+/// from the next integer, if it is none, than it can be off.
 std::int32_t between(std::int32_t a, std::int32_t b, double twice_at, double parts) {
   const double difference = static_cast<double>(b) - static_cast<double>(a);
   const auto magnitude = static_cast<std::int32_t>((std::abs(difference) * twice_at + parts) / (2 * parts));

@@ -6,9 +6,9 @@
 #include "common/core/bytes.h"
 
 /// A binary arithmetic coder with fixed probabilities (docs/protocol.md, "Range coder"), after Martin 1979, "Range
-/// encoding: an algorithm for removing redundancy from a digitised message". Bytes beyond the end read as 0, so that the
-/// encoder leaves trailing zeros out. Loops that code much take a coder by value: as no other function sees it, it stays
-/// in registers.
+/// encoding: an algorithm for removing redundancy from a digitised message". Bytes beyond the end read as 0, so that
+/// the encoder leaves trailing zeros out. Loops that code much take a coder by value: as no other function sees it, it
+/// stays in registers.
 namespace eigencast::band {
 
 inline constexpr std::uint32_t kProbabilityBits = 15;
@@ -43,8 +43,8 @@ class RangeEncoder {
   }
 
  private:
-  /// Moves the highest byte out; the bit above it is a carry into the bytes before, which stays one until now because the
-  /// interval only shrinks.
+  /// Moves the highest byte out; the bit above it is a carry into the bytes before, which stays one until now because
+  /// the interval only shrinks.
   [[gnu::always_inline]] void shift() {
     if (low_ >> 32 != 0) carry(out_);
     out_.push_back(static_cast<std::uint8_t>(low_ >> 24));

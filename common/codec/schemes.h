@@ -29,9 +29,9 @@ Result<Key> hermite_keys(const CoefficientLayout& layout, const VelocityChannels
                          const Key& b, TimeUs span_us, std::uint32_t at, std::uint32_t of);
 
 /// The pose `at`/`of` key intervals beyond `newer` (Eq. 9 of Zhang, Dou, Zhou, Wu 2013, "Streaming 3D deforming
-/// surfaces with dynamic resolution control"): newer + s (newer - older) with s = at/of, or, `damped`, with each further
-/// interval moving 27/32 as far as the one before. Bit-exact everywhere for quantised keys. Of the bands that both have;
-/// those that only the newer one has are held. REQUIRES: both keys are of `layout`, 1 <= at, of <= 15.
+/// surfaces with dynamic resolution control"): newer + s (newer - older) with s = at/of, or, `damped`, with each
+/// further interval moving 27/32 as far as the one before. Bit-exact everywhere for quantised keys. Of the bands that
+/// both have; those that only the newer one has are held. REQUIRES: both keys are of `layout`, 1 <= at, of <= 15.
 Result<Key> estimate_keys(const CoefficientLayout& layout, const Key& older, const Key& newer, bool damped,
                           std::uint32_t at, std::uint32_t of);
 

@@ -5,16 +5,17 @@
 
 namespace eigencast {
 
-/// Lets the calling thread's sleeps end when they are due, and not up to 50 us later, which is what Linux otherwise takes to
-/// gather wake-ups (PR_SET_TIMERSLACK). For threads that keep a schedule. Threads that it starts inherit it.
+/// Lets the calling thread's sleeps end when they are due, and not up to 50 us later, which is what Linux otherwise
+/// takes to gather wake-ups (PR_SET_TIMERSLACK). For threads that keep a schedule. Threads that it starts inherit it.
 void sleep_on_time();
 
 /// What threads that only pass on what has just come work at a time; and what those do that make a pose.
 inline constexpr std::chrono::microseconds kPassingOn{100}, kMakingPoses{700};
 
-/// Asks the kernel to run the calling thread soon after it wakes rather than long at a time: in slices of `work`, at the
-/// priority that it has (Linux 6.12 and later; elsewhere nothing changes). Where all cores are busy, a thread that wakes
-/// otherwise waits until the one that runs has had its slice, up to a tick of 4 ms. Threads that it starts inherit it.
+/// Asks the kernel to run the calling thread soon after it wakes rather than long at a time: in slices of `work`, at
+/// the priority that it has (Linux 6.12 and later; elsewhere nothing changes). Where all cores are busy, a thread that
+/// wakes otherwise waits until the one that runs has had its slice, up to a tick of 4 ms. Threads that it starts
+/// inherit it.
 ///   work  about the most that it does after waking, 0.1 to 100 ms: the kernel prefers who asks for less
 void run_when_woken(std::chrono::microseconds work);
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
-// The widest vectors of the instruction set that a source file is compiled for, for kernels that exist once for each set
-// (eigencast_kernel_variants in cmake/). Nothing of the standard library may be called here or in them: an inline function
-// compiled with those flags could end up serving the whole program.
+// The widest vectors of the instruction set that a source file is compiled for, for kernels that exist once for each
+// set (eigencast_kernel_variants in cmake/). Nothing of the standard library may be called here or in them: an inline
+// function compiled with those flags could end up serving the whole program.
 #pragma once
 
 #include <cstddef>
@@ -53,8 +53,8 @@ inline void store(const Vector& from, Value* to) {
   std::memcpy(to, &from, sizeof from);
 }
 
-/// Has a vector stay in its register from here on: compilers else read it again from memory for each of its uses, where a
-/// processor that can read one wide vector a cycle could as well multiply.
+/// Has a vector stay in its register from here on: compilers else read it again from memory for each of its uses, where
+/// a processor that can read one wide vector a cycle could as well multiply.
 template <typename Vector>
 [[gnu::always_inline]] inline void hold(Vector& vector) {
 #if defined(__AVX512F__)

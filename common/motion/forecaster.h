@@ -11,8 +11,8 @@
 namespace eigencast {
 
 /// Decides when the broker makes estimates beyond the newest key, so that k poses per key interval are shown in time
-/// although keys come with jitter, and although some do not come at all. Nothing is held: keys leave when they come, and
-/// an estimate of media time m is due at m + delay.
+/// although keys come with jitter, and although some do not come at all. Nothing is held: keys leave when they come,
+/// and an estimate of media time m is due at m + delay.
 ///
 /// The delay is the 90th percentile of (arrival - capture) of the keys of the last kWindowUs, but no more than half a
 /// key interval above the least of them: a key that is later than that is stood in for by estimates. It grows at once
@@ -22,7 +22,8 @@ namespace eigencast {
 ///                       then the last one stands.
 ///   key that came late  estimates go on from it, after the media time of those that have left: never back in time.
 ///   burst               only the newest key has estimates to come.
-///   gap, order, clock   a key that does not follow the one before it within `max_span_us`, or whose sequence or capture
+///   gap, order, clock   a key that does not follow the one before it within `max_span_us`, or whose sequence or
+///   capture
 ///                       time does not grow, has no direction: estimates begin with the next one. Arrivals that stray
 ///                       from the delay by more than kStrayUs begin it anew.
 ///

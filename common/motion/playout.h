@@ -23,8 +23,8 @@ enum class PlayoutMode : std::uint8_t {
 
 struct PlayoutSettings {
   PlayoutMode mode = PlayoutMode::kLatest;
-  /// From 0, live: nothing is held, to 1, smooth: poses are held for an interval and the jitter, so that the next one is
-  /// nearly always there. Default: 1 of kInterpolate, 0 of kEstimate.
+  /// From 0, live: nothing is held, to 1, smooth: poses are held for an interval and the jitter, so that the next one
+  /// is nearly always there. Default: 1 of kInterpolate, 0 of kEstimate.
   std::optional<double> smoothness;
   TimeUs delay_us = 0;            ///< Hold poses for just so long instead; 0: as smoothness says.
   TimeUs max_ahead_us = 200'000;  ///< Estimates end so long after the newest pose; then it is held.
@@ -40,7 +40,8 @@ struct PlayoutPose {
   PoseOrigin origin = PoseOrigin::kSender;
 };
 
-/// What a picture shows: a pose as it came, one between two, one beyond the newest, or the last one for want of another.
+/// What a picture shows: a pose as it came, one between two, one beyond the newest, or the last one for want of
+/// another.
 enum class Shown : std::uint8_t { kLive, kInterpolated, kEstimated, kHeld };
 
 struct ShownPose {
@@ -51,13 +52,14 @@ struct ShownPose {
   bool settling = false;  ///< An error shown before is fading: the same pose looks different the next time.
 };
 
-/// Jitter buffer and player of one stream. Media times are capture times on the sender's clock, display times are on ours;
-/// PlayoutClock relates them.
+/// Jitter buffer and player of one stream. Media times are capture times on the sender's clock, display times are on
+/// ours; PlayoutClock relates them.
 ///
 ///   between poses   on the parabola through the two and their neighbours (curve.h); straight where those are missing,
 ///                   have other bands, or lie across a pause. Only bands that both poses have are mixed.
 ///   beyond          newest + (steps damped by kDamping) (newest - the one before), in the bands that both have
-///   corrections     where a pose that comes says that what is shown is wrong (it was estimated, or held), the error fades
+///   corrections     where a pose that comes says that what is shown is wrong (it was estimated, or held), the error
+///   fades
 ///                   as Correction says. Estimates that came from the broker yield to the first pose that is none.
 ///   old poses       those that are not after the newest are dropped; of the others at most kMaxPoses are kept
 ///

@@ -9,13 +9,13 @@
 
 namespace eigencast {
 
-/// The clock by which a viewer plays a stream: display times on our clock to media times, which are capture times on the
-/// sender's. Learnt from arrivals: the way of the fastest pose of the last kWindowUs is the one to keep up with, what the
-/// others took longer is jitter.
+/// The clock by which a viewer plays a stream: display times on our clock to media times, which are capture times on
+/// the sender's. Learnt from arrivals: the way of the fastest pose of the last kWindowUs is the one to keep up with,
+/// what the others took longer is jitter.
 ///
-/// Media time passes at the pace of display time, give or take 1/kSlew while the clock corrects itself, so that it never
-/// stands or runs back; where it is wrong by more than kStrayUs (the sender's clock was set, or nothing was shown for
-/// long) it jumps. Time comes in as arguments, within +-2^60. Not thread-safe.
+/// Media time passes at the pace of display time, give or take 1/kSlew while the clock corrects itself, so that it
+/// never stands or runs back; where it is wrong by more than kStrayUs (the sender's clock was set, or nothing was shown
+/// for long) it jumps. Time comes in as arguments, within +-2^60. Not thread-safe.
 class PlayoutClock {
  public:
   static constexpr TimeUs kWindowUs = 3'000'000;

@@ -19,8 +19,9 @@ struct Credentials {
   bool insecure = false;              ///< The broker's certificate is not looked at: anybody may be in between.
 };
 
-/// Where a broker and, if the path names one, a stream are: ws://host[:port]/stream/name?rate=raw. http:// is taken for ws:// and https://
-/// for wss://, since one port serves both and people copy either; the port is 7490 for all four unless it is stated.
+/// Where a broker and, if the path names one, a stream are: ws://host[:port]/stream/name?rate=raw. http:// is taken for
+/// ws:// and https:// for wss://, since one port serves both and people copy either; the port is 7490 for all four
+/// unless it is stated.
 struct BrokerUrl {
   bool tls = false;  ///< wss:// or https://
   std::string host;  ///< Name or address; IPv6 without its brackets.

@@ -103,7 +103,8 @@ class WebSocket::Impl {
   ~Impl() { stop(); }
 
   SendStatus send(Outgoing message) {
-    // Whoever finds no handler at work writes here and now: waking the connection's thread takes longer than writing does.
+    // Whoever finds no handler at work writes here and now: waking the connection's thread takes longer than writing
+    // does.
     const std::unique_lock turn(turn_, std::try_to_lock);
     std::uint64_t generation = 0;
     {

@@ -45,11 +45,11 @@ struct WebSocketEvents {
 /// A client's WebSocket connection that keeps itself up: connects, speaks subprotocol eigencast.v1, answers pings,
 /// notices a dead peer, reconnects with jittered exponential back-off. A refusal (HTTP 4xx, or a close code that says
 /// so) is tried again at the longest interval, one that only people can put right (no right, expired token, untrusted
-/// certificate) every half a minute. TLS and token are those of the URL. TCP_NODELAY is set. An exception that an event's handler throws ends the
-/// connection, not the process; it is made anew.
+/// certificate) every half a minute. TLS and token are those of the URL. TCP_NODELAY is set. An exception that an
+/// event's handler throws ends the connection, not the process; it is made anew.
 ///
-/// Runs one thread. send_* and stop() are safe from any thread; what is sent is written on the caller's where the connection is
-/// idle, without ever waiting for the socket.
+/// Runs one thread. send_* and stop() are safe from any thread; what is sent is written on the caller's where the
+/// connection is idle, without ever waiting for the socket.
 class WebSocket final {
  public:
   WebSocket(WebSocketOptions options, WebSocketEvents events, LogSink log = {});

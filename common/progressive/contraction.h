@@ -20,16 +20,18 @@ struct Step {
   std::uint32_t to = 0;  ///< kNoTarget: any vertex will do.
 };
 
-/// A contraction that may be made next; a std::priority_queue of them has the cheapest on top, numbers decide between equals.
+/// A contraction that may be made next; a std::priority_queue of them has the cheapest on top, numbers decide between
+/// equals.
 struct Candidate {
   double cost;
   std::uint32_t from, to, version;
   bool operator<(const Candidate& other) const { return cost != other.cost ? cost > other.cost : from > other.from; }
 };
 
-/// Contractions of a mesh in the order in which they are made, at least cost over all poses, the rest pose first and alone in
-/// saying what hangs together. No face has a repeated corner; positions (n in each pose) are finite and have been brought to
-/// unit size. `seams`: edges (the lower vertex first; ascending) that hold their line as boundaries do. Ends early once it is unwanted.
+/// Contractions of a mesh in the order in which they are made, at least cost over all poses, the rest pose first and
+/// alone in saying what hangs together. No face has a repeated corner; positions (n in each pose) are finite and have
+/// been brought to unit size. `seams`: edges (the lower vertex first; ascending) that hold their line as boundaries do.
+/// Ends early once it is unwanted.
 std::vector<Step> contract_mesh(std::span<const std::vector<Vec3>> poses, std::span<const Face> faces,
                                 std::span<const std::pair<std::uint32_t, std::uint32_t>> seams,
                                 const std::atomic<bool>& unwanted);

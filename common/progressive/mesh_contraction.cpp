@@ -262,8 +262,8 @@ bool MeshContraction::contract_queue(std::size_t goal) {
   return any;
 }
 
-/// Whether no contraction of a vertex with these neighbours is legal, whichever it is: asking one by one takes the hub of a wheel
-/// of thousands of faces hours.
+/// Whether no contraction of a vertex with these neighbours is legal, whichever it is: asking one by one takes the hub
+/// of a wheel of thousands of faces hours.
 bool MeshContraction::has_too_many_neighbours(const std::vector<Neighbour>& around_u) const {
   if (rules_ != Rules::kTopology || around_u.size() <= kMostNeighbours + 4) return false;
   const auto most = std::max_element(around_u.begin(), around_u.end(),

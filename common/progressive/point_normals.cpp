@@ -54,8 +54,8 @@ constexpr double kClear = 0.15;          // share of a set's votes by which one 
 constexpr double kReach = 1.0;           // radius of a disc that hides, of the mean distance to a point's neighbours
 constexpr std::size_t kPointsAtOnce = 1024;  // for a thread
 
-/// Sets of points whose normals' signs are known relative to each other, with what has been seen of them: a vote counts for
-/// the normal of the set's root.
+/// Sets of points whose normals' signs are known relative to each other, with what has been seen of them: a vote counts
+/// for the normal of the set's root.
 class SignedSets {
  public:
   explicit SignedSets(std::vector<SideVote> votes)
@@ -122,8 +122,8 @@ Edge edge_between(std::span<const Vec3> positions, std::span<const Vec3> normals
   return {1 - std::abs(agreement), std::min(a, b), std::max(a, b), agreement < 0};
 }
 
-/// Whether most normals at the set's outermost points look inwards; where that is even, as on a sheet, whether the highest
-/// looks down.
+/// Whether most normals at the set's outermost points look inwards; where that is even, as on a sheet, whether the
+/// highest looks down.
 bool looks_inwards(std::span<const Vec3> positions, std::span<const Vec3> normals, std::span<const std::uint32_t> set) {
   double outwards = 0;
   bool first = true;

@@ -63,8 +63,8 @@ Result<void> check(const Surface& surface) {
   return {};
 }
 
-/// The rest pose within [-1, 1], so that weights and thresholds mean the same for every model, and the others beside it: as large as it
-/// makes them, each about its own middle.
+/// The rest pose within [-1, 1], so that weights and thresholds mean the same for every model, and the others beside
+/// it: as large as it makes them, each about its own middle.
 std::vector<std::vector<Vec3>> unit_poses(std::span<const Vec3> rest, std::span<const std::vector<Vec3>> others) {
   std::vector<std::vector<Vec3>> poses = {{rest.begin(), rest.end()}};
   poses.insert(poses.end(), others.begin(), others.end());

@@ -87,8 +87,8 @@ class SplatBuilder {
     }
   }
 
-  /// Of pairs of the nearest candidates that lie in different directions within the surface, the one nearest by; its order
-  /// such that the frame's third vector is on the normal's side.
+  /// Of pairs of the nearest candidates that lie in different directions within the surface, the one nearest by; its
+  /// order such that the frame's third vector is on the normal's side.
   std::array<std::uint32_t, 2> best_frame(std::uint32_t i, std::vector<std::uint32_t> candidates) const {
     std::erase_if(candidates, [&](std::uint32_t j) { return x_[j] == x_[i]; });
     std::sort(candidates.begin(), candidates.end(), [&](std::uint32_t a, std::uint32_t b) {
@@ -111,8 +111,8 @@ class SplatBuilder {
     return best;
   }
 
-  /// A disc reaches, within its plane, to the far side of the discs that it stands for and that look the same way: those on
-  /// the other side of a limb would make it larger than the limb.
+  /// A disc reaches, within its plane, to the far side of the discs that it stands for and that look the same way:
+  /// those on the other side of a limb would make it larger than the limb.
   void make_radii() {
     const std::vector<std::uint32_t> first = first_at_position(x_);
     std::vector<std::uint32_t> places;

@@ -24,13 +24,15 @@ struct WedgeOrder {
   std::vector<Face> corners;
 };
 
-/// Different places of one vertex are different wedges. When v goes to u, a wedge of v goes to the one of u with which it shares a
-/// face; where there is none (the contraction leaves the seam) u gets one more, at the same place, so that a side of a seam never
-/// goes over to the other. After Hoppe 1999, "New quadric metric for simplifying meshes with appearance attributes".
+/// Different places of one vertex are different wedges. When v goes to u, a wedge of v goes to the one of u with which
+/// it shares a face; where there is none (the contraction leaves the seam) u gets one more, at the same place, so that
+/// a side of a seam never goes over to the other. After Hoppe 1999, "New quadric metric for simplifying meshes with
+/// appearance attributes".
 ///   places  of the source's faces
 WedgeOrder build_wedges(const PrefixOrder& order, std::span<const CornerPlaces> places);
 
-/// The edges (source numbers, the lower one first; ascending) between two faces that have different places for one of their ends.
+/// The edges (source numbers, the lower one first; ascending) between two faces that have different places for one of
+/// their ends.
 std::vector<std::pair<std::uint32_t, std::uint32_t>> seam_edges(std::span<const Face> faces,
                                                                 std::span<const CornerPlaces> places);
 

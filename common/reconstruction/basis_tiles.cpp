@@ -17,7 +17,8 @@ constexpr double kLargestSum = 2.0e9;       // leaves room for what rounding 4,0
 constexpr double kRoundingShare = 1.0 / 4;  // of the error that the basis has: adds 3 % to it
 
 constexpr std::size_t kHugePage = std::size_t{1} << 21;
-// From half a huge page on memory is of whole ones: a basis of 3 MB that is in no cache is read in two thirds of the time.
+// From half a huge page on memory is of whole ones: a basis of 3 MB that is in no cache is read in two thirds of the
+// time.
 constexpr bool is_of_huge_pages(std::size_t bytes) {
   return bytes >= kHugePage / 2;
 }

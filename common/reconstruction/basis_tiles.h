@@ -14,8 +14,9 @@
 
 namespace eigencast {
 
-/// Memory that begins at a multiple of a cache line; where it is large, of a huge page, and in such pages if the system lends
-/// them: kernels that stream through it meet a page's border every 4 KB else, and processors fetch nothing ahead over those.
+/// Memory that begins at a multiple of a cache line; where it is large, of a huge page, and in such pages if the system
+/// lends them: kernels that stream through it meet a page's border every 4 KB else, and processors fetch nothing ahead
+/// over those.
 void* allocate_lines(std::size_t bytes);
 void free_lines(void* at, std::size_t bytes);
 
@@ -60,10 +61,11 @@ class BasisTiles {
 
   /// The tiles from number `first` on, and of them the first `rank` columns.
   kernel::Tiles view(std::size_t first, std::uint32_t rank) const;
-  /// The coefficients of a pose (r x channels, row-major), rounded to 16 bits with one unit for each axis: integers times
-  /// integers are twice as fast. Nothing where that would add more than a sixteenth to the squared error that rounding the
-  /// basis to its grid has given the pose already, so 3 % to the error: where the grid is fine (an asset error of about
-  /// 3e-5 of the diagonal or below); and where no column of the `rank` is of integers, or C is not finite.
+  /// The coefficients of a pose (r x channels, row-major), rounded to 16 bits with one unit for each axis: integers
+  /// times integers are twice as fast. Nothing where that would add more than a sixteenth to the squared error that
+  /// rounding the basis to its grid has given the pose already, so 3 % to the error: where the grid is fine (an asset
+  /// error of about 3e-5 of the diagonal or below); and where no column of the `rank` is of integers, or C is not
+  /// finite.
   std::optional<WholeCoefficients> whole_coefficients(std::span<const double> C, std::uint32_t channels,
                                                       std::uint32_t rank) const;
 

@@ -11,8 +11,9 @@
 
 namespace eigencast {
 
-/// An asset's detail as it is put back: derivatives of the basis along two tangents in tiles as the basis, offsets and normals in the
-/// frames that they give. Takes n x r x 4 bytes beside the asset. Reading is thread-safe; update() is not.
+/// An asset's detail as it is put back: derivatives of the basis along two tangents in tiles as the basis, offsets and
+/// normals in the frames that they give. Takes n x r x 4 bytes beside the asset. Reading is thread-safe; update() is
+/// not.
 class DetailTiles {
  public:
   /// Takes the rows that have arrived since; forgets all where the asset's detail has ended.

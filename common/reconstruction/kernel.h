@@ -16,9 +16,9 @@ inline constexpr std::size_t kAlignment = 64;     ///< Bytes that tiles begin at
 inline constexpr std::size_t kWidestVector = 16;  ///< Floats in the widest vector of any variant.
 inline constexpr std::size_t kGramTile = 8;
 
-// Columns of integers lie in pairs, row by row: one word holds both. Of a word that is a float's bits, shifted or masked,
-// either column comes kIntegerUnit-fold; and processors multiply and add both halves of words at once. The partner of a
-// last odd column is zero.
+// Columns of integers lie in pairs, row by row: one word holds both. Of a word that is a float's bits, shifted or
+// masked, either column comes kIntegerUnit-fold; and processors multiply and add both halves of words at once. The
+// partner of a last odd column is zero.
 inline constexpr double kIntegerUnit = 65536;
 constexpr std::size_t whole_pairs(std::size_t columns) {
   return (columns + 1) / 2 * 2;
@@ -29,8 +29,8 @@ constexpr std::size_t place_of_integer(std::size_t row, std::size_t column) {
 }
 
 /// Tiles one after the other: of each tile `float_columns` columns of floats and `integer_columns` columns of integers
-/// are used; the next tile begins `float_stride`, `integer_stride` columns later. Both counts of integers are whole pairs.
-/// Rows of the last tile that do not exist hold zero. An integer stands for kIntegerUnit times itself.
+/// are used; the next tile begins `float_stride`, `integer_stride` columns later. Both counts of integers are whole
+/// pairs. Rows of the last tile that do not exist hold zero. An integer stands for kIntegerUnit times itself.
 struct Tiles {
   const float* floats = nullptr;
   const std::int16_t* integers = nullptr;
@@ -40,7 +40,8 @@ struct Tiles {
 
 /// Coefficients of one pose, and room for what they give.
 ///   C       columns x 3, floats' columns first
-///   whole   of the integers' columns instead, pair after pair: for each axis the two of the pair side by side; no sum of
+///   whole   of the integers' columns instead, pair after pair: for each axis the two of the pair side by side; no sum
+///   of
 ///           products with a row's integers may exceed 2^31 - 1. Null: C serves all columns.
 ///   unit    what a whole coefficient times an integer stands for, for each axis
 ///   X       rows x 3, row-major
@@ -51,8 +52,8 @@ struct Pose {
   float* X = nullptr;
 };
 
-/// The kernels as one instruction set does them. Variants differ in rounding only: each result is within 1e-6 of the sum
-/// of its terms' magnitudes.
+/// The kernels as one instruction set does them. Variants differ in rounding only: each result is within 1e-6 of the
+/// sum of its terms' magnitudes.
 struct Functions {
   /// X_p = Psi C_p for several poses in one pass over the basis.
   ///   rows  of the basis, from the first tile on

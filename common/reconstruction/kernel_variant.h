@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// The kernels, once for each instruction set: a source file defines EIGENCAST_VARIANT, the name of its functions, and is
-// compiled with that set's flags (common/core/vector_lanes.h).
+// The kernels, once for each instruction set: a source file defines EIGENCAST_VARIANT, the name of its functions, and
+// is compiled with that set's flags (common/core/vector_lanes.h).
 #pragma once
 
 #include <utility>
@@ -26,9 +26,10 @@ constexpr std::size_t passes() {
   return kVectors / vectors_per_pass<kPoses>();
 }
 
-/// What passes over a tile fetch of what comes next: pass `turn` of `turns` asks for every turns-th column of the tile that
-/// follows, so that memory is as busy in each of them. A lone pass reads as fast as memory gives: it asks for what lies a
-/// little ahead, and leaves the rest to the processor, which has more requests under way at once than programs may have.
+/// What passes over a tile fetch of what comes next: pass `turn` of `turns` asks for every turns-th column of the tile
+/// that follows, so that memory is as busy in each of them. A lone pass reads as fast as memory gives: it asks for what
+/// lies a little ahead, and leaves the rest to the processor, which has more requests under way at once than programs
+/// may have.
 struct Ahead {
   std::size_t turn = 0, turns = 1;
   bool lone = false;

@@ -19,8 +19,8 @@ class LevelTriangles {
   /// So many indices are uploaded together.
   static constexpr std::size_t kBlock = 1024;
 
-  /// Takes what has arrived, and gives the triangles of the level, or of as much of it as there is; true if they may have
-  /// changed. O(vertices + faces).
+  /// Takes what has arrived, and gives the triangles of the level, or of as much of it as there is; true if they may
+  /// have changed. O(vertices + faces).
   bool update(const Asset& asset, std::vector<std::uint32_t>& triangles);
   /// Before another asset is followed.
   void forget() { rows_ = 0, faces_.clear(); }

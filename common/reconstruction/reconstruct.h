@@ -24,8 +24,9 @@ struct PoseToRebuild {
 };
 
 /// X = Psi C, the hot kernel: keeps an asset's basis as the processor likes to read it (see BasisTiles), follows the
-/// asset as it arrives, and takes all poses of a call in one pass over the basis. Where the asset brings detail (see DetailKind) two more
-/// such products give each vertex the frame in which its offset is told: all of it the same at every level.
+/// asset as it arrives, and takes all poses of a call in one pass over the basis. Where the asset brings detail (see
+/// DetailKind) two more such products give each vertex the frame in which its offset is told: all of it the same at
+/// every level.
 ///
 /// rebuild() is thread-safe as long as nobody updates. It uses the process's threads where the work is worth it.
 class Reconstructor {
@@ -39,10 +40,10 @@ class Reconstructor {
   const BasisTiles& tiles() const { return tiles_; }
   bool has_detail() const { return detail_.rows() > 0; }
 
-  /// The first N rows from the first `rank` columns, as for a receiver of fewer bands. Differs from the sum in double by
-  /// at most 1e-6 of the sum of its terms' magnitudes, but where coefficients are rounded to 16 bits, which adds at most 3 %
-  /// to the error of the basis (BasisTiles::whole_coefficients). REQUIRES: N <= tiles().rows(), rank <= tiles().rank(), each
-  /// C.size() >= rank * channels, channels >= 3. The rows before `first` may be left as they are.
+  /// The first N rows from the first `rank` columns, as for a receiver of fewer bands. Differs from the sum in double
+  /// by at most 1e-6 of the sum of its terms' magnitudes, but where coefficients are rounded to 16 bits, which adds at
+  /// most 3 % to the error of the basis (BasisTiles::whole_coefficients). REQUIRES: N <= tiles().rows(), rank <=
+  /// tiles().rank(), each C.size() >= rank * channels, channels >= 3. The rows before `first` may be left as they are.
   void rebuild(std::span<const PoseToRebuild> poses, std::uint32_t rank, std::uint32_t N,
                std::uint32_t first = 0) const;
   void rebuild(std::span<const double> C, std::uint32_t channels, std::uint32_t rank, std::uint32_t N,
@@ -80,8 +81,8 @@ void area_normals(std::span<const float> positions, std::span<const std::uint32_
 /// makes vectors of three a unit long, but those of no length.
 void normalise(std::span<float> vectors);
 
-/// Unit normals of a point cloud's discs in the pose of `positions` (as rebuilt, of the first rows): those of the rest pose, turned
-/// with the frames of the asset's splats. Zero where the asset has none.
+/// Unit normals of a point cloud's discs in the pose of `positions` (as rebuilt, of the first rows): those of the rest
+/// pose, turned with the frames of the asset's splats. Zero where the asset has none.
 ///   normals  room for as many floats as positions
 void splat_normals(const Asset& asset, std::span<const float> positions, std::span<float> normals);
 
@@ -90,12 +91,13 @@ void splat_normals(const Asset& asset, std::span<const float> positions, std::sp
 /// REQUIRES: asset.base_count <= N <= asset.rows_ready.
 void splat_radii(const Asset& asset, std::uint32_t N, std::span<float> radii);
 
-/// The level nearest to a fraction of the vertices that is drawable now: clamp(round(fraction n), base_count, rows_ready).
+/// The level nearest to a fraction of the vertices that is drawable now: clamp(round(fraction n), base_count,
+/// rows_ready).
 std::uint32_t level_from_fraction(const Asset& asset, double fraction);
 
-/// Projects positions on the basis that receivers have: C = (Psi^T W Psi)^-1 Psi^T W X, where Psi is the asset's float basis and
-/// W the square root of the mass matrix, between the best fit of the area and that of the vertices (docs/adr/0004). The Gram matrix
-/// also corrects what quantising the basis did to it.
+/// Projects positions on the basis that receivers have: C = (Psi^T W Psi)^-1 Psi^T W X, where Psi is the asset's float
+/// basis and W the square root of the mass matrix, between the best fit of the area and that of the vertices
+/// (docs/adr/0004). The Gram matrix also corrects what quantising the basis did to it.
 ///
 /// Thread-safe after construction; uses the process's threads. Setting up costs n r^2 / 2 multiplications once, and
 /// memory as BasisTiles says.
@@ -106,8 +108,8 @@ class Projector {
   static Result<Projector> create(const Asset& asset, InstructionSet set = instruction_sets().back(),
                                   unsigned threads = 0);
 
-  /// positions: n x 3 (any float type), in the *source's* vertex order, in the source's space. Returns r x 3, row-major.
-  /// Errors: kInvalidArgument (size; a value that is not finite, naming the vertex).
+  /// positions: n x 3 (any float type), in the *source's* vertex order, in the source's space. Returns r x 3,
+  /// row-major. Errors: kInvalidArgument (size; a value that is not finite, naming the vertex).
   Result<std::vector<double>> coefficients_from_positions(std::span<const float> positions) const;
   Result<std::vector<double>> coefficients_from_positions(std::span<const double> positions) const;
   /// The same of values that have no place, such as velocities or scalars: nothing is taken from them.

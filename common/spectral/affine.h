@@ -17,7 +17,8 @@ PositionMap matrix_from_positions(std::span<const Vec3> positions);
 /// x0, y0, z0 (n x 3) about the M-centroid, in units of their root mean square.
 Eigen::MatrixXd centred_rest(std::span<const Vec3> positions, const Eigen::VectorXd& mass);
 
-/// M^{1/2} times 1, x0, y0, z0 made orthonormal in this order, n x (1..4): coordinates that those before determine are left out.
+/// M^{1/2} times 1, x0, y0, z0 made orthonormal in this order, n x (1..4): coordinates that those before determine are
+/// left out.
 ///   rest  as centred_rest gives it
 Eigen::MatrixXd orthonormal_affine(const Eigen::VectorXd& root_mass, const Eigen::MatrixXd& rest);
 

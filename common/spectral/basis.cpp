@@ -13,8 +13,9 @@
 namespace eigencast {
 namespace {
 
-/// Groups of products phi_k * (x0, y0, z0). Of 200 columns ten groups are the better half on large smooth surfaces (elephant, human),
-/// twenty on small rough ones (horse, fox); ten keep both below what the method's design states (docs/performance.md).
+/// Groups of products phi_k * (x0, y0, z0). Of 200 columns ten groups are the better half on large smooth surfaces
+/// (elephant, human), twenty on small rough ones (horse, fox); ten keep both below what the method's design states
+/// (docs/performance.md).
 constexpr int kMostGroups = 10;
 constexpr Eigen::Index kWorthForetelling = 20000;  // vertices
 constexpr double kSolveShare = 0.85;               // of the time, for progress
@@ -44,8 +45,8 @@ Result<Basis> build_augmented(const Surface& rest, const Laplacian& laplacian, i
   const Eigen::VectorXd root_mass = laplacian.mass.cwiseSqrt();
   Candidates candidates = candidates_from(rest.positions, laplacian.mass);
 
-  // Products that depend on others leave room for more harmonics: how many more is known only once they are there. Where
-  // it would take long to ask for more, a coarser surface foretells it.
+  // Products that depend on others leave room for more harmonics: how many more is known only once they are there.
+  // Where it would take long to ask for more, a coarser surface foretells it.
   const int most = rank - static_cast<int>(candidates.affine.cols()) + 4;
   int m = std::clamp(rank - 3 * K + 3, K, most);
   if (laplacian.mass.size() > kWorthForetelling) {

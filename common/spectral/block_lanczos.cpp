@@ -78,10 +78,10 @@ class BlockLanczos {
     }
   }
 
-  /// Against what is deflated, then against the panels from `first` on, where W is known to have most, then against all:
-  /// twice is enough (Parlett 1980, "The Symmetric Eigenvalue Problem"). Last once more against what is deflated: what the panels
-  /// have of it by rounding grows from block to block otherwise, until the kernel stands among them. Returns what lay along those
-  /// from `first` on.
+  /// Against what is deflated, then against the panels from `first` on, where W is known to have most, then against
+  /// all: twice is enough (Parlett 1980, "The Symmetric Eigenvalue Problem"). Last once more against what is deflated:
+  /// what the panels have of it by rounding grows from block to block otherwise, until the kernel stands among them.
+  /// Returns what lay along those from `first` on.
   Eigen::MatrixXd orthogonalise(double* W, Eigen::Index first) const {
     subtract_deflated(W);
     Eigen::MatrixXd along = subtract_along(W, first);

@@ -29,7 +29,8 @@ Aggregates aggregate(const Eigen::SparseMatrix<double>& L) {
     for (Entry it(L, i); it; ++it) of(it.row()) = result.count;
     of(i) = result.count++;
   }
-  // What is left over joins the neighbour that it hangs on most; it has one that is in an aggregate, or it would be one.
+  // What is left over joins the neighbour that it hangs on most; it has one that is in an aggregate, or it would be
+  // one.
   const std::vector<int> before = result.of;
   for (int i = 0; i < n; ++i) {
     if (of(i) != kFree) continue;

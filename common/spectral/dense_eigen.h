@@ -3,8 +3,8 @@
 
 #include <Eigen/Core>
 
-/// Eigenpairs of small dense matrices. Apart from those who ask for them, because Eigen's solver takes long to compile. Private to
-/// common/spectral and its tests.
+/// Eigenpairs of small dense matrices. Apart from those who ask for them, because Eigen's solver takes long to compile.
+/// Private to common/spectral and its tests.
 namespace eigencast {
 
 /// Of an n x n matrix.

@@ -23,17 +23,17 @@ struct Eigenbasis {
   double residual = 0;     ///< max_j ||L phi_j - lambda_j M phi_j||_{M^-1} / max(lambda_j, first nonzero lambda)
   bool certified = false;  ///< No eigenvalue was missed: inertia at a gap above lambda_m says so, or all were computed.
   bool approximate = false;  ///< See approximate_eigenbasis: a smooth basis, whose `residual` is large.
-  /// Where approximate: eigenvalues below the last of `eigenvalues` that are not among them, by inertia; nothing where there
-  /// is no factor to count them by.
+  /// Where approximate: eigenvalues below the last of `eigenvalues` that are not among them, by inertia; nothing where
+  /// there is no factor to count them by.
   std::optional<int> missed;
 };
 
-/// Up to 150,000 vertices: shift-invert block Lanczos by bands with inertia counts; a dense solver up to n = 512, after Vallet
-/// & Levy 2008, "Spectral Geometry Processing with Manifold Harmonics". One band where m <= 256. Beyond: approximations
-/// (multilevel.h), which the result says. Uses the process's threads. The stage that progress is told says how much memory it
-/// takes where that is above 1 GB, before it is taken; about 8 n (4 m + 90) bytes for m = 200, half that beyond 150,000
-/// vertices. Same input, same bits on the same instruction set. REQUIRES: 1 <= m < n / 2. Errors: kNumerical, kCancelled,
-/// kInvalidArgument (m too large for n), kTooLarge (more memory than is free).
+/// Up to 150,000 vertices: shift-invert block Lanczos by bands with inertia counts; a dense solver up to n = 512, after
+/// Vallet & Levy 2008, "Spectral Geometry Processing with Manifold Harmonics". One band where m <= 256. Beyond:
+/// approximations (multilevel.h), which the result says. Uses the process's threads. The stage that progress is told
+/// says how much memory it takes where that is above 1 GB, before it is taken; about 8 n (4 m + 90) bytes for m = 200,
+/// half that beyond 150,000 vertices. Same input, same bits on the same instruction set. REQUIRES: 1 <= m < n / 2.
+/// Errors: kNumerical, kCancelled, kInvalidArgument (m too large for n), kTooLarge (more memory than is free).
 Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Progress& progress = {});
 
 /// The same without approximation, however many vertices.

@@ -82,7 +82,8 @@ class Cover {
   }
 
  private:
-  /// Of a face's two triangles the one that looks to larger angles about the edge, or to smaller ones: its side along the edge.
+  /// Of a face's two triangles the one that looks to larger angles about the edge, or to smaller ones: its side along
+  /// the edge.
   static std::uint32_t side_of(const EdgeUse& use, bool to_larger) {
     const bool front = use.upwards == to_larger;
     return front ? 6 * use.face + use.side : 6 * use.face + 3 + (2 - use.side);
@@ -104,7 +105,8 @@ class Cover {
     return {(a * a + c * c - b * b) / (2 * a), 2 * area(side) / a};
   }
 
-  /// The edge from a to b between the triangles a b c and b a d becomes one from c to d. False where that is no triangle.
+  /// The edge from a to b between the triangles a b c and b a d becomes one from c to d. False where that is no
+  /// triangle.
   bool flip(std::uint32_t ab) {
     const std::uint32_t ba = twin_[ab];
     if (ab / 3 == ba / 3) return false;

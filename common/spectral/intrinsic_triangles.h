@@ -27,10 +27,11 @@ struct IntrinsicTriangles {
 /// Whether any edge has three or more faces.
 bool has_edge_of_many_faces(std::span<const Face> faces, std::size_t vertex_count);
 
-/// The tufted cover of any triangles, its edges flipped until it is Delaunay (Sharp & Crane 2020, "A Laplacian for Nonmanifold
-/// Triangle Meshes"; flips of lengths alone as of Fisher, Springborn, Bobenko, Schroeder 2006, "An Algorithm for the Construction
-/// of Intrinsic Delaunay Triangulations"). Each face has two sides, and around an edge each side goes on as the next that faces
-/// it: closed, manifold and oriented, whatever was given. Its matrices are twice the surface's, and its weights not negative.
+/// The tufted cover of any triangles, its edges flipped until it is Delaunay (Sharp & Crane 2020, "A Laplacian for
+/// Nonmanifold Triangle Meshes"; flips of lengths alone as of Fisher, Springborn, Bobenko, Schroeder 2006, "An
+/// Algorithm for the Construction of Intrinsic Delaunay Triangulations"). Each face has two sides, and around an edge
+/// each side goes on as the next that faces it: closed, manifold and oriented, whatever was given. Its matrices are
+/// twice the surface's, and its weights not negative.
 ///   lengths  of the faces: at rest, or a little more, so that none is degenerate
 /// REQUIRES: three different corners in each face. O(F log F) and the flips, at most 30 for each edge.
 IntrinsicTriangles delaunay_cover(std::span<const Vec3> positions, std::span<const Face> faces,

@@ -67,8 +67,8 @@ class Neighbourhoods {
 /// The star of the origin in the Delaunay triangulation of the origin and the neighbours. Inversion turns "the circle
 /// through the origin and two neighbours is empty" into "the line through their images has the others on the origin's
 /// side": the star is the convex hull of the images. Where the origin is a corner of the hull itself it lies on the
-/// cloud's rim, and the hull's two edges at the origin are no triangles. The corners of the origin's Voronoi cell are the
-/// circles' centres. Returns the cell's area, as LocalTriangles states it.
+/// cloud's rim, and the hull's two edges at the origin are no triangles. The corners of the origin's Voronoi cell are
+/// the circles' centres. Returns the cell's area, as LocalTriangles states it.
 double add_star(std::uint32_t centre, const Neighbourhood& around, std::vector<Face>& faces) {
   const std::uint32_t origin = centre;
   std::vector<Neighbour> points = around.points;

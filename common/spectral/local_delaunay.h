@@ -17,8 +17,9 @@ struct LocalTriangles {
   /// (point, the earlier point that it coincides with): points nearer than 1e-9 of the box's diagonal to an earlier one
   /// have no triangles of their own.
   std::vector<std::pair<std::uint32_t, std::uint32_t>> coincident;
-  /// Area of each point's Voronoi cell among those neighbours, in their plane; 0 where the cell is open or reaches beyond
-  /// half of their radius, so that points farther away could cut it, and of points that coincide with an earlier one.
+  /// Area of each point's Voronoi cell among those neighbours, in their plane; 0 where the cell is open or reaches
+  /// beyond half of their radius, so that points farther away could cut it, and of points that coincide with an earlier
+  /// one.
   std::vector<double> cell;
 };
 

@@ -27,8 +27,8 @@ Index whole_panels(Index columns) {
   return (columns + kWidth - 1) / kWidth * kWidth;
 }
 
-/// In the symmetric form h = M^{1/2} psi the inner product is the plain one. What the affine columns hold is taken out of all
-/// others.
+/// In the symmetric form h = M^{1/2} psi the inner product is the plain one. What the affine columns hold is taken out
+/// of all others.
 struct Form {
   VectorXd root_mass;
   MatrixXd affine;  // n x a
@@ -77,8 +77,8 @@ class PoseColumns {
     return true;
   }
 
-  /// Sums over the poses read: of the squares of each affine coefficient, and of what the affine columns do not hold; and of all
-  /// but the constant column, which moves a surface and has no part in its shapes.
+  /// Sums over the poses read: of the squares of each affine coefficient, and of what the affine columns do not hold;
+  /// and of all but the constant column, which moves a surface and has no part in its shapes.
   const VectorXd& affine_squares() const { return affine_squares_; }
   double other_squares() const { return other_squares_; }
   double shape_squares() const { return affine_squares_.tail(affine_squares_.size() - 1).sum() + other_squares_; }
@@ -155,7 +155,8 @@ Result<void> clean(Directions& directions, const Form& form) {
   return fail(ErrorCode::kNumerical, "the columns of this motion cannot be told apart: take another basis");
 }
 
-/// The given columns without their affine part, each one long; those of nothing else are zero. `lengths`: what they were.
+/// The given columns without their affine part, each one long; those of nothing else are zero. `lengths`: what they
+/// were.
 Panels unit_columns(const SpanningColumns& given, const Form& form, VectorXd& lengths) {
   const auto c = static_cast<Index>(given.count);
   const Index n = form.root_mass.size();

@@ -46,9 +46,9 @@ Panels prolongate(const Coarsened& coarse, const Eigen::VectorXd& fine_mass, con
   return to;
 }
 
-/// Block inverse iteration on one level. With Y = (S - sigma I)^{-1} H the projected operator is Y^T S Y = Y^T H + sigma Y^T Y, so
-/// S itself is never applied; and since H^T Y is symmetric, panels of H may be overwritten by those of Y as soon as the rows
-/// of H^T Y that they are in are known.
+/// Block inverse iteration on one level. With Y = (S - sigma I)^{-1} H the projected operator is Y^T S Y = Y^T H +
+/// sigma Y^T Y, so S itself is never applied; and since H^T Y is symmetric, panels of H may be overwritten by those of
+/// Y as soon as the rows of H^T Y that they are in are known.
 class InverseIteration {
  public:
   InverseIteration(const Laplacian& laplacian, Panels& H) : H_(H), S_(symmetric_form(laplacian)), op_(S_) {
@@ -115,8 +115,8 @@ class InverseIteration {
   Eigen::VectorXd values_;
 };
 
-/// Eigenvalues below the m-th Ritz value beyond m - 1 of them: Ritz values lie above what they approximate, so a count that fits
-/// says that none was passed over.
+/// Eigenvalues below the m-th Ritz value beyond m - 1 of them: Ritz values lie above what they approximate, so a count
+/// that fits says that none was passed over.
 int count_missed(InverseIteration& iteration, int m) {
   const auto& values = iteration.values();
   const double at = values.size() > m ? 0.5 * (values[m - 1] + values[m]) : values[m - 1] * (1 + 1e-6);

@@ -23,8 +23,8 @@ struct SparseRows {
   const double* value;
 };
 
-/// Products of panels, rows x kPanelWidth, row-major, as one instruction set does them. Small matrices are kPanelWidth x
-/// kPanelWidth, row-major.
+/// Products of panels, rows x kPanelWidth, row-major, as one instruction set does them. Small matrices are kPanelWidth
+/// x kPanelWidth, row-major.
 struct PanelFunctions {
   void (*add_gram)(const double* A, const double* B, std::size_t rows, double* G);     ///< G += A^T B
   void (*add_product)(const double* A, const double* H, std::size_t rows, double* W);  ///< W += A H

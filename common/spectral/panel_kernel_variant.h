@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// The panels' kernels, once for each instruction set: a source file defines EIGENCAST_VARIANT, the name of its functions,
-// and is compiled with that set's flags (common/core/vector_lanes.h).
+// The panels' kernels, once for each instruction set: a source file defines EIGENCAST_VARIANT, the name of its
+// functions, and is compiled with that set's flags (common/core/vector_lanes.h).
 #pragma once
 
 #include "common/core/vector_lanes.h"

@@ -9,9 +9,9 @@
 
 namespace eigencast {
 
-/// A tall matrix, n x 8 count, as panels of eight columns, each row-major: what solves with several right-hand sides and
-/// products of tall matrices like to read. Panels come and go one by one. All functions use the process's threads; sums
-/// do not depend on how many there are.
+/// A tall matrix, n x 8 count, as panels of eight columns, each row-major: what solves with several right-hand sides
+/// and products of tall matrices like to read. Panels come and go one by one. All functions use the process's threads;
+/// sums do not depend on how many there are.
 class Panels {
  public:
   explicit Panels(Eigen::Index rows) : rows_(rows) {}
@@ -66,8 +66,8 @@ Eigen::MatrixXd gram(const Panels& A);
 void rotate(Panels& A, const Eigen::MatrixXd& T);
 
 /// Makes the first m columns of H orthonormal, each a combination of those up to it, by Cholesky-QR: meant for columns
-/// that nearly are, or to be called twice. The columns beyond m, which fill the last panel, must be zero. False where the
-/// columns are dependent.
+/// that nearly are, or to be called twice. The columns beyond m, which fill the last panel, must be zero. False where
+/// the columns are dependent.
 bool orthonormalise(Panels& H, Eigen::Index m);
 
 }  // namespace eigencast

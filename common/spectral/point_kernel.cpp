@@ -65,8 +65,8 @@ std::vector<double> spacings(const KdTree& tree, std::span<const Vec3> positions
   return spacing;
 }
 
-/// Of cells that are closed the area, of others what a cell mostly has where points lie as far apart as the nearest ones do: by
-/// its own distances a point far from all others would weigh more than they.
+/// Of cells that are closed the area, of others what a cell mostly has where points lie as far apart as the nearest
+/// ones do: by its own distances a point far from all others would weigh more than they.
 std::vector<double> areas(const Distinct& distinct, const KdTree& tree, std::span<const double> cell,
                           std::span<const double> spacing) {
   std::vector<double> area(spacing.size());

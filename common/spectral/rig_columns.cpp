@@ -8,7 +8,8 @@
 namespace eigencast {
 namespace {
 
-/// Where the columns of each bone, and of each morph target on it, begin. They are numbered when they are first asked for.
+/// Where the columns of each bone, and of each morph target on it, begin. They are numbered when they are first asked
+/// for.
 class Places {
  public:
   explicit Places(std::size_t targets) : keys_of_bone_(targets + 1) {}

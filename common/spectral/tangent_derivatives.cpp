@@ -15,7 +15,8 @@ namespace {
 
 using Vector = Eigen::Vector3d;
 
-// Of the area that two tangents of unit length span: where the faces' gradients leave less of it they say nothing of the surface.
+// Of the area that two tangents of unit length span: where the faces' gradients leave less of it they say nothing of
+// the surface.
 constexpr double kLeastArea = 1e-3;
 // Of a parent's tangent, in the plane of the vertex: below it another direction serves better.
 constexpr double kLeastLength = 0.1;

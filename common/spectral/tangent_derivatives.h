@@ -9,9 +9,9 @@
 
 namespace eigencast {
 
-/// Derivatives of functions on a surface at each vertex along two tangents, as sums over the vertex and its neighbours. Those of the
-/// positions that they were made of are the tangents themselves: two vectors of unit length at right angles, whose cross product looks
-/// to the outer side of the faces (of points: to either).
+/// Derivatives of functions on a surface at each vertex along two tangents, as sums over the vertex and its neighbours.
+/// Those of the positions that they were made of are the tangents themselves: two vectors of unit length at right
+/// angles, whose cross product looks to the outer side of the faces (of points: to either).
 struct TangentDerivatives {
   struct Term {
     std::uint32_t vertex;
@@ -25,9 +25,11 @@ struct TangentDerivatives {
   }
 };
 
-/// From the gradients of the faces round a vertex, weighted by their areas, projected on the plane of their normals' sum.
+/// From the gradients of the faces round a vertex, weighted by their areas, projected on the plane of their normals'
+/// sum.
 ///   faces    empty for points, whose neighbours are triangulated
-///   parents  for each vertex one before it that is near, or itself: tangents are turned to lie along those of the parent
+///   parents  for each vertex one before it that is near, or itself: tangents are turned to lie along those of the
+///   parent
 /// REQUIRES: sizes agree; at least 4 positions where there are no faces.
 TangentDerivatives tangent_derivatives(std::span<const Vec3> positions, std::span<const Face> faces,
                                        std::span<const std::uint32_t> parents);

@@ -8,8 +8,8 @@
 
 namespace eigencast {
 
-/// How a surface looks, as its file states it. Corners, because one vertex may have several texture coordinates where the file
-/// has a seam. Empty arrays: not stated.
+/// How a surface looks, as its file states it. Corners, because one vertex may have several texture coordinates where
+/// the file has a seam. Empty arrays: not stated.
 struct Appearance {
   struct Image {
     std::string name;

@@ -5,8 +5,8 @@
 
 namespace eigencast {
 
-/// A number and its derivative, so that a formula written once gives both exactly (forward-mode differentiation: Wengert
-/// 1964, "A simple automatic derivative evaluation program").
+/// A number and its derivative, so that a formula written once gives both exactly (forward-mode differentiation:
+/// Wengert 1964, "A simple automatic derivative evaluation program").
 struct Dual {
   double value = 0, slope = 0;
 

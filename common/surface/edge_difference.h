@@ -11,8 +11,8 @@
 
 namespace eigencast {
 
-/// How differently edges are stretched from place to place and from frame to frame; what people see of an error follows this
-/// better than distances do.
+/// How differently edges are stretched from place to place and from frame to frame; what people see of an error follows
+/// this better than distances do.
 struct EdgeDifferenceError {
   double spatial = 0;  ///< Mean over vertices and frames of the deviation of its edges' relative differences.
   double temporal =
@@ -20,10 +20,11 @@ struct EdgeDifferenceError {
   double combined() const;
 };
 
-/// The spatio-temporal edge difference of Vasa & Skala 2011, "A Perception Correlated Comparison Method for Dynamic Meshes": the
-/// relative difference of an edge is | |e| - |e~| | / |e|, and what counts is its standard deviation, weighted by |e|, over the
-/// edges that meet in a vertex; a vertex's step to the next frame is an edge as well, whose length has kTimeStep of the diagonal
-/// added at a right angle, so that a vertex at rest has one. Poses come one by one. Not thread-safe.
+/// The spatio-temporal edge difference of Vasa & Skala 2011, "A Perception Correlated Comparison Method for Dynamic
+/// Meshes": the relative difference of an edge is | |e| - |e~| | / |e|, and what counts is its standard deviation,
+/// weighted by |e|, over the edges that meet in a vertex; a vertex's step to the next frame is an edge as well, whose
+/// length has kTimeStep of the diagonal added at a right angle, so that a vertex at rest has one. Poses come one by
+/// one. Not thread-safe.
 class EdgeDifference {
  public:
   static constexpr double kTimeStep = 0.002;        ///< Of the diagonal.

@@ -10,8 +10,9 @@
 /// Private to common/surface.
 namespace eigencast {
 
-/// Numbers out of a file's buffers: each index, length, offset and stride is checked before it is used, and all that is taken
-/// together has a bound. Sparse, quantised and empty accessors give what they mean. Not thread-safe; keeps a reference.
+/// Numbers out of a file's buffers: each index, length, offset and stride is checked before it is used, and all that is
+/// taken together has a bound. Sparse, quantised and empty accessors give what they mean. Not thread-safe; keeps a
+/// reference.
 class GltfNumbers {
  public:
   explicit GltfNumbers(const tinygltf::Model& model) : model_(model) {}
@@ -21,8 +22,8 @@ class GltfNumbers {
     std::size_t width = 0;       ///< Components of an element.
     std::vector<double> values;  ///< count x width, finite.
   };
-  /// An accessor whose elements have one of two widths (16: a matrix by columns). Integers are scaled where the accessor says
-  /// normalised. Errors: kCorrupt, kTooLarge.
+  /// An accessor whose elements have one of two widths (16: a matrix by columns). Integers are scaled where the
+  /// accessor says normalised. Errors: kCorrupt, kTooLarge.
   Result<Array> read(int accessor, std::size_t width, std::size_t other_width = 0);
   /// A SCALAR accessor of unsigned integers. Errors: as above.
   Result<std::vector<std::uint32_t>> read_indices(int accessor);

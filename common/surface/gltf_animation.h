@@ -13,8 +13,8 @@ namespace eigencast {
 /// One of a file's animations: curves over time, after glTF 2.0, appendix C.
 class GltfAnimation {
  public:
-  /// `which`: name or number; empty: the first; a file without any gives an animation that moves nothing. Errors: kNotFound
-  /// (listing those there are), kCorrupt.
+  /// `which`: name or number; empty: the first; a file without any gives an animation that moves nothing. Errors:
+  /// kNotFound (listing those there are), kCorrupt.
   static Result<GltfAnimation> from_model(const tinygltf::Model& model, GltfNumbers& numbers, const GltfScene& scene,
                                           const std::string& which);
 

@@ -15,9 +15,10 @@
 /// Private to common/surface.
 namespace eigencast {
 
-/// Lets tinygltf parse a file that has been looked at first: tinygltf trusts chunk lengths and recurses as deep as JSON nests.
-/// Images are kept encoded in Image::image where they came as a file or data URI; those in a buffer view stay there.
-/// No index in the result has been checked. Errors: kCorrupt, kUnsupported (an extension that must be understood), kTooLarge.
+/// Lets tinygltf parse a file that has been looked at first: tinygltf trusts chunk lengths and recurses as deep as JSON
+/// nests. Images are kept encoded in Image::image where they came as a file or data URI; those in a buffer view stay
+/// there. No index in the result has been checked. Errors: kCorrupt, kUnsupported (an extension that must be
+/// understood), kTooLarge.
 ///   folder  where files beside it lie; only files below it are read, none if it is empty
 Result<tinygltf::Model> gltf_model_from_bytes(std::string_view bytes, const std::string& folder);
 

@@ -41,9 +41,10 @@ class GltfParts {
   std::vector<std::uint32_t> part_of_;  ///< Of each vertex.
 };
 
-/// Makes one of vertices at one place that move alike, always, and fills the rig's vertices. Faces that collapse are left out, with what is
-/// stated of their corners; what was done goes to the scene's notes. REQUIRES: the scene's faces are of the parts' vertices; its appearance
-/// has a material for each face, and coordinates and colours for each or none.
+/// Makes one of vertices at one place that move alike, always, and fills the rig's vertices. Faces that collapse are
+/// left out, with what is stated of their corners; what was done goes to the scene's notes. REQUIRES: the scene's faces
+/// are of the parts' vertices; its appearance has a material for each face, and coordinates and colours for each or
+/// none.
 void weld(const GltfParts& parts, GltfScene& scene);
 
 }  // namespace eigencast

@@ -14,10 +14,11 @@
 
 namespace eigencast {
 
-/// Notices frames of a clip that do not follow from the others: one that is out of place, empty, in another unit or with its axes
-/// exchanged, vertices that are out of place or changed their order (see VertexOrder); and a rest pose whose faces are of another order
-/// of vertices. Poses come one by one; the last and the first three are kept, and 20 bytes for each frame. What counts as a jump is stated
-/// against what is usual in this clip (the median of all steps) and against its size, so that fast motion is none. Not thread-safe.
+/// Notices frames of a clip that do not follow from the others: one that is out of place, empty, in another unit or
+/// with its axes exchanged, vertices that are out of place or changed their order (see VertexOrder); and a rest pose
+/// whose faces are of another order of vertices. Poses come one by one; the last and the first three are kept, and 20
+/// bytes for each frame. What counts as a jump is stated against what is usual in this clip (the median of all steps)
+/// and against its size, so that fast motion is none. Not thread-safe.
 class JumpFinder {
  public:
   /// Copies what it needs of the rest pose.
@@ -25,15 +26,17 @@ class JumpFinder {
   /// The next frame. REQUIRES: as many positions as the rest pose has.
   void add(std::span<const Vec3> positions);
 
-  /// A line for each frame that jumps, naming it, how far, which vertex most and the likely cause, and one for each row of frames with
-  /// the same misfit; at most `limit` lines, and one that says how many more frames there are. A clip of fewer than four frames says
-  /// little about what is usual: its frames are compared with the rest pose, and in place with each other.
+  /// A line for each frame that jumps, naming it, how far, which vertex most and the likely cause, and one for each row
+  /// of frames with the same misfit; at most `limit` lines, and one that says how many more frames there are. A clip of
+  /// fewer than four frames says little about what is usual: its frames are compared with the rest pose, and in place
+  /// with each other.
   std::vector<std::string> findings(std::size_t limit = 10) const;
 
   /// What of the rest pose looks wrong, in a line: its faces join vertices from all over it. Empty: nothing.
   std::string rest_finding() const;
 
-  /// Errors: kInvalidArgument where the rest pose, or more than half of the frames, certainly are in another order than the faces.
+  /// Errors: kInvalidArgument where the rest pose, or more than half of the frames, certainly are in another order than
+  /// the faces.
   Result<void> order() const;
 
  private:

@@ -9,9 +9,9 @@
 /// Private to common/surface.
 namespace eigencast {
 
-/// What an OBJ file says of its looks: places of the corners, and of its materials (mtllib) the colours (Kd) and images (map_Kd).
-/// Opens files beside or below `folder` only; those that are absent, over 16 MiB or no text leave their material
-/// white and their image empty.
+/// What an OBJ file says of its looks: places of the corners, and of its materials (mtllib) the colours (Kd) and images
+/// (map_Kd). Opens files beside or below `folder` only; those that are absent, over 16 MiB or no text leave their
+/// material white and their image empty.
 void add_obj_looks(const GuardedMesh& mesh, const std::string& folder, Appearance& looks);
 
 }  // namespace eigencast

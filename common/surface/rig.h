@@ -13,9 +13,9 @@ namespace eigencast {
 /// Rows x columns are those of column vectors; stored by columns: m[4 * column + row].
 using Matrix4 = std::array<double, 16>;
 
-/// What moves a rigged surface, so that a basis can be made of it that holds every pose exactly: with w the influences and
-/// d the morph targets of vertex i, pose(i) = sum_j w_ij B_j (p_i + sum_k a_k d_ki), where B and a change with time. All n are
-/// those of the clip's rest(), after welding.
+/// What moves a rigged surface, so that a basis can be made of it that holds every pose exactly: with w the influences
+/// and d the morph targets of vertex i, pose(i) = sum_j w_ij B_j (p_i + sum_k a_k d_ki), where B and a change with
+/// time. All n are those of the clip's rest(), after welding.
 struct Rig {
   struct Influence {
     std::uint32_t bone = 0;  ///< Column of the basis' weights; below `bones`.

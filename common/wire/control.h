@@ -129,8 +129,8 @@ struct Pong {
   TimeUs peer_time_us = 0;
 };
 
-/// "trace", sender to broker to clients and broker to clients, sampled: when the stages of one frame's life happened, on
-/// the clock of whoever stamped them.
+/// "trace", sender to broker to clients and broker to clients, sampled: when the stages of one frame's life happened,
+/// on the clock of whoever stamped them.
 struct Trace {
   std::uint32_t stream_id = 0;
   std::uint64_t sequence = 0;
@@ -210,8 +210,8 @@ std::string_view name_of(Profile::Scheme scheme);
 /// What a query or message without a scheme means.
 Profile::Scheme default_scheme(Profile::Rate rate);
 
-/// Checks rows, channels, bands, codec and velocities against limits.h. Errors: kInvalidArgument naming the field and what it may
-/// be.
+/// Checks rows, channels, bands, codec and velocities against limits.h. Errors: kInvalidArgument naming the field and
+/// what it may be.
 Result<void> check_format(const StreamFormat& format);
 
 /// The profile that the query of a subscribe URL asks for: "rate=raw", "rate=interpolated&k=3&form=compact&bands=2";

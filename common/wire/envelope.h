@@ -15,8 +15,8 @@ enum class FrameKind : std::uint8_t {
   kJoin = 2,  ///< Both keys of the chain's state; needs nothing before it. Its sequence and time are the newer key's.
   kSynthetic = 3,  ///< An interpolated pose in full, predicted from the two latest keys; never a reference.
   kStep = 4,       ///< Compact interpolation: no payload; the pose at `step` between key sequence-1 and key sequence.
-  /// A pose beyond key `sequence`, step.at / step.of key intervals ahead: in full, predicted from the two latest keys, or
-  /// with no bands and no payload, for the receiver to make. Never a reference.
+  /// A pose beyond key `sequence`, step.at / step.of key intervals ahead: in full, predicted from the two latest keys,
+  /// or with no bands and no payload, for the receiver to make. Never a reference.
   kEstimate = 5,
 };
 

@@ -17,9 +17,9 @@ Result<Surface> cage_from_mesh(Surface mesh);
 
 /// A cage made from a model: closed, outward, smooth, and strictly around it. The model is rasterised in cubes, as many
 /// along its longest side as `resolution` says; those that it touches and their neighbours are the cage's inside, caves
-/// filled. Its corners are then smoothed by less than half a cube, so that no point of it comes nearer to the model than
-/// half a cube: what is guaranteed is strict containment with that distance. A model of distant parts gets a cage for
-/// each.
+/// filled. Its corners are then smoothed by less than half a cube, so that no point of it comes nearer to the model
+/// than half a cube: what is guaranteed is strict containment with that distance. A model of distant parts gets a cage
+/// for each.
 ///   resolution  1 to 64
 /// Errors: kInvalidArgument (resolution; a model without extent), kTooLarge (more than kMaxCageVertices).
 Result<Surface> cage_around(const Surface& model, int resolution);

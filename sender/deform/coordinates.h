@@ -17,12 +17,13 @@ namespace eigencast::deform {
 /// For points strictly inside; finite everywhere, but outside, or on the cage, they are no coordinates.
 void green_coordinates(const Surface& cage, const Vec3& point, std::span<double> phi, std::span<double> psi);
 
-/// Mean value coordinates of one point: p = sum w_i v_i, after Ju, Schaefer and Warren, "Mean Value Coordinates for Closed
-/// Triangular Meshes", 2005. Exact for affine maps; outside too; negative in the reach of concave parts.
+/// Mean value coordinates of one point: p = sum w_i v_i, after Ju, Schaefer and Warren, "Mean Value Coordinates for
+/// Closed Triangular Meshes", 2005. Exact for affine maps; outside too; negative in the reach of concave parts.
 ///   w  V, written; sums to 1
 void mean_value_coordinates(const Surface& cage, const Vec3& point, std::span<double> w);
 
-/// s_j n_j of a deformed cage (F x 3): the normal of each face times how much the face is stretched, after Lipman et al.
+/// s_j n_j of a deformed cage (F x 3): the normal of each face times how much the face is stretched, after Lipman et
+/// al.
 ///   rest   the cage at rest
 ///   moved  V x 3; a face that has no area there gets no normal
 std::vector<Vec3> stretched_normals(const Surface& rest, std::span<const Vec3> moved);

@@ -16,8 +16,8 @@ struct Frame {
 
 /// Turns each point about the box's middle line along the axis: by -angle/2 at its low end to angle/2 at its high end.
 Vec3 twisted(const Vec3& p, const Box& box, const Frame& frame, double angle);
-/// Lays the box's middle line along the axis on an arc of the same length and of that angle, in the plane of the two axes;
-/// the middle of the bar and its two ends stay about where they were.
+/// Lays the box's middle line along the axis on an arc of the same length and of that angle, in the plane of the two
+/// axes; the middle of the bar and its two ends stay about where they were.
 Vec3 bent(const Vec3& p, const Box& box, const Frame& frame, double angle);
 /// Turns about a line through `centre` along an axis, counter-clockwise seen from its positive end.
 Vec3 turned(const Vec3& p, const Vec3& centre, std::size_t axis, double angle);

@@ -11,9 +11,9 @@
 
 namespace eigencast::deform {
 
-/// Values that keys hold at times. Between keys a cubic with the slopes of Fritsch and Carlson, "Monotone Piecewise Cubic
-/// Interpolation", 1980, for each component: smooth, and never beyond what two neighbouring keys say. Constant before the
-/// first and after the last.
+/// Values that keys hold at times. Between keys a cubic with the slopes of Fritsch and Carlson, "Monotone Piecewise
+/// Cubic Interpolation", 1980, for each component: smooth, and never beyond what two neighbouring keys say. Constant
+/// before the first and after the last.
 struct Track {
   std::vector<double> times;   ///< Growing, one or more.
   std::vector<double> values;  ///< times.size() x width
@@ -36,8 +36,8 @@ class Script {
  public:
   /// From JSON, as docs/deform.md says. Errors: kCorrupt: no JSON, or not such a script: where, and why.
   static Result<Script> from_json(std::string_view text, std::span<const Vec3> handles);
-  /// "twist" (180 degrees), "bend" (180 degrees) or "both" (90 degrees each), of the bar in Figure 2 of Zhang et al. 2013, as
-  /// far as its angles are known; there and back in 4 s. Errors: kNotFound.
+  /// "twist" (180 degrees), "bend" (180 degrees) or "both" (90 degrees each), of the bar in Figure 2 of Zhang et al.
+  /// 2013, as far as its angles are known; there and back in 4 s. Errors: kNotFound.
   static Result<Script> builtin(std::string_view name, std::span<const Vec3> handles);
 
   double duration_s() const { return duration_s_; }

@@ -17,8 +17,8 @@ const char* name_of(Tool tool);
 
 /// Handles that are edited: where they are, which are chosen, and the way back. Without a choice, all are meant.
 ///
-/// A gesture goes from begin() to finish() or cancel(); each step within it starts from where the handles were at begin(), so
-/// that nothing adds up, and the whole is one step back. Pure state. Not thread-safe.
+/// A gesture goes from begin() to finish() or cancel(); each step within it starts from where the handles were at
+/// begin(), so that nothing adds up, and the whole is one step back. Pure state. Not thread-safe.
 class Editor {
  public:
   static constexpr std::size_t kMostSteps = 500;  ///< The oldest are forgotten.
@@ -39,7 +39,8 @@ class Editor {
 
   void begin();
   bool is_under_way() const { return under_way_; }
-  // Each REQUIRES: is_under_way(). Angles in radians, about the axis through centre(); of a twist and a bend, over box().
+  // Each REQUIRES: is_under_way(). Angles in radians, about the axis through centre(); of a twist and a bend, over
+  // box().
   void move(const Vec3& by);
   void rotate(std::size_t axis, double angle);
   void scale(const Vec3& by);

@@ -40,8 +40,8 @@ Gizmo gizmo_at(const Camera& camera, const Vec3& centre);
 /// The axis whose knob is under the mouse.
 std::optional<std::size_t> knob_at(const Camera& camera, const Gizmo& gizmo, const glm::vec2& mouse);
 
-/// Does to the editor's gesture what dragging a knob from one place to another means: moving along its axis; growing along
-/// it; turning, twisting or bending about it by half a turn for each kHalfTurnPx across it.
+/// Does to the editor's gesture what dragging a knob from one place to another means: moving along its axis; growing
+/// along it; turning, twisting or bending about it by half a turn for each kHalfTurnPx across it.
 inline constexpr float kHalfTurnPx = 300;
 void drag_knob(Editor& editor, Tool tool, const Camera& camera, const Gizmo& gizmo, std::size_t axis,
                const glm::vec2& from, const glm::vec2& to);

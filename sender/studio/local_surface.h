@@ -11,12 +11,12 @@
 
 namespace eigencast::studio {
 
-/// The surface as its maker sees it: deformed in full detail, and as the coefficients give it to those who watch; and how
-/// far these are apart. In the asset's order and space. Not thread-safe.
+/// The surface as its maker sees it: deformed in full detail, and as the coefficients give it to those who watch; and
+/// how far these are apart. In the asset's order and space. Not thread-safe.
 class LocalSurface {
  public:
-  /// map: of the deformer, or null: what is sent is all that there is. Keeps its weights as floats, n x c, and a reference to the asset. The map must carry a
-  /// shift of all handles to all vertices, as coordinates of cages do.
+  /// map: of the deformer, or null: what is sent is all that there is. Keeps its weights as floats, n x c, and a
+  /// reference to the asset. The map must carry a shift of all handles to all vertices, as coordinates of cages do.
   LocalSurface(const Asset& asset, const deform::LinearMap* map);
 
   /// y: controls of the linear map (c x 3), of handles in the asset's space; C: r x 3. Takes one pass over each basis.

@@ -8,8 +8,9 @@
 
 namespace eigencast::studio {
 
-/// When the pose that a hand makes is sent: at once where nothing was sent for an interval, otherwise as soon as it is over,
-/// so that the last pose of a gesture always goes out; and now and then while nothing moves. Time comes in as arguments.
+/// When the pose that a hand makes is sent: at once where nothing was sent for an interval, otherwise as soon as it is
+/// over, so that the last pose of a gesture always goes out; and now and then while nothing moves. Time comes in as
+/// arguments.
 class SendPace {
  public:
   SendPace(TimeUs interval_us, TimeUs heartbeat_us) : interval_us_(interval_us), heartbeat_us_(heartbeat_us) {}

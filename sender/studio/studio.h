@@ -31,13 +31,15 @@ struct Report {
   std::uint64_t poses = 0, held_back = 0;  ///< Made by hand; of those, how many waited for the pace or were overtaken.
 };
 
-/// Whether there is a display to open a window on; its graphics may still not do. Call from the main thread. Errors: kUnsupported.
+/// Whether there is a display to open a window on; its graphics may still not do. Call from the main thread. Errors:
+/// kUnsupported.
 Result<void> find_display();
 
-/// A window in which a hand deforms a surface, which goes out while it does. Returns when the window is closed, the time is over or
-/// stop() says so.
+/// A window in which a hand deforms a surface, which goes out while it does. Returns when the window is closed, the
+/// time is over or stop() says so.
 ///   deformer   has a linear map, or makes coefficients
-/// All must outlive the call. Call from the main thread. Errors: kUnsupported (no display, no OpenGL), kInvalidArgument (a URL).
+/// All must outlive the call. Call from the main thread. Errors: kUnsupported (no display, no OpenGL), kInvalidArgument
+/// (a URL).
 Result<Report> run(const Options& options, deform::Deformer& deformer, deform::ProjectedDeformer& projected,
                    const Asset& asset, Publisher& publisher, const std::function<bool()>& stop, const LogSink& log);
 

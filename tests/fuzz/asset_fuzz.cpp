@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
-// A hostile asset, whole: how many bands are read, the manifest and the chunks after it. An enemy computes hashes, too, so those of
-// the manifest are replaced by the ones that its chunks have. What is taken, in part or whole, is sound and can be drawn at
-// every level; what is whole is the same when it is written and read again.
+// A hostile asset, whole: how many bands are read, the manifest and the chunks after it. An enemy computes hashes, too,
+// so those of the manifest are replaced by the ones that its chunks have. What is taken, in part or whole, is sound and
+// can be drawn at every level; what is whole is the same when it is written and read again.
 #include <algorithm>
 #include <cstdlib>
 
@@ -22,7 +22,8 @@ void require(bool condition) {
   if (!condition) std::abort();
 }
 
-/// Chunks of the sizes that the manifest states, filled with what there is and then with zeros, and a manifest that has their hashes.
+/// Chunks of the sizes that the manifest states, filled with what there is and then with zeros, and a manifest that has
+/// their hashes.
 EncodedAsset hashed(Manifest& manifest, ByteReader& in) {
   EncodedAsset encoded;
   for (ChunkEntry& chunk : manifest.chunks) {

@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 //
-// A hostile broker: announcements and frames in any order into a receiver's decoder. Frames are either arbitrary bytes, or an
-// envelope that fits the stream with an arbitrary or a well-made payload, so that chains grow long enough to be broken.
+// A hostile broker: announcements and frames in any order into a receiver's decoder. Frames are either arbitrary bytes,
+// or an envelope that fits the stream with an arbitrary or a well-made payload, so that chains grow long enough to be
+// broken.
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>

@@ -26,9 +26,10 @@ struct Impairment {
 /// Errors: kInvalidArgument naming what is out of range.
 Result<void> check_impairment(const Impairment& impairment);
 
-/// One direction of a link: when does a segment that enters now leave again? Models what TCP makes of the link beneath it: nothing is
-/// lost and nothing overtakes, so a lost segment holds up all of its connection that comes after it (head-of-line blocking) until it has
-/// been sent again. The bandwidth is shared by all flows; the order is each flow's own. Same seed, same calls: same answers.
+/// One direction of a link: when does a segment that enters now leave again? Models what TCP makes of the link beneath
+/// it: nothing is lost and nothing overtakes, so a lost segment holds up all of its connection that comes after it
+/// (head-of-line blocking) until it has been sent again. The bandwidth is shared by all flows; the order is each flow's
+/// own. Same seed, same calls: same answers.
 ///
 /// Time comes in as an argument, must not go back. Not thread-safe.
 class ImpairedPath {

@@ -9,10 +9,12 @@
 
 namespace eigencast::testing {
 
-/// A TCP relay on loopback that behaves like a bad link: whatever connects to it is connected to `target_port`, each direction through
-/// an ImpairedPath that all connections share. It holds back its readers rather than queue more than a router would.
+/// A TCP relay on loopback that behaves like a bad link: whatever connects to it is connected to `target_port`, each
+/// direction through an ImpairedPath that all connections share. It holds back its readers rather than queue more than
+/// a router would.
 ///
-/// Own error of the delays: the wake-up of its thread, below 1 ms on a machine that is not overloaded. Runs one thread; use from one.
+/// Own error of the delays: the wake-up of its thread, below 1 ms on a machine that is not overloaded. Runs one thread;
+/// use from one.
 class ImpairedRelay {
  public:
   struct Options {

@@ -76,6 +76,8 @@ bool Process::wait_for_output(const std::string& text, milliseconds timeout) {
   return eventually([&] { return output().find(text) != std::string::npos; }, timeout);
 }
 
-void sleep_for(milliseconds time) { std::this_thread::sleep_for(time); }
+void sleep_for(milliseconds time) {
+  std::this_thread::sleep_for(time);
+}
 
 }  // namespace eigencast::testing

@@ -28,7 +28,8 @@ inline std::string text_of(const std::string& path) {
   return {std::istreambuf_iterator<char>(file), {}};
 }
 
-/// A self-signed certificate for localhost and 127.0.0.1, or others, as NAME.pem and NAME.key; false without the openssl program.
+/// A self-signed certificate for localhost and 127.0.0.1, or others, as NAME.pem and NAME.key; false without the
+/// openssl program.
 inline bool make_certificate(const Scene& scene, const std::string& name,
                              const std::string& hosts = "DNS:localhost,IP:127.0.0.1") {
   if (!std::filesystem::exists("/usr/bin/openssl")) return false;

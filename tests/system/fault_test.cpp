@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What goes wrong around a broker: nothing crashes, the others go on, the log says what happened. That each of the three
-// programs may be killed is in restart_test.cpp.
+// What goes wrong around a broker: nothing crashes, the others go on, the log says what happened. That each of the
+// three programs may be killed is in restart_test.cpp.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>

@@ -16,8 +16,8 @@ inline constexpr milliseconds kPatience{60000};
 /// A blocking TCP connection to a port of this machine, whose reads give up after 20 s; -1: none.
 ///   from  the address it comes from, for limits that count by address
 int connect_to(const std::string& port, const char* from = "127.0.0.1");
-/// A connection that has asked for a WebSocket at `target`, and read the answer's head; -1: refused. Its owner speaks, or
-/// not, as it likes.
+/// A connection that has asked for a WebSocket at `target`, and read the answer's head; -1: refused. Its owner speaks,
+/// or not, as it likes.
 int upgrade(const std::string& port, const std::string& target, const char* from = "127.0.0.1");
 bool send_all(int fd, const std::string& bytes);
 /// A whole WebSocket message of a client, below 126 bytes.

@@ -55,7 +55,8 @@ class ProxyTest : public AccessTest {
  protected:
   void SetUp() override {
     AccessTest::SetUp();
-    if (!std::filesystem::exists(kNginx)) GTEST_SKIP() << kNginx << " is not installed: nothing is known about nginx here";
+    if (!std::filesystem::exists(kNginx))
+      GTEST_SKIP() << kNginx << " is not installed: nothing is known about nginx here";
     if (!make_certificate(scene_, "proxy")) GTEST_SKIP() << "no openssl program here: nginx is not tested";
   }
   void TearDown() override {
@@ -80,7 +81,8 @@ class ProxyTest : public AccessTest {
     all.insert(all.end(), changes.begin(), changes.end());
     for (const auto& [from, to] : all) {
       EXPECT_NE(text.find(from), std::string::npos) << "deploy/nginx/eigencast.conf has changed: no " << from;
-      for (auto at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size())) text.replace(at, from.size(), to);
+      for (auto at = text.find(from); at != std::string::npos; at = text.find(from, at + to.size()))
+        text.replace(at, from.size(), to);
     }
     return text;
   }
@@ -92,7 +94,8 @@ class ProxyTest : public AccessTest {
       std::ofstream conf(scene_.file("nginx.conf"));
       // As root, nginx would give up its rights to the scene's folder.
       if (::geteuid() == 0) conf << "user root;\n";
-      conf << "pid " << scene_.file("nginx.pid") << ";\nerror_log stderr;\ndaemon off;\nworker_processes 1;\nevents {}\nhttp {\naccess_log off;\n";
+      conf << "pid " << scene_.file("nginx.pid")
+           << ";\nerror_log stderr;\ndaemon off;\nworker_processes 1;\nevents {}\nhttp {\naccess_log off;\n";
       for (const char* kind : {"client_body", "proxy", "fastcgi", "uwsgi", "scgi"}) {
         conf << kind << "_temp_path " << scene_.file(std::string("temp-") + kind) << ";\n";
       }
@@ -100,7 +103,8 @@ class ProxyTest : public AccessTest {
       conf.close();
       std::filesystem::remove(scene_.file("nginx.pid"));
       nginx_ = std::make_unique<Process>(
-          std::vector<std::string>{kNginx, "-c", scene_.file("nginx.conf"), "-e", "stderr", "-p", scene_.file("")}, scene_.file("nginx.log"));
+          std::vector<std::string>{kNginx, "-c", scene_.file("nginx.conf"), "-e", "stderr", "-p", scene_.file("")},
+          scene_.file("nginx.log"));
       ASSERT_TRUE(eventually([&] { return std::filesystem::exists(scene_.file("nginx.pid")) || !nginx_->running(); }));
       if (nginx_->running()) break;
     }
@@ -117,7 +121,8 @@ class ProxyTest : public AccessTest {
   /// The head and body that come back. Whoever asks by an address, not a name, asks without a check of the certificate.
   std::string curl(const std::string& target, std::vector<std::string> arguments = {}) {
     const std::string log = scene_.file("curl-" + std::to_string(++curls_) + ".log");
-    arguments.insert(arguments.begin(), {kCurl, "--silent", "--show-error", "--include", "--insecure", "--max-time", "20", target});
+    arguments.insert(arguments.begin(),
+                     {kCurl, "--silent", "--show-error", "--include", "--insecure", "--max-time", "20", target});
     Process process(std::move(arguments), log);
     process.wait(kLong);
     return process.output();
@@ -157,7 +162,8 @@ TEST_F(ProxyTest, AStreamFlowsThroughASubPathAndForgottenTrustLocksOut) {
 
 TEST_F(ProxyTest, WhatAClientSaysOfItsAddressCountsForNothing) {
   const std::string outside = outer_address();
-  if (outside.empty()) GTEST_SKIP() << "this machine has no address but loopback: forged addresses are not tested through nginx";
+  if (outside.empty())
+    GTEST_SKIP() << "this machine has no address but loopback: forged addresses are not tested through nginx";
   if (!std::filesystem::exists(kCurl)) GTEST_SKIP() << "no curl here";
   write_secret(scene_.file("eigencast.toml"), "[proxy]\ntrusted = [\"127.0.0.1\"]\n");
   auto broker = scene_.start_broker(configured());
@@ -172,17 +178,20 @@ TEST_F(ProxyTest, WhatAClientSaysOfItsAddressCountsForNothing) {
   // A page's host as the proxy says it, not as the client does.
   const std::string page = "Origin: https://elsewhere.example";
   EXPECT_THAT(curl(url("https", "streams"), {"--header", page}), HasSubstr(" 403"));
-  EXPECT_THAT(curl(url("https", "streams"), {"--header", page, "--header", "X-Forwarded-Host: elsewhere.example"}), HasSubstr(" 403"));
+  EXPECT_THAT(curl(url("https", "streams"), {"--header", page, "--header", "X-Forwarded-Host: elsewhere.example"}),
+              HasSubstr(" 403"));
 }
 
 TEST_F(ProxyTest, AnIdleViewerOutlivesTheProxysPatience) {
   // An hour of silence at 60 s and pings every 15 s; here seconds, in the same ratio of four pings to a timeout.
   write_secret(scene_.file("eigencast.toml"), "[proxy]\ntrusted = [\"127.0.0.1\"]\n");
   auto broker = scene_.start_broker(configured({"--timeouts-idle-ms", "1000"}));
-  ASSERT_NO_FATAL_FAILURE(start_nginx({{"proxy_read_timeout 60s", "proxy_read_timeout 2s"}, {"proxy_send_timeout 60s", "proxy_send_timeout 2s"}}));
+  ASSERT_NO_FATAL_FAILURE(start_nginx(
+      {{"proxy_read_timeout 60s", "proxy_read_timeout 2s"}, {"proxy_send_timeout 60s", "proxy_send_timeout 2s"}}));
   const std::string ca = scene_.file("proxy.pem");
   auto client = scene_.start_client("idle", {"--ca", ca, "--frames", "5", "--wait", "60", "--verbose"});
-  ASSERT_TRUE(eventually([&] { return client->output().find("waiting for a sender") != std::string::npos || !client->running(); }, kLong))
+  ASSERT_TRUE(eventually(
+      [&] { return client->output().find("waiting for a sender") != std::string::npos || !client->running(); }, kLong))
       << scene_.logs();
   sleep_for(milliseconds(9000));
   EXPECT_TRUE(client->running()) << scene_.logs();
@@ -211,7 +220,8 @@ TEST_F(ProxyTest, PublicAssetsComeFromTheCacheAndOthersNever) {
   EXPECT_THAT(part, HasSubstr(" 206"));
   EXPECT_THAT(part, HasSubstr("HIT"));
 
-  // Once tokens count, what is answered to one reader is not kept for others. (The cache is emptied by the test's reload.)
+  // Once tokens count, what is answered to one reader is not kept for others. (The cache is emptied by the test's
+  // reload.)
   std::filesystem::remove_all(scene_.file("kept"));
   std::filesystem::create_directory(scene_.file("kept"));
   ASSERT_NO_FATAL_FAILURE(reload(*broker, "[access]\nanonymous = \"nowhere\"\n" + keys + trusted));

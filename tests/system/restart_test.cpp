@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Each of the three programs is killed and started again while the others run: they say what happened, reconnect and go on.
+// Each of the three programs is killed and started again while the others run: they say what happened, reconnect and go
+// on.
 #include <gtest/gtest.h>
 
 #include <csignal>
@@ -60,7 +61,8 @@ TEST_F(Restart, AnotherSurfaceOnTheSameStreamReachesTheRunningViewer) {
   const std::size_t rows = scene_.received("a").back().coefficients.size();
   kill(*sender_);
   sender_ = scene_.start_sender({"torus", "--rate", "30", "--rank", "60"});
-  EXPECT_TRUE(eventually([&] { return scene_.received("a").back().coefficients.size() == 60 * 3; }, kPatience)) << scene_.logs();
+  EXPECT_TRUE(eventually([&] { return scene_.received("a").back().coefficients.size() == 60 * 3; }, kPatience))
+      << scene_.logs();
   EXPECT_NE(rows, 60u * 3u);
   EXPECT_TRUE(grows()) << scene_.logs();
 }

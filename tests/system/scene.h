@@ -12,7 +12,8 @@
 
 namespace eigencast::testing {
 
-/// A broker, senders and clients as real processes, all on loopback, all in one temporary folder: assets, cache, logs, records.
+/// A broker, senders and clients as real processes, all on loopback, all in one temporary folder: assets, cache, logs,
+/// records.
 ///
 ///   Scene scene;
 ///   auto broker = scene.start_broker();
@@ -58,7 +59,8 @@ class Scene {
 using PoseKey = std::pair<std::uint64_t, std::pair<int, int>>;
 std::map<PoseKey, RecordedPose> by_step(const std::vector<RecordedPose>& poses);
 
-/// How much of the keys from the first to the last one received did arrive, 0..1. A loaded machine skips some (latest wins).
+/// How much of the keys from the first to the last one received did arrive, 0..1. A loaded machine skips some (latest
+/// wins).
 double share_of_keys(const std::vector<RecordedPose>& poses);
 
 /// The folder of a real animation; empty where the shared data are absent.

@@ -128,8 +128,9 @@ TEST_F(Horse, ViewersOfDifferentDetailAndTimeSeeTheSameMotion) {
   EXPECT_EQ(report_of(scene, "full")["lod"]["vertices"].get<int>(), 8431);
 }
 
-/// Between consecutive keys there are the poses 1/3 and 2/3 and no others, each equal to Eq. 7 of its neighbours to rounding. Poses may be
-/// missing at any place (latest wins; how many depends on the machine's load), but some intervals must be whole.
+/// Between consecutive keys there are the poses 1/3 and 2/3 and no others, each equal to Eq. 7 of its neighbours to
+/// rounding. Poses may be missing at any place (latest wins; how many depends on the machine's load), but some
+/// intervals must be whole.
 void expect_tripled(const std::vector<RecordedPose>& poses, double rounding) {
   const auto steps = by_step(poses);
   const std::uint64_t first = poses.front().sequence + 2, last = poses.back().sequence - 1;
@@ -146,7 +147,8 @@ void expect_tripled(const std::vector<RecordedPose>& poses, double rounding) {
       const double u = at / 3.0;
       for (std::size_t i = 0; i < middle->second.coefficients.size(); ++i) {
         const double a = before->second.coefficients[i], b = after->second.coefficients[i];
-        ASSERT_NEAR(middle->second.coefficients[i], a + u * (b - a), rounding) << "value " << i << " of " << at << "/3 before " << s;
+        ASSERT_NEAR(middle->second.coefficients[i], a + u * (b - a), rounding)
+            << "value " << i << " of " << at << "/3 before " << s;
       }
     }
     whole += found == 2;
@@ -169,7 +171,8 @@ TEST_P(Interpolated, TheRateTriplesAndEveryPoseIsEquation7OfItsNeighbours) {
   const auto baked = bake((*clip)->rest(), {.name = {}, .motion = &motion}, default_cache_dir());
   ASSERT_TRUE(baked);
   // Compact poses are rounded to steps, full ones coded to within three half spacings of 2.5 times the keys' size.
-  const Quantiser quantiser = quantiser_for_error(kDefaultErrorOverDiagonal * baked->asset.diagonal(), baked->asset.area, baked->asset.rank);
+  const Quantiser quantiser =
+      quantiser_for_error(kDefaultErrorOverDiagonal * baked->asset.diagonal(), baked->asset.area, baked->asset.rank);
   const double steps = form == "compact" ? 0.5001 : 3 * 2.5 * quantiser.half_spacing;
   const double rounding = codec == "quantised" ? steps * step_size(quantiser.step) : codec == "float32" ? 1e-5 : 1e-12;
   const auto poses = scene.received("a");
@@ -228,7 +231,8 @@ TEST(Bands, AViewerOfFewerBandsGetsTheFirstColumnsOfTheSamePoses) {
     if (other == whole.end()) continue;
     ++common;
     for (std::size_t i = 0; i < 54 * 3; ++i) EXPECT_EQ(pose.coefficients[i], other->second.coefficients[i]);
-    for (std::size_t i = 54 * 3; i < pose.coefficients.size(); ++i) EXPECT_NEAR(pose.coefficients[i], 0, 1e-6) << "rest pose";
+    for (std::size_t i = 54 * 3; i < pose.coefficients.size(); ++i)
+      EXPECT_NEAR(pose.coefficients[i], 0, 1e-6) << "rest pose";
   }
   EXPECT_GT(common, 20u);
   EXPECT_LT(report_of(scene, "few")["kbit_per_s"].get<double>(), report_of(scene, "all")["kbit_per_s"].get<double>());

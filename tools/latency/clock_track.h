@@ -9,8 +9,8 @@
 
 namespace eigencast::latency {
 
-/// How two clocks stood to each other over a run: the estimates of least round trip (common/net/clock_offset.h), and how
-/// the clocks drift apart by them. Holds at most kMaxPoints; a longer run is thinned. Not thread-safe.
+/// How two clocks stood to each other over a run: the estimates of least round trip (common/net/clock_offset.h), and
+/// how the clocks drift apart by them. Holds at most kMaxPoints; a longer run is thinned. Not thread-safe.
 class ClockTrack {
  public:
   static constexpr std::size_t kMaxPoints = 4096;

@@ -7,8 +7,8 @@
 
 namespace eigencast::latency {
 
-/// How old the pose is that is on display, looked at once a millisecond: what a person sees, unlike the delay of a pose at the moment
-/// it appears. It grows until the next pose is shown. Not thread-safe.
+/// How old the pose is that is on display, looked at once a millisecond: what a person sees, unlike the delay of a pose
+/// at the moment it appears. It grows until the next pose is shown. Not thread-safe.
 class DisplayAge {
  public:
   /// A pose of that capture time is shown from then on.

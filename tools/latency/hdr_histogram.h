@@ -13,8 +13,8 @@ namespace eigencast::latency {
 /// Counts times in log-linear buckets that keep three significant digits from 1 us to an hour, laid out as Gil Tene's
 /// HdrHistogram (lowest 1, highest 3.6e9, 3 digits), so that its tools read what encoded() writes.
 ///
-/// Negative values are counted apart: none is clamped or hidden. Not thread-safe. add() allocates at most once per power
-/// of two.
+/// Negative values are counted apart: none is clamped or hidden. Not thread-safe. add() allocates at most once per
+/// power of two.
 class HdrHistogram {
  public:
   static constexpr std::int64_t kHighest = 3'600'000'000;
@@ -34,7 +34,8 @@ class HdrHistogram {
   /// REQUIRES: 0 <= p <= 100. 0 when empty.
   std::int64_t percentile(double p) const;
   /// The percentile of all values, the negative ones included; nothing where it is one of those, or where fewer than
-  /// kSamplesBeyond values lie beyond it, so that it would be a matter of luck. p = 100 is the maximum, which is always known unless empty.
+  /// kSamplesBeyond values lie beyond it, so that it would be a matter of luck. p = 100 is the maximum, which is always
+  /// known unless empty.
   std::optional<std::int64_t> reliable_percentile(double p) const;
 
   /// The percentile spectrum as HdrHistogram's tools plot it (.hgrm), values divided by `unit_us`.

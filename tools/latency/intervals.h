@@ -13,8 +13,8 @@ struct Interval {
   HdrHistogram keys, synthetic;
 };
 
-/// A run second by second; one that is longer than kMost seconds by two, by four and so on, so that days take no more memory than a
-/// quarter of an hour.
+/// A run second by second; one that is longer than kMost seconds by two, by four and so on, so that days take no more
+/// memory than a quarter of an hour.
 class Intervals {
  public:
   static constexpr std::size_t kMost = 900;

@@ -13,9 +13,9 @@
 
 namespace eigencast::latency {
 
-/// Many light viewers on one thread: each reads its frames, checks that every key follows the one before it, acknowledges
-/// as a real one does, and takes the time; none rebuilds a surface. What it costs itself is measured, so that it can say
-/// when it, and not the broker, was what limited.
+/// Many light viewers on one thread: each reads its frames, checks that every key follows the one before it,
+/// acknowledges as a real one does, and takes the time; none rebuilds a surface. What it costs itself is measured, so
+/// that it can say when it, and not the broker, was what limited.
 class Load {
  public:
   struct Options {

@@ -11,8 +11,8 @@
 
 namespace eigencast::latency {
 
-/// Turns a rebuilt surface into a finished picture off the screen, with the renderer of the viewer: normals, upload, drawing, and the
-/// wait until all of it is done. A display's own wait (its refresh, its panel) is not part of it.
+/// Turns a rebuilt surface into a finished picture off the screen, with the renderer of the viewer: normals, upload,
+/// drawing, and the wait until all of it is done. A display's own wait (its refresh, its panel) is not part of it.
 ///
 /// Use from the thread that made it only.
 class Presenter {

@@ -11,8 +11,8 @@ namespace eigencast::latency {
 
 inline constexpr int kReportSchema = 1;
 
-/// Where a run was made, so that runs can be compared: name and value, in a fixed order. Nothing that names the machine.
-/// `url`: of the broker.
+/// Where a run was made, so that runs can be compared: name and value, in a fixed order. Nothing that names the
+/// machine. `url`: of the broker.
 std::vector<std::pair<std::string, std::string>> environment(const std::string& version, const std::string& url);
 
 /// The report for people.

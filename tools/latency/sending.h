@@ -16,7 +16,8 @@ namespace eigencast::latency {
 /// How long a sender may take until it is live, and a viewer until it has a pose.
 inline constexpr TimeUs kConnectPatienceUs = 20'000'000;
 
-/// The sender: poses of a clip on an open-loop schedule, each stamped with the time it was meant for, from a thread of its own.
+/// The sender: poses of a clip on an open-loop schedule, each stamped with the time it was meant for, from a thread of
+/// its own.
 class Sending {
  public:
   /// Bakes, and begins to connect. Errors: those of clips, bakes and publishers.

@@ -17,8 +17,8 @@ struct Progress {
 };
 using OnProgress = std::function<void(const Progress&)>;
 
-/// Runs a sender, a viewer, or both, as the inputs say, and measures. Ends by its deadline whatever is lost, sooner when
-/// `stop` is set. Errors: kInvalidArgument, kUnreachable, kRefused (by the broker), kTimeout (no pose came).
+/// Runs a sender, a viewer, or both, as the inputs say, and measures. Ends by its deadline whatever is lost, sooner
+/// when `stop` is set. Errors: kInvalidArgument, kUnreachable, kRefused (by the broker), kTimeout (no pose came).
 Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop, const OnProgress& progress,
                             LogSink log);
 

@@ -12,7 +12,9 @@ namespace {
 
 constexpr std::string_view kDigits = "0123456789abcdef";
 
-EVP_MD_CTX* context_from(void* context) { return static_cast<EVP_MD_CTX*>(context); }
+EVP_MD_CTX* context_from(void* context) {
+  return static_cast<EVP_MD_CTX*>(context);
+}
 
 }  // namespace
 
@@ -45,10 +47,13 @@ Sha256 sha256(ByteView data) {
 }
 
 Sha256Stream::Sha256Stream() : context_(EVP_MD_CTX_new()) {
-  if (context_ == nullptr || EVP_DigestInit_ex(context_from(context_), EVP_sha256(), nullptr) != 1) throw std::bad_alloc();
+  if (context_ == nullptr || EVP_DigestInit_ex(context_from(context_), EVP_sha256(), nullptr) != 1)
+    throw std::bad_alloc();
 }
 
-Sha256Stream::~Sha256Stream() { EVP_MD_CTX_free(context_from(context_)); }
+Sha256Stream::~Sha256Stream() {
+  EVP_MD_CTX_free(context_from(context_));
+}
 
 Sha256Stream::Sha256Stream(Sha256Stream&& other) noexcept : context_(std::exchange(other.context_, nullptr)) {}
 
@@ -57,7 +62,9 @@ Sha256Stream& Sha256Stream::operator=(Sha256Stream&& other) noexcept {
   return *this;
 }
 
-void Sha256Stream::update(ByteView data) { EVP_DigestUpdate(context_from(context_), data.data(), data.size()); }
+void Sha256Stream::update(ByteView data) {
+  EVP_DigestUpdate(context_from(context_), data.data(), data.size());
+}
 
 Sha256 Sha256Stream::finish() {
   Sha256 result;

@@ -131,7 +131,8 @@ EC_API ec_status ec_bake(const double* positions, uint32_t vertex_count, const u
  * Errors: EC_NOT_FOUND, EC_CORRUPT, EC_IO, EC_TOO_LARGE, EC_UNSUPPORTED (of a newer version), EC_INVALID_ARGUMENT.
  */
 EC_API ec_status ec_asset_load(const char* folder, const char* id, ec_asset** asset);
-/** Writes the asset's objects into a folder, which is made: for other machines, and for programs that must not bake. Errors: EC_IO. */
+/** Writes the asset's objects into a folder, which is made: for other machines, and for programs that must not bake.
+ * Errors: EC_IO. */
 EC_API ec_status ec_asset_save(const ec_asset* asset, const char* folder);
 EC_API ec_status ec_asset_get_info(const ec_asset* asset, ec_asset_info* info);
 /** Null is allowed. Publishers made from the asset go on living. */
@@ -156,10 +157,10 @@ typedef struct ec_publisher_options {
       certificate_file; /**< PEM file of a certificate of your own, for brokers that ask for one (default: none). */
   const char* key_file; /**< PEM file of its private key. */
   int insecure;         /**< Not 0: the broker's certificate is not checked; for trying out only. */
-  uint32_t
-      scalars; /**< Values that ride on each vertex (stress, temperature), up to 10 (default: none). They are coded within
-                       `error`, too, each in its own unit: a range of about the surface's diagonal keeps a thousandth of it. */
-  int velocities; /**< Not 0: poses come with velocities, for viewers that ask for scheme=hermite. */
+  uint32_t scalars; /**< Values that ride on each vertex (stress, temperature), up to 10 (default: none). They are coded
+                       within `error`, too, each in its own unit: a range of about the surface's diagonal keeps a
+                       thousandth of it. */
+  int velocities;   /**< Not 0: poses come with velocities, for viewers that ask for scheme=hermite. */
 } ec_publisher_options;
 
 typedef struct ec_publisher_stats {
@@ -195,7 +196,8 @@ typedef struct ec_pose {
   int64_t capture_us;      /**< As in ec_publisher_send(). */
 } ec_pose;
 
-/** As ec_publisher_send(), with velocities and scalars. Errors: EC_INVALID_ARGUMENT, also for what was not announced or is missing. */
+/** As ec_publisher_send(), with velocities and scalars. Errors: EC_INVALID_ARGUMENT, also for what was not announced or
+ * is missing. */
 EC_API ec_status ec_publisher_send_pose(ec_publisher* publisher, const ec_pose* pose);
 EC_API ec_status ec_publisher_get_stats(const ec_publisher* publisher, ec_publisher_stats* stats);
 /** Disconnects, waiting at most a second. Null is allowed. */

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// The bytes of two small assets, stored and coded, and what they mean in an independent text form (golden.json, which the
-// Python reader is held against as well). EIGENCAST_WRITE_GOLDEN=1 writes them anew after a deliberate change of the format,
-// which then needs a new version.
+// The bytes of two small assets, stored and coded, and what they mean in an independent text form (golden.json, which
+// the Python reader is held against as well). EIGENCAST_WRITE_GOLDEN=1 writes them anew after a deliberate change of
+// the format, which then needs a new version.
 #include <gtest/gtest.h>
 
 #include <cstdlib>

@@ -123,7 +123,8 @@ class CardRebuilders : public testing::OffscreenPictures {
           magnitudes[i][d] +=
               std::abs(static_cast<double>(asset.basis[std::size_t{i} * asset.rank + k]) * C[3 * k + d]);
         roundings_[i][d] = std::max(roundings_[i][d], now[d]);
-        // A vertex on its way has its share of what the one has moved that it comes from, and holds that one's terms, too.
+        // A vertex on its way has its share of what the one has moved that it comes from, and holds that one's terms,
+        // too.
         const double weight = double{morph.weight(i)};
         moved[i][d] = weight * roundings_[i][d] + (1 - weight) * moved[from][d];
         magnitudes[i][d] = std::max(magnitudes[i][d], magnitudes[from][d]);

@@ -293,7 +293,8 @@ TEST(BudgetResolver, KeepsTheFloorWhenNothingHelps) {
 }
 
 TEST(BudgetResolver, GivesNoSurfaceAwayForAFixedCostThatFillsTheFrame) {
-  // Pixels alone take longer than a frame of 60/s; full detail would add 10 ms. A quarter of the fixed cost is 4.5 ms and more.
+  // Pixels alone take longer than a frame of 60/s; full detail would add 10 ms. A quarter of the fixed cost is 4.5 ms
+  // and more.
   for (const double fixed : {0.018, 0.030, 0.200}) {
     const Flight flight = fly({[&](double v, double) { return fixed + 0.010 * v / 50'586; }, 0.02, 0}, 60, 20);
     EXPECT_GE(flight.mean_level, 0.35) << fixed << " s";
@@ -350,8 +351,8 @@ TEST(BudgetResolver, IgnoresMeasurementsThatAreNone) {
   EXPECT_TRUE(resolver.resolve({}, FrameWork{0, 0.01}).empty());
 }
 
-/// Pictures in a window, as the viewer makes them: work, then a swap that returns at the display's next turn. What is measured is
-/// what WorkClock says, or, if `with_wait`, the time from picture to picture.
+/// Pictures in a window, as the viewer makes them: work, then a swap that returns at the display's next turn. What is
+/// measured is what WorkClock says, or, if `with_wait`, the time from picture to picture.
 double level_in_a_window(double full_ms, double display_hz, bool with_wait) {
   const std::vector<ObjectView> objects{{50'000, 500, 1, 500, 1}};
   BudgetResolver resolver({.f0 = display_hz});

@@ -136,8 +136,8 @@ TEST_F(OneBand, WhatTheFormatAllowsAndNothingElse) {
       << "a length of 2^64 - 1";
 }
 
-/// A section of two values that were at 0 and are at +-16, coded with m = 4: both levels are 0, so that they go on as the
-/// weights say.
+/// A section of two values that were at 0 and are at +-16, coded with m = 4: both levels are 0, so that they go on as
+/// the weights say.
 Bytes carried_on(unsigned speed, unsigned restoring, int scale = 0) {
   const std::vector<std::uint32_t> speeds = {16, 16};
   const unsigned expected = band::scale_code_of(32, 2, 4);

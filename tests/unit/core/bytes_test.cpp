@@ -51,8 +51,8 @@ TEST(Bytes, VarintsComeBackAtEveryLength) {
 }
 
 TEST(Bytes, VarintsOfOver64BitsOrInALongerFormThanNeededFail) {
-  for (const Bytes& bad : {Bytes(11, 0xff), Bytes{0x80, 0x00}, Bytes{0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x02},
-                           Bytes{0x80}, Bytes{}}) {
+  for (const Bytes& bad : {Bytes(11, 0xff), Bytes{0x80, 0x00},
+                           Bytes{0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x02}, Bytes{0x80}, Bytes{}}) {
     ByteReader r(bad);
     r.varint();
     EXPECT_TRUE(r.failed());

@@ -6,7 +6,9 @@
 namespace eigencast {
 namespace {
 
-ByteView view_of(std::string_view text) { return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()}; }
+ByteView view_of(std::string_view text) {
+  return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
+}
 
 // Known answers of FIPS 180-2, appendix B.
 TEST(Sha256, KnownAnswers) {

@@ -60,7 +60,8 @@ TEST(Arap, HoldsItsHandlesAndTurnsRatherThanStretches) {
   const std::vector<Vec3> positions = settled(**deformer, moved);
   const std::vector<HandleGroup> groups = ends(model);
   for (std::size_t g = 0; g < groups.size(); ++g) EXPECT_LT(length(positions[groups[g][0]] - moved[g]), 1e-12);
-  // Half-way up the cross-section is that of the rest pose: a linear blend of the ends would shrink it by 1 - cos(45 deg).
+  // Half-way up the cross-section is that of the rest pose: a linear blend of the ends would shrink it by 1 - cos(45
+  // deg).
   double rest_width = 0, width = 0;
   for (std::size_t v = 0; v < positions.size(); ++v) {
     if (std::abs(model.positions[v][1]) > 0.2) continue;

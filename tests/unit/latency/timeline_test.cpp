@@ -110,8 +110,8 @@ TEST(Timeline, AStageThatTookLessThanNoTimeIsImpossibleUnlessTheClocksAllowIt) {
 }
 
 TEST(Timeline, InterpolationHoldsEveryPoseOfAnIntervalAlikeAndTheRestIsMargin) {
-  // Keys every 30 ms; the first pose of an interval can leave when its second key is there; the schedule has 4 ms of margin,
-  // which the key that came 4 ms late used up.
+  // Keys every 30 ms; the first pose of an interval can leave when its second key is there; the schedule has 4 ms of
+  // margin, which the key that came 4 ms late used up.
   constexpr TimeUs kInterval = 30'000;
   Timeline line({});
   for (std::uint64_t s = 10; s < 20; ++s) {

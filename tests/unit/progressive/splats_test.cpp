@@ -45,7 +45,8 @@ TEST(PointNormals, OfASphereAreItsPoints) {
   for (std::size_t i = 0; i < normals.size(); ++i) EXPECT_GT(dot(normals[i], sphere.positions[i]), 0.999);
 }
 
-// The two sides of the box are nearer to each other than their own points are: what carries signs must not take them for one.
+// The two sides of the box are nearer to each other than their own points are: what carries signs must not take them
+// for one.
 TEST(PointNormals, TellTheSidesOfAThinSheetApart) {
   const Surface sheet = make_box(60, 60, 1, {1, 1, 0.03});
   const auto normals = oriented_normals(sheet.positions);

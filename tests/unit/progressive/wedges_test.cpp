@@ -79,8 +79,8 @@ TEST(Wedges, FollowTheirVerticesAtEveryLevel) {
   }
 }
 
-/// What is wrong with the places at a level: the largest distance round the tube between where a corner lies in the image and where
-/// it lies on the tube, and the widest that a face is in the image; in parts of a turn.
+/// What is wrong with the places at a level: the largest distance round the tube between where a corner lies in the
+/// image and where it lies on the tube, and the widest that a face is in the image; in parts of a turn.
 struct Distortion {
   double wrong = 0, widest = 0;
 };

@@ -12,8 +12,8 @@
 
 namespace eigencast::testing {
 
-/// By how much rounding a pose's coefficients to 16 bits (BasisTiles::whole_coefficients) may move a vertex: half a unit for
-/// each of its row's integers, no more. Nothing where they are not rounded.
+/// By how much rounding a pose's coefficients to 16 bits (BasisTiles::whole_coefficients) may move a vertex: half a
+/// unit for each of its row's integers, no more. Nothing where they are not rounded.
 class CoefficientRounding {
  public:
   /// asset and tiles: of one basis, kept by the caller. C: r x channels, row-major, multiplied as far as `rank`.

@@ -184,7 +184,8 @@ TEST(Stream, VelocitiesBendTheWayBetweenKeys) {
   ASSERT_TRUE(subscriber->info());
   EXPECT_EQ(subscriber->info()->profile.scheme, Profile::Scheme::kHermite) << "not given as linear";
   EXPECT_EQ(subscriber->info()->format.velocity_channels, 3U);
-  // A straight line would be off by up to (2 pi / 10)^2 / 8 = 4.9 % of the swing; the cubic by (2 pi / 10)^4 / 384 = 0.04 %.
+  // A straight line would be off by up to (2 pi / 10)^2 / 8 = 4.9 % of the swing; the cubic by (2 pi / 10)^4 / 384 =
+  // 0.04 %.
   EXPECT_LT(worst, 0.006 * wide);
 
   const std::vector<float> still(3 * ball.asset->vertex_count);

@@ -57,7 +57,8 @@ SourceOptions of_basis(const std::string& input, const std::string& basis) {
   return options;
 }
 
-// Whatever the cage does, not only what a script makes of it: what goes out is the deformation itself, to float columns' rounding.
+// Whatever the cage does, not only what a script makes of it: what goes out is the deformation itself, to float
+// columns' rounding.
 TEST(Source, TheBasisOfACageHoldsAllThatItDoes) {
   const testing::TemporaryFolder folder;
   const Surface model = make_heart(9);

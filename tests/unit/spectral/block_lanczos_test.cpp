@@ -78,7 +78,8 @@ TEST(BlockLanczos, GoesOnWhereAllThatIsLeftHasOneEigenvalue) {
   expect_pairs(S, *pairs, 1e-9);
 }
 
-/// What is deflated has the largest eigenvalue of the operator by far, and must not come back by rounding in a long run.
+/// What is deflated has the largest eigenvalue of the operator by far, and must not come back by rounding in a long
+/// run.
 TEST(BlockLanczos, WhatIsDeflatedStaysOut) {
   const Surface grid = square_grid(40);
   const auto laplacian = build_laplacian(grid);

@@ -25,8 +25,8 @@ Eigen::Index entries_of_factor(const Eigen::SparseMatrix<double>& S, const Permu
   return ldlt.matrixL().nestedExpression().nonZeros();
 }
 
-/// Each row once, the same order each time; and a factor as sparse as minimum degree's to a quarter, where rows as they come fill
-/// more than twice as much.
+/// Each row once, the same order each time; and a factor as sparse as minimum degree's to a quarter, where rows as they
+/// come fill more than twice as much.
 TEST(EliminationOrder, DissectsASurface) {
   const auto laplacian = build_laplacian(make_icosphere(4));
   ASSERT_TRUE(laplacian);

@@ -394,7 +394,8 @@ TEST(PbMhb, ScalesAsALaplacianDoes) {
   EXPECT_LE((1e6 * small->mass - large->mass).norm(), 1e-9 * large->mass.norm());
 }
 
-// A dense cluster next to few points, many copies of one, and a border: no row beyond the bound, nothing that is not finite.
+// A dense cluster next to few points, many copies of one, and a border: no row beyond the bound, nothing that is not
+// finite.
 TEST(PbMhb, ClustersCopiesAndBordersAreGuarded) {
   Surface cloud = grid_cloud(20, 20);
   std::mt19937 generator(3);

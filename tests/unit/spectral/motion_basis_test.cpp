@@ -194,7 +194,8 @@ TEST(MotionBasis, LearnedFromPosesHoldsThemInAsManyColumnsAsTheyNeed) {
   EXPECT_EQ(all.kind, BasisKind::kLearned);
   EXPECT_LE(all.Psi.cols(), 11) << "a rig of eleven columns made them";
   EXPECT_LE(kg_of_prefix(all, all.Psi.cols(), poses), 1e-4);
-  // The best of its length: none is better than the same prefix of what the rig's own columns give, ordered by all poses.
+  // The best of its length: none is better than the same prefix of what the rig's own columns give, ordered by all
+  // poses.
   const Basis spanned = basis_of(rigged.rest, motion_from(*columns_from_rig(rigged.rig), poses), 100);
   for (const Eigen::Index r : {5, 6, 8}) {
     EXPECT_NEAR(kg_of_prefix(basis_of(rigged.rest, motion_from({}, poses), static_cast<int>(r)), r, poses),
