@@ -3,9 +3,8 @@
 // bake_rate [--peers] [--exactly] [--m M] SHAPE...: seconds for the M lowest eigenpairs (default 200) of the Laplacian
 // of surfaces, ours and, with --peers, ARPACK with sparse LU and with sparse Cholesky and Spectra's stock shift-invert:
 // the same pair (L, M), the same shift below zero, the same tolerance, one after the other in one run. SHAPE as
-// bench/named_surface.h has it.
-// --exactly: ours once more without approximation, for surfaces of more than 150,000 vertices.
-// Residuals of all are measured by the same lines.
+// bench/named_surface.h has it. --exactly: ours once more without approximation, for surfaces of more than 150,000
+// vertices. Residuals of all are measured by the same lines.
 #include <Eigen/Core>
 #include <Eigen/SparseCholesky>
 #include <Eigen/SparseLU>

@@ -23,7 +23,8 @@ namespace eigencast {
 class ClipTruth final : public Truth {
  public:
   /// frames: of each frame of the clip its coefficients, r x 3; source_vertex, origin: those of the asset they belong
-  /// to. REQUIRES: at least one frame; source_vertex is a permutation of the clip's vertices.
+  /// to.
+  /// REQUIRES: at least one frame; source_vertex is a permutation of the clip's vertices.
   ClipTruth(std::shared_ptr<const MotionClip> clip, std::vector<std::vector<double>> frames,
             std::vector<std::uint32_t> source_vertex, const std::array<double, 3>& origin);
 

@@ -43,7 +43,8 @@ class Publisher final {
   };
 
   /// Starts connecting in the background. `asset` is what is projected on and must be decode(encoded); both are shared,
-  /// not copied. Errors: kInvalidArgument (URL, stream name, error <= 0).
+  /// not copied.
+  /// Errors: kInvalidArgument (URL, stream name, error <= 0).
   static Result<std::unique_ptr<Publisher>> create(PublisherOptions options, std::shared_ptr<const Asset> asset,
                                                    std::shared_ptr<const EncodedAsset> encoded, LogSink log = {});
   /// For one who has keys already, of a recording: the same, with send_key() only. `encoded` may be empty but for the
@@ -55,8 +56,7 @@ class Publisher final {
 
   /// The key as it is, of create_for_keys()'s format, all or some of its bands; the rest as send_coefficients().
   ///   coded  the payload it had in another chain, or empty: sent again where it gives the same key, which costs no
-  ///   bits
-  ///          and no time; otherwise the key is coded exactly.
+  ///          bits and no time; otherwise the key is coded exactly.
   SendStatus send_key(Key key, TimeUs capture_us, ByteView coded = {});
   /// C: r x 3 row-major; capture_us: when the pose holds, on the steady clock, growing; outside 0..kMaxTimeUs:
   /// kDropped.

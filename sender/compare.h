@@ -36,8 +36,8 @@ struct Comparison {
 };
 
 /// Rebuilds every recorded pose at full resolution and compares it with the clip. `asset` must be baked from
-/// clip.rest(). Errors: kInvalidArgument (a pose whose size does not fit the asset; no pose matches), and those of
-/// clip.pose().
+/// clip.rest().
+/// Errors: kInvalidArgument (a pose whose size does not fit the asset; no pose matches), and those of clip.pose().
 Result<Comparison> compare_with_truth(const MotionClip& clip, const Asset& asset, const SentFrames& sent,
                                       const std::vector<RecordedPose>& received);
 

@@ -18,8 +18,8 @@ namespace eigencast {
 ///   header = "ECPOSES1", u32 flags (bit 0: poses have times; others 0), u32 vertices
 ///   pose   = [f64 time in seconds, if the header says so] f32 x, y, z for each vertex
 ///
-/// Without a header the stream is poses from its first byte on: the header's first bytes would be a coordinate
-/// of 3.5e9. Holds one pose. Not thread-safe.
+/// Without a header the stream is poses from its first byte on: the header's first bytes would be a coordinate of
+/// 3.5e9. Holds one pose. Not thread-safe.
 class PoseStream {
  public:
   explicit PoseStream(std::size_t vertices);
@@ -62,7 +62,8 @@ class PipePace {
   explicit PipePace(double rate_hz) : rate_hz_(rate_hz) {}
 
   /// The capture time of the next pose, which arrived at `arrival_us` and states `time_s`, or not; later than all
-  /// before it. Errors: kCorrupt (a stated time that is not finite or not after the one before).
+  /// before it.
+  /// Errors: kCorrupt (a stated time that is not finite or not after the one before).
   Result<TimeUs> due_us(TimeUs arrival_us, std::optional<double> time_s);
   std::uint64_t restarts() const { return restarts_; }
 

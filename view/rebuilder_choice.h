@@ -32,7 +32,8 @@ struct RebuilderChoice {
 
 /// Makes what was asked for; kAuto measures both on a surface of 16,384 vertices and 96 coefficients, which takes a few
 /// tens of milliseconds, and takes the processor where the card cannot do it. `renderer` forgets its surfaces. finish:
-/// see CardRebuilder. Errors, if the card was asked for: as CardRebuilder::create.
+/// see CardRebuilder.
+/// Errors, if the card was asked for: as CardRebuilder::create.
 Result<RebuilderChoice> choose_rebuilder(RebuildOn on, Renderer& renderer, bool finish);
 
 }  // namespace eigencast

@@ -40,7 +40,7 @@ using KeyRecordPtr = std::shared_ptr<const KeyRecord>;
 ///   full       synthetic (s, 1/k) ... (s, (k-1)/k), key s, evenly paced
 ///   compact    key s marked kAhead as soon as the steps before it have left, then step (s, 1/k) ... (s, k/k), paced
 ///   estimated  key s as it comes, then estimate (s, 1/k), (s, 2/k) ... paced, until key s+1 comes or max_ahead_us is
-///   over
+///              over
 ///
 /// Interpolated poses lie on the profile's curve. Catmull-Rom takes key s+1 where it came before the first pose of the
 /// interval was due, and does without it for the whole interval where not; Hermite takes the velocities of the format.

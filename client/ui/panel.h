@@ -26,7 +26,8 @@ inline float panel_width(float scale) {
 }
 
 /// The panel at the left: surfaces, colours, motion, detail, export, plots over time. Changes state and session in
-/// place. REQUIRES: called while an Overlay draws. Not thread-safe.
+/// place.
+/// REQUIRES: called while an Overlay draws. Not thread-safe.
 UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, float scale);
 
 /// The card of a viewer that shows nothing yet: built-in demos, a line for a URL or a file, what was opened before.

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 // coded basis tile  the float32 columns, then the int16 ones, column by column, each row by row: what is left of an
-// entry
-//                   beside what the rows before it foretell, as a size and a sign. The specification is
+//                   entry beside what the rows before it foretell, as a size and a sign. The specification is
 //                   docs/asset-format.md.
 #include <algorithm>
 #include <array>

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 // colour tile  three planes of a byte for each row: green, red less green, blue less green, each less the same of the
-// row that it
-//              is told from, modulo 256. The specification is docs/asset-format.md.
+//              row that it is told from, modulo 256. The specification is docs/asset-format.md.
 #include "common/asset/colour_tile.h"
 
 #include <cassert>

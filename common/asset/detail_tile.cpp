@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 // detail tile  in the first chunk axes:u8 unit:f32 step:f32[r]; then byte planes, low before high, of 16-bit residuals:
-// normals
-//              (2 for each row), offsets (axes), derivatives along x (r), along y (r). The specification is
+//              normals (2 for each row), offsets (axes), derivatives along x (r), along y (r). The specification is
 //              docs/asset-format.md.
 #include "common/asset/detail_tile.h"
 

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 // splat tile  four planes of a byte for each row (normal's two coordinates on the octahedron, radius, parent's radius),
-// then
-//             two zigzags of i - corner for each row. The specification is docs/asset-format.md.
+//             then two zigzags of i - corner for each row. The specification is docs/asset-format.md.
 #include "common/asset/splat_tile.h"
 
 #include <algorithm>

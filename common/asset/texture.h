@@ -29,7 +29,8 @@ struct AssetTexture {
   Bytes image;                                        ///< A PNG or JPEG file.
 
   /// In the image: (0, 0) is the upper left corner of its first pixel, (1, 1) the lower right one of its last; beyond
-  /// it repeats. REQUIRES: places[wedge] != kNone.
+  /// it repeats.
+  /// REQUIRES: places[wedge] != kNone.
   std::array<float, 2> uv(std::uint32_t wedge) const;
 };
 

@@ -23,9 +23,8 @@ namespace eigencast {
 ///   key that came late  estimates go on from it, after the media time of those that have left: never back in time.
 ///   burst               only the newest key has estimates to come.
 ///   gap, order, clock   a key that does not follow the one before it within `max_span_us`, or whose sequence or
-///   capture
-///                       time does not grow, has no direction: estimates begin with the next one. Arrivals that stray
-///                       from the delay by more than kStrayUs begin it anew.
+///                       capture time does not grow, has no direction: estimates begin with the next one. Arrivals that
+///                       stray from the delay by more than kStrayUs begin it anew.
 ///
 /// Time comes in as arguments; holds no pose data. Not thread-safe.
 class Forecaster {

@@ -59,8 +59,8 @@ struct ShownPose {
 ///                   have other bands, or lie across a pause. Only bands that both poses have are mixed.
 ///   beyond          newest + (steps damped by kDamping) (newest - the one before), in the bands that both have
 ///   corrections     where a pose that comes says that what is shown is wrong (it was estimated, or held), the error
-///   fades
-///                   as Correction says. Estimates that came from the broker yield to the first pose that is none.
+///                   fades as Correction says. Estimates that came from the broker yield to the first pose that is
+///                   none.
 ///   old poses       those that are not after the newest are dropped; of the others at most kMaxPoses are kept
 ///
 /// Time comes in as arguments. Not thread-safe.

@@ -20,8 +20,8 @@
 namespace eigencast {
 
 /// Whom a client trusts. Null: the URL asks for no TLS. TLS 1.2 or newer; certificates are verified, against the
-/// system's authorities or those of the URL's ca_file, unless it says `insecure`. Errors: kInvalidArgument (no
-/// certificate or key in a file that the URL names; a key of another certificate).
+/// system's authorities or those of the URL's ca_file, unless it says `insecure`.
+/// Errors: kInvalidArgument (no certificate or key in a file that the URL names; a key of another certificate).
 using ClientTls = std::shared_ptr<boost::asio::ssl::context>;
 Result<ClientTls> make_client_tls(const BrokerUrl& url);
 

@@ -41,8 +41,7 @@ struct Tiles {
 /// Coefficients of one pose, and room for what they give.
 ///   C       columns x 3, floats' columns first
 ///   whole   of the integers' columns instead, pair after pair: for each axis the two of the pair side by side; no sum
-///   of
-///           products with a row's integers may exceed 2^31 - 1. Null: C serves all columns.
+///           of products with a row's integers may exceed 2^31 - 1. Null: C serves all columns.
 ///   unit    what a whole coefficient times an integer stands for, for each axis
 ///   X       rows x 3, row-major
 struct Pose {

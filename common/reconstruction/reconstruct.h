@@ -109,7 +109,8 @@ class Projector {
                                   unsigned threads = 0);
 
   /// positions: n x 3 (any float type), in the *source's* vertex order, in the source's space. Returns r x 3,
-  /// row-major. Errors: kInvalidArgument (size; a value that is not finite, naming the vertex).
+  /// row-major.
+  /// Errors: kInvalidArgument (size; a value that is not finite, naming the vertex).
   Result<std::vector<double>> coefficients_from_positions(std::span<const float> positions) const;
   Result<std::vector<double>> coefficients_from_positions(std::span<const double> positions) const;
   /// The same of values that have no place, such as velocities or scalars: nothing is taken from them.

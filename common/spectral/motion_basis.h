@@ -10,9 +10,8 @@ namespace eigencast {
 /// z0 add to it, so that every affine image of the rest pose is exact; then, orthonormal in M and each prefix the best
 /// of its length,
 ///   where columns are given   what they add, in the order of what the poses need of it, and where these need nothing,
-///   of how
-///                             far the columns go: every pose made of the columns is exact as far as float columns are
-///                             (kSpanned; all of them, if there is room for them in `rank`)
+///                             of how far the columns go: every pose made of the columns is exact as far as float
+///                             columns are (kSpanned; all of them, if there is room for them in `rank`)
 ///   else                      the principal components of the poses' coordinates (Alexa & Mueller 2000, "Representing
 ///                             Animations by Principal Components"), kLearned
 /// Columns are told apart by a Gram matrix of columns of equal length: what is less than 3e-7 of that is nothing. Poses

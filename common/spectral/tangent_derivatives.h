@@ -29,7 +29,7 @@ struct TangentDerivatives {
 /// sum.
 ///   faces    empty for points, whose neighbours are triangulated
 ///   parents  for each vertex one before it that is near, or itself: tangents are turned to lie along those of the
-///   parent
+///            parent
 /// REQUIRES: sizes agree; at least 4 positions where there are no faces.
 TangentDerivatives tangent_derivatives(std::span<const Vec3> positions, std::span<const Face> faces,
                                        std::span<const std::uint32_t> parents);

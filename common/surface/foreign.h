@@ -15,7 +15,8 @@ namespace eigencast {
 bool is_foreign(const std::string& ending);
 
 /// Imported by assimp, turned into glTF in memory, and read as such: see open_gltf_clip. Assimp opens only the file
-/// itself. Errors: kUnsupported (built without assimp), kNotFound, kIo, kCorrupt.
+/// itself.
+/// Errors: kUnsupported (built without assimp), kNotFound, kIo, kCorrupt.
 Result<std::unique_ptr<MotionClip>> open_foreign_clip(const std::string& path, const ClipOptions& options);
 
 /// "fbx, dae, ..." where built with assimp, else empty.

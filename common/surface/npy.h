@@ -25,7 +25,8 @@ class NpyFile {
 
   /// Pose `frame` of a (T, n, 3) array, or the one of an (n, 3) array: finite positions. In C order one read. In
   /// Fortran order, where a pose is scattered over the whole file, some frames are read and kept together, at most 32
-  /// MiB. REQUIRES: the last dimension is 3. Errors: kIo, kCorrupt (not finite), kUnsupported (no float type).
+  /// MiB.
+  /// REQUIRES: the last dimension is 3. Errors: kIo, kCorrupt (not finite), kUnsupported (no float type).
   Result<std::vector<Vec3>> read_positions(std::size_t frame) const;
 
   /// All rows of an (F, 3) array of indices. Errors: kIo, kCorrupt (negative, too large), kUnsupported.

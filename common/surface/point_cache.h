@@ -13,7 +13,7 @@
 ///   PC2 (little-endian)   char[12] "POINTCACHE2\0", i32 version 1, i32 points, f32 first frame, f32 frames between two
 ///                         samples, i32 samples; then samples x points x (f32 x, y, z)
 ///   MDD (big-endian)      i32 frames, i32 points, f32 time in seconds for each frame; then frames x points x (f32 x,
-///   y, z)
+///                         y, z)
 namespace eigencast {
 
 /// Opens a file that ends in pc2 or mdd. It has no faces. MDD states times: the rate is that of their mean distance.

@@ -45,7 +45,8 @@ class SurfaceDistance {
 
 /// The largest squared distance of `points` to a surface: one side of a Hausdorff distance.
 ///   bounds   of each point's squared distance from above (to a vertex that is known to be near), or empty: they only
-///   save time so_far   nothing below it matters; what is returned is at least this
+///            save time
+///   so_far   nothing below it matters; what is returned is at least this
 double farthest_squared(std::span<const Vec3> points, const SurfaceDistance& surface,
                         std::span<const double> bounds = {}, double so_far = 0);
 

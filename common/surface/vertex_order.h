@@ -37,12 +37,10 @@ struct Misfit {
 /// Tells by neighbours alone whether the vertices of a pose are in the order of the rest pose's faces, wherever the
 /// surface is, how it is turned, how large, and however it is bent:
 ///  - two faces that meet in an edge seldom lie on each other (less than 107 degrees apart): at one edge of a hundred
-///  in surfaces, at every
-///    second one where faces join vertices at random;
+///    in surfaces, at every second one where faces join vertices at random;
 ///  - edges do not become many times as long while the surface stays as large;
 ///  - a vertex stands about in the middle of its neighbours: what it is off by, beyond the rest pose's offset, is a
-///  fraction of the edges
-///    around.
+///    fraction of the edges around.
 /// Lengths are compared with those of edges nearby, so that no scale and no even stretch matters. Thread-safe after
 /// construction.
 class VertexOrder {

@@ -15,8 +15,7 @@ constexpr const char* kAbout =
     R"(Measures the delay from pose to rebuilt surface, or to its picture, stage by stage.
 
 A pose counts from the time it was meant for (open-loop schedule). Keys and synthetic poses are reported apart; so are
-the
-stages, whose sum is checked against the total. docs/latency.md says how.)";
+the stages, whose sum is checked against the total. docs/latency.md says how.)";
 
 constexpr const char* kExamples =
     R"(eigencast-latency loop                              # a broker of its own, the heart, 30 poses/s, raw
