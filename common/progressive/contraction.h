@@ -36,8 +36,8 @@ std::vector<Step> contract_mesh(std::span<const std::vector<Vec3>> poses, std::s
                                 std::span<const std::pair<std::uint32_t, std::uint32_t>> seams,
                                 const std::atomic<bool>& unwanted);
 
-/// Contractions of a point cloud in the order in which they are made. Positions as above.
-std::vector<Step> contract_points(std::span<const Vec3> positions);
+/// Contractions of a point cloud in the order in which they are made. As above.
+std::vector<Step> contract_points(std::span<const Vec3> positions, const std::atomic<bool>& unwanted);
 
 /// How far to go: a hundredth of the vertices, at least 4.
 std::size_t wanted_base(std::size_t vertices);

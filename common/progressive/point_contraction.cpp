@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
+#include <atomic>
 #include <queue>
 #include <utility>
 
@@ -18,8 +19,9 @@ constexpr std::size_t kFewestNeighbours = 4;  // Left to a point that others dro
 
 class PointContraction {
  public:
-  explicit PointContraction(std::span<const Vec3> positions)
-      : x_(positions),
+  PointContraction(std::span<const Vec3> positions, const std::atomic<bool>& unwanted)
+      : unwanted_(unwanted),
+        x_(positions),
         links_(positions.size()),
         quadrics_(positions.size()),
         version_(positions.size()),
@@ -38,6 +40,7 @@ class PointContraction {
   void contract(std::uint32_t u, std::uint32_t v);
   void trim(std::uint32_t v);
 
+  const std::atomic<bool>& unwanted_;
   std::span<const Vec3> x_;
   std::vector<std::vector<std::uint32_t>> links_;  ///< Symmetric: a point links to those that link to it.
   std::vector<Quadric> quadrics_;
@@ -53,7 +56,7 @@ std::vector<Step> PointContraction::run() {
   const std::size_t goal = wanted_base(alive_count_);
   bool has_quadrics = false;
   // Far groups of points have no links between them: linked anew when each of them is one point.
-  while (alive_count_ > goal) {
+  while (alive_count_ > goal && !unwanted_) {
     link_neighbours();
     if (!std::exchange(has_quadrics, true)) make_quadrics();
     contract_queue(goal);
@@ -95,7 +98,7 @@ void PointContraction::link_neighbours() {
 // "Efficient simplification of point-sampled surfaces"), and p itself, weighed as they are: planes alone let a point
 // stand for a long piece of a limb, for which it is drawn as a disc that is as long, and larger than the limb.
 void PointContraction::make_quadrics() {
-  for (std::uint32_t p = 0; p < x_.size(); ++p) {
+  for (std::uint32_t p = 0; p < x_.size() && !unwanted_; ++p) {
     if (!alive_[p] || links_[p].empty()) continue;
     const Vec3 n = normal_from_points(x_, x_[p], links_[p]);
     double nearest = squared_distance(x_[p], x_[links_[p].front()]);
@@ -116,7 +119,7 @@ void PointContraction::contract_queue(std::size_t goal) {
   for (std::uint32_t v = 0; v < x_.size(); ++v) {
     if (alive_[v]) consider(v);
   }
-  while (alive_count_ > goal && !queue_.empty()) {
+  while (alive_count_ > goal && !queue_.empty() && !unwanted_) {
     const Candidate top = queue_.top();
     queue_.pop();
     if (!alive_[top.from] || top.version != version_[top.from]) continue;
@@ -174,8 +177,8 @@ void PointContraction::trim(std::uint32_t v) {
 
 }  // namespace
 
-std::vector<Step> contract_points(std::span<const Vec3> positions) {
-  return PointContraction(positions).run();
+std::vector<Step> contract_points(std::span<const Vec3> positions, const std::atomic<bool>& unwanted) {
+  return PointContraction(positions, unwanted).run();
 }
 
 }  // namespace eigencast::progressive

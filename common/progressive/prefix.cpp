@@ -165,7 +165,7 @@ Result<PrefixOrder> build_prefix_order(const Surface& surface,
     if (has_three_corners(face, surface.vertex_count())) faces.push_back(face);
   }
   PrefixOrder prefix;
-  order_vertices(faces.empty() ? progressive::contract_points(positions)
+  order_vertices(faces.empty() ? progressive::contract_points(positions, unwanted)
                                : progressive::contract_mesh(poses, faces, seams, unwanted),
                  positions, prefix);
   order_faces(surface, prefix);

@@ -52,7 +52,7 @@ inline const std::atomic<bool> kWanted = false;
 ///   poses  of a mesh: others (n each) that its levels are to look like, too. What bends in them keeps its vertices,
 ///          and faces show their side in all (Mohr & Gleicher 2003, "Deformation sensitive decimation"). Takes 100
 ///          bytes a vertex for each
-///   unwanted  set by another thread: an order of a mesh comes soon then, whose base is as large as it happens to be
+///   unwanted  set by another thread: an order comes soon then, whose base is as large as it happens to be
 /// REQUIRES: the poses are of the surface's size, and finite.
 Result<PrefixOrder> build_prefix_order(const Surface& surface,
                                        std::span<const std::pair<std::uint32_t, std::uint32_t>> seams = {},

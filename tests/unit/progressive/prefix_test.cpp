@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <set>
@@ -345,6 +346,19 @@ TEST(Prefix, AWheelOfThousandsOfFacesIsContracted) {
   EXPECT_LE(order.base_count, 50u);
   const auto base = std::span(order.order).first(order.base_count);
   EXPECT_NE(std::find(base.begin(), base.end(), 0u), base.end()) << "the hub";
+}
+
+TEST(Prefix, WhatNobodyWantsAnyMoreIsAnOrderAllTheSame) {
+  const std::atomic<bool> unwanted = true;
+  Surface points = sphere(3);
+  points.faces.clear();
+  for (const Surface& surface : {sphere(3), points}) {
+    const auto order = build_prefix_order(surface, {}, {}, unwanted);
+    ASSERT_TRUE(order) << order.error().message;
+    EXPECT_EQ(order->base_count, surface.vertex_count()) << "nothing was contracted";
+    EXPECT_EQ(std::set(order->order.begin(), order->order.end()).size(), surface.vertex_count());
+    EXPECT_EQ(order->faces.size(), surface.faces.size());
+  }
 }
 
 TEST(PrefixPoses, NoFaceOfALevelLiesAcrossWhatIsFoldedInAnotherPose) {
