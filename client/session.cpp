@@ -29,7 +29,8 @@ Session::Session(const ClientOptions& options, std::span<PoseSource* const> sour
       colours_(options.headless ? Decode::kNow : Decode::kBeside),
       pixel_scale_(options.ui_scale > 0 ? static_cast<float>(options.ui_scale) : 1),
       started_us_(steady_now_us()) {
-  for (const Placement& placement : options.scene.placements) assert(placement.source < sources.size());
+  assert(std::all_of(options.scene.placements.begin(), options.scene.placements.end(),
+                     [&](const Placement& placement) { return placement.source < sources.size(); }));
 }
 
 Result<std::unique_ptr<Session>> Session::create(const ClientOptions& options, std::span<PoseSource* const> sources,
