@@ -60,8 +60,8 @@ class Headless {
   }
 
   Result<int> run(const std::atomic<bool>& stop) {
-    run_when_woken(
-        kMakingPoses);  // Not before: what draws beside this thread, where a processor does, shall not be like it.
+    // Not before: what draws beside this thread, where a processor does, shall not be like it.
+    run_when_woken(kMakingPoses);
     const TimeUs start = steady_now_us();
     while (!stop.load()) {
       const double seconds = static_cast<double>(steady_now_us() - start) / 1e6;

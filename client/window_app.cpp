@@ -23,8 +23,8 @@ int run_window(const ClientOptions& options, std::span<PoseSource* const> source
     log(log_sink, LogLevel::kError, ready.error().message);
     return kExitFailed;
   }
-  run_when_woken(
-      kMakingPoses);  // Not before: what draws beside this thread, where a processor does, shall not be like it.
+  // Not before: what draws beside this thread, where a processor does, shall not be like it.
+  run_when_woken(kMakingPoses);
   const TimeUs start = steady_now_us();
   while (!stop.load() && !viewer.closed()) {
     if (options.duration_s > 0 && static_cast<double>(steady_now_us() - start) / 1e6 >= options.duration_s) break;

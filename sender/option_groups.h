@@ -6,12 +6,6 @@
 #include "common/command_line/shared_options.h"
 #include "sender/commands.h"
 
-namespace CLI {
-class App;
-class Option;
-class Validator;
-}  // namespace CLI
-
 /// Options that several commands have, by what they fill.
 namespace eigencast {
 
