@@ -120,12 +120,8 @@ function(eigencast_test NAME)
   endif()
   add_executable(${NAME} ${ARG_SOURCES})
   target_compile_options(${NAME} PRIVATE -O1)
-  target_link_libraries(${NAME} PRIVATE eigencast_flags ${ARG_LINKS} GTest::gtest_main GTest::gmock)
+  target_link_libraries(${NAME} PRIVATE eigencast_flags ${ARG_LINKS} eigencast_test_paths GTest::gtest_main GTest::gmock)
   eigencast_use_precompiled(${NAME} eigencast_test_headers)
-  target_compile_definitions(${NAME} PRIVATE
-    EIGENCAST_DATA_DIR="${PROJECT_SOURCE_DIR}/../shared/data"
-    EIGENCAST_GOLDEN_DIR="${PROJECT_SOURCE_DIR}/tests/golden"
-    EIGENCAST_BIN_DIR="${PROJECT_BINARY_DIR}/bin")
   include(GoogleTest)
   gtest_discover_tests(${NAME} DISCOVERY_TIMEOUT 60
     PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}" ${ARG_PROPERTIES})

@@ -15,6 +15,7 @@
 #include "sender/deform/cage_deformer.h"
 #include "sender/studio/hand.h"
 #include "sender/surface_error.h"
+#include "tests/support/paths.h"
 #include "tests/system/scene.h"
 
 namespace eigencast::testing {
@@ -43,7 +44,7 @@ class Desk {
     std::vector<std::string> all{"/usr/bin/env",
                                  "DISPLAY=" + display_,
                                  "WAYLAND_DISPLAY=",
-                                 std::string(EIGENCAST_BIN_DIR) + "/eigencast-sender",
+                                 bin_dir() + "/eigencast-sender",
                                  "deform",
                                  "heart",
                                  "--to",

@@ -14,6 +14,7 @@
 
 #include "common/core/hash/sha256.h"
 #include "common/recording/reader.h"
+#include "tests/support/paths.h"
 #include "tests/system/operation.h"
 
 namespace eigencast::testing {
@@ -120,7 +121,7 @@ TEST_F(Fault, WhoSendsTooFastIsSentAwayAndTheOthersGoOn) {
   EXPECT_TRUE(broker_->wait_for_output("per_address.messages_per_s = 2000", kPatience)) << scene_.logs();
   ::close(fd);
   // Fast, but allowed: what no viewer can take is skipped, not queued.
-  const Process fast({std::string(EIGENCAST_BIN_DIR) + "/eigencast-sender", "play", "torus", "--rate", "1000", "--to",
+  const Process fast({bin_dir() + "/eigencast-sender", "play", "torus", "--rate", "1000", "--to",
                       "ws://127.0.0.1:" + scene_.port() + "/live/fast"},
                      scene_.file("fast.log"));
   EXPECT_TRUE(eventually([&] { return metric("eigencast_broker_frames_received_total") > 2000; }, kPatience))

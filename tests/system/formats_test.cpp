@@ -12,6 +12,7 @@
 #include "sender/deform/cage_deformer.h"
 #include "sender/deform/script.h"
 #include "sender/source.h"
+#include "tests/support/paths.h"
 #include "tests/system/scene.h"
 
 namespace eigencast::testing {
@@ -107,7 +108,7 @@ TEST(Formats, PosesFromStandardInputArriveAndWhatIsUnfinishedIsSaid) {
   const auto client = scene.start_client("viewer", {"--frames", "10000"});
   Process sender(
       {"/bin/sh", "-c", "exec \"$0\" pipe --mesh \"$1\" --to \"$2\" --rate 15 --rank 40 --json \"$3\" < \"$4\"",
-       std::string(EIGENCAST_BIN_DIR) + "/eigencast-sender", folder.file("rest.obj"), scene.url(),
+       bin_dir() + "/eigencast-sender", folder.file("rest.obj"), scene.url(),
        folder.file("report"), folder.file("poses")},
       scene.file("pipe.log"));
   EXPECT_EQ(sender.wait(milliseconds(60000)), 0) << sender.output() << scene.logs();
@@ -166,7 +167,7 @@ TEST(Formats, BasesOfACageAndOfAClipArriveAsExactAsTheySay) {
 }
 
 TEST(Formats, TheBasisOfARigArrivesExactly) {
-  const std::filesystem::path fox = std::filesystem::path(EIGENCAST_DATA_DIR) / "gltf/Fox.glb";
+  const std::filesystem::path fox = data_dir() / "gltf/Fox.glb";
   if (!std::filesystem::exists(fox)) GTEST_SKIP() << "SKIPPED: needs the real input " << fox;
   SourceOptions options;
   options.input = fox.string();
@@ -192,7 +193,7 @@ TEST(Formats, AClipWhoseVerticesAreInAnotherOrderIsRefusedByAllThatReadIt) {
   const std::vector<std::string> evaluate{"evaluate", poses, "--rest", rest, "--rank", "8"};
   const std::vector<std::string> bake{"bake", rest, "--poses", poses, "--target-error", "0.9"};
   const auto said_by = [&](std::vector<std::string> arguments, int status) {
-    arguments.insert(arguments.begin(), std::string(EIGENCAST_BIN_DIR) + "/eigencast-sender");
+    arguments.insert(arguments.begin(), bin_dir() + "/eigencast-sender");
     Process sender(arguments, scene.file("sender.log"));
     EXPECT_EQ(sender.wait(milliseconds(60000)), status) << sender.output();
     return sender.output();
@@ -209,7 +210,7 @@ TEST(Formats, AClipWhoseVerticesAreInAnotherOrderIsRefusedByAllThatReadIt) {
 
 // What a user has: whole files, real motion. The sender reads and checks each to its end before it plays some of it.
 TEST(Formats, EveryRealClipPlays) {
-  const std::filesystem::path data = EIGENCAST_DATA_DIR;
+  const std::filesystem::path data = data_dir();
   if (!std::filesystem::exists(data)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << data;
   std::vector<std::string> inputs{data / "gltf/Fox.glb", data / "gltf/AnimatedMorphCube.gltf"};
   for (const auto& entry : std::filesystem::directory_iterator(data / "animations")) inputs.push_back(entry.path());
@@ -227,7 +228,7 @@ TEST(Formats, EveryRealClipPlays) {
 
 TEST(Formats, AnAbsentBrokerHasAnExitStatusOfItsOwn) {
   const Scene scene;
-  Process sender({std::string(EIGENCAST_BIN_DIR) + "/eigencast-sender", "play", "sphere", "--rank", "8", "--to",
+  Process sender({bin_dir() + "/eigencast-sender", "play", "sphere", "--rank", "8", "--to",
                   "ws://127.0.0.1:1/a", "--duration", "0.3"},
                  scene.file("sender.log"));
   EXPECT_EQ(sender.wait(milliseconds(60000)), 4) << sender.output();

@@ -17,6 +17,7 @@
 #include <sstream>
 
 #include "common/recording/reader.h"
+#include "tests/support/paths.h"
 #include "tests/system/operation.h"
 
 namespace eigencast::testing {
@@ -147,7 +148,7 @@ TEST_F(Operation, ARecordingOutlivesKillNineAndIsPlayedToAnotherBroker) {
   const auto fresh = other.start_broker();
   const auto viewer = other.start_client("a", {"--frames", "30", "--rate", "raw"});
   {
-    Process replay({std::string(EIGENCAST_BIN_DIR) + "/eigencast-sender", "replay", file, "--to", other.url(),
+    Process replay({bin_dir() + "/eigencast-sender", "replay", file, "--to", other.url(),
                     "--speed", "2", "--loop"},
                    other.file("replay.log"));
     EXPECT_EQ(viewer->wait(kPatience), 0) << other.logs();
@@ -165,7 +166,7 @@ TEST_F(Operation, ASecondSenderReplacesTheFirstWhichDoesNotFightBack) {
   const auto first = scene_.start_sender({"torus", "--rate", "30"});
   ASSERT_TRUE(live()) << scene_.logs();
   const auto second =
-      std::make_unique<Process>(std::vector<std::string>{std::string(EIGENCAST_BIN_DIR) + "/eigencast-sender", "play",
+      std::make_unique<Process>(std::vector<std::string>{bin_dir() + "/eigencast-sender", "play",
                                                          "torus", "--rate", "30", "--to", scene_.url()},
                                 scene_.file("second.log"));
   EXPECT_TRUE(first->wait_for_output("taken this stream over", kPatience)) << scene_.logs();
@@ -249,7 +250,7 @@ TEST_F(Operation, ASocketThatWasHandedOverIsUsed) {
   const std::string port = std::to_string(ntohs(address.sin_port));
   ::close(probe);
   Process broker(
-      {activate, "--listen=127.0.0.1:" + port, "--fdname=data", std::string(EIGENCAST_BIN_DIR) + "/eigencast-broker",
+      {activate, "--listen=127.0.0.1:" + port, "--fdname=data", bin_dir() + "/eigencast-broker",
        "--listen", "127.0.0.1:0", "--data-dir", scene_.file("data")},
       scene_.file("activated.log"));
   std::string answer;

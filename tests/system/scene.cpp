@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "tests/support/paths.h"
 #include "tests/system/scene.h"
 
 #include <cstdlib>
@@ -11,7 +12,7 @@ namespace eigencast::testing {
 namespace {
 
 std::string program(const std::string& name) {
-  return name.starts_with("/") ? name : std::string(EIGENCAST_BIN_DIR) + "/" + name;
+  return name.starts_with("/") ? name : bin_dir() + "/" + name;
 }
 std::string text_of(const std::string& path) {
   std::ifstream in(path);
@@ -110,7 +111,7 @@ double share_of_keys(const std::vector<RecordedPose>& poses) {
 }
 
 std::string animation(const std::string& name) {
-  const std::string folder = std::string(EIGENCAST_DATA_DIR) + "/animations/" + name;
+  const std::string folder = data_dir().string() + "/animations/" + name;
   return std::filesystem::exists(folder + "/vertices.npy") ? folder : std::string();
 }
 

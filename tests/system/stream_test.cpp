@@ -14,6 +14,7 @@
 #include "sdk/asset_cache.h"
 #include "sdk/bake.h"
 #include "sdk/publisher.h"
+#include "tests/support/paths.h"
 #include "tests/system/scene.h"
 
 namespace eigencast::testing {
@@ -37,7 +38,7 @@ class Horse : public ::testing::Test {
  protected:
   void SetUp() override {
     folder_ = animation("horse-gallop");
-    if (folder_.empty()) GTEST_SKIP() << "SKIPPED: no shared data at " EIGENCAST_DATA_DIR;
+    if (folder_.empty()) GTEST_SKIP() << "EIGENCAST_DATA_DIR is unset";
   }
 
   /// detail: of harmonic bases.

@@ -14,6 +14,7 @@
 #include "common/asset/format.h"
 #include "common/asset/manifest.h"
 #include "sample_asset.h"
+#include "tests/support/paths.h"
 
 namespace eigencast {
 namespace {
@@ -46,7 +47,7 @@ Asset smooth_asset() {
 }
 
 std::string golden_path(const std::string& name) {
-  return std::string(EIGENCAST_GOLDEN_DIR) + "/" + name;
+  return golden_dir() + "/" + name;
 }
 
 Bytes file_bytes(const std::string& name) {

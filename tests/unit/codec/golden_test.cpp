@@ -12,6 +12,7 @@
 #include "common/codec/chain.h"
 #include "common/codec/schemes.h"
 #include "common/wire/envelope.h"
+#include "tests/support/paths.h"
 
 namespace eigencast {
 namespace {
@@ -135,7 +136,7 @@ class Stream {
 
   /// Compares with tests/golden, or writes there when EIGENCAST_WRITE_GOLDEN is set.
   void check(const std::string& name) const {
-    const std::string base = std::string(EIGENCAST_GOLDEN_DIR) + "/" + name;
+    const std::string base = golden_dir() + "/" + name;
     for (const auto& [path, text] : {std::pair{base + ".frames", frames_}, std::pair{base + ".jsonl", poses_}}) {
       if (std::getenv("EIGENCAST_WRITE_GOLDEN") != nullptr) std::ofstream(path) << text;
       std::ifstream file(path);

@@ -13,6 +13,7 @@
 #include "common/surface/shapes.h"
 #include "common/surface/vector.h"
 #include "sender/deform/cage_deformer.h"
+#include "tests/support/paths.h"
 
 namespace eigencast::deform {
 namespace {
@@ -68,7 +69,7 @@ TEST(AutomaticCage, HoldsPointsAndRealMeshesWithOddities) {
   Surface cloud;
   for (int i = 0; i < 100; ++i) cloud.positions.push_back({std::cos(0.3 * i), 0.05 * i, std::sin(0.3 * i)});
   expect_strictly_inside(cloud, 12);
-  const std::filesystem::path data = std::filesystem::path(EIGENCAST_DATA_DIR) / "meshes";
+  const std::filesystem::path data = data_dir() / "meshes";
   if (!std::filesystem::exists(data)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << data;
   for (const char* name : {"clean/spot.obj", "nasty/teapot.obj", "nasty/suzanne.obj", "nasty/cow.obj"}) {
     const auto model = read_surface((data / name).string());

@@ -10,6 +10,7 @@
 
 #include "common/surface/shapes.h"
 #include "common/surface/vector.h"
+#include "tests/support/paths.h"
 
 namespace eigencast::deform {
 namespace {
@@ -81,7 +82,7 @@ TEST(Script, MovesWhatItNamesOneMoveAfterTheOther) {
 }
 
 TEST(Script, TheOneInTheDocumentsIsOne) {
-  std::ifstream in(std::string(EIGENCAST_GOLDEN_DIR) + "/../../docs/deform.md");
+  std::ifstream in(golden_dir() + "/../../docs/deform.md");
   const std::string page((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
   const std::size_t begin = page.find("```json") + 7;
   ASSERT_LT(begin, page.size());

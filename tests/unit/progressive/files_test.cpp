@@ -10,6 +10,7 @@
 #include "common/progressive/prefix.h"
 #include "common/surface/check.h"
 #include "common/surface/read.h"
+#include "tests/support/paths.h"
 
 namespace eigencast {
 namespace {
@@ -17,12 +18,12 @@ namespace {
 std::vector<std::string> mesh_files() {
   std::vector<std::string> files;
   for (const char* folder : {"meshes/clean", "meshes/nasty"}) {
-    const std::filesystem::path path = std::filesystem::path(EIGENCAST_DATA_DIR) / folder;
+    const std::filesystem::path path = data_dir() / folder;
     if (!std::filesystem::exists(path)) continue;
     for (const auto& entry : std::filesystem::directory_iterator(path)) files.push_back(entry.path());
   }
   for (const char* name : {"horse-gallop"}) {
-    const auto path = std::filesystem::path(EIGENCAST_DATA_DIR) / "animations" / name / "rest.obj";
+    const auto path = data_dir() / "animations" / name / "rest.obj";
     if (std::filesystem::exists(path)) files.push_back(path);
   }
   return files;
@@ -46,7 +47,7 @@ std::ptrdiff_t euler_characteristic(const std::vector<Face>& faces, std::uint32_
 
 TEST(PrefixFiles, EveryMeshThatCanBeReadGetsASoundOrder) {
   const auto files = mesh_files();
-  if (files.empty()) GTEST_SKIP() << "no meshes in " << EIGENCAST_DATA_DIR;
+  if (files.empty()) GTEST_SKIP() << "no meshes in " << data_dir();
   std::size_t built = 0;
   for (const std::string& file : files) {
     SCOPED_TRACE(file);

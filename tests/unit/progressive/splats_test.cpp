@@ -10,6 +10,7 @@
 #include "common/surface/read.h"
 #include "common/surface/shapes.h"
 #include "common/surface/vector.h"
+#include "tests/support/paths.h"
 
 namespace eigencast {
 namespace {
@@ -170,7 +171,7 @@ TEST(Splats, OfFewOrCoincidentPointsStandStill) {
 
 // Not all: ears and tusks are thinner than their points lie apart, and a mouth has an inside.
 TEST(PointNormals, OfNearlyAllPointsOfAnimalsLookOutwards) {
-  const std::filesystem::path data = EIGENCAST_DATA_DIR;
+  const std::filesystem::path data = data_dir();
   if (!std::filesystem::exists(data)) GTEST_SKIP() << data << " is not there: real inputs are not tested";
   for (const char* name : {"horse-gallop", "elephant-gallop", "human-walk", "fox-run", "ict-face"}) {
     const auto mesh = read_surface((data / "animations" / name / "rest.obj").string());

@@ -16,6 +16,7 @@
 #include "common/surface/read.h"
 #include "common/surface/shapes.h"
 #include "temporary_folder.h"
+#include "tests/support/paths.h"
 
 namespace eigencast {
 namespace {
@@ -392,7 +393,7 @@ TEST(Bake, CanBeStoppedAtEveryStage) {
 }
 
 TEST(Bake, NastyMeshesAndCloudsAreBakedOrRefusedWithAReason) {
-  const fs::path data = EIGENCAST_DATA_DIR;
+  const fs::path data = data_dir();
   if (!fs::exists(data)) GTEST_SKIP() << data << " is not there: real inputs are not tested";
   std::size_t baked = 0;
   for (const char* folder : {"meshes/nasty", "clouds"}) {

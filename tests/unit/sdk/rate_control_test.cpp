@@ -14,6 +14,7 @@
 #include "sdk/bake.h"
 #include "sdk/publisher.h"
 #include "sdk/send_policy.h"
+#include "tests/support/paths.h"
 
 namespace eigencast {
 namespace {
@@ -109,7 +110,7 @@ TEST(RateControl, KeepsABuiltInClipToItsRate) {
 }
 
 TEST(RateControl, KeepsARealClipToItsRate) {
-  const std::string path = EIGENCAST_DATA_DIR "/animations/horse-gallop/vertices.npy";
+  const std::string path = data_dir().string() + "/animations/horse-gallop/vertices.npy";
   if (!std::filesystem::exists(path)) GTEST_SKIP() << "no " << path;
   check(**open_clip(path));
 }

@@ -13,6 +13,7 @@
 #include "sender/deform/projected.h"
 #include "sender/deform/script.h"
 #include "sender/evaluate.h"
+#include "tests/support/paths.h"
 #include "tests/support/process.h"
 
 namespace eigencast {
@@ -131,7 +132,7 @@ TEST(Source, ALearnedBasisTakesTheClipsPoses) {
 
 // The whole way of a skinned file: what the receiver rebuilds is the clip.
 TEST(Source, TheBasisOfARigStreamsSkinnedAndMorphedClipsExactly) {
-  const std::filesystem::path folder = std::filesystem::path(EIGENCAST_DATA_DIR) / "gltf";
+  const std::filesystem::path folder = data_dir() / "gltf";
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << folder << " is not there: real inputs are not tested";
   for (const char* file : {"Fox.glb", "AnimatedMorphCube.gltf"}) {
     const auto source = bake_source(of_basis((folder / file).string(), "rig"), {});

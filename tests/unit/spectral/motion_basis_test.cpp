@@ -7,6 +7,7 @@
 #include "common/spectral/rig_columns.h"
 #include "common/surface/read.h"
 #include "support.h"
+#include "tests/support/paths.h"
 
 namespace eigencast {
 namespace {
@@ -234,7 +235,7 @@ TEST(MotionBasis, NeverHasMoreColumnsThanVertices) {
 }
 
 TEST(MotionBasis, LearnedFromTheHorseIsTenTimesBetterThanAnyOther) {
-  const std::filesystem::path file = std::filesystem::path(EIGENCAST_DATA_DIR) / "animations/horse-gallop/vertices.npy";
+  const std::filesystem::path file = data_dir() / "animations/horse-gallop/vertices.npy";
   if (!std::filesystem::exists(file)) GTEST_SKIP() << file << " is not there: real inputs are not tested";
   const auto clip = open_clip(file.string());
   ASSERT_TRUE(clip);
@@ -252,7 +253,7 @@ TEST(MotionBasis, LearnedFromTheHorseIsTenTimesBetterThanAnyOther) {
 }
 
 TEST(MotionBasis, OfASkinnedFileHoldsItsClips) {
-  const std::filesystem::path folder = std::filesystem::path(EIGENCAST_DATA_DIR) / "gltf";
+  const std::filesystem::path folder = data_dir() / "gltf";
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << folder << " is not there: real inputs are not tested";
   for (const auto& [file, animation] : {std::pair{"Fox.glb", "Walk"}, {"AnimatedMorphCube.gltf", ""}}) {
     const auto clip = open_clip((folder / file).string(), {.animation = animation});

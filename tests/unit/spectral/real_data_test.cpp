@@ -6,13 +6,14 @@
 #include "common/spectral/kg_error.h"
 #include "common/surface/read.h"
 #include "support.h"
+#include "tests/support/paths.h"
 
 namespace eigencast {
 namespace {
 
 namespace fs = std::filesystem;
 
-const fs::path kData = EIGENCAST_DATA_DIR;
+const fs::path kData = data_dir();
 
 #define SKIP_WITHOUT_DATA() \
   if (!fs::exists(kData)) GTEST_SKIP() << kData << " is not there: real inputs are not tested"

@@ -9,12 +9,13 @@
 
 #include "common/surface/check.h"
 #include "common/surface/read.h"
+#include "tests/support/paths.h"
 
 namespace eigencast {
 namespace {
 
 namespace fs = std::filesystem;
-const fs::path kData = EIGENCAST_DATA_DIR;
+const fs::path kData = data_dir();
 
 #define NEEDS_DATA() \
   if (!fs::exists(kData)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << kData

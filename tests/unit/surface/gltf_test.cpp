@@ -9,6 +9,7 @@
 
 #include "common/surface/check.h"
 #include "common/surface/read.h"
+#include "tests/support/paths.h"
 #include "tests/unit/surface/glb.h"
 
 namespace eigencast {
@@ -316,7 +317,7 @@ TEST(Gltf, every_truncation_and_every_changed_byte_is_an_error_or_a_valid_surfac
 }
 
 TEST(Gltf, real_files) {
-  const std::string folder = std::string(EIGENCAST_DATA_DIR) + "/gltf/";
+  const std::string folder = data_dir().string() + "/gltf/";
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << folder;
   const auto fox = open_clip(folder + "Fox.glb", {.animation = "Run"});
   ASSERT_TRUE(fox) << fox.error().message;

@@ -13,6 +13,7 @@
 #include "common/surface/shapes.h"
 #include "common/surface/surface_distance.h"
 #include "common/surface/vertex_order.h"
+#include "tests/support/paths.h"
 
 namespace eigencast {
 namespace {
@@ -183,7 +184,7 @@ std::vector<std::vector<Vec3>> plausible_poses(const Surface& rest) {
 }
 
 TEST(VertexOrder, real_surfaces_of_another_order_are_known_deformed_ones_are_let_through) {
-  const std::filesystem::path data = std::filesystem::path(EIGENCAST_DATA_DIR) / "meshes";
+  const std::filesystem::path data = data_dir() / "meshes";
   if (!std::filesystem::exists(data)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << data;
   for (const char* folder : {"clean", "nasty"}) {
     for (const auto& entry : std::filesystem::directory_iterator(data / folder)) {
@@ -208,7 +209,7 @@ TEST(VertexOrder, real_surfaces_of_another_order_are_known_deformed_ones_are_let
 }
 
 TEST(VertexOrder, one_vertex_of_a_real_surface_that_is_off_by_a_twentieth_of_the_diagonal_is_named) {
-  const std::filesystem::path data = std::filesystem::path(EIGENCAST_DATA_DIR) / "animations";
+  const std::filesystem::path data = data_dir() / "animations";
   if (!std::filesystem::exists(data)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << data;
   for (const auto& entry : std::filesystem::directory_iterator(data)) {
     const auto clip = open_clip(entry.path().string());
@@ -254,7 +255,7 @@ TEST(Jumps, smooth_motion_has_none) {
 }
 
 TEST(Jumps, real_rigs_and_morphs_have_none) {
-  const std::filesystem::path data = std::filesystem::path(EIGENCAST_DATA_DIR) / "gltf";
+  const std::filesystem::path data = data_dir() / "gltf";
   if (!std::filesystem::exists(data)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << data;
   for (const char* animation : {"Survey", "Walk", "Run", ""}) {
     const std::string file = *animation != 0 ? "Fox.glb" : "AnimatedMorphCube.gltf";
@@ -267,7 +268,7 @@ TEST(Jumps, real_rigs_and_morphs_have_none) {
 }
 
 TEST(Jumps, real_motion_has_none) {
-  const std::filesystem::path data = std::filesystem::path(EIGENCAST_DATA_DIR) / "animations";
+  const std::filesystem::path data = data_dir() / "animations";
   if (!std::filesystem::exists(data)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << data;
   for (const auto& entry : std::filesystem::directory_iterator(data)) {
     const auto clip = open_clip(entry.path().string());

@@ -7,6 +7,7 @@
 #include "common/surface/read.h"
 #include "common/surface/shapes.h"
 #include "common/surface/write.h"
+#include "tests/support/paths.h"
 #include "tests/unit/surface/temp_dir.h"
 
 namespace eigencast {
@@ -73,7 +74,7 @@ TEST(RoundTrip, built_in_shape_as_32_bit_floats_and_as_text) {
 }
 
 TEST(RoundTrip, horse_gallop_to_the_bit) {
-  const std::string folder = std::string(EIGENCAST_DATA_DIR) + "/animations/horse-gallop";
+  const std::string folder = data_dir().string() + "/animations/horse-gallop";
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << folder;
   expect_round_trips(FirstFrames(std::move(*open_clip(folder)), 6), true);
 }

@@ -9,6 +9,7 @@
 #include <sstream>
 
 #include "common/wire/limits.h"
+#include "tests/support/paths.h"
 
 namespace eigencast {
 namespace {
@@ -64,7 +65,7 @@ TEST(Control, StatesHaveTheirWordOnTheWire) {
 TEST(Control, GoldenTextOfEachMessageGoesThereAndBack) {
   std::string text;
   for (const ControlMessage& message : samples()) text += text_from_control(message) + "\n";
-  const std::string path = std::string(EIGENCAST_GOLDEN_DIR) + "/control.jsonl";
+  const std::string path = golden_dir() + "/control.jsonl";
   if (std::getenv("EIGENCAST_WRITE_GOLDEN") != nullptr) std::ofstream(path) << text;
   std::ifstream file(path);
   std::stringstream golden;
