@@ -55,7 +55,7 @@ PoseSource* Connections::remove(std::size_t source) {
   return gone;
 }
 
-void Connections::look(TimeUs now_us) {
+void Connections::refresh(TimeUs now_us) {
   ask();
   download_.sample(all_.asset_bytes_downloaded, now_us);
   for (Known& known : known_) {

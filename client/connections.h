@@ -30,13 +30,13 @@ class Connections final {
   const std::string& name(std::size_t source) const { return known_[source].name; }
 
   /// To be called in every turn: asks each how it stands, which is what all below tell until the next turn.
-  void look(TimeUs now_us);
+  void refresh(TimeUs now_us);
 
   const Subscriber::Stats& stats(std::size_t source) const { return known_[source].stats; }
   /// Counts of all added up; the state of the first that is not well.
   const Subscriber::Stats& stats() const { return all_; }
   bool are_well() const;
-  /// Since when a source has not been well, as look() saw it; nothing while it is.
+  /// Since when a source has not been well, as of the last refresh(); nothing while it is.
   const std::optional<TimeUs>& lost_since_us(std::size_t source) const { return known_[source].lost_since_us; }
   /// The first that is not well; without one the first of all.
   std::size_t troubled() const { return troubled_; }

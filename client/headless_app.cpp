@@ -107,7 +107,7 @@ class Headless {
     taken_us_ = steady_now_us();
     if (!flight_began_us_) flight_began_us_ = steady_now_us();
     const unsigned target = renderer_->offscreen_target(options_.width, options_.height);
-    session_->draw(*renderer_, camera_, options_.look, options_.width, options_.height, target);
+    session_->draw(*renderer_, camera_, options_.style, options_.width, options_.height, target);
     if (overlay_) {
       OverlayContent content;
       content.figures = hud_lines(session_->figures());
@@ -123,7 +123,7 @@ class Headless {
     if (options_.out.empty()) return {};
     const Result<void> written =
         write_png(frame_name(options_.out, taken_),
-                  Renderer::read_back(options_.width, options_.height, target, options_.look.transparent));
+                  Renderer::read_back(options_.width, options_.height, target, options_.style.transparent));
     if (written) session_->count_written();
     return written;
   }
@@ -131,8 +131,9 @@ class Headless {
   Result<void> write_results() {
     if (!options_.screenshot.empty() && taken_ > 0) {
       const unsigned target = renderer_->offscreen_target(options_.width, options_.height);
-      const Result<void> written = write_png(
-          options_.screenshot, Renderer::read_back(options_.width, options_.height, target, options_.look.transparent));
+      const Result<void> written =
+          write_png(options_.screenshot,
+                    Renderer::read_back(options_.width, options_.height, target, options_.style.transparent));
       if (!written) return written;
     }
     std::string path = options_.json;

@@ -29,14 +29,14 @@ std::string text_from_each(const std::vector<double>& levels) {
   return levels.size() > kMost ? line + " ..." : line;
 }
 
-/// ", 4 s left", ", 2 min left"
-std::string text_from_left(double seconds) {
-  return formatted(seconds < 90 ? ", %.0f s left" : ", %.0f min left",
-                   std::ceil(seconds < 90 ? seconds : seconds / 60));
-}
-
-double megabytes(std::uint64_t bytes) {
-  return static_cast<double>(bytes) / 1e6;
+/// "4.1 of 11.3 MB, 4 s left", "4.1 of 11.3 MB, 2 min left"
+std::string text_from_download(const Download& d) {
+  const std::string text =
+      formatted("%.1f of %.1f MB", static_cast<double>(d.bytes) / 1e6, static_cast<double>(d.total) / 1e6);
+  if (!d.seconds_left) return text;
+  const bool short_time = *d.seconds_left < 90;
+  return text + formatted(short_time ? ", %.0f s left" : ", %.0f min left",
+                          std::ceil(short_time ? *d.seconds_left : *d.seconds_left / 60));
 }
 
 }  // namespace
@@ -106,11 +106,11 @@ std::string text_from_shown(Shown shown, bool settling, const Playout& playout) 
   return line + (playout.settings().delay_us > 0 ? std::string() : formatted(" (smooth %.0f %%)", percent));
 }
 
-std::string text_from_rebuilt(std::size_t on_card, std::size_t surfaces) {
+std::string text_from_rebuilt(std::size_t on_gpu, std::size_t surfaces) {
   if (surfaces == 0) return {};
-  if (on_card == 0) return "rebuilt on the CPU";
-  if (on_card == surfaces) return "rebuilt on the GPU";
-  return formatted("rebuilt on the GPU: %zu, on the CPU: %zu", on_card, surfaces - on_card);
+  if (on_gpu == 0) return "rebuilt on the CPU";
+  if (on_gpu == surfaces) return "rebuilt on the GPU";
+  return formatted("rebuilt on the GPU: %zu, on the CPU: %zu", on_gpu, surfaces - on_gpu);
 }
 
 std::string text_from_levels(const LevelControl& levels, double work_s) {
@@ -145,22 +145,26 @@ std::vector<std::string> hud_lines(const HudFigures& f) {
   return lines;
 }
 
+Download download_of(const Subscriber::Stats& stats, double bytes_per_s) {
+  Download d{stats.asset_bytes_downloaded + stats.asset_bytes_cached, stats.asset_bytes_total, std::nullopt};
+  if (bytes_per_s > 0 && d.bytes < d.total) d.seconds_left = static_cast<double>(d.total - d.bytes) / bytes_per_s;
+  return d;
+}
+
 std::string connection_line(const Subscriber::Stats& stats, const std::optional<control::StreamInfo>& info,
                             double bytes_per_s, bool has_banner) {
-  const std::uint64_t there = stats.asset_bytes_downloaded + stats.asset_bytes_cached, all = stats.asset_bytes_total;
-  const std::string progress =
-      formatted("%.1f of %.1f MB", megabytes(there), megabytes(all)) +
-      (bytes_per_s > 0 && there < all ? text_from_left(static_cast<double>(all - there) / bytes_per_s) : std::string());
+  const Download download = download_of(stats, bytes_per_s);
+  const std::string progress = text_from_download(download);
   std::string line(name_of(stats.state));
   switch (stats.state) {
     case Subscriber::State::kDownloading:
       // A clip that is made here says itself how far it is.
-      line = all > 0 ? "downloading model " + progress : stats.detail.empty() ? line : stats.detail;
+      line = download.total > 0 ? "downloading model " + progress : stats.detail.empty() ? line : stats.detail;
       break;
     case Subscriber::State::kLive:
       // What is still to come, what is wrong with that, what the broker has to say.
       if (!stats.detail.empty()) line = stats.detail;
-      if (there < all) line += ": " + progress;
+      if (download.bytes < download.total) line += ": " + progress;
       break;
     default:
       break;

@@ -42,9 +42,9 @@ std::string text_from_mode(const Profile& profile);
 /// What the picture is, and how it comes about: "interpolated · 67 ms held back (smooth 100 %)".
 std::string text_from_shown(Shown shown, bool settling, const Playout& playout);
 
-/// Who rebuilds the surfaces: "rebuilt on the CPU", "rebuilt on the GPU", or, where some are too large for the card,
+/// Who rebuilds the surfaces: "rebuilt on the CPU", "rebuilt on the GPU", or, where some are too large for the GPU,
 /// both.
-std::string text_from_rebuilt(std::size_t on_card, std::size_t surfaces);
+std::string text_from_rebuilt(std::size_t on_gpu, std::size_t surfaces);
 
 /// Who chooses the levels, for which rate, and how that stands: "budget · 60/s · 12.1 of 16.7 ms · 87 % planned".
 std::string text_from_levels(const LevelControl& levels, double work_s);
@@ -52,8 +52,15 @@ std::string text_from_levels(const LevelControl& levels, double work_s);
 /// The figures' lines, the most important first; Latin-1 characters only.
 std::vector<std::string> hud_lines(const HudFigures& figures);
 
-/// One line on how the connection stands: "downloading model 4.1 of 11.3 MB, 2 s left". bytes_per_s: of the download;
-/// 0: not known. has_banner: what is wrong is said there.
+/// How far the surface has been downloaded. bytes_per_s: of the download; 0: unknown.
+struct Download {
+  std::uint64_t bytes = 0, total = 0;
+  std::optional<double> seconds_left;  ///< Nothing if unknown or complete.
+};
+Download download_of(const Subscriber::Stats& stats, double bytes_per_s);
+
+/// The connection's state in one line: "downloading model 4.1 of 11.3 MB, 2 s left". has_banner: the banner says what
+/// is wrong.
 std::string connection_line(const Subscriber::Stats& stats, const std::optional<control::StreamInfo>& info,
                             double bytes_per_s = 0, bool has_banner = false);
 

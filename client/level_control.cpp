@@ -50,10 +50,10 @@ void LevelControl::choose(Scene& scene, std::span<PoseSource* const> sources, co
   for (Scene::Instance& instance : instances) {
     const Extent extent = extent_of(instance);
     instance.view.set_px_per_unit(static_cast<double>(extent.scale) *
-                                  camera.most_px_per_unit(extent.barycentre, extent.radius));
+                                  camera.max_px_per_unit(extent.barycentre, extent.radius));
   }
   if (!active()) {
-    for (Scene::Instance& instance : instances) instance.view.set_most_vertices(std::nullopt);
+    for (Scene::Instance& instance : instances) instance.view.set_max_vertices(std::nullopt);
     return;
   }
   std::vector<ObjectView> objects;
@@ -67,7 +67,7 @@ void LevelControl::choose(Scene& scene, std::span<PoseSource* const> sources, co
   if (objects.empty()) return;
   if (!resolver_) make_resolver(camera);
   const std::vector<std::uint32_t> levels = resolver_->resolve(objects, last);
-  for (std::size_t i = 0; i < views.size(); ++i) views[i]->set_most_vertices(levels[i]);
+  for (std::size_t i = 0; i < views.size(); ++i) views[i]->set_max_vertices(levels[i]);
 }
 
 ObjectView object_view(const Scene::Instance& instance, const Asset& asset, const Camera& camera, double floor) {

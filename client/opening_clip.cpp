@@ -70,7 +70,7 @@ OpeningClip::~OpeningClip() {
 /// False if it was cut short because all shall end.
 bool OpeningClip::pause() {
   std::unique_lock lock(mutex_);
-  return !stopping_.wait_for(lock, kLook, [this] { return stop_.load(); });
+  return !stopping_.wait_for(lock, kPollInterval, [this] { return stop_.load(); });
 }
 
 void OpeningClip::watch(const std::string& input, const std::string& cache_dir) {

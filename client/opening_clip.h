@@ -20,7 +20,7 @@ namespace eigencast {
 /// Use from one thread.
 class OpeningClip final : public PoseSource {
  public:
-  static constexpr std::chrono::milliseconds kLook{500};  ///< From look to look at files that are watched.
+  static constexpr std::chrono::milliseconds kPollInterval{500};  ///< Between checks of files that are watched.
 
   OpeningClip(std::string input, std::string cache_dir, bool watch = false);
   /// Stops baking and waits for that: at most until the bake's next report of progress.

@@ -66,21 +66,21 @@ bool colour_from_text(const std::string& text, SurfacePainter::Wish& wish) {
 }
 
 /// What the surfaces look like; the complaint if the command line cannot mean it.
-std::string read_look(const RawOptions& raw, Look& look) {
-  if (!colour_from_text(raw.colour, look.colour))
+std::string read_style(const RawOptions& raw, Style& style) {
+  if (!colour_from_text(raw.colour, style.colour))
     return "--colour " + raw.colour +
            ": give clay, own, textured, normals, movement, speed, error, or channel:K with K from 3, the first beyond "
            "x, y, z";
   const auto map = colour_map_from_name(raw.colour_map);
   if (!map) return "--colour-map " + raw.colour_map + ": give viridis, cividis, coolwarm, turbo or grey";
-  look.colour_map = *map;
+  style.colour_map = *map;
   if (raw.colour_range.empty()) return {};
   float low = 0, high = 0;
   char rest = 0;
   if (std::sscanf(raw.colour_range.c_str(), "%f,%f%c", &low, &high, &rest) != 2 || !(low < high) ||
       !(std::isfinite(low) && std::isfinite(high)))
     return "--colour-range " + raw.colour_range + ": give the lowest and the highest value, such as 0,0.5";
-  look.colour_range = {low, high};
+  style.colour_range = {low, high};
   return {};
 }
 
@@ -243,10 +243,9 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   app.add_option("--lod-floor", options.levels.floor, "least part of its vertices that a surface keeps")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
-  app.add_option(
-         "--reconstruct", raw.reconstruct,
-         "who rebuilds surfaces from their coefficients: the processor, the graphics card, or whoever is quicker "
-         "when the program starts")
+  app.add_option("--reconstruct", raw.reconstruct,
+                 "who rebuilds surfaces from their coefficients: the processor, the GPU, or whoever is quicker "
+                 "when the program starts")
       ->check(CLI::IsMember({"auto", "cpu", "gpu"}))
       ->capture_default_str();
   app.add_option("--camera-path", options.camera_path,
@@ -290,10 +289,10 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
       "the clip that the streams play (file, folder, glob or built-in shape), for --colour error; files that are "
       "played here are their own");
   app.add_flag("--watch", options.watch, "in the window: files that are played here are read again when they change");
-  app.add_flag("--edges", options.look.edges, "draw the triangles' edges");
-  app.add_flag("--wireframe", options.look.wireframe, "draw edges only");
-  app.add_flag("--points", options.look.points, "draw vertices as points");
-  app.add_flag("--transparent", options.look.transparent, "pictures without a background");
+  app.add_flag("--edges", options.style.edges, "draw the triangles' edges");
+  app.add_flag("--wireframe", options.style.wireframe, "draw edges only");
+  app.add_flag("--points", options.style.points, "draw vertices as points");
+  app.add_flag("--transparent", options.style.transparent, "pictures without a background");
   app.add_flag("--hud", options.hud, "headless: draw the figures and the colours' legend into the pictures too");
   app.add_option("--json,--report", options.json, "write the report to this file at the end");
   app.add_option("--record", options.record, "write every received pose to this file, one JSON object a line");
@@ -322,11 +321,11 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   if (!size_from_text(raw.size, options.width, options.height)) {
     return usage("--size " + raw.size + ": give width x height of 16 to 16384 pixels, such as 1280x720");
   }
-  if (const std::string complaint = read_look(raw, options.look); !complaint.empty()) return usage(complaint);
+  if (const std::string complaint = read_style(raw, options.style); !complaint.empty()) return usage(complaint);
   options.size_given = app.count("--size") > 0;
   options.resolver_given = app.count("--resolver") > 0;
-  for (const char* of_look : {"--edges", "--wireframe", "--points", "--transparent", "--colour-map"})
-    options.look_given |= app.count(of_look) > 0;
+  for (const char* of_style : {"--edges", "--wireframe", "--points", "--transparent", "--colour-map"})
+    options.style_given |= app.count(of_style) > 0;
   if (options.headless && options.watch) return usage("--watch is for the window; headless a file is read once");
   if (!options.headless && !options.out.empty())
     return usage("--out is for --headless; in the window use --screenshot or key S");

@@ -10,8 +10,8 @@
 #include "client/scene_file.h"
 #include "common/net/url.h"
 #include "common/wire/control.h"
-#include "view/look.h"
 #include "view/rebuilder_choice.h"
+#include "view/style.h"
 
 namespace eigencast {
 
@@ -27,18 +27,18 @@ struct ClientOptions {
   bool follow_display = false;  ///< The target is the display's own rate.
   std::string camera_path;      ///< File; empty: the user moves the camera.
   std::string view = "iso";
-  Look look;
+  Style style;
   int width = 1280, height = 720;
   bool headless = false, hud = false;
   std::uint64_t frames = 0;  ///< 0: no limit
   double duration_s = 0;     ///< 0: no limit
   double wait_s = 30;        ///< Headless: how long to wait for the first pose.
   std::string out, json, record, record_shown, screenshot;
-  bool watch = false;           ///< Files that change are read again.
-  std::string truth;            ///< File of the clip that the streams play; empty: none.
-  std::string settings;         ///< File in which the window remembers; empty: it does not.
-  bool look_given = false;      ///< The command line says something about `look`, so what is remembered does not count.
-  bool size_given = false;      ///< Likewise of width and height,
+  bool watch = false;        ///< Files that change are read again.
+  std::string truth;         ///< File of the clip that the streams play; empty: none.
+  std::string settings;      ///< File in which the window remembers; empty: it does not.
+  bool style_given = false;  ///< The command line says something about `style`, so what is remembered does not count.
+  bool size_given = false;   ///< Likewise of width and height,
   bool resolver_given = false;  ///< of who chooses the levels of detail,
   bool playout_given = false;   ///< and of motion between arrivals.
   double ui_scale = 0;          ///< Of texts and panels; 0: as the display says.

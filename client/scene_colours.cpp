@@ -5,15 +5,15 @@
 
 namespace eigencast {
 
-void SceneColours::paint(const Scene& scene, std::span<PoseSource* const> sources, const Look& look,
+void SceneColours::paint(const Scene& scene, std::span<PoseSource* const> sources, const Style& style,
                          Renderer& renderer) {
   const auto& instances = scene.instances();
   painters_.resize(instances.size());
-  if (!(look.colour == painted_.colour)) range_.reset();
-  painted_ = look;
+  if (!(style.colour == painted_.colour)) range_.reset();
+  painted_ = style;
   for (std::size_t i = 0; i < instances.size(); ++i) {
-    painters_[i].set_images(decode_, Renderer::longest_texture_side());
-    painters_[i].paint(instances[i].view, *sources[instances[i].placement.source], look.colour);
+    painters_[i].set_images(decode_, Renderer::max_texture_side());
+    painters_[i].paint(instances[i].view, *sources[instances[i].placement.source], style.colour);
     renderer.paint(i, painters_[i].paint());
     if (painters_[i].range()) range_.include(*painters_[i].range());
   }

@@ -74,9 +74,9 @@ Result<SceneDescription> scene_from_json(std::string_view text) {
       document["surfaces"].empty())
     return wrong("scene", R"(must be a JSON object such as {"surfaces": [{"stream": "ws://127.0.0.1:7490/demo"}]})");
   const json& surfaces = document["surfaces"];
-  if (surfaces.size() > kMostSurfaces)
+  if (surfaces.size() > kMaxSurfaces)
     return fail(ErrorCode::kTooLarge, "scene: " + std::to_string(surfaces.size()) + " surfaces; at most " +
-                                          std::to_string(kMostSurfaces) + " can be shown");
+                                          std::to_string(kMaxSurfaces) + " can be shown");
   SceneDescription scene;
   scene.row = false;
   for (std::size_t i = 0; i < surfaces.size(); ++i) {

@@ -18,8 +18,8 @@ struct SceneDescription {
 };
 
 /// Reads a scene file's text (client/README.md). Errors: kCorrupt, naming the surface and the member; kTooLarge (more
-/// than kMostSurfaces).
-inline constexpr std::size_t kMostSurfaces = 256;
+/// than kMaxSurfaces).
+inline constexpr std::size_t kMaxSurfaces = 256;
 Result<SceneDescription> scene_from_json(std::string_view text);
 
 /// The same from a file. Errors: kIo, kNotFound as well.

@@ -42,13 +42,13 @@ Result<std::unique_ptr<Session>> Session::create(const ClientOptions& options, s
 }
 
 void Session::rebuild_with(const RebuilderChoice& choice) {
-  scene_.set_rebuilder(choice.card.get());
+  scene_.set_rebuilder(choice.gpu.get());
   rebuild_trial_ = choice.trial;
-  std::string line = std::string("surfaces are rebuilt on the ") + (choice.card ? "graphics card" : "processor");
+  std::string line = std::string("surfaces are rebuilt on the ") + (choice.gpu ? "GPU" : "processor");
   if (choice.trial) {
     line += formatted(": a trial took %.1f ms there and %.1f ms on the other",
-                      static_cast<double>(choice.card ? choice.trial->gpu_us : choice.trial->cpu_us) / 1000,
-                      static_cast<double>(choice.card ? choice.trial->cpu_us : choice.trial->gpu_us) / 1000);
+                      static_cast<double>(choice.gpu ? choice.trial->gpu_us : choice.trial->cpu_us) / 1000,
+                      static_cast<double>(choice.gpu ? choice.trial->cpu_us : choice.trial->gpu_us) / 1000);
   }
   log(log_, LogLevel::kInfo, line);
 }
@@ -109,7 +109,7 @@ bool Session::update(std::chrono::milliseconds timeout, Camera& camera) {
   levels_.choose(scene_, sources(), camera, std::exchange(last_work_, std::nullopt));
   const bool changed = scene_.advance(sources(), now);
   frame_scene(camera);
-  connections_.look(now);
+  connections_.refresh(now);
   const Subscriber::Stats& stats = connections_.stats();
   if (received) {
     last_ = Received{last_arrival_us_, stats.keys, stats.bytes, poses_taken_};
@@ -152,25 +152,15 @@ void Session::frame_scene(Camera& camera) {
   camera.set_scene({facts.low[0], facts.low[1], facts.low[2]}, {facts.high[0], facts.high[1], facts.high[2]});
 }
 
-RenderOptions Session::render_options(const Look& look) const {
-  RenderOptions options;
-  options.edges = look.edges;
-  options.wireframe = look.wireframe;
-  options.points = look.points;
-  options.axes = look.axes;
-  options.grid = look.grid;
-  options.transparent = look.transparent;
-  options.pixel_scale = pixel_scale_;
-  options.colour_map = look.colour_map;
-  options.colour_range = colours_.range(look);
-  return options;
+RenderOptions Session::render_options(const Style& style) const {
+  return {style, pixel_scale_, colours_.range(style)};
 }
 
 std::optional<Legend> Session::legend() const {
   return colours_.legend(sources().empty() ? nullptr : sources().front()->asset());
 }
 
-void Session::draw(Renderer& renderer, const Camera& camera, const Look& look, int width_px, int height_px,
+void Session::draw(Renderer& renderer, const Camera& camera, const Style& style, int width_px, int height_px,
                    unsigned target) {
   const TimeUs start = steady_now_us();
   work_.start(start);
@@ -181,10 +171,10 @@ void Session::draw(Renderer& renderer, const Camera& camera, const Look& look, i
     renderer.upload(i, instances[i].view.geometry());
     renderer.place(i, instances[i].scene_from_surface, instances[i].visible, colourfulness(instances[i], start));
   }
-  colours_.paint(scene_, sources(), look, renderer);
+  colours_.paint(scene_, sources(), style, renderer);
   uploaded_us_ = steady_now_us();
   upload_us_.add(uploaded_us_ - start);
-  renderer.draw(camera, render_options(look), width_px, height_px, target);
+  renderer.draw(camera, render_options(style), width_px, height_px, target);
 }
 
 void Session::finish_picture(bool wait) {
@@ -258,7 +248,7 @@ HudFigures Session::figures() const {
   const auto& instances = scene_.instances();
   f.rebuilt = text_from_rebuilt(static_cast<std::size_t>(std::count_if(
                                     instances.begin(), instances.end(),
-                                    [](const auto& instance) { return instance.view.geometry().card != nullptr; })),
+                                    [](const auto& instance) { return instance.view.geometry().gpu != nullptr; })),
                                 instances.size());
   if (levels_.active()) f.resolver = text_from_levels(levels_, static_cast<double>(work_us_.percentile(50)) / 1e6);
   f.shown = text_from_shown(first.shown(), first.settling(), first.playout());

@@ -17,10 +17,10 @@
 #include "client/scene_colours.h"
 #include "client/work_clock.h"
 #include "view/camera.h"
-#include "view/look.h"
 #include "view/rebuilder_choice.h"
 #include "view/renderer.h"
 #include "view/scene.h"
+#include "view/style.h"
 
 namespace eigencast {
 
@@ -37,14 +37,14 @@ class Session final {
   /// Waits at most `timeout` for poses, then rebuilds the surfaces; true if there is something new to draw.
   bool update(std::chrono::milliseconds timeout, Camera& camera);
   /// Uploads and draws the scene; more may be drawn over it until finish_picture().
-  void draw(Renderer& renderer, const Camera& camera, const Look& look, int width_px, int height_px, unsigned target);
-  /// The picture is drawn, and yet to be shown: what it took ends here. Waits for the graphics card if `wait` or if the
+  void draw(Renderer& renderer, const Camera& camera, const Style& style, int width_px, int height_px, unsigned target);
+  /// The picture is drawn, and yet to be shown: what it took ends here. Waits for the GPU if `wait` or if the
   /// levels of detail follow what a picture costs.
   void finish_picture(bool wait);
   /// Pixels of the picture to one at 96 dpi; at first as --ui-scale says.
   void set_pixel_scale(float scale) { pixel_scale_ = scale; }
-  /// What the renderer is told for this look now.
-  RenderOptions render_options(const Look& look) const;
+  /// What the renderer is told for this style now.
+  RenderOptions render_options(const Style& style) const;
   /// Of what draw() drew last; nothing while colours stand for no numbers.
   std::optional<Legend> legend() const;
   const SceneColours& colours() const { return colours_; }
@@ -103,7 +103,7 @@ class Session final {
   float pixel_scale_;
   History history_;
   TimeUs last_latency_us_ = 0;   ///< Capture to picture, of the newest pose drawn.
-  bool renderer_stale_ = false;  ///< Surfaces have moved up: what the card holds belongs to others.
+  bool renderer_stale_ = false;  ///< Surfaces have moved up: what the GPU holds belongs to others.
   PoseRecord record_;
   RateMeter keys_, poses_, drawn_rate_, bytes_;
   Histogram decode_us_, drawn_latency_us_, upload_us_, draw_us_, work_us_;

@@ -35,7 +35,7 @@ json surfaces_from(const Scene& scene, std::span<PoseSource* const> sources) {
                         {"vertices", view.geometry().vertex_count()},
                         {"of", asset == nullptr ? 0 : asset->vertex_count},
                         {"faces", view.geometry().triangles.size() / 3},
-                        {"rebuilt", view.geometry().card ? "gpu" : "cpu"},
+                        {"rebuilt", view.geometry().gpu ? "gpu" : "cpu"},
                         {"detail", asset == nullptr ? "none" : name_of(detail_of(*asset))}});
   }
   return surfaces;

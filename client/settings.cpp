@@ -15,18 +15,18 @@ namespace {
 
 using nlohmann::json;
 
-/// name -> member, for the switches of a look.
+/// name -> member, for the switches of a style.
 struct Switch {
   const char* name;
-  bool Look::*member;
+  bool Style::*member;
 };
-constexpr std::array<Switch, 7> kSwitches{{{"edges", &Look::edges},
-                                           {"wireframe", &Look::wireframe},
-                                           {"points", &Look::points},
-                                           {"grid", &Look::grid},
-                                           {"axes", &Look::axes},
-                                           {"transparent", &Look::transparent},
-                                           {"legend", &Look::legend}}};
+constexpr std::array<Switch, 7> kSwitches{{{"edges", &Style::edges},
+                                           {"wireframe", &Style::wireframe},
+                                           {"points", &Style::points},
+                                           {"grid", &Style::grid},
+                                           {"axes", &Style::axes},
+                                           {"transparent", &Style::transparent},
+                                           {"legend", &Style::legend}}};
 
 void read_bool(const json& object, const char* name, bool& value) {
   if (const auto at = object.find(name); at != object.end() && at->is_boolean()) value = at->get<bool>();
@@ -59,7 +59,7 @@ std::optional<double> read_part(const json& object, const char* name) {
 void Settings::opened(const std::string& what) {
   std::erase(recent, what);
   recent.insert(recent.begin(), what);
-  if (recent.size() > kMostRecent) recent.resize(kMostRecent);
+  if (recent.size() > kMaxRecent) recent.resize(kMaxRecent);
 }
 
 std::string Settings::default_path() {
@@ -81,10 +81,10 @@ Result<Settings> Settings::load(const std::string& path) {
   read_side(all, "height", settings.height);
   read_bool(all, "figures", settings.hud);
   read_bool(all, "panel", settings.panel);
-  if (const auto look = all.find("look"); look != all.end() && look->is_object()) {
-    for (const Switch& each : kSwitches) read_bool(*look, each.name, settings.look.*each.member);
-    if (const auto map = look->find("colour_map"); map != look->end() && map->is_string())
-      settings.look.colour_map = colour_map_from_name(map->get<std::string>()).value_or(ColourMap::kViridis);
+  if (const auto style = all.find("look"); style != all.end() && style->is_object()) {
+    for (const Switch& each : kSwitches) read_bool(*style, each.name, settings.style.*each.member);
+    if (const auto map = style->find("colour_map"); map != style->end() && map->is_string())
+      settings.style.colour_map = colour_map_from_name(map->get<std::string>()).value_or(ColourMap::kViridis);
   }
   settings.resolver = read_named(all, "resolver", {ResolverKind::kNone, ResolverKind::kBudget, ResolverKind::kPaper});
   settings.playout =
@@ -92,7 +92,7 @@ Result<Settings> Settings::load(const std::string& path) {
   settings.smoothness = read_part(all, "smoothness");
   if (const auto recent = all.find("recent"); recent != all.end() && recent->is_array()) {
     for (const json& each : *recent) {
-      if (each.is_string() && settings.recent.size() < kMostRecent) settings.recent.push_back(each.get<std::string>());
+      if (each.is_string() && settings.recent.size() < kMaxRecent) settings.recent.push_back(each.get<std::string>());
     }
   }
   return settings;
@@ -105,8 +105,8 @@ Result<void> Settings::save(const std::string& path) const {
   if (resolver) all["resolver"] = name_of(*resolver);
   if (playout) all["motion"] = name_of(*playout);
   if (smoothness) all["smoothness"] = *smoothness;
-  for (const Switch& each : kSwitches) all["look"][each.name] = look.*each.member;
-  all["look"]["colour_map"] = name_of(look.colour_map);
+  for (const Switch& each : kSwitches) all["look"][each.name] = style.*each.member;
+  all["look"]["colour_map"] = name_of(style.colour_map);
   return write_file_atomically(path, all.dump(2, ' ', false, json::error_handler_t::replace) + "\n");
 }
 

@@ -9,17 +9,17 @@
 #include "client/level_control.h"
 #include "common/core/result.h"
 #include "common/motion/playout.h"
-#include "view/look.h"
+#include "view/style.h"
 
 namespace eigencast {
 
 /// What the window remembers from one time to the next.
 struct Settings {
-  static constexpr std::size_t kMostRecent = 6;
+  static constexpr std::size_t kMaxRecent = 6;
 
   int width = 1280, height = 720;
   bool hud = true, panel = false;
-  Look look;  ///< But for colouring and range, which belong to a stream.
+  Style style;  ///< But for colouring and range, which belong to a stream.
   std::optional<ResolverKind> resolver;
   std::optional<PlayoutMode> playout;
   std::optional<double> smoothness;  ///< 0..1, of that mode; nothing: its default.

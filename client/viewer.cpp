@@ -37,7 +37,7 @@ Viewer::Viewer(const ClientOptions& options, OpenSource open, LogSink log)
 Viewer::~Viewer() {
   session_.reset();
   overlay_.reset();
-  rebuilder_.card.reset();
+  rebuilder_.gpu.reset();
   renderer_.reset();
 }
 
@@ -76,9 +76,9 @@ Result<void> Viewer::open(std::span<PoseSource* const> sources) {
   session_->rebuild_with(rebuilder_);
   session_->set_pixel_scale(text_scale_now().of_picture());
   state_.playout = mine.view_options.playout;
-  state_.look = options_.look_given ? options_.look : settings_.look;
-  state_.look.colour = options_.look.colour;
-  state_.look.colour_range = options_.look.colour_range;
+  state_.style = options_.style_given ? options_.style : settings_.style;
+  state_.style.colour = options_.style.colour;
+  state_.style.colour_range = options_.style.colour_range;
   state_.hud = settings_.hud;
   state_.panel = settings_.panel;
   camera_.set_view(options_.view);
@@ -142,16 +142,16 @@ OverlayContent Viewer::overlay_content() const {
   content.connected = session_->is_connected();
   content.banner = steady_now_us() < notice_until_us_ ? notice_ : standing.banner;
   content.paused = state_.paused;
-  if (state_.look.legend) content.legend = session_->legend();
+  if (state_.style.legend) content.legend = session_->legend();
   if (state_.help) content.help = help_lines(state_, camera_, session_->scene().lod(), session_->levels().kind());
   return content;
 }
 
 /// A window has something behind it in any case.
-Look Viewer::shown_look() const {
-  Look look = state_.look;
-  look.transparent = false;
-  return look;
+Style Viewer::window_style() const {
+  Style style = state_.style;
+  style.transparent = false;
+  return style;
 }
 
 void Viewer::draw() {
@@ -159,7 +159,7 @@ void Viewer::draw() {
   // Where levels of detail follow what a picture takes it is made apart, and the window's buffer waited for afterwards.
   const bool apart = session_->levels().active();
   const unsigned target = apart ? renderer_->offscreen_target(width_, height_) : 0;
-  session_->draw(*renderer_, camera_, shown_look(), width_, height_, target);
+  session_->draw(*renderer_, camera_, window_style(), width_, height_, target);
   drawn_content_ = overlay_content();
   drawn_colourfulness_ = session_->colourfulness();
   overlay_->draw(drawn_content_, width_, height_, target, [this] { draw_panels(); });
@@ -179,7 +179,7 @@ void Viewer::draw_panels() {
 
 void Viewer::do_what_keys_wanted() {
   for (; state_.colourings_on > 0; --state_.colourings_on)
-    state_.look.colour = next_colouring(session_->sources(), state_.look.colour);
+    state_.style.colour = next_colouring(session_->sources(), state_.style.colour);
   if (std::exchange(state_.resolver_wanted, false)) session_->levels().set_kind(next_kind(session_->levels().kind()));
   if (std::exchange(state_.copy_wanted, false)) {
     window_.set_clipboard(text_from_camera(camera_));
@@ -207,8 +207,8 @@ void Viewer::open_wanted(const std::string& text) {
 
 /// The same stream a second time is a second surface of the source there is.
 Result<void> Viewer::add_stream(const std::string& stream, const Placement& placement) {
-  if (session_->scene().instances().size() >= kMostSurfaces)
-    return fail(ErrorCode::kTooLarge, "a scene holds at most " + std::to_string(kMostSurfaces) + " surfaces");
+  if (session_->scene().instances().size() >= kMaxSurfaces)
+    return fail(ErrorCode::kTooLarge, "a scene holds at most " + std::to_string(kMaxSurfaces) + " surfaces");
   const auto there = std::find_if(opened_.begin(), opened_.end(), [&](const Opened& o) { return o.stream == stream; });
   if (there != opened_.end()) {
     session_->add(*there->source, shown_name(stream), placement);
@@ -274,16 +274,16 @@ void Viewer::write_what_is_wanted(bool scene_changed) {
 Result<void> Viewer::save(const std::string& path) {
   if (width_ < 1 || height_ < 1) return fail(ErrorCode::kUnsupported, path + ": the window has no picture now");
   const unsigned target = renderer_->offscreen_target(width_, height_);  // a back buffer is undefined after a swap
-  renderer_->draw(camera_, session_->render_options(state_.look), width_, height_, target);
+  renderer_->draw(camera_, session_->render_options(state_.style), width_, height_, target);
   overlay_->draw(overlay_content(), width_, height_, target, [this] { draw_panels(); });
   requests_ = {};
-  return write_png(path, Renderer::read_back(width_, height_, target, state_.look.transparent));
+  return write_png(path, Renderer::read_back(width_, height_, target, state_.style.transparent));
 }
 
 Result<void> Viewer::save_scene(const std::string& path, bool transparent) {
-  Look look = state_.look;
-  look.transparent |= transparent;
-  Result<Picture> picture = renderer_->picture(camera_, session_->render_options(look), width_, height_);
+  Style style = state_.style;
+  style.transparent |= transparent;
+  Result<Picture> picture = renderer_->picture(camera_, session_->render_options(style), width_, height_);
   return picture ? write_png(path, *picture) : Result<void>(picture.error());
 }
 
@@ -294,7 +294,7 @@ Result<void> Viewer::remember() {
   settings_.height = size.y;
   settings_.hud = state_.hud;
   settings_.panel = state_.panel;
-  settings_.look = state_.look;
+  settings_.style = state_.style;
   settings_.resolver = session_->levels().kind();
   settings_.playout = state_.playout.mode;
   settings_.smoothness = state_.playout.smoothness;

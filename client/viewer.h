@@ -60,7 +60,7 @@ class Viewer final : public WindowListener {
   void paste(const std::string& text);
   bool content_changed(TimeUs now_us);
   OverlayContent overlay_content() const;
-  Look shown_look() const;
+  Style window_style() const;
   TextScale text_scale_now() const;
   void draw();
   void draw_panels();

@@ -91,28 +91,28 @@ void ViewerState::apply(Action action, Camera& camera, LevelOfDetail& lod) {
       help = !help;
       break;
     case Action::kAxes:
-      look.axes = !look.axes;
+      style.axes = !style.axes;
       break;
     case Action::kGrid:
-      look.grid = !look.grid;
+      style.grid = !style.grid;
       break;
     case Action::kEdges:
-      look.edges = !look.edges;
+      style.edges = !style.edges;
       break;
     case Action::kWireframe:
-      look.wireframe = !look.wireframe;
+      style.wireframe = !style.wireframe;
       break;
     case Action::kColouring:
       ++colourings_on;
       break;
     case Action::kColourMap:
-      look.colour_map = next_map(look.colour_map);
+      style.colour_map = next_map(style.colour_map);
       break;
     case Action::kLegend:
-      look.legend = !look.legend;
+      style.legend = !style.legend;
       break;
     case Action::kPoints:
-      look.points = !look.points;
+      style.points = !style.points;
       break;
     case Action::kHud:
       hud = !hud;
@@ -194,16 +194,16 @@ std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera,
           {"Space", "pause", on_off(state.paused)},
           {"M", "motion between arrivals", text_from_playout(state.playout)},
           {"[ ]", "live to smooth", text_from_smoothness(state.playout)},
-          {"V", "what colours say", title_of(state.look.colour)},
-          {"C", "colour map", std::string(name_of(state.look.colour_map))},
-          {"B", "its legend", on_off(state.look.legend)},
-          {"E", "edges", on_off(state.look.edges)},
-          {"W", "wireframe", on_off(state.look.wireframe)},
-          {"P", "points", on_off(state.look.points)},
-          {"G", "ground grid", on_off(state.look.grid)},
-          {"X", "axes", on_off(state.look.axes)},
+          {"V", "what colours say", title_of(state.style.colour)},
+          {"C", "colour map", std::string(name_of(state.style.colour_map))},
+          {"B", "its legend", on_off(state.style.legend)},
+          {"E", "edges", on_off(state.style.edges)},
+          {"W", "wireframe", on_off(state.style.wireframe)},
+          {"P", "points", on_off(state.style.points)},
+          {"G", "ground grid", on_off(state.style.grid)},
+          {"X", "axes", on_off(state.style.axes)},
           {"U", "up axis", up},
-          {"Tab", "panel: surfaces, look, motion, plots", on_off(state.panel)},
+          {"Tab", "panel: surfaces, style, motion, plots", on_off(state.panel)},
           {"F", "figures", on_off(state.hud)},
           {"S  F12", "screenshot; with Shift without background", ""},
           {"Y", "turntable", on_off(state.turntable)},

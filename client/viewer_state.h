@@ -9,8 +9,8 @@
 #include "common/motion/playout.h"
 #include "view/camera.h"
 #include "view/level_of_detail.h"
-#include "view/look.h"
 #include "view/overlay.h"
+#include "view/style.h"
 
 namespace eigencast {
 
@@ -48,7 +48,7 @@ enum class Action {
 /// The switches of the viewer, apart from any window.
 struct ViewerState {
   bool help = false, hud = true, panel = false;
-  Look look;
+  Style style;
   bool paused = false, quit = false;
   PlayoutSettings playout;
   int colourings_on = 0;           ///< So many on in wishes_for(): whoever knows the source takes this and clears it.

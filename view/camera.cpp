@@ -181,7 +181,7 @@ float Camera::scene_per_px(const glm::vec3& point) const {
   return -2 * std::tan(0.5F * kFieldOfView) * in_view.z / static_cast<float>(height_);
 }
 
-double Camera::most_px_per_unit(const glm::vec3& centre, float radius) const {
+double Camera::max_px_per_unit(const glm::vec3& centre, float radius) const {
   const float nearest = glm::length(centre - position()) - radius;
   if (nearest <= 0) return std::numeric_limits<double>::infinity();
   return static_cast<double>(0.5F * static_cast<float>(height_) / std::tan(0.5F * kFieldOfView) / nearest);

@@ -58,7 +58,7 @@ class Camera {
   /// Diameter in pixels of a ball, at most that of the picture's; 0 if none of it can be in the picture.
   double diameter_px(const glm::vec3& centre, float radius) const;
   /// Pixels that one unit of the scene takes at most on a ball in it; infinite around the eye.
-  double most_px_per_unit(const glm::vec3& centre, float radius) const;
+  double max_px_per_unit(const glm::vec3& centre, float radius) const;
   bool moved() const { return moved_; }
 
  private:

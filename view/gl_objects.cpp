@@ -122,7 +122,7 @@ void GlTarget::resize(int width, int height, int samples) {
   if (width == width_ && height == height_) return;
   width_ = width;
   height_ = height;
-  // A card need not have more than one for textures; what asks for more than it has is no picture at all.
+  // A GPU need not have more than one for textures; what asks for more than it has is no picture at all.
   for (const GLenum most : {GL_MAX_SAMPLES, GL_MAX_COLOR_TEXTURE_SAMPLES, GL_MAX_DEPTH_TEXTURE_SAMPLES}) {
     GLint here = 1;
     glGetIntegerv(most, &here);

@@ -69,10 +69,10 @@ using GlTexture = GlName<GlKind::kTexture>;
 using GlArray = GlName<GlKind::kArray>;
 using GlFramebuffer = GlName<GlKind::kFramebuffer>;
 
-/// Of lines from now on, pixels; less where the card draws none so wide.
+/// Of lines from now on, pixels; less where the GPU draws none so wide.
 void set_line_width(float pixels);
 
-/// Memory of the graphics card. Owned; needs its context current when destroyed.
+/// Memory of the GPU. Owned; needs its context current when destroyed.
 class GlBuffer final {
  public:
   GlBuffer() { glGenBuffers(1, &id_); }

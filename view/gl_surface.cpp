@@ -60,8 +60,8 @@ void GlSurface::place(const glm::mat4& scene_from_surface) {
 
 void GlSurface::upload(const SurfaceGeometry& geometry) {
   const bool other_maker = std::exchange(maker_, geometry.maker) != geometry.maker;
-  const bool other_card = std::exchange(card_, geometry.card.get()) != geometry.card.get();
-  if (other_maker || other_card) pose_version_ = level_version_ = topology_version_ = 0;
+  const bool other_gpu = std::exchange(gpu_, geometry.gpu.get()) != geometry.gpu.get();
+  if (other_maker || other_gpu) pose_version_ = level_version_ = topology_version_ = 0;
   is_point_cloud_ = geometry.is_point_cloud;
   spacing_ = geometry.point_spacing;
   glBindVertexArray(array_.id());
@@ -73,19 +73,19 @@ void GlSurface::upload(const SurfaceGeometry& geometry) {
 
 void GlSurface::take_pose(const SurfaceGeometry& geometry) {
   vertex_count_ = static_cast<GLsizei>(geometry.vertex_count());
-  const CardSurface* card = geometry.card.get();
-  if (card == nullptr) {
+  const GpuSurface* gpu = geometry.gpu.get();
+  if (gpu == nullptr) {
     positions_.replace(std::span<const float>(geometry.positions));
     normals_.replace(std::span<const float>(geometry.normals));
   }
-  card != nullptr ? set_array(kPosition, card->drawn().id(), 3, CardSurface::kPlaceBytes)
-                  : set_array(kPosition, positions_.id(), 3, 0);
-  if (card != nullptr ? !card->has_normals : geometry.normals.empty()) {
+  gpu != nullptr ? set_array(kPosition, gpu->drawn().id(), 3, GpuSurface::kPositionBytes)
+                 : set_array(kPosition, positions_.id(), 3, 0);
+  if (gpu != nullptr ? !gpu->has_normals : geometry.normals.empty()) {
     glDisableVertexAttribArray(kNormal);
     glVertexAttrib3f(kNormal, 0, 0, 0);
   } else {
-    card != nullptr ? set_array(kNormal, card->normals.id(), 3, CardSurface::kNormalBytes)
-                    : set_array(kNormal, normals_.id(), 3, 0);
+    gpu != nullptr ? set_array(kNormal, gpu->normals.id(), 3, GpuSurface::kNormalBytes)
+                   : set_array(kNormal, normals_.id(), 3, 0);
   }
 }
 
@@ -97,8 +97,8 @@ void GlSurface::take_radii(const SurfaceGeometry& geometry) {
 }
 
 void GlSurface::take_triangles(const SurfaceGeometry& geometry) {
-  if (!geometry.card) triangles_.follow(geometry);
-  const GlTriangles& triangles = geometry.card ? geometry.card->triangles : triangles_;
+  if (!geometry.gpu) triangles_.follow(geometry);
+  const GlTriangles& triangles = geometry.gpu ? geometry.gpu->triangles : triangles_;
   index_count_ = triangles.count();
   glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, triangles.buffer());
 }

@@ -13,7 +13,7 @@
 
 namespace eigencast {
 
-/// A surface's triangles on the graphics card, of which only the blocks that have changed are sent.
+/// A surface's triangles on the GPU, of which only the blocks that have changed are sent.
 class GlTriangles final {
  public:
   void follow(const SurfaceGeometry& geometry);
@@ -26,11 +26,11 @@ class GlTriangles final {
   std::uint64_t maker_ = 0, version_ = 0;
 };
 
-/// What the graphics card holds of a surface that it rebuilds itself (CardRebuilder): made there, never sent.
-class CardSurface final {
+/// What the GPU holds of a surface that it rebuilds itself (GpuRebuilder): made there, never sent.
+class GpuSurface final {
  public:
-  static constexpr GLsizei kPlaceBytes = 4 * sizeof(float);   ///< x, y, z, 1.
-  static constexpr GLsizei kNormalBytes = 3 * sizeof(float);  ///< Unit length.
+  static constexpr GLsizei kPositionBytes = 4 * sizeof(float);  ///< x, y, z, 1.
+  static constexpr GLsizei kNormalBytes = 3 * sizeof(float);    ///< Unit length.
 
   GlBuffer places;     ///< Each vertex at its own place.
   GlBuffer positions;  ///< Each where it is drawn, if `moving`: then some are on their way between levels.
@@ -41,7 +41,7 @@ class CardSurface final {
   const GlBuffer& drawn() const { return moving ? positions : places; }
 };
 
-/// What the graphics card draws of one surface. Needs its context current in every call.
+/// What the GPU draws of one surface. Needs its context current in every call.
 class GlSurface final {
  public:
   /// Takes over what has changed.
@@ -76,7 +76,7 @@ class GlSurface final {
   GlTriangles triangles_;
   std::unique_ptr<GlTexturePaint> texture_;
   GLsizei vertex_count_ = 0, index_count_ = 0;
-  const CardSurface* card_ = nullptr;  ///< Whose arrays are bound, to be compared only; null: this one's own.
+  const GpuSurface* gpu_ = nullptr;  ///< Whose arrays are bound, to be compared only; null: this one's own.
   std::uint64_t maker_ = 0, pose_version_ = 0, level_version_ = 0, topology_version_ = 0, paint_version_ = 0;
   int paint_ = 0;  ///< As kPaint of the shaders has it.
   bool is_point_cloud_ = false, has_discs_ = false;

@@ -11,7 +11,7 @@
 namespace eigencast {
 namespace {
 
-constexpr int kLongestSide = 16'384, kMostScans = 200;
+constexpr int kMaxSide = 16'384, kMaxScans = 200;
 
 enum WayOut : int { kBroken = 1, kEndless = 2 };
 
@@ -31,7 +31,7 @@ void leave(j_common_ptr image) {
 void say_nothing(j_common_ptr, int) {}
 /// A small file may ask for its pixels to be gone through without end.
 void count_scans(j_common_ptr image) {
-  if (reinterpret_cast<j_decompress_ptr>(image)->input_scan_number > kMostScans)
+  if (reinterpret_cast<j_decompress_ptr>(image)->input_scan_number > kMaxScans)
     std::longjmp(reinterpret_cast<Trouble*>(image->err)->way_out, kEndless);
 }
 
@@ -56,8 +56,8 @@ Outcome decode(std::span<const std::uint8_t> bytes, jpeg_decompress_struct& imag
   jpeg_create_decompress(&image);
   jpeg_mem_src(&image, bytes.data(), static_cast<unsigned long>(bytes.size()));
   jpeg_read_header(&image, TRUE);
-  if (image.image_width > kLongestSide || image.image_height > kLongestSide ||
-      std::size_t{image.image_width} * image.image_height > kMostPixels)
+  if (image.image_width > kMaxSide || image.image_height > kMaxSide ||
+      std::size_t{image.image_width} * image.image_height > kMaxPixels)
     return Outcome::kTooLarge;
   if (image.jpeg_color_space == JCS_CMYK || image.jpeg_color_space == JCS_YCCK) return Outcome::kUnsupported;
   image.out_color_space = JCS_RGB;

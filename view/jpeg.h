@@ -11,7 +11,7 @@
 namespace eigencast {
 
 /// Reads a JPEG file from memory, grey ones as colours; `name` is for the error's words. Safe on hostile input. Errors:
-/// kCorrupt, kTooLarge (kMostPixels, or scans without end), kUnsupported (colours of print).
+/// kCorrupt, kTooLarge (kMaxPixels, or scans without end), kUnsupported (colours of print).
 Result<Picture> read_jpeg_bytes(std::span<const std::uint8_t> bytes, const std::string& name);
 
 }  // namespace eigencast

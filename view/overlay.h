@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "view/look.h"
+#include "view/style.h"
 
 namespace eigencast {
 

@@ -47,7 +47,7 @@ class SurfacePainter {
     bool operator==(const Wish&) const = default;
   };
 
-  /// Who decodes images, and how large they may be for the card.
+  /// Who decodes images, and how large they may be for the GPU.
   void set_images(Decode decode, int longest_side) {
     decode_ = decode;
     longest_side_ = longest_side;
@@ -78,7 +78,7 @@ class SurfacePainter {
   std::string why_not_;
   bool waiting_ = false;
   Decode decode_ = Decode::kNow;
-  int longest_side_ = kLongestTextureSide;
+  int longest_side_ = kMaxTextureSide;
   // For the speed of streams that carry no velocities: the pose before.
   std::vector<double> before_, difference_;
   std::optional<TimeUs> before_time_;

@@ -10,7 +10,7 @@
 namespace eigencast {
 namespace {
 
-constexpr int kLongestSide = 16'384;
+constexpr int kMaxSide = 16'384;
 
 std::vector<std::uint8_t> rgba_of(const Picture& picture) {
   std::vector<std::uint8_t> rgba;
@@ -52,8 +52,7 @@ namespace {
 
 /// The rest of reading, once libpng has seen the header.
 Result<Picture> finish_reading(png_image& image, const std::string& name) {
-  if (image.width > kLongestSide || image.height > kLongestSide ||
-      std::size_t{image.width} * image.height > kMostPixels) {
+  if (image.width > kMaxSide || image.height > kMaxSide || std::size_t{image.width} * image.height > kMaxPixels) {
     png_image_free(&image);
     return fail(ErrorCode::kTooLarge, name + ": over 16,384 pixels on a side, or 134 million");
   }

@@ -24,12 +24,12 @@ struct Picture {
 };
 
 /// What is read has no more pixels than this (16,384 x 8,192, 400 MB), nor a side of more than 16,384.
-inline constexpr std::size_t kMostPixels = std::size_t{1} << 27;
+inline constexpr std::size_t kMaxPixels = std::size_t{1} << 27;
 
 /// Writes through a temporary name, so that no half picture is ever seen. Errors: kIo, kInvalidArgument.
 Result<void> write_png(const std::string& path, const Picture& picture);
 
-/// Its alpha is left out. Errors: kIo, kCorrupt, kTooLarge (kMostPixels).
+/// Its alpha is left out. Errors: kIo, kCorrupt, kTooLarge (kMaxPixels).
 Result<Picture> read_png(const std::string& path);
 /// The same from memory; `name` is for the error's words. Errors: kCorrupt, kTooLarge.
 Result<Picture> read_png_bytes(std::span<const std::uint8_t> bytes, const std::string& name);

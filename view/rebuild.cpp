@@ -10,14 +10,14 @@ namespace eigencast {
 namespace {
 
 /// Vertices that were drawn elsewhere go back to their own places, which the rows of this pose are counted on.
-void stand_at_own_places(SurfaceGeometry& geometry) {
-  if (geometry.own_places.empty()) return;
-  assert(geometry.positions.size() == 3 * std::size_t{geometry.own_first} + geometry.own_places.size() ||
+void restore_unmorphed(SurfaceGeometry& geometry) {
+  if (geometry.unmorphed.empty()) return;
+  assert(geometry.positions.size() == 3 * std::size_t{geometry.unmorphed_first} + geometry.unmorphed.size() ||
          geometry.positions.empty());
   if (!geometry.positions.empty())
-    std::copy(geometry.own_places.begin(), geometry.own_places.end(),
-              geometry.positions.begin() + 3 * std::ptrdiff_t{geometry.own_first});
-  geometry.own_places.clear();
+    std::copy(geometry.unmorphed.begin(), geometry.unmorphed.end(),
+              geometry.positions.begin() + 3 * std::ptrdiff_t{geometry.unmorphed_first});
+  geometry.unmorphed.clear();
 }
 
 /// The first row to rebuild. Normals that come with rows are drawn on their way between levels, and not kept where they
@@ -29,7 +29,7 @@ std::uint32_t first_of(const RebuildJob& job) {
 void multiply(std::span<const RebuildJob> jobs) {
   std::vector<const RebuildJob*> order;
   for (const RebuildJob& job : jobs) {
-    stand_at_own_places(*job.geometry);
+    restore_unmorphed(*job.geometry);
     job.geometry->positions.resize(3 * std::size_t{job.vertices()});
     if (job.basis->has_detail()) job.geometry->normals.resize(job.geometry->positions.size());
     order.push_back(&job);
@@ -53,8 +53,8 @@ void finish(const RebuildJob& job) {
   const Asset& asset = *job.asset;
   SurfaceGeometry& geometry = *job.geometry;
   std::vector<float>& positions = geometry.positions;
-  geometry.own_first = job.level->whole();
-  geometry.own_places.assign(positions.begin() + 3 * std::ptrdiff_t{geometry.own_first}, positions.end());
+  geometry.unmorphed_first = job.level->whole();
+  geometry.unmorphed.assign(positions.begin() + 3 * std::ptrdiff_t{geometry.unmorphed_first}, positions.end());
   if (asset.is_point_cloud() && job.level_changed) fill_radii(asset, *job.level, geometry);
   if (asset.is_point_cloud() && !job.basis->has_detail()) {
     geometry.normals.resize(3 * geometry.radii.size());

@@ -85,14 +85,14 @@ class Stand final {
   SurfaceGeometry geometry_;
 };
 
-RebuilderChoice::Trial try_both(Renderer& renderer, CardRebuilder& card) {
+RebuilderChoice::Trial try_both(Renderer& renderer, GpuRebuilder& gpu) {
   const Asset asset = trial_asset();
   auto basis = std::make_shared<Reconstructor>();
   basis->update(asset);
   CpuRebuilder cpu;
   RebuilderChoice::Trial trial;
   trial.cpu_us = Stand(renderer, cpu, asset, basis).fastest();
-  Stand stand(renderer, card, asset, basis);
+  Stand stand(renderer, gpu, asset, basis);
   stand.once(kFew);  // compiles the shaders
   trial.gpu_us = stand.once(kFew);
   // What loses with an eighth of the vertices need not show it with all.
@@ -124,13 +124,13 @@ std::optional<RebuildOn> rebuild_on_from_name(std::string_view name) {
 Result<RebuilderChoice> choose_rebuilder(RebuildOn on, Renderer& renderer, bool finish) {
   RebuilderChoice choice;
   if (on == RebuildOn::kCpu) return choice;
-  auto card = CardRebuilder::create(finish);
-  if (!card) return on == RebuildOn::kAuto ? std::move(choice) : Result<RebuilderChoice>(card.error());
+  auto gpu = GpuRebuilder::create(finish);
+  if (!gpu) return on == RebuildOn::kAuto ? std::move(choice) : Result<RebuilderChoice>(gpu.error());
   if (on == RebuildOn::kAuto) {
-    choice.trial = try_both(renderer, **card);
+    choice.trial = try_both(renderer, **gpu);
     if (!choice.trial->gpu_is_faster()) return choice;
   }
-  choice.card = std::move(*card);
+  choice.gpu = std::move(*gpu);
   return choice;
 }
 

@@ -295,7 +295,7 @@ void Renderer::copy_to_window(unsigned source, int width_px, int height_px) {
   glBindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
   glBlitFramebuffer(0, 0, width_px, height_px, 0, 0, width_px, height_px, GL_COLOR_BUFFER_BIT, GL_NEAREST);
 }
-int Renderer::longest_texture_side() {
+int Renderer::max_texture_side() {
   GLint most = 1024;
   glGetIntegerv(GL_MAX_TEXTURE_SIZE, &most);
   return most;

@@ -8,20 +8,16 @@
 
 #include "common/core/result.h"
 #include "view/camera.h"
-#include "view/colour_map.h"
 #include "view/markup.h"
-#include "view/paint.h"
 #include "view/picture.h"
-#include "view/surface_view.h"
+#include "view/style.h"
+#include "view/surface_geometry.h"
 
 namespace eigencast {
 
-struct RenderOptions {
-  bool edges = false, wireframe = false, points = false, axes = false, grid = true;
-  bool transparent = false;  ///< No wall, no grid: what is drawn keeps its alpha, the floor only its shadow.
-  float pixel_scale = 1;     ///< Pixels to one at 96 dpi: the width of lines and the least points.
-  ColourMap colour_map = ColourMap::kViridis;  ///< Of surfaces painted with numbers,
-  std::array<float, 2> colour_range{0, 1};     ///< from the first of these to the second.
+struct RenderOptions : DrawStyle {
+  float pixel_scale = 1;                    ///< Pixels to one at 96 dpi: the width of lines and the smallest points.
+  std::array<float, 2> colour_range{0, 1};  ///< The values at the ends of the colour map.
 };
 
 /// Draws surfaces with OpenGL 3.3 core, 4 samples a pixel, into a framebuffer of its own and from there to wherever is
@@ -37,7 +33,7 @@ class Renderer final {
 
   /// There are so many surfaces from now on: those beyond are forgotten, new ones are empty and in their own place.
   void set_surface_count(std::size_t count);
-  /// Hands the changed parts of a surface to the graphics card. REQUIRES: surface < the count, which is 1 at first.
+  /// Hands the changed parts of a surface to the GPU. REQUIRES: surface < the count, which is 1 at first.
   void upload(std::size_t surface, const SurfaceGeometry& geometry);
   /// What its vertices are painted with. REQUIRES: as many values as the uploaded geometry's vertices take.
   void paint(std::size_t surface, const SurfacePaint& paint);
@@ -48,7 +44,7 @@ class Renderer final {
   void mark(Markup markup);
   /// Draws what was uploaded last (nothing is fine) to framebuffer `target` (0 = the window), width x height pixels.
   void draw(const Camera& camera, const RenderOptions& options, int width_px, int height_px, unsigned target = 0);
-  /// Draws into memory. Errors: kUnsupported (larger than the card can).
+  /// Draws into memory. Errors: kUnsupported (larger than the GPU can).
   Result<Picture> picture(const Camera& camera, const RenderOptions& options, int width_px, int height_px);
   /// What is in framebuffer `source` now. with_alpha: its alpha, too, where it has one.
   static Picture read_back(int width_px, int height_px, unsigned source = 0, bool with_alpha = false);
@@ -59,7 +55,7 @@ class Renderer final {
   /// Shows what is in framebuffer `source` in the window, as soon as that is swapped.
   static void copy_to_window(unsigned source, int width_px, int height_px);
 
-  static int longest_texture_side();  ///< That the card takes.
+  static int max_texture_side();      ///< That the GPU takes.
   int samples() const;                ///< Per pixel, as the driver gave them.
   const std::string& device() const;  ///< The driver's name for itself.
   static void finish();               ///< Waits until everything has been drawn; for measuring.

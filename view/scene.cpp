@@ -13,8 +13,8 @@
 namespace eigencast {
 namespace {
 
-constexpr float kRowGap = 0.12F;        // between surfaces of a row, of the wider one; and between rows
-constexpr std::size_t kLongestRow = 6;  // of surfaces that stand in one alone
+constexpr float kRowGap = 0.12F;    // between surfaces of a row, of the wider one; and between rows
+constexpr std::size_t kMaxRow = 6;  // of surfaces that stand in one alone
 
 glm::vec3 vec3_from(const std::array<float, 3>& v) {
   return {v[0], v[1], v[2]};
@@ -43,8 +43,8 @@ Box box_in_scene(const SurfaceFacts& facts, const glm::mat4& scene_from_surface)
 class Rows {
  public:
   Rows(std::size_t surfaces, Asset::UpAxis up)
-      : longest_(surfaces <= kLongestRow
-                     ? kLongestRow
+      : longest_(surfaces <= kMaxRow
+                     ? kMaxRow
                      : static_cast<std::size_t>(std::ceil(std::sqrt(1.6 * static_cast<double>(surfaces))))),
         depth_(up == Asset::UpAxis::kZ ? 1 : 2),
         away_(up == Asset::UpAxis::kZ ? 1.0F : -1.0F) {}

@@ -7,11 +7,11 @@
 
 namespace eigencast {
 
-class CardSurface;
+class GpuSurface;
 
 /// What is to be drawn: rebuilt positions, normals and triangles. Versions grow when their part has changed.
 ///
-/// Where the graphics card has rebuilt the surface (CardRebuilder) it holds positions and normals, and they are empty
+/// Where the GPU has rebuilt the surface (GpuRebuilder) it holds positions and normals, and they are empty
 /// here.
 struct SurfaceGeometry {
   std::uint64_t maker = 0;               ///< Whose versions these are.
@@ -27,14 +27,14 @@ struct SurfaceGeometry {
   bool is_point_cloud = false;
   float point_spacing = 0;  ///< Typical distance of neighbours at this level, scene units.
 
-  std::shared_ptr<CardSurface> card;  ///< Where the graphics card has rebuilt it.
-  std::uint32_t card_vertices = 0;    ///< N there.
-  std::uint32_t vertex_count() const { return card ? card_vertices : static_cast<std::uint32_t>(positions.size() / 3); }
+  std::shared_ptr<GpuSurface> gpu;  ///< Where the GPU has rebuilt it.
+  std::uint32_t gpu_vertices = 0;   ///< N there.
+  std::uint32_t vertex_count() const { return gpu ? gpu_vertices : static_cast<std::uint32_t>(positions.size() / 3); }
 
-  /// Of the vertices that are drawn elsewhere, on their way between levels: where they belong, from own_first to the
+  /// Of the vertices that are drawn elsewhere, on their way between levels: where they belong, from unmorphed_first to the
   /// last.
-  std::vector<float> own_places;
-  std::uint32_t own_first = 0;
+  std::vector<float> unmorphed;
+  std::uint32_t unmorphed_first = 0;
 };
 
 }  // namespace eigencast

@@ -88,8 +88,8 @@ void SurfaceView::show_rest(const Asset& asset) {
 
 void SurfaceView::forget_rebuilt() {
   geometry_.positions.clear();
-  geometry_.own_places.clear();
-  geometry_.card.reset();
+  geometry_.unmorphed.clear();
+  geometry_.gpu.reset();
 }
 
 void SurfaceView::add_pose(const ReceivedPose& pose, const Asset& asset) {
@@ -136,7 +136,7 @@ bool SurfaceView::prepare(const PoseSource& source, TimeUs now_us) {
   if (asset == nullptr || !has_asset_ || epoch_ != source.epoch()) return false;
   std::uint32_t N = lod_.vertices(*asset);
   if (N == 0) return false;
-  if (most_vertices_) N = std::max(std::min(N, *most_vertices_), asset->base_count);
+  if (max_vertices_) N = std::max(std::min(N, *max_vertices_), asset->base_count);
   const bool new_pose = choose_pose(source, now_us);
   const std::uint32_t had = geometry_.vertex_count();
   const bool new_level = change_level(*asset, N, now_us);
@@ -194,7 +194,7 @@ bool SurfaceView::advance(const PoseSource& source, TimeUs now_us) {
 }
 
 std::span<const float> SurfaceView::positions(std::vector<float>& room) const {
-  if (!geometry_.card) return geometry_.positions;
+  if (!geometry_.gpu) return geometry_.positions;
   room.resize(3 * std::size_t{morph_.drawn()});
   reconstructor_->rebuild(coefficients_, channels_, rank_to_rebuild_, morph_.drawn(), room);
   morph_.blend(triangles_.map(), room);

@@ -62,7 +62,7 @@ class SurfaceView {
   void forget_rebuilt();
 
   const Reconstructor& reconstructor() const { return *reconstructor_; }
-  /// The positions of geometry(), N x 3: rebuilt into `room` where only the graphics card has them.
+  /// The positions of geometry(), N x 3: rebuilt into `room` where only the GPU has them.
   std::span<const float> positions(std::vector<float>& room) const;
 
   /// What belongs to vertices alone (colours, say) as it is drawn while some of them come or go: 3 floats each of
@@ -79,7 +79,7 @@ class SurfaceView {
   const std::string& asset_id() const { return asset_id_; }
 
   /// Draws no more than N vertices from now on, whatever lod() allows; nothing: as many as lod() says.
-  void set_most_vertices(std::optional<std::uint32_t> N) { most_vertices_ = N; }
+  void set_max_vertices(std::optional<std::uint32_t> N) { max_vertices_ = N; }
   /// How large it is seen: pixels that one unit of the surface takes at most. Vertices come and go the quicker the
   /// shorter their way is on the screen (MorphPace). Infinite, as at first: not known.
   void set_px_per_unit(double pixels) { px_per_unit_ = pixels; }
@@ -128,7 +128,7 @@ class SurfaceView {
   bool has_asset_ = false;
   std::string asset_id_;
   std::shared_ptr<Reconstructor> reconstructor_ = std::make_shared<Reconstructor>();
-  std::optional<std::uint32_t> most_vertices_;
+  std::optional<std::uint32_t> max_vertices_;
   double px_per_unit_ = std::numeric_limits<double>::infinity();
   bool morphs_;
   LevelMorph morph_;

@@ -31,7 +31,7 @@ Result<Picture> decoded(const Bytes& bytes, int longest_side) {
                  : starts_with(bytes, {0xff, 0xd8, 0xff})
                      ? read_jpeg_bytes(bytes, name)
                      : Result<Picture>(fail(ErrorCode::kUnsupported, name + " is neither PNG nor JPEG"));
-  const int longest = std::clamp(longest_side, 1, kLongestTextureSide);
+  const int longest = std::clamp(longest_side, 1, kMaxTextureSide);
   while (picture && std::max(picture->width, picture->height) > longest) {
     if (std::min(picture->width, picture->height) < 2)
       return fail(ErrorCode::kTooLarge, name + " is a line of over " + std::to_string(longest) + " pixels");
@@ -77,7 +77,7 @@ class Decoder {
       keep(*texture, std::move(result));
       return {std::exchange(mine.fresh, nullptr), mine.failed};
     }
-    if (jobs_.size() >= kMostImagesWaiting) return {};
+    if (jobs_.size() >= kMaxImagesWaiting) return {};
     mine.waits = true;
     jobs_.push_back({texture, longest_side});
     if (!thread_.joinable()) thread_ = std::thread([this] { work(); });

@@ -67,7 +67,7 @@ std::string renamed(const std::string& vertex) {
          vertex.substr(after_version);
 }
 
-/// One image of the card for all surfaces that have it.
+/// One image of the GPU for all surfaces that have it.
 std::shared_ptr<GlImage> shared_image(const std::shared_ptr<const Picture>& picture) {
   static thread_local std::map<const Picture*, std::weak_ptr<GlImage>> known;
   std::erase_if(known, [](const auto& entry) { return entry.second.expired(); });

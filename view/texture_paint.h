@@ -9,7 +9,7 @@
 
 namespace eigencast {
 
-/// An image on the graphics card, with smaller ones for what is far away. Needs its context current in every call.
+/// An image on the GPU, with smaller ones for what is far away. Needs its context current in every call.
 class GlImage final {
  public:
   explicit GlImage(const Picture& picture);
@@ -19,7 +19,7 @@ class GlImage final {
   GlTexture texture_;
 };
 
-/// What the graphics card holds to draw one surface with its image: the wedges of the triangles' corners and their
+/// What the GPU holds to draw one surface with its image: the wedges of the triangles' corners and their
 /// places, of which only what changes is sent. Needs its context current in every call.
 class GlTexturePaint final {
  public:

@@ -37,29 +37,29 @@ void draw_surfaces(Session& session, UiRequests& requests, TextField& to_open, f
   if (ImGui::Button("Add", {-1, 0}) || entered) requests.open = to_open.data();
 }
 
-void draw_look(Session& session, Look& look) {
+void draw_style(Session& session, Style& style) {
   ImGui::SetNextItemWidth(-1);
-  if (ImGui::BeginCombo("##colours", ("colours: " + title_of(look.colour)).c_str())) {
+  if (ImGui::BeginCombo("##colours", ("colours: " + title_of(style.colour)).c_str())) {
     for (const SurfacePainter::Wish& wish : colourings_of(session.sources())) {
-      if (ImGui::Selectable(title_of(wish).c_str(), wish == look.colour)) look.colour = wish;
+      if (ImGui::Selectable(title_of(wish).c_str(), wish == style.colour)) style.colour = wish;
     }
     ImGui::EndCombo();
   }
   ImGui::SetNextItemWidth(-1);
-  if (ImGui::BeginCombo("##map", ("map: " + std::string(name_of(look.colour_map))).c_str())) {
+  if (ImGui::BeginCombo("##map", ("map: " + std::string(name_of(style.colour_map))).c_str())) {
     for (int i = 0; i < kColourMaps; ++i) {
       const auto map = static_cast<ColourMap>(i);
-      if (ImGui::Selectable(std::string(name_of(map)).c_str(), map == look.colour_map)) look.colour_map = map;
+      if (ImGui::Selectable(std::string(name_of(map)).c_str(), map == style.colour_map)) style.colour_map = map;
     }
     ImGui::EndCombo();
   }
   if (ImGui::BeginTable("switches", 2)) {
-    const std::array<std::pair<const char*, bool*>, 6> switches{{{"edges", &look.edges},
-                                                                 {"wireframe", &look.wireframe},
-                                                                 {"points", &look.points},
-                                                                 {"legend", &look.legend},
-                                                                 {"grid", &look.grid},
-                                                                 {"axes", &look.axes}}};
+    const std::array<std::pair<const char*, bool*>, 6> switches{{{"edges", &style.edges},
+                                                                 {"wireframe", &style.wireframe},
+                                                                 {"points", &style.points},
+                                                                 {"legend", &style.legend},
+                                                                 {"grid", &style.grid},
+                                                                 {"axes", &style.axes}}};
     for (const auto& [name, value] : switches) {
       ImGui::TableNextColumn();
       ImGui::Checkbox(name, value);
@@ -138,7 +138,7 @@ UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, 
                    ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings);
   const auto section = [](const char* name) { return ImGui::CollapsingHeader(name, ImGuiTreeNodeFlags_DefaultOpen); };
   if (section("Surfaces")) draw_surfaces(session, requests, to_open, scale);
-  if (section("Look")) draw_look(session, state.look);
+  if (section("Style")) draw_style(session, state.style);
   if (section("Motion")) draw_motion(session, state);
   if (section("Detail")) draw_detail(session);
   if (section("Pictures")) draw_export(state);

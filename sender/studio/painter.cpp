@@ -18,7 +18,7 @@
 namespace eigencast::studio {
 namespace {
 
-constexpr auto kLookAtOthers = std::chrono::milliseconds(4);
+constexpr auto kPollInterval = std::chrono::milliseconds(4);
 constexpr auto kIdle = std::chrono::milliseconds(250);
 constexpr float kGap = 0.12F;  // between one's own surface and those of others, of its width
 
@@ -103,7 +103,7 @@ class Painter::Impl {
   /// Until there may be something to draw; takes the newest state. False when it is over.
   bool wait() {
     std::unique_lock lock(mutex_);
-    changed_.wait_for(lock, sources_.empty() ? kIdle : kLookAtOthers, [&] { return stopping_ || wanted_.has_value(); });
+    changed_.wait_for(lock, sources_.empty() ? kIdle : kPollInterval, [&] { return stopping_ || wanted_.has_value(); });
     has_news_ = wanted_.has_value();
     if (wanted_) state_ = *std::exchange(wanted_, std::nullopt);
     return !stopping_;

@@ -42,7 +42,7 @@ struct PaintingReport {
   std::uint64_t others_poses = 0;  ///< Poses of other streams that were shown.
 };
 
-/// Draws on a thread of its own, so that neither a slow graphics card nor the display's rate delays what a hand sends.
+/// Draws on a thread of its own, so that neither a slow GPU nor the display's rate delays what a hand sends.
 /// Always the newest state; the streams of others between. All calls from one thread.
 class Painter final {
  public:

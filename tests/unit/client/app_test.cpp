@@ -9,9 +9,9 @@
 #include <nlohmann/json.hpp>
 
 #include "client/apps.h"
-#include "tests/unit/client/fake_source.h"
-#include "tests/unit/client/offscreen_pictures.h"
 #include "tests/unit/client/virtual_display.h"
+#include "tests/unit/view/fake_source.h"
+#include "tests/unit/view/offscreen_pictures.h"
 #include "view/picture.h"
 
 namespace eigencast {
@@ -149,7 +149,7 @@ TEST_F(Apps, HeadlessSaysWhichColoursThereAreNot) {
   options_.frames = 1;
   EXPECT_EQ(run_headless(options_, sources_, stop_, log()), kExitGood) << said_;
   EXPECT_EQ(said_.find("colours"), std::string::npos) << said_;
-  options_.look.colour.colouring = Colouring::kOwn;
+  options_.style.colour.colouring = Colouring::kOwn;
   EXPECT_EQ(run_headless(options_, sources_, stop_, log()), kExitGood) << said_;
   EXPECT_NE(said_.find("no colours of its own"), std::string::npos) << said_;
 }

@@ -8,13 +8,16 @@
 
 #include "common/surface/shapes.h"
 #include "common/surface/write.h"
-#include "tests/unit/client/baked_heart.h"
 #include "view/surface_view.h"
 
 namespace eigencast {
 namespace {
 
-using testing::baked_heart;
+std::shared_ptr<const BakedClip> baked_heart() {
+  static const auto clip = BakedClip::open("heart", "");
+  EXPECT_TRUE(clip) << clip.error().message;
+  return *clip;
+}
 
 TEST(ClipSources, PlayAtTheClipsPaceFromTheirPhaseAndBeginAgain) {
   TimeUs now = 5'000'000;

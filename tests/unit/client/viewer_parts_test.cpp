@@ -13,11 +13,13 @@
 #include "client/open_source.h"
 #include "client/opening_clip.h"
 #include "client/pick.h"
+#include "client/rate_meter.h"
 #include "client/settings.h"
+#include "client/viewer_state.h"
 #include "common/surface/shapes.h"
 #include "common/surface/write.h"
 #include "tests/support/process.h"
-#include "tests/unit/client/fake_source.h"
+#include "tests/unit/view/fake_source.h"
 #include "view/picture.h"
 
 namespace eigencast {
@@ -51,14 +53,82 @@ TEST(WantedFrom, TellsStreamsFilesAndScenesApart) {
   EXPECT_EQ(wanted_from(folder.file("s.json")).kind, Wanted::Kind::kScene);
 }
 
+TEST(RateMeter, WaitingForTheFirstIsNoPartOfTheRate) {
+  RateMeter meter;
+  TimeUs now = 0;
+  for (; now < 1'000'000; now += 100'000) meter.sample(0, now);
+  for (std::uint64_t total = 3; total <= 15; total += 3, now += 100'000) meter.sample(total, now);
+  EXPECT_NEAR(meter.per_second(), 30, 1e-9);
+}
+
+TEST(RateMeter, MeasuresGrowthOverItsWindow) {
+  RateMeter meter;
+  EXPECT_EQ(meter.per_second(), 0);
+  for (int i = 0; i <= 300; ++i) meter.sample(static_cast<std::uint64_t>(i) * 3, i * 33'333);
+  EXPECT_NEAR(meter.per_second(), 90, 2);
+  meter.sample(2, 11'000'000);  // a new session counts from zero
+  EXPECT_EQ(meter.per_second(), 0);
+}
+
+TEST(ViewerState, KeysDoWhatTheHelpSays) {
+  ViewerState state;
+  Camera camera;
+  LevelOfDetail lod(0.5);
+  const auto press = [&](const char* key) {
+    const auto action = action_for_key(key);
+    ASSERT_TRUE(action) << key;
+    state.apply(*action, camera, lod);
+  };
+  press("E");
+  EXPECT_TRUE(state.style.edges);
+  press(" ");
+  EXPECT_TRUE(state.paused);
+  press("+");
+  EXPECT_DOUBLE_EQ(lod.fraction(), 0.625);
+  press(",");
+  EXPECT_DOUBLE_EQ(lod.fraction(), 0.5);
+  press("]");
+  EXPECT_FALSE(state.playout.smoothness) << "nothing is held back that could be";
+  press("M");
+  EXPECT_EQ(state.playout.mode, PlayoutMode::kInterpolate);
+  press("[");
+  EXPECT_DOUBLE_EQ(*state.playout.smoothness, 0.875);
+  press("M");
+  EXPECT_EQ(state.playout.mode, PlayoutMode::kEstimate);
+  EXPECT_EQ(Playout(state.playout).smoothness(), 0);
+  press("]");
+  EXPECT_DOUBLE_EQ(*state.playout.smoothness, 0.125);
+  press("U");
+  EXPECT_EQ(camera.up(), Camera::Up::kZ);
+  press("F12");
+  EXPECT_TRUE(state.screenshot_wanted);
+  press("Escape");
+  EXPECT_TRUE(state.quit);
+  EXPECT_FALSE(action_for_key("J"));
+  bool edges_on = false;
+  for (const HelpLine& line : help_lines(state, camera, lod, ResolverKind::kNone))
+    edges_on |= line.what == "edges" && line.state == "on";
+  EXPECT_TRUE(edges_on);
+}
+
+TEST(Screenshots, NeverOverwrite) {
+  const testing::TemporaryFolder folder;
+  const std::string prefix = folder.file("shot");
+  EXPECT_EQ(next_screenshot_name(prefix), prefix + "_0001.png");
+  std::ofstream(prefix + "_0001.png") << "x";
+  EXPECT_EQ(next_screenshot_name(prefix), prefix + "_0002.png");
+  const std::string impossible = folder.file(std::string(300, 'x'));
+  EXPECT_EQ(next_screenshot_name(impossible), impossible + "_0001.png") << "no exception";
+}
+
 TEST(Settings, ComeBackAsTheyWereAndBearNonsense) {
   const testing::TemporaryFolder folder;
   const std::string path = folder.file("deep/viewer.json");
   Settings settings;
   settings.width = 999;
   settings.hud = false;
-  settings.look.edges = true;
-  settings.look.colour_map = ColourMap::kTurbo;
+  settings.style.edges = true;
+  settings.style.colour_map = ColourMap::kTurbo;
   settings.resolver = ResolverKind::kPaper;
   settings.playout = PlayoutMode::kEstimate;
   settings.smoothness = 0.25;
@@ -69,20 +139,20 @@ TEST(Settings, ComeBackAsTheyWereAndBearNonsense) {
   ASSERT_TRUE(back) << back.error().message;
   EXPECT_EQ(back->width, 999);
   EXPECT_FALSE(back->hud);
-  EXPECT_TRUE(back->look.edges);
-  EXPECT_EQ(back->look.colour_map, ColourMap::kTurbo);
+  EXPECT_TRUE(back->style.edges);
+  EXPECT_EQ(back->style.colour_map, ColourMap::kTurbo);
   EXPECT_EQ(back->resolver, ResolverKind::kPaper);
   EXPECT_EQ(back->playout, PlayoutMode::kEstimate);
   EXPECT_EQ(back->smoothness, 0.25);
-  ASSERT_EQ(back->recent.size(), Settings::kMostRecent);
+  ASSERT_EQ(back->recent.size(), Settings::kMaxRecent);
   EXPECT_EQ(back->recent.front(), "ws://h/7") << "once, in front";
   std::ofstream(path) << R"({"width": -3, "height": "x", "look": {"edges": 7, "colour_map": "jet"}, "recent": [1, "a"],
              "resolver": "best", "motion": 3, "smoothness": 7})";
   const auto odd = Settings::load(path);
   ASSERT_TRUE(odd);
   EXPECT_EQ(odd->width, 1280);
-  EXPECT_FALSE(odd->look.edges);
-  EXPECT_EQ(odd->look.colour_map, ColourMap::kViridis);
+  EXPECT_FALSE(odd->style.edges);
+  EXPECT_EQ(odd->style.colour_map, ColourMap::kViridis);
   EXPECT_FALSE(odd->resolver || odd->playout || odd->smoothness);
   EXPECT_EQ(odd->recent, (std::vector<std::string>{"a"}));
   std::ofstream(path) << "no json";
@@ -194,15 +264,15 @@ TEST(Connections, OfSeveralTheTroubledOneIsNamed) {
   Connections connections(sources, names, [&](LogLevel, std::string_view line) { said += std::string(line) + "\n"; });
   first.stats_.keys = 3;
   second.stats_.keys = 4;
-  connections.look(1'000'000);
+  connections.refresh(1'000'000);
   EXPECT_TRUE(connections.are_well());
   EXPECT_EQ(connections.stats().keys, 7u);
   EXPECT_EQ(connections.line(false), "2 of 2 live");
   EXPECT_EQ(connections.banner(0), "");
   second.stats_.state = Subscriber::State::kLost;
   second.stats_.detail = "next try in 400 ms";
-  connections.look(2'000'000);
-  connections.look(3'000'000);
+  connections.refresh(2'000'000);
+  connections.refresh(3'000'000);
   EXPECT_FALSE(connections.are_well());
   EXPECT_EQ(connections.troubled(), 1u);
   EXPECT_FALSE(connections.lost_since_us(0));

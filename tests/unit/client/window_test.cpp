@@ -13,9 +13,9 @@
 #include "client/settings.h"
 #include "tests/support/process.h"
 #include "tests/unit/client/drop_source.h"
-#include "tests/unit/client/fake_source.h"
-#include "tests/unit/client/offscreen_pictures.h"
 #include "tests/unit/client/virtual_display.h"
+#include "tests/unit/view/fake_source.h"
+#include "tests/unit/view/offscreen_pictures.h"
 #include "view/picture.h"
 
 // The window as a user meets it: real X events through a virtual display.
@@ -149,9 +149,9 @@ TEST_F(TheWindow, KeysChangeTheLookAndTheNextWindowRemembers) {
   EXPECT_LT(difference / static_cast<double>(first->rgb.size()), 0.5) << "the camera came back from the clipboard";
   const auto settings = Settings::load(options_.settings);
   ASSERT_TRUE(settings);
-  EXPECT_TRUE(settings->look.wireframe);
+  EXPECT_TRUE(settings->style.wireframe);
   EXPECT_TRUE(settings->panel);
-  EXPECT_EQ(settings->look.colour_map, ColourMap::kCividis);
+  EXPECT_EQ(settings->style.colour_map, ColourMap::kCividis);
   EXPECT_EQ(settings->resolver, ResolverKind::kBudget);
   EXPECT_EQ(settings->playout, PlayoutMode::kInterpolate);
   for (const bool given : {false, true}) {
@@ -198,7 +198,7 @@ TEST_F(TheWindow, TextsAndLinesAreAsLargeAsTheDisplayAsksFor) {
   options_.width = 720;
   options_.height = 560;
   options_.settings = "";
-  options_.look_given = options_.look.wireframe = true;
+  options_.style_given = options_.style.wireframe = true;
   const auto start = std::filesystem::current_path();
   std::map<int, double> card, lines;
   for (const int dpi : {96, 192}) {

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "tests/unit/client/fake_source.h"
+#include "tests/unit/view/fake_source.h"
 
 namespace eigencast {
 namespace {

@@ -10,8 +10,8 @@
 #include <thread>
 
 #include "tests/support/process.h"
-#include "tests/unit/client/fake_source.h"
-#include "tests/unit/client/offscreen_pictures.h"
+#include "tests/unit/view/fake_source.h"
+#include "tests/unit/view/offscreen_pictures.h"
 #include "view/jpeg.h"
 #include "view/paint.h"
 #include "view/texture_image.h"
@@ -203,7 +203,7 @@ TEST(Images, PngAndJpegAreDecodedAndOthersRefusedInWords) {
 
 TEST(Images, AreDecodedBesideAndHalvedUntilTheCardTakesThem) {
   std::vector<std::shared_ptr<const AssetTexture>> textures;
-  for (std::size_t i = 0; i < 2 * kMostImagesWaiting; ++i) {
+  for (std::size_t i = 0; i < 2 * kMaxImagesWaiting; ++i) {
     AssetTexture t;
     t.image = red_and_blue();
     textures.push_back(std::make_shared<const AssetTexture>(std::move(t)));
@@ -244,7 +244,7 @@ TEST(TexturePaint, TheSurfaceIsClayUntilItsImageIsThere) {
   SurfaceView view;
   show(source, view, 1000);
   SurfacePainter painter;
-  painter.set_images(Decode::kBeside, kLongestTextureSide);
+  painter.set_images(Decode::kBeside, kMaxTextureSide);
   painter.paint(view, source, kTextured);
   EXPECT_TRUE(painter.is_waiting());
   EXPECT_EQ(painter.paint().kind, SurfacePaint::Kind::kClay);

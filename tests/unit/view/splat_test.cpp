@@ -7,9 +7,9 @@
 
 #include "common/surface/shapes.h"
 #include "sdk/bake.h"
-#include "tests/unit/client/baked_heart.h"
-#include "tests/unit/client/fake_source.h"
-#include "tests/unit/client/offscreen_pictures.h"
+#include "tests/unit/view/baked_heart.h"
+#include "tests/unit/view/fake_source.h"
+#include "tests/unit/view/offscreen_pictures.h"
 #include "view/surface_view.h"
 
 namespace eigencast {
@@ -30,7 +30,7 @@ const Asset& heart(bool as_points) {
     EXPECT_TRUE(result);
     return std::move(result->asset);
   }();
-  return as_points ? points : testing::baked_heart()->asset;
+  return as_points ? points : testing::baked_heart();
 }
 
 /// The rest pose leant over and stretched: x + 0.4 y, 1.4 y, z.

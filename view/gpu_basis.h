@@ -11,9 +11,9 @@
 
 namespace eigencast {
 
-/// An asset on the graphics card, as shaders::kPlaces reads it: the basis as BasisTiles has it, four columns a texel,
+/// An asset on the GPU, as shaders::kPlaces reads it: the basis as BasisTiles has it, four columns a texel,
 /// and the discs of a point cloud. Needs its context current in every call.
-class CardBasis final {
+class GpuBasis final {
  public:
   static constexpr std::uint32_t kColumns = 4;  ///< In a texel.
 
@@ -35,7 +35,7 @@ class CardBasis final {
   static Coefficients pack(const BasisTiles& tiles, std::span<const double> C, std::uint32_t channels,
                            std::uint32_t rank);
 
-  /// The largest of its buffers, in texels: what the card must be able to address.
+  /// The largest of its buffers, in texels: what the GPU must be able to address.
   static std::size_t texels(const Asset& asset);
 
  private:

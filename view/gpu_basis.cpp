@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "view/card_basis.h"
+#include "view/gpu_basis.h"
 
 #include <algorithm>
 #include <array>
@@ -8,7 +8,7 @@ namespace eigencast {
 namespace {
 
 constexpr std::size_t kRows = kernel::kTileRows;
-constexpr std::size_t kColumns = CardBasis::kColumns;
+constexpr std::size_t kColumns = GpuBasis::kColumns;
 static_assert(kColumns % 2 == 0, "groups hold whole pairs of columns");
 
 constexpr std::size_t groups_of(std::size_t columns) {
@@ -32,11 +32,11 @@ std::vector<Value> in_groups(const Value* columns, std::size_t count, const Plac
 
 }  // namespace
 
-std::size_t CardBasis::texels(const Asset& asset) {
+std::size_t GpuBasis::texels(const Asset& asset) {
   return padded_rows(asset) * (groups_of(asset.rank) + 1);
 }
 
-void CardBasis::update(const Asset& asset, const BasisTiles& tiles) {
+void GpuBasis::update(const Asset& asset, const BasisTiles& tiles) {
   append_discs(asset);
   const auto float_columns = static_cast<std::uint32_t>(tiles.view(0, tiles.rank()).float_columns);
   if (float_columns != float_columns_) rows_ = 0;  // some entry was off the grid: floats hold all
@@ -52,7 +52,7 @@ void CardBasis::update(const Asset& asset, const BasisTiles& tiles) {
   rows_ = tiles.rows();
 }
 
-void CardBasis::append_tile(const kernel::Tiles& tile, std::size_t number) {
+void GpuBasis::append_tile(const kernel::Tiles& tile, std::size_t number) {
   const std::vector<float> floats = in_groups(tile.floats, tile.float_columns,
                                               [](std::size_t row, std::size_t column) { return column * kRows + row; });
   floats_.write(number * floats.size() * sizeof(float), std::span<const float>(floats));
@@ -60,7 +60,7 @@ void CardBasis::append_tile(const kernel::Tiles& tile, std::size_t number) {
   integers_.write(number * integers.size() * sizeof(std::int16_t), std::span<const std::int16_t>(integers));
 }
 
-void CardBasis::append_discs(const Asset& asset) {
+void GpuBasis::append_discs(const Asset& asset) {
   const auto count = static_cast<std::uint32_t>(asset.splats.size());
   if (count <= discs_) return;
   std::vector<std::array<float, 4>> normals;
@@ -76,8 +76,8 @@ void CardBasis::append_discs(const Asset& asset) {
   discs_ = count;
 }
 
-CardBasis::Coefficients CardBasis::pack(const BasisTiles& tiles, std::span<const double> C, std::uint32_t channels,
-                                        std::uint32_t rank) {
+GpuBasis::Coefficients GpuBasis::pack(const BasisTiles& tiles, std::span<const double> C, std::uint32_t channels,
+                                      std::uint32_t rank) {
   const kernel::Tiles columns = tiles.view(0, rank);
   Coefficients packed;
   packed.float_groups = static_cast<std::uint32_t>(groups_of(columns.float_columns));

@@ -106,5 +106,32 @@ TEST(Camera, UnknownViewsAndFlatScenesDoNoHarm) {
   EXPECT_GT(camera.distance(), 0);
 }
 
+TEST(Camera, WhatIsOutOfSightHasNoSizeAndABallHasThatOfItsSilhouette) {
+  Camera camera;
+  camera.set_viewport(400, 300);
+  camera.look_from({0, 0, 10}, {0, 0, 0});
+  const double focal = 150 / std::tan(0.5 * Camera::kFieldOfView);
+  EXPECT_NEAR(camera.diameter_px({0, 0, 0}, 1), 2 * focal / std::sqrt(99), 0.1);
+  EXPECT_EQ(camera.diameter_px({0, 0, 20}, 1), 0) << "behind";
+  EXPECT_EQ(camera.diameter_px({9, 0, 0}, 1), 0) << "to the right of the picture";
+  EXPECT_EQ(camera.diameter_px({0, -9, 0}, 1), 0);
+  EXPECT_GT(camera.diameter_px({4.6F, 0, 0}, 1), 0) << "a part of it is in the picture";
+  EXPECT_DOUBLE_EQ(camera.diameter_px({0, 0, 10}, 1), 500) << "around the eye: the whole picture";
+  EXPECT_NEAR(camera.max_px_per_unit({0, 0, 0}, 1), focal / 9, 0.01);
+  EXPECT_TRUE(std::isinf(camera.max_px_per_unit({0, 0, 9.5F}, 1)));
+}
+
+TEST(Camera, LookingFromAPlaceIsTheViewThatWasAskedFor) {
+  for (const Camera::Up up : {Camera::Up::kX, Camera::Up::kY, Camera::Up::kZ}) {
+    Camera camera;
+    camera.set_up(up);
+    for (const glm::vec3 eye : {glm::vec3(3, 1, 2), glm::vec3(-2, 4, -1), glm::vec3(0.5F, -3, 1)}) {
+      camera.look_from(eye, {0.5F, 0.25F, -1});
+      EXPECT_NEAR(glm::length(camera.position() - eye), 0, 1e-4);
+      EXPECT_EQ(camera.target(), glm::vec3(0.5F, 0.25F, -1));
+    }
+  }
+}
+
 }  // namespace
 }  // namespace eigencast

@@ -10,8 +10,8 @@
 
 #include "common/asset/format.h"
 #include "common/reconstruction/level_triangles.h"
-#include "tests/unit/client/baked_heart.h"
-#include "tests/unit/client/offscreen_pictures.h"
+#include "tests/unit/view/baked_heart.h"
+#include "tests/unit/view/offscreen_pictures.h"
 #include "view/surface_view.h"
 
 namespace eigencast {
@@ -22,7 +22,7 @@ using testing::baked_heart;
 constexpr TimeUs kFrame = 16'667;
 
 TEST(LevelTriangles, AnyWalkGivesTheTrianglesOfTheLevelAndSaysWhichBlocksChanged) {
-  const Asset& asset = baked_heart()->asset;
+  const Asset& asset = baked_heart();
   LevelTriangles levels;
   std::vector<std::uint32_t> triangles, copy;
   EXPECT_TRUE(levels.update(asset, triangles));
@@ -48,7 +48,7 @@ TEST(LevelTriangles, AnyWalkGivesTheTrianglesOfTheLevelAndSaysWhichBlocksChanged
 }
 
 TEST(LevelTriangles, AStepTouchesTheFacesOfItsVerticesOnly) {
-  const Asset& asset = baked_heart()->asset;
+  const Asset& asset = baked_heart();
   LevelTriangles levels;
   std::vector<std::uint32_t> triangles;
   levels.update(asset, triangles);
@@ -62,7 +62,7 @@ TEST(LevelTriangles, AStepTouchesTheFacesOfItsVerticesOnly) {
 }
 
 TEST(LevelTriangles, FollowAnAssetThatArrives) {
-  const auto bytes = encode_asset(baked_heart()->asset, {.first_chunk_rows = 256});
+  const auto bytes = encode_asset(baked_heart(), {.first_chunk_rows = 256});
   ASSERT_TRUE(bytes);
   auto reader = AssetReader::from_manifest(bytes->manifest.id, bytes->manifest.bytes);
   ASSERT_TRUE(reader);
@@ -174,7 +174,7 @@ TEST(LevelMorphs, PlacesFollowChainsOfVerticesThatMoveThemselves) {
 }
 
 TEST(LevelMorphs, ASurfaceWhoseVerticesJustCameLooksAsWithoutThem) {
-  const Asset& asset = baked_heart()->asset;
+  const Asset& asset = baked_heart();
   const std::uint32_t N = asset.vertex_count / 5, more = asset.vertex_count / 2;
   Reconstructor reconstructor;
   reconstructor.update(asset);
@@ -202,9 +202,8 @@ TEST(LevelMorphs, ASurfaceWhoseVerticesJustCameLooksAsWithoutThem) {
 
 /// The heart in a pose that stands still.
 struct PausedHeart {
-  explicit PausedHeart(bool morph = true)
-      : source(baked_heart(), 0.3, [this] { return now; }), view({.playout = {}, .morph = morph}) {
-    view.receive(source, source.poll({}));
+  explicit PausedHeart(bool morph = true) : source(baked_heart()), view({.playout = {}, .morph = morph}) {
+    view.receive(source, {testing::heart_pose(0.3, now)});
     view.advance(source, now);
     view.set_paused(true);
   }
@@ -213,14 +212,14 @@ struct PausedHeart {
     return view.advance(source, now += step);
   }
   TimeUs now = 1'000'000;
-  ClipSource source;
+  testing::FakeSource source;
   SurfaceView view;
 };
 
 TEST(ProgressiveSurfaces, DownAndUpGivesTheSameBuffers) {
   PausedHeart still;
   const SurfaceGeometry full = still.view.geometry();
-  ASSERT_EQ(full.vertex_count(), baked_heart()->asset.vertex_count);
+  ASSERT_EQ(full.vertex_count(), baked_heart().vertex_count);
   for (const double fraction : {0.5, 0.52, 0.1, 0.3, 0.05, 1.0}) {
     int frames = 0;
     while (still.turn(fraction)) ASSERT_LT(++frames, 40);
@@ -244,7 +243,7 @@ TEST(ProgressiveSurfaces, OfAPoseThatStandsOnlyTheNewRowsAreRebuilt) {
   still.view.lod().set_fraction(0.5);
   ASSERT_TRUE(still.view.prepare(still.source, still.now += kFrame));
   EXPECT_EQ(still.view.job(*still.source.asset()).first, before);
-  EXPECT_EQ(still.view.job(*still.source.asset()).vertices(), baked_heart()->asset.vertex_count / 2);
+  EXPECT_EQ(still.view.job(*still.source.asset()).vertices(), baked_heart().vertex_count / 2);
 }
 
 /// What changes from one picture to the next while the level goes from one to another and nothing else does.
@@ -265,7 +264,7 @@ Smoothness go_over(Renderer& renderer, bool morph, double from, double to, bool 
   camera.set_view("iso");
   const auto& f = still.view.facts();
   camera.set_scene({f.low[0], f.low[1], f.low[2]}, {f.high[0], f.high[1], f.high[2]});
-  if (size_known) still.view.set_px_per_unit(camera.most_px_per_unit(camera.target(), camera.scene_radius()));
+  if (size_known) still.view.set_px_per_unit(camera.max_px_per_unit(camera.target(), camera.scene_radius()));
   const auto picture = [&] {
     renderer.upload(0, still.view.geometry());
     return renderer.picture(camera, {}, kWidth, kHeight).value();

@@ -7,7 +7,7 @@
 #include <cmath>
 #include <limits>
 
-#include "tests/unit/client/fake_source.h"
+#include "tests/unit/view/fake_source.h"
 #include "view/colour_map.h"
 
 namespace eigencast {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "view/card_rebuilder.h"
+#include "view/gpu_rebuilder.h"
 
 #include <algorithm>
 #include <array>
@@ -10,10 +10,10 @@
 #include <utility>
 #include <vector>
 
-#include "view/card_basis.h"
-#include "view/card_shaders.h"
 #include "view/gl_objects.h"
 #include "view/gl_surface.h"
+#include "view/gpu_basis.h"
+#include "view/gpu_shaders.h"
 
 namespace eigencast {
 namespace {
@@ -79,7 +79,7 @@ int generations(const LevelMorph& level, std::span<const std::uint32_t> map) {
 
 }  // namespace
 
-class CardRebuilder::Impl {
+class GpuRebuilder::Impl {
  public:
   explicit Impl(bool finish) : finish_(finish) {}
   Result<void> init();
@@ -89,20 +89,20 @@ class CardRebuilder::Impl {
  private:
   struct Basis {
     std::weak_ptr<const Reconstructor> of;
-    std::unique_ptr<CardBasis> card;
+    std::unique_ptr<GpuBasis> gpu;
   };
   /// The textures that shaders read buffers through, each with its name there.
   enum Unit : GLuint { kFloats, kIntegers, kC, kPlaces, kWeights, kParents, kCorners, kFrames, kRest, kUnits };
   static constexpr GLuint kSumsUnit = kUnits;
 
-  CardBasis& basis_of(const RebuildJob& job);
+  GpuBasis& basis_of(const RebuildJob& job);
   void read(Unit unit, GLenum format, const GlBuffer& buffer) { read(unit, format, buffer.id()); }
   void read(Unit unit, GLenum format, GLuint buffer);
   void read_level(const RebuildJob& job);
   void keep(const GlBuffer& buffer, GLsizei bytes, std::uint32_t first, std::uint32_t end);
-  void make_places(const RebuildJob& job, CardSurface& card);
-  void make_normals(const RebuildJob& job, CardSurface& card);
-  const Sums& sum_over_faces(const RebuildJob& job, CardSurface& card);
+  void make_positions(const RebuildJob& job, GpuSurface& gpu);
+  void make_normals(const RebuildJob& job, GpuSurface& gpu);
+  const Sums& sum_over_faces(const RebuildJob& job, GpuSurface& gpu);
 
   bool finish_;
   std::size_t most_texels_ = 0;
@@ -116,7 +116,7 @@ class CardRebuilder::Impl {
   CpuRebuilder cpu_;
 };
 
-Result<void> CardRebuilder::Impl::init() {
+Result<void> GpuRebuilder::Impl::init() {
   GLint most = 0;
   glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &most);
   most_texels_ = static_cast<std::size_t>(most);
@@ -130,7 +130,7 @@ Result<void> CardRebuilder::Impl::init() {
   };
   const std::array<Source, 6> sources{
       Source{places_, "places", shaders::kPlaces, "", {"place"}},
-      Source{blend_, "levels", level + shaders::kBlendPlaces + shaders::kBlend, "", {"place"}},
+      Source{blend_, "levels", level + shaders::kBlendPositions + shaders::kBlend, "", {"place"}},
       Source{face_normals_, "face normals", version + shaders::kPixel + shaders::kFaceNormals, shaders::kPart, {}},
       Source{share_, "shared normals", level + shaders::kPixel + shaders::kShare, shaders::kPart, {}},
       Source{mesh_normals_, "normals", unit + shaders::kMeshNormals + shaders::kBlend, "", {"normal"}},
@@ -151,30 +151,30 @@ Result<void> CardRebuilder::Impl::init() {
   return {};
 }
 
-bool CardRebuilder::Impl::fits(const Asset& asset) const {
+bool GpuRebuilder::Impl::fits(const Asset& asset) const {
   GLint side = 0;
   glGetIntegerv(GL_MAX_TEXTURE_SIZE, &side);
-  return asset.detail.size() == 0 && CardBasis::texels(asset) <= most_texels_ &&
+  return asset.detail.size() == 0 && GpuBasis::texels(asset) <= most_texels_ &&
          std::size_t{asset.face_total} * 3 <= most_texels_ &&
          asset.vertex_count <= static_cast<std::size_t>(side) * kSumsWidth;
 }
 
-CardBasis& CardRebuilder::Impl::basis_of(const RebuildJob& job) {
+GpuBasis& GpuRebuilder::Impl::basis_of(const RebuildJob& job) {
   std::erase_if(bases_, [](const auto& entry) { return entry.second.of.expired(); });
   Basis& basis = bases_[job.basis.get()];
-  if (!basis.card) basis = {job.basis, std::make_unique<CardBasis>()};
-  basis.card->update(*job.asset, job.basis->tiles());
-  return *basis.card;
+  if (!basis.gpu) basis = {job.basis, std::make_unique<GpuBasis>()};
+  basis.gpu->update(*job.asset, job.basis->tiles());
+  return *basis.gpu;
 }
 
-void CardRebuilder::Impl::read(Unit unit, GLenum format, GLuint buffer) {
+void GpuRebuilder::Impl::read(Unit unit, GLenum format, GLuint buffer) {
   glActiveTexture(GL_TEXTURE0 + unit);
   glBindTexture(GL_TEXTURE_BUFFER, textures_[unit].id());
   glTexBuffer(GL_TEXTURE_BUFFER, format, buffer);
 }
 
 /// The next program's vertices `first` to `end` are kept in their places of the buffer, `bytes` each; nothing is drawn.
-void CardRebuilder::Impl::keep(const GlBuffer& buffer, GLsizei bytes, std::uint32_t first, std::uint32_t end) {
+void GpuRebuilder::Impl::keep(const GlBuffer& buffer, GLsizei bytes, std::uint32_t first, std::uint32_t end) {
   if (first >= end) return;
   nowhere_.bind();
   glBindBufferRange(GL_TRANSFORM_FEEDBACK_BUFFER, 0, buffer.id(), GLintptr{first} * bytes,
@@ -187,7 +187,7 @@ void CardRebuilder::Impl::keep(const GlBuffer& buffer, GLsizei bytes, std::uint3
   glBindBufferBase(GL_TRANSFORM_FEEDBACK_BUFFER, 0, 0);
 }
 
-void CardRebuilder::Impl::read_level(const RebuildJob& job) {
+void GpuRebuilder::Impl::read_level(const RebuildJob& job) {
   const std::uint32_t whole = job.level->whole();
   const std::span<const std::uint32_t> map(job.asset->map);
   weights_.replace(job.level->moving());
@@ -200,10 +200,10 @@ void CardRebuilder::Impl::read_level(const RebuildJob& job) {
   }
 }
 
-void CardRebuilder::Impl::make_places(const RebuildJob& job, CardSurface& card) {
+void GpuRebuilder::Impl::make_positions(const RebuildJob& job, GpuSurface& gpu) {
   const BasisTiles& tiles = job.basis->tiles();
-  const CardBasis& basis = basis_of(job);
-  const CardBasis::Coefficients packed = CardBasis::pack(tiles, job.C, job.channels, job.rank);
+  const GpuBasis& basis = basis_of(job);
+  const GpuBasis::Coefficients packed = GpuBasis::pack(tiles, job.C, job.channels, job.rank);
   coefficients_.replace(std::span<const float>(packed.values));
   read(kFloats, GL_RGBA32F, basis.floats());
   read(kIntegers, GL_RGBA16I, basis.integers());
@@ -213,32 +213,32 @@ void CardRebuilder::Impl::make_places(const RebuildJob& job, CardSurface& card) 
   places_.set("integer_groups", static_cast<int>(packed.integer_groups));
   places_.set("float_stride", static_cast<int>(basis.float_groups()));
   places_.set("integer_stride", static_cast<int>(basis.integer_groups()));
-  card.places.reserve(std::size_t{job.asset->vertex_count} * CardSurface::kPlaceBytes, GL_DYNAMIC_COPY);
-  keep(card.places, CardSurface::kPlaceBytes, job.first, job.vertices());
+  gpu.places.reserve(std::size_t{job.asset->vertex_count} * GpuSurface::kPositionBytes, GL_DYNAMIC_COPY);
+  keep(gpu.places, GpuSurface::kPositionBytes, job.first, job.vertices());
 
-  card.moving = !job.level->moving().empty();
-  if (!card.moving) return;
-  read(kPlaces, GL_RGBA32F, card.places);
+  gpu.moving = !job.level->moving().empty();
+  if (!gpu.moving) return;
+  read(kPlaces, GL_RGBA32F, gpu.places);
   const std::uint32_t whole = job.level->whole();
-  card.positions.reserve(card.places.bytes(), GL_DYNAMIC_COPY);
-  glBindBuffer(GL_COPY_READ_BUFFER, card.places.id());
-  glBindBuffer(GL_COPY_WRITE_BUFFER, card.positions.id());
-  glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0, GLsizeiptr{whole} * CardSurface::kPlaceBytes);
+  gpu.positions.reserve(gpu.places.bytes(), GL_DYNAMIC_COPY);
+  glBindBuffer(GL_COPY_READ_BUFFER, gpu.places.id());
+  glBindBuffer(GL_COPY_WRITE_BUFFER, gpu.positions.id());
+  glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0, GLsizeiptr{whole} * GpuSurface::kPositionBytes);
   blend_.use();
-  keep(card.positions, CardSurface::kPlaceBytes, whole, job.vertices());
+  keep(gpu.positions, GpuSurface::kPositionBytes, whole, job.vertices());
 }
 
-const Sums& CardRebuilder::Impl::sum_over_faces(const RebuildJob& job, CardSurface& card) {
+const Sums& GpuRebuilder::Impl::sum_over_faces(const RebuildJob& job, GpuSurface& gpu) {
   const std::uint32_t N = job.vertices(), whole = job.level->whole();
   sums_.reserve(N);
-  read(kPlaces, GL_RGBA32F, card.drawn());
-  read(kCorners, GL_R32I, card.triangles.buffer());
+  read(kPlaces, GL_RGBA32F, gpu.drawn());
+  read(kCorners, GL_R32I, gpu.triangles.buffer());
   sums_.bind();
   Sums::clear();
   face_normals_.use();
   face_normals_.set("size", sums_.size());
-  glDrawArrays(GL_POINTS, 0, card.triangles.count());
-  if (!card.moving) return sums_;
+  glDrawArrays(GL_POINTS, 0, gpu.triangles.count());
+  if (!gpu.moving) return sums_;
   shared_.reserve(N);
   shared_.bind();
   Sums::clear();
@@ -253,26 +253,26 @@ const Sums& CardRebuilder::Impl::sum_over_faces(const RebuildJob& job, CardSurfa
   return shared_;
 }
 
-void CardRebuilder::Impl::make_normals(const RebuildJob& job, CardSurface& card) {
-  card.has_normals = !job.asset->is_point_cloud() || job.asset->splats.size() >= job.vertices();
-  if (!card.has_normals) return;
-  card.normals.reserve(std::size_t{job.asset->vertex_count} * CardSurface::kNormalBytes, GL_DYNAMIC_COPY);
+void GpuRebuilder::Impl::make_normals(const RebuildJob& job, GpuSurface& gpu) {
+  gpu.has_normals = !job.asset->is_point_cloud() || job.asset->splats.size() >= job.vertices();
+  if (!gpu.has_normals) return;
+  gpu.normals.reserve(std::size_t{job.asset->vertex_count} * GpuSurface::kNormalBytes, GL_DYNAMIC_COPY);
   if (job.asset->is_point_cloud()) {
-    const CardBasis& basis = basis_of(job);
-    read(kPlaces, GL_RGBA32F, card.places);
+    const GpuBasis& basis = basis_of(job);
+    read(kPlaces, GL_RGBA32F, gpu.places);
     read(kFrames, GL_RG32I, basis.frames());
     read(kRest, GL_RGBA32F, basis.disc_normals());
     disc_normals_.use();
   } else {
-    const Sums& sums = sum_over_faces(job, card);
+    const Sums& sums = sum_over_faces(job, gpu);
     glActiveTexture(GL_TEXTURE0 + kSumsUnit);
     glBindTexture(GL_TEXTURE_2D, sums.texture());
     mesh_normals_.use();
   }
-  keep(card.normals, CardSurface::kNormalBytes, 0, job.vertices());
+  keep(gpu.normals, GpuSurface::kNormalBytes, 0, job.vertices());
 }
 
-SurfaceRebuilder::Cost CardRebuilder::Impl::rebuild(std::span<const RebuildJob> jobs) {
+SurfaceRebuilder::Cost GpuRebuilder::Impl::rebuild(std::span<const RebuildJob> jobs) {
   Cost cost;
   glBindVertexArray(array_.id());
   auto spent = [this, since = steady_now_us()]() mutable {
@@ -289,14 +289,14 @@ SurfaceRebuilder::Cost CardRebuilder::Impl::rebuild(std::span<const RebuildJob> 
       spent();
       continue;
     }
-    if (!geometry.card) geometry.card = std::make_shared<CardSurface>();
-    geometry.card_vertices = job.vertices();
+    if (!geometry.gpu) geometry.gpu = std::make_shared<GpuSurface>();
+    geometry.gpu_vertices = job.vertices();
     read_level(job);
-    make_places(job, *geometry.card);
+    make_positions(job, *geometry.gpu);
     cost.positions_us += spent();
-    geometry.card->triangles.follow(geometry);
+    geometry.gpu->triangles.follow(geometry);
     if (job.asset->is_point_cloud() && job.level_changed) fill_radii(*job.asset, *job.level, geometry);
-    make_normals(job, *geometry.card);
+    make_normals(job, *geometry.gpu);
     cost.normals_us += spent();
   }
   glDisable(GL_BLEND);
@@ -305,40 +305,39 @@ SurfaceRebuilder::Cost CardRebuilder::Impl::rebuild(std::span<const RebuildJob> 
   return cost;
 }
 
-CardRebuilder::CardRebuilder(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
-CardRebuilder::~CardRebuilder() = default;
+GpuRebuilder::GpuRebuilder(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+GpuRebuilder::~GpuRebuilder() = default;
 
-Result<std::unique_ptr<CardRebuilder>> CardRebuilder::create(bool finish) {
-  if (epoxy_gl_version() < 33)
-    return fail(ErrorCode::kUnsupported, "rebuilding surfaces on the graphics card takes OpenGL 3.3");
+Result<std::unique_ptr<GpuRebuilder>> GpuRebuilder::create(bool finish) {
+  if (epoxy_gl_version() < 33) return fail(ErrorCode::kUnsupported, "rebuilding surfaces on the GPU takes OpenGL 3.3");
   auto impl = std::make_unique<Impl>(finish);
   if (const Result<void> ready = impl->init(); !ready) return ready.error();
-  return std::unique_ptr<CardRebuilder>(new CardRebuilder(std::move(impl)));
+  return std::unique_ptr<GpuRebuilder>(new GpuRebuilder(std::move(impl)));
 }
 
-SurfaceRebuilder::Cost CardRebuilder::rebuild(std::span<const RebuildJob> jobs) {
+SurfaceRebuilder::Cost GpuRebuilder::rebuild(std::span<const RebuildJob> jobs) {
   return impl_->rebuild(jobs);
 }
 
-bool CardRebuilder::fits(const Asset& asset) const {
+bool GpuRebuilder::fits(const Asset& asset) const {
   return impl_->fits(asset);
 }
 
 ReadBack read_back(const SurfaceGeometry& geometry) {
-  assert(geometry.card);
-  const std::size_t N = geometry.card_vertices;
+  assert(geometry.gpu);
+  const std::size_t N = geometry.gpu_vertices;
   std::vector<float> places(4 * N);
   ReadBack back;
   const auto get = [](const GlBuffer& buffer, std::vector<float>& values) {
     glBindBuffer(GL_COPY_READ_BUFFER, buffer.id());
     glGetBufferSubData(GL_COPY_READ_BUFFER, 0, static_cast<GLsizeiptr>(values.size() * sizeof(float)), values.data());
   };
-  get(geometry.card->drawn(), places);
+  get(geometry.gpu->drawn(), places);
   for (std::size_t i = 0; i < N; ++i)
     back.positions.insert(back.positions.end(), places.begin() + 4 * static_cast<std::ptrdiff_t>(i),
                           places.begin() + 4 * static_cast<std::ptrdiff_t>(i) + 3);
-  back.normals.resize(geometry.card->has_normals ? 3 * N : 0);
-  if (!back.normals.empty()) get(geometry.card->normals, back.normals);
+  back.normals.resize(geometry.gpu->has_normals ? 3 * N : 0);
+  if (!back.normals.empty()) get(geometry.gpu->normals, back.normals);
   return back;
 }
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What the graphics card rebuilds is what the processor does, within the tolerance that CardRebuilder states.
-#include "view/card_rebuilder.h"
+// What the GPU rebuilds is what the processor does, within the tolerance that GpuRebuilder states.
+#include "view/gpu_rebuilder.h"
 
 #include <gtest/gtest.h>
 
@@ -15,10 +15,10 @@
 
 #include "common/surface/shapes.h"
 #include "sdk/bake.h"
-#include "tests/unit/client/baked_heart.h"
-#include "tests/unit/client/fake_source.h"
-#include "tests/unit/client/offscreen_pictures.h"
 #include "tests/unit/reconstruction/coefficient_rounding.h"
+#include "tests/unit/view/baked_heart.h"
+#include "tests/unit/view/fake_source.h"
+#include "tests/unit/view/offscreen_pictures.h"
 #include "view/rebuilder_choice.h"
 
 namespace eigencast {
@@ -57,19 +57,19 @@ std::vector<double> disturbed(const Asset& asset, unsigned seed) {
   return C;
 }
 
-/// Two views of one stream, the one rebuilt by the card, the other by the processor.
-class CardRebuilders : public testing::OffscreenPictures {
+/// Two views of one stream, the one rebuilt by the GPU, the other by the processor.
+class GpuRebuilders : public testing::OffscreenPictures {
  protected:
   void SetUp() override {
     OffscreenPictures::SetUp();
     if (HasFatalFailure()) return;
-    auto made = CardRebuilder::create();
+    auto made = GpuRebuilder::create();
     ASSERT_TRUE(made) << made.error().message;
-    card_ = std::move(*made);
+    gpu_ = std::move(*made);
   }
   void TearDown() override {
-    by_card_.reset();
-    card_.reset();
+    by_gpu_.reset();
+    gpu_.reset();
     OffscreenPictures::TearDown();
   }
 
@@ -78,21 +78,21 @@ class CardRebuilders : public testing::OffscreenPictures {
     source_ = std::make_unique<FakeSource>(std::move(asset));
     source_->info_->epoch = 1;
     source_->info_->asset = "it";
-    by_card_ = std::make_unique<Scene>(std::vector<Placement>(1), SceneOptions());
+    by_gpu_ = std::make_unique<Scene>(std::vector<Placement>(1), SceneOptions());
     by_processor_ = std::make_unique<Scene>(std::vector<Placement>(1), SceneOptions());
-    by_card_->set_rebuilder(card_.get());
-    for (Scene* scene : {by_card_.get(), by_processor_.get()}) scene->receive(0, *source_, {});
+    by_gpu_->set_rebuilder(gpu_.get());
+    for (Scene* scene : {by_gpu_.get(), by_processor_.get()}) scene->receive(0, *source_, {});
   }
   void pose(std::vector<double> C) {
     ReceivedPose pose = sphere_pose(source_->asset_, ++sequence_, now_, 1);
     pose.coefficients = std::move(C);
-    for (Scene* scene : {by_card_.get(), by_processor_.get()}) scene->receive(0, *source_, {pose});
+    for (Scene* scene : {by_gpu_.get(), by_processor_.get()}) scene->receive(0, *source_, {pose});
   }
   bool turn(double fraction, TimeUs step = kFrame) {
     now_ += step;
     PoseSource* const source = source_.get();
     bool changed = false;
-    for (Scene* scene : {by_card_.get(), by_processor_.get()}) {
+    for (Scene* scene : {by_gpu_.get(), by_processor_.get()}) {
       scene->lod().set_fraction(fraction);
       changed |= scene->advance({&source, 1}, now_);
     }
@@ -135,19 +135,19 @@ class CardRebuilders : public testing::OffscreenPictures {
   }
 
   void expect_the_same() {
-    const SurfaceGeometry &card = view(*by_card_).geometry(), &processor = view(*by_processor_).geometry();
-    ASSERT_TRUE(card.card);
-    ASSERT_FALSE(processor.card);
-    EXPECT_TRUE(card.positions.empty());
-    ASSERT_EQ(card.vertex_count(), processor.vertex_count());
-    EXPECT_EQ(card.triangles, processor.triangles);
-    EXPECT_EQ(card.radii, processor.radii);
-    EXPECT_EQ(card.is_point_cloud, processor.is_point_cloud);
-    const ReadBack back = read_back(card);
+    const SurfaceGeometry &gpu = view(*by_gpu_).geometry(), &processor = view(*by_processor_).geometry();
+    ASSERT_TRUE(gpu.gpu);
+    ASSERT_FALSE(processor.gpu);
+    EXPECT_TRUE(gpu.positions.empty());
+    ASSERT_EQ(gpu.vertex_count(), processor.vertex_count());
+    EXPECT_EQ(gpu.triangles, processor.triangles);
+    EXPECT_EQ(gpu.radii, processor.radii);
+    EXPECT_EQ(gpu.is_point_cloud, processor.is_point_cloud);
+    const ReadBack back = read_back(gpu);
     ASSERT_EQ(back.positions.size(), processor.positions.size());
     ASSERT_EQ(back.normals.size(), processor.normals.size());
     const auto tolerance = tolerances();
-    for (std::uint32_t i = 0; i < card.vertex_count(); ++i) {
+    for (std::uint32_t i = 0; i < gpu.vertex_count(); ++i) {
       for (std::size_t d = 0; d < 3; ++d) {
         ASSERT_NEAR(back.positions[3 * i + d], processor.positions[3 * i + d], tolerance[i][d]) << "vertex " << i;
       }
@@ -159,16 +159,16 @@ class CardRebuilders : public testing::OffscreenPictures {
     }
   }
 
-  std::unique_ptr<CardRebuilder> card_;
+  std::unique_ptr<GpuRebuilder> gpu_;
   std::unique_ptr<FakeSource> source_;
-  std::unique_ptr<Scene> by_card_, by_processor_;
+  std::unique_ptr<Scene> by_gpu_, by_processor_;
   std::uint64_t sequence_ = 0;
   TimeUs now_ = 1'000'000;
   std::vector<double> pose_;
   std::vector<std::array<double, 3>> roundings_;  // that each row of pose_ may have met so far
 };
 
-TEST_F(CardRebuilders, MeshesAndCloudsOfEveryKindOfBasisComeOutTheSameAtAnyLevel) {
+TEST_F(GpuRebuilders, MeshesAndCloudsOfEveryKindOfBasisComeOutTheSameAtAnyLevel) {
   for (const bool as_points : {false, true}) {
     for (Asset& asset : std::vector<Asset>{baked("augmented", 1e-4, as_points), baked("harmonic", 1e-4, as_points),
                                            baked("augmented", 0, as_points), sphere_asset(3, as_points)}) {
@@ -186,30 +186,30 @@ TEST_F(CardRebuilders, MeshesAndCloudsOfEveryKindOfBasisComeOutTheSameAtAnyLevel
   }
 }
 
-TEST_F(CardRebuilders, SurfacesWithDetailAreLeftToTheProcessorWithNormalsOfTheirOwn) {
+TEST_F(GpuRebuilders, SurfacesWithDetailAreLeftToTheProcessorWithNormalsOfTheirOwn) {
   show(baked("harmonic", 1e-4, false, DetailKind::kFrames));
-  EXPECT_FALSE(card_->fits(source_->asset_));
+  EXPECT_FALSE(gpu_->fits(source_->asset_));
   turn(0.02, 1'000'000);
   pose(disturbed(source_->asset_, 5));
   for (const double fraction : {0.02, 0.3, 0.1}) {
     // On the way, too.
     for (int picture = 0; turn(fraction) && picture < 5; ++picture) {
-      const SurfaceGeometry &card = view(*by_card_).geometry(), &processor = view(*by_processor_).geometry();
-      ASSERT_FALSE(card.card);
-      EXPECT_EQ(card.positions, processor.positions);
-      EXPECT_EQ(card.normals, processor.normals);
-      ASSERT_EQ(card.normals.size(), card.positions.size());
-      for (std::size_t i = 0; i < card.normals.size(); i += 3)
-        ASSERT_NEAR(std::hypot(card.normals[i], card.normals[i + 1], card.normals[i + 2]), 1, 1e-4F);
+      const SurfaceGeometry &gpu = view(*by_gpu_).geometry(), &processor = view(*by_processor_).geometry();
+      ASSERT_FALSE(gpu.gpu);
+      EXPECT_EQ(gpu.positions, processor.positions);
+      EXPECT_EQ(gpu.normals, processor.normals);
+      ASSERT_EQ(gpu.normals.size(), gpu.positions.size());
+      for (std::size_t i = 0; i < gpu.normals.size(); i += 3)
+        ASSERT_NEAR(std::hypot(gpu.normals[i], gpu.normals[i + 1], gpu.normals[i + 2]), 1, 1e-4F);
     }
   }
   turn(0.3, 1'000'000);
   turn(0.3, 1'000'000);
-  const SurfaceGeometry& geometry = view(*by_card_).geometry();
-  const Reconstructor& basis = view(*by_card_).reconstructor();
+  const SurfaceGeometry& geometry = view(*by_gpu_).geometry();
+  const Reconstructor& basis = view(*by_gpu_).reconstructor();
   const std::uint32_t N = geometry.vertex_count();
   std::vector<float> positions(3 * std::size_t{N}), normals(positions.size()), base(positions.size());
-  const std::span<const double> C = view(*by_card_).coefficients();
+  const std::span<const double> C = view(*by_gpu_).coefficients();
   const PoseToRebuild whole{C, 3, positions, normals};
   basis.rebuild({&whole, 1}, source_->asset_.rank, N);
   basis.combine(C, 3, source_->asset_.rank, N, base);
@@ -220,7 +220,7 @@ TEST_F(CardRebuilders, SurfacesWithDetailAreLeftToTheProcessorWithNormalsOfTheir
   }
 }
 
-TEST_F(CardRebuilders, VerticesOnTheirWayBetweenLevelsAreWhereTheProcessorHasThem) {
+TEST_F(GpuRebuilders, VerticesOnTheirWayBetweenLevelsAreWhereTheProcessorHasThem) {
   for (const bool as_points : {false, true}) {
     show(baked("augmented", 1e-4, as_points));
     turn(0.05, 1'000'000);
@@ -237,7 +237,7 @@ TEST_F(CardRebuilders, VerticesOnTheirWayBetweenLevelsAreWhereTheProcessorHasThe
   }
 }
 
-TEST_F(CardRebuilders, ReceiversOfFewBandsAndSurfacesThatAreStillArrivingToo) {
+TEST_F(GpuRebuilders, ReceiversOfFewBandsAndSurfacesThatAreStillArrivingToo) {
   const Asset& whole = baked("augmented", 1e-4, false);
   show(whole);
   const auto arrive = [&](std::uint32_t rows) {
@@ -258,83 +258,83 @@ TEST_F(CardRebuilders, ReceiversOfFewBandsAndSurfacesThatAreStillArrivingToo) {
   expect_the_same();
 }
 
-TEST_F(CardRebuilders, PicturesLookTheSame) {
+TEST_F(GpuRebuilders, PicturesLookTheSame) {
   for (const bool as_points : {false, true}) {
     show(baked("augmented", 1e-4, as_points));
     pose(disturbed(source_->asset_, 5));
     turn(0.6, 1'000'000);
-    frame(view(*by_card_).facts());
+    frame(view(*by_gpu_).facts());
     camera_.set_viewport(200, 150);
     const auto picture = [&](const Scene& scene) {
       renderer_->upload(0, view(scene).geometry());
       return renderer_->picture(camera_, {}, 200, 150).value();
     };
     int largest = 0;
-    const Picture a = picture(*by_processor_), b = picture(*by_card_);
+    const Picture a = picture(*by_processor_), b = picture(*by_gpu_);
     EXPECT_LT(testing::mean_difference(a, b, &largest), 0.01);
     // The other way round as well: arrays of the one must not stay behind for the other.
     EXPECT_EQ(picture(*by_processor_).rgb, a.rgb);
   }
 }
 
-TEST_F(CardRebuilders, PositionsAreThereForWhoAsksForThem) {
+TEST_F(GpuRebuilders, PositionsAreThereForWhoAsksForThem) {
   show(baked("augmented", 1e-4, false));
   turn(0.2, 1'000'000);
   turn(0.7);
   std::vector<float> room;
-  const std::span<const float> mine = view(*by_card_).positions(room);
+  const std::span<const float> mine = view(*by_gpu_).positions(room);
   const auto& processor = view(*by_processor_).geometry().positions;
   ASSERT_EQ(mine.size(), processor.size());
   for (std::size_t i = 0; i < mine.size(); ++i) ASSERT_NEAR(mine[i], processor[i], 1e-5F);
 }
 
-TEST_F(CardRebuilders, ManyInstancesOfOneAssetHaveEachItsOwnPose) {
-  const auto clip = testing::baked_heart();
-  TimeUs now = 1'000'000;
-  std::vector<std::unique_ptr<ClipSource>> sources;
+TEST_F(GpuRebuilders, ManyInstancesOfOneAssetHaveEachItsOwnPose) {
+  constexpr TimeUs kNow = 1'000'000;
+  std::vector<std::unique_ptr<testing::FakeSource>> sources;
   std::vector<PoseSource*> list;
   std::vector<Placement> placements;
   for (std::size_t i = 0; i < 5; ++i) {
-    sources.push_back(std::make_unique<ClipSource>(clip, 0.17 * static_cast<double>(i), [&now] { return now; }));
+    sources.push_back(std::make_unique<testing::FakeSource>(testing::baked_heart()));
+    sources.back()->batches.push_back({testing::heart_pose(0.17 * static_cast<double>(i), kNow)});
     list.push_back(sources.back().get());
     placements.push_back({i, "", glm::mat4(1)});
   }
-  Scene cards(placements, {}), processors(placements, {});
-  cards.set_rebuilder(card_.get());
+  Scene gpus(placements, {}), processors(placements, {});
+  gpus.set_rebuilder(gpu_.get());
   for (std::size_t i = 0; i < list.size(); ++i) {
     const auto poses = list[i]->poll({});
-    for (Scene* scene : {&cards, &processors}) scene->receive(i, *list[i], poses);
+    for (Scene* scene : {&gpus, &processors}) scene->receive(i, *list[i], poses);
   }
-  for (Scene* scene : {&cards, &processors}) {
+  for (Scene* scene : {&gpus, &processors}) {
     for (std::size_t i = 0; i < list.size(); ++i)
-      scene->instances()[i].view.set_most_vertices(400 + 300 * static_cast<std::uint32_t>(i));
-    ASSERT_TRUE(scene->advance(list, now));
+      scene->instances()[i].view.set_max_vertices(400 + 300 * static_cast<std::uint32_t>(i));
+    ASSERT_TRUE(scene->advance(list, kNow));
   }
   for (std::size_t i = 0; i < list.size(); ++i) {
-    const ReadBack back = read_back(cards.instances()[i].view.geometry());
+    const ReadBack back = read_back(gpus.instances()[i].view.geometry());
     const auto& positions = processors.instances()[i].view.geometry().positions;
     ASSERT_EQ(back.positions.size(), positions.size());
     for (std::size_t k = 0; k < positions.size(); ++k) ASSERT_NEAR(back.positions[k], positions[k], 1e-5F) << i;
     if (i == 0) continue;
-    EXPECT_NE(back.positions[0], read_back(cards.instances()[0].view.geometry()).positions[0]);
+    EXPECT_NE(back.positions[0], read_back(gpus.instances()[0].view.geometry()).positions[0]);
   }
 }
 
-TEST_F(CardRebuilders, WhoIsQuickerIsMeasuredAndWhoIsAskedForIsTaken) {
+TEST_F(GpuRebuilders, WhoIsQuickerIsMeasuredAndWhoIsAskedForIsTaken) {
   const auto cpu = choose_rebuilder(RebuildOn::kCpu, *renderer_, false);
   ASSERT_TRUE(cpu);
-  EXPECT_FALSE(cpu->card);
+  EXPECT_FALSE(cpu->gpu);
   EXPECT_FALSE(cpu->trial);
   const auto gpu = choose_rebuilder(RebuildOn::kGpu, *renderer_, false);
   ASSERT_TRUE(gpu) << gpu.error().message;
-  EXPECT_TRUE(gpu->card);
+  EXPECT_TRUE(gpu->gpu);
   EXPECT_FALSE(gpu->trial);
   const auto measured = choose_rebuilder(RebuildOn::kAuto, *renderer_, false);
   ASSERT_TRUE(measured);
   ASSERT_TRUE(measured->trial);
   EXPECT_GT(measured->trial->cpu_us, 0);
   EXPECT_GT(measured->trial->gpu_us, 0);
-  EXPECT_EQ(measured->card != nullptr, measured->trial->gpu_us < measured->trial->cpu_us);
+  EXPECT_EQ(measured->gpu != nullptr, measured->trial->gpu_us < measured->trial->cpu_us);
 }
 
 }  // namespace

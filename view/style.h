@@ -10,14 +10,18 @@
 
 namespace eigencast {
 
-/// How the scene is drawn: what the user has chosen, in the window or on the command line.
-struct Look {
+/// How surfaces and what is around them are drawn.
+struct DrawStyle {
   bool edges = false, wireframe = false, points = false, grid = true, axes = false;
-  bool transparent = false;  ///< Pictures that are written have no wall behind the scene.
-  bool legend = true;        ///< Where there is one to show.
+  bool transparent = false;  ///< No wall, no grid: what is drawn keeps its alpha, the floor only its shadow.
+  ColourMap colour_map = ColourMap::kViridis;  ///< Of surfaces painted with numbers.
+};
+
+/// What the user has chosen, in the window or on the command line.
+struct Style : DrawStyle {
+  bool legend = true;  ///< Where there is one to show.
   SurfacePainter::Wish colour;
-  ColourMap colour_map = ColourMap::kViridis;
-  std::optional<std::array<float, 2>> colour_range;  ///< Nothing: as the values seen so far.
+  std::optional<std::array<float, 2>> colour_range;  ///< Default: the values seen so far.
 };
 
 /// The colours' meaning, as it is shown beside the surface.

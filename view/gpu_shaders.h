@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-/// GLSL 3.30 of CardRebuilder: vertex shaders whose results are kept, one vertex of the surface each.
+/// GLSL 3.30 of GpuRebuilder: vertex shaders whose results are kept, one vertex of the surface each.
 namespace eigencast::shaders {
 
 /// X = Psi C. The basis lies in tiles of 64 rows, of each tile the columns in groups of four, of each group the rows;
@@ -51,7 +51,7 @@ vec3 blended(int i) {
   return sum + left * value(i);
 }
 )";
-inline constexpr const char* kBlendPlaces = R"(
+inline constexpr const char* kBlendPositions = R"(
 uniform samplerBuffer places;
 vec3 value(int i) { return texelFetch(places, i).xyz; }
 vec3 blended(int i);

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: MIT
+#include "client/level_control.h"
+
+#include <gtest/gtest.h>
+
+#include "tests/unit/view/stage.h"
+
+namespace eigencast {
+namespace {
+
+using testing::at;
+using testing::sphere_asset;
+using testing::Stage;
+
+/// Turns of a machine on which a picture takes fixed + per_vertex x vertices, without a display to wait for.
+double mean_fps_of(Stage& stage, LevelControl& control, const Camera& camera, double fixed, double per_vertex) {
+  TimeUs now = 0;
+  std::optional<FrameWork> last;
+  int frames = 0;
+  TimeUs counted_from = 0;
+  for (; now < 12'000'000; ++frames) {
+    if (counted_from == 0 && now > 6'000'000) counted_from = now, frames = 0;
+    control.choose(stage.scene, stage.list, camera, last);
+    stage.turn(now);
+    const double seconds = fixed + per_vertex * static_cast<double>(stage.scene.vertex_count());
+    now += static_cast<TimeUs>(1e6 * seconds);
+    last = FrameWork{now, seconds};
+  }
+  return frames / (static_cast<double>(now - counted_from) / 1e6);
+}
+
+TEST(Levels, BothResolversHoldTheRateOfAMachineThatFullDetailIsTooMuchFor) {
+  for (const ResolverKind kind : {ResolverKind::kBudget, ResolverKind::kPaper, ResolverKind::kNone}) {
+    Stage stage({sphere_asset(4), sphere_asset(4)}, {at(0, {0, 0, 0}), at(1, {6, 0, -8})});
+    ASSERT_TRUE(stage.turn(0));
+    Camera camera;
+    camera.set_viewport(640, 480);
+    camera.look_from({0, 0, 8}, {2, 0, 0});
+    LevelSettings settings;
+    settings.kind = kind;
+    settings.target_fps = 20;
+    settings.far = 40;
+    LevelControl control(settings);
+    const double fps = mean_fps_of(stage, control, camera, 0.004, 0.146 / 5124);  // 150 ms at full detail
+    if (kind == ResolverKind::kNone) {
+      EXPECT_NEAR(fps, 1 / 0.150, 0.1);
+      EXPECT_EQ(stage.scene.vertex_count(), 5124u);
+      continue;
+    }
+    EXPECT_GT(fps, kind == ResolverKind::kPaper ? 16 : 19.5) << name_of(kind);
+    EXPECT_LT(fps, 24) << name_of(kind) << ": the budget is used";
+    EXPECT_GT(stage.geometry(0).vertex_count(), stage.geometry(1).vertex_count()) << "the near one is finer";
+    EXPECT_GE(stage.geometry(1).vertex_count(), 51u) << "the floor";
+  }
+}
+
+TEST(Levels, TheManualLevelBoundsTheResolver) {
+  Stage stage({sphere_asset(4)}, {at(0, {0, 0, 0})});
+  ASSERT_TRUE(stage.turn(0));
+  stage.scene.lod().set_fraction(0.3);
+  LevelSettings settings;
+  settings.kind = ResolverKind::kBudget;
+  LevelControl control(settings);
+  Camera camera;
+  mean_fps_of(stage, control, camera, 1e-3, 1e-9);
+  EXPECT_NEAR(stage.geometry(0).vertex_count(), 0.3 * 2562, 1);
+  control.set_kind(ResolverKind::kNone);
+  stage.scene.lod().set_fraction(1);
+  control.choose(stage.scene, stage.list, camera, std::nullopt);
+  stage.turn(20'000'000);
+  EXPECT_EQ(stage.geometry(0).vertex_count(), 2562u);
+}
+
+}  // namespace
+}  // namespace eigencast

@@ -1,0 +1,147 @@
+// SPDX-License-Identifier: MIT
+#include "client/options.h"
+
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+
+#include "common/net/url.h"
+#include "sdk/contexts.h"
+#include "tests/support/process.h"
+
+namespace eigencast {
+namespace {
+
+std::variant<ClientOptions, ExitNow> parsed(std::vector<const char*> arguments) {
+  ::setenv("XDG_CONFIG_HOME", "/nonexistent", 0);  // The contexts of whoever runs the tests are not theirs.
+  arguments.insert(arguments.begin(), "eigencast-client");
+  return options_from_command_line(static_cast<int>(arguments.size()), arguments.data());
+}
+
+TEST(Options, DefaultsAndTheQueryDecideUnlessAsked) {
+  EXPECT_TRUE(std::get<ClientOptions>(parsed({})).scene.streams.empty()) << "the window asks";
+  for (const char* name : {"--json", "--report"})
+    EXPECT_EQ(std::get<ClientOptions>(parsed({"--headless", name, "a.json"})).json, "a.json");
+  const auto plain = parsed({"--headless"});
+  ASSERT_TRUE(std::holds_alternative<ClientOptions>(plain));
+  EXPECT_EQ(std::get<ClientOptions>(plain).scene.streams.front(), "ws://127.0.0.1:7490/demo");
+  EXPECT_FALSE(std::get<ClientOptions>(plain).profile);
+  EXPECT_EQ(std::get<ClientOptions>(plain).view_options.playout.delay_us, 0) << "follows the stream";
+  const auto asked =
+      parsed({"ws://h/a?rate=interpolated&k=5", "--form", "compact", "--size", "640x480", "--playout", "estimate"});
+  ASSERT_TRUE(std::holds_alternative<ClientOptions>(asked));
+  const auto& options = std::get<ClientOptions>(asked);
+  ASSERT_TRUE(options.profile);
+  EXPECT_EQ(options.profile->k, 5);
+  EXPECT_EQ(options.profile->form, Profile::Form::kCompact);
+  EXPECT_EQ(options.width, 640);
+  EXPECT_EQ(options.height, 480);
+  EXPECT_EQ(options.view_options.playout.mode, PlayoutMode::kEstimate);
+  const auto estimated = std::get<ClientOptions>(parsed({"--rate", "estimated"}));
+  EXPECT_EQ(estimated.profile->scheme, Profile::Scheme::kDamped) << "the default of its rate";
+  const auto linear = std::get<ClientOptions>(parsed({"--rate", "estimated", "--scheme", "linear", "--k", "5"}));
+  EXPECT_EQ(linear.profile->scheme, Profile::Scheme::kLinear);
+}
+
+TEST(Options, CredentialsComeFromFlagsUrlAndContexts) {
+  const testing::TemporaryFolder folder;
+  ::setenv("XDG_CONFIG_HOME", folder.path().c_str(), 1);
+  Contexts contexts;
+  ASSERT_TRUE(contexts.add({"studio", "wss://studio.example:443/eigencast/v1/subscribe/live/a", {"secret", "ca.pem"}}));
+  ASSERT_TRUE(contexts.save(Contexts::default_path()));
+  const auto options = [](std::vector<const char*> arguments) {
+    return std::get<ClientOptions>(parsed(std::move(arguments)));
+  };
+  EXPECT_EQ(parse_broker_url(options({"live/b"}).scene.streams.front())->shown(),
+            "wss://studio.example:443/eigencast/live/b");
+  EXPECT_EQ(options({"live/b"}).credentials.front().token, "secret");
+  EXPECT_EQ(options({"--token", "mine"}).credentials.front().token, "mine");
+  EXPECT_EQ(options({"--token", "mine", "--insecure"}).credentials.front().ca_file, "ca.pem");
+  EXPECT_TRUE(options({"--insecure"}).credentials.front().insecure);
+  EXPECT_FALSE(options({}).credentials.front().insecure);
+  EXPECT_EQ(options({"ws://other/x"}).credentials.front().token, "") << "another broker's";
+  const auto shown = options({"ws://other/x?access_token=t.o.k&rate=raw"});
+  EXPECT_EQ(shown.scene.streams.front(), "ws://other:7490/x?rate=raw");
+  EXPECT_EQ(shown.credentials.front().token, "t.o.k");
+  EXPECT_EQ(std::get<ExitNow>(parsed({"--context", "none"})).code, kExitUsage);
+  // A token is for one broker: the first, or the context's that is named.
+  const auto tokens = [&](std::vector<const char*> arguments) {
+    std::vector<std::string> all;
+    for (const Credentials& each : options(std::move(arguments)).credentials) all.push_back(each.token);
+    return all;
+  };
+  using Tokens = std::vector<std::string>;
+  EXPECT_EQ(tokens({"--token", "t", "file:heart", "ws://a/x", "wss://a/x", "ws://a:7490/y", "ws://b/x?access_token=u"}),
+            (Tokens{"", "t", "", "t", "u"}));
+  EXPECT_EQ(tokens({"--token", "t", "--context", "studio", "ws://a/x", "live/b"}), (Tokens{"", "t"}));
+  EXPECT_EQ(tokens({"--token", "t", "ws://a/x", "live/b"}), (Tokens{"t", "secret"})) << "the context's own";
+  ::setenv("EIGENCAST_TOKEN", "e", 1);
+  EXPECT_EQ(tokens({"ws://a/x", "ws://b/x"}), (Tokens{"e", ""}));
+  ::unsetenv("EIGENCAST_TOKEN");
+  const auto others =
+      options({"--token", "t", "--cert", "c", "--key", "k", "--ca", "ca", "--insecure", "ws://a/x", "ws://b/x"});
+  EXPECT_EQ(others.credentials[1].certificate_file + others.credentials[1].key_file, "") << "who one is";
+  EXPECT_FALSE(others.credentials[1].insecure);
+  EXPECT_EQ(others.credentials[1].ca_file, "ca") << "whom one trusts";
+  ::unsetenv("XDG_CONFIG_HOME");
+}
+
+TEST(Options, SeveralStreamsAndWhoChoosesTheLevels) {
+  const auto window = std::get<ClientOptions>(parsed({"ws://h/a", "ws://h/b", "--target-fps", "30"}));
+  EXPECT_EQ(window.scene.streams, (std::vector<std::string>{"ws://h/a", "ws://h/b"}));
+  EXPECT_TRUE(window.scene.row);
+  EXPECT_EQ(window.levels.kind, ResolverKind::kBudget);
+  EXPECT_EQ(window.levels.target_fps, 30);
+  EXPECT_FALSE(window.follow_display);
+  EXPECT_TRUE(std::get<ClientOptions>(parsed({})).follow_display);
+  EXPECT_EQ(std::get<ClientOptions>(parsed({"--headless"})).levels.kind, ResolverKind::kNone);
+  EXPECT_EQ(std::get<ClientOptions>(parsed({"--headless", "--resolver", "paper"})).levels.kind, ResolverKind::kPaper);
+}
+
+TEST(Options, ViewTakesFilesAndShapes) {
+  const auto view = std::get<ClientOptions>(parsed({"view", "heart", "a/b.obj", "--lod", "0.5"}));
+  EXPECT_EQ(view.scene.streams, (std::vector<std::string>{"file:heart", "file:a/b.obj"}));
+}
+
+TEST(Options, WrongUsageExitsWithTwo) {
+  const std::vector<std::vector<const char*>> wrong{{"--size", "7"},
+                                                    {"--size", "0x90"},
+                                                    {"--lod", "2"},
+                                                    {"--rate", "fast"},
+                                                    {"--k", "99"},
+                                                    {"--k", "3", "--rate", "raw"},
+                                                    {"--rate", "raw", "--scheme", "linear"},
+                                                    {"ws://h/a?rate=raw", "--form", "full"},
+                                                    {"--scheme", "catmull-rom", "--form", "compact"},
+                                                    {"--rate", "estimated", "--scheme", "hermite"},
+                                                    {"--nonsense"},
+                                                    {"view"},
+                                                    {"--resolver", "x"},
+                                                    {"--target-fps", "0"},
+                                                    {"--scene", "/nonexistent.json"},
+                                                    {"--colour", "red"},
+                                                    {"--colour", "channel"},
+                                                    {"--colour", "channel:2"},
+                                                    {"--colour", "speed:3"},
+                                                    {"--colour-map", "jet"},
+                                                    {"--colour-range", "2,1"},
+                                                    {"ws://h/a", "--scene", "/nonexistent.json"},
+                                                    {"ws://h/a", "ftp://x/y"},
+                                                    {"ftp://x/y"},
+                                                    {"--out", "x"},
+                                                    {"--headless", "--watch"},
+                                                    {"--playout", "x"},
+                                                    {"--smooth", "0.5"},
+                                                    {"--playout", "estimate", "--smooth", "1.5"},
+                                                    {"--playout", "estimate", "--smooth", "0.5", "--delay", "9"},
+                                                    {"ws://h/a?rate=x"}};
+  for (const auto& arguments : wrong) {
+    const auto result = parsed(arguments);
+    ASSERT_TRUE(std::holds_alternative<ExitNow>(result)) << arguments[0];
+    EXPECT_EQ(std::get<ExitNow>(result).code, kExitUsage) << arguments[0];
+  }
+  EXPECT_EQ(std::get<ExitNow>(parsed({"--help"})).code, kExitGood);
+}
+
+}  // namespace
+}  // namespace eigencast
