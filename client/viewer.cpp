@@ -52,6 +52,7 @@ Result<void> Viewer::open(std::span<PoseSource* const> sources) {
   const int height = remembered ? settings_.height : options_.height;
   const std::string first = options_.scene.streams.empty() ? "" : shown_name(options_.scene.streams.front());
   if (const auto opened = window_.open(width, height, title_for(first), remembered); !opened) return opened;
+  window_.make_current();
   Result<std::unique_ptr<Renderer>> renderer = Renderer::create();
   if (!renderer) return renderer.error();
   renderer_ = std::move(*renderer);
@@ -314,9 +315,9 @@ void Viewer::on_resize(int width_px, int height_px) {
   camera_.set_viewport(width_, height_);
 }
 
-void Viewer::on_key(const std::string& name, bool repeated) {
+void Viewer::on_key(const std::string& name, const Modifiers& modifiers, bool repeated) {
   if (overlay_ && overlay_->wants_keys()) return;
-  const std::optional<Action> wanted = action_for_key(name);
+  const std::optional<Action> wanted = action_for_key(name, modifiers);
   const bool repeats = wanted == Action::kFiner || wanted == Action::kCoarser || wanted == Action::kSmoother ||
                        wanted == Action::kMoreLive;
   if (!wanted || (repeated && !repeats)) return;

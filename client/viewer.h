@@ -7,12 +7,12 @@
 #include <vector>
 
 #include "client/camera_path.h"
-#include "client/glfw_window.h"
 #include "client/open_source.h"
 #include "client/session.h"
 #include "client/settings.h"
 #include "client/ui/panel.h"
 #include "client/viewer_state.h"
+#include "view/glfw_window.h"
 #include "view/overlay.h"
 #include "view/renderer.h"
 
@@ -41,8 +41,8 @@ class Viewer final : public WindowListener {
 
  private:
   void on_resize(int width_px, int height_px) override;
-  void on_anything() override { redraw_ = kRedrawsAfterInput; }
-  void on_key(const std::string& name, bool repeated) override;
+  void on_event() override { redraw_ = kRedrawsAfterInput; }
+  void on_key(const std::string& name, const Modifiers& modifiers, bool repeated) override;
   void on_drag(Drag drag, glm::vec2 by_px) override;
   void on_wheel(float steps, glm::vec2 at_px) override;
   void on_double_click(glm::vec2 at_px) override;
@@ -70,7 +70,7 @@ class Viewer final : public WindowListener {
   const ClientOptions options_;
   const OpenSource open_;
   const LogSink log_;
-  GlfwWindow window_;
+  GlfwWindow window_{"--headless --frames 90 --out DIR writes pictures instead"};
   // Renderer, rebuilder and overlay need the window's context when they go.
   std::unique_ptr<Renderer> renderer_;
   RebuilderChoice rebuilder_;

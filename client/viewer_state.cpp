@@ -13,6 +13,7 @@ namespace {
 struct KeyBinding {
   std::string_view key;
   Action action;
+  Modifiers modifiers = {};
 };
 constexpr std::array<KeyBinding, 35> kBindings{{{"R", Action::kResetCamera},
                                                 {"Home", Action::kResetCamera},
@@ -43,10 +44,10 @@ constexpr std::array<KeyBinding, 35> kBindings{{{"R", Action::kResetCamera},
                                                 {"Tab", Action::kPanel},
                                                 {"Y", Action::kTurntable},
                                                 {"K", Action::kRecord},
-                                                {"Shift+S", Action::kCleanScreenshot},
-                                                {"Shift+F12", Action::kCleanScreenshot},
-                                                {"Ctrl+C", Action::kCopyCamera},
-                                                {"Ctrl+V", Action::kPaste},
+                                                {"S", Action::kCleanScreenshot, {true, false}},
+                                                {"F12", Action::kCleanScreenshot, {true, false}},
+                                                {"C", Action::kCopyCamera, {false, true}},
+                                                {"V", Action::kPaste, {false, true}},
                                                 {"Escape", Action::kQuit},
                                                 {"Q", Action::kQuit}}};
 
@@ -172,9 +173,11 @@ void ViewerState::apply(Action action, Camera& camera, LevelOfDetail& lod) {
   }
 }
 
-std::optional<Action> action_for_key(std::string_view key) {
-  const auto binding =
-      std::find_if(kBindings.begin(), kBindings.end(), [&](const KeyBinding& b) { return b.key == key; });
+std::optional<Action> action_for_key(std::string_view key, const Modifiers& modifiers) {
+  const bool shift = modifiers.shift && !modifiers.control && (key == "S" || key == "F12");
+  const auto binding = std::find_if(kBindings.begin(), kBindings.end(), [&](const KeyBinding& b) {
+    return b.key == key && b.modifiers.control == modifiers.control && b.modifiers.shift == shift;
+  });
   if (binding == kBindings.end()) return std::nullopt;
   return binding->action;
 }

@@ -8,6 +8,7 @@
 #include "client/level_control.h"
 #include "common/motion/playout.h"
 #include "view/camera.h"
+#include "view/glfw_window.h"
 #include "view/level_of_detail.h"
 #include "view/overlay.h"
 #include "view/style.h"
@@ -63,9 +64,9 @@ struct ViewerState {
   void apply(Action action, Camera& camera, LevelOfDetail& lod);
 };
 
-/// The action of a key: upper-case letters, '+', '-', ',', '.', ' ', or a name ("Home", "Tab", "F1", "F12", "Escape"),
-/// with "Ctrl+" before it, or "Shift+" before those of screenshots.
-std::optional<Action> action_for_key(std::string_view key);
+/// The action of a key as WindowListener names it. Shift counts with the keys of screenshots only: elsewhere some
+/// keyboards need it to type a character.
+std::optional<Action> action_for_key(std::string_view key, const Modifiers& modifiers = {});
 
 std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod,
                                  ResolverKind resolver);

@@ -47,12 +47,12 @@ std::optional<Command> command_for_key(std::string_view key, const Modifiers& mo
   return binding->command;
 }
 
-void Hand::press(Button button, const glm::vec2& mouse, const Modifiers& modifiers) {
+void Hand::press(MouseButton button, const glm::vec2& mouse, const Modifiers& modifiers) {
   if (doing_ != Doing::kNothing) return;  // the button that began it ends it
   mouse_ = pressed_ = mouse;
   moved_ = false;
   button_ = button;
-  if (button == Button::kLeft)
+  if (button == MouseButton::kLeft)
     press_left(modifiers);
   else
     doing_ = Doing::kPanning;
@@ -101,7 +101,7 @@ void Hand::move(const glm::vec2& mouse) {
   }
 }
 
-void Hand::release(Button button) {
+void Hand::release(MouseButton button) {
   if (doing_ == Doing::kNothing || button != button_) return;
   if (doing_ == Doing::kChoosing)
     editor_.choose(handles_within(camera_, editor_.handles(), pressed_, mouse_), true);

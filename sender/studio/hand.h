@@ -4,13 +4,9 @@
 #include <string_view>
 
 #include "sender/studio/gizmo.h"
+#include "view/glfw_window.h"
 
 namespace eigencast::studio {
-
-enum class Button { kLeft, kMiddle, kRight };
-struct Modifiers {
-  bool shift = false, control = false;
-};
 
 /// What a key asks for.
 enum class Command {
@@ -32,7 +28,7 @@ enum class Command {
   kHelp,
   kQuit
 };
-/// The command of a key: an upper-case letter, or "Home", "Escape", "Delete", "F1".
+/// The command of a key as WindowListener names it.
 std::optional<Command> command_for_key(std::string_view key, const Modifiers& modifiers);
 
 /// Turns what mouse and keys do into edits and views: a left drag of a handle moves what is chosen, of a knob does what
@@ -43,9 +39,9 @@ class Hand {
   /// Both must outlive it.
   Hand(Editor& editor, Camera& camera) : editor_(editor), camera_(camera) {}
 
-  void press(Button button, const glm::vec2& mouse, const Modifiers& modifiers);
+  void press(MouseButton button, const glm::vec2& mouse, const Modifiers& modifiers);
   void move(const glm::vec2& mouse);
-  void release(Button button);
+  void release(MouseButton button);
   void wheel(float steps);
   /// Does what concerns edit and camera; false for the others, which are the window's.
   bool command(Command command);
@@ -64,7 +60,7 @@ class Hand {
   Camera& camera_;
   Tool tool_ = Tool::kMove;
   Doing doing_ = Doing::kNothing;
-  Button button_ = Button::kLeft;
+  MouseButton button_ = MouseButton::kLeft;
   glm::vec2 mouse_{0}, pressed_{0};
   bool moved_ = false;    ///< Farther than a click does.
   Vec3 held_{};           ///< The handle that is dragged, where it was.

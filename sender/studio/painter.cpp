@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "sender/studio/painter.h"
 
-#define GLFW_INCLUDE_NONE
-#include <GLFW/glfw3.h>
-
 #include <algorithm>
 #include <condition_variable>
 #include <exception>
@@ -38,9 +35,9 @@ class Painter::Impl {
 
   Result<void> start() {
     std::promise<Result<void>> ready;
-    std::future<Result<void>> told = ready.get_future();
+    std::future<Result<void>> opened = ready.get_future();
     thread_ = std::thread([this, &ready] { run(ready); });
-    return told.get();
+    return opened.get();
   }
   void stop() {
     {
@@ -70,8 +67,7 @@ class Painter::Impl {
 
  private:
   void run(std::promise<Result<void>>& ready) {
-    glfwMakeContextCurrent(options_.window);
-    glfwSwapInterval(1);
+    options_.window->make_current();
     const Result<void> opened = open();
     ready.set_value(opened);
     // What cannot be drawn (memory ran out) does not end what a hand is deforming: the next state perhaps can be.
@@ -79,7 +75,7 @@ class Painter::Impl {
     if (opened) guarded_run([this] { draw_until_stopped(); }, failed);
     overlay_.reset();
     renderer_.reset();
-    glfwMakeContextCurrent(nullptr);
+    GlfwWindow::release_current();
   }
 
   Result<void> open() {
@@ -116,7 +112,7 @@ class Painter::Impl {
     draw();
     Renderer::finish();
     const TimeUs drawn_us = steady_now_us();
-    glfwSwapBuffers(options_.window);
+    options_.window->swap();
     const std::lock_guard lock(mutex_);
     ++report_.pictures;
     if (state_.pose != drawn_pose_ && state_.input_us) report_.input_to_drawn_us.add(drawn_us - *state_.input_us);

@@ -9,13 +9,12 @@
 #include "common/core/clock.h"
 #include "common/core/histogram.h"
 #include "common/core/log.h"
+#include "view/glfw_window.h"
 #include "view/markup.h"
 #include "view/overlay.h"
 #include "view/pose_source.h"
 #include "view/renderer.h"
 #include "view/surface_view.h"
-
-struct GLFWwindow;
 
 namespace eigencast::studio {
 
@@ -47,7 +46,7 @@ struct PaintingReport {
 class Painter final {
  public:
   struct Options {
-    GLFWwindow* window = nullptr;  ///< Its context must be current nowhere.
+    GlfwWindow* window = nullptr;  ///< Its context must be current on no thread.
     float scale = 1;               ///< Of text.
     glm::vec3 low{0}, high{0};     ///< One's own surface at rest, with its handles.
     std::vector<std::unique_ptr<PoseSource>> others;

@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "sender/studio/studio.h"
 
-#define GLFW_INCLUDE_NONE
-#include <GLFW/glfw3.h>
-
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -15,16 +12,8 @@
 namespace eigencast::studio {
 namespace {
 
+constexpr const char* kInstead = "--script deforms instead of a hand";
 constexpr TimeUs kHeartbeatUs = 500'000, kFiguresEveryUs = 250'000, kLongestWaitUs = 50'000;
-
-std::string name_of_key(int key) {
-  if (key >= GLFW_KEY_A && key <= GLFW_KEY_Z) return std::string(1, static_cast<char>(key));
-  return key == GLFW_KEY_HOME                                  ? "Home"
-         : key == GLFW_KEY_ESCAPE                              ? "Escape"
-         : key == GLFW_KEY_DELETE || key == GLFW_KEY_BACKSPACE ? "Delete"
-         : key == GLFW_KEY_F1                                  ? "F1"
-                                                               : "";
-}
 
 std::vector<HelpLine> help_of(Tool tool) {
   return {{"left drag", "a handle: move what is chosen; a knob: the tool; else turn the view", ""},
@@ -42,43 +31,7 @@ std::vector<HelpLine> help_of(Tool tool) {
           {"Q", "quit", ""}};
 }
 
-/// GLFW's library and the one window.
-class Window {
- public:
-  ~Window() {
-    if (window_ != nullptr) glfwDestroyWindow(window_);
-    if (library_) glfwTerminate();
-  }
-  Result<void> start() {
-    glfwSetErrorCallback(nullptr);
-    library_ = glfwInit() == GLFW_TRUE;
-    return library_ ? Result<void>() : failure();
-  }
-  Result<void> open(const Options& options) {
-    if (const Result<void> started = start(); !started) return started;
-    glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 3);
-    glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 3);
-    glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
-    glfwWindowHint(GLFW_OPENGL_FORWARD_COMPAT, GLFW_TRUE);
-    window_ = glfwCreateWindow(options.width, options.height, options.title.c_str(), nullptr, nullptr);
-    return window_ != nullptr ? Result<void>() : failure();
-  }
-  GLFWwindow* get() const { return window_; }
-
- private:
-  static Error failure() {
-    const char* why = nullptr;
-    glfwGetError(&why);
-    return fail(ErrorCode::kUnsupported, std::string("no window can be opened: ") +
-                                             (why != nullptr ? why : "unknown reason") +
-                                             ". Without a display, --script deforms instead of a hand");
-  }
-
-  GLFWwindow* window_ = nullptr;
-  bool library_ = false;
-};
-
-class Studio {
+class Studio final : public WindowListener {
  public:
   Studio(const Options& options, deform::Deformer& deformer, deform::ProjectedDeformer& projected, const Asset& asset,
          Publisher& publisher)
@@ -104,22 +57,20 @@ class Studio {
 
  private:
   std::vector<Vec3> in_asset_space(std::span<const Vec3> handles) const;
-  void listen();
-  void take_size();
-  glm::vec2 pixels(double x, double y) const;
-  Modifiers modifiers() const;
+  void on_event() override { redraw_ = true; }
+  void on_resize(int width_px, int height_px) override;
+  void on_key(const std::string& name, const Modifiers& modifiers, bool repeated) override;
+  void on_wheel(float steps, glm::vec2 at_px) override;
+  void on_move(glm::vec2 at_px) override;
+  void on_press(MouseButton button, glm::vec2 at_px, const Modifiers& modifiers) override;
+  void on_release(MouseButton button) override;
   void on_command(Command command);
-  /// Something came from the hand, now.
-  void felt() {
-    input_us_ = steady_now_us();
-    redraw_ = true;
-  }
+  void on_input() { input_us_ = steady_now_us(); }
   Result<void> make_pose();
   void send_if_due();
   void make_surface();
   void show();
   std::vector<std::string> figures() const;
-  static Studio& of(GLFWwindow* window) { return *static_cast<Studio*>(glfwGetWindowUserPointer(window)); }
 
   const Options& options_;
   deform::Deformer& deformer_;
@@ -131,7 +82,7 @@ class Studio {
   Hand hand_;
   LocalSurface local_;
   SendPace pace_;
-  Window window_;
+  GlfwWindow window_{kInstead};
   std::unique_ptr<Painter> painter_;
   int width_ = 0, height_ = 0;
   bool redraw_ = true, received_ = false, cage_ = true, edges_ = false, figures_ = true, help_ = false, quit_ = false;
@@ -164,16 +115,15 @@ Result<void> Studio::open(const LogSink& log) {
     painting.others.push_back(std::move(*source));
     painting.names.push_back(parse_broker_url(wanted.url)->stream);
   }
-  if (const Result<void> opened = window_.open(options_); !opened) return opened;
-  painting.window = window_.get();
+  const Result<void> opened = window_.open(options_.width, options_.height, options_.title);
+  if (!opened) return opened;
+  painting.window = &window_;
+  painting.scale = window_.content_scale();
   painting.log = log;
-  float unused = 1;
-  glfwGetWindowContentScale(window_.get(), &painting.scale, &unused);
-  painting.scale = std::max(painting.scale, 1.0F);
   const auto [low, high] = local_.box();
   if (asset_.up_axis == Asset::UpAxis::kX) camera_.set_up(Camera::Up::kX);
   if (asset_.up_axis == Asset::UpAxis::kZ) camera_.set_up(Camera::Up::kZ);
-  take_size();
+  on_resize(window_.size_px().x, window_.size_px().y);
   frame(camera_, low, high, editor_.rest());
   painting.low = camera_.scene_low();
   painting.high = camera_.scene_high();
@@ -183,61 +133,39 @@ Result<void> Studio::open(const LogSink& log) {
   Result<std::unique_ptr<Painter>> painter = Painter::start(std::move(painting));
   if (!painter) return painter.error();
   painter_ = std::move(*painter);
-  listen();
+  window_.listen(*this);
   return {};
 }
 
-void Studio::listen() {
-  GLFWwindow* window = window_.get();
-  glfwSetWindowUserPointer(window, this);
-  glfwSetFramebufferSizeCallback(window, [](GLFWwindow* w, int, int) { of(w).take_size(); });
-  glfwSetWindowRefreshCallback(window, [](GLFWwindow* w) { of(w).redraw_ = true; });
-  glfwSetCursorPosCallback(window, [](GLFWwindow* w, double x, double y) {
-    of(w).felt();
-    of(w).hand_.move(of(w).pixels(x, y));
-  });
-  glfwSetScrollCallback(window, [](GLFWwindow* w, double, double steps) {
-    of(w).felt();
-    of(w).hand_.wheel(static_cast<float>(steps));
-  });
-  glfwSetMouseButtonCallback(window, [](GLFWwindow* w, int button, int action, int) {
-    of(w).felt();
-    const Button which = button == GLFW_MOUSE_BUTTON_LEFT    ? Button::kLeft
-                         : button == GLFW_MOUSE_BUTTON_RIGHT ? Button::kRight
-                                                             : Button::kMiddle;
-    double x = 0, y = 0;
-    glfwGetCursorPos(w, &x, &y);
-    if (action == GLFW_PRESS)
-      of(w).hand_.press(which, of(w).pixels(x, y), of(w).modifiers());
-    else
-      of(w).hand_.release(which);
-  });
-  glfwSetKeyCallback(window, [](GLFWwindow* w, int key, int, int action, int) {
-    if (action == GLFW_RELEASE) return;
-    of(w).felt();
-    if (const auto command = command_for_key(name_of_key(key), of(w).modifiers())) of(w).on_command(*command);
-  });
-}
-
-void Studio::take_size() {
-  glfwGetFramebufferSize(window_.get(), &width_, &height_);
+void Studio::on_resize(int width_px, int height_px) {
+  width_ = width_px;
+  height_ = height_px;
   if (width_ > 0 && height_ > 0) camera_.set_viewport(width_, height_);
-  redraw_ = true;
 }
 
-/// Mouse places come in window units, which are not pixels on HiDPI screens.
-glm::vec2 Studio::pixels(double x, double y) const {
-  int w = 1, h = 1;
-  glfwGetWindowSize(window_.get(), &w, &h);
-  return {static_cast<float>(x) * static_cast<float>(width_) / static_cast<float>(std::max(w, 1)),
-          static_cast<float>(y) * static_cast<float>(height_) / static_cast<float>(std::max(h, 1))};
+void Studio::on_key(const std::string& name, const Modifiers& modifiers, bool) {
+  on_input();
+  if (const auto command = command_for_key(name, modifiers)) on_command(*command);
 }
 
-Modifiers Studio::modifiers() const {
-  const auto held = [this](int left, int right) {
-    return glfwGetKey(window_.get(), left) == GLFW_PRESS || glfwGetKey(window_.get(), right) == GLFW_PRESS;
-  };
-  return {held(GLFW_KEY_LEFT_SHIFT, GLFW_KEY_RIGHT_SHIFT), held(GLFW_KEY_LEFT_CONTROL, GLFW_KEY_RIGHT_CONTROL)};
+void Studio::on_wheel(float steps, glm::vec2) {
+  on_input();
+  hand_.wheel(steps);
+}
+
+void Studio::on_move(glm::vec2 at_px) {
+  on_input();
+  hand_.move(at_px);
+}
+
+void Studio::on_press(MouseButton button, glm::vec2 at_px, const Modifiers& modifiers) {
+  on_input();
+  hand_.press(button, at_px, modifiers);
+}
+
+void Studio::on_release(MouseButton button) {
+  on_input();
+  hand_.release(button);
 }
 
 void Studio::on_command(Command command) {
@@ -353,14 +281,11 @@ void Studio::show() {
 
 Result<void> Studio::run(const std::function<bool()>& stop) {
   const TimeUs end_us = options_.duration_s > 0 ? steady_now_us() + static_cast<TimeUs>(options_.duration_s * 1e6) : 0;
-  while (!quit_ && glfwWindowShouldClose(window_.get()) == GLFW_FALSE && !stop()) {
+  while (!quit_ && !window_.close_wanted() && !stop()) {
     const TimeUs now_us = steady_now_us();
     if (end_us > 0 && now_us >= end_us) break;
     const TimeUs wait_us = std::clamp<TimeUs>(pace_.due_us(now_us) - now_us, 0, kLongestWaitUs);
-    if (wait_us > 0)
-      glfwWaitEventsTimeout(static_cast<double>(wait_us) * 1e-6);
-    else
-      glfwPollEvents();
+    window_.poll_events(static_cast<double>(wait_us) * 1e-6);
     if (const Result<void> posed = make_pose(); !posed) return posed;
     send_if_due();
     make_surface();
@@ -379,7 +304,7 @@ Result<void> Studio::run(const std::function<bool()>& stop) {
 }  // namespace
 
 Result<void> find_display() {
-  return Window().start();
+  return GlfwWindow(kInstead).start();
 }
 
 Result<Report> run(const Options& options, deform::Deformer& deformer, deform::ProjectedDeformer& projected,

@@ -23,10 +23,10 @@ struct Table {
   glm::vec2 px(const Vec3& p) const { return *camera.pixel_from_scene(glm_from(p)); }
   glm::vec2 px(std::size_t handle) const { return px(editor.handles()[handle]); }
   void drag(const glm::vec2& from, const glm::vec2& to, const Modifiers& modifiers = kNone) {
-    hand.press(Button::kLeft, from, modifiers);
+    hand.press(MouseButton::kLeft, from, modifiers);
     hand.move(0.5F * (from + to));
     hand.move(to);
-    hand.release(Button::kLeft);
+    hand.release(MouseButton::kLeft);
   }
   Camera camera;
   Editor editor;
@@ -178,24 +178,24 @@ TEST(Knobs, RotateTwistAndBendFollowTheMouse) {
 
 TEST(Hand, EscapeGivesADragUp) {
   Table t;
-  t.hand.press(Button::kLeft, t.px(0), kNone);
+  t.hand.press(MouseButton::kLeft, t.px(0), kNone);
   t.hand.move(t.px(0) + glm::vec2(90, 90));
   t.hand.command(Command::kChooseNone);
   EXPECT_EQ(t.editor.handles()[0], (Vec3{2, 0, 0}));
   t.hand.move({10, 10});
-  t.hand.release(Button::kLeft);
+  t.hand.release(MouseButton::kLeft);
   EXPECT_EQ(t.editor.handles()[0], (Vec3{2, 0, 0}));
   EXPECT_FALSE(t.editor.undo());
 }
 
 TEST(Hand, UndoInTheMiddleOfADragWaitsForItsEnd) {
   Table t;
-  t.hand.press(Button::kLeft, t.px(0), kNone);
+  t.hand.press(MouseButton::kLeft, t.px(0), kNone);
   t.hand.move(t.px(0) + glm::vec2(90, 90));
   const Vec3 there = t.editor.handles()[0];
   t.hand.command(Command::kUndo);
   EXPECT_EQ(t.editor.handles()[0], there);
-  t.hand.release(Button::kLeft);
+  t.hand.release(MouseButton::kLeft);
   t.hand.command(Command::kUndo);
   EXPECT_EQ(t.editor.handles()[0], (Vec3{2, 0, 0}));
 }
@@ -219,7 +219,7 @@ TEST(Hand, MarksShowCageChoiceAndRectangle) {
   EXPECT_EQ(edges, 6U) << "each once, though two faces have it";
   EXPECT_EQ(markup.dots.size(), 6U + 3U);
   EXPECT_FALSE(markup.frame);
-  t.hand.press(Button::kLeft, {30, 30}, kShift);
+  t.hand.press(MouseButton::kLeft, {30, 30}, kShift);
   t.hand.move({90, 90});
   EXPECT_TRUE(t.hand.markup(faces).frame);
 }

@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: MIT
-#define GLFW_INCLUDE_NONE
-#include "client/glfw_window.h"
+#include "view/glfw_window.h"
 
+#define GLFW_INCLUDE_NONE
 #include <GLFW/glfw3.h>
 
 #include <algorithm>
+#include <glm/common.hpp>
 #include <glm/geometric.hpp>
 
 namespace eigencast {
@@ -13,7 +14,7 @@ namespace {
 constexpr double kDoubleClickS = 0.35;
 constexpr float kDoubleClickPx = 6;  // at 96 dpi
 
-std::string base_name_of(int key) {
+std::string name_of_key(int key) {
   if ((key >= GLFW_KEY_A && key <= GLFW_KEY_Z) || key == GLFW_KEY_SPACE || key == GLFW_KEY_COMMA ||
       key == GLFW_KEY_PERIOD || key == GLFW_KEY_LEFT_BRACKET || key == GLFW_KEY_RIGHT_BRACKET ||
       key == GLFW_KEY_MINUS || key == GLFW_KEY_EQUAL) {
@@ -28,6 +29,9 @@ std::string base_name_of(int key) {
       return "Home";
     case GLFW_KEY_TAB:
       return "Tab";
+    case GLFW_KEY_DELETE:
+    case GLFW_KEY_BACKSPACE:
+      return "Delete";
     case GLFW_KEY_F1:
       return "F1";
     case GLFW_KEY_F12:
@@ -39,20 +43,8 @@ std::string base_name_of(int key) {
   }
 }
 
-std::string name_of_key(int key, int modifiers) {
-  const std::string name = base_name_of(key);
-  if (name.empty()) return name;
-  if ((modifiers & GLFW_MOD_CONTROL) != 0) return "Ctrl+" + name;
-  // Elsewhere Shift is how some keyboards reach a sign.
-  return (modifiers & GLFW_MOD_SHIFT) != 0 && (name == "S" || name == "F12") ? "Shift+" + name : name;
-}
-
-Error no_window(const char* what_to_do) {
-  const char* why = nullptr;
-  glfwGetError(&why);
-  return fail(ErrorCode::kUnsupported, std::string("no window can be opened: ") +
-                                           (why != nullptr ? why : "unknown reason") + ". " + what_to_do +
-                                           ", --headless --frames 90 --out DIR writes pictures instead");
+Modifiers modifiers_from(int bits) {
+  return {(bits & GLFW_MOD_SHIFT) != 0, (bits & GLFW_MOD_CONTROL) != 0};
 }
 
 GlfwWindow& of(GLFWwindow* window) {
@@ -63,13 +55,25 @@ GlfwWindow& of(GLFWwindow* window) {
 
 GlfwWindow::~GlfwWindow() {
   if (window_ != nullptr) glfwDestroyWindow(window_);
-  if (library_) glfwTerminate();
+  if (started_) glfwTerminate();
+}
+
+Error GlfwWindow::no_window(const std::string& what_to_do) const {
+  const char* why = nullptr;
+  glfwGetError(&why);
+  return fail(ErrorCode::kUnsupported, std::string("no window can be opened: ") +
+                                           (why != nullptr ? why : "unknown reason") + ". " + what_to_do + ", " +
+                                           instead_);
+}
+
+Result<void> GlfwWindow::start() {
+  glfwSetErrorCallback(nullptr);
+  started_ = glfwInit() == GLFW_TRUE;
+  return started_ ? Result<void>() : no_window("Without a display");
 }
 
 Result<void> GlfwWindow::open(int width, int height, const std::string& title, bool shrink) {
-  glfwSetErrorCallback(nullptr);
-  if (glfwInit() != GLFW_TRUE) return no_window("Without a display");
-  library_ = true;
+  if (const Result<void> started = start(); !started) return started;
   if (GLFWmonitor* monitor = glfwGetPrimaryMonitor(); shrink && monitor != nullptr) {
     int room_w = 0, room_h = 0;
     glfwGetMonitorWorkarea(monitor, nullptr, nullptr, &room_w, &room_h);
@@ -80,65 +84,65 @@ Result<void> GlfwWindow::open(int width, int height, const std::string& title, b
   glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
   glfwWindowHint(GLFW_VISIBLE, GLFW_FALSE);
   window_ = glfwCreateWindow(width, height, title.c_str(), nullptr, nullptr);
-  if (window_ == nullptr) {
-    return no_window(
-        "The display must offer OpenGL 3.3: install its graphics driver (Debian: libgl1-mesa-dri); without one");
-  }
+  if (window_ != nullptr) return {};
+  return no_window(
+      "The display must offer OpenGL 3.3: install its graphics driver (Debian: libgl1-mesa-dri); without one");
+}
+
+void GlfwWindow::make_current() const {
   glfwMakeContextCurrent(window_);
   glfwSwapInterval(1);
-  return {};
+}
+
+void GlfwWindow::release_current() {
+  glfwMakeContextCurrent(nullptr);
 }
 
 void GlfwWindow::listen(WindowListener& listener) {
   listener_ = &listener;
   glfwSetWindowUserPointer(window_, this);
-  glfwSetFramebufferSizeCallback(window_, [](GLFWwindow* w, int, int) { of(w).take_size(); });
-  glfwSetWindowContentScaleCallback(window_, [](GLFWwindow* w, float, float) { of(w).take_size(); });
-  glfwSetWindowRefreshCallback(window_, [](GLFWwindow* w) { of(w).listener_->on_anything(); });
-  glfwSetWindowFocusCallback(window_, [](GLFWwindow* w, int) { of(w).listener_->on_anything(); });
-  glfwSetCharCallback(window_, [](GLFWwindow* w, unsigned) { of(w).listener_->on_anything(); });
+  glfwSetFramebufferSizeCallback(window_, [](GLFWwindow* w, int, int) { of(w).report_size(); });
+  glfwSetWindowContentScaleCallback(window_, [](GLFWwindow* w, float, float) { of(w).report_size(); });
+  glfwSetWindowRefreshCallback(window_, [](GLFWwindow* w) { of(w).listener_->on_event(); });
+  glfwSetWindowFocusCallback(window_, [](GLFWwindow* w, int) { of(w).listener_->on_event(); });
+  glfwSetCharCallback(window_, [](GLFWwindow* w, unsigned) { of(w).listener_->on_event(); });
   glfwSetKeyCallback(window_, [](GLFWwindow* w, int key, int, int action, int modifiers) {
-    of(w).listener_->on_anything();
-    const std::string name = name_of_key(key, modifiers);
-    if (action != GLFW_RELEASE && !name.empty()) of(w).listener_->on_key(name, action == GLFW_REPEAT);
+    of(w).listener_->on_event();
+    const std::string name = name_of_key(key);
+    if (action != GLFW_RELEASE && !name.empty())
+      of(w).listener_->on_key(name, modifiers_from(modifiers), action == GLFW_REPEAT);
   });
-  glfwSetMouseButtonCallback(window_, [](GLFWwindow* w, int button, int action, int) {
-    of(w).listener_->on_anything();
-    if (button == GLFW_MOUSE_BUTTON_LEFT && action == GLFW_PRESS) of(w).on_press();
+  glfwSetMouseButtonCallback(window_, [](GLFWwindow* w, int button, int action, int modifiers) {
+    of(w).on_button(button, action == GLFW_PRESS, modifiers);
   });
   glfwSetCursorPosCallback(window_, [](GLFWwindow* w, double x, double y) { of(w).on_cursor(x, y); });
   glfwSetScrollCallback(window_, [](GLFWwindow* w, double, double steps) {
-    of(w).listener_->on_anything();
+    of(w).listener_->on_event();
     of(w).listener_->on_wheel(static_cast<float>(steps), of(w).cursor_);
   });
   glfwSetDropCallback(window_, [](GLFWwindow* w, int count, const char** paths) {
-    of(w).listener_->on_anything();
+    of(w).listener_->on_event();
     of(w).listener_->on_drop(std::vector<std::string>(paths, paths + count));
   });
   glfwShowWindow(window_);
-  take_size();
+  report_size();
 }
 
-void GlfwWindow::take_size() {
-  int width = 0, height = 0;
-  glfwGetFramebufferSize(window_, &width, &height);
-  listener_->on_anything();
-  listener_->on_resize(width, height);
+void GlfwWindow::report_size() {
+  listener_->on_event();
+  listener_->on_resize(size_px().x, size_px().y);
 }
 
-/// Mouse places come in window units, which are not pixels on HiDPI screens.
+/// From window units, which are not pixels on HiDPI screens.
 glm::vec2 GlfwWindow::pixels(double x, double y) const {
-  int window_w = 1, window_h = 1, w = 1, h = 1;
-  glfwGetWindowSize(window_, &window_w, &window_h);
-  glfwGetFramebufferSize(window_, &w, &h);
-  return {static_cast<float>(x) * static_cast<float>(w) / static_cast<float>(std::max(window_w, 1)),
-          static_cast<float>(y) * static_cast<float>(h) / static_cast<float>(std::max(window_h, 1))};
+  return glm::vec2(x, y) * glm::vec2(size_px()) / glm::vec2(glm::max(size(), 1));
 }
 
 void GlfwWindow::on_cursor(double x, double y) {
-  listener_->on_anything();
+  listener_->on_event();
   const glm::vec2 now = pixels(x, y), by = now - cursor_;
   cursor_ = now;
+  listener_->on_move(now);
   const auto held = [this](int button) { return glfwGetMouseButton(window_, button) == GLFW_PRESS; };
   const bool shift =
       glfwGetKey(window_, GLFW_KEY_LEFT_SHIFT) == GLFW_PRESS || glfwGetKey(window_, GLFW_KEY_RIGHT_SHIFT) == GLFW_PRESS;
@@ -148,7 +152,19 @@ void GlfwWindow::on_cursor(double x, double y) {
     listener_->on_drag(WindowListener::Drag::kRotate, by);
 }
 
-void GlfwWindow::on_press() {
+void GlfwWindow::on_button(int button, bool pressed, int modifiers) {
+  listener_->on_event();
+  const MouseButton which = button == GLFW_MOUSE_BUTTON_LEFT    ? MouseButton::kLeft
+                            : button == GLFW_MOUSE_BUTTON_RIGHT ? MouseButton::kRight
+                                                                : MouseButton::kMiddle;
+  if (!pressed) return listener_->on_release(which);
+  double x = 0, y = 0;
+  glfwGetCursorPos(window_, &x, &y);
+  listener_->on_press(which, pixels(x, y), modifiers_from(modifiers));
+  if (which == MouseButton::kLeft) detect_double_click();
+}
+
+void GlfwWindow::detect_double_click() {
   const double now = glfwGetTime();
   const float close = kDoubleClickPx * std::max(content_scale(), pixels_per_unit());
   const bool again = now - pressed_s_ < kDoubleClickS && glm::length(cursor_ - pressed_at_) < close;
@@ -168,7 +184,7 @@ bool GlfwWindow::close_wanted() const {
   return glfwWindowShouldClose(window_) == GLFW_TRUE;
 }
 
-void GlfwWindow::swap() {
+void GlfwWindow::swap() const {
   glfwSwapBuffers(window_);
 }
 
@@ -196,6 +212,12 @@ double GlfwWindow::display_rate_hz() const {
 glm::ivec2 GlfwWindow::size() const {
   glm::ivec2 size{0};
   glfwGetWindowSize(window_, &size.x, &size.y);
+  return size;
+}
+
+glm::ivec2 GlfwWindow::size_px() const {
+  glm::ivec2 size{0};
+  glfwGetFramebufferSize(window_, &size.x, &size.y);
   return size;
 }
 
