@@ -81,6 +81,10 @@ install(FILES deploy/systemd/eigencast-broker.service deploy/systemd/eigencast-b
 install(FILES deploy/eigencast.toml DESTINATION /etc/eigencast COMPONENT broker)
 install(DIRECTORY deploy/nginx deploy/prometheus deploy/grafana DESTINATION share/doc/eigencast-broker/examples COMPONENT broker)
 install(FILES deploy/desktop/eigencast-client.desktop DESTINATION share/applications COMPONENT tools)
+install(FILES examples/publish.c examples/subscribe.c examples/publish.cpp examples/subscribe.cpp
+  DESTINATION share/doc/libeigencast-dev/examples COMPONENT development)
+install(FILES examples/publish.py examples/subscribe.py examples/stress.py examples/painted.py
+  DESTINATION share/doc/python3-eigencast/examples COMPONENT python)
 
 # Every package states its licence and its history, and holds the documents for its users, compressed as Debian wants them. Manual
 # pages and completions come with the programs (eigencast_documents).

@@ -26,11 +26,10 @@ int main(int argc, char** argv) {
         low = std::min(low, surface.positions[3 * v + 1]);
         high = std::max(high, surface.positions[3 * v + 1]);
       }
-      if (i++ % 30 == 0) {
-        std::printf("key %llu%s: %u vertices, %u triangles, height %.3f to %.3f\n",
-                    static_cast<unsigned long long>(surface.sequence), surface.interpolated ? " (between)" : "",
-                    surface.vertex_count, surface.triangle_count, low, high);
-      }
+      std::printf("key %llu%s: %u vertices, %u triangles, height %.3f to %.3f\n",
+                  static_cast<unsigned long long>(surface.sequence), surface.interpolated ? " (between)" : "",
+                  surface.vertex_count, surface.triangle_count, low, high);
+      ++i;
     }
     const auto stats = subscriber.stats();
     std::printf("received %llu keys and %llu interpolated poses, %llu bytes\n",

@@ -1,12 +1,11 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Builds the programs of docs/sdk.md and examples/ against an installed tree; each watches one of another language.
+"""Builds the programs of examples/ against an installed tree; each watches one of another language.
 
 Usage: programs_test.py BUILD_DIR SOURCE_DIR. Exits with 77 where numpy is missing.
 """
 import os
 import pathlib
-import re
 import subprocess
 import sys
 import tempfile
@@ -21,7 +20,8 @@ except ImportError:
 
 BUILD, SOURCE = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])
 WATCHED_BY = {"publish.c": "subscribe.py", "publish.cpp": "subscribe.c", "publish.py": "subscribe.cpp"}
-SHOWN = {"stress.py", "painted.py"}  # in examples/, watched by eigencast-client
+SHOWN = {"stress.py", "painted.py"}  # watched by eigencast-client
+ARGUMENTS = {"publish.cpp": ["10"], "subscribe.cpp": ["30"]}  # seconds, poses
 
 
 def run(command, **more):
@@ -31,22 +31,12 @@ def run(command, **more):
     return done.stdout
 
 
-def programs_of(page):
-    """Name -> text of each block that stands below its file's name."""
-    found = dict(re.findall(r"^`(\w+\.(?:c|cpp|py))`\n\n```\w+\n(.*?)^```$", page.read_text(encoding="utf-8"), re.M | re.S))
-    wanted = set(WATCHED_BY) | set(WATCHED_BY.values())
-    if set(found) != wanted:
-        sys.exit(f"{page} has the programs {sorted(found)}, this test runs {sorted(wanted)}")
-    return found | {name: (SOURCE / "examples" / name).read_text(encoding="utf-8") for name in SHOWN}
-
-
 def commands(folder, prefix, environment):
-    """Builds what is to be built. Name -> command."""
+    """Name of each program -> its command, built where needed."""
     flags = run(["pkg-config", "--cflags", "--libs", "eigencast"], env=environment).split()
     made = {}
-    for name, text in programs_of(SOURCE / "docs/sdk.md").items():
-        source = folder / name
-        source.write_text(text, encoding="utf-8")
+    for name in sorted({*WATCHED_BY, *WATCHED_BY.values(), *SHOWN}):
+        source = SOURCE / "examples" / name
         if name.endswith(".py"):
             made[name] = [sys.executable, source]
             continue
@@ -164,8 +154,8 @@ def main():
             port = port_file.read_text().split()[0]
             for publisher, subscriber in WATCHED_BY.items():
                 url = f"ws://127.0.0.1:{port}/sdk/{publisher}"
-                with subprocess.Popen(made[publisher] + [url], env=environment, stdout=subprocess.PIPE, text=True) as sender:
-                    seen = run(made[subscriber] + [url], env=environment).splitlines()
+                with subprocess.Popen(made[publisher] + [url, *ARGUMENTS.get(publisher, [])], env=environment, stdout=subprocess.PIPE, text=True) as sender:
+                    seen = run(made[subscriber] + [url, *ARGUMENTS.get(subscriber, [])], env=environment).splitlines()
                     said, _ = sender.communicate(timeout=60)
                 if len(seen) < 30 or sender.returncode != 0 or "sent 0 poses" in said:
                     sys.exit(f"{publisher} watched by {subscriber}: {len(seen)} lines; {said}")
