@@ -1,0 +1,88 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: MIT
+"""Checks every Markdown page of the tree. Usage: check_documents.py ROOT
+
+Relative links and their #anchors resolve, lines fit in 120 columns outside code and tables, paths of the tree that a page names exist, and
+docs/architecture.md names every folder.
+"""
+import pathlib
+import re
+import subprocess
+import sys
+
+ROOT = pathlib.Path(sys.argv[1]).resolve()
+WIDTH = 120
+# Folders whose own folders architecture.md need not name.
+WHOLE = ("tests/unit", "tests/fuzz", "tests/golden", "tests/install", "deploy/debian", "sdk/include", "sdk/python", ".ci", ".github")
+
+
+def tracked():
+    """Files of the tree; where it is no git checkout, all that lie there but builds."""
+    listed = subprocess.run(["git", "-C", ROOT, "ls-files", "-z"], capture_output=True, text=True, check=False)
+    if listed.returncode == 0:
+        return [pathlib.PurePath(name) for name in listed.stdout.split("\0") if name]
+    return [path.relative_to(ROOT) for path in ROOT.rglob("*") if path.is_file() and path.relative_to(ROOT).parts[0] not in ("build", ".git")]
+
+
+def prose_of(text):
+    """A page without its code."""
+    return re.sub(r"^```.*?^```$|^ {4}[^\n]*$|`[^`\n]*`", "", text, flags=re.M | re.S)
+
+
+def anchors_of(text):
+    """The anchors that a page's headings get."""
+    found = set()
+    for title in re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```$", "", text, flags=re.M | re.S), re.M):
+        slug = re.sub(r"[^\w\- ]", "", re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", title).lower()).replace(" ", "-")
+        found.add(next(name for name in [slug] + [f"{slug}-{i}" for i in range(1, 99)] if name not in found))
+    return found
+
+
+def link_faults(page, text):
+    for target in re.findall(r"\]\(([^)\s]+)\)", prose_of(text)):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        file = (ROOT / page).parent / path if path else ROOT / page
+        if not file.exists():
+            yield f"{target}: there is no such file"
+        elif anchor and anchor not in anchors_of(file.read_text(encoding="utf-8")):
+            yield f"{target}: there is no such heading"
+
+
+def width_faults(text):
+    fenced = False
+    for number, line in enumerate(text.splitlines(), 1):
+        fenced ^= line.lstrip().startswith("```")
+        if len(line) > WIDTH and not fenced and not line.startswith(("|", "    ", "```", "![", "#")):
+            yield f"line {number}: {len(line)} columns"
+
+
+def path_faults(text, top):
+    """Paths below a folder of the tree's root; an extension may be left out."""
+    for name in sorted(set(re.findall(rf"(?<![\w./~-])(?:{'|'.join(map(re.escape, top))})/[\w./*-]*[\w*]", text))):
+        if not (ROOT / name).exists() and not list(ROOT.glob(name)) and not list(ROOT.glob(name + ".*")):
+            yield f"{name}: there is no such file or folder"
+
+
+def unnamed_folders(files):
+    text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    folders = {str(parent) for file in files for parent in file.parents if str(parent) != "."}
+    for folder in sorted(folders):
+        if not folder.startswith(tuple(whole + "/" for whole in WHOLE)) and folder not in (".ci", ".github") and f"`{folder}`" not in text:
+            yield f"docs/architecture.md: does not name `{folder}`"
+
+
+def main():
+    files = tracked()
+    top = sorted({file.parts[0] for file in files if len(file.parts) > 1})
+    faults = list(unnamed_folders(files))
+    pages = [file for file in files if file.suffix == ".md"]
+    for page in pages:
+        text = (ROOT / page).read_text(encoding="utf-8")
+        faults += [f"{page}: {fault}" for fault in [*link_faults(page, text), *width_faults(text), *path_faults(text, top)]]
+    print("\n".join(faults) or f"{len(pages)} pages are sound")
+    return 1 if faults else 0
+
+
+sys.exit(main())
