@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: MIT
 #include "client/options.h"
 
-#include <CLI/CLI.hpp>
 #include <cmath>
 #include <cstdio>
 #include <map>
+#include <span>
 
 #include "client/clip_source.h"
 #include "client/settings.h"
+#include "common/command_line/command_line.h"
 #include "common/command_line/documents.h"
 #include "common/command_line/shared_options.h"
 #include "common/net/url.h"
@@ -85,26 +86,26 @@ std::string read_style(const RawOptions& raw, Style& style) {
 }
 
 /// The profile that URL and options ask for together; options win.
-Result<std::optional<Profile>> profile_from(const CLI::App& app, const std::string& url, const RawOptions& raw) {
+Result<std::optional<Profile>> profile_from(const CommandLine& line, const std::string& url, const RawOptions& raw) {
   const Result<BrokerUrl> parsed = parse_broker_url(url);
   if (!parsed) return parsed.error();
   const Result<Profile> asked = profile_from_query(parsed->query);
   if (!asked) return asked.error();
-  const std::size_t making = app.count("--k") + app.count("--form") + app.count("--scheme");
-  if (app.count("--rate") + making + app.count("--bands") == 0) return std::optional<Profile>();
+  const bool makes = line.has("--k") || line.has("--form") || line.has("--scheme");
+  if (!makes && !line.has("--rate") && !line.has("--bands")) return std::optional<Profile>();
   Profile profile = *asked;
-  if (app.count("--k") > 0) profile.k = static_cast<std::uint8_t>(raw.k);
-  if (app.count("--bands") > 0) profile.bands = static_cast<std::uint8_t>(raw.bands);
-  if (app.count("--form") > 0) profile.form = raw.form == "compact" ? Profile::Form::kCompact : Profile::Form::kFull;
-  if (app.count("--rate") > 0) {
+  if (line.has("--k")) profile.k = static_cast<std::uint8_t>(raw.k);
+  if (line.has("--bands")) profile.bands = static_cast<std::uint8_t>(raw.bands);
+  if (line.has("--form")) profile.form = raw.form == "compact" ? Profile::Form::kCompact : Profile::Form::kFull;
+  if (line.has("--rate")) {
     const Profile::Rate rate = raw.rate == "raw"         ? Profile::Rate::kRaw
                                : raw.rate == "estimated" ? Profile::Rate::kEstimated
                                                          : Profile::Rate::kInterpolated;
     if (rate != profile.rate) profile.scheme = default_scheme(rate);
     profile.rate = rate;
   }
-  if (app.count("--scheme") > 0) profile.scheme = kSchemes.at(raw.scheme);
-  if (profile.rate == Profile::Rate::kRaw && making > 0) {
+  if (line.has("--scheme")) profile.scheme = kSchemes.at(raw.scheme);
+  if (profile.rate == Profile::Rate::kRaw && makes) {
     return fail(
         ErrorCode::kInvalidArgument,
         "--k, --form and --scheme say how the broker makes poses, but rate raw asks for the keys alone; leave them "
@@ -201,141 +202,116 @@ std::optional<ExitNow> write_documents(const CLI::App& app, const std::vector<st
   return ExitNow{kExitGood};
 }
 
-}  // namespace
+using Choices = std::vector<std::string>;
+using Range = OptionRow::Range;
 
-std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const char* const* argv) {
-  ClientOptions options;
-  RawOptions raw;
-  options.cache_dir = default_cache_dir();
-  options.settings = Settings::default_path();
-  CLI::App app{"Watches a deforming surface that a broker streams.", "eigencast-client"};
-  app.footer("examples:\n" + std::string(kExamples) + "in the window, H shows the keys\n\nexit status:\n" +
-             kExitStatus);
-  app.set_version_flag("--version", "eigencast-client " EIGENCAST_VERSION);
-  app.add_option("streams", options.scene.streams,
-                 "ws://host[:port]/stream (wss:// for TLS; http:// and https:// do as well), or streams at the "
-                 "context's broker; or, after the word view, "
-                 "files, folders, "
-                 "globs or built-in shapes, which are baked and played here without a broker")
-      ->envname("EIGENCAST_URL");
-  app.add_option("--scene", raw.scene, "a JSON file that says which streams stand where (client/README.md)");
-  app.add_option("--context", raw.context, "broker by name, see eigencast-sender context (default: the current one)")
-      ->envname("EIGENCAST_CONTEXT");
-  add_credential_options(app, raw.credentials)
-      ->description(
-          "token, or @FILE that holds it, for the broker of --context, else of the first stream, and for no other")
-      ->envname("EIGENCAST_TOKEN");
-  app.add_flag("--headless", options.headless, "no window: render into memory, no display needed");
-  app.add_option("--frames", options.frames, "end after so many new poses were drawn (0: never)");
-  app.add_option("--duration", options.duration_s, "end after so many seconds (0: never)")->check(CLI::Range(0.0, 1e7));
-  app.add_option("--out", options.out, "headless: folder for frame_0001.png ... and report.json");
-  app.add_option("--size", raw.size, "width x height in pixels")->capture_default_str();
-  app.add_option("--lod", options.view_options.lod, "level of detail: fraction of the vertices, 0..1")
-      ->check(CLI::Range(0.0, 1.0));
-  app.add_option(
-         "--resolver", raw.resolver,
-         "who chooses levels below --lod, so that pictures come in time: budget (default in the window), paper, "
-         "none (default headless)")
-      ->check(CLI::IsMember({"budget", "paper", "none"}));
-  app.add_option("--target-fps", options.levels.target_fps,
-                 "pictures a second that the resolver holds (default: the display's, headless 60)")
-      ->check(CLI::Range(1.0, 1000.0));
-  app.add_option("--lod-floor", options.levels.floor, "least part of its vertices that a surface keeps")
-      ->check(CLI::Range(0.0, 1.0))
-      ->capture_default_str();
-  app.add_option("--reconstruct", raw.reconstruct,
-                 "who rebuilds surfaces from their coefficients: the processor, the GPU, or whoever is quicker "
-                 "when the program starts")
-      ->check(CLI::IsMember({"auto", "cpu", "gpu"}))
-      ->capture_default_str();
-  app.add_option("--camera-path", options.camera_path,
-                 "a JSON file that moves the camera (client/README.md); headless it says how long the flight takes");
-  app.add_option("--rate", raw.rate, "poses that the broker sends")
-      ->check(CLI::IsMember({"raw", "interpolated", "estimated"}));
-  app.add_option("--scheme", raw.scheme,
-                 "how the broker makes poses: linear, catmull-rom, hermite (interpolated); damped, linear (estimated)")
-      ->check(CLI::IsMember(kSchemes));
-  app.add_option("--k", raw.k, "poses per key unless raw (default 3)")->check(CLI::Range(2, 15));
-  app.add_option("--form", raw.form, "who interpolates: the broker (full) or this program (compact)")
-      ->check(CLI::IsMember({"full", "compact"}));
-  app.add_option("--bands", raw.bands, "coefficient bands wanted, from the lowest")->check(CLI::Range(1, 8));
-  app.add_option("--playout", raw.playout, "poses between arrivals: the latest one, or made by this program")
-      ->check(CLI::IsMember({"latest", "interpolate", "estimate"}))
-      ->capture_default_str();
-  app.add_option("--smooth", raw.smooth,
-                 "how long --playout interpolate or estimate holds poses: 0 live, 1 smooth: an interval and the jitter "
-                 "(default: 1 of interpolate, 0 of estimate)")
-      ->check(CLI::Range(0.0, 1.0));
-  app.add_option("--delay", raw.delay_ms, "hold them for just so many ms; 0 follows the stream")
-      ->check(CLI::Range(0.0, 10'000.0))
-      ->capture_default_str();
-  app.add_option("--ahead", raw.ahead_ms, "ms after which --playout estimate stops and holds the pose")
-      ->check(CLI::Range(0.0, 10'000.0))
-      ->capture_default_str();
-  app.add_option("--view", options.view, "first view")
-      ->check(CLI::IsMember({"iso", "front", "back", "left", "right", "top", "bottom"}));
-  app.add_option("--colour", raw.colour,
-                 "what the surfaces' colours say: clay, own (those of the file), textured, normals, movement (from the "
-                 "rest pose), "
-                 "speed, channel:K (a scalar that rides on the stream), error (against the truth)")
-      ->capture_default_str();
-  app.add_option("--colour-map", raw.colour_map, "colours of numbers")
-      ->check(CLI::IsMember({"viridis", "cividis", "coolwarm", "turbo", "grey"}))
-      ->capture_default_str();
-  app.add_option("--colour-range", raw.colour_range,
-                 "LOW,HIGH: the values of the map's ends, in the stream's units (default: what has been seen)");
-  app.add_option(
-      "--truth", options.truth,
-      "the clip that the streams play (file, folder, glob or built-in shape), for --colour error; files that are "
-      "played here are their own");
-  app.add_flag("--watch", options.watch, "in the window: files that are played here are read again when they change");
-  app.add_flag("--edges", options.style.edges, "draw the triangles' edges");
-  app.add_flag("--wireframe", options.style.wireframe, "draw edges only");
-  app.add_flag("--points", options.style.points, "draw vertices as points");
-  app.add_flag("--transparent", options.style.transparent, "pictures without a background");
-  app.add_flag("--hud", options.hud, "headless: draw the figures and the colours' legend into the pictures too");
-  app.add_option("--json,--report", options.json, "write the report to this file at the end");
-  app.add_option("--record", options.record, "write every received pose to this file, one JSON object a line");
-  app.add_option("--record-shown", options.record_shown,
-                 "write what each picture shows, and when, to this file, one JSON object a line");
-  app.add_option("--screenshot", options.screenshot, "write the last picture to this PNG file at the end");
-  app.add_option("--turntable", options.turntable, "headless: so many pictures, once round the scene, then end");
-  app.add_option("--ui-scale", options.ui_scale, "size of texts, panels and lines (default: the display's)")
-      ->check(CLI::Range(0.5, 8.0));
-  app.add_option("--settings", options.settings,
-                 "file in which the window remembers its size and switches; \"\": nowhere (default: "
-                 "~/.config/eigencast/viewer.json)");
-  app.add_option("--wait", options.wait_s, "headless: seconds to wait for the first pose")
-      ->check(CLI::Range(0.0, 1e7))
-      ->capture_default_str();
-  app.add_option("--cache", options.cache_dir,
-                 "folder for downloaded models; \"\" keeps none (default: ~/.cache/eigencast)");
-  app.add_flag("-v,--verbose", options.verbose, "log more");
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& stop) {
-    return ExitNow{app.exit(stop) == 0 ? kExitGood : kExitUsage};
-  }
-  if (const auto documents = write_documents(app, options.scene.streams)) return *documents;
-  if (const std::string fault = fault_of_numbers(app); !fault.empty()) return usage(fault);
-  if (!size_from_text(raw.size, options.width, options.height)) {
-    return usage("--size " + raw.size + ": give width x height of 16 to 16384 pixels, such as 1280x720");
-  }
-  if (const std::string complaint = read_style(raw, options.style); !complaint.empty()) return usage(complaint);
-  options.size_given = app.count("--size") > 0;
-  options.resolver_given = app.count("--resolver") > 0;
+std::vector<OptionRow> rows_for(ClientOptions& options, RawOptions& raw) {
+  return {
+      {"streams",
+       &options.scene.streams,
+       "ws://host[:port]/stream (wss:// for TLS; http:// and https:// do as well), or streams at the context's broker; "
+       "or, after the word view, files, folders, globs or built-in shapes, which are baked and played here without a "
+       "broker",
+       {},
+       false,
+       "EIGENCAST_URL"},
+      {"--scene", &raw.scene, "a JSON file that says which streams stand where (client/README.md)"},
+      {"--context",
+       &raw.context,
+       "broker by name, see eigencast-sender context (default: the current one)",
+       {},
+       false,
+       "EIGENCAST_CONTEXT"},
+      {"--headless", &options.headless, "no window: render into memory, no display needed"},
+      {"--frames", &options.frames, "end after so many new poses were drawn (0: never)"},
+      {"--duration", &options.duration_s, "end after so many seconds (0: never)", Range{0, 1e7}},
+      {"--out", &options.out, "headless: folder for frame_0001.png ... and report.json"},
+      {"--size", &raw.size, "width x height in pixels", {}, true},
+      {"--lod", &options.view_options.lod, "level of detail: fraction of the vertices, 0..1", Range{0, 1}},
+      {"--resolver", &raw.resolver,
+       "who chooses levels below --lod, so that pictures come in time: budget (default in the window), paper, none "
+       "(default headless)",
+       Choices{"budget", "paper", "none"}},
+      {"--target-fps", &options.levels.target_fps,
+       "pictures a second that the resolver holds (default: the display's, headless 60)", Range{1, 1000}},
+      {"--lod-floor", &options.levels.floor, "smallest part of its vertices that a surface keeps", Range{0, 1}, true},
+      {"--reconstruct", &raw.reconstruct,
+       "who rebuilds surfaces from their coefficients: the processor, the GPU, or whoever is quicker when the program "
+       "starts",
+       Choices{"auto", "cpu", "gpu"}, true},
+      {"--camera-path", &options.camera_path,
+       "a JSON file that moves the camera (client/README.md); headless it says how long the flight takes"},
+      {"--rate", &raw.rate, "poses that the broker sends", Choices{"raw", "interpolated", "estimated"}},
+      {"--scheme", &raw.scheme,
+       "how the broker makes poses: linear, catmull-rom, hermite (interpolated); damped, linear (estimated)",
+       Choices{"catmull-rom", "damped", "hermite", "linear"}},
+      {"--k", &raw.k, "poses per key unless raw (default 3)", Range{2, 15}},
+      {"--form", &raw.form, "who interpolates: the broker (full) or this program (compact)",
+       Choices{"full", "compact"}},
+      {"--bands", &raw.bands, "coefficient bands wanted, from the lowest", Range{1, 8}},
+      {"--playout", &raw.playout, "poses between arrivals: the latest one, or made by this program",
+       Choices{"latest", "interpolate", "estimate"}, true},
+      {"--smooth", &raw.smooth,
+       "how long --playout interpolate or estimate holds poses: 0 live, 1 smooth: an interval and the jitter (default: "
+       "1 of interpolate, 0 of estimate)",
+       Range{0, 1}},
+      {"--delay", &raw.delay_ms, "hold them for just so many ms; 0 follows the stream", Range{0, 10'000}, true},
+      {"--ahead", &raw.ahead_ms, "ms after which --playout estimate stops and holds the pose", Range{0, 10'000}, true},
+      {"--view", &options.view, "first view", Choices{"iso", "front", "back", "left", "right", "top", "bottom"}},
+      {"--colour",
+       &raw.colour,
+       "what the surfaces' colours say: clay, own (those of the file), textured, normals, movement (from the rest "
+       "pose), speed, channel:K (a scalar that rides on the stream), error (against the truth)",
+       {},
+       true},
+      {"--colour-map", &raw.colour_map, "colours of numbers",
+       Choices{"viridis", "cividis", "coolwarm", "turbo", "grey"}, true},
+      {"--colour-range", &raw.colour_range,
+       "LOW,HIGH: the values of the map's ends, in the stream's units (default: what has been seen)"},
+      {"--truth", &options.truth,
+       "the clip that the streams play (file, folder, glob or built-in shape), for --colour error; files that are "
+       "played here are their own"},
+      {"--watch", &options.watch, "in the window: files that are played here are read again when they change"},
+      {"--edges", &options.style.edges, "draw the triangles' edges"},
+      {"--wireframe", &options.style.wireframe, "draw edges only"},
+      {"--points", &options.style.points, "draw vertices as points"},
+      {"--transparent", &options.style.transparent, "pictures without a background"},
+      {"--hud", &options.hud, "headless: draw the figures and the colours' legend into the pictures too"},
+      {"--json,--report", &options.json, "write the report to this file at the end"},
+      {"--record", &options.record, "write every received pose to this file, one JSON object a line"},
+      {"--record-shown", &options.record_shown,
+       "write what each picture shows, and when, to this file, one JSON object a line"},
+      {"--screenshot", &options.screenshot, "write the last picture to this PNG file at the end"},
+      {"--turntable", &options.turntable, "headless: so many pictures, once round the scene, then end"},
+      {"--ui-scale", &options.ui_scale, "size of texts, panels and lines (default: the display's)", Range{0.5, 8}},
+      {"--settings", &options.settings,
+       "file in which the window remembers its size and switches; \"\": nowhere (default: "
+       "~/.config/eigencast/viewer.json)"},
+      {"--wait", &options.wait_s, "headless: seconds to wait for the first pose", Range{0, 1e7}, true},
+      {"--cache", &options.cache_dir, "folder for downloaded models; \"\" keeps none (default: ~/.cache/eigencast)"},
+      {"-v,--verbose", &options.verbose, "log more"}};
+}
+
+/// What the command line means beyond the values of its options. Errors: kInvalidArgument, for the user.
+Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOptions& options) {
+  const auto wrong = [](const std::string& what) { return fail(ErrorCode::kInvalidArgument, what); };
+  if (!size_from_text(raw.size, options.width, options.height))
+    return wrong("--size " + raw.size + ": give width x height of 16 to 16384 pixels, such as 1280x720");
+  if (const std::string complaint = read_style(raw, options.style); !complaint.empty()) return wrong(complaint);
+  options.size_given = line.has("--size");
+  options.resolver_given = line.has("--resolver");
   for (const char* of_style : {"--edges", "--wireframe", "--points", "--transparent", "--colour-map"})
-    options.style_given |= app.count(of_style) > 0;
-  if (options.headless && options.watch) return usage("--watch is for the window; headless a file is read once");
+    options.style_given |= line.has(of_style);
+  if (options.headless && options.watch) return wrong("--watch is for the window; headless a file is read once");
   if (!options.headless && !options.out.empty())
-    return usage("--out is for --headless; in the window use --screenshot or key S");
-  if (const Result<void> found = find_streams(raw, options); !found) return usage(found.error().message);
+    return wrong("--out is for --headless; in the window use --screenshot or key S");
+  if (const Result<void> found = find_streams(raw, options); !found) return found;
   std::vector<std::string> asked = options.scene.streams;
   if (asked.empty()) asked = {kDefaultUrl};  // for those that will be opened in the window
   for (const std::string& stream : asked) {
     if (clip_in(stream)) continue;
-    Result<std::optional<Profile>> profile = profile_from(app, stream, raw);
-    if (!profile) return usage("the stream's URL: " + profile.error().message);
+    Result<std::optional<Profile>> profile = profile_from(line, stream, raw);
+    if (!profile) return in_context("the stream's URL", profile.error());
     options.profile = *profile;
   }
   options.levels.kind = raw.resolver == "paper"                                                ? ResolverKind::kPaper
@@ -343,20 +319,45 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
                                                                                                : ResolverKind::kBudget;
   options.reconstruct = rebuild_on_from_name(raw.reconstruct).value_or(RebuildOn::kAuto);
   if (options.headless) options.levels.deadline = 1.25;  // no display to miss
-  options.follow_display = !options.headless && app.count("--target-fps") == 0;
-  const bool has_delay = app.count("--smooth") + app.count("--delay") + app.count("--ahead") > 0;
-  options.playout_given = has_delay || app.count("--playout") > 0;
+  options.follow_display = !options.headless && !line.has("--target-fps");
+  const bool has_delay = line.has("--smooth") || line.has("--delay") || line.has("--ahead");
+  options.playout_given = has_delay || line.has("--playout");
   if (raw.playout == "latest" && has_delay)
-    return usage("--smooth, --delay and --ahead are for --playout interpolate or estimate; latest holds nothing back");
-  if (app.count("--smooth") > 0 && app.count("--delay") > 0)
-    return usage("--smooth and --delay both say how long poses are held back; give one of them");
+    return wrong("--smooth, --delay and --ahead are for --playout interpolate or estimate; latest holds nothing back");
+  if (line.has("--smooth") && line.has("--delay"))
+    return wrong("--smooth and --delay both say how long poses are held back; give one of them");
   PlayoutSettings& playout = options.view_options.playout;
   playout.mode = raw.playout == "interpolate" ? PlayoutMode::kInterpolate
                  : raw.playout == "estimate"  ? PlayoutMode::kEstimate
                                               : PlayoutMode::kLatest;
-  if (app.count("--smooth") > 0) playout.smoothness = raw.smooth;
+  if (line.has("--smooth")) playout.smoothness = raw.smooth;
   playout.delay_us = static_cast<TimeUs>(raw.delay_ms * 1000);
   playout.max_ahead_us = static_cast<TimeUs>(raw.ahead_ms * 1000);
+  return {};
+}
+
+}  // namespace
+
+std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const char* const* argv) {
+  ClientOptions options;
+  RawOptions raw;
+  options.cache_dir = default_cache_dir();
+  options.settings = Settings::default_path();
+  CommandLine line("eigencast-client", "Watches a deforming surface that a broker streams.", EIGENCAST_VERSION);
+  line.set_footer("examples:\n" + std::string(kExamples) + "in the window, H shows the keys\n\nexit status:\n" +
+                  kExitStatus);
+  const std::vector<OptionRow> rows = rows_for(options, raw);
+  constexpr std::size_t kBeforeCredentials = 3;
+  line.add(std::span(rows).first(kBeforeCredentials));
+  add_credential_options(line.app(), raw.credentials);
+  line.amend("--token",
+             "token, or @FILE that holds it, for the broker of --context, else of the first stream, and for no other",
+             "EIGENCAST_TOKEN");
+  line.add(std::span(rows).subspan(kBeforeCredentials));
+  if (const std::optional<bool> was_help = line.parse(argc, argv)) return ExitNow{*was_help ? kExitGood : kExitUsage};
+  if (const auto documents = write_documents(line.app(), options.scene.streams)) return *documents;
+  if (const std::string fault = fault_of_numbers(line.app()); !fault.empty()) return usage(fault);
+  if (const Result<void> good = interpret(line, raw, options); !good) return usage(good.error().message);
   return options;
 }
 

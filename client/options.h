@@ -10,7 +10,7 @@
 #include "client/scene_file.h"
 #include "common/net/url.h"
 #include "common/wire/control.h"
-#include "view/rebuilder_choice.h"
+#include "view/rebuild.h"
 #include "view/style.h"
 
 namespace eigencast {

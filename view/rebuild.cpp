@@ -2,12 +2,15 @@
 #include "view/rebuild.h"
 
 #include <algorithm>
+#include <array>
 #include <cassert>
 #include <tuple>
 #include <vector>
 
 namespace eigencast {
 namespace {
+
+constexpr std::array<std::string_view, 3> kRebuildOnNames{"auto", "cpu", "gpu"};
 
 /// Vertices that were drawn elsewhere go back to their own places, which the rows of this pose are counted on.
 void restore_unmorphed(SurfaceGeometry& geometry) {
@@ -75,6 +78,16 @@ void finish(const RebuildJob& job) {
 }
 
 }  // namespace
+
+std::string_view name_of(RebuildOn on) {
+  return kRebuildOnNames[static_cast<std::size_t>(on)];
+}
+
+std::optional<RebuildOn> rebuild_on_from_name(std::string_view name) {
+  const auto at = std::find(kRebuildOnNames.begin(), kRebuildOnNames.end(), name);
+  if (at == kRebuildOnNames.end()) return std::nullopt;
+  return static_cast<RebuildOn>(at - kRebuildOnNames.begin());
+}
 
 void fill_radii(const Asset& asset, const LevelMorph& level, SurfaceGeometry& geometry) {
   const std::uint32_t N = level.drawn();

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string_view>
 
@@ -29,6 +30,13 @@ struct RebuildJob {
 
   std::uint32_t vertices() const { return level->drawn(); }
 };
+
+/// Who rebuilds surfaces: whoever is quicker here, the processor, or the GPU.
+enum class RebuildOn { kAuto, kCpu, kGpu };
+
+/// "auto", "cpu", "gpu": as --reconstruct names them.
+std::string_view name_of(RebuildOn on);
+std::optional<RebuildOn> rebuild_on_from_name(std::string_view name);
 
 /// Fills positions and normals of surfaces from their coefficients: X = Psi C, vertices that come or go between their
 /// places (LevelMorph), and of meshes the area-weighted normals of that, of point clouds those of their discs.

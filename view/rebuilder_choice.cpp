@@ -102,25 +102,6 @@ RebuilderChoice::Trial try_both(Renderer& renderer, GpuRebuilder& gpu) {
 
 }  // namespace
 
-std::string_view name_of(RebuildOn on) {
-  switch (on) {
-    case RebuildOn::kAuto:
-      return "auto";
-    case RebuildOn::kCpu:
-      return "cpu";
-    case RebuildOn::kGpu:
-      return "gpu";
-  }
-  return "unknown";
-}
-
-std::optional<RebuildOn> rebuild_on_from_name(std::string_view name) {
-  for (const RebuildOn on : {RebuildOn::kAuto, RebuildOn::kCpu, RebuildOn::kGpu}) {
-    if (name == name_of(on)) return on;
-  }
-  return std::nullopt;
-}
-
 Result<RebuilderChoice> choose_rebuilder(RebuildOn on, Renderer& renderer, bool finish) {
   RebuilderChoice choice;
   if (on == RebuildOn::kCpu) return choice;

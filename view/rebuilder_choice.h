@@ -3,19 +3,11 @@
 
 #include <memory>
 #include <optional>
-#include <string_view>
 
 #include "view/gpu_rebuilder.h"
 #include "view/renderer.h"
 
 namespace eigencast {
-
-/// Who rebuilds surfaces: whoever is quicker here, the processor, or the GPU.
-enum class RebuildOn { kAuto, kCpu, kGpu };
-
-/// "auto", "cpu", "gpu": as --reconstruct names them.
-std::string_view name_of(RebuildOn on);
-std::optional<RebuildOn> rebuild_on_from_name(std::string_view name);
 
 /// What was chosen, and what it was chosen by.
 struct RebuilderChoice {
