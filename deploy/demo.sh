@@ -8,15 +8,16 @@
 #   --out DIR           where pictures and the report go (default: out/demo)
 #   --frames N          pictures to write when headless (default: 90)
 #   --lod L             level of detail of the viewer, 0..1 (default: 1)
+#   --programs DIR      the folder of programs that are built already (default: builds them)
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
-headless=0 shape=heart out=out/demo frames=90 lod=1
-usage() { sed -n '3,10s/^# \{0,1\}//p' deploy/demo.sh; }
+headless=0 shape=heart out=out/demo frames=90 lod=1 programs=
+usage() { sed -n '3,11s/^# \{0,1\}//p' deploy/demo.sh; }
 while [ $# -gt 0 ]; do
   case "$1" in
     --headless) headless=1 ;;
-    --shape|--out|--frames|--lod)
+    --shape|--out|--frames|--lod|--programs)
       [ $# -ge 2 ] || { echo "demo: $1 needs a value" >&2; exit 2; }
       declare "${1#--}=$2"; shift ;;
     -h|--help) usage; exit 0 ;;
@@ -29,12 +30,15 @@ if [ $headless = 0 ] && [ -z "${DISPLAY:-}${WAYLAND_DISPLAY:-}" ]; then
   headless=1
 fi
 
-deploy/install-packages.sh
-build=build/release
-mkdir -p build
-echo "building (a few minutes the first time; log: build/demo-build.log)"
-{ cmake --preset release && cmake --build --preset release --target eigencast-broker eigencast-sender eigencast-client; } \
-  >build/demo-build.log 2>&1 || { tail -n 40 build/demo-build.log; echo "demo: the build failed; the whole log is build/demo-build.log" >&2; exit 1; }
+if [ -z "$programs" ]; then
+  deploy/install-packages.sh demo
+  build=build/release
+  mkdir -p build
+  echo "building (a few minutes the first time; log: build/demo-build.log)"
+  { cmake --preset release && cmake --build --preset release --target eigencast-broker eigencast-sender eigencast-client; } \
+    >build/demo-build.log 2>&1 || { tail -n 40 build/demo-build.log; echo "demo: the build failed; the whole log is build/demo-build.log" >&2; exit 1; }
+  programs=$build/bin
+fi
 
 mkdir -p "$out"
 rm -f "$out"/frame_*.png "$out"/report.json "$out"/*.log "$out"/*.jsonl
@@ -52,34 +56,33 @@ trap finish EXIT
 trap 'exit 130' INT
 trap 'exit 143' TERM
 
-"$build/bin/eigencast-broker" --listen 127.0.0.1:0 --port-file "$work/port" --data-dir "$work/assets" >"$out/broker.log" 2>&1 &
+"$programs/eigencast-broker" --listen 127.0.0.1:0 --port-file "$work/port" --data-dir "$work/assets" >"$out/broker.log" 2>&1 &
 broker_pid=$!
-for _ in $(seq 100); do
-  [ -s "$work/port" ] && break
+until [ -s "$work/port" ]; do
   kill -0 $broker_pid 2>/dev/null || { cat "$out/broker.log"; echo "demo: the broker did not start" >&2; exit 1; }
   sleep 0.05
 done
 url="ws://127.0.0.1:$(cat "$work/port")/demo"
 
 # The bake shows its progress here; play then starts at once from the cache.
-"$build/bin/eigencast-sender" bake "$shape"
-"$build/bin/eigencast-sender" play "$shape" --to "$url" --record "$out/sent.jsonl" >"$out/sender.log" 2>&1 &
+"$programs/eigencast-sender" bake "$shape"
+"$programs/eigencast-sender" play "$shape" --to "$url" --record "$out/sent.jsonl" >"$out/sender.log" 2>&1 &
 sender_pid=$!
 echo "streaming $shape at $url"
 
 if [ $headless = 0 ]; then
-  echo "more viewers: $build/bin/eigencast-client $url"
-  "$build/bin/eigencast-client" "$url" --lod "$lod" &
+  echo "more viewers: $programs/eigencast-client $url"
+  "$programs/eigencast-client" "$url" --lod "$lod" &
   client_pid=$!
   wait $client_pid
 else
-  "$build/bin/eigencast-client" "$url" --headless --frames "$frames" --out "$out" --lod "$lod" --json "$out/report.json" \
+  "$programs/eigencast-client" "$url" --headless --frames "$frames" --out "$out" --lod "$lod" --json "$out/report.json" \
     --record "$out/received.jsonl" >"$out/client.log" 2>&1 &
   client_pid=$!
   wait $client_pid || { tail -n 5 "$out/client.log" "$out/sender.log" "$out/broker.log"; echo "demo: the viewer failed" >&2; exit 1; }
   kill -INT $sender_pid; wait $sender_pid || true
   sender_pid=''
-  "$build/bin/eigencast-sender" compare "$shape" --sent "$out/sent.jsonl" --received "$out/received.jsonl" --report "$out/report.json"
+  "$programs/eigencast-sender" compare "$shape" --sent "$out/sent.jsonl" --received "$out/received.jsonl" --report "$out/report.json"
   rm -f "$out"/sent.jsonl "$out"/received.jsonl
   echo "pictures: $out/frame_*.png   report: $out/report.json"
 fi

@@ -11,6 +11,7 @@ import sys
 import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import cases
 from websocket_peer import BINARY, CLOSE, PING, PONG, TEXT, Broker, Peer, close_frame, frame
 
 BROKER = None
@@ -223,4 +224,4 @@ class Cases(unittest.TestCase):
 
 if __name__ == "__main__":
     BROKER = sys.argv.pop(1)
-    unittest.main(verbosity=2, warnings="ignore")
+    cases.main()

@@ -22,6 +22,7 @@ import time
 import unittest
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "support"))
+import cases
 from websocket_peer import BINARY, CLOSE, PING, PONG, TEXT, Broker, Peer, close_frame, frame
 
 BROKER = None
@@ -300,7 +301,7 @@ class PythonWebsockets(Case):
         try:
             import websockets
         except ImportError:
-            self.skipTest("SKIPPED: python3-websockets is not installed")
+            self.skipTest("python3-websockets is not installed")
         self.websockets = websockets
 
     def test_echo_and_close(self):
@@ -339,7 +340,7 @@ ws.on('error', (error) => { console.error(error); process.exit(6); });
         where = os.environ.get("NODE_PATH", "/usr/share/nodejs")  # Debian's node-ws.
         node = shutil.which("node")
         if not node or not (pathlib.Path(where) / "ws").is_dir():
-            self.skipTest("SKIPPED: no node, or no `ws` in its folder: npm install ws, and NODE_PATH names its node_modules")
+            self.skipTest("no node, or no `ws` in its folder: npm install ws, and NODE_PATH names its node_modules")
         done = subprocess.run([node, "-e", self.SCRIPT, "node", str(self.port)], env={**os.environ, "NODE_PATH": where}, timeout=30)
         self.assertEqual(done.returncode, 0)
 
@@ -381,7 +382,7 @@ class Chromium(unittest.TestCase):
     def test_echo_closes_and_subprotocols(self):
         chromium = shutil.which("chromium")
         if not chromium:
-            self.skipTest("SKIPPED: chromium is not installed")
+            self.skipTest("chromium is not installed")
         done = queue.Queue()
         # The page is of another origin than the broker, which must be told that it may come.
         server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), lambda *args: Page(done, *args))
@@ -426,4 +427,4 @@ class Page(http.server.BaseHTTPRequestHandler):
 
 if __name__ == "__main__":
     BROKER = sys.argv.pop(1)
-    unittest.main(verbosity=2, warnings="ignore")
+    cases.main()

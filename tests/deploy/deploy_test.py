@@ -19,6 +19,7 @@ import urllib.request
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 DEPLOY = ROOT / "deploy"
 sys.path.insert(0, str(ROOT / "tests/support"))
+import cases
 from websocket_peer import ports_of
 
 BROKER = None
@@ -86,19 +87,6 @@ class Deploy(unittest.TestCase):
     def test_autoscaling_names_a_metric_that_exists(self):
         self.assert_known("the autoscaler", re.findall(r"metric: \{name: (\w+)\}", (DEPLOY / "kubernetes/hpa.yaml").read_text()))
 
-    def test_prometheus_takes_the_rules(self):
-        if not shutil.which("promtool"):
-            self.skipTest("SKIPPED: no promtool (Debian: prometheus)")
-        for command in (["check", "rules", "eigencast.rules.yml"], ["test", "rules", "eigencast.rules.test.yml"]):
-            done = subprocess.run(["promtool", *command], cwd=DEPLOY / "prometheus", capture_output=True, text=True)
-            self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
-
-    def test_prometheus_takes_its_configuration(self):
-        if not shutil.which("promtool"):
-            self.skipTest("SKIPPED: no promtool (Debian: prometheus)")
-        done = subprocess.run(["promtool", "check", "config", "prometheus.yml"], cwd=DEPLOY / "prometheus", capture_output=True, text=True)
-        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
-
     def settings_of(self, words, environment, folder):
         """What a broker has in force when started so, after it has found no fault with it."""
         where = {"env": {**os.environ, **environment}, "cwd": folder, "capture_output": True, "text": True}
@@ -137,10 +125,22 @@ class Deploy(unittest.TestCase):
         self.assertEqual(shown["access"]["monitors"], [said["EIGENCAST_ACCESS__MONITORS"]])
         self.assertEqual(shown["proxy"]["trusted"], [said["EIGENCAST_PROXY__TRUSTED"]])
 
+
+@unittest.skipUnless(shutil.which("promtool"), "no promtool (Debian: prometheus)")
+class Prometheus(unittest.TestCase):
+    def test_prometheus_takes_the_rules(self):
+        for command in (["check", "rules", "eigencast.rules.yml"], ["test", "rules", "eigencast.rules.test.yml"]):
+            done = subprocess.run(["promtool", *command], cwd=DEPLOY / "prometheus", capture_output=True, text=True)
+            self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+
+    def test_prometheus_takes_its_configuration(self):
+        done = subprocess.run(["promtool", "check", "config", "prometheus.yml"], cwd=DEPLOY / "prometheus", capture_output=True, text=True)
+        self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
+
+
+@unittest.skipUnless(shutil.which("nginx"), "no nginx")
+class Nginx(unittest.TestCase):
     def test_nginx_takes_the_site_of_compose(self):
-        nginx = shutil.which("nginx") or "/usr/sbin/nginx"
-        if not os.path.exists(nginx):
-            self.skipTest("SKIPPED: no nginx")
         with tempfile.TemporaryDirectory() as folder:
             subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2", "-subj",
                             "/CN=localhost", "-keyout", "tls.key", "-out", "tls.crt"], cwd=folder, check=True, capture_output=True)
@@ -148,19 +148,22 @@ class Deploy(unittest.TestCase):
             self.assertIn("http://broker:7490/", site)
             site = site.replace("http://broker:", "http://127.0.0.1:").replace("/etc/nginx/tls/", f"{folder}/")
             conf = pathlib.Path(folder, "nginx.conf")
-            conf.write_text(f"pid {folder}/pid;\nevents {{}}\nhttp {{\naccess_log off;\n{site}}}\n")
-            done = subprocess.run([nginx, "-t", "-c", conf, "-e", "stderr", "-p", folder], capture_output=True, text=True)
+            kept = "".join(f"{what}_temp_path {folder}/{what};\n" for what in ("client_body", "proxy", "fastcgi", "uwsgi", "scgi"))
+            conf.write_text(f"pid {folder}/pid;\nevents {{}}\nhttp {{\naccess_log off;\n{kept}{site}}}\n")
+            done = subprocess.run(["nginx", "-t", "-c", conf, "-e", "stderr", "-p", folder], capture_output=True, text=True)
             self.assertEqual(done.returncode, 0, done.stderr)
 
+
+@unittest.skipUnless(shutil.which("node"), "no node")
+class Manifests(unittest.TestCase):
     def test_manifests_fit_published_schemas(self):
-        if not shutil.which("node"):
-            self.skipTest("SKIPPED: no node")
-        done = subprocess.run(["node", ROOT / "tests/deploy/validate.mjs", DEPLOY], capture_output=True, text=True, env=os.environ)
+        done = subprocess.run(["node", ROOT / "tests/deploy/validate.mjs", DEPLOY], capture_output=True, text=True,
+                              env={**os.environ, "NODE_PATH": os.environ.get("NODE_PATH", str(ROOT / "build/tools/node/node_modules"))})
         if done.returncode == 77:
-            self.skipTest(f"{done.stdout.strip()} (tests/deploy/validate.mjs says what to install)")
+            self.skipTest(f"{done.stdout.strip()}; deploy/install-packages.sh fetches it with npm")
         self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
 
 
 if __name__ == "__main__":
     BROKER = sys.argv.pop(1)
-    unittest.main(verbosity=2, warnings="ignore")
+    cases.main()

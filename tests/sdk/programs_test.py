@@ -15,7 +15,7 @@ import zlib
 try:
     import numpy  # noqa: F401, the Python programs need it
 except ImportError:
-    print("numpy is not installed for this interpreter")
+    print("SKIPPED: numpy is not installed for this interpreter")
     sys.exit(77)
 
 BUILD, SOURCE = pathlib.Path(sys.argv[1]), pathlib.Path(sys.argv[2])

@@ -16,7 +16,7 @@ import unittest
 try:
     import numpy
 except ImportError:
-    print("numpy is not installed for this interpreter")
+    print("SKIPPED: numpy is not installed for this interpreter")
     sys.exit(77)
 
 BROKER, os.environ["EIGENCAST_LIBRARY"], PACKAGE = sys.argv[1:4]

@@ -3,26 +3,30 @@
 """Streams as a broker serves them, in every mode, read by all three decoders: the reference (Python), the one for browsers (under
 Node) and the viewer's own give the same poses.
 
-    captured_streams_test.py BROKER SENDER CLIENT NODE DATA_DIR [-v]
+    captured_streams_test.py BROKER SENDER CLIENT NODE MADE_DATA [-v]
 
-NODE may be empty: that decoder is then left out, with words. DATA_DIR holds the real clips; without them a built-in one is sent.
+NODE may be empty: that decoder is then left out, and the test is a skip. MADE_DATA: what tests/support/make_data.py made.
 """
 import json
+import os
 import pathlib
+import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import unittest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "tools")]
+import cases
 import reference_decoder
 from websocket_peer import BINARY, TEXT, Broker, Peer, frame
 
-BROKER = SENDER = CLIENT = NODE = DATA = None
-SECONDS = 2.5
-LEAST_POSES = 40
+BROKER = SENDER = CLIENT = NODE = MADE_DATA = None
+PATIENCE_S = 120
+MIN_POSES = 40
 RANK = 80
 # Stream, query, what the poses between keys are made by.
 MODES = {
@@ -40,39 +44,79 @@ WATCHED = ("compact", "hermite-compact")  # By a real viewer as well: keys, join
 
 
 def clip():
-    real = pathlib.Path(DATA) / "animations/horse-gallop/vertices.npy"
-    if real.exists():
-        return real
-    print(f"no {real}: a built-in clip instead", file=sys.stderr)
-    return "bar:twist"
+    """A gait: a real one, or what stands in."""
+    folder = pathlib.Path(os.environ.get("EIGENCAST_DATA_DIR") or MADE_DATA) / "animations"
+    real = folder / "horse-gallop"
+    return real if real.exists() else folder / "animal-walk"
+
+
+def wait_until(what, condition):
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"{what}: not within {PATIENCE_S} s")
+        time.sleep(0.05)
 
 
 class Capture:
-    """What one viewer is sent: the format, and the frames from its first join on."""
+    """What one viewer is sent, from its first join on; a thread reads until close()."""
 
     def __init__(self, port, stream, query):
         self.peer = Peer(port, f"/v1/subscribe/{stream}?{query}", "eigencast.v1")
-        self.stream, self.format, self.frames = stream, None, []
+        self.peer.sock.settimeout(PATIENCE_S)
+        self.stream, self.format, self.frames, self.closing = stream, None, [], False
+        self.thread = threading.Thread(target=self.read)
+        self.thread.start()
 
-    def until_s(self):
-        return int.from_bytes(self.frames[-1][19:27], "little") * 1e-6 if self.frames else 0
+    def read(self):
+        try:
+            while True:
+                opcode, payload = self.peer.receive()
+                if opcode == BINARY:
+                    self.frames.append(payload)
+                elif opcode == TEXT and (message := json.loads(payload)).get("state") == "live":
+                    self.format = message["format"]
+        except (OSError, EOFError):
+            if not self.closing:
+                raise
 
-    def read(self, seconds):
-        """On until poses are so much younger; 0: to the first."""
-        begin_s = self.until_s()
-        while not self.frames or self.until_s() < begin_s + seconds:
-            opcode, payload = self.peer.receive()
-            if opcode == BINARY:
-                self.frames.append(payload)
-            elif opcode == TEXT and (message := json.loads(payload)).get("state") == "live":
-                self.format = message["format"]
+    def close(self):
+        self.closing = True
+        self.peer.sock.shutdown(socket.SHUT_RDWR)
+        self.thread.join()
+        self.peer.sock.close()
 
-    def ask(self, **profile):
+    def capture_times(self):
+        return {int.from_bytes(f[19:27], "little") for f in self.frames}
+
+    def ask(self, mask, **profile):
+        """Returns when a frame with just these bands came."""
+        begin = len(self.frames)
         self.peer.send(frame(TEXT, json.dumps({"op": "subscribe", "stream": self.stream, "profile": profile}).encode()))
+        wait_until(f"bands {mask}", lambda: any(f[1] == mask for f in self.frames[begin:]))
 
     def write(self, path, scheme):
         text = "format " + json.dumps({**self.format, "scheme": scheme}) + "\n"
         path.write_text(text + "".join(bytes.hex(f) + "\n" for f in self.frames))
+
+
+class Viewer:
+    """A real viewer without a window that records what it receives."""
+
+    def __init__(self, url, record):
+        self.record = record
+        self.process = subprocess.Popen([CLIENT, url, "--headless", "--size", "16x16", "--lod", "0.02", "--wait", str(PATIENCE_S),
+                                         "--duration", "600", "--record", record], stderr=subprocess.DEVNULL)
+
+    def poses(self):
+        """By capture time. The last line may still be half written."""
+        lines = self.record.read_text().split("\n")[:-1] if self.record.exists() else []
+        return {pose["capture_us"]: pose["coefficients"] for pose in map(json.loads, lines)}
+
+    def end(self):
+        self.process.terminate()
+        if (code := self.process.wait(PATIENCE_S)) != 0:
+            raise RuntimeError(f"{self.process.args[0]} ended with {code}")
 
 
 def step_size(index):
@@ -89,27 +133,34 @@ class CapturedStreams(unittest.TestCase):
             common = ["--rank", str(RANK), "--rate", "30"]
             senders = [subprocess.Popen([SENDER, "--no-progress", "play", *what, "--to", url + stream, *common], stderr=subprocess.DEVNULL)
                        for stream, what in (("clip", [clip()]), ("moving", ["heart", "--velocities"]))]
+            captures, viewers = {}, {}
             try:
                 captures = {name: Capture(broker.port, stream, query) for name, (stream, query, _) in MODES.items()}
-                for capture in captures.values():
-                    capture.peer.sock.settimeout(120)  # The bakes of both come first.
-                    capture.read(0)
-                viewers = [cls.watch(url, name) for name in WATCHED]
-                for capture in captures.values():
-                    capture.read(SECONDS)
-                changing = captures["raw"]
-                for profile in ({"rate": "raw", "bands": 1}, {"rate": "interpolated", "k": 3, "form": "full", "bands": 2}, {"rate": "raw"}):
-                    changing.ask(**profile)
-                    changing.read(0.5)
-                for viewer in viewers:
-                    if viewer.wait(120) != 0:
-                        raise RuntimeError(f"{viewer.args[0]} ended with {viewer.returncode}")
-                for capture in captures.values():
-                    capture.peer.sock.close()
+                for name, capture in captures.items():  # The bakes of both clips come first.
+                    wait_until(f"{name}: frames", lambda: capture.frames)
+                viewers = {name: Viewer(f"{url}{MODES[name][0]}?{MODES[name][1]}", cls.folder / f"{name}.record") for name in WATCHED}
+                for name, capture in captures.items():
+                    wait_until(f"{name}: poses", lambda: len(capture.frames) >= MIN_POSES)
+                raw = captures["raw"]
+                raw.ask(1, rate="raw", bands=1)
+                raw.ask(3, rate="interpolated", k=3, form="full", bands=2)
+                raw.ask(7, rate="raw")
+                # A viewer joins when its geometry is ready: the captures go on until both have enough of the same poses.
+                for name, viewer in viewers.items():
+                    wait_until(f"{name}: common poses",
+                               lambda: len(captures[name].capture_times() & viewer.poses().keys()) > MIN_POSES)
+                for viewer in viewers.values():
+                    viewer.end()
             finally:
+                for viewer in viewers.values():
+                    viewer.process.kill()
+                    viewer.process.wait()
+                for capture in captures.values():
+                    capture.close()
                 for sender in senders:
                     sender.terminate()
                     sender.wait(20)
+        cls.viewed = {name: viewer.poses() for name, viewer in viewers.items()}
         cls.decoded = {}
         for name, capture in captures.items():
             path = cls.folder / f"{name}.frames"
@@ -122,16 +173,10 @@ class CapturedStreams(unittest.TestCase):
     def tearDownClass(cls):
         cls.temporary.cleanup()
 
-    @classmethod
-    def watch(cls, url, name):
-        stream, query, _ = MODES[name]
-        return subprocess.Popen([CLIENT, f"{url}{stream}?{query}", "--headless", "--size", "16x16", "--lod", "0.02", "--wait", "120",
-                                 "--duration", "3", "--record", cls.folder / f"{name}.record"], stderr=subprocess.DEVNULL)
-
     def test_no_frame_has_to_wait_for_a_join(self):
         for name, poses in self.decoded.items():
             with self.subTest(name):
-                self.assertGreaterEqual(len(poses), LEAST_POSES)
+                self.assertGreaterEqual(len(poses), MIN_POSES)
                 self.assertEqual(poses[0]["kind"], "join")
                 self.assertNotIn(None, poses)
 
@@ -157,16 +202,13 @@ class CapturedStreams(unittest.TestCase):
                 for pose in self.decoded[name]:
                     key = pose.get("pose") or pose["newer"]
                     expected[pose["capture_us"]] = [value * step_size(key["step"]) for value in key["values"]]
-                seen = {}
-                for line in (self.folder / f"{name}.record").read_text().splitlines():
-                    pose = json.loads(line)
-                    seen[pose["capture_us"]] = pose["coefficients"]
+                seen = self.viewed[name]
                 both = expected.keys() & seen.keys()
-                self.assertGreater(len(both), LEAST_POSES)
+                self.assertGreater(len(both), MIN_POSES)
                 for capture_us in both:
                     self.assertEqual(expected[capture_us], seen[capture_us])
 
 
 if __name__ == "__main__":
-    BROKER, SENDER, CLIENT, NODE, DATA = sys.argv[1:6]
-    unittest.main(argv=[sys.argv[0], *sys.argv[6:]])
+    BROKER, SENDER, CLIENT, NODE, MADE_DATA = sys.argv[1:6]
+    cases.main(argv=[sys.argv[0], *sys.argv[6:]])

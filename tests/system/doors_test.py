@@ -15,6 +15,7 @@ import unittest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker")]
+import cases
 import payloads
 from websocket_peer import Broker, ports_of
 
@@ -73,10 +74,14 @@ class Doors(unittest.TestCase):
         self.assertEqual(ask(port, "GET", asset, source="127.0.0.2")[0], 200, "another address")
         self.assertIn(f"eigencast_broker_download_bytes_total {4 * len(body)}", ask(admin, "GET", "/metrics")[2])
 
+
+class Monitors(unittest.TestCase):
+    start = Doors.start
+
     def test_monitors_read_the_admin_port_and_change_nothing(self):
         own = own_address()
         if not own:
-            self.skipTest("SKIPPED: this machine has no address but loopback, whence everybody may read")
+            self.skipTest("this machine has no address but loopback, whence everybody may read")
         secret = "--access-jwt-secret=a secret of the tests, of more than 32 bytes"
         for monitors, status in (("198.51.100.7/32", 401), (f"{own}/32", 200)):
             _, admin = self.start(secret, "--admin-listen=0.0.0.0:0", f"--access-monitors={monitors}")
@@ -89,4 +94,4 @@ class Doors(unittest.TestCase):
 
 if __name__ == "__main__":
     BROKER = sys.argv.pop(1)
-    unittest.main(verbosity=2, warnings="ignore")
+    cases.main()

@@ -23,6 +23,7 @@ import urllib.request
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker")]
+import cases
 import payloads
 from websocket_peer import BINARY, CLOSE, TEXT, Broker, Peer, frame, ports_of
 
@@ -236,4 +237,4 @@ class Loops(unittest.TestCase):
 
 if __name__ == "__main__":
     BROKER = sys.argv.pop(1)
-    unittest.main(verbosity=2, warnings="ignore")
+    cases.main()

@@ -17,6 +17,7 @@ import urllib.request
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "tests/support"), str(ROOT / "bench/broker")]
+import cases
 import payloads
 from websocket_peer import BINARY, CLOSE, PING, PONG, TEXT, Broker, Peer, frame, port_of, ports_of
 
@@ -220,4 +221,4 @@ class SlowViewers(unittest.TestCase):
 
 if __name__ == "__main__":
     BROKER, RELAY = sys.argv.pop(1), sys.argv.pop(1)
-    unittest.main(verbosity=2, warnings="ignore")
+    cases.main()
