@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Checks every Markdown page of the tree. Usage: check_documents.py ROOT
 
-Relative links and their #anchors resolve, lines fit in 120 columns outside code and tables, paths of the tree that a page names exist, and
-docs/architecture.md names every folder.
+Relative links and their #anchors resolve, lines fit in 120 columns outside code and tables, paths of the tree and files of a room that a
+page names exist, and docs/architecture.md names every folder.
 """
 import pathlib
 import re
@@ -65,6 +65,19 @@ def path_faults(text, top):
             yield f"{name}: there is no such file or folder"
 
 
+def file_faults(page, text):
+    """The table of a folder's README, `file` or `room` first, names files of that folder; of a room its files, too."""
+    rows = re.search(r"^\| (?:file|room) \|.*\n\|[-|]+\n((?:\|.*\n)*)", text, re.M)
+    for row in rows[1].splitlines() if rows else ():
+        first, second = row.strip("|").split("|")[:2]
+        for name in re.findall(r"`([\w./*-]+)`", first):
+            if not list((ROOT / page).parent.glob(name.rstrip("/") + ("" if "." in name or name.endswith("/") else ".*"))):
+                yield f"{name}: there is no such file or folder"
+        for name in re.findall(r"`([a-z_]+)`", second) if first.strip().endswith("/`") else ():
+            if not list((ROOT / page).parent.glob(f"{first.strip().strip('`')}{name}.*")):
+                yield f"{name}: there is no such file in {first.strip()}"
+
+
 def unnamed_folders(files):
     text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
     folders = {str(parent) for file in files for parent in file.parents if str(parent) != "."}
@@ -80,7 +93,8 @@ def main():
     pages = [file for file in files if file.suffix == ".md"]
     for page in pages:
         text = (ROOT / page).read_text(encoding="utf-8")
-        faults += [f"{page}: {fault}" for fault in [*link_faults(page, text), *width_faults(text), *path_faults(text, top)]]
+        faults += [f"{page}: {fault}" for fault in [*link_faults(page, text), *width_faults(text), *path_faults(text, top),
+                                             *file_faults(page, text)]]
     print("\n".join(faults) or f"{len(pages)} pages are sound")
     return 1 if faults else 0
 
