@@ -15,11 +15,11 @@
 
 namespace eigencast {
 
-/// Fetches content-addressed objects one after the other on a thread of its own: from the cache, else from the broker,
-/// verified by hash, kept in the cache. A broken download goes on where it stopped; it is tried until it succeeds or
-/// the job changes.
+/// Fetches content-addressed objects one after the other: from the cache, else from the broker, verified by hash, kept
+/// in the cache. A broken download goes on where it stopped; it is tried until it succeeds or other objects are asked
+/// for. All fetchers of a broker with the same credentials share a thread and a connection, which serve them in turn.
 ///
-/// Use from one thread (wake excepted, which is called on the fetcher's).
+/// Use from one thread (wake and log excepted, which are called on the shared one).
 class AssetFetcher final {
  public:
   struct Object {
@@ -32,8 +32,8 @@ class AssetFetcher final {
   };
 
   /// `wake` is called whenever take() or stats() has news.
-  AssetFetcher(BrokerUrl url, std::string cache_dir, std::function<void()> wake, LogSink log = {});
-  ~AssetFetcher();  ///< Stops at once.
+  AssetFetcher(const BrokerUrl& url, std::string cache_dir, std::function<void()> wake, LogSink log = {});
+  ~AssetFetcher();  ///< Cancels what is under way.
   AssetFetcher(const AssetFetcher&) = delete;
   AssetFetcher& operator=(const AssetFetcher&) = delete;
 
@@ -45,8 +45,10 @@ class AssetFetcher final {
   Stats stats() const;
 
  private:
-  class Impl;
-  std::unique_ptr<Impl> impl_;
+  struct Job;
+  class Worker;
+  std::unique_ptr<Job> job_;
+  std::shared_ptr<Worker> worker_;
 };
 
 }  // namespace eigencast

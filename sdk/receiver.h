@@ -2,7 +2,6 @@
 #pragma once
 
 #include <chrono>
-#include <condition_variable>
 #include <cstdint>
 #include <deque>
 #include <functional>
@@ -10,8 +9,6 @@
 #include <mutex>
 #include <optional>
 #include <string>
-#include <string_view>
-#include <thread>
 #include <vector>
 
 #include "common/codec/key.h"
@@ -20,9 +17,9 @@
 #include "common/core/log.h"
 #include "common/net/clock_offset.h"
 #include "common/net/url.h"
-#include "common/net/websocket.h"
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
+#include "sdk/broker_connection.h"
 #include "sdk/frame_decoder.h"
 
 namespace eigencast {
@@ -36,9 +33,9 @@ struct Arrival {
   CoefficientLayout layout;
 };
 
-/// The network's side of a Subscriber: connection, control messages, chain, acknowledgements. Connects from its making
-/// to its end; what it finds waits for take() and condition(), which any thread may call.
-class Receiver {
+/// One stream of a broker's connection: its state, its decoder, and what came of it, which waits for take() and
+/// condition(). Watches the stream from its making to its end. Any thread may call these.
+class Receiver final : private BrokerConnection::Listener {
  public:
   struct News {
     std::deque<Arrival> poses;                ///< At most 64, newest kept.
@@ -58,65 +55,44 @@ class Receiver {
     Histogram latency_us;
   };
 
-  /// wake  is called, on threads of the receiver's own, when there is something new
-  Receiver(BrokerUrl url, Profile profile, std::uint32_t trace_every, std::chrono::milliseconds declined_retry,
-           std::function<void()> wake, LogSink log);
-  ~Receiver();
+  /// wake  is called, on the connection's thread, when there is something new
+  Receiver(const BrokerUrl& url, BrokerConnection::Request request, std::function<void()> wake);
+  ~Receiver() override;
 
+  /// Use from one thread.
   News take();
   /// At most 256, oldest first: older ones are dropped.
   std::vector<control::Trace> take_traces();
   Condition condition() const;
 
  private:
-  void on_open();
-  void on_down(const Error& why, std::chrono::milliseconds wait);
-  void on_text(std::string_view text);
-  template <typename Message>
-  void on_message(const Message&) {}  // What concerns senders only.
-  void on_message(const control::StreamInfo& m);
-  void on_message(const control::Trace& m);
-  void on_message(const control::Ping& m);
-  void on_message(const control::Pong& m);
-  void on_message(const control::Notice& m);
-  void on_message(const control::ErrorMessage& m);
-  void on_message(const control::Bye& m);
-  void on_binary(ByteView bytes);
-  /// Decodes a message that came at `now` and keeps its pose, if it shows one. Errors: for the log. REQUIRES: mutex_ is
-  /// held.
-  Result<bool> take_frame(ByteView bytes, TimeUs now);
-  /// REQUIRES: mutex_ is held and ack_ is set.
-  void acknowledge(TimeUs now);
-  void send(std::string text);
-  /// Acknowledges what the last frame of a burst left over, asks again where it was declined, and pings.
-  void tick();
+  void on_open() override;
+  void on_down(const Error& why, std::chrono::milliseconds wait) override;
+  void on_info(const control::StreamInfo& info) override;
+  void on_trace(const control::Trace& trace) override;
+  void on_notice(const control::Notice& notice) override;
+  void on_error(const control::ErrorMessage& error, bool declined) override;
+  void on_crowded_out() override;
+  void on_clock(const ClockOffset::Estimate& clock) override;
+  void on_frame(const std::optional<FrameView>& frame, std::size_t bytes, TimeUs now) override;
+  /// Keeps the frame's pose, if it shows one. Errors: for the log. REQUIRES: mutex_ is held.
+  Result<bool> decode(const FrameView& frame, TimeUs now);
 
   const BrokerUrl url_;
-  const Profile profile_;
-  const std::uint32_t trace_every_;
-  const std::chrono::milliseconds declined_retry_;
+  const BrokerConnection::Request request_;
   const std::function<void()> wake_;
-  const LogSink log_;
 
   mutable std::mutex mutex_;
-  std::condition_variable stop_;
   // GUARDED_BY(mutex_), all that follows.
-  bool stopping_ = false;
   FrameDecoder decoder_;
-  ClockOffset clock_;
-  bool trace_asked_ = false;           ///< On this connection.
   std::deque<control::Trace> traces_;  ///< Bounded, newest kept.
   News news_;
   Condition condition_;
   TimeUs notice_until_us_ = 0;
-  std::uint64_t unparsed_ = 0;
-  std::optional<control::Ack::Item> ack_;  ///< Newest frame that is not acknowledged yet.
-  TimeUs last_ack_us_ = 0, last_ping_us_ = 0;
-  std::uint64_t ping_id_ = 0;
-  std::optional<TimeUs> ask_again_at_us_;
-  std::unique_ptr<WebSocket> socket_;
+  std::uint64_t unreadable_ = 0;
+  bool crowded_out_ = false;  ///< Another connection is to be asked for the stream.
 
-  std::thread ticker_;
+  std::shared_ptr<BrokerConnection> connection_;  ///< For the constructor, the destructor and take() alone.
 };
 
 }  // namespace eigencast

@@ -16,13 +16,11 @@ using std::chrono::milliseconds;
 
 class Subscriber::Impl {
  public:
-  Impl(const BrokerUrl& url, Profile profile, std::uint32_t trace_every, milliseconds declined_retry,
-       std::string cache_dir, const LogSink& log)
+  Impl(const BrokerUrl& url, std::string cache_dir, const BrokerConnection::Request& request)
       : url_(url),
         surfaces_(
-            url, std::move(cache_dir), [this] { wake(); }, log),
-        receiver_(
-            url, profile, trace_every, declined_retry, [this] { wake(); }, log) {}
+            url, std::move(cache_dir), [this] { wake(); }, request.log),
+        receiver_(url, request, [this] { wake(); }) {}
 
   std::vector<control::Trace> take_traces() { return receiver_.take_traces(); }
 
@@ -149,7 +147,7 @@ class Subscriber::Impl {
   std::optional<control::StreamInfo> info_;
   std::optional<Arrival> held_;  ///< The newest pose of the surface that is on its way.
 
-  // Last, so that they end first: their threads call wake().
+  // Last, so that they end first: they call wake().
   Surfaces surfaces_;
   Receiver receiver_;
 };
@@ -171,8 +169,9 @@ Result<std::unique_ptr<Subscriber>> Subscriber::create(SubscriberOptions options
     if (!parsed) return parsed.error();
     profile = *parsed;
   }
-  return std::unique_ptr<Subscriber>(new Subscriber(std::make_unique<Impl>(
-      *url, profile, options.trace_every, options.declined_retry, std::move(options.cache_dir), log)));
+  BrokerConnection::Request request{{url->stream, profile}, options.trace_every, options.declined_retry, log};
+  return std::unique_ptr<Subscriber>(
+      new Subscriber(std::make_unique<Impl>(*url, std::move(options.cache_dir), request)));
 }
 
 std::vector<ReceivedPose> Subscriber::poll(milliseconds timeout) {

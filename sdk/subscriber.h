@@ -36,10 +36,12 @@ struct ReceivedPose {
 };
 
 /// Watches one stream: downloads the asset chunk by chunk (cache first), decodes frames, acknowledges, reconnects by
-/// itself, and keeps what it has meanwhile. Network and decoding run on threads of its own; everything that it found is
-/// handed over inside poll(), on the caller's thread, so that asset() and what poll returned need no lock.
+/// itself, and keeps what it has meanwhile. Network and decoding run on two threads, which all Subscribers of a broker
+/// with the same credentials share, as they share its connection. Everything that was found is handed over inside
+/// poll(), on the caller's thread, so that asset() and what poll returned need no lock.
 ///
-/// Use from one thread; different Subscribers are independent.
+/// Use from one thread; different Subscribers are independent. The log is called on these threads: it must neither make
+/// nor destroy a Subscriber, nor wait for a thread that does.
 class Subscriber final {
  public:
   enum class State { kConnecting, kWaiting, kDownloading, kLive, kStalled, kLost, kRefused };

@@ -13,7 +13,7 @@ namespace eigencast::broker {
 class Gathering {
  public:
   struct Settings {
-    TimeUs tick_us = 16'000;                  ///< Longest delay; half of it in the mean. 0: never gather.
+    TimeUs tick_us = 8'000;                   ///< Longest delay; half of it in the mean. 0: never gather.
     std::uint64_t above_per_second = 20'000;  ///< Poses; it ends below half of it.
   };
 

@@ -72,7 +72,6 @@ class HttpConnection::Impl {
   void cancel() {
     cancelled_ = true;
     asio::post(io_, [this] {
-      resolver_.cancel();
       if (stream_) tcp().close();
     });
   }
@@ -102,12 +101,10 @@ class HttpConnection::Impl {
     if (const auto address = asio::ip::make_address(url_.host, ec); !ec) {
       endpoints.emplace_back(address, url_.port);
     } else {
-      resolver_.async_resolve(url_.host, std::to_string(url_.port),
-                              [&](error_code why, const tcp::resolver::results_type& found) {
-                                ec = why;
-                                for (const auto& entry : found) endpoints.push_back(entry.endpoint());
-                              });
-      run();
+      // On this thread: an asynchronous lookup would take one of its own, and could not be broken off either.
+      for (const auto& entry : tcp::resolver(io_).resolve(url_.host, std::to_string(url_.port), ec)) {
+        endpoints.push_back(entry.endpoint());
+      }
       if (ec) return give_up(fail(ErrorCode::kUnreachable, "host \"" + url_.host + "\" is not known: " + ec.message()));
     }
     tcp().expires_after(timeout_);
@@ -208,7 +205,6 @@ class HttpConnection::Impl {
   const std::string where_;
   std::atomic<bool> cancelled_{false};
   asio::io_context io_;
-  tcp::resolver resolver_{io_};
   ClientTls tls_;  ///< Made by the first request.
   std::unique_ptr<ClientStream> stream_;
   beast::flat_buffer buffer_{kPieceBytes * 2};

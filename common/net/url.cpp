@@ -133,6 +133,10 @@ std::string BrokerUrl::shown() const {
   return origin() + prefix + "/" + stream;
 }
 
+bool is_same_broker(const BrokerUrl& a, const BrokerUrl& b) {
+  return a.origin() == b.origin() && a.prefix == b.prefix && a.credentials == b.credentials;
+}
+
 Result<BrokerUrl> parse_broker_url(std::string_view text) {
   if (text.size() > kMaxUrlBytes) return bad_url(text, "it is longer than 12 KiB");
   for (const char c : text)

@@ -17,6 +17,7 @@ struct Credentials {
   std::string certificate_file = {};  ///< PEM file of the client's own certificate, for brokers that ask for one.
   std::string key_file = {};          ///< Its private key, PEM, without passphrase.
   bool insecure = false;              ///< The broker's certificate is not looked at: anybody may be in between.
+  bool operator==(const Credentials&) const = default;
 };
 
 /// Where a broker and, if the path names one, a stream are: ws://host[:port]/stream/name?rate=raw. http:// is taken for
@@ -35,6 +36,9 @@ struct BrokerUrl {
   std::string origin() const;  ///< "ws://host:port"
   std::string shown() const;   ///< "ws://host:port/stream": for people, without anything secret.
 };
+
+/// Whether both reach the same broker in the same way and with the same credentials.
+bool is_same_broker(const BrokerUrl& a, const BrokerUrl& b);
 
 /// Of "wss://host/eigencast/v1/subscribe/a/b?access_token=T" prefix, stream and token are taken apart.
 /// Errors: kInvalidArgument, saying what is wrong and what a URL looks like.

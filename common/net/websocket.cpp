@@ -58,6 +58,7 @@ struct Link {
   Link(const asio::any_io_executor& executor, ClientTls tls) : socket(executor, std::move(tls)) {}
   ws::stream<ClientStream, false> socket;  ///< No compression: poses have no redundancy left.
   beast::flat_buffer in;
+  std::string target;
   ws::response_type response;
   std::deque<Outgoing> out;  ///< Bounded: send() drops what goes beyond max_unsent_bytes.
   bool writing = false;
@@ -144,6 +145,12 @@ class WebSocket::Impl {
     hold_off_ = pause;
   }
 
+  void retry_now() {
+    asio::post(executor_, [this] {
+      if (!link_) connect();
+    });
+  }
+
   void stop() {
     assert(std::this_thread::get_id() != thread_.get_id());
     const std::lock_guard lock(stop_mutex_);
@@ -158,6 +165,7 @@ class WebSocket::Impl {
 
   void connect() {
     if (stopping_) return;
+    retry_timer_.cancel();
     if (options_.url.tls && !tls_) {
       auto made = make_client_tls(options_.url);
       if (!made) {
@@ -239,21 +247,21 @@ class WebSocket::Impl {
     const std::string host =
         (ipv6 ? "[" + options_.url.host + "]" : options_.url.host) + ":" + std::to_string(options_.url.port);
     const bool has_token = !token.empty();
-    link->socket.async_handshake(
-        link->response, host, options_.url.prefix + options_.target, [this, link, has_token](error_code ec) {
-          if (!is_current(link)) return;
-          if (ec) {
-            down(link, failure_of_upgrade(ec, link->response, where_, has_token));
-            return;
-          }
-          const auto protocol = link->response[beast::http::field::sec_websocket_protocol];
-          if (std::string_view(protocol.data(), protocol.size()) != kSubprotocol) {
-            down(link, {fail(ErrorCode::kIncompatibleVersion, where_ + " does not speak " + std::string(kSubprotocol)),
-                        true});
-            return;
-          }
-          opened(link);
-        });
+    link->target = options_.url.prefix + (events_.on_try ? events_.on_try() : options_.target);
+    link->socket.async_handshake(link->response, host, link->target, [this, link, has_token](error_code ec) {
+      if (!is_current(link)) return;
+      if (ec) {
+        down(link, failure_of_upgrade(ec, link->response, where_, has_token));
+        return;
+      }
+      const auto protocol = link->response[beast::http::field::sec_websocket_protocol];
+      if (std::string_view(protocol.data(), protocol.size()) != kSubprotocol) {
+        down(link,
+             {fail(ErrorCode::kIncompatibleVersion, where_ + " does not speak " + std::string(kSubprotocol)), true});
+        return;
+      }
+      opened(link);
+    });
   }
 
   void opened(const LinkPtr& link) {
@@ -266,9 +274,20 @@ class WebSocket::Impl {
       unsent_ = 0;
       ++generation_;
     }
-    log(log_, LogLevel::kDebug, "connected to " + where_ + options_.target);
+    log(log_, LogLevel::kDebug, "connected to " + where_ + link->target);
     if (events_.on_open) events_.on_open();
+    tick(link);
     read(link);
+  }
+
+  void tick(const LinkPtr& link) {
+    if (options_.tick == milliseconds(0)) return;
+    tick_timer_.expires_after(options_.tick);
+    tick_timer_.async_wait([this, link](error_code ec) {
+      if (ec || !is_current(link)) return;
+      events_.on_tick();
+      tick(link);
+    });
   }
 
   void read(const LinkPtr& link) {
@@ -388,6 +407,7 @@ class WebSocket::Impl {
     connect_timer_.cancel();
     retry_timer_.cancel();
     resolver_.cancel();
+    tick_timer_.cancel();
     if (!link_) return;
     // Gone with its last handler: the timer of its pings would keep the thread for half of silence_timeout.
     const LinkPtr link = std::exchange(link_, nullptr);
@@ -418,6 +438,7 @@ class WebSocket::Impl {
   tcp::resolver resolver_{executor_};
   asio::steady_timer connect_timer_{executor_};
   asio::steady_timer retry_timer_{executor_};
+  asio::steady_timer tick_timer_{executor_};
   asio::steady_timer stop_timer_{executor_};
 
   // GUARDED_BY(turn_), what follows up to mutex_.
@@ -457,6 +478,9 @@ bool WebSocket::is_open() const {
 }
 void WebSocket::hold_off(std::chrono::milliseconds pause) {
   impl_->hold_off(pause);
+}
+void WebSocket::retry_now() {
+  impl_->retry_now();
 }
 void WebSocket::stop() {
   impl_->stop();

@@ -30,10 +30,14 @@ struct WebSocketOptions {
   std::chrono::milliseconds silence_timeout{
       10000};  ///< Nothing at all received (pings included) for so long = dead (default: 10 s).
   std::size_t max_unsent_bytes = 256 * 1024;  ///< kDropped above this (default: 256 KiB).
+  std::chrono::milliseconds tick{0};          ///< How often on_tick is called while it is open (default: 0, never).
 };
 
 /// Called on the connection's own thread, one at a time; must return soon and must not destroy the WebSocket.
 struct WebSocketEvents {
+  /// Before each try to connect: the target of this one. Empty: always that of the options.
+  std::function<std::string()> on_try;
+  std::function<void()> on_tick;
   std::function<void()> on_open;
   std::function<void(std::string_view)> on_text;
   std::function<void(ByteView)> on_binary;
@@ -65,6 +69,8 @@ class WebSocket final {
   /// The peer is about to close and asks to be left alone for so long: the least pause before the next try once this
   /// connection is down. 0: it does not expect us back; the longest interval then.
   void hold_off(std::chrono::milliseconds pause);
+  /// Ends the pause before the next try, if there is one now.
+  void retry_now();
   /// Closes politely (at most 500 ms) and ends the thread. No event comes afterwards. A name lookup under way cannot be
   /// broken off: stop() then waits for it, as long as the system's resolver takes.
   void stop();

@@ -14,7 +14,8 @@ struct LoopbackBroker::Running {
   std::thread thread;
 };
 
-LoopbackBroker::LoopbackBroker() {
+LoopbackBroker::LoopbackBroker(int max_streams_per_connection)
+    : max_streams_per_connection_(max_streams_per_connection) {
   start();
 }
 LoopbackBroker::~LoopbackBroker() {
@@ -26,6 +27,7 @@ void LoopbackBroker::start() {
   broker::Config config;
   config.server.listen = "127.0.0.1:" + std::to_string(port_);
   config.server.admin_listen.clear();  // None.
+  config.limits.max_streams_per_connection = max_streams_per_connection_;
   config.server.data_dir = folder_.file("data");
   auto made = broker::Broker::create(config, "test", {});
   if (!made) throw std::runtime_error(made.error().message);

@@ -13,7 +13,7 @@ namespace eigencast::testing {
 /// and start(). Throws std::runtime_error when it cannot start: a test cannot go on. Use from one thread.
 class LoopbackBroker {
  public:
-  LoopbackBroker();
+  explicit LoopbackBroker(int max_streams_per_connection = 64);
   ~LoopbackBroker();
   LoopbackBroker(const LoopbackBroker&) = delete;
   LoopbackBroker& operator=(const LoopbackBroker&) = delete;
@@ -28,6 +28,7 @@ class LoopbackBroker {
 
  private:
   struct Running;
+  const int max_streams_per_connection_;
   TemporaryFolder folder_;
   std::uint16_t port_ = 0;
   std::unique_ptr<Running> running_;

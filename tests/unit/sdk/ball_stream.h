@@ -57,9 +57,11 @@ inline std::vector<double> straight_between(const std::vector<double>& a, const 
 /// Sends pose after pose, whenever it is asked to.
 class Sender {
  public:
-  Sender(const LoopbackBroker& broker, int rank, CodecKind codec = CodecKind::kFloat64) : model_(model(rank)) {
+  Sender(const LoopbackBroker& broker, int rank, CodecKind codec = CodecKind::kFloat64,
+         const std::string& stream = "live/ball")
+      : model_(model(rank)) {
     PublisherOptions options;
-    options.url = broker.url("live/ball");
+    options.url = broker.url(stream);
     options.codec = codec;
     auto made = Publisher::create(std::move(options), model_.asset, model_.encoded);
     EXPECT_TRUE(made) << made.error().message;

@@ -3,84 +3,21 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <boost/asio/io_context.hpp>
-#include <boost/asio/ip/tcp.hpp>
-#include <boost/beast/core.hpp>
-#include <boost/beast/websocket.hpp>
 #include <cmath>
-#include <mutex>
-#include <thread>
-#include <vector>
 
 #include "common/surface/shapes.h"
 #include "sdk/bake.h"
 #include "sdk/publisher.h"
 #include "sdk/subscriber.h"
 #include "tests/support/process.h"
+#include "tests/unit/sdk/scripted_broker.h"
 
 namespace eigencast {
 namespace {
 
-namespace asio = boost::asio;
-namespace beast = boost::beast;
-using asio::ip::tcp;
-using boost::system::error_code;
 using testing::eventually;
 using ::testing::HasSubstr;
 using testing::milliseconds;
-
-/// Upgrades one connection, says what it was given to say, and closes or answers each `subscribe`.
-class ScriptedBroker {
- public:
-  struct Script {
-    std::vector<std::string> at_first;
-    std::string to_subscribe;  ///< Answer; empty: none.
-    bool then_close = false;   ///< After at_first.
-  };
-  explicit ScriptedBroker(Script script)
-      : script_(std::move(script)), acceptor_(loop_, tcp::endpoint(asio::ip::address_v4::loopback(), 0)), link_(loop_) {
-    thread_ = std::thread([this] { serve(); });
-  }
-  ~ScriptedBroker() { thread_.join(); }  ///< REQUIRES: the client is gone.
-  std::string url() const {
-    return "ws://127.0.0.1:" + std::to_string(acceptor_.local_endpoint().port()) + "/live/ball";
-  }
-  int subscribes() {
-    const std::lock_guard lock(mutex_);
-    return subscribes_;
-  }
-
- private:
-  void serve() {
-    error_code ec;
-    acceptor_.accept(link_.next_layer(), ec);
-    link_.set_option(beast::websocket::stream_base::decorator(
-        [](beast::websocket::response_type& r) { r.set(beast::http::field::sec_websocket_protocol, "eigencast.v1"); }));
-    link_.accept(ec);
-    for (const std::string& text : script_.at_first) link_.write(asio::buffer(text), ec);
-    if (script_.then_close) link_.close(beast::websocket::close_code::service_restart, ec);
-    beast::flat_buffer in;
-    while (!ec) {
-      in.clear();
-      link_.read(in, ec);
-      const std::string text = beast::buffers_to_string(in.data());
-      if (ec || text.find("\"subscribe\"") == std::string::npos) continue;
-      {
-        const std::lock_guard lock(mutex_);
-        ++subscribes_;
-      }
-      if (!script_.to_subscribe.empty()) link_.write(asio::buffer(script_.to_subscribe), ec);
-    }
-  }
-
-  const Script script_;
-  asio::io_context loop_;
-  tcp::acceptor acceptor_;
-  beast::websocket::stream<tcp::socket, false> link_;
-  std::mutex mutex_;
-  int subscribes_ = 0;  ///< GUARDED_BY(mutex_)
-  std::thread thread_;
-};
 
 const std::string kWaiting = R"({"op":"stream","stream":"live/ball","state":"waiting","stream_id":7,"epoch":0})";
 const std::string kDeclined = R"({"op":"error","code":"refused","message":"no room","stream":"live/ball"})";
@@ -105,7 +42,7 @@ std::unique_ptr<Subscriber> subscribe(const ScriptedBroker& broker) {
 }
 
 TEST(Subscriber, AsksAgainForAStreamThatWasRefused) {
-  ScriptedBroker broker({{kWaiting, kDeclined}, kWaiting, false});
+  ScriptedBroker broker({{kWaiting, kDeclined}, [](const auto&) { return kWaiting; }});
   const auto subscriber = subscribe(broker);
   bool refused = false;
   ASSERT_TRUE(eventually([&] {
@@ -117,14 +54,14 @@ TEST(Subscriber, AsksAgainForAStreamThatWasRefused) {
       EXPECT_THAT(stats.detail, HasSubstr("no room"));
       EXPECT_EQ(next_try_ms(stats.detail), 100);
     }
-    return broker.subscribes() == 1 && stats.state == Subscriber::State::kWaiting;
+    return broker.received<control::Subscribe>().size() == 1 && stats.state == Subscriber::State::kWaiting;
   }));
   EXPECT_TRUE(refused);
   EXPECT_TRUE(subscriber->info());
 }
 
 TEST(Subscriber, StaysAwayAsLongAsTheBrokerAsks) {
-  ScriptedBroker broker({{kWaiting, kBye}, "", true});
+  ScriptedBroker broker({{kWaiting, kBye}, {}, true});
   const auto subscriber = subscribe(broker);
   ASSERT_TRUE(eventually(
       [&] { return (void)subscriber->poll(milliseconds(1)), subscriber->stats().state == Subscriber::State::kLost; }));
@@ -134,7 +71,7 @@ TEST(Subscriber, StaysAwayAsLongAsTheBrokerAsks) {
 TEST(Publisher, StaysAwayAsLongAsTheBrokerAsks) {
   auto baked = bake(make_icosphere(1), {.basis = "augmented", .rank = 8, .name = "ball"});
   ASSERT_TRUE(baked) << baked.error().message;
-  ScriptedBroker broker({{kBye}, "", true});
+  ScriptedBroker broker({{kBye}, {}, true});
   PublisherOptions options;
   options.url = broker.url();
   auto publisher = Publisher::create(options, std::make_shared<const Asset>(std::move(baked->asset)),

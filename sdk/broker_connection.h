@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <list>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/core/clock.h"
+#include "common/core/log.h"
+#include "common/net/clock_offset.h"
+#include "common/net/url.h"
+#include "common/net/websocket.h"
+#include "common/wire/control.h"
+#include "common/wire/envelope.h"
+
+namespace eigencast {
+
+/// One connection to a broker, shared by all streams that are watched there with the same credentials: one socket, one
+/// thread. It reconnects by itself and then subscribes to all streams again. It acknowledges, pings, and asks again for
+/// streams that the broker declined. A connection of one stream names it in its URL, so that it needs no round trip
+/// more; one of several never does, so that a stream that is refused there does not refuse the others.
+///
+/// A stream is watched at most once per connection: whoever watches it a second time gets another connection.
+/// Thread-safe.
+class BrokerConnection final {
+ public:
+  /// What one stream hears of the connection, on the connection's thread and one call at a time; on_open() and
+  /// on_down() also within join(). No call may lead to join() or leave().
+  class Listener {
+   public:
+    virtual ~Listener() = default;
+    virtual void on_open() = 0;
+    /// wait  until the next try; 0: none
+    virtual void on_down(const Error& why, std::chrono::milliseconds wait) = 0;
+    virtual void on_info(const control::StreamInfo& info) = 0;
+    virtual void on_trace(const control::Trace& trace) = 0;
+    virtual void on_notice(const control::Notice& notice) = 0;
+    /// declined  The broker does not give this stream; it is asked again after declined_retry.
+    virtual void on_error(const control::ErrorMessage& error, bool declined) = 0;
+    /// This connection has as many streams as the broker allows: leave it and join another.
+    virtual void on_crowded_out() = 0;
+    virtual void on_clock(const ClockOffset::Estimate& clock) = 0;
+    /// A frame of this stream, which came at `now`. Nothing in it: it could not be read.
+    virtual void on_frame(const std::optional<FrameView>& frame, std::size_t bytes, TimeUs now) = 0;
+  };
+
+  struct Request {
+    control::Subscribe subscribe;
+    std::uint32_t trace_every = 0;
+    std::chrono::milliseconds declined_retry{5000};
+    LogSink log;
+  };
+
+  /// Watches a stream at the broker of `url`, on the connection that is there or on a new one.
+  static std::shared_ptr<BrokerConnection> join(const BrokerUrl& url, Request request, Listener& listener);
+  /// Ends the subscription; no call comes afterwards. Whoever leaves last closes the connection by letting go of it.
+  void leave(const Listener& listener);
+
+  explicit BrokerConnection(const BrokerUrl& url);
+  ~BrokerConnection();  ///< At most 500 ms, as WebSocket::stop().
+  BrokerConnection(const BrokerConnection&) = delete;
+  BrokerConnection& operator=(const BrokerConnection&) = delete;
+
+ private:
+  struct Stream {
+    Request request;
+    Listener* listener;
+    std::optional<std::uint32_t> id;        ///< Once the broker has said it on this connection.
+    std::optional<control::Ack::Item> ack;  ///< Newest frame that is not acknowledged yet.
+    std::optional<TimeUs> ask_again_at_us;  ///< Set while the broker declines the stream.
+
+    const std::string& name() const { return request.subscribe.stream; }
+  };
+
+  bool try_join(Request& request, Listener& listener);
+  std::string next_target();
+  void on_open();
+  void on_down(const Error& why, std::chrono::milliseconds wait);
+  void on_text(std::string_view text);
+  void on_binary(ByteView bytes);
+  template <typename Message>
+  void on_message(const Message&) {}  // What concerns senders only.
+  void on_message(const control::StreamInfo& m);
+  void on_message(const control::Trace& m);
+  void on_message(const control::Ping& m);
+  void on_message(const control::Pong& m);
+  void on_message(const control::Notice& m);
+  void on_message(const control::ErrorMessage& m);
+  void on_message(const control::Bye& m);
+  /// Acknowledges what the last frames of a burst left over, asks again for declined streams, and pings.
+  void on_tick();
+  void acknowledge(TimeUs now);
+  void subscribe(Stream& stream);
+  /// One that is lost is made up for: the connection is made anew, and all is asked again.
+  void send(const ControlMessage& message) { (void)socket_->send_text(text_from_control(message)); }
+  Stream* find(std::string_view name);
+  template <typename Call>
+  void for_each(std::string_view name_or_all, Call call);
+  void log(LogLevel level, std::string_view text) const;
+
+  const BrokerUrl url_;
+  /// Held in all calls of listeners and log sinks, so that leave() waits for them. Recursive for sinks that are called
+  /// within a send.
+  mutable std::recursive_mutex mutex_;
+  // GUARDED_BY(mutex_), all that follows.
+  std::list<Stream> streams_;  ///< Oldest first.
+  std::string url_stream_;     ///< Whom the present connection's URL names; empty: nobody.
+  bool open_ = false;
+  bool crowded_ = false;  ///< The broker allows no more streams.
+  std::optional<std::pair<Error, std::chrono::milliseconds>> down_;
+  ClockOffset clock_;
+  TimeUs last_ack_us_ = 0, last_ping_us_ = 0;
+  std::uint64_t ping_id_ = 0;
+  std::unique_ptr<WebSocket> socket_;
+};
+
+}  // namespace eigencast
