@@ -13,7 +13,7 @@
 
 #include "common/codec/chain.h"
 #include "common/reconstruction/reconstruct.h"
-#include "common/surface/read.h"
+#include "common/surface/formats/clip.h"
 #include "common/wire/envelope.h"
 #include "sdk/bake.h"
 #include "sdk/publisher.h"

@@ -8,8 +8,8 @@
 #include <utility>
 
 #include "common/progressive/prefix.h"
-#include "common/surface/read.h"
-#include "common/surface/shapes.h"
+#include "common/surface/formats/read.h"
+#include "common/surface/shapes/shapes.h"
 
 namespace eigencast::bench {
 namespace {

@@ -8,8 +8,8 @@
 
 #include "client/clip_truth.h"
 #include "common/reconstruction/reconstruct.h"
-#include "common/surface/read.h"
-#include "common/surface/shapes.h"
+#include "common/surface/formats/clip.h"
+#include "common/surface/shapes/shapes.h"
 
 namespace eigencast {
 namespace {

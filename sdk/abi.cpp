@@ -5,7 +5,7 @@
 #include <optional>
 
 #include "common/core/clock.h"
-#include "common/surface/check.h"
+#include "common/surface/checks/check.h"
 #include "sdk/asset_cache.h"
 #include "sdk/asset_folder.h"
 #include "sdk/bake.h"

@@ -11,7 +11,7 @@
 #include <string>
 
 #include "common/asset/asset.h"
-#include "common/asset/format.h"
+#include "common/asset/format/encode.h"
 #include "common/core/result.h"
 #include "common/net/url.h"
 

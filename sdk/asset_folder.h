@@ -5,7 +5,7 @@
 #include <string>
 
 #include "common/asset/asset.h"
-#include "common/asset/format.h"
+#include "common/asset/format/encode.h"
 #include "common/core/bytes.h"
 #include "common/core/hash/sha256.h"
 #include "common/core/result.h"

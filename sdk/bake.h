@@ -9,7 +9,7 @@
 
 #include "common/asset/asset.h"
 #include "common/asset/detail.h"
-#include "common/asset/format.h"
+#include "common/asset/format/encode.h"
 #include "common/spectral/known_motion.h"
 #include "common/surface/appearance.h"
 #include "common/surface/surface.h"

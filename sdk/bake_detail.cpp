@@ -7,8 +7,8 @@
 #include <cmath>
 #include <cstdint>
 
-#include "common/asset/integer_columns.h"
-#include "common/asset/manifest.h"
+#include "common/asset/format/manifest.h"
+#include "common/asset/tiles/basis_block.h"
 #include "common/core/worker_team.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/spectral/tangent_derivatives.h"

@@ -6,7 +6,7 @@
 
 #include "common/asset/asset.h"
 #include "common/asset/detail.h"
-#include "common/asset/format.h"
+#include "common/asset/format/encode.h"
 #include "common/surface/surface.h"
 
 namespace eigencast {

@@ -6,7 +6,7 @@
 #include <string>
 #include <utility>
 
-#include "common/asset/format.h"
+#include "common/asset/format/encode.h"
 #include "common/core/bytes.h"
 #include "sdk/asset_folder.h"
 

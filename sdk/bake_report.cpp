@@ -7,7 +7,7 @@
 
 #include "common/core/text.h"
 #include "common/reconstruction/reconstruct.h"
-#include "common/surface/check.h"
+#include "common/surface/checks/check.h"
 
 namespace eigencast {
 namespace {

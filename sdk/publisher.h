@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "common/asset/format.h"
+#include "common/asset/format/encode.h"
 #include "common/codec/key.h"
 #include "common/core/log.h"
 #include "common/net/websocket.h"

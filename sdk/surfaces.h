@@ -7,7 +7,7 @@
 #include <optional>
 #include <string>
 
-#include "common/asset/format.h"
+#include "common/asset/format/reader.h"
 #include "common/core/bytes.h"
 #include "common/core/log.h"
 #include "common/core/result.h"

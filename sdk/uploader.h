@@ -5,7 +5,7 @@
 #include <functional>
 #include <string>
 
-#include "common/asset/format.h"
+#include "common/asset/format/encode.h"
 #include "common/core/result.h"
 #include "common/net/http.h"
 

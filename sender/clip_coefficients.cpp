@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "sender/clip_coefficients.h"
 
-#include "common/surface/jumps.h"
+#include "common/surface/checks/jumps.h"
 
 namespace eigencast {
 

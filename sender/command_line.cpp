@@ -9,8 +9,8 @@
 
 #include "common/command_line/documents.h"
 #include "common/core/files.h"
-#include "common/surface/read.h"
-#include "common/surface/write.h"
+#include "common/surface/formats/endings.h"
+#include "common/surface/formats/write.h"
 #include "sdk/contexts.h"
 #include "sender/option_groups.h"
 

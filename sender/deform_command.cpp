@@ -9,7 +9,7 @@
 #include <optional>
 
 #include "common/core/histogram.h"
-#include "common/surface/write.h"
+#include "common/surface/formats/write.h"
 #include "sender/by_hand.h"
 #include "sender/commands.h"
 #include "sender/deform/arap.h"

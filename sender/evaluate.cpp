@@ -8,7 +8,7 @@
 
 #include "common/codec/chain.h"
 #include "common/reconstruction/reconstruct.h"
-#include "common/surface/jumps.h"
+#include "common/surface/checks/jumps.h"
 #include "common/wire/envelope.h"
 #include "sender/order_check.h"
 

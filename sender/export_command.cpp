@@ -3,7 +3,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "common/surface/write.h"
+#include "common/surface/formats/write.h"
 #include "sender/commands.h"
 #include "sender/progress_line.h"
 

@@ -6,8 +6,8 @@
 #include <vector>
 
 #include "common/asset/asset.h"
-#include "common/surface/edge_difference.h"
-#include "common/surface/surface_distance.h"
+#include "common/surface/checks/edge_difference.h"
+#include "common/surface/checks/surface_distance.h"
 #include "sender/surface_error.h"
 
 namespace eigencast {

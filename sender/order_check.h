@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "common/core/clock.h"
+#include "common/surface/checks/vertex_order.h"
 #include "common/surface/motion_clip.h"
-#include "common/surface/vertex_order.h"
 
 namespace eigencast {
 

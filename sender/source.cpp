@@ -6,9 +6,10 @@
 #include <filesystem>
 
 #include "common/spectral/rig_columns.h"
-#include "common/surface/jumps.h"
-#include "common/surface/read.h"
-#include "common/surface/shapes.h"
+#include "common/surface/checks/jumps.h"
+#include "common/surface/formats/clip.h"
+#include "common/surface/formats/read.h"
+#include "common/surface/shapes/shapes.h"
 #include "common/wire/limits.h"
 #include "sender/deform/cage.h"
 #include "sender/deform/cage_deformer.h"

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "common/surface/surface_distance.h"
+#include "common/surface/checks/surface_distance.h"
 
 namespace eigencast {
 

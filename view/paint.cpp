@@ -7,7 +7,7 @@
 #include <iterator>
 #include <utility>
 
-#include "common/surface/stated_colours.h"
+#include "common/surface/appearance.h"
 
 namespace eigencast {
 namespace {

@@ -11,8 +11,8 @@
 #include <map>
 
 #include "bench/paper/deformation_transfer.h"
-#include "common/surface/shapes.h"
-#include "common/surface/surface_distance.h"
+#include "common/surface/checks/surface_distance.h"
+#include "common/surface/shapes/shapes.h"
 #include "sdk/asset_cache.h"
 #include "sender/source.h"
 #include "sender/surface_error.h"

@@ -13,7 +13,7 @@
 
 #include "bench/paper/picture.h"
 #include "common/spectral/kd_tree.h"
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 #include "common/surface/vector.h"
 #include "sdk/bake.h"
 #include "sender/deform/cage_deformer.h"

@@ -16,7 +16,7 @@
 
 #include "common/codec/chain.h"
 #include "common/reconstruction/reconstruct.h"
-#include "common/surface/read.h"
+#include "common/surface/formats/clip.h"
 #include "sdk/bake.h"
 #include "sdk/publisher.h"
 #include "sender/surface_error.h"

@@ -6,7 +6,6 @@
 #include <string>
 
 #include "common/asset/asset_limits.h"
-#include "common/asset/manifest.h"
 #include "common/asset/texture.h"
 
 namespace eigencast {
@@ -14,6 +13,9 @@ namespace {
 
 Error corrupt(std::string what) {
   return fail(ErrorCode::kCorrupt, "asset: " + std::move(what));
+}
+Error corrupt_texture(std::string what) {
+  return fail(ErrorCode::kCorrupt, "texture: " + std::move(what));
 }
 Error too_large(const std::string& what, std::uint64_t value, std::uint64_t limit) {
   return fail(ErrorCode::kTooLarge,
@@ -135,7 +137,7 @@ Result<void> check_detail(const Asset& a) {
   const std::size_t n = a.vertex_count, entries = n * a.rank;
   if (d.axes != 1 && d.axes != 3) return corrupt("its detail has " + std::to_string(d.axes) + " axes, not 1 or 3");
   if (d.size() != n || d.normal.size() != n || d.along_x.size() != entries || d.along_y.size() != entries ||
-      d.steps.size() != a.rank || !std::all_of(d.steps.begin(), d.steps.end(), is_column_scale)) {
+      d.steps.size() != a.rank || !std::all_of(d.steps.begin(), d.steps.end(), asset_limits::is_column_scale)) {
     return corrupt("there is detail, but not for each row and column");
   }
   for (std::uint32_t i = 0; i < n; ++i) {
@@ -176,6 +178,35 @@ void Asset::Splats::resize(std::size_t rows) {
 
 double Asset::diagonal() const {
   return std::hypot(box_high[0] - box_low[0], box_high[1] - box_low[1], box_high[2] - box_low[2]);
+}
+
+Result<void> validate_texture(const AssetTexture& t, const Asset& asset) {
+  const std::size_t n = asset.vertex_count, W = t.places.size();
+  if (t.image.size() > AssetTexture::kMaxImageBytes)
+    return fail(ErrorCode::kTooLarge,
+                "texture: an image of " + std::to_string(t.image.size()) + " bytes; 16 MiB at most");
+  if (t.image.empty() || W == 0) return corrupt_texture("there is no image, or nothing that has a place in it");
+  if (t.first_wedge.size() != n + 1 || t.first_wedge[0] != 0 || t.first_wedge[n] != W || t.parent.size() != W ||
+      t.corners.size() != asset.faces.size() || !std::is_sorted(t.first_wedge.begin(), t.first_wedge.end())) {
+    return corrupt_texture("its arrays do not fit the surface");
+  }
+  if (!t.has_finite_box()) return corrupt_texture("the box of its coordinates is not finite or inside out");
+  const auto belongs = [&](std::uint32_t wedge, std::uint32_t row) {
+    return wedge >= t.first_wedge[row] && wedge < t.first_wedge[row + 1];
+  };
+  for (std::uint32_t i = 0; i < n; ++i) {
+    for (std::uint32_t w = t.first_wedge[i]; w < t.first_wedge[i + 1]; ++w) {
+      if (i < asset.base_count ? t.parent[w] != w : !belongs(t.parent[w], asset.map[i]))
+        return corrupt_texture("wedge " + std::to_string(w) + " has a parent that is none");
+    }
+  }
+  for (std::size_t f = 0; f < t.corners.size(); ++f) {
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (!belongs(t.corners[f][k], asset.faces[f][k]))
+        return corrupt_texture("face " + std::to_string(f) + " has a wedge of another vertex");
+    }
+  }
+  return {};
 }
 
 Result<void> validate_asset(const Asset& asset) {

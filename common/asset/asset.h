@@ -93,4 +93,7 @@ struct Asset {
 /// asset_limits.h. Errors: kCorrupt, naming the first offender; kTooLarge.
 Result<void> validate_asset(const Asset& asset);
 
+/// Checks a texture against its finished asset. Errors: kCorrupt, naming the first offender; kTooLarge (image).
+Result<void> validate_texture(const AssetTexture& texture, const Asset& asset);
+
 }  // namespace eigencast

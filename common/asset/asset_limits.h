@@ -27,4 +27,12 @@ inline constexpr std::uint64_t kFreeGrowth = std::uint64_t{1} << 20;
 /// Writers stop doubling chunks here, so that one object stays easy to hold and to fetch again.
 inline constexpr std::uint64_t kTargetChunkBytes = std::uint64_t{32} << 20;
 
+/// Below this a column counts as zero, so that value / scale finds the integer back exactly.
+inline constexpr float kMinColumnScale = 1e-30F;
+/// So that value * 32767 is finite.
+inline constexpr float kMaxColumnScale = 1e34F;
+inline bool is_column_scale(float scale) {
+  return scale == 0 || (scale >= kMinColumnScale && scale <= kMaxColumnScale);
+}
+
 }  // namespace eigencast::asset_limits

@@ -7,11 +7,8 @@
 #include <vector>
 
 #include "common/core/bytes.h"
-#include "common/core/result.h"
 
 namespace eigencast {
-
-struct Asset;
 
 /// Where the image of a surface lies on its faces. A wedge is a place in the image that a vertex has; along seams it
 /// has several. Wedges are numbered by vertex, and contract as vertices do: with the first N vertices a corner has the
@@ -32,20 +29,11 @@ struct AssetTexture {
   /// it repeats.
   /// REQUIRES: places[wedge] != kNone.
   std::array<float, 2> uv(std::uint32_t wedge) const;
+  /// Whether low and high are finite (at most 1e30) and in order.
+  bool has_finite_box() const;
 };
 
 /// The step of the grid from low to high that is nearest. REQUIRES: low <= value <= high.
 std::uint16_t texture_grid(float value, float low, float high);
-
-/// Checks a texture against its finished asset. Errors: kCorrupt, naming the first offender; kTooLarge (image).
-Result<void> validate_texture(const AssetTexture& texture, const Asset& asset);
-
-/// What of a texture stands beside the image. REQUIRES: valid.
-Bytes encode_wedges(const AssetTexture& texture, const Asset& asset);
-
-/// The other way round, without the image. Safe on hostile input. Errors: kCorrupt.
-///   base_count, map, faces   of the finished asset
-Result<AssetTexture> decode_wedges(ByteView raw, std::uint32_t base_count, const std::vector<std::uint32_t>& map,
-                                   const std::vector<std::array<std::uint32_t, 3>>& faces);
 
 }  // namespace eigencast

@@ -3,9 +3,9 @@
 #include <cmath>
 #include <queue>
 
+#include "common/core/union_find.h"
 #include "common/progressive/contraction.h"
 #include "common/progressive/quadric.h"
-#include "common/surface/union_find.h"
 #include "common/surface/vector.h"
 
 namespace eigencast::progressive {

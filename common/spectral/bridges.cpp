@@ -5,8 +5,8 @@
 #include <array>
 #include <limits>
 
+#include "common/core/union_find.h"
 #include "common/spectral/kd_tree.h"
-#include "common/surface/union_find.h"
 
 namespace eigencast {
 namespace {

@@ -6,7 +6,7 @@
 #include <cstddef>
 #include <limits>
 
-#include "common/surface/surface_distance.h"
+#include "common/surface/checks/surface_distance.h"
 
 namespace eigencast {
 

@@ -13,7 +13,7 @@
 #include "common/spectral/intrinsic_triangles.h"
 #include "common/spectral/local_delaunay.h"
 #include "common/spectral/point_kernel.h"
-#include "common/surface/check.h"
+#include "common/surface/checks/check.h"
 #include "common/surface/edge_uses.h"
 #include "common/surface/vector.h"
 

@@ -12,6 +12,9 @@
 
 namespace eigencast {
 
+/// Frames of a clip that readers let through.
+inline constexpr std::size_t kMaxClipFrames = 1'000'000;
+
 /// A deforming surface of constant topology: its rest pose and its poses over time.
 ///
 /// pose(i) may read a file. Not thread-safe.

@@ -7,6 +7,8 @@
 #include <span>
 #include <vector>
 
+#include "common/core/result.h"
+
 namespace eigencast {
 
 using Vec3 = std::array<double, 3>;
@@ -34,5 +36,9 @@ struct Box {
 
 /// The bounding box of points. Its diagonal ("diag") is the length that errors are stated against.
 Box bounding_box(std::span<const Vec3> positions);
+
+/// Indices in range, positions finite, 4 <= n <= limit: what everything after this takes for granted.
+/// Errors: kInvalidArgument or kTooLarge, naming the first offender.
+Result<void> validate_surface(const Surface& surface);
 
 }  // namespace eigencast

@@ -7,7 +7,7 @@
 #include <numeric>
 #include <utility>
 
-#include "common/surface/check.h"
+#include "common/surface/checks/check.h"
 #include "common/surface/vector.h"
 
 namespace eigencast::deform {

@@ -6,8 +6,9 @@
 #include <algorithm>
 #include <cstdlib>
 
-#include "common/asset/format.h"
-#include "common/asset/manifest.h"
+#include "common/asset/format/encode.h"
+#include "common/asset/format/manifest.h"
+#include "common/asset/format/reader.h"
 #include "common/reconstruction/level_triangles.h"
 #include "common/reconstruction/reconstruct.h"
 

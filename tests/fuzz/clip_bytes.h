@@ -8,8 +8,8 @@
 #include <cstdlib>
 #include <string>
 
-#include "common/surface/check.h"
-#include "common/surface/read.h"
+#include "common/surface/checks/check.h"
+#include "common/surface/formats/clip.h"
 
 namespace eigencast {
 

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "common/spectral/rig_columns.h"
-#include "common/surface/gltf.h"
+#include "common/surface/formats/gltf.h"
 #include "tests/fuzz/clip_bytes.h"
 
 using namespace eigencast;

@@ -3,6 +3,7 @@
 
 #include "common/asset/asset.h"
 #include "common/asset/texture.h"
+#include "common/asset/tiles/wedge_tile.h"
 
 using namespace eigencast;
 

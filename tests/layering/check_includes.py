@@ -18,9 +18,14 @@ ROOMS = {
     "common/motion": {"common/core"},
     "common/recording": {"common/core"},
     "common/surface": {"common/core"},
-    "common/spectral": {"common/core", "common/surface"},
+    "common/surface/checks": {"common/core", "common/surface"},
+    "common/surface/formats": {"common/core", "common/surface"},
+    "common/surface/shapes": {"common/core", "common/surface"},
+    "common/spectral": {"common/core", "common/surface", "common/surface/checks"},
     "common/progressive": {"common/core", "common/surface"},
-    "common/asset": {"common/core", "common/core/hash", "common/codec"},  # its range coder
+    "common/asset": {"common/core"},
+    "common/asset/tiles": {"common/core", "common/codec", "common/asset"},  # codec: its range coder
+    "common/asset/format": {"common/core", "common/core/hash", "common/asset", "common/asset/tiles"},
     "common/reconstruction": {"common/core", "common/asset"},
     "common/net": {"common/core", "common/wire"},
     # The relay decides: no sockets, no clock, no other room of the broker.
@@ -29,31 +34,31 @@ ROOMS = {
     "broker/websocket": {"common/core"},
     "broker": {"common/core", "common/command_line", "common/core/hash", "common/wire", "common/codec", "common/motion", "common/recording"},
     "sdk": {"common/core", "common/core/hash", "common/wire", "common/codec", "common/motion", "common/surface", "common/spectral",
-            "common/progressive", "common/asset", "common/reconstruction", "common/net"},
+            "common/progressive", "common/asset", "common/reconstruction", "common/net", "common/surface/checks", "common/asset/format", "common/asset/tiles"},
     # Surfaces and handles: no window, no network.
-    "sender/deform": {"common/core", "common/surface", "common/asset", "common/reconstruction"},
+    "sender/deform": {"common/core", "common/surface", "common/asset", "common/reconstruction", "common/surface/checks"},
     # The window over them.
     "sender/studio": {"common/core", "common/surface", "common/asset", "common/reconstruction", "common/net", "sdk", "sender/deform", "view"},
     "sender": {"common/core", "common/command_line", "common/core/hash", "common/wire", "common/codec", "common/motion", "common/surface",
-               "common/spectral", "common/progressive", "common/asset", "common/reconstruction", "common/net", "common/recording", "sdk", "sender/deform", "sender/studio", "view"},
+               "common/spectral", "common/progressive", "common/asset", "common/reconstruction", "common/net", "common/recording", "sdk", "sender/deform", "sender/studio", "view", "common/surface/checks", "common/surface/formats", "common/surface/shapes"},
     # Streams as pictures, for every program that draws.
     "view": {"common/core", "common/motion", "common/surface", "common/asset", "common/reconstruction", "common/wire", "sdk"},
     "client": {"view", "common/core", "common/command_line", "common/core/hash", "common/wire", "common/codec", "common/motion", "common/surface",
-               "common/asset", "common/reconstruction", "common/net", "sdk"},
+               "common/asset", "common/reconstruction", "common/net", "sdk", "common/surface/formats", "common/surface/shapes"},
     "tools/latency": {"view", "common/core", "common/command_line", "common/wire", "common/codec", "common/surface", "common/asset", "common/reconstruction",
-                      "common/net", "sdk"},
+                      "common/net", "sdk", "common/surface/shapes"},
     "examples": {"sdk/include"},
 }
 
 # third-party library -> (pattern of its includes, rooms that may include it, how many files at most).
 LIBRARIES = {
     "Eigen": (r"Eigen/", {"common/spectral", "sdk", "sender", "sender/deform"}, 24),
-    "OpenMesh": (r"OpenMesh/", {"common/surface"}, 2),
-    "assimp": (r"assimp/", {"common/surface"}, 1),
-    "tinygltf": (r"tiny_gltf\.h", {"common/surface"}, 1),
+    "OpenMesh": (r"OpenMesh/", {"common/surface/formats"}, 2),
+    "assimp": (r"assimp/", {"common/surface/formats"}, 1),
+    "tinygltf": (r"tiny_gltf\.h", {"common/surface/formats"}, 1),
     "METIS": (r"metis\.h", {"common/spectral"}, 1),
     "nanoflann": (r"nanoflann\.hpp", {"common/spectral", "common/progressive"}, 4),
-    "zstd": (r"zstd\.h", {"common/asset"}, 2),
+    "zstd": (r"zstd\.h", {"common/asset/tiles"}, 2),
     "OpenSSL": (r"openssl/", {"common/core/hash", "common/net", "broker", "broker/websocket"}, 10),
     "Boost": (r"boost/", {"common/net", "broker"}, 36),
     "libnats": (r"nats/", {"broker"}, 1),

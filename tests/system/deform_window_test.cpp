@@ -9,7 +9,7 @@
 #include <nlohmann/json.hpp>
 
 #include "common/reconstruction/reconstruct.h"
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 #include "sdk/bake.h"
 #include "sender/deform/cage.h"
 #include "sender/deform/cage_deformer.h"

@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <fstream>
 
-#include "common/surface/read.h"
-#include "common/surface/shapes.h"
-#include "common/surface/write.h"
+#include "common/surface/formats/clip.h"
+#include "common/surface/formats/write.h"
+#include "common/surface/shapes/shapes.h"
 #include "sender/compare.h"
 #include "sender/deform/cage.h"
 #include "sender/deform/cage_deformer.h"
@@ -108,8 +108,8 @@ TEST(Formats, PosesFromStandardInputArriveAndWhatIsUnfinishedIsSaid) {
   const auto client = scene.start_client("viewer", {"--frames", "10000"});
   Process sender(
       {"/bin/sh", "-c", "exec \"$0\" pipe --mesh \"$1\" --to \"$2\" --rate 15 --rank 40 --json \"$3\" < \"$4\"",
-       bin_dir() + "/eigencast-sender", folder.file("rest.obj"), scene.url(),
-       folder.file("report"), folder.file("poses")},
+       bin_dir() + "/eigencast-sender", folder.file("rest.obj"), scene.url(), folder.file("report"),
+       folder.file("poses")},
       scene.file("pipe.log"));
   EXPECT_EQ(sender.wait(milliseconds(60000)), 0) << sender.output() << scene.logs();
   EXPECT_NE(sender.output().find("10 bytes"), std::string::npos) << sender.output();
@@ -228,8 +228,8 @@ TEST(Formats, EveryRealClipPlays) {
 
 TEST(Formats, AnAbsentBrokerHasAnExitStatusOfItsOwn) {
   const Scene scene;
-  Process sender({bin_dir() + "/eigencast-sender", "play", "sphere", "--rank", "8", "--to",
-                  "ws://127.0.0.1:1/a", "--duration", "0.3"},
+  Process sender({bin_dir() + "/eigencast-sender", "play", "sphere", "--rank", "8", "--to", "ws://127.0.0.1:1/a",
+                  "--duration", "0.3"},
                  scene.file("sender.log"));
   EXPECT_EQ(sender.wait(milliseconds(60000)), 4) << sender.output();
 }

@@ -9,8 +9,8 @@
 
 #include "common/codec/key.h"
 #include "common/reconstruction/reconstruct.h"
-#include "common/surface/read.h"
-#include "common/surface/shapes.h"
+#include "common/surface/formats/clip.h"
+#include "common/surface/shapes/shapes.h"
 #include "sdk/asset_cache.h"
 #include "sdk/bake.h"
 #include "sdk/publisher.h"

@@ -7,7 +7,7 @@
 #include <cerrno>
 
 #include "common/core/timers.h"
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 #include "sdk/asset_cache.h"
 #include "sdk/bake.h"
 

@@ -6,10 +6,11 @@
 #include <limits>
 #include <random>
 
-#include "common/asset/basis_tile.h"
-#include "common/asset/compression.h"
-#include "common/asset/format.h"
-#include "common/asset/number_coder.h"
+#include "common/asset/format/encode.h"
+#include "common/asset/format/reader.h"
+#include "common/asset/tiles/basis_tile.h"
+#include "common/asset/tiles/compression.h"
+#include "common/asset/tiles/number_coder.h"
 #include "sample_asset.h"
 
 namespace eigencast {

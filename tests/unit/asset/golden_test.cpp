@@ -11,8 +11,9 @@
 #include <sstream>
 #include <string>
 
-#include "common/asset/format.h"
-#include "common/asset/manifest.h"
+#include "common/asset/format/encode.h"
+#include "common/asset/format/manifest.h"
+#include "common/asset/format/reader.h"
 #include "sample_asset.h"
 #include "tests/support/paths.h"
 

@@ -10,9 +10,10 @@
 #include <utility>
 
 #include "common/asset/asset_limits.h"
-#include "common/asset/compression.h"
-#include "common/asset/format.h"
-#include "common/asset/manifest.h"
+#include "common/asset/format/encode.h"
+#include "common/asset/format/manifest.h"
+#include "common/asset/format/reader.h"
+#include "common/asset/tiles/compression.h"
 #include "sample_asset.h"
 
 namespace eigencast {

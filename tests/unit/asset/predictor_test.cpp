@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "common/asset/predictor.h"
+#include "common/asset/tiles/predictor.h"
 
 #include <gtest/gtest.h>
 
@@ -7,8 +7,9 @@
 #include <cstdlib>
 #include <random>
 
-#include "common/asset/basis_tile.h"
-#include "common/asset/format.h"
+#include "common/asset/format/encode.h"
+#include "common/asset/format/reader.h"
+#include "common/asset/tiles/basis_tile.h"
 #include "sample_asset.h"
 
 namespace eigencast {

@@ -6,7 +6,8 @@
 #include <limits>
 
 #include "common/asset/detail.h"
-#include "common/asset/format.h"
+#include "common/asset/format/encode.h"
+#include "common/asset/format/reader.h"
 #include "sample_asset.h"
 
 namespace eigencast {

@@ -1,13 +1,15 @@
 // SPDX-License-Identifier: MIT
 #include "common/asset/texture.h"
+#include "common/asset/tiles/wedge_tile.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <string>
 
-#include "common/asset/format.h"
-#include "common/asset/manifest.h"
+#include "common/asset/format/encode.h"
+#include "common/asset/format/manifest.h"
+#include "common/asset/format/reader.h"
 #include "sample_asset.h"
 
 namespace eigencast {

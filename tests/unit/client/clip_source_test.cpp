@@ -6,8 +6,8 @@
 
 #include <filesystem>
 
-#include "common/surface/shapes.h"
-#include "common/surface/write.h"
+#include "common/surface/shapes/shapes.h"
+#include "common/surface/formats/write.h"
 #include "view/surface_view.h"
 
 namespace eigencast {

@@ -8,9 +8,9 @@
 #include <cmath>
 #include <filesystem>
 
-#include "common/surface/check.h"
-#include "common/surface/read.h"
-#include "common/surface/shapes.h"
+#include "common/surface/checks/check.h"
+#include "common/surface/formats/read.h"
+#include "common/surface/shapes/shapes.h"
 #include "common/surface/vector.h"
 #include "sender/deform/cage_deformer.h"
 #include "tests/support/paths.h"

@@ -7,7 +7,7 @@
 #include <numeric>
 #include <random>
 
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 #include "common/surface/vector.h"
 #include "sender/deform/cage.h"
 #include "sender/deform/moves.h"

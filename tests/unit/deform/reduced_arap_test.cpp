@@ -6,7 +6,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 #include "common/surface/vector.h"
 #include "sdk/bake.h"
 #include "sender/deform/moves.h"

@@ -8,7 +8,7 @@
 #include <fstream>
 #include <numbers>
 
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 #include "common/surface/vector.h"
 #include "tests/support/paths.h"
 

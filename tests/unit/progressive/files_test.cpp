@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "common/progressive/prefix.h"
-#include "common/surface/check.h"
-#include "common/surface/read.h"
+#include "common/surface/checks/check.h"
+#include "common/surface/formats/read.h"
 #include "tests/support/paths.h"
 
 namespace eigencast {

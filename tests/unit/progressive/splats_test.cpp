@@ -7,8 +7,8 @@
 
 #include "common/progressive/point_normals.h"
 #include "common/progressive/splats.h"
-#include "common/surface/read.h"
-#include "common/surface/shapes.h"
+#include "common/surface/formats/read.h"
+#include "common/surface/shapes/shapes.h"
 #include "common/surface/vector.h"
 #include "tests/support/paths.h"
 

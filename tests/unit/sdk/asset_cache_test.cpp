@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 #include "sdk/bake.h"
 #include "temporary_folder.h"
 

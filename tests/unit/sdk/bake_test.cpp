@@ -9,12 +9,12 @@
 #include <limits>
 #include <set>
 
-#include "common/asset/format.h"
+#include "common/asset/format/reader.h"
 #include "common/asset/texture.h"
 #include "common/progressive/prefix.h"
 #include "common/reconstruction/reconstruct.h"
-#include "common/surface/read.h"
-#include "common/surface/shapes.h"
+#include "common/surface/formats/read.h"
+#include "common/surface/shapes/shapes.h"
 #include "temporary_folder.h"
 #include "tests/support/paths.h"
 

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 #include "sdk/bake.h"
 #include "sdk/publisher.h"
 #include "sdk/subscriber.h"

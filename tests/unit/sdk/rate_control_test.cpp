@@ -8,8 +8,8 @@
 
 #include "common/codec/chain.h"
 #include "common/reconstruction/reconstruct.h"
-#include "common/surface/read.h"
-#include "common/surface/shapes.h"
+#include "common/surface/formats/clip.h"
+#include "common/surface/shapes/shapes.h"
 #include "common/wire/envelope.h"
 #include "sdk/bake.h"
 #include "sdk/publisher.h"

@@ -6,7 +6,7 @@
 #include <thread>
 
 #include "common/codec/key.h"
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 #include "common/wire/control.h"
 #include "sdk/bake.h"
 #include "sdk/publisher.h"

@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 #include "sdk/bake.h"
 #include "sdk/publisher.h"
 #include "sdk/subscriber.h"

@@ -5,7 +5,7 @@
 #include <filesystem>
 #include <fstream>
 
-#include "common/surface/write.h"
+#include "common/surface/formats/write.h"
 #include "sdk/contexts.h"
 #include "sender/commands.h"
 #include "tests/support/process.h"

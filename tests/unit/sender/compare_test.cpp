@@ -6,7 +6,7 @@
 #include <fstream>
 
 #include "common/reconstruction/reconstruct.h"
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 #include "sdk/bake.h"
 #include "sender/evaluate.h"
 #include "tests/support/process.h"

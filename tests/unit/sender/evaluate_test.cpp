@@ -7,7 +7,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 #include "sender/evaluate_report.h"
 #include "tests/support/process.h"
 

@@ -5,7 +5,7 @@
 #include <memory>
 #include <utility>
 
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 
 namespace eigencast {
 

@@ -6,8 +6,8 @@
 #include <filesystem>
 #include <fstream>
 
-#include "common/surface/shapes.h"
-#include "common/surface/write.h"
+#include "common/surface/formats/write.h"
+#include "common/surface/shapes/shapes.h"
 #include "sender/deform/cage.h"
 #include "sender/deform/cage_deformer.h"
 #include "sender/deform/projected.h"

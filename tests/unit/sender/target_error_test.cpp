@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include "common/surface/write.h"
+#include "common/surface/formats/write.h"
 #include "tests/support/process.h"
 
 namespace eigencast {

@@ -5,7 +5,7 @@
 
 #include "common/spectral/kg_error.h"
 #include "common/spectral/rig_columns.h"
-#include "common/surface/read.h"
+#include "common/surface/formats/clip.h"
 #include "support.h"
 #include "tests/support/paths.h"
 

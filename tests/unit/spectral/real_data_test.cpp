@@ -4,7 +4,8 @@
 #include <filesystem>
 
 #include "common/spectral/kg_error.h"
-#include "common/surface/read.h"
+#include "common/surface/formats/clip.h"
+#include "common/surface/formats/read.h"
 #include "support.h"
 #include "tests/support/paths.h"
 

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "common/spectral/basis.h"
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 
 namespace eigencast::testing {
 

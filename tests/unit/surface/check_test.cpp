@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
-#include "common/surface/check.h"
+#include "common/surface/checks/check.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 
 namespace eigencast {
 namespace {

@@ -4,8 +4,8 @@
 
 #include <algorithm>
 
-#include "common/surface/natural_order.h"
-#include "common/surface/read.h"
+#include "common/surface/formats/clip.h"
+#include "common/surface/formats/sequence.h"
 #include "tests/unit/surface/temp_dir.h"
 
 namespace eigencast {

@@ -7,8 +7,9 @@
 #include <fstream>
 #include <sstream>
 
-#include "common/surface/check.h"
-#include "common/surface/read.h"
+#include "common/surface/checks/check.h"
+#include "common/surface/formats/clip.h"
+#include "common/surface/formats/read.h"
 #include "tests/support/paths.h"
 
 namespace eigencast {

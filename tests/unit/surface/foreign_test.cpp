@@ -2,8 +2,10 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "common/surface/foreign.h"
-#include "common/surface/read.h"
+#include "common/surface/formats/clip.h"
+#include "common/surface/formats/endings.h"
+#include "common/surface/formats/foreign.h"
+#include "common/surface/formats/read.h"
 #include "tests/unit/surface/temp_dir.h"
 
 namespace eigencast {

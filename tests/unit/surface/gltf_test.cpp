@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "common/surface/gltf.h"
+#include "common/surface/formats/gltf.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -7,8 +7,8 @@
 #include <cmath>
 #include <filesystem>
 
-#include "common/surface/check.h"
-#include "common/surface/read.h"
+#include "common/surface/checks/check.h"
+#include "common/surface/formats/clip.h"
 #include "tests/support/paths.h"
 #include "tests/unit/surface/glb.h"
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "common/surface/jumps.h"
+#include "common/surface/checks/jumps.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -9,10 +9,11 @@
 #include <filesystem>
 #include <random>
 
-#include "common/surface/read.h"
-#include "common/surface/shapes.h"
-#include "common/surface/surface_distance.h"
-#include "common/surface/vertex_order.h"
+#include "common/surface/checks/surface_distance.h"
+#include "common/surface/checks/vertex_order.h"
+#include "common/surface/formats/clip.h"
+#include "common/surface/formats/read.h"
+#include "common/surface/shapes/shapes.h"
 #include "tests/support/paths.h"
 
 namespace eigencast {

@@ -8,8 +8,9 @@
 #include <string>
 #include <vector>
 
-#include "common/surface/read.h"
-#include "common/surface/stated_colours.h"
+#include "common/surface/appearance.h"
+#include "common/surface/formats/clip.h"
+#include "common/surface/formats/read.h"
 #include "temp_dir.h"
 
 namespace eigencast {

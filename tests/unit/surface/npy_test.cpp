@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "common/surface/npy.h"
+#include "common/surface/formats/npy.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
-#include "common/surface/point_cache.h"
+#include "common/surface/formats/point_cache.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include "common/surface/read.h"
+#include "common/surface/formats/clip.h"
 #include "tests/unit/surface/temp_dir.h"
 
 namespace eigencast {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "common/surface/read.h"
+#include "common/surface/formats/read.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,7 +8,7 @@
 #include <cmath>
 #include <utility>
 
-#include "common/surface/check.h"
+#include "common/surface/checks/check.h"
 #include "tests/unit/surface/temp_dir.h"
 
 namespace eigencast {

@@ -4,9 +4,9 @@
 
 #include <filesystem>
 
-#include "common/surface/read.h"
-#include "common/surface/shapes.h"
-#include "common/surface/write.h"
+#include "common/surface/formats/clip.h"
+#include "common/surface/formats/write.h"
+#include "common/surface/shapes/shapes.h"
 #include "tests/support/paths.h"
 #include "tests/unit/surface/temp_dir.h"
 

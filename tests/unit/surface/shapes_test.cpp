@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 #include <numbers>
 
-#include "common/surface/check.h"
+#include "common/surface/checks/check.h"
 
 namespace eigencast {
 namespace {

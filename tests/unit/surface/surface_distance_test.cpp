@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "common/surface/surface_distance.h"
+#include "common/surface/checks/surface_distance.h"
 
 #include <gtest/gtest.h>
 
@@ -7,7 +7,7 @@
 #include <cmath>
 #include <random>
 
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 
 namespace eigencast {
 namespace {

@@ -7,7 +7,7 @@
 
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/motion_clip.h"
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 #include "sdk/bake.h"
 #include "tests/unit/view/fake_source.h"
 

@@ -13,7 +13,7 @@
 #include <string>
 #include <tuple>
 
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 #include "sdk/bake.h"
 #include "tests/unit/reconstruction/coefficient_rounding.h"
 #include "tests/unit/view/baked_heart.h"

@@ -8,7 +8,8 @@
 #include <random>
 #include <tuple>
 
-#include "common/asset/format.h"
+#include "common/asset/format/encode.h"
+#include "common/asset/format/reader.h"
 #include "common/reconstruction/level_triangles.h"
 #include "tests/unit/view/baked_heart.h"
 #include "tests/unit/view/offscreen_pictures.h"

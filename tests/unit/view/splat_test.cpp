@@ -5,7 +5,7 @@
 #include <cmath>
 #include <cstdlib>
 
-#include "common/surface/shapes.h"
+#include "common/surface/shapes/shapes.h"
 #include "sdk/bake.h"
 #include "tests/unit/view/baked_heart.h"
 #include "tests/unit/view/fake_source.h"

@@ -1,0 +1,422 @@
+// SPDX-License-Identifier: MIT
+// manifest  magic[8] version:u32 n:u32 r:u32 q:u32 F:u32 exact_columns:u32
+//           bands:u8 band_end:u32[bands]  up:u8 handed:u8 metres_per_unit:f64 area:f64 low:f64[3] high:f64[3]
+//           origin:f64[3] basis_kind:u8+text name:u16+text  rest:f64[3 r] column_scale:f32[r - exact_columns]
+//           chunks:u32 { end_row:u32 end_face:u32 id[32] tiles:u8 { kind:u8 index:u8 required:u8 compression:u8
+//                        stored:u32 raw:u32 hash[32] } }
+//           sections:u16 { kind:u16 required:u8 bytes:u64 id[32] }
+// The specification is docs/asset-format.md.
+#include "common/asset/format/manifest.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string>
+#include <utility>
+
+#include "common/asset/asset_limits.h"
+#include "common/asset/texture.h"
+#include "common/asset/tiles/colour_tile.h"
+#include "common/asset/tiles/detail_tile.h"
+#include "common/asset/tiles/predictor.h"
+#include "common/asset/tiles/splat_tile.h"
+
+namespace eigencast {
+namespace {
+
+constexpr std::array<std::uint8_t, 8> kMagic = {'E', 'C', 'A', 'S', 'S', 'E', 'T', '\n'};
+constexpr std::uint32_t kVersion = 1;
+constexpr std::size_t kMinChunkEntryBytes = 4 + 4 + 32 + 1;
+constexpr std::size_t kTileEntryBytes = 4 + 4 + 4 + 32;
+constexpr std::size_t kSectionEntryBytes = 2 + 1 + 8 + 32;
+
+void put_digest(ByteWriter& out, const Sha256& id) {
+  out.bytes(id.digest);
+}
+
+Sha256 get_digest(ByteReader& in) {
+  Sha256 id;
+  const ByteView view = in.bytes(id.digest.size());
+  std::copy(view.begin(), view.end(), id.digest.begin());
+  return id;
+}
+
+Error corrupt(std::string what) {
+  return fail(ErrorCode::kCorrupt, "asset manifest: " + std::move(what));
+}
+Error too_large(std::string what, std::uint64_t value, std::uint64_t limit) {
+  return fail(ErrorCode::kTooLarge, "asset manifest: " + std::move(what) + " is " + std::to_string(value) +
+                                        ", over the limit of " + std::to_string(limit));
+}
+
+std::string text_from(ByteView bytes) {
+  return std::string(bytes.begin(), bytes.end());
+}
+
+/// A manifest being read: one function for each part of the grammar, in its order.
+class Parser {
+ public:
+  explicit Parser(ByteView bytes) : in_(bytes) {}
+
+  Result<Manifest> parse() {
+    for (auto part : {&Parser::header, &Parser::counts, &Parser::bands, &Parser::facts, &Parser::texts,
+                      &Parser::numbers, &Parser::chunks, &Parser::sections}) {
+      if (auto result = (this->*part)(); !result) return result.error();
+      if (in_.failed()) return corrupt("ends too early");
+    }
+    if (in_.remaining() != 0) return corrupt(std::to_string(in_.remaining()) + " bytes too many at its end");
+    return std::move(manifest_);
+  }
+
+ private:
+  Result<void> header() {
+    const ByteView magic = in_.bytes(kMagic.size());
+    if (!std::equal(magic.begin(), magic.end(), kMagic.begin(), kMagic.end()))
+      return corrupt("not one: its magic bytes are missing");
+    const std::uint32_t version = in_.u32();
+    if (in_.failed()) return corrupt("ends too early");
+    if (version == 0) return corrupt("version 0 does not exist");
+    if (version != kVersion) {
+      return fail(ErrorCode::kIncompatibleVersion, "asset manifest: format version " + std::to_string(version) +
+                                                       ", this build reads version 1; bake the asset again or update");
+    }
+    return {};
+  }
+
+  Result<void> counts() {
+    Asset& a = manifest_.facts;
+    a.vertex_count = in_.u32();
+    a.rank = in_.u32();
+    a.base_count = in_.u32();
+    a.face_total = in_.u32();
+    manifest_.exact_columns = in_.u32();
+    if (in_.failed()) return corrupt("ends too early");
+    if (a.vertex_count == 0 || a.rank == 0) return corrupt("no vertices or no basis columns");
+    if (a.vertex_count > asset_limits::kMaxVertices)
+      return too_large("vertex count", a.vertex_count, asset_limits::kMaxVertices);
+    if (a.face_total > asset_limits::kMaxFaces) return too_large("face count", a.face_total, asset_limits::kMaxFaces);
+    if (a.rank > asset_limits::kMaxRank) return too_large("rank", a.rank, asset_limits::kMaxRank);
+    const std::uint64_t decoded = std::uint64_t{a.vertex_count} * a.rank * sizeof(float);
+    if (decoded > asset_limits::kMaxDecodedBytes)
+      return too_large("decoded basis", decoded, asset_limits::kMaxDecodedBytes);
+    if (a.base_count == 0 || a.base_count > a.vertex_count) {
+      return corrupt("base count " + std::to_string(a.base_count) + " is not within 1 and the vertex count " +
+                     std::to_string(a.vertex_count));
+    }
+    if (manifest_.exact_columns > a.rank) return corrupt("more exact columns than columns");
+    return {};
+  }
+
+  Result<void> bands() {
+    Asset& a = manifest_.facts;
+    const std::size_t count = in_.u8();
+    if (count == 0 || count > asset_limits::kMaxBands)
+      return corrupt(std::to_string(count) + " bands; 1 to 8 are allowed");
+    std::uint32_t previous = 0;
+    for (std::size_t b = 0; b < count; ++b) {
+      const std::uint32_t end = in_.u32();
+      if (end <= previous || end > a.rank) return corrupt("the end of band " + std::to_string(b) + " is out of order");
+      a.band_ends.push_back(end);
+      previous = end;
+    }
+    if (previous != a.rank) return corrupt("the last band does not end at the rank");
+    return {};
+  }
+
+  Result<void> facts() {
+    Asset& a = manifest_.facts;
+    const std::uint8_t up = in_.u8();
+    const std::uint8_t handed = in_.u8();
+    if (up > 3 || handed > 1) return corrupt("unknown up axis or handedness");
+    a.up_axis = static_cast<Asset::UpAxis>(up);
+    a.handedness = static_cast<Asset::Handedness>(handed);
+    a.metres_per_unit = in_.f64();
+    a.area = in_.f64();
+    for (auto* triple : {&a.box_low, &a.box_high, &a.origin}) {
+      for (double& x : *triple) {
+        x = in_.f64();
+        if (!std::isfinite(x)) return corrupt("a box or origin coordinate is not finite");
+      }
+    }
+    if (in_.failed()) return corrupt("ends too early");
+    if (!std::isfinite(a.metres_per_unit) || a.metres_per_unit < 0)
+      return corrupt("metres per unit is negative or not finite");
+    if (!std::isfinite(a.area) || a.area <= 0) return corrupt("the area is not positive");
+    for (std::size_t k = 0; k < 3; ++k) {
+      if (a.box_low[k] > a.box_high[k]) return corrupt("the rest box is inside out");
+    }
+    return {};
+  }
+
+  Result<void> texts() {
+    const std::size_t kind_size = in_.u8();
+    if (kind_size > asset_limits::kMaxBasisKindBytes) return corrupt("basis kind is too long");
+    manifest_.facts.basis_kind = text_from(in_.bytes(kind_size));
+    const std::size_t name_size = in_.u16();
+    if (name_size > asset_limits::kMaxNameBytes) return corrupt("name is too long");
+    manifest_.facts.name = text_from(in_.bytes(name_size));
+    return {};
+  }
+
+  Result<void> numbers() {
+    Asset& a = manifest_.facts;
+    const std::size_t scales = a.rank - manifest_.exact_columns;
+    if (in_.remaining() < a.rank * 3 * sizeof(double) + scales * sizeof(float)) return corrupt("ends too early");
+    a.rest.resize(std::size_t{a.rank} * 3);
+    for (double& c : a.rest) {
+      c = in_.f64();
+      if (!std::isfinite(c)) return corrupt("a rest coefficient is not finite");
+    }
+    manifest_.column_scales.resize(scales);
+    for (float& s : manifest_.column_scales) {
+      s = in_.f32();
+      // The largest integer is 32767: scale * 32767 must still be a float.
+      if (!asset_limits::is_column_scale(s)) return corrupt("a column scale is out of range");
+    }
+    return {};
+  }
+
+  Result<void> chunks() {
+    const Asset& a = manifest_.facts;
+    const std::size_t count = in_.u32();
+    if (count == 0 || count > asset_limits::kMaxChunks)
+      return corrupt(std::to_string(count) + " chunks; 1 to 4096 are allowed");
+    if (in_.remaining() < count * kMinChunkEntryBytes) return corrupt("ends too early");
+    std::uint32_t row = 0;
+    std::uint32_t face = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+      ChunkEntry chunk;
+      if (auto result = one_chunk(i, row, face, chunk); !result) return result;
+      row = chunk.end_row;
+      face = chunk.end_face;
+      manifest_.chunks.push_back(std::move(chunk));
+    }
+    if (row != a.vertex_count || face != a.face_total) return corrupt("the chunks do not cover all vertices and faces");
+    return {};
+  }
+
+  Result<void> one_chunk(std::size_t i, std::uint32_t first_row, std::uint32_t first_face, ChunkEntry& chunk) {
+    const Asset& a = manifest_.facts;
+    const std::string where = "chunk " + std::to_string(i);
+    chunk.end_row = in_.u32();
+    chunk.end_face = in_.u32();
+    chunk.id = get_digest(in_);
+    const std::size_t tiles = in_.u8();
+    if (chunk.end_row <= first_row || chunk.end_row > a.vertex_count || (i == 0 && chunk.end_row < a.base_count)) {
+      return corrupt(where + ": its range of vertices is out of order");
+    }
+    if (chunk.end_face < first_face || chunk.end_face > a.face_total)
+      return corrupt(where + ": its range of faces is out of order");
+    if (tiles < 1 + a.band_ends.size() || tiles > asset_limits::kMaxTilesPerChunk) {
+      return corrupt(where + ": " + std::to_string(tiles) + " tiles for " + std::to_string(a.band_ends.size()) +
+                     " bands");
+    }
+    if (in_.remaining() < tiles * kTileEntryBytes) return corrupt("ends too early");
+    for (std::size_t t = 0; t < tiles; ++t) {
+      TileEntry tile;
+      const std::uint64_t rows = chunk.end_row - first_row;
+      const std::uint64_t faces = chunk.end_face - first_face;
+      if (auto result = one_tile(where + " tile " + std::to_string(t), t, first_row, rows, faces, first_face, tile);
+          !result)
+        return result;
+      chunk.tiles.push_back(tile);
+    }
+    const std::uint64_t stored = chunk.stored_bytes();
+    if (stored > asset_limits::kMaxObjectBytes) return too_large(where, stored, asset_limits::kMaxObjectBytes);
+    std::uint64_t raw = 0;
+    for (const TileEntry& tile : chunk.tiles) raw += tile.raw_bytes;
+    const std::uint64_t allowed = asset_limits::kFreeGrowth + stored * asset_limits::kMaxExpansion;
+    if (raw > allowed) return too_large(where + ", decompressed,", raw, allowed);
+    return {};
+  }
+
+  Result<void> one_tile(const std::string& where, std::size_t t, std::uint32_t first_row, std::uint64_t rows,
+                        std::uint64_t faces, std::uint64_t old_faces, TileEntry& tile) {
+    tile.kind = in_.u8();
+    tile.index = in_.u8();
+    const std::uint8_t required = in_.u8();
+    const std::uint8_t compression = in_.u8();
+    tile.stored_bytes = in_.u32();
+    tile.raw_bytes = in_.u32();
+    tile.hash = get_digest(in_);
+    if (required > 1) return corrupt(where + ": reserved flag bits are set");
+    tile.required = required == 1;
+    const bool known = t <= manifest_.facts.band_ends.size();
+    const bool coded = compression == static_cast<std::uint8_t>(Compression::kCoded);
+    if (compression > 1 && !(coded && known && t > 0)) {
+      if (!known && !tile.required) {
+        tile.raw_bytes = 0;  // never decompressed
+        return {};
+      }
+      return fail(ErrorCode::kUnsupported,
+                  "asset manifest: " + where + ": unknown compression " + std::to_string(compression));
+    }
+    tile.compression = static_cast<Compression>(compression);
+    if (tile.raw_bytes > asset_limits::kMaxTileBytes)
+      return too_large(where, tile.raw_bytes, asset_limits::kMaxTileBytes);
+    if (tile.compression == Compression::kStored && tile.raw_bytes != tile.stored_bytes) {
+      return corrupt(where + ": stored, yet its two sizes differ");
+    }
+    return known ? known_tile(where, t, rows, faces, old_faces, tile) : extra_tile(where, first_row, rows, tile);
+  }
+
+  Result<void> known_tile(const std::string& where, std::size_t t, std::uint64_t rows, std::uint64_t faces,
+                          std::uint64_t old_faces, const TileEntry& tile) {
+    const auto kind = static_cast<std::uint8_t>(t == 0 ? TileKind::kStructure : TileKind::kBasis);
+    const std::size_t index = t == 0 ? 0 : t - 1;
+    if (tile.kind != kind || tile.index != index || !tile.required) {
+      return corrupt(where + ": not the structure tile first and then the bands in order, all required");
+    }
+    const bool size_fits = t == 0
+                               ? tile.raw_bytes >= min_structure_bytes(rows, faces) &&
+                                     tile.raw_bytes <= max_structure_bytes(rows, faces, old_faces)
+                               : tile.raw_bytes == basis_tile_bytes(manifest_, index, static_cast<std::uint32_t>(rows));
+    if (!size_fits)
+      return corrupt(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows and faces");
+    return {};
+  }
+
+  Result<void> extra_tile(const std::string& where, std::uint32_t first_row, std::uint64_t rows,
+                          const TileEntry& tile) {
+    if (tile.kind == 0 || tile.kind == static_cast<std::uint8_t>(TileKind::kStructure) ||
+        tile.kind == static_cast<std::uint8_t>(TileKind::kBasis)) {
+      return corrupt(where + ": a second structure or basis tile");
+    }
+    if (tile.kind == static_cast<std::uint8_t>(TileKind::kSplats)) {
+      if (tile.raw_bytes < min_splat_bytes(rows) || tile.raw_bytes > max_splat_bytes(rows)) {
+        return corrupt(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
+      }
+      return {};
+    }
+    if (tile.kind == static_cast<std::uint8_t>(TileKind::kColours) && tile.index == 0) {
+      if (tile.raw_bytes != colour_bytes(rows)) {
+        return corrupt(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
+      }
+      return {};
+    }
+    if (tile.kind == static_cast<std::uint8_t>(TileKind::kDetail) && tile.index == 0) {
+      const std::uint32_t rank = manifest_.facts.rank;
+      if (tile.raw_bytes != detail_bytes(rows, first_row, rank, 1) &&
+          tile.raw_bytes != detail_bytes(rows, first_row, rank, 3)) {
+        return corrupt(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
+      }
+      return {};
+    }
+    if (tile.kind == static_cast<std::uint8_t>(TileKind::kImage) && tile.raw_bytes > AssetTexture::kMaxImageBytes)
+      return too_large(where + ", an image,", tile.raw_bytes, AssetTexture::kMaxImageBytes);
+    if (tile.required) {
+      return fail(ErrorCode::kUnsupported, "asset manifest: " + where + " is required and of kind " +
+                                               std::to_string(tile.kind) +
+                                               ", which this build does not know; update Eigencast");
+    }
+    return {};
+  }
+
+  Result<void> sections() {
+    const std::size_t count = in_.u16();
+    if (count > asset_limits::kMaxSections) return too_large("section count", count, asset_limits::kMaxSections);
+    if (in_.remaining() < count * kSectionEntryBytes) return corrupt("ends too early");
+    for (std::size_t i = 0; i < count; ++i) {
+      SectionEntry section;
+      section.kind = in_.u16();
+      const std::uint8_t required = in_.u8();
+      section.bytes = in_.u64();
+      section.id = get_digest(in_);
+      if (required > 1) return corrupt("section " + std::to_string(i) + ": reserved flag bits are set");
+      section.required = required == 1;
+      if (section.bytes > asset_limits::kMaxObjectBytes)
+        return too_large("a section", section.bytes, asset_limits::kMaxObjectBytes);
+      if (section.required) {
+        return fail(ErrorCode::kUnsupported, "asset manifest: section " + std::to_string(i) +
+                                                 " is required and of kind " + std::to_string(section.kind) +
+                                                 ", which this build does not know; update Eigencast");
+      }
+      manifest_.sections.push_back(section);
+    }
+    return {};
+  }
+
+  ByteReader in_;
+  Manifest manifest_;
+};
+
+void write_chunk_entry(ByteWriter& out, const ChunkEntry& chunk) {
+  out.u32(chunk.end_row);
+  out.u32(chunk.end_face);
+  put_digest(out, chunk.id);
+  out.u8(static_cast<std::uint8_t>(chunk.tiles.size()));
+  for (const TileEntry& tile : chunk.tiles) {
+    out.u8(tile.kind);
+    out.u8(tile.index);
+    out.u8(tile.required ? 1 : 0);
+    out.u8(static_cast<std::uint8_t>(tile.compression));
+    out.u32(tile.stored_bytes);
+    out.u32(tile.raw_bytes);
+    put_digest(out, tile.hash);
+  }
+}
+
+}  // namespace
+
+std::uint64_t ChunkEntry::stored_bytes() const {
+  std::uint64_t sum = 0;
+  for (const TileEntry& tile : tiles) sum += tile.stored_bytes;
+  return sum;
+}
+
+Bytes write_manifest(const Manifest& manifest) {
+  Bytes bytes;
+  ByteWriter out(bytes);
+  const Asset& a = manifest.facts;
+  out.bytes(kMagic);
+  for (const std::uint32_t v : {kVersion, a.vertex_count, a.rank, a.base_count, a.face_total, manifest.exact_columns})
+    out.u32(v);
+  out.u8(static_cast<std::uint8_t>(a.band_ends.size()));
+  for (const std::uint32_t end : a.band_ends) out.u32(end);
+  out.u8(static_cast<std::uint8_t>(a.up_axis));
+  out.u8(static_cast<std::uint8_t>(a.handedness));
+  out.f64(a.metres_per_unit);
+  out.f64(a.area);
+  for (const auto* triple : {&a.box_low, &a.box_high, &a.origin}) {
+    for (const double x : *triple) out.f64(x);
+  }
+  out.u8(static_cast<std::uint8_t>(a.basis_kind.size()));
+  out.text(a.basis_kind);
+  out.u16(static_cast<std::uint16_t>(a.name.size()));
+  out.text(a.name);
+  for (const double c : a.rest) out.f64(c);
+  for (const float s : manifest.column_scales) out.f32(s);
+  out.u32(static_cast<std::uint32_t>(manifest.chunks.size()));
+  for (const ChunkEntry& chunk : manifest.chunks) write_chunk_entry(out, chunk);
+  out.u16(static_cast<std::uint16_t>(manifest.sections.size()));
+  for (const SectionEntry& section : manifest.sections) {
+    out.u16(section.kind);
+    out.u8(section.required ? 1 : 0);
+    out.u64(section.bytes);
+    put_digest(out, section.id);
+  }
+  return bytes;
+}
+
+Result<Manifest> read_manifest(ByteView bytes) {
+  if (bytes.size() > asset_limits::kMaxObjectBytes)
+    return too_large("its size", bytes.size(), asset_limits::kMaxObjectBytes);
+  return Parser(bytes).parse();
+}
+
+std::uint64_t basis_tile_bytes(const Manifest& manifest, std::size_t band, std::uint32_t rows) {
+  const std::uint32_t begin = band == 0 ? 0 : manifest.facts.band_ends[band - 1];
+  const std::uint32_t end = manifest.facts.band_ends[band];
+  const std::uint32_t first_integer = std::clamp(manifest.exact_columns, begin, end);
+  return std::uint64_t{rows} * (4 * (first_integer - begin) + 2 * (end - first_integer));
+}
+
+std::uint64_t min_structure_bytes(std::uint64_t rows, std::uint64_t faces) {
+  return rows * 6 + faces * 4;
+}
+
+std::uint64_t max_structure_bytes(std::uint64_t rows, std::uint64_t new_faces, std::uint64_t old_faces) {
+  return rows * (5 + 5 + 4 + 1 + Predictors::kMost * (4 + 2)) + new_faces * (5 + 3 * 5) + old_faces * 3 * 5;
+}
+
+}  // namespace eigencast

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "common/asset/asset.h"
+#include "common/asset/tiles/compression.h"
+#include "common/core/bytes.h"
+#include "common/core/hash/sha256.h"
+#include "common/core/result.h"
+
+namespace eigencast {
+
+/// What a tile of a chunk holds. Values are on the wire; docs/asset-format.md lists the reserved ones.
+enum class TileKind : std::uint8_t {
+  kStructure = 1,
+  kBasis = 2,
+  kWedges = 16,
+  kColours = 18,
+  kSplats = 20,
+  kImage = 21,
+  kDetail = 22
+};
+
+/// One run of bytes inside a chunk. Tiles lie back to back in the order of the list.
+struct TileEntry {
+  std::uint8_t kind = 0;   ///< TileKind, or one that this reader does not know.
+  std::uint8_t index = 0;  ///< kBasis: the band. Else 0.
+  bool required = true;    ///< A reader that does not know the kind must refuse the asset.
+  Compression compression = Compression::kStored;
+  std::uint32_t stored_bytes = 0;
+  std::uint32_t raw_bytes = 0;
+  Sha256 hash;  ///< Of the stored bytes.
+};
+
+struct ChunkEntry {
+  std::uint32_t end_row = 0;   ///< Vertices after this chunk; the chunk before says where it begins.
+  std::uint32_t end_face = 0;  ///< Faces after this chunk: those with death < end_row.
+  Sha256 id;                   ///< Of all the chunk's bytes.
+  std::vector<TileEntry> tiles;
+  std::uint64_t stored_bytes() const;
+};
+
+/// An object that belongs to the whole asset, such as a texture.
+struct SectionEntry {
+  std::uint16_t kind = 0;
+  bool required = false;
+  std::uint64_t bytes = 0;
+  Sha256 id;
+};
+
+/// The first object of an asset, whose hash is the asset's id: all that is needed to check and place the others.
+struct Manifest {
+  Asset facts;  ///< Scalars, bands, rest, names; face_total; every per-vertex and per-face array empty.
+  std::uint32_t exact_columns = 0;
+  std::vector<float>
+      column_scales;  ///< r - exact_columns: value = scale * integer; 0 or in [kMinColumnScale, max float].
+  std::vector<ChunkEntry> chunks;
+  std::vector<SectionEntry> sections;
+};
+
+Bytes write_manifest(const Manifest& manifest);
+
+/// Safe on hostile input. What it returns is consistent: counts within asset_limits.h, chunks covering all rows and
+/// faces in order, the tiles of each chunk being structure, every band in order, then optional ones. Errors: kCorrupt,
+/// kIncompatibleVersion, kTooLarge, kUnsupported (a required tile or section of unknown kind).
+Result<Manifest> read_manifest(ByteView bytes);
+
+/// Bytes of band `band` of `rows` rows, decompressed.
+std::uint64_t basis_tile_bytes(const Manifest& manifest, std::size_t band, std::uint32_t rows);
+
+/// Bounds on the decompressed structure tile.
+std::uint64_t min_structure_bytes(std::uint64_t rows, std::uint64_t faces);
+std::uint64_t max_structure_bytes(std::uint64_t rows, std::uint64_t new_faces, std::uint64_t old_faces);
+
+}  // namespace eigencast

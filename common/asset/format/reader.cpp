@@ -1,0 +1,251 @@
+// SPDX-License-Identifier: MIT
+#include <algorithm>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "common/asset/asset_limits.h"
+#include "common/asset/format/manifest.h"
+#include "common/asset/format/reader.h"
+#include "common/asset/texture.h"
+#include "common/asset/tiles/basis_tile.h"
+#include "common/asset/tiles/colour_tile.h"
+#include "common/asset/tiles/detail_tile.h"
+#include "common/asset/tiles/splat_tile.h"
+#include "common/asset/tiles/structure_tile.h"
+#include "common/asset/tiles/wedge_tile.h"
+#include "common/core/worker_team.h"
+
+namespace eigencast {
+namespace {
+
+std::string chunk_name(std::size_t index) {
+  return "asset chunk " + std::to_string(index);
+}
+
+Result<Bytes> unpacked(const TileEntry& tile, ByteView stored) {
+  if (tile.compression == Compression::kZstd) return zstd_decompress(stored, tile.raw_bytes);
+  return Bytes(stored.begin(), stored.end());
+}
+
+struct FoundTile {
+  const TileEntry* entry;
+  ByteView stored;
+};
+
+/// The first tile of a kind that may be absent, of set 0; nothing where `bytes` end before it.
+std::optional<FoundTile> find_tile(const ChunkEntry& chunk, ByteView bytes, TileKind kind) {
+  std::size_t at = 0;
+  for (const TileEntry& tile : chunk.tiles) {
+    const bool wanted = tile.kind == static_cast<std::uint8_t>(kind) && tile.index == 0 && tile.raw_bytes > 0;
+    if (at + tile.stored_bytes > bytes.size()) break;
+    if (wanted) return FoundTile{&tile, bytes.subspan(at, tile.stored_bytes)};
+    at += tile.stored_bytes;
+  }
+  return std::nullopt;
+}
+
+template <typename T>
+void append(std::vector<T>& to, const std::vector<T>& from) {
+  to.reserve(to.size() + from.size());
+  to.insert(to.end(), from.begin(), from.end());
+}
+
+}  // namespace
+
+Result<AssetReader> AssetReader::from_manifest(const Sha256& id, ByteView manifest, std::size_t bands) {
+  if (bands == 0) return fail(ErrorCode::kInvalidArgument, "asset: a receiver needs at least one band");
+  if (sha256(manifest) != id)
+    return fail(ErrorCode::kCorrupt, "asset manifest: its bytes do not have the hash " + id.hex());
+  auto parsed = read_manifest(manifest);
+  if (!parsed) return parsed.error();
+  AssetReader reader;
+  reader.manifest_ = std::make_shared<const Manifest>(std::move(*parsed));
+  reader.asset_ = reader.manifest_->facts;
+  reader.asset_.exact_columns = reader.manifest_->exact_columns;
+  reader.asset_.column_scales = reader.manifest_->column_scales;
+  reader.bands_ = std::min(bands, reader.asset_.band_ends.size());
+  std::uint32_t row = 0;
+  for (const ChunkEntry& entry : reader.manifest_->chunks) {
+    ChunkRef ref{entry.id, entry.stored_bytes(), 0, row, entry.end_row};
+    for (std::size_t t = 0; t <= reader.bands_; ++t) ref.needed_bytes += entry.tiles[t].stored_bytes;
+    reader.chunks_.push_back(ref);
+    row = entry.end_row;
+  }
+  return reader;
+}
+
+Result<void> AssetReader::add_chunk(std::size_t index, ByteView bytes) {
+  if (index != next_ || index >= chunks_.size()) {
+    return fail(ErrorCode::kInvalidArgument, chunk_name(index) + ": chunks must come in order, the next is " +
+                                                 std::to_string(next_) + " of " + std::to_string(chunks_.size()));
+  }
+  if (auto result = verify(index, bytes); !result) return in_context(chunk_name(index), result.error());
+  if (auto result = decode(index, bytes); !result) return in_context(chunk_name(index), result.error());
+  ++next_;
+  return {};
+}
+
+Result<void> AssetReader::verify(std::size_t index, ByteView bytes) const {
+  const ChunkRef& ref = chunks_[index];
+  if (bytes.size() != ref.bytes && bytes.size() != ref.needed_bytes) {
+    return fail(ErrorCode::kCorrupt,
+                "it has " + std::to_string(bytes.size()) + " bytes, the manifest says " + std::to_string(ref.bytes));
+  }
+  if (bytes.size() == ref.bytes && sha256(bytes) != ref.id) {
+    return fail(ErrorCode::kCorrupt, "its bytes do not have the hash " + ref.id.hex());
+  }
+  // The tiles too: otherwise a manifest could name bytes that only receivers of all bands accept.
+  std::size_t at = 0;
+  for (const TileEntry& tile : manifest_->chunks[index].tiles) {
+    if (at == bytes.size()) break;
+    if (sha256(bytes.subspan(at, tile.stored_bytes)) != tile.hash) {
+      return fail(ErrorCode::kCorrupt, "the tile at byte " + std::to_string(at) + " does not have its hash");
+    }
+    at += tile.stored_bytes;
+  }
+  return {};
+}
+
+Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
+  const ChunkEntry& entry = manifest_->chunks[index];
+  const ChunkRange range{asset_.rows_ready, entry.end_row, asset_.base_count, asset_.vertex_count};
+  auto raw = unpacked(entry.tiles[0], bytes.first(entry.tiles[0].stored_bytes));
+  if (!raw) return raw.error();
+  auto structure =
+      decode_structure(*raw, range, entry.end_face - asset_.faces_ready, asset_.source_vertex, asset_.faces);
+  if (!structure) return structure.error();
+  std::vector<bool> seen = seen_source_;
+  seen.resize(asset_.vertex_count, false);
+  for (const std::uint32_t source : structure->source_vertex) {
+    if (seen[source]) return fail(ErrorCode::kCorrupt, "source vertex " + std::to_string(source) + " comes twice");
+    seen[source] = true;
+  }
+
+  asset_.basis.reserve(std::size_t{entry.end_row} * asset_.rank);
+  asset_.basis.resize(std::size_t{entry.end_row} * asset_.rank, 0.0F);
+  if (auto decoded = decode_bands(entry, bytes, structure->predictors); !decoded) {
+    asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
+    return decoded;
+  }
+  auto texture = decode_texture(entry, bytes, *structure);
+  if (!texture) {
+    asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
+    return texture.error();
+  }
+  if (auto looks = decode_looks(entry, bytes, structure->map); !looks) {
+    asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
+    return looks;
+  }
+  asset_.texture = std::move(*texture);
+  append(asset_.map, structure->map);
+  append(asset_.source_vertex, structure->source_vertex);
+  append(asset_.mass, structure->mass);
+  append(asset_.death, structure->death);
+  asset_.faces = std::move(structure->old_faces);
+  append(asset_.faces, structure->faces);
+  seen_source_ = std::move(seen);
+  asset_.rows_ready = entry.end_row;
+  asset_.faces_ready = entry.end_face;
+  return {};
+}
+
+/// Bands share neither bytes nor columns: at the same time, the last one, which is the largest, first.
+Result<void> AssetReader::decode_bands(const ChunkEntry& entry, ByteView bytes, const Predictors& predictors) {
+  std::vector<std::size_t> begin{entry.tiles[0].stored_bytes};
+  for (std::size_t b = 0; b < bands_; ++b) begin.push_back(begin.back() + entry.tiles[1 + b].stored_bytes);
+  std::vector<Result<void>> results(bands_);
+  worker_team().run(bands_, [&](std::size_t task) {
+    const std::size_t b = bands_ - 1 - task;
+    const BasisBlock block{asset_.rows_ready,
+                           entry.end_row,
+                           b == 0 ? 0 : asset_.band_ends[b - 1],
+                           asset_.band_ends[b],
+                           manifest_->exact_columns,
+                           asset_.rank,
+                           manifest_->column_scales,
+                           predictors};
+    const TileEntry& tile = entry.tiles[1 + b];
+    const ByteView stored = bytes.subspan(begin[b], tile.stored_bytes);
+    if (tile.compression == Compression::kCoded) {
+      results[b] = decode_coded_basis(block, stored, asset_.basis);
+      return;
+    }
+    auto raw = unpacked(tile, stored);
+    results[b] = raw ? decode_basis(block, *raw, asset_.basis) : Result<void>(raw.error());
+  });
+  for (Result<void>& result : results) {
+    if (!result) return std::move(result);
+  }
+  return {};
+}
+
+/// What is not required is there for all rows or for none: a chunk without it, or without the part of it that has it,
+/// ends it.
+Result<void> AssetReader::decode_looks(const ChunkEntry& entry, ByteView bytes, std::span<const std::uint32_t> map) {
+  const auto colour_tile = find_tile(entry, bytes, TileKind::kColours);
+  std::vector<std::array<std::uint8_t, 3>> colours;
+  if (colour_tile && asset_.colours.size() == asset_.rows_ready) {
+    auto raw = unpacked(*colour_tile->entry, colour_tile->stored);
+    if (!raw) return raw.error();
+    colours = decode_colours(*raw, asset_.colours, map);
+  }
+  // Of fewer bands more is missing than detail brings.
+  const auto detail_tile = bands_ < asset_.band_ends.size() ? std::nullopt : find_tile(entry, bytes, TileKind::kDetail);
+  const bool has_detail = detail_tile && asset_.detail.size() == asset_.rows_ready;
+  auto detail = has_detail ? unpacked(*detail_tile->entry, detail_tile->stored) : Result<Bytes>(Bytes{});
+  if (!detail) return detail.error();
+  const auto splat_tile = find_tile(entry, bytes, TileKind::kSplats);
+  const bool has_splats = splat_tile && asset_.is_point_cloud() && asset_.splats.size() == asset_.rows_ready;
+  if (has_splats) {
+    auto raw = unpacked(*splat_tile->entry, splat_tile->stored);
+    if (!raw) return raw.error();
+    auto decoded = decode_splats(*raw, entry.end_row, asset_.base_count, asset_.diagonal(), asset_.splats);
+    if (!decoded) return decoded;
+  }
+  if (has_detail) {
+    if (auto decoded = decode_detail(*detail, asset_.rank, map, asset_.detail); !decoded) {
+      if (has_splats) asset_.splats.resize(asset_.rows_ready);
+      return decoded;
+    }
+  }
+  if (!has_splats) asset_.splats = {};
+  if (!has_detail) asset_.detail = {};
+  colours.empty() ? asset_.colours.clear() : append(asset_.colours, colours);
+  return {};
+}
+
+/// Comes with the last chunk: only then all corners are where they belong.
+Result<std::shared_ptr<const AssetTexture>> AssetReader::decode_texture(const ChunkEntry& entry, ByteView bytes,
+                                                                        const StructureTile& structure) const {
+  const auto wedge_tile = find_tile(entry, bytes, TileKind::kWedges);
+  const auto image_tile = find_tile(entry, bytes, TileKind::kImage);
+  if (entry.end_row != asset_.vertex_count || !wedge_tile || !image_tile) return std::shared_ptr<const AssetTexture>();
+  auto raw = unpacked(*wedge_tile->entry, wedge_tile->stored);
+  if (!raw) return raw.error();
+  auto image = unpacked(*image_tile->entry, image_tile->stored);
+  if (!image) return image.error();
+  std::vector<std::uint32_t> map = asset_.map;
+  append(map, structure.map);
+  std::vector<std::array<std::uint32_t, 3>> faces = structure.old_faces;
+  append(faces, structure.faces);
+  auto texture = decode_wedges(*raw, asset_.base_count, map, faces);
+  if (!texture) return texture.error();
+  texture->image = std::move(*image);
+  return std::make_shared<const AssetTexture>(std::move(*texture));
+}
+
+Result<Asset> decode_asset(const EncodedAsset& encoded) {
+  auto reader = AssetReader::from_manifest(encoded.manifest.id, encoded.manifest.bytes);
+  if (!reader) return reader.error();
+  if (encoded.chunks.size() != reader->chunks().size()) {
+    return fail(ErrorCode::kCorrupt, "asset: " + std::to_string(encoded.chunks.size()) +
+                                         " chunks, its manifest lists " + std::to_string(reader->chunks().size()));
+  }
+  for (std::size_t i = 0; i < encoded.chunks.size(); ++i) {
+    if (auto added = reader->add_chunk(i, encoded.chunks[i].bytes); !added) return added.error();
+  }
+  return std::move(*reader).take();
+}
+
+}  // namespace eigencast

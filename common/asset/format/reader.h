@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "common/asset/asset.h"
+#include "common/asset/format/encode.h"
+#include "common/core/bytes.h"
+#include "common/core/hash/sha256.h"
+
+namespace eigencast {
+
+struct ChunkEntry;
+struct Manifest;
+struct Predictors;
+struct StructureTile;
+
+/// Puts an asset together as its objects arrive. Safe on hostile input: each object is hashed before use, each length
+/// checked against the manifest, which is checked against the limits.
+///
+/// Not thread-safe.
+class AssetReader {
+ public:
+  struct ChunkRef {
+    Sha256 id;
+    std::uint64_t bytes = 0;
+    std::uint64_t needed_bytes = 0;  ///< Leading bytes that this reader's bands need: all that add_chunk must be given.
+    std::uint32_t first_row = 0, end_row = 0;
+  };
+  static constexpr std::size_t kAllBands = ~std::size_t{0};
+
+  /// Reads the manifest, for a receiver of the first `bands` bands: columns beyond them stay zero.
+  /// Errors: kCorrupt (hash or content), kIncompatibleVersion, kTooLarge, kUnsupported, kInvalidArgument (bands == 0).
+  static Result<AssetReader> from_manifest(const Sha256& id, ByteView manifest, std::size_t bands = kAllBands);
+
+  const std::vector<ChunkRef>& chunks() const { return chunks_; }
+  /// Adds chunk `index`, whole or its first needed_bytes (as an HTTP range gives them); chunks must come in order.
+  /// After it asset().rows_ready has grown; after an error nothing has changed. Errors: kCorrupt, kInvalidArgument
+  /// (order).
+  Result<void> add_chunk(std::size_t index, ByteView bytes);
+  /// What is there so far. Its arrays grow with the chunks, so memory is only ever taken for verified bytes; they move
+  /// then.
+  const Asset& asset() const { return asset_; }
+  Asset take() && { return std::move(asset_); }
+
+ private:
+  AssetReader() = default;
+  Result<void> verify(std::size_t index, ByteView bytes) const;
+  Result<void> decode(std::size_t index, ByteView bytes);
+  Result<void> decode_bands(const ChunkEntry& entry, ByteView bytes, const Predictors& predictors);
+  Result<void> decode_looks(const ChunkEntry& entry, ByteView bytes, std::span<const std::uint32_t> map);
+  Result<std::shared_ptr<const AssetTexture>> decode_texture(const ChunkEntry& entry, ByteView bytes,
+                                                             const StructureTile& structure) const;
+
+  Asset asset_;
+  std::vector<ChunkRef> chunks_;
+  std::size_t next_ = 0;
+  std::size_t bands_ = 0;
+  std::vector<bool> seen_source_;  // vertices of the source that some row has
+  std::shared_ptr<const Manifest> manifest_;
+};
+
+/// All at once. Errors: as AssetReader.
+Result<Asset> decode_asset(const EncodedAsset& encoded);
+
+}  // namespace eigencast

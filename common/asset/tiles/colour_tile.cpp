@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: MIT
+// colour tile  three planes of a byte for each row: green, red less green, blue less green, each less the same of the
+//              row that it is told from, modulo 256. The specification is docs/asset-format.md.
+#include "common/asset/tiles/colour_tile.h"
+
+#include <cassert>
+
+namespace eigencast {
+namespace {
+
+using Colour = std::array<std::uint8_t, 3>;
+
+/// Grey and what is not: neighbours differ mostly in the first.
+Colour parted(const Colour& rgb) {
+  return {rgb[1], static_cast<std::uint8_t>(rgb[0] - rgb[1]), static_cast<std::uint8_t>(rgb[2] - rgb[1])};
+}
+Colour joined(const Colour& parts) {
+  return {static_cast<std::uint8_t>(parts[1] + parts[0]), parts[0], static_cast<std::uint8_t>(parts[2] + parts[0])};
+}
+
+/// The row that `row` is told from; nothing before the first.
+const Colour* told_from(std::uint32_t row, std::uint32_t parent, std::span<const Colour> earlier,
+                        std::span<const Colour> here, std::uint32_t first_row) {
+  const std::uint32_t from = parent < row ? parent : row - 1;
+  if (row == 0) return nullptr;
+  return from < first_row ? &earlier[from] : &here[from - first_row];
+}
+
+}  // namespace
+
+std::uint64_t colour_bytes(std::uint64_t rows) {
+  return 3 * rows;
+}
+
+Bytes encode_colours(std::span<const Colour> colours, std::uint32_t first_row, std::span<const std::uint32_t> map) {
+  const std::size_t rows = map.size();
+  assert(colours.size() >= first_row + rows);
+  Bytes raw(3 * rows);
+  for (std::size_t k = 0; k < rows; ++k) {
+    const auto row = static_cast<std::uint32_t>(first_row + k);
+    const Colour own = parted(colours[row]);
+    const Colour* other = told_from(row, map[k], colours, {}, row);
+    const Colour known = other != nullptr ? parted(*other) : Colour{};
+    for (std::size_t c = 0; c < 3; ++c) raw[c * rows + k] = static_cast<std::uint8_t>(own[c] - known[c]);
+  }
+  return raw;
+}
+
+std::vector<Colour> decode_colours(ByteView raw, std::span<const Colour> earlier, std::span<const std::uint32_t> map) {
+  const std::size_t rows = map.size();
+  const auto first_row = static_cast<std::uint32_t>(earlier.size());
+  assert(raw.size() == colour_bytes(rows));
+  std::vector<Colour> colours;
+  colours.reserve(rows);
+  for (std::size_t k = 0; k < rows; ++k) {
+    const Colour* other = told_from(static_cast<std::uint32_t>(first_row + k), map[k], earlier, colours, first_row);
+    Colour parts = other != nullptr ? parted(*other) : Colour{};
+    for (std::size_t c = 0; c < 3; ++c) parts[c] = static_cast<std::uint8_t>(parts[c] + raw[c * rows + k]);
+    colours.push_back(joined(parts));
+  }
+  return colours;
+}
+
+}  // namespace eigencast

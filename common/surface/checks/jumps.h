@@ -1,0 +1,67 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "common/core/result.h"
+#include "common/surface/checks/vertex_order.h"
+#include "common/surface/surface.h"
+
+namespace eigencast {
+
+/// Notices frames of a clip that do not follow from the others: one that is out of place, empty, in another unit or
+/// with its axes exchanged, vertices that are out of place or changed their order (see VertexOrder); and a rest pose
+/// whose faces are of another order of vertices. Poses come one by one; the last and the first three are kept, and 20
+/// bytes for each frame. What counts as a jump is stated against what is usual in this clip (the median of all steps)
+/// and against its size, so that fast motion is none. Not thread-safe.
+class JumpFinder {
+ public:
+  /// Copies what it needs of the rest pose.
+  explicit JumpFinder(const Surface& rest);
+  /// The next frame. REQUIRES: as many positions as the rest pose has.
+  void add(std::span<const Vec3> positions);
+
+  /// A line for each frame that jumps, naming it, how far, which vertex most and the likely cause, and one for each row
+  /// of frames with the same misfit; at most `limit` lines, and one that says how many more frames there are. A clip of
+  /// fewer than four frames says little about what is usual: its frames are compared with the rest pose, and in place
+  /// with each other.
+  std::vector<std::string> findings(std::size_t limit = 10) const;
+
+  /// What of the rest pose looks wrong, in a line: its faces join vertices from all over it. Empty: nothing.
+  std::string rest_finding() const;
+
+  /// Errors: kInvalidArgument where the rest pose, or more than half of the frames, certainly are in another order than
+  /// the faces.
+  Result<void> order() const;
+
+ private:
+  struct Step {
+    float rms = 0;    ///< Displacement of all vertices since the frame before, in diagonals.
+    float worst = 0;  ///< Of the one that moved farthest.
+    std::uint32_t vertex = 0;
+    float size = 1;          ///< Of the box, relative to the rest pose.
+    bool exchanged = false;  ///< With its axes in another order it would be where the frame before was.
+  };
+  enum class Jump : std::uint8_t { kNone, kSurface, kVertex, kMisfit };
+  std::vector<Jump> jumps() const;
+  const Misfit* misfit_of(std::size_t frame) const;
+  bool is_same_misfit(std::size_t frame, std::size_t other) const;
+  /// Which of exactly three frames is far from the two others; the number of frames: none.
+  std::size_t lonely_of_three() const;
+  float usual_rms() const;
+  std::string text_of(std::size_t frame, Jump kind) const;
+
+  VertexOrder order_;
+  double diagonal_;
+  std::vector<Vec3> before_;
+  std::vector<Step> steps_;                                ///< steps_[t] leads to frame t.
+  std::vector<std::pair<std::uint32_t, Misfit>> misfits_;  ///< By frame, of those that have one.
+  std::vector<Vec3> centres_;                              ///< Of the first three frames' boxes.
+};
+
+}  // namespace eigencast

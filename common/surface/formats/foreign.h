@@ -1,0 +1,19 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "common/core/result.h"
+#include "common/surface/formats/clip_options.h"
+#include "common/surface/motion_clip.h"
+
+/// FBX, Collada and what else assimp imports, where Eigencast is built with it. Private to common/surface.
+namespace eigencast {
+
+/// Imported by assimp, turned into glTF in memory, and read as such: see open_gltf_clip. Assimp opens only the file
+/// itself.
+/// Errors: kUnsupported (built without assimp), kNotFound, kIo, kCorrupt.
+Result<std::unique_ptr<MotionClip>> open_foreign_clip(const std::string& path, const ClipOptions& options);
+
+}  // namespace eigencast

@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: MIT
+#include "common/surface/formats/gltf_weld.h"
+
+#include <algorithm>
+#include <numeric>
+#include <string>
+#include <tuple>
+
+namespace eigencast {
+namespace {
+
+// Below, at or above 0 as vertex a comes before b: equal ones are at one place and move alike, always.
+int order_of(const GltfParts& parts, std::size_t a, std::size_t b) {
+  const GltfPart& A = parts.of(a);
+  const GltfPart& B = parts.of(b);
+  const std::size_t i = parts.local(a);
+  const std::size_t j = parts.local(b);
+  const auto order = [](const auto& x, const auto& y) { return x < y ? -1 : y < x ? 1 : 0; };
+  if (const int by_place = order(A.positions[i], B.positions[j]); by_place != 0) return by_place;
+  const auto& mine = A.influences[i];
+  const auto& theirs = B.influences[j];
+  if (mine.size() != theirs.size()) return mine.size() < theirs.size() ? -1 : 1;
+  for (std::size_t k = 0; k < mine.size(); ++k) {
+    if (const int by = order(std::tie(mine[k].bone, mine[k].weight), std::tie(theirs[k].bone, theirs[k].weight));
+        by != 0)
+      return by;
+  }
+  // Morph targets of different nodes are different targets.
+  if (A.offsets.size() + B.offsets.size() > 0 && A.node != B.node) return A.node < B.node ? -1 : 1;
+  for (std::size_t k = 0; k < A.offsets.size(); ++k) {
+    if (const int by = order(A.offsets[k][i], B.offsets[k][j]); by != 0) return by;
+  }
+  return 0;
+}
+
+/// Which vertices become one.
+struct Welds {
+  std::vector<std::uint32_t> number;        ///< Of each vertex, among those that are left.
+  std::vector<std::size_t> representative;  ///< Of each that is left: the first of the file.
+  std::size_t torn = 0;                     ///< Vertices that share a place with one that moves otherwise.
+};
+
+Welds find_welds(const GltfParts& parts) {
+  const std::size_t raw = parts.vertices();
+  std::vector<std::uint32_t> sorted(raw);
+  std::iota(sorted.begin(), sorted.end(), 0u);
+  std::sort(sorted.begin(), sorted.end(), [&](std::uint32_t a, std::uint32_t b) {
+    const int order = order_of(parts, a, b);
+    return order != 0 ? order < 0 : a < b;
+  });
+  Welds welds;
+  // first[v]: the first vertex of the file that is the same as v.
+  std::vector<std::uint32_t> first(raw);
+  const auto place = [&](std::uint32_t v) { return parts.of(v).positions[parts.local(v)]; };
+  for (std::size_t k = 0; k < raw; ++k) {
+    const bool same = k > 0 && order_of(parts, sorted[k - 1], sorted[k]) == 0;
+    first[sorted[k]] = same ? first[sorted[k - 1]] : sorted[k];
+    if (k > 0 && !same && place(sorted[k - 1]) == place(sorted[k])) ++welds.torn;
+  }
+  welds.number.resize(raw);
+  for (std::size_t v = 0; v < raw; ++v) {
+    if (first[v] == v) {
+      welds.number[v] = static_cast<std::uint32_t>(welds.representative.size());
+      welds.representative.push_back(v);
+    } else {
+      welds.number[v] = welds.number[first[v]];
+    }
+  }
+  return welds;
+}
+
+/// Faces of the vertices that are left, without those that collapse.
+void renumber_faces(const std::vector<std::uint32_t>& number, GltfScene& scene) {
+  Appearance& looks = scene.appearance;
+  std::size_t kept = 0;
+  for (std::size_t f = 0; f < scene.faces.size(); ++f) {
+    const Face face{number[scene.faces[f][0]], number[scene.faces[f][1]], number[scene.faces[f][2]]};
+    if (face[0] == face[1] || face[1] == face[2] || face[2] == face[0]) continue;
+    scene.faces[kept] = face;
+    if (!looks.corner_uv.empty()) looks.corner_uv[kept] = looks.corner_uv[f];
+    if (!looks.corner_colour.empty()) looks.corner_colour[kept] = looks.corner_colour[f];
+    looks.face_material[kept] = looks.face_material[f];
+    ++kept;
+  }
+  if (kept < scene.faces.size()) {
+    scene.notes.push_back(std::to_string(scene.faces.size() - kept) + " faces with two corners at one place left out");
+  }
+  scene.faces.resize(kept);
+  looks.face_material.resize(kept);
+  if (!looks.corner_uv.empty()) looks.corner_uv.resize(kept);
+  if (!looks.corner_colour.empty()) looks.corner_colour.resize(kept);
+}
+
+void fill_rig(const GltfParts& parts, const std::vector<std::size_t>& representative, GltfScene& scene) {
+  const std::size_t n = representative.size();
+  Rig& rig = scene.rig;
+  rig.bind.reserve(n);
+  rig.first_influence.reserve(n + 1);
+  rig.first_influence.push_back(0);
+  for (std::size_t i = 0; i < n; ++i) {
+    const std::size_t v = representative[i];
+    const GltfPart& part = parts.of(v);
+    const std::size_t at = parts.local(v);
+    rig.bind.push_back(part.positions[at]);
+    rig.influences.insert(rig.influences.end(), part.influences[at].begin(), part.influences[at].end());
+    rig.first_influence.push_back(static_cast<std::uint32_t>(rig.influences.size()));
+    for (std::size_t k = 0; k < part.offsets.size(); ++k) {
+      const Vec3& offset = part.offsets[k][at];
+      if (offset == Vec3{0, 0, 0}) continue;
+      Rig::MorphTarget& target = rig.targets[scene.nodes[part.node].first_target + k];
+      target.vertices.push_back(static_cast<std::uint32_t>(i));
+      target.offsets.push_back(offset);
+    }
+  }
+}
+
+}  // namespace
+
+void weld(const GltfParts& parts, GltfScene& scene) {
+  const Welds welds = find_welds(parts);
+  if (const std::size_t n = welds.representative.size(); n < parts.vertices()) {
+    scene.notes.push_back(std::to_string(parts.vertices()) + " vertices welded to " + std::to_string(n) +
+                          ": the file repeats them along seams");
+  }
+  if (welds.torn > 0) {
+    scene.notes.push_back(std::to_string(welds.torn) +
+                          " vertices share a place with one that moves otherwise; they stay apart");
+  }
+  renumber_faces(welds.number, scene);
+  fill_rig(parts, welds.representative, scene);
+}
+
+}  // namespace eigencast

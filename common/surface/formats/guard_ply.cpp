@@ -1,0 +1,405 @@
+// SPDX-License-Identifier: MIT
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <optional>
+
+#include "common/surface/formats/file_text.h"
+#include "common/surface/formats/guard.h"
+
+namespace eigencast {
+namespace {
+
+enum class Scalar { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat32, kFloat64 };
+
+struct ScalarName {
+  std::string_view name;
+  Scalar scalar;
+};
+constexpr std::array<ScalarName, 16> kScalarNames{{{"char", Scalar::kInt8},
+                                                   {"int8", Scalar::kInt8},
+                                                   {"uchar", Scalar::kUint8},
+                                                   {"uint8", Scalar::kUint8},
+                                                   {"short", Scalar::kInt16},
+                                                   {"int16", Scalar::kInt16},
+                                                   {"ushort", Scalar::kUint16},
+                                                   {"uint16", Scalar::kUint16},
+                                                   {"int", Scalar::kInt32},
+                                                   {"int32", Scalar::kInt32},
+                                                   {"uint", Scalar::kUint32},
+                                                   {"uint32", Scalar::kUint32},
+                                                   {"float", Scalar::kFloat32},
+                                                   {"float32", Scalar::kFloat32},
+                                                   {"double", Scalar::kFloat64},
+                                                   {"float64", Scalar::kFloat64}}};
+
+std::optional<Scalar> scalar_from_name(std::string_view name) {
+  for (const ScalarName& known : kScalarNames) {
+    if (known.name == name) return known.scalar;
+  }
+  return std::nullopt;
+}
+
+std::size_t bytes_of(Scalar scalar) {
+  switch (scalar) {
+    case Scalar::kInt8:
+    case Scalar::kUint8:
+      return 1;
+    case Scalar::kInt16:
+    case Scalar::kUint16:
+      return 2;
+    case Scalar::kInt32:
+    case Scalar::kUint32:
+    case Scalar::kFloat32:
+      return 4;
+    case Scalar::kFloat64:
+      return 8;
+  }
+  return 8;
+}
+
+struct Property {
+  std::string name;
+  Scalar scalar = Scalar::kFloat32;
+  std::optional<Scalar> list_count;  // set: a list
+};
+
+struct Element {
+  std::string name;
+  std::uint64_t count = 0;
+  std::vector<Property> properties;
+};
+
+enum class Encoding { kText, kLittle, kBig };
+
+void append_little_endian(std::string& out, std::uint64_t bits, std::size_t size) {
+  for (std::size_t i = 0; i < size; ++i) out += static_cast<char>(bits >> (8 * i) & 0xff);
+}
+
+// Takes scalars off the body of a PLY file, of either encoding.
+class Body {
+ public:
+  Body(std::string_view bytes, Encoding encoding) : rest_(bytes), encoding_(encoding) {}
+
+  std::size_t bytes_left() const { return rest_.size(); }
+
+  // Nothing at the end of the file or where a token is no number.
+  std::optional<double> take(Scalar scalar) {
+    if (encoding_ == Encoding::kText) return number_from_token(text::take_token(rest_));
+    const std::size_t size = bytes_of(scalar);
+    if (rest_.size() < size) return std::nullopt;
+    std::uint64_t bits = 0;
+    for (std::size_t i = 0; i < size; ++i) {
+      const std::size_t at = encoding_ == Encoding::kLittle ? size - 1 - i : i;
+      bits = bits << 8 | static_cast<unsigned char>(rest_[at]);
+    }
+    rest_.remove_prefix(size);
+    return value_of(scalar, bits);
+  }
+
+ private:
+  static double value_of(Scalar scalar, std::uint64_t bits) {
+    switch (scalar) {
+      case Scalar::kInt8:
+        return static_cast<std::int8_t>(bits);
+      case Scalar::kUint8:
+        return static_cast<std::uint8_t>(bits);
+      case Scalar::kInt16:
+        return static_cast<std::int16_t>(bits);
+      case Scalar::kUint16:
+        return static_cast<std::uint16_t>(bits);
+      case Scalar::kInt32:
+        return static_cast<std::int32_t>(bits);
+      case Scalar::kUint32:
+        return static_cast<std::uint32_t>(bits);
+      case Scalar::kFloat32:
+        return std::bit_cast<float>(static_cast<std::uint32_t>(bits));
+      case Scalar::kFloat64:
+        return std::bit_cast<double>(bits);
+    }
+    return 0;
+  }
+
+  // Properties that nobody uses may be nan or inf also in text.
+  static std::optional<double> number_from_token(std::string_view token) {
+    if (const auto value = text::coordinate_from_token(token)) return value;
+    const std::string_view bare = token.substr(!token.empty() && (token[0] == '-' || token[0] == '+') ? 1 : 0);
+    if (bare == "nan" || bare == "inf" || bare == "NaN" || bare == "Inf" || bare == "NAN" || bare == "INF") {
+      return std::numeric_limits<double>::quiet_NaN();
+    }
+    return std::nullopt;
+  }
+
+  std::string_view rest_;
+  Encoding encoding_;
+};
+
+class PlyGuard {
+ public:
+  explicit PlyGuard(std::string_view bytes) : bytes_(bytes) {}
+
+  Result<GuardedMesh> run() {
+    if (bytes_.empty()) return fail(ErrorCode::kCorrupt, "the file is empty");
+    if (const auto header = take_header(); !header) return header.error();
+    if (const auto layout = check_layout(); !layout) return layout.error();
+    Body body(bytes_, encoding_);
+    for (const Element& element : elements_) {
+      // Elements after the last that is used need not be there in full.
+      if (&element == end_of_use_) break;
+      for (std::uint64_t i = 0; i < element.count; ++i) {
+        if (const auto taken = take_record(body, element, i); !taken) return taken.error();
+      }
+    }
+    if (const auto indices = check_indices(); !indices) return indices.error();
+    if (const auto sizes = check_sizes(mesh_.positions.size(), mesh_.triangles); !sizes) return sizes.error();
+    drop_partial_colours(mesh_);
+    write_plain();
+    return std::move(mesh_);
+  }
+
+ private:
+  // A line of the header; takes it off bytes_. Headers end lines with \n, \r\n or \r; a \r before binary data that
+  // starts with \n cannot be told from \r\n.
+  std::optional<std::string_view> header_line() {
+    const std::size_t end = bytes_.find_first_of("\r\n");
+    if (end == std::string_view::npos) return std::nullopt;
+    const std::string_view line = bytes_.substr(0, end);
+    bytes_.remove_prefix(end + (bytes_.substr(end, 2) == "\r\n" ? 2 : 1));
+    ++line_number_;
+    return line;
+  }
+
+  Error corrupt(const std::string& what) const { return text::corrupt_at(line_number_, what); }
+
+  Result<void> take_header() {
+    auto line = header_line();
+    std::string_view rest = line.value_or("");
+    if (text::take_token(rest) != "ply") return fail(ErrorCode::kCorrupt, "line 1: a PLY file starts with ply");
+    bool has_format = false;
+    while ((line = header_line())) {
+      rest = *line;
+      const std::string_view keyword = text::take_token(rest);
+      if (keyword == "end_header") {
+        if (has_format) return {};
+        return corrupt("the header has no format");
+      }
+      Result<void> taken;
+      if (keyword == "format") {
+        taken = take_format(rest);
+        has_format = true;
+      } else if (keyword == "element") {
+        taken = take_element(rest);
+      } else if (keyword == "property") {
+        taken = take_property(rest);
+      } else if (keyword != "comment" && keyword != "obj_info" && !keyword.empty()) {
+        taken = corrupt("the header says " + text::quoted(keyword) + ", which is not PLY");
+      }
+      if (!taken) return taken;
+    }
+    return corrupt("the file ends inside its header");
+  }
+
+  Result<void> take_format(std::string_view rest) {
+    const std::string_view name = text::take_token(rest);
+    if (name == "ascii") {
+      encoding_ = Encoding::kText;
+    } else if (name == "binary_little_endian") {
+      encoding_ = Encoding::kLittle;
+    } else if (name == "binary_big_endian") {
+      encoding_ = Encoding::kBig;
+    } else {
+      return corrupt("format " + text::quoted(name) + " is none of PLY's");
+    }
+    return {};
+  }
+
+  Result<void> take_element(std::string_view rest) {
+    Element element;
+    element.name = text::take_token(rest);
+    const std::string_view token = text::take_token(rest);
+    const auto count = text::integer_from_token(token);
+    if (!count || *count < 0) return corrupt(text::quoted(token) + " is no count of elements");
+    element.count = static_cast<std::uint64_t>(*count);
+    if (elements_.size() >= kMaxElements) return corrupt("more than " + std::to_string(kMaxElements) + " elements");
+    elements_.push_back(std::move(element));
+    return {};
+  }
+
+  Result<void> take_property(std::string_view rest) {
+    if (elements_.empty()) return corrupt("a property before any element");
+    Element& element = elements_.back();
+    if (element.properties.size() >= kMaxProperties) {
+      return corrupt("more than " + std::to_string(kMaxProperties) + " properties");
+    }
+    Property property;
+    std::string_view type = text::take_token(rest);
+    if (type == "list") {
+      const std::string_view count_type = text::take_token(rest);
+      property.list_count = scalar_from_name(count_type);
+      if (!property.list_count || *property.list_count >= Scalar::kFloat32) {
+        return corrupt(text::quoted(count_type) + " is no type of a list's length");
+      }
+      type = text::take_token(rest);
+    }
+    const auto scalar = scalar_from_name(type);
+    if (!scalar) return corrupt(text::quoted(type) + " is none of PLY's types");
+    property.scalar = *scalar;
+    property.name = text::take_token(rest);
+    element.properties.push_back(std::move(property));
+    return {};
+  }
+
+  // Finds what is used and holds the counts against the size of the file.
+  Result<void> check_layout() {
+    for (const Element& element : elements_) {
+      std::size_t least_bytes = 0;
+      for (const Property& property : element.properties) {
+        least_bytes += encoding_ == Encoding::kText ? 2 : bytes_of(property.list_count.value_or(property.scalar));
+      }
+      if (element.name == "tristrips")
+        return fail(ErrorCode::kUnsupported, "triangle strips; save it with plain faces");
+      const bool used = element.name == "vertex" || element.name == "face";
+      // The last token of a text may lack its blank.
+      if (element.count > (bytes_.size() + 1) / std::max<std::size_t>(least_bytes, 1)) {
+        return fail(ErrorCode::kCorrupt, "the header claims " + std::to_string(element.count) + " of " +
+                                             text::quoted(element.name) + ", more than the " +
+                                             std::to_string(bytes_.size()) + " bytes after it can hold");
+      }
+      if (used) end_of_use_ = &element + 1;
+      if (element.name == "vertex") has_vertices_ = true;
+    }
+    if (!has_vertices_) return fail(ErrorCode::kCorrupt, "the header has no vertex element");
+    if (end_of_use_ == elements_.data() + elements_.size()) end_of_use_ = nullptr;
+    return {};
+  }
+
+  Result<void> take_record(Body& body, const Element& element, std::uint64_t i) {
+    const bool is_vertex = element.name == "vertex";
+    const bool is_face = element.name == "face";
+    Vec3 p{};
+    unsigned found = 0, coloured = 0;
+    std::array<double, 3> colour{};
+    for (const Property& property : element.properties) {
+      if (property.list_count) {
+        const bool indices = is_face && (property.name == "vertex_indices" || property.name == "vertex_index");
+        if (auto taken = take_list(body, property, element, i, indices); !taken) return taken;
+        continue;
+      }
+      const auto value = body.take(property.scalar);
+      if (!value) return broken(element, i, property);
+      if (is_vertex) coloured |= take_colour(property, *value, colour);
+      if (!is_vertex || property.name.size() != 1 || property.name[0] < 'x' || property.name[0] > 'z') continue;
+      const auto axis = static_cast<std::size_t>(property.name[0] - 'x');
+      if (!(std::abs(*value) <= static_cast<double>(std::numeric_limits<float>::max()))) {
+        return fail(ErrorCode::kCorrupt,
+                    "vertex " + std::to_string(i) + ": " + property.name + " is not a finite number");
+      }
+      p[axis] = *value;
+      found |= 1U << axis;
+    }
+    if (is_vertex) {
+      if (found != 7) return fail(ErrorCode::kCorrupt, "the vertices lack one of x, y, z");
+      mesh_.positions.push_back(p);
+      if (coloured == 7) mesh_.colours.push_back(colour_from_parts(colour));
+    }
+    return {};
+  }
+
+  // red, green, blue: of 0 to 1 as floats, else of all that the type holds. The bit of the channel, or 0.
+  static unsigned take_colour(const Property& property, double value, std::array<double, 3>& colour) {
+    constexpr std::array<std::string_view, 3> kChannels{"red", "green", "blue"};
+    const auto at = std::find(kChannels.begin(), kChannels.end(), property.name);
+    if (at == kChannels.end() || std::isnan(value)) return 0;
+    const auto channel = static_cast<std::size_t>(at - kChannels.begin());
+    const bool is_float = property.scalar >= Scalar::kFloat32;
+    const double most = is_float ? 1 : std::exp2(8.0 * static_cast<double>(bytes_of(property.scalar))) - 1;
+    colour[channel] = value / most;
+    return 1U << channel;
+  }
+
+  Result<void> take_list(Body& body, const Property& property, const Element& element, std::uint64_t i, bool indices) {
+    const auto count = body.take(*property.list_count);
+    if (!count) return broken(element, i, property);
+    // At least a byte a value, so that a lie ends here and not after billions of attempts.
+    if (!(*count >= 0 && *count == std::floor(*count)) || *count > static_cast<double>(body.bytes_left())) {
+      return fail(ErrorCode::kCorrupt, text::quoted(element.name) + " " + std::to_string(i) + " claims a list of " +
+                                           std::to_string(*count) + " values");
+    }
+    const auto length = static_cast<std::uint64_t>(*count);
+    if (indices) {
+      if (const auto corners = check_corners(length, 0); !corners) {
+        return in_context("face " + std::to_string(i), corners.error());
+      }
+      corner_counts_.push_back(static_cast<std::uint32_t>(length));
+      mesh_.triangles += length - 2;
+    }
+    for (std::uint64_t k = 0; k < length; ++k) {
+      const auto value = body.take(property.scalar);
+      if (!value) return broken(element, i, property);
+      if (!indices) continue;
+      if (!(*value >= 0 && *value < static_cast<double>(kMaxSurfaceVertices) && *value == std::floor(*value))) {
+        return fail(ErrorCode::kCorrupt, "face " + std::to_string(i) + " has an index that is none");
+      }
+      corners_.push_back(static_cast<std::uint32_t>(*value));
+    }
+    return {};
+  }
+
+  static Error broken(const Element& element, std::uint64_t i, const Property& property) {
+    return fail(ErrorCode::kCorrupt, text::quoted(element.name) + " " + std::to_string(i) + " of " +
+                                         std::to_string(element.count) + ": the file ends, or has no number, at " +
+                                         text::quoted(property.name));
+  }
+
+  Result<void> check_indices() {
+    const std::size_t n = mesh_.positions.size();
+    std::size_t corner = 0;
+    for (std::size_t i = 0; i < corner_counts_.size(); ++i) {
+      for (std::uint32_t k = 0; k < corner_counts_[i]; ++k, ++corner) {
+        if (corners_[corner] < n) continue;
+        return fail(ErrorCode::kCorrupt, "face " + std::to_string(i) + " refers to vertex " +
+                                             std::to_string(corners_[corner]) + "; there are " + std::to_string(n) +
+                                             ", counted from 0");
+      }
+    }
+    return {};
+  }
+
+  void write_plain() {
+    mesh_.plain = "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(mesh_.positions.size()) +
+                  "\nproperty double x\nproperty double y\nproperty double z\nelement face " +
+                  std::to_string(corner_counts_.size()) + "\nproperty list int uint vertex_indices\nend_header\n";
+    for (const Vec3& p : mesh_.positions) {
+      for (const double coordinate : p) append_little_endian(mesh_.plain, std::bit_cast<std::uint64_t>(coordinate), 8);
+    }
+    std::size_t corner = 0;
+    for (const std::uint32_t count : corner_counts_) {
+      append_little_endian(mesh_.plain, count, 4);
+      for (std::uint32_t k = 0; k < count; ++k) append_little_endian(mesh_.plain, corners_[corner++], 4);
+    }
+  }
+
+  static constexpr std::size_t kMaxElements = 64;
+  static constexpr std::size_t kMaxProperties = 256;
+
+  std::string_view bytes_;
+  std::size_t line_number_ = 0;
+  Encoding encoding_ = Encoding::kText;
+  std::vector<Element> elements_;
+  const Element* end_of_use_ = nullptr;  // null: all are used
+  bool has_vertices_ = false;
+  std::vector<std::uint32_t> corners_;
+  std::vector<std::uint32_t> corner_counts_;
+  GuardedMesh mesh_;
+};
+
+}  // namespace
+
+Result<GuardedMesh> guard_ply(std::string_view bytes) {
+  return PlyGuard(bytes).run();
+}
+
+}  // namespace eigencast

@@ -1,0 +1,21 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/core/result.h"
+
+/// Private to common/surface.
+namespace eigencast {
+
+/// The files that a path names, in natural order: those of a folder or of a glob, which must be of one kind, or the
+/// path itself. A folder with a `vertices.npy` is that file. Errors: kNotFound, kIo, kInvalidArgument, kTooLarge.
+Result<std::vector<std::string>> files_of_sequence(const std::string& path);
+
+/// Whether `a` comes before `b` where runs of digits compare as numbers: f2 before f10. A strict total order: names
+/// equal but for leading zeros compare as bytes.
+bool natural_less(std::string_view a, std::string_view b);
+
+}  // namespace eigencast

@@ -1,0 +1,243 @@
+// SPDX-License-Identifier: MIT
+#include "common/surface/formats/write.h"
+
+#include <array>
+#include <bit>
+#include <charconv>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <system_error>
+
+#include "common/core/files.h"
+#include "common/surface/formats/file_text.h"
+#include "common/surface/formats/point_cache.h"
+
+namespace eigencast {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// What a clip becomes.
+enum class Form : std::uint8_t {
+  kFolder,    ///< A file for each pose, in it.
+  kSequence,  ///< A file for each pose, beside each other.
+  kCache,     ///< One file, with the rest pose beside it.
+};
+
+Result<std::string> ending_of_surface(const std::string& path) {
+  std::string ending = text::ending_of(path);
+  if (ending == "obj" || ending == "ply" || ending == "off") return ending;
+  return fail(ErrorCode::kUnsupported, path + ": files that end in obj, ply or off can be written");
+}
+
+Result<Form> form_of(const std::string& path, const std::string& ending) {
+  std::error_code ignored;
+  if (path.empty() || path.back() == '/' || fs::is_directory(path, ignored)) return Form::kFolder;
+  if (ending == "pc2" || ending == "mdd" || ending == "npy") return Form::kCache;
+  if (ending == "obj" || ending == "ply" || ending == "off") return Form::kSequence;
+  return fail(ErrorCode::kUnsupported,
+              path + ": clips that end in pc2, mdd, npy, obj, ply or off, and folders (ending in /) can be written");
+}
+
+// The shortest text that reads back as the same double.
+void append_number(std::string& text, double value) {
+  std::array<char, 32> digits;
+  const auto [end, error] = std::to_chars(digits.data(), digits.data() + digits.size(), value);
+  if (error == std::errc()) text.append(digits.data(), end);
+}
+
+void append_position(std::string& text, const char* start, const Vec3& p) {
+  text += start;
+  for (std::size_t c = 0; c < 3; ++c) {
+    if (c > 0) text += ' ';
+    append_number(text, p[c]);
+  }
+  text += '\n';
+}
+
+void append_face(std::string& text, const char* start, const Face& f, std::uint32_t first_index) {
+  text += start;
+  for (std::size_t c = 0; c < 3; ++c) text += ' ' + std::to_string(f[c] + first_index);
+  text += '\n';
+}
+
+std::string obj_text(const Surface& surface) {
+  std::string text;
+  for (const Vec3& p : surface.positions) append_position(text, "v ", p);
+  for (const Face& f : surface.faces) append_face(text, "f", f, 1);
+  return text;
+}
+
+std::string off_text(const Surface& surface) {
+  std::string text =
+      "OFF\n" + std::to_string(surface.positions.size()) + " " + std::to_string(surface.faces.size()) + " 0\n";
+  for (const Vec3& p : surface.positions) append_position(text, "", p);
+  for (const Face& f : surface.faces) append_face(text, "3", f, 0);
+  return text;
+}
+
+template <typename T>
+void append_bytes(std::string& bytes, T value) {
+  const auto copy = std::bit_cast<std::array<char, sizeof(T)>>(value);
+  bytes.append(copy.data(), copy.size());
+}
+
+std::string ply_bytes(const Surface& surface) {
+  std::string bytes = "ply\nformat binary_little_endian 1.0\nelement vertex " +
+                      std::to_string(surface.positions.size()) +
+                      "\nproperty double x\nproperty double y\nproperty double z\n";
+  if (!surface.faces.empty()) {
+    bytes += "element face " + std::to_string(surface.faces.size()) + "\nproperty list uchar int vertex_indices\n";
+  }
+  bytes += "end_header\n";
+  for (const Vec3& p : surface.positions) {
+    for (const double x : p) append_bytes(bytes, x);
+  }
+  for (const Face& f : surface.faces) {
+    bytes += '\3';
+    for (const std::uint32_t corner : f) append_bytes(bytes, corner);
+  }
+  return bytes;
+}
+
+/// A file that has its name only when it is whole.
+class NewFile {
+ public:
+  explicit NewFile(const std::string& path)
+      : path_(path), part_(path + ".part"), out_(part_, std::ios::binary | std::ios::trunc) {}
+  ~NewFile() {
+    std::error_code ignored;
+    if (!done_) fs::remove(part_, ignored);
+  }
+  NewFile(const NewFile&) = delete;
+  NewFile& operator=(const NewFile&) = delete;
+
+  void write(const std::string& bytes) { out_.write(bytes.data(), static_cast<std::streamsize>(bytes.size())); }
+  bool good() const { return out_.good(); }
+  Result<void> finish() {
+    out_.close();
+    std::error_code code;
+    if (out_) fs::rename(part_, path_, code);
+    if (!out_ || code) return fail(ErrorCode::kIo, path_ + ": cannot be written; is there a folder, and room in it?");
+    done_ = true;
+    return {};
+  }
+
+ private:
+  std::string path_, part_;
+  std::ofstream out_;
+  bool done_ = false;
+};
+
+Result<void> write_bytes(const std::string& path, const std::string& bytes) {
+  NewFile file(path);
+  file.write(bytes);
+  return file.finish();
+}
+
+std::string npy_header(std::size_t vertices, std::size_t frames) {
+  std::string header = "{'descr': '<f4', 'fortran_order': False, 'shape': (" + std::to_string(frames) + ", " +
+                       std::to_string(vertices) + ", 3), }";
+  header.append(63 - (10 + header.size()) % 64, ' ') += '\n';
+  std::string bytes("\x93NUMPY\x01\x00", 8);
+  append_bytes(bytes, static_cast<std::uint16_t>(header.size()));
+  return bytes + header;
+}
+
+std::string bytes_of_pose(const std::vector<Vec3>& pose, bool big_endian) {
+  std::string bytes;
+  bytes.reserve(pose.size() * 12);
+  for (const Vec3& p : pose) {
+    for (const double x : p) {
+      auto value = std::bit_cast<std::array<char, 4>>(static_cast<float>(x));
+      if (big_endian) value = {value[3], value[2], value[1], value[0]};
+      bytes.append(value.data(), value.size());
+    }
+  }
+  return bytes;
+}
+
+/// Calls `write` with every pose.
+template <typename Write>
+Result<void> for_each_pose(const MotionClip& clip, const WriteProgress& progress, const Write& write) {
+  for (std::size_t frame = 0; frame < clip.frame_count(); ++frame) {
+    if (progress && !progress(static_cast<double>(frame) / static_cast<double>(clip.frame_count()))) {
+      return fail(ErrorCode::kCancelled, "stopped at frame " + std::to_string(frame));
+    }
+    auto pose = clip.pose(frame);
+    if (!pose) return pose.error();
+    if (const auto written = write(frame, std::move(*pose)); !written) return written;
+  }
+  return {};
+}
+
+Result<void> write_cache(const MotionClip& clip, const std::string& path, const std::string& ending,
+                         const WriteProgress& progress) {
+  const std::size_t n = clip.rest().vertex_count();
+  const std::size_t frames = clip.frame_count();
+  NewFile file(path);
+  file.write(ending == "pc2"   ? pc2_header(n, frames)
+             : ending == "mdd" ? mdd_header(n, frames, clip.frame_rate_hz())
+                               : npy_header(n, frames));
+  const auto written = for_each_pose(clip, progress, [&](std::size_t, std::vector<Vec3> pose) -> Result<void> {
+    file.write(bytes_of_pose(pose, ending == "mdd"));
+    return file.good() ? Result<void>()
+                       : fail(ErrorCode::kIo, path + ": cannot be written; is there a folder, and room in it?");
+  });
+  if (!written) return written;
+  if (const auto rest = write_surface(clip.rest(), fs::path(path).replace_extension(".obj").string()); !rest)
+    return rest;
+  return file.finish();
+}
+
+Result<void> write_sequence(const MotionClip& clip, const fs::path& start, const std::string& ending,
+                            const WriteProgress& progress) {
+  std::error_code code;
+  if (start.has_parent_path()) fs::create_directories(start.parent_path(), code);
+  if (code) return fail(ErrorCode::kIo, start.parent_path().string() + ": cannot be made: " + code.message());
+  return for_each_pose(clip, progress, [&](std::size_t frame, std::vector<Vec3> pose) {
+    char number[32];
+    std::snprintf(number, sizeof number, "_%06zu.", frame);
+    return write_surface({std::move(pose), clip.rest().faces}, start.string() + number + ending);
+  });
+}
+
+}  // namespace
+
+Result<void> check_place_of_surface(const std::string& path) {
+  const auto ending = ending_of_surface(path);
+  return ending ? check_place_of_file(path) : ending.error();
+}
+
+Result<void> check_place_of_clip(const std::string& path) {
+  const auto form = form_of(path, text::ending_of(path));
+  if (!form) return form.error();
+  if (*form == Form::kCache) return check_place_of_file(path);
+  return check_place_of_folder(*form == Form::kFolder ? path : fs::path(path).parent_path().string());
+}
+
+Result<void> write_surface(const Surface& surface, const std::string& path) {
+  const auto ending = ending_of_surface(path);
+  if (!ending) return ending.error();
+  return write_bytes(path, *ending == "obj"   ? obj_text(surface)
+                           : *ending == "ply" ? ply_bytes(surface)
+                                              : off_text(surface));
+}
+
+Result<void> write_clip(const MotionClip& clip, const std::string& path, const WriteProgress& progress) {
+  const std::string ending = text::ending_of(path);
+  const auto form = form_of(path, ending);
+  if (!form) return form.error();
+  switch (*form) {
+    case Form::kFolder:
+      return write_sequence(clip, fs::path(path) / "frame", "obj", progress);
+    case Form::kSequence:
+      return write_sequence(clip, fs::path(path).replace_extension(), ending, progress);
+    case Form::kCache:
+      break;
+  }
+  return write_cache(clip, path, ending, progress);
+}
+
+}  // namespace eigencast
