@@ -6,6 +6,7 @@
 #include <string_view>
 #include <utility>
 
+#include "common/asset/format/reader.h"
 #include "common/core/files.h"
 #include "common/wire/limits.h"
 

@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/asset/format/reader.h"
 #include "common/core/clock.h"
 #include "common/core/memory.h"
 #include "common/core/text.h"

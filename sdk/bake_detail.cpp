@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "common/asset/asset_limits.h"
 #include "common/asset/format/manifest.h"
 #include "common/asset/tiles/basis_block.h"
 #include "common/core/worker_team.h"
@@ -119,11 +120,11 @@ std::vector<float> steps_of(const Asset& asset, const Derivatives& derivatives, 
   std::vector<float> steps(r, 0.0F);
   for (std::size_t k = 0; k < r; ++k) {
     for (const std::vector<float>& part : largest) steps[k] = std::max(steps[k], part[k] / IntegerColumns::kLargest);
-    if (steps[k] < kMinColumnScale) {
+    if (steps[k] < asset_limits::kMinColumnScale) {
       steps[k] = 0;
     } else if (encoding.amplitudes.size() == r) {
       const double step = error * std::sqrt(12.0 / static_cast<double>(r)) / std::max(encoding.amplitudes[k], 1e-30);
-      steps[k] = std::max(steps[k], static_cast<float>(std::min(step, double{kMostColumnScale})));
+      steps[k] = std::max(steps[k], static_cast<float>(std::min(step, double{asset_limits::kMaxColumnScale})));
     }
   }
   return steps;

@@ -56,7 +56,7 @@ struct Manifest {
   Asset facts;  ///< Scalars, bands, rest, names; face_total; every per-vertex and per-face array empty.
   std::uint32_t exact_columns = 0;
   std::vector<float>
-      column_scales;  ///< r - exact_columns: value = scale * integer; 0 or in [kMinColumnScale, max float].
+      column_scales;  ///< r - exact_columns: value = scale * integer; 0 or in [kMinColumnScale, kMaxColumnScale].
   std::vector<ChunkEntry> chunks;
   std::vector<SectionEntry> sections;
 };
