@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""What more event loops in one broker deliver (server.threads), row "threads" of docs/performance/broker.md.
+"""What more event loops in one broker deliver (server.threads), docs/performance/broker.md, "More event loops".
 
     bench/broker/threads.py --broker build/bench/bin/eigencast-broker [--viewers 1000] [--rate 360]
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""Whether `--bitrate` holds, and how smoothly (docs/performance.md, "Coefficient codec").
+"""Whether `--bitrate` holds, and how smoothly (docs/performance/codec.md, "Rate control").
 
 One sender per clip and target, all at once, each watched raw over a plain WebSocket that notes every frame: its size with the envelope, which
 is what the target is of, its spacing of levels and its bands. The first six seconds are for settling.

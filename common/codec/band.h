@@ -8,7 +8,7 @@
 #include "common/core/bytes.h"
 #include "common/core/result.h"
 
-/// The values of one band as a run of bytes (docs/protocol.md, "Runs"). There are two kinds: exact runs, which may
+/// The values of one band as a run of bytes (docs/protocol.md, "Payload"). There are two kinds: exact runs, which may
 /// stand alone, and coarse runs, which need the two keys before them and give the values to within a spacing of the
 /// encoder's choice.
 namespace eigencast::band {

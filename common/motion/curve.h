@@ -5,7 +5,7 @@
 
 #include "common/core/clock.h"
 
-/// The schemes of docs/maths.md, "Time", as weights: each makes a pose as a weighted sum of keys, so that it acts on
+/// The schemes of docs/maths.md, "Motion", as weights: each makes a pose as a weighted sum of keys, so that it acts on
 /// coefficients as on positions. Pure; times in microseconds on one clock.
 namespace eigencast {
 

@@ -3,7 +3,7 @@
 """Checks every Markdown page of the tree. Usage: check_documents.py ROOT
 
 Relative links and their #anchors resolve, lines fit in 120 columns outside code and tables, paths of the tree and files of a room that a
-page names exist, and docs/architecture.md names every folder.
+page names exist, docs/architecture.md names every folder, and pages that sources refer to exist.
 """
 import pathlib
 import re
@@ -78,6 +78,19 @@ def file_faults(page, text):
                 yield f"{name}: there is no such file in {first.strip()}"
 
 
+def reference_faults(files):
+    """Pages and, in quotes after a comma, headings that sources refer to."""
+    for file in files:
+        if file.suffix in (".md", ".png", ".json") or file.parts[:2] == ("tests", "fuzz") or not (ROOT / file).is_file():
+            continue
+        text = re.sub(r"\n *(?:#|//+|\*) *", " ", (ROOT / file).read_bytes().decode("utf-8", "ignore"))
+        for page, title in re.findall(r'\b(docs/[\w/-]+\.md)(?:, "([^"\\]+)")?', text):
+            if not (ROOT / page).exists():
+                yield f"{file}: {page}: there is no such page"
+            elif title and not re.search(rf"^(?:#.*|.*\*\*){re.escape(title)}", (ROOT / page).read_text(encoding="utf-8"), re.M):
+                yield f"{file}: {page} has no \"{title}\""
+
+
 def unnamed_folders(files):
     text = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
     folders = {str(parent) for file in files for parent in file.parents if str(parent) != "."}
@@ -89,7 +102,7 @@ def unnamed_folders(files):
 def main():
     files = tracked()
     top = sorted({file.parts[0] for file in files if len(file.parts) > 1})
-    faults = list(unnamed_folders(files))
+    faults = [*unnamed_folders(files), *reference_faults(files)]
     pages = [file for file in files if file.suffix == ".md"]
     for page in pages:
         text = (ROOT / page).read_text(encoding="utf-8")

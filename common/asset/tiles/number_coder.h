@@ -11,7 +11,7 @@
 #include "common/core/bytes.h"
 
 /// Numbers of a distribution that is not known before as a run of bytes: decisions of a range coder whose probabilities
-/// are learned on the way (docs/asset-format.md, "Coded tiles"). What writes and what reads is one function, `pass`: a
+/// are learned on the way (docs/asset-format.md, "Coded"). What writes and what reads is one function, `pass`: a
 /// writer takes the value and gives it back, a reader takes anything and gives what was written.
 namespace eigencast {
 

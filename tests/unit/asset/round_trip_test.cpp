@@ -71,8 +71,8 @@ TEST(AssetRoundTrip, QuantisesWithinHalfAStepOfEachColumn) {
   }
 }
 
-// docs/maths.md 5.6: the rest coefficients vanish beyond column 4, so steps must not come from them, and the rest pose
-// must survive.
+// The rest coefficients vanish beyond column 4, so steps must not come from them, and the rest pose must survive
+// (docs/asset-format.md, "Basis tile of band b").
 TEST(AssetRoundTrip, RestPoseStaysExactAfterQuantisation) {
   const Asset asset = sample_asset(4, 30);
   const Asset decoded = round_trip(asset, {});
