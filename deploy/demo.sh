@@ -30,13 +30,28 @@ if [ $headless = 0 ] && [ -z "${DISPLAY:-}${WAYLAND_DISPLAY:-}" ]; then
   headless=1
 fi
 
+# Passes on how far ninja is: on a terminal one line that counts, elsewhere a line for each tenth.
+show_progress() {
+  local line shown=-1
+  while IFS= read -r line; do
+    [[ $line =~ ^\[([0-9]+)/([0-9]+)\] ]] || continue
+    if [ -t 1 ]; then
+      printf '\r  %s of %s steps' "${BASH_REMATCH[1]}" "${BASH_REMATCH[2]}"
+    elif [ $((10 * BASH_REMATCH[1] / BASH_REMATCH[2])) -ne $shown ]; then
+      shown=$((10 * BASH_REMATCH[1] / BASH_REMATCH[2]))
+      echo "  ${BASH_REMATCH[1]} of ${BASH_REMATCH[2]} steps"
+    fi
+  done
+  [ ! -t 1 ] || printf '\r\033[K'
+}
 if [ -z "$programs" ]; then
   deploy/install-packages.sh demo
   build=build/release
   mkdir -p build
-  echo "building (a few minutes the first time; log: build/demo-build.log)"
-  { cmake --preset release && cmake --build --preset release --target eigencast-broker eigencast-sender eigencast-client; } \
-    >build/demo-build.log 2>&1 || { tail -n 40 build/demo-build.log; echo "demo: the build failed; the whole log is build/demo-build.log" >&2; exit 1; }
+  echo "building: the first time takes about 4 minutes on two cores (log: build/demo-build.log)"
+  { cmake --preset release && cmake --build --preset release --target eigencast-broker eigencast-sender eigencast-client; } 2>&1 |
+    tee build/demo-build.log | show_progress ||
+    { tail -n 40 build/demo-build.log; echo "demo: the build failed; the whole log is build/demo-build.log" >&2; exit 1; }
   programs=$build/bin
 fi
 
