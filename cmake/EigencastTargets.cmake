@@ -18,7 +18,7 @@ endif()
 set(EIGENCAST_NOT_TOGETHER
   eigencast_view eigencast_latency unit_progressive unit_motion unit_codec eigencast_sender eigencast_sdk eigencast_wire eigencast_surface
   eigencast_spectral eigencast_reconstruction eigencast_progressive eigencast_net eigencast_motion eigencast_codec eigencast_asset eigencast_broker
-  unit_broker unit_client unit_sender unit_sdk eigencast_client)
+  unit_broker unit_client unit_sender unit_sdk unit_sdk_bake eigencast_client)
 function(eigencast_compile_together TARGET)
   if("${TARGET}" IN_LIST EIGENCAST_NOT_TOGETHER)
     set_target_properties(${TARGET} PROPERTIES UNITY_BUILD OFF)
