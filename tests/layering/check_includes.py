@@ -53,7 +53,7 @@ ROOMS = {
 # third-party library -> (pattern of its includes, rooms that may include it, how many files at most).
 LIBRARIES = {
     "Eigen": (r"Eigen/", {"common/spectral", "sdk", "sender", "sender/deform"}, 24),
-    "OpenMesh": (r"OpenMesh/", {"common/surface/formats"}, 2),
+    "OpenMesh": (r"OpenMesh/", {"common/surface/checks"}, 1),
     "assimp": (r"assimp/", {"common/surface/formats"}, 1),
     "tinygltf": (r"tiny_gltf\.h", {"common/surface/formats"}, 1),
     "METIS": (r"metis\.h", {"common/spectral"}, 1),

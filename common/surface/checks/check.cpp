@@ -7,6 +7,7 @@
 #include <cstdint>
 
 #include "common/core/union_find.h"
+#include "common/surface/checks/half_edges.h"
 #include "common/surface/edge_uses.h"
 #include "common/surface/vector.h"
 
@@ -15,60 +16,9 @@ namespace {
 
 constexpr double kNoArea = 1e-14;  // of the squared diagonal
 
-std::uint32_t next_corner(std::uint32_t corner) {
-  return corner % 3 == 2 ? corner - 2 : corner + 1;
-}
-
 double twice_area(const Vec3& a, const Vec3& b, const Vec3& c) {
   const Vec3 normal = cross(b - a, c - a);
   return std::hypot(normal[0], normal[1], normal[2]);
-}
-
-std::uint32_t corner_of(const EdgeUse& use) {
-  return 3 * use.face + use.side;
-}
-
-// Joins the corners that two sides of one edge have at its two vertices.
-void join_across(UnionFind& corners, const EdgeUse& a, const EdgeUse& b) {
-  const bool same_way = a.upwards == b.upwards;
-  corners.join(corner_of(a), same_way ? corner_of(b) : next_corner(corner_of(b)));
-  corners.join(next_corner(corner_of(a)), same_way ? next_corner(corner_of(b)) : corner_of(b));
-}
-
-void count_edges_and_fans(const Surface& surface, SurfaceReport& report) {
-  const std::vector<EdgeUse> uses = edge_uses(surface.faces, surface.vertex_count());
-  const std::size_t corner_count = surface.faces.size() * 3;
-  UnionFind fans(corner_count);           // joined by every edge
-  UnionFind manifold_fans(corner_count);  // joined by edges of two faces only: what a boundary loop runs along
-  std::vector<std::uint32_t> boundary;
-  for_each_edge(std::span(uses), [&](std::span<const EdgeUse> edge) {
-    for (const EdgeUse& use : edge.subspan(1)) join_across(fans, edge[0], use);
-    if (edge.size() == 1) {
-      boundary.push_back(corner_of(edge[0]));
-    } else if (edge.size() == 2) {
-      join_across(manifold_fans, edge[0], edge[1]);
-      if (edge[0].upwards == edge[1].upwards) ++report.misoriented_edges;
-    } else {
-      ++report.nonmanifold_edges;
-    }
-  });
-
-  report.boundary_edges = boundary.size();
-  for (const std::uint32_t corner : boundary) manifold_fans.join(corner, next_corner(corner));
-  std::vector<std::uint32_t> loops;
-  loops.reserve(boundary.size());
-  for (const std::uint32_t corner : boundary) loops.push_back(manifold_fans.root(corner));
-  std::sort(loops.begin(), loops.end());
-  report.boundary_loops =
-      static_cast<std::size_t>(std::distance(loops.begin(), std::unique(loops.begin(), loops.end())));
-
-  std::vector<std::uint8_t> fan_count(surface.vertex_count(), 0);
-  for (const EdgeUse& use : uses) {
-    if (fans.root(corner_of(use)) != corner_of(use)) continue;
-    std::uint8_t& count = fan_count[surface.faces[use.face][use.side]];
-    if (count == 1) ++report.nonmanifold_vertices;
-    if (count < 2) ++count;
-  }
 }
 
 void count_components(const Surface& surface, SurfaceReport& report) {
@@ -130,7 +80,7 @@ SurfaceReport check_surface(const Surface& surface) {
   report.duplicate_vertices = count_duplicate_vertices(surface.positions);
   if (surface.is_point_cloud()) return report;
   count_components(surface, report);
-  count_edges_and_fans(surface, report);
+  static_cast<Manifoldness&>(report) = manifoldness(surface.faces, surface.vertex_count());
   count_odd_faces(surface, report);
   return report;
 }

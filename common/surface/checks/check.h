@@ -4,21 +4,17 @@
 #include <cstddef>
 #include <string>
 
+#include "common/surface/checks/half_edges.h"
 #include "common/surface/surface.h"
 
 namespace eigencast {
 
 /// What is unusual about a surface. For a point cloud only the vertex counts are set.
-struct SurfaceReport {
+struct SurfaceReport : Manifoldness {
   std::size_t vertices = 0;
   std::size_t faces = 0;
-  std::size_t components = 0;            ///< Connected by faces; unreferenced vertices are not counted.
-  std::size_t boundary_edges = 0;        ///< Edges of exactly one face.
-  std::size_t boundary_loops = 0;        ///< Walked along the faces: holes that touch in a vertex are one.
-  std::size_t nonmanifold_edges = 0;     ///< Edges of three or more faces.
-  std::size_t nonmanifold_vertices = 0;  ///< Vertices whose faces form more than one fan.
-  std::size_t misoriented_edges = 0;     ///< Edges whose two faces run along them in the same direction.
-  std::size_t duplicate_vertices = 0;    ///< Vertices at a position that an earlier vertex has (equal doubles).
+  std::size_t components = 0;          ///< Connected by faces; unreferenced vertices are not counted.
+  std::size_t duplicate_vertices = 0;  ///< Vertices at a position that an earlier vertex has (equal doubles).
   std::size_t unreferenced_vertices = 0;
   std::size_t degenerate_faces = 0;  ///< Repeated corners or no area (below 1e-14 of the squared diagonal).
   std::size_t duplicate_faces = 0;   ///< The same three corners as an earlier face.
@@ -27,7 +23,7 @@ struct SurfaceReport {
 
 /// Counts the oddities of a surface in O(n log n). Any surface may be given, also one that validate_surface refuses.
 /// Faces with a repeated or out-of-range corner count as degenerate and join nothing: edges, fans and components are
-/// those of the other faces. Fans are joined by every shared edge, also by one of three or more faces.
+/// those of the other faces.
 SurfaceReport check_surface(const Surface& surface);
 
 /// A few lines for people: counts, then one line per oddity.

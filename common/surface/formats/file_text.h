@@ -47,7 +47,7 @@ std::string_view trimmed(std::string_view line);
 /// `line` up to a '#'.
 std::string_view without_comment(std::string_view line);
 
-/// A decimal number that is finite also as a 32-bit float (OpenMesh holds coordinates so), or nothing.
+/// A decimal number that is finite also as a 32-bit float (assets hold coordinates so), or nothing.
 std::optional<double> coordinate_from_token(std::string_view token);
 
 std::optional<std::int64_t> integer_from_token(std::string_view token);

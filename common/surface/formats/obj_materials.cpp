@@ -64,7 +64,7 @@ void read_library(std::string_view bytes, std::map<std::string, Material, std::l
 
 }  // namespace
 
-void add_obj_looks(const GuardedMesh& mesh, const std::string& folder, Appearance& looks) {
+void add_obj_looks(const ParsedMesh& mesh, const std::string& folder, Appearance& looks) {
   looks.vertex_colour = mesh.colours;
   looks.corner_uv = mesh.corner_uv;
   if (mesh.material.empty() || mesh.material_files.size() > kMostFiles) return;

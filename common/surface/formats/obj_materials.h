@@ -4,7 +4,7 @@
 #include <string>
 
 #include "common/surface/appearance.h"
-#include "common/surface/formats/guard.h"
+#include "common/surface/formats/parsed_mesh.h"
 
 /// Private to common/surface.
 namespace eigencast {
@@ -12,6 +12,6 @@ namespace eigencast {
 /// What an OBJ file says of its looks: places of the corners, and of its materials (mtllib) the colours (Kd) and images
 /// (map_Kd). Opens files beside or below `folder` only; those that are absent, over 16 MiB or no text leave their
 /// material white and their image empty.
-void add_obj_looks(const GuardedMesh& mesh, const std::string& folder, Appearance& looks);
+void add_obj_looks(const ParsedMesh& mesh, const std::string& folder, Appearance& looks);
 
 }  // namespace eigencast

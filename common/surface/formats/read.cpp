@@ -9,26 +9,19 @@
 #include "common/surface/formats/file_text.h"
 #include "common/surface/formats/foreign.h"
 #include "common/surface/formats/gltf.h"
-#include "common/surface/formats/guard.h"
 #include "common/surface/formats/npy.h"
 #include "common/surface/formats/obj_materials.h"
-#include "common/surface/formats/openmesh_reader.h"
+#include "common/surface/formats/parsed_mesh.h"
 #include "common/surface/formats/point_cache.h"
 
 namespace eigencast {
 namespace {
 
-struct Format {
+struct MeshFormat {
   std::string_view ending;
-  Result<GuardedMesh> (*guard)(std::string_view);
-  MeshFormat format;
+  Result<ParsedMesh> (*parse)(std::string_view);
 };
-constexpr Format kMeshFormats[] = {
-    {"obj", guard_obj, MeshFormat::kObj},
-    {"off", guard_off, MeshFormat::kOff},
-    {"ply", guard_ply, MeshFormat::kPly},
-    {"stl", guard_stl, MeshFormat::kStl},
-};
+constexpr MeshFormat kMeshFormats[] = {{"obj", parse_obj}, {"off", parse_off}, {"ply", parse_ply}, {"stl", parse_stl}};
 
 // x y z, then whatever the file holds beside (a normal, an intensity).
 Result<Surface> surface_from_xyz(std::string_view bytes) {
@@ -85,22 +78,15 @@ Result<Surface> surface_from_file(const std::string& path, Appearance& looks) {
     if ((*clip)->appearance() != nullptr) looks = *(*clip)->appearance();
     return (*clip)->rest();
   }
-  for (const Format& format : kMeshFormats) {
+  for (const MeshFormat& format : kMeshFormats) {
     if (format.ending != ending) continue;
-    Result<GuardedMesh> guarded = fail(ErrorCode::kInternal, "");
-    {
-      const auto bytes = text::bytes_of_file(path);
-      if (!bytes) return bytes.error();
-      guarded = format.guard(*bytes);
-    }
-    if (!guarded) return in_context(path, guarded.error());
-    auto surface = surface_from_guarded(*guarded, format.format);
-    if (!surface) return in_context(path, surface.error());
-    add_obj_looks(
-        *guarded,
-        std::filesystem::path(path).parent_path().empty() ? "." : std::filesystem::path(path).parent_path().string(),
-        looks);
-    return surface;
+    const auto bytes = text::bytes_of_file(path);
+    if (!bytes) return bytes.error();
+    auto mesh = format.parse(*bytes);
+    if (!mesh) return in_context(path, mesh.error());
+    const auto folder = std::filesystem::path(path).parent_path();
+    add_obj_looks(*mesh, folder.empty() ? "." : folder.string(), looks);
+    return std::move(mesh->surface);
   }
   if (ending == "xyz") {
     const auto bytes = text::bytes_of_file(path);

@@ -1,14 +1,14 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 #include <optional>
 
 #include "common/surface/formats/file_text.h"
-#include "common/surface/formats/guard.h"
+#include "common/surface/formats/parsed_mesh.h"
+#include "common/surface/formats/scalars.h"
 
 namespace eigencast {
 namespace {
@@ -75,10 +75,6 @@ struct Element {
 
 enum class Encoding { kText, kLittle, kBig };
 
-void append_little_endian(std::string& out, std::uint64_t bits, std::size_t size) {
-  for (std::size_t i = 0; i < size; ++i) out += static_cast<char>(bits >> (8 * i) & 0xff);
-}
-
 // Takes scalars off the body of a PLY file, of either encoding.
 class Body {
  public:
@@ -91,39 +87,36 @@ class Body {
     if (encoding_ == Encoding::kText) return number_from_token(text::take_token(rest_));
     const std::size_t size = bytes_of(scalar);
     if (rest_.size() < size) return std::nullopt;
-    std::uint64_t bits = 0;
-    for (std::size_t i = 0; i < size; ++i) {
-      const std::size_t at = encoding_ == Encoding::kLittle ? size - 1 - i : i;
-      bits = bits << 8 | static_cast<unsigned char>(rest_[at]);
-    }
+    const char* bytes = rest_.data();
     rest_.remove_prefix(size);
-    return value_of(scalar, bits);
+    return encoding_ == Encoding::kBig ? value_at<true>(scalar, bytes) : value_at<false>(scalar, bytes);
   }
 
  private:
-  static double value_of(Scalar scalar, std::uint64_t bits) {
+  template <bool big_endian>
+  static double value_at(Scalar scalar, const char* bytes) {
     switch (scalar) {
       case Scalar::kInt8:
-        return static_cast<std::int8_t>(bits);
+        return scalar_at<std::int8_t>(bytes);
       case Scalar::kUint8:
-        return static_cast<std::uint8_t>(bits);
+        return scalar_at<std::uint8_t>(bytes);
       case Scalar::kInt16:
-        return static_cast<std::int16_t>(bits);
+        return scalar_at<std::int16_t, big_endian>(bytes);
       case Scalar::kUint16:
-        return static_cast<std::uint16_t>(bits);
+        return scalar_at<std::uint16_t, big_endian>(bytes);
       case Scalar::kInt32:
-        return static_cast<std::int32_t>(bits);
+        return scalar_at<std::int32_t, big_endian>(bytes);
       case Scalar::kUint32:
-        return static_cast<std::uint32_t>(bits);
+        return scalar_at<std::uint32_t, big_endian>(bytes);
       case Scalar::kFloat32:
-        return std::bit_cast<float>(static_cast<std::uint32_t>(bits));
+        return scalar_at<float, big_endian>(bytes);
       case Scalar::kFloat64:
-        return std::bit_cast<double>(bits);
+        return scalar_at<double, big_endian>(bytes);
     }
     return 0;
   }
 
-  // Properties that nobody uses may be nan or inf also in text.
+  // Unused properties may be nan or inf also in text.
   static std::optional<double> number_from_token(std::string_view token) {
     if (const auto value = text::coordinate_from_token(token)) return value;
     const std::string_view bare = token.substr(!token.empty() && (token[0] == '-' || token[0] == '+') ? 1 : 0);
@@ -137,11 +130,11 @@ class Body {
   Encoding encoding_;
 };
 
-class PlyGuard {
+class PlyParser {
  public:
-  explicit PlyGuard(std::string_view bytes) : bytes_(bytes) {}
+  explicit PlyParser(std::string_view bytes) : bytes_(bytes) {}
 
-  Result<GuardedMesh> run() {
+  Result<ParsedMesh> run() {
     if (bytes_.empty()) return fail(ErrorCode::kCorrupt, "the file is empty");
     if (const auto header = take_header(); !header) return header.error();
     if (const auto layout = check_layout(); !layout) return layout.error();
@@ -154,10 +147,12 @@ class PlyGuard {
       }
     }
     if (const auto indices = check_indices(); !indices) return indices.error();
-    if (const auto sizes = check_sizes(mesh_.positions.size(), mesh_.triangles); !sizes) return sizes.error();
-    drop_partial_colours(mesh_);
-    write_plain();
-    return std::move(mesh_);
+    std::span<const std::uint32_t> corners(corners_);
+    for (const std::uint32_t count : corner_counts_) {
+      add_fan(corners.first(count), mesh_.surface.faces);
+      corners = corners.subspan(count);
+    }
+    return finished(std::move(mesh_));
   }
 
  private:
@@ -221,7 +216,7 @@ class PlyGuard {
     element.name = text::take_token(rest);
     const std::string_view token = text::take_token(rest);
     const auto count = text::integer_from_token(token);
-    if (!count || *count < 0) return corrupt(text::quoted(token) + " is no count of elements");
+    if (!count || *count < 0) return corrupt(text::quoted(token) + " is not a count of elements");
     element.count = static_cast<std::uint64_t>(*count);
     if (elements_.size() >= kMaxElements) return corrupt("more than " + std::to_string(kMaxElements) + " elements");
     elements_.push_back(std::move(element));
@@ -240,7 +235,7 @@ class PlyGuard {
       const std::string_view count_type = text::take_token(rest);
       property.list_count = scalar_from_name(count_type);
       if (!property.list_count || *property.list_count >= Scalar::kFloat32) {
-        return corrupt(text::quoted(count_type) + " is no type of a list's length");
+        return corrupt(text::quoted(count_type) + " is not a type of a list's length");
       }
       type = text::take_token(rest);
     }
@@ -302,7 +297,7 @@ class PlyGuard {
     }
     if (is_vertex) {
       if (found != 7) return fail(ErrorCode::kCorrupt, "the vertices lack one of x, y, z");
-      mesh_.positions.push_back(p);
+      mesh_.surface.positions.push_back(p);
       if (coloured == 7) mesh_.colours.push_back(colour_from_parts(colour));
     }
     return {};
@@ -334,14 +329,13 @@ class PlyGuard {
         return in_context("face " + std::to_string(i), corners.error());
       }
       corner_counts_.push_back(static_cast<std::uint32_t>(length));
-      mesh_.triangles += length - 2;
     }
     for (std::uint64_t k = 0; k < length; ++k) {
       const auto value = body.take(property.scalar);
       if (!value) return broken(element, i, property);
       if (!indices) continue;
       if (!(*value >= 0 && *value < static_cast<double>(kMaxSurfaceVertices) && *value == std::floor(*value))) {
-        return fail(ErrorCode::kCorrupt, "face " + std::to_string(i) + " has an index that is none");
+        return fail(ErrorCode::kCorrupt, "face " + std::to_string(i) + " has an index that is not a vertex");
       }
       corners_.push_back(static_cast<std::uint32_t>(*value));
     }
@@ -355,7 +349,7 @@ class PlyGuard {
   }
 
   Result<void> check_indices() {
-    const std::size_t n = mesh_.positions.size();
+    const std::size_t n = mesh_.surface.positions.size();
     std::size_t corner = 0;
     for (std::size_t i = 0; i < corner_counts_.size(); ++i) {
       for (std::uint32_t k = 0; k < corner_counts_[i]; ++k, ++corner) {
@@ -366,20 +360,6 @@ class PlyGuard {
       }
     }
     return {};
-  }
-
-  void write_plain() {
-    mesh_.plain = "ply\nformat binary_little_endian 1.0\nelement vertex " + std::to_string(mesh_.positions.size()) +
-                  "\nproperty double x\nproperty double y\nproperty double z\nelement face " +
-                  std::to_string(corner_counts_.size()) + "\nproperty list int uint vertex_indices\nend_header\n";
-    for (const Vec3& p : mesh_.positions) {
-      for (const double coordinate : p) append_little_endian(mesh_.plain, std::bit_cast<std::uint64_t>(coordinate), 8);
-    }
-    std::size_t corner = 0;
-    for (const std::uint32_t count : corner_counts_) {
-      append_little_endian(mesh_.plain, count, 4);
-      for (std::uint32_t k = 0; k < count; ++k) append_little_endian(mesh_.plain, corners_[corner++], 4);
-    }
   }
 
   static constexpr std::size_t kMaxElements = 64;
@@ -393,13 +373,13 @@ class PlyGuard {
   bool has_vertices_ = false;
   std::vector<std::uint32_t> corners_;
   std::vector<std::uint32_t> corner_counts_;
-  GuardedMesh mesh_;
+  ParsedMesh mesh_;
 };
 
 }  // namespace
 
-Result<GuardedMesh> guard_ply(std::string_view bytes) {
-  return PlyGuard(bytes).run();
+Result<ParsedMesh> parse_ply(std::string_view bytes) {
+  return PlyParser(bytes).run();
 }
 
 }  // namespace eigencast

@@ -4,7 +4,7 @@
 #include <optional>
 
 #include "common/surface/formats/file_text.h"
-#include "common/surface/formats/guard.h"
+#include "common/surface/formats/parsed_mesh.h"
 
 namespace eigencast {
 namespace {
@@ -12,23 +12,20 @@ namespace {
 using text::corrupt_at;
 using text::quoted;
 
-class OffGuard {
+class OffParser {
  public:
-  explicit OffGuard(std::string_view bytes) : size_(bytes.size()), lines_(bytes) {}
+  explicit OffParser(std::string_view bytes) : size_(bytes.size()), lines_(bytes) {}
 
-  Result<GuardedMesh> run() {
+  Result<ParsedMesh> run() {
     if (const auto header = take_header(); !header) return header.error();
     if (const auto sizes = check_sizes(vertices_, faces_); !sizes) return sizes.error();
-    mesh_.plain = "OFF\n" + std::to_string(vertices_) + " " + std::to_string(faces_) + " 0\n";
     for (std::size_t i = 0; i < vertices_; ++i) {
       if (const auto taken = take_vertex(i); !taken) return taken.error();
     }
     for (std::size_t i = 0; i < faces_; ++i) {
       if (const auto taken = take_face(i); !taken) return taken.error();
     }
-    if (const auto sizes = check_sizes(vertices_, mesh_.triangles); !sizes) return sizes.error();
-    drop_partial_colours(mesh_);
-    return std::move(mesh_);
+    return finished(std::move(mesh_));
   }
 
  private:
@@ -77,7 +74,7 @@ class OffGuard {
   Result<std::size_t> take_count(std::string_view& rest, const std::string& what) {
     const std::string_view token = text::take_token(rest);
     const auto count = text::integer_from_token(token);
-    if (!count || *count < 0) return corrupt_at(lines_.number(), quoted(token) + " is no count of " + what);
+    if (!count || *count < 0) return corrupt_at(lines_.number(), quoted(token) + " is not a count of " + what);
     if (static_cast<std::uint64_t>(*count) > size_ / 5) {
       return corrupt_at(lines_.number(), "the header claims " + std::to_string(*count) + " " + what +
                                              ", more than the file's " + std::to_string(size_) + " bytes can hold");
@@ -97,10 +94,8 @@ class OffGuard {
                           "vertex " + std::to_string(i) + " needs three finite numbers, not " + quoted(token));
       }
       coordinate = *value;
-      mesh_.plain.append(token).append(" ");
     }
-    mesh_.plain.back() = '\n';
-    mesh_.positions.push_back(p);
+    mesh_.surface.positions.push_back(p);
     if (has_colours_) take_colour(*line);
     return {};
   }
@@ -123,10 +118,10 @@ class OffGuard {
     if (!line) return ended("face", i, faces_);
     const std::string_view first = text::take_token(*line);
     const auto count = text::integer_from_token(first);
-    if (!count || *count < 0) return corrupt_at(lines_.number(), quoted(first) + " is no number of corners");
+    if (!count || *count < 0) return corrupt_at(lines_.number(), quoted(first) + " is not a number of corners");
     const auto corners = static_cast<std::uint64_t>(*count);
     if (auto checked = check_corners(corners, lines_.number()); !checked) return checked;
-    mesh_.plain.append(std::to_string(corners));
+    corners_.clear();
     for (std::uint64_t k = 0; k < corners; ++k) {
       const std::string_view token = text::take_token(*line);
       const auto index = text::integer_from_token(token);
@@ -134,10 +129,9 @@ class OffGuard {
         return corrupt_at(lines_.number(), "face " + std::to_string(i) + " refers to vertex " + quoted(token) +
                                                "; there are " + std::to_string(vertices_) + ", counted from 0");
       }
-      mesh_.plain.append(" ").append(std::to_string(*index));
+      corners_.push_back(static_cast<std::uint32_t>(*index));
     }
-    mesh_.plain += '\n';
-    mesh_.triangles += corners - 2;
+    add_fan(corners_, mesh_.surface.faces);
     return {};
   }
 
@@ -151,13 +145,14 @@ class OffGuard {
   std::size_t vertices_ = 0;
   std::size_t faces_ = 0;
   bool has_colours_ = false, has_normals_ = false;
-  GuardedMesh mesh_;
+  std::vector<std::uint32_t> corners_;  // of the face at hand
+  ParsedMesh mesh_;
 };
 
 }  // namespace
 
-Result<GuardedMesh> guard_off(std::string_view bytes) {
-  return OffGuard(bytes).run();
+Result<ParsedMesh> parse_off(std::string_view bytes) {
+  return OffParser(bytes).run();
 }
 
 }  // namespace eigencast

@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: MIT
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <map>
+#include <optional>
+#include <string>
+
+#include "common/surface/formats/file_text.h"
+#include "common/surface/formats/parsed_mesh.h"
+
+namespace eigencast {
+namespace {
+
+using text::corrupt_at;
+using text::quoted;
+
+constexpr float kNoUv = std::numeric_limits<float>::quiet_NaN();
+
+class ObjParser {
+ public:
+  explicit ObjParser(std::string_view bytes) : lines_(bytes) {}
+
+  Result<ParsedMesh> run() {
+    std::string joined;
+    while (const auto line = lines_.next()) {
+      std::string_view rest = text::without_comment(*line);
+      // A backslash at the end carries a line on.
+      if (!rest.empty() && rest.back() == '\\') {
+        joined.append(rest.substr(0, rest.size() - 1)) += ' ';
+        continue;
+      }
+      const std::string whole = joined.empty() ? std::string() : joined.append(rest);
+      if (!whole.empty()) rest = whole;
+      joined.clear();
+      const std::string_view keyword = text::take_token(rest);
+      Result<void> taken;
+      if (keyword == "v") taken = take_vertex(rest);
+      if (keyword == "f") taken = take_face(rest);
+      if (keyword == "vt") take_uv(rest);
+      if (keyword == "usemtl") take_material(rest);
+      if (keyword == "mtllib") mesh_.material_files.emplace_back(text::trimmed(rest));
+      if (!taken) return taken.error();
+    }
+    if (!joined.empty()) return corrupt_at(lines_.number(), "the file ends where a line should go on");
+    if (largest_index_ > vertex_count()) {
+      return corrupt_at(line_of_largest_, "a face refers to vertex " + std::to_string(largest_index_) +
+                                              ", but there are " + std::to_string(vertex_count()));
+    }
+    resolve_uvs();
+    if (!any_material_) mesh_.material.clear();
+    return finished(std::move(mesh_));
+  }
+
+ private:
+  std::int64_t vertex_count() const { return static_cast<std::int64_t>(mesh_.surface.positions.size()); }
+
+  Result<void> take_vertex(std::string_view rest) {
+    Vec3 p{};
+    for (double& coordinate : p) {
+      const std::string_view token = text::take_token(rest);
+      const auto value = text::coordinate_from_token(token);
+      if (!value) return corrupt_at(lines_.number(), "a vertex needs three finite numbers, not " + quoted(token));
+      coordinate = *value;
+    }
+    mesh_.surface.positions.push_back(p);
+    take_colour(rest);
+    return {};
+  }
+
+  // Three numbers more, of 0 to 1, as many programs write them; a single one is a weight, of which nothing is made.
+  void take_colour(std::string_view rest) {
+    std::array<double, 3> parts{};
+    for (double& part : parts) {
+      const auto value = text::coordinate_from_token(text::take_token(rest));
+      if (!value) return;
+      part = *value;
+    }
+    mesh_.colours.push_back(colour_from_parts(parts));
+  }
+
+  // What is not a number leaves a UV of NaN, so that the others keep their numbers.
+  void take_uv(std::string_view rest) {
+    std::array<float, 2> uv{kNoUv, kNoUv};
+    const auto u = text::coordinate_from_token(text::take_token(rest));
+    const std::string_view second = text::take_token(rest);
+    const auto v = second.empty() ? std::optional<double>(0) : text::coordinate_from_token(second);
+    // Images begin below here, and above everywhere else.
+    if (u && v) uv = {static_cast<float>(*u), static_cast<float>(1 - *v)};
+    uvs_.push_back(uv);
+  }
+
+  void take_material(std::string_view rest) {
+    const std::string name(text::trimmed(rest));
+    const auto [at, fresh] = number_of_material_.try_emplace(name, static_cast<int>(mesh_.material_names.size()));
+    if (fresh) mesh_.material_names.push_back(name);
+    material_ = at->second;
+  }
+
+  // The number of the UV in "7/8/9", from 1; 0 where none is stated.
+  std::uint32_t uv_of(std::string_view token) const {
+    const std::size_t slash = token.find('/');
+    if (slash == std::string_view::npos) return 0;
+    const std::string_view rest = token.substr(slash + 1);
+    const auto stated = text::integer_from_token(rest.substr(0, std::min(rest.find('/'), rest.size())));
+    const auto count = static_cast<std::int64_t>(uvs_.size());
+    const std::int64_t index = !stated ? 0 : *stated < 0 ? count + 1 + *stated : *stated;
+    return index < 1 || index > std::numeric_limits<std::uint32_t>::max() ? 0 : static_cast<std::uint32_t>(index);
+  }
+
+  Result<void> take_face(std::string_view rest) {
+    corners_.clear();
+    corner_uvs_.clear();
+    for (std::string_view token = text::take_token(rest); !token.empty(); token = text::take_token(rest)) {
+      const auto stated = text::integer_from_token(token.substr(0, std::min(token.find('/'), token.size())));
+      // Negative: counted back from the vertex read last.
+      const std::int64_t index = stated && *stated < 0 ? vertex_count() + 1 + *stated : stated.value_or(0);
+      if (!stated || index < 1 || index > static_cast<std::int64_t>(kMaxSurfaceVertices)) {
+        return corrupt_at(lines_.number(), "a face refers to vertex " + quoted(token) +
+                                               "; indices count from 1, or back from -1, to a vertex of the file");
+      }
+      if (index > largest_index_) {
+        largest_index_ = index;
+        line_of_largest_ = lines_.number();
+      }
+      corners_.push_back(static_cast<std::uint32_t>(index - 1));
+      corner_uvs_.push_back(uv_of(token));
+    }
+    if (const auto corners = check_corners(corners_.size(), lines_.number()); !corners) return corners.error();
+    add_fan(corners_, mesh_.surface.faces);
+    add_fan(corner_uvs_, face_uvs_);
+    mesh_.material.resize(mesh_.surface.faces.size(), material_);
+    any_material_ |= material_ >= 0;
+    return {};
+  }
+
+  // At the end, because faces may refer to UVs that follow them.
+  void resolve_uvs() {
+    const auto is_stated = [](const Face& uvs) { return uvs != Face{0, 0, 0}; };
+    if (std::none_of(face_uvs_.begin(), face_uvs_.end(), is_stated)) return;
+    const auto uv = [&](std::uint32_t number) {
+      return number == 0 || number > uvs_.size() ? std::array<float, 2>{kNoUv, kNoUv} : uvs_[number - 1];
+    };
+    for (const Face& numbers : face_uvs_) {
+      mesh_.corner_uv.push_back({uv(numbers[0]), uv(numbers[1]), uv(numbers[2])});
+    }
+  }
+
+  text::Lines lines_;
+  ParsedMesh mesh_;
+  std::vector<std::uint32_t> corners_, corner_uvs_;  // of the face at hand; UVs count from 1
+  std::vector<std::array<float, 2>> uvs_;
+  std::vector<Face> face_uvs_;  // of each triangle
+  std::map<std::string, int> number_of_material_;
+  int material_ = -1;
+  bool any_material_ = false;
+  std::int64_t largest_index_ = 0;
+  std::size_t line_of_largest_ = 0;
+};
+
+}  // namespace
+
+Result<ParsedMesh> parse_obj(std::string_view bytes) {
+  return ObjParser(bytes).run();
+}
+
+}  // namespace eigencast

@@ -1,0 +1,53 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "common/core/result.h"
+#include "common/surface/surface.h"
+
+/// OBJ, OFF, PLY and STL as arrays. Private to common/surface.
+///
+/// Files are hostile: every count is held against the size of the file before anything is allocated for it, every index
+/// against the vertices, every number must be finite. Nothing is merged or dropped but in STL, which has no indices.
+namespace eigencast {
+
+struct ParsedMesh {
+  Surface surface;
+  std::vector<std::array<std::uint8_t, 3>> colours{};            ///< sRGB; as many as positions, or none.
+  std::vector<std::array<std::array<float, 2>, 3>> corner_uv{};  ///< A triangle each, or none; NaN: no UV.
+  std::vector<int> material{};                                   ///< A triangle each, of material_names; -1: none.
+  std::vector<std::string> material_names{}, material_files{};   ///< As the file calls them.
+};
+
+/// Each takes the bytes of a file. Errors: kCorrupt, kUnsupported, kTooLarge; the caller adds the file's name.
+Result<ParsedMesh> parse_obj(std::string_view bytes);
+Result<ParsedMesh> parse_off(std::string_view bytes);
+Result<ParsedMesh> parse_ply(std::string_view bytes);
+/// Triangles share a vertex where they have the same 32-bit position; those without three corners left are dropped.
+Result<ParsedMesh> parse_stl(std::string_view bytes);
+
+/// Splits a polygon into a fan of triangles. REQUIRES: three corners or more.
+void add_fan(std::span<const std::uint32_t> corners, std::vector<Face>& faces);
+
+/// A colour stated in parts of 0 to 1, sRGB; what lies outside becomes the nearest.
+std::array<std::uint8_t, 3> colour_from_parts(const std::array<double, 3>& parts);
+
+/// Limits and emptiness, the same for all formats.
+Result<void> check_sizes(std::size_t vertices, std::size_t triangles);
+
+/// check_sizes() of what was read; colours that not all vertices have are dropped.
+Result<ParsedMesh> finished(ParsedMesh mesh);
+
+inline constexpr std::uint64_t kMaxCorners = 4096;  ///< Of one face.
+
+/// 3 to kMaxCorners; `line` is 0 where there are no lines.
+Result<void> check_corners(std::uint64_t corners, std::size_t line);
+
+}  // namespace eigencast
