@@ -80,7 +80,7 @@ std::vector<float> places_at_level(const Asset& asset, std::uint32_t N, std::siz
   for (std::size_t corner = 0; corner < corners; ++corner) {
     std::uint32_t wedge = texture.corners[corner / 3][corner % 3];
     while (wedge >= texture.first_wedge[N]) wedge = texture.parent[wedge];
-    if (texture.places[wedge] == AssetTexture::kNone) continue;
+    if (texture.uvs[wedge] == AssetTexture::kNone) continue;
     const std::array<float, 2> uv = texture.uv(wedge);
     std::copy(uv.begin(), uv.end(), &places[2 * corner]);
   }

@@ -189,7 +189,7 @@ Result<Sha256> key_of(const Surface& surface, std::span<const std::vector<Vec3>>
   if (looks.texture) {
     stream.update(view(looks.texture->low));
     stream.update(view(looks.texture->high));
-    stream.update(view(looks.texture->places));
+    stream.update(view(looks.texture->uvs));
     stream.update(looks.texture->image);
   }
   if (is_of_motion(options.basis)) {
@@ -355,7 +355,7 @@ class OrderToCome {
   OrderToCome(const Surface& surface, std::span<const std::vector<Vec3>> poses, const Looks& looks) {
     const auto work = [&surface, poses, &looks, this] {
       std::vector<std::pair<std::uint32_t, std::uint32_t>> seams;
-      if (looks.texture) seams = seam_edges(surface.faces, looks.texture->places);
+      if (looks.texture) seams = seam_edges(surface.faces, looks.texture->uvs);
       return build_prefix_order(surface, seams, poses, unwanted_);
     };
     try {

@@ -79,11 +79,11 @@ std::optional<TexturePlan> plan_texture(const Surface& surface, const Appearance
       }
     }
   }
-  plan.places.assign(F, {AssetTexture::kNone, AssetTexture::kNone, AssetTexture::kNone});
+  plan.uvs.assign(F, {AssetTexture::kNone, AssetTexture::kNone, AssetTexture::kNone});
   for (std::size_t f = 0; f < F; ++f) {
     for (std::size_t k = 0; k < 3 && wanted(f); ++k) {
       for (std::size_t d = 0; d < 2; ++d)
-        plan.places[f][k][d] = texture_grid(looks.corner_uv[f][k][d], plan.low[d], plan.high[d]);
+        plan.uvs[f][k][d] = texture_grid(looks.corner_uv[f][k][d], plan.low[d], plan.high[d]);
     }
   }
   report += "texture: image \"" + looks.images[chosen].name + "\", " + std::to_string(plan.image.size() / 1024) +
@@ -94,10 +94,10 @@ std::optional<TexturePlan> plan_texture(const Surface& surface, const Appearance
 }
 
 std::shared_ptr<const AssetTexture> texture_along(const PrefixOrder& order, const TexturePlan& plan) {
-  WedgeOrder wedges = build_wedges(order, plan.places);
+  WedgeOrder wedges = build_wedges(order, plan.uvs);
   AssetTexture texture;
   texture.first_wedge = std::move(wedges.first_wedge);
-  texture.places = std::move(wedges.places);
+  texture.uvs = std::move(wedges.uvs);
   texture.parent = std::move(wedges.parent);
   texture.corners = std::move(wedges.corners);
   texture.low = plan.low;

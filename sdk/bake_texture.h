@@ -17,7 +17,7 @@ namespace eigencast {
 /// The image that an asset is to have, and where the corners of the source's faces lie in it.
 struct TexturePlan {
   std::array<float, 2> low{}, high{};
-  std::vector<CornerPlaces> places;  ///< A face each.
+  std::vector<CornerUvs> uvs;  ///< A face each.
   Bytes image;
 };
 

@@ -120,7 +120,7 @@ void add_deform_command(CLI::App& app, Settings& s) {
   add_source_options(*deform, command.source);
   add_target_options(*deform, command.target);
   deform->add_option("--cage-out", command.cage_out, "write the cage, to edit it or to number its vertices (.obj, ...)")
-      ->check(place_for(check_place_of_surface));
+      ->check(place_for(check_surface_path));
   deform->add_option("--handles", command.handles, "no cage: handles.json, and all else as rigid as possible")
       ->excludes(deform->get_option("--cage"));
   CLI::Option* script = deform->add_option("--script", command.script,
@@ -235,7 +235,7 @@ void add_commands(CLI::App& app, Settings& s) {
       ->add_option("--to", s.export_clip.to,
                    "x.pc2, x.mdd, x.npy (rest pose beside it as x.obj), x.obj, x.ply, x.off (a file a pose) or folder/")
       ->required()
-      ->check(place_for(check_place_of_clip));
+      ->check(place_for(check_clip_path));
   export_clip->add_option("--json", s.export_clip.json, "write a report")->check(place_for(check_place_of_file));
 
   add_evaluate_command(app, s);

@@ -41,7 +41,7 @@ Result<std::string> look_at_frames(const Surface& mesh, const MotionClip& clip, 
     const auto pose = clip.pose(frame);
     if (!pose) return pose.error();
     if (pose->size() != mesh.vertex_count()) continue;  // Whoever projects it says so.
-    const Misfit misfit = order.look(*pose);
+    const Misfit misfit = order.check(*pose);
     if (misfit.kind == Misfit::Kind::kNone) continue;
     if (misfits++ == 0) first = "frame " + std::to_string(frame) + ": " + misfit.text();
     certain += misfit.certain ? 1 : 0;
@@ -67,7 +67,7 @@ Result<std::optional<std::string>> ArrivalCheck::look(std::span<const float> pos
   next_us_ = now_us + pause_between_looks(looked_ + 1, size_);
   std::vector<Vec3> pose(positions.size() / 3);
   for (std::size_t i = 0; i < positions.size(); ++i) pose[i / 3][i % 3] = double{positions[i]};
-  const Misfit misfit = order_.look(pose);
+  const Misfit misfit = order_.check(pose);
   misfits_ += misfit.kind != Misfit::Kind::kNone ? 1 : 0;
   if (looked_++ == 0 && misfit.certain) {
     const auto accepted = accept_order(other_order("the first pose"), any_order_);

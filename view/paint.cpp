@@ -175,7 +175,7 @@ void SurfacePainter::sample_image(const SurfaceView& view, const AssetTexture& t
   };
   for (std::size_t i = 0; i < N; ++i) {
     const std::uint32_t wedge = texture.first_wedge[i];
-    if (wedge == texture.first_wedge[i + 1] || texture.places[wedge] == AssetTexture::kNone) continue;
+    if (wedge == texture.first_wedge[i + 1] || texture.uvs[wedge] == AssetTexture::kNone) continue;
     const std::array<float, 2> uv = texture.uv(wedge);
     const std::uint8_t* texel = image.pixel(pixel(uv[0], image.width), pixel(uv[1], image.height));
     for (std::size_t c = 0; c < 3; ++c) paint_.values[3 * i + c] = kLight[texel[c]];

@@ -11,72 +11,24 @@
 namespace eigencast {
 namespace {
 
-Error corrupt(std::string what) {
-  return fail(ErrorCode::kCorrupt, "asset: " + std::move(what));
-}
-Error corrupt_texture(std::string what) {
-  return fail(ErrorCode::kCorrupt, "texture: " + std::move(what));
-}
-Error too_large(const std::string& what, std::uint64_t value, std::uint64_t limit) {
-  return fail(ErrorCode::kTooLarge,
-              "asset: " + what + " is " + std::to_string(value) + ", over the limit of " + std::to_string(limit));
-}
-
-Result<void> check_limits(const Asset& a) {
-  if (a.vertex_count > asset_limits::kMaxVertices)
-    return too_large("vertex count", a.vertex_count, asset_limits::kMaxVertices);
-  if (a.face_total > asset_limits::kMaxFaces) return too_large("face count", a.face_total, asset_limits::kMaxFaces);
-  if (a.rank > asset_limits::kMaxRank) return too_large("rank", a.rank, asset_limits::kMaxRank);
-  const std::uint64_t decoded = std::uint64_t{a.vertex_count} * a.rank * sizeof(float);
-  if (decoded > asset_limits::kMaxDecodedBytes)
-    return too_large("size of the basis", decoded, asset_limits::kMaxDecodedBytes);
-  if (a.name.size() > asset_limits::kMaxNameBytes)
-    return too_large("length of the name", a.name.size(), asset_limits::kMaxNameBytes);
-  if (a.basis_kind.size() > asset_limits::kMaxBasisKindBytes) {
-    return too_large("length of the basis kind", a.basis_kind.size(), asset_limits::kMaxBasisKindBytes);
-  }
-  return {};
+Error corrupt_asset(std::string what) {
+  return fail(ErrorCode::kCorrupt, std::move(what));
 }
 
 Result<void> check_shapes(const Asset& a) {
   const std::size_t n = a.vertex_count;
   const std::size_t r = a.rank;
-  if (n == 0 || r == 0) return corrupt("it has no vertices or no basis columns");
-  const auto wrong = [](const char* name, std::size_t got, std::size_t wanted) {
-    return corrupt(std::string(name) + " has " + std::to_string(got) + " entries instead of " + std::to_string(wanted));
+  const auto wrong = [](const char* name, std::size_t size, std::size_t expected) {
+    return corrupt_asset(std::string(name) + " has " + std::to_string(size) + " entries instead of " +
+                         std::to_string(expected));
   };
   if (a.basis.size() != n * r) return wrong("basis", a.basis.size(), n * r);
-  if (a.rest.size() != r * 3) return wrong("rest", a.rest.size(), r * 3);
   if (a.mass.size() != n) return wrong("mass", a.mass.size(), n);
   if (a.map.size() != n) return wrong("map", a.map.size(), n);
   if (a.source_vertex.size() != n) return wrong("source_vertex", a.source_vertex.size(), n);
   if (a.faces.size() != a.face_total) return wrong("faces", a.faces.size(), a.face_total);
   if (a.death.size() != a.face_total) return wrong("death", a.death.size(), a.face_total);
-  if (a.base_count == 0 || a.base_count > n)
-    return corrupt("base_count " + std::to_string(a.base_count) + " is not within 1 and n");
-  if (a.band_ends.empty() || a.band_ends.size() > asset_limits::kMaxBands || a.band_ends.back() != r) {
-    return corrupt("bands must be 1 to 8 and end at the rank");
-  }
-  for (std::size_t b = 0; b < a.band_ends.size(); ++b) {
-    if (a.band_ends[b] <= (b == 0 ? 0 : a.band_ends[b - 1])) return corrupt("band " + std::to_string(b) + " is empty");
-  }
-  if (a.rows_ready != n || a.faces_ready != a.face_total) return corrupt("not all of it has arrived");
-  return {};
-}
-
-Result<void> check_facts(const Asset& a) {
-  if (!std::isfinite(a.area) || a.area <= 0) return corrupt("its area is not positive");
-  if (!std::isfinite(a.metres_per_unit) || a.metres_per_unit < 0)
-    return corrupt("metres_per_unit is negative or not finite");
-  for (std::size_t k = 0; k < 3; ++k) {
-    if (!std::isfinite(a.box_low[k]) || !std::isfinite(a.box_high[k]) || a.box_low[k] > a.box_high[k]) {
-      return corrupt("its rest box is not finite or inside out");
-    }
-    if (!std::isfinite(a.origin[k])) return corrupt("its origin is not finite");
-  }
-  for (std::size_t i = 0; i < a.rest.size(); ++i) {
-    if (!std::isfinite(a.rest[i])) return corrupt("rest coefficient " + std::to_string(i / 3) + " is not finite");
-  }
+  if (a.rows_ready != n || a.faces_ready != a.face_total) return corrupt_asset("not all of it has arrived");
   return {};
 }
 
@@ -85,14 +37,14 @@ Result<void> check_rows(const Asset& a) {
   for (std::uint32_t i = 0; i < a.vertex_count; ++i) {
     const auto row = [i] { return "row " + std::to_string(i); };
     if (i < a.base_count ? a.map[i] != i : a.map[i] >= i)
-      return corrupt(row() + " maps to " + std::to_string(a.map[i]));
+      return corrupt_asset(row() + " maps to " + std::to_string(a.map[i]));
     if (a.source_vertex[i] >= a.vertex_count || seen[a.source_vertex[i]])
-      return corrupt(row() + ": source_vertex is no permutation");
+      return corrupt_asset(row() + ": source_vertex is not a permutation");
     seen[a.source_vertex[i]] = true;
-    if (!std::isfinite(a.mass[i]) || a.mass[i] <= 0) return corrupt(row() + ": its mass is not positive");
+    if (!std::isfinite(a.mass[i]) || a.mass[i] <= 0) return corrupt_asset(row() + ": its mass is not positive");
     for (std::uint32_t k = 0; k < a.rank; ++k) {
       if (!std::isfinite(a.basis[std::size_t{i} * a.rank + k]))
-        return corrupt(row() + ": basis column " + std::to_string(k) + " is not finite");
+        return corrupt_asset(row() + ": basis column " + std::to_string(k) + " is not finite");
     }
   }
   return {};
@@ -103,10 +55,10 @@ Result<void> check_faces(const Asset& a) {
     const auto face = [f] { return "face " + std::to_string(f); };
     const auto& [x, y, z] = a.faces[f];
     if (x >= a.vertex_count || y >= a.vertex_count || z >= a.vertex_count)
-      return corrupt(face() + " has a corner beyond the vertices");
-    if (x == y || y == z || z == x) return corrupt(face() + " repeats a corner");
+      return corrupt_asset(face() + " has a corner beyond the vertices");
+    if (x == y || y == z || z == x) return corrupt_asset(face() + " repeats a corner");
     if (a.death[f] >= a.vertex_count || (f > 0 && a.death[f] < a.death[f - 1]))
-      return corrupt(face() + ": its death is out of order");
+      return corrupt_asset(face() + ": its death is out of order");
   }
   return {};
 }
@@ -115,9 +67,9 @@ Result<void> check_splats(const Asset& a) {
   const Asset::Splats& s = a.splats;
   if (s.size() == 0) return {};
   const std::size_t n = a.vertex_count;
-  if (!a.is_point_cloud()) return corrupt("it has faces and splats");
+  if (!a.is_point_cloud()) return corrupt_asset("it has faces and splats");
   if (s.size() != n || s.normal.size() != n || s.radius.size() != n || s.parent_radius.size() != n) {
-    return corrupt("there are splats, but not one for each row");
+    return corrupt_asset("there are splats, but not one for each row");
   }
   for (std::uint32_t i = 0; i < n; ++i) {
     const std::uint32_t end = std::max(a.base_count, i + 1);
@@ -125,7 +77,7 @@ Result<void> check_splats(const Asset& a) {
         s.normal[i][0] * s.normal[i][0] + s.normal[i][1] * s.normal[i][1] + s.normal[i][2] * s.normal[i][2];
     if (s.frame[i][0] >= end || s.frame[i][1] >= end || !(std::abs(squared - 1) < 1e-3F) || !(s.radius[i] >= 0) ||
         !(s.parent_radius[i] >= 0)) {
-      return corrupt("the splat of row " + std::to_string(i) + " is out of its range");
+      return corrupt_asset("the splat of row " + std::to_string(i) + " is out of its range");
     }
   }
   return {};
@@ -135,28 +87,25 @@ Result<void> check_detail(const Asset& a) {
   const Asset::Detail& d = a.detail;
   if (d.size() == 0) return {};
   const std::size_t n = a.vertex_count, entries = n * a.rank;
-  if (d.axes != 1 && d.axes != 3) return corrupt("its detail has " + std::to_string(d.axes) + " axes, not 1 or 3");
+  if (d.axes != 1 && d.axes != 3)
+    return corrupt_asset("its detail has " + std::to_string(d.axes) + " axes, not 1 or 3");
   if (d.size() != n || d.normal.size() != n || d.along_x.size() != entries || d.along_y.size() != entries ||
       d.steps.size() != a.rank || !std::all_of(d.steps.begin(), d.steps.end(), asset_limits::is_column_scale)) {
-    return corrupt("there is detail, but not for each row and column");
+    return corrupt_asset("there is detail, but not for each row and column");
   }
   for (std::uint32_t i = 0; i < n; ++i) {
     const auto& [x, y, z] = d.normal[i];
     const auto is_finite = [](float component) { return std::isfinite(component); };
     if (!std::all_of(d.offset[i].begin(), d.offset[i].end(), is_finite) ||
         !(std::abs(x * x + y * y + z * z - 1) < 1e-3F))
-      return corrupt("the detail of row " + std::to_string(i) + " is out of its range");
+      return corrupt_asset("the detail of row " + std::to_string(i) + " is out of its range");
   }
   return {};
 }
 
 Result<void> check_colours(const Asset& a) {
   if (a.colours.empty() || a.colours.size() == a.vertex_count) return {};
-  return corrupt("there are colours, but not one for each row");
-}
-
-Result<void> check_texture(const Asset& a) {
-  return a.texture ? validate_texture(*a.texture, a) : Result<void>();
+  return corrupt_asset("there are colours, but not one for each row");
 }
 
 }  // namespace
@@ -176,45 +125,86 @@ void Asset::Splats::resize(std::size_t rows) {
   parent_radius.resize(rows);
 }
 
-double Asset::diagonal() const {
+double AssetFacts::diagonal() const {
   return std::hypot(box_high[0] - box_low[0], box_high[1] - box_low[1], box_high[2] - box_low[2]);
 }
 
+Result<void> check_counts(const AssetFacts& a) {
+  if (a.vertex_count == 0 || a.rank == 0) return corrupt_asset("no vertices or no basis columns");
+  const auto within = [](const char* what, std::uint64_t value, std::uint64_t limit) {
+    return value <= limit ? Result<void>()
+                          : fail(ErrorCode::kTooLarge, std::string(what) + " is " + std::to_string(value) +
+                                                           ", over the limit of " + std::to_string(limit));
+  };
+  using namespace asset_limits;
+  if (auto ok = within("vertex count", a.vertex_count, kMaxVertices); !ok) return ok;
+  if (auto ok = within("face count", a.face_total, kMaxFaces); !ok) return ok;
+  if (auto ok = within("rank", a.rank, kMaxRank); !ok) return ok;
+  const std::uint64_t decoded = std::uint64_t{a.vertex_count} * a.rank * sizeof(float);
+  if (auto ok = within("size of the basis", decoded, kMaxDecodedBytes); !ok) return ok;
+  if (a.base_count >= 1 && a.base_count <= a.vertex_count) return {};
+  return corrupt_asset("base count " + std::to_string(a.base_count) + " is not within 1 and n");
+}
+
+Result<void> check_facts(const AssetFacts& a) {
+  if (auto counts = check_counts(a); !counts) return counts;
+  if (a.name.size() > asset_limits::kMaxNameBytes || a.basis_kind.size() > asset_limits::kMaxBasisKindBytes)
+    return fail(ErrorCode::kTooLarge, "its name or the kind of its basis is too long");
+  if (a.band_ends.empty() || a.band_ends.size() > asset_limits::kMaxBands || a.band_ends.back() != a.rank)
+    return corrupt_asset("bands must be 1 to 8 and end at the rank");
+  for (std::size_t b = 0; b < a.band_ends.size(); ++b) {
+    if (a.band_ends[b] <= (b == 0 ? 0 : a.band_ends[b - 1]))
+      return corrupt_asset("band " + std::to_string(b) + " is empty");
+  }
+  if (a.rest.size() != std::size_t{a.rank} * 3) return corrupt_asset("rest does not have 3 coefficients a column");
+  for (std::size_t i = 0; i < a.rest.size(); ++i) {
+    if (!std::isfinite(a.rest[i])) return corrupt_asset("rest coefficient " + std::to_string(i / 3) + " is not finite");
+  }
+  if (!std::isfinite(a.area) || a.area <= 0) return corrupt_asset("the area is not positive");
+  if (!std::isfinite(a.metres_per_unit) || a.metres_per_unit < 0)
+    return corrupt_asset("metres_per_unit is negative or not finite");
+  for (std::size_t k = 0; k < 3; ++k) {
+    if (!std::isfinite(a.box_low[k]) || !std::isfinite(a.box_high[k]) || a.box_low[k] > a.box_high[k])
+      return corrupt_asset("the rest box is not finite or inside out");
+    if (!std::isfinite(a.origin[k])) return corrupt_asset("the origin is not finite");
+  }
+  return {};
+}
+
 Result<void> validate_texture(const AssetTexture& t, const Asset& asset) {
-  const std::size_t n = asset.vertex_count, W = t.places.size();
+  const std::size_t n = asset.vertex_count, W = t.uvs.size();
   if (t.image.size() > AssetTexture::kMaxImageBytes)
-    return fail(ErrorCode::kTooLarge,
-                "texture: an image of " + std::to_string(t.image.size()) + " bytes; 16 MiB at most");
-  if (t.image.empty() || W == 0) return corrupt_texture("there is no image, or nothing that has a place in it");
+    return fail(ErrorCode::kTooLarge, "an image of " + std::to_string(t.image.size()) + " bytes; 16 MiB at most");
+  if (t.image.empty() || W == 0) return corrupt_asset("the texture has no image or no wedges");
   if (t.first_wedge.size() != n + 1 || t.first_wedge[0] != 0 || t.first_wedge[n] != W || t.parent.size() != W ||
       t.corners.size() != asset.faces.size() || !std::is_sorted(t.first_wedge.begin(), t.first_wedge.end())) {
-    return corrupt_texture("its arrays do not fit the surface");
+    return corrupt_asset("the texture's arrays do not fit the surface");
   }
-  if (!t.has_finite_box()) return corrupt_texture("the box of its coordinates is not finite or inside out");
+  if (!t.has_finite_box()) return corrupt_asset("the texture's box is not finite or inside out");
   const auto belongs = [&](std::uint32_t wedge, std::uint32_t row) {
     return wedge >= t.first_wedge[row] && wedge < t.first_wedge[row + 1];
   };
   for (std::uint32_t i = 0; i < n; ++i) {
     for (std::uint32_t w = t.first_wedge[i]; w < t.first_wedge[i + 1]; ++w) {
       if (i < asset.base_count ? t.parent[w] != w : !belongs(t.parent[w], asset.map[i]))
-        return corrupt_texture("wedge " + std::to_string(w) + " has a parent that is none");
+        return corrupt_asset("wedge " + std::to_string(w) + " has a parent of another vertex");
     }
   }
   for (std::size_t f = 0; f < t.corners.size(); ++f) {
     for (std::size_t k = 0; k < 3; ++k) {
       if (!belongs(t.corners[f][k], asset.faces[f][k]))
-        return corrupt_texture("face " + std::to_string(f) + " has a wedge of another vertex");
+        return corrupt_asset("face " + std::to_string(f) + " has a wedge of another vertex");
     }
   }
   return {};
 }
 
 Result<void> validate_asset(const Asset& asset) {
-  for (auto* check : {check_limits, check_shapes, check_facts, check_rows, check_faces, check_splats, check_detail,
-                      check_colours, check_texture}) {
-    if (auto result = check(asset); !result) return result;
+  if (auto facts = check_facts(asset); !facts) return in_context("asset", facts.error());
+  for (auto* check : {check_shapes, check_rows, check_faces, check_splats, check_detail, check_colours}) {
+    if (auto result = check(asset); !result) return in_context("asset", result.error());
   }
-  return {};
+  return asset.texture ? validate_texture(*asset.texture, asset) : Result<void>();
 }
 
 }  // namespace eigencast

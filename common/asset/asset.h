@@ -14,33 +14,49 @@ namespace eigencast {
 
 struct AssetTexture;
 
+/// Vertices of a triangle.
+using Corners = std::array<std::uint32_t, 3>;
+
+/// What an asset's manifest states of it.
+struct AssetFacts {
+  enum class UpAxis : std::uint8_t { kUnknown, kX, kY, kZ };
+  enum class Handedness : std::uint8_t { kRight, kLeft };
+
+  std::uint32_t vertex_count = 0;        ///< n
+  std::uint32_t rank = 0;                ///< r
+  std::uint32_t base_count = 0;          ///< q
+  std::uint32_t face_total = 0;          ///< F of the finished asset.
+  std::string basis_kind = "augmented";  ///< "harmonic", "augmented", ...: for people, no arithmetic depends on it.
+  std::vector<std::uint32_t> band_ends;
+  std::vector<double> rest;  ///< r x 3, row-major: coefficients of the rest pose.
+  double area = 0;           ///< trace M
+  UpAxis up_axis = UpAxis::kY;
+  Handedness handedness = Handedness::kRight;
+  double metres_per_unit = 0;                   ///< 0 = unknown
+  std::array<double, 3> box_low{}, box_high{};  ///< Of the rest pose.
+  std::array<double, 3> origin{};  ///< Where the asset's zero lies in the source's space: source = asset + origin.
+  std::string name;
+
+  bool is_point_cloud() const { return face_total == 0; }
+  double diagonal() const;  ///< Of the rest box.
+};
+
 /// A spectral asset as arrays: everything a receiver needs to rebuild a surface from coefficients, and a sender to
 /// project on it. Rows (vertices) are in level-of-detail order: see progressive/prefix.h for map, faces and death.
 ///
 /// While it is arriving (see AssetReader) its arrays hold the first `rows_ready` vertices and the `faces_ready` faces
 /// that exist at that level, with their corners there: a smaller asset that is whole in itself. A finished asset has
 /// rows_ready == n.
-struct Asset {
-  enum class UpAxis : std::uint8_t { kUnknown, kX, kY, kZ };
-  enum class Handedness : std::uint8_t { kRight, kLeft };
-
-  std::uint32_t vertex_count = 0;  ///< n
-  std::uint32_t rank = 0;          ///< r
-  std::uint32_t base_count = 0;    ///< q
-  std::string basis_kind =
-      "augmented";  ///< "harmonic", "augmented", ...: for people; the arithmetic does not depend on it.
-  std::vector<std::uint32_t> band_ends;
+struct Asset : AssetFacts {
   std::vector<float> basis;          ///< n x r, row-major: Psi as receivers have it (dequantised).
   std::uint32_t exact_columns = 0;   ///< Where column_scales is not empty: leading columns that are not on a grid.
   std::vector<float> column_scales;  ///< Empty, or r - exact_columns: entries of the later columns are float(integer) *
                                      ///< scale with 16-bit integers, as the asset's bytes hold them.
   std::vector<float> mass;           ///< n: diagonal of M.
   std::vector<std::uint32_t> map;    ///< n
-  std::vector<std::array<std::uint32_t, 3>> faces;  ///< F, by death; empty = point cloud.
-  std::vector<std::uint32_t> death;                 ///< F, ascending.
-  std::vector<std::uint32_t> source_vertex;         ///< n: the number that row i has in the source (a permutation).
-  std::vector<double> rest;                         ///< r x 3, row-major: coefficients of the rest pose.
-  double area = 0;                                  ///< trace M
+  std::vector<Corners> faces;        ///< F, by death; empty = point cloud.
+  std::vector<std::uint32_t> death;  ///< F, ascending.
+  std::vector<std::uint32_t> source_vertex;  ///< n: the number that row i has in the source (a permutation).
 
   /// How to draw points as discs (progressive/splats.h says what each array holds); empty for meshes and where the
   /// asset brings none. Normals are within a degree, radii rounded up by a twenty-second at most.
@@ -57,7 +73,7 @@ struct Asset {
 
   /// What the basis leaves out of the rest pose, and how it comes back in every other (asset/detail.h): for each row
   /// the derivatives of the basis' columns along two tangents, an offset from where the basis puts the vertex, and the
-  /// surface's normal at rest; both are told in the frame that those tangents span in the pose at hand. Empty where the
+  /// surface's normal at rest; both are stated in the frame that those tangents span in the pose at hand. Empty where the
   /// asset brings none.
   struct Detail {
     std::uint32_t axes = 3;                      ///< 3; 1: offsets are along z, the frame's normal, alone.
@@ -73,21 +89,17 @@ struct Asset {
   std::vector<std::array<std::uint8_t, 3>> colours;  ///< n or nothing: of the vertices, sRGB.
   std::shared_ptr<const AssetTexture> texture;       ///< Null where there is none, and until all chunks are there.
 
-  UpAxis up_axis = UpAxis::kY;
-  Handedness handedness = Handedness::kRight;
-  double metres_per_unit = 0;                   ///< 0 = unknown
-  std::array<double, 3> box_low{}, box_high{};  ///< Of the rest pose.
-  std::array<double, 3> origin{};  ///< Where the asset's zero stands in the source's space: source = asset + origin.
-  std::string name;
-
   std::uint32_t rows_ready = 0;   ///< Vertices whose rows, map and mass have arrived and were verified.
   std::uint32_t faces_ready = 0;  ///< Faces with death < rows_ready, all there.
 
   bool complete() const { return vertex_count > 0 && rows_ready == vertex_count; }
-  bool is_point_cloud() const { return face_total == 0; }
-  std::uint32_t face_total = 0;  ///< F of the finished asset.
-  double diagonal() const;       ///< Of the rest box.
 };
+
+/// Checks n, r, q and F: not empty, within asset_limits.h. Errors: kCorrupt, kTooLarge.
+Result<void> check_counts(const AssetFacts& facts);
+
+/// check_counts, bands, finite numbers, lengths of texts. Errors: as above.
+Result<void> check_facts(const AssetFacts& facts);
 
 /// Checks a finished asset: shapes, ranges, permutation, map[i] < i, death ascending, finite numbers, the limits of
 /// asset_limits.h. Errors: kCorrupt, naming the first offender; kTooLarge.

@@ -14,7 +14,7 @@ constexpr float kGridSteps = 65534;
 std::array<float, 2> AssetTexture::uv(std::uint32_t wedge) const {
   std::array<float, 2> at{};
   for (std::size_t d = 0; d < 2; ++d)
-    at[d] = low[d] + (high[d] - low[d]) * (static_cast<float>(places[wedge][d]) / kGridSteps);
+    at[d] = low[d] + (high[d] - low[d]) * (static_cast<float>(uvs[wedge][d]) / kGridSteps);
   return at;
 }
 

@@ -18,16 +18,16 @@ struct AssetTexture {
   static constexpr std::size_t kMaxImageBytes = std::size_t{16} << 20;
   static constexpr std::array<std::uint16_t, 2> kNone{65535, 65535};  ///< A wedge that is not in the image.
 
-  std::vector<std::uint32_t> first_wedge;            ///< n + 1.
-  std::vector<std::array<std::uint16_t, 2>> places;  ///< W: on a grid of 65535 steps from low to high (65534: high).
+  std::vector<std::uint32_t> first_wedge;         ///< n + 1.
+  std::vector<std::array<std::uint16_t, 2>> uvs;  ///< W: on a grid of 65535 steps from low to high (65534: high).
   std::array<float, 2> low{0, 0}, high{1, 1};
-  std::vector<std::uint32_t> parent;                  ///< W: a wedge of map[i] for those of i >= q; itself below q.
-  std::vector<std::array<std::uint32_t, 3>> corners;  ///< F: the wedges of each face's corners.
-  Bytes image;                                        ///< A PNG or JPEG file.
+  std::vector<std::uint32_t> parent;  ///< W: a wedge of map[i] for those of i >= q; itself below q.
+  std::vector<std::array<std::uint32_t, 3>> corners;       ///< F: the wedges of each face's corners.
+  Bytes image;                        ///< A PNG or JPEG file.
 
   /// In the image: (0, 0) is the upper left corner of its first pixel, (1, 1) the lower right one of its last; beyond
   /// it repeats.
-  /// REQUIRES: places[wedge] != kNone.
+  /// REQUIRES: uvs[wedge] != kNone.
   std::array<float, 2> uv(std::uint32_t wedge) const;
   /// Whether low and high are finite (at most 1e30) and in order.
   bool has_finite_box() const;

@@ -13,8 +13,8 @@
 namespace eigencast::progressive {
 namespace {
 
-constexpr std::size_t kNeighbours = 10;
-constexpr std::size_t kMostNeighbours = 2 * kNeighbours;
+constexpr std::size_t kLinks = 10;
+constexpr std::size_t kMaxLinks = 2 * kLinks;
 constexpr std::size_t kFewestNeighbours = 4;  // Left to a point that others drop.
 
 class PointContraction {
@@ -29,16 +29,131 @@ class PointContraction {
         alive_count_(positions.size()) {
     steps_.reserve(positions.size());
   }
-  std::vector<Step> run();
+
+  std::vector<Step> run() {
+    weld();
+    const std::size_t goal = wanted_base(alive_count_);
+    bool has_quadrics = false;
+    // Far groups of points have no links between them: linked anew when each of them is one point.
+    while (alive_count_ > goal && !unwanted_) {
+      link_neighbours();
+      if (!std::exchange(has_quadrics, true)) make_quadrics();
+      contract_queue(goal);
+    }
+    return std::move(steps_);
+  }
 
  private:
-  void weld();
-  void link_neighbours();
-  void make_quadrics();
-  void contract_queue(std::size_t goal);
-  void consider(std::uint32_t u);
-  void contract(std::uint32_t u, std::uint32_t v);
-  void trim(std::uint32_t v);
+  void weld() {
+    const auto first = first_at_position(x_);
+    for (std::uint32_t v = 0; v < x_.size(); ++v) {
+      if (first[v] == v) continue;
+      steps_.push_back({v, first[v]});
+      alive_[v] = false;
+      --alive_count_;
+    }
+  }
+
+  void link_neighbours() {
+    std::vector<std::uint32_t> members;
+    for (std::uint32_t v = 0; v < x_.size(); ++v) {
+      links_[v].clear();
+      if (alive_[v]) members.push_back(v);
+    }
+    const Neighbours neighbours(x_, members);
+    for (const std::uint32_t v : members) {
+      for (const std::uint32_t w : neighbours.nearest(x_[v], kLinks + 1)) {
+        if (w == v) continue;
+        links_[v].push_back(w);
+        links_[w].push_back(v);
+      }
+    }
+    for (const std::uint32_t v : members) {
+      std::sort(links_[v].begin(), links_[v].end());
+      links_[v].erase(std::unique(links_[v].begin(), links_[v].end()), links_[v].end());
+    }
+  }
+
+  // Planes through p that hold the direction across e = p - p_i within the tangent plane (Pauly, Gross, Kobbelt 2002,
+  // "Efficient simplification of point-sampled surfaces"), and p itself, weighed as they are: planes alone let a point
+  // stand for a long piece of a limb, for which it is drawn as a disc that is as long, and larger than the limb.
+  void make_quadrics() {
+    for (std::uint32_t p = 0; p < x_.size() && !unwanted_; ++p) {
+      if (!alive_[p] || links_[p].empty()) continue;
+      const Vec3 n = normal_from_points(x_, x_[p], links_[p]);
+      double nearest = squared_distance(x_[p], x_[links_[p].front()]);
+      for (const std::uint32_t i : links_[p]) nearest = std::min(nearest, squared_distance(x_[p], x_[i]));
+      quadrics_[p].area = nearest;
+      quadrics_[p].add_point(x_[p], nearest);
+      for (const std::uint32_t i : links_[p]) {
+        const Vec3 e = x_[p] - x_[i];
+        const Vec3 normal = cross(e, cross(e, n));
+        if (length(normal) > 0)
+          quadrics_[p].add_plane(unit(normal), x_[p], nearest / static_cast<double>(links_[p].size()));
+      }
+    }
+  }
+
+  void contract_queue(std::size_t goal) {
+    queue_ = {};
+    for (std::uint32_t v = 0; v < x_.size(); ++v) {
+      if (alive_[v]) consider(v);
+    }
+    while (alive_count_ > goal && !queue_.empty() && !unwanted_) {
+      const Candidate top = queue_.top();
+      queue_.pop();
+      if (!alive_[top.from] || top.version != version_[top.from]) continue;
+      contract(top.from, top.to);
+    }
+  }
+
+  void consider(std::uint32_t u) {
+    ++version_[u];
+    if (links_[u].empty()) return;
+    Candidate best{0, u, u, version_[u]};
+    for (const std::uint32_t v : links_[u]) {
+      const double cost = contraction_cost(quadrics_[u], quadrics_[v], x_[u], x_[v]);
+      if (best.to == u || cost < best.cost || (cost == best.cost && v < best.to)) {
+        best.cost = cost;
+        best.to = v;
+      }
+    }
+    queue_.push(best);
+  }
+
+  void contract(std::uint32_t u, std::uint32_t v) {
+    steps_.push_back({u, v});
+    alive_[u] = false;
+    --alive_count_;
+    quadrics_[v] += quadrics_[u];
+    const std::vector<std::uint32_t> moved = std::move(links_[u]);
+    links_[u].clear();
+    for (const std::uint32_t w : moved) {
+      std::erase(links_[w], u);
+      if (w == v || std::find(links_[v].begin(), links_[v].end(), w) != links_[v].end()) continue;
+      links_[v].push_back(w);
+      links_[w].push_back(v);
+    }
+    std::vector<std::uint32_t> changed = links_[v];
+    trim(v);
+    consider(v);
+    for (const std::uint32_t w : changed) consider(w);
+  }
+
+  void trim(std::uint32_t v) {
+    auto& links = links_[v];
+    if (links.size() <= kMaxLinks) return;
+    std::sort(links.begin(), links.end(), [&](std::uint32_t a, std::uint32_t b) {
+      const double to_a = squared_distance(x_[v], x_[a]), to_b = squared_distance(x_[v], x_[b]);
+      return to_a != to_b ? to_a < to_b : a < b;
+    });
+    for (std::size_t i = links.size(); i-- > kMaxLinks;) {
+      auto& back = links_[links[i]];
+      if (back.size() <= kFewestNeighbours) continue;
+      std::erase(back, v);
+      links.erase(links.begin() + static_cast<std::ptrdiff_t>(i));
+    }
+  }
 
   const std::atomic<bool>& unwanted_;
   std::span<const Vec3> x_;
@@ -50,130 +165,6 @@ class PointContraction {
   std::vector<Step> steps_;
   std::priority_queue<Candidate> queue_;
 };
-
-std::vector<Step> PointContraction::run() {
-  weld();
-  const std::size_t goal = wanted_base(alive_count_);
-  bool has_quadrics = false;
-  // Far groups of points have no links between them: linked anew when each of them is one point.
-  while (alive_count_ > goal && !unwanted_) {
-    link_neighbours();
-    if (!std::exchange(has_quadrics, true)) make_quadrics();
-    contract_queue(goal);
-  }
-  return std::move(steps_);
-}
-
-void PointContraction::weld() {
-  const auto first = first_at_position(x_);
-  for (std::uint32_t v = 0; v < x_.size(); ++v) {
-    if (first[v] == v) continue;
-    steps_.push_back({v, first[v]});
-    alive_[v] = false;
-    --alive_count_;
-  }
-}
-
-void PointContraction::link_neighbours() {
-  std::vector<std::uint32_t> members;
-  for (std::uint32_t v = 0; v < x_.size(); ++v) {
-    links_[v].clear();
-    if (alive_[v]) members.push_back(v);
-  }
-  const Neighbours neighbours(x_, members);
-  for (const std::uint32_t v : members) {
-    for (const std::uint32_t w : neighbours.nearest(x_[v], kNeighbours + 1)) {
-      if (w == v) continue;
-      links_[v].push_back(w);
-      links_[w].push_back(v);
-    }
-  }
-  for (const std::uint32_t v : members) {
-    std::sort(links_[v].begin(), links_[v].end());
-    links_[v].erase(std::unique(links_[v].begin(), links_[v].end()), links_[v].end());
-  }
-}
-
-// Planes through p that hold the direction across e = p - p_i within the tangent plane (Pauly, Gross, Kobbelt 2002,
-// "Efficient simplification of point-sampled surfaces"), and p itself, weighed as they are: planes alone let a point
-// stand for a long piece of a limb, for which it is drawn as a disc that is as long, and larger than the limb.
-void PointContraction::make_quadrics() {
-  for (std::uint32_t p = 0; p < x_.size() && !unwanted_; ++p) {
-    if (!alive_[p] || links_[p].empty()) continue;
-    const Vec3 n = normal_from_points(x_, x_[p], links_[p]);
-    double nearest = squared_distance(x_[p], x_[links_[p].front()]);
-    for (const std::uint32_t i : links_[p]) nearest = std::min(nearest, squared_distance(x_[p], x_[i]));
-    quadrics_[p].area = nearest;
-    quadrics_[p].add_point(x_[p], nearest);
-    for (const std::uint32_t i : links_[p]) {
-      const Vec3 e = x_[p] - x_[i];
-      const Vec3 normal = cross(e, cross(e, n));
-      if (length(normal) > 0)
-        quadrics_[p].add_plane(unit(normal), x_[p], nearest / static_cast<double>(links_[p].size()));
-    }
-  }
-}
-
-void PointContraction::contract_queue(std::size_t goal) {
-  queue_ = {};
-  for (std::uint32_t v = 0; v < x_.size(); ++v) {
-    if (alive_[v]) consider(v);
-  }
-  while (alive_count_ > goal && !queue_.empty() && !unwanted_) {
-    const Candidate top = queue_.top();
-    queue_.pop();
-    if (!alive_[top.from] || top.version != version_[top.from]) continue;
-    contract(top.from, top.to);
-  }
-}
-
-void PointContraction::consider(std::uint32_t u) {
-  ++version_[u];
-  if (links_[u].empty()) return;
-  Candidate best{0, u, u, version_[u]};
-  for (const std::uint32_t v : links_[u]) {
-    const double cost = contraction_cost(quadrics_[u], quadrics_[v], x_[u], x_[v]);
-    if (best.to == u || cost < best.cost || (cost == best.cost && v < best.to)) {
-      best.cost = cost;
-      best.to = v;
-    }
-  }
-  queue_.push(best);
-}
-
-void PointContraction::contract(std::uint32_t u, std::uint32_t v) {
-  steps_.push_back({u, v});
-  alive_[u] = false;
-  --alive_count_;
-  quadrics_[v] += quadrics_[u];
-  const std::vector<std::uint32_t> moved = std::move(links_[u]);
-  links_[u].clear();
-  for (const std::uint32_t w : moved) {
-    std::erase(links_[w], u);
-    if (w == v || std::find(links_[v].begin(), links_[v].end(), w) != links_[v].end()) continue;
-    links_[v].push_back(w);
-    links_[w].push_back(v);
-  }
-  std::vector<std::uint32_t> changed = links_[v];
-  trim(v);
-  consider(v);
-  for (const std::uint32_t w : changed) consider(w);
-}
-
-void PointContraction::trim(std::uint32_t v) {
-  auto& links = links_[v];
-  if (links.size() <= kMostNeighbours) return;
-  std::sort(links.begin(), links.end(), [&](std::uint32_t a, std::uint32_t b) {
-    const double to_a = squared_distance(x_[v], x_[a]), to_b = squared_distance(x_[v], x_[b]);
-    return to_a != to_b ? to_a < to_b : a < b;
-  });
-  for (std::size_t i = links.size(); i-- > kMostNeighbours;) {
-    auto& back = links_[links[i]];
-    if (back.size() <= kFewestNeighbours) continue;
-    std::erase(back, v);
-    links.erase(links.begin() + static_cast<std::ptrdiff_t>(i));
-  }
-}
 
 }  // namespace
 

@@ -46,12 +46,12 @@ Vec3 normal_from_points(std::span<const Vec3> positions, const Vec3& centre, std
 
 namespace {
 
-constexpr std::size_t kNeighbours = 16;  // that a normal is made from
-constexpr std::size_t kEdges = 10;       // of a point, along which its sign may be carried
-constexpr double kUp = 1e-3;             // weight of "upwards" beside "outwards"
-constexpr double kManyVotes = 30;        // of a set: about those of two points that are seen from half of all sides
-constexpr double kClear = 0.15;          // share of a set's votes by which one side must lead to decide
-constexpr double kReach = 1.0;           // radius of a disc that hides, of the mean distance to a point's neighbours
+constexpr std::size_t kNormalNeighbours = 16;  // that a normal is made from
+constexpr std::size_t kEdges = 10;             // of a point, along which its sign may be carried
+constexpr double kUp = 1e-3;                   // weight of "upwards" beside "outwards"
+constexpr double kManyVotes = 30;  // of a set: about those of two points that are seen from half of all sides
+constexpr double kClear = 0.15;    // share of a set's votes by which one side must lead to decide
+constexpr double kReach = 1.0;     // radius of a disc that hides, of the mean distance to a point's neighbours
 constexpr std::size_t kPointsAtOnce = 1024;  // for a thread
 
 /// Sets of points whose normals' signs are known relative to each other, with what has been seen of them: a vote counts
@@ -176,7 +176,7 @@ std::vector<Vec3> oriented_normals(std::span<const Vec3> positions) {
     const std::size_t end = std::min(members.size(), (part + 1) * kPointsAtOnce);
     for (std::size_t m = part * kPointsAtOnce; m < end; ++m) {
       const std::uint32_t i = members[m];
-      std::vector<std::uint32_t> around = neighbours.nearest(positions[i], kNeighbours + 1);
+      std::vector<std::uint32_t> around = neighbours.nearest(positions[i], kNormalNeighbours + 1);
       std::erase(around, i);
       normals[i] = normal_from_points(positions, positions[i], around);
       edges_of[m].fill(i);

@@ -38,28 +38,15 @@ namespace {
 
 using progressive::kNoTarget;
 using progressive::Step;
-constexpr std::uint32_t kLeastBase = 4;
+constexpr std::uint32_t kMinBase = 4;
 
-Result<void> check(const Surface& surface) {
+Result<void> check_input(const Surface& surface) {
   const std::size_t n = surface.positions.size();
   if (n == 0) return fail(ErrorCode::kInvalidArgument, "surface: no vertices, so there is nothing to order");
   if (n >= kNoTarget || surface.faces.size() >= kNoTarget) {
     return fail(ErrorCode::kTooLarge, "surface: more vertices or faces than 32-bit numbers can name");
   }
-  for (std::size_t v = 0; v < n; ++v) {
-    for (const double value : surface.positions[v]) {
-      if (std::isfinite(value)) continue;
-      return fail(ErrorCode::kInvalidArgument,
-                  "surface: vertex " + std::to_string(v) + " has a coordinate that is not a finite number");
-    }
-  }
-  for (std::size_t f = 0; f < surface.faces.size(); ++f) {
-    for (const std::uint32_t v : surface.faces[f]) {
-      if (v < n) continue;
-      return fail(ErrorCode::kInvalidArgument, "surface: face " + std::to_string(f) + " names vertex " +
-                                                   std::to_string(v) + ", but there are only " + std::to_string(n));
-    }
-  }
+  if (auto values = check_values(surface); !values) return in_context("surface", values.error());
   return {};
 }
 
@@ -87,7 +74,7 @@ std::vector<std::vector<Vec3>> unit_poses(std::span<const Vec3> rest, std::span<
 void order_vertices(std::vector<Step> steps, std::span<const Vec3> positions, PrefixOrder& prefix) {
   const auto n = static_cast<std::uint32_t>(positions.size());
   // Where nothing can be seen (all faces without area) every vertex would go; the last ones stay.
-  steps.resize(std::min<std::size_t>(steps.size(), n - std::min(n, kLeastBase)));
+  steps.resize(std::min<std::size_t>(steps.size(), n - std::min(n, kMinBase)));
   prefix.base_count = n - static_cast<std::uint32_t>(steps.size());
   prefix.order.resize(n);
   std::vector<bool> in_base(n, true);
@@ -157,7 +144,7 @@ void order_faces(const Surface& surface, PrefixOrder& prefix) {
 Result<PrefixOrder> build_prefix_order(const Surface& surface,
                                        std::span<const std::pair<std::uint32_t, std::uint32_t>> seams,
                                        std::span<const std::vector<Vec3>> others, const std::atomic<bool>& unwanted) {
-  if (auto ok = check(surface); !ok) return ok.error();
+  if (auto ok = check_input(surface); !ok) return ok.error();
   const std::vector<std::vector<Vec3>> poses = unit_poses(surface.positions, others);
   const std::vector<Vec3>& positions = poses.front();
   std::vector<Face> faces;
@@ -182,26 +169,6 @@ std::uint32_t prefix_corner(std::span<const std::uint32_t> map, std::uint32_t a,
     a = map[a];
   }
   return a;
-}
-
-std::vector<HalfContraction> contractions_from_prefix(std::span<const std::uint32_t> map, std::span<const Face> faces,
-                                                      std::span<const std::uint32_t> death, std::uint32_t base_count) {
-  const auto n = static_cast<std::uint32_t>(map.size());
-  std::vector<HalfContraction> contractions(n - base_count);
-  const auto contraction_of = [&](std::uint32_t i) -> HalfContraction& { return contractions[n - 1 - i]; };
-  for (std::uint32_t i = base_count; i < n; ++i) {
-    contraction_of(i).vFrom = i;
-    contraction_of(i).vTo = map[i];
-  }
-  for (std::uint32_t f = 0; f < faces.size(); ++f) {
-    if (death[f] >= base_count) contraction_of(death[f]).trisRemoved.push_back(f);
-    for (std::uint32_t corner : faces[f]) {
-      for (; corner >= base_count && corner > death[f]; corner = map[corner]) {
-        contraction_of(corner).trisAffected.push_back(f);
-      }
-    }
-  }
-  return contractions;
 }
 
 }  // namespace eigencast

@@ -65,16 +65,4 @@ std::uint32_t prefix_face_count(std::span<const std::uint32_t> death, std::uint3
 /// The corner that stands for vertex `a` with N vertices: follows map until it is below N. REQUIRES: base_count <= N.
 std::uint32_t prefix_corner(std::span<const std::uint32_t> map, std::uint32_t a, std::uint32_t N);
 
-/// The paper's record of one contraction (Zhang et al. 2013, section 5), recovered from a prefix order.
-struct HalfContraction {
-  std::uint32_t vFrom = 0;
-  std::uint32_t vTo = 0;
-  std::vector<std::uint32_t> trisRemoved;
-  std::vector<std::uint32_t> trisAffected;
-};
-
-/// The contractions in the order in which they are made: the first removes vertex n-1.
-std::vector<HalfContraction> contractions_from_prefix(std::span<const std::uint32_t> map, std::span<const Face> faces,
-                                                      std::span<const std::uint32_t> death, std::uint32_t base_count);
-
 }  // namespace eigencast

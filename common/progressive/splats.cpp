@@ -115,11 +115,11 @@ class SplatBuilder {
   /// those on the other side of a limb would make it larger than the limb.
   void make_radii() {
     const std::vector<std::uint32_t> first = first_at_position(x_);
-    std::vector<std::uint32_t> places;
+    std::vector<std::uint32_t> distinct;
     for (std::uint32_t i = 0; i < n_; ++i) {
-      if (first[i] == i) places.push_back(i);
+      if (first[i] == i) distinct.push_back(i);
     }
-    const Neighbours neighbours(x_, places);
+    const Neighbours neighbours(x_, distinct);
     std::vector<double> alone(n_);
     for (std::uint32_t i = 0; i < n_; ++i) {
       double sum = 0;

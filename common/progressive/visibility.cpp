@@ -18,8 +18,8 @@ namespace {
 
 constexpr double kGrazing = 0.25;      // |n . d| below which a disc is too thin to draw and a look at it says nothing
 constexpr double kPixelsInRadius = 2;  // of a typical disc
-constexpr double kMostPixels = 4096;   // across the picture
-constexpr double kMostRadius = 24;     // pixels of one disc: a lone point hides no more
+constexpr double kMaxPixels = 4096;    // across the picture
+constexpr double kMaxRadius = 24;      // pixels of one disc: a lone point hides no more
 constexpr double kInFront = 0.4;       // radii by which another disc must lie before a point to hide it
 
 /// Pictures of the points, one direction at a time. Its buffer is kept from one to the next.
@@ -66,7 +66,7 @@ class Camera {
     if (!(r_[i] > 0) || std::abs(facing) < kGrazing) return;
     const double nu = dot(n_[i], u_) / facing, nv = dot(n_[i], v_) / facing;
     const double at_u = (dot(x_[i], u_) - low_u_) / pixel_, at_v = (dot(x_[i], v_) - low_v_) / pixel_;
-    const double depth = dot(x_[i], d_), radius = std::min(r_[i] / pixel_, kMostRadius);
+    const double depth = dot(x_[i], d_), radius = std::min(r_[i] / pixel_, kMaxRadius);
     const auto first = [&](double at) { return static_cast<std::size_t>(std::max(0.0, at - radius)); };
     const auto last = [&](double at, std::size_t size) {
       return std::min(size - 1, static_cast<std::size_t>(at + radius));
@@ -98,7 +98,7 @@ double pixel_for(std::span<const Vec3> positions, std::span<const double> radii)
   if (sorted.empty()) return 0;
   const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
   std::nth_element(sorted.begin(), middle, sorted.end());
-  return std::max(*middle / kPixelsInRadius, bounding_box(positions).diagonal() / kMostPixels);
+  return std::max(*middle / kPixelsInRadius, bounding_box(positions).diagonal() / kMaxPixels);
 }
 
 }  // namespace

@@ -12,7 +12,7 @@ constexpr std::uint32_t kUnknown = std::numeric_limits<std::uint32_t>::max();
 /// Undoes the order: contracts its vertices from the last to the base and finds out where their wedges go.
 class WedgeContraction {
  public:
-  WedgeContraction(const PrefixOrder& order, std::span<const CornerPlaces> places)
+  WedgeContraction(const PrefixOrder& order, std::span<const CornerUvs> uvs)
       : order_(order),
         faces_(order.faces),
         wedges_(order.faces.size()),
@@ -21,7 +21,7 @@ class WedgeContraction {
         parents_(order.map.size()) {
     for (std::uint32_t f = 0; f < faces_.size(); ++f) {
       for (std::size_t k = 0; k < 3; ++k) {
-        wedges_[f][k] = wedge_at(faces_[f][k], places[order.face_source[f]][k]);
+        wedges_[f][k] = wedge_at(faces_[f][k], uvs[order.face_source[f]][k]);
         around_[faces_[f][k]].push_back(f);
       }
     }
@@ -34,7 +34,7 @@ class WedgeContraction {
     result.first_wedge.assign(1, 0);
     for (const auto& mine : places_) {
       result.first_wedge.push_back(result.first_wedge.back() + static_cast<std::uint32_t>(mine.size()));
-      result.places.insert(result.places.end(), mine.begin(), mine.end());
+      result.uvs.insert(result.uvs.end(), mine.begin(), mine.end());
     }
     for (std::uint32_t v = 0; v < places_.size(); ++v) {
       for (std::uint32_t w = 0; w < places_[v].size(); ++w) {
@@ -50,7 +50,7 @@ class WedgeContraction {
   }
 
  private:
-  std::uint32_t wedge_at(std::uint32_t v, const GridPlace& place) {
+  std::uint32_t wedge_at(std::uint32_t v, const GridUv& place) {
     auto& mine = places_[v];
     const auto at = std::find(mine.begin(), mine.end(), place);
     if (at == mine.end()) {
@@ -92,21 +92,21 @@ class WedgeContraction {
   std::vector<Face> faces_;   ///< Corners as they are now.
   std::vector<Face> wedges_;  ///< Of the corners, numbered within their vertex.
   std::vector<std::vector<std::uint32_t>> around_;
-  std::vector<std::vector<GridPlace>> places_;
+  std::vector<std::vector<GridUv>> places_;
   std::vector<std::vector<std::uint32_t>> parents_;
 };
 
 }  // namespace
 
-WedgeOrder build_wedges(const PrefixOrder& order, std::span<const CornerPlaces> places) {
-  return WedgeContraction(order, places).run();
+WedgeOrder build_wedges(const PrefixOrder& order, std::span<const CornerUvs> uvs) {
+  return WedgeContraction(order, uvs).run();
 }
 
 std::vector<std::pair<std::uint32_t, std::uint32_t>> seam_edges(std::span<const Face> faces,
-                                                                std::span<const CornerPlaces> places) {
+                                                                std::span<const CornerUvs> uvs) {
   struct Side {
     std::uint32_t low, high;
-    GridPlace at_low, at_high;
+    GridUv at_low, at_high;
   };
   std::vector<Side> sides;
   sides.reserve(3 * faces.size());
@@ -115,7 +115,7 @@ std::vector<std::pair<std::uint32_t, std::uint32_t>> seam_edges(std::span<const 
       const std::size_t next = (k + 1) % 3;
       const bool rising = faces[f][k] < faces[f][next];
       const std::size_t low = rising ? k : next, high = rising ? next : k;
-      sides.push_back({faces[f][low], faces[f][high], places[f][low], places[f][high]});
+      sides.push_back({faces[f][low], faces[f][high], uvs[f][low], uvs[f][high]});
     }
   }
   const auto edge_of = [](const Side& side) { return std::pair(side.low, side.high); };

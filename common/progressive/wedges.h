@@ -12,28 +12,28 @@
 namespace eigencast {
 
 /// A place in an image, on a grid.
-using GridPlace = std::array<std::uint16_t, 2>;
+using GridUv = std::array<std::uint16_t, 2>;
 /// Of the three corners of a face.
-using CornerPlaces = std::array<GridPlace, 3>;
+using CornerUvs = std::array<GridUv, 3>;
 
 /// Places of the vertices along a prefix order: see AssetTexture, whose arrays these are.
 struct WedgeOrder {
   std::vector<std::uint32_t> first_wedge;
-  std::vector<GridPlace> places;
+  std::vector<GridUv> uvs;
   std::vector<std::uint32_t> parent;
   std::vector<Face> corners;
 };
 
-/// Different places of one vertex are different wedges. When v goes to u, a wedge of v goes to the one of u with which
+/// Different uvs of one vertex are different wedges. When v goes to u, a wedge of v goes to the one of u with which
 /// it shares a face; where there is none (the contraction leaves the seam) u gets one more, at the same place, so that
 /// a side of a seam never goes over to the other. After Hoppe 1999, "New quadric metric for simplifying meshes with
 /// appearance attributes".
-///   places  of the source's faces
-WedgeOrder build_wedges(const PrefixOrder& order, std::span<const CornerPlaces> places);
+///   uvs  of the source's faces
+WedgeOrder build_wedges(const PrefixOrder& order, std::span<const CornerUvs> uvs);
 
-/// The edges (source numbers, the lower one first; ascending) between two faces that have different places for one of
+/// The edges (source numbers, the lower one first; ascending) between two faces that have different uvs for one of
 /// their ends.
 std::vector<std::pair<std::uint32_t, std::uint32_t>> seam_edges(std::span<const Face> faces,
-                                                                std::span<const CornerPlaces> places);
+                                                                std::span<const CornerUvs> uvs);
 
 }  // namespace eigencast

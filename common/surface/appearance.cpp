@@ -18,10 +18,10 @@ std::array<std::uint8_t, 3> bytes_from(const Light& light) {
   return bytes;
 }
 
-const Appearance::Material* material_of(const Appearance& looks, std::size_t face) {
-  if (face >= looks.face_material.size() || looks.face_material[face] < 0) return nullptr;
-  const auto number = static_cast<std::size_t>(looks.face_material[face]);
-  return number < looks.materials.size() ? &looks.materials[number] : nullptr;
+const Appearance::Material* material_of(const Appearance& appearance, std::size_t face) {
+  if (face >= appearance.face_material.size() || appearance.face_material[face] < 0) return nullptr;
+  const auto number = static_cast<std::size_t>(appearance.face_material[face]);
+  return number < appearance.materials.size() ? &appearance.materials[number] : nullptr;
 }
 
 }  // namespace
@@ -33,19 +33,19 @@ float srgb_from_linear(float part) {
   return part <= 0.0031308F ? 12.92F * part : 1.055F * std::pow(part, 1 / 2.4F) - 0.055F;
 }
 
-std::vector<std::array<std::uint8_t, 3>> stated_colours(const Surface& surface, const Appearance& looks) {
+std::vector<std::array<std::uint8_t, 3>> stated_colours(const Surface& surface, const Appearance& appearance) {
   const std::size_t n = surface.positions.size(), F = surface.faces.size();
-  if (looks.vertex_colour.size() == n) return looks.vertex_colour;
-  const bool has_corners = looks.corner_colour.size() == F && F > 0;
+  if (appearance.vertex_colour.size() == n) return appearance.vertex_colour;
+  const bool has_corners = appearance.corner_colour.size() == F && F > 0;
   std::vector<Light> sum(n, Light{});
   std::vector<float> corners(n, 0);
   for (std::size_t f = 0; f < F; ++f) {
-    const Appearance::Material* material = material_of(looks, f);
+    const Appearance::Material* material = material_of(appearance, f);
     for (std::size_t k = 0; k < 3; ++k) {
       const std::size_t v = surface.faces[f][k];
       for (std::size_t c = 0; c < 3; ++c) {
-        sum[v][c] +=
-            (has_corners ? looks.corner_colour[f][k][c] : 1) * (material != nullptr ? material->base_colour[c] : 1);
+        sum[v][c] += (has_corners ? appearance.corner_colour[f][k][c] : 1) *
+                     (material != nullptr ? material->base_colour[c] : 1);
       }
       corners[v] += 1;
     }

@@ -10,7 +10,7 @@
 
 namespace eigencast {
 
-/// How a surface looks, as its file states it. Corners, because one vertex may have several texture coordinates where
+/// The look of a surface. Corners, because one vertex may have several texture coordinates where
 /// the file has a seam. Empty arrays: not stated.
 struct Appearance {
   struct Image {
@@ -34,7 +34,7 @@ struct Appearance {
 /// One colour for each vertex, sRGB, in the surface's order: its own, or the mean (of light) over its corners of the
 /// corner's colour times its material's. Textures are no part of it. Empty where the file states no colours, or nothing
 /// but one grey.
-std::vector<std::array<std::uint8_t, 3>> stated_colours(const Surface& surface, const Appearance& looks);
+std::vector<std::array<std::uint8_t, 3>> stated_colours(const Surface& surface, const Appearance& appearance);
 
 /// The transfer of sRGB (IEC 61966-2-1), parts of 0 to 1.
 float linear_from_srgb(float part);

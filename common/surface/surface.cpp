@@ -25,16 +25,8 @@ Box bounding_box(std::span<const Vec3> positions) {
   return box;
 }
 
-Result<void> validate_surface(const Surface& surface) {
+Result<void> check_values(const Surface& surface) {
   const std::size_t n = surface.vertex_count();
-  if (n < 4) {
-    return fail(ErrorCode::kInvalidArgument, "a surface of " + std::to_string(n) + " vertices; at least 4 are needed");
-  }
-  if (n > kMaxSurfaceVertices || surface.faces.size() > kMaxSurfaceFaces) {
-    return fail(ErrorCode::kTooLarge, std::to_string(n) + " vertices and " + std::to_string(surface.faces.size()) +
-                                          " faces; the limits are " + std::to_string(kMaxSurfaceVertices) + " and " +
-                                          std::to_string(kMaxSurfaceFaces));
-  }
   for (std::size_t i = 0; i < n; ++i) {
     const Vec3& p = surface.positions[i];
     if (!std::isfinite(p[0]) || !std::isfinite(p[1]) || !std::isfinite(p[2])) {
@@ -49,6 +41,19 @@ Result<void> validate_surface(const Surface& surface) {
     }
   }
   return {};
+}
+
+Result<void> validate_surface(const Surface& surface) {
+  const std::size_t n = surface.vertex_count();
+  if (n < 4) {
+    return fail(ErrorCode::kInvalidArgument, "a surface of " + std::to_string(n) + " vertices; at least 4 are needed");
+  }
+  if (n > kMaxSurfaceVertices || surface.faces.size() > kMaxSurfaceFaces) {
+    return fail(ErrorCode::kTooLarge, std::to_string(n) + " vertices and " + std::to_string(surface.faces.size()) +
+                                          " faces; the limits are " + std::to_string(kMaxSurfaceVertices) + " and " +
+                                          std::to_string(kMaxSurfaceFaces));
+  }
+  return check_values(surface);
 }
 
 }  // namespace eigencast

@@ -23,8 +23,6 @@ namespace {
 
 constexpr std::size_t kWeighedBytes = std::size_t{1} << 20;  // of a tile, up to which both ways of storing it are tried
 
-using Corners = std::array<std::uint32_t, 3>;
-
 /// Moves each corner to the vertex that stands for it with N vertices.
 void move_to_level(std::span<const std::uint32_t> map, std::uint32_t N, std::span<Corners> faces) {
   for (Corners& face : faces) {
@@ -32,26 +30,6 @@ void move_to_level(std::span<const std::uint32_t> map, std::uint32_t N, std::spa
       while (corner >= N) corner = map[corner];
     }
   }
-}
-
-Asset facts_of(const Asset& asset) {
-  Asset facts;
-  facts.vertex_count = asset.vertex_count;
-  facts.rank = asset.rank;
-  facts.base_count = asset.base_count;
-  facts.basis_kind = asset.basis_kind;
-  facts.band_ends = asset.band_ends;
-  facts.rest = asset.rest;
-  facts.area = asset.area;
-  facts.up_axis = asset.up_axis;
-  facts.handedness = asset.handedness;
-  facts.metres_per_unit = asset.metres_per_unit;
-  facts.box_low = asset.box_low;
-  facts.box_high = asset.box_high;
-  facts.origin = asset.origin;
-  facts.name = asset.name;
-  facts.face_total = asset.face_total;
-  return facts;
 }
 
 /// The last row of each chunk: the first chunk holds the base and at least `first` rows, each later one as many as came
@@ -83,7 +61,7 @@ std::vector<double> steps_of(const AssetEncoding& encoding, std::uint32_t rank) 
 class Encoder {
  public:
   Encoder(const Asset& asset, const AssetEncoding& encoding) : asset_(asset), encoding_(encoding) {
-    manifest_.facts = facts_of(asset);
+    manifest_.facts = asset;
     manifest_.exact_columns = std::min(encoding.exact_columns, asset.rank);
     manifest_.column_scales =
         column_scales_from_basis(asset.basis, asset.rank, manifest_.exact_columns, steps_of(encoding, asset.rank));
@@ -155,7 +133,7 @@ class Encoder {
     const Predictors predictors = part_of(predictors_, row_, end_row);
     std::vector<NewTile> tiles{packed(TileKind::kStructure, 0, structure(range, end_face, predictors))};
     std::move(basis.begin(), basis.end(), std::back_inserter(tiles));
-    add_looks(end_row, tiles);
+    add_extras(end_row, tiles);
     for (const NewTile& tile : tiles) {
       if (tile.failed) return *tile.failed;
       object.bytes.insert(object.bytes.end(), tile.stored.begin(), tile.stored.end());
@@ -190,7 +168,7 @@ class Encoder {
   }
 
   /// What readers need not know.
-  void add_looks(std::uint32_t end_row, std::vector<NewTile>& tiles) const {
+  void add_extras(std::uint32_t end_row, std::vector<NewTile>& tiles) const {
     if (asset_.splats.size() > 0) {
       tiles.push_back(packed(TileKind::kSplats, 0,
                              encode_splats(asset_.splats, row_, end_row, asset_.base_count, asset_.diagonal())));

@@ -41,10 +41,10 @@ Sha256 get_digest(ByteReader& in) {
   return id;
 }
 
-Error corrupt(std::string what) {
+Error corrupt_manifest(std::string what) {
   return fail(ErrorCode::kCorrupt, "asset manifest: " + std::move(what));
 }
-Error too_large(std::string what, std::uint64_t value, std::uint64_t limit) {
+Error too_large_in_manifest(std::string what, std::uint64_t value, std::uint64_t limit) {
   return fail(ErrorCode::kTooLarge, "asset manifest: " + std::move(what) + " is " + std::to_string(value) +
                                         ", over the limit of " + std::to_string(limit));
 }
@@ -62,9 +62,9 @@ class Parser {
     for (auto part : {&Parser::header, &Parser::counts, &Parser::bands, &Parser::facts, &Parser::texts,
                       &Parser::numbers, &Parser::chunks, &Parser::sections}) {
       if (auto result = (this->*part)(); !result) return result.error();
-      if (in_.failed()) return corrupt("ends too early");
+      if (in_.failed()) return corrupt_manifest("ends too early");
     }
-    if (in_.remaining() != 0) return corrupt(std::to_string(in_.remaining()) + " bytes too many at its end");
+    if (in_.remaining() != 0) return corrupt_manifest(std::to_string(in_.remaining()) + " bytes too many at its end");
     return std::move(manifest_);
   }
 
@@ -72,10 +72,10 @@ class Parser {
   Result<void> header() {
     const ByteView magic = in_.bytes(kMagic.size());
     if (!std::equal(magic.begin(), magic.end(), kMagic.begin(), kMagic.end()))
-      return corrupt("not one: its magic bytes are missing");
+      return corrupt_manifest("not one: its magic bytes are missing");
     const std::uint32_t version = in_.u32();
-    if (in_.failed()) return corrupt("ends too early");
-    if (version == 0) return corrupt("version 0 does not exist");
+    if (in_.failed()) return corrupt_manifest("ends too early");
+    if (version == 0) return corrupt_manifest("version 0 does not exist");
     if (version != kVersion) {
       return fail(ErrorCode::kIncompatibleVersion, "asset manifest: format version " + std::to_string(version) +
                                                        ", this build reads version 1; bake the asset again or update");
@@ -84,104 +84,73 @@ class Parser {
   }
 
   Result<void> counts() {
-    Asset& a = manifest_.facts;
+    AssetFacts& a = manifest_.facts;
     a.vertex_count = in_.u32();
     a.rank = in_.u32();
     a.base_count = in_.u32();
     a.face_total = in_.u32();
     manifest_.exact_columns = in_.u32();
-    if (in_.failed()) return corrupt("ends too early");
-    if (a.vertex_count == 0 || a.rank == 0) return corrupt("no vertices or no basis columns");
-    if (a.vertex_count > asset_limits::kMaxVertices)
-      return too_large("vertex count", a.vertex_count, asset_limits::kMaxVertices);
-    if (a.face_total > asset_limits::kMaxFaces) return too_large("face count", a.face_total, asset_limits::kMaxFaces);
-    if (a.rank > asset_limits::kMaxRank) return too_large("rank", a.rank, asset_limits::kMaxRank);
-    const std::uint64_t decoded = std::uint64_t{a.vertex_count} * a.rank * sizeof(float);
-    if (decoded > asset_limits::kMaxDecodedBytes)
-      return too_large("decoded basis", decoded, asset_limits::kMaxDecodedBytes);
-    if (a.base_count == 0 || a.base_count > a.vertex_count) {
-      return corrupt("base count " + std::to_string(a.base_count) + " is not within 1 and the vertex count " +
-                     std::to_string(a.vertex_count));
-    }
-    if (manifest_.exact_columns > a.rank) return corrupt("more exact columns than columns");
+    if (in_.failed()) return corrupt_manifest("ends too early");
+    if (auto counts = check_counts(a); !counts) return in_context("asset manifest", counts.error());
+    if (manifest_.exact_columns > a.rank) return corrupt_manifest("more exact columns than columns");
     return {};
   }
 
   Result<void> bands() {
-    Asset& a = manifest_.facts;
     const std::size_t count = in_.u8();
-    if (count == 0 || count > asset_limits::kMaxBands)
-      return corrupt(std::to_string(count) + " bands; 1 to 8 are allowed");
-    std::uint32_t previous = 0;
-    for (std::size_t b = 0; b < count; ++b) {
-      const std::uint32_t end = in_.u32();
-      if (end <= previous || end > a.rank) return corrupt("the end of band " + std::to_string(b) + " is out of order");
-      a.band_ends.push_back(end);
-      previous = end;
-    }
-    if (previous != a.rank) return corrupt("the last band does not end at the rank");
+    if (count > asset_limits::kMaxBands) return corrupt_manifest(std::to_string(count) + " bands; 1 to 8 are allowed");
+    for (std::size_t b = 0; b < count; ++b) manifest_.facts.band_ends.push_back(in_.u32());
     return {};
   }
 
   Result<void> facts() {
-    Asset& a = manifest_.facts;
+    AssetFacts& a = manifest_.facts;
     const std::uint8_t up = in_.u8();
     const std::uint8_t handed = in_.u8();
-    if (up > 3 || handed > 1) return corrupt("unknown up axis or handedness");
+    if (up > 3 || handed > 1) return corrupt_manifest("unknown up axis or handedness");
     a.up_axis = static_cast<Asset::UpAxis>(up);
     a.handedness = static_cast<Asset::Handedness>(handed);
     a.metres_per_unit = in_.f64();
     a.area = in_.f64();
     for (auto* triple : {&a.box_low, &a.box_high, &a.origin}) {
-      for (double& x : *triple) {
-        x = in_.f64();
-        if (!std::isfinite(x)) return corrupt("a box or origin coordinate is not finite");
-      }
-    }
-    if (in_.failed()) return corrupt("ends too early");
-    if (!std::isfinite(a.metres_per_unit) || a.metres_per_unit < 0)
-      return corrupt("metres per unit is negative or not finite");
-    if (!std::isfinite(a.area) || a.area <= 0) return corrupt("the area is not positive");
-    for (std::size_t k = 0; k < 3; ++k) {
-      if (a.box_low[k] > a.box_high[k]) return corrupt("the rest box is inside out");
+      for (double& x : *triple) x = in_.f64();
     }
     return {};
   }
 
   Result<void> texts() {
     const std::size_t kind_size = in_.u8();
-    if (kind_size > asset_limits::kMaxBasisKindBytes) return corrupt("basis kind is too long");
+    if (kind_size > asset_limits::kMaxBasisKindBytes) return corrupt_manifest("basis kind is too long");
     manifest_.facts.basis_kind = text_from(in_.bytes(kind_size));
     const std::size_t name_size = in_.u16();
-    if (name_size > asset_limits::kMaxNameBytes) return corrupt("name is too long");
+    if (name_size > asset_limits::kMaxNameBytes) return corrupt_manifest("name is too long");
     manifest_.facts.name = text_from(in_.bytes(name_size));
     return {};
   }
 
   Result<void> numbers() {
-    Asset& a = manifest_.facts;
+    AssetFacts& a = manifest_.facts;
     const std::size_t scales = a.rank - manifest_.exact_columns;
-    if (in_.remaining() < a.rank * 3 * sizeof(double) + scales * sizeof(float)) return corrupt("ends too early");
+    if (in_.remaining() < a.rank * 3 * sizeof(double) + scales * sizeof(float))
+      return corrupt_manifest("ends too early");
     a.rest.resize(std::size_t{a.rank} * 3);
-    for (double& c : a.rest) {
-      c = in_.f64();
-      if (!std::isfinite(c)) return corrupt("a rest coefficient is not finite");
-    }
+    for (double& c : a.rest) c = in_.f64();
     manifest_.column_scales.resize(scales);
     for (float& s : manifest_.column_scales) {
       s = in_.f32();
       // The largest integer is 32767: scale * 32767 must still be a float.
-      if (!asset_limits::is_column_scale(s)) return corrupt("a column scale is out of range");
+      if (!asset_limits::is_column_scale(s)) return corrupt_manifest("a column scale is out of range");
     }
+    if (auto facts = check_facts(a); !facts) return in_context("asset manifest", facts.error());
     return {};
   }
 
   Result<void> chunks() {
-    const Asset& a = manifest_.facts;
+    const AssetFacts& a = manifest_.facts;
     const std::size_t count = in_.u32();
     if (count == 0 || count > asset_limits::kMaxChunks)
-      return corrupt(std::to_string(count) + " chunks; 1 to 4096 are allowed");
-    if (in_.remaining() < count * kMinChunkEntryBytes) return corrupt("ends too early");
+      return corrupt_manifest(std::to_string(count) + " chunks; 1 to 4096 are allowed");
+    if (in_.remaining() < count * kMinChunkEntryBytes) return corrupt_manifest("ends too early");
     std::uint32_t row = 0;
     std::uint32_t face = 0;
     for (std::size_t i = 0; i < count; ++i) {
@@ -191,27 +160,28 @@ class Parser {
       face = chunk.end_face;
       manifest_.chunks.push_back(std::move(chunk));
     }
-    if (row != a.vertex_count || face != a.face_total) return corrupt("the chunks do not cover all vertices and faces");
+    if (row != a.vertex_count || face != a.face_total)
+      return corrupt_manifest("the chunks do not cover all vertices and faces");
     return {};
   }
 
   Result<void> one_chunk(std::size_t i, std::uint32_t first_row, std::uint32_t first_face, ChunkEntry& chunk) {
-    const Asset& a = manifest_.facts;
+    const AssetFacts& a = manifest_.facts;
     const std::string where = "chunk " + std::to_string(i);
     chunk.end_row = in_.u32();
     chunk.end_face = in_.u32();
     chunk.id = get_digest(in_);
     const std::size_t tiles = in_.u8();
     if (chunk.end_row <= first_row || chunk.end_row > a.vertex_count || (i == 0 && chunk.end_row < a.base_count)) {
-      return corrupt(where + ": its range of vertices is out of order");
+      return corrupt_manifest(where + ": its range of vertices is out of order");
     }
     if (chunk.end_face < first_face || chunk.end_face > a.face_total)
-      return corrupt(where + ": its range of faces is out of order");
+      return corrupt_manifest(where + ": its range of faces is out of order");
     if (tiles < 1 + a.band_ends.size() || tiles > asset_limits::kMaxTilesPerChunk) {
-      return corrupt(where + ": " + std::to_string(tiles) + " tiles for " + std::to_string(a.band_ends.size()) +
-                     " bands");
+      return corrupt_manifest(where + ": " + std::to_string(tiles) + " tiles for " +
+                              std::to_string(a.band_ends.size()) + " bands");
     }
-    if (in_.remaining() < tiles * kTileEntryBytes) return corrupt("ends too early");
+    if (in_.remaining() < tiles * kTileEntryBytes) return corrupt_manifest("ends too early");
     for (std::size_t t = 0; t < tiles; ++t) {
       TileEntry tile;
       const std::uint64_t rows = chunk.end_row - first_row;
@@ -222,11 +192,12 @@ class Parser {
       chunk.tiles.push_back(tile);
     }
     const std::uint64_t stored = chunk.stored_bytes();
-    if (stored > asset_limits::kMaxObjectBytes) return too_large(where, stored, asset_limits::kMaxObjectBytes);
+    if (stored > asset_limits::kMaxObjectBytes)
+      return too_large_in_manifest(where, stored, asset_limits::kMaxObjectBytes);
     std::uint64_t raw = 0;
     for (const TileEntry& tile : chunk.tiles) raw += tile.raw_bytes;
     const std::uint64_t allowed = asset_limits::kFreeGrowth + stored * asset_limits::kMaxExpansion;
-    if (raw > allowed) return too_large(where + ", decompressed,", raw, allowed);
+    if (raw > allowed) return too_large_in_manifest(where + ", decompressed,", raw, allowed);
     return {};
   }
 
@@ -239,7 +210,7 @@ class Parser {
     tile.stored_bytes = in_.u32();
     tile.raw_bytes = in_.u32();
     tile.hash = get_digest(in_);
-    if (required > 1) return corrupt(where + ": reserved flag bits are set");
+    if (required > 1) return corrupt_manifest(where + ": reserved flag bits are set");
     tile.required = required == 1;
     const bool known = t <= manifest_.facts.band_ends.size();
     const bool coded = compression == static_cast<std::uint8_t>(Compression::kCoded);
@@ -253,9 +224,9 @@ class Parser {
     }
     tile.compression = static_cast<Compression>(compression);
     if (tile.raw_bytes > asset_limits::kMaxTileBytes)
-      return too_large(where, tile.raw_bytes, asset_limits::kMaxTileBytes);
+      return too_large_in_manifest(where, tile.raw_bytes, asset_limits::kMaxTileBytes);
     if (tile.compression == Compression::kStored && tile.raw_bytes != tile.stored_bytes) {
-      return corrupt(where + ": stored, yet its two sizes differ");
+      return corrupt_manifest(where + ": stored, yet its two sizes differ");
     }
     return known ? known_tile(where, t, rows, faces, old_faces, tile) : extra_tile(where, first_row, rows, tile);
   }
@@ -265,14 +236,14 @@ class Parser {
     const auto kind = static_cast<std::uint8_t>(t == 0 ? TileKind::kStructure : TileKind::kBasis);
     const std::size_t index = t == 0 ? 0 : t - 1;
     if (tile.kind != kind || tile.index != index || !tile.required) {
-      return corrupt(where + ": not the structure tile first and then the bands in order, all required");
+      return corrupt_manifest(where + ": not the structure tile first and then the bands in order, all required");
     }
     const bool size_fits = t == 0
                                ? tile.raw_bytes >= min_structure_bytes(rows, faces) &&
                                      tile.raw_bytes <= max_structure_bytes(rows, faces, old_faces)
                                : tile.raw_bytes == basis_tile_bytes(manifest_, index, static_cast<std::uint32_t>(rows));
     if (!size_fits)
-      return corrupt(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows and faces");
+      return corrupt_manifest(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows and faces");
     return {};
   }
 
@@ -280,17 +251,17 @@ class Parser {
                           const TileEntry& tile) {
     if (tile.kind == 0 || tile.kind == static_cast<std::uint8_t>(TileKind::kStructure) ||
         tile.kind == static_cast<std::uint8_t>(TileKind::kBasis)) {
-      return corrupt(where + ": a second structure or basis tile");
+      return corrupt_manifest(where + ": a second structure or basis tile");
     }
     if (tile.kind == static_cast<std::uint8_t>(TileKind::kSplats)) {
       if (tile.raw_bytes < min_splat_bytes(rows) || tile.raw_bytes > max_splat_bytes(rows)) {
-        return corrupt(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
+        return corrupt_manifest(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
       }
       return {};
     }
     if (tile.kind == static_cast<std::uint8_t>(TileKind::kColours) && tile.index == 0) {
       if (tile.raw_bytes != colour_bytes(rows)) {
-        return corrupt(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
+        return corrupt_manifest(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
       }
       return {};
     }
@@ -298,12 +269,12 @@ class Parser {
       const std::uint32_t rank = manifest_.facts.rank;
       if (tile.raw_bytes != detail_bytes(rows, first_row, rank, 1) &&
           tile.raw_bytes != detail_bytes(rows, first_row, rank, 3)) {
-        return corrupt(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
+        return corrupt_manifest(where + ": " + std::to_string(tile.raw_bytes) + " bytes do not fit its rows");
       }
       return {};
     }
     if (tile.kind == static_cast<std::uint8_t>(TileKind::kImage) && tile.raw_bytes > AssetTexture::kMaxImageBytes)
-      return too_large(where + ", an image,", tile.raw_bytes, AssetTexture::kMaxImageBytes);
+      return too_large_in_manifest(where + ", an image,", tile.raw_bytes, AssetTexture::kMaxImageBytes);
     if (tile.required) {
       return fail(ErrorCode::kUnsupported, "asset manifest: " + where + " is required and of kind " +
                                                std::to_string(tile.kind) +
@@ -314,18 +285,19 @@ class Parser {
 
   Result<void> sections() {
     const std::size_t count = in_.u16();
-    if (count > asset_limits::kMaxSections) return too_large("section count", count, asset_limits::kMaxSections);
-    if (in_.remaining() < count * kSectionEntryBytes) return corrupt("ends too early");
+    if (count > asset_limits::kMaxSections)
+      return too_large_in_manifest("section count", count, asset_limits::kMaxSections);
+    if (in_.remaining() < count * kSectionEntryBytes) return corrupt_manifest("ends too early");
     for (std::size_t i = 0; i < count; ++i) {
       SectionEntry section;
       section.kind = in_.u16();
       const std::uint8_t required = in_.u8();
       section.bytes = in_.u64();
       section.id = get_digest(in_);
-      if (required > 1) return corrupt("section " + std::to_string(i) + ": reserved flag bits are set");
+      if (required > 1) return corrupt_manifest("section " + std::to_string(i) + ": reserved flag bits are set");
       section.required = required == 1;
       if (section.bytes > asset_limits::kMaxObjectBytes)
-        return too_large("a section", section.bytes, asset_limits::kMaxObjectBytes);
+        return too_large_in_manifest("a section", section.bytes, asset_limits::kMaxObjectBytes);
       if (section.required) {
         return fail(ErrorCode::kUnsupported, "asset manifest: section " + std::to_string(i) +
                                                  " is required and of kind " + std::to_string(section.kind) +
@@ -367,7 +339,7 @@ std::uint64_t ChunkEntry::stored_bytes() const {
 Bytes write_manifest(const Manifest& manifest) {
   Bytes bytes;
   ByteWriter out(bytes);
-  const Asset& a = manifest.facts;
+  const AssetFacts& a = manifest.facts;
   out.bytes(kMagic);
   for (const std::uint32_t v : {kVersion, a.vertex_count, a.rank, a.base_count, a.face_total, manifest.exact_columns})
     out.u32(v);
@@ -400,7 +372,7 @@ Bytes write_manifest(const Manifest& manifest) {
 
 Result<Manifest> read_manifest(ByteView bytes) {
   if (bytes.size() > asset_limits::kMaxObjectBytes)
-    return too_large("its size", bytes.size(), asset_limits::kMaxObjectBytes);
+    return too_large_in_manifest("its size", bytes.size(), asset_limits::kMaxObjectBytes);
   return Parser(bytes).parse();
 }
 
@@ -416,7 +388,7 @@ std::uint64_t min_structure_bytes(std::uint64_t rows, std::uint64_t faces) {
 }
 
 std::uint64_t max_structure_bytes(std::uint64_t rows, std::uint64_t new_faces, std::uint64_t old_faces) {
-  return rows * (5 + 5 + 4 + 1 + Predictors::kMost * (4 + 2)) + new_faces * (5 + 3 * 5) + old_faces * 3 * 5;
+  return rows * (5 + 5 + 4 + 1 + Predictors::kMaxPerRow * (4 + 2)) + new_faces * (5 + 3 * 5) + old_faces * 3 * 5;
 }
 
 }  // namespace eigencast

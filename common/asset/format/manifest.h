@@ -53,7 +53,7 @@ struct SectionEntry {
 
 /// The first object of an asset, whose hash is the asset's id: all that is needed to check and place the others.
 struct Manifest {
-  Asset facts;  ///< Scalars, bands, rest, names; face_total; every per-vertex and per-face array empty.
+  AssetFacts facts;
   std::uint32_t exact_columns = 0;
   std::vector<float>
       column_scales;  ///< r - exact_columns: value = scale * integer; 0 or in [kMinColumnScale, kMaxColumnScale].

@@ -61,7 +61,7 @@ Result<AssetReader> AssetReader::from_manifest(const Sha256& id, ByteView manife
   if (!parsed) return parsed.error();
   AssetReader reader;
   reader.manifest_ = std::make_shared<const Manifest>(std::move(*parsed));
-  reader.asset_ = reader.manifest_->facts;
+  static_cast<AssetFacts&>(reader.asset_) = reader.manifest_->facts;
   reader.asset_.exact_columns = reader.manifest_->exact_columns;
   reader.asset_.column_scales = reader.manifest_->column_scales;
   reader.bands_ = std::min(bands, reader.asset_.band_ends.size());
@@ -133,9 +133,9 @@ Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
     asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
     return texture.error();
   }
-  if (auto looks = decode_looks(entry, bytes, structure->map); !looks) {
+  if (auto extras = decode_extras(entry, bytes, structure->map); !extras) {
     asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
-    return looks;
+    return extras;
   }
   asset_.texture = std::move(*texture);
   append(asset_.map, structure->map);
@@ -182,7 +182,7 @@ Result<void> AssetReader::decode_bands(const ChunkEntry& entry, ByteView bytes, 
 
 /// What is not required is there for all rows or for none: a chunk without it, or without the part of it that has it,
 /// ends it.
-Result<void> AssetReader::decode_looks(const ChunkEntry& entry, ByteView bytes, std::span<const std::uint32_t> map) {
+Result<void> AssetReader::decode_extras(const ChunkEntry& entry, ByteView bytes, std::span<const std::uint32_t> map) {
   const auto colour_tile = find_tile(entry, bytes, TileKind::kColours);
   std::vector<std::array<std::uint8_t, 3>> colours;
   if (colour_tile && asset_.colours.size() == asset_.rows_ready) {
@@ -227,7 +227,7 @@ Result<std::shared_ptr<const AssetTexture>> AssetReader::decode_texture(const Ch
   if (!image) return image.error();
   std::vector<std::uint32_t> map = asset_.map;
   append(map, structure.map);
-  std::vector<std::array<std::uint32_t, 3>> faces = structure.old_faces;
+  std::vector<Corners> faces = structure.old_faces;
   append(faces, structure.faces);
   auto texture = decode_wedges(*raw, asset_.base_count, map, faces);
   if (!texture) return texture.error();

@@ -52,7 +52,7 @@ class AssetReader {
   Result<void> verify(std::size_t index, ByteView bytes) const;
   Result<void> decode(std::size_t index, ByteView bytes);
   Result<void> decode_bands(const ChunkEntry& entry, ByteView bytes, const Predictors& predictors);
-  Result<void> decode_looks(const ChunkEntry& entry, ByteView bytes, std::span<const std::uint32_t> map);
+  Result<void> decode_extras(const ChunkEntry& entry, ByteView bytes, std::span<const std::uint32_t> map);
   Result<std::shared_ptr<const AssetTexture>> decode_texture(const ChunkEntry& entry, ByteView bytes,
                                                              const StructureTile& structure) const;
 

@@ -26,11 +26,11 @@ struct BasisBlock {
 /// basis holds as many entries of a row.
 class IntegerColumns {
  public:
-  static constexpr std::uint32_t kMost = 16;
+  static constexpr std::uint32_t kMaxColumns = 16;
   static constexpr float kLargest = 32767;
 
   IntegerColumns(const BasisBlock& block, std::uint32_t first)
-      : block_(block), first_(first), end_(std::min(first + kMost, block.end_column)) {
+      : block_(block), first_(first), end_(std::min(first + kMaxColumns, block.end_column)) {
     for (std::uint32_t k = first_; k < end_; ++k) columns_[k - first_].resize(block.end_row);
   }
 
@@ -61,7 +61,7 @@ class IntegerColumns {
  private:
   const BasisBlock& block_;
   std::uint32_t first_, end_;
-  std::array<std::vector<std::int16_t>, kMost> columns_;
+  std::array<std::vector<std::int16_t>, kMaxColumns> columns_;
 };
 
 }  // namespace eigencast

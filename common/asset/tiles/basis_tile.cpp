@@ -80,7 +80,7 @@ Bytes encode_basis(const BasisBlock& block, std::span<const float> basis) {
   }
   std::uint8_t* low = raw.data() + 4 * floats;
   std::uint8_t* high = low + integers;
-  for (std::uint32_t first = first_integer; first < block.end_column; first += IntegerColumns::kMost) {
+  for (std::uint32_t first = first_integer; first < block.end_column; first += IntegerColumns::kMaxColumns) {
     IntegerColumns columns(block, first);
     columns.take(basis, 0, block.end_row);
     for (std::uint32_t k = first; k < columns.end(); ++k) {
@@ -115,7 +115,7 @@ Result<void> decode_basis(const BasisBlock& block, ByteView raw, std::span<float
   }
   const std::uint8_t* low = raw.data() + 4 * floats;
   const std::uint8_t* high = low + integers;
-  for (std::uint32_t first = first_integer; first < block.end_column; first += IntegerColumns::kMost) {
+  for (std::uint32_t first = first_integer; first < block.end_column; first += IntegerColumns::kMaxColumns) {
     IntegerColumns columns(block, first);
     columns.take(basis, 0, block.first_row);
     for (std::uint32_t k = first; k < columns.end(); ++k) {

@@ -42,8 +42,8 @@ class FloatModel {
     const int exponent = static_cast<int>(std::bit_cast<std::uint32_t>(predicted) >> 23 & 0xff);
     const int level = std::clamp(level_[i] - exponent, 0, static_cast<int>(contexts_.size()) - 1);
     const auto from = static_cast<std::uint32_t>(ordered(predicted));
-    const auto left = static_cast<std::int32_t>(static_cast<std::uint32_t>(ordered(value)) - from);
-    const std::int32_t coded = contexts_[static_cast<std::size_t>(level)].pass(coder, left);
+    const auto residual = static_cast<std::int32_t>(static_cast<std::uint32_t>(ordered(value)) - from);
+    const std::int32_t coded = contexts_[static_cast<std::size_t>(level)].pass(coder, residual);
     level_[i] = exponent + static_cast<int>(std::bit_width(SignedModel::size_of(coded)));
     return unordered(static_cast<std::int32_t>(from + static_cast<std::uint32_t>(coded)));
   }
@@ -83,7 +83,7 @@ class ResidualModel {
     std::int32_t& mean = of_row_[i];
     const std::uint64_t likely = static_cast<std::uint64_t>(mean) * met_ / expected_;
     residual = contexts_[context_of(likely)].pass(coder, residual);
-    const auto size = static_cast<std::int32_t>(kOne * std::min(SignedModel::size_of(residual), kMostCounted));
+    const auto size = static_cast<std::int32_t>(kOne * std::min(SignedModel::size_of(residual), kMaxCounted));
     met_ += static_cast<std::uint32_t>(size);
     expected_ += static_cast<std::uint32_t>(mean);
     if (expected_ >= kWindow) {
@@ -96,7 +96,7 @@ class ResidualModel {
 
  private:
   static constexpr std::int32_t kOne = 16;
-  static constexpr std::uint32_t kMostCounted = 4095;
+  static constexpr std::uint32_t kMaxCounted = 4095;
   static constexpr std::int32_t kColumnsKept = 10;
   static constexpr std::uint32_t kPrior = 1 << 10, kWindow = 1 << 16;
 
@@ -134,7 +134,7 @@ template <typename Coder, typename Basis>
 Result<void> pass_integers(Coder& coder, const BasisBlock& block, std::uint32_t first_column, Basis basis) {
   constexpr bool kReads = !std::is_const_v<typename Basis::element_type>;
   ResidualModel model(block.end_row - block.first_row);
-  for (std::uint32_t first = first_column; first < block.end_column; first += IntegerColumns::kMost) {
+  for (std::uint32_t first = first_column; first < block.end_column; first += IntegerColumns::kMaxColumns) {
     IntegerColumns columns(block, first);
     columns.take(basis, 0, kReads ? block.first_row : block.end_row);
     for (std::uint32_t k = first; k < columns.end(); ++k) {

@@ -19,8 +19,8 @@ Colour joined(const Colour& parts) {
 }
 
 /// The row that `row` is told from; nothing before the first.
-const Colour* told_from(std::uint32_t row, std::uint32_t parent, std::span<const Colour> earlier,
-                        std::span<const Colour> here, std::uint32_t first_row) {
+const Colour* predicting_colour(std::uint32_t row, std::uint32_t parent, std::span<const Colour> earlier,
+                                std::span<const Colour> here, std::uint32_t first_row) {
   const std::uint32_t from = parent < row ? parent : row - 1;
   if (row == 0) return nullptr;
   return from < first_row ? &earlier[from] : &here[from - first_row];
@@ -39,7 +39,7 @@ Bytes encode_colours(std::span<const Colour> colours, std::uint32_t first_row, s
   for (std::size_t k = 0; k < rows; ++k) {
     const auto row = static_cast<std::uint32_t>(first_row + k);
     const Colour own = parted(colours[row]);
-    const Colour* other = told_from(row, map[k], colours, {}, row);
+    const Colour* other = predicting_colour(row, map[k], colours, {}, row);
     const Colour known = other != nullptr ? parted(*other) : Colour{};
     for (std::size_t c = 0; c < 3; ++c) raw[c * rows + k] = static_cast<std::uint8_t>(own[c] - known[c]);
   }
@@ -53,7 +53,8 @@ std::vector<Colour> decode_colours(ByteView raw, std::span<const Colour> earlier
   std::vector<Colour> colours;
   colours.reserve(rows);
   for (std::size_t k = 0; k < rows; ++k) {
-    const Colour* other = told_from(static_cast<std::uint32_t>(first_row + k), map[k], earlier, colours, first_row);
+    const Colour* other =
+        predicting_colour(static_cast<std::uint32_t>(first_row + k), map[k], earlier, colours, first_row);
     Colour parts = other != nullptr ? parted(*other) : Colour{};
     for (std::size_t c = 0; c < 3; ++c) parts[c] = static_cast<std::uint8_t>(parts[c] + raw[c * rows + k]);
     colours.push_back(joined(parts));

@@ -21,10 +21,10 @@
 namespace eigencast {
 namespace {
 
-constexpr float kMost = 32767;
+constexpr float kMaxInteger = 32767;
 constexpr std::size_t kRowsAtOnce = 1024;
 
-Error corrupt(const std::string& what) {
+Error corrupt_detail(const std::string& what) {
   return fail(ErrorCode::kCorrupt, "detail tile: " + what);
 }
 
@@ -44,7 +44,7 @@ struct ConstPlanes {
 };
 
 /// The row whose derivatives are most like those of `row`: what it contracts onto, which stood where it stands.
-std::size_t told_from(std::size_t row, std::uint32_t parent) {
+std::size_t predicting_row(std::size_t row, std::uint32_t parent) {
   return parent < row ? parent : row - 1;
 }
 
@@ -57,7 +57,7 @@ void put_columns(const std::vector<std::int16_t>& entries, std::size_t rank, std
     for (std::size_t k = task * kRowsAtOnce; k < end; ++k) {
       const std::size_t row = first_row + k;
       const std::int16_t* own = &entries[row * rank];
-      const std::int16_t* known = row == 0 ? nullptr : &entries[told_from(row, map[k]) * rank];
+      const std::int16_t* known = row == 0 ? nullptr : &entries[predicting_row(row, map[k]) * rank];
       for (std::size_t c = 0; c < rank; ++c) {
         const int difference = own[c] - (known != nullptr ? known[c] : 0);
         planes.put(c * rows + k, zigzag16(static_cast<std::uint16_t>(difference)));
@@ -77,7 +77,7 @@ bool get_columns(const ConstPlanes& planes, std::span<const float> steps, std::s
     for (std::size_t k = 0; k < rows; ++k) {
       const std::size_t row = first_row + k;
       std::int16_t* own = &entries[row * rank];
-      const std::int16_t* known = row == 0 ? nullptr : &entries[told_from(row, map[k]) * rank];
+      const std::int16_t* known = row == 0 ? nullptr : &entries[predicting_row(row, map[k]) * rank];
       for (std::size_t c = task * kColumns; c < end; ++c) {
         const std::uint16_t residual = unzigzag16(planes.get(c * rows + k));
         own[c] = static_cast<std::int16_t>((known != nullptr ? known[c] : 0) + residual);
@@ -135,7 +135,7 @@ Asset::Detail detail_on_basis(const Asset& asset, std::span<const float> basis) 
 
 Bytes encode_detail(const Asset::Detail& detail, std::uint32_t first_row, std::span<const std::uint32_t> map) {
   const std::size_t rows = map.size(), rank = detail.steps.size();
-  const float unit = std::max(largest_offset(detail) / kMost, asset_limits::kMinColumnScale);
+  const float unit = std::max(largest_offset(detail) / kMaxInteger, asset_limits::kMinColumnScale);
   Bytes raw;
   if (first_row == 0) {
     ByteWriter out(raw);
@@ -152,11 +152,11 @@ Bytes encode_detail(const Asset::Detail& detail, std::uint32_t first_row, std::s
   };
   const Planes normals = next(2), offsets = next(detail.axes);
   for (std::size_t k = 0; k < rows; ++k) {
-    const auto octahedral = octahedral_from_normal(detail.normal[first_row + k], kMost);
+    const auto octahedral = octahedral_from_normal(detail.normal[first_row + k], kMaxInteger);
     for (std::size_t c = 0; c < 2; ++c) normals.put(c * rows + k, zigzag16(static_cast<std::uint16_t>(octahedral[c])));
     for (std::size_t c = 0; c < detail.axes; ++c) {
       const float value = detail.offset[first_row + k][detail.axes == 1 ? 2 : c] / unit;
-      const auto integer = static_cast<std::int16_t>(std::lrint(std::clamp(value, -kMost, kMost)));
+      const auto integer = static_cast<std::int16_t>(std::lrint(std::clamp(value, -kMaxInteger, kMaxInteger)));
       offsets.put(c * rows + k, zigzag16(static_cast<std::uint16_t>(integer)));
     }
   }
@@ -178,10 +178,10 @@ Result<void> decode_detail(ByteView raw, std::uint32_t rank, std::span<const std
     for (std::uint32_t k = 0; k < rank && !in.failed(); ++k) head.steps.push_back(in.f32());
     if (in.failed() || (head.axes != 1 && head.axes != 3) || !asset_limits::is_column_scale(head.unit) ||
         !std::all_of(head.steps.begin(), head.steps.end(), asset_limits::is_column_scale))
-      return corrupt("its axes or steps are out of range");
+      return corrupt_detail("its axes or steps are out of range");
   }
   const Asset::Detail& known = first_row == 0 ? head : detail;
-  if (raw.size() != detail_bytes(rows, first_row, rank, known.axes)) return corrupt("it does not fit its rows");
+  if (raw.size() != detail_bytes(rows, first_row, rank, known.axes)) return corrupt_detail("it does not fit its rows");
   const std::uint8_t* at = raw.data() + in.position();
   const auto next = [&](std::size_t columns) {
     const ConstPlanes planes{at, at + columns * rows};
@@ -197,13 +197,13 @@ Result<void> decode_detail(ByteView raw, std::uint32_t rank, std::span<const std
   }
   if (!sound) {
     for (std::vector<std::int16_t>* along : {&detail.along_x, &detail.along_y}) along->resize(before * rank);
-    return corrupt("a derivative is out of its range");
+    return corrupt_detail("a derivative is out of its range");
   }
   const auto signed_at = [&](const ConstPlanes& planes, std::size_t place) {
     return static_cast<std::int16_t>(unzigzag16(planes.get(place)));
   };
   for (std::size_t k = 0; k < rows; ++k) {
-    detail.normal.push_back(normal_from_octahedral(signed_at(normals, k), signed_at(normals, rows + k), kMost));
+    detail.normal.push_back(normal_from_octahedral(signed_at(normals, k), signed_at(normals, rows + k), kMaxInteger));
     auto& offset = detail.offset.emplace_back();
     for (std::size_t c = 0; c < known.axes; ++c)
       offset[known.axes == 1 ? 2 : c] = static_cast<float>(signed_at(offsets, c * rows + k)) * known.unit;

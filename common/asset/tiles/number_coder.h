@@ -78,11 +78,11 @@ class NumberModel {
   template <typename Coder>
   std::uint32_t pass(Coder& coder, std::uint32_t value) {
     unsigned bits = 0;
-    while (bits < kMostBits && coder.pass((std::uint64_t{value} >> bits) != 0, more_[bits])) ++bits;
+    while (bits < kMaxBits && coder.pass((std::uint64_t{value} >> bits) != 0, more_[bits])) ++bits;
     if (bits == 0) return 0;
     std::uint32_t number = 1;
-    for (unsigned place = bits - 1; place-- > 0;) {
-      const bool bit = (value >> place & 1) != 0;
+    for (unsigned position = bits - 1; position-- > 0;) {
+      const bool bit = (value >> position & 1) != 0;
       const bool coded = number < kTree ? coder.pass(bit, tree_[bits - 1][number]) : coder.pass_even(bit);
       number = number << 1 | std::uint32_t{coded};
     }
@@ -90,10 +90,10 @@ class NumberModel {
   }
 
  private:
-  static constexpr unsigned kMostBits = 32;
+  static constexpr unsigned kMaxBits = 32;
   static constexpr std::uint32_t kTree = 8;
-  std::array<AdaptiveBit, kMostBits> more_;
-  std::array<std::array<AdaptiveBit, kTree>, kMostBits> tree_;
+  std::array<AdaptiveBit, kMaxBits> more_;
+  std::array<std::array<AdaptiveBit, kTree>, kMaxBits> tree_;
 };
 
 /// The same with a sign. -2^31 is one of them.

@@ -8,9 +8,9 @@
 
 namespace eigencast {
 
-/// Directions as two integers of at most `most` in magnitude: the octahedron |x| + |y| + |z| = 1 unfolded onto a
+/// Directions as two integers of at most `max` in magnitude: the octahedron |x| + |y| + |z| = 1 unfolded onto a
 /// square, its lower half over the corners.
-inline std::array<std::int16_t, 2> octahedral_from_normal(const std::array<float, 3>& n, float most) {
+inline std::array<std::int16_t, 2> octahedral_from_normal(const std::array<float, 3>& n, float max) {
   const float size = std::abs(n[0]) + std::abs(n[1]) + std::abs(n[2]);
   float x = n[0] / size, y = n[1] / size;
   if (n[2] < 0) {
@@ -18,12 +18,12 @@ inline std::array<std::int16_t, 2> octahedral_from_normal(const std::array<float
     y = (1 - std::abs(x)) * (y < 0 ? -1.0F : 1.0F);
     x = folded;
   }
-  return {static_cast<std::int16_t>(std::lrint(x * most)), static_cast<std::int16_t>(std::lrint(y * most))};
+  return {static_cast<std::int16_t>(std::lrint(x * max)), static_cast<std::int16_t>(std::lrint(y * max))};
 }
 
-inline std::array<float, 3> normal_from_octahedral(std::int16_t u, std::int16_t v, float most) {
-  float x = std::clamp(static_cast<float>(u) / most, -1.0F, 1.0F);
-  float y = std::clamp(static_cast<float>(v) / most, -1.0F, 1.0F);
+inline std::array<float, 3> normal_from_octahedral(std::int16_t u, std::int16_t v, float max) {
+  float x = std::clamp(static_cast<float>(u) / max, -1.0F, 1.0F);
+  float y = std::clamp(static_cast<float>(v) / max, -1.0F, 1.0F);
   const float z = 1 - std::abs(x) - std::abs(y);
   if (z < 0) {
     const float folded = (1 - std::abs(y)) * (x < 0 ? -1.0F : 1.0F);

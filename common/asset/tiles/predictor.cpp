@@ -9,17 +9,17 @@ namespace eigencast {
 namespace {
 
 constexpr std::size_t kColumnsLookedAt = 64;
-constexpr std::size_t kMostCandidates = 64;
-constexpr std::size_t kNearest = 10;       // candidates that are weighed
-constexpr std::size_t kMostChosen = 6;     // more cost more than they save
-constexpr double kRidge = 1e-4;            // of the mean squared length: keeps weights small
-constexpr double kBitsOfOne = 14;          // what one more predictor costs in the tile
-constexpr std::size_t kMostChildren = 16;  // of one row that are looked at
+constexpr std::size_t kMaxCandidates = 64;
+constexpr std::size_t kNearest = 10;      // candidates that are weighed
+constexpr std::size_t kMaxChosen = 6;     // more cost more than they save
+constexpr double kRidge = 1e-4;           // of the mean squared length: keeps weights small
+constexpr double kBitsOfOne = 14;         // what one more predictor costs in the tile
+constexpr std::size_t kMaxChildren = 16;  // of one row that are looked at
 constexpr std::uint32_t kNone = 0xffffffff;
 
-static_assert(kMostChosen <= Predictors::kMost);
+static_assert(kMaxChosen <= Predictors::kMaxPerRow);
 
-/// Some columns of the basis side by side, each in units of what its parent leaves of an entry.
+/// Some columns of the basis side by side, each in units of its residual against the parent.
 class Sample {
  public:
   Sample(const Asset& asset, std::uint32_t exact_columns, std::span<const float> scales) {
@@ -34,9 +34,9 @@ class Sample {
       const auto entry = [&](std::uint32_t row) {
         return double{asset.basis[std::size_t{row} * asset.rank + exact_columns + columns[c]]} / scales[columns[c]];
       };
-      double left = 0;
-      for (std::uint32_t i = 0; i < asset.vertex_count; ++i) left += std::abs(entry(i) - entry(asset.map[i]));
-      const double unit = left / asset.vertex_count + 0.5;
+      double residual = 0;
+      for (std::uint32_t i = 0; i < asset.vertex_count; ++i) residual += std::abs(entry(i) - entry(asset.map[i]));
+      const double unit = residual / asset.vertex_count + 0.5;
       for (std::uint32_t i = 0; i < asset.vertex_count; ++i) {
         values_[i * width_ + c] = static_cast<float>(entry(i) / unit);
       }
@@ -71,12 +71,12 @@ struct Normal {
   double own = 0;
 };
 
-using Weights = std::array<double, kMostChosen>;
+using Weights = std::array<double, kMaxChosen>;
 
 /// The least-squares weights of the chosen candidates, by Cholesky's factorisation.
 Weights solve(const Normal& normal, std::span<const std::size_t> chosen) {
   const std::size_t n = chosen.size();
-  std::array<std::array<double, kMostChosen>, kMostChosen> R{};
+  std::array<std::array<double, kMaxChosen>, kMaxChosen> R{};
   Weights w{};
   double trace = 1e-12;
   for (const std::size_t c : chosen) trace += normal.G[c][c];
@@ -99,14 +99,14 @@ Weights solve(const Normal& normal, std::span<const std::size_t> chosen) {
   constexpr double kOne = 1 << Predictors::kOneBits;
   for (std::size_t i = 0; i < n; ++i) {
     const double whole =
-        std::clamp(std::nearbyint(w[i] * kOne), -double{Predictors::kMostWeight}, double{Predictors::kMostWeight});
+        std::clamp(std::nearbyint(w[i] * kOne), -double{Predictors::kMaxWeight}, double{Predictors::kMaxWeight});
     w[i] = whole / kOne;
   }
   return w;
 }
 
-/// Squared length of what the weighted candidates leave.
-double left_over(const Normal& normal, std::span<const std::size_t> chosen, const Weights& w) {
+/// Squared length of the residual of the weighted candidates.
+double squared_residual(const Normal& normal, std::span<const std::size_t> chosen, const Weights& w) {
   double sum = normal.own;
   for (std::size_t i = 0; i < chosen.size(); ++i) {
     sum -= 2 * w[i] * normal.g[chosen[i]];
@@ -141,7 +141,7 @@ class Chooser {
 
  private:
   void add(std::uint32_t row) {
-    if (stamp_[row] == now_ || candidates_.size() == kMostCandidates) return;
+    if (stamp_[row] == now_ || candidates_.size() == kMaxCandidates) return;
     stamp_[row] = now_;
     candidates_.push_back(row);
   }
@@ -150,14 +150,14 @@ class Chooser {
   }
   void add_children_of(std::uint32_t row) {
     std::uint32_t child = newest_child_[row];
-    for (std::size_t k = 0; k < kMostChildren && child != kNone; ++k, child = older_sibling_[child]) add(child);
+    for (std::size_t k = 0; k < kMaxChildren && child != kNone; ++k, child = older_sibling_[child]) add(child);
   }
 
   void gather(std::uint32_t i) {
     now_ = i;
     candidates_.clear();
     if (i < asset_.base_count) {
-      for (std::uint32_t back = 1; back <= std::min<std::uint32_t>(i, kMostCandidates); ++back) add(i - back);
+      for (std::uint32_t back = 1; back <= std::min<std::uint32_t>(i, kMaxCandidates); ++back) add(i - back);
       return;
     }
     const std::uint32_t parent = asset_.map[i];
@@ -194,19 +194,19 @@ class Chooser {
   }
 
   /// About how many bits the row takes.
-  double bits(double squared_left, std::size_t predictors) const {
-    const double each = squared_left / static_cast<double>(sample_.width());
+  double bits(double squared_error, std::size_t predictors) const {
+    const double each = squared_error / static_cast<double>(sample_.width());
     return 0.5 * columns_ * std::log2(0.3 + each) + kBitsOfOne * static_cast<double>(predictors);
   }
 
-  static std::size_t along_what_is_left(const Normal& normal, std::span<const std::size_t> chosen, const Weights& w) {
+  static std::size_t most_useful(const Normal& normal, std::span<const std::size_t> chosen, const Weights& w) {
     double most = -1;
     std::size_t result = 0;
     for (std::size_t c = 0; c < normal.size; ++c) {
       if (std::find(chosen.begin(), chosen.end(), c) != chosen.end()) continue;
-      double left = normal.g[c];
-      for (std::size_t k = 0; k < chosen.size(); ++k) left -= w[k] * normal.G[c][chosen[k]];
-      const double gain = left * left / std::max(normal.G[c][c], 1e-12);
+      double residual = normal.g[c];
+      for (std::size_t k = 0; k < chosen.size(); ++k) residual -= w[k] * normal.G[c][chosen[k]];
+      const double gain = residual * residual / std::max(normal.G[c][c], 1e-12);
       if (gain > most) {
         most = gain;
         result = c;
@@ -215,19 +215,19 @@ class Chooser {
     return result;
   }
 
-  /// Takes the nearest candidate, then one after the other that most of what is left lies along, while that pays.
+  /// Takes the nearest candidate, then the one that reduces the residual most, while that pays.
   void choose(std::uint32_t i) {
     const Normal normal = nearest(i);
-    std::array<std::size_t, kMostChosen> chosen{};
+    std::array<std::size_t, kMaxChosen> chosen{};
     std::size_t count = 0, best_count = 0;
     Weights weights{}, best{};
     double least = bits(normal.own, 0);
-    while (count < std::min(kMostChosen, normal.size)) {
-      chosen[count] = count == 0 ? 0 : along_what_is_left(normal, std::span(chosen).first(count), weights);
+    while (count < std::min(kMaxChosen, normal.size)) {
+      chosen[count] = count == 0 ? 0 : most_useful(normal, std::span(chosen).first(count), weights);
       ++count;
       const std::span<const std::size_t> now(chosen.data(), count);
       weights = solve(normal, now);
-      const double cost = bits(left_over(normal, now, weights), count);
+      const double cost = bits(squared_residual(normal, now, weights), count);
       if (cost < least) {
         least = cost;
         best = weights;

@@ -13,9 +13,9 @@ namespace eigencast {
 ///   v[i] is near (sum_j weight_j v[row_j] + 32) >> 6.
 /// Rows follow each other from the first on; predictor j of the i-th of them is at first[i] + j.
 struct Predictors {
-  static constexpr std::size_t kMost = 8;           ///< Of one row.
-  static constexpr std::int32_t kMostWeight = 511;  ///< In magnitude, so that sums fit 32 bits.
-  static constexpr int kOneBits = 6;                ///< 64 means one.
+  static constexpr std::size_t kMaxPerRow = 8;     ///< Of one row.
+  static constexpr std::int32_t kMaxWeight = 511;  ///< In magnitude, so that sums fit 32 bits.
+  static constexpr int kOneBits = 6;               ///< 64 means one.
 
   std::vector<std::uint32_t> first{0};  ///< One more than rows.
   std::vector<std::uint32_t> rows;      ///< Each before the row it predicts.

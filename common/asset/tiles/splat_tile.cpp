@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::uint8_t kNoRadius = 255;
 constexpr double kStepsPerOctave = 16;
-constexpr float kMostOctahedral = 127;
+constexpr float kMaxOctahedral = 127;
 
 /// Rounded up, so that what a disc covered stays covered.
 std::uint8_t code_from_radius(double radius, double diagonal) {
@@ -27,7 +27,7 @@ float radius_from_code(std::uint8_t code, double diagonal) {
   return code == kNoRadius ? 0 : static_cast<float>(diagonal * std::exp2(-code / kStepsPerOctave));
 }
 
-Error corrupt(std::string what) {
+Error corrupt_splats(std::string what) {
   return fail(ErrorCode::kCorrupt, "splat tile: " + std::move(what));
 }
 
@@ -46,7 +46,7 @@ Bytes encode_splats(const Asset::Splats& splats, std::uint32_t first_row, std::u
   Bytes raw(4 * rows);
   for (std::size_t k = 0; k < rows; ++k) {
     const std::size_t i = first_row + k;
-    const auto octahedral = octahedral_from_normal(splats.normal[i], kMostOctahedral);
+    const auto octahedral = octahedral_from_normal(splats.normal[i], kMaxOctahedral);
     raw[k] = static_cast<std::uint8_t>(octahedral[0]);
     raw[rows + k] = static_cast<std::uint8_t>(octahedral[1]);
     raw[2 * rows + k] = code_from_radius(splats.radius[i], diagonal);
@@ -63,13 +63,13 @@ Result<void> decode_splats(ByteView raw, std::uint32_t end_row, std::uint32_t ba
                            Asset::Splats& splats) {
   const auto first_row = static_cast<std::uint32_t>(splats.size());
   const std::size_t rows = end_row - first_row;
-  if (raw.size() < min_splat_bytes(rows)) return corrupt("ends too early");
+  if (raw.size() < min_splat_bytes(rows)) return corrupt_splats("ends too early");
   Asset::Splats added;
   ByteReader in(raw.subspan(4 * rows));
   for (std::uint32_t i = first_row; i < end_row; ++i) {
     const std::size_t k = i - first_row;
     added.normal.push_back(normal_from_octahedral(static_cast<std::int8_t>(raw[k]),
-                                                  static_cast<std::int8_t>(raw[rows + k]), kMostOctahedral));
+                                                  static_cast<std::int8_t>(raw[rows + k]), kMaxOctahedral));
     added.radius.push_back(radius_from_code(raw[2 * rows + k], diagonal));
     added.parent_radius.push_back(radius_from_code(raw[3 * rows + k], diagonal));
     std::array<std::uint32_t, 2> frame{};
@@ -77,13 +77,13 @@ Result<void> decode_splats(ByteView raw, std::uint32_t end_row, std::uint32_t ba
       const std::uint64_t code = in.varint();
       const std::int64_t row = code > (std::uint64_t{1} << 33) ? -1 : i - unzigzag(code);
       if (row < 0 || row >= std::max<std::int64_t>(base_count, std::int64_t{i} + 1)) {
-        return corrupt("row " + std::to_string(i) + " has a frame from a row that is not there");
+        return corrupt_splats("row " + std::to_string(i) + " has a frame from a row that is not there");
       }
       corner = static_cast<std::uint32_t>(row);
     }
     added.frame.push_back(frame);
   }
-  if (!in.finished()) return corrupt("its bytes do not fit its rows");
+  if (!in.finished()) return corrupt_splats("its bytes do not fit its rows");
   splats.append(added);
   return {};
 }

@@ -13,8 +13,6 @@
 namespace eigencast {
 namespace {
 
-using Corners = std::array<std::uint32_t, 3>;
-
 /// For each vertex below first_row, the new rows that contract onto it at level first_row, ascending.
 class Descendants {
  public:
@@ -55,7 +53,7 @@ T row_of(std::span<const T> earlier, const std::vector<T>& now, std::int64_t i) 
   return at < earlier.size() ? earlier[at] : now[at - earlier.size()];
 }
 
-Error corrupt(const std::string& what) {
+Error corrupt_structure(const std::string& what) {
   return fail(ErrorCode::kCorrupt, "structure tile: " + what);
 }
 
@@ -70,7 +68,7 @@ class Decoder {
     for (std::uint32_t i = range_.first_row; i < range_.end_row; ++i) {
       const std::uint64_t up = i < range_.base_count ? 0 : in_.varint();
       if (i >= range_.base_count && (up == 0 || up > i))
-        return corrupt("the parent of row " + std::to_string(i) + " is out of range");
+        return corrupt_structure("the parent of row " + std::to_string(i) + " is out of range");
       tile_.map.push_back(i - static_cast<std::uint32_t>(up));
     }
     tile_.source_vertex.reserve(count);
@@ -80,14 +78,14 @@ class Decoder {
       const std::uint64_t code = in_.varint();
       const std::int64_t source = code > (std::uint64_t{1} << 33) ? -1 : predicted + unzigzag(code);
       if (source < 0 || source >= range_.vertex_count)
-        return corrupt("the source of row " + std::to_string(i) + " is out of range");
+        return corrupt_structure("the source of row " + std::to_string(i) + " is out of range");
       tile_.source_vertex.push_back(static_cast<std::uint32_t>(source));
     }
     tile_.mass.reserve(count);
     for (std::uint32_t i = 0; i < count; ++i) {
       const float mass = in_.f32();
       if (!std::isfinite(mass) || mass <= 0)
-        return corrupt("the mass of row " + std::to_string(range_.first_row + i) + " is not positive");
+        return corrupt_structure("the mass of row " + std::to_string(range_.first_row + i) + " is not positive");
       tile_.mass.push_back(mass);
     }
     return {};
@@ -99,7 +97,7 @@ class Decoder {
     for (std::uint32_t f = 0; f < new_faces_; ++f) {
       const std::uint64_t step = in_.varint();
       if (step >= range_.end_row - death)
-        return corrupt("the death of new face " + std::to_string(f) + " is out of range");
+        return corrupt_structure("the death of new face " + std::to_string(f) + " is out of range");
       death += step;
       tile_.death.push_back(static_cast<std::uint32_t>(death));
     }
@@ -111,11 +109,11 @@ class Decoder {
         const std::uint64_t code = in_.varint();
         predicted = code > (std::uint64_t{1} << 33) ? -1 : predicted + unzigzag(code);
         if (predicted < 0 || predicted >= range_.end_row)
-          return corrupt("a corner of new face " + std::to_string(f) + " is out of range");
+          return corrupt_structure("a corner of new face " + std::to_string(f) + " is out of range");
         corner = static_cast<std::uint32_t>(predicted);
       }
       if (face[0] == face[1] || face[1] == face[2] || face[2] == face[0])
-        return corrupt("new face " + std::to_string(f) + " repeats a corner");
+        return corrupt_structure("new face " + std::to_string(f) + " repeats a corner");
       tile_.faces.push_back(face);
     }
     return {};
@@ -129,7 +127,7 @@ class Decoder {
         const auto candidates = descendants.of(corner);
         if (candidates.empty()) continue;
         const std::uint64_t move = in_.varint();
-        if (move > candidates.size()) return corrupt("a face moves to a vertex that does not exist");
+        if (move > candidates.size()) return corrupt_structure("a face moves to a vertex that does not exist");
         if (move > 0) corner = candidates[move - 1];
       }
     }
@@ -143,7 +141,7 @@ class Decoder {
     std::uint32_t end = 0;
     for (std::uint32_t i = 0; i < count; ++i) {
       const std::uint64_t many = in_.varint();
-      if (many > Predictors::kMost) return corrupt("too many predictors of a row");
+      if (many > Predictors::kMaxPerRow) return corrupt_structure("too many predictors of a row");
       all.first.push_back(end += static_cast<std::uint32_t>(many));
     }
     all.rows.reserve(end);
@@ -152,17 +150,17 @@ class Decoder {
       for (std::uint32_t at = all.first[i]; at < all.first[i + 1]; ++at) {
         const std::uint64_t back = in_.varint();
         if (back == 0 || back > row)
-          return corrupt("a predictor of row " + std::to_string(row) + " does not come before it");
+          return corrupt_structure("a predictor of row " + std::to_string(row) + " does not come before it");
         all.rows.push_back(row - static_cast<std::uint32_t>(back));
       }
     }
     all.weights.reserve(end);
     for (std::uint32_t at = 0; at < end; ++at) {
       const std::uint64_t code = in_.varint();
-      if (code > 2 * std::uint64_t{Predictors::kMostWeight}) return corrupt("a weight is out of range");
+      if (code > 2 * std::uint64_t{Predictors::kMaxWeight}) return corrupt_structure("a weight is out of range");
       all.weights.push_back(static_cast<std::int16_t>(unzigzag(code)));
     }
-    if (!in_.finished()) return corrupt(in_.failed() ? "ends too early" : "bytes too many at its end");
+    if (!in_.finished()) return corrupt_structure(in_.failed() ? "ends too early" : "bytes too many at its end");
     return {};
   }
 
@@ -229,11 +227,13 @@ Result<StructureTile> decode_structure(ByteView raw, const ChunkRange& range, st
                                        std::span<const Corners> earlier_faces) {
   Decoder decoder(raw, range, new_faces);
   if (auto result = decoder.rows(earlier_source); !result)
-    return decoder.failed() ? corrupt("ends too early") : result.error();
-  if (auto result = decoder.faces(); !result) return decoder.failed() ? corrupt("ends too early") : result.error();
+    return decoder.failed() ? corrupt_structure("ends too early") : result.error();
+  if (auto result = decoder.faces(); !result)
+    return decoder.failed() ? corrupt_structure("ends too early") : result.error();
   if (auto result = decoder.moves(earlier_faces); !result)
-    return decoder.failed() ? corrupt("ends too early") : result.error();
-  if (auto result = decoder.predictors(); !result) return decoder.failed() ? corrupt("ends too early") : result.error();
+    return decoder.failed() ? corrupt_structure("ends too early") : result.error();
+  if (auto result = decoder.predictors(); !result)
+    return decoder.failed() ? corrupt_structure("ends too early") : result.error();
   return std::move(decoder).take();
 }
 

@@ -17,11 +17,10 @@ struct StructureTile {
   std::vector<std::uint32_t> map;
   std::vector<std::uint32_t> source_vertex;
   std::vector<float> mass;
-  std::vector<std::array<std::uint32_t, 3>> faces;  ///< New ones, corners below end_row.
-  std::vector<std::uint32_t> death;                 ///< Of the new ones.
-  std::vector<std::array<std::uint32_t, 3>>
-      old_faces;          ///< All earlier ones, their corners moved on from first_row to end_row.
-  Predictors predictors;  ///< Of the new rows.
+  std::vector<Corners> faces;        ///< New ones, corners below end_row.
+  std::vector<std::uint32_t> death;  ///< Of the new ones.
+  std::vector<Corners> old_faces;    ///< All earlier ones, their corners moved on from first_row to end_row.
+  Predictors predictors;             ///< Of the new rows.
 };
 
 /// Where a chunk stands.
@@ -34,14 +33,13 @@ struct ChunkRange {
 /// Encodes `tile`, given what earlier chunks hold: map and source_vertex of the rows below first_row, and their faces
 /// with the corners of level first_row. REQUIRES: consistent shapes.
 Bytes encode_structure(const ChunkRange& range, const StructureTile& tile, std::span<const std::uint32_t> earlier_map,
-                       std::span<const std::uint32_t> earlier_source,
-                       std::span<const std::array<std::uint32_t, 3>> earlier_faces);
+                       std::span<const std::uint32_t> earlier_source, std::span<const Corners> earlier_faces);
 
 /// The other way round. Safe on hostile input: every index of the result is in range, death ascends, masses are
 /// positive, predictors come before what they predict. Errors: kCorrupt. REQUIRES: raw was checked against
 /// max_structure_bytes, new_faces against the manifest.
 Result<StructureTile> decode_structure(ByteView raw, const ChunkRange& range, std::uint32_t new_faces,
                                        std::span<const std::uint32_t> earlier_source,
-                                       std::span<const std::array<std::uint32_t, 3>> earlier_faces);
+                                       std::span<const Corners> earlier_faces);
 
 }  // namespace eigencast

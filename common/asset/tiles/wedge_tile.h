@@ -18,6 +18,6 @@ Bytes encode_wedges(const AssetTexture& texture, const Asset& asset);
 /// The other way round, without the image. Safe on hostile input. Errors: kCorrupt.
 ///   base_count, map, faces   of the finished asset
 Result<AssetTexture> decode_wedges(ByteView raw, std::uint32_t base_count, const std::vector<std::uint32_t>& map,
-                                   const std::vector<std::array<std::uint32_t, 3>>& faces);
+                                   const std::vector<Corners>& faces);
 
 }  // namespace eigencast

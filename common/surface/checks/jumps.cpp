@@ -59,7 +59,7 @@ void JumpFinder::add(std::span<const Vec3> positions) {
   step.size = static_cast<float>(box.diagonal() / diagonal_);
   step.exchanged = step.rms > kFarForSurface && axes_exchanged(before_, positions);
   if (step.size > kEmpty) {
-    const Misfit misfit = order_.look(positions);
+    const Misfit misfit = order_.check(positions);
     if (misfit.kind != Misfit::Kind::kNone) misfits_.emplace_back(static_cast<std::uint32_t>(steps_.size()), misfit);
   }
   if (centres_.size() < 3) {

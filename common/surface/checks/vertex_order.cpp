@@ -13,7 +13,7 @@
 namespace eigencast {
 namespace {
 
-constexpr std::size_t kMostFaces = 2'000'000;
+constexpr std::size_t kMaxFaces = 2'000'000;
 constexpr double kFolded = -0.3;  // cosine between the normals of faces that lie on each other
 // Parts of the edges, beyond those of the rest pose. Surfaces that were squashed flat or shaken by a third of their
 // edges have up to 0.2.
@@ -66,7 +66,7 @@ std::string Misfit::text() const {
 
 VertexOrder::VertexOrder(const Surface& rest)
     : faces_(rest.faces.begin(),
-             rest.faces.begin() + static_cast<std::ptrdiff_t>(std::min(rest.faces.size(), kMostFaces))),
+             rest.faces.begin() + static_cast<std::ptrdiff_t>(std::min(rest.faces.size(), kMaxFaces))),
       degree_(rest.vertex_count(), 0),
       diagonal_(std::max(bounding_box(rest.positions).diagonal(), 1e-30)) {
   const std::vector<EdgeUse> uses = edge_uses(faces_, rest.vertex_count());
@@ -88,7 +88,7 @@ VertexOrder::VertexOrder(const Surface& rest)
   if (faces_.size() == rest.faces.size()) fullness_ = fullness(rest.positions);
 }
 
-Misfit VertexOrder::look(std::span<const Vec3> positions) const {
+Misfit VertexOrder::check(std::span<const Vec3> positions) const {
   assert(positions.size() == degree_.size());
   Misfit misfit;
   misfit.folded = folded(positions);
@@ -106,7 +106,7 @@ Misfit VertexOrder::look(std::span<const Vec3> positions) const {
     const double now = fullness(positions);
     if (now * fullness_ < 0 && std::abs(now) > std::abs(fullness_) / 2) misfit.kind = Misfit::Kind::kInsideOut;
   }
-  if (misfit.kind == Misfit::Kind::kNone) look_for_strays(positions, misfit);
+  if (misfit.kind == Misfit::Kind::kNone) find_strays(positions, misfit);
   return misfit;
 }
 
@@ -145,7 +145,7 @@ std::vector<VertexOrder::Local> VertexOrder::locals(std::span<const Vec3> positi
   return locals;
 }
 
-void VertexOrder::look_for_strays(std::span<const Vec3> positions, Misfit& misfit) const {
+void VertexOrder::find_strays(std::span<const Vec3> positions, Misfit& misfit) const {
   const std::vector<Local> now = locals(positions);
   std::uint32_t strays = 0;
   for (std::size_t i = 0; i < now.size(); ++i) {

@@ -51,7 +51,7 @@ class VertexOrder {
   /// Of the rest pose itself: kNone or kOrder.
   const Misfit& rest() const { return rest_; }
   /// REQUIRES: as many positions as the rest pose has. O(n + F).
-  Misfit look(std::span<const Vec3> positions) const;
+  Misfit check(std::span<const Vec3> positions) const;
 
  private:
   /// Of a vertex: mean length of its edges, of the other edges of its neighbours, and its distance from its neighbours'
@@ -60,7 +60,7 @@ class VertexOrder {
     float incident = 0, ring = 0, off = 0;
   };
   std::vector<Local> locals(std::span<const Vec3> positions) const;
-  void look_for_strays(std::span<const Vec3> positions, Misfit& misfit) const;
+  void find_strays(std::span<const Vec3> positions, Misfit& misfit) const;
   float folded(std::span<const Vec3> positions) const;
   float stretch(std::span<const Vec3> positions) const;
   double edge_length(std::span<const Vec3> positions) const;

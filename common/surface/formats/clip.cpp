@@ -27,8 +27,8 @@ class FileFrames final : public Frames {
  public:
   explicit FileFrames(std::vector<std::string> paths) : paths_(std::move(paths)) {}
   std::size_t count() const override { return paths_.size(); }
-  Result<Surface> read(std::size_t frame, Appearance* looks) const override {
-    return read_surface(paths_[frame], looks);
+  Result<Surface> read(std::size_t frame, Appearance* appearance) const override {
+    return read_surface(paths_[frame], appearance);
   }
   std::string label(std::size_t frame) const override {
     return "frame " + std::to_string(frame) + " (" + paths_[frame] + ")";
@@ -42,7 +42,7 @@ class NpyFrames final : public Frames {
  public:
   NpyFrames(NpyFile file, std::string path) : file_(std::move(file)), path_(std::move(path)) {}
   std::size_t count() const override { return file_.shape()[0]; }
-  Result<Surface> read(std::size_t frame, Appearance* /*looks*/) const override {
+  Result<Surface> read(std::size_t frame, Appearance* /*appearance*/) const override {
     auto positions = file_.read_positions(frame);
     if (!positions) return positions.error();
     return Surface{std::move(*positions), {}};
@@ -77,11 +77,11 @@ std::optional<std::string> difference(const Surface& frame, const Surface& rest,
 
 class RecordedClip final : public MotionClip {
  public:
-  RecordedClip(std::unique_ptr<Frames> frames, Surface rest, Appearance looks, bool frames_have_faces, std::string name,
-               std::vector<std::string> notes)
+  RecordedClip(std::unique_ptr<Frames> frames, Surface rest, Appearance appearance, bool frames_have_faces,
+               std::string name, std::vector<std::string> notes)
       : frames_(std::move(frames)),
         rest_(std::move(rest)),
-        looks_(std::move(looks)),
+        appearance_(std::move(appearance)),
         frames_have_faces_(frames_have_faces),
         name_(std::move(name)),
         notes_(std::move(notes)) {}
@@ -91,7 +91,7 @@ class RecordedClip final : public MotionClip {
   double frame_rate_hz() const override { return frames_->rate_hz(); }
   std::string name() const override { return name_; }
   std::vector<std::string> notes() const override { return notes_; }
-  const Appearance* appearance() const override { return &looks_; }
+  const Appearance* appearance() const override { return &appearance_; }
 
   Result<std::vector<Vec3>> pose(std::size_t frame) const override {
     assert(frame < frame_count());
@@ -106,7 +106,7 @@ class RecordedClip final : public MotionClip {
  private:
   std::unique_ptr<Frames> frames_;
   Surface rest_;
-  Appearance looks_;
+  Appearance appearance_;
   bool frames_have_faces_;
   std::string name_;
   std::vector<std::string> notes_;
@@ -131,7 +131,7 @@ Result<std::unique_ptr<Frames>> frames_of(std::vector<std::string> paths) {
   return std::unique_ptr<Frames>(std::make_unique<FileFrames>(std::move(paths)));
 }
 
-Result<std::vector<Face>> faces_of(const std::string& path) {
+Result<std::vector<Face>> faces_from_file(const std::string& path) {
   if (text::ending_of(path) != "npy") {
     auto surface = read_surface(path);
     if (!surface) return surface.error();
@@ -144,7 +144,7 @@ Result<std::vector<Face>> faces_of(const std::string& path) {
 
 // Gives `rest` the faces of `path`; where it has its own, they must be the same.
 Result<void> add_faces(Surface& rest, const std::string& path) {
-  auto faces = faces_of(path);
+  auto faces = faces_from_file(path);
   if (!faces) return faces.error();
   if (rest.is_point_cloud()) {
     rest.faces = std::move(*faces);
@@ -178,10 +178,10 @@ ClipOptions with_files_beside(ClipOptions options, const std::string& first) {
 }
 
 // The pose and topology that the frames are held against.
-Result<Surface> rest_of(const Frames& frames, Surface first, const ClipOptions& options, Appearance& looks) {
+Result<Surface> rest_of(const Frames& frames, Surface first, const ClipOptions& options, Appearance& appearance) {
   Surface rest = std::move(first);
   if (!options.rest.empty()) {
-    auto stated = read_surface(options.rest, &looks);
+    auto stated = read_surface(options.rest, &appearance);
     if (!stated) return stated.error();
     if (const auto how = difference(rest, *stated, !rest.is_point_cloud() && !stated->is_point_cloud())) {
       return fail(ErrorCode::kInvalidArgument, frames.label(0) + " " + *how + " (" + options.rest + ")");
@@ -207,11 +207,11 @@ Result<std::unique_ptr<MotionClip>> clip_from_path(const std::string& path, cons
   auto frames = frames_of(std::move(*paths));
   if (!frames) return frames.error();
 
-  Appearance looks;
-  auto first = (*frames)->read(0, &looks);
+  Appearance appearance;
+  auto first = (*frames)->read(0, &appearance);
   if (!first) return first.error();
   const bool frames_have_faces = !first->is_point_cloud();
-  auto rest = rest_of(**frames, std::move(*first), options, looks);
+  auto rest = rest_of(**frames, std::move(*first), options, appearance);
   if (!rest) return rest.error();
   if (const auto valid = validate_surface(*rest); !valid) return in_context(path, valid.error());
   std::vector<std::string> notes;
@@ -219,7 +219,7 @@ Result<std::unique_ptr<MotionClip>> clip_from_path(const std::string& path, cons
     notes.push_back("no rest mesh beside " + first_path + ": played as a point cloud; name one with --rest");
   }
   return std::unique_ptr<MotionClip>(std::make_unique<RecordedClip>(
-      std::move(*frames), std::move(*rest), std::move(looks), frames_have_faces, path, std::move(notes)));
+      std::move(*frames), std::move(*rest), std::move(appearance), frames_have_faces, path, std::move(notes)));
 }
 
 }  // namespace

@@ -22,8 +22,8 @@ class Frames {
   virtual ~Frames() = default;
   virtual std::size_t count() const = 0;
   virtual double rate_hz() const { return kUnstatedRateHz; }
-  /// looks: filled with what the frame says of colours, if wanted and if it says anything.
-  virtual Result<Surface> read(std::size_t frame, Appearance* looks) const = 0;
+  /// appearance: filled with what the frame says of colours, if wanted and if it says anything.
+  virtual Result<Surface> read(std::size_t frame, Appearance* appearance) const = 0;
   /// "frame 3 of clip.npy", for messages.
   virtual std::string label(std::size_t frame) const = 0;
 };

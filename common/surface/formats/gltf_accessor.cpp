@@ -11,10 +11,6 @@
 namespace eigencast {
 namespace {
 
-Error corrupt(const std::string& what) {
-  return fail(ErrorCode::kCorrupt, what);
-}
-
 template <typename T, bool normalised>
 double number_at(const char* bytes) {
   const T value = scalar_at<T>(bytes);
@@ -65,7 +61,8 @@ std::size_t GltfNumbers::count(int accessor) const {
 }
 
 Result<std::vector<std::uint8_t>> GltfNumbers::bytes_of_view(int view) const {
-  if (view < 0 || static_cast<std::size_t>(view) >= model_.bufferViews.size()) return corrupt("no such buffer view");
+  if (view < 0 || static_cast<std::size_t>(view) >= model_.bufferViews.size())
+    return corrupt_gltf("no such buffer view");
   const std::size_t length = model_.bufferViews[static_cast<std::size_t>(view)].byteLength;
   const auto bytes = span(view, 0, length, 1);
   if (!bytes) return bytes.error();
@@ -75,41 +72,43 @@ Result<std::vector<std::uint8_t>> GltfNumbers::bytes_of_view(int view) const {
 Result<GltfNumbers::Span> GltfNumbers::span(int view_index, std::uint64_t offset, std::uint64_t count,
                                             std::size_t element_bytes) const {
   const std::string name = "buffer view " + std::to_string(view_index);
-  if (view_index < 0 || static_cast<std::size_t>(view_index) >= model_.bufferViews.size()) return corrupt("no " + name);
+  if (view_index < 0 || static_cast<std::size_t>(view_index) >= model_.bufferViews.size())
+    return corrupt_gltf("no " + name);
   const tinygltf::BufferView& view = model_.bufferViews[static_cast<std::size_t>(view_index)];
   if (view.buffer < 0 || static_cast<std::size_t>(view.buffer) >= model_.buffers.size()) {
-    return corrupt(name + " lies in no buffer");
+    return corrupt_gltf(name + " lies in no buffer");
   }
   const std::vector<unsigned char>& bytes = model_.buffers[static_cast<std::size_t>(view.buffer)].data;
   if (view.byteOffset > bytes.size() || view.byteLength > bytes.size() - view.byteOffset) {
-    return corrupt(name + " goes beyond its buffer of " + std::to_string(bytes.size()) + " bytes");
+    return corrupt_gltf(name + " goes beyond its buffer of " + std::to_string(bytes.size()) + " bytes");
   }
   const std::size_t stride = view.byteStride > 0 ? view.byteStride : element_bytes;
-  if (stride < element_bytes || stride > 65'536) return corrupt(name + " has a stride of " + std::to_string(stride));
+  if (stride < element_bytes || stride > 65'536)
+    return corrupt_gltf(name + " has a stride of " + std::to_string(stride));
   // count * stride cannot overflow once count is at most the view's length.
   const bool fits = offset <= view.byteLength && count <= view.byteLength &&
                     (count == 0 || (count - 1) * stride + element_bytes <= view.byteLength - offset);
-  if (!fits) return corrupt(std::to_string(count) + " elements go beyond " + name);
+  if (!fits) return corrupt_gltf(std::to_string(count) + " elements go beyond " + name);
   return Span{reinterpret_cast<const char*>(bytes.data()) + view.byteOffset + offset, stride};
 }
 
 Result<GltfNumbers::Array> GltfNumbers::read(int index, std::size_t width, std::size_t other_width) {
   const std::string name = "accessor " + std::to_string(index);
-  if (index < 0 || static_cast<std::size_t>(index) >= model_.accessors.size()) return corrupt("no " + name);
+  if (index < 0 || static_cast<std::size_t>(index) >= model_.accessors.size()) return corrupt_gltf("no " + name);
   const tinygltf::Accessor& accessor = model_.accessors[static_cast<std::size_t>(index)];
   Array array;
   array.count = accessor.count;
   const int components = tinygltf::GetNumComponentsInType(static_cast<std::uint32_t>(accessor.type));
   array.width = components > 0 ? static_cast<std::size_t>(components) : 0;
   if (array.width == 0 || (array.width != width && array.width != other_width)) {
-    return corrupt(name + " has elements of " + std::to_string(components) + " numbers where " + std::to_string(width) +
-                   " are needed");
+    return corrupt_gltf(name + " has elements of " + std::to_string(components) + " numbers where " +
+                        std::to_string(width) + " are needed");
   }
   const Reader number = reader_of(accessor.componentType, accessor.normalized);
   const std::size_t component_bytes = bytes_of_type(accessor.componentType);
-  if (number == nullptr || component_bytes == 0) return corrupt(name + " has an unknown component type");
+  if (number == nullptr || component_bytes == 0) return corrupt_gltf(name + " has an unknown component type");
   // Only matrices of bytes and shorts would have padding between their columns, and none is used here.
-  if (array.width == 16 && component_bytes != 4) return corrupt(name + ": matrices are of 32-bit floats");
+  if (array.width == 16 && component_bytes != 4) return corrupt_gltf(name + ": matrices are of 32-bit floats");
   if (array.count > values_left_ / array.width)
     return fail(ErrorCode::kTooLarge, name + ": too many numbers in the file");
   const std::size_t element_bytes = component_bytes * array.width;
@@ -132,7 +131,7 @@ Result<GltfNumbers::Array> GltfNumbers::read(int index, std::size_t width, std::
   }
   for (std::size_t i = 0; i < array.values.size(); ++i) {
     if (!std::isfinite(array.values[i]))
-      return corrupt(name + ": element " + std::to_string(i / array.width) + " is not finite");
+      return corrupt_gltf(name + ": element " + std::to_string(i / array.width) + " is not finite");
   }
   return array;
 }
@@ -142,7 +141,7 @@ Result<void> GltfNumbers::apply_sparse(const tinygltf::Accessor& accessor, std::
   const auto& sparse = accessor.sparse;
   if (sparse.count < 0 || static_cast<std::size_t>(sparse.count) > array.count ||
       !is_index_type(sparse.indices.componentType) || sparse.indices.byteOffset < 0 || sparse.values.byteOffset < 0) {
-    return corrupt("its sparse part cannot be meant");
+    return corrupt_gltf("its sparse part cannot be meant");
   }
   const auto count = static_cast<std::size_t>(sparse.count);
   const auto indices = span(sparse.indices.bufferView, static_cast<std::uint64_t>(sparse.indices.byteOffset), count,
@@ -156,7 +155,7 @@ Result<void> GltfNumbers::apply_sparse(const tinygltf::Accessor& accessor, std::
   const std::size_t component_bytes = element_bytes / array.width;
   for (std::size_t k = 0; k < count; ++k) {
     const auto at = static_cast<std::size_t>(index_of(indices->data + k * indices->stride));
-    if (at >= array.count) return corrupt("its sparse part names element " + std::to_string(at));
+    if (at >= array.count) return corrupt_gltf("its sparse part names element " + std::to_string(at));
     for (std::size_t c = 0; c < array.width; ++c) {
       array.values[at * array.width + c] = number(values->data + k * values->stride + c * component_bytes);
     }
@@ -167,7 +166,7 @@ Result<void> GltfNumbers::apply_sparse(const tinygltf::Accessor& accessor, std::
 Result<std::vector<std::uint32_t>> GltfNumbers::read_indices(int index) {
   if (index >= 0 && static_cast<std::size_t>(index) < model_.accessors.size() &&
       !is_index_type(model_.accessors[static_cast<std::size_t>(index)].componentType)) {
-    return corrupt("accessor " + std::to_string(index) + ": indices are unsigned integers");
+    return corrupt_gltf("accessor " + std::to_string(index) + ": indices are unsigned integers");
   }
   const auto array = read(index, 1);
   if (!array) return array.error();

@@ -10,10 +10,6 @@
 namespace eigencast {
 namespace {
 
-Error corrupt(const std::string& what) {
-  return fail(ErrorCode::kCorrupt, what);
-}
-
 std::optional<std::size_t> find_animation(const tinygltf::Model& model, const std::string& which) {
   for (std::size_t i = 0; i < model.animations.size(); ++i) {
     if (model.animations[i].name == which || std::to_string(i) == which) return i;
@@ -53,7 +49,7 @@ Result<GltfAnimation::Track> GltfAnimation::track_from(const tinygltf::Animation
   track.path = path;
   track.node = static_cast<std::size_t>(channel.target_node);
   if (channel.sampler < 0 || static_cast<std::size_t>(channel.sampler) >= animation.samplers.size())
-    return corrupt("a channel has no sampler");
+    return corrupt_gltf("a channel has no sampler");
   const tinygltf::AnimationSampler& sampler = animation.samplers[static_cast<std::size_t>(channel.sampler)];
   track.interpolation = sampler.interpolation == "STEP"          ? Interpolation::kStep
                         : sampler.interpolation == "CUBICSPLINE" ? Interpolation::kCubicSpline
@@ -62,15 +58,15 @@ Result<GltfAnimation::Track> GltfAnimation::track_from(const tinygltf::Animation
   if (!times) return times.error();
   track.times = std::move(times->values);
   if (track.times.empty() || !std::is_sorted(track.times.begin(), track.times.end()))
-    return corrupt("the times of a sampler do not ascend");
+    return corrupt_gltf("the times of a sampler do not ascend");
   const bool is_weights = path == Path::kWeights;
   auto values = numbers.read(sampler.output, is_weights ? 1 : path == Path::kRotation ? 4 : 3);
   if (!values) return values.error();
   const std::size_t knots = track.times.size() * (track.interpolation == Interpolation::kCubicSpline ? 3 : 1);
   track.width = is_weights ? scene.nodes[track.node].target_count : values->width;
   if (values->values.size() != knots * track.width) {
-    return corrupt("a sampler has " + std::to_string(values->values.size()) + " numbers where " +
-                   std::to_string(knots * track.width) + " are needed");
+    return corrupt_gltf("a sampler has " + std::to_string(values->values.size()) + " numbers where " +
+                        std::to_string(knots * track.width) + " are needed");
   }
   track.values = std::move(values->values);
   if (path == Path::kRotation && track.interpolation != Interpolation::kCubicSpline) {
@@ -101,7 +97,7 @@ Result<GltfAnimation> GltfAnimation::from_model(const tinygltf::Model& model, Gl
         channel.target_node >= 0 && static_cast<std::size_t>(channel.target_node) < scene.nodes.size();
     if (!path || !has_node) continue;
     const GltfScene::Node& node = scene.nodes[static_cast<std::size_t>(channel.target_node)];
-    if (node.fixed && *path != Path::kWeights) return corrupt("an animated node states a matrix");
+    if (node.fixed && *path != Path::kWeights) return corrupt_gltf("an animated node states a matrix");
     if (*path == Path::kWeights && node.target_count == 0) continue;
     auto track = track_from(animation, channel, *path, numbers, scene);
     if (!track) return in_context("animation " + std::to_string(*index), track.error());

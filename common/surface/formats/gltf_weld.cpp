@@ -71,24 +71,24 @@ Welds find_welds(const GltfParts& parts) {
 
 /// Faces of the vertices that are left, without those that collapse.
 void renumber_faces(const std::vector<std::uint32_t>& number, GltfScene& scene) {
-  Appearance& looks = scene.appearance;
+  Appearance& appearance = scene.appearance;
   std::size_t kept = 0;
   for (std::size_t f = 0; f < scene.faces.size(); ++f) {
     const Face face{number[scene.faces[f][0]], number[scene.faces[f][1]], number[scene.faces[f][2]]};
     if (face[0] == face[1] || face[1] == face[2] || face[2] == face[0]) continue;
     scene.faces[kept] = face;
-    if (!looks.corner_uv.empty()) looks.corner_uv[kept] = looks.corner_uv[f];
-    if (!looks.corner_colour.empty()) looks.corner_colour[kept] = looks.corner_colour[f];
-    looks.face_material[kept] = looks.face_material[f];
+    if (!appearance.corner_uv.empty()) appearance.corner_uv[kept] = appearance.corner_uv[f];
+    if (!appearance.corner_colour.empty()) appearance.corner_colour[kept] = appearance.corner_colour[f];
+    appearance.face_material[kept] = appearance.face_material[f];
     ++kept;
   }
   if (kept < scene.faces.size()) {
     scene.notes.push_back(std::to_string(scene.faces.size() - kept) + " faces with two corners at one place left out");
   }
   scene.faces.resize(kept);
-  looks.face_material.resize(kept);
-  if (!looks.corner_uv.empty()) looks.corner_uv.resize(kept);
-  if (!looks.corner_colour.empty()) looks.corner_colour.resize(kept);
+  appearance.face_material.resize(kept);
+  if (!appearance.corner_uv.empty()) appearance.corner_uv.resize(kept);
+  if (!appearance.corner_colour.empty()) appearance.corner_colour.resize(kept);
 }
 
 void fill_rig(const GltfParts& parts, const std::vector<std::size_t>& representative, GltfScene& scene) {

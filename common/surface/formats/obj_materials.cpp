@@ -15,9 +15,9 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kMostFiles = 64;
-constexpr std::size_t kMostImageBytes = std::size_t{16} << 20;
-constexpr std::size_t kMostTextBytes = std::size_t{16} << 20;
+constexpr std::size_t kMaxFiles = 64;
+constexpr std::size_t kMaxImageBytes = std::size_t{16} << 20;
+constexpr std::size_t kMaxTextBytes = std::size_t{16} << 20;
 
 struct Material {
   std::array<float, 3> colour{1, 1, 1};
@@ -64,15 +64,15 @@ void read_library(std::string_view bytes, std::map<std::string, Material, std::l
 
 }  // namespace
 
-void add_obj_looks(const ParsedMesh& mesh, const std::string& folder, Appearance& looks) {
-  looks.vertex_colour = mesh.colours;
-  looks.corner_uv = mesh.corner_uv;
-  if (mesh.material.empty() || mesh.material_files.size() > kMostFiles) return;
+void add_obj_appearance(const ParsedMesh& mesh, const std::string& folder, Appearance& appearance) {
+  appearance.vertex_colour = mesh.colours;
+  appearance.corner_uv = mesh.corner_uv;
+  if (mesh.material.empty() || mesh.material_files.size() > kMaxFiles) return;
   std::map<std::string, Material, std::less<>> materials;
   for (const std::string& name : mesh.material_files) {
-    if (const auto bytes = bytes_below(folder, name, kMostTextBytes)) read_library(*bytes, materials);
+    if (const auto bytes = bytes_below(folder, name, kMaxTextBytes)) read_library(*bytes, materials);
   }
-  looks.face_material = mesh.material;
+  appearance.face_material = mesh.material;
   std::map<std::string, int> images;
   for (const std::string& name : mesh.material_names) {
     Appearance::Material mine;
@@ -80,17 +80,17 @@ void add_obj_looks(const ParsedMesh& mesh, const std::string& folder, Appearance
     const auto at = materials.find(name);
     if (at != materials.end() && at->second.image.empty())
       std::copy_n(at->second.colour.begin(), 3, mine.base_colour.begin());
-    if (at != materials.end() && !at->second.image.empty() && images.size() < kMostFiles) {
-      const auto [image, fresh] = images.try_emplace(at->second.image, static_cast<int>(looks.images.size()));
+    if (at != materials.end() && !at->second.image.empty() && images.size() < kMaxFiles) {
+      const auto [image, fresh] = images.try_emplace(at->second.image, static_cast<int>(appearance.images.size()));
       mine.image = image->second;
       if (fresh) {
-        const auto bytes = bytes_below(folder, at->second.image, kMostImageBytes);
-        looks.images.push_back(
+        const auto bytes = bytes_below(folder, at->second.image, kMaxImageBytes);
+        appearance.images.push_back(
             {at->second.image, "",
              bytes ? std::vector<std::uint8_t>(bytes->begin(), bytes->end()) : std::vector<std::uint8_t>()});
       }
     }
-    looks.materials.push_back(std::move(mine));
+    appearance.materials.push_back(std::move(mine));
   }
 }
 

@@ -9,9 +9,9 @@
 /// Private to common/surface.
 namespace eigencast {
 
-/// What an OBJ file says of its looks: places of the corners, and of its materials (mtllib) the colours (Kd) and images
+/// What an OBJ file says of its appearance: places of the corners, and of its materials (mtllib) the colours (Kd) and images
 /// (map_Kd). Opens files beside or below `folder` only; those that are absent, over 16 MiB or no text leave their
 /// material white and their image empty.
-void add_obj_looks(const ParsedMesh& mesh, const std::string& folder, Appearance& looks);
+void add_obj_appearance(const ParsedMesh& mesh, const std::string& folder, Appearance& appearance);
 
 }  // namespace eigencast

@@ -44,21 +44,7 @@ std::optional<Scalar> scalar_from_name(std::string_view name) {
 }
 
 std::size_t bytes_of(Scalar scalar) {
-  switch (scalar) {
-    case Scalar::kInt8:
-    case Scalar::kUint8:
-      return 1;
-    case Scalar::kInt16:
-    case Scalar::kUint16:
-      return 2;
-    case Scalar::kInt32:
-    case Scalar::kUint32:
-    case Scalar::kFloat32:
-      return 4;
-    case Scalar::kFloat64:
-      return 8;
-  }
-  return 8;
+  return std::array<std::size_t, 8>{1, 1, 2, 2, 4, 4, 4, 8}[static_cast<std::size_t>(scalar)];
 }
 
 struct Property {

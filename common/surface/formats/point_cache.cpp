@@ -39,7 +39,7 @@ class PointCache final : public Frames {
   std::string label(std::size_t frame) const override {
     return "frame " + std::to_string(frame) + " of " + file_->path();
   }
-  Result<Surface> read(std::size_t frame, Appearance* /*looks*/) const override {
+  Result<Surface> read(std::size_t frame, Appearance* /*appearance*/) const override {
     std::string bytes(static_cast<std::size_t>(layout_.points * kBytesPerPoint), '\0');
     const auto read = file_->read_at(layout_.data_offset + frame * layout_.points * kBytesPerPoint, bytes);
     if (!read) return in_context("frame " + std::to_string(frame), read.error());

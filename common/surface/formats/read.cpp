@@ -67,7 +67,7 @@ Result<Surface> surface_from_cache(const std::string& path) {
   return (*frames)->read(0, nullptr);
 }
 
-Result<Surface> surface_from_file(const std::string& path, Appearance& looks) {
+Result<Surface> surface_from_file(const std::string& path, Appearance& appearance) {
   const std::string ending = text::ending_of(path);
   if (ending == "npy") return surface_from_npy(path);
   if (ending == "pc2" || ending == "mdd") return surface_from_cache(path);
@@ -75,7 +75,7 @@ Result<Surface> surface_from_file(const std::string& path, Appearance& looks) {
   if (is_gltf || is_foreign(ending)) {
     const auto clip = is_gltf ? open_gltf_clip(path, {}) : open_foreign_clip(path, {});
     if (!clip) return clip.error();
-    if ((*clip)->appearance() != nullptr) looks = *(*clip)->appearance();
+    if ((*clip)->appearance() != nullptr) appearance = *(*clip)->appearance();
     return (*clip)->rest();
   }
   for (const MeshFormat& format : kMeshFormats) {
@@ -85,7 +85,7 @@ Result<Surface> surface_from_file(const std::string& path, Appearance& looks) {
     auto mesh = format.parse(*bytes);
     if (!mesh) return in_context(path, mesh.error());
     const auto folder = std::filesystem::path(path).parent_path();
-    add_obj_looks(*mesh, folder.empty() ? "." : folder.string(), looks);
+    add_obj_appearance(*mesh, folder.empty() ? "." : folder.string(), appearance);
     return std::move(mesh->surface);
   }
   if (ending == "xyz") {
@@ -100,10 +100,10 @@ Result<Surface> surface_from_file(const std::string& path, Appearance& looks) {
 
 }  // namespace
 
-Result<Surface> read_surface(const std::string& path, Appearance* looks) {
+Result<Surface> read_surface(const std::string& path, Appearance* appearance) {
   try {
     Appearance unwanted;
-    return surface_from_file(path, looks != nullptr ? *looks : unwanted);
+    return surface_from_file(path, appearance != nullptr ? *appearance : unwanted);
   } catch (const std::bad_alloc&) {
     return fail(ErrorCode::kTooLarge, path + ": not enough memory to read it");
   }

@@ -12,8 +12,8 @@ namespace eigencast {
 /// Reads one surface; vertices keep the file's order and number, n-gons are split in fans, nothing is merged or
 /// dropped. OBJ, PLY, OFF, STL, XYZ (x y z [nx ny nz] a line), NPY ((n,3), or the first
 /// frame of (T,n,3)), PC2 and MDD (first frame, no faces), glTF (see open_clip). Errors: kNotFound, kIo, kUnsupported
-/// (unknown ending), kCorrupt (what is wrong and where), kTooLarge (over limits). looks: filled with what the file says
+/// (unknown ending), kCorrupt (what is wrong and where), kTooLarge (over limits). appearance: filled with what the file says
 /// of colours and textures, if wanted.
-Result<Surface> read_surface(const std::string& path, Appearance* looks = nullptr);
+Result<Surface> read_surface(const std::string& path, Appearance* appearance = nullptr);
 
 }  // namespace eigencast

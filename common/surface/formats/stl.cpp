@@ -19,10 +19,10 @@ constexpr std::size_t kHeaderBytes = 84;  // 80 of comment, u32 count
 constexpr std::size_t kTriangleBytes = 50;
 
 /// Three corners a triangle, as the file has them.
-using Corners = std::vector<Vec3>;
+using StlCorners = std::vector<Vec3>;
 
-Result<Corners> corners_from_binary(std::string_view bytes, std::size_t triangles) {
-  Corners corners;
+Result<StlCorners> corners_from_binary(std::string_view bytes, std::size_t triangles) {
+  StlCorners corners;
   for (std::size_t t = 0; t < triangles; ++t) {
     for (std::size_t k = 0; k < 3; ++k) {
       Vec3 p{};
@@ -43,7 +43,7 @@ class TextStlParser {
  public:
   explicit TextStlParser(std::string_view bytes) : lines_(bytes) {}
 
-  Result<Corners> run() {
+  Result<StlCorners> run() {
     for (std::string_view word = next(); !word.empty(); word = next()) {
       if (word == "vertex" || word == "VERTEX") {
         if (const auto taken = take_vertex(); !taken) return taken.error();
@@ -93,12 +93,12 @@ class TextStlParser {
 
   text::Lines lines_;
   std::string_view lines_rest_;
-  Corners corners_;
+  StlCorners corners_;
   std::size_t in_facet_ = 0;  // corners
   bool complete_ = false;
 };
 
-Result<Corners> corners_from_stl(std::string_view bytes) {
+Result<StlCorners> corners_from_stl(std::string_view bytes) {
   if (bytes.empty()) return fail(ErrorCode::kCorrupt, "the file is empty");
   const bool says_solid = bytes.substr(0, 5) == "solid" || bytes.substr(0, 5) == "SOLID";
   const std::size_t count =
@@ -117,7 +117,7 @@ Result<Corners> corners_from_stl(std::string_view bytes) {
 }
 
 /// Triangles that share the vertices of equal 32-bit positions, numbered as they appear.
-Surface shared_vertices(const Corners& corners) {
+Surface shared_vertices(const StlCorners& corners) {
   using Position = std::array<float, 3>;
   const auto position = [&](std::size_t i) {
     // Adding 0 makes -0 and 0 one.

@@ -130,12 +130,6 @@ class NewFile {
   bool done_ = false;
 };
 
-Result<void> write_bytes(const std::string& path, const std::string& bytes) {
-  NewFile file(path);
-  file.write(bytes);
-  return file.finish();
-}
-
 std::string npy_header(std::size_t vertices, std::size_t frames) {
   std::string header = "{'descr': '<f4', 'fortran_order': False, 'shape': (" + std::to_string(frames) + ", " +
                        std::to_string(vertices) + ", 3), }";
@@ -205,12 +199,12 @@ Result<void> write_sequence(const MotionClip& clip, const fs::path& start, const
 
 }  // namespace
 
-Result<void> check_place_of_surface(const std::string& path) {
+Result<void> check_surface_path(const std::string& path) {
   const auto ending = ending_of_surface(path);
   return ending ? check_place_of_file(path) : ending.error();
 }
 
-Result<void> check_place_of_clip(const std::string& path) {
+Result<void> check_clip_path(const std::string& path) {
   const auto form = form_of(path, text::ending_of(path));
   if (!form) return form.error();
   if (*form == Form::kCache) return check_place_of_file(path);
@@ -220,7 +214,7 @@ Result<void> check_place_of_clip(const std::string& path) {
 Result<void> write_surface(const Surface& surface, const std::string& path) {
   const auto ending = ending_of_surface(path);
   if (!ending) return ending.error();
-  return write_bytes(path, *ending == "obj"   ? obj_text(surface)
+  return write_file_atomically(path, *ending == "obj"   ? obj_text(surface)
                            : *ending == "ply" ? ply_bytes(surface)
                                               : off_text(surface));
 }

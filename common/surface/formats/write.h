@@ -21,8 +21,8 @@ Result<void> write_clip(const MotionClip& clip, const std::string& path, const W
 
 /// Whether a clip, or a surface, could be written there, as far as can be told without doing it. Errors: kUnsupported
 /// (ending), kIo.
-Result<void> check_place_of_clip(const std::string& path);
-Result<void> check_place_of_surface(const std::string& path);
+Result<void> check_clip_path(const std::string& path);
+Result<void> check_surface_path(const std::string& path);
 
 /// Writes one surface as OBJ, PLY (binary, 64-bit floats) or OFF by its ending; coordinates exact. Errors:
 /// kUnsupported, kIo.

@@ -8,11 +8,37 @@
 #include <string>
 #include <utility>
 
-#include "common/surface/shapes/dual.h"
 #include "common/surface/shapes/shapes.h"
 
 namespace eigencast {
 namespace {
+
+/// A number and its derivative, so that a formula written once gives both exactly (forward-mode differentiation:
+/// Wengert 1964, "A simple automatic derivative evaluation program").
+struct Dual {
+  double value = 0, slope = 0;
+
+  constexpr Dual() = default;
+  constexpr Dual(double v, double s = 0) : value(v), slope(s) {}  // NOLINT: a constant is a number that does not move.
+
+  friend constexpr Dual operator+(Dual a, Dual b) { return {a.value + b.value, a.slope + b.slope}; }
+  friend constexpr Dual operator-(Dual a, Dual b) { return {a.value - b.value, a.slope - b.slope}; }
+  friend constexpr Dual operator-(Dual a) { return {-a.value, -a.slope}; }
+  friend constexpr Dual operator*(Dual a, Dual b) { return {a.value * b.value, a.slope * b.value + a.value * b.slope}; }
+  friend constexpr Dual operator/(Dual a, Dual b) {
+    return {a.value / b.value, (a.slope * b.value - a.value * b.slope) / (b.value * b.value)};
+  }
+  friend Dual sin(Dual a) { return {std::sin(a.value), a.slope * std::cos(a.value)}; }
+  friend Dual cos(Dual a) { return {std::cos(a.value), -a.slope * std::sin(a.value)}; }
+  friend Dual exp(Dual a) { return {std::exp(a.value), a.slope * std::exp(a.value)}; }
+};
+
+double value_of(double a) {
+  return a;
+}
+double value_of(Dual a) {
+  return a.value;
+}
 
 constexpr double kTurn = 2 * std::numbers::pi;
 constexpr double kMaxRateHz = 1000;
@@ -22,11 +48,11 @@ constexpr double kMaxRateHz = 1000;
 using std::cos, std::exp, std::sin;
 
 template <typename T>
-using Place = std::array<T, 3>;
+using Position = std::array<T, 3>;
 
 // Radial wobble in spherical harmonics of degree 2 and 3 (unnormalised), each at its own multiple of the turn.
 template <typename T>
-Place<T> wobble(const Vec3& p, T phase) {
+Position<T> wobble(const Vec3& p, T phase) {
   const T a = kTurn * phase;
   const T radius = 1 + 0.18 * sin(a) * (1.5 * p[1] * p[1] - 0.5) + 0.12 * sin(2 * a) * (p[0] * p[0] - p[2] * p[2]) +
                    0.25 * (1 - cos(a)) * p[0] * p[1] * p[2] + 0.08 * sin(3 * a) * p[0] * (5 * p[1] * p[1] - 1) / 2;
@@ -38,7 +64,7 @@ constexpr double kTorusMinor = 0.4;
 
 // A swelling with three crests runs once round every three turns of the wave; the ring sways with it.
 template <typename T>
-Place<T> travelling_wave(const Vec3& p, T phase) {
+Position<T> travelling_wave(const Vec3& p, T phase) {
   const double ring = std::hypot(p[0], p[2]);
   const double around = std::atan2(-p[2], p[0]);
   const T crest = 3 * around - kTurn * phase;
@@ -51,14 +77,14 @@ constexpr double kBarLength = 4.625;  // 185 quads of the size of the 40 across 
 
 // Turns each cross-section round the long axis (Y); `angle` is that between the two ends.
 template <typename T>
-Place<T> twisted(const Place<T>& p, T angle) {
+Position<T> twisted(const Position<T>& p, T angle) {
   const T a = angle * p[1] / kBarLength;
   return {p[0] * cos(a) + p[2] * sin(a), p[1], -p[0] * sin(a) + p[2] * cos(a)};
 }
 
 // Lays the long axis on an arc of the same length in the XY plane; `angle` is that between the two ends.
 template <typename T>
-Place<T> bent(const Place<T>& p, T angle) {
+Position<T> bent(const Position<T>& p, T angle) {
   const T a = angle * p[1] / kBarLength;
   const bool straight = std::abs(value_of(a)) < 1e-9;
   const T along = straight ? p[1] : p[1] * sin(a) / a;
@@ -70,17 +96,17 @@ Place<T> bent(const Place<T>& p, T angle) {
 }
 
 template <typename T>
-Place<T> bar_twist(const Vec3& p, T phase) {
+Position<T> bar_twist(const Vec3& p, T phase) {
   return twisted<T>({p[0], p[1], p[2]}, std::numbers::pi * sin(kTurn * phase));
 }
 
 template <typename T>
-Place<T> bar_bend(const Vec3& p, T phase) {
+Position<T> bar_bend(const Vec3& p, T phase) {
   return bent<T>({p[0], p[1], p[2]}, std::numbers::pi * sin(kTurn * phase));
 }
 
 template <typename T>
-Place<T> bar_both(const Vec3& p, T phase) {
+Position<T> bar_both(const Vec3& p, T phase) {
   const T angle = std::numbers::pi / 2 * sin(kTurn * phase);
   return bent<T>(twisted<T>({p[0], p[1], p[2]}, angle), angle);
 }
@@ -94,7 +120,7 @@ T pulse(T phase, double centre, double sharpness) {
 // Atria (above) contract first and gently, then the ventricles (below), which shorten, narrow and wring about the long
 // axis, base and apex against each other; between beats the heart fills a little beyond rest.
 template <typename T>
-Place<T> beat(const Vec3& p, T phase) {
+Position<T> beat(const Vec3& p, T phase) {
   const T atria = pulse(phase, 0.15, 8);
   const T ventricles = pulse(phase, 0.4, 5);
   const T filling = pulse(phase, 0.85, 3);
@@ -111,8 +137,8 @@ Place<T> beat(const Vec3& p, T phase) {
 struct Builtin {
   std::string_view name;
   Surface (*make)();
-  Vec3 (*place)(const Vec3& rest, double phase);
-  Place<Dual> (*moving)(const Vec3& rest, Dual phase);
+  Vec3 (*position)(const Vec3& rest, double phase);
+  Position<Dual> (*moving)(const Vec3& rest, Dual phase);
   double period_s;
 };
 
@@ -150,7 +176,7 @@ class BuiltinClip final : public MotionClip {
     const double phase = static_cast<double>(frame) / static_cast<double>(frame_count_);
     std::vector<Vec3> positions;
     positions.reserve(rest_.vertex_count());
-    for (const Vec3& p : rest_.positions) positions.push_back(builtin_.place(p, phase));
+    for (const Vec3& p : rest_.positions) positions.push_back(builtin_.position(p, phase));
     return positions;
   }
 
@@ -162,7 +188,7 @@ class BuiltinClip final : public MotionClip {
     std::vector<Vec3> velocities;
     velocities.reserve(rest_.vertex_count());
     for (const Vec3& p : rest_.positions) {
-      const Place<Dual> moving = builtin_.moving(p, phase);
+      const Position<Dual> moving = builtin_.moving(p, phase);
       velocities.push_back({moving[0].slope, moving[1].slope, moving[2].slope});
     }
     return velocities;

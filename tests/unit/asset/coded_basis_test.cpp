@@ -58,7 +58,7 @@ struct Basis {
   }
 };
 
-TEST(CodedBasis, EveryFloatAndEveryIntegerComeBackToTheBit) {
+TEST(CodedBasis, EveryFloatAndIntegerRoundTripsToTheBit) {
   std::mt19937 random(3);
   using Limits = std::numeric_limits<float>;
   for (const bool extreme : {false, true}) {
@@ -80,7 +80,7 @@ TEST(CodedBasis, EveryFloatAndEveryIntegerComeBackToTheBit) {
   }
 }
 
-TEST(CodedBasis, IsSmallerThanZstdMakesASmoothBasis) {
+TEST(CodedBasis, IsSmallerThanZstdOnSmoothBases) {
   const Asset asset = sample_asset(4, 40);
   const auto coded = encode_asset(asset), without = encode_asset(asset, {.code = false});
   ASSERT_TRUE(coded && without);
@@ -101,7 +101,7 @@ TEST(CodedBasis, AConstantColumnCostsNothing) {
   EXPECT_NEAR(static_cast<double>(size()), static_cast<double>(constant), 200);
 }
 
-TEST(CodedBasis, RefusesWhatNoWriterWrites) {
+TEST(CodedBasis, RefusesBytesThatNoWriterWrites) {
   Basis basis(40, 9);
   const Predictors part = part_of(basis.predictors, 0, 40);
   const BasisBlock block{0, 40, 0, 9, Basis::kExact, 9, basis.scales, part};
@@ -124,7 +124,7 @@ TEST(CodedBasis, RefusesWhatNoWriterWrites) {
   EXPECT_GT(refused, 290);
 }
 
-TEST(AdaptiveBit, NeverIsCertain) {
+TEST(AdaptiveBit, IsNeverCertain) {
   for (const bool decision : {false, true}) {
     AdaptiveBit bit;
     for (int i = 0; i < 100'000; ++i) {

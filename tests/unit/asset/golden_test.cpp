@@ -143,7 +143,7 @@ TEST(AssetGolden, DecodesToTheExpectedArrays) {
   read_golden("asset/");
 }
 
-TEST(AssetGolden, CodedTilesDecodeToTheExpectedArraysAndBackToTheirBytes) {
+TEST(AssetGolden, CodedTilesRoundTripToTheirBytes) {
   if (std::getenv("EIGENCAST_WRITE_GOLDEN") != nullptr) {
     const auto encoded = encode_asset(smooth_asset(), kCodedEncoding);
     ASSERT_TRUE(encoded);

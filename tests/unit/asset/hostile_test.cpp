@@ -107,7 +107,7 @@ TEST(AssetHostile, EveryFlippedBitIsCaughtByTheHashes) {
   }
 }
 
-TEST(AssetHostile, EveryChangedByteOfARehashedManifestIsRefusedOrHarmless) {
+TEST(AssetHostile, RehashedManifestDamageIsRefusedOrHarmless) {
   const EncodedAsset good = sample();
   int errors = 0;
   for (std::size_t i = 0; i < good.manifest.bytes.size(); ++i) {
@@ -121,7 +121,7 @@ TEST(AssetHostile, EveryChangedByteOfARehashedManifestIsRefusedOrHarmless) {
   EXPECT_GT(errors, 1000);
 }
 
-TEST(AssetHostile, EveryChangedOrMissingByteOfARehashedTileIsRefusedOrHarmless) {
+TEST(AssetHostile, RehashedTileDamageIsRefusedOrHarmless) {
   for (const auto& [compress, cloud, detail] :
        {std::tuple{false, false, false}, {true, false, false}, {false, true, true}}) {
     const EncodedAsset good = sample(compress, cloud, detail);
@@ -145,7 +145,7 @@ TEST(AssetHostile, EveryChangedOrMissingByteOfARehashedTileIsRefusedOrHarmless) 
   }
 }
 
-TEST(AssetHostile, ChunksOutOfOrderRepeatedOrWrongAreErrorsThatChangeNothing) {
+TEST(AssetHostile, WrongChunksAreErrorsThatChangeNothing) {
   const EncodedAsset good = sample();
   auto reader = reader_of(good.manifest.bytes);
   ASSERT_TRUE(reader);
@@ -163,7 +163,7 @@ TEST(AssetHostile, ChunksOutOfOrderRepeatedOrWrongAreErrorsThatChangeNothing) {
   EXPECT_EQ(code_of(reader->add_chunk(good.chunks.size(), {})), ErrorCode::kInvalidArgument);
 }
 
-TEST(AssetHostile, ABadBasisTileLeavesTheReaderAsItWas) {
+TEST(AssetHostile, BadBasisTileLeavesTheReaderUnchanged) {
   const EncodedAsset good = sample();
   const EncodedAsset bad = with_tile(good, 1, 1, [](Bytes& b) {
     const std::size_t floats = b.size() / 4;
@@ -185,7 +185,7 @@ TEST(AssetHostile, ABadBasisTileLeavesTheReaderAsItWas) {
   EXPECT_EQ(reader->asset().faces, before.faces);
 }
 
-TEST(AssetHostile, ABadDetailTileLeavesTheReaderAsItWas) {
+TEST(AssetHostile, BadDetailTileLeavesTheReaderUnchanged) {
   const EncodedAsset good = sample(false, true, true);
   const auto manifest = read_manifest(good.manifest.bytes);
   std::size_t tile = 0;
@@ -212,7 +212,7 @@ TEST(AssetHostile, ABadDetailTileLeavesTheReaderAsItWas) {
   EXPECT_EQ(refused, 255);  // What a column of no step holds is zero.
 }
 
-TEST(AssetHostile, AnotherVersionSaysSo) {
+TEST(AssetHostile, OtherVersionsAreRefused) {
   Bytes manifest = sample().manifest.bytes;
   manifest[8] = 2;
   const auto reader = reader_of(manifest);
@@ -220,7 +220,7 @@ TEST(AssetHostile, AnotherVersionSaysSo) {
   EXPECT_EQ(reader.error().code, ErrorCode::kIncompatibleVersion);
 }
 
-TEST(AssetHostile, AbsurdClaimsAreRefusedBeforeAnythingIsAllocated) {
+TEST(AssetHostile, AbsurdClaimsAreRefusedBeforeAllocation) {
   const auto code_after = [](const std::function<void(Manifest&)>& change) {
     const auto reader = reader_of(with_manifest(sample(), change).manifest.bytes);
     return reader ? ErrorCode::kInternal : reader.error().code;
@@ -243,7 +243,7 @@ TEST(AssetHostile, AbsurdClaimsAreRefusedBeforeAnythingIsAllocated) {
             ErrorCode::kTooLarge);
 }
 
-TEST(AssetHostile, ASourceVertexThatComesTwiceIsRefused) {
+TEST(AssetHostile, RepeatedSourceVertexIsRefused) {
   const EncodedAsset good = sample();
   // The last chunk: ten parents of a byte each, then ten source vertices as differences to the parent's, of a byte
   // each. A difference of 0 in the last row repeats its parent's number, and no other row follows from it.
@@ -253,7 +253,7 @@ TEST(AssetHostile, ASourceVertexThatComesTwiceIsRefused) {
   EXPECT_NE(decoded.error().message.find("comes twice"), std::string::npos) << decoded.error().message;
 }
 
-TEST(AssetExtensions, OptionalTilesAndSectionsOfUnknownKindAreSkippedRequiredOnesRefused) {
+TEST(AssetExtensions, UnknownTilesAreSkippedUnlessRequired) {
   const auto extended = [](bool required, std::uint8_t kind) {
     EncodedAsset encoded = sample();
     const Bytes extra = {1, 2, 3};
@@ -278,7 +278,7 @@ TEST(AssetExtensions, OptionalTilesAndSectionsOfUnknownKindAreSkippedRequiredOne
   EXPECT_EQ(decode_asset(with_section(true)).error().code, ErrorCode::kUnsupported);
 }
 
-TEST(AssetHostile, ABadDetailTileOfAChunkWithoutSplatsKeepsThoseOfTheChunksBefore) {
+TEST(AssetHostile, BadDetailTileKeepsEarlierSplats) {
   const auto is_of = [](TileKind kind) {
     return [kind](const TileEntry& tile) { return tile.kind == static_cast<std::uint8_t>(kind); };
   };
@@ -298,7 +298,7 @@ TEST(AssetHostile, ABadDetailTileOfAChunkWithoutSplatsKeepsThoseOfTheChunksBefor
   EXPECT_EQ(reader->asset().splats.size(), before);
 }
 
-TEST(AssetExtensions, AReaderThatKnowsNoDetailReadsTheRest) {
+TEST(AssetExtensions, ReadersWithoutDetailReadTheRest) {
   const EncodedAsset detailed = sample(false, false, true);
   // What is private means to this reader what detail means to one that was built before it.
   const auto without = decode_asset(with_manifest(detailed, [](Manifest& m) {
@@ -314,7 +314,7 @@ TEST(AssetExtensions, AReaderThatKnowsNoDetailReadsTheRest) {
   EXPECT_EQ(without->faces, plain->faces);
 }
 
-TEST(AssetCompression, RefusesAnythingButOneWholeFrameOfTheSizeStated) {
+TEST(AssetCompression, RefusesAllButOneFrameOfTheStatedSize) {
   const Bytes raw(1000, 7);
   const auto packed = zstd_compress(raw);
   ASSERT_TRUE(packed);

@@ -15,17 +15,17 @@
 namespace eigencast {
 namespace {
 
-TEST(Predictors, ComeBeforeTheirRowAndLeaveLessThanTheParentDoes) {
+TEST(Predictors, PrecedeTheirRowAndBeatItsParent) {
   for (const bool cloud : {false, true}) {
     const Asset asset = sample_asset(4, 30, cloud);
     const std::vector<float> scales = column_scales_from_basis(asset.basis, asset.rank, 4, {});
     const Predictors all = choose_predictors(asset, 4, scales);
     ASSERT_EQ(all.row_count(), asset.vertex_count);
     for (std::uint32_t i = 0; i < asset.vertex_count; ++i) {
-      ASSERT_LE(all.first[i + 1] - all.first[i], Predictors::kMost);
+      ASSERT_LE(all.first[i + 1] - all.first[i], Predictors::kMaxPerRow);
       for (std::uint32_t at = all.first[i]; at < all.first[i + 1]; ++at) {
         ASSERT_LT(all.rows[at], i);
-        ASSERT_LE(std::abs(int{all.weights[at]}), Predictors::kMostWeight);
+        ASSERT_LE(std::abs(int{all.weights[at]}), Predictors::kMaxWeight);
       }
     }
     double left = 0, parents = 0;
@@ -43,7 +43,7 @@ TEST(Predictors, ComeBeforeTheirRowAndLeaveLessThanTheParentDoes) {
   }
 }
 
-TEST(Predictors, PartsHoldTheSameAsTheWhole) {
+TEST(Predictors, PartsEqualTheWhole) {
   const Asset asset = sample_asset(2, 9);
   const std::vector<float> scales = column_scales_from_basis(asset.basis, asset.rank, 4, {});
   const Predictors all = choose_predictors(asset, 4, scales);
@@ -56,9 +56,9 @@ TEST(Predictors, PartsHoldTheSameAsTheWhole) {
 
 TEST(Predictors, ExtremesOfWeightsAndValuesFit32Bits) {
   Predictors extreme;
-  for (std::uint32_t k = 0; k < Predictors::kMost; ++k) {
+  for (std::uint32_t k = 0; k < Predictors::kMaxPerRow; ++k) {
     extreme.rows.push_back(0);
-    extreme.weights.push_back(Predictors::kMostWeight);
+    extreme.weights.push_back(Predictors::kMaxWeight);
   }
   extreme.end_row();
   const std::vector<std::int16_t> column{32767};
@@ -67,7 +67,7 @@ TEST(Predictors, ExtremesOfWeightsAndValuesFit32Bits) {
 
 /// The error that rounding the basis adds is the one asked for when coefficients are as large as was said: no more, and
 /// not so much less that bytes were wasted.
-TEST(AssetEncoding, StepsGiveTheErrorAskedFor) {
+TEST(AssetEncoding, StepsGiveTheRequestedError) {
   const Asset asset = sample_asset(4, 40);
   AssetEncoding encoding;
   encoding.error = 0.01;

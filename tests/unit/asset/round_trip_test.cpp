@@ -89,13 +89,13 @@ TEST(AssetRoundTrip, RestPoseStaysExactAfterQuantisation) {
   EXPECT_LE(worst, 1e-6 * asset.diagonal());
 }
 
-TEST(AssetRoundTrip, ASecondTripChangesNothingBeyondOneUnitInTheLastPlace) {
+TEST(AssetRoundTrip, SecondTripChangesAtMostOneUlp) {
   const Asset once = round_trip(sample_asset(2, 12), {});
   const Asset twice = round_trip(once, {});
   for (std::size_t i = 0; i < once.basis.size(); ++i) EXPECT_FLOAT_EQ(once.basis[i], twice.basis[i]);
 }
 
-TEST(AssetRoundTrip, AColumnOfZerosAndTinyRanksWork) {
+TEST(AssetRoundTrip, ColumnsOfZerosAndTinyRanksWork) {
   Asset asset = sample_asset(2, 9);
   for (std::uint32_t i = 0; i < asset.vertex_count; ++i) asset.basis[std::size_t{i} * 9 + 6] = 0;
   const Asset decoded = round_trip(asset, {});
@@ -240,7 +240,7 @@ TEST(AssetReader, ColoursArriveWithTheirRowsOrNotAtAll) {
   }
 }
 
-TEST(AssetEncode, ColoursAreOneForEachRow) {
+TEST(AssetEncode, ColoursNeedOneForEachRow) {
   Asset asset = sample_asset(1, 6);
   asset.colours.resize(asset.vertex_count - 1);
   const auto result = encode_asset(asset);
@@ -248,7 +248,7 @@ TEST(AssetEncode, ColoursAreOneForEachRow) {
   EXPECT_NE(result.error().message.find("colours"), std::string::npos);
 }
 
-TEST(AssetReader, WhileArrivingEachPrefixIsTheSurfaceAtThatLevel) {
+TEST(AssetReader, EachArrivedPrefixIsTheSurfaceAtThatLevel) {
   const Asset whole = sample_asset(3, 10);
   const auto encoded = encode_asset(whole, {.first_chunk_rows = 40});
   ASSERT_TRUE(encoded);
@@ -278,7 +278,7 @@ TEST(AssetReader, WhileArrivingEachPrefixIsTheSurfaceAtThatLevel) {
   EXPECT_EQ(reader->asset().faces, whole.faces);
 }
 
-TEST(AssetReader, AReceiverOfFewBandsNeedsOnlyAPrefixOfEachChunk) {
+TEST(AssetReader, FewBandsNeedOnlyAPrefixOfEachChunk) {
   const Asset whole = sample_asset(3, 30);
   const auto encoded = encode_asset(whole, {.first_chunk_rows = 100});
   ASSERT_TRUE(encoded);

@@ -26,10 +26,10 @@ Asset textured_asset(int subdivisions) {
     const std::uint32_t first = t.first_wedge[asset.map[i]], there = t.first_wedge[asset.map[i] + 1] - first;
     for (std::uint32_t w = t.first_wedge[i]; w < t.first_wedge[i + 1]; ++w) {
       t.parent.push_back(i < asset.base_count ? w : first + (w + i) % there);
-      t.places.push_back({static_cast<std::uint16_t>(977 * w), static_cast<std::uint16_t>(65000 - 31 * w)});
+      t.uvs.push_back({static_cast<std::uint16_t>(977 * w), static_cast<std::uint16_t>(65000 - 31 * w)});
     }
   }
-  t.places[5] = AssetTexture::kNone;
+  t.uvs[5] = AssetTexture::kNone;
   for (std::size_t f = 0; f < asset.faces.size(); ++f) {
     std::array<std::uint32_t, 3> wedges{};
     for (std::size_t k = 0; k < 3; ++k) {
@@ -47,10 +47,10 @@ Asset textured_asset(int subdivisions) {
 
 void expect_same_texture(const AssetTexture& a, const AssetTexture& b) {
   using T = AssetTexture;
-  expect_same(a, b, &T::first_wedge, &T::places, &T::parent, &T::corners, &T::low, &T::high, &T::image);
+  expect_same(a, b, &T::first_wedge, &T::uvs, &T::parent, &T::corners, &T::low, &T::high, &T::image);
 }
 
-TEST(Texture, ComesBackAsItWasWithTheLastChunk) {
+TEST(Texture, RoundTripsWithTheLastChunk) {
   const Asset whole = textured_asset(2);
   const auto encoded = encode_asset(whole, {.first_chunk_rows = 20});
   ASSERT_TRUE(encoded) << encoded.error().message;
@@ -67,7 +67,7 @@ TEST(Texture, ComesBackAsItWasWithTheLastChunk) {
   EXPECT_EQ(decode_asset(*plain)->texture, nullptr);
 }
 
-TEST(Texture, OfReceiversOfFewBandsIsNone) {
+TEST(Texture, ReceiversOfFewBandsHaveNone) {
   const auto encoded = encode_asset(textured_asset(2), {.first_chunk_rows = 20});
   ASSERT_TRUE(encoded);
   auto reader = AssetReader::from_manifest(encoded->manifest.id, encoded->manifest.bytes);
@@ -78,19 +78,19 @@ TEST(Texture, OfReceiversOfFewBandsIsNone) {
   EXPECT_EQ(reader->asset().texture, nullptr);
 }
 
-TEST(Texture, PlacesAreOnAGrid) {
+TEST(Texture, UvsLieOnAGrid) {
   const Asset asset = textured_asset(1);
   EXPECT_EQ(texture_grid(-0.5F, -0.5F, 2), 0);
   EXPECT_EQ(texture_grid(2, -0.5F, 2), 65534);
   EXPECT_EQ(texture_grid(1, 1, 1), 0);
   AssetTexture t = *asset.texture;
-  t.places[0] = {65534, 0};
+  t.uvs[0] = {65534, 0};
   EXPECT_FLOAT_EQ(t.uv(0)[0], 2);
   EXPECT_FLOAT_EQ(t.uv(0)[1], 0);
 }
 
 /// Any bytes are refused in words or a texture that is sound.
-TEST(Texture, EveryChangedOrMissingByteIsRefusedOrHarmless) {
+TEST(Texture, DamagedBytesAreRefusedOrHarmless) {
   const Asset asset = textured_asset(1);
   const Bytes good = encode_wedges(*asset.texture, asset);
   int refused = 0;
@@ -124,7 +124,7 @@ TEST(Texture, EveryChangedOrMissingByteIsRefusedOrHarmless) {
   EXPECT_GT(refused, 300);
 }
 
-TEST(Texture, WhatDoesNotFitTheSurfaceIsNotEncoded) {
+TEST(Texture, TexturesOfOtherSurfacesAreNotEncoded) {
   const auto message_after = [](auto change) {
     Asset asset = textured_asset(1);
     AssetTexture t = *asset.texture;
@@ -142,7 +142,7 @@ TEST(Texture, WhatDoesNotFitTheSurfaceIsNotEncoded) {
   EXPECT_NE(message_after([](AssetTexture& t) { t.low[0] = NAN; }).find("box"), std::string::npos);
 }
 
-TEST(Texture, AnImageOverTheLimitIsRefusedBeforeItIsDecompressed) {
+TEST(Texture, LargeImagesAreRefusedBeforeDecompression) {
   const auto encoded = encode_asset(textured_asset(1), {.first_chunk_rows = 16, .compress = false});
   ASSERT_TRUE(encoded);
   auto manifest = read_manifest(encoded->manifest.bytes);

@@ -11,6 +11,7 @@
 #include "common/surface/checks/check.h"
 #include "common/surface/formats/read.h"
 #include "tests/support/paths.h"
+#include "tests/unit/progressive/meshes.h"
 
 namespace eigencast {
 namespace {
@@ -27,22 +28,6 @@ std::vector<std::string> mesh_files() {
     if (std::filesystem::exists(path)) files.push_back(path);
   }
   return files;
-}
-
-// Euler characteristic of the faces and the vertices that they use.
-std::ptrdiff_t euler_characteristic(const std::vector<Face>& faces, std::uint32_t N) {
-  std::vector<std::uint64_t> edges;
-  std::vector<bool> used(N);
-  for (const Face& f : faces) {
-    for (std::size_t c = 0; c < 3; ++c) {
-      used[f[c]] = true;
-      const auto [low, high] = std::minmax(f[c], f[(c + 1) % 3]);
-      edges.push_back(std::uint64_t{low} << 32 | high);
-    }
-  }
-  std::sort(edges.begin(), edges.end());
-  const auto edge_count = std::unique(edges.begin(), edges.end()) - edges.begin();
-  return std::count(used.begin(), used.end(), true) - edge_count + static_cast<std::ptrdiff_t>(faces.size());
 }
 
 TEST(PrefixFiles, EveryMeshThatCanBeReadGetsASoundOrder) {
@@ -75,8 +60,8 @@ TEST(PrefixFiles, EveryMeshThatCanBeReadGetsASoundOrder) {
         faces.push_back(face);
       }
       if (!keeps_topology) continue;
-      if (!characteristic) characteristic = euler_characteristic(faces, N);
-      EXPECT_EQ(euler_characteristic(faces, N), *characteristic) << "N = " << N;
+      if (!characteristic) characteristic = testing::euler_characteristic(faces, N);
+      EXPECT_EQ(testing::euler_characteristic(faces, N), *characteristic) << "N = " << N;
     }
     RecordProperty(std::filesystem::path(file).filename().string(), std::to_string(order->base_count));
   }

@@ -4,10 +4,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <map>
 #include <random>
 #include <utility>
+#include <vector>
 
 #include "common/surface/surface.h"
 
@@ -98,6 +100,22 @@ inline Surface tangle(std::uint32_t n, std::uint32_t faces, unsigned seed) {
     s.positions.push_back({coordinate(random), coordinate(random), coordinate(random)});
   for (std::uint32_t f = 0; f < faces; ++f) s.faces.push_back({vertex(random), vertex(random), vertex(random)});
   return s;
+}
+
+// Euler characteristic of the faces and the vertices that they use.
+inline std::ptrdiff_t euler_characteristic(const std::vector<Face>& faces, std::uint32_t N) {
+  std::vector<std::uint64_t> edges;
+  std::vector<bool> used(N);
+  for (const Face& f : faces) {
+    for (std::size_t c = 0; c < 3; ++c) {
+      used[f[c]] = true;
+      const auto [low, high] = std::minmax(f[c], f[(c + 1) % 3]);
+      edges.push_back(std::uint64_t{low} << 32 | high);
+    }
+  }
+  std::sort(edges.begin(), edges.end());
+  const auto edge_count = std::unique(edges.begin(), edges.end()) - edges.begin();
+  return std::count(used.begin(), used.end(), true) - edge_count + static_cast<std::ptrdiff_t>(faces.size());
 }
 
 }  // namespace eigencast::testing

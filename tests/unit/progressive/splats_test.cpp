@@ -34,13 +34,13 @@ double share_outwards(const Surface& mesh, std::span<const Vec3> normals) {
   return static_cast<double>(right) / static_cast<double>(truth.size());
 }
 
-TEST(PointNormals, OfSphereTorusAndHeartLookOutwards) {
+TEST(PointNormals, PointOutwardsOnSphereTorusAndHeart) {
   for (const Surface& shape : {make_icosphere(4), make_torus(80, 40, 1, 0.4), make_heart(20)}) {
     EXPECT_EQ(share_outwards(shape, oriented_normals(shape.positions)), 1.0);
   }
 }
 
-TEST(PointNormals, OfASphereAreItsPoints) {
+TEST(PointNormals, OnASphereEqualItsPoints) {
   const Surface sphere = make_icosphere(5);
   const auto normals = oriented_normals(sphere.positions);
   for (std::size_t i = 0; i < normals.size(); ++i) EXPECT_GT(dot(normals[i], sphere.positions[i]), 0.999);
@@ -62,7 +62,7 @@ TEST(PointNormals, TellTheSidesOfAThinSheetApart) {
   EXPECT_EQ(wrong, 0u);
 }
 
-TEST(PointNormals, PiecesAreTurnedOneByOneAndCopiesFollow) {
+TEST(PointNormals, PiecesAreOrientedOneByOne) {
   Surface shape = make_icosphere(3);
   const std::size_t n = shape.positions.size();
   for (std::size_t i = 0; i < n; ++i) {
@@ -78,7 +78,7 @@ TEST(PointNormals, PiecesAreTurnedOneByOneAndCopiesFollow) {
   EXPECT_EQ(normals.back(), normals[5]);
 }
 
-TEST(PointNormals, AreUnitAndFiniteWhateverThePoints) {
+TEST(PointNormals, AreUnitAndFiniteForAnyPoints) {
   std::mt19937 random(5);
   const auto uniform = [&] { return static_cast<double>(random()) / 4294967296.0; };
   std::vector<std::vector<Vec3>> clouds = {
@@ -115,7 +115,7 @@ struct Cloud {
   std::vector<Vec3> rows, normals;
 };
 
-TEST(Splats, FramesAreThereAtEveryLevelAndGiveTheNormalsBack) {
+TEST(Splats, FramesExistAtEveryLevelAndGiveNormals) {
   const Cloud cloud(make_icosphere(4));
   for (std::uint32_t i = 0; i < cloud.rows.size(); ++i) {
     const auto [a, b] = cloud.splats.frame[i];
@@ -129,7 +129,7 @@ TEST(Splats, FramesAreThereAtEveryLevelAndGiveTheNormalsBack) {
   }
 }
 
-TEST(Splats, DiscsOfEveryLevelCoverAllPointsThatLookTheirWay) {
+TEST(Splats, DiscsOfEveryLevelCoverTheirPoints) {
   const Cloud cloud(make_torus(60, 30, 1, 0.4));
   const auto n = static_cast<std::uint32_t>(cloud.rows.size());
   for (const std::uint32_t N : {cloud.order.base_count, n / 20, n / 3, n - 1, n}) {
@@ -145,7 +145,7 @@ TEST(Splats, DiscsOfEveryLevelCoverAllPointsThatLookTheirWay) {
 }
 
 // A ring as thin as a leg: at a level where some six points go round it, discs stay about as small as the ring is thin.
-TEST(Splats, DiscsOfALimbAreNoLongerThanTheLimbIsThick) {
+TEST(Splats, DiscsOfALimbAreNotLongerThanItIsThick) {
   const Cloud cloud(make_torus(400, 16, 1, 0.04));
   const std::uint32_t N = 900;
   double worst = 0, sum = 0;
@@ -157,7 +157,7 @@ TEST(Splats, DiscsOfALimbAreNoLongerThanTheLimbIsThick) {
   EXPECT_LE(sum / N, 1.0);
 }
 
-TEST(Splats, OfFewOrCoincidentPointsStandStill) {
+TEST(Splats, FewOrCoincidentPointsAreStable) {
   for (const std::vector<Vec3>& points :
        {std::vector<Vec3>{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, std::vector<Vec3>(12, Vec3{1, 2, 3})}) {
     const Cloud cloud(Surface{points, {}});
@@ -170,7 +170,7 @@ TEST(Splats, OfFewOrCoincidentPointsStandStill) {
 }
 
 // Not all: ears and tusks are thinner than their points lie apart, and a mouth has an inside.
-TEST(PointNormals, OfNearlyAllPointsOfAnimalsLookOutwards) {
+TEST(PointNormals, PointOutwardsOnNearlyAllPointsOfAnimals) {
   const std::filesystem::path data = data_dir();
   if (!std::filesystem::exists(data)) GTEST_SKIP() << data << " is not there: real inputs are not tested";
   for (const char* name : {"horse-gallop", "elephant-gallop", "human-walk", "fox-run", "ict-face"}) {

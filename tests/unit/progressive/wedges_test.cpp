@@ -11,10 +11,10 @@ namespace {
 
 constexpr int kAround = 48, kAcross = 24;
 
-/// A tube along z with a bulge, open at both ends, whose places are (longitude, z): a seam runs along longitude 0.
+/// A tube along z with a bulge, open at both ends, whose uvs are (longitude, z): a seam runs along longitude 0.
 struct Tube {
   Surface surface;
-  std::vector<CornerPlaces> places;
+  std::vector<CornerUvs> uvs;
 };
 
 Tube tube() {
@@ -27,7 +27,7 @@ Tube tube() {
     }
   }
   const auto place = [](int i, int j) {
-    return GridPlace{static_cast<std::uint16_t>(60000 * i / kAround), static_cast<std::uint16_t>(60000 * j / kAcross)};
+    return GridUv{static_cast<std::uint16_t>(60000 * i / kAround), static_cast<std::uint16_t>(60000 * j / kAcross)};
   };
   for (int j = 0; j < kAcross; ++j) {
     for (int i = 0; i < kAround; ++i) {
@@ -35,9 +35,9 @@ Tube tube() {
         return static_cast<std::uint32_t>((j + dj) * kAround + (i + di) % kAround);
       };
       t.surface.faces.push_back({at(0, 0), at(1, 0), at(1, 1)});
-      t.places.push_back({place(i, j), place(i + 1, j), place(i + 1, j + 1)});
+      t.uvs.push_back({place(i, j), place(i + 1, j), place(i + 1, j + 1)});
       t.surface.faces.push_back({at(0, 0), at(1, 1), at(0, 1)});
-      t.places.push_back({place(i, j), place(i + 1, j + 1), place(i, j + 1)});
+      t.uvs.push_back({place(i, j), place(i + 1, j + 1), place(i, j + 1)});
     }
   }
   return t;
@@ -48,9 +48,9 @@ std::uint32_t vertex_of(const WedgeOrder& wedges, std::uint32_t wedge) {
   return static_cast<std::uint32_t>(after - wedges.first_wedge.begin()) - 1;
 }
 
-TEST(Wedges, SeamEdgesAreThoseBetweenTwoPlaces) {
+TEST(Wedges, SeamEdgesLieBetweenTwoUvs) {
   const Tube t = tube();
-  const auto seams = seam_edges(t.surface.faces, t.places);
+  const auto seams = seam_edges(t.surface.faces, t.uvs);
   ASSERT_EQ(seams.size(), static_cast<std::size_t>(kAcross));
   for (const auto& [low, high] : seams) {
     EXPECT_EQ(low % kAround, 0u);
@@ -62,12 +62,12 @@ TEST(Wedges, FollowTheirVerticesAtEveryLevel) {
   const Tube t = tube();
   const auto order = build_prefix_order(t.surface);
   ASSERT_TRUE(order);
-  const WedgeOrder wedges = build_wedges(*order, t.places);
+  const WedgeOrder wedges = build_wedges(*order, t.uvs);
   ASSERT_EQ(wedges.first_wedge.size(), order->map.size() + 1);
   for (std::uint32_t f = 0; f < order->faces.size(); ++f) {
     for (std::size_t k = 0; k < 3; ++k) {
       std::uint32_t v = order->faces[f][k], w = wedges.corners[f][k];
-      EXPECT_EQ(wedges.places[w], t.places[order->face_source[f]][k]) << "each corner's own at full detail";
+      EXPECT_EQ(wedges.uvs[w], t.uvs[order->face_source[f]][k]) << "each corner's own at full detail";
       while (true) {
         ASSERT_EQ(vertex_of(wedges, w), v);
         if (v < order->base_count) break;
@@ -79,7 +79,7 @@ TEST(Wedges, FollowTheirVerticesAtEveryLevel) {
   }
 }
 
-/// What is wrong with the places at a level: the largest distance round the tube between where a corner lies in the
+/// What is wrong with the uvs at a level: the largest distance round the tube between where a corner lies in the
 /// image and where it lies on the tube, and the widest that a face is in the image; in parts of a turn.
 struct Distortion {
   double wrong = 0, widest = 0;
@@ -92,7 +92,7 @@ Distortion distortion(const PrefixOrder& order, const WedgeOrder& wedges, std::u
       const std::uint32_t v = prefix_corner(order.map, order.faces[f][k], N);
       std::uint32_t w = wedges.corners[f][k];
       while (w >= wedges.first_wedge[N]) w = wedges.parent[w];
-      const double u = wedges.places[w][0] / 60000.0;
+      const double u = wedges.uvs[w][0] / 60000.0;
       const double turn = static_cast<double>(order.order[v] % kAround) / kAround;
       worst.wrong = std::max(worst.wrong, std::abs(std::remainder(u - turn, 1.0)));
       low = std::min(low, u);
@@ -103,14 +103,14 @@ Distortion distortion(const PrefixOrder& order, const WedgeOrder& wedges, std::u
   return worst;
 }
 
-TEST(Wedges, NoFaceRunsBackAcrossTheImageAtAnyLevel) {
+TEST(Wedges, NoFaceRunsBackAcrossTheImage) {
   const Tube t = tube();
-  const auto seams = seam_edges(t.surface.faces, t.places);
+  const auto seams = seam_edges(t.surface.faces, t.uvs);
   const auto order = build_prefix_order(t.surface, seams);
   ASSERT_TRUE(order);
-  const WedgeOrder wedges = build_wedges(*order, t.places);
+  const WedgeOrder wedges = build_wedges(*order, t.uvs);
   const auto n = static_cast<std::uint32_t>(order->map.size());
-  EXPECT_LT(wedges.places.size(), n + 2 * (kAcross + 1)) << "hardly more than the surface and its seam have";
+  EXPECT_LT(wedges.uvs.size(), n + 2 * (kAcross + 1)) << "hardly more than the surface and its seam have";
   for (const double level : {1.0, 0.5, 0.2, 0.1, 0.05}) {
     const auto N = std::max(order->base_count, static_cast<std::uint32_t>(level * n));
     const Distortion worst = distortion(*order, wedges, N);
@@ -119,23 +119,23 @@ TEST(Wedges, NoFaceRunsBackAcrossTheImageAtAnyLevel) {
   }
 }
 
-TEST(Wedges, WithoutRegardForSeamsSidesStillDoNotMix) {
+TEST(Wedges, SidesOfSeamsNeverMix) {
   const Tube t = tube();
   const auto order = build_prefix_order(t.surface);
   ASSERT_TRUE(order);
-  const WedgeOrder wedges = build_wedges(*order, t.places);
+  const WedgeOrder wedges = build_wedges(*order, t.uvs);
   const auto N = static_cast<std::uint32_t>(0.1 * static_cast<double>(order->map.size()));
   EXPECT_LT(distortion(*order, wedges, N).widest, 0.6);
 }
 
-TEST(Wedges, VerticesOfNoFaceHaveNone) {
+TEST(Wedges, UnreferencedVerticesHaveNone) {
   Surface surface{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {1, 1, 1}, {2, 2, 2}, {3, 1, 0}}, {{0, 1, 2}, {1, 3, 2}}};
-  const std::vector<CornerPlaces> places{{GridPlace{0, 0}, {9, 0}, {0, 9}}, {GridPlace{9, 0}, {9, 9}, {0, 9}}};
+  const std::vector<CornerUvs> uvs{{GridUv{0, 0}, {9, 0}, {0, 9}}, {GridUv{9, 0}, {9, 9}, {0, 9}}};
   const auto order = build_prefix_order(surface);
   ASSERT_TRUE(order);
-  const WedgeOrder wedges = build_wedges(*order, places);
-  EXPECT_EQ(wedges.places.size(), 4u);
-  EXPECT_TRUE(seam_edges(surface.faces, places).empty());
+  const WedgeOrder wedges = build_wedges(*order, uvs);
+  EXPECT_EQ(wedges.uvs.size(), 4u);
+  EXPECT_TRUE(seam_edges(surface.faces, uvs).empty());
 }
 
 }  // namespace

@@ -12,14 +12,14 @@ namespace {
 
 const Surface kTetrahedron{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {{0, 2, 1}, {0, 1, 3}, {1, 2, 3}, {0, 3, 2}}};
 
-TEST(CheckSurface, a_closed_surface_has_nothing_unusual) {
+TEST(CheckSurface, ClosedSurfaceHasNoFaults) {
   const SurfaceReport r = check_surface(kTetrahedron);
   EXPECT_TRUE(r.closed());
   EXPECT_EQ(r.components, 1u);
   EXPECT_EQ(text_from_report(r), "4 vertices, 4 faces, 1 component, closed\n");
 }
 
-TEST(CheckSurface, a_missing_face_leaves_one_loop_of_three_edges) {
+TEST(CheckSurface, MissingFaceLeavesOneLoopOfThreeEdges) {
   Surface s = make_icosphere(1);
   s.faces.erase(s.faces.begin() + 10);
   const SurfaceReport r = check_surface(s);
@@ -29,7 +29,7 @@ TEST(CheckSurface, a_missing_face_leaves_one_loop_of_three_edges) {
   EXPECT_EQ(r.nonmanifold_vertices, 0u);
 }
 
-TEST(CheckSurface, two_surfaces_that_touch_in_a_vertex) {
+TEST(CheckSurface, SurfacesThatTouchInAVertex) {
   Surface s = kTetrahedron;
   for (const Vec3& p : {Vec3{-1, 0, 0}, Vec3{0, -1, 0}, Vec3{0, 0, -1}}) s.positions.push_back(p);
   for (const Face& f : {Face{0, 5, 4}, Face{0, 4, 6}, Face{4, 5, 6}, Face{0, 6, 5}}) s.faces.push_back(f);
@@ -39,7 +39,7 @@ TEST(CheckSurface, two_surfaces_that_touch_in_a_vertex) {
   EXPECT_TRUE(r.closed());
 }
 
-TEST(CheckSurface, holes_that_touch_in_a_vertex_are_one_loop_along_the_faces) {
+TEST(CheckSurface, HolesThatTouchInAVertexAreOneLoop) {
   // Two holes share a vertex of a flat grid: its faces form two fans.
   Surface s = make_box(6, 6, 1, {6, 6, 1});
   const auto centre = [&](const Face& f, std::size_t c) {
@@ -58,7 +58,7 @@ TEST(CheckSurface, holes_that_touch_in_a_vertex_are_one_loop_along_the_faces) {
   EXPECT_EQ(r.nonmanifold_vertices, 1u);
 }
 
-TEST(CheckSurface, three_faces_on_an_edge) {
+TEST(CheckSurface, ThreeFacesOnAnEdge) {
   const Surface s{{{0, 0, 0}, {0, 0, 1}, {1, 0, 0}, {0, 1, 0}, {-1, 0, 0}}, {{0, 1, 2}, {0, 1, 3}, {1, 0, 4}}};
   const SurfaceReport r = check_surface(s);
   EXPECT_EQ(r.nonmanifold_edges, 1u);
@@ -66,13 +66,13 @@ TEST(CheckSurface, three_faces_on_an_edge) {
   EXPECT_EQ(r.nonmanifold_vertices, 0u);
 }
 
-TEST(CheckSurface, a_flipped_face_misorients_its_three_edges) {
+TEST(CheckSurface, FlippedFaceMisorientsItsThreeEdges) {
   Surface s = make_icosphere(2);
   std::swap(s.faces[7][0], s.faces[7][1]);
   EXPECT_EQ(check_surface(s).misoriented_edges, 3u);
 }
 
-TEST(CheckSurface, duplicates_strays_and_faces_without_area) {
+TEST(CheckSurface, DuplicatesStraysAndFacesWithoutArea) {
   Surface s = kTetrahedron;
   s.positions.push_back({1, 0, -0.0});  // as vertex 1, of no face
   s.positions.push_back({0.5, 0, 0});   // on the edge 0 1
@@ -89,7 +89,7 @@ TEST(CheckSurface, duplicates_strays_and_faces_without_area) {
   EXPECT_NE(text.find("1 vertices of no face"), std::string::npos) << text;
 }
 
-TEST(CheckSurface, a_cloud_has_vertices_only) {
+TEST(CheckSurface, CloudHasVerticesOnly) {
   const Surface s{{{0, 0, 0}, {1, 0, 0}, {0, 0, 0}, {0, 0, 1}}, {}};
   const SurfaceReport r = check_surface(s);
   EXPECT_EQ(r.vertices, 4u);
@@ -99,7 +99,7 @@ TEST(CheckSurface, a_cloud_has_vertices_only) {
   EXPECT_EQ(check_surface(Surface{}).vertices, 0u);
 }
 
-TEST(ValidateSurface, names_the_first_offender) {
+TEST(ValidateSurface, ReportsTheFirstOffender) {
   EXPECT_TRUE(validate_surface(kTetrahedron).has_value());
   Surface s = kTetrahedron;
   s.positions[2][1] = std::nan("");
@@ -111,7 +111,7 @@ TEST(ValidateSurface, names_the_first_offender) {
   EXPECT_EQ(validate_surface(s).error().code, ErrorCode::kInvalidArgument);
 }
 
-TEST(BoundingBox, of_nothing_is_empty) {
+TEST(BoundingBox, OfNothingIsEmpty) {
   const Box empty = bounding_box({});
   EXPECT_GT(empty.low[0], empty.high[0]);
   EXPECT_EQ(empty.diagonal(), 0);

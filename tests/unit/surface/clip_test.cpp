@@ -28,7 +28,7 @@ std::string clip_npy() {
   return npy("<f4", "(3, 4, 3)", raw(values));
 }
 
-TEST(NaturalOrder, digits_compare_as_numbers) {
+TEST(NaturalOrder, DigitsCompareAsNumbers) {
   const std::vector<std::string> sorted{"a",    "f",   "f0",   "f00",   "f1",     "f2",
                                         "f02b", "f10", "f10a", "f10a2", "f10a10", "g"};
   std::vector<std::string> shuffled(sorted.rbegin(), sorted.rend());
@@ -38,7 +38,7 @@ TEST(NaturalOrder, digits_compare_as_numbers) {
   EXPECT_TRUE(natural_less("f99999999999999999999", "f100000000000000000000"));
 }
 
-TEST(Clip, directory_and_glob_in_natural_order) {
+TEST(Clip, DirectoryAndGlobInNaturalOrder) {
   const TempDir dir;
   for (const int i : {10, 9, 2, 1}) dir.write("f" + std::to_string(i) + ".obj", obj(i));
   dir.write("notes.txt", "not a frame");
@@ -54,7 +54,7 @@ TEST(Clip, directory_and_glob_in_natural_order) {
   }
 }
 
-TEST(Clip, the_first_frame_that_breaks_the_topology_is_named_with_how) {
+TEST(Clip, FirstFrameOfOtherTopologyIsReported) {
   const TempDir dir;
   dir.write("f0.obj", obj(0));
   dir.write("f1.obj", obj(1) + "v 2 2 2\n");
@@ -78,7 +78,7 @@ TEST(Clip, the_first_frame_that_breaks_the_topology_is_named_with_how) {
   EXPECT_EQ((*clip)->pose(4).error().code, ErrorCode::kCorrupt);
 }
 
-TEST(Clip, npy_with_faces_beside_it_named_or_in_a_rest_pose) {
+TEST(Clip, NpyWithFacesBesideItNamedOrAtRest) {
   const TempDir dir;
   const std::string vertices = dir.write("vertices.npy", clip_npy());
   const auto cloud = open_clip(vertices);
@@ -102,7 +102,7 @@ TEST(Clip, npy_with_faces_beside_it_named_or_in_a_rest_pose) {
   }
 }
 
-TEST(Clip, what_cannot_be_a_clip_is_refused) {
+TEST(Clip, UnsuitableFilesAreRefused) {
   const TempDir dir;
   EXPECT_EQ(open_clip(dir.file("none.npy")).error().code, ErrorCode::kNotFound);
   EXPECT_EQ(open_clip(dir.path()).error().code, ErrorCode::kNotFound);
@@ -120,7 +120,7 @@ TEST(Clip, what_cannot_be_a_clip_is_refused) {
   EXPECT_THAT(open_clip(vertices, {small}).error().message, HasSubstr("has 4 vertices, the rest pose 3"));
 }
 
-TEST(Clip, a_single_file_is_a_clip_of_one_frame) {
+TEST(Clip, SingleFileIsAClipOfOneFrame) {
   const TempDir dir;
   const auto clip = open_clip(dir.write("one.obj", obj(5)));
   ASSERT_TRUE(clip.has_value());
@@ -128,7 +128,7 @@ TEST(Clip, a_single_file_is_a_clip_of_one_frame) {
   EXPECT_EQ(*(*clip)->pose(0), (*clip)->rest().positions);
 }
 
-TEST(Clip, a_file_that_shrinks_after_opening_is_an_error) {
+TEST(Clip, FileThatShrinksAfterOpeningIsAnError) {
   const TempDir dir;
   const std::string path = dir.write("v.npy", clip_npy());
   const auto clip = open_clip(path);

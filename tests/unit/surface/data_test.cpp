@@ -56,7 +56,7 @@ Surface plain_obj(const std::string& path) {
   return s;
 }
 
-TEST(Data, obj_files_read_as_they_stand) {
+TEST(Data, ObjFilesAreReadUnchanged) {
   NEEDS_DATA();
   std::size_t files = 0;
   for (const char* folder : {"meshes/clean", "meshes/nasty"}) {
@@ -73,7 +73,7 @@ TEST(Data, obj_files_read_as_they_stand) {
   EXPECT_EQ(files, 12u);
 }
 
-TEST(Data, clean_meshes_are_closed_manifold_of_known_genus) {
+TEST(Data, CleanMeshesAreClosedManifoldsOfKnownGenus) {
   NEEDS_DATA();
   const std::pair<const char*, long> kGenus[] = {
       {"spot", 0}, {"goathead", 0}, {"human_man", 0}, {"nefertiti-lowres", 0}, {"skull", 2}, {"boot", 12}};
@@ -86,7 +86,7 @@ TEST(Data, clean_meshes_are_closed_manifold_of_known_genus) {
   }
 }
 
-TEST(Data, nasty_meshes_have_the_stated_faults) {
+TEST(Data, NastyMeshesHaveTheStatedFaults) {
   NEEDS_DATA();
   SurfaceReport r = report_of("meshes/nasty/cow.obj");
   EXPECT_EQ(r.vertices, 2903u);
@@ -128,7 +128,7 @@ TEST(Data, nasty_meshes_have_the_stated_faults) {
   EXPECT_EQ(r.duplicate_vertices, 65u);
 }
 
-TEST(Data, malformed_files_are_refused_with_their_name) {
+TEST(Data, MalformedFilesAreRefusedByName) {
   NEEDS_DATA();
   std::size_t files = 0;
   for (const std::string& path : files_below("meshes/malformed")) {
@@ -141,13 +141,13 @@ TEST(Data, malformed_files_are_refused_with_their_name) {
   EXPECT_EQ(files, 6u);
 }
 
-TEST(Data, clouds) {
+TEST(Data, Clouds) {
   NEEDS_DATA();
   EXPECT_EQ(report_of("clouds/cgal_kitten_5k_normals.xyz").vertices, 5210u);
   EXPECT_EQ(report_of("clouds/cgal_radar_21k.xyz").vertices, 20950u);
 }
 
-TEST(Data, horse_gallop_opens_as_a_clip) {
+TEST(Data, HorseGallopOpensAsAClip) {
   NEEDS_DATA();
   const std::string folder = (kData / "animations/horse-gallop").string();
   const auto clip = open_clip(folder + "/vertices.npy", {folder + "/rest.obj"});

@@ -30,7 +30,7 @@ class EdgeDifferenceOfABox : public ::testing::Test {
   const Surface box_ = make_box(4, 4, 4, {1, 1, 1});
 };
 
-TEST_F(EdgeDifferenceOfABox, IsZeroForTheTruthAndForTheTruthElsewhere) {
+TEST_F(EdgeDifferenceOfABox, IsZeroForTheTruthAndItsTranslation) {
   for (const double shift : {0.0, 3.0}) {
     const EdgeDifferenceError error = error_of([&](int, std::size_t, Vec3& p) { p[1] += shift; });
     EXPECT_NEAR(error.spatial, 0, kRounding);
@@ -38,7 +38,7 @@ TEST_F(EdgeDifferenceOfABox, IsZeroForTheTruthAndForTheTruthElsewhere) {
   }
 }
 
-TEST_F(EdgeDifferenceOfABox, EvenStretchingIsNone) {
+TEST_F(EdgeDifferenceOfABox, EvenStretchingIsZero) {
   const EdgeDifferenceError error = error_of([](int frame, std::size_t, Vec3& p) {
     p = {1.1 * (p[0] - 0.1 * frame) + 0.1 * frame, 1.1 * p[1], 1.1 * p[2]};
   });
@@ -46,7 +46,7 @@ TEST_F(EdgeDifferenceOfABox, EvenStretchingIsNone) {
   EXPECT_NEAR(error.temporal, 0, kRounding);
 }
 
-TEST_F(EdgeDifferenceOfABox, ABumpIsSpatialAndAShakeIsTemporalToo) {
+TEST_F(EdgeDifferenceOfABox, BumpsAreSpatialShakesAlsoTemporal) {
   const EdgeDifferenceError bump = error_of([](int, std::size_t i, Vec3& p) { p[1] += i == 5 ? 0.1 : 0; });
   EXPECT_GT(bump.spatial, 1e-3);
   EXPECT_NEAR(bump.temporal, 0, kRounding);
@@ -57,7 +57,7 @@ TEST_F(EdgeDifferenceOfABox, ABumpIsSpatialAndAShakeIsTemporalToo) {
   EXPECT_DOUBLE_EQ(shake.combined(), std::hypot(shake.spatial, EdgeDifference::kTemporalWeight * shake.temporal));
 }
 
-TEST(EdgeDifference, OfTwoEdgesIsTheirWeightedDeviation) {
+TEST(EdgeDifference, TwoEdgesGiveTheirWeightedDeviation) {
   // A path of lengths 1 and 3, of which the second comes out 10 % long: differences 0 and 0.1, weights 1 and 3.
   const std::vector<Vec3> truth = {{0, 0, 0}, {1, 0, 0}, {4, 0, 0}};
   const std::vector<Vec3> rebuilt = {{0, 0, 0}, {1, 0, 0}, {4.3, 0, 0}};
@@ -69,7 +69,7 @@ TEST(EdgeDifference, OfTwoEdgesIsTheirWeightedDeviation) {
               1e-12);  // The ends have one edge each, which deviates from nothing.
 }
 
-TEST(EdgeDifference, OfPointsIsNothing) {
+TEST(EdgeDifference, PointCloudsGiveZero) {
   const std::vector<Vec3> points(4);
   EdgeDifference difference(4, {}, 1);
   difference.add(points, points);

@@ -44,7 +44,7 @@ class Foreign : public testing::Test {
   TempDir dir_;
 };
 
-TEST_F(Foreign, a_collada_file_gives_its_mesh_and_its_animation) {
+TEST_F(Foreign, ColladaGivesMeshAndAnimation) {
   const auto clip = open_clip(dir_.write("a.dae", kCollada), {.rate_hz = 10});
   ASSERT_TRUE(clip.has_value()) << clip.error().message;
   EXPECT_EQ((*clip)->rest().vertex_count(), 4u);
@@ -58,7 +58,7 @@ TEST_F(Foreign, a_collada_file_gives_its_mesh_and_its_animation) {
   }
 }
 
-TEST_F(Foreign, what_assimp_refuses_is_an_error_that_names_the_file) {
+TEST_F(Foreign, RefusedFilesAreNamed) {
   for (const char* name : {"a.fbx", "a.dae", "a.x", "a.3ds", "a.blend"}) {
     for (const char* bytes : {"", "nonsense", "<COLLADA>", "Kaydara FBX Binary  \0\x1a", "BLENDER_v"}) {
       const auto clip = open_clip(dir_.write(name, bytes));
@@ -69,7 +69,7 @@ TEST_F(Foreign, what_assimp_refuses_is_an_error_that_names_the_file) {
 }
 
 // Every prefix is refused or gives a surface.
-TEST_F(Foreign, a_truncated_file_is_an_error_or_a_valid_surface) {
+TEST_F(Foreign, TruncationsAreErrorsOrValidSurfaces) {
   const std::string whole = kCollada;
   for (std::size_t size = 0; size < whole.size(); size += 97) {
     const auto surface = read_surface(dir_.write("a.dae", whole.substr(0, size)));

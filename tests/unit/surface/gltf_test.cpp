@@ -54,7 +54,7 @@ std::string animated(const std::string& path, const std::string& type, std::size
                    R"("}],"channels":[{"sampler":0,"target":{"node":1,"path":")" + path + R"("}}]}])");
 }
 
-TEST(Gltf, nodes_move_what_stands_on_them_by_each_interpolation) {
+TEST(Gltf, NodesMoveMeshesByEachInterpolation) {
   const std::vector<float> there{0, 0, 0, 0, 4, 0};
   const auto linear = open(animated("translation", "VEC3", 3, there, "LINEAR"), {.rate_hz = 4});
   ASSERT_TRUE(linear) << linear.error().message;
@@ -76,7 +76,7 @@ TEST(Gltf, nodes_move_what_stands_on_them_by_each_interpolation) {
   EXPECT_NEAR((*(*cubic)->pose(1))[0][1], 4 * (3 * 0.0625 - 2 * 0.015625), 1e-6);
 }
 
-TEST(Gltf, rotations_go_the_short_way_at_even_speed_and_scales_scale) {
+TEST(Gltf, RotationsTakeTheShortWayAtEvenSpeed) {
   const auto h = static_cast<float>(std::sqrt(0.5));
   // A quarter turn about z; the second quaternion is negated, which is the same rotation.
   const auto turn = open(animated("rotation", "VEC4", 4, {0, 0, 0, 1, 0, 0, -h, -h}, "LINEAR"), {.rate_hz = 3});
@@ -89,7 +89,7 @@ TEST(Gltf, rotations_go_the_short_way_at_even_speed_and_scales_scale) {
   EXPECT_NEAR((*(*scale)->pose(1))[1][0], 12, 1e-6);
 }
 
-TEST(Gltf, morph_targets_add_up_and_are_in_the_rig) {
+TEST(Gltf, MorphTargetsAddUpAndAreInTheRig) {
   const auto clip = open(animated("weights", "SCALAR", 1, {0, 1}, "LINEAR"), {.rate_hz = 4});
   ASSERT_TRUE(clip) << clip.error().message;
   expect_near(*(*clip)->pose(1), {{10, 0, 0}, {11.5, 0, 0}, {10, 1, 0}, {10, 0, 1}});
@@ -127,7 +127,7 @@ std::string skinned(const std::string& joints_of_vertex_3 = "1", const std::stri
                    R"(}],"channels":[{"sampler":0,"target":{"node":2,"path":"rotation"}}]}])");
 }
 
-TEST(Gltf, skins_blend_their_joints_and_ignore_the_node_they_hang_on) {
+TEST(Gltf, SkinsBlendJointsAndIgnoreTheirNode) {
   const auto clip = open(skinned(), {.rate_hz = 1});
   ASSERT_TRUE(clip) << clip.error().message;
   expect_near((*clip)->rest().positions, {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}});
@@ -140,7 +140,7 @@ TEST(Gltf, skins_blend_their_joints_and_ignore_the_node_they_hang_on) {
   EXPECT_EQ(rig->influences[4].weight, 1) << "weights are made to add up to one";
 }
 
-TEST(Gltf, parts_without_texture_coordinates_or_colours_may_follow_those_with_them) {
+TEST(Gltf, PrimitivesMayLackUvsAndColours) {
   Glb glb;
   const int position = glb.floats({0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1}, "VEC3", 3);
   const int uv = glb.floats({0, 0, 1, 0, 0, 1, 1, 1}, "VEC2", 2);
@@ -162,7 +162,7 @@ TEST(Gltf, parts_without_texture_coordinates_or_colours_may_follow_those_with_th
   EXPECT_EQ(looks->corner_colour[2][0], (std::array<float, 4>{1, 1, 1, 1}));
 }
 
-TEST(Gltf, seams_are_welded_only_where_both_sides_move_alike) {
+TEST(Gltf, SeamsAreWeldedWhereBothSidesMoveAlike) {
   Glb glb;
   // Three triangles without indices: the edge of the first two is a seam; the third moves with a morph target.
   const int position =
@@ -186,7 +186,7 @@ TEST(Gltf, seams_are_welded_only_where_both_sides_move_alike) {
   EXPECT_EQ(looks->corner_uv[1][0][0], 0.5F);
 }
 
-TEST(Gltf, sparse_and_quantised_accessors_mean_what_they_say) {
+TEST(Gltf, SparseAndQuantisedAccessorsAreDecoded) {
   Glb glb;
   const int indices = glb.view(raw(std::vector<std::uint16_t>{1, 3}));
   const int values = glb.view(raw(std::vector<float>{1, 0, 0, 0, 0, 1}));
@@ -223,7 +223,7 @@ std::string mesh_of(const std::string& primitive) {
   return R"("nodes":[{"mesh":0}],"meshes":[{"primitives":[)" + primitive + "]}]";
 }
 
-TEST(Gltf, every_index_and_length_is_checked_before_it_is_used) {
+TEST(Gltf, IndicesAndLengthsAreCheckedBeforeUse) {
   const std::string uses_2 = mesh_of(R"({"attributes":{"POSITION":2},"indices":1})");
   const auto message = [&](const std::string& accessor) { return error_of(uses_2, accessor).message; };
   EXPECT_THAT(message(R"("bufferView":0,"componentType":5126,"count":5,"type":"VEC3")"),
@@ -251,7 +251,7 @@ TEST(Gltf, every_index_and_length_is_checked_before_it_is_used) {
   EXPECT_THAT(error_of("\"extras\":" + std::string(100, '[') + std::string(100, ']')).message, HasSubstr("nested"));
 }
 
-TEST(Gltf, animations_are_found_by_name_or_number_and_have_an_end) {
+TEST(Gltf, AnimationsAreFoundByNameOrNumber) {
   const std::string bytes = skinned();
   EXPECT_TRUE(open(bytes, {.animation = "bend"}));
   EXPECT_TRUE(open(bytes, {.animation = "0"}));
@@ -264,7 +264,7 @@ TEST(Gltf, animations_are_found_by_name_or_number_and_have_an_end) {
             ErrorCode::kCorrupt);
 }
 
-TEST(Gltf, files_outside_its_folder_are_never_opened) {
+TEST(Gltf, FilesOutsideTheFolderAreNeverOpened) {
   const TempDir dir;
   std::filesystem::create_directory(dir.file("inside"));
   const std::string buffer = raw(kTetra) + raw(kTetraFaces);
@@ -288,7 +288,7 @@ TEST(Gltf, files_outside_its_folder_are_never_opened) {
   EXPECT_FALSE(gltf_clip_from_bytes(gltf("good.bin"), "", "x", {}).has_value()) << "without a folder nothing is read";
 }
 
-TEST(Gltf, alone_in_a_folder_it_is_what_the_folder_means) {
+TEST(Gltf, AloneInAFolderItIsTheClip) {
   const TempDir dir;
   dir.write("notes.txt", "of the fox");
   dir.write("a.glb", skinned());
@@ -300,7 +300,7 @@ TEST(Gltf, alone_in_a_folder_it_is_what_the_folder_means) {
               HasSubstr("2 files that are clips by themselves; name one, such as "));
 }
 
-TEST(Gltf, every_truncation_and_every_changed_byte_is_an_error_or_a_valid_surface) {
+TEST(Gltf, DamagedFilesAreErrorsOrValidSurfaces) {
   const std::string bytes = skinned();
   for (std::size_t cut = 0; cut < bytes.size(); cut += 3) EXPECT_FALSE(open(bytes.substr(0, cut)).has_value()) << cut;
   std::size_t survivors = 0;
@@ -316,7 +316,7 @@ TEST(Gltf, every_truncation_and_every_changed_byte_is_an_error_or_a_valid_surfac
   EXPECT_GT(survivors, 0u);
 }
 
-TEST(Gltf, real_files) {
+TEST(Gltf, RealFiles) {
   const std::string folder = data_dir().string() + "/gltf/";
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << folder;
   const auto fox = open_clip(folder + "Fox.glb", {.animation = "Run"});

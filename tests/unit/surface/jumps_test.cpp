@@ -43,7 +43,7 @@ void shuffle(std::vector<Vec3>& pose) {
   pose = shuffled;
 }
 
-TEST(Jumps, a_frame_out_of_place_is_named_once) {
+TEST(Jumps, MisplacedFrameIsReportedOnce) {
   const auto findings = findings_of([](std::size_t t, std::vector<Vec3>& pose) {
     for (Vec3& p : pose) p[0] += t == 7 ? 2.0 : 0.0;
   });
@@ -51,7 +51,7 @@ TEST(Jumps, a_frame_out_of_place_is_named_once) {
   EXPECT_THAT(findings[0], HasSubstr("frame 7: the surface jumps"));
 }
 
-TEST(Jumps, two_vertices_that_change_places_are_named) {
+TEST(Jumps, SwappedVerticesAreReported) {
   const auto findings = findings_of([](std::size_t t, std::vector<Vec3>& pose) {
     if (t >= 9) std::swap(pose[0], pose[pose.size() / 2]);
   });
@@ -61,14 +61,14 @@ TEST(Jumps, two_vertices_that_change_places_are_named) {
   EXPECT_THAT(findings[0], HasSubstr("order"));
 }
 
-TEST(Jumps, another_order_from_the_first_frame_on_is_noticed_by_its_faces) {
+TEST(Jumps, WrongOrderFromFirstFrameIsReported) {
   const auto findings = findings_of([](std::size_t, std::vector<Vec3>& pose) { shuffle(pose); });
   ASSERT_EQ(findings.size(), 1u);
   EXPECT_THAT(findings[0], HasSubstr("frames 0 to 23: "));
   EXPECT_THAT(findings[0], HasSubstr("folded on each other; is the order of vertices another?"));
 }
 
-TEST(Jumps, a_clip_of_another_order_is_refused_one_with_some_such_frames_is_not) {
+TEST(Jumps, MostFramesInWrongOrderAreRefused) {
   const auto clip = builtin_clip("heart");
   for (const std::size_t wrong : {0u, 12u, 13u, 24u}) {
     JumpFinder jumps((*clip)->rest());
@@ -85,7 +85,7 @@ TEST(Jumps, a_clip_of_another_order_is_refused_one_with_some_such_frames_is_not)
   }
 }
 
-TEST(Jumps, a_surface_that_is_mirrored_is_noticed) {
+TEST(Jumps, MirroredSurfaceIsReported) {
   const auto findings = findings_of([](std::size_t t, std::vector<Vec3>& pose) {
     for (Vec3& p : pose) p[0] *= t >= 20 ? -1 : 1;
   });
@@ -93,7 +93,7 @@ TEST(Jumps, a_surface_that_is_mirrored_is_noticed) {
   EXPECT_THAT(findings[0], HasSubstr("frames 20 to 23: the surface is inside out"));
 }
 
-TEST(Jumps, a_frame_elsewhere_is_named_in_a_clip_of_three) {
+TEST(Jumps, MisplacedFrameOfThreeIsReported) {
   const auto clip = builtin_clip("torus");
   for (std::size_t elsewhere = 0; elsewhere < 3; ++elsewhere) {
     JumpFinder jumps((*clip)->rest());
@@ -115,7 +115,7 @@ TEST(Jumps, a_frame_elsewhere_is_named_in_a_clip_of_three) {
   EXPECT_TRUE(evenly.findings().empty()) << "as far each time, it may well fly";
 }
 
-TEST(Jumps, many_are_counted_beyond_ten_lines) {
+TEST(Jumps, FindingsBeyondTheLimitAreCounted) {
   const auto torn = findings_of([](std::size_t t, std::vector<Vec3>& pose) {
     if (t % 2 == 0) shuffle(pose);
   });
@@ -123,7 +123,7 @@ TEST(Jumps, many_are_counted_beyond_ten_lines) {
   EXPECT_EQ(torn[10], "and 2 more frames");
 }
 
-TEST(Jumps, the_likely_cause_is_named) {
+TEST(Jumps, LikelyCauseIsReported) {
   const auto at_frame_7 = [](const auto& change) {
     const auto findings = findings_of([&](std::size_t t, std::vector<Vec3>& pose) {
       for (Vec3& p : pose) {
@@ -146,7 +146,7 @@ TEST(Jumps, the_likely_cause_is_named) {
               HasSubstr("is the frame out of place?"));
 }
 
-TEST(Jumps, another_order_is_noticed_in_a_clip_of_two_frames) {
+TEST(Jumps, WrongOrderOfTwoFramesIsReported) {
   const auto clip = builtin_clip("torus");
   JumpFinder jumps((*clip)->rest());
   auto pose = *(*clip)->pose(0);
@@ -158,7 +158,7 @@ TEST(Jumps, another_order_is_noticed_in_a_clip_of_two_frames) {
   EXPECT_THAT(jumps.findings()[0], HasSubstr("folded on each other"));
 }
 
-TEST(Jumps, faces_of_another_order_are_noticed_at_rest) {
+TEST(Jumps, WrongOrderOfRestPoseIsReported) {
   Surface rest = (*builtin_clip("torus"))->rest();
   std::shuffle(rest.positions.begin(), rest.positions.end(), std::mt19937(1));
   const JumpFinder jumps(rest);
@@ -184,7 +184,7 @@ std::vector<std::vector<Vec3>> plausible_poses(const Surface& rest) {
   return poses;
 }
 
-TEST(VertexOrder, real_surfaces_of_another_order_are_known_deformed_ones_are_let_through) {
+TEST(VertexOrder, ShuffledSurfacesAreReportedDeformedOnesPass) {
   const std::filesystem::path data = data_dir() / "meshes";
   if (!std::filesystem::exists(data)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << data;
   for (const char* folder : {"clean", "nasty"}) {
@@ -196,12 +196,12 @@ TEST(VertexOrder, real_surfaces_of_another_order_are_known_deformed_ones_are_let
       if (surface->faces.size() < 900) continue;
       const bool orderly = std::string_view(folder) == "clean";  // What is torn into rags at rest may look so deformed.
       for (const auto& pose : plausible_poses(*surface)) {
-        const Misfit misfit = order.look(pose);
+        const Misfit misfit = order.check(pose);
         EXPECT_TRUE(misfit.kind == Misfit::Kind::kNone || (!orderly && misfit.kind == Misfit::Kind::kVertex))
             << entry.path() << ": " << misfit.text();
       }
       std::reverse(surface->positions.begin(), surface->positions.end());
-      const Misfit reversed = order.look(surface->positions);
+      const Misfit reversed = order.check(surface->positions);
       EXPECT_EQ(reversed.kind, Misfit::Kind::kOrder) << entry.path();
       EXPECT_TRUE(reversed.certain) << entry.path() << ": " << reversed.text();
       EXPECT_TRUE(VertexOrder(*surface).rest().certain) << entry.path();
@@ -209,7 +209,7 @@ TEST(VertexOrder, real_surfaces_of_another_order_are_known_deformed_ones_are_let
   }
 }
 
-TEST(VertexOrder, one_vertex_of_a_real_surface_that_is_off_by_a_twentieth_of_the_diagonal_is_named) {
+TEST(VertexOrder, OneMisplacedVertexOfARealSurfaceIsReported) {
   const std::filesystem::path data = data_dir() / "animations";
   if (!std::filesystem::exists(data)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << data;
   for (const auto& entry : std::filesystem::directory_iterator(data)) {
@@ -221,7 +221,7 @@ TEST(VertexOrder, one_vertex_of_a_real_surface_that_is_off_by_a_twentieth_of_the
     for (std::size_t k = 0; k < 20; ++k) {
       const std::size_t v = (k * 7919 + 13) % pose.size();
       pose[v][k % 3] += far;
-      const Misfit misfit = order.look(pose);
+      const Misfit misfit = order.check(pose);
       EXPECT_EQ(misfit.kind, Misfit::Kind::kVertex) << entry.path() << " vertex " << v;
       EXPECT_EQ(misfit.vertex, v) << entry.path();
       EXPECT_EQ(misfit.others, 0u) << entry.path();
@@ -231,9 +231,9 @@ TEST(VertexOrder, one_vertex_of_a_real_surface_that_is_off_by_a_twentieth_of_the
   }
 }
 
-TEST(VertexOrder, points_without_faces_and_the_tips_of_fans_fit) {
+TEST(VertexOrder, PointCloudsAndTipsOfFansPass) {
   const Surface cloud{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {}};
-  EXPECT_EQ(VertexOrder(cloud).look(std::vector<Vec3>(4, Vec3{5, 5, 5})).kind, Misfit::Kind::kNone);
+  EXPECT_EQ(VertexOrder(cloud).check(std::vector<Vec3>(4, Vec3{5, 5, 5})).kind, Misfit::Kind::kNone);
   // A disc of slivers that becomes a tall cone.
   Surface disc{{{0, 0, 0}}, {}};
   for (std::uint32_t i = 0; i < 64; ++i) {
@@ -242,10 +242,10 @@ TEST(VertexOrder, points_without_faces_and_the_tips_of_fans_fit) {
   }
   const VertexOrder order(disc);
   disc.positions[0][2] = 1;
-  EXPECT_EQ(order.look(disc.positions).kind, Misfit::Kind::kNone);
+  EXPECT_EQ(order.check(disc.positions).kind, Misfit::Kind::kNone);
 }
 
-TEST(Jumps, smooth_motion_has_none) {
+TEST(Jumps, SmoothMotionHasNone) {
   for (const std::string& name : builtin_names()) {
     const auto clip = builtin_clip(name);
     ASSERT_TRUE(clip);
@@ -255,7 +255,7 @@ TEST(Jumps, smooth_motion_has_none) {
   }
 }
 
-TEST(Jumps, real_rigs_and_morphs_have_none) {
+TEST(Jumps, RealRigsAndMorphsHaveNone) {
   const std::filesystem::path data = data_dir() / "gltf";
   if (!std::filesystem::exists(data)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << data;
   for (const char* animation : {"Survey", "Walk", "Run", ""}) {
@@ -268,7 +268,7 @@ TEST(Jumps, real_rigs_and_morphs_have_none) {
   }
 }
 
-TEST(Jumps, real_motion_has_none) {
+TEST(Jumps, RealMotionHasNone) {
   const std::filesystem::path data = data_dir() / "animations";
   if (!std::filesystem::exists(data)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << data;
   for (const auto& entry : std::filesystem::directory_iterator(data)) {

@@ -28,7 +28,7 @@ Colours colours_in(const std::string& name, const std::string& bytes) {
 
 const Colours kThree{{255, 0, 0}, {0, 128, 0}, {1, 2, 255}};
 
-TEST(Looks, ColoursOfVerticesComeFromPlyObjAndOff) {
+TEST(Appearance, VertexColoursFromPlyObjAndOff) {
   const std::string head =
       "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n";
   const std::string tail = "element face 1\nproperty list uchar int vertex_indices\nend_header\n";
@@ -50,17 +50,17 @@ TEST(Looks, ColoursOfVerticesComeFromPlyObjAndOff) {
             kThree);
 }
 
-TEST(Looks, PointCloudsHaveColoursToo) {
+TEST(Appearance, PointCloudsHaveColoursToo) {
   EXPECT_EQ(colours_in("cloud.obj", "v 0 0 0 1 0 0\nv 1 0 0 0 .502 0\nv 0 1 0 .00392 .00784 1\n"), kThree);
 }
 
-TEST(Looks, ColoursOfSomeVerticesOnlyAreNone) {
+TEST(Appearance, PartialVertexColoursAreDropped) {
   EXPECT_TRUE(colours_in("some.obj", "v 0 0 0 1 0 0\nv 1 0 0\nv 0 1 0 1 1 1\nf 1 2 3\n").empty());
   EXPECT_TRUE(colours_in("weights.obj", "v 0 0 0 1\nv 1 0 0 1\nv 0 1 0 1\nf 1 2 3\n").empty());
   EXPECT_TRUE(colours_in("plain.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").empty());
 }
 
-TEST(Looks, ColoursOfCornersAreTheMeanOfTheirLightTimesTheMaterials) {
+TEST(Appearance, CornerColoursAreMeanLightTimesMaterial) {
   const Surface quad{{{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}}, {{0, 1, 2}, {0, 2, 3}}};
   Appearance looks;
   looks.corner_colour = {{{{1, 0, 0, 1}, {0, 1, 0, 1}, {0, 0, 1, 1}}}, {{{0, 0, 1, 1}, {0, 0, 1, 1}, {1, 1, 1, 1}}}};
@@ -87,7 +87,7 @@ Appearance looks_of_square(const TempDir& dir, const std::string& more, const st
   return looks;
 }
 
-TEST(Looks, ObjStatesPlacesInAnImageThatBeginsAtItsTop) {
+TEST(Appearance, ObjUvsCountFromTheTop) {
   const TempDir dir;
   const Appearance looks = looks_of_square(dir, "", "f 1/1 2/2/7 3/3 4/-1\n");
   ASSERT_EQ(looks.corner_uv.size(), 2u);
@@ -101,7 +101,7 @@ TEST(Looks, ObjStatesPlacesInAnImageThatBeginsAtItsTop) {
   EXPECT_TRUE(looks_of_square(dir, "", "f 1//1 2 3\n").corner_uv.empty());
 }
 
-TEST(Looks, ObjMaterialsGiveColoursAndImagesFromFilesBelowTheFolder) {
+TEST(Appearance, ObjMaterialsComeFromFilesBelowTheFolder) {
   const TempDir dir;
   dir.write("secret.png", "elsewhere");
   std::filesystem::create_directory(dir.file("model"));
@@ -126,7 +126,7 @@ TEST(Looks, ObjMaterialsGiveColoursAndImagesFromFilesBelowTheFolder) {
   EXPECT_TRUE(looks.images[1].bytes.empty()) << "a file that does not lie below the model's folder is not opened";
 }
 
-TEST(Looks, TheTransferOfSrgbGoesThereAndBack) {
+TEST(Appearance, SrgbTransferRoundTrips) {
   EXPECT_NEAR(linear_from_srgb(0.5F), 0.21404F, 1e-5);
   for (int i = 0; i < 256; ++i) {
     const float part = static_cast<float>(i) / 255;
@@ -134,7 +134,7 @@ TEST(Looks, TheTransferOfSrgbGoesThereAndBack) {
   }
 }
 
-TEST(Looks, AClipsColoursAreThoseOfItsRestPose) {
+TEST(Appearance, ClipColoursAreThoseOfTheRestPose) {
   const TempDir dir;
   const std::string rest = dir.write(
       "rest.obj", "v 0 0 0 1 0 0\nv 1 0 0 0 .502 0\nv 0 1 0 .00392 .00784 1\nv 0 0 1 1 1 1\nf 1 2 3\nf 1 2 4\n");

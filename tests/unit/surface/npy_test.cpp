@@ -52,7 +52,7 @@ void expect_values(const std::string& path, std::size_t frames, std::size_t n) {
   }
 }
 
-TEST(Npy, either_order_and_either_byte_order_mean_the_same) {
+TEST(Npy, MemoryOrderAndByteOrderDoNotMatter) {
   const TempDir dir;
   for (const bool fortran : {false, true}) {
     const std::string order = fortran ? "True" : "False";
@@ -64,7 +64,7 @@ TEST(Npy, either_order_and_either_byte_order_mean_the_same) {
   }
 }
 
-TEST(Npy, a_fortran_file_larger_than_a_block_is_read_in_parts) {
+TEST(Npy, LargeFortranFilesAreReadInBlocks) {
   const TempDir dir;
   // 3 n f8 values of a frame are 6 MiB, so that a block holds five of the 7 frames.
   const std::size_t n = 262'144;
@@ -78,7 +78,7 @@ TEST(Npy, a_fortran_file_larger_than_a_block_is_read_in_parts) {
   }
 }
 
-TEST(Npy, half_floats) {
+TEST(Npy, HalfFloats) {
   const TempDir dir;
   // 1, -2, 0.5; 65504 (largest), 2^-24 (smallest), 0
   const std::vector<std::uint16_t> bits{0x3c00, 0xc000, 0x3800, 0x7bff, 0x0001, 0x8000};
@@ -90,7 +90,7 @@ TEST(Npy, half_floats) {
   EXPECT_EQ(infinite->read_positions(0).error().code, ErrorCode::kCorrupt);
 }
 
-TEST(Npy, faces_of_every_integer_type) {
+TEST(Npy, FacesOfEveryIntegerType) {
   const TempDir dir;
   const std::vector<Face> expected{{0, 1, 2}, {0, 2, 100}};
   const auto check = [&](const std::string& type, const std::string& bytes) {

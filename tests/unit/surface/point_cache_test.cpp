@@ -36,7 +36,7 @@ std::string mdd(float second = 0.04F, std::uint32_t frames = 2, std::uint32_t po
 
 const char* const kRest = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n";
 
-TEST(PointCache, both_formats_hold_the_same_poses_on_the_mesh_beside_them) {
+TEST(PointCache, BothFormatsHoldTheSamePoses) {
   const TempDir dir;
   dir.write("clip.obj", kRest);
   for (const std::string& path : {dir.write("clip.pc2", pc2()), dir.write("clip.mdd", mdd())}) {
@@ -52,7 +52,7 @@ TEST(PointCache, both_formats_hold_the_same_poses_on_the_mesh_beside_them) {
   EXPECT_NEAR((*open_clip(dir.file("clip.mdd")))->frame_rate_hz(), 25, 1e-5);
 }
 
-TEST(PointCache, rest_mesh_by_name_or_none_and_that_is_said) {
+TEST(PointCache, RestMeshByNameOrANote) {
   const TempDir dir;
   const std::string cache = dir.write("clip.pc2", pc2());
   const auto cloud = open_clip(cache);
@@ -68,13 +68,13 @@ TEST(PointCache, rest_mesh_by_name_or_none_and_that_is_said) {
   EXPECT_THAT(open_clip(cache, {small}).error().message, HasSubstr("has 4 vertices, the rest pose 5"));
 }
 
-TEST(PointCache, no_time_table_means_the_usual_rate) {
+TEST(PointCache, NoTimeTableMeansTheDefaultRate) {
   const TempDir dir;
   EXPECT_EQ((*open_clip(dir.write("a.mdd", mdd(0))))->frame_rate_hz(), 30);
   EXPECT_EQ((*open_clip(dir.write("b.mdd", mdd(-1))))->frame_rate_hz(), 30);
 }
 
-TEST(PointCache, headers_that_lie_are_refused_before_anything_is_allocated) {
+TEST(PointCache, LyingHeadersAreRefusedBeforeAllocation) {
   const TempDir dir;
   const auto error_of = [&](const std::string& name, const std::string& bytes) {
     const auto clip = open_clip(dir.write(name, bytes));
@@ -95,7 +95,7 @@ TEST(PointCache, headers_that_lie_are_refused_before_anything_is_allocated) {
   for (std::size_t cut = 0; cut < mdd().size(); ++cut) error_of("l.mdd", mdd().substr(0, cut));
 }
 
-TEST(PointCache, a_value_that_is_not_finite_is_named) {
+TEST(PointCache, NonFiniteValueIsReported) {
   const TempDir dir;
   std::string bytes = pc2();
   const float nan = std::numeric_limits<float>::quiet_NaN();

@@ -114,7 +114,7 @@ class Read : public testing::Test {
   TempDir dir_;
 };
 
-TEST_F(Read, the_same_tetrahedron_from_every_format) {
+TEST_F(Read, EveryFormatGivesTheSameTetrahedron) {
   const std::pair<const char*, std::string> kFiles[] = {
       {"a.obj", kObj}, {"b.off", kOff}, {"c.PLY", kPlyText}, {"d.ply", binary_ply(false)}, {"e.ply", binary_ply(true)}};
   testing::internal::CaptureStderr();
@@ -127,7 +127,7 @@ TEST_F(Read, the_same_tetrahedron_from_every_format) {
   EXPECT_EQ(testing::internal::GetCapturedStderr(), "") << "libraries never print";
 }
 
-TEST_F(Read, stl_shares_vertices_in_order_of_appearance) {
+TEST_F(Read, StlSharesVerticesInOrderOfAppearance) {
   for (const auto& [name, bytes] : {std::pair{"a.stl", kStlText}, std::pair{"b.stl", binary_stl()}}) {
     const auto s = read(name, bytes);
     ASSERT_TRUE(s.has_value()) << s.error().message;
@@ -137,13 +137,13 @@ TEST_F(Read, stl_shares_vertices_in_order_of_appearance) {
   }
 }
 
-TEST_F(Read, keeps_doubles_where_openmesh_has_floats) {
+TEST_F(Read, PositionsAreDoubles) {
   const auto s = read("far.obj", "v 500000.123456789 0 0\nv 1e-50 2 0\nv +3 1.5e3 .5\nf 1 2 3\n");
   ASSERT_TRUE(s.has_value()) << s.error().message;
   EXPECT_EQ(s->positions, (std::vector<Vec3>{{500000.123456789, 0, 0}, {1e-50, 2, 0}, {3, 1500, 0.5}}));
 }
 
-TEST_F(Read, non_manifold_and_odd_faces_stay) {
+TEST_F(Read, NonManifoldAndDegenerateFacesAreKept) {
   // A duplicate face, an edge of four faces, a face with a repeated corner, a quad with one.
   const auto s = read("odd.obj",
                       "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 5 5 5\nf 1 2 3\nf 1 2 3\nf 1 2 4\nf 2 1 4\nf 1 1 2\n"
@@ -156,14 +156,14 @@ TEST_F(Read, non_manifold_and_odd_faces_stay) {
             (std::vector<Face>{{0, 1, 1}, {0, 1, 2}}));
 }
 
-TEST_F(Read, polygons_are_fans_and_lines_go_on) {
+TEST_F(Read, PolygonsBecomeFansAcrossContinuedLines) {
   const auto s =
       read("poly.obj", "v 0 0 0\r\nv 1 0 0\r\nv 1 1 0\r\nv 0 1 0\r\nv 0 2 0\r\nf 1 2 \\\r\n 3 4 5 # end\r\n");
   ASSERT_TRUE(s.has_value()) << s.error().message;
   EXPECT_EQ(s->faces, (std::vector<Face>{{0, 1, 2}, {0, 2, 3}, {0, 3, 4}}));
 }
 
-TEST_F(Read, point_clouds) {
+TEST_F(Read, PointClouds) {
   const std::vector<Vec3> expected{{1, 2, 3}, {4, 5, 6}};
   EXPECT_EQ(read("a.xyz", "# cloud\n1 2 3 0 0 1\n\n4 5 6\n")->positions, expected);
   const auto ply =
@@ -178,7 +178,7 @@ TEST_F(Read, point_clouds) {
   EXPECT_EQ(read("e.obj", "v 1 2 3\nv 4 5 6\n")->positions, expected);
 }
 
-TEST_F(Read, errors_say_what_and_where) {
+TEST_F(Read, ErrorsHaveCodeAndPosition) {
   EXPECT_THAT(error_of("a.obj", "v 0 0 0\nv 1 x 0\n"), HasSubstr("line 2"));
   EXPECT_THAT(error_of("b.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"), HasSubstr("line 4"));
   EXPECT_THAT(error_of("c.obj", "v 0 0 0\nf 0 1 1\n"), HasSubstr("line 2"));
@@ -202,7 +202,7 @@ TEST_F(Read, errors_say_what_and_where) {
   EXPECT_EQ(read_surface(dir_.file("folder.obj")).error().code, ErrorCode::kIo);
 }
 
-TEST_F(Read, npy_errors) {
+TEST_F(Read, NpyErrors) {
   const std::string data = raw(std::vector<float>{1, 2, 3});
   EXPECT_THAT(error_of("a.npy", npy("<f4", "(1000000000000, 1000000000000, 3)", data)), HasSubstr("claims"));
   EXPECT_THAT(error_of("b.npy", npy("<f4", "(2, 3)", data)), HasSubstr("claims"));
@@ -217,7 +217,7 @@ TEST_F(Read, npy_errors) {
               HasSubstr("vertex 0 of frame 0"));
 }
 
-TEST_F(Read, every_truncation_is_an_error_or_a_valid_surface) {
+TEST_F(Read, TruncationsAreErrorsOrValidSurfaces) {
   const std::pair<const char*, std::string> kFiles[] = {{"t.obj", kObj},
                                                         {"t.off", kOff},
                                                         {"t.ply", kPlyText},
@@ -246,7 +246,7 @@ TEST_F(Read, every_truncation_is_an_error_or_a_valid_surface) {
   }
 }
 
-TEST_F(Read, every_changed_byte_is_an_error_or_a_valid_surface) {
+TEST_F(Read, ChangedBytesAreErrorsOrValidSurfaces) {
   const std::pair<const char*, std::string> kFiles[] = {{"t.obj", kObj},
                                                         {"t.off", kOff},
                                                         {"t.ply", kPlyText},

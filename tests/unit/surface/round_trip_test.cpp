@@ -54,32 +54,32 @@ void expect_round_trips(const MotionClip& clip, bool exact) {
   }
 }
 
-TEST(RoundTrip, where_nothing_can_be_written_is_known_before) {
+TEST(RoundTrip, UnwritablePathsAreKnownBefore) {
   const TempDir dir;
   for (const char* name : {"a.pc2", "b.mdd", "c.npy", "d/", "new/e.obj", "new/deep/f.ply", "g.off"})
-    EXPECT_TRUE(check_place_of_clip(dir.file(name))) << name;
+    EXPECT_TRUE(check_clip_path(dir.file(name))) << name;
   for (const char* name : {"a.abc", "none", "no/folder.pc2"}) {
-    EXPECT_FALSE(check_place_of_clip(dir.file(name))) << name;
+    EXPECT_FALSE(check_clip_path(dir.file(name))) << name;
     EXPECT_FALSE(write_clip(*builtin_clip("sphere").value(), dir.file(name))) << name;
   }
-  EXPECT_FALSE(check_place_of_clip("/dev/null/e.obj"));
-  EXPECT_TRUE(check_place_of_surface(dir.file("a.ply")));
-  EXPECT_FALSE(check_place_of_surface(dir.file("a.npy"))) << "no surface";
-  EXPECT_FALSE(check_place_of_surface(dir.file("no/a.ply")));
+  EXPECT_FALSE(check_clip_path("/dev/null/e.obj"));
+  EXPECT_TRUE(check_surface_path(dir.file("a.ply")));
+  EXPECT_FALSE(check_surface_path(dir.file("a.npy"))) << "no surface";
+  EXPECT_FALSE(check_surface_path(dir.file("no/a.ply")));
   EXPECT_TRUE(std::filesystem::is_empty(dir.file(""))) << "looking makes nothing";
 }
 
-TEST(RoundTrip, built_in_shape_as_32_bit_floats_and_as_text) {
+TEST(RoundTrip, BuiltInShapeAsFloatsAndAsText) {
   expect_round_trips(FirstFrames(std::move(*builtin_clip("sphere")), 3), false);
 }
 
-TEST(RoundTrip, horse_gallop_to_the_bit) {
+TEST(RoundTrip, HorseGallopToTheBit) {
   const std::string folder = data_dir().string() + "/animations/horse-gallop";
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << folder;
   expect_round_trips(FirstFrames(std::move(*open_clip(folder)), 6), true);
 }
 
-TEST(RoundTrip, what_cannot_be_written_is_said_and_leaves_nothing) {
+TEST(RoundTrip, FailedWritesAreErrorsAndLeaveNothing) {
   const TempDir dir;
   const auto clip = builtin_clip("sphere");
   EXPECT_EQ(write_clip(**clip, dir.file("a.abc")).error().code, ErrorCode::kUnsupported);

@@ -57,7 +57,7 @@ void expect_closed_manifold(const Surface& s, long euler) {
   EXPECT_EQ(vertices - faces * 3 / 2 + faces, euler);
 }
 
-TEST(Shapes, icosphere) {
+TEST(Shapes, Icosphere) {
   for (int s = 0; s <= 5; ++s) {
     const Surface sphere = make_icosphere(s);
     EXPECT_EQ(sphere.vertex_count(), 10u * (1u << (2 * s)) + 2);
@@ -68,14 +68,14 @@ TEST(Shapes, icosphere) {
   EXPECT_NEAR(volume(fine.positions, fine.faces), 4 * std::numbers::pi / 3, 5e-3);
 }
 
-TEST(Shapes, torus_has_genus_one) {
+TEST(Shapes, TorusHasGenusOne) {
   const Surface torus = make_torus(100, 50, 1, 0.4);
   EXPECT_EQ(torus.vertex_count(), 5000u);
   expect_closed_manifold(torus, 0);
   EXPECT_NEAR(volume(torus.positions, torus.faces), 2 * std::numbers::pi * std::numbers::pi * 0.16, 0.02);
 }
 
-TEST(Shapes, box_of_the_paper_has_its_counts) {
+TEST(Shapes, BoxOfThePaperHasItsCounts) {
   const Surface box = make_box(40, 40, 185, {1, 2, 3});
   EXPECT_EQ(box.vertex_count(), 32802u);
   EXPECT_EQ(box.faces.size(), 65600u);
@@ -84,7 +84,7 @@ TEST(Shapes, box_of_the_paper_has_its_counts) {
   expect_closed_manifold(make_box(1, 1, 1, {1, 1, 1}), 2);
 }
 
-TEST(Shapes, heart_is_closed_even_and_upright) {
+TEST(Shapes, HeartIsClosedEvenAndUpright) {
   const Surface heart = make_heart(27);
   EXPECT_EQ(heart.vertex_count(), 7292u);
   expect_closed_manifold(heart, 2);
@@ -97,7 +97,7 @@ TEST(Shapes, heart_is_closed_even_and_upright) {
   EXPECT_GT(std::abs((*top)[0]), 0.2);
 }
 
-TEST(Builtins, each_is_closed_periodic_finite_and_deterministic) {
+TEST(Builtins, EachIsClosedPeriodicFiniteAndDeterministic) {
   for (const std::string& name : builtin_names()) {
     SCOPED_TRACE(name);
     auto made = builtin_clip(name, 10);
@@ -136,7 +136,7 @@ TEST(Builtins, each_is_closed_periodic_finite_and_deterministic) {
   }
 }
 
-TEST(Builtins, velocities_are_the_derivatives_of_the_poses) {
+TEST(Builtins, VelocitiesAreDerivativesOfPoses) {
   for (const std::string& name : builtin_names()) {
     SCOPED_TRACE(name);
     const auto made = builtin_clip(name, 1000);
@@ -157,7 +157,7 @@ TEST(Builtins, velocities_are_the_derivatives_of_the_poses) {
   }
 }
 
-TEST(Builtins, bar_and_heart_have_the_stated_sizes) {
+TEST(Builtins, BarAndHeartHaveTheStatedSizes) {
   EXPECT_EQ((*builtin_clip("bar"))->rest().vertex_count(), 32802u);
   EXPECT_EQ((*builtin_clip("bar:twist"))->rest().faces.size(), 65600u);
   EXPECT_EQ((*builtin_clip("heart"))->rest().vertex_count(), 7292u);
@@ -165,7 +165,7 @@ TEST(Builtins, bar_and_heart_have_the_stated_sizes) {
   EXPECT_EQ((*builtin_clip("sphere"))->rest().vertex_count(), 10242u);
 }
 
-TEST(Builtins, bends_and_twists_reach_their_angles_and_keep_lengths) {
+TEST(Builtins, BendsAndTwistsReachTheirAngles) {
   auto clip = builtin_clip("bar:bend", 30);
   const auto quarter = (*clip)->pose((*clip)->frame_count() / 4);
   // At 180 degrees the two end caps look the same way: the axis is half a circle of the bar's length.
@@ -182,7 +182,7 @@ TEST(Builtins, bends_and_twists_reach_their_angles_and_keep_lengths) {
   }
 }
 
-TEST(Builtins, unknown_names_and_rates_are_refused) {
+TEST(Builtins, UnknownNamesAndRatesAreRefused) {
   const auto unknown = builtin_clip("cube");
   ASSERT_FALSE(unknown.has_value());
   EXPECT_EQ(unknown.error().code, ErrorCode::kNotFound);

@@ -20,7 +20,7 @@ std::vector<Vec3> random_points(std::size_t count, double size) {
   return points;
 }
 
-TEST(SurfaceDistance, ToABoxIsWhatTheFormulaSays) {
+TEST(SurfaceDistance, ToABoxFollowsTheFormula) {
   const Surface box = make_box(5, 3, 4, {2, 4, 6});
   const SurfaceDistance distance(box.positions, box.faces);
   const Vec3 half = {1, 2, 3};
@@ -36,7 +36,7 @@ TEST(SurfaceDistance, ToABoxIsWhatTheFormulaSays) {
   }
 }
 
-TEST(SurfaceDistance, ToPointsIsThatToTheNearest) {
+TEST(SurfaceDistance, ToPointsIsTheNearest) {
   const std::vector<Vec3> cloud = random_points(300, 1);
   const SurfaceDistance distance(cloud, {});
   for (const Vec3& p : random_points(100, 2)) {
@@ -64,7 +64,7 @@ TEST(SurfaceDistance, TrianglesWithoutAreaAreSegmentsAndPoints) {
   EXPECT_DOUBLE_EQ(distance.squared({5, 5, 6}), 1);
 }
 
-TEST(SurfaceDistance, OneSideOfHausdorffDoesNotDependOnTheBoundsThatSaveTime) {
+TEST(SurfaceDistance, HausdorffSideDoesNotDependOnBounds) {
   const Surface box = make_box(6, 6, 6, {1, 1, 1});
   const SurfaceDistance distance(box.positions, box.faces);
   std::vector<Vec3> off = box.positions;

@@ -72,7 +72,7 @@ Asset textured_sphere(int subdivisions, Bytes image) {
   for (std::uint32_t i = 0; i <= asset.vertex_count; ++i) t.first_wedge.push_back(2 * i);
   for (std::uint32_t i = 0; i < asset.vertex_count; ++i) {
     for (std::uint32_t side = 0; side < 2; ++side) {
-      t.places.push_back({static_cast<std::uint16_t>(side == 0 ? 16384 : 49150), static_cast<std::uint16_t>(7 * i)});
+      t.uvs.push_back({static_cast<std::uint16_t>(side == 0 ? 16384 : 49150), static_cast<std::uint16_t>(7 * i)});
       t.parent.push_back(2 * asset.map[i] + side);
     }
   }
@@ -138,7 +138,7 @@ TEST(TextureLevels, PlacesGoOverAsVerticesDo) {
     view.advance(source, now);
     levels.follow(source.asset_.texture, view.geometry(), view.morph());
   }
-  for (std::uint32_t w = 0; w < t.places.size(); ++w) ASSERT_EQ(levels.places().values[w], t.uv(w)) << w;
+  for (std::uint32_t w = 0; w < t.uvs.size(); ++w) ASSERT_EQ(levels.places().values[w], t.uv(w)) << w;
 }
 
 TEST(TextureLevels, OnlyWhatChangesIsMarked) {
