@@ -203,9 +203,9 @@ std::optional<ExitNow> write_documents(const CLI::App& app, const std::vector<st
 }
 
 using Choices = std::vector<std::string>;
-using Range = OptionRow::Range;
+using Range = OptionEntry::Range;
 
-std::vector<OptionRow> rows_for(ClientOptions& options, RawOptions& raw) {
+std::vector<OptionEntry> entries_for(ClientOptions& options, RawOptions& raw) {
   return {
       {"streams",
        &options.scene.streams,
@@ -346,14 +346,14 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
   CommandLine line("eigencast-client", "Watches a deforming surface that a broker streams.", EIGENCAST_VERSION);
   line.set_footer("examples:\n" + std::string(kExamples) + "in the window, H shows the keys\n\nexit status:\n" +
                   kExitStatus);
-  const std::vector<OptionRow> rows = rows_for(options, raw);
+  const std::vector<OptionEntry> entries = entries_for(options, raw);
   constexpr std::size_t kBeforeCredentials = 3;
-  line.add(std::span(rows).first(kBeforeCredentials));
+  line.add(std::span(entries).first(kBeforeCredentials));
   add_credential_options(line.app(), raw.credentials);
   line.amend("--token",
              "token, or @FILE that holds it, for the broker of --context, else of the first stream, and for no other",
              "EIGENCAST_TOKEN");
-  line.add(std::span(rows).subspan(kBeforeCredentials));
+  line.add(std::span(entries).subspan(kBeforeCredentials));
   if (const std::optional<bool> was_help = line.parse(argc, argv)) return ExitNow{*was_help ? kExitGood : kExitUsage};
   if (const auto documents = write_documents(line.app(), options.scene.streams)) return *documents;
   if (const std::string fault = fault_of_numbers(line.app()); !fault.empty()) return usage(fault);

@@ -8,18 +8,18 @@ namespace eigencast {
 namespace {
 
 template <typename Value>
-CLI::Option* add_row(CLI::App& app, const OptionRow& row, Value& value) {
+CLI::Option* add_entry(CLI::App& app, const OptionEntry& entry, Value& value) {
   if constexpr (std::is_same_v<Value, bool>) {
-    return app.add_flag(row.names, value, row.help);
+    return app.add_flag(entry.names, value, entry.help);
   } else {
-    CLI::Option* option = app.add_option(row.names, value, row.help);
+    CLI::Option* option = app.add_option(entry.names, value, entry.help);
     if constexpr (std::is_arithmetic_v<Value>) {
-      if (const auto* range = std::get_if<OptionRow::Range>(&row.allowed))
+      if (const auto* range = std::get_if<OptionEntry::Range>(&entry.allowed))
         option->check(CLI::Range(static_cast<Value>(range->low), static_cast<Value>(range->high)));
     }
-    if (const auto* choices = std::get_if<std::vector<std::string>>(&row.allowed))
+    if (const auto* choices = std::get_if<std::vector<std::string>>(&entry.allowed))
       option->check(CLI::IsMember(*choices));
-    return row.shows_default ? option->capture_default_str() : option;
+    return entry.shows_default ? option->capture_default_str() : option;
   }
 }
 
@@ -32,10 +32,10 @@ CommandLine::CommandLine(const std::string& name, const std::string& description
 
 CommandLine::~CommandLine() = default;
 
-void CommandLine::add(std::span<const OptionRow> rows) {
-  for (const OptionRow& row : rows) {
-    CLI::Option* option = std::visit([&](auto* value) { return add_row(*app_, row, *value); }, row.value);
-    if (row.environment != nullptr) option->envname(row.environment);
+void CommandLine::add(std::span<const OptionEntry> entries) {
+  for (const OptionEntry& entry : entries) {
+    CLI::Option* option = std::visit([&](auto* value) { return add_entry(*app_, entry, *value); }, entry.value);
+    if (entry.environment != nullptr) option->envname(entry.environment);
   }
 }
 

@@ -15,8 +15,8 @@ class App;
 
 namespace eigencast {
 
-/// One option of a program, as a row of a table.
-struct OptionRow {
+/// One option of a program, as an entry of a table.
+struct OptionEntry {
   struct Range {
     double low = 0, high = 0;
   };
@@ -34,7 +34,7 @@ class CommandLine {
   CommandLine(const std::string& name, const std::string& description, const std::string& version);
   ~CommandLine();
 
-  void add(std::span<const OptionRow> rows);
+  void add(std::span<const OptionEntry> entries);
   void set_footer(const std::string& text);
   /// Says more about an option that is there, or names its environment variable.
   void amend(const char* option, const char* help, const char* environment);
