@@ -42,7 +42,7 @@ else
   done
   build ci
   run_tests ci
-  build fuzz
+  build fuzz --target fuzzers
   run_tests fuzz -L fuzz
   build tidy || failed=1
 fi

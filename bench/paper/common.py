@@ -7,6 +7,7 @@ absent, so that whoever runs all of them sees what was left out.
 import argparse
 import csv
 import json
+import os
 import pathlib
 import shutil
 import subprocess
@@ -35,7 +36,8 @@ except ImportError as missing:
 def parser(description):
     p = argparse.ArgumentParser(description=description)
     p.add_argument("--bin", type=pathlib.Path, default=ROOT / "build/release/bin", help="folder of the programs")
-    p.add_argument("--data", type=pathlib.Path, default=ROOT / "../shared/data", help="folder of the real clips")
+    p.add_argument("--data", type=pathlib.Path, default=os.environ.get("EIGENCAST_DATA_DIR", ""),
+                   help="folder of the real clips (default: $EIGENCAST_DATA_DIR)")
     p.add_argument("--out", type=pathlib.Path, default=ROOT / "out/paper", help="folder for CSV and PNG")
     return p
 

@@ -173,7 +173,7 @@ class Guarded(OneServer):
         self.start_nats(server)
         self.assert_streams_cross(credentials="broker.creds")
 
-    def test_who_is_not_let_in_says_so_and_serves_on(self):
+    def test_a_refused_broker_serves_on_degraded(self):
         self.start_nats(self.PASSWORD)
         for password, ca in (("wrong", "ca.pem"), ("secret", "server.pem")):
             _, ask = self.broker(f"{password}-{ca}", ca, user="broker", password=password)

@@ -139,7 +139,7 @@ class AddOn(unittest.TestCase):
             found.append((values[0], [values[1 + 3 * i:4 + 3 * i] for i in range(vertices)]))
         return found
 
-    def test_streams_what_blender_evaluates_in_order_with_growing_times(self):
+    def test_streams_evaluated_poses_in_order(self):
         self.assertEqual(self.operate(self.addon.EIGENCAST_OT_start), {"FINISHED"})
         self.eventually(lambda: len(self.poses(0, 4)) == 1)
         for count, height in enumerate([2.0, 3.0, 4.0], 2):
@@ -166,7 +166,7 @@ class AddOn(unittest.TestCase):
         self.eventually(lambda: len(self.poses(1, 6)) == 1)
         self.assertEqual(self.poses(1, 6)[0][1], expected(1.0, 2))
 
-    def test_blender_never_waits_for_a_sender_that_does_not_read(self):
+    def test_blender_never_waits_for_a_stuck_sender(self):
         (self.folder / "stall").touch()
         self.object.extra = 50_000
         self.operate(self.addon.EIGENCAST_OT_start)

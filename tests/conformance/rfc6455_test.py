@@ -29,9 +29,11 @@ BROKER = None
 
 
 class Case(unittest.TestCase):
+    FLAGS = []
+
     @classmethod
     def setUpClass(cls):
-        cls.broker = Broker(BROKER, "--timeouts-header-ms=700", "--timeouts-idle-ms=1500")
+        cls.broker = Broker(BROKER, *cls.FLAGS)
         cls.port = cls.broker.port
 
     @classmethod
@@ -190,33 +192,14 @@ class Raw(Case):
         peer = Peer(self.port)
         peer.send(frame(TEXT, b"last"))
         peer.sock.shutdown(socket.SHUT_WR)
-        peer.sock.settimeout(5)
+        peer.sock.settimeout(30)
         try:
             while peer.sock.recv(4096):
                 pass
         except ConnectionResetError:
             pass
 
-    def test_slow_loris(self):
-        peer = Peer(self.port, upgrade=False)
-        peer.sock.settimeout(5)
-        start = time.monotonic()
-        try:
-            while True:
-                peer.sock.sendall(b"G")
-                time.sleep(0.1)
-        except OSError:
-            pass
-        self.assertLess(time.monotonic() - start, 4, "a head that never ends is cut off")
-
-    def test_a_silent_peer_is_pinged_then_cut_off(self):
-        peer = Peer(self.port)
-        self.assertEqual(peer.receive()[0], PING)
-        peer.sock.settimeout(6)
-        with self.assertRaises((EOFError, ConnectionResetError)):
-            peer.receive()
-
-    def test_who_reads_nothing_loses_only_its_own_connection(self):
+    def test_an_unread_connection_harms_no_other(self):
         deaf = Peer(self.port, "/v1/subscribe", "eigencast.v1")
         deaf.sock.settimeout(0.5)
         try:
@@ -260,7 +243,7 @@ class Strict(Case):
                     self.assertEqual(peer.receive(), (PONG, b"p"))
                     self.assertEqual(peer.receive(), (opcode, payload), (first, second))
 
-    def test_bad_utf8_ends_at_its_octet_in_whatever_fragment(self):
+    def test_bad_utf8_ends_at_its_octet(self):
         start = "\u03ba\u1f79\u03c3\u03bc\u03b5".encode()
         for bad in (b"\xf4\x90", b"\xed\xa0", b"\xc0", b"\xe0\x80", b"\xf0\x80", b"\xf5", b"\xff", b"\xce\x41", b"\xe1\x80\x41"):
             for cut in range(len(bad)):
@@ -269,7 +252,7 @@ class Strict(Case):
                 peer.send(frame(TEXT, start + bad[:cut], fin=False), frame(0, bad[cut:] + b"never sent", fin=False)[:6 + len(bad) - cut])
                 self.assertEqual(peer.close_code(), 1007, (bad, cut))
 
-    def test_a_character_may_be_unfinished_until_the_message_ends(self):
+    def test_a_character_may_span_fragments(self):
         for unfinished in (b"\xce", b"\xe1\xbd", b"\xf0\x9f\x98"):
             peer = Peer(self.port)
             peer.send(frame(TEXT, unfinished, fin=False), frame(PING, b"still there"))
@@ -283,7 +266,7 @@ class Strict(Case):
             peer.send(close_frame(1000), late)
             opcode, payload = peer.receive()
             self.assertEqual((opcode, payload[:2]), (CLOSE, b"\x03\xe8"))
-            peer.sock.settimeout(5)
+            peer.sock.settimeout(30)
             try:
                 self.assertEqual(peer.buffer + peer.sock.recv(4096), b"")
             except ConnectionResetError:
@@ -294,6 +277,24 @@ class Strict(Case):
             peer = Peer(self.port)
             peer.send(frame(TEXT, b"frag", fin=False), close_frame(code, b"enough"), frame(0, b"ment"))
             self.assertEqual(peer.close_code(), code)
+
+
+class Timeouts(Case):
+    FLAGS = ["--timeouts-header-ms=2000", "--timeouts-idle-ms=1500"]
+
+    def test_slow_loris(self):
+        peer = Peer(self.port, upgrade=False)
+        with self.assertRaises(OSError, msg="a head that never ends is cut off"):
+            for _ in range(600):
+                peer.sock.sendall(b"G")
+                time.sleep(0.1)
+
+    def test_a_silent_peer_is_pinged_then_cut_off(self):
+        peer = Peer(self.port)
+        self.assertEqual(peer.receive()[0], PING)
+        peer.sock.settimeout(60)
+        with self.assertRaises((EOFError, ConnectionResetError)):
+            peer.receive()
 
 
 class PythonWebsockets(Case):

@@ -78,7 +78,7 @@ class Deploy(unittest.TestCase):
         named = lambda word, file: set(re.findall(rf"{word}: (Eigencast\w+)", (DEPLOY / "prometheus" / file).read_text()))
         self.assertEqual(named("alertname", "eigencast.rules.test.yml"), named("alert", "eigencast.rules.yml"))
 
-    def test_the_job_that_the_rules_ask_for_is_the_one_that_scrapes(self):
+    def test_rules_and_scraping_name_the_same_job(self):
         asked = set(re.findall(r'job="([\w-]+)"', (DEPLOY / "prometheus/eigencast.rules.yml").read_text()))
         self.assertEqual(len(asked), 1)
         for file in ("deploy/prometheus/prometheus.yml", "docs/operations.md"):
@@ -94,7 +94,7 @@ class Deploy(unittest.TestCase):
         self.assertEqual(checked.returncode, 0, checked.stdout + checked.stderr)
         return tomllib.loads(subprocess.run([BROKER, *words, "--show-config"], **where).stdout)
 
-    def test_a_pod_has_the_settings_of_the_configuration_map(self):
+    def test_a_pod_has_the_config_map_settings(self):
         text = (DEPLOY / "kubernetes/configmap.yaml").read_text().split("eigencast.toml: |\n", 1)[1]
         toml = "\n".join(line.removeprefix("    ") for line in text.splitlines())
         arguments = re.search(r"^ +args: (\[.*\])$", (DEPLOY / "kubernetes/statefulset.yaml").read_text(), re.M)
@@ -113,7 +113,7 @@ class Deploy(unittest.TestCase):
         self.assertTrue(wanted["server"]["admin_listen"].startswith("0.0.0.0:"), "the kubelet asks from outside of the pod")
         self.assertTrue(wanted["access"]["monitors"], "Prometheus and the autoscaler read the admin port without a token")
 
-    def test_a_container_of_compose_has_the_settings_that_compose_says(self):
+    def test_a_container_has_the_compose_settings(self):
         entry, environment = image()
         said = dict(re.findall(r"^ +(EIGENCAST_\w+): (\S+)$", (DEPLOY / "container/compose.yaml").read_text(), re.M))
         with tempfile.TemporaryDirectory() as folder:

@@ -167,7 +167,7 @@ class Unit(OnMachines):
         self.run_at(f"kill -STOP {pid}")
         self.wait_for(lambda: self.property("NRestarts") == "1" and self.property("MainPID") not in ("0", pid) and self.ready(), "no restart")
 
-    def test_a_key_that_only_root_reads_reaches_it_as_a_credential(self):
+    def test_a_key_of_root_arrives_as_credential(self):
         self.run_at("umask 077; openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 2 -subj /CN=localhost "
                     "-addext subjectAltName=DNS:localhost -keyout own.key -out own.pem; cp own.pem /etc/eigencast/own.pem; "
                     "chmod 644 /etc/eigencast/own.pem; printf '[tls]\\ncertificate = \"own.pem\"\\nkey = \"tls.key\"\\n' >/etc/eigencast/eigencast.toml")

@@ -59,7 +59,7 @@ class Doors(unittest.TestCase):
             shutil.rmtree(broker.folder)
             self.assertEqual(broker.process.returncode, 0)
 
-    def test_downloads_of_an_address_are_limited_by_their_bytes(self):
+    def test_download_bytes_per_address_are_limited(self):
         body, name = payloads.asset()
         asset = f"/v1/assets/{name}"
         port, admin = self.start(f"--per-address-download-bytes-per-hour={3 * len(body)}", "--per-address-upload-bytes-per-hour=1000000")

@@ -133,7 +133,7 @@ class Loops(unittest.TestCase):
         for peer in peers:
             self.assertEqual(next_control(peer, "bye")["reason"], "the broker is stopping")
             peer.sock.close()
-        self.assertEqual(self.broker.process.wait(10), 0)
+        self.assertEqual(self.broker.process.wait(60), 0)
         self.broker = None
 
     def publish(self):
