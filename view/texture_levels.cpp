@@ -49,7 +49,7 @@ void TextureLevels::place_wedges(std::uint32_t from_vertex, const LevelMorph& mo
     const float weight = morph.weight(v);
     for (std::uint32_t w = texture_->first_wedge[v]; w < texture_->first_wedge[v + 1]; ++w) {
       std::array<float, 2> uv{kNone, kNone};
-      if (texture_->places[w] != AssetTexture::kNone) {
+      if (texture_->uvs[w] != AssetTexture::kNone) {
         uv = texture_->uv(w);
         const std::array<float, 2>& from = places_.values[texture_->parent[w]];
         for (std::size_t d = 0; d < 2 && weight < 1 && from[0] != kNone; ++d)
