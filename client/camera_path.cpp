@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include "client/json_file.h"
+#include "common/core/files.h"
 
 namespace eigencast {
 namespace {
@@ -57,7 +58,7 @@ Result<CameraPath> CameraPath::from_json(std::string_view text) {
 }
 
 Result<CameraPath> CameraPath::read(const std::string& path) {
-  const Result<std::string> text = read_small_file(path);
+  const Result<std::string> text = read_file(path, kMaxJsonFileBytes);
   if (!text) return text.error();
   Result<CameraPath> read = from_json(*text);
   if (!read) return in_context(path, read.error());

@@ -9,6 +9,7 @@
 #include <set>
 
 #include "client/json_file.h"
+#include "common/core/files.h"
 
 namespace eigencast {
 namespace {
@@ -87,7 +88,7 @@ Result<SceneDescription> scene_from_json(std::string_view text) {
 }
 
 Result<SceneDescription> read_scene_file(const std::string& path) {
-  const Result<std::string> text = read_small_file(path);
+  const Result<std::string> text = read_file(path, kMaxJsonFileBytes);
   if (!text) return text.error();
   Result<SceneDescription> scene = scene_from_json(*text);
   if (!scene) return in_context(path, scene.error());

@@ -72,7 +72,7 @@ Result<Settings> Settings::load(const std::string& path) {
   Settings settings;
   std::error_code ignored;
   if (path.empty() || !std::filesystem::exists(path, ignored)) return settings;
-  const auto text = read_small_file(path);
+  const auto text = read_file(path, kMaxJsonFileBytes);
   if (!text) return text.error();
   const json all = json::parse(*text, nullptr, false);
   if (!all.is_object())

@@ -6,7 +6,6 @@
 #include "sdk/asset_cache.h"
 
 #include <fcntl.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -18,6 +17,7 @@
 #include <system_error>
 #include <utility>
 
+#include "common/core/files.h"
 #include "common/wire/limits.h"
 
 namespace eigencast {
@@ -28,20 +28,6 @@ namespace fs = std::filesystem;
 constexpr std::size_t kMaxNameBytes = 128;
 constexpr std::size_t kMaxRecordBytes = 1 << 20;
 constexpr std::size_t kDigestBytes = 32;
-
-class FileDescriptor {
- public:
-  explicit FileDescriptor(int fd) : fd_(fd) {}
-  ~FileDescriptor() {
-    if (fd_ >= 0) ::close(fd_);
-  }
-  FileDescriptor(const FileDescriptor&) = delete;
-  FileDescriptor& operator=(const FileDescriptor&) = delete;
-  int get() const { return fd_; }
-
- private:
-  int fd_;
-};
 
 fs::path object_path(const std::string& directory, const Sha256& id) {
   const std::string hex = id.hex();
@@ -55,23 +41,6 @@ bool is_record_name(const std::string& name) {
   };
   return !name.empty() && name.size() <= kMaxNameBytes && name.front() != '.' &&
          std::all_of(name.begin(), name.end(), allowed);
-}
-
-/// The file's bytes; nothing when it is absent, unreadable, not a plain file or larger than `limit`.
-std::optional<Bytes> read_file(const fs::path& path, std::size_t limit) {
-  const FileDescriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
-  struct stat info {};
-  if (file.get() < 0 || ::fstat(file.get(), &info) != 0 || !S_ISREG(info.st_mode)) return std::nullopt;
-  if (info.st_size < 0 || static_cast<std::size_t>(info.st_size) > limit) return std::nullopt;
-  Bytes bytes(static_cast<std::size_t>(info.st_size));
-  std::size_t have = 0;
-  while (have < bytes.size()) {
-    const ssize_t got = ::read(file.get(), bytes.data() + have, bytes.size() - have);
-    if (got < 0 && errno == EINTR) continue;
-    if (got <= 0) return std::nullopt;
-    have += static_cast<std::size_t>(got);
-  }
-  return bytes;
 }
 
 void remove_quietly(const fs::path& path) {
@@ -104,7 +73,7 @@ Result<void> write_atomically(const fs::path& path, ByteView head, ByteView body
   const fs::path temporary =
       path.parent_path() / (".tmp-" + std::to_string(::getpid()) + "-" + std::to_string(counter.fetch_add(1)));
   {
-    const FileDescriptor file(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644));
+    const FileHandle file(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644));
     if (file.get() < 0) return io_error(temporary, "cannot create", errno);
     if (!write_all(file.get(), head) || !write_all(file.get(), body)) {
       const Error failed = io_error(temporary, "cannot write", errno);
@@ -137,8 +106,8 @@ AssetCache::AssetCache(std::string directory) : directory_(std::move(directory))
 std::optional<Bytes> AssetCache::load(const Sha256& id) const {
   if (directory_.empty()) return std::nullopt;
   const fs::path path = object_path(directory_, id);
-  std::optional<Bytes> bytes = read_file(path, limits::kMaxAssetObjectBytes);
-  if (bytes && sha256(*bytes) == id) return bytes;
+  auto bytes = read_bytes(path.string(), limits::kMaxAssetObjectBytes);
+  if (bytes && sha256(*bytes) == id) return std::move(*bytes);
   remove_quietly(path);
   return std::nullopt;
 }
@@ -151,7 +120,7 @@ Result<void> AssetCache::store(const Sha256& id, ByteView bytes) const {
 std::optional<Bytes> AssetCache::load_record(const std::string& name) const {
   if (directory_.empty() || !is_record_name(name)) return std::nullopt;
   const fs::path path = fs::path(directory_) / "records" / name;
-  std::optional<Bytes> bytes = read_file(path, kMaxRecordBytes + kDigestBytes);
+  const auto bytes = read_bytes(path.string(), kMaxRecordBytes + kDigestBytes);
   if (bytes && bytes->size() >= kDigestBytes) {
     const ByteView body = ByteView(*bytes).subspan(kDigestBytes);
     if (std::equal(bytes->begin(), bytes->begin() + kDigestBytes, sha256(body).digest.begin())) {

@@ -2,7 +2,6 @@
 #include "sdk/asset_folder.h"
 
 #include <filesystem>
-#include <fstream>
 #include <string_view>
 #include <utility>
 
@@ -14,21 +13,11 @@ namespace eigencast {
 namespace fs = std::filesystem;
 
 Result<Bytes> read_object(const std::string& folder, const Sha256& id) {
-  const fs::path path = fs::path(folder) / id.hex();
-  std::error_code code;
-  if (!fs::is_regular_file(path, code)) {
-    return fail(ErrorCode::kNotFound, path.string() +
-                                          " is not there: is this a folder that an asset was written to, whole, "
-                                          "and the asset's id the one that its bake gave?");
-  }
-  const std::uintmax_t size = fs::file_size(path, code);
-  if (code || size > limits::kMaxAssetObjectBytes)
-    return fail(ErrorCode::kTooLarge, path.string() + ": no asset's object");
-  Bytes bytes(static_cast<std::size_t>(size));
-  std::ifstream in(path, std::ios::binary);
-  if (!in.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size())))
-    return fail(ErrorCode::kIo, path.string() + ": cannot be read");
-  return bytes;
+  auto bytes = read_bytes((fs::path(folder) / id.hex()).string(), limits::kMaxAssetObjectBytes);
+  if (bytes) return bytes;
+  return fail(bytes.error().code, bytes.error().message +
+                                      "; is this a folder that an asset was written to, whole, and the asset's id the "
+                                      "one that its bake gave?");
 }
 
 Result<void> write_asset(const EncodedAsset& encoded, const std::string& folder) {

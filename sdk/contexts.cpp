@@ -10,10 +10,9 @@
 #include <cstdlib>
 #include <cstring>
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
-#include <sstream>
 
+#include "common/core/files.h"
 #include "common/net/url.h"
 
 namespace eigencast {
@@ -21,7 +20,7 @@ namespace {
 
 using nlohmann::json;
 
-constexpr std::uintmax_t kMaxFileBytes = 1 << 20;
+constexpr std::uint64_t kMaxFileBytes = 1 << 20;
 
 bool is_name(const std::string& name) {
   return !name.empty() && name.size() <= 64 && std::all_of(name.begin(), name.end(), [](char c) {
@@ -99,15 +98,11 @@ std::string Contexts::default_path() {
 
 Result<Contexts> Contexts::load(const std::string& path) {
   Contexts contexts;
-  std::error_code code;
-  if (path.empty() || !std::filesystem::exists(path, code)) return contexts;
-  if (std::filesystem::file_size(path, code) > kMaxFileBytes || code)
-    return fail(ErrorCode::kTooLarge, path + ": no file of contexts");
-  std::ifstream in(path);
-  std::ostringstream text;
-  text << in.rdbuf();
-  if (!in) return fail(ErrorCode::kIo, path + ": cannot be read");
-  const json root = json::parse(text.str(), nullptr, false);
+  std::error_code ignored;
+  if (path.empty() || !std::filesystem::exists(path, ignored)) return contexts;
+  const auto text = read_file(path, kMaxFileBytes);
+  if (!text) return text.error();
+  const json root = json::parse(*text, nullptr, false);
   if (!root.is_object() || !root.contains("contexts") || !root["contexts"].is_array()) {
     return fail(ErrorCode::kCorrupt, path + ": not a file of contexts; remove it, or mend it");
   }

@@ -158,7 +158,7 @@ void add_deform_command(CLI::App& app, Settings& s) {
   deform->add_option("--duration", command.duration_s, "stop after so many seconds")
       ->check(CLI::Range(1e-3, kMostSeconds));
   deform->add_option("--frames", command.frames, "stop after so many poses")->check(positive());
-  deform->add_option("--json", command.json, "write a report at the end")->check(place_for(check_place_of_file));
+  deform->add_option("--json", command.json, "write a report at the end")->check(place_for(check_output_file));
 }
 
 void add_evaluate_command(CLI::App& app, Settings& s) {
@@ -183,9 +183,9 @@ void add_evaluate_command(CLI::App& app, Settings& s) {
   evaluate->add_option("--rate", command.rate_hz, "poses a second, for kbit/s")
       ->check(CLI::Range(0.1, 1000.0))
       ->capture_default_str();
-  evaluate->add_option("--json", command.json, "write a report")->check(place_for(check_place_of_file));
+  evaluate->add_option("--json", command.json, "write a report")->check(place_for(check_output_file));
   evaluate->add_option("--plots", command.plots, "draw the errors into this folder, as PNG")
-      ->check(place_for(check_place_of_folder));
+      ->check(place_for(check_output_folder));
 }
 
 void add_commands(CLI::App& app, Settings& s) {
@@ -193,8 +193,8 @@ void add_commands(CLI::App& app, Settings& s) {
   runs(*bake, s, s.bake);
   add_source_options(*bake, s.bake.source);
   bake->add_option("-o,--out", s.bake.out_dir, "copy the asset's objects into this folder")
-      ->check(place_for(check_place_of_folder));
-  bake->add_option("--json", s.bake.json, "write a report")->check(place_for(check_place_of_file));
+      ->check(place_for(check_output_folder));
+  bake->add_option("--json", s.bake.json, "write a report")->check(place_for(check_output_file));
 
   CLI::App* play = app.add_subcommand("play", "Stream an animation to a broker");
   runs(*play, s, s.play);
@@ -211,9 +211,9 @@ void add_commands(CLI::App& app, Settings& s) {
   play->add_option("--duration", s.play.duration_s, "stop after so many seconds, counted from the first try to connect")
       ->check(CLI::Range(1e-3, kMostSeconds));
   play->add_option("--frames", s.play.frames, "stop after so many poses")->check(positive());
-  play->add_option("--json", s.play.json, "write a report at the end")->check(place_for(check_place_of_file));
+  play->add_option("--json", s.play.json, "write a report at the end")->check(place_for(check_output_file));
   play->add_option("--record", s.play.record, "write capture time and frame of each pose, as JSON lines")
-      ->check(place_for(check_place_of_file));
+      ->check(place_for(check_output_file));
 
   CLI::App* pipe =
       app.add_subcommand("pipe", "Stream poses from standard input: 32-bit floats x, y, z for each vertex of the mesh");
@@ -224,7 +224,7 @@ void add_commands(CLI::App& app, Settings& s) {
   add_coding_options(*pipe, s.pipe.target);
   pipe->add_option("--rate", s.pipe.rate_hz, "poses a second (default: as they arrive, or at the times they state)")
       ->check(CLI::Range(0.1, 1000.0));
-  pipe->add_option("--json", s.pipe.json, "write a report at the end")->check(place_for(check_place_of_file));
+  pipe->add_option("--json", s.pipe.json, "write a report at the end")->check(place_for(check_output_file));
 
   add_deform_command(app, s);
 
@@ -236,7 +236,7 @@ void add_commands(CLI::App& app, Settings& s) {
                    "x.pc2, x.mdd, x.npy (rest pose beside it as x.obj), x.obj, x.ply, x.off (a file a pose) or folder/")
       ->required()
       ->check(place_for(check_clip_path));
-  export_clip->add_option("--json", s.export_clip.json, "write a report")->check(place_for(check_place_of_file));
+  export_clip->add_option("--json", s.export_clip.json, "write a report")->check(place_for(check_output_file));
 
   add_evaluate_command(app, s);
 
@@ -253,7 +253,7 @@ void add_commands(CLI::App& app, Settings& s) {
       ->check(CLI::Range(1e-3, kMostSeconds));
   replay->add_flag("--loop", s.replay.loop, "begin again at the end");
   replay->add_option("--asset", s.replay.asset_dir, "folder with the asset's objects (bake --out)");
-  replay->add_option("--json", s.replay.json, "write a report at the end")->check(place_for(check_place_of_file));
+  replay->add_option("--json", s.replay.json, "write a report at the end")->check(place_for(check_output_file));
 
   CLI::App* compare = app.add_subcommand("compare", "Compare poses that a client recorded with the clip that was sent");
   runs(*compare, s, s.compare);
@@ -261,7 +261,7 @@ void add_commands(CLI::App& app, Settings& s) {
   compare->add_option("--sent", s.compare.sent, "record of the sender (play --record)")->required();
   compare->add_option("--received", s.compare.received, "record of the client (eigencast-client --record)")->required();
   compare->add_option("--report", s.compare.report, "JSON file to add the result to")
-      ->check(place_for(check_place_of_file));
+      ->check(place_for(check_output_file));
 
   add_context_commands(app, s);
   add_document_commands(app, s);

@@ -4,10 +4,10 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <optional>
 
+#include "common/core/files.h"
 #include "common/core/histogram.h"
 #include "common/surface/formats/write.h"
 #include "sender/by_hand.h"
@@ -30,15 +30,6 @@ using deform::Script;
 
 constexpr std::uintmax_t kMaxScriptBytes = 64 << 20;
 
-Result<std::string> text_of(const std::string& path) {
-  std::error_code error;
-  const std::uintmax_t size = std::filesystem::file_size(path, error);
-  if (error) return fail(ErrorCode::kNotFound, path + ": " + error.message());
-  if (size > kMaxScriptBytes) return fail(ErrorCode::kTooLarge, path + ": more than 64 MiB of JSON");
-  std::ifstream in(path, std::ios::binary);
-  return std::string((std::istreambuf_iterator<char>(in)), std::istreambuf_iterator<char>());
-}
-
 /// All that is known of a deformation before its basis is there.
 struct Plan {
   OpenedSource model;
@@ -48,7 +39,7 @@ struct Plan {
 };
 
 Result<std::vector<deform::HandleGroup>> read_handles(const std::string& path, const Surface& model) {
-  const auto text = text_of(path);
+  const auto text = read_file(path, kMaxScriptBytes);
   if (!text) return text.error();
   auto groups = deform::handle_groups_from_json(*text, model);
   if (!groups) return in_context(path, groups.error());
@@ -82,7 +73,7 @@ Result<Script> script_of(const std::string& what, std::span<const Vec3> handles)
   std::error_code ignored;
   const bool is_word = what.find_first_of("/.") == std::string::npos;
   if (is_word && !std::filesystem::exists(what, ignored)) return Script::builtin(what, handles);
-  const auto text = text_of(what);
+  const auto text = read_file(what, kMaxScriptBytes);
   if (!text) return text.error();
   auto script = Script::from_json(*text, handles);
   if (!script) return in_context(what, script.error());

@@ -6,17 +6,13 @@
 #include <algorithm>
 #include <charconv>
 
+#include "common/core/text.h"
+
 namespace eigencast::broker {
 namespace {
 
 constexpr std::array<std::uint8_t, 12> kV4Prefix = {0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xff, 0xff};
 constexpr std::size_t kMaxHops = 32;
-
-std::string_view trimmed(std::string_view text) {
-  while (!text.empty() && (text.front() == ' ' || text.front() == '\t')) text.remove_prefix(1);
-  while (!text.empty() && (text.back() == ' ' || text.back() == '\t')) text.remove_suffix(1);
-  return text;
-}
 
 /// "1.2.3.4", "1.2.3.4:80", "[::1]:80", "::1", in quotes or not.
 std::optional<IpAddress> address_of_hop(std::string_view text) {

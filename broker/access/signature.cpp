@@ -14,7 +14,8 @@
 
 #include <algorithm>
 #include <array>
-#include <fstream>
+
+#include "common/core/files.h"
 
 namespace eigencast::broker {
 namespace {
@@ -109,23 +110,9 @@ Bytes pair_from_der(const Bytes& der) {
   return pair;
 }
 
-Error cannot_open(const std::string& path) {
-  return fail(ErrorCode::kNotFound, path + ": cannot be opened: check the path and its permissions");
-}
-
-Result<std::string> read_small_file(const std::string& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) return cannot_open(path);
-  std::string text(kMaxFileBytes + 1, '\0');
-  file.read(text.data(), static_cast<std::streamsize>(text.size()));
-  text.resize(static_cast<std::size_t>(file.gcount()));
-  if (text.size() > kMaxFileBytes) return fail(ErrorCode::kTooLarge, path + ": is over 64 KiB");
-  return text;
-}
-
 Result<void> check_closed(const std::string& path) {
   struct stat facts {};
-  if (::stat(path.c_str(), &facts) != 0) return cannot_open(path);
+  if (::stat(path.c_str(), &facts) != 0) return {};  // Reading it says why.
   constexpr mode_t kTooOpen = S_IWGRP | S_IXGRP | S_IRWXO;
   if (!S_ISREG(facts.st_mode) || (facts.st_mode & kTooOpen) == 0) return {};
   return fail(ErrorCode::kRefused,
@@ -179,7 +166,7 @@ Result<TokenKey> TokenKey::from_pem(std::string id, Algorithm algorithm, std::st
 }
 
 Result<TokenKey> TokenKey::from_file(std::string id, Algorithm algorithm, const std::string& path) {
-  auto text = read_small_file(path);
+  auto text = read_file(path, kMaxFileBytes);
   if (!text) return text.error();
   const bool is_secret = algorithm == Algorithm::kHs256;
   while (is_secret && (text->ends_with('\n') || text->ends_with('\r'))) text->pop_back();
@@ -238,7 +225,7 @@ Result<Bytes> TokenKey::sign(std::string_view message) const {
 
 Result<std::string> read_secret_file(const std::string& path) {
   if (auto closed = check_closed(path); !closed) return closed.error();
-  return read_small_file(path);
+  return read_file(path, kMaxFileBytes);
 }
 
 }  // namespace eigencast::broker

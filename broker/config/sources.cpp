@@ -2,11 +2,12 @@
 #include "broker/config/sources.h"
 
 #include <algorithm>
-#include <fstream>
 #include <optional>
 
 #define TOML_EXCEPTIONS 0
 #include <toml++/toml.h>
+
+#include "common/core/files.h"
 
 namespace eigencast::broker {
 namespace {
@@ -144,14 +145,9 @@ Result<void> read_config(Config& config, std::string_view toml, std::string_view
 }
 
 Result<void> read_config_file(Config& config, const std::string& path, Origins* origins) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file) return fail(ErrorCode::kNotFound, path + ": cannot be opened: check the path and its permissions");
-  std::string text(kMaxFileBytes + 1, '\0');
-  file.read(text.data(), static_cast<std::streamsize>(text.size()));
-  if (file.bad()) return fail(ErrorCode::kIo, path + ": cannot be read");
-  text.resize(static_cast<std::size_t>(file.gcount()));
-  if (text.size() > kMaxFileBytes) return fail(ErrorCode::kTooLarge, path + ": is over 1 MiB: no configuration");
-  return read_config(config, text, path, origins);
+  const auto text = read_file(path, kMaxFileBytes);
+  if (!text) return text.error();
+  return read_config(config, *text, path, origins);
 }
 
 Result<void> read_environment(Config& config, std::span<const std::string_view> environment, Origins* origins) {

@@ -5,6 +5,7 @@
 #include <charconv>
 
 #include "common/core/hash/sha256.h"
+#include "common/core/text.h"
 #include "common/wire/control.h"
 
 namespace eigencast::broker {
@@ -15,12 +16,6 @@ std::optional<std::uint64_t> number(std::string_view text) {
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (text.empty() || error != std::errc() || end != text.data() + text.size()) return std::nullopt;
   return value;
-}
-
-std::string_view trimmed(std::string_view text) {
-  while (!text.empty() && (text.front() == ' ' || text.front() == '\t')) text.remove_prefix(1);
-  while (!text.empty() && (text.back() == ' ' || text.back() == '\t')) text.remove_suffix(1);
-  return text;
 }
 
 Result<Target> stream_target(Target::Kind kind, std::string_view name) {

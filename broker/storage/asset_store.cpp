@@ -42,15 +42,6 @@ Result<void> sync_folder(const std::string& path) {
 
 }  // namespace
 
-FileHandle::~FileHandle() {
-  if (fd_ >= 0) ::close(fd_);
-}
-
-FileHandle& FileHandle::operator=(FileHandle&& other) noexcept {
-  std::swap(fd_, other.fd_);
-  return *this;
-}
-
 Result<std::unique_ptr<AssetStore>> AssetStore::open(const std::string& data_dir, const Settings& settings) {
   std::error_code error;
   fs::create_directories(data_dir, error);

@@ -15,23 +15,11 @@
 
 #include "broker/relay/stream_tap.h"
 #include "common/core/clock.h"
+#include "common/core/files.h"
 #include "common/core/hash/sha256.h"
 #include "common/core/result.h"
 
 namespace eigencast::broker {
-
-/// A file descriptor that is closed at the end of its life.
-class FileHandle {
- public:
-  explicit FileHandle(int fd = -1) : fd_(fd) {}
-  ~FileHandle();
-  FileHandle(FileHandle&& other) noexcept : fd_(std::exchange(other.fd_, -1)) {}
-  FileHandle& operator=(FileHandle&& other) noexcept;
-  int get() const { return fd_; }
-
- private:
-  int fd_;
-};
 
 /// Objects (manifests and chunks) in a folder, each named by its SHA-256. What is visible is whole and has that hash.
 ///

@@ -19,7 +19,7 @@ namespace eigencast {
 CLI::Option* add_credential_options(CLI::App& app, Credentials& credentials);
 
 /// For files and folders of results: what is wrong with the place is told before the work. "-" is standard output.
-///   check  check_place_of_file or check_place_of_folder
+///   check  check_output_file or check_output_folder
 CLI::Validator place_for(Result<void> (*check)(const std::string& path));
 
 }  // namespace eigencast

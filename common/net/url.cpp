@@ -5,8 +5,9 @@
 #include <cctype>
 #include <charconv>
 #include <cstdlib>
-#include <fstream>
 
+#include "common/core/files.h"
+#include "common/core/text.h"
 #include "common/net/client_stream.h"
 
 namespace eigencast {
@@ -112,14 +113,11 @@ void take_endpoint(std::string_view& path, BrokerUrl& url) {
 
 Result<std::string> token_from(const std::string& given) {
   if (!given.starts_with('@')) return given;
-  const std::string path = given.substr(1);
-  std::ifstream file(path);
-  std::string token;
-  if (!file || !std::getline(file, token)) {
-    return fail(ErrorCode::kNotFound, path + ": no token can be read here: check the path and its permissions");
-  }
-  while (token.ends_with('\r') || token.ends_with(' ')) token.pop_back();
-  return token;
+  const auto text = read_file(given.substr(1), 2 * kMaxTokenBytes);
+  if (!text) return text.error();
+  const std::string_view token = trimmed(std::string_view(*text).substr(0, text->find('\n')));
+  if (token.empty()) return fail(ErrorCode::kInvalidArgument, given.substr(1) + ": holds no token in its first line");
+  return std::string(token);
 }
 
 }  // namespace

@@ -7,8 +7,8 @@
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
-#include <sstream>
 
+#include "common/core/files.h"
 #include "common/core/text.h"
 #include "tools/latency/report.h"
 
@@ -16,6 +16,8 @@ namespace eigencast::latency {
 namespace {
 
 using Json = nlohmann::json;
+
+constexpr std::uint64_t kMaxReportBytes = 256 << 20;
 
 std::string first_line(const std::string& path) {
   std::ifstream in(path);
@@ -102,11 +104,9 @@ std::string what_it_takes(const std::string& metric) {
 }
 
 Result<Json> read_report(const std::string& path) {
-  std::ifstream in(path);
-  if (!in) return fail(ErrorCode::kIo, path + ": cannot be read");
-  std::stringstream text;
-  text << in.rdbuf();
-  Json json = Json::parse(text.str(), nullptr, false);
+  const auto text = read_file(path, kMaxReportBytes);
+  if (!text) return text.error();
+  Json json = Json::parse(*text, nullptr, false);
   const auto says = [&](const char* name, const Json& value) { return json.contains(name) && json.at(name) == value; };
   if (json.is_discarded() || !json.is_object() || !says("schema", "eigencast-latency"))
     return fail(ErrorCode::kCorrupt, path + ": is no report of eigencast-latency (--json)");

@@ -62,7 +62,7 @@ void add_access(CLI::App& command, Inputs& in) {
 }
 
 void add_outputs(CLI::App& command, Options& o) {
-  const auto file = [](CLI::Option* option) { option->group("Output")->check(place_for(check_place_of_file)); };
+  const auto file = [](CLI::Option* option) { option->group("Output")->check(place_for(check_output_file)); };
   file(command.add_option("--json", o.json, "write the whole report here (- for standard output)"));
   file(command.add_option("--csv", o.csv, "write a line per second here"));
   file(command.add_option("--hgrm", o.hgrm, "write the percentile spectrum of the keys here (plots as HdrHistogram)"));
@@ -161,7 +161,7 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
   probe->add_option("url", o.inputs.url, "ws://host:port, or wss://")->required();
   probe->add_option("--count", o.pings, "pings")->check(CLI::Range(1, 100000))->capture_default_str();
   probe->add_option("--json", o.json, "write the result here (- for standard output)")
-      ->check(place_for(check_place_of_file));
+      ->check(place_for(check_output_file));
   add_access(*probe, o.inputs);
 
   CLI::App* sweep = app.add_subcommand("sweep", "loop for every combination of the lists");
@@ -177,7 +177,7 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
   sweep->add_option("--json", o.json, "write all reports here, as an array (- for standard output)")
-      ->check(place_for(check_place_of_file));
+      ->check(place_for(check_output_file));
   sweep->add_flag("--no-progress", o.no_progress, "no progress line");
 
   CLI::App* compare = app.add_subcommand("compare", "two JSON reports side by side");

@@ -5,9 +5,10 @@
 #include <charconv>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <system_error>
+
+#include "common/core/files.h"
 
 namespace eigencast::text {
 namespace {
@@ -21,25 +22,7 @@ bool is_blank(char c) {
 }  // namespace
 
 Result<std::string> bytes_of_file(const std::string& path) {
-  std::error_code code;
-  const auto status = std::filesystem::status(path, code);
-  if (!std::filesystem::exists(status)) return fail(ErrorCode::kNotFound, path + ": no such file");
-  if (!std::filesystem::is_regular_file(status)) return fail(ErrorCode::kIo, path + ": not a regular file");
-  const std::uintmax_t size = std::filesystem::file_size(path, code);
-  if (code) return fail(ErrorCode::kIo, path + ": " + code.message());
-  if (size > kMaxFileBytes) {
-    return fail(ErrorCode::kTooLarge,
-                path + ": " + std::to_string(size) + " bytes; at most " + std::to_string(kMaxFileBytes) + " are read");
-  }
-  std::ifstream in(path, std::ios::binary);
-  if (!in) return fail(ErrorCode::kIo, path + ": cannot be opened; is reading it allowed?");
-  std::string bytes(static_cast<std::size_t>(size), '\0');
-  in.read(bytes.data(), static_cast<std::streamsize>(size));
-  if (in.gcount() != static_cast<std::streamsize>(size)) {
-    return fail(ErrorCode::kIo, path + ": reading stopped after " + std::to_string(in.gcount()) + " of " +
-                                    std::to_string(size) + " bytes");
-  }
-  return bytes;
+  return read_file(path, kMaxFileBytes);
 }
 
 std::string ending_of(const std::string& path) {
@@ -84,13 +67,6 @@ std::string_view take_token(std::string_view& rest) {
   const std::string_view token = rest.substr(begin, end - begin);
   rest.remove_prefix(end);
   return token;
-}
-
-std::string_view trimmed(std::string_view line) {
-  constexpr std::string_view kBlanks = " \t\v\f\r";
-  const std::size_t first = line.find_first_not_of(kBlanks);
-  if (first == std::string_view::npos) return {};
-  return line.substr(first, line.find_last_not_of(kBlanks) - first + 1);
 }
 
 std::string_view without_comment(std::string_view line) {

@@ -12,7 +12,7 @@
 /// What the readers of this room share: whole files as bytes, lines, tokens and numbers. Private to common/surface.
 namespace eigencast::text {
 
-/// The bytes of a regular file. Errors: kNotFound, kIo (also for anything but a regular file), kTooLarge (2 GiB).
+/// The bytes of a file of at most 2 GiB. Errors: as read_file().
 Result<std::string> bytes_of_file(const std::string& path);
 
 /// The file's ending in lower case without the dot: "obj".
@@ -40,9 +40,6 @@ class Lines {
 
 /// Takes the first token, up to blanks, off `rest`; empty at the end.
 std::string_view take_token(std::string_view& rest);
-
-/// Without blanks at either end.
-std::string_view trimmed(std::string_view line);
 
 /// `line` up to a '#'.
 std::string_view without_comment(std::string_view line);

@@ -8,6 +8,7 @@
 #include <optional>
 #include <string>
 
+#include "common/core/text.h"
 #include "common/surface/formats/file_text.h"
 #include "common/surface/formats/parsed_mesh.h"
 
@@ -41,7 +42,7 @@ class ObjParser {
       if (keyword == "f") taken = take_face(rest);
       if (keyword == "vt") take_uv(rest);
       if (keyword == "usemtl") take_material(rest);
-      if (keyword == "mtllib") mesh_.material_files.emplace_back(text::trimmed(rest));
+      if (keyword == "mtllib") mesh_.material_files.emplace_back(trimmed(rest));
       if (!taken) return taken.error();
     }
     if (!joined.empty()) return corrupt_at(lines_.number(), "the file ends where a line should go on");
@@ -93,7 +94,7 @@ class ObjParser {
   }
 
   void take_material(std::string_view rest) {
-    const std::string name(text::trimmed(rest));
+    const std::string name(trimmed(rest));
     const auto [at, fresh] = number_of_material_.try_emplace(name, static_cast<int>(mesh_.material_names.size()));
     if (fresh) mesh_.material_names.push_back(name);
     material_ = at->second;

@@ -7,6 +7,7 @@
 #include <optional>
 #include <set>
 
+#include "common/core/text.h"
 #include "common/surface/appearance.h"
 #include "common/surface/formats/file_text.h"
 
@@ -36,8 +37,8 @@ std::optional<std::string> bytes_below(const std::string& folder, const std::str
 
 /// The file that a map names, behind its options, which are those that start with '-'.
 std::string image_in(std::string_view rest) {
-  rest = text::trimmed(rest);
-  if (rest.substr(0, 1) == "-") rest = text::trimmed(rest.substr(rest.find_last_of(" \t") + 1));
+  rest = trimmed(rest);
+  if (rest.substr(0, 1) == "-") rest = trimmed(rest.substr(rest.find_last_of(" \t") + 1));
   std::string name(rest);
   std::replace(name.begin(), name.end(), '\\', '/');
   return name;
@@ -50,7 +51,7 @@ void read_library(std::string_view bytes, std::map<std::string, Material, std::l
     std::string_view rest = text::without_comment(*line);
     const std::string_view keyword = text::take_token(rest);
     if (keyword == "newmtl") {
-      material = &materials[std::string(text::trimmed(rest))];
+      material = &materials[std::string(trimmed(rest))];
     } else if (keyword == "map_Kd" && material != nullptr) {
       material->image = image_in(rest);
     } else if (keyword == "Kd" && material != nullptr) {

@@ -201,14 +201,14 @@ Result<void> write_sequence(const MotionClip& clip, const fs::path& start, const
 
 Result<void> check_surface_path(const std::string& path) {
   const auto ending = ending_of_surface(path);
-  return ending ? check_place_of_file(path) : ending.error();
+  return ending ? check_output_file(path) : ending.error();
 }
 
 Result<void> check_clip_path(const std::string& path) {
   const auto form = form_of(path, text::ending_of(path));
   if (!form) return form.error();
-  if (*form == Form::kCache) return check_place_of_file(path);
-  return check_place_of_folder(*form == Form::kFolder ? path : fs::path(path).parent_path().string());
+  if (*form == Form::kCache) return check_output_file(path);
+  return check_output_folder(*form == Form::kFolder ? path : fs::path(path).parent_path().string());
 }
 
 Result<void> write_surface(const Surface& surface, const std::string& path) {

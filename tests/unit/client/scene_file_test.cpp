@@ -51,7 +51,7 @@ TEST(SceneFiles, WhatIsWrongIsNamed) {
   for (std::size_t i = 0; i <= kMaxSurfaces; ++i) many += R"({"stream": "ws://h/a"},)";
   many.back() = ']';
   EXPECT_EQ(scene_from_json(many + "}").error().code, ErrorCode::kTooLarge);
-  EXPECT_EQ(read_scene_file("/nonexistent/scene.json").error().code, ErrorCode::kIo);
+  EXPECT_EQ(read_scene_file("/nonexistent/scene.json").error().code, ErrorCode::kNotFound);
 }
 
 TEST(CameraPaths, PassesThroughItsKeysAndMovesEvenlyBetweenThem) {
