@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "common/core/enum_names.h"
 #include "common/core/text.h"
 
 namespace eigencast {
@@ -42,49 +43,19 @@ std::string text_from_download(const Download& d) {
 }  // namespace
 
 std::string_view name_of(Subscriber::State state) {
-  switch (state) {
-    case Subscriber::State::kConnecting:
-      return "connecting";
-    case Subscriber::State::kWaiting:
-      return "waiting";
-    case Subscriber::State::kDownloading:
-      return "downloading";
-    case Subscriber::State::kLive:
-      return "live";
-    case Subscriber::State::kStalled:
-      return "stalled";
-    case Subscriber::State::kLost:
-      return "lost";
-    case Subscriber::State::kRefused:
-      return "refused";
-  }
-  return "unknown";
+  constexpr EnumNames<Subscriber::State, 7> kNames{
+      {"connecting", "waiting", "downloading", "live", "stalled", "lost", "refused"}};
+  return kNames[state];
 }
 
 std::string_view name_of(Shown shown) {
-  switch (shown) {
-    case Shown::kLive:
-      return "live";
-    case Shown::kInterpolated:
-      return "interpolated";
-    case Shown::kEstimated:
-      return "estimated";
-    case Shown::kHeld:
-      return "held";
-  }
-  return "unknown";
+  constexpr EnumNames<Shown, 4> kNames{{"live", "interpolated", "estimated", "held"}};
+  return kNames[shown];
 }
 
 std::string_view name_of(PlayoutMode mode) {
-  switch (mode) {
-    case PlayoutMode::kLatest:
-      return "latest";
-    case PlayoutMode::kInterpolate:
-      return "interpolate";
-    case PlayoutMode::kEstimate:
-      return "estimate";
-  }
-  return "unknown";
+  constexpr EnumNames<PlayoutMode, 3> kNames{{"latest", "interpolate", "estimate"}};
+  return kNames[mode];
 }
 
 std::string text_from_mode(const Profile& profile) {

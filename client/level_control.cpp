@@ -5,18 +5,13 @@
 #include <cmath>
 #include <glm/geometric.hpp>
 
+#include "common/core/enum_names.h"
+
 namespace eigencast {
 
 std::string_view name_of(ResolverKind kind) {
-  switch (kind) {
-    case ResolverKind::kNone:
-      return "none";
-    case ResolverKind::kBudget:
-      return "budget";
-    case ResolverKind::kPaper:
-      return "paper";
-  }
-  return "unknown";
+  constexpr EnumNames<ResolverKind, 3> kNames{{"none", "budget", "paper"}};
+  return kNames[kind];
 }
 
 LevelControl::LevelControl(const LevelSettings& settings) : settings_(settings) {}

@@ -20,7 +20,7 @@ namespace eigencast {
 class SceneColours final {
  public:
   /// decode: who decodes the surfaces' images.
-  explicit SceneColours(Decode decode = Decode::kBeside) : decode_(decode) {}
+  explicit SceneColours(Decode decode = Decode::kBackground) : decode_(decode) {}
 
   /// Paints what the surfaces are now, and hands it to the renderer. REQUIRES: `sources` are those that the scene
   /// advances with.

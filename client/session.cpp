@@ -26,7 +26,7 @@ Session::Session(const ClientOptions& options, std::span<PoseSource* const> sour
       scene_(options.scene.placements.empty() ? one_each(sources.size()) : options.scene.placements,
              options.view_options, options.scene.row),
       levels_(options.levels),
-      colours_(options.headless ? Decode::kNow : Decode::kBeside),
+      colours_(options.headless ? Decode::kNow : Decode::kBackground),
       pixel_scale_(options.ui_scale > 0 ? static_cast<float>(options.ui_scale) : 1),
       started_us_(steady_now_us()) {
   assert(std::all_of(options.scene.placements.begin(), options.scene.placements.end(),

@@ -8,6 +8,7 @@
 
 #include "client/clip_source.h"
 #include "client/pick.h"
+#include "common/core/enum_names.h"
 #include "common/net/url.h"
 
 namespace eigencast {
@@ -181,7 +182,7 @@ void Viewer::draw_panels() {
 void Viewer::do_what_keys_wanted() {
   for (; state_.colourings_on > 0; --state_.colourings_on)
     state_.style.colour = next_colouring(session_->sources(), state_.style.colour);
-  if (std::exchange(state_.resolver_wanted, false)) session_->levels().set_kind(next_kind(session_->levels().kind()));
+  if (std::exchange(state_.resolver_wanted, false)) session_->levels().set_kind(next_of(session_->levels().kind(), 3));
   if (std::exchange(state_.copy_wanted, false)) {
     window_.set_clipboard(text_from_camera(camera_));
     say("the camera is in the clipboard", false);

@@ -6,6 +6,9 @@
 #include <cstdio>
 #include <filesystem>
 #include <system_error>
+#include <utility>
+
+#include "common/core/enum_names.h"
 
 namespace eigencast {
 namespace {
@@ -64,11 +67,7 @@ void change_smoothness(PlayoutSettings& playout, double by) {
   playout.delay_us = 0;
 }
 
-std::string text_from_playout(const PlayoutSettings& playout) {
-  return playout.mode == PlayoutMode::kLatest        ? "as they come"
-         : playout.mode == PlayoutMode::kInterpolate ? "interpolated here"
-                                                     : "estimated here";
-}
+constexpr std::array<const char*, 3> kPlayoutTexts{"as they come", "interpolated here", "estimated here"};
 
 std::string text_from_smoothness(const PlayoutSettings& playout) {
   if (playout.mode == PlayoutMode::kLatest) return "";
@@ -77,99 +76,66 @@ std::string text_from_smoothness(const PlayoutSettings& playout) {
   return percent;
 }
 
-Camera::Up next_up(Camera::Up up) {
-  return up == Camera::Up::kX ? Camera::Up::kY : up == Camera::Up::kY ? Camera::Up::kZ : Camera::Up::kX;
-}
+// What actions turn on and off, and what they ask for.
+constexpr std::array<std::pair<Action, bool Style::*>, 6> kStyleSwitches{{{Action::kAxes, &Style::axes},
+                                                                          {Action::kGrid, &Style::grid},
+                                                                          {Action::kEdges, &Style::edges},
+                                                                          {Action::kWireframe, &Style::wireframe},
+                                                                          {Action::kPoints, &Style::points},
+                                                                          {Action::kLegend, &Style::legend}}};
+constexpr std::array<std::pair<Action, bool ViewerState::*>, 6> kSwitches{
+    {{Action::kHelp, &ViewerState::help},
+     {Action::kHud, &ViewerState::hud},
+     {Action::kPanel, &ViewerState::panel},
+     {Action::kTurntable, &ViewerState::turntable},
+     {Action::kRecord, &ViewerState::recording},
+     {Action::kPause, &ViewerState::paused}}};
+constexpr std::array<std::pair<Action, bool ViewerState::*>, 6> kRequests{
+    {{Action::kScreenshot, &ViewerState::screenshot_wanted},
+     {Action::kCleanScreenshot, &ViewerState::clean_screenshot_wanted},
+     {Action::kCopyCamera, &ViewerState::copy_wanted},
+     {Action::kPaste, &ViewerState::paste_wanted},
+     {Action::kResolver, &ViewerState::resolver_wanted},
+     {Action::kQuit, &ViewerState::quit}}};
 
 }  // namespace
 
 void ViewerState::apply(Action action, Camera& camera, LevelOfDetail& lod) {
+  for (const auto& [on, member] : kStyleSwitches) {
+    if (on == action) style.*member = !(style.*member);
+  }
+  for (const auto& [on, member] : kSwitches) {
+    if (on == action) this->*member = !(this->*member);
+  }
+  for (const auto& [on, member] : kRequests) {
+    if (on == action) this->*member = true;
+  }
   switch (action) {
     case Action::kResetCamera:
-      camera.home();
-      break;
-    case Action::kHelp:
-      help = !help;
-      break;
-    case Action::kAxes:
-      style.axes = !style.axes;
-      break;
-    case Action::kGrid:
-      style.grid = !style.grid;
-      break;
-    case Action::kEdges:
-      style.edges = !style.edges;
-      break;
-    case Action::kWireframe:
-      style.wireframe = !style.wireframe;
-      break;
+      return camera.home();
     case Action::kColouring:
       ++colourings_on;
-      break;
+      return;
     case Action::kColourMap:
-      style.colour_map = next_map(style.colour_map);
-      break;
-    case Action::kLegend:
-      style.legend = !style.legend;
-      break;
-    case Action::kPoints:
-      style.points = !style.points;
-      break;
-    case Action::kHud:
-      hud = !hud;
-      break;
-    case Action::kScreenshot:
-      screenshot_wanted = true;
-      break;
-    case Action::kCleanScreenshot:
-      clean_screenshot_wanted = true;
-      break;
-    case Action::kPanel:
-      panel = !panel;
-      break;
-    case Action::kTurntable:
-      turntable = !turntable;
-      break;
-    case Action::kRecord:
-      recording = !recording;
-      break;
-    case Action::kCopyCamera:
-      copy_wanted = true;
-      break;
-    case Action::kPaste:
-      paste_wanted = true;
-      break;
+      style.colour_map = next_of(style.colour_map, kColourMaps);
+      return;
     case Action::kFiner:
-      lod.finer();
-      break;
+      return lod.finer();
     case Action::kCoarser:
-      lod.coarser();
-      break;
-    case Action::kResolver:
-      resolver_wanted = true;
-      break;
-    case Action::kPause:
-      paused = !paused;
-      break;
+      return lod.coarser();
     case Action::kPlayout:
-      playout.mode = playout.mode == PlayoutMode::kLatest        ? PlayoutMode::kInterpolate
-                     : playout.mode == PlayoutMode::kInterpolate ? PlayoutMode::kEstimate
-                                                                 : PlayoutMode::kLatest;
+      playout.mode = next_of(playout.mode, 3);
       playout.smoothness.reset();
       playout.delay_us = 0;
-      break;
+      return;
     case Action::kSmoother:
-      change_smoothness(playout, kSmoothnessStep);
-      break;
+      return change_smoothness(playout, kSmoothnessStep);
     case Action::kMoreLive:
-      change_smoothness(playout, -kSmoothnessStep);
-      break;
+      return change_smoothness(playout, -kSmoothnessStep);
     case Action::kUpAxis:
-      camera.set_up(next_up(camera.up()));
-      break;
-    case Action::kQuit:
-      quit = true;
-      break;
+      return camera.set_up(next_of(camera.up(), 3));
+    default:
+      return;
   }
 }
 
@@ -195,7 +161,7 @@ std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera,
           {"+ -  . ,", "level of detail, at most", percent},
           {"A", "who lowers it to hold the rate", std::string(name_of(resolver))},
           {"Space", "pause", on_off(state.paused)},
-          {"M", "motion between arrivals", text_from_playout(state.playout)},
+          {"M", "motion between arrivals", kPlayoutTexts[static_cast<std::size_t>(state.playout.mode)]},
           {"[ ]", "live to smooth", text_from_smoothness(state.playout)},
           {"V", "what colours say", title_of(state.style.colour)},
           {"C", "colour map", std::string(name_of(state.style.colour_map))},
@@ -214,12 +180,6 @@ std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera,
           {"Ctrl+C  Ctrl+V", "copy the camera; paste a camera, a URL or a path", ""},
           {"H  F1", "this help", on_off(state.help)},
           {"Q  Esc", "quit", ""}};
-}
-
-ResolverKind next_kind(ResolverKind kind) {
-  return kind == ResolverKind::kBudget  ? ResolverKind::kPaper
-         : kind == ResolverKind::kPaper ? ResolverKind::kNone
-                                        : ResolverKind::kBudget;
 }
 
 std::string next_free_name(const std::string& prefix, const std::string& ending) {

@@ -71,9 +71,6 @@ std::optional<Action> action_for_key(std::string_view key, const Modifiers& modi
 std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod,
                                  ResolverKind resolver);
 
-/// The next of budget, paper, none, as key A goes round them.
-ResolverKind next_kind(ResolverKind kind);
-
 /// prefix + "_0001" + ending and up: the first name that is not taken in the folder.
 std::string next_free_name(const std::string& prefix, const std::string& ending);
 /// The same of pictures: "_0001.png".

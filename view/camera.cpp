@@ -2,7 +2,6 @@
 #include "view/camera.h"
 
 #include <algorithm>
-#include <array>
 #include <cassert>
 #include <cmath>
 #include <glm/ext/matrix_clip_space.hpp>
@@ -61,10 +60,8 @@ void Camera::home() {
   azimuth_ = home_azimuth_;
   elevation_ = home_elevation_;
   moved_ = false;
-  // The corners of the box, not its sphere, decide the distance: a long thin surface then fills the window as well.
-  const glm::vec3 back = offset_direction();
-  const glm::vec3 right = glm::normalize(glm::cross(up_vector(), back));
-  const glm::vec3 above = glm::cross(back, right);
+  // The corners of the box, not its sphere, decide the distance, so that a long thin surface fills the window.
+  const auto [right, above, back] = axes();
   const float tan_y = std::tan(0.5F * kFieldOfView);
   const float tan_x = tan_y * static_cast<float>(width_) / static_cast<float>(height_);
   float distance = 0;
@@ -74,7 +71,7 @@ void Camera::home() {
     const float reach = std::max(std::abs(glm::dot(d, right)) / tan_x, std::abs(glm::dot(d, above)) / tan_y);
     distance = std::max(distance, reach + glm::dot(d, back));
   }
-  // Some air around it, because a deforming surface leaves its rest box.
+  // With a margin: a deforming surface leaves its rest box.
   distance_ = std::max(1.18F * distance, 1e-3F * radius_);
 }
 
@@ -111,9 +108,7 @@ void Camera::turn(float radians) {
 }
 
 void Camera::pan(const glm::vec2& drag_px) {
-  const glm::vec3 back = offset_direction();
-  const glm::vec3 right = glm::normalize(glm::cross(up_vector(), back));
-  const glm::vec3 above = glm::cross(back, right);
+  const auto [right, above, back] = axes();
   const float scene_per_px = 2 * std::tan(0.5F * kFieldOfView) * distance_ / static_cast<float>(height_);
   target_ += scene_per_px * (-drag_px.x * right + drag_px.y * above);
   moved_ = true;
@@ -123,24 +118,22 @@ void Camera::zoom(float steps, const glm::vec2& cursor_px) {
   const float nearest = 0.02F * radius_, farthest = 60 * radius_;
   const float wanted = std::clamp(distance_ * std::pow(kZoomPerStep, -steps), nearest, farthest);
   const float shrink = wanted / distance_;
-  // The point of the target's plane under the cursor keeps its pixel if the target moves towards it by the same ratio.
+  // A point at the target's depth keeps its pixel if the target moves towards it by the same ratio.
   const glm::vec2 from_centre = cursor_px - 0.5F * glm::vec2(width_, height_);
   pan(-(1 - shrink) * from_centre);
   distance_ = wanted;
 }
 
+std::array<glm::vec3, 3> Camera::axes() const {
+  const glm::vec3 back = offset_direction();
+  const glm::vec3 right = glm::normalize(glm::cross(up_vector(), back));
+  return {right, glm::cross(back, right), back};
+}
+
 glm::vec3 Camera::offset_direction() const {
   const float c = std::cos(elevation_), s = std::sin(elevation_);
   const float a = c * std::sin(azimuth_), b = c * std::cos(azimuth_);
-  switch (up_) {
-    case Up::kX:
-      return {s, a, b};
-    case Up::kY:
-      return {a, s, b};
-    case Up::kZ:
-      return {a, -b, s};
-  }
-  return {a, s, b};
+  return up_ == Up::kX ? glm::vec3(s, a, b) : up_ == Up::kY ? glm::vec3(a, s, b) : glm::vec3(a, -b, s);
 }
 
 glm::vec3 Camera::position() const {
@@ -153,8 +146,7 @@ glm::mat4 Camera::view_from_scene() const {
 
 glm::mat4 Camera::clip_from_view() const {
   // The near plane is as far as the surface may come; the ratio stays small enough for a 24-bit depth buffer.
-  const glm::vec3 centre = 0.5F * (low_ + high_);
-  const float to_centre = glm::length(position() - centre);
+  const float to_centre = glm::length(position() - scene_centre());
   const float far_plane = to_centre + 9 * radius_;
   const float near_plane = std::max(to_centre - 2.5F * radius_, 1e-3F * far_plane);
   return glm::perspective(kFieldOfView, static_cast<float>(width_) / static_cast<float>(height_), near_plane,
@@ -191,10 +183,10 @@ double Camera::diameter_px(const glm::vec3& centre, float radius) const {
   const glm::vec3 p = glm::vec3(view_from_scene() * glm::vec4(centre, 1));
   const float tan_y = std::tan(0.5F * kFieldOfView);
   const float tan_x = tan_y * static_cast<float>(width_) / static_cast<float>(height_);
-  const auto beyond = [&](float across, float tangent) {  // distance from the side of the field of view, outwards
+  const auto outside = [&](float across, float tangent) {  // distance from a side of the field of view
     return (std::abs(across) + tangent * p.z) / std::sqrt(1 + tangent * tangent);
   };
-  if (-p.z < -radius || beyond(p.x, tan_x) > radius || beyond(p.y, tan_y) > radius) return 0;
+  if (-p.z < -radius || outside(p.x, tan_x) > radius || outside(p.y, tan_y) > radius) return 0;
   const float most = std::hypot(static_cast<float>(width_), static_cast<float>(height_));
   const float squared = glm::dot(p, p) - radius * radius;
   if (squared <= 0) return static_cast<double>(most);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
 #include <glm/mat4x4.hpp>
 #include <glm/vec2.hpp>
 #include <glm/vec3.hpp>
@@ -9,35 +10,33 @@
 
 namespace eigencast {
 
-/// An orbit camera: looks at a target from a distance, upright with respect to one axis of the scene. All in scene
-/// units.
-///
-/// Mouse positions are in pixels from the upper left corner. Pure state: no window, no time. Not thread-safe.
+/// An orbit camera in scene units: looks at a target, upright with respect to one axis. Mouse positions are pixels from
+/// the upper left corner. Pure state. Not thread-safe.
 class Camera {
  public:
   enum class Up { kX, kY, kZ };
   static constexpr float kFieldOfView = 0.61F;  ///< Vertical, radians (35 degrees).
 
-  /// The box that home() frames; also moves there unless the user has already moved the camera. REQUIRES: low <= high.
+  /// Sets the box that home() frames, and frames it unless the user has moved the camera. REQUIRES: low <= high.
   void set_scene(const glm::vec3& low, const glm::vec3& high);
   void set_up(Up up);
   Up up() const { return up_; }
   glm::vec3 up_vector() const;
   void set_viewport(int width_px, int height_px);
 
-  /// Back to the first view: the whole box, from the direction of set_view().
+  /// Shows the whole box from the direction of set_view().
   void home();
   /// "front", "back", "left", "right", "top", "bottom" or "iso" (default): false if the name is none of these.
   bool set_view(std::string_view name);
 
   void rotate(const glm::vec2& drag_px);
-  /// Round the axis that is up, counter-clockwise seen from above; the distance stays.
+  /// Turns about the up axis, counter-clockwise seen from above.
   void turn(float radians);
   void pan(const glm::vec2& drag_px);
-  /// One step of the wheel; what is under the cursor stays under it. steps > 0 goes nearer.
+  /// Goes nearer by wheel steps (> 0) and keeps the point under the cursor there.
   void zoom(float steps, const glm::vec2& cursor_px);
   void look_at(const glm::vec3& target) { target_ = target; }
-  /// Stands at `eye` and looks at `target`, upright; from straight above or below nearly so. REQUIRES: they differ.
+  /// Moves to `eye`, looking at `target`; straight up and down are avoided. REQUIRES: they differ.
   void look_from(const glm::vec3& eye, const glm::vec3& target);
 
   glm::mat4 view_from_scene() const;
@@ -49,20 +48,21 @@ class Camera {
   glm::vec3 scene_low() const { return low_; }
   glm::vec3 scene_high() const { return high_; }
   glm::vec3 scene_centre() const { return 0.5F * (low_ + high_); }
-  /// Where a point of the scene lands, in pixels; nothing when it is behind the camera.
+  /// Nothing for a point behind the camera.
   std::optional<glm::vec2> pixel_from_scene(const glm::vec3& point) const;
-  /// From the camera through a pixel: unit length.
+  /// Unit length.
   glm::vec3 direction_through(const glm::vec2& pixel) const;
-  /// What a pixel is long in the plane of a point that faces the camera. REQUIRES: the point is before the camera.
+  /// The length of a pixel at the depth of a point. REQUIRES: the point is before the camera.
   float scene_per_px(const glm::vec3& point) const;
-  /// Diameter in pixels of a ball, at most that of the picture's; 0 if none of it can be in the picture.
+  /// Diameter of a ball on the screen, at most the picture's diagonal; 0 if the ball is out of sight.
   double diameter_px(const glm::vec3& centre, float radius) const;
-  /// Pixels that one unit of the scene takes at most on a ball in it; infinite around the eye.
+  /// Upper bound of the pixels per scene unit on a ball; infinite around the eye.
   double max_px_per_unit(const glm::vec3& centre, float radius) const;
   bool moved() const { return moved_; }
 
  private:
-  glm::vec3 offset_direction() const;  ///< From target to camera, unit length.
+  glm::vec3 offset_direction() const;     ///< From target to camera, unit length.
+  std::array<glm::vec3, 3> axes() const;  ///< Right, above, back; unit length.
 
   glm::vec3 low_{-1}, high_{1}, target_{0};
   Up up_ = Up::kY;

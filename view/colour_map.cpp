@@ -4,14 +4,14 @@
 #include <cmath>
 #include <span>
 
+#include "common/core/enum_names.h"
+
 namespace eigencast {
 namespace {
 
-struct Entry {
-  std::string_view name;
-  std::span<const std::uint32_t> colours;  // 0xRRGGBB, evenly spaced
-};
+constexpr EnumNames<ColourMap, kColourMaps> kMapNames{{"viridis", "cividis", "coolwarm", "turbo", "grey"}};
 
+// 0xRRGGBB, evenly spaced.
 constexpr std::array<std::uint32_t, 11> kViridis{0x440154, 0x482576, 0x414487, 0x35608D, 0x2A788E, 0x21908C,
                                                  0x22A884, 0x43BF71, 0x7AD151, 0xBBDF27, 0xFDE725};
 constexpr std::array<std::uint32_t, 17> kCividis{0x00204D, 0x002B68, 0x0F366E, 0x29416C, 0x404D6A, 0x53586B,
@@ -24,41 +24,21 @@ constexpr std::array<std::uint32_t, 17> kTurbo{0x30123B, 0x453F9D, 0x486BE6, 0x3
                                                0xFA7E23, 0xE65314, 0xCE2E03, 0xAF1400, 0x7A0403};
 constexpr std::array<std::uint32_t, 2> kGrey{0x1A1A1A, 0xF2F2F2};
 
-Entry entry_of(ColourMap map) {
-  switch (map) {
-    case ColourMap::kViridis:
-      return {"viridis", kViridis};
-    case ColourMap::kCividis:
-      return {"cividis", kCividis};
-    case ColourMap::kCoolwarm:
-      return {"coolwarm", kCoolwarm};
-    case ColourMap::kTurbo:
-      return {"turbo", kTurbo};
-    case ColourMap::kGrey:
-      return {"grey", kGrey};
-  }
-  return {"viridis", kViridis};
-}
+constexpr std::array<std::span<const std::uint32_t>, kColourMaps> kColours{kViridis, kCividis, kCoolwarm, kTurbo,
+                                                                           kGrey};
 
 }  // namespace
 
 std::string_view name_of(ColourMap map) {
-  return entry_of(map).name;
+  return kMapNames[map];
 }
 
 std::optional<ColourMap> colour_map_from_name(std::string_view name) {
-  for (int i = 0; i < kColourMaps; ++i) {
-    if (name_of(static_cast<ColourMap>(i)) == name) return static_cast<ColourMap>(i);
-  }
-  return std::nullopt;
-}
-
-ColourMap next_map(ColourMap map) {
-  return static_cast<ColourMap>((static_cast<int>(map) + 1) % kColourMaps);
+  return kMapNames.find(name);
 }
 
 ColourTable table_of(ColourMap map) {
-  const std::span<const std::uint32_t> colours = entry_of(map).colours;
+  const std::span<const std::uint32_t> colours = kColours[static_cast<std::size_t>(map)];
   ColourTable table;
   for (std::size_t i = 0; i < table.size(); ++i) {
     const double at = static_cast<double>(i) / 255 * static_cast<double>(colours.size() - 1);

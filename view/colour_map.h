@@ -8,19 +8,18 @@
 
 namespace eigencast {
 
-/// Colours of numbers. All but turbo grow steadily in lightness or, coolwarm, part evenly from the middle, so that what
-/// is seen is what is there; viridis and cividis are safe for the colour-blind.
+/// Colours of numbers. All but turbo are perceptually even: lightness grows steadily or, of coolwarm, falls evenly from
+/// the middle. viridis and cividis are safe for the colour-blind.
 enum class ColourMap { kViridis, kCividis, kCoolwarm, kTurbo, kGrey };
 inline constexpr int kColourMaps = 5;
 
 /// "viridis", "cividis", "coolwarm", "turbo", "grey".
 std::string_view name_of(ColourMap map);
 std::optional<ColourMap> colour_map_from_name(std::string_view name);
-ColourMap next_map(ColourMap map);
 
-/// The map from its lowest value to its highest: 256 colours, 8 bits a channel, sRGB.
+/// From the lowest value to the highest, sRGB.
 /// Smith, van der Walt 2015 (viridis); Nunez, Anderton, Renslow 2018 (cividis); Moreland 2009, "Diverging color maps
-/// for scientific visualization" (coolwarm); Mikhailov 2019 (turbo): straight lines between colours read from them.
+/// for scientific visualization" (coolwarm); Mikhailov 2019 (turbo): linear between samples.
 using ColourTable = std::array<std::array<std::uint8_t, 3>, 256>;
 ColourTable table_of(ColourMap map);
 

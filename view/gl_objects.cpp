@@ -25,35 +25,26 @@ Result<GLuint> compile(GLenum kind, const std::string& name, const std::string& 
 
 }  // namespace
 
-Result<GlProgram> GlProgram::create(const std::string& name, const Shaders& shaders,
-                                    std::span<const char* const> captured) {
-  GlProgram program;
-  program.id_ = glCreateProgram();
+Result<void> GlProgram::build(const std::string& name, const Shaders& shaders, std::span<const char* const> captured) {
+  id_ = glCreateProgram();
   for (const auto& [kind, source] :
        {std::pair(GL_VERTEX_SHADER, shaders.vertex), std::pair(GL_GEOMETRY_SHADER, shaders.geometry),
         std::pair(GL_FRAGMENT_SHADER, shaders.fragment)}) {
     if (source.empty()) continue;
     const Result<GLuint> shader = compile(static_cast<GLenum>(kind), name, source);
     if (!shader) return shader.error();
-    glAttachShader(program.id_, *shader);
+    glAttachShader(id_, *shader);
     glDeleteShader(*shader);  // with the program
   }
-  if (!captured.empty()) {
-    glTransformFeedbackVaryings(program.id_, static_cast<GLsizei>(captured.size()), captured.data(),
-                                GL_INTERLEAVED_ATTRIBS);
-  }
-  glLinkProgram(program.id_);
+  if (!captured.empty())
+    glTransformFeedbackVaryings(id_, static_cast<GLsizei>(captured.size()), captured.data(), GL_INTERLEAVED_ATTRIBS);
+  glLinkProgram(id_);
   GLint good = GL_FALSE;
-  glGetProgramiv(program.id_, GL_LINK_STATUS, &good);
-  if (good == GL_TRUE) return program;
+  glGetProgramiv(id_, GL_LINK_STATUS, &good);
+  if (good == GL_TRUE) return {};
   std::array<char, 2048> log{};
-  glGetProgramInfoLog(program.id_, static_cast<GLsizei>(log.size()), nullptr, log.data());
+  glGetProgramInfoLog(id_, static_cast<GLsizei>(log.size()), nullptr, log.data());
   return fail(ErrorCode::kInternal, "shader " + name + " does not link: " + log.data());
-}
-
-GlProgram& GlProgram::operator=(GlProgram&& other) noexcept {
-  std::swap(id_, other.id_);
-  return *this;
 }
 
 GlProgram::~GlProgram() {
@@ -122,10 +113,10 @@ void GlTarget::resize(int width, int height, int samples) {
   if (width == width_ && height == height_) return;
   width_ = width;
   height_ = height;
-  // A GPU need not have more than one for textures; what asks for more than it has is no picture at all.
-  for (const GLenum most : {GL_MAX_SAMPLES, GL_MAX_COLOR_TEXTURE_SAMPLES, GL_MAX_DEPTH_TEXTURE_SAMPLES}) {
+  // Drivers limit textures apart from renderbuffers, and refuse what asks for more.
+  for (const GLenum limit : {GL_MAX_SAMPLES, GL_MAX_COLOR_TEXTURE_SAMPLES, GL_MAX_DEPTH_TEXTURE_SAMPLES}) {
     GLint here = 1;
-    glGetIntegerv(most, &here);
+    glGetIntegerv(limit, &here);
     samples = std::clamp(samples, 1, std::max(here, 1));
   }
   glBindTexture(GL_TEXTURE_2D_MULTISAMPLE, sampled_colour_.id());

@@ -16,24 +16,19 @@
 
 namespace eigencast {
 
-/// A linked program; uniforms that the driver removed are skipped. Owned; needs its context current when destroyed.
+/// A program for the GPU; uniforms that the driver removed are skipped. Needs its context current when destroyed.
 class GlProgram final {
  public:
-  GlProgram() = default;
-  /// captured: what the vertex shader says of each vertex, packed one after the other, where it is to be kept
-  /// (transform feedback). No fragment shader: nothing is drawn. Errors: kInternal, with the compiler's log.
-  static Result<GlProgram> create(const std::string& name, const std::string& vertex, const std::string& fragment,
-                                  std::span<const char* const> captured = {}) {
-    return create(name, Shaders{vertex, {}, fragment}, captured);
-  }
   struct Shaders {
     std::string vertex, geometry, fragment;  ///< Empty: none.
   };
-  static Result<GlProgram> create(const std::string& name, const Shaders& shaders,
-                                  std::span<const char* const> captured = {});
-  GlProgram(GlProgram&& other) noexcept : id_(other.id_) { other.id_ = 0; }
-  GlProgram& operator=(GlProgram&& other) noexcept;
+  GlProgram() = default;
+  GlProgram(const GlProgram&) = delete;
+  GlProgram& operator=(const GlProgram&) = delete;
   ~GlProgram();
+  /// Compiles and links. captured: outputs of the vertex shader to keep (transform feedback), packed in this order.
+  /// Errors: kInternal, with the compiler's log.
+  Result<void> build(const std::string& name, const Shaders& shaders, std::span<const char* const> captured = {});
 
   void use() const { glUseProgram(id_); }
   void set(const char* name, float value) const { glUniform1f(at(name), value); }
@@ -49,7 +44,7 @@ class GlProgram final {
   GLuint id_ = 0;
 };
 
-/// What OpenGL gives a number to. Owned; needs its context current when made and when destroyed.
+/// A named OpenGL object. Needs its context current when made and when destroyed.
 enum class GlKind { kTexture, kArray, kFramebuffer };
 template <GlKind kKind>
 class GlName final {
@@ -69,10 +64,10 @@ using GlTexture = GlName<GlKind::kTexture>;
 using GlArray = GlName<GlKind::kArray>;
 using GlFramebuffer = GlName<GlKind::kFramebuffer>;
 
-/// Of lines from now on, pixels; less where the GPU draws none so wide.
+/// Clamped to what the GPU can draw.
 void set_line_width(float pixels);
 
-/// Memory of the GPU. Owned; needs its context current when destroyed.
+/// Memory of the GPU. Needs its context current when destroyed.
 class GlBuffer final {
  public:
   GlBuffer() { glGenBuffers(1, &id_); }
@@ -82,9 +77,9 @@ class GlBuffer final {
 
   GLuint id() const { return id_; }
   std::size_t bytes() const { return bytes_; }
-  /// Makes room for at least so many bytes; what was in it is lost where it must grow.
+  /// Makes room for at least so many bytes; loses the content where it must grow.
   void reserve(std::size_t bytes, GLenum usage);
-  /// All of it anew, for one picture.
+  /// Replaces all of it, for one picture.
   template <typename T>
   void replace(std::span<const T> values) {
     replace_bytes(values.data(), values.size_bytes());
@@ -102,10 +97,9 @@ class GlBuffer final {
   std::size_t bytes_ = 0;
 };
 
-/// A picture of 8-bit colours and alpha to draw to, to show and to read back.
+/// An RGBA8 framebuffer to draw to and to read back.
 class GlPicture final {
  public:
-  /// Makes it width x height; nothing happens if it is so already.
   void resize(int width, int height);
   GLuint framebuffer() const { return framebuffer_.id(); }
   GLuint texture() const { return colours_.id(); }
@@ -116,10 +110,10 @@ class GlPicture final {
   int width_ = 0, height_ = 0;
 };
 
-/// Framebuffers of one size: a multisampled one to draw to with a depth that can be read, and its resolved colours.
+/// A multisampled framebuffer with readable depth, and its resolved colours.
 class GlTarget final {
  public:
-  /// Makes it width x height with up to `samples` a pixel; nothing happens if it is so already.
+  /// samples: at most so many a pixel.
   void resize(int width, int height, int samples);
   void bind() const { glBindFramebuffer(GL_FRAMEBUFFER, drawing_.id()); }
   /// Averages the samples into colour_texture().

@@ -13,7 +13,7 @@
 namespace eigencast {
 namespace {
 
-// Of the arrays, as the shaders number them.
+// Vertex attributes of the shaders.
 constexpr GLuint kPosition = 0, kNormal = 1, kPaint = 2, kRadius = 3;
 
 void set_array(GLuint number, GLuint buffer, GLint floats, GLsizei stride) {
@@ -50,7 +50,7 @@ void GlTriangles::follow(const SurfaceGeometry& geometry) {
 void GlSurface::place(const glm::mat4& scene_from_surface) {
   scene_from_surface_ = scene_from_surface;
   const glm::mat3 linear(scene_from_surface);
-  // The cofactors: right also where the matrix mirrors, shears or flattens.
+  // The cofactors are right for mirrors, shears and flattening, too.
   scene_from_normal_ =
       glm::mat3(glm::cross(linear[1], linear[2]), glm::cross(linear[2], linear[0]), glm::cross(linear[0], linear[1]));
   const float determinant = glm::determinant(linear);

@@ -13,7 +13,7 @@
 
 namespace eigencast {
 
-/// A surface's triangles on the GPU, of which only the blocks that have changed are sent.
+/// A surface's triangles on the GPU. Sends only blocks that have changed.
 class GlTriangles final {
  public:
   void follow(const SurfaceGeometry& geometry);
@@ -26,25 +26,25 @@ class GlTriangles final {
   std::uint64_t maker_ = 0, version_ = 0;
 };
 
-/// What the GPU holds of a surface that it rebuilds itself (GpuRebuilder): made there, never sent.
+/// Buffers of a surface that GpuRebuilder has rebuilt: made on the GPU, never sent.
 class GpuSurface final {
  public:
   static constexpr GLsizei kPositionBytes = 4 * sizeof(float);  ///< x, y, z, 1.
   static constexpr GLsizei kNormalBytes = 3 * sizeof(float);    ///< Unit length.
 
-  GlBuffer places;     ///< Each vertex at its own place.
-  GlBuffer positions;  ///< Each where it is drawn, if `moving`: then some are on their way between levels.
-  bool moving = false;
+  GlBuffer positions;  ///< As rebuilt.
+  GlBuffer morphed;    ///< As drawn, if `morphs`: some vertices move between levels.
+  bool morphs = false;
   GlBuffer normals;
   bool has_normals = false;
   GlTriangles triangles;
-  const GlBuffer& drawn() const { return moving ? positions : places; }
+  const GlBuffer& drawn() const { return morphs ? morphed : positions; }
 };
 
-/// What the GPU draws of one surface. Needs its context current in every call.
+/// One surface as the GPU draws it. Needs its context current in every call.
 class GlSurface final {
  public:
-  /// Takes over what has changed.
+  /// Sends what has changed.
   void upload(const SurfaceGeometry& geometry);
   void paint(const SurfacePaint& paint);
   void place(const glm::mat4& scene_from_surface);
@@ -52,15 +52,15 @@ class GlSurface final {
   bool drawable() const { return visible && vertex_count_ > 0; }
   bool is_point_cloud() const { return is_point_cloud_; }
   bool has_discs() const { return has_discs_; }        ///< Points with normals and radii.
-  float scale() const { return scale_; }               ///< Of the surface in the scene.
-  float spacing() const { return spacing_ * scale_; }  ///< Of points, in the scene.
+  float scale() const { return scale_; }               ///< From surface to scene.
+  float spacing() const { return spacing_ * scale_; }  ///< Between points, scene units.
 
   /// Sets the program's transform and binds the arrays.
   void bind(const GlProgram& program) const;
   void draw_triangles() const { glDrawElements(GL_TRIANGLES, index_count_, GL_UNSIGNED_INT, nullptr); }
   void draw_points() const { glDrawArrays(GL_POINTS, 0, vertex_count_); }
 
-  /// Of a surface that is painted with its image; else null.
+  /// Null unless the surface is painted with its image.
   const GlTexturePaint* texture() const { return texture_.get(); }
 
   bool visible = true;
@@ -76,9 +76,9 @@ class GlSurface final {
   GlTriangles triangles_;
   std::unique_ptr<GlTexturePaint> texture_;
   GLsizei vertex_count_ = 0, index_count_ = 0;
-  const GpuSurface* gpu_ = nullptr;  ///< Whose arrays are bound, to be compared only; null: this one's own.
+  const GpuSurface* gpu_ = nullptr;  ///< Owner of the bound arrays, for comparison only; null: this.
   std::uint64_t maker_ = 0, pose_version_ = 0, level_version_ = 0, topology_version_ = 0, paint_version_ = 0;
-  int paint_ = 0;  ///< As kPaint of the shaders has it.
+  int paint_ = 0;  ///< Mode of shaders::kPaint.
   bool is_point_cloud_ = false, has_discs_ = false;
   float spacing_ = 0, scale_ = 1;
   glm::mat4 scene_from_surface_{1};

@@ -8,11 +8,11 @@ namespace eigencast {
 namespace {
 
 constexpr std::size_t kRows = kernel::kTileRows;
-constexpr std::size_t kColumns = GpuBasis::kColumns;
-static_assert(kColumns % 2 == 0, "groups hold whole pairs of columns");
+constexpr std::size_t kGroup = GpuBasis::kColumns;
+static_assert(kGroup % 2 == 0, "groups hold whole pairs of columns");
 
 constexpr std::size_t groups_of(std::size_t columns) {
-  return (columns + kColumns - 1) / kColumns;
+  return (columns + kGroup - 1) / kGroup;
 }
 
 std::size_t padded_rows(const Asset& asset) {
@@ -20,12 +20,12 @@ std::size_t padded_rows(const Asset& asset) {
 }
 
 /// A tile's columns, in groups: group, row, column of the group.
-template <typename Value, typename Place>
-std::vector<Value> in_groups(const Value* columns, std::size_t count, const Place& place_of) {
-  std::vector<Value> groups(groups_of(count) * kRows * kColumns);
+template <typename Value, typename Index>
+std::vector<Value> in_groups(const Value* columns, std::size_t count, const Index& index_of) {
+  std::vector<Value> groups(groups_of(count) * kRows * kGroup);
   for (std::size_t k = 0; k < count; ++k) {
-    Value* group = groups.data() + k / kColumns * kRows * kColumns + k % kColumns;
-    for (std::size_t row = 0; row < kRows; ++row) group[row * kColumns] = columns[place_of(row, k)];
+    Value* group = groups.data() + k / kGroup * kRows * kGroup + k % kGroup;
+    for (std::size_t row = 0; row < kRows; ++row) group[row * kGroup] = columns[index_of(row, k)];
   }
   return groups;
 }
@@ -45,8 +45,8 @@ void GpuBasis::update(const Asset& asset, const BasisTiles& tiles) {
   float_groups_ = static_cast<std::uint32_t>(groups_of(float_columns));
   integer_groups_ = static_cast<std::uint32_t>(groups_of(tiles.rank() - float_columns));
   const std::size_t rows = padded_rows(asset);
-  floats_.reserve(rows * float_groups_ * kColumns * sizeof(float), GL_STATIC_DRAW);
-  integers_.reserve(rows * integer_groups_ * kColumns * sizeof(std::int16_t), GL_STATIC_DRAW);
+  floats_.reserve(rows * float_groups_ * kGroup * sizeof(float), GL_STATIC_DRAW);
+  integers_.reserve(rows * integer_groups_ * kGroup * sizeof(std::int16_t), GL_STATIC_DRAW);
   for (std::size_t number = rows_ / kRows; number < tiles.tile_count(); ++number)
     append_tile(tiles.view(number, tiles.rank()), number);
   rows_ = tiles.rows();
@@ -82,14 +82,14 @@ GpuBasis::Coefficients GpuBasis::pack(const BasisTiles& tiles, std::span<const d
   Coefficients packed;
   packed.float_groups = static_cast<std::uint32_t>(groups_of(columns.float_columns));
   packed.integer_groups = static_cast<std::uint32_t>(groups_of(columns.integer_columns));
-  packed.values.resize((packed.float_groups + packed.integer_groups) * std::size_t{3} * kColumns);
+  packed.values.resize((packed.float_groups + packed.integer_groups) * std::size_t{3} * kGroup);
   for (std::uint32_t k = 0; k < rank; ++k) {
     const bool integer = k >= columns.float_columns;
     const std::size_t column = integer ? k - columns.float_columns : k;
-    const std::size_t group = column / kColumns + (integer ? packed.float_groups : 0);
+    const std::size_t group = column / kGroup + (integer ? packed.float_groups : 0);
     const double scale = tiles.scale(k) * (integer ? kernel::kIntegerUnit : 1);
     for (std::size_t d = 0; d < 3; ++d) {
-      packed.values[(3 * group + d) * kColumns + column % kColumns] =
+      packed.values[(3 * group + d) * kGroup + column % kGroup] =
           static_cast<float>(C[std::size_t{k} * channels + d] * scale);
     }
   }

@@ -11,8 +11,8 @@
 
 namespace eigencast {
 
-/// An asset on the GPU, as shaders::kPlaces reads it: the basis as BasisTiles has it, four columns a texel,
-/// and the discs of a point cloud. Needs its context current in every call.
+/// An asset on the GPU, as shaders::kPositions reads it: the tiles of the basis with four columns a texel, and the discs
+/// of a point cloud. Needs its context current in every call.
 class GpuBasis final {
  public:
   static constexpr std::uint32_t kColumns = 4;  ///< In a texel.
@@ -27,7 +27,7 @@ class GpuBasis final {
   std::uint32_t float_groups() const { return float_groups_; }
   std::uint32_t integer_groups() const { return integer_groups_; }
 
-  /// Groups of the first `rank` columns, and their coefficients as the shader wants them.
+  /// The groups of the first `rank` columns, and their coefficients in the shader's order.
   struct Coefficients {
     std::uint32_t float_groups = 0, integer_groups = 0;
     std::vector<float> values;
@@ -35,7 +35,7 @@ class GpuBasis final {
   static Coefficients pack(const BasisTiles& tiles, std::span<const double> C, std::uint32_t channels,
                            std::uint32_t rank);
 
-  /// The largest of its buffers, in texels: what the GPU must be able to address.
+  /// Texels of its largest buffer, which the GPU must be able to address.
   static std::size_t texels(const Asset& asset);
 
  private:

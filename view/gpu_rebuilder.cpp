@@ -21,10 +21,9 @@ namespace {
 constexpr GLsizei kSumsWidth = 1024;  // pixels, one for each vertex
 constexpr const char* kVersion = "#version 330 core\n";
 
-/// Where sums over faces are drawn: a pixel of three floats for each vertex.
+/// A framebuffer that sums over faces: a pixel of three floats for each vertex.
 class Sums final {
  public:
-  /// Room for so many vertices.
   void reserve(std::uint32_t vertices) {
     const GLsizei height = static_cast<GLsizei>((vertices + kSumsWidth - 1) / kSumsWidth);
     if (height <= height_) return;
@@ -42,7 +41,7 @@ class Sums final {
     glBindFramebuffer(GL_DRAW_FRAMEBUFFER, other.framebuffer_.id());
     glBlitFramebuffer(0, 0, kSumsWidth, height_, 0, 0, kSumsWidth, height_, GL_COLOR_BUFFER_BIT, GL_NEAREST);
   }
-  /// What is drawn from now on is added.
+  /// Adds what is drawn from now on.
   void bind() const {
     glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
     glViewport(0, 0, kSumsWidth, height_);
@@ -53,8 +52,8 @@ class Sums final {
     glEnable(GL_PROGRAM_POINT_SIZE);
   }
   static void clear() {
-    constexpr std::array<float, 4> kNothing{};
-    glClearBufferfv(GL_COLOR, 0, kNothing.data());
+    constexpr std::array<float, 4> kZero{};
+    glClearBufferfv(GL_COLOR, 0, kZero.data());
   }
   glm::vec2 size() const { return {kSumsWidth, height_}; }
   GLuint texture() const { return texture_.id(); }
@@ -65,16 +64,16 @@ class Sums final {
   GLsizei height_ = 0;
 };
 
-/// The longest way from a vertex that is moving to one that is not.
+/// The longest chain of parents from a moving vertex to one that is not moving.
 int generations(const LevelMorph& level, std::span<const std::uint32_t> map) {
   std::vector<int> steps(level.moving().size(), 1);
-  int most = 0;
+  int longest = 0;
   for (std::size_t i = 0; i < steps.size(); ++i) {
     const std::uint32_t parent = map[level.whole() + i];
     if (parent >= level.whole()) steps[i] = steps[parent - level.whole()] + 1;
-    most = std::max(most, steps[i]);
+    longest = std::max(longest, steps[i]);
   }
-  return most;
+  return longest;
 }
 
 }  // namespace
@@ -91,8 +90,8 @@ class GpuRebuilder::Impl {
     std::weak_ptr<const Reconstructor> of;
     std::unique_ptr<GpuBasis> gpu;
   };
-  /// The textures that shaders read buffers through, each with its name there.
-  enum Unit : GLuint { kFloats, kIntegers, kC, kPlaces, kWeights, kParents, kCorners, kFrames, kRest, kUnits };
+  /// Texture units of the buffers that shaders read.
+  enum Unit : GLuint { kFloats, kIntegers, kC, kPositions, kWeights, kParents, kCorners, kFrames, kRest, kUnits };
   static constexpr GLuint kSumsUnit = kUnits;
 
   GpuBasis& basis_of(const RebuildJob& job);
@@ -105,22 +104,22 @@ class GpuRebuilder::Impl {
   const Sums& sum_over_faces(const RebuildJob& job, GpuSurface& gpu);
 
   bool finish_;
-  std::size_t most_texels_ = 0;
+  std::size_t max_texels_ = 0;
   GlArray array_;
   std::array<GlTexture, kUnits> textures_;
-  GlProgram places_, blend_, face_normals_, share_, mesh_normals_, disc_normals_;
+  GlProgram positions_, blend_, face_normals_, share_, mesh_normals_, disc_normals_;
   GlBuffer coefficients_, weights_, parents_;
   Sums sums_, shared_;
-  Sums nowhere_;  ///< Bound while nothing is drawn: without a window there is no other framebuffer.
+  Sums unused_;  ///< Bound while nothing is drawn: without a window there is no other framebuffer.
   std::map<const Reconstructor*, Basis> bases_;
   CpuRebuilder cpu_;
 };
 
 Result<void> GpuRebuilder::Impl::init() {
-  GLint most = 0;
-  glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &most);
-  most_texels_ = static_cast<std::size_t>(most);
-  nowhere_.reserve(1);
+  GLint texels = 0;
+  glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &texels);
+  max_texels_ = static_cast<std::size_t>(texels);
+  unused_.reserve(1);
   const std::string version = kVersion, level = version + shaders::kLevel, unit = level + shaders::kUnit;
   struct Source {
     GlProgram& program;
@@ -129,22 +128,20 @@ Result<void> GpuRebuilder::Impl::init() {
     std::vector<const char*> kept;
   };
   const std::array<Source, 6> sources{
-      Source{places_, "places", shaders::kPlaces, "", {"place"}},
-      Source{blend_, "levels", level + shaders::kBlendPositions + shaders::kBlend, "", {"place"}},
+      Source{positions_, "positions", shaders::kPositions, "", {"position"}},
+      Source{blend_, "levels", level + shaders::kBlendPositions + shaders::kBlend, "", {"position"}},
       Source{face_normals_, "face normals", version + shaders::kPixel + shaders::kFaceNormals, shaders::kPart, {}},
       Source{share_, "shared normals", level + shaders::kPixel + shaders::kShare, shaders::kPart, {}},
       Source{mesh_normals_, "normals", unit + shaders::kMeshNormals + shaders::kBlend, "", {"normal"}},
       Source{disc_normals_, "disc normals", unit + shaders::kDiscNormals + shaders::kBlend, "", {"normal"}}};
   for (const Source& source : sources) {
-    Result<GlProgram> program = GlProgram::create(source.name, source.vertex, source.fragment, source.kept);
-    if (!program) return program.error();
-    source.program = std::move(program).value();
+    const auto built = source.program.build(source.name, {source.vertex, {}, source.fragment}, source.kept);
+    if (!built) return built;
     source.program.use();
     for (const auto& [name, number] :
          {std::pair("floats", kFloats), std::pair("integers", kIntegers), std::pair("C", kC),
-          std::pair("places", kPlaces), std::pair("positions", kPlaces), std::pair("weights", kWeights),
-          std::pair("parents", kParents), std::pair("corners", kCorners), std::pair("frames", kFrames),
-          std::pair("rest", kRest)})
+          std::pair("positions", kPositions), std::pair("weights", kWeights), std::pair("parents", kParents),
+          std::pair("corners", kCorners), std::pair("frames", kFrames), std::pair("rest", kRest)})
       source.program.set(name, static_cast<int>(number));
     source.program.set("sums", static_cast<int>(kSumsUnit));
   }
@@ -154,8 +151,8 @@ Result<void> GpuRebuilder::Impl::init() {
 bool GpuRebuilder::Impl::fits(const Asset& asset) const {
   GLint side = 0;
   glGetIntegerv(GL_MAX_TEXTURE_SIZE, &side);
-  return asset.detail.size() == 0 && GpuBasis::texels(asset) <= most_texels_ &&
-         std::size_t{asset.face_total} * 3 <= most_texels_ &&
+  return asset.detail.size() == 0 && GpuBasis::texels(asset) <= max_texels_ &&
+         std::size_t{asset.face_total} * 3 <= max_texels_ &&
          asset.vertex_count <= static_cast<std::size_t>(side) * kSumsWidth;
 }
 
@@ -173,10 +170,10 @@ void GpuRebuilder::Impl::read(Unit unit, GLenum format, GLuint buffer) {
   glTexBuffer(GL_TEXTURE_BUFFER, format, buffer);
 }
 
-/// The next program's vertices `first` to `end` are kept in their places of the buffer, `bytes` each; nothing is drawn.
+/// Runs the program for vertices [first, end) and keeps its outputs in the buffer, `bytes` each; draws nothing.
 void GpuRebuilder::Impl::keep(const GlBuffer& buffer, GLsizei bytes, std::uint32_t first, std::uint32_t end) {
   if (first >= end) return;
-  nowhere_.bind();
+  unused_.bind();
   glBindBufferRange(GL_TRANSFORM_FEEDBACK_BUFFER, 0, buffer.id(), GLintptr{first} * bytes,
                     GLsizeiptr{end - first} * bytes);
   glEnable(GL_RASTERIZER_DISCARD);
@@ -208,37 +205,37 @@ void GpuRebuilder::Impl::make_positions(const RebuildJob& job, GpuSurface& gpu) 
   read(kFloats, GL_RGBA32F, basis.floats());
   read(kIntegers, GL_RGBA16I, basis.integers());
   read(kC, GL_RGBA32F, coefficients_);
-  places_.use();
-  places_.set("float_groups", static_cast<int>(packed.float_groups));
-  places_.set("integer_groups", static_cast<int>(packed.integer_groups));
-  places_.set("float_stride", static_cast<int>(basis.float_groups()));
-  places_.set("integer_stride", static_cast<int>(basis.integer_groups()));
-  gpu.places.reserve(std::size_t{job.asset->vertex_count} * GpuSurface::kPositionBytes, GL_DYNAMIC_COPY);
-  keep(gpu.places, GpuSurface::kPositionBytes, job.first, job.vertices());
+  positions_.use();
+  positions_.set("float_groups", static_cast<int>(packed.float_groups));
+  positions_.set("integer_groups", static_cast<int>(packed.integer_groups));
+  positions_.set("float_stride", static_cast<int>(basis.float_groups()));
+  positions_.set("integer_stride", static_cast<int>(basis.integer_groups()));
+  gpu.positions.reserve(std::size_t{job.asset->vertex_count} * GpuSurface::kPositionBytes, GL_DYNAMIC_COPY);
+  keep(gpu.positions, GpuSurface::kPositionBytes, job.first, job.vertices());
 
-  gpu.moving = !job.level->moving().empty();
-  if (!gpu.moving) return;
-  read(kPlaces, GL_RGBA32F, gpu.places);
+  gpu.morphs = !job.level->moving().empty();
+  if (!gpu.morphs) return;
+  read(kPositions, GL_RGBA32F, gpu.positions);
   const std::uint32_t whole = job.level->whole();
-  gpu.positions.reserve(gpu.places.bytes(), GL_DYNAMIC_COPY);
-  glBindBuffer(GL_COPY_READ_BUFFER, gpu.places.id());
-  glBindBuffer(GL_COPY_WRITE_BUFFER, gpu.positions.id());
+  gpu.morphed.reserve(gpu.positions.bytes(), GL_DYNAMIC_COPY);
+  glBindBuffer(GL_COPY_READ_BUFFER, gpu.positions.id());
+  glBindBuffer(GL_COPY_WRITE_BUFFER, gpu.morphed.id());
   glCopyBufferSubData(GL_COPY_READ_BUFFER, GL_COPY_WRITE_BUFFER, 0, 0, GLsizeiptr{whole} * GpuSurface::kPositionBytes);
   blend_.use();
-  keep(gpu.positions, GpuSurface::kPositionBytes, whole, job.vertices());
+  keep(gpu.morphed, GpuSurface::kPositionBytes, whole, job.vertices());
 }
 
 const Sums& GpuRebuilder::Impl::sum_over_faces(const RebuildJob& job, GpuSurface& gpu) {
   const std::uint32_t N = job.vertices(), whole = job.level->whole();
   sums_.reserve(N);
-  read(kPlaces, GL_RGBA32F, gpu.drawn());
+  read(kPositions, GL_RGBA32F, gpu.drawn());
   read(kCorners, GL_R32I, gpu.triangles.buffer());
   sums_.bind();
   Sums::clear();
   face_normals_.use();
   face_normals_.set("size", sums_.size());
   glDrawArrays(GL_POINTS, 0, gpu.triangles.count());
-  if (!gpu.moving) return sums_;
+  if (!gpu.morphs) return sums_;
   shared_.reserve(N);
   shared_.bind();
   Sums::clear();
@@ -259,7 +256,7 @@ void GpuRebuilder::Impl::make_normals(const RebuildJob& job, GpuSurface& gpu) {
   gpu.normals.reserve(std::size_t{job.asset->vertex_count} * GpuSurface::kNormalBytes, GL_DYNAMIC_COPY);
   if (job.asset->is_point_cloud()) {
     const GpuBasis& basis = basis_of(job);
-    read(kPlaces, GL_RGBA32F, gpu.places);
+    read(kPositions, GL_RGBA32F, gpu.positions);
     read(kFrames, GL_RG32I, basis.frames());
     read(kRest, GL_RGBA32F, basis.disc_normals());
     disc_normals_.use();
@@ -326,16 +323,16 @@ bool GpuRebuilder::fits(const Asset& asset) const {
 ReadBack read_back(const SurfaceGeometry& geometry) {
   assert(geometry.gpu);
   const std::size_t N = geometry.gpu_vertices;
-  std::vector<float> places(4 * N);
+  std::vector<float> positions(4 * N);
   ReadBack back;
   const auto get = [](const GlBuffer& buffer, std::vector<float>& values) {
     glBindBuffer(GL_COPY_READ_BUFFER, buffer.id());
     glGetBufferSubData(GL_COPY_READ_BUFFER, 0, static_cast<GLsizeiptr>(values.size() * sizeof(float)), values.data());
   };
-  get(geometry.gpu->drawn(), places);
+  get(geometry.gpu->drawn(), positions);
   for (std::size_t i = 0; i < N; ++i)
-    back.positions.insert(back.positions.end(), places.begin() + 4 * static_cast<std::ptrdiff_t>(i),
-                          places.begin() + 4 * static_cast<std::ptrdiff_t>(i) + 3);
+    back.positions.insert(back.positions.end(), positions.begin() + 4 * static_cast<std::ptrdiff_t>(i),
+                          positions.begin() + 4 * static_cast<std::ptrdiff_t>(i) + 3);
   back.normals.resize(geometry.gpu->has_normals ? 3 * N : 0);
   if (!back.normals.empty()) get(geometry.gpu->normals, back.normals);
   return back;

@@ -8,28 +8,27 @@
 
 namespace eigencast {
 
-/// Rebuilds on the GPU, with OpenGL 3.3 core: the basis lies there, a pose is its coefficients (12 bytes
-/// each), and positions and normals never leave it. Results are those of CpuRebuilder but for rounding: positions
-/// within 2e-6 of the sum of their terms' magnitudes (on the way between levels: or of the largest such sum of those
-/// that the vertex comes from), and what CpuRebuilder moves them by where it rounds coefficients to 16 bits
-/// (BasisTiles::whole_coefficients), which the GPU does not; normals where the surface has any area within 0.1
-/// degrees.
+/// Rebuilds on the GPU with OpenGL 3.3 core: the basis lies there, a pose is its coefficients (12 bytes each), and
+/// positions and normals never leave it. Results differ from those of CpuRebuilder by rounding: positions by 2e-6 of the
+/// sum of their terms' magnitudes (of a moving vertex: or of its parents' largest such sum), and by what CpuRebuilder
+/// rounds coefficients to 16 bits (BasisTiles::whole_coefficients), which the GPU does not; normals by 0.1 degrees where
+/// the surface has any area.
 ///
-/// A surface too large for the GPU's buffers, or with detail (DetailKind), is rebuilt on the processor, as its
-/// geometry then says (no `gpu`).
+/// A surface too large for the GPU's buffers, or with detail (DetailKind), is rebuilt on the processor: its geometry
+/// then has no `gpu`.
 ///
-/// Belongs to the OpenGL context that was current when it was made, which must be current in every call and when it and
-/// the surfaces that it has rebuilt go. Not thread-safe.
+/// The OpenGL context of its creation must be current in every call, and when it and the surfaces that it has rebuilt
+/// are destroyed. Not thread-safe.
 class GpuRebuilder final : public SurfaceRebuilder {
  public:
-  /// finish: waits for the GPU after each part, so that the costs are those of the parts and not of asking for them.
+  /// finish: waits for the GPU after each part, so that costs are those of the work.
   /// Errors: kUnsupported (OpenGL below 3.3), kInternal (a shader does not compile; the message holds the log).
   static Result<std::unique_ptr<GpuRebuilder>> create(bool finish = false);
   ~GpuRebuilder() override;
 
   Cost rebuild(std::span<const RebuildJob> jobs) override;
   std::string_view name() const override { return "gpu"; }
-  /// The GPU can address the asset, and its basis is all that there is to it.
+  /// Whether the GPU can address the asset, and the asset has no detail.
   bool fits(const Asset& asset) const;
 
  private:
@@ -38,8 +37,7 @@ class GpuRebuilder final : public SurfaceRebuilder {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Positions and normals of a surface that the GPU has rebuilt, read back: for tests and measurements. Empty normals
-/// where it has none. REQUIRES: geometry.gpu.
+/// What the GPU has rebuilt, read back, for tests and measurements. Normals may be empty. REQUIRES: geometry.gpu.
 struct ReadBack {
   std::vector<float> positions, normals;
 };

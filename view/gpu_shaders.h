@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-/// GLSL 3.30 of GpuRebuilder: vertex shaders whose results are kept, one vertex of the surface each.
+/// GLSL 3.30 of GpuRebuilder: vertex shaders whose results are kept, one for each vertex of the surface.
 namespace eigencast::shaders {
 
-/// X = Psi C. The basis lies in tiles of 64 rows, of each tile the columns in groups of four, of each group the rows;
-/// beside each other where neighbours read beside each other. Columns on a grid are 16-bit integers, the others floats.
-///   C  for each group the coefficients of its four columns: of x, of y, of z
-inline constexpr const char* kPlaces = R"(#version 330 core
+/// X = Psi C. The basis lies in tiles of 64 rows; a tile holds its columns in groups of four, a group one texel per row,
+/// so that neighbouring vertices read neighbouring texels. Columns on a grid are 16-bit integers, the others floats.
+///   C  for each group the x, y and z coefficients of its four columns
+inline constexpr const char* kPositions = R"(#version 330 core
 uniform samplerBuffer floats;
 uniform isamplerBuffer integers;
 uniform samplerBuffer C;
 uniform int float_groups, float_stride, integer_groups, integer_stride;
-out vec4 place;
+out vec4 position;
 void main() {
   int tile = gl_VertexID >> 6, row = gl_VertexID & 63, c = 0;
   vec3 sum = vec3(0.0);
@@ -26,10 +26,10 @@ void main() {
     vec4 psi = vec4(texelFetch(integers, at));
     sum += vec3(dot(psi, texelFetch(C, c)), dot(psi, texelFetch(C, c + 1)), dot(psi, texelFetch(C, c + 2)));
   }
-  place = vec4(sum, 1.0);
+  position = vec4(sum, 1.0);
 })";
 
-/// Vertices on their way between levels: those from `whole` on have a weight and a parent (LevelMorph).
+/// Geomorphs: vertices from `whole` on have a weight and a parent (LevelMorph).
 inline constexpr const char* kLevel = R"(
 uniform int whole;
 uniform samplerBuffer weights;
@@ -37,30 +37,30 @@ uniform isamplerBuffer parents;
 float weight_of(int i) { return texelFetch(weights, i - whole).x; }
 int parent_of(int i) { return texelFetch(parents, i - whole).x; }
 )";
-/// What is drawn of a vertex' own value(), parents first.
+/// The morphed value() of a vertex.
 inline constexpr const char* kBlend = R"(
 vec3 blended(int i) {
   vec3 sum = vec3(0.0);
-  float left = 1.0;
+  float rest = 1.0;
   for (; i >= whole; i = parent_of(i)) {
     float w = weight_of(i);
-    sum += left * w * value(i);
-    left *= 1.0 - w;
-    if (left == 0.0) return sum;
+    sum += rest * w * value(i);
+    rest *= 1.0 - w;
+    if (rest == 0.0) return sum;
   }
-  return sum + left * value(i);
+  return sum + rest * value(i);
 }
 )";
 inline constexpr const char* kBlendPositions = R"(
-uniform samplerBuffer places;
-vec3 value(int i) { return texelFetch(places, i).xyz; }
+uniform samplerBuffer positions;
+vec3 value(int i) { return texelFetch(positions, i).xyz; }
 vec3 blended(int i);
-out vec4 place;
-void main() { place = vec4(blended(gl_VertexID), 1.0); }
+out vec4 position;
+void main() { position = vec4(blended(gl_VertexID), 1.0); }
 )";
 
-/// Sums over faces, by drawing: each vertex has a pixel, onto which each of its faces' corners puts a point, and points
-/// add up. Here the normal of the face, as long as twice its area.
+/// Sums over faces by additive blending: each vertex has a pixel, and each corner of a face draws a point there with the
+/// face's normal, as long as twice its area.
 inline constexpr const char* kPixel = R"(
 uniform vec2 size;
 vec4 pixel_of(int i) {
@@ -81,24 +81,23 @@ void main() {
   gl_PointSize = 1.0;
 }
 )";
-/// What vertices give to those that they come from (LevelMorph::share): to the parent in instance 0, to its parent in
-/// 1, ...
+/// Adds the shares of LevelMorph::share: to the parent in instance 0, to its parent in instance 1, ...
 inline constexpr const char* kShare = R"(
 uniform sampler2D sums;
 flat out vec3 part;
 void main() {
   int i = gl_VertexID;
-  float given = 1.0;
+  float share = 1.0;
   for (int step = 0; step <= gl_InstanceID; ++step) {
     if (i < whole) {
-      given = 0.0;
+      share = 0.0;
       break;
     }
-    given *= 1.0 - weight_of(i);
+    share *= 1.0 - weight_of(i);
     i = parent_of(i);
   }
-  part = given * texelFetch(sums, ivec2(gl_VertexID % int(size.x), gl_VertexID / int(size.x)), 0).xyz;
-  gl_Position = given == 0.0 ? vec4(2.0, 2.0, 2.0, 1.0) : pixel_of(i);
+  part = share * texelFetch(sums, ivec2(gl_VertexID % int(size.x), gl_VertexID / int(size.x)), 0).xyz;
+  gl_Position = share == 0.0 ? vec4(2.0, 2.0, 2.0, 1.0) : pixel_of(i);
   gl_PointSize = 1.0;
 }
 )";
@@ -124,13 +123,12 @@ vec3 blended(int i);
 out vec3 normal;
 void main() { normal = unit(blended(gl_VertexID)); }
 )";
-/// Of a point cloud's discs: those of the rest pose, turned with their frames (splat_normals() in
-/// common/reconstruction).
+/// Normals of a point cloud's discs: those of the rest pose, turned with their frames (as splat_normals() does).
 inline constexpr const char* kDiscNormals = R"(
-uniform samplerBuffer places;
+uniform samplerBuffer positions;
 uniform isamplerBuffer frames;
 uniform samplerBuffer rest;
-vec3 point(int i) { return texelFetch(places, i).xyz; }
+vec3 point(int i) { return texelFetch(positions, i).xyz; }
 vec3 value(int i) {
   ivec2 frame = texelFetch(frames, i).xy;
   vec3 n = texelFetch(rest, i).xyz, here = point(i);

@@ -11,41 +11,41 @@
 namespace eigencast {
 namespace {
 
-constexpr int kMaxSide = 16'384, kMaxScans = 200;
+constexpr int kMaxScans = 200;
 
-enum WayOut : int { kBroken = 1, kEndless = 2 };
+enum Exit : int { kBroken = 1, kEndless = 2 };
 
-/// libjpeg's way out of an error, which would end the program otherwise.
-struct Trouble {
+/// libjpeg calls exit() on errors, unless a handler jumps out of it.
+struct DecoderState {
   jpeg_error_mgr manager;
   jpeg_progress_mgr progress;
-  std::jmp_buf way_out;
-  std::array<char, JMSG_LENGTH_MAX> words;
+  std::jmp_buf exit;
+  std::array<char, JMSG_LENGTH_MAX> message;
 };
 
-void leave(j_common_ptr image) {
-  auto* trouble = reinterpret_cast<Trouble*>(image->err);
-  image->err->format_message(image, trouble->words.data());
-  std::longjmp(trouble->way_out, kBroken);
+void on_error(j_common_ptr image) {
+  auto* state = reinterpret_cast<DecoderState*>(image->err);
+  image->err->format_message(image, state->message.data());
+  std::longjmp(state->exit, kBroken);
 }
-void say_nothing(j_common_ptr, int) {}
-/// A small file may ask for its pixels to be gone through without end.
+void ignore_message(j_common_ptr, int) {}
+/// A small file may hold any number of scans.
 void count_scans(j_common_ptr image) {
   if (reinterpret_cast<j_decompress_ptr>(image)->input_scan_number > kMaxScans)
-    std::longjmp(reinterpret_cast<Trouble*>(image->err)->way_out, kEndless);
+    std::longjmp(reinterpret_cast<DecoderState*>(image->err)->exit, kEndless);
 }
 
 enum class Outcome { kRead, kCorrupt, kTooLarge, kUnsupported };
 
-/// Ends libjpeg's work whatever comes of it.
-struct EndOfWork {
+struct Destroyer {
   jpeg_decompress_struct& image;
-  ~EndOfWork() { jpeg_destroy_decompress(&image); }
+  ~Destroyer() { jpeg_destroy_decompress(&image); }
 };
 
-/// Holds nothing that would have to be destroyed: errors jump over it.
-Outcome decode(std::span<const std::uint8_t> bytes, jpeg_decompress_struct& image, Trouble& trouble, Picture& picture) {
-  switch (setjmp(trouble.way_out)) {
+/// Holds nothing that needs destruction: errors jump over it.
+Outcome decode(std::span<const std::uint8_t> bytes, jpeg_decompress_struct& image, DecoderState& state,
+               Picture& picture) {
+  switch (setjmp(state.exit)) {
     case kBroken:
       return Outcome::kCorrupt;
     case kEndless:
@@ -61,7 +61,7 @@ Outcome decode(std::span<const std::uint8_t> bytes, jpeg_decompress_struct& imag
     return Outcome::kTooLarge;
   if (image.jpeg_color_space == JCS_CMYK || image.jpeg_color_space == JCS_YCCK) return Outcome::kUnsupported;
   image.out_color_space = JCS_RGB;
-  image.progress = &trouble.progress;
+  image.progress = &state.progress;
   jpeg_start_decompress(&image);
   picture.width = static_cast<int>(image.output_width);
   picture.height = static_cast<int>(image.output_height);
@@ -78,14 +78,14 @@ Outcome decode(std::span<const std::uint8_t> bytes, jpeg_decompress_struct& imag
 
 Result<Picture> read_jpeg_bytes(std::span<const std::uint8_t> bytes, const std::string& name) {
   jpeg_decompress_struct image{};
-  Trouble trouble{};
-  image.err = jpeg_std_error(&trouble.manager);
-  trouble.manager.error_exit = leave;
-  trouble.manager.emit_message = say_nothing;
-  trouble.progress.progress_monitor = count_scans;
+  DecoderState state{};
+  image.err = jpeg_std_error(&state.manager);
+  state.manager.error_exit = on_error;
+  state.manager.emit_message = ignore_message;
+  state.progress.progress_monitor = count_scans;
   Picture picture;
-  const EndOfWork end{image};
-  switch (decode(bytes, image, trouble, picture)) {
+  const Destroyer destroyer{image};
+  switch (decode(bytes, image, state, picture)) {
     case Outcome::kRead:
       return picture;
     case Outcome::kTooLarge:
@@ -95,7 +95,7 @@ Result<Picture> read_jpeg_bytes(std::span<const std::uint8_t> bytes, const std::
     case Outcome::kCorrupt:
       break;
   }
-  return fail(ErrorCode::kCorrupt, name + ": " + trouble.words.data());
+  return fail(ErrorCode::kCorrupt, name + ": " + state.message.data());
 }
 
 }  // namespace eigencast

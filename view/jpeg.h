@@ -10,8 +10,8 @@
 
 namespace eigencast {
 
-/// Reads a JPEG file from memory, grey ones as colours; `name` is for the error's words. Safe on hostile input. Errors:
-/// kCorrupt, kTooLarge (kMaxPixels, or scans without end), kUnsupported (colours of print).
+/// Reads a JPEG file from memory, grey ones as RGB. `name` is for messages. Safe on hostile input. Errors: kCorrupt,
+/// kTooLarge (kMaxPixels, kMaxSide, 200 scans), kUnsupported (CMYK).
 Result<Picture> read_jpeg_bytes(std::span<const std::uint8_t> bytes, const std::string& name);
 
 }  // namespace eigencast

@@ -8,9 +8,9 @@
 namespace eigencast {
 namespace {
 
-/// What a weight changes by in `elapsed_us` where all of it takes `whole_us`.
-float step_of(TimeUs elapsed_us, TimeUs whole_us) {
-  return elapsed_us < whole_us ? static_cast<float>(elapsed_us) / static_cast<float>(whole_us) : 1.0F;
+/// The change of a weight that takes `duration_us` from 0 to 1.
+float step_of(TimeUs elapsed_us, TimeUs duration_us) {
+  return elapsed_us < duration_us ? static_cast<float>(elapsed_us) / static_cast<float>(duration_us) : 1.0F;
 }
 
 }  // namespace
@@ -42,8 +42,8 @@ bool LevelMorph::advance(std::uint32_t N, TimeUs now_us, const MorphPace& pace) 
     whole_ = N;
   }
   if (N > drawn()) weights_.resize(N - whole_, 0.0F);
-  const TimeUs gone = std::clamp<TimeUs>(elapsed, 0, kLongestStep);
-  const float up = step_of(gone, pace.appear_us), down = step_of(gone, pace.vanish_us);
+  const TimeUs step = std::clamp<TimeUs>(elapsed, 0, kMaxStep);
+  const float up = step_of(step, pace.appear_us), down = step_of(step, pace.vanish_us);
   const std::size_t stay = N - whole_;
   for (std::size_t i = 0; i < stay; ++i) weights_[i] = std::min(1.0F, weights_[i] + up);
   for (std::size_t i = stay; i < weights_.size(); ++i) weights_[i] = std::max(0.0F, weights_[i] - down);

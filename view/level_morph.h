@@ -10,63 +10,57 @@
 
 namespace eigencast {
 
-/// How long vertices take to come and to go: as long as their way on the screen asks for. A vertex that comes is drawn
-/// and paid for before it is of use, so that whoever waits longer than anybody can see draws fewer of them in the same
-/// time.
+/// How long vertices take to appear and to vanish: as short as their way on the screen allows, because a moving vertex
+/// costs as much as one that has arrived.
 struct MorphPace {
   static constexpr TimeUs kAppear = 250'000;      ///< At most.
-  static constexpr TimeUs kVanish = 100'000;      ///< Shorter: the time of a picture waits for it.
-  static constexpr double kPixelsPerSecond = 30;  ///< Half a pixel from picture to picture at 60/s.
+  static constexpr TimeUs kVanish = 100'000;      ///< At most; shorter, because late pictures wait for it.
+  static constexpr double kPixelsPerSecond = 30;  ///< Half a pixel a picture at 60/s.
   TimeUs appear_us = kAppear, vanish_us = kVanish;
 
-  /// Of vertices that move `way_px` pixels at most, which may be infinite: unknown.
+  /// way_px: the vertices' longest way on the screen; infinite if unknown.
   static MorphPace of(double way_px);
 };
 
-/// Lets vertices come and go without a jump: one that appears starts where the vertex stands that it was contracted
-/// into, and moves to its own place; one that vanishes goes back there, and is drawn so long. Vertex i with weight s_i
-/// stands at
+/// Geomorphs between levels of detail (Hoppe 1996, "Progressive Meshes"): a vertex that appears moves from its parent's
+/// position to its own; one that vanishes moves back first. Vertex i with weight s_i is drawn at
 ///
 ///   y_i = (1 - s_i) y_map(i) + s_i x_i,
 ///
-/// where map(i) < i may be moving itself. Weights never grow along the numbers, so that those that are not 1 are the
-/// last. After Hoppe 1996, "Progressive Meshes" (geomorphs).
+/// where map(i) < i may be moving itself. Weights never grow along the numbers: those below 1 are the last.
 ///
 /// Time comes in as arguments. Not thread-safe.
 class LevelMorph {
  public:
-  /// Weights go on by no more than this in one picture, however long it took.
-  static constexpr TimeUs kLongestStep = 50'000;
-  /// Who has not looked for so long sees no jump.
-  static constexpr TimeUs kOutOfSight = 500'000;
+  static constexpr TimeUs kMaxStep = 50'000;      ///< Progress in one picture, however long that took.
+  static constexpr TimeUs kOutOfSight = 500'000;  ///< After so long without a picture levels jump.
 
   void jump(std::uint32_t N);
 
-  /// Aims at N vertices and goes on to `now_us`; true if there is anything new to draw.
+  /// Aims at N vertices and advances to `now_us`; true if anything has changed.
   bool advance(std::uint32_t N, TimeUs now_us, const MorphPace& pace = {});
 
-  /// Vertices to draw: the first so many.
+  /// The number of vertices to draw.
   std::uint32_t drawn() const { return whole_ + static_cast<std::uint32_t>(weights_.size()); }
-  /// The first so many stand at their own place.
+  /// The number of leading vertices that do not move.
   std::uint32_t whole() const { return whole_; }
-  /// How much of vertex i < drawn() is there: 1 at its own place.
+  /// REQUIRES: i < drawn().
   float weight(std::uint32_t i) const { return i < whole_ ? 1.0F : weights_[i - whole_]; }
-  /// Of the vertices from whole() on.
+  /// Weights of the vertices from whole() on.
   std::span<const float> moving() const { return weights_; }
-  /// Vertices to draw, each as much as it is there.
+  /// The sum of all weights.
   double effective() const;
 
-  /// y from x, in place: 3 floats for each of drawn() vertices, places or whatever else belongs to them alone.
+  /// y from x, in place: 3 floats for each of drawn() vertices, positions or other values per vertex.
   void blend(std::span<const std::uint32_t> map, std::span<float> values) const;
 
-  /// What belongs to the vertices as a sum over their faces (normals times areas) for who is drawn: each vertex gives
-  /// what its place is not its own to the one that it comes from, and sees as much of that one's. Without a jump where
-  /// vertices come and go: at weight 0 both are what the surface without the vertex has. In place.
+  /// Morphs sums over faces (normals times areas), in place: vertex i adds 1 - s_i of its sum to its parent's, and blends
+  /// its own with the parent's total. At weight 0 both equal those of the surface without the vertex.
   void share(std::span<const std::uint32_t> map, std::span<float> sums) const;
 
  private:
   std::uint32_t whole_ = 0;
-  std::vector<float> weights_;  ///< Of the vertices from whole_ on.
+  std::vector<float> weights_;  ///< See moving().
   std::optional<TimeUs> seen_us_;
 };
 

@@ -13,7 +13,7 @@ LevelOfDetail::LevelOfDetail(double fraction) {
 }
 
 void LevelOfDetail::set_fraction(double fraction) {
-  fraction_ = std::isfinite(fraction) ? std::clamp(fraction, kLeast, 1.0) : 1.0;
+  fraction_ = std::isfinite(fraction) ? std::clamp(fraction, kMin, 1.0) : 1.0;
 }
 
 std::uint32_t LevelOfDetail::vertices(const Asset& asset) const {

@@ -7,15 +7,13 @@
 
 namespace eigencast {
 
-/// Decides how many vertices to rebuild. Knows neither time nor graphics; who draws asks it once for each pose.
-///
-/// Not thread-safe.
+/// Decides how many vertices to rebuild. Not thread-safe.
 class LevelOfDetail {
  public:
   static constexpr double kStep = 1.25;  ///< One key press multiplies or divides the fraction by this.
-  static constexpr double kLeast = 1.0 / 1024;
+  static constexpr double kMin = 1.0 / 1024;
 
-  /// `fraction` of the vertices, clamped to [kLeast, 1].
+  /// `fraction` of the vertices, clamped to [kMin, 1].
   explicit LevelOfDetail(double fraction = 1);
 
   void set_fraction(double fraction);
@@ -23,7 +21,7 @@ class LevelOfDetail {
   void finer() { set_fraction(fraction_ * kStep); }
   void coarser() { set_fraction(fraction_ / kStep); }
 
-  /// N for this asset now: the wanted fraction within what has arrived; 0 while not even the base level has.
+  /// N for this asset: the fraction, within what has arrived; 0 before the base level has.
   std::uint32_t vertices(const Asset& asset) const;
 
  private:

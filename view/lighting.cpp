@@ -6,7 +6,6 @@
 #include <glm/ext/matrix_clip_space.hpp>
 #include <glm/ext/matrix_transform.hpp>
 #include <glm/geometric.hpp>
-#include <utility>
 
 #include "view/gl_surface.h"
 #include "view/shaders.h"
@@ -29,9 +28,8 @@ glm::vec3 light_beside(const Camera& camera, float right, float above, float beh
 }  // namespace
 
 Result<void> Lighting::init() {
-  auto shadow = GlProgram::create("shadow", shaders::kShadowVertex, shaders::kShadowFragment);
-  if (!shadow) return shadow.error();
-  shadow_ = std::move(*shadow);
+  const auto built = shadow_.build("shadow", {shaders::kShadowVertex, {}, shaders::kShadowFragment});
+  if (!built) return built;
   glBindTexture(GL_TEXTURE_2D, shadows_.id());
   glTexImage2D(GL_TEXTURE_2D, 0, GL_DEPTH_COMPONENT24, kShadowSide, kShadowSide, 0, GL_DEPTH_COMPONENT, GL_FLOAT,
                nullptr);

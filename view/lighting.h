@@ -14,17 +14,16 @@ namespace eigencast {
 
 class GlSurface;
 
-/// The two lights, which go with the camera, and what the surfaces keep the first one from. Needs its context current
-/// in every call.
+/// Two lights that follow the camera, and the shadow of the first. Needs its context current in every call.
 class Lighting final {
  public:
-  /// Errors: as GlProgram::create.
+  /// Errors: as GlProgram::build.
   Result<void> init();
-  /// Puts the lights beside the camera and draws the surfaces' shadows, into a framebuffer that stays bound.
+  /// Places the lights beside the camera and renders the shadow map, whose framebuffer stays bound.
   void cast(const Camera& camera, std::span<const std::unique_ptr<GlSurface>> surfaces);
-  /// The shadows become texture 0.
+  /// Binds the shadow map as texture 0.
   void bind() const;
-  /// Uses a program of shaders::kLighting and tells it camera and lights.
+  /// Uses a program of shaders::kLighting and sets its uniforms of camera and lights.
   void light(const GlProgram& program, const Camera& camera) const;
 
  private:

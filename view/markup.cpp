@@ -13,7 +13,7 @@ namespace eigencast {
 namespace {
 
 constexpr float kHiddenOpacity = 0.28F;
-constexpr float kNearest = 1e-5F;  // clip w: what is behind the camera has none
+constexpr float kNearest = 1e-5F;  // clip w; points behind the camera have less
 
 /// Collects triangles in clip space from shapes measured in pixels.
 class Builder {
@@ -84,14 +84,13 @@ MarkTriangles triangles_from_markup(const Markup& markup, const glm::mat4& clip_
 }
 
 Result<void> MarkupPainter::init() {
-  Result<GlProgram> program = GlProgram::create("markup", shaders::kMarkVertex, shaders::kMarkFragment);
-  if (!program) return program.error();
-  program_ = std::move(*program);
+  const auto built = program_.build("markup", {shaders::kMarkVertex, {}, shaders::kMarkFragment});
+  if (!built) return built;
   glBindVertexArray(array_.id());
   glBindBuffer(GL_ARRAY_BUFFER, corners_.id());
-  const auto attribute = [](GLuint place, GLint size, std::size_t offset) {
-    glVertexAttribPointer(place, size, GL_FLOAT, GL_FALSE, sizeof(MarkCorner), reinterpret_cast<const void*>(offset));
-    glEnableVertexAttribArray(place);
+  const auto attribute = [](GLuint index, GLint size, std::size_t offset) {
+    glVertexAttribPointer(index, size, GL_FLOAT, GL_FALSE, sizeof(MarkCorner), reinterpret_cast<const void*>(offset));
+    glEnableVertexAttribArray(index);
   };
   attribute(0, 4, offsetof(MarkCorner, clip));
   attribute(1, 4, offsetof(MarkCorner, colour));

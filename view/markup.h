@@ -13,8 +13,8 @@
 
 namespace eigencast {
 
-/// Lines and dots drawn over surfaces: what a hand can take hold of. Widths in pixels; where a surface is in front,
-/// fainter. Colours are as the screen shows them, with opacity.
+/// Lines and dots over surfaces: handles to grab. Widths are pixels; fainter where a surface is in front. Colours are
+/// sRGB with opacity.
 struct Markup {
   struct Line {
     glm::vec3 from{0}, to{0};  ///< In the scene.
@@ -33,14 +33,14 @@ struct Markup {
   std::optional<std::pair<glm::vec2, glm::vec2>> frame;  ///< Corners of a rectangle on the picture, pixels.
 };
 
-/// A corner of a triangle on the screen; a fragment farther than 1 from the middle (in `round`) is not drawn.
+/// A corner of a triangle on the screen. A fragment with |round| > 1 is not drawn.
 struct MarkCorner {
   glm::vec4 clip{0, 0, 0, 1};
   glm::vec4 colour{1};
   glm::vec2 round{0};
 };
 
-/// The marks as triangles, those that are never hidden last, from corner `top` on. Lines end before the camera's plane.
+/// The marks as triangles; those that are never hidden come last, from corner `top` on. Lines end at the near plane.
 struct MarkTriangles {
   std::vector<MarkCorner> corners;
   std::size_t top = 0;
@@ -48,7 +48,7 @@ struct MarkTriangles {
 MarkTriangles triangles_from_markup(const Markup& markup, const glm::mat4& clip_from_scene, int width_px,
                                     int height_px);
 
-/// Draws marks to what is bound, against the depth that is there; leaves it as it was. Belongs to one OpenGL context.
+/// Draws marks to the bound framebuffer and keeps its depth. Belongs to one OpenGL context.
 class MarkupPainter final {
  public:
   MarkupPainter() = default;

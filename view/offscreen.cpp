@@ -17,8 +17,7 @@ Error no_egl(const char* what) {
                   "); install a driver with surfaceless EGL, such as Debian's libegl1 and libgl1-mesa-dri");
 }
 
-/// Mesa's surfaceless platform where it is offered (it never asks for a display server), else whatever the driver's
-/// default is.
+/// Mesa's surfaceless platform, which needs no display server, or the driver's default.
 EGLDisplay open_display() {
   if (epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_MESA_platform_surfaceless") &&
       epoxy_has_egl_extension(EGL_NO_DISPLAY, "EGL_EXT_platform_base")) {

@@ -7,11 +7,11 @@
 
 namespace eigencast {
 
-/// An OpenGL 3.3 core context without a window or a display server (EGL surfaceless), current on the thread that made
-/// it until it is destroyed there.
+/// An OpenGL 3.3 core context without window and display server (EGL surfaceless), current on the thread that creates
+/// and destroys it.
 class OffscreenContext final {
  public:
-  /// Errors: kUnsupported, saying which driver package is missing.
+  /// Errors: kUnsupported, naming the missing driver package.
   static Result<std::unique_ptr<OffscreenContext>> create();
   ~OffscreenContext();
 

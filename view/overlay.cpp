@@ -16,9 +16,9 @@
 namespace eigencast {
 namespace {
 
-constexpr ImGuiWindowFlags kCard = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs |
-                                   ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings |
-                                   ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav;
+constexpr ImGuiWindowFlags kBoxFlags = ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_NoInputs |
+                                       ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings |
+                                       ImGuiWindowFlags_NoFocusOnAppearing | ImGuiWindowFlags_NoNav;
 
 /// A proportional font where the system has one of the usual ones; ImGui's own otherwise.
 void load_font(float scale) {
@@ -35,23 +35,23 @@ void load_font(float scale) {
   fonts.AddFontDefault(&config);
 }
 
-/// A translucent card with one corner or edge (pivot, 0..1) pinned at a place of the picture. content: its size where
-/// it is known; else the card is as large as it had to be in the picture before.
-bool begin_card(const char* name, ImVec2 at, ImVec2 pivot, float alpha, std::optional<ImVec2> content = {}) {
+/// A translucent box with one corner or edge (pivot, 0..1) at a position. content: its size; by default that of the last
+/// picture's content.
+bool begin_box(const char* name, ImVec2 at, ImVec2 pivot, float alpha, std::optional<ImVec2> content = {}) {
   const ImVec2 padding = ImGui::GetStyle().WindowPadding;
   ImGui::SetNextWindowPos(at, ImGuiCond_Always, pivot);
   if (content) ImGui::SetNextWindowSize({std::ceil(content->x + 2 * padding.x), std::ceil(content->y + 2 * padding.y)});
   ImGui::SetNextWindowBgAlpha(alpha);
-  return ImGui::Begin(name, nullptr, content ? kCard & ~ImGuiWindowFlags_AlwaysAutoResize : kCard);
+  return ImGui::Begin(name, nullptr, content ? kBoxFlags & ~ImGuiWindowFlags_AlwaysAutoResize : kBoxFlags);
 }
 
-/// Of the picture, in ImGui's units.
+/// The picture in ImGui's units.
 struct Room {
   ImVec2 size;
   float gap, scale;
 };
 
-/// In lines that are no wider than `width`.
+/// With line breaks at `width`.
 ImVec2 size_of(const std::string& text, float width) {
   return ImGui::CalcTextSize(text.c_str(), nullptr, false, width);
 }
@@ -60,13 +60,12 @@ float width_of(const std::string& text) {
   return ImGui::CalcTextSize(text.c_str()).x;
 }
 
-/// As many lines as leave the scene its part of the picture, the first ones first; the last of all is less than the
-/// others. Says where the card ends.
+/// As many of the first lines as leave room for the scene. Returns the lower end of the box.
 float draw_figures(const std::vector<std::string>& lines, const Room& room, float left) {
-  constexpr float kPart = 0.3F;  // of its height
+  constexpr float kPart = 0.3F;  // of the picture's height
   const ImGuiStyle& style = ImGui::GetStyle();
   const float width = room.size.x - left - 2 * room.gap - 2 * style.WindowPadding.x;
-  if (lines.empty() || width < 6 * ImGui::GetFontSize()) return 0;  // the panel is all there is
+  if (lines.empty() || width < 6 * ImGui::GetFontSize()) return 0;  // only the panel fits
   ImVec2 content{0, -style.ItemSpacing.y};
   std::size_t shown = 0;
   for (; shown < lines.size(); ++shown) {
@@ -75,7 +74,7 @@ float draw_figures(const std::vector<std::string>& lines, const Room& room, floa
     if (shown > 0 && height + 2 * style.WindowPadding.y > kPart * room.size.y) break;
     content = {std::max(content.x, line.x), height};
   }
-  begin_card("figures", {room.size.x - room.gap, room.gap}, {1, 0}, 0.62F, content);
+  begin_box("figures", {room.size.x - room.gap, room.gap}, {1, 0}, 0.62F, content);
   ImGui::PushTextWrapPos(style.WindowPadding.x + width);
   for (std::size_t i = 0; i < shown; ++i) {
     if (i + 1 < lines.size())
@@ -88,7 +87,7 @@ float draw_figures(const std::vector<std::string>& lines, const Room& room, floa
   return room.gap + content.y + 2 * style.WindowPadding.y;
 }
 
-/// right: what the legend takes there.
+/// right: the width of the legend.
 void draw_connection(const OverlayContent& content, const Room& room, float right) {
   if (content.connection.empty()) return;
   constexpr const char* kPaused = "  paused (Space)";
@@ -98,8 +97,8 @@ void draw_connection(const OverlayContent& content, const Room& room, float righ
   const float widest = std::max(rest, 8 * line), before = style.WindowPadding.x + mark + style.ItemSpacing.x;
   ImVec2 size = size_of(content.connection, widest - before);
   size.x += mark + style.ItemSpacing.x + (content.paused ? style.ItemSpacing.x + width_of(kPaused) : 0);
-  begin_card("connection", {room.gap, room.size.y - room.gap}, {0, 1}, 0.62F, size);
-  // Shape and word carry the meaning, the colour only helps.
+  begin_box("connection", {room.gap, room.size.y - room.gap}, {0, 1}, 0.62F, size);
+  // Shape and word carry the meaning, not the colour.
   const ImVec2 corner = ImGui::GetCursorScreenPos(), middle{corner.x + 0.45F * line, corner.y + 0.55F * line};
   ImDrawList& list = *ImGui::GetWindowDrawList();
   if (content.connected)
@@ -123,8 +122,8 @@ void draw_banner(const OverlayContent& content, const Room& room) {
   const float padding = ImGui::GetStyle().WindowPadding.x;
   const float widest =
       std::max(room.size.x - content.left_px - 2 * room.gap - 2 * padding, 8 * ImGui::GetTextLineHeight());
-  begin_card("banner", {0.5F * (room.size.x + content.left_px), room.size.y - 5.5F * room.gap}, {0.5F, 1}, 0.88F,
-             size_of(content.banner, widest));
+  begin_box("banner", {0.5F * (room.size.x + content.left_px), room.size.y - 5.5F * room.gap}, {0.5F, 1}, 0.88F,
+            size_of(content.banner, widest));
   ImGui::PushStyleColor(ImGuiCol_Text, {1, 0.80F, 0.45F, 1});
   ImGui::PushTextWrapPos(padding + widest);
   ImGui::TextUnformatted(content.banner.c_str());
@@ -133,15 +132,15 @@ void draw_banner(const OverlayContent& content, const Room& room) {
   ImGui::End();
 }
 
-/// A bar of the map's colours, its lowest value at the bottom, with three marks; no higher than there is room below
-/// `top`. Says how far the card reaches from the right.
+/// A bar of the map's colours with three marks, the lowest value at the bottom. Fits below `top`. Returns the width of the
+/// box.
 float draw_legend(const Legend& legend, const Room& room, float top) {
   const float scale = room.scale, half_line = 0.5F * ImGui::GetTextLineHeight();
   const ImGuiStyle& style = ImGui::GetStyle();
   const float beside =
       2 * style.WindowPadding.y + 2 * style.ItemSpacing.y + 3 * scale + ImGui::GetTextLineHeight() + half_line;
   const float bar = std::clamp(room.size.y - top - 2 * room.gap - beside, 40 * scale, 168 * scale);
-  begin_card("legend", {room.size.x - room.gap, room.size.y - room.gap}, {1, 1}, 0.62F);
+  begin_box("legend", {room.size.x - room.gap, room.size.y - room.gap}, {1, 1}, 0.62F);
   ImGui::TextUnformatted(legend.title.c_str());
   ImGui::Dummy({0, 3 * scale});
   const ImVec2 corner = ImGui::GetCursorScreenPos(), size{16 * scale, bar};
@@ -171,7 +170,7 @@ float draw_legend(const Legend& legend, const Room& room, float top) {
   return room.gap + 2 * style.WindowPadding.x + std::max(width_of(legend.title), size.x + 9 * scale + widest);
 }
 
-/// All of it or nothing is of use: where there is little room everything about it is smaller.
+/// Shrinks to fit, because a part of the help is of no use.
 void draw_help(const std::vector<HelpLine>& lines, const Room& room) {
   if (lines.empty()) return;
   const ImGuiStyle& style = ImGui::GetStyle();
@@ -187,7 +186,7 @@ void draw_help(const std::vector<HelpLine>& lines, const Room& room) {
   const float part = std::clamp(0.96F * std::min(room.size.x / width, room.size.y / height), 0.25F, 1.0F);
   ImGui::PushStyleVar(ImGuiStyleVar_CellPadding, {part * cell.x, part * cell.y});
   ImGui::PushStyleVar(ImGuiStyleVar_WindowPadding, {part * padding.x, part * padding.y});
-  begin_card("help", {0.5F * room.size.x, 0.5F * room.size.y}, {0.5F, 0.5F}, 0.93F);
+  begin_box("help", {0.5F * room.size.x, 0.5F * room.size.y}, {0.5F, 0.5F}, 0.93F);
   ImGui::SetWindowFontScale(part);
   if (ImGui::BeginTable("keys", 3, ImGuiTableFlags_SizingFixedFit)) {
     for (const HelpLine& line : lines) {
@@ -207,7 +206,7 @@ void draw_help(const std::vector<HelpLine>& lines, const Room& room) {
   ImGui::PopStyleVar(2);
 }
 
-/// Letters in the picture's pixels, everything laid out in the window's units.
+/// Fonts in pixels, layout in the window's units.
 void take_scale(TextScale scale) {
   ImGui::GetIO().Fonts->Clear();
   load_font(scale.layout * scale.pixels);
@@ -238,10 +237,10 @@ TextScale text_scale(float content, float pixels_per_unit, float wanted) {
 }
 
 TextScale fitted(TextScale scale, float width, float height) {
-  constexpr float kWidth = 340, kHeight = 270;             // at 96 dpi
-  constexpr float kStep = 1.0F / 16, kLeast = 10 * kStep;  // of what was wanted; fonts are made for each step
+  constexpr float kWidth = 340, kHeight = 270;           // at 96 dpi
+  constexpr float kStep = 1.0F / 16, kMin = 10 * kStep;  // fonts are made for each step
   const float part = std::min(width / kWidth, height / kHeight) / scale.layout;
-  scale.layout *= std::clamp(kStep * std::floor(part / kStep), kLeast, 1.0F);
+  scale.layout *= std::clamp(kStep * std::floor(part / kStep), kMin, 1.0F);
   return scale;
 }
 
@@ -300,8 +299,7 @@ void Overlay::lay_out(const OverlayContent& content, const std::function<void()>
 
 void Overlay::draw(const OverlayContent& content, int width_px, int height_px, unsigned target,
                    const std::function<void()>& panels) {
-  // A card knows how large it is when it has been laid out once. A window shows it a picture later; a picture that is
-  // written has no later.
+  // ImGui knows the size of a box after one layout: a window shows it in the next picture, a file needs it now.
   if (!has_window_) {
     begin_frame(width_px, height_px);
     lay_out(content, panels);

@@ -7,22 +7,23 @@
 #include <iterator>
 #include <utility>
 
+#include "common/core/enum_names.h"
 #include "common/surface/appearance.h"
 
 namespace eigencast {
 namespace {
 
-constexpr std::array<std::string_view, kColourings> kNames{"clay",     "own",   "textured", "normals",
-                                                           "movement", "speed", "channel",  "error"};
+constexpr EnumNames<Colouring, 8> kColouringNames{
+    {"clay", "own", "textured", "normals", "movement", "speed", "channel", "error"}};
 /// Linear light of sRGB bytes.
 const std::array<float, 256> kLight = [] {
   std::array<float, 256> light{};
   for (std::size_t i = 0; i < light.size(); ++i) light[i] = linear_from_srgb(static_cast<float>(i) / 255);
   return light;
 }();
-constexpr TimeUs kLongestStepUs = 1'000'000;  // poses further apart say nothing about a speed
+constexpr TimeUs kMaxIntervalUs = 1'000'000;  // poses further apart give no speed
 
-/// Three columns of C, from `first` on, times `scale`; those beyond the last channel are zero.
+/// `count` columns of C from `first` on, times `scale`, as r x 3; missing ones are zero.
 std::vector<double> columns_of(std::span<const double> C, std::uint32_t channels, std::uint32_t first,
                                std::uint32_t count, double scale = 1) {
   const std::size_t rank = C.size() / channels;
@@ -34,23 +35,23 @@ std::vector<double> columns_of(std::span<const double> C, std::uint32_t channels
   return D;
 }
 
-/// The channels that neither say where nor how fast.
+/// The number of channels besides positions and velocities.
 std::uint32_t scalar_channels(const PoseSource& source) {
   if (!source.info()) return 0;
   const auto& format = source.info()->format;
   return format.channels < 3 + format.velocity_channels ? 0 : format.channels - 3 - format.velocity_channels;
 }
 
-/// All but the outermost hundredths: a few vertices far off would leave one colour for all others.
+/// Without the outermost hundredths: a few outliers would leave one colour for all others.
 std::optional<std::array<float, 2>> range_of(std::span<const float> values) {
   std::vector<float> sorted;
   sorted.reserve(values.size());
   std::copy_if(values.begin(), values.end(), std::back_inserter(sorted), [](float v) { return std::isfinite(v); });
   if (sorted.empty()) return std::nullopt;
   const auto at = [&](std::size_t rank) {
-    const auto place = sorted.begin() + static_cast<std::ptrdiff_t>(rank);
-    std::nth_element(sorted.begin(), place, sorted.end());
-    return *place;
+    const auto nth = sorted.begin() + static_cast<std::ptrdiff_t>(rank);
+    std::nth_element(sorted.begin(), nth, sorted.end());
+    return *nth;
   };
   const std::size_t outer = sorted.size() / 100;
   return std::array<float, 2>{at(outer), at(sorted.size() - 1 - outer)};
@@ -59,22 +60,21 @@ std::optional<std::array<float, 2>> range_of(std::span<const float> values) {
 }  // namespace
 
 std::string_view name_of(Colouring colouring) {
-  return kNames[static_cast<std::size_t>(colouring)];
+  return kColouringNames[colouring];
 }
 
 std::optional<Colouring> colouring_from_name(std::string_view name) {
-  const auto at = std::find(kNames.begin(), kNames.end(), name);
-  if (at == kNames.end()) return std::nullopt;
-  return static_cast<Colouring>(at - kNames.begin());
+  return kColouringNames.find(name);
 }
 
 void SurfacePainter::paint(const SurfaceView& view, const PoseSource& source, const Wish& wish) {
   const std::uint64_t pose = view.geometry().pose_version;
-  // What was refused may have become possible: a truth that was still being prepared, say.
+  // What was refused may have become possible, such as a truth that was being prepared.
   if (pose == seen_pose_ && wish == wish_ && why_not_.empty()) return;
   const bool settled = wish == wish_ && why_not_.empty() && seen_level_ == view.level_version();
+  // Colours that do not depend on the pose.
   const bool still = paint_.kind == SurfacePaint::Kind::kColour || paint_.kind == SurfacePaint::Kind::kTexture;
-  if (settled && still) return;  // which do not move with the pose
+  if (settled && still) return;
   seen_level_ = view.level_version();
   if (wish.colouring == Colouring::kClay && paint_.kind == SurfacePaint::Kind::kClay) {
     wish_ = wish;
@@ -153,7 +153,7 @@ void SurfacePainter::fill_textured(const SurfaceView& view, const Asset& asset) 
     return refuse(asset.complete() || asset.is_point_cloud() ? "the surface has no texture"
                                                              : "the texture comes with the last of the surface");
   }
-  TextureImage image = image_of(asset.texture, decode_, longest_side_);
+  TextureImage image = image_of(asset.texture, decode_, max_side_);
   if (image.failed) return refuse(image.failed->message);
   waiting_ = !image.picture;
   if (waiting_) return refuse("the texture is being decoded");
@@ -213,7 +213,7 @@ void SurfacePainter::fill_speed(const SurfaceView& view, const PoseSource& sourc
   if (before_time_ && *before_time_ != now && before_.size() == X.size()) {
     const TimeUs step = now - *before_time_;
     difference_.assign(X.size(), 0.0);
-    if (step > 0 && step <= kLongestStepUs) {
+    if (step > 0 && step <= kMaxIntervalUs) {
       for (std::size_t i = 0; i < X.size(); ++i) difference_[i] = (X[i] - before_[i]) * 1e6 / static_cast<double>(step);
     }
   }
@@ -281,9 +281,10 @@ void LegendRange::include(const std::array<float, 2>& range) {
 
 std::array<float, 2> LegendRange::span() const {
   if (!seen_) return {0, 1};
-  const double most = std::max(std::abs(static_cast<double>((*seen_)[0])), std::abs(static_cast<double>((*seen_)[1])));
-  // A surface at rest moves by rounding errors only: no colours for those.
-  const auto end = static_cast<float>(most > 1e-30 ? round_up(most) : 1);
+  const double largest =
+      std::max(std::abs(static_cast<double>((*seen_)[0])), std::abs(static_cast<double>((*seen_)[1])));
+  // A surface at rest has rounding errors only: no colours for those.
+  const auto end = static_cast<float>(largest > 1e-30 ? round_up(largest) : 1);
   return {(*seen_)[0] < 0 ? -end : 0, end};
 }
 

@@ -17,28 +17,25 @@
 
 namespace eigencast {
 
-/// What the colours of the surfaces say; kOwn: the vertices' own, as their file has them; kTextured: the image.
+/// What colours mean; kOwn: the file's vertex colours.
 enum class Colouring { kClay, kOwn, kTextured, kNormals, kMovement, kSpeed, kChannel, kError };
-inline constexpr int kColourings = 8;
 
 /// "clay", "own", "textured", "normals", "movement", "speed", "channel", "error": as --colour takes them.
 std::string_view name_of(Colouring colouring);
 std::optional<Colouring> colouring_from_name(std::string_view name);
 
-/// The colours of one surface's vertices, as the renderer takes them.
+/// The colours of one surface's vertices for the renderer.
 struct SurfacePaint {
   enum class Kind { kClay, kScalar, kColour, kNormal, kTexture };
   Kind kind = Kind::kClay;
   std::vector<float> values;  ///< N of kScalar, N x 3 (linear RGB) of kColour, and of kTexture for points and edges.
-  std::shared_ptr<const TextureLevels> levels;  ///< Of kTexture: where the corners lie,
-  std::shared_ptr<const Picture> image;         ///< in what.
-  bool times_values = false;                    ///< Of kTexture: the image counts times values.
+  std::shared_ptr<const TextureLevels> levels;  ///< Of kTexture.
+  std::shared_ptr<const Picture> image;         ///< Of kTexture.
+  bool times_values = false;                    ///< Of kTexture: the image is multiplied by values.
   std::uint64_t version = 0;                    ///< Grows when kind or values have changed.
 };
 
-/// Makes the colours of one surface, anew only where the surface or what is asked for has changed.
-///
-/// Not thread-safe.
+/// Makes the colours of one surface when the surface or the wish changes. Not thread-safe.
 class SurfacePainter {
  public:
   struct Wish {
@@ -47,19 +44,18 @@ class SurfacePainter {
     bool operator==(const Wish&) const = default;
   };
 
-  /// Who decodes images, and how large they may be for the GPU.
-  void set_images(Decode decode, int longest_side) {
+  /// max_side: the GPU's limit for images.
+  void set_images(Decode decode, int max_side) {
     decode_ = decode;
-    longest_side_ = longest_side;
+    max_side_ = max_side;
   }
-  /// Paints the geometry that `view` has now.
   void paint(const SurfaceView& view, const PoseSource& source, const Wish& wish);
   const SurfacePaint& paint() const { return paint_; }
-  /// Of the finite values of kScalar, but for the outermost hundredth at each end; nothing if there are none.
+  /// Range of the finite values of kScalar without the outermost hundredths; nothing if there are none.
   std::optional<std::array<float, 2>> range() const { return range_; }
-  /// Why the surface is clay although something else was asked for; empty if it is not.
+  /// Why the surface is clay although the wish was another; else empty.
   const std::string& why_not() const { return why_not_; }
-  /// It soon may be another: ask again.
+  /// Something is being prepared: paint again soon.
   bool is_waiting() const { return waiting_; }
 
  private:
@@ -78,23 +74,23 @@ class SurfacePainter {
   std::string why_not_;
   bool waiting_ = false;
   Decode decode_ = Decode::kNow;
-  int longest_side_ = kMaxTextureSide;
-  // For the speed of streams that carry no velocities: the pose before.
+  int max_side_ = kMaxTextureSide;
+  // The previous pose, for streams without velocities.
   std::vector<double> before_, difference_;
   std::optional<TimeUs> before_time_;
   std::vector<float> vectors_;
   std::shared_ptr<TextureLevels> levels_;
 };
 
-/// What may be asked of a source, in the order in which key V goes through it; channels one by one.
+/// The wishes that a source can meet, in the order of key V.
 std::vector<SurfacePainter::Wish> wishes_for(const PoseSource& source);
 
-/// How the legend calls it: "movement from rest", "channel 4"; and its unit, "m" where the asset knows it.
+/// For the legend: "movement from rest", "channel 4"; and the unit: "m" if the asset knows its size.
 std::string title_of(const SurfacePainter::Wish& wish);
 std::string unit_of(const SurfacePainter::Wish& wish, double metres_per_unit);
 
-/// The span of a legend: keeps what it has seen, from a round number to a round number, so that colours do not flicker.
-/// Values of both signs get a span with zero in its middle.
+/// The span of a legend between round numbers; never shrinks, so that colours do not flicker. Symmetric for values of
+/// both signs.
 class LegendRange {
  public:
   void reset() { seen_.reset(); }
@@ -106,8 +102,7 @@ class LegendRange {
   std::optional<std::array<float, 2>> seen_;
 };
 
-/// The least of 1, 1.5, 2, 3, 4, 5, 6, 8 times a power of ten that is no less than `value`. REQUIRES: value > 0,
-/// finite.
+/// The smallest of 1, 1.5, 2, 3, 4, 5, 6, 8 times a power of ten that is >= value. REQUIRES: value > 0, finite.
 double round_up(double value);
 
 }  // namespace eigencast

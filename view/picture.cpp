@@ -10,8 +10,6 @@
 namespace eigencast {
 namespace {
 
-constexpr int kMaxSide = 16'384;
-
 std::vector<std::uint8_t> rgba_of(const Picture& picture) {
   std::vector<std::uint8_t> rgba;
   rgba.reserve(4 * picture.alpha.size());

@@ -23,15 +23,16 @@ struct Picture {
   }
 };
 
-/// What is read has no more pixels than this (16,384 x 8,192, 400 MB), nor a side of more than 16,384.
+/// Limits of what is read: 16,384 x 8,192 pixels, 400 MB.
 inline constexpr std::size_t kMaxPixels = std::size_t{1} << 27;
+inline constexpr int kMaxSide = 16'384;
 
-/// Writes through a temporary name, so that no half picture is ever seen. Errors: kIo, kInvalidArgument.
+/// Writes under a temporary name and renames. Errors: kIo, kInvalidArgument.
 Result<void> write_png(const std::string& path, const Picture& picture);
 
-/// Its alpha is left out. Errors: kIo, kCorrupt, kTooLarge (kMaxPixels).
+/// Drops alpha. Errors: kIo, kCorrupt, kTooLarge (kMaxPixels, kMaxSide).
 Result<Picture> read_png(const std::string& path);
-/// The same from memory; `name` is for the error's words. Errors: kCorrupt, kTooLarge.
+/// The same from memory; `name` is for messages. Errors: kCorrupt, kTooLarge.
 Result<Picture> read_png_bytes(std::span<const std::uint8_t> bytes, const std::string& name);
 
 }  // namespace eigencast

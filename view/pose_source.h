@@ -14,22 +14,21 @@ namespace eigencast {
 
 class Truth;
 
-/// Where the viewer's poses come from. Seen by the applications only through this, so that tests feed them without a
-/// network.
+/// Where the viewer's poses come from: a stream, a clip, a test.
 ///
 /// Use from one thread. asset(), epoch() and info() change only inside poll().
 class PoseSource {
  public:
   virtual ~PoseSource() = default;
-  /// Waits at most `timeout` for news and returns the poses that came, oldest first. All are of epoch(), and their
-  /// asset() can be drawn: poses of a surface that has yet to arrive are kept back until it has.
+  /// Waits at most `timeout` and returns the poses that came, oldest first. All belong to epoch() and to an asset() that
+  /// can be drawn; others are held until it can.
   virtual std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout) = 0;
-  /// The surface as far as it has arrived; null before its first part. Valid until the next poll().
+  /// As much as has arrived; null before the first chunk. Valid until the next poll().
   virtual const Asset* asset() const = 0;
   virtual std::uint32_t epoch() const = 0;
   virtual const std::optional<control::StreamInfo>& info() const = 0;
   virtual Subscriber::Stats stats() const = 0;
-  /// What its poses should look like; null where that is not known here. The source keeps it.
+  /// The exact surface, if it is known here; else null. Owned by the source.
   virtual Truth* truth() const { return nullptr; }
 };
 

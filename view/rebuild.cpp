@@ -2,17 +2,18 @@
 #include "view/rebuild.h"
 
 #include <algorithm>
-#include <array>
 #include <cassert>
 #include <tuple>
 #include <vector>
 
+#include "common/core/enum_names.h"
+
 namespace eigencast {
 namespace {
 
-constexpr std::array<std::string_view, 3> kRebuildOnNames{"auto", "cpu", "gpu"};
+constexpr EnumNames<RebuildOn, 3> kRebuildOnNames{{"auto", "cpu", "gpu"}};
 
-/// Vertices that were drawn elsewhere go back to their own places, which the rows of this pose are counted on.
+/// Undoes the morph of the last rebuild: rows that are kept must hold the pose itself.
 void restore_unmorphed(SurfaceGeometry& geometry) {
   if (geometry.unmorphed.empty()) return;
   assert(geometry.positions.size() == 3 * std::size_t{geometry.unmorphed_first} + geometry.unmorphed.size() ||
@@ -23,8 +24,7 @@ void restore_unmorphed(SurfaceGeometry& geometry) {
   geometry.unmorphed.clear();
 }
 
-/// The first row to rebuild. Normals that come with rows are drawn on their way between levels, and not kept where they
-/// belong.
+/// The first row to rebuild. With detail all rows are rebuilt, because the normals kept are morphed ones.
 std::uint32_t first_of(const RebuildJob& job) {
   return job.basis->has_detail() ? 0 : job.first;
 }
@@ -64,7 +64,7 @@ void finish(const RebuildJob& job) {
     if (!geometry.radii.empty()) splat_normals(asset, positions, geometry.normals);
   }
   if (asset.is_point_cloud() || job.basis->has_detail()) {
-    // They belong to vertices and not to the level's faces.
+    // These normals belong to vertices, not to the level's faces.
     if (!geometry.normals.empty()) job.level->blend(asset.map, geometry.normals);
     normalise(geometry.normals);
     job.level->blend(asset.map, positions);
@@ -80,13 +80,11 @@ void finish(const RebuildJob& job) {
 }  // namespace
 
 std::string_view name_of(RebuildOn on) {
-  return kRebuildOnNames[static_cast<std::size_t>(on)];
+  return kRebuildOnNames[on];
 }
 
 std::optional<RebuildOn> rebuild_on_from_name(std::string_view name) {
-  const auto at = std::find(kRebuildOnNames.begin(), kRebuildOnNames.end(), name);
-  if (at == kRebuildOnNames.end()) return std::nullopt;
-  return static_cast<RebuildOn>(at - kRebuildOnNames.begin());
+  return kRebuildOnNames.find(name);
 }
 
 void fill_radii(const Asset& asset, const LevelMorph& level, SurfaceGeometry& geometry) {
@@ -95,7 +93,7 @@ void fill_radii(const Asset& asset, const LevelMorph& level, SurfaceGeometry& ge
   ++geometry.level_version;
   radii.resize(asset.splats.size() >= N ? N : 0);
   if (radii.empty()) return;
-  // A disc that comes begins as the one that it splits off, which shrinks as much as the new one is there.
+  // A new disc starts as large as its parent, which shrinks as the new one appears.
   splat_radii(asset, level.whole(), radii);
   for (std::uint32_t i = level.whole(); i < N; ++i) {
     const float weight = level.weight(i);

@@ -10,21 +10,21 @@
 namespace eigencast {
 namespace {
 
-constexpr std::uint32_t kSide = 128, kRank = 96, kAll = kSide * kSide, kFew = kAll / 8;
+constexpr std::uint32_t kSide = 128, kTrialRank = 96, kAll = kSide * kSide, kFew = kAll / 8;
 constexpr int kRuns = 3;
 
 /// A closed strip of kSide x kSide vertices with a basis of integers, as baked ones have.
 Asset trial_asset() {
   Asset asset;
   asset.vertex_count = asset.rows_ready = kAll;
-  asset.rank = kRank;
+  asset.rank = kTrialRank;
   asset.base_count = 4;
   asset.exact_columns = 1;
-  asset.column_scales.assign(kRank - 1, 1.0F / 65536);
+  asset.column_scales.assign(kTrialRank - 1, 1.0F / 65536);
   std::minstd_rand random(1);
   for (std::uint32_t i = 0; i < asset.vertex_count; ++i) {
     asset.basis.push_back(1);
-    for (std::uint32_t k = 1; k < kRank; ++k)
+    for (std::uint32_t k = 1; k < kTrialRank; ++k)
       asset.basis.push_back(static_cast<float>(static_cast<int>(random() % 65536) - 32768 + 1) / 65536);
     asset.map.push_back(i / 2);
     const std::uint32_t right = i % kSide + 1 == kSide ? i + 1 - kSide : i + 1;
@@ -37,18 +37,19 @@ Asset trial_asset() {
   return asset;
 }
 
-/// Rebuilds the first vertices of the trial asset until they can be drawn, as often as it is asked to.
-class Stand final {
+/// Measures how long the trial asset takes until it can be drawn.
+class TrialRun final {
  public:
-  Stand(Renderer& renderer, SurfaceRebuilder& rebuilder, const Asset& asset, std::shared_ptr<const Reconstructor> basis)
+  TrialRun(Renderer& renderer, SurfaceRebuilder& rebuilder, const Asset& asset,
+           std::shared_ptr<const Reconstructor> basis)
       : renderer_(renderer), rebuilder_(rebuilder), asset_(asset), basis_(std::move(basis)) {
     static std::uint64_t made = 0;
     geometry_.maker = std::numeric_limits<std::uint64_t>::max() - ++made;  // apart from those of surfaces
-    for (std::uint32_t i = 0; i < 3 * kRank; ++i) C_.push_back(1.0 / (1 + i));
+    for (std::uint32_t i = 0; i < 3 * kTrialRank; ++i) C_.push_back(1.0 / (1 + i));
   }
-  Stand(const Stand&) = delete;
-  Stand& operator=(const Stand&) = delete;
-  ~Stand() {
+  TrialRun(const TrialRun&) = delete;
+  TrialRun& operator=(const TrialRun&) = delete;
+  ~TrialRun() {
     renderer_.set_surface_count(0);
     renderer_.set_surface_count(1);
   }
@@ -61,7 +62,7 @@ class Stand final {
     ++geometry_.topology_version;
     Renderer::finish();
     const TimeUs start = steady_now_us();
-    const RebuildJob job{&asset_, basis_, C_, 3, kRank, &level_, 0, true, &geometry_};
+    const RebuildJob job{&asset_, basis_, C_, 3, kTrialRank, &level_, 0, true, &geometry_};
     rebuilder_.rebuild({&job, 1});
     ++geometry_.pose_version;
     renderer_.upload(0, geometry_);
@@ -91,12 +92,12 @@ RebuilderChoice::Trial try_both(Renderer& renderer, GpuRebuilder& gpu) {
   basis->update(asset);
   CpuRebuilder cpu;
   RebuilderChoice::Trial trial;
-  trial.cpu_us = Stand(renderer, cpu, asset, basis).fastest();
-  Stand stand(renderer, gpu, asset, basis);
-  stand.once(kFew);  // compiles the shaders
-  trial.gpu_us = stand.once(kFew);
-  // What loses with an eighth of the vertices need not show it with all.
-  if (trial.gpu_us < trial.cpu_us) trial.gpu_us = stand.fastest();
+  trial.cpu_us = TrialRun(renderer, cpu, asset, basis).fastest();
+  TrialRun run(renderer, gpu, asset, basis);
+  run.once(kFew);  // compiles the shaders
+  trial.gpu_us = run.once(kFew);
+  // Slower with an eighth of the vertices: all of them need no measuring.
+  if (trial.gpu_us < trial.cpu_us) trial.gpu_us = run.fastest();
   return trial;
 }
 

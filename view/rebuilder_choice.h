@@ -9,10 +9,9 @@
 
 namespace eigencast {
 
-/// What was chosen, and what it was chosen by.
 struct RebuilderChoice {
-  /// What one pose of the trial surface took until it could be drawn, the fastest of several; of the GPU what an
-  /// eighth of it took, where that alone was slower.
+  /// Time from coefficients to a drawable pose of the trial surface, the fastest of several; gpu_us is that of an eighth
+  /// of the surface where that alone was slower.
   struct Trial {
     TimeUs cpu_us = 0, gpu_us = 0;
     bool gpu_is_faster() const { return gpu_us < cpu_us; }
@@ -22,10 +21,9 @@ struct RebuilderChoice {
   std::optional<Trial> trial;         ///< Where it was measured.
 };
 
-/// Makes what was asked for; kAuto measures both on a surface of 16,384 vertices and 96 coefficients, which takes a few
-/// tens of milliseconds, and takes the processor where the GPU cannot do it. `renderer` forgets its surfaces. finish:
-/// see GpuRebuilder.
-/// Errors, if the GPU was asked for: as GpuRebuilder::create.
+/// kAuto measures both on a surface of 16,384 vertices and 96 coefficients, which takes a few tens of milliseconds, and
+/// falls back to the processor. `renderer` forgets its surfaces. finish: see GpuRebuilder.
+/// Errors of kGpu: as GpuRebuilder::create.
 Result<RebuilderChoice> choose_rebuilder(RebuildOn on, Renderer& renderer, bool finish);
 
 }  // namespace eigencast

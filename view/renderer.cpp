@@ -18,17 +18,12 @@
 #include "view/texture_paint.h"
 
 namespace eigencast {
-namespace {
-
-constexpr int kSamples = 4;
-
-}  // namespace
-
 class Renderer::Impl {
  public:
   Result<void> init();
   void draw(const Camera& camera, const RenderOptions& options, int width, int height, unsigned target);
 
+  static constexpr int kSamples = 4;
   GlTarget target_;
   GlPicture offscreen_;
   std::string device_;
@@ -64,13 +59,11 @@ Result<void> Renderer::Impl::init() {
         Source{line_, "line", shaders::kMeshVertex, shaders::kLineFragment},
         Source{splat_, "splat", shaders::kSplatVertex, paint + shaders::kSplatFragment},
         Source{finish_, "finish", shaders::kScreenVertex, shaders::kFinishFragment}}) {
-    Result<GlProgram> program = GlProgram::create(source.name, source.vertex, source.fragment);
-    if (!program) return program.error();
-    source.program = std::move(program).value();
+    const auto built = source.program.build(source.name, {source.vertex, {}, source.fragment});
+    if (!built) return built;
   }
-  Result<GlProgram> textured = textured_program(shaders::kMeshVertex, paint, shaders::kMeshFragment);
-  if (!textured) return textured.error();
-  textured_ = std::move(textured).value();
+  const auto textured = build_textured(textured_, shaders::kMeshVertex, paint, shaders::kMeshFragment);
+  if (!textured) return textured;
   if (const Result<void> ready = painter_.init(); !ready) return ready;
   if (const Result<void> ready = lighting_.init(); !ready) return ready;
   return surroundings_.init();
@@ -86,7 +79,7 @@ void Renderer::Impl::draw(const Camera& camera, const RenderOptions& options, in
   glDepthMask(GL_TRUE);
   glClearColor(0, 0, 0, 0);
   glClear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
-  // Alpha as coverage: over a transparent picture the colours come out multiplied by it.
+  // Alpha is coverage: colours of a transparent picture are premultiplied.
   glBlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ONE, GL_ONE_MINUS_SRC_ALPHA);
   if (!options.transparent) surroundings_.draw_wall();
   use_colour_table(options.colour_map);
@@ -123,7 +116,7 @@ void Renderer::Impl::draw_surfaces(const Camera& camera, const RenderOptions& op
   const auto draw_meshes = [&] {
     for (const auto& surface : surfaces_) {
       if (!surface->drawable() || as_points(*surface)) continue;
-      // Edges have no image: Mesa's software renderer does not draw the lines of what a geometry shader has made.
+      // Edges have no image: Mesa's software renderer draws no lines after a geometry shader.
       const bool with_image = surface->texture() != nullptr && !options.wireframe;
       const GlProgram& program = with_image ? textured_ : mesh_;
       program.use();
@@ -140,7 +133,7 @@ void Renderer::Impl::draw_surfaces(const Camera& camera, const RenderOptions& op
   // Only under lines: the slope term would let back faces shine through along the silhouette.
   if (options.edges || options.wireframe) glEnable(GL_POLYGON_OFFSET_FILL);
   glPolygonOffset(1, 1);
-  // A wireframe hides what is behind the surface: its faces leave their depth and nothing else.
+  // A wireframe hides what is behind the surface: its faces write depth only.
   if (options.wireframe) glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
   draw_meshes();
   glDisable(GL_POLYGON_OFFSET_FILL);
@@ -255,10 +248,10 @@ void Renderer::draw(const Camera& camera, const RenderOptions& options, int widt
 }
 
 Result<Picture> Renderer::picture(const Camera& camera, const RenderOptions& options, int width_px, int height_px) {
-  GLint most = 0;
-  glGetIntegerv(GL_MAX_RENDERBUFFER_SIZE, &most);
-  if (width_px < 1 || height_px < 1 || width_px > most || height_px > most) {
-    return fail(ErrorCode::kUnsupported, "pictures can be 1 to " + std::to_string(most) + " pixels a side here");
+  GLint limit = 0;
+  glGetIntegerv(GL_MAX_RENDERBUFFER_SIZE, &limit);
+  if (width_px < 1 || height_px < 1 || width_px > limit || height_px > limit) {
+    return fail(ErrorCode::kUnsupported, "pictures can be 1 to " + std::to_string(limit) + " pixels a side here");
   }
   const unsigned target = offscreen_target(width_px, height_px);
   draw(camera, options, width_px, height_px, target);
@@ -296,9 +289,9 @@ void Renderer::copy_to_window(unsigned source, int width_px, int height_px) {
   glBlitFramebuffer(0, 0, width_px, height_px, 0, 0, width_px, height_px, GL_COLOR_BUFFER_BIT, GL_NEAREST);
 }
 int Renderer::max_texture_side() {
-  GLint most = 1024;
-  glGetIntegerv(GL_MAX_TEXTURE_SIZE, &most);
-  return most;
+  GLint limit = 1024;
+  glGetIntegerv(GL_MAX_TEXTURE_SIZE, &limit);
+  return limit;
 }
 int Renderer::samples() const {
   return impl_->target_.samples();

@@ -39,7 +39,7 @@ Box box_in_scene(const SurfaceFacts& facts, const glm::mat4& scene_from_surface)
   return box;
 }
 
-/// Surfaces beside one another along x; more of them than a row takes in rows that go away from the viewer.
+/// Rows of surfaces along x, each row farther from the viewer.
 class Rows {
  public:
   Rows(std::size_t surfaces, Asset::UpAxis up)
@@ -49,7 +49,7 @@ class Rows {
         depth_(up == Asset::UpAxis::kZ ? 1 : 2),
         away_(up == Asset::UpAxis::kZ ? 1.0F : -1.0F) {}
 
-  /// Where the next one goes, of which this is the box where it stands.
+  /// The shift of the next surface, whose box this is.
   glm::vec3 shift(const Box& box) {
     if (in_row_ == longest_) {
       in_row_ = 0;
@@ -101,7 +101,7 @@ void Scene::add(Placement placement) {
 void Scene::remove(std::size_t index) {
   assert(index < instances_.size());
   instances_.erase(instances_.begin() + static_cast<std::ptrdiff_t>(index));
-  facts_seen_ = 0;  // the box is another now
+  facts_seen_ = 0;  // recompute the box
 }
 
 void Scene::receive(std::size_t index, const PoseSource& source, const std::vector<ReceivedPose>& poses) {
@@ -138,7 +138,7 @@ void Scene::share_basis(SurfaceView& view) {
   if (held && held->tiles().rows() >= view.reconstructor().tiles().rows()) {
     view.share(held);
   } else {
-    shared = view.shared_reconstructor();  // those who have less of it follow at their next pose
+    shared = view.shared_reconstructor();  // views that have fewer rows follow at their next pose
   }
   std::erase_if(bases_, [](const auto& entry) { return entry.second.expired(); });
 }
@@ -189,9 +189,9 @@ void Scene::set_playout(const PlayoutSettings& settings) {
 }
 
 std::uint64_t Scene::poses_shown() const {
-  std::uint64_t most = 0;
-  for (const Instance& instance : instances_) most = std::max(most, instance.view.poses_shown());
-  return most;
+  std::uint64_t largest = 0;
+  for (const Instance& instance : instances_) largest = std::max(largest, instance.view.poses_shown());
+  return largest;
 }
 
 std::uint64_t Scene::vertex_count() const {

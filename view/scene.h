@@ -14,18 +14,17 @@
 
 namespace eigencast {
 
-/// One surface of a scene, before anything has come: which stream it shows and where it stands.
+/// Which stream a surface of a scene shows, and where.
 struct Placement {
-  std::size_t source = 0;  ///< Number of its stream; several surfaces may show one.
-  std::string name;        ///< For people; empty: the stream's.
+  std::size_t source = 0;  ///< Index of the stream; several surfaces may show one.
+  std::string name;        ///< For people; default: the stream's.
   glm::mat4 scene_from_world{1};
 };
 
-/// The surfaces to draw, each from one of several streams. Chooses poses and levels (SurfaceView), and lets a
-/// SurfaceRebuilder rebuild what has changed in one go.
+/// The surfaces to draw, each from one of several streams. Rebuilds all that have changed in one call of a
+/// SurfaceRebuilder. A stream's world transform (docs/protocol.md) is applied before the placement's.
 ///
-/// A stream's own world transform (docs/protocol.md) comes first, the placement's after it. Time comes in as arguments.
-/// Not thread-safe.
+/// Time comes in as arguments. Not thread-safe.
 class Scene {
  public:
   struct Instance {
@@ -35,37 +34,35 @@ class Scene {
     bool visible = true;
   };
 
-  /// row: place surfaces whose stream states no world beside one another, along the scene's first axis; more than six
-  /// in several rows, one behind the other.
+  /// row: surfaces whose stream states no world form rows along the scene's first axis: one up to six surfaces, else
+  /// several, one behind the other.
   Scene(std::vector<Placement> placements, const SceneOptions& options, bool row = false);
 
-  /// One surface more, after those there are.
   void add(Placement placement);
-  /// Takes surface number `index` out; later ones move up. REQUIRES: there is one.
+  /// Later surfaces move up. REQUIRES: index < instances().size().
   void remove(std::size_t index);
 
-  /// Takes over what poll() of stream number `index` returned.
+  /// Takes what poll() of stream `index` returned.
   void receive(std::size_t index, const PoseSource& source, const std::vector<ReceivedPose>& poses);
 
-  /// Who rebuilds from now on, which must outlive the scene's last advance(); at first, and with null, the processor.
+  /// Null (default): the processor. The rebuilder must outlive the last advance().
   void set_rebuilder(SurfaceRebuilder* rebuilder);
   SurfaceRebuilder& rebuilder() { return rebuilder_ != nullptr ? *rebuilder_ : cpu_; }
 
-  /// Rebuilds for `now_us` what has changed; true if anything has. REQUIRES: no poll() since receive().
+  /// Rebuilds what has changed; true if anything has. REQUIRES: no poll() since receive().
   bool advance(std::span<PoseSource* const> sources, TimeUs now_us);
 
   std::vector<Instance>& instances() { return instances_; }
   const std::vector<Instance>& instances() const { return instances_; }
-  /// Most of the vertices that any surface draws.
+  /// Upper bound for all surfaces.
   LevelOfDetail& lod() { return lod_; }
   const LevelOfDetail& lod() const { return lod_; }
   void set_paused(bool paused);
   void set_playout(const PlayoutSettings& settings);
 
-  /// The box around the rest poses of all surfaces, in the scene; its version is 0 before there is one, and grows when
-  /// it changes.
+  /// The box around all rest poses, in the scene. Version 0: none yet.
   const SurfaceFacts& facts() const { return facts_; }
-  /// Different poses shown by the surface that has shown most.
+  /// The largest of all surfaces.
   std::uint64_t poses_shown() const;
 
   std::uint64_t vertex_count() const;                                  ///< Drawn, of all surfaces.
@@ -89,7 +86,7 @@ class Scene {
   Histogram reconstruct_us_, normals_us_;
 };
 
-/// The middle of a surface's pose and its radius, in the scene, and how much larger it is there than in itself.
+/// Centre and radius of a surface's pose in the scene; scale: from surface to scene.
 struct Extent {
   glm::vec3 barycentre{0};
   float radius = 0;

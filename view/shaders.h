@@ -12,7 +12,7 @@ void main() {
   gl_Position = vec4(2.0 * corner - 1.0, 0.0, 1.0);
 })";
 
-/// A quiet studio wall: lighter towards the floor and the middle.
+/// A studio wall, lighter towards the floor and the middle.
 inline constexpr const char* kBackgroundFragment = R"(#version 330 core
 in vec2 uv;
 out vec4 colour;
@@ -36,8 +36,8 @@ void main() {
 inline constexpr const char* kShadowFragment = R"(#version 330 core
 void main() {})";
 
-/// What a surface is painted with: see SurfacePaint::Kind. Numbers outside the range get the colour of its end, those
-/// that are none grey. Painted surfaces are lit gently, so that their colours remain those of the legend.
+/// Colours of SurfacePaint::Kind. Numbers are clamped to the range; NaN is grey. Painted surfaces are lit gently, so that
+/// their colours match the legend.
 inline constexpr const char* kPaint = R"(
 uniform int paint;
 uniform sampler2D colour_table;
@@ -63,8 +63,8 @@ vec4 finished(vec3 at, vec3 n, vec3 painted, bool inside, float key_shadow) {
   return faded(pow(clamp(base * (paint == 3 ? 1.0 : light), 0.0, 1.0), vec3(1.0 / 2.2)));
 })";
 
-/// Shared by everything that receives the shadow: 12 taps on a spiral, turned from pixel to pixel, the outermost first;
-/// where four of those agree the others would too.
+/// For all that receives the shadow: 12 taps on a spiral, rotated per pixel, the outermost first; where four of those
+/// agree the others are skipped.
 inline constexpr const char* kLighting = R"(#version 330 core
 uniform sampler2DShadow shadow_map;
 uniform mat4 light_from_scene;
@@ -119,7 +119,7 @@ void main() {
   scene_normal = dot(normal, normal) > 0.0 ? normalize(scene_from_normal * normal) : vec3(0.0);
   gl_Position = clip_from_scene * vec4(at, 1.0);
 })";
-/// What a mesh is painted with here; GlTexturePaint's program has another.
+/// Of plain meshes; build_textured() has another.
 inline constexpr const char* kMeshPaint = R"(
 in vec3 painted;
 vec3 own_paint() { return painted; }
@@ -133,7 +133,7 @@ void main() {
   vec3 n = scene_normal;
   if (dot(n, n) < 1e-12) n = cross(dFdx(at), dFdy(at));
   n = normalize(n);
-  // Decided by the eye, not by winding: files with mixed orientation still look right.
+  // The eye decides, not the winding, so that mixed orientation looks right.
   bool inside = !gl_FrontFacing;
   if (dot(n, eye - at) < 0.0 && inside) n = -n;
   float shadow = lit_by_key(at + normal_offset * n, 0.0008);
@@ -145,10 +145,9 @@ uniform vec4 line_colour;
 out vec4 colour;
 void main() { colour = line_colour; })";
 
-/// Points as discs across their normal where the surface has radii (discs > 0, its scale). Discs sink towards their
-/// rim, so that each pixel goes to the nearest one and no rim stands out (Schuetz, Wimmer 2015, "High-quality
-/// point-based rendering using fast single-pass interpolation"). Others as small balls: the fragment knows its place on
-/// the ball, hence its own depth and normal.
+/// Points as discs across their normal if the surface has radii (discs > 0, its scale). Discs sink towards their rim, so
+/// that each pixel shows the nearest disc (Schuetz, Wimmer 2015, "High-quality point-based rendering using fast
+/// single-pass interpolation"). Other points as small balls with a depth and a normal per fragment.
 inline constexpr const char* kSplatVertex = R"(#version 330 core
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
@@ -202,30 +201,30 @@ void main() {
     vec3 beside = centre + r * vec3(disc, 0.0);  // on the ray of this fragment
     float along = dot(beside, plane);
     // Grazing discs keep a pixel's width, so that silhouettes have no holes.
-    float least = 2.0 / point_px * abs(centre.z) / max(length(centre), 1e-6);
+    float width = 2.0 / point_px * abs(centre.z) / max(length(centre), 1e-6);
     float t = abs(along) > 1e-6 * length(beside) ? dot(centre, plane) / along : 1.0;
     at = beside * t;
     if (length(at - centre) > r) {
-      if (abs(dot(normalize(centre), plane)) > 0.3 || abs(dot(disc, normalize(plane.xy + 1e-9))) > least) discard;
+      if (abs(dot(normalize(centre), plane)) > 0.3 || abs(dot(disc, normalize(plane.xy + 1e-9))) > width) discard;
       at = beside;
     }
     at *= 1.0 + 0.7 * dot(at - centre, at - centre) / (r * length(at));
   } else {
     vec3 ball = vec3(disc, sqrt(1.0 - rr));
     at = centre + vec3(0.0, 0.0, r * ball.z);
-    // Where a normal is known it wins; a bare cloud is shaded by a flattened ball and by depth afterwards.
+    // A cloud without normals is shaded by a flattened ball, and by depth afterwards.
     if (dot(n, n) < 0.25) n = transpose(mat3(view_from_scene)) * normalize(vec3(0.55 * ball.xy, 1.0));
   }
   vec4 clip = clip_from_view * vec4(at, 1.0);
   gl_FragDepth = 0.5 * clip.z / clip.w + 0.5;
   n = normalize(n);
-  // Seen from behind; but not those of the rim that only just look away.
+  // Seen from behind, but not at the rim.
   if (dot(n, normalize(eye - scene_centre)) < (discs > 0.0 ? -0.3 : 0.0)) n = -n;
   float shadow = lit_by_key(scene_centre + 2.5 * normal_offset * n, 0.002);
   colour = finished(scene_centre, n, painted, false, shadow);
 })";
 
-/// The floor: nothing but shadow and, if wanted, lines that fade with the distance.
+/// The floor: shadow and, if wanted, lines that fade with the distance.
 inline constexpr const char* kGroundVertex = R"(#version 330 core
 uniform mat4 clip_from_scene;
 uniform vec3 ground_centre, ground_a, ground_b;
@@ -248,8 +247,8 @@ out vec4 colour;
 float lines(vec2 cell, float width) {
   vec2 slope = fwidth(cell);
   vec2 near = abs(fract(cell - 0.5) - 0.5) / slope;
-  float there = 1.0 - min(min(near.x, near.y) / width, 1.0);
-  return there * clamp(1.6 - 3.0 * max(slope.x, slope.y), 0.0, 1.0);
+  float line = 1.0 - min(min(near.x, near.y) / width, 1.0);
+  return line * clamp(1.6 - 3.0 * max(slope.x, slope.y), 0.0, 1.0);
 }
 void main() {
   float fade = 1.0 - smoothstep(0.25, 1.0, length(along));
@@ -260,7 +259,7 @@ void main() {
   colour = vec4(vec3(0.10, 0.12, 0.16), fade * max(dark, 0.20 * line));
 })";
 
-/// Marks of markup.h, whose corners come in clip space.
+/// Marks of markup.h, in clip space.
 inline constexpr const char* kMarkVertex = R"(#version 330 core
 layout(location = 0) in vec4 clip;
 layout(location = 1) in vec4 mark_colour;
@@ -283,8 +282,8 @@ void main() {
   colour = vec4(ink.rgb * (beyond > 0.72 ? 0.35 : 1.0), ink.a * opacity);
 })";
 
-/// Last: depth shading for bare clouds (after Boucheny 2009, "Eye-dome lighting"). Colours come multiplied by their
-/// alpha, and go without.
+/// The last pass: depth shading for clouds without discs (after Boucheny 2009, "Eye-dome lighting"). Turns premultiplied
+/// colours into straight ones.
 inline constexpr const char* kFinishFragment = R"(#version 330 core
 in vec2 uv;
 uniform sampler2D picture;

@@ -11,7 +11,7 @@
 namespace eigencast {
 namespace {
 
-/// The leading rows that are not all zero: what a receiver of few bands need not multiply by.
+/// The number of leading rows up to the last that is not zero.
 std::uint32_t rank_in_use(std::span<const double> coefficients, std::uint32_t channels) {
   std::size_t used = coefficients.size();
   while (used > 0 && coefficients[used - 1] == 0) --used;
@@ -59,7 +59,7 @@ void SurfaceView::follow_epoch(const PoseSource& source) {
   const auto& info = source.info();
   const std::string id = info && info->epoch == source.epoch() ? info->asset : std::string();
   if (!has_asset_ || epoch_ != source.epoch()) {
-    // The same surface with a sender that came back: what is shown stays until its first pose.
+    // A sender that comes back with the same surface: keep what is shown until its first pose.
     const bool same = has_asset_ && !id.empty() && id == asset_id_;
     has_asset_ = true;
     epoch_ = source.epoch();
@@ -118,7 +118,7 @@ bool SurfaceView::choose_pose(const PoseSource& source, TimeUs now_us) {
   if (!pose) return false;
   shown_ = pose->shown;
   const bool is_new = shown_time_ != pose->time_us;
-  // Once more after it has settled, so that nothing of the error stays.
+  // Once more after settling, so that no error remains.
   if (!is_new && !fade_.fading() && !pose->settling && !settling_) return false;
   settling_ = pose->settling;
   ++times_shown_[static_cast<std::size_t>(shown_)];
@@ -166,7 +166,7 @@ bool SurfaceView::change_level(const Asset& asset, std::uint32_t N, TimeUs now_u
   return moved || new_faces;
 }
 
-/// Vertices move along an edge of the coarsest level on their way.
+/// A vertex moves by an edge of the coarsest level at most.
 MorphPace SurfaceView::pace(const Asset& asset, std::uint32_t N) const {
   const std::uint32_t coarsest = std::max(1U, std::min(N, morph_.whole()));
   return asset.area > 0 ? MorphPace::of(px_per_unit_ * std::sqrt(asset.area / coarsest)) : MorphPace();
@@ -213,7 +213,7 @@ std::array<float, 3> SurfaceView::barycentre() const {
 void SurfaceView::update_facts(const Asset& asset) {
   if (facts_rows_ == asset.rows_ready) return;
   facts_rows_ = asset.rows_ready;
-  // The rest pose as this receiver rebuilds it: true in every basis and for every part that has arrived.
+  // The rest pose as rebuilt here: exact in every basis and for every part that has arrived.
   std::vector<float> rest(std::size_t{asset.rows_ready} * 3);
   reconstructor_->rebuild(asset.rest, 3, asset.rank, asset.rows_ready, rest);
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -225,7 +225,7 @@ void SurfaceView::update_facts(const Asset& asset) {
   }
   facts_.up_axis = asset.up_axis;
   ++facts_.version;
-  // Mass times basis, over the mass: in the harmonic basis the constant column alone, in every other as exact.
+  // Mass times basis, over the mass; in the harmonic basis only the constant column.
   barycentre_weights_.assign(asset.rank, 0);
   double mass = 0;
   for (std::size_t i = 0; i < asset.rows_ready; ++i) {

@@ -4,25 +4,18 @@
 #include <algorithm>
 #include <array>
 #include <glm/geometric.hpp>
-#include <span>
 #include <string>
-#include <utility>
 
 #include "view/shaders.h"
 
 namespace eigencast {
 
 Result<void> Surroundings::init() {
-  auto wall = GlProgram::create("wall", shaders::kScreenVertex, shaders::kBackgroundFragment);
-  if (!wall) return wall.error();
-  wall_ = std::move(*wall);
-  auto floor =
-      GlProgram::create("floor", shaders::kGroundVertex, std::string(shaders::kLighting) + shaders::kGroundFragment);
-  if (!floor) return floor.error();
-  floor_ = std::move(*floor);
-  auto line = GlProgram::create("axes", shaders::kMeshVertex, shaders::kLineFragment);
-  if (!line) return line.error();
-  line_ = std::move(*line);
+  const std::string ground = std::string(shaders::kLighting) + shaders::kGroundFragment;
+  auto built = wall_.build("wall", {shaders::kScreenVertex, {}, shaders::kBackgroundFragment});
+  if (built) built = floor_.build("floor", {shaders::kGroundVertex, {}, ground});
+  if (built) built = line_.build("axes", {shaders::kMeshVertex, {}, shaders::kLineFragment});
+  if (!built) return built;
   glBindVertexArray(axes_.id());
   glBindBuffer(GL_ARRAY_BUFFER, ends_.id());
   glVertexAttribPointer(0, 3, GL_FLOAT, GL_FALSE, 0, nullptr);

@@ -8,17 +8,16 @@
 
 namespace eigencast {
 
-/// What is around the surfaces: a wall, the floor with their shadows, the scene's axes. Needs its context current in
-/// every call.
+/// The wall, the floor with the surfaces' shadows, and the scene's axes. Needs its context current in every call.
 class Surroundings final {
  public:
-  /// Errors: as GlProgram::create.
+  /// Errors: as GlProgram::build.
   Result<void> init();
   void draw_wall() const;
   struct Floor {
     bool grid = true;
-    bool shadow = true;     ///< Of what stands on it, where it touches.
-    float pixel_scale = 1;  ///< Of the grid's lines.
+    bool shadow = true;     ///< Where surfaces touch it.
+    float pixel_scale = 1;  ///< Width of the grid's lines.
   };
   /// REQUIRES: lighting.bind().
   void draw_floor(const Camera& camera, const Lighting& lighting, const Floor& floor) const;

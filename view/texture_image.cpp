@@ -23,15 +23,15 @@ bool starts_with(const Bytes& bytes, std::initializer_list<std::uint8_t> magic) 
   return bytes.size() >= magic.size() && std::equal(magic.begin(), magic.end(), bytes.begin());
 }
 
-constexpr const char* kName = "the surface's texture";
+constexpr const char* kTextureName = "the surface's texture";
 
-Result<Picture> decoded(const Bytes& bytes, int longest_side) {
-  const std::string name = kName;
+Result<Picture> decoded(const Bytes& bytes, int max_side) {
+  const std::string name = kTextureName;
   auto picture = starts_with(bytes, {0x89, 'P', 'N', 'G'}) ? read_png_bytes(bytes, name)
                  : starts_with(bytes, {0xff, 0xd8, 0xff})
                      ? read_jpeg_bytes(bytes, name)
                      : Result<Picture>(fail(ErrorCode::kUnsupported, name + " is neither PNG nor JPEG"));
-  const int longest = std::clamp(longest_side, 1, kMaxTextureSide);
+  const int longest = std::clamp(max_side, 1, kMaxTextureSide);
   while (picture && std::max(picture->width, picture->height) > longest) {
     if (std::min(picture->width, picture->height) < 2)
       return fail(ErrorCode::kTooLarge, name + " is a line of over " + std::to_string(longest) + " pixels");
@@ -40,12 +40,12 @@ Result<Picture> decoded(const Bytes& bytes, int longest_side) {
   return picture;
 }
 
-/// Throws nothing: the thread that decodes would end the program, and who waits for it would wait forever.
-Result<Picture> decoded_or_why(const Bytes& bytes, int longest_side) {
+/// Does not throw: an exception would end the decoding thread, and callers would wait forever.
+Result<Picture> decoded_or_error(const Bytes& bytes, int max_side) {
   try {
-    return decoded(bytes, longest_side);
+    return decoded(bytes, max_side);
   } catch (const std::bad_alloc&) {
-    return fail(ErrorCode::kTooLarge, std::string(kName) + " takes more memory than there is");
+    return fail(ErrorCode::kTooLarge, std::string(kTextureName) + " takes more memory than there is");
   }
 }
 
@@ -60,26 +60,26 @@ class Decoder {
     if (thread_.joinable()) thread_.join();
   }
 
-  TextureImage ask(const std::shared_ptr<const AssetTexture>& texture, Decode decode, int longest_side) {
+  TextureImage ask(const std::shared_ptr<const AssetTexture>& texture, Decode decode, int max_side) {
     std::unique_lock lock(mutex_);
     std::erase_if(known_, [](const auto& entry) { return entry.second.texture.expired(); });
     Known& mine = known_[texture.get()];
     mine.texture = texture;
-    if (decode == Decode::kNow) news_.wait(lock, [&] { return !mine.waits; });
+    if (decode == Decode::kNow) news_.wait(lock, [&] { return !mine.queued; });
     if (mine.failed) return {nullptr, mine.failed};
     auto picture = mine.fresh ? std::exchange(mine.fresh, nullptr) : mine.picture.lock();
-    if (picture || mine.waits) return {std::move(picture), {}};
+    if (picture || mine.queued) return {std::move(picture), {}};
     if (decode == Decode::kNow) {
-      mine.waits = true;
+      mine.queued = true;
       lock.unlock();
-      auto result = decoded_or_why(texture->image, longest_side);
+      auto result = decoded_or_error(texture->image, max_side);
       lock.lock();
       keep(*texture, std::move(result));
       return {std::exchange(mine.fresh, nullptr), mine.failed};
     }
     if (jobs_.size() >= kMaxImagesWaiting) return {};
-    mine.waits = true;
-    jobs_.push_back({texture, longest_side});
+    mine.queued = true;
+    jobs_.push_back({texture, max_side});
     if (!thread_.joinable()) thread_ = std::thread([this] { work(); });
     news_.notify_all();
     return {};
@@ -89,13 +89,13 @@ class Decoder {
   struct Known {
     std::weak_ptr<const AssetTexture> texture;
     std::weak_ptr<const Picture> picture;
-    std::shared_ptr<const Picture> fresh;  ///< Nobody has taken it yet.
+    std::shared_ptr<const Picture> fresh;  ///< Until the first caller takes it.
     std::optional<Error> failed;
-    bool waits = false;  ///< Somebody decodes it, or will.
+    bool queued = false;  ///< Or being decoded.
   };
   struct Job {
     std::shared_ptr<const AssetTexture> texture;
-    int longest_side;
+    int max_side;
   };
 
   void work() {
@@ -106,13 +106,13 @@ class Decoder {
       const Job job = std::move(jobs_.front());
       jobs_.pop_front();
       lock.unlock();
-      auto result = decoded_or_why(job.texture->image, job.longest_side);
+      auto result = decoded_or_error(job.texture->image, job.max_side);
       lock.lock();
       keep(*job.texture, std::move(result));
     }
   }
 
-  /// Of a texture that somebody holds, so that it is known still.
+  /// REQUIRES: the caller holds the texture.
   void keep(const AssetTexture& texture, Result<Picture> result) {
     Known& mine = known_[&texture];
     if (result) {
@@ -121,12 +121,12 @@ class Decoder {
     } else {
       mine.failed = result.error();
     }
-    mine.waits = false;
+    mine.queued = false;
     news_.notify_all();
   }
 
   std::mutex mutex_;
-  std::condition_variable news_;  ///< For the thread and for those who wait.
+  std::condition_variable news_;  ///< For the thread and for waiting callers.
   std::map<const AssetTexture*, Known> known_;
   std::deque<Job> jobs_;
   std::thread thread_;
@@ -135,14 +135,14 @@ class Decoder {
 
 }  // namespace
 
-TextureImage image_of(const std::shared_ptr<const AssetTexture>& texture, Decode decode, int longest_side) {
+TextureImage image_of(const std::shared_ptr<const AssetTexture>& texture, Decode decode, int max_side) {
   static Decoder decoder;
-  return decoder.ask(texture, decode, longest_side);
+  return decoder.ask(texture, decode, max_side);
 }
 
 Picture halved(const Picture& picture) {
   assert(picture.width > 1 && picture.height > 1);
-  // Every mean of four squares, rounded down, to the byte whose square is next to it.
+  // The rounded square root of each mean of four squares.
   static const std::array<std::uint8_t, 65'026> root = [] {
     std::array<std::uint8_t, 65'026> of{};
     for (std::size_t i = 0; i < of.size(); ++i)

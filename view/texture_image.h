@@ -10,27 +10,26 @@
 
 namespace eigencast {
 
-/// What has become of a texture's image: neither picture nor error while it is being decoded.
+/// A texture's image: neither picture nor error while it is being decoded.
 struct TextureImage {
   std::shared_ptr<const Picture> picture;
   std::optional<Error> failed;
 };
 
-/// Who decodes: the caller, who has it at once; or a thread beside it, and the caller asks again. There is one such
-/// thread, and no more than kMaxImagesWaiting wait for it: others are taken up when they are asked for again.
-enum class Decode { kNow, kBeside };
+/// kBackground: one thread decodes, and callers ask again. At most kMaxImagesWaiting wait for it: others are queued when
+/// they are asked for again.
+enum class Decode { kNow, kBackground };
 inline constexpr std::size_t kMaxImagesWaiting = 8;
 
 inline constexpr int kMaxTextureSide = 8192;  ///< Images are halved until no side is longer.
 
-/// The image of a texture; the same one for all who ask while somebody has it. longest_side: of what the GPU
-/// takes, where that is less than kMaxTextureSide. Thread-safe. Errors: kCorrupt, kUnsupported (neither PNG nor
-/// JPEG), kTooLarge (kMaxPixels).
+/// The image of a texture; callers share it while one of them holds it. max_side: the GPU's limit, where that is below
+/// kMaxTextureSide. Thread-safe. Errors: kCorrupt, kUnsupported (neither PNG nor JPEG), kTooLarge (kMaxPixels).
 TextureImage image_of(const std::shared_ptr<const AssetTexture>& texture, Decode decode,
-                      int longest_side = kMaxTextureSide);
+                      int max_side = kMaxTextureSide);
 
-/// A quarter of the pixels, each the mean of four in linear light (nearly: of their squares). REQUIRES: two pixels a
-/// side or more.
+/// A quarter of the pixels, each the mean of four in nearly linear light (of their squares). REQUIRES: two pixels a side
+/// or more.
 Picture halved(const Picture& picture);
 
 }  // namespace eigencast

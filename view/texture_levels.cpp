@@ -22,9 +22,9 @@ void TextureLevels::follow(std::shared_ptr<const AssetTexture> texture, const Su
   }
   const std::uint32_t unmoved = std::min(whole_, morph.whole());
   const std::uint32_t drawn = std::min(morph.drawn(), vertex_count());
-  places_.resize(texture_->first_wedge[drawn]);
+  uvs_.resize(texture_->first_wedge[drawn]);
   drawn_ = drawn;
-  place_wedges(unmoved, morph);
+  set_wedges(unmoved, morph);
   whole_ = std::min(morph.whole(), drawn_);
 
   const std::uint64_t had = std::exchange(topology_version_, geometry.topology_version);
@@ -44,18 +44,18 @@ void TextureLevels::follow(std::shared_ptr<const AssetTexture> texture, const Su
   }
 }
 
-void TextureLevels::place_wedges(std::uint32_t from_vertex, const LevelMorph& morph) {
+void TextureLevels::set_wedges(std::uint32_t from_vertex, const LevelMorph& morph) {
   for (std::uint32_t v = from_vertex; v < drawn_; ++v) {
     const float weight = morph.weight(v);
     for (std::uint32_t w = texture_->first_wedge[v]; w < texture_->first_wedge[v + 1]; ++w) {
       std::array<float, 2> uv{kNone, kNone};
       if (texture_->uvs[w] != AssetTexture::kNone) {
         uv = texture_->uv(w);
-        const std::array<float, 2>& from = places_.values[texture_->parent[w]];
+        const std::array<float, 2>& from = uvs_.values[texture_->parent[w]];
         for (std::size_t d = 0; d < 2 && weight < 1 && from[0] != kNone; ++d)
           uv[d] = from[d] + weight * (uv[d] - from[d]);
       }
-      places_.set(w, uv, version_);
+      uvs_.set(w, uv, version_);
     }
   }
 }

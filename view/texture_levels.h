@@ -15,7 +15,7 @@ namespace eigencast {
 class LevelMorph;
 struct SurfaceGeometry;
 
-/// Values of which runs of kBlock are handed on together, each with the version at which one of them changed last.
+/// Values in blocks, each with the version of its last change.
 template <typename T>
 struct VersionedBlocks {
   static constexpr std::size_t kBlock = 1024;
@@ -32,32 +32,29 @@ struct VersionedBlocks {
   }
 };
 
-/// Which wedge each corner of the triangles that are drawn has, and where wedges lie in the image, while the level
-/// moves: at the cost of the move, and without a jump (places go over as LevelMorph lets the vertices do).
-///
-/// Not thread-safe.
+/// The wedge of each corner of the drawn triangles, and the wedges' UVs, morphed as LevelMorph does positions. Updates
+/// cost as much as the level has changed. Not thread-safe.
 class TextureLevels {
  public:
-  /// uv of a wedge that is not in the image.
+  /// UV of a wedge outside the image.
   static constexpr float kNone = -std::numeric_limits<float>::max();
 
-  /// Takes over what has changed since the last call. REQUIRES: the geometry and morph of one surface, that of the
-  /// texture.
+  /// Follows the level. REQUIRES: geometry and morph belong to the texture's surface.
   void follow(std::shared_ptr<const AssetTexture> texture, const SurfaceGeometry& geometry, const LevelMorph& morph);
 
-  const VersionedBlocks<std::uint32_t>& corners() const { return corners_; }       ///< As SurfaceGeometry::triangles.
-  const VersionedBlocks<std::array<float, 2>>& places() const { return places_; }  ///< Of the wedges in use, uv.
-  std::uint64_t version() const { return version_; }  ///< Grows with each call, in all of them.
+  const VersionedBlocks<std::uint32_t>& corners() const { return corners_; }  ///< As SurfaceGeometry::triangles.
+  const VersionedBlocks<std::array<float, 2>>& uvs() const { return uvs_; }   ///< Of the wedges in use.
+  std::uint64_t version() const { return version_; }  ///< Grows with each follow() of any object.
 
  private:
-  void place_wedges(std::uint32_t from_vertex, const LevelMorph& morph);
+  void set_wedges(std::uint32_t from_vertex, const LevelMorph& morph);
   std::uint32_t vertex_count() const { return static_cast<std::uint32_t>(texture_->first_wedge.size()) - 1; }
 
   std::shared_ptr<const AssetTexture> texture_;
   std::uint64_t maker_ = 0, topology_version_ = 0, version_ = 0;
   std::uint32_t whole_ = 0, drawn_ = 0;
   VersionedBlocks<std::uint32_t> corners_;
-  VersionedBlocks<std::array<float, 2>> places_;
+  VersionedBlocks<std::array<float, 2>> uvs_;
 };
 
 }  // namespace eigencast

@@ -10,11 +10,11 @@
 namespace eigencast {
 namespace {
 
-/// Texture units: 0 and 1 are the shadow's and the colour table's.
-constexpr int kImageUnit = 2, kCornersUnit = 3, kPlacesUnit = 4;
+/// Texture units; 0 and 1 belong to shadow map and colour table.
+constexpr int kImageUnit = 2, kCornersUnit = 3, kUvsUnit = 4;
 constexpr float kAnisotropy = 8;
 
-/// Corners at one vertex may lie at several places of the image: only here is it known whose corner it is.
+/// Corners of one vertex may have several UVs: only the geometry shader knows whose corner it is.
 constexpr const char* kGeometry = R"(#version 330 core
 layout(triangles) in;
 layout(triangle_strip, max_vertices = 3) out;
@@ -22,25 +22,25 @@ in vec3 vertex_at[];
 in vec3 vertex_normal[];
 in vec3 vertex_painted[];
 uniform usamplerBuffer corners;
-uniform samplerBuffer places;
+uniform samplerBuffer uvs;
 out vec3 at;
 out vec3 scene_normal;
 out vec3 corner_painted;
 out vec2 uv;
 flat out int in_image;
 void main() {
-  vec2 place[3];
+  vec2 corner_uv[3];
   in_image = 1;
   for (int k = 0; k < 3; ++k) {
-    place[k] = texelFetch(places, int(texelFetch(corners, 3 * gl_PrimitiveIDIn + k).x)).xy;
-    if (place[k].x < -1e30) in_image = 0;
+    corner_uv[k] = texelFetch(uvs, int(texelFetch(corners, 3 * gl_PrimitiveIDIn + k).x)).xy;
+    if (corner_uv[k].x < -1e30) in_image = 0;
   }
   int all = in_image;
   for (int k = 0; k < 3; ++k) {
     at = vertex_at[k];
     scene_normal = vertex_normal[k];
     corner_painted = vertex_painted[k];
-    uv = place[k];
+    uv = corner_uv[k];
     in_image = all;
     gl_Position = gl_in[k].gl_Position;
     EmitVertex();
@@ -59,7 +59,7 @@ vec3 own_paint() {
 }
 )";
 
-/// The vertex shader's results under the names that the geometry shader knows.
+/// Renames the vertex shader's outputs to the geometry shader's inputs.
 std::string renamed(const std::string& vertex) {
   const std::size_t after_version = vertex.find('\n') + 1;
   return vertex.substr(0, after_version) +
@@ -67,7 +67,7 @@ std::string renamed(const std::string& vertex) {
          vertex.substr(after_version);
 }
 
-/// One image of the GPU for all surfaces that have it.
+/// Surfaces with the same picture share its image.
 std::shared_ptr<GlImage> shared_image(const std::shared_ptr<const Picture>& picture) {
   static thread_local std::map<const Picture*, std::weak_ptr<GlImage>> known;
   std::erase_if(known, [](const auto& entry) { return entry.second.expired(); });
@@ -77,7 +77,7 @@ std::shared_ptr<GlImage> shared_image(const std::shared_ptr<const Picture>& pict
   return image;
 }
 
-/// Sends the blocks that have changed since `had`; all of them where the buffer must grow.
+/// Sends the blocks that have changed since version `had`; all of them where the buffer must grow.
 template <typename T>
 void send(GlBuffer& buffer, const VersionedBlocks<T>& blocks, std::uint64_t had) {
   const std::span<const T> values(blocks.values);
@@ -113,7 +113,7 @@ void GlTexturePaint::follow(const SurfacePaint& paint) {
   if (levels_ != &levels) version_ = 0;
   levels_ = &levels;
   send(corners_, levels.corners(), version_);
-  send(places_, levels.places(), version_);
+  send(uvs_, levels.uvs(), version_);
   version_ = levels.version();
   times_values_ = paint.times_values;
   if (picture_ != paint.image) {
@@ -126,21 +126,21 @@ void GlTexturePaint::bind(const GlProgram& program) const {
   program.set("times_painted", times_values_ ? 1 : 0);
   program.set("image", kImageUnit);
   program.set("corners", kCornersUnit);
-  program.set("places", kPlacesUnit);
+  program.set("uvs", kUvsUnit);
   glActiveTexture(GL_TEXTURE0 + kImageUnit);
   glBindTexture(GL_TEXTURE_2D, image_->id());
   glActiveTexture(GL_TEXTURE0 + kCornersUnit);
   glBindTexture(GL_TEXTURE_BUFFER, corners_texture_.id());
   glTexBuffer(GL_TEXTURE_BUFFER, GL_R32UI, corners_.id());
-  glActiveTexture(GL_TEXTURE0 + kPlacesUnit);
-  glBindTexture(GL_TEXTURE_BUFFER, places_texture_.id());
-  glTexBuffer(GL_TEXTURE_BUFFER, GL_RG32F, places_.id());
+  glActiveTexture(GL_TEXTURE0 + kUvsUnit);
+  glBindTexture(GL_TEXTURE_BUFFER, uvs_texture_.id());
+  glTexBuffer(GL_TEXTURE_BUFFER, GL_RG32F, uvs_.id());
   glActiveTexture(GL_TEXTURE0);
 }
 
-Result<GlProgram> textured_program(const std::string& vertex, const std::string& before_fragment,
-                                   const std::string& fragment) {
-  return GlProgram::create("textured mesh", {renamed(vertex), kGeometry, before_fragment + kOwnPaint + fragment});
+Result<void> build_textured(GlProgram& program, const std::string& vertex, const std::string& before_fragment,
+                            const std::string& fragment) {
+  return program.build("textured mesh", {renamed(vertex), kGeometry, before_fragment + kOwnPaint + fragment});
 }
 
 }  // namespace eigencast

@@ -9,7 +9,7 @@
 
 namespace eigencast {
 
-/// An image on the GPU, with smaller ones for what is far away. Needs its context current in every call.
+/// An image on the GPU with mipmaps. Needs its context current in every call.
 class GlImage final {
  public:
   explicit GlImage(const Picture& picture);
@@ -19,28 +19,28 @@ class GlImage final {
   GlTexture texture_;
 };
 
-/// What the GPU holds to draw one surface with its image: the wedges of the triangles' corners and their
-/// places, of which only what changes is sent. Needs its context current in every call.
+/// What the GPU needs to draw one surface with its image: the wedges of the corners and their UVs. Sends only blocks
+/// that have changed. Needs its context current in every call.
 class GlTexturePaint final {
  public:
   /// REQUIRES: paint.kind == kTexture.
   void follow(const SurfacePaint& paint);
-  /// For the program below. REQUIRES: follow() was called.
+  /// REQUIRES: follow() was called; a program of build_textured().
   void bind(const GlProgram& program) const;
 
  private:
-  GlBuffer corners_, places_;
-  GlTexture corners_texture_, places_texture_;
+  GlBuffer corners_, uvs_;
+  GlTexture corners_texture_, uvs_texture_;
   std::uint64_t version_ = 0;
   bool times_values_ = false;
-  const void* levels_ = nullptr;  ///< Whose versions these are, to be compared only.
+  const void* levels_ = nullptr;  ///< Owner of version_, for comparison only.
   std::shared_ptr<const Picture> picture_;
   std::shared_ptr<GlImage> image_;
 };
 
-/// Draws triangles with their image: the vertex shader of meshes, a geometry shader that gives corners their places,
-/// `fragment` with own_paint(). Errors: kInternal.
-Result<GlProgram> textured_program(const std::string& vertex, const std::string& before_fragment,
-                                   const std::string& fragment);
+/// Builds a program that draws textured triangles: the vertex shader of meshes, a geometry shader that gives corners
+/// their UVs, `fragment` with own_paint(). Errors: kInternal.
+Result<void> build_textured(GlProgram& program, const std::string& vertex, const std::string& before_fragment,
+                            const std::string& fragment);
 
 }  // namespace eigencast

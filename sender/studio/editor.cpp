@@ -5,24 +5,14 @@
 #include <cassert>
 #include <utility>
 
+#include "common/core/enum_names.h"
 #include "common/surface/vector.h"
 
 namespace eigencast::studio {
 
-const char* name_of(Tool tool) {
-  switch (tool) {
-    case Tool::kMove:
-      return "move";
-    case Tool::kRotate:
-      return "rotate";
-    case Tool::kScale:
-      return "scale";
-    case Tool::kTwist:
-      return "twist";
-    case Tool::kBend:
-      return "bend";
-  }
-  return "";
+std::string_view name_of(Tool tool) {
+  constexpr EnumNames<Tool, 5> kNames{{"move", "rotate", "scale", "twist", "bend"}};
+  return kNames[tool];
 }
 
 Editor::Editor(std::vector<Vec3> rest) : rest_(std::move(rest)), handles_(rest_), chosen_(rest_.size(), 0) {}
@@ -97,7 +87,7 @@ void Editor::cancel() {
 void Editor::remember(std::vector<Vec3> before) {
   if (before == handles_) return;
   undo_.push_back(std::move(before));
-  if (undo_.size() > kMostSteps) undo_.erase(undo_.begin());
+  if (undo_.size() > kMaxSteps) undo_.erase(undo_.begin());
   redo_.clear();
 }
 

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <functional>
 #include <span>
+#include <string_view>
 #include <vector>
 
 #include "common/surface/surface.h"
@@ -13,7 +14,7 @@ namespace eigencast::studio {
 
 /// What is done to the chosen handles.
 enum class Tool { kMove, kRotate, kScale, kTwist, kBend };
-const char* name_of(Tool tool);
+std::string_view name_of(Tool tool);
 
 /// Handles that are edited: where they are, which are chosen, and the way back. Without a choice, all are meant.
 ///
@@ -21,7 +22,7 @@ const char* name_of(Tool tool);
 /// begin(), so that nothing adds up, and the whole is one step back. Pure state. Not thread-safe.
 class Editor {
  public:
-  static constexpr std::size_t kMostSteps = 500;  ///< The oldest are forgotten.
+  static constexpr std::size_t kMaxSteps = 500;  ///< The oldest are forgotten.
 
   explicit Editor(std::vector<Vec3> rest);
 

@@ -116,22 +116,11 @@ void Hand::wheel(float steps) {
 }
 
 bool Hand::command(Command command) {
+  if (command <= Command::kBend) {
+    tool_ = static_cast<Tool>(command);
+    return true;
+  }
   switch (command) {
-    case Command::kMove:
-      tool_ = Tool::kMove;
-      return true;
-    case Command::kRotate:
-      tool_ = Tool::kRotate;
-      return true;
-    case Command::kScale:
-      tool_ = Tool::kScale;
-      return true;
-    case Command::kTwist:
-      tool_ = Tool::kTwist;
-      return true;
-    case Command::kBend:
-      tool_ = Tool::kBend;
-      return true;
     case Command::kChooseAll: {
       std::vector<std::uint32_t> all(editor_.handles().size());
       std::iota(all.begin(), all.end(), 0U);

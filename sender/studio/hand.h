@@ -10,7 +10,7 @@ namespace eigencast::studio {
 
 /// What a key asks for.
 enum class Command {
-  kMove,
+  kMove,  // the tools, in the order of Tool
   kRotate,
   kScale,
   kTwist,

@@ -20,7 +20,7 @@ std::vector<HelpLine> help_of(Tool tool) {
           {"Shift+left drag", "choose by a rectangle", ""},
           {"Shift+click", "choose one more, or one less", ""},
           {"middle, right drag; wheel", "move the view; zoom", ""},
-          {"M R S T B", "move, rotate, scale, twist, bend", name_of(tool)},
+          {"M R S T B", "move, rotate, scale, twist, bend", std::string(name_of(tool))},
           {"A  Esc", "choose all; none, or give a drag up", ""},
           {"Ctrl+Z  Ctrl+Y", "undo, redo", ""},
           {"Delete", "back to rest", ""},
@@ -170,28 +170,16 @@ void Studio::on_release(MouseButton button) {
 
 void Studio::on_command(Command command) {
   if (hand_.command(command)) return;
-  switch (command) {
-    case Command::kShow:
-      received_ = !received_;
-      break;
-    case Command::kCage:
-      cage_ = !cage_;
-      break;
-    case Command::kEdges:
-      edges_ = !edges_;
-      break;
-    case Command::kFigures:
-      figures_ = !figures_;
-      break;
-    case Command::kHelp:
-      help_ = !help_;
-      break;
-    case Command::kQuit:
-      quit_ = true;
-      break;
-    default:
-      break;
+  if (command == Command::kQuit) {
+    quit_ = true;
+    return;
   }
+  bool& toggled = command == Command::kShow      ? received_
+                  : command == Command::kCage    ? cage_
+                  : command == Command::kEdges   ? edges_
+                  : command == Command::kFigures ? figures_
+                                                 : help_;
+  toggled = !toggled;
 }
 
 Result<void> Studio::make_pose() {

@@ -107,12 +107,12 @@ TEST(TextureLevels, CornersAreWedgesOfTheirVerticesOnTheirSideOfTheSeam) {
       levels.follow(source.asset_.texture, view.geometry(), view.morph());
       const auto& triangles = view.geometry().triangles;
       ASSERT_EQ(levels.corners().values.size(), triangles.size());
-      ASSERT_EQ(levels.places().values.size(), 2u * view.geometry().vertex_count());
+      ASSERT_EQ(levels.uvs().values.size(), 2u * view.geometry().vertex_count());
       for (std::size_t slot = 0; slot < triangles.size(); ++slot) {
         const std::uint32_t wedge = levels.corners().values[slot];
         ASSERT_EQ(wedge / 2, triangles[slot]) << "slot " << slot << " at " << fraction;
         ASSERT_EQ(wedge % 2, source.asset_.texture->corners[slot / 3][slot % 3] % 2);
-        ASSERT_NEAR(levels.places().values[wedge][0], wedge % 2 == 0 ? 0.25 : 0.75, 1e-4);
+        ASSERT_NEAR(levels.uvs().values[wedge][0], wedge % 2 == 0 ? 0.25 : 0.75, 1e-4);
       }
     }
   }
@@ -132,13 +132,13 @@ TEST(TextureLevels, PlacesGoOverAsVerticesDo) {
   const float weight = view.morph().weight(161);
   ASSERT_GT(weight, 0);
   ASSERT_LT(weight, 0.5F);
-  const std::array<float, 2> from = levels.places().values[t.parent[322]], own = t.uv(322);
-  EXPECT_NEAR(levels.places().values[322][1], from[1] + weight * (own[1] - from[1]), 1e-6);
+  const std::array<float, 2> from = levels.uvs().values[t.parent[322]], own = t.uv(322);
+  EXPECT_NEAR(levels.uvs().values[322][1], from[1] + weight * (own[1] - from[1]), 1e-6);
   for (TimeUs now = 40'000; now < 900'000; now += 20'000) {
     view.advance(source, now);
     levels.follow(source.asset_.texture, view.geometry(), view.morph());
   }
-  for (std::uint32_t w = 0; w < t.uvs.size(); ++w) ASSERT_EQ(levels.places().values[w], t.uv(w)) << w;
+  for (std::uint32_t w = 0; w < t.uvs.size(); ++w) ASSERT_EQ(levels.uvs().values[w], t.uv(w)) << w;
 }
 
 TEST(TextureLevels, OnlyWhatChangesIsMarked) {
@@ -150,14 +150,14 @@ TEST(TextureLevels, OnlyWhatChangesIsMarked) {
   show(source, view, 1000);
   levels.follow(source.asset_.texture, view.geometry(), view.morph());
   const std::uint64_t before = levels.version();
-  ASSERT_GT(levels.places().versions.size(), 4u);
+  ASSERT_GT(levels.uvs().versions.size(), 4u);
   view.lod().set_fraction(2560.0 / 2562);
   view.advance(source, 2000);
   levels.follow(source.asset_.texture, view.geometry(), view.morph());
   const auto fresh = [&](const auto& blocks) {
     return std::count_if(blocks.versions.begin(), blocks.versions.end(), [&](auto v) { return v > before; });
   };
-  EXPECT_EQ(fresh(levels.places()), 0);
+  EXPECT_EQ(fresh(levels.uvs()), 0);
   EXPECT_LE(fresh(levels.corners()), 6) << "two vertices have about twelve faces";
 }
 
@@ -209,7 +209,7 @@ TEST(Images, AreDecodedBesideAndHalvedUntilTheCardTakesThem) {
     textures.push_back(std::make_shared<const AssetTexture>(std::move(t)));
   }
   std::vector<std::shared_ptr<const Picture>> pictures(textures.size());
-  const auto ask = [&](std::size_t i) { return image_of(textures[i], Decode::kBeside, 20).picture; };
+  const auto ask = [&](std::size_t i) { return image_of(textures[i], Decode::kBackground, 20).picture; };
   for (int turn = 0; turn < 2000; ++turn) {
     bool all = true;
     for (std::size_t i = 0; i < textures.size(); ++i) {
@@ -231,7 +231,7 @@ TEST(Images, AreDecodedBesideAndHalvedUntilTheCardTakesThem) {
   const auto bad = std::make_shared<const AssetTexture>(std::move(broken));
   TextureImage image;
   for (int turn = 0; turn < 2000 && !image.failed; ++turn) {
-    image = image_of(bad, Decode::kBeside);
+    image = image_of(bad, Decode::kBackground);
     if (!image.failed) std::this_thread::sleep_for(std::chrono::milliseconds(5));
   }
   EXPECT_TRUE(image.failed);
@@ -244,7 +244,7 @@ TEST(TexturePaint, TheSurfaceIsClayUntilItsImageIsThere) {
   SurfaceView view;
   show(source, view, 1000);
   SurfacePainter painter;
-  painter.set_images(Decode::kBeside, kMaxTextureSide);
+  painter.set_images(Decode::kBackground, kMaxTextureSide);
   painter.paint(view, source, kTextured);
   EXPECT_TRUE(painter.is_waiting());
   EXPECT_EQ(painter.paint().kind, SurfacePaint::Kind::kClay);
