@@ -10,7 +10,6 @@
 #include "common/surface/motion_clip.h"
 #include "sdk/bake.h"
 #include "view/pose_source.h"
-#include "view/truth.h"
 
 namespace eigencast {
 

@@ -11,7 +11,6 @@
 #include "common/asset/asset.h"
 #include "common/surface/motion_clip.h"
 #include "view/pose_source.h"
-#include "view/truth.h"
 
 namespace eigencast {
 

@@ -29,18 +29,11 @@ class Headless {
   Headless(const ClientOptions& options, const LogSink& log) : options_(options), log_(log) {}
 
   Result<void> open(std::span<PoseSource* const> sources) {
-    Result<std::unique_ptr<OffscreenContext>> context = OffscreenContext::create();
-    if (!context) return context.error();
-    context_ = std::move(context).value();
-    Result<std::unique_ptr<Renderer>> renderer = Renderer::create();
-    if (!renderer) return renderer.error();
-    renderer_ = std::move(renderer).value();
-    Result<RebuilderChoice> rebuilder = choose_rebuilder(options_.reconstruct, *renderer_, true);
-    if (!rebuilder) return rebuilder.error();
-    rebuilder_ = std::move(*rebuilder);
-    Result<std::unique_ptr<Session>> session = Session::create(options_, sources, log_);
-    if (!session) return session.error();
-    session_ = std::move(session).value();
+    auto good = store(context_, OffscreenContext::create());
+    if (good) good = store(renderer_, Renderer::create());
+    if (good) good = store(rebuilder_, choose_rebuilder(options_.reconstruct, *renderer_, true));
+    if (good) good = store(session_, Session::create(options_, sources, log_));
+    if (!good) return good;
     session_->rebuild_with(rebuilder_);
     if (options_.hud)
       overlay_ = std::make_unique<Overlay>(nullptr, text_scale(1, 1, static_cast<float>(options_.ui_scale)));

@@ -64,7 +64,6 @@ class PaperResolver final : public LodResolver {
 
   std::vector<std::uint32_t> resolve(std::span<const ObjectView> objects, std::optional<FrameWork> last) override;
   double state() const override { return kappa_; }
-  double kappa() const { return kappa_; }
 
   /// Eq. 5 with Eq. 6, clamped to [0, 1]. `scaled` is d'.
   static double level(double scaled, double kappa);

@@ -156,9 +156,7 @@ Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
   if (!raw.scene.empty()) {
     if (!scene.streams.empty())
       return fail(ErrorCode::kInvalidArgument, "--scene names the streams; leave those of the command line out");
-    Result<SceneDescription> read = read_scene_file(raw.scene);
-    if (!read) return read.error();
-    scene = std::move(*read);
+    if (const auto read = store(scene, read_scene_file(raw.scene)); !read) return read;
   }
   if (!scene.streams.empty() && scene.streams.front() == "view") {
     scene.streams.erase(scene.streams.begin());
@@ -170,13 +168,9 @@ Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
   if (scene.streams.empty() && (options.headless || knows_a_broker(raw))) scene.streams = {""};
   std::string home;
   for (std::string& stream : scene.streams) {
-    Target target;
-    if (clip_in(stream)) {
-      target.url = stream;
-    } else {
-      auto resolved = resolve(stream, raw, home);
-      if (!resolved) return resolved.error();
-      target = std::move(*resolved);
+    Target target{stream, {}};
+    if (!clip_in(stream)) {
+      if (const auto resolved = store(target, resolve(stream, raw, home)); !resolved) return resolved;
     }
     stream = target.url;
     options.credentials.push_back(target.credentials);

@@ -149,7 +149,7 @@ void Session::frame_scene(Camera& camera) {
                   : facts.up_axis == Asset::UpAxis::kZ ? Camera::Up::kZ
                                                        : Camera::Up::kY);
   }
-  camera.set_scene({facts.low[0], facts.low[1], facts.low[2]}, {facts.high[0], facts.high[1], facts.high[2]});
+  camera.set_scene(facts.low, facts.high);
 }
 
 RenderOptions Session::render_options(const Style& style) const {

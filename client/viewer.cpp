@@ -6,9 +6,12 @@
 #include <cstdio>
 #include <filesystem>
 
+#include "client/apps.h"
 #include "client/clip_source.h"
 #include "client/pick.h"
 #include "common/core/enum_names.h"
+#include "common/core/files.h"
+#include "common/core/timers.h"
 #include "common/net/url.h"
 
 namespace eigencast {
@@ -28,6 +31,13 @@ std::string shown_name(const std::string& stream) {
 
 std::string title_for(const std::string& name) {
   return "Eigencast" + (name.empty() ? "" : " - " + name);
+}
+
+Result<void> write_results(Viewer& viewer, const ClientOptions& options) {
+  if (!options.screenshot.empty()) {
+    if (Result<void> written = viewer.save(options.screenshot); !written) return written;
+  }
+  return options.json.empty() ? Result<void>() : write_file_atomically(options.json, viewer.report());
 }
 
 }  // namespace
@@ -54,9 +64,7 @@ Result<void> Viewer::open(std::span<PoseSource* const> sources) {
   const std::string first = options_.scene.streams.empty() ? "" : shown_name(options_.scene.streams.front());
   if (const auto opened = window_.open(width, height, title_for(first), remembered); !opened) return opened;
   window_.make_current();
-  Result<std::unique_ptr<Renderer>> renderer = Renderer::create();
-  if (!renderer) return renderer.error();
-  renderer_ = std::move(*renderer);
+  if (const auto made = store(renderer_, Renderer::create()); !made) return made;
   ClientOptions mine = options_;
   if (settings_.resolver && !options_.resolver_given) mine.levels.kind = *settings_.resolver;
   if (settings_.playout && !options_.playout_given) {
@@ -69,12 +77,9 @@ Result<void> Viewer::open(std::span<PoseSource* const> sources) {
     if (!path) return path.error();
     path_.emplace(std::move(*path));
   }
-  Result<std::unique_ptr<Session>> session = Session::create(mine, sources, log_);
-  if (!session) return session.error();
-  session_ = std::move(*session);
-  Result<RebuilderChoice> rebuilder = choose_rebuilder(options_.reconstruct, *renderer_, false);
-  if (!rebuilder) return rebuilder.error();
-  rebuilder_ = std::move(*rebuilder);
+  auto good = store(session_, Session::create(mine, sources, log_));
+  if (good) good = store(rebuilder_, choose_rebuilder(options_.reconstruct, *renderer_, false));
+  if (!good) return good;
   session_->rebuild_with(rebuilder_);
   session_->set_pixel_scale(text_scale_now().of_picture());
   state_.playout = mine.view_options.playout;
@@ -343,6 +348,31 @@ void Viewer::on_double_click(glm::vec2 at_px) {
 
 void Viewer::on_drop(const std::vector<std::string>& what) {
   for (const std::string& each : what) open_wanted(each);
+}
+
+int run_window(const ClientOptions& options, std::span<PoseSource* const> sources, const OpenSource& open,
+               const std::atomic<bool>& stop, const LogSink& log_sink) {
+  Viewer viewer(options, open, log_sink);
+  if (const Result<void> ready = viewer.open(sources); !ready) {
+    log(log_sink, LogLevel::kError, ready.error().message);
+    return kExitFailed;
+  }
+  // Not before: what draws beside this thread, where a processor does, shall not be like it.
+  run_when_woken(kMakingPoses);
+  const TimeUs start = steady_now_us();
+  while (!stop.load() && !viewer.closed()) {
+    if (options.duration_s > 0 && static_cast<double>(steady_now_us() - start) / 1e6 >= options.duration_s) break;
+    if (options.frames > 0 && viewer.session().scene().poses_shown() >= options.frames) break;
+    viewer.turn();
+  }
+  // What cannot be remembered is a pity and no failure.
+  if (const Result<void> remembered = viewer.remember(); !remembered)
+    log(log_sink, LogLevel::kWarning, remembered.error().message);
+  if (const Result<void> written = write_results(viewer, options); !written) {
+    log(log_sink, LogLevel::kError, written.error().message);
+    return kExitFailed;
+  }
+  return kExitGood;
 }
 
 }  // namespace eigencast

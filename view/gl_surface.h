@@ -26,7 +26,7 @@ class GlTriangles final {
   std::uint64_t maker_ = 0, version_ = 0;
 };
 
-/// Buffers of a surface that GpuRebuilder has rebuilt: made on the GPU, never sent.
+/// Buffers of a surface that make_gpu_rebuilder() has rebuilt: made on the GPU, never sent.
 class GpuSurface final {
  public:
   static constexpr GLsizei kPositionBytes = 4 * sizeof(float);  ///< x, y, z, 1.

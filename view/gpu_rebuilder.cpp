@@ -76,14 +76,12 @@ int generations(const LevelMorph& level, std::span<const std::uint32_t> map) {
   return longest;
 }
 
-}  // namespace
-
-class GpuRebuilder::Impl {
+class GpuRebuilder final : public SurfaceRebuilder {
  public:
-  explicit Impl(bool finish) : finish_(finish) {}
+  explicit GpuRebuilder(bool finish) : finish_(finish) {}
   Result<void> init();
-  bool fits(const Asset& asset) const;
-  Cost rebuild(std::span<const RebuildJob> jobs);
+  Cost rebuild(std::span<const RebuildJob> jobs) override;
+  std::string_view name() const override { return "gpu"; }
 
  private:
   struct Basis {
@@ -94,6 +92,7 @@ class GpuRebuilder::Impl {
   enum Unit : GLuint { kFloats, kIntegers, kC, kPositions, kWeights, kParents, kCorners, kFrames, kRest, kUnits };
   static constexpr GLuint kSumsUnit = kUnits;
 
+  bool fits(const Asset& asset) const;
   GpuBasis& basis_of(const RebuildJob& job);
   void read(Unit unit, GLenum format, const GlBuffer& buffer) { read(unit, format, buffer.id()); }
   void read(Unit unit, GLenum format, GLuint buffer);
@@ -115,7 +114,7 @@ class GpuRebuilder::Impl {
   CpuRebuilder cpu_;
 };
 
-Result<void> GpuRebuilder::Impl::init() {
+Result<void> GpuRebuilder::init() {
   GLint texels = 0;
   glGetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &texels);
   max_texels_ = static_cast<std::size_t>(texels);
@@ -148,7 +147,7 @@ Result<void> GpuRebuilder::Impl::init() {
   return {};
 }
 
-bool GpuRebuilder::Impl::fits(const Asset& asset) const {
+bool GpuRebuilder::fits(const Asset& asset) const {
   GLint side = 0;
   glGetIntegerv(GL_MAX_TEXTURE_SIZE, &side);
   return asset.detail.size() == 0 && GpuBasis::texels(asset) <= max_texels_ &&
@@ -156,7 +155,7 @@ bool GpuRebuilder::Impl::fits(const Asset& asset) const {
          asset.vertex_count <= static_cast<std::size_t>(side) * kSumsWidth;
 }
 
-GpuBasis& GpuRebuilder::Impl::basis_of(const RebuildJob& job) {
+GpuBasis& GpuRebuilder::basis_of(const RebuildJob& job) {
   std::erase_if(bases_, [](const auto& entry) { return entry.second.of.expired(); });
   Basis& basis = bases_[job.basis.get()];
   if (!basis.gpu) basis = {job.basis, std::make_unique<GpuBasis>()};
@@ -164,14 +163,14 @@ GpuBasis& GpuRebuilder::Impl::basis_of(const RebuildJob& job) {
   return *basis.gpu;
 }
 
-void GpuRebuilder::Impl::read(Unit unit, GLenum format, GLuint buffer) {
+void GpuRebuilder::read(Unit unit, GLenum format, GLuint buffer) {
   glActiveTexture(GL_TEXTURE0 + unit);
   glBindTexture(GL_TEXTURE_BUFFER, textures_[unit].id());
   glTexBuffer(GL_TEXTURE_BUFFER, format, buffer);
 }
 
 /// Runs the program for vertices [first, end) and keeps its outputs in the buffer, `bytes` each; draws nothing.
-void GpuRebuilder::Impl::keep(const GlBuffer& buffer, GLsizei bytes, std::uint32_t first, std::uint32_t end) {
+void GpuRebuilder::keep(const GlBuffer& buffer, GLsizei bytes, std::uint32_t first, std::uint32_t end) {
   if (first >= end) return;
   unused_.bind();
   glBindBufferRange(GL_TRANSFORM_FEEDBACK_BUFFER, 0, buffer.id(), GLintptr{first} * bytes,
@@ -184,7 +183,7 @@ void GpuRebuilder::Impl::keep(const GlBuffer& buffer, GLsizei bytes, std::uint32
   glBindBufferBase(GL_TRANSFORM_FEEDBACK_BUFFER, 0, 0);
 }
 
-void GpuRebuilder::Impl::read_level(const RebuildJob& job) {
+void GpuRebuilder::read_level(const RebuildJob& job) {
   const std::uint32_t whole = job.level->whole();
   const std::span<const std::uint32_t> map(job.asset->map);
   weights_.replace(job.level->moving());
@@ -197,7 +196,7 @@ void GpuRebuilder::Impl::read_level(const RebuildJob& job) {
   }
 }
 
-void GpuRebuilder::Impl::make_positions(const RebuildJob& job, GpuSurface& gpu) {
+void GpuRebuilder::make_positions(const RebuildJob& job, GpuSurface& gpu) {
   const BasisTiles& tiles = job.basis->tiles();
   const GpuBasis& basis = basis_of(job);
   const GpuBasis::Coefficients packed = GpuBasis::pack(tiles, job.C, job.channels, job.rank);
@@ -225,7 +224,7 @@ void GpuRebuilder::Impl::make_positions(const RebuildJob& job, GpuSurface& gpu) 
   keep(gpu.morphed, GpuSurface::kPositionBytes, whole, job.vertices());
 }
 
-const Sums& GpuRebuilder::Impl::sum_over_faces(const RebuildJob& job, GpuSurface& gpu) {
+const Sums& GpuRebuilder::sum_over_faces(const RebuildJob& job, GpuSurface& gpu) {
   const std::uint32_t N = job.vertices(), whole = job.level->whole();
   sums_.reserve(N);
   read(kPositions, GL_RGBA32F, gpu.drawn());
@@ -250,7 +249,7 @@ const Sums& GpuRebuilder::Impl::sum_over_faces(const RebuildJob& job, GpuSurface
   return shared_;
 }
 
-void GpuRebuilder::Impl::make_normals(const RebuildJob& job, GpuSurface& gpu) {
+void GpuRebuilder::make_normals(const RebuildJob& job, GpuSurface& gpu) {
   gpu.has_normals = !job.asset->is_point_cloud() || job.asset->splats.size() >= job.vertices();
   if (!gpu.has_normals) return;
   gpu.normals.reserve(std::size_t{job.asset->vertex_count} * GpuSurface::kNormalBytes, GL_DYNAMIC_COPY);
@@ -269,7 +268,7 @@ void GpuRebuilder::Impl::make_normals(const RebuildJob& job, GpuSurface& gpu) {
   keep(gpu.normals, GpuSurface::kNormalBytes, 0, job.vertices());
 }
 
-SurfaceRebuilder::Cost GpuRebuilder::Impl::rebuild(std::span<const RebuildJob> jobs) {
+SurfaceRebuilder::Cost GpuRebuilder::rebuild(std::span<const RebuildJob> jobs) {
   Cost cost;
   glBindVertexArray(array_.id());
   auto spent = [this, since = steady_now_us()]() mutable {
@@ -302,40 +301,13 @@ SurfaceRebuilder::Cost GpuRebuilder::Impl::rebuild(std::span<const RebuildJob> j
   return cost;
 }
 
-GpuRebuilder::GpuRebuilder(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
-GpuRebuilder::~GpuRebuilder() = default;
+}  // namespace
 
-Result<std::unique_ptr<GpuRebuilder>> GpuRebuilder::create(bool finish) {
+Result<std::unique_ptr<SurfaceRebuilder>> make_gpu_rebuilder(bool finish) {
   if (epoxy_gl_version() < 33) return fail(ErrorCode::kUnsupported, "rebuilding surfaces on the GPU takes OpenGL 3.3");
-  auto impl = std::make_unique<Impl>(finish);
-  if (const Result<void> ready = impl->init(); !ready) return ready.error();
-  return std::unique_ptr<GpuRebuilder>(new GpuRebuilder(std::move(impl)));
-}
-
-SurfaceRebuilder::Cost GpuRebuilder::rebuild(std::span<const RebuildJob> jobs) {
-  return impl_->rebuild(jobs);
-}
-
-bool GpuRebuilder::fits(const Asset& asset) const {
-  return impl_->fits(asset);
-}
-
-ReadBack read_back(const SurfaceGeometry& geometry) {
-  assert(geometry.gpu);
-  const std::size_t N = geometry.gpu_vertices;
-  std::vector<float> positions(4 * N);
-  ReadBack back;
-  const auto get = [](const GlBuffer& buffer, std::vector<float>& values) {
-    glBindBuffer(GL_COPY_READ_BUFFER, buffer.id());
-    glGetBufferSubData(GL_COPY_READ_BUFFER, 0, static_cast<GLsizeiptr>(values.size() * sizeof(float)), values.data());
-  };
-  get(geometry.gpu->drawn(), positions);
-  for (std::size_t i = 0; i < N; ++i)
-    back.positions.insert(back.positions.end(), positions.begin() + 4 * static_cast<std::ptrdiff_t>(i),
-                          positions.begin() + 4 * static_cast<std::ptrdiff_t>(i) + 3);
-  back.normals.resize(geometry.gpu->has_normals ? 3 * N : 0);
-  if (!back.normals.empty()) get(geometry.gpu->normals, back.normals);
-  return back;
+  auto rebuilder = std::make_unique<GpuRebuilder>(finish);
+  if (const Result<void> ready = rebuilder->init(); !ready) return ready.error();
+  return std::unique_ptr<SurfaceRebuilder>(std::move(rebuilder));
 }
 
 }  // namespace eigencast

@@ -19,28 +19,8 @@ namespace eigencast {
 ///
 /// The OpenGL context of its creation must be current in every call, and when it and the surfaces that it has rebuilt
 /// are destroyed. Not thread-safe.
-class GpuRebuilder final : public SurfaceRebuilder {
- public:
-  /// finish: waits for the GPU after each part, so that costs are those of the work.
-  /// Errors: kUnsupported (OpenGL below 3.3), kInternal (a shader does not compile; the message holds the log).
-  static Result<std::unique_ptr<GpuRebuilder>> create(bool finish = false);
-  ~GpuRebuilder() override;
-
-  Cost rebuild(std::span<const RebuildJob> jobs) override;
-  std::string_view name() const override { return "gpu"; }
-  /// Whether the GPU can address the asset, and the asset has no detail.
-  bool fits(const Asset& asset) const;
-
- private:
-  class Impl;
-  explicit GpuRebuilder(std::unique_ptr<Impl> impl);
-  std::unique_ptr<Impl> impl_;
-};
-
-/// What the GPU has rebuilt, read back, for tests and measurements. Normals may be empty. REQUIRES: geometry.gpu.
-struct ReadBack {
-  std::vector<float> positions, normals;
-};
-ReadBack read_back(const SurfaceGeometry& geometry);
+///   finish  wait for the GPU after each part, so that costs are those of the work
+/// Errors: kUnsupported (OpenGL below 3.3), kInternal (a shader does not compile; the message holds the log).
+Result<std::unique_ptr<SurfaceRebuilder>> make_gpu_rebuilder(bool finish = false);
 
 }  // namespace eigencast

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-/// GLSL 3.30 of GpuRebuilder: vertex shaders whose results are kept, one for each vertex of the surface.
+/// GLSL 3.30 of make_gpu_rebuilder(): vertex shaders whose results are kept, one for each vertex of the surface.
 namespace eigencast::shaders {
 
 /// X = Psi C. The basis lies in tiles of 64 rows; a tile holds its columns in groups of four, a group one texel per row,

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "view/jpeg.h"
+#include "view/picture.h"
 
 #include <array>
 #include <csetjmp>

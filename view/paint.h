@@ -13,7 +13,6 @@
 #include "view/surface_view.h"
 #include "view/texture_image.h"
 #include "view/texture_levels.h"
-#include "view/truth.h"
 
 namespace eigencast {
 

@@ -35,4 +35,8 @@ Result<Picture> read_png(const std::string& path);
 /// The same from memory; `name` is for messages. Errors: kCorrupt, kTooLarge.
 Result<Picture> read_png_bytes(std::span<const std::uint8_t> bytes, const std::string& name);
 
+/// Reads a JPEG file from memory, grey ones as RGB. `name` is for messages. Safe on hostile input. Errors: kCorrupt,
+/// kTooLarge (kMaxPixels, kMaxSide, 200 scans), kUnsupported (CMYK).
+Result<Picture> read_jpeg_bytes(std::span<const std::uint8_t> bytes, const std::string& name);
+
 }  // namespace eigencast

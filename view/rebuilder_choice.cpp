@@ -7,6 +7,8 @@
 #include <utility>
 #include <vector>
 
+#include "view/gpu_rebuilder.h"
+
 namespace eigencast {
 namespace {
 
@@ -86,7 +88,7 @@ class TrialRun final {
   SurfaceGeometry geometry_;
 };
 
-RebuilderChoice::Trial try_both(Renderer& renderer, GpuRebuilder& gpu) {
+RebuilderChoice::Trial try_both(Renderer& renderer, SurfaceRebuilder& gpu) {
   const Asset asset = trial_asset();
   auto basis = std::make_shared<Reconstructor>();
   basis->update(asset);
@@ -106,7 +108,7 @@ RebuilderChoice::Trial try_both(Renderer& renderer, GpuRebuilder& gpu) {
 Result<RebuilderChoice> choose_rebuilder(RebuildOn on, Renderer& renderer, bool finish) {
   RebuilderChoice choice;
   if (on == RebuildOn::kCpu) return choice;
-  auto gpu = GpuRebuilder::create(finish);
+  auto gpu = make_gpu_rebuilder(finish);
   if (!gpu) return on == RebuildOn::kAuto ? std::move(choice) : Result<RebuilderChoice>(gpu.error());
   if (on == RebuildOn::kAuto) {
     choice.trial = try_both(renderer, **gpu);

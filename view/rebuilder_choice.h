@@ -4,7 +4,7 @@
 #include <memory>
 #include <optional>
 
-#include "view/gpu_rebuilder.h"
+#include "view/rebuild.h"
 #include "view/renderer.h"
 
 namespace eigencast {
@@ -17,13 +17,13 @@ struct RebuilderChoice {
     bool gpu_is_faster() const { return gpu_us < cpu_us; }
   };
 
-  std::unique_ptr<GpuRebuilder> gpu;  ///< Null: the processor rebuilds.
-  std::optional<Trial> trial;         ///< Where it was measured.
+  std::unique_ptr<SurfaceRebuilder> gpu;  ///< Null: the processor rebuilds.
+  std::optional<Trial> trial;             ///< Where it was measured.
 };
 
 /// kAuto measures both on a surface of 16,384 vertices and 96 coefficients, which takes a few tens of milliseconds, and
-/// falls back to the processor. `renderer` forgets its surfaces. finish: see GpuRebuilder.
-/// Errors of kGpu: as GpuRebuilder::create.
+/// falls back to the processor. `renderer` forgets its surfaces. finish: see make_gpu_rebuilder().
+/// Errors of kGpu: as make_gpu_rebuilder().
 Result<RebuilderChoice> choose_rebuilder(RebuildOn on, Renderer& renderer, bool finish);
 
 }  // namespace eigencast

@@ -16,10 +16,6 @@ namespace {
 constexpr float kRowGap = 0.12F;    // between surfaces of a row, of the wider one; and between rows
 constexpr std::size_t kMaxRow = 6;  // of surfaces that stand in one alone
 
-glm::vec3 vec3_from(const std::array<float, 3>& v) {
-  return {v[0], v[1], v[2]};
-}
-
 struct Box {
   glm::vec3 low{std::numeric_limits<float>::max()}, high{std::numeric_limits<float>::lowest()};
   void add(const glm::vec3& point) {
@@ -31,9 +27,8 @@ struct Box {
 Box box_in_scene(const SurfaceFacts& facts, const glm::mat4& scene_from_surface) {
   Box box;
   for (int corner = 0; corner < 8; ++corner) {
-    const glm::vec3 p((corner & 1) != 0 ? facts.high[0] : facts.low[0],
-                      (corner & 2) != 0 ? facts.high[1] : facts.low[1],
-                      (corner & 4) != 0 ? facts.high[2] : facts.low[2]);
+    const glm::vec3 p((corner & 1) != 0 ? facts.high.x : facts.low.x, (corner & 2) != 0 ? facts.high.y : facts.low.y,
+                      (corner & 4) != 0 ? facts.high.z : facts.low.z);
     box.add(glm::vec3(scene_from_surface * glm::vec4(p, 1)));
   }
   return box;
@@ -173,8 +168,8 @@ void Scene::place(std::span<PoseSource* const> sources) {
   }
   if (seen == facts_seen_ || seen == 0) return;
   facts_seen_ = seen;
-  facts_.low = {all.low.x, all.low.y, all.low.z};
-  facts_.high = {all.high.x, all.high.y, all.high.z};
+  facts_.low = all.low;
+  facts_.high = all.high;
   facts_.up_axis = up;
   ++facts_.version;
 }
@@ -211,8 +206,8 @@ Extent extent_of(const Scene::Instance& instance) {
   if (facts.version == 0) return {};
   const glm::mat4& m = instance.scene_from_surface;
   const float scale = std::cbrt(std::abs(glm::determinant(glm::mat3(m))));
-  return {glm::vec3(m * glm::vec4(vec3_from(instance.view.barycentre()), 1)),
-          0.5F * scale * glm::length(vec3_from(facts.high) - vec3_from(facts.low)), scale};
+  return {glm::vec3(m * glm::vec4(instance.view.barycentre(), 1)), 0.5F * scale * glm::length(facts.high - facts.low),
+          scale};
 }
 
 }  // namespace eigencast

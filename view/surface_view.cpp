@@ -5,6 +5,7 @@
 #include <atomic>
 #include <bit>
 #include <cmath>
+#include <glm/common.hpp>
 
 #include "common/reconstruction/reconstruct.h"
 
@@ -185,14 +186,6 @@ void SurfaceView::finish(const Asset& asset) {
   level_changed_ = false;
 }
 
-bool SurfaceView::advance(const PoseSource& source, TimeUs now_us) {
-  if (!prepare(source, now_us)) return false;
-  const RebuildJob all = job(*source.asset());
-  CpuRebuilder().rebuild({&all, 1});
-  finish(*source.asset());
-  return true;
-}
-
 std::span<const float> SurfaceView::positions(std::vector<float>& room) const {
   if (!geometry_.gpu) return geometry_.positions;
   room.resize(3 * std::size_t{morph_.drawn()});
@@ -201,13 +194,14 @@ std::span<const float> SurfaceView::positions(std::vector<float>& room) const {
   return room;
 }
 
-std::array<float, 3> SurfaceView::barycentre() const {
-  std::array<double, 3> sum{};
+glm::vec3 SurfaceView::barycentre() const {
+  glm::dvec3 sum{0};
   const std::size_t rank = std::min(barycentre_weights_.size(), coefficients_.size() / channels_);
   for (std::size_t k = 0; k < rank; ++k) {
-    for (std::size_t d = 0; d < 3; ++d) sum[d] += barycentre_weights_[k] * coefficients_[k * channels_ + d];
+    const double* row = &coefficients_[k * channels_];
+    sum += barycentre_weights_[k] * glm::dvec3(row[0], row[1], row[2]);
   }
-  return {static_cast<float>(sum[0]), static_cast<float>(sum[1]), static_cast<float>(sum[2])};
+  return glm::vec3(sum);
 }
 
 void SurfaceView::update_facts(const Asset& asset) {
@@ -216,12 +210,11 @@ void SurfaceView::update_facts(const Asset& asset) {
   // The rest pose as rebuilt here: exact in every basis and for every part that has arrived.
   std::vector<float> rest(std::size_t{asset.rows_ready} * 3);
   reconstructor_->rebuild(asset.rest, 3, asset.rank, asset.rows_ready, rest);
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    facts_.low[axis] = facts_.high[axis] = rest[axis];
-    for (std::size_t i = axis; i < rest.size(); i += 3) {
-      facts_.low[axis] = std::min(facts_.low[axis], rest[i]);
-      facts_.high[axis] = std::max(facts_.high[axis], rest[i]);
-    }
+  facts_.low = facts_.high = {rest[0], rest[1], rest[2]};
+  for (std::size_t i = 0; i < rest.size(); i += 3) {
+    const glm::vec3 point(rest[i], rest[i + 1], rest[i + 2]);
+    facts_.low = glm::min(facts_.low, point);
+    facts_.high = glm::max(facts_.high, point);
   }
   facts_.up_axis = asset.up_axis;
   ++facts_.version;

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <glm/vec3.hpp>
 #include <limits>
 #include <memory>
 #include <optional>
@@ -24,7 +25,7 @@ namespace eigencast {
 
 /// The rest pose's box, and the asset's up axis.
 struct SurfaceFacts {
-  std::array<float, 3> low{}, high{};
+  glm::vec3 low{0}, high{0};
   Asset::UpAxis up_axis = Asset::UpAxis::kY;
   std::uint64_t version = 0;  ///< Grows when the facts change.
 };
@@ -48,12 +49,8 @@ class SurfaceView {
   /// Takes what the source's poll() returned.
   void receive(const PoseSource& source, const std::vector<ReceivedPose>& poses);
 
-  /// Rebuilds on the processor if pose, level or asset have changed; true if geometry() has changed.
+  /// Chooses pose and level. True if anything has changed: then do job() with a SurfaceRebuilder, and call finish().
   /// REQUIRES: no poll() of the source since receive().
-  bool advance(const PoseSource& source, TimeUs now_us);
-
-  /// The parts of advance(), to rebuild several surfaces in one pass: if prepare() returns true, do job() with a
-  /// SurfaceRebuilder, then call finish(). REQUIRES: as advance().
   bool prepare(const PoseSource& source, TimeUs now_us);
   RebuildJob job(const Asset& asset);
   void finish(const Asset& asset);
@@ -81,13 +78,13 @@ class SurfaceView {
   /// Upper bound of the pixels per surface unit: MorphPace follows it. Infinite (default): unknown.
   void set_px_per_unit(double pixels) { px_per_unit_ = pixels; }
   /// The barycentre of the area in this pose, surface coordinates.
-  std::array<float, 3> barycentre() const;
+  glm::vec3 barycentre() const;
 
   const SurfaceGeometry& geometry() const { return geometry_; }
   const SurfaceFacts& facts() const { return facts_; }
   LevelOfDetail& lod() { return lod_; }
   const LevelOfDetail& lod() const { return lod_; }
-  /// Takes effect at the next advance(), with a correction.
+  /// Takes effect at the next prepare(), with a correction.
   void set_playout(const PlayoutSettings& settings) { playout_.set(settings); }
   const Playout& playout() const { return playout_; }
   /// How geometry() came about; kHeld before the first pose.

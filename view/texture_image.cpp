@@ -14,7 +14,7 @@
 #include <thread>
 #include <utility>
 
-#include "view/jpeg.h"
+#include "view/picture.h"
 
 namespace eigencast {
 namespace {

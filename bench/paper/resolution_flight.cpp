@@ -204,7 +204,7 @@ class Flight {
     take_poses(scene_, list_);
     scene_.advance(list_, now_us_);
     const SurfaceFacts& f = scene_.facts();
-    camera_.set_scene({f.low[0], f.low[1], f.low[2]}, {f.high[0], f.high[1], f.high[2]});
+    camera_.set_scene(f.low, f.high);
     for (int i = 0; i < 3; ++i) draw(renderer, scene_);
   }
 

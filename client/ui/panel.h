@@ -34,8 +34,4 @@ UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, 
 /// REQUIRES: as draw_panel.
 UiRequests draw_welcome(const std::vector<std::string>& recent, TextField& to_open, float scale);
 
-/// Over the last minute: the part of the vertices drawn, pictures a second, milliseconds from capture to picture, bit
-/// rate, and what the resolver holds (kappa, or the planned part of a picture's time). REQUIRES: as draw_panel.
-void draw_plots(const History& history, ResolverKind resolver, float scale);
-
 }  // namespace eigencast

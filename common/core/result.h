@@ -101,6 +101,14 @@ inline Error fail(ErrorCode code, std::string message) {
   return Error{code, std::move(message)};
 }
 
+/// Moves a good result to where it is kept: `if (const auto good = store(member_, make()); !good) return good;`
+template <typename T>
+Result<void> store(T& target, Result<T> result) {
+  if (!result) return result.error();
+  target = std::move(*result);
+  return {};
+}
+
 /// The same error with where it happened in front: "frame_0007.obj: vertex index 12 ...".
 inline Error in_context(std::string_view where, Error error) {
   error.message = std::string(where) + ": " + error.message;

@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <condition_variable>
+#include <future>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "common/core/clock.h"
@@ -14,43 +18,42 @@
 #include "view/overlay.h"
 #include "view/pose_source.h"
 #include "view/renderer.h"
-#include "view/surface_view.h"
+#include "view/scene.h"
 
 namespace eigencast::studio {
 
-/// One state of the window, to be drawn.
+/// What the window is to show.
 struct Picturing {
   Camera camera;
   RenderOptions options;
   Markup markup;
   int width_px = 0, height_px = 0;
-  std::shared_ptr<const SurfaceGeometry> surface;  ///< One's own.
-  std::uint64_t pose = 0;                          ///< Grows with what the hand does to it.
-  std::optional<TimeUs> input_us;                  ///< When the hand moved that made this pose.
-  std::vector<std::string> figures;                ///< The painter adds what it knows of others; empty: none are shown.
+  std::shared_ptr<const SurfaceGeometry> surface;  ///< The user's own.
+  std::uint64_t pose = 0;                          ///< Grows with each change of the surface.
+  std::optional<TimeUs> input_us;                  ///< Time of the input that made this pose.
+  std::vector<std::string> figures;                ///< The painter adds those of other streams; empty: none are shown.
   std::string connection;
   bool connected = false;
   std::vector<HelpLine> help;
 };
 
-/// What drawing took, and what it found.
 struct PaintingReport {
   std::string device;
   std::uint64_t pictures = 0;
-  Histogram input_to_drawn_us;     ///< From the hand to a finished picture.
+  Histogram input_to_drawn_us;     ///< From input to finished picture.
   std::uint64_t others_poses = 0;  ///< Poses of other streams that were shown.
 };
 
-/// Draws on a thread of its own, so that neither a slow GPU nor the display's rate delays what a hand sends.
-/// Always the newest state; the streams of others between. All calls from one thread.
+/// Draws on a thread of its own, so that neither a slow GPU nor the display's rate delays what is sent. Always draws the
+/// newest state, and other streams in between. All calls from one thread.
 class Painter final {
  public:
   struct Options {
     GlfwWindow* window = nullptr;  ///< Its context must be current on no thread.
     float scale = 1;               ///< Of text.
-    glm::vec3 low{0}, high{0};     ///< One's own surface at rest, with its handles.
+    glm::vec3 low{0}, high{0};     ///< Box of the user's surface at rest, with its handles.
     std::vector<std::unique_ptr<PoseSource>> others;
-    std::vector<std::string> names;  ///< Of them.
+    std::vector<std::string> names;  ///< Of the others.
     LogSink log;
   };
   /// Errors: those of Renderer::create.
@@ -58,14 +61,40 @@ class Painter final {
   ~Painter();  ///< Ends the thread.
 
   void show(Picturing state);
-  /// The box of everything that is drawn, in the scene, if it has changed since it was asked for last.
+  /// The box of all that is drawn, if it has changed since the last call.
   std::optional<std::pair<glm::vec3, glm::vec3>> take_box();
   PaintingReport report() const;
 
  private:
-  class Impl;
-  explicit Painter(std::unique_ptr<Impl> impl);
-  std::unique_ptr<Impl> impl_;
+  explicit Painter(Options options);
+  void run(std::promise<Result<void>>& ready);
+  Result<void> open();
+  bool wait();
+  void turn();
+  bool take_others();
+  void place_others();
+  void draw();
+  std::vector<std::string> figures() const;
+
+  // For the thread.
+  Options options_;
+  std::vector<PoseSource*> sources_;
+  Scene scene_;
+  glm::mat4 beside_{1};  ///< From the scene of the others.
+  std::uint64_t box_version_ = 0, drawn_pose_ = 0;
+  std::unique_ptr<Renderer> renderer_;
+  std::unique_ptr<Overlay> overlay_;
+  Picturing state_;
+  bool has_news_ = false;
+  std::thread thread_;
+
+  mutable std::mutex mutex_;
+  std::condition_variable changed_;
+  // GUARDED_BY(mutex_):
+  bool stopping_ = false;
+  std::optional<Picturing> wanted_;
+  std::optional<std::pair<glm::vec3, glm::vec3>> box_;
+  PaintingReport report_;
 };
 
 }  // namespace eigencast::studio

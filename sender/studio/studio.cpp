@@ -130,9 +130,7 @@ Result<void> Studio::open(const LogSink& log) {
   if (!camera_.set_view(options_.view)) return fail(ErrorCode::kInvalidArgument, "no view is called " + options_.view);
   if (const Result<void> posed = make_pose(); !posed) return posed;
   make_surface();
-  Result<std::unique_ptr<Painter>> painter = Painter::start(std::move(painting));
-  if (!painter) return painter.error();
-  painter_ = std::move(*painter);
+  if (const auto started = store(painter_, Painter::start(std::move(painting))); !started) return started;
   window_.listen(*this);
   return {};
 }
@@ -193,9 +191,7 @@ Result<void> Studio::make_pose() {
   for (Vec3& p : in_source) {
     for (std::size_t axis = 0; axis < 3; ++axis) p[axis] += asset_.origin[axis];
   }
-  Result<std::vector<double>> C = projected_.coefficients(in_source);
-  if (!C) return C.error();
-  C_ = std::move(*C);
+  if (const auto good = store(C_, projected_.coefficients(in_source)); !good) return good;
   y_ = deformer_.controls(posed_);
   ++pose_;
   redraw_ = true;

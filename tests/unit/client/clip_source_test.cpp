@@ -6,8 +6,9 @@
 
 #include <filesystem>
 
-#include "common/surface/shapes/shapes.h"
 #include "common/surface/formats/write.h"
+#include "common/surface/shapes/shapes.h"
+#include "tests/unit/view/fake_source.h"
 #include "view/surface_view.h"
 
 namespace eigencast {
@@ -44,7 +45,7 @@ TEST(ClipSources, AViewerShowsTheSurfaceThatWasPlayed) {
   ClipSource source(clip, 0, [&] { return now; });
   SurfaceView view;
   view.receive(source, source.poll({}));
-  ASSERT_TRUE(view.advance(source, now));
+  ASSERT_TRUE(testing::advance(view, source, now));
   EXPECT_EQ(view.poses_shown(), 1u);
   EXPECT_EQ(view.asset_id(), clip->asset_id);
   const auto shape = builtin_clip("heart");

@@ -48,15 +48,15 @@ TEST(PaperResolver, MovesKappaByDeltaPerIntervalOutsideTheThreshold) {
     }
   };
   run(1.0 / 20, 101);
-  EXPECT_DOUBLE_EQ(resolver.kappa(), 0) << "f = f0";
+  EXPECT_DOUBLE_EQ(resolver.state(), 0) << "f = f0";
   run(1.0 / 16, 100);
-  EXPECT_NEAR(resolver.kappa(), -0.10, 1e-12) << "ten intervals below f0 - T_f";
+  EXPECT_NEAR(resolver.state(), -0.10, 1e-12) << "ten intervals below f0 - T_f";
   run(1.0 / 24, 50);
-  EXPECT_NEAR(resolver.kappa(), -0.05, 1e-12);
+  EXPECT_NEAR(resolver.state(), -0.05, 1e-12);
   run(1.0 / 100, 5000);
-  EXPECT_DOUBLE_EQ(resolver.kappa(), 1) << "bounded above";
+  EXPECT_DOUBLE_EQ(resolver.state(), 1) << "bounded above";
   run(1.0, 5000);
-  EXPECT_DOUBLE_EQ(resolver.kappa(), -1) << "bounded below";
+  EXPECT_DOUBLE_EQ(resolver.state(), -1) << "bounded below";
   EXPECT_EQ(resolver.resolve(objects, std::nullopt), Counts{10}) << "never below the least";
 }
 

@@ -9,7 +9,7 @@
 #include <functional>
 #include <map>
 
-#include "view/pose_source.h"
+#include "view/surface_view.h"
 
 namespace eigencast::testing {
 
@@ -118,6 +118,15 @@ inline ReceivedPose sphere_pose(const Asset& asset, std::uint64_t sequence, Time
   pose.coefficients[0] = shift;
   pose.coefficients[7] = stretch;
   return pose;
+}
+
+/// Rebuilds on the processor what has changed; true if anything has.
+inline bool advance(SurfaceView& view, const PoseSource& source, TimeUs now_us) {
+  if (!view.prepare(source, now_us)) return false;
+  const RebuildJob job = view.job(*source.asset());
+  CpuRebuilder().rebuild({&job, 1});
+  view.finish(*source.asset());
+  return true;
 }
 
 /// A source that a test fills by hand: each poll() returns the next batch.

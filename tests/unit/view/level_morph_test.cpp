@@ -205,12 +205,12 @@ TEST(LevelMorphs, ASurfaceWhoseVerticesJustCameLooksAsWithoutThem) {
 struct PausedHeart {
   explicit PausedHeart(bool morph = true) : source(baked_heart()), view({.playout = {}, .morph = morph}) {
     view.receive(source, {testing::heart_pose(0.3, now)});
-    view.advance(source, now);
+    testing::advance(view, source, now);
     view.set_paused(true);
   }
   bool turn(double fraction, TimeUs step = kFrame) {
     view.lod().set_fraction(fraction);
-    return view.advance(source, now += step);
+    return testing::advance(view, source, now += step);
   }
   TimeUs now = 1'000'000;
   testing::FakeSource source;
@@ -264,7 +264,7 @@ Smoothness go_over(Renderer& renderer, bool morph, double from, double to, bool 
   camera.set_viewport(kWidth, kHeight);
   camera.set_view("iso");
   const auto& f = still.view.facts();
-  camera.set_scene({f.low[0], f.low[1], f.low[2]}, {f.high[0], f.high[1], f.high[2]});
+  camera.set_scene(f.low, f.high);
   if (size_known) still.view.set_px_per_unit(camera.max_px_per_unit(camera.target(), camera.scene_radius()));
   const auto picture = [&] {
     renderer.upload(0, still.view.geometry());

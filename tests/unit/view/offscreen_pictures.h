@@ -27,9 +27,7 @@ class OffscreenPictures : public ::testing::Test {
     ASSERT_TRUE(renderer) << renderer.error().message;
     renderer_ = std::move(renderer).value();
   }
-  void frame(const SurfaceFacts& f) {
-    camera_.set_scene({f.low[0], f.low[1], f.low[2]}, {f.high[0], f.high[1], f.high[2]});
-  }
+  void frame(const SurfaceFacts& f) { camera_.set_scene(f.low, f.high); }
 
   std::unique_ptr<OffscreenContext> context_;
   std::unique_ptr<Renderer> renderer_;

@@ -31,7 +31,7 @@ void show(FakeSource& source, SurfaceView& view, ReceivedPose pose) {
   const TimeUs now = pose.arrival_us;
   source.batches.push_back({std::move(pose)});
   view.receive(source, source.poll({}));
-  view.advance(source, now);
+  testing::advance(view, source, now);
 }
 
 TEST(Paint, MovementIsTheDistanceFromTheRestPose) {
@@ -115,7 +115,7 @@ TEST(Paint, FollowsTheLevelOfDetail) {
   painter.paint(view, source, {Colouring::kOwn, 3});
   EXPECT_EQ(painter.paint().version, version) << "colours do not move with the pose";
   view.lod().set_fraction(0.25);
-  view.advance(source, 1000);
+  testing::advance(view, source, 1000);
   painter.paint(view, source, {Colouring::kOwn, 3});
   EXPECT_EQ(painter.paint().values.size(), 3u * view.geometry().vertex_count());
   EXPECT_GT(painter.paint().version, version);
@@ -132,11 +132,11 @@ TEST(Paint, ColoursOfVerticesThatComeStartAsTheirParents) {
   show(source, view, sphere_pose(source.asset_, 1, 1000, 1));
   ASSERT_EQ(view.geometry().vertex_count(), 42u);
   view.lod().set_fraction(1);
-  view.advance(source, 2000);
+  testing::advance(view, source, 2000);
   painter.paint(view, source, {Colouring::kOwn, 3});
   ASSERT_EQ(painter.paint().values.size(), 3u * 162);
   EXPECT_LT(painter.paint().values[3 * 161 + 2], 0.05F) << "hardly there";
-  for (TimeUs now = 20'000; now < 900'000; now += 20'000) view.advance(source, now);
+  for (TimeUs now = 20'000; now < 900'000; now += 20'000) testing::advance(view, source, now);
   painter.paint(view, source, {Colouring::kOwn, 3});
   EXPECT_EQ(painter.paint().values[3 * 161], 0);
   EXPECT_EQ(painter.paint().values[3 * 161 + 2], 1);

@@ -53,7 +53,7 @@ class Render : public OffscreenPictures {
 
   Picture picture_of(FakeSource& source, SurfaceView& scene, TimeUs now_us = 0) {
     scene.receive(source, source.poll({}));
-    if (scene.advance(source, now_us)) renderer_->upload(0, scene.geometry());
+    if (testing::advance(scene, source, now_us)) renderer_->upload(0, scene.geometry());
     if (scene.facts().version > 0) frame(scene.facts());
     auto picture = renderer_->picture(camera_, options_, kWidth, kHeight);
     EXPECT_TRUE(picture);

@@ -34,7 +34,7 @@ TEST(Scenes, SurfacesOfOneAssetShareItsBasisAndEachHasItsOwnPose) {
     FakeSource source(sphere_asset(3));
     SurfaceView alone;
     alone.receive(source, {sphere_pose(source.asset_, 1, 1000, i == 0 ? 0.5 : 0.9)});
-    ASSERT_TRUE(alone.advance(source, 1000));
+    ASSERT_TRUE(testing::advance(alone, source, 1000));
     ASSERT_EQ(alone.geometry().positions.size(), stage.geometry(i).positions.size());
     for (std::size_t k = 0; k < alone.geometry().positions.size(); ++k)
       ASSERT_NEAR(alone.geometry().positions[k], stage.geometry(i).positions[k], 1e-6);

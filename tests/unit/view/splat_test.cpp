@@ -48,7 +48,7 @@ struct Shown {
     ReceivedPose pose = testing::sphere_pose(source.asset_, 1, 1000, 1);
     pose.coefficients = leant(source.asset_);
     view.receive(source, {pose});
-    view.advance(source, 1000);
+    testing::advance(view, source, 1000);
   }
   static SceneOptions options(double fraction) {
     SceneOptions options;
@@ -108,7 +108,7 @@ TEST(Splats, ACloudThatBringsNoDiscsHasNone) {
   FakeSource source(testing::sphere_asset(3, true));
   SurfaceView view;
   view.receive(source, {});
-  ASSERT_TRUE(view.advance(source, 0));
+  ASSERT_TRUE(testing::advance(view, source, 0));
   EXPECT_TRUE(view.geometry().normals.empty());
   EXPECT_TRUE(view.geometry().radii.empty());
 }

@@ -16,7 +16,7 @@ class SurfaceViews : public ::testing::Test {
  protected:
   bool turn(TimeUs now_us) {
     scene_.receive(source_, source_.poll({}));
-    return scene_.advance(source_, now_us);
+    return testing::advance(scene_, source_, now_us);
   }
   /// Half the height of the surface shown.
   float height() const {
@@ -264,9 +264,10 @@ TEST(SurfaceViewInterpolated, ShowsPosesBetweenArrivals) {
   for (int i = 0; i < 4; ++i) {
     source.batches.push_back({sphere_pose(source.asset_, static_cast<std::uint64_t>(i), i * 50'000, 0.5 + 0.1 * i)});
     scene.receive(source, source.poll({}));
-    scene.advance(source, i * 50'000);
+    testing::advance(scene, source, i * 50'000);
   }
-  scene.advance(source, 175'000);  // 100 ms of delay: media time 75 ms, half-way between the second and the third
+  testing::advance(scene, source,
+                   175'000);  // 100 ms of delay: media time 75 ms, half-way between the second and the third
   float highest = 0;
   for (std::size_t i = 1; i < scene.geometry().positions.size(); i += 3) {
     highest = std::max(highest, scene.geometry().positions[i]);
@@ -292,7 +293,7 @@ TEST(SurfaceViewInterpolated, FollowsTheStreamUnlessADelayIsAskedFor) {
     }
     source.batches.push_back(poses);
     scene.receive(source, source.poll({}));
-    scene.advance(source, now);
+    testing::advance(scene, source, now);
     if (now > 1'000'000) {
       ASSERT_TRUE(last);
       EXPECT_NEAR(place() - *last, 1.0 / 60, 0.3 / 60) << now;
@@ -315,7 +316,7 @@ TEST(SurfaceViewInterpolated, ABandThatGoesFadesAndIsNeverMixed) {
     if (i < 30) pose.coefficients[5 * 3 + 1] = 0.6;
     source.batches.push_back({pose});
     scene.receive(source, source.poll({}));
-    scene.advance(source, time_us);
+    testing::advance(scene, source, time_us);
     float highest = 0;
     for (std::size_t v = 1; v < scene.geometry().positions.size(); v += 3)
       highest = std::max(highest, scene.geometry().positions[v]);
@@ -336,12 +337,12 @@ TEST(SurfaceViewInterpolated, AWrongEstimateIsDrawnUntilItHasSettled) {
     const double shift = 0.1 * std::min(i, 4);
     source.batches.push_back({sphere_pose(source.asset_, static_cast<std::uint64_t>(i + 1), i * 50'000, 1, shift)});
     scene.receive(source, source.poll({}));
-    scene.advance(source, i * 50'000);
-    if (i < 5) scene.advance(source, i * 50'000 + 40'000);
+    testing::advance(scene, source, i * 50'000);
+    if (i < 5) testing::advance(scene, source, i * 50'000 + 40'000);
   }
   EXPECT_TRUE(scene.settling());
   TimeUs now = 250'000;
-  while (scene.settling() && now < 1'000'000) scene.advance(source, now += 10'000);
+  while (scene.settling() && now < 1'000'000) testing::advance(scene, source, now += 10'000);
   EXPECT_LE(now, 250'000 + Correction::kBlendUs + 10'000);
   EXPECT_NEAR(scene.coefficients()[0], 0.4, 1e-9);
   EXPECT_GT(scene.times_shown()[static_cast<std::size_t>(Shown::kEstimated)], 0U);
@@ -351,7 +352,7 @@ TEST(SurfaceViewPoints, ACloudHasSpacingAndNoNormals) {
   FakeSource source(sphere_asset(3, true));
   SurfaceView scene;
   scene.receive(source, source.poll({}));
-  ASSERT_TRUE(scene.advance(source, 0));
+  ASSERT_TRUE(testing::advance(scene, source, 0));
   EXPECT_TRUE(scene.geometry().is_point_cloud);
   EXPECT_TRUE(scene.geometry().normals.empty());
   EXPECT_NEAR(scene.geometry().point_spacing, std::sqrt(12.566F / 642), 1e-3);

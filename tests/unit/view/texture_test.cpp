@@ -12,8 +12,8 @@
 #include "tests/support/process.h"
 #include "tests/unit/view/fake_source.h"
 #include "tests/unit/view/offscreen_pictures.h"
-#include "view/jpeg.h"
 #include "view/paint.h"
+#include "view/picture.h"
 #include "view/texture_image.h"
 #include "view/texture_levels.h"
 
@@ -91,7 +91,7 @@ Asset textured_sphere(int subdivisions, Bytes image) {
 void show(FakeSource& source, SurfaceView& view, TimeUs now) {
   source.batches.push_back({sphere_pose(source.asset_, static_cast<std::uint64_t>(now), now, 1)});
   view.receive(source, source.poll({}));
-  view.advance(source, now);
+  testing::advance(view, source, now);
 }
 
 TEST(TextureLevels, CornersAreWedgesOfTheirVerticesOnTheirSideOfTheSeam) {
@@ -103,7 +103,7 @@ TEST(TextureLevels, CornersAreWedgesOfTheirVerticesOnTheirSideOfTheSeam) {
   for (const double fraction : {1.0, 0.3, 0.31, 0.05, 0.8, 1.0, 0.02}) {
     view.lod().set_fraction(fraction);
     for (int picture = 0; picture < 20; ++picture) {
-      view.advance(source, now += 20'000);
+      testing::advance(view, source, now += 20'000);
       levels.follow(source.asset_.texture, view.geometry(), view.morph());
       const auto& triangles = view.geometry().triangles;
       ASSERT_EQ(levels.corners().values.size(), triangles.size());
@@ -126,7 +126,7 @@ TEST(TextureLevels, PlacesGoOverAsVerticesDo) {
   show(source, view, 1000);
   levels.follow(source.asset_.texture, view.geometry(), view.morph());
   view.lod().set_fraction(1);
-  view.advance(source, 20'000);
+  testing::advance(view, source, 20'000);
   levels.follow(source.asset_.texture, view.geometry(), view.morph());
   const AssetTexture& t = *source.asset_.texture;
   const float weight = view.morph().weight(161);
@@ -135,7 +135,7 @@ TEST(TextureLevels, PlacesGoOverAsVerticesDo) {
   const std::array<float, 2> from = levels.uvs().values[t.parent[322]], own = t.uv(322);
   EXPECT_NEAR(levels.uvs().values[322][1], from[1] + weight * (own[1] - from[1]), 1e-6);
   for (TimeUs now = 40'000; now < 900'000; now += 20'000) {
-    view.advance(source, now);
+    testing::advance(view, source, now);
     levels.follow(source.asset_.texture, view.geometry(), view.morph());
   }
   for (std::uint32_t w = 0; w < t.uvs.size(); ++w) ASSERT_EQ(levels.uvs().values[w], t.uv(w)) << w;
@@ -152,7 +152,7 @@ TEST(TextureLevels, OnlyWhatChangesIsMarked) {
   const std::uint64_t before = levels.version();
   ASSERT_GT(levels.uvs().versions.size(), 4u);
   view.lod().set_fraction(2560.0 / 2562);
-  view.advance(source, 2000);
+  testing::advance(view, source, 2000);
   levels.follow(source.asset_.texture, view.geometry(), view.morph());
   const auto fresh = [&](const auto& blocks) {
     return std::count_if(blocks.versions.begin(), blocks.versions.end(), [&](auto v) { return v > before; });
