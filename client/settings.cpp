@@ -16,17 +16,17 @@ namespace {
 using nlohmann::json;
 
 /// name -> member, for the switches of a style.
-struct Switch {
+struct StyleFlag {
   const char* name;
   bool Style::*member;
 };
-constexpr std::array<Switch, 7> kSwitches{{{"edges", &Style::edges},
-                                           {"wireframe", &Style::wireframe},
-                                           {"points", &Style::points},
-                                           {"grid", &Style::grid},
-                                           {"axes", &Style::axes},
-                                           {"transparent", &Style::transparent},
-                                           {"legend", &Style::legend}}};
+constexpr std::array<StyleFlag, 7> kStyleFlags{{{"edges", &Style::edges},
+                                                {"wireframe", &Style::wireframe},
+                                                {"points", &Style::points},
+                                                {"grid", &Style::grid},
+                                                {"axes", &Style::axes},
+                                                {"transparent", &Style::transparent},
+                                                {"legend", &Style::legend}}};
 
 void read_bool(const json& object, const char* name, bool& value) {
   if (const auto at = object.find(name); at != object.end() && at->is_boolean()) value = at->get<bool>();
@@ -82,7 +82,7 @@ Result<Settings> Settings::load(const std::string& path) {
   read_bool(all, "figures", settings.hud);
   read_bool(all, "panel", settings.panel);
   if (const auto style = all.find("look"); style != all.end() && style->is_object()) {
-    for (const Switch& each : kSwitches) read_bool(*style, each.name, settings.style.*each.member);
+    for (const StyleFlag& each : kStyleFlags) read_bool(*style, each.name, settings.style.*each.member);
     if (const auto map = style->find("colour_map"); map != style->end() && map->is_string())
       settings.style.colour_map = colour_map_from_name(map->get<std::string>()).value_or(ColourMap::kViridis);
   }
@@ -105,7 +105,7 @@ Result<void> Settings::save(const std::string& path) const {
   if (resolver) all["resolver"] = name_of(*resolver);
   if (playout) all["motion"] = name_of(*playout);
   if (smoothness) all["smoothness"] = *smoothness;
-  for (const Switch& each : kSwitches) all["look"][each.name] = style.*each.member;
+  for (const StyleFlag& each : kStyleFlags) all["look"][each.name] = style.*each.member;
   all["look"]["colour_map"] = name_of(style.colour_map);
   return write_file_atomically(path, all.dump(2, ' ', false, json::error_handler_t::replace) + "\n");
 }

@@ -16,7 +16,7 @@ namespace {
 constexpr float kRowGap = 0.12F;    // between surfaces of a row, of the wider one; and between rows
 constexpr std::size_t kMaxRow = 6;  // of surfaces that stand in one alone
 
-struct Box {
+struct SceneBox {
   glm::vec3 low{std::numeric_limits<float>::max()}, high{std::numeric_limits<float>::lowest()};
   void add(const glm::vec3& point) {
     low = glm::min(low, point);
@@ -24,8 +24,8 @@ struct Box {
   }
 };
 
-Box box_in_scene(const SurfaceFacts& facts, const glm::mat4& scene_from_surface) {
-  Box box;
+SceneBox box_in_scene(const SurfaceFacts& facts, const glm::mat4& scene_from_surface) {
+  SceneBox box;
   for (int corner = 0; corner < 8; ++corner) {
     const glm::vec3 p((corner & 1) != 0 ? facts.high.x : facts.low.x, (corner & 2) != 0 ? facts.high.y : facts.low.y,
                       (corner & 4) != 0 ? facts.high.z : facts.low.z);
@@ -45,7 +45,7 @@ class Rows {
         away_(up == Asset::UpAxis::kZ ? 1.0F : -1.0F) {}
 
   /// The shift of the next surface, whose box this is.
-  glm::vec3 shift(const Box& box) {
+  glm::vec3 shift(const SceneBox& box) {
     if (in_row_ == longest_) {
       in_row_ = 0;
       ++row_;
@@ -145,7 +145,7 @@ void Scene::set_rebuilder(SurfaceRebuilder* rebuilder) {
 
 void Scene::place(std::span<PoseSource* const> sources) {
   std::uint64_t seen = 0;
-  Box all;
+  SceneBox all;
   Asset::UpAxis up = Asset::UpAxis::kUnknown;
   std::optional<Rows> rows;
   for (Instance& instance : instances_) {
@@ -155,7 +155,7 @@ void Scene::place(std::span<PoseSource* const> sources) {
     if (up == Asset::UpAxis::kUnknown) up = facts.up_axis;
     const std::optional<glm::mat4> world = world_of(*sources[instance.placement.source]);
     instance.scene_from_surface = instance.placement.scene_from_world * world.value_or(glm::mat4(1));
-    Box box = box_in_scene(facts, instance.scene_from_surface);
+    SceneBox box = box_in_scene(facts, instance.scene_from_surface);
     if (row_ && !world) {
       if (!rows) rows.emplace(instances_.size(), up);
       const glm::vec3 shift = rows->shift(box);

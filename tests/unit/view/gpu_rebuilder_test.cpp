@@ -29,7 +29,7 @@ using testing::FakeSource;
 using testing::sphere_asset;
 using testing::sphere_pose;
 
-constexpr TimeUs kFrame = 16'667;
+constexpr TimeUs kPictureUs = 16'667;
 
 const Asset& baked(const char* basis, double asset_error, bool as_points, DetailKind detail = DetailKind::kNone) {
   static std::map<std::tuple<std::string, double, bool, DetailKind>, Asset> all;
@@ -111,7 +111,7 @@ class GpuRebuilders : public testing::OffscreenPictures {
     pose.coefficients = std::move(C);
     for (Scene* scene : {by_gpu_.get(), by_processor_.get()}) scene->receive(0, *source_, {pose});
   }
-  bool turn(double fraction, TimeUs step = kFrame) {
+  bool turn(double fraction, TimeUs step = kPictureUs) {
     now_ += step;
     PoseSource* const source = source_.get();
     bool changed = false;

@@ -11,25 +11,26 @@
 namespace eigencast {
 namespace {
 
-constexpr int kWidth = 400, kHeight = 300;
+constexpr int kMarkupWidth = 400, kMarkupHeight = 300;
 
-struct Scene {
-  Scene() {
-    camera.set_viewport(kWidth, kHeight);
+struct MarkupScene {
+  MarkupScene() {
+    camera.set_viewport(kMarkupWidth, kMarkupHeight);
     camera.set_scene({-1, -1, -1}, {1, 1, 1});
   }
   MarkTriangles triangles(const Markup& markup) const {
-    return triangles_from_markup(markup, camera.clip_from_view() * camera.view_from_scene(), kWidth, kHeight);
+    return triangles_from_markup(markup, camera.clip_from_view() * camera.view_from_scene(), kMarkupWidth,
+                                 kMarkupHeight);
   }
   static glm::vec2 px(const MarkCorner& corner) {
     const glm::vec2 ndc = glm::vec2(corner.clip) / corner.clip.w;
-    return {(0.5F + 0.5F * ndc.x) * kWidth, (0.5F - 0.5F * ndc.y) * kHeight};
+    return {(0.5F + 0.5F * ndc.x) * kMarkupWidth, (0.5F - 0.5F * ndc.y) * kMarkupHeight};
   }
   Camera camera;
 };
 
 TEST(Markup, ADotIsASquareOfItsDiameterAroundItsPlace) {
-  Scene scene;
+  MarkupScene scene;
   Markup markup;
   markup.dots.push_back({{0.3F, 0.2F, -0.4F}, {1, 0, 0, 1}, 10, false});
   const MarkTriangles t = scene.triangles(markup);
@@ -37,7 +38,7 @@ TEST(Markup, ADotIsASquareOfItsDiameterAroundItsPlace) {
   EXPECT_EQ(t.top, 6U);
   const glm::vec2 at = *scene.camera.pixel_from_scene({0.3F, 0.2F, -0.4F});
   for (const MarkCorner& corner : t.corners) {
-    const glm::vec2 off = Scene::px(corner) - at;
+    const glm::vec2 off = MarkupScene::px(corner) - at;
     EXPECT_NEAR(std::abs(off.x), 5, 0.01);
     EXPECT_NEAR(std::abs(off.y), 5, 0.01);
     EXPECT_NEAR(glm::length(corner.round), std::sqrt(2.0F), 1e-6);
@@ -45,17 +46,17 @@ TEST(Markup, ADotIsASquareOfItsDiameterAroundItsPlace) {
 }
 
 TEST(Markup, ALineHasItsWidthOnTheScreenWhateverItsDistance) {
-  Scene scene;
+  MarkupScene scene;
   Markup markup;
   markup.lines.push_back({{-0.5F, -0.5F, 1}, {0.7F, 0.4F, -1}, {1, 1, 1, 1}, 4, false});
   const MarkTriangles t = scene.triangles(markup);
   ASSERT_EQ(t.corners.size(), 6U);
-  EXPECT_NEAR(glm::length(Scene::px(t.corners[0]) - Scene::px(t.corners[5])), 4, 0.01);
-  EXPECT_NEAR(glm::length(Scene::px(t.corners[1]) - Scene::px(t.corners[2])), 4, 0.01);
+  EXPECT_NEAR(glm::length(MarkupScene::px(t.corners[0]) - MarkupScene::px(t.corners[5])), 4, 0.01);
+  EXPECT_NEAR(glm::length(MarkupScene::px(t.corners[1]) - MarkupScene::px(t.corners[2])), 4, 0.01);
 }
 
 TEST(Markup, WhatReachesBehindTheCameraEndsBeforeIt) {
-  Scene scene;
+  MarkupScene scene;
   const glm::vec3 eye = scene.camera.position(), back = glm::normalize(eye - scene.camera.target());
   Markup markup;
   markup.lines.push_back({scene.camera.target(), eye + 3.0F * back + glm::vec3(0.5F, 0.2F, 0), {1, 1, 1, 1}, 2, false});
@@ -67,7 +68,7 @@ TEST(Markup, WhatReachesBehindTheCameraEndsBeforeIt) {
 }
 
 TEST(Markup, WhatIsNeverHiddenComesLast) {
-  Scene scene;
+  MarkupScene scene;
   Markup markup;
   markup.dots.push_back({{0, 0, 0}, {1, 1, 1, 1}, 8, true});
   markup.dots.push_back({{0, 0, 0}, {1, 1, 1, 1}, 8, false});

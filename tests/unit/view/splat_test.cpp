@@ -43,8 +43,8 @@ std::vector<double> leant(const Asset& asset) {
   return C;
 }
 
-struct Shown {
-  explicit Shown(bool as_points, double fraction) : source(heart(as_points)), view(options(fraction)) {
+struct ShownHeart {
+  explicit ShownHeart(bool as_points, double fraction) : source(heart(as_points)), view(options(fraction)) {
     ReceivedPose pose = testing::sphere_pose(source.asset_, 1, 1000, 1);
     pose.coefficients = leant(source.asset_);
     view.receive(source, {pose});
@@ -65,22 +65,22 @@ double degrees_between(const float* a, const float* b) {
 }
 
 TEST(Splats, NormalsDoNotDependOnTheLevel) {
-  const Shown full(true, 1);
+  const ShownHeart full(true, 1);
   ASSERT_EQ(full.view.geometry().normals.size(), full.view.geometry().positions.size());
   for (const double fraction : {0.02, 0.1, 0.5}) {
-    const Shown sparse(true, fraction);
+    const ShownHeart sparse(true, fraction);
     for (std::size_t i = 0; i < sparse.view.geometry().normals.size(); ++i)
       ASSERT_NEAR(sparse.view.geometry().normals[i], full.view.geometry().normals[i], 1e-4F);
   }
 }
 
 TEST(Splats, NormalsAreThoseOfTheDeformedSurface) {
-  const Shown mesh(false, 1);
+  const ShownHeart mesh(false, 1);
   std::vector<const float*> truth(heart(false).vertex_count);
   for (std::uint32_t i = 0; i < truth.size(); ++i)
     truth[heart(false).source_vertex[i]] = &mesh.view.geometry().normals[3 * i];
   for (const double fraction : {0.03, 1.0}) {
-    const Shown points(true, fraction);
+    const ShownHeart points(true, fraction);
     const SurfaceGeometry& g = points.view.geometry();
     std::vector<double> off;
     for (std::uint32_t i = 0; i < g.vertex_count(); ++i)
@@ -94,7 +94,7 @@ TEST(Splats, NormalsAreThoseOfTheDeformedSurface) {
 TEST(Splats, RadiiGrowAsPointsGo) {
   double before = 0;
   for (const double fraction : {1.0, 0.3, 0.1, 0.03}) {
-    const Shown points(true, fraction);
+    const ShownHeart points(true, fraction);
     const SurfaceGeometry& g = points.view.geometry();
     ASSERT_EQ(g.radii.size(), g.vertex_count());
     double mean = 0;
@@ -122,7 +122,7 @@ class SplatPictures : public OffscreenPictures {
     camera_.set_viewport(kWidth, kHeight);
     camera_.set_view("iso");
   }
-  Picture picture_of(const Shown& shown) {
+  Picture picture_of(const ShownHeart& shown) {
     renderer_->upload(0, shown.view.geometry());
     frame(shown.view.facts());
     auto picture = renderer_->picture(camera_, {}, kWidth, kHeight).value();
@@ -136,9 +136,9 @@ class SplatPictures : public OffscreenPictures {
 };
 
 TEST_F(SplatPictures, SparseCloudsAreClosedAndShadedAsTheSurfaceIs) {
-  const Picture truth = picture_of(Shown(false, 1));
+  const Picture truth = picture_of(ShownHeart(false, 1));
   for (const auto& [fraction, most_off] : {std::pair(1.0, 8.0), std::pair(0.1, 14.0), std::pair(0.05, 18.0)}) {
-    const Picture points = picture_of(Shown(true, fraction));
+    const Picture points = picture_of(ShownHeart(true, fraction));
     double surface = 0, holes = 0, outside = 0, off = 0;
     for (int y = 0; y < kHeight; ++y) {
       for (int x = 0; x < kWidth; ++x) {

@@ -88,7 +88,7 @@ Asset textured_sphere(int subdivisions, Bytes image) {
   return asset;
 }
 
-void show(FakeSource& source, SurfaceView& view, TimeUs now) {
+void show_at(FakeSource& source, SurfaceView& view, TimeUs now) {
   source.batches.push_back({sphere_pose(source.asset_, static_cast<std::uint64_t>(now), now, 1)});
   view.receive(source, source.poll({}));
   testing::advance(view, source, now);
@@ -98,7 +98,7 @@ TEST(TextureLevels, CornersAreWedgesOfTheirVerticesOnTheirSideOfTheSeam) {
   FakeSource source(textured_sphere(3, red_and_blue()));
   SurfaceView view;
   TextureLevels levels;
-  show(source, view, 1000);
+  show_at(source, view, 1000);
   TimeUs now = 10'000'000;
   for (const double fraction : {1.0, 0.3, 0.31, 0.05, 0.8, 1.0, 0.02}) {
     view.lod().set_fraction(fraction);
@@ -123,7 +123,7 @@ TEST(TextureLevels, PlacesGoOverAsVerticesDo) {
   SurfaceView view;
   TextureLevels levels;
   view.lod().set_fraction(42.0 / 162);
-  show(source, view, 1000);
+  show_at(source, view, 1000);
   levels.follow(source.asset_.texture, view.geometry(), view.morph());
   view.lod().set_fraction(1);
   testing::advance(view, source, 20'000);
@@ -147,7 +147,7 @@ TEST(TextureLevels, OnlyWhatChangesIsMarked) {
   at_once.morph = false;
   SurfaceView view(at_once);
   TextureLevels levels;
-  show(source, view, 1000);
+  show_at(source, view, 1000);
   levels.follow(source.asset_.texture, view.geometry(), view.morph());
   const std::uint64_t before = levels.version();
   ASSERT_GT(levels.uvs().versions.size(), 4u);
@@ -242,7 +242,7 @@ TEST(Images, AreDecodedBesideAndHalvedUntilTheCardTakesThem) {
 TEST(TexturePaint, TheSurfaceIsClayUntilItsImageIsThere) {
   FakeSource source(textured_sphere(2, red_and_blue()));
   SurfaceView view;
-  show(source, view, 1000);
+  show_at(source, view, 1000);
   SurfacePainter painter;
   painter.set_images(Decode::kBackground, kMaxTextureSide);
   painter.paint(view, source, kTextured);
@@ -258,14 +258,14 @@ TEST(TexturePaint, TheSurfaceIsClayUntilItsImageIsThere) {
 TEST(TexturePaint, ABrokenImageIsSaidAndTheSurfaceStaysClay) {
   FakeSource source(textured_sphere(2, {0xff, 0xd8, 0xff, 0, 1, 2}));
   SurfaceView view;
-  show(source, view, 1000);
+  show_at(source, view, 1000);
   SurfacePainter painter;
   painter.paint(view, source, kTextured);
   EXPECT_EQ(painter.paint().kind, SurfacePaint::Kind::kClay);
   EXPECT_NE(painter.why_not().find("texture"), std::string::npos);
   FakeSource plain(sphere_asset(2));
   SurfaceView other;
-  show(plain, other, 1000);
+  show_at(plain, other, 1000);
   painter.paint(other, plain, kTextured);
   EXPECT_EQ(painter.why_not(), "the surface has no texture");
 }
@@ -278,7 +278,7 @@ TEST_F(TexturedPictures, BothSidesOfTheSeamHaveTheirColourAtEveryLevel) {
     SceneOptions options;
     options.lod = fraction;
     SurfaceView view(options);
-    show(source, view, 1000);
+    show_at(source, view, 1000);
     SurfacePainter painter;
     painter.paint(view, source, kTextured);
     ASSERT_EQ(painter.paint().kind, SurfacePaint::Kind::kTexture) << painter.why_not();
