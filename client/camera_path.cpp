@@ -27,7 +27,7 @@ Result<CameraPath::Key> key_from(const json& value, const std::string& where) {
       value["t"].get<double>(), {(*eye)[0], (*eye)[1], (*eye)[2]}, {(*target)[0], (*target)[1], (*target)[2]}};
   if (glm::length(key.eye - key.target) <= 0)
     return fail(ErrorCode::kCorrupt,
-                where + ": eye and target are the same place, so there is no direction to look in");
+                where + ": eye and target are the same point, so there is no direction to look in");
   return key;
 }
 
@@ -38,13 +38,13 @@ CameraPath::CameraPath(std::vector<Key> keys) : keys_(std::move(keys)) {
 }
 
 Result<CameraPath> CameraPath::from_json(std::string_view text) {
-  constexpr std::size_t kMost = 10'000;
+  constexpr std::size_t kMaxKeys = 10'000;
   const json document = json::parse(text, nullptr, false);
   if (!document.is_object() || !document.contains("keys") || !document["keys"].is_array() || document["keys"].empty())
     return fail(ErrorCode::kCorrupt,
                 R"(camera path: must be such as {"keys": [{"t": 0, "eye": [0, 1, 3], "target": [0, 0, 0]}]})");
-  if (document["keys"].size() > kMost)
-    return fail(ErrorCode::kTooLarge, "camera path: over " + std::to_string(kMost) + " keys");
+  if (document["keys"].size() > kMaxKeys)
+    return fail(ErrorCode::kTooLarge, "camera path: over " + std::to_string(kMaxKeys) + " keys");
   std::vector<Key> keys;
   for (const json& value : document["keys"]) {
     const std::string where = "keys[" + std::to_string(keys.size()) + "]";

@@ -11,8 +11,8 @@
 
 namespace eigencast {
 
-/// A flight of the camera: the same place at the same time, however fast pictures come. A cubic through the keys whose
-/// velocities are those of the parabolas through three neighbours (the non-uniform Catmull-Rom spline).
+/// A flight of the camera over time: a non-uniform Catmull-Rom spline through the keys, whose velocities are those of the
+/// parabolas through three neighbours.
 class CameraPath {
  public:
   struct Key {
@@ -23,13 +23,13 @@ class CameraPath {
   /// Reads {"keys": [{"t": 0, "eye": [x, y, z], "target": [x, y, z]}, ...]}, t in seconds from 0, ascending.
   /// Errors: kCorrupt, naming the key; kTooLarge (over 10,000 keys).
   static Result<CameraPath> from_json(std::string_view text);
-  /// Likewise. Errors: kIo as well.
+  /// Errors: kIo as well.
   static Result<CameraPath> read(const std::string& path);
   /// REQUIRES: at least one key, times ascending.
   explicit CameraPath(std::vector<Key> keys);
 
   double seconds() const { return keys_.back().seconds; }
-  /// Moves the camera to where it is then; before the first and after the last key it stays at them.
+  /// Before the first and after the last key the camera stays there.
   void apply(double seconds, Camera& camera) const;
   Key at(double seconds) const;
 
@@ -38,9 +38,9 @@ class CameraPath {
   std::vector<Key> keys_;
 };
 
-/// The camera's place as a key of a path, for the clipboard: {"t":0,"eye":[...],"target":[...]}.
+/// The camera as a key of a path, for the clipboard: {"t":0,"eye":[...],"target":[...]}.
 std::string text_from_camera(const Camera& camera);
-/// Moves the camera to where such a text, or the first key of a whole path, says; false if it is no such text.
+/// Moves the camera to such a key, or to the first key of a whole path; false if the text is neither.
 bool camera_from_text(std::string_view text, Camera& camera);
 
 }  // namespace eigencast

@@ -14,7 +14,7 @@
 namespace eigencast {
 namespace {
 
-constexpr std::size_t kMostBytes = std::size_t{1} << 30;
+constexpr std::size_t kMaxBytes = std::size_t{1} << 30;
 
 }  // namespace
 
@@ -26,7 +26,7 @@ Result<std::unique_ptr<MotionClip>> open_input(const std::string& input) {
 
 Result<std::vector<std::vector<double>>> project_clip(const MotionClip& clip, const Asset& asset,
                                                       const BakeProgress& progress) {
-  if (clip.frame_count() > kMostBytes / (asset.rest.size() * sizeof(double)))
+  if (clip.frame_count() > kMaxBytes / (asset.rest.size() * sizeof(double)))
     return fail(ErrorCode::kTooLarge,
                 std::to_string(clip.frame_count()) +
                     " frames are over 1 GiB of coefficients; eigencast-sender play streams any number");
@@ -108,7 +108,7 @@ std::vector<ReceivedPose> ClipSource::poll(std::chrono::milliseconds timeout) {
     now = clock_();
   }
   if (due_us(next_) > now) return {};
-  // What was missed is over: a viewer that is slower than the clip sees each pose at its time.
+  // A viewer that is slower than the clip skips poses.
   const auto newest = static_cast<std::int64_t>(static_cast<double>(now - began_us_) * clip_->rate_hz / 1e6);
   const std::int64_t number = std::max(next_, newest);
   next_ = number + 1;

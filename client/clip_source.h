@@ -13,37 +13,35 @@
 
 namespace eigencast {
 
-/// The clip that a user means: a built-in shape's name, a path, a folder or a glob. Errors: those of open_clip.
+/// Opens a built-in shape's name, a path, a folder or a glob. Errors: those of open_clip.
 Result<std::unique_ptr<MotionClip>> open_input(const std::string& input);
 
-/// The coefficients of all its frames, each r x 3. Errors: those of reading a frame; kTooLarge (over 1 GiB),
-/// kCancelled, kNumerical. REQUIRES: asset.complete().
+/// The coefficients of all frames, each r x 3. Errors: those of reading a frame; kTooLarge (over 1 GiB), kCancelled,
+/// kNumerical. REQUIRES: asset.complete().
 Result<std::vector<std::vector<double>>> project_clip(const MotionClip& clip, const Asset& asset,
                                                       const BakeProgress& progress = {});
 
-/// A file or built-in shape as this process bakes it: the asset and every frame's coefficients, as a sender would send
-/// them uncompressed.
+/// A file or built-in shape, baked in this process: the asset and the uncompressed coefficients of every frame.
 struct BakedClip {
   std::string name, asset_id;
-  std::string not_kept;  ///< Why it will be baked again the next time; empty if it will not be.
+  std::string not_kept;  ///< Why the bake is not cached; empty if it is.
   Asset asset;
   double rate_hz = 30;
-  std::shared_ptr<const MotionClip> motion;  ///< As it was read: pose() of one thread at a time.
+  std::shared_ptr<const MotionClip> motion;  ///< As read; pose() from one thread at a time.
   std::vector<std::vector<double>> frames;   ///< Each r x 3, row-major.
 
-  /// Opens, bakes (or finds baked in cache_dir) and projects all frames. `input`: a built-in shape's name, a path, a
-  /// folder or a glob, as the sender takes. Errors: those of open_clip and bake; kTooLarge (frames of over 1 GiB: play
-  /// it through a broker, which keeps none).
+  /// Opens (open_input), bakes or takes from cache_dir, and projects all frames. Errors: those of open_clip and bake;
+  /// kTooLarge (over 1 GiB of frames; a broker streams any number).
   static Result<std::shared_ptr<const BakedClip>> open(const std::string& input, const std::string& cache_dir,
                                                        const BakeProgress& progress = {});
 };
 
-/// Plays a clip again and again without a broker. Its poses' capture and arrival times are when they were due.
+/// Plays a clip in a loop without a broker. Capture times are due times.
 class ClipSource final : public PoseSource {
  public:
   using Clock = std::function<TimeUs()>;
-  /// phase_s: how far into the clip it begins. clock: the steady clock, unless a test or a bench says the time; then
-  /// poll() never waits. epoch: of all it plays; > 0.
+  /// phase_s: where in the clip it begins. clock: default is the steady clock; with another poll() never waits.
+  /// epoch: > 0.
   explicit ClipSource(std::shared_ptr<const BakedClip> clip, double phase_s = 0, Clock clock = {},
                       std::uint32_t epoch = 1);
 
@@ -61,12 +59,12 @@ class ClipSource final : public PoseSource {
   Clock clock_;
   TimeUs began_us_;
   double phase_s_;
-  std::int64_t next_ = 0;  ///< Number of the next pose, from the begin.
+  std::int64_t next_ = 0;  ///< Number of the next pose.
   std::optional<control::StreamInfo> info_;
   Subscriber::Stats stats_;
 };
 
-/// What BakedClip is to open for a stream's name of the form "file:INPUT"; nothing for streams of brokers.
+/// INPUT of a stream's name "file:INPUT"; nothing for streams of brokers.
 std::optional<std::string> clip_in(const std::string& stream);
 
 }  // namespace eigencast

@@ -59,7 +59,7 @@ ClipTruth::Moment ClipTruth::moment_of(std::span<const double> C, std::uint32_t 
   return best;
 }
 
-/// What the other slot has is taken from there: from one pose to the next the second frame becomes the first.
+/// From one pose to the next the second frame often becomes the first: then the slots are swapped.
 const std::vector<Vec3>* ClipTruth::frame(std::size_t number, std::size_t slot) {
   if (kept_[slot] != number && kept_[1 - slot] == number) {
     std::swap(kept_[0], kept_[1]);
@@ -104,7 +104,7 @@ bool ClipTruth::errors(std::span<const double> C, std::uint32_t channels, std::s
 
 namespace {
 
-/// Asks for patience until the truth has been made.
+/// A truth that is made in the background.
 class LateTruth final : public Truth {
  public:
   bool errors(std::span<const double> C, std::uint32_t channels, std::span<const float> positions,
@@ -163,7 +163,7 @@ class TruthfulSource final : public PoseSource {
   Truth* truth() const override { return &truth_; }
 
  private:
-  /// The same clip again for each epoch's surface: a new one may have another basis.
+  /// Starts anew for each epoch, which may have another basis.
   void begin(const Asset& asset) {
     epoch_ = source_->epoch();
     stop_.store(true);

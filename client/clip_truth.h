@@ -14,15 +14,14 @@
 
 namespace eigencast {
 
-/// The clip that a stream plays, as the truth of what is shown. Which of its moments a pose shows is found by the
-/// coefficients: the nearest point on the line through those of the clip's frames. So what is counted is what basis,
-/// codec, bands, level of detail and interpolation lose, and not that a pose is late.
+/// The clip that a stream plays, as the truth of what is shown. The moment of a pose is the nearest point on the polyline
+/// through the coefficients of the clip's frames, so that errors are those of basis, codec, bands, level of detail and
+/// interpolation, not of latency.
 ///
 /// Reads two frames of the clip for each pose. Not thread-safe.
 class ClipTruth final : public Truth {
  public:
-  /// frames: of each frame of the clip its coefficients, r x 3; source_vertex, origin: those of the asset they belong
-  /// to.
+  /// frames: the coefficients of each frame, r x 3; source_vertex, origin: those of the asset.
   /// REQUIRES: at least one frame; source_vertex is a permutation of the clip's vertices.
   ClipTruth(std::shared_ptr<const MotionClip> clip, std::vector<std::vector<double>> frames,
             std::vector<std::uint32_t> source_vertex, const std::array<double, 3>& origin);
@@ -31,7 +30,7 @@ class ClipTruth final : public Truth {
               std::span<float> errors) override;
   std::string why() const override { return why_; }
 
-  /// Between frame `first` and the next (the first after the last), `part` of the way.
+  /// `part` of the way from frame `first` to the next (cyclic).
   struct Moment {
     std::size_t first = 0;
     double part = 0;
@@ -50,8 +49,8 @@ class ClipTruth final : public Truth {
   std::string why_;
 };
 
-/// `source`, with the clip in `file` (a path, folder, glob or built-in shape) as the truth of its poses: read and
-/// projected in the background as soon as the stream's surface is complete.
+/// `source` with the clip in `file` (see open_input) as its truth: read and projected in the background as soon as the
+/// surface is complete.
 std::unique_ptr<PoseSource> with_truth(std::unique_ptr<PoseSource> source, std::string file);
 
 }  // namespace eigencast

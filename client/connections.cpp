@@ -34,7 +34,7 @@ void add_counts(const Subscriber::Stats& one, Subscriber::Stats& all) {
 Connections::Connections(std::span<PoseSource* const> sources, std::span<const std::string> names, LogSink log)
     : sources_(sources.begin(), sources.end()), known_(sources.size()), log_(std::move(log)) {
   for (std::size_t i = 0; i < std::min(names.size(), known_.size()); ++i) known_[i].name = names[i];
-  ask();
+  read_stats();
 }
 
 std::size_t Connections::add(PoseSource& source, const std::string& name) {
@@ -42,7 +42,7 @@ std::size_t Connections::add(PoseSource& source, const std::string& name) {
   if (at != sources_.end()) return static_cast<std::size_t>(at - sources_.begin());
   sources_.push_back(&source);
   known_.push_back({name, {}, {}, {}});
-  ask();
+  read_stats();
   return sources_.size() - 1;
 }
 
@@ -51,12 +51,12 @@ PoseSource* Connections::remove(std::size_t source) {
   PoseSource* gone = sources_[source];
   sources_.erase(sources_.begin() + at);
   known_.erase(known_.begin() + at);
-  ask();
+  read_stats();
   return gone;
 }
 
 void Connections::refresh(TimeUs now_us) {
-  ask();
+  read_stats();
   download_.sample(all_.asset_bytes_downloaded, now_us);
   for (Known& known : known_) {
     if (is_well(known.stats.state)) {
@@ -65,10 +65,10 @@ void Connections::refresh(TimeUs now_us) {
       known.lost_since_us = now_us;
     }
   }
-  say_states();
+  log_states();
 }
 
-void Connections::ask() {
+void Connections::read_stats() {
   for (std::size_t i = 0; i < sources_.size(); ++i) known_[i].stats = sources_[i]->stats();
   const auto bad =
       std::find_if(known_.begin(), known_.end(), [](const Known& known) { return !is_well(known.stats.state); });
@@ -79,13 +79,14 @@ void Connections::ask() {
   }
 }
 
-void Connections::say_states() {
+void Connections::log_states() {
   for (Known& known : known_) {
     const Subscriber::Stats& stats = known.stats;
-    if (known.said == stats.state) continue;  // the source itself says why and when it tries again
-    known.said = stats.state;
+    if (known.logged == stats.state) continue;
+    known.logged = stats.state;
     const std::string name(name_of(stats.state));
-    std::string line = stats.detail.compare(0, name.size(), name) == 0 ? stats.detail : name;  // it may say so itself
+    std::string line =
+        stats.detail.compare(0, name.size(), name) == 0 ? stats.detail : name;  // it may begin with the state
     if (!stats.detail.empty() && line != stats.detail) line += ": " + stats.detail;
     if (sources_.size() > 1) line = known.name + ": " + line;
     const bool fine = is_well(stats.state) || stats.state == Subscriber::State::kConnecting ||

@@ -13,35 +13,32 @@
 
 namespace eigencast {
 
-/// The sources of a session by their numbers, and how they stand, one by one and all together; says on the log when
-/// that changes.
-///
-/// Not thread-safe.
+/// The sources of a session and their states, one by one and together. Logs changes of state. Not thread-safe.
 class Connections final {
  public:
-  /// names: what people call the first of them; nothing secret. The sources must outlive it.
+  /// names: for people, without secrets. The sources must outlive it.
   Connections(std::span<PoseSource* const> sources, std::span<const std::string> names, LogSink log);
 
-  /// The number of a source, which is taken in if it is new and must then outlive this or its removal.
+  /// The index of a source, which is added if it is new and must then outlive its removal.
   std::size_t add(PoseSource& source, const std::string& name);
-  /// Forgets a source; those after it move up by one.
+  /// Later sources move up.
   PoseSource* remove(std::size_t source);
   const std::vector<PoseSource*>& sources() const { return sources_; }
   const std::string& name(std::size_t source) const { return known_[source].name; }
 
-  /// To be called in every turn: asks each how it stands, which is what all below tell until the next turn.
+  /// Updates all states below.
   void refresh(TimeUs now_us);
 
   const Subscriber::Stats& stats(std::size_t source) const { return known_[source].stats; }
-  /// Counts of all added up; the state of the first that is not well.
+  /// The sums of all counts; the state of the troubled source.
   const Subscriber::Stats& stats() const { return all_; }
   bool are_well() const;
-  /// Since when a source has not been well, as of the last refresh(); nothing while it is.
+  /// Since when a source has not been well; nothing while it is.
   const std::optional<TimeUs>& lost_since_us(std::size_t source) const { return known_[source].lost_since_us; }
-  /// The first that is not well; without one the first of all.
+  /// The first source that is not well, or the first of all.
   std::size_t troubled() const { return troubled_; }
-  /// Of the troubled one, whose last pose came `since_us` ago (nothing: none ever came). See connection_line and
-  /// banner_text; empty without sources.
+  /// Texts about the troubled source: see connection_line and banner_text. since_us: the age of its last pose. Empty
+  /// without sources.
   std::string line(bool has_banner) const;
   std::string banner(std::optional<TimeUs> since_us) const;
 
@@ -49,11 +46,11 @@ class Connections final {
   struct Known {
     std::string name;
     Subscriber::Stats stats;
-    std::optional<Subscriber::State> said;
+    std::optional<Subscriber::State> logged;
     std::optional<TimeUs> lost_since_us;
   };
-  void ask();
-  void say_states();
+  void read_stats();
+  void log_states();
 
   std::vector<PoseSource*> sources_;
   std::vector<Known> known_;  ///< Of each source.

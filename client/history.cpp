@@ -9,9 +9,9 @@ namespace eigencast {
 
 bool History::add(const HistorySample& sample, TimeUs now_us) {
   if (now_us < next_us_) return false;
-  // After a pause the next one is due from now, so that none are made up.
+  // After a pause the next one is due from now: missed samples are not caught up.
   next_us_ = std::max(next_us_ + kEveryUs, now_us + kEveryUs / 2);
-  if (samples_.size() == kMost) samples_.pop_front();
+  if (samples_.size() == kMaxSamples) samples_.pop_front();
   samples_.push_back(sample);
   return true;
 }
@@ -24,8 +24,8 @@ std::vector<float> History::values(double HistorySample::*member) const {
 }
 
 std::array<float, 2> axis_for(const std::vector<float>& values) {
-  const float most = values.empty() ? 0 : *std::max_element(values.begin(), values.end());
-  return {0, most > 0 ? static_cast<float>(round_up(static_cast<double>(most))) : 1};
+  const float largest = values.empty() ? 0 : *std::max_element(values.begin(), values.end());
+  return {0, largest > 0 ? static_cast<float>(round_up(static_cast<double>(largest))) : 1};
 }
 
 }  // namespace eigencast

@@ -10,11 +10,11 @@
 
 namespace eigencast {
 
-/// What the plots show over time.
+/// The quantities of the plots.
 struct HistorySample {
-  double lod = 0;         ///< Part of the vertices that are drawn, of all surfaces.
+  double lod = 0;         ///< Drawn part of all vertices.
   double drawn_hz = 0;    ///< Pictures a second.
-  double control = 0;     ///< What the resolver holds: kappa, or the planned part of a picture's time.
+  double control = 0;     ///< LodResolver::state().
   double latency_ms = 0;  ///< Capture to picture, of the newest pose drawn.
   double kbit_per_s = 0;
 };
@@ -23,9 +23,9 @@ struct HistorySample {
 class History {
  public:
   static constexpr TimeUs kEveryUs = 100'000;
-  static constexpr std::size_t kMost = 600;
+  static constexpr std::size_t kMaxSamples = 600;
 
-  /// Keeps the sample if it is time for one; says whether it did.
+  /// Keeps the sample if one is due; true if so.
   bool add(const HistorySample& sample, TimeUs now_us);
   /// One quantity, oldest first.
   std::vector<float> values(double HistorySample::*member) const;
@@ -36,7 +36,7 @@ class History {
   TimeUs next_us_ = 0;
 };
 
-/// The ends of a plot's axis: zero, and a round number above all values.
+/// Zero, and a round number above all values.
 std::array<float, 2> axis_for(const std::vector<float>& values);
 
 }  // namespace eigencast

@@ -24,10 +24,10 @@ std::string milliseconds(TimeUs us) {
 
 /// "LOD of each 1.00 0.42 0.07": the first eight.
 std::string text_from_each(const std::vector<double>& levels) {
-  constexpr std::size_t kMost = 8;
+  constexpr std::size_t kMaxListed = 8;
   std::string line = "of each";
-  for (std::size_t i = 0; i < std::min(levels.size(), kMost); ++i) line += formatted(" %.2f", levels[i]);
-  return levels.size() > kMost ? line + " ..." : line;
+  for (std::size_t i = 0; i < std::min(levels.size(), kMaxListed); ++i) line += formatted(" %.2f", levels[i]);
+  return levels.size() > kMaxListed ? line + " ..." : line;
 }
 
 /// "4.1 of 11.3 MB, 4 s left", "4.1 of 11.3 MB, 2 min left"
@@ -89,7 +89,7 @@ std::string text_from_levels(const LevelControl& levels, double work_s) {
   const std::string line = std::string(name_of(levels.kind())) +
                            formatted(" \xC2\xB7 %.4g/s \xC2\xB7 %.1f of %.1f ms", f0, 1000 * work_s, 1000 / f0);
   if (levels.kind() == ResolverKind::kPaper) return line + formatted(" \xC2\xB7 kappa %.2f", levels.state());
-  // Twice a picture's time and more: not even the least of the vertices would hold the rate.
+  // Over twice a picture's time: not even the fewest vertices would hold the rate.
   return line + (levels.state() > 2 ? std::string(" \xC2\xB7 out of reach here")
                                     : formatted(" \xC2\xB7 %.0f %% planned", 100 * levels.state()));
 }
@@ -129,11 +129,10 @@ std::string connection_line(const Subscriber::Stats& stats, const std::optional<
   std::string line(name_of(stats.state));
   switch (stats.state) {
     case Subscriber::State::kDownloading:
-      // A clip that is made here says itself how far it is.
+      // A clip that is baked here has its own progress.
       line = download.total > 0 ? "downloading model " + progress : stats.detail.empty() ? line : stats.detail;
       break;
     case Subscriber::State::kLive:
-      // What is still to come, what is wrong with that, what the broker has to say.
       if (!stats.detail.empty()) line = stats.detail;
       if (download.bytes < download.total) line += ": " + progress;
       break;

@@ -13,40 +13,38 @@
 
 namespace eigencast {
 
-/// What the figures on the screen are made of.
+/// The figures on the screen.
 struct HudFigures {
   double keys_hz = 0, poses_hz = 0, drawn_hz = 0, kbit_per_s = 0;
-  bool received = false;  ///< Bytes from a broker: else rate and mode of a connection say nothing.
+  bool received = false;  ///< From a broker, so that bit rate and mode mean something.
   TimeUs latency_p50_us = 0, latency_p99_us = 0;
   std::uint64_t latency_count = 0;
   std::uint64_t vertices = 0, vertices_total = 0, faces = 0;  ///< Of all surfaces.
-  std::vector<double> levels;                                 ///< Of each surface: part of its vertices.
+  std::vector<double> levels;                                 ///< Drawn part of each surface's vertices.
   std::uint32_t bands = 0, bands_total = 0, rank = 0;
   std::string rebuilt;   ///< From text_from_rebuilt.
-  std::string resolver;  ///< From text_from_levels; empty if the user alone decides.
+  std::string resolver;  ///< From text_from_levels; empty without a resolver.
   std::string shown;     ///< From text_from_shown.
   std::string mode;      ///< From text_from_mode.
 };
 
-/// "live", "lost", ...: one word for each state.
+/// "live", "lost", ...
 std::string_view name_of(Subscriber::State state);
-
 /// "live", "interpolated", "estimated", "held".
 std::string_view name_of(Shown shown);
 /// "latest", "interpolate", "estimate": as --playout names them.
 std::string_view name_of(PlayoutMode mode);
 
-/// What the broker was asked for: "raw", "interpolated x3 full", "estimated x3 damped full".
+/// "raw", "interpolated x3 full", "estimated x3 damped full".
 std::string text_from_mode(const Profile& profile);
 
-/// What the picture is, and how it comes about: "interpolated · 67 ms held back (smooth 100 %)".
+/// "interpolated · 67 ms held back (smooth 100 %)".
 std::string text_from_shown(Shown shown, bool settling, const Playout& playout);
 
-/// Who rebuilds the surfaces: "rebuilt on the CPU", "rebuilt on the GPU", or, where some are too large for the GPU,
-/// both.
+/// "rebuilt on the CPU", "rebuilt on the GPU", or both, where some surfaces are too large for the GPU.
 std::string text_from_rebuilt(std::size_t on_gpu, std::size_t surfaces);
 
-/// Who chooses the levels, for which rate, and how that stands: "budget · 60/s · 12.1 of 16.7 ms · 87 % planned".
+/// The resolver, its target and its state: "budget · 60/s · 12.1 of 16.7 ms · 87 % planned".
 std::string text_from_levels(const LevelControl& levels, double work_s);
 
 /// The figures' lines, the most important first; Latin-1 characters only.
@@ -64,8 +62,7 @@ Download download_of(const Subscriber::Stats& stats, double bytes_per_s);
 std::string connection_line(const Subscriber::Stats& stats, const std::optional<control::StreamInfo>& info,
                             double bytes_per_s = 0, bool has_banner = false);
 
-/// What to say across the picture while a surface stands still because nothing comes; empty while all is well.
-/// `since_us`: how long ago the last pose came; nothing if none ever came.
+/// Why a surface stands still; empty while all is well. since_us: the age of the last pose; nothing if none ever came.
 std::string banner_text(const Subscriber::Stats& stats, std::optional<TimeUs> since_us);
 
 }  // namespace eigencast

@@ -68,9 +68,9 @@ void LevelControl::choose(Scene& scene, std::span<PoseSource* const> sources, co
 ObjectView object_view(const Scene::Instance& instance, const Asset& asset, const Camera& camera, double floor) {
   const Extent extent = extent_of(instance);
   ObjectView object;
-  object.vertices = instance.view.lod().vertices(asset);
-  const auto least = static_cast<std::uint32_t>(std::lround(floor * asset.vertex_count));
-  object.least = std::min(object.vertices, std::max(asset.base_count, least));
+  object.max = instance.view.lod().vertices(asset);
+  const auto floored = static_cast<std::uint32_t>(std::lround(floor * asset.vertex_count));
+  object.min = std::min(object.max, std::max(asset.base_count, floored));
   object.distance = static_cast<double>(glm::length(extent.barycentre - camera.position()));
   object.pixels = instance.visible ? camera.diameter_px(extent.barycentre, extent.radius) : 0;
   object.vertex_cost = asset.is_point_cloud() ? 0.5 : 1;  // no normals, no faces

@@ -13,7 +13,7 @@
 
 namespace eigencast {
 
-/// Who chooses the levels of detail: the viewer's user alone, our controller, or the paper's.
+/// Who chooses the levels of detail: the user alone, our controller, or the paper's.
 enum class ResolverKind { kNone, kBudget, kPaper };
 
 /// "none", "budget", "paper": as --resolver names them.
@@ -22,31 +22,28 @@ std::string_view name_of(ResolverKind kind);
 struct LevelSettings {
   ResolverKind kind = ResolverKind::kNone;
   double target_fps = 60;
-  /// When a picture is late, in its times: a display that is missed shows it a whole turn later, a rate that only the
-  /// user wants may now and then be missed by a quarter.
+  /// A picture is late after so many times 1 / target_fps: 1 for a display, where it waits for the next refresh; 1.25 for
+  /// a rate without a display.
   double deadline = 1;
-  double floor = 0.02;  ///< Least part of its vertices that a surface keeps.
-  /// Of the paper's resolver: distances, scene units, at which G (Eq. 5) is 1 and 0. Default: the eye in the scene's
-  /// middle, and four of its radii off.
+  double floor = 0.02;  ///< Smallest part of its vertices that a surface keeps.
+  /// Of the paper's resolver: distances at which G (Eq. 5) is 1 and 0. Default: 0, and four radii of the scene.
   std::optional<double> near, far;
 };
 
-/// Lets a LodResolver choose the levels of a scene's surfaces: tells it where they are seen, carries its choice out.
-///
-/// Not thread-safe.
+/// Lets a LodResolver choose the levels of a scene's surfaces. Not thread-safe.
 class LevelControl {
  public:
   explicit LevelControl(const LevelSettings& settings);
 
-  /// Sets the levels of the next picture, and how large each surface is seen. `last`: the work of the picture before.
+  /// Sets levels and sizes on the screen for the next picture. last: the work of the last one.
   /// REQUIRES: `sources` are those that the scene advances with.
   void choose(Scene& scene, std::span<PoseSource* const> sources, const Camera& camera, std::optional<FrameWork> last);
 
-  /// Another resolver from the next picture on; the manual level is the upper bound of each.
+  /// The manual level bounds every resolver.
   void set_kind(ResolverKind kind);
   ResolverKind kind() const { return settings_.kind; }
   const LevelSettings& settings() const { return settings_; }
-  /// What the resolver holds; see LodResolver::state(). 0 without one.
+  /// See LodResolver::state(); 0 without one.
   double state() const { return resolver_ ? resolver_->state() : 0; }
   bool active() const { return settings_.kind != ResolverKind::kNone; }
 
@@ -57,7 +54,7 @@ class LevelControl {
   std::unique_ptr<LodResolver> resolver_;
 };
 
-/// What the resolver is to know of a surface: all vertices that may be drawn, distance and size on the screen.
+/// A surface for the resolver.
 ObjectView object_view(const Scene::Instance& instance, const Asset& asset, const Camera& camera, double floor);
 
 }  // namespace eigencast

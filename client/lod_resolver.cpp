@@ -14,8 +14,7 @@ bool is_usable(const std::optional<FrameWork>& work) {
 }
 
 std::uint32_t clamped(double n, const ObjectView& object) {
-  return static_cast<std::uint32_t>(
-      std::clamp(n, static_cast<double>(object.least), static_cast<double>(object.vertices)));
+  return static_cast<std::uint32_t>(std::clamp(n, static_cast<double>(object.min), static_cast<double>(object.max)));
 }
 
 double total_cost(std::span<const ObjectView> objects, std::span<const std::uint32_t> n) {
@@ -52,7 +51,7 @@ std::vector<std::uint32_t> PaperResolver::resolve(std::span<const ObjectView> ob
   n.reserve(objects.size());
   for (const ObjectView& object : objects) {
     const double scaled = std::clamp((object.distance - settings_.near) / (settings_.far - settings_.near), 0.0, 1.0);
-    n.push_back(clamped(std::round(level(scaled, kappa_) * object.vertices), object));
+    n.push_back(clamped(std::round(level(scaled, kappa_) * object.max), object));
   }
   return n;
 }
@@ -63,11 +62,10 @@ std::vector<std::uint32_t> split_budget(std::span<const ObjectView> objects, dou
     const ObjectView& object = objects[i];
     share[i] = object.pixels > 0 ? object.pixels / std::sqrt(object.vertex_cost) : 0;
   }
-  // cost(scale) = sum of cost x clamp(scale x share) grows with scale and is linear between the points where an object
-  // meets a bound: bisection over those points, then one linear step.
+  // cost(scale) = sum of cost x clamp(scale x share) grows and is linear between the points where an object meets a
+  // bound: bisection over those points, then one linear step.
   const auto n_at = [&](std::size_t i, double scale) {
-    return std::clamp(scale * share[i], static_cast<double>(objects[i].least),
-                      static_cast<double>(objects[i].vertices));
+    return std::clamp(scale * share[i], static_cast<double>(objects[i].min), static_cast<double>(objects[i].max));
   };
   const auto cost_at = [&](double scale) {
     double cost = 0;
@@ -77,8 +75,8 @@ std::vector<std::uint32_t> split_budget(std::span<const ObjectView> objects, dou
   std::vector<double> turns{0};
   for (std::size_t i = 0; i < objects.size(); ++i) {
     if (share[i] <= 0) continue;
-    turns.push_back(objects[i].least / share[i]);
-    turns.push_back(objects[i].vertices / share[i]);
+    turns.push_back(objects[i].min / share[i]);
+    turns.push_back(objects[i].max / share[i]);
   }
   std::sort(turns.begin(), turns.end());
   const auto above = std::partition_point(turns.begin(), turns.end(), [&](double t) { return cost_at(t) <= budget; });
@@ -103,7 +101,7 @@ double DriftingValue::deviation() const {
 }
 
 void DriftingValue::add(double measured, double far) {
-  constexpr std::size_t kFew = 4;  // tell nothing of the noise
+  constexpr std::size_t kFew = 4;  // give no noise
   if (!value_) value_ = measured;
   const double distance = measured - *value_, before = std::exchange(last_, measured);
   if (distances_.size() >= kFew) far = std::min(far, kFar * deviation());
@@ -118,28 +116,27 @@ void DriftingValue::add(double measured, double far) {
   if (distances_.size() > kWindow) distances_.pop_front();
 }
 
-void PlanMargin::add(double taken) {
-  taken_.push_back(taken);
-  if (taken_.size() > kWindow) taken_.pop_front();
+void PlanMargin::add(double ratio) {
+  ratios_.push_back(ratio);
+  if (ratios_.size() > kWindow) ratios_.pop_front();
 }
 
 double PlanMargin::fill() const {
-  constexpr double kAtFirst = 1.05;
-  double late = kAtFirst;
-  if (taken_.size() >= kFew) {
-    std::vector<double> sorted(taken_.begin(), taken_.end());
+  double late = 1.05;
+  if (ratios_.size() >= kMinFrames) {
+    std::vector<double> sorted(ratios_.begin(), ratios_.end());
     const auto at = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() * 19 / 20);
     std::nth_element(sorted.begin(), at, sorted.end());
     late = *at;
   }
-  return std::clamp(kEdge * deadline_ / late, kLeast, 1.0);
+  return std::clamp(kEdge * deadline_ / late, kMin, 1.0);
 }
 
 BudgetResolver::BudgetResolver(const Settings& settings)
     : settings_(settings), slope_(settings.start_cost), margin_(settings.deadline) {}
 
 void BudgetResolver::learn(double seconds) {
-  constexpr std::size_t kFirst = 8;  // foretell nothing
+  constexpr std::size_t kFirst = 8;  // predict nothing
   if (samples_.size() >= kFirst) margin_.add(seconds / (fixed_ + slope_ * drawn_));
   samples_.push_back({drawn_, seconds});
   if (samples_.size() > kWindow) samples_.pop_front();
@@ -153,11 +150,11 @@ void BudgetResolver::learn(double seconds) {
     variance += (s.vertices - mean_v) * (s.vertices - mean_v);
     covariance += (s.vertices - mean_v) * (s.seconds - mean_t);
   }
-  // The old slope counts as much as a variation of V by a tenth would; it never runs away where V stands still.
+  // The old slope weighs as much as a variation of V by a tenth, so that it is stable while V is constant.
   const double prior = 0.01 * mean_v * mean_v * static_cast<double>(samples_.size());
   if (variance + prior > 0) slope_ = (covariance + prior * slope_) / (variance + prior);
-  // All of the newest frame's time may come from the vertices, never more; and never nothing. But one frame that the
-  // system took away (a page fault, another program) must not move the level.
+  // The vertices take between 2 % and all of a frame's time. The median of three: one frame that the system delayed (a
+  // page fault, another program) must not move the level.
   std::vector<double> newest;
   for (auto s = samples_.rbegin(); s != samples_.rend() && newest.size() < 3; ++s) newest.push_back(s->seconds);
   std::sort(newest.begin(), newest.end());
@@ -167,41 +164,41 @@ void BudgetResolver::learn(double seconds) {
   fixed_ = std::max(0.0, rest_.value());
 }
 
-void BudgetResolver::judge(double least, double seconds) {
+void BudgetResolver::judge(double min_cost, double seconds) {
   const double frame = 1 / settings_.f0;
-  const bool at_least = drawn_ <= least * (1 + kDeadBand);
-  const bool hopeless = at_least && seconds > frame && fixed_ > frame;
-  const bool hopeful = fixed_ + slope_ * least < fill() * frame;
+  const bool at_min = drawn_ <= min_cost * (1 + kDeadBand);
+  const bool hopeless = at_min && seconds > frame && fixed_ > frame;
+  const bool hopeful = fixed_ + slope_ * min_cost < fill() * frame;
   frames_against_ = (within_reach_ ? hopeless : hopeful) ? frames_against_ + 1 : 0;
   if (frames_against_ < kPatience) return;
   within_reach_ = !within_reach_;
   frames_against_ = 0;
 }
 
-double BudgetResolver::wanted_vertices(double least, double most) const {
-  const double planned = within_reach_ ? fill() / settings_.f0 : (1 + kShare) * (fixed_ + slope_ * least);
-  double wanted = std::clamp((planned - fixed_) / slope_, 0.0, most);
+double BudgetResolver::wanted_vertices(double min_cost, double max_cost) const {
+  const double planned = within_reach_ ? fill() / settings_.f0 : (1 + kShare) * (fixed_ + slope_ * min_cost);
+  double wanted = std::clamp((planned - fixed_) / slope_, 0.0, max_cost);
   if (drawn_ <= 0) return wanted;
-  // If all of the last frame's time came from its vertices, this part of them would do.
+  // The part of the vertices that is in time if they took all of the last frame's time.
   const double part = samples_.empty() ? 1 : fill() / settings_.f0 / samples_.back().seconds;
   wanted = std::clamp(wanted, drawn_ * std::min(kFall, part), drawn_ * kGrowth);
-  const bool small = std::abs(wanted - drawn_) < kDeadBand * drawn_ && wanted < most;
+  const bool small = std::abs(wanted - drawn_) < kDeadBand * drawn_ && wanted < max_cost;
   return small ? drawn_ : wanted;
 }
 
 std::vector<std::uint32_t> BudgetResolver::resolve(std::span<const ObjectView> objects, std::optional<FrameWork> last) {
-  double least = 0, most = 0, drawn = 0;
+  double min_cost = 0, max_cost = 0, drawn = 0;
   for (const ObjectView& object : objects) {
-    least += object.vertex_cost * object.least;
-    most += object.vertex_cost * object.vertices;
+    min_cost += object.vertex_cost * object.min;
+    max_cost += object.vertex_cost * object.max;
     drawn += object.vertex_cost * object.drawn;
   }
   if (drawn > 0 && drawn_ > 0) drawn_ = drawn;
   if (is_usable(last) && drawn_ > 0) {
     learn(last->seconds);
-    judge(least, last->seconds);
+    judge(min_cost, last->seconds);
   }
-  auto n = split_budget(objects, wanted_vertices(least, most));
+  auto n = split_budget(objects, wanted_vertices(min_cost, max_cost));
   drawn_ = total_cost(objects, n);
   planned_ = (fixed_ + slope_ * drawn_) * settings_.f0;
   return n;

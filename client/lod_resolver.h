@@ -11,20 +11,20 @@
 
 namespace eigencast {
 
-/// One surface of the scene, as far as its level of detail depends on it.
+/// One surface of the scene for a resolver.
 struct ObjectView {
-  std::uint32_t vertices = 0;  ///< Most vertices that can be drawn now.
-  std::uint32_t least = 0;     ///< Fewest that may be drawn; at most `vertices`.
-  double distance = 0;         ///< From the eye to the barycentre of the present pose; scene units, >= 0.
-  double pixels = 0;           ///< Diameter on the screen in pixels; 0 if out of sight.
-  double vertex_cost = 1;      ///< Cost of one vertex relative to the others (instances, shading, points); > 0.
-  std::uint32_t drawn = 0;     ///< In the last frame, which may lag behind what was resolved; 0: as was resolved.
+  std::uint32_t max = 0;    ///< Largest level that can be drawn now, vertices.
+  std::uint32_t min = 0;    ///< Smallest level that may be drawn; <= max.
+  double distance = 0;      ///< From the eye to the barycentre of the pose; scene units, >= 0.
+  double pixels = 0;        ///< Diameter on the screen; 0 if out of sight.
+  double vertex_cost = 1;   ///< Relative cost of a vertex; > 0.
+  std::uint32_t drawn = 0;  ///< In the last frame, which may lag behind the resolved level; 0: as resolved.
 };
 
-/// How long a frame took to make: the work alone, without waiting for the display.
+/// The time to make a frame, without waiting for the display.
 struct FrameWork {
-  TimeUs now_us = 0;   ///< When it was done.
-  double seconds = 0;  ///< > 0; frames that are not finite or not positive are ignored.
+  TimeUs now_us = 0;   ///< End of the work.
+  double seconds = 0;  ///< Ignored if it is not finite or not positive.
 };
 
 /// Chooses how many vertices of each surface to draw in the next frame. Time and measurements come in as arguments.
@@ -33,11 +33,10 @@ class LodResolver {
  public:
   virtual ~LodResolver() = default;
 
-  /// Takes the measurement of the last frame (nothing before the first) and gives N for each object:
-  /// least <= N <= vertices.
+  /// last: nothing before the first frame. Returns N for each object, min <= N <= max.
   virtual std::vector<std::uint32_t> resolve(std::span<const ObjectView> objects, std::optional<FrameWork> last) = 0;
 
-  /// What the controller holds just now, for plots: kappa of the paper, or the part of the frame that is budgeted.
+  /// For plots: kappa of the paper, or the planned part of a frame's time.
   virtual double state() const = 0;
 };
 
@@ -48,7 +47,7 @@ class LodResolver {
 ///
 /// d' is the distance scaled to [0, 1] between `near` and `far`; kappa is one for all objects and moves by delta in
 /// each interval in which the frame rate f leaves f0 +- T_f. The paper leaves the interval open: 100 ms here. L = 0
-/// draws nothing there; here an object keeps its least.
+/// draws nothing there; here an object keeps its min.
 class PaperResolver final : public LodResolver {
  public:
   struct Settings {
@@ -78,15 +77,15 @@ class PaperResolver final : public LodResolver {
   int interval_frames_ = 0;
 };
 
-/// Follows a value that drifts, from measurements with noise: evenly where they differ from it by no more than they
-/// usually do. One that is far off is passed over; with a second in a row the value has jumped.
+/// Follows a drifting value from noisy measurements. Ignores an outlier; a second one in a row on the same side is a
+/// jump of the value.
 class DriftingValue {
  public:
-  static constexpr double kGain = 0.3;        ///< Of a measurement within the noise.
+  static constexpr double kGain = 0.3;        ///< For measurements within the noise.
   static constexpr double kFar = 3;           ///< Standard deviations.
-  static constexpr std::size_t kWindow = 16;  ///< Measurements that tell the noise.
+  static constexpr std::size_t kWindow = 16;  ///< Measurements that give the noise.
 
-  /// far: off by more than this it is far off, whatever the noise has been.
+  /// far: upper bound of the distance that is not an outlier.
   void add(double measured, double far);
   double value() const { return value_.value_or(0); }
 
@@ -95,73 +94,70 @@ class DriftingValue {
 
   std::optional<double> value_;
   double last_ = 0;
-  double far_before_ = 0;         ///< By how much the last one was off, if far.
-  std::deque<double> distances_;  ///< Of the measurements from what was expected.
+  double far_before_ = 0;         ///< Distance of the last one, if an outlier.
+  std::deque<double> distances_;  ///< Between measurements and value.
 };
 
-/// How much of a frame's time may be planned for, so that all but one frame in twenty are done by the deadline. What
-/// the last frames took beside what was foretold of them says how much must be left for that; a quiet machine leaves
-/// little.
+/// The part of a frame's time to plan for, so that 19 of 20 frames meet the deadline: follows how far the last frames
+/// exceeded their prediction.
 class PlanMargin {
  public:
-  static constexpr std::size_t kWindow = 64;  ///< Frames that count.
-  static constexpr std::size_t kFew = 16;     ///< Fewer say nothing.
-  static constexpr double kLeast = 0.85;      ///< Of a frame's time is planned for in any case,
-  static constexpr double kEdge = 0.97;       ///< and of the deadline no more than this.
+  static constexpr std::size_t kWindow = 64;     ///< Frames.
+  static constexpr std::size_t kMinFrames = 16;  ///< Fewer give no statistics.
+  static constexpr double kMin = 0.85;           ///< Lower bound of fill().
+  static constexpr double kEdge = 0.97;          ///< Upper bound, of the deadline.
 
   /// deadline: in frames' times; >= 1.
   explicit PlanMargin(double deadline) : deadline_(deadline) {}
-  /// Takes what a frame took, as a part of what it should have taken; > 0.
-  void add(double taken);
-  /// Of a frame's time, in [kLeast, 1].
+  /// ratio: the time of a frame over its prediction; > 0.
+  void add(double ratio);
+  /// In [kMin, 1].
   double fill() const;
 
  private:
   double deadline_;
-  std::deque<double> taken_;
+  std::deque<double> ratios_;
 };
 
-/// Holds the frame's work within its time and spends all of it where it is seen.
+/// Keeps each frame's work within its time, and spends that time where it is seen.
 ///
-/// A frame costs a + b V, where V sums cost x N over the objects. Both are learnt while it runs: b by least squares
-/// over the last frames, which pull it only as far as V has varied; a as a DriftingValue, so that a step of the load is
-/// answered within a few and noise is not answered at all. V is then what the budget leaves, and it is split so that
-/// the sum of the errors on the screen is least: what is linear between vertices is off by the square of an edge,
-/// everywhere on the surface, pixels^2 / N in all, and so N ~ pixels / sqrt(cost) within its bounds.
+/// The model of a frame's cost is a + b V, where V sums cost x N over the objects. b comes from least squares over the
+/// last frames, limited by how much V has varied; a is a DriftingValue, so that a step of the load is answered within a
+/// few frames and noise is not. V follows from the budget. It is split so that the sum of the errors on the screen is
+/// least: linear interpolation between vertices is off by the square of an edge, pixels^2 / N in all, hence
+/// N ~ pixels / sqrt(cost) within its bounds.
 ///
-/// Where a alone takes longer than a frame may, no V holds the rate, and giving the surfaces away gains nothing. That
-/// is believed only on evidence: kPatience frames at the least V that were all late, for vertices that the model says
-/// are not why. From then on they may take kShare of what the least V takes, and the frame be so much later, until the
-/// model says as long that the least V would be in time again.
+/// If a alone exceeds a frame's time, no V holds the rate. That takes evidence: kPatience frames at the smallest V that
+/// were all late although the model blames a. Then the vertices may take kShare of the time at the smallest V, until the
+/// model says as long that the smallest V would be in time again.
 ///
-/// V goes up by at most kGrowth a frame, and down by no more than a frame that was late asks for, or kFall: one that
-/// was late for another reason does not take all detail. Changes within kDeadBand are not made. What is out of sight is
-/// drawn at its least.
+/// V grows by at most kGrowth a frame, and shrinks no faster than the late frame demands, or by kFall. Changes within
+/// kDeadBand are not made. Objects out of sight are drawn at their min.
 class BudgetResolver final : public LodResolver {
  public:
   static constexpr double kGrowth = 1.15;
-  static constexpr double kFall = 0.6;  ///< V is at least so much of what it was.
+  static constexpr double kFall = 0.6;
   static constexpr double kDeadBand = 0.03;
-  static constexpr std::size_t kWindow = 48;  ///< Frames that the cost is learnt from.
-  static constexpr double kShare = 0.25;      ///< Of the time at the least V: for vertices that cannot hold the rate.
+  static constexpr std::size_t kWindow = 48;  ///< Frames of the fit.
+  static constexpr double kShare = 0.25;      ///< See above.
   static constexpr int kPatience = 8;         ///< Frames.
 
   struct Settings {
     double f0 = 60;            ///< Wanted frames per second.
-    double deadline = 1;       ///< In times of 1 / f0, when a frame is late: see PlanMargin.
-    double start_cost = 1e-7;  ///< Seconds per vertex, believed before anything was measured.
+    double deadline = 1;       ///< In times of 1 / f0: see PlanMargin.
+    double start_cost = 1e-7;  ///< Seconds per vertex, before the first measurement.
   };
 
   explicit BudgetResolver(const Settings& settings);
 
   std::vector<std::uint32_t> resolve(std::span<const ObjectView> objects, std::optional<FrameWork> last) override;
-  /// Work of the last frame that was planned, as part of 1 / f0.
+  /// The planned work of the last frame, as a part of 1 / f0.
   double state() const override { return planned_; }
 
   double seconds_per_vertex() const { return slope_; }
   double seconds_fixed() const { return fixed_; }
-  double fill() const { return margin_.fill(); }       ///< Part of 1 / f0 that is planned for.
-  bool within_reach() const { return within_reach_; }  ///< Fewer vertices can hold the rate, as far as is known.
+  double fill() const { return margin_.fill(); }
+  bool within_reach() const { return within_reach_; }  ///< Fewer vertices can hold the rate.
 
  private:
   struct Sample {
@@ -169,23 +165,22 @@ class BudgetResolver final : public LodResolver {
     double seconds;
   };
   void learn(double seconds);
-  void judge(double least, double seconds);
-  double wanted_vertices(double least, double most) const;
+  void judge(double min_cost, double seconds);
+  double wanted_vertices(double min_cost, double max_cost) const;
 
   Settings settings_;
   double slope_;
   double fixed_ = 0;
-  DriftingValue rest_;  ///< What b V leaves of the frames' times: fixed_, where it is positive.
+  DriftingValue rest_;  ///< Times of frames minus b V.
   double planned_ = 0;
   double drawn_ = 0;  ///< V of the last frame.
   bool within_reach_ = true;
-  int frames_against_ = 0;  ///< The last so many speak against within_reach_.
+  int frames_against_ = 0;  ///< In a row, against within_reach_.
   std::deque<Sample> samples_;
   PlanMargin margin_;
 };
 
-/// Splits `budget` over the objects so that the sum of pixels^2 / N is least, with sum(cost x N) <= budget where the
-/// bounds allow it. Exact up to rounding: objects at a bound leave the sum, the others share what is left.
+/// Minimises the sum of pixels^2 / N with sum(cost x N) <= budget, as far as the bounds allow. Exact up to rounding.
 std::vector<std::uint32_t> split_budget(std::span<const ObjectView> objects, double budget);
 
 }  // namespace eigencast

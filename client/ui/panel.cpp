@@ -127,7 +127,7 @@ void draw_export(ViewerState& state) {
 constexpr ImU32 kLine = IM_COL32(125, 190, 255, 255), kFill = IM_COL32(125, 190, 255, 38),
                 kRule = IM_COL32(255, 255, 255, 36), kDim = IM_COL32(173, 186, 201, 255);
 
-/// One quantity: its name and newest value above, the axis' end at its right.
+/// One quantity with its name and newest value above.
 void draw_plot(const char* name, const char* format, const std::vector<float>& values, float scale) {
   char text[48];
   std::snprintf(text, sizeof text, format, values.empty() ? 0.0 : static_cast<double>(values.back()));
@@ -139,15 +139,15 @@ void draw_plot(const char* name, const char* format, const std::vector<float>& v
   ImGui::Dummy({width, height + 3 * scale});
   ImDrawList& list = *ImGui::GetWindowDrawList();
   const auto axis = axis_for(values);
-  const auto place = [&](std::size_t i) {
-    const auto back = static_cast<float>(values.size() - 1 - i) / static_cast<float>(History::kMost - 1);
+  const auto point = [&](std::size_t i) {
+    const auto back = static_cast<float>(values.size() - 1 - i) / static_cast<float>(History::kMaxSamples - 1);
     const float part = std::clamp(values[i] / axis[1], 0.0F, 1.0F);
     return ImVec2{corner.x + width * (1 - back), corner.y + height * (1 - part)};
   };
   for (const float part : {0.0F, 0.5F, 1.0F})
     list.AddLine({corner.x, corner.y + part * height}, {corner.x + width, corner.y + part * height}, kRule);
   for (std::size_t i = 1; i < values.size(); ++i) {
-    const ImVec2 a = place(i - 1), b = place(i);
+    const ImVec2 a = point(i - 1), b = point(i);
     list.AddQuadFilled({a.x, corner.y + height}, a, b, {b.x, corner.y + height}, kFill);
     list.AddLine(a, b, kLine, 1.4F * scale);
   }

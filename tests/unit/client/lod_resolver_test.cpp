@@ -70,7 +70,7 @@ TEST(SplitBudget, SpendsTheBudgetAndNoMore) {
     for (int i = 0; i < 8; ++i) {
       const std::uint32_t n = size(random);
       objects.push_back({n, n / 100, 1, i == 3 ? 0 : pixels(random), cost(random)});
-      least += objects.back().vertex_cost * objects.back().least;
+      least += objects.back().vertex_cost * objects.back().min;
       if (objects.back().pixels > 0) most += objects.back().vertex_cost * n;
     }
     const double budget = std::uniform_real_distribution<double>(least, most)(random);
@@ -81,10 +81,10 @@ TEST(SplitBudget, SpendsTheBudgetAndNoMore) {
     if (budget < most * 0.99) {
       EXPECT_GE(cost_of(objects, n), budget - rounding);
     }
-    EXPECT_EQ(n[3], objects[3].least) << "what is out of sight gets nothing beyond its least";
+    EXPECT_EQ(n[3], objects[3].min) << "what is out of sight gets nothing beyond its least";
     for (std::size_t i = 0; i < n.size(); ++i) {
-      EXPECT_GE(n[i], objects[i].least);
-      EXPECT_LE(n[i], objects[i].vertices);
+      EXPECT_GE(n[i], objects[i].min);
+      EXPECT_LE(n[i], objects[i].max);
     }
   }
 }
@@ -100,7 +100,7 @@ TEST(SplitBudget, NoExchangeBetweenTwoObjectsMakesTheErrorLess) {
       auto moved = base;
       moved[from] -= 50 / objects[from].vertex_cost;
       moved[to] += 50 / objects[to].vertex_cost;
-      if (from == to || moved[from] < objects[from].least || moved[to] > objects[to].vertices) continue;
+      if (from == to || moved[from] < objects[from].min || moved[to] > objects[to].max) continue;
       EXPECT_GE(error_of(objects, moved), best * (1 - 1e-6)) << from << " to " << to;
     }
   }
@@ -220,12 +220,12 @@ TEST(PlanMargin, LeavesWhatTheNoiseNeeds) {
   EXPECT_NEAR(fill(1, 1e-6), PlanMargin::kEdge, 1e-4);
   EXPECT_NEAR(fill(1, 0.03), PlanMargin::kEdge / std::exp(1.645 * 0.03), 0.02);
   EXPECT_NEAR(fill(1, 0.06), PlanMargin::kEdge / std::exp(1.645 * 0.06), 0.03);
-  EXPECT_DOUBLE_EQ(fill(1, 0.5), PlanMargin::kLeast) << "most of the frame's time is used on any machine";
+  EXPECT_DOUBLE_EQ(fill(1, 0.5), PlanMargin::kMin) << "most of the frame's time is used on any machine";
   EXPECT_DOUBLE_EQ(fill(1.25, 0.06), 1) << "so much noise fits in a quarter";
   EXPECT_LT(fill(1.25, 0.2), 0.97);
   PlanMargin margin(1);
   const double before = margin.fill();
-  for (std::size_t i = 1; i < PlanMargin::kFew; ++i) margin.add(3);
+  for (std::size_t i = 1; i < PlanMargin::kMinFrames; ++i) margin.add(3);
   EXPECT_EQ(margin.fill(), before) << "of few frames nothing is learnt";
   for (std::size_t i = 0; i < PlanMargin::kWindow; ++i) margin.add(i % 25 == 7 ? 4.0 : 1.0);
   EXPECT_DOUBLE_EQ(margin.fill(), PlanMargin::kEdge) << "a frame in twenty may be late, however late it is";

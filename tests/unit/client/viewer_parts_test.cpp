@@ -16,8 +16,8 @@
 #include "client/rate_meter.h"
 #include "client/settings.h"
 #include "client/viewer_state.h"
-#include "common/surface/shapes/shapes.h"
 #include "common/surface/formats/write.h"
+#include "common/surface/shapes/shapes.h"
 #include "tests/support/process.h"
 #include "tests/unit/view/fake_source.h"
 #include "view/picture.h"
@@ -165,7 +165,7 @@ TEST(History, KeepsAMinuteOfSamplesAtItsPace) {
   EXPECT_TRUE(history.add({1, 0, 0, 0, 0}, 1'000'000));
   EXPECT_FALSE(history.add({1, 0, 0, 0, 0}, 1'010'000));
   for (int i = 1; i < 1000; ++i) history.add({0, static_cast<double>(i), 0, 0, 0}, 1'000'000 + i * History::kEveryUs);
-  EXPECT_EQ(history.size(), History::kMost);
+  EXPECT_EQ(history.size(), History::kMaxSamples);
   EXPECT_EQ(history.values(&HistorySample::drawn_hz).back(), 999);
   EXPECT_EQ(axis_for({0.3F, 0.21F}), (std::array<float, 2>{0, 0.3F}));
   EXPECT_EQ(axis_for({}), (std::array<float, 2>{0, 1}));
