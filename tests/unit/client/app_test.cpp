@@ -38,7 +38,10 @@ class Apps : public ::testing::Test {
   void TearDown() override { std::filesystem::remove_all(folder_); }
   std::string path(const std::string& name) const { return (folder_ / name).string(); }
   LogSink log() {
-    return [this](LogLevel, std::string_view message) { said_ += std::string(message) + "\n"; };
+    return [this](LogLevel level, std::string_view message) {
+      said_ += std::string(message) + "\n";
+      warnings_ += level >= LogLevel::kWarning ? 1 : 0;
+    };
   }
 
   std::filesystem::path folder_;
@@ -47,12 +50,13 @@ class Apps : public ::testing::Test {
   ClientOptions options_;
   std::atomic<bool> stop_{false};
   std::string said_;
+  int warnings_ = 0;
   OpenSource open_ = [](const std::string& stream) -> Result<std::unique_ptr<PoseSource>> {
     return fail(ErrorCode::kNotFound, stream + ": this test opens nothing");
   };
 };
 
-TEST_F(Apps, HeadlessWritesOnePictureForEachPoseAndAReport) {
+TEST_F(Apps, HeadlessWritesPicturesAndReport) {
   options_.headless = true;
   options_.frames = 5;
   options_.out = path("pictures");
@@ -89,7 +93,7 @@ TEST_F(Apps, HeadlessWritesOnePictureForEachPoseAndAReport) {
   EXPECT_EQ(lines, 5);
 }
 
-TEST_F(Apps, AFlightDrawsWithoutNewPosesAndTheReportSaysWhoChoseTheLevels) {
+TEST_F(Apps, FlightsDrawWithoutNewPoses) {
   std::ofstream(path("flight.json")) << R"({"keys": [{"t": 0, "eye": [0, 0, 5], "target": [0, 0, 0]},
                                                      {"t": 0.3, "eye": [5, 0, 0], "target": [0, 0, 0]}]})";
   options_.headless = true;
@@ -111,7 +115,7 @@ TEST_F(Apps, AFlightDrawsWithoutNewPosesAndTheReportSaysWhoChoseTheLevels) {
   EXPECT_EQ(run_headless(options_, both, stop_, log()), kExitFailed);
 }
 
-TEST_F(Apps, TheSamePicturesWhoeverRebuildsTheSurfacesAndTheReportSaysWho) {
+TEST_F(Apps, GpuAndCpuGiveTheSamePictures) {
   options_.headless = true;
   options_.frames = 3;
   std::map<RebuildOn, Picture> last;
@@ -135,45 +139,44 @@ TEST_F(Apps, TheSamePicturesWhoeverRebuildsTheSurfacesAndTheReportSaysWho) {
   EXPECT_LT(testing::mean_difference(last[RebuildOn::kCpu], last[RebuildOn::kGpu]), 0.01);
 }
 
-TEST_F(Apps, HeadlessWithoutAStreamSaysSoAndExitsWithFour) {
+TEST_F(Apps, HeadlessWithoutStreamExitsWithFour) {
   source_.has_asset = false;
   source_.batches.clear();
   options_.headless = true;
   options_.wait_s = 0.05;
   EXPECT_EQ(run_headless(options_, sources_, stop_, log()), kExitNoStream);
-  EXPECT_NE(said_.find("no pose came"), std::string::npos) << said_;
 }
 
-TEST_F(Apps, HeadlessSaysWhichColoursThereAreNot) {
+TEST_F(Apps, HeadlessReportsMissingColours) {
   options_.headless = true;
   options_.frames = 1;
   EXPECT_EQ(run_headless(options_, sources_, stop_, log()), kExitGood) << said_;
-  EXPECT_EQ(said_.find("colours"), std::string::npos) << said_;
+  EXPECT_EQ(warnings_, 0) << said_;
   options_.style.colour.colouring = Colouring::kOwn;
   EXPECT_EQ(run_headless(options_, sources_, stop_, log()), kExitGood) << said_;
-  EXPECT_NE(said_.find("no colours of its own"), std::string::npos) << said_;
+  EXPECT_EQ(warnings_, 1) << said_;
 }
 
 TEST_F(Apps, FilesThatCannotBeWrittenAreFailures) {
   options_.headless = true;
   options_.record = path("none/poses.jsonl");
   EXPECT_EQ(run_headless(options_, sources_, stop_, log()), kExitFailed);
-  EXPECT_NE(said_.find("cannot be written"), std::string::npos) << said_;
+  EXPECT_NE(said_.find(options_.record), std::string::npos) << said_;
 }
 
-TEST_F(Apps, WithoutADisplayTheWindowTellsAboutHeadless) {
+TEST_F(Apps, WindowWithoutDisplayIsUnsupported) {
   ::unsetenv("DISPLAY");
   ::unsetenv("WAYLAND_DISPLAY");
   EXPECT_EQ(run_window(options_, sources_, open_, stop_, log()), kExitFailed);
   EXPECT_NE(said_.find("--headless"), std::string::npos) << said_;
 }
 
-TEST_F(Apps, WithoutOpenGLTheWindowTellsWhatToInstall) {
+TEST_F(Apps, WindowWithoutOpenGLIsUnsupported) {
   const VirtualDisplay display("GLX");
   if (!display.ready()) GTEST_SKIP() << "Xvfb does not start: THE WINDOW IS NOT TESTED (install the package xvfb)";
   ::setenv("DISPLAY", display.name().c_str(), 1);
   EXPECT_EQ(run_window(options_, sources_, open_, stop_, log()), kExitFailed);
-  EXPECT_NE(said_.find("must offer OpenGL 3.3"), std::string::npos) << said_;
+  EXPECT_NE(said_.find("OpenGL 3.3"), std::string::npos) << said_;
 }
 
 /// Pixels that differ in the middle third, where no figures are drawn.
@@ -237,7 +240,7 @@ TEST_F(Apps, KeysWheelAndDragReachTheWindow) {
   EXPECT_LT(report["duration_s"], options_.duration_s) << "Q quits";
 }
 
-TEST_F(Apps, TheWindowShowsTheSurfaceThatHeadlessShows) {
+TEST_F(Apps, WindowAndHeadlessShowTheSameSurface) {
   const VirtualDisplay display;
   if (!display.ready()) GTEST_SKIP() << "Xvfb does not start: THE WINDOW IS NOT TESTED (install the package xvfb)";
   ::setenv("DISPLAY", display.name().c_str(), 1);

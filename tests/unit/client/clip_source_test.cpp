@@ -20,7 +20,7 @@ std::shared_ptr<const BakedClip> baked_heart() {
   return *clip;
 }
 
-TEST(ClipSources, PlayAtTheClipsPaceFromTheirPhaseAndBeginAgain) {
+TEST(ClipSources, PlayInALoopFromTheirPhase) {
   TimeUs now = 5'000'000;
   const auto clip = baked_heart();
   const double count = static_cast<double>(clip->frames.size());
@@ -39,7 +39,7 @@ TEST(ClipSources, PlayAtTheClipsPaceFromTheirPhaseAndBeginAgain) {
   EXPECT_EQ(source.stats().keys, 3u);
 }
 
-TEST(ClipSources, AViewerShowsTheSurfaceThatWasPlayed) {
+TEST(ClipSources, PlayedSurfaceIsShown) {
   TimeUs now = 0;
   const auto clip = baked_heart();
   ClipSource source(clip, 0, [&] { return now; });
@@ -61,7 +61,7 @@ TEST(ClipSources, AViewerShowsTheSurfaceThatWasPlayed) {
   EXPECT_LT(worst, 0.02 * clip->asset.diagonal());
 }
 
-TEST(ClipSources, AStillFileIsOnePoseAndWhatIsNoFileSaysSo) {
+TEST(ClipSources, StillFilesGiveOnePose) {
   const auto folder = std::filesystem::temp_directory_path() / ("eigencast-clip-source-" + std::to_string(::getpid()));
   std::filesystem::create_directories(folder);
   const std::string path = (folder / "ball.obj").string();

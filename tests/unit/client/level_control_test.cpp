@@ -29,7 +29,7 @@ double mean_fps_of(Stage& stage, LevelControl& control, const Camera& camera, do
   return frames / (static_cast<double>(now - counted_from) / 1e6);
 }
 
-TEST(Levels, BothResolversHoldTheRateOfAMachineThatFullDetailIsTooMuchFor) {
+TEST(Levels, ResolversHoldTheRate) {
   for (const ResolverKind kind : {ResolverKind::kBudget, ResolverKind::kPaper, ResolverKind::kNone}) {
     Stage stage({sphere_asset(4), sphere_asset(4)}, {at(0, {0, 0, 0}), at(1, {6, 0, -8})});
     ASSERT_TRUE(stage.turn(0));

@@ -37,7 +37,7 @@ TEST(PaperLevel, IsEquation5And6) {
   }
 }
 
-TEST(PaperResolver, MovesKappaByDeltaPerIntervalOutsideTheThreshold) {
+TEST(PaperResolver, MovesKappaByDeltaPerInterval) {
   PaperResolver resolver({});
   const std::vector<ObjectView> objects{{1000, 10, 0.5, 100, 1}};
   TimeUs now = 0;
@@ -89,7 +89,7 @@ TEST(SplitBudget, SpendsTheBudgetAndNoMore) {
   }
 }
 
-TEST(SplitBudget, NoExchangeBetweenTwoObjectsMakesTheErrorLess) {
+TEST(SplitBudget, NoExchangeReducesTheError) {
   const std::vector<ObjectView> objects{
       {40'000, 400, 1, 800, 1}, {40'000, 400, 1, 300, 2}, {3000, 30, 1, 500, 1}, {8000, 80, 1, 40, 1}};
   const Counts n = split_budget(objects, 20'000);
@@ -190,7 +190,7 @@ Flight fly(const Machine& machine, double f0, double duration, std::size_t count
   return flight;
 }
 
-TEST(DriftingValue, FollowsADriftEvenlyAJumpAtOnceAndNoSpike) {
+TEST(DriftingValue, FollowsDriftAndJumpsButNoSpike) {
   std::mt19937 random(3);
   std::normal_distribution<double> noise(0, 0.5);
   DriftingValue value;
@@ -231,7 +231,7 @@ TEST(PlanMargin, LeavesWhatTheNoiseNeeds) {
   EXPECT_DOUBLE_EQ(margin.fill(), PlanMargin::kEdge) << "a frame in twenty may be late, however late it is";
 }
 
-TEST(BudgetResolver, HoldsTheRateOnASlowMachineAndUsesIt) {
+TEST(BudgetResolver, HoldsTheRateOnASlowMachine) {
   // Full detail (50,586 vertices) would take 200 ms, as the paper's five frames a second.
   const Flight flight = fly({[](double v, double) { return 0.005 + 0.195 * v / 50'586; }, 0.03, 0}, 20, 20);
   EXPECT_GE(flight.within, 0.99);
@@ -240,7 +240,7 @@ TEST(BudgetResolver, HoldsTheRateOnASlowMachineAndUsesIt) {
   EXPECT_LE(flight.wobble, 0.01);
 }
 
-TEST(BudgetResolver, LeavesAsMuchTimeAsTheMachineIsNoisy) {
+TEST(BudgetResolver, LeavesTimeForNoise) {
   const auto flight_of = [](double noise) {
     return fly({[](double v, double) { return 0.005 + 0.195 * v / 50'586; }, noise, 0}, 20, 30);
   };
@@ -266,7 +266,7 @@ TEST(BudgetResolver, SurvivesNoiseAndSpikes) {
   EXPECT_GE(flight.use, 0.80);
 }
 
-TEST(BudgetResolver, AnswersAStepOfTheLoadWithinAFewFrames) {
+TEST(BudgetResolver, FollowsAStepOfTheLoadQuickly) {
   // Another program takes two thirds of the machine after five seconds, and leaves after ten.
   const auto seconds = [](double v, double t) { return (0.004 + 0.1 * v / 50'586) * (t > 5 && t < 10 ? 3 : 1); };
   const Flight flight = fly({seconds, 0.03, 0}, 30, 15);
@@ -274,7 +274,7 @@ TEST(BudgetResolver, AnswersAStepOfTheLoadWithinAFewFrames) {
   EXPECT_GE(flight.use, 0.80);
 }
 
-TEST(BudgetResolver, AFewFramesThatOthersMadeLateTakeLittleDetail) {
+TEST(BudgetResolver, FewLateFramesTakeLittleDetail) {
   // Three frames in a row of a steady flight take twice their time, as when another program wakes up.
   const auto seconds = [](double v, double t) { return (0.010 + 0.06 * v / 50'586) * (t > 5 && t < 5.3 ? 2 : 1); };
   const Flight flight = fly({seconds, 0.05, 0}, 20, 12);
@@ -292,7 +292,7 @@ TEST(BudgetResolver, KeepsTheFloorWhenNothingHelps) {
   EXPECT_GE(flight.mean_level, 0.0099);
 }
 
-TEST(BudgetResolver, GivesNoSurfaceAwayForAFixedCostThatFillsTheFrame) {
+TEST(BudgetResolver, KeepsDetailWhenFixedCostFillsTheFrame) {
   // Pixels alone take longer than a frame of 60/s; full detail would add 10 ms. A quarter of the fixed cost is 4.5 ms
   // and more.
   for (const double fixed : {0.018, 0.030, 0.200}) {
@@ -303,7 +303,7 @@ TEST(BudgetResolver, GivesNoSurfaceAwayForAFixedCostThatFillsTheFrame) {
   }
 }
 
-TEST(BudgetResolver, HoldsTheRateBesideAFixedCostThatNearlyFillsTheFrame) {
+TEST(BudgetResolver, HoldsTheRateBesideLargeFixedCost) {
   // With the least of the vertices a frame takes 0.92 to 0.99 of its time: it can be held, so it is.
   for (const double fixed : {0.0145, 0.0150, 0.0155}) {
     const Flight flight = fly({[&](double v, double) { return fixed + 0.1 * v / 50'586; }, 0.01, 0}, 60, 20);
@@ -312,13 +312,13 @@ TEST(BudgetResolver, HoldsTheRateBesideAFixedCostThatNearlyFillsTheFrame) {
   }
 }
 
-TEST(BudgetResolver, TheFloorIsKeptWhereTheVerticesThemselvesAreTooMany) {
+TEST(BudgetResolver, KeepsTheFloorWhenVerticesAreTooMany) {
   // Full detail takes 10 s, the floor of a hundredth of it 0.1 s: late, but every vertex more makes it later.
   const Flight flight = fly({[](double v, double) { return 0.002 + 10 * v / 50'586; }, 0.03, 0}, 20, 30);
   EXPECT_LE(flight.level_between(12, 30), 0.0101);
 }
 
-TEST(BudgetResolver, AFixedCostThatComesAndGoesTakesDetailOnlyWhileItIsThere) {
+TEST(BudgetResolver, FixedCostTakesDetailOnlyWhilePresent) {
   // A second window covers the screen for five seconds.
   const auto seconds = [](double v, double t) { return (t > 5 && t < 10 ? 0.040 : 0.003) + 0.008 * v / 50'586; };
   const Flight flight = fly({seconds, 0.03, 0}, 60, 16);
@@ -327,7 +327,7 @@ TEST(BudgetResolver, AFixedCostThatComesAndGoesTakesDetailOnlyWhileItIsThere) {
   EXPECT_GE(flight.level_between(11, 16), 0.99);
 }
 
-TEST(BudgetResolver, HoldsTheRateAgainAfterALoadThatWasOutOfReach) {
+TEST(BudgetResolver, RecoversAfterLoadOutOfReach) {
   // For five seconds everything takes ten times as long, so that even the floor is late.
   const auto seconds = [](double v, double t) { return (0.004 + 0.1 * v / 50'586) * (t > 5 && t < 10 ? 10 : 1); };
   const Flight flight = fly({seconds, 0.03, 0}, 60, 20);
@@ -341,7 +341,7 @@ TEST(BudgetResolver, HoldsTheRateAgainAfterALoadThatWasOutOfReach) {
   EXPECT_GE(flight.level_between(12, 20), 0.8 * flight.level_between(2, 5));
 }
 
-TEST(BudgetResolver, IgnoresMeasurementsThatAreNone) {
+TEST(BudgetResolver, IgnoresInvalidMeasurements) {
   BudgetResolver resolver({.f0 = 60});
   const std::vector<ObjectView> objects{{10'000, 100, 1, 500, 1}};
   const Counts before = resolver.resolve(objects, std::nullopt);

@@ -86,7 +86,7 @@ TEST(Options, CredentialsComeFromFlagsUrlAndContexts) {
   ::unsetenv("XDG_CONFIG_HOME");
 }
 
-TEST(Options, SeveralStreamsAndWhoChoosesTheLevels) {
+TEST(Options, ResolverDefaultsToBudgetInTheWindow) {
   const auto window = std::get<ClientOptions>(parsed({"ws://h/a", "ws://h/b", "--target-fps", "30"}));
   EXPECT_EQ(window.scene.streams, (std::vector<std::string>{"ws://h/a", "ws://h/b"}));
   EXPECT_TRUE(window.scene.row);

@@ -88,7 +88,7 @@ class TheWindow : public ::testing::Test {
   std::string said_;
 };
 
-TEST_F(TheWindow, WelcomesAndOpensADemoAtAClick) {
+TEST_F(TheWindow, WelcomeOpensADemo) {
   EXPECT_EQ(run([&] {
               // Down the card's buttons, wherever its fonts put them: the first that is hit is the first demo.
               for (int y = 100; y < 300 && opened().empty(); y += 8) {
@@ -105,7 +105,7 @@ TEST_F(TheWindow, WelcomesAndOpensADemoAtAClick) {
   EXPECT_EQ(settings->recent, (std::vector<std::string>{"heart"})) << "remembered for the next time";
 }
 
-TEST_F(TheWindow, TakesWhatIsDroppedAndSaysWhatItCannotOpen) {
+TEST_F(TheWindow, OpensDroppedStreamsAndFiles) {
   EXPECT_EQ(
       run([&] {
         EXPECT_TRUE(testing::drop_on_window(display_.name(), "file:///tmp/a%20mesh.obj\r\n"));
@@ -125,7 +125,7 @@ TEST_F(TheWindow, TakesWhatIsDroppedAndSaysWhatItCannotOpen) {
   EXPECT_EQ(remembered.find("secret"), std::string::npos) << "tokens are nobody's business";
 }
 
-TEST_F(TheWindow, KeysChangeTheLookAndTheNextWindowRemembers) {
+TEST_F(TheWindow, StyleIsRememberedByTheNextWindow) {
   const auto start = std::filesystem::current_path();
   std::filesystem::current_path(folder_.path());
   EXPECT_EQ(run([&] {
@@ -194,7 +194,7 @@ Picture screenshot(const std::string& keys, const std::string& name) {
   return picture ? *picture : Picture{};
 }
 
-TEST_F(TheWindow, TextsAndLinesAreAsLargeAsTheDisplayAsksFor) {
+TEST_F(TheWindow, TextsAndLinesFollowTheDisplay) {
   options_.width = 720;
   options_.height = 560;
   options_.settings = "";

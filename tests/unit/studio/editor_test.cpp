@@ -19,7 +19,7 @@ std::vector<Vec3> now(const Editor& editor) {
   return {editor.handles().begin(), editor.handles().end()};
 }
 
-TEST(Editor, MovesWhatIsChosenAndAllWhereNothingIs) {
+TEST(Editor, MovesTheChosenOrAll) {
   Editor editor(cube());
   editor.choose(std::array{3U, 5U}, false);
   editor.begin();
@@ -71,7 +71,7 @@ TEST(Editor, AGestureIsOneStepBackAndForth) {
   EXPECT_FALSE(editor.redo());
 }
 
-TEST(Editor, WhatIsDoneAnewEndsWhatCouldBeRedone) {
+TEST(Editor, NewStepClearsRedo) {
   Editor editor(cube());
   editor.begin();
   editor.move({1, 0, 0});
@@ -106,7 +106,7 @@ TEST(Editor, ResetIsAStepToo) {
   EXPECT_EQ(now(editor), turned);
 }
 
-TEST(Editor, RemembersSoManyStepsAndNoMore) {
+TEST(Editor, UndoIsBounded) {
   Editor editor(cube());
   for (std::size_t i = 0; i < Editor::kMostSteps + 10; ++i) {
     editor.begin();
@@ -118,7 +118,7 @@ TEST(Editor, RemembersSoManyStepsAndNoMore) {
   EXPECT_EQ(steps, Editor::kMostSteps);
 }
 
-TEST(Editor, TurnsAboutTheMiddleOfWhatIsChosen) {
+TEST(Editor, TurnsAboutTheCentreOfTheChoice) {
   Editor editor(cube());
   editor.choose(std::array{1U, 3U, 5U, 7U}, false);  // x = 1
   EXPECT_EQ(editor.centre(), (Vec3{1, 0, 0}));

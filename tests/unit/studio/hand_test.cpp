@@ -33,7 +33,7 @@ struct Table {
   Hand hand;
 };
 
-TEST(Picking, TakesTheNearestToTheEyeOfThoseUnderTheMouse) {
+TEST(Picking, TakesTheHandleNearestToTheEye) {
   Table t;
   t.camera.look_from({0.4F, 0.3F, 30}, {0.4F, 0.3F, 0});  // along the line of both
   EXPECT_EQ(handle_at(t.camera, t.editor.handles(), t.px(5)), 4U);
@@ -41,7 +41,7 @@ TEST(Picking, TakesTheNearestToTheEyeOfThoseUnderTheMouse) {
   EXPECT_FALSE(handle_at(t.camera, t.editor.handles(), t.px(0) + glm::vec2(kReachPx + 1, 0)));
 }
 
-TEST(Picking, ARectangleTakesWhatIsInItWhicheverCornersAreGiven) {
+TEST(Picking, RectangleTakesWhatIsInIt) {
   Table t;
   const std::vector<std::uint32_t> right =
       handles_within(t.camera, t.editor.handles(), t.px(0) + glm::vec2(20, 20), t.px(0) - glm::vec2(20, 20));
@@ -49,7 +49,7 @@ TEST(Picking, ARectangleTakesWhatIsInItWhicheverCornersAreGiven) {
   EXPECT_EQ(handles_within(t.camera, t.editor.handles(), {0, 0}, {800, 600}).size(), 6U);
 }
 
-TEST(Picking, WhatIsBehindTheCameraIsNotTaken) {
+TEST(Picking, HandlesBehindTheCameraAreIgnored) {
   Table t;
   t.camera.look_from({0, 0, 0.5F}, {0, 0, 0});
   for (const std::uint32_t handle : handles_within(t.camera, t.editor.handles(), {-1e6F, -1e6F}, {1e6F, 1e6F}))
@@ -70,7 +70,7 @@ TEST(Dragging, AHandleStaysUnderTheMouse) {
   }
 }
 
-TEST(Dragging, MovesAllThatIsChosenWithTheHandle) {
+TEST(Dragging, MovesTheChoiceWithTheHandle) {
   Table t;
   t.editor.choose(std::array{0U, 2U}, false);
   t.drag(t.px(0), t.px(0) + glm::vec2(50, 0));
@@ -82,7 +82,7 @@ TEST(Dragging, MovesAllThatIsChosenWithTheHandle) {
   EXPECT_EQ(t.editor.handles()[0], (Vec3{2, 0, 0}));
 }
 
-TEST(Dragging, AHandleThatWasNotChosenIsThenTheOnlyOne) {
+TEST(Dragging, DraggedHandleBecomesTheOnlyChoice) {
   Table t;
   t.editor.choose(std::array{0U, 2U}, false);
   t.drag(t.px(1), t.px(1) + glm::vec2(0, 40));
@@ -99,7 +99,7 @@ TEST(Dragging, AClickMovesNothing) {
   EXPECT_FALSE(t.editor.undo());
 }
 
-TEST(Dragging, BesideHandlesTurnsTheCameraAndAClickChoosesNone) {
+TEST(Dragging, BesideHandlesTurnsTheCamera) {
   Table t;
   t.editor.choose(std::array{0U}, false);
   const glm::vec3 before = t.camera.position();
@@ -141,7 +141,7 @@ TEST(Knobs, MoveAlongTheirAxisAlone) {
   EXPECT_EQ(moved[2], 0);
 }
 
-TEST(Knobs, ScaleGrowsAlongTheAxisAndNeverTurnsInsideOut) {
+TEST(Knobs, ScaleNeverTurnsInsideOut) {
   Table t;
   t.hand.command(Command::kScale);
   const glm::vec2 knob = t.px(gizmo_at(t.camera, t.editor.centre()).knob(1));
@@ -176,7 +176,7 @@ TEST(Knobs, RotateTwistAndBendFollowTheMouse) {
   EXPECT_TRUE(t.editor.undo());
 }
 
-TEST(Hand, EscapeGivesADragUp) {
+TEST(Hand, EscapeCancelsADrag) {
   Table t;
   t.hand.press(MouseButton::kLeft, t.px(0), kNone);
   t.hand.move(t.px(0) + glm::vec2(90, 90));
@@ -188,7 +188,7 @@ TEST(Hand, EscapeGivesADragUp) {
   EXPECT_FALSE(t.editor.undo());
 }
 
-TEST(Hand, UndoInTheMiddleOfADragWaitsForItsEnd) {
+TEST(Hand, UndoWaitsForTheEndOfADrag) {
   Table t;
   t.hand.press(MouseButton::kLeft, t.px(0), kNone);
   t.hand.move(t.px(0) + glm::vec2(90, 90));

@@ -43,7 +43,7 @@ struct Bench {
   std::unique_ptr<deform::Deformer> deformer;
 };
 
-TEST(LocalSurface, ShowsTheDeformationInFullDetailAndSaysHowFarWhatIsSentIsFromIt) {
+TEST(LocalSurface, MeasuresErrorOfSentPose) {
   Bench b;
   const auto projector = Projector::create(b.asset);
   ASSERT_TRUE(projector);
@@ -93,7 +93,7 @@ TEST(LocalSurface, ShowsWhatViewersGetWhenAsked) {
   EXPECT_EQ(local.geometry().normals.size(), received.size());
 }
 
-TEST(LocalSurface, WithoutALinearMapThereIsOnlyWhatIsSent) {
+TEST(LocalSurface, WithoutLinearMapShowsTheSentPose) {
   Bench b;
   LocalSurface local(b.asset, nullptr);
   EXPECT_TRUE(local.received_shown());

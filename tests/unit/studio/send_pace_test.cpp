@@ -6,7 +6,7 @@
 namespace eigencast::studio {
 namespace {
 
-TEST(SendPace, TheFirstPoseAndOneAfterAPauseGoAtOnce) {
+TEST(SendPace, FirstPoseAfterAPauseGoesAtOnce) {
   SendPace pace(20'000, 500'000);
   EXPECT_LE(pace.due_us(1000), 1000);
   pace.sent(1000);
@@ -23,7 +23,7 @@ TEST(SendPace, PosesInQuickSuccessionWaitForTheInterval) {
   EXPECT_EQ(pace.due_us(9000), 21'000) << "the newest goes when the first would have";
 }
 
-TEST(SendPace, WithoutAHandOnlyAHeartbeat) {
+TEST(SendPace, IdleSendsAHeartbeat) {
   SendPace pace(20'000, 500'000);
   pace.sent(1000);
   EXPECT_EQ(pace.due_us(2000), 501'000);

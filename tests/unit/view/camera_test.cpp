@@ -15,7 +15,7 @@ Camera camera_of(int width = 800, int height = 600) {
   return camera;
 }
 
-TEST(Camera, FramesTheWholeBoxFromEverySideInEveryShapeOfWindow) {
+TEST(Camera, FramesTheWholeBox) {
   for (const auto& [width, height] : {std::pair{800, 600}, {300, 900}, {1600, 200}}) {
     for (const char* view : {"iso", "front", "back", "left", "right", "top", "bottom"}) {
       for (const Camera::Up up : {Camera::Up::kX, Camera::Up::kY, Camera::Up::kZ}) {
@@ -86,7 +86,7 @@ TEST(Camera, ZoomIsBounded) {
   EXPECT_LE(camera.distance(), 61 * camera.scene_radius());
 }
 
-TEST(Camera, ASceneThatGrowsDoesNotMoveACameraThatTheUserMoved) {
+TEST(Camera, GrowingSceneLeavesMovedCamera) {
   Camera camera = camera_of();
   camera.set_scene({-10, -10, -10}, {10, 10, 10});
   const float framed = camera.distance();
@@ -98,7 +98,7 @@ TEST(Camera, ASceneThatGrowsDoesNotMoveACameraThatTheUserMoved) {
   EXPECT_LT(camera.distance(), framed);
 }
 
-TEST(Camera, UnknownViewsAndFlatScenesDoNoHarm) {
+TEST(Camera, UnknownViewsAndFlatScenesAreHandled) {
   Camera camera = camera_of();
   EXPECT_FALSE(camera.set_view("sideways"));
   camera.set_scene({1, 1, 1}, {1, 1, 1});
@@ -106,7 +106,7 @@ TEST(Camera, UnknownViewsAndFlatScenesDoNoHarm) {
   EXPECT_GT(camera.distance(), 0);
 }
 
-TEST(Camera, WhatIsOutOfSightHasNoSizeAndABallHasThatOfItsSilhouette) {
+TEST(Camera, DiameterIsThatOfTheSilhouette) {
   Camera camera;
   camera.set_viewport(400, 300);
   camera.look_from({0, 0, 10}, {0, 0, 0});
@@ -121,7 +121,7 @@ TEST(Camera, WhatIsOutOfSightHasNoSizeAndABallHasThatOfItsSilhouette) {
   EXPECT_TRUE(std::isinf(camera.max_px_per_unit({0, 0, 9.5F}, 1)));
 }
 
-TEST(Camera, LookingFromAPlaceIsTheViewThatWasAskedFor) {
+TEST(Camera, LookFromSetsEyeAndTarget) {
   for (const Camera::Up up : {Camera::Up::kX, Camera::Up::kY, Camera::Up::kZ}) {
     Camera camera;
     camera.set_up(up);

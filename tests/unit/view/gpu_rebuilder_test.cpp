@@ -191,7 +191,7 @@ class GpuRebuilders : public testing::OffscreenPictures {
   std::vector<std::array<double, 3>> roundings_;  // that each row of pose_ may have met so far
 };
 
-TEST_F(GpuRebuilders, MeshesAndCloudsOfEveryKindOfBasisComeOutTheSameAtAnyLevel) {
+TEST_F(GpuRebuilders, AgreeForEveryBasisAndLevel) {
   for (const bool as_points : {false, true}) {
     for (Asset& asset : std::vector<Asset>{baked("augmented", 1e-4, as_points), baked("harmonic", 1e-4, as_points),
                                            baked("augmented", 0, as_points), sphere_asset(3, as_points)}) {
@@ -209,7 +209,7 @@ TEST_F(GpuRebuilders, MeshesAndCloudsOfEveryKindOfBasisComeOutTheSameAtAnyLevel)
   }
 }
 
-TEST_F(GpuRebuilders, SurfacesWithDetailAreLeftToTheProcessorWithNormalsOfTheirOwn) {
+TEST_F(GpuRebuilders, DetailIsRebuiltOnTheProcessor) {
   show(baked("harmonic", 1e-4, false, DetailKind::kFrames));
   turn(0.02, 1'000'000);
   pose(disturbed(source_->asset_, 5));
@@ -242,7 +242,7 @@ TEST_F(GpuRebuilders, SurfacesWithDetailAreLeftToTheProcessorWithNormalsOfTheirO
   }
 }
 
-TEST_F(GpuRebuilders, VerticesOnTheirWayBetweenLevelsAreWhereTheProcessorHasThem) {
+TEST_F(GpuRebuilders, AgreeWhileLevelsMorph) {
   for (const bool as_points : {false, true}) {
     show(baked("augmented", 1e-4, as_points));
     turn(0.05, 1'000'000);
@@ -259,7 +259,7 @@ TEST_F(GpuRebuilders, VerticesOnTheirWayBetweenLevelsAreWhereTheProcessorHasThem
   }
 }
 
-TEST_F(GpuRebuilders, ReceiversOfFewBandsAndSurfacesThatAreStillArrivingToo) {
+TEST_F(GpuRebuilders, AgreeForFewBandsAndPartialAssets) {
   const Asset& whole = baked("augmented", 1e-4, false);
   show(whole);
   const auto arrive = [&](std::uint32_t rows) {
@@ -280,7 +280,7 @@ TEST_F(GpuRebuilders, ReceiversOfFewBandsAndSurfacesThatAreStillArrivingToo) {
   expect_the_same();
 }
 
-TEST_F(GpuRebuilders, PicturesLookTheSame) {
+TEST_F(GpuRebuilders, PicturesAgree) {
   for (const bool as_points : {false, true}) {
     show(baked("augmented", 1e-4, as_points));
     pose(disturbed(source_->asset_, 5));
@@ -299,7 +299,7 @@ TEST_F(GpuRebuilders, PicturesLookTheSame) {
   }
 }
 
-TEST_F(GpuRebuilders, PositionsAreThereForWhoAsksForThem) {
+TEST_F(GpuRebuilders, PositionsAreRebuiltOnRequest) {
   show(baked("augmented", 1e-4, false));
   turn(0.2, 1'000'000);
   turn(0.7);
@@ -310,7 +310,7 @@ TEST_F(GpuRebuilders, PositionsAreThereForWhoAsksForThem) {
   for (std::size_t i = 0; i < mine.size(); ++i) ASSERT_NEAR(mine[i], processor[i], 1e-5F);
 }
 
-TEST_F(GpuRebuilders, ManyInstancesOfOneAssetHaveEachItsOwnPose) {
+TEST_F(GpuRebuilders, InstancesOfOneAssetKeepTheirPoses) {
   constexpr TimeUs kNow = 1'000'000;
   std::vector<std::unique_ptr<testing::FakeSource>> sources;
   std::vector<PoseSource*> list;
@@ -342,7 +342,7 @@ TEST_F(GpuRebuilders, ManyInstancesOfOneAssetHaveEachItsOwnPose) {
   }
 }
 
-TEST_F(GpuRebuilders, WhoIsQuickerIsMeasuredAndWhoIsAskedForIsTaken) {
+TEST_F(GpuRebuilders, AutoTakesTheFaster) {
   const auto cpu = choose_rebuilder(RebuildOn::kCpu, *renderer_, false);
   ASSERT_TRUE(cpu);
   EXPECT_FALSE(cpu->gpu);

@@ -22,7 +22,7 @@ using testing::baked_heart;
 
 constexpr TimeUs kFrame = 16'667;
 
-TEST(LevelTriangles, AnyWalkGivesTheTrianglesOfTheLevelAndSaysWhichBlocksChanged) {
+TEST(LevelTriangles, AnyWalkGivesTheLevelsTriangles) {
   const Asset& asset = baked_heart();
   LevelTriangles levels;
   std::vector<std::uint32_t> triangles, copy;
@@ -48,7 +48,7 @@ TEST(LevelTriangles, AnyWalkGivesTheTrianglesOfTheLevelAndSaysWhichBlocksChanged
   }
 }
 
-TEST(LevelTriangles, AStepTouchesTheFacesOfItsVerticesOnly) {
+TEST(LevelTriangles, StepTouchesFacesOfItsVerticesOnly) {
   const Asset& asset = baked_heart();
   LevelTriangles levels;
   std::vector<std::uint32_t> triangles;
@@ -83,7 +83,7 @@ TEST(LevelTriangles, FollowAnAssetThatArrives) {
   }
 }
 
-TEST(LevelMorphs, VerticesGoTheirWayWithinTheirTimeAndThenStand) {
+TEST(LevelMorphs, VerticesArriveInTime) {
   LevelMorph morph;
   morph.jump(10);
   EXPECT_FALSE(morph.advance(10, 0));
@@ -109,7 +109,7 @@ TEST(LevelMorphs, VerticesGoTheirWayWithinTheirTimeAndThenStand) {
   EXPECT_FALSE(morph.advance(6, now += kFrame));
 }
 
-TEST(LevelMorphs, TakeAsLongAsTheWayOnTheScreenAsksFor) {
+TEST(LevelMorphs, DurationFollowsTheWayOnTheScreen) {
   const double unknown = std::numeric_limits<double>::infinity();
   for (const auto& [pixels, appear, vanish] :
        {std::tuple(unknown, 250'000, 100'000), std::tuple(100.0, 250'000, 100'000), std::tuple(6.0, 200'000, 100'000),
@@ -129,7 +129,7 @@ TEST(LevelMorphs, TakeAsLongAsTheWayOnTheScreenAsksFor) {
   }
 }
 
-TEST(LevelMorphs, ASlowPictureIsNoJumpAndALongAbsenceIsOne) {
+TEST(LevelMorphs, JumpAfterLongAbsenceOnly) {
   LevelMorph morph;
   morph.jump(10);
   morph.advance(10, 0);
@@ -139,7 +139,7 @@ TEST(LevelMorphs, ASlowPictureIsNoJumpAndALongAbsenceIsOne) {
   EXPECT_EQ(morph.whole(), 20u);
 }
 
-TEST(LevelMorphs, WhoTurnsBackGoesOnFromWhereItIs) {
+TEST(LevelMorphs, ReversedMorphContinuesFromItsWeights) {
   // Up and down at random: weights are never larger further on, and nothing jumps (asserted in advance()).
   LevelMorph morph;
   morph.jump(100);
@@ -156,7 +156,7 @@ TEST(LevelMorphs, WhoTurnsBackGoesOnFromWhereItIs) {
   }
 }
 
-TEST(LevelMorphs, PlacesFollowChainsOfVerticesThatMoveThemselves) {
+TEST(LevelMorphs, PositionsFollowChainsOfMovingParents) {
   LevelMorph morph;
   morph.jump(2);
   morph.advance(2, 0);
@@ -174,7 +174,7 @@ TEST(LevelMorphs, PlacesFollowChainsOfVerticesThatMoveThemselves) {
   expect(3, 1, 0.1F + 0.1F * 0.9F, 0.1F);
 }
 
-TEST(LevelMorphs, ASurfaceWhoseVerticesJustCameLooksAsWithoutThem) {
+TEST(LevelMorphs, NewVerticesChangeNothingAtFirst) {
   const Asset& asset = baked_heart();
   const std::uint32_t N = asset.vertex_count / 5, more = asset.vertex_count / 2;
   Reconstructor reconstructor;
@@ -236,7 +236,7 @@ TEST(ProgressiveSurfaces, DownAndUpGivesTheSameBuffers) {
   EXPECT_EQ(still.view.geometry().normals, full.normals);
 }
 
-TEST(ProgressiveSurfaces, OfAPoseThatStandsOnlyTheNewRowsAreRebuilt) {
+TEST(ProgressiveSurfaces, StillPoseRebuildsOnlyNewRows) {
   PausedHeart still;
   while (still.turn(0.25)) {
   }
@@ -285,7 +285,7 @@ Smoothness go_over(Renderer& renderer, bool morph, double from, double to, bool 
 
 using SurfacePictures = testing::OffscreenPictures;
 
-TEST_F(SurfacePictures, TwoPicturesInARowDifferByLessThanTheBoundWhileLevelsChange) {
+TEST_F(SurfacePictures, LevelChangesStayBelowTheBound) {
   for (const auto& [from, to] : {std::pair(0.02, 1.0), std::pair(0.5, 0.05)}) {
     const Smoothness jump = go_over(*renderer_, false, from, to), smooth = go_over(*renderer_, true, from, to);
     ASSERT_EQ(jump.pictures, 1);

@@ -29,7 +29,7 @@ struct MarkupScene {
   Camera camera;
 };
 
-TEST(Markup, ADotIsASquareOfItsDiameterAroundItsPlace) {
+TEST(Markup, DotsAreSquaresOfTheirDiameter) {
   MarkupScene scene;
   Markup markup;
   markup.dots.push_back({{0.3F, 0.2F, -0.4F}, {1, 0, 0, 1}, 10, false});
@@ -45,7 +45,7 @@ TEST(Markup, ADotIsASquareOfItsDiameterAroundItsPlace) {
   }
 }
 
-TEST(Markup, ALineHasItsWidthOnTheScreenWhateverItsDistance) {
+TEST(Markup, LineWidthDoesNotDependOnDistance) {
   MarkupScene scene;
   Markup markup;
   markup.lines.push_back({{-0.5F, -0.5F, 1}, {0.7F, 0.4F, -1}, {1, 1, 1, 1}, 4, false});
@@ -55,7 +55,7 @@ TEST(Markup, ALineHasItsWidthOnTheScreenWhateverItsDistance) {
   EXPECT_NEAR(glm::length(MarkupScene::px(t.corners[1]) - MarkupScene::px(t.corners[2])), 4, 0.01);
 }
 
-TEST(Markup, WhatReachesBehindTheCameraEndsBeforeIt) {
+TEST(Markup, LinesAreClippedBeforeTheCamera) {
   MarkupScene scene;
   const glm::vec3 eye = scene.camera.position(), back = glm::normalize(eye - scene.camera.target());
   Markup markup;
@@ -67,7 +67,7 @@ TEST(Markup, WhatReachesBehindTheCameraEndsBeforeIt) {
   for (const MarkCorner& corner : t.corners) EXPECT_GT(corner.clip.w, 0);
 }
 
-TEST(Markup, WhatIsNeverHiddenComesLast) {
+TEST(Markup, MarksOnTopComeLast) {
   MarkupScene scene;
   Markup markup;
   markup.dots.push_back({{0, 0, 0}, {1, 1, 1, 1}, 8, true});

@@ -63,7 +63,7 @@ class Render : public OffscreenPictures {
   RenderOptions options_;
 };
 
-TEST_F(Render, ASphereFillsThePictureAsItsRadiusSays) {
+TEST_F(Render, SphereHasItsSizeInThePicture) {
   FakeSource source(sphere_asset(4));
   SurfaceView scene;
   const Silhouette s = silhouette_of(picture_of(source, scene));
@@ -122,7 +122,7 @@ TEST_F(Render, EdgesAreSmoothedByFourSamples) {
   EXPECT_GT(between, 20);
 }
 
-TEST_F(Render, NothingToDrawIsTheEmptyStudio) {
+TEST_F(Render, EmptySceneDraws) {
   FakeSource source(sphere_asset(2));
   source.has_asset = false;
   SurfaceView scene;
@@ -166,7 +166,7 @@ const std::uint8_t* pixel_at(const Picture& picture, const Camera& camera, const
   return picture.pixel(static_cast<int>(at.x), static_cast<int>(at.y));
 }
 
-TEST_F(Render, LinesAreAsWideAsTheDisplayIsDense) {
+TEST_F(Render, LineWidthFollowsTheDisplay) {
   FakeSource source(sphere_asset(2));
   SurfaceView scene;
   options_.grid = false;
@@ -236,7 +236,7 @@ TEST_F(Render, NormalsAndOwnColoursAreSeen) {
   EXPECT_GT(green[1], 2 * green[0]);
 }
 
-TEST_F(Render, ATransparentPictureHasAlphaOnlyWhereTheSurfaceAndItsShadowAre) {
+TEST_F(Render, TransparentPicturesHaveAlpha) {
   FakeSource source(sphere_asset(4));
   SurfaceView scene;
   const Picture opaque = picture_of(source, scene);
@@ -256,7 +256,7 @@ TEST_F(Render, ATransparentPictureHasAlphaOnlyWhereTheSurfaceAndItsShadowAre) {
   EXPECT_EQ(picture_of(source, scene).alpha, picture.alpha) << "the grid is no part of what is cut out";
 }
 
-TEST_F(Render, AWireframeLetsTheWallThroughAndHidesTheBack) {
+TEST_F(Render, WireframeHidesTheBack) {
   FakeSource source(sphere_asset(2));
   SurfaceView scene;
   const double full = silhouette_of(picture_of(source, scene)).area;

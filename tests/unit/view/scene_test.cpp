@@ -19,7 +19,7 @@ using testing::sphere_asset;
 using testing::sphere_pose;
 using testing::Stage;
 
-TEST(Scenes, SurfacesOfOneAssetShareItsBasisAndEachHasItsOwnPose) {
+TEST(Scenes, SurfacesOfOneAssetShareItsBasis) {
   Stage stage({sphere_asset(3), sphere_asset(3)}, {at(0, {0, 0, 0}), at(1, {3, 0, 0}), at(1, {6, 0, 0})});
   for (auto& source : stage.sources) source->info_->asset = "the same";
   stage.sources[0]->batches.push_back({sphere_pose(stage.sources[0]->asset_, 1, 1000, 0.5)});
@@ -67,7 +67,7 @@ TEST(Scenes, ManySurfacesStandInRowsBehindOneAnother) {
   }
 }
 
-TEST(Scenes, AnAssetThatGoesTakesItsBasisAlongAndAnotherOfTheSameNameIsItsOwn) {
+TEST(Scenes, NewAssetGetsItsOwnBasis) {
   Stage stage({sphere_asset(2)}, {at(0, {0, 0, 0})});
   stage.sources[0]->info_->asset = "a";
   ASSERT_TRUE(stage.turn(0));
@@ -80,7 +80,7 @@ TEST(Scenes, AnAssetThatGoesTakesItsBasisAlongAndAnotherOfTheSameNameIsItsOwn) {
   EXPECT_EQ(stage.scene.instances()[0].view.reconstructor().tiles().rows(), 642u);
 }
 
-TEST(Scenes, TheStreamsWorldComesFirstAndThenThePlacement) {
+TEST(Scenes, WorldIsAppliedBeforePlacement) {
   Stage stage({sphere_asset(2)}, {at(0, {10, 0, 0})});
   glm::mat4 world = glm::scale(glm::translate(glm::mat4(1), {0, 1, 0}), glm::vec3(2));
   stage.sources[0]->info_->world = std::vector<double>(&world[0][0], &world[0][0] + 16);
@@ -96,7 +96,7 @@ TEST(Scenes, TheStreamsWorldComesFirstAndThenThePlacement) {
   EXPECT_NEAR(extent.radius, 2 * std::sqrt(3.0), 0.1);
 }
 
-TEST(Scenes, StreamsWithoutAPlaceStandBesideOneAnother) {
+TEST(Scenes, StreamsWithoutWorldFormARow) {
   Stage stage({sphere_asset(2), sphere_asset(2), sphere_asset(2)},
               {{0, "", glm::mat4(1)}, {1, "", glm::mat4(1)}, {2, "", glm::mat4(1)}}, true);
   ASSERT_TRUE(stage.turn(0));
@@ -124,7 +124,7 @@ TEST(Scenes, TheBarycentreFollowsThePose) {
 
 using ScenePictures = testing::OffscreenPictures;
 
-TEST_F(ScenePictures, EachSurfaceIsDrawnAtItsPlaceAndMayBeHidden) {
+TEST_F(ScenePictures, SurfacesAreDrawnWherePlacedOrHidden) {
   Stage stage({sphere_asset(3)}, {at(0, {-2, 0, 0}), at(0, {2, 0, 0})});
   ASSERT_TRUE(stage.turn(0));
   camera_.set_viewport(320, 160);

@@ -104,7 +104,7 @@ TEST(Splats, RadiiGrowAsPointsGo) {
   }
 }
 
-TEST(Splats, ACloudThatBringsNoDiscsHasNone) {
+TEST(Splats, CloudWithoutDiscsHasNoNormals) {
   FakeSource source(testing::sphere_asset(3, true));
   SurfaceView view;
   view.receive(source, {});
@@ -135,7 +135,7 @@ class SplatPictures : public OffscreenPictures {
   }
 };
 
-TEST_F(SplatPictures, SparseCloudsAreClosedAndShadedAsTheSurfaceIs) {
+TEST_F(SplatPictures, SparseCloudsLookLikeTheSurface) {
   const Picture truth = picture_of(ShownHeart(false, 1));
   for (const auto& [fraction, most_off] : {std::pair(1.0, 8.0), std::pair(0.1, 14.0), std::pair(0.05, 18.0)}) {
     const Picture points = picture_of(ShownHeart(true, fraction));

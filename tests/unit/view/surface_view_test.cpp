@@ -31,7 +31,7 @@ class SurfaceViews : public ::testing::Test {
   SurfaceView scene_;
 };
 
-TEST_F(SurfaceViews, TheFixtureIsAnAssetThatReceiversAccept) {
+TEST_F(SurfaceViews, FixtureIsAValidAsset) {
   EXPECT_TRUE(validate_asset(source_.asset_));
 }
 
@@ -120,7 +120,7 @@ TEST_F(SurfaceViews, AllTrianglesStayBelowTheLevel) {
   }
 }
 
-TEST_F(SurfaceViews, FramesAheadAndFramesOfAWrongSizeAreNotShown) {
+TEST_F(SurfaceViews, FramesAheadAndOfWrongSizeAreNotShown) {
   ReceivedPose ahead = sphere_pose(source_.asset_, 1, 1000, 0.5);
   ahead.envelope.flags = Envelope::kAhead;
   ReceivedPose wrong = sphere_pose(source_.asset_, 2, 2000, 0.5);
@@ -132,7 +132,7 @@ TEST_F(SurfaceViews, FramesAheadAndFramesOfAWrongSizeAreNotShown) {
   EXPECT_NEAR(height(), 1, 0.01);
 }
 
-TEST_F(SurfaceViews, ANewAssetShowsItsRestPoseAndThenItsPoses) {
+TEST_F(SurfaceViews, NewAssetStartsAtItsRestPose) {
   source_.info_->epoch = 1;
   source_.info_->asset = "a";
   source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 0.5)});
@@ -151,7 +151,7 @@ TEST_F(SurfaceViews, ANewAssetShowsItsRestPoseAndThenItsPoses) {
   EXPECT_NEAR(height(), 0.7, 0.01);
 }
 
-TEST_F(SurfaceViews, ASenderThatComesBackWithTheSameAssetDoesNotShowTheRestPose) {
+TEST_F(SurfaceViews, ReturningSenderKeepsThePose) {
   source_.info_->epoch = 1;
   source_.info_->asset = "a";
   source_.batches.push_back({sphere_pose(source_.asset_, 1, 9'000'000, 0.5)});
@@ -174,7 +174,7 @@ TEST_F(SurfaceViews, ASenderThatComesBackWithTheSameAssetDoesNotShowTheRestPose)
   EXPECT_EQ(scene_.geometry().topology_version, topology + 2);
 }
 
-TEST_F(SurfaceViews, PausedStaysAsItIsWhenTheSenderComesBackWithMoreChannels) {
+TEST_F(SurfaceViews, PauseSurvivesSenderWithMoreChannels) {
   source_.info_->epoch = 1;
   source_.info_->asset = "a";
   source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 0.5)});
@@ -220,7 +220,7 @@ TEST_F(SurfaceViews, ABandThatComesOrGoesIsFaded) {
   }
 }
 
-TEST_F(SurfaceViews, AFadeEndsAlsoWhenTheStreamIsNoLongerDescribed) {
+TEST_F(SurfaceViews, FadeEndsWithoutStreamInfo) {
   source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 1)});
   turn(1000);
   source_.batches.push_back({sphere_pose(source_.asset_, 2, 2000, 1)});
@@ -275,7 +275,7 @@ TEST(SurfaceViewInterpolated, ShowsPosesBetweenArrivals) {
   EXPECT_NEAR(highest, 0.65, 0.02);
 }
 
-TEST(SurfaceViewInterpolated, FollowsTheStreamUnlessADelayIsAskedFor) {
+TEST(SurfaceViewInterpolated, DelayFollowsTheStreamUnlessGiven) {
   // 15 keys a second that rise evenly, drawn at 60 Hz: every picture must show about as much motion as the others.
   FakeSource source(sphere_asset(1));
   SceneOptions options;
@@ -302,7 +302,7 @@ TEST(SurfaceViewInterpolated, FollowsTheStreamUnlessADelayIsAskedFor) {
   }
 }
 
-TEST(SurfaceViewInterpolated, ABandThatGoesFadesAndIsNeverMixed) {
+TEST(SurfaceViewInterpolated, LostBandFadesAndIsNeverMixed) {
   // The height is 1 + 2/3 of row 5, which is in band 1: 1.4 with it, 1 without it. Poses come 20 ms apart.
   FakeSource source(sphere_asset(3));
   SceneOptions options;
@@ -328,7 +328,7 @@ TEST(SurfaceViewInterpolated, ABandThatGoesFadesAndIsNeverMixed) {
     EXPECT_LE(heights[i - 1] - heights[i], 0.4 * 20 / 150 + 0.01) << "no faster than the fade, picture " << i;
 }
 
-TEST(SurfaceViewInterpolated, AWrongEstimateIsDrawnUntilItHasSettled) {
+TEST(SurfaceViewInterpolated, WrongEstimateIsDrawnUntilSettled) {
   FakeSource source(sphere_asset(1));
   SceneOptions options;
   options.playout.mode = PlayoutMode::kEstimate;

@@ -94,7 +94,7 @@ void show_at(FakeSource& source, SurfaceView& view, TimeUs now) {
   testing::advance(view, source, now);
 }
 
-TEST(TextureLevels, CornersAreWedgesOfTheirVerticesOnTheirSideOfTheSeam) {
+TEST(TextureLevels, CornersKeepTheirSideOfTheSeam) {
   FakeSource source(textured_sphere(3, red_and_blue()));
   SurfaceView view;
   TextureLevels levels;
@@ -118,7 +118,7 @@ TEST(TextureLevels, CornersAreWedgesOfTheirVerticesOnTheirSideOfTheSeam) {
   }
 }
 
-TEST(TextureLevels, PlacesGoOverAsVerticesDo) {
+TEST(TextureLevels, UvsMorphAsVerticesDo) {
   FakeSource source(textured_sphere(2, red_and_blue()));
   SurfaceView view;
   TextureLevels levels;
@@ -141,7 +141,7 @@ TEST(TextureLevels, PlacesGoOverAsVerticesDo) {
   for (std::uint32_t w = 0; w < t.uvs.size(); ++w) ASSERT_EQ(levels.uvs().values[w], t.uv(w)) << w;
 }
 
-TEST(TextureLevels, OnlyWhatChangesIsMarked) {
+TEST(TextureLevels, OnlyChangedBlocksAreMarked) {
   FakeSource source(textured_sphere(4, red_and_blue()));
   SceneOptions at_once;
   at_once.morph = false;
@@ -161,7 +161,7 @@ TEST(TextureLevels, OnlyWhatChangesIsMarked) {
   EXPECT_LE(fresh(levels.corners()), 6) << "two vertices have about twelve faces";
 }
 
-TEST(Images, PngAndJpegAreDecodedAndOthersRefusedInWords) {
+TEST(Images, PngAndJpegAreDecodedOthersRefused) {
   const auto texture = [](Bytes image) {
     AssetTexture t;
     t.image = std::move(image);
@@ -190,7 +190,7 @@ TEST(Images, PngAndJpegAreDecodedAndOthersRefusedInWords) {
   }
   const auto other = image_of(texture({'B', 'M', 1, 2, 3}), Decode::kNow).failed;
   ASSERT_TRUE(other);
-  EXPECT_NE(other->message.find("neither PNG nor JPEG"), std::string::npos);
+  EXPECT_EQ(other->code, ErrorCode::kUnsupported);
   EXPECT_TRUE(image_of(texture({0x89, 'P', 'N', 'G', 13, 10, 26, 10, 0}), Decode::kNow).failed);
   // A header of 16,383 x 16,383 pixels without them: refused before memory is asked for.
   Bytes huge = kRedJpeg;
@@ -201,7 +201,7 @@ TEST(Images, PngAndJpegAreDecodedAndOthersRefusedInWords) {
   EXPECT_EQ(read_jpeg_bytes(huge, "huge").error().code, ErrorCode::kTooLarge);
 }
 
-TEST(Images, AreDecodedBesideAndHalvedUntilTheCardTakesThem) {
+TEST(Images, AreHalvedUntilTheGpuTakesThem) {
   std::vector<std::shared_ptr<const AssetTexture>> textures;
   for (std::size_t i = 0; i < 2 * kMaxImagesWaiting; ++i) {
     AssetTexture t;
@@ -239,7 +239,7 @@ TEST(Images, AreDecodedBesideAndHalvedUntilTheCardTakesThem) {
   EXPECT_EQ(half.rgb, (std::vector<std::uint8_t>{180, 255, 10})) << "half the light, not half the number";
 }
 
-TEST(TexturePaint, TheSurfaceIsClayUntilItsImageIsThere) {
+TEST(TexturePaint, SurfaceIsClayUntilItsImageIsDecoded) {
   FakeSource source(textured_sphere(2, red_and_blue()));
   SurfaceView view;
   show_at(source, view, 1000);
@@ -255,24 +255,24 @@ TEST(TexturePaint, TheSurfaceIsClayUntilItsImageIsThere) {
   EXPECT_EQ(painter.paint().kind, SurfacePaint::Kind::kTexture) << painter.why_not();
 }
 
-TEST(TexturePaint, ABrokenImageIsSaidAndTheSurfaceStaysClay) {
+TEST(TexturePaint, BrokenImageLeavesClay) {
   FakeSource source(textured_sphere(2, {0xff, 0xd8, 0xff, 0, 1, 2}));
   SurfaceView view;
   show_at(source, view, 1000);
   SurfacePainter painter;
   painter.paint(view, source, kTextured);
   EXPECT_EQ(painter.paint().kind, SurfacePaint::Kind::kClay);
-  EXPECT_NE(painter.why_not().find("texture"), std::string::npos);
+  EXPECT_FALSE(painter.why_not().empty());
   FakeSource plain(sphere_asset(2));
   SurfaceView other;
   show_at(plain, other, 1000);
   painter.paint(other, plain, kTextured);
-  EXPECT_EQ(painter.why_not(), "the surface has no texture");
+  EXPECT_FALSE(painter.why_not().empty());
 }
 
 class TexturedPictures : public OffscreenPictures {};
 
-TEST_F(TexturedPictures, BothSidesOfTheSeamHaveTheirColourAtEveryLevel) {
+TEST_F(TexturedPictures, BothSidesOfTheSeamKeepTheirColour) {
   for (const double fraction : {1.0, 0.2, 0.05}) {
     FakeSource source(textured_sphere(4, red_and_blue()));
     SceneOptions options;
