@@ -28,10 +28,10 @@ ClipTruth::Moment ClipTruth::moment_of(std::span<const double> C, std::uint32_t 
     return sum;
   };
   std::size_t nearest = 0;
-  double least = std::numeric_limits<double>::max();
+  double closest = std::numeric_limits<double>::max();
   for (std::size_t f = 0; f < frames_.size(); ++f) {
-    if (const double d = distance(frames_[f]); d < least) {
-      least = d;
+    if (const double d = distance(frames_[f]); d < closest) {
+      closest = d;
       nearest = f;
     }
   }
@@ -51,8 +51,8 @@ ClipTruth::Moment ClipTruth::moment_of(std::span<const double> C, std::uint32_t 
       const double d = value(i) - (a[i] + part * (b[i] - a[i]));
       off += d * d;
     }
-    if (off < least) {
-      least = off;
+    if (off < closest) {
+      closest = off;
       best = {first, part};
     }
   }

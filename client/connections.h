@@ -53,7 +53,7 @@ class Connections final {
   void log_states();
 
   std::vector<PoseSource*> sources_;
-  std::vector<Known> known_;  ///< Of each source.
+  std::vector<Known> known_;  ///< One for each source.
   Subscriber::Stats all_;
   std::size_t troubled_ = 0;
   LogSink log_;

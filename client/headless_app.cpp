@@ -16,7 +16,7 @@
 namespace eigencast {
 namespace {
 
-constexpr TimeUs kTurnsAnyway = 100'000;  // how long the turntable waits for a new pose
+constexpr TimeUs kTurnsAnyway = 100'000;  // the turntable waits so long for a new pose
 
 std::string frame_name(const std::string& folder, std::uint64_t number) {
   char name[32];
@@ -53,7 +53,7 @@ class Headless {
   }
 
   Result<int> run(const std::atomic<bool>& stop) {
-    // Not before: what draws beside this thread, where a processor does, shall not be like it.
+    // After the start of the renderer, whose threads must not inherit this.
     run_when_woken(kMakingPoses);
     const TimeUs start = steady_now_us();
     while (!stop.load()) {
@@ -64,7 +64,7 @@ class Headless {
       if (taken_ == 0 && seconds >= options_.wait_s) return report_no_stream();
       if (flight_is_over()) break;
       session_->update(std::chrono::milliseconds(flying() ? 0 : 20), camera_);
-      // Round a surface that stands still one goes as well.
+      // A turntable of a still surface goes on, too.
       const bool turns = options_.turntable > 0 && taken_ > 0 && steady_now_us() - taken_us_ >= kTurnsAnyway;
       if (session_->scene().poses_shown() == shown_ && !flying() && !turns) continue;
       shown_ = session_->scene().poses_shown();
@@ -75,12 +75,12 @@ class Headless {
   }
 
  private:
-  /// The flight begins with the first picture.
+  // The flight begins with the first picture.
   bool flying() const { return path_ && flight_began_us_; }
   double flown_s() const { return flying() ? static_cast<double>(steady_now_us() - *flight_began_us_) / 1e6 : 0; }
   bool flight_is_over() const { return flying() && flown_s() > path_->seconds(); }
 
-  /// Drivers compile shaders when they are first used; poses that come meanwhile would be lost.
+  /// Drivers compile shaders at first use; poses that come meanwhile would be lost.
   void warm_up() {
     SurfaceGeometry triangle;
     triangle.positions = {0, 0, 0, 1, 0, 0, 0, 1, 0};
@@ -104,10 +104,10 @@ class Headless {
     if (overlay_) {
       OverlayContent content;
       content.figures = hud_lines(session_->figures());
-      const Session::Standing standing = session_->standing();
-      content.connection = standing.line;
+      const Session::Status status = session_->status();
+      content.connection = status.line;
       content.connected = session_->is_connected();
-      content.banner = standing.banner;
+      content.banner = status.banner;
       content.legend = session_->legend();
       overlay_->draw(content, options_.width, options_.height, target);
     }
@@ -142,17 +142,17 @@ class Headless {
   }
 
   int report_no_stream() {
-    const Session::Standing standing = session_->standing();
+    const Session::Status status = session_->status();
     log(log_, LogLevel::kError,
         "no pose came from " + (options_.scene.streams.empty() ? "the source" : options_.scene.streams.front()) +
-            " in time (" + standing.line + (standing.banner.empty() ? "" : ": " + standing.banner) +
+            " in time (" + status.line + (status.banner.empty() ? "" : ": " + status.banner) +
             "); is a sender running? --wait gives it longer");
     return kExitNoStream;
   }
 
   const ClientOptions& options_;
   const LogSink& log_;
-  // The context goes last: what follows it needs it current when destroyed.
+  // The context goes last: the members below need it current when destroyed.
   std::unique_ptr<OffscreenContext> context_;
   std::unique_ptr<Renderer> renderer_;
   RebuilderChoice rebuilder_;

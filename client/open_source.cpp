@@ -44,7 +44,7 @@ Wanted wanted_from(const std::string& text) {
   if (first == std::string::npos) return {};
   const std::string what = text.substr(first, text.find_last_not_of(kAround) - first + 1);
   if (clip_in(what)) return {Wanted::Kind::kClip, what};
-  // Of a scheme that is none of ours, too: who opens it says which there are.
+  // Unknown schemes, too: opening them names the known ones.
   if (what.find("://") != std::string::npos) return {Wanted::Kind::kStream, what};
   std::error_code ignored;
   if (ends_with(what, ".json") && std::filesystem::is_regular_file(what, ignored)) return {Wanted::Kind::kScene, what};

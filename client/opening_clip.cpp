@@ -14,8 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// What of a file, or of those of a folder or a glob, differs when they have changed: how many, how large, how new. Of
-/// what is not there nothing.
+/// The count, size and age of the files of a path, folder or glob, to detect changes.
 struct Stamp {
   std::uint64_t files = 0, bytes = 0;
   fs::file_time_type newest = fs::file_time_type::min();
@@ -67,7 +66,7 @@ OpeningClip::~OpeningClip() {
   thread_.join();
 }
 
-/// False if it was cut short because all shall end.
+/// False: stop.
 bool OpeningClip::pause() {
   std::unique_lock lock(mutex_);
   return !stopping_.wait_for(lock, kPollInterval, [this] { return stop_.load(); });
@@ -78,8 +77,8 @@ void OpeningClip::watch(const std::string& input, const std::string& cache_dir) 
   bake(input, cache_dir);
   while (pause()) {
     const Stamp now = stamp_of(input);
-    const bool stands = now == std::exchange(seen, now);
-    if (now == read || !stands) continue;
+    const bool stable = now == std::exchange(seen, now);
+    if (now == read || !stable) continue;
     read = now;
     bake(input, cache_dir);
   }
@@ -94,8 +93,7 @@ void OpeningClip::bake(const std::string& input, const std::string& cache_dir) {
     return !stop_.load();
   };
   Result<std::shared_ptr<const BakedClip>> made = fail(ErrorCode::kInternal, input + ": baking ended unexpectedly");
-  // An exception that leaves a thread would end the viewer; a surface that is too large for memory is only that
-  // surface's end.
+  // A surface too large for memory must not end the viewer.
   try {
     made = BakedClip::open(input, cache_dir, progress);
   } catch (const std::exception& error) {

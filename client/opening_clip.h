@@ -11,19 +11,19 @@
 
 namespace eigencast {
 
-/// A clip that is baked on a thread of its own while the viewer already runs; then it plays as ClipSource does. While
-/// it is being made its state is kDownloading with how far it is, and kRefused with why if it cannot be.
+/// A clip that is baked on a thread of its own, then plays as ClipSource does. Its state is kDownloading with progress
+/// until then, or kRefused with the reason.
 ///
-/// One that is watched is read again when its files have changed and then stood still for half a second, and plays on
-/// until that is done; what cannot be read then is said, and the surface as it was stays.
+/// A watched clip is read again when its files have changed and were stable for half a second. The old one plays until
+/// the new one is ready, and stays if the new one cannot be read; then `detail` holds the reason.
 ///
 /// Use from one thread.
 class OpeningClip final : public PoseSource {
  public:
-  static constexpr std::chrono::milliseconds kPollInterval{500};  ///< Between checks of files that are watched.
+  static constexpr std::chrono::milliseconds kPollInterval{500};  ///< Between checks of watched files.
 
   OpeningClip(std::string input, std::string cache_dir, bool watch = false);
-  /// Stops baking and waits for that: at most until the bake's next report of progress.
+  /// Stops baking at its next report of progress, and waits for that.
   ~OpeningClip() override;
 
   std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout) override;

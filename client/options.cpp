@@ -66,7 +66,7 @@ bool colour_from_text(const std::string& text, SurfacePainter::Wish& wish) {
          (std::sscanf(text.c_str() + colon, ":%3u%c", &wish.channel, &rest) == 1 && wish.channel >= 3);
 }
 
-/// What the surfaces look like; the complaint if the command line cannot mean it.
+/// Returns what is wrong; empty if nothing is.
 std::string read_style(const RawOptions& raw, Style& style) {
   if (!colour_from_text(raw.colour, style.colour))
     return "--colour " + raw.colour +
@@ -120,8 +120,8 @@ std::string origin_of(const std::string& url) {
   return parsed ? parsed->origin() : std::string();
 }
 
-/// Names and contexts become a URL with its credentials. home: the broker that token and certificate of the command
-/// line are for; empty: this stream's, which it becomes. Others are only told what the contexts hold for them.
+/// Resolves names and contexts to a URL with credentials. home: the broker that gets token and certificate of the command
+/// line; empty: this stream's, which it is set to. Other brokers get what the contexts hold for them.
 Result<Target> resolve(const std::string& stream, const RawOptions& raw, std::string& home) {
   const auto contexts = Contexts::load(Contexts::default_path());
   if (!contexts) return contexts.error();
@@ -149,8 +149,8 @@ bool knows_a_broker(const RawOptions& raw) {
   return !raw.context.empty() || !contexts || contexts->find("") != nullptr;
 }
 
-/// The streams of the scene file or of the command line; or the context's; or, without a window to ask in, the usual
-/// one. For each its credentials.
+/// The streams of the scene file or of the command line, with credentials; by default the context's or, without a window to
+/// ask in, kDefaultUrl.
 Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
   SceneDescription& scene = options.scene;
   if (!raw.scene.empty()) {
@@ -301,7 +301,7 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
     return wrong("--out is for --headless; in the window use --screenshot or key S");
   if (const Result<void> found = find_streams(raw, options); !found) return found;
   std::vector<std::string> asked = options.scene.streams;
-  if (asked.empty()) asked = {kDefaultUrl};  // for those that will be opened in the window
+  if (asked.empty()) asked = {kDefaultUrl};  // for streams that the window opens
   for (const std::string& stream : asked) {
     if (clip_in(stream)) continue;
     Result<std::optional<Profile>> profile = profile_from(line, stream, raw);

@@ -9,16 +9,13 @@
 
 namespace eigencast {
 
-/// Writes what was received, and what was shown, one JSON object a line (client/README.md has the fields).
-///
-/// Not thread-safe.
+/// Writes received and shown poses, one JSON object a line (client/README.md has the fields). Not thread-safe.
 class PoseRecord final {
  public:
-  /// Empty paths: nothing is written there. Errors: kIo.
+  /// Paths may be empty. Errors: kIo.
   Result<void> open(const std::string& received, const std::string& shown);
 
   void received(std::size_t source, std::span<const ReceivedPose> poses);
-  /// What the picture drawn at `drawn_us` shows.
   void shown(const Scene& scene, TimeUs drawn_us);
 
  private:

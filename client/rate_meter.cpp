@@ -6,12 +6,12 @@ namespace {
 
 constexpr TimeUs kWindowUs = 2'000'000;
 constexpr TimeUs kGrainUs = 50'000;
-constexpr TimeUs kLeastSpanUs = 200'000;
+constexpr TimeUs kMinSpanUs = 200'000;
 
 }  // namespace
 
 void RateMeter::sample(std::uint64_t total, TimeUs now_us) {
-  if (total == 0) samples_.clear();  // Waiting for the first one is no part of the rate.
+  if (total == 0) samples_.clear();  // Waiting for the first one does not count.
   if (!samples_.empty() && (total < samples_.back().second || now_us < samples_.back().first)) samples_.clear();
   if (samples_.size() >= 2 && now_us - samples_[samples_.size() - 2].first < kGrainUs) {
     samples_.back() = {now_us, total};
@@ -24,7 +24,7 @@ void RateMeter::sample(std::uint64_t total, TimeUs now_us) {
 double RateMeter::per_second() const {
   if (samples_.size() < 2) return 0;
   const TimeUs span = samples_.back().first - samples_.front().first;
-  if (span < kLeastSpanUs) return 0;
+  if (span < kMinSpanUs) return 0;
   return static_cast<double>(samples_.back().second - samples_.front().second) * 1e6 / static_cast<double>(span);
 }
 

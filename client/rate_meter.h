@@ -9,13 +9,11 @@
 
 namespace eigencast {
 
-/// How fast a counter grows, over the last two seconds. Samples closer than 50 ms are merged, so it holds at most
-/// about 40.
-///
+/// The growth of a counter over the last two seconds. Merges samples closer than 50 ms, so that it holds about 40 at most.
 /// Time comes in as an argument. Not thread-safe.
 class RateMeter {
  public:
-  /// The counter stands at `total` now. A total that shrinks, as after a new session, starts afresh.
+  /// A total that shrinks, as of a new session, starts afresh.
   void sample(std::uint64_t total, TimeUs now_us);
   /// Growth a second; 0 before 200 ms have been seen.
   double per_second() const;

@@ -10,11 +10,11 @@
 
 namespace eigencast {
 
-/// Which streams a scene shows, and where.
+/// The streams of a scene, and where they are shown.
 struct SceneDescription {
-  std::vector<std::string> streams;  ///< URLs, names at a context's broker, or "file:INPUT" (clip_source.h), each once.
+  std::vector<std::string> streams;   ///< URLs, names at a context's broker, or "file:INPUT", each once.
   std::vector<Placement> placements;  ///< Empty: one for each stream.
-  bool row = true;                    ///< See Scene: streams of the command line stand beside one another.
+  bool row = true;                    ///< See Scene.
 };
 
 /// Reads a scene file's text (client/README.md). Errors: kCorrupt, naming the surface and the member; kTooLarge (more

@@ -144,7 +144,7 @@ void Session::frame_scene(Camera& camera) {
   if (facts.version == facts_version_) return;
   facts_version_ = facts.version;
   if (!up_set_ && facts.up_axis != Asset::UpAxis::kUnknown) {
-    up_set_ = true;  // once: afterwards the user's choice stands
+    up_set_ = true;  // once: then the user chooses
     camera.set_up(facts.up_axis == Asset::UpAxis::kX   ? Camera::Up::kX
                   : facts.up_axis == Asset::UpAxis::kZ ? Camera::Up::kZ
                                                        : Camera::Up::kY);
@@ -256,14 +256,14 @@ HudFigures Session::figures() const {
   return f;
 }
 
-Session::Standing Session::standing() const {
+Session::Status Session::status() const {
   std::optional<TimeUs> since;
   if (const auto newest = newest_arrival_us(connections_.troubled())) since = steady_now_us() - *newest;
-  Standing standing;
-  standing.banner = connections_.banner(since);
-  standing.line = connections_.line(!standing.banner.empty());
-  if (standing.banner.empty()) standing.banner = colours_.why_not();
-  return standing;
+  Status status;
+  status.banner = connections_.banner(since);
+  status.line = connections_.line(!status.banner.empty());
+  if (status.banner.empty()) status.banner = colours_.why_not();
+  return status;
 }
 
 }  // namespace eigencast

@@ -24,43 +24,38 @@
 
 namespace eigencast {
 
-/// What window and headless viewer share: polls the sources, keeps the scene and its levels of detail, counts, records
-/// poses, and writes the report.
-///
-/// Not thread-safe.
+/// What window and headless viewer share: polls the sources, keeps scene and levels of detail, counts, records poses, and
+/// writes the report. Not thread-safe.
 class Session final {
  public:
   /// The sources must outlive it. Errors: kIo (the record cannot be made).
   static Result<std::unique_ptr<Session>> create(const ClientOptions& options, std::span<PoseSource* const> sources,
                                                  LogSink log);
 
-  /// Waits at most `timeout` for poses, then rebuilds the surfaces; true if there is something new to draw.
+  /// Waits at most `timeout` for poses, then rebuilds the surfaces; true if any has changed.
   bool update(std::chrono::milliseconds timeout, Camera& camera);
-  /// Uploads and draws the scene; more may be drawn over it until finish_picture().
+  /// Uploads and draws the scene. Overlays follow before finish_picture().
   void draw(Renderer& renderer, const Camera& camera, const Style& style, int width_px, int height_px, unsigned target);
-  /// The picture is drawn, and yet to be shown: what it took ends here. Waits for the GPU if `wait` or if the
-  /// levels of detail follow what a picture costs.
+  /// Ends the measurement of the picture's work. Waits for the GPU if `wait` or if a resolver needs the measurement.
   void finish_picture(bool wait);
-  /// Pixels of the picture to one at 96 dpi; at first as --ui-scale says.
+  /// Pixels to one at 96 dpi; default: --ui-scale.
   void set_pixel_scale(float scale) { pixel_scale_ = scale; }
-  /// What the renderer is told for this style now.
   RenderOptions render_options(const Style& style) const;
-  /// Of what draw() drew last; nothing while colours stand for no numbers.
+  /// Nothing while colours show no numbers.
   std::optional<Legend> legend() const;
   const SceneColours& colours() const { return colours_; }
 
-  /// One source more, which must outlive the session or its removal; the surfaces that show it, all of them
-  /// `placements`'.
+  /// Adds a surface of a source, which may be new and must outlive the session or its removal.
   void add(PoseSource& source, const std::string& name, Placement placement = {});
-  /// Takes a surface out, and its source if no other shows it: returned, to be ended by whoever owns it; else null.
+  /// Removes a surface. Returns its source if no other surface shows it, for the owner to destroy; else null.
   PoseSource* remove(std::size_t surface);
   const std::vector<PoseSource*>& sources() const { return connections_.sources(); }
-  /// What people call a surface: its own name, or its stream's.
+  /// Its own name, or its stream's.
   std::string name_of_surface(std::size_t surface) const;
-  /// How its stream stood when update() was called last.
+  /// As of the last update().
   Subscriber::State state_of_surface(std::size_t surface) const;
 
-  /// Who rebuilds the surfaces from now on; must outlive the session.
+  /// The rebuilder must outlive the session.
   void rebuild_with(const RebuilderChoice& choice);
 
   Scene& scene() { return scene_; }
@@ -68,13 +63,12 @@ class Session final {
   LevelControl& levels() { return levels_; }
   const LevelControl& levels() const { return levels_; }
   HudFigures figures() const;
-  /// How the connections stand: a line, and what is to be said across the picture, if anything is.
-  struct Standing {
+  /// The connections' state; the banner may be empty.
+  struct Status {
     std::string line, banner;
   };
-  Standing standing() const;
-  /// The mean of all surfaces', of which each is 1 while poses may come and falls to 0 within half a second of a lost
-  /// connection.
+  Status status() const;
+  /// The mean of all surfaces: 1 of a good connection; falls to 0 within half a second of a lost one.
   float colourfulness() const;
   bool is_connected() const { return connections_.are_well(); }
   std::uint64_t drawn() const { return drawn_; }
@@ -102,13 +96,13 @@ class Session final {
   SceneColours colours_;
   float pixel_scale_;
   History history_;
-  TimeUs last_latency_us_ = 0;   ///< Capture to picture, of the newest pose drawn.
-  bool renderer_stale_ = false;  ///< Surfaces have moved up: what the GPU holds belongs to others.
+  TimeUs last_latency_us_ = 0;   ///< From capture to picture.
+  bool renderer_stale_ = false;  ///< Surfaces have moved up: the GPU's buffers belong to others.
   PoseRecord record_;
   RateMeter keys_, poses_, drawn_rate_, bytes_;
   Histogram decode_us_, drawn_latency_us_, upload_us_, draw_us_, work_us_;
   TimeUs started_us_ = 0;
-  /// What had been received when a pose arrived.
+  /// Counters at the arrival of a pose.
   struct Received {
     TimeUs arrival_us = 0;
     std::uint64_t keys = 0, bytes = 0, poses = 0;
@@ -116,7 +110,7 @@ class Session final {
   std::optional<Received> first_, last_;
   TimeUs last_arrival_us_ = 0;
   WorkClock work_;
-  TimeUs uploaded_us_ = 0;  ///< The surfaces of the picture that is being drawn.
+  TimeUs uploaded_us_ = 0;  ///< For the present picture.
   std::optional<FrameWork> last_work_;
   std::uint64_t poses_taken_ = 0, drawn_ = 0, written_ = 0;
   std::uint64_t facts_version_ = 0, drawn_pose_ = 0;

@@ -15,7 +15,7 @@ namespace {
 
 using nlohmann::json;
 
-/// name -> member, for the switches of a style.
+/// A switch of a style in the file.
 struct StyleFlag {
   const char* name;
   bool Style::*member;
@@ -76,7 +76,7 @@ Result<Settings> Settings::load(const std::string& path) {
   if (!text) return text.error();
   const json all = json::parse(*text, nullptr, false);
   if (!all.is_object())
-    return fail(ErrorCode::kCorrupt, path + ": is not a JSON object; the viewer starts as at first");
+    return fail(ErrorCode::kCorrupt, path + ": is not a JSON object; the viewer starts with defaults");
   read_side(all, "width", settings.width);
   read_side(all, "height", settings.height);
   read_bool(all, "figures", settings.hud);

@@ -13,25 +13,25 @@
 
 namespace eigencast {
 
-/// What the window remembers from one time to the next.
+/// What the window remembers.
 struct Settings {
   static constexpr std::size_t kMaxRecent = 6;
 
   int width = 1280, height = 720;
   bool hud = true, panel = false;
-  Style style;  ///< But for colouring and range, which belong to a stream.
+  Style style;  ///< Without colouring and range, which belong to a stream.
   std::optional<ResolverKind> resolver;
   std::optional<PlayoutMode> playout;
-  std::optional<double> smoothness;  ///< 0..1, of that mode; nothing: its default.
-  std::vector<std::string> recent;   ///< What was opened, newest first; nothing secret.
+  std::optional<double> smoothness;  ///< 0..1; nothing: the mode's default.
+  std::vector<std::string> recent;   ///< Opened streams and files, newest first, without secrets.
 
-  /// Puts it first.
+  /// Moves it to the front of `recent`.
   void opened(const std::string& what);
 
-  /// $XDG_CONFIG_HOME/eigencast/viewer.json; empty where no such folder is known.
+  /// $XDG_CONFIG_HOME/eigencast/viewer.json; empty if there is no such folder.
   static std::string default_path();
-  /// Members that are missing, or make no sense, are as at first: a newer or an older version may have written them.
-  /// Errors: kIo, kCorrupt (no JSON object); no such file is none.
+  /// Missing and invalid members have their defaults: another version may have written them. A missing file is no error.
+  /// Errors: kIo, kCorrupt (not a JSON object).
   static Result<Settings> load(const std::string& path);
   /// Errors: kIo.
   Result<void> save(const std::string& path) const;

@@ -17,13 +17,13 @@
 namespace eigencast {
 namespace {
 
-constexpr auto kIdleWait = std::chrono::milliseconds(6);  // how late a key or drag may be noticed while no pose comes
-constexpr double kEmptyWaitS = 0.1;                       // likewise, while there is nothing that poses could come from
+constexpr auto kIdleWait = std::chrono::milliseconds(6);  // latency of input while no pose comes
+constexpr double kEmptyWaitS = 0.1;                       // likewise without sources
 constexpr TimeUs kFiguresEveryUs = 250'000;
 constexpr TimeUs kNoticeUs = 8'000'000;
 constexpr double kTurnSeconds = 12;
 
-/// Not the URL as it was given: it may hold a token.
+/// Without the token that a URL may hold.
 std::string shown_name(const std::string& stream) {
   const auto url = parse_broker_url(stream);
   return clip_in(stream).value_or(url ? url->shown() : "");
@@ -91,7 +91,7 @@ Result<void> Viewer::open(std::span<PoseSource* const> sources) {
   camera_.set_view(options_.view);
   window_.listen(*this);
   overlay_ =
-      std::make_unique<Overlay>(window_.handle(), text_scale_now());  // after listen(): it calls our handlers too
+      std::make_unique<Overlay>(window_.handle(), text_scale_now());  // after listen(): ImGui chains our callbacks
   for (const std::string& stream : options_.scene.streams) {
     if (const std::string name = shown_name(stream); !name.empty()) settings_.opened(name);
   }
@@ -115,7 +115,7 @@ void Viewer::turn() {
   write_what_is_wanted(scene_changed);
 }
 
-/// Along its path, again and again; else round the scene, if it is to turn.
+/// Along the camera path in a loop, or around the scene.
 bool Viewer::move_camera(TimeUs now_us) {
   const double since = turned_us_ == 0 ? 0 : static_cast<double>(now_us - turned_us_) / 1e6;
   turned_us_ = now_us;
@@ -130,7 +130,7 @@ bool Viewer::move_camera(TimeUs now_us) {
   return true;
 }
 
-/// Texts and plots, looked at now and then: the picture stays as it is while they do.
+/// Texts and plots are compared now and then.
 bool Viewer::content_changed(TimeUs now_us) {
   const bool fading = session_->colourfulness() != drawn_colourfulness_ || session_->colours().is_waiting();
   if (now_us - checked_us_ < (fading ? 30'000 : kFiguresEveryUs)) return false;
@@ -140,21 +140,20 @@ bool Viewer::content_changed(TimeUs now_us) {
 
 OverlayContent Viewer::overlay_content() const {
   OverlayContent content;
-  // Figures of nothing say nothing.
   if (const HudFigures figures = session_->figures(); state_.hud && figures.vertices_total > 0)
     content.figures = hud_lines(figures);
   if (state_.panel) content.left_px = panel_width(overlay_->scale());
-  const Session::Standing standing = session_->standing();
-  content.connection = standing.line;
+  const Session::Status status = session_->status();
+  content.connection = status.line;
   content.connected = session_->is_connected();
-  content.banner = steady_now_us() < notice_until_us_ ? notice_ : standing.banner;
+  content.banner = steady_now_us() < notice_until_us_ ? notice_ : status.banner;
   content.paused = state_.paused;
   if (state_.style.legend) content.legend = session_->legend();
   if (state_.help) content.help = help_lines(state_, camera_, session_->scene().lod(), session_->levels().kind());
   return content;
 }
 
-/// A window has something behind it in any case.
+/// A window always has a background.
 Style Viewer::window_style() const {
   Style style = state_.style;
   style.transparent = false;
@@ -163,7 +162,7 @@ Style Viewer::window_style() const {
 
 void Viewer::draw() {
   if (width_ < 1 || height_ < 1) return;
-  // Where levels of detail follow what a picture takes it is made apart, and the window's buffer waited for afterwards.
+  // With a resolver the picture is drawn off-screen, so that waiting for the display does not count as work.
   const bool apart = session_->levels().active();
   const unsigned target = apart ? renderer_->offscreen_target(width_, height_) : 0;
   session_->draw(*renderer_, camera_, window_style(), width_, height_, target);
@@ -173,7 +172,7 @@ void Viewer::draw() {
   session_->finish_picture(false);
   if (apart) Renderer::copy_to_window(target, width_, height_);
   window_.swap();
-  if (apart) Renderer::finish();  // the display's turn ends here, not in the next picture's time
+  if (apart) Renderer::finish();  // so that the display's wait ends here
 }
 
 void Viewer::draw_panels() {
@@ -212,7 +211,7 @@ void Viewer::open_wanted(const std::string& text) {
   window_.set_title(title_for(name));
 }
 
-/// The same stream a second time is a second surface of the source there is.
+/// A stream that is open already becomes a second surface of its source.
 Result<void> Viewer::add_stream(const std::string& stream, const Placement& placement) {
   if (session_->scene().instances().size() >= kMaxSurfaces)
     return fail(ErrorCode::kTooLarge, "a scene holds at most " + std::to_string(kMaxSurfaces) + " surfaces");
@@ -250,7 +249,6 @@ void Viewer::say(const std::string& notice, bool bad) {
 
 void Viewer::write_what_is_wanted(bool scene_changed) {
   const auto report = [this](const Result<void>& written, const std::string& path) {
-    // A picture that cannot be written is no reason to close the window.
     written ? say("screenshot: " + path, false) : say(written.error().message, true);
   };
   if (std::exchange(state_.screenshot_wanted, false)) {
@@ -328,7 +326,7 @@ void Viewer::on_key(const std::string& name, const Modifiers& modifiers, bool re
                        wanted == Action::kMoreLive;
   if (!wanted || (repeated && !repeats)) return;
   state_.apply(*wanted, camera_, session_->scene().lod());
-  do_what_keys_wanted();  // at once: what follows may move the camera that is to be copied
+  do_what_keys_wanted();  // now, before the camera to copy moves on
   session_->scene().set_playout(state_.playout);
 }
 
@@ -357,7 +355,7 @@ int run_window(const ClientOptions& options, std::span<PoseSource* const> source
     log(log_sink, LogLevel::kError, ready.error().message);
     return kExitFailed;
   }
-  // Not before: what draws beside this thread, where a processor does, shall not be like it.
+  // After the start of the renderer, whose threads must not inherit this.
   run_when_woken(kMakingPoses);
   const TimeUs start = steady_now_us();
   while (!stop.load() && !viewer.closed()) {
@@ -365,7 +363,6 @@ int run_window(const ClientOptions& options, std::span<PoseSource* const> source
     if (options.frames > 0 && viewer.session().scene().poses_shown() >= options.frames) break;
     viewer.turn();
   }
-  // What cannot be remembered is a pity and no failure.
   if (const Result<void> remembered = viewer.remember(); !remembered)
     log(log_sink, LogLevel::kWarning, remembered.error().message);
   if (const Result<void> written = write_results(viewer, options); !written) {

@@ -30,13 +30,13 @@ class Viewer final : public WindowListener {
   /// CameraPath::read and Session::create.
   Result<void> open(std::span<PoseSource* const> sources);
   bool closed() const { return window_.close_wanted() || state_.quit; }
-  /// One turn: input, poses, and a picture if either changed it; then what the user wants written.
+  /// One turn: input, poses, a picture if either changed it, then files that the user wants.
   void turn();
-  /// Writes the picture as it is, with its texts. Errors: kIo.
+  /// Writes the picture with its texts. Errors: kIo.
   Result<void> save(const std::string& path);
   const Session& session() const { return *session_; }
   std::string report() const { return session_->report(*renderer_, width_, height_); }
-  /// What is to be remembered. Errors: kIo.
+  /// Saves the settings. Errors: kIo.
   Result<void> remember();
 
  private:
@@ -48,7 +48,7 @@ class Viewer final : public WindowListener {
   void on_double_click(glm::vec2 at_px) override;
   void on_drop(const std::vector<std::string>& what) override;
 
-  static constexpr int kRedrawsAfterInput = 4;  ///< Panels answer to input, and find their sizes, some pictures later.
+  static constexpr int kRedrawsAfterInput = 4;  ///< Panels react to input some pictures later.
 
   void open_wanted(const std::string& text);
   Result<void> add_stream(const std::string& stream, const Placement& placement);
@@ -71,7 +71,7 @@ class Viewer final : public WindowListener {
   const OpenSource open_;
   const LogSink log_;
   GlfwWindow window_{"--headless --frames 90 --out DIR writes pictures instead"};
-  // Renderer, rebuilder and overlay need the window's context when they go.
+  // Renderer, rebuilder and overlay need the window's context for destruction.
   std::unique_ptr<Renderer> renderer_;
   RebuilderChoice rebuilder_;
   std::unique_ptr<Overlay> overlay_;
@@ -79,7 +79,7 @@ class Viewer final : public WindowListener {
     std::string stream;
     std::unique_ptr<PoseSource> source;
   };
-  std::vector<Opened> opened_;  ///< By the user, in this window.
+  std::vector<Opened> opened_;  ///< By the user.
   std::unique_ptr<Session> session_;
   Camera camera_;
   ViewerState state_;

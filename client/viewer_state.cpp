@@ -60,7 +60,7 @@ std::string on_off(bool on) {
 
 constexpr double kSmoothnessStep = 0.125;
 
-/// Poses that are shown as they come are held for nothing: there it says nothing.
+/// kLatest holds nothing back.
 void change_smoothness(PlayoutSettings& playout, double by) {
   if (playout.mode == PlayoutMode::kLatest) return;
   playout.smoothness = std::clamp(Playout(playout).smoothness() + by, 0.0, 1.0);
@@ -159,7 +159,7 @@ std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera,
           {"double click", "turn round the point that was hit", ""},
           {"R  Home", "reset the camera", ""},
           {"+ -  . ,", "level of detail, at most", percent},
-          {"A", "who lowers it to hold the rate", std::string(name_of(resolver))},
+          {"A", "what lowers it to hold the rate", std::string(name_of(resolver))},
           {"Space", "pause", on_off(state.paused)},
           {"M", "motion between arrivals", kPlayoutTexts[static_cast<std::size_t>(state.playout.mode)]},
           {"[ ]", "live to smooth", text_from_smoothness(state.playout)},
@@ -186,7 +186,6 @@ std::string next_free_name(const std::string& prefix, const std::string& ending)
   for (int number = 1; number < 10'000; ++number) {
     char digits[16];
     std::snprintf(digits, sizeof digits, "_%04d", number);
-    // A folder that cannot be read makes writing fail, which says why.
     std::error_code error;
     const std::string name = prefix + digits + ending;
     if (!std::filesystem::exists(name, error)) return name;

@@ -15,7 +15,7 @@
 
 namespace eigencast {
 
-/// What a key can ask of the viewer.
+/// What keys do.
 enum class Action {
   kResetCamera,
   kHelp,
@@ -46,21 +46,20 @@ enum class Action {
   kQuit
 };
 
-/// The switches of the viewer, apart from any window.
+/// The switches of the viewer, and requests (wanted, on) that the window takes and clears.
 struct ViewerState {
   bool help = false, hud = true, panel = false;
   Style style;
   bool paused = false, quit = false;
   PlayoutSettings playout;
-  int colourings_on = 0;           ///< So many on in wishes_for(): whoever knows the source takes this and clears it.
-  bool resolver_wanted = false;    ///< Another resolver: whoever holds it takes this and clears it.
-  bool screenshot_wanted = false;  ///< Whoever draws next takes it and clears this.
-  bool clean_screenshot_wanted = false;            ///< Likewise, of the scene alone, without background.
-  bool turntable = false;                          ///< The camera goes round the scene.
+  int colourings_on = 0;  ///< Steps in wishes_for().
+  bool resolver_wanted = false;
+  bool screenshot_wanted = false;
+  bool clean_screenshot_wanted = false;            ///< The scene alone, without background.
+  bool turntable = false;                          ///< The camera circles the scene.
   bool recording = false;                          ///< Every picture is written.
-  bool copy_wanted = false, paste_wanted = false;  ///< The camera to the clipboard; whatever is there into the viewer.
+  bool copy_wanted = false, paste_wanted = false;  ///< The camera to the clipboard; its content to the viewer.
 
-  /// Does what the action asks, to itself, the camera or the level of detail.
   void apply(Action action, Camera& camera, LevelOfDetail& lod);
 };
 
@@ -71,9 +70,9 @@ std::optional<Action> action_for_key(std::string_view key, const Modifiers& modi
 std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod,
                                  ResolverKind resolver);
 
-/// prefix + "_0001" + ending and up: the first name that is not taken in the folder.
+/// The first free name of prefix + "_0001" + ending and up.
 std::string next_free_name(const std::string& prefix, const std::string& ending);
-/// The same of pictures: "_0001.png".
+/// The same with ".png".
 std::string next_screenshot_name(const std::string& prefix);
 
 }  // namespace eigencast

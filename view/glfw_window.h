@@ -59,10 +59,10 @@ class GlfwWindow final {
   void swap() const;
   void set_title(const std::string& title);
   float content_scale() const;    ///< 1 = 96 dpi
-  float pixels_per_unit() const;  ///< Of the picture, to a unit of the window: 2 on dense displays of some systems.
+  float pixels_per_unit() const;  ///< Of the picture per unit of the window: 2 on dense displays of some systems.
   double display_rate_hz() const;
   glm::ivec2 size() const;     ///< In window units, as it is asked for.
-  glm::ivec2 size_px() const;  ///< Of the picture.
+  glm::ivec2 size_px() const;  ///< The picture's.
   std::string clipboard() const;
   void set_clipboard(const std::string& text);
   GLFWwindow* handle() const { return window_; }

@@ -28,9 +28,9 @@ struct SurfacePaint {
   enum class Kind { kClay, kScalar, kColour, kNormal, kTexture };
   Kind kind = Kind::kClay;
   std::vector<float> values;  ///< N of kScalar, N x 3 (linear RGB) of kColour, and of kTexture for points and edges.
-  std::shared_ptr<const TextureLevels> levels;  ///< Of kTexture.
-  std::shared_ptr<const Picture> image;         ///< Of kTexture.
-  bool times_values = false;                    ///< Of kTexture: the image is multiplied by values.
+  std::shared_ptr<const TextureLevels> levels;  ///< kTexture only.
+  std::shared_ptr<const Picture> image;         ///< kTexture only.
+  bool times_values = false;                    ///< kTexture only: the image is multiplied by values.
   std::uint64_t version = 0;                    ///< Grows when kind or values have changed.
 };
 
@@ -39,7 +39,7 @@ class SurfacePainter {
  public:
   struct Wish {
     Colouring colouring = Colouring::kClay;
-    std::uint32_t channel = 3;  ///< Of kChannel.
+    std::uint32_t channel = 3;  ///< kChannel only.
     bool operator==(const Wish&) const = default;
   };
 

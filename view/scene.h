@@ -67,7 +67,7 @@ class Scene {
 
   std::uint64_t vertex_count() const;                                  ///< Drawn, of all surfaces.
   std::uint64_t triangle_count() const;                                ///< Likewise.
-  const Histogram& reconstruct_us() const { return reconstruct_us_; }  ///< Of all surfaces together, each advance().
+  const Histogram& reconstruct_us() const { return reconstruct_us_; }  ///< Per advance(), all surfaces.
   const Histogram& normals_us() const { return normals_us_; }          ///< Likewise.
 
  private:

@@ -14,7 +14,7 @@ namespace eigencast {
 struct DrawStyle {
   bool edges = false, wireframe = false, points = false, grid = true, axes = false;
   bool transparent = false;  ///< No wall, no grid: what is drawn keeps its alpha, the floor only its shadow.
-  ColourMap colour_map = ColourMap::kViridis;  ///< Of surfaces painted with numbers.
+  ColourMap colour_map = ColourMap::kViridis;  ///< For surfaces painted with numbers.
 };
 
 /// What the user has chosen, in the window or on the command line.

@@ -17,9 +17,9 @@ struct SurfaceGeometry {
   std::vector<float> normals;            ///< N x 3; empty for a point cloud whose asset brings none.
   std::vector<float> radii;              ///< N, of a point cloud's discs, surface units; may be empty.
   std::vector<std::uint32_t> triangles;  ///< 3 indices each.
-  std::uint64_t pose_version = 0;        ///< Of positions and normals.
-  std::uint64_t level_version = 0;       ///< Of radii.
-  std::uint64_t topology_version = 0;    ///< Of triangles.
+  std::uint64_t pose_version = 0;        ///< For positions and normals.
+  std::uint64_t level_version = 0;       ///< For radii.
+  std::uint64_t topology_version = 0;    ///< For triangles.
   /// For each block of LevelTriangles::kBlock indices the topology_version of its last change; empty: unknown.
   std::vector<std::uint64_t> triangle_blocks;
   bool is_point_cloud = false;

@@ -43,7 +43,7 @@ class TextureLevels {
   void follow(std::shared_ptr<const AssetTexture> texture, const SurfaceGeometry& geometry, const LevelMorph& morph);
 
   const VersionedBlocks<std::uint32_t>& corners() const { return corners_; }  ///< As SurfaceGeometry::triangles.
-  const VersionedBlocks<std::array<float, 2>>& uvs() const { return uvs_; }   ///< Of the wedges in use.
+  const VersionedBlocks<std::array<float, 2>>& uvs() const { return uvs_; }   ///< For the wedges in use.
   std::uint64_t version() const { return version_; }  ///< Grows with each follow() of any object.
 
  private:

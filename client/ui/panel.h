@@ -14,13 +14,13 @@ namespace eigencast {
 /// A line of text that the user types.
 using TextField = std::array<char, 1024>;
 
-/// What a panel or card asks of its window.
+/// Requests to the window.
 struct UiRequests {
-  std::string open;  ///< Whatever the user typed or pressed; empty: nothing.
+  std::string open;  ///< Empty: nothing.
   std::optional<std::size_t> remove;
 };
 
-/// Of the panel with the gap beside it, in pixels.
+/// Panel and gap, pixels.
 inline float panel_width(float scale) {
   return 304 * scale;
 }
@@ -30,7 +30,7 @@ inline float panel_width(float scale) {
 /// REQUIRES: called while an Overlay draws. Not thread-safe.
 UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, float scale);
 
-/// The card of a viewer that shows nothing yet: built-in demos, a line for a URL or a file, what was opened before.
+/// For an empty viewer: built-in demos, a line for a URL or a file, recently opened ones.
 /// REQUIRES: as draw_panel.
 UiRequests draw_welcome(const std::vector<std::string>& recent, TextField& to_open, float scale);
 

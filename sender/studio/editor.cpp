@@ -24,11 +24,11 @@ std::size_t Editor::chosen_count() const {
 Box Editor::box() const {
   const std::vector<Vec3>& from = under_way_ ? before_ : handles_;
   const bool all = chosen_count() == 0;
-  std::vector<Vec3> meant;
+  std::vector<Vec3> edited;
   for (std::size_t i = 0; i < from.size(); ++i) {
-    if (all || is_chosen(i)) meant.push_back(from[i]);
+    if (all || is_chosen(i)) edited.push_back(from[i]);
   }
-  return bounding_box(meant);
+  return bounding_box(edited);
 }
 
 Vec3 Editor::centre() const {

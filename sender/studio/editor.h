@@ -12,17 +12,17 @@
 
 namespace eigencast::studio {
 
-/// What is done to the chosen handles.
+/// What dragging does to the chosen handles.
 enum class Tool { kMove, kRotate, kScale, kTwist, kBend };
 std::string_view name_of(Tool tool);
 
-/// Handles that are edited: where they are, which are chosen, and the way back. Without a choice, all are meant.
+/// Handles with a choice among them and undo. Without a choice edits apply to all.
 ///
-/// A gesture goes from begin() to finish() or cancel(); each step within it starts from where the handles were at
-/// begin(), so that nothing adds up, and the whole is one step back. Pure state. Not thread-safe.
+/// A gesture goes from begin() to finish() or cancel(): each edit starts from the positions at begin(), and all of them
+/// are one step of undo. Pure state. Not thread-safe.
 class Editor {
  public:
-  static constexpr std::size_t kMaxSteps = 500;  ///< The oldest are forgotten.
+  static constexpr std::size_t kMaxSteps = 500;  ///< For undo.
 
   explicit Editor(std::vector<Vec3> rest);
 
@@ -30,7 +30,7 @@ class Editor {
   std::span<const Vec3> rest() const { return rest_; }
   bool is_chosen(std::size_t handle) const { return chosen_[handle] != 0; }
   std::size_t chosen_count() const;
-  /// Of the handles that are meant, where they are, or were at begin().
+  /// Of the handles to edit; during a gesture as of begin().
   Box box() const;
   Vec3 centre() const;
 
@@ -40,8 +40,7 @@ class Editor {
 
   void begin();
   bool is_under_way() const { return under_way_; }
-  // Each REQUIRES: is_under_way(). Angles in radians, about the axis through centre(); of a twist and a bend, over
-  // box().
+  // Each REQUIRES: is_under_way(). Angles in radians about the axis through centre(); twist and bend act over box().
   void move(const Vec3& by);
   void rotate(std::size_t axis, double angle);
   void scale(const Vec3& by);
@@ -52,7 +51,7 @@ class Editor {
 
   bool undo();
   bool redo();
-  /// Back to rest, all of them, as one step.
+  /// Moves all handles to rest, as one step.
   void reset();
 
  private:

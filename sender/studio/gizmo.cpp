@@ -13,7 +13,7 @@ namespace eigencast::studio {
 namespace {
 
 constexpr float kGizmoPx = 90;
-constexpr double kLeastFactor = 0.02;
+constexpr double kMinFactor = 0.02;
 constexpr std::array<glm::vec4, 3> kAxisColours{
     {{0.86F, 0.22F, 0.20F, 1}, {0.25F, 0.62F, 0.22F, 1}, {0.20F, 0.40F, 0.85F, 1}}};
 constexpr glm::vec4 kCage{0.10F, 0.16F, 0.26F, 0.75F}, kHandle{0.93F, 0.95F, 0.98F, 1}, kChosen{1.0F, 0.70F, 0.12F, 1};
@@ -28,7 +28,7 @@ Vec3 along(std::size_t axis, double length) {
   return v;
 }
 
-/// The way from centre to knob on the screen; nothing where they coincide there or are behind the camera.
+/// From centre to knob on the screen; nothing where they coincide or are behind the camera.
 std::optional<glm::vec2> knob_way_px(const Camera& camera, const Gizmo& gizmo, std::size_t axis) {
   const auto from = camera.pixel_from_scene(glm_from(gizmo.centre));
   const auto to = camera.pixel_from_scene(glm_from(gizmo.knob(axis)));
@@ -36,21 +36,21 @@ std::optional<glm::vec2> knob_way_px(const Camera& camera, const Gizmo& gizmo, s
   return *to - *from;
 }
 
-/// How far the mouse went along the axis, in lengths of the gizmo. An axis that points at the eye is dragged upwards.
+/// The drag along the axis, in lengths of the gizmo. An axis that points at the eye is dragged upwards.
 double lengths_along(const Camera& camera, const Gizmo& gizmo, std::size_t axis, const glm::vec2& drag) {
   const auto way = knob_way_px(camera, gizmo, axis);
   if (!way) return -static_cast<double>(drag.y / kGizmoPx);
   return static_cast<double>(glm::dot(drag, *way) / glm::dot(*way, *way));
 }
 
-/// How far the mouse turned the axis: what is before it follows the mouse.
+/// The angle of a drag about the axis; the near side follows the mouse.
 double turn_about(const Camera& camera, const Gizmo& gizmo, std::size_t axis, const glm::vec2& drag) {
   const auto way = knob_way_px(camera, gizmo, axis);
   const glm::vec2 across = way ? glm::vec2(-way->y, way->x) / glm::length(*way) : glm::vec2(1, 0);
   return std::numbers::pi * static_cast<double>(glm::dot(drag, across) / kHalfTurnPx);
 }
 
-/// What a bend about an axis bends: of the two lines across it the longer one, towards the other.
+/// The axes of a bend about `axis`: bends the longer of the other two towards the shorter one.
 deform::Frame bent_line(const Box& box, std::size_t axis) {
   const std::size_t u = (axis + 1) % 3, v = (axis + 2) % 3;
   const Vec3 extent = box.high - box.low;
@@ -131,7 +131,7 @@ void drag_knob(Editor& editor, Tool tool, const Camera& camera, const Gizmo& giz
       return editor.move(along(axis, lengths * gizmo.length));
     case Tool::kScale: {
       Vec3 by{1, 1, 1};
-      by[axis] = std::max(1 + lengths, kLeastFactor);
+      by[axis] = std::max(1 + lengths, kMinFactor);
       return editor.scale(by);
     }
     case Tool::kRotate:
@@ -162,7 +162,7 @@ Markup markup_of(const Editor& editor, std::span<const Face> handle_faces, Tool 
     markup.lines.push_back({from, to, kAxisColours[axis], 2.5F, true});
     markup.dots.push_back({to, kAxisColours[axis], tool == Tool::kMove || tool == Tool::kScale ? 13.0F : 17.0F, true});
     if (tool == Tool::kMove || tool == Tool::kScale) continue;
-    // What turns shows an arc across its axis.
+    // Tools that turn show an arc across their axis.
     constexpr int kPieces = 10;
     const auto on_arc = [&](int piece) {
       const double angle = (piece / static_cast<double>(kPieces) - 0.5) * std::numbers::pi / 2;

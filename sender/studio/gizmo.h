@@ -9,45 +9,44 @@
 #include "view/camera.h"
 #include "view/markup.h"
 
-/// From the mouse to what is meant, and back to what is drawn: functions of camera and points alone. Mouse places in
-/// pixels from the upper left corner; points in the scene.
+/// From mouse to edits, and from handles to marks: functions of camera and points. Mouse positions are pixels from the
+/// upper left corner; points are in the scene.
 namespace eigencast::studio {
 
-inline constexpr float kReachPx = 12;  ///< A hand need not hit a handle nearer than so.
+inline constexpr float kReachPx = 12;  ///< Radius within which the mouse takes a handle.
 
 glm::vec3 glm_from(const Vec3& p);
 
-/// The handle under the mouse: of those within kReachPx the one nearest to the camera; nothing if there is none.
+/// Of the handles within kReachPx the one nearest to the camera.
 std::optional<std::uint32_t> handle_at(const Camera& camera, std::span<const Vec3> handles, const glm::vec2& mouse);
-/// The handles within a rectangle of the picture, whatever is in front of them.
+/// The handles within a rectangle of the picture, hidden ones included.
 std::vector<std::uint32_t> handles_within(const Camera& camera, std::span<const Vec3> handles, const glm::vec2& corner,
                                           const glm::vec2& opposite);
 
 /// Frames a box and the handles around it.
 void frame(Camera& camera, const glm::vec3& low, const glm::vec3& high, std::span<const Vec3> handles);
 
-/// How a point moves that follows the mouse in the plane that faces the camera.
+/// The shift of a point that follows the mouse in the plane that faces the camera.
 Vec3 shift_in_view(const Camera& camera, const Vec3& point, const glm::vec2& from, const glm::vec2& to);
 
-/// Three knobs on axes through the middle of what is chosen: what is dragged along or about an axis.
+/// Three knobs on axes through the centre of the choice.
 struct Gizmo {
   Vec3 centre{};
   double length = 1;  ///< From centre to knob.
   Vec3 knob(std::size_t axis) const;
 };
-/// Of constant size on the screen.
+/// Has a constant size on the screen.
 Gizmo gizmo_at(const Camera& camera, const Vec3& centre);
 /// The axis whose knob is under the mouse.
 std::optional<std::size_t> knob_at(const Camera& camera, const Gizmo& gizmo, const glm::vec2& mouse);
 
-/// Does to the editor's gesture what dragging a knob from one place to another means: moving along its axis; growing
-/// along it; turning, twisting or bending about it by half a turn for each kHalfTurnPx across it.
+/// Applies the drag of a knob to the editor's gesture: moves or scales along its axis; rotates, twists or bends about it by
+/// half a turn for each kHalfTurnPx across it.
 inline constexpr float kHalfTurnPx = 300;
 void drag_knob(Editor& editor, Tool tool, const Camera& camera, const Gizmo& gizmo, std::size_t axis,
                const glm::vec2& from, const glm::vec2& to);
 
-/// Edges between handles, handles, knobs. `handle_faces` may be empty.
-///   hovered  a handle under the mouse, drawn larger
+/// Edges between handles, handles, knobs. `handle_faces` may be empty; the `hovered` handle is drawn larger.
 Markup markup_of(const Editor& editor, std::span<const Face> handle_faces, Tool tool, const Gizmo& gizmo,
                  std::optional<std::uint32_t> hovered);
 

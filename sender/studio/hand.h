@@ -8,7 +8,6 @@
 
 namespace eigencast::studio {
 
-/// What a key asks for.
 enum class Command {
   kMove,  // the tools, in the order of Tool
   kRotate,
@@ -31,9 +30,9 @@ enum class Command {
 /// The command of a key as WindowListener names it.
 std::optional<Command> command_for_key(std::string_view key, const Modifiers& modifiers);
 
-/// Turns what mouse and keys do into edits and views: a left drag of a handle moves what is chosen, of a knob does what
-/// the tool does; beside both it turns the camera, with Shift it draws a rectangle of choice. Middle and right drags
-/// move the camera. Pure state, no window, no time. Not thread-safe.
+/// Turns mouse and keys into edits and views: a left drag of a handle moves the choice, of a knob applies the tool; beside
+/// both it turns the camera, or with Shift draws a rectangle of choice. Middle and right drags move the camera. Pure
+/// state. Not thread-safe.
 class Hand {
  public:
   /// Both must outlive it.
@@ -43,7 +42,7 @@ class Hand {
   void move(const glm::vec2& mouse);
   void release(MouseButton button);
   void wheel(float steps);
-  /// Does what concerns edit and camera; false for the others, which are the window's.
+  /// Does commands of editor and camera; false for those of the window.
   bool command(Command command);
 
   Tool tool() const { return tool_; }
@@ -62,10 +61,10 @@ class Hand {
   Doing doing_ = Doing::kNothing;
   MouseButton button_ = MouseButton::kLeft;
   glm::vec2 mouse_{0}, pressed_{0};
-  bool moved_ = false;    ///< Farther than a click does.
-  Vec3 held_{};           ///< The handle that is dragged, where it was.
-  Gizmo grabbed_;         ///< As it was when its knob was taken.
-  std::size_t axis_ = 0;  ///< Of that knob.
+  bool moved_ = false;    ///< Farther than a click.
+  Vec3 held_{};           ///< Position of the dragged handle at the press.
+  Gizmo grabbed_;         ///< At the press of its knob.
+  std::size_t axis_ = 0;  ///< For the pressed knob.
 };
 
 }  // namespace eigencast::studio

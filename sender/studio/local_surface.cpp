@@ -8,18 +8,18 @@
 namespace eigencast::studio {
 namespace {
 
-/// W in the asset's order, dressed as an asset, because X = W y is what the reconstruction kernel computes.
+/// W in the asset's order as the basis of an asset, so that the reconstruction kernel computes X = W y.
 Asset as_asset(const Asset& asset, const deform::LinearMap& map) {
-  Asset dressed;
+  Asset wrapped;
   const std::size_t n = map.vertices, c = map.controls;
-  dressed.vertex_count = dressed.rows_ready = static_cast<std::uint32_t>(n);
-  dressed.rank = static_cast<std::uint32_t>(c);
-  dressed.basis.resize(n * c);
+  wrapped.vertex_count = wrapped.rows_ready = static_cast<std::uint32_t>(n);
+  wrapped.rank = static_cast<std::uint32_t>(c);
+  wrapped.basis.resize(n * c);
   for (std::size_t row = 0; row < n; ++row) {
     const double* from = &map.W[asset.source_vertex[row] * c];
-    std::transform(from, from + c, &dressed.basis[row * c], [](double w) { return static_cast<float>(w); });
+    std::transform(from, from + c, &wrapped.basis[row * c], [](double w) { return static_cast<float>(w); });
   }
-  return dressed;
+  return wrapped;
 }
 
 }  // namespace
@@ -62,7 +62,7 @@ void LocalSurface::set(std::span<const double> y, std::span<const double> C) {
 }
 
 void LocalSurface::compare() {
-  double sum = 0, most = 0;
+  double sum = 0, largest = 0;
   for (std::size_t i = 0; i < full_positions_.size(); i += 3) {
     double squared = 0;
     for (std::size_t k = i; k < i + 3; ++k) {
@@ -70,11 +70,11 @@ void LocalSurface::compare() {
       squared += d * d;
     }
     sum += squared;
-    most = std::max(most, squared);
+    largest = std::max(largest, squared);
   }
   const double diagonal = asset_->diagonal();
   rms_ = std::sqrt(sum / asset_->vertex_count) / diagonal;
-  max_ = std::sqrt(most) / diagonal;
+  max_ = std::sqrt(largest) / diagonal;
 }
 
 }  // namespace eigencast::studio

@@ -11,24 +11,24 @@
 
 namespace eigencast::studio {
 
-/// The surface as its maker sees it: deformed in full detail, and as the coefficients give it to those who watch; and
-/// how far these are apart. In the asset's order and space. Not thread-safe.
+/// The user's surface, deformed in full detail and as viewers get it from coefficients, and the error between both. In the
+/// asset's order and space. Not thread-safe.
 class LocalSurface {
  public:
-  /// map: of the deformer, or null: what is sent is all that there is. Keeps its weights as floats, n x c, and a
-  /// reference to the asset. The map must carry a shift of all handles to all vertices, as coordinates of cages do.
+  /// map: of the deformer; null: there is only the sent surface. Copies its weights as floats, n x c, and refers to the
+  /// asset. The map must carry a shift of all handles to all vertices, as coordinates of cages do.
   LocalSurface(const Asset& asset, const deform::LinearMap* map);
 
-  /// y: controls of the linear map (c x 3), of handles in the asset's space; C: r x 3. Takes one pass over each basis.
+  /// y: controls of the linear map (c x 3), of handles in the asset's space; C: r x 3.
   void set(std::span<const double> y, std::span<const double> C);
-  /// Which of the two geometry() is; from the next set() on.
+  /// Chooses geometry() from the next set() on.
   void show_received(bool received) { received_shown_ = received; }
   bool received_shown() const { return received_shown_ || full_.tiles().rank() == 0; }
 
-  /// Of the rest pose, in the asset's space.
+  /// The rest pose's box.
   std::pair<glm::vec3, glm::vec3> box() const;
   const SurfaceGeometry& geometry() const { return geometry_; }
-  double rms() const { return rms_; }  ///< Of the vertex distances, over the diagonal of the rest box.
+  double rms() const { return rms_; }  ///< Vertex distances over the diagonal of the rest box.
   double max() const { return max_; }  ///< The largest, likewise.
 
  private:

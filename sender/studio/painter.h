@@ -50,10 +50,10 @@ class Painter final {
  public:
   struct Options {
     GlfwWindow* window = nullptr;  ///< Its context must be current on no thread.
-    float scale = 1;               ///< Of text.
+    float scale = 1;               ///< For text.
     glm::vec3 low{0}, high{0};     ///< Box of the user's surface at rest, with its handles.
     std::vector<std::unique_ptr<PoseSource>> others;
-    std::vector<std::string> names;  ///< Of the others.
+    std::vector<std::string> names;  ///< For the others.
     LogSink log;
   };
   /// Errors: those of Renderer::create.

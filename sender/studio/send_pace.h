@@ -8,15 +8,14 @@
 
 namespace eigencast::studio {
 
-/// When the pose that a hand makes is sent: at once where nothing was sent for an interval, otherwise as soon as it is
-/// over, so that the last pose of a gesture always goes out; and now and then while nothing moves. Time comes in as
-/// arguments.
+/// When to send the pose of a hand: at once if nothing was sent for an interval, otherwise at its end, so that the last
+/// pose of a gesture is always sent; and a heartbeat while nothing moves. Time comes in as arguments.
 class SendPace {
  public:
   SendPace(TimeUs interval_us, TimeUs heartbeat_us) : interval_us_(interval_us), heartbeat_us_(heartbeat_us) {}
 
   void changed() { waiting_ = true; }
-  /// When the pose as it then is should be sent; may be over.
+  /// May lie in the past.
   TimeUs due_us(TimeUs now_us) const {
     if (!sent_us_) return now_us;
     return *sent_us_ + (waiting_ ? interval_us_ : std::max(interval_us_, heartbeat_us_));

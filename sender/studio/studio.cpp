@@ -13,7 +13,7 @@ namespace eigencast::studio {
 namespace {
 
 constexpr const char* kInstead = "--script deforms instead of a hand";
-constexpr TimeUs kHeartbeatUs = 500'000, kFiguresEveryUs = 250'000, kLongestWaitUs = 50'000;
+constexpr TimeUs kHeartbeatUs = 500'000, kFiguresEveryUs = 250'000, kMaxWaitUs = 50'000;
 
 std::vector<HelpLine> help_of(Tool tool) {
   return {{"left drag", "a handle: move what is chosen; a knob: the tool; else turn the view", ""},
@@ -86,10 +86,10 @@ class Studio final : public WindowListener {
   std::unique_ptr<Painter> painter_;
   int width_ = 0, height_ = 0;
   bool redraw_ = true, received_ = false, cage_ = true, edges_ = false, figures_ = true, help_ = false, quit_ = false;
-  std::optional<TimeUs> input_us_;       ///< Of the newest event that has not become a pose.
-  std::optional<TimeUs> pose_input_us_;  ///< Of the pose.
-  bool unsent_ = false;                  ///< The pose by hand has not gone out.
-  std::vector<Vec3> posed_;              ///< The handles that y_ and C_ are of.
+  std::optional<TimeUs> input_us_;       ///< For the newest event without a pose.
+  std::optional<TimeUs> pose_input_us_;  ///< For the event that made the pose.
+  bool unsent_ = false;                  ///< The pose by hand has not been sent.
+  std::vector<Vec3> posed_;              ///< The handles of y_ and C_.
   std::vector<double> y_, C_;
   std::uint64_t pose_ = 0;
   std::shared_ptr<const SurfaceGeometry> surface_;
@@ -209,8 +209,8 @@ void Studio::send_if_due() {
   const TimeUs now_us = steady_now_us(), due_us = pace_.due_us(now_us);
   if (due_us > now_us) return;
   const bool by_hand = std::exchange(unsent_, false), at_once = by_hand && due_us <= *pose_input_us_;
-  // A pose is as old as the movement that made it; one that the pace held back is of the moment that it leaves.
-  (void)publisher_.send_coefficients(C_, at_once ? *pose_input_us_ : now_us);  // It counts what it drops.
+  // Capture time is that of the input, or, of a pose that the pace delayed, the time of sending.
+  (void)publisher_.send_coefficients(C_, at_once ? *pose_input_us_ : now_us);  // The publisher counts what it drops.
   pace_.sent(now_us);
   if (at_once)
     report_.input_to_sent_us.add(steady_now_us() - *pose_input_us_);
@@ -218,7 +218,7 @@ void Studio::send_if_due() {
     ++report_.held_back;
 }
 
-/// After what is sent: the others wait longer for it than one's own eye.
+/// After sending, because the others wait longer for the pose.
 void Studio::make_surface() {
   if (surface_ && surface_pose_ == pose_ && surface_received_ == received_) return;
   const bool by_hand = surface_pose_ != pose_ && pose_input_us_;
@@ -268,7 +268,7 @@ Result<void> Studio::run(const std::function<bool()>& stop) {
   while (!quit_ && !window_.close_wanted() && !stop()) {
     const TimeUs now_us = steady_now_us();
     if (end_us > 0 && now_us >= end_us) break;
-    const TimeUs wait_us = std::clamp<TimeUs>(pace_.due_us(now_us) - now_us, 0, kLongestWaitUs);
+    const TimeUs wait_us = std::clamp<TimeUs>(pace_.due_us(now_us) - now_us, 0, kMaxWaitUs);
     window_.poll_events(static_cast<double>(wait_us) * 1e-6);
     if (const Result<void> posed = make_pose(); !posed) return posed;
     send_if_due();

@@ -18,25 +18,24 @@ struct Options {
   int width = 1280, height = 800;
   std::string view = "front";            ///< See Camera::set_view.
   std::vector<SubscriberOptions> watch;  ///< Streams of others.
-  double rate_hz = 60;                   ///< Most poses a second.
+  double rate_hz = 60;                   ///< Upper bound of sent poses a second.
   double duration_s = 0;                 ///< 0: until the window is closed.
 };
 
 struct Report {
   PaintingReport painting;
-  Histogram input_to_coefficients_us;      ///< From the hand to what is sent.
-  Histogram input_to_sent_us;              ///< From the hand to the connection, where the pace let the pose go at once.
-  Histogram input_to_pose_us;              ///< From the hand to vertices and normals in full detail, ready to be drawn.
-  double rms = 0, max = 0;                 ///< Of the last pose: see LocalSurface.
-  std::uint64_t poses = 0, held_back = 0;  ///< Made by hand; of those, how many waited for the pace or were overtaken.
+  Histogram input_to_coefficients_us;      ///< From input to coefficients.
+  Histogram input_to_sent_us;              ///< From input to the connection, of poses that were sent at once.
+  Histogram input_to_pose_us;              ///< From input to vertices and normals in full detail.
+  double rms = 0, max = 0;                 ///< For the last pose: see LocalSurface.
+  std::uint64_t poses = 0, held_back = 0;  ///< Made by hand; of those, delayed by the pace or overtaken.
 };
 
-/// Whether there is a display to open a window on; its graphics may still not do. Call from the main thread. Errors:
-/// kUnsupported.
+/// Whether there is a display; it may lack OpenGL. Call from the main thread. Errors: kUnsupported.
 Result<void> find_display();
 
-/// A window in which a hand deforms a surface, which goes out while it does. Returns when the window is closed, the
-/// time is over or stop() says so.
+/// A window in which the user deforms a surface, which is sent meanwhile. Returns when the window is closed, the time is
+/// over or stop() returns true.
 ///   deformer   has a linear map, or makes coefficients
 /// All must outlive the call. Call from the main thread. Errors: kUnsupported (no display, no OpenGL), kInvalidArgument
 /// (a URL).
