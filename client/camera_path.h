@@ -11,8 +11,8 @@
 
 namespace eigencast {
 
-/// A flight of the camera over time: a non-uniform Catmull-Rom spline through the keys, whose velocities are those of the
-/// parabolas through three neighbours.
+/// A flight of the camera over time: a non-uniform Catmull-Rom spline through the keys, whose velocities are those of
+/// the parabolas through three neighbours.
 class CameraPath {
  public:
   struct Key {

@@ -14,9 +14,9 @@
 
 namespace eigencast {
 
-/// The clip that a stream plays, as the truth of what is shown. The moment of a pose is the nearest point on the polyline
-/// through the coefficients of the clip's frames, so that errors are those of basis, codec, bands, level of detail and
-/// interpolation, not of latency.
+/// The clip that a stream plays, as the truth of what is shown. The moment of a pose is the nearest point on the
+/// polyline through the coefficients of the clip's frames, so that errors are those of basis, codec, bands, level of
+/// detail and interpolation, not of latency.
 ///
 /// Reads two frames of the clip for each pose. Not thread-safe.
 class ClipTruth final : public Truth {

@@ -22,8 +22,8 @@ std::string_view name_of(ResolverKind kind);
 struct LevelSettings {
   ResolverKind kind = ResolverKind::kNone;
   double target_fps = 60;
-  /// A picture is late after so many times 1 / target_fps: 1 for a display, where it waits for the next refresh; 1.25 for
-  /// a rate without a display.
+  /// A picture is late after so many times 1 / target_fps: 1 for a display, where it waits for the next refresh; 1.25
+  /// for a rate without a display.
   double deadline = 1;
   double floor = 0.02;  ///< Smallest part of its vertices that a surface keeps.
   /// Of the paper's resolver: distances at which G (Eq. 5) is 1 and 0. Default: 0, and four radii of the scene.

@@ -124,12 +124,12 @@ class PlanMargin {
 /// The model of a frame's cost is a + b V, where V sums cost x N over the objects. b comes from least squares over the
 /// last frames, limited by how much V has varied; a is a DriftingValue, so that a step of the load is answered within a
 /// few frames and noise is not. V follows from the budget. It is split so that the sum of the errors on the screen is
-/// least: linear interpolation between vertices is off by the square of an edge, pixels^2 / N in all, hence
-/// N ~ pixels / sqrt(cost) within its bounds.
+/// least: linear interpolation between vertices is off by the square of an edge, pixels^2 / N in all, hence N ~ pixels
+/// / sqrt(cost) within its bounds.
 ///
 /// If a alone exceeds a frame's time, no V holds the rate. That takes evidence: kPatience frames at the smallest V that
-/// were all late although the model blames a. Then the vertices may take kShare of the time at the smallest V, until the
-/// model says as long that the smallest V would be in time again.
+/// were all late although the model blames a. Then the vertices may take kShare of the time at the smallest V, until
+/// the model says as long that the smallest V would be in time again.
 ///
 /// V grows by at most kGrowth a frame, and shrinks no faster than the late frame demands, or by kFall. Changes within
 /// kDeadBand are not made. Objects out of sight are drawn at their min.

@@ -120,8 +120,8 @@ std::string origin_of(const std::string& url) {
   return parsed ? parsed->origin() : std::string();
 }
 
-/// Resolves names and contexts to a URL with credentials. home: the broker that gets token and certificate of the command
-/// line; empty: this stream's, which it is set to. Other brokers get what the contexts hold for them.
+/// Resolves names and contexts to a URL with credentials. home: the broker that gets token and certificate of the
+/// command line; empty: this stream's, which it is set to. Other brokers get what the contexts hold for them.
 Result<Target> resolve(const std::string& stream, const RawOptions& raw, std::string& home) {
   const auto contexts = Contexts::load(Contexts::default_path());
   if (!contexts) return contexts.error();
@@ -149,8 +149,8 @@ bool knows_a_broker(const RawOptions& raw) {
   return !raw.context.empty() || !contexts || contexts->find("") != nullptr;
 }
 
-/// The streams of the scene file or of the command line, with credentials; by default the context's or, without a window to
-/// ask in, kDefaultUrl.
+/// The streams of the scene file or of the command line, with credentials; by default the context's or, without a
+/// window to ask in, kDefaultUrl.
 Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
   SceneDescription& scene = options.scene;
   if (!raw.scene.empty()) {

@@ -24,8 +24,8 @@
 
 namespace eigencast {
 
-/// What window and headless viewer share: polls the sources, keeps scene and levels of detail, counts, records poses, and
-/// writes the report. Not thread-safe.
+/// What window and headless viewer share: polls the sources, keeps scene and levels of detail, counts, records poses,
+/// and writes the report. Not thread-safe.
 class Session final {
  public:
   /// The sources must outlive it. Errors: kIo (the record cannot be made).

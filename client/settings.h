@@ -30,8 +30,8 @@ struct Settings {
 
   /// $XDG_CONFIG_HOME/eigencast/viewer.json; empty if there is no such folder.
   static std::string default_path();
-  /// Missing and invalid members have their defaults: another version may have written them. A missing file is no error.
-  /// Errors: kIo, kCorrupt (not a JSON object).
+  /// Missing and invalid members have their defaults: another version may have written them. A missing file is no
+  /// error. Errors: kIo, kCorrupt (not a JSON object).
   static Result<Settings> load(const std::string& path);
   /// Errors: kIo.
   Result<void> save(const std::string& path) const;

@@ -18,8 +18,9 @@ class BandFade {
  public:
   static constexpr TimeUs kFadeUs = 150'000;
 
-  /// Blends `wanted`, a pose of these bands, with what was shown when the bands changed. `shown` is the last pose shown;
-  /// both are band_ends.back() x channels, row-major. Nothing fades if they differ in size or band_ends is empty.
+  /// Blends `wanted`, a pose of these bands, with what was shown when the bands changed. `shown` is the last pose
+  /// shown; both are band_ends.back() x channels, row-major. Nothing fades if they differ in size or band_ends is
+  /// empty.
   void apply(std::uint8_t bands, TimeUs now_us, std::span<const std::uint32_t> band_ends, std::span<const double> shown,
              std::span<double> wanted);
 

@@ -11,8 +11,8 @@
 
 namespace eigencast {
 
-/// An asset on the GPU, as shaders::kPositions reads it: the tiles of the basis with four columns a texel, and the discs
-/// of a point cloud. Needs its context current in every call.
+/// An asset on the GPU, as shaders::kPositions reads it: the tiles of the basis with four columns a texel, and the
+/// discs of a point cloud. Needs its context current in every call.
 class GpuBasis final {
  public:
   static constexpr std::uint32_t kColumns = 4;  ///< In a texel.

@@ -9,10 +9,10 @@
 namespace eigencast {
 
 /// Rebuilds on the GPU with OpenGL 3.3 core: the basis lies there, a pose is its coefficients (12 bytes each), and
-/// positions and normals never leave it. Results differ from those of CpuRebuilder by rounding: positions by 2e-6 of the
-/// sum of their terms' magnitudes (of a moving vertex: or of its parents' largest such sum), and by what CpuRebuilder
-/// rounds coefficients to 16 bits (BasisTiles::whole_coefficients), which the GPU does not; normals by 0.1 degrees where
-/// the surface has any area.
+/// positions and normals never leave it. Results differ from those of CpuRebuilder by rounding: positions by 2e-6 of
+/// the sum of their terms' magnitudes (of a moving vertex: or of its parents' largest such sum), and by what
+/// CpuRebuilder rounds coefficients to 16 bits (BasisTiles::whole_coefficients), which the GPU does not; normals by 0.1
+/// degrees where the surface has any area.
 ///
 /// A surface too large for the GPU's buffers, or with detail (DetailKind), is rebuilt on the processor: its geometry
 /// then has no `gpu`.

@@ -4,8 +4,9 @@
 /// GLSL 3.30 of make_gpu_rebuilder(): vertex shaders whose results are kept, one for each vertex of the surface.
 namespace eigencast::shaders {
 
-/// X = Psi C. The basis lies in tiles of 64 rows; a tile holds its columns in groups of four, a group one texel per row,
-/// so that neighbouring vertices read neighbouring texels. Columns on a grid are 16-bit integers, the others floats.
+/// X = Psi C. The basis lies in tiles of 64 rows; a tile holds its columns in groups of four, a group one texel per
+/// row, so that neighbouring vertices read neighbouring texels. Columns on a grid are 16-bit integers, the others
+/// floats.
 ///   C  for each group the x, y and z coefficients of its four columns
 inline constexpr const char* kPositions = R"(#version 330 core
 uniform samplerBuffer floats;
@@ -59,8 +60,8 @@ out vec4 position;
 void main() { position = vec4(blended(gl_VertexID), 1.0); }
 )";
 
-/// Sums over faces by additive blending: each vertex has a pixel, and each corner of a face draws a point there with the
-/// face's normal, as long as twice its area.
+/// Sums over faces by additive blending: each vertex has a pixel, and each corner of a face draws a point there with
+/// the face's normal, as long as twice its area.
 inline constexpr const char* kPixel = R"(
 uniform vec2 size;
 vec4 pixel_of(int i) {

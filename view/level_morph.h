@@ -54,8 +54,8 @@ class LevelMorph {
   /// y from x, in place: 3 floats for each of drawn() vertices, positions or other values per vertex.
   void blend(std::span<const std::uint32_t> map, std::span<float> values) const;
 
-  /// Morphs sums over faces (normals times areas), in place: vertex i adds 1 - s_i of its sum to its parent's, and blends
-  /// its own with the parent's total. At weight 0 both equal those of the surface without the vertex.
+  /// Morphs sums over faces (normals times areas), in place: vertex i adds 1 - s_i of its sum to its parent's, and
+  /// blends its own with the parent's total. At weight 0 both equal those of the surface without the vertex.
   void share(std::span<const std::uint32_t> map, std::span<float> sums) const;
 
  private:

@@ -35,8 +35,8 @@ void load_font(float scale) {
   fonts.AddFontDefault(&config);
 }
 
-/// A translucent box with one corner or edge (pivot, 0..1) at a position. content: its size; by default that of the last
-/// picture's content.
+/// A translucent box with one corner or edge (pivot, 0..1) at a position. content: its size; by default that of the
+/// last picture's content.
 bool begin_box(const char* name, ImVec2 at, ImVec2 pivot, float alpha, std::optional<ImVec2> content = {}) {
   const ImVec2 padding = ImGui::GetStyle().WindowPadding;
   ImGui::SetNextWindowPos(at, ImGuiCond_Always, pivot);
@@ -132,8 +132,8 @@ void draw_banner(const OverlayContent& content, const Room& room) {
   ImGui::End();
 }
 
-/// A bar of the map's colours with three marks, the lowest value at the bottom. Fits below `top`. Returns the width of the
-/// box.
+/// A bar of the map's colours with three marks, the lowest value at the bottom. Fits below `top`. Returns the width of
+/// the box.
 float draw_legend(const Legend& legend, const Room& room, float top) {
   const float scale = room.scale, half_line = 0.5F * ImGui::GetTextLineHeight();
   const ImGuiStyle& style = ImGui::GetStyle();

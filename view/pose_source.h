@@ -30,8 +30,8 @@ class Truth {
 class PoseSource {
  public:
   virtual ~PoseSource() = default;
-  /// Waits at most `timeout` and returns the poses that came, oldest first. All belong to epoch() and to an asset() that
-  /// can be drawn; others are held until it can.
+  /// Waits at most `timeout` and returns the poses that came, oldest first. All belong to epoch() and to an asset()
+  /// that can be drawn; others are held until it can.
   virtual std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout) = 0;
   /// As much as has arrived; null before the first chunk. Valid until the next poll().
   virtual const Asset* asset() const = 0;

@@ -37,8 +37,8 @@ enum class RebuildOn { kAuto, kCpu, kGpu };
 std::string_view name_of(RebuildOn on);
 std::optional<RebuildOn> rebuild_on_from_name(std::string_view name);
 
-/// Fills positions and normals of surfaces from their coefficients: X = Psi C, morphed between levels (LevelMorph), with
-/// area-weighted normals of meshes and disc normals of point clouds.
+/// Fills positions and normals of surfaces from their coefficients: X = Psi C, morphed between levels (LevelMorph),
+/// with area-weighted normals of meshes and disc normals of point clouds.
 class SurfaceRebuilder {
  public:
   /// How long the caller waited.

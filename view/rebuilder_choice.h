@@ -10,8 +10,8 @@
 namespace eigencast {
 
 struct RebuilderChoice {
-  /// Time from coefficients to a drawable pose of the trial surface, the fastest of several; gpu_us is that of an eighth
-  /// of the surface where that alone was slower.
+  /// Time from coefficients to a drawable pose of the trial surface, the fastest of several; gpu_us is that of an
+  /// eighth of the surface where that alone was slower.
   struct Trial {
     TimeUs cpu_us = 0, gpu_us = 0;
     bool gpu_is_faster() const { return gpu_us < cpu_us; }

@@ -36,8 +36,8 @@ void main() {
 inline constexpr const char* kShadowFragment = R"(#version 330 core
 void main() {})";
 
-/// Colours of SurfacePaint::Kind. Numbers are clamped to the range; NaN is grey. Painted surfaces are lit gently, so that
-/// their colours match the legend.
+/// Colours of SurfacePaint::Kind. Numbers are clamped to the range; NaN is grey. Painted surfaces are lit gently, so
+/// that their colours match the legend.
 inline constexpr const char* kPaint = R"(
 uniform int paint;
 uniform sampler2D colour_table;
@@ -145,8 +145,8 @@ uniform vec4 line_colour;
 out vec4 colour;
 void main() { colour = line_colour; })";
 
-/// Points as discs across their normal if the surface has radii (discs > 0, its scale). Discs sink towards their rim, so
-/// that each pixel shows the nearest disc (Schuetz, Wimmer 2015, "High-quality point-based rendering using fast
+/// Points as discs across their normal if the surface has radii (discs > 0, its scale). Discs sink towards their rim,
+/// so that each pixel shows the nearest disc (Schuetz, Wimmer 2015, "High-quality point-based rendering using fast
 /// single-pass interpolation"). Other points as small balls with a depth and a normal per fragment.
 inline constexpr const char* kSplatVertex = R"(#version 330 core
 layout(location = 0) in vec3 position;
@@ -282,8 +282,8 @@ void main() {
   colour = vec4(ink.rgb * (beyond > 0.72 ? 0.35 : 1.0), ink.a * opacity);
 })";
 
-/// The last pass: depth shading for clouds without discs (after Boucheny 2009, "Eye-dome lighting"). Turns premultiplied
-/// colours into straight ones.
+/// The last pass: depth shading for clouds without discs (after Boucheny 2009, "Eye-dome lighting"). Turns
+/// premultiplied colours into straight ones.
 inline constexpr const char* kFinishFragment = R"(#version 330 core
 in vec2 uv;
 uniform sampler2D picture;

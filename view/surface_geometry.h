@@ -9,8 +9,8 @@ namespace eigencast {
 
 class GpuSurface;
 
-/// A rebuilt surface to draw. Versions grow when their part changes. Positions and normals are empty where the GPU holds
-/// them (make_gpu_rebuilder()).
+/// A rebuilt surface to draw. Versions grow when their part changes. Positions and normals are empty where the GPU
+/// holds them (make_gpu_rebuilder()).
 struct SurfaceGeometry {
   std::uint64_t maker = 0;               ///< The owner of the versions.
   std::vector<float> positions;          ///< N x 3, scene units, in level-of-detail order.

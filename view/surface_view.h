@@ -38,8 +38,8 @@ struct SceneOptions {
 
 /// One surface of a scene: turns the poses of a PoseSource into the surface to draw now. Chooses the pose (Playout) and
 /// the number of vertices (LevelOfDetail), fades bands (BandFade), morphs levels (LevelMorph), rebuilds positions and
-/// normals, of an unchanged pose only the new vertices. Keeps the last pose while none comes, even if a new epoch brings
-/// the same asset; draws the rest pose before the first one, and as much of an asset as has arrived.
+/// normals, of an unchanged pose only the new vertices. Keeps the last pose while none comes, even if a new epoch
+/// brings the same asset; draws the rest pose before the first one, and as much of an asset as has arrived.
 ///
 /// Time comes in as arguments. Not thread-safe.
 class SurfaceView {

@@ -16,8 +16,8 @@ struct TextureImage {
   std::optional<Error> failed;
 };
 
-/// kBackground: one thread decodes, and callers ask again. At most kMaxImagesWaiting wait for it: others are queued when
-/// they are asked for again.
+/// kBackground: one thread decodes, and callers ask again. At most kMaxImagesWaiting wait for it: others are queued
+/// when they are asked for again.
 enum class Decode { kNow, kBackground };
 inline constexpr std::size_t kMaxImagesWaiting = 8;
 
@@ -28,8 +28,8 @@ inline constexpr int kMaxTextureSide = 8192;  ///< Images are halved until no si
 TextureImage image_of(const std::shared_ptr<const AssetTexture>& texture, Decode decode,
                       int max_side = kMaxTextureSide);
 
-/// A quarter of the pixels, each the mean of four in nearly linear light (of their squares). REQUIRES: two pixels a side
-/// or more.
+/// A quarter of the pixels, each the mean of four in nearly linear light (of their squares). REQUIRES: two pixels a
+/// side or more.
 Picture halved(const Picture& picture);
 
 }  // namespace eigencast

@@ -40,8 +40,8 @@ Gizmo gizmo_at(const Camera& camera, const Vec3& centre);
 /// The axis whose knob is under the mouse.
 std::optional<std::size_t> knob_at(const Camera& camera, const Gizmo& gizmo, const glm::vec2& mouse);
 
-/// Applies the drag of a knob to the editor's gesture: moves or scales along its axis; rotates, twists or bends about it by
-/// half a turn for each kHalfTurnPx across it.
+/// Applies the drag of a knob to the editor's gesture: moves or scales along its axis; rotates, twists or bends about
+/// it by half a turn for each kHalfTurnPx across it.
 inline constexpr float kHalfTurnPx = 300;
 void drag_knob(Editor& editor, Tool tool, const Camera& camera, const Gizmo& gizmo, std::size_t axis,
                const glm::vec2& from, const glm::vec2& to);

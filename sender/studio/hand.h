@@ -30,9 +30,9 @@ enum class Command {
 /// The command of a key as WindowListener names it.
 std::optional<Command> command_for_key(std::string_view key, const Modifiers& modifiers);
 
-/// Turns mouse and keys into edits and views: a left drag of a handle moves the choice, of a knob applies the tool; beside
-/// both it turns the camera, or with Shift draws a rectangle of choice. Middle and right drags move the camera. Pure
-/// state. Not thread-safe.
+/// Turns mouse and keys into edits and views: a left drag of a handle moves the choice, of a knob applies the tool;
+/// beside both it turns the camera, or with Shift draws a rectangle of choice. Middle and right drags move the camera.
+/// Pure state. Not thread-safe.
 class Hand {
  public:
   /// Both must outlive it.

@@ -11,8 +11,8 @@
 
 namespace eigencast::studio {
 
-/// The user's surface, deformed in full detail and as viewers get it from coefficients, and the error between both. In the
-/// asset's order and space. Not thread-safe.
+/// The user's surface, deformed in full detail and as viewers get it from coefficients, and the error between both. In
+/// the asset's order and space. Not thread-safe.
 class LocalSurface {
  public:
   /// map: of the deformer; null: there is only the sent surface. Copies its weights as floats, n x c, and refers to the

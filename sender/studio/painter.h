@@ -44,8 +44,8 @@ struct PaintingReport {
   std::uint64_t others_poses = 0;  ///< Poses of other streams that were shown.
 };
 
-/// Draws on a thread of its own, so that neither a slow GPU nor the display's rate delays what is sent. Always draws the
-/// newest state, and other streams in between. All calls from one thread.
+/// Draws on a thread of its own, so that neither a slow GPU nor the display's rate delays what is sent. Always draws
+/// the newest state, and other streams in between. All calls from one thread.
 class Painter final {
  public:
   struct Options {

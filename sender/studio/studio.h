@@ -34,8 +34,8 @@ struct Report {
 /// Whether there is a display; it may lack OpenGL. Call from the main thread. Errors: kUnsupported.
 Result<void> find_display();
 
-/// A window in which the user deforms a surface, which is sent meanwhile. Returns when the window is closed, the time is
-/// over or stop() returns true.
+/// A window in which the user deforms a surface, which is sent meanwhile. Returns when the window is closed, the time
+/// is over or stop() returns true.
 ///   deformer   has a linear map, or makes coefficients
 /// All must outlive the call. Call from the main thread. Errors: kUnsupported (no display, no OpenGL), kInvalidArgument
 /// (a URL).
