@@ -11,7 +11,6 @@
 #include "common/command_line/command_line.h"
 #include "common/command_line/documents.h"
 #include "common/command_line/shared_options.h"
-#include "common/net/url.h"
 #include "sdk/asset_cache.h"
 #include "sdk/contexts.h"
 

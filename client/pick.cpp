@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "client/pick.h"
 
-#include <cmath>
 #include <glm/geometric.hpp>
 #include <glm/matrix.hpp>
 #include <span>

@@ -3,6 +3,8 @@
 
 #include <epoxy/gl.h>
 
+#include <algorithm>
+#include <cstdint>
 #include <glm/mat3x3.hpp>
 #include <glm/mat4x4.hpp>
 #include <glm/vec2.hpp>
@@ -10,7 +12,6 @@
 #include <glm/vec4.hpp>
 #include <span>
 #include <string>
-#include <string_view>
 
 #include "common/core/result.h"
 
@@ -88,6 +89,21 @@ class GlBuffer final {
   template <typename T>
   void write(std::size_t offset, std::span<const T> values) {
     write_bytes(offset, values.data(), values.size_bytes());
+  }
+  /// Sends the blocks of values that have changed since version `had` (0: none sent yet); all of them where the buffer
+  /// must grow. versions: of the last change of each block; empty: unknown.
+  template <typename T>
+  void update(std::span<const T> values, std::span<const std::uint64_t> versions, std::size_t block_size,
+              std::uint64_t had) {
+    if (values.size_bytes() > bytes() || versions.empty() || had == 0) {
+      reserve(values.size_bytes() + values.size_bytes() / 4 + sizeof(T), GL_DYNAMIC_DRAW);
+      return write(0, values);
+    }
+    for (std::size_t first = 0, last = 0; first < versions.size(); first = last + 1) {
+      for (last = first; last < versions.size() && versions[last] > had;) ++last;
+      const std::size_t begin = first * block_size, end = std::min(values.size(), last * block_size);
+      if (begin < end) write(begin * sizeof(T), values.subspan(begin, end - begin));
+    }
   }
 
  private:

@@ -30,21 +30,7 @@ void GlTriangles::follow(const SurfaceGeometry& geometry) {
   const std::uint64_t had = std::exchange(version_, geometry.topology_version);
   const std::span<const std::uint32_t> indices = geometry.triangles;
   count_ = static_cast<GLsizei>(indices.size());
-  if (indices.size_bytes() > buffer_.bytes() || geometry.triangle_blocks.empty() || had == 0) {
-    buffer_.reserve(indices.size_bytes() + indices.size_bytes() / 4, GL_DYNAMIC_DRAW);
-    buffer_.write(0, indices);
-    return;
-  }
-  // What has changed since, in runs of blocks.
-  const std::vector<std::uint64_t>& blocks = geometry.triangle_blocks;
-  const auto is_new = [had](std::uint64_t version) { return version > had; };
-  for (auto first = std::find_if(blocks.begin(), blocks.end(), is_new); first != blocks.end();) {
-    const auto last = std::find_if_not(first, blocks.end(), is_new);
-    const auto begin = static_cast<std::size_t>(first - blocks.begin()) * LevelTriangles::kBlock;
-    const auto end = std::min(indices.size(), static_cast<std::size_t>(last - blocks.begin()) * LevelTriangles::kBlock);
-    buffer_.write(begin * sizeof(GLuint), indices.subspan(begin, end - begin));
-    first = std::find_if(last, blocks.end(), is_new);
-  }
+  buffer_.update(indices, std::span<const std::uint64_t>(geometry.triangle_blocks), LevelTriangles::kBlock, had);
 }
 
 void GlSurface::place(const glm::mat4& scene_from_surface) {

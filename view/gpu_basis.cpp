@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "view/gpu_basis.h"
 
-#include <algorithm>
 #include <array>
 
 namespace eigencast {

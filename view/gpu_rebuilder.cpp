@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cassert>
 #include <glm/vec2.hpp>
 #include <map>
 #include <string>

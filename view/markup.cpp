@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "view/markup.h"
 
-#include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstddef>
 #include <glm/geometric.hpp>
 

@@ -46,10 +46,11 @@ Result<void> write_png(const std::string& path, const Picture& picture) {
   return {};
 }
 
-namespace {
-
-/// The rest of reading, once libpng has seen the header.
-Result<Picture> finish_reading(png_image& image, const std::string& name) {
+Result<Picture> read_png_bytes(std::span<const std::uint8_t> bytes, const std::string& name) {
+  png_image image{};
+  image.version = PNG_IMAGE_VERSION;
+  if (png_image_begin_read_from_memory(&image, bytes.data(), bytes.size()) == 0)
+    return fail(ErrorCode::kCorrupt, name + ": " + image.message);
   if (image.width > kMaxSide || image.height > kMaxSide || std::size_t{image.width} * image.height > kMaxPixels) {
     png_image_free(&image);
     return fail(ErrorCode::kTooLarge, name + ": over 16,384 pixels on a side, or 134 million");
@@ -62,27 +63,6 @@ Result<Picture> finish_reading(png_image& image, const std::string& name) {
   if (png_image_finish_read(&image, nullptr, picture.rgb.data(), 0, nullptr) == 0)
     return fail(ErrorCode::kCorrupt, name + ": " + image.message);
   return picture;
-}
-
-}  // namespace
-
-Result<Picture> read_png(const std::string& path) {
-  png_image image{};
-  image.version = PNG_IMAGE_VERSION;
-  if (png_image_begin_read_from_file(&image, path.c_str()) == 0) {
-    std::error_code error;
-    return fail(std::filesystem::exists(path, error) ? ErrorCode::kCorrupt : ErrorCode::kIo,
-                path + ": " + image.message);
-  }
-  return finish_reading(image, path);
-}
-
-Result<Picture> read_png_bytes(std::span<const std::uint8_t> bytes, const std::string& name) {
-  png_image image{};
-  image.version = PNG_IMAGE_VERSION;
-  if (png_image_begin_read_from_memory(&image, bytes.data(), bytes.size()) == 0)
-    return fail(ErrorCode::kCorrupt, name + ": " + image.message);
-  return finish_reading(image, name);
 }
 
 }  // namespace eigencast

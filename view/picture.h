@@ -30,9 +30,8 @@ inline constexpr int kMaxSide = 16'384;
 /// Writes under a temporary name and renames. Errors: kIo, kInvalidArgument.
 Result<void> write_png(const std::string& path, const Picture& picture);
 
-/// Drops alpha. Errors: kIo, kCorrupt, kTooLarge (kMaxPixels, kMaxSide).
-Result<Picture> read_png(const std::string& path);
-/// The same from memory; `name` is for messages. Errors: kCorrupt, kTooLarge.
+/// Reads a PNG file from memory without its alpha. `name` is for messages. Errors: kCorrupt, kTooLarge (kMaxPixels,
+/// kMaxSide).
 Result<Picture> read_png_bytes(std::span<const std::uint8_t> bytes, const std::string& name);
 
 /// Reads a JPEG file from memory, grey ones as RGB. `name` is for messages. Safe on hostile input. Errors: kCorrupt,

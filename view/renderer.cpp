@@ -2,11 +2,9 @@
 #include "view/renderer.h"
 
 #include <algorithm>
-#include <array>
 #include <cassert>
 #include <cmath>
 #include <cstring>
-#include <glm/mat4x4.hpp>
 #include <optional>
 #include <utility>
 

@@ -7,8 +7,6 @@
 #include <cmath>
 #include <glm/common.hpp>
 
-#include "common/reconstruction/reconstruct.h"
-
 namespace eigencast {
 namespace {
 

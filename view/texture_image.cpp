@@ -14,8 +14,6 @@
 #include <thread>
 #include <utility>
 
-#include "view/picture.h"
-
 namespace eigencast {
 namespace {
 

@@ -77,21 +77,9 @@ std::shared_ptr<GlImage> shared_image(const std::shared_ptr<const Picture>& pict
   return image;
 }
 
-/// Sends the blocks that have changed since version `had`; all of them where the buffer must grow.
 template <typename T>
 void send(GlBuffer& buffer, const VersionedBlocks<T>& blocks, std::uint64_t had) {
-  const std::span<const T> values(blocks.values);
-  if (values.size_bytes() > buffer.bytes() || had == 0) {
-    buffer.reserve(values.size_bytes() + values.size_bytes() / 4 + sizeof(T), GL_DYNAMIC_DRAW);
-    buffer.write(0, values);
-    return;
-  }
-  constexpr std::size_t kBlock = VersionedBlocks<T>::kBlock;
-  for (std::size_t block = 0; block < blocks.versions.size(); ++block) {
-    if (blocks.versions[block] <= had) continue;
-    const std::size_t begin = block * kBlock, end = std::min(values.size(), begin + kBlock);
-    buffer.write(begin * sizeof(T), values.subspan(begin, end - begin));
-  }
+  buffer.update(std::span<const T>(blocks.values), blocks.versions, VersionedBlocks<T>::kBlock, had);
 }
 
 }  // namespace

@@ -2,7 +2,6 @@
 #include "sender/studio/studio.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstdio>
 
 #include "common/net/url.h"

@@ -12,6 +12,7 @@
 #include "tests/unit/client/virtual_display.h"
 #include "tests/unit/view/fake_source.h"
 #include "tests/unit/view/offscreen_pictures.h"
+#include "tests/unit/view/png.h"
 #include "view/picture.h"
 
 namespace eigencast {
@@ -65,7 +66,7 @@ TEST_F(Apps, HeadlessWritesPicturesAndReport) {
   ASSERT_EQ(run_headless(options_, sources_, stop_, log()), kExitGood) << said_;
   Picture before;
   for (int i = 1; i <= 5; ++i) {
-    const auto picture = read_png(path("pictures/frame_000" + std::to_string(i) + ".png"));
+    const auto picture = testing::read_png(path("pictures/frame_000" + std::to_string(i) + ".png"));
     ASSERT_TRUE(picture) << picture.error().message;
     EXPECT_EQ(picture->width, 160);
     EXPECT_NE(picture->rgb, before.rgb) << "each picture is of a new pose";
@@ -134,7 +135,7 @@ TEST_F(Apps, GpuAndCpuGiveTheSamePictures) {
     EXPECT_EQ(report["surfaces"][0]["rebuilt"], name_of(on));
     EXPECT_EQ(report["surfaces"][0]["vertices"], 642);
     EXPECT_EQ(report["frame_time_us"]["reconstruct"]["count"], report["frame_time_us"]["normals"]["count"]);
-    last[on] = read_png(options_.screenshot).value();
+    last[on] = testing::read_png(options_.screenshot).value();
   }
   EXPECT_LT(testing::mean_difference(last[RebuildOn::kCpu], last[RebuildOn::kGpu]), 0.01);
 }
@@ -224,7 +225,7 @@ TEST_F(Apps, KeysWheelAndDragReachTheWindow) {
   const int code = run_window(options_, sources_, open_, stop_, log());
   std::vector<Picture> pictures;
   for (std::size_t i = 1; i < steps.size(); ++i) {
-    const auto read = read_png(picture(i));
+    const auto read = testing::read_png(picture(i));
     EXPECT_TRUE(read) << steps[i - 1];
     if (read) pictures.push_back(*read);
   }
@@ -250,7 +251,7 @@ TEST_F(Apps, WindowAndHeadlessShowTheSameSurface) {
   options_.screenshot = path("window.png");
   options_.json = path("window.json");
   ASSERT_EQ(run_window(options_, sources_, open_, stop_, log()), kExitGood) << said_;
-  const auto window = read_png(path("window.png"));
+  const auto window = testing::read_png(path("window.png"));
   ASSERT_TRUE(window) << window.error().message;
 
   FakeSource again(sphere_asset(3));
@@ -262,7 +263,7 @@ TEST_F(Apps, WindowAndHeadlessShowTheSameSurface) {
   options_.headless = true;
   options_.screenshot = path("headless.png");
   ASSERT_EQ(run_headless(options_, list_of_again, stop_, log()), kExitGood) << said_;
-  const auto headless = read_png(path("headless.png"));
+  const auto headless = testing::read_png(path("headless.png"));
   ASSERT_TRUE(headless);
   ASSERT_EQ(window->rgb.size(), headless->rgb.size());
   // The window's has figures over its corners; the middle third is the surface alone.

@@ -16,6 +16,7 @@
 #include "tests/unit/client/virtual_display.h"
 #include "tests/unit/view/fake_source.h"
 #include "tests/unit/view/offscreen_pictures.h"
+#include "tests/unit/view/png.h"
 #include "view/picture.h"
 
 // The window as a user meets it: real X events through a virtual display.
@@ -139,7 +140,7 @@ TEST_F(TheWindow, StyleIsRememberedByTheNextWindow) {
               EXPECT_TRUE(until([&] { return std::filesystem::exists("eigencast_0003.png"); }));
             }),
             kExitGood);
-  const auto first = read_png("eigencast_0001.png"), second = read_png("eigencast_0002.png");
+  const auto first = testing::read_png("eigencast_0001.png"), second = testing::read_png("eigencast_0002.png");
   std::filesystem::current_path(start);
   ASSERT_TRUE(first);
   ASSERT_TRUE(second);
@@ -190,7 +191,7 @@ Picture screenshot(const std::string& keys, const std::string& name) {
   for (int i = 0; i < 1000 && !std::filesystem::exists(name); ++i)
     std::this_thread::sleep_for(std::chrono::milliseconds(10));
   std::this_thread::sleep_for(std::chrono::milliseconds(100));
-  const auto picture = read_png(name);
+  const auto picture = testing::read_png(name);
   return picture ? *picture : Picture{};
 }
 

@@ -5,7 +5,6 @@
 
 #include <array>
 #include <glm/geometric.hpp>
-#include <numbers>
 
 namespace eigencast::studio {
 namespace {

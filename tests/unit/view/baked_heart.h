@@ -3,8 +3,6 @@
 
 #include <gtest/gtest.h>
 
-#include <vector>
-
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/motion_clip.h"
 #include "common/surface/shapes/shapes.h"

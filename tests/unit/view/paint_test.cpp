@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "tests/unit/view/fake_source.h"
 #include "view/colour_map.h"
