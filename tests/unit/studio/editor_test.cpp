@@ -108,14 +108,14 @@ TEST(Editor, ResetIsAStepToo) {
 
 TEST(Editor, UndoIsBounded) {
   Editor editor(cube());
-  for (std::size_t i = 0; i < Editor::kMostSteps + 10; ++i) {
+  for (std::size_t i = 0; i < Editor::kMaxSteps + 10; ++i) {
     editor.begin();
     editor.move({1, 0, 0});
     editor.finish();
   }
   std::size_t steps = 0;
   while (editor.undo()) ++steps;
-  EXPECT_EQ(steps, Editor::kMostSteps);
+  EXPECT_EQ(steps, Editor::kMaxSteps);
 }
 
 TEST(Editor, TurnsAboutTheCentreOfTheChoice) {

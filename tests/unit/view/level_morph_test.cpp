@@ -134,7 +134,7 @@ TEST(LevelMorphs, JumpAfterLongAbsenceOnly) {
   morph.jump(10);
   morph.advance(10, 0);
   morph.advance(20, 400'000);
-  EXPECT_LE(morph.effective(), 10 + 10.0 * LevelMorph::kLongestStep / MorphPace::kAppear + 1e-5);
+  EXPECT_LE(morph.effective(), 10 + 10.0 * LevelMorph::kMaxStep / MorphPace::kAppear + 1e-5);
   morph.advance(20, 400'000 + LevelMorph::kOutOfSight);
   EXPECT_EQ(morph.whole(), 20u);
 }

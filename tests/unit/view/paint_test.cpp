@@ -215,7 +215,7 @@ TEST(ColourMaps, LightnessGrowsAsTheValueDoes) {
     EXPECT_EQ(colour_map_from_name(name_of(map)), map);
   }
   EXPECT_EQ(table_of(ColourMap::kViridis)[255], (std::array<std::uint8_t, 3>{0xFD, 0xE7, 0x25}));
-  for (int i = 0; i < kColourings; ++i) {
+  for (int i = 0; i <= static_cast<int>(Colouring::kError); ++i) {
     const auto colouring = static_cast<Colouring>(i);
     EXPECT_EQ(colouring_from_name(name_of(colouring)), colouring);
   }
