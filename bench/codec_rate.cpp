@@ -12,6 +12,7 @@
 #include <numeric>
 
 #include "common/codec/chain.h"
+#include "common/core/median.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/formats/clip.h"
 #include "common/wire/envelope.h"
@@ -23,7 +24,6 @@ namespace {
 
 using namespace eigencast;
 
-constexpr int kTimedRepetitions = 20;
 constexpr double kSyntheticSpacing = 2.5;  // Over that of keys; as broker/relay/feed.cpp.
 
 template <typename T>
@@ -33,18 +33,14 @@ T value_or_exit(Result<T> result) {
   std::exit(1);
 }
 
-/// Microseconds of one call: the median of several.
+/// The result of one call, whose microseconds are added to `times`.
 template <typename Work>
-double time_us(Work&& work) {
+auto timed(std::vector<double>& times, Work&& work) {
   using Clock = std::chrono::steady_clock;
-  std::vector<double> samples;
-  for (int i = 0; i < kTimedRepetitions; ++i) {
-    const auto begin = Clock::now();
-    work();
-    samples.push_back(std::chrono::duration<double, std::micro>(Clock::now() - begin).count());
-  }
-  std::nth_element(samples.begin(), samples.begin() + kTimedRepetitions / 2, samples.end());
-  return samples[kTimedRepetitions / 2];
+  const auto begin = Clock::now();
+  auto result = value_or_exit(work());
+  times.push_back(std::chrono::duration<double, std::micro>(Clock::now() - begin).count());
+  return result;
 }
 
 /// Bytes of a frame's envelope and of the WebSocket header before it.
@@ -52,38 +48,31 @@ std::size_t bytes_around(std::size_t payload) {
   return Envelope::kBytes + (payload + Envelope::kBytes < 126 ? 2 : 4);
 }
 
-/// Bytes, errors and times of all frames of one kind.
+/// Bytes, errors and times of all frames of one kind; each frame is coded once, as in a stream.
 struct Tally {
   std::size_t frames = 0, bytes = 0, on_the_wire = 0;
   std::vector<std::size_t> band_bytes;
   double square = 0;  ///< Of surface distances between target and decoded pose.
   std::vector<double> encode_us, decode_us;
 
-  /// encode  what made `coded`
-  template <typename Encode>
   void add(const CoefficientLayout& layout, const Asset& asset, const ChainState& state, const Key& target,
-           const CodedKey& coded, Encode&& encode) {
-    encode_us.push_back(time_us(encode));
-    decode_us.push_back(time_us([&] { (void)decode_key(layout, target.bands, state, coded.payload); }));
+           const Bytes& payload) {
+    const Key decoded = timed(decode_us, [&] { return decode_key(layout, target.bands, state, payload); });
     ++frames;
-    bytes += coded.payload.size();
-    on_the_wire += coded.payload.size() + bytes_around(coded.payload.size());
+    bytes += payload.size();
+    on_the_wire += payload.size() + bytes_around(payload.size());
     band_bytes.resize(layout.band_ends.size());
     for (std::size_t band = 0; band < band_bytes.size(); ++band) {
       const auto keep = static_cast<std::uint8_t>(1u << band);
-      band_bytes[band] += value_or_exit(cut_bands(layout, false, target.bands, keep, coded.payload)).size() - 1;
+      band_bytes[band] += value_or_exit(cut_bands(layout, false, target.bands, keep, payload)).size() - 1;
     }
     const double distance =
-        surface_distance(coefficients_from_key(layout, target), coefficients_from_key(layout, coded.key), asset.area);
+        surface_distance(coefficients_from_key(layout, target), coefficients_from_key(layout, decoded), asset.area);
     square += distance * distance;
   }
 
   void print(const char* name, double frames_per_second, double diagonal) const {
     const auto n = static_cast<double>(std::max<std::size_t>(frames, 1));
-    const auto median = [](std::vector<double> v) {
-      std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2), v.end());
-      return v[v.size() / 2];
-    };
     std::printf(
         "%-10s %6.1f bytes/frame %6.1f kbit/s payload %6.1f on the wire; error %.2e diag; encode %5.1f us decode %5.1f "
         "us; bytes by band",
@@ -118,15 +107,13 @@ void run(const MotionClip& clip, double eps, double keys_per_second, int rank) {
     const Key target = value_or_exit(key_from_coefficients(layout, C, quantiser.step));
     Key held = target;
     if (state) {
-      CodedKey coded = value_or_exit(encode_key(layout, *state, target, quantiser.half_spacing));
-      keys.add(layout, asset, *state, target, coded,
-               [&] { (void)encode_key(layout, *state, target, quantiser.half_spacing); });
+      CodedKey coded =
+          timed(keys.encode_us, [&] { return encode_key(layout, *state, target, quantiser.half_spacing); });
+      keys.add(layout, asset, *state, target, coded.payload);
       for (std::uint32_t at = 1; at < 3; ++at) {
         const Key pose = value_or_exit(interpolate_keys(layout, state->newer, coded.key, at, 3));
-        const auto encode = [&] { return value_or_exit(encode_pose(layout, *state, pose, coarse)); };
-        CodedKey made{encode(), {}};
-        made.key = value_or_exit(decode_key(layout, pose.bands, *state, made.payload));
-        synthetics.add(layout, asset, *state, pose, made, encode);
+        synthetics.add(layout, asset, *state, pose,
+                       timed(synthetics.encode_us, [&] { return encode_pose(layout, *state, pose, coarse); }));
       }
       held = std::move(coded.key);
     }

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """The model of scaling.py beside runs of 1, 2 and 3 brokers: the same crowd, split evenly, at brokers that follow one stream.
 
-    EIGENCAST_WSLOAD=FOLDER bench/backbone/brokers.py --broker build/bench/bin/eigencast-broker [--viewers 1200] [--rate 30]
+    bench/backbone/brokers.py --broker build/bench/bin/eigencast-broker [--viewers 1200] [--rate 30]
 
 The costs of the model are measured apart: a broker with nothing to do, one that follows for a single viewer (a hop), and one with half of
 the crowd, in as many processes of the load (a delivery). What it says of all viewers at 1, 2 and 3 brokers is then compared with what they
@@ -26,7 +26,7 @@ CROWDS = 6
 class Bench:
     def __init__(self, options):
         self.options = options
-        self.tools = Tools(options.broker, options.keep)
+        self.tools = Tools(options.broker)
 
     @contextlib.contextmanager
     def brokers(self, count):
@@ -56,7 +56,6 @@ def main():
     parser.add_argument("--rate", type=int, default=30)
     parser.add_argument("--seconds", type=int, default=3)
     parser.add_argument("--repeat", type=int, default=3)
-    parser.add_argument("--keep", metavar="FOLDER", help="where the compiled tools are kept for the next time")
     options = parser.parse_args()
     if not shutil.which("nats-server"):
         sys.exit("SKIPPED: no nats-server")

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """What one more hop costs: viewers at a broker that has the sender, beside viewers at one that follows it over NATS.
 
-    EIGENCAST_WSLOAD=FOLDER bench/backbone/edge.py --broker build/bench/bin/eigencast-broker [--subs 1000] [--rate 30] [--both]
+    bench/backbone/edge.py --broker build/bench/bin/eigencast-broker [--subs 1000] [--rate 30] [--both]
 
 The measured broker has one core to itself; NATS, the sender, the other broker and the load share the other one. --both: two brokers, each
 with that many viewers, beside one that has all of them; here both brokers are on the first core. The arrangements take turns; medians.
@@ -70,7 +70,7 @@ class Sender(threading.Thread):
 
 
 def watched(servers, origin, subs, rate, seconds):
-    """Figures of wsload with `subs` viewers at each of `servers` (one that is named twice has two crowds), while a sender, which begins when
+    """Figures of fanout_load with `subs` viewers at each of `servers` (one that is named twice has two crowds), while a sender, which begins when
     all are there, sends to `origin`."""
     crowds = [server.viewers(subs, seconds, CONNECTING_S + 1) for server in servers]
     time.sleep(CONNECTING_S)
@@ -122,11 +122,10 @@ def main():
     parser.add_argument("--seconds", type=int, default=4)
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--both", action="store_true", help="viewers at two brokers, beside one that has all of them")
-    parser.add_argument("--keep", metavar="FOLDER", help="where the compiled tools are kept for the next time")
     options = parser.parse_args()
     if not shutil.which("nats-server"):
         sys.exit("SKIPPED: no nats-server")
-    tools = Tools(options.broker, options.keep)
+    tools = Tools(options.broker)
     runs = collections.defaultdict(list)
     for _ in range(options.repeat):
         for arrangement in (one_with_all, two_with_half) if options.both else (alone, followed):

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: MIT
 """What a delivery costs the broker, beside a bare server that writes the same bytes: rows of docs/performance/broker.md.
 
-    EIGENCAST_WSLOAD=FOLDER bench/broker/fanout.py --broker build/bench/bin/eigencast-broker [ROW...]
+    cmake --preset bench && cmake --build --preset bench
+    bench/broker/fanout.py --broker build/bench/bin/eigencast-broker [ROW...]
 
 Servers take turns within a row, so that a machine that drifts drifts for all; medians; ratios to the first server of the row.
 """
@@ -19,27 +20,28 @@ from harness import Server, Tools
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / "tests/support"))
 from websocket_peer import BINARY, Peer
 
-BARE, BARE_URING = ("raw e", {}), ("raw u", {})
-EPOLL, URING = ("broker", {"sockets_writes": "epoll"}), ("broker", {"sockets_writes": "io_uring"})
+# One thread that writes, on both sides.
+BARE, BARE_URING = ("bare", {"mode": "epoll"}), ("bare", {"mode": "uring"})
+EPOLL, URING = ("broker", {"threads": 1, "sockets_writes": "epoll"}), ("broker", {"threads": 1, "sockets_writes": "io_uring"})
 
 
 def name_of(kind, settings):
-    return " ".join([kind, *(f"{key.split('_', 1)[1]}={value}" for key, value in settings.items() if "tls" not in key)])
+    return " ".join([kind, *(f"{key.split('_', 1)[-1]}={value}" for key, value in settings.items() if "tls_" not in key)])
 
 
-def in_turn(tools, servers, repeat, *flags, **how):
+def in_turn(tools, servers, repeat, **scenario):
     """Runs every server `repeat` times in turn: the figures of each."""
     seen = {name_of(*server): [] for server in servers}
     for _ in range(repeat):
         for kind, settings in servers:
             with Server(tools, kind, **settings) as server:
-                seen[name_of(kind, settings)].append(server.load(*flags, **how))
+                seen[name_of(kind, settings)].append(server.load(**scenario))
     return seen
 
 
-def compare(tools, servers, repeat, columns, *flags, **how):
+def compare(tools, servers, repeat, columns, **scenario):
     """Runs every server `repeat` times in turn and prints the medians of `columns`."""
-    seen = in_turn(tools, servers, repeat, *flags, **how)
+    seen = in_turn(tools, servers, repeat, **scenario)
     print(f"  {'':42}" + "".join(f"{column:>18}" for column in columns) + f"{'ratio':>8}")
     first = None
     for name, runs in seen.items():
@@ -52,45 +54,39 @@ def compare(tools, servers, repeat, columns, *flags, **how):
 
 def delivery(tools, repeat):
     compare(tools, [BARE, BARE_URING, EPOLL, URING], repeat, ["cpu_s_per_1M", "p99_ms", "loss_pct"],
-            "--subs", 1000, "--rate", 90, "--secs", 3)
+            subscribers=1000, rate_hz=90, seconds=3)
 
 
 def tail(tools, repeat):
-    """The p99 of `delivery` in many short runs. Whatever else the machine does adds to it and nothing takes from it, so the least runs count."""
-    first = None
-    for name, runs in in_turn(tools, [BARE, EPOLL, URING], 4 * repeat, "--subs", 1000, "--rate", 90, "--secs", 1, "--warm", 0.3).items():
-        all_p99 = sorted(run["p99_ms"] for run in runs)
-        figures = all_p99[0], all_p99[len(all_p99) // 4], statistics.median(all_p99)
-        first = first or figures
-        print(f"  {name:20}" + "".join(f"{what:>18} {ms:8.2f} ms {ms / base:6.2f}" for what, ms, base in zip(("least p99", "lower quartile", "median"), figures, first)),
-              flush=True)
+    """The p99 of `delivery`, the median of many short runs."""
+    compare(tools, [BARE, EPOLL, URING], 4 * repeat, ["p99_ms", "p50_ms"], subscribers=1000, rate_hz=90, seconds=1, warm_s=0.3)
 
 
 def gathered(tools, repeat):
     servers = [BARE] + [("broker", {"sockets_writes": "epoll", "frames_gather_ms": ms}) for ms in (0, 16, 32)] + [URING]
     compare(tools, servers, repeat, ["cpu_s_per_1M", "p50_ms", "p99_ms", "loss_pct"],
-            "--subs", 200, "--rate", 30, "--secs", 4, streams=8, several=True)
+            subscribers=200, rate_hz=30, seconds=4, streams=8, several=True)
 
 
 def flood(tools, repeat):
     compare(tools, [EPOLL, URING], repeat, ["delivered_per_s", "loss_pct", "p99_ms", "cpu_pct"],
-            "--subs", 200, "--rate", 375, "--secs", 4, streams=8, several=True)
+            subscribers=200, rate_hz=375, seconds=4, streams=8, several=True)
 
 
 def flood_one(tools, repeat):
     compare(tools, [BARE, EPOLL, URING], repeat, ["delivered_per_s", "loss_pct", "p99_ms", "rss_peak_kb"],
-            "--subs", 1000, "--rate", 600, "--secs", 4)
+            subscribers=1000, rate_hz=600, seconds=4)
 
 
 def stall(tools, repeat):
     for stalled in (0, 10):
         compare(tools, [BARE, EPOLL, URING], repeat, ["p99_ms", "stale_first_ms", "stale_msgs", "rss_peak_kb", "rss_idle_kb", "loss_pct"],
-                "--subs", 200, "--rate", 90, "--secs", 7, "--stall", stalled, "--stall-at", 2, "--stall-ms", 4000, "--rcvbuf", 32768)
+                subscribers=200, rate_hz=90, seconds=7, stalled=stalled, stall_at_s=2, stall_s=4, receive_buffer=32768)
 
 
 def many(tools, repeat):
     compare(tools, [BARE, EPOLL, URING], repeat, ["cpu_s_per_1M", "p99_ms", "loss_pct", "connect_s"],
-            "--subs", 4000, "--rate", 30, "--secs", 4)
+            subscribers=4000, rate_hz=30, seconds=4)
 
 
 def certificate_of(tools):
@@ -98,28 +94,27 @@ def certificate_of(tools):
 
 
 def over_tls(tools):
-    return [("raw t", {}), ("broker", {"sockets_writes": "epoll", **certificate_of(tools)})]
+    return [("bare", {"mode": "tls"}), ("broker", {"threads": 1, "sockets_writes": "epoll", **certificate_of(tools)})]
 
 
 def idle(tools, repeat):
-    for servers, flags in (([BARE, EPOLL], []), (over_tls(tools), ["--tls"])):
-        compare(tools, servers, repeat, ["connect_s", "rss_conn_kb"], "--subs", 4000, "--secs", 0.2, "--warm", 0, "--no-pub", *flags)
+    for servers in ([BARE, EPOLL], over_tls(tools)):
+        compare(tools, servers, repeat, ["connect_s", "rss_conn_kb"], subscribers=4000, seconds=0.2, warm_s=0, publish=False, tls=servers != [BARE, EPOLL])
 
 
 def joins(tools, repeat):
     """Connections a second of server CPU, up to the first message; without and with signed tokens, and TLS."""
     certificate = certificate_of(tools)
-    kinds = [("bare", "raw e", None, {}), ("anonymous", "broker", None, {}), ("HS256", "broker", "HS256", {}),
-             ("ES256", "broker", "ES256", {}), ("bare TLS", "raw t", None, {}), ("HS256 and TLS", "broker", "HS256", certificate)]
+    kinds = [("bare", "bare", None, {"mode": "epoll"}), ("anonymous", "broker", None, {}), ("HS256", "broker", "HS256", {}),
+             ("ES256", "broker", "ES256", {}), ("bare TLS", "bare", None, {"mode": "tls"}), ("HS256 and TLS", "broker", "HS256", certificate)]
     seen = {kind[0]: [] for kind in kinds}
     for _ in range(repeat):
         for name, kind, algorithm, settings in kinds:
             token = tools.token(algorithm) if algorithm else None
             with Server(tools, kind, environment=token.environment if token else {}, **settings) as server:
                 before = server.cpu_seconds()
-                flags = ["--subs", 2000, "--secs", 0.1, "--warm", 0, "--no-pub"]
-                flags += ["--header", f"Authorization: Bearer {token.text}"] if token else []
-                figures = server.load(*flags, *(["--tls"] if "TLS" in name else []))
+                figures = server.load([f"Authorization: Bearer {token.text}"] if token else [], subscribers=2000, seconds=0.1, warm_s=0,
+                                      publish=False, tls="TLS" in name)
                 spent = server.cpu_seconds() - before
                 seen[name].append((2000 / spent, 2000 / figures["connect_s"]))
     for name, runs in seen.items():
@@ -132,7 +127,7 @@ def joins(tools, repeat):
 def late_joiners(tools):
     """First pose of viewers that come while 1,000 watch."""
     with Server(tools, "broker") as server:
-        running = threading.Thread(target=server.load, args=("--subs", 1000, "--rate", 30, "--secs", 5))
+        running = threading.Thread(target=server.load, kwargs={"subscribers": 1000, "rate_hz": 30, "seconds": 5})
         running.start()
         time.sleep(3)
         took = []
@@ -150,12 +145,12 @@ def late_joiners(tools):
 
 def peers(tools, repeat):
     compare(tools, [BARE, EPOLL, ("mosquitto", {}), ("nats", {})], repeat, ["cpu_s_per_1M", "p99_ms", "loss_pct", "rss_conn_kb"],
-            "--subs", 1000, "--rate", 90, "--secs", 3)
+            subscribers=1000, rate_hz=90, seconds=3)
 
 
 def tls(tools, repeat):
     compare(tools, over_tls(tools), repeat, ["cpu_s_per_1M", "p99_ms", "loss_pct", "rss_conn_kb", "connect_s"],
-            "--subs", 1000, "--rate", 30, "--secs", 4, "--tls")
+            subscribers=1000, rate_hz=30, seconds=4, tls=True)
 
 
 ROWS = {row.__name__: row for row in (delivery, tail, gathered, flood, flood_one, stall, many, idle, tls, joins, peers)}
@@ -164,11 +159,10 @@ ROWS = {row.__name__: row for row in (delivery, tail, gathered, flood, flood_one
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--broker", required=True)
-    parser.add_argument("--keep", metavar="FOLDER", help="where the compiled tools are kept for the next time")
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("rows", nargs="*", metavar="ROW", help=", ".join([*ROWS, "interpolated"]))
     options = parser.parse_args()
-    tools = Tools(options.broker, options.keep)
+    tools = Tools(options.broker)
     for row in options.rows or [*ROWS, "interpolated"]:
         start = time.monotonic()
         print(f"{row}:", flush=True)

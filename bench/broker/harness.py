@@ -35,29 +35,21 @@ def wait_for_port(port, process):
 
 
 class Tools:
-    """The load generator and the bare server, compiled from EIGENCAST_WSLOAD, and what they need, in one folder."""
+    """The broker, the programs of preset bench beside it (fanout_load, bare_server), and what they need, in one folder."""
 
-    def __init__(self, broker, folder=None):
-        """folder  to keep for the next time; default: a new temporary one"""
+    def __init__(self, broker):
         self.broker = pathlib.Path(broker).resolve()
-        self.folder = pathlib.Path(folder or tempfile.mkdtemp(prefix="eigencast-bench-")).resolve()
-        self.folder.mkdir(exist_ok=True)
-        source = os.environ.get("EIGENCAST_WSLOAD")
-        if not source:
-            sys.exit("SKIPPED: set EIGENCAST_WSLOAD to the folder that holds wsload.cpp and raw.cpp")
-        for name, flags, libraries in (("wsload", ["-O2"], []), ("raw", ["-O3", "-march=native", "-DNDEBUG"], ["-luring"])):
-            if (self.folder / name).exists():
-                continue
-            subprocess.run(["g++", "-std=c++20", *flags, f"{source}/{name}.cpp", "-o", self.folder / name, *libraries,
-                            "-lssl", "-lcrypto"], check=True)
+        self.programs = self.broker.parent.parent / "bench"
+        for name in ("fanout_load", "bare_server"):
+            if not (self.programs / name).exists():
+                sys.exit(f"SKIPPED: {self.programs / name} is not built: cmake --preset bench && cmake --build --preset bench")
+        self.folder = pathlib.Path(tempfile.mkdtemp(prefix="eigencast-bench-"))
         subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes",
                         "-keyout", "key.pem", "-out", "cert.pem", "-days", "2", "-subj", "/CN=localhost"],
                        cwd=self.folder, check=True, capture_output=True)
-        frame, rows = payloads.float_join(SIZE)
-        (self.folder / "frame.bin").write_bytes(frame)
-        body, name = payloads.asset()
-        self.asset_body, self.asset = body, name
-        (self.folder / "announce.json").write_text(payloads.announce(name, rows, "float32"))
+        self.frame, rows = payloads.float_join(SIZE)
+        self.asset_body, self.asset = payloads.asset()
+        self.announce = payloads.announce(self.asset, rows, "float32")
 
     def token(self, algorithm):
         return Token(self, algorithm)
@@ -79,36 +71,47 @@ class Token:
         self.text = made.stdout.strip()
 
 
+# Where a frame of the broker's holds its sequence and its capture time (docs/protocol.md, "Envelope").
+FRAME_FIELDS = {"sequence_at": 11, "time_at": 19}
+SUBPROTOCOL = "Sec-WebSocket-Protocol: "
+
+
 def mqtt(kind, body):
-    return "hex:" + (bytes([kind, len(body)]) + body).hex()
+    return (bytes([kind, len(body)]) + body).hex()
 
 
-# How the peers are spoken to: arguments of wsload. Each message of theirs is of SIZE bytes, too.
-# Where a frame of the broker's holds its capture time and its sequence (docs/protocol.md, "Envelope").
-FRAMES = ["--us", "--magic-off", "-1", "--ts-off", "19", "--seq-off", "11", "--find-off", "19", "--find-seq-off", "11"]
-MQTT_CONNECT = mqtt(0x10, b"\x00\x04MQTT\x04\x02\x00\x00\x00\x00")
-SPOKEN = {
-    "mosquitto": ["--subproto", "mqtt", "--pub-subproto", "mqtt", "--path", "/mqtt", "--pub-path", "/mqtt",
-                  "--hello", MQTT_CONNECT, "--ready", "hex:20020000", "--hello", mqtt(0x82, b"\x00\x01\x00\x01t\x00"), "--ready", "hex:9003000100",
-                  "--pub-hello", MQTT_CONNECT, "--pub-ready", "hex:20020000",
-                  "--prefix", "hex:30" + bytes([(SIZE + 3) % 128 | 128, (SIZE + 3) // 128]).hex() + "000174"],
-    "nats": ["--path", "/", "--pub-path", "/", "--hello", "hex:" + b'CONNECT {"verbose":false}\r\nSUB t 1\r\nPING\r\n'.hex(),
-             "--ready", "hex:" + b"PONG".hex(), "--pub-hello", "hex:" + b'CONNECT {"verbose":false}\r\nPING\r\n'.hex(),
-             "--pub-ready", "hex:" + b"PONG".hex(), "--prefix", "hex:" + f"PUB t {SIZE}\r\n".encode().hex(), "--suffix", "hex:0d0a"],
+def role(path, subprotocol=None, hello=(), ready=(), opcode=1, headers=()):
+    """How one side speaks to a server, see fanout_load.cpp; hello and ready are hex."""
+    return {"path": path, "headers": [*headers, *([SUBPROTOCOL + subprotocol] if subprotocol else [])], "hello": list(hello),
+            "ready": list(ready), "opcode": opcode}
+
+
+MAGIC = b"EIGCLOAD"
+MQTT_CONNECT, MQTT_ACCEPTED = mqtt(0x10, b"\x00\x04MQTT\x04\x02\x00\x00\x00\x00"), mqtt(0x20, b"\x00\x00")
+NATS_HELLO = b'CONNECT {"verbose":false}\r\n'
+PEERS = {
+    "mosquitto": {"subscriber": role("/mqtt", "mqtt", [MQTT_CONNECT, mqtt(0x82, b"\x00\x01\x00\x01t\x00")],
+                                     [MQTT_ACCEPTED, mqtt(0x90, b"\x00\x01\x00")], opcode=2),
+                  "publisher": role("/mqtt", "mqtt", [MQTT_CONNECT], [MQTT_ACCEPTED], opcode=2),
+                  "prefix": "30" + bytes([(SIZE + 3) % 128 | 128, (SIZE + 3) // 128]).hex() + "000174"},
+    "nats": {"subscriber": role("/", hello=[(NATS_HELLO + b"SUB t 1\r\nPING\r\n").hex()], ready=[b"PONG".hex()], opcode=2),
+             "publisher": role("/", hello=[(NATS_HELLO + b"PING\r\n").hex()], ready=[b"PONG".hex()], opcode=2),
+             "prefix": f"PUB t {SIZE}\r\n".encode().hex(), "suffix": "0d0a"},
 }
 
 
 class Server:
     """One server, pinned to a core, in a with statement."""
 
-    def __init__(self, tools, kind, wrap=(), environment=None, **settings):
-        self.tools, self.kind, self.wrap, self.settings = tools, kind, list(wrap), settings
+    def __init__(self, tools, kind, environment=None, **settings):
+        """kind  broker, bare (settings: mode, threads), mosquitto, nats"""
+        self.tools, self.kind, self.settings = tools, kind, settings
         self.environment = {**os.environ, **(environment or {})}
 
     def __enter__(self):
         self.port = free_port()
-        if self.kind.startswith("raw"):
-            command = [self.tools.folder / "raw", str(self.port), self.kind.split()[1]]
+        if self.kind == "bare":
+            command = [self.tools.programs / "bare_server", str(self.port), self.settings["mode"], str(self.settings.get("threads", 1))]
         elif self.kind == "mosquitto":
             file = self.tools.folder / "mosquitto.conf"
             file.write_text(f"listener {free_port()} 127.0.0.1\nlistener {self.port} 127.0.0.1\nprotocol websockets\nallow_anonymous true\nset_tcp_nodelay true\nlog_type error\n")
@@ -122,8 +125,8 @@ class Server:
             flags = [f"--{name.replace('_', '-')}={value}" for name, value in self.settings.items()]
             command = [self.tools.broker, f"--listen=127.0.0.1:{self.port}", "--admin-listen=127.0.0.1:0",
                        f"--data-dir={self.data}", "--log-level=error", *flags]
-        self.process = subprocess.Popen(["taskset", "-c", SERVER_CPU, *self.wrap, *command], cwd=self.tools.folder, env=self.environment,
-                                        stderr=subprocess.DEVNULL if self.kind in SPOKEN else None)
+        self.process = subprocess.Popen(["taskset", "-c", SERVER_CPU, *command], cwd=self.tools.folder, env=self.environment,
+                                        stderr=subprocess.DEVNULL if self.kind in PEERS else None)
         wait_for_port(self.port, self.process)
         if self.kind == "broker" and not any("JWT" in name for name in self.environment):
             self.put_asset()
@@ -149,46 +152,40 @@ class Server:
         tasks = f"/proc/{self.process.pid}/task"
         return sum(int(pathlib.Path(tasks, task, "schedstat").read_text().split()[0]) for task in os.listdir(tasks)) / 1e9
 
-    def load(self, *flags, streams=1, several=False):
-        """One run of wsload; its figures. `several`: each connection watches all streams."""
-        out = self.tools.folder / "out.jsonl"
-        command = self.wsload(out, "--streams", streams, *(SPOKEN[self.kind] if self.kind in SPOKEN else self.spoken(streams, several)))
-        done = subprocess.run([*command, *map(str, flags)], capture_output=True, text=True)
-        if not out.exists():
-            sys.exit(f"wsload failed: {done.stderr}{done.stdout}")
-        return json.loads(out.read_text().splitlines()[-1])
+    def load(self, headers=(), **scenario):
+        """One run of fanout_load; its figures. Fields of the scenario: see fanout_load.cpp."""
+        return self.started({**self.spoken(headers, **scenario), **scenario})()
 
-    def wsload(self, out, *words):
-        """The load generator at this server; its figures will be the last line of `out`."""
-        out.unlink(missing_ok=True)
-        return ["taskset", "-c", LOAD_CPU, self.tools.folder / "wsload", "--port", str(self.port), "--pid", str(self.process.pid), "--no-spin",
-                "--quiet", "--json", out, "--size", str(SIZE), *map(str, words)]
-
-    def viewers(self, subs, seconds, warm):
-        """Viewers of s0, whose sender is another process and comes later; call what is returned for their figures, when they have ended."""
-        out = pathlib.Path(tempfile.mkdtemp(dir=self.tools.folder)) / "viewers.jsonl"
-        command = self.wsload(out, *FRAMES, "--no-pub", "--subs", subs, "--secs", seconds, "--warm", warm, "--rate", 1, "--subproto",
-                              "eigencast.v1", "--path", "/v1/subscribe/s0?rate=raw", "--ready", '"waiting"')
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    def started(self, scenario):
+        """fanout_load at this server; call what is returned for its figures, when it has ended."""
+        handle, file = tempfile.mkstemp(dir=self.tools.folder, suffix=".json")
+        with open(handle, "w") as out:
+            json.dump({"port": self.port, "pid": self.process.pid, "frame": self.tools.frame.hex(), **FRAME_FIELDS, **scenario}, out)
+        process = subprocess.Popen(["taskset", "-c", LOAD_CPU, self.tools.programs / "fanout_load", file], stdout=subprocess.PIPE,
+                                   stderr=subprocess.PIPE, text=True)
 
         def figures():
-            told, _ = process.communicate()
-            if not out.exists():
-                sys.exit(f"wsload failed: {told}")
-            return json.loads(out.read_text().splitlines()[-1])
+            output, complaint = process.communicate()
+            if not output:
+                sys.exit(f"fanout_load failed: {complaint}")
+            return json.loads(output)
         return figures
 
-    def spoken(self, streams, several):
-        """Arguments of wsload for the bare server and the broker: frames of the broker's own format."""
-        command = [*FRAMES, "--template", self.tools.folder / "frame.bin", *(["--mesh"] if several else [])]
-        if self.kind.startswith("raw"):
-            return command + ["--path", "/sub", "--pub-path", "/pub"]
-        command += ["--subproto", "eigencast.v1", "--pub-subproto", "eigencast.v1", "--pub-path", "/v1/publish/s{s}",
-                    "--pub-hello", f"text@{self.tools.folder}/announce.json", "--pub-ready", '"announced"']
-        if not several:
-            return command + ["--path", "/v1/subscribe/s{s}?rate=raw", "--ready", '"waiting"']
-        command += ["--path", "/v1/subscribe"]
-        for stream in range(streams):
-            hello = json.dumps({"op": "subscribe", "stream": f"s{stream}", "profile": {"rate": "raw"}})
-            command += ["--hello", f"text:{hello}", "--ready", f'"stream":"s{stream}"']
-        return command
+    def viewers(self, subscribers, seconds, warm_s):
+        """Viewers of s0, whose sender is another process and comes later; see started()."""
+        return self.started({"publish": False, "subscribers": subscribers, "seconds": seconds, "warm_s": warm_s,
+                             "subscriber": role("/v1/subscribe/s0?rate=raw", "eigencast.v1", ready=[b'"waiting"'.hex()])})
+
+    def spoken(self, headers, streams=1, several=False, **_):
+        """How this server is spoken to. several: each connection watches all streams."""
+        if self.kind in PEERS:
+            return {**PEERS[self.kind], "frame": (MAGIC + self.tools.frame[len(MAGIC):]).hex(), "magic": MAGIC.hex()}
+        if self.kind == "bare":
+            return {"subscriber": role("/sub"), "publisher": role("/pub")}
+        subscribe = role("/v1/subscribe/s{s}?rate=raw", "eigencast.v1", ready=[b'"waiting"'.hex()], headers=headers)
+        if several:
+            hello = [json.dumps({"op": "subscribe", "stream": f"s{stream}", "profile": {"rate": "raw"}}) for stream in range(streams)]
+            subscribe = role("/v1/subscribe", "eigencast.v1", [text.encode().hex() for text in hello],
+                             [f'"stream":"s{stream}"'.encode().hex() for stream in range(streams)])
+        return {"subscriber": subscribe, "publisher": role("/v1/publish/s{s}", "eigencast.v1", [self.tools.announce.encode().hex()],
+                                                           [b'"announced"'.hex()], headers=headers)}

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
-"""What more event loops in one broker deliver (server.threads), docs/performance/broker.md, "More event loops".
+"""What more event loops in one broker deliver (server.threads), beside the bare server with as many threads:
+docs/performance/broker.md, "More event loops".
 
     bench/broker/threads.py --broker build/bench/bin/eigencast-broker [--viewers 1000] [--rate 360]
 
@@ -13,6 +14,7 @@ import pathlib
 import resource
 import socket
 import statistics
+import subprocess
 import sys
 import threading
 import time
@@ -20,6 +22,7 @@ import urllib.request
 
 sys.path[:0] = [str(pathlib.Path(__file__).resolve().parents[2] / "tests/support")]
 import payloads
+from harness import free_port, wait_for_port
 from websocket_peer import BINARY, PING, PONG, TEXT, Broker, Peer, frame
 
 SIZE, SUBPROTOCOL = 600, "eigencast.v1"
@@ -27,14 +30,17 @@ WIRE = SIZE + 4  # With the header of a WebSocket frame.
 
 
 class Sender(threading.Thread):
-    """Joins of SIZE bytes at `rate` until stop()."""
+    """Joins of SIZE bytes at `rate` until `over`."""
 
-    def __init__(self, port, rate):
+    def __init__(self, port, rate, bare):
         super().__init__()
-        body, name = payloads.asset()
-        urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{port}/v1/assets/{name}", data=body, method="PUT")).close()
         template, rows = payloads.float_join(SIZE)
         self.template, self.rate, self.sent, self.over = template, rate, 0, False
+        if bare:
+            self.peer = Peer(port, "/pub")
+            return
+        body, name = payloads.asset()
+        urllib.request.urlopen(urllib.request.Request(f"http://127.0.0.1:{port}/v1/assets/{name}", data=body, method="PUT")).close()
         self.peer = Peer(port, "/v1/publish/s", SUBPROTOCOL)
         self.peer.send(frame(TEXT, payloads.announce(name, rows, "float32", rate=rate).encode()))
         while b'"announced"' not in self.peer.receive()[1]:
@@ -52,8 +58,8 @@ class Sender(threading.Thread):
 class Viewer:
     """Counts the frames that have come, and answers pings, as every reader does."""
 
-    def __init__(self, port):
-        self.peer = Peer(port, "/v1/subscribe/s?rate=raw", SUBPROTOCOL)
+    def __init__(self, port, bare):
+        self.peer = Peer(port, "/sub") if bare else Peer(port, "/v1/subscribe/s?rate=raw", SUBPROTOCOL)
         self.peer.sock.setblocking(False)
         self.rest = self.peer.buffer
 
@@ -85,11 +91,30 @@ def cpu_seconds(pid):
     return sum(int(pathlib.Path(tasks, task, "schedstat").read_text().split()[0]) for task in os.listdir(tasks)) / 1e9
 
 
-def measure(program, threads, options):
+class BareServer:
+    """Beside the broker in the tree of preset bench."""
+
+    def __init__(self, broker, threads):
+        self.port = free_port()
+        program = pathlib.Path(broker).resolve().parent.parent / "bench/bare_server"
+        self.process = subprocess.Popen([program, str(self.port), "epoll", str(threads)])
+        wait_for_port(self.port, self.process)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.terminate()
+        self.process.wait()
+
+
+def measure(bare, threads, options):
     scratch = bytearray(1 << 20)
-    with Broker(program, f"--threads={threads}", f"--sockets-writes={options.writes}") as broker:
-        sender = Sender(broker.port, options.rate)
-        viewers = [Viewer(broker.port) for _ in range(options.viewers)]
+    server = (BareServer(options.broker, threads) if bare else
+              Broker(options.broker, f"--threads={threads}", f"--sockets-writes={options.writes}"))
+    with server as broker:
+        sender = Sender(broker.port, options.rate, bare)
+        viewers = [Viewer(broker.port, bare) for _ in range(options.viewers)]
         sender.start()
         spent, own, delivered, begun, sent = 0, 0, 0, None, 0
         start = time.monotonic()
@@ -127,16 +152,18 @@ def main():
     options = parser.parse_args()
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
-    seen = {threads: [] for threads in options.threads}
+    kinds = [(bare, threads) for threads in options.threads for bare in (True, False)]
+    seen = {kind: [] for kind in kinds}
     for _ in range(options.repeat):
-        for threads in options.threads:
-            seen[threads].append(measure(options.broker, threads, options))
-    columns = list(seen[options.threads[0]][0])
-    print(f"  {'threads':10}" + "".join(f"{column:>18}" for column in columns))
-    for threads, runs in seen.items():
+        for kind in kinds:
+            seen[kind].append(measure(*kind, options))
+    columns = list(seen[kinds[0]][0])
+    print(f"  {'threads':16}" + "".join(f"{column:>18}" for column in columns))
+    for (bare, threads), runs in seen.items():
+        name = f"{'bare' if bare else 'broker'} {threads}"
         for run in runs:
-            print(f"  {threads:<10}" + "".join(f"{run[column]:18.2f}" for column in columns))
-        print(f"  {threads:<4}median" + "".join(f"{statistics.median(run[column] for run in runs):18.2f}" for column in columns), flush=True)
+            print(f"  {name:16}" + "".join(f"{run[column]:18.2f}" for column in columns))
+        print(f"  {name + ' median':16}" + "".join(f"{statistics.median(run[column] for run in runs):18.2f}" for column in columns), flush=True)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 """What the scripts of this folder share: the programs, a broker of their own, clips, truth, tables and plots.
 
 Each script regenerates one figure or table into --out (CSV and PNG). It stops with words and status 77 where an input is
-absent, so that whoever runs all of them sees what was left out.
+absent, so that a run of all of them shows what was left out.
 """
 import argparse
 import csv
@@ -36,8 +36,8 @@ except ImportError as missing:
 def parser(description):
     p = argparse.ArgumentParser(description=description)
     p.add_argument("--bin", type=pathlib.Path, default=ROOT / "build/release/bin", help="folder of the programs")
-    p.add_argument("--data", type=pathlib.Path, default=os.environ.get("EIGENCAST_DATA_DIR", ""),
-                   help="folder of the real clips (default: $EIGENCAST_DATA_DIR)")
+    p.add_argument("--data", type=pathlib.Path, default=os.environ.get("EIGENCAST_DATA_DIR"),
+                   help="folder of the real clips (default: EIGENCAST_DATA_DIR)")
     p.add_argument("--out", type=pathlib.Path, default=ROOT / "out/paper", help="folder for CSV and PNG")
     return p
 
@@ -62,14 +62,20 @@ def bench_rows(options, name, *arguments, **how):
     return list(csv.DictReader(done.stdout.splitlines()))
 
 
+def data_file(options, name):
+    """A file of the real data, which must be there."""
+    if options.data is None:
+        skip(f"no folder of real clips for {name}: set EIGENCAST_DATA_DIR, or give --data")
+    if not (options.data / name).exists():
+        skip(f"{options.data / name} is not there")
+    return options.data / name
+
+
 def clip_argument(options, name):
     """The sender's argument for a clip: a built-in's name, or the folder of a real one, which must be there."""
     if name in ("heart", "sphere", "torus", "bar"):
         return name
-    path = options.data / "animations" / name / "vertices.npy"
-    if not path.exists():
-        skip(f"{path} is not there")
-    return str(path)
+    return str(data_file(options, f"animations/{name}/vertices.npy"))
 
 
 def lines_of(path):

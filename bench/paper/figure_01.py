@@ -13,7 +13,7 @@ from common import Stage, clip_argument, lines_of, parser, strip, write_table
 CLIPS = ("horse-gallop", "elephant-gallop", "human-walk", "fox-run")
 AS_POINTS = "elephant-gallop"
 LEVELS = (1.0, 0.15, 0.03)
-KEYS_HZ = 2  # So slowly that three viewers without a graphics card draw every pose.
+KEYS_HZ = 2  # So slowly that three viewers without a GPU draw every pose.
 
 
 def played(stage, options, name):

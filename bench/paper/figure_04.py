@@ -3,7 +3,7 @@
 """Figure 4 of Zhang et al. 2013: poses interpolated at lambda = 0.33 and 0.66 between two keys, as a viewer draws them.
 
 Above what the broker interpolates between every third frame of a clip, below the clip's own frames. Clips are played slowly, so
-that a viewer that draws without a graphics card draws every pose, and the broker is told to bridge such pauses.
+that a viewer that draws without a GPU draws every pose, and the broker is told to bridge such pauses.
 """
 import sys
 
@@ -13,7 +13,7 @@ CLIPS = ("elephant-gallop", "horse-gallop")
 CLIP_FRAMES = 48  # Of either; they are played again and again.
 FRAMES = (15, 16, 17, 18)  # Keys are every third.
 SLOWED = 10  # Frames of the clip take so many times as long.
-LOD = 0.3  # As much as a picture of this size shows, drawn in time without a graphics card.
+LOD = 0.3  # As much as a picture of this size shows, drawn in time without a GPU.
 
 
 def play(stage, clip, stream, query, keys_hz):

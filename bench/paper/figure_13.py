@@ -3,7 +3,7 @@
 """Figure 13 of Zhang et al. 2013: poses estimated at lambda = 1, 2, 3 key intervals beyond the last key that came.
 
 A sender falls silent in the midst of a clip; what the broker's estimates (Eq. 9, and damped) then show is put beside the clip's
-own frames. The clip is played at a tenth of its pace, so that a viewer that draws without a graphics card draws every pose; the
+own frames. The clip is played at a tenth of its pace, so that a viewer that draws without a GPU draws every pose; the
 broker is told to estimate for as much longer.
 """
 import subprocess
@@ -16,7 +16,7 @@ CLIP, FRAMES = "horse-gallop", 48
 LAST = 20      # The last frame that is sent.
 KEYS_HZ = 3.0  # In place of 30.
 STEPS = (1, 2, 3)
-VIEW = ("--view", "right", "--lod", 0.4)  # As much as a picture of this size shows, drawn in time without a graphics card.
+VIEW = ("--view", "right", "--lod", 0.4)  # As much as a picture of this size shows, drawn in time without a GPU.
 
 
 def nearest(pictures, capture_us):

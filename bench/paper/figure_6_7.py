@@ -81,7 +81,7 @@ def main():
     p.add_argument("--model", action="store_true", help="times of a model instead of this machine's: every run is the same")
     options = p.parse_args()
     clip = options.clip
-    if clip != "heart" and not (options.data / "animations" / clip / "vertices.npy").exists():
+    if clip != "heart" and not (options.data and (options.data / "animations" / clip / "vertices.npy").exists()):
         print(f"{clip} is not there: built-in hearts instead")
         clip = "heart"
     with tempfile.TemporaryDirectory(prefix="eigencast-flight-") as folder:

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: MIT
 """What a picture of a surface of 262,144 faces costs a viewer, part by part: decode, reconstruct, normals, upload, draw; rebuilt on the
-processor and on the graphics card.
+processor and on the GPU.
 
 The surface is a torus with waves running over it. A viewer watches it over a broker, at full detail and at a tenth, in a large and in a
 small picture. Poses come slowly, so that nobody waits for anybody. The surface is downloaded once before anything is measured: what a
@@ -44,14 +44,14 @@ def watch(stage, lod, size, reconstruct, frames, options):
 
 
 def measured(stage, lod, size, reconstruct, options):
-    told = watch(stage, lod, size, reconstruct, options.frames, options)
-    assert told["surfaces"][0]["rebuilt"] == reconstruct
-    poses, rebuilt = told["frames_out"]["poses_shown"], told["frame_time_us"]["reconstruct"]["count"]
+    report = watch(stage, lod, size, reconstruct, options.frames, options)
+    assert report["surfaces"][0]["rebuilt"] == reconstruct
+    poses, rebuilt = report["frames_out"]["poses_shown"], report["frame_time_us"]["reconstruct"]["count"]
     # Medians bear a few pictures of less than the surface, not many.
-    if told["asset_bytes"]["downloaded"] or rebuilt - poses > poses / 4 or told["lod"]["vertices"] < round(lod * told["lod"]["of"]) - 1:
-        raise SystemExit(f"{poses} poses, {rebuilt} rebuilds, {told['asset_bytes']['downloaded']} bytes downloaded, {told['lod']['vertices']} "
+    if report["asset_bytes"]["downloaded"] or rebuilt - poses > poses / 4 or report["lod"]["vertices"] < round(lod * report["lod"]["of"]) - 1:
+        raise SystemExit(f"{poses} poses, {rebuilt} rebuilds, {report['asset_bytes']['downloaded']} bytes downloaded, {report['lod']['vertices']} "
                          "vertices: the surface was not there when this was measured")
-    return told
+    return report
 
 
 def main():
@@ -72,10 +72,10 @@ def main():
             raise SystemExit("the surface did not arrive in time; give --seconds more")
         for lod, size in VIEWS:
             for reconstruct in ("cpu", "gpu"):
-                told = measured(stage, lod, size, reconstruct, options)
-                costs = told["frame_time_us"]
-                table.append([f"{told['lod']['vertices']:,}", f"{told['lod']['faces']:,}", size, reconstruct, told["frames_out"]["drawn"],
-                              *(f"{costs[part]['p50'] / 1000:.2f}" for part in PARTS), told["picture"]["device"]])
+                report = measured(stage, lod, size, reconstruct, options)
+                costs = report["frame_time_us"]
+                table.append([f"{report['lod']['vertices']:,}", f"{report['lod']['faces']:,}", size, reconstruct, report["frames_out"]["drawn"],
+                              *(f"{costs[part]['p50'] / 1000:.2f}" for part in PARTS), report["picture"]["device"]])
     write_table(options, "frame_cost",
                 ["vertices", "faces", "picture", "rebuilt on", "drawn", *(f"{part} ms" for part in PARTS), "drawn by"], table)
 

@@ -10,7 +10,7 @@
 
 namespace eigencast::bench {
 
-/// A sheet of shaded views, drawn without a graphics card. Grey surfaces on white, seen along -z from the front.
+/// A sheet of shaded views, drawn without a GPU. Grey surfaces on white, seen along -z from the front.
 class Sheet {
  public:
   Sheet(int columns, int rows, int cell_width, int cell_height);

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: MIT
 """Table I of Zhang et al. 2013: eigenpairs of six surfaces as meshes and as points, and the transform of one pose.
 
-Runs table_one (preset bench). Horse, elephant and bar are the paper's; its heart, head and dinosaur cannot be had, so others of
+Runs table_one (preset bench). Horse, elephant and bar are the paper's; its heart, head and dinosaur are unavailable, so others of
 the same size stand for them: named in the table. The paper's column of the transform is taken as one direction of one frame.
 """
-from common import bench_parser, bench_rows, np, plt, skip, write_picture, write_table
+from common import bench_parser, bench_rows, data_file, np, plt, write_picture, write_table
 
 # model, what stands for it, the paper's vertices, its seconds: mesh, points, transform.
 ROWS = [("heart", "heart of the built-in shapes", "heart:27", 7349, 7.065, 451, 0.031),
@@ -21,8 +21,8 @@ def main():
     arguments = []
     for name, _, source, *_ in ROWS:
         is_file = "/" in source
-        if is_file and not (options.data / source.split("@")[0].split("^")[0]).exists():
-            skip(f"{options.data / source} is not there")
+        if is_file:
+            data_file(options, source.split("@")[0].split("^")[0])
         arguments.append(f"{name}={options.data / source if is_file else source}")
     ours = bench_rows(options, "table_one", *arguments)
     table = []

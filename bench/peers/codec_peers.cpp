@@ -34,7 +34,7 @@ namespace {
 using namespace eigencast;
 
 constexpr double kRateHz = 30;
-constexpr int kLeastBits = 4, kMostBits = 16;
+constexpr int kMinBits = 4, kMaxBits = 16;
 
 template <typename T>
 T value_or_exit(Result<T> result) {
@@ -187,8 +187,8 @@ void run(const MotionClip& clip, const std::string& name, int rank, double eps) 
   print(name, vertices, as_coefficients("coefficients float32", CodecKind::kFloat32, baked, poses, eps));
   print(name, vertices, as_coefficients("coefficients float64", CodecKind::kFloat64, baked, poses, eps));
 
-  int bits = kLeastBits;
-  while (bits < kMostBits && error_on_grid(poses, bits, diagonal) > ours.kg_percent) ++bits;
+  int bits = kMinBits;
+  while (bits < kMaxBits && error_on_grid(poses, bits, diagonal) > ours.kg_percent) ++bits;
   [[maybe_unused]] const double kg_percent = error_on_grid(poses, bits, diagonal);
   [[maybe_unused]] const std::string at_bits = " " + std::to_string(bits) + " bit";
 #ifdef EIGENCAST_HAS_DRACO
