@@ -1,7 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include <spdlog/sinks/stdout_color_sinks.h>
-#include <spdlog/spdlog.h>
-
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
@@ -9,6 +6,7 @@
 
 #include "client/apps.h"
 #include "client/clip_source.h"
+#include "common/command_line/log.h"
 
 namespace {
 
@@ -19,20 +17,6 @@ void on_signal(int) {
   stop_wanted.store(true);
 }
 
-spdlog::level::level_enum level_from(eigencast::LogLevel level) {
-  switch (level) {
-    case eigencast::LogLevel::kDebug:
-      return spdlog::level::debug;
-    case eigencast::LogLevel::kInfo:
-      return spdlog::level::info;
-    case eigencast::LogLevel::kWarning:
-      return spdlog::level::warn;
-    case eigencast::LogLevel::kError:
-      return spdlog::level::err;
-  }
-  return spdlog::level::info;
-}
-
 int run(int argc, char** argv) {
   auto parsed = eigencast::options_from_command_line(argc, argv);
   if (const auto* exit_now = std::get_if<eigencast::ExitNow>(&parsed)) return exit_now->code;
@@ -40,12 +24,8 @@ int run(int argc, char** argv) {
   // Read above, for one broker; libraries below would give it to any.
   ::unsetenv("EIGENCAST_TOKEN");
 
-  const auto logger = spdlog::stderr_color_mt("client");
-  logger->set_pattern("%H:%M:%S.%e %^%l%$ %v");
-  logger->set_level(options.verbose ? spdlog::level::debug : spdlog::level::info);
-  const eigencast::LogSink log = [logger](eigencast::LogLevel level, std::string_view message) {
-    logger->log(level_from(level), spdlog::string_view_t(message.data(), message.size()));
-  };
+  const eigencast::LogSink log = eigencast::sink_to(
+      eigencast::stderr_logger(options.verbose ? eigencast::LogLevel::kDebug : eigencast::LogLevel::kInfo));
   std::signal(SIGINT, on_signal);
   std::signal(SIGTERM, on_signal);
 

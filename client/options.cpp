@@ -9,7 +9,7 @@
 #include "client/clip_source.h"
 #include "client/settings.h"
 #include "common/command_line/command_line.h"
-#include "common/command_line/documents.h"
+#include "common/command_line/completion.h"
 #include "common/command_line/shared_options.h"
 #include "sdk/asset_cache.h"
 #include "sdk/contexts.h"
@@ -27,7 +27,7 @@ eigencast-client wss://host/heart --token @FILE         # a broker that asks who
 eigencast-client view horse.obj                         # a file, without a broker
 eigencast-client view frames --watch                    # a folder that is being written
 eigencast-client --headless --frames 90 --out pictures  # no display needed
-eigencast-client completion bash                        # or zsh, fish: a script for your shell; man: the manual page
+eigencast-client completion bash                        # or zsh: a script for your shell
 )";
 constexpr const char* kExitStatus = R"(0 good
 1 failed: no display, a file that cannot be written
@@ -182,16 +182,12 @@ ExitNow usage(const std::string& message) {
   return {kExitUsage};
 }
 
-/// "man" and "completion SHELL" in the streams' place: what the program says about itself, on standard output.
-std::optional<ExitNow> write_documents(const CLI::App& app, const std::vector<std::string>& words) {
-  if (words == std::vector<std::string>{"man"}) {
-    std::fputs(man_page_from(app, EIGENCAST_VERSION, kExitStatus, kExamples).c_str(), stdout);
-    return ExitNow{kExitGood};
-  }
+/// "completion SHELL" in the streams' place.
+std::optional<ExitNow> write_completion(const CLI::App& app, const std::vector<std::string>& words) {
   if (words.empty() || words.front() != "completion") return std::nullopt;
-  const auto shell = words.size() == 2 ? shell_from_name(words[1]) : std::nullopt;
-  if (!shell) return usage("completion: name your shell: bash, zsh or fish");
-  std::fputs(completion_from(app, *shell).c_str(), stdout);
+  const auto script = words.size() == 2 ? completion_script(app, words[1]) : std::nullopt;
+  if (!script) return usage("completion: name your shell: bash or zsh");
+  std::fputs(script->c_str(), stdout);
   return ExitNow{kExitGood};
 }
 
@@ -348,7 +344,7 @@ std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const c
              "EIGENCAST_TOKEN");
   line.add(std::span(entries).subspan(kBeforeCredentials));
   if (const std::optional<bool> was_help = line.parse(argc, argv)) return ExitNow{*was_help ? kExitGood : kExitUsage};
-  if (const auto documents = write_documents(line.app(), options.scene.streams)) return *documents;
+  if (const auto documents = write_completion(line.app(), options.scene.streams)) return *documents;
   if (const std::string fault = fault_of_numbers(line.app()); !fault.empty()) return usage(fault);
   if (const Result<void> good = interpret(line, raw, options); !good) return usage(good.error().message);
   return options;

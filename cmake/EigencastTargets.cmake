@@ -16,9 +16,9 @@ endif()
 
 # Targets whose sources are not yet compiled together, because names of their anonymous namespaces clash. To be emptied.
 set(EIGENCAST_NOT_TOGETHER
-  eigencast_latency unit_progressive unit_motion unit_codec eigencast_sender eigencast_sdk eigencast_wire eigencast_surface
+  unit_progressive unit_motion unit_codec eigencast_sdk eigencast_wire eigencast_surface
   eigencast_spectral eigencast_reconstruction eigencast_progressive eigencast_net eigencast_motion eigencast_codec eigencast_asset eigencast_broker
-  unit_broker unit_sender unit_sdk unit_sdk_bake)
+  unit_broker unit_sdk unit_sdk_bake)
 function(eigencast_compile_together TARGET)
   if("${TARGET}" IN_LIST EIGENCAST_NOT_TOGETHER)
     set_target_properties(${TARGET} PROPERTIES UNITY_BUILD OFF)
@@ -94,10 +94,11 @@ function(eigencast_program NAME)
   install(TARGETS ${NAME} RUNTIME DESTINATION "${CMAKE_INSTALL_BINDIR}" COMPONENT ${ARG_COMPONENT})
 endfunction()
 
-# eigencast_documents(PROGRAM [COMPONENT ...]) makes and installs the manual page and the completion scripts that PROGRAM writes
-# about itself (`PROGRAM man`, `PROGRAM completion SHELL`), all from its one table of options.
+# eigencast_documents(PROGRAM SUMMARY "..." [COMPONENT ...]) makes and installs the completion scripts that PROGRAM writes, and its manual
+# page from what it says to --help-all, where help2man is there (packages want it).
+find_program(HELP2MAN help2man)
 function(eigencast_documents PROGRAM)
-  cmake_parse_arguments(ARG "" "COMPONENT" "" ${ARGN})
+  cmake_parse_arguments(ARG "" "COMPONENT;SUMMARY" "" ${ARGN})
   if(NOT ARG_COMPONENT)
     set(ARG_COMPONENT tools)
   endif()
@@ -106,25 +107,30 @@ function(eigencast_documents PROGRAM)
     return()
   endif()
   set(DIR "${PROJECT_BINARY_DIR}/share")
-  set(PAGE "${DIR}/man/man1/${PROGRAM}.1")
-  set(MAN "${PAGE}.gz")
   set(BASH "${DIR}/bash-completion/completions/${PROGRAM}")
   set(ZSH "${DIR}/zsh/vendor-completions/_${PROGRAM}")
-  set(FISH "${DIR}/fish/vendor_completions.d/${PROGRAM}.fish")
-  foreach(FILE IN ITEMS "${MAN}" "${BASH}" "${ZSH}" "${FISH}")
+  set(FILES "${BASH}" "${ZSH}")
+  set(MAKE_PAGE)
+  if(HELP2MAN)
+    set(PAGE "${DIR}/man/man1/${PROGRAM}.1")
+    list(APPEND FILES "${PAGE}.gz")
+    set(MAKE_PAGE COMMAND "${HELP2MAN}" --no-info --help-option=--help-all "--name=${ARG_SUMMARY}" "--output=${PAGE}" "$<TARGET_FILE:${PROGRAM}>"
+                  COMMAND gzip -9nf "${PAGE}")
+  else()
+    message(STATUS "${PROGRAM}: no manual page (help2man)")
+  endif()
+  foreach(FILE IN LISTS FILES)
     cmake_path(GET FILE PARENT_PATH PARENT)
     file(MAKE_DIRECTORY "${PARENT}")
     cmake_path(RELATIVE_PATH PARENT BASE_DIRECTORY "${DIR}" OUTPUT_VARIABLE BELOW)
     install(FILES "${FILE}" DESTINATION "${CMAKE_INSTALL_DATADIR}/${BELOW}" COMPONENT ${ARG_COMPONENT})
   endforeach()
-  add_custom_command(OUTPUT "${MAN}" "${BASH}" "${ZSH}" "${FISH}"
-    COMMAND ${PROGRAM} man > "${PAGE}"
-    COMMAND gzip -9nf "${PAGE}"
+  add_custom_command(OUTPUT ${FILES}
     COMMAND ${PROGRAM} completion bash > "${BASH}"
     COMMAND ${PROGRAM} completion zsh > "${ZSH}"
-    COMMAND ${PROGRAM} completion fish > "${FISH}"
+    ${MAKE_PAGE}
     DEPENDS ${PROGRAM} VERBATIM)
-  add_custom_target(${PROGRAM}-documents ALL DEPENDS "${MAN}" "${BASH}" "${ZSH}" "${FISH}")
+  add_custom_target(${PROGRAM}-documents ALL DEPENDS ${FILES})
 endfunction()
 
 # eigencast_test(NAME SOURCES ... LINKS ... [LABELS ...] [TIMEOUT s] [PROPERTIES FIXTURES_REQUIRED x...]) makes a GoogleTest binary whose

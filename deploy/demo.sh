@@ -49,7 +49,7 @@ if [ -z "$programs" ]; then
   build=build/release
   mkdir -p build
   echo "building: the first time takes about 4 minutes on two cores (log: build/demo-build.log)"
-  { cmake --preset release -DEIGENCAST_BUILD_TESTS=OFF && cmake --build --preset release --target eigencast-broker eigencast-sender eigencast-client; } 2>&1 |
+  { cmake --preset release -DEIGENCAST_BUILD_TESTS=OFF && cmake --build --preset release --target eigencast-broker eigencast-sender eigencast-client eigencast-compare; } 2>&1 |
     tee build/demo-build.log | show_progress ||
     { tail -n 40 build/demo-build.log; echo "demo: the build failed; the whole log is build/demo-build.log" >&2; exit 1; }
   programs=$build/bin
@@ -97,7 +97,7 @@ else
   wait $client_pid || { tail -n 5 "$out/client.log" "$out/sender.log" "$out/broker.log"; echo "demo: the viewer failed" >&2; exit 1; }
   kill -INT $sender_pid; wait $sender_pid || true
   sender_pid=''
-  "$programs/eigencast-sender" compare "$shape" --sent "$out/sent.jsonl" --received "$out/received.jsonl" --report "$out/report.json"
+  "$programs/eigencast-compare" "$shape" --sent "$out/sent.jsonl" --received "$out/received.jsonl" --report "$out/report.json"
   rm -f "$out"/sent.jsonl "$out"/received.jsonl
   echo "pictures: $out/frame_*.png   report: $out/report.json"
 fi

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # Installs whatever of a section of deploy/apt-packages.txt is missing. Does nothing, and needs no rights, when nothing is.
-#   deploy/install-packages.sh [demo|tests|full]     default: tests
+#   deploy/install-packages.sh [demo|packages|tests|full]     default: tests
 # For tests it also puts under build/tools what is never installed: servers and Node modules. What cannot be fetched is
 # named, and the tests that need it are skipped.
 set -euo pipefail
@@ -9,7 +9,7 @@ cd "$(dirname "$0")/.."
 
 section=${1:-tests}
 case "$section" in
-  demo|tests|full) ;;
+  demo|packages|tests|full) ;;
   -h|--help) sed -n '3,6s/^# \{0,1\}//p' "$0"; exit 0 ;;
   *) echo "install-packages: unknown section '$section'; see --help" >&2; exit 2 ;;
 esac
@@ -20,8 +20,9 @@ packages_of() {
 }
 case "$section" in
   demo) sections=(demo) ;;
+  packages) sections=(demo packages) ;;
   tests) sections=(demo tests) ;;
-  full) sections=(demo tests full) ;;
+  full) sections=(demo packages tests full) ;;
 esac
 if [ "$(id -u)" = 0 ]; then as_root=(env); elif command -v sudo >/dev/null; then as_root=(sudo); else as_root=(); fi
 
@@ -40,7 +41,7 @@ if [ ${#missing[@]} -gt 0 ]; then
   "${as_root[@]}" apt-get update -qq
   "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null
 fi
-[ "$section" != demo ] || exit 0
+[[ $section != demo && $section != packages ]] || exit 0
 
 tools=$PWD/build/tools
 mkdir -p "$tools/bin"

@@ -7,7 +7,7 @@ cd "$(dirname "$0")/.."
 case "${1:-}" in -h|--help) sed -n '3,4s/^# \{0,1\}//p' "$0"; exit 0 ;; esac
 out=${1:-out/packages}
 
-deploy/install-packages.sh demo
+deploy/install-packages.sh packages
 cmake --preset release -B build/packages -DCMAKE_INSTALL_PREFIX=/usr -DEIGENCAST_BUILD_TESTS=OFF >/dev/null
 cmake --build build/packages -j"$(nproc)"
 mkdir -p "$out"

@@ -54,8 +54,7 @@ int run(const BakeCommand& command, const Console& console, Interrupt& interrupt
     if (const auto written = write_asset(baked.encoded, command.out_dir); !written)
       return report_failure(written.error());
   }
-  const auto written = write_report(command.json, json_from(*source));
-  return written ? kExitOk : report_failure(written.error());
+  return end_with_report(command.json, json_from(*source));
 }
 
 }  // namespace eigencast

@@ -2,7 +2,9 @@
 #pragma once
 
 #include <cstdint>
-#include <functional>
+#include <cstdio>
+#include <memory>
+#include <utility>
 #include <vector>
 
 #include "common/core/result.h"
@@ -20,20 +22,20 @@ class CoefficientStore {
   /// values: doubles a frame. Errors: kTooLarge (over kMaxBytesOnDisk); kIo (no temporary file can be made).
   static Result<CoefficientStore> create(std::size_t frames, std::size_t values,
                                          std::uint64_t max_bytes_in_memory = kMaxBytesInMemory);
-  ~CoefficientStore();
-  CoefficientStore(CoefficientStore&& other) noexcept;
-  CoefficientStore& operator=(CoefficientStore&&) = delete;
 
-  bool on_disk() const { return descriptor_ >= 0; }
+  bool on_disk() const { return file_ != nullptr; }
   /// Errors: kIo (no room). REQUIRES: frame < frames, C.size() == values.
   Result<void> put(std::size_t frame, const std::vector<double>& C);
   /// What was put. Errors: kIo. REQUIRES: frame was put.
   Result<std::vector<double>> at(std::size_t frame) const;
 
  private:
-  CoefficientStore(std::size_t values, int descriptor) : values_(values), descriptor_(descriptor) {}
+  using File = std::unique_ptr<std::FILE, int (*)(std::FILE*)>;
+  CoefficientStore(std::size_t values, File file) : values_(values), file_(std::move(file)) {}
+  bool seek(std::size_t frame) const;
+
   std::size_t values_;
-  int descriptor_;
+  File file_;  ///< Null: in memory.
   std::vector<double> memory_;
 };
 

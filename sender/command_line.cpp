@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <cstdio>
 
-#include "common/command_line/documents.h"
+#include "common/command_line/completion.h"
 #include "common/core/files.h"
 #include "common/surface/formats/endings.h"
 #include "common/surface/formats/write.h"
@@ -32,14 +32,14 @@ eigencast-sender replay show.ecrec --to ws://broker/show --from 60
 eigencast-sender bake scan.ply --rank 300
 eigencast-sender bake rest.obj --target-error 1e-3 --poses clip.npy    # as many coefficients as that takes
 eigencast-sender evaluate clip.npy                                     # error and bit rate, without a network
-eigencast-sender evaluate clip.npy -r 50,100,200 --lod 1,0.5,0.1 --plots out
+eigencast-sender evaluate clip.npy -r 50,100,200 --lod 1,0.5,0.1 --json report.json
 eigencast-sender export fox.glb --to fox.mdd
 eigencast-sender context add studio wss://broker.example --token "$TOKEN"
 eigencast-sender play heart --to demo                                  # at the context's broker
 eigencast-sender completion bash > ~/.local/share/bash-completion/completions/eigencast-sender)";
 
 /// Longer than anything runs, short enough to be counted in microseconds.
-constexpr double kMostSeconds = 1e9;
+constexpr double kMaxSeconds = 1e9;
 
 constexpr const char* kExitStatus = R"(0  done
 1  failed
@@ -61,7 +61,6 @@ struct Settings {
   DeformCommand deform;
   ContextCommand context;
   EvaluateCommand evaluate;
-  CompareCommand compare;
   ReplayCommand replay;
 };
 
@@ -93,21 +92,12 @@ void add_context_commands(CLI::App& app, Settings& s) {
   add("remove", "Forget one")->add_option("name", s.context.name, "which")->required();
 }
 
-/// Scripts and pages that are made from this table.
-void add_document_commands(CLI::App& app, Settings& s) {
+void add_completion_command(CLI::App& app, Settings& s) {
   CLI::App* completion = app.add_subcommand("completion", "Write a completion script to standard output");
-  completion->add_option("shell", s.shell, "for which shell")
-      ->required()
-      ->check(CLI::IsMember({"bash", "zsh", "fish"}));
+  completion->add_option("shell", s.shell, "for which shell")->required()->check(CLI::IsMember({"bash", "zsh"}));
   completion->callback([&app, &s] {
     s.run = [&app, &s](Interrupt&) {
-      std::fputs(completion_from(app, *shell_from_name(s.shell)).c_str(), stdout);
-      return kExitOk;
-    };
-  });
-  app.add_subcommand("man", "Write the manual page to standard output")->group("")->callback([&app, &s] {
-    s.run = [&app](Interrupt&) {
-      std::fputs(man_page_from(app, EIGENCAST_VERSION, kExitStatus, kExamples).c_str(), stdout);
+      std::fputs(completion_script(app, s.shell)->c_str(), stdout);
       return kExitOk;
     };
   });
@@ -120,7 +110,7 @@ void add_deform_command(CLI::App& app, Settings& s) {
   add_source_options(*deform, command.source);
   add_target_options(*deform, command.target);
   deform->add_option("--cage-out", command.cage_out, "write the cage, to edit it or to number its vertices (.obj, ...)")
-      ->check(place_for(check_surface_path));
+      ->check(output_path(check_surface_path));
   deform->add_option("--handles", command.handles, "no cage: handles.json, and all else as rigid as possible")
       ->excludes(deform->get_option("--cage"));
   CLI::Option* script = deform->add_option("--script", command.script,
@@ -156,9 +146,9 @@ void add_deform_command(CLI::App& app, Settings& s) {
       ->capture_default_str();
   deform->add_flag("--once", command.once, "stop at the end of a script that loops");
   deform->add_option("--duration", command.duration_s, "stop after so many seconds")
-      ->check(CLI::Range(1e-3, kMostSeconds));
+      ->check(CLI::Range(1e-3, kMaxSeconds));
   deform->add_option("--frames", command.frames, "stop after so many poses")->check(positive());
-  deform->add_option("--json", command.json, "write a report at the end")->check(place_for(check_output_file));
+  deform->add_option("--json", command.json, "write a report at the end")->check(output_path(check_output_file));
 }
 
 void add_evaluate_command(CLI::App& app, Settings& s) {
@@ -183,9 +173,7 @@ void add_evaluate_command(CLI::App& app, Settings& s) {
   evaluate->add_option("--rate", command.rate_hz, "poses a second, for kbit/s")
       ->check(CLI::Range(0.1, 1000.0))
       ->capture_default_str();
-  evaluate->add_option("--json", command.json, "write a report")->check(place_for(check_output_file));
-  evaluate->add_option("--plots", command.plots, "draw the errors into this folder, as PNG")
-      ->check(place_for(check_output_folder));
+  evaluate->add_option("--json", command.json, "write a report")->check(output_path(check_output_file));
 }
 
 void add_commands(CLI::App& app, Settings& s) {
@@ -193,8 +181,8 @@ void add_commands(CLI::App& app, Settings& s) {
   runs(*bake, s, s.bake);
   add_source_options(*bake, s.bake.source);
   bake->add_option("-o,--out", s.bake.out_dir, "copy the asset's objects into this folder")
-      ->check(place_for(check_output_folder));
-  bake->add_option("--json", s.bake.json, "write a report")->check(place_for(check_output_file));
+      ->check(output_path(check_output_folder));
+  bake->add_option("--json", s.bake.json, "write a report")->check(output_path(check_output_file));
 
   CLI::App* play = app.add_subcommand("play", "Stream an animation to a broker");
   runs(*play, s, s.play);
@@ -209,11 +197,11 @@ void add_commands(CLI::App& app, Settings& s) {
   CLI::Option* once = play->add_flag("--once", s.play.once, "stop at the end of the clip");
   play->add_flag("--loop", s.loop, "start again at the end of the clip (default)")->excludes(once);
   play->add_option("--duration", s.play.duration_s, "stop after so many seconds, counted from the first try to connect")
-      ->check(CLI::Range(1e-3, kMostSeconds));
+      ->check(CLI::Range(1e-3, kMaxSeconds));
   play->add_option("--frames", s.play.frames, "stop after so many poses")->check(positive());
-  play->add_option("--json", s.play.json, "write a report at the end")->check(place_for(check_output_file));
+  play->add_option("--json", s.play.json, "write a report at the end")->check(output_path(check_output_file));
   play->add_option("--record", s.play.record, "write capture time and frame of each pose, as JSON lines")
-      ->check(place_for(check_output_file));
+      ->check(output_path(check_output_file));
 
   CLI::App* pipe =
       app.add_subcommand("pipe", "Stream poses from standard input: 32-bit floats x, y, z for each vertex of the mesh");
@@ -224,7 +212,7 @@ void add_commands(CLI::App& app, Settings& s) {
   add_coding_options(*pipe, s.pipe.target);
   pipe->add_option("--rate", s.pipe.rate_hz, "poses a second (default: as they arrive, or at the times they state)")
       ->check(CLI::Range(0.1, 1000.0));
-  pipe->add_option("--json", s.pipe.json, "write a report at the end")->check(place_for(check_output_file));
+  pipe->add_option("--json", s.pipe.json, "write a report at the end")->check(output_path(check_output_file));
 
   add_deform_command(app, s);
 
@@ -235,8 +223,8 @@ void add_commands(CLI::App& app, Settings& s) {
       ->add_option("--to", s.export_clip.to,
                    "x.pc2, x.mdd, x.npy (rest pose beside it as x.obj), x.obj, x.ply, x.off (a file a pose) or folder/")
       ->required()
-      ->check(place_for(check_clip_path));
-  export_clip->add_option("--json", s.export_clip.json, "write a report")->check(place_for(check_output_file));
+      ->check(output_path(check_clip_path));
+  export_clip->add_option("--json", s.export_clip.json, "write a report")->check(output_path(check_output_file));
 
   add_evaluate_command(app, s);
 
@@ -248,23 +236,15 @@ void add_commands(CLI::App& app, Settings& s) {
       ->check(CLI::Range(0.001, 1000.0))
       ->capture_default_str();
   replay->add_option("--from", s.replay.from_s, "begin so many seconds into the recording")
-      ->check(CLI::Range(0.0, kMostSeconds));
+      ->check(CLI::Range(0.0, kMaxSeconds));
   replay->add_option("--duration", s.replay.duration_s, "play so many seconds of the recording")
-      ->check(CLI::Range(1e-3, kMostSeconds));
+      ->check(CLI::Range(1e-3, kMaxSeconds));
   replay->add_flag("--loop", s.replay.loop, "begin again at the end");
   replay->add_option("--asset", s.replay.asset_dir, "folder with the asset's objects (bake --out)");
-  replay->add_option("--json", s.replay.json, "write a report at the end")->check(place_for(check_output_file));
-
-  CLI::App* compare = app.add_subcommand("compare", "Compare poses that a client recorded with the clip that was sent");
-  runs(*compare, s, s.compare);
-  add_source_options(*compare, s.compare.source);
-  compare->add_option("--sent", s.compare.sent, "record of the sender (play --record)")->required();
-  compare->add_option("--received", s.compare.received, "record of the client (eigencast-client --record)")->required();
-  compare->add_option("--report", s.compare.report, "JSON file to add the result to")
-      ->check(place_for(check_output_file));
+  replay->add_option("--json", s.replay.json, "write a report at the end")->check(output_path(check_output_file));
 
   add_context_commands(app, s);
-  add_document_commands(app, s);
+  add_completion_command(app, s);
 }
 
 /// What no single option can say.
@@ -309,7 +289,7 @@ Result<void> resolve_targets(const CLI::App& app, Settings& s) {
   return {};
 }
 
-/// What to say of a first word that is no command; empty if it is one, or an option.
+/// The error of a first word that is not a command; empty if it is one, or an option.
 std::string refusal_of_command(CLI::App& app, int argc, char** argv) {
   if (argc < 2 || *argv[1] == '-') return {};
   std::string names;
@@ -317,17 +297,18 @@ std::string refusal_of_command(CLI::App& app, int argc, char** argv) {
     if (command->get_name() == argv[1]) return {};
     names += (names.empty() ? "" : ", ") + command->get_name();
   }
-  return "there is no command \"" + std::string(argv[1]) + "\"; there are " + names;
+  return "unknown command \"" + std::string(argv[1]) + "\"; there are " + names;
 }
 
 }  // namespace
 
 Invocation parse_command_line(int argc, char** argv) {
   auto settings = std::make_shared<Settings>();
-  // Lives as long as the invocation: scripts and pages are made from it.
+  // Lives as long as the invocation: completion scripts are made from it.
   auto app = std::make_shared<CLI::App>(
       "Bakes deforming surfaces into streamable assets and streams their motion to a broker.", "eigencast-sender");
   app->footer(std::string("examples:\n") + kExamples + "\nexit status:\n" + kExitStatus);
+  add_help_all(*app);
   app->set_version_flag("--version", "eigencast-sender " EIGENCAST_VERSION "\nreads: " + readable_endings());
   app->add_flag("-v,--verbose", settings->verbose, "log more");
   app->add_flag("--no-progress", settings->no_progress, "no progress on standard error");
@@ -343,8 +324,7 @@ Invocation parse_command_line(int argc, char** argv) {
   } catch (const CLI::ParseError& error) {
     return {{}, app->exit(error) == 0 ? kExitOk : kExitUsage, false};
   }
-  settings->console.progress = !settings->no_progress;
-  settings->console.on_terminal = isatty(STDERR_FILENO) == 1;
+  settings->console.progress = !settings->no_progress && isatty(STDERR_FILENO) == 1;
   const std::string fault = fault_of_numbers(*app);
   auto usable = fault.empty() ? check_together(*app, *settings) : fail(ErrorCode::kInvalidArgument, fault);
   if (usable) usable = resolve_targets(*app, *settings);

@@ -21,8 +21,7 @@ enum ExitCode {
 
 /// What all commands print with.
 struct Console {
-  bool progress = true;      ///< Show progress on standard error.
-  bool on_terminal = false;  ///< Standard error is one.
+  bool progress = false;  ///< Show progress on standard error.
 };
 
 struct BakeCommand {
@@ -102,14 +101,6 @@ struct EvaluateCommand {
   std::vector<double> steps;   ///< See eps_from_step. Neither: an error of 1e-3 of the diagonal.
   double rate_hz = 30;         ///< For kbit/s.
   std::string json;
-  std::string plots;  ///< Folder; empty: none.
-};
-
-struct CompareCommand {
-  SourceOptions source;
-  std::string sent;
-  std::string received;
-  std::string report;
 };
 
 struct ReplayCommand {
@@ -132,7 +123,6 @@ int run(const ContextCommand& command, const Console& console, Interrupt& interr
 int run(const ExportCommand& command, const Console& console, Interrupt& interrupt);
 int run(const EvaluateCommand& command, const Console& console, Interrupt& interrupt);
 int run(const ReplayCommand& command, const Console& console, Interrupt& interrupt);
-int run(const CompareCommand& command, const Console& console, Interrupt& interrupt);
 
 /// Bakes with progress on the console, cancelled by the interrupt. opened: as bake_source().
 Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt,
@@ -143,5 +133,7 @@ int report_failure(const Error& error);
 
 /// Writes a JSON text to `path` as a whole or not at all; "-": to standard output. An empty path does nothing.
 Result<void> write_report(const std::string& path, const std::string& text);
+/// The same, at the end of a command; an error is logged. Gives the exit status.
+int end_with_report(const std::string& path, const std::string& text);
 
 }  // namespace eigencast

@@ -2,6 +2,7 @@
 #include <spdlog/spdlog.h>
 
 #include <cstdio>
+#include <functional>
 
 #include "common/core/files.h"
 #include "sender/commands.h"
@@ -12,13 +13,9 @@ namespace eigencast {
 
 Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt,
                                   OpenedSource opened) {
-  ProgressLine line(console.progress, console.on_terminal);
-  const auto progress = [&](double fraction, std::string_view stage) {
-    line.show(fraction, stage, steady_now_us());
-    return !interrupt.requested();
-  };
-  auto source =
-      options.target_error > 0 ? bake_for_target(options, progress) : bake_source(options, progress, std::move(opened));
+  ProgressLine line(console.progress, interrupt);
+  auto source = options.target_error > 0 ? bake_for_target(options, std::ref(line))
+                                         : bake_source(options, std::ref(line), std::move(opened));
   line.finish();
   if (!source) return source;
   if (source->rank_choice) spdlog::info("{}", source->rank_choice->text(options.target_error));
@@ -45,6 +42,11 @@ Result<void> write_report(const std::string& path, const std::string& text) {
   if (path != "-" && path != "/dev/stdout") return write_file_atomically(path, text + "\n");
   const bool written = std::fputs((text + "\n").c_str(), stdout) >= 0 && std::fflush(stdout) == 0;
   return written ? Result<void>() : fail(ErrorCode::kIo, "standard output cannot be written");
+}
+
+int end_with_report(const std::string& path, const std::string& text) {
+  const auto written = write_report(path, text);
+  return written ? kExitOk : report_failure(written.error());
 }
 
 }  // namespace eigencast

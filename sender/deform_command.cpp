@@ -60,13 +60,9 @@ Result<Surface> make_cage(const DeformCommand& command, const Surface& model) {
 
 Result<std::unique_ptr<Deformer>> in_cage(const DeformCommand& command, const Surface& model, Surface cage,
                                           const Console& console, Interrupt& interrupt) {
-  ProgressLine line(console.progress, console.on_terminal);
-  auto deformer = bind_cage(command.source.cage, model, std::move(cage), [&](double fraction) {
-    line.show(fraction, "binding the model to its cage", steady_now_us());
-    return !interrupt.requested();
-  });
-  line.finish();
-  return deformer;
+  ProgressLine line(console.progress, interrupt);
+  return bind_cage(command.source.cage, model, std::move(cage),
+                   [&](double fraction) { return line(fraction, "binding the model to its cage"); });
 }
 
 Result<Script> script_of(const std::string& what, std::span<const Vec3> handles) {
@@ -80,8 +76,7 @@ Result<Script> script_of(const std::string& what, std::span<const Vec3> handles)
   return script;
 }
 
-/// Reads and checks, then binds all that does not need the basis, so that what is wrong with it is told before minutes
-/// are spent on that.
+/// Reads, checks and binds all that does not need the basis, so that its errors are reported before the bake.
 Result<Plan> plan_of(const DeformCommand& command, const Console& console, Interrupt& interrupt) {
   if (command.script.empty()) {
     if (const auto window = find_display(); !window) return window.error();
@@ -117,10 +112,10 @@ Result<Plan> plan_of(const DeformCommand& command, const Console& console, Inter
   return plan;
 }
 
-/// A script on the air.
-class Performance {
+/// A script that is streamed.
+class ScriptRun {
  public:
-  Performance(const DeformCommand& command, Deformer& deformer, ProjectedDeformer projected, const Script& script)
+  ScriptRun(const DeformCommand& command, Deformer& deformer, ProjectedDeformer projected, const Script& script)
       : command_(command), deformer_(deformer), projected_(std::move(projected)), script_(script) {}
 
   Result<void> run(Publisher& publisher, Interrupt& interrupt) {
@@ -133,7 +128,7 @@ class Performance {
       const std::int64_t begin_us = steady_now_us();
       const auto C = projected_.coefficients(handles_at(tick->due_us - start_us));
       if (!C) return C.error();
-      if (const auto ours = still_ours(publisher); !ours) return ours;
+      if (const auto ours = check_ownership(publisher); !ours) return ours;
       (void)publisher.send_coefficients(*C, tick->due_us);  // It counts what it drops.
       pose_us_.add(steady_now_us() - begin_us);
       status.show(publisher, steady_now_us());
@@ -186,28 +181,28 @@ class Performance {
 
 Result<std::string> by_script(const DeformCommand& command, Deformer& deformer, ProjectedDeformer projected,
                               const Script& script, const Asset& asset, Publisher& publisher, Interrupt& interrupt) {
-  Performance performance(command, deformer, std::move(projected), script);
-  const auto error = performance.error(asset);
+  ScriptRun script_run(command, deformer, std::move(projected), script);
+  const auto error = script_run.error(asset);
   if (!error) return error.error();
   spdlog::info("what is sent lies {:.2e} (rms), {:.2e} (largest) of the diagonal from the full deformation", error->rms,
                error->max);
   const TimeUs deadline_us =
       command.duration_s > 0 ? steady_now_us() + static_cast<TimeUs>(command.duration_s * 1e6) : 0;
   if (!wait_until_live(publisher, deadline_us, interrupt) && !interrupt.requested()) {
-    if (const auto ours = still_ours(publisher); !ours) return ours.error();
+    if (const auto ours = check_ownership(publisher); !ours) return ours.error();
     return fail(ErrorCode::kUnreachable, "no pose was sent: the broker is not live: " + publisher.stats().detail);
   }
-  if (const auto ran = performance.run(publisher, interrupt); !ran) return ran.error();
+  if (const auto ran = script_run.run(publisher, interrupt); !ran) return ran.error();
   const Publisher::Stats stats = publisher.stats();
   const nlohmann::json report{{"frames_sent", stats.frames_sent},
                               {"frames_dropped", stats.frames_dropped},
-                              {"frames_skipped", performance.skipped()},
+                              {"frames_skipped", script_run.skipped()},
                               {"bytes", stats.payload_bytes},
                               {"handles", deformer.handles().size()},
                               {"rms_over_diagonal", error->rms},
                               {"max_over_diagonal", error->max},
-                              {"pose_us_p50", performance.pose_us().percentile(50)},
-                              {"pose_us_p99", performance.pose_us().percentile(99)}};
+                              {"pose_us_p50", script_run.pose_us().percentile(50)},
+                              {"pose_us_p99", script_run.pose_us().percentile(99)}};
   return report.dump(2);
 }
 
@@ -244,8 +239,7 @@ int run(const DeformCommand& given, const Console& console, Interrupt& interrupt
   if (!source) return report_failure(source.error());
   const auto report = perform(command, std::move(*plan), std::move(*source), interrupt);
   if (!report) return report_failure(report.error());
-  const auto written = write_report(command.json, *report);
-  return written ? kExitOk : report_failure(written.error());
+  return end_with_report(command.json, *report);
 }
 
 }  // namespace eigencast

@@ -51,8 +51,8 @@ Result<std::size_t> code_key(const CoefficientLayout& layout, const Key& key, st
 }
 
 /// The same pose again and again, after the motion that `state` has seen.
-Result<StillPose> stand_still(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing,
-                              std::optional<ChainState> state, const Asset& asset) {
+Result<StillPose> still_pose(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing,
+                             std::optional<ChainState> state, const Asset& asset) {
   Evaluation uncounted;
   StillPose still;
   std::vector<double> before = coefficients_from_key(layout, state->newer);
@@ -177,7 +177,7 @@ Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const Ev
     quantising += distance * distance;
     sums.add(*truth, *C, received);
     if (frame == clip.frame_count() / 2) {
-      const auto still = stand_still(layout, *key, quantiser.half_spacing, state, asset);
+      const auto still = still_pose(layout, *key, quantiser.half_spacing, state, asset);
       if (!still) return still.error();
       result.still = *still;
     }

@@ -18,11 +18,11 @@ struct EvaluateOptions {
   bool any_order = false;            ///< As of SourceOptions.
 };
 
-/// What viewers see of a surface that was moving and now stands still, while its pose goes on being sent.
+/// What viewers see of a surface that was moving and now rests, while its pose is sent on.
 struct StillPose {
-  std::size_t settles_after = 0;  ///< Poses after the first of the stand that still differ from the one before.
-  double moves = 0;  ///< Rms movement of the surface between two poses in the second half of the stand, at most, over
-                     ///< the diagonal.
+  std::size_t settles_after = 0;  ///< Resting poses that still differ from the one before.
+  double moves = 0;               ///< Largest rms movement between two poses in the second half of the rest, over
+                                  ///< the diagonal.
 };
 
 /// What streaming a clip costs and loses, without a network.

@@ -2,6 +2,7 @@
 #include <spdlog/spdlog.h>
 
 #include <cstdio>
+#include <functional>
 
 #include "common/core/text.h"
 #include "sdk/publisher.h"
@@ -50,12 +51,8 @@ Result<void> evaluate_basis(const EvaluateCommand& command, const std::string& b
   if (!source) return source.error();
   const Asset& asset = source->baked.asset;
   for (const auto& [eps, name] : codecs_of(command, asset)) {
-    ProgressLine line(console.progress, console.on_terminal);
-    const auto progress = [&](double fraction, std::string_view stage) {
-      line.show(fraction, stage, steady_now_us());
-      return !interrupt.requested();
-    };
-    auto evaluation = evaluate(*source->clip, asset, {codec, eps, command.levels, options.any_order}, progress);
+    ProgressLine line(console.progress, interrupt);
+    auto evaluation = evaluate(*source->clip, asset, {codec, eps, command.levels, options.any_order}, std::ref(line));
     line.finish();
     if (!evaluation) return evaluation.error();
     if (rows.empty()) {  // The same frames in all of them.
@@ -84,10 +81,6 @@ int run(const EvaluateCommand& command, const Console& console, Interrupt& inter
   const auto written = write_report(command.json, report_of(clip));
   if (!written) return report_failure(written.error());
   if (command.json != "-") std::fputs(table_of(clip).c_str(), stdout);
-  if (command.plots.empty()) return kExitOk;
-  const auto plots = write_plots(clip, command.plots);
-  if (!plots) return report_failure(plots.error());
-  for (const std::string& path : *plots) spdlog::info("{}", path);
   return kExitOk;
 }
 

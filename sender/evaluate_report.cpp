@@ -58,7 +58,7 @@ std::string notes_on(const EvaluatedRow& row) {
   const Evaluation& e = row.evaluation;
   std::string still = e.still.settles_after == 0
                           ? "a still pose changes nothing from the first pose on"
-                          : formatted("a still pose changes up to pose %zu of its stand", e.still.settles_after);
+                          : formatted("a still pose changes up to its pose %zu", e.still.settles_after);
   if (e.still.moves > 0) still += formatted(" and goes on to move by %.1e of the diagonal (rms)", e.still.moves);
   return formatted(
       "%s, r = %u, detail %s, error %.2e: basis alone KG %.3f %%, rms %.2e; quantising adds %.2e (area-weighted rms); "

@@ -30,8 +30,5 @@ struct EvaluatedClip {
 std::string table_of(const EvaluatedClip& clip);
 /// Everything as JSON, for programs.
 std::string report_of(const EvaluatedClip& clip);
-/// Draws into `folder`, which is made, whatever has more than one point: error by frame, by rank, by kbit/s, by level.
-/// Returns the files' names. Errors: kIo; kUnsupported (built without pictures).
-Result<std::vector<std::string>> write_plots(const EvaluatedClip& clip, const std::string& folder);
 
 }  // namespace eigencast

@@ -13,11 +13,9 @@ int run(const ExportCommand& command, const Console& console, Interrupt& interru
   const auto clip = open_source(command.source);
   if (!clip) return report_failure(clip.error());
   for (const std::string& note : (*clip)->notes()) spdlog::info("{}", note);
-  ProgressLine line(console.progress, console.on_terminal);
-  const auto written = write_clip(**clip, command.to, [&](double fraction) {
-    line.show(fraction, "writing " + command.to, steady_now_us());
-    return !interrupt.requested();
-  });
+  ProgressLine line(console.progress, interrupt);
+  const auto written =
+      write_clip(**clip, command.to, [&](double fraction) { return line(fraction, "writing " + command.to); });
   line.finish();
   if (!written) return report_failure(written.error());
   spdlog::info("{}: {} poses of {} vertices", command.to, (*clip)->frame_count(), (*clip)->rest().vertex_count());
@@ -28,8 +26,7 @@ int run(const ExportCommand& command, const Console& console, Interrupt& interru
                               {"faces", (*clip)->rest().faces.size()},
                               {"rate_hz", (*clip)->frame_rate_hz()},
                               {"notes", (*clip)->notes()}};
-  const auto reported = write_report(command.json, report.dump(2));
-  return reported ? kExitOk : report_failure(reported.error());
+  return end_with_report(command.json, report.dump(2));
 }
 
 }  // namespace eigencast

@@ -9,7 +9,7 @@
 namespace eigencast {
 namespace {
 
-constexpr int kMostParts = 64;  // of a triangle's edge between samples
+constexpr int kMaxParts = 64;  // of a triangle's edge between samples
 
 std::vector<Face> faces_of(const Asset& asset, std::uint32_t N) {
   const std::vector<std::uint32_t> corners = triangles_at_level(asset, N);
@@ -37,19 +37,19 @@ LevelErrorSum::LevelErrorSum(const Asset& asset, double fraction, std::span<cons
     : asset_(asset),
       level_{fraction, level_from_fraction(asset, fraction), {}, 0, {}},
       faces_(faces_of(asset, level_.vertices)),
-      stand_in_(asset.vertex_count),
+      drawn_at_(asset.vertex_count),
       vertex_(asset.diagonal()),
       edges_(level_.vertices, faces_, asset.diagonal()),
       drawn_(rest.first(level_.vertices), faces_) {
   for (std::uint32_t row = 0; row < asset.vertex_count; ++row)
-    stand_in_[row] = row < level_.vertices ? row : stand_in_[asset.map[row]];
-  if (level_.vertices < asset.vertex_count) place_samples(rest);
+    drawn_at_[row] = row < level_.vertices ? row : drawn_at_[asset.map[row]];
+  if (level_.vertices < asset.vertex_count) add_samples(rest);
 }
 
-void LevelErrorSum::place_samples(std::span<const Vec3> rest) {
+void LevelErrorSum::add_samples(std::span<const Vec3> rest) {
   const double apart = mean_longest_edge(rest, asset_.faces);
   for (const Face& face : faces_) {
-    const int parts = std::clamp(static_cast<int>(std::ceil(longest_edge(rest, face) / apart)), 1, kMostParts);
+    const int parts = std::clamp(static_cast<int>(std::ceil(longest_edge(rest, face) / apart)), 1, kMaxParts);
     for (int i = 0; i <= parts; ++i) {
       for (int j = 0; i + j <= parts; ++j) {
         const int k = parts - i - j;
@@ -67,7 +67,7 @@ void LevelErrorSum::add(std::span<const Vec3> truth, const SurfaceDistance& surf
 
   std::vector<double> bounds(truth.size());
   for (std::size_t row = 0; row < truth.size(); ++row)
-    bounds[row] = squared_distance(truth[row], rebuilt[stand_in_[row]]);
+    bounds[row] = squared_distance(truth[row], rebuilt[drawn_at_[row]]);
   drawn_.move_to(level);
   double& farthest = squared_hausdorff_;
   farthest = farthest_squared(truth, drawn_, bounds, farthest);

@@ -30,7 +30,7 @@ class LevelErrorSum {
   /// REQUIRES: the asset is complete; rest: its rest pose, n rows.
   LevelErrorSum(const Asset& asset, double fraction, std::span<const Vec3> rest);
 
-  /// truth, rebuilt: n rows in the asset's order; `surface` stands at the truth.
+  /// truth, rebuilt: n rows in the asset's order; `surface` is at the truth.
   void add(std::span<const Vec3> truth, const SurfaceDistance& surface, std::span<const Vec3> rebuilt);
   LevelError result() const;
 
@@ -40,12 +40,12 @@ class LevelErrorSum {
     Face corners;
     std::array<double, 3> weights;
   };
-  void place_samples(std::span<const Vec3> rest);
+  void add_samples(std::span<const Vec3> rest);
 
   const Asset& asset_;
   LevelError level_;
   std::vector<Face> faces_;
-  std::vector<std::uint32_t> stand_in_;  ///< For each row the one that it is drawn at.
+  std::vector<std::uint32_t> drawn_at_;  ///< For each row the one that it is drawn at.
   std::vector<Sample> samples_;
   SurfaceErrorSum vertex_;
   EdgeDifference edges_;

@@ -3,6 +3,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include "common/command_line/log.h"
 #include "common/net/knock.h"
 #include "sdk/publisher_options.h"
 
@@ -10,21 +11,8 @@ namespace eigencast {
 namespace {
 
 constexpr TimeUs kStatusEveryUs = 10'000'000;
-constexpr TimeUs kConnectLookUs = 10'000;
-constexpr std::chrono::seconds kKnockSilence{3};
-
-spdlog::level::level_enum level_of(LogLevel level) {
-  switch (level) {
-    case LogLevel::kError:
-      return spdlog::level::err;
-    case LogLevel::kWarning:
-      return spdlog::level::warn;
-    case LogLevel::kInfo:
-      return spdlog::level::info;
-    default:
-      return spdlog::level::debug;
-  }
-}
+constexpr TimeUs kConnectPollUs = 10'000;
+constexpr std::chrono::seconds kProbeTimeout{3};
 
 Result<PublisherOptions> options_of(const TargetOptions& target, bool velocities) {
   const auto codec = codec_from_name(target.codec);
@@ -50,7 +38,7 @@ Result<BrokerUrl> destination_of(const TargetOptions& target, bool velocities) {
 }  // namespace
 
 LogSink to_log() {
-  return [](LogLevel level, std::string_view text) { spdlog::log(level_of(level), "{}", text); };
+  return sink_to(spdlog::default_logger());
 }
 
 Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double rate_hz,
@@ -64,14 +52,14 @@ Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double r
 
 bool wait_until_live(const Publisher& publisher, TimeUs deadline_us, Interrupt& interrupt) {
   while (publisher.stats().state != Publisher::State::kLive) {
-    if (!still_ours(publisher)) return false;
+    if (!check_ownership(publisher)) return false;
     const TimeUs now_us = steady_now_us();
-    if ((deadline_us > 0 && now_us >= deadline_us) || interrupt.wait_until(now_us + kConnectLookUs)) return false;
+    if ((deadline_us > 0 && now_us >= deadline_us) || interrupt.wait_until(now_us + kConnectPollUs)) return false;
   }
   return true;
 }
 
-Result<void> still_ours(const Publisher& publisher) {
+Result<void> check_ownership(const Publisher& publisher) {
   const Publisher::Stats stats = publisher.stats();
   return stats.gave_up ? fail(ErrorCode::kRefused, stats.detail) : Result<void>();
 }
@@ -82,7 +70,7 @@ ExitCode check_target(const TargetOptions& target, bool velocities) {
     spdlog::error("{}", url.error().message);
     return kExitUsage;
   }
-  const auto let_in = knock(*url, "/v1/publish/" + url->stream, kKnockSilence);
+  const auto let_in = knock(*url, "/v1/publish/" + url->stream, kProbeTimeout);
   if (let_in) return kExitOk;
   if (let_in.error().code == ErrorCode::kRefused) {
     spdlog::error("{}", let_in.error().message);

@@ -24,12 +24,12 @@ Result<std::unique_ptr<Publisher>> publish(const TargetOptions& target, double r
 /// late, or no longer ours.
 bool wait_until_live(const Publisher& publisher, TimeUs deadline_us, Interrupt& interrupt);
 
-/// Errors: kRefused once the broker has given the stream to another sender: nothing is tried again then.
-Result<void> still_ours(const Publisher& publisher);
+/// Whether the stream is still this sender's. Errors: kRefused once the broker has given it to another one, for good.
+Result<void> check_ownership(const Publisher& publisher);
 
-/// All that can be told of a target before anything that takes long begins: its URL, the files of its credentials,
-/// codings that do not go together; and whether the broker is there and lets us in. One that is not there is warned of
-/// only, since it may come meanwhile. kExitOk, or the status to end with, when the log says why.
+/// Checks a target before anything that takes long: its URL, the files of its credentials, its codec; and probes the
+/// broker. An absent broker is a warning only, since it may start meanwhile. kExitOk, or the status to end with, after
+/// the log has said why.
 ExitCode check_target(const TargetOptions& target, bool velocities = false);
 
 /// Every ten seconds a line in the log: poses a second, bit rate, viewers.

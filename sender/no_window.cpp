@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
 #include "sender/by_hand.h"
-#include "sender/evaluate_report.h"
 
 namespace eigencast {
 
@@ -11,10 +10,6 @@ Result<void> find_display() {
 Result<std::string> deform_by_hand(const DeformCommand&, deform::Deformer&, deform::ProjectedDeformer&, const Asset&,
                                    Publisher&, Interrupt&) {
   return find_display().error();
-}
-
-Result<std::vector<std::string>> write_plots(const EvaluatedClip&, const std::string&) {
-  return fail(ErrorCode::kUnsupported, "this build draws no pictures; --json writes what they would show");
 }
 
 }  // namespace eigencast

@@ -127,7 +127,7 @@ void add_coding_options(CLI::App& app, TargetOptions& target) {
   app.add_option("--bitrate", target.bitrate_kbit, "kbit/s to keep to: coarser levels, then fewer bands")
       ->check(positive());
   app.add_option("--still", target.still_s,
-                 "while the surface stands still (within 1.5 --error), send it only every so many seconds")
+                 "while the surface rests (within 1.5 --error), send it only every so many seconds")
       ->check(CLI::Range(0.1, 3600.0));
 }
 

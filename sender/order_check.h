@@ -20,18 +20,18 @@ Result<void> accept_order(const Result<void>& order, bool any_order);
 /// At most so many frames, spread evenly over a clip; the last is among them.
 std::vector<std::size_t> sample_frames(std::size_t frame_count, std::size_t most);
 
-/// What of these frames does not fit the mesh that they are of, in a line; empty: nothing.
+/// Whether these frames fit the mesh: a line about those that do not; empty: all do.
 /// Errors: those of the clip; kInvalidArgument: most frames certainly are in another order, and not any order is taken.
-Result<std::string> look_at_frames(const Surface& mesh, const MotionClip& clip, const std::vector<std::size_t>& frames,
-                                   bool any_order);
+Result<std::string> check_frames(const Surface& mesh, const MotionClip& clip, const std::vector<std::size_t>& frames,
+                                 bool any_order);
 
-/// How long after the beginning of a look at a pose the next one may be, so that looking takes a fifth of the time at
-/// most for the first poses, then a fiftieth.
-///   looked  how many poses were looked at
-///   size    of the mesh: vertices and faces
-TimeUs pause_between_looks(std::uint64_t looked, std::size_t size);
+/// The time from the start of one check to the next, so that checks take at most a fifth of the time for the first
+/// poses, then a fiftieth.
+///   checked  how many poses were checked
+///   size     of the mesh: vertices and faces
+TimeUs pause_between_checks(std::uint64_t checked, std::size_t size);
 
-/// Looks at poses of a mesh as they arrive: at the first ones, then at one in every 0.2 s; of large meshes at fewer.
+/// Checks poses of a mesh as they arrive: the first ones, then one every 0.2 s; of large meshes fewer.
 /// Not thread-safe.
 class ArrivalCheck {
  public:
@@ -40,14 +40,14 @@ class ArrivalCheck {
 
   /// positions: n x 3. A line for people where misfits begin or become others; else nothing.
   /// Errors: kInvalidArgument: the very first pose certainly is in another order.
-  Result<std::optional<std::string>> look(std::span<const float> positions, std::uint64_t number, TimeUs now_us);
-  std::uint64_t misfits() const { return misfits_; }  ///< Of the poses that were looked at.
+  Result<std::optional<std::string>> check(std::span<const float> positions, std::uint64_t number, TimeUs now_us);
+  std::uint64_t misfits() const { return misfits_; }  ///< Of the checked poses.
 
  private:
   VertexOrder order_;
   std::size_t size_;
   bool any_order_;
-  std::uint64_t looked_ = 0, misfits_ = 0;
+  std::uint64_t checked_ = 0, misfits_ = 0;
   TimeUs next_us_ = 0;
   Misfit::Kind before_ = Misfit::Kind::kNone;
 };

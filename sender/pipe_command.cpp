@@ -15,14 +15,14 @@
 namespace eigencast {
 namespace {
 
-constexpr int kLookMs = 50;
+constexpr int kPollMs = 50;
 constexpr TimeUs kFirstConnectionUs = 5'000'000;
 
 /// Reads what is there into `room`; 0 at the end of the stream, nothing if interrupted.
 Result<std::optional<std::size_t>> read_some(std::span<char> room, Interrupt& interrupt) {
   while (!interrupt.requested()) {
     pollfd input{STDIN_FILENO, POLLIN, 0};
-    if (::poll(&input, 1, kLookMs) <= 0) continue;
+    if (::poll(&input, 1, kPollMs) <= 0) continue;
     const ssize_t got = ::read(STDIN_FILENO, room.data(), room.size());
     if (got >= 0) return std::optional<std::size_t>(static_cast<std::size_t>(got));
     if (errno != EINTR && errno != EAGAIN)
@@ -52,14 +52,14 @@ Result<void> pump(const PipeCommand& command, const Surface& mesh, Publisher& pu
     const auto whole = stream.filled(**got);
     if (!whole) return whole.error();
     if (!*whole) continue;
-    const auto misfit = order.look(stream.positions(), stream.count() - 1, steady_now_us());
+    const auto misfit = order.check(stream.positions(), stream.count() - 1, steady_now_us());
     if (!misfit) return misfit.error();
     if (*misfit) spdlog::warn("{}", **misfit);
     counts.misfits = order.misfits();
     const auto due_us = pace.due_us(steady_now_us(), stream.time_s());
     if (!due_us) return due_us.error();
     if (interrupt.wait_until(*due_us)) return {};
-    if (const auto ours = still_ours(publisher); !ours) return ours;
+    if (const auto ours = check_ownership(publisher); !ours) return ours;
     const auto sent = publisher.send_positions(stream.positions(), *due_us);
     // One pose that a simulation spoilt must not end the show.
     if (!sent && counts.unusable++ == 0)
@@ -91,7 +91,7 @@ int run(const PipeCommand& command, const Console& console, Interrupt& interrupt
   const auto publisher =
       publish(command.target, command.rate_hz > 0 ? command.rate_hz : 30, asset, std::move(source->baked.encoded));
   if (!publisher) return report_failure(publisher.error());
-  // Long enough that a file is played whole, short enough that a simulation does not stand still for an absent broker.
+  // Long enough to play a file whole, short enough that a simulation does not wait for an absent broker.
   if (!wait_until_live(**publisher, steady_now_us() + kFirstConnectionUs, interrupt) && !interrupt.requested()) {
     spdlog::warn("the broker is not there yet; poses are dropped until it is: {}", (*publisher)->stats().detail);
   }

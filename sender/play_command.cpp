@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <fstream>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <vector>
@@ -20,7 +21,7 @@ namespace {
 
 using nlohmann::json;
 
-/// The record of what was sent when, for whoever compares it with what arrived.
+/// The record of what was sent when (tools/compare).
 class SentRecord {
  public:
   Result<void> open(const std::string& path) {
@@ -86,14 +87,8 @@ Schedule::Options Player::schedule_options() const {
 }
 
 Result<ClipCoefficients> Player::read_clip(const Projector& projector, Interrupt& interrupt) {
-  ProgressLine line(console_.progress, console_.on_terminal);
-  auto coefficients = ClipCoefficients::create(
-      *source_.clip, projector,
-      [&](double fraction, std::string_view stage) {
-        line.show(fraction, stage, steady_now_us());
-        return !interrupt.requested();
-      },
-      command_.velocities);
+  ProgressLine line(console_.progress, interrupt);
+  auto coefficients = ClipCoefficients::create(*source_.clip, projector, std::ref(line), command_.velocities);
   line.finish();
   if (!coefficients) return coefficients;
   if (!coefficients->stored()) spdlog::warn("the clip is so long that its frames are read again while it plays");
@@ -119,7 +114,7 @@ Result<void> Player::run(Interrupt& interrupt) {
   const auto projector = Projector::create(*asset_);
   if (!projector) return projector.error();
 
-  // All of it before anybody sees the first frame, so that a bad one late in the clip is found here.
+  // All frames before the first is sent, so that a bad one late in the clip is found here.
   auto coefficients = read_clip(*projector, interrupt);
   if (!coefficients) return coefficients.error();
   auto publisher = publish(command_.target, schedule_options().rate_hz, asset_, std::move(source_.baked.encoded),
@@ -131,7 +126,7 @@ Result<void> Player::run(Interrupt& interrupt) {
   const TimeUs deadline_us = command_.duration_s > 0 ? try_us_ + static_cast<TimeUs>(command_.duration_s * 1e6) : 0;
   if (!wait_until_live(*publisher_, deadline_us, interrupt)) {
     if (interrupt.requested()) return {};
-    if (const auto ours = still_ours(*publisher_); !ours) return ours;
+    if (const auto ours = check_ownership(*publisher_); !ours) return ours;
     return fail(ErrorCode::kUnreachable,
                 "no pose was sent: the duration is over and the broker is not live: " + publisher_->stats().detail);
   }
@@ -142,7 +137,7 @@ Result<void> Player::run(Interrupt& interrupt) {
     auto C = coefficients->at(tick->frame);
     if (!C) return C.error();
     if (interrupt.wait_until(tick->due_us)) break;
-    if (const auto ours = still_ours(*publisher_); !ours) return ours;
+    if (const auto ours = check_ownership(*publisher_); !ours) return ours;
     record_.add(*tick, send(*C, tick->due_us));
     status.show(*publisher_, steady_now_us());
   }
@@ -169,7 +164,7 @@ json Player::report() const {
           {"findings", findings_}};
 }
 
-/// What can be wrong with all but the surface and the poses: told before the bake, which may take minutes.
+/// Checks all but the surface and the poses before the bake, which may take minutes.
 Result<OpenedSource> prepare(const PlayCommand& command, SentRecord& record) {
   if (const auto opened = record.open(command.record); !opened) return opened.error();
   auto clip = open_source(command.source);
@@ -197,8 +192,7 @@ int run(const PlayCommand& command, const Console& console, Interrupt& interrupt
                report["frames_sent"].get<std::uint64_t>(), report["duration_s"].get<double>(),
                report["kbit_per_s"].get<double>(), report["frames_dropped"].get<std::uint64_t>(),
                report["frames_skipped"].get<std::uint64_t>(), report["reconnects"].get<std::uint64_t>());
-  const auto written = write_report(command.json, report.dump(2));
-  return written ? kExitOk : report_failure(written.error());
+  return end_with_report(command.json, report.dump(2));
 }
 
 }  // namespace eigencast

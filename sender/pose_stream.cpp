@@ -9,7 +9,7 @@
 namespace eigencast {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "poses are copied as they stand in the stream");
+static_assert(std::endian::native == std::endian::little, "poses are copied as they are in the stream");
 
 constexpr char kMagic[] = "ECPOSES1";
 constexpr std::size_t kMagicBytes = 8;

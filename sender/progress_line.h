@@ -5,6 +5,7 @@
 #include <string_view>
 
 #include "common/core/clock.h"
+#include "sender/interrupt.h"
 
 namespace eigencast {
 
@@ -12,12 +13,12 @@ namespace eigencast {
 /// The text is made apart from the writing, so that it can be tested. Not thread-safe.
 class ProgressLine {
  public:
-  /// Writes nothing at all unless both hold.
-  ProgressLine(bool enabled, bool on_terminal) : enabled_(enabled), on_terminal_(on_terminal) {}
+  /// shown: else nothing is written.
+  ProgressLine(bool shown, Interrupt& interrupt) : shown_(shown), interrupt_(interrupt) {}
   ~ProgressLine() { finish(); }
 
-  /// Shows how far a stage is on standard error.
-  void show(double fraction, std::string_view stage, TimeUs now_us);
+  /// Shows how far a stage is on standard error. False: interrupted.
+  bool operator()(double fraction, std::string_view stage);
   /// Ends the line on a terminal.
   void finish();
 
@@ -25,8 +26,8 @@ class ProgressLine {
   static std::string text(double fraction, std::string_view stage, TimeUs elapsed_us);
 
  private:
-  bool enabled_;
-  bool on_terminal_;
+  bool shown_;
+  Interrupt& interrupt_;
   bool open_ = false;
   TimeUs start_us_ = -1;
   TimeUs shown_us_ = 0;

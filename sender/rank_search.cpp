@@ -10,7 +10,7 @@ namespace eigencast {
 namespace {
 
 constexpr int kFirstRank = 25;
-constexpr int kMostRefinements = 4;
+constexpr int kMaxRefinements = 4;
 constexpr int kNarrow = 16;  // a bracket of a sixteenth is narrow enough
 
 /// Between a rank that fails and one that does, where a power law through both meets the target; never at either end.
@@ -60,7 +60,7 @@ Result<RankChoice> choose_rank(double target, int largest, const std::function<R
     if (rank == largest || tried->rank < rank) return not_met(target, choice, tried->rank < rank);
     fails = *tried;
   }
-  for (int i = 0; i < kMostRefinements && fails.rank > 0; ++i) {
+  for (int i = 0; i < kMaxRefinements && fails.rank > 0; ++i) {
     if (choice.chosen.rank - fails.rank <= std::max(2, choice.chosen.rank / kNarrow)) break;
     const auto tried = attempt(between(fails, choice.chosen, target));
     if (!tried) return tried.error();

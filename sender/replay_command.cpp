@@ -26,9 +26,9 @@ namespace {
 using recording::Record;
 using recording::Type;
 
-/// How often it is looked whether the broker has refused for good.
-constexpr TimeUs kLookUs = 100'000;
-/// Longer silences of the recording are cut to this: nobody waits for a sender that had gone.
+/// How often a refusal for good is polled.
+constexpr TimeUs kPollUs = 100'000;
+/// Longer pauses of the recording are cut to this.
 constexpr TimeUs kLongestPauseUs = 5'000'000;
 
 /// One pose of a recording, out of its chain.
@@ -45,7 +45,7 @@ class ChainFollower {
     layout_ = std::move(layout);
     state_.reset();
   }
-  /// Nothing: the record is no new pose. Errors: kCorrupt.
+  /// Nothing: the record is not a new pose. Errors: kCorrupt.
   Result<std::optional<Pose>> follow(const Record& record) {
     const auto frame = parse_frame(record.body);
     if (!frame) return frame.error();
@@ -134,7 +134,7 @@ class Replayer {
         if (!send(std::move(*std::exchange(held, std::nullopt)), last_us, interrupt)) return false;
       }
       if (!send(std::move(**pose), last_us, interrupt)) return false;
-      if (const auto ours = still_ours(*publisher_); !ours) return ours.error();
+      if (const auto ours = check_ownership(*publisher_); !ours) return ours.error();
     }
   }
 
@@ -195,9 +195,9 @@ class Replayer {
     auto made = Publisher::create_for_keys(options, format, std::move(encoded), to_log());
     if (!made) return made.error();
     publisher_ = std::move(*made);
-    while (!wait_until_live(*publisher_, steady_now_us() + kLookUs, interrupt)) {
+    while (!wait_until_live(*publisher_, steady_now_us() + kPollUs, interrupt)) {
       if (interrupt.requested()) return false;
-      if (const auto ours = still_ours(*publisher_); !ours) return ours.error();
+      if (const auto ours = check_ownership(*publisher_); !ours) return ours.error();
     }
     due_us_ = std::max(due_us_, steady_now_us());
     return true;
@@ -256,8 +256,7 @@ int run(const ReplayCommand& command, const Console&, Interrupt& interrupt) {
   const auto report = replayer.report();
   spdlog::info("sent {} poses, {} dropped", report["frames_sent"].get<std::uint64_t>(),
                report["frames_dropped"].get<std::uint64_t>());
-  const auto written = write_report(command.json, report.dump(2));
-  return written ? kExitOk : report_failure(written.error());
+  return end_with_report(command.json, report.dump(2));
 }
 
 }  // namespace eigencast

@@ -26,12 +26,11 @@ bool is_builtin(const std::string& input) {
   return std::find(names.begin(), names.end(), input) != names.end() && !std::filesystem::exists(input, ignored);
 }
 
-/// The name that an asset is published under: without the path, which says more of this machine than viewers should
-/// learn.
+/// The name that an asset is published under: without the path, which viewers should not learn.
 std::string public_name(const std::string& clip_name) {
   const std::filesystem::path path(clip_name);
   const std::string stem = path.stem().string();
-  // A clip's file is often called as a thousand others, and a glob says nothing: their folder tells more.
+  // Generic file names and globs say nothing: their folder does.
   const bool generic = stem == "vertices" || stem.find_first_of("*?[") != std::string::npos || stem.empty();
   const std::string folder = path.parent_path().filename().string();
   return generic && !folder.empty() ? folder : stem;
@@ -53,13 +52,13 @@ Result<KnownMotion> motion_of_rig(const MotionClip& clip) {
   return motion_of(clip, std::move(*columns));
 }
 
-/// Refuses, before minutes are spent on a bake, what the look at all poses would refuse after it.
+/// Refuses before the bake what the check of all poses would refuse after it.
 Result<void> check_order(const MotionClip& clip, JumpFinder& mesh, bool any_order) {
   constexpr std::size_t kPoses = 5;
   for (const std::size_t frame : sample_frames(clip.frame_count(), kPoses)) {
     const auto pose = clip.pose(frame);
     if (!pose) return pose.error();
-    if (pose->size() == clip.rest().vertex_count()) mesh.add(*pose);  // Whoever projects the others says so.
+    if (pose->size() == clip.rest().vertex_count()) mesh.add(*pose);  // The projection reports the others.
   }
   return accept_order(mesh.order(), any_order);
 }

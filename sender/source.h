@@ -53,8 +53,7 @@ struct Source {
   std::unique_ptr<MotionClip> clip;
   BakeResult baked;
   std::optional<RankChoice> rank_choice = {};  ///< Where a target decided it.
-  std::vector<std::string> findings =
-      {};  ///< What of the mesh, or of the poses it was judged by, looks wrong: a line each.
+  std::vector<std::string> findings = {};      ///< Suspicious things about the mesh or its poses, a line each.
 };
 
 /// Opens the input: a path that exists, or a glob, wins over a built-in name. Errors: those of builtin_clip and

@@ -22,12 +22,12 @@ Result<std::unique_ptr<MotionClip>> open_samples(const SourceOptions& options) {
 }
 
 /// What of the poses that ranks are judged by does not fit the input's mesh, before any of its bases is made.
-Result<std::string> look_at_samples(const SourceOptions& options, const MotionClip& samples) {
+Result<std::string> check_samples(const SourceOptions& options, const MotionClip& samples) {
   const auto frames = sample_frames(samples.frame_count(), kSamples);
-  if (options.poses.empty()) return look_at_frames(samples.rest(), samples, frames, options.any_order);
+  if (options.poses.empty()) return check_frames(samples.rest(), samples, frames, options.any_order);
   const auto input = open_source(options);
   if (!input) return input.error();
-  return look_at_frames((*input)->rest(), samples, frames, options.any_order);
+  return check_frames((*input)->rest(), samples, frames, options.any_order);
 }
 
 }  // namespace
@@ -51,7 +51,7 @@ Result<double> error_on_samples(const Asset& asset, const MotionClip& clip) {
 Result<Source> bake_for_target(const SourceOptions& options, const BakeProgress& progress) {
   const auto clip = open_samples(options);
   if (!clip) return clip.error();
-  const auto misfit = look_at_samples(options, **clip);
+  const auto misfit = check_samples(options, **clip);
   if (!misfit) return misfit.error();
   Source best;
   const auto attempt = [&](int rank) -> Result<TriedRank> {

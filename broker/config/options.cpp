@@ -9,7 +9,8 @@
 #include "broker/access/token_command.h"
 #include "broker/config/places.h"
 #include "broker/config/show.h"
-#include "common/command_line/documents.h"
+#include "common/command_line/completion.h"
+#include "common/command_line/shared_options.h"
 
 namespace eigencast::broker {
 namespace {
@@ -81,6 +82,7 @@ Result<Options> read_options(int argc, const char* const* argv, std::span<const 
   Options options;
   CLI::App app("Relays live deforming surfaces from senders to any number of viewers", "eigencast-broker");
   app.footer(std::string("examples:\n") + kExamples + "\n\n" + kSettings + "\n\nexit status:\n" + kExitStatus);
+  add_help_all(app);
   app.set_version_flag("--version", "eigencast-broker " + std::string(version));
   app.add_option("-c,--config", options.sources.file,
                  "Configuration file (TOML; default: eigencast.toml in $CONFIGURATION_DIRECTORY, if there)");
@@ -96,8 +98,7 @@ Result<Options> read_options(int argc, const char* const* argv, std::span<const 
   app.add_flag("--default-config", defaults, "Print the default configuration file with its explanations, then end");
   std::string shell;
   CLI::App* completion = app.add_subcommand("completion", "Write a completion script to standard output");
-  completion->add_option("shell", shell, "For which shell")->required()->check(CLI::IsMember({"bash", "zsh", "fish"}));
-  CLI::App* man = app.add_subcommand("man", "Write the manual page to standard output")->group("");
+  completion->add_option("shell", shell, "For which shell")->required()->check(CLI::IsMember({"bash", "zsh"}));
   describe_token_command(app);  // carried out before this table is asked
   try {
     app.parse(argc, argv);
@@ -112,9 +113,8 @@ Result<Options> read_options(int argc, const char* const* argv, std::span<const 
     }
     return fail(ErrorCode::kInvalidArgument, err.str());
   }
-  if (completion->parsed() || man->parsed()) {
-    options.answer = man->parsed() ? man_page_from(app, version, kExitStatus, kExamples)
-                                   : completion_from(app, *shell_from_name(shell));
+  if (completion->parsed()) {
+    options.answer = completion_script(app, shell);
     return options;
   }
   if (defaults) {

@@ -1,31 +1,22 @@
 // SPDX-License-Identifier: MIT
 #include "broker/operation/logger.h"
 
-#include <spdlog/sinks/stdout_sinks.h>
-#include <spdlog/spdlog.h>
-
+#include <algorithm>
+#include <array>
 #include <memory>
 #include <mutex>
 
 #include "broker/http/http_target.h"
 #include "broker/operation/log_throttle.h"
+#include "common/command_line/log.h"
 #include "common/core/clock.h"
 
 namespace eigencast::broker {
 namespace {
 
-spdlog::level::level_enum level_from(LogLevel level) {
-  switch (level) {
-    case LogLevel::kDebug:
-      return spdlog::level::debug;
-    case LogLevel::kInfo:
-      return spdlog::level::info;
-    case LogLevel::kWarning:
-      return spdlog::level::warn;
-    case LogLevel::kError:
-      return spdlog::level::err;
-  }
-  return spdlog::level::err;
+LogLevel level_from_name(std::string_view name) {
+  constexpr std::array<std::string_view, 3> kNames{"debug", "info", "warning"};
+  return static_cast<LogLevel>(std::find(kNames.begin(), kNames.end(), name) - kNames.begin());
 }
 
 /// What peers have sent may hold anything: a line stays one line, without control characters.
@@ -37,18 +28,15 @@ std::string one_line(std::string text) {
 }  // namespace
 
 LogSink make_log_sink(const std::string& level, const std::string& format) {
-  auto logger = std::make_shared<spdlog::logger>("broker", std::make_shared<spdlog::sinks::stderr_sink_mt>());
   const bool json = format == "json";
-  logger->set_pattern(json ? R"({"time":"%Y-%m-%dT%H:%M:%S.%e%z","level":"%l","message":%v})"
-                           : "%Y-%m-%d %H:%M:%S.%e %l %v");
-  logger->set_level(spdlog::level::from_str(level));
-  logger->flush_on(spdlog::level::info);
+  const LogLevel min_level = level_from_name(level);
   struct Shared {
     std::mutex mutex;
     LogThrottle throttle;  // GUARDED_BY(mutex)
   };
-  return [logger, json, shared = std::make_shared<Shared>()](LogLevel line_level, std::string_view message) {
-    if (!logger->should_log(level_from(line_level))) return;
+  return [sink = sink_to(stderr_logger(min_level, json ? LogFormat::kJson : LogFormat::kText)), json, min_level,
+          shared = std::make_shared<Shared>()](LogLevel line_level, std::string_view message) {
+    if (line_level < min_level) return;
     std::optional<std::uint64_t> left_out;
     {
       const std::lock_guard lock(shared->mutex);
@@ -57,7 +45,7 @@ LogSink make_log_sink(const std::string& level, const std::string& format) {
     if (!left_out) return;
     std::string text(message);
     if (*left_out > 0) text += " (repeated " + std::to_string(*left_out) + " times meanwhile)";
-    logger->log(level_from(line_level), json ? json_quoted(text) : one_line(text));
+    sink(line_level, json ? json_quoted(text) : one_line(text));
   };
 }
 

@@ -4,6 +4,8 @@
 #include <CLI/CLI.hpp>
 #include <type_traits>
 
+#include "common/command_line/shared_options.h"
+
 namespace eigencast {
 namespace {
 
@@ -27,6 +29,7 @@ CLI::Option* add_entry(CLI::App& app, const OptionEntry& entry, Value& value) {
 
 CommandLine::CommandLine(const std::string& name, const std::string& description, const std::string& version)
     : app_(std::make_unique<CLI::App>(description, name)) {
+  add_help_all(*app_);
   app_->set_version_flag("--version", name + " " + version);
 }
 

@@ -1,11 +1,98 @@
 // SPDX-License-Identifier: MIT
-#include <algorithm>
+#include "common/command_line/completion.h"
 
-#include "common/command_line/documents.h"
-#include "common/command_line/option_table.h"
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <vector>
 
 namespace eigencast {
 namespace {
+
+/// An option, or a positional argument where it has no names.
+struct ListedOption {
+  std::vector<std::string> names;    ///< "-o", "--out"
+  std::string argument;              ///< "FLOAT", "NAME"; empty: a flag.
+  std::vector<std::string> choices;  ///< All values it takes, where they are a fixed set.
+  std::string description;           ///< With its default, if any.
+  bool takes_value() const { return !argument.empty(); }
+};
+
+/// A command with its options. The program itself is the first, with an empty path.
+struct ListedCommand {
+  std::vector<std::string> path;  ///< {"context", "add"}
+  std::string description;
+  std::vector<ListedOption> options, arguments;
+};
+
+// CLI11 states the members of a set in the type: "TEXT:{augmented,harmonic}".
+std::vector<std::string> choices_in(const std::string& type) {
+  std::vector<std::string> choices;
+  const std::size_t open = type.find('{');
+  const std::size_t close = type.find('}');
+  if (open == std::string::npos || close == std::string::npos) return choices;
+  std::string choice;
+  for (std::size_t i = open + 1; i <= close; ++i) {
+    if (type[i] != ',' && i != close) {
+      choice += type[i];
+      continue;
+    }
+    choices.push_back(choice);
+    choice.clear();
+  }
+  return choices;
+}
+
+ListedOption row_from(const CLI::Option& option) {
+  ListedOption row;
+  for (const std::string& name : option.get_snames()) row.names.push_back("-" + name);
+  for (const std::string& name : option.get_lnames()) row.names.push_back("--" + name);
+  const std::string type = option.get_type_name();
+  row.choices = choices_in(type);
+  if (option.get_items_expected_max() > 0 && option.get_type_size() != 0) {
+    row.argument = row.names.empty() ? option.get_name() : type.substr(0, type.find_first_of(":{ "));
+    if (row.argument.empty()) row.argument = "VALUE";
+  }
+  row.description = option.get_description();
+  const bool are_named = std::all_of(row.choices.begin(), row.choices.end(), [&](const std::string& choice) {
+    return row.description.find(choice) != std::string::npos;
+  });
+  if (!are_named) {
+    row.description += ": ";
+    for (std::size_t i = 0; i < row.choices.size(); ++i) row.description += (i > 0 ? ", " : "") + row.choices[i];
+  }
+  if (!option.get_default_str().empty()) row.description += " (default: " + option.get_default_str() + ")";
+  return row;
+}
+
+std::vector<const CLI::App*> commands_below(const CLI::App& app) {
+  return app.get_subcommands([](const CLI::App*) { return true; });
+}
+
+/// Those of its groups, too, which CLI11 holds as commands without a name.
+void add_options(const CLI::App& app, ListedCommand& row) {
+  for (const CLI::Option* option : app.get_options()) {
+    if (option->get_group().empty()) continue;
+    ListedOption mine = row_from(*option);
+    (mine.names.empty() ? row.arguments : row.options).push_back(std::move(mine));
+  }
+  for (const CLI::App* group : commands_below(app)) {
+    if (group->get_name().empty()) add_options(*group, row);
+  }
+}
+
+void add_commands(const CLI::App& app, std::vector<std::string> path, std::vector<ListedCommand>& rows) {
+  ListedCommand row;
+  row.path = path;
+  row.description = app.get_description();
+  add_options(app, row);
+  rows.push_back(std::move(row));
+  for (const CLI::App* command : commands_below(app)) {
+    if (command->get_name().empty() || command->get_group().empty()) continue;
+    std::vector<std::string> below = path;
+    below.push_back(command->get_name());
+    add_commands(*command, std::move(below), rows);
+  }
+}
 
 std::string joined(const std::vector<std::string>& words, const char* between) {
   std::string text;
@@ -14,18 +101,18 @@ std::string joined(const std::vector<std::string>& words, const char* between) {
 }
 
 /// The names of the commands right below one.
-std::vector<std::string> children_of(const std::vector<CommandRow>& rows, const std::vector<std::string>& path) {
+std::vector<std::string> children_of(const std::vector<ListedCommand>& rows, const std::vector<std::string>& path) {
   std::vector<std::string> names;
-  for (const CommandRow& row : rows) {
+  for (const ListedCommand& row : rows) {
     const bool below = row.path.size() == path.size() + 1 && std::equal(path.begin(), path.end(), row.path.begin());
     if (below) names.push_back(row.path.back());
   }
   return names;
 }
 
-std::string option_names(const CommandRow& row) {
+std::string option_names(const ListedCommand& row) {
   std::vector<std::string> names;
-  for (const OptionRow& option : row.options) names.insert(names.end(), option.names.begin(), option.names.end());
+  for (const ListedOption& option : row.options) names.insert(names.end(), option.names.begin(), option.names.end());
   return joined(names, " ");
 }
 
@@ -52,7 +139,7 @@ std::string bash_replies(const std::string& compgen) {
   return "mapfile -t COMPREPLY < <(compgen " + compgen + " -- \"$current\")";
 }
 
-std::string bash_from(const std::string& program, const std::vector<CommandRow>& rows) {
+std::string bash_from(const std::string& program, const std::vector<ListedCommand>& rows) {
   const std::string function = identifier_from(program);
   std::string text =
       "# bash completion for " + program + ", made from its table of options\n" + function + "() {\n" +
@@ -61,15 +148,15 @@ std::string bash_from(const std::string& program, const std::vector<CommandRow>&
       "  if [[ $current == = ]]; then current=\"\"; elif [[ $previous == = ]]; then "
       "previous=\"${COMP_WORDS[COMP_CWORD-2]}\"; fi\n"
       "  for word in \"${COMP_WORDS[@]:1:COMP_CWORD-1}\"; do\n    case \"$path/$word\" in\n";
-  for (const CommandRow& row : rows) {
+  for (const ListedCommand& row : rows) {
     if (!row.path.empty())
       text += "      " + in_quotes("/" + joined(row.path, "/")) + ") path=" + in_quotes("/" + joined(row.path, "/")) +
               ";;\n";
   }
   text += "    esac\n  done\n  case \"$path $previous\" in\n";
-  for (const CommandRow& row : rows) {
+  for (const ListedCommand& row : rows) {
     const std::string path = row.path.empty() ? "" : "/" + joined(row.path, "/");
-    for (const OptionRow& option : row.options) {
+    for (const ListedOption& option : row.options) {
       if (!option.takes_value()) continue;
       const std::string action =
           bash_replies(option.choices.empty() ? "-f" : "-W " + in_quotes(joined(option.choices, " ")));
@@ -78,10 +165,10 @@ std::string bash_from(const std::string& program, const std::vector<CommandRow>&
     }
   }
   text += "  esac\n  case \"$path\" in\n";
-  for (const CommandRow& row : rows) {
+  for (const ListedCommand& row : rows) {
     const std::string path = row.path.empty() ? "" : "/" + joined(row.path, "/");
     std::vector<std::string> words = children_of(rows, row.path);
-    for (const OptionRow& argument : row.arguments)
+    for (const ListedOption& argument : row.arguments)
       words.insert(words.end(), argument.choices.begin(), argument.choices.end());
     text += "    " + in_quotes(path) + ")\n      if [[ \"$current\" == -* ]]; then " +
             bash_replies("-W " + in_quotes(option_names(row))) + "; else " +
@@ -100,16 +187,16 @@ std::string zsh_text(const std::string& text) {
   return result;
 }
 
-std::string zsh_values(const OptionRow& option) {
+std::string zsh_values(const ListedOption& option) {
   return zsh_text(option.argument) + ":" +
          (option.choices.empty() ? "_files" : "(" + joined(option.choices, " ") + ")");
 }
 
-void append_zsh_function(const std::string& name, const CommandRow& row, const std::vector<CommandRow>& rows,
+void append_zsh_function(const std::string& name, const ListedCommand& row, const std::vector<ListedCommand>& rows,
                          std::string& text) {
   const std::vector<std::string> children = children_of(rows, row.path);
   text += name + "() {\n  local state line\n  typeset -A opt_args\n  _arguments -C \\\n";
-  for (const OptionRow& option : row.options) {
+  for (const ListedOption& option : row.options) {
     const std::string others = option.names.size() > 1 ? "(" + joined(option.names, " ") + ")" : "";
     for (const std::string& each : option.names) {
       text +=
@@ -122,17 +209,17 @@ void append_zsh_function(const std::string& name, const CommandRow& row, const s
           " \\\n";
     }
   }
-  // One may stand for several; of several each has its place.
+  // A single one takes all words; of several each has its number.
   for (std::size_t i = 0; i < row.arguments.size(); ++i) {
-    const std::string place = row.arguments.size() == 1 ? "*" : std::to_string(i + 1);
-    text += "    " + in_quotes(place + ":" + zsh_values(row.arguments[i])) + " \\\n";
+    const std::string position = row.arguments.size() == 1 ? "*" : std::to_string(i + 1);
+    text += "    " + in_quotes(position + ":" + zsh_values(row.arguments[i])) + " \\\n";
   }
   if (children.empty()) {
     text += "    && return\n}\n";
     return;
   }
   text += "    '1: :->command' '*:: :->rest' && return\n  case $state in\n    command)\n      local -a commands=(\n";
-  for (const CommandRow& child : rows) {
+  for (const ListedCommand& child : rows) {
     const bool below =
         child.path.size() == row.path.size() + 1 && std::equal(row.path.begin(), row.path.end(), child.path.begin());
     if (below) text += "        " + in_quotes(zsh_text(child.path.back()) + ":" + zsh_text(child.description)) + "\n";
@@ -142,67 +229,23 @@ void append_zsh_function(const std::string& name, const CommandRow& row, const s
   text += "      esac;;\n  esac\n}\n";
 }
 
-std::string zsh_from(const std::string& program, const std::vector<CommandRow>& rows) {
+std::string zsh_from(const std::string& program, const std::vector<ListedCommand>& rows) {
   std::string text = "#compdef " + program + "\n# made from the program's table of options\n";
-  for (const CommandRow& row : rows) {
+  for (const ListedCommand& row : rows) {
     append_zsh_function(identifier_from(program) + (row.path.empty() ? "" : "_" + joined(row.path, "_")), row, rows,
                         text);
   }
   return text + identifier_from(program) + " \"$@\"\n";
 }
 
-std::string fish_from(const std::string& program, const std::vector<CommandRow>& rows) {
-  const std::string start = "complete -c " + program;
-  std::string text = "# fish completion for " + program + ", made from its table of options\n";
-  for (const CommandRow& row : rows) {
-    const std::vector<std::string> children = children_of(rows, row.path);
-    std::string condition = row.path.empty() ? "__fish_use_subcommand" : "";
-    for (const std::string& word : row.path)
-      condition += (condition.empty() ? "" : "; and ") + ("__fish_seen_subcommand_from " + word);
-    for (const std::string& child : children) {
-      if (!row.path.empty()) condition += "; and not __fish_seen_subcommand_from " + joined(children, " ");
-      const auto at = std::find_if(rows.begin(), rows.end(), [&](const CommandRow& r) {
-        return r.path.size() == row.path.size() + 1 && r.path.back() == child &&
-               std::equal(row.path.begin(), row.path.end(), r.path.begin());
-      });
-      text += start + " -f -n " + in_quotes(condition) + " -a " + child + " -d " + in_quotes(at->description) + "\n";
-    }
-    for (const OptionRow& option : row.options) {
-      text += start + (row.path.empty() ? "" : " -n " + in_quotes(condition));
-      for (const std::string& name : option.names)
-        text += name[1] == '-' ? " -l " + name.substr(2) : " -s " + name.substr(1);
-      if (option.takes_value())
-        text += option.choices.empty() ? " -r" : " -x -a " + in_quotes(joined(option.choices, " "));
-      text += " -d " + in_quotes(option.description) + "\n";
-    }
-    for (const OptionRow& argument : row.arguments) {
-      if (!argument.choices.empty())
-        text += start + " -f -n " + in_quotes(condition) + " -a " + in_quotes(joined(argument.choices, " ")) + "\n";
-    }
-  }
-  return text;
-}
-
 }  // namespace
 
-std::optional<Shell> shell_from_name(std::string_view name) {
-  if (name == "bash") return Shell::kBash;
-  if (name == "zsh") return Shell::kZsh;
-  if (name == "fish") return Shell::kFish;
+std::optional<std::string> completion_script(const CLI::App& app, std::string_view shell) {
+  std::vector<ListedCommand> rows;
+  add_commands(app, {}, rows);
+  if (shell == "bash") return bash_from(app.get_name(), rows);
+  if (shell == "zsh") return zsh_from(app.get_name(), rows);
   return std::nullopt;
-}
-
-std::string completion_from(const CLI::App& app, Shell shell) {
-  const OptionTable table = table_from(app);
-  switch (shell) {
-    case Shell::kBash:
-      return bash_from(table.program, table.commands);
-    case Shell::kZsh:
-      return zsh_from(table.program, table.commands);
-    case Shell::kFish:
-      return fish_from(table.program, table.commands);
-  }
-  return {};
 }
 
 }  // namespace eigencast

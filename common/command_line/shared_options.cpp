@@ -2,8 +2,29 @@
 #include "common/command_line/shared_options.h"
 
 #include <CLI/CLI.hpp>
+#include <cmath>
+#include <cstdlib>
 
 namespace eigencast {
+namespace {
+
+/// CLI11's own leaves out the commands below a command.
+class NestedHelp final : public CLI::Formatter {
+ public:
+  std::string make_expanded(const CLI::App* command) const override {
+    std::string text = CLI::Formatter::make_expanded(command);
+    for (const CLI::App* below : command->get_subcommands({}))
+      if (!below->get_name().empty()) text += make_expanded(below);
+    return text;
+  }
+};
+
+}  // namespace
+
+void add_help_all(CLI::App& app) {
+  app.formatter(std::make_shared<NestedHelp>());
+  app.set_help_all_flag("--help-all", "print this message and that of every command");
+}
 
 CLI::Option* add_credential_options(CLI::App& app, Credentials& credentials) {
   CLI::Option* token = app.add_option("--token", credentials.token, "token for the broker, or @FILE that holds it");
@@ -14,13 +35,26 @@ CLI::Option* add_credential_options(CLI::App& app, Credentials& credentials) {
   return token;
 }
 
-CLI::Validator place_for(Result<void> (*check)(const std::string& path)) {
+CLI::Validator output_path(Result<void> (*check)(const std::string& path)) {
   return CLI::Validator(
       [check](std::string& path) -> std::string {
         const auto usable = path == "-" ? Result<void>() : check(path);
         return usable ? std::string() : usable.error().message;
       },
       "");
+}
+
+std::string fault_of_numbers(const CLI::App& app) {
+  for (const CLI::Option* option : app.get_options()) {
+    if (option->get_type_name().rfind("FLOAT", 0) != 0) continue;
+    for (const std::string& text : option->results()) {
+      if (std::isnan(std::strtod(text.c_str(), nullptr))) return option->get_name() + ": " + text + " is not a number";
+    }
+  }
+  for (const CLI::App* command : app.get_subcommands()) {
+    if (std::string fault = fault_of_numbers(*command); !fault.empty()) return fault;
+  }
+  return {};
 }
 
 }  // namespace eigencast

@@ -70,7 +70,7 @@ Result<std::unique_ptr<Deformer>> cage_deformer(const Surface& model, Surface ca
   }
   map.W.resize(n * map.controls);
   const std::size_t tasks = (n + kRowsPerTask - 1) / kRowsPerTask;
-  // In rounds, so that progress is told by the caller's thread.
+  // In rounds, so that the caller's thread reports progress.
   const std::size_t rounds = std::min<std::size_t>(tasks, 50);
   std::atomic<std::size_t> outside{0}, first_outside{n};
   for (std::size_t round = 0; round < rounds; ++round) {

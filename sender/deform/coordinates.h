@@ -14,7 +14,7 @@ namespace eigencast::deform {
 /// similarities, not for other affine maps.
 ///   phi  V, written: one for each vertex
 ///   psi  F, written: one for each face
-/// For points strictly inside; finite everywhere, but outside, or on the cage, they are no coordinates.
+/// For points strictly inside; finite everywhere, but not coordinates outside or on the cage.
 void green_coordinates(const Surface& cage, const Vec3& point, std::span<double> phi, std::span<double> psi);
 
 /// Mean value coordinates of one point: p = sum w_i v_i, after Ju, Schaefer and Warren, "Mean Value Coordinates for

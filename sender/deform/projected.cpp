@@ -52,7 +52,7 @@ Result<void> ProjectedDeformer::project_weights(const LinearMap& map, const Asse
 
 Result<std::vector<double>> ProjectedDeformer::coefficients(std::span<const Vec3> moved) {
   if (deformer_->makes_coefficients()) return deformer_->coefficients(moved);
-  if (!is_linear()) {
+  if (P_.empty()) {
     const std::vector<Vec3> pose = deformer_->positions(moved);
     return projector_->coefficients_from_positions(std::span<const double>(pose.front().data(), 3 * pose.size()));
   }

@@ -18,7 +18,6 @@ class ProjectedDeformer {
 
   /// r x 3, row-major. REQUIRES: moved.size() == handles. Errors: kInvalidArgument: a pose that is not finite.
   Result<std::vector<double>> coefficients(std::span<const Vec3> moved);
-  bool is_linear() const { return !P_.empty(); }
 
  private:
   ProjectedDeformer(Deformer& deformer, const Projector& projector) : deformer_(&deformer), projector_(&projector) {}

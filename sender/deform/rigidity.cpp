@@ -12,7 +12,7 @@ namespace eigencast::deform {
 namespace {
 
 // Of the largest angle's cotangent: obtuse and degenerate triangles would repel or tear without it.
-constexpr double kLeastWeight = 1e-3, kMostWeight = 1e3;
+constexpr double kMinWeight = 1e-3, kMaxWeight = 1e3;
 
 }  // namespace
 
@@ -29,7 +29,7 @@ std::vector<std::vector<Neighbour>> cotangent_neighbours(std::span<const Vec3> p
   }
   std::vector<std::vector<Neighbour>> all(positions.size());
   for (const auto& [edge, cotangents] : edges) {
-    const double weight = std::clamp(cotangents, kLeastWeight, kMostWeight);
+    const double weight = std::clamp(cotangents, kMinWeight, kMaxWeight);
     all[edge.first].push_back({edge.second, weight});
     all[edge.second].push_back({edge.first, weight});
   }

@@ -215,7 +215,7 @@ Result<Script> Script::builtin(std::string_view name, std::span<const Vec3> hand
     moves.push_back(twist(90));
     moves.push_back(bend(90));
   } else {
-    return fail(ErrorCode::kNotFound, "\"" + std::string(name) + "\" is no built-in script: twist, bend, both");
+    return fail(ErrorCode::kNotFound, "\"" + std::string(name) + "\" is not a built-in script: twist, bend, both");
   }
   return ScriptParser(handles).parse({{"loop", true}, {"moves", std::move(moves)}});
 }

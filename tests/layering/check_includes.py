@@ -47,6 +47,7 @@ ROOMS = {
                "common/asset", "common/reconstruction", "common/net", "sdk", "common/surface/formats", "common/surface/shapes"},
     "tools/latency": {"view", "common/core", "common/command_line", "common/wire", "common/codec", "common/surface", "common/asset", "common/reconstruction",
                       "common/net", "sdk", "common/surface/shapes"},
+    "tools/compare": {"common/core", "common/surface", "common/asset", "sender"},
     "examples": {"sdk/include"},
 }
 
@@ -63,16 +64,15 @@ LIBRARIES = {
     "Boost": (r"boost/", {"common/net", "broker"}, 36),
     "libnats": (r"nats/", {"broker"}, 1),
     "liburing": (r"liburing\.h", {"broker"}, 1),
-    "nlohmann_json": (r"nlohmann/", {"common/wire", "broker", "sdk", "sender", "sender/deform", "client", "tools/latency"}, 30),
-    "CLI11": (r"CLI/", {"common/command_line", "broker", "sender", "client", "tools/latency"}, 10),
+    "nlohmann_json": (r"nlohmann/", {"common/wire", "broker", "sdk", "sender", "sender/deform", "client", "tools/compare", "tools/latency"}, 30),
+    "CLI11": (r"CLI/", {"common/command_line", "broker", "sender", "client", "tools/compare", "tools/latency"}, 10),
     "prometheus-cpp": (r"prometheus/", {"broker"}, 3),
     "systemd": (r"systemd/", {"broker"}, 1),
-    "spdlog": (r"spdlog/", {"broker", "sender", "client"}, 14),
+    "spdlog": (r"spdlog/", {"common/command_line", "sender"}, 12),
     "toml++": (r"toml(\+\+|plusplus)", {"broker"}, 2),
     "GL and windows": (r"(epoxy|GLFW|EGL|GL|imgui[a-z_0-9]*\.h|imgui)(/|$)", {"view", "client", "sender/studio"}, 20),
     "GLM": (r"glm/", {"view", "client", "sender/studio"}, 28),
     "zlib": (r"zlib\.h", {"tools/latency"}, 1),
-    "stb": (r"stb/", {"sender"}, 1),
     "libpng": (r"png\.h", {"view"}, 2),
     "libjpeg": (r"jpeglib\.h", {"view"}, 1),
 }

@@ -1,21 +1,22 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# What a program says about itself: every option of every --help stands in the manual page and in each completion script;
-# the page has no error of roff; the bash script completes; zsh and fish take theirs, where they are installed.
+# Every option of every --help is in --help-all, which manual pages are made from, and in each completion script; bash completes by its
+# script, and zsh loads its own, where it is installed.
 # Usage: documents.sh PATH/eigencast-sender|eigencast-broker|eigencast-client|eigencast-latency
 set -euo pipefail
 program=$1
 name=$(basename "$program")
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
+skipped=0
 fail() { echo "FAILED: $*"; exit 1; }
 
-"$program" man > "$folder/man"
-for shell in bash zsh fish; do "$program" completion $shell > "$folder/$shell"; done
+"$program" --help-all > "$folder/help"
+for shell in bash zsh; do "$program" completion $shell > "$folder/$shell"; done
 
 case $name in
   eigencast-sender) most=60
-    commands=("" bake play pipe deform export evaluate replay compare context "context add" "context list" "context use" "context remove" completion) ;;
+    commands=("" bake play pipe deform export evaluate replay context "context add" "context list" "context use" "context remove" completion) ;;
   eigencast-broker) most=20
     commands=("" token "token create" "token inspect" completion) ;;
   eigencast-client) most=40 commands=("") ;;
@@ -27,10 +28,9 @@ for command in "${commands[@]}"; do
   # shellcheck disable=SC2086
   for option in $("$program" $command --help | grep -oE '^ +(-[a-z],)?--[a-z-]+' | grep -oE '\-\-[a-z-]+'); do
     options=$((options + 1))
-    grep -qF -- "${option//-/\\-}" "$folder/man" || fail "$command $option is not in the manual page"
+    grep -qF -- "$option" "$folder/help" || fail "$command $option is not in --help-all"
     grep -qF -- "$option" "$folder/bash" || fail "$command $option is not in the completion for bash"
     grep -qF -- "$option" "$folder/zsh" || fail "$command $option is not in the completion for zsh"
-    grep -qF -- "-l ${option#--}" "$folder/fish" || fail "$command $option is not in the completion for fish"
   done
 done
 [ $options -gt $most ] || fail "only $options options found in the help texts"
@@ -40,11 +40,7 @@ if [ "$name" = eigencast-sender ]; then
   [[ $said == *'no command "nonsense"'*evaluate* ]] || fail "of a command that is not there is said: $said"
 fi
 
-if command -v groff > /dev/null; then
-  warnings=$(groff -man -ww -Tutf8 -z "$folder/man" 2>&1)
-  [ -z "$warnings" ] || fail "$warnings"
-fi
-grep -q "$HOME" "$folder/man" && fail "the manual page holds a path of this machine"
+grep -q "$HOME" "$folder/help" && fail "--help-all holds a path of this machine"
 
 # shellcheck disable=SC1091
 source "$folder/bash"
@@ -62,10 +58,10 @@ if [ "$name" = eigencast-broker ]; then
   completes "eigencast-broker token " create inspect
   completes "eigencast-broker token create --s" --subscribe --subject --static
   completes "eigencast-broker --check" --check-config
-  completes "eigencast-broker completion " bash zsh fish
+  completes "eigencast-broker completion " bash zsh
 elif [ "$name" = eigencast-latency ]; then
   completes "eigencast-latency p" pair passive probe
-  completes "eigencast-latency completion " bash zsh fish
+  completes "eigencast-latency completion " bash zsh
 elif [ "$name" = eigencast-client ]; then
   completes "eigencast-client --colour-m" --colour-map
   completes "eigencast-client --colour-map " viridis cividis coolwarm
@@ -78,7 +74,7 @@ else
   completes "eigencast-sender -v context " add list use remove
   touch "$folder/my mesh.obj"
   completes "eigencast-sender play $folder/my" "$folder/my mesh.obj"
-  completes "eigencast-sender completion " bash zsh fish
+  completes "eigencast-sender completion " bash zsh
 fi
 
 if command -v zsh > /dev/null; then
@@ -91,27 +87,6 @@ if command -v zsh > /dev/null; then
 else
   skipped=1
   echo "SKIPPED: no zsh"
-fi
-if command -v fish > /dev/null; then
-  fish --no-execute "$folder/fish" || fail "fish refuses its script"
-  fish_completes() {  # as completes
-    local found
-    found=$(HOME=$folder fish --no-config -c 'source $argv[1]; complete -C $argv[2]' "$folder/fish" "$1" | cut -f1 | tr '\n' ' ')
-    for word in "${@:2}"; do [[ " $found" == *" $word "* ]] || fail "'$1' completes to '$found' in fish, without $word"; done
-  }
-  if [ "$name" = eigencast-client ]; then
-    fish_completes "$name --colour-map " viridis cividis coolwarm
-  else
-    fish_completes "$name completion " bash zsh fish
-  fi
-  if [ "$name" = eigencast-sender ]; then
-    fish_completes "$name p" play pipe
-    fish_completes "$name play --basis " augmented rig pca
-    fish_completes "$name context " add list use remove
-  fi
-else
-  skipped=1
-  echo "SKIPPED: no fish"
 fi
 echo "$options options, ${#commands[@]} help texts: all the same"
 [ $skipped = 0 ] || exit 77

@@ -7,7 +7,7 @@
 #include "common/surface/formats/clip.h"
 #include "common/surface/formats/write.h"
 #include "common/surface/shapes/shapes.h"
-#include "sender/compare.h"
+#include "tools/compare/compare.h"
 #include "sender/deform/cage.h"
 #include "sender/deform/cage_deformer.h"
 #include "sender/deform/script.h"

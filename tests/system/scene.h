@@ -7,7 +7,7 @@
 #include <utility>
 #include <vector>
 
-#include "sender/compare.h"
+#include "tools/compare/compare.h"
 #include "tests/support/process.h"
 
 namespace eigencast::testing {

@@ -94,7 +94,7 @@ int measure(const Options& options, const std::string& version, const std::atomi
   Inputs inputs = options.inputs;
   if (const auto good = check(inputs); !good) return complain(good.error());
   for (const std::string& condition : options.fail_if)
-    if (const auto known = failed_condition(condition, Outcome{}); !known) return complain(known.error());
+    if (const auto known = judged(condition, Outcome{}); !known) return complain(known.error());
   std::unique_ptr<LocalBroker> own;
   if (auto chosen = choose_broker(inputs, own); !chosen) return complain(chosen.error());
   const OnProgress progress = progress_line(options);
@@ -107,10 +107,10 @@ int measure(const Options& options, const std::string& version, const std::atomi
   if (auto written = write_reports(options, *outcome, version); !written) return complain(written.error());
   int code = kExitGood;
   for (const std::string& condition : options.fail_if) {
-    const auto failed = failed_condition(condition, *outcome);
-    if (!failed) return complain(failed.error());
-    if (failed->empty()) continue;
-    std::fprintf(stderr, "eigencast-latency: %s\n", failed->c_str());
+    const auto verdict = judged(condition, *outcome);
+    if (!verdict) return complain(verdict.error());
+    if (!verdict->holds) continue;
+    std::fprintf(stderr, "eigencast-latency: %s\n", verdict->text.c_str());
     code = kExitCondition;
   }
   if (sums_are_wrong(*outcome)) return kExitWrongSums;
@@ -154,7 +154,7 @@ int sweep(const Options& options, const std::string& version, const std::atomic<
                       ms(o->synthetic, 99).c_str(),
                       ms(o->key_stages[static_cast<std::size_t>(Stage::kInBroker)], 50).c_str(), o->kbit_per_s,
                       static_cast<unsigned long long>(o->counts.keys_lost), 100 * o->cpu_share);
-          for (const std::string& complaint : complaints(*o)) std::printf("        WARNING: %s\n", complaint.c_str());
+          for (const Warning& warning : warnings_of(*o)) std::printf("        WARNING: %s\n", warning.text.c_str());
           std::fflush(stdout);
           wrong = wrong || sums_are_wrong(*o);
           reports.push_back(nlohmann::ordered_json::parse(json_report(*o, version)));

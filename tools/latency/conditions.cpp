@@ -15,7 +15,7 @@
 namespace eigencast::latency {
 namespace {
 
-using Json = nlohmann::json;
+using Json = nlohmann::ordered_json;
 
 constexpr std::uint64_t kMaxReportBytes = 256 << 20;
 
@@ -31,6 +31,13 @@ std::string processor() {
   for (std::string line; std::getline(in, line);)
     if (line.rfind("model name", 0) == 0) return line.substr(line.find(':') + 2);
   return "unknown";
+}
+
+/// Null for metrics that are times.
+const std::uint64_t* count_of(const std::string& metric, const Counts& counts) {
+  if (metric == "lost") return &counts.keys_lost;
+  if (metric == "late") return &counts.late;
+  return metric == "superseded" ? &counts.superseded : nullptr;
 }
 
 struct Condition {
@@ -55,8 +62,7 @@ Result<Condition> parse_condition(const std::string& text) {
   const std::map<std::string, double> units{{"", 1}, {"us", 1}, {"ms", 1e3}, {"s", 1e6}};
   const auto factor = units.find(unit);
   if (factor == units.end()) return bad("the unit must be us, ms or s");
-  const bool is_count = c.metric == "lost" || c.metric == "late" || c.metric == "superseded";
-  if (unit.empty() != is_count) return bad("times have a unit, counts have none");
+  if (unit.empty() != (count_of(c.metric, {}) != nullptr)) return bad("times have a unit, counts have none");
   c.value *= factor->second;
   return c;
 }
@@ -73,9 +79,7 @@ const HdrHistogram* histogram_of(const std::string& name, const Outcome& o) {
 }
 
 Result<std::optional<double>> value_of(const std::string& metric, const Outcome& o) {
-  if (metric == "lost") return std::optional(static_cast<double>(o.counts.keys_lost));
-  if (metric == "late") return std::optional(static_cast<double>(o.counts.late));
-  if (metric == "superseded") return std::optional(static_cast<double>(o.counts.superseded));
+  if (const std::uint64_t* count = count_of(metric, o.counts)) return std::optional(static_cast<double>(*count));
   const auto unknown = [&] { return fail(ErrorCode::kInvalidArgument, "--fail-if: '" + metric + "' is not known"); };
   const auto dot = metric.find(".p") != std::string::npos ? metric.find(".p") : metric.find(".m");
   const std::string whose = dot == std::string::npos ? "" : metric.substr(0, dot);
@@ -93,8 +97,8 @@ Result<std::optional<double>> value_of(const std::string& metric, const Outcome&
   return value ? std::optional(static_cast<double>(*value)) : std::nullopt;
 }
 
-/// How many poses a percentile needs; empty for what is none.
-std::string what_it_takes(const std::string& metric) {
+/// ": p99 takes 1000, ..."; empty for other metrics than percentiles.
+std::string samples_needed(const std::string& metric) {
   const auto at = metric.rfind('p');
   const double p = at == std::string::npos ? 100 : std::strtod(metric.c_str() + at + 1, nullptr);
   if (!(p > 0 && p < 100)) return {};
@@ -109,7 +113,7 @@ Result<Json> read_report(const std::string& path) {
   Json json = Json::parse(*text, nullptr, false);
   const auto says = [&](const char* name, const Json& value) { return json.contains(name) && json.at(name) == value; };
   if (json.is_discarded() || !json.is_object() || !says("schema", "eigencast-latency"))
-    return fail(ErrorCode::kCorrupt, path + ": is no report of eigencast-latency (--json)");
+    return fail(ErrorCode::kCorrupt, path + ": is not a report of eigencast-latency (--json)");
   if (!says("schema_version", kReportSchema))
     return fail(ErrorCode::kCorrupt, path + ": is a report of another version than " + std::to_string(kReportSchema));
   return json;
@@ -149,19 +153,15 @@ std::vector<std::pair<std::string, std::string>> environment(const std::string& 
           {"compiler", __VERSION__}};
 }
 
-Result<std::string> failed_condition(const std::string& text, const Outcome& outcome) {
+Result<Verdict> judged(const std::string& text, const Outcome& outcome) {
   const auto condition = parse_condition(text);
   if (!condition) return condition.error();
   const auto value = value_of(condition->metric, outcome);
   if (!value) return value.error();
-  if (!*value) return text + ": too few samples to say" + what_it_takes(condition->metric);
-  const bool failed = condition->op == '>' ? **value > condition->value : **value < condition->value;
-  if (!failed) return std::string();
-  std::ostringstream what;
-  what << text << ": it is " << **value
-       << (condition->metric == "lost" || condition->metric == "late" || condition->metric == "superseded" ? ""
-                                                                                                           : " us");
-  return what.str();
+  if (!*value) return Verdict{true, {}, text + ": too few samples to say" + samples_needed(condition->metric)};
+  const bool holds = condition->op == '>' ? **value > condition->value : **value < condition->value;
+  return Verdict{holds, *value,
+                 text + formatted(": it is %g", **value) + (count_of(condition->metric, {}) ? "" : " us")};
 }
 
 Result<std::string> comparison(const std::string& path_a, const std::string& path_b) {

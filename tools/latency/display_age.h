@@ -7,7 +7,7 @@
 
 namespace eigencast::latency {
 
-/// How old the pose is that is on display, looked at once a millisecond: what a person sees, unlike the delay of a pose
+/// How old the pose is that is on display, sampled once a millisecond: what a person sees, unlike the delay of a pose
 /// at the moment it appears. It grows until the next pose is shown. Not thread-safe.
 class DisplayAge {
  public:

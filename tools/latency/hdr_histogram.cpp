@@ -69,11 +69,7 @@ std::int64_t HdrHistogram::highest_of(std::size_t index) {
 }
 
 void HdrHistogram::add(std::int64_t value_us) {
-  if (value_us < 0) {
-    ++negative_;
-    lowest_ = std::min(lowest_, value_us);
-    return;
-  }
+  if (value_us < 0) return void(++negative_);
   const std::int64_t value = std::min(value_us, kHighest);
   const std::size_t index = index_of(value);
   if (index >= counts_.size()) counts_.resize(std::bit_ceil(index + 1));
@@ -90,7 +86,6 @@ void HdrHistogram::merge(const HdrHistogram& other) {
   for (std::size_t i = 0; i < other.counts_.size(); ++i) counts_[i] += other.counts_[i];
   if (other.count_ > 0) min_ = count_ == 0 ? other.min_ : std::min(min_, other.min_);
   max_ = std::max(max_, other.max_);
-  lowest_ = std::min(lowest_, other.lowest_);
   count_ += other.count_;
   negative_ += other.negative_;
   sum_ += other.sum_;

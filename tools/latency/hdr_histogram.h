@@ -23,9 +23,8 @@ class HdrHistogram {
   void add(std::int64_t value_us);
   void merge(const HdrHistogram& other);
 
-  std::uint64_t count() const { return count_; }           ///< Of values that are not negative.
-  std::uint64_t negative() const { return negative_; }     ///< Of those that are.
-  std::int64_t least_negative() const { return lowest_; }  ///< The lowest value of all; 0 if none is negative.
+  std::uint64_t count() const { return count_; }        ///< Of values that are not negative.
+  std::uint64_t negative() const { return negative_; }  ///< Of those that are.
   std::int64_t min() const { return count_ == 0 ? 0 : min_; }
   std::int64_t max() const { return max_; }
   double mean() const { return count_ == 0 ? 0 : sum_ / static_cast<double>(count_); }
@@ -50,7 +49,7 @@ class HdrHistogram {
 
   std::vector<std::uint64_t> counts_;
   std::uint64_t count_ = 0, negative_ = 0;
-  std::int64_t min_ = 0, max_ = 0, lowest_ = 0;
+  std::int64_t min_ = 0, max_ = 0;
   double sum_ = 0, sum_of_squares_ = 0;
 };
 

@@ -7,7 +7,7 @@ namespace eigencast::latency {
 
 Interval& Intervals::at(TimeUs time_us) {
   const auto is_there = [&] { return !all_.empty() && time_us < all_.back().start_us + length_us_; };
-  while (!is_there() && all_.size() >= kMost) widen();
+  while (!is_there() && all_.size() >= kMax) widen();
   if (!is_there()) all_.push_back({time_us / length_us_ * length_us_, length_us_, {}, {}});
   return all_.back();
 }

@@ -13,11 +13,11 @@ struct Interval {
   HdrHistogram keys, synthetic;
 };
 
-/// A run second by second; one that is longer than kMost seconds by two, by four and so on, so that days take no more
+/// A run second by second; one that is longer than kMax seconds by two, by four and so on, so that days take no more
 /// memory than a quarter of an hour.
 class Intervals {
  public:
-  static constexpr std::size_t kMost = 900;
+  static constexpr std::size_t kMax = 900;
 
   /// The interval of that time since the measurement began, or the newest if that is later.
   Interval& at(TimeUs time_us);
@@ -27,7 +27,7 @@ class Intervals {
   void widen();
 
   TimeUs length_us_ = 1'000'000;
-  std::vector<Interval> all_;  ///< Those in which something came, in order; at most kMost.
+  std::vector<Interval> all_;  ///< Those in which something came, in order; at most kMax.
 };
 
 }  // namespace eigencast::latency

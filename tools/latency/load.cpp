@@ -28,7 +28,7 @@ namespace {
 
 constexpr std::size_t kConnectingAtOnce = 64;
 constexpr TimeUs kTickUs = 10'000;
-constexpr std::size_t kMostBuffered = limits::kMaxFrameBytes + limits::kMaxControlBytes + 64;
+constexpr std::size_t kMaxBuffered = limits::kMaxFrameBytes + limits::kMaxControlBytes + 64;
 
 /// A viewer's message as one masked frame. The mask is zero: it hides nothing on a link that carries no secrets.
 std::string masked(std::uint8_t opcode, std::string_view payload) {
@@ -83,11 +83,9 @@ Result<sockaddr_storage> address_of(const BrokerUrl& url) {
   return address;
 }
 
-}  // namespace
-
-class Load::Impl {
+class LightViewers final : public Load {
  public:
-  Impl(const Options& options, const BrokerUrl& url, const sockaddr_storage& address)
+  LightViewers(const Options& options, const BrokerUrl& url, const sockaddr_storage& address)
       : options_(options), address_(address), viewers_(options.viewers) {
     const std::string& token = url.credentials.token;
     request_ = "GET " + url.prefix + "/v1/subscribe/" + url.stream + "?" + query_from_profile(options.profile) +
@@ -99,31 +97,30 @@ class Load::Impl {
     thread_ = std::thread([this] { run(); });
   }
 
-  ~Impl() {
+  ~LightViewers() override {
     end();
     for (const Viewer& viewer : viewers_)
       if (viewer.fd >= 0) ::close(viewer.fd);
     ::close(poll_);
   }
 
+  std::uint32_t settled() const { return watching_ + gone_; }
+  std::uint32_t watching() const { return watching_; }
+  void begin() override { begin_ = true; }
+
+  Figures finish() override {
+    end();
+    figures_.viewers = watching_;
+    figures_.refused = gone_;
+    return figures_;
+  }
+
+ private:
   void end() {
     stopping_ = true;
     if (thread_.joinable()) thread_.join();
   }
 
-  std::uint32_t settled() const { return watching_ + gone_; }
-  std::uint32_t watching() const { return watching_; }
-  void begin() { begin_ = true; }
-
-  Figures figures() {
-    end();
-    Figures f = std::move(figures_);
-    f.viewers = watching_;
-    f.refused = gone_;
-    return f;
-  }
-
- private:
   void run() {
     epoll_event events[256];
     TimeUs next_tick_us = steady_now_us() + kTickUs;
@@ -152,12 +149,10 @@ class Load::Impl {
 
   void connect_some() {
     while (begun_ < viewers_.size() && begun_ - settled() < kConnectingAtOnce) {
-      const auto index = static_cast<std::uint32_t>(begun_++);
-      Viewer& viewer = viewers_[index];
+      Viewer& viewer = viewers_[begun_++];
       viewer.fd = ::socket(address_.ss_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
       if (viewer.fd < 0) {
-        viewer.state = Viewer::State::kGone;
-        ++gone_;
+        lose(viewer);
         continue;
       }
       const int one = 1;
@@ -167,11 +162,15 @@ class Load::Impl {
         lose(viewer);
         continue;
       }
-      epoll_event event{};
-      event.events = EPOLLOUT | EPOLLIN;
-      event.data.u32 = index;
-      epoll_ctl(poll_, EPOLL_CTL_ADD, viewer.fd, &event);
+      watch(viewer, EPOLL_CTL_ADD, EPOLLOUT | EPOLLIN);
     }
+  }
+
+  void watch(Viewer& viewer, int operation, std::uint32_t events) {
+    epoll_event event{};
+    event.events = events;
+    event.data.u32 = static_cast<std::uint32_t>(&viewer - viewers_.data());
+    epoll_ctl(poll_, operation, viewer.fd, &event);
   }
 
   void lose(Viewer& viewer) {
@@ -179,7 +178,7 @@ class Load::Impl {
     if (viewer.state == Viewer::State::kWatching) --watching_;
     viewer.state = Viewer::State::kGone;
     ++gone_;
-    ::close(viewer.fd);
+    if (viewer.fd >= 0) ::close(viewer.fd);
     viewer.fd = -1;
   }
 
@@ -188,10 +187,7 @@ class Load::Impl {
     if (viewer.state == Viewer::State::kConnecting && (events & EPOLLOUT) != 0) {
       if (!put(viewer, request_)) return;
       viewer.state = Viewer::State::kUpgrading;
-      epoll_event event{};
-      event.events = EPOLLIN;
-      event.data.u32 = static_cast<std::uint32_t>(&viewer - viewers_.data());
-      epoll_ctl(poll_, EPOLL_CTL_MOD, viewer.fd, &event);
+      watch(viewer, EPOLL_CTL_MOD, EPOLLIN);
     }
     if ((events & (EPOLLIN | EPOLLHUP | EPOLLERR)) == 0) return;
     std::uint8_t part[32 * 1024];
@@ -202,7 +198,7 @@ class Load::Impl {
     }
     const TimeUs now = steady_now_us();
     viewer.in.insert(viewer.in.end(), part, part + got);
-    if (viewer.in.size() > kMostBuffered) return lose(viewer);
+    if (viewer.in.size() > kMaxBuffered) return lose(viewer);
     if (viewer.state == Viewer::State::kUpgrading && !upgraded(viewer)) return;
     take_messages(viewer, now);
   }
@@ -235,7 +231,7 @@ class Load::Impl {
         length = 0;
         for (std::size_t i = 0; i < extra; ++i) length = length << 8 | in[2 + i];
       }
-      if (length > kMostBuffered) return lose(viewer);
+      if (length > kMaxBuffered) return lose(viewer);
       if (in.size() < head + length) break;
       const std::uint8_t opcode = in[0] & 15;
       const ByteView payload = in.subspan(head, length);
@@ -262,7 +258,7 @@ class Load::Impl {
         ++figures_.undecodable;
       viewer.newest = head.sequence;
     }
-    // A join that begins a viewing shows a pose that may be old; it is no delay of the stream.
+    // The first join may hold an old pose: its age is not a delay of the stream.
     if (counting_ && head.kind != FrameKind::kJoin && (head.flags & Envelope::kAhead) == 0)
       figures_.latency_us.add(now - head.capture_us);
   }
@@ -299,8 +295,7 @@ class Load::Impl {
   std::thread thread_;
 };
 
-Load::Load(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
-Load::~Load() = default;
+}  // namespace
 
 Result<BrokerUrl> Load::check_url(const std::string& text) {
   auto url = parse_broker_url(text);
@@ -317,21 +312,14 @@ Result<std::unique_ptr<Load>> Load::start(const Options& options, TimeUs patienc
   if (auto files = allow_files(std::uint64_t{options.viewers} + 64); !files) return files.error();
   const auto address = address_of(*url);
   if (!address) return address.error();
-  auto impl = std::make_unique<Impl>(options, *url, *address);
+  auto load = std::make_unique<LightViewers>(options, *url, *address);
   const TimeUs until_us = steady_now_us() + patience_us;
-  while (impl->settled() < options.viewers && steady_now_us() < until_us)
+  while (load->settled() < options.viewers && steady_now_us() < until_us)
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
-  if (options.viewers > 0 && impl->watching() == 0)
+  if (options.viewers > 0 && load->watching() == 0)
     return fail(ErrorCode::kUnreachable,
                 "none of " + std::to_string(options.viewers) + " viewers could connect to " + options.url);
-  return std::unique_ptr<Load>(new Load(std::move(impl)));
-}
-
-void Load::begin() {
-  impl_->begin();
-}
-Load::Figures Load::finish() {
-  return impl_->figures();
+  return std::unique_ptr<Load>(std::move(load));
 }
 
 }  // namespace eigencast::latency

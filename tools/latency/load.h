@@ -44,16 +44,11 @@ class Load {
   /// Connects all, a few at a time, and returns when all are watching or `patience_us` is over.
   /// Errors: those of check_url and of credentials, kUnreachable (none could connect), kTooLarge (file descriptors).
   static Result<std::unique_ptr<Load>> start(const Options& options, TimeUs patience_us);
-  ~Load();
+  virtual ~Load() = default;
   /// What is counted begins now.
-  void begin();
-  /// Ends and tells.
-  Figures finish();
-
- private:
-  class Impl;
-  explicit Load(std::unique_ptr<Impl> impl);
-  std::unique_ptr<Impl> impl_;
+  virtual void begin() = 0;
+  /// Ends.
+  virtual Figures finish() = 0;
 };
 
 }  // namespace eigencast::latency

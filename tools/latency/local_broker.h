@@ -11,7 +11,7 @@
 namespace eigencast::latency {
 
 /// The broker that is installed beside this program, as a process of its own on a free port of loopback, with a data
-/// folder that goes with it: for whoever gives no URL.
+/// folder that is removed with it: the default without a URL.
 class LocalBroker {
  public:
   /// Errors: kNotFound (no eigencast-broker beside this program), kIo, kTimeout (it does not listen).

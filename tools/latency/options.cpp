@@ -4,7 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <cstdio>
 
-#include "common/command_line/documents.h"
+#include "common/command_line/completion.h"
 #include "common/command_line/shared_options.h"
 #include "common/core/files.h"
 
@@ -62,7 +62,7 @@ void add_access(CLI::App& command, Inputs& in) {
 }
 
 void add_outputs(CLI::App& command, Options& o) {
-  const auto file = [](CLI::Option* option) { option->group("Output")->check(place_for(check_output_file)); };
+  const auto file = [](CLI::Option* option) { option->group("Output")->check(output_path(check_output_file)); };
   file(command.add_option("--json", o.json, "write the whole report here (- for standard output)"));
   file(command.add_option("--csv", o.csv, "write a line per second here"));
   file(command.add_option("--hgrm", o.hgrm, "write the percentile spectrum of the keys here (plots as HdrHistogram)"));
@@ -109,7 +109,7 @@ void add_viewer(CLI::App& command, Inputs& in) {
       ->capture_default_str();
   command.add_option("--present", in.present,
                      "draw each surface off the screen, so many pixels: 1440x900; the total is then to the picture");
-  command.add_option("--trace-every", in.trace_every, "keys whose stages are told: every one, every second, ...")
+  command.add_option("--trace-every", in.trace_every, "keys whose stages are reported: every one, every second, ...")
       ->check(CLI::Range(1, 1000000))
       ->capture_default_str();
   command.add_option("--late-ms", in.late_ms, "an older pose counts as late")
@@ -124,6 +124,7 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
   Options o;
   CLI::App app{kAbout, "eigencast-latency"};
   app.footer("Examples:\n" + indented(kExamples) + "\nExit status:\n" + indented(kExitStatus));
+  add_help_all(app);
   app.set_version_flag("--version", "eigencast-latency " + version);
   app.require_subcommand(1);
 
@@ -157,11 +158,11 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
   add_viewer(*passive, o.inputs);
   add_outputs(*passive, o);
 
-  CLI::App* probe = app.add_subcommand("probe", "round trip to a broker, and how its clock stands to ours");
+  CLI::App* probe = app.add_subcommand("probe", "round trip to a broker, and the offset of its clock");
   probe->add_option("url", o.inputs.url, "ws://host:port, or wss://")->required();
   probe->add_option("--count", o.pings, "pings")->check(CLI::Range(1, 100000))->capture_default_str();
   probe->add_option("--json", o.json, "write the result here (- for standard output)")
-      ->check(place_for(check_output_file));
+      ->check(output_path(check_output_file));
   add_access(*probe, o.inputs);
 
   CLI::App* sweep = app.add_subcommand("sweep", "loop for every combination of the lists");
@@ -177,7 +178,7 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
   sweep->add_option("--json", o.json, "write all reports here, as an array (- for standard output)")
-      ->check(place_for(check_output_file));
+      ->check(output_path(check_output_file));
   sweep->add_flag("--no-progress", o.no_progress, "no progress line");
 
   CLI::App* compare = app.add_subcommand("compare", "two JSON reports side by side");
@@ -186,8 +187,7 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
 
   CLI::App* completion = app.add_subcommand("completion", "write a completion script to standard output");
   std::string shell;
-  completion->add_option("shell", shell, "for which shell")->required()->check(CLI::IsMember({"bash", "zsh", "fish"}));
-  CLI::App* man = app.add_subcommand("man", "write the manual page to standard output")->group("");
+  completion->add_option("shell", shell, "for which shell")->required()->check(CLI::IsMember({"bash", "zsh"}));
 
   try {
     app.parse(argc, argv);
@@ -199,11 +199,7 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
     return ExitNow{kExitUsage};
   }
   if (completion->parsed()) {
-    std::fputs(completion_from(app, *shell_from_name(shell)).c_str(), stdout);
-    return ExitNow{kExitGood};
-  }
-  if (man->parsed()) {
-    std::fputs(man_page_from(app, version, kExitStatus, kExamples).c_str(), stdout);
+    std::fputs(completion_script(app, shell)->c_str(), stdout);
     return ExitNow{kExitGood};
   }
   if (pair->parsed()) {

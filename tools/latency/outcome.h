@@ -54,7 +54,7 @@ struct Counts {
   std::uint64_t sends_dropped = 0;  ///< The link was behind.
   std::uint64_t keys_received = 0;
   std::uint64_t synthetic_received = 0;
-  std::uint64_t keys_lost = 0;   ///< Sent, and neither received nor told to be superseded by the end.
+  std::uint64_t keys_lost = 0;   ///< Sent, and by the end neither received nor reported as superseded.
   std::uint64_t superseded = 0;  ///< Frames that newer ones overtook in the broker, as it says: intended.
   std::uint64_t overtaken = 0;   ///< Poses that came together with a newer one: a picture was made of that only.
   std::uint64_t late = 0;
@@ -79,7 +79,7 @@ struct Outcome {
   HdrHistogram held_us;  ///< What interpolation made poses wait, margin included; empty where raw.
   std::array<TimeUs, kStages> stage_error_us{};  ///< Worst bound met in each stage.
   TimeUs total_error_us = 0;                     ///< And in a total.
-  HdrHistogram age_us;  ///< Of the pose on display, looked at every millisecond; needs one clock.
+  HdrHistogram age_us;  ///< Of the pose on display, sampled every millisecond; needs one clock.
   ClockTrack sender_clock, viewer_clock;
   std::optional<TimeUs> round_trip_us;
   std::optional<TimeUs> first_surface_us;  ///< From the subscription to the first rebuilt surface.
@@ -100,8 +100,8 @@ struct Outcome {
   double cpu_share = 0;      ///< Of one core, of the whole process.
   double seconds = 0, start_unix_s = 0;
   Intervals intervals;
-  std::vector<StagedPose> samples;  ///< At most kMostSamples.
+  std::vector<StagedPose> samples;  ///< At most kMaxStagedPoses.
 };
-inline constexpr std::size_t kMostSamples = 200'000;
+inline constexpr std::size_t kMaxStagedPoses = 200'000;
 
 }  // namespace eigencast::latency

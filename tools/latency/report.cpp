@@ -15,16 +15,26 @@ using Json = nlohmann::ordered_json;
 
 constexpr double kPercentiles[] = {50, 75, 90, 95, 99, 99.9, 99.99, 100};
 
+/// For printf.
+unsigned long long n(std::uint64_t v) {
+  return v;
+}
+
+double ms(TimeUs us) {
+  return static_cast<double>(us) / 1000;
+}
+
+template <typename T>
+Json or_null(const std::optional<T>& value) {
+  return value ? Json(*value) : Json(nullptr);
+}
+
 std::string percentile_name(double p) {
   if (p == 100) return "max";
   return formatted("p%g", p);
 }
 
-std::string ms(std::optional<std::int64_t> us) {
-  return us ? formatted("%9.3f", static_cast<double>(*us) / 1000) : std::string("        -");
-}
-
-/// A one-way value that the clocks' error drowns is no value.
+/// Nothing for a one-way value below the clocks' error.
 std::optional<std::int64_t> known(const HdrHistogram& h, double p, TimeUs error_us) {
   const auto value = h.reliable_percentile(p);
   return value && *value >= error_us ? value : std::nullopt;
@@ -33,11 +43,11 @@ std::optional<std::int64_t> known(const HdrHistogram& h, double p, TimeUs error_
 std::string row(std::string_view title, const HdrHistogram& h, TimeUs error_us) {
   std::string line = formatted("  %-20.*s", static_cast<int>(title.size()), title.data());
   for (const double p : kPercentiles) {
-    const bool drowned = h.count() + h.negative() > 0 && error_us > 0 && !known(h, p, error_us) &&
-                         (h.reliable_percentile(p) || h.negative() > 0);
-    line += drowned ? "   unknown" : " " + ms(known(h, p, error_us));
+    const auto value = known(h, p, error_us);
+    const bool drowned = error_us > 0 && (h.reliable_percentile(p) || h.negative() > 0);
+    line += value ? formatted(" %9.3f", ms(*value)) : formatted(" %9s", drowned ? "unknown" : "-");
   }
-  if (error_us > 0) line += formatted("  +- %.3f", static_cast<double>(error_us) / 1000);
+  if (error_us > 0) line += formatted("  +- %.3f", ms(error_us));
   return line + "\n";
 }
 
@@ -63,25 +73,23 @@ Json json_from(const HdrHistogram& h, TimeUs error_us = 0) {
   Json json{{"count", h.count() + h.negative()}, {"negative_count", h.negative()}, {"error_us", error_us}};
   json["min_us"] = all_known ? Json(h.min()) : Json(nullptr);
   json["mean_us"] = all_known ? Json(h.mean()) : Json(nullptr);
-  for (const double p : kPercentiles) {
-    const auto value = known(h, p, error_us);
-    json[percentile_name(p) + "_us"] = value ? Json(*value) : Json(nullptr);
-  }
+  for (const double p : kPercentiles) json[percentile_name(p) + "_us"] = or_null(known(h, p, error_us));
   return json;
 }
 
 Json json_from(const ClockTrack& track) {
-  Json json;
+  using Point = ClockTrack::Point;
+  using Drift = ClockTrack::Drift;
+  const auto field = [](const auto& of, auto member) { return of ? Json((*of).*member) : Json(nullptr); };
   const auto best = track.best();
-  json["offset_us"] = best ? Json(best->offset_us) : Json(nullptr);
-  json["error_us"] = best ? Json(best->error_us) : Json(nullptr);
   const auto drift = track.drift();
-  json["drift_ppm"] = drift ? Json(drift->ppm) : Json(nullptr);
-  json["drift_error_ppm"] = drift ? Json(drift->error_ppm) : Json(nullptr);
-  return json;
+  return {{"offset_us", field(best, &Point::offset_us)},
+          {"error_us", field(best, &Point::error_us)},
+          {"drift_ppm", field(drift, &Drift::ppm)},
+          {"drift_error_ppm", field(drift, &Drift::error_ppm)}};
 }
 
-/// For reports, which are passed on: without a token that stands in it.
+/// Without its token: reports are passed on.
 std::string without_secrets(const std::string& url) {
   const auto parsed = parse_broker_url(url);
   return parsed ? parsed->shown() : url;
@@ -135,38 +143,30 @@ std::string clock_line(const char* whose, const ClockTrack& track) {
   const auto best = track.best();
   if (!best) return formatted("  %s clock: unknown\n", whose);
   std::string line = formatted("  %s clock: offset %+.3f ms +- %.3f (bound: half the least round trip)", whose,
-                               static_cast<double>(best->offset_us) / 1000, static_cast<double>(best->error_us) / 1000);
+                               ms(best->offset_us), ms(best->error_us));
   if (const auto drift = track.drift()) line += formatted(", drift %+.1f +- %.1f ppm", drift->ppm, drift->error_ppm);
   return line + "\n";
 }
 
 std::string load_lines(const Load::Figures& load) {
-  std::string text =
-      formatted("light viewers: %llu watching, %llu refused or lost, %llu frames, %llu keys missed, %llu undecodable\n",
-                static_cast<unsigned long long>(load.viewers), static_cast<unsigned long long>(load.refused),
-                static_cast<unsigned long long>(load.frames), static_cast<unsigned long long>(load.keys_missed),
-                static_cast<unsigned long long>(load.undecodable));
-  text += row("pose to socket", load.latency_us, 0);
-  text += formatted("  their thread: %.0f %% of a core, late by %.3f ms (p99)\n", 100 * load.cpu_share,
-                    static_cast<double>(load.lag_us.percentile(99)) / 1000);
-  return text;
-}
-
-unsigned long long n(std::uint64_t v) {
-  return static_cast<unsigned long long>(v);
+  return formatted(
+             "light viewers: %llu watching, %llu refused or lost, %llu frames, %llu keys missed, %llu undecodable\n",
+             n(load.viewers), n(load.refused), n(load.frames), n(load.keys_missed), n(load.undecodable)) +
+         row("pose to socket", load.latency_us, 0) +
+         formatted("  their thread: %.0f %% of a core, late by %.3f ms (p99)\n", 100 * load.cpu_share,
+                   ms(load.lag_us.percentile(99)));
 }
 
 std::string schedule_line(const Outcome& o) {
   return formatted(
       "schedule: %llu sends missed, %llu dropped; sender's thread late by %.3f ms (p99); this process used %.0f %% of "
       "a core\n",
-      n(o.counts.sends_missed), n(o.counts.sends_dropped), static_cast<double>(o.send_lag_us.percentile(99)) / 1000,
-      100 * o.cpu_share);
+      n(o.counts.sends_missed), n(o.counts.sends_dropped), ms(o.send_lag_us.percentile(99)), 100 * o.cpu_share);
 }
 
-std::string warnings(const Outcome& o) {
+std::string warning_lines(const Outcome& o) {
   std::string text;
-  for (const std::string& complaint : complaints(o)) text += "WARNING: " + complaint + "\n";
+  for (const Warning& warning : warnings_of(o)) text += "WARNING: " + warning.text + "\n";
   return text;
 }
 
@@ -174,7 +174,7 @@ std::string warnings(const Outcome& o) {
 std::string sending_table(const Outcome& o) {
   return formatted("publish: %s, r = %d, %g poses/s, %.1f s\nkeys: %llu sent\n", o.inputs.source.c_str(), o.rank,
                    o.key_rate_hz, o.seconds, n(o.counts.keys_sent)) +
-         schedule_line(o) + warnings(o);
+         schedule_line(o) + warning_lines(o);
 }
 
 }  // namespace
@@ -204,7 +204,7 @@ std::string table(const Outcome& o) {
   text += formatted(
       "\nstages add up to the total: %llu poses checked, %llu beyond the clocks' uncertainty, at worst %.3f ms "
       "unexplained; %llu with a stage below zero\n",
-      n(o.sums_checked), n(o.sums_wrong), static_cast<double>(o.worst_unexplained_us) / 1000, n(o.impossible));
+      n(o.sums_checked), n(o.sums_wrong), ms(o.worst_unexplained_us), n(o.impossible));
   if (o.held_us.count() > 0 && o.key_rate_hz > 0) {
     const double interval_us = 1e6 / o.key_rate_hz;
     const auto least = static_cast<double>(o.held_us.min()), median = static_cast<double>(o.held_us.percentile(50));
@@ -234,51 +234,51 @@ std::string table(const Outcome& o) {
                     seconds(o.whole_asset_us).c_str(), static_cast<double>(o.asset_bytes) / 1e6);
   if (!o.device.empty()) text += "pictures of " + o.inputs.present + " pixels by " + o.device + "\n";
   if (o.load) text += load_lines(*o.load);
-  return text + warnings(o);
+  return text + warning_lines(o);
 }
 
 std::string json_report(const Outcome& o, const std::string& version) {
-  Json json;
-  json["schema"] = "eigencast-latency";
-  json["schema_version"] = kReportSchema;
-  json["inputs"] = json_from(o.inputs);
-  Json place;
-  for (const auto& [name, value] : environment(version, o.inputs.url)) place[name] = value;
-  place["graphics"] = o.device.empty() ? Json(nullptr) : Json(o.device);
-  json["environment"] = std::move(place);
-  json["one_clock"] = o.one_clock;
-  json["one_machine"] = o.one_machine;
-  json["start_unix_s"] = o.start_unix_s;
-  json["measured_s"] = o.seconds;
-  json["vertices"] = o.vertices;
-  json["vertices_rebuilt"] = o.vertices_rebuilt;
-  json["rank"] = o.rank;
-  json["key_rate_hz"] = o.key_rate_hz > 0 ? Json(o.key_rate_hz) : Json(nullptr);
-  json["kbit_per_s"] = o.kbit_per_s;
-  json["keys"] = json_from(o.keys, o.total_error_us);
-  json["synthetic"] = json_from(o.synthetic, o.total_error_us);
-  json["keys_uncorrected"] = json_from(o.keys_uncorrected, o.total_error_us);
-  json["age_on_display"] = json_from(o.age_us);
-  json["traced"] = {
-      {"keys",
-       {{"stages", json_from(o.key_stages, o.stage_error_us)}, {"total", json_from(o.key_totals, o.total_error_us)}}},
-      {"synthetic",
-       {{"stages", json_from(o.synthetic_stages, o.stage_error_us)},
-        {"total", json_from(o.synthetic_totals, o.total_error_us)}}}};
-  json["sum_check"] = {{"poses", o.sums_checked},
-                       {"wrong", o.sums_wrong},
-                       {"worst_unexplained_us", o.worst_unexplained_us},
-                       {"impossible", o.impossible},
-                       {"clock_error_us", *std::max_element(o.stage_error_us.begin(), o.stage_error_us.end())}};
-  json["held"] = json_from(o.held_us);
-  json["clocks"] = {{"sender_to_broker", json_from(o.sender_clock)}, {"viewer_to_broker", json_from(o.viewer_clock)}};
-  json["round_trip_us"] = o.round_trip_us ? Json(*o.round_trip_us) : Json(nullptr);
-  json["first_surface_us"] = o.first_surface_us ? Json(*o.first_surface_us) : Json(nullptr);
-  json["first_picture_us"] = o.first_picture_us ? Json(*o.first_picture_us) : Json(nullptr);
-  json["whole_asset_us"] = o.whole_asset_us ? Json(*o.whole_asset_us) : Json(nullptr);
-  json["asset_bytes"] = o.asset_bytes;
-  json["counts"] = json_from(o.counts);
-  json["self"] = {{"cpu_share", o.cpu_share}, {"send_lag", json_from(o.send_lag_us)}};
+  Json machine;
+  for (const auto& [name, value] : environment(version, o.inputs.url)) machine[name] = value;
+  machine["graphics"] = o.device.empty() ? Json(nullptr) : Json(o.device);
+  const auto traced = [&](const auto& stages, const HdrHistogram& totals) {
+    return Json{{"stages", json_from(stages, o.stage_error_us)}, {"total", json_from(totals, o.total_error_us)}};
+  };
+  Json json{
+      {"schema", "eigencast-latency"},
+      {"schema_version", kReportSchema},
+      {"inputs", json_from(o.inputs)},
+      {"environment", std::move(machine)},
+      {"one_clock", o.one_clock},
+      {"one_machine", o.one_machine},
+      {"start_unix_s", o.start_unix_s},
+      {"measured_s", o.seconds},
+      {"vertices", o.vertices},
+      {"vertices_rebuilt", o.vertices_rebuilt},
+      {"rank", o.rank},
+      {"key_rate_hz", o.key_rate_hz > 0 ? Json(o.key_rate_hz) : Json(nullptr)},
+      {"kbit_per_s", o.kbit_per_s},
+      {"keys", json_from(o.keys, o.total_error_us)},
+      {"synthetic", json_from(o.synthetic, o.total_error_us)},
+      {"keys_uncorrected", json_from(o.keys_uncorrected, o.total_error_us)},
+      {"age_on_display", json_from(o.age_us)},
+      {"traced",
+       {{"keys", traced(o.key_stages, o.key_totals)}, {"synthetic", traced(o.synthetic_stages, o.synthetic_totals)}}},
+      {"sum_check",
+       {{"poses", o.sums_checked},
+        {"wrong", o.sums_wrong},
+        {"worst_unexplained_us", o.worst_unexplained_us},
+        {"impossible", o.impossible},
+        {"clock_error_us", *std::max_element(o.stage_error_us.begin(), o.stage_error_us.end())}}},
+      {"held", json_from(o.held_us)},
+      {"clocks", {{"sender_to_broker", json_from(o.sender_clock)}, {"viewer_to_broker", json_from(o.viewer_clock)}}},
+      {"round_trip_us", or_null(o.round_trip_us)},
+      {"first_surface_us", or_null(o.first_surface_us)},
+      {"first_picture_us", or_null(o.first_picture_us)},
+      {"whole_asset_us", or_null(o.whole_asset_us)},
+      {"asset_bytes", o.asset_bytes},
+      {"counts", json_from(o.counts)},
+      {"self", {{"cpu_share", o.cpu_share}, {"send_lag", json_from(o.send_lag_us)}}}};
   if (o.load) {
     json["load"] = {{"viewers", o.load->viewers},
                     {"refused", o.load->refused},
@@ -291,25 +291,23 @@ std::string json_report(const Outcome& o, const std::string& version) {
                     {"cpu_share", o.load->cpu_share},
                     {"was_bottleneck", o.load->was_bottleneck()}};
   }
-  json["warnings"] = complaints(o);
+  json["warnings"] = Json::array();
+  for (const Warning& warning : warnings_of(o)) json["warnings"].push_back(warning.text);
   return json.dump(2) + "\n";
 }
 
 std::string csv_report(const Outcome& o) {
   std::string text = "start_s,kind,count,p50_us,p90_us,p99_us,max_us\n";
-  const auto line = [&](const Interval& interval, const char* kind, const HdrHistogram& h) {
-    if (h.count() == 0) return;
-    const auto cell = [&](double p) {
-      const auto value = h.reliable_percentile(p);
-      return value ? std::to_string(*value) : std::string();
-    };
-    text += formatted("%.3f,%s,%llu,", static_cast<double>(interval.start_us) / 1e6, kind,
-                      static_cast<unsigned long long>(h.count())) +
-            cell(50) + "," + cell(90) + "," + cell(99) + "," + cell(100) + "\n";
-  };
   for (const Interval& interval : o.intervals.all()) {
-    line(interval, "key", interval.keys);
-    line(interval, "synthetic", interval.synthetic);
+    for (const auto& [kind, h] : {std::pair{"key", &interval.keys}, std::pair{"synthetic", &interval.synthetic}}) {
+      if (h->count() == 0) continue;
+      text += formatted("%.3f,%s,%llu", ms(interval.start_us) / 1000, kind, n(h->count()));
+      for (const double p : {50, 90, 99, 100}) {
+        const auto value = h->reliable_percentile(p);
+        text += "," + (value ? std::to_string(*value) : std::string());
+      }
+      text += "\n";
+    }
   }
   return text;
 }
@@ -320,9 +318,9 @@ std::string samples_report(const Outcome& o) {
   text += "\n";
   for (const StagedPose& pose : o.samples) {
     const Envelope& e = pose.envelope;
-    text += formatted("%llu,%d,%d,%lld,%lld,%lld,%lld", static_cast<unsigned long long>(e.sequence), int{e.step.at},
-                      int{e.step.of}, static_cast<long long>(e.capture_us), static_cast<long long>(pose.total.us),
-                      static_cast<long long>(pose.unexplained_us()), static_cast<long long>(pose.uncertainty_us()));
+    text += formatted("%llu,%d,%d", n(e.sequence), int{e.step.at}, int{e.step.of});
+    for (const TimeUs us : {e.capture_us, pose.total.us, pose.unexplained_us(), pose.uncertainty_us()})
+      text += "," + std::to_string(us);
     for (const Span& span : pose.stages) text += "," + std::to_string(span.us);
     text += "\n";
   }
@@ -343,39 +341,41 @@ bool sums_are_wrong(const Outcome& outcome) {
   return outcome.sums_wrong > 0 || outcome.impossible > 0;
 }
 
-std::vector<std::string> complaints(const Outcome& o) {
-  std::vector<std::string> all;
-  if (o.impossible > 0)
-    all.push_back(formatted("%llu poses have a stage that took less than no time: do not trust these figures",
-                            static_cast<unsigned long long>(o.impossible)));
-  if (o.sums_wrong > 0)
-    all.push_back(
-        formatted("THE STAGES DO NOT ADD UP for %llu of %llu poses, by %.3f ms at worst: do not trust these figures",
-                  static_cast<unsigned long long>(o.sums_wrong), static_cast<unsigned long long>(o.sums_checked),
-                  static_cast<double>(o.worst_unexplained_us) / 1000));
-  for (const ClockTrack* track : {&o.sender_clock, &o.viewer_clock}) {
-    const auto best = track->best();
-    if (o.one_machine && best && std::abs(best->offset_us) > best->error_us)
-      all.push_back("the broker was taken to share our clock, being on loopback, but its clock is another one");
-  }
-  if (o.load && o.load->viewers + 1 < o.inputs.clients)
-    all.push_back(formatted("only %llu of %u light viewers were watching", n(o.load->viewers), o.inputs.clients - 1));
-  if (o.load && o.load->was_bottleneck())
-    all.push_back("the light viewers' own thread was near its limit: the broker may be faster than this");
-  if (o.send_lag_us.count() > 0 && o.send_lag_us.percentile(99) > 5000)
-    all.push_back("the sender's thread woke late: this machine is overloaded, and the delays include that");
-  if (o.counts.sends_missed > 0) all.push_back("the sender could not hold the rate: see the missed sends");
-  if (o.counts.sends_dropped > 0)
-    all.push_back("poses were dropped before they left: the link was behind, or the broker gone");
-  if (!o.trouble.empty()) all.push_back("the stream was not there to the end: " + o.trouble);
-  if (o.reconnects > 0)
-    all.push_back(formatted("the viewer's connection broke and came back, times: %llu",
-                            static_cast<unsigned long long>(o.reconnects)));
-  if (o.inputs.watches() && o.counts.traced == 0)
-    all.push_back("no traces came, so there are no stages: is sender and broker of this version?");
-  if (o.inputs.watches() && !o.whole_asset_us)
-    all.push_back("the surface had not wholly arrived when measuring began: delays are of a part of it");
-  if (o.counts.keys_lost > 0) all.push_back("keys were lost that nothing superseded");
+std::vector<Warning> warnings_of(const Outcome& o) {
+  using Code = Warning::Code;
+  std::vector<Warning> all;
+  const auto warn = [&](bool holds, Code code, const std::string& text) {
+    if (holds) all.push_back({code, text});
+  };
+  const auto is_other_clock = [](const ClockTrack& track) {
+    const auto best = track.best();
+    return best && std::abs(best->offset_us) > best->error_us;
+  };
+  const bool watches = o.inputs.watches();
+  warn(o.impossible > 0, Code::kImpossible,
+       formatted("%llu poses have a stage that took less than no time: do not trust these figures", n(o.impossible)));
+  warn(o.sums_wrong > 0, Code::kSumsWrong,
+       formatted("THE STAGES DO NOT ADD UP for %llu of %llu poses, by %.3f ms at worst: do not trust these figures",
+                 n(o.sums_wrong), n(o.sums_checked), ms(o.worst_unexplained_us)));
+  warn(o.one_machine && (is_other_clock(o.sender_clock) || is_other_clock(o.viewer_clock)), Code::kOtherClock,
+       "the broker was taken to share our clock, being on loopback, but its clock is another one");
+  warn(o.load && o.load->viewers + 1 < o.inputs.clients, Code::kViewersMissing,
+       formatted("only %llu of %u light viewers were watching", n(o.load ? o.load->viewers : 0), o.inputs.clients - 1));
+  warn(o.load && o.load->was_bottleneck(), Code::kLoadIsBottleneck,
+       "the light viewers' own thread was near its limit: the broker may be faster than this");
+  warn(o.send_lag_us.count() > 0 && o.send_lag_us.percentile(99) > 5000, Code::kOverloaded,
+       "the sender's thread woke late: this machine is overloaded, and the delays include that");
+  warn(o.counts.sends_missed > 0, Code::kSendsMissed, "the sender could not hold the rate: see the missed sends");
+  warn(o.counts.sends_dropped > 0, Code::kSendsDropped,
+       "poses were dropped before they left: the link was behind, or the broker gone");
+  warn(!o.trouble.empty(), Code::kStreamEnded, "the stream was not there to the end: " + o.trouble);
+  warn(o.reconnects > 0, Code::kReconnected,
+       formatted("the viewer's connection broke and came back, times: %llu", n(o.reconnects)));
+  warn(watches && o.counts.traced == 0, Code::kNoTraces,
+       "no traces came, so there are no stages: are sender and broker of this version?");
+  warn(watches && !o.whole_asset_us, Code::kSurfaceIncomplete,
+       "the surface had not wholly arrived when measuring began: delays are of a part of it");
+  warn(o.counts.keys_lost > 0, Code::kKeysLost, "keys were lost that nothing superseded");
   return all;
 }
 

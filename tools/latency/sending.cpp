@@ -14,7 +14,7 @@
 namespace eigencast::latency {
 namespace {
 
-constexpr std::size_t kMostPosesKept = 240;
+constexpr std::size_t kMaxPoses = 240;
 
 /// A thread that sleeps wakes late; so long before a pose is due it is awake and watches the clock.
 constexpr TimeUs kAwakeBeforeUs = 150;
@@ -38,7 +38,7 @@ Result<std::unique_ptr<Sending>> Sending::create(const Inputs& inputs, const Log
   auto baked = bake((*clip)->rest(), bake_options, default_cache_dir());
   if (!baked) return baked.error();
   std::unique_ptr<Sending> made(new Sending(inputs));
-  for (std::size_t i = 0; i < std::min((*clip)->frame_count(), kMostPosesKept); ++i) {
+  for (std::size_t i = 0; i < std::min((*clip)->frame_count(), kMaxPoses); ++i) {
     const auto pose = (*clip)->pose(i);
     if (!pose) return pose.error();
     auto& flat = made->poses_.emplace_back();

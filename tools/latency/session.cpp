@@ -123,7 +123,7 @@ Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop,
   if (watching) watching->stop();
 
   Outcome outcome;
-  if (watching) watching->tell(outcome);
+  if (watching) watching->report_to(outcome);
   outcome.inputs = inputs;
   outcome.trouble = trouble;
   if (sends) {

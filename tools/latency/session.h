@@ -9,7 +9,7 @@
 
 namespace eigencast::latency {
 
-/// What is told while a run goes on.
+/// Reported while a run goes on.
 struct Progress {
   double seconds = 0, of = 0;
   std::uint64_t keys = 0, synthetic = 0;

@@ -56,7 +56,7 @@ struct StagedPose {
   TimeUs uncertainty_us() const;
 };
 
-/// How the viewer's clock stands to the broker's, as Subscriber::Stats has it.
+/// The offset of the viewer's clock, as in Subscriber::Stats.
 struct ViewerClock {
   TimeUs offset_us = 0;  ///< The broker's minus ours.
   TimeUs error_us = 0;

@@ -35,10 +35,10 @@ Result<std::unique_ptr<Watching>> Watching::create(const Inputs& inputs, bool on
   made->subscriber_ = std::move(*subscriber);
   std::promise<Result<void>> ready;
   auto is_ready = ready.get_future();
-  made->thread_ = std::thread([w = made.get(), told = std::move(ready)]() mutable {
+  made->thread_ = std::thread([w = made.get(), result = std::move(ready)]() mutable {
     const Result<void> prepared = w->prepare();  // On the thread that OpenGL will be used on.
     const bool good = bool{prepared};
-    told.set_value(prepared);
+    result.set_value(prepared);
     if (good) w->run();
   });
   if (const Result<void> prepared = is_ready.get(); !prepared) return prepared.error();
@@ -182,11 +182,11 @@ void Watching::take_traces() {
   }
   for (StagedPose& pose : timeline_.take()) {
     ++outcome_.counts.traced;
-    if (outcome_.samples.size() < kMostSamples) outcome_.samples.push_back(pose);
+    if (outcome_.samples.size() < kMaxStagedPoses) outcome_.samples.push_back(pose);
   }
 }
 
-void Watching::tell(Outcome& outcome) {
+void Watching::report_to(Outcome& outcome) {
   take_traces();
   std::swap(outcome, outcome_);
   const Subscriber::Stats stats = subscriber_->stats();

@@ -36,15 +36,15 @@ class Watching {
   void end(TimeUs until_us) { until_us_ = until_us; }
   bool has_surface() const { return first_surface_us_ != 0; }
   bool has_whole_surface() const { return whole_asset_us_ != 0; }
-  /// The broker said no: it will not be otherwise in a while.
+  /// The broker refused, for good.
   bool refused() const;
-  /// What the viewer is about, for people.
+  /// The state of the connection, for people.
   std::string detail() const;
   /// Why the stream is not live now; empty: it is.
   std::string trouble() const;
   Progress progress() const;
   /// After stop(): fills in what the viewer knows.
-  void tell(Outcome& outcome);
+  void report_to(Outcome& outcome);
 
  private:
   Watching(const Inputs& inputs, bool one_clock, TimeUs start_us);

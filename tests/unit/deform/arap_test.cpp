@@ -14,7 +14,7 @@
 namespace eigencast::deform {
 namespace {
 
-using testing::HasSubstr;
+using ::testing::HasSubstr;
 
 Surface bar() {
   return make_box(3, 12, 3, {1, 4, 1});
@@ -35,7 +35,7 @@ std::vector<Vec3> settled(Deformer& deformer, std::span<const Vec3> moved, int p
   return positions;
 }
 
-TEST(Arap, StaysAtRestAndFollowsRigidMotionExactly) {
+TEST(Arap, FollowsRigidMotionExactly) {
   const Surface model = bar();
   const auto deformer = arap_deformer(model, ends(model));
   ASSERT_TRUE(deformer.has_value()) << deformer.error().message;
@@ -50,7 +50,7 @@ TEST(Arap, StaysAtRestAndFollowsRigidMotionExactly) {
   EXPECT_EQ((*deformer)->linear_map(), nullptr);
 }
 
-TEST(Arap, HoldsItsHandlesAndTurnsRatherThanStretches) {
+TEST(Arap, HoldsHandlesAndRotatesTheRest) {
   const Surface model = bar();
   const auto deformer = arap_deformer(model, ends(model));
   ASSERT_TRUE(deformer.has_value());
@@ -71,12 +71,11 @@ TEST(Arap, HoldsItsHandlesAndTurnsRatherThanStretches) {
   EXPECT_GT(width, 0.93 * rest_width);
 }
 
-TEST(Arap, RefusesWhatItCannotHold) {
+TEST(Arap, RefusesUnusableHandles) {
   const Surface model = bar();
   EXPECT_EQ(arap_deformer({model.positions, {}}, {{0}}).error().code, ErrorCode::kUnsupported);
-  EXPECT_THAT(arap_deformer(model, {{0}, {0}}).error().message, HasSubstr("has a handle already"));
-  EXPECT_THAT(arap_deformer(model, {{99999}}).error().message, HasSubstr("not in the model"));
-  EXPECT_FALSE(arap_deformer(model, {}).has_value());
+  for (const std::vector<HandleGroup>& groups : std::vector<std::vector<HandleGroup>>{{{0}, {0}}, {{99999}}, {}})
+    EXPECT_EQ(arap_deformer(model, groups).error().code, ErrorCode::kInvalidArgument);
   Surface two = model;
   const auto offset = static_cast<std::uint32_t>(two.vertex_count());
   for (const Vec3& p : model.positions) two.positions.push_back(p + Vec3{5, 0, 0});

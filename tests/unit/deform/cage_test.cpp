@@ -18,8 +18,6 @@
 namespace eigencast::deform {
 namespace {
 
-using testing::HasSubstr;
-
 /// Distance from a point to a triangle (Ericson, "Real-Time Collision Detection", 2005, 5.1.5, by its regions).
 double distance_to(const Vec3& p, const Vec3& a, const Vec3& b, const Vec3& c) {
   const auto to_segment = [&](const Vec3& s, const Vec3& e) {
@@ -57,7 +55,7 @@ void expect_strictly_inside(const Surface& model, int resolution) {
   EXPECT_EQ(again->faces, cage->faces) << "already outward";
 }
 
-TEST(AutomaticCage, HoldsTheModelStrictlyInsideAtAnyResolution) {
+TEST(AutomaticCage, EnclosesTheModelAtAnyResolution) {
   for (const int resolution : {1, 2, 3, 5, 9}) {
     expect_strictly_inside(make_heart(9), resolution);
     expect_strictly_inside(make_torus(40, 16, 1, 0.2), resolution);
@@ -65,7 +63,7 @@ TEST(AutomaticCage, HoldsTheModelStrictlyInsideAtAnyResolution) {
   }
 }
 
-TEST(AutomaticCage, HoldsPointsAndRealMeshesWithOddities) {
+TEST(AutomaticCage, EnclosesPointsAndDefectiveMeshes) {
   Surface cloud;
   for (int i = 0; i < 100; ++i) cloud.positions.push_back({std::cos(0.3 * i), 0.05 * i, std::sin(0.3 * i)});
   expect_strictly_inside(cloud, 12);
@@ -78,13 +76,13 @@ TEST(AutomaticCage, HoldsPointsAndRealMeshesWithOddities) {
   }
 }
 
-TEST(AutomaticCage, RefusesWhatHasNoExtentAndWhatWouldBeNoCage) {
+TEST(AutomaticCage, RefusesEmptyExtentAndBadResolution) {
   EXPECT_FALSE(cage_around({{{1, 1, 1}, {1, 1, 1}}, {}}, 4).has_value());
   EXPECT_FALSE(cage_around(make_icosphere(1), 0).has_value());
   EXPECT_FALSE(cage_around(make_icosphere(1), 65).has_value());
 }
 
-TEST(Cage, FromAMeshIsClosedAndTurnedOutward) {
+TEST(Cage, FromMeshIsClosedAndFacesOutward) {
   Surface inside_out = make_icosphere(1);
   for (Face& f : inside_out.faces) std::swap(f[1], f[2]);
   const auto turned = cage_from_mesh(inside_out);
@@ -93,17 +91,17 @@ TEST(Cage, FromAMeshIsClosedAndTurnedOutward) {
 
   Surface open = make_icosphere(1);
   open.faces.pop_back();
-  EXPECT_THAT(cage_from_mesh(open).error().message, HasSubstr("not closed"));
+  EXPECT_EQ(cage_from_mesh(open).error().code, ErrorCode::kInvalidArgument);
   Surface mixed = make_icosphere(1);
   std::swap(mixed.faces[0][1], mixed.faces[0][2]);
-  EXPECT_THAT(cage_from_mesh(mixed).error().message, HasSubstr("turned differently"));
+  EXPECT_EQ(cage_from_mesh(mixed).error().code, ErrorCode::kInvalidArgument);
 }
 
-TEST(CageDeformer, RefusesAModelThatIsNotInside) {
+TEST(CageDeformer, RefusesModelOutsideTheCage) {
   Surface model = make_icosphere(2);
   const auto out = cage_deformer(model, make_box(1, 1, 1, {1.5, 3, 3}), CageCoordinates::kGreen);
   ASSERT_FALSE(out.has_value());
-  EXPECT_THAT(out.error().message, HasSubstr("not inside the cage"));
+  EXPECT_EQ(out.error().code, ErrorCode::kInvalidArgument);
   EXPECT_TRUE(cage_deformer(model, make_box(1, 1, 1, {1.5, 3, 3}), CageCoordinates::kMeanValue).has_value());
   EXPECT_TRUE(cage_deformer(model, make_box(1, 1, 1, {3, 3, 3}), CageCoordinates::kGreen).has_value());
 }

@@ -26,9 +26,9 @@ Surface uneven_cage(unsigned seed) {
 
 std::vector<Vec3> points_inside(unsigned seed) {
   std::mt19937 random(seed);
-  std::uniform_real_distribution<double> place(-0.35, 0.35);
+  std::uniform_real_distribution<double> coordinate(-0.35, 0.35);
   std::vector<Vec3> points;
-  for (int i = 0; i < 40; ++i) points.push_back({place(random), 2 * place(random), place(random)});
+  for (int i = 0; i < 40; ++i) points.push_back({coordinate(random), 2 * coordinate(random), coordinate(random)});
   return points;
 }
 
@@ -50,7 +50,7 @@ double sum(const std::vector<double>& values) {
   return std::accumulate(values.begin(), values.end(), 0.0);
 }
 
-TEST(GreenCoordinates, SumToOneAndReproduceThePointWithinTheCageOnly) {
+TEST(GreenCoordinates, ReproducePointsInsideTheCage) {
   for (unsigned seed = 0; seed < 4; ++seed) {
     const Surface cage = uneven_cage(seed);
     for (const Vec3& p : points_inside(seed)) {
@@ -107,7 +107,7 @@ TEST(GreenCoordinates, AreTheIntegralsThatDefineThem) {
   for (std::size_t j = 0; j < psi.size(); ++j) EXPECT_NEAR(green.psi[j], psi[j], 1e-5);
 }
 
-TEST(GreenCoordinates, StayBoundedAsThePointNearsFaceEdgeAndCorner) {
+TEST(GreenCoordinates, StayBoundedNearFacesEdgesAndCorners) {
   const Surface cage = make_box(1, 1, 1, {2, 2, 2});
   for (const Vec3& target : {Vec3{0.3, 1, 0.2}, Vec3{1, 1, 0.3}, Vec3{0, 1, 0}, Vec3{1, 1, 1}}) {
     for (double gap = 0.1; gap > 1e-13; gap *= 0.1) {
@@ -126,7 +126,7 @@ TEST(GreenCoordinates, StayBoundedAsThePointNearsFaceEdgeAndCorner) {
   }
 }
 
-TEST(MeanValueCoordinates, FollowEveryAffineMapInsideAndOutside) {
+TEST(MeanValueCoordinates, FollowAffineMapsEverywhere) {
   const Surface cage = uneven_cage(5);
   const auto affine = [](const Vec3& p) {
     return Vec3{2 * p[0] + 0.3 * p[1] - 1, 0.2 * p[0] + 0.5 * p[1] + p[2], -p[2] + 0.7 * p[1] + 3};

@@ -51,7 +51,7 @@ TEST(ReducedArap, RestStaysAtRest) {
   EXPECT_LT(Bar::rms(bar.settled(bar.handles()), bar.model.positions), 2e-3);
 }
 
-TEST(ReducedArap, AShiftOfAllHandlesShiftsAll) {
+TEST(ReducedArap, ShiftedHandlesShiftTheSurface) {
   Bar bar;
   std::vector<Vec3> moved = bar.handles(), expected = bar.model.positions;
   for (Vec3& p : moved) p = p + Vec3{1, -2, 0.5};
@@ -59,7 +59,7 @@ TEST(ReducedArap, AShiftOfAllHandlesShiftsAll) {
   EXPECT_LT(Bar::rms(bar.settled(moved), expected), 5e-3);
 }
 
-TEST(ReducedArap, HandlesAreWhereTheHandHasThem) {
+TEST(ReducedArap, HandlesReachTheirTargets) {
   Bar bar;
   std::vector<Vec3> moved = bar.handles();
   moved[1] = moved[1] + Vec3{2, -0.5, 0};
@@ -70,7 +70,7 @@ TEST(ReducedArap, HandlesAreWhereTheHandHasThem) {
   EXPECT_LT(length(centre - moved[1]), 0.02);
 }
 
-TEST(ReducedArap, IsNearTheShapeThatTheWholeModelTakes) {
+TEST(ReducedArap, IsNearTheFullModelsShape) {
   Bar bar;
   auto full = arap_deformer(bar.model, bar.groups, 20);
   ASSERT_TRUE(full);
@@ -101,16 +101,13 @@ TEST(ReducedArap, WhatIsSentIsThePose) {
   for (std::size_t i = 0; i < C->size(); ++i) EXPECT_NEAR((*C)[i], (*again)[i], 2e-2) << i;
 }
 
-TEST(ReducedArap, SaysWhatIsWrongWithTheHandles) {
+TEST(ReducedArap, RefusesUnusableHandles) {
   Bar bar;
   EXPECT_FALSE(reduced_arap_deformer(bar.asset, {}));
   EXPECT_FALSE(reduced_arap_deformer(bar.asset, {{}}));
-  const auto beyond = reduced_arap_deformer(bar.asset, {{bar.asset.vertex_count}});
-  ASSERT_FALSE(beyond);
-  EXPECT_NE(beyond.error().message.find("not in the model"), std::string::npos);
-  const auto twice = reduced_arap_deformer(bar.asset, {{1, 2}, {2}});
-  ASSERT_FALSE(twice);
-  EXPECT_NE(twice.error().message.find("vertex 2 has a handle already"), std::string::npos);
+  for (const std::vector<HandleGroup>& groups :
+       std::vector<std::vector<HandleGroup>>{{{bar.asset.vertex_count}}, {{1, 2}, {2}}})
+    EXPECT_EQ(reduced_arap_deformer(bar.asset, groups).error().code, ErrorCode::kInvalidArgument);
 }
 
 }  // namespace

@@ -6,7 +6,7 @@
 namespace eigencast::latency {
 namespace {
 
-TEST(ClockTrack, FindsTheDriftOfTwoClocksWithinItsBound) {
+TEST(ClockTrack, DriftIsWithinItsBound) {
   ClockTrack track;
   for (int i = 0; i < 100; ++i) {
     const TimeUs at_us = i * 250'000;
@@ -20,7 +20,7 @@ TEST(ClockTrack, FindsTheDriftOfTwoClocksWithinItsBound) {
   EXPECT_EQ(track.best()->error_us, 50);
 }
 
-TEST(ClockTrack, OnePointHasNoDriftAndTheSamePointIsKeptOnce) {
+TEST(ClockTrack, OnePointHasNoDrift) {
   ClockTrack track;
   EXPECT_FALSE(track.best());
   track.add({0, 5, 10});
@@ -31,7 +31,7 @@ TEST(ClockTrack, OnePointHasNoDriftAndTheSamePointIsKeptOnce) {
   EXPECT_FALSE(track.drift()) << "below a second";
 }
 
-TEST(ClockTrack, ALongRunIsThinnedNotForgotten) {
+TEST(ClockTrack, LongRunsAreThinned) {
   ClockTrack track;
   for (TimeUs i = 0; i < 20'000; ++i) track.add({i * 1000, i, 10});
   EXPECT_LE(track.points().size(), ClockTrack::kMaxPoints);

@@ -6,7 +6,7 @@
 namespace eigencast::latency {
 namespace {
 
-TEST(DisplayAge, GrowsWithTimeUntilTheNextPoseIsShown) {
+TEST(DisplayAge, GrowsUntilTheNextPose) {
   DisplayAge age;
   age.show(1'000'000, 1'010'000);  // 10 ms old when it appears,
   age.show(1'100'000, 1'110'000);  // and 110 ms when the next one replaces it.
@@ -16,7 +16,7 @@ TEST(DisplayAge, GrowsWithTimeUntilTheNextPoseIsShown) {
   EXPECT_NEAR(age.ages_us().mean(), 60'500, 1e-9);
 }
 
-TEST(DisplayAge, LooksAreEvenHoweverThePosesCome) {
+TEST(DisplayAge, SamplesAreEvenInTime) {
   DisplayAge age;
   age.show(0, 500);
   age.show(100, 600);  // Between two looks: nobody saw the first.

@@ -17,7 +17,7 @@ TEST(Load, ViewersConnectAndWait) {
   EXPECT_EQ(figures.frames, 0u);
 }
 
-TEST(Load, NobodyThereAndUrlsThatCannotBeMeantAreErrors) {
+TEST(Load, UnreachableAndUnusableUrlsAreErrors) {
   EXPECT_FALSE(Load::start({"what", 1}, 100'000));
   testing::LoopbackBroker broker;
   const std::string url = broker.url("x");
@@ -33,7 +33,7 @@ TEST(Load, SpeaksNoTlsAndSaysSo) {
             ErrorCode::kInvalidArgument);
 }
 
-TEST(Load, IsTheBottleneckWhenItsThreadIsNearItsLimit) {
+TEST(Load, ReportsItsThreadAsBottleneck) {
   Load::Figures figures;
   EXPECT_FALSE(figures.was_bottleneck());
   figures.cpu_share = 0.9;

@@ -11,7 +11,7 @@ std::variant<Options, ExitNow> parsed(std::vector<const char*> words) {
   return options_from_command_line(static_cast<int>(words.size()), words.data(), "1");
 }
 
-TEST(Options, EachCommandIsUnderstood) {
+TEST(Options, EachCommandIsParsed) {
   const auto options = parsed({"loop", "ws://h/s", "--clients", "5", "--interp", "3", "--token", "t", "--csv", "-"});
   const auto* loop = std::get_if<Options>(&options);
   ASSERT_TRUE(loop);
@@ -29,7 +29,7 @@ TEST(Options, EachCommandIsUnderstood) {
   EXPECT_EQ(std::get<Options>(sweep).rates, (std::vector<double>{30, 60}));
 }
 
-TEST(Options, WhatCannotBeMeantIsWrongUsageBeforeAnythingIsDone) {
+TEST(Options, InvalidCommandLinesAreUsageErrors) {
   for (const std::vector<const char*>& words :
        std::vector<std::vector<const char*>>{{},
                                              {"loop", "--rate", "0"},

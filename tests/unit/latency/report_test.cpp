@@ -13,6 +13,7 @@
 namespace eigencast::latency {
 namespace {
 
+using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 using ::testing::Not;
@@ -35,11 +36,20 @@ Outcome sample(int shift_us = 0) {
   return o;
 }
 
-TEST(Report, JsonIsValidFiniteAndEchoesItsInputs) {
+std::vector<Warning::Code> codes(const Outcome& outcome) {
+  std::vector<Warning::Code> all;
+  for (const Warning& warning : warnings_of(outcome)) all.push_back(warning.code);
+  return all;
+}
+
+nlohmann::json report(const Outcome& outcome) {
+  return nlohmann::json::parse(json_report(outcome, "1.2.3"));
+}
+
+TEST(Report, JsonIsValidAndHasItsInputs) {
   Outcome o = sample();
-  Load::Figures load;
-  o.load = load;
-  const auto json = nlohmann::json::parse(json_report(o, "1.2.3"));
+  o.load.emplace();
+  const auto json = report(o);
   EXPECT_EQ(json["schema"], "eigencast-latency");
   EXPECT_EQ(json["schema_version"], 1);
   EXPECT_EQ(json["inputs"]["rate_hz"], 30);
@@ -55,98 +65,76 @@ TEST(Report, JsonIsValidFiniteAndEchoesItsInputs) {
   EXPECT_THAT(json["warnings"], IsEmpty());
 }
 
-TEST(Report, WhoOnlyWatchesTellsOfTheStreamAndNotOfASenderThatIsNotThere) {
+TEST(Report, PassiveRunReportsTheStreamWithoutASender) {
   Outcome o = sample();
   o.inputs.mode = "passive";
   o.rank = 24;
   o.key_rate_hz = 10;
-  o.held_us.add(66'667);
-  EXPECT_THAT(table(o), HasSubstr("ws://broker:7490/test"));
-  EXPECT_THAT(table(o), HasSubstr("r = 24, 10 poses/s"));
-  EXPECT_THAT(table(o), Not(HasSubstr("heart")));
-  EXPECT_THAT(table(o), HasSubstr("0.667 of a key interval"));
-  EXPECT_THAT(table(o), Not(HasSubstr(" sent")));
-  const auto json = nlohmann::json::parse(json_report(o, "1"));
+  const auto json = report(o);
   EXPECT_TRUE(json["inputs"]["source"].is_null());
   EXPECT_EQ(json["key_rate_hz"], 10);
   EXPECT_EQ(json["rank"], 24);
+  EXPECT_THAT(table(o), Not(HasSubstr(o.inputs.source)));
 }
 
-TEST(Report, NoTokenStandsInIt) {
+TEST(Report, TokenIsInNone) {
   Outcome o = sample();
   o.inputs.mode = "passive";
   o.inputs.url = o.inputs.viewer_url = "wss://broker/test?access_token=SECRET";
   o.inputs.credentials.token = "SECRET";
   EXPECT_THAT(table(o) + json_report(o, "1"), Not(HasSubstr("SECRET")));
-  EXPECT_THAT(json_report(o, "1"), HasSubstr("\"tls\": \"yes\""));
+  EXPECT_EQ(report(o)["environment"]["tls"], "yes");
 }
 
-TEST(Report, WhoOnlySendsTellsOfThatAlone) {
-  Outcome o = sample();
-  o.inputs.mode = "publish";
-  o.counts.sends_dropped = 3;
-  EXPECT_THAT(table(o), HasSubstr("1000 sent"));
-  EXPECT_THAT(table(o), HasSubstr("3 dropped"));
-  EXPECT_THAT(table(o), HasSubstr("WARNING: poses were dropped"));
-  EXPECT_THAT(table(o), Not(HasSubstr("received")));
+TEST(Report, EachDoubtIsAWarning) {
+  using Code = Warning::Code;
+  const auto codes_after = [](const auto& change) {
+    Outcome o = sample();
+    change(o);
+    return codes(o);
+  };
+  EXPECT_THAT(codes(sample()), IsEmpty());
+  EXPECT_THAT(codes_after([](Outcome& o) { o.impossible = 1; }), ElementsAre(Code::kImpossible));
+  EXPECT_THAT(codes_after([](Outcome& o) { o.sums_wrong = 3; }), ElementsAre(Code::kSumsWrong));
+  EXPECT_THAT(codes_after([](Outcome& o) { o.viewer_clock.add({0, 5000, 100}); }), ElementsAre(Code::kOtherClock));
+  EXPECT_THAT(codes_after([](Outcome& o) { o.load.emplace().cpu_share = 0.95; }), ElementsAre(Code::kLoadIsBottleneck));
+  EXPECT_THAT(codes_after([](Outcome& o) { o.counts.sends_dropped = 3; }), ElementsAre(Code::kSendsDropped));
+  EXPECT_THAT(codes_after([](Outcome& o) { o.trouble = "no broker", o.reconnects = 2; }),
+              ElementsAre(Code::kStreamEnded, Code::kReconnected));
+  EXPECT_THAT(codes_after([](Outcome& o) { o.inputs.clients = 1000, o.load.emplace().viewers = 600; }),
+              ElementsAre(Code::kViewersMissing));
+  EXPECT_THAT(codes_after([](Outcome& o) { o.inputs.clients = 1000, o.load.emplace().viewers = 999; }), IsEmpty());
 }
 
-TEST(Report, ViewersThatAreNotThereAreSaid) {
-  Outcome o = sample();
-  o.inputs.clients = 1000;
-  o.load.emplace().viewers = 600;
-  EXPECT_THAT(table(o), HasSubstr("only 600 of 999 light viewers"));
-  o.load->viewers = 999;
-  EXPECT_THAT(table(o), Not(HasSubstr("WARNING")));
-}
-
-TEST(Report, AStreamThatEndedOrBrokeIsSaid) {
+TEST(Report, WarningsAreInTableAndJson) {
   Outcome o = sample();
   o.trouble = "no broker at ws://broker";
-  o.reconnects = 2;
-  EXPECT_THAT(table(o), HasSubstr("not there to the end: no broker at ws://broker"));
-  EXPECT_THAT(table(o), HasSubstr("came back, times: 2"));
+  const std::string text = warnings_of(o).at(0).text;
+  EXPECT_THAT(text, HasSubstr(o.trouble));
+  EXPECT_THAT(table(o), HasSubstr(text));
+  EXPECT_EQ(report(o)["warnings"], nlohmann::json::array({text}));
 }
 
-TEST(Report, StagesThatDoNotAddUpAreSaidLoudly) {
+TEST(Report, StagesMustAddUp) {
   Outcome o = sample();
+  EXPECT_FALSE(sums_are_wrong(o));
   o.sums_wrong = 3;
-  o.worst_unexplained_us = 12'000;
   EXPECT_TRUE(sums_are_wrong(o));
-  EXPECT_THAT(table(o), HasSubstr("DO NOT ADD UP for 3 of 1000"));
 }
 
-TEST(Report, ABottleneckInTheToolIsSaid) {
-  Outcome o = sample();
-  o.load.emplace();
-  o.load->cpu_share = 0.95;
-  EXPECT_THAT(table(o), HasSubstr("light viewers' own thread was near its limit"));
-}
-
-TEST(Report, AClockThatIsNotOursIsFoundOut) {
-  Outcome o = sample();
-  o.viewer_clock.add({0, 5000, 100});
-  EXPECT_THAT(table(o), HasSubstr("its clock is another one"));
-}
-
-TEST(Report, AOneWayTimeSmallerThanTheClocksErrorIsUnknown) {
+TEST(Report, TimeBelowTheClockErrorIsUnknown) {
   Outcome o = sample();
   o.stage_error_us[static_cast<std::size_t>(Stage::kToBroker)] = 400;
   HdrHistogram& h = o.key_stages[static_cast<std::size_t>(Stage::kToBroker)];
   for (int i = 0; i < 100; ++i) h.add(i - 30);
-  const std::string text = table(o);
-  const std::string line = text.substr(text.find("  to broker"));
-  EXPECT_THAT(line.substr(0, line.find('\n')), HasSubstr("unknown"));
-  EXPECT_THAT(line.substr(0, line.find('\n')), HasSubstr("+- 0.400"));
-  EXPECT_THAT(line.substr(20, line.find('\n') - 20), Not(HasSubstr("-0"))) << "no negative value, none clamped";
-  const auto stage = nlohmann::json::parse(json_report(o, "1"))["traced"]["keys"]["stages"]["to_broker"];
+  const auto stage = report(o)["traced"]["keys"]["stages"]["to_broker"];
   EXPECT_TRUE(stage["p50_us"].is_null());
   EXPECT_TRUE(stage["min_us"].is_null());
   EXPECT_EQ(stage["error_us"], 400);
   EXPECT_EQ(stage["negative_count"], 30);
 }
 
-TEST(Report, TheOtherFormatsHaveALinePerSecondAndPerSample) {
+TEST(Report, CsvHasALinePerSecond) {
   const Outcome o = sample();
   EXPECT_EQ(csv_report(o), "start_s,kind,count,p50_us,p90_us,p99_us,max_us\n0.000,key,30,1000,,,1000\n");
   const std::string samples = samples_report(o);
@@ -154,7 +142,7 @@ TEST(Report, TheOtherFormatsHaveALinePerSecondAndPerSample) {
   EXPECT_THAT(hdr_log(o), HasSubstr("Tag=key,0.000,1.000,1.000,HIST"));
 }
 
-TEST(Intervals, AreSecondsAndWidenSoThatDaysTakeNoMore) {
+TEST(Intervals, WidenInLongRuns) {
   Intervals intervals;
   constexpr TimeUs kSecond = 1'000'000;
   auto run_until = [&, next = TimeUs{0}](TimeUs until_s) mutable {
@@ -165,7 +153,7 @@ TEST(Intervals, AreSecondsAndWidenSoThatDaysTakeNoMore) {
     }
   };
   run_until(900);
-  ASSERT_EQ(intervals.all().size(), Intervals::kMost);
+  ASSERT_EQ(intervals.all().size(), Intervals::kMax);
   EXPECT_EQ(intervals.all()[7].start_us, 7 * kSecond);
   run_until(901);
   EXPECT_EQ(intervals.all().size(), 451u) << "by two seconds now";
@@ -174,7 +162,7 @@ TEST(Intervals, AreSecondsAndWidenSoThatDaysTakeNoMore) {
   EXPECT_EQ(intervals.all()[7].keys.min(), 14);
   EXPECT_EQ(intervals.all()[7].keys.max(), 15);
   run_until(10'000);
-  EXPECT_LE(intervals.all().size(), Intervals::kMost);
+  EXPECT_LE(intervals.all().size(), Intervals::kMax);
   std::uint64_t keys = 0, synthetic = 0;
   TimeUs before_us = -1;
   for (const Interval& interval : intervals.all()) {
@@ -190,27 +178,32 @@ TEST(Intervals, AreSecondsAndWidenSoThatDaysTakeNoMore) {
 
 TEST(Conditions, AreJudgedInTheirUnit) {
   const Outcome o = sample();
-  EXPECT_EQ(failed_condition("p50>60ms", o).value(), "");
-  EXPECT_EQ(failed_condition("p50>2ms", o).value(), "");
-  EXPECT_THAT(failed_condition("p50>1ms", o).value(), HasSubstr("p50>1ms: it is 1499 us"));
-  EXPECT_THAT(failed_condition("key.p99>1980us", o).value(), HasSubstr("it is 19"));
-  EXPECT_THAT(failed_condition("max<1s", o).value(), HasSubstr("it is"));
-  EXPECT_EQ(failed_condition("in_broker.p50>100us", o).value(), "");
-  EXPECT_THAT(failed_condition("in_broker.p50>40us", o).value(), HasSubstr("it is 50 us"));
-  EXPECT_EQ(failed_condition("lost>0", o).value(), "");
-  EXPECT_THAT(failed_condition("p99.9>60ms", o).value(), HasSubstr("too few samples to say: p99.9 takes 10000"));
-  EXPECT_THAT(failed_condition("synthetic.p99>60ms", o).value(), HasSubstr("p99 takes 1000"));
-  EXPECT_THAT(failed_condition("synthetic.max>60ms", o).value(), ::testing::EndsWith("too few samples to say"));
+  for (const char* condition : {"p50>60ms", "p50>2ms", "in_broker.p50>100us", "lost>0"})
+    EXPECT_FALSE(judged(condition, o).value().holds) << condition;
+  EXPECT_TRUE(judged("p50>1ms", o).value().holds);
+  EXPECT_EQ(judged("p50>1ms", o).value().value, 1499);
+  EXPECT_TRUE(judged("key.p99>1980us", o).value().holds);
+  EXPECT_TRUE(judged("max<1s", o).value().holds);
+  EXPECT_EQ(judged("in_broker.p50>40us", o).value().value, 50);
 }
 
-TEST(Conditions, ThatCannotBeMeantAreRefused) {
+TEST(Conditions, TooFewSamplesFail) {
+  const Outcome o = sample();
+  for (const char* condition : {"p99.9>60ms", "synthetic.p99>60ms", "synthetic.max>60ms"}) {
+    EXPECT_TRUE(judged(condition, o).value().holds) << condition;
+    EXPECT_FALSE(judged(condition, o).value().value) << condition;
+  }
+  EXPECT_THAT(judged("p99.9>60ms", o).value().text, HasSubstr("10000")) << "how many it takes";
+}
+
+TEST(Conditions, NonsenseIsRefused) {
   const Outcome o = sample();
   for (const char* text :
        {"", "p99", "p99>", "p99>60", "p99>60m", "p101>1ms", "px>1ms", "what.p50>1ms", "lost>1ms", ">1ms", "p99>nanms"})
-    EXPECT_FALSE(failed_condition(text, o)) << text;
+    EXPECT_FALSE(judged(text, o)) << text;
 }
 
-TEST(Comparison, ShowsTheDifferenceAndWhatElseDiffers) {
+TEST(Comparison, ShowsWhatDiffers) {
   const testing::TemporaryFolder folder;
   Outcome b = sample(500);
   b.inputs.rate_hz = 60;
@@ -218,7 +211,7 @@ TEST(Comparison, ShowsTheDifferenceAndWhatElseDiffers) {
   std::ofstream(folder.file("b.json")) << json_report(b, "2");
   const auto text = comparison(folder.file("a.json"), folder.file("b.json"));
   ASSERT_TRUE(text) << text.error().message;
-  EXPECT_THAT(*text, HasSubstr("inputs differ: rate_hz 30.0 / 60.0"));
+  EXPECT_THAT(*text, HasSubstr("rate_hz"));
   EXPECT_THAT(*text, HasSubstr("eigencast_version"));
   EXPECT_THAT(*text, HasSubstr("+0.5"));
   std::ofstream(folder.file("c.json")) << "{\"schema\":5}";

@@ -34,7 +34,7 @@ std::thread publishes(const LoopbackBroker& broker, double seconds) {
   return std::thread([in] { EXPECT_TRUE(run_session(in, never, {}, {})); });
 }
 
-TEST(Session, EveryPoseIsMeasuredAndItsStagesAddUp) {
+TEST(Session, StagesOfEveryPoseAddUp) {
   LoopbackBroker broker;
   const auto o = run_session(quick(broker), never, {}, {});
   ASSERT_TRUE(o) << o.error().message;
@@ -53,7 +53,7 @@ TEST(Session, EveryPoseIsMeasuredAndItsStagesAddUp) {
     EXPECT_EQ(o->key_stages[i].negative(), 0u) << name_of(static_cast<Stage>(i));
 }
 
-TEST(Session, InterpolatedPosesAreToldApartAndTheirHoldIsTwoThirdsOfAnInterval) {
+TEST(Session, InterpolationHoldsTwoThirdsOfAnInterval) {
   LoopbackBroker broker;
   Inputs in = quick(broker);
   in.interpolation = 3;
@@ -69,7 +69,7 @@ TEST(Session, InterpolatedPosesAreToldApartAndTheirHoldIsTwoThirdsOfAnInterval) 
 }
 
 /// The tool against a known delay: what a link adds, the tool reads, beside a run without the link on the same machine.
-TEST(Session, ADelayOf25MillisecondsReadsAs25Milliseconds) {
+TEST(Session, LinkDelayIsMeasured) {
   LoopbackBroker broker;
   ImpairedRelay::Options link;
   link.target_port = broker.port();
@@ -96,7 +96,7 @@ TEST(Session, ADelayOf25MillisecondsReadsAs25Milliseconds) {
   EXPECT_LE(std::abs(clock->offset_us), clock->error_us);
 }
 
-TEST(Session, LightViewersLoadTheBrokerBesideTheMeasuredOne) {
+TEST(Session, LightViewersAreCounted) {
   LoopbackBroker broker;
   Inputs in = quick(broker);
   in.clients = 41;
@@ -110,7 +110,7 @@ TEST(Session, LightViewersLoadTheBrokerBesideTheMeasuredOne) {
   EXPECT_GT(o->load->latency_us.count(), 40u * 5u);
 }
 
-TEST(Session, OneEndOnlyMeasuresByTheClocksOffsets) {
+TEST(Session, PairMeasuresByClockOffsets) {
   LoopbackBroker broker;
   std::thread sender = publishes(broker, 4);
   Inputs watches = quick(broker);
@@ -127,7 +127,7 @@ TEST(Session, OneEndOnlyMeasuresByTheClocksOffsets) {
 
 /// The link breaks in the middle of the run and comes back: who does not know what was sent goes by the numbers of the
 /// keys.
-TEST(Session, OneEndOnlyCountsTheKeysThatNeverCame) {
+TEST(Session, PairCountsLostKeys) {
   LoopbackBroker broker;
   std::thread sender = publishes(broker, 5);
   ImpairedRelay::Options link;
@@ -156,7 +156,7 @@ TEST(Session, OneEndOnlyCountsTheKeysThatNeverCame) {
 }
 
 /// The link breaks for good in the middle of the run.
-TEST(Session, EndsByItsDeadlineThoughFramesAreLostAndCountsThem) {
+TEST(Session, EndsByDeadlineAndCountsLostFrames) {
   LoopbackBroker broker;
   ImpairedRelay::Options link;
   link.target_port = broker.port();
@@ -180,7 +180,7 @@ TEST(Session, EndsByItsDeadlineThoughFramesAreLostAndCountsThem) {
   EXPECT_LT(took_us, 15'000'000) << "a connection that nobody answers must not hold it up";
 }
 
-TEST(Session, ThePictureIsItsOwnStageAndPartOfTheTotal) {
+TEST(Session, PictureIsAStageOfTheTotal) {
   LoopbackBroker broker;
   Inputs in = quick(broker);
   in.present = "160x120";

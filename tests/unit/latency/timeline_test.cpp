@@ -47,7 +47,7 @@ Received received(FrameKind kind, std::uint64_t sequence, InterpolationStep step
   return r;
 }
 
-TEST(Timeline, TheStagesOfARawKeyAddUpAcrossThreeClocks) {
+TEST(Timeline, StagesAddUpAcrossThreeClocks) {
   Timeline line({});
   line.add(received(FrameKind::kKey, 5, {}, 1'000'000, 1'001'000));
   EXPECT_TRUE(line.take().empty());
@@ -71,7 +71,7 @@ TEST(Timeline, TheStagesOfARawKeyAddUpAcrossThreeClocks) {
   EXPECT_EQ(p.uncertainty_us(), 2 * (40 + 30));
 }
 
-TEST(Timeline, AWrongOffsetShowsAsWhatTheStagesDoNotExplainOnOneClock) {
+TEST(Timeline, WrongOffsetIsUnexplainedTime) {
   Timeline line({true, false});
   Received r = received(FrameKind::kKey, 5, {}, 1'000'000, 1'001'000);
   r.read_us -= kBrokerAhead - kViewerBehind;
@@ -90,7 +90,7 @@ TEST(Timeline, AWrongOffsetShowsAsWhatTheStagesDoNotExplainOnOneClock) {
   EXPECT_GT(std::abs(poses[0].unexplained_us()), poses[0].uncertainty_us());
 }
 
-TEST(Timeline, ANegativeStageIsToldAsItIs) {
+TEST(Timeline, NegativeStagesAreKept) {
   Timeline line({});
   line.add(senders(5, 1'000'000, kBrokerAhead + 350));
   line.add(brokers(5, 0, 1'000'800, 0, 1'000'850));
@@ -98,7 +98,7 @@ TEST(Timeline, ANegativeStageIsToldAsItIs) {
   EXPECT_EQ(us(line.take().at(0), Stage::kToBroker), -150);
 }
 
-TEST(Timeline, AStageThatTookLessThanNoTimeIsImpossibleUnlessTheClocksAllowIt) {
+TEST(Timeline, NegativeStageBeyondClockErrorIsImpossible) {
   StagedPose pose;
   EXPECT_TRUE(pose.is_possible());
   pose.stages[static_cast<std::size_t>(Stage::kMargin)] = {-500, 0};
@@ -109,7 +109,7 @@ TEST(Timeline, AStageThatTookLessThanNoTimeIsImpossibleUnlessTheClocksAllowIt) {
   EXPECT_FALSE(pose.is_possible());
 }
 
-TEST(Timeline, InterpolationHoldsEveryPoseOfAnIntervalAlikeAndTheRestIsMargin) {
+TEST(Timeline, HoldIsEqualWithinAnInterval) {
   // Keys every 30 ms; the first pose of an interval can leave when its second key is there; the schedule has 4 ms of
   // margin, which the key that came 4 ms late used up.
   constexpr TimeUs kInterval = 30'000;
@@ -138,7 +138,7 @@ TEST(Timeline, InterpolationHoldsEveryPoseOfAnIntervalAlikeAndTheRestIsMargin) {
   }
 }
 
-TEST(Timeline, WhatStaysIncompleteIsGivenUpAndCounted) {
+TEST(Timeline, IncompletePosesAreDroppedAndCounted) {
   Timeline line({});
   for (std::uint64_t s = 1; s <= 2000; ++s) {
     line.add(brokers(s, 0, 1000, 0, 1010));

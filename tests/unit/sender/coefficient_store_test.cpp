@@ -6,7 +6,7 @@
 namespace eigencast {
 namespace {
 
-TEST(CoefficientStore, GivesBackWhatWasPutInMemoryAndOnDisk) {
+TEST(CoefficientStore, ReturnsWhatWasPut) {
   for (const std::uint64_t in_memory : {std::uint64_t{1} << 20, std::uint64_t{0}}) {
     auto store = CoefficientStore::create(50, 6, in_memory);
     ASSERT_TRUE(store) << store.error().message;

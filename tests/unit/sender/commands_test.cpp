@@ -14,7 +14,7 @@
 namespace eigencast {
 namespace {
 
-TEST(Play, EndsWhenItsDurationIsOverThoughNoBrokerCame) {
+TEST(Play, EndsAfterDurationWithoutBroker) {
   testing::TemporaryFolder folder;
   PlayCommand command;
   command.source.input = "sphere";
@@ -24,11 +24,11 @@ TEST(Play, EndsWhenItsDurationIsOverThoughNoBrokerCame) {
   command.duration_s = 0.3;
   Interrupt interrupt;
   const TimeUs start = steady_now_us();
-  EXPECT_EQ(run(command, Console{.progress = false}, interrupt), kExitUnreachable);
+  EXPECT_EQ(run(command, Console{}, interrupt), kExitUnreachable);
   EXPECT_GE(steady_now_us() - start, 300'000);
 }
 
-/// Commands whose mistakes must be told before anything is baked: a bake would leave something in the cache.
+/// Commands whose mistakes must be found before anything is baked: a bake would leave something in the cache.
 class BeforeTheBake : public ::testing::Test {
  protected:
   template <typename Command>
@@ -42,7 +42,7 @@ class BeforeTheBake : public ::testing::Test {
   template <typename Command>
   void ends(const Command& command, int status, const std::string& what) {
     Interrupt interrupt;
-    EXPECT_EQ(run(command, Console{.progress = false}, interrupt), status) << what;
+    EXPECT_EQ(run(command, Console{}, interrupt), status) << what;
     EXPECT_FALSE(std::filesystem::exists(folder_.file("cache"))) << what;
   }
   std::string file(const std::string& name, const std::string& text) {
@@ -52,7 +52,7 @@ class BeforeTheBake : public ::testing::Test {
   testing::TemporaryFolder folder_;
 };
 
-TEST_F(BeforeTheBake, PlayTellsWhatItCannotDo) {
+TEST_F(BeforeTheBake, PlayRefusesUnusableOptions) {
   auto play = of_sphere<PlayCommand>();
   play.record = folder_.file("no/record");
   ends(play, kExitFailed, "no folder for the record");
@@ -88,13 +88,13 @@ TEST_F(BeforeTheBake, DeformReadsItsFiles) {
   ends(deform, kExitFailed, "a vertex in two handles");
 }
 
-TEST_F(BeforeTheBake, EvaluateLooksAtAllOfItsBases) {
+TEST_F(BeforeTheBake, EvaluateChecksAllBases) {
   auto evaluate = of_sphere<EvaluateCommand>();
   evaluate.bases = {"augmented", "rig"};
   ends(evaluate, kExitFailed, "a sphere has no bones");
 }
 
-TEST_F(BeforeTheBake, PosesOfAnotherOrderAreNoticed) {
+TEST_F(BeforeTheBake, PosesInAnotherOrderAreRefused) {
   const auto clip = folder_.file("clip.npy");
   ASSERT_TRUE(write_clip(Reordered(8), clip));  // The mesh beside it is in the right one.
   auto evaluate = of_sphere<EvaluateCommand>();
@@ -110,7 +110,7 @@ TEST_F(BeforeTheBake, PosesOfAnotherOrderAreNoticed) {
   ends(bake, kExitFailed, "the poses that ranks are judged by");
 }
 
-TEST(ContextAdd, NamesFilesFromTheRootAndTellsOfThoseThatAreMissing) {
+TEST(ContextAdd, StoresAbsolutePathsAndRefusesMissingFiles) {
   const testing::TemporaryFolder folder;
   ::setenv("XDG_CONFIG_HOME", folder.file("config").c_str(), 1);
   std::ofstream(folder.file("token")) << "secret\n";

@@ -48,7 +48,7 @@ Read read_all(std::string_view bytes, std::size_t vertices, std::size_t piece) {
   return read;
 }
 
-TEST(PoseStream, RawPosesInPiecesOfAnySize) {
+TEST(PoseStream, RawPosesSplitAnywhere) {
   std::string bytes;
   for (const float x : {1.F, 2.F, 3.F}) bytes += raw({x, 0.F, 0.F, 0.F, x, 0.F});
   for (std::size_t piece = 1; piece < 80; ++piece) {
@@ -59,7 +59,7 @@ TEST(PoseStream, RawPosesInPiecesOfAnySize) {
   }
 }
 
-TEST(PoseStream, AHeaderGivesEachPoseItsTime) {
+TEST(PoseStream, HeaderGivesTimes) {
   std::string bytes = "ECPOSES1" + raw({std::uint32_t{1}, std::uint32_t{2}});
   for (const double t : {0.5, 0.75}) bytes += raw({t}) + raw({static_cast<float>(t), 0.F, 0.F, 0.F, 0.F, 0.F});
   for (std::size_t piece = 1; piece < 80; ++piece) {
@@ -72,12 +72,12 @@ TEST(PoseStream, AHeaderGivesEachPoseItsTime) {
             std::vector<float>{7});
 }
 
-TEST(PoseStream, AHeaderForAnotherMeshOrVersionIsRefused) {
+TEST(PoseStream, HeaderForAnotherMeshIsRefused) {
   EXPECT_TRUE(read_all("ECPOSES1" + raw({std::uint32_t{0}, std::uint32_t{3}}), 2, 99).failed);
   EXPECT_TRUE(read_all("ECPOSES1" + raw({std::uint32_t{2}, std::uint32_t{2}}), 2, 99).failed);
 }
 
-TEST(PoseStream, WhatIsMissingAtTheEndIsCounted) {
+TEST(PoseStream, UnfinishedPoseIsCounted) {
   const std::string pose = raw({1.F, 0.F, 0.F, 0.F, 1.F, 0.F});
   for (std::size_t cut = 0; cut < 2 * pose.size(); ++cut) {
     const Read read = read_all((pose + pose).substr(0, cut), 2, 7);
@@ -86,7 +86,7 @@ TEST(PoseStream, WhatIsMissingAtTheEndIsCounted) {
   }
 }
 
-TEST(PipePace, PosesAreDueAsTheyArriveAtARateOrAtTheirTimes) {
+TEST(PipePace, PosesAreDueByArrivalRateOrTime) {
   PipePace arrival(0);
   EXPECT_EQ(*arrival.due_us(1000, {}), 1000);
   EXPECT_EQ(*arrival.due_us(1000, {}), 1001) << "later than the one before";
@@ -104,7 +104,7 @@ TEST(PipePace, PosesAreDueAsTheyArriveAtARateOrAtTheirTimes) {
   EXPECT_EQ(*timed.due_us(20, 42.0), 2'000'000);
 }
 
-TEST(PipePace, ASourceThatFallsBehindStartsAnewAndIsCounted) {
+TEST(PipePace, LateSourceRestartsItsClock) {
   PipePace pace(0);
   EXPECT_EQ(*pace.due_us(0, 0.0), 0);
   EXPECT_EQ(*pace.due_us(700'000, 0.1), 700'000);
@@ -112,7 +112,7 @@ TEST(PipePace, ASourceThatFallsBehindStartsAnewAndIsCounted) {
   EXPECT_EQ(*pace.due_us(710'000, 0.2), 800'000) << "and from there at its own pace";
 }
 
-TEST(PipePace, TimesThatDoNotAscendAreRefused) {
+TEST(PipePace, NonAscendingTimesAreRefused) {
   PipePace pace(0);
   EXPECT_TRUE(pace.due_us(0, 1.0));
   EXPECT_FALSE(pace.due_us(1, 1.0));

@@ -15,7 +15,7 @@ Result<TriedRank> power_law(int rank, int most = 4096) {
   return TriedRank{r, 0.3 * std::pow(r, -1.1)};
 }
 
-TEST(RankSearch, FindsARankThatMeetsTheTargetAndIsNotMuchTooLarge) {
+TEST(RankSearch, FindsANearlySmallestRank) {
   for (const double target : {5e-3, 2e-3, 1e-3, 7e-4, 4e-4}) {
     const double needed = std::pow(target / 0.3, -1 / 1.1);
     int bakes = 0;
@@ -33,27 +33,27 @@ TEST(RankSearch, FindsARankThatMeetsTheTargetAndIsNotMuchTooLarge) {
   }
 }
 
-TEST(RankSearch, AnErrorThatFallsAtOnceIsFoundAsWell) {
+TEST(RankSearch, FindsASuddenDropOfTheError) {
   const auto choice = choose_rank(1e-3, 512, [](int rank) { return TriedRank{rank, rank < 130 ? 1e-2 : 0}; });
   ASSERT_TRUE(choice) << choice.error().message;
   EXPECT_GE(choice->chosen.rank, 130);
   EXPECT_LE(choice->chosen.rank, 200);
 }
 
-TEST(RankSearch, ALaxTargetIsMetByTheFirstRank) {
+TEST(RankSearch, FirstRankMeetsLaxTarget) {
   const auto choice = choose_rank(0.1, 512, [](int rank) { return power_law(rank); });
   ASSERT_TRUE(choice);
   EXPECT_EQ(choice->tried.size(), 1u);
-  EXPECT_NE(choice->text(0.1).find("r = 25 leaves"), std::string::npos) << choice->text(0.1);
+  EXPECT_EQ(choice->chosen.rank, 25);
 }
 
-TEST(RankSearch, ATargetThatCannotBeMetIsRefusedWithWhatTheLargestLeaves) {
+TEST(RankSearch, UnreachableTargetIsRefused) {
   const auto choice = choose_rank(1e-6, 512, [](int rank) { return power_law(rank); });
   ASSERT_FALSE(choice);
-  EXPECT_NE(choice.error().message.find("r = 512, leaves"), std::string::npos) << choice.error().message;
+  EXPECT_EQ(choice.error().code, ErrorCode::kInvalidArgument);
   const auto small = choose_rank(1e-6, 512, [](int rank) { return power_law(rank, 70); });
   ASSERT_FALSE(small);
-  EXPECT_NE(small.error().message.find("r = 70, all that there are"), std::string::npos) << small.error().message;
+  EXPECT_EQ(small.error().code, ErrorCode::kInvalidArgument);
 }
 
 TEST(RankSearch, AFailureEndsTheSearch) {

@@ -19,7 +19,7 @@ TEST(Schedule, DeadlinesDoNotDrift) {
   EXPECT_EQ(schedule.skipped(), 0u);
 }
 
-TEST(Schedule, LateTicksAreSkippedAndCountedNeverMadeUpFor) {
+TEST(Schedule, LateTicksAreSkippedAndCounted) {
   Schedule schedule({.rate_hz = 10, .clip_rate_hz = 10, .frames = 1000}, 0);
   EXPECT_EQ(schedule.next(0)->frame, 0u);
   const auto after_a_second = schedule.next(1'050'000);
@@ -40,7 +40,7 @@ TEST(Schedule, SpeedAndRatesChooseTheFrame) {
   }
 }
 
-TEST(Schedule, EndsWithTheClipUnlessItLoops) {
+TEST(Schedule, EndsWithTheClipWithoutLoop) {
   Schedule once({.frames = 3, .loop = false}, 0);
   for (int tick = 0; tick < 3; ++tick) EXPECT_TRUE(once.next(0));
   EXPECT_FALSE(once.next(0));

@@ -19,7 +19,7 @@
 namespace eigencast {
 namespace {
 
-TEST(Source, EveryBuiltInShapeOpensByItsName) {
+TEST(Source, BuiltInShapesOpenByName) {
   for (const std::string& name : builtin_names()) {
     SourceOptions options;
     options.input = name;
@@ -29,7 +29,7 @@ TEST(Source, EveryBuiltInShapeOpensByItsName) {
   }
 }
 
-TEST(Source, TheAssetIsNamedWithoutThePathToItsFile) {
+TEST(Source, AssetNameHasNoPath) {
   const testing::TemporaryFolder folder;
   std::ofstream(folder.file("tetra.off"))
       << "OFF\n4 4 0\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3 2\n";
@@ -41,14 +41,12 @@ TEST(Source, TheAssetIsNamedWithoutThePathToItsFile) {
   EXPECT_EQ(source->baked.asset.name, "tetra");
 }
 
-TEST(Source, AnUnknownNameIsRefusedWithTheNamesThereAre) {
+TEST(Source, UnknownNameIsNotFound) {
   SourceOptions options;
   options.input = "hearth";
   const auto clip = open_source(options);
   ASSERT_FALSE(clip);
   EXPECT_EQ(clip.error().code, ErrorCode::kNotFound);
-  EXPECT_NE(clip.error().message.find("heart"), std::string::npos);
-  EXPECT_NE(clip.error().message.find("torus"), std::string::npos);
 }
 
 SourceOptions of_basis(const std::string& input, const std::string& basis) {
@@ -60,7 +58,7 @@ SourceOptions of_basis(const std::string& input, const std::string& basis) {
 
 // Whatever the cage does, not only what a script makes of it: what goes out is the deformation itself, to float
 // columns' rounding.
-TEST(Source, TheBasisOfACageHoldsAllThatItDoes) {
+TEST(Source, CageBasisHoldsEveryDeformation) {
   const testing::TemporaryFolder folder;
   const Surface model = make_heart(9);
   const auto cage = deform::cage_around(model, 2);
@@ -97,18 +95,18 @@ TEST(Source, TheBasisOfACageHoldsAllThatItDoes) {
   }
 }
 
-TEST(Source, ABasisOfARigNeedsOneAndALearnedOneNeedsPoses) {
+TEST(Source, RigAndPcaBasesNeedTheirInputs) {
   const auto rig = bake_source(of_basis("heart", "rig"), {});
   ASSERT_FALSE(rig);
-  EXPECT_NE(rig.error().message.find("--basis pca"), std::string::npos) << rig.error().message;
+  EXPECT_EQ(rig.error().code, ErrorCode::kInvalidArgument);
   const testing::TemporaryFolder folder;
   ASSERT_TRUE(write_surface(make_icosphere(2), folder.file("ball.obj")));
   const auto pca = bake_source(of_basis(folder.file("ball.obj"), "pca"), {});
   ASSERT_FALSE(pca);
-  EXPECT_NE(pca.error().message.find("only one"), std::string::npos) << pca.error().message;
+  EXPECT_EQ(pca.error().code, ErrorCode::kInvalidArgument);
 }
 
-TEST(Source, ALearnedBasisTakesTheClipsPoses) {
+TEST(Source, PcaBasisLearnsFromTheClip) {
   const testing::TemporaryFolder folder;
   const Surface model = make_heart(9);
   const auto cage = deform::cage_around(model, 2);
@@ -131,7 +129,7 @@ TEST(Source, ALearnedBasisTakesTheClipsPoses) {
 }
 
 // The whole way of a skinned file: what the receiver rebuilds is the clip.
-TEST(Source, TheBasisOfARigStreamsSkinnedAndMorphedClipsExactly) {
+TEST(Source, RigBasisIsExact) {
   const std::filesystem::path folder = data_dir() / "gltf";
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << folder << " is not there: real inputs are not tested";
   for (const char* file : {"Fox.glb", "AnimatedMorphCube.gltf"}) {

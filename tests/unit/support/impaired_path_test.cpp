@@ -25,11 +25,11 @@ TEST(ImpairedPath, AnUnimpairedLinkIsNoLink) {
   for (const TimeUs delay : delays_of({}, 100, 10)) EXPECT_EQ(delay, 0);
 }
 
-TEST(ImpairedPath, AFixedDelayIsAddedToEverything) {
+TEST(ImpairedPath, FixedDelayIsAdded) {
   for (const TimeUs delay : delays_of({.delay_us = 25 * kMs}, 100, 10 * kMs)) EXPECT_EQ(delay, 25 * kMs);
 }
 
-TEST(ImpairedPath, JitterFillsItsRangeAndNothingOvertakes) {
+TEST(ImpairedPath, JitterFillsItsRangeInOrder) {
   const Impairment link{.delay_us = 20 * kMs, .jitter_us = 5 * kMs};
   TimeUs least = 1'000'000, most = 0, sum = 0;
   for (const TimeUs delay : delays_of(link, 1000, 33 * kMs)) {
@@ -53,7 +53,7 @@ TEST(ImpairedPath, JitterFillsItsRangeAndNothingOvertakes) {
   }
 }
 
-TEST(ImpairedPath, TheSameSeedGivesTheSameLink) {
+TEST(ImpairedPath, SeedDeterminesTheLink) {
   const Impairment link{.delay_us = 150 * kMs, .jitter_us = 50 * kMs, .loss = 0.05, .seed = 7};
   Impairment other = link;
   other.seed = 8;
@@ -61,7 +61,7 @@ TEST(ImpairedPath, TheSameSeedGivesTheSameLink) {
   EXPECT_NE(delays_of(link, 500, kMs), delays_of(other, 500, kMs));
 }
 
-TEST(ImpairedPath, TheRateIsSharedByAllFlows) {
+TEST(ImpairedPath, FlowsShareTheRate) {
   ImpairedPath path({.rate_bit_per_s = 8e6});  // One byte a microsecond.
   ImpairedPath::Flow a, b;
   EXPECT_EQ(path.leaves_at(a, 1000, 0), 1000);
@@ -70,7 +70,7 @@ TEST(ImpairedPath, TheRateIsSharedByAllFlows) {
   EXPECT_EQ(path.leaves_at(a, 500, 10'000), 10'500) << "an idle link saves nothing up";
 }
 
-TEST(ImpairedPath, ALostSegmentHoldsUpWhatComesAfterItInItsFlowOnly) {
+TEST(ImpairedPath, LossBlocksItsOwnFlowOnly) {
   const Impairment link{.delay_us = 10 * kMs, .loss = 0.5, .retransmit_us = 100 * kMs, .seed = 3};
   ImpairedPath path(link);
   ImpairedPath::Flow flow;
@@ -93,7 +93,7 @@ TEST(ImpairedPath, ALostSegmentHoldsUpWhatComesAfterItInItsFlowOnly) {
   EXPECT_NEAR(lost, 100, 30);
 }
 
-TEST(ImpairedPath, TheShareOfLossesIsWhatWasAskedFor) {
+TEST(ImpairedPath, LossRateIsAsSet) {
   const Impairment link{.loss = 0.05};
   ImpairedPath path(link);
   for (int i = 0; i < 20'000; ++i) {
@@ -103,7 +103,7 @@ TEST(ImpairedPath, TheShareOfLossesIsWhatWasAskedFor) {
   EXPECT_NEAR(static_cast<double>(path.segments_lost()), 20'000 * 0.05 / 0.95, 120);
 }
 
-TEST(ImpairedPath, AStallHoldsEverythingUntilItIsOver) {
+TEST(ImpairedPath, StallHoldsEverything) {
   ImpairedPath path({.stall_every_us = 1000 * kMs, .stall_us = 200 * kMs});
   ImpairedPath::Flow flow;
   EXPECT_EQ(path.leaves_at(flow, 100, 0), 0);

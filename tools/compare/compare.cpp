@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sender/compare.h"
+#include "tools/compare/compare.h"
 
 #include <array>
 #include <fstream>
@@ -15,9 +15,9 @@ namespace {
 using nlohmann::json;
 
 /// The clip's frames with the last two kept, because poses come in order.
-class Truth {
+class ClipFrames {
  public:
-  explicit Truth(const MotionClip& clip) : clip_(clip) {}
+  explicit ClipFrames(const MotionClip& clip) : clip_(clip) {}
 
   Result<const std::vector<Vec3>*> frame(std::size_t index) {
     for (const Kept& kept : kept_) {
@@ -97,7 +97,7 @@ Result<Comparison> compare_with_truth(const MotionClip& clip, const Asset& asset
   Comparison result;
   SurfaceErrorSum keys(asset.diagonal()), interpolated(asset.diagonal());
   SourceRebuilder rebuilder(asset);
-  Truth truth(clip);
+  ClipFrames truth(clip);
   for (const RecordedPose& pose : received) {
     if (pose.coefficients.size() != std::size_t{asset.rank} * pose.channels || pose.channels < 3) {
       return fail(ErrorCode::kInvalidArgument, "pose " + std::to_string(pose.sequence) + " has " +

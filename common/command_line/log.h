@@ -1,0 +1,27 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <memory>
+
+#include "common/core/log.h"
+
+namespace spdlog {
+class logger;
+}
+
+namespace eigencast {
+
+enum class LogFormat {
+  kTerminal,  ///< Time of day; colours on a terminal, unless NO_COLOR is set and not empty.
+  kText,      ///< Date and time.
+  kJson,      ///< An object a line; messages must be JSON values.
+};
+
+/// The log of a program, on standard error. Thread-safe.
+///   min_level  messages below are left out
+std::shared_ptr<spdlog::logger> stderr_logger(LogLevel min_level, LogFormat format = LogFormat::kTerminal);
+
+/// Binds the messages of libraries to a program's log.
+LogSink sink_to(std::shared_ptr<spdlog::logger> logger);
+
+}  // namespace eigencast
