@@ -17,6 +17,7 @@
 #include "sender/surface_error.h"
 #include "tests/support/paths.h"
 #include "tests/system/scene.h"
+#include "view/glfw_window.h"
 
 namespace eigencast::testing {
 namespace {
@@ -121,9 +122,9 @@ struct Twin {
   }
   static glm::vec2 round(const glm::vec2& p) { return {std::round(p.x), std::round(p.y)}; }
   void drag(const glm::vec2& from, const glm::vec2& to) {
-    hand.press(studio::Button::kLeft, from, {});
+    hand.press(MouseButton::kLeft, from, {});
     hand.move(to);
-    hand.release(studio::Button::kLeft);
+    hand.release(MouseButton::kLeft);
   }
   /// How far what was received lies from where this hand has it, rms over the diagonal.
   double distance(const RecordedPose& pose) {
