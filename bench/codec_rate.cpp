@@ -63,7 +63,7 @@ struct Tally {
     on_the_wire += payload.size() + bytes_around(payload.size());
     band_bytes.resize(layout.band_ends.size());
     for (std::size_t band = 0; band < band_bytes.size(); ++band) {
-      const auto keep = static_cast<std::uint8_t>(1u << band);
+      const BandMask keep = static_cast<std::uint8_t>(1u << band);
       band_bytes[band] += value_or_exit(cut_bands(layout, false, target.bands, keep, payload)).size() - 1;
     }
     const double distance =

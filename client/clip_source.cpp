@@ -116,7 +116,7 @@ std::vector<ReceivedPose> ClipSource::poll(std::chrono::milliseconds timeout) {
   const auto count = static_cast<std::int64_t>(clip_->frames.size());
   ReceivedPose pose;
   pose.envelope.kind = FrameKind::kKey;
-  pose.envelope.bands = static_cast<std::uint8_t>((1U << std::min<std::size_t>(8, clip_->asset.band_ends.size())) - 1);
+  pose.envelope.bands = BandMask::lowest(clip_->asset.band_ends.size());
   pose.envelope.epoch = epoch();
   pose.envelope.sequence = static_cast<std::uint64_t>(number);
   pose.envelope.capture_us = due_us(number);

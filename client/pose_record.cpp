@@ -41,7 +41,7 @@ void PoseRecord::received(std::size_t source, std::span<const ReceivedPose> pose
                     {"at", e.step.at},
                     {"of", e.step.of},
                     {"epoch", e.epoch},
-                    {"bands", e.bands},
+                    {"bands", e.bands.bits},
                     {"ahead", (e.flags & Envelope::kAhead) != 0},
                     {"capture_us", e.capture_us},
                     {"arrival_us", pose.arrival_us},

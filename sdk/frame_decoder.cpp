@@ -89,7 +89,7 @@ std::optional<Error> FrameDecoder::apply(const FrameView& frame, std::optional<K
     case FrameKind::kStep:
     case FrameKind::kEstimate: {
       if (!chain_ || e.sequence != newest_) return undecodable();
-      auto key = e.bands == 0 ? made_pose(e) : decode_key(layout_, e.bands, *chain_, frame.payload);
+      auto key = e.bands.empty() ? made_pose(e) : decode_key(layout_, e.bands, *chain_, frame.payload);
       if (!key) return key.error();
       ++counts_.synthetic;
       pose = std::move(*key);

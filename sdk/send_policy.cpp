@@ -65,8 +65,8 @@ void RateControl::add(std::size_t bytes, TimeUs capture_us) {
 }
 
 Key lowest_bands(const CoefficientLayout& layout, Key key, std::uint8_t count) {
+  key.bands &= BandMask::lowest(count);
   for (std::size_t band = count; band < layout.band_ends.size(); ++band) {
-    key.bands &= static_cast<std::uint8_t>(~(1u << band));
     const auto [first, last] = layout.range(band);
     for (std::size_t i = first; i < last; ++i) {
       if (!key.q.empty()) key.q[i] = 0;

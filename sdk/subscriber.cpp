@@ -109,9 +109,9 @@ class Subscriber::Impl {
     const std::vector<double>& rest = surfaces_.asset()->rest;
     const std::size_t channels = arrival.layout.channels;
     for (std::size_t band = 0; band < arrival.layout.band_ends.size(); ++band) {
-      if (arrival.key.bands & (1u << band)) continue;
-      const std::size_t first = band == 0 ? 0 : arrival.layout.band_ends[band - 1];
-      for (std::size_t row = first; row < arrival.layout.band_ends[band]; ++row)
+      if (arrival.key.bands.has(band)) continue;
+      const auto [first, end] = band_range(arrival.layout.band_ends, band);
+      for (std::size_t row = first; row < end; ++row)
         for (std::size_t axis = 0; axis < std::min<std::size_t>(3, channels); ++axis)
           C[row * channels + axis] = rest[row * 3 + axis];
     }

@@ -6,6 +6,7 @@
 #include <span>
 #include <vector>
 
+#include "common/core/bands.h"
 #include "common/core/clock.h"
 
 namespace eigencast {
@@ -21,17 +22,17 @@ class BandFade {
   /// Blends `wanted`, a pose of these bands, with what was shown when the bands changed. `shown` is the last pose
   /// shown; both are band_ends.back() x channels, row-major. Nothing fades if they differ in size or band_ends is
   /// empty.
-  void apply(std::uint8_t bands, TimeUs now_us, std::span<const std::uint32_t> band_ends, std::span<const double> shown,
+  void apply(BandMask bands, TimeUs now_us, std::span<const std::uint32_t> band_ends, std::span<const double> shown,
              std::span<double> wanted);
 
   /// True while the same pose changes from one display time to the next.
-  bool fading() const { return fading_ != 0; }
+  bool fading() const { return !fading_.empty(); }
 
   void reset();
 
  private:
-  std::optional<std::uint8_t> shown_bands_;
-  std::uint8_t fading_ = 0;  ///< Mask.
+  std::optional<BandMask> shown_bands_;
+  BandMask fading_;
   TimeUs started_us_ = 0;
   std::vector<double> from_;  ///< Shown at started_us_.
 };

@@ -74,7 +74,7 @@ void SurfaceView::follow_epoch(const PoseSource& source) {
 
 void SurfaceView::show_rest(const Asset& asset) {
   fade_.reset();
-  stream_bands_ = 0;
+  stream_bands_ = {};
   has_pose_ = false;
   shown_ = Shown::kHeld;
   coefficients_ = asset.rest;
@@ -92,9 +92,9 @@ void SurfaceView::forget_rebuilt() {
 }
 
 void SurfaceView::add_pose(const ReceivedPose& pose, const Asset& asset) {
-  if (pose.envelope.bands != 0) {
+  if (!pose.envelope.bands.empty()) {
     stream_bands_ = pose.envelope.bands;
-    bands_received_ = static_cast<std::uint32_t>(std::popcount(stream_bands_));
+    bands_received_ = static_cast<std::uint32_t>(std::popcount(stream_bands_.bits));
   }
   if ((pose.envelope.flags & Envelope::kAhead) != 0) return;  // its steps lead up to it
   if (pose.channels < 3 || pose.coefficients.size() != std::size_t{asset.rank} * pose.channels) {

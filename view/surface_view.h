@@ -136,8 +136,8 @@ class SurfaceView {
   BandFade fade_;
   std::vector<double> coefficients_;  ///< Shown, r x channels_.
   std::uint32_t channels_ = 3;
-  std::uint8_t stream_bands_ = 0;  ///< For the newest key; steps have none.
-  bool has_pose_ = false;          ///< coefficients_ are not the rest pose.
+  BandMask stream_bands_;  ///< For the newest key; steps have none.
+  bool has_pose_ = false;  ///< coefficients_ are not the rest pose.
   std::optional<TimeUs> shown_time_, newest_arrival_;
   Shown shown_ = Shown::kHeld;
   bool settling_ = false;

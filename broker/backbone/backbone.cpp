@@ -22,7 +22,7 @@ std::string text_of(ByteView bytes) {
   return {bytes.begin(), bytes.end()};
 }
 
-Bytes message_of(FrameKind kind, std::uint8_t bands, std::uint32_t epoch, const KeyRecord& record, ByteView payload) {
+Bytes message_of(FrameKind kind, BandMask bands, std::uint32_t epoch, const KeyRecord& record, ByteView payload) {
   Envelope head;
   head.kind = kind;
   head.bands = bands;

@@ -21,11 +21,6 @@ constexpr std::size_t kMostAhead = 4;
 constexpr unsigned kSyntheticSpacingNumerator = 5, kSyntheticSpacingDenominator = 2;
 constexpr unsigned kMaxHalfSpacing = 63;
 
-std::uint8_t mask_of(const Profile& profile, const CoefficientLayout& layout) {
-  const auto count = std::min<std::size_t>(profile.bands, layout.band_ends.size());
-  return static_cast<std::uint8_t>((1u << count) - 1);
-}
-
 bool is_compact(const Profile& profile) {
   return profile.rate == Profile::Rate::kInterpolated && profile.form == Profile::Form::kCompact;
 }
@@ -53,7 +48,7 @@ int further_keys(const Profile& profile) {
 Feed::Feed(const Profile& profile, const Source& source)
     : profile_(profile),
       source_(source),
-      mask_(mask_of(profile, source.layout)),
+      mask_(BandMask::lowest(profile.bands) & source.layout.all_bands()),
       pacer_(profile.k, source.max_span_us, further_keys(profile)),
       forecaster_(profile.k, source.max_ahead_us, source.max_span_us) {}
 
@@ -276,9 +271,9 @@ Result<Key> Feed::pose_on_curve(const KeyRecord& record, const KeyRecord* next, 
 FramePtr Feed::join() {
   if (join_ || !stands_at_) return join_;
   const ChainState& state = *stands_at_->after;
-  const std::uint8_t bands = state.newer.bands;
+  const BandMask bands = state.newer.bands;
   auto payload = encode_join(source_.layout, state);
-  if (payload && (bands & mask_) != bands) payload = cut_bands(source_.layout, true, bands, mask_, *payload);
+  if (payload && !mask_.includes(bands)) payload = cut_bands(source_.layout, true, bands, mask_, *payload);
   if (!payload) {
     ++failed_poses_;
     return nullptr;

@@ -111,7 +111,7 @@ class Feed {
 
   Profile profile_;
   Source source_;
-  std::uint8_t mask_;
+  BandMask mask_;
   Pacer pacer_;                      ///< Of interpolated poses.
   Forecaster forecaster_;            ///< Of estimated ones.
   std::deque<KeyRecordPtr> coming_;  ///< Keys that came and have not left; bounded.

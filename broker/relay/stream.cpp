@@ -145,7 +145,7 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
     return fail(ErrorCode::kCorrupt, "a sender sends keys and joins only");
   }
   if (head.flags != 0) return fail(ErrorCode::kCorrupt, "a sender's frames carry no flags");
-  if ((head.bands & ~layout_.all_bands()) != 0 || (head.bands & 1) == 0) {
+  if (!layout_.all_bands().includes(head.bands) || !head.bands.has(0)) {
     return fail(ErrorCode::kCorrupt, "bands must be among those announced and include band 0");
   }
   if (newest_ && head.sequence <= newest_->sequence) {

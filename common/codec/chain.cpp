@@ -33,13 +33,9 @@ Error misuse(std::string what) {
   return fail(ErrorCode::kInvalidArgument, "codec: " + std::move(what));
 }
 
-bool has(std::uint8_t bands, std::size_t band) {
-  return (bands >> band & 1) != 0;
-}
-
 bool fits(const CoefficientLayout& layout, const Key& key) {
   const std::size_t size = is_float(layout) ? key.f.size() : key.q.size();
-  return (key.bands & ~layout.all_bands()) == 0 && size == layout.size() && (!is_float(layout) || key.step == 0);
+  return layout.all_bands().includes(key.bands) && size == layout.size() && (!is_float(layout) || key.step == 0);
 }
 
 bool all_in_range(std::span<const std::int32_t> values) {
@@ -57,7 +53,7 @@ struct RescaledValues {
 /// rescaling leaves the range.
 std::span<const std::int32_t> reference(const CoefficientLayout& layout, const Key& key, std::size_t band,
                                         std::uint8_t step, std::vector<std::int32_t>& rescaled) {
-  if (!has(key.bands, band) || key.q.size() != layout.size()) return {};
+  if (!key.bands.has(band) || key.q.size() != layout.size()) return {};
   const auto [first, last] = layout.range(band);
   const std::span held = std::span(key.q).subspan(first, last - first);
   if (key.step == step) return all_in_range(held) ? held : std::span<const std::int32_t>();
@@ -130,10 +126,10 @@ Result<void> append_run(const CoefficientLayout& layout, std::size_t band, const
 bool append_quick_run(const CoefficientLayout& layout, std::size_t band, const ChainState& state, const Key& pose,
                       std::uint8_t half_spacing, band::QuickWorkspace& workspace, Bytes& out) {
   if (half_spacing == 0 || is_float(layout) || pose.step != state.newer.step) return false;
-  if (!has(state.newer.bands, band) || !fits(layout, state.newer)) return false;
+  if (!state.newer.bands.has(band) || !fits(layout, state.newer)) return false;
   const Key& older = state.older;
-  const bool moves = has(older.bands, band) && fits(layout, older) && older.step == pose.step;
-  if (!moves && has(older.bands, band)) return false;
+  const bool moves = older.bands.has(band) && fits(layout, older) && older.step == pose.step;
+  if (!moves && older.bands.has(band)) return false;
   const auto [first, last] = layout.range(band);
   const auto of_band = [&, first = first, count = last - first](const Key& key) {
     return std::span(key.q).subspan(first, count);
@@ -163,7 +159,7 @@ struct Head {
   std::uint8_t half_spacing = 0;     ///< Keys and synthetic poses only.
   std::optional<std::uint8_t> step;  ///< Absent: that of the newer key of the state; keys and synthetic poses only.
   std::uint8_t older_step = 0;       ///< Joins only.
-  std::uint8_t older_bands = 0;      ///< Joins only.
+  BandMask older_bands;              ///< Joins only.
   TimeUs age_us = 0;                 ///< Joins only.
 };
 
@@ -173,12 +169,12 @@ void append_head(const CoefficientLayout& layout, bool join, const Head& head, B
   if (head.step) writer.u8(*head.step);
   if (!join) return;
   writer.u8(head.older_step);
-  writer.u8(head.older_bands);
+  writer.u8(head.older_bands.bits);
   writer.varint(static_cast<std::uint64_t>(head.age_us));
 }
 
 Result<void> check_coded(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing) {
-  if (key.bands == 0 || !fits(layout, key)) return misuse("the key does not fit the layout");
+  if (key.bands.empty() || !fits(layout, key)) return misuse("the key does not fit the layout");
   if (half_spacing > band::kMaxHalfSpacing) return misuse("a half spacing is 63 steps at most");
   return {};
 }
@@ -191,8 +187,8 @@ void append_key_head(const CoefficientLayout& layout, const ChainState& state, c
   append_head(layout, false, {m, same_step ? std::nullopt : std::optional(key.step), 0, 0, 0}, writer);
 }
 
-Result<Head> read_head(const CoefficientLayout& layout, bool join, std::uint8_t bands, ByteReader& reader) {
-  if (bands == 0 || (bands & ~layout.all_bands()) != 0) return corrupt("bands that the stream does not have");
+Result<Head> read_head(const CoefficientLayout& layout, bool join, BandMask bands, ByteReader& reader) {
+  if (bands.empty() || !layout.all_bands().includes(bands)) return corrupt("bands that the stream does not have");
   Head head;
   const std::uint8_t first = reader.u8();
   const unsigned codec = first & 3u;
@@ -213,15 +209,15 @@ Result<Head> read_head(const CoefficientLayout& layout, bool join, std::uint8_t 
   }
   if (is_float(layout) && (*head.step != 0 || head.older_step != 0)) return corrupt("a float codec has no step");
   if (head.half_spacing != 0 && (join || is_float(layout))) return corrupt("it is exact and cannot have a spacing");
-  if ((head.older_bands & ~bands) != 0) return corrupt("the older key has bands that the newer lacks");
+  if (!bands.includes(head.older_bands)) return corrupt("the older key has bands that the newer lacks");
   return head;
 }
 
 /// Takes the sections of all bands off the reader; what remains must be nothing.
-Result<void> each_section(const CoefficientLayout& layout, std::uint8_t bands, ByteReader& reader,
+Result<void> each_section(const CoefficientLayout& layout, BandMask bands, ByteReader& reader,
                           const std::function<Result<void>(std::size_t band, ByteView section)>& visit) {
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
-    if (!has(bands, band)) continue;
+    if (!bands.has(band)) continue;
     const std::uint64_t length = reader.varint();
     const ByteView section = reader.bytes(length);
     const std::string where = "payload: band " + std::to_string(band);
@@ -248,7 +244,7 @@ Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& s
   Bytes run;
   RescaledValues memory;
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
-    if (!has(key.bands, band)) continue;
+    if (!key.bands.has(band)) continue;
     run.clear();
     const auto appended =
         append_run(layout, band, references(layout, state, band, key.step, memory), half_spacing, out.key, run);
@@ -268,7 +264,7 @@ Result<Bytes> encode_pose(const CoefficientLayout& layout, const ChainState& sta
   append_key_head(layout, state, pose, half_spacing, writer);
   thread_local PoseWorkspace memory;
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
-    if (!has(pose.bands, band)) continue;
+    if (!pose.bands.has(band)) continue;
     memory.run.clear();
     if (!append_quick_run(layout, band, state, pose, half_spacing, memory.quick, memory.run)) {
       const auto from = references(layout, state, band, pose.step, memory.rescaled);
@@ -285,7 +281,7 @@ std::uint8_t half_spacing_of(ByteView payload) {
   return payload.empty() ? std::uint8_t{0} : static_cast<std::uint8_t>(payload[0] >> 2);
 }
 
-Result<Key> decode_key(const CoefficientLayout& layout, std::uint8_t bands, const ChainState& state, ByteView payload) {
+Result<Key> decode_key(const CoefficientLayout& layout, BandMask bands, const ChainState& state, ByteView payload) {
   ByteReader reader(payload);
   const auto head = read_head(layout, false, bands, reader);
   if (!head) return head.error();
@@ -303,11 +299,11 @@ Result<Key> decode_key(const CoefficientLayout& layout, std::uint8_t bands, cons
 }
 
 Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& state) {
-  if (state.newer.bands == 0 || !fits(layout, state.newer) || !fits(layout, state.older))
+  if (state.newer.bands.empty() || !fits(layout, state.newer) || !fits(layout, state.older))
     return misuse("the state does not fit the layout");
   if (state.age_us < 0 || state.age_us >= TimeUs{1} << 62) return misuse("the newer key is not later than the older");
   // A band of the older key alone can neither be predicted from nor interpolated with, so that it is left out.
-  const std::uint8_t older_bands = state.older.bands & state.newer.bands;
+  const BandMask older_bands = state.older.bands & state.newer.bands;
   ChainState coded = state;
   Bytes out;
   ByteWriter writer(out);
@@ -315,10 +311,10 @@ Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& sta
   append_head(layout, true, {0, state.newer.step, state.older.step, older_bands, state.age_us}, writer);
   Bytes run;
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
-    if (!has(state.newer.bands, band)) continue;
+    if (!state.newer.bands.has(band)) continue;
     run.clear();
     band::References from;
-    if (has(older_bands, band)) {
+    if (older_bands.has(band)) {
       if (const auto appended = append_run(layout, band, {}, 0, coded.older, run); !appended) return appended.error();
       from.c1 = reference(layout, state.older, band, state.newer.step, rescaled);
     }
@@ -329,7 +325,7 @@ Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& sta
   return out;
 }
 
-Result<ChainState> decode_join(const CoefficientLayout& layout, std::uint8_t bands, ByteView payload) {
+Result<ChainState> decode_join(const CoefficientLayout& layout, BandMask bands, ByteView payload) {
   ByteReader reader(payload);
   const auto head = read_head(layout, true, bands, reader);
   if (!head) return head.error();
@@ -338,7 +334,7 @@ Result<ChainState> decode_join(const CoefficientLayout& layout, std::uint8_t ban
   std::vector<std::int32_t> rescaled;
   const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
     band::References from;
-    if (has(head->older_bands, band)) {
+    if (head->older_bands.has(band)) {
       const auto taken = read_run(layout, band, from, 0, section, state.older);
       if (!taken) return taken.error();
       section = section.subspan(*taken);
@@ -353,18 +349,17 @@ Result<ChainState> decode_join(const CoefficientLayout& layout, std::uint8_t ban
   return state;
 }
 
-Result<Bytes> cut_bands(const CoefficientLayout& layout, bool join, std::uint8_t bands, std::uint8_t keep,
-                        ByteView payload) {
+Result<Bytes> cut_bands(const CoefficientLayout& layout, bool join, BandMask bands, BandMask keep, ByteView payload) {
   ByteReader reader(payload);
   auto head = read_head(layout, join, bands, reader);
   if (!head) return head.error();
-  if ((bands & keep) == 0) return misuse("no band would be left");
+  if ((bands & keep).empty()) return misuse("no band would be left");
   head->older_bands &= keep;
   Bytes out;
   ByteWriter writer(out);
   append_head(layout, join, *head, writer);
   const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
-    if (!has(keep, band)) return {};
+    if (!keep.has(band)) return {};
     writer.varint(section.size());
     writer.bytes(section);
     return {};

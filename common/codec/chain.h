@@ -45,17 +45,16 @@ std::uint8_t half_spacing_of(ByteView payload);
 /// The key that a payload holds. `bands` is the envelope's. Safe on hostile input: never allocates more than the layout
 /// says. Errors: kCorrupt (wrong codec, lengths, trailing or missing bytes, a band that needs a state which lacks it,
 /// overflow).
-Result<Key> decode_key(const CoefficientLayout& layout, std::uint8_t bands, const ChainState& state, ByteView payload);
+Result<Key> decode_key(const CoefficientLayout& layout, BandMask bands, const ChainState& state, ByteView payload);
 
 /// Payload of a kJoin frame: both keys, from nothing. A band that only the older key has is left out: nothing can use
 /// it. Errors: as encode_key; kInvalidArgument (age_us negative).
 Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& state);
 /// Errors: as decode_key.
-Result<ChainState> decode_join(const CoefficientLayout& layout, std::uint8_t bands, ByteView payload);
+Result<ChainState> decode_join(const CoefficientLayout& layout, BandMask bands, ByteView payload);
 
 /// The payload of kind `join` (kJoin) or not (kKey, kSynthetic) with only the bands of `keep`, without decoding a
 /// value. Errors: kCorrupt, kInvalidArgument (no band would be left).
-Result<Bytes> cut_bands(const CoefficientLayout& layout, bool join, std::uint8_t bands, std::uint8_t keep,
-                        ByteView payload);
+Result<Bytes> cut_bands(const CoefficientLayout& layout, bool join, BandMask bands, BandMask keep, ByteView payload);
 
 }  // namespace eigencast

@@ -13,7 +13,7 @@ inline bool is_float(const CoefficientLayout& layout) {
 }
 
 /// A key whose values are all 0. `step` must be 0 with float codecs.
-inline Key empty_key(const CoefficientLayout& layout, std::uint8_t bands, std::uint8_t step) {
+inline Key empty_key(const CoefficientLayout& layout, BandMask bands, std::uint8_t step) {
   Key key;
   key.bands = bands;
   key.step = step;

@@ -98,12 +98,6 @@ Result<CodecKind> codec_from_name(std::string_view name) {
               "codec '" + std::string(name.substr(0, 32)) + "' is unknown; known: quantised, float32, float64");
 }
 
-std::pair<std::size_t, std::size_t> CoefficientLayout::range(std::size_t band) const {
-  assert(band < band_ends.size());
-  const std::size_t first = band == 0 ? 0 : band_ends[band - 1];
-  return {first * channels, std::size_t{band_ends[band]} * channels};
-}
-
 std::vector<std::uint32_t> default_band_ends(std::uint32_t rows) {
   std::vector<std::uint32_t> ends;
   for (const std::uint32_t end : {14u, 54u, 104u}) {
@@ -203,7 +197,7 @@ Result<Key> interpolate_keys(const CoefficientLayout& layout, const Key& a, cons
   }
   Key out = empty_key(layout, a.bands & b.bands, b.step);
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
-    if ((out.bands >> band & 1) == 0) continue;
+    if (!out.bands.has(band)) continue;
     const auto [first, last] = layout.range(band);
     const auto done = is_float(layout) ? interpolate_floats(layout.codec, a, b, at, of, first, last, out)
                                        : interpolate_quantised(a, b, at, of, first, last, out);

@@ -7,6 +7,7 @@
 #include <utility>
 #include <vector>
 
+#include "common/core/bands.h"
 #include "common/core/result.h"
 
 namespace eigencast {
@@ -26,9 +27,9 @@ struct CoefficientLayout {
   std::vector<std::uint32_t> band_ends;  ///< Band b holds rows [band_ends[b-1], band_ends[b]); last == rows.
 
   std::size_t size() const { return std::size_t{rows} * channels; }
-  std::uint8_t all_bands() const { return static_cast<std::uint8_t>((1u << band_ends.size()) - 1); }
+  BandMask all_bands() const { return BandMask::lowest(band_ends.size()); }
   /// The values [first, last) of band b in the row-major matrix.
-  std::pair<std::size_t, std::size_t> range(std::size_t band) const;
+  std::pair<std::size_t, std::size_t> range(std::size_t band) const { return band_range(band_ends, band, channels); }
   bool operator==(const CoefficientLayout&) const = default;
 };
 
@@ -38,7 +39,7 @@ std::vector<std::uint32_t> default_band_ends(std::uint32_t rows);
 /// The coefficients of one pose as the codec carries them: integers (kQuantised) or doubles (float codecs).
 /// Values of absent bands are 0.
 struct Key {
-  std::uint8_t bands = 0;       ///< Bit b set: band b is present.
+  BandMask bands;               ///< Those that are present.
   std::uint8_t step = 0;        ///< Index into the step table; 0 for float codecs.
   std::vector<std::int32_t> q;  ///< kQuantised: r*c integers, value = q * step_size(step).
   std::vector<double> f;        ///< Float codecs: r*c values.

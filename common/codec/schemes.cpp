@@ -36,9 +36,9 @@ bool set(Key& key, std::size_t i, std::int64_t value) {
 
 /// Calls visit(i) for each value of the bands; the first that says false is the value that overflowed.
 template <typename Visit>
-Result<void> each_value(const CoefficientLayout& layout, std::uint8_t bands, Visit&& visit) {
+Result<void> each_value(const CoefficientLayout& layout, BandMask bands, Visit&& visit) {
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
-    if ((bands >> band & 1) == 0) continue;
+    if (!bands.has(band)) continue;
     const auto [first, last] = layout.range(band);
     for (std::size_t i = first; i < last; ++i) {
       if (!visit(i)) return overflow(i);
@@ -123,7 +123,7 @@ Result<Key> estimate_keys(const CoefficientLayout& layout, const Key& older, con
 Result<Key> blend_keys(const CoefficientLayout& layout, std::span<const Key* const> keys,
                        std::span<const double> weights, std::size_t step_from) {
   assert(!keys.empty() && keys.size() == weights.size() && step_from < keys.size());
-  std::uint8_t bands = layout.all_bands();
+  BandMask bands = layout.all_bands();
   for (const Key* key : keys) bands &= key->bands;
   Key out = empty_key(layout, bands, keys[step_from]->step);
   std::vector<double> scaled(weights.begin(), weights.end());

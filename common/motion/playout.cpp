@@ -137,13 +137,13 @@ void Playout::correct(const ShownPose& right, TimeUs now_us) {
     any = any || error[i] != 0;
   }
   // A band that comes or goes is no error; whoever draws fades it (docs/protocol.md, section 6).
-  const auto changed = static_cast<std::uint8_t>(shown_.bands ^ right.bands);
+  const BandMask changed = shown_.bands ^ right.bands;
   const std::size_t channels = band_ends_.empty() ? 0 : error.size() / band_ends_.back();
   for (std::size_t band = 0; band < band_ends_.size(); ++band) {
-    if ((changed >> band & 1) == 0) continue;
-    const std::size_t first = band == 0 ? 0 : band_ends_[band - 1] * channels;
-    std::fill(error.begin() + static_cast<std::ptrdiff_t>(first),
-              error.begin() + static_cast<std::ptrdiff_t>(band_ends_[band] * channels), 0.0);
+    if (!changed.has(band)) continue;
+    const auto [first, end] = band_range(band_ends_, band, channels);
+    std::fill(error.begin() + static_cast<std::ptrdiff_t>(first), error.begin() + static_cast<std::ptrdiff_t>(end),
+              0.0);
   }
   if (any) correction_.add(error, now_us);
 }
@@ -158,9 +158,9 @@ ShownPose Playout::planned(TimeUs media_us) const {
 
 ShownPose Playout::between(std::size_t to_index, TimeUs media_us) const {
   const PlayoutPose &from = poses_[to_index - 1], &to = poses_[to_index];
-  const auto bands = static_cast<std::uint8_t>(from.bands & to.bands);
+  const BandMask bands = from.bands & to.bands;
   const auto usable = [&](const PlayoutPose& neighbour, const PlayoutPose& beside) {
-    return near(neighbour, beside) && near(from, to) && (neighbour.bands & bands) == bands &&
+    return near(neighbour, beside) && near(from, to) && neighbour.bands.includes(bands) &&
            neighbour.origin != PoseOrigin::kEstimate && to.origin != PoseOrigin::kEstimate;
   };
   const PlayoutPose* before = to_index >= 2 && usable(poses_[to_index - 2], from) ? &poses_[to_index - 2] : nullptr;
@@ -196,7 +196,7 @@ ShownPose Playout::beyond_newest(TimeUs media_us) const {
 }
 
 // The weighted sum in `bands`; in the others what the one of a and b shows that lacks them, else b.
-ShownPose Playout::mixed(std::span<const Term> terms, std::uint8_t bands, const PlayoutPose& a,
+ShownPose Playout::mixed(std::span<const Term> terms, BandMask bands, const PlayoutPose& a,
                          const PlayoutPose& b) const {
   ShownPose pose;
   pose.bands = bands;
@@ -208,11 +208,10 @@ ShownPose Playout::mixed(std::span<const Term> terms, std::uint8_t bands, const 
   }
   const std::size_t channels = band_ends_.empty() ? 0 : pose.coefficients.size() / band_ends_.back();
   for (std::size_t band = 0; band < band_ends_.size(); ++band) {
-    if ((bands >> band & 1) != 0) continue;
-    const std::vector<double>& source = ((a.bands >> band & 1) == 0 ? a : b).coefficients;
-    const std::size_t first = band == 0 ? 0 : band_ends_[band - 1] * channels;
-    const std::size_t last = band_ends_[band] * channels;
-    std::copy(source.begin() + static_cast<std::ptrdiff_t>(first), source.begin() + static_cast<std::ptrdiff_t>(last),
+    if (bands.has(band)) continue;
+    const std::vector<double>& source = (a.bands.has(band) ? b : a).coefficients;
+    const auto [first, end] = band_range(band_ends_, band, channels);
+    std::copy(source.begin() + static_cast<std::ptrdiff_t>(first), source.begin() + static_cast<std::ptrdiff_t>(end),
               pose.coefficients.begin() + static_cast<std::ptrdiff_t>(first));
   }
   return pose;

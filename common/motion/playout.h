@@ -8,6 +8,7 @@
 #include <span>
 #include <vector>
 
+#include "common/core/bands.h"
 #include "common/core/clock.h"
 #include "common/motion/correction.h"
 #include "common/motion/playout_clock.h"
@@ -36,7 +37,7 @@ enum class PoseOrigin : std::uint8_t { kSender, kBetween, kEstimate };
 struct PlayoutPose {
   TimeUs time_us = 0;
   std::vector<double> coefficients;  ///< r x c, row-major; what is absent as it is to be read.
-  std::uint8_t bands = 0xff;         ///< Mask of those that it has.
+  BandMask bands = 0xff;             ///< Those that it has.
   PoseOrigin origin = PoseOrigin::kSender;
 };
 
@@ -47,7 +48,7 @@ enum class Shown : std::uint8_t { kLive, kInterpolated, kEstimated, kHeld };
 struct ShownPose {
   TimeUs time_us = 0;  ///< The media time that it shows.
   std::vector<double> coefficients;
-  std::uint8_t bands = 0xff;
+  BandMask bands = 0xff;
   Shown shown = Shown::kLive;
   bool settling = false;  ///< An error shown before is fading: the same pose looks different the next time.
 };
@@ -102,7 +103,7 @@ class Playout {
   ShownPose planned(TimeUs media_us) const;
   ShownPose between(std::size_t to, TimeUs media_us) const;
   ShownPose beyond_newest(TimeUs media_us) const;
-  ShownPose mixed(std::span<const Term> terms, std::uint8_t bands, const PlayoutPose& a, const PlayoutPose& b) const;
+  ShownPose mixed(std::span<const Term> terms, BandMask bands, const PlayoutPose& a, const PlayoutPose& b) const;
   TimeUs media_time(TimeUs now_us);
   void correct(const ShownPose& right, TimeUs now_us);
 

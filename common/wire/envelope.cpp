@@ -34,10 +34,10 @@ Result<void> check(const Envelope& envelope, std::size_t payload_bytes) {
     return corrupt("interpolation step " + std::to_string(at) + "/" + std::to_string(of) + " does not suit its kind");
 
   if (envelope.kind == FrameKind::kStep) {
-    if (envelope.bands != 0 || payload_bytes != 0) return corrupt("a step carries bands or a payload");
+    if (!envelope.bands.empty() || payload_bytes != 0) return corrupt("a step carries bands or a payload");
   } else if (beyond) {
-    if ((envelope.bands == 0) != (payload_bytes == 0)) return corrupt("it carries bands or a payload, but not both");
-  } else if (envelope.bands == 0 || payload_bytes == 0) {
+    if (envelope.bands.empty() != (payload_bytes == 0)) return corrupt("it carries bands or a payload, but not both");
+  } else if (envelope.bands.empty() || payload_bytes == 0) {
     return corrupt("it carries no bands or no payload");
   }
   if (envelope.capture_us < 0 || envelope.capture_us > limits::kMaxTimeUs)
@@ -48,11 +48,11 @@ Result<void> check(const Envelope& envelope, std::size_t payload_bytes) {
 }  // namespace
 
 void append_envelope(const Envelope& envelope, Bytes& out) {
-  assert(check(envelope, envelope.bands == 0 ? 0 : 1));
+  assert(check(envelope, envelope.bands.empty() ? 0 : 1));
   assert(envelope.step.of <= limits::kMaxInterpolation);
   ByteWriter writer(out);
   writer.u8(static_cast<std::uint8_t>(static_cast<unsigned>(envelope.kind) | unsigned{envelope.flags} << kKindBits));
-  writer.u8(envelope.bands);
+  writer.u8(envelope.bands.bits);
   writer.u8(envelope.step.byte());
   writer.u32(envelope.stream_id);
   writer.u32(envelope.epoch);

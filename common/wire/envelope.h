@@ -3,6 +3,7 @@
 
 #include <cstdint>
 
+#include "common/core/bands.h"
 #include "common/core/bytes.h"
 #include "common/core/clock.h"
 #include "common/core/result.h"
@@ -41,7 +42,7 @@ struct Envelope {
 
   FrameKind kind = FrameKind::kKey;
   std::uint8_t flags = 0;       ///< Bits 0 to 4: kAhead; the others are reserved: written 0, rejected otherwise.
-  std::uint8_t bands = 0;       ///< Bit b set: band b is in the payload. 0 on kStep, may be 0 on kEstimate.
+  BandMask bands;               ///< Those in the payload. None on kStep, maybe none on kEstimate.
   InterpolationStep step;       ///< Set unless kKey or kJoin.
   std::uint32_t stream_id = 0;  ///< Given by the broker.
   std::uint32_t epoch = 0;      ///< Given by the broker; names the asset.

@@ -29,12 +29,12 @@ CoefficientLayout layout_from(ByteReader& reader) {
 Key key_from(const CoefficientLayout& layout, ByteReader& reader) {
   Key key;
   key.bands = reader.u8() & layout.all_bands();
-  if (key.bands == 0) key.bands = 1;
+  if (key.bands.empty()) key.bands = 1;
   const bool quantised = layout.codec == CodecKind::kQuantised;
   key.step = quantised ? reader.u8() : std::uint8_t{0};
   (quantised ? key.q.resize(layout.size()) : key.f.resize(layout.size()));
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
-    if ((key.bands >> band & 1) == 0) continue;
+    if (!key.bands.has(band)) continue;
     const auto [first, last] = layout.range(band);
     for (std::size_t i = first; i < last; ++i) {
       const unsigned shift = reader.u8() % 32;
@@ -73,7 +73,7 @@ void check_made(const CoefficientLayout& layout, const ChainState& state, ByteRe
   const std::uint32_t at = 1u + reader.u8() % 15, of = 1u + reader.u8() % 15;
   const VelocityChannels velocities{reader.u8() % (layout.channels / 2 + 1), 1 + reader.u32() % 10'000'000};
   const auto check = [&](const Result<Key>& pose) {
-    if (pose && pose->bands != 0) check_key(layout, state, *pose, half_spacing);
+    if (pose && !pose->bands.empty()) check_key(layout, state, *pose, half_spacing);
   };
   check(estimate_keys(layout, state.older, state.newer, (reader.u8() & 1) != 0, at, of));
   if (at <= of) check(interpolate_keys(layout, state.older, state.newer, at, of));
@@ -91,7 +91,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   check_key(layout, state, key_from(layout, reader), half_spacing);
   check_made(layout, state, reader, half_spacing);
 
-  const std::uint8_t bands = reader.u8();
+  const BandMask bands = reader.u8();
   const std::uint8_t keep = reader.u8();
   const ByteView payload = reader.bytes(reader.remaining());
   if (const auto key = decode_key(layout, bands, state, payload)) {

@@ -121,7 +121,7 @@ class Session {
     Bytes message;
     ByteWriter writer(message);
     writer.u8(static_cast<std::uint8_t>(static_cast<unsigned>(head.kind) | unsigned{head.flags} << 3));
-    writer.u8(head.bands);
+    writer.u8(head.bands.bits);
     writer.u8(head.step.byte());
     writer.u32(head.stream_id);
     writer.u32(head.epoch);
@@ -141,7 +141,7 @@ class Session {
 
   void check(const Key& pose) const {
     const CoefficientLayout& layout = decoder_.layout();
-    require((pose.bands & ~layout.all_bands()) == 0);
+    require(layout.all_bands().includes(pose.bands));
     const std::vector<double> C = coefficients_from_key(layout, pose);
     require(C.size() == layout.size());
     require(std::all_of(C.begin(), C.end(), [](double value) { return std::isfinite(value); }));

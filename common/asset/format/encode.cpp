@@ -16,6 +16,7 @@
 #include "common/asset/tiles/splat_tile.h"
 #include "common/asset/tiles/structure_tile.h"
 #include "common/asset/tiles/wedge_tile.h"
+#include "common/core/bands.h"
 #include "common/core/worker_team.h"
 
 namespace eigencast {
@@ -109,14 +110,10 @@ class Encoder {
     std::vector<NewTile> tiles(ends.size() * bands());
     worker_team().run(tiles.size(), [&](std::size_t task) {
       const std::size_t at = tiles.size() - 1 - task, c = at / bands(), b = at % bands();
-      const BasisBlock block{c == 0 ? 0 : ends[c - 1],
-                             ends[c],
-                             b == 0 ? 0 : asset_.band_ends[b - 1],
-                             asset_.band_ends[b],
-                             manifest_.exact_columns,
-                             asset_.rank,
-                             manifest_.column_scales,
-                             predictors[c]};
+      const auto [first_column, end_column] = band_range(asset_.band_ends, b);
+      const BasisBlock block{
+          c == 0 ? 0 : ends[c - 1], ends[c],      first_column, end_column, manifest_.exact_columns, asset_.rank,
+          manifest_.column_scales,  predictors[c]};
       tiles[at] = basis_tile(block, b);
     });
     return tiles;

@@ -20,6 +20,7 @@
 #include "common/asset/tiles/detail_tile.h"
 #include "common/asset/tiles/predictor.h"
 #include "common/asset/tiles/splat_tile.h"
+#include "common/core/bands.h"
 
 namespace eigencast {
 namespace {
@@ -377,8 +378,7 @@ Result<Manifest> read_manifest(ByteView bytes) {
 }
 
 std::uint64_t basis_tile_bytes(const Manifest& manifest, std::size_t band, std::uint32_t rows) {
-  const std::uint32_t begin = band == 0 ? 0 : manifest.facts.band_ends[band - 1];
-  const std::uint32_t end = manifest.facts.band_ends[band];
+  const auto [begin, end] = band_range(manifest.facts.band_ends, band);
   const std::uint32_t first_integer = std::clamp(manifest.exact_columns, begin, end);
   return std::uint64_t{rows} * (4 * (first_integer - begin) + 2 * (end - first_integer));
 }

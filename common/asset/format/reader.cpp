@@ -14,6 +14,7 @@
 #include "common/asset/tiles/splat_tile.h"
 #include "common/asset/tiles/structure_tile.h"
 #include "common/asset/tiles/wedge_tile.h"
+#include "common/core/bands.h"
 #include "common/core/worker_team.h"
 
 namespace eigencast {
@@ -157,14 +158,10 @@ Result<void> AssetReader::decode_bands(const ChunkEntry& entry, ByteView bytes, 
   std::vector<Result<void>> results(bands_);
   worker_team().run(bands_, [&](std::size_t task) {
     const std::size_t b = bands_ - 1 - task;
-    const BasisBlock block{asset_.rows_ready,
-                           entry.end_row,
-                           b == 0 ? 0 : asset_.band_ends[b - 1],
-                           asset_.band_ends[b],
-                           manifest_->exact_columns,
-                           asset_.rank,
-                           manifest_->column_scales,
-                           predictors};
+    const auto [first_column, end_column] = band_range(asset_.band_ends, b);
+    const BasisBlock block{
+        asset_.rows_ready,        entry.end_row, first_column, end_column, manifest_->exact_columns, asset_.rank,
+        manifest_->column_scales, predictors};
     const TileEntry& tile = entry.tiles[1 + b];
     const ByteView stored = bytes.subspan(begin[b], tile.stored_bytes);
     if (tile.compression == Compression::kCoded) {

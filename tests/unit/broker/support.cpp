@@ -74,7 +74,7 @@ void FakeReceiver::decode(const Frame& frame) {
     show(head, state_->newer);
   } else if (head.kind == FrameKind::kStep || head.kind == FrameKind::kEstimate) {
     if (!state_ || head.sequence != newest_) return void(++undecodable);
-    const auto key = head.bands == 0 ? made(head) : decode_key(small_layout(), head.bands, *state_, view->payload);
+    const auto key = head.bands.empty() ? made(head) : decode_key(small_layout(), head.bands, *state_, view->payload);
     if (!key) return void(++undecodable);
     show(head, *key);
   } else {

@@ -16,9 +16,9 @@ INSTANTIATE_TEST_SUITE_P(Codecs, EachCodec,
                          [](const auto& codec) { return std::string(name_of(codec.param)); });
 
 /// The key with only the bands of `keep`.
-Key cut(const CoefficientLayout& layout, Key key, std::uint8_t keep) {
+Key cut(const CoefficientLayout& layout, Key key, BandMask keep) {
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
-    if ((keep >> band & 1) != 0) continue;
+    if (keep.has(band)) continue;
     const auto [first, last] = layout.range(band);
     for (std::size_t i = first; i < last; ++i) {
       if (!key.q.empty()) key.q[i] = 0;
@@ -70,7 +70,7 @@ TEST_P(EachCodec, CuttingBandsEqualsDecodingOnlyThose) {
   const MotionSample motion(layout);
   const ChainState state = motion.state(150);
   const Key key = motion.key(2, 153);
-  const std::uint8_t all = layout.all_bands();
+  const std::uint8_t all = layout.all_bands().bits;
   const CodedKey coded = encode_key(layout, state, key, 3).value();
   const Bytes join = encode_join(layout, state).value();
   for (int mask = 1; mask <= all; ++mask) {

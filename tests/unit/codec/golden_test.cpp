@@ -31,7 +31,7 @@ std::string json_array(const std::vector<T>& values) {
 }
 
 std::string json_of(const CoefficientLayout& layout, const Key& key) {
-  return "{\"bands\":" + std::to_string(key.bands) + ",\"step\":" + std::to_string(key.step) +
+  return "{\"bands\":" + std::to_string(key.bands.bits) + ",\"step\":" + std::to_string(key.step) +
          ",\"values\":" + (layout.codec == CodecKind::kQuantised ? json_array(key.q) : json_array(key.f)) + "}";
 }
 
@@ -90,7 +90,7 @@ class Stream {
   void key(const Key& key, std::uint8_t half_spacing, std::uint8_t keep = 255, std::uint8_t flags = 0) {
     ++sequence_;
     auto [payload, coded] = encode_key(layout_, *sender_, key, half_spacing).value();
-    const auto bands = static_cast<std::uint8_t>(key.bands & keep);
+    const BandMask bands = key.bands & keep;
     if (bands != key.bands) payload = cut_bands(layout_, false, key.bands, keep, payload).value();
     const auto decoded = decode_key(layout_, bands, *receiver_, payload);
     ASSERT_TRUE(decoded) << decoded.error().message;
@@ -129,7 +129,7 @@ class Stream {
   void estimate(bool damped, bool in_full, std::uint8_t at, std::uint8_t of) {
     const Key pose = estimate_keys(layout_, receiver_->older, receiver_->newer, damped, at, of).value();
     const Bytes payload = in_full ? encode_key(layout_, *sender_, pose, 0).value().payload : Bytes();
-    const auto bands = in_full ? pose.bands : std::uint8_t{0};
+    const BandMask bands = in_full ? pose.bands : BandMask();
     write({FrameKind::kEstimate, 0, bands, {at, of}, 7, 3, sequence_, capture(of + at, of)}, payload,
           ",\"pose\":" + json_of(layout_, pose));
   }
@@ -161,7 +161,7 @@ class Stream {
     frames_ += hex_of(frame) + "\n";
     constexpr const char* kNames[] = {"", "key", "join", "synthetic", "step", "estimate"};
     poses_ += std::string("{\"kind\":\"") + kNames[static_cast<int>(envelope.kind)] +
-              "\",\"flags\":" + std::to_string(envelope.flags) + ",\"bands\":" + std::to_string(envelope.bands) +
+              "\",\"flags\":" + std::to_string(envelope.flags) + ",\"bands\":" + std::to_string(envelope.bands.bits) +
               ",\"at\":" + std::to_string(envelope.step.at) + ",\"of\":" + std::to_string(envelope.step.of) +
               ",\"stream_id\":7,\"epoch\":3,\"sequence\":" + std::to_string(envelope.sequence) +
               ",\"capture_us\":" + std::to_string(envelope.capture_us) + decoded + "}\n";
