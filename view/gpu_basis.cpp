@@ -55,7 +55,7 @@ void GpuBasis::append_tile(const kernel::Tiles& tile, std::size_t number) {
   const std::vector<float> floats = in_groups(tile.floats, tile.float_columns,
                                               [](std::size_t row, std::size_t column) { return column * kRows + row; });
   floats_.write(number * floats.size() * sizeof(float), std::span<const float>(floats));
-  const std::vector<std::int16_t> integers = in_groups(tile.integers, tile.integer_columns, kernel::place_of_integer);
+  const std::vector<std::int16_t> integers = in_groups(tile.integers, tile.integer_columns, kernel::offset_of_integer);
   integers_.write(number * integers.size() * sizeof(std::int16_t), std::span<const std::int16_t>(integers));
 }
 

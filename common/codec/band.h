@@ -8,57 +8,55 @@
 #include "common/core/bytes.h"
 #include "common/core/result.h"
 
-/// The values of one band as a run of bytes (docs/protocol.md, "Payload"). There are two kinds: exact runs, which may
-/// stand alone, and coarse runs, which need the two keys before them and give the values to within a spacing of the
-/// encoder's choice.
+/// The values of one band as a run of bytes (docs/protocol.md, "Payload"): exact runs, which need no key before them, and
+/// coarse runs, which are predicted from two keys and give the values to within a spacing of the encoder's choice.
 namespace eigencast::band {
 
 /// The values of the two latest keys in a band, at the step of the frame.
 struct References {
   std::span<const std::int32_t> c1;  ///< The latest key; empty where it lacks the band.
-  std::span<const std::int32_t>
-      c2;  ///< The one before it; empty where it lacks the band, which then counts as at rest.
+  std::span<const std::int32_t> c2;  ///< The one before it; empty where it lacks the band: then at rest.
 };
 
-/// What a coarse run may cost and lose.
+/// The precision of a coarse run.
 struct Spacing {
   std::uint8_t half = 0;       ///< m: half the distance between reconstruction levels, in steps; 1..63. 0: exact.
   std::uint32_t channels = 3;  ///< c: values in a row.
 };
 
 inline constexpr std::uint8_t kMaxHalfSpacing = 63;
-/// Where runs may be coarse, this byte goes before an exact one; no coarse run begins with it.
+/// Precedes an exact run where runs may be coarse; no coarse run begins with it.
 inline constexpr std::uint8_t kExactFollows = 0xff;
 
 /// Appends an exact run: the differences from c1, or the values themselves if c1 is empty.
 void append_exact(std::span<const std::int32_t> values, std::span<const std::int32_t> c1, Bytes& out);
 
-/// Appends a coarse run and writes what it decodes to. Chooses levels by a trellis search of rate and distortion, so
-/// that the root mean square error is about 0.56 m and single errors stay below 3 m.
-///   values   the targets, `channels` to a row     from  c1 must be there
-///   decoded  as many as values; other memory
-/// Returns false, and appends nothing, if a decoded value would leave the range: an exact run is needed then.
+/// Appends a coarse run and writes its decoded values. Chooses levels by a trellis search of rate and distortion: the root
+/// mean square error is about 0.56 m, single errors stay below 3 m.
+///   values   the targets, `channels` to a row
+///   decoded  as many as values; separate memory
+/// Returns false, and appends nothing, if a decoded value would leave the range. REQUIRES: from.c1 is not empty.
 bool append_coarse(std::span<const std::int32_t> values, const References& from, const Spacing& spacing, Bytes& out,
                    std::span<std::int32_t> decoded);
 
-/// Memory that append_quick uses over again.
+/// Memory that append_quick reuses.
 struct QuickWorkspace {
   std::vector<std::uint32_t> speeds;
   std::vector<std::int32_t> residuals;
 };
 
-/// Appends a coarse run in a quarter of the time, for values that nobody builds upon: each level is chosen for itself,
-/// and what it decodes to is not told. Single errors stay below 3 m.
+/// Appends a coarse run in a quarter of the time, for values that no later key is predicted from: chooses each level alone
+/// and does not return the decoded values. Single errors stay below 3 m.
 ///   c1, c2  as many as values: of the newer and the older key
-/// Returns false, and appends nothing, if a value is beyond +-2^24: append_coarse deals with those.
+/// Returns false, and appends nothing, if a value is beyond +-2^24: use append_coarse.
 bool append_quick(std::span<const std::int32_t> values, std::span<const std::int32_t> c1,
                   std::span<const std::int32_t> c2, const Spacing& spacing, QuickWorkspace& workspace, Bytes& out);
 
-/// Reads the run at the front of `in` (a coarse one is all of `in`) and returns how many bytes it took. Safe on hostile
-/// input. Errors: kCorrupt (a reference that is missing, bytes missing or left over, a value out of range).
+/// Reads the run at the front of `in` (a coarse run takes all of `in`) and returns its bytes. Safe on hostile input.
+/// Errors: kCorrupt (a missing reference, missing or extra bytes, a value out of range).
 Result<std::size_t> read(ByteView in, const References& from, const Spacing& spacing, std::span<std::int32_t> values);
 
-/// The two kinds, as read() finds them: all runs are exact where the spacing is 0.
+/// The two kinds, as read() selects them: all runs are exact where the spacing is 0.
 Result<std::size_t> read_exact(ByteView in, std::span<const std::int32_t> c1, std::span<std::int32_t> values);
 Result<std::size_t> read_coarse(ByteView in, const References& from, const Spacing& spacing,
                                 std::span<std::int32_t> values);

@@ -20,16 +20,16 @@
 #include <string>
 
 #include "common/codec/band.h"
-#include "common/codec/empty_key.h"
 #include "common/codec/fixed.h"
+#include "common/codec/key_parts.h"
 
 namespace eigencast {
 namespace {
 
-Error corrupt(std::string what) {
+Error corrupt_payload(std::string what) {
   return fail(ErrorCode::kCorrupt, "payload: " + std::move(what));
 }
-Error misuse(std::string what) {
+Error codec_misuse(std::string what) {
   return fail(ErrorCode::kInvalidArgument, "codec: " + std::move(what));
 }
 
@@ -39,18 +39,17 @@ bool fits(const CoefficientLayout& layout, const Key& key) {
 }
 
 bool all_in_range(std::span<const std::int32_t> values) {
-  bool all = true;  // Without leaving early, so that the compiler takes several at a time.
+  bool all = true;  // no early return, so that the loop vectorises
   for (const std::int32_t q : values) all &= (q >= -fixed::kMaxValue) & (q <= fixed::kMaxValue);
   return all;
 }
 
-/// Memory for values that are not at the step of the frame, used over again.
+/// Reused memory for values rescaled to the frame's step.
 struct RescaledValues {
   std::vector<std::int32_t> c1, c2;
 };
 
-/// The band's values of a key of the state at `step`, rescaled if they must be; empty where the key lacks the band or
-/// rescaling leaves the range.
+/// The band's values of a key of the state at `step`; empty where the key lacks the band or rescaling overflows.
 std::span<const std::int32_t> reference(const CoefficientLayout& layout, const Key& key, std::size_t band,
                                         std::uint8_t step, std::vector<std::int32_t>& rescaled) {
   if (!key.bands.has(band) || key.q.size() != layout.size()) return {};
@@ -67,7 +66,7 @@ std::span<const std::int32_t> reference(const CoefficientLayout& layout, const K
   return rescaled;
 }
 
-/// Valid as long as the state and the memory are left as they are.
+/// Valid until the state or the memory changes.
 band::References references(const CoefficientLayout& layout, const ChainState& state, std::size_t band,
                             std::uint8_t step, RescaledValues& memory) {
   band::References out;
@@ -76,7 +75,7 @@ band::References references(const CoefficientLayout& layout, const ChainState& s
   return out;
 }
 
-/// What coding poses uses over again.
+/// Reused memory for coding poses.
 struct PoseWorkspace {
   Bytes run;
   band::QuickWorkspace quick;
@@ -101,7 +100,7 @@ Result<void> append_floats(const CoefficientLayout& layout, std::size_t band, co
   return {};
 }
 
-/// Appends the run of a band of `key`, and makes `key` what it decodes to.
+/// Appends the run of a band of `key` and sets `key` to the decoded values.
 Result<void> append_run(const CoefficientLayout& layout, std::size_t band, const band::References& from,
                         std::uint8_t half_spacing, Key& key, Bytes& out) {
   if (is_float(layout)) return append_floats(layout, band, key, out);
@@ -122,7 +121,7 @@ Result<void> append_run(const CoefficientLayout& layout, std::size_t band, const
   return {};
 }
 
-/// Appends the run of a band of a pose at the state's own step; false: it takes append_run.
+/// Appends the run of a band of a pose at the state's own step; false: use append_run.
 bool append_quick_run(const CoefficientLayout& layout, std::size_t band, const ChainState& state, const Key& pose,
                       std::uint8_t half_spacing, band::QuickWorkspace& workspace, Bytes& out) {
   if (half_spacing == 0 || is_float(layout) || pose.step != state.newer.step) return false;
@@ -153,11 +152,11 @@ Result<std::size_t> read_run(const CoefficientLayout& layout, std::size_t band, 
   return reader.position();
 }
 
-constexpr unsigned kSameStep = 3;  ///< In place of the codec's number: quantised, at the step of the newer key.
+constexpr unsigned kSameStep = 3;  ///< Codec number of quantised payloads at the step of the newer key.
 
 struct Head {
   std::uint8_t half_spacing = 0;     ///< Keys and synthetic poses only.
-  std::optional<std::uint8_t> step;  ///< Absent: that of the newer key of the state; keys and synthetic poses only.
+  std::optional<std::uint8_t> step;  ///< Absent (keys and synthetic poses): that of the state's newer key.
   std::uint8_t older_step = 0;       ///< Joins only.
   BandMask older_bands;              ///< Joins only.
   TimeUs age_us = 0;                 ///< Joins only.
@@ -174,12 +173,12 @@ void append_head(const CoefficientLayout& layout, bool join, const Head& head, B
 }
 
 Result<void> check_coded(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing) {
-  if (key.bands.empty() || !fits(layout, key)) return misuse("the key does not fit the layout");
-  if (half_spacing > band::kMaxHalfSpacing) return misuse("a half spacing is 63 steps at most");
+  if (key.bands.empty() || !fits(layout, key)) return codec_misuse("the key does not fit the layout");
+  if (half_spacing > band::kMaxHalfSpacing) return codec_misuse("a half spacing is 63 steps at most");
   return {};
 }
 
-/// Of a key or synthetic pose.
+/// Appends the head of a key or synthetic pose.
 void append_key_head(const CoefficientLayout& layout, const ChainState& state, const Key& key,
                      std::uint8_t half_spacing, ByteWriter& writer) {
   const std::uint8_t m = is_float(layout) ? std::uint8_t{0} : half_spacing;
@@ -188,7 +187,8 @@ void append_key_head(const CoefficientLayout& layout, const ChainState& state, c
 }
 
 Result<Head> read_head(const CoefficientLayout& layout, bool join, BandMask bands, ByteReader& reader) {
-  if (bands.empty() || !layout.all_bands().includes(bands)) return corrupt("bands that the stream does not have");
+  if (bands.empty() || !layout.all_bands().includes(bands))
+    return corrupt_payload("bands that the stream does not have");
   Head head;
   const std::uint8_t first = reader.u8();
   const unsigned codec = first & 3u;
@@ -200,20 +200,23 @@ Result<Head> read_head(const CoefficientLayout& layout, bool join, BandMask band
     head.older_bands = reader.u8();
     const std::uint64_t age = reader.varint();
     constexpr std::uint64_t kMaxAge = (std::uint64_t{1} << 62) - 1;
-    if (age > kMaxAge) return corrupt("the age of the older key is out of range");
+    if (age > kMaxAge) return corrupt_payload("the age of the older key is out of range");
     head.age_us = static_cast<TimeUs>(age);
   }
-  if (reader.failed()) return corrupt("it ends within its head");
+  if (reader.failed()) return corrupt_payload("it ends within its head");
   if (codec != static_cast<unsigned>(layout.codec) && !same_step) {
-    return corrupt("codec " + std::to_string(codec) + " where the stream has " + std::string(name_of(layout.codec)));
+    return corrupt_payload("codec " + std::to_string(codec) + " where the stream has " +
+                           std::string(name_of(layout.codec)));
   }
-  if (is_float(layout) && (*head.step != 0 || head.older_step != 0)) return corrupt("a float codec has no step");
-  if (head.half_spacing != 0 && (join || is_float(layout))) return corrupt("it is exact and cannot have a spacing");
-  if (!bands.includes(head.older_bands)) return corrupt("the older key has bands that the newer lacks");
+  if (is_float(layout) && (*head.step != 0 || head.older_step != 0))
+    return corrupt_payload("a float codec has no step");
+  if (head.half_spacing != 0 && (join || is_float(layout)))
+    return corrupt_payload("it is exact and cannot have a spacing");
+  if (!bands.includes(head.older_bands)) return corrupt_payload("the older key has bands that the newer lacks");
   return head;
 }
 
-/// Takes the sections of all bands off the reader; what remains must be nothing.
+/// Calls visit() with the section of each band. Errors: kCorrupt where bytes remain.
 Result<void> each_section(const CoefficientLayout& layout, BandMask bands, ByteReader& reader,
                           const std::function<Result<void>(std::size_t band, ByteView section)>& visit) {
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
@@ -224,7 +227,7 @@ Result<void> each_section(const CoefficientLayout& layout, BandMask bands, ByteR
     if (reader.failed()) return fail(ErrorCode::kCorrupt, where + ": it ends early");
     if (const auto visited = visit(band, section); !visited) return in_context(where, visited.error());
   }
-  if (!reader.finished()) return corrupt(std::to_string(reader.remaining()) + " bytes are left over");
+  if (!reader.finished()) return corrupt_payload(std::to_string(reader.remaining()) + " bytes are left over");
   return {};
 }
 
@@ -259,7 +262,7 @@ Result<Bytes> encode_pose(const CoefficientLayout& layout, const ChainState& sta
                           std::uint8_t half_spacing) {
   if (const auto checked = check_coded(layout, pose, half_spacing); !checked) return checked.error();
   Bytes payload;
-  payload.reserve(layout.size());  // A coarse value takes less than a byte, but for surfaces that jump.
+  payload.reserve(layout.size());  // a coarse value takes less than a byte unless the surface jumps
   ByteWriter writer(payload);
   append_key_head(layout, state, pose, half_spacing, writer);
   thread_local PoseWorkspace memory;
@@ -300,9 +303,10 @@ Result<Key> decode_key(const CoefficientLayout& layout, BandMask bands, const Ch
 
 Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& state) {
   if (state.newer.bands.empty() || !fits(layout, state.newer) || !fits(layout, state.older))
-    return misuse("the state does not fit the layout");
-  if (state.age_us < 0 || state.age_us >= TimeUs{1} << 62) return misuse("the newer key is not later than the older");
-  // A band of the older key alone can neither be predicted from nor interpolated with, so that it is left out.
+    return codec_misuse("the state does not fit the layout");
+  if (state.age_us < 0 || state.age_us >= TimeUs{1} << 62)
+    return codec_misuse("the newer key is not later than the older");
+  // A band of the older key alone can be neither predicted from nor interpolated.
   const BandMask older_bands = state.older.bands & state.newer.bands;
   ChainState coded = state;
   Bytes out;
@@ -353,7 +357,7 @@ Result<Bytes> cut_bands(const CoefficientLayout& layout, bool join, BandMask ban
   ByteReader reader(payload);
   auto head = read_head(layout, join, bands, reader);
   if (!head) return head.error();
-  if ((bands & keep).empty()) return misuse("no band would be left");
+  if ((bands & keep).empty()) return codec_misuse("no band would be left");
   head->older_bands &= keep;
   Bytes out;
   ByteWriter writer(out);

@@ -23,19 +23,19 @@ ChainState advanced(std::optional<ChainState> state, Key key, TimeUs age_us);
 /// A key as it was coded.
 struct CodedKey {
   Bytes payload;
-  Key key;  ///< What every receiver decodes: the next state is made of this one, not of what was to be coded.
+  Key key;  ///< The decoded key, of which the next state is made on both sides.
 };
 
 /// Payload of a kKey or kSynthetic frame: `key`, predicted from `state`, which is not changed. Each band is
 /// self-contained.
-///   half_spacing  m, 0..63: bands that the newer key of the state has are coded to within about 0.56 m steps rms; 0:
-///                 exactly. The others are always exact, and so are float codecs.
-/// Errors: kInvalidArgument (the key is not of the layout, or has no band; m), kTooLarge (beyond +-2^30 or float32).
+///   half_spacing  m, 0..63: bands of the state's newer key are coded to within about 0.56 m steps rms; 0: exactly.
+///                 Other bands and float codecs are always exact.
+/// Errors: kInvalidArgument (the key does not fit the layout, or has no band; m), kTooLarge (beyond +-2^30 or float32).
 Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& state, const Key& key,
                             std::uint8_t half_spacing);
 
-/// Payload of a kSynthetic or kEstimate frame, for poses that are many and soon over: as encode_key, in a quarter of
-/// the time and a few more bytes, and what it decodes to is not told. Errors: as encode_key.
+/// Payload of a kSynthetic or kEstimate frame: as encode_key, in a quarter of the time and a few more bytes, without the
+/// decoded key. Errors: as encode_key.
 Result<Bytes> encode_pose(const CoefficientLayout& layout, const ChainState& state, Key pose,
                           std::uint8_t half_spacing);
 
@@ -47,14 +47,14 @@ std::uint8_t half_spacing_of(ByteView payload);
 /// overflow).
 Result<Key> decode_key(const CoefficientLayout& layout, BandMask bands, const ChainState& state, ByteView payload);
 
-/// Payload of a kJoin frame: both keys, from nothing. A band that only the older key has is left out: nothing can use
-/// it. Errors: as encode_key; kInvalidArgument (age_us negative).
+/// Payload of a kJoin frame: both keys, without prediction. Omits bands of the older key alone, which nothing can use.
+/// Errors: as encode_key; kInvalidArgument (age_us negative).
 Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& state);
 /// Errors: as decode_key.
 Result<ChainState> decode_join(const CoefficientLayout& layout, BandMask bands, ByteView payload);
 
-/// The payload of kind `join` (kJoin) or not (kKey, kSynthetic) with only the bands of `keep`, without decoding a
-/// value. Errors: kCorrupt, kInvalidArgument (no band would be left).
+/// The payload with only the bands of `keep`, without decoding a value. `join`: of a kJoin frame, else of kKey or
+/// kSynthetic. Errors: kCorrupt, kInvalidArgument (no band would remain).
 Result<Bytes> cut_bands(const CoefficientLayout& layout, bool join, BandMask bands, BandMask keep, ByteView payload);
 
 }  // namespace eigencast

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// The encoder of coarse runs. Nothing here binds a decoder: another encoder may choose weights, scale and levels as it
-// likes. All choices are made in integers, but for the weights, so that the bytes are the same on every machine.
+// The encoder of coarse runs. Weights, scale and levels are the encoder's free choice. All choices but the weights are
+// made in integers, so that the bytes are the same on every machine.
 #include <algorithm>
 #include <cassert>
 #include <cmath>
@@ -12,8 +12,7 @@
 namespace eigencast::band {
 namespace {
 
-/// What levels 0 to 4 of a rule cost in a context, in 1/256 bit. From 2 on each level costs as much more than the one
-/// before.
+/// Costs of levels 0 to 4 of a rule in a context, in 1/256 bit. From 2 on the cost grows by the same amount per level.
 using LevelCosts = std::array<std::int32_t, 5>;
 
 /// By rule and context.
@@ -39,8 +38,8 @@ const CostTable& level_costs() {
   return kTable;
 }
 
-/// What levels cost as the search weighs it against distortion: 0.06 squared spacings a bit, in 1/4096 of a squared
-/// step. Each thread keeps the table that it used last, since m changes seldom.
+/// Costs of levels as squared error: 0.06 squared spacings a bit, in 1/4096 of a squared step. Each thread keeps the table
+/// that it used last, since m changes seldom.
 const CostTable& prices_at(std::int32_t m) {
   struct Kept {
     std::int32_t m = 0;
@@ -58,7 +57,7 @@ const CostTable& prices_at(std::int32_t m) {
   return kept.prices;
 }
 
-/// What a restoring weight costs, as a share of the energy of one value: 4 bits buy 2 ln 2 each.
+/// Cost of a restoring weight, relative to the energy of one value: 4 bits at 2 ln 2 each.
 constexpr double kRestoringCost = 5.5;
 
 /// Sums over a run of products of the movement v, the one before it d, and the pose c before the movement.
@@ -91,8 +90,7 @@ Moments<double> moments_of(std::span<const std::int32_t> values, const Motion& m
   return all;
 }
 
-/// The weights that leave the least energy, by least squares and then on their grid. A restoring weight is taken where
-/// it gains what it costs.
+/// The weights of least residual energy, by least squares, then on their grid. Uses a restoring weight only where it pays.
 Predictor best_predictor(std::span<const std::int32_t> values, const Motion& motion) {
   const Moments<double> of = moments_of(values, motion);
   const auto on_grid = [](double weight, int unit, int zero) {
@@ -122,12 +120,11 @@ Predictor best_predictor(std::span<const std::int32_t> values, const Motion& mot
   return best.energy * (count + kRestoringCost) < usual.energy * count ? best.predictor : usual.predictor;
 }
 
-/// Four numbers that are worked on at a time.
 using Four = std::int32_t __attribute__((vector_size(16)));
 
-/// Viterbi's search for the levels of least distortion + lambda * rate. Prices are in 1/4096 of a squared step, less
-/// what all candidates of a value have in common, so that they stay within 2^29; costs are those of the four states
-/// less that of the first, which are never more than two prices apart.
+/// Viterbi's search for the levels of least distortion + lambda * rate. Prices are in 1/4096 of a squared step, without
+/// the part common to all candidates of a value, so that they stay within 2^29. Costs are relative to the first state's;
+/// they differ by at most two prices.
 class Trellis {
  public:
   explicit Trellis(const Spacing& spacing)
@@ -137,7 +134,7 @@ class Trellis {
   ///   contexts  of the true residuals, as many
   void search(std::span<const std::int64_t> residuals, const std::uint8_t* contexts, std::uint32_t* levels) const {
     constexpr std::int32_t kNever = 1 << 30;
-    // Who leads where: kNextState, read backwards, as state << 1 | parity; by state, the even level, then the odd one.
+    // kNextState reversed, as state << 1 | parity: each state's predecessor by an even level, and by an odd one.
     constexpr Four kEven = {0, 4, 2, 6}, kOdd = {3, 7, 1, 5};
     Four cost = {0, kNever, kNever, kNever};
     const auto steps = std::make_unique_for_overwrite<Step[]>(residuals.size());
@@ -162,9 +159,9 @@ class Trellis {
 
  private:
   struct Step {
-    Four origin;                       ///< By state: where its path came from, and by which parity.
+    Four origin;                       ///< By state: the predecessor of its path, and the parity.
     std::array<std::uint32_t, 2> low;  ///< By rule: the highest level whose point is not above the residual; m >= 1.
-    std::array<bool, 2> zero;          ///< By rule: level 0 is the best even one, though it is not beside the residual.
+    std::array<bool, 2> zero;          ///< By rule: level 0 is the best even one, though not next to the residual.
   };
   /// The prices of the best even and odd level of a rule.
   struct Offer {
@@ -179,13 +176,13 @@ class Trellis {
     step.low = {static_cast<std::uint32_t>(whole), static_cast<std::uint32_t>(whole + further)};
     // From level 2 on all cost alike.
     const auto low_0 = static_cast<unsigned>(std::min<std::int64_t>(whole, 2)), low_1 = low_0 + further;
-    // A point that the residual lies rest + k m beyond has a distortion of k^2 m^2 + 2 k m rest, and of rest^2, which
-    // all have in common. Masks, not branches: how far beyond is anybody's guess.
+    // A point at distance rest + k m has the distortion k^2 m^2 + 2 k m rest, plus the common rest^2. Masks instead of
+    // branches, which would be mispredicted.
     const std::int32_t slope = 8192 * m_ * rest, to_zero = 4 * square_ + 2 * slope;
     const std::int32_t if_further = -std::int32_t{further};
     const Offer rule_0 =
         offer(0, 4 * square_ - 2 * slope, to_zero, prices_[0].data()[context].data(), low_0, step.low[0], step.zero[0]);
-    // Rule 1 has a point at 0, too, which is nearer than the others.
+    // Rule 1 also has a point at 0, nearer than the others.
     const std::int32_t below = (square_ + slope - (2 * slope & if_further)) & -std::int32_t{low_1 != 0};
     const std::int32_t above = square_ - slope + ((8 * square_ - 2 * slope) & if_further);
     const Offer rule_1 =
@@ -193,8 +190,8 @@ class Trellis {
     return Four{rule_0.even, rule_0.odd, rule_1.even, rule_1.odd};
   }
 
-  /// Distortions of levels `low` and low + 1, and of level 0, which is another one if low is 1.
-  ///   low  the level itself, or as many levels below as cost alike
+  /// The better even and odd level of `low`, low + 1 and 0, from their distortions.
+  ///   low  capped at 2, since further levels cost alike
   static Offer offer(std::int32_t below, std::int32_t above, std::int32_t to_zero, const std::int32_t* prices,
                      unsigned low, std::uint32_t true_low, bool& zero) {
     const std::int32_t price_low = below + prices[low], price_high = above + prices[low + 1];
@@ -222,14 +219,14 @@ class Trellis {
   const CostTable& prices_;
 };
 
-/// A level as the coder takes it.
+/// A level as the coder needs it.
 struct Decision {
   std::uint32_t level;
   std::uint8_t rule, context;
   bool negative;
 };
 
-/// What the levels decode to, and how they are coded; false if a value would leave the range.
+/// Decodes the levels and prepares their coding; false if a value would leave the range.
 bool decide(std::span<const std::int32_t> values, const std::int64_t* residual, const std::uint32_t* level,
             ContextModel contexts, std::int64_t m, Decision* decision, std::int32_t* decoded) {
   unsigned state = 0;
@@ -248,7 +245,7 @@ bool decide(std::span<const std::int32_t> values, const std::int64_t* residual, 
   return in_range;
 }
 
-/// Writes the levels, with which the run ends.
+/// Writes the levels and ends the run.
 void put_levels(RangeEncoder out, std::span<const Decision> decisions) {
   for (const Decision& d : decisions) {
     put_level(out, d.level, LevelOdds(d.rule, d.context));

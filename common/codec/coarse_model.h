@@ -13,11 +13,11 @@
 #include "common/codec/band.h"
 #include "common/codec/fixed.h"
 
-/// What coder and decoder of coarse runs must agree on bit by bit (docs/protocol.md, "Coarse runs"): prediction,
-/// levels, and how likely each level is.
+/// The model that coder and decoder of coarse runs share bit by bit (docs/protocol.md, "Coarse runs"): prediction, levels
+/// and their probabilities.
 namespace eigencast::band {
 
-/// Of the two reconstruction rules one is in force at each value, chosen by the parities of the levels before it
+/// One of two reconstruction rules applies to each value, selected by the parities of the levels before it
 /// (trellis coded quantisation: Marcellin & Fischer 1990; in this form: Schwarz et al. 2021, "Quantization and entropy
 /// coding in the Versatile Video Coding standard"). In units of m, rule 0 has the points 0, 2, 4, ... and rule 1 has 0,
 /// 1, 3, 5, ...
@@ -51,7 +51,7 @@ inline constexpr unsigned kLowestOffset = 24;
 /// [64, 2^15 - 64].
 extern const std::array<std::uint16_t, kContexts + kLowestOffset> kMore;
 
-/// Probabilities that a level goes on beyond 0, 1 and any later count.
+/// Probabilities that a level exceeds 0, 1 and any later count.
 struct LevelOdds {
   unsigned beyond_0, beyond_1, later;  ///< Indices into kMore.
   LevelOdds(unsigned rule, unsigned context)
@@ -60,7 +60,7 @@ struct LevelOdds {
         later(context + kLowestOffset - 18) {}
 };
 
-/// Probabilities that a scale code is not the one expected, and that it is further off than so far.
+/// Probabilities that a scale code differs from the expected one, and that it differs by yet another.
 inline constexpr std::uint32_t kScaleDiffers = 26000, kScaleFurther = 19000;
 
 /// The magnitude that a scale code stands for.
@@ -77,7 +77,7 @@ inline unsigned scale_code_of(std::uint64_t sum, std::size_t count, unsigned hal
   return code;
 }
 
-/// Foretells the magnitude of each residual of a band from its speed, the residuals before it in its channel, and the
+/// Predicts the magnitude of each residual of a band from its speed, the residuals before it in its channel, and the
 /// band's scale.
 class ContextModel {
  public:
@@ -97,7 +97,7 @@ class ContextModel {
     return static_cast<unsigned>(std::clamp(log_of(sum) - unit_, 0, static_cast<int>(kContexts) - 1));
   }
 
-  /// Its residual turned out to be of this magnitude.
+  /// Takes the magnitude of its residual.
   void add(std::int64_t magnitude) {
     std::int64_t& recent = recent_.data()[channel_];
     recent += (16 * magnitude - recent) >> 3;
@@ -116,12 +116,11 @@ class ContextModel {
   unsigned channels_;
   int unit_;
   std::int64_t base_;
-  std::array<std::int64_t, 16>
-      recent_;  ///< By channel: mean magnitude so far, the latest counting most; in sixteenths.
+  std::array<std::int64_t, 16> recent_;  ///< By channel: exponential mean of magnitudes, in sixteenths.
   unsigned channel_ = 0;
 };
 
-/// Where a coarse run starts from: what the two keys before it say about the band.
+/// A band's motion between the two keys before a coarse run.
 struct Motion {
   explicit Motion(const References& from) : c1(from.c1), c2(from.c2.empty() ? from.c1 : from.c2), speeds(c1.size()) {
     for (std::size_t i = 0; i < c1.size(); ++i) {
@@ -130,7 +129,7 @@ struct Motion {
       speed_sum += speeds[i];
     }
   }
-  /// The scale code that the speeds make likely.
+  /// The scale code predicted from the speeds.
   unsigned expected_scale(unsigned half_spacing) const { return scale_code_of(speed_sum, speeds.size(), half_spacing); }
 
   std::span<const std::int32_t> c1, c2;

@@ -44,7 +44,7 @@ unsigned read_bits(RangeDecoder& in, unsigned count) {
   return value;
 }
 
-/// May be out of range.
+/// The result may be out of range.
 int read_scale(RangeDecoder& in, unsigned expected) {
   if (!in.get(kScaleDiffers)) return static_cast<int>(expected);
   const bool less = in.get_even();

@@ -52,12 +52,12 @@ class BitWriter {
   unsigned filled_ = 0;
 };
 
-/// Reads beyond the end give ones, so that a unary run stops at its cap; overran() tells.
+/// Reads beyond the end give ones, so that a unary run stops at its cap; see overran().
 class BitReader {
  public:
   explicit BitReader(ByteView in) : in_(in) {}
 
-  /// Ones before the next zero, which is taken too; or kMaxQuotient ones and nothing more.
+  /// Counts ones up to the next zero, which is consumed too, or up to kMaxQuotient.
   unsigned unary() {
     fill();
     const unsigned ones = std::min(static_cast<unsigned>(std::countl_one(window_)), kMaxQuotient);
@@ -104,8 +104,8 @@ std::uint64_t cost(std::span<const std::uint64_t> z, unsigned parameter) {
   return bits;
 }
 
-/// The best parameter for these residuals: the optimum lies at or beside log2 of their mean; escapes may pull it up by
-/// outliers alone, so that smaller ones are tried until they get dearer.
+/// The best parameter for these residuals. The optimum lies near log2 of their mean; outliers, which are escaped, raise
+/// the mean, so smaller parameters are tried until the cost grows.
 unsigned best_parameter(std::span<const std::uint64_t> z) {
   std::uint64_t sum = 0;
   for (const std::uint64_t value : z) sum += value;

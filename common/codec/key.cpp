@@ -8,22 +8,18 @@
 #include <cmath>
 #include <string>
 
-#include "common/codec/empty_key.h"
 #include "common/codec/fixed.h"
+#include "common/codec/key_parts.h"
 
 namespace eigencast {
 namespace {
 
 constexpr int kTableOrigin = 160;
-/// The state is held 6 to 11 times finer than half the spacing of levels, which meets any bound to within 3 %. 4 times
-/// costs 1 % more bits, 12 times 0.5 % fewer, but leaves rate control less room.
+/// The state's step is 6 to 11 times finer than half the spacing of levels, which meets any bound to within 3 %. 4 times
+/// costs 1 % more bits; 12 times 0.5 % fewer, but leaves rate control less room.
 constexpr unsigned kFinestHalfSpacing = 6;
-/// m over the rms error of a value, as measured on moving surfaces; 1.8 where no level is 0.
+/// m over the rms error of a value, measured on moving surfaces; 1.8 where no level is 0.
 constexpr double kHalfSpacingOverRms = 1.8;
-
-Error overflow(std::size_t index) {
-  return fail(ErrorCode::kTooLarge, "coefficient " + std::to_string(index) + " leaves +-2^30 steps; use a larger step");
-}
 
 Result<double> as_carried(CodecKind kind, double value) {
   if (kind == CodecKind::kFloat64) return value;
@@ -32,8 +28,8 @@ Result<double> as_carried(CodecKind kind, double value) {
 }
 
 /// a + round_half_away((b - a) * at / of), of = `parts`, at = half of `twice_at`, for |b - a| <= 2^31, at < of <=
-/// 65535. In doubles, because those come several at a time: the numerator stays below 2^53, and the quotient is further
-/// from the next integer, if it is none, than it can be off.
+/// 65535. Doubles vectorise, and are exact here: the numerator stays below 2^53, and a quotient that is not an integer
+/// differs from one by more than its rounding.
 std::int32_t between(std::int32_t a, std::int32_t b, double twice_at, double parts) {
   const double difference = static_cast<double>(b) - static_cast<double>(a);
   const auto magnitude = static_cast<std::int32_t>((std::abs(difference) * twice_at + parts) / (2 * parts));
@@ -67,8 +63,7 @@ Result<void> interpolate_floats(CodecKind codec, const Key& a, const Key& b, std
                                 std::size_t first, std::size_t last, Key& out) {
   for (std::size_t i = first; i < last; ++i) {
     const double value = a.f[i] + (b.f[i] - a.f[i]) * at / of;
-    if (!std::isfinite(value))
-      return fail(ErrorCode::kTooLarge, "interpolation: coefficient " + std::to_string(i) + " overflows");
+    if (!std::isfinite(value)) return overflow(i);
     const auto carried = as_carried(codec, value);
     if (!carried) return carried.error();
     out.f[i] = *carried;

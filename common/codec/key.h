@@ -33,7 +33,7 @@ struct CoefficientLayout {
   bool operator==(const CoefficientLayout&) const = default;
 };
 
-/// The default bands of r rows: ends 14, 54, 104, r, as far as they are below r.
+/// The default bands of r rows end at 14, 54, 104 (after four affine columns, whole turns of the augmented basis) and r.
 std::vector<std::uint32_t> default_band_ends(std::uint32_t rows);
 
 /// The coefficients of one pose as the codec carries them: integers (kQuantised) or doubles (float codecs).

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// The encoder of coarse runs for poses that nobody builds upon: each level is chosen for itself, in 32-bit passes that
-// the compiler makes into vectors. What it writes is read like any other coarse run.
+// The encoder of coarse runs for poses that no later key is predicted from: chooses each level alone, in 32-bit passes
+// that the compiler vectorises.
 #include <algorithm>
 #include <array>
 #include <cassert>
@@ -14,13 +14,12 @@ namespace eigencast::band {
 namespace {
 
 /// Values up to here, so that differences, weighted by up to 11, fit 31 bits.
-constexpr std::uint32_t kMostMagnitude = 1u << 24;
+constexpr std::uint32_t kMaxMagnitude = 1u << 24;
 
-/// What a bit is worth, in squared spacings: as in the thorough search, and more, since what a level costs those after
-/// it is not looked at.
+/// Price of a bit in squared spacings: higher than in the thorough search, since later levels' costs are ignored.
 constexpr double kBitWorth = 0.09;
 
-/// By rule and context, in 1/256 of m: residuals up to here are taken for 0.
+/// By rule and context, in 1/256 of m: residuals up to here become 0.
 using ZeroZones = std::array<std::array<std::uint16_t, kContexts>, 2>;
 
 ZeroZones make_zero_zones() {
@@ -48,12 +47,12 @@ const ZeroZones& zero_zones() {
 bool all_small(std::span<const std::int32_t> values) {
   std::uint32_t seen = 0;
   for (const std::int32_t value : values) seen |= static_cast<std::uint32_t>(value ^ (value >> 31));
-  return seen < kMostMagnitude;
+  return seen < kMaxMagnitude;
 }
 
-/// The weight of c1 - c2 that leaves the least energy, by least squares and then on its grid.
+/// The weight of c1 - c2 of least residual energy, by least squares, then on its grid.
 Predictor best_speed(std::span<const std::int32_t> values, const std::int32_t* c1, const std::int32_t* c2) {
-  // Several sums at a time; in doubles, which hold them exactly enough in any order, and whose order is fixed.
+  // Several sums at a time, in doubles, in a fixed order.
   using TwoInts = std::int32_t __attribute__((vector_size(8)));
   using Two = double __attribute__((vector_size(16)));
   constexpr std::size_t kLanes = 4;
@@ -85,7 +84,7 @@ struct Sums {
   std::uint64_t speeds = 0, residuals = 0;
 };
 
-/// Writes |c1 - c2| and what the prediction leaves of each value.
+/// Writes |c1 - c2| and the residual of each value.
 Sums predict_all(std::span<const std::int32_t> values, const std::int32_t* c1, const std::int32_t* c2,
                  const Predictor& predict, std::uint32_t* speeds, std::int32_t* residuals) {
   const std::int32_t weight = static_cast<std::int32_t>(predict.speed) - 4;
@@ -101,7 +100,8 @@ Sums predict_all(std::span<const std::int32_t> values, const std::int32_t* c1, c
   return sums;
 }
 
-void put_levels(RangeEncoder out, std::span<const std::int32_t> residuals, ContextModel contexts, std::int32_t m) {
+void put_quick_levels(RangeEncoder out, std::span<const std::int32_t> residuals, ContextModel contexts,
+                      std::int32_t m) {
   const ZeroZones& zones = zero_zones();
   const Quotient spacings(2 * std::int64_t{m});
   unsigned state = 0;
@@ -139,7 +139,7 @@ bool append_quick(std::span<const std::int32_t> values, std::span<const std::int
   RangeEncoder encoder(out);
   put_scale(encoder, scale, scale_code_of(sums.speeds, values.size(), spacing.half));
   put_predictor(encoder, predict);
-  put_levels(encoder, workspace.residuals, ContextModel(workspace.speeds, spacing, scale), spacing.half);
+  put_quick_levels(encoder, workspace.residuals, ContextModel(workspace.speeds, spacing, scale), spacing.half);
   return true;
 }
 

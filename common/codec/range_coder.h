@@ -6,13 +6,12 @@
 #include "common/core/bytes.h"
 
 /// A binary arithmetic coder with fixed probabilities (docs/protocol.md, "Range coder"), after Martin 1979, "Range
-/// encoding: an algorithm for removing redundancy from a digitised message". Bytes beyond the end read as 0, so that
-/// the encoder leaves trailing zeros out. Loops that code much take a coder by value: as no other function sees it, it
-/// stays in registers.
+/// encoding: an algorithm for removing redundancy from a digitised message". Bytes beyond the end read as 0, so the encoder
+/// omits trailing zeros. Hot loops take a coder by value, which keeps it in registers.
 namespace eigencast::band {
 
 inline constexpr std::uint32_t kProbabilityBits = 15;
-/// The first interval leaves out the last byte: no bytes that an encoder writes begin with 255.
+/// The first interval excludes the last byte: an encoder never writes 255 first.
 inline constexpr std::uint32_t kFirstRange = 0xff000000u;
 
 class RangeEncoder {
@@ -43,15 +42,14 @@ class RangeEncoder {
   }
 
  private:
-  /// Moves the highest byte out; the bit above it is a carry into the bytes before, which stays one until now because
-  /// the interval only shrinks.
+  /// Moves the highest byte out; the bit above it is a carry into the bytes before.
   [[gnu::always_inline]] void shift() {
     if (low_ >> 32 != 0) carry(out_);
     out_.push_back(static_cast<std::uint8_t>(low_ >> 24));
     low_ = (low_ << 8) & 0xffffffffu;
     range_ <<= 8;
   }
-  /// There is a byte that takes it: the interval never leaves [0, 1).
+  /// Some byte takes the carry: the interval never leaves [0, 1).
   static void carry(Bytes& out) {
     for (std::size_t i = out.size(); ++out[--i] == 0;) {
     }
@@ -83,7 +81,7 @@ class RangeDecoder {
   }
   bool get_even() { return get(1u << (kProbabilityBits - 1)); }
 
-  /// No byte was left unread, and none is there that an encoder would have left out.
+  /// Whether all bytes were read and the last one is not a zero that an encoder would have omitted.
   bool finished() const { return in_.size() <= next_ && (in_.empty() || in_.back() != 0); }
 
  private:

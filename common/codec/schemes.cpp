@@ -7,15 +7,11 @@
 #include <cmath>
 #include <string>
 
-#include "common/codec/empty_key.h"
 #include "common/codec/fixed.h"
+#include "common/codec/key_parts.h"
 
 namespace eigencast {
 namespace {
-
-Error overflow(std::size_t index) {
-  return fail(ErrorCode::kTooLarge, "a made pose: coefficient " + std::to_string(index) + " leaves the codec's range");
-}
 
 /// n / d to the nearest integer, halves away from zero. REQUIRES: d > 0, |n| < 2^62, d < 2^32.
 std::int64_t rounded_quotient(std::int64_t n, std::int64_t d) {
@@ -34,17 +30,17 @@ bool set(Key& key, std::size_t i, std::int64_t value) {
   return fixed::in_range(value);
 }
 
-/// Calls visit(i) for each value of the bands; the first that says false is the value that overflowed.
-template <typename Visit>
-Result<void> each_value(const CoefficientLayout& layout, BandMask bands, Visit&& visit) {
+/// `key` after set_value(key, i) for each value of the bands; where one returns false, that value overflowed.
+template <typename SetValue>
+Result<Key> with_values(const CoefficientLayout& layout, BandMask bands, Key key, SetValue&& set_value) {
   for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
     if (!bands.has(band)) continue;
     const auto [first, last] = layout.range(band);
     for (std::size_t i = first; i < last; ++i) {
-      if (!visit(i)) return overflow(i);
+      if (!set_value(key, i)) return overflow(i);
     }
   }
-  return {};
+  return key;
 }
 
 /// The Hermite basis at at/of in units of 1/of^3, as integers.
@@ -77,11 +73,11 @@ Result<Key> hermite_keys(const CoefficientLayout& layout, const VelocityChannels
   auto linear = interpolate_keys(layout, a, b, at, of);
   if (!linear || velocities.count == 0 || span_us <= 0 || span_us > kLongestHermiteUs) return linear;
   assert(of <= 15);
-  Key out = std::move(*linear);
+  const BandMask bands = linear->bands;
   const CubicShares share(at, of);
   const fixed::Rescale rule(a.step, b.step);
   const std::size_t channels = layout.channels, to_velocity = channels - velocities.count;
-  const auto made = each_value(layout, out.bands, [&](std::size_t i) {
+  return with_values(layout, bands, std::move(*linear), [&](Key& out, std::size_t i) {
     if (i % channels >= velocities.count) return true;
     const std::size_t v = i + to_velocity;
     if (is_float(layout)) {
@@ -98,17 +94,14 @@ Result<Key> hermite_keys(const CoefficientLayout& layout, const VelocityChannels
     if (std::abs(bent) > std::int64_t{1} << 50) return false;
     return set(out, i, from + rounded_quotient((b.q[i] - from) * share.to + bent, share.whole));
   });
-  if (!made) return made.error();
-  return out;
 }
 
 Result<Key> estimate_keys(const CoefficientLayout& layout, const Key& older, const Key& newer, bool damped,
                           std::uint32_t at, std::uint32_t of) {
   assert(at >= 1 && at <= 15 && of >= 1 && of <= 15);
   const std::int64_t weight = estimate_weight(damped, at, of), whole = std::int64_t{65536} * of;
-  Key out = newer;
   const fixed::Rescale rule(older.step, newer.step);
-  const auto made = each_value(layout, older.bands & newer.bands, [&](std::size_t i) {
+  return with_values(layout, older.bands & newer.bands, newer, [&](Key& out, std::size_t i) {
     if (is_float(layout)) {
       const double steps = static_cast<double>(weight) / static_cast<double>(whole);
       return set(layout, out, i, newer.f[i] + steps * (newer.f[i] - older.f[i]));
@@ -116,8 +109,6 @@ Result<Key> estimate_keys(const CoefficientLayout& layout, const Key& older, con
     const std::int64_t from = rule(older.q[i]);
     return fixed::in_range(from) && set(out, i, newer.q[i] + rounded_quotient((newer.q[i] - from) * weight, whole));
   });
-  if (!made) return made.error();
-  return out;
 }
 
 Result<Key> blend_keys(const CoefficientLayout& layout, std::span<const Key* const> keys,
@@ -125,19 +116,17 @@ Result<Key> blend_keys(const CoefficientLayout& layout, std::span<const Key* con
   assert(!keys.empty() && keys.size() == weights.size() && step_from < keys.size());
   BandMask bands = layout.all_bands();
   for (const Key* key : keys) bands &= key->bands;
-  Key out = empty_key(layout, bands, keys[step_from]->step);
+  const std::uint8_t step = keys[step_from]->step;
   std::vector<double> scaled(weights.begin(), weights.end());
   for (std::size_t k = 0; !is_float(layout) && k < keys.size(); ++k)
-    scaled[k] *= step_size(keys[k]->step) / step_size(out.step);
-  const auto made = each_value(layout, bands, [&](std::size_t i) {
+    scaled[k] *= step_size(keys[k]->step) / step_size(step);
+  return with_values(layout, bands, empty_key(layout, bands, step), [&](Key& out, std::size_t i) {
     double sum = 0;
     for (std::size_t k = 0; k < keys.size(); ++k)
       sum += scaled[k] * (is_float(layout) ? keys[k]->f[i] : static_cast<double>(keys[k]->q[i]));
     if (is_float(layout)) return set(layout, out, i, sum);
     return std::abs(sum) < 2e9 && set(out, i, static_cast<std::int64_t>(std::llround(sum)));
   });
-  if (!made) return made.error();
-  return out;
 }
 
 }  // namespace eigencast

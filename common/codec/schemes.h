@@ -7,12 +7,11 @@
 #include "common/codec/key.h"
 #include "common/core/clock.h"
 
-/// Poses made from keys, beside the linear interpolate_keys (docs/protocol.md, "Integer arithmetic"). Each is made of
-/// the bands that all its keys have. Errors of all: kTooLarge (a value leaves the codec's range).
+/// Poses made from keys, beside the linear interpolate_keys (docs/protocol.md, "Integer arithmetic"), in the bands that all
+/// keys have. Errors of all: kTooLarge (a value leaves the codec's range).
 namespace eigencast {
 
 /// The last `count` channels of a format are velocities of its first `count`: movement per `unit_us` microseconds.
-/// None where count is 0.
 struct VelocityChannels {
   std::uint32_t count = 0;
   std::uint32_t unit_us = 1'000'000;
@@ -30,13 +29,13 @@ Result<Key> hermite_keys(const CoefficientLayout& layout, const VelocityChannels
 
 /// The pose `at`/`of` key intervals beyond `newer` (Eq. 9 of Zhang, Dou, Zhou, Wu 2013, "Streaming 3D deforming
 /// surfaces with dynamic resolution control"): newer + s (newer - older) with s = at/of, or, `damped`, with each
-/// further interval moving 27/32 as far as the one before. Bit-exact everywhere for quantised keys. Of the bands that
-/// both have; those that only the newer one has are held. REQUIRES: both keys are of `layout`, 1 <= at, of <= 15.
+/// further interval moving 27/32 as far as the one before. Bit-exact everywhere for quantised keys. Moves bands of both
+/// keys and holds those of the newer one alone. REQUIRES: both keys fit `layout`, 1 <= at, of <= 15.
 Result<Key> estimate_keys(const CoefficientLayout& layout, const Key& older, const Key& newer, bool damped,
                           std::uint32_t at, std::uint32_t of);
 
-/// The sum of weights[i] * keys[i], at the step of the key `step_from`, rounded to nearest: for makers of poses, not
-/// for receivers. REQUIRES: as many weights as keys, at least one, keys of `layout`, step_from < keys.size().
+/// The sum of weights[i] * keys[i] at the step of the key `step_from`, rounded to nearest. For senders of poses; not
+/// bit-exact. REQUIRES: as many weights as keys, at least one, keys fit `layout`, step_from < keys.size().
 Result<Key> blend_keys(const CoefficientLayout& layout, std::span<const Key* const> keys,
                        std::span<const double> weights, std::size_t step_from);
 

@@ -13,31 +13,16 @@ double span(TimeUs from, TimeUs to) {
   return static_cast<double>(to) - static_cast<double>(from);
 }
 
-double place_between(TimeUs from_us, TimeUs to_us, TimeUs t_us) {
+double fraction_between(TimeUs from_us, TimeUs to_us, TimeUs t_us) {
   assert(from_us < to_us);
   return std::clamp(span(from_us, t_us) / span(from_us, to_us), 0.0, 1.0);
 }
 
-/// The cubic Hermite basis on [0, 1].
-struct Basis {
-  explicit Basis(double u)
-      : value0((1 + 2 * u) * (1 - u) * (1 - u)),
-        slope0(u * (1 - u) * (1 - u)),
-        value1(u * u * (3 - 2 * u)),
-        slope1(u * u * (u - 1)) {}
-  double value0, slope0, value1, slope1;
-};
-
 }  // namespace
-
-CurveWeights linear_weights(TimeUs from_us, TimeUs to_us, TimeUs t_us) {
-  const double u = place_between(from_us, to_us, t_us);
-  return {0, 1 - u, u, 0};
-}
 
 CurveWeights catmull_rom_weights(std::optional<TimeUs> before_us, TimeUs from_us, TimeUs to_us,
                                  std::optional<TimeUs> after_us, TimeUs t_us) {
-  const double u = place_between(from_us, to_us, t_us), h = span(from_us, to_us);
+  const double u = fraction_between(from_us, to_us, t_us), h = span(from_us, to_us);
   // A parabola departs from the chord by `bend` times u (u - 1), where
   //   bend = h^2 * second divided difference of the three keys.
   // The cubic has bend0 at u = 0 and bend1 at u = 1: chord + u (u - 1) ((1 - u) bend0 + u bend1).
@@ -62,12 +47,6 @@ CurveWeights catmull_rom_weights(std::optional<TimeUs> before_us, TimeUs from_us
     w.after += scale * h / g;
   }
   return w;
-}
-
-HermiteWeights hermite_weights(TimeUs from_us, TimeUs to_us, TimeUs t_us) {
-  const Basis basis(place_between(from_us, to_us, t_us));
-  const double seconds = span(from_us, to_us) * 1e-6;
-  return {basis.value0, basis.value1, basis.slope0 * seconds, basis.slope1 * seconds};
 }
 
 double damped_steps(double steps, double damping) {

@@ -6,18 +6,9 @@
 #include <cstdlib>
 #include <vector>
 
+#include "common/motion/network_time.h"
+
 namespace eigencast {
-namespace {
-
-constexpr std::size_t kMaxSamples = 512;
-
-// Capture times come from the network: held far enough from the ends (2,000 years) that no sum of a few overflows.
-TimeUs bounded(TimeUs time_us) {
-  constexpr TimeUs kBound = TimeUs{1} << 56;
-  return std::clamp(time_us, -kBound, kBound);
-}
-
-}  // namespace
 
 Forecaster::Forecaster(std::uint8_t k, TimeUs max_ahead_us, TimeUs max_span_us)
     : k_(k), max_ahead_us_(max_ahead_us), max_span_us_(max_span_us) {
@@ -27,14 +18,14 @@ Forecaster::Forecaster(std::uint8_t k, TimeUs max_ahead_us, TimeUs max_span_us)
 void Forecaster::reset() {
   last_.reset();
   interval_us_ = 0;
-  left_us_.reset();
+  last_emitted_us_.reset();
   delay_us_.reset();
   samples_.clear();
 }
 
 void Forecaster::add_key(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us) {
-  capture_us = bounded(capture_us);
-  arrival_us = bounded(arrival_us);
+  capture_us = bounded_time(capture_us);
+  arrival_us = bounded_time(arrival_us);
   const bool in_order = last_ && sequence > last_->sequence && capture_us > last_->capture_us;
   if (last_ && !in_order) reset();
   const bool follows = in_order && sequence == last_->sequence + 1 && capture_us - last_->capture_us <= max_span_us_;
@@ -42,10 +33,10 @@ void Forecaster::add_key(std::uint64_t sequence, TimeUs capture_us, TimeUs arriv
   follow(capture_us, arrival_us, interval_us_);
   last_ = LastKey{sequence, capture_us, arrival_us};
   next_at_ = 1;
-  left_us_ = std::max(left_us_.value_or(capture_us), capture_us);
-  // A pose less than half a step after one that has left would only disturb the pace.
+  last_emitted_us_ = std::max(last_emitted_us_.value_or(capture_us), capture_us);
+  // Skips poses less than half a step after the last emitted one, which would disturb the pace.
   while (interval_us_ > 0 && next_at_ <= kMaxPerKey &&
-         capture_us + interval_us_ * next_at_ / k_ <= *left_us_ + interval_us_ / (2 * k_))
+         capture_us + interval_us_ * next_at_ / k_ <= *last_emitted_us_ + interval_us_ / (2 * k_))
     ++next_at_;
 }
 
@@ -54,15 +45,15 @@ void Forecaster::follow(TimeUs capture_us, TimeUs arrival_us, TimeUs interval_us
   if (delay_us_ && std::abs(offset_us - *delay_us_) > kStrayUs) {
     samples_.clear();
     delay_us_.reset();
-    left_us_.reset();
+    last_emitted_us_.reset();
   }
   samples_.push_back({arrival_us, offset_us});
-  while (samples_.size() > kMaxSamples || samples_.front().arrival_us < arrival_us - kWindowUs) samples_.pop_front();
+  while (samples_.size() > kMaxArrivals || samples_.front().arrival_us < arrival_us - kWindowUs) samples_.pop_front();
   std::vector<TimeUs> offsets;
   for (const Sample& sample : samples_) offsets.push_back(sample.offset_us);
   std::sort(offsets.begin(), offsets.end());
-  const TimeUs most_us = offsets.front() + interval_us / 2;
-  const TimeUs target_us = std::min(offsets[(offsets.size() - 1) * 9 / 10], most_us);
+  const TimeUs max_us = offsets.front() + interval_us / 2;
+  const TimeUs target_us = std::min(offsets[(offsets.size() - 1) * 9 / 10], max_us);
   if (!delay_us_ || target_us >= *delay_us_) {
     delay_us_ = target_us;
   } else {
@@ -83,7 +74,7 @@ std::optional<Pacer::Due> Forecaster::pop_due(TimeUs now_us) {
   const auto due = next();
   if (!due || due->due_us > now_us) return std::nullopt;
   ++next_at_;
-  left_us_ = due->capture_us;
+  last_emitted_us_ = due->capture_us;
   return due;
 }
 

@@ -10,21 +10,20 @@
 
 namespace eigencast {
 
-/// Decides when the broker makes estimates beyond the newest key, so that k poses per key interval are shown in time
-/// although keys come with jitter, and although some do not come at all. Nothing is held: keys leave when they come,
-/// and an estimate of media time m is due at m + delay.
+/// Decides when the broker estimates poses beyond the newest key, so that k poses per key interval arrive in time although
+/// keys are late or missing. It holds nothing: keys are forwarded at once, and an estimate of media time m is due at
+/// m + delay.
 ///
-/// The delay is the 90th percentile of (arrival - capture) of the keys of the last kWindowUs, but no more than half a
-/// key interval above the least of them: a key that is later than that is stood in for by estimates. It grows at once
-/// and shrinks by at most 1/kSlew of the time that passes.
+/// The delay is the 90th percentile of (arrival - capture) over the last kWindowUs, at most half a key interval above the
+/// minimum: estimates replace later keys. It grows at once and shrinks by at most 1/kSlew of the time that passes.
 ///
-///   missing, late key   estimates go on at the same pace, at most `max_ahead_us` and kMaxPerKey beyond the newest key;
-///                       then the last one stands.
-///   key that came late  estimates go on from it, after the media time of those that have left: never back in time.
-///   burst               only the newest key has estimates to come.
-///   gap, order, clock   a key that does not follow the one before it within `max_span_us`, or whose sequence or
-///                       capture time does not grow, has no direction: estimates begin with the next one. Arrivals that
-///                       stray from the delay by more than kStrayUs begin it anew.
+///   missing, late key   estimates continue at the same pace, at most `max_ahead_us` and kMaxPerKey beyond the newest
+///                       key; then the last one is held
+///   key that came late  estimates continue from it, after the media time already emitted: never back in time
+///   burst               only the newest key gets estimates
+///   gap, order, clock   a key that does not follow its predecessor within `max_span_us`, or whose sequence or capture
+///                       time does not grow, has no direction: estimates begin with the next one. An arrival more than
+///                       kStrayUs off the delay restarts the delay.
 ///
 /// Time comes in as arguments; holds no pose data. Not thread-safe.
 class Forecaster {
@@ -32,10 +31,10 @@ class Forecaster {
   static constexpr TimeUs kWindowUs = 3'000'000;
   static constexpr TimeUs kSlew = 32;
   static constexpr TimeUs kStrayUs = 1'000'000;
-  static constexpr int kMaxPerKey = 15;  ///< As many as the envelope can number.
+  static constexpr int kMaxPerKey = 15;  ///< The envelope numbers no more.
 
   /// k  poses per key interval, 1..15
-  /// max_ahead_us  estimates end so long after the newest key (default: 200 ms)
+  /// max_ahead_us  how long after the newest key estimates end (default: 200 ms)
   /// max_span_us  keys further apart give no direction (default: 500 ms)
   explicit Forecaster(std::uint8_t k, TimeUs max_ahead_us = 200'000, TimeUs max_span_us = 500'000);
 
@@ -67,7 +66,7 @@ class Forecaster {
   std::optional<LastKey> last_;
   TimeUs interval_us_ = 0;  ///< Between the two newest keys; 0: no direction.
   int next_at_ = 1;
-  std::optional<TimeUs> left_us_;  ///< Media time of the newest pose that has left.
+  std::optional<TimeUs> last_emitted_us_;  ///< Media time of the newest emitted pose.
   std::optional<TimeUs> delay_us_;
   std::deque<Sample> samples_;
 };

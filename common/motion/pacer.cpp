@@ -5,18 +5,13 @@
 #include <cassert>
 #include <limits>
 
+#include "common/motion/network_time.h"
+
 namespace eigencast {
 namespace {
 
-constexpr std::size_t kMaxSamples = 512;
 constexpr int kLateKeysToRestart = 3;
 constexpr TimeUs kNever = std::numeric_limits<TimeUs>::min();
-
-// Capture times come from the network: held far enough from the ends (2,000 years) that no sum of a few overflows.
-TimeUs bounded(TimeUs time_us) {
-  constexpr TimeUs kBound = TimeUs{1} << 56;
-  return std::clamp(time_us, -kBound, kBound);
-}
 
 }  // namespace
 
@@ -47,9 +42,9 @@ void Pacer::restart(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us
 }
 
 void Pacer::add_key(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us) {
-  capture_us = bounded(capture_us);
-  arrival_us = bounded(arrival_us);
-  // So far off is no wait but a clock that jumped ahead: nothing would leave until the jump is over.
+  capture_us = bounded_time(capture_us);
+  arrival_us = bounded_time(arrival_us);
+  // A wait this long means that the clock jumped ahead; nothing would be emitted for the length of the jump.
   const bool too_far_off = delay_us_ && capture_us + *delay_us_ - arrival_us > max_span_us_ * (1 + further_keys_);
   const bool in_order = last_ && sequence > last_->sequence && capture_us > last_->capture_us;
   const bool bridged = in_order && sequence == last_->sequence + 1 && capture_us - last_->capture_us <= max_span_us_;
@@ -97,15 +92,15 @@ void Pacer::bridge(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us)
 
 TimeUs Pacer::delay_from(const Sample& sample) {
   samples_.push_back(sample);
-  while (samples_.size() > kMaxSamples || samples_.front().arrival_us < sample.arrival_us - kWindowUs)
+  while (samples_.size() > kMaxArrivals || samples_.front().arrival_us < sample.arrival_us - kWindowUs)
     samples_.pop_front();
   if (!delay_us_) return sample.need_us;
 
   // Lateness of more than one key interval cannot be waited for: two intervals are all that the queue holds.
   const auto needs_less = [](const Sample& a, const Sample& b) { return a.need_us < b.need_us; };
   const auto is_shorter = [](const Sample& a, const Sample& b) { return a.span_us < b.span_us; };
-  const TimeUs least_us = std::min_element(samples_.begin(), samples_.end(), needs_less)->need_us;
-  const TimeUs limit_us = least_us + std::min_element(samples_.begin(), samples_.end(), is_shorter)->span_us;
+  const TimeUs min_us = std::min_element(samples_.begin(), samples_.end(), needs_less)->need_us;
+  const TimeUs limit_us = min_us + std::min_element(samples_.begin(), samples_.end(), is_shorter)->span_us;
   if (sample.need_us > limit_us) {
     // Keys that wait in a burst come together; keys over a longer way come as far apart as they were made.
     const bool in_burst = 2 * (sample.arrival_us - last_->arrival_us) < sample.span_us;
@@ -119,7 +114,7 @@ TimeUs Pacer::delay_from(const Sample& sample) {
   }
   late_in_a_row_ = 0;
 
-  TimeUs target_us = least_us;
+  TimeUs target_us = min_us;
   for (const Sample& s : samples_) {
     if (s.need_us <= limit_us) target_us = std::max(target_us, s.need_us);
   }

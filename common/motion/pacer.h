@@ -9,24 +9,20 @@
 
 namespace eigencast {
 
-/// Decides when the poses between keys leave the broker, so that k poses per key interval come evenly in time although
-/// keys come with jitter. Interpolation between key s-1 and key s can begin only when key s is there (and, for curves
-/// that look one key further, key s+1): a pose of media time m leaves at m + delay, where delay follows
-/// (arrival - capture) of the keys plus the part of a key interval, or of two, that a pose waits.
+/// Decides when the broker emits the poses between keys, so that k poses per key interval are even in time although keys
+/// arrive with jitter. Interpolation between key s-1 and key s needs key s (curves also key s+1): a pose of media time m is
+/// due at m + delay, where delay follows (arrival - capture) of the keys plus one key interval, or two.
 ///
-/// What happens when keys are not even:
-///   jitter      the delay is the largest that a key of the last kWindowUs needed, so that most keys come before they
-///               are needed; it grows at once, and shrinks by at most 1/kSlew of the time that passes. Clocks that
-///               drift are followed in the same way.
-///   late key    up to one key interval of lateness the schedule moves back as a whole. Beyond that the poses that are
-///               already over are not made: the key itself always is. Three such keys in a row that are no burst:
-///               restart.
-///   burst       at most two key intervals wait (three where one more key is waited for); the oldest is dropped.
-///   pause, gap  a key more than max_span_us after the key before it, or whose number does not follow it, is not
-///               bridged: only the key itself becomes due.
-///   restart     a key whose sequence or capture time does not grow, or one that is not bridged and would wait longer
-///               than max_span_us (the sender's clock was set forward), drops what waits and all that was learnt; it
-///               is due when it came, as is the very first key.
+/// Uneven keys:
+///   jitter      the delay is the largest that a key of the last kWindowUs needed; it grows at once and shrinks by at most
+///               1/kSlew of the time that passes. Clock drift is followed in the same way.
+///   late key    up to one key interval the whole schedule moves back. Beyond that expired poses are not made; the key
+///               itself always is. Three such keys in a row that are not a burst: restart.
+///   burst       at most two key intervals wait (three with a further key); the oldest is dropped.
+///   pause, gap  a key more than max_span_us after its predecessor, or without it, is not bridged: only the key is due.
+///   restart     a key whose sequence or capture time does not grow, or an unbridged one that would wait longer than
+///               max_span_us (the sender's clock was set forward), clears queue and history; it is due on arrival, as is
+///               the first key.
 /// Due times never go back, except by a restart.
 ///
 /// Time comes in as arguments; holds no pose data. Not thread-safe.
@@ -38,7 +34,7 @@ class Pacer {
     std::uint8_t at = 0;
     std::uint8_t of = 0;
     TimeUs capture_us = 0;  ///< Interpolated capture time.
-    TimeUs due_us = 0;      ///< When it should leave.
+    TimeUs due_us = 0;      ///< When to emit it.
   };
 
   static constexpr TimeUs kWindowUs = 3'000'000;  ///< How long a key's delay counts.
@@ -47,27 +43,26 @@ class Pacer {
   /// k  poses per key interval, 1..15.
   /// max_span_us  keys further apart than this are not bridged: only the later key itself becomes due (default:
   ///              500 ms).
-  /// further_keys  keys after key s that its interval waits for: 0 or 1. They are waited for as long as keys lately
-  ///              needed, not longer: a pose is due whether its further key is there or not.
+  /// further_keys  keys after key s that its interval waits for: 0 or 1. The wait follows the recent delays: a pose is
+  ///              due whether its further key has come or not.
   explicit Pacer(std::uint8_t k, TimeUs max_span_us = 500'000, int further_keys = 0);
 
   /// A key came. Keys out of order (sequence or capture time not growing) restart the schedule at this key.
   void add_key(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us);
 
-  /// The next pose if it is due at `now`; call until it returns nothing. Poses that a full newer interval has overtaken
-  /// are dropped: the queue never holds more than two key intervals and the further keys'.
+  /// The next pose if it is due at `now_us`; call until it returns nothing.
   std::optional<Due> pop_due(TimeUs now_us);
 
   /// When pop_due will next have something; nothing if the queue is empty.
   std::optional<TimeUs> next_due_us() const;
 
-  /// What waits, the next first; until the next call of another member.
+  /// The queue, next first; valid until the next call of another member.
   const std::deque<Due>& waiting() const { return queue_; }
 
   /// Forgets everything, as at a new epoch.
   void reset();
 
-  /// Poses that were dropped or never made because they were overtaken, since the beginning.
+  /// Poses dropped or never made because newer ones overtook them, in total.
   std::uint64_t dropped() const { return dropped_; }
 
  private:
@@ -79,7 +74,7 @@ class Pacer {
   /// What one bridged key needed.
   struct Sample {
     TimeUs arrival_us;
-    TimeUs need_us;  ///< Arrival, plus the further keys waited for, minus the media time of the first pose that waits.
+    TimeUs need_us;  ///< Arrival, plus the intervals of further keys, minus the media time of the first waiting pose.
     TimeUs span_us;  ///< Capture time since the key before.
   };
 
@@ -93,7 +88,7 @@ class Pacer {
   int further_keys_;
   std::optional<LastKey> last_;
   std::optional<TimeUs> delay_us_;
-  std::deque<Sample> samples_;  ///< Of the last kWindowUs, at most kMaxSamples.
+  std::deque<Sample> samples_;  ///< Of the last kWindowUs, at most kMaxArrivals.
   int late_in_a_row_ = 0;
   TimeUs last_due_us_ = 0;
   std::uint64_t dropped_ = 0;

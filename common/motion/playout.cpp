@@ -8,21 +8,16 @@
 #include <utility>
 
 #include "common/motion/curve.h"
+#include "common/motion/network_time.h"
 
 namespace eigencast {
 namespace {
-
-// Times come from the network: held far enough from the ends that no sum of a few of them overflows.
-TimeUs bounded(TimeUs time_us) {
-  constexpr TimeUs kBound = TimeUs{1} << 60;
-  return std::clamp(time_us, -kBound, kBound);
-}
 
 bool near(const PlayoutPose& a, const PlayoutPose& b) {
   return std::abs(b.time_us - a.time_us) <= PlayoutClock::kLongestSpanUs;
 }
 
-Shown name_of_origin(PoseOrigin origin) {
+Shown shown_from_origin(PoseOrigin origin) {
   switch (origin) {
     case PoseOrigin::kSender:
       return Shown::kLive;
@@ -46,7 +41,7 @@ Playout::Playout(const PlayoutSettings& settings) : settings_(settings) {
 
 void Playout::set(const PlayoutSettings& settings) {
   assert(settings.delay_us >= 0 && settings.max_ahead_us >= 0);
-  // Smoothness is what the clock goes over to by itself; a mode is another way to read the same poses.
+  // The clock follows a new smoothness by itself; a new mode needs a correction.
   settings_changed_ = settings_changed_ || settings.mode != settings_.mode;
   settings_ = settings;
 }
@@ -71,8 +66,8 @@ void Playout::reset() {
 }
 
 bool Playout::add(PlayoutPose pose, TimeUs arrival_us) {
-  pose.time_us = bounded(pose.time_us);
-  arrival_us = bounded(arrival_us);
+  pose.time_us = bounded_time(pose.time_us);
+  arrival_us = bounded_time(arrival_us);
   const bool sure = pose.origin != PoseOrigin::kEstimate;
   if (!poses_.empty() && pose.time_us <= (sure ? newest_sure_us_ : poses_.back().time_us)) return false;
   if (!poses_.empty() && pose.coefficients.size() != poses_.back().coefficients.size()) {
@@ -99,17 +94,17 @@ void Playout::drop_estimates() {
 TimeUs Playout::media_time(TimeUs now_us) {
   const TimeUs newest_us = poses_.back().time_us;
   if (settings_.mode == PlayoutMode::kLatest) {
-    // Not back to a key whose estimates have been shown already: what is shown goes on from them.
+    // Never back to a key whose estimates have been shown already.
     latest_us_ = std::max(latest_us_.value_or(newest_us), newest_us);
     return *latest_us_;
   }
-  if (settings_changed_ && shown_at_us_) clock_.go_on_from(*shown_at_us_, now_us);
+  if (settings_changed_ && shown_at_us_) clock_.continue_from(*shown_at_us_, now_us);
   return clock_.advance(now_us, delay_us());
 }
 
 std::optional<ShownPose> Playout::at(TimeUs now_us) {
   if (poses_.empty() || !clock_.started()) return std::nullopt;
-  now_us = bounded(now_us);
+  now_us = bounded_time(now_us);
   if (settings_changed_) latest_us_.reset();
   const TimeUs media_us = media_time(now_us);
   ShownPose pose = planned(media_us);
@@ -136,7 +131,7 @@ void Playout::correct(const ShownPose& right, TimeUs now_us) {
     error[i] = shown_.coefficients[i] - right.coefficients[i];
     any = any || error[i] != 0;
   }
-  // A band that comes or goes is no error; whoever draws fades it (docs/protocol.md, section 6).
+  // A band that appears or disappears is not an error; the renderer fades it (docs/protocol.md, section 6).
   const BandMask changed = shown_.bands ^ right.bands;
   const std::size_t channels = band_ends_.empty() ? 0 : error.size() / band_ends_.back();
   for (std::size_t band = 0; band < band_ends_.size(); ++band) {
@@ -179,7 +174,7 @@ ShownPose Playout::between(std::size_t to_index, TimeUs media_us) const {
 ShownPose Playout::beyond_newest(TimeUs media_us) const {
   const PlayoutPose& newest = poses_.back();
   if (media_us == newest.time_us && settings_.mode == PlayoutMode::kLatest)
-    return as_it_came(newest, name_of_origin(newest.origin));
+    return as_it_came(newest, shown_from_origin(newest.origin));
   const bool directed = poses_.size() > 1 && near(poses_[poses_.size() - 2], newest);
   if (settings_.mode == PlayoutMode::kInterpolate || !directed) return as_it_came(newest, Shown::kHeld);
   const PlayoutPose& older = poses_[poses_.size() - 2];
@@ -195,7 +190,7 @@ ShownPose Playout::beyond_newest(TimeUs media_us) const {
   return pose;
 }
 
-// The weighted sum in `bands`; in the others what the one of a and b shows that lacks them, else b.
+// The weighted sum in `bands`; other bands come from a where a lacks them, else from b.
 ShownPose Playout::mixed(std::span<const Term> terms, BandMask bands, const PlayoutPose& a,
                          const PlayoutPose& b) const {
   ShownPose pose;

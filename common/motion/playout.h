@@ -15,34 +15,33 @@
 
 namespace eigencast {
 
-/// How a viewer turns poses that come at their own times into a pose for each display time.
+/// How a viewer makes a pose for each display time.
 enum class PlayoutMode : std::uint8_t {
-  kLatest,       ///< Show the newest pose as it is: no added delay, motion as even as the arrivals.
-  kInterpolate,  ///< Show what lies between poses; hold the newest where the next one is late.
-  kEstimate,     ///< The same, but run on beyond the newest pose, damped, for a stated time.
+  kLatest,       ///< The newest pose as it is: no added delay, motion as even as the arrivals.
+  kInterpolate,  ///< Interpolate between poses; hold the newest where the next one is late.
+  kEstimate,     ///< The same, but extrapolate beyond the newest pose, damped, for a limited time.
 };
 
 struct PlayoutSettings {
   PlayoutMode mode = PlayoutMode::kLatest;
-  /// From 0, live: nothing is held, to 1, smooth: poses are held for an interval and the jitter, so that the next one
-  /// is nearly always there. Default: 1 of kInterpolate, 0 of kEstimate.
+  /// 0, live: nothing is held; 1, smooth: poses are held for an interval and the jitter, so that the next one has nearly
+  /// always come. Default: 1 with kInterpolate, 0 with kEstimate.
   std::optional<double> smoothness;
-  TimeUs delay_us = 0;            ///< Hold poses for just so long instead; 0: as smoothness says.
-  TimeUs max_ahead_us = 200'000;  ///< Estimates end so long after the newest pose; then it is held.
+  TimeUs delay_us = 0;            ///< Hold poses for this long instead; 0: by smoothness.
+  TimeUs max_ahead_us = 200'000;  ///< How long after the newest pose estimates end and are held.
 };
 
-/// Who made a pose that came.
+/// Who made a received pose.
 enum class PoseOrigin : std::uint8_t { kSender, kBetween, kEstimate };
 
 struct PlayoutPose {
   TimeUs time_us = 0;
-  std::vector<double> coefficients;  ///< r x c, row-major; what is absent as it is to be read.
+  std::vector<double> coefficients;  ///< r x c, row-major, absent bands filled in.
   BandMask bands = 0xff;             ///< Those that it has.
   PoseOrigin origin = PoseOrigin::kSender;
 };
 
-/// What a picture shows: a pose as it came, one between two, one beyond the newest, or the last one for want of
-/// another.
+/// What a picture shows: a received pose, one between two, one beyond the newest, or the last one again.
 enum class Shown : std::uint8_t { kLive, kInterpolated, kEstimated, kHeld };
 
 struct ShownPose {
@@ -50,45 +49,44 @@ struct ShownPose {
   std::vector<double> coefficients;
   BandMask bands = 0xff;
   Shown shown = Shown::kLive;
-  bool settling = false;  ///< An error shown before is fading: the same pose looks different the next time.
+  bool settling = false;  ///< A correction fades: the same pose differs at the next display time.
 };
 
 /// Jitter buffer and player of one stream. Media times are capture times on the sender's clock, display times are on
 /// ours; PlayoutClock relates them.
 ///
-///   between poses   on the parabola through the two and their neighbours (curve.h); straight where those are missing,
-///                   have other bands, or lie across a pause. Only bands that both poses have are mixed.
-///   beyond          newest + (steps damped by kDamping) (newest - the one before), in the bands that both have
-///   corrections     where a pose that comes says that what is shown is wrong (it was estimated, or held), the error
-///                   fades as Correction says. Estimates that came from the broker yield to the first pose that is
-///                   none.
-///   old poses       those that are not after the newest are dropped; of the others at most kMaxPoses are kept
+///   between poses   catmull_rom_weights(); linear where a neighbour is missing, lacks bands, or lies across a pause. Only
+///                   bands of both poses are mixed.
+///   beyond          newest + damped_steps(.., kDamping) (newest - the one before), in the bands of both
+///   corrections     where a new pose shows that the shown one was wrong (estimated, or held), the error fades (see
+///                   Correction). A pose that is not an estimate replaces the broker's estimates.
+///   old poses       poses not after the newest are dropped; at most kMaxPoses are kept
 ///
 /// Time comes in as arguments. Not thread-safe.
 class Playout {
  public:
   static constexpr std::size_t kMaxPoses = 64;
   static constexpr double kDamping = 27.0 / 32;    ///< That of the protocol's damped estimates.
-  static constexpr TimeUs kHeldAfterUs = 250'000;  ///< kLatest: nothing came for so long.
+  static constexpr TimeUs kHeldAfterUs = 250'000;  ///< kLatest: time without a pose that counts as held.
 
   explicit Playout(const PlayoutSettings& settings = {});
 
-  /// What is shown goes over to the new settings as to a correction.
+  /// Changes the settings; the shown pose moves over as in a correction.
   void set(const PlayoutSettings& settings);
   const PlayoutSettings& settings() const { return settings_; }
   double smoothness() const;
 
-  /// The rows at which the bands of poses end; empty: not known, all is mixed.
+  /// The rows at which bands end; empty: unknown, all rows are mixed.
   void set_band_ends(std::span<const std::uint32_t> ends) { band_ends_.assign(ends.begin(), ends.end()); }
 
-  /// A pose came at `arrival_us`. One whose time is not after the newest is dropped (returns false). A pose of another
-  /// size than those before it replaces them all.
+  /// Takes a pose that arrived at `arrival_us`. Drops it where it is not after the newest (returns false). A pose of
+  /// another size replaces all before.
   bool add(PlayoutPose pose, TimeUs arrival_us);
 
-  /// The pose to show at `now_us`, which does not go back; nothing before the first one came.
+  /// The pose to show at `now_us`, which must not go back; nothing before the first pose.
   std::optional<ShownPose> at(TimeUs now_us);
 
-  /// How long poses are held on purpose.
+  /// How long poses are held deliberately.
   TimeUs delay_us() const;
 
   /// Forgets all poses, as at a new epoch.
@@ -113,10 +111,10 @@ class Playout {
   Correction correction_;
   std::deque<PlayoutPose> poses_;
   TimeUs newest_arrival_us_ = 0;
-  TimeUs newest_sure_us_ = 0;          ///< Media time of the newest pose that is no estimate.
+  TimeUs newest_sure_us_ = 0;          ///< Media time of the newest pose that is not an estimate.
   std::optional<TimeUs> latest_us_;    ///< kLatest: the newest media time shown.
-  std::optional<TimeUs> shown_at_us_;  ///< Media time of what was shown last.
-  ShownPose shown_;                    ///< That, without the correction.
+  std::optional<TimeUs> shown_at_us_;  ///< Media time of the last shown pose.
+  ShownPose shown_;                    ///< The last shown pose, without the correction.
   bool poses_changed_ = false, settings_changed_ = false;
 };
 

@@ -7,12 +7,12 @@
 #include <cstdlib>
 #include <vector>
 
+#include "common/motion/network_time.h"
+
 namespace eigencast {
 namespace {
 
-constexpr std::size_t kMaxArrivals = 512;
-
-// The value that `share` of `values` are not above.
+// The value that a `share` of `values` does not exceed.
 TimeUs quantile(std::vector<TimeUs>& values, double share) {
   const auto rank = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
   std::nth_element(values.begin(), values.begin() + rank, values.end());
@@ -27,13 +27,13 @@ void PlayoutClock::reset() {
 
 void PlayoutClock::add(TimeUs media_us, TimeUs arrival_us) {
   const TimeUs offset_us = arrival_us - media_us;
-  if (!arrivals_.empty() && std::abs(offset_us - least_offset_us_) > kStrayUs) reset();
+  if (!arrivals_.empty() && std::abs(offset_us - min_offset_us_) > kStrayUs) reset();
   const TimeUs span_us = arrivals_.empty() ? 0 : media_us - newest_media_us_;
   newest_media_us_ = media_us;
   arrivals_.push_back({arrival_us, offset_us, span_us > kLongestSpanUs ? 0 : span_us});
   while (arrivals_.size() > kMaxArrivals || arrivals_.front().arrival_us < arrival_us - kWindowUs)
     arrivals_.pop_front();
-  // One pose has no motion yet that a jump could disturb, and says nothing of how long to hold it.
+  // After one pose there is no motion that a jump could disturb, and no interval to hold it for.
   if (arrivals_.size() == 2) reading_.reset();
 
   std::vector<TimeUs> offsets, spans;
@@ -41,27 +41,27 @@ void PlayoutClock::add(TimeUs media_us, TimeUs arrival_us) {
     offsets.push_back(a.offset_us);
     if (a.span_us > 0) spans.push_back(a.span_us);
   }
-  least_offset_us_ = *std::min_element(offsets.begin(), offsets.end());
-  if (!spans.empty()) full_delay_us_ = quantile(spans, 0.5) + quantile(offsets, 0.95) - least_offset_us_;
+  min_offset_us_ = *std::min_element(offsets.begin(), offsets.end());
+  if (!spans.empty()) full_delay_us_ = quantile(spans, 0.5) + quantile(offsets, 0.95) - min_offset_us_;
 }
 
 TimeUs PlayoutClock::advance(TimeUs now_us, TimeUs delay_us) {
   assert(!arrivals_.empty());
-  const TimeUs goal_us = now_us - least_offset_us_ - delay_us;
+  const TimeUs goal_us = now_us - min_offset_us_ - delay_us;
   jumped_ = !reading_ || std::abs(goal_us - reading_->media_us - (now_us - reading_->now_us)) > kStrayUs;
   if (jumped_) {
     reading_ = Reading{now_us, goal_us};
     return goal_us;
   }
   const TimeUs passed_us = std::max<TimeUs>(0, now_us - reading_->now_us);
-  const TimeUs most_us = passed_us / kSlew;
+  const TimeUs max_slew_us = passed_us / kSlew;
   const TimeUs media_us =
-      std::clamp(goal_us, reading_->media_us + passed_us - most_us, reading_->media_us + passed_us + most_us);
+      std::clamp(goal_us, reading_->media_us + passed_us - max_slew_us, reading_->media_us + passed_us + max_slew_us);
   reading_ = Reading{std::max(now_us, reading_->now_us), media_us};
   return media_us;
 }
 
-void PlayoutClock::go_on_from(TimeUs media_us, TimeUs now_us) {
+void PlayoutClock::continue_from(TimeUs media_us, TimeUs now_us) {
   reading_ = Reading{now_us, media_us};
 }
 

@@ -9,13 +9,12 @@
 
 namespace eigencast {
 
-/// The clock by which a viewer plays a stream: display times on our clock to media times, which are capture times on
-/// the sender's. Learnt from arrivals: the way of the fastest pose of the last kWindowUs is the one to keep up with,
-/// what the others took longer is jitter.
+/// The clock by which a viewer plays a stream. It maps display times on our clock to media times, which are capture times
+/// on the sender's. The fastest pose of the last kWindowUs sets the offset; the others' extra delay is jitter.
 ///
-/// Media time passes at the pace of display time, give or take 1/kSlew while the clock corrects itself, so that it
-/// never stands or runs back; where it is wrong by more than kStrayUs (the sender's clock was set, or nothing was shown
-/// for long) it jumps. Time comes in as arguments, within +-2^60. Not thread-safe.
+/// Media time runs at the pace of display time, +-1/kSlew while the clock corrects itself, so that it never stops or runs
+/// back. Where it is off by more than kStrayUs (the sender's clock was set, or nothing was shown for long) it jumps. Time
+/// comes in as arguments, within +-2^56. Not thread-safe.
 class PlayoutClock {
  public:
   static constexpr TimeUs kWindowUs = 3'000'000;
@@ -23,11 +22,11 @@ class PlayoutClock {
   static constexpr TimeUs kStrayUs = 1'000'000;
   static constexpr TimeUs kLongestSpanUs = 500'000;  ///< A pause is not an interval to wait for.
 
-  /// A pose of `media_us` came; media times grow from call to call.
+  /// Takes a pose's times; media times grow from call to call.
   void add(TimeUs media_us, TimeUs arrival_us);
 
-  /// How long a pose must be held for motion between poses to be even: the interval between poses plus the 95th
-  /// percentile of the jitter. 0 before the second pose.
+  /// How long to hold a pose for even motion: the interval between poses plus the 95th percentile of the jitter. 0 before
+  /// the second pose.
   TimeUs full_delay_us() const { return full_delay_us_; }
 
   /// False before the first pose.
@@ -35,11 +34,11 @@ class PlayoutClock {
 
   /// The media time to show at `now_us`, poses held for `delay_us`. REQUIRES: started().
   TimeUs advance(TimeUs now_us, TimeUs delay_us);
-  /// True if the last advance() did not go on from the one before it.
+  /// Whether the last advance() jumped.
   bool jumped() const { return jumped_; }
 
-  /// What is shown at `now_us` is `media_us`: the clock goes on from there.
-  void go_on_from(TimeUs media_us, TimeUs now_us);
+  /// Continues from `media_us` shown at `now_us`.
+  void continue_from(TimeUs media_us, TimeUs now_us);
 
   void reset();
 
@@ -56,7 +55,7 @@ class PlayoutClock {
 
   std::deque<Arrival> arrivals_;
   TimeUs newest_media_us_ = 0;
-  TimeUs least_offset_us_ = 0;
+  TimeUs min_offset_us_ = 0;
   TimeUs full_delay_us_ = 0;
   bool jumped_ = false;
   std::optional<Reading> reading_;

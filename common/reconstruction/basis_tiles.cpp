@@ -13,12 +13,11 @@ namespace {
 
 constexpr std::size_t kRows = kernel::kTileRows;
 constexpr double kLargestWhole = 32767;
-constexpr double kLargestSum = 2.0e9;       // leaves room for what rounding 4,096 coefficients adds, below 2^31
-constexpr double kRoundingShare = 1.0 / 4;  // of the error that the basis has: adds 3 % to it
+constexpr double kLargestSum = 2.0e9;       // below 2^31 with the rounding of 4,096 coefficients
+constexpr double kRoundingShare = 1.0 / 4;  // of the error of the basis; adds 3 % to it
 
 constexpr std::size_t kHugePage = std::size_t{1} << 21;
-// From half a huge page on memory is of whole ones: a basis of 3 MB that is in no cache is read in two thirds of the
-// time.
+// From half a huge page on, memory is allocated in huge pages: an uncached basis of 3 MB reads in two thirds of the time.
 constexpr bool is_of_huge_pages(std::size_t bytes) {
   return bytes >= kHugePage / 2;
 }
@@ -26,7 +25,7 @@ constexpr std::align_val_t alignment_of(std::size_t bytes) {
   return std::align_val_t{is_of_huge_pages(bytes) ? kHugePage : kernel::kAlignment};
 }
 
-/// The integer that `value` is `scale` times, if there is one of 16 bits.
+/// The 16-bit integer that `value` is `scale` times; false where there is none.
 bool integer_of(float value, float scale, std::int16_t& integer) {
   if (scale == 0) {
     integer = 0;
@@ -44,7 +43,6 @@ void* allocate_lines(std::size_t bytes) {
   const std::size_t pages = (bytes + kHugePage - 1) / kHugePage * kHugePage;
   void* const at = ::operator new(is_of_huge_pages(bytes) ? pages : bytes, alignment_of(bytes));
 #ifdef MADV_HUGEPAGE
-  // Systems that lend none leave it as it is.
   if (is_of_huge_pages(bytes)) static_cast<void>(madvise(at, pages, MADV_HUGEPAGE));
 #endif
   return at;
@@ -63,7 +61,7 @@ void BasisTiles::update(const Asset& asset, std::uint32_t rows) {
   const std::uint32_t end = std::min(rows, asset.rows_ready);
   if (end <= rows_) return;
   if (append(asset, end)) return;
-  // Some entry is off the grid: floats hold it.
+  // Some entry is off the grid: keep floats.
   float_columns_ = rank_;
   rows_ = 0;
   scales_.clear();
@@ -85,7 +83,7 @@ bool BasisTiles::append(const Asset& asset, std::uint32_t end) {
     for (std::size_t k = 0; k < float_columns_; ++k) to[k * kRows] = row[k];
     std::int16_t* integers = integers_.data() + i / kRows * kRows * stride;
     for (std::size_t k = 0; k < integer_columns; ++k) {
-      std::int16_t& integer = integers[kernel::place_of_integer(i % kRows, k)];
+      std::int16_t& integer = integers[kernel::offset_of_integer(i % kRows, k)];
       if (!integer_of(row[float_columns_ + k], scales_[k], integer)) return false;
       columns_[k].add(integer);
     }
@@ -107,7 +105,7 @@ void BasisTiles::update(std::span<const std::int16_t> entries, std::span<const f
     std::int16_t* integers = integers_.data() + i / kRows * kRows * stride;
     for (std::size_t k = 0; k < rank_; ++k) {
       const std::int16_t entry = entries[i * rank_ + k];
-      integers[kernel::place_of_integer(i % kRows, k)] = entry;
+      integers[kernel::offset_of_integer(i % kRows, k)] = entry;
       columns_[k].add(entry);
     }
   }

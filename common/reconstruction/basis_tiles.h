@@ -14,9 +14,8 @@
 
 namespace eigencast {
 
-/// Memory that begins at a multiple of a cache line; where it is large, of a huge page, and in such pages if the system
-/// lends them: kernels that stream through it meet a page's border every 4 KB else, and processors fetch nothing ahead
-/// over those.
+/// Memory aligned to a cache line; where it is large, to a huge page, and in huge pages if the system grants them:
+/// processors do not prefetch across pages.
 void* allocate_lines(std::size_t bytes);
 void free_lines(void* at, std::size_t bytes);
 
@@ -33,24 +32,23 @@ struct CacheLineAllocator {
 template <typename T>
 using AlignedVector = std::vector<T, CacheLineAllocator<T>>;
 
-/// A pose's coefficients of the columns that are integers, as kernel::Pose::whole wants them.
+/// A pose's coefficients of the integer columns, in the order of kernel::Pose::whole.
 struct WholeCoefficients {
   std::vector<std::int16_t> C;
   std::array<float, 3> unit{};
 };
 
-/// An asset's basis as the kernels read it: in tiles, each entry a 16-bit integer where the asset says that the column
-/// lies on a grid and every entry does to the bit, else a float. Half the bytes of a basis of floats, and the same
-/// basis. Takes n x r x 2 to 4 bytes beside the asset.
+/// An asset's basis in tiles for the kernels. A column of entries that all lie on the asset's grid to the bit is stored as
+/// 16-bit integers, without loss, else as floats. Takes n x r x 2 to 4 bytes beside the asset.
 ///
 /// Reading is thread-safe; update() is not.
 class BasisTiles {
  public:
-  /// Takes the rows of `asset` (this object's first, grown) that have arrived since; at most the first `rows`.
+  /// Takes the rows of `asset` that have arrived since; at most the first `rows`. Always call it with the same asset.
   void update(const Asset& asset, std::uint32_t rows = ~0U);
-  /// The same of another matrix that goes with a surface, all of whose entries are integers: rows() becomes `rows`.
-  ///   entries  at least rows x r, row-major: those from before, and more
-  ///   scales   r: what one unit of each column is
+  /// The same for a matrix of integers: rows() becomes `rows`.
+  ///   entries  at least rows x r, row-major; earlier rows unchanged
+  ///   scales   r: the unit of each column
   void update(std::span<const std::int16_t> entries, std::span<const float> scales, std::uint32_t rows);
 
   std::uint32_t rows() const { return rows_; }
@@ -61,21 +59,20 @@ class BasisTiles {
 
   /// The tiles from number `first` on, and of them the first `rank` columns.
   kernel::Tiles view(std::size_t first, std::uint32_t rank) const;
-  /// The coefficients of a pose (r x channels, row-major), rounded to 16 bits with one unit for each axis: integers
-  /// times integers are twice as fast. Nothing where that would add more than a sixteenth to the squared error that
-  /// rounding the basis to its grid has given the pose already, so 3 % to the error: where the grid is fine (an asset
-  /// error of about 3e-5 of the diagonal or below); and where no column of the `rank` is of integers, or C is not
-  /// finite.
+  /// The coefficients of a pose (r x channels, row-major), rounded to 16 bits with one unit per axis: integer products are
+  /// twice as fast. Nothing where rounding would add more than a sixteenth to the squared error of the basis' own grid (3 %
+  /// of the error): on fine grids (an asset error of about 3e-5 of the diagonal or below). Nothing either where the first
+  /// `rank` columns have no integers, or C is not finite.
   std::optional<WholeCoefficients> whole_coefficients(std::span<const double> C, std::uint32_t channels,
                                                       std::uint32_t rank) const;
 
-  /// What the kernels' entries of column k are to be multiplied by: factor of that column's coefficients.
+  /// The factor of column k's coefficients that undoes the kernels' integer unit.
   double scale(std::uint32_t k) const {
     return k < float_columns_ ? 1 : static_cast<double>(scales_[k - float_columns_]) / kernel::kIntegerUnit;
   }
 
  private:
-  /// Of a column's integers.
+  /// Statistics of a column's integers.
   struct Column {
     int largest = 0;
     double squares = 0;

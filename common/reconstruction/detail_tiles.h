@@ -11,22 +11,21 @@
 
 namespace eigencast {
 
-/// An asset's detail as it is put back: derivatives of the basis along two tangents in tiles as the basis, offsets and
-/// normals in the frames that they give. Takes n x r x 4 bytes beside the asset. Reading is thread-safe; update() is
-/// not.
+/// An asset's detail: derivatives of the basis along two tangents, in tiles, and offsets and normals in the frames that
+/// these span. Takes n x r x 4 bytes beside the asset. Reading is thread-safe; update() is not.
 class DetailTiles {
  public:
-  /// Takes the rows that have arrived since; forgets all where the asset's detail has ended.
+  /// Takes the rows that have arrived since; clears all where the asset's detail has ended.
   void update(const Asset& asset);
   std::uint32_t rows() const { return static_cast<std::uint32_t>(offset_.size()); }
   const BasisTiles& along_x() const { return along_x_; }
   const BasisTiles& along_y() const { return along_y_; }
 
-  /// Moves vertices from where the basis puts them to where they belong.
-  ///   first                    row of the first of them
-  ///   along_x, along_y         of the pose, 3 floats each
-  ///   positions                likewise: those of the basis, to be moved
-  ///   normals                  room for as many, or empty
+  /// Adds the detail to vertices rebuilt from the basis.
+  ///   first             row of the first vertex
+  ///   along_x, along_y  the pose's derivatives, 3 floats each
+  ///   positions         likewise; in: of the basis alone
+  ///   normals           room for as many, or empty
   void add(std::uint32_t first, std::span<const float> along_x, std::span<const float> along_y,
            std::span<float> positions, std::span<float> normals) const;
 

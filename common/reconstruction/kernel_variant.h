@@ -15,7 +15,7 @@ namespace {
 static_assert(kFloatLanes <= kWidestVector);
 constexpr std::size_t kVectors = kTileRows / kFloatLanes;  // in a column of a tile
 
-// Vectors of a column that one pass over a tile takes, so that its sums fit the registers.
+// Vectors of a column in one pass over a tile, so that the sums fit the registers.
 template <std::size_t kPoses>
 constexpr std::size_t vectors_per_pass() {
   constexpr std::size_t fitting = (kVectorRegisters == 32 ? 8 : 4) / kPoses;
@@ -26,16 +26,15 @@ constexpr std::size_t passes() {
   return kVectors / vectors_per_pass<kPoses>();
 }
 
-/// What passes over a tile fetch of what comes next: pass `turn` of `turns` asks for every turns-th column of the tile
-/// that follows, so that memory is as busy in each of them. A lone pass reads as fast as memory gives: it asks for what
-/// lies a little ahead, and leaves the rest to the processor, which has more requests under way at once than programs
-/// may have.
+/// Prefetching: pass `turn` of `turns` prefetches every turns-th column of the next tile, so that all passes load memory
+/// evenly. A lone pass is bound by memory: it prefetches a little ahead and leaves the rest to the hardware prefetcher,
+/// which keeps more requests in flight.
 struct Ahead {
   std::size_t turn = 0, turns = 1;
   bool lone = false;
 };
 
-/// Asks for a column (or a pair of them) of what is ahead when it is this pass's turn.
+/// Prefetches a column, or a pair, when it is this pass's turn.
 class Prefetcher {
  public:
   Prefetcher(const Ahead& ahead) : left_(ahead.turn), turns_(ahead.turns), lone_(ahead.lone) {}
@@ -59,7 +58,7 @@ class Prefetcher {
   bool lone_;
 };
 
-/// Vectors that several sums are made of, where there are registers for them beside the sums.
+/// Keeps vectors that several sums need in registers, where there are enough.
 template <std::size_t kHere, typename Vector>
 inline void hold_all(Vector (&vectors)[kHere]) {
   if constexpr (kVectorRegisters == 32) {
@@ -68,7 +67,7 @@ inline void hold_all(Vector (&vectors)[kHere]) {
   }
 }
 
-/// The sums of some vectors of rows: for each pose and axis.
+/// Sums for each pose and axis.
 template <typename Vector, std::size_t kPoses, std::size_t kHere>
 struct Sums {
   Vector of[kPoses][3][kHere] = {};
@@ -155,7 +154,7 @@ inline void add_wholes(const Tiles& tiles, const std::int16_t* at, const Pose* p
   }
 }
 
-/// Of 3 kFloatLanes interleaved floats the kPart-th vector: number i of them is axis i % 3 of row i / 3.
+/// The kPart-th vector of 3 kFloatLanes interleaved floats, of which number i is axis i % 3 of row i / 3.
 template <std::size_t kPart, std::size_t... kLane>
 inline Floats interleaved(const Floats& x, const Floats& y, const Floats& z, std::index_sequence<kLane...>) {
   constexpr auto number = [](std::size_t lane) { return kPart * kFloatLanes + lane; };
@@ -209,7 +208,7 @@ inline void product_tile(const Tiles& tiles, std::size_t tile, std::size_t rows,
   for (std::size_t p = 0; p < kPoses; ++p) interleave(planes[p], rows, poses[p].X + 3 * tile * kTileRows);
 }
 
-/// Poses that are taken in one pass over a tile: two, if both have whole coefficients or neither has.
+/// Poses per pass over a tile: two, if both have integer coefficients or neither has.
 inline std::size_t poses_together(const Pose* poses, std::size_t left) {
   return left > 1 && (poses[0].whole != nullptr) == (poses[1].whole != nullptr) ? 2 : 1;
 }
@@ -258,7 +257,7 @@ inline HeldRows load_rows(const float* Y, std::size_t first) {
   return rows;
 }
 
-/// Asks for what lies `next` values later. The sums push what the processor fetches ahead out of its view.
+/// Prefetches what lies `next` values later; the writes of sums hide the pattern from the hardware prefetcher.
 template <std::size_t kBytes, typename Value>
 inline void fetch_next_tile(const Value* at, std::size_t next) {
   EIGENCAST_UNROLL

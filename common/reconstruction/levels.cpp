@@ -17,7 +17,7 @@ Vector minus(const Vector& a, const Vector& b) {
 Vector cross(const Vector& a, const Vector& b) {
   return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
-/// Zero where there is no direction.
+/// Zero for a zero vector.
 Vector unit(const Vector& a) {
   const float length = std::hypot(a[0], a[1], a[2]);
   const float scale = length > 0 ? 1 / length : 0;
@@ -63,7 +63,7 @@ void area_normals(std::span<const float> positions, std::span<const std::uint32_
 
 void normalise(std::span<float> vectors) {
   for (std::size_t i = 0; i + 3 <= vectors.size(); i += 3) {
-    // In double: the square of a small face's area leaves the range of float.
+    // In double: the square of a small face's area underflows in float.
     const double x = vectors[i], y = vectors[i + 1], z = vectors[i + 2];
     const double length = std::sqrt(x * x + y * y + z * z);
     const double scale = length > 0 ? 1 / length : 0;

@@ -13,30 +13,29 @@
 namespace eigencast {
 namespace {
 
-// Tiles whose products are summed in float, lane by lane, before they are added in double: few enough that rounding
-// stays below that of the basis itself.
+// Tiles summed in float before their sum is added in double: few enough that rounding stays below that of the basis.
 constexpr std::size_t kForwardTiles = 32;
 constexpr std::size_t kGramBlock = 64;
-// Independent of how many threads there are, so that the sums are the same everywhere.
+// Independent of the number of threads, so that the sums are the same everywhere.
 constexpr std::size_t kGramParts = 8;
-// Multiplications below which waking other threads takes longer than they save.
-constexpr std::size_t kWorthThreads = 10'000'000;
-// Bytes of positions that a processor's cache keeps until their turn comes.
+// Multiplications below which other threads cost more than they save.
+constexpr std::size_t kWorthThreadsToProject = 10'000'000;
+// Bytes of positions that stay in the cache until they are used.
 constexpr std::size_t kFitsCache = 512 * 1024;
 
 std::size_t whole_gram_tiles(std::size_t columns) {
   return (columns + kernel::kGramTile - 1) / kernel::kGramTile * kernel::kGramTile;
 }
 
-// The weight of each row in the fit: between area (mass), for which the error of the surface is least, and 1, for which
-// that of the vertices is (docs/adr/0004).
+// The weight of each row in the fit: between mass, which minimises the error of the surface, and 1, which minimises that
+// of the vertices (docs/adr/0004).
 std::vector<double> weights_of(const Asset& asset) {
   std::vector<double> weights(asset.vertex_count);
   for (std::size_t i = 0; i < weights.size(); ++i) weights[i] = std::sqrt(static_cast<double>(asset.mass[i]));
   return weights;
 }
 
-// Psi^T W Psi, r x r; only the lower triangle is meant.
+// Psi^T W Psi, r x r, lower triangle.
 std::vector<double> gram_matrix(const Asset& asset, const std::vector<double>& weights,
                                 const kernel::Functions& functions) {
   const std::size_t n = asset.vertex_count, r = asset.rank;
@@ -100,12 +99,12 @@ std::vector<double> inverse_of_triangle(const std::vector<double>& L, std::size_
   return T;
 }
 
-// W (X - origin) of the rows from `first` on, tile by tile as the kernel wants it; zero beyond the last row. Returns
-// whether all are finite.
+// W (X - origin) of the rows from `first` on, in the kernel's tiles; zero beyond the last row. Returns whether all are
+// finite.
 template <typename Value>
 bool weigh(const Asset& asset, const std::array<double, 3>& origin, std::span<const double> weights,
            std::span<const Value> positions, std::size_t first, std::size_t rows, float* Y) {
-  std::array<double, 3> zero{};  // One for each axis, so that no sum waits for another.
+  std::array<double, 3> zero{};  // one per axis, so that no sum waits for another
   for (std::size_t i = 0; i < rows; ++i) {
     const Value* x = &positions[3 * std::size_t{asset.source_vertex[first + i]}];
     float* y = Y + i / kernel::kTileRows * 3 * kernel::kTileRows + i % kernel::kTileRows;
@@ -122,7 +121,7 @@ bool weigh(const Asset& asset, const std::array<double, 3>& origin, std::span<co
   return zero == std::array<double, 3>{};
 }
 
-// Fetches what is read in the asset's order, that is, in none, as one stream.
+// Prefetches as one stream what is then read in the asset's random order.
 template <typename Value>
 void prefetch(std::span<const Value> values) {
   constexpr std::size_t kLine = kernel::kAlignment / sizeof(Value);
@@ -165,7 +164,7 @@ Result<std::vector<double>> Projector::project(std::span<const Value> positions,
     functions.add_transposed(tiles_.view(part * kForwardTiles, asset_->rank), tiles, Y.data(), sums[part].data(),
                              scratch.data());
   };
-  if (threads_ == 1 || n * r * 3 < kWorthThreads) {
+  if (threads_ == 1 || n * r * 3 < kWorthThreadsToProject) {
     for (std::size_t part = 0; part < parts; ++part) sum_part(part);
   } else {
     worker_team().run(parts, sum_part);

@@ -12,14 +12,13 @@
 namespace eigencast {
 namespace {
 
-// Multiplications below which waking other threads takes longer than they save.
-constexpr std::size_t kWorthThreads = 20'000'000;
+// Multiplications below which other threads cost more than they save.
+constexpr std::size_t kWorthThreadsToRebuild = 20'000'000;
 constexpr std::size_t kTilesPerTask = 4;
 
-/// A pose's coefficients as the kernel wants them.
+/// A pose's coefficients as the kernel reads them.
 struct PackedPose {
-  std::vector<float>
-      C;  // x 3, in units of the tiles' entries, zero beyond the last of an odd count of integers' columns
+  std::vector<float> C;  // x 3, in units of the tiles' entries; zero beyond the last column
   std::optional<WholeCoefficients> whole;
 };
 
@@ -37,15 +36,15 @@ PackedPose packed(const BasisTiles& tiles, const PoseToRebuild& pose, std::uint3
   return packed;
 }
 
-/// Some poses' coefficients for one of the matrices that they are multiplied by.
+/// The coefficients of some poses for one matrix.
 class Packed {
  public:
   Packed(const BasisTiles& tiles, std::span<const PoseToRebuild> poses, std::uint32_t rank)
       : tiles_(tiles), rank_(rank) {
     for (const PoseToRebuild& pose : poses) poses_.push_back(packed(tiles, pose, rank));
   }
-  /// The product with rows from the first of a tile on.
-  ///   rooms  for each pose for as many rows
+  /// The product with the rows from a tile on.
+  ///   rooms  output of each pose
   void multiply(const kernel::Functions& functions, std::size_t first_tile, std::size_t rows,
                 std::span<const std::span<float>> rooms) const {
     std::vector<kernel::Pose> here(poses_.size());
@@ -123,7 +122,7 @@ void Reconstructor::run(std::span<const PoseToRebuild> poses, std::uint32_t rank
     rebuild_tiles(tile, std::min<std::size_t>(N, tile * kernel::kTileRows + kRows));
   };
   const std::size_t multiplications = rows * rank * 3 * poses.size() * (with_detail ? 3 : 1);
-  const bool alone = threads_ == 1 || multiplications < kWorthThreads;
+  const bool alone = threads_ == 1 || multiplications < kWorthThreadsToRebuild;
   if (alone && !with_detail) {
     rebuild_tiles(begin, N);
   } else if (alone) {

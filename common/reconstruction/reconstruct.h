@@ -12,7 +12,7 @@
 
 namespace eigencast {
 
-/// One surface to rebuild: an instance of an asset, or one pose of several.
+/// One pose to rebuild.
 ///   C          r x channels, row-major; only the first three columns are used
 ///   positions  room for N x 3 floats, row-major
 ///   normals    the same, where has_detail(): unit normals of the surface at full detail; or empty
@@ -23,15 +23,14 @@ struct PoseToRebuild {
   std::span<float> normals{};
 };
 
-/// X = Psi C, the hot kernel: keeps an asset's basis as the processor likes to read it (see BasisTiles), follows the
-/// asset as it arrives, and takes all poses of a call in one pass over the basis. Where the asset brings detail (see
-/// DetailKind) two more such products give each vertex the frame in which its offset is told: all of it the same at
-/// every level.
+/// X = Psi C, the hot kernel: keeps an asset's basis in BasisTiles, follows the asset as it arrives, and rebuilds all poses
+/// of a call in one pass over the basis. Where the asset has detail (see DetailKind) two more such products give each
+/// vertex the frame of its offset. A vertex is the same at every level.
 ///
-/// rebuild() is thread-safe as long as nobody updates. It uses the process's threads where the work is worth it.
+/// rebuild() is thread-safe without a concurrent update(). It uses the process's threads for large work.
 class Reconstructor {
  public:
-  /// threads: 0 means as many as pay (default), 1 the caller's only.
+  /// threads: 0 as many as pay (default), 1 the caller's only.
   explicit Reconstructor(InstructionSet set = instruction_sets().back(), unsigned threads = 0);
 
   /// Takes the rows that have arrived since the last call; always call it with the same asset, grown. Costs n x r once.
@@ -40,15 +39,15 @@ class Reconstructor {
   const BasisTiles& tiles() const { return tiles_; }
   bool has_detail() const { return detail_.rows() > 0; }
 
-  /// The first N rows from the first `rank` columns, as for a receiver of fewer bands. Differs from the sum in double
-  /// by at most 1e-6 of the sum of its terms' magnitudes, but where coefficients are rounded to 16 bits, which adds at
-  /// most 3 % to the error of the basis (BasisTiles::whole_coefficients). REQUIRES: N <= tiles().rows(), rank <=
-  /// tiles().rank(), each C.size() >= rank * channels, channels >= 3. The rows before `first` may be left as they are.
+  /// The first N rows from the first `rank` columns; may skip the rows before `first`. Differs from the sum in double by at
+  /// most 1e-6 of the sum of its terms' magnitudes; rounding coefficients to 16 bits adds at most 3 % to the error of the
+  /// basis (BasisTiles::whole_coefficients). REQUIRES: N <= tiles().rows(), rank <= tiles().rank(), each C.size() >= rank *
+  /// channels, channels >= 3.
   void rebuild(std::span<const PoseToRebuild> poses, std::uint32_t rank, std::uint32_t N,
                std::uint32_t first = 0) const;
   void rebuild(std::span<const double> C, std::uint32_t channels, std::uint32_t rank, std::uint32_t N,
                std::span<float> positions) const;
-  /// Psi C alone: of values that ride on a surface, and of where it would be without detail. As rebuild().
+  /// Psi C alone, without detail: for values on a surface. As rebuild().
   void combine(std::span<const double> C, std::uint32_t channels, std::uint32_t rank, std::uint32_t N,
                std::span<float> values) const;
 
@@ -62,7 +61,7 @@ class Reconstructor {
   DetailTiles detail_;
 };
 
-/// Psi C once, without keeping anything: where one pose of an asset is, without detail.
+/// Psi C once: the positions of one pose without detail.
 /// REQUIRES: N <= asset.rows_ready, and as Reconstructor::rebuild.
 void positions_from_coefficients(const Asset& asset, std::span<const double> C, std::uint32_t channels,
                                  std::uint32_t rank, std::uint32_t N, std::span<float> positions);
@@ -71,22 +70,22 @@ void positions_from_coefficients(const Asset& asset, std::span<const double> C, 
 /// REQUIRES: asset.base_count <= N <= asset.rows_ready.
 std::vector<std::uint32_t> triangles_at_level(const Asset& asset, std::uint32_t N);
 
-/// Area-weighted vertex normals (unit length; zero where a vertex has no face).
+/// Area-weighted vertex normals of unit length; zero where a vertex has no face.
 ///   normals  room for as many floats as positions
 void vertex_normals(std::span<const float> positions, std::span<const std::uint32_t> triangles,
                     std::span<float> normals);
 
-/// The same in two parts. Sums, for each vertex, the normals of its faces, each as long as twice the face's area;
+/// The same in two parts: sums the normals of each vertex' faces, each twice as long as the face's area;
 void area_normals(std::span<const float> positions, std::span<const std::uint32_t> triangles, std::span<float> sums);
-/// makes vectors of three a unit long, but those of no length.
+/// scales vectors of three to unit length, zero vectors excepted.
 void normalise(std::span<float> vectors);
 
-/// Unit normals of a point cloud's discs in the pose of `positions` (as rebuilt, of the first rows): those of the rest
-/// pose, turned with the frames of the asset's splats. Zero where the asset has none.
+/// Unit normals of a point cloud's discs in the pose of `positions` (the first rows): those of the rest pose, rotated with
+/// the frames of the asset's splats. Zero without splats.
 ///   normals  room for as many floats as positions
 void splat_normals(const Asset& asset, std::span<const float> positions, std::span<float> normals);
 
-/// Radii of a point cloud's discs at level N, at rest; 0 where the asset has none. Costs O(N).
+/// Radii of a point cloud's discs at level N, at rest; 0 without splats. O(N).
 ///   radii  room for N
 /// REQUIRES: asset.base_count <= N <= asset.rows_ready.
 void splat_radii(const Asset& asset, std::uint32_t N, std::span<float> radii);
@@ -95,9 +94,9 @@ void splat_radii(const Asset& asset, std::uint32_t N, std::span<float> radii);
 /// rows_ready).
 std::uint32_t level_from_fraction(const Asset& asset, double fraction);
 
-/// Projects positions on the basis that receivers have: C = (Psi^T W Psi)^-1 Psi^T W X, where Psi is the asset's float
-/// basis and W the square root of the mass matrix, between the best fit of the area and that of the vertices
-/// (docs/adr/0004). The Gram matrix also corrects what quantising the basis did to it.
+/// Projects positions on the receivers' basis: C = (Psi^T W Psi)^-1 Psi^T W X, where Psi is the asset's float basis and W
+/// the square root of the mass matrix, between the best fit of the area and that of the vertices (docs/adr/0004). The Gram
+/// matrix also corrects for the quantisation of the basis.
 ///
 /// Thread-safe after construction; uses the process's threads. Setting up costs n r^2 / 2 multiplications once, and
 /// memory as BasisTiles says.
@@ -113,7 +112,7 @@ class Projector {
   /// Errors: kInvalidArgument (size; a value that is not finite, naming the vertex).
   Result<std::vector<double>> coefficients_from_positions(std::span<const float> positions) const;
   Result<std::vector<double>> coefficients_from_positions(std::span<const double> positions) const;
-  /// The same of values that have no place, such as velocities or scalars: nothing is taken from them.
+  /// The same for vectors, such as velocities or scalars, which have no origin to subtract.
   Result<std::vector<double>> coefficients_from_vectors(std::span<const float> vectors) const;
   Result<std::vector<double>> coefficients_from_vectors(std::span<const double> vectors) const;
 

@@ -29,7 +29,7 @@ Key cut(const CoefficientLayout& layout, Key key, BandMask keep) {
   return key;
 }
 
-TEST_P(EachCodec, ChainAndJoinAtAnyMomentGiveTheSendersStateAcrossStepChanges) {
+TEST_P(EachCodec, ReceiverHoldsTheSendersStateAcrossStepChanges) {
   const CoefficientLayout layout = layout_of(GetParam());
   const MotionSample motion(layout);
   ChainState sender = advanced(std::nullopt, motion.key(0, 150), 0);
@@ -51,7 +51,7 @@ TEST_P(EachCodec, ChainAndJoinAtAnyMomentGiveTheSendersStateAcrossStepChanges) {
   }
 }
 
-TEST_P(EachCodec, SyntheticPosesDecodeExactlyFromTheTwoKeysBefore) {
+TEST_P(EachCodec, SyntheticPosesDecodeExactly) {
   const CoefficientLayout layout = layout_of(GetParam());
   const MotionSample motion(layout);
   const ChainState state = motion.state(150);
@@ -87,7 +87,7 @@ TEST_P(EachCodec, CuttingBandsEqualsDecodingOnlyThose) {
   EXPECT_EQ(cut_bands(layout, false, all, 0, coded.payload).error().code, ErrorCode::kInvalidArgument);
 }
 
-TEST_P(EachCodec, ABandThatTheStateLacksIsCodedFromNothing) {
+TEST_P(EachCodec, NewBandIsCodedWithoutPrediction) {
   const CoefficientLayout layout = layout_of(GetParam());
   const MotionSample motion(layout);
   const ChainState full = motion.state(150);
@@ -99,7 +99,7 @@ TEST_P(EachCodec, ABandThatTheStateLacksIsCodedFromNothing) {
   EXPECT_EQ(decode_join(layout, key.bands, encode_join(layout, grown).value()).value(), grown);
 }
 
-TEST(Chain, ABandOfTheOlderKeyAloneIsLeftOutOfAJoin) {
+TEST(Chain, JoinOmitsBandsOfTheOlderKeyAlone) {
   const CoefficientLayout layout = layout_of(CodecKind::kQuantised);
   const ChainState full = MotionSample(layout).state(150);
   const ChainState shrunk{full.older, cut(layout, full.newer, 1), full.age_us};
@@ -107,7 +107,7 @@ TEST(Chain, ABandOfTheOlderKeyAloneIsLeftOutOfAJoin) {
   EXPECT_EQ(decode_join(layout, 1, encode_join(layout, shrunk).value()).value(), expected);
 }
 
-TEST(Chain, AnUnchangedPoseCostsThreeBytesABandAtMost) {
+TEST(Chain, UnchangedPoseCostsThreeBytesPerBand) {
   const CoefficientLayout layout = layout_of(CodecKind::kQuantised, 200);
   const Key key = MotionSample(layout).key(3, 150);
   const CodedKey coded = encode_key(layout, advanced(std::nullopt, key, 0), key, 4).value();
@@ -115,7 +115,7 @@ TEST(Chain, AnUnchangedPoseCostsThreeBytesABandAtMost) {
   EXPECT_EQ(coded.key, key);
 }
 
-TEST(Chain, CoarseKeysStayNearTheirTargetsAndTheReceiverHoldsTheSendersState) {
+TEST(Chain, CoarseKeysStayWithinTheirErrorBounds) {
   for (const std::uint32_t channels : {1u, 3u, 4u}) {
     const CoefficientLayout layout = layout_of(CodecKind::kQuantised, 200, channels);
     const MotionSample motion(layout);
@@ -145,7 +145,7 @@ TEST(Chain, CoarseKeysStayNearTheirTargetsAndTheReceiverHoldsTheSendersState) {
   }
 }
 
-TEST(Chain, PosesForOnceStayNearTheirTargetsForFewBytesMoreThanKeys) {
+TEST(Chain, QuickPosesStayWithinErrorAndSizeBounds) {
   for (const std::uint32_t channels : {1u, 3u, 4u}) {
     const CoefficientLayout layout = layout_of(CodecKind::kQuantised, 200, channels);
     const MotionSample motion(layout);
@@ -175,7 +175,7 @@ TEST(Chain, PosesForOnceStayNearTheirTargetsForFewBytesMoreThanKeys) {
   }
 }
 
-TEST_P(EachCodec, PosesForOnceAreKeysWhereTheyCannotBeCodedQuickly) {
+TEST_P(EachCodec, PoseFallsBackToKeyCoding) {
   const CoefficientLayout layout = layout_of(GetParam());
   const MotionSample motion(layout);
   ChainState state = motion.state(150);
@@ -204,7 +204,7 @@ TEST(Chain, CoarserSpacingsCostLess) {
   }
 }
 
-TEST(Chain, RandomAndExtremeKeysSurviveAndStayUnderTheWorstCase) {
+TEST(Chain, RandomAndExtremeKeysRoundTrip) {
   std::mt19937 random(7);
   for (const std::uint32_t rows : {1u, 2u, 15u, 64u}) {
     for (const std::uint32_t channels : {1u, 3u, 16u}) {
@@ -246,7 +246,7 @@ TEST(Chain, RandomAndExtremeKeysSurviveAndStayUnderTheWorstCase) {
   }
 }
 
-TEST(Chain, EncodingRefusesWhatNoDecoderWouldTake) {
+TEST(Chain, EncoderRefusesWhatNoDecoderAccepts) {
   const CoefficientLayout layout = layout_of(CodecKind::kQuantised);
   const MotionSample motion(layout);
   const ChainState state = motion.state(150);

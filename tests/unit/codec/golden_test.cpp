@@ -173,10 +173,10 @@ class Stream {
   std::string frames_, poses_;
 };
 
-const std::vector<std::uint32_t> kBands = {2, 4, 6};
+const std::vector<std::uint32_t> kGoldenBandEnds = {2, 4, 6};
 
-TEST(Golden, FullFormWithStepChangesEscapesJoinsAndCutBands) {
-  Stream stream({CodecKind::kQuantised, 6, 3, kBands});
+TEST(Golden, FullFormFrames) {
+  Stream stream({CodecKind::kQuantised, 6, 3, kGoldenBandEnds});
   stream.first(stream.pose(0, 120));
   stream.key(stream.pose(1, 120), 4);
   const Key third = stream.pose(2, 120);
@@ -202,8 +202,8 @@ TEST(Golden, FullFormWithStepChangesEscapesJoinsAndCutBands) {
   stream.check("quantised-full");
 }
 
-TEST(Golden, CompactForm) {
-  Stream stream({CodecKind::kQuantised, 6, 3, kBands});
+TEST(Golden, CompactFormFrames) {
+  Stream stream({CodecKind::kQuantised, 6, 3, kGoldenBandEnds});
   stream.first(stream.pose(0, 120));
   for (int time = 1; time < 4; ++time) {
     stream.key(stream.pose(time, time == 3 ? 123 : 120), 4, 255, Envelope::kAhead);
@@ -212,10 +212,10 @@ TEST(Golden, CompactForm) {
   stream.check("quantised-compact");
 }
 
-TEST(Golden, HermiteAndEstimates) {
+TEST(Golden, HermiteAndEstimateFrames) {
   // Channels 2 and 3 are the velocities of 0 and 1.
   const VelocityChannels velocities{2, 12'500};
-  Stream hermite({CodecKind::kQuantised, 6, 4, kBands},
+  Stream hermite({CodecKind::kQuantised, 6, 4, kGoldenBandEnds},
                  ",\"velocity_channels\":2,\"velocity_us\":12500,\"scheme\":\"hermite\"");
   hermite.first(hermite.pose(0, 120));
   for (int time = 1; time < 4; ++time) {
@@ -225,7 +225,7 @@ TEST(Golden, HermiteAndEstimates) {
   hermite.check("quantised-hermite");
   for (const bool damped : {false, true}) {
     const std::string scheme = damped ? "damped" : "linear";
-    Stream stream({CodecKind::kQuantised, 6, 3, kBands}, ",\"scheme\":\"" + scheme + "\"");
+    Stream stream({CodecKind::kQuantised, 6, 3, kGoldenBandEnds}, ",\"scheme\":\"" + scheme + "\"");
     stream.first(stream.pose(0, 120));
     for (int time = 1; time < 4; ++time) {
       stream.key(stream.pose(time, time == 3 ? 117 : 120), 0, time == 2 ? 0b011 : 255);
@@ -235,7 +235,7 @@ TEST(Golden, HermiteAndEstimates) {
   }
 }
 
-TEST(Golden, FloatCodecs) {
+TEST(Golden, FloatCodecFrames) {
   for (const CodecKind codec : {CodecKind::kFloat32, CodecKind::kFloat64}) {
     Stream stream({codec, 2, 2, {1, 2}});
     stream.first(stream.pose(0, 0));

@@ -115,7 +115,7 @@ class OneBand : public testing::Test {
   ChainState state;  ///< Empty: nothing to predict from.
 };
 
-TEST_F(OneBand, WhatTheFormatAllowsAndNothingElse) {
+TEST_F(OneBand, MalformedExactRunsAreRejected) {
   // codec 2, step 160, one section: head, bits.
   EXPECT_EQ(decode({2, 160, 1, 0x9f})->q, (std::vector<std::int32_t>{0, 0})) << "all zero";
   EXPECT_EQ(decode({2, 160, 2, 0x80, 0b1101'0000})->q, (std::vector<std::int32_t>{1, -1}))
@@ -163,7 +163,7 @@ Bytes carried_on(unsigned speed, unsigned restoring, int scale = 0) {
   return out;
 }
 
-TEST_F(OneBand, CoarseRunsTakeNoMoreAndNoLess) {
+TEST_F(OneBand, MalformedCoarseRunsAreRejected) {
   state = {Key{1, 160, {0, 0}, {}}, Key{1, 160, {16, -16}, {}}, 1};
   const auto payload = [](Bytes run, std::uint8_t codec = 2 | 4 << 2) {
     run.insert(run.begin(), {codec, 160, static_cast<std::uint8_t>(run.size())});
@@ -186,14 +186,14 @@ TEST_F(OneBand, CoarseRunsTakeNoMoreAndNoLess) {
   EXPECT_FALSE(decode(payload({}))) << "levels without end";
 }
 
-TEST_F(OneBand, TheStepOfTheNewerKeyGoesWithoutSaying) {
+TEST_F(OneBand, StepDefaultsToThatOfTheNewerKey) {
   state = advanced(std::nullopt, Key{1, 77, {10, -10}, {}}, 0);
   EXPECT_EQ(decode({3, 2, 0xa2, 0xab}).value(), (Key{1, 77, {13, -14}, {}}));
   EXPECT_EQ(decode({2, 77, 2, 0xa2, 0xab}).value(), (Key{1, 77, {13, -14}, {}}));
   EXPECT_FALSE(decode_join(layout, 1, Bytes{3, 160, 0, 5, 1, 0x9f})) << "a join has none before it";
 }
 
-TEST_F(OneBand, TheWorkedExampleOfTheProtocolDocument) {
+TEST_F(OneBand, DecodesTheProtocolDocumentsExample) {
   state = advanced(std::nullopt, Key{1, 160, {10, -10}, {}}, 0);
   const Bytes payload{0x03, 0x02, 0xa2, 0xab};
   EXPECT_EQ(decode(payload)->q, (std::vector<std::int32_t>{13, -14}));
@@ -212,7 +212,7 @@ TEST_F(OneBand, ValuesBeyondTheRangeAreRejected) {
   EXPECT_FALSE(decode(escaped(0x80000000u)));
 }
 
-TEST_F(OneBand, AReferenceThatOverflowsWhenRescaledIsAbsent) {
+TEST_F(OneBand, ReferenceThatOverflowsOnRescaleIsAbsent) {
   const Key large{1, 160, {1 << 30, 0}, {}};
   state = advanced(std::nullopt, large, 0);
   EXPECT_TRUE(decode({2, 160, 1, 0xbf}));

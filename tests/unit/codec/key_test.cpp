@@ -12,7 +12,7 @@
 namespace eigencast {
 namespace {
 
-constexpr std::int32_t kMost = 1 << 30;
+constexpr std::int32_t kMaxQ = 1 << 30;
 
 Key key_of(std::vector<std::int32_t> q, std::uint8_t step) {
   return {1, step, std::move(q), {}};
@@ -21,7 +21,7 @@ CoefficientLayout row_of(std::size_t values) {
   return {CodecKind::kQuantised, static_cast<std::uint32_t>(values), 1, {static_cast<std::uint32_t>(values)}};
 }
 
-TEST(StepTable, IsGeometricAndFoundAgain) {
+TEST(StepTable, IsGeometricAndInvertible) {
   EXPECT_EQ(step_size(160), 1.0);
   EXPECT_EQ(step_size(164), 2.0);
   EXPECT_EQ(step_size(0), std::ldexp(1.0, -40));
@@ -63,12 +63,12 @@ TEST(QuantiserForError, BoundsTheErrorThatParsevalPredicts) {
   EXPECT_GE(rms, eps * 0.8);
 }
 
-TEST(KeyFromCoefficients, RoundsHalfAwayAndRefusesWhatItCannotHold) {
+TEST(KeyFromCoefficients, RoundsHalfAwayAndRefusesOverflow) {
   const CoefficientLayout layout = row_of(4);
   const std::vector<double> halves = {0.5, -0.5, 1.4999, -2.5};
   EXPECT_EQ(key_from_coefficients(layout, halves, 160)->q, (std::vector<std::int32_t>{1, -1, 1, -3}));
   const std::vector<double> edge = {1073741824.0, -1073741824.0, 0, 0};
-  EXPECT_EQ(key_from_coefficients(layout, edge, 160)->q[0], kMost);
+  EXPECT_EQ(key_from_coefficients(layout, edge, 160)->q[0], kMaxQ);
   for (const double bad : {1073741825.0, 1e300}) {
     EXPECT_EQ(key_from_coefficients(layout, std::vector<double>{0, bad, 0, 0}, 160).error().code, ErrorCode::kTooLarge);
   }
@@ -79,7 +79,7 @@ TEST(KeyFromCoefficients, RoundsHalfAwayAndRefusesWhatItCannotHold) {
   EXPECT_EQ(key_from_coefficients(layout, std::vector<double>{0}, 160).error().code, ErrorCode::kInvalidArgument);
 }
 
-TEST(Rescale, IsTheNearestIntegerToTheRatioOfSteps) {
+TEST(Rescale, RoundsTheExactRatioToNearest) {
   std::mt19937 random(3);
   for (int trial = 0; trial < 20000; ++trial) {
     const auto from = static_cast<std::uint8_t>(random() % 256);
@@ -87,9 +87,9 @@ TEST(Rescale, IsTheNearestIntegerToTheRatioOfSteps) {
     const auto q = static_cast<std::int32_t>(random() % (std::uint32_t{1} << (random() % 31)));
     const double exact = q * std::exp2((int{from} - int{to}) / 4.0);
     const auto result = rescale(key_of({q, -q}, from), to);
-    if (exact > 1.0001 * kMost) {
+    if (exact > 1.0001 * kMaxQ) {
       EXPECT_EQ(result.error().code, ErrorCode::kTooLarge);
-    } else if (exact < 0.9999 * kMost) {
+    } else if (exact < 0.9999 * kMaxQ) {
       ASSERT_TRUE(result);
       // The 31-bit multiplier is exact to 2^-30 of the value.
       EXPECT_NEAR(result->q[0], exact, 0.5 + exact * 0x1p-29);
@@ -99,23 +99,23 @@ TEST(Rescale, IsTheNearestIntegerToTheRatioOfSteps) {
   }
 }
 
-TEST(Rescale, IsExactForOctavesAndTheIdentityForTheSameStep) {
-  EXPECT_EQ(rescale(key_of({kMost, -kMost, 0, 1}, 9), 9)->q, (std::vector<std::int32_t>{kMost, -kMost, 0, 1}));
-  EXPECT_EQ(rescale(key_of({5, -7, 1 << 22}, 180), 148)->q, (std::vector<std::int32_t>{1280, -1792, kMost}));
+TEST(Rescale, IsExactForOctavesAndEqualSteps) {
+  EXPECT_EQ(rescale(key_of({kMaxQ, -kMaxQ, 0, 1}, 9), 9)->q, (std::vector<std::int32_t>{kMaxQ, -kMaxQ, 0, 1}));
+  EXPECT_EQ(rescale(key_of({5, -7, 1 << 22}, 180), 148)->q, (std::vector<std::int32_t>{1280, -1792, kMaxQ}));
   EXPECT_EQ(rescale(key_of({2, 3, -3, 1}, 160), 164)->q, (std::vector<std::int32_t>{1, 2, -2, 1}))
       << "halves round away from zero";
-  EXPECT_EQ(rescale(key_of({kMost, -1}, 0), 255)->q, (std::vector<std::int32_t>{0, 0}));
+  EXPECT_EQ(rescale(key_of({kMaxQ, -1}, 0), 255)->q, (std::vector<std::int32_t>{0, 0}));
   EXPECT_EQ(rescale(key_of({0}, 255), 0)->q[0], 0);
   EXPECT_EQ(rescale(key_of({1}, 255), 0).error().code, ErrorCode::kTooLarge);
-  EXPECT_EQ(rescale(key_of({1}, 120), 0)->q[0], kMost);
-  EXPECT_EQ(rescale(key_of({kMost}, 160), 159).error().code, ErrorCode::kTooLarge);
+  EXPECT_EQ(rescale(key_of({1}, 120), 0)->q[0], kMaxQ);
+  EXPECT_EQ(rescale(key_of({kMaxQ}, 160), 159).error().code, ErrorCode::kTooLarge);
 }
 
 TEST(Interpolate, EqualsExactRationalRounding) {
   std::mt19937 random(5);
   const CoefficientLayout layout = row_of(1);
   for (int trial = 0; trial < 20000; ++trial) {
-    const auto value = [&] { return static_cast<std::int32_t>(random() % (2 * std::uint32_t{kMost} + 1)) - kMost; };
+    const auto value = [&] { return static_cast<std::int32_t>(random() % (2 * std::uint32_t{kMaxQ} + 1)) - kMaxQ; };
     const std::int32_t a = trial % 2 == 0 ? value() : static_cast<std::int32_t>(random() % 41) - 20;
     const std::int32_t b = trial % 2 == 0 ? value() : static_cast<std::int32_t>(random() % 41) - 20;
     const std::uint32_t of = 1 + static_cast<std::uint32_t>(random() % (trial % 3 == 0 ? 65535 : 15));
@@ -131,7 +131,7 @@ TEST(Interpolate, EqualsExactRationalRounding) {
   }
 }
 
-TEST(Interpolate, EndsAreTheKeysAndStepsAreTheLaterKeys) {
+TEST(Interpolate, EndpointsAreTheKeysAtTheLaterStep) {
   const CoefficientLayout layout = layout_of(CodecKind::kQuantised);
   const MotionSample motion(layout);
   const Key a = motion.key(0, 150);
@@ -142,7 +142,7 @@ TEST(Interpolate, EndsAreTheKeysAndStepsAreTheLaterKeys) {
   EXPECT_EQ(interpolate_keys(layout, a, b, 0, 0).error().code, ErrorCode::kInvalidArgument);
 }
 
-TEST(Interpolate, UsesTheBandsThatBothKeysHave) {
+TEST(Interpolate, UsesBandsOfBothKeys) {
   const CoefficientLayout layout{CodecKind::kFloat64, 3, 1, {1, 2, 3}};
   const Key a{0b011, 0, {}, {1, 2, 0}};
   const Key b{0b110, 0, {}, {0, 4, 8}};
@@ -156,7 +156,7 @@ TEST(Layout, DefaultBandsEndAtTheRows) {
   EXPECT_EQ(layout_of(CodecKind::kQuantised, 200).range(1), (std::pair<std::size_t, std::size_t>{42, 162}));
 }
 
-TEST(CodecNames, GoThereAndBack) {
+TEST(CodecNames, RoundTrip) {
   for (const CodecKind kind : {CodecKind::kFloat64, CodecKind::kFloat32, CodecKind::kQuantised}) {
     EXPECT_EQ(codec_from_name(name_of(kind)).value(), kind);
   }

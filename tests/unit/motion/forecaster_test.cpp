@@ -8,12 +8,12 @@
 #include <random>
 #include <vector>
 
+#include "tests/unit/motion/support.h"
+
 namespace eigencast {
 namespace {
 
-constexpr TimeUs kMs = 1000;
-constexpr TimeUs kInterval = 60 * kMs;
-constexpr TimeUs kSenderZero = 1'700'000'000'000'000;
+constexpr TimeUs kForecasterInterval = 60 * kMs;
 
 struct Left {
   TimeUs media_us;  ///< Since the sender began.
@@ -23,7 +23,8 @@ struct Left {
 };
 
 /// Keys at even times, each so long under way; a negative way is a key that never comes. Wakes every 100 us.
-std::vector<Left> run(Forecaster& forecaster, int keys, const std::function<TimeUs(int)>& way_of, TimeUs rest_us = 0) {
+std::vector<Left> run_forecaster(Forecaster& forecaster, int keys, const std::function<TimeUs(int)>& way_of,
+                                 TimeUs rest_us = 0) {
   std::vector<Left> left;
   TimeUs now_us = 0, last_us = 0;
   const auto pump_until = [&](TimeUs end_us) {
@@ -34,10 +35,10 @@ std::vector<Left> run(Forecaster& forecaster, int keys, const std::function<Time
   };
   for (int i = 0; i < keys; ++i) {
     if (way_of(i) < 0) continue;
-    last_us = std::max(last_us, i * kInterval + way_of(i));
+    last_us = std::max(last_us, i * kForecasterInterval + way_of(i));
     pump_until(last_us);
-    forecaster.add_key(static_cast<std::uint64_t>(i + 1), kSenderZero + i * kInterval, last_us);
-    left.push_back({i * kInterval, last_us, static_cast<std::uint64_t>(i + 1), 0});
+    forecaster.add_key(static_cast<std::uint64_t>(i + 1), kSenderZero + i * kForecasterInterval, last_us);
+    left.push_back({i * kForecasterInterval, last_us, static_cast<std::uint64_t>(i + 1), 0});
   }
   pump_until(now_us + rest_us);
   return left;
@@ -51,13 +52,14 @@ std::vector<Left> estimates(const std::vector<Left>& all) {
   return only;
 }
 
-TEST(Forecaster, EvenKeysGiveKPosesPerIntervalAtTheirTimes) {
+TEST(Forecaster, EvenKeysGiveEvenEstimates) {
   Forecaster forecaster(3);
-  const auto left = run(forecaster, 20, [](int) { return 10 * kMs; });
+  const auto left = run_forecaster(forecaster, 20, [](int) { return 10 * kMs; });
   // From the second key on: two estimates after each, then the next key stands for the third.
   int between = 0;
   for (const Left& pose : estimates(left)) {
-    EXPECT_EQ(pose.media_us, static_cast<TimeUs>(pose.sequence - 1) * kInterval + pose.at * kInterval / 3);
+    EXPECT_EQ(pose.media_us,
+              static_cast<TimeUs>(pose.sequence - 1) * kForecasterInterval + pose.at * kForecasterInterval / 3);
     EXPECT_NEAR(pose.at_us, pose.media_us + 10 * kMs, 100);
     EXPECT_LE(pose.at, 3);
     ++between;
@@ -66,28 +68,29 @@ TEST(Forecaster, EvenKeysGiveKPosesPerIntervalAtTheirTimes) {
   EXPECT_LE(between, 3 * 18);
 }
 
-TEST(Forecaster, NothingIsHeldAndMediaTimeNeverRunsBack) {
+TEST(Forecaster, MediaTimeNeverRunsBackwards) {
   std::mt19937 random(7);
   std::uniform_int_distribution<TimeUs> jitter(0, 45 * kMs);
   std::vector<TimeUs> ways;
   for (int i = 0; i < 300; ++i) ways.push_back(10 * kMs + jitter(random));
   Forecaster forecaster(3);
-  const auto only = estimates(run(forecaster, 300, [&](int i) { return ways[static_cast<std::size_t>(i)]; }));
+  const auto only =
+      estimates(run_forecaster(forecaster, 300, [&](int i) { return ways[static_cast<std::size_t>(i)]; }));
   int uneven = 0;
   for (std::size_t i = 1; i < only.size(); ++i) {
     EXPECT_GT(only[i].media_us, only[i - 1].media_us);
     const TimeUs step_us = only[i].media_us - only[i - 1].media_us;
     // The stated bound: at most half a key interval above the least way.
-    EXPECT_LE(only[i].at_us - only[i].media_us, 10 * kMs + 45 * kMs + kInterval / 2);
+    EXPECT_LE(only[i].at_us - only[i].media_us, 10 * kMs + 45 * kMs + kForecasterInterval / 2);
     // Where no key came between, poses are a third of an interval apart, in media time and in time.
-    if (step_us == kInterval / 3 && std::abs(only[i].at_us - only[i - 1].at_us - step_us) > 2 * kMs) ++uneven;
+    if (step_us == kForecasterInterval / 3 && std::abs(only[i].at_us - only[i - 1].at_us - step_us) > 2 * kMs) ++uneven;
   }
   EXPECT_LT(uneven, static_cast<int>(only.size()) / 20);
 }
 
-TEST(Forecaster, AMissingKeyIsStoodInForAndEstimatesEnd) {
+TEST(Forecaster, EstimatesReplaceAMissingKeyThenEnd) {
   Forecaster forecaster(3, 200 * kMs);
-  const auto left = estimates(run(
+  const auto left = estimates(run_forecaster(
       forecaster, 10, [](int) { return 5 * kMs; }, 1000 * kMs));
   ASSERT_FALSE(left.empty());
   EXPECT_EQ(left.back().sequence, 10U);
@@ -95,9 +98,9 @@ TEST(Forecaster, AMissingKeyIsStoodInForAndEstimatesEnd) {
   EXPECT_FALSE(forecaster.next_due_us());
 }
 
-TEST(Forecaster, NeverMoreThanTheEnvelopeCanNumber) {
+TEST(Forecaster, EstimatesPerKeyAreLimited) {
   Forecaster forecaster(15, 10'000 * kMs);
-  const auto left = estimates(run(
+  const auto left = estimates(run_forecaster(
       forecaster, 2, [](int) { return 5 * kMs; }, 5000 * kMs));
   EXPECT_EQ(left.size(), 15U);
 }
@@ -106,30 +109,32 @@ TEST(Forecaster, OneKeyOrAGapHasNoDirection) {
   Forecaster forecaster(3);
   forecaster.add_key(1, kSenderZero, 0);
   EXPECT_FALSE(forecaster.next_due_us());
-  forecaster.add_key(3, kSenderZero + kInterval, kInterval);
+  forecaster.add_key(3, kSenderZero + kForecasterInterval, kForecasterInterval);
   EXPECT_FALSE(forecaster.next_due_us()) << "key 2 is missing";
-  forecaster.add_key(4, kSenderZero + 2 * kInterval, 2 * kInterval);
+  forecaster.add_key(4, kSenderZero + 2 * kForecasterInterval, 2 * kForecasterInterval);
   EXPECT_TRUE(forecaster.next_due_us());
-  forecaster.add_key(5, kSenderZero + 100 * kInterval, 100 * kInterval);
+  forecaster.add_key(5, kSenderZero + 100 * kForecasterInterval, 100 * kForecasterInterval);
   EXPECT_FALSE(forecaster.next_due_us()) << "a pause";
 }
 
-TEST(Forecaster, ABurstLeavesEstimatesOfTheNewestKeyOnly) {
+TEST(Forecaster, BurstLeavesEstimatesOfTheNewestKey) {
   Forecaster forecaster(3);
-  const auto left = run(forecaster, 20, [](int i) { return i < 10 ? 5 * kMs : (20 - i) * kInterval; });
+  const auto left =
+      run_forecaster(forecaster, 20, [](int i) { return i < 10 ? 5 * kMs : (20 - i) * kForecasterInterval; });
   for (const Left& pose : estimates(left)) EXPECT_LE(pose.sequence, 10U);
 }
 
-TEST(Forecaster, ClockStepsBeginAnew) {
+TEST(Forecaster, ClockStepsRestart) {
   for (const TimeUs step_us : {-3'600'000 * kMs, 3'600'000 * kMs}) {
     Forecaster forecaster(3);
     for (int i = 0; i < 10; ++i)
-      forecaster.add_key(static_cast<std::uint64_t>(i), kSenderZero + i * kInterval, i * kInterval);
+      forecaster.add_key(static_cast<std::uint64_t>(i), kSenderZero + i * kForecasterInterval, i * kForecasterInterval);
     for (int i = 10; i < 13; ++i)
-      forecaster.add_key(static_cast<std::uint64_t>(i), kSenderZero + step_us + i * kInterval, i * kInterval);
+      forecaster.add_key(static_cast<std::uint64_t>(i), kSenderZero + step_us + i * kForecasterInterval,
+                         i * kForecasterInterval);
     const auto next = forecaster.next_due_us();
     ASSERT_TRUE(next);
-    EXPECT_NEAR(*next, 12 * kInterval + kInterval / 3, kMs);
+    EXPECT_NEAR(*next, 12 * kForecasterInterval + kForecasterInterval / 3, kMs);
   }
 }
 

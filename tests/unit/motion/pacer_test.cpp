@@ -10,12 +10,12 @@
 #include <set>
 #include <vector>
 
+#include "tests/unit/motion/support.h"
+
 namespace eigencast {
 namespace {
 
-constexpr TimeUs kMs = 1000;
-constexpr TimeUs kInterval = 100 * kMs;
-constexpr TimeUs kSenderZero = 1'700'000'000'000'000;  // The sender's clock has nothing to do with ours.
+constexpr TimeUs kPacerInterval = 100 * kMs;
 
 struct Key {
   std::uint64_t sequence;
@@ -33,7 +33,7 @@ std::vector<Key> keys_with(int count, const std::function<TimeUs(int)>& delay_of
   std::vector<Key> keys;
   TimeUs last_us = 0;
   for (int i = 0; i < count; ++i) {
-    const TimeUs made_us = i * kInterval;
+    const TimeUs made_us = i * kPacerInterval;
     last_us = std::max(last_us, made_us + delay_of(i));
     const auto on_senders_clock = static_cast<TimeUs>(static_cast<double>(made_us) * (1 + drift));
     keys.push_back({static_cast<std::uint64_t>(i + 1), kSenderZero + on_senders_clock, last_us});
@@ -42,7 +42,7 @@ std::vector<Key> keys_with(int count, const std::function<TimeUs(int)>& delay_of
 }
 
 // A broker that wakes exactly when something is due or a key comes.
-std::vector<Emitted> run(Pacer& pacer, const std::vector<Key>& keys) {
+std::vector<Emitted> run_pacer(Pacer& pacer, const std::vector<Key>& keys) {
   std::vector<Emitted> emitted;
   const auto pop_until = [&](TimeUs now_us) {
     for (auto next = pacer.next_due_us(); next && *next <= now_us; next = pacer.next_due_us()) {
@@ -82,10 +82,10 @@ std::vector<TimeUs> gaps_after(const std::vector<Emitted>& emitted, TimeUs from_
 TEST(Pacer, EvenKeysGiveKPosesEachExactlyEvenly) {
   for (const int k : {1, 2, 3, 5, 15}) {
     Pacer pacer(static_cast<std::uint8_t>(k));
-    const auto emitted = run(pacer, keys_with(50, [](int) { return 20 * kMs; }));
+    const auto emitted = run_pacer(pacer, keys_with(50, [](int) { return 20 * kMs; }));
     ASSERT_EQ(emitted.size(), 1U + 49U * static_cast<unsigned>(k));
     expect_ordered(emitted);
-    for (const TimeUs gap : gaps_after(emitted, 100 * kMs)) EXPECT_NEAR(gap, kInterval / k, 1);
+    for (const TimeUs gap : gaps_after(emitted, 100 * kMs)) EXPECT_NEAR(gap, kPacerInterval / k, 1);
     // Nobody waits longer than he must: the first pose of an interval leaves when its key comes.
     const Emitted& first = emitted[1];
     EXPECT_EQ(first.due.at, 1);
@@ -127,7 +127,7 @@ TEST(Pacer, JitterIsSmoothedOut) {
   std::uniform_int_distribution<TimeUs> jitter(0, 60 * kMs);
   Pacer pacer(3);
   const auto keys = keys_with(600, [&](int) { return 10 * kMs + jitter(random); });
-  const auto emitted = run(pacer, keys);
+  const auto emitted = run_pacer(pacer, keys);
   EXPECT_EQ(emitted.size(), 1U + 599U * 3);
   EXPECT_EQ(pacer.dropped(), 0U);
   expect_ordered(emitted);
@@ -139,41 +139,43 @@ TEST(Pacer, JitterIsSmoothedOut) {
   EXPECT_LT(gaps.back(), 45 * kMs);
   // The price: no more than the jitter and two thirds of an interval.
   for (const Emitted& e : emitted) {
-    EXPECT_LE(e.at_us - (e.due.capture_us - kSenderZero), 70 * kMs + kInterval * 2 / 3);
+    EXPECT_LE(e.at_us - (e.due.capture_us - kSenderZero), 70 * kMs + kPacerInterval * 2 / 3);
   }
 }
 
 TEST(Pacer, DelayShrinksAgainWhenTheLinkCalmsDown) {
   Pacer pacer(3);
-  const auto emitted = run(pacer, keys_with(200, [](int i) { return i % 7 == 3 && i < 60 ? 80 * kMs : 10 * kMs; }));
+  const auto emitted =
+      run_pacer(pacer, keys_with(200, [](int i) { return i % 7 == 3 && i < 60 ? 80 * kMs : 10 * kMs; }));
   expect_ordered(emitted);
   const auto& last = emitted.back();
-  EXPECT_NEAR(last.at_us - (last.due.capture_us - kSenderZero), 10 * kMs + kInterval * 2 / 3, 2);
-  for (const TimeUs gap : gaps_after(emitted, 6'000 * kMs)) EXPECT_NEAR(gap, kInterval / 3, kInterval / 3 / 25);
+  EXPECT_NEAR(last.at_us - (last.due.capture_us - kSenderZero), 10 * kMs + kPacerInterval * 2 / 3, 2);
+  for (const TimeUs gap : gaps_after(emitted, 6'000 * kMs))
+    EXPECT_NEAR(gap, kPacerInterval / 3, kPacerInterval / 3 / 25);
 }
 
 TEST(Pacer, FollowsClocksThatDrift) {
   for (const double drift : {-2e-4, 2e-4}) {
     Pacer pacer(3);
-    const auto emitted = run(pacer, keys_with(
-                                        6000, [](int) { return 10 * kMs; }, drift));
+    const auto emitted = run_pacer(pacer, keys_with(
+                                              6000, [](int) { return 10 * kMs; }, drift));
     EXPECT_EQ(emitted.size(), 1U + 5999U * 3);
     expect_ordered(emitted);
     // Ten minutes: the clocks are 120 ms apart in the end, the delay in true time is still that of the beginning.
     for (const Emitted& e : emitted) {
       const double made_us = static_cast<double>(e.due.capture_us - kSenderZero) / (1 + drift);
-      EXPECT_LT(static_cast<double>(e.at_us) - made_us, 10 * kMs + kInterval * 2.0 / 3 + 1 * kMs);
+      EXPECT_LT(static_cast<double>(e.at_us) - made_us, 10 * kMs + kPacerInterval * 2.0 / 3 + 1 * kMs);
     }
-    for (const TimeUs gap : gaps_after(emitted, 200 * kMs)) EXPECT_NEAR(gap, kInterval / 3, 200);
+    for (const TimeUs gap : gaps_after(emitted, 200 * kMs)) EXPECT_NEAR(gap, kPacerInterval / 3, 200);
   }
 }
 
-TEST(Pacer, StalledLinkDropsWhatIsOverAndGoesOnEvenly) {
+TEST(Pacer, StalledLinkDropsExpiredPosesAndStaysEven) {
   Pacer pacer(3);
   // Keys 50 to 54 are held for up to half a second and come together.
   const auto keys =
-      keys_with(100, [](int i) { return i >= 50 && i < 55 ? (55 - i) * kInterval + 10 * kMs : 10 * kMs; });
-  const auto emitted = run(pacer, keys);
+      keys_with(100, [](int i) { return i >= 50 && i < 55 ? (55 - i) * kPacerInterval + 10 * kMs : 10 * kMs; });
+  const auto emitted = run_pacer(pacer, keys);
   expect_ordered(emitted);
   EXPECT_GT(pacer.dropped(), 0U);
   std::set<std::uint64_t> sequences;
@@ -181,16 +183,16 @@ TEST(Pacer, StalledLinkDropsWhatIsOverAndGoesOnEvenly) {
   EXPECT_GE(sequences.size(), 96U);
   // Within a second it is even again, with the delay that it had.
   const TimeUs calm_us = 6'600 * kMs;
-  for (const TimeUs gap : gaps_after(emitted, calm_us)) EXPECT_NEAR(gap, kInterval / 3, kInterval / 3 / 25);
-  EXPECT_LE(emitted.back().at_us - (emitted.back().due.capture_us - kSenderZero), 10 * kMs + kInterval * 5 / 3);
+  for (const TimeUs gap : gaps_after(emitted, calm_us)) EXPECT_NEAR(gap, kPacerInterval / 3, kPacerInterval / 3 / 25);
+  EXPECT_LE(emitted.back().at_us - (emitted.back().due.capture_us - kSenderZero), 10 * kMs + kPacerInterval * 5 / 3);
 }
 
-TEST(Pacer, BurstNeverLeavesMoreThanTwoIntervalsWaiting) {
+TEST(Pacer, BurstQueuesAtMostTwoIntervals) {
   for (const std::uint8_t k : {1, 3, 15}) {
     Pacer pacer(k);
-    for (int i = 0; i < 10; ++i) pacer.add_key(static_cast<std::uint64_t>(i), i * kInterval, i * kInterval);
+    for (int i = 0; i < 10; ++i) pacer.add_key(static_cast<std::uint64_t>(i), i * kPacerInterval, i * kPacerInterval);
     for (int i = 10; i < 1000; ++i) {
-      pacer.add_key(static_cast<std::uint64_t>(i), i * kInterval, 10 * kInterval);
+      pacer.add_key(static_cast<std::uint64_t>(i), i * kPacerInterval, 10 * kPacerInterval);
       Pacer copy = pacer;
       std::set<std::uint64_t> waiting;
       while (const auto due = copy.pop_due(std::numeric_limits<TimeUs>::max())) waiting.insert(due->sequence);
@@ -200,9 +202,9 @@ TEST(Pacer, BurstNeverLeavesMoreThanTwoIntervalsWaiting) {
   }
 }
 
-TEST(Pacer, PermanentlyLongerWayIsAcceptedSoon) {
+TEST(Pacer, LongerDelayIsAdoptedAfterThreeKeys) {
   Pacer pacer(3);
-  const auto emitted = run(pacer, keys_with(100, [](int i) { return i < 50 ? 10 * kMs : 400 * kMs; }));
+  const auto emitted = run_pacer(pacer, keys_with(100, [](int i) { return i < 50 ? 10 * kMs : 400 * kMs; }));
   expect_ordered(emitted);
   std::size_t late = 0;
   for (const Emitted& e : emitted) late += e.due.sequence > 55 ? 1 : 0;
@@ -219,21 +221,21 @@ TEST(Pacer, PauseIsNotBridged) {
     key.arrival_us += 60'000 * kMs;
     keys.push_back(key);
   }
-  const auto emitted = run(pacer, keys);
+  const auto emitted = run_pacer(pacer, keys);
   expect_ordered(emitted);
   ASSERT_EQ(emitted.size(), 2 * (1U + 19U * 3));
   const Emitted& first = emitted[1 + 19 * 3];
   EXPECT_EQ(first.due.sequence, 21U);
   EXPECT_EQ(first.due.at, first.due.of);
-  EXPECT_NEAR(emitted[2 + 19 * 3].at_us - first.at_us, kInterval / 3, 1) << "in step with what follows";
+  EXPECT_NEAR(emitted[2 + 19 * 3].at_us - first.at_us, kPacerInterval / 3, 1) << "in step with what follows";
 }
 
-TEST(Pacer, ClockSetForwardSilencesNothing) {
+TEST(Pacer, ForwardClockStepKeepsPosesFlowing) {
   for (const TimeUs jump_us : {600 * kMs, 3'600'000 * kMs}) {
     Pacer pacer(3);
     std::vector<Key> keys = keys_with(40, [](int) { return 10 * kMs; });
     for (std::size_t i = 20; i < keys.size(); ++i) keys[i].capture_us += jump_us;
-    const auto emitted = run(pacer, keys);
+    const auto emitted = run_pacer(pacer, keys);
     expect_ordered(emitted);
     std::size_t after = 0;
     for (const Emitted& e : emitted) {
@@ -241,17 +243,17 @@ TEST(Pacer, ClockSetForwardSilencesNothing) {
       ++after;
       const TimeUs arrival_us = keys[e.due.sequence - 1].arrival_us;
       EXPECT_GE(e.at_us, arrival_us);
-      EXPECT_LE(e.at_us, arrival_us + kInterval) << e.due.sequence << ' ' << int{e.due.at};
+      EXPECT_LE(e.at_us, arrival_us + kPacerInterval) << e.due.sequence << ' ' << int{e.due.at};
     }
     EXPECT_EQ(after, 1U + 19U * 3);
   }
 }
 
-TEST(Pacer, MissingNumberIsNotBridged) {
+TEST(Pacer, SequenceGapIsNotBridged) {
   Pacer pacer(3);
   std::vector<Key> keys = keys_with(20, [](int) { return 10 * kMs; });
   keys.erase(keys.begin() + 10);
-  for (const Emitted& e : run(pacer, keys)) {
+  for (const Emitted& e : run_pacer(pacer, keys)) {
     EXPECT_NE(e.due.sequence, 11U);
     if (e.due.sequence == 12) {
       EXPECT_EQ(e.due.at, e.due.of) << "key 11 is not there to start from";
@@ -259,25 +261,26 @@ TEST(Pacer, MissingNumberIsNotBridged) {
   }
 }
 
-TEST(Pacer, KeysThatGoBackRestart) {
+TEST(Pacer, BackwardKeysRestart) {
   Pacer pacer(3);
-  for (int i = 0; i < 10; ++i) pacer.add_key(static_cast<std::uint64_t>(100 + i), i * kInterval, i * kInterval);
-  pacer.add_key(5, 3 * kInterval, 20 * kInterval);
-  EXPECT_EQ(pacer.next_due_us(), 20 * kInterval);
-  const auto due = pacer.pop_due(20 * kInterval);
+  for (int i = 0; i < 10; ++i)
+    pacer.add_key(static_cast<std::uint64_t>(100 + i), i * kPacerInterval, i * kPacerInterval);
+  pacer.add_key(5, 3 * kPacerInterval, 20 * kPacerInterval);
+  EXPECT_EQ(pacer.next_due_us(), 20 * kPacerInterval);
+  const auto due = pacer.pop_due(20 * kPacerInterval);
   ASSERT_TRUE(due);
   EXPECT_EQ(due->sequence, 5U);
   EXPECT_EQ(due->at, due->of);
   EXPECT_FALSE(pacer.next_due_us());
-  pacer.add_key(6, 3 * kInterval, 21 * kInterval);  // A growing number, but the same capture time.
-  EXPECT_EQ(pacer.pop_due(21 * kInterval)->sequence, 6U);
-  pacer.add_key(7, 4 * kInterval, 22 * kInterval);
-  EXPECT_EQ(pacer.pop_due(22 * kInterval)->at, 1);
+  pacer.add_key(6, 3 * kPacerInterval, 21 * kPacerInterval);  // A growing number, but the same capture time.
+  EXPECT_EQ(pacer.pop_due(21 * kPacerInterval)->sequence, 6U);
+  pacer.add_key(7, 4 * kPacerInterval, 22 * kPacerInterval);
+  EXPECT_EQ(pacer.pop_due(22 * kPacerInterval)->at, 1);
   pacer.reset();
   EXPECT_FALSE(pacer.next_due_us());
 }
 
-TEST(Pacer, HostileTimesDoNoHarm) {
+TEST(Pacer, HostileTimesAreSafe) {
   constexpr TimeUs kLow = std::numeric_limits<TimeUs>::min(), kHigh = std::numeric_limits<TimeUs>::max();
   std::mt19937_64 random(3);
   const TimeUs values[] = {kLow, kLow + 1, -1, 0, 1, 1000, kHigh - 1, kHigh};

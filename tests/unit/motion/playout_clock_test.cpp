@@ -6,25 +6,25 @@
 #include <random>
 
 #include "common/motion/correction.h"
+#include "tests/unit/motion/support.h"
 
 namespace eigencast {
 namespace {
 
-constexpr TimeUs kMs = 1000;
-constexpr TimeUs kInterval = 40 * kMs;
+constexpr TimeUs kClockInterval = 40 * kMs;
 constexpr TimeUs kZero = 7'000'000'000;  // Of the sender's clock.
 
-TEST(PlayoutClock, KeepsToFivePercentHoweverPosesCome) {
+TEST(PlayoutClock, SlewStaysWithinFivePercent) {
   std::mt19937 random(7);
   std::uniform_int_distribution<TimeUs> jitter(0, 60 * kMs);
   PlayoutClock clock;
   TimeUs arrived_us = 0, now_us = 0, media_us = 0, last_us = 0;
   for (int i = 0; i < 500; ++i) {
     // A stall of 300 ms every four seconds, jitter, and a sender's clock that is a thousandth fast.
-    const TimeUs stall_us = i % 100 > 90 ? (300 * kMs - (i % 100 - 90) * kInterval) : 0;
-    arrived_us = std::max(arrived_us, i * kInterval + jitter(random) + std::max<TimeUs>(0, stall_us));
-    clock.add(kZero + i * (kInterval + 40), arrived_us);
-    for (now_us = std::max(now_us, arrived_us); now_us < (i + 1) * kInterval; now_us += 7 * kMs) {
+    const TimeUs stall_us = i % 100 > 90 ? (300 * kMs - (i % 100 - 90) * kClockInterval) : 0;
+    arrived_us = std::max(arrived_us, i * kClockInterval + jitter(random) + std::max<TimeUs>(0, stall_us));
+    clock.add(kZero + i * (kClockInterval + 40), arrived_us);
+    for (now_us = std::max(now_us, arrived_us); now_us < (i + 1) * kClockInterval; now_us += 7 * kMs) {
       const TimeUs before_us = media_us;
       media_us = clock.advance(now_us, clock.full_delay_us());
       if (i < 3) continue;
@@ -40,29 +40,29 @@ TEST(PlayoutClock, KeepsToFivePercentHoweverPosesCome) {
   }
 }
 
-TEST(PlayoutClock, TheFullDelayIsAnIntervalAndTheJitter) {
+TEST(PlayoutClock, FullDelayIsIntervalPlusJitter) {
   PlayoutClock even;
-  for (int i = 0; i < 100; ++i) even.add(kZero + i * kInterval, i * kInterval);
-  EXPECT_EQ(even.full_delay_us(), kInterval);
+  for (int i = 0; i < 100; ++i) even.add(kZero + i * kClockInterval, i * kClockInterval);
+  EXPECT_EQ(even.full_delay_us(), kClockInterval);
 
   PlayoutClock uneven;
-  for (int i = 0; i < 100; ++i) uneven.add(kZero + i * kInterval, i * kInterval + (i % 10) * 3 * kMs);
-  EXPECT_EQ(uneven.full_delay_us(), kInterval + 27 * kMs);
+  for (int i = 0; i < 100; ++i) uneven.add(kZero + i * kClockInterval, i * kClockInterval + (i % 10) * 3 * kMs);
+  EXPECT_EQ(uneven.full_delay_us(), kClockInterval + 27 * kMs);
 }
 
-TEST(PlayoutClock, APauseIsNoInterval) {
+TEST(PlayoutClock, PauseIsNotAnInterval) {
   PlayoutClock clock;
   clock.add(kZero, 0);
   clock.add(kZero + 800 * kMs, 800 * kMs);
   EXPECT_EQ(clock.full_delay_us(), 0);
   clock.add(kZero + 840 * kMs, 840 * kMs);
-  EXPECT_EQ(clock.full_delay_us(), kInterval);
+  EXPECT_EQ(clock.full_delay_us(), kClockInterval);
 }
 
-TEST(PlayoutClock, FollowsAnotherDelayByItsSlewAlone) {
+TEST(PlayoutClock, NewDelayIsReachedBySlew) {
   PlayoutClock clock;
-  for (int i = 0; i < 3; ++i) clock.add(kZero + i * kInterval, i * kInterval);
-  TimeUs now_us = 2 * kInterval;
+  for (int i = 0; i < 3; ++i) clock.add(kZero + i * kClockInterval, i * kClockInterval);
+  TimeUs now_us = 2 * kClockInterval;
   clock.advance(now_us, 0);
   // 100 ms more to hold at 5 %: two seconds.
   for (const TimeUs behind_us : {50 * kMs, 100 * kMs, 100 * kMs}) {
@@ -71,19 +71,19 @@ TEST(PlayoutClock, FollowsAnotherDelayByItsSlewAlone) {
   }
 }
 
-TEST(PlayoutClock, JumpsWhereItIsWrongByMoreThanASecond) {
+TEST(PlayoutClock, JumpsBeyondOneSecondOfError) {
   PlayoutClock clock;
-  for (int i = 0; i < 10; ++i) clock.add(kZero + i * kInterval, i * kInterval);
-  clock.advance(9 * kInterval, kInterval);
+  for (int i = 0; i < 10; ++i) clock.add(kZero + i * kClockInterval, i * kClockInterval);
+  clock.advance(9 * kClockInterval, kClockInterval);
   const TimeUs later_us = kZero + 3'600'000 * kMs;
-  for (int i = 10; i < 12; ++i) clock.add(later_us + i * kInterval, i * kInterval);
-  EXPECT_EQ(clock.advance(11 * kInterval, kInterval), later_us + 10 * kInterval);
+  for (int i = 10; i < 12; ++i) clock.add(later_us + i * kClockInterval, i * kClockInterval);
+  EXPECT_EQ(clock.advance(11 * kClockInterval, kClockInterval), later_us + 10 * kClockInterval);
   EXPECT_TRUE(clock.jumped());
-  clock.advance(11 * kInterval + kMs, kInterval);
+  clock.advance(11 * kClockInterval + kMs, kClockInterval);
   EXPECT_FALSE(clock.jumped());
 }
 
-TEST(Correction, FadesEvenlyAndIsDoneAfterItsTime) {
+TEST(Correction, FadesEvenlyWithinItsTime) {
   Correction correction;
   const std::vector<double> error{3, -6};
   correction.add(error, 1'000 * kMs);
@@ -101,7 +101,7 @@ TEST(Correction, FadesEvenlyAndIsDoneAfterItsTime) {
   EXPECT_EQ(pose, (std::vector<double>{10, 10}));
 }
 
-TEST(Correction, ASecondErrorJoinsWhatIsLeftOfTheFirst) {
+TEST(Correction, SecondErrorAddsToTheRemainder) {
   Correction correction;
   const std::vector<double> first{3}, second{1};
   correction.add(first, 0);

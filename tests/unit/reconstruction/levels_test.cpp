@@ -29,7 +29,7 @@ Asset strip(std::uint32_t n) {
   return asset;
 }
 
-TEST(Triangles, AreThePrefixOfFacesWithCornersBelowN) {
+TEST(Triangles, UseOnlyVerticesOfTheLevel) {
   const Asset asset = strip(20);
   for (std::uint32_t N = 3; N <= 20; ++N) {
     const auto triangles = triangles_at_level(asset, N);
@@ -38,7 +38,7 @@ TEST(Triangles, AreThePrefixOfFacesWithCornersBelowN) {
   }
 }
 
-TEST(Triangles, CornersThatAreNotThereAreTakenByTheirTarget) {
+TEST(Triangles, MissingCornersMapToTheirTarget) {
   Asset asset = strip(6);
   asset.faces[0] = {0, 1, 5};  // The base's face, whose third corner is refined from 2 to 5.
   asset.map[5] = 4;
@@ -47,7 +47,7 @@ TEST(Triangles, CornersThatAreNotThereAreTakenByTheirTarget) {
   EXPECT_EQ(triangles_at_level(asset, 6)[2], 5U);
 }
 
-TEST(Triangles, OnlyThoseThatHaveArrived) {
+TEST(Triangles, IncludeOnlyArrivedFaces) {
   Asset asset = strip(20);
   asset.rows_ready = 10;
   asset.faces_ready = 8;
@@ -59,7 +59,7 @@ TEST(Triangles, PointCloudsHaveNone) {
   EXPECT_TRUE(triangles_at_level(testing::random_asset(10, 2), 7).empty());
 }
 
-TEST(Normals, OfASphereAreItsPositions) {
+TEST(Normals, OfASphereEqualItsPositions) {
   constexpr std::uint32_t kAround = 96, kDown = 48;
   std::vector<float> positions;
   std::vector<std::uint32_t> triangles;
@@ -99,7 +99,7 @@ TEST(Normals, AreWeightedByArea) {
   EXPECT_NEAR(normals[2], 1 / std::sqrt(10), 1e-6);
 }
 
-TEST(Normals, OfTinyModelsAreUnitAndOfLoneVerticesZero) {
+TEST(Normals, TinyModelsHaveUnitNormals) {
   const std::vector<float> positions{0, 0, 0, 1e-9F, 0, 0, 0, 1e-9F, 0, 5, 5, 5};
   const std::vector<std::uint32_t> triangles{0, 1, 2};
   std::vector<float> normals(12, 7.0F);
@@ -110,7 +110,7 @@ TEST(Normals, OfTinyModelsAreUnitAndOfLoneVerticesZero) {
   EXPECT_EQ(normals[11], 0);
 }
 
-TEST(Level, IsTheNearestThatCanBeDrawn) {
+TEST(Level, IsTheNearestDrawableOne) {
   Asset asset = strip(1000);
   EXPECT_EQ(level_from_fraction(asset, 1), 1000U);
   EXPECT_EQ(level_from_fraction(asset, 0.2504), 250U);
@@ -150,7 +150,7 @@ TEST(Splats, RadiiShrinkAsRowsSplitOff) {
   EXPECT_EQ(radii[8], 9.0F);
 }
 
-TEST(Splats, NormalsTurnWithTheSurfaceAndDoNotMindScale) {
+TEST(Splats, NormalsFollowRotationAndIgnoreScale) {
   const Asset cloud = cloud_with_splats();
   std::mt19937 random(3);
   std::vector<float> positions, turned;
@@ -171,7 +171,7 @@ TEST(Splats, NormalsTurnWithTheSurfaceAndDoNotMindScale) {
   }
 }
 
-TEST(Splats, WithoutThemThereAreNoNormalsAndNoRadii) {
+TEST(Splats, AbsentSplatsGiveZeroNormalsAndRadii) {
   const Asset cloud = testing::random_asset(9, 4);
   std::vector<float> some(27, 1.0F), radii(9, 1.0F);
   splat_normals(cloud, std::vector<float>(27, 1.0F), some);

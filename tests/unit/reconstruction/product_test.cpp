@@ -46,14 +46,14 @@ void expect_product(const Asset& asset, std::uint32_t channels, std::uint32_t ra
   for (std::size_t i = std::size_t{N} * 3; i < positions.size(); ++i) ASSERT_EQ(positions[i], kUntouched);
 }
 
-TEST(Product, AgreesWithTheSumAtAllRemaindersOfRowsAndRank) {
+TEST(Product, MatchesTheSumAtAllRemainders) {
   for (std::uint32_t r = 1; r <= 19; ++r) {
     const Asset asset = any_asset(13, r);
     for (std::uint32_t N = 0; N <= 13; ++N) expect_product(asset, 3, r, N);
   }
 }
 
-TEST(Product, UsesOnlyTheFirstColumnsOfALargerBasis) {
+TEST(Product, UsesOnlyTheFirstColumns) {
   const Asset asset = any_asset(37, 200);
   for (const std::uint32_t rank : {1U, 14U, 54U, 104U, 199U, 200U}) expect_product(asset, 3, rank, 37);
 }
@@ -122,7 +122,7 @@ void expect_rebuilt(const Asset& asset, InstructionSet set, std::uint32_t rank, 
   }
 }
 
-TEST(Reconstructor, EveryInstructionSetAgreesWithTheSum) {
+TEST(Reconstructor, EveryInstructionSetMatchesTheSum) {
   const Asset floats = any_asset(150, 37), grid = grid_asset(150, 37, 4), all_grid = grid_asset(70, 9, 0);
   const Asset coarse = grid_asset(150, 37, 4, 100, 1000), all_coarse = grid_asset(70, 9, 0, 100, 1000);
   EXPECT_EQ(BasisTiles().tile_count(), 0U);
@@ -144,7 +144,7 @@ TEST(Reconstructor, EveryInstructionSetAgreesWithTheSum) {
   }
 }
 
-TEST(Reconstructor, RoundedCoefficientsAddThreePercentToTheErrorOfTheBasisAtMost) {
+TEST(Reconstructor, RoundedCoefficientsAddAtMostThreePercentError) {
   // A basis as bakes give them: columns that matter less lie on a coarser grid.
   constexpr std::uint32_t kRows = 400, kRank = 120;
   const auto truth = random_values(std::size_t{kRows} * kRank, 3);
@@ -187,7 +187,7 @@ TEST(Reconstructor, RoundedCoefficientsAddThreePercentToTheErrorOfTheBasisAtMost
   }
 }
 
-TEST(Reconstructor, KeepsFloatCoefficientsWhereTheGridIsFineOrTheyAreNotFinite) {
+TEST(Reconstructor, KeepsFloatCoefficientsOnFineGrids) {
   BasisTiles fine, coarse;
   fine.update(grid_asset(100, 21, 4));
   coarse.update(grid_asset(100, 21, 4, 100, 1000));
@@ -203,11 +203,11 @@ TEST(Reconstructor, KeepsFloatCoefficientsWhereTheGridIsFineOrTheyAreNotFinite) 
   EXPECT_TRUE(coarse.whole_coefficients(std::vector<double>(63), 3, 21)) << "a pose of zeros";
 }
 
-TEST(Kernel, WholeCoefficientsSumUpToTheLastInteger) {
+TEST(Kernel, IntegerCoefficientsSumExactly) {
   AlignedVector<std::int16_t> integers(2 * kernel::kTileRows);
   for (std::size_t i = 0; i < kernel::kTileRows; ++i) {
-    integers[kernel::place_of_integer(i, 0)] = i % 2 == 0 ? 32767 : -32767;
-    integers[kernel::place_of_integer(i, 1)] = i % 3 == 0 ? 32767 : -32767;
+    integers[kernel::offset_of_integer(i, 0)] = i % 2 == 0 ? 32767 : -32767;
+    integers[kernel::offset_of_integer(i, 1)] = i % 3 == 0 ? 32767 : -32767;
   }
   const kernel::Tiles tiles{nullptr, integers.data(), 0, 0, 2, 2};
   const std::vector<std::int16_t> whole{32767, 32767, -32767, 32767, 1, -2};
@@ -267,7 +267,7 @@ TEST(Reconstructor, FollowsAnAssetThatArrives) {
   }
 }
 
-TEST(Reconstructor, KeepsFloatsWhereAnEntryIsOffTheGrid) {
+TEST(Reconstructor, KeepsFloatsForEntriesOffTheGrid) {
   for (const float off : {0.3e-3F, 40.0F}) {  // between two integers; beyond 16 bits
     Asset asset = grid_asset(200, 21, 4);
     asset.column_scales[3] = 1e-3F;
@@ -374,7 +374,7 @@ TEST(Reconstructor, FollowsDetailThatArrivesAndEnds) {
   EXPECT_EQ(base, X);
 }
 
-TEST(Kernel, TransposedProductAgreesWithTheSumInEveryInstructionSet) {
+TEST(Kernel, TransposedProductMatchesTheSum) {
   for (const Asset& asset : {any_asset(200, 19), grid_asset(200, 19, 4)}) {
     BasisTiles tiles;
     tiles.update(asset);
@@ -402,7 +402,7 @@ TEST(Kernel, TransposedProductAgreesWithTheSumInEveryInstructionSet) {
   }
 }
 
-TEST(Kernel, GramAgreesWithTheSum) {
+TEST(Kernel, GramMatchesTheSum) {
   for (const std::size_t width : {8U, 16U, 40U, 200U}) {
     const std::size_t rows = 21;
     const auto B = random_values(rows * width);
@@ -420,7 +420,7 @@ TEST(Kernel, GramAgreesWithTheSum) {
   }
 }
 
-TEST(Kernel, TheInverseOfAFactorSolves) {
+TEST(Kernel, InverseOfAFactorSolves) {
   for (const std::size_t rows : {1U, 7U, 8U, 9U, 37U}) {
     const std::size_t width = (rows + 7) / 8 * 8;
     auto T = random_values(rows * width);

@@ -61,7 +61,7 @@ TEST(Projector, TakesNoOriginFromVectors) {
 }
 
 // The Gram matrix takes out what quantising did to orthonormality: without it the error would be of the noise's size.
-TEST(Projector, QuantisationOfTheBasisDoesNoHarm) {
+TEST(Projector, ToleratesBasisQuantisation) {
   const Asset asset = random_asset(600, 50, 0.02);
   const auto C = random_values(150);
   const auto positions = source_positions(asset, C);
@@ -81,7 +81,7 @@ TEST(Projector, QuantisationOfTheBasisDoesNoHarm) {
   EXPECT_GT(largest_difference(plain, C), 1e-3) << "the noise is too small to show anything";
 }
 
-TEST(Projector, LeavesAResidualThatIsOrthogonalToTheBasisInItsWeights) {
+TEST(Projector, ResidualIsOrthogonalToTheBasis) {
   const Asset asset = random_asset(400, 30, 1e-3);
   const auto positions = random_values(1200, 9);
   const auto C = projector_of(asset).coefficients_from_positions(positions);
@@ -163,7 +163,7 @@ TEST(Projector, EveryInstructionSetAndThreadAgrees) {
   }
 }
 
-TEST(Projector, NamesTheVertexThatIsNotFinite) {
+TEST(Projector, RefusesNonFinitePositions) {
   const Asset asset = random_asset(50, 5);
   const Projector projector = projector_of(asset);
   std::vector<float> positions(150, 1.0F);
@@ -176,14 +176,14 @@ TEST(Projector, NamesTheVertexThatIsNotFinite) {
   }
 }
 
-TEST(Projector, RefusesAnotherNumberOfPositions) {
+TEST(Projector, RefusesWrongSizes) {
   const Asset asset = random_asset(50, 5);
   const auto C = projector_of(asset).coefficients_from_positions(std::vector<double>(147));
   ASSERT_FALSE(C);
   EXPECT_EQ(C.error().code, ErrorCode::kInvalidArgument);
 }
 
-TEST(Projector, RefusesABasisWithDependentColumns) {
+TEST(Projector, RefusesDependentColumns) {
   Asset asset = random_asset(60, 6);
   for (std::size_t i = 0; i < 60; ++i) asset.basis[i * 6 + 4] = asset.basis[i * 6 + 2];
   const auto projector = Projector::create(asset);

@@ -2,14 +2,20 @@
 #pragma once
 
 #include <cstdint>
+#include <string>
 
 #include "common/codec/key.h"
 
-/// What key, chain and schemes share about the two ways in which a key holds its values.
+/// Helpers that key, chain and schemes share.
 namespace eigencast {
 
 inline bool is_float(const CoefficientLayout& layout) {
   return layout.codec != CodecKind::kQuantised;
+}
+
+inline Error overflow(std::size_t index) {
+  return fail(ErrorCode::kTooLarge, "coefficient " + std::to_string(index) +
+                                        " leaves the codec's range: use a larger step, or another codec");
 }
 
 /// A key whose values are all 0. `step` must be 0 with float codecs.
