@@ -1,10 +1,11 @@
 // SPDX-License-Identifier: MIT
 //
-// bake_rate [--peers] [--exactly] [--m M] SHAPE...: seconds for the M lowest eigenpairs (default 200) of the Laplacian
-// of surfaces, ours and, with --peers, ARPACK with sparse LU and with sparse Cholesky and Spectra's stock shift-invert:
-// the same pair (L, M), the same shift below zero, the same tolerance, one after the other in one run. SHAPE as
-// bench/named_surface.h has it. --exactly: ours once more without approximation, for surfaces of more than 150,000
-// vertices. Residuals of all are measured by the same lines.
+// bake_rate [--peers] [--exactly] [--m M] [--repeat N] SHAPE...: seconds for the M lowest eigenpairs (default 200) of
+// the Laplacian of surfaces, ours and, with --peers, our second solver (spectra_solver.h) and ARPACK with sparse LU and
+// with sparse Cholesky: the same pair (L, M), the same shift below zero, one after the other in one run; medians of N
+// runs by turns (default 1). SHAPE as bench/named_surface.h has it. --exactly: ours once more without approximation,
+// for surfaces of more than 150,000 vertices. Residuals of all are measured by the same lines. For one thread each run
+// it under `taskset -c 0`.
 #include <Eigen/Core>
 #include <Eigen/SparseCholesky>
 #include <Eigen/SparseLU>
@@ -20,13 +21,10 @@
 #include <vector>
 
 #include "bench/named_surface.h"
+#include "common/core/median.h"
 #include "common/spectral/eigenbasis.h"
+#include "common/spectral/spectra_solver.h"
 
-#if EIGENCAST_HAS_SPECTRA
-#include <Spectra/MatOp/SparseSymMatProd.h>
-#include <Spectra/MatOp/SymShiftInvert.h>
-#include <Spectra/SymGEigsShiftSolver.h>
-#endif
 #if EIGENCAST_HAS_ARPACK
 extern "C" {
 void dsaupd_c(int* ido, const char* bmat, int n, const char* which, int nev, double tol, double* resid, int ncv,
@@ -80,8 +78,7 @@ double worst_residual(const Laplacian& laplacian, const Found& found) {
   return worst;
 }
 
-Found ours(const Laplacian& laplacian, int m, bool exactly) {
-  auto basis = exactly ? solve_eigenbasis_exactly(laplacian, m) : solve_eigenbasis(laplacian, m);
+Found found_in(Result<Eigenbasis> basis) {
   if (!basis) {
     std::fprintf(stderr, "bake_rate: %s\n", basis.error().message.c_str());
     std::exit(1);
@@ -93,6 +90,13 @@ Found ours(const Laplacian& laplacian, int m, bool exactly) {
     std::fprintf(stderr, "bake_rate: not certified\n");
   }
   return {std::move(basis->eigenvalues), std::move(basis->Phi)};
+}
+
+Found ours(const Laplacian& laplacian, int m, bool exactly) {
+  return found_in(exactly ? solve_eigenbasis_exactly(laplacian, m) : solve_eigenbasis(laplacian, m));
+}
+Found spectra(const Laplacian& laplacian, int m) {
+  return found_in(solve_eigenbasis(laplacian, m, {}, EigenSolver::kSpectra));
 }
 
 #if EIGENCAST_HAS_ARPACK
@@ -131,22 +135,6 @@ Found arpack(const Laplacian& laplacian, int m) {
 }
 #endif
 
-#if EIGENCAST_HAS_SPECTRA
-/// Spectra as its documentation shows it: SparseLU inside.
-Found spectra(const Laplacian& laplacian, int m) {
-  Sparse M(laplacian.L.rows(), laplacian.L.cols());
-  M.setIdentity();
-  M.diagonal() = laplacian.mass;
-  Spectra::SymShiftInvert<double, Eigen::Sparse, Eigen::Sparse> op(laplacian.L, M);
-  Spectra::SparseSymMatProd<double> product(M);
-  Spectra::SymGEigsShiftSolver<decltype(op), decltype(product), Spectra::GEigsMode::ShiftInvert> solver(
-      op, product, m, 2 * m, shift_of(laplacian));
-  solver.init();
-  solver.compute(Spectra::SortRule::LargestMagn, 1000, kTolerance, Spectra::SortRule::SmallestAlge);
-  return {solver.eigenvalues(), solver.eigenvectors()};
-}
-#endif
-
 /// What of the rest pose the basis leaves: area-weighted root mean square over the diagonal.
 double truncation(const Surface& surface, const Laplacian& laplacian, const Found& found) {
   double left = 0;
@@ -161,7 +149,7 @@ double truncation(const Surface& surface, const Laplacian& laplacian, const Foun
   return std::sqrt(left / laplacian.area) / bounding_box(surface.positions).diagonal();
 }
 
-void compare(const std::string& name, int m, bool peers, bool exactly) {
+void compare(const std::string& name, int m, int repeats, bool peers, bool exactly) {
   const Surface surface = bench::named_surface(name);
   const double begin = now();
   const auto laplacian = build_laplacian(surface);
@@ -171,6 +159,8 @@ void compare(const std::string& name, int m, bool peers, bool exactly) {
   struct Peer {
     const char* name;
     std::function<Found()> solve;
+    std::vector<double> seconds = {}, used = {};
+    Found found = {};
   };
   std::vector<Peer> all{{"ours", [&] { return ours(*laplacian, m, false); }}};
   if (exactly) all.push_back({"ours, exactly", [&] { return ours(*laplacian, m, true); }});
@@ -180,27 +170,32 @@ void compare(const std::string& name, int m, bool peers, bool exactly) {
     all.push_back({"ARPACK, sparse LU",
                    [&] { return arpack<Eigen::SparseLU<Sparse, Eigen::COLAMDOrdering<int>>>(*laplacian, m); }});
 #endif
-#if EIGENCAST_HAS_SPECTRA
-    all.push_back({"Spectra, stock shift-invert", [&] { return spectra(*laplacian, m); }});
-#endif
+    if (surface.vertex_count() <= static_cast<std::size_t>(kSpectraMaxVertices))
+      all.push_back({"Spectra (--solver spectra)", [&] { return spectra(*laplacian, m); }});
   }
-  double first = 0;
+  for (int run = 0; run < repeats; ++run) {
+    for (Peer& peer : all) {
+      const double start = now(), used_before = processor_seconds();
+      peer.found = peer.solve();
+      peer.seconds.push_back(now() - start);
+      peer.used.push_back(processor_seconds() - used_before);
+    }
+  }
+  const double first = median(all.front().seconds);
   for (const Peer& peer : all) {
-    const double start = now(), used_before = processor_seconds();
-    Found found = peer.solve();
-    const double seconds = now() - start, used = processor_seconds() - used_before;
-    if (first == 0) first = seconds;
+    const double seconds = median(peer.seconds), used = median(peer.used);
+    const Found& found = peer.found;
     std::printf("  %-30s %8.2f s  %5.1fx  processor %8.2f s  residual %.1e  lambda_m %.6g  rest pose left %.4e\n",
                 peer.name, seconds, seconds / first, used, worst_residual(*laplacian, found), found.values.maxCoeff(),
                 truncation(surface, *laplacian, found));
-    std::fflush(stdout);
   }
+  std::fflush(stdout);
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  int m = 200;
+  int m = 200, repeats = 1;
   bool peers = false, exactly = false;
   for (int i = 1; i < argc; ++i) {
     if (std::strcmp(argv[i], "--peers") == 0) {
@@ -209,8 +204,10 @@ int main(int argc, char** argv) {
       exactly = true;
     } else if (std::strcmp(argv[i], "--m") == 0 && i + 1 < argc) {
       m = std::atoi(argv[++i]);
+    } else if (std::strcmp(argv[i], "--repeat") == 0 && i + 1 < argc) {
+      repeats = std::max(1, std::atoi(argv[++i]));
     } else {
-      compare(argv[i], m, peers, exactly);
+      compare(argv[i], m, repeats, peers, exactly);
     }
   }
 }

@@ -172,7 +172,9 @@ ec_status ec_bake(const double* positions, uint32_t vertex_count, const uint32_t
     if (!looks) return failed(looks.error());
     BakeOptions bake_options;
     if (*looks) bake_options.looks = &**looks;
-    bake_options.basis = text_or(given.basis, bake_options.basis);
+    const auto basis = basis_from_name(text_or(given.basis, std::string(name_of(bake_options.basis))));
+    if (!basis) return failed(basis.error());
+    bake_options.basis = *basis;
     bake_options.name = text_or(given.name, {});
     if (given.rank > 0) bake_options.rank = static_cast<int>(std::min<std::uint32_t>(given.rank, 1u << 20));
     BakeProgress progress;

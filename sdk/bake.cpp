@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "common/asset/format/reader.h"
+#include "common/codec/key.h"
 #include "common/core/clock.h"
 #include "common/core/memory.h"
 #include "common/core/text.h"
@@ -39,9 +40,6 @@ namespace {
 
 /// Grows with every change of what a bake gives for the same input, so that old results are not found again.
 constexpr std::uint32_t kRecipe = 10;
-constexpr std::array<std::uint32_t, 3> kBandEnds = {14, 54,
-                                                    104};  // after 4 affine columns, whole turns of the augmented basis
-
 // Across a surface, so that its masses and a basis over them are numbers of 32 bits.
 constexpr double kLeastSize = 1e-15, kMostSize = 1e15;
 
@@ -94,21 +92,13 @@ bool uses_kernel(const BakeOptions& options) {
   return options.points_operator == "pb-mhb";
 }
 
-bool is_of_motion(const std::string& basis) {
-  return basis == "rig" || basis == "cage" || basis == "pca";
-}
-
 Result<void> check_basis(const BakeOptions& options) {
-  if (options.basis == "augmented" || options.basis == "harmonic") return {};
-  if (!is_of_motion(options.basis)) {
-    return fail(ErrorCode::kInvalidArgument,
-                "there is no basis '" + options.basis + "': use 'augmented', 'harmonic', 'rig', 'cage' or 'pca'");
-  }
+  if (!is_of_motion(options.basis)) return {};
   const bool has_columns = options.motion != nullptr && options.motion->columns.count > 0;
-  if (options.motion != nullptr && has_columns == (options.basis != "pca")) return {};
-  return fail(ErrorCode::kInvalidArgument, "a '" + options.basis + "' basis is made of a motion's " +
-                                               (options.basis == "pca" ? "poses" : "columns") +
-                                               ", which are not given");
+  if (options.motion != nullptr && has_columns == is_of_columns(options.basis)) return {};
+  return fail(ErrorCode::kInvalidArgument,
+              "a '" + std::string(name_of(options.basis)) + "' basis is made of a motion's " +
+                  (is_of_columns(options.basis) ? "columns" : "poses") + ", which are not given");
 }
 
 Result<void> check_points_operator(const Surface& surface, const BakeOptions& options) {
@@ -123,9 +113,9 @@ Result<void> check_points_operator(const Surface& surface, const BakeOptions& op
 }
 
 Result<void> check_detail(const BakeOptions& options) {
-  if (detail_of(options) == DetailKind::kNone || options.basis == "harmonic" || options.basis == "pca") return {};
+  if (detail_of(options) == DetailKind::kNone || leaves_detail(options.basis)) return {};
   return fail(ErrorCode::kInvalidArgument, "detail '" + std::string(name_of(*options.detail)) + "' of a basis '" +
-                                               options.basis +
+                                               std::string(name_of(options.basis)) +
                                                "', which holds the rest pose as it is: leave the option out, or take "
                                                "the basis 'harmonic'");
 }
@@ -166,8 +156,8 @@ Result<Sha256> key_of(const Surface& surface, std::span<const std::vector<Vec3>>
   ByteWriter out(head);
   out.text("eigencast bake");
   out.u32(kRecipe);
-  out.varint(options.basis.size());
-  out.text(options.basis);
+  out.varint(name_of(options.basis).size());
+  out.text(name_of(options.basis));
   out.varint(options.name.size());
   out.text(options.name);
   out.u32(static_cast<std::uint32_t>(options.rank));
@@ -175,6 +165,7 @@ Result<Sha256> key_of(const Surface& surface, std::span<const std::vector<Vec3>>
   if (uses_kernel(options)) out.text(options.points_operator);
   out.u8(static_cast<std::uint8_t>(detail_of(options)));
   out.u8(options.delaunay ? 1 : 0);
+  if (options.solver != EigenSolver::kLanczos) out.text(name_of(options.solver));
   out.u64(surface.positions.size());
   out.u64(surface.faces.size());
   Sha256Stream stream;
@@ -263,12 +254,9 @@ Asset asset_from(const Surface& surface, const Looks& looks, std::span<const Vec
   asset.vertex_count = static_cast<std::uint32_t>(n);
   asset.rank = static_cast<std::uint32_t>(r);
   asset.base_count = order.base_count;
-  asset.basis_kind = options.basis + (uses_kernel(options) ? "/" + options.points_operator : "");
+  asset.basis_kind = std::string(name_of(options.basis)) + (uses_kernel(options) ? "/" + options.points_operator : "");
   asset.name = options.name;
-  for (const std::uint32_t end : kBandEnds) {
-    if (end < r) asset.band_ends.push_back(end);
-  }
-  asset.band_ends.push_back(asset.rank);
+  asset.band_ends = default_band_ends(asset.rank);
   asset.basis = rows_in_order(basis.Psi, order.order);
   asset.mass.resize(n);
   for (std::size_t row = 0; row < n; ++row) asset.mass[row] = static_cast<float>(basis.mass[order.order[row]]);
@@ -313,7 +301,7 @@ AssetEncoding encoding_of(const Asset& asset, const Basis& basis, const BakeOpti
   const double least = 8 * encoding.error * std::sqrt(12 * asset.area / asset.rank);
   for (std::uint32_t k = 0; k < asset.rank; ++k) {
     const double* rest = &asset.rest[std::size_t{3} * k];
-    const double moving = basis.kind == BasisKind::kLearned
+    const double moving = options.basis == BasisKind::kPca
                               ? std::max(2 * basis.rms[k], least)
                               : 0.2 * std::pow(k + 1.0, -1.2) * asset.diagonal() * std::sqrt(asset.area);
     encoding.amplitudes.push_back(std::max(moving, 1.5 * std::hypot(rest[0], rest[1], rest[2])));
@@ -343,8 +331,7 @@ Result<Basis> basis_of(const Surface& surface, const Laplacian& laplacian, const
                        const Progress& progress) {
   if (is_of_motion(options.basis))
     return build_motion_basis(surface, laplacian, *options.motion, options.rank, progress);
-  const BasisKind kind = options.basis == "harmonic" ? BasisKind::kHarmonic : BasisKind::kAugmented;
-  return build_basis(surface, laplacian, {kind, options.rank}, progress);
+  return build_basis(surface, laplacian, {options.basis, options.rank, options.solver}, progress);
 }
 
 /// Levels of detail need nothing of the basis, and whoever solves for that leaves a processor idle now and then: found
@@ -434,7 +421,7 @@ double bake_bytes(std::size_t vertices, const BakeOptions& options) {
 }
 
 DetailKind detail_of(const BakeOptions& options) {
-  return options.detail.value_or(options.basis == "harmonic" ? DetailKind::kFrames : DetailKind::kNone);
+  return options.detail.value_or(options.basis == BasisKind::kHarmonic ? DetailKind::kFrames : DetailKind::kNone);
 }
 
 Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, const std::string& cache_dir,

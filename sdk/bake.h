@@ -10,6 +10,7 @@
 #include "common/asset/asset.h"
 #include "common/asset/detail.h"
 #include "common/asset/format/encode.h"
+#include "common/spectral/basis_options.h"
 #include "common/spectral/known_motion.h"
 #include "common/surface/appearance.h"
 #include "common/surface/surface.h"
@@ -17,9 +18,8 @@
 namespace eigencast {
 
 struct BakeOptions {
-  /// "augmented" (default), "harmonic"; or, of the motion below, "rig" or "cage" (its columns) or "pca" (learned from
-  /// its poses).
-  std::string basis = "augmented";
+  /// kRig and kCage are made of the columns of the motion below, kPca of its poses.
+  BasisKind basis = BasisKind::kAugmented;
   int rank = 200;    ///< r (default: 200).
   std::string name;  ///< Of the surface, for people.
   /// What rounding the basis may move a vertex by (root mean square, of the box's diagonal) in a motion as large as
@@ -32,12 +32,13 @@ struct BakeOptions {
   const Appearance* looks = nullptr;
   /// Of point clouds: "delaunay" (default) or "pb-mhb", slower (PointsOperator in spectral/laplacian.h).
   std::string points_operator = "delaunay";
-  /// How what "harmonic" or "pca" leave out of the rest pose comes back in every pose, and full normals with it
-  /// (default: frames for "harmonic", else none). An asset two to three times as large, whose poses take viewers three
+  /// How what a harmonic or pca basis leaves out of the rest pose comes back in every pose, and full normals with it
+  /// (default: frames for harmonic, else none). An asset two to three times as large, whose poses take viewers three
   /// times the multiplications.
   std::optional<DetailKind> detail = std::nullopt;
   /// Of meshes: the operator of LaplacianOptions::delaunay, whether its edges ask for it or not.
   bool delaunay = false;
+  EigenSolver solver = EigenSolver::kLanczos;  ///< Of augmented and harmonic bases.
 };
 /// What such a bake gives.
 DetailKind detail_of(const BakeOptions& options);

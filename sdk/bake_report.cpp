@@ -40,10 +40,10 @@ std::string report_of_detail(const EncodedAsset& encoded, const Asset& asset) {
                    100 * static_cast<double>(encoded.detail_bytes()) / static_cast<double>(encoded.total_bytes()));
 }
 
-std::string quality_of(const Basis& basis) {
-  const bool learned = basis.kind == BasisKind::kLearned;
-  if (learned || basis.kind == BasisKind::kSpanned) {
-    std::string line = learned ? "" : formatted(" of the %d that hold all of its motion", basis.dimensions);
+std::string quality_of(const Basis& basis, BasisKind kind) {
+  if (is_of_motion(kind)) {
+    std::string line;
+    if (is_of_columns(kind)) line = formatted(" of the %d that hold all of its motion", basis.dimensions);
     if (basis.rms.size() > 0) line += formatted("; leaves out %.2g %% of the poses' extent", 100 * basis.left_out);
     return line + "\n";
   }
@@ -73,12 +73,11 @@ std::string report_of(const BakeResult& result, const BakeFacts& facts) {
     report += formatted("operator: heat kernel between points (PB-MHB), %.0f entries a row\n",
                         static_cast<double>(laplacian.L.nonZeros()) / static_cast<double>(surface.vertex_count()));
   }
-  report += formatted("basis: %s, rank %u", options.basis.c_str(), result.asset.rank);
-  const bool of_motion = basis.kind == BasisKind::kLearned || basis.kind == BasisKind::kSpanned;
-  if (!of_motion && static_cast<int>(result.asset.rank) < options.rank) {
+  report += formatted("basis: %s, rank %u", name_of(options.basis).data(), result.asset.rank);
+  if (!is_of_motion(options.basis) && static_cast<int>(result.asset.rank) < options.rank) {
     report += formatted(" (%d asked for: the surface has too few vertices)", options.rank);
   }
-  report += quality_of(basis);
+  report += quality_of(basis, options.basis);
   report += formatted("rest pose: worst error %.1e of the box's diagonal\n", worst_rest_error(surface, result.asset));
   report += report_of_detail(result.encoded, result.asset);
   report += formatted("levels of detail: %u to %u vertices", result.asset.base_count, result.asset.vertex_count);

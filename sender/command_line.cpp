@@ -253,7 +253,7 @@ Result<void> check_together(const CLI::App& app, const Settings& s) {
   if (command->get_option_no_throw("--cage") == nullptr) return {};
   const bool deforms = command == app.get_subcommand("deform");
   const std::vector<std::string> bases = command->get_option("--basis")->reduced_results();
-  const bool is_cage = std::find(bases.begin(), bases.end(), "cage") != bases.end();
+  const bool is_cage = std::find(bases.begin(), bases.end(), name_of(BasisKind::kCage)) != bases.end();
   if (is_cage && deforms && !s.deform.handles.empty())
     return fail(ErrorCode::kInvalidArgument, "--handles moves the model without a cage: take another --basis");
   if (is_cage || deforms) return {};

@@ -92,10 +92,10 @@ struct ExportCommand {
 };
 
 struct EvaluateCommand {
-  SourceOptions source;                            ///< But for its basis and rank.
-  std::vector<std::string> bases = {"augmented"};  ///< All combinations of these are evaluated.
-  std::vector<int> ranks = {0};                    ///< As of SourceOptions.
-  std::vector<double> levels = {1};                ///< Fractions of the vertices.
+  SourceOptions source;                                    ///< But for its basis and rank.
+  std::vector<BasisKind> bases = {BasisKind::kAugmented};  ///< All combinations of these are evaluated.
+  std::vector<int> ranks = {0};                            ///< As of SourceOptions.
+  std::vector<double> levels = {1};                        ///< Fractions of the vertices.
   std::string codec = "quantised";
   std::vector<double> errors;  ///< Model units.
   std::vector<double> steps;   ///< See eps_from_step. Neither: an error of 1e-3 of the diagonal.

@@ -32,7 +32,7 @@ Result<void> check_bases(const EvaluateCommand& command) {
   if (command.bases.size() < 2) return {};
   const auto clip = open_source(command.source);
   if (!clip) return clip.error();
-  for (const std::string& basis : command.bases) {
+  for (const BasisKind basis : command.bases) {
     if (const auto usable = check_basis(basis, **clip); !usable)
       return in_context(command.source.input, usable.error());
   }
@@ -40,13 +40,13 @@ Result<void> check_bases(const EvaluateCommand& command) {
 }
 
 /// Bakes once, and evaluates with each codec.
-Result<void> evaluate_basis(const EvaluateCommand& command, const std::string& basis, int rank, CodecKind codec,
+Result<void> evaluate_basis(const EvaluateCommand& command, BasisKind basis, int rank, CodecKind codec,
                             const Console& console, Interrupt& interrupt, std::vector<EvaluatedRow>& rows) {
   SourceOptions options = command.source;
   options.basis = basis;
   options.rank = rank;
   // Of several bases those that hold the rest pose have nothing to bring back.
-  if (command.bases.size() > 1 && basis != "harmonic" && basis != "pca") options.detail.clear();
+  if (command.bases.size() > 1 && !leaves_detail(basis)) options.detail.clear();
   const auto source = bake_with_progress(options, console, interrupt);
   if (!source) return source.error();
   const Asset& asset = source->baked.asset;
@@ -72,7 +72,7 @@ int run(const EvaluateCommand& command, const Console& console, Interrupt& inter
   if (!codec) return report_failure(codec.error());
   if (const auto usable = check_bases(command); !usable) return report_failure(usable.error());
   EvaluatedClip clip{command.source.input, command.codec, command.rate_hz, {}};
-  for (const std::string& basis : command.bases) {
+  for (const BasisKind basis : command.bases) {
     for (const int rank : command.source.target_error > 0 ? std::vector{0} : command.ranks) {
       const auto done = evaluate_basis(command, basis, rank, *codec, console, interrupt, clip.rows);
       if (!done) return report_failure(done.error());

@@ -34,15 +34,36 @@ void add_clip_options(CLI::App& app, SourceOptions& source) {
       ->capture_default_str();
 }
 
+/// What CLI11 finds by the enumeration's namespace.
+bool lexical_cast(const std::string& text, BasisKind& kind) {
+  const auto parsed = basis_from_name(text);
+  return parsed && (kind = *parsed, true);
+}
+bool lexical_cast(const std::string& text, EigenSolver& solver) {
+  const auto parsed = solver_from_name(text);
+  return parsed && (solver = *parsed, true);
+}
+
+template <typename Names>
+CLI::Validator one_of(const Names& names) {
+  return CLI::IsMember(std::vector<std::string>(names.begin(), names.end()));
+}
+
 template <typename Bases, typename Ranks>
 void add_basis_options(CLI::App& app, Bases& bases, Ranks& ranks, SourceOptions& source) {
   app.add_option(
          "--basis", bases,
          "augmented or harmonic, for any motion; rig, of a glTF file's skin and morph targets, or cage, whose motion "
          "they hold exactly; pca, learned from the clip")
-      ->check(CLI::IsMember({"augmented", "harmonic", "rig", "cage", "pca"}))
+      ->check(one_of(kBasisNames))
       ->delimiter(',')
-      ->capture_default_str();
+      ->type_name("TEXT")
+      ->default_str(std::string(name_of(BasisKind::kAugmented)));
+  app.add_option("--solver", source.solver,
+                 "of augmented and harmonic bases: lanczos, or spectra, a second opinion for small surfaces")
+      ->check(one_of(kSolverNames))
+      ->type_name("TEXT")
+      ->default_str(std::string(name_of(EigenSolver::kLanczos)));
   CLI::Option* rank = app.add_option("-r,--rank,--r", ranks,
                                      "coefficients per axis (default: 200; pca: 50; rig, cage: all that there are)")
                           ->check(CLI::Range(4, 4096))
@@ -131,8 +152,8 @@ void add_coding_options(CLI::App& app, TargetOptions& target) {
       ->check(CLI::Range(0.1, 3600.0));
 }
 
-template void add_basis_options(CLI::App&, std::string&, int&, SourceOptions&);
-template void add_basis_options(CLI::App&, std::vector<std::string>&, std::vector<int>&, SourceOptions&);
+template void add_basis_options(CLI::App&, BasisKind&, int&, SourceOptions&);
+template void add_basis_options(CLI::App&, std::vector<BasisKind>&, std::vector<int>&, SourceOptions&);
 template CLI::Option* add_codec_options(CLI::App&, std::string&, double&);
 template CLI::Option* add_codec_options(CLI::App&, std::string&, std::vector<double>&);
 

@@ -14,7 +14,7 @@ CLI::Validator positive();
 
 /// Which clip, without how it is baked.
 void add_clip_options(CLI::App& app, SourceOptions& source);
-/// One basis and rank (std::string, int) or, to compare them, several of each (vectors).
+/// One basis and rank (BasisKind, int) or, to compare them, several of each (vectors).
 template <typename Bases, typename Ranks>
 void add_basis_options(CLI::App& app, Bases& bases, Ranks& ranks, SourceOptions& source);
 /// What a bake takes beside basis and rank.

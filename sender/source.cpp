@@ -38,12 +38,12 @@ std::string public_name(const std::string& clip_name) {
 
 int rank_of(const SourceOptions& options) {
   if (options.rank > 0) return options.rank;
-  if (options.basis == "pca") return 50;
-  return options.basis == "rig" || options.basis == "cage" ? static_cast<int>(limits::kMaxRows) : 200;
+  if (options.basis == BasisKind::kPca) return 50;
+  return is_of_columns(options.basis) ? static_cast<int>(limits::kMaxRows) : 200;
 }
 
 double asset_error_of(const SourceOptions& options) {
-  return options.asset_error.value_or(options.basis == "rig" || options.basis == "cage" ? 0 : 1e-4);
+  return options.asset_error.value_or(is_of_columns(options.basis) ? 0 : 1e-4);
 }
 
 Result<KnownMotion> motion_of_rig(const MotionClip& clip) {
@@ -100,13 +100,13 @@ Result<std::unique_ptr<MotionClip>> open_source(const SourceOptions& options) {
   return open_clip(options.input, {options.rest, options.faces, options.animation, options.sample_rate_hz});
 }
 
-Result<void> check_basis(const std::string& basis, const MotionClip& clip) {
-  if (basis == "rig" && clip.rig() == nullptr) {
+Result<void> check_basis(BasisKind basis, const MotionClip& clip) {
+  if (basis == BasisKind::kRig && clip.rig() == nullptr) {
     return fail(ErrorCode::kInvalidArgument,
                 "it states no bones and no morph targets, which the basis rig is made of (glTF "
                 "does); learn a basis from its poses with --basis pca");
   }
-  if (basis == "pca" && clip.frame_count() < 2) {
+  if (basis == BasisKind::kPca && clip.frame_count() < 2) {
     return fail(
         ErrorCode::kInvalidArgument,
         "a basis is learned from the poses of a clip, and there is only one here: give a clip, or another basis");
@@ -127,13 +127,13 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
   if (const auto accepted = check_order(*clip, mesh, options.any_order); !accepted)
     return in_context(options.input, accepted.error());
   KnownMotion motion;
-  if (options.basis == "rig") {
+  if (options.basis == BasisKind::kRig) {
     auto of_rig = motion_of_rig(*clip);
     if (!of_rig) return in_context(options.input, of_rig.error());
     motion = std::move(*of_rig);
-  } else if (options.basis == "cage" && opened.cage != nullptr) {
+  } else if (options.basis == BasisKind::kCage && opened.cage != nullptr) {
     motion = motion_of_cage(*opened.cage);
-  } else if (options.basis == "cage") {
+  } else if (options.basis == BasisKind::kCage) {
     auto cage = cage_of(options.cage, rest);
     if (!cage) return in_context(options.input, cage.error());
     const auto bound = bind_cage(options.cage, rest, std::move(*cage),
@@ -148,6 +148,7 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
       asset_error_of(options), &motion,          clip->appearance(),
       options.points_operator};
   bake_options.delaunay = options.delaunay;
+  bake_options.solver = options.solver;
   if (!options.detail.empty()) {
     const auto detail = detail_from_name(options.detail);
     if (!detail) return detail.error();

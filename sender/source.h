@@ -27,8 +27,9 @@ struct SourceOptions {
   std::string faces;           ///< faces.npy of a .npy clip (default: the one beside it).
   std::string animation;       ///< Of a glTF file: name or number (default: the first).
   double sample_rate_hz = 30;  ///< Of formats that state curves instead of poses.
-  std::string basis = "augmented";
-  int rank = 0;                              ///< 0: 200; of pca 50; of rig and cage all columns that there are.
+  BasisKind basis = BasisKind::kAugmented;
+  EigenSolver solver = EigenSolver::kLanczos;  ///< Of augmented and harmonic bases.
+  int rank = 0;                                ///< 0: 200; of pca 50; of rig and cage all columns that there are.
   std::optional<double> asset_error;         ///< See BakeOptions (default: 1e-4; of rig and cage, which are exact, 0).
   std::string points_operator = "delaunay";  ///< See BakeOptions.
   bool delaunay = false;                     ///< Likewise.
@@ -70,7 +71,7 @@ Result<std::unique_ptr<deform::Deformer>> bind_cage(const CageOptions& options, 
 KnownMotion motion_of_cage(const deform::Deformer& cage);
 
 /// Whether the clip has what this basis is made of. Errors: kInvalidArgument (rig, pca), saying what else would do.
-Result<void> check_basis(const std::string& basis, const MotionClip& clip);
+Result<void> check_basis(BasisKind basis, const MotionClip& clip);
 
 /// Opens, unless it is open, and bakes, or finds it baked. Errors: those of open_source, check_basis, cage_of,
 /// bind_cage and bake; kInvalidArgument (the mesh, or most of a few poses of the clip, certainly are in another order

@@ -24,7 +24,7 @@ struct KeyRecord {
   std::uint64_t sequence = 0;
   TimeUs capture_us = 0;
   TimeUs arrival_us = 0;          ///< On the broker's clock.
-  std::uint8_t bands = 0;         ///< Of `payload`.
+  BandMask bands;                 ///< Of `payload`.
   bool join = false;              ///< `payload` is that of a join frame.
   std::uint8_t half_spacing = 0;  ///< The sender's latest (see encode_key); 0 before its first key.
   std::shared_ptr<const ChainState>

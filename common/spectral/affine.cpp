@@ -6,7 +6,7 @@
 namespace eigencast {
 namespace {
 
-constexpr double kFlat = 1e-13;  // of the rest pose's size: a coordinate that others determine
+constexpr double kFlat = 1e-13;  // relative residual below which a coordinate is dependent
 
 }  // namespace
 

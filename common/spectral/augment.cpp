@@ -14,15 +14,14 @@
 namespace eigencast {
 namespace {
 
-constexpr double kDependent = 1e-2;           // relative residual below which a column says nothing new but noise
+constexpr double kDependent = 1e-2;           // relative residual below which a column is noise
 constexpr double kFlatProduct = 1e-9;         // norm of a product with a coordinate that does not vary
-constexpr double kDependentOnCoarser = 2e-2;  // there: triangles as coarse make noise of their own
-constexpr Eigen::Index kWidth = kPanelWidth;
+constexpr double kDependentOnCoarser = 2e-2;  // the same on a coarser surface, which adds noise
 constexpr int kHarmonicsPerTurn = 7;          // between two groups of three products
-constexpr Eigen::Index kCoarseEnough = 3000;  // vertices that tell how many harmonics it takes
+constexpr Eigen::Index kCoarseEnough = 3000;  // vertices that suffice to count the harmonics needed
 
-/// Chooses columns in embedded order by a Cholesky factorisation of their Gram matrix that grows by one column at a
-/// time and passes over columns that those before determine.
+/// Chooses columns in order by a Cholesky factorisation of their Gram matrix, one column at a time. Skips dependent
+/// columns.
 class Selection {
  public:
   Selection(Eigen::MatrixXd gram, int rank) : gram_(std::move(gram)), R_(Eigen::MatrixXd::Zero(rank, rank)) {}
@@ -64,7 +63,7 @@ struct CandidateColumns {
   Eigen::Index affine = 0, harmonics = 0;
 };
 
-/// A column: values, times others where there are any, times a number.
+/// A column: scale * values * times, elementwise; null `times` is 1.
 struct Column {
   const double* values = nullptr;
   const double* times = nullptr;
@@ -130,7 +129,7 @@ Selected select(const CandidateColumns& columns, int K, int rank, double depende
   return {std::move(selection), next};
 }
 
-/// Where the vertices of a coarser surface lie.
+/// Positions of a coarser surface's vertices.
 std::vector<Vec3> averages(const Coarsened& coarse, const Eigen::VectorXd& mass, std::span<const Vec3> positions) {
   const Eigen::MatrixXd moments = coarse.P.transpose() * (mass.asDiagonal() * matrix_from_positions(positions));
   const Eigen::VectorXd weights = coarse.P.transpose() * mass;
@@ -171,14 +170,7 @@ Eigen::MatrixXd augment(Candidates& from, int K, int rank) {
       selection.R().triangularView<Eigen::Upper>().solve(Eigen::MatrixXd::Identity(chosen, chosen));
   rotate(Q, turn);
   orthonormalise(Q, chosen);  // once more: the Gram matrix squares the condition number
-  Eigen::MatrixXd result(Q.rows(), chosen);
-  worker_team().run(static_cast<std::size_t>(Q.count()), [&](std::size_t panel) {
-    const auto first = static_cast<Eigen::Index>(panel) * kWidth;
-    for (Eigen::Index i = 0; i < Q.rows(); ++i) {
-      for (Eigen::Index j = first; j < std::min(chosen, first + kWidth); ++j) result(i, j) = Q.at(i, j);
-    }
-  });
-  return result;
+  return matrix_from(Q, chosen);
 }
 
 int harmonics_on_coarser(std::span<const Vec3> rest, const Laplacian& laplacian, int K, int rank) {

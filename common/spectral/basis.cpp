@@ -13,16 +13,14 @@
 namespace eigencast {
 namespace {
 
-/// Groups of products phi_k * (x0, y0, z0). Of 200 columns ten groups are the better half on large smooth surfaces
-/// (elephant, human), twenty on small rough ones (horse, fox); ten keep both below what the method's design states
-/// (docs/performance.md).
-constexpr int kMostGroups = 10;
-constexpr Eigen::Index kWorthForetelling = 20000;  // vertices
-constexpr double kSolveShare = 0.85;               // of the time, for progress
+/// Groups of products phi_k * (x0, y0, z0). At 200 columns ten groups are best on large smooth surfaces (elephant,
+/// human) and twenty on small rough ones (horse, fox); with ten both stay below the stated error (docs/performance.md).
+constexpr int kMaxGroups = 10;
+constexpr Eigen::Index kWorthPredicting = 20000;  // vertices
+constexpr double kSolveShare = 0.85;              // of the time, for progress
 
-Basis basis_from(BasisKind kind, const Laplacian& laplacian, const Eigenbasis& eigenbasis, Eigen::MatrixXd Psi) {
+Basis basis_from(const Laplacian& laplacian, const Eigenbasis& eigenbasis, Eigen::MatrixXd Psi) {
   Basis basis;
-  basis.kind = kind;
   basis.Psi = std::move(Psi);
   basis.mass = laplacian.mass;
   basis.area = laplacian.area;
@@ -33,24 +31,25 @@ Basis basis_from(BasisKind kind, const Laplacian& laplacian, const Eigenbasis& e
   return basis;
 }
 
-Result<Basis> build_harmonic(const Laplacian& laplacian, int rank, const Progress& progress) {
-  auto eigenbasis = solve_eigenbasis(laplacian, rank, progress);
+Result<Basis> build_harmonic(const Laplacian& laplacian, int rank, EigenSolver solver, const Progress& progress) {
+  auto eigenbasis = solve_eigenbasis(laplacian, rank, progress, solver);
   if (!eigenbasis) return eigenbasis.error();
   Eigen::MatrixXd Phi = std::move(eigenbasis->Phi);
-  return basis_from(BasisKind::kHarmonic, laplacian, *eigenbasis, std::move(Phi));
+  return basis_from(laplacian, *eigenbasis, std::move(Phi));
 }
 
-Result<Basis> build_augmented(const Surface& rest, const Laplacian& laplacian, int rank, const Progress& progress) {
-  const int K = std::clamp(rank / 10, 1, kMostGroups);
+Result<Basis> build_augmented(const Surface& rest, const Laplacian& laplacian, int rank, EigenSolver solver,
+                              const Progress& progress) {
+  const int K = std::clamp(rank / 10, 1, kMaxGroups);
   const Eigen::VectorXd root_mass = laplacian.mass.cwiseSqrt();
   Candidates candidates = candidates_from(rest.positions, laplacian.mass);
 
-  // Products that depend on others leave room for more harmonics: how many more is known only once they are there.
-  // Where it would take long to ask for more, a coarser surface foretells it.
-  const int most = rank - static_cast<int>(candidates.affine.cols()) + 4;
-  int m = std::clamp(rank - 3 * K + 3, K, most);
-  if (laplacian.mass.size() > kWorthForetelling) {
-    m = std::max(m, std::min(most, harmonics_on_coarser(rest.positions, laplacian, K, rank)));
+  // Dependent products make room for more harmonics; how many is known only afterwards. Where a second solve would take
+  // long, a coarser surface predicts the number.
+  const int limit = rank - static_cast<int>(candidates.affine.cols()) + 4;
+  int m = std::clamp(rank - 3 * K + 3, K, limit);
+  if (laplacian.mass.size() > kWorthPredicting) {
+    m = std::max(m, std::min(limit, harmonics_on_coarser(rest.positions, laplacian, K, rank)));
   }
   double done = 0;
   for (;;) {
@@ -59,7 +58,7 @@ Result<Basis> build_augmented(const Surface& rest, const Laplacian& laplacian, i
     const Progress part = [&](double fraction, std::string_view stage) {
       return !progress || progress(done + share * fraction, stage);
     };
-    auto eigenbasis = solve_eigenbasis(laplacian, m, part);
+    auto eigenbasis = solve_eigenbasis(laplacian, m, part, solver);
     if (!eigenbasis) return eigenbasis.error();
     done += share;
     candidates.harmonics = std::move(eigenbasis->Phi);
@@ -68,12 +67,12 @@ Result<Basis> build_augmented(const Surface& rest, const Laplacian& laplacian, i
       return fail(ErrorCode::kCancelled, "stopped while augmenting the basis");
     }
     Eigen::MatrixXd Q = augment(candidates, std::min(K, m), rank);
-    if (Q.cols() < rank && m < most && 2 * (m + 1) < laplacian.mass.size()) {
-      m = std::min(most, m + std::max<int>(rank - static_cast<int>(Q.cols()), rank / 8));
+    if (Q.cols() < rank && m < limit && 2 * (m + 1) < laplacian.mass.size()) {
+      m = std::min(limit, m + std::max<int>(rank - static_cast<int>(Q.cols()), rank / 8));
       continue;
     }
     Q.array().colwise() /= root_mass.array();
-    return basis_from(BasisKind::kAugmented, laplacian, *eigenbasis, std::move(Q));
+    return basis_from(laplacian, *eigenbasis, std::move(Q));
   }
 }
 
@@ -85,19 +84,19 @@ Result<Basis> build_basis(const Surface& rest, const Laplacian& laplacian, const
   const Eigen::Index n = laplacian.mass.size();
   if (static_cast<Eigen::Index>(rest.vertex_count()) != n) {
     return fail(ErrorCode::kInvalidArgument, "the Laplacian of " + std::to_string(n) +
-                                                 " vertices is not of this surface of " +
+                                                 " vertices does not belong to this surface of " +
                                                  std::to_string(rest.vertex_count()));
   }
   if (options.rank < 1) {
     return fail(ErrorCode::kInvalidArgument,
                 "a basis of " + std::to_string(options.rank) + " columns: ask for at least 1");
   }
-  // Four columns hold the rest pose of any augmented basis, however few the vertices.
+  // Any augmented basis needs four columns for its rest pose.
   const Eigen::Index least = options.kind == BasisKind::kAugmented ? std::min<Eigen::Index>(4, n) : 1;
   const int rank = static_cast<int>(std::min<Eigen::Index>(options.rank, std::max<Eigen::Index>(least, n / 2 - 1)));
   try {
-    if (options.kind == BasisKind::kHarmonic) return build_harmonic(laplacian, rank, progress);
-    return build_augmented(rest, laplacian, rank, progress);
+    if (options.kind == BasisKind::kHarmonic) return build_harmonic(laplacian, rank, options.solver, progress);
+    return build_augmented(rest, laplacian, rank, options.solver, progress);
   } catch (const std::bad_alloc&) {
     return fail(ErrorCode::kTooLarge, "not enough memory for a basis of " + std::to_string(n) + " x " +
                                           std::to_string(rank) + ": lower the rank, or simplify the surface");

@@ -13,18 +13,17 @@
 namespace eigencast {
 namespace {
 
-constexpr Eigen::Index kWidth = kPanelWidth;
 constexpr double kTolerance = 1e-9;  // of 1 / (lambda - sigma), before the power step that pairs() adds
 constexpr double kDigits = 20;       // natural logarithm of what a Krylov space must damp, for a guess of its size
 constexpr int kMaxRestarts = 40;
-constexpr double kLost = 1e-10;           // share of a column's length below which what is left of it is rounding
-constexpr double kShort = 1e-3;           // share below which it is orthogonalised once more
+constexpr double kLost = 1e-10;           // remaining share of a column's length that is rounding
+constexpr double kShort = 1e-3;           // remaining share below which a column is orthogonalised again
 constexpr int kMaxRounds = 8;             // of orthonormalising a block
-constexpr int kMaxReplaced = 4 * kWidth;  // columns of a block, some of them again
+constexpr int kMaxReplaced = 4 * kWidth;  // columns of one block, repeats counted
 
 using Small = Eigen::Matrix<double, kWidth, kWidth>;
 
-/// The last panel of Q_ is the newest block, to which the operator was not applied yet; T_ = Q^T Op Q of the others.
+/// The last panel of Q_ is the newest block, not yet multiplied by the operator; T_ = Q^T Op Q of the others.
 class BlockLanczos {
  public:
   BlockLanczos(ShiftInvert& op, Eigen::Index wanted, std::uint32_t seed, const std::vector<const Panels*>& deflated)
@@ -33,8 +32,8 @@ class BlockLanczos {
     for (const Panels* panels : deflated) taken += panels->columns();
     const Eigen::Index room = std::max<Eigen::Index>((n_ - taken) / kWidth - 1, 1);
     expected_ = std::min<Eigen::Index>(expected_subspace(static_cast<int>(wanted)) / kWidth, room);
-    most_ = std::min(2 * expected_, room);
-    keep_ = std::min((wanted + kWidth - 1) / kWidth + 3, most_ - 1);
+    max_steps_ = std::min(2 * expected_, room);
+    keep_ = std::min((wanted + kWidth - 1) / kWidth + 3, max_steps_ - 1);
   }
 
   Result<EigenPairs> run() {
@@ -45,12 +44,12 @@ class BlockLanczos {
     Eigen::Index check = expected_;
     for (int restart = 0; restart < kMaxRestarts;) {
       extend();
-      if (steps() < check && steps() < most_) continue;
+      if (steps() < check && steps() < max_steps_) continue;
       diagonalise();
       if (worst_defect() <= kTolerance) return pairs();
       check = steps() + further_steps();
-      if (steps() < most_) continue;
-      begin_again();
+      if (steps() < max_steps_) continue;
+      restart_from_ritz();
       ++restart;
     }
     return fail(ErrorCode::kNumerical, "Lanczos did not converge to " + std::to_string(wanted_) + " eigenpairs near " +
@@ -64,7 +63,7 @@ class BlockLanczos {
     for (Eigen::Index i = 0; i < n_ * kWidth; ++i) W[i] = static_cast<double>(random_()) / 4294967296.0 - 0.5;
   }
 
-  /// Takes out of the newest panel, which is W, what lies along the panels from `first` on; returns how much.
+  /// Projects the panels from `first` on out of W, the newest panel; returns the coefficients.
   Eigen::MatrixXd subtract_along(double* W, Eigen::Index first) const {
     const Eigen::Index end = Q_.count() - 1;
     Eigen::MatrixXd along = transposed_product(Q_, first, end, W);
@@ -78,10 +77,10 @@ class BlockLanczos {
     }
   }
 
-  /// Against what is deflated, then against the panels from `first` on, where W is known to have most, then against
-  /// all: twice is enough (Parlett 1980, "The Symmetric Eigenvalue Problem"). Last once more against what is deflated:
-  /// what the panels have of it by rounding grows from block to block otherwise, until the kernel stands among them.
-  /// Returns what lay along those from `first` on.
+  /// Orthogonalises W against the deflated panels, then those from `first` on, where most of it lies, then all: twice is
+  /// enough (Parlett 1980, "The Symmetric Eigenvalue Problem"). Then once more against the deflated panels, whose
+  /// rounding would otherwise grow from block to block until the kernel reappears. Returns the coefficients along the
+  /// panels from `first` on.
   Eigen::MatrixXd orthogonalise(double* W, Eigen::Index first) const {
     subtract_deflated(W);
     Eigen::MatrixXd along = subtract_along(W, first);
@@ -97,7 +96,7 @@ class BlockLanczos {
     double* W = Q_.append();
     op_.apply(Q_[j], W);
     const Eigen::VectorXd lengths = panel_gram(W, n_).diagonal().cwiseSqrt();
-    // Symmetry leaves parts along the last two blocks only, but after a restart along all Ritz vectors.
+    // By symmetry only the last two blocks overlap with it; after a restart all Ritz vectors do.
     const Eigen::Index first = j == kept_ ? 0 : j - 1;
     Eigen::MatrixXd along = orthogonalise(W, first);
     T_.conservativeResize((j + 1) * kWidth, (j + 1) * kWidth);
@@ -110,7 +109,7 @@ class BlockLanczos {
     coupling_ = orthonormalise(W, lengths);
   }
 
-  /// Cholesky-QR until it changes nothing; columns of which only rounding is left become random ones. Returns R.
+  /// Cholesky-QR until it changes nothing. Columns that are only rounding become random ones. Returns R.
   Small orthonormalise(double* W, const Eigen::VectorXd& lengths) {
     Small R = Small::Identity();
     bool fresh = true;
@@ -121,7 +120,7 @@ class BlockLanczos {
       Small upper;
       const Eigen::Index bad = cholesky(G, least, upper);
       if (bad < kWidth) {
-        // It is made of those before it; what takes its place is no part of W.
+        // The column depends on those before it; its random substitute is not part of W.
         const Eigen::VectorXd along =
             upper.topLeftCorner(bad, bad).triangularView<Eigen::Upper>().solve(upper.col(bad).head(bad));
         R.topRows(bad) += along * R.row(bad);
@@ -139,7 +138,7 @@ class BlockLanczos {
     return R;
   }
 
-  /// G = upper^T upper. Returns the first column of which no more than `least` is left, or kWidth.
+  /// G = upper^T upper. Returns the first column whose remaining length is below `least`, or kWidth.
   static Eigen::Index cholesky(const Small& G, const Eigen::VectorXd& least, Small& upper) {
     upper.setZero();
     for (Eigen::Index k = 0; k < kWidth; ++k) {
@@ -191,8 +190,8 @@ class BlockLanczos {
     return std::max<Eigen::Index>(1, static_cast<Eigen::Index>(std::ceil(0.8 * missing / rate)));
   }
 
-  /// Goes on from the best Ritz vectors and the newest block.
-  void begin_again() {
+  /// Restarts from the best Ritz vectors and the newest block.
+  void restart_from_ritz() {
     const Eigen::Index p = T_.rows(), kept = keep_ * kWidth;
     Eigen::MatrixXd turn = Eigen::MatrixXd::Zero(p + kWidth, kept + kWidth);
     T_ = Eigen::MatrixXd::Zero(kept, kept);
@@ -234,8 +233,8 @@ class BlockLanczos {
   Panels Q_;
   Eigen::MatrixXd T_;
   Small coupling_ = Small::Zero();  // Op Q = Q T + newest * coupling * (last block)^T
-  Eigen::Index expected_ = 0, most_ = 0, keep_ = 0;
-  Eigen::Index kept_ = 0;  // panels of Ritz vectors that the last restart left
+  Eigen::Index expected_ = 0, max_steps_ = 0, keep_ = 0;
+  Eigen::Index kept_ = 0;  // panels of Ritz vectors after the last restart
   Eigen::VectorXd theta_;
   Eigen::MatrixXd Y_;
   std::vector<Eigen::Index> order_;

@@ -24,21 +24,20 @@ ComponentLabels labels_from(UnionFind& sets) {
   return result;
 }
 
-struct Pair {
+struct VertexPair {
   double squared_distance = std::numeric_limits<double>::infinity();
   std::uint32_t from = 0;
   std::uint32_t to = 0;
 };
 
-/// Of one component: its nearest pairs so far, ascending, each from a vertex of its own where the component has that
-/// many.
+/// A component's nearest pairs so far, ascending, from distinct vertices where it has enough.
 class NearestPairs {
  public:
   explicit NearestPairs(bool distinct) : distinct_(distinct) {}
   double worst() const { return pairs_.back().squared_distance; }
-  void add(const Pair& pair) {
+  void add(const VertexPair& pair) {
     if (pair.squared_distance >= worst()) return;
-    const auto same = std::find_if(pairs_.begin(), pairs_.end(), [&](const Pair& p) {
+    const auto same = std::find_if(pairs_.begin(), pairs_.end(), [&](const VertexPair& p) {
       return std::isfinite(p.squared_distance) && p.from == pair.from && (distinct_ || p.to == pair.to);
     });
     if (same != pairs_.end()) {
@@ -48,16 +47,16 @@ class NearestPairs {
       pairs_.back() = pair;
     }
     std::stable_sort(pairs_.begin(), pairs_.end(),
-                     [](const Pair& a, const Pair& b) { return a.squared_distance < b.squared_distance; });
+                     [](const VertexPair& a, const VertexPair& b) { return a.squared_distance < b.squared_distance; });
   }
-  const std::array<Pair, kPairsPerComponent>& pairs() const { return pairs_; }
+  const std::array<VertexPair, kPairsPerComponent>& pairs() const { return pairs_; }
 
  private:
   bool distinct_;
-  std::array<Pair, kPairsPerComponent> pairs_{};
+  std::array<VertexPair, kPairsPerComponent> pairs_{};
 };
 
-/// A result set for nanoflann that passes over the asking vertex's own component.
+/// A result set for nanoflann that skips the query vertex's own component.
 class OtherComponentSet {
  public:
   using DistanceType = double;
@@ -97,15 +96,6 @@ ComponentLabels components_from_pattern(const Eigen::SparseMatrix<double>& L) {
   return labels_from(sets);
 }
 
-ComponentLabels components_from_faces(std::size_t n, std::span<const Face> faces) {
-  UnionFind sets(n);
-  for (const Face& f : faces) {
-    sets.join(f[0], f[1]);
-    sets.join(f[1], f[2]);
-  }
-  return labels_from(sets);
-}
-
 std::vector<std::pair<std::uint32_t, std::uint32_t>> find_bridges(std::span<const Vec3> positions,
                                                                   ComponentLabels labels) {
   std::vector<std::pair<std::uint32_t, std::uint32_t>> bridges;
@@ -125,7 +115,7 @@ std::vector<std::pair<std::uint32_t, std::uint32_t>> find_bridges(std::span<cons
         OtherComponentSet found(labels.of_vertex, (*component)[i], nearest);
         tree.findNeighbors(found, positions[(*component)[i]].data(), nanoflann::SearchParams());
       }
-      for (const Pair& pair : nearest.pairs()) {
+      for (const VertexPair& pair : nearest.pairs()) {
         if (!std::isfinite(pair.squared_distance)) continue;
         bridges.emplace_back(std::minmax(pair.from, pair.to));
         joined.join(labels.of_vertex[pair.from], labels.of_vertex[pair.to]);
@@ -135,7 +125,7 @@ std::vector<std::pair<std::uint32_t, std::uint32_t>> find_bridges(std::span<cons
     for (std::uint32_t& label : labels.of_vertex) label = merged.of_vertex[label];
     labels.count = merged.count;
   }
-  // Two components that are each other's nearest find the same pairs.
+  // Mutually nearest components find the same pairs.
   std::sort(bridges.begin(), bridges.end());
   bridges.erase(std::unique(bridges.begin(), bridges.end()), bridges.end());
   return bridges;

@@ -12,7 +12,7 @@ constexpr int kFree = -1;
 using RowMatrix = Eigen::SparseMatrix<double, Eigen::RowMajor>;
 using Entry = Eigen::SparseMatrix<double>::InnerIterator;
 
-/// The aggregate of each vertex, from 0, and how many there are.
+/// The aggregate of each vertex, from 0, and their number.
 struct Aggregates {
   std::vector<int> of;
   int count = 0;
@@ -29,16 +29,15 @@ Aggregates aggregate(const Eigen::SparseMatrix<double>& L) {
     for (Entry it(L, i); it; ++it) of(it.row()) = result.count;
     of(i) = result.count++;
   }
-  // What is left over joins the neighbour that it hangs on most; it has one that is in an aggregate, or it would be
-  // one.
+  // A free vertex joins the aggregate of its strongest neighbour; it has a neighbour in one, or it would be one itself.
   const std::vector<int> before = result.of;
   for (int i = 0; i < n; ++i) {
     if (of(i) != kFree) continue;
-    double most = 0;
+    double strongest = 0;
     for (Entry it(L, i); it; ++it) {
       const int other = before[static_cast<std::size_t>(it.row())];
-      if (other == kFree || (of(i) != kFree && -it.value() <= most)) continue;
-      most = -it.value();
+      if (other == kFree || (of(i) != kFree && -it.value() <= strongest)) continue;
+      strongest = -it.value();
       of(i) = other;
     }
     if (of(i) == kFree) of(i) = result.count++;

@@ -15,9 +15,9 @@ struct Coarsened {
   Eigen::SparseMatrix<double, Eigen::RowMajor> P;
 };
 
-/// About a seventh of the vertices: each aggregate is a vertex and its neighbours, as far as they are free, and
-/// functions on aggregates are smoothed by a step of Jacobi's iteration (Vanek, Mandel, Brezina 1996, "Algebraic
-/// multigrid by smoothed aggregation for second and fourth order elliptic problems"). Pieces stay apart.
+/// About a seventh of the vertices: each aggregate is a vertex and its free neighbours, and one Jacobi step smooths
+/// functions on aggregates (Vanek, Mandel, Brezina 1996, "Algebraic multigrid by smoothed aggregation for second and
+/// fourth order elliptic problems"). Components stay apart.
 Coarsened coarsen(const Laplacian& fine);
 
 }  // namespace eigencast

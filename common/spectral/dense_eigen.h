@@ -3,15 +3,14 @@
 
 #include <Eigen/Core>
 
-/// Eigenpairs of small dense matrices. Apart from those who ask for them, because Eigen's solver takes long to compile.
+/// Eigenpairs of small dense matrices. Eigen's solver takes long to compile, hence one translation unit.
 /// Private to common/spectral and its tests.
 namespace eigencast {
 
-/// Of an n x n matrix.
 struct DenseEigen {
   Eigen::VectorXd values;   ///< n, ascending.
   Eigen::MatrixXd vectors;  ///< n x n, column j belongs to values[j].
-  bool converged = false;   ///< False: they are not to the last digits.
+  bool converged = false;   ///< False: not exact to the last digits.
 };
 
 /// A v = lambda v with V^T V = I. A is symmetric; its lower triangle is read.

@@ -17,6 +17,7 @@
 #include "common/spectral/block_lanczos.h"
 #include "common/spectral/dense_eigen.h"
 #include "common/spectral/multilevel.h"
+#include "common/spectral/spectra_solver.h"
 #include "common/spectral/symmetric_form.h"
 
 namespace eigencast {
@@ -25,16 +26,12 @@ namespace {
 constexpr int kDenseLimit = 512;   // below this many vertices one dense solve is faster than bands
 constexpr int kLargestBand = 256;  // eigenpairs a band aims for: more cost too much to keep apart
 constexpr int kSmallestBand = 32;
-constexpr double kGap = 1e-7;  // relative width from which on a gap between eigenvalues can be told from rounding
-constexpr double kSame =
-    1e-9;  // relative width up to which eigenvalues count as one, of which any mixture is a solution
+constexpr double kGap = 1e-7;   // relative width of the narrowest gap between eigenvalues that is not rounding
+constexpr double kSame = 1e-9;  // relative width of a cluster that counts as one eigenvalue
 constexpr Eigen::Index kManyVertices = 150000;  // beyond, eigenvectors are approximated
 constexpr int kMaxAttempts = 60;                // at one band
 
-struct Cancelled : std::exception {};
-
-/// Bytes that m pairs take at most while they are sought, the factor not counted: the subspace of the largest band, and
-/// the pairs.
+/// Peak bytes of solving for m pairs, without the factor: the subspace of the largest band, and the pairs.
 double bytes_needed(Eigen::Index n, int m) {
   const int columns = expected_subspace(std::min(m, kLargestBand) + 8) * 5 / 4 + m;
   return static_cast<double>(n) * columns * static_cast<double>(sizeof(double));
@@ -46,8 +43,8 @@ std::string stage_text(double bytes) {
   return "eigenvectors (about " + tenths.substr(0, tenths.size() - 1) + "." + tenths.back() + " GB of memory)";
 }
 
-/// Finds eigenpairs of S band by band upwards. All eigenvalues below `boundary_`, which lies in a gap of the spectrum,
-/// are in `found_`, and the inertia of S - boundary_ I says that none is missing.
+/// Finds eigenpairs of S band by band upwards. `boundary_` lies in a gap of the spectrum; all eigenvalues below it are in
+/// `values_`, by the inertia of S - boundary_ I.
 class Bands {
  public:
   Bands(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, int m, const Progress& progress)
@@ -94,7 +91,7 @@ class Bands {
     int extra = 0;
     for (int attempt = 0; attempt < kMaxAttempts; ++attempt) {
       applied_ = 0;
-      const std::optional<Plan> plan = place_shift(step, extra);
+      const std::optional<Plan> plan = choose_shift(step, extra);
       if (!plan) {
         step *= 0.93;
         continue;
@@ -107,7 +104,7 @@ class Bands {
         continue;
       }
       if (complete(*pairs)) return {};
-      // No gap wide enough to cut in, or one that inertia and Lanczos see differently: look at more of the spectrum.
+      // No wide gap, or inertia and Lanczos disagree there: take in more of the spectrum.
       extra += 10;
       step *= 0.97;
     }
@@ -116,9 +113,9 @@ class Bands {
                     " could not be separated: the surface's triangles differ too much in size or shape");
   }
 
-  /// Factors at a shift above the boundary, or below zero for the first band; nothing when the factor breaks down or
-  /// too many eigenvalues lie between boundary and shift.
-  std::optional<Plan> place_shift(double step, int extra) {
+  /// Factors at a shift above the boundary (first band: below zero). Nothing where the factor breaks down, or where too
+  /// many eigenvalues lie between boundary and shift.
+  std::optional<Plan> choose_shift(double step, int extra) {
     const int room = static_cast<int>(S_.rows() - kernel_.count) - 1;
     const int take = std::min(band_, m_ - have_ + 3);
     if (first_band()) {
@@ -140,8 +137,8 @@ class Bands {
   }
   double radius(const EigenPairs& pairs) const { return (pairs.values.array() - op_.sigma()).abs().maxCoeff(); }
 
-  /// Takes what lies between the old boundary and a new one in a gap; looks for the eigenpairs that inertia says are
-  /// missing. False when the pairs do not fit the inertia.
+  /// Accepts the pairs between the old boundary and a new one in a gap, and solves for those that inertia counts as
+  /// missing. False where pairs and inertia contradict each other.
   bool complete(EigenPairs& pairs) {
     const double shift = op_.sigma();
     for (std::uint32_t round = 0; round < 40; ++round) {
@@ -165,8 +162,7 @@ class Bands {
     double at = 0;
   };
 
-  /// The widest gap among the upper part of the new pairs, or of those that complete the basis; else the highest gap
-  /// there is.
+  /// The widest gap in the upper part of the new pairs, or beyond those that complete the basis; else the highest gap.
   std::optional<Cut> find_cut(const EigenPairs& pairs) const {
     const auto& lambda = pairs.values;
     const Eigen::Index count = lambda.size();
@@ -211,8 +207,8 @@ class Bands {
     pairs = std::move(all);
   }
 
-  /// Which orthonormal vectors span an eigenspace of several dimensions is left to rounding: takes those that a fixed
-  /// function on the vertices tells apart best, so that the same surface gives the same basis at every scale.
+  /// Rounding decides which vectors span an eigenspace of several dimensions. Replaces them by those that diagonalise a
+  /// fixed function on the vertices, so that the same surface gives the same basis at every scale.
   void choose_in_clusters(EigenPairs& pairs, const Cut& cut) const {
     const auto& lambda = pairs.values;
     for (Eigen::Index first = cut.begin, end = first; first < cut.end; first = end) {
@@ -248,8 +244,7 @@ class Bands {
     const double band = std::min(band_, m_ - have_);
     const double steps = std::min(1.0, applied_ / std::max(1.0, 1.1 * expected_));
     const double part = 0.95 * steps * (0.5 + 0.5 * steps);
-    reported_ =
-        std::max(reported_, 0.95 * (have_ + band * part) / m_);  // a band that is tried again does not take it back
+    reported_ = std::max(reported_, 0.95 * (have_ + band * part) / m_);  // retries do not take it back
     if (!progress_(reported_, stage_)) throw Cancelled();
   }
 
@@ -262,7 +257,7 @@ class Bands {
   std::string stage_;
   Kernel kernel_;
   Panels H_;
-  Eigen::VectorXd marks_;  // what chooses in clusters
+  Eigen::VectorXd marks_;  // the function that choose_in_clusters diagonalises
   std::vector<double> values_;
   int have_ = 0;
   double boundary_ = 0;
@@ -277,11 +272,8 @@ Result<Eigenbasis> solve_dense(const Laplacian& laplacian, const Eigen::SparseMa
   Eigen::VectorXd values = all.values.head(m);
   const Kernel kernel = kernel_of(laplacian, m);
   values.head(kernel.count).setZero();
-  Panels H = zero_panels(S.rows(), m);
-  for (Eigen::Index j = 0; j < m; ++j) {
-    if (j < kernel.count) copy_column(kernel.vectors, j, H, j);
-    for (Eigen::Index row = 0; row < H.rows() && j >= kernel.count; ++row) H.at(row, j) = all.vectors(row, j);
-  }
+  Panels H = panels_from(all.vectors.leftCols(m));
+  for (int c = 0; c < kernel.count; ++c) copy_column(kernel.vectors, c, H, c);
   if (!orthonormalise(H, m)) return fail(ErrorCode::kNumerical, "the eigenvectors of the surface are not independent");
   return eigenbasis_from(laplacian, S, std::move(H), std::move(values));
 }
@@ -296,15 +288,9 @@ Result<Eigenbasis> solve_in_bands(const Laplacian& laplacian, const Eigen::Spars
   return eigenbasis_from(laplacian, S, std::move(H), bands.values());
 }
 
-}  // namespace
+enum class Method { kLanczos, kMultilevel, kSpectra };
 
-double first_shift(double area) {
-  return -0.01 * 8 * std::numbers::pi / area;
-}
-
-namespace {
-
-Result<Eigenbasis> solve(const Laplacian& laplacian, int m, bool exactly, const Progress& progress) {
+Result<Eigenbasis> solve(const Laplacian& laplacian, int m, Method method, const Progress& progress) {
   const Eigen::Index n = laplacian.mass.size();
   if (m < 1 || 2 * Eigen::Index{m} >= n) {
     return fail(ErrorCode::kInvalidArgument, "a surface of " + std::to_string(n) + " vertices has no " +
@@ -312,14 +298,17 @@ Result<Eigenbasis> solve(const Laplacian& laplacian, int m, bool exactly, const 
                                                  " smooth harmonics: ask for fewer than half its vertices");
   }
   try {
-    const double bytes = exactly ? bytes_needed(n, m) : multilevel_bytes(n, m);
+    const double bytes = method == Method::kMultilevel ? multilevel_bytes(n, m)
+                         : method == Method::kSpectra  ? spectra_bytes(n, m)
+                                                       : bytes_needed(n, m);
     if (const double usable = usable_memory(); bytes > usable) {
       return fail(ErrorCode::kTooLarge, stage_text(bytes) + ": " + std::to_string(std::lround(usable * 1e-9)) +
                                             " GB are free here; ask for fewer, or simplify the surface");
     }
     if (progress && !progress(0, stage_text(bytes))) throw Cancelled();
-    if (!exactly) return approximate_eigenbasis(laplacian, m, {}, progress);
+    if (method == Method::kMultilevel) return approximate_eigenbasis(laplacian, m, {}, progress);
     const Eigen::SparseMatrix<double> S = symmetric_form(laplacian);
+    if (method == Method::kSpectra) return spectra_eigenbasis(laplacian, S, m, progress);
     if (n <= kDenseLimit) return solve_dense(laplacian, S, m);
     return solve_in_bands(laplacian, S, m, progress);
   } catch (const Cancelled&) {
@@ -334,11 +323,21 @@ Result<Eigenbasis> solve(const Laplacian& laplacian, int m, bool exactly, const 
 
 }  // namespace
 
-Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Progress& progress) {
-  return solve(laplacian, m, laplacian.mass.size() <= kManyVertices, progress);
+Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Progress& progress, EigenSolver solver) {
+  const Eigen::Index n = laplacian.mass.size();
+  if (solver == EigenSolver::kLanczos)
+    return solve(laplacian, m, n <= kManyVertices ? Method::kLanczos : Method::kMultilevel, progress);
+  if (n <= kSpectraMaxVertices) return solve(laplacian, m, Method::kSpectra, progress);
+  return fail(ErrorCode::kTooLarge, "the solver 'spectra' takes up to " + std::to_string(kSpectraMaxVertices) +
+                                        " vertices, this surface has " + std::to_string(n) +
+                                        ": use the solver 'lanczos', or simplify the surface");
 }
 Result<Eigenbasis> solve_eigenbasis_exactly(const Laplacian& laplacian, int m, const Progress& progress) {
-  return solve(laplacian, m, true, progress);
+  return solve(laplacian, m, Method::kLanczos, progress);
+}
+
+double first_shift(double area) {
+  return -0.01 * 8 * std::numbers::pi / area;
 }
 
 }  // namespace eigencast

@@ -7,11 +7,12 @@
 #include <string_view>
 
 #include "common/core/result.h"
+#include "common/spectral/basis_options.h"
 #include "common/spectral/laplacian.h"
 
 namespace eigencast {
 
-/// Told how far a long computation is, in [0, 1], and what it does; returns false to cancel. May be empty.
+/// Reports how far a long computation is, in [0, 1], and what it does; returns false to cancel. May be empty.
 using Progress = std::function<bool(double fraction, std::string_view stage)>;
 
 /// The lowest m eigenpairs of L phi = lambda M phi.
@@ -20,21 +21,22 @@ using Progress = std::function<bool(double fraction, std::string_view stage)>;
 struct Eigenbasis {
   Eigen::MatrixXd Phi;
   Eigen::VectorXd eigenvalues;
-  double residual = 0;     ///< max_j ||L phi_j - lambda_j M phi_j||_{M^-1} / max(lambda_j, first nonzero lambda)
-  bool certified = false;  ///< No eigenvalue was missed: inertia at a gap above lambda_m says so, or all were computed.
+  double residual = 0;       ///< max_j ||L phi_j - lambda_j M phi_j||_{M^-1} / max(lambda_j, first nonzero lambda)
+  bool certified = false;    ///< No eigenvalue is missing: by inertia at a gap above lambda_m, or all were computed.
   bool approximate = false;  ///< See approximate_eigenbasis: a smooth basis, whose `residual` is large.
-  /// Where approximate: eigenvalues below the last of `eigenvalues` that are not among them, by inertia; nothing where
-  /// there is no factor to count them by.
+  /// Where approximate: how many eigenvalues below the last one are missing, by inertia; empty where there is no factor.
   std::optional<int> missed;
 };
 
 /// Up to 150,000 vertices: shift-invert block Lanczos by bands with inertia counts; a dense solver up to n = 512, after
 /// Vallet & Levy 2008, "Spectral Geometry Processing with Manifold Harmonics". One band where m <= 256. Beyond:
-/// approximations (multilevel.h), which the result says. Uses the process's threads. The stage that progress is told
+/// approximations (multilevel.h), which the result says. Uses the process's threads. The stage that progress reports
 /// says how much memory it takes where that is above 1 GB, before it is taken; about 8 n (4 m + 90) bytes for m = 200,
-/// half that beyond 150,000 vertices. Same input, same bits on the same instruction set. REQUIRES: 1 <= m < n / 2.
-/// Errors: kNumerical, kCancelled, kInvalidArgument (m too large for n), kTooLarge (more memory than is free).
-Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Progress& progress = {});
+/// half that beyond 150,000 vertices. Same input, same bits on the same instruction set. kSpectra is for small surfaces
+/// (spectra_solver.h). REQUIRES: 1 <= m < n / 2. Errors: kNumerical, kCancelled, kInvalidArgument (m too large for n),
+/// kTooLarge (more memory than is free; more vertices than kSpectra takes).
+Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Progress& progress = {},
+                                    EigenSolver solver = EigenSolver::kLanczos);
 
 /// The same without approximation, however many vertices.
 Result<Eigenbasis> solve_eigenbasis_exactly(const Laplacian& laplacian, int m, const Progress& progress = {});

@@ -21,8 +21,9 @@ bool dissect(const Eigen::SparseMatrix<double>& S, EliminationOrder::Permutation
     }
     first.push_back(static_cast<idx_t>(neighbours.size()));
   }
-  std::vector<idx_t> order(static_cast<std::size_t>(n)), place(static_cast<std::size_t>(n));
-  if (METIS_NodeND(&n, first.data(), neighbours.data(), nullptr, nullptr, order.data(), place.data()) != METIS_OK)
+  std::vector<idx_t> order(static_cast<std::size_t>(n)), inverse_order(static_cast<std::size_t>(n));
+  if (METIS_NodeND(&n, first.data(), neighbours.data(), nullptr, nullptr, order.data(), inverse_order.data()) !=
+      METIS_OK)
     return false;
   inverse.resize(n);
   for (idx_t k = 0; k < n; ++k) inverse.indices()[k] = static_cast<int>(order[static_cast<std::size_t>(k)]);

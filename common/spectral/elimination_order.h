@@ -11,7 +11,7 @@ namespace eigencast {
 /// "A fast and high quality multilevel scheme for partitioning irregular graphs"), whose factor of a surface of a
 /// million vertices has two thirds of the entries and takes a third of the time. The same matrix gives the same order.
 ///
-/// METIS handles SIGTERM and SIGABRT while it works (seconds); who has threads keeps SIGTERM blocked in them.
+/// METIS handles SIGTERM and SIGABRT while it works (seconds): block SIGTERM in other threads.
 class EliminationOrder {
  public:
   using PermutationType = Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int>;

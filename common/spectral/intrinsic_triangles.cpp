@@ -13,9 +13,9 @@ namespace eigencast {
 namespace {
 
 constexpr double kNotDelaunay = -1e-9;  // sum of the cotangents opposite to an edge
-constexpr std::size_t kMostFlips = 30;  // of an edge, so that rounding cannot go on for ever
+constexpr std::size_t kMaxFlips = 30;   // per edge, so that rounding cannot cycle for ever
 
-/// Brings the faces of an edge in their order around it.
+/// Sorts the faces of an edge by angle around it.
 void sort_around(std::span<EdgeUse> edge, std::span<const Vec3> positions, std::span<const Face> faces) {
   const auto at = [&](std::uint32_t v) { return Eigen::Vector3d(positions[v].data()); };
   const Eigen::Vector3d foot = at(edge[0].low), axis = (at(edge[0].high) - foot).normalized();
@@ -58,9 +58,9 @@ class Cover {
   std::size_t flip_to_delaunay() {
     std::vector<std::uint32_t> waiting(from_.size());
     for (std::uint32_t side = 0; side < waiting.size(); ++side) waiting[side] = side;
-    const std::size_t most = kMostFlips * from_.size() / 2;
+    const std::size_t max_flips = kMaxFlips * from_.size() / 2;
     std::size_t flips = 0;
-    while (!waiting.empty() && flips < most) {
+    while (!waiting.empty() && flips < max_flips) {
       const std::uint32_t side = waiting.back(), twin = twin_[side];
       waiting.pop_back();
       if (cotangent(side) + cotangent(twin) >= kNotDelaunay || !flip(side)) continue;
@@ -82,8 +82,7 @@ class Cover {
   }
 
  private:
-  /// Of a face's two triangles the one that looks to larger angles about the edge, or to smaller ones: its side along
-  /// the edge.
+  /// The side along the edge of the face's triangle that faces larger angles about it, or smaller ones.
   static std::uint32_t side_of(const EdgeUse& use, bool to_larger) {
     const bool front = use.upwards == to_larger;
     return front ? 6 * use.face + use.side : 6 * use.face + 3 + (2 - use.side);
@@ -93,7 +92,7 @@ class Cover {
   double area(std::uint32_t side) const {
     return area_from_lengths({length_[side], length_[next(side)], length_[next(next(side))]});
   }
-  /// Of the angle opposite to it.
+  /// The cotangent of the angle opposite to the side.
   double cotangent(std::uint32_t side) const {
     const double a = length_[side], b = length_[next(side)], c = length_[next(next(side))], A = area(side);
     return A > 0 ? (b * b + c * c - a * a) / (4 * A) : 0;
@@ -105,8 +104,7 @@ class Cover {
     return {(a * a + c * c - b * b) / (2 * a), 2 * area(side) / a};
   }
 
-  /// The edge from a to b between the triangles a b c and b a d becomes one from c to d. False where that is no
-  /// triangle.
+  /// Replaces the edge a b of the triangles a b c and b a d by c d. False where that gives a degenerate triangle.
   bool flip(std::uint32_t ab) {
     const std::uint32_t ba = twin_[ab];
     if (ab / 3 == ba / 3) return false;

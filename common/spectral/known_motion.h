@@ -12,30 +12,30 @@
 
 namespace eigencast {
 
-/// What poses are made of: each coordinate of every pose is W times some numbers.
+/// Columns that span a motion: each coordinate of every pose is a combination of them.
 struct SpanningColumns {
-  static constexpr std::size_t kMost = 2048;
-  static constexpr std::size_t kMostBytes = std::size_t{2} << 30;
+  static constexpr std::size_t kMaxColumns = 2048;
+  static constexpr std::size_t kMaxBytes = std::size_t{2} << 30;
 
   std::size_t count = 0;  ///< c
-  std::vector<double> W;  ///< n x c, row-major; columns that move a surface alike are as long as each other.
+  std::vector<double> W;  ///< n x c, row-major; columns of equal effect have equal length.
 };
 
-/// What is known of how a surface moves, for a basis that is made for this motion alone (motion_basis.h).
+/// A surface's motion, for a basis that is made for it alone (motion_basis.h).
 struct KnownMotion {
-  /// Of a longer clip so many poses, evenly spaced, say what matters.
-  static constexpr std::size_t kMostSamples = 4096;
+  /// Poses taken from a longer clip, evenly spaced.
+  static constexpr std::size_t kMaxSamples = 4096;
 
-  SpanningColumns columns;  ///< Empty: not known, and learned from the poses.
+  SpanningColumns columns;  ///< Empty: learn them from the poses.
   std::size_t poses = 0;
-  /// Pose i (n x 3) of those; may read a file, and fail as MotionClip::pose does.
+  /// Pose i (n x 3); may read a file and fail as MotionClip::pose does.
   std::function<Result<std::vector<Vec3>>(std::size_t)> pose;
 
-  std::size_t samples() const { return poses < kMostSamples ? poses : kMostSamples; }
+  std::size_t samples() const { return poses < kMaxSamples ? poses : kMaxSamples; }
   Result<std::vector<Vec3>> sample(std::size_t i) const { return pose(i * poses / samples()); }
 };
 
-/// The poses of a clip, which must outlive what is returned.
+/// The poses of a clip, which must outlive the result.
 inline KnownMotion motion_of(const MotionClip& clip, SpanningColumns columns = {}) {
   return {std::move(columns), clip.frame_count(), [&clip](std::size_t i) { return clip.pose(i); }};
 }

@@ -24,9 +24,9 @@ using Triplets = std::vector<Eigen::Triplet<double>>;
 
 constexpr double kMollification = 1e-5;     // of the mean edge
 constexpr double kNoArea = 1e-12;           // of the squared diagonal
-constexpr double kLeastMass = 1e-6;         // of the median, for vertices of tiny faces
+constexpr double kMinMass = 1e-6;           // of the median, for vertices of tiny faces
 constexpr double kUnreferencedMass = 1e-3;  // of the median
-constexpr double kSpring = 0.6;             // a typical cotangent weight; these do not depend on scale
+constexpr double kSpring = 0.6;             // a typical cotangent weight, independent of scale
 
 double distance(const Vec3& a, const Vec3& b) {
   return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
@@ -66,7 +66,7 @@ struct Assembly {
   std::optional<std::size_t> flips;
 };
 
-/// Cotangent weights from edge lengths alone, and a third of each face's area for its corners; all of it times `scale`.
+/// Adds cotangent weights from edge lengths alone and a third of each face's area to its corners, all times `scale`.
 void add_faces(std::span<const Face> faces, std::span<const EdgeLengths> lengths, double scale, Assembly& assembly) {
   assembly.entries.reserve(assembly.entries.size() + 12 * faces.size());
   for (std::size_t f = 0; f < faces.size(); ++f) {
@@ -83,7 +83,7 @@ void add_faces(std::span<const Face> faces, std::span<const EdgeLengths> lengths
   }
 }
 
-/// What faces of three different corners give; as they are, or, on their tufted cover, as Delaunay triangles.
+/// Assembles faces of three different corners, as they are or as Delaunay triangles of their tufted cover.
 Assembly assemble(std::span<const Vec3> positions, std::span<const Face> faces, double scale, bool delaunay) {
   Assembly result;
   result.mass = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(positions.size()));
@@ -125,7 +125,7 @@ std::vector<Face> faces_with_three_corners(const Surface& surface) {
   return result;
 }
 
-/// The triangles of a cloud, whose area stays, give way to the kernel.
+/// Replaces the triangles of a cloud by the kernel; keeps the area.
 void use_kernel(const PointKernel& kernel, Assembly& assembly) {
   assembly.entries.clear();
   assembly.entries.reserve(4 * kernel.pairs.size());
@@ -133,7 +133,7 @@ void use_kernel(const PointKernel& kernel, Assembly& assembly) {
   assembly.mass = Eigen::Map<const Eigen::VectorXd>(kernel.area.data(), assembly.mass.size());
 }
 
-/// Coincident points share the mass of the first of them and follow it on a spring.
+/// Coincident points share the mass of the first one and hang on it by a spring.
 void attach_coincident(const LocalTriangles& local, Assembly& assembly) {
   std::vector<std::uint32_t> copies(static_cast<std::size_t>(assembly.mass.size()), 1);
   for (const auto& [copy, leader] : local.coincident) {
@@ -177,9 +177,9 @@ Result<Laplacian> build_laplacian(const Surface& surface, const LaplacianOptions
   Laplacian result;
   result.flips = assembly.flips;
   const Eigen::Index n = static_cast<Eigen::Index>(surface.vertex_count());
-  const double least = (cloud ? kUnreferencedMass : kLeastMass) * median;
+  const double min_mass = (cloud ? kUnreferencedMass : kMinMass) * median;
   result.mass =
-      assembly.mass.unaryExpr([&](double m) { return m > 0 ? std::max(m, least) : kUnreferencedMass * median; });
+      assembly.mass.unaryExpr([&](double m) { return m > 0 ? std::max(m, min_mass) : kUnreferencedMass * median; });
   result.area = result.mass.sum();
   result.L = matrix_from(n, assembly.entries);
   ComponentLabels labels = components_from_pattern(result.L);

@@ -17,7 +17,7 @@ constexpr double kCoincident = 1e-9;   // of the box's diagonal
 constexpr double kTooNear = 1e-7;      // of the neighbourhood's radius
 constexpr double kPushedOutTo = 1e-6;  // of the neighbourhood's radius
 
-constexpr double kCellReach = 0.5;  // of the neighbourhood's radius: what lies outside of it cuts no cell so small
+constexpr double kCellReach = 0.5;  // of the neighbourhood's radius: points outside cannot cut a cell this small
 
 struct Neighbour {
   std::uint32_t index;
@@ -50,7 +50,7 @@ class Neighbourhoods {
   std::span<const std::uint32_t> of(std::uint32_t point) {
     const std::size_t count =
         tree_.knnSearch(points_.positions[point].data(), found_.size(), found_.data(), squared_.data());
-    // Among coincident points the asking one may be missing or stand anywhere.
+    // Among coincident points the query point may be missing, or at any position.
     const auto self = std::find(found_.begin(), found_.begin() + static_cast<std::ptrdiff_t>(count), point);
     if (self == found_.begin() + static_cast<std::ptrdiff_t>(count)) return {found_.data(), count - 1};
     std::rotate(found_.begin(), self, self + 1);
@@ -66,9 +66,8 @@ class Neighbourhoods {
 
 /// The star of the origin in the Delaunay triangulation of the origin and the neighbours. Inversion turns "the circle
 /// through the origin and two neighbours is empty" into "the line through their images has the others on the origin's
-/// side": the star is the convex hull of the images. Where the origin is a corner of the hull itself it lies on the
-/// cloud's rim, and the hull's two edges at the origin are no triangles. The corners of the origin's Voronoi cell are
-/// the circles' centres. Returns the cell's area, as LocalTriangles states it.
+/// side": the star is the convex hull of the images. An origin on the cloud's rim is a corner of the hull, whose two
+/// edges there are not triangles. The circles' centres are the corners of the Voronoi cell. Returns LocalTriangles::cell.
 double add_star(std::uint32_t centre, const Neighbourhood& around, std::vector<Face>& faces) {
   const std::uint32_t origin = centre;
   std::vector<Neighbour> points = around.points;
@@ -136,7 +135,7 @@ Neighbourhood invert(std::span<const Vec3> positions, std::uint32_t centre, std:
   return result;
 }
 
-/// For each point the earlier one that it coincides with, or itself.
+/// For each point the first one that it coincides with, or itself.
 std::vector<std::uint32_t> find_coincident(std::span<const Vec3> positions, Neighbourhoods& neighbourhoods) {
   const double diagonal = bounding_box(positions).diagonal();
   const double limit = kCoincident * diagonal;

@@ -17,18 +17,17 @@ using Eigen::Index;
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 
-constexpr Index kWidth = kPanelWidth;
-constexpr double kNothing = 3e-7;  // of a column's length; squared it stays above what rounding leaves in a Gram matrix
-constexpr Index kSpare = 24;       // components kept beyond those asked for, while more poses come
-constexpr Index kPanelsAtOnce = 16;     // of poses, between two renewals of the components
-constexpr double kUnusedShare = 1e-10;  // of the poses' variance: what columns count that no pose needs
+constexpr double kNothing = 3e-7;       // relative length of a zero column; its square exceeds a Gram matrix's rounding
+constexpr Index kSpare = 24;            // components kept beyond the wanted ones until the last pose
+constexpr Index kPanelsAtOnce = 16;     // panels of poses between two updates of the components
+constexpr double kUnusedShare = 1e-10;  // weight of columns that no pose needs, relative to the poses' variance
 
 Index whole_panels(Index columns) {
   return (columns + kWidth - 1) / kWidth * kWidth;
 }
 
-/// In the symmetric form h = M^{1/2} psi the inner product is the plain one. What the affine columns hold is taken out
-/// of all others.
+/// The symmetric form h = M^{1/2} psi, where the inner product is the plain one. The affine columns are projected out of
+/// all others.
 struct Form {
   VectorXd root_mass;
   MatrixXd affine;  // n x a
@@ -44,12 +43,9 @@ struct Form {
     return h;
   }
   void take_affine_out(Panels& H) const {
-    for (Index j = 0; j < H.columns(); ++j) {
-      VectorXd column(H.rows());
-      for (Index i = 0; i < H.rows(); ++i) column[i] = H.at(i, j);
-      column = without_affine(std::move(column));
-      for (Index i = 0; i < H.rows(); ++i) H.at(i, j) = column[i];
-    }
+    MatrixXd X = matrix_from(H, H.columns());
+    for (Index j = 0; j < X.cols(); ++j) X.col(j) = without_affine(X.col(j));
+    H = panels_from(X);
   }
 };
 
@@ -77,8 +73,8 @@ class PoseColumns {
     return true;
   }
 
-  /// Sums over the poses read: of the squares of each affine coefficient, and of what the affine columns do not hold;
-  /// and of all but the constant column, which moves a surface and has no part in its shapes.
+  /// Sums of squares over the poses read: of each affine coefficient; of the part outside the affine columns; of all but
+  /// the constant column, which only translates.
   const VectorXd& affine_squares() const { return affine_squares_; }
   double other_squares() const { return other_squares_; }
   double shape_squares() const { return affine_squares_.tail(affine_squares_.size() - 1).sum() + other_squares_; }
@@ -140,29 +136,28 @@ void rotate_to(Panels& H, const MatrixXd& T) {
   rotate(H, padded);
 }
 
-/// Columns beside the affine ones, orthonormal, with the variance of their coefficients over the poses.
+/// Orthonormal columns beside the affine ones, with the variance of their coefficients over the poses.
 struct Directions {
   Panels Q;
   Index count = 0;
-  VectorXd squares;      // count: sums over the poses; where there are none, zero
-  double captured = 0;   // their sum before any were left out
-  Index dimensions = 0;  // before any were left out
+  VectorXd squares;      // count: sums over the poses
+  double captured = 0;   // sum of squares before truncation
+  Index dimensions = 0;  // count before truncation
 };
 
 Result<void> clean(Directions& directions, const Form& form) {
   form.take_affine_out(directions.Q);
   if (orthonormalise(directions.Q, directions.count) && orthonormalise(directions.Q, directions.count)) return {};
-  return fail(ErrorCode::kNumerical, "the columns of this motion cannot be told apart: take another basis");
+  return fail(ErrorCode::kNumerical, "the columns of this motion are not independent: take another basis");
 }
 
-/// The given columns without their affine part, each one long; those of nothing else are zero. `lengths`: what they
-/// were.
+/// The given columns without their affine part, of unit length, zero where nothing remains. `lengths`: their lengths.
 Panels unit_columns(const SpanningColumns& given, const Form& form, VectorXd& lengths) {
   const auto c = static_cast<Index>(given.count);
   const Index n = form.root_mass.size();
   const Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>> W(given.W.data(), n,
                                                                                                    c);
-  Panels columns = zero_panels(n, c);
+  MatrixXd columns = MatrixXd::Zero(n, c);
   lengths = VectorXd::Zero(c);
   for (Index j = 0; j < c; ++j) {
     const VectorXd whole = form.root_mass.cwiseProduct(W.col(j));
@@ -170,12 +165,12 @@ Panels unit_columns(const SpanningColumns& given, const Form& form, VectorXd& le
     const double length = h.norm();
     if (!(length > kNothing * whole.norm())) continue;
     lengths[j] = length;
-    for (Index i = 0; i < n; ++i) columns.at(i, j) = h[i] / length;
+    columns.col(j) = h / length;
   }
-  return columns;
+  return panels_from(columns);
 }
 
-/// An orthonormal basis of what the given columns span; `reach` is how far they go in each direction (k x k).
+/// An orthonormal basis of the given columns' span; `reach` is their Gram matrix in that basis (k x k).
 Result<Directions> spanned_by(const SpanningColumns& given, const Form& form, MatrixXd& reach) {
   VectorXd lengths;
   Directions directions{unit_columns(given, form, lengths), 0, {}, 0, 0};
@@ -192,8 +187,8 @@ Result<Directions> spanned_by(const SpanningColumns& given, const Form& form, Ma
   return directions;
 }
 
-/// Turns them so that each prefix holds as much of the poses as can be, and keeps `most`.
-Result<void> order(Directions& directions, const MatrixXd& reach, PoseColumns& poses, Index most) {
+/// Rotates them so that each prefix captures the most variance of the poses, and keeps at most `limit`.
+Result<void> order(Directions& directions, const MatrixXd& reach, PoseColumns& poses, Index limit) {
   const Index k = directions.count;
   if (k == 0) return {};
   MatrixXd covariance = MatrixXd::Zero(k, k);
@@ -210,15 +205,15 @@ Result<void> order(Directions& directions, const MatrixXd& reach, PoseColumns& p
   directions.captured = covariance.trace();
   const double unit = directions.captured > 0 ? kUnusedShare * directions.captured : 1;
   const Principal principal = principal_of(covariance + unit / std::max(reach.trace(), 1e-300) * reach);
-  directions.count = std::min(k, most);
+  directions.count = std::min(k, limit);
   const MatrixXd T = principal.vectors.leftCols(directions.count);
   directions.squares = (T.transpose() * covariance * T).diagonal().cwiseMax(0);
   rotate_to(directions.Q, T);
   return {};
 }
 
-/// The principal components of the poses, `most` at most.
-Result<Directions> learnt_from(PoseColumns& poses, const Form& form, Index most) {
+/// The first `limit` principal components of the poses.
+Result<Directions> learnt_from(PoseColumns& poses, const Form& form, Index limit) {
   Directions directions{Panels(form.root_mass.size()), 0, {}, 0, 0};
   Panels& H = directions.Q;  // components times the root of their sums of squares, then new poses
   Principal principal;
@@ -231,7 +226,7 @@ Result<Directions> learnt_from(PoseColumns& poses, const Form& form, Index most)
       more = *filled;
     }
     principal = principal_of(gram(H));
-    kept = std::min(principal.above(kNothing * kNothing * poses.shape_squares()), more ? most + kSpare : most);
+    kept = std::min(principal.above(kNothing * kNothing * poses.shape_squares()), more ? limit + kSpare : limit);
     rotate_to(H, principal.vectors.leftCols(kept));
   }
   directions.count = directions.dimensions = kept;
@@ -243,7 +238,8 @@ Result<Directions> learnt_from(PoseColumns& poses, const Form& form, Index most)
   return directions;
 }
 
-Basis basis_from(const Form& form, const Laplacian& laplacian, const Directions& directions, const PoseColumns& poses) {
+Basis motion_basis_from(const Form& form, const Laplacian& laplacian, const Directions& directions,
+                        const PoseColumns& poses) {
   const Index a = form.affine.cols();
   Basis basis;
   basis.certified = true;
@@ -252,9 +248,7 @@ Basis basis_from(const Form& form, const Laplacian& laplacian, const Directions&
   basis.dimensions = static_cast<int>(a + directions.dimensions);
   basis.Psi.resize(form.root_mass.size(), a + directions.count);
   basis.Psi.leftCols(a) = form.affine;
-  for (Index j = 0; j < directions.count; ++j) {
-    for (Index i = 0; i < basis.Psi.rows(); ++i) basis.Psi(i, a + j) = directions.Q.at(i, j);
-  }
+  basis.Psi.rightCols(directions.count) = matrix_from(directions.Q, directions.count);
   basis.Psi.array().colwise() /= form.root_mass.array();
   if (poses.count() == 0) return basis;
   basis.rms.resize(a + directions.count);
@@ -270,22 +264,18 @@ Result<Basis> build(const Surface& rest, const Laplacian& laplacian, const Known
                     const Progress& progress) {
   const Form form(rest, laplacian.mass);
   const Index n = form.root_mass.size();
-  const Index most = std::max<Index>(0, std::min<Index>(rank, n) - form.affine.cols());
+  const Index limit = std::max<Index>(0, std::min<Index>(rank, n) - form.affine.cols());
   PoseColumns poses(motion, form, progress);
   if (motion.columns.count == 0) {
-    auto directions = learnt_from(poses, form, most);
+    auto directions = learnt_from(poses, form, limit);
     if (!directions) return directions.error();
-    Basis basis = basis_from(form, laplacian, *directions, poses);
-    basis.kind = BasisKind::kLearned;
-    return basis;
+    return motion_basis_from(form, laplacian, *directions, poses);
   }
   MatrixXd reach;
   auto directions = spanned_by(motion.columns, form, reach);
   if (!directions) return directions.error();
-  if (auto ordered = order(*directions, reach, poses, most); !ordered) return ordered.error();
-  Basis basis = basis_from(form, laplacian, *directions, poses);
-  basis.kind = BasisKind::kSpanned;
-  return basis;
+  if (auto ordered = order(*directions, reach, poses, limit); !ordered) return ordered.error();
+  return motion_basis_from(form, laplacian, *directions, poses);
 }
 
 }  // namespace
@@ -295,16 +285,16 @@ Result<Basis> build_motion_basis(const Surface& rest, const Laplacian& laplacian
   const SpanningColumns& columns = motion.columns;
   const std::size_t n = rest.vertex_count();
   if (static_cast<std::size_t>(laplacian.mass.size()) != n || columns.W.size() != n * columns.count) {
-    return fail(ErrorCode::kInvalidArgument, "the columns of this motion, or the Laplacian, are of another surface");
+    return fail(ErrorCode::kInvalidArgument, "the columns of this motion, or the Laplacian, belong to another surface");
   }
   if (columns.count == 0 && motion.poses < 2) {
     return fail(
         ErrorCode::kInvalidArgument,
         "a basis is learned from the poses of a clip, and there is only one here: give a clip, or another basis");
   }
-  if (columns.count > SpanningColumns::kMost) {
+  if (columns.count > SpanningColumns::kMaxColumns) {
     return fail(ErrorCode::kTooLarge, std::to_string(columns.count) + " columns are more than the " +
-                                          std::to_string(SpanningColumns::kMost) + " that a basis is made of");
+                                          std::to_string(SpanningColumns::kMaxColumns) + " that a basis is made of");
   }
   try {
     return build(rest, laplacian, motion, rank, progress);

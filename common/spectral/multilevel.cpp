@@ -18,12 +18,11 @@
 namespace eigencast {
 namespace {
 
-constexpr Eigen::Index kWidth = kPanelWidth;
 constexpr double kCoarseShare = 0.15;  // of the time, for progress
-constexpr double kFactorBytes = 1000;  // of a row, at a million rows
+constexpr double kFactorBytes = 1000;  // per row, at a million rows
 constexpr int kLikelySteps = 2;
 
-/// Vectors that are iterated for m wanted: more make it converge faster.
+/// Vectors iterated for m wanted ones; more converge faster.
 Eigen::Index columns_for(int m) {
   return (m + std::max(m / 5, 16) + kWidth - 1) / kWidth * kWidth;
 }
@@ -47,8 +46,8 @@ Panels prolongate(const Coarsened& coarse, const Eigen::VectorXd& fine_mass, con
 }
 
 /// Block inverse iteration on one level. With Y = (S - sigma I)^{-1} H the projected operator is Y^T S Y = Y^T H +
-/// sigma Y^T Y, so S itself is never applied; and since H^T Y is symmetric, panels of H may be overwritten by those of
-/// Y as soon as the rows of H^T Y that they are in are known.
+/// sigma Y^T Y, so S is never applied. H^T Y is symmetric, so panels of Y overwrite those of H once their rows of H^T Y
+/// are known.
 class InverseIteration {
  public:
   InverseIteration(const Laplacian& laplacian, Panels& H) : H_(H), S_(symmetric_form(laplacian)), op_(S_) {
@@ -61,7 +60,7 @@ class InverseIteration {
                 "the surface's operator cannot be factored: its triangles differ too much in size or shape");
   }
 
-  /// Calls `go_on` now and then with the share of the step that is done. Errors: kCancelled, kNumerical.
+  /// Calls `go_on` with the finished share of the step from time to time. Errors: kCancelled, kNumerical.
   template <class GoOn>
   Result<void> step(const GoOn& go_on) {
     const Eigen::Index p = H_.columns();
@@ -115,18 +114,18 @@ class InverseIteration {
   Eigen::VectorXd values_;
 };
 
-/// Eigenvalues below the m-th Ritz value beyond m - 1 of them: Ritz values lie above what they approximate, so a count
-/// that fits says that none was passed over.
+/// Eigenvalues below the m-th Ritz value beyond the m - 1 expected ones. Ritz values lie above the eigenvalues that they
+/// approximate, so a matching count means that none is missing.
 int count_missed(InverseIteration& iteration, int m) {
   const auto& values = iteration.values();
   const double at = values.size() > m ? 0.5 * (values[m - 1] + values[m]) : values[m - 1] * (1 + 1e-6);
   for (const double shift : {at, at * (1 + 1e-7), at * (1 - 1e-7)}) {
     if (iteration.op().factor(shift)) return std::max(0, iteration.op().eigenvalues_below() - m);
   }
-  return m;  // not known: the worst
+  return m;  // unknown: assume the worst
 }
 
-/// A surface's operator and coarser ones, 0 the surface's own.
+/// A surface's operator, at level 0, and coarser ones.
 class Hierarchy {
  public:
   Hierarchy(const Laplacian& finest, Eigen::Index enough, Eigen::Index least) : finest_(finest) {
@@ -140,7 +139,7 @@ class Hierarchy {
 
   std::size_t depth() const { return coarser_.size(); }
   const Laplacian& at(std::size_t level) const { return level == 0 ? finest_ : coarser_[level - 1]->laplacian; }
-  /// Vectors of the coarsest level on the one below it, which becomes the coarsest.
+  /// Interpolates vectors of the coarsest level to the next finer one, which becomes the coarsest.
   Panels descend(const Panels& from) {
     Panels to = prolongate(*coarser_.back(), at(depth() - 1).mass, from);
     coarser_.pop_back();
@@ -152,16 +151,7 @@ class Hierarchy {
   std::vector<std::unique_ptr<Coarsened>> coarser_;
 };
 
-Panels panels_from(const Eigenbasis& basis, const Laplacian& laplacian) {
-  Panels H = zero_panels(basis.Phi.rows(), basis.Phi.cols());
-  const Eigen::VectorXd root = laplacian.mass.cwiseSqrt();
-  for (Eigen::Index j = 0; j < basis.Phi.cols(); ++j) {
-    for (Eigen::Index i = 0; i < H.rows(); ++i) H.at(i, j) = root[i] * basis.Phi(i, j);
-  }
-  return H;
-}
-
-/// The first m of the Ritz vectors, the kernel as it is known.
+/// The first m Ritz vectors, with the exact kernel.
 Result<Eigenbasis> finish(const Laplacian& laplacian, const InverseIteration& iteration, int m, int missed, Panels H) {
   Eigen::VectorXd values = iteration.values().head(m);
   const Kernel kernel = kernel_of(laplacian, m);
@@ -200,7 +190,8 @@ Result<Eigenbasis> approximate_eigenbasis(const Laplacian& laplacian, int m, con
   };
   auto coarse = solve_eigenbasis_exactly(hierarchy.at(hierarchy.depth()), static_cast<int>(p), coarsest);
   if (!coarse) return coarse.error();
-  Panels H = panels_from(*coarse, hierarchy.at(hierarchy.depth()));
+  coarse->Phi.array().colwise() *= hierarchy.at(hierarchy.depth()).mass.cwiseSqrt().array();
+  Panels H = panels_from(coarse->Phi);
   coarse->Phi.resize(0, 0);
 
   double done = kCoarseShare;
@@ -214,7 +205,7 @@ Result<Eigenbasis> approximate_eigenbasis(const Laplacian& laplacian, int m, con
     InverseIteration iteration(here, H);
     if (auto made = iteration.factor(first_shift(here.area)); !made) return made.error();
     double before = 0;
-    for (int step = 0; step < (finest ? options.most_steps : 1); ++step) {
+    for (int step = 0; step < (finest ? options.max_steps : 1); ++step) {
       if (auto made = iteration.step(go_on); !made) return made.error();
       done += share;
       const double sum = iteration.values().head(m).sum();

@@ -36,7 +36,7 @@ struct PanelFunctions {
                    double* Y);
 };
 
-/// Those of the best instruction set here, or of `set`, which must be one of instruction_sets().
+/// Functions of this processor's best instruction set, or of `set`, one of instruction_sets().
 const PanelFunctions& panel_functions();
 const PanelFunctions& panel_functions(InstructionSet set);
 

@@ -11,10 +11,9 @@ namespace eigencast {
 namespace {
 
 constexpr std::size_t kVectors = kPanelWidth / kDoubleLanes;
-constexpr std::size_t kGramRows =
-    kDoubleLanes < 4 ? 2 : kDoubleLanes;  // so that kGramRows * kVectors sums fit the registers
+constexpr std::size_t kGramRows = kDoubleLanes < 4 ? 2 : kDoubleLanes;  // kGramRows * kVectors sums fit the registers
 
-// The processor's own prefetching does not look beyond a page, and panels are read in short runs.
+// The processor's prefetcher stops at a page, and panels are read in short runs.
 constexpr std::size_t kRowsAhead = 32;
 
 struct Row {

@@ -33,12 +33,12 @@ const PanelFunctions& panel_functions() {
 
 namespace {
 
-constexpr Eigen::Index kWidth = kPanelWidth;
-constexpr Eigen::Index kStripes = 8;       // shares of the rows; not the number of threads, on which no sum may depend
+constexpr Eigen::Index kStripes = 8;       // of rows; no sum may depend on the number of threads
 constexpr Eigen::Index kRowsAtOnce = 512;  // of a panel: 32 KiB
 constexpr std::align_val_t kAlignment{64};
 
-using Small = Eigen::Matrix<double, kWidth, kWidth, Eigen::RowMajor>;
+using PanelBlock = Eigen::Matrix<double, kWidth, kWidth, Eigen::RowMajor>;
+using PanelMatrix = Eigen::Matrix<double, Eigen::Dynamic, kWidth, Eigen::RowMajor>;
 
 /// work(stripe, first row, end row), stripes at the same time.
 void for_stripes(Eigen::Index rows, const std::function<void(Eigen::Index, Eigen::Index, Eigen::Index)>& work) {
@@ -48,8 +48,8 @@ void for_stripes(Eigen::Index rows, const std::function<void(Eigen::Index, Eigen
   });
 }
 
-std::vector<Small> blocks_of(const Eigen::MatrixXd& H, double factor) {
-  std::vector<Small> blocks;
+std::vector<PanelBlock> blocks_of(const Eigen::MatrixXd& H, double factor) {
+  std::vector<PanelBlock> blocks;
   for (Eigen::Index j = 0; j < H.rows(); j += kWidth) blocks.push_back(factor * H.middleRows(j, kWidth));
   return blocks;
 }
@@ -77,12 +77,30 @@ Panels zero_panels(Eigen::Index rows, Eigen::Index columns) {
   return panels;
 }
 
+Panels panels_from(const Eigen::MatrixXd& X) {
+  Panels A = zero_panels(X.rows(), X.cols());
+  worker_team().run(static_cast<std::size_t>(A.count()), [&](std::size_t j) {
+    const auto first = static_cast<Eigen::Index>(j) * kWidth, here = std::min(kWidth, X.cols() - first);
+    PanelMatrix::Map(A[first / kWidth], A.rows(), kWidth).leftCols(here) = X.middleCols(first, here);
+  });
+  return A;
+}
+
+Eigen::MatrixXd matrix_from(const Panels& A, Eigen::Index count) {
+  Eigen::MatrixXd X(A.rows(), count);
+  worker_team().run(static_cast<std::size_t>((count + kWidth - 1) / kWidth), [&](std::size_t j) {
+    const auto first = static_cast<Eigen::Index>(j) * kWidth, here = std::min(kWidth, count - first);
+    X.middleCols(first, here) = PanelMatrix::Map(A[first / kWidth], A.rows(), kWidth).leftCols(here);
+  });
+  return X;
+}
+
 Eigen::MatrixXd transposed_product(const Panels& A, Eigen::Index first, Eigen::Index end, const double* W) {
   const PanelFunctions& functions = panel_functions();
-  std::vector<std::vector<Small>> parts(kStripes);
+  std::vector<std::vector<PanelBlock>> parts(kStripes);
   for_stripes(A.rows(), [&](Eigen::Index stripe, Eigen::Index row, Eigen::Index end_row) {
     auto& sums = parts[static_cast<std::size_t>(stripe)];
-    sums.assign(static_cast<std::size_t>(end - first), Small::Zero());
+    sums.assign(static_cast<std::size_t>(end - first), PanelBlock::Zero());
     for (; row < end_row; row += kRowsAtOnce) {
       const auto rows = static_cast<std::size_t>(std::min(kRowsAtOnce, end_row - row));
       for (Eigen::Index j = first; j < end; ++j) {
@@ -102,12 +120,12 @@ Eigen::MatrixXd transposed_product(const Panels& A, Eigen::Index first, Eigen::I
 void subtract_product(const Panels& A, Eigen::Index first, Eigen::Index end, const Eigen::MatrixXd& H, double* W) {
   assert(H.rows() == (end - first) * kWidth && H.cols() == kWidth);
   const PanelFunctions& functions = panel_functions();
-  const std::vector<Small> blocks = blocks_of(H, -1);
+  const std::vector<PanelBlock> blocks = blocks_of(H, -1);
   for_stripes(A.rows(), [&](Eigen::Index, Eigen::Index row, Eigen::Index end_row) {
     for (; row < end_row; row += kRowsAtOnce) {
       const auto rows = static_cast<std::size_t>(std::min(kRowsAtOnce, end_row - row));
       for (Eigen::Index j = first; j < end; ++j) {
-        const Small& block = blocks[static_cast<std::size_t>(j - first)];
+        const PanelBlock& block = blocks[static_cast<std::size_t>(j - first)];
         functions.add_product(A[j] + row * kWidth, block.data(), rows, W + row * kWidth);
       }
     }
@@ -128,7 +146,7 @@ void gather_rows(const double* from, const int* from_row, Eigen::Index rows, dou
 
 void multiply_panel(double* W, Eigen::Index rows, const Eigen::MatrixXd& T) {
   const PanelFunctions& functions = panel_functions();
-  const Small block = T;
+  const PanelBlock block = T;
   for_stripes(rows, [&](Eigen::Index, Eigen::Index first, Eigen::Index end) {
     std::vector<double> old(static_cast<std::size_t>(kRowsAtOnce * kWidth));
     for (Eigen::Index row = first; row < end; row += kRowsAtOnce) {
@@ -142,23 +160,23 @@ void multiply_panel(double* W, Eigen::Index rows, const Eigen::MatrixXd& T) {
 
 Eigen::MatrixXd panel_gram(const double* W, Eigen::Index rows) {
   const PanelFunctions& functions = panel_functions();
-  std::vector<Small> parts(kStripes, Small::Zero());
+  std::vector<PanelBlock> parts(kStripes, PanelBlock::Zero());
   for_stripes(rows, [&](Eigen::Index stripe, Eigen::Index first, Eigen::Index end) {
     functions.add_gram(W + first * kWidth, W + first * kWidth, static_cast<std::size_t>(end - first),
                        parts[static_cast<std::size_t>(stripe)].data());
   });
   Eigen::MatrixXd G = Eigen::MatrixXd::Zero(kWidth, kWidth);
-  for (const Small& part : parts) G += part;
+  for (const PanelBlock& part : parts) G += part;
   return G;
 }
 
 Eigen::MatrixXd gram(const Panels& A) {
   const PanelFunctions& functions = panel_functions();
   const Eigen::Index count = A.count();
-  std::vector<std::vector<Small>> parts(kStripes);
+  std::vector<std::vector<PanelBlock>> parts(kStripes);
   for_stripes(A.rows(), [&](Eigen::Index stripe, Eigen::Index first, Eigen::Index end) {
     auto& sums = parts[static_cast<std::size_t>(stripe)];
-    sums.assign(static_cast<std::size_t>(count * count), Small::Zero());
+    sums.assign(static_cast<std::size_t>(count * count), PanelBlock::Zero());
     for (Eigen::Index row = first; row < end; row += kRowsAtOnce / 8) {
       const auto rows = static_cast<std::size_t>(std::min(kRowsAtOnce / 8, end - row));
       for (Eigen::Index i = 0; i < count; ++i) {
@@ -185,7 +203,7 @@ void rotate(Panels& A, const Eigen::MatrixXd& T) {
   assert(T.rows() == A.columns() && T.cols() % kWidth == 0 && T.cols() <= T.rows());
   const PanelFunctions& functions = panel_functions();
   const Eigen::Index from = A.count(), to = T.cols() / kWidth;
-  std::vector<Small> blocks;
+  std::vector<PanelBlock> blocks;
   std::vector<char> empty;
   for (Eigen::Index j = 0; j < to; ++j) {
     for (Eigen::Index i = 0; i < from; ++i) {

@@ -9,16 +9,17 @@
 
 namespace eigencast {
 
-/// A tall matrix, n x 8 count, as panels of eight columns, each row-major: what solves with several right-hand sides
-/// and products of tall matrices like to read. Panels come and go one by one. All functions use the process's threads;
-/// sums do not depend on how many there are.
+inline constexpr Eigen::Index kWidth = kPanelWidth;  ///< As Eigen counts.
+
+/// A tall matrix, n x 8 count, in row-major panels of eight columns, for solves with several right-hand sides and for
+/// products of tall matrices. All functions use the process's threads; sums do not depend on their number.
 class Panels {
  public:
   explicit Panels(Eigen::Index rows) : rows_(rows) {}
 
   Eigen::Index rows() const { return rows_; }
   Eigen::Index count() const { return static_cast<Eigen::Index>(panels_.size()); }
-  Eigen::Index columns() const { return count() * Eigen::Index{kPanelWidth}; }
+  Eigen::Index columns() const { return count() * kWidth; }
   double* operator[](Eigen::Index j) { return panels_[static_cast<std::size_t>(j)].get(); }
   const double* operator[](Eigen::Index j) const { return panels_[static_cast<std::size_t>(j)].get(); }
 
@@ -26,13 +27,9 @@ class Panels {
   double* append();
   void drop_from(Eigen::Index count) { panels_.resize(static_cast<std::size_t>(count)); }
 
-  double& at(Eigen::Index row, Eigen::Index column) {
-    return (*this)[column / Eigen::Index{kPanelWidth}]
-                  [row * Eigen::Index{kPanelWidth} + column % Eigen::Index{kPanelWidth}];
-  }
+  double& at(Eigen::Index row, Eigen::Index column) { return (*this)[column / kWidth][row * kWidth + column % kWidth]; }
   double at(Eigen::Index row, Eigen::Index column) const {
-    return (*this)[column / Eigen::Index{kPanelWidth}]
-                  [row * Eigen::Index{kPanelWidth} + column % Eigen::Index{kPanelWidth}];
+    return (*this)[column / kWidth][row * kWidth + column % kWidth];
   }
 
  private:
@@ -46,6 +43,10 @@ class Panels {
 /// `columns` columns, rounded up to whole panels, all zero.
 Panels zero_panels(Eigen::Index rows, Eigen::Index columns);
 void copy_column(const Panels& from, Eigen::Index i, Panels& to, Eigen::Index j);
+/// The columns of X, and zero columns that fill the last panel.
+Panels panels_from(const Eigen::MatrixXd& X);
+/// The columns [0, count) of A.
+Eigen::MatrixXd matrix_from(const Panels& A, Eigen::Index count);
 
 /// A^T W for the panels [first, end) of A, 8 (end - first) x 8. W is one panel.
 Eigen::MatrixXd transposed_product(const Panels& A, Eigen::Index first, Eigen::Index end, const double* W);
@@ -65,9 +66,8 @@ Eigen::MatrixXd gram(const Panels& A);
 /// A = A T in place; T is A.columns() x any smaller multiple of 8. Panels that are no longer needed are freed.
 void rotate(Panels& A, const Eigen::MatrixXd& T);
 
-/// Makes the first m columns of H orthonormal, each a combination of those up to it, by Cholesky-QR: meant for columns
-/// that nearly are, or to be called twice. The columns beyond m, which fill the last panel, must be zero. False where
-/// the columns are dependent.
+/// Makes the first m columns of H orthonormal by Cholesky-QR, each a combination of those up to it. For nearly
+/// orthonormal columns; else call it twice. False where they are dependent. REQUIRES: columns beyond m are zero.
 bool orthonormalise(Panels& H, Eigen::Index m);
 
 }  // namespace eigencast

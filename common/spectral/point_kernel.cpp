@@ -16,16 +16,15 @@
 namespace eigencast {
 namespace {
 
-constexpr std::size_t kSpacingOf = 6;         // nearest points
-constexpr std::size_t kMostNeighbours = 192;  // what is within the kernel on an even cloud is 110 to 150
-constexpr double kCut = 9.210340371976184;    // -ln 1e-4
-constexpr double kLeastWeight =
-    1e-7;  // a hundredth of the least on an even cloud: what hangs on less is as good as apart
-constexpr std::size_t kPointsAtOnce = 1024;  // of a thread
+constexpr std::size_t kSpacingOf = 6;        // nearest points
+constexpr std::size_t kMaxNeighbours = 192;  // an even cloud has 110 to 150 within the kernel
+constexpr double kCut = 9.210340371976184;   // -ln 1e-4
+constexpr double kMinWeight = 1e-7;  // a hundredth of the least on an even cloud; below it points count as apart
+constexpr std::size_t kPointsAtOnce = 1024;  // per thread
 
 using Pair = PointKernel::Pair;
 
-/// Points that are no copies of others, and where they stand in the cloud.
+/// Points that are not copies of others, and their indices in the cloud.
 struct Distinct {
   std::vector<std::uint32_t> index;
   std::vector<Vec3> positions;
@@ -65,8 +64,8 @@ std::vector<double> spacings(const KdTree& tree, std::span<const Vec3> positions
   return spacing;
 }
 
-/// Of cells that are closed the area, of others what a cell mostly has where points lie as far apart as the nearest
-/// ones do: by its own distances a point far from all others would weigh more than they.
+/// Cell areas. An open cell gets the usual area at the spacing of its neighbours: its own spacing would give a lone point
+/// more weight than all others.
 std::vector<double> areas(const Distinct& distinct, const KdTree& tree, std::span<const double> cell,
                           std::span<const double> spacing) {
   std::vector<double> area(spacing.size());
@@ -105,7 +104,7 @@ PointKernel point_kernel(std::span<const Vec3> positions, const LocalTriangles& 
   std::vector<std::vector<Pair>> parts((n + kPointsAtOnce - 1) / kPointsAtOnce);
   for_shares(n, [&](std::size_t first, std::size_t end) {
     std::vector<Pair>& pairs = parts[first / kPointsAtOnce];
-    std::vector<std::uint32_t> found(std::min(kMostNeighbours + 1, n));
+    std::vector<std::uint32_t> found(std::min(kMaxNeighbours + 1, n));
     std::vector<double> squared(found.size());
     for (std::size_t i = first; i < end; ++i) {
       const std::size_t count =
@@ -115,14 +114,14 @@ PointKernel point_kernel(std::span<const Vec3> positions, const LocalTriangles& 
         const double t = spacing[i] * spacing[j];
         if (j == i || !(squared[k] < 4 * t * kCut)) continue;
         const double weight = area[i] / t * (area[j] / t) * std::exp(-squared[k] / (4 * t)) / (4 * std::numbers::pi);
-        if (weight < kLeastWeight) continue;  // so that bridges find it
+        if (weight < kMinWeight) continue;  // so that bridges find it
         const auto [a, b] = std::minmax(distinct.index[i], distinct.index[j]);
         pairs.push_back({a, b, weight});
       }
     }
   });
 
-  // A pair that both of its points have among their nearest is there twice.
+  // Mutual neighbours give their pair twice.
   PointKernel kernel;
   std::size_t total = 0;
   for (const auto& part : parts) total += part.size();

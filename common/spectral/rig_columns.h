@@ -6,10 +6,9 @@
 
 namespace eigencast {
 
-/// Columns of which every pose of a rigged surface is made: with p the bind pose, for each bone j the columns w_j and
-/// w_j p, and for each morph target that moves vertices of that bone w_j d. Bones that carry nothing give none. p and d
-/// are about the bind pose's middle and in units of half its diagonal. Errors: kTooLarge (more columns, or bytes, than
-/// SpanningColumns takes).
+/// Columns that span every pose of a rigged surface. With p the bind pose: w_j and w_j p for each bone j in use, and w_j d
+/// for each morph target d that moves its vertices. p and d are about the bind pose's middle, in units of half its
+/// diagonal. Errors: kTooLarge (more columns or bytes than SpanningColumns takes).
 Result<SpanningColumns> columns_from_rig(const Rig& rig);
 
 }  // namespace eigencast

@@ -8,8 +8,7 @@
 namespace eigencast {
 namespace {
 
-constexpr double kBackwardError = 1e-11;  // of a solve, above which pivots were too small
-constexpr Eigen::Index kWidth = kPanelWidth;
+constexpr double kBackwardError = 1e-11;  // of a solve; above it pivots were too small
 
 }  // namespace
 
@@ -34,12 +33,10 @@ bool ShiftInvert::factor(double sigma) {
   if (!inverse_pivots_.allFinite()) return false;
   negative_ = static_cast<int>((inverse_pivots_.array() < 0).count());
   inverse_pivots_ = inverse_pivots_.cwiseInverse();
-  const auto& L = ldlt_.matrixL().nestedExpression();
-  factor_bytes_ = static_cast<std::size_t>(L.nonZeros()) * (sizeof(double) + sizeof(int));
   return solves_well();
 }
 
-/// Without pivoting an indefinite matrix may make the factor grow, and then neither inertia nor solution mean anything.
+/// Without pivoting the factor of an indefinite matrix may grow; then inertia and solutions are wrong.
 bool ShiftInvert::solves_well() {
   std::mt19937 generator(7);
   const Eigen::Index n = rows();

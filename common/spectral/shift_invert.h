@@ -16,20 +16,19 @@ namespace eigencast {
 /// (Sylvester's law of inertia). Eight right-hand sides at a time. Not thread-safe.
 class ShiftInvert {
  public:
-  /// Borrows S. Orders and analyses it, which holds for all shifts.
+  /// Borrows S. Orders and analyses it once for all shifts.
   explicit ShiftInvert(const Eigen::SparseMatrix<double>& S);
 
   /// Factors S - sigma I. False when a pivot breaks down: move sigma a little.
   bool factor(double sigma);
   double sigma() const { return sigma_; }
-  /// The number of eigenvalues of S below sigma. REQUIRES: factor() gave true.
+  /// The number of eigenvalues of S below sigma. REQUIRES: factor() returned true.
   int eigenvalues_below() const { return negative_; }
   Eigen::Index rows() const { return S_.rows(); }
-  std::size_t factor_bytes() const { return factor_bytes_; }
 
   /// Called after each solve; throws to stop.
   void on_apply(std::function<void()> callback) { callback_ = std::move(callback); }
-  /// to = (S - sigma I)^{-1} from, one panel each. REQUIRES: factor() gave true.
+  /// to = (S - sigma I)^{-1} from, one panel each. REQUIRES: factor() returned true.
   void apply(const double* from, double* to);
   /// The same in place and without the callback; thread-safe. scratch: one panel.
   void apply_in_place(double* X, double* scratch) const;
@@ -47,7 +46,6 @@ class ShiftInvert {
   double norm_ = 0;  // of S, infinity norm
   double sigma_ = 0;
   int negative_ = 0;
-  std::size_t factor_bytes_ = 0;
 };
 
 }  // namespace eigencast

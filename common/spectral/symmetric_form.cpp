@@ -11,9 +11,7 @@
 namespace eigencast {
 namespace {
 
-constexpr Eigen::Index kWidth = kPanelWidth;
-
-/// The largest ||S h_j - lambda_j h_j||, each in units of its eigenvalue, but no less than the first that is not zero.
+/// The largest ||S h_j - lambda_j h_j||, relative to lambda_j, or to the first positive eigenvalue where that is larger.
 double worst_residual(const Eigen::SparseMatrix<double>& S, const Panels& H, const Eigen::VectorXd& values) {
   const auto positive = std::find_if(values.begin(), values.end(), [](double value) { return value > 0; });
   const double floor = positive != values.end() ? *positive : 0;
@@ -52,10 +50,10 @@ SparseRows rows_of(const Eigen::SparseMatrix<double>& S) {
   return {S.outerIndexPtr(), S.innerIndexPtr(), S.valuePtr()};
 }
 
-Kernel kernel_of(const Laplacian& laplacian, int most) {
+Kernel kernel_of(const Laplacian& laplacian, int max) {
   const ComponentLabels labels = components_from_pattern(laplacian.L);
   const Eigen::Index n = laplacian.mass.size();
-  const auto count = static_cast<int>(std::min<Eigen::Index>(most, Eigen::Index{labels.count}));
+  const auto count = static_cast<int>(std::min<Eigen::Index>(max, Eigen::Index{labels.count}));
   Kernel kernel{zero_panels(n, count), count};
   Eigen::VectorXd area = Eigen::VectorXd::Zero(count);
   for (Eigen::Index i = 0; i < n; ++i) {
@@ -74,15 +72,8 @@ Eigenbasis eigenbasis_from(const Laplacian& laplacian, const Eigen::SparseMatrix
   Eigenbasis result;
   result.residual = worst_residual(S, H, values);
   result.certified = true;
-  const Eigen::VectorXd scale = laplacian.mass.cwiseSqrt().cwiseInverse();
-  result.Phi.resize(H.rows(), values.size());
-  worker_team().run(static_cast<std::size_t>(H.count()), [&](std::size_t i) {
-    const Eigen::Index first = static_cast<Eigen::Index>(i) * kWidth;
-    const Eigen::Index count = std::min(kWidth, values.size() - first);
-    for (Eigen::Index row = 0; row < H.rows(); ++row) {
-      for (Eigen::Index j = first; j < first + count; ++j) result.Phi(row, j) = H.at(row, j) * scale[row];
-    }
-  });
+  result.Phi = matrix_from(H, values.size());
+  result.Phi.array().colwise() *= laplacian.mass.cwiseSqrt().cwiseInverse().array();
   result.eigenvalues = std::move(values);
   return result;
 }

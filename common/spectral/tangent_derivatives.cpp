@@ -15,22 +15,21 @@ namespace {
 
 using Vector = Eigen::Vector3d;
 
-// Of the area that two tangents of unit length span: where the faces' gradients leave less of it they say nothing of
-// the surface.
-constexpr double kLeastArea = 1e-3;
-// Of a parent's tangent, in the plane of the vertex: below it another direction serves better.
-constexpr double kLeastLength = 0.1;
+// Area that two unit tangents must span at least, or the faces' gradients are meaningless.
+constexpr double kMinArea = 1e-3;
+// Length of a parent's tangent in the vertex's plane below which another direction is used.
+constexpr double kMinLength = 0.1;
 
 Vector vector_of(const Vec3& v) {
   return {v[0], v[1], v[2]};
 }
 
-/// Of each vertex, summed over its faces.
+/// Sums over the faces of each vertex.
 struct FaceSums {
   std::vector<Vector> normals;  ///< Twice the area long.
   std::vector<double> areas;    ///< Twice.
   std::vector<std::map<std::uint32_t, Vector>>
-      gradients;  ///< Times twice the area, by what vertex' value they multiply.
+      gradients;  ///< Times twice the area, by the vertex whose value they multiply.
 };
 
 FaceSums sums_over_faces(std::span<const Vec3> positions, std::span<const Face> faces) {
@@ -45,7 +44,7 @@ FaceSums sums_over_faces(std::span<const Vec3> positions, std::span<const Face> 
     const Vector n = normal / twice_area;
     const std::array<Vector, 3> gradients = {n.cross(c - b), n.cross(a - c), n.cross(b - a)};
     for (const std::uint32_t i : face) {
-      // Triangles of points have no common side: each is turned to that of the first.
+      // Triangles of points are not oriented: each is turned to the side of the first.
       sums.normals[i] += sums.normals[i].dot(normal) < 0 ? Vector(-normal) : normal;
       sums.areas[i] += twice_area;
       for (std::size_t k = 0; k < 3; ++k)
@@ -60,11 +59,11 @@ struct Tangents {
   bool any() const { return !x.isZero(0); }
 };
 
-/// Two tangents of the plane across `normal`, the first along that of a parent where it has one.
+/// Two tangents across `normal`, the first along the parent's where it has one.
 Tangents tangents_across(const Vector& normal, const Tangents& parent) {
   const Vector n = normal.normalized();
   Vector x = parent.x - n.dot(parent.x) * n;
-  if (x.norm() < kLeastLength) x = n.unitOrthogonal();
+  if (x.norm() < kMinLength) x = n.unitOrthogonal();
   x.normalize();
   return {x, n.cross(x)};
 }
@@ -88,7 +87,7 @@ TangentDerivatives tangent_derivatives(std::span<const Vec3> positions, std::spa
       end_vertex();
       continue;
     }
-    // What the sums make of the positions: not quite the tangents where faces meet at an angle.
+    // Derivatives of the positions themselves: not exactly the tangents where faces meet at an angle.
     const Tangents along = tangents_across(normal, parent);
     Vector dx = Vector::Zero(), dy = Vector::Zero();
     for (const auto& [j, gradient] : sums.gradients[i]) {
@@ -96,7 +95,7 @@ TangentDerivatives tangent_derivatives(std::span<const Vec3> positions, std::spa
       dy += along.y.dot(gradient) / sums.areas[i] * vector_of(positions[j]);
     }
     const Vector across = dx.cross(dy);
-    if (across.norm() < kLeastArea) {
+    if (across.norm() < kMinArea) {
       end_vertex();
       continue;
     }

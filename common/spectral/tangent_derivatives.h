@@ -10,26 +10,24 @@
 namespace eigencast {
 
 /// Derivatives of functions on a surface at each vertex along two tangents, as sums over the vertex and its neighbours.
-/// Those of the positions that they were made of are the tangents themselves: two vectors of unit length at right
-/// angles, whose cross product looks to the outer side of the faces (of points: to either).
+/// The derivatives of the positions are the tangents: orthonormal, their cross product on the faces' outer side (points:
+/// on either side).
 struct TangentDerivatives {
   struct Term {
     std::uint32_t vertex;
     double along_x, along_y;
   };
-  std::vector<std::uint32_t> first{0};  ///< Of each vertex' terms; one more at the end.
-  std::vector<Term> terms;              ///< None where faces span no plane.
+  std::vector<std::uint32_t> first{0};  ///< The first term of each vertex; one more at the end.
+  std::vector<Term> terms;              ///< None for vertices whose faces span no plane.
 
   std::span<const Term> of(std::size_t vertex) const {
     return std::span(terms).subspan(first[vertex], first[vertex + 1] - first[vertex]);
   }
 };
 
-/// From the gradients of the faces round a vertex, weighted by their areas, projected on the plane of their normals'
-/// sum.
+/// Area-weighted gradients of the faces around a vertex, projected on the plane of their mean normal.
 ///   faces    empty for points, whose neighbours are triangulated
-///   parents  for each vertex one before it that is near, or itself: tangents are turned to lie along those of the
-///            parent
+///   parents  a near vertex before each vertex, or itself; tangents are aligned with the parent's
 /// REQUIRES: sizes agree; at least 4 positions where there are no faces.
 TangentDerivatives tangent_derivatives(std::span<const Vec3> positions, std::span<const Face> faces,
                                        std::span<const std::uint32_t> parents);

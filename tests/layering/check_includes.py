@@ -58,6 +58,7 @@ LIBRARIES = {
     "assimp": (r"assimp/", {"common/surface/formats"}, 1),
     "tinygltf": (r"tiny_gltf\.h", {"common/surface/formats"}, 1),
     "METIS": (r"metis\.h", {"common/spectral"}, 1),
+    "Spectra": (r"Spectra/", {"common/spectral"}, 1),
     "nanoflann": (r"nanoflann\.hpp", {"common/spectral", "common/progressive"}, 4),
     "zstd": (r"zstd\.h", {"common/asset/tiles"}, 2),
     "OpenSSL": (r"openssl/", {"common/core/hash", "common/net", "broker", "broker/websocket"}, 10),

@@ -126,9 +126,9 @@ SurfaceError error_as_received(const SourceOptions& options) {
   Scene scene;
   const auto broker = scene.start_broker();
   const auto client = scene.start_client("viewer", {"--frames", "10000"});
-  std::vector<std::string> arguments{options.input, "--basis", options.basis, "--once",
-                                     "--rate",      "15",      "--codec",     "float64"};
-  if (options.basis == "cage") arguments.insert(arguments.end(), {"--cage", options.cage.file});
+  std::vector<std::string> arguments{
+      options.input, "--basis", std::string(name_of(options.basis)), "--once", "--rate", "15", "--codec", "float64"};
+  if (options.basis == BasisKind::kCage) arguments.insert(arguments.end(), {"--cage", options.cage.file});
   if (!options.animation.empty()) arguments.insert(arguments.end(), {"--animation", options.animation});
   const auto sender = scene.start_sender(arguments);
   EXPECT_EQ(sender->wait(milliseconds(60000)), 0) << scene.logs();
@@ -136,7 +136,7 @@ SurfaceError error_as_received(const SourceOptions& options) {
   EXPECT_TRUE(source) << source.error().message;
   const auto compared = compare_with_truth(*source->clip, source->baked.asset, scene.sent(), scene.received("viewer"));
   EXPECT_TRUE(compared) << compared.error().message << scene.logs();
-  EXPECT_EQ(source->baked.asset.basis_kind, options.basis);
+  EXPECT_EQ(source->baked.asset.basis_kind, name_of(options.basis));
   EXPECT_GE(compared->keys.poses, 4u) << scene.logs();
   return compared->keys;
 }
@@ -155,12 +155,12 @@ TEST(Formats, BasesOfACageAndOfAClipArriveAsExactAsTheySay) {
   }
   SourceOptions options;
   options.input = folder.file("clip");
-  options.basis = "cage";
+  options.basis = BasisKind::kCage;
   options.cage.file = folder.file("cage.obj");
   const SurfaceError of_cage = error_as_received(options);
   EXPECT_LT(of_cage.max, 1e-5);
   EXPECT_LT(of_cage.rms, 1e-6) << "rounding to 32-bit floats, of columns and of the file's digits";
-  options.basis = "pca";
+  options.basis = BasisKind::kPca;
   options.cage = {};
   const SurfaceError learned = error_as_received(options);
   EXPECT_LT(learned.rms, 5e-4) << "16 poses are held by 16 columns; what storing them costs stays";
@@ -172,7 +172,7 @@ TEST(Formats, TheBasisOfARigArrivesExactly) {
   SourceOptions options;
   options.input = fox.string();
   options.animation = "Run";
-  options.basis = "rig";
+  options.basis = BasisKind::kRig;
   const SurfaceError error = error_as_received(options);
   EXPECT_LT(error.max, 1e-5);
   EXPECT_LT(error.rms, 1e-6);

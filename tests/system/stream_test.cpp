@@ -42,8 +42,8 @@ class Horse : public ::testing::Test {
   }
 
   /// detail: of harmonic bases.
-  void stream(const std::string& basis, Scene& scene, const std::string& detail = "none") {
-    const std::string input = folder_ + "/vertices.npy";
+  void stream(BasisKind kind, Scene& scene, const std::string& detail = "none") {
+    const std::string input = folder_ + "/vertices.npy", basis(name_of(kind));
     ASSERT_EQ(scene.run("bake", {"eigencast-sender", "bake", input, "--basis", basis, "--detail", detail}), 0)
         << scene.logs();
     const auto broker = scene.start_broker();
@@ -61,7 +61,7 @@ class Horse : public ::testing::Test {
   }
 
   /// The error of all keys that the viewer at full detail received.
-  Comparison compare(const std::string& basis, const Scene& scene, DetailKind detail = DetailKind::kNone) {
+  Comparison compare(BasisKind basis, const Scene& scene, DetailKind detail = DetailKind::kNone) {
     const auto clip = open_animation(folder_);
     const KnownMotion motion = motion_of(*clip);
     const BakeOptions options{.basis = basis, .rank = 200, .name = {}, .motion = &motion, .detail = detail};
@@ -77,9 +77,9 @@ class Horse : public ::testing::Test {
 
 TEST_F(Horse, AugmentedArrivesWithTheErrorThatTheBasisPredicts) {
   Scene scene;
-  stream("augmented", scene);
+  stream(BasisKind::kAugmented, scene);
   if (HasFatalFailure()) return;
-  const Comparison comparison = compare("augmented", scene);
+  const Comparison comparison = compare(BasisKind::kAugmented, scene);
   EXPECT_GT(comparison.keys.poses, 20u);
   EXPECT_EQ(comparison.unmatched, 0u);
   EXPECT_GT(comparison.keys.kg_percent, 0.85);
@@ -88,9 +88,9 @@ TEST_F(Horse, AugmentedArrivesWithTheErrorThatTheBasisPredicts) {
 
 TEST_F(Horse, HarmonicArrivesWithTheErrorThatTheBasisPredicts) {
   Scene scene;
-  stream("harmonic", scene);
+  stream(BasisKind::kHarmonic, scene);
   if (HasFatalFailure()) return;
-  const Comparison comparison = compare("harmonic", scene);
+  const Comparison comparison = compare(BasisKind::kHarmonic, scene);
   EXPECT_GT(comparison.keys.poses, 20u);
   EXPECT_GT(comparison.keys.kg_percent, 2.05);
   EXPECT_LT(comparison.keys.kg_percent, 2.30);
@@ -99,9 +99,9 @@ TEST_F(Horse, HarmonicArrivesWithTheErrorThatTheBasisPredicts) {
 /// Half of what the basis alone leaves (above): viewers put the rest back.
 TEST_F(Horse, HarmonicWithDetailArrivesWithHalfTheError) {
   Scene scene;
-  stream("harmonic", scene, "frames");
+  stream(BasisKind::kHarmonic, scene, "frames");
   if (HasFatalFailure()) return;
-  const Comparison comparison = compare("harmonic", scene, DetailKind::kFrames);
+  const Comparison comparison = compare(BasisKind::kHarmonic, scene, DetailKind::kFrames);
   EXPECT_GT(comparison.keys.poses, 20u);
   EXPECT_GT(comparison.keys.kg_percent, 1.02);
   EXPECT_LT(comparison.keys.kg_percent, 1.15);
@@ -109,7 +109,7 @@ TEST_F(Horse, HarmonicWithDetailArrivesWithHalfTheError) {
 
 TEST_F(Horse, ViewersOfDifferentDetailAndTimeSeeTheSameMotion) {
   Scene scene;
-  stream("augmented", scene);
+  stream(BasisKind::kAugmented, scene);
   if (HasFatalFailure()) return;
   const auto full = by_step(scene.received("full"));
   const auto coarse = by_step(scene.received("coarse"));

@@ -20,7 +20,7 @@ class Compare : public ::testing::Test {
   /// Baking is the dear part: once for all cases.
   static void SetUpTestSuite() {
     clip_ = std::move(*builtin_clip("torus"));
-    auto baked = bake(clip_->rest(), {.basis = "augmented", .rank = 100, .name = {}});
+    auto baked = bake(clip_->rest(), {.basis = BasisKind::kAugmented, .rank = 100, .name = {}});
     ASSERT_TRUE(baked) << baked.error().message;
     asset_ = std::move(baked->asset);
   }

@@ -24,8 +24,8 @@ namespace {
 namespace fs = std::filesystem;
 using testing::TemporaryFolder;
 
-BakeOptions of_rank(int rank, std::string basis = "augmented") {
-  return {std::move(basis), rank, "test"};
+BakeOptions of_rank(int rank, BasisKind basis = BasisKind::kAugmented) {
+  return {basis, rank, "test"};
 }
 
 Bytes bytes_of(std::string_view text) {
@@ -202,8 +202,8 @@ TEST(BakeCache, TellsSurfacesAndOptionsApart) {
   EXPECT_TRUE(fresh(moved, of_rank(30)));
   EXPECT_TRUE(fresh(turned, of_rank(30)));
   EXPECT_TRUE(fresh(surface, of_rank(31)));
-  EXPECT_TRUE(fresh(surface, of_rank(30, "harmonic")));
-  BakeOptions smooth = of_rank(30, "harmonic");
+  EXPECT_TRUE(fresh(surface, of_rank(30, BasisKind::kHarmonic)));
+  BakeOptions smooth = of_rank(30, BasisKind::kHarmonic);
   smooth.detail = DetailKind::kNone;
   EXPECT_TRUE(fresh(surface, smooth));
   EXPECT_TRUE(fresh(surface, named));

@@ -32,7 +32,7 @@ inline const Model& model(int rank) {
   static std::map<int, Model> models;
   Model& m = models[rank];
   if (!m.asset) {
-    auto baked = bake(make_icosphere(3), {.basis = "augmented", .rank = rank, .name = "ball"});
+    auto baked = bake(make_icosphere(3), {.basis = BasisKind::kAugmented, .rank = rank, .name = "ball"});
     EXPECT_TRUE(baked) << baked.error().message;
     m = {std::make_shared<const Asset>(std::move(baked->asset)),
          std::make_shared<const EncodedAsset>(std::move(baked->encoded))};

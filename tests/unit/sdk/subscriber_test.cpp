@@ -69,7 +69,7 @@ TEST(Subscriber, StaysAwayAsLongAsTheBrokerAsks) {
 }
 
 TEST(Publisher, StaysAwayAsLongAsTheBrokerAsks) {
-  auto baked = bake(make_icosphere(1), {.basis = "augmented", .rank = 8, .name = "ball"});
+  auto baked = bake(make_icosphere(1), {.basis = BasisKind::kAugmented, .rank = 8, .name = "ball"});
   ASSERT_TRUE(baked) << baked.error().message;
   ScriptedBroker broker({{kBye}, {}, true});
   PublisherOptions options;

@@ -90,7 +90,7 @@ TEST_F(BeforeTheBake, DeformReadsItsFiles) {
 
 TEST_F(BeforeTheBake, EvaluateChecksAllBases) {
   auto evaluate = of_sphere<EvaluateCommand>();
-  evaluate.bases = {"augmented", "rig"};
+  evaluate.bases = {BasisKind::kAugmented, BasisKind::kRig};
   ends(evaluate, kExitFailed, "a sphere has no bones");
 }
 

@@ -18,7 +18,7 @@ class Evaluate : public ::testing::Test {
  protected:
   static void SetUpTestSuite() {
     clip_ = std::move(*builtin_clip("torus", 5));
-    asset_ = std::move(bake(clip_->rest(), {.basis = "augmented", .rank = 60, .name = {}})->asset);
+    asset_ = std::move(bake(clip_->rest(), {.basis = BasisKind::kAugmented, .rank = 60, .name = {}})->asset);
   }
   static void TearDownTestSuite() { clip_.reset(); }
   static Evaluation evaluated(const EvaluateOptions& options) {
@@ -76,7 +76,7 @@ TEST_F(Evaluate, StopsWhenItIsTold) {
 }
 
 TEST_F(Evaluate, PointsAreHeldAgainstPoints) {
-  auto baked = bake({clip_->rest().positions, {}}, {.basis = "augmented", .rank = 40, .name = {}});
+  auto baked = bake({clip_->rest().positions, {}}, {.basis = BasisKind::kAugmented, .rank = 40, .name = {}});
   ASSERT_TRUE(baked) << baked.error().message;
   const auto evaluation = evaluate(*clip_, baked->asset, {CodecKind::kQuantised, 1e-3 * asset_.diagonal(), {1, 0.2}});
   ASSERT_TRUE(evaluation) << evaluation.error().message;
@@ -89,7 +89,7 @@ TEST_F(Evaluate, DetailInFramesLeavesLeast) {
   // Few columns, so that they leave out more than the codec does.
   std::vector<double> rms;
   for (const DetailKind kind : {DetailKind::kNone, DetailKind::kNormal, DetailKind::kFrames}) {
-    auto baked = bake(clip_->rest(), {.basis = "harmonic", .rank = 24, .name = {}, .detail = kind});
+    auto baked = bake(clip_->rest(), {.basis = BasisKind::kHarmonic, .rank = 24, .name = {}, .detail = kind});
     ASSERT_TRUE(baked) << baked.error().message;
     const auto evaluation = evaluate(*clip_, baked->asset, {CodecKind::kFloat32, 1, {1, 0.3}});
     ASSERT_TRUE(evaluation) << evaluation.error().message;

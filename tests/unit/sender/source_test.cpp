@@ -49,7 +49,7 @@ TEST(Source, UnknownNameIsNotFound) {
   EXPECT_EQ(clip.error().code, ErrorCode::kNotFound);
 }
 
-SourceOptions of_basis(const std::string& input, const std::string& basis) {
+SourceOptions of_basis(const std::string& input, BasisKind basis) {
   SourceOptions options;
   options.input = input;
   options.basis = basis;
@@ -65,7 +65,7 @@ TEST(Source, CageBasisHoldsEveryDeformation) {
   ASSERT_TRUE(cage);
   ASSERT_TRUE(write_surface(model, folder.file("heart.obj")) && write_surface(*cage, folder.file("cage.obj")));
   for (const char* coordinates : {"green", "mean-value"}) {
-    SourceOptions options = of_basis(folder.file("heart.obj"), "cage");
+    SourceOptions options = of_basis(folder.file("heart.obj"), BasisKind::kCage);
     options.cage.file = folder.file("cage.obj");
     options.cage.coordinates = coordinates;
     const auto source = bake_source(options, {});
@@ -96,12 +96,12 @@ TEST(Source, CageBasisHoldsEveryDeformation) {
 }
 
 TEST(Source, RigAndPcaBasesNeedTheirInputs) {
-  const auto rig = bake_source(of_basis("heart", "rig"), {});
+  const auto rig = bake_source(of_basis("heart", BasisKind::kRig), {});
   ASSERT_FALSE(rig);
   EXPECT_EQ(rig.error().code, ErrorCode::kInvalidArgument);
   const testing::TemporaryFolder folder;
   ASSERT_TRUE(write_surface(make_icosphere(2), folder.file("ball.obj")));
-  const auto pca = bake_source(of_basis(folder.file("ball.obj"), "pca"), {});
+  const auto pca = bake_source(of_basis(folder.file("ball.obj"), BasisKind::kPca), {});
   ASSERT_FALSE(pca);
   EXPECT_EQ(pca.error().code, ErrorCode::kInvalidArgument);
 }
@@ -117,15 +117,15 @@ TEST(Source, PcaBasisLearnsFromTheClip) {
     const Surface pose{(*deformer)->positions(script->handles_at(i / 12.0)), model.faces};
     ASSERT_TRUE(write_surface(pose, folder.file("pose" + std::to_string(i) + ".obj")));
   }
-  const auto error = [&](const char* basis) {
+  const auto error = [&](BasisKind basis) {
     SourceOptions options = of_basis(folder.file("pose*.obj"), basis);
     options.rank = 20;
     const auto source = bake_source(options, {});
     EXPECT_TRUE(source) << source.error().message;
-    EXPECT_EQ(source->baked.asset.basis_kind, basis);
+    EXPECT_EQ(source->baked.asset.basis_kind, name_of(basis));
     return evaluate(*source->clip, source->baked.asset, {CodecKind::kFloat64, 0, {}})->truncation.kg_percent;
   };
-  EXPECT_LT(20 * error("pca"), error("augmented"));
+  EXPECT_LT(20 * error(BasisKind::kPca), error(BasisKind::kAugmented));
 }
 
 // The whole way of a skinned file: what the receiver rebuilds is the clip.
@@ -133,7 +133,7 @@ TEST(Source, RigBasisIsExact) {
   const std::filesystem::path folder = data_dir() / "gltf";
   if (!std::filesystem::exists(folder)) GTEST_SKIP() << folder << " is not there: real inputs are not tested";
   for (const char* file : {"Fox.glb", "AnimatedMorphCube.gltf"}) {
-    const auto source = bake_source(of_basis((folder / file).string(), "rig"), {});
+    const auto source = bake_source(of_basis((folder / file).string(), BasisKind::kRig), {});
     ASSERT_TRUE(source) << source.error().message;
     EXPECT_EQ(source->baked.asset.basis_kind, "rig");
     EXPECT_LE(source->baked.asset.rank, 96u);

@@ -42,7 +42,7 @@ void expect_eigenpairs(const Laplacian& laplacian, const Eigenbasis& basis) {
   EXPECT_TRUE(std::is_sorted(basis.eigenvalues.begin(), basis.eigenvalues.end()));
 }
 
-TEST(Eigenbasis, SphereHasEigenvaluesLTimesLPlusOneWithMultiplicityTwoLPlusOne) {
+TEST(Eigenbasis, SphereHasItsEigenvaluesAndMultiplicities) {
   const Surface sphere = make_icosphere(4);  // its symmetry makes clusters of up to 5 exactly equal eigenvalues
   const Laplacian laplacian = laplacian_of(sphere);
   const auto basis = solve_eigenbasis(laplacian, 100);
@@ -56,7 +56,7 @@ TEST(Eigenbasis, SphereHasEigenvaluesLTimesLPlusOneWithMultiplicityTwoLPlusOne) 
   }
 }
 
-TEST(Eigenbasis, CutInsideAClusterIsStillComplete) {
+TEST(Eigenbasis, CutInsideAClusterStaysComplete) {
   const Laplacian laplacian = laplacian_of(make_icosphere(3));
   const Eigen::VectorXd truth = dense_spectrum(laplacian, 60);
   for (const int m : {2, 3, 6, 37, 60}) {
@@ -67,7 +67,7 @@ TEST(Eigenbasis, CutInsideAClusterIsStillComplete) {
   }
 }
 
-TEST(Eigenbasis, BandsFindWhatADenseSolverFinds) {
+TEST(Eigenbasis, BandsMatchADenseSolver) {
   for (const Surface& surface : {make_torus(40, 20, 1.0, 0.4), make_box(6, 9, 12, {1, 1, 3})}) {
     const Laplacian laplacian = laplacian_of(surface);
     const int m = static_cast<int>(surface.vertex_count()) * 2 / 5;
@@ -97,7 +97,7 @@ TEST(Eigenbasis, FirstHarmonicIsConstant) {
   EXPECT_LE((basis->Phi.col(0).array().abs() - 1 / std::sqrt(laplacian.area)).abs().maxCoeff(), 1e-12);
 }
 
-TEST(Eigenbasis, EigenvaluesGoWithTheInverseSquareOfScale) {
+TEST(Eigenbasis, EigenvaluesScaleWithTheInverseSquare) {
   Surface surface = make_torus(40, 20, 1.0, 0.4);
   const auto one = solve_eigenbasis(laplacian_of(surface), 40);
   for (const double s : {1e-5, 1e4}) {
@@ -109,7 +109,7 @@ TEST(Eigenbasis, EigenvaluesGoWithTheInverseSquareOfScale) {
   }
 }
 
-TEST(Eigenbasis, UnbridgedComponentsGiveTheirIndicators) {
+TEST(Eigenbasis, UnbridgedComponentsSpanTheKernel) {
   const Surface surface = testing::side_by_side(std::vector<Surface>(5, make_icosphere(2)), 3);
   const Laplacian laplacian = laplacian_of(surface, false);
   const auto basis = solve_eigenbasis(laplacian, 30);
@@ -149,7 +149,7 @@ TEST(Eigenbasis, StopsWhenAskedTo) {
   }
 }
 
-TEST(Eigenbasis, RefusesMoreThanTheSurfaceHas) {
+TEST(Eigenbasis, RefusesTooManyPairs) {
   const Laplacian laplacian = laplacian_of(make_icosphere(1));
   EXPECT_EQ(solve_eigenbasis(laplacian, 21).error().code, ErrorCode::kInvalidArgument);
   EXPECT_EQ(solve_eigenbasis(laplacian, 0).error().code, ErrorCode::kInvalidArgument);

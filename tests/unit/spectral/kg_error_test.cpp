@@ -9,7 +9,7 @@
 namespace eigencast {
 namespace {
 
-TEST(KgError, IsZeroForTheTruthAndAHundredForTheMean) {
+TEST(KgError, IsZeroForTruthAndHundredForMean) {
   const std::vector<Vec3> truth = {{1, 0, 0}, {-1, 2, 0}, {0, 1, 4}, {0, 1, 0}};
   KgError same;
   same.add_frame(truth, truth);
@@ -29,7 +29,7 @@ TEST(KgError, SumsOverFramesBeforeItDivides) {
   EXPECT_NEAR(error.percent(), 100 * std::sqrt(0.01 / 4), 1e-12);
 }
 
-TEST(KgError, IsInfiniteWhereThereIsNothingToCompareWith) {
+TEST(KgError, IsInfiniteForAConstantTruth) {
   const std::vector<Vec3> point(5, Vec3{1, 1, 1});
   KgError error;
   EXPECT_EQ(error.percent(), 0);

@@ -50,7 +50,7 @@ Eigen::VectorXd spectrum(const Laplacian& laplacian) {
   return dense_eigen(S).values;
 }
 
-TEST(Laplacian, MassIsTheAreaAndConstantsAreInTheKernel) {
+TEST(Laplacian, MassSumsToAreaAndKernelHoldsConstants) {
   for (const Surface& surface : {make_icosphere(4), make_torus(60, 30, 1.0, 0.4), make_box(5, 7, 9, {1, 2, 3})}) {
     const auto laplacian = build_laplacian(surface);
     ASSERT_TRUE(laplacian);
@@ -61,7 +61,7 @@ TEST(Laplacian, MassIsTheAreaAndConstantsAreInTheKernel) {
   }
 }
 
-TEST(Laplacian, DirichletEnergyOfTheCoordinatesIsTwiceTheArea) {
+TEST(Laplacian, CoordinatesHaveDirichletEnergyOfTwiceTheArea) {
   const Surface surface = make_torus(60, 30, 1.0, 0.4);
   const auto laplacian = build_laplacian(surface);
   ASSERT_TRUE(laplacian);
@@ -70,7 +70,7 @@ TEST(Laplacian, DirichletEnergyOfTheCoordinatesIsTwiceTheArea) {
   EXPECT_NEAR(energy, 2 * laplacian->area, 1e-11 * energy);
 }
 
-TEST(Laplacian, WeightsDoNotDependOnScaleAndMassGoesWithItsSquare) {
+TEST(Laplacian, ScaleChangesMassButNotWeights) {
   Surface surface = make_icosphere(3);
   const auto small = build_laplacian(surface);
   surface.positions = testing::scaled(surface.positions, 1e6);
@@ -80,7 +80,7 @@ TEST(Laplacian, WeightsDoNotDependOnScaleAndMassGoesWithItsSquare) {
   EXPECT_NEAR(large->area, 1e12 * small->area, 1e-9 * large->area);
 }
 
-TEST(Laplacian, ComponentsAreJoinedSoThatOneEigenvalueIsZero) {
+TEST(Laplacian, BridgesLeaveOneZeroEigenvalue) {
   const Surface surface = testing::side_by_side({make_icosphere(1), make_torus(8, 6, 1.0, 0.3), make_icosphere(0)}, 4);
   const auto joined = build_laplacian(surface);
   ASSERT_TRUE(joined);
@@ -117,7 +117,7 @@ TEST(Laplacian, ManyPiecesOfOneTriangleBecomeOne) {
   EXPECT_GT(lambda[1], 1e-9 * lambda[lambda.size() - 1]);
 }
 
-TEST(Laplacian, UnreferencedVerticesGetALittleMassAndABridge) {
+TEST(Laplacian, UnreferencedVerticesGetMassAndABridge) {
   Surface surface = make_icosphere(2);
   const auto median_before = build_laplacian(surface);
   surface.positions.push_back({0, 0, 3});
@@ -149,7 +149,7 @@ TEST(Laplacian, DegenerateFacesLeaveItFiniteAndSemidefinite) {
   EXPECT_GE(lambda[0], -1e-12 * lambda[lambda.size() - 1]);
 }
 
-TEST(Laplacian, NonManifoldEdgesAndTurnedFacesAreNoTrouble) {
+TEST(Laplacian, AcceptsNonManifoldEdgesAndTurnedFaces) {
   Surface surface = make_box(3, 3, 3, {1, 1, 1});
   surface.positions.push_back({0.5, 0.5, 4});
   surface.faces.push_back(
@@ -172,7 +172,7 @@ double largest_entry_off_the_diagonal(const Eigen::SparseMatrix<double>& L) {
   return largest;
 }
 
-TEST(TuftedCover, OfADelaunayMeshIsTheMeshTwice) {
+TEST(TuftedCover, DelaunayMeshIsCoveredTwice) {
   const Surface sphere = make_icosphere(3);
   const auto plain = build_laplacian(sphere), tufted = build_laplacian(sphere, {.delaunay = true});
   ASSERT_TRUE(plain && tufted);
@@ -182,7 +182,7 @@ TEST(TuftedCover, OfADelaunayMeshIsTheMeshTwice) {
   EXPECT_LE((plain->mass - tufted->mass).norm(), 1e-12 * plain->mass.norm());
 }
 
-TEST(TuftedCover, FlipsTakeNegativeWeightsAwayAndNoArea) {
+TEST(TuftedCover, FlipsRemoveNegativeWeightsAndKeepArea) {
   Surface torus = make_torus(80, 12, 1.0, 0.4);
   for (Vec3& p : torus.positions) p[2] *= 6;  // long and thin, many angles obtuse
   const auto plain = build_laplacian(torus), flipped = build_laplacian(torus, {.delaunay = true});
@@ -195,7 +195,7 @@ TEST(TuftedCover, FlipsTakeNegativeWeightsAwayAndNoArea) {
 }
 
 // Three pages of a book, which share their back.
-TEST(TuftedCover, IsTakenWhereAnEdgeHasThreeFacesWhicheverWayTheyAreTurned) {
+TEST(TuftedCover, IsUsedWhereAnEdgeHasThreeFaces) {
   Surface book;
   constexpr std::uint32_t kLines = 12, kColumns = 5;
   for (std::uint32_t line = 0; line < kLines; ++line) book.positions.push_back({0, 0, 0.3 * line});
@@ -228,7 +228,7 @@ TEST(TuftedCover, IsTakenWhereAnEdgeHasThreeFacesWhicheverWayTheyAreTurned) {
   EXPECT_LE((laplacian->L - other->L).norm(), 1e-6 * laplacian->L.norm());
 }
 
-TEST(Laplacian, RefusesWhatHasNoArea) {
+TEST(Laplacian, RefusesSurfacesWithoutArea) {
   const Surface collinear{{{0, 0, 0}, {1, 1, 1}, {2, 2, 2}, {3, 3, 3}, {5, 5, 5}}, {{0, 1, 2}, {1, 2, 3}, {2, 3, 4}}};
   for (Surface surface :
        {collinear, Surface{collinear.positions, {}}, Surface{std::vector<Vec3>(50, Vec3{1, 2, 3}), {}},
@@ -239,7 +239,7 @@ TEST(Laplacian, RefusesWhatHasNoArea) {
   }
 }
 
-TEST(Laplacian, RefusesWhatIsNoSurface) {
+TEST(Laplacian, RefusesInvalidSurfaces) {
   Surface surface = make_icosphere(1);
   surface.positions[7][1] = std::numeric_limits<double>::quiet_NaN();
   EXPECT_FALSE(build_laplacian(surface));
@@ -279,7 +279,7 @@ TEST(PointLaplacian, CoversTheSphereOnce) {
   EXPECT_NEAR((X.transpose() * (laplacian->L * X)).trace(), 2 * laplacian->area, 1e-9 * laplacian->area);
 }
 
-TEST(PointLaplacian, CoincidentPointsShareAndStayConnected) {
+TEST(PointLaplacian, CoincidentPointsShareMassAndStayConnected) {
   Surface cloud = fibonacci_cloud(400);
   for (int copy = 0; copy < 50; ++copy)
     cloud.positions.push_back(cloud.positions[7]);  // more than the neighbours looked at
@@ -307,7 +307,7 @@ TEST(PointLaplacian, TightClustersAreBridged) {
   EXPECT_GT(lambda[1], 0.1);
 }
 
-TEST(PointLaplacian, GridsWithManyEqualDistancesAndOpenBordersWork) {
+TEST(PointLaplacian, AcceptsGridsWithOpenBorders) {
   const Surface cloud = grid_cloud(15, 15);
   const auto laplacian = build_laplacian(cloud);
   ASSERT_TRUE(laplacian);
@@ -316,14 +316,14 @@ TEST(PointLaplacian, GridsWithManyEqualDistancesAndOpenBordersWork) {
   EXPECT_GT(spectrum(*laplacian)[1], 0.5 * std::pow(std::numbers::pi / 14, 2));
 }
 
-TEST(PointLaplacian, FourPointsDo) {
+TEST(PointLaplacian, FourPointsSuffice) {
   const Surface cloud{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}}, {}};
   const auto laplacian = build_laplacian(cloud);
   ASSERT_TRUE(laplacian);
   expect_usable(*laplacian, 4);
 }
 
-TEST(LocalDelaunay, CellsOfAGridAreItsSquaresAndOpenOnesAreZero) {
+TEST(LocalDelaunay, GridCellsAreSquaresAndOpenCellsZero) {
   const Surface cloud = grid_cloud(12, 11);
   const LocalTriangles local = local_delaunay(cloud.positions);
   ASSERT_EQ(local.cell.size(), cloud.vertex_count());
@@ -337,7 +337,7 @@ TEST(LocalDelaunay, CellsOfAGridAreItsSquaresAndOpenOnesAreZero) {
 constexpr LaplacianOptions kPbMhb{.points = PointsOperator::kPbMhb};
 
 // The formula, by hand, where all is known: unit cells, four neighbours at 1 and the next two at the root of 2.
-TEST(PbMhb, WeightsOfAGridAreTheHeatKernel) {
+TEST(PbMhb, GridWeightsAreTheHeatKernel) {
   const int size = 25;
   const auto laplacian = build_laplacian(grid_cloud(size, size), kPbMhb);
   ASSERT_TRUE(laplacian);
@@ -365,7 +365,7 @@ double squared_spacing(const Surface& cloud) {
   return std::pow(sum / points, 2);
 }
 
-TEST(PbMhb, CoversTheSphereAndItsEigenvaluesAreThoseOfTheSphereOnceTheirBiasIsTakenOut) {
+TEST(PbMhb, SphereEigenvaluesMatchAfterBiasCorrection) {
   const Surface cloud = fibonacci_cloud(2500);
   const auto laplacian = build_laplacian(cloud, kPbMhb);
   ASSERT_TRUE(laplacian);
@@ -384,7 +384,7 @@ TEST(PbMhb, CoversTheSphereAndItsEigenvaluesAreThoseOfTheSphereOnceTheirBiasIsTa
   }
 }
 
-TEST(PbMhb, ScalesAsALaplacianDoes) {
+TEST(PbMhb, ScalesLikeALaplacian) {
   Surface cloud = fibonacci_cloud(500);
   const auto small = build_laplacian(cloud, kPbMhb);
   for (Vec3& p : cloud.positions) p = {1000 * p[0], 1000 * p[1], 1000 * p[2]};
@@ -396,7 +396,7 @@ TEST(PbMhb, ScalesAsALaplacianDoes) {
 
 // A dense cluster next to few points, many copies of one, and a border: no row beyond the bound, nothing that is not
 // finite.
-TEST(PbMhb, ClustersCopiesAndBordersAreGuarded) {
+TEST(PbMhb, AcceptsClustersCopiesAndBorders) {
   Surface cloud = grid_cloud(20, 20);
   std::mt19937 generator(3);
   for (int i = 0; i < 220; ++i) {
@@ -414,7 +414,7 @@ TEST(PbMhb, ClustersCopiesAndBordersAreGuarded) {
   EXPECT_GT(lambda[1], 1e-4);
 }
 
-TEST(PbMhb, PointsOnALineAreRefusedAndFourPointsDo) {
+TEST(PbMhb, RefusesCollinearPointsAndAcceptsFour) {
   Surface line;
   for (int i = 0; i < 50; ++i) line.positions.push_back({double(i), 2.0 * i, 0});
   EXPECT_FALSE(build_laplacian(line, kPbMhb));
@@ -423,7 +423,7 @@ TEST(PbMhb, PointsOnALineAreRefusedAndFourPointsDo) {
   expect_usable(*four, 4);
 }
 
-TEST(TangentDerivatives, OfThePositionsAreOrthonormalTangentsAndOfALinearFunctionItsSlopes) {
+TEST(TangentDerivatives, TangentsAreOrthonormalAndSlopesExact) {
   const Surface torus = make_torus(40, 20, 1, 0.4);
   std::vector<std::uint32_t> parents;
   for (std::uint32_t i = 0; i < torus.vertex_count(); ++i) parents.push_back(i == 0 ? 0 : i - 1);
@@ -460,7 +460,7 @@ TEST(TangentDerivatives, OfThePositionsAreOrthonormalTangentsAndOfALinearFunctio
   }
 }
 
-TEST(TangentDerivatives, ThereAreNoneWhereFacesSpanNoPlane) {
+TEST(TangentDerivatives, DegenerateFacesGiveNone) {
   const std::vector<Vec3> positions = {{0, 0, 0}, {1, 0, 0}, {2, 0, 0}, {0, 1, 0}, {5, 5, 5}};
   const std::vector<std::uint32_t> parents = {0, 0, 1, 0, 0};
   const TangentDerivatives derivatives =

@@ -75,7 +75,7 @@ struct Rigged {
   }
 };
 
-Basis basis_of(const Surface& rest, const KnownMotion& motion, int rank) {
+Basis motion_basis_of(const Surface& rest, const KnownMotion& motion, int rank) {
   const auto laplacian = build_laplacian(rest);
   EXPECT_TRUE(laplacian);
   auto basis = build_motion_basis(rest, *laplacian, motion, rank);
@@ -96,7 +96,7 @@ double kg_of_prefix(const Basis& basis, Eigen::Index rank, const std::vector<std
   return error.percent();
 }
 
-TEST(RigColumns, AreThoseOfTheBonesThatCarryAndOfTheTargetsOnThem) {
+TEST(RigColumns, CoverUsedBonesAndTheirTargets) {
   const Rigged rigged;
   const auto columns = columns_from_rig(rigged.rig);
   ASSERT_TRUE(columns);
@@ -124,8 +124,7 @@ TEST(MotionBasis, OfARigHoldsEveryPoseExactly) {
   const Rigged rigged;
   std::mt19937 generator(1);
   const std::vector<std::vector<Vec3>> seen{rigged.rest.positions, rigged.pose(generator), rigged.pose(generator)};
-  const Basis basis = basis_of(rigged.rest, motion_from(*columns_from_rig(rigged.rig), seen), 100);
-  EXPECT_EQ(basis.kind, BasisKind::kSpanned);
+  const Basis basis = motion_basis_of(rigged.rest, motion_from(*columns_from_rig(rigged.rig), seen), 100);
   EXPECT_LE(basis.Psi.cols(), 11);
   EXPECT_EQ(basis.dimensions, basis.Psi.cols());
   for (int i = 0; i < 20; ++i) {
@@ -137,7 +136,7 @@ TEST(MotionBasis, OfARigHoldsEveryPoseExactly) {
 
 TEST(MotionBasis, BeginsWithTheConstantAndTheRestPose) {
   const Rigged rigged;
-  const Basis basis = basis_of(rigged.rest, motion_from(*columns_from_rig(rigged.rig), {}), 100);
+  const Basis basis = motion_basis_of(rigged.rest, motion_from(*columns_from_rig(rigged.rig), {}), 100);
   const Eigen::VectorXd first = basis.Psi.col(0);
   EXPECT_LE((first.array() - first[0]).abs().maxCoeff(), 1e-12 * std::abs(first[0]));
   Basis prefix = basis;
@@ -147,20 +146,20 @@ TEST(MotionBasis, BeginsWithTheConstantAndTheRestPose) {
   EXPECT_EQ(basis.rms.size(), 0) << "no poses are known";
 }
 
-TEST(MotionBasis, PrefixesGetBetterAndARankCutsThemOff) {
+TEST(MotionBasis, PrefixesImproveUpToTheRank) {
   const Rigged rigged;
   std::mt19937 generator(2);
   std::vector<std::vector<Vec3>> poses;
   for (int i = 0; i < 30; ++i) poses.push_back(rigged.pose(generator));
   const KnownMotion motion = motion_from(*columns_from_rig(rigged.rig), poses);
-  const Basis basis = basis_of(rigged.rest, motion, 100);
+  const Basis basis = motion_basis_of(rigged.rest, motion, 100);
   for (Eigen::Index k = 4; k < basis.Psi.cols(); ++k) {
     EXPECT_LE(kg_of_prefix(basis, k + 1, poses), kg_of_prefix(basis, k, poses));
     if (k > 4) {
       EXPECT_LE(basis.rms[k], basis.rms[k - 1]);
     }
   }
-  const Basis shorter = basis_of(rigged.rest, motion, 7);
+  const Basis shorter = motion_basis_of(rigged.rest, motion, 7);
   EXPECT_EQ(shorter.Psi.cols(), 7);
   EXPECT_EQ(shorter.dimensions, basis.dimensions);
   EXPECT_NEAR(kg_of_prefix(shorter, 7, poses), kg_of_prefix(basis, 7, poses), 1e-9);
@@ -168,7 +167,7 @@ TEST(MotionBasis, PrefixesGetBetterAndARankCutsThemOff) {
 }
 
 // A column is nothing new, another almost nothing, a third lives on a few small vertices: the third must stay.
-TEST(MotionBasis, DropsWhatColumnsSayTwiceAndKeepsWhatIsSmall) {
+TEST(MotionBasis, DropsDependentColumnsAndKeepsSmallOnes) {
   const Surface rest = make_icosphere(3);
   const std::size_t n = rest.vertex_count();
   SpanningColumns columns{4, std::vector<double>(n * 4)};
@@ -179,27 +178,26 @@ TEST(MotionBasis, DropsWhatColumnsSayTwiceAndKeepsWhatIsSmall) {
     columns.W[4 * i + 2] = wave * (1 + 1e-9 * rest.positions[i][2]);
     columns.W[4 * i + 3] = i < 3 ? 1e-4 * static_cast<double>(i + 1) : 0;
   }
-  const Basis basis = basis_of(rest, motion_from(columns, {}), 100);
+  const Basis basis = motion_basis_of(rest, motion_from(columns, {}), 100);
   EXPECT_EQ(basis.Psi.cols(), 6);
   std::vector<Vec3> pose = rest.positions;
   for (std::size_t i = 0; i < 3; ++i) pose[i][2] += 0.5 * static_cast<double>(i + 1);
   EXPECT_LE(worst_error(pose, round_trip(basis, pose)), kRounding);
 }
 
-TEST(MotionBasis, LearnedFromPosesHoldsThemInAsManyColumnsAsTheyNeed) {
+TEST(MotionBasis, LearnedBasisNeedsOnlyTheMotionsDimensions) {
   const Rigged rigged;
   std::mt19937 generator(3);
   std::vector<std::vector<Vec3>> poses;
   for (int i = 0; i < 120; ++i) poses.push_back(rigged.pose(generator));  // More than are taken in at a time.
-  const Basis all = basis_of(rigged.rest, motion_from({}, poses), 100);
-  EXPECT_EQ(all.kind, BasisKind::kLearned);
+  const Basis all = motion_basis_of(rigged.rest, motion_from({}, poses), 100);
   EXPECT_LE(all.Psi.cols(), 11) << "a rig of eleven columns made them";
   EXPECT_LE(kg_of_prefix(all, all.Psi.cols(), poses), 1e-4);
   // The best of its length: none is better than the same prefix of what the rig's own columns give, ordered by all
   // poses.
-  const Basis spanned = basis_of(rigged.rest, motion_from(*columns_from_rig(rigged.rig), poses), 100);
+  const Basis spanned = motion_basis_of(rigged.rest, motion_from(*columns_from_rig(rigged.rig), poses), 100);
   for (const Eigen::Index r : {5, 6, 8}) {
-    EXPECT_NEAR(kg_of_prefix(basis_of(rigged.rest, motion_from({}, poses), static_cast<int>(r)), r, poses),
+    EXPECT_NEAR(kg_of_prefix(motion_basis_of(rigged.rest, motion_from({}, poses), static_cast<int>(r)), r, poses),
                 kg_of_prefix(spanned, r, poses), 1e-3 * kg_of_prefix(spanned, r, poses));
   }
 }
@@ -231,16 +229,17 @@ TEST(MotionBasis, NeverHasMoreColumnsThanVertices) {
   SpanningColumns columns{20, std::vector<double>(20 * rest.vertex_count())};
   std::mt19937 generator(4);
   for (double& value : columns.W) value = uniform(generator);
-  EXPECT_EQ(basis_of(rest, motion_from(columns, {}), 100).Psi.cols(), static_cast<Eigen::Index>(rest.vertex_count()));
+  EXPECT_EQ(motion_basis_of(rest, motion_from(columns, {}), 100).Psi.cols(),
+            static_cast<Eigen::Index>(rest.vertex_count()));
 }
 
-TEST(MotionBasis, LearnedFromTheHorseIsTenTimesBetterThanAnyOther) {
+TEST(MotionBasis, LearnedBasisBeatsOthersTenfoldOnTheHorse) {
   const std::filesystem::path file = data_dir() / "animations/horse-gallop/vertices.npy";
   if (!std::filesystem::exists(file)) GTEST_SKIP() << file << " is not there: real inputs are not tested";
   const auto clip = open_clip(file.string());
   ASSERT_TRUE(clip);
   const KnownMotion motion{{}, (*clip)->frame_count(), [&](std::size_t i) { return (*clip)->pose(i); }};
-  const Basis basis = basis_of((*clip)->rest(), motion, 50);
+  const Basis basis = motion_basis_of((*clip)->rest(), motion, 50);
   EXPECT_EQ(basis.Psi.cols(), 50);
   KgError error;
   for (std::size_t i = 0; i < (*clip)->frame_count(); ++i) {
@@ -260,7 +259,7 @@ TEST(MotionBasis, OfASkinnedFileHoldsItsClips) {
     ASSERT_TRUE(clip) << clip.error().message;
     const KnownMotion motion{*columns_from_rig(*(*clip)->rig()), (*clip)->frame_count(),
                              [&](std::size_t i) { return (*clip)->pose(i); }};
-    const Basis basis = basis_of((*clip)->rest(), motion, 4096);
+    const Basis basis = motion_basis_of((*clip)->rest(), motion, 4096);
     EXPECT_LE(basis.Psi.cols(), 96) << file;
     // Whatever animation of the file it is: the basis is the rig's.
     const auto other = open_clip((folder / file).string(), {.animation = *animation ? "Run" : ""});

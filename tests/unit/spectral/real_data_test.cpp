@@ -35,7 +35,7 @@ double kg_percent(const MotionClip& clip, const Basis& basis) {
   return error.percent();
 }
 
-TEST(RealData, HorseSpectrumFollowsWeylAndStaysWhatItWas) {
+TEST(RealData, HorseSpectrumFollowsWeyl) {
   SKIP_WITHOUT_DATA();
   const auto clip = horse();
   const auto laplacian = build_laplacian(clip->rest());
@@ -98,7 +98,7 @@ TEST(RealData, TwentySixBonesAreBridged) {
   EXPECT_EQ((basis->eigenvalues.array() <= 0).count(), 1);
 }
 
-TEST(RealData, NastyMeshesAndCloudsGiveAnExactBasisOrAReason) {
+TEST(RealData, DifficultInputsGiveABasisOrAnError) {
   SKIP_WITHOUT_DATA();
   std::size_t files = 0;
   for (const char* folder : {"meshes/nasty", "clouds"}) {

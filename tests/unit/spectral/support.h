@@ -69,6 +69,19 @@ inline Surface side_by_side(const std::vector<Surface>& parts, double step) {
   return result;
 }
 
+inline Surface square_grid(std::uint32_t side) {
+  Surface grid;
+  for (std::uint32_t i = 0; i < side * side; ++i)
+    grid.positions.push_back(
+        {static_cast<double>(i / side) / (side - 1), static_cast<double>(i % side) / (side - 1), 0});
+  for (std::uint32_t i = 0; i + side < side * side; ++i) {
+    if (i % side + 1 == side) continue;
+    grid.faces.push_back({i, i + side, i + 1});
+    grid.faces.push_back({i + 1, i + side, i + side + 1});
+  }
+  return grid;
+}
+
 inline double uniform(std::mt19937& generator) {
   return static_cast<double>(generator()) / 4294967296.0;
 }

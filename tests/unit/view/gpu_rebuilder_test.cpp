@@ -31,8 +31,8 @@ using testing::sphere_pose;
 
 constexpr TimeUs kPictureUs = 16'667;
 
-const Asset& baked(const char* basis, double asset_error, bool as_points, DetailKind detail = DetailKind::kNone) {
-  static std::map<std::tuple<std::string, double, bool, DetailKind>, Asset> all;
+const Asset& baked(BasisKind basis, double asset_error, bool as_points, DetailKind detail = DetailKind::kNone) {
+  static std::map<std::tuple<BasisKind, double, bool, DetailKind>, Asset> all;
   const auto [at, fresh] = all.try_emplace({basis, asset_error, as_points, detail});
   if (!fresh) return at->second;
   Surface surface = (*builtin_clip("heart"))->rest();
@@ -193,8 +193,9 @@ class GpuRebuilders : public testing::OffscreenPictures {
 
 TEST_F(GpuRebuilders, AgreeForEveryBasisAndLevel) {
   for (const bool as_points : {false, true}) {
-    for (Asset& asset : std::vector<Asset>{baked("augmented", 1e-4, as_points), baked("harmonic", 1e-4, as_points),
-                                           baked("augmented", 0, as_points), sphere_asset(3, as_points)}) {
+    for (Asset& asset :
+         std::vector<Asset>{baked(BasisKind::kAugmented, 1e-4, as_points), baked(BasisKind::kHarmonic, 1e-4, as_points),
+                            baked(BasisKind::kAugmented, 0, as_points), sphere_asset(3, as_points)}) {
       SCOPED_TRACE(asset.basis_kind + " " + asset.name + (as_points ? " points" : ""));
       show(std::move(asset));
       for (const double fraction : {1.0, 0.01, 0.37}) {
@@ -210,7 +211,7 @@ TEST_F(GpuRebuilders, AgreeForEveryBasisAndLevel) {
 }
 
 TEST_F(GpuRebuilders, DetailIsRebuiltOnTheProcessor) {
-  show(baked("harmonic", 1e-4, false, DetailKind::kFrames));
+  show(baked(BasisKind::kHarmonic, 1e-4, false, DetailKind::kFrames));
   turn(0.02, 1'000'000);
   pose(disturbed(source_->asset_, 5));
   for (const double fraction : {0.02, 0.3, 0.1}) {
@@ -244,7 +245,7 @@ TEST_F(GpuRebuilders, DetailIsRebuiltOnTheProcessor) {
 
 TEST_F(GpuRebuilders, AgreeWhileLevelsMorph) {
   for (const bool as_points : {false, true}) {
-    show(baked("augmented", 1e-4, as_points));
+    show(baked(BasisKind::kAugmented, 1e-4, as_points));
     turn(0.05, 1'000'000);
     int pictures = 0;
     for (const double fraction : {0.9, 0.3, 1.0, 0.05}) {
@@ -260,7 +261,7 @@ TEST_F(GpuRebuilders, AgreeWhileLevelsMorph) {
 }
 
 TEST_F(GpuRebuilders, AgreeForFewBandsAndPartialAssets) {
-  const Asset& whole = baked("augmented", 1e-4, false);
+  const Asset& whole = baked(BasisKind::kAugmented, 1e-4, false);
   show(whole);
   const auto arrive = [&](std::uint32_t rows) {
     source_->asset_.rows_ready = rows;
@@ -282,7 +283,7 @@ TEST_F(GpuRebuilders, AgreeForFewBandsAndPartialAssets) {
 
 TEST_F(GpuRebuilders, PicturesAgree) {
   for (const bool as_points : {false, true}) {
-    show(baked("augmented", 1e-4, as_points));
+    show(baked(BasisKind::kAugmented, 1e-4, as_points));
     pose(disturbed(source_->asset_, 5));
     turn(0.6, 1'000'000);
     frame(view(*by_gpu_).facts());
@@ -300,7 +301,7 @@ TEST_F(GpuRebuilders, PicturesAgree) {
 }
 
 TEST_F(GpuRebuilders, PositionsAreRebuiltOnRequest) {
-  show(baked("augmented", 1e-4, false));
+  show(baked(BasisKind::kAugmented, 1e-4, false));
   turn(0.2, 1'000'000);
   turn(0.7);
   std::vector<float> room;
