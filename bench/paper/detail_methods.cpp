@@ -33,7 +33,7 @@ T value_or_exit(Result<T> result) {
 /// A surface in one basis.
 class Received {
  public:
-  Received(const Surface& surface, const char* basis, int rank, DetailKind detail = DetailKind::kNone)
+  Received(const Surface& surface, BasisKind basis, int rank, DetailKind detail = DetailKind::kNone)
       : asset_(std::make_unique<Asset>(
             value_or_exit(
                 bake(surface, {basis, rank, "detail", 1e-4, nullptr, nullptr, "delaunay", detail}, default_cache_dir()))
@@ -69,10 +69,10 @@ class Methods {
  public:
   Methods(const Surface& rest, int rank)
       : rest_(rest),
-        harmonic_(rest, "harmonic", rank),
-        augmented_(rest, "augmented", rank),
-        normal_(rest, "harmonic", rank, DetailKind::kNormal),
-        frames_(rest, "harmonic", rank, DetailKind::kFrames),
+        harmonic_(rest, BasisKind::kHarmonic, rank),
+        augmented_(rest, BasisKind::kAugmented, rank),
+        normal_(rest, BasisKind::kHarmonic, rank, DetailKind::kNormal),
+        frames_(rest, BasisKind::kHarmonic, rank, DetailKind::kFrames),
         base_rest_(harmonic_.of(rest.positions)),
         transfer_(rest.positions, base_rest_, rest.faces) {}
 
@@ -148,7 +148,7 @@ int main(int argc, char** argv) {
     options.input = argv[i];
     if (options.input == "box") {
       const Surface bar = make_box(40, 185, 40, {1, 4.625, 1});
-      print_heights("box", Received(bar, "harmonic", rank, DetailKind::kNormal).asset());
+      print_heights("box", Received(bar, BasisKind::kHarmonic, rank, DetailKind::kNormal).asset());
       continue;
     }
     const auto clip = value_or_exit(open_source(options));

@@ -102,7 +102,7 @@ class Normals {
 class Received {
  public:
   /// motion: whose columns the basis is, all of them and exactly; null: 200 columns, as assets are stored by default.
-  Received(const Surface& bar, const char* basis, const KnownMotion* motion = nullptr) {
+  Received(const Surface& bar, BasisKind basis, const KnownMotion* motion = nullptr) {
     const int rank = motion != nullptr ? static_cast<int>(motion->columns.count) : kRank;
     const double asset_error = motion != nullptr ? 0 : 1e-4;
     auto baked = bake(bar, {basis, rank, "bar", asset_error, motion, nullptr, "delaunay", DetailKind::kNone}, "");
@@ -164,7 +164,8 @@ int main(int argc, char** argv) {
   for (const Surface* bar : {&mesh, &cloud}) {
     const bool is_mesh = bar == &mesh;
     const Normals normals(*bar);
-    Received harmonic(*bar, "harmonic"), augmented(*bar, "augmented"), caged(*bar, "cage", &motion);
+    Received harmonic(*bar, BasisKind::kHarmonic), augmented(*bar, BasisKind::kAugmented),
+        caged(*bar, BasisKind::kCage, &motion);
     const std::vector<Vec3> base_rest = harmonic.of(bar->positions);
     int row = 0;
     for (const Row& r : kRows) {

@@ -21,7 +21,7 @@ void expect_same_coefficients(CageCoordinates coordinates, const Vec3& origin) {
   for (Vec3& p : model.positions) {
     for (std::size_t c = 0; c < 3; ++c) p[c] += origin[c];
   }
-  const auto baked = bake(model, {"augmented", 40, "heart"});
+  const auto baked = bake(model, {BasisKind::kAugmented, 40, "heart"});
   ASSERT_TRUE(baked.has_value()) << baked.error().message;
   const auto projector = Projector::create(baked->asset);
   ASSERT_TRUE(projector.has_value());
@@ -56,7 +56,7 @@ TEST(ProjectedDeformer, EqualsTransformOfTheDeformedSurface) {
 }
 
 TEST(ProjectedDeformer, RefusesAnAssetOfAnotherSurface) {
-  const auto baked = bake(make_icosphere(2), {"harmonic", 10, "sphere"});
+  const auto baked = bake(make_icosphere(2), {BasisKind::kHarmonic, 10, "sphere"});
   ASSERT_TRUE(baked.has_value());
   const auto projector = Projector::create(baked->asset);
   const Surface other = make_icosphere(1);
