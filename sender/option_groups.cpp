@@ -60,7 +60,7 @@ void add_basis_options(CLI::App& app, Bases& bases, Ranks& ranks, SourceOptions&
       ->type_name("TEXT")
       ->default_str(std::string(name_of(BasisKind::kAugmented)));
   app.add_option("--solver", source.solver,
-                 "of augmented and harmonic bases: lanczos, or spectra, a second opinion for small surfaces")
+                 "of augmented and harmonic bases: lanczos, or spectra, a second opinion for up to 20,000 vertices")
       ->check(one_of(kSolverNames))
       ->type_name("TEXT")
       ->default_str(std::string(name_of(EigenSolver::kLanczos)));

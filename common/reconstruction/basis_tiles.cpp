@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cassert>
 #include <cmath>
+#include <cstdlib>
 #include <new>
 
 #include <sys/mman.h>
@@ -49,6 +50,11 @@ void* allocate_lines(std::size_t bytes) {
 }
 void free_lines(void* at, std::size_t bytes) {
   ::operator delete(at, alignment_of(bytes));
+}
+
+inline void BasisTiles::Column::add(std::int16_t integer) {
+  largest = std::max(largest, std::abs(int{integer}));
+  squares += static_cast<double>(integer) * integer;
 }
 
 void BasisTiles::update(const Asset& asset, std::uint32_t rows) {

@@ -1,10 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <algorithm>
 #include <array>
 #include <cstdint>
-#include <cstdlib>
 #include <optional>
 #include <span>
 #include <vector>
@@ -76,10 +74,7 @@ class BasisTiles {
   struct Column {
     int largest = 0;
     double squares = 0;
-    void add(std::int16_t integer) {
-      largest = std::max(largest, std::abs(int{integer}));
-      squares += static_cast<double>(integer) * integer;
-    }
+    void add(std::int16_t integer);
   };
   bool append(const Asset& asset, std::uint32_t end);
 

@@ -134,11 +134,8 @@ std::vector<Vec3> averages(const Coarsened& coarse, const Eigen::VectorXd& mass,
   const Eigen::MatrixXd moments = coarse.P.transpose() * (mass.asDiagonal() * matrix_from_positions(positions));
   const Eigen::VectorXd weights = coarse.P.transpose() * mass;
   std::vector<Vec3> means(static_cast<std::size_t>(weights.size()));
-  for (Eigen::Index i = 0; i < weights.size(); ++i) {
-    for (Eigen::Index d = 0; d < 3; ++d) {
-      means[static_cast<std::size_t>(i)][static_cast<std::size_t>(d)] = moments(i, d) / weights[i];
-    }
-  }
+  Eigen::Map<Eigen::Array<double, Eigen::Dynamic, 3, Eigen::RowMajor>>(means.front().data(), weights.size(), 3) =
+      moments.array().colwise() / weights.array();
   return means;
 }
 

@@ -4,9 +4,9 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 #include <utility>
 
+#include "common/core/union_find.h"
 #include "common/spectral/kd_tree.h"
 
 namespace eigencast {
@@ -139,21 +139,15 @@ Neighbourhood invert(std::span<const Vec3> positions, std::uint32_t centre, std:
 std::vector<std::uint32_t> find_coincident(std::span<const Vec3> positions, Neighbourhoods& neighbourhoods) {
   const double diagonal = bounding_box(positions).diagonal();
   const double limit = kCoincident * diagonal;
-  std::vector<std::uint32_t> leader(positions.size());
-  std::iota(leader.begin(), leader.end(), 0U);
-  const auto find = [&](std::uint32_t i) {
-    while (leader[i] != i) i = leader[i] = leader[leader[i]];
-    return i;
-  };
+  UnionFind sets(positions.size());
   for (std::uint32_t i = 0; i < positions.size(); ++i) {
     for (const std::uint32_t j : neighbourhoods.of(i)) {
       if ((vector_from(positions[i]) - vector_from(positions[j])).norm() > limit) break;
-      const std::uint32_t a = find(i);
-      const std::uint32_t b = find(j);
-      leader[std::max(a, b)] = std::min(a, b);
+      sets.join(i, j);
     }
   }
-  for (std::uint32_t i = 0; i < positions.size(); ++i) leader[i] = find(i);
+  std::vector<std::uint32_t> leader(positions.size());
+  for (std::uint32_t i = 0; i < leader.size(); ++i) leader[i] = sets.root(i);
   return leader;
 }
 

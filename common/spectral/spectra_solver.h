@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <Eigen/SparseCore>
-
 #include "common/spectral/eigenbasis.h"
 
 namespace eigencast {

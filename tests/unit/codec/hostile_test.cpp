@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 //
-// What a decoder owes to hostile bytes: no truncation, no extra byte and no malformed head is taken; no bit flip
-// crashes it.
+// Hostile bytes: a decoder accepts no truncation, no extra byte and no malformed head, and no bit flip crashes it.
 #include <gtest/gtest.h>
 
 #include <limits>

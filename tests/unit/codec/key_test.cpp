@@ -40,7 +40,7 @@ TEST(StepTable, IsGeometricAndInvertible) {
 }
 
 TEST(QuantiserForError, BoundsTheErrorThatParsevalPredicts) {
-  // rms^2 = sum of squared coefficient errors / area. Values that nothing foretells are the worst case: no residual is
+  // rms^2 = sum of squared coefficient errors / area. Unpredictable values are the worst case: no residual is
   // near 0, where the error would be that of the prediction.
   const double eps = 1e-3;
   const double area = 7;

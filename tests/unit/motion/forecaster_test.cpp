@@ -15,22 +15,22 @@ namespace {
 
 constexpr TimeUs kForecasterInterval = 60 * kMs;
 
-struct Left {
+struct EmittedPose {
   TimeUs media_us;  ///< Since the sender began.
   TimeUs at_us;
   std::uint64_t sequence;
   int at;  ///< 0: a key.
 };
 
-/// Keys at even times, each so long under way; a negative way is a key that never comes. Wakes every 100 us.
-std::vector<Left> run_forecaster(Forecaster& forecaster, int keys, const std::function<TimeUs(int)>& way_of,
-                                 TimeUs rest_us = 0) {
-  std::vector<Left> left;
+/// Keys at even times, each with its transit time; a negative one never arrives. Wakes every 100 us.
+std::vector<EmittedPose> run_forecaster(Forecaster& forecaster, int keys, const std::function<TimeUs(int)>& way_of,
+                                        TimeUs rest_us = 0) {
+  std::vector<EmittedPose> emitted;
   TimeUs now_us = 0, last_us = 0;
   const auto pump_until = [&](TimeUs end_us) {
     for (; now_us < end_us; now_us += 100) {
       while (const auto due = forecaster.pop_due(now_us))
-        left.push_back({due->capture_us - kSenderZero, now_us, due->sequence, due->at});
+        emitted.push_back({due->capture_us - kSenderZero, now_us, due->sequence, due->at});
     }
   };
   for (int i = 0; i < keys; ++i) {
@@ -38,15 +38,15 @@ std::vector<Left> run_forecaster(Forecaster& forecaster, int keys, const std::fu
     last_us = std::max(last_us, i * kForecasterInterval + way_of(i));
     pump_until(last_us);
     forecaster.add_key(static_cast<std::uint64_t>(i + 1), kSenderZero + i * kForecasterInterval, last_us);
-    left.push_back({i * kForecasterInterval, last_us, static_cast<std::uint64_t>(i + 1), 0});
+    emitted.push_back({i * kForecasterInterval, last_us, static_cast<std::uint64_t>(i + 1), 0});
   }
   pump_until(now_us + rest_us);
-  return left;
+  return emitted;
 }
 
-std::vector<Left> estimates(const std::vector<Left>& all) {
-  std::vector<Left> only;
-  for (const Left& pose : all) {
+std::vector<EmittedPose> estimates(const std::vector<EmittedPose>& all) {
+  std::vector<EmittedPose> only;
+  for (const EmittedPose& pose : all) {
     if (pose.at > 0) only.push_back(pose);
   }
   return only;
@@ -54,10 +54,10 @@ std::vector<Left> estimates(const std::vector<Left>& all) {
 
 TEST(Forecaster, EvenKeysGiveEvenEstimates) {
   Forecaster forecaster(3);
-  const auto left = run_forecaster(forecaster, 20, [](int) { return 10 * kMs; });
-  // From the second key on: two estimates after each, then the next key stands for the third.
+  const auto emitted = run_forecaster(forecaster, 20, [](int) { return 10 * kMs; });
+  // From the second key on: two estimates after each; the next key replaces the third.
   int between = 0;
-  for (const Left& pose : estimates(left)) {
+  for (const EmittedPose& pose : estimates(emitted)) {
     EXPECT_EQ(pose.media_us,
               static_cast<TimeUs>(pose.sequence - 1) * kForecasterInterval + pose.at * kForecasterInterval / 3);
     EXPECT_NEAR(pose.at_us, pose.media_us + 10 * kMs, 100);
@@ -80,7 +80,7 @@ TEST(Forecaster, MediaTimeNeverRunsBackwards) {
   for (std::size_t i = 1; i < only.size(); ++i) {
     EXPECT_GT(only[i].media_us, only[i - 1].media_us);
     const TimeUs step_us = only[i].media_us - only[i - 1].media_us;
-    // The stated bound: at most half a key interval above the least way.
+    // The bound: at most half a key interval above the minimal transit time.
     EXPECT_LE(only[i].at_us - only[i].media_us, 10 * kMs + 45 * kMs + kForecasterInterval / 2);
     // Where no key came between, poses are a third of an interval apart, in media time and in time.
     if (step_us == kForecasterInterval / 3 && std::abs(only[i].at_us - only[i - 1].at_us - step_us) > 2 * kMs) ++uneven;
@@ -90,19 +90,19 @@ TEST(Forecaster, MediaTimeNeverRunsBackwards) {
 
 TEST(Forecaster, EstimatesReplaceAMissingKeyThenEnd) {
   Forecaster forecaster(3, 200 * kMs);
-  const auto left = estimates(run_forecaster(
+  const auto emitted = estimates(run_forecaster(
       forecaster, 10, [](int) { return 5 * kMs; }, 1000 * kMs));
-  ASSERT_FALSE(left.empty());
-  EXPECT_EQ(left.back().sequence, 10U);
-  EXPECT_EQ(left.back().at, 10) << "200 ms are ten thirds of an interval";
+  ASSERT_FALSE(emitted.empty());
+  EXPECT_EQ(emitted.back().sequence, 10U);
+  EXPECT_EQ(emitted.back().at, 10) << "200 ms are ten thirds of an interval";
   EXPECT_FALSE(forecaster.next_due_us());
 }
 
 TEST(Forecaster, EstimatesPerKeyAreLimited) {
   Forecaster forecaster(15, 10'000 * kMs);
-  const auto left = estimates(run_forecaster(
+  const auto emitted = estimates(run_forecaster(
       forecaster, 2, [](int) { return 5 * kMs; }, 5000 * kMs));
-  EXPECT_EQ(left.size(), 15U);
+  EXPECT_EQ(emitted.size(), 15U);
 }
 
 TEST(Forecaster, OneKeyOrAGapHasNoDirection) {
@@ -119,9 +119,9 @@ TEST(Forecaster, OneKeyOrAGapHasNoDirection) {
 
 TEST(Forecaster, BurstLeavesEstimatesOfTheNewestKey) {
   Forecaster forecaster(3);
-  const auto left =
+  const auto emitted =
       run_forecaster(forecaster, 20, [](int i) { return i < 10 ? 5 * kMs : (20 - i) * kForecasterInterval; });
-  for (const Left& pose : estimates(left)) EXPECT_LE(pose.sequence, 10U);
+  for (const EmittedPose& pose : estimates(emitted)) EXPECT_LE(pose.sequence, 10U);
 }
 
 TEST(Forecaster, ClockStepsRestart) {

@@ -55,7 +55,7 @@ std::vector<Emitted> run_pacer(Pacer& pacer, const std::vector<Key>& keys) {
   for (const Key& key : keys) {
     pop_until(key.arrival_us - 1);
     pacer.add_key(key.sequence, key.capture_us, key.arrival_us);
-    // What is overdue leaves now, not in the past.
+    // Overdue poses are emitted now, not in the past.
     while (const auto due = pacer.pop_due(key.arrival_us)) emitted.push_back({*due, key.arrival_us});
   }
   pop_until(std::numeric_limits<TimeUs>::max());
@@ -70,7 +70,7 @@ void expect_ordered(const std::vector<Emitted>& emitted) {
   }
 }
 
-// Gaps between poses that leave, without the first second, in which the delay is learnt.
+// Gaps between emitted poses after the first second, in which the delay is learnt.
 std::vector<TimeUs> gaps_after(const std::vector<Emitted>& emitted, TimeUs from_us) {
   std::vector<TimeUs> gaps;
   for (std::size_t i = 1; i < emitted.size(); ++i) {
@@ -86,7 +86,7 @@ TEST(Pacer, EvenKeysGiveKPosesEachExactlyEvenly) {
     ASSERT_EQ(emitted.size(), 1U + 49U * static_cast<unsigned>(k));
     expect_ordered(emitted);
     for (const TimeUs gap : gaps_after(emitted, 100 * kMs)) EXPECT_NEAR(gap, kPacerInterval / k, 1);
-    // Nobody waits longer than he must: the first pose of an interval leaves when its key comes.
+    // No needless wait: the first pose of an interval is emitted when its key arrives.
     const Emitted& first = emitted[1];
     EXPECT_EQ(first.due.at, 1);
     EXPECT_EQ(first.at_us, 120 * kMs);
@@ -131,7 +131,7 @@ TEST(Pacer, JitterIsSmoothedOut) {
   EXPECT_EQ(emitted.size(), 1U + 599U * 3);
   EXPECT_EQ(pacer.dropped(), 0U);
   expect_ordered(emitted);
-  // Keys come between 40 and 160 ms apart; poses leave 33 ms apart, give or take what the delay still learns.
+  // Keys arrive 40 to 160 ms apart; poses are emitted 33 ms apart, plus or minus the delay's adaptation.
   auto gaps = gaps_after(emitted, 3'000 * kMs);
   std::sort(gaps.begin(), gaps.end());
   EXPECT_GT(gaps[gaps.size() / 50], 31 * kMs);

@@ -15,7 +15,7 @@ namespace {
 constexpr TimeUs kPlayoutInterval = 40 * kMs;
 constexpr TimeUs kPlayoutZero = 5'000'000'000;
 
-// The pose's one coefficient is its own media time in seconds: what is shown says when it was.
+// The pose's one coefficient is its media time in seconds.
 PlayoutPose pose_at(TimeUs media_us) {
   return {media_us, {static_cast<double>(media_us - kPlayoutZero) * 1e-6}};
 }
@@ -135,7 +135,7 @@ TEST(Playout, EstimatesAreDampedAndLimited) {
 }
 
 TEST(Playout, WrongEstimateIsCorrectedWithBoundedVelocity) {
-  // Even motion, then it stands: what was run ahead has to come back.
+  // Even motion that stops: the overshoot must be corrected.
   for (const auto mode : {PlayoutMode::kEstimate, PlayoutMode::kInterpolate}) {
     Playout playout = player(mode);
     const double per_ms = 0.001;  // Of the motion, in the pose's units.

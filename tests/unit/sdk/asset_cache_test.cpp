@@ -207,6 +207,9 @@ TEST(BakeCache, TellsSurfacesAndOptionsApart) {
   smooth.detail = DetailKind::kNone;
   EXPECT_TRUE(fresh(surface, smooth));
   EXPECT_TRUE(fresh(surface, named));
+  BakeOptions by_spectra = of_rank(30);
+  by_spectra.solver = EigenSolver::kSpectra;
+  EXPECT_TRUE(fresh(surface, by_spectra));
   const Surface cloud{surface.positions, {}};
   BakeOptions by_kernel = of_rank(30);
   by_kernel.points_operator = "pb-mhb";

@@ -90,8 +90,8 @@ TEST(AugmentedBasis, BeatsHarmonicOnABend) {
   EXPECT_LT(augmented.percent(), harmonic.percent() / 2);
 }
 
-/// On smooth shapes products of harmonics and coordinates almost lie in the span of others: what is left of them, blown
-/// up to norm one, is noise of the mesh. Every column must be about as smooth as the harmonics that it stands in for.
+/// On smooth shapes products of harmonics and coordinates almost depend on others; the normalised remainder is noise of the
+/// mesh. Every column must be about as smooth as the harmonics that it replaces.
 TEST(AugmentedBasis, KeepsNoAmplifiedNoiseOnSmoothShapes) {
   for (const Surface& surface : {make_icosphere(3), make_torus(50, 25, 1.0, 0.4), heart()}) {
     const auto laplacian = build_laplacian(surface);
@@ -182,7 +182,7 @@ std::vector<Vec3> scattered(const Surface& pieces) {
   return pose;
 }
 
-// Without faces nothing says which ball a point of two that overlap belongs to: worse than the mesh, but a basis still.
+// Without faces the balls of overlapping points are unknown: worse than the mesh, but a basis still.
 TEST(AugmentedBasis, ManyPiecesAsPointsKeepABasis) {
   Surface pieces = many_pieces();
   const std::vector<Vec3> pose = scattered(pieces);
@@ -306,22 +306,22 @@ TEST(Basis, RefusesTheLaplacianOfAnotherSurface) {
   EXPECT_FALSE(build_basis(make_icosphere(1), *laplacian, {BasisKind::kHarmonic, 0}));
 }
 
-// A torus and the heart are so smooth that products with their points say little that harmonics do not.
+// A torus and the heart are so smooth that products with their coordinates nearly depend on harmonics.
 TEST(AugmentedBasis, CoarserSurfacePredictsTheHarmonicsNeeded) {
   constexpr int kRank = 60, kProducts = kRank / 10;
   for (const Surface& surface : {make_heart(30), make_torus(140, 60, 1.0, 0.4)}) {
     const auto laplacian = build_laplacian(surface);
     ASSERT_TRUE(laplacian);
-    const int foretold = harmonics_on_coarser(surface.positions, *laplacian, kProducts, kRank);
-    ASSERT_GE(foretold, kRank - 3 * kProducts);
+    const int predicted = harmonics_on_coarser(surface.positions, *laplacian, kProducts, kRank);
+    ASSERT_GE(predicted, kRank - 3 * kProducts);
     const auto columns_with = [&](int m) {
       const auto eigenbasis = solve_eigenbasis(*laplacian, m);
       Candidates candidates = candidates_from(surface.positions, laplacian->mass);
       candidates.harmonics = laplacian->mass.cwiseSqrt().asDiagonal() * eigenbasis->Phi;
       return augment(candidates, kProducts, kRank).cols();
     };
-    EXPECT_EQ(columns_with(foretold), kRank);
-    EXPECT_LT(columns_with(foretold - 3), kRank) << "more were foretold than it takes: " << foretold;
+    EXPECT_EQ(columns_with(predicted), kRank);
+    EXPECT_LT(columns_with(predicted - 3), kRank) << "predicted more than needed: " << predicted;
   }
   const auto small = build_laplacian(make_icosphere(2));
   EXPECT_EQ(harmonics_on_coarser(make_icosphere(2).positions, *small, 2, 20), 0);

@@ -13,7 +13,7 @@
 namespace eigencast {
 namespace {
 
-/// Of a restarted, deflated Lanczos with far more pairs than one subspace was meant for, each pair must still be one.
+/// Restarted and deflated Lanczos, with far more pairs than one subspace is planned for.
 TEST(BlockLanczos, FindsPairsBesidesTheDeflated) {
   const auto laplacian = build_laplacian(make_icosphere(4));
   ASSERT_TRUE(laplacian);
@@ -44,7 +44,7 @@ void expect_pairs(const Eigen::SparseMatrix<double>& S, const EigenPairs& pairs,
   EXPECT_LE((X.transpose() * X - Eigen::MatrixXd::Identity(X.cols(), X.cols())).cwiseAbs().maxCoeff(), 1e-8);
 }
 
-/// A space of eight vectors a step that is used up after 8 of its 300 dimensions: whole blocks are random ones then.
+/// The Krylov space is exhausted after 8 of its 300 dimensions: whole blocks become random.
 TEST(BlockLanczos, ContinuesWithinASingleEigenvalue) {
   const Eigen::Index n = 400;
   Eigen::SparseMatrix<double> S(n, n);
@@ -57,8 +57,7 @@ TEST(BlockLanczos, ContinuesWithinASingleEigenvalue) {
   expect_pairs(S, *pairs, 1e-9);
 }
 
-/// What is deflated has the largest eigenvalue of the operator by far, and must not come back by rounding in a long
-/// run.
+/// The deflated vectors have the largest eigenvalue by far and must not reappear by rounding in a long run.
 TEST(BlockLanczos, DeflatedPairsStayOut) {
   const Surface grid = testing::square_grid(40);
   const auto laplacian = build_laplacian(grid);

@@ -19,7 +19,7 @@ Laplacian laplacian_of(const Surface& surface, bool bridge = true) {
   return std::move(*laplacian);
 }
 
-/// Lowest eigenvalues by a dense solver, which knows nothing of bands.
+/// Lowest eigenvalues by a dense solver.
 Eigen::VectorXd dense_spectrum(const Laplacian& laplacian, int m) {
   const Eigen::VectorXd scale = laplacian.mass.cwiseSqrt().cwiseInverse();
   const Eigen::MatrixXd S = scale.asDiagonal() * Eigen::MatrixXd(laplacian.L) * scale.asDiagonal();

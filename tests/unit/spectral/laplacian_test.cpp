@@ -30,7 +30,7 @@ double true_area(const Surface& surface) {
   return area;
 }
 
-/// What every operator promises, however bad its surface.
+/// Invariants of every operator, however bad its surface.
 void expect_usable(const Laplacian& laplacian, std::size_t n) {
   ASSERT_EQ(laplacian.L.rows(), static_cast<Eigen::Index>(n));
   ASSERT_EQ(laplacian.mass.size(), static_cast<Eigen::Index>(n));
@@ -194,7 +194,7 @@ TEST(TuftedCover, FlipsRemoveNegativeWeightsAndKeepArea) {
   EXPECT_NEAR(flipped->area, plain->area, 1e-9 * plain->area);
 }
 
-// Three pages of a book, which share their back.
+// Three pages of a book, sharing the spine.
 TEST(TuftedCover, IsUsedWhereAnEdgeHasThreeFaces) {
   Surface book;
   constexpr std::uint32_t kLines = 12, kColumns = 5;
@@ -336,7 +336,7 @@ TEST(LocalDelaunay, GridCellsAreSquaresAndOpenCellsZero) {
 
 constexpr LaplacianOptions kPbMhb{.points = PointsOperator::kPbMhb};
 
-// The formula, by hand, where all is known: unit cells, four neighbours at 1 and the next two at the root of 2.
+// The formula by hand: unit cells, four neighbours at 1 and the next two at the root of 2.
 TEST(PbMhb, GridWeightsAreTheHeatKernel) {
   const int size = 25;
   const auto laplacian = build_laplacian(grid_cloud(size, size), kPbMhb);
@@ -352,7 +352,7 @@ TEST(PbMhb, GridWeightsAreTheHeatKernel) {
   EXPECT_EQ(laplacian->L.coeff(middle, middle + 7 * size), 0);  // beyond 6.07 h
 }
 
-/// Of the six nearest points, for points alike, by looking at all.
+/// Mean distance to the six nearest points, by brute force.
 double squared_spacing(const Surface& cloud) {
   const Eigen::MatrixXd X = matrix_from(cloud.positions);
   double sum = 0;
@@ -394,8 +394,7 @@ TEST(PbMhb, ScalesLikeALaplacian) {
   EXPECT_LE((1e6 * small->mass - large->mass).norm(), 1e-9 * large->mass.norm());
 }
 
-// A dense cluster next to few points, many copies of one, and a border: no row beyond the bound, nothing that is not
-// finite.
+// A dense cluster next to few points, many copies of one, and a border: rows are bounded and finite.
 TEST(PbMhb, AcceptsClustersCopiesAndBorders) {
   Surface cloud = grid_cloud(20, 20);
   std::mt19937 generator(3);
@@ -448,7 +447,7 @@ TEST(TangentDerivatives, TangentsAreOrthonormalAndSlopesExact) {
       const Eigen::Vector3d normal = Eigen::Vector3d(p[0] - p[0] / ring, p[1], p[2] - p[2] / ring) / 0.4;
       const double side = x.cross(y).dot(normal);
       EXPECT_GT(faces.empty() ? std::abs(side) : side, 0.99);
-      // Tangents lie along those of the parent, here a neighbour on the grid, but where a row of it ends.
+      // Tangents are aligned with those of the parent, here a neighbour on the grid, except at the end of a row.
       if (i % 40 != 0 && i % 20 != 0) {
         EXPECT_GT(x.dot(before), 0.9) << i;
       }

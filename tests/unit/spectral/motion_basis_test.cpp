@@ -53,7 +53,7 @@ struct Rigged {
     rig.targets.push_back(lift);
   }
 
-  /// What a rig may do: bones go anywhere, the target as far as it likes.
+  /// Any pose of the rig: arbitrary bones and target weights.
   std::vector<Vec3> pose(std::mt19937& generator) const {
     std::vector<Vec3> morphed = rig.bind;
     const double amount = 3 * uniform(generator);
@@ -119,7 +119,7 @@ TEST(RigColumns, ThatAreTooManyAreRefused) {
   EXPECT_NE(columns.error().message.find("3200 columns"), std::string::npos) << columns.error().message;
 }
 
-// The theorem: the span holds whatever the rig does, not only what it was seen doing.
+// The theorem: the span holds every pose of the rig, not only the sampled ones.
 TEST(MotionBasis, OfARigHoldsEveryPoseExactly) {
   const Rigged rigged;
   std::mt19937 generator(1);
@@ -166,7 +166,7 @@ TEST(MotionBasis, PrefixesImproveUpToTheRank) {
   EXPECT_NEAR(100 * shorter.left_out, kg_of_prefix(shorter, 7, poses), 0.2 * 100 * shorter.left_out);
 }
 
-// A column is nothing new, another almost nothing, a third lives on a few small vertices: the third must stay.
+// One column is dependent, one nearly dependent, one lives on a few small vertices: the last must stay.
 TEST(MotionBasis, DropsDependentColumnsAndKeepsSmallOnes) {
   const Surface rest = make_icosphere(3);
   const std::size_t n = rest.vertex_count();
