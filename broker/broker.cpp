@@ -12,20 +12,20 @@
 #include <utility>
 
 #include "broker/access/tls_context.h"
-#include "broker/config/places.h"
+#include "broker/config/paths.h"
 #include "broker/config/show.h"
 #include "broker/connections/connection.h"
 #include "broker/http/http_session.h"
 #include "broker/operation/admin.h"
-#include "broker/random_id.h"
+#include "common/core/random_id.h"
 #include "common/core/timers.h"
 
 namespace eigencast::broker {
 namespace {
 
 constexpr std::size_t kDiskThreads = 2;
-constexpr std::uint32_t kRetryAfterMs = 500;
-/// So many come back in a second after a restart, about.
+constexpr std::uint32_t kRestartRetryMs = 500;
+/// Bounds the reconnections per second after a restart.
 constexpr std::uint64_t kReturnsPerSecond = 2000;
 constexpr std::int64_t kShortCertificateS = 14 * 86'400;
 
@@ -40,36 +40,37 @@ Recorder::Settings recorder_settings(const Config& config, const std::string& ve
   return settings;
 }
 
-/// Over how long those who are told to come back are spread.
+/// The period over which reconnections are spread.
 std::uint32_t return_spread_ms(std::uint64_t connections) {
   return static_cast<std::uint32_t>(std::clamp<std::uint64_t>(connections * 1000 / kReturnsPerSecond, 200, 30'000));
 }
 
-void say_bye_to_all(Context& loop, std::uint32_t spread_ms) {
+void send_bye_to_all(Context& loop, std::uint32_t spread_ms) {
   std::minstd_rand random(std::random_device{}());
   std::uniform_int_distribution<std::uint32_t> later(0, spread_ms);
-  // Copied: a connection that has nothing left to send may close within the call.
+  // Copied: a connection with nothing to send may close within the call.
   const std::vector<Connection*> open(loop.connections.begin(), loop.connections.end());
   for (Connection* connection : open) {
-    connection->say_bye("the broker is stopping", kRetryAfterMs + later(random), websocket::CloseCode::kServiceRestart);
+    connection->send_bye("the broker is stopping", kRestartRetryMs + later(random),
+                         websocket::CloseCode::kServiceRestart);
   }
 }
 
 }  // namespace
 
-Result<Broker::Doors> Broker::load_doors(const Config& config) {
+Result<Broker::Security> Broker::load_security(const Config& config) {
   auto policy = AccessPolicy::from_config(config);
   if (!policy) return policy.error();
   auto tls = make_tls_context(config);
   if (!tls) return tls.error();
-  return Doors{std::move(*policy), std::move(*tls)};
+  return Security{std::move(*policy), std::move(*tls)};
 }
 
 class Broker::Signals {
  public:
   Signals(asio::io_context& loop, std::function<void(int)> on_signal)
       : set_(loop, SIGINT, SIGTERM, SIGHUP), on_signal_(std::move(on_signal)) {
-    // With its last set Asio gives a signal back to the system: a reload that comes while we end would end us at once.
+    // A second set keeps SIGHUP handled during shutdown: with its last set Asio restores the default action.
     static auto* const kept = new asio::signal_set(*new asio::io_context, SIGHUP);
     (void)kept;
     wait();
@@ -79,7 +80,7 @@ class Broker::Signals {
   void wait() {
     set_.async_wait([this](ErrorOf error, int signal) {
       if (error) return;
-      wait();  // First: whatever becomes of this one, the next is heard.
+      wait();  // First, so that the next signal is handled even if this handler throws.
       on_signal_(signal);
     });
   }
@@ -88,10 +89,10 @@ class Broker::Signals {
 };
 
 Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string version, LogSink log,
-                                               const GivenSockets& given) {
+                                               const InheritedSockets& inherited) {
   std::signal(SIGPIPE, SIG_IGN);  // OpenSSL writes to sockets without asking for silence.
-  auto doors = load_doors(config);
-  if (!doors) return doors.error();
+  auto security = load_security(config);
+  if (!security) return security.error();
   const std::string folder = data_dir_of(config);
   AssetStore::Settings settings;
   settings.max_object_bytes = static_cast<std::uint64_t>(config.assets.max_object_bytes);
@@ -110,16 +111,16 @@ Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string
     if (!created) return created.error();
     member = std::move(*created);
   }
-  std::unique_ptr<Broker> broker(new Broker(config, std::move(*doors), std::move(version), std::move(log),
+  std::unique_ptr<Broker> broker(new Broker(config, std::move(*security), std::move(version), std::move(log),
                                             std::move(*assets), std::move(*epochs), id, std::move(member)));
-  if (auto listening = broker->listen(given); !listening) return listening.error();
+  if (auto listening = broker->listen(inherited); !listening) return listening.error();
   return broker;
 }
 
-Broker::Broker(const Config& config, Doors doors, std::string version, LogSink log, std::unique_ptr<AssetStore> assets,
-               EpochSource epochs, std::string id, std::unique_ptr<Member> member)
-    : gate_(std::move(doors.policy)),
-      tls_(std::move(doors.tls)),
+Broker::Broker(const Config& config, Security security, std::string version, LogSink log,
+               std::unique_ptr<AssetStore> assets, EpochSource epochs, std::string id, std::unique_ptr<Member> member)
+    : gate_(std::move(security.policy)),
+      tls_(std::move(security.tls)),
       assets_(std::move(assets)),
       recorder_(recorder_settings(config, version), *assets_, log),
       epochs_(std::move(epochs)),
@@ -136,7 +137,7 @@ Broker::Broker(const Config& config, Doors doors, std::string version, LogSink l
       data_listener_(loop(), log, [this](Socket socket) { accept(std::move(socket)); }),
       admin_listener_(loop(), log, [this](Socket socket) { serve_admin(context(), std::move(socket)); }) {
   context().tls = [this] { return tls_; };
-  warn_about_doors();
+  warn_about_security();
 }
 
 std::vector<StreamTap*> Broker::taps() {
@@ -159,13 +160,13 @@ Broker::~Broker() {
   disk_.join();
 }
 
-Result<void> Broker::listen(const GivenSockets& given) {
+Result<void> Broker::listen(const InheritedSockets& inherited) {
   const auto data = parse_address(config().server.listen);
   if (!data) return data.error();
-  if (auto opened = given.data >= 0 ? data_listener_.adopt(given.data) : data_listener_.open(*data); !opened) {
+  if (auto opened = inherited.data >= 0 ? data_listener_.adopt(inherited.data) : data_listener_.open(*data); !opened) {
     return opened;
   }
-  if (given.admin >= 0) return admin_listener_.adopt(given.admin);
+  if (inherited.admin >= 0) return admin_listener_.adopt(inherited.admin);
   if (config().server.admin_listen.empty()) return {};
   const auto admin = parse_address(config().server.admin_listen);
   if (!admin) return admin.error();
@@ -177,7 +178,7 @@ Result<void> Broker::listen(const GivenSockets& given) {
 void Broker::accept(Socket socket) {
   if (loops_.connections_total() >= static_cast<std::uint64_t>(config().limits.max_connections)) {
     ++context().counters.connections_refused;
-    // One try without waiting: the answer fits any socket's buffer.
+    // One non-blocking try: the answer fits any socket's buffer.
     static constexpr std::string_view kAnswer =
         "HTTP/1.1 503 Service Unavailable\r\nRetry-After: 5\r\nConnection: close\r\nContent-Length: 0\r\n\r\n";
     ErrorOf ignored;
@@ -203,10 +204,7 @@ void Broker::run() {
 }
 
 void Broker::tick() {
-  tick_.expires_after(std::chrono::seconds(1));
-  tick_.async_wait([this](ErrorOf error) {
-    if (!error) tick();
-  });
+  run_after(tick_, std::chrono::seconds(1), [this] { tick(); });
   loops_.tick();
   if (++ticks_ % 10 == 0) service_manager::status(status());
 }
@@ -216,21 +214,18 @@ std::string Broker::status() const {
          " connections" + (member_ ? ", " + member_->backbone().status() : std::string());
 }
 
-/// From the loops, so that it speaks for what matters: where one of them no longer turns, it falls silent.
+/// Notifies the watchdog through every loop, so that a blocked loop stops the notifications.
 void Broker::watch() {
   const auto period_us = service_manager::watchdog_us();
   if (!period_us) return;
-  loops_.go_round([](Context&) {},
-                  [this, period_us] {
-                    service_manager::alive();
-                    watchdog_.expires_after(std::chrono::microseconds(*period_us / 3));
-                    watchdog_.async_wait([this](ErrorOf error) {
-                      if (!error) watch();
-                    });
-                  });
+  const auto done = [this, period_us] {
+    service_manager::notify_watchdog();
+    run_after(watchdog_, std::chrono::microseconds(*period_us / 3), [this] { watch(); });
+  };
+  loops_.for_each_loop([](Context&) {}, done);
 }
 
-void Broker::obey_signals(std::function<Result<Config>()> load) {
+void Broker::handle_signals(std::function<Result<Config>()> load) {
   signals_ = std::make_unique<Signals>(loop(), [this, load = std::move(load)](int signal) {
     if (signal == SIGHUP) return reload(load());
     stop();
@@ -248,8 +243,8 @@ void Broker::apply(const Result<Config>& wanted) {
     return log(context().log, LogLevel::kError,
                "the configuration is not reloaded, everything stays as it was: " + wanted.error().message);
   }
-  auto doors = load_doors(*wanted);
-  if (!doors) return apply(doors.error());
+  auto security = load_security(*wanted);
+  if (!security) return apply(security.error());
   const auto changes = changes_between(config(), *wanted);
   for (const ConfigChange& change : changes) {
     log(context().log, change.live ? LogLevel::kInfo : LogLevel::kWarning,
@@ -257,15 +252,15 @@ void Broker::apply(const Result<Config>& wanted) {
             (change.live ? "" : ": needs a restart, the old value stays until then"));
   }
   const auto next = std::make_shared<const Config>(reloaded(config(), *wanted));
-  loops_.go_round([next](Context& each) { each.config = *next; }, [] {});
-  gate_.replace_policy(std::move(doors->policy));
-  tls_ = std::move(doors->tls);
-  warn_about_doors();
+  loops_.for_each_loop([next](Context& each) { each.config = *next; }, [] {});
+  gate_.replace_policy(std::move(security->policy));
+  tls_ = std::move(security->tls);
+  warn_about_security();
   log(context().log, LogLevel::kInfo,
       "the configuration is reloaded, " + std::to_string(changes.size()) + " settings differ");
 }
 
-void Broker::warn_about_doors() {
+void Broker::warn_about_security() {
   const auto listen = parse_address(config().server.listen);
   if (tls_) {
     const std::int64_t left_s = certificate_expires_s(tls_.get()) - std::time(nullptr);
@@ -288,7 +283,7 @@ void Broker::stop() {
 }
 
 std::uint64_t Broker::websockets() const {
-  return loops_.first().context().connections.size() + loops_.connections_elsewhere();
+  return loops_.first().context().connections.size() + loops_.connections_of_others();
 }
 
 void Broker::drain() {
@@ -299,7 +294,7 @@ void Broker::drain() {
   if (member_) member_->stop();
   const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(config().timeouts.shutdown_ms);
   const std::uint32_t spread_ms = return_spread_ms(websockets());
-  loops_.go_round([spread_ms](Context& each) { say_bye_to_all(each, spread_ms); }, [] {});
+  loops_.for_each_loop([spread_ms](Context& each) { send_bye_to_all(each, spread_ms); }, [] {});
   wait_for_peers(until);
 }
 
@@ -307,10 +302,7 @@ void Broker::wait_for_peers(std::chrono::steady_clock::time_point until) {
   const Counters& counters = context().counters;
   const bool empty = websockets() == 0 && counters.uploads_now + counters.downloads_now == 0;
   if (empty || std::chrono::steady_clock::now() >= until) return loop().stop();
-  deadline_.expires_after(std::chrono::milliseconds(20));
-  deadline_.async_wait([this, until](ErrorOf error) {
-    if (!error) wait_for_peers(until);
-  });
+  run_after(deadline_, std::chrono::milliseconds(20), [this, until] { wait_for_peers(until); });
 }
 
 }  // namespace eigencast::broker

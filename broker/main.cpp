@@ -9,10 +9,10 @@
 #include <utility>
 #include <vector>
 
-#include "broker/access/token_command.h"
 #include "broker/backbone/member.h"
 #include "broker/broker.h"
-#include "broker/config/options.h"
+#include "broker/command_line/options.h"
+#include "broker/command_line/token_command.h"
 #include "broker/operation/logger.h"
 #include "common/core/files.h"
 
@@ -36,7 +36,7 @@ int token(int argc, char** argv, const std::vector<std::string_view>& environmen
   return std::fputs(end.out.c_str(), stdout) < 0 ? 1 : end.code;
 }
 
-/// A line each: the data port, then the admin port if there is one.
+/// One line each: the data port, then the admin port if open.
 std::string ports(const eigencast::broker::Broker& service) {
   std::string text = std::to_string(service.port()) + "\n";
   if (service.admin_port() != 0) text += std::to_string(service.admin_port()) + "\n";
@@ -51,21 +51,21 @@ int run(int argc, char** argv) {
   const auto options = broker::read_options(argc, argv, environment, EIGENCAST_VERSION);
   if (!options) return complain(options.error(), kUsage);
   if (options->answer) return std::fputs(options->answer->c_str(), stdout) < 0 ? 1 : 0;
-  if (auto doors = broker::Broker::load_doors(options->loaded.config); !doors) {
-    return complain(doors.error(), kUsage);
+  if (auto security = broker::Broker::load_security(options->loaded.config); !security) {
+    return complain(security.error(), kUsage);
   }
   if (auto good = broker::Member::check(options->loaded.config); !good) return complain(good.error(), kUsage);
   if (options->check_only) return std::puts("the configuration is good") < 0 ? 1 : 0;
 
   const broker::Config& config = options->loaded.config;
   const auto sink = broker::make_log_sink(config.log.level, config.log.format);
-  std::signal(SIGXFSZ, SIG_IGN);  // A limit on file sizes is a full disk to us, and no end.
-  const auto given = broker::service_manager::take_sockets();
-  if (!given) return complain(given.error(), kUsage);
-  auto service = broker::Broker::create(config, EIGENCAST_VERSION, sink, *given);
+  std::signal(SIGXFSZ, SIG_IGN);  // A limit on file sizes then acts as a full disk.
+  const auto inherited = broker::service_manager::inherited_sockets();
+  if (!inherited) return complain(inherited.error(), kUsage);
+  auto service = broker::Broker::create(config, EIGENCAST_VERSION, sink, *inherited);
   if (!service)
     return complain(service.error(), service.error().code == eigencast::ErrorCode::kUnreachable ? kCannotListen : 1);
-  (*service)->obey_signals([&options]() -> eigencast::Result<broker::Config> {
+  (*service)->handle_signals([&options]() -> eigencast::Result<broker::Config> {
     auto loaded = broker::load_config(options->sources);
     if (!loaded) return loaded.error();
     return std::move(loaded->config);

@@ -24,7 +24,9 @@ constexpr TimeUs kPumpGapUs = 1000;  // As broker/broker.cpp.
 class Counter final : public Watcher {
  public:
   void on_stream_changed(const Stream&, bool) override {}
-  void on_frame(const Stream&, const FramePtr& frame) override { ++frames, bytes += frame->wire.size(); }
+  void on_frames(const Stream&, std::span<const FramePtr> received) override {
+    for (const FramePtr& frame : received) ++frames, bytes += frame->wire.size();
+  }
   void on_trace(const std::shared_ptr<const std::string>&) override {}
   std::size_t frames = 0, bytes = 0;
 };
@@ -96,7 +98,7 @@ Cost run(const std::vector<Bytes>& keys, std::size_t streams, double rate, const
         std::fprintf(stderr, "interpolation_rate: %s\n", taken.error().message.c_str());
         std::exit(1);
       }
-      hub.owes(*all[i]);
+      hub.mark_dirty(*all[i]);
       hub.deliver();
       hub.prepare();
     }

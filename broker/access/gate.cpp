@@ -6,7 +6,7 @@
 namespace eigencast::broker {
 namespace {
 
-constexpr const char* kShareNames[] = {"connections", "publishers", "streams"};
+constexpr const char* kResourceNames[] = {"connections", "publishers", "streams"};
 
 std::string quoted_list(const StreamPatterns& patterns) {
   std::string out;
@@ -30,18 +30,18 @@ Error lacking(const Identity& identity, const std::string& right, std::string_vi
 Grant::Grant(Gate& gate, Identity identity, std::shared_ptr<const AccessPolicy> policy, TimeUs now_us)
     : gate_(gate), identity_(std::move(identity)), policy_(std::move(policy)) {
   holders_.reserve(identity_.key.empty() ? 1 : 2);
-  holders_.push_back({gate_.addresses_.account(identity_.sender.address.limit_key(), now_us), false});
+  holders_.push_back({gate_.addresses_.account(identity_.client.address.limit_key(), now_us), false});
   if (!identity_.key.empty()) holders_.push_back({gate_.tokens_.account(identity_.key, now_us), true});
 }
 
 Grant::~Grant() {
-  for (std::size_t i = 0; i < kShares; ++i) {
-    while (taken_[i] > 0) give_back(static_cast<Share>(i));
+  for (std::size_t i = 0; i < kResources; ++i) {
+    while (taken_[i] > 0) give_back(static_cast<Resource>(i));
   }
 }
 
 std::string Grant::label() const {
-  return identity_.name + " from " + identity_.sender.address.text();
+  return identity_.name + " from " + identity_.client.address.text();
 }
 
 Result<void> Grant::may_publish(std::string_view stream) const {
@@ -89,27 +89,27 @@ bool Grant::is_void() {
 
 Error Grant::over(const Holder& holder, const char* limit, std::int64_t most) const {
   return fail(ErrorCode::kRefused,
-              (holder.is_token ? identity_.name : "address " + identity_.sender.address.limit_key()) +
+              (holder.is_token ? identity_.name : "address " + identity_.client.address.limit_key()) +
                   " has reached a limit of this broker: " + (holder.is_token ? "per_token." : "per_address.") + limit +
                   " = " + std::to_string(most));
 }
 
-Result<void> Grant::take(Share share) {
-  const auto index = static_cast<std::size_t>(share);
+Result<void> Grant::take(Resource resource) {
+  const auto index = static_cast<std::size_t>(resource);
   for (std::size_t i = 0; i < holders_.size(); ++i) {
-    const std::int64_t most = policy_->quota(holders_[i].is_token).shares[index];
-    if (holders_[i].account->shares[index].take(most)) continue;
-    if (i > 0) holders_[0].account->shares[index].give_back();
-    return over(holders_[i], kShareNames[index], most);
+    const std::int64_t most = policy_->quota(holders_[i].is_token).resources[index];
+    if (holders_[i].account->resources[index].take(most)) continue;
+    if (i > 0) holders_[0].account->resources[index].give_back();
+    return over(holders_[i], kResourceNames[index], most);
   }
   ++taken_[index];
   return {};
 }
 
-void Grant::give_back(Share share) {
-  const auto index = static_cast<std::size_t>(share);
+void Grant::give_back(Resource resource) {
+  const auto index = static_cast<std::size_t>(resource);
   --taken_[index];
-  for (Holder& holder : holders_) holder.account->shares[index].give_back();
+  for (Holder& holder : holders_) holder.account->resources[index].give_back();
 }
 
 Result<void> Grant::take_message(TimeUs now_us) {
@@ -129,13 +129,13 @@ Result<void> Grant::take_download(std::uint64_t bytes, TimeUs now_us) {
   return take_bytes(&Account::download_bytes, "download_bytes_per_hour", bytes, now_us);
 }
 
-Result<void> Grant::take_bytes(Pace Account::*pace, const char* limit, std::uint64_t bytes, TimeUs now_us) {
+Result<void> Grant::take_bytes(RateLimiter Account::*limiter, const char* limit, std::uint64_t bytes, TimeUs now_us) {
   for (Holder& holder : holders_) {
     const Quota& quota = policy_->quota(holder.is_token);
-    const bool up = pace == &Account::upload_bytes;
+    const bool up = limiter == &Account::upload_bytes;
     const std::int64_t most = up ? quota.upload_bytes_per_hour : quota.download_bytes_per_hour;
     const auto hour = static_cast<double>(most);
-    Pace& flow = (*holder.account).*pace;
+    RateLimiter& flow = (*holder.account).*limiter;
     if (!flow.take(static_cast<double>(bytes), hour / 3600, hour, now_us)) return over(holder, limit, most);
   }
   return {};
@@ -157,8 +157,8 @@ void Gate::count_failure(const AccessPolicy& rules, const std::string& address, 
 
 std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs now_us, std::int64_t now_unix_s) {
   const auto rules = policy();
-  const std::string address = rules->sender(request).address.limit_key();
-  // Who sends no token guesses none, and need not wait.
+  const std::string address = rules->client_address(request).address.limit_key();
+  // Requests without a token are not throttled: they guess none.
   const bool with_token = !request.authorization.empty() || !request.query_token.empty();
   if (with_token) {
     if (auto denied = slowed(*rules, address, now_us)) {
@@ -175,12 +175,12 @@ std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs 
   return GrantPtr(new Grant(*this, std::move(std::get<Identity>(found)), rules, now_us));
 }
 
-std::optional<Denial> Gate::admit_admin(const AccessRequest& request, AdminAsk ask, TimeUs now_us,
+std::optional<Denial> Gate::admit_admin(const AccessRequest& request, AdminRequest ask, TimeUs now_us,
                                         std::int64_t now_unix_s) {
   const auto rules = policy();
-  const bool free = ask == AdminAsk::kRead || !rules->has_tokens();
+  const bool free = ask == AdminRequest::kRead || !rules->has_tokens();
   if (free && rules->is_local(request)) return std::nullopt;
-  if (ask == AdminAsk::kRead && rules->is_monitor(request)) return std::nullopt;
+  if (ask == AdminRequest::kRead && rules->is_monitor(request)) return std::nullopt;
   auto admitted = admit(request, now_us, now_unix_s);
   if (auto* denied = std::get_if<Denial>(&admitted)) return std::move(*denied);
   const auto& grant = std::get<GrantPtr>(admitted);
@@ -195,10 +195,10 @@ std::optional<Denial> Gate::admit_admin(const AccessRequest& request, AdminAsk a
 GrantPtr Gate::accept(const IpAddress& peer, TimeUs now_us) {
   Identity identity;
   identity.name = "connection";
-  identity.sender.address = peer;
+  identity.client.address = peer;
   const auto rules = policy();
   GrantPtr grant(new Grant(*this, std::move(identity), rules, now_us));
-  if (!rules->is_trusted_proxy(peer) && !grant->take(Share::kConnection)) return nullptr;
+  if (!rules->is_trusted_proxy(peer) && !grant->take(Resource::kConnection)) return nullptr;
   return grant;
 }
 

@@ -18,8 +18,8 @@ namespace eigencast::broker {
 
 class Gate;
 
-/// What one connection may do, and what it uses; gives all of it back when it ends, before its Gate does. Calls of one
-/// Grant come one at a time; different Grants are independent.
+/// The rights of one connection and its usage, which the destructor returns. The Gate outlives it. One call at a time per
+/// Grant; different Grants are independent.
 class Grant {
  public:
   ~Grant();
@@ -27,64 +27,65 @@ class Grant {
   Grant& operator=(const Grant&) = delete;
 
   const Identity& identity() const { return identity_; }
-  /// For logs: who and from where.
+  /// For logs: name and address.
   std::string label() const;
-  /// Errors: kRefused, with which right is missing and how to get it.
+  /// Errors: kRefused; the message names the missing right.
   Result<void> may_publish(std::string_view stream) const;
   Result<void> may_subscribe(std::string_view stream) const;
   Result<void> may_store_assets() const;
   Result<void> may_fetch_assets() const;
-  /// Whether the list of streams shows it.
+  /// Whether the list of streams includes it.
   bool may_see(std::string_view stream) const;
   Result<void> may_administer() const;
-  /// Whether the token has run out, where the configuration asks for that to end connections.
+  /// Whether the token has expired and access.expiry_disconnects is set.
   bool has_expired(std::int64_t now_unix_s) const;
-  /// Whether a reload took away what let it in.
+  /// Whether a reload has revoked it.
   bool is_void();
 
   /// Errors: kRefused: a limit of the address or the token is reached; the message names it.
-  Result<void> take(Share share);
-  void give_back(Share share);
-  /// One message that came.
+  Result<void> take(Resource resource);
+  void give_back(Resource resource);
+  /// Counts one received message.
   Result<void> take_message(TimeUs now_us);
   Result<void> take_upload(std::uint64_t bytes, TimeUs now_us);
   Result<void> take_download(std::uint64_t bytes, TimeUs now_us);
 
  private:
   friend class Gate;
-  /// One of those whose limits the connection counts towards.
+  /// An account that the connection counts towards.
   struct Holder {
     std::shared_ptr<Account> account;
     bool is_token = false;
   };
   Grant(Gate& gate, Identity identity, std::shared_ptr<const AccessPolicy> policy, TimeUs now_us);
-  Result<void> take_bytes(Pace Account::*pace, const char* limit, std::uint64_t bytes, TimeUs now_us);
+  Result<void> take_bytes(RateLimiter Account::*limiter, const char* limit, std::uint64_t bytes, TimeUs now_us);
   Error over(const Holder& holder, const char* limit, std::int64_t most) const;
 
   Gate& gate_;
   Identity identity_;
-  std::shared_ptr<const AccessPolicy> policy_;  ///< By which it was let in, or that confirmed it last (is_void()).
+  std::shared_ptr<const AccessPolicy> policy_;  ///< The policy that admitted or last confirmed it.
   std::vector<Holder> holders_;
-  std::array<std::int64_t, kShares> taken_{};
+  std::array<std::int64_t, kResources> taken_{};
 };
 using GrantPtr = std::shared_ptr<Grant>;
 
-/// The door: asks the policy, counts, and slows down who guesses. Thread-safe.
+/// Admission: applies the policy, counts usage and throttles failed logins. Thread-safe.
 class Gate {
  public:
   explicit Gate(std::shared_ptr<const AccessPolicy> policy) : policy_(std::move(policy)) {}
 
   std::variant<GrantPtr, Denial> admit(const AccessRequest& request, TimeUs now_us, std::int64_t now_unix_s);
-  /// What is asked of the admin port: its state, or to change something.
-  enum class AdminAsk { kRead, kControl };
-  /// Nothing: go on. On loopback without any tokens configured everybody may, to read in any case, as may monitors;
-  /// else it takes the right admin.
-  std::optional<Denial> admit_admin(const AccessRequest& request, AdminAsk ask, TimeUs now_us, std::int64_t now_unix_s);
-  /// Before anything was read from it. Null: its address has too many connections. A trusted proxy's are not counted:
-  /// those of whom it forwards are, at admit().
+  /// Reading state or changing something through the admin port.
+  enum class AdminRequest { kRead, kControl };
+  /// Nothing: admitted. Reading is free on loopback and for monitors; changes are free on loopback if no tokens are
+  /// configured. Everything else needs the right admin.
+  std::optional<Denial> admit_admin(const AccessRequest& request, AdminRequest ask, TimeUs now_us,
+                                    std::int64_t now_unix_s);
+  /// Call before reading from a connection. Null: its address has too many connections. Connections of trusted proxies
+  /// are not counted here; those of their clients are, in admit().
   GrantPtr accept(const IpAddress& peer, TimeUs now_us);
 
-  /// Counts at once for who comes, and for who is here from their next is_void() on.
+  /// Applies to new requests at once, to existing grants at their next is_void().
   void replace_policy(std::shared_ptr<const AccessPolicy> policy);
   std::shared_ptr<const AccessPolicy> policy() const;
   std::uint64_t denied() const { return denied_; }

@@ -2,10 +2,12 @@
 #include "broker/access/jwt.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <set>
+
+#include "common/core/base64.h"
+#include "common/core/text.h"
 
 namespace eigencast::broker {
 namespace {
@@ -15,53 +17,10 @@ using nlohmann::json;
 constexpr int kMaxDepth = 6;
 constexpr std::size_t kMaxSubjectBytes = 128;
 constexpr double kLatestTime = 253'402'300'800;  // The year 10000.
-constexpr std::string_view kAlphabet = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
+constexpr auto kReplace = json::error_handler_t::replace;
 
 Error refused(std::string why) {
   return fail(ErrorCode::kRefused, "the token " + std::move(why));
-}
-
-/// Strict: no padding, no blanks, and unused bits are 0, so that every value has one spelling.
-std::optional<std::string> bytes_from_base64url(std::string_view text) {
-  static const std::array<std::int8_t, 256> kValues = [] {
-    std::array<std::int8_t, 256> values{};
-    values.fill(-1);
-    for (std::size_t i = 0; i < kAlphabet.size(); ++i) {
-      values[static_cast<unsigned char>(kAlphabet[i])] = static_cast<std::int8_t>(i);
-    }
-    return values;
-  }();
-  if (text.size() % 4 == 1) return std::nullopt;
-  std::string out;
-  out.reserve(text.size() * 3 / 4);
-  std::uint32_t bits = 0;
-  int count = 0;
-  for (const char c : text) {
-    const int value = kValues[static_cast<unsigned char>(c)];
-    if (value < 0) return std::nullopt;
-    bits = (bits << 6) | static_cast<std::uint32_t>(value);
-    count += 6;
-    if (count < 8) continue;
-    count -= 8;
-    out += static_cast<char>((bits >> count) & 0xff);
-  }
-  if ((bits & ((1U << count) - 1)) != 0) return std::nullopt;
-  return out;
-}
-
-std::string base64url_from_bytes(std::string_view bytes) {
-  std::string out;
-  std::uint32_t bits = 0;
-  int count = 0;
-  for (const char c : bytes) {
-    bits = (bits << 8) | static_cast<unsigned char>(c);
-    for (count += 8; count >= 6;) {
-      count -= 6;
-      out += kAlphabet[(bits >> count) & 63];
-    }
-  }
-  if (count > 0) out += kAlphabet[(bits << (6 - count)) & 63];
-  return out;
 }
 
 struct Parts {
@@ -72,14 +31,12 @@ struct Parts {
 };
 
 std::optional<Parts> parts_of(std::string_view token) {
-  const auto first = token.find('.');
-  const auto second = first == std::string_view::npos ? first : token.find('.', first + 1);
-  if (second == std::string_view::npos || token.find('.', second + 1) != std::string_view::npos) return std::nullopt;
-  return Parts{token.substr(0, first), token.substr(first + 1, second - first - 1), token.substr(second + 1),
-               token.substr(0, second)};
+  const auto parts = split(token, '.');
+  if (parts.size() != 3) return std::nullopt;
+  return Parts{parts[0], parts[1], parts[2], token.substr(0, token.rfind('.'))};
 }
 
-/// An object without a member that occurs twice: of two readers one might take the first, the other the last.
+/// Parses an object without duplicate members: two parsers could disagree on which one counts.
 std::optional<json> strict_object(std::string_view text) {
   std::vector<std::set<std::string>> seen;
   bool good = true;
@@ -97,11 +54,16 @@ std::optional<json> strict_object(std::string_view text) {
 }
 
 std::optional<json> object_from_part(std::string_view part) {
-  const auto bytes = bytes_from_base64url(part);
-  return bytes ? strict_object(*bytes) : std::nullopt;
+  const auto bytes = bytes_from_base64(part, Base64::kUrl);
+  return bytes ? strict_object(std::string(bytes->begin(), bytes->end())) : std::nullopt;
 }
 
-/// A member that is absent or a text. Nothing: it is something else.
+std::string part_from_object(const json& object) {
+  const std::string text = object.dump(-1, ' ', false, kReplace);
+  return base64_from_bytes(Bytes(text.begin(), text.end()), Base64::kUrl);
+}
+
+/// A text member; empty if absent. Nothing: it has another type.
 std::optional<std::string> optional_text(const json& object, const char* name) {
   const auto found = object.find(name);
   if (found == object.end()) return std::string();
@@ -109,7 +71,7 @@ std::optional<std::string> optional_text(const json& object, const char* name) {
   return found->get<std::string>();
 }
 
-/// A NumericDate: whole or with a fraction, which is dropped.
+/// A NumericDate; drops the fraction.
 std::optional<std::int64_t> time_of(const json& value) {
   if (!value.is_number()) return std::nullopt;
   const double seconds = value.get<double>();
@@ -123,16 +85,17 @@ std::string printable(std::string_view text) {
   return out;
 }
 
-/// The key that a header asks for, and no other: by its id, or the only one there is where the header names none.
+/// The key that the header names, or the only configured key if it names none.
 Result<const TokenKey*> key_for(const json& header, const std::vector<TokenKey>& keys) {
   const auto id = optional_text(header, "kid");
-  if (!id) return refused("is malformed: \"kid\" is no text");
+  if (!id) return refused("is malformed: \"kid\" is not a text");
   if (!header.contains("kid") && keys.size() == 1) return &keys.front();
   for (const TokenKey& key : keys) {
     if (key.id() == *id) return &key;
   }
-  return refused(id->empty() ? "names no key (\"kid\"), and this broker has no key without a name"
-                             : "is signed with key '" + printable(*id) + "', which this broker does not know");
+  return refused(id->empty()
+                     ? "names no key (\"kid\"), and this broker has no unnamed key"
+                     : "is signed with key '" + printable(*id) + "' (\"kid\"), which this broker does not know");
 }
 
 Result<const TokenKey*> check_signature(const Parts& parts, const json& header, const std::vector<TokenKey>& keys) {
@@ -141,12 +104,12 @@ Result<const TokenKey*> check_signature(const Parts& parts, const json& header, 
   if (!key) return key;
   const auto algorithm = optional_text(header, "alg");
   if (!algorithm || *algorithm != name_of((*key)->algorithm())) {
-    return refused("is signed by '" + printable(algorithm.value_or("?")) + "', but key '" + (*key)->id() + "' is for " +
-                   std::string(name_of((*key)->algorithm())) + " only");
+    return refused("has the algorithm '" + printable(algorithm.value_or("?")) + "' (\"alg\"), but key '" +
+                   (*key)->id() + "' is for " + std::string(name_of((*key)->algorithm())) + " only");
   }
-  const auto signature = bytes_from_base64url(parts.signature);
-  if (!signature || !(*key)->verifies(parts.signed_text, Bytes(signature->begin(), signature->end()))) {
-    return refused("has a signature that key '" + (*key)->id() + "' did not make");
+  const auto signature = bytes_from_base64(parts.signature, Base64::kUrl);
+  if (!signature || !(*key)->verifies(parts.signed_text, *signature)) {
+    return refused("has a wrong signature: key '" + (*key)->id() + "' did not make it");
   }
   return key;
 }
@@ -164,14 +127,14 @@ Result<void> check_times(const json& object, const TokenRules& rules, std::int64
   if (!expires) return refused("does not say when it expires (\"exp\", in Unix seconds)");
   claims.expires_s = *expires;
   if (now_s >= *expires + rules.leeway_s) {
-    return refused("expired " + std::to_string(now_s - *expires) + " s ago: get a new one");
+    return refused("expired " + std::to_string(now_s - *expires) + " s ago (\"exp\"): get a new one");
   }
   if (!object.contains("nbf")) return {};
   claims.not_before_s = time_of(object["nbf"]);
-  if (!claims.not_before_s) return refused("has a \"nbf\" that is no time in Unix seconds");
+  if (!claims.not_before_s) return refused("has a \"nbf\" that is not a time in Unix seconds");
   if (now_s + rules.leeway_s >= *claims.not_before_s) return {};
-  return refused("is not valid yet, but in " + std::to_string(*claims.not_before_s - now_s) +
-                 " s: are the clocks right?");
+  return refused("is valid only in " + std::to_string(*claims.not_before_s - now_s) +
+                 " s (\"nbf\"): are the clocks right?");
 }
 
 Result<StreamPatterns> patterns_of(const json& object, const char* name) {
@@ -179,10 +142,10 @@ Result<StreamPatterns> patterns_of(const json& object, const char* name) {
   if (found == object.end()) return StreamPatterns();
   std::vector<std::string> texts;
   if (!found->is_array() || found->size() > StreamPatterns::kMaxPatterns) {
-    return refused("has an \"eigencast\"." + std::string(name) + " that is no list of at most 256 patterns");
+    return refused("has an \"eigencast\"." + std::string(name) + " that is not a list of at most 256 patterns");
   }
   for (const json& item : *found) {
-    if (!item.is_string()) return refused("has a stream pattern that is no text");
+    if (!item.is_string()) return refused("has a stream pattern that is not a text");
     texts.push_back(item.get<std::string>());
   }
   auto patterns = StreamPatterns::from(texts);
@@ -190,7 +153,7 @@ Result<StreamPatterns> patterns_of(const json& object, const char* name) {
   return patterns;
 }
 
-/// Members that are not known are refused: one that a later version understands might take rights away.
+/// Refuses unknown members: a later version might use one to restrict rights.
 Result<Rights> rights_of(const json& object) {
   const auto found = object.find("eigencast");
   if (found == object.end() || !found->is_object()) {
@@ -221,7 +184,7 @@ Result<void> check_claims(const json& object, const TokenRules& rules, std::int6
   const auto subject = optional_text(object, "sub");
   const auto is_plain = [](char c) { return c > ' ' && c <= '~'; };
   if (!subject || subject->size() > kMaxSubjectBytes || !std::all_of(subject->begin(), subject->end(), is_plain)) {
-    return refused("has a subject (\"sub\") that is no text of at most 128 printable characters without blanks");
+    return refused("has a subject (\"sub\") that is not a text of at most 128 printable characters without blanks");
   }
   claims.subject = *subject;
   auto rights = rights_of(object);
@@ -237,11 +200,11 @@ Result<Claims> verify_token(std::string_view token, const TokenRules& rules, std
   const auto parts = parts_of(token);
   if (!parts) return refused("is malformed: it is not three parts joined by dots");
   const auto header = object_from_part(parts->header);
-  if (!header) return refused("is malformed: its header is no JSON object in base64url");
+  if (!header) return refused("is malformed: its header is not a JSON object in base64url");
   const auto key = check_signature(*parts, *header, rules.keys);
   if (!key) return key.error();
   const auto object = object_from_part(parts->claims);
-  if (!object) return refused("is malformed: its claims are no JSON object in base64url");
+  if (!object) return refused("is malformed: its claims are not a JSON object in base64url");
   Claims claims;
   claims.key_id = (*key)->id();
   if (auto good = check_claims(*object, rules, now_unix_s, claims); !good) return good.error();
@@ -261,12 +224,10 @@ Result<std::string> create_token(const TokenRequest& request, const TokenKey& ke
   if (!request.publish.empty()) claims["eigencast"]["pub"] = request.publish;
   if (!request.subscribe.empty()) claims["eigencast"]["sub"] = request.subscribe;
   if (request.admin) claims["eigencast"]["admin"] = true;
-  constexpr auto kReplace = json::error_handler_t::replace;
-  const std::string text = base64url_from_bytes(header.dump(-1, ' ', false, kReplace)) + "." +
-                           base64url_from_bytes(claims.dump(-1, ' ', false, kReplace));
+  const std::string text = part_from_object(header) + "." + part_from_object(claims);
   const auto signature = key.sign(text);
   if (!signature) return signature.error();
-  return text + "." + base64url_from_bytes(std::string(signature->begin(), signature->end()));
+  return text + "." + base64_from_bytes(*signature, Base64::kUrl);
 }
 
 Result<TokenParts> read_token(std::string_view token) {
@@ -274,9 +235,8 @@ Result<TokenParts> read_token(std::string_view token) {
   const auto header = parts ? object_from_part(parts->header) : std::nullopt;
   const auto claims = parts ? object_from_part(parts->claims) : std::nullopt;
   if (!header || !claims) {
-    return fail(ErrorCode::kCorrupt, "this is no JSON Web Token: two JSON objects and a signature in base64url");
+    return fail(ErrorCode::kCorrupt, "this is not a JSON Web Token: two JSON objects and a signature in base64url");
   }
-  constexpr auto kReplace = json::error_handler_t::replace;
   return TokenParts{header->dump(2, ' ', true, kReplace), claims->dump(2, ' ', true, kReplace)};
 }
 

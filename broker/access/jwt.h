@@ -10,7 +10,7 @@
 #include "broker/access/patterns.h"
 #include "broker/access/signature.h"
 
-/// Signed tokens: JSON Web Tokens (RFC 7519) in the compact form (RFC 7515), as narrow as RFC 8725 asks for.
+/// Signed tokens: JSON Web Tokens (RFC 7519) in the compact form (RFC 7515), restricted as RFC 8725 recommends.
 ///
 ///   header   {"alg":"ES256","kid":"main","typ":"JWT"}
 ///   claims   {"sub":"camera-1","aud":"eigencast","exp":1700000000,
@@ -19,28 +19,27 @@ namespace eigencast::broker {
 
 inline constexpr std::size_t kMaxTokenBytes = 8 * 1024;
 
-/// What a token says of its holder, checked.
+/// A token's verified claims.
 struct Claims {
   std::string subject;                       ///< "sub"; may be empty.
-  std::string key_id;                        ///< Of the key that signed it.
+  std::string key_id;                        ///< Id of the signing key.
   std::int64_t expires_s = 0;                ///< "exp", Unix seconds.
   std::optional<std::int64_t> not_before_s;  ///< "nbf"
   Rights rights;
 };
 
-/// What a token is held against.
+/// What tokens are verified against.
 struct TokenRules {
   std::vector<TokenKey> keys;
-  std::string audience;       ///< Must be in "aud"; empty: not looked at.
-  std::string issuer;         ///< Must be "iss"; empty: not looked at.
-  std::int64_t leeway_s = 0;  ///< How far clocks may differ.
+  std::string audience;       ///< Must be in "aud"; empty: any.
+  std::string issuer;         ///< Must be "iss"; empty: any.
+  std::int64_t leeway_s = 0;  ///< Accepted clock difference.
 };
 
-/// Checks a token. Safe on hostile input.
-/// Errors: kRefused, with what is wrong with it in words for its holder.
+/// Verifies a token. Safe on hostile input. Errors: kRefused; the message tells the holder why.
 Result<Claims> verify_token(std::string_view token, const TokenRules& rules, std::int64_t now_unix_s);
 
-/// What to put into a new token.
+/// The contents of a new token.
 struct TokenRequest {
   std::string subject;
   std::string audience;
@@ -54,7 +53,7 @@ struct TokenRequest {
 /// Errors: kInvalidArgument (patterns), and those of TokenKey::sign().
 Result<std::string> create_token(const TokenRequest& request, const TokenKey& key);
 
-/// Header and claims as JSON, unchecked, for people. Errors: kCorrupt.
+/// Header and claims as JSON text, unverified, for display. Errors: kCorrupt.
 struct TokenParts {
   std::string header;
   std::string claims;

@@ -11,14 +11,14 @@ constexpr TimeUs kSweepEveryUs = 1'000'000;
 
 TimeUs wait_from(double paid_until_us, double amount, double per_s, double burst, TimeUs now_us) {
   const double ahead_us = std::max(paid_until_us - static_cast<double>(now_us), 0.0) + amount * 1e6 / per_s;
-  // One amount over the burst is taken when nothing else is owed, or it never would be.
+  // An amount over the burst is taken when idle, or it never would be.
   const double allowed_us = std::max(burst, amount) * 1e6 / per_s;
   return ahead_us <= allowed_us + 0.5 ? 0 : static_cast<TimeUs>(std::ceil(ahead_us - allowed_us));
 }
 
 }  // namespace
 
-bool Pace::take(double amount, double per_s, double burst, TimeUs now_us) {
+bool RateLimiter::take(double amount, double per_s, double burst, TimeUs now_us) {
   if (per_s <= 0) return true;
   double paid_until_us = paid_until_us_;
   double then = 0;
@@ -29,11 +29,11 @@ bool Pace::take(double amount, double per_s, double burst, TimeUs now_us) {
   return true;
 }
 
-TimeUs Pace::wait_us(double amount, double per_s, double burst, TimeUs now_us) const {
+TimeUs RateLimiter::wait_us(double amount, double per_s, double burst, TimeUs now_us) const {
   return per_s <= 0 ? 0 : wait_from(paid_until_us_, amount, per_s, burst, now_us);
 }
 
-bool Tally::take(std::int64_t most) {
+bool UseCount::take(std::int64_t most) {
   std::int64_t count = count_;
   do {
     if (count >= most) return false;
@@ -42,7 +42,7 @@ bool Tally::take(std::int64_t most) {
 }
 
 bool Account::is_idle(TimeUs now_us) const {
-  return std::all_of(shares.begin(), shares.end(), [](const Tally& share) { return share.is_idle(); }) &&
+  return std::all_of(resources.begin(), resources.end(), [](const UseCount& resource) { return resource.is_idle(); }) &&
          messages.is_idle(now_us) && upload_bytes.is_idle(now_us) && download_bytes.is_idle(now_us) &&
          failures.is_idle(now_us);
 }
@@ -52,7 +52,7 @@ std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) 
   const auto found = accounts_.find(key);
   if (found != accounts_.end()) return found->second;
   if (accounts_.size() >= most_ && now_us - swept_us_ >= kSweepEveryUs) {
-    // Walking all of them is dear: not for each of many strangers.
+    // A sweep visits all accounts: at most once per period.
     swept_us_ = now_us;
     std::erase_if(accounts_,
                   [&](const auto& entry) { return entry.second.use_count() == 1 && entry.second->is_idle(now_us); });

@@ -13,17 +13,17 @@
 
 namespace eigencast::broker {
 
-/// What is counted of each address and each token.
-enum class Share : std::uint8_t { kConnection, kPublisher, kStream };
-inline constexpr std::size_t kShares = 3;
+/// What is counted for each address and each token.
+enum class Resource : std::uint8_t { kConnection, kPublisher, kStream };
+inline constexpr std::size_t kResources = 3;
 
-/// A steady flow with a burst: takes an amount if no more than `burst` of it came ahead of the steady rate (the generic
-/// cell rate algorithm, ATM Forum 1996). Time comes in as an argument. Thread-safe, without a lock.
-class Pace {
+/// Rate limiter with a burst: takes an amount while no more than `burst` is ahead of the steady rate (the generic cell rate
+/// algorithm, ATM Forum 1996). Time comes in as an argument. Thread-safe, without a lock.
+class RateLimiter {
  public:
   /// `per_s` <= 0: no limit.
   bool take(double amount, double per_s, double burst, TimeUs now_us);
-  /// How long until `amount` would be taken.
+  /// Time until `amount` would be taken.
   TimeUs wait_us(double amount, double per_s, double burst, TimeUs now_us) const;
   bool is_idle(TimeUs now_us) const { return paid_until_us_ <= static_cast<double>(now_us); }
 
@@ -31,10 +31,10 @@ class Pace {
   std::atomic<double> paid_until_us_{0};
 };
 
-/// How many of something are in use. Thread-safe, without a lock.
-class Tally {
+/// Counts objects in use. Thread-safe, without a lock.
+class UseCount {
  public:
-  /// One more, unless there are `most`.
+  /// Adds one, unless there are `most`.
   bool take(std::int64_t most);
   void give_back() { --count_; }
   bool is_idle() const { return count_ == 0; }
@@ -43,18 +43,18 @@ class Tally {
   std::atomic<std::int64_t> count_{0};
 };
 
-/// What one address or one token uses now. Any thread may use any part.
+/// Usage of one address or token. Thread-safe.
 struct Account {
-  std::array<Tally, kShares> shares;
-  Pace messages;
-  Pace upload_bytes;
-  Pace download_bytes;
-  Pace failures;
+  std::array<UseCount, kResources> resources;
+  RateLimiter messages;
+  RateLimiter upload_bytes;
+  RateLimiter download_bytes;
+  RateLimiter failures;
   bool is_idle(TimeUs now_us) const;
 };
 
-/// The accounts by key. Bounded: idle ones go when room is needed; where all are in use, further keys share one, which
-/// is stricter for them and safe for the broker. Thread-safe: the lock is for finding accounts, not for using them.
+/// Accounts by key. Bounded: idle accounts are removed when it is full; if all are in use, further keys share one account,
+/// which is stricter for them. Thread-safe: the lock covers lookup, not use.
 class Ledger {
  public:
   explicit Ledger(std::size_t most = 65'536) : most_(most) {}

@@ -2,68 +2,37 @@
 #include "broker/access/patterns.h"
 
 #include <algorithm>
+#include <functional>
+
+#include "common/core/text.h"
 
 namespace eigencast::broker {
 namespace {
 
-std::string_view segment_at(std::string_view text, std::size_t at) {
-  return text.substr(at, text.find('/', at) - at);
-}
-
-/// Where the next segment begins; past the end after the last one.
-std::size_t next_of(std::string_view text, std::size_t at) {
-  return at + segment_at(text, at).size() + 1;
-}
-
-// Both levels use the same rule: after a star, the shortest match that works; only the latest star needs to be tried
-// again, because whatever an earlier one could take on the latest one can as well.
-
-bool segment_matches(std::string_view pattern, std::string_view text) {
-  std::size_t p = 0;
-  std::size_t t = 0;
-  std::size_t star = std::string_view::npos;
-  std::size_t star_text = 0;
-  while (t < text.size()) {
-    if (p < pattern.size() && pattern[p] == '*') {
-      star = p++;
-      star_text = t;
-    } else if (p < pattern.size() && pattern[p] == text[t]) {
-      ++p;
-      ++t;
-    } else if (star != std::string_view::npos) {
-      p = star + 1;
-      t = ++star_text;
+/// Matches `text` item by item; a star item of the pattern stands for any number of items.
+template <typename Pattern, typename Text, typename IsStar, typename Matches>
+bool wildcard_matches(const Pattern& pattern, const Text& text, IsStar is_star, Matches matches) {
+  std::vector<bool> reached(text.size() + 1);  // Prefixes of the text that match the pattern so far.
+  reached[0] = true;
+  for (const auto& item : pattern) {
+    if (is_star(item)) {
+      for (std::size_t i = 1; i <= text.size(); ++i) reached[i] = reached[i] || reached[i - 1];
     } else {
-      return false;
+      for (std::size_t i = text.size(); i > 0; --i) reached[i] = reached[i - 1] && matches(item, text[i - 1]);
+      reached[0] = false;
     }
   }
-  while (p < pattern.size() && pattern[p] == '*') ++p;
-  return p == pattern.size();
+  return reached.back();
+}
+
+bool segment_matches(std::string_view pattern, std::string_view text) {
+  return wildcard_matches(
+      pattern, text, [](char c) { return c == '*'; }, std::equal_to());
 }
 
 bool name_matches(std::string_view pattern, std::string_view name) {
-  std::size_t p = 0;
-  std::size_t n = 0;
-  std::size_t star = std::string_view::npos;
-  std::size_t star_name = 0;
-  while (n <= name.size()) {
-    const bool left = p <= pattern.size();
-    if (left && segment_at(pattern, p) == "**") {
-      star = p;
-      star_name = n;
-      p = next_of(pattern, p);
-    } else if (left && segment_matches(segment_at(pattern, p), segment_at(name, n))) {
-      p = next_of(pattern, p);
-      n = next_of(name, n);
-    } else if (star != std::string_view::npos) {
-      p = next_of(pattern, star);
-      n = star_name = next_of(name, star_name);
-    } else {
-      return false;
-    }
-  }
-  while (p <= pattern.size() && segment_at(pattern, p) == "**") p = next_of(pattern, p);
-  return p > pattern.size();
+  return wildcard_matches(
+      split(pattern, '/'), split(name, '/'), [](std::string_view item) { return item == "**"; }, segment_matches);
 }
 
 bool is_pattern_character(char c) {
@@ -71,15 +40,14 @@ bool is_pattern_character(char c) {
          c == '-' || c == '*';
 }
 
-Result<void> check(const std::string& pattern) {
+Result<void> check_pattern(const std::string& pattern) {
   const auto wrong = [&](const char* why) {
     return fail(ErrorCode::kInvalidArgument, "'" + pattern.substr(0, StreamPatterns::kMaxBytes) +
-                                                 "' is no pattern of stream names: " + why +
+                                                 "' is not a pattern of stream names: " + why +
                                                  "; write something like lab/**, */left or camera-*");
   };
   if (pattern.size() > StreamPatterns::kMaxBytes) return wrong("it is longer than 128 bytes");
-  for (std::size_t at = 0; at <= pattern.size(); at = next_of(pattern, at)) {
-    const std::string_view segment = segment_at(pattern, at);
+  for (const std::string_view segment : split(pattern, '/')) {
     if (segment.empty()) return wrong("a segment is empty");
     if (segment == "." || segment == "..") return wrong("no stream has a segment '.' or '..'");
     if (!std::all_of(segment.begin(), segment.end(), is_pattern_character)) {
@@ -97,7 +65,7 @@ Result<StreamPatterns> StreamPatterns::from(std::span<const std::string> pattern
     return fail(ErrorCode::kInvalidArgument, std::to_string(patterns.size()) + " stream patterns are too many: 256");
   }
   for (const std::string& pattern : patterns) {
-    if (auto good = check(pattern); !good) return good.error();
+    if (auto good = check_pattern(pattern); !good) return good.error();
   }
   StreamPatterns made;
   if (!patterns.empty())

@@ -11,18 +11,17 @@
 
 namespace eigencast::broker {
 
-/// A set of stream names, written as patterns over their segments: `*` within a segment stands for any characters of
-/// it (`camera-*`), the segment `**` for any number of whole segments, none included. `lab/**` matches `lab` and
-/// everything below, `*/left` matches `a/left` but not `a/b/left`. A pattern takes time in proportion to its length
-/// times the name's: there is no way to make it slow.
+/// A set of stream names as patterns over segments: `*` matches any characters within a segment (`camera-*`), the segment
+/// `**` any number of whole segments, also none. `lab/**` matches `lab` and
+/// everything below, `*/left` matches `a/left` but not `a/b/left`. Matching time is
+/// proportional to pattern length times name length.
 class StreamPatterns {
  public:
   static constexpr std::size_t kMaxPatterns = 256;
   static constexpr std::size_t kMaxBytes = 128;
 
   StreamPatterns() = default;
-  /// Errors: kInvalidArgument: what no stream name could match (an empty segment, a character that names do not have),
-  /// too long, too many.
+  /// Errors: kInvalidArgument (a pattern that no stream name can match, too long, too many).
   static Result<StreamPatterns> from(std::span<const std::string> patterns);
 
   bool matches(std::string_view stream) const;
@@ -34,7 +33,7 @@ class StreamPatterns {
   std::shared_ptr<const std::vector<std::string>> patterns_;  ///< Null: none. All connections of a token share them.
 };
 
-/// What its holder may do.
+/// Rights of a token or of anonymous clients.
 struct Rights {
   StreamPatterns publish;
   StreamPatterns subscribe;

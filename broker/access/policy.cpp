@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <utility>
 
-#include "broker/config/places.h"
+#include "broker/config/paths.h"
 
 namespace eigencast::broker {
 namespace {
@@ -35,7 +35,7 @@ Result<TokenRules> token_rules_from(const Config& config) {
   return rules;
 }
 
-/// The scheme, host and port of an origin or "scheme://*.host".
+/// `pattern` is an origin, "scheme://*.host" or "*".
 bool origin_matches(std::string_view pattern, std::string_view origin) {
   if (pattern == "*" || pattern == origin) return true;
   const auto star = pattern.find("://*.");
@@ -51,8 +51,8 @@ bool is_listed(const std::vector<std::string>& origins, std::string_view origin)
                      [&](const std::string& pattern) { return origin_matches(pattern, origin); });
 }
 
-/// A page of this machine by its name, too: that a page's origin equals the Host header means nothing here, because a
-/// foreign name can be made to resolve to 127.0.0.1 (DNS rebinding).
+/// Whether the origin's host is localhost or a loopback address. Equality with the Host header proves nothing: a foreign
+/// name can resolve to 127.0.0.1 (DNS rebinding).
 bool is_local_page(std::string_view origin) {
   const auto scheme = origin.find("://");
   if (scheme == std::string_view::npos) return false;
@@ -62,18 +62,22 @@ bool is_local_page(std::string_view origin) {
   return host == "localhost" || (address && address->is_loopback());
 }
 
-Result<std::vector<IpRange>> ranges_from(const char* setting, const std::vector<std::string>& texts) {
+/// Moves a value into `to`; an error names the setting.
+template <typename T>
+Result<void> assign(T& to, Result<T> value, const char* setting) {
+  if (!value) return in_context(setting, value.error());
+  to = std::move(*value);
+  return {};
+}
+
+Result<std::vector<IpRange>> ranges_from(const std::vector<std::string>& texts) {
   std::vector<IpRange> ranges;
   for (const std::string& text : texts) {
     const auto range = IpRange::from_text(text);
-    if (!range) return in_context(setting, range.error());
+    if (!range) return range.error();
     ranges.push_back(*range);
   }
   return ranges;
-}
-
-bool is_within(const std::vector<IpRange>& ranges, const IpAddress& address) {
-  return std::any_of(ranges.begin(), ranges.end(), [&](const IpRange& range) { return range.contains(address); });
 }
 
 std::string_view bearer_of(std::string_view header) {
@@ -109,11 +113,11 @@ Result<TokenKey> key_from_setting(const std::string& text) {
   if (second == std::string::npos || first == 0) {
     return fail(
         ErrorCode::kInvalidArgument,
-        "'" + text + "' is no key: write \"KEY-ID ALGORITHM FILE\", like \"main ES256 /etc/eigencast/main.pem\"");
+        "'" + text + "' is not a key: write \"KEY-ID ALGORITHM FILE\", like \"main ES256 /etc/eigencast/main.pem\"");
   }
   const auto algorithm = algorithm_from_name(std::string_view(text).substr(first + 1, second - first - 1));
   if (!algorithm) return algorithm.error();
-  return TokenKey::from_file(text.substr(0, first), *algorithm, located(text.substr(second + 1)));
+  return TokenKey::from_file(text.substr(0, first), *algorithm, resolved_path(text.substr(second + 1)));
 }
 
 Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Config& config) {
@@ -122,31 +126,28 @@ Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Conf
   policy->anonymous_ = anonymous == "nowhere"    ? Anonymous::kNobody
                        : anonymous == "anywhere" ? Anonymous::kAnywhere
                                                  : Anonymous::kLoopback;
-  auto publish = StreamPatterns::from(config.access.anonymous_publish);
-  if (!publish) return in_context("access.anonymous_publish", publish.error());
-  auto subscribe = StreamPatterns::from(config.access.anonymous_subscribe);
-  if (!subscribe) return in_context("access.anonymous_subscribe", subscribe.error());
-  policy->anonymous_rights_ = {std::move(*publish), std::move(*subscribe), false};
-  auto rules = token_rules_from(config);
-  if (!rules) return rules.error();
-  policy->tokens_ = std::move(*rules);
-  if (!config.access.tokens_file.empty()) {
-    auto file = TokenFile::from_file(located(config.access.tokens_file));
-    if (!file) return in_context("access.tokens_file", file.error());
-    policy->static_tokens_ = std::move(*file);
-  }
   policy->origins_ = config.access.origins;
   policy->of_address_ = quota_from(config.per_address);
   policy->of_token_ = quota_from(config.per_token);
   policy->failures_per_minute_ = config.access.failures_per_minute;
   policy->expiry_disconnects_ = config.access.expiry_disconnects;
-  auto proxies = ranges_from("proxy.trusted", config.proxy.trusted);
-  if (!proxies) return proxies.error();
-  policy->proxies_ = std::move(*proxies);
   policy->proxy_header_ = config.proxy.header == "forwarded" ? ProxyHeader::kForwarded : ProxyHeader::kXForwardedFor;
-  auto monitors = ranges_from("access.monitors", config.access.monitors);
-  if (!monitors) return monitors.error();
-  policy->monitors_ = std::move(*monitors);
+  const auto& access = config.access;
+  auto tokens = access.tokens_file.empty() ? Result<TokenFile>(TokenFile())
+                                           : TokenFile::from_file(resolved_path(access.tokens_file));
+  const Result<void> parts[] = {assign(policy->anonymous_rights_.publish,
+                                       StreamPatterns::from(access.anonymous_publish), "access.anonymous_publish"),
+                                assign(policy->anonymous_rights_.subscribe,
+                                       StreamPatterns::from(access.anonymous_subscribe), "access.anonymous_subscribe"),
+                                assign(policy->static_tokens_, std::move(tokens), "access.tokens_file"),
+                                assign(policy->proxies_, ranges_from(config.proxy.trusted), "proxy.trusted"),
+                                assign(policy->monitors_, ranges_from(access.monitors), "access.monitors")};
+  for (const Result<void>& part : parts) {
+    if (!part) return part.error();
+  }
+  auto rules = token_rules_from(config);
+  if (!rules) return rules.error();
+  policy->tokens_ = std::move(*rules);
   return std::shared_ptr<const AccessPolicy>(std::move(policy));
 }
 
@@ -155,8 +156,8 @@ bool AccessPolicy::is_trusted_proxy(const IpAddress& address) const {
 }
 
 bool AccessPolicy::is_monitor(const AccessRequest& request) const {
-  // A browser's page is none, whichever machine it is shown on.
-  const Sender from = sender(request);
+  // Browser pages are not monitors, whatever their machine.
+  const ClientAddress from = client_address(request);
   return !from.uncertain && request.origin.empty() && is_within(monitors_, from.address);
 }
 
@@ -185,7 +186,7 @@ bool AccessPolicy::allows_origin(const AccessRequest& request) const {
 
 std::variant<Identity, Denial> AccessPolicy::identify(const AccessRequest& request, std::int64_t now_unix_s) const {
   Identity identity;
-  identity.sender = sender(request);
+  identity.client = client_address(request);
   if (!allows_origin(request)) {
     return denial(403, "pages of this origin may not use this broker: name it in access.origins");
   }
@@ -214,7 +215,7 @@ std::variant<Identity, Denial> AccessPolicy::identify_token(std::string_view tok
     identity.rights = known->rights;
     return identity;
   }
-  const Sha256 hash = sha256({reinterpret_cast<const std::uint8_t*>(token.data()), token.size()});
+  const Sha256 hash = TokenFile::hash_of(token);
   auto claims = checked_.find(hash, tokens_.leeway_s, now_s);
   if (!claims) {
     auto verified = verify_token(token, tokens_, now_s);
@@ -232,7 +233,7 @@ std::variant<Identity, Denial> AccessPolicy::identify_token(std::string_view tok
 }
 
 bool AccessPolicy::is_local(const AccessRequest& request) const {
-  const Sender from = sender(request);
+  const ClientAddress from = client_address(request);
   return from.address.is_loopback() && !from.uncertain &&
          (request.origin.empty() || is_local_page(request.origin) || is_listed(origins_, request.origin));
 }
@@ -241,7 +242,7 @@ std::variant<Identity, Denial> AccessPolicy::identify_anonymous(const AccessRequ
   const bool local = is_local(request);
   if (anonymous_ == Anonymous::kNobody || (anonymous_ == Anonymous::kLoopback && !local)) {
     std::string why = "this broker asks for a token";
-    if (identity.sender.uncertain && identity.sender.address.is_loopback()) {
+    if (identity.client.uncertain && identity.client.address.is_loopback()) {
       why += " (the request came through a proxy that is not in proxy.trusted, so it does not count as local)";
     }
     return denial(401, std::move(why));

@@ -17,12 +17,12 @@
 #include "broker/access/token_file.h"
 #include "broker/config/config.h"
 
-/// Who may do what. Everything here decides from what it is given, times included; nothing here has a socket.
+/// Access rules. Pure decisions on their arguments, times included; no sockets.
 namespace eigencast::broker {
 
-/// What a request says of its sender.
+/// A request's address and credentials.
 struct AccessRequest {
-  IpAddress peer;             ///< Of the socket.
+  IpAddress peer;             ///< The socket's.
   std::string authorization;  ///< The header.
   std::string query_token;    ///< access_token of the query, for browsers, whose WebSockets send no headers.
   std::string origin;         ///< The header: browsers send it.
@@ -31,61 +31,62 @@ struct AccessRequest {
   ForwardedHeaders forwarded;
 };
 
-/// Why not, as HTTP says it.
+/// A refusal as an HTTP answer.
 struct Denial {
   int status = 403;       ///< 400, 401, 403 or 429.
-  std::string message;    ///< For people: what is wrong and what to do.
+  std::string message;    ///< For the user: what is wrong and what to do.
   int retry_after_s = 0;  ///< 429 only.
   bool failed_login = false;
 };
 
-/// Whom a request comes from.
+/// The identified client of a request.
 struct Identity {
   std::string name;  ///< For logs: "token 'camera-1'", "anonymous".
-  std::string key;   ///< Whom the limits of tokens count as one; empty: nobody (anonymous).
-  Sender sender;
-  bool local = false;  ///< The request came from this very machine.
-  std::string key_id;  ///< Of a signed token.
-  Sha256 token_hash;   ///< Of a fixed token.
+  std::string key;   ///< The key of per-token limits; empty: anonymous.
+  ClientAddress client;
+  bool local = false;  ///< The request came from this machine.
+  std::string key_id;  ///< For signed tokens.
+  Sha256 token_hash;   ///< For fixed tokens.
   Rights rights;
   std::optional<std::int64_t> expires_s;
 };
 
-/// A key as the settings write it: "KEY-ID ALGORITHM FILE". Errors: those of TokenKey::from_file().
+/// Loads a key from its setting: "KEY-ID ALGORITHM FILE". Errors: those of TokenKey::from_file().
 Result<TokenKey> key_from_setting(const std::string& text);
 
-/// What one address, or one token, may use at a time.
+/// Limits of one address or one token.
 struct Quota {
-  std::array<std::int64_t, kShares> shares{};
+  std::array<std::int64_t, kResources> resources{};
   std::int64_t messages_per_s = 0;
   std::int64_t upload_bytes_per_hour = 0;
   std::int64_t download_bytes_per_hour = 0;
 };
 
-/// The rules: keys, tokens, patterns, origins, proxies, quotas. Made from the configuration; immutable and thread-safe.
+/// The configured rules: keys, tokens, patterns, origins, proxies, quotas. Immutable and thread-safe.
 class AccessPolicy {
  public:
-  /// Reads the files that the configuration names. Errors: kInvalidArgument, kNotFound, kRefused, naming the setting.
+  /// Reads the files that the configuration names. Errors: kInvalidArgument, kNotFound, kRefused; the message names the
+  /// setting.
   static Result<std::shared_ptr<const AccessPolicy>> from_config(const Config& config);
 
   std::variant<Identity, Denial> identify(const AccessRequest& request, std::int64_t now_unix_s) const;
-  /// Whether whoever `former`, of which this policy takes the place, let in with these rights would still have them: a
-  /// token that was taken out of the file, a key that was dropped or changed, and rights that differ end connections.
+  /// Whether an identity that the `former` policy admitted keeps its rights. A removed token, a removed or changed key, or
+  /// different rights end connections.
   bool vouches_for(const Identity& identity, const AccessPolicy& former) const;
   bool is_trusted_proxy(const IpAddress& address) const;
-  /// Whether one may read the admin port without a token.
+  /// Whether the request may read the admin port without a token.
   bool is_monitor(const AccessRequest& request) const;
-  Sender sender(const AccessRequest& request) const {
-    return sender_of(request.peer, request.forwarded, proxies_, proxy_header_);
+  ClientAddress client_address(const AccessRequest& request) const {
+    return client_address_of(request.peer, request.forwarded, proxies_, proxy_header_);
   }
-  /// Whether a browser's page of this origin may use the broker. Only browsers send an origin; it keeps other sites'
-  /// pages from using what their visitor may reach.
+  /// Whether a browser page of this origin may use the broker. Keeps pages of other sites from using their visitor's
+  /// access; only browsers send an origin.
   bool allows_origin(const AccessRequest& request) const;
-  /// Whether a request comes from this very machine, and not from another site's page in a browser on it.
+  /// Whether a request comes from this machine, and not from a foreign page in a browser on it.
   bool is_local(const AccessRequest& request) const;
-  /// Whether anybody can show who they are.
+  /// Whether any tokens are configured.
   bool has_tokens() const { return !tokens_.keys.empty() || static_tokens_.size() > 0; }
-  /// Whether assets are for anybody, wherever they are.
+  /// Whether anonymous clients anywhere may fetch assets.
   bool serves_everybody() const {
     return anonymous_ == Anonymous::kAnywhere &&
            !(anonymous_rights_.publish.empty() && anonymous_rights_.subscribe.empty());

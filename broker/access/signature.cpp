@@ -20,8 +20,8 @@
 namespace eigencast::broker {
 namespace {
 
-constexpr std::size_t kMaxFileBytes = 64 * 1024;
-constexpr int kLeastRsaBits = 2048;
+constexpr std::size_t kMaxKeyFileBytes = 64 * 1024;
+constexpr int kMinRsaBits = 2048;
 constexpr std::size_t kEs256Half = 32;
 
 struct Free {
@@ -32,11 +32,6 @@ struct Free {
 using Bio = std::unique_ptr<BIO, Free>;
 using DigestContext = std::unique_ptr<EVP_MD_CTX, Free>;
 using EcdsaSignature = std::unique_ptr<ECDSA_SIG, Free>;
-
-/// A PEM file with a passphrase must not make OpenSSL ask for it on the terminal.
-int no_passphrase(char*, int, int, void*) {
-  return -1;
-}
 
 const unsigned char* bytes_of(std::string_view text) {
   return static_cast<const unsigned char*>(static_cast<const void*>(text.data()));
@@ -57,12 +52,12 @@ bool is_p256(const EVP_PKEY* pair) {
          std::string_view(group.data(), length) == "prime256v1";
 }
 
-/// What is wrong with the key for this algorithm; empty: nothing.
+/// Why the key does not fit the algorithm; empty: it does.
 std::string misfit(const EVP_PKEY* pair, Algorithm algorithm) {
   switch (algorithm) {
     case Algorithm::kRs256:
       if (EVP_PKEY_is_a(pair, "RSA") != 1) return "RS256 needs an RSA key";
-      return EVP_PKEY_get_bits(pair) < kLeastRsaBits ? "an RSA key needs at least 2048 bits" : "";
+      return EVP_PKEY_get_bits(pair) < kMinRsaBits ? "an RSA key needs at least 2048 bits" : "";
     case Algorithm::kEs256:
       return EVP_PKEY_is_a(pair, "EC") == 1 && is_p256(pair) ? "" : "ES256 needs a key on the curve P-256";
     case Algorithm::kEdDsa:
@@ -111,10 +106,10 @@ Bytes pair_from_der(const Bytes& der) {
 }
 
 Result<void> check_closed(const std::string& path) {
-  struct stat facts {};
-  if (::stat(path.c_str(), &facts) != 0) return {};  // Reading it says why.
+  struct stat status {};
+  if (::stat(path.c_str(), &status) != 0) return {};  // Reading it says why.
   constexpr mode_t kTooOpen = S_IWGRP | S_IXGRP | S_IRWXO;
-  if (!S_ISREG(facts.st_mode) || (facts.st_mode & kTooOpen) == 0) return {};
+  if (!S_ISREG(status.st_mode) || (status.st_mode & kTooOpen) == 0) return {};
   return fail(ErrorCode::kRefused,
               path + ": holds secrets, but others than its owner and group can get at it: chmod 640 " + path);
 }
@@ -124,6 +119,10 @@ const EVP_MD* digest_of(Algorithm algorithm) {
 }
 
 }  // namespace
+
+int no_passphrase(char*, int, int, void*) {
+  return -1;
+}
 
 std::string_view name_of(Algorithm algorithm) {
   constexpr std::string_view kNames[] = {"HS256", "RS256", "ES256", "EdDSA"};
@@ -135,14 +134,14 @@ Result<Algorithm> algorithm_from_name(std::string_view name) {
     if (name_of(algorithm) == name) return algorithm;
   }
   return fail(ErrorCode::kInvalidArgument,
-              "'" + std::string(name.substr(0, 32)) + "' is no algorithm for tokens: HS256, RS256, ES256 or EdDSA");
+              "'" + std::string(name.substr(0, 32)) + "' is not an algorithm for tokens: HS256, RS256, ES256 or EdDSA");
 }
 
 Result<TokenKey> TokenKey::from_secret(std::string id, std::string secret) {
   if (std::string_view(secret).find("-----BEGIN") != std::string_view::npos) {
-    return fail(ErrorCode::kInvalidArgument, "a PEM file is no secret for HS256: name its own algorithm instead");
+    return fail(ErrorCode::kInvalidArgument, "a PEM file is not a secret for HS256: name its own algorithm instead");
   }
-  if (secret.size() < kLeastSecretBytes) {
+  if (secret.size() < kMinSecretBytes) {
     return fail(ErrorCode::kInvalidArgument, "an HS256 secret needs at least 32 bytes (openssl rand -base64 48)");
   }
   TokenKey key(std::move(id), Algorithm::kHs256);
@@ -157,7 +156,7 @@ Result<TokenKey> TokenKey::from_pem(std::string id, Algorithm algorithm, std::st
   key.private_ = key.pair_ != nullptr;
   if (!key.pair_) key.pair_ = read_pem(pem, false);
   if (!key.pair_) {
-    return fail(ErrorCode::kInvalidArgument, "there is no public or private key in PEM (without passphrase) here");
+    return fail(ErrorCode::kInvalidArgument, "not a public or private key in PEM without passphrase");
   }
   if (const std::string why = misfit(key.pair_.get(), algorithm); !why.empty()) {
     return fail(ErrorCode::kInvalidArgument, why);
@@ -166,13 +165,13 @@ Result<TokenKey> TokenKey::from_pem(std::string id, Algorithm algorithm, std::st
 }
 
 Result<TokenKey> TokenKey::from_file(std::string id, Algorithm algorithm, const std::string& path) {
-  auto text = read_file(path, kMaxFileBytes);
+  auto text = read_file(path, kMaxKeyFileBytes);
   if (!text) return text.error();
   const bool is_secret = algorithm == Algorithm::kHs256;
   while (is_secret && (text->ends_with('\n') || text->ends_with('\r'))) text->pop_back();
   auto key = is_secret ? from_secret(std::move(id), std::move(*text)) : from_pem(std::move(id), algorithm, *text);
   if (!key) return in_context(path, key.error());
-  if (!key->can_sign()) return key;  // A public key is for everybody.
+  if (!key->can_sign()) return key;  // Public keys need no protection.
   if (auto closed = check_closed(path); !closed) return closed.error();
   return key;
 }
@@ -225,7 +224,7 @@ Result<Bytes> TokenKey::sign(std::string_view message) const {
 
 Result<std::string> read_secret_file(const std::string& path) {
   if (auto closed = check_closed(path); !closed) return closed.error();
-  return read_file(path, kMaxFileBytes);
+  return read_file(path, kMaxKeyFileBytes);
 }
 
 }  // namespace eigencast::broker

@@ -13,23 +13,23 @@ struct evp_pkey_st;
 
 namespace eigencast::broker {
 
-/// How a token is signed (RFC 7518 and RFC 8037): HMAC with SHA-256, RSA with SHA-256, ECDSA on P-256, Ed25519.
+/// Token signatures (RFC 7518 and RFC 8037): HMAC with SHA-256, RSA with SHA-256, ECDSA on P-256, Ed25519.
 enum class Algorithm { kHs256, kRs256, kEs256, kEdDsa };
 
 std::string_view name_of(Algorithm algorithm);
-/// Errors: kInvalidArgument, naming the four.
+/// Errors: kInvalidArgument.
 Result<Algorithm> algorithm_from_name(std::string_view name);
 
-/// One key and the one algorithm that it is for. Which of them checks a token is said by the key, never by the token:
-/// that is what makes it impossible to pass off a public key as an HMAC secret. Immutable, cheap to copy, thread-safe.
+/// A key and its one algorithm. The key determines the algorithm, never the token: so a public key cannot be passed off as
+/// an HMAC secret. Immutable, cheap to copy, thread-safe.
 class TokenKey {
  public:
-  static constexpr std::size_t kLeastSecretBytes = 32;
+  static constexpr std::size_t kMinSecretBytes = 32;
 
-  /// HS256. Errors: kInvalidArgument (shorter than 32 bytes; a PEM file, which is no secret).
+  /// HS256. Errors: kInvalidArgument (shorter than 32 bytes; a PEM file).
   static Result<TokenKey> from_secret(std::string id, std::string secret);
   /// RS256 (2048 bits or more), ES256, EdDSA, from a public or private key in PEM.
-  /// Errors: kInvalidArgument (no PEM key, or of another kind).
+  /// Errors: kInvalidArgument (not a PEM key, or of another kind).
   static Result<TokenKey> from_pem(std::string id, Algorithm algorithm, std::string_view pem);
   /// Either, from a file. A file that holds a secret or a private key must not be open to others.
   /// Errors: those above, kNotFound, kRefused (permissions).
@@ -38,11 +38,11 @@ class TokenKey {
   const std::string& id() const { return id_; }
   Algorithm algorithm() const { return algorithm_; }
   bool can_sign() const { return private_; }
-  /// Whether what this key checks, the other one does too: they have the same secret or the same public half.
+  /// Whether both have the same id, algorithm and secret or public half.
   bool is_same_as(const TokenKey& other) const;
 
   bool verifies(std::string_view message, ByteView signature) const;
-  /// Errors: kUnsupported (only the public half is here), kInternal.
+  /// Errors: kUnsupported (a public key), kInternal.
   Result<Bytes> sign(std::string_view message) const;
 
  private:
@@ -55,8 +55,11 @@ class TokenKey {
   std::shared_ptr<evp_pkey_st> pair_;
 };
 
-/// Reads a small file that holds a secret. Errors: kNotFound, kTooLarge (over 64 KiB), kRefused: it can be read by
-/// everybody or written by its group.
+/// For OpenSSL: an encrypted PEM file must not make it ask for a passphrase on the terminal.
+int no_passphrase(char* buffer, int size, int writing, void* data);
+
+/// Reads a small file that holds a secret. Errors: kNotFound, kTooLarge (over 64 KiB), kRefused (readable by everybody or
+/// writable by its group).
 Result<std::string> read_secret_file(const std::string& path);
 
 }  // namespace eigencast::broker

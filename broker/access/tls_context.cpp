@@ -12,15 +12,15 @@
 #include <string_view>
 
 #include "broker/access/signature.h"
-#include "broker/config/places.h"
+#include "broker/config/paths.h"
 
 namespace eigencast::broker {
 namespace {
 
 constexpr std::string_view kSessionContext = "eigencast";
 
-/// What OpenSSL says was wrong last.
-std::string reason() {
+/// OpenSSL's last error.
+std::string openssl_reason() {
   std::array<char, 256> text{};
   const unsigned long code = ERR_peek_last_error();
   ERR_error_string_n(code, text.data(), text.size());
@@ -29,16 +29,11 @@ std::string reason() {
   return plain != nullptr ? plain : text.data();
 }
 
-Error wrong(const char* setting, const std::string& path, const std::string& why) {
+Error tls_error(const char* setting, const std::string& path, const std::string& why) {
   return fail(ErrorCode::kInvalidArgument, std::string(setting) + " = " + path + ": " + why);
 }
 
-/// A key with a passphrase must not make OpenSSL ask for it on the terminal.
-int no_passphrase(char*, int, int, void*) {
-  return -1;
-}
-
-/// HTTP/1.1 is all that is spoken here; who offers only others (h2) is told so by the handshake.
+/// ALPN: HTTP/1.1 only; the handshake fails for clients that offer only others (h2).
 int choose_protocol(SSL*, const unsigned char** out, unsigned char* out_size, const unsigned char* in,
                     unsigned int in_size, void*) {
   static constexpr unsigned char kHttp[] = "\x08http/1.1";
@@ -49,30 +44,30 @@ int choose_protocol(SSL*, const unsigned char** out, unsigned char* out_size, co
 }
 
 Result<void> load_pair(SSL_CTX* context, const Config& config) {
-  const std::string certificate = located(config.tls.certificate);
-  const std::string key = located(config.tls.key);
+  const std::string certificate = resolved_path(config.tls.certificate);
+  const std::string key = resolved_path(config.tls.key);
   if (SSL_CTX_use_certificate_chain_file(context, certificate.c_str()) != 1) {
-    return wrong("tls.certificate", certificate, "no certificate chain in PEM can be read: " + reason());
+    return tls_error("tls.certificate", certificate, "no certificate chain in PEM can be read: " + openssl_reason());
   }
-  // Read for its permissions: the key is loaded by OpenSSL.
+  // Checks the permissions; OpenSSL loads the key.
   if (const auto closed = read_secret_file(key); !closed) return in_context("tls.key", closed.error());
   if (SSL_CTX_use_PrivateKey_file(context, key.c_str(), SSL_FILETYPE_PEM) != 1) {
-    return wrong("tls.key", key, "no private key in PEM for this certificate can be read: " + reason());
+    return tls_error("tls.key", key, "no private key in PEM for this certificate can be read: " + openssl_reason());
   }
   if (SSL_CTX_check_private_key(context) != 1) {
-    return wrong("tls.key", key, "is not the key of tls.certificate: " + reason());
+    return tls_error("tls.key", key, "is not the key of tls.certificate: " + openssl_reason());
   }
   return {};
 }
 
 Result<void> ask_clients(SSL_CTX* context, const Config& config) {
   if (config.tls.client_ca.empty()) return {};
-  const std::string path = located(config.tls.client_ca);
+  const std::string path = resolved_path(config.tls.client_ca);
   const char* file = path.c_str();
   STACK_OF(X509_NAME)* names = SSL_load_client_CA_file(file);
   if (names == nullptr || SSL_CTX_load_verify_file(context, file) != 1) {
     sk_X509_NAME_pop_free(names, X509_NAME_free);
-    return wrong("tls.client_ca", path, "no certificates in PEM can be read: " + reason());
+    return tls_error("tls.client_ca", path, "no certificates in PEM can be read: " + openssl_reason());
   }
   SSL_CTX_set_client_CA_list(context, names);
   const int require = config.tls.require_client_certificate ? SSL_VERIFY_FAIL_IF_NO_PEER_CERT : 0;
@@ -85,13 +80,13 @@ Result<void> ask_clients(SSL_CTX* context, const Config& config) {
 Result<std::shared_ptr<SSL_CTX>> make_tls_context(const Config& config) {
   if (config.tls.certificate.empty()) return std::shared_ptr<SSL_CTX>();
   const std::shared_ptr<SSL_CTX> context(SSL_CTX_new(TLS_server_method()), SSL_CTX_free);
-  if (!context) return fail(ErrorCode::kInternal, "no TLS: " + reason());
+  if (!context) return fail(ErrorCode::kInternal, "no TLS: " + openssl_reason());
   const bool only_13 = config.tls.least_version == "1.3";
   SSL_CTX_set_min_proto_version(context.get(), only_13 ? TLS1_3_VERSION : TLS1_2_VERSION);
   SSL_CTX_set_options(context.get(), SSL_OP_NO_COMPRESSION | SSL_OP_NO_RENEGOTIATION | SSL_OP_CIPHER_SERVER_PREFERENCE |
                                          SSL_OP_PRIORITIZE_CHACHA);
   SSL_CTX_set_mode(context.get(), SSL_MODE_RELEASE_BUFFERS);
-  SSL_CTX_set_num_tickets(context.get(), 1);  // Who comes back is given another.
+  SSL_CTX_set_num_tickets(context.get(), 1);  // A resumed session gets a new ticket.
   SSL_CTX_set_default_passwd_cb(context.get(), no_passphrase);
   SSL_CTX_set_alpn_select_cb(context.get(), choose_protocol, nullptr);
   // Without it a client that shows a certificate cannot resume its session.

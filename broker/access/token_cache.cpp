@@ -17,7 +17,7 @@ std::optional<Claims> TokenCache::find(const Sha256& token, std::int64_t leeway_
 
 void TokenCache::keep(const Sha256& token, const Claims& claims) {
   const std::lock_guard lock(mutex_);
-  if (claims_.size() >= kMost) claims_.clear();
+  if (claims_.size() >= kMaxTokens) claims_.clear();
   claims_.insert_or_assign(token, claims);
 }
 

@@ -11,15 +11,14 @@
 
 namespace eigencast::broker {
 
-/// What signed tokens said that were checked before, by the SHA-256 of the whole token: who comes again with the same
-/// one need not have it parsed and verified again. Holds good ones only, so that guesses take no room; bounded: when it
-/// is full it begins anew. Belongs to one set of rules and goes with it when the configuration is reloaded.
+/// Claims of verified tokens by SHA-256 of the token, so that a token is verified once. Holds valid tokens only, so that
+/// guesses take no room; cleared when full. Belongs to one policy and ends with it at a reload.
 /// Thread-safe.
 class TokenCache {
  public:
-  static constexpr std::size_t kMost = 4096;
+  static constexpr std::size_t kMaxTokens = 4096;
 
-  /// Nothing: not known, or its times are not those of a valid token now.
+  /// Nothing: unknown, expired or not yet valid.
   std::optional<Claims> find(const Sha256& token, std::int64_t leeway_s, std::int64_t now_unix_s);
   void keep(const Sha256& token, const Claims& claims);
   std::size_t size() const;

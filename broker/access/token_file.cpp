@@ -9,18 +9,15 @@
 #include <set>
 
 #include "broker/access/signature.h"
+#include "common/core/text.h"
 
 namespace eigencast::broker {
 namespace {
 
 constexpr std::string_view kHash = "sha256:";
-/// What a token begins with, so that one that leaked can be found by searching for it.
+/// Prefix of tokens, so that leaked ones can be found by a search.
 constexpr std::string_view kMark = "ect_";
 constexpr std::size_t kMaxNameBytes = 64;
-
-ByteView bytes_of(std::string_view text) {
-  return {static_cast<const std::uint8_t*>(static_cast<const void*>(text.data())), text.size()};
-}
 
 bool is_name(std::string_view name) {
   return !name.empty() && name.size() <= kMaxNameBytes && std::all_of(name.begin(), name.end(), [](char c) {
@@ -43,14 +40,8 @@ std::vector<std::string_view> words_of(std::string_view line) {
 }
 
 Result<StreamPatterns> patterns_from(std::string_view list) {
-  std::vector<std::string> texts;
-  for (bool more = true; more;) {
-    const auto comma = list.find(',');
-    texts.emplace_back(list.substr(0, comma));
-    more = comma != std::string_view::npos;
-    if (more) list.remove_prefix(comma + 1);
-  }
-  return StreamPatterns::from(texts);
+  const auto parts = split(list, ',');
+  return StreamPatterns::from(std::vector<std::string>(parts.begin(), parts.end()));
 }
 
 Result<void> take_right(std::string_view word, Rights& rights) {
@@ -103,10 +94,9 @@ std::string joined(const std::vector<std::string>& items) {
 Result<TokenFile> TokenFile::from_text(std::string_view text, const std::string& name) {
   TokenFile file;
   std::set<std::string> names;
-  for (std::size_t number = 1; !text.empty(); ++number) {
-    const auto end = std::min(text.find('\n'), text.size());
-    const std::string_view line = text.substr(0, end);
-    text.remove_prefix(std::min(end + 1, text.size()));
+  std::size_t number = 0;
+  for (const std::string_view line : split(text, '\n')) {
+    ++number;
     const auto words = words_of(line);
     if (words.empty() || words[0].starts_with('#')) continue;
     const std::string where = name + ":" + std::to_string(number);
@@ -137,7 +127,7 @@ const StaticToken* TokenFile::find(std::string_view token) const {
 }
 
 Sha256 TokenFile::hash_of(std::string_view token) {
-  return sha256(bytes_of(token));
+  return sha256({reinterpret_cast<const std::uint8_t*>(token.data()), token.size()});
 }
 
 bool TokenFile::has(const Sha256& hash, const Rights& rights) const {
@@ -148,9 +138,9 @@ bool TokenFile::has(const Sha256& hash, const Rights& rights) const {
 Result<NewStaticToken> create_static_token(const std::string& name, const std::vector<std::string>& publish,
                                            const std::vector<std::string>& subscribe, bool admin) {
   if (!is_name(name)) {
-    return fail(
-        ErrorCode::kInvalidArgument,
-        "'" + name.substr(0, kMaxNameBytes) + "' is no name for a token: 1 to 64 letters, digits and any of - _ . @");
+    return fail(ErrorCode::kInvalidArgument,
+                "'" + name.substr(0, kMaxNameBytes) +
+                    "' is not a name for a token: 1 to 64 letters, digits and any of - _ . @");
   }
   for (const auto* patterns : {&publish, &subscribe}) {
     if (auto good = StreamPatterns::from(*patterns); !good) return good.error();
@@ -163,7 +153,7 @@ Result<NewStaticToken> create_static_token(const std::string& name, const std::v
   std::copy(random.begin(), random.end(), digits.digest.begin());
   NewStaticToken made;
   made.token = std::string(kMark) + digits.hex();
-  made.line = name + " " + std::string(kHash) + sha256(bytes_of(made.token)).hex();
+  made.line = name + " " + std::string(kHash) + TokenFile::hash_of(made.token).hex();
   if (!publish.empty()) made.line += " pub=" + joined(publish);
   if (!subscribe.empty()) made.line += " sub=" + joined(subscribe);
   if (admin) made.line += " admin";

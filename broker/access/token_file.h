@@ -8,13 +8,13 @@
 #include "broker/access/patterns.h"
 #include "common/core/hash/sha256.h"
 
-/// Tokens without keys and clocks, for small set-ups: a file of one line each, in which only their hashes stand.
+/// Fixed tokens, without keys and clocks, for small set-ups: a file with one line per token, which holds only its hash.
 ///
 ///   # a comment
 ///   NAME sha256:64-HEX-DIGITS [pub=PATTERN,PATTERN] [sub=PATTERN,...] [admin]
 ///
-/// `eigencast-broker token create --static` makes token and line. Such a token is 256 random bits, which is why one
-/// round of SHA-256 is enough: there is nothing to guess.
+/// `eigencast-broker token create --static` makes token and line. A token has 256 random bits, so one round of
+/// SHA-256 is enough.
 namespace eigencast::broker {
 
 struct StaticToken {
@@ -27,8 +27,7 @@ class TokenFile {
   static constexpr std::size_t kMaxTokens = 10'000;
 
   TokenFile() = default;
-  /// Errors: kInvalidArgument, with the line (`name` stands before it): malformed, unknown word, bad pattern, a name or
-  /// a hash that occurs twice.
+  /// Errors: kInvalidArgument, with `name` and line: malformed, unknown word, bad pattern, duplicate name or hash.
   static Result<TokenFile> from_text(std::string_view text, const std::string& name);
   /// Errors: those, kNotFound, kTooLarge, kRefused (others can read it).
   static Result<TokenFile> from_file(const std::string& path);
@@ -36,7 +35,7 @@ class TokenFile {
   /// Null: no such token.
   const StaticToken* find(std::string_view token) const;
   static Sha256 hash_of(std::string_view token);
-  /// Whether a token of this hash is here, with just these rights.
+  /// Whether a token of this hash has exactly these rights.
   bool has(const Sha256& hash, const Rights& rights) const;
   std::size_t size() const { return tokens_.size(); }
 

@@ -38,8 +38,8 @@ Bytes range_answer(const AssetStore& store, const Sha256& id, std::uint64_t offs
   return bytes;
 }
 
-Bytes answer(const AssetStore& store, ByteView question) {
-  ByteReader in(question);
+Bytes answer(const AssetStore& store, ByteView request) {
+  ByteReader in(request);
   const char what = static_cast<char>(in.u8());
   const ByteView digest = in.bytes(sizeof(Sha256::digest));
   if (in.failed()) return {kNotHere};
@@ -50,11 +50,11 @@ Bytes answer(const AssetStore& store, ByteView question) {
   return what == 'R' && in.finished() ? range_answer(store, id, offset) : Bytes{kNotHere};
 }
 
-Error not_there(const Sha256& id) {
+Error not_found(const Sha256& id) {
   return fail(ErrorCode::kNotFound, "object " + id.hex() + " is not at the broker that has the stream's sender");
 }
 
-Error nonsense() {
+Error malformed_reply() {
   return fail(ErrorCode::kCorrupt,
               "another broker answered with bytes that make no sense; do all of them run the same version?");
 }
@@ -108,10 +108,10 @@ void AssetExchange::fetch(const std::string& owner, const Sha256& asset, Done do
   transfer->done.push_back(std::move(done));
   transfers_[asset] = transfer;
   transfer->wanted = {asset};
-  go_on(transfer);
+  advance(transfer);
 }
 
-void AssetExchange::go_on(const TransferPtr& transfer) {
+void AssetExchange::advance(const TransferPtr& transfer) {
   while (!transfer->over && transfer->running < kParallel && !transfer->wanted.empty()) {
     const Sha256 id = transfer->wanted.back();
     transfer->wanted.pop_back();
@@ -127,19 +127,19 @@ void AssetExchange::go_on(const TransferPtr& transfer) {
 
 void AssetExchange::ask(const TransferPtr& transfer, char what, const Sha256& id, std::optional<std::uint64_t> offset,
                         std::function<void(Bytes)> answered) {
-  Bytes question;
-  ByteWriter out(question);
+  Bytes request;
+  ByteWriter out(request);
   out.u8(static_cast<std::uint8_t>(what));
   out.bytes(id.digest);
   if (offset) out.u64(*offset);
   const auto take = [this, transfer, id, alive = alive_, answered = std::move(answered)](Result<Bytes> answer) {
     if (!*alive || transfer->over) return;
     if (!answer) return finish(transfer, answer.error());
-    if (answer->empty()) return finish(transfer, nonsense());
-    if (answer->front() != kHere) return finish(transfer, not_there(id));
+    if (answer->empty()) return finish(transfer, malformed_reply());
+    if (answer->front() != kHere) return finish(transfer, not_found(id));
     answered(std::move(*answer));
   };
-  link_.ask(prefix_ + ".assets." + transfer->owner, std::move(question), kTimeoutUs, take);
+  link_.ask(prefix_ + ".assets." + transfer->owner, std::move(request), kTimeoutUs, take);
 }
 
 void AssetExchange::ask_references(const TransferPtr& transfer) {
@@ -149,13 +149,13 @@ void AssetExchange::ask_references(const TransferPtr& transfer) {
     ByteReader in(answer);
     in.u8();
     if (in.remaining() % sizeof(Sha256::digest) != 0 || in.remaining() / sizeof(Sha256::digest) > kMaxReferences) {
-      return finish(transfer, nonsense());
+      return finish(transfer, malformed_reply());
     }
     while (in.remaining() > 0) {
       const ByteView digest = in.bytes(sizeof(Sha256::digest));
       std::copy(digest.begin(), digest.end(), transfer->wanted.emplace_back().digest.begin());
     }
-    go_on(transfer);
+    advance(transfer);
   });
 }
 
@@ -177,7 +177,7 @@ void AssetExchange::ask_range(const TransferPtr& transfer, const Sha256& id, con
     const std::uint64_t came = in.remaining();
     const bool makes_sense = !in.failed() && size <= store_.settings().max_object_bytes && offset + came <= size &&
                              (came > 0 || size == offset);
-    if (!makes_sense) return finish(transfer, nonsense());
+    if (!makes_sense) return finish(transfer, malformed_reply());
     fetched_bytes_ += came;
     const std::uint64_t next = offset + came;
     const auto write = [this, transfer, id, upload, answer = std::move(answer), came, next, size]() -> Work {
@@ -189,7 +189,7 @@ void AssetExchange::ask_range(const TransferPtr& transfer, const Sha256& id, con
       if (next < size) return [this, transfer, id, upload, next] { ask_range(transfer, id, upload, next); };
       return [this, transfer] {
         --transfer->running;
-        go_on(transfer);
+        advance(transfer);
       };
     };
     on_disk(transfer, write);

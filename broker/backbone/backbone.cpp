@@ -10,15 +10,15 @@ namespace eigencast::broker {
 namespace {
 
 constexpr TimeUs kForever = std::numeric_limits<TimeUs>::max();
-/// After another broker was faster to change a row, its change is on its way here.
+/// Retry delay after another broker changed the row first: its change is on its way.
 constexpr TimeUs kOvertakenUs = 50'000;
 constexpr TimeUs kForgetEveryUs = 60'000'000;
 
-Bytes bytes_of(std::string_view text) {
+Bytes message_from_text(std::string_view text) {
   return {text.begin(), text.end()};
 }
 
-std::string text_of(ByteView bytes) {
+std::string text_from_message(ByteView bytes) {
   return {bytes.begin(), bytes.end()};
 }
 
@@ -38,14 +38,14 @@ Bytes message_of(FrameKind kind, BandMask bands, std::uint32_t epoch, const KeyR
 
 }  // namespace
 
-Backbone::Backbone(Settings settings, Link& link, AssetExchange& assets, Surroundings surroundings)
+Backbone::Backbone(Settings settings, Link& link, AssetExchange& assets, Environment environment)
     : settings_(std::move(settings)),
       link_(link),
       assets_(assets),
-      surroundings_(std::move(surroundings)),
-      directory_(settings_.id, surroundings_.now_us()),
+      environment_(std::move(environment)),
+      directory_(settings_.id, environment_.now_us()),
       following_({settings_.id, settings_.prefix, settings_.retry_us, settings_.linger_us}, link, assets,
-                 {surroundings_.now_us, surroundings_.frames_came, surroundings_.log}) {}
+                 {environment_.now_us, environment_.frames_came, environment_.log}) {}
 
 Backbone::~Backbone() {
   stop();
@@ -57,13 +57,13 @@ void Backbone::start(Hub& hub) {
   link_.start(*this);
   const auto heard = [this](Bytes message) {
     if (message.empty()) return;
-    const std::string broker = text_of(ByteView(message).subspan(1));
-    if (message[0] == '-') return directory_.gone(broker);
-    directory_.heard(broker, surroundings_.now_us());
+    const std::string broker = text_from_message(ByteView(message).subspan(1));
+    if (message[0] == '-') return directory_.note_stopped(broker);
+    directory_.note_heartbeat(broker, environment_.now_us());
   };
   listening_ = {link_.subscribe(settings_.prefix + ".alive", heard),
                 link_.serve(settings_.prefix + ".joins." + settings_.id,
-                            [this](Bytes question, Link::Reply reply) { answer_join(question, reply); })};
+                            [this](Bytes request, Link::Reply reply) { answer_join(request, reply); })};
   assets_.serve(settings_.id);
 }
 
@@ -73,7 +73,7 @@ void Backbone::stop() {
     own.entry.live = false;
     write(name, own.entry);
   }
-  link_.publish(settings_.prefix + ".alive", bytes_of("-" + settings_.id));
+  link_.publish(settings_.prefix + ".alive", message_from_text("-" + settings_.id));
   link_.stop();
   assets_.stop();
   listening_.clear();
@@ -83,55 +83,55 @@ void Backbone::stop() {
   hub_ = nullptr;
 }
 
-void Backbone::say(LogLevel level, const std::string& text) const {
-  log(surroundings_.log, level, "backbone: " + text);
+void Backbone::write_log(LogLevel level, const std::string& text) const {
+  log(environment_.log, level, "backbone: " + text);
 }
 
 void Backbone::tick() {
   if (hub_ == nullptr) return;
-  sign_of_life();
+  send_heartbeat();
   reconcile();
 }
 
-void Backbone::sign_of_life() {
-  const TimeUs now = surroundings_.now_us();
-  if (!connected_ || now < next_alive_us_) return;
+void Backbone::send_heartbeat() {
+  const TimeUs now = environment_.now_us();
+  if (!connected_ || now < next_heartbeat_us_) return;
   const bool has_streams = !own_.empty() || !claims_.empty();
-  next_alive_us_ = now + settings_.alive_every_us * (has_streams ? 1 : directory_.pace());
-  link_.publish(settings_.prefix + ".alive", bytes_of("+" + settings_.id));
+  next_heartbeat_us_ = now + settings_.heartbeat_every_us * (has_streams ? 1 : directory_.heartbeat_periods());
+  link_.publish(settings_.prefix + ".alive", message_from_text("+" + settings_.id));
 }
 
 void Backbone::on_connected() {
   connected_ = true;
   table_read_ = false;
-  trouble_.clear();
-  next_alive_us_ = 0;
-  directory_.listen_anew(surroundings_.now_us());
-  sign_of_life();
+  last_error_.clear();
+  next_heartbeat_us_ = 0;
+  directory_.restart_listening(environment_.now_us());
+  send_heartbeat();
 }
 
 void Backbone::on_disconnected(const std::string& why) {
   if (connected_) {
     ++totals_.disconnects;
-    say(LogLevel::kWarning, "lost, " + why + "; streams of this broker go on, those of others stand still");
-  } else if (trouble_ != why) {
-    say(LogLevel::kWarning, "not connected, " + why + "; streams of this broker only, trying again");
+    write_log(LogLevel::kWarning, "lost, " + why + "; streams of this broker go on, those of others stand still");
+  } else if (last_error_ != why) {
+    write_log(LogLevel::kWarning, "not connected, " + why + "; streams of this broker only, trying again");
   }
-  trouble_ = why;
+  last_error_ = why;
   connected_ = table_read_ = false;
   reconcile();
 }
 
 void Backbone::on_new_table() {
   table_read_ = false;
-  directory_.begin_anew();
+  directory_.restart();
 }
 
 void Backbone::on_table_read() {
   table_read_ = true;
   settled_ = false;
   writing_.clear();
-  say(LogLevel::kInfo, "connected, " + std::to_string(directory_.streams().size()) + " streams are known");
+  write_log(LogLevel::kInfo, "connected, " + std::to_string(directory_.streams().size()) + " streams are known");
   reconcile();
 }
 
@@ -139,16 +139,16 @@ void Backbone::on_row(const std::string& key, std::optional<std::string> text, s
   const auto name = stream_from_token(key);
   if (!name) return;
   if (auto taken = directory_.take(*name, text, revision); !taken) {
-    say(LogLevel::kWarning, "stream '" + *name + "': " + taken.error().message);
+    write_log(LogLevel::kWarning, "stream '" + *name + "': " + taken.error().message);
   }
   settled_ = false;
   if (table_read_) reconcile();
 }
 
-// ---- What should be ----
+// ---- Reconciliation ----
 
 void Backbone::reconcile() {
-  // What is done here calls back: a frame that came, a claim that was granted.
+  // Callbacks from below may re-enter.
   if (hub_ == nullptr || std::exchange(reconciling_, true)) return;
   reconcile_claims();
   if (!settled_) reconcile_own();
@@ -164,12 +164,12 @@ void Backbone::reconcile_claims() {
 }
 
 void Backbone::reconcile_own() {
-  const TimeUs now = surroundings_.now_us();
+  const TimeUs now = environment_.now_us();
   settled_ = true;
   std::vector<std::pair<std::string, DirectoryEntry>> overruled;
   for (const auto& [name, own] : own_) {
     const DirectoryEntry* holder = directory_.live(name, now);
-    if (holder != nullptr && holder->owner != settings_.id && gives_way(own.entry, *holder)) {
+    if (holder != nullptr && holder->owner != settings_.id && yields_to(own.entry, *holder)) {
       overruled.emplace_back(name, *holder);
       continue;
     }
@@ -180,10 +180,11 @@ void Backbone::reconcile_own() {
   }
   for (const auto& [name, holder] : overruled) {
     ++totals_.senders_dismissed;
-    say(LogLevel::kWarning, "stream '" + name + "': its sender is at another broker now, the one here is sent away");
+    write_log(LogLevel::kWarning,
+              "stream '" + name + "': its sender is at another broker now, the one here is sent away");
     if (Stream* stream = hub_->find(name)) following_.follow(*stream, holder);
   }
-  // What this broker is still said to have, but has no more.
+  // Entries of this broker whose streams have ended.
   for (const auto& [name, known] : directory_.streams()) {
     const bool mine = known.entry && known.entry->live && known.entry->owner == settings_.id;
     if (!mine || own_.contains(name) || claims_.contains(name)) continue;
@@ -194,9 +195,9 @@ void Backbone::reconcile_own() {
   }
 }
 
-/// Removes what brokers left that have been gone for long.
+/// Removes entries of brokers that stopped long ago.
 void Backbone::forget() {
-  const TimeUs now = surroundings_.now_us();
+  const TimeUs now = environment_.now_us();
   if (now < next_forget_us_) return;
   next_forget_us_ = now + kForgetEveryUs;
   directory_.forget_silent(now);
@@ -206,18 +207,18 @@ void Backbone::forget() {
 // ---- Streams of this broker ----
 
 void Backbone::claim(const std::string& stream, const control::Announce& announce, Granted granted) {
-  claims_[stream] = {announce, std::move(granted), surroundings_.now_us()};
-  next_alive_us_ = 0;  // Whoever is to believe that the stream's broker is there hears of it first.
-  sign_of_life();
+  claims_[stream] = {announce, std::move(granted), environment_.now_us()};
+  next_heartbeat_us_ = 0;  // Other brokers must know that this one is alive before they see the claim.
+  send_heartbeat();
   try_claim(stream);
 }
 
 void Backbone::try_claim(const std::string& name) {
   const auto found = claims_.find(name);
   if (found == claims_.end()) return;
-  const TimeUs now = surroundings_.now_us();
+  const TimeUs now = environment_.now_us();
   const DirectoryEntry* holder = directory_.live(name, now);
-  if (holder != nullptr && holder->owner != settings_.id && connected_ && !surroundings_.replaces()) {
+  if (holder != nullptr && holder->owner != settings_.id && connected_ && !environment_.replaces()) {
     ++totals_.claims_refused;
     return grant(name, fail(ErrorCode::kRefused, "stream '" + name +
                                                      "' already has a sender, at another broker, and a stream has one "
@@ -226,11 +227,12 @@ void Backbone::try_claim(const std::string& name) {
   const Directory::Known* known = directory_.find(name);
   const std::uint32_t above = known != nullptr && known->entry ? known->entry->epoch : 0;
   if (!connected_ || now - found->second.since_us >= settings_.claim_timeout_us) {
-    if (connected_) say(LogLevel::kWarning, "stream '" + name + "': the directory does not answer, granted without it");
-    return grant(name, surroundings_.next_epoch(above));
+    if (connected_)
+      write_log(LogLevel::kWarning, "stream '" + name + "': the directory does not answer, granted without it");
+    return grant(name, environment_.next_epoch(above));
   }
   if (!may_write(name)) return;
-  const auto epoch = surroundings_.next_epoch(above);
+  const auto epoch = environment_.next_epoch(above);
   if (!epoch) return grant(name, epoch.error());
   write(name, DirectoryEntry{settings_.id, *epoch, true, found->second.announce},
         [this, name, epoch](const Result<std::uint64_t>& written) {
@@ -243,14 +245,14 @@ void Backbone::grant(const std::string& name, Result<std::uint32_t> epoch) {
   if (found == claims_.end()) return;
   const Granted granted = std::move(found->second.granted);
   claims_.erase(found);
-  settled_ = false;  // Whoever claimed may be gone.
+  settled_ = false;  // The sender may have disconnected.
   granted(std::move(epoch));
 }
 
 bool Backbone::may_write(const std::string& name) const {
   if (!connected_ || !table_read_) return false;
   const auto found = writing_.find(name);
-  return found == writing_.end() || surroundings_.now_us() >= found->second;
+  return found == writing_.end() || environment_.now_us() >= found->second;
 }
 
 void Backbone::write(const std::string& name, const std::optional<DirectoryEntry>& entry,
@@ -264,10 +266,10 @@ void Backbone::write(const std::string& name, const std::optional<DirectoryEntry
                     if (hub_ == nullptr) return;
                     if (result) {
                       writing_.erase(name);
-                      (void)directory_.take(name, text, *result);  // What was just made of an entry can be read.
+                      (void)directory_.take(name, text, *result);  // Cannot fail: the text was just generated.
                     } else {
                       const bool overtaken = result.error().code == ErrorCode::kRefused;
-                      writing_[name] = surroundings_.now_us() + (overtaken ? kOvertakenUs : settings_.retry_us);
+                      writing_[name] = environment_.now_us() + (overtaken ? kOvertakenUs : settings_.retry_us);
                     }
                     if (written) written(result);
                   });
@@ -301,10 +303,10 @@ void Backbone::on_forgotten(const Stream& stream) {
   following_.forget_stream(stream.name());
 }
 
-void Backbone::answer_join(ByteView question, const Link::Reply& reply) {
-  ByteReader in(question);
+void Backbone::answer_join(ByteView request, const Link::Reply& reply) {
+  ByteReader in(request);
   const std::uint32_t epoch = in.u32();
-  const auto found = own_.find(text_of(in.bytes(in.remaining())));
+  const auto found = own_.find(text_from_message(in.bytes(in.remaining())));
   if (in.failed() || found == own_.end() || found->second.entry.epoch != epoch || !found->second.newest) {
     return reply({});
   }
@@ -318,7 +320,7 @@ void Backbone::answer_join(ByteView question, const Link::Reply& reply) {
 Backbone::Totals Backbone::totals() const {
   Totals totals = totals_;
   totals.connected = connected_;
-  totals.brokers = directory_.brokers(surroundings_.now_us());
+  totals.brokers = directory_.brokers(environment_.now_us());
   const Following::Totals followed = following_.totals();
   totals.streams_followed = followed.streams;
   totals.frames_followed = followed.frames;
@@ -332,7 +334,7 @@ Backbone::Totals Backbone::totals() const {
 }
 
 std::string Backbone::status() const {
-  if (!connected_) return "backbone lost" + (trouble_.empty() ? std::string() : ": " + trouble_);
+  if (!connected_) return "backbone lost" + (last_error_.empty() ? std::string() : ": " + last_error_);
   return std::to_string(totals().brokers) + " brokers";
 }
 

@@ -19,27 +19,27 @@
 
 namespace eigencast::broker {
 
-/// Several brokers as one: a stream whose sender is at one of them is seen at all.
+/// Connects several brokers: a stream sent to one of them is available at all.
 ///
-/// The brokers share a directory (which broker has a stream's sender, its epoch and surface). A broker whose viewers
-/// want a stream of another one follows it: it copies the surface's objects into its own store, takes key frames from
-/// the backbone as if they came from a sender of its own, and begins with a join that it asks the owner for.
-/// Interpolation, profiles and everything else happen where the viewers are.
+/// The brokers share a directory: the owner, epoch and surface of each stream. A broker whose viewers watch a stream of
+/// another one follows it: it copies the surface's objects into its store, takes keys from the backbone like those of a
+/// local sender, and starts from a join that it requests from the owner. Interpolation and profiles run at the viewers'
+/// broker.
 ///
-/// What it does follows from comparing what is with what should be, again and again (reconcile): no order of events,
-/// lost message or broken link leaves it astray. Without a connection local streams go on, and new ones are granted
-/// locally; when brokers meet again, of two senders of one stream the one of the later epoch stays.
+/// All actions follow from repeatedly comparing actual with wanted state (reconcile), so that no order of events, lost
+/// message or broken link has lasting effects. Without a connection local streams continue and new ones are granted
+/// locally; after a partition, of two senders of one stream the one with the later epoch stays.
 ///
 /// No sockets. Not thread-safe: belongs to the event loop.
 class Backbone final : public StreamTap, public Ownership, private Link::Listener {
  public:
   struct Settings {
-    std::string id;                        ///< Of this run of this broker.
-    std::string prefix = "eigencast";      ///< Of all subjects.
-    TimeUs alive_every_us = 1'000'000;     ///< Signs of life (default: 1 s).
-    TimeUs claim_timeout_us = 12'000'000;  ///< A table that does not answer for so long is done without.
-    TimeUs retry_us = 500'000;             ///< Until the next try of what failed.
-    TimeUs linger_us = 5'000'000;          ///< A stream that nobody here watches any more is followed so much longer.
+    std::string id;                         ///< Unique id of this run.
+    std::string prefix = "eigencast";       ///< Prefix of all subjects.
+    TimeUs heartbeat_every_us = 1'000'000;  ///< Period of heartbeats (default: 1 s).
+    TimeUs claim_timeout_us = 12'000'000;   ///< Without an answer of the table, claims are granted locally after this.
+    TimeUs retry_us = 500'000;              ///< Delay of retries.
+    TimeUs linger_us = 5'000'000;           ///< An unwatched stream is followed for this long.
   };
   struct Totals {
     bool connected = false;
@@ -47,24 +47,24 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
     std::uint64_t frames_published = 0, frames_followed = 0, frames_dropped = 0, joins_asked = 0, joins_answered = 0;
     std::uint64_t claims_refused = 0, senders_dismissed = 0, disconnects = 0, asset_bytes_fetched = 0;
   };
-  /// What it needs of its surroundings.
-  struct Surroundings {
+  /// What it needs of its owner.
+  struct Environment {
     std::function<TimeUs()> now_us;
     std::function<Result<std::uint32_t>(std::uint32_t above)> next_epoch;  ///< As EpochSource::next().
-    std::function<bool()> replaces;     ///< A second sender takes a stream over, instead of being refused.
-    std::function<void()> frames_came;  ///< Streams have frames that are due.
+    std::function<bool()> replaces;     ///< Whether a second sender replaces the first instead of being refused.
+    std::function<void()> frames_came;  ///< Called when streams have new frames.
     LogSink log;
   };
 
   /// link and assets outlive it.
-  Backbone(Settings settings, Link& link, AssetExchange& assets, Surroundings surroundings);
+  Backbone(Settings settings, Link& link, AssetExchange& assets, Environment environment);
   ~Backbone() override;
 
   /// Connects. REQUIRES: the hub outlives it, and this is among the taps of its streams.
   void start(Hub& hub);
-  /// Tells the other brokers that this one goes; nothing happens any more when it returns.
+  /// Announces the stop to the other brokers; no callbacks after it returns.
   void stop();
-  /// Call some ten times a second.
+  /// Call at least ten times a second.
   void tick();
 
   // Ownership
@@ -77,17 +77,17 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   void on_forgotten(const Stream& stream) override;
 
   Totals totals() const;
-  /// One line for people: connected to how many brokers, or why not.
+  /// One line for display: the number of connected brokers, or why there is no connection.
   std::string status() const;
 
  private:
-  /// An announcement that waits for the directory to agree.
+  /// An announcement that waits for the directory.
   struct Claim {
     control::Announce announce;
     Granted granted;
     TimeUs since_us = 0;
   };
-  /// A stream whose sender is here.
+  /// A stream with a local sender.
   struct Own {
     DirectoryEntry entry;
     CoefficientLayout layout;
@@ -110,25 +110,25 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   void write(const std::string& name, const std::optional<DirectoryEntry>& entry,
              std::function<void(const Result<std::uint64_t>&)> written = {});
   bool may_write(const std::string& name) const;
-  void answer_join(ByteView question, const Link::Reply& reply);
-  void sign_of_life();
-  void say(LogLevel level, const std::string& text) const;
+  void answer_join(ByteView request, const Link::Reply& reply);
+  void send_heartbeat();
+  void write_log(LogLevel level, const std::string& text) const;
 
   const Settings settings_;
   Link& link_;
   AssetExchange& assets_;
-  const Surroundings surroundings_;
+  const Environment environment_;
   Hub* hub_ = nullptr;
   Directory directory_;
   Following following_;
   bool connected_ = false, table_read_ = false, reconciling_ = false;
-  std::string trouble_;
+  std::string last_error_;
   std::map<std::string, Claim, std::less<>> claims_;
   std::map<std::string, Own, std::less<>> own_;
-  std::map<std::string, TimeUs, std::less<>> writing_;  ///< Rows that are being written, or may be tried again then.
+  std::map<std::string, TimeUs, std::less<>> writing_;  ///< Rows being written, or the time of their next try.
   std::vector<std::shared_ptr<void>> listening_;
-  bool settled_ = false;  ///< Own streams are in the directory as they are: nothing to do until one of both changes.
-  TimeUs next_alive_us_ = 0, next_forget_us_ = 0;
+  bool settled_ = false;  ///< The directory matches the local streams; reset by changes of either.
+  TimeUs next_heartbeat_us_ = 0, next_forget_us_ = 0;
   Totals totals_;
 };
 

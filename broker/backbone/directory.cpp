@@ -19,7 +19,7 @@ Error corrupt(const std::string& why) {
 }  // namespace
 
 std::string text_from_entry(const DirectoryEntry& entry) {
-  // The announcement travels as its own control message: one reader for it, made for hostile input.
+  // The announcement is embedded as a control message, for its hardened parser.
   return nlohmann::json{{"owner", entry.owner},
                         {"epoch", entry.epoch},
                         {"live", entry.live},
@@ -81,25 +81,25 @@ Result<void> Directory::take(std::string_view stream, std::optional<std::string_
   return {};
 }
 
-void Directory::heard(std::string_view broker, TimeUs now_us) {
+void Directory::note_heartbeat(std::string_view broker, TimeUs now_us) {
   if (broker.empty() || broker.size() > kMaxOwnerBytes) return;
-  const auto found = heard_us_.find(broker);
-  if (found != heard_us_.end()) {
+  const auto found = last_heartbeat_us_.find(broker);
+  if (found != last_heartbeat_us_.end()) {
     found->second = now_us;
-  } else if (heard_us_.size() < kMaxBrokers) {
-    heard_us_.emplace(broker, now_us);
+  } else if (last_heartbeat_us_.size() < kMaxBrokers) {
+    last_heartbeat_us_.emplace(broker, now_us);
   }
 }
 
 void Directory::forget_silent(TimeUs now_us) {
-  const TimeUs longest = std::max(2 * kForgetUs, pace() * kSilenceUs);
-  std::erase_if(heard_us_, [&](const auto& item) { return now_us - item.second > longest; });
+  const TimeUs longest = std::max(2 * kForgetUs, heartbeat_periods() * kHeartbeatTimeoutUs);
+  std::erase_if(last_heartbeat_us_, [&](const auto& item) { return now_us - item.second > longest; });
 }
 
 bool Directory::is_alive(std::string_view broker, TimeUs now_us) const {
-  if (broker == self_ || now_us - began_us_ < kSilenceUs) return true;
-  const auto found = heard_us_.find(broker);
-  return found != heard_us_.end() && now_us - found->second < kSilenceUs;
+  if (broker == self_ || now_us - began_us_ < kHeartbeatTimeoutUs) return true;
+  const auto found = last_heartbeat_us_.find(broker);
+  return found != last_heartbeat_us_.end() && now_us - found->second < kHeartbeatTimeoutUs;
 }
 
 const Directory::Known* Directory::find(std::string_view stream) const {
@@ -125,19 +125,20 @@ std::vector<std::string> Directory::forgotten(TimeUs now_us) const {
   if (now_us - began_us_ < kForgetUs) return names;
   for (const auto& [name, known] : streams_) {
     if (!known.entry || known.entry->owner == self_) continue;
-    const auto heard = heard_us_.find(known.entry->owner);
-    if (heard == heard_us_.end() || now_us - heard->second > kForgetUs) names.push_back(name);
+    const auto heard = last_heartbeat_us_.find(known.entry->owner);
+    if (heard == last_heartbeat_us_.end() || now_us - heard->second > kForgetUs) names.push_back(name);
   }
   return names;
 }
 
 std::size_t Directory::brokers(TimeUs now_us) const {
-  return 1 + static_cast<std::size_t>(std::count_if(heard_us_.begin(), heard_us_.end(), [&](const auto& item) {
-           return item.first != self_ && now_us - item.second < pace() * kSilenceUs;
-         }));
+  return 1 + static_cast<std::size_t>(
+                 std::count_if(last_heartbeat_us_.begin(), last_heartbeat_us_.end(), [&](const auto& item) {
+                   return item.first != self_ && now_us - item.second < heartbeat_periods() * kHeartbeatTimeoutUs;
+                 }));
 }
 
-bool gives_way(const DirectoryEntry& mine, const DirectoryEntry& other) {
+bool yields_to(const DirectoryEntry& mine, const DirectoryEntry& other) {
   return std::tie(mine.epoch, mine.owner) < std::tie(other.epoch, other.owner);
 }
 

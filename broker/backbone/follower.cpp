@@ -26,7 +26,7 @@ std::vector<Bytes> Follower::take(Bytes message) {
     drain(out);
     return out;
   }
-  if (!kept_.empty() && sequence <= kept_.back().sequence) {  // One publisher, one order: not of our making.
+  if (!kept_.empty() && sequence <= kept_.back().sequence) {  // One publisher publishes in order.
     ++dropped_;
     return out;
   }
@@ -43,7 +43,7 @@ void Follower::drain(std::vector<Bytes>& out) {
   while (!kept_.empty()) {
     if (kept_.front().sequence > *newest_ + 1) {
       ++gaps_;
-      begin_anew();
+      restart();
       return;
     }
     if (kept_.front().sequence == *newest_ + 1) {
@@ -60,7 +60,7 @@ bool Follower::wants_join(TimeUs now_us) {
   return true;
 }
 
-void Follower::begin_anew() {
+void Follower::restart() {
   joined_ = false;
   asked_us_.reset();
 }

@@ -8,8 +8,8 @@
 
 namespace eigencast::broker {
 
-Following::Following(Settings settings, Link& link, AssetExchange& assets, Surroundings surroundings)
-    : settings_(std::move(settings)), link_(link), assets_(assets), surroundings_(std::move(surroundings)) {}
+Following::Following(Settings settings, Link& link, AssetExchange& assets, Environment environment)
+    : settings_(std::move(settings)), link_(link), assets_(assets), environment_(std::move(environment)) {}
 
 Following::~Following() {
   stop();
@@ -33,16 +33,16 @@ void Following::forget_stream(std::string_view name) {
 }
 
 void Following::reconcile(const Directory& directory, bool connected, bool complete) {
-  let_go(directory, complete);
-  take_up(directory);
+  stop_unwanted(directory, complete);
+  start_wanted(directory);
   if (!connected) return;
   std::vector<RemotePtr> all;
   for (const auto& [name, remote] : remotes_) all.push_back(remote);
   for (const RemotePtr& remote : all) advance(remote);
 }
 
-void Following::let_go(const Directory& directory, bool complete) {
-  const TimeUs now = surroundings_.now_us();
+void Following::stop_unwanted(const Directory& directory, bool complete) {
+  const TimeUs now = environment_.now_us();
   std::vector<std::string> over;
   for (const auto& [name, remote] : remotes_) {
     const Directory::Known* known = directory.find(name);
@@ -55,8 +55,8 @@ void Following::let_go(const Directory& directory, bool complete) {
   for (const std::string& name : over) unfollow(name);
 }
 
-void Following::take_up(const Directory& directory) {
-  const TimeUs now = surroundings_.now_us();
+void Following::start_wanted(const Directory& directory) {
+  const TimeUs now = environment_.now_us();
   for (const Stream* stream : hub_->streams()) {
     if (stream->has_publisher() || stream->watchers() == 0) continue;
     const DirectoryEntry* holder = directory.live(stream->name(), now);
@@ -68,8 +68,8 @@ void Following::take_up(const Directory& directory) {
 void Following::follow(Stream& stream, const DirectoryEntry& entry) {
   unfollow(stream.name());
   auto remote = std::make_shared<Remote>(stream, entry);
-  remote->watched_us = surroundings_.now_us();
-  // Known first: what the stream tells its taps then is of another broker.
+  remote->watched_us = environment_.now_us();
+  // Registered first, so that taps see a remote stream.
   remotes_[stream.name()] = remote;
   if (const auto claimed = stream.claim(*remote, true); !claimed) remotes_.erase(stream.name());
 }
@@ -84,11 +84,11 @@ void Following::unfollow(const std::string& name) {
   remote->forget_stream();
   if (stream == nullptr) return;
   stream->release(*remote);
-  hub_->left(*stream);
+  hub_->unwatched(*stream);
 }
 
 void Following::advance(const RemotePtr& remote) {
-  const TimeUs now = surroundings_.now_us();
+  const TimeUs now = environment_.now_us();
   if (remote->stream() == nullptr) return;
   if (remote->phase == Remote::Phase::kWaiting && now >= remote->next_us) fetch_surface(remote);
   if (remote->phase == Remote::Phase::kFetched) begin(remote);
@@ -110,9 +110,9 @@ void Following::fetch_surface(const RemotePtr& remote) {
       return;
     }
     still->phase = Remote::Phase::kWaiting;
-    still->next_us = surroundings_.now_us() + settings_.retry_us;
-    say(LogLevel::kWarning, "the surface of stream '" + still->stream()->name() +
-                                "' does not come, trying again: " + fetched.error().message);
+    still->next_us = environment_.now_us() + settings_.retry_us;
+    write_log(LogLevel::kWarning, "the surface of stream '" + still->stream()->name() +
+                                      "' does not come, trying again: " + fetched.error().message);
   });
 }
 
@@ -120,10 +120,10 @@ void Following::begin(const RemotePtr& remote) {
   Stream& stream = *remote->stream();
   if (const auto begun = stream.announce(remote->entry().announce, remote->entry().epoch); !begun) {
     remote->phase = Remote::Phase::kUnusable;
-    return say(LogLevel::kWarning, "stream '" + stream.name() + "' cannot be followed: " + begun.error().message);
+    return write_log(LogLevel::kWarning, "stream '" + stream.name() + "' cannot be followed: " + begun.error().message);
   }
-  say(LogLevel::kInfo, "stream '" + stream.name() + "' of broker " + remote->entry().owner + " is followed, epoch " +
-                           std::to_string(remote->entry().epoch));
+  write_log(LogLevel::kInfo, "stream '" + stream.name() + "' of broker " + remote->entry().owner +
+                                 " is followed, epoch " + std::to_string(remote->entry().epoch));
   remote->phase = Remote::Phase::kFollowing;
   remote->subscription = link_.subscribe(settings_.prefix + ".frames." + token_from_stream(stream.name()),
                                          [this, weak = std::weak_ptr(remote)](Bytes message) {
@@ -132,12 +132,12 @@ void Following::begin(const RemotePtr& remote) {
 }
 
 void Following::ask_join(const RemotePtr& remote) {
-  Bytes question;
-  ByteWriter out(question);
+  Bytes request;
+  ByteWriter out(request);
   out.u32(remote->entry().epoch);
   out.text(remote->stream()->name());
   ++totals_.joins_asked;
-  link_.ask(settings_.prefix + ".joins." + remote->entry().owner, std::move(question), Follower::kJoinTimeoutUs,
+  link_.ask(settings_.prefix + ".joins." + remote->entry().owner, std::move(request), Follower::kJoinTimeoutUs,
             [this, weak = std::weak_ptr(remote)](Result<Bytes> answer) {
               const auto still = weak.lock();
               if (still && answer && !answer->empty()) take(*still, std::move(*answer));
@@ -148,20 +148,20 @@ void Following::take(Remote& remote, Bytes message) {
   if (remote.stream() == nullptr) return;
   const std::uint64_t dropped = remote.follower.dropped();
   for (const Bytes& frame : remote.follower.take(std::move(message))) {
-    if (const auto added = remote.stream()->add_frame(frame, surroundings_.now_us()); !added) {
-      say(LogLevel::kWarning,
-          "stream '" + remote.stream()->name() +
-              "': a frame of another broker is refused, asking for a join: " + added.error().message);
-      remote.follower.begin_anew();
+    if (const auto added = remote.stream()->add_frame(frame, environment_.now_us()); !added) {
+      write_log(LogLevel::kWarning,
+                "stream '" + remote.stream()->name() +
+                    "': a frame of another broker is refused, asking for a join: " + added.error().message);
+      remote.follower.restart();
       break;
     }
     ++totals_.frames;
   }
   totals_.frames_dropped += remote.follower.dropped() - dropped;
-  hub_->owes(*remote.stream());
+  hub_->mark_dirty(*remote.stream());
   hub_->deliver();
   hub_->prepare();
-  surroundings_.frames_came();
+  environment_.frames_came();
 }
 
 Following::Totals Following::totals() const {
@@ -170,8 +170,8 @@ Following::Totals Following::totals() const {
   return totals;
 }
 
-void Following::say(LogLevel level, const std::string& text) const {
-  log(surroundings_.log, level, "backbone: " + text);
+void Following::write_log(LogLevel level, const std::string& text) const {
+  log(environment_.log, level, "backbone: " + text);
 }
 
 }  // namespace eigencast::broker

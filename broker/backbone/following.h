@@ -19,20 +19,20 @@ namespace eigencast::broker {
 
 class Remote;
 
-/// The streams of other brokers that viewers of this one watch.
+/// The streams of other brokers that local viewers watch; a part of Backbone.
 ///
-/// Each is fed in the place of a sender: its surface is copied first, then its frames are subscribed to, and a join is
-/// asked of its owner, again after each gap. What should be followed comes from the directory, time and again.
+/// Acts as the sender of each: copies its surface, subscribes to its frames, and requests a join from its owner at the
+/// start and after each gap. reconcile() derives the followed streams from the directory.
 ///
-/// Not thread-safe: belongs to the event loop, as the part of Backbone that it is.
+/// Not thread-safe: belongs to the event loop.
 class Following {
  public:
   struct Settings {
     std::string self;    ///< Id of this broker.
-    std::string prefix;  ///< Of all subjects.
+    std::string prefix;  ///< Prefix of all subjects.
     TimeUs retry_us = 0, linger_us = 0;
   };
-  struct Surroundings {
+  struct Environment {
     std::function<TimeUs()> now_us;
     std::function<void()> frames_came;
     LogSink log;
@@ -42,23 +42,23 @@ class Following {
   };
 
   /// link and assets outlive it.
-  Following(Settings settings, Link& link, AssetExchange& assets, Surroundings surroundings);
+  Following(Settings settings, Link& link, AssetExchange& assets, Environment environment);
   ~Following();
 
   /// REQUIRES: the hub lives until stop().
   void start(Hub& hub) { hub_ = &hub; }
-  /// Streams end: nobody feeds them any more.
+  /// Releases all streams.
   void stop();
 
-  /// Feeds `stream` from the broker of `entry`, in place of whoever fed it.
+  /// Feeds `stream` from the broker of `entry`, replacing its publisher.
   void follow(Stream& stream, const DirectoryEntry& entry);
   /// Whether the stream of that name is fed from another broker.
   bool feeds(std::string_view name) const;
-  /// That stream is no more.
+  /// The stream is being removed.
   void forget_stream(std::string_view name);
 
-  /// Follows what is watched here and sent elsewhere, and lets go what is not.
-  /// complete  whether the directory is known whole: only then an entry that is absent counts
+  /// Follows remote streams that are watched here and stops following the others.
+  /// complete  the directory is complete, so that absent entries count
   void reconcile(const Directory& directory, bool connected, bool complete);
 
   Totals totals() const;
@@ -66,20 +66,20 @@ class Following {
  private:
   using RemotePtr = std::shared_ptr<Remote>;
 
-  void let_go(const Directory& directory, bool complete);
-  void take_up(const Directory& directory);
+  void stop_unwanted(const Directory& directory, bool complete);
+  void start_wanted(const Directory& directory);
   void unfollow(const std::string& name);
   void advance(const RemotePtr& remote);
   void fetch_surface(const RemotePtr& remote);
   void begin(const RemotePtr& remote);
   void ask_join(const RemotePtr& remote);
   void take(Remote& remote, Bytes message);
-  void say(LogLevel level, const std::string& text) const;
+  void write_log(LogLevel level, const std::string& text) const;
 
   const Settings settings_;
   Link& link_;
   AssetExchange& assets_;
-  const Surroundings surroundings_;
+  const Environment environment_;
   Hub* hub_ = nullptr;
   std::map<std::string, RemotePtr, std::less<>> remotes_;
   Totals totals_;

@@ -14,49 +14,48 @@
 
 namespace eigencast::broker {
 
-/// What connects brokers: messages by subject, questions with answers, and a table of streams that all share. Handlers
-/// of a Link are called on the broker's event loop; nothing here blocks it.
+/// Connects brokers: messages by subject, requests with replies, and a shared table of streams. Calls handlers on the
+/// broker's event loop and never blocks it.
 class Link {
  public:
-  /// Hears what comes.
+  /// Receives events of the connection and the table.
   class Listener {
    public:
     virtual ~Listener() = default;
-    /// The connection is up (again), or lost.
+    /// The connection is up, again or for the first time; or lost.
     virtual void on_connected() = 0;
     virtual void on_disconnected(const std::string& why) = 0;
-    /// The table is another one than before (its servers lost it, somebody removed it): what was told of rows is void.
+    /// The table was replaced (lost or removed): earlier rows are void.
     virtual void on_new_table() = 0;
-    /// A row of the table; `text` is empty where it was removed.
+    /// A row of the table changed; `text` is empty for a removal.
     virtual void on_row(const std::string& key, std::optional<std::string> text, std::uint64_t revision) = 0;
-    /// All rows that the table had when the connection came up have been told.
+    /// on_row() has been called for all rows that the table had at connection.
     virtual void on_table_read() = 0;
   };
 
   using Handler = std::function<void(Bytes message)>;
   using Answer = std::function<void(Result<Bytes>)>;
-  /// Sends the answer to a question; thread-safe.
+  /// Sends the answer to a request; thread-safe.
   using Reply = std::function<void(Bytes message)>;
-  using Questioned = std::function<void(Bytes message, Reply reply)>;
+  using OnRequest = std::function<void(Bytes message, Reply reply)>;
 
   virtual ~Link() = default;
-  /// Connects, and goes on trying. `listener` must outlive it, or what stop() ended.
+  /// Connects, with retries. `listener` must live until stop() has returned.
   virtual void start(Listener& listener) = 0;
-  /// No handler is called any more when it returns.
+  /// No handler is called after it returns.
   virtual void stop() = 0;
 
-  /// Dropped where there is no connection, or too much waits already.
+  /// Drops the message without a connection or if too many wait.
   virtual void publish(const std::string& subject, Bytes message) = 0;
-  /// Messages of the subject from now on, in the order in which each broker published them. Ends when what is returned
-  /// is destroyed.
+  /// Messages of the subject from now on, in each broker's order. Destroying the result ends the subscription.
   virtual std::shared_ptr<void> subscribe(const std::string& subject, Handler handler) = 0;
-  /// Questions asked on the subject.
-  virtual std::shared_ptr<void> serve(const std::string& subject, Questioned questioned) = 0;
-  /// Errors of the answer: kUnreachable (nobody listens there, no connection), kTimeout.
+  /// Answers requests on the subject; lifetime as subscribe().
+  virtual std::shared_ptr<void> serve(const std::string& subject, OnRequest on_request) = 0;
+  /// Errors of the answer: kUnreachable (no listener, no connection), kTimeout.
   virtual void ask(const std::string& subject, Bytes message, TimeUs timeout_us, Answer answer) = 0;
 
-  /// Writes a row of the table if its revision is still `expected` (0: it never was there); empty text removes it.
-  /// Gives the new revision. Errors: kRefused (another revision), kUnreachable (the table does not answer just now).
+  /// Writes a row of the table if its revision is `expected` (0: never written); empty text removes it. Returns the new
+  /// revision. Errors: kRefused (another revision), kUnreachable (the table does not answer).
   virtual void write_row(const std::string& key, std::optional<std::string> text, std::uint64_t expected,
                          std::function<void(const Result<std::uint64_t>&)> written) = 0;
 };

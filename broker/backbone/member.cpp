@@ -7,25 +7,25 @@
 #include <fstream>
 #include <utility>
 
-#include "broker/config/places.h"
+#include "broker/config/paths.h"
 
 namespace eigencast::broker {
 namespace {
 
-/// How soon what should be follows from what is, where nothing that happens says so.
+/// Period of reconciliation without events.
 constexpr auto kTick = std::chrono::milliseconds(25);
 
-NatsLink::Settings link_settings(const Config& config, const std::string& id) {
+NatsSettings link_settings(const Config& config, const std::string& id) {
   const auto& from = config.backbone;
-  NatsLink::Settings settings;
+  NatsSettings settings;
   settings.servers = from.servers;
   settings.name = "eigencast-broker " + id;
   settings.prefix = from.prefix;
   settings.replicas = static_cast<int>(from.replicas);
-  settings.ca_file = located(from.ca);
-  settings.certificate_file = located(from.certificate);
-  settings.key_file = located(from.key);
-  settings.credentials_file = located(from.credentials);
+  settings.ca_file = resolved_path(from.ca);
+  settings.certificate_file = resolved_path(from.certificate);
+  settings.key_file = resolved_path(from.key);
+  settings.credentials_file = resolved_path(from.credentials);
   settings.user = from.user;
   settings.password = from.password;
   settings.token = from.token;
@@ -37,11 +37,11 @@ NatsLink::Settings link_settings(const Config& config, const std::string& id) {
 Result<void> Member::check(const Config& config) {
   if (config.backbone.servers.empty()) return {};
   const auto settings = link_settings(config, "check");
-  // libnats reads this one only when it connects, where its absence looks like a server that is away.
+  // libnats reads this file only when it connects, and reports its absence like an unreachable server.
   if (!settings.credentials_file.empty() && !std::ifstream(settings.credentials_file)) {
     return fail(ErrorCode::kInvalidArgument, "backbone.credentials: cannot read " + settings.credentials_file);
   }
-  auto link = NatsLink::create(settings, [](const std::function<void()>&) {});
+  auto link = make_nats_link(settings, [](const std::function<void()>&) {});
   return link ? Result<void>() : Result<void>(link.error());
 }
 
@@ -49,31 +49,31 @@ Result<std::unique_ptr<Member>> Member::create(const Config& config, const std::
                                                LogSink log) {
   std::unique_ptr<Member> member(new Member);
   Member* self = member.get();
-  const auto on_loop = [self](std::function<void()> work) { boost::asio::post(self->place_->loop, std::move(work)); };
-  const auto on_disk = [self](std::function<void()> work) { boost::asio::post(self->place_->disk, std::move(work)); };
-  auto link = NatsLink::create(link_settings(config, id), on_loop);
+  const auto on_loop = [self](std::function<void()> work) { boost::asio::post(self->host_->loop, std::move(work)); };
+  const auto on_disk = [self](std::function<void()> work) { boost::asio::post(self->host_->disk, std::move(work)); };
+  auto link = make_nats_link(link_settings(config, id), on_loop);
   if (!link) return link.error();
   member->link_ = std::move(*link);
   member->exchange_ = std::make_unique<AssetExchange>(*member->link_, assets, config.backbone.prefix, on_disk, on_loop);
   Backbone::Settings settings;
   settings.id = id;
   settings.prefix = config.backbone.prefix;
-  Backbone::Surroundings around;
+  Backbone::Environment around;
   around.now_us = [] { return steady_now_us(); };
   around.next_epoch = [self](std::uint32_t above) {
-    return self->place_->epochs.next(static_cast<std::uint64_t>(std::time(nullptr)), above);
+    return self->host_->epochs.next(static_cast<std::uint64_t>(std::time(nullptr)), above);
   };
-  around.replaces = [self] { return self->place_->replaces(); };
-  around.frames_came = [self] { self->place_->frames_came(); };
+  around.replaces = [self] { return self->host_->replaces(); };
+  around.frames_came = [self] { self->host_->frames_came(); };
   around.log = std::move(log);
   member->backbone_ = std::make_unique<Backbone>(settings, *member->link_, *member->exchange_, around);
   return member;
 }
 
-void Member::start(const Place& place) {
-  place_.emplace(place);
-  timer_.emplace(place.loop);
-  backbone_->start(place.hub);
+void Member::start(const Host& host) {
+  host_.emplace(host);
+  timer_.emplace(host.loop);
+  backbone_->start(host.hub);
   tick();
 }
 

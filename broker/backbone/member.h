@@ -16,10 +16,10 @@
 
 namespace eigencast::broker {
 
-/// This broker as one of several: its backbone, bound to NATS, the event loop and the store. Belongs to the loop.
+/// Binds the backbone to NATS, the event loop and the store. Belongs to the loop.
 class Member {
  public:
-  struct Place {
+  struct Host {
     boost::asio::io_context& loop;
     boost::asio::thread_pool& disk;
     EpochSource& epochs;
@@ -28,16 +28,15 @@ class Member {
     std::function<void()> frames_came;
   };
 
-  /// Whether the settings of [backbone] are of use: files are there and can be read. Connects to nobody.
+  /// Checks the settings of [backbone] and its files. Opens no connection.
   static Result<void> check(const Config& config);
 
-  /// Connects to nobody yet. `id`: of this run of the broker. The store outlives it. Errors: of [backbone], see
-  /// NatsLink.
+  /// Opens no connection yet. `id`: unique per run. The store outlives it. Errors: see make_nats_link().
   static Result<std::unique_ptr<Member>> create(const Config& config, const std::string& id, AssetStore& assets,
                                                 LogSink log);
 
-  /// REQUIRES: what `place` names lives until stop() has returned, and the disk's threads have ended by then.
-  void start(const Place& place);
+  /// REQUIRES: the members of `host` live until stop() has returned, and the disk's threads have ended by then.
+  void start(const Host& host);
   void stop();
 
   Backbone& backbone() { return *backbone_; }
@@ -46,8 +45,8 @@ class Member {
   Member() = default;
   void tick();
 
-  std::optional<Place> place_;
-  std::unique_ptr<NatsLink> link_;
+  std::optional<Host> host_;
+  std::shared_ptr<Link> link_;
   std::unique_ptr<AssetExchange> exchange_;
   std::unique_ptr<Backbone> backbone_;
   std::optional<boost::asio::steady_timer> timer_;

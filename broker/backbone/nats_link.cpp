@@ -3,17 +3,18 @@
 #include <utility>
 
 #include "broker/backbone/nats_link_impl.h"
-#include "broker/random_id.h"
+#include "common/core/random_id.h"
 
 namespace eigencast::broker {
 namespace {
 
-using namespace std::chrono_literals;
+using std::chrono_literals::operator""ms;
+using std::chrono_literals::operator""s;
 
-constexpr std::size_t kMaxWaitingBytes = 8u << 20;  ///< Of messages that are to leave.
+constexpr std::size_t kMaxWaitingBytes = 8u << 20;  ///< Of outgoing messages.
 constexpr std::size_t kMaxWaitingMessages = 16'384;
-constexpr int kMaxComing = 16'384;  ///< Messages on their way to the loop.
-constexpr auto kLeave = 1s;         ///< What waits when stopping gets so long to leave.
+constexpr int kMaxUndelivered = 16'384;  ///< Messages on their way to the loop.
+constexpr auto kDrainTime = 1s;          ///< Time to send the queue when stopping.
 
 Bytes data_of(natsMsg* message) {
   const auto* data = reinterpret_cast<const std::uint8_t*>(natsMsg_GetData(message));
@@ -29,53 +30,53 @@ std::string bucket_of(std::string prefix) {
 
 }  // namespace
 
-NatsLink::Impl::Impl(Settings settings, OptionsPtr options, std::function<void(std::function<void()>)> on_loop)
+NatsLink::NatsLink(NatsSettings settings, OptionsPtr options, std::function<void(std::function<void()>)> on_loop)
     : settings_(std::move(settings)),
       bucket_(bucket_of(settings_.prefix)),
       inbox_("_INBOX." + random_id(32)),
       options_(std::move(options)),
       on_loop_(std::move(on_loop)) {}
 
-// ---- To and from the loop ----
+// ---- Connection ----
 
-/// Nothing after stop(): the loop may be gone.
-void NatsLink::Impl::to_loop(std::function<void()> work) {
+/// Does nothing after stop(): the loop may be destroyed.
+void NatsLink::to_loop(std::function<void()> work) {
   const std::lock_guard lock(mutex_);
   if (!stopping_) on_loop_(std::move(work));
 }
 
-void NatsLink::Impl::hand_over(std::function<void()> work) {
+void NatsLink::post_to_listener(std::function<void()> work) {
   to_loop([self = shared_from_this(), work = std::move(work)] {
     if (*self->open_) work();
   });
 }
 
-void NatsLink::Impl::came_up() {
+void NatsLink::on_up() {
   {
     const std::lock_guard lock(mutex_);
     connected_ = true;
     ++generation_;
   }
-  news_.notify_all();
-  hand_over([this] { listener_->on_connected(); });
+  wake_.notify_all();
+  post_to_listener([this] { listener_->on_connected(); });
 }
 
-void NatsLink::Impl::went_down(const std::string& why) {
+void NatsLink::on_down(const std::string& why) {
   {
     const std::lock_guard lock(mutex_);
     connected_ = false;
-    outgoing_.clear();  // Frames of the past are of no use when the connection is back.
+    outgoing_.clear();  // Old frames are useless after a reconnection.
     outgoing_bytes_ = 0;
   }
-  hand_over([this, why] { listener_->on_disconnected(why); });
+  post_to_listener([this, why] { listener_->on_disconnected(why); });
 }
 
-void NatsLink::Impl::listen_to_connection() {
-  // Called on a thread of libnats, the last of them when the connection has closed, maybe after stop() has returned:
-  // this object is kept until then.
-  auto* kept = new std::shared_ptr<Impl>(shared_from_this());
+void NatsLink::listen_to_connection() {
+  // libnats calls these on its threads, the last one when the connection has closed, possibly after stop(): keep this
+  // object until then.
+  auto* kept = new std::shared_ptr<NatsLink>(shared_from_this());
   const natsConnectionHandler up = [](natsConnection*, void* closure) {
-    (*static_cast<std::shared_ptr<Impl>*>(closure))->came_up();
+    (*static_cast<std::shared_ptr<NatsLink>*>(closure))->on_up();
   };
   natsOptions_SetReconnectedCB(options_.get(), up, kept);
   natsOptions_SetRetryOnFailedConnect(options_.get(), true, up, kept);
@@ -85,67 +86,66 @@ void NatsLink::Impl::listen_to_connection() {
         const char* text = nullptr;
         natsConnection_GetLastError(connection, &text);
         const std::string why = text != nullptr && *text != 0 ? text : "the connection to the NATS server is gone";
-        (*static_cast<std::shared_ptr<Impl>*>(closure))->went_down(why);
+        (*static_cast<std::shared_ptr<NatsLink>*>(closure))->on_down(why);
       },
       kept);
   natsOptions_SetClosedCB(
-      options_.get(), [](natsConnection*, void* closure) { delete static_cast<std::shared_ptr<Impl>*>(closure); },
+      options_.get(), [](natsConnection*, void* closure) { delete static_cast<std::shared_ptr<NatsLink>*>(closure); },
       kept);
-  // Silence: slow consumers lose messages, which is noticed as gaps; libnats would print.
+  // Replaces libnats' handler, which prints. Messages lost by slow consumers show up as gaps.
   natsOptions_SetErrorHandler(
       options_.get(), [](natsConnection*, natsSubscription*, natsStatus, void*) {}, nullptr);
 }
 
-void NatsLink::Impl::start(Listener& listener) {
+void NatsLink::start(Listener& listener) {
   listener_ = &listener;
   listen_to_connection();
   natsConnection* connection = nullptr;
   const natsStatus status = natsConnection_Connect(&connection, options_.get());
   connection_.reset(connection);
   if (connection == nullptr) {
-    return went_down(std::string("NATS: ") + natsStatus_GetText(status));
+    return on_down(std::string("NATS: ") + natsStatus_GetText(status));
   }
   if (status == NATS_OK) {
-    came_up();
+    on_up();
   } else {
     const char* why = nats_GetLastError(nullptr);
-    went_down(std::string("no NATS server takes this broker yet") +
-              (why != nullptr && *why != 0 ? " (" + std::string(why) + ")" : std::string()));
+    on_down(std::string("no NATS server takes this broker yet") +
+            (why != nullptr && *why != 0 ? " (" + std::string(why) + ")" : std::string()));
   }
   subscriptions_.push_back(subscribe_raw(inbox_ + ".*", [this](natsMsg* message) {
     const std::string subject = natsMsg_GetSubject(message);
     const std::uint64_t number = std::strtoull(subject.c_str() + inbox_.size() + 1, nullptr, 10);
     const bool nobody = natsMsg_IsNoResponders(message);
-    hand_over([this, number, nobody, data = data_of(message)]() mutable {
-      const auto found = questions_.find(number);
-      if (found == questions_.end()) return;
+    post_to_listener([this, number, nobody, data = data_of(message)]() mutable {
+      const auto found = requests_.find(number);
+      if (found == requests_.end()) return;
       const Answer answer = std::move(found->second.answer);
-      questions_.erase(found);
+      requests_.erase(found);
       if (nobody) return answer(fail(ErrorCode::kUnreachable, "the broker that should answer is not there"));
       answer(std::move(data));
     });
   }));
-  subscriptions_.push_back(
-      subscribe(settings_.prefix + ".rows", [this](const Bytes& message, const std::string&) { hear_row(message); }));
+  subscriptions_.push_back(subscribe(settings_.prefix + ".rows", [this](const Bytes& message) { take_row(message); }));
   sender_ = std::thread([this] { send_all(); });
   writer_ = std::thread([this] { write_all(); });
   reader_ = std::thread([this] { read_table(); });
 }
 
-void NatsLink::Impl::stop() {
+void NatsLink::stop() {
   {
     const std::lock_guard lock(mutex_);
     if (stopping_) return;
     stopping_ = true;
-    leave_until_ = std::chrono::steady_clock::now() + kLeave;
+    drain_until_ = std::chrono::steady_clock::now() + kDrainTime;
   }
   *open_ = false;
-  news_.notify_all();
+  wake_.notify_all();
   for (std::thread* thread : {&sender_, &writer_, &reader_}) {
     if (thread->joinable()) thread->join();
   }
   subscriptions_.clear();
-  questions_.clear();
+  requests_.clear();
   if (connection_) {
     natsConnection_FlushTimeout(connection_.get(), 300);
     natsConnection_Close(connection_.get());
@@ -154,26 +154,26 @@ void NatsLink::Impl::stop() {
 
 // ---- Messages ----
 
-void NatsLink::Impl::publish(const std::string& subject, Bytes message, const std::string& reply) {
+void NatsLink::send(const std::string& subject, Bytes message, const std::string& reply) {
   const std::lock_guard lock(mutex_);
   const bool full = outgoing_.size() >= kMaxWaitingMessages || outgoing_bytes_ + message.size() > kMaxWaitingBytes;
   if (!connected_ || full) return;
   outgoing_bytes_ += message.size();
   outgoing_.push_back({subject, reply, std::move(message)});
-  news_.notify_all();
+  wake_.notify_all();
 }
 
-void NatsLink::Impl::send_all() {
+void NatsLink::send_all() {
   std::unique_lock lock(mutex_);
   for (;;) {
-    news_.wait_for(lock, 50ms, [this] { return stopping_ || !outgoing_.empty(); });
-    if (stopping_ && (outgoing_.empty() || std::chrono::steady_clock::now() >= leave_until_)) return;
+    wake_.wait_for(lock, 50ms, [this] { return stopping_ || !outgoing_.empty(); });
+    if (stopping_ && (outgoing_.empty() || std::chrono::steady_clock::now() >= drain_until_)) return;
     auto batch = std::exchange(outgoing_, {});
     outgoing_bytes_ = 0;
     lock.unlock();
     for (const Outgoing& out : batch) {
       const int size = static_cast<int>(out.message.size());
-      // What cannot leave is lost, as it would be on the way: gaps and silence are answered for elsewhere.
+      // Errors are ignored: receivers handle gaps and missing heartbeats.
       if (out.reply.empty()) {
         natsConnection_Publish(connection_.get(), out.subject.c_str(), out.message.data(), size);
       } else {
@@ -181,12 +181,12 @@ void NatsLink::Impl::send_all() {
                                       size);
       }
     }
-    expire_questions();
+    expire_requests();
     lock.lock();
   }
 }
 
-std::shared_ptr<void> NatsLink::Impl::subscribe_raw(const std::string& subject, std::function<void(natsMsg*)> heard) {
+std::shared_ptr<void> NatsLink::subscribe_raw(const std::string& subject, std::function<void(natsMsg*)> heard) {
   if (!connection_) return nullptr;
   natsSubscription* subscription = nullptr;
   auto* subscribed = new Subscribed{shared_from_this(), std::move(heard)};
@@ -209,8 +209,22 @@ std::shared_ptr<void> NatsLink::Impl::subscribe_raw(const std::string& subject, 
           }};
 }
 
-std::shared_ptr<void> NatsLink::Impl::subscribe(const std::string& subject,
-                                                std::function<void(Bytes, std::string)> handler) {
+std::shared_ptr<void> NatsLink::subscribe(const std::string& subject, Handler handler) {
+  return subscribe_with_reply(
+      subject, [handler = std::move(handler)](Bytes message, const std::string&) { handler(std::move(message)); });
+}
+
+std::shared_ptr<void> NatsLink::serve(const std::string& subject, OnRequest on_request) {
+  return subscribe_with_reply(
+      subject, [weak = weak_from_this(), on_request = std::move(on_request)](Bytes message, std::string reply) {
+        on_request(std::move(message), [weak, reply = std::move(reply)](Bytes answer) {
+          if (const auto link = weak.lock()) link->publish(reply, std::move(answer));
+        });
+      });
+}
+
+std::shared_ptr<void> NatsLink::subscribe_with_reply(const std::string& subject,
+                                                     std::function<void(Bytes, std::string)> handler) {
   struct Handle {
     std::shared_ptr<bool> wanted = std::make_shared<bool>(true);
     std::shared_ptr<void> subscription;
@@ -219,49 +233,47 @@ std::shared_ptr<void> NatsLink::Impl::subscribe(const std::string& subject,
   auto handle = std::make_shared<Handle>();
   auto shared = std::make_shared<std::function<void(Bytes, std::string)>>(std::move(handler));
   handle->subscription = subscribe_raw(subject, [this, wanted = handle->wanted, shared](natsMsg* message) {
-    if (coming_.fetch_add(1) >= kMaxComing) {
-      --coming_;
+    if (undelivered_.fetch_add(1) >= kMaxUndelivered) {
+      --undelivered_;
       return;
     }
     const char* reply = natsMsg_GetReply(message);
     to_loop([self = shared_from_this(), wanted, shared, data = data_of(message),
              reply = std::string(reply == nullptr ? "" : reply)]() mutable {
-      --self->coming_;
+      --self->undelivered_;
       if (*self->open_ && *wanted) (*shared)(std::move(data), std::move(reply));
     });
   });
   return handle;
 }
 
-void NatsLink::Impl::ask(const std::string& subject, Bytes message, TimeUs timeout_us, Answer answer) {
-  const std::uint64_t number = ++last_question_;
-  questions_[number] = {std::move(answer), std::chrono::steady_clock::now() + std::chrono::microseconds(timeout_us)};
+void NatsLink::ask(const std::string& subject, Bytes message, TimeUs timeout_us, Answer answer) {
+  const std::uint64_t number = ++last_request_;
+  requests_[number] = {std::move(answer), std::chrono::steady_clock::now() + std::chrono::microseconds(timeout_us)};
   waiting_ = true;
-  publish(subject, std::move(message), inbox_ + "." + std::to_string(number));
+  send(subject, std::move(message), inbox_ + "." + std::to_string(number));
 }
 
-/// On the sender's thread, which wakes often enough.
-void NatsLink::Impl::expire_questions() {
+/// Called on the sender's thread, which wakes every 50 ms.
+void NatsLink::expire_requests() {
   if (!waiting_) return;
-  hand_over([this] {
+  post_to_listener([this] {
     const auto now = std::chrono::steady_clock::now();
     std::vector<Answer> late;
-    std::erase_if(questions_, [&](auto& item) {
+    std::erase_if(requests_, [&](auto& item) {
       if (item.second.until > now) return false;
       late.push_back(std::move(item.second.answer));
       return true;
     });
-    waiting_ = !questions_.empty();
+    waiting_ = !requests_.empty();
     for (const Answer& answer : late) answer(fail(ErrorCode::kTimeout, "another broker did not answer in time"));
   });
 }
 
-// ---- The face ----
-
-Result<std::unique_ptr<NatsLink>> NatsLink::create(const Settings& settings,
-                                                   std::function<void(std::function<void()>)> on_loop) {
+Result<std::shared_ptr<Link>> make_nats_link(const NatsSettings& settings,
+                                             std::function<void(std::function<void()>)> on_loop) {
   nats_Open(-1);
-  nats_SetMessageDeliveryPoolSize(1);  // One thread: messages of a subject stay in order, and streams cost no threads.
+  nats_SetMessageDeliveryPoolSize(1);  // One thread keeps messages in order.
   natsOptions* raw = nullptr;
   if (natsOptions_Create(&raw) != NATS_OK) return fail(ErrorCode::kIo, "NATS: no memory");
   OptionsPtr options(raw);
@@ -278,8 +290,8 @@ Result<std::unique_ptr<NatsLink>> NatsLink::create(const Settings& settings,
   set(natsOptions_SetMaxReconnect(raw, -1), "servers");
   set(natsOptions_SetReconnectWait(raw, 250), "servers");
   set(natsOptions_SetReconnectJitter(raw, 100, 200), "servers");
-  // A server that is cut off says nothing: after two pings without an answer, 1.2 s at most, it is left for another
-  // one, so that frames go on within two seconds.
+  // An unreachable server is abandoned after two pings without an answer, 1.2 s at most, so that frames continue over
+  // another one within two seconds.
   set(natsOptions_SetPingInterval(raw, 400), "servers");
   set(natsOptions_SetMaxPingsOut(raw, 2), "servers");
   set(natsOptions_SetWriteDeadline(raw, 2'000), "servers");
@@ -301,41 +313,10 @@ Result<std::unique_ptr<NatsLink>> NatsLink::create(const Settings& settings,
   }
   if (!settings.token.empty()) set(natsOptions_SetToken(raw, settings.token.c_str()), "token");
   if (!result) return result.error();
-  return std::unique_ptr<NatsLink>(
-      new NatsLink(std::make_shared<Impl>(settings, std::move(options), std::move(on_loop))));
-}
-
-NatsLink::NatsLink(std::shared_ptr<Impl> impl) : impl_(std::move(impl)) {}
-NatsLink::~NatsLink() {
-  impl_->stop();
-}
-void NatsLink::start(Listener& listener) {
-  impl_->start(listener);
-}
-void NatsLink::stop() {
-  impl_->stop();
-}
-void NatsLink::publish(const std::string& subject, Bytes message) {
-  impl_->publish(subject, std::move(message));
-}
-std::shared_ptr<void> NatsLink::subscribe(const std::string& subject, Handler handler) {
-  return impl_->subscribe(
-      subject, [handler = std::move(handler)](Bytes message, const std::string&) { handler(std::move(message)); });
-}
-std::shared_ptr<void> NatsLink::serve(const std::string& subject, Questioned questioned) {
-  return impl_->subscribe(
-      subject, [weak = std::weak_ptr(impl_), questioned = std::move(questioned)](Bytes message, std::string reply) {
-        questioned(std::move(message), [weak, reply = std::move(reply)](Bytes answer) {
-          if (const auto impl = weak.lock()) impl->publish(reply, std::move(answer));
-        });
-      });
-}
-void NatsLink::ask(const std::string& subject, Bytes message, TimeUs timeout_us, Answer answer) {
-  impl_->ask(subject, std::move(message), timeout_us, std::move(answer));
-}
-void NatsLink::write_row(const std::string& key, std::optional<std::string> text, std::uint64_t expected,
-                         std::function<void(const Result<std::uint64_t>&)> written) {
-  impl_->write_row(key, std::move(text), expected, std::move(written));
+  auto link = std::make_shared<NatsLink>(settings, std::move(options), std::move(on_loop));
+  Link* raw_link = link.get();
+  // libnats' closures share the object: its owner's end stops it.
+  return std::shared_ptr<Link>(raw_link, [link = std::move(link)](Link*) { link->stop(); });
 }
 
 }  // namespace eigencast::broker

@@ -15,7 +15,7 @@
 
 namespace eigencast::broker {
 
-// What libnats gives away, with its end.
+// Owners of libnats objects.
 template <auto destroy>
 struct Destroyer {
   template <typename T>
@@ -32,77 +32,83 @@ using WatcherPtr = std::unique_ptr<kvWatcher, Destroyer<kvWatcher_Destroy>>;
 using StreamInfoPtr = std::unique_ptr<jsStreamInfo, Destroyer<jsStreamInfo_Destroy>>;
 using EntryPtr = std::unique_ptr<kvEntry, Destroyer<kvEntry_Destroy>>;
 
-/// What nats_link.cpp (messages) and nats_table.cpp (the table) share, and nobody else sees.
-class NatsLink::Impl : public std::enable_shared_from_this<Impl> {
+/// Shared by nats_link.cpp (messages) and nats_table.cpp (the table) only.
+///
+/// libnats calls back from its own threads and may block. So a sender thread publishes from a bounded queue, which drops
+/// messages like core NATS, and incoming messages are posted to the event loop.
+class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink> {
  public:
-  Impl(Settings settings, OptionsPtr options, std::function<void(std::function<void()>)> on_loop);
-  ~Impl() { stop(); }
+  NatsLink(NatsSettings settings, OptionsPtr options, std::function<void(std::function<void()>)> on_loop);
 
-  void start(Listener& listener);
-  void stop();
-  void publish(const std::string& subject, Bytes message, const std::string& reply = {});
-  std::shared_ptr<void> subscribe(const std::string& subject, std::function<void(Bytes, std::string reply)> handler);
-  void ask(const std::string& subject, Bytes message, TimeUs timeout_us, Answer answer);
+  void start(Listener& listener) override;
+  void stop() override;
+  void publish(const std::string& subject, Bytes message) override { send(subject, std::move(message), {}); }
+  std::shared_ptr<void> subscribe(const std::string& subject, Handler handler) override;
+  std::shared_ptr<void> serve(const std::string& subject, OnRequest on_request) override;
+  void ask(const std::string& subject, Bytes message, TimeUs timeout_us, Answer answer) override;
   void write_row(const std::string& key, std::optional<std::string> text, std::uint64_t expected,
-                 std::function<void(const Result<std::uint64_t>&)> written);
+                 std::function<void(const Result<std::uint64_t>&)> written) override;
 
  private:
   struct Outgoing {
     std::string subject, reply;
     Bytes message;
   };
-  struct Question {
+  struct Request {
     Answer answer;
     std::chrono::steady_clock::time_point until;
   };
-  /// What libnats holds of a subscription. `heard` runs on its thread, and may do so yet when stop() has returned.
+  /// Closure of a libnats subscription. `heard` runs on libnats' thread, possibly after stop() has returned.
   struct Subscribed {
-    std::shared_ptr<Impl> impl;
+    std::shared_ptr<NatsLink> link;
     std::function<void(natsMsg*)> heard;
   };
 
+  void send(const std::string& subject, Bytes message, const std::string& reply);
   void to_loop(std::function<void()> work);
-  void hand_over(std::function<void()> work);
+  void post_to_listener(std::function<void()> work);
   void listen_to_connection();
-  void came_up();
-  void went_down(const std::string& why);
+  void on_up();
+  void on_down(const std::string& why);
+  std::shared_ptr<void> subscribe_with_reply(const std::string& subject,
+                                             std::function<void(Bytes, std::string reply)> handler);
   std::shared_ptr<void> subscribe_raw(const std::string& subject, std::function<void(natsMsg*)> heard);
   void send_all();
-  void expire_questions();
+  void expire_requests();
   void write_all();
   void read_table();
   void watch_once(std::uint64_t generation);
   JetStreamPtr jet_stream() const;
   Result<StorePtr> open_table(jsCtx& js) const;
-  bool tell_new_table(jsCtx& js);
+  bool report_new_table(jsCtx& js);
   Result<std::uint64_t> write_now(const std::string& key, const std::optional<std::string>& text,
                                   std::uint64_t expected);
-  void tell_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision);
-  void hear_row(ByteView message);  // On the loop. What is lost is found when the table is read again.
+  void publish_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision);
+  void take_row(ByteView message);  // On the loop. Lost changes are found when the table is read again.
 
-  const Settings settings_;
+  const NatsSettings settings_;
   const std::string bucket_, inbox_;
   OptionsPtr options_;
   ConnectionPtr connection_;
   std::function<void(std::function<void()>)> on_loop_;
-  Listener* listener_ = nullptr;                               // Of the loop.
-  std::map<std::uint64_t, Question> questions_;                // Of the loop.
-  std::uint64_t last_question_ = 0;                            // Of the loop.
-  std::shared_ptr<bool> open_ = std::make_shared<bool>(true);  // Of the loop: handlers may be called.
-  std::int64_t table_made_ = 0;                                // Of the reader: when the table was, by its servers.
-  std::atomic<int> coming_{0};
-  std::atomic<bool> waiting_{false};  ///< There are questions.
+  Listener* listener_ = nullptr;                               // Belongs to the loop.
+  std::map<std::uint64_t, Request> requests_;                  // Belongs to the loop.
+  std::uint64_t last_request_ = 0;                             // Belongs to the loop.
+  std::shared_ptr<bool> open_ = std::make_shared<bool>(true);  // Belongs to the loop: handlers may be called.
+  std::int64_t table_made_ = 0;                                // Belongs to the reader: creation time of the table.
+  std::atomic<int> undelivered_{0};
+  std::atomic<bool> waiting_{false};  ///< requests_ is not empty.
   std::vector<std::shared_ptr<void>> subscriptions_;
 
   std::mutex mutex_;
-  std::condition_variable news_;
+  std::condition_variable wake_;
   // GUARDED_BY(mutex_), all that follows.
   std::deque<Outgoing> outgoing_;
   std::size_t outgoing_bytes_ = 0;
   std::deque<std::function<void()>> rows_;
   bool connected_ = false, stopping_ = false;
-  std::uint64_t generation_ = 0;  ///< Of the connection.
-  std::chrono::steady_clock::time_point leave_until_{};
+  std::uint64_t generation_ = 0;  ///< Number of the connection.
+  std::chrono::steady_clock::time_point drain_until_{};
 
   std::thread sender_, writer_, reader_;
 };

@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
-//
-// The table of a NatsLink: a bucket of JetStream's key-value store, and rows that brokers tell each other.
+// The table of a NatsLink: a JetStream key-value bucket, and row changes that brokers publish to each other.
 #include <utility>
 
 #include "broker/backbone/nats_link_impl.h"
@@ -8,29 +7,30 @@
 namespace eigencast::broker {
 namespace {
 
-using namespace std::chrono_literals;
+using std::chrono_literals::operator""ms;
+using std::chrono_literals::operator""s;
 
 constexpr std::int64_t kTableTimeoutMs = 2'000;
-constexpr auto kReread = 60s;  ///< The table is read again so often, whatever was told meanwhile.
+constexpr auto kReread = 60s;  ///< Period of reading the whole table again.
 
 }  // namespace
 
-void NatsLink::Impl::write_row(const std::string& key, std::optional<std::string> text, std::uint64_t expected,
-                               std::function<void(const Result<std::uint64_t>&)> written) {
+void NatsLink::write_row(const std::string& key, std::optional<std::string> text, std::uint64_t expected,
+                         std::function<void(const Result<std::uint64_t>&)> written) {
   const std::lock_guard lock(mutex_);
   rows_.push_back([this, key, text = std::move(text), expected, written = std::move(written)] {
     const auto result = write_now(key, text, expected);
-    if (result) tell_row(key, text, *result);
-    hand_over([written, result] { written(result); });
+    if (result) publish_row(key, text, *result);
+    post_to_listener([written, result] { written(result); });
   });
-  news_.notify_all();
+  wake_.notify_all();
 }
 
-void NatsLink::Impl::write_all() {
+void NatsLink::write_all() {
   std::unique_lock lock(mutex_);
   for (;;) {
-    news_.wait(lock, [this] { return stopping_ || !rows_.empty(); });
-    if (stopping_ && (rows_.empty() || std::chrono::steady_clock::now() >= leave_until_)) return;
+    wake_.wait(lock, [this] { return stopping_ || !rows_.empty(); });
+    if (stopping_ && (rows_.empty() || std::chrono::steady_clock::now() >= drain_until_)) return;
     const auto job = std::move(rows_.front());
     rows_.pop_front();
     lock.unlock();
@@ -39,7 +39,7 @@ void NatsLink::Impl::write_all() {
   }
 }
 
-JetStreamPtr NatsLink::Impl::jet_stream() const {
+JetStreamPtr NatsLink::jet_stream() const {
   jsOptions options;
   jsOptions_Init(&options);
   options.Wait = kTableTimeoutMs;
@@ -48,8 +48,8 @@ JetStreamPtr NatsLink::Impl::jet_stream() const {
   return JetStreamPtr(js);
 }
 
-Result<std::uint64_t> NatsLink::Impl::write_now(const std::string& key, const std::optional<std::string>& text,
-                                                std::uint64_t expected) {
+Result<std::uint64_t> NatsLink::write_now(const std::string& key, const std::optional<std::string>& text,
+                                          std::uint64_t expected) {
   const auto away = [](const char* why) {
     return fail(ErrorCode::kUnreachable, std::string("the directory of streams (JetStream) does not answer: ") + why);
   };
@@ -84,7 +84,7 @@ Result<std::uint64_t> NatsLink::Impl::write_now(const std::string& key, const st
   return away(natsStatus_GetText(status));
 }
 
-void NatsLink::Impl::tell_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision) {
+void NatsLink::publish_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision) {
   Bytes message;
   ByteWriter out(message);
   out.u64(revision);
@@ -95,7 +95,7 @@ void NatsLink::Impl::tell_row(const std::string& key, const std::optional<std::s
   publish(settings_.prefix + ".rows", std::move(message));
 }
 
-void NatsLink::Impl::hear_row(ByteView message) {
+void NatsLink::take_row(ByteView message) {
   ByteReader in(message);
   const std::uint64_t revision = in.u64();
   const bool has_text = in.u8() == 1;
@@ -107,7 +107,7 @@ void NatsLink::Impl::hear_row(ByteView message) {
   listener_->on_row(std::string(key.begin(), key.end()), std::move(row), revision);
 }
 
-Result<StorePtr> NatsLink::Impl::open_table(jsCtx& js) const {
+Result<StorePtr> NatsLink::open_table(jsCtx& js) const {
   kvStore* store = nullptr;
   natsStatus status = js_KeyValue(&store, &js, bucket_.c_str());
   if (status == NATS_NOT_FOUND) {
@@ -125,34 +125,35 @@ Result<StorePtr> NatsLink::Impl::open_table(jsCtx& js) const {
   return StorePtr(store);
 }
 
-/// False where nothing can be said of the table just now.
-bool NatsLink::Impl::tell_new_table(jsCtx& js) {
+/// False: the table's state is unknown.
+bool NatsLink::report_new_table(jsCtx& js) {
   jsStreamInfo* raw = nullptr;
   js_GetStreamInfo(&raw, &js, ("KV_" + bucket_).c_str(), nullptr, nullptr);
   const StreamInfoPtr info(raw);
   if (!info) return false;
-  if (std::exchange(table_made_, info->Created) != info->Created) hand_over([this] { listener_->on_new_table(); });
+  if (std::exchange(table_made_, info->Created) != info->Created)
+    post_to_listener([this] { listener_->on_new_table(); });
   return true;
 }
 
-void NatsLink::Impl::read_table() {
+void NatsLink::read_table() {
   std::unique_lock lock(mutex_);
   while (!stopping_) {
-    news_.wait_for(lock, 500ms, [this] { return stopping_ || connected_; });
+    wake_.wait_for(lock, 500ms, [this] { return stopping_ || connected_; });
     if (stopping_ || !connected_) continue;
     const std::uint64_t generation = generation_;
     lock.unlock();
     watch_once(generation);
     lock.lock();
-    news_.wait_for(lock, 500ms, [this] { return stopping_; });
+    wake_.wait_for(lock, 500ms, [this] { return stopping_; });
   }
 }
 
-void NatsLink::Impl::watch_once(std::uint64_t generation) {
+void NatsLink::watch_once(std::uint64_t generation) {
   const JetStreamPtr js = jet_stream();
   if (!js) return;
   auto store = open_table(*js);
-  if (!store || !tell_new_table(*js)) return;
+  if (!store || !report_new_table(*js)) return;
   kvWatchOptions options;
   kvWatchOptions_Init(&options);
   options.Timeout = kTableTimeoutMs;
@@ -177,7 +178,7 @@ void NatsLink::Impl::watch_once(std::uint64_t generation) {
     if (status != NATS_OK) return;
     if (entry == nullptr) {
       read = true;
-      hand_over([this] { listener_->on_table_read(); });
+      post_to_listener([this] { listener_->on_table_read(); });
       continue;
     }
     const std::string key = kvEntry_Key(entry);
@@ -186,7 +187,7 @@ void NatsLink::Impl::watch_once(std::uint64_t generation) {
     if (kvEntry_Operation(entry) == kvOp_Put) {
       text.emplace(static_cast<const char*>(kvEntry_Value(entry)), static_cast<std::size_t>(kvEntry_ValueLen(entry)));
     }
-    hand_over([this, key, text = std::move(text), revision] { listener_->on_row(key, text, revision); });
+    post_to_listener([this, key, text = std::move(text), revision] { listener_->on_row(key, text, revision); });
   }
 }
 

@@ -10,7 +10,7 @@ Result<Address> parse_address(std::string_view text) {
   const auto wrong = [&] {
     return fail(
         ErrorCode::kInvalidArgument,
-        "'" + std::string(text) + "' is no address: write ADDRESS:PORT, for example 127.0.0.1:7490 or [::1]:7490");
+        "'" + std::string(text) + "' is not an address: write ADDRESS:PORT, for example 127.0.0.1:7490 or [::1]:7490");
   };
   const auto colon = text.rfind(':');
   if (colon == std::string_view::npos) return wrong();
@@ -33,7 +33,7 @@ Result<Address> parse_address(std::string_view text) {
 
 namespace {
 
-Error wrong(const std::string& what) {
+Error inconsistent(const std::string& what) {
   return fail(ErrorCode::kInvalidArgument, what);
 }
 
@@ -49,14 +49,16 @@ Result<void> check_listeners(const Config& config) {
   const auto admin = parse_address(with_admin ? config.server.admin_listen : "127.0.0.1:0");
   if (!admin) return in_context("server.admin_listen", admin.error());
   if (!listen->loopback && !has_tokens(config) && config.access.anonymous != "anywhere") {
-    return wrong("server.listen = '" + config.server.listen +
-                 "' reaches beyond this machine, but nobody there could show who they are: set access.jwt_keys or "
-                 "access.tokens_file, or let everybody publish and watch with access.anonymous = \"anywhere\"");
+    return inconsistent(
+        "server.listen = '" + config.server.listen +
+        "' reaches beyond this machine, where clients could not authenticate: set access.jwt_keys or "
+        "access.tokens_file, or allow everybody to publish and watch with access.anonymous = \"anywhere\"");
   }
   if (!admin->loopback && !has_tokens(config) && config.access.monitors.empty()) {
-    return wrong("server.admin_listen = '" + config.server.admin_listen +
-                 "' reaches beyond this machine, where it asks for a token with the right admin: set access.jwt_keys "
-                 "or access.tokens_file, name in access.monitors who may read it without one, or listen on loopback");
+    return inconsistent(
+        "server.admin_listen = '" + config.server.admin_listen +
+        "' reaches beyond this machine, where it asks for a token with the right admin: set access.jwt_keys "
+        "or access.tokens_file, list clients without a token in access.monitors, or listen on loopback");
   }
   return {};
 }
@@ -66,17 +68,17 @@ Result<void> check_listeners(const Config& config) {
 Result<void> check_config(const Config& config) {
   if (auto good = check_listeners(config); !good) return good;
   if (config.tls.certificate.empty() != config.tls.key.empty()) {
-    return wrong("tls.certificate and tls.key go together: set both, or none");
+    return inconsistent("tls.certificate and tls.key go together: set both, or none");
   }
   if (config.tls.require_client_certificate && config.tls.client_ca.empty()) {
-    return wrong("tls.require_client_certificate needs tls.client_ca, which says whose certificates count");
+    return inconsistent("tls.require_client_certificate needs tls.client_ca, which says whose certificates count");
   }
   if (config.backbone.certificate.empty() != config.backbone.key.empty()) {
-    return wrong("backbone.certificate and backbone.key go together: set both, or none");
+    return inconsistent("backbone.certificate and backbone.key go together: set both, or none");
   }
   const std::string& prefix = config.proxy.path_prefix;
   if (!prefix.empty() && (!prefix.starts_with('/') || prefix.ends_with('/'))) {
-    return wrong("proxy.path_prefix = '" + prefix + "' must begin with '/' and not end with one: /eigencast");
+    return inconsistent("proxy.path_prefix = '" + prefix + "' must begin with '/' and not end with one: /eigencast");
   }
   return {};
 }

@@ -5,6 +5,7 @@
 #include <charconv>
 #include <utility>
 
+#include "common/core/text.h"
 #include "common/wire/limits.h"
 
 namespace eigencast::broker {
@@ -34,8 +35,8 @@ Table make_table() {
   table.rows.push_back({kName, #name, FIELD(name), doc, when, false, 0, 0, {}, choices});
 #define LIST(name, values, when, doc) TEXT(name, {}, when, doc)
 #define FLAG(name, value, when, doc) TEXT(name, {}, when, doc)
-#define NUMBER(name, value, least, most, unit, when, doc) \
-  table.rows.push_back({kName, #name, FIELD(name), doc, when, false, least, most, unit, {}});
+#define NUMBER(name, value, min, max, unit, when, doc) \
+  table.rows.push_back({kName, #name, FIELD(name), doc, when, false, min, max, unit, {}});
 #define CHOICES(...) \
   { __VA_ARGS__ }
 #define DEFAULTS(...)
@@ -62,34 +63,29 @@ std::size_t edit_distance(std::string_view a, std::string_view b) {
   return row.back();
 }
 
-Error wrong(const Setting& setting, const std::string& what) {
+Error setting_error(const Setting& setting, const std::string& what) {
   return fail(ErrorCode::kInvalidArgument, setting.path() + " " + what);
 }
 
-Result<void> check(const Setting& setting, const SettingValue& value) {
+Result<void> check_value(const Setting& setting, const SettingValue& value) {
   if (const auto* text = std::get_if<std::string>(&value)) {
     if (setting.choices.empty()) return {};
     if (std::find(setting.choices.begin(), setting.choices.end(), *text) != setting.choices.end()) return {};
     std::string allowed;
     for (const auto choice : setting.choices) allowed += (allowed.empty() ? "" : ", ") + std::string(choice);
-    return wrong(setting, "= '" + *text + "' is none of: " + allowed);
+    return setting_error(setting, "= '" + *text + "' is none of: " + allowed);
   }
   const auto* number = std::get_if<std::int64_t>(&value);
-  if (number == nullptr || (*number >= setting.least && *number <= setting.most)) return {};
-  return wrong(setting, "= " + std::to_string(*number) + " is outside " + std::to_string(setting.least) + ".." +
-                            std::to_string(setting.most));
+  if (number == nullptr || (*number >= setting.min && *number <= setting.max)) return {};
+  return setting_error(setting, "= " + std::to_string(*number) + " is outside " + std::to_string(setting.min) + ".." +
+                                    std::to_string(setting.max));
 }
 
-/// The comma-separated items of a list; blanks around them go.
+/// The comma-separated items of a list, trimmed.
 std::vector<std::string> items_of(std::string_view text) {
   std::vector<std::string> items;
-  while (!text.empty()) {
-    const auto comma = text.find(',');
-    std::string_view item = text.substr(0, comma);
-    while (item.starts_with(' ')) item.remove_prefix(1);
-    while (item.ends_with(' ')) item.remove_suffix(1);
-    if (!item.empty()) items.emplace_back(item);
-    text = comma == std::string_view::npos ? std::string_view() : text.substr(comma + 1);
+  for (const std::string_view part : split(text, ',')) {
+    if (const auto item = trimmed(part); !item.empty()) items.emplace_back(item);
   }
   return items;
 }
@@ -100,12 +96,12 @@ Result<SettingValue> value_from_text(const Setting& setting, const Setting::Fiel
   if (std::holds_alternative<std::vector<std::string>*>(field)) return SettingValue(items_of(text));
   if (std::holds_alternative<bool*>(field)) {
     if (text == "true" || text == "false") return SettingValue(text == "true");
-    return wrong(setting, "must be true or false, not '" + std::string(text) + "'");
+    return setting_error(setting, "must be true or false, not '" + std::string(text) + "'");
   }
   std::int64_t number = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
   if (error == std::errc() && end == text.data() + text.size() && !text.empty()) return SettingValue(number);
-  return wrong(setting, "must be a whole number, not '" + std::string(text) + "'");
+  return setting_error(setting, "must be a whole number, not '" + std::string(text) + "'");
 }
 
 std::string toml_quoted(std::string_view text) {
@@ -182,15 +178,15 @@ Result<void> set_config(Config& config, const Setting& setting, SettingValue val
   if (field.index() != value.index()) {
     constexpr const char* kMust[] = {"must be a text in quotes", "must be true or false", "must be a whole number",
                                      "must be a list of texts: [\"a\", \"b\"]"};
-    return wrong(setting, kMust[field.index()]);
+    return setting_error(setting, kMust[field.index()]);
   }
-  if (auto good = check(setting, value); !good) return good;
+  if (auto good = check_value(setting, value); !good) return good;
   std::visit([&](auto* place) { *place = std::get<std::remove_pointer_t<decltype(place)>>(std::move(value)); }, field);
   return {};
 }
 
 SettingValue value_of(const Config& config, const Setting& setting) {
-  // The table's accessors give places to write to; here one is only read.
+  // The table's accessors return mutable pointers; this one is only read.
   return std::visit([](const auto* place) { return SettingValue(*place); }, setting.field(const_cast<Config&>(config)));
 }
 

@@ -12,8 +12,8 @@
 
 namespace eigencast::broker {
 
-/// Every setting of the broker, with its default: config.section.name. settings.def is the list of them; the file that
-/// documents them, deploy/eigencast.toml, is made from it.
+/// Every setting of the broker with its default: config.section.name. settings.def lists them; deploy/eigencast.toml is
+/// generated from it.
 struct Config {
 #define SECTION(section, doc) struct {
 #define END(section) \
@@ -24,7 +24,7 @@ struct Config {
 #define CHOICE(name, value, choices, when, doc) std::string name = value;
 #define LIST(name, values, when, doc) std::vector<std::string> name = values;
 #define FLAG(name, value, when, doc) bool name = value;
-#define NUMBER(name, value, least, most, unit, when, doc) std::int64_t name = value;
+#define NUMBER(name, value, min, max, unit, when, doc) std::int64_t name = value;
 #define CHOICES(...) \
   { __VA_ARGS__ }
 #define DEFAULTS(...) \
@@ -32,47 +32,47 @@ struct Config {
 #include "broker/config/settings.def"
 };
 
-/// One row of the table of settings: where its value lives and what it may be.
+/// One row of the table of settings.
 struct Setting {
   using Field = std::variant<std::string*, bool*, std::int64_t*, std::vector<std::string>*>;
   std::string_view section;
   std::string_view name;
   Field (*field)(Config&) = nullptr;
   std::string_view doc;
-  bool live = false;                      ///< A reload applies it; otherwise it needs a restart.
+  bool live = false;                      ///< A reload applies it; else it needs a restart.
   bool secret = false;                    ///< Never shown.
-  std::int64_t least = 0;                 ///< Of numbers.
-  std::int64_t most = 0;                  ///< Of numbers.
+  std::int64_t min = 0;                   ///< For numbers.
+  std::int64_t max = 0;                   ///< Of numbers.
   std::string_view unit;                  ///< Of numbers.
-  std::vector<std::string_view> choices;  ///< Of texts; empty = any.
+  std::vector<std::string_view> choices;  ///< For texts; empty: any.
 
   std::string path() const { return std::string(section) + "." + std::string(name); }
 };
 
 /// All settings, in the order of the default file.
 std::span<const Setting> settings();
-/// Null: there is none.
+/// Null: unknown.
 const Setting* find_setting(std::string_view path);
-/// What a section is about; empty: there is no such section.
+/// The description of a section; empty: unknown.
 std::string_view section_doc(std::string_view section);
 
-/// Sets one setting from text, as it comes from the environment or a flag.
+/// Sets one setting from the text of the environment or a flag.
 /// Errors: kInvalidArgument (unknown key, with a suggestion; wrong type; out of range).
 Result<void> set_config(Config& config, std::string_view path, std::string_view value);
 
-/// A value as TOML reads it, whatever it came from: TOML's types without TOML.
+/// A value of one of TOML's types.
 using SettingValue = std::variant<std::string, bool, std::int64_t, std::vector<std::string>>;
 Result<void> set_config(Config& config, const Setting& setting, SettingValue value);
 SettingValue value_of(const Config& config, const Setting& setting);
-/// As it is written in TOML: "text", true, 12, ["a", "b"].
+/// In TOML syntax: "text", true, 12, ["a", "b"].
 std::string toml_of(const SettingValue& value);
 
-/// Which of `names` was probably meant; empty: none is near.
+/// The name closest to `wanted`; empty: none is close.
 std::string closest_to(std::string_view wanted, std::span<const std::string> names);
-/// Says that there is no such key, and which one was probably meant.
+/// An error for an unknown key, with a suggestion.
 Error unknown_setting(std::string_view path);
 
-/// What single settings cannot say: addresses, and that nobody listens beyond loopback without meaning it.
+/// Checks settings that depend on each other: addresses, TLS files, access rules for listening beyond loopback.
 Result<void> check_config(const Config& config);
 
 /// An "address:port"; IPv6 as "[::1]:7490". Errors: kInvalidArgument.

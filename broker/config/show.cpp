@@ -18,7 +18,7 @@ constexpr std::string_view kPrecedence =
     "there. Unknown keys are refused. Try a file with --check-config, see what counts with --show-config. SIGHUP reads "
     "it again: all of it is applied, or, where something is wrong with it, nothing.";
 
-/// `text` as comment lines, broken at blanks.
+/// `text` as comment lines, wrapped at blanks.
 std::string comment(std::string_view text) {
   std::string out;
   while (!text.empty()) {
@@ -33,12 +33,12 @@ std::string comment(std::string_view text) {
   return out;
 }
 
-/// What a value of the setting may be and when a change counts.
+/// The setting's range and whether it is reloadable.
 std::string rules_of(const Setting& setting) {
   std::string rules;
   for (const auto choice : setting.choices) rules += (rules.empty() ? "one of " : ", ") + std::string(choice);
-  if (setting.most > setting.least) {
-    rules += std::to_string(setting.least) + " to " + std::to_string(setting.most);
+  if (setting.max > setting.min) {
+    rules += std::to_string(setting.min) + " to " + std::to_string(setting.max);
     rules += setting.unit.empty() ? "" : " " + std::string(setting.unit);
   }
   return rules + (rules.empty() ? "" : "; ") + (setting.live ? "reloadable" : "needs a restart");

@@ -8,22 +8,22 @@
 
 namespace eigencast::broker {
 
-/// The configuration file with every setting at its default, each with its meaning: deploy/eigencast.toml.
+/// The documented configuration file with every default: deploy/eigencast.toml.
 std::string default_file();
 
-/// Every setting as TOML with where its value came from; secrets as "(set)".
+/// Every setting as TOML with its origin; secrets as "(set)".
 std::string shown_config(const LoadedConfig& loaded);
 
-/// What a reload would do to one setting.
+/// The effect of a reload on one setting.
 struct ConfigChange {
   std::string path;
   std::string before;  ///< As TOML; secrets as "(set)" or "".
   std::string after;
-  bool live = false;  ///< False: it takes a restart.
+  bool live = false;  ///< False: needs a restart.
 };
 std::vector<ConfigChange> changes_between(const Config& before, const Config& after);
 
-/// `running` with the values that a reload may change taken from `wanted`.
+/// `running` with the reloadable settings of `wanted`.
 Config reloaded(const Config& running, const Config& wanted);
 
 }  // namespace eigencast::broker

@@ -12,13 +12,13 @@
 namespace eigencast::broker {
 namespace {
 
-constexpr std::size_t kMaxFileBytes = 1 << 20;
+constexpr std::size_t kMaxConfigBytes = 1 << 20;
 
 void note(Origins* origins, const std::string& path, std::string where) {
   if (origins != nullptr) (*origins)[path] = std::move(where);
 }
 
-/// Nothing for types that no setting has; an empty list is a list of texts.
+/// Nothing for types that no setting has. An empty list is a list of texts.
 std::optional<SettingValue> value_from_node(const toml::node& node) {
   if (const auto* text = node.as_string()) return SettingValue(text->get());
   if (const auto* flag = node.as_boolean()) return SettingValue(flag->get());
@@ -44,13 +44,12 @@ std::string lower(std::string_view text) {
   return changed_case(text, 'A', 'Z', 'a' - 'A');
 }
 
-/// Without the blanks that it begins with.
+/// Without leading blanks.
 std::string_view unindented(std::string_view text) {
   return text.substr(std::min(text.find_first_not_of(" \t"), text.size()));
 }
 
-/// Whether the line is a header that no key begins in, as "[!access]". Nothing else that a setting takes begins a line
-/// with a bracket.
+/// Whether the line is a header without a valid name, as "[!access]". No setting's value begins a line with a bracket.
 bool is_broken_header(std::string_view line) {
   constexpr std::string_view kBegins = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-\"']";
   line = unindented(line);
@@ -59,7 +58,7 @@ bool is_broken_header(std::string_view line) {
   return line.empty() || kBegins.find(line.front()) == std::string_view::npos;
 }
 
-/// Whether anything but ASCII stands outside of comments and strings of one line.
+/// Whether a line has non-ASCII characters outside comments and strings.
 bool has_stray_characters(std::string_view line) {
   char quote = 0;
   for (std::size_t i = 0; i < line.size(); ++i) {
@@ -78,7 +77,7 @@ bool has_stray_characters(std::string_view line) {
   return false;
 }
 
-/// Refuses what toml++ 3.3 asserts not to be there, instead of refusing it: that would end a broker that reloads.
+/// Refuses input on which toml++ 3.3 fails an assertion, which would end a broker that reloads.
 Result<void> check_readable(std::string_view toml, std::string_view name) {
   constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
   if (toml.starts_with(kByteOrderMark)) toml.remove_prefix(kByteOrderMark.size());
@@ -97,8 +96,7 @@ Result<void> check_readable(std::string_view toml, std::string_view name) {
   return {};
 }
 
-/// Whether EIGENCAST_`rest` is a setting's variable but for the one underscore where two part section and key: with
-/// two; else empty.
+/// The name with two underscores if EIGENCAST_`rest` would name a setting with a second one; else empty.
 std::string meant_by(std::string_view rest) {
   for (std::size_t at = rest.find('_'); at != std::string_view::npos; at = rest.find('_', at + 1)) {
     const std::string_view section = rest.substr(0, at), key = rest.substr(at + 1);
@@ -131,7 +129,7 @@ Result<void> read_config(Config& config, std::string_view toml, std::string_view
       const std::string path = std::string(section.str()) + "." + std::string(key_name.str());
       const Setting* setting = find_setting(path);
       if (setting == nullptr) return in_context(where, unknown_setting(path));
-      // What no setting can be is refused as what this one is not.
+      // A type that no setting has is refused as a type mismatch.
       auto value = value_from_node(node_of_value);
       if (!value) {
         const bool text = std::holds_alternative<std::string*>(setting->field(config));
@@ -145,7 +143,7 @@ Result<void> read_config(Config& config, std::string_view toml, std::string_view
 }
 
 Result<void> read_config_file(Config& config, const std::string& path, Origins* origins) {
-  const auto text = read_file(path, kMaxFileBytes);
+  const auto text = read_file(path, kMaxConfigBytes);
   if (!text) return text.error();
   return read_config(config, *text, path, origins);
 }

@@ -12,23 +12,23 @@
 
 namespace eigencast::broker {
 
-/// Where each setting that is not at its default came from: "eigencast.toml:12", "--listen",
-/// "EIGENCAST_LIMITS__MAX_STREAMS". By path.
+/// Origins of settings that differ from their default, by path: "eigencast.toml:12", "--listen",
+/// "EIGENCAST_LIMITS__MAX_STREAMS".
 using Origins = std::map<std::string, std::string, std::less<>>;
 
-/// Reads a TOML text over `config`. `name` stands in messages.
+/// Applies a TOML text to `config`. `name` is for messages.
 /// Errors: kInvalidArgument (syntax, unknown key with a suggestion, wrong type, out of range), with the line.
 Result<void> read_config(Config& config, std::string_view toml, std::string_view name, Origins* origins = nullptr);
 /// The same from a file. Errors: kNotFound, kIo, kTooLarge (over 1 MiB), and those above.
 Result<void> read_config_file(Config& config, const std::string& path, Origins* origins = nullptr);
 
-/// Reads EIGENCAST_SECTION__KEY of `environment` ("NAME=value" lines) over `config`. Names without __ are of other
-/// programs, and left alone, unless a second underscore would make them a setting's. Errors: as above.
+/// Applies EIGENCAST_SECTION__KEY of `environment` ("NAME=value" lines) to `config`. Ignores names without __, which are
+/// other programs', except those that a second underscore would make a setting's: these are refused. Errors: as above.
 Result<void> read_environment(Config& config, std::span<const std::string_view> environment,
                               Origins* origins = nullptr);
 
-/// Where settings come from: flags win over the environment, that over the file, that over the defaults. Kept, so that
-/// a reload reads the same sources again.
+/// The sources of settings; flags win over the environment, that over the file, that over the defaults. A reload reads the
+/// same sources again.
 struct ConfigSources {
   struct Flag {
     std::string name;  ///< --listen
@@ -45,7 +45,7 @@ struct LoadedConfig {
   Origins origins;
 };
 
-/// Reads all sources and checks the whole. Errors: as above.
+/// Reads all sources and checks the result. Errors: as above.
 Result<LoadedConfig> load_config(const ConfigSources& sources);
 
 }  // namespace eigencast::broker

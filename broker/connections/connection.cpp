@@ -17,11 +17,11 @@ namespace {
 using websocket::CloseCode;
 using websocket::Opcode;
 
-// Reads of one turn, so that a sender in full flow lets the others have theirs.
-constexpr int kMostReads = 4;
+// Reads per turn, so that a busy sender does not starve other connections.
+constexpr int kMaxReads = 4;
 
-// Whose rights have changed comes back at once, to see what is left of them.
-constexpr std::uint32_t kRetryAfterMs = 500;
+// A client whose rights changed may reconnect at once.
+constexpr std::uint32_t kRightsRetryMs = 500;
 
 Outbox::Limits outbox_limits(const Config& config) {
   Outbox::Limits limits;
@@ -31,7 +31,7 @@ Outbox::Limits outbox_limits(const Config& config) {
   return limits;
 }
 
-/// The kernel takes little beyond what is on its way, so that the newest pose waits here, where it can be replaced.
+/// Keeps the kernel's send buffer small, so that the newest pose waits here, where a newer one can replace it.
 void tune(Socket& socket, const Config& config) {
   ErrorOf ignored;
   using UnsentLimit = asio::detail::socket_option::integer<IPPROTO_TCP, TCP_NOTSENT_LOWAT>;
@@ -56,16 +56,16 @@ Connection::Connection(Context& context, Transport transport, GrantPtr grant,
 
 void Connection::start(std::string answer) {
   guarded([&] {
-    heard_us_ = opened_us_ = context_.turn.now_us();
+    last_input_us_ = opened_us_ = context_.turn.now_us();
     id_ = ++context_.last_connection_id;
     watch_ = ReaderWatch(id_);
     open_ = true;
-    seat_ = Seat(context_.open);
+    counted_ = ConnectionCount(context_.connection_count);
     context_.connections.insert(this);
     send_framed(std::move(answer));
     wait_to_read(Transport::Wait::kReadable);
     on_open();
-    flush();
+    schedule_write();
   });
 }
 
@@ -83,23 +83,23 @@ void Connection::wait_to_read(Transport::Wait wait) {
       self->on_readable();
     });
   };
-  if (wait == Transport::Wait::kReadable && transport_.has_read_ahead()) {  // Of that the socket says nothing.
+  if (wait == Transport::Wait::kReadable && transport_.has_read_ahead()) {  // The socket does not signal it.
     return asio::post(context_.loop, [handler = std::move(handler)] { handler({}); });
   }
-  // Memory of its own size: an idle connection waits for long, and what Asio would use over again may be much larger.
+  // Exact memory: an idle connection waits for long, and a block that Asio recycles may be much larger.
   transport_.async_wait(wait, asio::bind_allocator(std::pmr::polymorphic_allocator<>(), std::move(handler)));
 }
 
 void Connection::on_readable() {
-  for (int i = 0; i < kMostReads; ++i) {
+  for (int i = 0; i < kMaxReads; ++i) {
     const std::span<std::uint8_t> buffer = std::span(context_.read_buffer).first(read_bytes());
     const Transport::Outcome outcome = transport_.read(buffer);
-    if (outcome.error) return cut();
+    if (outcome.error) return close_now();
     if (outcome.wait != Transport::Wait::kNo) return wait_to_read(outcome.wait);
-    heard_us_ = context_.turn.now_us();
+    last_input_us_ = context_.turn.now_us();
     pinged_ = false;
     if (!take_input(buffer.first(outcome.bytes))) return;
-    if (is_overdue()) {
+    if (is_backlogged()) {
       paused_ = true;
       return;
     }
@@ -133,42 +133,42 @@ void Connection::on_event(const websocket::MessageReader::Event& event) {
   if (event.kind == Kind::kPing) return on_ping(text());
   if (event.kind == Kind::kPong && watch_.note_pong(text())) {
     outbox_.hold_from(watch_.hold_from_us());
-    flush();
+    schedule_write();
   }
 }
 
 void Connection::on_ping(std::string_view payload) {
   const auto pong = std::make_shared<const std::string>(websocket::framed(Opcode::kPong, payload));
-  if (outbox_.push_droppable(pong)) return flush();
-  if (!blocked_ && open_) leave();
+  if (outbox_.push_droppable(pong)) return schedule_write();
+  if (!blocked_ && open_) flush();
   if (!outbox_.push_droppable(pong)) outbox_.push_late_pong(pong);
-  flush();
+  schedule_write();
 }
 
-bool Connection::is_overdue() {
+bool Connection::is_backlogged() {
   const auto many = static_cast<std::size_t>(context_.config.limits.max_queued_control_messages) / 2;
   if (outbox_.control_messages() < many) return false;
-  if (!blocked_ && open_) leave();  // That the socket does not take them is not said yet.
+  if (!blocked_ && open_) flush();  // The socket may still take them.
   return blocked_ && outbox_.control_messages() >= many;
 }
 
-void Connection::read_on() {
-  if (paused_ && !ended_ && !is_overdue()) {
+void Connection::resume_reading() {
+  if (paused_ && !ended_ && !is_backlogged()) {
     paused_ = false;
     wait_to_read(Transport::Wait::kReadable);
   }
 }
 
 void Connection::on_peer_closed(const websocket::MessageReader::Event& event) {
-  close_came_ = true;
+  close_received_ = true;
   if (!closing_) return close_when_sent({}, event.code);
-  if (close_due_ && due_.empty()) transport_.end_writing();
+  if (close_queued_ && write_queue_.empty()) transport_.end_writing();
 }
 
 void Connection::on_broken(const websocket::MessageReader::Event& event) {
-  close_came_ = true;  // What comes after this cannot be read.
+  close_received_ = true;  // Later bytes cannot be parsed.
   if (closing_) {
-    if (close_due_ && due_.empty()) transport_.end_writing();
+    if (close_queued_ && write_queue_.empty()) transport_.end_writing();
     return;
   }
   const std::string why(event.why);
@@ -192,47 +192,50 @@ void Connection::send(const ControlMessage& message) {
 void Connection::send_framed(std::string message) {
   if (closing_ || ended_) return;
   const auto text = std::make_shared<const std::string>(std::move(message));
-  if (outbox_.push_control(text)) return flush();
-  // Many questions in one turn make many answers before its end: that the socket does not take them is not said yet.
-  if (!blocked_ && open_) leave();
-  if (!blocked_ && open_ && outbox_.push_control(text)) return flush();
+  if (outbox_.push_control(text)) return schedule_write();
+  // Many requests in one turn make many answers before its end; the socket may still take them.
+  if (!blocked_ && open_) flush();
+  if (!blocked_ && open_ && outbox_.push_control(text)) return schedule_write();
   ++context_.counters.slow_disconnects;
   log(context_.log, LogLevel::kWarning, name() + ": closed, it does not take its control messages");
   closing_ = true;
   close_code_ = CloseCode::kPolicy;
-  cut_later();  // The owner may be in the middle of telling all its watchers something.
+  close_later();  // The caller may be iterating over all watchers.
 }
 
 std::string Connection::name() const {
   return label() + " #" + std::to_string(id_);
 }
 
-void Connection::describe(ClientFacts& facts) const {
-  facts.id = id_;
-  facts.who = grant_->label();
-  facts.connected_us = context_.turn.now_us() - opened_us_;
-  facts.frames_sent = frames_sent_;
-  facts.bytes_sent = bytes_sent_;
-  facts.round_trip_us = outbox_.round_trip_us();
-  facts.acknowledges = outbox_.acknowledges();
-  facts.skipped = outbox_.skipped_total();
-  facts.joins = outbox_.joins_total();
-  facts.control_waiting = outbox_.control_messages();
+void Connection::describe(ClientInfo& info) const {
+  info.id = id_;
+  info.who = grant_->label();
+  info.connected_us = context_.turn.now_us() - opened_us_;
+  info.frames_sent = frames_sent_;
+  info.bytes_sent = bytes_sent_;
+  info.round_trip_us = outbox_.round_trip_us();
+  info.acknowledges = outbox_.acknowledges();
+  info.skipped = outbox_.skipped_total();
+  info.joins = outbox_.joins_total();
+  info.control_waiting = outbox_.control_messages();
+}
+
+void Connection::send_error(const Error& error, const std::string& stream) {
+  send(control::ErrorMessage{std::string(name_of(error.code)), error.message, stream});
 }
 
 void Connection::refuse(const Error& error, const std::string& stream, CloseCode code) {
-  send(control::ErrorMessage{std::string(name_of(error.code)), error.message, stream});
+  send_error(error, stream);
   close_when_sent(error.message, code);
 }
 
 void Connection::refuse_text(const Error& error, const std::string& stream) {
-  const bool unknown = error.code == ErrorCode::kUnsupported;
-  if (unknown) return send(control::ErrorMessage{std::string(name_of(error.code)), error.message, stream});
+  if (error.code == ErrorCode::kUnsupported) return send_error(error, stream);
   log(context_.log, LogLevel::kWarning, name() + ": closed, " + error.message);
   refuse(error, stream, error.code == ErrorCode::kTooLarge ? CloseCode::kTooBig : CloseCode::kBadPayload);
 }
 
-void Connection::say_bye(const std::string& reason, std::uint32_t retry_after_ms, CloseCode code) {
+void Connection::send_bye(const std::string& reason, std::uint32_t retry_after_ms, CloseCode code) {
   send(control::Bye{reason, retry_after_ms});
   close_when_sent(reason, code);
 }
@@ -243,41 +246,39 @@ void Connection::close_when_sent(const std::string& reason, CloseCode code) {
   close_code_ = code;
   close_reason_ = reason;
   deadline_ = std::make_unique<Timer>(context_.loop.get_executor());
-  deadline_->expires_after(std::chrono::milliseconds(context_.config.timeouts.shutdown_ms));
-  deadline_->async_wait([self = shared_from_this()](ErrorOf error) {
-    if (!error) self->cut();
-  });
-  flush();
+  run_after(*deadline_, std::chrono::milliseconds(context_.config.timeouts.shutdown_ms),
+            [self = shared_from_this()] { self->close_now(); });
+  schedule_write();
 }
 
 void Connection::tick() {
-  const TimeUs silent_us = context_.turn.now_us() - heard_us_;
+  const TimeUs silent_us = context_.turn.now_us() - last_input_us_;
   const TimeUs idle_us = context_.config.timeouts.idle_ms * 1000;
   if (silent_us > idle_us) {
     log(context_.log, LogLevel::kWarning,
         name() +
             (paused_ ? ": closed, it asks and has not taken the answers for " : ": closed, nothing came from it for ") +
             std::to_string(silent_us / 1'000'000) + " s (timeouts.idle_ms)");
-    return cut_later();
+    return close_later();
   }
   if (silent_us > idle_us / 2 && !std::exchange(pinged_, true)) send_framed(websocket::framed(Opcode::kPing, {}));
   if (!closing_ && grant_->has_expired(std::time(nullptr))) {
     log(context_.log, LogLevel::kInfo, name() + ": closed, the token of " + grant_->label() + " has expired");
-    return say_bye("the token has expired: connect with a new one", 0, CloseCode::kPolicy);
+    return send_bye("the token has expired: connect with a new one", 0, CloseCode::kPolicy);
   }
   if (!closing_ && grant_->is_void()) {
     log(context_.log, LogLevel::kInfo, name() + ": closed, the configuration no longer lets in " + grant_->label());
-    return say_bye("the rights of this connection have changed: connect again", kRetryAfterMs, CloseCode::kPolicy);
+    return send_bye("the rights of this connection have changed: connect again", kRightsRetryMs, CloseCode::kPolicy);
   }
-  if (watch_.is_asking()) look();  // The answer to a ping shows the window, even of who sends no pongs.
+  if (watch_.is_probing()) check_window();  // The TCP acknowledgement of a ping shows the window even without a pong.
   on_tick();
 }
 
-void Connection::cut_later() {
-  asio::post(context_.loop, [self = shared_from_this()] { self->cut(); });
+void Connection::close_later() {
+  asio::post(context_.loop, [self = shared_from_this()] { self->close_now(); });
 }
 
-void Connection::cut() {
+void Connection::close_now() {
   transport_.close();
   ended();
 }
@@ -286,9 +287,9 @@ void Connection::ended() {
   if (std::exchange(ended_, true)) return;
   if (deadline_) deadline_->cancel();
   context_.turn.forget(*this);
-  due_.clear();
+  write_queue_.clear();
   if (!open_) return;
-  seat_.leave();
+  counted_.release();
   context_.connections.erase(this);
   on_closed();
 }

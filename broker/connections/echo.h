@@ -5,16 +5,16 @@
 
 namespace eigencast::broker {
 
-/// /echo in builds with EIGENCAST_TEST_ENDPOINTS: says everything back, so that the suites that judge WebSocket servers
-/// (Autobahn) have something to talk to. No subprotocol; messages of up to 16 MiB.
+/// /echo in builds with EIGENCAST_TEST_ENDPOINTS, for conformance suites of WebSocket servers (Autobahn). No subprotocol;
+/// messages of up to 16 MiB.
 class Echo final : public Connection {
  public:
   Echo(Context& context, Transport transport, GrantPtr grant)
-      : Connection(context, std::move(transport), std::move(grant), {kMost, kMost}, kLimits) {}
+      : Connection(context, std::move(transport), std::move(grant), {kMaxMessageBytes, kMaxMessageBytes}, kLimits) {}
 
  private:
-  static constexpr std::size_t kMost = 16 * 1024 * 1024;
-  static constexpr Outbox::Limits kLimits = {.max_control_messages = 10'000, .max_control_bytes = 4 * kMost};
+  static constexpr std::size_t kMaxMessageBytes = 16 * 1024 * 1024;
+  static constexpr Outbox::Limits kLimits = {.max_control_messages = 10'000, .max_control_bytes = 4 * kMaxMessageBytes};
 
   void on_open() override {}
   void on_text(std::string_view text) override { send_framed(websocket::framed(websocket::Opcode::kText, text)); }

@@ -3,12 +3,11 @@
 
 #include <utility>
 
+#include "broker/relay/hub.h"
+#include "broker/relay/ownership.h"
+#include "broker/storage/asset_store.h"
+
 namespace eigencast::broker {
-namespace {
-
-using websocket::CloseCode;
-
-}  // namespace
 
 Publisher::Publisher(Context& context, Transport transport, GrantPtr grant, std::string stream_name)
     : Connection(context, std::move(transport), std::move(grant),
@@ -23,11 +22,11 @@ std::string Publisher::label() const {
 void Publisher::on_open() {
   greet();
   const auto stream = context().hub.open(name_);
-  if (!stream) return refuse(stream.error(), name_, CloseCode::kTryAgainLater);
+  if (!stream) return refuse(stream.error(), name_, websocket::CloseCode::kTryAgainLater);
   const bool replace = context().config.streams.second_sender == "replace";
   if (auto claimed = (*stream)->claim(*this, replace); !claimed) {
     log(context().log, LogLevel::kWarning, name() + ": refused, the stream has a sender");
-    return refuse(claimed.error(), name_, CloseCode::kPolicy);
+    return refuse(claimed.error(), name_, websocket::CloseCode::kPolicy);
   }
   stream_ = *stream;
   log(context().log, LogLevel::kInfo, name() + ": connected");
@@ -38,13 +37,13 @@ void Publisher::on_replaced() {
   stream_ = nullptr;
   ++context().counters.senders_replaced;
   log(context().log, LogLevel::kWarning, name() + ": another sender takes its place");
-  say_bye("another sender has taken this stream over", 0, CloseCode::kReplaced);
+  send_bye("another sender has taken this stream over", 0, websocket::CloseCode::kReplaced);
 }
 
-void Publisher::describe(ClientFacts& facts) const {
-  Connection::describe(facts);
-  facts.kind = ClientFacts::Kind::kSender;
-  facts.streams.push_back({name_, {}, 0});
+void Publisher::describe(ClientInfo& info) const {
+  Connection::describe(info);
+  info.kind = ClientInfo::Kind::kSender;
+  info.streams.push_back({name_, {}, 0});
 }
 
 void Publisher::on_text(std::string_view text) {
@@ -56,14 +55,14 @@ void Publisher::on_text(std::string_view text) {
     if (stream_ != nullptr) stream_->relay_trace(*trace);
     return;
   }
-  send(control::ErrorMessage{"unsupported", "a sender sends announce, trace, ping and pong", name_});
+  send_error(fail(ErrorCode::kUnsupported, "a sender sends announce, trace, ping and pong"), name_);
 }
 
 void Publisher::on_announce(const control::Announce& announce) {
   if (stream_ == nullptr) return;
   const auto answer = [&](const Error& error) {
     log(context().log, LogLevel::kWarning, name() + ": announcement refused, " + error.message);
-    send(control::ErrorMessage{std::string(name_of(error.code)), error.message, name_});
+    send_error(error, name_);
   };
   if (auto ok = check_format(announce.format); !ok) return answer(ok.error());
   const auto asset = Sha256::from_hex(announce.asset);
@@ -74,7 +73,7 @@ void Publisher::on_announce(const control::Announce& announce) {
     return answer(fail(ErrorCode::kNotFound,
                        "asset " + announce.asset + " is not here: PUT /v1/assets/" + announce.asset + " first"));
   }
-  // Who is gone meanwhile gets no answer.
+  // No answer once the connection has ended.
   const auto granted = [self = weak_from_this(), this, announce](const Result<std::uint32_t>& epoch) {
     if (const auto alive = self.lock()) begin(announce, epoch);
   };
@@ -85,17 +84,15 @@ void Publisher::begin(const control::Announce& announce, const Result<std::uint3
   if (stream_ == nullptr) return;
   if (!epoch) {
     log(context().log, LogLevel::kWarning, name() + ": refused, " + epoch.error().message);
-    return refuse(epoch.error(), name_, CloseCode::kPolicy);
+    return refuse(epoch.error(), name_, websocket::CloseCode::kPolicy);
   }
-  if (auto begun = stream_->announce(announce, *epoch); !begun) {
-    return send(control::ErrorMessage{std::string(name_of(begun.error().code)), begun.error().message, name_});
-  }
+  if (auto begun = stream_->announce(announce, *epoch); !begun) return send_error(begun.error(), name_);
   log(context().log, LogLevel::kInfo,
       name() + ": epoch " + std::to_string(*epoch) + ", asset " + announce.asset.substr(0, 12) + ", " +
           std::to_string(announce.format.rows) + " coefficients, " + announce.format.codec);
   send(control::Announced{name_, stream_->id(), *epoch});
-  tell_count();
-  tell_trace_wanted();
+  report_count();
+  request_trace();
 }
 
 void Publisher::on_binary(ByteView message) {
@@ -103,41 +100,41 @@ void Publisher::on_binary(ByteView message) {
   if (auto added = stream_->take_frame(message, context().turn.now_us()); !added) {
     ++context().counters.frames_refused;
     log(context().log, LogLevel::kWarning, name() + ": closed, " + added.error().message);
-    return refuse(added.error(), name_, CloseCode::kPolicy);
+    return refuse(added.error(), name_, websocket::CloseCode::kPolicy);
   }
   ++context().counters.frames_received;
-  context().hub.owes(*stream_);
+  context().hub.mark_dirty(*stream_);
 }
 
 void Publisher::on_watcher_count(std::uint32_t count) {
   const bool changed_much = (watchers_ == 0) != (count == 0);
   watchers_ = count;
-  if (changed_much) tell_count();  // The rest once a second: a crowd that comes must not fill the queue.
+  if (changed_much) report_count();  // Other changes are sent once a second: a crowd must not fill the queue.
 }
 
 void Publisher::on_tick() {
-  if (!told_) return;
-  tell_count();
-  tell_trace_wanted();  // Once a second at most: viewers who change their mind must not fill the queue.
+  if (!reported_) return;
+  report_count();
+  request_trace();  // At most once a second, so that changing viewers do not fill the queue.
 }
 
-void Publisher::tell_count() {
-  if (stream_ == nullptr || told_ == watchers_) return;
-  told_ = watchers_;
+void Publisher::report_count() {
+  if (stream_ == nullptr || reported_ == watchers_) return;
+  reported_ = watchers_;
   send(control::Subscribers{name_, watchers_});
 }
 
-void Publisher::tell_trace_wanted() {
-  if (stream_ == nullptr || told_trace_ == stream_->trace_every()) return;
-  told_trace_ = stream_->trace_every();
-  send(control::TraceRequest{name_, told_trace_});
+void Publisher::request_trace() {
+  if (stream_ == nullptr || requested_trace_ == stream_->trace_every()) return;
+  requested_trace_ = stream_->trace_every();
+  send(control::TraceRequest{name_, requested_trace_});
 }
 
 void Publisher::on_closed() {
   if (stream_ == nullptr) return;
   Stream* stream = std::exchange(stream_, nullptr);
   stream->release(*this);
-  context().hub.left(*stream);
+  context().hub.unwatched(*stream);
   log(context().log, LogLevel::kInfo, name() + ": gone");
 }
 

@@ -15,7 +15,7 @@ class Publisher final : public Connection, public PublisherLink {
 
   void on_watcher_count(std::uint32_t count) override;
   void on_replaced() override;
-  void describe(ClientFacts& facts) const override;
+  void describe(ClientInfo& info) const override;
 
  private:
   void on_open() override;
@@ -26,14 +26,14 @@ class Publisher final : public Connection, public PublisherLink {
   std::string label() const override;
   void on_announce(const control::Announce& announce);
   void begin(const control::Announce& announce, const Result<std::uint32_t>& epoch);
-  void tell_count();
-  void tell_trace_wanted();
+  void report_count();
+  void request_trace();
 
   std::string name_;
   Stream* stream_ = nullptr;  ///< Set while this is the stream's publisher.
   std::uint32_t watchers_ = 0;
-  std::optional<std::uint32_t> told_;
-  std::uint32_t told_trace_ = 0;
+  std::optional<std::uint32_t> reported_;
+  std::uint32_t requested_trace_ = 0;
 };
 
 }  // namespace eigencast::broker

@@ -3,13 +3,9 @@
 
 #include <utility>
 
+#include "broker/relay/hub.h"
+
 namespace eigencast::broker {
-namespace {
-
-using websocket::CloseCode;
-
-}  // namespace
-
 Subscriber::Subscriber(Context& context, Transport transport, GrantPtr grant, std::optional<control::Subscribe> first)
     : Connection(context, std::move(transport), std::move(grant),
                  {static_cast<std::size_t>(context.config.limits.max_control_bytes),
@@ -20,12 +16,12 @@ std::string Subscriber::label() const {
   return first_ ? "viewer of '" + first_->stream + "'" : "viewer";
 }
 
-void Subscriber::describe(ClientFacts& facts) const {
-  Connection::describe(facts);
-  facts.kind = ClientFacts::Kind::kViewer;
+void Subscriber::describe(ClientInfo& info) const {
+  Connection::describe(info);
+  info.kind = ClientInfo::Kind::kViewer;
   for (const auto& [id, watched] : streams_) {
     const Stream& stream = *watched.stream;
-    facts.streams.push_back({stream.name(), query_from_profile(stream.info_for(*this).profile), watched.ladder.rung()});
+    info.streams.push_back({stream.name(), query_from_profile(stream.info_for(*this).profile), watched.ladder.rung()});
   }
 }
 
@@ -45,19 +41,17 @@ void Subscriber::on_text(std::string_view text) {
     if (Stream* stream = context().hub.find(request->stream)) stream->trace(*this, request->every);
     return;
   }
-  send(control::ErrorMessage{
-      "unsupported", "a viewer sends subscribe, unsubscribe, trace_request, ack, ping and pong", {}});
+  send_error(fail(ErrorCode::kUnsupported, "a viewer sends subscribe, unsubscribe, trace_request, ack, ping and pong"),
+             {});
 }
 
 void Subscriber::on_binary(ByteView) {
   refuse(fail(ErrorCode::kInvalidArgument, "a viewer sends no binary messages: frames are sent to /v1/publish/STREAM"),
-         {}, CloseCode::kUnknownData);
+         {}, websocket::CloseCode::kUnknownData);
 }
 
 void Subscriber::subscribe(const control::Subscribe& request) {
-  const auto answer = [&](const Error& error) {
-    send(control::ErrorMessage{std::string(name_of(error.code)), error.message, request.stream});
-  };
+  const auto answer = [&](const Error& error) { send_error(error, request.stream); };
   if (auto ok = check_stream_name(request.stream); !ok) return answer(ok.error());
   if (auto may = grant().may_subscribe(request.stream); !may) return answer(may.error());
   const auto limit = static_cast<std::size_t>(context().config.limits.max_streams_per_connection);
@@ -67,34 +61,34 @@ void Subscriber::subscribe(const control::Subscribe& request) {
     return answer(fail(ErrorCode::kTooLarge, "this connection watches " + std::to_string(limit) +
                                                  " streams, the most that limits.max_streams_per_connection allows"));
   }
-  if (auto taken = watched ? Result<void>() : grant().take(Share::kStream); !taken) return answer(taken.error());
+  if (auto taken = watched ? Result<void>() : grant().take(Resource::kStream); !taken) return answer(taken.error());
   const auto stream = context().hub.open(request.stream);
   if (!stream) {
-    if (!watched) grant().give_back(Share::kStream);
+    if (!watched) grant().give_back(Resource::kStream);
     return answer(stream.error());
   }
   Watched& entry = streams_.try_emplace((*stream)->id(), Watched{*stream, Ladder(request.profile)}).first->second;
   if (auto watching = (*stream)->watch(*this, request.profile); !watching) {
     answer(watching.error());
-    if (watched) return;  // It goes on as it was.
+    if (watched) return;  // It keeps its former profile.
     streams_.erase((*stream)->id());
-    grant().give_back(Share::kStream);
-    return context().hub.left(**stream);
+    grant().give_back(Resource::kStream);
+    return context().hub.unwatched(**stream);
   }
   entry.ladder = Ladder(request.profile);
-  context().hub.owes(**stream);
+  context().hub.mark_dirty(**stream);
 }
 
 void Subscriber::unsubscribe(const control::Unsubscribe& request) {
   Stream* stream = context().hub.find(request.stream);
   if (stream == nullptr || streams_.erase(stream->id()) == 0) {
-    return send(
-        control::ErrorMessage{"not-found", "this connection does not watch '" + request.stream + "'", request.stream});
+    return send_error(fail(ErrorCode::kNotFound, "this connection does not watch '" + request.stream + "'"),
+                      request.stream);
   }
-  grant().give_back(Share::kStream);
+  grant().give_back(Resource::kStream);
   outbox().close_lane(stream->id());
   stream->unwatch(*this);
-  context().hub.left(*stream);
+  context().hub.unwatched(*stream);
 }
 
 void Subscriber::acknowledge(const control::Ack& ack) {
@@ -106,10 +100,6 @@ void Subscriber::on_stream_changed(const Stream& stream, bool restart) {
   send(stream.info_for(*this));
 }
 
-void Subscriber::on_frame(const Stream& stream, const FramePtr& frame) {
-  deliver(stream.id(), {&frame, 1});
-}
-
 void Subscriber::on_frames(const Stream& stream, std::span<const FramePtr> frames) {
   deliver(stream.id(), frames);
 }
@@ -119,10 +109,10 @@ void Subscriber::on_trace(const std::shared_ptr<const std::string>& text) {
 }
 
 void Subscriber::on_dismissed(Stream& stream, const Error& why) {
-  if (streams_.erase(stream.id()) != 0) grant().give_back(Share::kStream);
+  if (streams_.erase(stream.id()) != 0) grant().give_back(Resource::kStream);
   outbox().close_lane(stream.id());
   stream.unwatch(*this);
-  send(control::ErrorMessage{std::string(name_of(why.code)), why.message, stream.name()});
+  send_error(why, stream.name());
 }
 
 FramePtr Subscriber::join_of(std::uint32_t stream_id) {
@@ -135,14 +125,14 @@ void Subscriber::on_tick() {
   if (!is_closing() && context().config.frames.ladder) {
     for (auto& [id, watched] : streams_) step(*watched.stream, watched.ladder);
   }
-  flush();
+  schedule_write();
 }
 
 void Subscriber::step(Stream& stream, Ladder& ladder) {
-  const auto step = ladder.look(outbox().counts(stream.id()), stream.bands());
+  const auto step = ladder.check(outbox().counts(stream.id()), stream.bands());
   if (!step) return;
-  if (!stream.watch(*this, step->profile)) return ladder.stay();  // One profile more than the stream may have.
-  context().hub.owes(stream);
+  if (!stream.watch(*this, step->profile)) return ladder.stay();  // The stream has max_profiles already.
+  context().hub.mark_dirty(stream);
   ++(step->down ? context().counters.ladder_down : context().counters.ladder_up)[step->rung];
   send(control::Notice{stream.name(), step->why + "; set frames.ladder on the broker to change that", 0});
 }
@@ -153,7 +143,7 @@ void Subscriber::report_skipped() {
     context().counters.frames_skipped += skipped.frames;
     const auto found = streams_.find(skipped.stream_id);
     if (found == streams_.end()) continue;
-    // A notice is worth nothing to somebody who does not take what is queued already.
+    // A peer that does not read its queue gets no notice.
     if (outbox().control_messages() > 0) continue;
     send(control::Notice{found->second.stream->name(),
                          "skipped " + std::to_string(skipped.frames) +
@@ -168,7 +158,7 @@ void Subscriber::on_closed() {
   report_skipped();
   for (const auto& [id, watched] : std::exchange(streams_, {})) {
     watched.stream->unwatch(*this);
-    context().hub.left(*watched.stream);
+    context().hub.unwatched(*watched.stream);
   }
 }
 

@@ -15,15 +15,14 @@ namespace eigencast::broker {
 /// loop.
 class Subscriber final : public Watcher, public Connection {
  public:
-  /// first  the stream of the path, watched at once
+  /// first  the stream of the URL, watched at once
   Subscriber(Context& context, Transport transport, GrantPtr grant, std::optional<control::Subscribe> first);
 
   void on_stream_changed(const Stream& stream, bool restart) override;
-  void on_frame(const Stream& stream, const FramePtr& frame) override;
   void on_frames(const Stream& stream, std::span<const FramePtr> frames) override;
   void on_trace(const std::shared_ptr<const std::string>& text) override;
   void on_dismissed(Stream& stream, const Error& why) override;
-  void describe(ClientFacts& facts) const override;
+  void describe(ClientInfo& info) const override;
 
  private:
   void on_open() override;
@@ -31,7 +30,7 @@ class Subscriber final : public Watcher, public Connection {
   void on_binary(ByteView message) override;
   void on_closed() override;
   void on_tick() override;
-  /// Questions of a few bytes have answers of many.
+  /// Short requests have long answers.
   std::size_t read_bytes() const override { return 2048; }
   FramePtr join_of(std::uint32_t stream_id) override;
   std::string label() const override;
@@ -46,7 +45,7 @@ class Subscriber final : public Watcher, public Connection {
     Stream* stream;
     Ladder ladder;
   };
-  std::map<std::uint32_t, Watched> streams_;  ///< Of few streams a tree takes less memory than a table.
+  std::map<std::uint32_t, Watched> streams_;  ///< For few streams a tree takes less memory than a hash table.
   std::uint64_t joins_counted_ = 0;
 };
 

@@ -1,20 +1,18 @@
 // SPDX-License-Identifier: MIT
 #include "broker/http/asset_transfer.h"
 
+#include <strings.h>
 #include <unistd.h>
 
 #include <algorithm>
-#include <boost/beast/http/error.hpp>
 #include <cerrno>
 #include <system_error>
 
 #include "broker/http/http_target.h"
+#include "broker/storage/asset_store.h"
 
 namespace eigencast::broker {
 namespace {
-
-namespace http = beast::http;
-using Status = HttpConnection::Status;
 
 constexpr std::size_t kChunkBytes = 64 * 1024;
 constexpr std::int64_t kRetryAfterS = 60;
@@ -41,7 +39,7 @@ class Download : public std::enable_shared_from_this<Download> {
   Download& operator=(const Download&) = delete;
 
   void start(const Sha256& id) {
-    connection_->arm(context_.config.timeouts.transfer_ms);  // No longer that of the head: the disk may take its time.
+    connection_->arm(context_.config.timeouts.transfer_ms);  // Replaces the head's timeout.
     connection_->on_disk([&assets = context_.assets, id] { return assets.read(id); },
                          [self = shared_from_this(), id](Result<AssetStore::Object>& object) {
                            if (object) return self->answer(id, std::move(*object));
@@ -49,36 +47,37 @@ class Download : public std::enable_shared_from_this<Download> {
                            if (!missing) {
                              log(self->context_.log, LogLevel::kError, "download refused: " + object.error().message);
                            }
-                           self->connection_->answer_error(missing ? Status::not_found : Status::internal_server_error,
-                                                           object.error());
+                           self->connection_->answer_error(
+                               missing ? HttpStatus::kNotFound : HttpStatus::kInternalServerError, object.error());
                          });
   }
 
  private:
   void answer(const Sha256& id, AssetStore::Object object) {
     const std::string etag = "\"" + id.hex() + "\"";
-    // What not everybody may have must not come out of somebody else's cache.
+    // Shared caches must not serve restricted assets.
     const std::string scope = context_.gate.policy()->serves_everybody() ? "public" : "private";
     HttpHeaders headers = {
         {"ETag", etag}, {"Cache-Control", scope + ", max-age=31536000, immutable"}, {"Accept-Ranges", "bytes"}};
-    if (etag_matches(connection_->header(http::field::if_none_match), etag)) {
-      return connection_->answer(Status::not_modified, {}, std::move(headers));
+    if (etag_matches(connection_->header("If-None-Match"), etag)) {
+      return connection_->answer(HttpStatus::kNotModified, {}, std::move(headers));
     }
-    const std::string if_range = connection_->header(http::field::if_range);
+    const std::string if_range = connection_->header("If-Range");
     const bool ranged = if_range.empty() || if_range == etag;
-    const auto wanted =
-        ranged ? range_from_header(connection_->header(http::field::range), object.size) : RangeRequest{};
+    const auto wanted = ranged ? range_from_header(connection_->header("Range"), object.size) : RangeRequest{};
     const std::string size = std::to_string(object.size);
     if (wanted.kind == RangeRequest::Kind::kUnsatisfiable) {
       headers.emplace_back("Content-Range", "bytes */" + size);
-      return connection_->answer_error(Status::range_not_satisfiable,
+      return connection_->answer_error(HttpStatus::kRangeNotSatisfiable,
                                        fail(ErrorCode::kInvalidArgument, "the asset has " + size + " bytes"),
                                        std::move(headers));
     }
     const bool whole = wanted.kind == RangeRequest::Kind::kWhole;
     at_ = whole ? 0 : wanted.range.first;
     end_ = whole ? object.size : wanted.range.last + 1;
-    if (const auto taken = grant_.take_download(connection_->is_head() ? 0 : end_ - at_, steady_now_us()); !taken) {
+    if (const auto taken =
+            grant_.take_download(connection_->method() == HttpMethod::kHead ? 0 : end_ - at_, steady_now_us());
+        !taken) {
       return connection_->answer_denial({429, taken.error().message, kRetryAfterS, false});
     }
     if (!whole) {
@@ -87,30 +86,29 @@ class Download : public std::enable_shared_from_this<Download> {
     }
     ++context_.counters.downloads;
     object_ = std::move(object);
-    send_head(whole ? Status::ok : Status::partial_content, std::move(headers));
+    send_head(whole ? HttpStatus::kOk : HttpStatus::kPartialContent, std::move(headers));
   }
 
-  void send_head(Status status, HttpHeaders headers) {
+  void send_head(HttpStatus status, HttpHeaders headers) {
     headers.emplace_back("Content-Type", "application/octet-stream");
     headers.emplace_back("Content-Length", std::to_string(end_ - at_));
-    if (connection_->is_head()) end_ = at_;
+    if (connection_->method() == HttpMethod::kHead) end_ = at_;
     head_ = connection_->head_of(status, std::move(headers));
     connection_->arm(context_.config.timeouts.transfer_ms);
     connection_->send(asio::buffer(head_), [self = shared_from_this()] { self->send_chunk(); });
   }
 
   void send_chunk() {
-    if (at_ == end_) return connection_->finish(connection_->may_keep());
+    if (at_ == end_) return connection_->finish(connection_->can_keep_alive());
     chunk_.resize(std::min<std::uint64_t>(kChunkBytes, end_ - at_));
-    connection_->on_disk(
-        [this] { return read_at(object_->file.get(), at_, chunk_); },
-        [self = shared_from_this()](const Result<std::size_t>& count) {
-          if (!count) {  // The head promised more than the disk gives: only cutting the connection tells the peer.
-            log(self->context_.log, LogLevel::kError, count.error().message);
-            return self->connection_->close();
-          }
-          self->write_chunk(*count);
-        });
+    connection_->on_disk([this] { return read_at(object_->file.get(), at_, chunk_); },
+                         [self = shared_from_this()](const Result<std::size_t>& count) {
+                           if (!count) {  // The head is sent: only closing the connection signals the error.
+                             log(self->context_.log, LogLevel::kError, count.error().message);
+                             return self->connection_->close();
+                           }
+                           self->write_chunk(*count);
+                         });
   }
 
   void write_chunk(std::size_t count) {
@@ -157,23 +155,23 @@ class Upload : public std::enable_shared_from_this<Upload> {
  private:
   void begin_body() {
     chunk_.resize(kChunkBytes);
-    if (!beast::iequals(connection_->header(http::field::expect), "100-continue")) return read_body();
+    if (::strcasecmp(connection_->header("Expect").c_str(), "100-continue") != 0) return read_body();
     static constexpr std::string_view kContinue = "HTTP/1.1 100 Continue\r\n\r\n";
     connection_->send(asio::buffer(kContinue), [self = shared_from_this()] { self->read_body(); });
   }
 
   void read_body() {
-    if (connection_->parser().is_done()) return commit();
+    if (connection_->is_body_read()) return commit();
     connection_->arm(context_.config.timeouts.transfer_ms);
     connection_->read_body(
         chunk_, [self = shared_from_this()](ErrorOf error, std::size_t count) { self->on_body_read(error, count); });
   }
 
   void on_body_read(ErrorOf error, std::size_t count) {
-    if (error == http::error::body_limit) {
+    if (HttpConnection::is_body_limit(error)) {
       return fail_with(fail(ErrorCode::kTooLarge, "the body is over assets.max_object_bytes"));
     }
-    if (error) {  // Cut off in the middle: nobody is there to be told.
+    if (error) {  // The peer is gone: no answer.
       ++context_.counters.uploads_failed;
       const bool timed_out = error == asio::error::operation_aborted;
       log(context_.log, LogLevel::kWarning,
@@ -181,7 +179,7 @@ class Upload : public std::enable_shared_from_this<Upload> {
               (timed_out ? "nothing came for timeouts.transfer_ms" : error.message()));
       return connection_->close();
     }
-    if (!connection_->parser().content_length()) {  // Else it was counted at once.
+    if (!connection_->content_length()) {  // Bodies of known length were counted at once.
       if (auto taken = grant_.take_upload(count, steady_now_us()); !taken) return fail_with(taken.error());
     }
     context_.counters.upload_bytes += count;
@@ -198,7 +196,7 @@ class Upload : public std::enable_shared_from_this<Upload> {
                            if (!created) return self->fail_with(created.error());
                            self->end();
                            ++self->context_.counters.uploads;
-                           self->connection_->answer(*created ? Status::created : Status::ok, "{}\n");
+                           self->connection_->answer(*created ? HttpStatus::kCreated : HttpStatus::kOk, "{}\n");
                          });
   }
 
@@ -208,13 +206,13 @@ class Upload : public std::enable_shared_from_this<Upload> {
     log(context_.log, LogLevel::kWarning, "upload refused: " + error.message);
     switch (error.code) {
       case ErrorCode::kCorrupt:
-        return connection_->answer_error(Status::unprocessable_entity, error);
+        return connection_->answer_error(HttpStatus::kUnprocessableEntity, error);
       case ErrorCode::kTooLarge:
-        return connection_->answer_error(Status::payload_too_large, error);
+        return connection_->answer_error(HttpStatus::kPayloadTooLarge, error);
       case ErrorCode::kRefused:
         return connection_->answer_denial({429, error.message, kRetryAfterS, false});
       default:
-        return connection_->answer_error(Status::insufficient_storage, error);
+        return connection_->answer_error(HttpStatus::kInsufficientStorage, error);
     }
   }
 
@@ -239,11 +237,11 @@ void send_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
 
 void receive_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
   Context& context = connection.context();
-  if (const auto taken = grant.take_upload(connection.parser().content_length().value_or(0), steady_now_us()); !taken) {
+  if (const auto taken = grant.take_upload(connection.content_length().value_or(0), steady_now_us()); !taken) {
     return connection.answer_denial({429, taken.error().message, kRetryAfterS, false});
   }
   if (context.counters.uploads_now >= static_cast<std::uint64_t>(context.config.limits.max_uploads)) {
-    return connection.answer_error(Status::service_unavailable,
+    return connection.answer_error(HttpStatus::kServiceUnavailable,
                                    fail(ErrorCode::kRefused, "too many uploads at a time: try again"),
                                    {{"Retry-After", "1"}});
   }

@@ -4,35 +4,96 @@
 #include <algorithm>
 #include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/post.hpp>
+#include <boost/asio/thread_pool.hpp>
 #include <boost/asio/write.hpp>
+#include <boost/beast/core/flat_buffer.hpp>
+#include <boost/beast/http/buffer_body.hpp>
+#include <boost/beast/http/parser.hpp>
 #include <boost/beast/http/read.hpp>
+#include <boost/beast/websocket/rfc6455.hpp>
+#include <nlohmann/json.hpp>
 
-#include "broker/http/access_facts.h"
-#include "broker/http/http_target.h"
+#include "broker/http/access_request.h"
 
 namespace eigencast::broker {
 namespace {
 
+namespace beast = boost::beast;
 namespace http = beast::http;
 
 constexpr std::size_t kMaxHeadBytes = 16 * 1024;
-constexpr std::int64_t kLongestDrainMs = 2'000;
+constexpr std::int64_t kMaxDrainMs = 2'000;
 
-/// Errors of the parser: the peer speaks no HTTP. Not those of a peer that went away.
-bool is_no_http(ErrorOf error) {
+/// Parser errors, except those of a peer that went away.
+bool is_malformed_request(ErrorOf error) {
   return error.category() == http::make_error_code(http::error::end_of_stream).category() &&
          error != http::error::end_of_stream && error != http::error::partial_message;
 }
 
 }  // namespace
 
+struct HttpConnection::Wire {
+  beast::flat_buffer buffer;
+  std::optional<http::request_parser<http::buffer_body>> parser;
+};
+
 HttpConnection::HttpConnection(Context& context, Transport transport)
     : context_(context),
       transport_(std::move(transport)),
       timer_(context.loop.get_executor()),
+      wire_(std::make_unique<Wire>()),
       peer_(peer_of(transport_.socket())) {}
 
 HttpConnection::~HttpConnection() = default;
+
+HttpMethod HttpConnection::method() const {
+  switch (wire_->parser->get().method()) {
+    case http::verb::get:
+      return HttpMethod::kGet;
+    case http::verb::head:
+      return HttpMethod::kHead;
+    case http::verb::put:
+      return HttpMethod::kPut;
+    case http::verb::post:
+      return HttpMethod::kPost;
+    case http::verb::options:
+      return HttpMethod::kOptions;
+    default:
+      return HttpMethod::kOther;
+  }
+}
+
+std::string_view HttpConnection::target() const {
+  return wire_->parser->get().target();
+}
+
+std::string HttpConnection::header(std::string_view name) const {
+  return std::string(wire_->parser->get()[name]);
+}
+
+std::string HttpConnection::joined_headers(std::string_view name) const {
+  std::string all;
+  const auto range = wire_->parser->get().equal_range(name);
+  for (auto it = range.first; it != range.second; ++it) all.append(all.empty() ? "" : ",").append(it->value());
+  return all;
+}
+
+std::optional<std::uint64_t> HttpConnection::content_length() const {
+  const auto length = wire_->parser->content_length();
+  return length ? std::optional<std::uint64_t>(*length) : std::nullopt;
+}
+
+bool HttpConnection::is_websocket_upgrade() const {
+  return beast::websocket::is_upgrade(wire_->parser->get()) && wire_->buffer.size() == 0;
+}
+
+bool HttpConnection::is_body_read() const {
+  return wire_->parser->is_done();
+}
+
+bool HttpConnection::is_body_limit(ErrorOf error) {
+  return error == http::error::body_limit;
+}
 
 void HttpConnection::arm(std::int64_t timeout_ms) {
   timer_.expires_after(std::chrono::milliseconds(timeout_ms));
@@ -51,39 +112,40 @@ void HttpConnection::start() {
   arm(limits().head_ms);
   transport_.async_handshake([self = shared_from_this()](ErrorOf error) {
     if (!error) return self->read_head();
-    // A close with unread bytes would reset away the alert that says what was wrong.
+    // Closing with unread bytes sends a reset, which would discard the TLS alert.
     self->transport_.end_writing();
     self->drain_socket();
   });
 }
 
 void HttpConnection::read_head() {
-  parser_.emplace();
-  parser_->header_limit(kMaxHeadBytes);
-  parser_->body_limit(limits().body_bytes);
+  auto& parser = wire_->parser.emplace();
+  parser.header_limit(kMaxHeadBytes);
+  parser.body_limit(limits().body_bytes);
   arm(limits().head_ms);
-  http::async_read_header(transport_, buffer_, *parser_, [self = shared_from_this()](ErrorOf error, std::size_t) {
+  http::async_read_header(transport_, wire_->buffer, parser, [self = shared_from_this()](ErrorOf error, std::size_t) {
     if (!error) return self->on_head();
-    if (error == http::error::body_limit) {
-      return self->answer_error(Status::payload_too_large, fail(ErrorCode::kTooLarge, std::string("the body is over ") +
-                                                                                          self->limits().body_limit));
+    const auto answer = [&](HttpStatus status, ErrorCode code, const std::string& why) {
+      self->answer_error(status, fail(code, why));
+    };
+    if (is_body_limit(error)) {
+      return answer(HttpStatus::kPayloadTooLarge, ErrorCode::kTooLarge,
+                    std::string("the body is over ") + self->limits().body_limit);
     }
     if (error == http::error::header_limit) {
-      return self->answer_error(Status::request_header_fields_too_large,
-                                fail(ErrorCode::kTooLarge, "the request head is over 16 KiB"));
+      return answer(HttpStatus::kHeaderFieldsTooLarge, ErrorCode::kTooLarge, "the request head is over 16 KiB");
     }
-    if (is_no_http(error)) {
-      return self->answer_error(Status::bad_request,
-                                fail(ErrorCode::kCorrupt, "not an HTTP request: " + error.message()));
+    if (is_malformed_request(error)) {
+      return answer(HttpStatus::kBadRequest, ErrorCode::kCorrupt, "not an HTTP request: " + error.message());
     }
     self->close();
   });
 }
 
-bool HttpConnection::may_keep() const {
-  const bool body_unread = !parser_->is_header_done() ||
-                           (!parser_->is_done() && (parser_->content_length().value_or(0) > 0 || parser_->chunked()));
-  return !body_unread && limits().keeps && parser_->get().keep_alive();
+bool HttpConnection::can_keep_alive() const {
+  const auto& parser = *wire_->parser;
+  if (!parser.is_header_done() || !limits().keeps || !parser.get().keep_alive()) return false;
+  return parser.is_done() || (parser.content_length().value_or(0) == 0 && !parser.chunked());
 }
 
 void HttpConnection::answer_denial(const Denial& denial) {
@@ -95,35 +157,34 @@ void HttpConnection::answer_denial(const Denial& denial) {
                                                                  : "Bearer realm=\"eigencast\"");
   }
   if (denial.retry_after_s > 0) headers.emplace_back("Retry-After", std::to_string(denial.retry_after_s));
-  answer_error(static_cast<Status>(denial.status), fail(ErrorCode::kRefused, denial.message), std::move(headers));
+  answer_error(static_cast<HttpStatus>(denial.status), fail(ErrorCode::kRefused, denial.message), std::move(headers));
 }
 
-void HttpConnection::answer_error(Status status, const Error& error, HttpHeaders headers) {
-  std::string body =
-      "{\"error\":" + json_quoted(name_of(error.code)) + ",\"message\":" + json_quoted(error.message) + "}\n";
-  answer(status, std::move(body), std::move(headers));
+void HttpConnection::answer_error(HttpStatus status, const Error& error, HttpHeaders headers) {
+  const nlohmann::ordered_json body{{"error", name_of(error.code)}, {"message", error.message}};
+  answer(status, body.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n", std::move(headers));
 }
 
-void HttpConnection::answer(Status status, std::string body, HttpHeaders headers) {
-  const bool keep = may_keep();
-  const bool bodiless = status == Status::not_modified || status == Status::no_content;
+void HttpConnection::answer(HttpStatus status, std::string body, HttpHeaders headers) {
+  const bool keep = can_keep_alive();
+  const bool bodiless = status == HttpStatus::kNotModified || status == HttpStatus::kNoContent;
   const auto is_type = [](const auto& field) { return field.first == "Content-Type"; };
   if (!body.empty() && std::none_of(headers.begin(), headers.end(), is_type)) {
     headers.emplace_back("Content-Type", "application/json");
   }
   if (!bodiless) headers.emplace_back("Content-Length", std::to_string(body.size()));
   const auto text = std::make_shared<std::string>(head_of(status, std::move(headers)));
-  if (!bodiless && !is_head()) *text += body;
+  if (!bodiless && method() != HttpMethod::kHead) *text += body;
   arm(limits().transfer_ms);
   send(asio::buffer(*text), [this, text, keep] { finish(keep); });
 }
 
-std::string HttpConnection::head_of(Status status, HttpHeaders headers) {
+std::string HttpConnection::head_of(HttpStatus status, HttpHeaders headers) {
   decorate(headers);
-  if (!may_keep()) headers.emplace_back("Connection", "close");
-  const auto reason = http::obsolete_reason(status);
+  if (!can_keep_alive()) headers.emplace_back("Connection", "close");
+  const auto reason = http::obsolete_reason(static_cast<http::status>(status));
   std::string text = "HTTP/1.1 " + std::to_string(static_cast<unsigned>(status)) + " ";
-  text.append(reason.data(), reason.size()).append("\r\n");
+  text.append(reason).append("\r\n");
   for (const auto& [name, value] : headers) text.append(name).append(": ").append(value).append("\r\n");
   return text + "\r\n";
 }
@@ -136,12 +197,12 @@ void HttpConnection::send(asio::const_buffer bytes, std::function<void()> then) 
 }
 
 void HttpConnection::read_body(std::span<std::uint8_t> into, std::function<void(ErrorOf, std::size_t)> then) {
-  auto& body = parser_->get().body();
+  auto& body = wire_->parser->get().body();
   body.data = into.data();
   body.size = into.size();
-  http::async_read(transport_, buffer_, *parser_,
-                   [self = shared_from_this(), most = into.size(), then = std::move(then)](ErrorOf error, std::size_t) {
-                     const std::size_t count = most - self->parser_->get().body().size;
+  http::async_read(transport_, wire_->buffer, *wire_->parser,
+                   [self = shared_from_this(), size = into.size(), then = std::move(then)](ErrorOf error, std::size_t) {
+                     const std::size_t count = size - self->wire_->parser->get().body().size;
                      then(error == http::error::need_buffer ? ErrorOf() : error, count);
                    });
 }
@@ -152,16 +213,16 @@ void HttpConnection::do_on_disk(std::function<void()> work, std::function<void()
     work();
     work = nullptr;
     asio::io_context& loop = self->context_.loop;
-    // The connection goes along and comes back: it must not end on the disk's thread.
+    // The connection must not be destroyed on the disk's thread.
     asio::post(loop, [self = std::move(self), then = std::move(then)] { then(); });
   });
 }
 
 void HttpConnection::finish(bool keep) {
   if (keep) return read_head();
-  // Half-close, then read what still comes for a while: a close with unread bytes would reset the answer away.
+  // Half-close, then drain for a while: closing with unread bytes sends a reset, which would discard the answer.
   transport_.end_writing();
-  arm(std::min(limits().transfer_ms, kLongestDrainMs));
+  arm(std::min(limits().transfer_ms, kMaxDrainMs));
   drain();
 }
 

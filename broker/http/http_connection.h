@@ -2,9 +2,6 @@
 #pragma once
 
 #include <boost/asio/buffer.hpp>
-#include <boost/beast/core/flat_buffer.hpp>
-#include <boost/beast/http/buffer_body.hpp>
-#include <boost/beast/http/parser.hpp>
 #include <exception>
 #include <functional>
 #include <memory>
@@ -16,22 +13,42 @@
 #include <vector>
 
 #include "broker/access/gate.h"
-#include "broker/context.h"
+#include "broker/context/context.h"
+#include "broker/sockets/transport.h"
 
 namespace eigencast::broker {
 
-/// Fields of an answer's head, by name.
+enum class HttpMethod : std::uint8_t { kGet, kHead, kPut, kPost, kOptions, kOther };
+
+/// Status codes of this broker's answers.
+enum class HttpStatus : std::uint16_t {
+  kOk = 200,
+  kCreated = 201,
+  kNoContent = 204,
+  kPartialContent = 206,
+  kNotModified = 304,
+  kBadRequest = 400,
+  kForbidden = 403,
+  kNotFound = 404,
+  kMethodNotAllowed = 405,
+  kConflict = 409,
+  kPayloadTooLarge = 413,
+  kRangeNotSatisfiable = 416,
+  kUnprocessableEntity = 422,
+  kUpgradeRequired = 426,
+  kHeaderFieldsTooLarge = 431,
+  kInternalServerError = 500,
+  kServiceUnavailable = 503,
+  kInsufficientStorage = 507,
+};
+
+/// Header fields of an answer.
 using HttpHeaders = std::vector<std::pair<std::string_view, std::string>>;
 
-/// One HTTP/1.1 connection as far as it is bytes and time: the TLS handshake, one request head after the other,
-/// answers, and a close that loses none of them. What is answered, on_head() decides. Kept alive by its pending
-/// operations. Belongs to the first event loop. All of Beast's reading and writing is in its .cpp: it takes long to
-/// compile.
+/// One HTTP/1.1 connection: TLS handshake, request heads one after the other, answers, and a close that loses no answer. Subclasses answer in on_head(). Kept alive by its pending operations. Belongs to the first event loop.
+/// Only its .cpp includes Boost.Beast, which takes long to compile.
 class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
  public:
-  using Status = beast::http::status;
-  using Parser = beast::http::request_parser<beast::http::buffer_body>;
-
   virtual ~HttpConnection();
   HttpConnection(const HttpConnection&) = delete;
   HttpConnection& operator=(const HttpConnection&) = delete;
@@ -40,40 +57,48 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   Context& context() { return context_; }
   Transport& transport() { return transport_; }
   const IpAddress& peer() const { return peer_; }
-  /// Of the request at hand, and the bytes that were read behind its head.
-  Parser& parser() { return *parser_; }
-  beast::flat_buffer& buffer() { return buffer_; }
-  std::string header(beast::http::field field) const { return std::string(parser_->get()[field]); }
-  bool is_head() const { return parser_->get().method() == beast::http::verb::head; }
-  /// GET or HEAD.
-  bool reads() const { return is_head() || parser_->get().method() == beast::http::verb::get; }
-  /// Whether another request may follow on this connection. Not with body bytes of this one unread: they would be
-  /// taken for the next request.
-  bool may_keep() const;
 
-  /// Sends a whole answer; then comes the next request, or the end. A body is JSON unless `headers` say what it is.
-  void answer(Status status, std::string body, HttpHeaders headers = {});
-  void answer_error(Status status, const Error& error, HttpHeaders headers = {});
+  // The current request.
+
+  HttpMethod method() const;
+  /// Whether the method is GET or HEAD.
+  bool reads() const { return method() == HttpMethod::kGet || method() == HttpMethod::kHead; }
+  std::string_view target() const;
+  /// The first field of that name; empty if there is none.
+  std::string header(std::string_view name) const;
+  /// All fields of that name in order, joined by commas.
+  std::string joined_headers(std::string_view name) const;
+  std::optional<std::uint64_t> content_length() const;
+  /// Whether it asks for a WebSocket (RFC 6455, 4.2.1) and waits for the answer before it sends more.
+  bool is_websocket_upgrade() const;
+  bool is_body_read() const;
+  /// Whether another request may follow on this connection. Unread body bytes would be taken for the next request.
+  bool can_keep_alive() const;
+
+  /// Sends a whole answer, then reads the next request or closes. The body is JSON unless `headers` say otherwise.
+  void answer(HttpStatus status, std::string body, HttpHeaders headers = {});
+  void answer_error(HttpStatus status, const Error& error, HttpHeaders headers = {});
   void answer_denial(const Denial& denial);
 
-  // For those who send or read a body piece by piece.
+  // For bodies that are sent or read piece by piece.
 
   /// The head of an answer: `headers`, and what every answer carries.
-  std::string head_of(Status status, HttpHeaders headers);
-  /// Sends `bytes`, which the caller keeps, then goes on with `then`. If it cannot, the connection ends.
+  std::string head_of(HttpStatus status, HttpHeaders headers);
+  /// Sends `bytes`, which the caller keeps, then calls `then`. Closes the connection on failure.
   void send(asio::const_buffer bytes, std::function<void()> then);
-  /// Reads the body's next bytes until `into` is full or the body has ended; `then` is told how many. REQUIRES: the
-  /// parser is not done.
+  /// Reads the body's next bytes until `into` is full or the body has ended, then calls `then` with their number.
+  /// REQUIRES: !is_body_read().
   void read_body(std::span<std::uint8_t> into, std::function<void(ErrorOf, std::size_t)> then);
-  /// From now on, nothing but close() may take longer than this.
+  static bool is_body_limit(ErrorOf error);
+  /// Closes the connection after `timeout_ms` unless called again.
   void arm(std::int64_t timeout_ms);
   void disarm() { timer_.cancel(); }
-  /// The answer is sent: on to the next request if `keep`, else the end.
+  /// Ends an answer: reads the next request if `keep`, else closes.
   void finish(bool keep);
   void close();
-  /// Does `work`, which gives a Result, on the disk's threads, then `then` with it on the loop: no read or write of a
-  /// file ever holds up a frame. The connection lives on meanwhile. What must not end on the disk's threads, `then`
-  /// holds, not `work`. Both can be copied.
+  /// Runs `work`, which returns a Result, on the disk's threads, then `then` with the result on the loop, so that no
+  /// file access delays a frame. Keeps the connection alive. Objects that must not end on the disk's threads belong
+  /// into `then`, not into `work`. Both are copyable.
   template <typename Work, typename Then>
   void on_disk(Work work, Then then) {
     const auto outcome = std::make_shared<std::optional<decltype(work())>>();
@@ -82,26 +107,27 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   }
 
  protected:
-  /// What requests may take.
+  /// Bounds of a request.
   struct Limits {
-    std::int64_t head_ms = 0;      ///< Until a whole head has come.
-    std::int64_t transfer_ms = 0;  ///< Until an answer has left.
+    std::int64_t head_ms = 0;      ///< Until the head is complete.
+    std::int64_t transfer_ms = 0;  ///< Until an answer is sent.
     std::uint64_t body_bytes = 0;
-    const char* body_limit = "";  ///< The name of that limit.
-    bool keeps = true;            ///< Whether a request may follow another.
+    const char* body_limit = "";  ///< The setting's name, for messages.
+    bool keeps = true;            ///< Whether a connection serves several requests.
   };
 
   HttpConnection(Context& context, Transport transport);
-  /// Asked for each request.
+  /// Called for each request.
   virtual Limits limits() const = 0;
-  /// A request's head has come: answer it.
+  /// Answers the request whose head is complete.
   virtual void on_head() = 0;
-  /// Adds what every answer carries.
+  /// Adds the headers that every answer carries.
   virtual void decorate(HttpHeaders& headers) const = 0;
   const Context& context() const { return context_; }
-  const Parser& parser() const { return *parser_; }
 
  private:
+  struct Wire;
+
   /// An exception on the disk's threads would end the broker.
   template <typename Work>
   static auto guarded(Work& work) -> decltype(work()) {
@@ -120,8 +146,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   Context& context_;
   Transport transport_;
   Timer timer_;
-  beast::flat_buffer buffer_;
-  std::optional<Parser> parser_;
+  std::unique_ptr<Wire> wire_;
   IpAddress peer_;
   std::vector<std::uint8_t> drained_;
 };

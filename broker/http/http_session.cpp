@@ -2,39 +2,38 @@
 #include "broker/http/http_session.h"
 
 #include <ctime>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "broker/connections/echo.h"
 #include "broker/connections/publisher.h"
 #include "broker/connections/subscriber.h"
-#include "broker/http/access_facts.h"
+#include "broker/http/access_request.h"
 #include "broker/http/asset_transfer.h"
 #include "broker/http/upgrade_request.h"
-#include "broker/loops.h"
+#include "broker/loops/loops.h"
+#include "broker/relay/hub.h"
 #include "broker/websocket/upgrade.h"
 
 namespace eigencast::broker {
 namespace {
 
-namespace http = beast::http;
-
-std::string json_of(const Stream& stream) {
-  std::string json = "{\"stream\":" + json_quoted(stream.name());
-  json += ",\"stream_id\":" + std::to_string(stream.id());
-  json += ",\"state\":" + json_quoted(name_of(stream.state()));
-  json += ",\"epoch\":" + std::to_string(stream.epoch());
-  json += ",\"asset\":" + json_quoted(stream.asset());
-  json += ",\"key_rate_hz\":" + std::to_string(stream.key_rate_hz());
-  json += ",\"keys_received\":" + std::to_string(stream.keys_received());
-  json += ",\"subscribers\":" + std::to_string(stream.watchers()) + "}";
-  return json;
+nlohmann::ordered_json json_of(const Stream& stream) {
+  return {{"stream", stream.name()},
+          {"stream_id", stream.id()},
+          {"state", name_of(stream.state())},
+          {"epoch", stream.epoch()},
+          {"asset", stream.asset()},
+          {"key_rate_hz", stream.key_rate_hz()},
+          {"keys_received", stream.keys_received()},
+          {"subscribers", stream.watchers()}};
 }
 
 }  // namespace
 
 HttpSession::HttpSession(Context& context, Transport transport)
     : HttpConnection(context, std::move(transport)),
-      seat_(context.open),
+      counted_(context.connection_count),
       grant_(context.gate.accept(peer(), steady_now_us())) {
   ++context.counters.connections_total;
 }
@@ -46,24 +45,22 @@ HttpConnection::Limits HttpSession::limits() const {
 }
 
 void HttpSession::decorate(HttpHeaders& headers) const {
-  const std::string origin = header(http::field::origin);
+  const std::string origin = header("Origin");
   if (origin.empty()) return;
   headers.emplace_back("Vary", "Origin");
-  if (!context().gate.policy()->allows_origin(access_request_from(parser().get(), peer(), {}))) return;
+  if (!context().gate.policy()->allows_origin(access_request_from(*this, {}))) return;
   headers.emplace_back("Access-Control-Allow-Origin", origin);
   headers.emplace_back("Access-Control-Expose-Headers", "Accept-Ranges, Content-Range, ETag, Retry-After");
 }
 
 void HttpSession::on_head() {
-  const auto& request = parser().get();
-  const auto target = target_from_text(std::string_view(request.target().data(), request.target().size()),
-                                       context().config.proxy.path_prefix);
-  if (!target) {
-    const bool missing = target.error().code == ErrorCode::kNotFound;
-    return answer_error(missing ? Status::not_found : Status::bad_request, target.error());
+  const auto parsed = target_from_text(target(), context().config.proxy.path_prefix);
+  if (!parsed) {
+    const bool missing = parsed.error().code == ErrorCode::kNotFound;
+    return answer_error(missing ? HttpStatus::kNotFound : HttpStatus::kBadRequest, parsed.error());
   }
-  if (request.method() == http::verb::options) return answer_preflight();
-  if (admit(*target)) serve(*target);
+  if (method() == HttpMethod::kOptions) return answer_preflight();
+  if (admit(*parsed)) serve(*parsed);
 }
 
 bool HttpSession::admit(const Target& target) {
@@ -71,15 +68,14 @@ bool HttpSession::admit(const Target& target) {
     answer_denial({429, "too many connections from this address (per_address.connections)", 1, false});
     return false;
   }
-  auto admitted = context().gate.admit(access_request_from(parser().get(), peer(), target.token), steady_now_us(),
-                                       std::time(nullptr));
+  auto admitted = context().gate.admit(access_request_from(*this, target.token), steady_now_us(), std::time(nullptr));
   if (const auto* denied = std::get_if<Denial>(&admitted)) {
     answer_denial(*denied);
     return false;
   }
-  grant_.reset();  // First: it counts as a connection of the same address.
+  grant_.reset();  // First: it counts towards the same limit.
   grant_ = std::move(std::get<GrantPtr>(admitted));
-  if (const auto taken = grant_->take(Share::kConnection); !taken) {
+  if (const auto taken = grant_->take(Resource::kConnection); !taken) {
     answer_denial({429, taken.error().message, 1, false});
     return false;
   }
@@ -87,7 +83,7 @@ bool HttpSession::admit(const Target& target) {
 }
 
 void HttpSession::answer_preflight() {
-  answer(Status::no_content, {},
+  answer(HttpStatus::kNoContent, {},
          {{"Access-Control-Allow-Methods", "GET, HEAD, PUT"},
           {"Access-Control-Allow-Headers", "Authorization, Content-Type, If-None-Match, If-Range, Range"},
           {"Access-Control-Max-Age", "600"}});
@@ -101,12 +97,13 @@ void HttpSession::serve(const Target& target) {
       return upgrade(target);
     case Target::Kind::kStreams:
       if (reads()) return serve_streams();
-      return answer_error(Status::method_not_allowed,
+      return answer_error(HttpStatus::kMethodNotAllowed,
                           fail(ErrorCode::kUnsupported, "the stream list is read by GET or HEAD"),
                           {{"Allow", "GET, HEAD"}});
     case Target::Kind::kAsset: {
-      if (!reads() && parser().get().method() != http::verb::put) {
-        return answer_error(Status::method_not_allowed, fail(ErrorCode::kUnsupported, "assets take GET, HEAD and PUT"),
+      if (!reads() && method() != HttpMethod::kPut) {
+        return answer_error(HttpStatus::kMethodNotAllowed,
+                            fail(ErrorCode::kUnsupported, "assets take GET, HEAD and PUT"),
                             {{"Allow", "GET, HEAD, PUT"}});
       }
       if (const auto may = reads() ? grant_->may_fetch_assets() : grant_->may_store_assets(); !may) {
@@ -119,33 +116,31 @@ void HttpSession::serve(const Target& target) {
 }
 
 void HttpSession::serve_streams() {
-  std::string json = "{\"streams\":[";
+  auto list = nlohmann::ordered_json::array();
   for (const Stream* stream : context().hub.streams()) {
-    if (!grant_->may_see(stream->name())) continue;
-    if (json.back() != '[') json += ',';
-    json += json_of(*stream);
+    if (grant_->may_see(stream->name())) list.push_back(json_of(*stream));
   }
-  answer(Status::ok, json + "]}\n", {{"Cache-Control", "no-store"}});
+  answer(HttpStatus::kOk, nlohmann::ordered_json{{"streams", list}}.dump() + "\n", {{"Cache-Control", "no-store"}});
 }
 
 void HttpSession::upgrade(const Target& target) {
   const bool echoes = target.kind == Target::Kind::kEcho;
-  // Before the rest, so that who asks without an upgrade learns whether they may (docs/protocol.md, section 9).
+  // First, so that a request without an upgrade reports missing rights (docs/protocol.md, section 9).
   if (!echoes && !may_begin(target)) return;
-  if (auto fault = fault_of_upgrade(parser().get(), buffer().size() > 0, echoes)) {
+  if (auto fault = fault_of_upgrade(*this, echoes)) {
     return answer_error(fault->status, fault->error, std::move(fault->headers));
   }
 #ifdef EIGENCAST_TEST_ENDPOINTS
   if (echoes) {
     disarm();
     return std::make_shared<Echo>(context(), std::move(transport()), std::move(grant_))
-        ->start(websocket::upgrade_answer(header(http::field::sec_websocket_key), {}, "eigencast-broker"));
+        ->start(websocket::upgrade_answer(header("Sec-WebSocket-Key"), {}, "eigencast-broker"));
   }
 #endif
   if (target.kind == Target::Kind::kPublish) return publish(target.name);
   if (target.name.empty()) return subscribe({});
   const auto profile = profile_from_query(target.query);
-  if (!profile) return answer_error(Status::bad_request, profile.error());
+  if (!profile) return answer_error(HttpStatus::kBadRequest, profile.error());
   subscribe(control::Subscribe{target.name, *profile});
 }
 
@@ -158,19 +153,19 @@ bool HttpSession::may_begin(const Target& target) {
     return false;
   }
   if (context().draining) {
-    answer_error(Status::service_unavailable, fail(ErrorCode::kRefused, "the broker is stopping"));
+    answer_error(HttpStatus::kServiceUnavailable, fail(ErrorCode::kRefused, "the broker is stopping"));
     return false;
   }
   return true;
 }
 
 std::string HttpSession::upgrade_answer() {
-  return websocket::upgrade_answer(header(http::field::sec_websocket_key), control::kSubprotocol,
+  return websocket::upgrade_answer(header("Sec-WebSocket-Key"), control::kSubprotocol,
                                    "eigencast-broker/" + context().version);
 }
 
 void HttpSession::publish(const std::string& stream) {
-  if (const auto taken = grant_->take(Share::kPublisher); !taken) {
+  if (const auto taken = grant_->take(Resource::kPublisher); !taken) {
     return answer_denial({429, taken.error().message, 1, false});
   }
   disarm();
@@ -186,8 +181,8 @@ void HttpSession::subscribe(std::optional<control::Subscribe> first) {
     return std::make_shared<Subscriber>(there, std::move(transport()), std::move(grant_), std::move(first))
         ->start(std::move(answer));
   }
-  asio::post(there.loop, [&there, seat = Seat(there.open), transport = transport().detach(), grant = std::move(grant_),
-                          first = std::move(first), answer = std::move(answer)]() mutable {
+  asio::post(there.loop, [&there, counted = ConnectionCount(there.connection_count), transport = transport().detach(),
+                          grant = std::move(grant_), first = std::move(first), answer = std::move(answer)]() mutable {
     std::make_shared<Subscriber>(there, Transport(there.loop, std::move(transport)), std::move(grant), std::move(first))
         ->start(std::move(answer));
   });

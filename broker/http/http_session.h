@@ -3,11 +3,12 @@
 
 #include "broker/http/http_connection.h"
 #include "broker/http/http_target.h"
+#include "common/wire/control.h"
 
 namespace eigencast::broker {
 
-/// What the data port answers: who may come in, assets, the stream list, and upgrades, which hand the socket on: a
-/// viewer's to the loop with the fewest connections.
+/// Serves the data port: access, assets, the stream list, and WebSocket upgrades, which move the socket to a Publisher or
+/// Subscriber, a viewer's to the loop with the fewest connections.
 class HttpSession final : public HttpConnection {
  public:
   HttpSession(Context& context, Transport transport);
@@ -16,21 +17,21 @@ class HttpSession final : public HttpConnection {
   Limits limits() const override;
   void on_head() override;
   void decorate(HttpHeaders& headers) const override;
-  /// Who asks; false: it was answered that they may not come in.
+  /// Identifies the client; false: answered with a refusal.
   bool admit(const Target& target);
   void serve(const Target& target);
   void answer_preflight();
   void serve_streams();
   void upgrade(const Target& target);
-  /// Hands the socket on; `first` is the stream of a subscriber's URL.
+  /// Moves the socket to a Publisher or Subscriber; `first` is the stream of a subscriber's URL.
   void publish(const std::string& stream);
   void subscribe(std::optional<control::Subscribe> first);
-  /// Whether this WebSocket may begin; else it is answered why not.
+  /// Whether this WebSocket may begin; false: answered with a refusal.
   bool may_begin(const Target& target);
   std::string upgrade_answer();
 
-  Seat seat_;
-  GrantPtr grant_;  ///< Of the connection at first, then of who sent the latest request. Null: too many connections.
+  ConnectionCount counted_;
+  GrantPtr grant_;  ///< The connection's at first, then the latest requester's. Null: too many connections.
 };
 
 }  // namespace eigencast::broker

@@ -43,14 +43,11 @@ Result<Target> target_from_path(std::string_view path) {
               "there is nothing here; see /v1/streams, /v1/assets/SHA256, /v1/publish/STREAM, /v1/subscribe/STREAM");
 }
 
-/// Splits the token off the rest of a query, so that nothing that reads or logs the rest meets it. Tokens consist of
-/// characters that need no percent-encoding.
+/// Splits the token from the query, so that the query can be logged. Tokens need no percent-encoding.
 Result<void> take_query(std::string_view query, Target& target) {
   constexpr std::string_view kToken = "access_token=";
-  while (!query.empty()) {
-    const auto end = std::min(query.find('&'), query.size());
-    const std::string_view parameter = query.substr(0, end);
-    query.remove_prefix(std::min(end + 1, query.size()));
+  for (const std::string_view parameter : split(query, '&')) {
+    if (parameter.empty()) continue;
     if (!parameter.starts_with(kToken)) {
       if (!target.query.empty()) target.query += '&';
       target.query += parameter;
@@ -103,34 +100,12 @@ RangeRequest range_from_header(std::string_view header, std::uint64_t size) {
 }
 
 bool etag_matches(std::string_view header, std::string_view etag) {
-  while (!header.empty()) {
-    const auto comma = header.find(',');
-    std::string_view one = trimmed(header.substr(0, comma));
-    if (one.starts_with("W/")) one.remove_prefix(2);
-    if (one == etag || one == "*") return true;
-    if (comma == std::string_view::npos) break;
-    header.remove_prefix(comma + 1);
-  }
-  return false;
-}
-
-std::string json_quoted(std::string_view text) {
-  constexpr std::string_view kHex = "0123456789abcdef";
-  std::string out = "\"";
-  for (const char c : text) {
-    const auto byte = static_cast<unsigned char>(c);
-    if (c == '"' || c == '\\') {
-      out += '\\';
-      out += c;
-    } else if (byte < 0x20) {
-      out += "\\u00";
-      out += kHex[byte >> 4];
-      out += kHex[byte & 15];
-    } else {
-      out += c;
-    }
-  }
-  return out + "\"";
+  const auto parts = split(header, ',');
+  return std::any_of(parts.begin(), parts.end(), [&](std::string_view part) {
+    part = trimmed(part);
+    if (part.starts_with("W/")) part.remove_prefix(2);
+    return part == etag || part == "*";
+  });
 }
 
 }  // namespace eigencast::broker

@@ -10,7 +10,7 @@
 
 namespace eigencast::broker {
 
-/// What a request target of the data port names.
+/// A parsed request target of the data port.
 struct Target {
   enum class Kind { kStreams, kAsset, kPublish, kSubscribe, kEcho };
   Kind kind = Kind::kStreams;  ///< kEcho: builds with EIGENCAST_TEST_ENDPOINTS only.
@@ -19,8 +19,8 @@ struct Target {
   std::string token;           ///< access_token of the query; empty: none.
 };
 
-/// Takes a request target apart, with or without `prefix` (that a proxy left) before it. Safe on hostile input.
-/// Errors: kNotFound (no such path), kInvalidArgument (a stream name or hash that is none, two tokens).
+/// Parses a request target, with or without the `prefix` that a proxy left in it. Safe on hostile input.
+/// Errors: kNotFound (no such path), kInvalidArgument (an invalid stream name or hash, two tokens).
 Result<Target> target_from_text(std::string_view text, std::string_view prefix = {});
 
 /// The bytes [first, last] of a range request.
@@ -29,21 +29,17 @@ struct ByteRange {
   std::uint64_t last = 0;
 };
 
-/// What a Range header asks of an object of `size` bytes.
+/// A Range header applied to an object's size.
 struct RangeRequest {
   enum class Kind { kWhole, kPart, kUnsatisfiable };
   Kind kind = Kind::kWhole;
-  ByteRange range;  ///< Of kPart.
+  ByteRange range;  ///< For kPart.
 };
 
-/// Reads a Range header. One range is served; several, other units and malformed ones are ignored, as RFC 9110 14.2
-/// allows.
+/// Parses a Range header. Several ranges, other units and malformed headers are ignored, as RFC 9110 14.2 allows.
 RangeRequest range_from_header(std::string_view header, std::uint64_t size);
 
-/// Whether an If-None-Match header names this entity tag (given with its quotes), or any by "*".
+/// Whether an If-None-Match header matches this entity tag (with its quotes).
 bool etag_matches(std::string_view header, std::string_view etag);
-
-/// `text` as a JSON string with its quotes.
-std::string json_quoted(std::string_view text);
 
 }  // namespace eigencast::broker

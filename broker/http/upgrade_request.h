@@ -7,17 +7,16 @@
 
 namespace eigencast::broker {
 
-/// The answer to an upgrade that cannot be.
+/// The answer to an upgrade that is refused.
 struct UpgradeFault {
-  HttpConnection::Status status;
+  HttpStatus status;
   Error error;
   HttpHeaders headers = {};
 };
 
-/// What `request` lacks to become a WebSocket of this broker (RFC 6455, 4.2.1); nothing: it can. Safe on hostile input.
-///   more         bytes were sent behind the head, before the answer
+/// What the current request lacks to become a WebSocket of this broker (RFC 6455, 4.2.1); nothing: it is complete. Safe
+/// on hostile input.
 ///   any_protocol whether it need not offer our subprotocol
-std::optional<UpgradeFault> fault_of_upgrade(const HttpConnection::Parser::value_type& request, bool more,
-                                             bool any_protocol);
+std::optional<UpgradeFault> fault_of_upgrade(const HttpConnection& connection, bool any_protocol);
 
 }  // namespace eigencast::broker

@@ -10,22 +10,22 @@
 
 #include "broker/backbone/backbone.h"
 #include "broker/connections/connection.h"
-#include "broker/http/access_facts.h"
+#include "broker/http/access_request.h"
 #include "broker/http/http_connection.h"
 #include "broker/http/http_target.h"
-#include "broker/loops.h"
+#include "broker/loops/loops.h"
 #include "broker/operation/metrics.h"
 #include "broker/operation/report.h"
-#include "broker/random_id.h"
+#include "broker/storage/recorder.h"
+#include "common/core/random_id.h"
+#include "common/core/text.h"
 
 namespace eigencast::broker {
 namespace {
 
-namespace http = beast::http;
-
-constexpr std::int64_t kPatienceMs = 5'000;
-/// Of a body that nobody reads: orders stand in the query.
-constexpr std::uint64_t kMostBodyBytes = 64 * 1024;
+constexpr std::int64_t kTimeoutMs = 5'000;
+/// Bodies are ignored: parameters are in the query.
+constexpr std::uint64_t kMaxBodyBytes = 64 * 1024;
 
 /// One request, one answer.
 class AdminSession final : public HttpConnection {
@@ -33,7 +33,7 @@ class AdminSession final : public HttpConnection {
   AdminSession(Context& context, Socket socket) : HttpConnection(context, Transport(std::move(socket))) {}
 
  private:
-  Limits limits() const override { return {kPatienceMs, kPatienceMs, kMostBodyBytes, "64 KiB", false}; }
+  Limits limits() const override { return {kTimeoutMs, kTimeoutMs, kMaxBodyBytes, "64 KiB", false}; }
 
   void decorate(HttpHeaders& headers) const override {
     headers.emplace_back("Cache-Control", "no-store");
@@ -41,34 +41,34 @@ class AdminSession final : public HttpConnection {
   }
 
   void on_head() override {
-    const std::string target(parser().get().target());
-    const auto question = target.find('?');
-    path_ = target.substr(0, question);
-    query_ = question == std::string::npos ? std::string() : target.substr(question + 1);
+    const std::string_view whole = target();
+    const auto question = std::min(whole.find('?'), whole.size());
+    path_ = whole.substr(0, question);
+    query_ = whole.substr(std::min(question + 1, whole.size()));
     if (admitted()) route();
   }
 
-  /// Answers when each loop has done `work`.
+  /// Calls `answer` when each loop has done `work`.
   void ask_loops(std::function<void(Context&)> work, std::function<void()> answer) {
-    context().loops.go_round(std::move(work), [self = shared_from_this(), answer = std::move(answer)] { answer(); });
+    context().loops.for_each_loop(std::move(work),
+                                  [self = shared_from_this(), answer = std::move(answer)] { answer(); });
   }
-  void ask_facts(bool with_clients, std::function<void(const Facts&)> answer) {
-    const auto facts = std::make_shared<Facts>();
+  void ask_statistics(bool with_clients, std::function<void(const Statistics&)> answer) {
+    const auto statistics = std::make_shared<Statistics>();
     ask_loops(
-        [facts, with_clients](Context& loop) {
-          facts->add(loop);
-          if (with_clients) facts->add_clients(loop);
+        [statistics, with_clients](Context& loop) {
+          statistics->add(loop);
+          if (with_clients) statistics->add_clients(loop);
         },
-        [facts, answer = std::move(answer)] { answer(*facts); });
+        [statistics, answer = std::move(answer)] { answer(*statistics); });
   }
 
   bool admitted() {
     if (path_ == "/livez" || path_ == "/readyz") return true;
-    const auto ask = reads() ? Gate::AdminAsk::kRead : Gate::AdminAsk::kControl;
-    auto denied = context().gate.admit_admin(access_request_from(parser().get(), peer(), {}), ask, steady_now_us(),
-                                             std::time(nullptr));
-    // A page of another site must not control the broker through the browser of whoever may.
-    if (!denied && !reads() && parser().get().count(http::field::origin) > 0 && !same_origin()) {
+    const auto ask = reads() ? Gate::AdminRequest::kRead : Gate::AdminRequest::kControl;
+    auto denied = context().gate.admit_admin(access_request_from(*this, {}), ask, steady_now_us(), std::time(nullptr));
+    // A page of another site must not control the broker through an administrator's browser.
+    if (!denied && !reads() && !header("Origin").empty() && !same_origin()) {
       denied = Denial{403, "the admin API takes no orders from pages of another origin", 0, false};
     }
     if (denied) answer_denial(*denied);
@@ -76,66 +76,72 @@ class AdminSession final : public HttpConnection {
   }
 
   bool same_origin() const {
-    const std::string origin = header(http::field::origin);
+    const std::string origin = header("Origin");
     const auto host = origin.find("://");
-    return host != std::string::npos && origin.substr(host + 3) == header(http::field::host);
+    return host != std::string::npos && origin.substr(host + 3) == header("Host");
   }
 
-  void say(Status status, const std::string& text) {
+  void answer_text(HttpStatus status, const std::string& text) {
     answer(status, text + "\n", {{"Content-Type", "text/plain; charset=utf-8"}});
   }
-  void say_result(const Result<void>& result) {
-    if (result) return answer(Status::ok, "{}\n");
+  void answer_result(const Result<void>& result) {
+    if (result) return answer(HttpStatus::kOk, "{}\n");
     const ErrorCode code = result.error().code;
-    answer_error(code == ErrorCode::kNotFound          ? Status::not_found
-                 : code == ErrorCode::kInvalidArgument ? Status::bad_request
-                                                       : Status::conflict,
+    answer_error(code == ErrorCode::kNotFound          ? HttpStatus::kNotFound
+                 : code == ErrorCode::kInvalidArgument ? HttpStatus::kBadRequest
+                                                       : HttpStatus::kConflict,
                  result.error());
   }
 
   void route() {
     if (reads()) return route_read();
-    if (parser().get().method() == http::verb::post) return route_order();
-    answer_error(Status::method_not_allowed, fail(ErrorCode::kUnsupported, "the admin port takes GET, HEAD and POST"),
+    if (method() == HttpMethod::kPost) return route_order();
+    answer_error(HttpStatus::kMethodNotAllowed,
+                 fail(ErrorCode::kUnsupported, "the admin port takes GET, HEAD and POST"),
                  {{"Allow", "GET, HEAD, POST"}});
   }
 
   void route_read() {
-    if (path_ == "/livez") {  // All loops turn, or nobody answers.
-      return ask_loops([](Context&) {}, [this] { say(Status::ok, "alive"); });
+    if (path_ == "/livez") {  // The answer passes through every loop.
+      return ask_loops([](Context&) {}, [this] { answer_text(HttpStatus::kOk, "alive"); });
     }
     if (path_ == "/readyz") {
-      if (context().draining) return say(Status::service_unavailable, "stopping");
-      // A broker that has lost the others still serves its own streams: to take it out would end those too.
+      if (context().draining) return answer_text(HttpStatus::kServiceUnavailable, "stopping");
+      // Ready without a backbone too: the broker still serves its own streams.
       const bool alone = context().backbone != nullptr && !context().backbone->totals().connected;
-      return say(Status::ok, alone ? "ready, degraded: " + context().backbone->status() : "ready");
+      return answer_text(HttpStatus::kOk, alone ? "ready, degraded: " + context().backbone->status() : "ready");
     }
-    if (path_ == "/version") return say(Status::ok, "eigencast-broker " + context().version);
+    if (path_ == "/version") return answer_text(HttpStatus::kOk, "eigencast-broker " + context().version);
     if (path_ == "/metrics") {
-      return ask_facts(false, [this](const Facts& facts) {
-        answer(Status::ok, metrics_text(context(), facts),
+      return ask_statistics(false, [this](const Statistics& statistics) {
+        answer(HttpStatus::kOk, metrics_text(context(), statistics),
                {{"Content-Type", "text/plain; version=0.0.4; charset=utf-8"}});
       });
     }
-    if (path_ == "/") return say_page();
+    if (path_ == "/") return answer_page();
     if (path_ == "/api/broker") {
-      return ask_facts(false, [this](const Facts& facts) { answer(Status::ok, broker_report(context(), facts)); });
+      return ask_statistics(false, [this](const Statistics& statistics) {
+        answer(HttpStatus::kOk, broker_report(context(), statistics));
+      });
     }
     if (path_ == "/api/streams") {
-      return ask_facts(false, [this](const Facts& facts) { answer(Status::ok, streams_report(context(), facts)); });
+      return ask_statistics(false, [this](const Statistics& statistics) {
+        answer(HttpStatus::kOk, streams_report(context(), statistics));
+      });
     }
     if (path_ == "/api/clients") {
-      return ask_facts(true, [this](const Facts& facts) { answer(Status::ok, clients_report(facts)); });
+      return ask_statistics(
+          true, [this](const Statistics& statistics) { answer(HttpStatus::kOk, clients_report(statistics)); });
     }
-    if (path_ == "/api/recordings") return answer(Status::ok, recordings_report(context()));
-    answer_error(Status::not_found,
+    if (path_ == "/api/recordings") return answer(HttpStatus::kOk, recordings_report(context()));
+    answer_error(HttpStatus::kNotFound,
                  fail(ErrorCode::kNotFound,
                       "see / /livez /readyz /version /metrics /api/broker /api/streams /api/clients /api/recordings"));
   }
 
-  void say_page() {
+  void answer_page() {
     const std::string nonce = random_id(32);
-    answer(Status::ok, status_page(nonce),
+    answer(HttpStatus::kOk, status_page(nonce),
            {{"Content-Type", "text/html; charset=utf-8"},
             {"Content-Security-Policy",
              "default-src 'none'; connect-src 'self'; base-uri 'none'; form-action 'none'; "
@@ -147,31 +153,31 @@ class AdminSession final : public HttpConnection {
     if (path_ == "/api/drain") {
       log(context().log, LogLevel::kInfo, "told through the admin port to drain");
       context().drain();
-      return say_result({});
+      return answer_result({});
     }
     if (path_ == "/api/clients/kick") return kick();
     const std::string stream = parameter("stream");
     if (path_ == "/api/recordings/start" || path_ == "/api/recordings/stop") {
       if (auto name = check_stream_name(stream); !name) {
-        return say_result(fail(ErrorCode::kInvalidArgument, "?stream=NAME: " + name.error().message));
+        return answer_result(fail(ErrorCode::kInvalidArgument, "?stream=NAME: " + name.error().message));
       }
-      return say_result(path_ == "/api/recordings/start" ? context().recorder.start(stream)
-                                                         : context().recorder.stop(stream));
+      return answer_result(path_ == "/api/recordings/start" ? context().recorder.start(stream)
+                                                            : context().recorder.stop(stream));
     }
-    answer_error(Status::not_found, fail(ErrorCode::kNotFound,
-                                         "see POST /api/drain /api/clients/kick?id=N "
-                                         "/api/recordings/start?stream=NAME /api/recordings/stop?stream=NAME"));
+    answer_error(HttpStatus::kNotFound, fail(ErrorCode::kNotFound,
+                                             "see POST /api/drain /api/clients/kick?id=N "
+                                             "/api/recordings/start?stream=NAME /api/recordings/stop?stream=NAME"));
   }
 
   void kick() {
     const std::string id = parameter("id");
     const auto found = std::make_shared<bool>(false);
-    ask_loops(
-        [id, found](Context& loop) { *found = *found || kick_in(loop, id); },
-        [this, id, found] {
-          say_result(*found ? Result<void>()
-                            : fail(ErrorCode::kNotFound, "?id=N: there is no client '" + id + "', see /api/clients"));
-        });
+    ask_loops([id, found](Context& loop) { *found = *found || kick_in(loop, id); },
+              [this, id, found] {
+                answer_result(
+                    *found ? Result<void>()
+                           : fail(ErrorCode::kNotFound, "?id=N: there is no client '" + id + "', see /api/clients"));
+              });
   }
 
   static bool kick_in(Context& loop, const std::string& id) {
@@ -179,24 +185,21 @@ class AdminSession final : public HttpConnection {
       if (std::to_string(connection->id()) != id || connection->is_closing()) continue;
       log(loop.log, LogLevel::kWarning, connection->name() + ": closed through the admin port");
       ++loop.counters.kicked;
-      connection->say_bye("closed by the operator", 0, websocket::CloseCode::kPolicy);
+      connection->send_bye("closed by the operator", 0, websocket::CloseCode::kPolicy);
       return true;
     }
     return false;
   }
 
-  /// Of the query; names of streams and numbers need no decoding but that of '/'.
+  /// A parameter of the query. Stream names and numbers need no decoding except of '/'.
   std::string parameter(const std::string& name) const {
-    for (std::size_t at = 0; at < query_.size();) {
-      const std::size_t end = std::min(query_.find('&', at), query_.size());
-      if (query_.compare(at, name.size() + 1, name + "=") == 0) {
-        std::string value = query_.substr(at + name.size() + 1, end - at - name.size() - 1);
-        for (auto slash = value.find("%2F"); slash != std::string::npos; slash = value.find("%2F")) {
-          value.replace(slash, 3, "/");
-        }
-        return value;
+    for (const std::string_view part : split(query_, '&')) {
+      if (!part.starts_with(name + "=")) continue;
+      std::string value(part.substr(name.size() + 1));
+      for (auto slash = value.find("%2F"); slash != std::string::npos; slash = value.find("%2F")) {
+        value.replace(slash, 3, "/");
       }
-      at = end + 1;
+      return value;
     }
     return {};
   }

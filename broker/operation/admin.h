@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "broker/context.h"
+#include "broker/context/context.h"
+#include "broker/sockets/net.h"
 
 namespace eigencast::broker {
 
-/// Serves one connection of the admin port: health, metrics, status page, admin API (docs/operations.md lists the
-/// paths). One request, one answer.
+/// Serves one request on a connection of the admin port: health, metrics, status page, admin API (docs/operations.md lists
+/// the paths).
 void serve_admin(Context& context, Socket socket);
 
 }  // namespace eigencast::broker

@@ -35,11 +35,11 @@ std::optional<std::uint64_t> LogThrottle::admit(std::string_view line, TimeUs no
     kind.passed = 0;
   }
   if (kind.passed >= settings_.lines) {
-    ++kind.left_out;
+    ++kind.omitted;
     return std::nullopt;
   }
   ++kind.passed;
-  return std::exchange(kind.left_out, 0);
+  return std::exchange(kind.omitted, 0);
 }
 
 }  // namespace eigencast::broker

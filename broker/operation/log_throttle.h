@@ -11,20 +11,20 @@
 
 namespace eigencast::broker {
 
-/// Decides which log lines are written, so that a flood of one kind (a client that fails a thousand times a second)
-/// cannot fill the disk or hide the others: of lines that differ in digits only, a few in each period pass, and the
-/// next that passes says how many did not. Remembers a bounded number of kinds. Not thread-safe.
+/// Rate limit for log lines, so that a flood of one kind (a client that fails a thousand times a second) cannot fill the
+/// disk or hide the others. Lines that differ in digits only are of one kind; a few of each kind pass per period, and the
+/// next one reports the number omitted. Remembers a bounded number of kinds. Not thread-safe.
 class LogThrottle {
  public:
   struct Settings {
-    std::uint32_t lines = 10;  ///< Of one kind in a period.
+    std::uint32_t lines = 10;  ///< Per kind and period.
     TimeUs period_us = 10'000'000;
-    std::size_t max_kinds = 512;  ///< Beyond them the longest silent one is forgotten.
+    std::size_t max_kinds = 512;  ///< Beyond them the longest silent kind is dropped.
   };
   LogThrottle() : LogThrottle(Settings{}) {}
   explicit LogThrottle(const Settings& settings) : settings_(settings) {}
 
-  /// How many lines of this kind were left out since the last one that passed; nothing: leave this one out, too.
+  /// The number of lines of this kind omitted since the last one that passed; nothing: omit this one too.
   std::optional<std::uint64_t> admit(std::string_view line, TimeUs now_us);
 
  private:
@@ -32,7 +32,7 @@ class LogThrottle {
     TimeUs period_start_us = 0;
     TimeUs last_us = 0;
     std::uint32_t passed = 0;
-    std::uint64_t left_out = 0;
+    std::uint64_t omitted = 0;
   };
   Settings settings_;
   std::map<std::string, Kind, std::less<>> kinds_;

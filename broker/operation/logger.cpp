@@ -5,8 +5,8 @@
 #include <array>
 #include <memory>
 #include <mutex>
+#include <nlohmann/json.hpp>
 
-#include "broker/http/http_target.h"
 #include "broker/operation/log_throttle.h"
 #include "common/command_line/log.h"
 #include "common/core/clock.h"
@@ -19,7 +19,7 @@ LogLevel level_from_name(std::string_view name) {
   return static_cast<LogLevel>(std::find(kNames.begin(), kNames.end(), name) - kNames.begin());
 }
 
-/// What peers have sent may hold anything: a line stays one line, without control characters.
+/// Replaces control characters, which peers' input may contain: a line stays one line.
 std::string one_line(std::string text) {
   for (char& c : text) c = static_cast<unsigned char>(c) < 0x20 || c == 127 ? ' ' : c;
   return text;
@@ -37,15 +37,16 @@ LogSink make_log_sink(const std::string& level, const std::string& format) {
   return [sink = sink_to(stderr_logger(min_level, json ? LogFormat::kJson : LogFormat::kText)), json, min_level,
           shared = std::make_shared<Shared>()](LogLevel line_level, std::string_view message) {
     if (line_level < min_level) return;
-    std::optional<std::uint64_t> left_out;
+    std::optional<std::uint64_t> omitted;
     {
       const std::lock_guard lock(shared->mutex);
-      left_out = shared->throttle.admit(message, steady_now_us());
+      omitted = shared->throttle.admit(message, steady_now_us());
     }
-    if (!left_out) return;
+    if (!omitted) return;
     std::string text(message);
-    if (*left_out > 0) text += " (repeated " + std::to_string(*left_out) + " times meanwhile)";
-    sink(line_level, json ? json_quoted(text) : one_line(text));
+    if (*omitted > 0) text += " (repeated " + std::to_string(*omitted) + " times meanwhile)";
+    constexpr auto kReplace = nlohmann::json::error_handler_t::replace;
+    sink(line_level, json ? nlohmann::json(text).dump(-1, ' ', false, kReplace) : one_line(text));
   };
 }
 

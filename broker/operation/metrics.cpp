@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "broker/operation/metrics.h"
 
-#include "broker/backbone/backbone.h"
-
 #include <dirent.h>
 #include <prometheus/collectable.h>
 #include <prometheus/metric_family.h>
@@ -15,6 +13,12 @@
 #include <utility>
 #include <vector>
 
+#include "broker/access/gate.h"
+#include "broker/backbone/backbone.h"
+#include "broker/relay/hub.h"
+#include "broker/storage/asset_store.h"
+#include "broker/storage/recorder.h"
+
 namespace eigencast::broker {
 namespace {
 
@@ -23,10 +27,10 @@ using prometheus::MetricFamily;
 using prometheus::MetricType;
 using Labels = std::vector<ClientMetric::Label>;
 
-/// The broker as a Collectable: what the loop counts in plain integers becomes metrics only when somebody asks.
+/// The broker as a Collectable: plain integer counters become metrics only on request.
 class BrokerMetrics final : public prometheus::Collectable {
  public:
-  BrokerMetrics(const Context& context, const Facts& facts) : context_(context), facts_(facts) {}
+  BrokerMetrics(const Context& context, const Statistics& statistics) : context_(context), statistics_(statistics) {}
 
   std::vector<MetricFamily> Collect() const override {
     families_.clear();
@@ -75,15 +79,15 @@ class BrokerMetrics final : public prometheus::Collectable {
   }
 
   void connections() const {
-    const Counters& counters = facts_.counters;
+    const Counters& counters = statistics_.counters;
     add(family("eigencast_broker_build_info", MetricType::Gauge, "Always 1; the version is a label."), 1,
         {{"version", context_.version}});
     gauge("draining", "1 while the broker stops.", std::uint64_t{context_.draining});
-    gauge("connections", "Open connections of the data port.", facts_.connections_total());
+    gauge("connections", "Open connections of the data port.", statistics_.connections_total());
     auto& of_loops = family("eigencast_broker_thread_connections", MetricType::Gauge,
                             "Those of each event loop; the first, 0, has all that are no viewers.");
-    for (std::size_t i = 0; i < facts_.connections.size(); ++i) {
-      add(of_loops, static_cast<double>(facts_.connections[i]), {{"thread", std::to_string(i)}});
+    for (std::size_t i = 0; i < statistics_.connections.size(); ++i) {
+      add(of_loops, static_cast<double>(statistics_.connections[i]), {{"thread", std::to_string(i)}});
     }
     counter("connections_total", "Connections accepted on the data port.", counters.connections_total);
     counter("connections_refused_total", "Connections over limits.max_connections.", counters.connections_refused);
@@ -103,7 +107,7 @@ class BrokerMetrics final : public prometheus::Collectable {
     for (const Stream* stream : context_.hub.streams()) {
       ++states[static_cast<std::size_t>(stream->state())];
       watchers += stream->watchers();
-      failed += facts_.made_of(stream->name()).poses_failed;
+      failed += statistics_.made_of(stream->name()).poses_failed;
     }
     auto& known = family("eigencast_broker_streams", MetricType::Gauge, "Streams known, by state.");
     for (std::size_t i = 0; i < 3; ++i) {
@@ -112,11 +116,12 @@ class BrokerMetrics final : public prometheus::Collectable {
     }
     gauge("subscriptions", "Streams watched, summed over connections.", watchers);
     gauge("poses_failed", "Poses beyond the codec's range, summed over the streams known.", failed);
-    counter("senders_replaced_total", "Senders that another one took the place of.", facts_.counters.senders_replaced);
+    counter("senders_replaced_total", "Senders that another one took the place of.",
+            statistics_.counters.senders_replaced);
   }
 
   void frames() const {
-    const Counters& counters = facts_.counters;
+    const Counters& counters = statistics_.counters;
     counter("frames_received_total", "Frames taken from senders.", counters.frames_received);
     counter("frames_refused_total", "Frames of senders that broke the protocol.", counters.frames_refused);
     counter("frames_sent_total", "Frames sent to viewers.", counters.frames_sent);
@@ -139,7 +144,7 @@ class BrokerMetrics final : public prometheus::Collectable {
   }
 
   void storage() const {
-    const Counters& counters = facts_.counters;
+    const Counters& counters = statistics_.counters;
     gauge("asset_bytes", "Bytes in the asset store, uploads under way included.", context_.assets.total_bytes());
     gauge("asset_quota_bytes", "assets.max_total_bytes.", context_.assets.settings().max_total_bytes);
     gauge("asset_objects", "Objects in the asset store.", std::uint64_t{context_.assets.objects()});
@@ -213,14 +218,14 @@ class BrokerMetrics final : public prometheus::Collectable {
   }
 
   const Context& context_;
-  const Facts& facts_;
+  const Statistics& statistics_;
   mutable std::vector<MetricFamily> families_;
 };
 
 }  // namespace
 
-std::string metrics_text(const Context& context, const Facts& facts) {
-  return prometheus::TextSerializer().Serialize(BrokerMetrics(context, facts).Collect());
+std::string metrics_text(const Context& context, const Statistics& statistics) {
+  return prometheus::TextSerializer().Serialize(BrokerMetrics(context, statistics).Collect());
 }
 
 }  // namespace eigencast::broker

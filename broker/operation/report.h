@@ -3,20 +3,20 @@
 
 #include <string>
 
-#include "broker/context.h"
-#include "broker/operation/facts.h"
+#include "broker/context/context.h"
+#include "broker/operation/statistics.h"
 
 namespace eigencast::broker {
 
-// What the admin API answers: JSON texts. On the first loop's thread, whose context it is; the facts are of all loops.
+// JSON answers of the admin API. Call on the first loop's thread with its context and the statistics of all loops.
 
-std::string streams_report(const Context& context, const Facts& facts);
-std::string clients_report(const Facts& facts);
+std::string streams_report(const Context& context, const Statistics& statistics);
+std::string clients_report(const Statistics& statistics);
 std::string recordings_report(const Context& context);
 /// The broker as a whole: version, uptime, totals.
-std::string broker_report(const Context& context, const Facts& facts);
+std::string broker_report(const Context& context, const Statistics& statistics);
 
-/// The status page; `nonce` is that of its Content-Security-Policy.
+/// The status page with the nonce of its Content-Security-Policy.
 std::string status_page(const std::string& nonce);
 
 }  // namespace eigencast::broker

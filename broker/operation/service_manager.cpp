@@ -9,11 +9,11 @@
 
 namespace eigencast::broker::service_manager {
 
-Result<GivenSockets> take_sockets() {
+Result<InheritedSockets> inherited_sockets() {
   char** names = nullptr;
   const int count = sd_listen_fds_with_names(1, &names);
-  GivenSockets given;
-  Result<GivenSockets> result(given);
+  InheritedSockets inherited;
+  Result<InheritedSockets> result(inherited);
   for (int i = 0; i < count; ++i) {
     const int fd = SD_LISTEN_FDS_START + i;
     const std::string_view name = names != nullptr ? names[i] : "";
@@ -21,9 +21,9 @@ Result<GivenSockets> take_sockets() {
       result = fail(ErrorCode::kInvalidArgument,
                     "the socket '" + std::string(name) + "' that was handed over does not listen for TCP");
     } else if (name == "admin") {
-      given.admin = fd;
+      inherited.admin = fd;
     } else if (name == "data" || (count == 1 && (name.empty() || name == "unknown"))) {
-      given.data = fd;
+      inherited.data = fd;
     } else {
       result = fail(ErrorCode::kInvalidArgument, "a socket named '" + std::string(name) +
                                                      "' was handed over: name it data or admin (FileDescriptorName=)");
@@ -31,7 +31,7 @@ Result<GivenSockets> take_sockets() {
   }
   for (int i = 0; names != nullptr && i < count; ++i) std::free(names[i]);
   std::free(names);
-  if (result) result = given;
+  if (result) result = inherited;
   return result;
 }
 
@@ -51,7 +51,7 @@ void status(const std::string& status) {
   sd_notify(0, ("STATUS=" + status).c_str());
 }
 
-void alive() {
+void notify_watchdog() {
   sd_notify(0, "WATCHDOG=1");
 }
 

@@ -8,14 +8,14 @@
 
 namespace eigencast::broker {
 
-/// Gives epochs that grow: within a run, across restarts (the highest one is kept in a file) and, as far as their wall
-/// clocks agree, across brokers, because an epoch is never below the seconds since 2026-01-01. Not thread-safe.
+/// Generates growing epochs: within a run, across restarts (the highest one is kept in a file) and, if their wall clocks
+/// agree, across brokers, because an epoch is at least the number of seconds since 2026-01-01. Not thread-safe.
 class EpochSource {
  public:
-  /// Reads the file if it is there. Errors: kIo, kCorrupt.
+  /// Reads the file if it exists. Errors: kIo, kCorrupt.
   static Result<EpochSource> open(std::string path);
 
-  /// The next epoch, greater than `above` too. Errors: kIo (it could not be kept; nothing was given).
+  /// The next epoch, also greater than `above`. Errors: kIo (it could not be stored).
   Result<std::uint32_t> next(std::uint64_t unix_seconds, std::uint32_t above = 0);
 
  private:

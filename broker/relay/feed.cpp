@@ -11,13 +11,13 @@ namespace eigencast::broker {
 namespace {
 
 // The pacer never holds more than three key intervals, so a key that waits longer has been overtaken.
-constexpr std::size_t kMaxComing = 5;
+constexpr std::size_t kMaxPendingKeys = 5;
 
-// Those of two intervals at the usual x3, and never so many that others wait long for them.
-constexpr std::size_t kMostAhead = 4;
+// Two intervals at the usual x3; few enough that other streams do not wait.
+constexpr std::size_t kMaxPrepared = 4;
 
-// Synthetic poses are shown for a part of a key interval and built upon by nobody, so that their levels lie further
-// apart than those of keys: what this adds is far below the error of interpolating (docs/performance.md).
+// Synthetic poses are shown for a fraction of a key interval and nothing builds on them, so they are quantised more
+// coarsely than keys: the added error is far below that of interpolation (docs/performance.md).
 constexpr unsigned kSyntheticSpacingNumerator = 5, kSyntheticSpacingDenominator = 2;
 constexpr unsigned kMaxHalfSpacing = 63;
 
@@ -25,17 +25,17 @@ bool is_compact(const Profile& profile) {
   return profile.rate == Profile::Rate::kInterpolated && profile.form == Profile::Form::kCompact;
 }
 
-/// Whether its poses depend on the two keys beside them alone, and travel in full.
-bool makes_poses_ahead(const Profile& profile) {
+/// Whether its poses depend only on the two neighbouring keys and are sent in full.
+bool can_prepare_poses(const Profile& profile) {
   return profile.rate == Profile::Rate::kInterpolated && !is_compact(profile) &&
          profile.scheme != Profile::Scheme::kCatmullRom;
 }
 
-/// Where a pose between keys stands among the others.
-std::pair<std::uint64_t, std::uint8_t> place_of(const Pacer::Due& due) {
+/// Orders poses between keys.
+std::pair<std::uint64_t, std::uint8_t> order_of(const Pacer::Due& due) {
   return {due.sequence, due.at};
 }
-std::pair<std::uint64_t, std::uint8_t> place_of(const Frame& frame) {
+std::pair<std::uint64_t, std::uint8_t> order_of(const Frame& frame) {
   return {frame.envelope.sequence, frame.envelope.step.at};
 }
 
@@ -53,10 +53,10 @@ Feed::Feed(const Profile& profile, const Source& source)
       forecaster_(profile.k, source.max_ahead_us, source.max_span_us) {}
 
 void Feed::begin_at(KeyRecordPtr record) {
-  assert(!stands_at_ && coming_.empty());
+  assert(!last_emitted_ && pending_.empty());
   pacer_.add_key(record->sequence, record->capture_us, record->arrival_us);
   forecaster_.add_key(record->sequence, record->capture_us, record->arrival_us);
-  stand_at(std::move(record));
+  set_last_emitted(std::move(record));
 }
 
 void Feed::add_key(KeyRecordPtr record, TimeUs now_us, std::vector<FramePtr>& out) {
@@ -67,19 +67,19 @@ void Feed::add_key(KeyRecordPtr record, TimeUs now_us, std::vector<FramePtr>& ou
     emit_key(std::move(record), 0, out);
     return pump_estimates(now_us, out);
   }
-  if (!record->before) {  // What is pending leads nowhere any more.
+  if (!record->before) {  // Pending poses build on the old chain.
     pacer_.reset();
-    coming_.clear();
-    ahead_.clear();
+    pending_.clear();
+    prepared_.clear();
     steps_pending_ = false;
   }
   pacer_.add_key(record->sequence, record->capture_us, now_us);
   if (is_compact(profile_) && !record->before) return emit_key(std::move(record), 0, out);
-  coming_.push_back(std::move(record));
-  if (is_compact(profile_) && !steps_pending_) emit_coming_ahead(out);
-  while (coming_.size() > kMaxComing) {
-    emit_key(coming_.front(), is_compact(profile_) ? Envelope::kAhead : std::uint8_t{0}, out);
-    coming_.pop_front();
+  pending_.push_back(std::move(record));
+  if (is_compact(profile_) && !steps_pending_) emit_pending_ahead(out);
+  while (pending_.size() > kMaxPendingKeys) {
+    emit_key(pending_.front(), is_compact(profile_) ? Envelope::kAhead : std::uint8_t{0}, out);
+    pending_.pop_front();
   }
   pump(now_us, out);
 }
@@ -114,38 +114,38 @@ void Feed::pump_estimates(TimeUs now_us, std::vector<FramePtr>& out) {
 }
 
 void Feed::pump_full(const Pacer::Due& due, bool overtaken, std::vector<FramePtr>& out) {
-  // Keys whose own turn was skipped still leave, in order: the chain of everybody stays whole.
-  while (!coming_.empty() && coming_.front()->sequence < due.sequence) {
-    emit_key(coming_.front(), 0, out);
-    coming_.pop_front();
+  // Keys whose turn was skipped are still emitted, in order: receivers need the whole chain.
+  while (!pending_.empty() && pending_.front()->sequence < due.sequence) {
+    emit_key(pending_.front(), 0, out);
+    pending_.pop_front();
   }
-  if (coming_.empty() || coming_.front()->sequence != due.sequence) return;
+  if (pending_.empty() || pending_.front()->sequence != due.sequence) return;
   if (due.at < due.of) {
-    if (!overtaken) emit_synthetic(*coming_.front(), due, out);
+    if (!overtaken) emit_synthetic(*pending_.front(), due, out);
     return;
   }
-  emit_key(coming_.front(), 0, out);
-  coming_.pop_front();
+  emit_key(pending_.front(), 0, out);
+  pending_.pop_front();
 }
 
 void Feed::pump_compact(const Pacer::Due& due, bool overtaken, std::vector<FramePtr>& out) {
-  while (!coming_.empty() && coming_.front()->sequence <= due.sequence) emit_coming_ahead(out);
-  if (!stands_at_ || stands_at_->sequence != due.sequence || !steps_pending_) return;
+  while (!pending_.empty() && pending_.front()->sequence <= due.sequence) emit_pending_ahead(out);
+  if (!last_emitted_ || last_emitted_->sequence != due.sequence || !steps_pending_) return;
   if (!overtaken) {
-    Envelope head = envelope(FrameKind::kStep, *stands_at_);
+    Envelope head = envelope(FrameKind::kStep, *last_emitted_);
     head.step = {due.at, due.of};
     head.capture_us = due.capture_us;
     out.push_back(make_frame(head, {}));
   }
   if (due.at < due.of) return;
   steps_pending_ = false;
-  join_.reset();  // The next one is to be shown as it comes.
-  if (!coming_.empty()) emit_coming_ahead(out);
+  join_.reset();  // The next one is shown on arrival.
+  if (!pending_.empty()) emit_pending_ahead(out);
 }
 
-void Feed::emit_coming_ahead(std::vector<FramePtr>& out) {
-  KeyRecordPtr record = std::move(coming_.front());
-  coming_.pop_front();
+void Feed::emit_pending_ahead(std::vector<FramePtr>& out) {
+  KeyRecordPtr record = std::move(pending_.front());
+  pending_.pop_front();
   emit_key(std::move(record), Envelope::kAhead, out);
   steps_pending_ = true;
 }
@@ -160,27 +160,27 @@ void Feed::emit_key(KeyRecordPtr record, std::uint8_t flags, std::vector<FramePt
   } else if (const auto cut = cut_bands(source_.layout, record->join, record->bands, mask_, record->payload)) {
     out.push_back(make_frame(head, *cut));
   } else {
-    ++failed_poses_;  // Receivers miss this key, so that they get a join next.
+    ++failed_poses_;  // Receivers miss this key and get a join next.
   }
-  stand_at(std::move(record));
+  set_last_emitted(std::move(record));
 }
 
 void Feed::emit_synthetic(const KeyRecord& record, const Pacer::Due& due, std::vector<FramePtr>& out) {
-  if (!record.before || !stands_at_ || stands_at_->sequence + 1 != record.sequence) return;
-  FramePtr frame = take_ahead(due);
+  if (!record.before || !last_emitted_ || last_emitted_->sequence + 1 != record.sequence) return;
+  FramePtr frame = take_prepared(due);
   emit_made(frame ? std::move(frame) : synthetic(record, due), out);
 }
 
 void Feed::emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out) {
-  if (!stands_at_ || stands_at_->sequence != due.sequence || !stands_at_->before) return;
-  Envelope head = envelope(FrameKind::kEstimate, *stands_at_);
+  if (!last_emitted_ || last_emitted_->sequence != due.sequence || !last_emitted_->before) return;
+  Envelope head = envelope(FrameKind::kEstimate, *last_emitted_);
   head.step = {due.at, due.of};
   head.capture_us = due.capture_us;
   if (profile_.form == Profile::Form::kCompact) return out.push_back(make_frame(head, {}));
-  const ChainState& state = *stands_at_->after;
+  const ChainState& state = *last_emitted_->after;
   const bool damped = profile_.scheme == Profile::Scheme::kDamped;
   const auto pose = estimate_keys(source_.layout, state.older, state.newer, damped, due.at, due.of);
-  emit_made(made(head, stands_at_->half_spacing, state, pose), out);
+  emit_made(made(head, last_emitted_->half_spacing, state, pose), out);
 }
 
 void Feed::emit_made(FramePtr frame, std::vector<FramePtr>& out) {
@@ -199,47 +199,48 @@ FramePtr Feed::made(Envelope head, std::uint8_t key_spacing, const ChainState& s
   if (!pose) return nullptr;
   const unsigned half_spacing =
       std::min(kMaxHalfSpacing, unsigned{key_spacing} * kSyntheticSpacingNumerator / kSyntheticSpacingDenominator);
-  pose->bands &= mask_;  // Bands are coded each for itself: the others need not be coded at all.
+  pose->bands &= mask_;  // Bands are encoded independently.
   head.bands = pose->bands;
   const auto payload = encode_pose(source_.layout, state, *std::move(pose), static_cast<std::uint8_t>(half_spacing));
   return payload ? make_frame(head, *payload) : nullptr;
 }
 
 void Feed::prepare() {
-  if (behind_ || !makes_poses_ahead(profile_)) return;
-  auto record = coming_.begin();
+  if (behind_ || !can_prepare_poses(profile_)) return;
+  auto record = pending_.begin();
   for (const Pacer::Due& due : pacer_.waiting()) {
-    if (ahead_.size() == kMostAhead) return;
-    while (record != coming_.end() && (*record)->sequence < due.sequence) ++record;
-    if (record == coming_.end()) return;
+    if (prepared_.size() == kMaxPrepared) return;
+    while (record != pending_.end() && (*record)->sequence < due.sequence) ++record;
+    if (record == pending_.end()) return;
     if (due.at == due.of || (*record)->sequence != due.sequence || !(*record)->before) continue;
-    if (!ahead_.empty() && place_of(due) <= place_of(*ahead_.back())) continue;
+    if (!prepared_.empty() && order_of(due) <= order_of(*prepared_.back())) continue;
     FramePtr frame = synthetic(**record, due);
-    if (frame) ahead_.push_back(std::move(frame));  // Else it is counted as failed when it is due.
+    if (frame) prepared_.push_back(std::move(frame));  // A failure is counted when the pose is due.
   }
 }
 
-FramePtr Feed::take_ahead(const Pacer::Due& due) {
-  while (!ahead_.empty() && place_of(*ahead_.front()) < place_of(due)) ahead_.pop_front();  // They were overtaken.
-  if (ahead_.empty() || place_of(*ahead_.front()) != place_of(due)) return nullptr;
-  FramePtr frame = std::move(ahead_.front());
-  ahead_.pop_front();
+FramePtr Feed::take_prepared(const Pacer::Due& due) {
+  while (!prepared_.empty() && order_of(*prepared_.front()) < order_of(due))
+    prepared_.pop_front();  // They were overtaken.
+  if (prepared_.empty() || order_of(*prepared_.front()) != order_of(due)) return nullptr;
+  FramePtr frame = std::move(prepared_.front());
+  prepared_.pop_front();
   return frame;
 }
 
 Result<Key> Feed::pose_between(const KeyRecord& record, const Pacer::Due& due) {
   const Key &from = record.before->newer, &to = record.after->newer;
-  // A pose held by the sender (docs/protocol.md, section 5) stands still between its keys, whatever came before: a
-  // curve with the slope of the movement that ended there would leave it.
+  // A pose held by the sender (docs/protocol.md, section 5) rests between its keys: a curve with the slope of the earlier
+  // movement would leave it.
   if (profile_.scheme == Profile::Scheme::kCatmullRom && from == to) return to;
   switch (profile_.scheme) {
     case Profile::Scheme::kHermite:
       return hermite_keys(source_.layout, source_.velocities, from, to, record.after->age_us, due.at, due.of);
     case Profile::Scheme::kCatmullRom: {
-      const KeyRecord* next = coming_.size() > 1 ? coming_[1].get() : nullptr;
+      const KeyRecord* next = pending_.size() > 1 ? pending_[1].get() : nullptr;
       if (next != nullptr && (!next->before || next->capture_us - record.capture_us > source_.max_span_us))
         next = nullptr;
-      // Decided once for an interval: a curve that changes its shape on the way would jump.
+      // Decided once per interval: a curve that changes its shape midway would jump.
       if (!curve_ || curve_->sequence != record.sequence) curve_ = Curve{record.sequence, next != nullptr};
       return pose_on_curve(record, curve_->with_next ? next : nullptr, due.capture_us);
     }
@@ -269,8 +270,8 @@ Result<Key> Feed::pose_on_curve(const KeyRecord& record, const KeyRecord* next, 
 }
 
 FramePtr Feed::join() {
-  if (join_ || !stands_at_) return join_;
-  const ChainState& state = *stands_at_->after;
+  if (join_ || !last_emitted_) return join_;
+  const ChainState& state = *last_emitted_->after;
   const BandMask bands = state.newer.bands;
   auto payload = encode_join(source_.layout, state);
   if (payload && !mask_.includes(bands)) payload = cut_bands(source_.layout, true, bands, mask_, *payload);
@@ -278,7 +279,7 @@ FramePtr Feed::join() {
     ++failed_poses_;
     return nullptr;
   }
-  Envelope head = envelope(FrameKind::kJoin, *stands_at_);
+  Envelope head = envelope(FrameKind::kJoin, *last_emitted_);
   head.bands = bands & mask_;
   head.flags = steps_pending_ ? Envelope::kAhead : std::uint8_t{0};
   join_ = make_frame(head, *payload);
@@ -295,8 +296,8 @@ Envelope Feed::envelope(FrameKind kind, const KeyRecord& record) const {
   return head;
 }
 
-void Feed::stand_at(KeyRecordPtr record) {
-  stands_at_ = std::move(record);
+void Feed::set_last_emitted(KeyRecordPtr record) {
+  last_emitted_ = std::move(record);
   join_.reset();
 }
 

@@ -9,20 +9,19 @@
 
 namespace eigencast::broker {
 
-/// When the stages of a frame's life in the broker happened, for traces; 0: did not.
+/// Times of a frame's stages in the broker, for traces; 0: not reached.
 struct FrameTimes {
-  TimeUs arrival_us = 0;  ///< Of keys: it came from the sender then.
-  TimeUs due_us = 0;      ///< It was held until then.
-  TimeUs left_us = 0;     ///< It was handed to the first viewer's socket.
+  TimeUs arrival_us = 0;  ///< Keys: arrival from the sender.
+  TimeUs due_us = 0;      ///< End of its hold by the pacer.
+  TimeUs written_us = 0;  ///< First write to a viewer's socket.
 };
 
-/// One encoded pose as it leaves: made and framed once, then shared by every subscriber of its profile and never
-/// changed.
+/// One encoded pose: framed once, then shared by every subscriber of its profile and never changed.
 struct Frame {
   Envelope envelope;
-  Bytes wire;                     ///< What goes to every socket: the WebSocket header, then the message.
-  std::size_t message_begin = 0;  ///< Where the message begins in it.
-  mutable FrameTimes times;       ///< The one thing that is not fixed; belongs to the event loop.
+  Bytes wire;                     ///< WebSocket header and message, as written to every socket.
+  std::size_t message_begin = 0;  ///< Offset of the message.
+  mutable FrameTimes times;       ///< The only mutable part; belongs to the event loop.
 
   /// Envelope and payload: one binary WebSocket message.
   ByteView message() const { return ByteView(wire).subspan(message_begin); }

@@ -29,7 +29,7 @@ Stream* Hub::find(std::string_view name) {
   return found == streams_.end() ? nullptr : found->second.get();
 }
 
-void Hub::left(Stream& stream) {
+void Hub::unwatched(Stream& stream) {
   if (is_idle(stream) && stream.epoch() == 0) forget(streams_.find(stream.name()));
 }
 
@@ -40,7 +40,7 @@ void Hub::drop(Stream& stream) {
 
 void Hub::pump(TimeUs now_us) {
   pumping_.clear();
-  for (const auto& [due_us, stream] : due_) {
+  for (const auto& [due_us, stream] : wakeups_) {
     if (due_us > now_us) break;
     pumping_.push_back(stream);
   }
@@ -50,17 +50,17 @@ void Hub::pump(TimeUs now_us) {
   }
 }
 
-void Hub::owes(Stream& stream) {
-  if (owing_.empty() || owing_.back() != &stream) owing_.push_back(&stream);
+void Hub::mark_dirty(Stream& stream) {
+  if (dirty_.empty() || dirty_.back() != &stream) dirty_.push_back(&stream);
 }
 
 void Hub::deliver() {
-  for (Stream* stream : owing_) {
+  for (Stream* stream : dirty_) {
     stream->deliver();
     schedule(*stream);
   }
-  delivered_.swap(owing_);
-  owing_.clear();
+  delivered_.swap(dirty_);
+  dirty_.clear();
 }
 
 void Hub::prepare() {
@@ -69,7 +69,7 @@ void Hub::prepare() {
 }
 
 void Hub::forget(decltype(streams_)::iterator stream) {
-  std::erase(owing_, stream->second.get());
+  std::erase(dirty_, stream->second.get());
   std::erase(delivered_, stream->second.get());
   unschedule(*stream->second);
   streams_.erase(stream);
@@ -80,19 +80,19 @@ void Hub::schedule(Stream& stream) {
   if (due_us == stream.wake_us_) return;
   unschedule(stream);
   if (!due_us) return;
-  due_.emplace(*due_us, &stream);
+  wakeups_.emplace(*due_us, &stream);
   stream.wake_us_ = due_us;
 }
 
 void Hub::unschedule(Stream& stream) {
   if (!stream.wake_us_) return;
-  due_.erase({*stream.wake_us_, &stream});
+  wakeups_.erase({*stream.wake_us_, &stream});
   stream.wake_us_.reset();
 }
 
 std::optional<TimeUs> Hub::next_due_us() const {
-  if (due_.empty()) return std::nullopt;
-  return due_.begin()->first;
+  if (wakeups_.empty()) return std::nullopt;
+  return wakeups_.begin()->first;
 }
 
 std::vector<const Stream*> Hub::streams() const {
@@ -103,7 +103,7 @@ std::vector<const Stream*> Hub::streams() const {
 }
 
 bool Hub::make_room() {
-  // The idle stream with the oldest epoch: the pose held longest for nobody.
+  // The idle stream with the oldest epoch.
   auto oldest = streams_.end();
   for (auto it = streams_.begin(); it != streams_.end(); ++it) {
     if (is_idle(*it->second) && (oldest == streams_.end() || it->second->epoch() < oldest->second->epoch()))

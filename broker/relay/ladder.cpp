@@ -9,9 +9,9 @@ namespace {
 
 constexpr std::uint16_t kBadSeconds = 2;
 constexpr std::uint16_t kGoodSeconds = 10;
-constexpr std::uint16_t kMostGoodSeconds = 160;
+constexpr std::uint16_t kMaxGoodSeconds = 160;
 
-// The first join of a second may be anybody's bad luck.
+// One join in a second may be chance.
 constexpr std::uint64_t kManyJoins = 2;
 
 bool is_bad(const Ladder::Counts& lately) {
@@ -31,11 +31,11 @@ std::string in_words(const Profile& profile) {
 
 }  // namespace
 
-Ladder::Ladder(const Profile& asked) : asked_(asked), climbs_after_(kGoodSeconds) {}
+Ladder::Ladder(const Profile& asked) : requested_(asked), climbs_after_(kGoodSeconds) {}
 
 const char* Ladder::name_of(const Profile& rung) const {
-  if (rung == asked_) return "asked";
-  if (rung.bands < asked_.bands) return "fewer-bands";
+  if (rung == requested_) return "asked";
+  if (rung.bands < requested_.bands) return "fewer-bands";
   return rung.rate == Profile::Rate::kRaw ? "raw" : "compact";
 }
 
@@ -61,16 +61,16 @@ std::vector<Profile> Ladder::rungs_below(const Profile& asked, std::uint8_t band
   return rungs;
 }
 
-std::optional<Ladder::Step> Ladder::look(const Counts& counts, std::uint8_t bands) {
+std::optional<Ladder::Step> Ladder::check(const Counts& counts, std::uint8_t bands) {
   const Counts before = std::exchange(seen_, counts);
   const Counts lately{counts.sent - before.sent, counts.skipped - before.skipped, counts.joins - before.joins};
-  if (lately.sent == 0) return std::nullopt;  // A reader that sleeps, or a stream that does.
+  if (lately.sent == 0) return std::nullopt;  // The reader or the stream pauses.
   before_ = rung_;
-  if (rung_ == 0 && !is_bad(lately)) {  // As most are, each second.
+  if (rung_ == 0 && !is_bad(lately)) {  // The common case.
     bad_seconds_ = 0;
     return ++good_seconds_ < climbs_after_ ? std::nullopt : climb({});
   }
-  const auto rungs = rungs_below(asked_, bands);
+  const auto rungs = rungs_below(requested_, bands);
   rung_ = std::min(rung_, rungs.size() - 1);
   if (is_bad(lately)) {
     good_seconds_ = 0;
@@ -84,7 +84,7 @@ std::optional<Ladder::Step> Ladder::look(const Counts& counts, std::uint8_t band
 std::optional<Ladder::Step> Ladder::descend(const Counts& lately, const std::vector<Profile>& rungs) {
   bad_seconds_ = 0;
   if (std::exchange(climbed_lately_, false)) {
-    climbs_after_ = std::min<std::uint16_t>(static_cast<std::uint16_t>(climbs_after_ * 2), kMostGoodSeconds);
+    climbs_after_ = std::min<std::uint16_t>(static_cast<std::uint16_t>(climbs_after_ * 2), kMaxGoodSeconds);
   }
   if (rung_ + 1 >= rungs.size()) return std::nullopt;
   const Profile& next = rungs[++rung_];

@@ -10,16 +10,15 @@
 
 namespace eigencast::broker {
 
-/// Decides which profile the link of one viewer bears: the rungs lead from what it asked for, over compact
-/// interpolation and raw keys, down to fewer and fewer bands. Who skips many frames, or needs join frames again and
-/// again, goes down; who gets everything for a while goes up again, after a longer while each time that it did not
-/// last. A reader that takes nothing at all stays where it is: it costs nothing, and is told the present pose when it
-/// wakes.
+/// Adapts one viewer's profile to its link. The rungs lead from the requested profile over compact interpolation and raw
+/// keys down to fewer and fewer bands. A viewer that skips many frames, or needs joins repeatedly, goes down. One that
+/// gets every frame for a while goes up, after a longer while each time it relapsed. A reader that takes nothing keeps
+/// its rung: it costs nothing, and gets a join when it resumes.
 ///
-/// Looks at counts, a second at a time; no clock, no sockets. Not thread-safe.
+/// Evaluates counts once a second; no clock, no sockets. Not thread-safe.
 class Ladder {
  public:
-  /// What happened since the viewer watches; each only grows.
+  /// Totals since the viewer began to watch.
   struct Counts {
     std::uint64_t sent = 0;
     std::uint64_t skipped = 0;
@@ -28,16 +27,16 @@ class Ladder {
   struct Step {
     Profile profile;
     bool down = false;
-    const char* rung = "";  ///< Where it leads, for metrics: "asked", "compact", "raw", "fewer-bands".
+    const char* rung = "";  ///< The new rung, for metrics: "asked", "compact", "raw", "fewer-bands".
     std::string why;        ///< For people.
   };
 
-  /// asked  what the viewer wants: the top rung
+  /// asked  the requested profile: the top rung
   explicit Ladder(const Profile& asked);
 
-  /// Once a second. `bands`: what the stream has. The step to take now, if any.
-  std::optional<Step> look(const Counts& counts, std::uint8_t bands);
-  /// The step of look() could not be taken: it stands where it stood.
+  /// Call once a second. `bands`: those of the stream. Returns the step to take now, if any.
+  std::optional<Step> check(const Counts& counts, std::uint8_t bands);
+  /// Reverts the step of check(), which could not be taken.
   void stay();
 
   std::size_t rung() const { return rung_; }
@@ -48,13 +47,13 @@ class Ladder {
   std::optional<Step> descend(const Counts& lately, const std::vector<Profile>& rungs);
   std::optional<Step> climb(const std::vector<Profile>& rungs);
 
-  Profile asked_;
+  Profile requested_;
   Counts seen_;
   std::size_t rung_ = 0;
   std::size_t before_ = 0;
   std::uint16_t bad_seconds_ = 0;
   std::uint16_t good_seconds_ = 0;
-  std::uint16_t climbs_after_;  ///< Good seconds; doubles when a climb did not last.
+  std::uint16_t climbs_after_;  ///< Good seconds; doubles after a relapse.
   bool climbed_lately_ = false;
 };
 

@@ -6,205 +6,195 @@
 
 namespace eigencast::broker {
 
-// ---- Where the senders are ----
+// ---- Origin ----
 
-Mirrored::Mirrored(std::size_t loops, Surroundings surroundings)
-    : surroundings_(std::move(surroundings)), ways_(loops) {}
+MirrorOrigin::MirrorOrigin(std::size_t loops, Environment environment)
+    : environment_(std::move(environment)), channels_(loops) {}
 
-void Mirrored::take(Hub& hub, std::size_t loop, const MirrorAsks& asks) {
-  for (const MirrorAsk& ask : asks) {
-    if (ask.kind == MirrorAsk::Kind::kFollow) {
-      follow(hub, loop, ask);
+void MirrorOrigin::take(Hub& hub, std::size_t loop, const MirrorRequests& requests) {
+  for (const MirrorRequest& request : requests) {
+    if (request.kind == MirrorRequest::Kind::kFollow) {
+      follow(hub, loop, request);
       continue;
     }
-    const auto found = followed_.find(ask.stream);
-    if (found == followed_.end() || !found->second.trace_every.contains(loop)) continue;  // It was told: not to be had.
-    if (ask.kind == MirrorAsk::Kind::kLetGo) {
-      let_go(hub, loop, found->second);
+    const auto found = followed_.find(request.stream);
+    if (found == followed_.end() || !found->second.trace_every.contains(loop)) continue;  // It was refused.
+    if (request.kind == MirrorRequest::Kind::kRelease) {
+      release_stream(hub, loop, found->second);
       continue;
     }
-    found->second.trace_every[loop] = ask.trace_every;
-    tell_sender(found->second);
+    found->second.trace_every[loop] = request.trace_every;
+    notify_sender(found->second);
   }
 }
 
-void Mirrored::tell_sender(const Followed& followed) {
+void MirrorOrigin::notify_sender(const Followed& followed) {
   std::uint32_t least = 0;
   for (const auto& [loop, every] : followed.trace_every) {
     if (every != 0 && (least == 0 || every < least)) least = every;
   }
-  followed.stream->trace_elsewhere(least);
-  followed.stream->tell_count();
+  followed.stream->set_mirror_trace(least);
+  followed.stream->report_count();
 }
 
-void Mirrored::follow(Hub& hub, std::size_t loop, const MirrorAsk& ask) {
-  const auto stream = hub.open(ask.stream);
-  if (!stream) return push(loop, {ask.stream_id, std::make_shared<const Error>(stream.error())});
-  Followed& followed = followed_[ask.stream];
+void MirrorOrigin::follow(Hub& hub, std::size_t loop, const MirrorRequest& request) {
+  const auto stream = hub.open(request.stream);
+  if (!stream) return push(loop, {request.stream_id, std::make_shared<const Error>(stream.error())});
+  Followed& followed = followed_[request.stream];
   followed.stream = *stream;
   followed.trace_every[loop] = 0;
   followed.stream->set_mirrored(true);
-  push(loop, {followed.stream->id(), std::make_shared<const Standing>(followed.stream->standing())});
-  followed.stream->tell_count();
+  push(loop, {followed.stream->id(), std::make_shared<const Snapshot>(followed.stream->snapshot())});
+  followed.stream->report_count();
 }
 
-void Mirrored::let_go(Hub& hub, std::size_t loop, Followed& followed) {
+void MirrorOrigin::release_stream(Hub& hub, std::size_t loop, Followed& followed) {
   Stream& stream = *followed.stream;
   followed.trace_every.erase(loop);
-  tell_sender(followed);
+  notify_sender(followed);
   if (!followed.trace_every.empty()) return;
   followed_.erase(stream.name());
   stream.set_mirrored(false);
-  hub.left(stream);
+  hub.unwatched(stream);
 }
 
-void Mirrored::on_announced(const Stream& stream) {
+void MirrorOrigin::on_announced(const Stream& stream) {
   if (followed_.empty()) return;
-  tell_all(stream, {stream.id(), std::make_shared<const Standing>(stream.standing())});
+  broadcast(stream, {stream.id(), std::make_shared<const Snapshot>(stream.snapshot())});
 }
 
-void Mirrored::on_key(const Stream& stream, const KeyRecordPtr& record) {
-  if (!followed_.empty()) tell_all(stream, {stream.id(), record});
+void MirrorOrigin::on_key(const Stream& stream, const KeyRecordPtr& record) {
+  if (!followed_.empty()) broadcast(stream, {stream.id(), record});
 }
 
-void Mirrored::on_stalled(const Stream& stream) {
-  tell_all(stream, {stream.id(), MirrorEvent::Stalled{}});
+void MirrorOrigin::on_stalled(const Stream& stream) {
+  broadcast(stream, {stream.id(), MirrorEvent::Stalled{}});
 }
 
-void Mirrored::on_trace(const Stream& stream, const control::Trace& trace) {
+void MirrorOrigin::on_trace(const Stream& stream, const control::Trace& trace) {
   if (followed_.empty()) return;
-  tell_all(stream, {stream.id(), std::make_shared<const control::Trace>(trace)});
+  broadcast(stream, {stream.id(), std::make_shared<const control::Trace>(trace)});
 }
 
-void Mirrored::tell_all(const Stream& stream, const MirrorEvent& event) {
+void MirrorOrigin::broadcast(const Stream& stream, const MirrorEvent& event) {
   const auto found = followed_.find(stream.name());
   if (found == followed_.end()) return;
   for (const auto& [loop, every] : found->second.trace_every) push(loop, event);
 }
 
-void Mirrored::push(std::size_t loop, MirrorEvent event) {
-  Way& way = ways_[loop];
+void MirrorOrigin::push(std::size_t loop, MirrorEvent event) {
+  Channel& channel = channels_[loop];
   const auto is_answer = [](const MirrorEvent& one) { return std::holds_alternative<MirrorEvent::ErrorPtr>(one.what); };
-  if (way.behind && !is_answer(event)) return;
-  way.waiting.push_back(std::move(event));
-  if (way.sent + way.waiting.size() - surroundings_.taken(loop) > kMostUnderWay) {
-    way.behind = true;
-    std::erase_if(way.waiting, [&](const MirrorEvent& one) { return !is_answer(one); });
+  if (channel.behind && !is_answer(event)) return;
+  channel.waiting.push_back(std::move(event));
+  if (channel.sent + channel.waiting.size() - environment_.taken(loop) > kMaxInFlight) {
+    channel.behind = true;
+    std::erase_if(channel.waiting, [&](const MirrorEvent& one) { return !is_answer(one); });
   }
   arm();
 }
 
-void Mirrored::arm() {
-  if (!std::exchange(armed_, true)) surroundings_.flush_soon();
+void MirrorOrigin::arm() {
+  if (!std::exchange(armed_, true)) environment_.flush_soon();
 }
 
-void Mirrored::flush() {
+void MirrorOrigin::flush() {
   armed_ = false;
-  for (std::size_t loop = 0; loop < ways_.size(); ++loop) {
-    Way& way = ways_[loop];
-    if (way.behind && surroundings_.taken(loop) == way.sent) catch_up(loop);
-    if (way.waiting.empty()) continue;
-    way.sent += way.waiting.size();
-    surroundings_.send(loop, std::exchange(way.waiting, {}));
+  for (std::size_t loop = 0; loop < channels_.size(); ++loop) {
+    Channel& channel = channels_[loop];
+    if (channel.behind && environment_.taken(loop) == channel.sent) catch_up(loop);
+    if (channel.waiting.empty()) continue;
+    channel.sent += channel.waiting.size();
+    environment_.send(loop, std::exchange(channel.waiting, {}));
   }
 }
 
-void Mirrored::catch_up(std::size_t loop) {
-  Way& way = ways_[loop];
-  way.behind = false;
+void MirrorOrigin::catch_up(std::size_t loop) {
+  Channel& channel = channels_[loop];
+  channel.behind = false;
   for (const auto& [name, followed] : followed_) {
     if (!followed.trace_every.contains(loop)) continue;
-    way.waiting.push_back({followed.stream->id(), std::make_shared<const Standing>(followed.stream->standing())});
+    channel.waiting.push_back({followed.stream->id(), std::make_shared<const Snapshot>(followed.stream->snapshot())});
   }
 }
 
-// ---- Where they are mirrored ----
+// ---- Mirrors ----
 
-/// Stands in the place of the sender.
-class Mirrors::Mirror final : public PublisherLink {
+/// Takes the sender's role in a mirror.
+class MirrorSet::Mirror final : public PublisherLink {
  public:
-  Mirror(Mirrors& mirrors, Stream& stream) : mirrors_(mirrors), stream_(stream) {
-    stream.await_standing();
-    (void)stream.claim(*this);  // Nobody publishes here.
+  Mirror(MirrorSet& mirrors, Stream& mirrored) : stream(mirrored), mirrors_(mirrors) {
+    stream.await_snapshot();
+    (void)stream.claim(*this);  // A mirror has no other publisher.
   }
   void on_watcher_count(std::uint32_t) override { mirrors_.change(*this); }
   void on_trace_wanted() override { mirrors_.change(*this); }
 
-  Stream& stream() { return stream_; }
-  bool is_changed() const { return changed_; }
-  void set_changed(bool changed) { changed_ = changed; }
-  /// False until the origin has answered: what comes before is of an earlier mirror of the stream.
-  bool stands() const { return stands_; }
-  void set_stands() { stands_ = true; }
-  /// The origin cannot have the stream: those who watched it are sent away, who comes meanwhile asks anew.
-  void set_refused() { refused_ = true; }
-  bool take_refusal() { return std::exchange(refused_, false); }
+  Stream& stream;
+  bool changed = false;
+  bool synced = false;   ///< The origin has answered: earlier events belong to a previous mirror of the stream.
+  bool refused = false;  ///< The origin refused the stream: its watchers were dismissed; later ones request it again.
 
  private:
-  Mirrors& mirrors_;
-  Stream& stream_;
-  bool changed_ = false;
-  bool stands_ = false;
-  bool refused_ = false;
+  MirrorSet& mirrors_;
 };
 
-Mirrors::Mirrors(Surroundings surroundings) : surroundings_(std::move(surroundings)) {}
-Mirrors::~Mirrors() = default;
+MirrorSet::MirrorSet(Environment environment) : environment_(std::move(environment)) {}
+MirrorSet::~MirrorSet() = default;
 
-void Mirrors::on_opened(Stream& stream) {
+void MirrorSet::on_opened(Stream& stream) {
   auto mirror = std::make_unique<Mirror>(*this, stream);
-  ask(MirrorAsk::Kind::kFollow, stream);
+  request(MirrorRequest::Kind::kFollow, stream);
   change(*mirror);
   mirrors_[stream.id()] = std::move(mirror);
 }
 
-void Mirrors::change(Mirror& mirror) {
-  if (mirror.is_changed()) return;
-  mirror.set_changed(true);
-  changed_.push_back(mirror.stream().id());
-  if (!std::exchange(armed_, true)) surroundings_.settle_soon();
+void MirrorSet::change(Mirror& mirror) {
+  if (std::exchange(mirror.changed, true)) return;
+  changed_.push_back(mirror.stream.id());
+  if (!std::exchange(armed_, true)) environment_.flush_soon();
 }
 
-void Mirrors::ask(MirrorAsk::Kind kind, const Stream& stream) {
-  asks_.push_back({kind, stream.name(), stream.id(), stream.trace_every()});
+void MirrorSet::request(MirrorRequest::Kind kind, const Stream& stream) {
+  requests_.push_back({kind, stream.name(), stream.id(), stream.trace_every()});
 }
 
-void Mirrors::settle(Hub& hub) {
+void MirrorSet::flush(Hub& hub) {
   armed_ = false;
   for (const std::uint32_t id : std::exchange(changed_, {})) {
     Mirror& mirror = *mirrors_.at(id);
-    Stream& stream = mirror.stream();
-    mirror.set_changed(false);
+    Stream& stream = mirror.stream;
+    mirror.changed = false;
     if (stream.watchers_here() > 0) {
-      if (mirror.take_refusal()) ask(MirrorAsk::Kind::kFollow, stream);
-      ask(MirrorAsk::Kind::kChanged, stream);
+      if (std::exchange(mirror.refused, false)) request(MirrorRequest::Kind::kFollow, stream);
+      request(MirrorRequest::Kind::kChanged, stream);
       continue;
     }
-    ask(MirrorAsk::Kind::kLetGo, stream);
+    request(MirrorRequest::Kind::kRelease, stream);
     stream.release(mirror);
     mirrors_.erase(id);
     hub.drop(stream);
   }
-  if (!asks_.empty()) surroundings_.ask(std::exchange(asks_, {}));
+  if (!requests_.empty()) environment_.request(std::exchange(requests_, {}));
 }
 
-void Mirrors::take(Hub& hub, const MirrorEvents& events, TimeUs now_us) {
+void MirrorSet::take(Hub& hub, const MirrorEvents& events, TimeUs now_us) {
   for (const MirrorEvent& event : events) {
     const auto found = mirrors_.find(event.stream_id);
     if (found == mirrors_.end()) continue;
     Mirror& mirror = *found->second;
-    Stream& stream = mirror.stream();
-    if (const auto* standing = std::get_if<StandingPtr>(&event.what)) {
-      mirror.set_stands();
-      if ((*standing)->epoch < stream.epoch()) {
-        stream.stall();  // The origin forgot it meanwhile.
-      } else if (!stream.stand_at(**standing)) {
-        continue;  // It does not come to that: the origin took the same.
+    Stream& stream = mirror.stream;
+    if (const auto* snapshot = std::get_if<SnapshotPtr>(&event.what)) {
+      mirror.synced = true;
+      if ((*snapshot)->epoch < stream.epoch()) {
+        stream.stall();  // The origin removed it meanwhile.
+      } else if (!stream.restore(**snapshot)) {
+        continue;  // Unreachable: the origin accepted the same snapshot.
       }
     } else if (const auto* error = std::get_if<MirrorEvent::ErrorPtr>(&event.what)) {
-      mirror.set_refused();
+      mirror.refused = true;
       stream.dismiss(**error);
-    } else if (!mirror.stands()) {
+    } else if (!mirror.synced) {
       continue;
     } else if (const auto* record = std::get_if<KeyRecordPtr>(&event.what)) {
       stream.take_record(*record, now_us);
@@ -213,7 +203,7 @@ void Mirrors::take(Hub& hub, const MirrorEvents& events, TimeUs now_us) {
     } else {
       stream.stall();
     }
-    hub.owes(stream);
+    hub.mark_dirty(stream);
   }
 }
 

@@ -11,54 +11,52 @@
 
 #include "broker/relay/hub.h"
 
-/// One stream in several event loops. Its sender, its key chain and its taps are in the first one: the origin. Each
-/// loop where somebody watches it has a mirror of it, with the feeds that its own viewers use. What crosses is
-/// immutable and shared, in batches, in order. No sockets, no clock, no threads: how batches travel, the owner says.
+/// One stream in several event loops. Its sender, key chain and taps belong to the first loop, the origin. Each other loop
+/// with viewers has a mirror with the feeds of its own viewers. Events between loops are immutable, shared, batched and
+/// ordered. No sockets, clock or threads here: the owner transports the batches.
 namespace eigencast::broker {
 
-/// What happened to a stream at its origin.
+/// An event of a stream at its origin.
 struct MirrorEvent {
   struct Stalled {};
   using TracePtr = std::shared_ptr<const control::Trace>;
   using ErrorPtr = std::shared_ptr<const Error>;
   std::uint32_t stream_id = 0;
-  /// Where it stands (the answer to kFollow, and each announcement), its next key, its sender's end, a sender's trace,
-  /// or why it cannot be had.
-  std::variant<StandingPtr, KeyRecordPtr, Stalled, TracePtr, ErrorPtr> what;
+  /// A snapshot (the answer to kFollow, and each announcement), the next key, the sender's end, a sender's trace, or why
+  /// the stream is unavailable.
+  std::variant<SnapshotPtr, KeyRecordPtr, Stalled, TracePtr, ErrorPtr> what;
 };
 using MirrorEvents = std::vector<MirrorEvent>;
 
-/// What a mirror says to the origin.
-struct MirrorAsk {
-  enum class Kind : std::uint8_t { kFollow, kLetGo, kChanged };
+/// A request of a mirror to the origin.
+struct MirrorRequest {
+  enum class Kind : std::uint8_t { kFollow, kRelease, kChanged };
   Kind kind = Kind::kFollow;
   std::string stream;
-  std::uint32_t stream_id = 0;    ///< To be answered to.
-  std::uint32_t trace_every = 0;  ///< kChanged: what is wanted now. How many watch, StreamShare says.
+  std::uint32_t stream_id = 0;    ///< For the answer.
+  std::uint32_t trace_every = 0;  ///< kChanged: the wanted interval. StreamShare has the watchers.
 };
-using MirrorAsks = std::vector<MirrorAsk>;
+using MirrorRequests = std::vector<MirrorRequest>;
 
-/// At the loop of the senders: tells the other loops what becomes of the streams that they follow. A tap of its
-/// streams.
+/// In the senders' loop: sends the events of followed streams to the other loops. A tap of its streams.
 ///
-/// A loop that has kMostUnderWay events before it gets no more; when it has dealt with them, it goes on from where the
-/// streams stand then.
-class Mirrored final : public StreamTap {
+/// A loop with kMaxInFlight unprocessed events gets no more; once it has processed them, it continues from a snapshot.
+class MirrorOrigin final : public StreamTap {
  public:
-  static constexpr std::uint64_t kMostUnderWay = 16'384;
+  static constexpr std::uint64_t kMaxInFlight = 16'384;
 
-  struct Surroundings {
+  struct Environment {
     std::function<void(std::size_t loop, MirrorEvents)> send;
-    std::function<std::uint64_t(std::size_t loop)> taken;  ///< So many events has that loop dealt with so far.
+    std::function<std::uint64_t(std::size_t loop)> taken;  ///< Events that the loop has processed so far.
     std::function<void()> flush_soon;                      ///< Call flush() at the end of this turn.
   };
 
-  /// `loops`: that mirror; they are named 0, 1 ...
-  Mirrored(std::size_t loops, Surroundings surroundings);
+  /// `loops`: number of mirroring loops, numbered from 0.
+  MirrorOrigin(std::size_t loops, Environment environment);
 
-  /// `loop` asks; the hub is that of all calls.
-  void take(Hub& hub, std::size_t loop, const MirrorAsks& asks);
-  /// Sends what waits. Call once a second too: who had fallen behind goes on then.
+  /// Takes requests of `loop`. The hub is the same in all calls.
+  void take(Hub& hub, std::size_t loop, const MirrorRequests& requests);
+  /// Sends waiting events. Call once a second too, so that loops that were behind continue.
   void flush();
 
   // StreamTap
@@ -66,62 +64,62 @@ class Mirrored final : public StreamTap {
   void on_key(const Stream& stream, const KeyRecordPtr& record) override;
   void on_stalled(const Stream& stream) override;
   void on_trace(const Stream& stream, const control::Trace& trace) override;
-  void on_forgotten(const Stream&) override {}  // Not while it is mirrored.
+  void on_forgotten(const Stream&) override {}  // Never while mirrored.
 
  private:
-  struct Way {
+  struct Channel {
     MirrorEvents waiting;
     std::uint64_t sent = 0;
     bool behind = false;
   };
   struct Followed {
     Stream* stream = nullptr;
-    std::map<std::size_t, std::uint32_t> trace_every;  ///< Of each loop that follows it.
+    std::map<std::size_t, std::uint32_t> trace_every;  ///< By following loop.
   };
 
-  void follow(Hub& hub, std::size_t loop, const MirrorAsk& ask);
-  void let_go(Hub& hub, std::size_t loop, Followed& followed);
-  /// How many watch, and what is wanted traced.
-  static void tell_sender(const Followed& followed);
-  void tell_all(const Stream& stream, const MirrorEvent& event);
+  void follow(Hub& hub, std::size_t loop, const MirrorRequest& request);
+  void release_stream(Hub& hub, std::size_t loop, Followed& followed);
+  /// Reports the number of watchers and the wanted trace interval.
+  static void notify_sender(const Followed& followed);
+  void broadcast(const Stream& stream, const MirrorEvent& event);
   void push(std::size_t loop, MirrorEvent event);
   void catch_up(std::size_t loop);
   void arm();
 
-  const Surroundings surroundings_;
-  std::vector<Way> ways_;
-  std::map<std::string, Followed, std::less<>> followed_;  ///< By name: of an id, an ask may be behind.
+  const Environment environment_;
+  std::vector<Channel> channels_;
+  std::map<std::string, Followed, std::less<>> followed_;  ///< By name: ids in requests may be outdated.
   bool armed_ = false;
 };
 
-/// At another loop: makes each stream of its hub a mirror, and lets it go when nobody watches it there.
-class Mirrors {
+/// In another loop: makes each stream of its hub a mirror, and releases it when it has no watchers.
+class MirrorSet {
  public:
-  struct Surroundings {
-    std::function<void(MirrorAsks)> ask;
-    std::function<void()> settle_soon;  ///< Call settle() at the end of this turn.
+  struct Environment {
+    std::function<void(MirrorRequests)> request;
+    std::function<void()> flush_soon;  ///< Call flush() at the end of this turn.
   };
 
-  explicit Mirrors(Surroundings surroundings);
-  ~Mirrors();
-  Mirrors(const Mirrors&) = delete;
-  Mirrors& operator=(const Mirrors&) = delete;
+  explicit MirrorSet(Environment environment);
+  ~MirrorSet();
+  MirrorSet(const MirrorSet&) = delete;
+  MirrorSet& operator=(const MirrorSet&) = delete;
 
-  /// Of the hub (Hub::Settings::on_opened).
+  /// For Hub::Settings::on_opened.
   void on_opened(Stream& stream);
-  /// What comes from the origin. The hub owes the streams what follows from it.
+  /// Applies events of the origin and marks the changed streams dirty.
   void take(Hub& hub, const MirrorEvents& events, TimeUs now_us);
-  void settle(Hub& hub);
+  void flush(Hub& hub);
 
  private:
   class Mirror;
   void change(Mirror& mirror);
-  void ask(MirrorAsk::Kind kind, const Stream& stream);
+  void request(MirrorRequest::Kind kind, const Stream& stream);
 
-  const Surroundings surroundings_;
+  const Environment environment_;
   std::map<std::uint32_t, std::unique_ptr<Mirror>> mirrors_;  ///< By stream id.
   std::vector<std::uint32_t> changed_;
-  MirrorAsks asks_;
+  MirrorRequests requests_;
   bool armed_ = false;
 };
 

@@ -28,7 +28,7 @@ bool is_key(const Envelope& envelope) {
   return envelope.kind == FrameKind::kKey || envelope.kind == FrameKind::kJoin;
 }
 
-/// Whether the receiver has what the frame shows, or something newer of the same chain: it never needs it.
+/// Whether the receiver already shows this frame or a newer one of its chain.
 bool is_overtaken(const Envelope& envelope, std::optional<std::uint64_t> newest) {
   switch (envelope.kind) {
     case FrameKind::kJoin:
@@ -89,10 +89,10 @@ void Outbox::offer(std::uint32_t stream_id, const FramePtr& frame) {
   }
 }
 
-bool Outbox::pass(std::uint32_t stream_id, const Frame& frame, TimeUs now_us) {
+bool Outbox::send_directly(std::uint32_t stream_id, const Frame& frame, TimeUs now_us) {
   Lane* lane = find(stream_id);
   if (lane == nullptr || !control_.empty() || lane->key || lane->pose) return false;
-  // Who has nothing yet may well begin with this frame, if it is a join.
+  // A receiver that has nothing may begin with this frame if it is a join.
   if (!decodable(frame.envelope, lane->newest) || window_closed(*lane, now_us)) return false;
   note_sent(*lane, frame, now_us);
   return true;
@@ -107,12 +107,12 @@ std::optional<Outbox::Item> Outbox::take(TimeUs now_us, const JoinSource& join_o
   }
   if (late_pong_) return Item{std::exchange(late_pong_, nullptr), nullptr};
   for (std::size_t i = 0; i < lanes_.size(); ++i) {
-    Lane& lane = lanes_[(turn_ + i) % lanes_.size()];
+    Lane& lane = lanes_[(next_lane_ + i) % lanes_.size()];
     if ((!lane.key && !lane.pose && !lane.wants_join) || window_closed(lane, now_us)) continue;
     FramePtr frame = next_of(lane, join_of);
     if (!frame) continue;
     note_sent(lane, *frame, now_us);
-    turn_ = (turn_ + i + 1) % lanes_.size();
+    next_lane_ = (next_lane_ + i + 1) % lanes_.size();
     return Item{nullptr, std::move(frame)};
   }
   return std::nullopt;
@@ -132,16 +132,16 @@ FramePtr Outbox::next_of(Lane& lane, const JoinSource& join_of) {
   }
   ++joins_total_;
   ++lane.counts.joins;
-  const std::uint64_t stands_at = join->envelope.sequence;
-  if (lane.key && lane.key->envelope.sequence <= stands_at) lane.key = nullptr;  // The join holds it.
-  if (lane.key && !decodable(lane.key->envelope, stands_at)) skip(lane, lane.key);
-  if (lane.pose && !decodable(lane.pose->envelope, lane.key ? lane.key->envelope.sequence : stands_at))
+  const std::uint64_t joined = join->envelope.sequence;
+  if (lane.key && lane.key->envelope.sequence <= joined) lane.key = nullptr;  // The join holds it.
+  if (lane.key && !decodable(lane.key->envelope, joined)) skip(lane, lane.key);
+  if (lane.pose && !decodable(lane.pose->envelope, lane.key ? lane.key->envelope.sequence : joined))
     skip(lane, lane.pose);
   return join;
 }
 
 void Outbox::drop_overtaken(Lane& lane) {
-  // A join may have run ahead of frames that were made before it and are offered after it.
+  // A join may overtake frames that were made before it and are offered after it.
   if (lane.key && is_overtaken(lane.key->envelope, lane.newest)) lane.key = nullptr;
   if (lane.pose && is_overtaken(lane.pose->envelope, lane.newest)) skip(lane, lane.pose);
 }
@@ -162,7 +162,7 @@ void Outbox::note_in_flight(Lane& lane) {
                        lane.in_flight.begin() + static_cast<std::ptrdiff_t>(lane.in_flight.size() / 2));
 }
 
-void Outbox::take_back(const Frame& frame) {
+void Outbox::drop_unsent(const Frame& frame) {
   Lane* lane = find(frame.envelope.stream_id);
   if (lane == nullptr) return;
   ++lane->skipped;
@@ -200,16 +200,16 @@ void Outbox::begin_window(Lane& lane, const control::Ack::Item& item, TimeUs now
 
 void Outbox::note_round_trip(TimeUs round_trip_us, TimeUs now_us) {
   if (now_us - period_start_us_ > kRoundTripPeriodUs) {
-    if (least_now_) least_before_ = least_now_;
-    least_now_.reset();
+    if (min_round_trip_) previous_min_round_trip_ = min_round_trip_;
+    min_round_trip_.reset();
     period_start_us_ = now_us;
   }
-  least_now_ = std::min(least_now_.value_or(round_trip_us), round_trip_us);
+  min_round_trip_ = std::min(min_round_trip_.value_or(round_trip_us), round_trip_us);
 }
 
 std::optional<TimeUs> Outbox::round_trip_us() const {
-  if (least_now_ && least_before_) return std::min(*least_now_, *least_before_);
-  return least_now_ ? least_now_ : least_before_;
+  if (min_round_trip_ && previous_min_round_trip_) return std::min(*min_round_trip_, *previous_min_round_trip_);
+  return min_round_trip_ ? min_round_trip_ : previous_min_round_trip_;
 }
 
 bool Outbox::window_closed(const Lane& lane, TimeUs now_us) const {

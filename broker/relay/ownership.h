@@ -11,19 +11,18 @@
 
 namespace eigencast::broker {
 
-/// Decides who may be the sender of a stream, and gives its announcements their epochs: a broker for itself, or several
-/// brokers together. On the event loop.
+/// Decides which sender owns a stream and assigns epochs to its announcements, for one broker or several together.
+/// Called on the event loop.
 class Ownership {
  public:
   using Granted = std::function<void(Result<std::uint32_t>)>;
 
   virtual ~Ownership() = default;
-  /// Calls `granted` now or later, once: with the epoch, greater than any that the stream had, or with what is in the
-  /// way. Errors: kRefused (the stream has a sender at another broker), kIo.
+  /// Calls `granted` once, now or later: with an epoch greater than any earlier one of the stream, or with the error. Errors: kRefused (the stream has a sender at another broker), kIo.
   virtual void claim(const std::string& stream, const control::Announce& announce, Granted granted) = 0;
 };
 
-/// A broker for itself: whoever has claimed the stream is its sender.
+/// For a single broker: the sender that claimed the stream owns it.
 class SoleOwnership final : public Ownership {
  public:
   /// next_epoch  as EpochSource::next()

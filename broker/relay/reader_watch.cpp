@@ -6,9 +6,9 @@
 namespace eigencast::broker {
 namespace {
 
-/// A few poses that the peer's program just did not come to yet narrow its window by less.
+/// A few poses that the peer has yet to read narrow its window by less.
 constexpr std::uint32_t kNarrowedBytes = 2048;
-/// So much longer than the round trip an answer may take. Who is held in vain loses a pose or two.
+/// Slack of the answer beyond the round trip. A wrong hold costs a pose or two.
 constexpr TimeUs kPatienceUs = 20'000;
 
 }  // namespace
@@ -20,17 +20,17 @@ bool ReaderWatch::note_window(std::uint32_t bytes, TimeUs round_trip_us, TimeUs 
     hold_from_us_ = kNever;
     return false;
   }
-  if (!is_asking()) {
-    ++question_;
+  if (!is_probing()) {
+    ++probe_;
     hold_from_us_ = now_us + round_trip_us + kPatienceUs;
   }
   return true;
 }
 
 bool ReaderWatch::note_pong(std::string_view payload) {
-  if (!is_asking() || payload != question()) return false;
+  if (!is_probing() || payload != probe()) return false;
   hold_from_us_ = kNever;
-  widest_ = latest_;  // It reads, and offers no more than this.
+  widest_ = latest_;  // It reads, so this is its full window.
   return true;
 }
 

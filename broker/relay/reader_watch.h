@@ -10,44 +10,44 @@
 
 namespace eigencast::broker {
 
-/// Whether a viewer that never acknowledges still reads, decided from its TCP window and from its pongs.
+/// Decides from TCP window and pongs whether a viewer that never acknowledges still reads.
 ///
-/// What the peer's kernel holds unread narrows the window that it offers. Who offers less than before is asked by a
-/// WebSocket ping, which every client answers once it has read what came before it (RFC 6455, 5.5.2). While the answer
-/// is overdue, frames are to wait, so that it gets the present pose when it wakes and no backlog.
+/// Unread bytes in the peer's kernel narrow the window that it offers. A peer whose window narrowed is probed with a
+/// WebSocket ping, which a client answers once it has read everything before it (RFC 6455, 5.5.2). While the pong is
+/// overdue, frames wait, so that the viewer gets the current pose when it resumes and no backlog.
 ///
 /// Time comes in as an argument. Not thread-safe.
 class ReaderWatch {
  public:
   static constexpr TimeUs kNever = std::numeric_limits<TimeUs>::max();
 
-  /// Those of different `phase` look after different frames: who came one after the other do not all look in one turn.
-  explicit ReaderWatch(std::uint64_t phase = 0) : sent_(static_cast<std::uint32_t>(phase % kFramesBetweenLooks)) {}
+  /// Different phases check after different frames, so that not all connections check in the same turn.
+  explicit ReaderWatch(std::uint64_t phase = 0) : sent_(static_cast<std::uint32_t>(phase % kFramesBetweenChecks)) {}
 
-  /// A frame left; true: look at the window now.
-  bool note_sent() { return ++sent_ % kFramesBetweenLooks == 0; }
+  /// A frame was written; true: check the window now.
+  bool note_sent() { return ++sent_ % kFramesBetweenChecks == 0; }
 
-  /// The window that the peer offers; true: ask it, with question().
+  /// Takes the window that the peer offers; true: send a ping with probe().
   bool note_window(std::uint32_t bytes, TimeUs round_trip_us, TimeUs now_us);
 
-  /// A pong came; true: it answers the question, all that was sent before has been read.
+  /// Takes a pong; true: it answers the probe, so everything sent before it has been read.
   bool note_pong(std::string_view payload);
 
-  /// Payload of the ping.
-  std::string question() const { return std::to_string(question_); }
-  bool is_asking() const { return hold_from_us_ != kNever; }
-  /// From when on frames are to wait.
+  /// The ping's payload.
+  std::string probe() const { return std::to_string(probe_); }
+  bool is_probing() const { return hold_from_us_ != kNever; }
+  /// Frames wait from then on.
   TimeUs hold_from_us() const { return hold_from_us_; }
 
  private:
-  /// Looking is a system call: one for so many frames is lost among theirs.
-  static constexpr std::uint32_t kFramesBetweenLooks = 32;
+  /// A check is a system call; one per 32 frames is negligible.
+  static constexpr std::uint32_t kFramesBetweenChecks = 32;
 
   TimeUs hold_from_us_ = kNever;
   std::uint32_t sent_;
-  std::uint32_t widest_ = 0;  ///< Bytes; of late.
+  std::uint32_t widest_ = 0;  ///< Bytes; recent maximum.
   std::uint32_t latest_ = 0;
-  std::uint32_t question_ = 0;
+  std::uint32_t probe_ = 0;
 };
 
 }  // namespace eigencast::broker

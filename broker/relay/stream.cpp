@@ -14,7 +14,7 @@ std::string frame_label(const Envelope& envelope) {
   return "frame " + std::to_string(envelope.sequence);
 }
 
-/// Profiles that ask for the same are equal afterwards, whatever the format of the epoch.
+/// Makes profiles that request the same frames equal, whatever the epoch's format.
 Profile canonical(Profile profile) {
   if (profile.rate == Profile::Rate::kRaw) {
     profile.k = Profile{}.k;
@@ -77,34 +77,34 @@ void Stream::stall() {
 }
 
 Result<void> Stream::announce(const control::Announce& announce, std::uint32_t epoch) {
-  auto begun = stand_at({announce, epoch, true, nullptr});
-  if (begun) tell_count();
+  auto begun = restore({announce, epoch, true, nullptr});
+  if (begun) report_count();
   return begun;
 }
 
-Result<void> Stream::stand_at(const Standing& standing) {
-  assert(standing.epoch >= epoch_);
+Result<void> Stream::restore(const Snapshot& snapshot) {
+  assert(snapshot.epoch >= epoch_);
   deliver();
-  if (standing.epoch != 0) {
-    const StreamFormat& format = standing.announced.format;
+  if (snapshot.epoch != 0) {
+    const StreamFormat& format = snapshot.announced.format;
     const auto codec = codec_from_name(format.codec);
     if (!codec) return codec.error();
-    announced_ = standing.announced;
+    announced_ = snapshot.announced;
     layout_ = {*codec, format.rows, format.channels, format.band_ends};
-    epoch_ = standing.epoch;
-    publishing_ = standing.live;
-    newest_ = standing.newest;
+    epoch_ = snapshot.epoch;
+    publishing_ = snapshot.live;
+    newest_ = snapshot.newest;
     for (StreamTap* tap : settings_.taps) tap->on_announced(*this);
     groups_.clear();
     group_of_.clear();
-    for (Watcher* watcher : order_) join_group(*watcher, profiles_.at(watcher));
+    for (Watcher* watcher : order_) add_to_group(*watcher, profiles_.at(watcher));
   }
-  awaits_standing_ = false;
+  awaits_snapshot_ = false;
   for (Watcher* watcher : order_) watcher->on_stream_changed(*this, true);
   return {};
 }
 
-Standing Stream::standing() const {
+Snapshot Stream::snapshot() const {
   return {announced_, epoch_, publishing_, newest_};
 }
 
@@ -134,9 +134,9 @@ void Stream::take_record(const KeyRecordPtr& record, TimeUs now_us) {
   tracer_.note_key(record->sequence, record->arrival_us);
   for (StreamTap* tap : settings_.taps) tap->on_key(*this, newest_);
   for (auto& [profile, group] : groups_) {
-    group->feed.add_key(record, now_us, group->leaving);
+    group->feed.add_key(record, now_us, group->pending);
   }
-  has_leaving_ = true;
+  has_pending_ = true;
 }
 
 Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) const {
@@ -196,22 +196,22 @@ Result<void> Stream::watch(Watcher& watcher, const Profile& wanted) {
   if (wanted_.size() - given_up >= settings_.max_profiles && !wanted_.contains(profile)) {
     return fail(ErrorCode::kTooLarge,
                 "stream '" + name_ + "' is watched in " + std::to_string(settings_.max_profiles) +
-                    " profiles, the most that limits.max_profiles_per_stream allows: ask for a common one");
+                    " profiles, the most that limits.max_profiles_per_stream allows: request for a common one");
   }
   if (known) {
     forget_wanted(watcher);
-    leave_group(watcher);
-  } else if (auto placed = take_place(watcher); !placed) {
+    remove_from_group(watcher);
+  } else if (auto placed = add_watcher(watcher); !placed) {
     return placed;
   }
   note_wanted(watcher, profile);
-  if (epoch_ != 0) join_group(watcher, profile);
-  if (!awaits_standing_) watcher.on_stream_changed(*this, true);
-  if (!known) tell_count();
+  if (epoch_ != 0) add_to_group(watcher, profile);
+  if (!awaits_snapshot_) watcher.on_stream_changed(*this, true);
+  if (!known) report_count();
   return {};
 }
 
-Result<void> Stream::take_place(Watcher& watcher) {
+Result<void> Stream::add_watcher(Watcher& watcher) {
   if (share_->watchers++ >= settings_.max_watchers) {
     --share_->watchers;
     return fail(ErrorCode::kTooLarge, "stream '" + name_ + "' has " + std::to_string(settings_.max_watchers) +
@@ -225,23 +225,23 @@ void Stream::unwatch(Watcher& watcher) {
   if (!profiles_.contains(&watcher)) return;
   deliver();
   forget_wanted(watcher);
-  leave_group(watcher);
+  remove_from_group(watcher);
   std::erase(order_, &watcher);
   --share_->watchers;
   trace(watcher, 0);
-  tell_count();
+  report_count();
 }
 
 void Stream::pump(TimeUs now_us) {
   for (auto& [profile, group] : groups_) {
-    group->feed.pump(now_us, group->leaving);
+    group->feed.pump(now_us, group->pending);
   }
-  has_leaving_ = true;
+  has_pending_ = true;
   deliver();
 }
 
 void Stream::deliver() {
-  if (!std::exchange(has_leaving_, false)) return;
+  if (!std::exchange(has_pending_, false)) return;
   for (auto& [profile, group] : groups_) deliver(*group);
 }
 
@@ -276,18 +276,18 @@ void Stream::trace(Watcher& watcher, std::uint32_t every) {
   if (tracer_.every() != before && publisher_ != nullptr) publisher_->on_trace_wanted();
 }
 
-void Stream::trace_elsewhere(std::uint32_t every) {
-  trace_elsewhere_ = every;
+void Stream::set_mirror_trace(std::uint32_t every) {
+  mirror_trace_ = every;
   if (publisher_ != nullptr) publisher_->on_trace_wanted();
 }
 
 std::uint32_t Stream::trace_every() const {
   const std::uint32_t here = tracer_.every();
-  if (here == 0 || trace_elsewhere_ == 0) return std::max(here, trace_elsewhere_);
-  return std::min(here, trace_elsewhere_);
+  if (here == 0 || mirror_trace_ == 0) return std::max(here, mirror_trace_);
+  return std::min(here, mirror_trace_);
 }
 
-void Stream::tell_traces(Group& group) {
+void Stream::send_traces(Group& group) {
   for (const FramePtr& frame : group.traced) {
     const auto trace = tracer_.trace_of(*frame);
     if (!trace) continue;
@@ -324,7 +324,7 @@ Profile Stream::effective(const Profile& wanted) const {
     const auto bands = static_cast<std::uint8_t>(layout_.band_ends.size());
     profile.bands = std::clamp<std::uint8_t>(profile.bands, 1, bands);
     if (profile.scheme == Profile::Scheme::kHermite && announced_.format.velocity_channels == 0)
-      profile.scheme = Profile::Scheme::kLinear;  // `stream` says so to the viewer.
+      profile.scheme = Profile::Scheme::kLinear;  // The `stream` message reports this to the viewer.
   }
   return profile;
 }
@@ -340,7 +340,7 @@ void Stream::forget_wanted(const Watcher& watcher) {
   profiles_.erase(profile);
 }
 
-void Stream::join_group(Watcher& watcher, const Profile& wanted) {
+void Stream::add_to_group(Watcher& watcher, const Profile& wanted) {
   const Profile profile = effective(wanted);
   auto& group = groups_[profile];
   if (!group) {
@@ -353,7 +353,7 @@ void Stream::join_group(Watcher& watcher, const Profile& wanted) {
   group_of_[&watcher] = group.get();
 }
 
-void Stream::leave_group(Watcher& watcher) {
+void Stream::remove_from_group(Watcher& watcher) {
   const auto found = group_of_.find(&watcher);
   if (found == group_of_.end()) return;
   Group* group = found->second;
@@ -365,22 +365,22 @@ void Stream::leave_group(Watcher& watcher) {
 }
 
 void Stream::deliver(Group& group) {
-  const std::vector<FramePtr>& frames = group.leaving;
+  const std::vector<FramePtr>& frames = group.pending;
   frames_made_ += frames.size();
   poses_failed_ += group.feed.take_failed_poses();
   if (frames.empty()) return;
   for (Watcher* watcher : group.watchers) watcher->on_frames(*this, frames);
   if (tracer_.every() != 0) {
-    // Of the frames before these: what a connection owes may leave at the end of the turn only.
-    tell_traces(group);
+    // Traces of earlier frames: the present ones may be written only at the end of the turn.
+    send_traces(group);
     for (const FramePtr& frame : frames) {
       if (tracer_.is_traced(frame->envelope.sequence)) group.traced.push_back(frame);
     }
   }
-  group.leaving.clear();
+  group.pending.clear();
 }
 
-void Stream::tell_count() {
+void Stream::report_count() {
   if (publisher_ != nullptr) publisher_->on_watcher_count(watchers());
 }
 

@@ -11,15 +11,14 @@
 
 namespace eigencast::broker {
 
-/// What all event loops of a broker have of one stream in common. Thread-safe.
+/// State of one stream that all event loops share. Thread-safe.
 struct StreamShare {
   explicit StreamShare(std::uint32_t given) : id(given) {}
   const std::uint32_t id;
   std::atomic<std::uint32_t> watchers{0};  ///< In all loops.
 };
 
-/// Gives streams their ids: the same in every loop, from when the first knows the name until the last has forgotten it,
-/// and never one twice. Thread-safe.
+/// Assigns stream ids: the same in every loop while any loop knows the name, and never reused. Thread-safe.
 class StreamIds {
  public:
   std::shared_ptr<StreamShare> of(std::string_view name);

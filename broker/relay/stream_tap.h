@@ -8,19 +8,18 @@ namespace eigencast::broker {
 
 class Stream;
 
-/// Hears what streams take from their senders: what records, what keeps count of the assets in use, what passes keys
-/// on. Called on the stream's event loop, in the order in which things happen; must return at once and must not change
-/// the stream.
+/// Observes the input of streams: recorder, asset store, backbone, mirrors. Called on the stream's event loop, in order;
+/// must return at once and must not change the stream.
 class StreamTap {
  public:
   virtual ~StreamTap() = default;
   virtual void on_announced(const Stream& stream) = 0;
   virtual void on_key(const Stream& stream, const KeyRecordPtr& record) = 0;
-  /// The sender is gone.
+  /// The sender disconnected.
   virtual void on_stalled(const Stream& stream) = 0;
-  /// The sender told what it knows of a key's way.
+  /// The sender sent its trace of a key.
   virtual void on_trace(const Stream& /*stream*/, const control::Trace& /*trace*/) {}
-  /// The stream is about to be forgotten.
+  /// The stream is being removed.
   virtual void on_forgotten(const Stream& stream) = 0;
 };
 

@@ -36,7 +36,7 @@ std::optional<control::Trace> Tracer::trace_of(const Frame& frame) const {
   const Envelope& head = frame.envelope;
   const auto arrival =
       std::find_if(arrivals_.begin(), arrivals_.end(), [&](const Arrival& a) { return a.sequence == head.sequence; });
-  if (arrival == arrivals_.end() || frame.times.left_us == 0 || !is_traced(head.sequence)) return std::nullopt;
+  if (arrival == arrivals_.end() || frame.times.written_us == 0 || !is_traced(head.sequence)) return std::nullopt;
   control::Trace trace;
   trace.stream_id = head.stream_id;
   trace.epoch = head.epoch;
@@ -44,7 +44,7 @@ std::optional<control::Trace> Tracer::trace_of(const Frame& frame) const {
   trace.step = head.step.byte();
   trace.stages.emplace_back(control::stage::kArrived, arrival->arrival_us);
   if (frame.times.due_us != 0) trace.stages.emplace_back(control::stage::kDue, frame.times.due_us);
-  trace.stages.emplace_back(control::stage::kLeft, frame.times.left_us);
+  trace.stages.emplace_back(control::stage::kLeft, frame.times.written_us);
   return trace;
 }
 

@@ -11,19 +11,19 @@
 
 namespace eigencast::broker {
 
-/// Which frames of one stream are traced, for whom, and what the broker has to say about them. Nothing is traced unless
-/// a watcher asked for it. Time comes in as an argument. Not thread-safe.
+/// Records which frames of one stream are traced and for which watchers, and builds the broker's part of the traces.
+/// Traces nothing unless a watcher requested it. Time comes in as an argument. Not thread-safe.
 class Tracer {
  public:
-  /// `who` wants traces of keys whose sequence is a multiple of `every`; 0: of none.
+  /// Requests traces for `who` of keys whose sequence is a multiple of `every`; 0: none.
   void want(const void* who, std::uint32_t every);
   bool is_wanted_by(const void* who, std::uint64_t sequence) const;
-  /// The least that anybody wants; 0: nobody.
+  /// The least requested interval; 0: none.
   std::uint32_t every() const { return every_; }
   bool is_traced(std::uint64_t sequence) const { return every_ != 0 && sequence % every_ == 0; }
 
   void note_key(std::uint64_t sequence, TimeUs arrival_us);
-  /// The broker's stages of a frame; nothing if it never left, or is not traced, or its key is long gone.
+  /// The broker's stages of a frame; nothing if it was not written, is not traced, or its key is too old.
   std::optional<control::Trace> trace_of(const Frame& frame) const;
 
  private:
@@ -33,7 +33,7 @@ class Tracer {
   };
   std::unordered_map<const void*, std::uint32_t> wanted_;
   std::uint32_t every_ = 0;
-  std::deque<Arrival> arrivals_;  ///< Of the newest keys; bounded.
+  std::deque<Arrival> arrivals_;  ///< The newest keys; bounded.
 };
 
 }  // namespace eigencast::broker

@@ -29,9 +29,9 @@ Error io_error(const std::string& what, int number) {
   return fail(ErrorCode::kIo, std::move(message));
 }
 
-/// References are looked for in objects up to this size only; manifests are far smaller.
+/// Larger objects are not searched for references; manifests are far smaller.
 constexpr std::uint64_t kMaxListBytes = 32u << 20;
-/// How often a use is written down in the file's times, for the next start.
+/// Period of updates of a file's times, which keep its last use across restarts.
 constexpr TimeUs kTouchUs = 60'000'000;
 
 Result<void> sync_folder(const std::string& path) {
@@ -82,11 +82,11 @@ void AssetStore::find_objects(const std::string& folder) {
   std::error_code error;
   for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
     const auto id = Sha256::from_hex(it->path().filename().string());
-    struct stat facts = {};
-    if (!id || ::stat(it->path().c_str(), &facts) != 0 || !S_ISREG(facts.st_mode)) continue;
-    // A file from the future (the clock was stepped back) counts as used now.
-    const TimeUs age_us = std::max<TimeUs>(0, wall.count() - facts.st_mtim.tv_sec * 1'000'000);
-    entries_[*id] = {static_cast<std::uint64_t>(facts.st_size), now_us - age_us, now_us - age_us};
+    struct stat status = {};
+    if (!id || ::stat(it->path().c_str(), &status) != 0 || !S_ISREG(status.st_mode)) continue;
+    // A file from the future (after a clock step) counts as used now.
+    const TimeUs age_us = std::max<TimeUs>(0, wall.count() - status.st_mtim.tv_sec * 1'000'000);
+    entries_[*id] = {static_cast<std::uint64_t>(status.st_size), now_us - age_us, now_us - age_us};
   }
 }
 
@@ -99,7 +99,7 @@ bool AssetStore::contains(const Sha256& id) const {
   const std::lock_guard lock(mutex_);
   const auto found = entries_.find(id);
   if (found == entries_.end()) return false;
-  found->second.used_us = steady_now_us();  // Who asks is about to announce it.
+  found->second.used_us = steady_now_us();  // The caller is about to announce it.
   return true;
 }
 
@@ -124,10 +124,10 @@ Result<AssetStore::Object> AssetStore::read(const Sha256& id) const {
     if (errno == ENOENT) return fail(ErrorCode::kNotFound, "there is no asset " + id.hex());
     return io_error("asset " + id.hex(), errno);
   }
-  struct stat facts = {};
-  if (::fstat(file.get(), &facts) != 0) return io_error("asset " + id.hex(), errno);
+  struct stat status = {};
+  if (::fstat(file.get(), &status) != 0) return io_error("asset " + id.hex(), errno);
   if (touch) ::futimens(file.get(), nullptr);
-  return Object{std::move(file), static_cast<std::uint64_t>(facts.st_size)};
+  return Object{std::move(file), static_cast<std::uint64_t>(status.st_size)};
 }
 
 void AssetStore::set_used(std::string_view stream, const std::optional<Sha256>& asset) {
@@ -224,13 +224,13 @@ void AssetStore::evict(const Sha256& id, TimeUs used_us) {
     const std::lock_guard lock(mutex_);
     const auto entry = entries_.find(id);
     if (entry == entries_.end() || entry->second.used_us != used_us) return;  // Used meanwhile.
-    // Whoever asks contains() waits for this, and to free a large file takes long: that comes after it.
+    // Freeing a large file takes long and contains() waits for the lock: unlink after it.
     if (::rename(path_of(id).c_str(), aside.c_str()) != 0 && errno != ENOENT) return;
     total_bytes_ -= entry->second.size;
     entries_.erase(entry);
     ++evicted_;
   }
-  ::unlink(aside.c_str());  // Who is downloading it keeps its open file.
+  ::unlink(aside.c_str());  // Downloads in progress keep their open file.
 }
 
 Result<bool> AssetStore::admit(const Sha256& id, const std::string& verified, std::uint64_t size) {
@@ -243,7 +243,7 @@ Result<bool> AssetStore::admit(const Sha256& id, const std::string& verified, st
     return false;
   }
   if (::rename(verified.c_str(), path.c_str()) != 0) return io_error(path, errno);
-  if (known != entries_.end()) total_bytes_ -= known->second.size;  // Somebody has removed its file.
+  if (known != entries_.end()) total_bytes_ -= known->second.size;  // Its file was removed by others.
   entries_[id] = {size, now_us, now_us};
   return true;
 }
@@ -309,7 +309,7 @@ Result<bool> AssetStore::Upload::commit() {
   const auto admitted = store_.admit(expected_, path_, size_);
   kept_ = admitted && *admitted;
   if (!admitted) return admitted;
-  // Where it was there already, too: whoever put it may not have come so far.
+  // Also if it existed: the other upload may not have synced yet.
   if (auto synced = sync_folder(folder); !synced) return synced.error();
   return admitted;
 }

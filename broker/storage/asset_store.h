@@ -21,38 +21,37 @@
 
 namespace eigencast::broker {
 
-/// Objects (manifests and chunks) in a folder, each named by its SHA-256. What is visible is whole and has that hash.
+/// Objects (manifests and chunks) in a folder, each named by its SHA-256. Visible objects are complete and verified.
 ///
-/// Layout: DIR/assets/ab/abcdef...  and DIR/assets/uploading/ for what is not verified yet or on its way out (emptied
-/// at opening).
+/// Layout: DIR/assets/ab/abcdef..., and DIR/assets/uploading/ for unverified or evicted files (emptied by open()).
 ///
-/// When an upload needs the room, objects go that no stream uses, the one whose last use is longest ago first. A stream
-/// uses the asset that it announced and every object whose 32-byte id stands anywhere in it: so the store keeps the
-/// chunks that a manifest lists without knowing what a manifest is. At worst it keeps too much (after Boehm and Weiser,
-/// "Garbage collection in an uncooperative environment", 1988).
+/// When an upload needs space, the least recently used objects that no stream uses are evicted. A stream uses the asset
+/// that it announced and every object whose 32-byte id occurs in it: so the store keeps the chunks of a manifest without
+/// parsing it. At worst it keeps too much (after Boehm and Weiser, "Garbage collection in an uncooperative environment",
+/// 1988).
 ///
-/// Thread-safe, except that one Upload belongs to one thread at a time. Everything but contains() and the figures may
+/// Thread-safe, except that an Upload belongs to one thread at a time. Everything but contains() and the counters may
 /// block on the disk.
 class AssetStore final : public StreamTap {
  public:
   struct Settings {
     std::uint64_t max_object_bytes = 256u << 20;
     std::uint64_t max_total_bytes = std::uint64_t{16} << 30;
-    /// What was used so lately stays: a sender that has put its chunks has yet to announce them (default: 60 s).
+    /// Objects used within this time stay: a sender uploads its chunks before it announces them (default: 60 s).
     TimeUs min_idle_us = 60'000'000;
   };
 
-  /// An object on its way in. Nothing of it stays unless commit() succeeds.
+  /// An upload in progress. Leaves nothing behind unless commit() succeeds.
   class Upload {
    public:
     ~Upload();
     Upload(const Upload&) = delete;
     Upload& operator=(const Upload&) = delete;
 
-    /// Errors: kTooLarge (object), kIo (message names the cause: a full store or disk).
+    /// Errors: kTooLarge (object), kIo (a full store or disk).
     Result<void> write(ByteView data);
-    /// Verifies, makes durable and visible. True: it is new; false: it was there already. Blocks on the disk.
-    /// Errors: kCorrupt (another hash), kIo.
+    /// Verifies the object and makes it durable and visible. True: new; false: it existed. Blocks on the disk.
+    /// Errors: kCorrupt (wrong hash), kIo.
     Result<bool> commit();
 
    private:
@@ -72,7 +71,7 @@ class AssetStore final : public StreamTap {
     std::uint64_t size = 0;
   };
 
-  /// Makes the folders. Errors: kIo, kRefused (another broker uses the folder).
+  /// Creates the folders. Errors: kIo, kRefused (another broker uses the folder).
   static Result<std::unique_ptr<AssetStore>> open(const std::string& data_dir, const Settings& settings);
   ~AssetStore() override;
 
@@ -82,17 +81,17 @@ class AssetStore final : public StreamTap {
   /// Errors: kIo.
   Result<std::unique_ptr<Upload>> begin_upload(const Sha256& id);
 
-  /// What `stream` uses from now on: nothing may be evicted that its asset needs. Nothing: the stream is forgotten.
+  /// Sets the asset that `stream` uses, which protects it and its objects from eviction. Nothing: the stream is removed.
   void set_used(std::string_view stream, const std::optional<Sha256>& asset);
-  // So that it knows by itself what streams use.
+  // StreamTap: tracks the assets in use.
   void on_announced(const Stream& stream) override;
   void on_key(const Stream&, const KeyRecordPtr&) override {}
   void on_stalled(const Stream&) override {}
   void on_forgotten(const Stream& stream) override;
 
-  /// The whole of an object. Errors: as read().
+  /// The content of an object. Errors: as read().
   Result<Bytes> bytes_of(const Sha256& id) const;
-  /// The objects here whose ids stand in object `id`, in the order in which they stand there. Errors: as read().
+  /// The stored objects whose ids occur in object `id`, in order of occurrence. Errors: as read().
   Result<std::vector<Sha256>> references_of(const Sha256& id) const;
 
   std::uint64_t total_bytes() const { return total_bytes_; }
@@ -103,21 +102,21 @@ class AssetStore final : public StreamTap {
  private:
   struct Entry {
     std::uint64_t size = 0;
-    TimeUs used_us = 0;     ///< On the steady clock; before this process's time for what was there at opening.
-    TimeUs touched_us = 0;  ///< When the file was last told.
+    TimeUs used_us = 0;     ///< On the steady clock; negative for uses before this process.
+    TimeUs touched_us = 0;  ///< Last update of the file's times.
   };
   AssetStore(std::string root, const Settings& settings, FileHandle lock);
   Result<void> prepare();
   void find_objects(const std::string& folder);
   std::string path_of(const Sha256& id) const;
   std::set<Sha256> needed() const;
-  /// Evicts until the store is within its quota, as far as that is possible.
+  /// Evicts objects until the store is within its quota or none is idle.
   void make_room();
-  /// Unless it was used since `used_us`.
+  /// Does nothing if it was used since `used_us`.
   void evict(const Sha256& id, TimeUs used_us);
-  /// Makes a verified file an object. False: it was one already, and is used again.
+  /// Makes a verified file an object. False: it existed; counts as a use.
   Result<bool> admit(const Sha256& id, const std::string& verified, std::uint64_t size);
-  /// In the folder that is emptied at opening.
+  /// A new path in the folder that open() empties.
   std::string temporary_path();
 
   std::string root_;
@@ -126,10 +125,10 @@ class AssetStore final : public StreamTap {
   mutable std::mutex mutex_;
   mutable std::map<Sha256, Entry> entries_;                    // GUARDED_BY(mutex_)
   std::map<std::string, Sha256, std::less<>> used_by_stream_;  // GUARDED_BY(mutex_)
-  std::mutex evicting_;                                        ///< One at a time.
+  std::mutex evicting_;                                        ///< Serialises make_room().
   std::atomic<std::uint64_t> evicted_{0};
   std::atomic<std::uint64_t> total_bytes_{0};  ///< Visible objects and uploads so far.
-  std::atomic<std::uint64_t> temporaries_{0};  ///< Names given so far.
+  std::atomic<std::uint64_t> temporaries_{0};  ///< Counter for file names.
 };
 
 }  // namespace eigencast::broker

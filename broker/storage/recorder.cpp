@@ -20,12 +20,12 @@ namespace fs = std::filesystem;
 using std::chrono::milliseconds;
 
 constexpr std::string_view kSuffix = ".ecrec";
-/// What is written goes to the system so often, and onto the disk once a second.
+/// Period of writes; the file is synced once a second.
 constexpr milliseconds kFlushEvery{200};
 constexpr TimeUs kSyncEveryUs = 1'000'000;
 constexpr TimeUs kCheckpointEveryUs = 1'000'000;
 constexpr std::size_t kEndedKept = 100;
-constexpr std::size_t kItemBytes = 200;  ///< What an entry of the queue costs beside its payload, about.
+constexpr std::size_t kItemBytes = 200;  ///< Approximate size of a queue entry without its payload.
 
 std::uint64_t unix_us() {
   return static_cast<std::uint64_t>(
@@ -33,7 +33,7 @@ std::uint64_t unix_us() {
           .count());
 }
 
-/// "lab/horse" begins "lab~horse.20260101T120000Z": '~' is in no stream's name.
+/// "lab/horse" becomes "lab~horse.20260101T120000Z": stream names have no '~'.
 std::string file_stem(std::string_view stream) {
   std::string stem(stream);
   std::replace(stem.begin(), stem.end(), '/', '~');
@@ -54,7 +54,7 @@ Envelope envelope_of(const KeyRecord& record) {
   return head;
 }
 
-/// The state after `record` as a join frame.
+/// The chain's state after `record` as a join frame.
 Result<FramePtr> checkpoint_of(const CoefficientLayout& layout, const KeyRecord& record) {
   auto payload = encode_join(layout, *record.after);
   if (!payload) return payload.error();
@@ -73,31 +73,31 @@ std::string_view name_of(RecordingInfo::State state) {
 
 struct Recorder::Session {
   std::string stream;
-  bool automatic = false;  ///< By a pattern: ends with its sender.
+  bool automatic = false;  ///< Started by a pattern: ends with the sender.
 
-  // Of the event loop, under the mutex.
+  // GUARDED_BY(Recorder::mutex_).
   bool announced = false;
   bool wants_checkpoint = true;
   TimeUs checkpoint_us = 0;
-  std::uint64_t lost = 0;  ///< Since the last key that was taken.
+  std::uint64_t lost = 0;  ///< Since the last enqueued key.
   bool failed = false;
   RecordingInfo info;
 
-  // Of the thread.
+  // Belong to the thread.
   std::optional<recording::Writer> writer;
   CoefficientLayout layout;
   std::string asset;
   TimeUs start_us = 0;
-  std::uint64_t written = 0;  ///< Bytes already in the totals.
+  std::uint64_t written = 0;  ///< Bytes already counted in the totals.
 };
 
 struct Recorder::Item {
   enum class Kind { kAnnounce, kKey, kEnd } kind = Kind::kKey;
   SessionPtr session;
   KeyRecordPtr record;
-  bool checkpoint = false;      ///< The state after this key is written.
-  bool frame = true;            ///< The key itself is written.
-  std::uint64_t lost = 0;       ///< Keys left out before this one.
+  bool checkpoint = false;      ///< Write the state after this key.
+  bool frame = true;            ///< Write the key itself.
+  std::uint64_t lost = 0;       ///< Keys dropped before this one.
   control::Announce announced;  ///< kAnnounce
   CoefficientLayout layout;
   std::size_t bytes = 0;
@@ -178,7 +178,7 @@ void Recorder::announce(const SessionPtr& session, const Stream& stream) {
   item.layout = stream.layout();
   item.bytes = kItemBytes;
   session->announced = session->wants_checkpoint = true;
-  push(std::move(item));  // Always taken: there is one per epoch, and without it nothing can be read.
+  push(std::move(item));  // Ignores the bound: one per epoch, and the file is unreadable without it.
 }
 
 void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
@@ -251,7 +251,7 @@ void Recorder::run() {
       try {
         work(item);
       } catch (const std::exception& exception) {
-        give_up(*item.session, fail(ErrorCode::kIo, exception.what()));
+        fail_session(*item.session, fail(ErrorCode::kIo, exception.what()));
       }
       const std::lock_guard lock(mutex_);
       totals_.queued_bytes -= item.bytes;
@@ -301,7 +301,7 @@ void Recorder::work(Item& item) {
       if (session.failed) return;
       if (session.writer) {
         const auto finished = session.writer->finish();
-        if (!finished) return give_up(session, finished.error());
+        if (!finished) return fail_session(session, finished.error());
         note(session);
         log(log_, LogLevel::kInfo,
             "recording of '" + session.stream + "' ended: " + session.info.file + ", " +
@@ -319,7 +319,7 @@ void Recorder::open(Session& session) {
     const std::string path = stem + (number == 1 ? "" : "-" + std::to_string(number)) + std::string(kSuffix);
     auto made = recording::Writer::create(path, {session.stream, settings_.software, unix_us()});
     if (!made && made.error().code == ErrorCode::kRefused && number < 100) continue;
-    if (!made) return give_up(session, made.error());
+    if (!made) return fail_session(session, made.error());
     session.writer = std::move(*made);
     const std::lock_guard lock(mutex_);
     session.info.file = path;
@@ -334,12 +334,12 @@ void Recorder::write_asset(Session& session) {
   const auto parts = assets_.references_of(*id);
   if (!parts) return log(log_, LogLevel::kWarning, "the asset is not in the recording: " + parts.error().message);
   std::vector<Sha256> all = *parts;
-  all.push_back(*id);  // The manifest last, as senders put it.
+  all.push_back(*id);  // The manifest last, as in uploads.
   for (const Sha256& part : all) {
     const auto bytes = assets_.bytes_of(part);
     if (!bytes) return log(log_, LogLevel::kWarning, "the asset is not in the recording: " + bytes.error().message);
     if (auto ok = session.writer->object(session.writer->duration_us(), part.digest, *bytes); !ok) {
-      return give_up(session, ok.error());
+      return fail_session(session, ok.error());
     }
   }
 }
@@ -359,7 +359,7 @@ void Recorder::write_key(const Item& item) {
   }
   if (item.checkpoint) {
     const auto join = checkpoint_of(session.layout, *item.record);
-    if (!join) return give_up(session, join.error());
+    if (!join) return fail_session(session, join.error());
     (void)session.writer->checkpoint(time_us, (*join)->message());
   }
   if (std::find(open_.begin(), open_.end(), item.session) == open_.end()) open_.push_back(item.session);
@@ -370,7 +370,7 @@ void Recorder::flush_all(bool sync) {
     if (!session->writer) continue;
     const auto flushed = sync ? session->writer->sync() : session->writer->flush();
     if (!flushed) {
-      give_up(*session, flushed.error());
+      fail_session(*session, flushed.error());
       continue;
     }
     note(*session);
@@ -394,7 +394,7 @@ void Recorder::note(Session& session) {
   session.info.duration_us = session.writer->duration_us();
 }
 
-void Recorder::give_up(Session& session, const Error& error) {
+void Recorder::fail_session(Session& session, const Error& error) {
   log(log_, LogLevel::kError, "recording of '" + session.stream + "' stopped, the stream goes on: " + error.message);
   session.writer.reset();
   {

@@ -20,58 +20,58 @@
 
 namespace eigencast::broker {
 
-/// What is known of one recording.
+/// State of one recording.
 struct RecordingInfo {
   enum class State : std::uint8_t { kWaiting, kRecording, kFinished, kFailed };
   std::string stream;
-  std::string file;  ///< Empty until its first key has come.
+  std::string file;  ///< Empty until its first key.
   State state = State::kWaiting;
   std::string error;  ///< Why it failed.
   std::uint64_t bytes = 0;
   std::uint64_t frames = 0;
-  std::uint64_t lost = 0;  ///< Left out because the disk did not keep up.
+  std::uint64_t lost = 0;  ///< Dropped because the disk was too slow.
   TimeUs duration_us = 0;
 };
 std::string_view name_of(RecordingInfo::State state);
 
-/// Records streams into files (docs/recording-format.md), one file each, on a thread of its own.
+/// Records streams into files (docs/recording-format.md), one file each, on its own thread.
 ///
-/// The event loop only hands over keys that all share; the queue between is bounded in bytes, and what does not fit is
-/// left out, counted and logged, and bridged by a checkpoint: recording never delays a frame. Where the disk fails or
-/// is full, the recording ends, says so, and all else goes on. Thread-safe.
+/// The event loop only enqueues shared keys. The queue is bounded in bytes; keys beyond are dropped, counted, logged and
+/// bridged by a checkpoint: recording never delays a frame. If the disk fails or is full, the recording ends with an
+/// error and streaming continues. Thread-safe.
 class Recorder final : public StreamTap {
  public:
   struct Settings {
     std::string folder;
-    std::string software;        ///< What stands in the files.
-    StreamPatterns streams;      ///< Those that are recorded whenever they are live.
-    bool include_asset = false;  ///< Put the asset's objects into the file.
+    std::string software;        ///< Writing software, as named in the files.
+    StreamPatterns streams;      ///< Streams recorded whenever they are live.
+    bool include_asset = false;  ///< Include the asset's objects.
     std::uint64_t max_queued_bytes = 16u << 20;
-    std::uint64_t max_total_bytes = std::uint64_t{64} << 30;  ///< Of all recordings in the folder.
+    std::uint64_t max_total_bytes = std::uint64_t{64} << 30;  ///< For all recordings in the folder.
   };
   struct Totals {
     std::uint64_t active = 0;
     std::uint64_t failed = 0;
     std::uint64_t frames = 0;
     std::uint64_t lost = 0;
-    std::uint64_t bytes = 0;  ///< Written by this run.
+    std::uint64_t bytes = 0;  ///< Written in this run.
     std::uint64_t queued_bytes = 0;
     std::uint64_t stored_bytes = 0;  ///< All files in the folder.
   };
 
-  /// Repairs, on its thread, what an earlier run was cut off in.
+  /// Starts the thread, which first repairs recordings torn by a crash.
   Recorder(Settings settings, AssetStore& assets, LogSink log);
   /// Finishes all recordings.
   ~Recorder() override;
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
-  /// Records `stream` from its next key on; it need not be there yet. REQUIRES: check_stream_name passed.
-  /// Errors: kRefused (it is being recorded), kTooLarge (the quota is used up).
+  /// Records `stream` from its next key; the stream may not exist yet. REQUIRES: check_stream_name passed.
+  /// Errors: kRefused (it is being recorded), kTooLarge (quota used up).
   Result<void> start(std::string_view stream);
   /// Errors: kNotFound (it is not being recorded).
   Result<void> stop(std::string_view stream);
-  /// Those that run, then the last ones that ended, latest first.
+  /// Active recordings, then the last ended ones, latest first.
   std::vector<RecordingInfo> list() const;
   Totals totals() const;
 
@@ -96,15 +96,15 @@ class Recorder final : public StreamTap {
   void write_asset(Session& session);
   void write_key(const Item& item);
   void flush_all(bool sync);
-  void give_up(Session& session, const Error& error);
+  void fail_session(Session& session, const Error& error);
   void retire(const Session& session, RecordingInfo::State state);
   void note(Session& session);
 
   const Settings settings_;
   AssetStore& assets_;
   const LogSink log_;
-  std::vector<SessionPtr> open_;          ///< Of the thread: with files that grow.
-  std::atomic<std::uint64_t> active_{0};  ///< Lets on_key() return at once.
+  std::vector<SessionPtr> open_;          ///< Belongs to the thread: sessions with open files.
+  std::atomic<std::uint64_t> active_{0};  ///< Zero lets on_key() return at once.
 
   mutable std::mutex mutex_;
   // GUARDED_BY(mutex_), all that follows.

@@ -7,7 +7,7 @@
 namespace eigencast::broker::websocket {
 namespace {
 
-/// Returns how many of the bytes are used.
+/// Returns the header's size.
 std::size_t write_header(Opcode opcode, std::size_t size, std::span<std::uint8_t, kMaxHeaderBytes> out) {
   out[0] = static_cast<std::uint8_t>(0x80 | static_cast<unsigned>(opcode));
   if (size <= kMaxControlBytes) {
@@ -21,7 +21,7 @@ std::size_t write_header(Opcode opcode, std::size_t size, std::span<std::uint8_t
   return 2 + bytes;
 }
 
-/// `text` cut to at most `most` bytes, not within a character.
+/// The first `most` bytes of `text` at most, without a partial character.
 std::string_view cut(std::string_view text, std::size_t most) {
   if (text.size() <= most) return text;
   while (most > 0 && (static_cast<unsigned char>(text[most]) & 0xc0) == 0x80) --most;

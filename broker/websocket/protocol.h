@@ -18,31 +18,31 @@ enum class CloseCode : std::uint16_t {
   kGoingAway = 1001,
   kProtocolError = 1002,
   kUnknownData = 1003,
-  kNone = 1005,  ///< Never on the wire: the close frame had no code.
+  kNone = 1005,  ///< Never sent: the close frame has no code.
   kBadPayload = 1007,
   kPolicy = 1008,
   kTooBig = 1009,
   kInternal = 1011,
   kServiceRestart = 1012,
   kTryAgainLater = 1013,
-  kReplaced = 4409,  ///< Our own: another sender has the stream now; do not come back.
+  kReplaced = 4409,  ///< Private: another sender has taken the stream; do not reconnect.
 };
 
 /// Whether a peer may send this code.
 bool is_valid_close_code(std::uint16_t code);
 
-/// The most bytes that a header of a server's frame takes.
+/// Size limit of a server frame's header.
 inline constexpr std::size_t kMaxHeaderBytes = 10;
-/// The most bytes that a ping, pong or close carries.
+/// Payload limit of ping, pong and close.
 inline constexpr std::size_t kMaxControlBytes = 125;
 
 /// Appends the header of a whole, unmasked message of `size` bytes.
 void append_header(Opcode opcode, std::size_t size, Bytes& out);
 
-/// A whole message as it leaves: header and payload.
+/// A whole message: header and payload.
 std::string framed(Opcode opcode, std::string_view payload);
 
-/// A close frame as it leaves. kNone: without a code. The reason is cut to what fits, between characters.
+/// A close frame. kNone: without a code. Truncates the reason between characters.
 std::string framed_close(CloseCode code, std::string_view reason);
 
 }  // namespace eigencast::broker::websocket

@@ -59,7 +59,7 @@ std::optional<MessageReader::Event> MessageReader::next(std::span<std::uint8_t>&
       if (!whole) return std::nullopt;
       if (auto failure = open_frame()) return failure;
     }
-    if (input.empty() && left_ > 0) return std::nullopt;
+    if (input.empty() && remaining_ > 0) return std::nullopt;
     if (auto event = take_payload(input)) return event;
   }
 }
@@ -90,12 +90,12 @@ MessageReader::Failure MessageReader::check_head_start() {
 
 MessageReader::Failure MessageReader::open_frame() {
   const std::size_t extra = length_bytes(head_[1]);
-  left_ = head_[1] & 0x7f;
+  remaining_ = head_[1] & 0x7f;
   if (extra > 0) {
-    left_ = 0;
-    for (std::size_t i = 0; i < extra; ++i) left_ = left_ << 8 | head_[2 + i];
-    if (left_ >> 63 != 0) return failed(CloseCode::kProtocolError, "a length over 63 bits");
-    if (left_ <= (extra == 2 ? kMaxControlBytes : 0xffff))
+    remaining_ = 0;
+    for (std::size_t i = 0; i < extra; ++i) remaining_ = remaining_ << 8 | head_[2 + i];
+    if (remaining_ >> 63 != 0) return failed(CloseCode::kProtocolError, "a length over 63 bits");
+    if (remaining_ <= (extra == 2 ? kMaxControlBytes : 0xffff))
       return failed(CloseCode::kProtocolError, "a length not in its shortest form");
   }
   std::copy_n(head_.begin() + 2 + extra, kMaskBytes, mask_.begin());
@@ -106,22 +106,23 @@ MessageReader::Failure MessageReader::open_frame() {
     message_ = static_cast<Opcode>(head_[0] & 0x0f);
     utf8_ = {};
   }
-  if (left_ > most() || kept_.size() > most() - left_) return failed(CloseCode::kTooBig, "a message over the limit");
+  if (remaining_ > max_message_bytes() || kept_.size() > max_message_bytes() - remaining_)
+    return failed(CloseCode::kTooBig, "a message over the limit");
   return std::nullopt;
 }
 
 std::optional<MessageReader::Event> MessageReader::take_payload(std::span<std::uint8_t>& input) {
-  const auto count = static_cast<std::size_t>(std::min<std::uint64_t>(left_, input.size()));
+  const auto count = static_cast<std::size_t>(std::min<std::uint64_t>(remaining_, input.size()));
   const auto piece = input.first(count);
   input = input.subspan(count);
   unmask(piece, mask_, mask_at_);
-  left_ -= count;
+  remaining_ -= count;
   if (is_control()) {
-    if (left_ > 0 || !control_.empty()) control_.insert(control_.end(), piece.begin(), piece.end());
-    return left_ > 0 ? std::nullopt : end_control(control_.empty() ? ByteView(piece) : ByteView(control_));
+    if (remaining_ > 0 || !control_.empty()) control_.insert(control_.end(), piece.begin(), piece.end());
+    return remaining_ > 0 ? std::nullopt : end_control(control_.empty() ? ByteView(piece) : ByteView(control_));
   }
   if (message_ == Opcode::kText && !utf8_.add(piece)) return failed(CloseCode::kBadPayload, "a text that is not UTF-8");
-  if (left_ > 0) {
+  if (remaining_ > 0) {
     kept_.insert(kept_.end(), piece.begin(), piece.end());
     return std::nullopt;
   }
@@ -160,7 +161,7 @@ MessageReader::Event MessageReader::close_event(ByteView payload) {
   Event event{Kind::kClose, {}, CloseCode::kNone, {}};
   if (!payload.empty()) {
     const auto code = static_cast<std::uint16_t>(payload[0] << 8 | payload[1]);
-    if (!is_valid_close_code(code)) return failed(CloseCode::kProtocolError, "a close code that nobody may send");
+    if (!is_valid_close_code(code)) return failed(CloseCode::kProtocolError, "a close code that must not be sent");
     event.code = static_cast<CloseCode>(code);
     event.payload = payload.subspan(2);
     Utf8Check reason;

@@ -13,11 +13,10 @@
 
 namespace eigencast::broker::websocket {
 
-/// Takes the byte stream of a client apart into messages, strictly by RFC 6455.
+/// Parses a client's byte stream into messages, strictly by RFC 6455.
 ///
-/// Bytes come in pieces of any size; what cannot be the beginning of a valid stream is refused at the first byte that
-/// shows it. A message that lies whole in one piece is handed on where it lies; only an incomplete one is copied, never
-/// more than has come, so that an idle reader holds no memory. Safe on hostile input. Not thread-safe.
+/// Bytes come in pieces of any size; an invalid stream is refused at its first invalid byte. A message that is complete in
+/// one piece is not copied; an incomplete one is, without allocating ahead, so that an idle reader holds no memory. Safe on hostile input. Not thread-safe.
 class MessageReader {
  public:
   struct Limits {
@@ -27,22 +26,22 @@ class MessageReader {
   struct Event {
     enum class Kind : std::uint8_t { kText, kBinary, kPing, kPong, kClose, kFailed };
     Kind kind = Kind::kFailed;
-    ByteView payload;                   ///< Of kClose: the reason. Valid until the next call.
+    ByteView payload;                   ///< kClose: the reason. Valid until the next call.
     CloseCode code = CloseCode::kNone;  ///< kClose: the peer's. kFailed: what to close with.
-    std::string_view why;               ///< kFailed: for people.
+    std::string_view why;               ///< kFailed: for messages.
   };
 
   explicit MessageReader(const Limits& limits) : limits_(limits) {}
 
-  /// Takes bytes off the front of `input`, unmasking them in place, up to the end of one event. Nothing: all was taken
-  /// and more is needed. After kClose and kFailed everything is swallowed.
+  /// Takes bytes off the front of `input`, unmasking them in place, up to the end of one event. Nothing: needs more
+  /// bytes. Discards everything after kClose and kFailed.
   std::optional<Event> next(std::span<std::uint8_t>& input);
 
  private:
   using Failure = std::optional<Event>;
-  /// Takes what is there of a frame's head. True: it is whole.
+  /// Takes bytes of a frame's head. True: it is complete.
   bool take_head(std::span<std::uint8_t>& input);
-  /// Looks at the bytes of the head that are there, so that a bad one is refused at once.
+  /// Checks the bytes of the head so far.
   Failure check_head_start();
   Failure open_frame();
   std::optional<Event> take_payload(std::span<std::uint8_t>& input);
@@ -51,17 +50,17 @@ class MessageReader {
   Event close_event(ByteView payload);
   Event failed(CloseCode code, std::string_view why);
   bool is_control() const { return (head_[0] & 0x08) != 0; }
-  std::size_t most() const { return message_ == Opcode::kText ? limits_.max_text : limits_.max_binary; }
+  std::size_t max_message_bytes() const { return message_ == Opcode::kText ? limits_.max_text : limits_.max_binary; }
 
   Limits limits_;
-  Bytes kept_;     ///< What came of a message that is not whole yet.
-  Bytes control_;  ///< The same of a control frame, which may come in between.
-  std::uint64_t left_ = 0;
+  Bytes kept_;     ///< The received part of an incomplete message.
+  Bytes control_;  ///< The same for a control frame, which may come in between.
+  std::uint64_t remaining_ = 0;
   std::array<std::uint8_t, 14> head_{};
   std::array<std::uint8_t, 4> mask_{};
   std::uint8_t head_size_ = 0;
   std::uint8_t mask_at_ = 0;
-  Opcode message_ = Opcode::kContinuation;  ///< Of the message that is coming; kContinuation: none is.
+  Opcode message_ = Opcode::kContinuation;  ///< Of the incomplete message; kContinuation: none.
   Utf8Check utf8_;
   bool in_payload_ = false;
   bool handed_on_ = false;  ///< The last event may lie in kept_ or control_.

@@ -1,16 +1,17 @@
 // SPDX-License-Identifier: MIT
 #include "broker/websocket/upgrade.h"
 
-#include <openssl/evp.h>
 #include <openssl/sha.h>
 
 #include <algorithm>
 #include <array>
 
+#include "common/core/base64.h"
+
 namespace eigencast::broker::websocket {
 namespace {
 
-constexpr std::size_t kKeyLetters = 24;  // Of 16 bytes, the last two of them padding.
+constexpr std::size_t kKeyLetters = 24;  // 16 bytes; the last two letters are padding.
 
 bool is_base64(char c) {
   return (c >= 'A' && c <= 'Z') || (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') || c == '+' || c == '/';
@@ -20,9 +21,7 @@ std::string accept_of(std::string_view key) {
   const std::string text = std::string(key) + "258EAFA5-E914-47DA-95CA-C5AB0DC85B11";
   std::array<unsigned char, SHA_DIGEST_LENGTH> hash;
   SHA1(reinterpret_cast<const unsigned char*>(text.data()), text.size(), hash.data());
-  std::array<unsigned char, 32> letters;
-  const int count = EVP_EncodeBlock(letters.data(), hash.data(), static_cast<int>(hash.size()));
-  return {reinterpret_cast<const char*>(letters.data()), static_cast<std::size_t>(count)};
+  return base64_from_bytes(hash);
 }
 
 }  // namespace

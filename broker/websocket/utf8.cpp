@@ -6,7 +6,7 @@
 namespace eigencast::broker::websocket {
 namespace {
 
-/// How many bytes at the start are ASCII, in steps of eight.
+/// Number of leading ASCII bytes, in steps of eight.
 std::size_t ascii_run(ByteView bytes) {
   std::size_t at = 0;
   for (std::uint64_t word = 0; at + sizeof word <= bytes.size(); at += sizeof word) {
@@ -21,17 +21,17 @@ std::size_t ascii_run(ByteView bytes) {
 bool Utf8Check::add(ByteView bytes) {
   std::size_t at = 0;
   while (at < bytes.size()) {
-    if (left_ == 0) {
+    if (remaining_ == 0) {
       at += ascii_run(bytes.subspan(at));
       if (at == bytes.size()) return true;
       if (!lead(bytes[at++])) return false;
       continue;
     }
     const std::uint8_t byte = bytes[at++];
-    if (byte < least_ || byte > most_) return false;
-    least_ = 0x80;
-    most_ = 0xbf;
-    --left_;
+    if (byte < min_ || byte > max_) return false;
+    min_ = 0x80;
+    max_ = 0xbf;
+    --remaining_;
   }
   return true;
 }
@@ -39,11 +39,11 @@ bool Utf8Check::add(ByteView bytes) {
 bool Utf8Check::lead(std::uint8_t byte) {
   if (byte < 0x80) return true;
   if (byte < 0xc2 || byte > 0xf4) return false;
-  left_ = byte < 0xe0 ? 1 : byte < 0xf0 ? 2 : 3;
-  if (byte == 0xe0) least_ = 0xa0;
-  if (byte == 0xed) most_ = 0x9f;
-  if (byte == 0xf0) least_ = 0x90;
-  if (byte == 0xf4) most_ = 0x8f;
+  remaining_ = byte < 0xe0 ? 1 : byte < 0xf0 ? 2 : 3;
+  if (byte == 0xe0) min_ = 0xa0;
+  if (byte == 0xed) max_ = 0x9f;
+  if (byte == 0xf0) min_ = 0x90;
+  if (byte == 0xf4) max_ = 0x8f;
   return true;
 }
 

@@ -7,21 +7,21 @@
 
 namespace eigencast::broker::websocket {
 
-/// Follows UTF-8 that comes in pieces and finds the first byte that cannot be part of it: overlong forms, surrogates
-/// and what is beyond U+10FFFF are refused (RFC 3629, section 4).
+/// Validates UTF-8 that comes in pieces, up to the first invalid byte: refuses overlong forms, surrogates and values
+/// beyond U+10FFFF (RFC 3629, section 4).
 class Utf8Check {
  public:
-  /// False: no continuation can make this UTF-8. REQUIRES: no earlier call returned false.
+  /// False: the bytes are not UTF-8. REQUIRES: no earlier call returned false.
   [[nodiscard]] bool add(ByteView bytes);
   /// Whether the text may end here.
-  bool is_whole() const { return left_ == 0; }
+  bool is_whole() const { return remaining_ == 0; }
 
  private:
   bool lead(std::uint8_t byte);
 
-  std::uint8_t left_ = 0;  ///< Continuation bytes to come.
-  std::uint8_t least_ = 0x80;
-  std::uint8_t most_ = 0xbf;  ///< Of the next one.
+  std::uint8_t remaining_ = 0;  ///< Continuation bytes to come.
+  std::uint8_t min_ = 0x80;
+  std::uint8_t max_ = 0xbf;  ///< Range of the next byte: min_ to max_.
 };
 
 }  // namespace eigencast::broker::websocket

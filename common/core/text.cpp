@@ -7,6 +7,14 @@
 
 namespace eigencast {
 
+std::vector<std::string_view> split(std::string_view text, char separator) {
+  std::vector<std::string_view> parts;
+  for (std::size_t at = 0; at <= text.size(); at += parts.back().size() + 1) {
+    parts.push_back(text.substr(at, text.find(separator, at) - at));
+  }
+  return parts;
+}
+
 std::string formatted(const char* format, ...) {
   va_list values, again;
   va_start(values, format);

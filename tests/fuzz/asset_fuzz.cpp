@@ -16,8 +16,8 @@ using namespace eigencast;
 
 namespace {
 
-constexpr std::size_t kMostEntries = 20'000;  // of a basis, and bytes of chunks: fuzzers are to be quick
-constexpr std::size_t kMostBytes = 1 << 16;
+constexpr std::size_t kMaxEntries = 20'000;  // of a basis, and bytes of chunks: fuzzers are to be quick
+constexpr std::size_t kMaxBytes = 1 << 16;
 
 void require(bool condition) {
   if (!condition) std::abort();
@@ -88,10 +88,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::size_t bands = 1 + in.u8() % 8;
   const std::size_t length = in.u16();
   auto manifest = read_manifest(in.bytes(std::min(length, in.remaining())));
-  if (!manifest || std::size_t{manifest->facts.vertex_count} * manifest->facts.rank > kMostEntries) return 0;
+  if (!manifest || std::size_t{manifest->facts.vertex_count} * manifest->facts.rank > kMaxEntries) return 0;
   std::uint64_t bytes = 0;
   for (const ChunkEntry& chunk : manifest->chunks) bytes += chunk.stored_bytes();
-  if (bytes > kMostBytes) return 0;
+  if (bytes > kMaxBytes) return 0;
 
   const EncodedAsset encoded = hashed(*manifest, in);
   auto reader = AssetReader::from_manifest(encoded.manifest.id, encoded.manifest.bytes, bands);

@@ -46,7 +46,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const auto loopback = IpAddress::from_text("127.0.0.1").value();
   const std::vector<IpRange> trusted = {IpRange::from_text("127.0.0.1").value()};
   for (const auto believed : {ProxyHeader::kXForwardedFor, ProxyHeader::kForwarded})
-    (void)sender_of(loopback, headers, trusted, believed);
+    (void)client_address_of(loopback, headers, trusted, believed);
   (void)IpRange::from_text(text);
   return 0;
 }

@@ -6,6 +6,7 @@
 
 #include "broker/access/jwt.h"
 #include "broker/access/token_file.h"
+#include "common/core/base64.h"
 
 using namespace eigencast::broker;
 
@@ -25,22 +26,12 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   (void)verify_token(text, kRules, 1'800'000'000);
   (void)read_token(text);
   // The same bytes as claims under a good signature, so that what reads them is reached.
-  static constexpr char kAlphabet[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
-  const auto base64url = [](const std::string& bytes) {
-    std::string out;
-    unsigned bits = 0;
-    int count = 0;
-    for (const char c : bytes) {
-      bits = (bits << 8) | static_cast<unsigned char>(c);
-      for (count += 8; count >= 6;) out += kAlphabet[(bits >> (count -= 6)) & 63];
-    }
-    if (count > 0) out += kAlphabet[(bits << (6 - count)) & 63];
-    return out;
+  const auto base64url = [](const auto& bytes) {
+    return base64_from_bytes(Bytes(bytes.begin(), bytes.end()), Base64::kUrl);
   };
-  const std::string message = base64url(R"({"alg":"HS256","kid":"fuzz"})") + "." + base64url(text);
+  const std::string message = base64url(std::string(R"({"alg":"HS256","kid":"fuzz"})")) + "." + base64url(text);
   const auto signature = kRules.keys.front().sign(message).value();
-  const auto claims =
-      verify_token(message + "." + base64url(std::string(signature.begin(), signature.end())), kRules, 1'800'000'000);
+  const auto claims = verify_token(message + "." + base64url(signature), kRules, 1'800'000'000);
   if (claims && claims->expires_s <= 1'800'000'000) std::abort();
   if (const auto file = TokenFile::from_text(text, "f"); file && file->find(text) != nullptr) std::abort();
   return 0;

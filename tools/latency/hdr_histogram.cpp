@@ -8,6 +8,7 @@
 #include <cassert>
 #include <cmath>
 
+#include "common/core/base64.h"
 #include "common/core/bytes.h"
 #include "common/core/text.h"
 
@@ -26,18 +27,6 @@ void zigzag(std::int64_t value, Bytes& out) {
   std::uint64_t v = (static_cast<std::uint64_t>(value) << 1) ^ static_cast<std::uint64_t>(value >> 63);
   for (int i = 0; i < 8 && v >= 0x80; ++i, v >>= 7) out.push_back(static_cast<std::uint8_t>(v | 0x80));
   out.push_back(static_cast<std::uint8_t>(v));
-}
-
-std::string base64(const Bytes& bytes) {
-  constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string text;
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    const std::size_t have = std::min<std::size_t>(3, bytes.size() - i);
-    std::uint32_t group = 0;
-    for (std::size_t k = 0; k < 3; ++k) group = group << 8 | (k < have ? bytes[i + k] : 0u);
-    for (std::size_t k = 0; k < 4; ++k) text += k <= have ? kDigits[(group >> (18 - 6 * k)) & 63] : '=';
-  }
-  return text;
 }
 
 Bytes deflated(const Bytes& bytes) {
@@ -171,7 +160,7 @@ std::string HdrHistogram::encoded() const {
   big_endian(kCompressedCookie, 4, all);
   big_endian(packed.size(), 4, all);
   all.insert(all.end(), packed.begin(), packed.end());
-  return base64(all);
+  return base64_from_bytes(all);
 }
 
 std::string histogram_log(const std::vector<LogInterval>& intervals, double start_unix_s) {

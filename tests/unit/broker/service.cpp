@@ -21,6 +21,7 @@ namespace eigencast::broker::testing {
 namespace {
 
 namespace fs = std::filesystem;
+namespace beast = boost::beast;
 namespace http = beast::http;
 namespace websocket = beast::websocket;
 

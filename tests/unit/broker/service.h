@@ -19,11 +19,11 @@ namespace eigencast::broker {
 class Broker;
 }
 
-/// The whole broker in this process, on a thread of its own, with blocking clients on loopback. What waits in vain ends
-/// with the test's time limit.
+/// The whole broker in this process on its own thread, with blocking clients on loopback. Endless waits end with the
+/// test's time limit.
 namespace eigencast::broker::testing {
 
-/// A WebSocket client. Throws where nobody listens.
+/// A WebSocket client. Throws if the port is closed.
 class Client {
  public:
   Client(std::uint16_t port, const std::string& target, const std::string& subprotocol = "eigencast.v1");
@@ -31,7 +31,7 @@ class Client {
   Client(const Client&) = delete;
   Client& operator=(const Client&) = delete;
 
-  /// Of the answer to the upgrade: 101 where it came about.
+  /// The status of the upgrade's response; 101: accepted.
   int status() const;
   /// The subprotocol that the broker chose.
   std::string subprotocol() const;
@@ -76,7 +76,7 @@ class Wire {
   Wire& operator=(const Wire&) = delete;
 
   void write(const std::string& text);
-  /// All that comes until the broker ends; nothing if it breaks off.
+  /// Everything until the broker closes; nothing on a reset.
   std::optional<std::string> read_all();
 
  private:
@@ -84,7 +84,7 @@ class Wire {
   std::unique_ptr<Socket> socket_;
 };
 
-/// As the broker knows it.
+/// The asset's id.
 std::string name_of_asset(const std::string& content);
 
 struct Answer {
@@ -92,7 +92,7 @@ struct Answer {
   std::string body;
   std::map<std::string, std::string> headers;
 };
-/// `range`: of the header of that name; none if empty.
+/// `range`: the Range header; empty: none.
 Answer http_request(std::uint16_t port, const std::string& method, const std::string& target,
                     const std::string& body = {}, const std::string& range = {});
 
@@ -103,7 +103,7 @@ class ServiceTest : public ::testing::Test {
   void SetUp() override { start(); }
 
   void start();
-  /// Tells the broker to, and does not wait.
+  /// Calls stop() of the broker without waiting.
   void begin_to_stop();
   void stop();
 
@@ -112,10 +112,10 @@ class ServiceTest : public ::testing::Test {
     return http_request(port_, method, target, body, range);
   }
   std::string put_asset(const std::string& content) const;
-  /// One that has announced small_announce(), see announced_.
+  /// A sender that has announced small_announce(); see announced_.
   std::unique_ptr<Client> sender(const std::string& stream);
 
-  Config config_;  ///< Of the next start().
+  Config config_;  ///< Used by the next start().
   LogSink log_;
   std::string folder_;
   std::string asset_;

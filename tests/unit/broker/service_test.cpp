@@ -44,7 +44,7 @@ TEST_F(ServiceTest, PosesTravelFromSenderToViewers) {
   EXPECT_GT(late.wait_for<control::StreamInfo>().epoch, info.epoch);
 }
 
-TEST_F(ServiceTest, InterpolatedPosesComeThreeToAKey) {
+TEST_F(ServiceTest, InterpolationSendsThreePosesPerKey) {
   auto publisher = sender("a");
   Client viewer(port_, "/v1/subscribe/a");
   viewer.wait_for<control::StreamInfo>();
@@ -70,7 +70,7 @@ TEST_F(ServiceTest, InterpolatedPosesComeThreeToAKey) {
   }
 }
 
-TEST_F(ServiceTest, ASecondSenderIsRefusedAndTheFirstGoesOn) {
+TEST_F(ServiceTest, SecondSenderIsRefused) {
   auto first = sender("a");
   Client second(port_, "/v1/publish/a");
   EXPECT_EQ(second.wait_for<control::ErrorMessage>().code, "refused");
@@ -79,7 +79,7 @@ TEST_F(ServiceTest, ASecondSenderIsRefusedAndTheFirstGoesOn) {
   EXPECT_EQ(first->wait_for<control::Pong>().id, 7u);
 }
 
-TEST_F(ServiceTest, GarbageClosesItsSenderOnly) {
+TEST_F(ServiceTest, MalformedFrameClosesOnlyItsSender) {
   auto bad = sender("bad");
   auto good = sender("good");
   bad->send_frame(Bytes(40, 0xff));
@@ -91,7 +91,7 @@ TEST_F(ServiceTest, GarbageClosesItsSenderOnly) {
   EXPECT_EQ(viewer.next_frame()->envelope.sequence, 0u);
 }
 
-TEST_F(ServiceTest, CloseCodesAreThoseOfTheProtocol) {
+TEST_F(ServiceTest, CloseCodesMatchTheProtocol) {
   Client not_json(port_, "/v1/subscribe");
   not_json.send_text("{nonsense");
   EXPECT_EQ(not_json.wait_for<control::ErrorMessage>().code, "corrupt");
@@ -145,7 +145,7 @@ TEST_F(ServiceTest, AnnouncementsAreChecked) {
       << "after the asset was put, the same connection goes on";
 }
 
-TEST_F(ServiceTest, OneConnectionWatchesManyStreamsAndChangesItsProfile) {
+TEST_F(ServiceTest, ConnectionWatchesStreamsAndChangesProfile) {
   auto a = sender("a");
   auto b = sender("b");
   Client viewer(port_, "/v1/subscribe");
@@ -174,7 +174,7 @@ TEST_F(ServiceTest, OneConnectionWatchesManyStreamsAndChangesItsProfile) {
   EXPECT_EQ(viewer.wait_for<control::ErrorMessage>().code, "not-found");
 }
 
-TEST_F(ServiceTest, StoppingSaysByeWithARetryAndTheNextRunHasHigherEpochs) {
+TEST_F(ServiceTest, StoppingSendsByeAndEpochsGrow) {
   auto publisher = sender("a");
   const std::uint32_t epoch = announced_.epoch;
   Client viewer(port_, "/v1/subscribe/a");
@@ -189,7 +189,7 @@ TEST_F(ServiceTest, StoppingSaysByeWithARetryAndTheNextRunHasHigherEpochs) {
   EXPECT_GT(announced_.epoch, epoch);
 }
 
-TEST_F(ServiceTest, StoppingInTheMiddleOfEverythingIsClean) {
+TEST_F(ServiceTest, StoppingUnderLoadIsClean) {
   auto publisher = sender("a");
   Client viewer(port_, "/v1/subscribe/a");
   Wire upload(port_);
@@ -205,7 +205,7 @@ TEST_F(ServiceTest, StoppingInTheMiddleOfEverythingIsClean) {
   EXPECT_EQ(left, 1u) << "the manifest, and nothing of the upload";
 }
 
-TEST_F(ServiceTest, WhatOneHandlerCannotDoEndsNobodyElsesStream) {
+TEST_F(ServiceTest, FailingHandlerEndsOnlyItsConnection) {
   stop();
   std::atomic<int> thrown = 0;
   std::atomic<bool> told = false;

@@ -51,7 +51,11 @@ void FakeReceiver::on_stream_changed(const Stream& stream, bool restart) {
   if (restart) state_.reset();
 }
 
-void FakeReceiver::on_frame(const Stream&, const FramePtr& frame) {
+void FakeReceiver::on_frames(const Stream&, std::span<const FramePtr> received) {
+  for (const FramePtr& frame : received) on_frame(frame);
+}
+
+void FakeReceiver::on_frame(const FramePtr& frame) {
   frames.push_back(frame);
   decode(*frame);
 }

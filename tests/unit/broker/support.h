@@ -13,14 +13,20 @@
 
 namespace eigencast::broker::testing {
 
+inline constexpr TimeUs kInterval = 30'000;
+
+inline const Profile kRaw{Profile::Rate::kRaw};
+inline const Profile kFull{};
+inline const Profile kCompact{Profile::Rate::kInterpolated, 3, Profile::Form::kCompact};
+
 /// A small stream of two bands and its announcement.
 CoefficientLayout small_layout();
 control::Announce small_announce();
 
-/// The key number `i` of a motion that is no straight line.
+/// Key number `i` of a curved motion.
 Key key_number(int i);
 
-/// A sender without a network: the messages that it would send.
+/// The messages of a sender, without a network.
 class FakeSender : public PublisherLink {
  public:
   /// The next key as a message: a join at the chain's start, a key afterwards.
@@ -38,7 +44,7 @@ class FakeSender : public PublisherLink {
   std::optional<ChainState> state_;
 };
 
-/// A receiver that holds to the rules of docs/protocol.md and says so when a frame cannot be decoded.
+/// A receiver that follows docs/protocol.md and counts frames that it cannot decode.
 class FakeReceiver : public Watcher {
  public:
   struct Pose {
@@ -47,21 +53,22 @@ class FakeReceiver : public Watcher {
   };
 
   void on_stream_changed(const Stream& stream, bool restart) override;
-  void on_frame(const Stream&, const FramePtr& frame) override;
+  void on_frames(const Stream&, std::span<const FramePtr> received) override;
   void on_trace(const std::shared_ptr<const std::string>& text) override;
 
+  virtual void on_frame(const FramePtr& frame);
   void decode(const Frame& frame);
 
   std::vector<control::StreamInfo> infos;
   std::vector<FramePtr> frames;
-  std::vector<Pose> poses;  ///< Shown: without those marked kAhead.
+  std::vector<Pose> poses;  ///< Shown ones: without those marked kAhead.
   std::vector<std::string> traces;
   int undecodable = 0;
 
  private:
   void decode_key_frame(const Envelope& head, ByteView payload);
   void show(const Envelope& head, const Key& key);
-  /// A pose that came without a payload, by the rules of the profile.
+  /// A pose without payload, computed by the profile's rules.
   Result<Key> made(const Envelope& head) const;
 
   std::optional<ChainState> state_;

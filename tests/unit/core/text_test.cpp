@@ -12,6 +12,13 @@ TEST(Text, TrimmedLosesBlanksAtBothEnds) {
   EXPECT_EQ(trimmed(""), "");
 }
 
+TEST(Text, SplitKeepsEmptyParts) {
+  using Parts = std::vector<std::string_view>;
+  EXPECT_EQ(split("a,b", ','), (Parts{"a", "b"}));
+  EXPECT_EQ(split(",a,,", ','), (Parts{"", "a", "", ""}));
+  EXPECT_EQ(split("", ','), Parts{""});
+}
+
 TEST(Text, FormattedIsAsLongAsNeeded) {
   EXPECT_EQ(formatted("%s-%d", std::string(5000, 'x').c_str(), 7), std::string(5000, 'x') + "-7");
 }

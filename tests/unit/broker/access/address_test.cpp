@@ -16,12 +16,12 @@ std::vector<IpRange> ranges(const std::vector<std::string>& texts) {
   return out;
 }
 
-Sender from(const char* peer, const std::string& x_forwarded_for, const std::string& forwarded = {},
-            const std::vector<std::string>& trusted = {"10.0.0.0/8", "127.0.0.1", "2001:db8::/32"}) {
-  return sender_of(ip(peer), {x_forwarded_for, forwarded}, ranges(trusted));
+ClientAddress from(const char* peer, const std::string& x_forwarded_for, const std::string& forwarded = {},
+                   const std::vector<std::string>& trusted = {"10.0.0.0/8", "127.0.0.1", "2001:db8::/32"}) {
+  return client_address_of(ip(peer), {x_forwarded_for, forwarded}, ranges(trusted));
 }
 
-TEST(IpAddressTest, TextsBothWays) {
+TEST(IpAddressTest, TextRoundTrips) {
   for (const char* text : {"127.0.0.1", "0.0.0.0", "::1", "2001:db8::5", "::"}) EXPECT_EQ(ip(text).text(), text);
   EXPECT_EQ(ip("::ffff:1.2.3.4"), ip("1.2.3.4")) << "as dual-stack sockets write IPv4";
   EXPECT_EQ(ip("fe80::1%eth0"), ip("fe80::1"));
@@ -35,13 +35,13 @@ TEST(IpAddressTest, TextsBothWays) {
   EXPECT_FALSE(ip("::").is_loopback());
 }
 
-TEST(IpAddressTest, AHostOfIpv6IsItsNetwork) {
+TEST(IpAddressTest, Ipv6LimitKeyIsTheNetwork) {
   EXPECT_EQ(ip("2001:db8:1:2:3:4:5:6").limit_key(), ip("2001:db8:1:2::").limit_key());
   EXPECT_NE(ip("2001:db8:1:2::").limit_key(), ip("2001:db8:1:3::").limit_key());
   EXPECT_NE(ip("1.2.3.4").limit_key(), ip("1.2.3.5").limit_key());
 }
 
-TEST(IpRangeTest, PrefixesOfEveryLength) {
+TEST(IpRangeTest, PrefixesOfEveryLengthMatch) {
   for (int bits = 0; bits <= 32; ++bits) {
     const auto range = IpRange::from_text("0.0.0.0/" + std::to_string(bits)).value();
     EXPECT_TRUE(range.contains(ip("0.0.0.0")));
@@ -58,17 +58,17 @@ TEST(IpRangeTest, PrefixesOfEveryLength) {
   }
 }
 
-TEST(SenderTest, NobodyWhoIsNotTrustedIsBelieved) {
-  const Sender plain = from("8.8.8.8", "1.2.3.4");
+TEST(ClientAddressTest, UntrustedPeersAreNotBelieved) {
+  const ClientAddress plain = from("8.8.8.8", "1.2.3.4");
   EXPECT_EQ(plain.address, ip("8.8.8.8"));
   EXPECT_TRUE(plain.uncertain);
-  const Sender local = from("127.0.0.1", "1.2.3.4", "", {});
+  const ClientAddress local = from("127.0.0.1", "1.2.3.4", "", {});
   EXPECT_EQ(local.address, ip("127.0.0.1"));
-  EXPECT_TRUE(local.uncertain) << "a proxy that nobody named: loopback means nothing";
+  EXPECT_TRUE(local.uncertain) << "an unknown proxy: loopback proves nothing";
   EXPECT_FALSE(from("127.0.0.1", "", "", {}).uncertain);
 }
 
-TEST(SenderTest, TheChainIsReadFromTheRightUpToTheFirstStranger) {
+TEST(ClientAddressTest, ChainIsReadFromTheRight) {
   EXPECT_EQ(from("127.0.0.1", "1.2.3.4").address, ip("1.2.3.4"));
   EXPECT_EQ(from("127.0.0.1", "6.6.6.6, 1.2.3.4, 10.1.1.1").address, ip("1.2.3.4")) << "6.6.6.6 is what 1.2.3.4 claims";
   EXPECT_EQ(from("127.0.0.1", "127.0.0.1, 1.2.3.4").address, ip("1.2.3.4"));
@@ -79,10 +79,10 @@ TEST(SenderTest, TheChainIsReadFromTheRightUpToTheFirstStranger) {
   EXPECT_EQ(from("127.0.0.1", "\t1.2.3.4 ").address, ip("1.2.3.4"));
 }
 
-TEST(SenderTest, OnlyTheOneHeaderThatProxiesWriteIsBelieved) {
+TEST(ClientAddressTest, OnlyTheConfiguredHeaderIsBelieved) {
   const auto standard = [](const std::string& x, const std::string& f) {
     const std::vector<IpRange> proxies = ranges({"127.0.0.0/8", "10.0.0.0/8"});
-    return sender_of(ip("127.0.0.1"), {x, f}, proxies, ProxyHeader::kForwarded);
+    return client_address_of(ip("127.0.0.1"), {x, f}, proxies, ProxyHeader::kForwarded);
   };
   EXPECT_EQ(from("127.0.0.1", "9.9.9.9", "for=127.0.0.1").address, ip("9.9.9.9")) << "the client wrote the other one";
   EXPECT_EQ(standard("127.0.0.1", "for=9.9.9.9").address, ip("9.9.9.9"));
@@ -95,7 +95,7 @@ TEST(SenderTest, OnlyTheOneHeaderThatProxiesWriteIsBelieved) {
   EXPECT_TRUE(standard("", "proto=https").uncertain);
 }
 
-TEST(SenderTest, WhatCannotBeReadIsNotLocal) {
+TEST(ClientAddressTest, UnreadableHopsAreNotLocal) {
   for (const char* bad : {"unknown", "_hidden", "x", ",", "127.0.0.1,", "1.2.3.4, "}) {
     EXPECT_TRUE(from("127.0.0.1", bad).uncertain) << bad;
     EXPECT_EQ(from("127.0.0.1", bad).address, ip("127.0.0.1")) << bad;

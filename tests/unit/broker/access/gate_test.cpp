@@ -12,14 +12,15 @@
 #include <vector>
 
 #include "common/core/bytes.h"
+#include "tests/unit/broker/access/golden_tokens.h"
 
 namespace eigencast::broker {
 namespace {
 
 using ::testing::HasSubstr;
+using testing::kNow;
+using testing::kSecret;
 
-constexpr const char* kSecret = "a secret of more than thirty-two bytes";
-constexpr std::int64_t kNow = 1'800'000'000;
 constexpr TimeUs kSecond = 1'000'000;
 
 std::string token_for(const std::string& subject, std::vector<std::string> publish, std::vector<std::string> subscribe,
@@ -63,17 +64,16 @@ class GateTest : public ::testing::Test {
   std::unique_ptr<Gate> gate_;
 };
 
-TEST_F(GateTest, WhoShowsNothingIsAnonymousOnLoopbackOnly) {
+TEST_F(GateTest, AnonymousAccessIsForLoopbackOnly) {
   EXPECT_TRUE(let_in(request_from("127.0.0.1"))->may_publish("any/stream"));
   EXPECT_TRUE(let_in(request_from("::1"))->may_subscribe("any/stream"));
   EXPECT_FALSE(let_in(request_from("::1"))->may_administer());
   const Denial denied = turned_away(request_from("192.168.1.9"));
   EXPECT_EQ(denied.status, 401);
   EXPECT_FALSE(denied.failed_login) << "nothing was tried";
-  EXPECT_THAT(denied.message, HasSubstr("asks for a token"));
 }
 
-TEST_F(GateTest, ATokenThatWasCheckedBeforeStillEndsWithItsTimeAndWithItsKey) {
+TEST_F(GateTest, CachedTokenEndsWithItsTimeAndKey) {
   const std::string token = token_for("viewer", {}, {"lab/**"});
   const auto request = request_from("8.8.8.8", token);
   const auto status_at = [&](std::int64_t now_s) {
@@ -97,7 +97,7 @@ TEST_F(GateTest, ATokenThatWasCheckedBeforeStillEndsWithItsTimeAndWithItsKey) {
   EXPECT_EQ(turned_away(request).status, 401);
 }
 
-TEST(TokenCacheTest, IsBoundedAndLooksAtTheTimes) {
+TEST(TokenCacheTest, IsBoundedAndChecksTimes) {
   TokenCache cache;
   Claims claims;
   claims.expires_s = 100;
@@ -113,14 +113,14 @@ TEST(TokenCacheTest, IsBoundedAndLooksAtTheTimes) {
   EXPECT_FALSE(cache.find(hash(1), 5, 60));
   EXPECT_FALSE(cache.find(hash(0), 5, 44)) << "the clock was set back";
   EXPECT_EQ(cache.size(), 0u);
-  for (std::uint64_t i = 0; i < 2 * TokenCache::kMost + 5; ++i) {
+  for (std::uint64_t i = 0; i < 2 * TokenCache::kMaxTokens + 5; ++i) {
     cache.keep(hash(i), claims);
-    ASSERT_LE(cache.size(), TokenCache::kMost);
+    ASSERT_LE(cache.size(), TokenCache::kMaxTokens);
   }
-  EXPECT_FALSE(cache.find(hash(2 * TokenCache::kMost + 4), 5, 105));
+  EXPECT_FALSE(cache.find(hash(2 * TokenCache::kMaxTokens + 4), 5, 105));
 }
 
-TEST_F(GateTest, AProxyThatNobodyNamedMakesNobodyLocal) {
+TEST_F(GateTest, UnknownProxyIsNotLocal) {
   auto request = request_from("127.0.0.1");
   request.forwarded.x_forwarded_for = "127.0.0.1";
   EXPECT_THAT(turned_away(request).message, HasSubstr("proxy.trusted"));
@@ -132,14 +132,14 @@ TEST_F(GateTest, AProxyThatNobodyNamedMakesNobodyLocal) {
   EXPECT_TRUE(let_in(request));
 }
 
-TEST_F(GateTest, AnonymousRightsAreThoseOfTheConfiguration) {
+TEST_F(GateTest, AnonymousRightsFollowConfiguration) {
   config_.access.anonymous = "anywhere";
   config_.access.anonymous_publish = {};
   config_.access.anonymous_subscribe = {"public/**"};
   const auto grant = let_in(request_from("8.8.8.8"));
   EXPECT_FALSE(grant->may_publish("public/a"));
   EXPECT_TRUE(grant->may_subscribe("public/a"));
-  EXPECT_THAT(grant->may_subscribe("private").error().message, HasSubstr("only 'public/**'"));
+  EXPECT_THAT(grant->may_subscribe("private").error().message, HasSubstr("'public/**'"));
   EXPECT_FALSE(grant->may_store_assets());
   EXPECT_TRUE(grant->may_fetch_assets());
   EXPECT_TRUE(grant->may_see("public/a"));
@@ -149,11 +149,11 @@ TEST_F(GateTest, AnonymousRightsAreThoseOfTheConfiguration) {
   EXPECT_EQ(turned_away(request_from("127.0.0.1")).status, 401);
 }
 
-TEST_F(GateTest, ATokenGrantsItsRightsWhereverItsHolderIs) {
+TEST_F(GateTest, TokenGrantsRightsFromAnyAddress) {
   const auto grant = let_in(request_from("8.8.8.8", token_for("camera-1", {"lab/**"}, {})));
   EXPECT_EQ(grant->label(), "token 'camera-1' from 8.8.8.8");
   EXPECT_TRUE(grant->may_publish("lab/horse"));
-  EXPECT_THAT(grant->may_subscribe("lab/horse").error().message, HasSubstr("token create --subscribe 'lab/horse'"));
+  EXPECT_EQ(grant->may_subscribe("lab/horse").error().code, ErrorCode::kRefused);
   auto in_query = request_from("8.8.8.8");
   in_query.query_token = token_for("viewer", {}, {"**"});
   EXPECT_TRUE(let_in(in_query)->may_subscribe("a"));
@@ -161,7 +161,7 @@ TEST_F(GateTest, ATokenGrantsItsRightsWhereverItsHolderIs) {
   EXPECT_EQ(turned_away(in_query).status, 400);
 }
 
-TEST_F(GateTest, AWrongTokenIsNotAnonymous) {
+TEST_F(GateTest, WrongTokenIsNotAnonymous) {
   for (const char* header : {"Bearer ", "Bearer x", "Bearer a.b.c", "Basic dTpw", "Bearer", "x"}) {
     auto request = request_from("127.0.0.1");
     request.authorization = header;
@@ -171,7 +171,7 @@ TEST_F(GateTest, AWrongTokenIsNotAnonymous) {
   }
 }
 
-TEST_F(GateTest, FailuresSlowTheirAddressDownAndNobodyElse) {
+TEST_F(GateTest, FailuresThrottleOnlyTheirAddress) {
   config_.access.failures_per_minute = 6;
   const auto wrong = request_from("8.8.8.8", "a.b.c");
   for (int i = 0; i < 6; ++i) EXPECT_EQ(turned_away(wrong).status, 401);
@@ -186,7 +186,7 @@ TEST_F(GateTest, FailuresSlowTheirAddressDownAndNobodyElse) {
   EXPECT_EQ(turned_away(wrong, 11 * kSecond).status, 429);
 }
 
-TEST_F(GateTest, AnExpiredTokenEndsConnectionsIfAsked) {
+TEST_F(GateTest, ExpiredTokenEndsConnectionsIfConfigured) {
   const auto grant = let_in(request_from("8.8.8.8", token_for("a", {}, {"**"}, false, kNow + 60)));
   EXPECT_FALSE(grant->has_expired(kNow + 89)) << "the leeway counts";
   EXPECT_TRUE(grant->has_expired(kNow + 90));
@@ -197,32 +197,32 @@ TEST_F(GateTest, AnExpiredTokenEndsConnectionsIfAsked) {
   EXPECT_FALSE(let_in(request_from("127.0.0.1"))->has_expired(kNow * 2));
 }
 
-TEST_F(GateTest, SharesAreLimitedByAddressAndByTokenAndComeBack) {
+TEST_F(GateTest, ResourcesAreLimitedPerAddressAndToken) {
   config_.per_address.connections = 3;
   config_.per_token.connections = 2;
   const std::string token = token_for("a", {}, {"**"});
   auto first = let_in(request_from("1.1.1.1", token));
-  EXPECT_TRUE(first->take(Share::kConnection));
+  EXPECT_TRUE(first->take(Resource::kConnection));
   auto second = let_in(request_from("2.2.2.2", token));
-  EXPECT_TRUE(second->take(Share::kConnection));
+  EXPECT_TRUE(second->take(Resource::kConnection));
   auto third = let_in(request_from("1.1.1.1", token));
-  EXPECT_THAT(third->take(Share::kConnection).error().message, HasSubstr("token 'a' has reached"));
+  EXPECT_THAT(third->take(Resource::kConnection).error().message, HasSubstr("per_token.connections = 2"));
   const auto other = let_in(request_from("1.1.1.1", token_for("b", {}, {"**"})));
-  EXPECT_TRUE(other->take(Share::kConnection));
-  EXPECT_TRUE(other->take(Share::kConnection)) << "what the token refused was not counted to the address";
-  EXPECT_THAT(other->take(Share::kStream), ::testing::Truly([](const auto& r) { return r.has_value(); }));
+  EXPECT_TRUE(other->take(Resource::kConnection));
+  EXPECT_TRUE(other->take(Resource::kConnection)) << "what the token refused was not counted to the address";
+  EXPECT_THAT(other->take(Resource::kStream), ::testing::Truly([](const auto& r) { return r.has_value(); }));
   const auto anonymous = let_in(request_from("127.0.0.1"));
-  for (int i = 0; i < 3; ++i) EXPECT_TRUE(anonymous->take(Share::kConnection));
-  EXPECT_THAT(anonymous->take(Share::kConnection).error().message, HasSubstr("per_address.connections = 3"));
+  for (int i = 0; i < 3; ++i) EXPECT_TRUE(anonymous->take(Resource::kConnection));
+  EXPECT_THAT(anonymous->take(Resource::kConnection).error().message, HasSubstr("per_address.connections = 3"));
   second.reset();
-  EXPECT_FALSE(third->take(Share::kConnection)) << "the address is full now";
+  EXPECT_FALSE(third->take(Resource::kConnection)) << "the address is full now";
   first.reset();
-  EXPECT_TRUE(third->take(Share::kConnection));
-  third->give_back(Share::kConnection);
-  EXPECT_TRUE(third->take(Share::kConnection));
+  EXPECT_TRUE(third->take(Resource::kConnection));
+  third->give_back(Resource::kConnection);
+  EXPECT_TRUE(third->take(Resource::kConnection));
 }
 
-TEST_F(GateTest, ConnectionsCountBeforeAnythingIsRead) {
+TEST_F(GateTest, ConnectionsCountBeforeReading) {
   config_.per_address.connections = 1;
   config_.proxy.trusted = {"10.0.0.1"};
   const auto stranger = IpAddress::from_text("8.8.8.8").value();
@@ -236,7 +236,7 @@ TEST_F(GateTest, ConnectionsCountBeforeAnythingIsRead) {
   EXPECT_TRUE(one && gate().accept(proxy, 0)) << "a proxy carries many";
 }
 
-TEST_F(GateTest, MessagesAndUploadsFlowAtTheirPace) {
+TEST_F(GateTest, MessagesAndUploadsAreRateLimited) {
   config_.per_address.messages_per_s = 10;
   config_.per_address.upload_bytes_per_hour = 3600;
   const auto grant = let_in(request_from("127.0.0.1"));
@@ -257,7 +257,7 @@ TEST_F(GateTest, MessagesAndUploadsFlowAtTheirPace) {
   EXPECT_TRUE(reader->take_download(20, 10 * kSecond));
 }
 
-TEST_F(GateTest, AReloadEndsWhatItNoLongerLetsIn) {
+TEST_F(GateTest, ReloadRevokesGrants) {
   const auto signed_one = let_in(request_from("8.8.8.8", token_for("a", {}, {"**"})));
   const auto local = let_in(request_from("127.0.0.1"));
   reload();
@@ -280,16 +280,16 @@ TEST_F(GateTest, AReloadEndsWhatItNoLongerLetsIn) {
   EXPECT_TRUE(signed_one->is_void()) << "the key has changed";
 }
 
-TEST_F(GateTest, ReloadedLimitsCountForWhoIsHere) {
+TEST_F(GateTest, ReloadedLimitsApplyToExistingGrants) {
   const auto grant = let_in(request_from("127.0.0.1"));
-  EXPECT_TRUE(grant->take(Share::kStream));
+  EXPECT_TRUE(grant->take(Resource::kStream));
   config_.per_address.streams = 1;
   reload();
   EXPECT_FALSE(grant->is_void());
-  EXPECT_THAT(grant->take(Share::kStream).error().message, HasSubstr("per_address.streams = 1"));
+  EXPECT_THAT(grant->take(Resource::kStream).error().message, HasSubstr("per_address.streams = 1"));
 }
 
-TEST_F(GateTest, AFixedTokenCountsAsLongAsItsLineStands) {
+TEST_F(GateTest, FixedTokenEndsWithItsLine) {
   const std::string path = ::testing::TempDir() + "/eigencast-gate-tokens";
   const auto made = create_static_token("cam", {"lab/**"}, {}, false).value();
   const auto write = [&](const std::string& text) {
@@ -311,7 +311,7 @@ TEST_F(GateTest, AFixedTokenCountsAsLongAsItsLineStands) {
   std::remove(path.c_str());
 }
 
-TEST_F(GateTest, PagesOfOtherSitesStayOut) {
+TEST_F(GateTest, ForeignOriginsAreRefused) {
   config_.access.anonymous = "anywhere";
   config_.access.origins = {"https://viewer.example", "https://*.lab.example"};
   const auto with = [&](const std::string& origin, const char* peer = "8.8.8.8") {
@@ -331,7 +331,7 @@ TEST_F(GateTest, PagesOfOtherSitesStayOut) {
   }
 }
 
-TEST_F(GateTest, ALocalBrowserOnAForeignPageIsNotLocal) {
+TEST_F(GateTest, LocalBrowserOnForeignPageIsNotLocal) {
   auto request = request_from("127.0.0.1");
   request.host = "evil.example:7490";
   request.origin = "http://evil.example:7490";  // A name that its owner lets resolve to 127.0.0.1.
@@ -341,12 +341,12 @@ TEST_F(GateTest, ALocalBrowserOnAForeignPageIsNotLocal) {
   EXPECT_TRUE(let_in(request));
 }
 
-TEST_F(GateTest, TheAdminPortAsksForTheRightAdmin) {
-  const auto denied = [&](const AccessRequest& request, Gate::AdminAsk ask) {
+TEST_F(GateTest, AdminPortRequiresAdminRight) {
+  const auto denied = [&](const AccessRequest& request, Gate::AdminRequest ask) {
     const auto found = gate().admit_admin(request, ask, 0, kNow);
     return found ? found->status : 0;
   };
-  using Ask = Gate::AdminAsk;
+  using Ask = Gate::AdminRequest;
   EXPECT_EQ(denied(request_from("127.0.0.1"), Ask::kRead), 0);
   EXPECT_EQ(denied(request_from("127.0.0.1"), Ask::kControl), 401) << "tokens are configured";
   EXPECT_EQ(denied(request_from("8.8.8.8"), Ask::kRead), 401);
@@ -363,14 +363,14 @@ TEST_F(GateTest, TheAdminPortAsksForTheRightAdmin) {
   EXPECT_NE(denied(page, Ask::kControl), 0);
 }
 
-TEST_F(GateTest, MonitorsReadTheAdminPortAndNoMore) {
+TEST_F(GateTest, MonitorsMayOnlyReadAdminPort) {
   config_.access.monitors = {"10.88.0.0/16"};
   config_.proxy.trusted = {"10.88.0.1"};
-  const auto denied = [&](const AccessRequest& request, Gate::AdminAsk ask) {
+  const auto denied = [&](const AccessRequest& request, Gate::AdminRequest ask) {
     const auto found = gate().admit_admin(request, ask, 0, kNow);
     return found ? found->status : 0;
   };
-  using Ask = Gate::AdminAsk;
+  using Ask = Gate::AdminRequest;
   EXPECT_EQ(denied(request_from("10.88.0.7"), Ask::kRead), 0);
   EXPECT_EQ(denied(request_from("10.88.0.7"), Ask::kControl), 401);
   EXPECT_EQ(denied(request_from("10.89.0.7"), Ask::kRead), 401);
@@ -389,25 +389,26 @@ TEST(LedgerTest, IsBoundedAndStricterWhenFull) {
   Ledger ledger(2);
   const auto a = ledger.account("a", 0);
   const auto b = ledger.account("b", 0);
-  EXPECT_TRUE(b->shares[0].take(1));
+  EXPECT_TRUE(b->resources[0].take(1));
   const auto c = ledger.account("c", 0);
-  EXPECT_EQ(c, ledger.account("d", 0)) << "both share one";
+  EXPECT_EQ(c, ledger.account("d", 0)) << "both resource one";
   EXPECT_NE(c, a);
   EXPECT_EQ(ledger.size(), 2U);
   EXPECT_EQ(ledger.account("b", 0), b);
 }
 
-TEST(LedgerTest, ForgetsWhoIsIdleAndRemembersWhoOwes) {
+TEST(LedgerTest, KeepsAccountsInUse) {
   Ledger ledger(2);
   (void)ledger.account("idle", 0);
-  EXPECT_TRUE(ledger.account("owes", 0)->failures.take(1, 0.01, 1, 0));
+  EXPECT_TRUE(ledger.account("mark_dirty", 0)->failures.take(1, 0.01, 1, 0));
   const auto fresh = ledger.account("fresh", 10 * kSecond);
   EXPECT_EQ(ledger.size(), 2U);
-  EXPECT_FALSE(ledger.account("owes", 10 * kSecond)->failures.take(1, 0.01, 1, 10 * kSecond)) << "not a new account";
+  EXPECT_FALSE(ledger.account("mark_dirty", 10 * kSecond)->failures.take(1, 0.01, 1, 10 * kSecond))
+      << "not a new account";
 }
 
-TEST(LedgerTest, ThreadsTogetherTakeNoMoreThanThereIs) {
-  constexpr int kThreads = 4, kTries = 2000, kMost = 3000;
+TEST(LedgerTest, LimitsHoldAcrossThreads) {
+  constexpr int kThreads = 4, kTries = 2000, kMaxTokens = 3000;
   Ledger ledger;
   std::atomic<int> places{0}, messages{0};
   {
@@ -416,18 +417,18 @@ TEST(LedgerTest, ThreadsTogetherTakeNoMoreThanThereIs) {
       threads.emplace_back([&] {
         const auto account = ledger.account("one", 0);
         for (int k = 0; k < kTries; ++k) {
-          if (account->shares[0].take(kMost)) ++places;
-          if (account->messages.take(1, 0.001, kMost, 0)) ++messages;
+          if (account->resources[0].take(kMaxTokens)) ++places;
+          if (account->messages.take(1, 0.001, kMaxTokens, 0)) ++messages;
         }
       });
     }
   }
-  EXPECT_EQ(places, kMost);
-  EXPECT_EQ(messages, kMost);
+  EXPECT_EQ(places, kMaxTokens);
+  EXPECT_EQ(messages, kMaxTokens);
 }
 
-TEST(PaceTest, OverAnyTimeNoMoreThanRateTimesTimePlusBurst) {
-  Pace pace;
+TEST(RateLimiterTest, NeverExceedsRateTimesTimePlusBurst) {
+  RateLimiter pace;
   double taken = 0;
   for (TimeUs now = 0; now <= 10 * kSecond; now += 1000) {
     while (pace.take(3, 100, 20, now)) taken += 3;
@@ -440,7 +441,7 @@ TEST(PaceTest, OverAnyTimeNoMoreThanRateTimesTimePlusBurst) {
   EXPECT_TRUE(pace.take(20, 100, 20, 10 * kSecond + wait));
 }
 
-TEST(PolicyTest, MistakesOfTheConfigurationNameTheirSetting) {
+TEST(PolicyTest, ConfigurationErrorsNameTheSetting) {
   const auto why = [](auto change) {
     Config config;
     change(config);
@@ -449,8 +450,8 @@ TEST(PolicyTest, MistakesOfTheConfigurationNameTheirSetting) {
   };
   EXPECT_EQ(why([](Config&) {}), "accepted");
   EXPECT_THAT(why([](Config& c) { c.access.jwt_secret = "short"; }), HasSubstr("access.jwt_secret"));
-  EXPECT_THAT(why([](Config& c) { c.access.jwt_keys = {"main ES256"}; }), HasSubstr("KEY-ID ALGORITHM FILE"));
-  EXPECT_THAT(why([](Config& c) { c.access.jwt_keys = {"main none /x"}; }), HasSubstr("'none' is no algorithm"));
+  EXPECT_THAT(why([](Config& c) { c.access.jwt_keys = {"main ES256"}; }), HasSubstr("access.jwt_keys"));
+  EXPECT_THAT(why([](Config& c) { c.access.jwt_keys = {"main none /x"}; }), HasSubstr("'none'"));
   EXPECT_THAT(why([](Config& c) { c.access.jwt_keys = {"main ES256 /nonexistent"}; }), HasSubstr("/nonexistent"));
   EXPECT_THAT(why([](Config& c) { c.access.tokens_file = "/nonexistent"; }), HasSubstr("access.tokens_file"));
   EXPECT_THAT(why([](Config& c) { c.access.anonymous_publish = {"a//b"}; }), HasSubstr("access.anonymous_publish"));

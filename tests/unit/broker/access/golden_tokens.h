@@ -1,11 +1,15 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <cstdint>
+
 /// Tokens that PyJWT 2.6 signed, with the public halves of the keys, which were thrown away: the same claims in four
 /// algorithms, good until the year 2100.
 ///   {"sub":"camera-1","aud":"eigencast","iat":1700000000,"exp":4102444800,"eigencast":{"pub":["lab/**"],"sub":["**"]}}
 namespace eigencast::broker::testing {
 
+inline constexpr std::int64_t kNow = 1'800'000'000;
+inline constexpr const char* kSecret = "a secret of more than thirty-two bytes";
 inline constexpr const char* kGoldenSecret = "0123456789abcdef0123456789abcdef-golden";
 inline constexpr const char* kGoldenRs256Key =
     "-----BEGIN PUBLIC KEY-----\n"

@@ -9,6 +9,7 @@
 #include <cstdio>
 #include <fstream>
 
+#include "common/core/base64.h"
 #include "tests/unit/broker/access/golden_tokens.h"
 
 namespace eigencast::broker {
@@ -16,21 +17,12 @@ namespace {
 
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using testing::kNow;
+using testing::kSecret;
 namespace golden = testing;
 
-constexpr std::int64_t kNow = 1'800'000'000;
-constexpr const char* kSecret = "a secret of more than thirty-two bytes";
-
 std::string base64url(const std::string& bytes) {
-  constexpr const char* kAlphabet = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_";
-  std::string out;
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    unsigned bits = 0;
-    for (std::size_t j = 0; j < 3; ++j)
-      bits = bits << 8 | (i + j < bytes.size() ? static_cast<unsigned char>(bytes[i + j]) : 0U);
-    for (std::size_t j = 0; j < 4 && i * 8 + j * 6 < bytes.size() * 8; ++j) out += kAlphabet[bits >> (18 - 6 * j) & 63];
-  }
-  return out;
+  return base64_from_bytes(Bytes(bytes.begin(), bytes.end()), Base64::kUrl);
 }
 
 TokenKey secret_key(const std::string& id = "main", const std::string& secret = kSecret) {
@@ -79,7 +71,7 @@ const Golden kGolden[] = {{Algorithm::kRs256, golden::kGoldenRs256Key, golden::k
                           {Algorithm::kEs256, golden::kGoldenEs256Key, golden::kGoldenEs256Token},
                           {Algorithm::kEdDsa, golden::kGoldenEdDsaKey, golden::kGoldenEdDsaToken}};
 
-TEST(JwtTest, TokensOfAnotherImplementationAreRead) {
+TEST(JwtTest, TokensOfOtherImplementationsAreAccepted) {
   for (const Golden& one : kGolden) {
     const auto key = TokenKey::from_pem("golden", one.algorithm, one.key);
     ASSERT_TRUE(key) << key.error().message;
@@ -97,7 +89,7 @@ TEST(JwtTest, TokensOfAnotherImplementationAreRead) {
 }
 
 // RFC 7515, appendix A.1, and RFC 8037, appendix A.4.
-TEST(JwtTest, VectorsOfTheStandards) {
+TEST(JwtTest, MatchesVectorsOfTheStandards) {
   std::string secret(
       "\x03\x23\x35\x4b\x2b\x0f\xa5\xbc\x83\x7e\x06\x65\x77\x7b\xa6\x8f\x5a\xb3\x28\xe6\xf0\x54\xc9\x28\xa9\x0f\x84\xb2"
       "\xd2\x50"
@@ -123,32 +115,32 @@ TEST(JwtTest, VectorsOfTheStandards) {
             "hgyY0il_MGCjP0JzlnLWG1PPOt7-09PGcvMg3AIbQR6dWbhijcNR4ki4iylGjg5BhVsPt9g7sVvpAr_MuM0KAg");
 }
 
-TEST(JwtTest, NoneIsNoAlgorithm) {
+TEST(JwtTest, AlgorithmNoneIsRefused) {
   for (const char* alg : {"none", "None", "NONE", ""}) {
     const std::string header = std::string(R"({"alg":")") + alg + R"(","kid":"main"})";
     const std::string unsigned_token = base64url(header) + "." + base64url(claims_with("")) + ".";
-    EXPECT_THAT(why(verify_token(unsigned_token, rules_with({secret_key()}), kNow)), HasSubstr("HS256 only"));
-    EXPECT_THAT(why_header(header), HasSubstr("HS256 only"));
+    EXPECT_THAT(why(verify_token(unsigned_token, rules_with({secret_key()}), kNow)), HasSubstr("\"alg\""));
+    EXPECT_THAT(why_header(header), HasSubstr("\"alg\""));
   }
-  EXPECT_THAT(why_header(R"({"kid":"main"})"), HasSubstr("HS256 only"));
-  EXPECT_THAT(why_header(R"({"alg":["HS256"],"kid":"main"})"), HasSubstr("HS256 only"));
+  EXPECT_THAT(why_header(R"({"kid":"main"})"), HasSubstr("\"alg\""));
+  EXPECT_THAT(why_header(R"({"alg":["HS256"],"kid":"main"})"), HasSubstr("\"alg\""));
 }
 
-TEST(JwtTest, APublicKeyIsNoSecret) {
+TEST(JwtTest, PublicKeyIsNotASecret) {
   // The classic attack: an HMAC over the text of the RSA key that everybody knows.
   for (const Golden& one : kGolden) {
     EXPECT_FALSE(TokenKey::from_secret("golden", one.key)) << "a PEM file must not be taken as a secret";
     const auto key = TokenKey::from_pem("golden", one.algorithm, one.key).value();
     const auto forger = TokenKey::from_secret("golden", std::string(one.key).substr(11)).value();
     const std::string forged = signed_by(forger, R"({"alg":"HS256","kid":"golden"})", claims_with(""));
-    EXPECT_THAT(why(verify_token(forged, rules_with({key}), kNow)), HasSubstr("is signed by 'HS256'"));
+    EXPECT_THAT(why(verify_token(forged, rules_with({key}), kNow)), HasSubstr("\"alg\""));
     const std::string lied = signed_by(
         forger, R"({"alg":")" + std::string(name_of(one.algorithm)) + R"(","kid":"golden"})", claims_with(""));
-    EXPECT_THAT(why(verify_token(lied, rules_with({key}), kNow)), HasSubstr("did not make"));
+    EXPECT_EQ(verify_token(lied, rules_with({key}), kNow).error().code, ErrorCode::kRefused);
   }
 }
 
-TEST(JwtTest, AKeyIsForItsOneAlgorithm) {
+TEST(JwtTest, KeyServesOneAlgorithm) {
   for (const Golden& one : kGolden) {
     for (const Golden& other : kGolden) {
       const auto key = TokenKey::from_pem("golden", other.algorithm, one.key);
@@ -166,29 +158,29 @@ TEST(JwtTest, AKeyIsForItsOneAlgorithm) {
   EXPECT_FALSE(algorithm_from_name("none"));
 }
 
-TEST(JwtTest, UnknownKeysAreNamed) {
-  EXPECT_THAT(why_header(R"({"alg":"HS256","kid":"other"})"), HasSubstr("key 'other'"));
-  EXPECT_THAT(why_header(R"({"alg":"HS256","kid":7})"), HasSubstr("\"kid\" is no text"));
+TEST(JwtTest, UnknownKeysAreRefused) {
+  EXPECT_THAT(why_header(R"({"alg":"HS256","kid":"other"})"), HasSubstr("'other' (\"kid\")"));
+  EXPECT_THAT(why_header(R"({"alg":"HS256","kid":7})"), HasSubstr("\"kid\""));
   EXPECT_EQ(why_header(R"({"alg":"HS256"})"), "accepted") << "the only key there is";
   const auto two = rules_with({secret_key("a"), secret_key("b")});
   EXPECT_THAT(why(verify_token(signed_by(secret_key("a"), R"({"alg":"HS256"})", claims_with("")), two, kNow)),
-              HasSubstr("names no key"));
+              HasSubstr("\"kid\""));
   EXPECT_THAT(why(verify_token(signed_by(secret_key(), kHeader, claims_with("")), rules_with({}), kNow)),
-              HasSubstr("does not know"));
+              HasSubstr("'main' (\"kid\")"));
 }
 
-TEST(JwtTest, HeadersThatAskForMoreAreRefused) {
-  EXPECT_THAT(why_header(R"({"alg":"HS256","kid":"main","crit":["b64"],"b64":false})"), HasSubstr("crit"));
+TEST(JwtTest, CriticalExtensionsAreRefused) {
+  EXPECT_THAT(why_header(R"({"alg":"HS256","kid":"main","crit":["b64"],"b64":false})"), HasSubstr("\"crit\""));
 }
 
-TEST(JwtTest, TimesCountWithTheLeewayOnBothSides) {
+TEST(JwtTest, LeewayExtendsBothTimes) {
   const auto rules = rules_with({secret_key()});
   const std::string token = signed_by(secret_key(), kHeader, claims_with(R"("nbf":1799999900)"));
   const auto at = [&](std::int64_t now) { return why(verify_token(token, rules, now)); };
-  EXPECT_THAT(at(1'799'999'869), HasSubstr("not valid yet"));
+  EXPECT_THAT(at(1'799'999'869), HasSubstr("\"nbf\""));
   EXPECT_EQ(at(1'799'999'870), "accepted");
   EXPECT_EQ(at(1'800'000'129), "accepted");
-  EXPECT_THAT(at(1'800'000'130), HasSubstr("expired 30 s ago"));
+  EXPECT_THAT(at(1'800'000'130), HasSubstr("30 s ago (\"exp\")"));
 }
 
 TEST(JwtTest, ClaimsOfWrongTypesAreRefused) {
@@ -217,18 +209,18 @@ TEST(JwtTest, ClaimsOfWrongTypesAreRefused) {
       "x",
       "",
   };
-  for (const char* claims : wrong) EXPECT_THAT(why_claims(claims), HasSubstr("the token ")) << claims;
+  for (const char* claims : wrong) EXPECT_NE(why_claims(claims), "accepted") << claims;
   EXPECT_EQ(why_claims(R"({"aud":"eigencast","exp":1800000100.5,"eigencast":{}})"), "accepted");
 }
 
-TEST(JwtTest, AudienceAndIssuer) {
+TEST(JwtTest, AudienceAndIssuerAreChecked) {
   const auto with = [](const std::string& aud) {
     return why_claims(R"({"exp":1800000100,"eigencast":{})" + aud + "}");
   };
   for (const char* good : {R"(,"aud":"eigencast")", R"(,"aud":["x","eigencast"])"}) EXPECT_EQ(with(good), "accepted");
   for (const char* bad : {"", R"(,"aud":"Eigencast")", R"(,"aud":[])", R"(,"aud":["x"])", R"(,"aud":{"eigencast":1})",
                           R"(,"aud":[["eigencast"]])", R"(,"aud":7)"}) {
-    EXPECT_THAT(with(bad), HasSubstr("audience")) << bad;
+    EXPECT_THAT(with(bad), HasSubstr("\"aud\"")) << bad;
   }
   auto rules = rules_with({secret_key()});
   rules.issuer = "me";
@@ -236,22 +228,22 @@ TEST(JwtTest, AudienceAndIssuer) {
     return why(verify_token(signed_by(secret_key(), kHeader, claims_with(more)), rules, kNow));
   };
   EXPECT_EQ(issued(R"("iss":"me")"), "accepted");
-  EXPECT_THAT(issued(R"("iss":"you")"), HasSubstr("issuer"));
-  EXPECT_THAT(issued(""), HasSubstr("issuer"));
-  EXPECT_THAT(issued(R"("iss":["me"])"), HasSubstr("issuer"));
+  EXPECT_THAT(issued(R"("iss":"you")"), HasSubstr("\"iss\""));
+  EXPECT_THAT(issued(""), HasSubstr("\"iss\""));
+  EXPECT_THAT(issued(R"("iss":["me"])"), HasSubstr("\"iss\""));
 }
 
-TEST(JwtTest, ADuplicateMemberIsRefusedAtEveryDepth) {
-  EXPECT_THAT(why_claims(claims_with(R"("exp":1900000000)")), HasSubstr("claims are no JSON object"));
+TEST(JwtTest, DuplicateMembersAreRefusedAtEveryDepth) {
+  EXPECT_THAT(why_claims(claims_with(R"("exp":1900000000)")), HasSubstr("claims"));
   EXPECT_THAT(why_claims(R"({"aud":"eigencast","exp":1800000100,"eigencast":{"admin":false,"admin":true}})"),
-              HasSubstr("claims are no JSON object"));
-  EXPECT_THAT(why_header(R"({"alg":"HS256","alg":"none","kid":"main"})"), HasSubstr("header is no JSON object"));
-  // The same name in two different objects is no duplicate.
+              HasSubstr("claims"));
+  EXPECT_THAT(why_header(R"({"alg":"HS256","alg":"none","kid":"main"})"), HasSubstr("header"));
+  // The same name in two different objects is not a duplicate.
   EXPECT_EQ(why_claims(claims_with(R"("x":{"exp":1},"y":{"exp":2})")), "accepted");
-  EXPECT_THAT(why_claims(claims_with("\"x\":" + std::string(50, '[') + std::string(50, ']'))), HasSubstr("no JSON"));
+  EXPECT_THAT(why_claims(claims_with("\"x\":" + std::string(50, '[') + std::string(50, ']'))), HasSubstr("claims"));
 }
 
-TEST(JwtTest, EveryTruncationAndEveryChangedCharacterIsRefused) {
+TEST(JwtTest, TruncatedAndChangedTokensAreRefused) {
   for (const Golden& one : kGolden) {
     const auto rules = rules_with({TokenKey::from_pem("golden", one.algorithm, one.key).value()});
     const std::string token = one.token;
@@ -265,14 +257,14 @@ TEST(JwtTest, EveryTruncationAndEveryChangedCharacterIsRefused) {
     }
     for (const char* more : {"=", ".", "A", " ", "\n"}) EXPECT_FALSE(verify_token(token + more, rules, kNow));
   }
-  EXPECT_THAT(why(verify_token(std::string(kMaxTokenBytes + 1, 'a'), rules_with({}), kNow)), HasSubstr("8 KiB"));
+  EXPECT_EQ(verify_token(std::string(kMaxTokenBytes + 1, 'a'), rules_with({}), kNow).error().code, ErrorCode::kRefused);
 }
 
-TEST(JwtTest, WhatIsCreatedIsAcceptedAndSaysWhatWasAsked) {
+TEST(JwtTest, CreatedTokenGrantsWhatWasRequested) {
   const auto key = secret_key();
   const auto token = create_token({"camera 1", "eigencast", "me", {"lab/*"}, {"**"}, true, kNow, kNow + 60}, key);
   ASSERT_TRUE(token);
-  EXPECT_THAT(why(verify_token(*token, rules_with({key}), kNow)), HasSubstr("subject")) << "a blank is no name";
+  EXPECT_THAT(why(verify_token(*token, rules_with({key}), kNow)), HasSubstr("\"sub\"")) << "blanks are refused";
   const auto good =
       create_token({"camera-1", "eigencast", "me", {"lab/*"}, {"**"}, true, kNow, kNow + 60}, key).value();
   const auto claims = verify_token(good, rules_with({key}), kNow);
@@ -287,7 +279,7 @@ TEST(JwtTest, WhatIsCreatedIsAcceptedAndSaysWhatWasAsked) {
             ErrorCode::kUnsupported);
 }
 
-TEST(JwtTest, ASecretThatOthersCanReadIsRefused) {
+TEST(JwtTest, WorldReadableSecretIsRefused) {
   const std::string path = ::testing::TempDir() + "/eigencast_secret_" + std::to_string(::getpid());
   std::ofstream(path) << kSecret << "\n";
   chmod(path.c_str(), 0644);
@@ -295,7 +287,7 @@ TEST(JwtTest, ASecretThatOthersCanReadIsRefused) {
   chmod(path.c_str(), 0640);
   const auto key = TokenKey::from_file("main", Algorithm::kHs256, path);
   ASSERT_TRUE(key) << key.error().message;
-  EXPECT_TRUE(key->verifies("x", secret_key().sign("x").value())) << "the newline at the end is no part of it";
+  EXPECT_TRUE(key->verifies("x", secret_key().sign("x").value())) << "the trailing newline is not part of the secret";
   std::ofstream(path) << golden::kGoldenEs256Key;
   chmod(path.c_str(), 0644);
   EXPECT_TRUE(TokenKey::from_file("a", Algorithm::kEs256, path)) << "a public key is for everybody";

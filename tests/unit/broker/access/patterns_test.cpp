@@ -13,7 +13,7 @@ bool matches(const std::string& pattern, const std::string& name) {
   return made && made->matches(name);
 }
 
-TEST(StreamPatternsTest, StarsStayWithinTheirSegmentAndDoubleStarsDoNot) {
+TEST(StreamPatternsTest, StarMatchesWithinSegmentDoubleStarAcross) {
   EXPECT_TRUE(matches("lab/horse", "lab/horse"));
   EXPECT_FALSE(matches("lab/horse", "lab/horses"));
   EXPECT_FALSE(matches("lab", "lab/horse"));
@@ -37,11 +37,11 @@ TEST(StreamPatternsTest, StarsStayWithinTheirSegmentAndDoubleStarsDoNot) {
   EXPECT_FALSE(matches("a/**/b/**/c", "a/c/b"));
 }
 
-TEST(StreamPatternsTest, AnEmptySetMatchesNothing) {
+TEST(StreamPatternsTest, EmptySetMatchesNothing) {
   EXPECT_FALSE(StreamPatterns().matches("a"));
 }
 
-TEST(StreamPatternsTest, WhatNoStreamIsCalledIsRefused) {
+TEST(StreamPatternsTest, ImpossiblePatternsAreRefused) {
   for (const char* bad :
        {"", "/", "/a", "a/", "a//b", "a b", "..", "a/../b", ".", "a**", "**a", "***", "a?", "{a,b}", "\xc3\xa4"}) {
     const auto made = StreamPatterns::from(std::vector<std::string>{bad});

@@ -13,13 +13,14 @@ namespace eigencast::broker {
 namespace {
 
 using ::testing::HasSubstr;
+using ::testing::StartsWith;
 
 std::string hash_of(const std::string& token) {
   return "sha256:" +
          sha256(ByteView(static_cast<const std::uint8_t*>(static_cast<const void*>(token.data())), token.size())).hex();
 }
 
-TEST(TokenFileTest, LinesGrantWhatTheySay) {
+TEST(TokenFileTest, LinesGrantTheirRights) {
   const auto file = TokenFile::from_text(
       "# who sends\n\n  camera-1 " + hash_of("one") + " pub=lab/**,x/*  sub=**\r\nboss\t" + hash_of("two") + " admin",
       "f");
@@ -36,24 +37,24 @@ TEST(TokenFileTest, LinesGrantWhatTheySay) {
   EXPECT_EQ(file->find(hash_of("one").substr(7)), nullptr) << "the hash is not the token";
 }
 
-TEST(TokenFileTest, MistakesAreNamedWithTheirLine) {
+TEST(TokenFileTest, MistakesAreReportedWithTheirLine) {
   const std::string hash = hash_of("one");
   const auto why = [](const std::string& text) {
     const auto file = TokenFile::from_text(text, "f");
     return file ? std::string("accepted") : file.error().message;
   };
-  EXPECT_THAT(why("\n\ncamera\n"), HasSubstr("f:3: a line is"));
+  EXPECT_THAT(why("\n\ncamera\n"), StartsWith("f:3: "));
   EXPECT_THAT(why("camera secret"), HasSubstr("sha256:"));
   EXPECT_THAT(why("camera sha256:" + std::string(64, 'G')), HasSubstr("sha256:"));
-  EXPECT_THAT(why("camera " + hash + " push=**"), HasSubstr("'push=**' is none of"));
-  EXPECT_THAT(why("camera " + hash + " pub="), HasSubstr("pattern"));
-  EXPECT_THAT(why("camera " + hash + " pub=a,,b"), HasSubstr("pattern"));
-  EXPECT_THAT(why("ca/mera " + hash), HasSubstr("a line is"));
+  EXPECT_THAT(why("camera " + hash + " push=**"), HasSubstr("'push=**'"));
+  EXPECT_THAT(why("camera " + hash + " pub="), StartsWith("f:1: "));
+  EXPECT_THAT(why("camera " + hash + " pub=a,,b"), StartsWith("f:1: "));
+  EXPECT_THAT(why("ca/mera " + hash), StartsWith("f:1: "));
   EXPECT_THAT(why("a " + hash + "\nb " + hash), HasSubstr("f:2: 'b'"));
   EXPECT_THAT(why("a " + hash + "\na " + hash_of("two")), HasSubstr("f:2: 'a'"));
 }
 
-TEST(TokenFileTest, WhatIsMadeIsFoundAndNoTwoAreTheSame) {
+TEST(TokenFileTest, CreatedTokensAreFoundAndUnique) {
   const auto made = create_static_token("camera-1", {"lab/**", "x"}, {"**"}, true);
   ASSERT_TRUE(made) << made.error().message;
   EXPECT_NE(made->token, create_static_token("camera-1", {"a"}, {}, false)->token);
@@ -67,11 +68,11 @@ TEST(TokenFileTest, WhatIsMadeIsFoundAndNoTwoAreTheSame) {
   EXPECT_FALSE(create_static_token("a", {"b pub=**"}, {}, false));
 }
 
-TEST(TokenFileTest, AFileThatOthersCanReadIsRefused) {
+TEST(TokenFileTest, WorldReadableFileIsRefused) {
   const std::string path = ::testing::TempDir() + "/eigencast_tokens_" + std::to_string(::getpid());
   std::ofstream(path) << "a " << hash_of("one") << "\n";
   chmod(path.c_str(), 0604);
-  EXPECT_THAT(TokenFile::from_file(path).error().message, HasSubstr("chmod 640"));
+  EXPECT_EQ(TokenFile::from_file(path).error().code, ErrorCode::kRefused);
   chmod(path.c_str(), 0660);
   EXPECT_EQ(TokenFile::from_file(path).error().code, ErrorCode::kRefused);
   chmod(path.c_str(), 0600);

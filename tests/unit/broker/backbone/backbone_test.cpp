@@ -9,7 +9,7 @@ namespace {
 using namespace testing;
 using State = control::StreamInfo::State;
 
-TEST_F(BackboneTest, AStreamOfOneBrokerIsSeenAtAnother) {
+TEST_F(BackboneTest, StreamIsSeenAtOtherBrokers) {
   SiteSender& sender = new_sender();
   publish(sender, a());
   FakeReceiver& here = new_viewer();
@@ -32,7 +32,7 @@ TEST_F(BackboneTest, AStreamOfOneBrokerIsSeenAtAnother) {
   }
 }
 
-TEST_F(BackboneTest, NothingIsFollowedThatNobodyWatches) {
+TEST_F(BackboneTest, UnwatchedStreamsAreNotFollowed) {
   SiteSender& sender = new_sender();
   publish(sender, a());
   pass(1'000'000);
@@ -59,7 +59,7 @@ TEST_F(BackboneTest, NothingIsFollowedThatNobodyWatches) {
   EXPECT_EQ(viewer.poses.back().key, key_number(2));
 }
 
-TEST_F(BackboneTest, TheAssetComesOncePerBroker) {
+TEST_F(BackboneTest, AssetIsFetchedOncePerBroker) {
   SiteSender& sender = new_sender();
   publish(sender, a());
   FakeReceiver& one = new_viewer();
@@ -70,7 +70,7 @@ TEST_F(BackboneTest, TheAssetComesOncePerBroker) {
   EXPECT_EQ(b().backbone->totals().asset_bytes_fetched, 700'000U + 132U);
 }
 
-TEST_F(BackboneTest, LostFramesCostAJoinAndNothingElse) {
+TEST_F(BackboneTest, LostFramesCostOneJoin) {
   SiteSender& sender = new_sender();
   publish(sender, a());
   FakeReceiver& viewer = new_viewer();
@@ -92,7 +92,7 @@ TEST_F(BackboneTest, LostFramesCostAJoinAndNothingElse) {
   }
 }
 
-TEST_F(BackboneTest, WithoutAConnectionLocalStreamsGoOnAndNewOnesBegin) {
+TEST_F(BackboneTest, LocalStreamsWorkWithoutConnection) {
   SiteSender& sender = new_sender();
   SiteSender& another = new_sender();
   publish(sender, a());
@@ -120,7 +120,7 @@ TEST_F(BackboneTest, WithoutAConnectionLocalStreamsGoOnAndNewOnesBegin) {
   EXPECT_EQ(far.poses.back().key, other.poses.back().key);
 }
 
-TEST_F(BackboneTest, ATableThatDoesNotAnswerIsDoneWithoutAfterAWhile) {
+TEST_F(BackboneTest, UnansweringTableIsBypassed) {
   network.table_answers = false;
   SiteSender& sender = new_sender();
   sender.publish(a(), "s", a().put(content(9, 10)));
@@ -134,7 +134,7 @@ TEST_F(BackboneTest, ATableThatDoesNotAnswerIsDoneWithoutAfterAWhile) {
   EXPECT_EQ(b().backbone->totals().streams_known, 1U) << "told as soon as it can be";
 }
 
-TEST_F(BackboneTest, ATableThatItsServersLostIsWrittenAnew) {
+TEST_F(BackboneTest, LostTableIsRewritten) {
   publish(new_sender(), a(), "other");  // The revision of the entry of s is not that of the first of a new table.
   SiteSender& sender = new_sender();
   publish(sender, a());
@@ -163,7 +163,7 @@ TEST_F(BackboneTest, ATableThatItsServersLostIsWrittenAnew) {
   EXPECT_EQ(viewer.undecodable, 0);
 }
 
-TEST_F(BackboneTest, InACrowdOnlyBrokersWithStreamsSpeakEachSecond) {
+TEST_F(BackboneTest, OnlyBrokersWithStreamsSendEveryHeartbeat) {
   std::map<std::string, int> signs;
   const auto count = [&signs](const Bytes& message) { ++signs[std::string(message.begin() + 1, message.end())]; };
   FakeLink ear(network);
@@ -182,7 +182,7 @@ TEST_F(BackboneTest, InACrowdOnlyBrokersWithStreamsSpeakEachSecond) {
   EXPECT_LE(signs["b"], 2);
 }
 
-TEST_F(BackboneTest, AnAssetThatTheOwnerHasNotIsAskedForAgain) {
+TEST_F(BackboneTest, MissingAssetIsRequestedAgain) {
   SiteSender& sender = new_sender();
   sender.publish(a(), "s", sha256(content(77, 7)));
   network.run();

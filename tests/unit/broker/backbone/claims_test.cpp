@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
-//
-// Who may send a stream, where several brokers stand together.
+// Ownership of streams among several brokers.
 #include "tests/unit/broker/backbone/sites.h"
 
 namespace eigencast::broker {
@@ -10,7 +9,7 @@ using namespace testing;
 using State = control::StreamInfo::State;
 using ClaimsTest = BackboneTest;
 
-TEST_F(ClaimsTest, ASecondSenderAtAnotherBrokerIsRefused) {
+TEST_F(ClaimsTest, SecondSenderAtAnotherBrokerIsRefused) {
   SiteSender& first = new_sender();
   SiteSender& second = new_sender();
   publish(first, a());
@@ -22,7 +21,7 @@ TEST_F(ClaimsTest, ASecondSenderAtAnotherBrokerIsRefused) {
   EXPECT_FALSE(first.replaced);
 }
 
-TEST_F(ClaimsTest, WhereSendersAreReplacedTheOneAtAnotherBrokerIsSentAway) {
+TEST_F(ClaimsTest, ReplacedSenderAtAnotherBrokerIsDismissed) {
   replaces = true;
   SiteSender& first = new_sender();
   SiteSender& second = new_sender();
@@ -47,7 +46,7 @@ TEST_F(ClaimsTest, WhereSendersAreReplacedTheOneAtAnotherBrokerIsSentAway) {
   }
 }
 
-TEST_F(ClaimsTest, OfTwoAtOnceOneIsRefused) {
+TEST_F(ClaimsTest, ConcurrentClaimsAreResolved) {
   const Sha256 in_a = a().put(content(9, 10)), in_b = b().put(content(9, 10));
   SiteSender& first = new_sender();
   SiteSender& second = new_sender();
@@ -61,7 +60,7 @@ TEST_F(ClaimsTest, OfTwoAtOnceOneIsRefused) {
   EXPECT_EQ(loser.error().code, ErrorCode::kRefused);
 }
 
-TEST_F(ClaimsTest, ASenderMovesAndItsViewersGoOn) {
+TEST_F(ClaimsTest, SenderMovesBetweenBrokers) {
   SiteSender& sender = new_sender();
   publish(sender, a());
   FakeReceiver& viewer = new_viewer();
@@ -97,7 +96,7 @@ TEST_F(ClaimsTest, ASenderMovesAndItsViewersGoOn) {
   EXPECT_EQ(viewer.poses.back().key, other.poses.back().key);
 }
 
-TEST_F(ClaimsTest, ARefusedSenderLeavesTheFollowedStreamAsItWas) {
+TEST_F(ClaimsTest, RefusedSenderDoesNotDisturbFollowedStream) {
   SiteSender& first = new_sender();
   publish(first, a());
   FakeReceiver& viewer = new_viewer();
@@ -116,7 +115,7 @@ TEST_F(ClaimsTest, ARefusedSenderLeavesTheFollowedStreamAsItWas) {
   EXPECT_EQ(viewer.poses.back().envelope.sequence, 2U);
 }
 
-TEST_F(ClaimsTest, ADeadBrokersStreamMayBeTakenOver) {
+TEST_F(ClaimsTest, StreamOfDeadBrokerIsTakenOver) {
   SiteSender& first = new_sender();
   SiteSender& second = new_sender();
   publish(first, a());
@@ -129,7 +128,7 @@ TEST_F(ClaimsTest, ADeadBrokersStreamMayBeTakenOver) {
   second.publish(b(), "s", b().put(content(9, 10)));
   network.run();
   EXPECT_FALSE(*second.granted) << "too early";
-  pass(Directory::kSilenceUs);
+  pass(Directory::kHeartbeatTimeoutUs);
   SiteSender& third = new_sender();
   publish(third, b());
   send(third);
@@ -137,7 +136,7 @@ TEST_F(ClaimsTest, ADeadBrokersStreamMayBeTakenOver) {
   EXPECT_EQ(viewer.undecodable, 0);
 }
 
-TEST_F(ClaimsTest, WhenBrokersMeetAgainOneSenderStays) {
+TEST_F(ClaimsTest, OneSenderStaysAfterPartition) {
   SiteSender& first = new_sender();
   SiteSender& second = new_sender();
   publish(first, a());
@@ -162,7 +161,7 @@ TEST_F(ClaimsTest, WhenBrokersMeetAgainOneSenderStays) {
   EXPECT_EQ(at_a.undecodable + at_b.undecodable, 0);
 }
 
-TEST_F(ClaimsTest, ABrokerThatStopsLeavesItsStreamsFree) {
+TEST_F(ClaimsTest, StoppedBrokerReleasesItsStreams) {
   SiteSender& first = new_sender();
   publish(first, a());
   a().backbone->stop();

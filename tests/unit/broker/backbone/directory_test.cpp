@@ -12,7 +12,7 @@ DirectoryEntry entry_of(const std::string& owner, std::uint32_t epoch, bool live
   return {owner, epoch, live, testing::small_announce()};
 }
 
-TEST(Directory, EntriesSurviveTheirText) {
+TEST(Directory, EntriesRoundTrip) {
   DirectoryEntry entry = entry_of("0123456789abcdef", 4'000'000'000U);
   const auto read = entry_from_text(text_from_entry(entry));
   ASSERT_TRUE(read) << read.error().message;
@@ -22,7 +22,7 @@ TEST(Directory, EntriesSurviveTheirText) {
   EXPECT_EQ(read->announce.format, entry.announce.format);
 }
 
-TEST(Directory, EveryTruncationOfAnEntryIsRefused) {
+TEST(Directory, TruncatedEntriesAreRefused) {
   const std::string text = text_from_entry(entry_of("a", 1));
   for (std::size_t n = 0; n < text.size(); ++n) EXPECT_FALSE(entry_from_text(text.substr(0, n))) << n;
 }
@@ -56,7 +56,7 @@ TEST(Directory, TokensAndNamesAreOneToOne) {
   }
 }
 
-TEST(Directory, OlderNewsChangesNothing) {
+TEST(Directory, OlderRevisionsAreIgnored) {
   Directory directory("me", 0);
   ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("a", 7)), 10));
   ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("b", 6)), 9));
@@ -67,33 +67,34 @@ TEST(Directory, OlderNewsChangesNothing) {
   EXPECT_EQ(directory.revision("other"), 0U);
 }
 
-TEST(Directory, SilentBrokersHoldNothing) {
+TEST(Directory, SilentBrokersOwnNothing) {
   Directory directory("me", 0);
   ASSERT_TRUE(directory.take("s", text_from_entry(entry_of("a", 7)), 1));
-  EXPECT_NE(directory.live("s", Directory::kSilenceUs - 1), nullptr) << "too early to know who is there";
-  EXPECT_EQ(directory.live("s", Directory::kSilenceUs), nullptr);
-  directory.heard("a", Directory::kSilenceUs);
-  EXPECT_NE(directory.live("s", 2 * Directory::kSilenceUs - 1), nullptr);
-  EXPECT_EQ(directory.live("s", 2 * Directory::kSilenceUs), nullptr);
-  directory.heard("a", 2 * Directory::kSilenceUs);
-  directory.gone("a");
-  EXPECT_EQ(directory.live("s", 2 * Directory::kSilenceUs), nullptr) << "it said so";
+  EXPECT_NE(directory.live("s", Directory::kHeartbeatTimeoutUs - 1), nullptr) << "too early to know";
+  EXPECT_EQ(directory.live("s", Directory::kHeartbeatTimeoutUs), nullptr);
+  directory.note_heartbeat("a", Directory::kHeartbeatTimeoutUs);
+  EXPECT_NE(directory.live("s", 2 * Directory::kHeartbeatTimeoutUs - 1), nullptr);
+  EXPECT_EQ(directory.live("s", 2 * Directory::kHeartbeatTimeoutUs), nullptr);
+  directory.note_heartbeat("a", 2 * Directory::kHeartbeatTimeoutUs);
+  directory.note_stopped("a");
+  EXPECT_EQ(directory.live("s", 2 * Directory::kHeartbeatTimeoutUs), nullptr) << "it said so";
 }
 
-TEST(Directory, OfManyBrokersThoseWithoutStreamsSpeakSeldom) {
+TEST(Directory, IdleBrokersSendFewerHeartbeatsInCrowds) {
   Directory directory("me", 0);
-  EXPECT_EQ(directory.pace(), 1);
-  const TimeUs now = Directory::kSilenceUs;
-  for (int i = 0; i < 1000; ++i) directory.heard("broker-" + std::to_string(i), now);
-  EXPECT_EQ(directory.pace(), 10);
-  EXPECT_EQ(directory.brokers(now + 10 * Directory::kSilenceUs - 1), 1001U) << "silent, and counted yet";
-  EXPECT_FALSE(directory.is_alive("broker-1", now + Directory::kSilenceUs)) << "who has a stream speaks each period";
-  EXPECT_EQ(directory.brokers(now + 10 * Directory::kSilenceUs), 1U);
+  EXPECT_EQ(directory.heartbeat_periods(), 1);
+  const TimeUs now = Directory::kHeartbeatTimeoutUs;
+  for (int i = 0; i < 1000; ++i) directory.note_heartbeat("broker-" + std::to_string(i), now);
+  EXPECT_EQ(directory.heartbeat_periods(), 10);
+  EXPECT_EQ(directory.brokers(now + 10 * Directory::kHeartbeatTimeoutUs - 1), 1001U) << "silent, and counted yet";
+  EXPECT_FALSE(directory.is_alive("broker-1", now + Directory::kHeartbeatTimeoutUs))
+      << "brokers with a stream send every heartbeat";
+  EXPECT_EQ(directory.brokers(now + 10 * Directory::kHeartbeatTimeoutUs), 1U);
   directory.forget_silent(now + 2 * Directory::kForgetUs + 1);
-  EXPECT_EQ(directory.pace(), 1);
+  EXPECT_EQ(directory.heartbeat_periods(), 1);
 }
 
-TEST(Directory, ForgetsWhatGoneBrokersLeft) {
+TEST(Directory, ForgetsEntriesOfGoneBrokers) {
   Directory directory("me", 0);
   ASSERT_TRUE(directory.take("theirs", text_from_entry(entry_of("a", 1)), 1));
   ASSERT_TRUE(directory.take("mine", text_from_entry(entry_of("me", 1)), 2));
@@ -101,11 +102,11 @@ TEST(Directory, ForgetsWhatGoneBrokersLeft) {
   EXPECT_EQ(directory.forgotten(Directory::kForgetUs), std::vector<std::string>{"theirs"});
 }
 
-TEST(Directory, OfTwoSendersExactlyOneGivesWay) {
+TEST(Directory, ExactlyOneOfTwoSendersYields) {
   for (std::uint32_t e : {1U, 2U, 3U}) {
     for (const char* owner : {"a", "c"}) {
       const DirectoryEntry mine = entry_of("b", 2), other = entry_of(owner, e);
-      EXPECT_NE(gives_way(mine, other), gives_way(other, mine));
+      EXPECT_NE(yields_to(mine, other), yields_to(other, mine));
     }
   }
 }

@@ -92,16 +92,16 @@ class FakeLink final : public Link {
   std::shared_ptr<void> subscribe(const std::string& subject, Handler handler) override {
     return listen({subject, std::move(handler), {}});
   }
-  std::shared_ptr<void> serve(const std::string& subject, Questioned questioned) override {
-    return listen({subject, {}, std::move(questioned)});
+  std::shared_ptr<void> serve(const std::string& subject, OnRequest on_request) override {
+    return listen({subject, {}, std::move(on_request)});
   }
   void ask(const std::string& subject, Bytes message, TimeUs, Answer answer) override {
     network_.later([this, subject, message = std::move(message), answer = std::move(answer)] {
       for (FakeLink* link : network_.links) {
         if (!link->connected_ || !connected_) continue;
         for (const auto& heard : std::vector(link->heard_)) {
-          if (heard->subject != subject || !heard->questioned) continue;
-          heard->questioned(message, [this, answer](Bytes bytes) {
+          if (heard->subject != subject || !heard->on_request) continue;
+          heard->on_request(message, [this, answer](Bytes bytes) {
             network_.later([answer, bytes = std::move(bytes)] { answer(bytes); });
           });
           return;
@@ -130,7 +130,7 @@ class FakeLink final : public Link {
   struct Heard {
     std::string subject;
     Handler handler;
-    Questioned questioned;
+    OnRequest on_request;
   };
   std::shared_ptr<void> listen(Heard heard) {
     auto item = std::make_shared<Heard>(std::move(heard));

@@ -37,7 +37,7 @@ std::vector<std::uint64_t> sequences(const std::vector<Bytes>& messages) {
 }
 using Numbers = std::vector<std::uint64_t>;
 
-TEST(Follower, BeginsWithAJoinAndGoesOnFromKeysThatCameBefore) {
+TEST(Follower, JoinIsFollowedByKeptKeys) {
   Follower follower(kEpoch);
   EXPECT_TRUE(follower.wants_join(0));
   EXPECT_FALSE(follower.wants_join(1)) << "asked already";
@@ -49,14 +49,14 @@ TEST(Follower, BeginsWithAJoinAndGoesOnFromKeysThatCameBefore) {
   EXPECT_FALSE(follower.wants_join(1'000'000'000));
 }
 
-TEST(Follower, AsksAgainWhenNoJoinComes) {
+TEST(Follower, RequestsJoinAgainAfterTimeout) {
   Follower follower(kEpoch);
   EXPECT_TRUE(follower.wants_join(0));
   EXPECT_FALSE(follower.wants_join(Follower::kJoinTimeoutUs - 1));
   EXPECT_TRUE(follower.wants_join(Follower::kJoinTimeoutUs));
 }
 
-TEST(Follower, AGapNeedsAJoin) {
+TEST(Follower, GapNeedsJoin) {
   Follower follower(kEpoch);
   (void)follower.take(join(1));
   EXPECT_EQ(sequences(follower.take(key(3))), Numbers{});
@@ -66,16 +66,16 @@ TEST(Follower, AGapNeedsAJoin) {
   EXPECT_EQ(sequences(follower.take(join(3))), (Numbers{3, 4}));
 }
 
-TEST(Follower, AStaleJoinIsOfNoUse) {
+TEST(Follower, StaleJoinIsDropped) {
   Follower follower(kEpoch);
   (void)follower.take(join(5));
-  follower.begin_anew();
+  follower.restart();
   EXPECT_EQ(sequences(follower.take(join(5))), Numbers{});
   EXPECT_EQ(sequences(follower.take(join(4))), Numbers{});
   EXPECT_EQ(sequences(follower.take(join(6))), Numbers{6});
 }
 
-TEST(Follower, OtherEpochsAndOtherKindsAreDropped) {
+TEST(Follower, OtherEpochsAndKindsAreDropped) {
   Follower follower(kEpoch);
   (void)follower.take(join(1));
   EXPECT_TRUE(follower.take(message(FrameKind::kKey, 2, kEpoch - 1)).empty());
@@ -97,8 +97,8 @@ TEST(Follower, KeepsABoundedNumberOfKeys) {
   EXPECT_EQ(follower.take(join(990)).size(), 11U);
 }
 
-// What is handed on is always a chain: it begins with a join, and every key follows the one before it.
-TEST(Follower, WhatIsHandedOnIsAChainWhateverComes) {
+// The output is always a chain: it begins with a join, and every key follows its predecessor.
+TEST(Follower, OutputIsAlwaysAChain) {
   std::mt19937 random(7);
   for (int run = 0; run < 200; ++run) {
     Follower follower(kEpoch);
@@ -108,7 +108,7 @@ TEST(Follower, WhatIsHandedOnIsAChainWhateverComes) {
       Bytes next;
       switch (random() % 8) {
         case 0:
-          next = join(sent);  // The answer to a question, of whenever.
+          next = join(sent);  // The answer to a request, of whenever.
           break;
         case 1:
           next = join(sent > 3 ? sent - random() % 4 : sent);

@@ -29,7 +29,7 @@ class MemberTest : public ::testing::Test {
   Config config_;
 };
 
-TEST_F(MemberTest, CredentialsAreLookedUpWhereSystemdPutsThem) {
+TEST_F(MemberTest, CredentialsAreFoundInSystemdFolder) {
   EXPECT_TRUE(Member::check(config_));
   config_.backbone.credentials = "broker.creds";
   const auto absent = Member::check(config_);
@@ -40,7 +40,7 @@ TEST_F(MemberTest, CredentialsAreLookedUpWhereSystemdPutsThem) {
   EXPECT_TRUE(Member::check(config_));
 }
 
-TEST_F(MemberTest, AuthoritiesThatCannotBeReadAreRefusedByTheirSetting) {
+TEST_F(MemberTest, UnreadableAuthoritiesAreRefused) {
   config_.backbone.ca = "ca.pem";
   std::ofstream(folder_ + "/ca.pem") << "no certificate";
   const auto refused = Member::check(config_);

@@ -20,15 +20,15 @@ Site::Site(FakeNetwork& network, const TimeUs& now, std::string id, const bool& 
   Backbone::Settings settings;
   settings.id = std::move(id);
   settings.prefix = "test";
-  backbone = std::make_unique<Backbone>(settings, link, *exchange, surroundings());
+  backbone = std::make_unique<Backbone>(settings, link, *exchange, environment());
   Hub::Settings hub_settings;
   hub_settings.stream.taps = {store.get(), backbone.get()};
   hub = std::make_unique<Hub>(hub_settings);
   backbone->start(*hub);
 }
 
-Backbone::Surroundings Site::surroundings() {
-  Backbone::Surroundings around;
+Backbone::Environment Site::environment() {
+  Backbone::Environment around;
   around.now_us = [this] { return now_; };
   around.next_epoch = [this](std::uint32_t above) -> Result<std::uint32_t> {
     return last_epoch_ = std::max(above, last_epoch_) + 1;

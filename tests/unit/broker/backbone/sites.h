@@ -35,7 +35,7 @@ class Site {
   std::unique_ptr<Hub> hub;
 
  private:
-  Backbone::Surroundings surroundings();
+  Backbone::Environment environment();
 
   const TimeUs& now_;
   const bool& replaces_;

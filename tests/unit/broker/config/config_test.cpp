@@ -12,13 +12,14 @@
 #include <set>
 #include <sstream>
 
-#include "broker/config/options.h"
-#include "broker/config/places.h"
+#include "broker/command_line/options.h"
+#include "broker/config/paths.h"
 #include "broker/config/show.h"
 
 namespace eigencast::broker {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::MatchesRegex;
 using ::testing::StartsWith;
@@ -39,12 +40,12 @@ void spoil(Config& config, const Setting& setting) {
   if (auto* const* list = std::get_if<std::vector<std::string>*>(&field)) **list = {"spoilt", "a \"quoted\" one"};
 }
 
-TEST(ConfigTest, TheDefaultFileIsTheOneOfTheTable) {
+TEST(ConfigTest, ShippedDefaultFileMatchesTable) {
   EXPECT_EQ(file_text(EIGENCAST_DEFAULT_CONFIG), default_file())
-      << "write it anew: eigencast-broker --default-config > deploy/eigencast.toml";
+      << "regenerate it: eigencast-broker --default-config > deploy/eigencast.toml";
 }
 
-TEST(ConfigTest, TheDefaultFileBringsEveryDefaultBack) {
+TEST(ConfigTest, DefaultFileRestoresEveryDefault) {
   Config read;
   for (const Setting& setting : settings()) spoil(read, setting);
   Origins origins;
@@ -56,7 +57,7 @@ TEST(ConfigTest, TheDefaultFileBringsEveryDefaultBack) {
   }
 }
 
-TEST(ConfigTest, EverySettingIsDocumentedWithItsUnit) {
+TEST(ConfigTest, SettingsAreDocumentedWithUnits) {
   std::set<std::string> seen;
   for (const Setting& setting : settings()) {
     EXPECT_TRUE(seen.insert(setting.path()).second) << setting.path() << " stands twice";
@@ -77,7 +78,7 @@ TEST(ConfigTest, DefaultsAreWithinTheirOwnBounds) {
   EXPECT_TRUE(check_config(Config{}));
 }
 
-TEST(ConfigTest, AReloadTakesWhatIsLiveAndSaysWhatIsNot) {
+TEST(ConfigTest, ReloadAppliesLiveSettingsAndReportsOthers) {
   Config running;
   Config wanted;
   for (const Setting& setting : settings()) spoil(wanted, setting);
@@ -97,7 +98,7 @@ TEST(ConfigTest, AReloadTakesWhatIsLiveAndSaysWhatIsNot) {
   EXPECT_EQ(merged.server.data_dir, "");
 }
 
-TEST(ConfigTest, ShownConfigurationSaysWhereEachValueComesFrom) {
+TEST(ConfigTest, ShownConfigurationNamesOrigins) {
   const std::string path = ::testing::TempDir() + "/eigencast_shown.toml";
   std::ofstream(path) << "\n[limits]\nmax_streams = 5\n";
   const char* argv[] = {"eigencast-broker", "--config", path.c_str(), "--limits-max-uploads", "7", "--show-config"};
@@ -110,24 +111,24 @@ TEST(ConfigTest, ShownConfigurationSaysWhereEachValueComesFrom) {
   EXPECT_THAT(*options->answer, MatchesRegex("(.|\n)*max_connections = 20000 +# default\n(.|\n)*"));
 }
 
-TEST(ConfigTest, MistakesAreNamedWithLineAndSuggestion) {
+TEST(ConfigTest, MistakesAreReportedWithLineAndSuggestion) {
   Config config;
   const auto message = [&](std::string_view toml) {
     const auto read = read_config(config, toml, "f.toml");
     return read ? std::string() : read.error().message;
   };
   EXPECT_THAT(message("[server]\n\nlissten = 'x'\n"),
-              HasSubstr("f.toml:3: unknown key 'server.lissten'; did you mean 'server.listen'?"));
-  EXPECT_THAT(message("[limits]\nmax_streams = 'many'\n"), HasSubstr("limits.max_streams must be a whole number"));
-  EXPECT_THAT(message("[limits]\nmax_streams = 0\n"), HasSubstr("outside 1.."));
-  EXPECT_THAT(message("[log]\nlevel = 'loud'\n"), HasSubstr("debug, info, warning, error"));
-  EXPECT_THAT(message("[access]\nexpiry_disconnects = 1\n"), HasSubstr("true or false"));
+              AllOf(StartsWith("f.toml:3: "), HasSubstr("'server.lissten'"), HasSubstr("'server.listen'")));
+  EXPECT_THAT(message("[limits]\nmax_streams = 'many'\n"), StartsWith("f.toml:2: limits.max_streams"));
+  EXPECT_THAT(message("[limits]\nmax_streams = 0\n"), StartsWith("f.toml:2: limits.max_streams = 0 "));
+  EXPECT_THAT(message("[log]\nlevel = 'loud'\n"), StartsWith("f.toml:2: log.level = 'loud' "));
+  EXPECT_THAT(message("[access]\nexpiry_disconnects = 1\n"), StartsWith("f.toml:2: access.expiry_disconnects"));
   EXPECT_THAT(message("[server\n"), HasSubstr("f.toml:1"));
-  EXPECT_THAT(message("listen = 'x'\n"), HasSubstr("unknown key"));
+  EXPECT_THAT(message("listen = 'x'\n"), HasSubstr("'listen'"));
   EXPECT_EQ(read_config_file(config, "/nonexistent/x.toml").error().code, ErrorCode::kNotFound);
 }
 
-TEST(ConfigTest, WhatTheParserDoesNotBearIsRefusedWithItsLine) {
+TEST(ConfigTest, InputThatCrashesTheParserIsRefused) {
   Config config;
   for (const char* broken :
        {"[!ccess]", "[", "[[", "[ ", "[#]", "\t[ \xC3\xA4]", "[[!]]", "[.a]", "[\r", "[ [a]]", "[]", "[a",
@@ -156,20 +157,20 @@ TEST(ConfigTest, FlagsWinOverEnvironmentOverFile) {
   for (const std::string_view wrong : {"EIGENCAST_LIMITS__MAX_STREMS=6", "EIGENCAST_LIMTS__MAX_STREAMS=6"}) {
     const auto refused = read_options(1, argv, std::span(&wrong, 1), "0");
     ASSERT_FALSE(refused) << wrong;
-    EXPECT_THAT(refused.error().message, HasSubstr("did you mean 'limits.max_streams'?"));
+    EXPECT_THAT(refused.error().message, HasSubstr("'limits.max_streams'"));
   }
 }
 
-TEST(ConfigTest, VariablesThatLackAnUnderscoreAreRefused) {
+TEST(ConfigTest, VariablesMissingAnUnderscoreAreRefused) {
   for (const std::string_view wrong : {"EIGENCAST_LIMITS_MAX_STREAMS", "EIGENCAST_PER_ADDRESS_CONNECTIONS"}) {
     const std::string entry = std::string(wrong) + "=6";
     const std::string_view line = entry;
     Config config;
     const auto refused = read_environment(config, {&line, 1});
     ASSERT_FALSE(refused) << wrong;
-    EXPECT_THAT(refused.error().message, HasSubstr(wrong == "EIGENCAST_LIMITS_MAX_STREAMS"
-                                                       ? "did you mean EIGENCAST_LIMITS__MAX_STREAMS?"
-                                                       : "did you mean EIGENCAST_PER_ADDRESS__CONNECTIONS?"));
+    EXPECT_THAT(refused.error().message,
+                HasSubstr(wrong == "EIGENCAST_LIMITS_MAX_STREAMS" ? "EIGENCAST_LIMITS__MAX_STREAMS"
+                                                                  : "EIGENCAST_PER_ADDRESS__CONNECTIONS"));
   }
   for (const std::string_view other :
        {"EIGENCAST_TOKEN=6", "EIGENCAST_LIMITS=6", "EIGENCAST_=6", "EIGENCAST_LIMITS_=6"}) {
@@ -179,11 +180,11 @@ TEST(ConfigTest, VariablesThatLackAnUnderscoreAreRefused) {
   }
 }
 
-TEST(ConfigTest, NobodyListensBeyondLoopbackUnasked) {
+TEST(ConfigTest, ListeningBeyondLoopbackNeedsAccessRules) {
   for (const char* open : {"0.0.0.0:7490", "[::]:7490", "192.168.1.2:7490"}) {
     Config config;
     config.server.listen = open;
-    EXPECT_THAT(check_config(config).error().message, HasSubstr("nobody there could show who they are"));
+    EXPECT_THAT(check_config(config).error().message, HasSubstr("server.listen = "));
     config.access.anonymous = "anywhere";
     EXPECT_TRUE(check_config(config)) << open;
     config.access.anonymous = "loopback";
@@ -199,16 +200,16 @@ TEST(ConfigTest, NobodyListensBeyondLoopbackUnasked) {
   config.server.admin_listen = "0.0.0.0:7491";
   EXPECT_FALSE(check_config(config)) << "admin asks for a token, and there are none";
   config.access.monitors = {"10.88.0.0/16"};
-  EXPECT_TRUE(check_config(config)) << "who may read it without one is named";
+  EXPECT_TRUE(check_config(config)) << "monitors need no token";
   config.access.monitors.clear();
   config.access.jwt_keys = {"main ES256 /etc/eigencast/main.pem"};
   EXPECT_TRUE(check_config(config));
 }
 
-TEST(ConfigTest, SettingsThatNeedEachOther) {
+TEST(ConfigTest, DependentSettingsAreChecked) {
   Config config;
   config.tls.certificate = "a.pem";
-  EXPECT_THAT(check_config(config).error().message, HasSubstr("go together"));
+  EXPECT_THAT(check_config(config).error().message, HasSubstr("tls.key"));
   config.tls.key = "a.key";
   EXPECT_TRUE(check_config(config));
   config.tls.require_client_certificate = true;
@@ -231,7 +232,7 @@ TEST(ConfigTest, SecretsAreNeverShown) {
   EXPECT_EQ(changes[0].after, "\"(set)\"");
 }
 
-TEST(ConfigTest, AddressesThatAreNone) {
+TEST(ConfigTest, InvalidAddressesAreRefused) {
   for (const char* bad : {"", ":", "7490", "127.0.0.1", "127.0.0.1:", "127.0.0.1:65536", "127.0.0.1:-1", "host:1",
                           "::1:7490", "1.2.3.4:5x"}) {
     EXPECT_FALSE(parse_address(bad)) << bad;
@@ -239,7 +240,7 @@ TEST(ConfigTest, AddressesThatAreNone) {
 }
 
 /// The environment that systemd makes; nothing of it is left afterwards.
-class PlacesTest : public ::testing::Test {
+class PathsTest : public ::testing::Test {
  protected:
   void SetUp() override {
     std::filesystem::create_directories(folder_ + "/keys");
@@ -257,7 +258,7 @@ class PlacesTest : public ::testing::Test {
   std::string home_ = std::getenv("HOME") != nullptr ? std::getenv("HOME") : "";
 };
 
-TEST_F(PlacesTest, TheStateFolderOfAServiceWinsOverTheUsersOwn) {
+TEST_F(PathsTest, StateDirectoryWinsOverUserFolder) {
   Config config;
   ::setenv("HOME", "/home/a", 1);
   EXPECT_EQ(data_dir_of(config), "/home/a/.local/state/eigencast");
@@ -269,20 +270,20 @@ TEST_F(PlacesTest, TheStateFolderOfAServiceWinsOverTheUsersOwn) {
   EXPECT_EQ(data_dir_of(config), "/data");
 }
 
-TEST_F(PlacesTest, FilesWithoutAFolderAreCredentialsThenConfiguration) {
-  EXPECT_EQ(located("tls.key"), "tls.key");
+TEST_F(PathsTest, RelativeFilesResolveToCredentialsThenConfiguration) {
+  EXPECT_EQ(resolved_path("tls.key"), "tls.key");
   ::setenv("CREDENTIALS_DIRECTORY", (folder_ + "/keys").c_str(), 1);
   ::setenv("CONFIGURATION_DIRECTORY", (folder_ + "/etc").c_str(), 1);
-  EXPECT_EQ(located("tls.key"), "tls.key") << "in neither";
+  EXPECT_EQ(resolved_path("tls.key"), "tls.key") << "in neither";
   std::ofstream(folder_ + "/etc/tls.key") << "x";
-  EXPECT_EQ(located("tls.key"), folder_ + "/etc/tls.key");
+  EXPECT_EQ(resolved_path("tls.key"), folder_ + "/etc/tls.key");
   std::ofstream(folder_ + "/keys/tls.key") << "x";
-  EXPECT_EQ(located("tls.key"), folder_ + "/keys/tls.key");
-  EXPECT_EQ(located("/etc/tls.key"), "/etc/tls.key");
-  EXPECT_EQ(located(""), "");
+  EXPECT_EQ(resolved_path("tls.key"), folder_ + "/keys/tls.key");
+  EXPECT_EQ(resolved_path("/etc/tls.key"), "/etc/tls.key");
+  EXPECT_EQ(resolved_path(""), "");
 }
 
-TEST_F(PlacesTest, AServiceFindsItsFileOfSettings) {
+TEST_F(PathsTest, ServiceFindsItsConfigurationFile) {
   EXPECT_EQ(default_config_file(), "");
   ::setenv("CONFIGURATION_DIRECTORY", (folder_ + "/etc").c_str(), 1);
   EXPECT_EQ(default_config_file(), "");
@@ -296,14 +297,15 @@ TEST_F(PlacesTest, AServiceFindsItsFileOfSettings) {
 
 TEST(OptionsTest, UsageErrorsAndAnswers) {
   const char* unknown[] = {"eigencast-broker", "--frobnicate"};
-  EXPECT_THAT(read_options(2, unknown, {}, "0").error().message, HasSubstr("unknown flag '--frobnicate'"));
+  EXPECT_THAT(read_options(2, unknown, {}, "0").error().message, HasSubstr("'--frobnicate'"));
   const char* nearly[] = {"eigencast-broker", "--port-file", "x", "--limits-max-streamz=3", "--lissten", "y"};
   EXPECT_THAT(read_options(4, nearly, {}, "0").error().message, HasSubstr("'--limits-max-streams'?"));
   nearly[3] = nearly[4];
   nearly[4] = nearly[5];
-  EXPECT_THAT(read_options(5, nearly, {}, "0").error().message, HasSubstr("'--lissten'; did you mean '--listen'?"));
+  EXPECT_THAT(read_options(5, nearly, {}, "0").error().message,
+              AllOf(HasSubstr("'--lissten'"), HasSubstr("'--listen'")));
   const char* alone[] = {"eigencast-broker", "3"};
-  EXPECT_THAT(read_options(2, alone, {}, "0").error().message, HasSubstr("'3' was not expected"));
+  EXPECT_THAT(read_options(2, alone, {}, "0").error().message, HasSubstr("'3'"));
   const char* version[] = {"eigencast-broker", "--version"};
   EXPECT_THAT(read_options(2, version, {}, "1.2.3")->answer.value(), HasSubstr("eigencast-broker 1.2.3"));
   const char* help[] = {"eigencast-broker", "--help"};

@@ -12,7 +12,7 @@ using namespace testing;
 using ::testing::HasSubstr;
 using HttpSessionTest = ServiceTest;
 
-TEST_F(HttpSessionTest, Assets) {
+TEST_F(HttpSessionTest, AssetsAreStoredAndServed) {
   const std::string id = put_asset("0123456789");
   const std::string target = "/v1/assets/" + id;
   EXPECT_EQ(request("GET", target).body, "0123456789");
@@ -36,7 +36,7 @@ TEST_F(HttpSessionTest, Assets) {
   EXPECT_THAT(request("GET", "/v1/streams").body, HasSubstr("\"streams\":[]"));
 }
 
-TEST_F(HttpSessionTest, ABodyThatNobodyReadsIsNotTheNextRequest) {
+TEST_F(HttpSessionTest, UnreadBodyIsNotTheNextRequest) {
   const std::string id = put_asset("0123456789");
   const std::string inner = "GET /v1/streams HTTP/1.1\r\n\r\n";
   for (const std::string& target : {"/v1/assets/" + id, std::string("/v1/streams"), std::string("/nothing")}) {
@@ -49,7 +49,7 @@ TEST_F(HttpSessionTest, ABodyThatNobodyReadsIsNotTheNextRequest) {
   }
 }
 
-TEST_F(HttpSessionTest, ASlowHeadIsCutOff) {
+TEST_F(HttpSessionTest, SlowHeadTimesOut) {
   stop();
   config_.timeouts.header_ms = 300;
   start();
@@ -58,7 +58,7 @@ TEST_F(HttpSessionTest, ASlowHeadIsCutOff) {
   EXPECT_EQ(wire.read_all().value_or(""), "");
 }
 
-TEST_F(HttpSessionTest, TheAdminPortSaysWhatIsWrongWithAnOrder) {
+TEST_F(HttpSessionTest, AdminPortReportsBadRequests) {
   const std::string much(60'000, 'x');
   for (const std::string& body : {std::string(), std::string("stream=lab/horse"), much}) {
     const Answer answer = http_request(admin_port_, "POST", "/api/recordings/start", body);

@@ -24,7 +24,7 @@ TEST(TargetTest, Paths) {
   EXPECT_EQ(target_from_text("/v1/streams?x")->kind, Target::Kind::kStreams);
 }
 
-TEST(TargetTest, TheTokenIsTakenOutOfTheQuery) {
+TEST(TargetTest, TokenIsRemovedFromQuery) {
   const auto target = target_from_text("/v1/subscribe/a?rate=raw&access_token=abc.d-e_f.g&bands=2");
   ASSERT_TRUE(target);
   EXPECT_EQ(target->query, "rate=raw&bands=2");
@@ -36,7 +36,7 @@ TEST(TargetTest, TheTokenIsTakenOutOfTheQuery) {
   }
 }
 
-TEST(TargetTest, APrefixThatAProxyLeftIsTakenOff) {
+TEST(TargetTest, ProxyPrefixIsRemoved) {
   EXPECT_EQ(target_from_text("/eigencast/v1/subscribe/a", "/eigencast")->name, "a");
   EXPECT_EQ(target_from_text("/v1/subscribe/a", "/eigencast")->name, "a");
   EXPECT_FALSE(target_from_text("/eigencast/v1/subscribe/a"));
@@ -44,7 +44,7 @@ TEST(TargetTest, APrefixThatAProxyLeftIsTakenOff) {
   EXPECT_FALSE(target_from_text("/eigencast/eigencast/v1/streams", "/eigencast"));
 }
 
-TEST(TargetTest, HostilePaths) {
+TEST(TargetTest, HostilePathsAreRefused) {
   for (const char* bad :
        {"", "/", "*", "/v1", "/v1/streams/", "/v2/streams", "/v1/assets", "/v1/assets/../../etc/passwd", "/v1/assets/",
         "/v1/publish", "/v1/publish/", "/v1/publish/..", "/v1/publish/a//b", "/v1/publish/a/", "/v1/publish/a%2e",
@@ -55,7 +55,7 @@ TEST(TargetTest, HostilePaths) {
   EXPECT_FALSE(target_from_text("/v1/publish/" + std::string(129, 'a')));
 }
 
-TEST(RangeTest, OneRangeIsServed) {
+TEST(RangeTest, SingleRangesAreServed) {
   const auto expect = [](const char* header, std::uint64_t first, std::uint64_t last) {
     const auto range = range_from_header(header, 100);
     EXPECT_EQ(range.kind, Kind::kPart) << header;
@@ -70,7 +70,7 @@ TEST(RangeTest, OneRangeIsServed) {
   expect("bytes=99-99", 99, 99);
 }
 
-TEST(RangeTest, TheRest) {
+TEST(RangeTest, OtherRangesAreIgnoredOrUnsatisfiable) {
   for (const char* beyond : {"bytes=100-", "bytes=100-200", "bytes=-0"}) {
     EXPECT_EQ(range_from_header(beyond, 100).kind, Kind::kUnsatisfiable) << beyond;
   }
@@ -81,16 +81,12 @@ TEST(RangeTest, TheRest) {
   }
 }
 
-TEST(EtagTest, Lists) {
+TEST(EtagTest, MatchesLists) {
   EXPECT_TRUE(etag_matches("\"a\"", "\"a\""));
   EXPECT_TRUE(etag_matches("\"b\" , W/\"a\"", "\"a\""));
   EXPECT_TRUE(etag_matches("*", "\"a\""));
   EXPECT_FALSE(etag_matches("\"ab\"", "\"a\""));
   EXPECT_FALSE(etag_matches("", "\"a\""));
-}
-
-TEST(JsonTest, Quoting) {
-  EXPECT_EQ(json_quoted("a\"b\\c\n\x01"), "\"a\\\"b\\\\c\\u000a\\u0001\"");
 }
 
 }  // namespace

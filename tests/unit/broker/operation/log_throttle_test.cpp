@@ -6,7 +6,7 @@
 namespace eigencast::broker {
 namespace {
 
-TEST(LogThrottleTest, AFewOfAKindPassInEachPeriodAndTheNextSaysHowManyDidNot) {
+TEST(LogThrottleTest, LimitsEachKindAndCountsOmitted) {
   LogThrottle throttle({3, 1000, 10});
   for (int i = 0; i < 3; ++i) EXPECT_EQ(throttle.admit("client " + std::to_string(i) + " failed", i), 0u);
   for (int i = 3; i < 50; ++i) EXPECT_FALSE(throttle.admit("client " + std::to_string(i) + " failed", i));
@@ -15,7 +15,7 @@ TEST(LogThrottleTest, AFewOfAKindPassInEachPeriodAndTheNextSaysHowManyDidNot) {
   EXPECT_EQ(throttle.admit("client 1235 failed", 1001), 0u);
 }
 
-TEST(LogThrottleTest, ManyKindsTakeNoMoreThanTheirRoom) {
+TEST(LogThrottleTest, KindsAreBounded) {
   LogThrottle throttle({1, 1'000'000, 4});
   EXPECT_TRUE(throttle.admit("a", 0));
   for (char c = 'b'; c < 'z'; ++c) EXPECT_TRUE(throttle.admit(std::string(3, c), c));

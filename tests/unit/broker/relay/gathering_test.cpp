@@ -13,7 +13,7 @@ bool waits_at(Gathering& gathering, TimeUs& now_us, int per_second, int seconds)
   return waits;
 }
 
-TEST(GatheringTest, WaitsUnderLoadOnlyAndDoesNotSwing) {
+TEST(GatheringTest, WaitsUnderLoadWithoutOscillating) {
   Gathering gathering({16'000, 20'000});
   TimeUs now_us = 0;
   EXPECT_FALSE(waits_at(gathering, now_us, 18'000, 1));
@@ -22,7 +22,7 @@ TEST(GatheringTest, WaitsUnderLoadOnlyAndDoesNotSwing) {
   EXPECT_FALSE(waits_at(gathering, now_us, 8'000, 1));
 }
 
-TEST(GatheringTest, ATickIsNeverFurtherThanItsLength) {
+TEST(GatheringTest, NextTickIsWithinOneTick) {
   const Gathering gathering({16'000, 0});
   for (TimeUs now_us = 0; now_us < 100'000; now_us += 777) {
     EXPECT_GT(gathering.next_tick_us(now_us), now_us);

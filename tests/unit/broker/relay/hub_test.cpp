@@ -10,14 +10,12 @@ namespace {
 
 using testing::FakeReceiver;
 using testing::FakeSender;
+using testing::kFull;
+using testing::kInterval;
+using testing::kRaw;
 using testing::small_announce;
 
-constexpr TimeUs kInterval = 30'000;
-
-const Profile kRaw{Profile::Rate::kRaw};
-const Profile kFull{};
-
-TEST(HubTest, PumpsEachStreamWhenItHasSomethingDueAndKnowsWhenThatIs) {
+TEST(HubTest, PumpsStreamsWhenDue) {
   Hub hub({8, {}});
   std::vector<Stream*> streams;
   std::vector<FakeSender> senders(3);
@@ -34,7 +32,7 @@ TEST(HubTest, PumpsEachStreamWhenItHasSomethingDueAndKnowsWhenThatIs) {
     for (std::size_t i = 0; i < 3; ++i) {
       if ((now - static_cast<TimeUs>(i) * 10'000) % kInterval != 0) continue;
       ASSERT_TRUE(streams[i]->take_frame(senders[i].next(now), now));
-      hub.owes(*streams[i]);
+      hub.mark_dirty(*streams[i]);
     }
     hub.deliver();
     std::optional<TimeUs> earliest;
@@ -51,9 +49,9 @@ TEST(HubTest, PumpsEachStreamWhenItHasSomethingDueAndKnowsWhenThatIs) {
   EXPECT_LE(receivers[2].frames.size(), 10u);
   streams[0]->release(senders[0]);
   streams[0]->unwatch(receivers[0]);
-  hub.owes(*streams[0]);
+  hub.mark_dirty(*streams[0]);
   hub.deliver();
-  EXPECT_FALSE(streams[0]->next_due_us()) << "nobody watches";
+  EXPECT_FALSE(streams[0]->next_due_us()) << "no watchers";
   EXPECT_EQ(hub.next_due_us(), streams[1]->next_due_us());
 }
 
@@ -70,12 +68,12 @@ TEST(HubTest, IdsAreStableAndUnusedStreamsMakeRoom) {
   EXPECT_NE(a->id(), b->id());
   EXPECT_EQ(hub.open("c").error().code, ErrorCode::kTooLarge);
   a->release(sender);
-  hub.left(*a);
+  hub.unwatched(*a);
   EXPECT_EQ(hub.find("a"), a) << "its last pose is held";
   EXPECT_TRUE(hub.open("c"));
   EXPECT_EQ(hub.find("a"), nullptr) << "it made room";
   b->unwatch(receiver);
-  hub.left(*b);
+  hub.unwatched(*b);
   EXPECT_EQ(hub.find("b"), nullptr) << "it never had a pose";
 }
 

@@ -8,12 +8,12 @@ namespace {
 
 class LadderTest : public ::testing::Test {
  protected:
-  /// A second in which so many frames were sent, skipped, and joins needed.
+  /// Passes one second with these counts.
   std::optional<Ladder::Step> second(std::uint64_t sent, std::uint64_t skipped, std::uint64_t joins = 0) {
     counts_.sent += sent;
     counts_.skipped += skipped;
     counts_.joins += joins;
-    return ladder_.look(counts_, 4);
+    return ladder_.check(counts_, 4);
   }
   std::optional<Ladder::Step> bad_seconds(int seconds) {
     std::optional<Ladder::Step> step;
@@ -34,7 +34,7 @@ class LadderTest : public ::testing::Test {
   Ladder ladder_{Profile{}};
 };
 
-TEST_F(LadderTest, LeadsFromFullOverCompactAndRawToFewerBands) {
+TEST_F(LadderTest, DescendsFromFullToFewerBands) {
   std::vector<Profile> seen;
   while (const auto step = bad_seconds(2)) {
     EXPECT_TRUE(step->down);
@@ -62,19 +62,19 @@ TEST_F(LadderTest, OneBadSecondIsNotEnough) {
   }
 }
 
-TEST_F(LadderTest, JoinsAgainAndAgainLeadDown) {
+TEST_F(LadderTest, RepeatedJoinsLeadDown) {
   EXPECT_FALSE(second(90, 1, 2));
   EXPECT_TRUE(second(90, 1, 2));
 }
 
-TEST_F(LadderTest, AStalledReaderStaysWhereItIs) {
+TEST_F(LadderTest, StalledReaderKeepsItsRung) {
   for (int i = 0; i < 60; ++i) EXPECT_FALSE(second(0, 90));
   EXPECT_FALSE(second(60, 30, 1)) << "it wakes";
   EXPECT_FALSE(second(90, 0));
   EXPECT_EQ(ladder_.rung(), 0u);
 }
 
-TEST_F(LadderTest, ClimbsWhenTheLinkRecoversAndMoreSlowlyEachTimeItDoesNotLast) {
+TEST_F(LadderTest, ClimbsMoreSlowlyAfterRelapses) {
   int last = 0;
   for (int i = 0; i < 4; ++i) {
     ASSERT_TRUE(bad_seconds(2));
@@ -87,7 +87,7 @@ TEST_F(LadderTest, ClimbsWhenTheLinkRecoversAndMoreSlowlyEachTimeItDoesNotLast) 
   EXPECT_LE(last, 160);
 }
 
-TEST_F(LadderTest, AStepThatCannotBeTakenIsTriedAgain) {
+TEST_F(LadderTest, FailedStepIsRetried) {
   ASSERT_TRUE(bad_seconds(2));
   ladder_.stay();
   EXPECT_EQ(ladder_.rung(), 0u);
@@ -96,13 +96,13 @@ TEST_F(LadderTest, AStepThatCannotBeTakenIsTriedAgain) {
   EXPECT_EQ(again->profile.form, Profile::Form::kCompact);
 }
 
-TEST(LadderOfOthersTest, TheTopRungIsWhatWasAskedFor) {
+TEST(LadderOfOthersTest, TopRungIsTheRequestedProfile) {
   Profile asked;
   asked.rate = Profile::Rate::kRaw;
   asked.bands = 2;
   Ladder ladder(asked);
-  EXPECT_FALSE(ladder.look({10, 10, 5}, 4));
-  const auto step = ladder.look({20, 20, 10}, 4);
+  EXPECT_FALSE(ladder.check({10, 10, 5}, 4));
+  const auto step = ladder.check({20, 20, 10}, 4);
   ASSERT_TRUE(step);
   EXPECT_EQ(step->profile.rate, Profile::Rate::kRaw);
   EXPECT_EQ(step->profile.bands, 1);

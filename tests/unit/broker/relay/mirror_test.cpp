@@ -16,13 +16,12 @@ namespace {
 using testing::FakeReceiver;
 using testing::FakeSender;
 using testing::key_number;
+using testing::kFull;
+using testing::kRaw;
 using testing::small_announce;
 using State = control::StreamInfo::State;
 
-const Profile kRaw{Profile::Rate::kRaw};
-const Profile kFull{};
-
-/// Takes joins as a connection does: when what it is told begins anew.
+/// Takes joins as a connection does: on a restart.
 class Viewer : public FakeReceiver {
  public:
   void on_stream_changed(const Stream& stream, bool restart) override {
@@ -42,7 +41,7 @@ class Viewer : public FakeReceiver {
 class MirrorTest : public ::testing::Test {
  protected:
   struct Away {
-    std::unique_ptr<Mirrors> mirrors;
+    std::unique_ptr<MirrorSet> mirrors;
     std::unique_ptr<Hub> hub;
     std::deque<MirrorEvents> inbox;
     std::uint64_t taken = 0;
@@ -53,14 +52,15 @@ class MirrorTest : public ::testing::Test {
     Hub::Settings settings;
     settings.max_streams = max_streams;
     settings.ids = std::make_shared<StreamIds>();
-    mirrored_ = std::make_unique<Mirrored>(
-        2, Mirrored::Surroundings{
+    mirrored_ = std::make_unique<MirrorOrigin>(
+        2, MirrorOrigin::Environment{
                [this](std::size_t loop, MirrorEvents events) { away_[loop].inbox.push_back(std::move(events)); },
                [this](std::size_t loop) { return away_[loop].taken; }, [this] { flushes_ = true; }});
     for (std::size_t i = 0; i < 2; ++i) {
       Away& away = away_[i];
-      away.mirrors = std::make_unique<Mirrors>(Mirrors::Surroundings{
-          [this, i](MirrorAsks asks) { asked_.emplace_back(i, std::move(asks)); }, [&away] { away.settles = true; }});
+      away.mirrors = std::make_unique<MirrorSet>(
+          MirrorSet::Environment{[this, i](MirrorRequests requests) { asked_.emplace_back(i, std::move(requests)); },
+                                 [&away] { away.settles = true; }});
       settings.on_opened = [&away](Stream& stream) { away.mirrors->on_opened(stream); };
       away.hub = std::make_unique<Hub>(settings);
     }
@@ -78,13 +78,13 @@ class MirrorTest : public ::testing::Test {
       mirrored_->flush();
     } else if (which == 1) {
       if (asked_.empty()) return false;
-      const auto [loop, asks] = std::move(asked_.front());
+      const auto [loop, requests] = std::move(asked_.front());
       asked_.pop_front();
-      mirrored_->take(*origin_, loop, asks);
+      mirrored_->take(*origin_, loop, requests);
     } else if (which < 4) {
       Away& away = away_[which - 2];
       if (!std::exchange(away.settles, false)) return false;
-      away.mirrors->settle(*away.hub);
+      away.mirrors->flush(*away.hub);
     } else {
       Away& away = away_[which - 4];
       if (away.inbox.empty()) return false;
@@ -97,7 +97,7 @@ class MirrorTest : public ::testing::Test {
     return true;
   }
   static constexpr std::size_t kSteps = 6;
-  void settle() {
+  void flush() {
     for (bool moved = true; moved;) {
       moved = false;
       for (std::size_t i = 0; i < kSteps; ++i) moved = step(i) || moved;
@@ -107,12 +107,12 @@ class MirrorTest : public ::testing::Test {
   void watch(Viewer& viewer, std::size_t loop, const Profile& profile, const std::string& name = "a") {
     viewer.watched = hub(loop).open(name).value();
     ASSERT_TRUE(viewer.watched->watch(viewer, profile));
-    hub(loop).owes(*viewer.watched);
+    hub(loop).mark_dirty(*viewer.watched);
   }
   void leave(Viewer& viewer, std::size_t loop) {
     Stream* stream = std::exchange(viewer.watched, nullptr);
     stream->unwatch(viewer);
-    hub(loop).left(*stream);
+    hub(loop).unwatched(*stream);
   }
   void begin() {
     stream_ = origin_->open("a").value();
@@ -123,7 +123,7 @@ class MirrorTest : public ::testing::Test {
   void publish() {
     now_ += 30'000;
     ASSERT_TRUE(stream_->take_frame(sender_.next(now_), now_));
-    origin_->owes(*stream_);
+    origin_->mark_dirty(*stream_);
     origin_->deliver();
     ++keys_;
   }
@@ -132,15 +132,15 @@ class MirrorTest : public ::testing::Test {
   std::uint32_t epoch_ = 0;
   int keys_ = 0;
   FakeSender sender_;
-  std::unique_ptr<Mirrored> mirrored_;
+  std::unique_ptr<MirrorOrigin> mirrored_;
   std::array<Away, 2> away_;
   std::unique_ptr<Hub> origin_;
   Stream* stream_ = nullptr;
-  std::deque<std::pair<std::size_t, MirrorAsks>> asked_;
+  std::deque<std::pair<std::size_t, MirrorRequests>> asked_;
   bool flushes_ = false;
 };
 
-TEST_F(MirrorTest, EveryLoopMakesTheSameFrames) {
+TEST_F(MirrorTest, LoopsMakeTheSameFrames) {
   begin();
   std::array<Viewer, 3> raw;
   std::array<Viewer, 3> full;
@@ -148,10 +148,10 @@ TEST_F(MirrorTest, EveryLoopMakesTheSameFrames) {
     watch(raw[loop], loop, kRaw);
     watch(full[loop], loop, kFull);
   }
-  settle();
+  flush();
   for (int i = 0; i < 10; ++i) {
     publish();
-    settle();
+    flush();
     for (int ms = 0; ms < 30; ++ms) {
       for (std::size_t loop = 0; loop < 3; ++loop) hub(loop).pump(now_ + ms * 1000);
     }
@@ -171,74 +171,74 @@ TEST_F(MirrorTest, EveryLoopMakesTheSameFrames) {
   }
 }
 
-TEST_F(MirrorTest, WhoComesIsToldOnceHowTheStreamStands) {
+TEST_F(MirrorTest, NewWatcherGetsOneSnapshot) {
   Viewer early;
   watch(early, 1, kRaw);
-  EXPECT_TRUE(early.infos.empty()) << "nobody knows yet";
-  settle();
+  EXPECT_TRUE(early.infos.empty()) << "no snapshot yet";
+  flush();
   ASSERT_EQ(early.infos.size(), 1u);
   EXPECT_EQ(early.infos[0].state, State::kWaiting);
   begin();
   publish();
-  settle();
+  flush();
   ASSERT_EQ(early.infos.size(), 2u);
   EXPECT_EQ(early.infos[1].state, State::kLive);
   EXPECT_EQ(early.infos[1].epoch, epoch_);
   Viewer late;
   watch(late, 2, kRaw);
-  settle();
+  flush();
   ASSERT_EQ(late.infos.size(), 1u);
   EXPECT_EQ(late.infos[0].state, State::kLive);
   EXPECT_EQ(late.infos[0].stream_id, early.infos[0].stream_id);
   ASSERT_EQ(late.poses.size(), 1u) << "the present pose";
   EXPECT_EQ(late.poses[0].key, key_number(0));
   stream_->release(sender_);
-  settle();
+  flush();
   EXPECT_EQ(late.infos.back().state, State::kStalled);
   Viewer after;
   watch(after, 2, kRaw);
   leave(early, 1);
-  settle();
+  flush();
   watch(early, 1, kRaw);
-  settle();
+  flush();
   for (const Viewer* viewer : {&after, &early}) {
     EXPECT_EQ(viewer->infos.back().state, State::kStalled);
     EXPECT_EQ(viewer->poses.back().key, key_number(0)) << "the last pose is held";
   }
   begin();
-  settle();
+  flush();
   for (const Viewer* viewer : {&late, &after, &early}) EXPECT_EQ(viewer->infos.back().epoch, epoch_);
 }
 
-TEST_F(MirrorTest, TheSenderHearsOfAllWhoWatchAndOfWhatTheyWantTraced) {
+TEST_F(MirrorTest, SenderLearnsWatchersAndTracesOfAllLoops) {
   begin();
   std::array<Viewer, 3> viewers;
   for (std::size_t loop = 0; loop < 3; ++loop) watch(viewers[loop], loop, kRaw);
-  settle();
+  flush();
   EXPECT_EQ(sender_.counts.back(), 3u);
   EXPECT_EQ(viewers[2].watched->watchers(), 3u);
   viewers[1].watched->trace(viewers[1], 6);
   viewers[2].watched->trace(viewers[2], 4);
-  settle();
+  flush();
   EXPECT_EQ(stream_->trace_every(), 4u);
   control::Trace trace;
   trace.sequence = 12;
   trace.stages = {{"made", 1}};
   stream_->relay_trace(trace);
-  settle();
+  flush();
   EXPECT_EQ(viewers[0].traces.size(), 0u);
   EXPECT_EQ(viewers[1].traces.size(), 1u);
   EXPECT_EQ(viewers[2].traces, viewers[1].traces);
   leave(viewers[2], 2);
-  settle();
+  flush();
   EXPECT_EQ(stream_->trace_every(), 6u);
   EXPECT_EQ(sender_.counts.back(), 2u);
   leave(viewers[1], 1);
   leave(viewers[0], 0);
-  settle();
+  flush();
   EXPECT_EQ(sender_.counts.back(), 0u);
   EXPECT_EQ(stream_->trace_every(), 0u);
-  EXPECT_EQ(hub(1).size() + hub(2).size(), 0u) << "nobody watches: no mirror";
+  EXPECT_EQ(hub(1).size() + hub(2).size(), 0u) << "no watchers, no mirror";
 }
 
 TEST_F(MirrorTest, WatchersOfAllLoopsCountTowardsTheLimit) {
@@ -263,29 +263,29 @@ TEST_F(MirrorTest, WatchersOfAllLoopsCountTowardsTheLimit) {
   EXPECT_NE(two.open("b").value()->id(), here->id());
 }
 
-TEST_F(MirrorTest, ALoopThatDoesNotKeepUpGoesOnFromThePresent) {
+TEST_F(MirrorTest, SlowLoopResumesFromSnapshot) {
   begin();
   Viewer viewer;
   watch(viewer, 1, kRaw);
-  settle();
+  flush();
   publish();
-  settle();
+  flush();
   const std::size_t before = viewer.frames.size();
-  for (std::uint64_t i = 0; i < Mirrored::kMostUnderWay + 100; ++i) {
+  for (std::uint64_t i = 0; i < MirrorOrigin::kMaxInFlight + 100; ++i) {
     publish();
     step(0);
   }
   std::uint64_t waiting = 0;
   for (const MirrorEvents& events : away_[0].inbox) waiting += events.size();
-  EXPECT_LE(waiting, Mirrored::kMostUnderWay);
+  EXPECT_LE(waiting, MirrorOrigin::kMaxInFlight);
   away_[0].taken += waiting;  // As if each had been dealt with, and nothing else came.
   away_[0].inbox.clear();
   mirrored_->flush();
-  settle();
+  flush();
   EXPECT_EQ(viewer.frames.size(), before) << "no backlog";
   EXPECT_EQ(viewer.poses.back().key, key_number(keys_ - 1));
   publish();
-  settle();
+  flush();
   EXPECT_EQ(viewer.poses.back().key, key_number(keys_ - 1));
   EXPECT_EQ(viewer.undecodable, 0);
 }
@@ -295,20 +295,20 @@ class FullMirrorTest : public MirrorTest {
   FullMirrorTest() : MirrorTest(1) {}
 };
 
-TEST_F(FullMirrorTest, WhatTheOriginHasNoRoomForIsRefused) {
+TEST_F(FullMirrorTest, StreamsBeyondOriginLimitAreRefused) {
   begin();
   Viewer viewer;
   watch(viewer, 1, kRaw, "b");
-  settle();
+  flush();
   EXPECT_EQ(viewer.dismissed, ErrorCode::kTooLarge);
   EXPECT_EQ(hub(1).size(), 0u);
   Viewer good;
   watch(good, 1, kRaw, "a");
-  settle();
+  flush();
   EXPECT_EQ(good.infos.back().state, State::kLive);
 }
 
-TEST_F(FullMirrorTest, WhoComesWhileOthersAreRefusedIsAnsweredToo) {
+TEST_F(FullMirrorTest, WatchersDuringRefusalAreAnswered) {
   begin();
   for (const bool room : {false, true}) {
     Viewer early, late;
@@ -317,12 +317,12 @@ TEST_F(FullMirrorTest, WhoComesWhileOthersAreRefusedIsAnsweredToo) {
     ASSERT_EQ(early.dismissed, ErrorCode::kTooLarge);
     watch(late, 1, kRaw, "b");
     if (room) stream_->release(sender_);
-    settle();
+    flush();
     if (room) {
       ASSERT_EQ(late.infos.size(), 1u);
       EXPECT_EQ(late.infos[0].state, State::kWaiting);
       leave(late, 1);
-      settle();
+      flush();
     } else {
       EXPECT_EQ(late.dismissed, ErrorCode::kTooLarge);
     }
@@ -330,8 +330,8 @@ TEST_F(FullMirrorTest, WhoComesWhileOthersAreRefusedIsAnsweredToo) {
   }
 }
 
-/// Whatever comes first: once all is settled, everybody sees the present, and nobody was sent what cannot be decoded.
-TEST_F(MirrorTest, InWhateverOrderThingsHappen) {
+/// Random orders of events: in the end every viewer has the current pose and could decode every frame.
+TEST_F(MirrorTest, RandomOrdersConverge) {
   std::mt19937 random(7);
   const auto pick = [&](std::size_t count) { return std::uniform_int_distribution<std::size_t>(0, count - 1)(random); };
   std::array<Viewer, 9> viewers;
@@ -349,7 +349,7 @@ TEST_F(MirrorTest, InWhateverOrderThingsHappen) {
       case 2:
         if (live && pick(8) == 0) {
           stream_->release(sender_);
-          origin_->left(*stream_);
+          origin_->unwatched(*stream_);
           live = false;
         }
         break;
@@ -365,7 +365,7 @@ TEST_F(MirrorTest, InWhateverOrderThingsHappen) {
     }
     if (round % 50 != 49) continue;
     if (live) publish();
-    settle();
+    flush();
     std::uint32_t watching = 0;
     for (const Viewer& one : viewers) {
       if (one.watched == nullptr) continue;
@@ -387,7 +387,7 @@ TEST_F(MirrorTest, InWhateverOrderThingsHappen) {
   for (std::size_t i = 0; i < viewers.size(); ++i) {
     if (viewers[i].watched != nullptr) leave(viewers[i], i % 3);
   }
-  settle();
+  flush();
   EXPECT_EQ(hub(1).size() + hub(2).size(), 0u);
   ASSERT_NE(stream_, nullptr);
   EXPECT_FALSE(stream_->is_mirrored());

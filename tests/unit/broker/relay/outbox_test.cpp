@@ -46,7 +46,7 @@ class OutboxTest : public ::testing::Test {
   TimeUs now_ = 0;
 };
 
-TEST_F(OutboxTest, AJoinComesFirstThenKeysInOrder) {
+TEST_F(OutboxTest, JoinComesFirstThenKeys) {
   join_at(5);
   EXPECT_EQ(take(), -5);
   EXPECT_EQ(take(), std::nullopt);
@@ -59,14 +59,14 @@ TEST_F(OutboxTest, AJoinComesFirstThenKeysInOrder) {
   EXPECT_EQ(outbox_.joins_total(), 1u);
 }
 
-TEST_F(OutboxTest, NothingIsSentBeforeThereIsAKey) {
+TEST_F(OutboxTest, NothingIsSentBeforeFirstKey) {
   EXPECT_EQ(take(), std::nullopt);
   join_at(1);
   outbox_.offer(1, join_);
   EXPECT_EQ(take(), -1);
 }
 
-TEST_F(OutboxTest, TheLatestFrameWinsAndAJoinHealsTheGap) {
+TEST_F(OutboxTest, LatestFrameWinsAndJoinHealsGap) {
   join_at(1);
   take();
   for (int s = 2; s <= 100; ++s) offer_key(static_cast<std::uint64_t>(s));
@@ -79,7 +79,7 @@ TEST_F(OutboxTest, TheLatestFrameWinsAndAJoinHealsTheGap) {
   EXPECT_TRUE(outbox_.take_skipped().empty());
 }
 
-TEST_F(OutboxTest, ASkippedSyntheticCostsNothing) {
+TEST_F(OutboxTest, SkippedSyntheticNeedsNoJoin) {
   join_at(1);
   take();
   outbox_.offer(1, frame(FrameKind::kSynthetic, 2, {1, 3}));
@@ -91,7 +91,7 @@ TEST_F(OutboxTest, ASkippedSyntheticCostsNothing) {
   EXPECT_EQ(outbox_.skipped_total(), 1u);
 }
 
-TEST_F(OutboxTest, APoseDoesNotDisplaceTheKeyThatItBuildsOn) {
+TEST_F(OutboxTest, PoseDoesNotDisplaceItsKey) {
   join_at(1);
   take();
   offer_key(2);
@@ -104,7 +104,7 @@ TEST_F(OutboxTest, APoseDoesNotDisplaceTheKeyThatItBuildsOn) {
   EXPECT_EQ(outbox_.skipped_total(), 1u);
 }
 
-TEST_F(OutboxTest, AKeyThatIsShownReplacesAnOlderPose) {
+TEST_F(OutboxTest, ShownKeyReplacesOlderPose) {
   join_at(1);
   take();
   outbox_.offer(1, frame(FrameKind::kSynthetic, 2, {2, 3}));
@@ -114,7 +114,7 @@ TEST_F(OutboxTest, AKeyThatIsShownReplacesAnOlderPose) {
   EXPECT_EQ(outbox_.skipped_total(), 1u);
 }
 
-TEST_F(OutboxTest, TheLastStepAndTheNextKeyAheadDoNotCompete) {
+TEST_F(OutboxTest, LastStepAndNextKeyDoNotCompete) {
   join_at(1);
   take();
   offer_ahead(2);
@@ -139,7 +139,7 @@ TEST_F(OutboxTest, TheLastStepAndTheNextKeyAheadDoNotCompete) {
   EXPECT_EQ(outbox_.skipped_total(), 1u);
 }
 
-TEST_F(OutboxTest, AfterAMissedKeyTheJoinIsFollowedByThePresentPose) {
+TEST_F(OutboxTest, JoinAfterMissedKeyPrecedesPose) {
   join_at(1);
   take();
   offer_key(2);
@@ -155,7 +155,7 @@ TEST_F(OutboxTest, AfterAMissedKeyTheJoinIsFollowedByThePresentPose) {
   EXPECT_EQ(take(), std::nullopt);
 }
 
-TEST_F(OutboxTest, FramesThatAJoinRanAheadOfNeedNoOther) {
+TEST_F(OutboxTest, JoinSupersedesOlderFrames) {
   join_at(3);
   EXPECT_EQ(take(), -3);
   outbox_.offer(1, frame(FrameKind::kKey, 2));
@@ -168,7 +168,7 @@ TEST_F(OutboxTest, FramesThatAJoinRanAheadOfNeedNoOther) {
   EXPECT_EQ(outbox_.joins_total(), 1u);
 }
 
-TEST_F(OutboxTest, ANewEpochBeginsWithAJoin) {
+TEST_F(OutboxTest, NewEpochBeginsWithJoin) {
   join_at(9);
   take();
   outbox_.offer(1, frame(FrameKind::kKey, 10));
@@ -178,7 +178,7 @@ TEST_F(OutboxTest, ANewEpochBeginsWithAJoin) {
   EXPECT_EQ(take(), std::nullopt) << "the frame of the old epoch is gone";
 }
 
-TEST_F(OutboxTest, AClientThatNeverAcknowledgesHasNoWindow) {
+TEST_F(OutboxTest, ClientWithoutAcknowledgementsHasNoWindow) {
   join_at(1);
   take();
   for (int s = 2; s < 5000; ++s, now_ += 33'000) {
@@ -187,7 +187,7 @@ TEST_F(OutboxTest, AClientThatNeverAcknowledgesHasNoWindow) {
   }
 }
 
-TEST_F(OutboxTest, TheWindowIsTheRoundTripAndTheSlack) {
+TEST_F(OutboxTest, WindowIsRoundTripPlusSlack) {
   join_at(1);
   take();
   now_ += 40'000;
@@ -209,7 +209,7 @@ TEST_F(OutboxTest, TheWindowIsTheRoundTripAndTheSlack) {
   EXPECT_EQ(take(), std::nullopt);
 }
 
-TEST_F(OutboxTest, AClosedWindowStillProbes) {
+TEST_F(OutboxTest, ClosedWindowStillProbes) {
   join_at(1);
   take();
   outbox_.acknowledge({1, 1, 0}, now_);
@@ -222,13 +222,13 @@ TEST_F(OutboxTest, AClosedWindowStillProbes) {
   EXPECT_LE(sent, 5 + 3) << "16 s: what fits in 100 ms, then one every 5 s";
 }
 
-TEST_F(OutboxTest, AcknowledgementsOfWhatWasNeverSentAreIgnored) {
+TEST_F(OutboxTest, UnknownAcknowledgementsAreIgnored) {
   outbox_.acknowledge({1, 77, 0}, now_);
   outbox_.acknowledge({2, 1, 0}, now_);
   EXPECT_FALSE(outbox_.acknowledges());
 }
 
-TEST_F(OutboxTest, StepsOfOneSequenceAreToldApart) {
+TEST_F(OutboxTest, StepsOfOneSequenceAreDistinct) {
   join_at(1);
   take();
   outbox_.offer(1, frame(FrameKind::kSynthetic, 2, {1, 3}));
@@ -259,7 +259,7 @@ TEST_F(OutboxTest, ControlGoesFirstAndOverflows) {
   EXPECT_FALSE(small.push_control(text("1"))) << "messages";
 }
 
-TEST_F(OutboxTest, WhatMayBeLostIsDroppedEarly) {
+TEST_F(OutboxTest, DroppableMessagesAreDroppedEarly) {
   Outbox outbox({16, 1000, 100'000, 2'000'000, 8});
   int pushed = 0;
   while (outbox.push_droppable(text("x"))) ++pushed;
@@ -286,7 +286,7 @@ TEST_F(OutboxTest, LanesTakeTurns) {
   EXPECT_EQ(take(), std::nullopt);
 }
 
-TEST_F(OutboxTest, WhoIsHeldGetsTheNewestByAJoinWhenTheHoldEnds) {
+TEST_F(OutboxTest, HeldReceiverGetsJoinAfterHold) {
   join_at(1);
   EXPECT_EQ(take(), -1);
   outbox_.hold_from(500);
@@ -295,7 +295,7 @@ TEST_F(OutboxTest, WhoIsHeldGetsTheNewestByAJoinWhenTheHoldEnds) {
   now_ = 500;
   for (std::uint64_t s = 3; s < 30; ++s) offer_key(s);
   EXPECT_EQ(take(), std::nullopt);
-  EXPECT_FALSE(outbox_.pass(1, *frame(FrameKind::kKey, 3), now_));
+  EXPECT_FALSE(outbox_.send_directly(1, *frame(FrameKind::kKey, 3), now_));
   now_ = 60'000'000;
   EXPECT_EQ(take(), std::nullopt) << "however long it takes";
   ASSERT_TRUE(outbox_.push_control(text("control")));
@@ -306,10 +306,10 @@ TEST_F(OutboxTest, WhoIsHeldGetsTheNewestByAJoinWhenTheHoldEnds) {
   outbox_.hold_from(0);
   outbox_.acknowledge({1, 29, 0}, now_);
   offer_key(30);
-  EXPECT_EQ(take(), 30) << "who acknowledges has a window";
+  EXPECT_EQ(take(), 30) << "acknowledging opens a window";
 }
 
-TEST_F(OutboxTest, OfManyPongsTheLatestLeaves) {
+TEST_F(OutboxTest, OnlyTheLatestPongIsSent) {
   for (const char* pong : {"1", "2", "3"}) outbox_.push_late_pong(text(pong));
   ASSERT_TRUE(outbox_.push_control(text("control")));
   join_at(1);

@@ -17,12 +17,12 @@ namespace {
 using testing::FakeReceiver;
 using testing::FakeSender;
 using testing::key_number;
+using testing::kInterval;
 using testing::small_announce;
 using testing::small_layout;
 using Scheme = Profile::Scheme;
 using Form = Profile::Form;
 
-constexpr TimeUs kInterval = 30'000;
 constexpr TimeUs kStart = 1'000'000;
 
 Profile interpolated(Scheme scheme, Form form = Form::kFull, std::uint8_t k = 3) {
@@ -80,7 +80,7 @@ class RateModesTest : public ::testing::Test {
   Stream stream_{"a", 7, Stream::Settings{}};
 };
 
-TEST_F(RateModesTest, CatmullRomDrawsThroughFourKeysAndHoldsOneMore) {
+TEST_F(RateModesTest, CatmullRomUsesFourKeys) {
   FakeReceiver linear, curved;
   ASSERT_TRUE(stream_.watch(linear, interpolated(Scheme::kLinear)));
   ASSERT_TRUE(stream_.watch(curved, interpolated(Scheme::kCatmullRom)));
@@ -101,7 +101,7 @@ TEST_F(RateModesTest, CatmullRomDrawsThroughFourKeysAndHoldsOneMore) {
   }
 }
 
-TEST_F(RateModesTest, PosesMadeAheadOfTheirTimeAreThoseMadeWhenDue) {
+TEST_F(RateModesTest, PreparedPosesEqualPosesMadeWhenDue) {
   std::mt19937 random(11);
   std::uniform_int_distribution<int> chance(0, 99);
   for (const Profile& profile : {interpolated(Scheme::kLinear), interpolated(Scheme::kHermite, Form::kFull, 5),
@@ -142,7 +142,7 @@ TEST_F(RateModesTest, PosesMadeAheadOfTheirTimeAreThoseMadeWhenDue) {
   }
 }
 
-TEST(FeedTest, PosesAreMadeAheadUntilTheyAreOvertaken) {
+TEST(FeedTest, PosesArePreparedUntilOvertaken) {
   Feed feed(interpolated(Scheme::kLinear), Feed::Source{small_layout(), {}, 7, 1});
   std::vector<FramePtr> left;
   TimeUs now_us = kStart;
@@ -160,38 +160,38 @@ TEST(FeedTest, PosesAreMadeAheadUntilTheyAreOvertaken) {
     feed.prepare();
   };
   key_comes(0);
-  EXPECT_EQ(feed.poses_ahead(), 0u) << "it begins the chain";
+  EXPECT_EQ(feed.prepared_poses(), 0u) << "it begins the chain";
   key_comes(1);
   EXPECT_EQ(left.size(), 2u) << "key 0, and the first pose on the way from it, which was due at once";
-  EXPECT_EQ(feed.poses_ahead(), 1u) << "the second";
+  EXPECT_EQ(feed.prepared_poses(), 1u) << "the second";
   feed.prepare();
-  EXPECT_EQ(feed.poses_ahead(), 1u) << "made once";
+  EXPECT_EQ(feed.prepared_poses(), 1u) << "made once";
   feed.pump(now_us + kInterval / 3 - 1, left);
   EXPECT_EQ(left.size(), 2u) << "it leaves when it is due, not before";
   feed.pump(now_us + kInterval / 3, left);
   EXPECT_EQ(left.size(), 3u);
-  EXPECT_EQ(feed.poses_ahead(), 0u);
+  EXPECT_EQ(feed.prepared_poses(), 0u);
   key_comes(2);  // Key 1 is due since 10 ms, so is a pose: pumping is behind.
-  EXPECT_EQ(feed.poses_ahead(), 0u);
+  EXPECT_EQ(feed.prepared_poses(), 0u);
   feed.pump(now_us + kInterval / 3, left);
   feed.pump(now_us + kInterval * 2 / 3, left);
   ASSERT_EQ(left.back()->envelope.sequence, 2u);
   EXPECT_EQ(left.back()->envelope.kind, FrameKind::kKey) << "in its time";
   key_comes(3);
-  EXPECT_EQ(feed.poses_ahead(), 1u);
+  EXPECT_EQ(feed.prepared_poses(), 1u);
 }
 
-TEST_F(RateModesTest, CatmullRomIsPacedEvenlyUnderJitterAndALateFurtherKeyIsNotWaitedFor) {
+TEST_F(RateModesTest, CatmullRomDoesNotWaitForLateKey) {
   std::mt19937 random(5);
   std::uniform_int_distribution<TimeUs> jitter(0, 12'000);
   class Timed : public FakeReceiver {
    public:
     explicit Timed(const TimeUs& now) : now_(now) {}
-    void on_frame(const Stream& stream, const FramePtr& frame) override {
-      FakeReceiver::on_frame(stream, frame);
-      left_us.push_back(now_);
+    void on_frame(const FramePtr& frame) override {
+      FakeReceiver::on_frame(frame);
+      written_us.push_back(now_);
     }
-    std::vector<TimeUs> left_us;
+    std::vector<TimeUs> written_us;
 
    private:
     const TimeUs& now_;
@@ -205,17 +205,17 @@ TEST_F(RateModesTest, CatmullRomIsPacedEvenlyUnderJitterAndALateFurtherKeyIsNotW
   EXPECT_EQ(receiver.undecodable, 0);
   int uneven = 0;
   for (std::size_t i = 60; i < 140; ++i) {
-    if (std::abs(receiver.left_us[i] - receiver.left_us[i - 1] - kInterval / 3) > 1000) ++uneven;
+    if (std::abs(receiver.written_us[i] - receiver.written_us[i - 1] - kInterval / 3) > 1000) ++uneven;
   }
   EXPECT_LE(uneven, 4);
   // Hold: one interval for key s, one for key s+1, the least way and the jitter; never more.
   for (std::size_t i = 0; i < receiver.frames.size(); ++i) {
-    const TimeUs age_us = receiver.left_us[i] - receiver.frames[i]->envelope.capture_us;
+    const TimeUs age_us = receiver.written_us[i] - receiver.frames[i]->envelope.capture_us;
     EXPECT_LE(age_us, 3 * kInterval + 16'000);
   }
 }
 
-TEST_F(RateModesTest, HermiteWaitsForNoFurtherKeyAndCompactGivesTheSamePoses) {
+TEST_F(RateModesTest, HermiteCompactEqualsFull) {
   FakeReceiver linear, full, compact;
   ASSERT_TRUE(stream_.watch(linear, interpolated(Scheme::kLinear, Form::kFull, 5)));
   ASSERT_TRUE(stream_.watch(full, interpolated(Scheme::kHermite, Form::kFull, 5)));
@@ -241,7 +241,7 @@ TEST_F(RateModesTest, HermiteWaitsForNoFurtherKeyAndCompactGivesTheSamePoses) {
   EXPECT_GT(bent, 30);
 }
 
-TEST_F(RateModesTest, HermiteWithoutVelocitiesIsToldToBeLinear) {
+TEST_F(RateModesTest, HermiteWithoutVelocitiesFallsBackToLinear) {
   FakeReceiver receiver;
   ASSERT_TRUE(stream_.watch(receiver, interpolated(Scheme::kHermite)));
   begin(0);
@@ -250,7 +250,7 @@ TEST_F(RateModesTest, HermiteWithoutVelocitiesIsToldToBeLinear) {
   EXPECT_EQ(receiver.infos.back().profile.scheme, Scheme::kHermite);
 }
 
-TEST_F(RateModesTest, EstimatesAreEquation9AndCompactGivesTheSamePosesWithoutAPayload) {
+TEST_F(RateModesTest, EstimatesFollowEquation9) {
   for (const Scheme scheme : {Scheme::kLinear, Scheme::kDamped}) {
     FakeReceiver raw, full, compact;
     ASSERT_TRUE(stream_.watch(raw, {Profile::Rate::kRaw}));
@@ -294,7 +294,7 @@ TEST_F(RateModesTest, EstimatesAreEquation9AndCompactGivesTheSamePosesWithoutAPa
   }
 }
 
-TEST_F(RateModesTest, AfterALateKeyEstimatesGoOnAndNeverRunBack) {
+TEST_F(RateModesTest, EstimatesNeverRunBackAfterLateKey) {
   FakeReceiver receiver;
   ASSERT_TRUE(stream_.watch(receiver, estimated(Scheme::kDamped, Form::kCompact)));
   begin();
@@ -311,7 +311,7 @@ TEST_F(RateModesTest, AfterALateKeyEstimatesGoOnAndNeverRunBack) {
   EXPECT_GE(stood_in, 2) << "the estimates of key 11 stand in for key 12";
 }
 
-TEST_F(RateModesTest, BandsAreCutFromMadePosesToo) {
+TEST_F(RateModesTest, BandsAreCutFromSyntheticPoses) {
   for (Profile profile : {estimated(Scheme::kDamped), interpolated(Scheme::kCatmullRom)}) {
     profile.bands = 1;
     FakeReceiver receiver;
@@ -327,7 +327,7 @@ TEST_F(RateModesTest, BandsAreCutFromMadePosesToo) {
   }
 }
 
-TEST_F(RateModesTest, SchemesThatDoNotFitAreRefusedWithWords) {
+TEST_F(RateModesTest, UnfitSchemesAreRefused) {
   FakeReceiver receiver;
   const auto refused = [&](const Profile& profile, std::string_view word) {
     const auto watched = stream_.watch(receiver, profile);

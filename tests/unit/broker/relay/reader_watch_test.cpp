@@ -11,14 +11,14 @@ namespace {
 
 constexpr TimeUs kRoundTripUs = 20'000;
 
-TEST(ReaderWatch, LooksAtOneFrameOf32) {
+TEST(ReaderWatch, ChecksEvery32ndFrame) {
   ReaderWatch watch;
   int looks = 0;
   for (int i = 0; i < 320; ++i) looks += watch.note_sent() ? 1 : 0;
   EXPECT_EQ(looks, 10);
 }
 
-TEST(ReaderWatch, OfThoseWhoCameOneAfterTheOtherFewLookAtOnce) {
+TEST(ReaderWatch, ChecksAreSpreadOverConnections) {
   std::vector<ReaderWatch> watches;
   for (std::uint64_t id = 1000; id < 1064; ++id) watches.emplace_back(id);
   for (int frame = 0; frame < 64; ++frame) {
@@ -26,36 +26,36 @@ TEST(ReaderWatch, OfThoseWhoCameOneAfterTheOtherFewLookAtOnce) {
   }
 }
 
-TEST(ReaderWatch, AsksNobodyWhoseWindowStaysWide) {
+TEST(ReaderWatch, WideWindowIsNotProbed) {
   ReaderWatch watch;
   for (const std::uint32_t bytes : {64'000u, 65'000u, 63'000u, 6'000'000u, 5'998'000u}) {
     EXPECT_FALSE(watch.note_window(bytes, kRoundTripUs, 1'000));
-    EXPECT_FALSE(watch.is_asking());
+    EXPECT_FALSE(watch.is_probing());
     EXPECT_EQ(watch.hold_from_us(), ReaderWatch::kNever);
   }
 }
 
-TEST(ReaderWatch, HoldsWhoDoesNotAnswerUntilTheWindowIsWideAgain) {
+TEST(ReaderWatch, HoldsUntilWindowIsWideAgain) {
   ReaderWatch watch;
   EXPECT_FALSE(watch.note_window(65'000, kRoundTripUs, 0));
   EXPECT_TRUE(watch.note_window(40'000, kRoundTripUs, 1'000'000));
   EXPECT_EQ(watch.hold_from_us(), 1'000'000 + kRoundTripUs + 20'000);
-  EXPECT_TRUE(watch.note_window(39'000, kRoundTripUs, 2'000'000)) << "asked again, by the same question";
-  EXPECT_EQ(watch.question(), "1");
+  EXPECT_TRUE(watch.note_window(39'000, kRoundTripUs, 2'000'000)) << "asked again, by the same probe";
+  EXPECT_EQ(watch.probe(), "1");
   EXPECT_EQ(watch.hold_from_us(), 1'000'000 + kRoundTripUs + 20'000) << "it has been overdue for as long";
   EXPECT_FALSE(watch.note_window(64'000, kRoundTripUs, 3'000'000));
   EXPECT_EQ(watch.hold_from_us(), ReaderWatch::kNever);
 }
 
-TEST(ReaderWatch, TheAnswerToItsOwnQuestionEndsTheHold) {
+TEST(ReaderWatch, MatchingPongEndsHold) {
   ReaderWatch watch;
   watch.note_window(65'000, kRoundTripUs, 0);
   watch.note_window(40'000, kRoundTripUs, 1'000'000);
-  EXPECT_FALSE(watch.note_pong("")) << "that was asked by somebody else";
+  EXPECT_FALSE(watch.note_pong("")) << "not our ping";
   EXPECT_FALSE(watch.note_pong("0"));
-  EXPECT_TRUE(watch.is_asking());
+  EXPECT_TRUE(watch.is_probing());
   EXPECT_TRUE(watch.note_pong("1"));
-  EXPECT_FALSE(watch.is_asking());
+  EXPECT_FALSE(watch.is_probing());
   EXPECT_FALSE(watch.note_pong("1")) << "answered already";
   EXPECT_FALSE(watch.note_window(40'000, kRoundTripUs, 3'000'000)) << "it reads, and offers no more than this";
   EXPECT_TRUE(watch.note_window(35'000, kRoundTripUs, 4'000'000));

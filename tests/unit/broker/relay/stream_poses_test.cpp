@@ -33,7 +33,7 @@ TEST_F(StreamPosesTest, RawDeliversExactlyWhatWasSent) {
   }
 }
 
-TEST_F(StreamPosesTest, FullGivesThreePosesPerIntervalAndEachIsTheInterpolationOfItsNeighbours) {
+TEST_F(StreamPosesTest, FullInterpolatesBetweenNeighbours) {
   FakeReceiver receiver;
   ASSERT_TRUE(stream_.watch(receiver, kFull));
   begin();
@@ -56,7 +56,7 @@ TEST_F(StreamPosesTest, FullGivesThreePosesPerIntervalAndEachIsTheInterpolationO
   }
 }
 
-TEST_F(StreamPosesTest, CompactGivesTheSamePosesAsFull) {
+TEST_F(StreamPosesTest, CompactEqualsFull) {
   FakeReceiver full;
   FakeReceiver compact;
   ASSERT_TRUE(stream_.watch(full, kFull));
@@ -77,7 +77,7 @@ TEST_F(StreamPosesTest, CompactGivesTheSamePosesAsFull) {
   EXPECT_LT(compact_bytes, full_bytes);
 }
 
-TEST_F(StreamPosesTest, OfSeveralPosesDueTogetherOnlyTheNewestLeavesButEveryKey) {
+TEST_F(StreamPosesTest, OvertakenPosesAreSkippedKeysAreNot) {
   FakeReceiver full;
   FakeReceiver compact;
   ASSERT_TRUE(stream_.watch(full, kFull));
@@ -90,7 +90,7 @@ TEST_F(StreamPosesTest, OfSeveralPosesDueTogetherOnlyTheNewestLeavesButEveryKey)
     receiver.frames.clear();
     return kinds;
   };
-  for (int round = 0; round < 5; ++round) {  // Key intervals in which nobody looks at the clock.
+  for (int round = 0; round < 5; ++round) {  // Key intervals without pumping.
     ASSERT_TRUE(stream_.add_frame(sender_.next(now_), now_));
     full.frames.clear();
     compact.frames.clear();
@@ -111,7 +111,7 @@ TEST_F(StreamPosesTest, OfSeveralPosesDueTogetherOnlyTheNewestLeavesButEveryKey)
   EXPECT_EQ(compact.poses.back().key, key_number(10));
 }
 
-TEST_F(StreamPosesTest, JitteredKeysLeaveTheCompactChainWhole) {
+TEST_F(StreamPosesTest, JitteredKeysKeepCompactChainWhole) {
   FakeReceiver receiver;
   ASSERT_TRUE(stream_.watch(receiver, kCompact));
   begin();
@@ -128,7 +128,7 @@ TEST_F(StreamPosesTest, JitteredKeysLeaveTheCompactChainWhole) {
   EXPECT_GE(receiver.poses.size(), 150u);
 }
 
-TEST_F(StreamPosesTest, EachPoseOfAProfileIsMadeOnceAndShared) {
+TEST_F(StreamPosesTest, PosesAreEncodedOncePerProfile) {
   FakeReceiver a;
   FakeReceiver b;
   ASSERT_TRUE(stream_.watch(a, kFull));
@@ -161,7 +161,7 @@ TEST_F(StreamPosesTest, BandsAreCut) {
   }
 }
 
-TEST_F(StreamPosesTest, BandsThatComeBackTakeOneJoinAndNoRestart) {
+TEST_F(StreamPosesTest, RestoredBandsTakeOneJoin) {
   for (const Profile& profile : {kRaw, kFull, kCompact}) {
     Stream stream("a", 7, Stream::Settings{});
     FakeSender sender;
@@ -194,7 +194,7 @@ TEST_F(StreamPosesTest, BandsThatComeBackTakeOneJoinAndNoRestart) {
   }
 }
 
-TEST_F(StreamPosesTest, AJoinAtAnyMomentBringsAReceiverInStep) {
+TEST_F(StreamPosesTest, JoinSynchronisesReceiverAtAnyMoment) {
   for (const Profile& profile : {kRaw, kFull, kCompact}) {
     Stream stream("a", 7, Stream::Settings{});
     FakeSender sender;
@@ -224,7 +224,7 @@ TEST_F(StreamPosesTest, AJoinAtAnyMomentBringsAReceiverInStep) {
   }
 }
 
-TEST_F(StreamPosesTest, AProfileCanChangeAnyTime) {
+TEST_F(StreamPosesTest, ProfileCanChangeAnyTime) {
   FakeReceiver receiver;
   ASSERT_TRUE(stream_.watch(receiver, kRaw));
   begin();
@@ -242,7 +242,7 @@ TEST_F(StreamPosesTest, AProfileCanChangeAnyTime) {
   }
 }
 
-TEST_F(StreamPosesTest, AJoinOfTheSenderBridgesAGap) {
+TEST_F(StreamPosesTest, SenderJoinBridgesGap) {
   FakeReceiver raw;
   FakeReceiver full;
   FakeReceiver compact;
@@ -261,7 +261,7 @@ TEST_F(StreamPosesTest, AJoinOfTheSenderBridgesAGap) {
   EXPECT_EQ(compact.poses.back().key, key_number(6));
 }
 
-TEST_F(StreamPosesTest, WhoComesLateForRawKeysHasNothingPacedThatWouldBeDueForEver) {
+TEST_F(StreamPosesTest, LateRawViewerHasNothingDue) {
   begin();
   play(3);
   FakeReceiver late;

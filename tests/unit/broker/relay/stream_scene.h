@@ -7,12 +7,6 @@
 
 namespace eigencast::broker::testing {
 
-inline constexpr TimeUs kInterval = 30'000;
-
-inline const Profile kRaw{Profile::Rate::kRaw};
-inline const Profile kFull{};
-inline const Profile kCompact{Profile::Rate::kInterpolated, 3, Profile::Form::kCompact};
-
 /// A stream, its sender, and a clock.
 class StreamTest : public ::testing::Test {
  protected:

@@ -13,7 +13,7 @@ namespace {
 using namespace testing;
 using State = control::StreamInfo::State;
 
-TEST_F(StreamTest, StatesFollowTheSenderAndTheLastPoseIsHeld) {
+TEST_F(StreamTest, StalledStreamHoldsLastPose) {
   FakeReceiver receiver;
   ASSERT_TRUE(stream_.watch(receiver, kRaw));
   EXPECT_EQ(receiver.infos.back().state, State::kWaiting);
@@ -33,7 +33,7 @@ TEST_F(StreamTest, StatesFollowTheSenderAndTheLastPoseIsHeld) {
   EXPECT_EQ(late.poses.back().key, key_number(2));
 }
 
-TEST_F(StreamTest, ASenderThatComesBackBeginsAnEpochThatAllFollow) {
+TEST_F(StreamTest, ReturningSenderBeginsNewEpoch) {
   FakeReceiver full;
   FakeReceiver compact;
   ASSERT_TRUE(stream_.watch(full, kFull));
@@ -68,7 +68,7 @@ TEST_F(StreamTest, OneSenderAtATime) {
   EXPECT_TRUE(stream_.claim(second));
 }
 
-TEST_F(StreamTest, GarbageIsRefusedAndChangesNothing) {
+TEST_F(StreamTest, MalformedFramesChangeNothing) {
   FakeReceiver receiver;
   ASSERT_TRUE(stream_.watch(receiver, kRaw));
   EXPECT_FALSE(stream_.add_frame(sender_.next(0), 0)) << "not announced";
@@ -100,12 +100,12 @@ TEST_F(StreamTest, GarbageIsRefusedAndChangesNothing) {
   EXPECT_EQ(receiver.poses.back().key, key_number(2));
 }
 
-TEST_F(StreamTest, AKeyCannotBeginAChain) {
+TEST_F(StreamTest, KeyCannotBeginChain) {
   begin();
   (void)sender_.next(now_);
   const auto added = stream_.add_frame(sender_.next(now_ + 1), now_);
   ASSERT_FALSE(added);
-  EXPECT_THAT(added.error().message, ::testing::HasSubstr("join"));
+  EXPECT_EQ(added.error().code, ErrorCode::kCorrupt);
 }
 
 TEST_F(StreamTest, WatchersAndProfilesAreCapped) {
@@ -124,7 +124,7 @@ TEST_F(StreamTest, WatchersAndProfilesAreCapped) {
   EXPECT_EQ(sender_.counts, (std::vector<std::uint32_t>{0, 1, 2, 1, 2}));
 }
 
-TEST_F(StreamTest, ProfilesAreCappedBeforeThereIsASenderToo) {
+TEST_F(StreamTest, ProfilesAreCappedWithoutSender) {
   Stream stream("a", 1, {500'000, 10, 2});
   std::vector<FakeReceiver> receivers(4);
   ASSERT_TRUE(stream.watch(receivers[0], kRaw));
@@ -143,24 +143,24 @@ control::Trace trace_from(const std::string& text) {
   return std::get<control::Trace>(control_from_text(text).value());
 }
 
-TEST_F(StreamTest, ASendersTracesReachThoseWhoAskedWithTheBrokersStreamId) {
-  FakeReceiver asks, asks_seldom, does_not;
-  for (FakeReceiver* receiver : {&asks, &asks_seldom, &does_not}) ASSERT_TRUE(stream_.watch(*receiver, kRaw));
-  stream_.trace(asks, 5);
+TEST_F(StreamTest, TracesReachRequestersWithBrokerStreamId) {
+  FakeReceiver requests, asks_seldom, does_not;
+  for (FakeReceiver* receiver : {&requests, &asks_seldom, &does_not}) ASSERT_TRUE(stream_.watch(*receiver, kRaw));
+  stream_.trace(requests, 5);
   stream_.trace(asks_seldom, 10);
   control::Trace sent;
   sent.stream_id = 99;
   sent.sequence = 5;
   sent.stages = {{"begun", 12}};
   stream_.relay_trace(sent);
-  ASSERT_EQ(asks.traces.size(), 1u);
-  EXPECT_EQ(trace_from(asks.traces[0]).stream_id, 7u);
-  EXPECT_EQ(trace_from(asks.traces[0]).sequence, 5u);
+  ASSERT_EQ(requests.traces.size(), 1u);
+  EXPECT_EQ(trace_from(requests.traces[0]).stream_id, 7u);
+  EXPECT_EQ(trace_from(requests.traces[0]).sequence, 5u);
   EXPECT_TRUE(does_not.traces.empty());
   EXPECT_TRUE(asks_seldom.traces.empty());
 }
 
-TEST_F(StreamTest, AsMuchIsTracedAsTheMostCuriousWants) {
+TEST_F(StreamTest, TraceIntervalIsTheSmallestRequested) {
   FakeReceiver a, b, stranger;
   ASSERT_TRUE(stream_.watch(a, kRaw));
   ASSERT_TRUE(stream_.watch(b, kFull));
@@ -175,7 +175,7 @@ TEST_F(StreamTest, AsMuchIsTracedAsTheMostCuriousWants) {
   EXPECT_EQ(stream_.trace_every(), 0u);
 }
 
-TEST_F(StreamTest, TheBrokersStagesOfAFrameAreToldOnceItHasLeft) {
+TEST_F(StreamTest, BrokerStagesAreReportedAfterWrite) {
   FakeReceiver receiver;
   begin();
   ASSERT_TRUE(stream_.watch(receiver, kFull));
@@ -185,7 +185,7 @@ TEST_F(StreamTest, TheBrokersStagesOfAFrameAreToldOnceItHasLeft) {
     for (int ms = 0; ms < 30; ++ms, now_ += 1000) {
       stream_.pump(now_);
       for (const FramePtr& frame : receiver.frames)
-        if (frame->times.left_us == 0) frame->times.left_us = now_ + 40;
+        if (frame->times.written_us == 0) frame->times.written_us = now_ + 40;
     }
   }
   ASSERT_GE(receiver.traces.size(), 4u);

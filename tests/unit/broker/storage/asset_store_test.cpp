@@ -32,7 +32,7 @@ class AssetStoreTest : public ::testing::Test {
     ASSERT_TRUE(opened) << opened.error().message;
     store_ = std::move(*opened);
   }
-  /// The object's name; nothing if there is no room for it.
+  /// The object's id; nothing if the store is full.
   std::optional<Sha256> put(const Bytes& content) const {
     const auto upload = store_->begin_upload(sha256(content)).value();
     const auto written = upload->write(content);
@@ -52,7 +52,7 @@ class AssetStoreTest : public ::testing::Test {
 
 const Bytes kContent(100'000, 42);
 
-TEST_F(AssetStoreTest, WhatIsPutCanBeRead) {
+TEST_F(AssetStoreTest, StoredObjectsCanBeRead) {
   open();
   const Sha256 id = sha256(kContent);
   EXPECT_FALSE(store_->contains(id));
@@ -75,7 +75,7 @@ TEST_F(AssetStoreTest, WhatIsPutCanBeRead) {
   EXPECT_EQ(store_->total_bytes(), kContent.size());
 }
 
-TEST_F(AssetStoreTest, AnotherHashKeepsNothing) {
+TEST_F(AssetStoreTest, WrongHashStoresNothing) {
   open();
   const Sha256 id = sha256(Bytes{1});
   {
@@ -91,7 +91,7 @@ TEST_F(AssetStoreTest, AnotherHashKeepsNothing) {
   EXPECT_EQ(store_->total_bytes(), 0u);
 }
 
-TEST_F(AssetStoreTest, AnUploadCutOffKeepsNothing) {
+TEST_F(AssetStoreTest, AbortedUploadStoresNothing) {
   open();
   {
     auto upload = store_->begin_upload(sha256(kContent)).value();
@@ -103,7 +103,7 @@ TEST_F(AssetStoreTest, AnUploadCutOffKeepsNothing) {
   EXPECT_EQ(files_left(), 0u);
 }
 
-TEST_F(AssetStoreTest, TheSameObjectTwiceIsOneObject) {
+TEST_F(AssetStoreTest, SameObjectTwiceIsOneObject) {
   open();
   const Sha256 id = sha256(kContent);
   for (const bool is_new : {true, false}) {
@@ -115,7 +115,7 @@ TEST_F(AssetStoreTest, TheSameObjectTwiceIsOneObject) {
   EXPECT_EQ(store_->total_bytes(), kContent.size());
 }
 
-TEST_F(AssetStoreTest, UploadsAtTheSameTimeFromManyThreads) {
+TEST_F(AssetStoreTest, ConcurrentUploads) {
   open();
   const Sha256 id = sha256(kContent);
   std::vector<std::thread> threads;
@@ -133,7 +133,7 @@ TEST_F(AssetStoreTest, UploadsAtTheSameTimeFromManyThreads) {
   EXPECT_EQ(store_->total_bytes(), kContent.size());
 }
 
-TEST_F(AssetStoreTest, CapsHold) {
+TEST_F(AssetStoreTest, QuotasHold) {
   open({1000, 1500, 0});
   auto first = store_->begin_upload(sha256(Bytes(900, 1))).value();
   ASSERT_TRUE(first->write(Bytes(900, 1)));
@@ -146,7 +146,7 @@ TEST_F(AssetStoreTest, CapsHold) {
   EXPECT_EQ(store_->total_bytes(), 900u);
 }
 
-TEST_F(AssetStoreTest, WhatNoStreamUsesGoesFirstAndLongestUnusedFirst) {
+TEST_F(AssetStoreTest, LeastRecentlyUsedObjectIsEvicted) {
   open({1000, 1000, 0});
   const Sha256 chunk = *put(Bytes(300, 1));
   Bytes list(17, 0xee);  // A manifest, as far as the store knows: the id of its chunk stands somewhere in it.
@@ -173,7 +173,7 @@ TEST_F(AssetStoreTest, WhatNoStreamUsesGoesFirstAndLongestUnusedFirst) {
   EXPECT_EQ(files_left(), store_->objects());
 }
 
-TEST_F(AssetStoreTest, WhatIsPutAgainIsUsedAgain) {
+TEST_F(AssetStoreTest, RepeatedUploadCountsAsUse) {
   open({1000, 1000, 0});
   const Sha256 first = *put(Bytes(300, 1)), second = *put(Bytes(300, 2));
   EXPECT_EQ(put(Bytes(300, 1)), first);
@@ -184,7 +184,7 @@ TEST_F(AssetStoreTest, WhatIsPutAgainIsUsedAgain) {
   EXPECT_EQ(files_left(), 2u);
 }
 
-TEST_F(AssetStoreTest, FilesThatSomebodyElseBringsOrTakesAwayDoNotMatter) {
+TEST_F(AssetStoreTest, ForeignFilesAreIgnored) {
   open();
   const Sha256 id = sha256(kContent);
   const std::string folder = folder_ + "/assets/" + id.hex().substr(0, 2);
@@ -199,7 +199,7 @@ TEST_F(AssetStoreTest, FilesThatSomebodyElseBringsOrTakesAwayDoNotMatter) {
   }
 }
 
-TEST_F(AssetStoreTest, WhatWasUsedAMomentAgoStays) {
+TEST_F(AssetStoreTest, RecentlyUsedObjectStays) {
   open({1000, 1000, 60'000'000});
   for (const std::uint8_t content : {1, 2}) {
     auto upload = store_->begin_upload(sha256(Bytes(600, content))).value();
@@ -211,7 +211,7 @@ TEST_F(AssetStoreTest, WhatWasUsedAMomentAgoStays) {
   EXPECT_TRUE(store_->contains(sha256(Bytes(600, 1))));
 }
 
-TEST_F(AssetStoreTest, AnEvictedObjectIsReadToItsEndByWhoHasBegun) {
+TEST_F(AssetStoreTest, EvictedObjectStaysReadableWhileOpen) {
   open({1000, 1000, 0});
   auto upload = store_->begin_upload(sha256(Bytes(600, 1))).value();
   ASSERT_TRUE(upload->write(Bytes(600, 1)));

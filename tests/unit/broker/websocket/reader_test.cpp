@@ -83,7 +83,7 @@ std::vector<Seen> failure(CloseCode code) {
   return {{Kind::kFailed, {}, code}};
 }
 
-TEST(MessageReaderTest, MessagesOfEverySizeComeAsTheyWere) {
+TEST(MessageReaderTest, MessagesOfEverySizeRoundTrip) {
   for (const std::size_t size : {0, 1, 7, 8, 125, 126, 127, 128, 65'535, 65'536, 70'000}) {
     std::string payload(size, 'x');
     for (std::size_t i = 0; i < size; ++i) payload[i] = static_cast<char>('a' + i % 26);
@@ -93,7 +93,7 @@ TEST(MessageReaderTest, MessagesOfEverySizeComeAsTheyWere) {
   }
 }
 
-TEST(MessageReaderTest, FragmentsMakeAMessageAndControlFramesMayComeBetween) {
+TEST(MessageReaderTest, FragmentsMayInterleaveWithControlFrames) {
   EXPECT_EQ(read(frame(kText, "ab") + frame(kFin | kPing, "p") + frame(0, "") + frame(0, "c") +
                  frame(kFin | kPong, "q") + frame(kFin, "d") + frame(kFin | kBinary, "e")),
             (std::vector<Seen>{message(Kind::kPing, "p"), message(Kind::kPong, "q"), message(Kind::kText, "abcd"),
@@ -101,7 +101,7 @@ TEST(MessageReaderTest, FragmentsMakeAMessageAndControlFramesMayComeBetween) {
   EXPECT_EQ(read(frame(kText, "") + frame(0, "") + frame(kFin, "")), (std::vector<Seen>{message(Kind::kText, "")}));
 }
 
-TEST(MessageReaderTest, WhatBreaksTheProtocolIsRefused) {
+TEST(MessageReaderTest, ProtocolViolationsAreRefused) {
   for (const unsigned reserved : {0x40u, 0x20u, 0x10u, 0x70u})
     EXPECT_EQ(read(frame(kFin | reserved | kText, "a")), failure(CloseCode::kProtocolError));
   for (const unsigned opcode : {3u, 4u, 5u, 6u, 7u, 11u, 12u, 13u, 14u, 15u})
@@ -119,7 +119,7 @@ TEST(MessageReaderTest, WhatBreaksTheProtocolIsRefused) {
   EXPECT_EQ(read(huge), failure(CloseCode::kProtocolError)) << "over 63 bits";
 }
 
-TEST(MessageReaderTest, ABadHeadIsRefusedAtItsFirstByte) {
+TEST(MessageReaderTest, BadHeadIsRefusedAtFirstByte) {
   MessageReader reader({});
   Bytes piece = {0x83};
   std::span<std::uint8_t> input(piece);
@@ -155,14 +155,14 @@ TEST(MessageReaderTest, TextMustBeUtf8) {
   EXPECT_EQ(read(frame(kFin | kBinary, "\xff\xfe")), (std::vector<Seen>{message(Kind::kBinary, "\xff\xfe")}));
 }
 
-TEST(MessageReaderTest, BadUtf8IsRefusedBeforeItsFrameIsWhole) {
+TEST(MessageReaderTest, BadUtf8IsRefusedEarly) {
   const std::string stream = frame(kText, std::string("abc\xf4\x90") + std::string(100, 'a'));
   const std::string start = stream.substr(0, 6 + 5);
   EXPECT_EQ(read(start, start.size()), failure(CloseCode::kBadPayload));
   EXPECT_EQ(read(start, 1), failure(CloseCode::kBadPayload));
 }
 
-TEST(MessageReaderTest, LengthsAreHeldBeforeTheBytesCome) {
+TEST(MessageReaderTest, LengthLimitsApplyToTheHeader) {
   const MessageReader::Limits limits{10, 20};
   EXPECT_EQ(read(frame(kFin | kText, std::string(10, 'a')), 4, limits).size(), 1u);
   EXPECT_EQ(read(frame(kFin | kText, std::string(11, 'a')), 4, limits), failure(CloseCode::kTooBig));
@@ -173,7 +173,7 @@ TEST(MessageReaderTest, LengthsAreHeldBeforeTheBytesCome) {
   EXPECT_EQ(read(declared, declared.size(), limits), failure(CloseCode::kTooBig));
 }
 
-TEST(MessageReaderTest, ClosesCarryTheirCode) {
+TEST(MessageReaderTest, CloseFramesCarryTheirCode) {
   EXPECT_EQ(read(frame(kFin | kClose, "")), (std::vector<Seen>{{Kind::kClose, "", CloseCode::kNone}}));
   for (const unsigned code :
        {1000, 1001, 1002, 1003, 1007, 1008, 1009, 1010, 1011, 1012, 1013, 1014, 3000, 3999, 4000, 4999}) {
@@ -187,7 +187,7 @@ TEST(MessageReaderTest, ClosesCarryTheirCode) {
   EXPECT_EQ(read(close_of(1000) + frame(kFin | kText, "after")).size(), 1u) << "nothing counts after a close";
 }
 
-TEST(ProtocolTest, WhatIsFramedIsReadAgain) {
+TEST(ProtocolTest, FramedMessagesRoundTrip) {
   for (const std::size_t size : {0, 125, 126, 65'535, 65'536}) {
     std::string wire = framed(Opcode::kBinary, std::string(size, 'x'));
     // A client masks; with the mask of zeros the rest stays as it is.
@@ -198,14 +198,14 @@ TEST(ProtocolTest, WhatIsFramedIsReadAgain) {
   }
 }
 
-TEST(ProtocolTest, ACloseReasonIsCutBetweenCharacters) {
+TEST(ProtocolTest, CloseReasonIsCutBetweenCharacters) {
   std::string reason(122, 'a');
   reason += "\xce\xba";
   EXPECT_EQ(framed_close(CloseCode::kPolicy, reason).size(), 2u + 2 + 122);
   EXPECT_EQ(framed_close(CloseCode::kNone, "x").size(), 2u);
 }
 
-TEST(UpgradeTest, TheKeyIsAnsweredAsTheStandardSays) {
+TEST(UpgradeTest, AcceptKeyMatchesTheStandard) {
   EXPECT_NE(upgrade_answer("dGhlIHNhbXBsZSBub25jZQ==", "p", "s")
                 .find("Sec-WebSocket-Accept: s3pPLMBiTxaQ9kYGzzhZRbK+xOo=\r\n"),
             std::string::npos);

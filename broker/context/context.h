@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <openssl/types.h>
+
+#include <atomic>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <unordered_set>
+#include <vector>
+
+#include "broker/config/config.h"
+#include "broker/context/counters.h"
+#include "common/core/log.h"
+
+namespace boost::asio {
+class io_context;
+class thread_pool;
+}  // namespace boost::asio
+
+namespace eigencast::broker {
+
+class AssetStore;
+class Backbone;
+class Connection;
+class Gate;
+class Hub;
+class Loops;
+class Ownership;
+class Recorder;
+class Turn;
+
+/// Gives the TLS context for the next connection; null: the data port is plain. New certificates are a new context,
+/// older connections keep theirs. Called on the thread of the loop that accepts.
+using TlsProvider = std::function<std::shared_ptr<SSL_CTX>()>;
+
+/// What the event loops of a broker share; outlives them. Thread-safe unless said otherwise.
+struct SharedContext {
+  boost::asio::thread_pool& disk;  ///< Runs calls that block on the disk.
+  Gate& gate;
+  AssetStore& assets;
+  Recorder& recorder;
+  Ownership& ownership;      ///< Belongs to the first loop.
+  const Backbone* backbone;  ///< Belongs to the first loop. Null: this broker stands alone.
+  LogSink log;
+  std::string version;
+  std::string session_id;
+};
+
+/// What the connections of one event loop share. Built before them, destroyed after them. Used on the loop's thread.
+struct Context : SharedContext {
+  boost::asio::io_context& loop;  ///< Any thread may post to it.
+  Config config;                  ///< As of the latest reload.
+  Hub& hub;
+  Turn& turn;    ///< Writes at the end of each turn of the loop.
+  Loops& loops;  ///< Belongs to the first loop, as senders, HTTP and the admin port do.
+  std::atomic<std::uint64_t>& last_connection_id;  ///< Of all loops.
+  /// Connections of this loop, those on their way to it included. Any thread may read it.
+  std::atomic<std::uint64_t> connection_count{0};
+  Counters counters{};
+  std::unordered_set<Connection*> connections{};  ///< Open WebSockets.
+  TimeUs started_us = 0;
+  std::function<void()> drain{};  ///< Begins to stop, as SIGTERM does.
+  bool draining = false;
+  TlsProvider tls{};
+  std::vector<std::uint8_t> read_buffer = std::vector<std::uint8_t>(64 * 1024);  ///< For the connection being read.
+};
+
+}  // namespace eigencast::broker

@@ -1,0 +1,86 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <map>
+#include <string>
+#include <utility>
+
+#include "common/core/clock.h"
+
+namespace eigencast::broker {
+
+/// Latencies in buckets, for /metrics. Belongs to the event loop.
+struct LatencyBuckets {
+  static constexpr std::array<TimeUs, 13> kUpTo{100,    250,    500,     1'000,   2'500,   5'000,    10'000,
+                                                25'000, 50'000, 100'000, 250'000, 500'000, 1'000'000};
+  void add(TimeUs us) {
+    std::size_t bucket = 0;
+    while (bucket < kUpTo.size() && us > kUpTo[bucket]) ++bucket;
+    ++counts[bucket];
+    sum_us += us;
+  }
+  LatencyBuckets& operator+=(const LatencyBuckets& other) {
+    for (std::size_t i = 0; i < counts.size(); ++i) counts[i] += other.counts[i];
+    sum_us += other.sum_us;
+    return *this;
+  }
+  std::array<std::uint64_t, kUpTo.size() + 1> counts{};  ///< The last counts those above every bound.
+  TimeUs sum_us = 0;
+};
+
+/// Event counts of one loop, for /metrics.
+struct EventCounts {
+  std::uint64_t connections_total = 0;
+  std::uint64_t connections_refused = 0;
+  std::uint64_t frames_received = 0;
+  std::uint64_t frames_refused = 0;
+  std::uint64_t frames_sent = 0;
+  std::uint64_t frame_bytes_sent = 0;
+  std::uint64_t frames_skipped = 0;
+  std::uint64_t joins_sent = 0;
+  std::uint64_t control_received = 0;
+  std::uint64_t control_sent = 0;
+  std::uint64_t slow_disconnects = 0;
+  std::uint64_t kicked = 0;
+  std::uint64_t senders_replaced = 0;
+  std::uint64_t uploads = 0;
+  std::uint64_t uploads_failed = 0;
+  std::uint64_t uploads_now = 0;
+  std::uint64_t upload_bytes = 0;
+  std::uint64_t downloads = 0;
+  std::uint64_t downloads_now = 0;
+  std::uint64_t download_bytes = 0;
+};
+
+/// Everything that a loop counts for /metrics.
+struct Counters : EventCounts {
+  /// Steps of viewers' ladders, by the rung they led to (Ladder::Step).
+  std::map<std::string, std::uint64_t> ladder_down;
+  std::map<std::string, std::uint64_t> ladder_up;
+  LatencyBuckets latency;  ///< From a pose's due time (raw keys: arrival) to its first write.
+  LatencyBuckets hold;     ///< From a key's arrival to its emission: the delay that interpolation costs.
+};
+
+/// Counts one connection in `count` while it lives.
+class ConnectionCount {
+ public:
+  ConnectionCount() = default;
+  explicit ConnectionCount(std::atomic<std::uint64_t>& count) : count_(&count) { ++count; }
+  ~ConnectionCount() { release(); }
+  ConnectionCount(ConnectionCount&& other) noexcept : count_(std::exchange(other.count_, nullptr)) {}
+  ConnectionCount& operator=(ConnectionCount&& other) noexcept {
+    std::swap(count_, other.count_);
+    return *this;
+  }
+  void release() {
+    if (auto* count = std::exchange(count_, nullptr)) --*count;
+  }
+
+ private:
+  std::atomic<std::uint64_t>* count_ = nullptr;
+};
+
+}  // namespace eigencast::broker

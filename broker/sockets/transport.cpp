@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: MIT
+#include "broker/sockets/transport.h"
+
+#include <openssl/err.h>
+#include <openssl/ssl.h>
+#include <sys/socket.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+
+#include "common/core/bytes.h"
+
+namespace eigencast::broker {
+namespace {
+
+/// Payload of one TLS record.
+constexpr std::size_t kRecordBytes = 16 * 1024;
+
+ErrorOf error_from_errno() {
+  return {errno, boost::system::system_category()};
+}
+
+bool would_block() {
+  return errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR;
+}
+
+/// The first bytes of all pieces in one span; copies only if there are several pieces.
+ByteView gathered(std::span<const iovec> pieces, std::array<std::uint8_t, kRecordBytes>& scratch) {
+  if (pieces.size() == 1) {
+    return {static_cast<const std::uint8_t*>(pieces[0].iov_base), std::min(pieces[0].iov_len, kRecordBytes)};
+  }
+  std::size_t used = 0;
+  for (const iovec& piece : pieces) {
+    const std::size_t count = std::min(piece.iov_len, kRecordBytes - used);
+    std::memcpy(scratch.data() + used, piece.iov_base, count);
+    used += count;
+  }
+  return ByteView(scratch).first(used);
+}
+
+}  // namespace
+
+void Transport::FreeTls::operator()(SSL* tls) const {
+  SSL_free(tls);
+}
+
+Transport::Transport(Socket socket, std::shared_ptr<SSL_CTX> context)
+    : socket_(std::move(socket)), tls_(SSL_new(context.get())) {
+  ErrorOf ignored;
+  socket_.native_non_blocking(true, ignored);
+  tls_failed_ = !tls_ || SSL_set_fd(tls_.get(), socket_.native_handle()) != 1;
+  if (tls_failed_) return;
+  SSL_set_mode(tls_.get(),
+               SSL_MODE_RELEASE_BUFFERS | SSL_MODE_ENABLE_PARTIAL_WRITE | SSL_MODE_ACCEPT_MOVING_WRITE_BUFFER);
+  SSL_set_accept_state(tls_.get());
+}
+
+Transport::Transport(asio::io_context& loop, Detached detached)
+    : socket_(loop.get_executor()), tls_(std::move(detached.tls_)), tls_failed_(detached.tls_failed_) {
+  ErrorOf error;
+  socket_.assign(detached.v6_ ? Tcp::v6() : Tcp::v4(), detached.socket_, error);
+  if (!error) detached.socket_ = -1;  // Otherwise every call fails and the connection ends.
+}
+
+Transport::Detached Transport::detach() {
+  ErrorOf error;
+  const bool v6 = socket_.local_endpoint(error).protocol() == Tcp::v6();
+  const int socket = socket_.release(error);
+  return Detached(error ? -1 : socket, v6, std::move(tls_), tls_failed_);
+}
+
+Transport::Detached::Detached(Detached&& other) noexcept
+    : socket_(std::exchange(other.socket_, -1)),
+      v6_(other.v6_),
+      tls_(std::move(other.tls_)),
+      tls_failed_(other.tls_failed_) {}
+
+Transport::Detached::~Detached() {
+  tls_.reset();
+  if (socket_ >= 0) ::close(socket_);
+}
+
+Transport::Outcome Transport::tls_outcome(int result) {
+  if (result > 0) return {static_cast<std::size_t>(result), Wait::kNo, {}};
+  const int number = errno;
+  const int what = SSL_get_error(tls_.get(), result);
+  if (what == SSL_ERROR_WANT_READ) return {0, Wait::kReadable, {}};
+  if (what == SSL_ERROR_WANT_WRITE) return {0, Wait::kWritable, {}};
+  const bool ended = what == SSL_ERROR_ZERO_RETURN || (what == SSL_ERROR_SYSCALL && (number == 0 || result == 0));
+  if (what != SSL_ERROR_ZERO_RETURN) tls_failed_ = true;  // Such a connection must not be shut down.
+  ERR_clear_error();
+  if (ended) return {0, Wait::kNo, asio::error::eof};
+  if (what == SSL_ERROR_SYSCALL) return {0, Wait::kNo, ErrorOf(number, boost::system::system_category())};
+  return {0, Wait::kNo, asio::error::connection_aborted};
+}
+
+Transport::Outcome Transport::shake_hands() {
+  if (tls_failed_) return {0, Wait::kNo, asio::error::connection_aborted};
+  if (!tls_) return {};
+  ERR_clear_error();
+  Outcome outcome = tls_outcome(SSL_accept(tls_.get()));
+  outcome.bytes = 0;
+  return outcome;
+}
+
+Transport::Outcome Transport::read(std::span<std::uint8_t> into) {
+  if (into.empty()) return {};
+  if (tls_) {
+    if (tls_failed_) return {0, Wait::kNo, asio::error::eof};
+    ERR_clear_error();
+    errno = 0;
+    return tls_outcome(
+        SSL_read(tls_.get(), into.data(), static_cast<int>(std::min<std::size_t>(into.size(), 1 << 30))));
+  }
+  const ssize_t count = ::recv(socket_.native_handle(), into.data(), into.size(), MSG_DONTWAIT);
+  if (count > 0) return {static_cast<std::size_t>(count), Wait::kNo, {}};
+  if (count == 0) return {0, Wait::kNo, asio::error::eof};
+  return would_block() ? Outcome{0, Wait::kReadable, {}} : Outcome{0, Wait::kNo, error_from_errno()};
+}
+
+bool Transport::has_read_ahead() const {
+  return tls_ && !tls_failed_ && SSL_pending(tls_.get()) > 0;
+}
+
+Transport::Outcome Transport::write(std::span<const iovec> pieces) {
+  if (tls_) return write_tls(pieces);
+  ssize_t count = 0;
+  if (pieces.size() == 1) {
+    // Not ::send: it is a cancellation point and doubles the cost in a multi-threaded process.
+    count =
+        ::syscall(SYS_sendto, socket_.native_handle(), pieces[0].iov_base, pieces[0].iov_len, kSendFlags, nullptr, 0);
+  } else {
+    msghdr message{};
+    message.msg_iov = const_cast<iovec*>(pieces.data());
+    message.msg_iovlen = pieces.size();
+    count = ::sendmsg(socket_.native_handle(), &message, kSendFlags);
+  }
+  if (count >= 0) return {static_cast<std::size_t>(count), Wait::kNo, {}};
+  return would_block() ? Outcome{0, Wait::kWritable, {}} : Outcome{0, Wait::kNo, error_from_errno()};
+}
+
+Transport::Outcome Transport::write_tls(std::span<const iovec> pieces) {
+  if (tls_failed_) return {0, Wait::kNo, asio::error::eof};
+  std::array<std::uint8_t, kRecordBytes> scratch;
+  ByteView bytes = gathered(pieces, scratch);
+  if (held_ > 0) bytes = bytes.first(held_);
+  if (bytes.empty()) return {};
+  ERR_clear_error();
+  errno = 0;
+  const Outcome outcome = tls_outcome(SSL_write(tls_.get(), bytes.data(), static_cast<int>(bytes.size())));
+  held_ = outcome.wait == Wait::kNo ? 0 : bytes.size();
+  return outcome;
+}
+
+void Transport::end_writing() {
+  if (tls_ && !tls_failed_ && SSL_is_init_finished(tls_.get())) {
+    SSL_shutdown(tls_.get());
+    ERR_clear_error();
+  }
+  ErrorOf ignored;
+  socket_.shutdown(Tcp::socket::shutdown_send, ignored);
+}
+
+void Transport::close() {
+  ErrorOf ignored;
+  socket_.close(ignored);
+}
+
+}  // namespace eigencast::broker

@@ -1,0 +1,154 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <openssl/types.h>
+#include <sys/socket.h>
+#include <sys/uio.h>
+
+#include <boost/asio/async_result.hpp>
+#include <boost/asio/buffer.hpp>
+#include <boost/asio/compose.hpp>
+#include <boost/asio/error.hpp>
+#include <boost/asio/post.hpp>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <span>
+#include <utility>
+
+#include "broker/sockets/net.h"
+
+namespace eigencast::broker {
+
+/// Flags of every send of WebSocket bytes. Without MSG_EOR the kernel appends to its last unsent buffer, up to half a
+/// window, regardless of TCP_NOTSENT_LOWAT; a stalled viewer would receive all of that backlog.
+inline constexpr int kSendFlags = MSG_DONTWAIT | MSG_NOSIGNAL | MSG_EOR;
+
+/// The bytes of one connection, plain or TLS: non-blocking calls for WebSockets, and an asynchronous stream over them for
+/// Beast (HTTP). TLS uses OpenSSL directly on the socket and holds no buffers while idle. SIGPIPE must be ignored by the process. Belongs to its event loop.
+class Transport {
+ public:
+  enum class Wait : std::uint8_t { kNo, kReadable, kWritable };
+  /// The result of a call: bytes moved, a reason to wait, or an error (asio::error::eof: the peer has closed).
+  struct Outcome {
+    std::size_t bytes = 0;
+    Wait wait = Wait::kNo;
+    ErrorOf error{};
+  };
+  using executor_type = Executor;
+  class Detached;
+
+  explicit Transport(Socket socket) : socket_(std::move(socket)) {}
+  /// Continues a connection that detach() took off another loop.
+  Transport(asio::io_context& loop, Detached detached);
+  /// A TLS server; call shake_hands() first, which reports errors.
+  Transport(Socket socket, std::shared_ptr<SSL_CTX> context);
+
+  executor_type get_executor() { return socket_.get_executor(); }
+  Socket& socket() { return socket_; }
+  bool is_tls() const { return tls_ != nullptr; }
+  /// Null without TLS.
+  SSL* tls() { return tls_.get(); }
+
+  /// Continues the TLS handshake; done when the outcome does not wait. Plain: done.
+  Outcome shake_hands();
+  Outcome read(std::span<std::uint8_t> into);
+  /// Whether TLS holds decrypted bytes that were read off the socket with an earlier record.
+  bool has_read_ahead() const;
+  /// Plain: writes as much as the socket takes. TLS: at most one record; the next call must begin with the same
+  /// held_bytes() bytes.
+  Outcome write(std::span<const iovec> pieces);
+  /// Leading bytes of the last write() that TLS has encrypted but not sent: they can no longer be replaced.
+  std::size_t held_bytes() const { return held_; }
+  /// Takes the connection off its loop, for another one. REQUIRES: no pending operation. *this is unusable afterwards.
+  Detached detach();
+  /// Ends writing (TLS close_notify, TCP FIN). Reading goes on.
+  void end_writing();
+  void close();
+
+  template <typename Handler>
+  void async_wait(Wait wait, Handler&& handler) {
+    const auto what = wait == Wait::kWritable ? Socket::wait_write : Socket::wait_read;
+    socket_.async_wait(what, std::forward<Handler>(handler));
+  }
+  template <typename Handler>
+  void async_handshake(Handler&& handler) {
+    asio::async_compose<Handler, void(ErrorOf)>(
+        [this](auto& self, ErrorOf error = {}) {
+          const Outcome outcome = error ? Outcome{0, Wait::kNo, error} : shake_hands();
+          if (outcome.wait != Wait::kNo) return async_wait(outcome.wait, std::move(self));
+          self.complete(outcome.error);
+        },
+        handler, socket_);
+  }
+
+  // Beast's stream requirements.
+  template <typename Buffers, typename Handler>
+  auto async_read_some(const Buffers& buffers, Handler&& handler) {
+    const asio::mutable_buffer into = *asio::buffer_sequence_begin(buffers);
+    return move_some(
+        [this, into] {
+          return read({static_cast<std::uint8_t*>(into.data()), into.size()});
+        },
+        std::forward<Handler>(handler));
+  }
+  template <typename Buffers, typename Handler>
+  auto async_write_some(const Buffers& buffers, Handler&& handler) {
+    iovec piece{nullptr, 0};  // The first non-empty buffer: callers continue with the rest.
+    for (auto it = asio::buffer_sequence_begin(buffers); it != asio::buffer_sequence_end(buffers); ++it) {
+      const asio::const_buffer from = *it;
+      if (from.size() == 0) continue;
+      piece = {const_cast<void*>(from.data()), from.size()};
+      break;
+    }
+    return move_some([this, piece] { return write({&piece, 1}); }, std::forward<Handler>(handler));
+  }
+
+ private:
+  /// Retries until `attempt` need not wait; completes on the loop, never within the call.
+  template <typename Try, typename Handler>
+  auto move_some(Try attempt, Handler&& handler) {
+    return asio::async_compose<Handler, void(ErrorOf, std::size_t)>(
+        [this, attempt, outcome = Outcome{}, posted = false](auto& self, ErrorOf error = {}) mutable {
+          if (!posted) {
+            outcome = error ? Outcome{0, Wait::kNo, error} : attempt();
+            if (outcome.wait != Wait::kNo) return async_wait(outcome.wait, std::move(self));
+            posted = true;
+            return asio::post(socket_.get_executor(), std::move(self));
+          }
+          self.complete(outcome.error, outcome.bytes);
+        },
+        handler, socket_);
+  }
+
+  struct FreeTls {
+    void operator()(SSL* tls) const;
+  };
+
+  Outcome tls_outcome(int result);
+  Outcome write_tls(std::span<const iovec> pieces);
+
+  Socket socket_;
+  std::unique_ptr<SSL, FreeTls> tls_;
+  std::size_t held_ = 0;
+  bool tls_failed_ = false;
+};
+
+/// A connection on its way from one event loop to another. Closes if it is dropped.
+class Transport::Detached {
+ public:
+  ~Detached();
+  Detached(Detached&& other) noexcept;
+  Detached& operator=(Detached&&) = delete;
+
+ private:
+  friend class Transport;
+  Detached(int socket, bool v6, std::unique_ptr<SSL, FreeTls> tls, bool tls_failed)
+      : socket_(socket), v6_(v6), tls_(std::move(tls)), tls_failed_(tls_failed) {}
+  int socket_;  ///< -1: none.
+  bool v6_;
+  std::unique_ptr<SSL, FreeTls> tls_;
+  bool tls_failed_;
+};
+
+}  // namespace eigencast::broker

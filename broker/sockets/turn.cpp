@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: MIT
+#include "broker/sockets/turn.h"
+
+#include <boost/asio/post.hpp>
+#include <utility>
+
+#include "broker/sockets/uring.h"
+
+namespace eigencast::broker {
+
+Turn::Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<void()> deliver,
+           std::function<void()> prepare)
+    : loop_(loop),
+      log_(std::move(log)),
+      deliver_(std::move(deliver)),
+      prepare_(std::move(prepare)),
+      wanted_(settings.backend),
+      gathering_(settings.gathering),
+      timer_(loop.get_executor()) {}
+
+Turn::~Turn() = default;
+
+void Turn::begin() {
+  if (wanted_ == Settings::Backend::kEpoll || ring_) return;
+  auto ring = Uring::open();
+  if (ring) {
+    ring_ = std::move(*ring);
+    return;
+  }
+  log(log_, LogLevel::kWarning, "writes go one by one, because io_uring is unavailable: " + ring.error().message);
+}
+
+const char* Turn::backend() const {
+  return ring_ ? "io_uring" : "epoll";
+}
+
+TimeUs Turn::begin_turn() {
+  now_us_ = steady_now_us();
+  arm_end();
+  return *now_us_;
+}
+
+void Turn::add(Writer& writer, bool may_wait) {
+  if (writer.queue_ == Writer::Queue::kNow || (may_wait && writer.queue_ == Writer::Queue::kTick)) return;
+  forget(writer);
+  enter(writer, may_wait ? Writer::Queue::kTick : Writer::Queue::kNow);
+  if (may_wait) {
+    arm_tick();
+  } else {
+    arm_end();
+  }
+}
+
+void Turn::enter(Writer& writer, Writer::Queue queue) {
+  auto& list = list_of(queue);
+  writer.queue_ = queue;
+  writer.slot_ = static_cast<std::uint32_t>(list.size());
+  list.push_back(&writer);
+}
+
+void Turn::forget(Writer& writer) {
+  if (writer.queue_ == Writer::Queue::kNone) return;
+  list_of(writer.queue_)[writer.slot_] = nullptr;
+  writer.queue_ = Writer::Queue::kNone;
+}
+
+void Turn::arm_end() {
+  if (std::exchange(end_armed_, true)) return;
+  asio::post(loop_, [this] { end_turn(); });
+}
+
+void Turn::end_turn() {
+  try {
+    deliver_();
+    end_armed_ = false;
+    flush_all(now_);
+  } catch (...) {  // The next turn retries, so there must be one.
+    end_armed_ = false;
+    now_us_.reset();
+    throw;
+  }
+  now_us_.reset();
+  prepare_();
+}
+
+void Turn::arm_tick() {
+  if (std::exchange(tick_armed_, true)) return;
+  timer_.expires_at(
+      std::chrono::steady_clock::time_point(std::chrono::microseconds(gathering_.next_tick_us(now_us()))));
+  timer_.async_wait([this](ErrorOf error) {
+    tick_armed_ = false;
+    if (!error) flush_all(tick_);
+  });
+}
+
+void Turn::flush_all(std::vector<Writer*>& list) {
+  // Writers with bytes left, or with new output from the others' outcomes, enter the next turn.
+  flushing_.clear();  // Left over from a failed turn.
+  flushing_.swap(list);
+  std::erase(flushing_, nullptr);
+  for (Writer* writer : flushing_) writer->queue_ = Writer::Queue::kNone;
+  if (ring_) {
+    ring_->write(flushing_);
+  } else {
+    for (Writer* writer : flushing_) writer->flush();
+  }
+  flushing_.clear();
+}
+
+}  // namespace eigencast::broker

@@ -1,0 +1,144 @@
+// SPDX-License-Identifier: MIT
+#include "broker/sockets/uring.h"
+
+#ifdef EIGENCAST_HAS_URING
+#include <liburing.h>
+#include <sys/socket.h>
+
+#include <array>
+#include <cerrno>
+#include <utility>
+#include <vector>
+#endif
+
+namespace eigencast::broker {
+
+#ifdef EIGENCAST_HAS_URING
+
+namespace {
+
+constexpr unsigned kBatch = 1024;
+
+Transport::Outcome outcome_of(int result) {
+  if (result >= 0) return {static_cast<std::size_t>(result), Transport::Wait::kNo, {}};
+  if (result == -EAGAIN || result == -EINTR) return {0, Transport::Wait::kWritable, {}};
+  return {0, Transport::Wait::kNo, ErrorOf(-result, boost::system::system_category())};
+}
+
+}  // namespace
+
+struct Uring::Ring {
+  io_uring ring{};
+  bool open = false;
+  /// One write of a batch: `count` pieces from pieces[first] on.
+  struct Write {
+    Writer* writer;
+    std::size_t first;
+    std::size_t count;
+  };
+  std::vector<Write> writes;
+  std::vector<iovec> pieces;
+  std::vector<msghdr> messages;
+
+  ~Ring() {
+    if (open) io_uring_queue_exit(&ring);
+  }
+
+  void add(Writer& writer) {
+    std::array<iovec, Writer::kMaxPieces> all;
+    const std::size_t count = writer.pieces(all);
+    if (count == 0) return;
+    writes.push_back({&writer, pieces.size(), count});
+    pieces.insert(pieces.end(), all.begin(), all.begin() + count);
+  }
+
+  void submit() {
+    messages.resize(writes.size());
+    for (std::size_t i = 0; i < writes.size(); ++i) {
+      const Write& write = writes[i];
+      io_uring_sqe* entry = io_uring_get_sqe(&ring);
+      const int socket = write.writer->plain_socket();
+      if (write.count == 1) {
+        const iovec& piece = pieces[write.first];
+        io_uring_prep_send(entry, socket, piece.iov_base, piece.iov_len, kSendFlags);
+      } else {
+        messages[i] = {};
+        messages[i].msg_iov = pieces.data() + write.first;
+        messages[i].msg_iovlen = write.count;
+        io_uring_prep_sendmsg(entry, socket, &messages[i], kSendFlags);
+      }
+      io_uring_sqe_set_data64(entry, i);
+    }
+    collect();
+  }
+
+  void collect() {
+    std::size_t outstanding = writes.size();
+    while (outstanding > 0) {
+      const int submitted = io_uring_submit_and_wait(&ring, static_cast<unsigned>(outstanding));
+      if (submitted < 0 && submitted != -EINTR && submitted != -EAGAIN && submitted != -EBUSY)
+        break;  // Not observed in practice.
+      std::array<io_uring_cqe*, 64> done;
+      while (const unsigned count = io_uring_peek_batch_cqe(&ring, done.data(), done.size())) {
+        for (unsigned i = 0; i < count; ++i) {
+          const std::size_t which = io_uring_cqe_get_data64(done[i]);
+          const int result = done[i]->res;
+          std::exchange(writes[which].writer, nullptr)->written(outcome_of(result));
+        }
+        io_uring_cq_advance(&ring, count);
+        outstanding -= count;
+      }
+    }
+    for (const Write& write : writes) {  // Their outcome is unknown.
+      if (write.writer != nullptr) write.writer->written({0, Transport::Wait::kNo, asio::error::connection_aborted});
+    }
+    writes.clear();
+    pieces.clear();
+  }
+};
+
+Uring::Uring(std::unique_ptr<Ring> ring) : ring_(std::move(ring)) {}
+Uring::~Uring() = default;
+
+Result<std::unique_ptr<Uring>> Uring::open() {
+  io_uring_params params{};
+  params.flags = IORING_SETUP_SINGLE_ISSUER | IORING_SETUP_COOP_TASKRUN | IORING_SETUP_CQSIZE;
+  params.cq_entries = 4 * kBatch;
+  auto ring = std::make_unique<Ring>();
+  if (const int error = io_uring_queue_init_params(kBatch, &ring->ring, &params); error < 0) {
+    return fail(ErrorCode::kUnsupported, "the kernel refuses it: " + std::generic_category().message(-error));
+  }
+  ring->open = true;
+  ring->pieces.reserve(kBatch + Writer::kMaxPieces);
+  return std::unique_ptr<Uring>(new Uring(std::move(ring)));
+}
+
+void Uring::write(std::span<Writer* const> writers) {
+  for (Writer* writer : writers) {
+    if (writer->plain_socket() < 0) {
+      writer->flush();
+      continue;
+    }
+    ring_->add(*writer);
+    if (ring_->writes.size() == kBatch) ring_->submit();
+  }
+  if (!ring_->writes.empty()) ring_->submit();
+}
+
+#else
+
+struct Uring::Ring {};
+Uring::Uring(std::unique_ptr<Ring> ring) : ring_(std::move(ring)) {}
+Uring::~Uring() = default;
+
+Result<std::unique_ptr<Uring>> Uring::open() {
+  return fail(ErrorCode::kUnsupported, "this program was built without liburing");
+}
+
+void Uring::write(std::span<Writer* const> writers) {
+  for (Writer* writer : writers) writer->flush();
+}
+
+#endif
+
+}  // namespace eigencast::broker

@@ -1,0 +1,31 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <memory>
+#include <span>
+
+#include "broker/sockets/turn.h"
+#include "common/core/result.h"
+
+namespace eigencast::broker {
+
+/// Writes for many connections with few system calls: a batch of non-blocking sends is complete when the call returns.
+/// Belongs to the thread that made it.
+class Uring {
+ public:
+  /// Errors: kUnsupported (built without it, or the kernel refuses it).
+  static Result<std::unique_ptr<Uring>> open();
+  ~Uring();
+  Uring(const Uring&) = delete;
+  Uring& operator=(const Uring&) = delete;
+
+  /// Flushes all writers, those with a plain socket in batches.
+  void write(std::span<Writer* const> writers);
+
+ private:
+  struct Ring;
+  explicit Uring(std::unique_ptr<Ring> ring);
+  std::unique_ptr<Ring> ring_;
+};
+
+}  // namespace eigencast::broker
