@@ -100,16 +100,7 @@ class Headless {
     if (!flight_began_us_) flight_began_us_ = steady_now_us();
     const unsigned target = renderer_->offscreen_target(options_.width, options_.height);
     session_->draw(*renderer_, camera_, options_.style, options_.width, options_.height, target);
-    if (overlay_) {
-      OverlayContent content;
-      content.figures = hud_lines(session_->figures());
-      const Session::Status status = session_->status();
-      content.connection = status.line;
-      content.connected = session_->is_connected();
-      content.banner = status.banner;
-      content.legend = session_->legend();
-      overlay_->draw(content, options_.width, options_.height, target);
-    }
+    if (overlay_) overlay_->draw(session_->overlay_content(), options_.width, options_.height, target);
     session_->finish_picture(true);
     ++taken_;
     if (options_.out.empty()) return {};

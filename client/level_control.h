@@ -25,7 +25,7 @@ struct LevelSettings {
   /// for a rate without a display.
   double deadline = 1;
   double floor = 0.02;  ///< Smallest part of its vertices that a surface keeps.
-  /// Of the paper's resolver: distances at which G (Eq. 5) is 1 and 0. Default: 0, and four radii of the scene.
+  /// For the paper's resolver: distances at which G (Eq. 5) is 1 and 0. Default: 0, and four radii of the scene.
   std::optional<double> near, far;
 };
 

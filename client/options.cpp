@@ -23,7 +23,7 @@ constexpr const char* kExamples =
 eigencast-client ws://localhost:7490/demo               # the stream "demo" of a broker on this machine
 eigencast-client ws://host:7490/heart --lod 0.3         # three tenths of the vertices
 eigencast-client ws://host:7490/heart --rate raw --playout interpolate
-eigencast-client wss://host/heart --token @FILE         # a broker that asks who comes
+eigencast-client wss://host/heart --token @FILE         # a broker that wants a token
 eigencast-client view horse.obj                         # a file, without a broker
 eigencast-client view frames --watch                    # a folder that is being written
 eigencast-client --headless --frames 90 --out pictures  # no display needed

@@ -256,6 +256,17 @@ HudFigures Session::figures() const {
   return f;
 }
 
+OverlayContent Session::overlay_content() const {
+  OverlayContent content;
+  content.figures = hud_lines(figures());
+  const Status now = status();
+  content.connection = now.line;
+  content.banner = now.banner;
+  content.connected = is_connected();
+  content.legend = legend();
+  return content;
+}
+
 Session::Status Session::status() const {
   std::optional<TimeUs> since;
   if (const auto newest = newest_arrival_us(connections_.troubled())) since = steady_now_us() - *newest;

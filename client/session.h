@@ -17,6 +17,7 @@
 #include "client/scene_colours.h"
 #include "client/work_clock.h"
 #include "view/camera.h"
+#include "view/overlay.h"
 #include "view/rebuilder_choice.h"
 #include "view/renderer.h"
 #include "view/scene.h"
@@ -63,6 +64,8 @@ class Session final {
   LevelControl& levels() { return levels_; }
   const LevelControl& levels() const { return levels_; }
   HudFigures figures() const;
+  /// Figures, connection, banner and legend.
+  OverlayContent overlay_content() const;
   /// The connections' state; the banner may be empty.
   struct Status {
     std::string line, banner;

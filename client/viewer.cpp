@@ -139,16 +139,12 @@ bool Viewer::content_changed(TimeUs now_us) {
 }
 
 OverlayContent Viewer::overlay_content() const {
-  OverlayContent content;
-  if (const HudFigures figures = session_->figures(); state_.hud && figures.vertices_total > 0)
-    content.figures = hud_lines(figures);
+  OverlayContent content = session_->overlay_content();
+  if (!state_.hud || session_->figures().vertices_total == 0) content.figures.clear();
+  if (!state_.style.legend) content.legend.reset();
+  if (steady_now_us() < notice_until_us_) content.banner = notice_;
   if (state_.panel) content.left_px = panel_width(overlay_->scale());
-  const Session::Status status = session_->status();
-  content.connection = status.line;
-  content.connected = session_->is_connected();
-  content.banner = steady_now_us() < notice_until_us_ ? notice_ : status.banner;
   content.paused = state_.paused;
-  if (state_.style.legend) content.legend = session_->legend();
   if (state_.help) content.help = help_lines(state_, camera_, session_->scene().lod(), session_->levels().kind());
   return content;
 }

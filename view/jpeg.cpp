@@ -5,6 +5,7 @@
 #include <csetjmp>
 #include <cstddef>
 #include <cstdio>
+#include <optional>
 // After cstdio, which it needs.
 #include <jpeglib.h>
 
@@ -35,31 +36,23 @@ void count_scans(j_common_ptr image) {
     std::longjmp(reinterpret_cast<DecoderState*>(image->err)->exit, kEndless);
 }
 
-enum class Outcome { kRead, kCorrupt, kTooLarge, kUnsupported };
-
 struct Destroyer {
   jpeg_decompress_struct& image;
   ~Destroyer() { jpeg_destroy_decompress(&image); }
 };
 
 /// Holds nothing that needs destruction: errors jump over it.
-Outcome decode(std::span<const std::uint8_t> bytes, jpeg_decompress_struct& image, DecoderState& state,
-               Picture& picture) {
-  switch (setjmp(state.exit)) {
-    case kBroken:
-      return Outcome::kCorrupt;
-    case kEndless:
-      return Outcome::kTooLarge;
-    default:
-      break;
-  }
+std::optional<ErrorCode> decode(std::span<const std::uint8_t> bytes, jpeg_decompress_struct& image, DecoderState& state,
+                                Picture& picture) {
+  if (const int exit = setjmp(state.exit); exit != 0)
+    return exit == kEndless ? ErrorCode::kTooLarge : ErrorCode::kCorrupt;
   jpeg_create_decompress(&image);
   jpeg_mem_src(&image, bytes.data(), static_cast<unsigned long>(bytes.size()));
   jpeg_read_header(&image, TRUE);
   if (image.image_width > kMaxSide || image.image_height > kMaxSide ||
       std::size_t{image.image_width} * image.image_height > kMaxPixels)
-    return Outcome::kTooLarge;
-  if (image.jpeg_color_space == JCS_CMYK || image.jpeg_color_space == JCS_YCCK) return Outcome::kUnsupported;
+    return ErrorCode::kTooLarge;
+  if (image.jpeg_color_space == JCS_CMYK || image.jpeg_color_space == JCS_YCCK) return ErrorCode::kUnsupported;
   image.out_color_space = JCS_RGB;
   image.progress = &state.progress;
   jpeg_start_decompress(&image);
@@ -71,7 +64,7 @@ Outcome decode(std::span<const std::uint8_t> bytes, jpeg_decompress_struct& imag
     jpeg_read_scanlines(&image, &row, 1);
   }
   jpeg_finish_decompress(&image);
-  return Outcome::kRead;
+  return std::nullopt;
 }
 
 }  // namespace
@@ -85,16 +78,12 @@ Result<Picture> read_jpeg_bytes(std::span<const std::uint8_t> bytes, const std::
   state.progress.progress_monitor = count_scans;
   Picture picture;
   const Destroyer destroyer{image};
-  switch (decode(bytes, image, state, picture)) {
-    case Outcome::kRead:
-      return picture;
-    case Outcome::kTooLarge:
-      return fail(ErrorCode::kTooLarge, name + ": over 16,384 pixels on a side, 134 million, or 200 scans");
-    case Outcome::kUnsupported:
-      return fail(ErrorCode::kUnsupported, name + ": a JPEG in colours of print (CMYK); save it in RGB");
-    case Outcome::kCorrupt:
-      break;
-  }
+  const std::optional<ErrorCode> failed = decode(bytes, image, state, picture);
+  if (!failed) return picture;
+  if (failed == ErrorCode::kTooLarge)
+    return fail(*failed, name + ": over 16,384 pixels on a side, 134 million, or 200 scans");
+  if (failed == ErrorCode::kUnsupported)
+    return fail(*failed, name + ": a JPEG in colours of print (CMYK); save it in RGB");
   return fail(ErrorCode::kCorrupt, name + ": " + state.message.data());
 }
 

@@ -14,7 +14,7 @@ namespace eigencast {
 namespace {
 
 constexpr float kRowGap = 0.12F;    // between surfaces of a row, of the wider one; and between rows
-constexpr std::size_t kMaxRow = 6;  // of surfaces that stand in one alone
+constexpr std::size_t kMaxRow = 6;  // more surfaces take several rows
 
 struct SceneBox {
   glm::vec3 low{std::numeric_limits<float>::max()}, high{std::numeric_limits<float>::lowest()};

@@ -30,7 +30,7 @@ class Editor {
   std::span<const Vec3> rest() const { return rest_; }
   bool is_chosen(std::size_t handle) const { return chosen_[handle] != 0; }
   std::size_t chosen_count() const;
-  /// Of the handles to edit; during a gesture as of begin().
+  /// Box and centre of the handles to edit; during a gesture as of begin().
   Box box() const;
   Vec3 centre() const;
 

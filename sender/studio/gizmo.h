@@ -17,7 +17,7 @@ inline constexpr float kReachPx = 12;  ///< Radius within which the mouse takes 
 
 glm::vec3 glm_from(const Vec3& p);
 
-/// Of the handles within kReachPx the one nearest to the camera.
+/// The handle nearest to the camera within kReachPx of the mouse.
 std::optional<std::uint32_t> handle_at(const Camera& camera, std::span<const Vec3> handles, const glm::vec2& mouse);
 /// The handles within a rectangle of the picture, hidden ones included.
 std::vector<std::uint32_t> handles_within(const Camera& camera, std::span<const Vec3> handles, const glm::vec2& corner,

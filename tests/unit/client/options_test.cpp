@@ -13,7 +13,7 @@ namespace eigencast {
 namespace {
 
 std::variant<ClientOptions, ExitNow> parsed(std::vector<const char*> arguments) {
-  ::setenv("XDG_CONFIG_HOME", "/nonexistent", 0);  // The contexts of whoever runs the tests are not theirs.
+  ::setenv("XDG_CONFIG_HOME", "/nonexistent", 0);  // Tests do not use the contexts of the user who runs them.
   arguments.insert(arguments.begin(), "eigencast-client");
   return options_from_command_line(static_cast<int>(arguments.size()), arguments.data());
 }
@@ -80,7 +80,7 @@ TEST(Options, CredentialsComeFromFlagsUrlAndContexts) {
   ::unsetenv("EIGENCAST_TOKEN");
   const auto others =
       options({"--token", "t", "--cert", "c", "--key", "k", "--ca", "ca", "--insecure", "ws://a/x", "ws://b/x"});
-  EXPECT_EQ(others.credentials[1].certificate_file + others.credentials[1].key_file, "") << "who one is";
+  EXPECT_EQ(others.credentials[1].certificate_file + others.credentials[1].key_file, "") << "one's identity";
   EXPECT_FALSE(others.credentials[1].insecure);
   EXPECT_EQ(others.credentials[1].ca_file, "ca") << "whom one trusts";
   ::unsetenv("XDG_CONFIG_HOME");

@@ -44,7 +44,7 @@ TEST(WantedFrom, TellsStreamsFilesAndScenesApart) {
   EXPECT_EQ(wanted_from(" wss://host/a\n").what, "wss://host/a");
   EXPECT_EQ(wanted_from("http://host:7490/a").kind, Wanted::Kind::kStream);
   EXPECT_EQ(wanted_from("WS://host/a").kind, Wanted::Kind::kStream);
-  EXPECT_EQ(wanted_from("ftp://host/a").kind, Wanted::Kind::kStream) << "so that it is told which schemes there are";
+  EXPECT_EQ(wanted_from("ftp://host/a").kind, Wanted::Kind::kStream) << "so that opening it names the known schemes";
   EXPECT_EQ(wanted_from("file:///tmp/a.obj").kind, Wanted::Kind::kClip);
   EXPECT_EQ(wanted_from("\"/tmp/my mesh.obj\"").what, "file:/tmp/my mesh.obj");
   EXPECT_EQ(wanted_from("heart").what, "file:heart");
@@ -342,7 +342,7 @@ TEST(OpenedLater, TokenGoesToItsBrokerOnly) {
   EXPECT_EQ(token("file:heart"), "");
   EXPECT_EQ(token("no URL"), "");
   const Credentials own = credentials_for("wss://lab:7490/horse?access_token=mine", streams, credentials);
-  EXPECT_EQ(own.token, "") << "the URL's own stands";
+  EXPECT_EQ(own.token, "") << "the URL's own wins";
   EXPECT_EQ(own.ca_file, "lab.pem");
 }
 

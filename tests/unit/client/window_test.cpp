@@ -91,7 +91,7 @@ class TheWindow : public ::testing::Test {
 
 TEST_F(TheWindow, WelcomeOpensADemo) {
   EXPECT_EQ(run([&] {
-              // Down the card's buttons, wherever its fonts put them: the first that is hit is the first demo.
+              // Down the buttons, wherever the fonts put them: the first that is hit is the first demo.
               for (int y = 100; y < 300 && opened().empty(); y += 8) {
                 xdotool("mousemove 200 " + std::to_string(y) + " click 1");
                 std::this_thread::sleep_for(std::chrono::milliseconds(120));
@@ -182,7 +182,7 @@ TEST_F(TheWindow, DrawsOnlyWhenSomethingHasChanged) {
             kExitGood);
   const auto report = nlohmann::json::parse(std::ifstream(options_.json));
   EXPECT_GE(report["frames_out"]["drawn"], 3);
-  EXPECT_LE(report["frames_out"]["drawn"], 60) << "figures change four times a second, and the surface stands still";
+  EXPECT_LE(report["frames_out"]["drawn"], 60) << "figures change four times a second, and the surface does not move";
 }
 
 /// The picture of key S.
@@ -201,7 +201,7 @@ TEST_F(TheWindow, TextsAndLinesFollowTheDisplay) {
   options_.settings = "";
   options_.style_given = options_.style.wireframe = true;
   const auto start = std::filesystem::current_path();
-  std::map<int, double> card, lines;
+  std::map<int, double> box, lines;
   for (const int dpi : {96, 192}) {
     ASSERT_TRUE(testing::set_display_density(display_.name(), dpi));
     const std::string folder = folder_.file(std::to_string(dpi));
@@ -217,14 +217,14 @@ TEST_F(TheWindow, TextsAndLinesFollowTheDisplay) {
               kExitGood);
     std::filesystem::current_path(start);
     ASSERT_EQ(picture.rgb.size(), 3u * 720 * 560);
-    // The card of the connection is dark on a light floor, and as wide there as its padding; the lines are of clay.
-    for (int y = 400; y < 560; ++y) card[dpi] += picture.pixel(16 * dpi / 96, y)[0] < 110 ? 1 : 0;
+    // The box of the connection is dark on a light floor, and as wide there as its padding; the lines are of clay.
+    for (int y = 400; y < 560; ++y) box[dpi] += picture.pixel(16 * dpi / 96, y)[0] < 110 ? 1 : 0;
     for (int y = 0; y < 560; ++y) {
       for (int x = 0; x < 720; ++x) lines[dpi] += testing::is_clay(picture.pixel(x, y)) ? 1 : 0;
     }
   }
-  EXPECT_NEAR(card[96], 31, 4);
-  EXPECT_NEAR(card[192] / card[96], 2, 0.2);
+  EXPECT_NEAR(box[96], 31, 4);
+  EXPECT_NEAR(box[192] / box[96], 2, 0.2);
   EXPECT_GT(lines[96], 1000);
   EXPECT_GT(lines[192], 1.4 * lines[96]);
 }

@@ -131,7 +131,7 @@ class GpuRebuilders : public testing::OffscreenPictures {
     std::uint32_t rank = asset.rank;
     while (rank > 1 && C[3 * rank - 1] == 0 && C[3 * rank - 2] == 0 && C[3 * rank - 3] == 0) --rank;
     const testing::CoefficientRounding rounding(asset, drawn.reconstructor().tiles(), C, 3, rank);
-    // Rows of a pose that stands were rounded when fewer rows were there, which the unit depends on.
+    // Rows of an unchanged pose were rounded when there were fewer rows, which the unit depends on.
     if (!std::equal(C.begin(), C.end(), pose_.begin(), pose_.end())) roundings_.clear();
     pose_.assign(C.begin(), C.end());
     const LevelMorph& morph = drawn.morph();

@@ -123,7 +123,7 @@ TEST(LevelMorphs, DurationFollowsTheWayOnTheScreen) {
     morph.jump(10);
     morph.advance(10, 0);
     morph.advance(14, kFrame, MorphPace::of(pixels));
-    EXPECT_EQ(morph.whole(), 14u) << "less than half a pixel is no way";
+    EXPECT_EQ(morph.whole(), 14u) << "less than half a pixel takes no time";
     morph.advance(6, 2 * kFrame, MorphPace::of(pixels));
     EXPECT_EQ(morph.drawn(), 6u);
   }
@@ -201,7 +201,7 @@ TEST(LevelMorphs, NewVerticesChangeNothingAtFirst) {
   }
 }
 
-/// The heart in a pose that stands still.
+/// The heart in one pose.
 struct PausedHeart {
   explicit PausedHeart(bool morph = true) : source(baked_heart()), view({.playout = {}, .morph = morph}) {
     view.receive(source, {testing::heart_pose(0.3, now)});

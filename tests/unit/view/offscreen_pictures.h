@@ -39,7 +39,7 @@ inline bool is_clay(const std::uint8_t* pixel) {
   return pixel[0] > pixel[2] + 28;
 }
 
-/// Of all channels, of 255; `largest`, where given, grows to the largest of them.
+/// Over all channels, of 255; `largest`, if given, grows to the largest of them.
 inline double mean_difference(const Picture& a, const Picture& b, int* largest = nullptr) {
   double sum = 0;
   for (std::size_t i = 0; i < a.rgb.size(); ++i) {

@@ -137,7 +137,7 @@ TEST_F(SurfaceViews, NewAssetStartsAtItsRestPose) {
   source_.info_->asset = "a";
   source_.batches.push_back({sphere_pose(source_.asset_, 1, 1000, 0.5)});
   turn(1000);
-  source_.info_->epoch = 2;  // announced; its surface is on its way
+  source_.info_->epoch = 2;  // announced; its surface has not arrived
   source_.info_->asset = "b";
   EXPECT_FALSE(turn(2000)) << "the old surface stays";
   EXPECT_NEAR(height(), 0.5, 0.01);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Surfaces drawn with an image: which place a corner has at each level, what is decoded, what is seen.
+// Surfaces drawn with an image: the UV of a corner at each level, what is decoded, what is seen.
 #include <gtest/gtest.h>
 
 #include <algorithm>
