@@ -10,8 +10,8 @@
 
 namespace eigencast {
 
-/// How what a basis leaves out of the rest pose comes back in other poses. With b_i where the basis puts a vertex and
-/// d_i what is missing there at rest, in a pose
+/// How other poses get back what the basis leaves out of the rest pose. In a pose, with b_i the position that the basis
+/// gives vertex i and d_i what is missing there at rest:
 enum class DetailKind {
   kNone,
   kNormal,  ///< x_i = b_i + (d_i . n_i at rest) n_i, along the normal of what the basis holds: the paper's.

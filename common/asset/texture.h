@@ -10,8 +10,7 @@
 
 namespace eigencast {
 
-/// Where the image of a surface lies on its faces. A wedge is a place in the image that a vertex has; along seams it
-/// has several. Wedges are numbered by vertex, and contract as vertices do: with the first N vertices a corner has the
+/// How an image lies on the faces of a surface. A wedge is a UV of a vertex; along seams a vertex has several. Wedges are numbered by vertex, and contract as vertices do: with the first N vertices a corner has the
 /// wedge that is found from its own by following `parent` until it is below first_wedge[N], and that is a wedge of the
 /// vertex that the corner then has. So both sides of a seam stay apart at every level.
 struct AssetTexture {
@@ -21,9 +20,9 @@ struct AssetTexture {
   std::vector<std::uint32_t> first_wedge;         ///< n + 1.
   std::vector<std::array<std::uint16_t, 2>> uvs;  ///< W: on a grid of 65535 steps from low to high (65534: high).
   std::array<float, 2> low{0, 0}, high{1, 1};
-  std::vector<std::uint32_t> parent;  ///< W: a wedge of map[i] for those of i >= q; itself below q.
-  std::vector<std::array<std::uint32_t, 3>> corners;       ///< F: the wedges of each face's corners.
-  Bytes image;                        ///< A PNG or JPEG file.
+  std::vector<std::uint32_t> parent;                  ///< W: a wedge of map[i] for those of i >= q; itself below q.
+  std::vector<std::array<std::uint32_t, 3>> corners;  ///< F: the wedges of each face's corners.
+  Bytes image;                                        ///< A PNG or JPEG file.
 
   /// In the image: (0, 0) is the upper left corner of its first pixel, (1, 1) the lower right one of its last; beyond
   /// it repeats.

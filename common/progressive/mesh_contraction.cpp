@@ -85,8 +85,8 @@ class MeshContraction {
     }
   }
 
-  // Contracts vertices on boundaries that lie at the same place: they are seams, or a soup of triangles of which each has
-  // its own corners. Nothing changes to the eye, and afterwards there is a surface to contract.
+  // Contracts vertices on boundaries that lie at the same position: they are seams, or a soup of triangles of which each has
+  // its own corners. Nothing visible changes, and the result is a surface.
   void weld() {
     const auto first = first_at_position(x_);
     std::vector<bool> on_boundary(x_.size());
@@ -172,7 +172,7 @@ class MeshContraction {
 
   void contract_all(Rules rules, std::size_t goal) {
     rules_ = rules;
-    // A contraction can make another legal two edges away, which nobody looks at then: hence the rounds.
+    // A contraction can make another legal two edges away, which is not considered again: hence the rounds.
     for (bool progress = true; progress && alive_count_ > goal && !unwanted_;) {
       queue_ = {};
       for (std::uint32_t v = 0; v < x_.size() && !unwanted_; ++v) {
@@ -207,7 +207,7 @@ class MeshContraction {
     return any;
   }
 
-  // Puts the cheapest legal contraction of u in the queue, in place of the one that was there.
+  // Puts the cheapest legal contraction of u in the queue, instead of its earlier one.
   void consider(std::uint32_t u) {
     ++version_[u];
     gather_neighbours(u, around_from_);

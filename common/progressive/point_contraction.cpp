@@ -76,7 +76,7 @@ class PointContraction {
 
   // Planes through p that hold the direction across e = p - p_i within the tangent plane (Pauly, Gross, Kobbelt 2002,
   // "Efficient simplification of point-sampled surfaces"), and p itself, weighed as they are: planes alone let a point
-  // stand for a long piece of a limb, for which it is drawn as a disc that is as long, and larger than the limb.
+  // represent a long piece of a limb, as a disc that is as long, and wider than the limb.
   void make_quadrics() {
     for (std::uint32_t p = 0; p < x_.size() && !unwanted_; ++p) {
       if (!alive_[p] || links_[p].empty()) continue;

@@ -95,7 +95,7 @@ class SignedSets {
     first.all += second.all;
   }
 
-  /// Of a root: whether it is seen which way its normal should look.
+  /// Of a root: whether its outward side is known.
   bool decided(std::uint32_t root) const { return is_clear(votes_[root]); }
   bool looks_inwards(std::uint32_t root) const { return votes_[root].along < 0; }
 
@@ -122,8 +122,8 @@ Edge edge_between(std::span<const Vec3> positions, std::span<const Vec3> normals
   return {1 - std::abs(agreement), std::min(a, b), std::max(a, b), agreement < 0};
 }
 
-/// Whether most normals at the set's outermost points look inwards; where that is even, as on a sheet, whether the
-/// highest looks down.
+/// Whether most normals at the set's outermost points point inwards; where that is even, as on a sheet, whether the
+/// highest points down.
 bool looks_inwards(std::span<const Vec3> positions, std::span<const Vec3> normals, std::span<const std::uint32_t> set) {
   double outwards = 0;
   bool first = true;

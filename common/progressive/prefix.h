@@ -28,7 +28,7 @@ struct PrefixOrder {
   std::vector<std::uint32_t> face_source;  ///< One per face: its number in the source.
 };
 
-/// Of an order that nobody calls off.
+/// For an order that is never cancelled.
 inline const std::atomic<bool> kWanted = false;
 
 /// Half-edge contraction with quadrics (Garland & Heckbert 1997, "Surface Simplification Using Quadric Error Metrics"):
@@ -49,10 +49,10 @@ inline const std::atomic<bool> kWanted = false;
 /// Errors: kInvalidArgument (no vertices, an index out of range, a coordinate that is not finite), kTooLarge.
 ///   seams  edges (vertices, the lower one first; ascending) that are kept as boundaries are: of texture coordinates,
 ///          say
-///   poses  of a mesh: others (n each) that its levels are to look like, too. What bends in them keeps its vertices,
+///   poses  of a mesh: others (n each) that its levels approximate, too. What bends in them keeps its vertices,
 ///          and faces show their side in all (Mohr & Gleicher 2003, "Deformation sensitive decimation"). Takes 100
 ///          bytes a vertex for each
-///   unwanted  set by another thread: an order comes soon then, whose base is as large as it happens to be
+///   unwanted  set by another thread: cancels, and an order with a larger base is returned soon
 /// REQUIRES: the poses are of the surface's size, and finite.
 Result<PrefixOrder> build_prefix_order(const Surface& surface,
                                        std::span<const std::pair<std::uint32_t, std::uint32_t>> seams = {},
@@ -62,7 +62,7 @@ Result<PrefixOrder> build_prefix_order(const Surface& surface,
 /// Number of faces that exist with N vertices. O(log F). REQUIRES: N <= n.
 std::uint32_t prefix_face_count(std::span<const std::uint32_t> death, std::uint32_t N);
 
-/// The corner that stands for vertex `a` with N vertices: follows map until it is below N. REQUIRES: base_count <= N.
+/// The vertex that represents vertex `a` with N vertices: follows map until it is below N. REQUIRES: base_count <= N.
 std::uint32_t prefix_corner(std::span<const std::uint32_t> map, std::uint32_t a, std::uint32_t N);
 
 }  // namespace eigencast

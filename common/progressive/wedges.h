@@ -11,12 +11,12 @@
 
 namespace eigencast {
 
-/// A place in an image, on a grid.
+/// Texture coordinates on a grid.
 using GridUv = std::array<std::uint16_t, 2>;
 /// Of the three corners of a face.
 using CornerUvs = std::array<GridUv, 3>;
 
-/// Places of the vertices along a prefix order: see AssetTexture, whose arrays these are.
+/// UVs of the vertices along a prefix order: the arrays of AssetTexture.
 struct WedgeOrder {
   std::vector<std::uint32_t> first_wedge;
   std::vector<GridUv> uvs;

@@ -10,8 +10,8 @@
 
 namespace eigencast {
 
-/// The look of a surface. Corners, because one vertex may have several texture coordinates where
-/// the file has a seam. Empty arrays: not stated.
+/// Colours and textures of a surface, as its file states them. By corner where a seam gives one vertex several texture
+/// coordinates. Empty arrays: not stated.
 struct Appearance {
   struct Image {
     std::string name;
@@ -32,11 +32,11 @@ struct Appearance {
 };
 
 /// One colour for each vertex, sRGB, in the surface's order: its own, or the mean (of light) over its corners of the
-/// corner's colour times its material's. Textures are no part of it. Empty where the file states no colours, or nothing
-/// but one grey.
+/// corner's colour times its material's. Textures do not count. Empty where the file states no colours, or one grey
+/// alone.
 std::vector<std::array<std::uint8_t, 3>> stated_colours(const Surface& surface, const Appearance& appearance);
 
-/// The transfer of sRGB (IEC 61966-2-1), parts of 0 to 1.
+/// The transfer function of sRGB (IEC 61966-2-1), of 0 to 1.
 float linear_from_srgb(float part);
 float srgb_from_linear(float part);
 

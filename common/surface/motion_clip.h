@@ -12,7 +12,7 @@
 
 namespace eigencast {
 
-/// Frames of a clip that readers let through.
+/// Readers refuse clips of more frames.
 inline constexpr std::size_t kMaxClipFrames = 1'000'000;
 
 /// A deforming surface of constant topology: its rest pose and its poses over time.
@@ -23,9 +23,9 @@ class MotionClip {
   virtual ~MotionClip() = default;
   /// Topology and the pose that the asset is baked from.
   virtual const Surface& rest() const = 0;
-  /// Number of poses in one turn.
+  /// Number of poses in one loop.
   virtual std::size_t frame_count() const = 0;
-  /// Poses a second that the source states or, where it states none, 30.
+  /// Poses a second: what the source states, else 30.
   virtual double frame_rate_hz() const = 0;
   /// The vertex positions of pose `frame` (n x 3), in the order of rest(). REQUIRES: frame < frame_count().
   /// Errors: kIo, kCorrupt; kInvalidArgument when the topology differs from rest(), naming the frame and the
@@ -40,7 +40,7 @@ class MotionClip {
   }
   /// Where the clip comes from, for people.
   virtual std::string name() const = 0;
-  /// What opening it did that its user should know, a line each: seams welded, parts left out.
+  /// What opening it changed, for its user, a line each: seams welded, parts left out.
   virtual std::vector<std::string> notes() const { return {}; }
   /// Skin and morph targets, where the source has them; else null. Lives as long as the clip.
   virtual const Rig* rig() const { return nullptr; }

@@ -14,7 +14,7 @@ namespace eigencast {
 using Vec3 = std::array<double, 3>;
 using Face = std::array<std::uint32_t, 3>;
 
-/// What readers and validate_surface let through.
+/// Readers and validate_surface refuse more.
 inline constexpr std::size_t kMaxSurfaceVertices = 16'000'000;
 inline constexpr std::size_t kMaxSurfaceFaces = 32'000'000;
 

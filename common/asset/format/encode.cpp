@@ -24,7 +24,7 @@ namespace {
 
 constexpr std::size_t kWeighedBytes = std::size_t{1} << 20;  // of a tile, up to which both ways of storing it are tried
 
-/// Moves each corner to the vertex that stands for it with N vertices.
+/// Moves each corner to the vertex that represents it with N vertices.
 void move_to_level(std::span<const std::uint32_t> map, std::uint32_t N, std::span<Corners> faces) {
   for (Corners& face : faces) {
     for (std::uint32_t& corner : face) {
@@ -100,8 +100,7 @@ class Encoder {
 
   std::size_t bands() const { return asset_.band_ends.size(); }
 
-  /// Of each chunk each band. The last of them are the largest and begin first, so that no thread is left alone with
-  /// one.
+  /// Of each chunk each band. The last are the largest and begin first, so that no thread ends alone with one.
   std::vector<NewTile> basis_tiles(std::span<const std::uint32_t> ends) const {
     std::vector<Predictors> predictors;
     for (std::size_t c = 0; c < ends.size(); ++c) {

@@ -51,7 +51,7 @@ struct SectionEntry {
   Sha256 id;
 };
 
-/// The first object of an asset, whose hash is the asset's id: all that is needed to check and place the others.
+/// The first object of an asset; its hash is the asset's id. It holds all that is needed to check the other objects.
 struct Manifest {
   AssetFacts facts;
   std::uint32_t exact_columns = 0;

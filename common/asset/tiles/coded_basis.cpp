@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// coded basis tile  the float32 columns, then the int16 ones, column by column, each row by row: what is left of an
+// coded basis tile  the float32 columns, then the int16 ones, column by column, each row by row: the residual of an
 //                   entry beside what the rows before it foretell, as a size and a sign. The specification is
 //                   docs/asset-format.md.
 #include <algorithm>
@@ -64,12 +64,12 @@ class FloatModel {
     return static_cast<float>(std::clamp(sum / weights, -kLargest, kLargest));
   }
 
-  std::vector<int> level_;  // of a row: how large in binary what was left of its last entry is, as an exponent
+  std::vector<int> level_;  // of a row: binary exponent of its last residual
   std::array<SignedModel, 40> contexts_;
 };
 
 /// The integer entries of a tile. Rows that are hard to foretell are so in every column: how large a residual will be
-/// is told by those that the row has had, times what this column's have been beside that.
+/// is predicted by those that the row has had, times what this column's have been beside that.
 class ResidualModel {
  public:
   explicit ResidualModel(std::size_t rows) : of_row_(rows, 2 * kOne) {}

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // colour tile  three planes of a byte for each row: green, red less green, blue less green, each less the same of the
-//              row that it is told from, modulo 256. The specification is docs/asset-format.md.
+//              row that predicts it, modulo 256. The specification is docs/asset-format.md.
 #include "common/asset/tiles/colour_tile.h"
 
 #include <cassert>
@@ -18,7 +18,7 @@ Colour joined(const Colour& parts) {
   return {static_cast<std::uint8_t>(parts[1] + parts[0]), parts[0], static_cast<std::uint8_t>(parts[2] + parts[0])};
 }
 
-/// The row that `row` is told from; nothing before the first.
+/// The colour that predicts `row`; null for the first.
 const Colour* predicting_colour(std::uint32_t row, std::uint32_t parent, std::span<const Colour> earlier,
                                 std::span<const Colour> here, std::uint32_t first_row) {
   const std::uint32_t from = parent < row ? parent : row - 1;

@@ -15,7 +15,7 @@ std::uint64_t colour_bytes(std::uint64_t rows);
 
 /// The colours of rows [first_row, first_row + map.size()), each as what it differs by from the row that it contracts
 /// onto.
-///   map         of those rows; a row that is its own parent is told from the row before it
+///   map         of those rows; a row that is its own parent is predicted from the row before it
 ///   colours     of all rows up to the last of them, sRGB
 Bytes encode_colours(std::span<const std::array<std::uint8_t, 3>> colours, std::uint32_t first_row,
                      std::span<const std::uint32_t> map);

@@ -43,12 +43,12 @@ struct ConstPlanes {
   std::uint16_t get(std::size_t at) const { return static_cast<std::uint16_t>(low[at] | high[at] << 8); }
 };
 
-/// The row whose derivatives are most like those of `row`: what it contracts onto, which stood where it stands.
+/// The row whose derivatives are most like those of `row`: the one that it contracts onto.
 std::size_t predicting_row(std::size_t row, std::uint32_t parent) {
   return parent < row ? parent : row - 1;
 }
 
-/// Entries of rows [first_row, ...) as differences from those of the rows that they are told from, column after column.
+/// Entries of rows [first_row, ...) as differences from those of the rows that predict them, column after column.
 void put_columns(const std::vector<std::int16_t>& entries, std::size_t rank, std::size_t first_row,
                  std::span<const std::uint32_t> map, const Planes& planes) {
   const std::size_t rows = map.size();
@@ -199,8 +199,8 @@ Result<void> decode_detail(ByteView raw, std::uint32_t rank, std::span<const std
     for (std::vector<std::int16_t>* along : {&detail.along_x, &detail.along_y}) along->resize(before * rank);
     return corrupt_detail("a derivative is out of its range");
   }
-  const auto signed_at = [&](const ConstPlanes& planes, std::size_t place) {
-    return static_cast<std::int16_t>(unzigzag16(planes.get(place)));
+  const auto signed_at = [&](const ConstPlanes& planes, std::size_t at) {
+    return static_cast<std::int16_t>(unzigzag16(planes.get(at)));
   };
   for (std::size_t k = 0; k < rows; ++k) {
     detail.normal.push_back(normal_from_octahedral(signed_at(normals, k), signed_at(normals, rows + k), kMaxInteger));

@@ -4,11 +4,12 @@
 //            predictors:varint[rows], row:varint and weight:zigzag of each
 // The specification is docs/asset-format.md.
 #include "common/asset/tiles/structure_tile.h"
-#include "common/asset/tiles/zigzag.h"
 
 #include <algorithm>
 #include <cmath>
 #include <string>
+
+#include "common/asset/tiles/zigzag.h"
 
 namespace eigencast {
 namespace {
@@ -226,14 +227,11 @@ Result<StructureTile> decode_structure(ByteView raw, const ChunkRange& range, st
                                        std::span<const std::uint32_t> earlier_source,
                                        std::span<const Corners> earlier_faces) {
   Decoder decoder(raw, range, new_faces);
-  if (auto result = decoder.rows(earlier_source); !result)
-    return decoder.failed() ? corrupt_structure("ends too early") : result.error();
-  if (auto result = decoder.faces(); !result)
-    return decoder.failed() ? corrupt_structure("ends too early") : result.error();
-  if (auto result = decoder.moves(earlier_faces); !result)
-    return decoder.failed() ? corrupt_structure("ends too early") : result.error();
-  if (auto result = decoder.predictors(); !result)
-    return decoder.failed() ? corrupt_structure("ends too early") : result.error();
+  Result<void> result = decoder.rows(earlier_source);
+  if (result) result = decoder.faces();
+  if (result) result = decoder.moves(earlier_faces);
+  if (result) result = decoder.predictors();
+  if (!result) return decoder.failed() ? corrupt_structure("ends too early") : result.error();
   return std::move(decoder).take();
 }
 

@@ -23,7 +23,7 @@ struct StructureTile {
   Predictors predictors;             ///< Of the new rows.
 };
 
-/// Where a chunk stands.
+/// The rows of a chunk.
 struct ChunkRange {
   std::uint32_t first_row = 0, end_row = 0;
   std::uint32_t base_count = 0;    ///< q

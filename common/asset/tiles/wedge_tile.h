@@ -12,7 +12,7 @@
 
 namespace eigencast {
 
-/// What of a texture stands beside the image. REQUIRES: valid.
+/// A texture without its image. REQUIRES: valid.
 Bytes encode_wedges(const AssetTexture& texture, const Asset& asset);
 
 /// The other way round, without the image. Safe on hostile input. Errors: kCorrupt.

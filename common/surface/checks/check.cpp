@@ -101,7 +101,7 @@ std::string text_from_report(const SurfaceReport& report) {
   line(report.nonmanifold_edges, "non-manifold edges (of three or more faces)");
   line(report.nonmanifold_vertices, "non-manifold vertices (surfaces touch in a point)");
   line(report.misoriented_edges, "edges between faces of opposite orientation");
-  line(report.duplicate_vertices, "vertices at the place of an earlier one");
+  line(report.duplicate_vertices, "vertices at the position of an earlier one");
   line(report.unreferenced_vertices, "vertices of no face");
   line(report.degenerate_faces, "faces without area");
   line(report.duplicate_faces, "faces that repeat an earlier one");

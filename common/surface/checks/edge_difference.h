@@ -11,8 +11,8 @@
 
 namespace eigencast {
 
-/// How differently edges are stretched from place to place and from frame to frame; what people see of an error follows
-/// this better than distances do.
+/// How unevenly edges are stretched, over the surface and over time. Perceived error follows this more closely than
+/// distances.
 struct EdgeDifferenceError {
   double spatial = 0;  ///< Mean over vertices and frames of the deviation of its edges' relative differences.
   double temporal =

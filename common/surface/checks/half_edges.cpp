@@ -20,7 +20,7 @@ constexpr std::uint32_t kNone = ~std::uint32_t{0};
 OpenMesh::VertexHandle vertex_handle(std::uint32_t vertex) {
   return OpenMesh::VertexHandle(static_cast<int>(vertex));
 }
-std::size_t index(OpenMesh::BaseHandle handle) {
+std::size_t index_of(OpenMesh::BaseHandle handle) {
   return static_cast<std::size_t>(handle.idx());
 }
 
@@ -114,9 +114,9 @@ std::size_t count_loops(const CutMesh& cut, Edge uses) {
   std::size_t loops = 0;
   for_each_edge(uses, [&](Edge edge) {
     HalfEdge half = mesh.opposite_halfedge_handle(cut.side(edge[0]));
-    if (edge.size() > 1 || seen[index(half)]) return;
+    if (edge.size() > 1 || seen[index_of(half)]) return;
     ++loops;
-    for (; !seen[index(half)]; half = mesh.next_halfedge_handle(half)) seen[index(half)] = true;
+    for (; !seen[index_of(half)]; half = mesh.next_halfedge_handle(half)) seen[index_of(half)] = true;
   });
   return loops;
 }
@@ -129,14 +129,14 @@ std::size_t count_vertices_of_several_fans(const CutMesh& cut, Edge uses, std::s
     HalfEdge half(static_cast<int>(i));
     if (fan_of[i] != kNone) continue;
     const auto fan = static_cast<std::uint32_t>(vertex_of.size());
-    vertex_of.push_back(index(mesh.from_vertex_handle(half)));
-    for (; fan_of[index(half)] == kNone; half = mesh.ccw_rotated_halfedge_handle(half)) fan_of[index(half)] = fan;
+    vertex_of.push_back(index_of(mesh.from_vertex_handle(half)));
+    for (; fan_of[index_of(half)] == kNone; half = mesh.ccw_rotated_halfedge_handle(half)) fan_of[index_of(half)] = fan;
   }
   UnionFind fans(vertex_of.size());
   for_each_edge(uses, [&](Edge edge) {
     for (const std::uint32_t end : {edge[0].low, edge[0].high}) {
       for (const EdgeUse& use : edge.subspan(1)) {
-        fans.join(fan_of[index(cut.leaving(edge[0], end))], fan_of[index(cut.leaving(use, end))]);
+        fans.join(fan_of[index_of(cut.leaving(edge[0], end))], fan_of[index_of(cut.leaving(use, end))]);
       }
     }
   });

@@ -16,23 +16,23 @@ namespace {
 constexpr float kUnusual = 8;            // times the median step
 constexpr float kFarForSurface = 0.05F;  // of the diagonal
 constexpr float kFarForVertex = 0.15F;
-constexpr float kAloneFactor = 6;   // a vertex that moves so much more than the surface moves alone
+constexpr float kAloneFactor = 6;   // times the surface's: a vertex moves alone
 constexpr float kEmpty = 1e-3F;     // of the rest pose's size
 constexpr float kOtherSize = 4;     // times or parts of it
-constexpr double kElsewhere = 0.5;  // diagonals between the places of three frames
+constexpr double kElsewhere = 0.5;  // diagonals between the positions of three frames
 
 /// y up for z up and the like: whether some order of the axes, one of them mirrored or not, brings `after` within a
 /// quarter of the way back to `before`.
 bool axes_exchanged(std::span<const Vec3> before, std::span<const Vec3> after) {
   constexpr std::array<std::array<std::size_t, 3>, 5> kOrders{{{0, 2, 1}, {1, 0, 2}, {2, 1, 0}, {1, 2, 0}, {2, 0, 1}}};
-  const double way = rms_distance(before, after);
+  const double jump = rms_distance(before, after);
   std::vector<Vec3> turned(after.size());
   for (const auto& order : kOrders) {
     for (std::size_t mirrored = 0; mirrored <= 3; ++mirrored) {
       for (std::size_t i = 0; i < after.size(); ++i) {
         for (std::size_t c = 0; c < 3; ++c) turned[i][c] = (c == mirrored ? -1 : 1) * after[i][order[c]];
       }
-      if (rms_distance(before, turned) < 0.25 * way) return true;
+      if (rms_distance(before, turned) < 0.25 * jump) return true;
     }
   }
   return false;
@@ -72,7 +72,7 @@ void JumpFinder::add(std::span<const Vec3> positions) {
 
 const Misfit* JumpFinder::misfit_of(std::size_t frame) const {
   const auto at = std::lower_bound(misfits_.begin(), misfits_.end(), frame,
-                                   [](const auto& misfit, std::size_t wanted) { return misfit.first < wanted; });
+                                   [](const auto& misfit, std::size_t number) { return misfit.first < number; });
   return at != misfits_.end() && at->first == frame ? &at->second : nullptr;
 }
 
@@ -107,7 +107,7 @@ std::vector<JumpFinder::Jump> JumpFinder::jumps() const {
     const bool surface = t == lonely || (enough && step.rms > kFarForSurface && step.rms > kUnusual * usual_rms);
     const bool vertex = enough && step.worst > kFarForVertex && step.worst > kUnusual * usual_worst &&
                         step.worst > kAloneFactor * step.rms;
-    // The way back from a frame that is out of place is no finding of its own.
+    // The way back from a frame that is out of place is not a finding of its own.
     const bool returns = jumped && !misfits;
     jumped = misfits || ((surface || vertex) && !returns);
     if (jumped) kinds[t] = misfits ? Jump::kMisfit : vertex ? Jump::kVertex : Jump::kSurface;
@@ -121,37 +121,58 @@ float JumpFinder::usual_rms() const {
   return rms.empty() ? 0 : median(std::move(rms));
 }
 
-std::string JumpFinder::text_of(std::size_t frame, Jump kind) const {
+JumpFinder::Finding JumpFinder::explained(std::size_t frame, Jump kind) const {
   const Step& step = steps_[frame];
-  if (kind == Jump::kMisfit) return misfit_of(frame)->text();
-  if (kind == Jump::kVertex) {
-    return "vertex " + std::to_string(step.vertex) + " jumps by " + percent_text(step.worst) +
-           " of the diagonal, the surface by " + percent_text(step.rms) + "; has the order of vertices changed?";
+  const auto finding = [frame](Cause cause, std::string text) { return Finding{frame, frame, cause, std::move(text)}; };
+  if (kind == Jump::kMisfit) {
+    const Misfit& misfit = *misfit_of(frame);
+    return finding(misfit.kind == Misfit::Kind::kOrder       ? Cause::kOrder
+                   : misfit.kind == Misfit::Kind::kInsideOut ? Cause::kInsideOut
+                                                             : Cause::kStray,
+                   misfit.text());
   }
-  if (step.size < kEmpty) return "all vertices are in one place; is the frame empty?";
+  if (kind == Jump::kVertex) {
+    return finding(Cause::kVertex, "vertex " + std::to_string(step.vertex) + " jumps by " + percent_text(step.worst) +
+                                       " of the diagonal, the surface by " + percent_text(step.rms) +
+                                       "; has the order of vertices changed?");
+  }
+  if (step.size < kEmpty) return finding(Cause::kEmpty, "all vertices are at one position; is the frame empty?");
   const bool few = steps_.size() < 4;
   const std::string jump = few ? "the surface is far from where the other two frames are; "
                                : "the surface jumps by " + percent_text(step.rms) + " of its diagonal, " +
                                      percent_text(usual_rms()) + " is usual; ";
-  if (step.size > kOtherSize || step.size < 1 / kOtherSize)
-    return jump + "it is " + formatted("%.3g", double{step.size}) +
-           " times as large as the rest pose; is it in another unit?";
-  return jump + (step.exchanged ? "are its axes exchanged?" : "is the frame out of place?");
+  if (step.size > kOtherSize || step.size < 1 / kOtherSize) {
+    return finding(Cause::kUnit, jump + "it is " + formatted("%.3g", double{step.size}) +
+                                     " times as large as the rest pose; is it in another unit?");
+  }
+  if (step.exchanged) return finding(Cause::kAxes, jump + "are its axes exchanged?");
+  return finding(Cause::kPosition, jump + "is the frame out of place?");
+}
+
+std::vector<JumpFinder::Finding> JumpFinder::found() const {
+  std::vector<Finding> all;
+  const std::vector<Jump> kinds = jumps();
+  for (std::size_t t = 0; t < kinds.size(); ++t) {
+    if (kinds[t] == Jump::kNone) continue;
+    all.push_back(explained(t, kinds[t]));
+    while (kinds[t] == Jump::kMisfit && t + 1 < kinds.size() && is_same_misfit(all.back().first, t + 1)) ++t;
+    all.back().last = t;
+  }
+  return all;
 }
 
 std::vector<std::string> JumpFinder::findings(std::size_t limit) const {
   std::vector<std::string> lines;
-  const std::vector<Jump> kinds = jumps();
   std::size_t more = 0;
-  for (std::size_t t = 0; t < kinds.size();) {
-    std::size_t end = t + 1;
-    while (kinds[t] == Jump::kMisfit && end < kinds.size() && is_same_misfit(t, end)) ++end;
-    if (kinds[t] != Jump::kNone && lines.size() >= limit) more += end - t;
-    if (kinds[t] != Jump::kNone && lines.size() < limit) {
-      const std::string last = end > t + 1 ? " to " + std::to_string(end - 1) : "";
-      lines.push_back((last.empty() ? "frame " : "frames ") + std::to_string(t) + last + ": " + text_of(t, kinds[t]));
+  for (const Finding& finding : found()) {
+    if (lines.size() >= limit) {
+      more += finding.last + 1 - finding.first;
+    } else if (finding.first == finding.last) {
+      lines.push_back("frame " + std::to_string(finding.first) + ": " + finding.text);
+    } else {
+      lines.push_back("frames " + std::to_string(finding.first) + " to " + std::to_string(finding.last) + ": " +
+                      finding.text);
     }
-    t = end;
   }
   if (more > 0) lines.push_back("and " + std::to_string(more) + " more frames");
   return lines;
@@ -159,19 +180,19 @@ std::vector<std::string> JumpFinder::findings(std::size_t limit) const {
 
 std::string JumpFinder::rest_finding() const {
   if (order_.rest().kind == Misfit::Kind::kNone) return {};
-  return "rest pose: its faces join vertices that are no neighbours, " + order_.rest().text();
+  return "rest pose: its faces join vertices that are not neighbours, " + order_.rest().text();
 }
 
 Result<void> JumpFinder::order() const {
   const auto certain =
       std::count_if(misfits_.begin(), misfits_.end(), [](const auto& misfit) { return misfit.second.certain; });
   if (!order_.rest().certain && 2 * static_cast<std::size_t>(certain) <= steps_.size()) return {};
-  const std::string where = order_.rest().certain ? "the mesh"
-                                                  : std::to_string(certain) + " of the " +
-                                                        std::to_string(steps_.size()) + " frames looked at";
+  const std::string where =
+      order_.rest().certain ? "the mesh"
+                            : std::to_string(certain) + " of the " + std::to_string(steps_.size()) + " frames checked";
   return fail(ErrorCode::kInvalidArgument,
               where +
-                  ": the faces join vertices that are no neighbours; they are of another file, or of another order of "
+                  ": the faces join vertices that are not neighbours; they are of another file, or of another order of "
                   "vertices: export mesh and clip together, with the order of vertices kept");
 }
 

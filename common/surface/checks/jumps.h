@@ -26,13 +26,20 @@ class JumpFinder {
   /// The next frame. REQUIRES: as many positions as the rest pose has.
   void add(std::span<const Vec3> positions);
 
-  /// A line for each frame that jumps, naming it, how far, which vertex most and the likely cause, and one for each row
-  /// of frames with the same misfit; at most `limit` lines, and one that says how many more frames there are. A clip of
-  /// fewer than four frames says little about what is usual: its frames are compared with the rest pose, and in place
-  /// with each other.
+  enum class Cause : std::uint8_t { kOrder, kInsideOut, kStray, kVertex, kEmpty, kUnit, kAxes, kPosition };
+  struct Finding {
+    std::size_t first = 0, last = 0;  ///< Frames.
+    Cause cause = Cause::kPosition;   ///< The likely one.
+    std::string text;                 ///< How far, which vertex most, the likely cause; for people.
+  };
+  /// One for each frame that jumps, and one for each row of frames with the same misfit. In a clip of fewer than four
+  /// frames nothing is usual: its frames are compared with the rest pose, and their positions with each other.
+  std::vector<Finding> found() const;
+
+  /// What was found, a line each; at most `limit` lines, and one that counts the frames beyond them.
   std::vector<std::string> findings(std::size_t limit = 10) const;
 
-  /// What of the rest pose looks wrong, in a line: its faces join vertices from all over it. Empty: nothing.
+  /// What is wrong with the rest pose, in a line: its faces join vertices from all over it. Empty: nothing.
   std::string rest_finding() const;
 
   /// Errors: kInvalidArgument where the rest pose, or more than half of the frames, certainly are in another order than
@@ -54,7 +61,7 @@ class JumpFinder {
   /// Which of exactly three frames is far from the two others; the number of frames: none.
   std::size_t lonely_of_three() const;
   float usual_rms() const;
-  std::string text_of(std::size_t frame, Jump kind) const;
+  Finding explained(std::size_t frame, Jump kind) const;
 
   VertexOrder order_;
   double diagonal_;

@@ -53,10 +53,10 @@ std::string Misfit::text() const {
     case Kind::kInsideOut:
       return "the surface is inside out; is it mirrored, or are two of its axes exchanged?";
     case Kind::kVertex:
-      return "vertex " + std::to_string(vertex) + " stands " + percent_text(away) +
+      return "vertex " + std::to_string(vertex) + " lies " + percent_text(away) +
              " of the diagonal away from its neighbours" +
-             (others > 0 ? ", and " + std::to_string(others) + " more stand away from theirs" : "") +
-             "; is it in the wrong place, or has the order of vertices changed?";
+             (others > 0 ? ", and " + std::to_string(others) + " more lie away from theirs" : "") +
+             "; is it misplaced, or has the order of vertices changed?";
     case Kind::kNone:
       break;
   }

@@ -14,18 +14,18 @@ namespace eigencast {
 /// A part of a whole for people: "5.0 %", "42 %".
 std::string percent_text(float part);
 
-/// What of a pose does not fit its faces.
+/// How a pose does not fit its faces.
 struct Misfit {
   enum class Kind : std::uint8_t {
     kNone,
-    kVertex,     ///< Vertices stand away from their neighbours.
+    kVertex,     ///< Vertices are far from their neighbours.
     kInsideOut,  ///< The surface is mirrored.
-    kOrder,      ///< Faces join vertices that are no neighbours: the order of vertices is another.
+    kOrder,      ///< Faces join vertices that are not neighbours: the order of vertices is another.
   };
   Kind kind = Kind::kNone;
-  bool certain = false;      ///< No deformation of the surface looks like it. Of kOrder.
-  std::uint32_t vertex = 0;  ///< That stands farthest away.
-  std::uint32_t others = 0;  ///< That stand away beside it.
+  bool certain = false;      ///< kOrder: no deformation of the surface can cause it.
+  std::uint32_t vertex = 0;  ///< The farthest from its neighbours.
+  std::uint32_t others = 0;  ///< How many more are far from theirs.
   float away = 0;            ///< How far, of the diagonal.
   float folded = 0;          ///< Part of the edges whose two faces lie on each other.
   float stretch = 1;  ///< Rms length of edges, relative to the rest pose: as it is or over the box, whichever is less.
@@ -34,18 +34,18 @@ struct Misfit {
   std::string text() const;
 };
 
-/// Tells by neighbours alone whether the vertices of a pose are in the order of the rest pose's faces, wherever the
+/// Decides by neighbours alone whether the vertices of a pose are in the order of the rest pose's faces, wherever the
 /// surface is, how it is turned, how large, and however it is bent:
 ///  - two faces that meet in an edge seldom lie on each other (less than 107 degrees apart): at one edge of a hundred
 ///    in surfaces, at every second one where faces join vertices at random;
 ///  - edges do not become many times as long while the surface stays as large;
-///  - a vertex stands about in the middle of its neighbours: what it is off by, beyond the rest pose's offset, is a
-///    fraction of the edges around.
+///  - a vertex lies about in the middle of its neighbours: beyond the rest pose's offset it is off by a fraction of
+///    the edges around.
 /// Lengths are compared with those of edges nearby, so that no scale and no even stretch matters. Thread-safe after
 /// construction.
 class VertexOrder {
  public:
-  /// Copies what it needs; of surfaces with millions of faces it looks at some. Without faces everything fits.
+  /// Copies what it needs, of two million faces at most. Without faces everything fits.
   explicit VertexOrder(const Surface& rest);
 
   /// Of the rest pose itself: kNone or kOrder.

@@ -21,9 +21,9 @@ class BinaryFile {
   BinaryFile& operator=(const BinaryFile&) = delete;
 
   const std::string& path() const { return path_; }
-  /// When it was opened.
+  /// Its size when it was opened.
   std::uint64_t bytes() const { return bytes_; }
-  /// Fills `into` with what stands from `offset` on. Errors: kIo, naming the file.
+  /// Fills `into` with the bytes from `offset` on. Errors: kIo, naming the file.
   Result<void> read_at(std::uint64_t offset, std::string& into) const;
 
  private:

@@ -8,7 +8,7 @@
 #include "common/surface/formats/clip_options.h"
 #include "common/surface/motion_clip.h"
 
-/// FBX, Collada and what else assimp imports, where Eigencast is built with it. Private to common/surface.
+/// FBX, Collada and other formats of assimp, where Eigencast is built with it. Private to common/surface.
 namespace eigencast {
 
 /// Imported by assimp, turned into glTF in memory, and read as such: see open_gltf_clip. Assimp opens only the file

@@ -12,7 +12,7 @@
 /// Private to common/surface.
 namespace eigencast {
 
-/// What a clip plays at where its source states no rate.
+/// The rate of a clip whose source states none.
 inline constexpr double kUnstatedRateHz = 30;
 
 /// Where recorded poses come from, one at a time and in any order: positions, and faces where the format has any.
@@ -22,7 +22,7 @@ class Frames {
   virtual ~Frames() = default;
   virtual std::size_t count() const = 0;
   virtual double rate_hz() const { return kUnstatedRateHz; }
-  /// appearance: filled with what the frame says of colours, if wanted and if it says anything.
+  /// appearance: filled where the frame states colours; null: unwanted.
   virtual Result<Surface> read(std::size_t frame, Appearance* appearance) const = 0;
   /// "frame 3 of clip.npy", for messages.
   virtual std::string label(std::size_t frame) const = 0;

@@ -10,8 +10,8 @@
 /// Private to common/surface.
 namespace eigencast {
 
-/// Numbers out of a file's buffers: each index, length, offset and stride is checked before it is used, and all that is
-/// taken together has a bound. Sparse, quantised and empty accessors give what they mean. Not thread-safe; keeps a
+/// Numbers out of a file's buffers. Checks each index, length, offset and stride before use, and bounds the total.
+/// Decodes sparse, quantised and empty accessors. Not thread-safe; keeps a
 /// reference.
 class GltfNumbers {
  public:
@@ -27,7 +27,7 @@ class GltfNumbers {
   Result<Array> read(int accessor, std::size_t width, std::size_t other_width = 0);
   /// A SCALAR accessor of unsigned integers. Errors: as above.
   Result<std::vector<std::uint32_t>> read_indices(int accessor);
-  /// How many elements an accessor claims, for limits; 0 if there is no such accessor.
+  /// How many elements an accessor claims, for limits; 0: no such accessor.
   std::size_t count(int accessor) const;
   /// The bytes of a buffer view. Errors: kCorrupt.
   Result<std::vector<std::uint8_t>> bytes_of_view(int view) const;

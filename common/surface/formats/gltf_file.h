@@ -19,7 +19,7 @@ inline Error corrupt_gltf(const std::string& what) {
   return fail(ErrorCode::kCorrupt, what);
 }
 
-/// Lets tinygltf parse a file that has been looked at first: tinygltf trusts chunk lengths and recurses as deep as JSON
+/// Checks a file, then lets tinygltf parse it: tinygltf trusts chunk lengths and recurses as deep as JSON
 /// nests. Images are kept encoded in Image::image where they came as a file or data URI; those in a buffer view stay
 /// there. No index in the result has been checked. Errors: kCorrupt, kUnsupported (an extension that must be
 /// understood), kTooLarge.

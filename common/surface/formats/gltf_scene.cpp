@@ -117,7 +117,7 @@ class Builder {
       found.push_back(static_cast<std::size_t>(root));
     }
     for (std::size_t k = 0; k < found.size(); ++k) {
-      if (seen[found[k]]) return corrupt_gltf("node " + std::to_string(found[k]) + " stands twice in the scene");
+      if (seen[found[k]]) return corrupt_gltf("node " + std::to_string(found[k]) + " is in the scene twice");
       seen[found[k]] = true;
       for (const int child : model_.nodes[found[k]].children) found.push_back(static_cast<std::size_t>(child));
     }
@@ -227,7 +227,7 @@ class Builder {
       for (std::size_t k = 0; k < 4 * vertices; ++k) {
         if (weight->values[k] <= 0) continue;
         if (!(joint->values[k] >= 0 && joint->values[k] < static_cast<double>(joints))) {
-          return corrupt_gltf("vertex " + std::to_string(k / 4) + " hangs on joint " +
+          return corrupt_gltf("vertex " + std::to_string(k / 4) + " refers to joint " +
                               std::to_string(joint->values[k]) + " of " + std::to_string(joints));
         }
         all[k / 4].push_back(

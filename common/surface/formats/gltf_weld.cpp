@@ -9,7 +9,7 @@
 namespace eigencast {
 namespace {
 
-// Below, at or above 0 as vertex a comes before b: equal ones are at one place and move alike, always.
+// Below, at or above 0 as vertex a comes before b: equal ones are at one position and always move alike.
 int order_of(const GltfParts& parts, std::size_t a, std::size_t b) {
   const GltfPart& A = parts.of(a);
   const GltfPart& B = parts.of(b);
@@ -35,9 +35,9 @@ int order_of(const GltfParts& parts, std::size_t a, std::size_t b) {
 
 /// Which vertices become one.
 struct Welds {
-  std::vector<std::uint32_t> number;        ///< Of each vertex, among those that are left.
-  std::vector<std::size_t> representative;  ///< Of each that is left: the first of the file.
-  std::size_t torn = 0;                     ///< Vertices that share a place with one that moves otherwise.
+  std::vector<std::uint32_t> number;        ///< Of each vertex, after welding.
+  std::vector<std::size_t> representative;  ///< Of each after welding: its first in the file.
+  std::size_t torn = 0;                     ///< Vertices that share a position with one that moves otherwise.
 };
 
 Welds find_welds(const GltfParts& parts) {
@@ -51,11 +51,11 @@ Welds find_welds(const GltfParts& parts) {
   Welds welds;
   // first[v]: the first vertex of the file that is the same as v.
   std::vector<std::uint32_t> first(raw);
-  const auto place = [&](std::uint32_t v) { return parts.of(v).positions[parts.local(v)]; };
+  const auto position = [&](std::uint32_t v) { return parts.of(v).positions[parts.local(v)]; };
   for (std::size_t k = 0; k < raw; ++k) {
     const bool same = k > 0 && order_of(parts, sorted[k - 1], sorted[k]) == 0;
     first[sorted[k]] = same ? first[sorted[k - 1]] : sorted[k];
-    if (k > 0 && !same && place(sorted[k - 1]) == place(sorted[k])) ++welds.torn;
+    if (k > 0 && !same && position(sorted[k - 1]) == position(sorted[k])) ++welds.torn;
   }
   welds.number.resize(raw);
   for (std::size_t v = 0; v < raw; ++v) {
@@ -69,7 +69,7 @@ Welds find_welds(const GltfParts& parts) {
   return welds;
 }
 
-/// Faces of the vertices that are left, without those that collapse.
+/// Faces of the welded vertices, without those that collapse.
 void renumber_faces(const std::vector<std::uint32_t>& number, GltfScene& scene) {
   Appearance& appearance = scene.appearance;
   std::size_t kept = 0;
@@ -83,7 +83,8 @@ void renumber_faces(const std::vector<std::uint32_t>& number, GltfScene& scene) 
     ++kept;
   }
   if (kept < scene.faces.size()) {
-    scene.notes.push_back(std::to_string(scene.faces.size() - kept) + " faces with two corners at one place left out");
+    scene.notes.push_back(std::to_string(scene.faces.size() - kept) +
+                          " faces with two corners at one position left out");
   }
   scene.faces.resize(kept);
   appearance.face_material.resize(kept);
@@ -124,7 +125,7 @@ void weld(const GltfParts& parts, GltfScene& scene) {
   }
   if (welds.torn > 0) {
     scene.notes.push_back(std::to_string(welds.torn) +
-                          " vertices share a place with one that moves otherwise; they stay apart");
+                          " vertices share a position with one that moves otherwise; they stay apart");
   }
   renumber_faces(welds.number, scene);
   fill_rig(parts, welds.representative, scene);

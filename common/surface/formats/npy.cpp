@@ -91,19 +91,23 @@ Result<NpyFile::Type> NpyFile::type_from_descr(std::string_view descr) {
   if (!whole || std::string_view("<>|=").find(descr[1]) == std::string_view::npos) return unknown();
   const bool big = descr[1] == '>';
   const std::string_view name = descr.substr(2, 2);
-  const auto real = [](auto* read, std::size_t bytes) { return Type{read, nullptr, bytes}; };
-  const auto integer = [](auto* read, std::size_t bytes) { return Type{nullptr, read, bytes}; };
-  if (name == "f2") return real(big ? real_at<std::uint16_t, true> : real_at<std::uint16_t, false>, 2);
-  if (name == "f4") return real(big ? real_at<float, true> : real_at<float, false>, 4);
-  if (name == "f8") return real(big ? real_at<double, true> : real_at<double, false>, 8);
-  if (name == "i1") return integer(index_at<std::int8_t, false>, 1);
-  if (name == "u1") return integer(index_at<std::uint8_t, false>, 1);
-  if (name == "i2") return integer(big ? index_at<std::int16_t, true> : index_at<std::int16_t, false>, 2);
-  if (name == "u2") return integer(big ? index_at<std::uint16_t, true> : index_at<std::uint16_t, false>, 2);
-  if (name == "i4") return integer(big ? index_at<std::int32_t, true> : index_at<std::int32_t, false>, 4);
-  if (name == "u4") return integer(big ? index_at<std::uint32_t, true> : index_at<std::uint32_t, false>, 4);
-  if (name == "i8") return integer(big ? index_at<std::int64_t, true> : index_at<std::int64_t, false>, 8);
-  if (name == "u8") return integer(big ? index_at<std::uint64_t, true> : index_at<std::uint64_t, false>, 8);
+  const auto real = [big]<typename T>(T) {
+    return Type{big ? real_at<T, true> : real_at<T, false>, nullptr, sizeof(T)};
+  };
+  const auto integer = [big]<typename T>(T) {
+    return Type{nullptr, big ? index_at<T, true> : index_at<T, false>, sizeof(T)};
+  };
+  if (name == "f2") return real(std::uint16_t{});
+  if (name == "f4") return real(float{});
+  if (name == "f8") return real(double{});
+  if (name == "i1") return integer(std::int8_t{});
+  if (name == "u1") return integer(std::uint8_t{});
+  if (name == "i2") return integer(std::int16_t{});
+  if (name == "u2") return integer(std::uint16_t{});
+  if (name == "i4") return integer(std::int32_t{});
+  if (name == "u4") return integer(std::uint32_t{});
+  if (name == "i8") return integer(std::int64_t{});
+  if (name == "u8") return integer(std::uint64_t{});
   return unknown();
 }
 
@@ -227,7 +231,7 @@ Result<std::vector<Face>> NpyFile::read_faces() const {
       const std::size_t at = fortran_ ? i + shape_[0] * c : 3 * i + c;
       const std::uint64_t index = type_.index(bytes.data() + at * type_.bytes);
       if (index >= kMaxSurfaceVertices) {
-        return fail(ErrorCode::kCorrupt, path + ": face " + std::to_string(i) + " has an index that is none");
+        return fail(ErrorCode::kCorrupt, path + ": face " + std::to_string(i) + " has an index that is not a vertex");
       }
       faces[i][c] = static_cast<std::uint32_t>(index);
     }

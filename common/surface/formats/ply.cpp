@@ -68,7 +68,7 @@ class Body {
 
   std::size_t bytes_left() const { return rest_.size(); }
 
-  // Nothing at the end of the file or where a token is no number.
+  // Nothing at the end of the file or where a token is not a number.
   std::optional<double> take(Scalar scalar) {
     if (encoding_ == Encoding::kText) return number_from_token(text::take_token(rest_));
     const std::size_t size = bytes_of(scalar);
@@ -143,7 +143,7 @@ class PlyParser {
 
  private:
   // A line of the header; takes it off bytes_. Headers end lines with \n, \r\n or \r; a \r before binary data that
-  // starts with \n cannot be told from \r\n.
+  // starts with \n cannot be distinguished from \r\n.
   std::optional<std::string_view> header_line() {
     const std::size_t end = bytes_.find_first_of("\r\n");
     if (end == std::string_view::npos) return std::nullopt;

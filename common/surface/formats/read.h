@@ -9,11 +9,11 @@
 
 namespace eigencast {
 
-/// Reads one surface; vertices keep the file's order and number, n-gons are split in fans, nothing is merged or
-/// dropped. OBJ, PLY, OFF, STL, XYZ (x y z [nx ny nz] a line), NPY ((n,3), or the first
-/// frame of (T,n,3)), PC2 and MDD (first frame, no faces), glTF (see open_clip). Errors: kNotFound, kIo, kUnsupported
-/// (unknown ending), kCorrupt (what is wrong and where), kTooLarge (over limits). appearance: filled with what the file says
-/// of colours and textures, if wanted.
+/// Reads one surface. Vertices keep the file's order and number, n-gons are split in fans, nothing is merged or dropped
+/// (but see parse_stl). OBJ, PLY, OFF, STL, XYZ (x y z [nx ny nz] a line), NPY ((n,3), or the first frame of (T,n,3)),
+/// PC2 and MDD (first frame, no faces), glTF (see open_clip). Errors: kNotFound, kIo, kUnsupported (unknown ending),
+/// kCorrupt (what is wrong and where), kTooLarge (over limits).
+///   appearance  filled with the file's colours and textures; null: unwanted
 Result<Surface> read_surface(const std::string& path, Appearance* appearance = nullptr);
 
 }  // namespace eigencast

@@ -7,10 +7,10 @@
 #include <cstdint>
 #include <cstring>
 
-/// Numbers as they stand in files. Private to common/surface.
+/// Numbers in the bytes of files. Private to common/surface.
 namespace eigencast {
 
-static_assert(std::endian::native == std::endian::little, "values are copied as they stand in the file");
+static_assert(std::endian::native == std::endian::little, "values are copied from the file as they are");
 
 /// The T whose bytes start at `bytes`, which need not be aligned.
 template <typename T, bool big_endian = false>

@@ -104,7 +104,7 @@ Result<StlCorners> corners_from_stl(std::string_view bytes) {
   const std::size_t count =
       bytes.size() >= kHeaderBytes ? scalar_at<std::uint32_t>(bytes.data() + kHeaderBytes - 4) : 0;
   const std::uint64_t binary_size = kHeaderBytes + std::uint64_t{count} * kTriangleBytes;
-  // Binary files may start with "solid" too; then only a size that fits tells.
+  // Binary files may start with "solid" too; then only a size that fits decides.
   if (bytes.size() >= kHeaderBytes && bytes.size() == binary_size) return corners_from_binary(bytes, count);
   if (says_solid) return TextStlParser(bytes).run();
   if (bytes.size() < kHeaderBytes) return fail(ErrorCode::kCorrupt, "too short for an STL file");

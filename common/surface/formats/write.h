@@ -15,12 +15,12 @@ using WriteProgress = std::function<bool(double fraction)>;
 ///   x.pc2, x.mdd, x.npy       poses as 32-bit floats, and the rest pose with its faces as x.obj beside them
 ///   x.obj, x.ply, x.off       a file for each pose: x_000000.obj, ...; coordinates exact
 ///   a folder (ends in '/')    frame_000000.obj, ... in it
-/// A cache has its name only when it is whole. Files of the same names are replaced. Errors: kUnsupported (ending),
+/// A cache gets its name when it is whole. Files of the same names are replaced. Errors: kUnsupported (ending),
 /// kIo, kCancelled, and those of the clip.
 Result<void> write_clip(const MotionClip& clip, const std::string& path, const WriteProgress& progress = {});
 
-/// Whether a clip, or a surface, could be written there, as far as can be told without doing it. Errors: kUnsupported
-/// (ending), kIo.
+/// Whether a clip, or a surface, could be written there, as far as that is known before. Errors: kUnsupported (ending),
+/// kIo.
 Result<void> check_clip_path(const std::string& path);
 Result<void> check_surface_path(const std::string& path);
 

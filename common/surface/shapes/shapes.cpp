@@ -10,10 +10,12 @@
 #include <numbers>
 #include <utility>
 
+#include "common/surface/vector.h"
+
 namespace eigencast {
 namespace {
 
-Vec3 unit(const Vec3& v) {
+Vec3 on_unit_sphere(const Vec3& v) {
   const double length = std::hypot(v[0], v[1], v[2]);
   return {v[0] / length, v[1] / length, v[2] / length};
 }
@@ -24,7 +26,7 @@ Surface icosahedron() {
   for (const Vec3& v : {Vec3{-1, kGolden, 0}, Vec3{1, kGolden, 0}, Vec3{-1, -kGolden, 0}, Vec3{1, -kGolden, 0},
                         Vec3{0, -1, kGolden}, Vec3{0, 1, kGolden}, Vec3{0, -1, -kGolden}, Vec3{0, 1, -kGolden},
                         Vec3{kGolden, 0, -1}, Vec3{kGolden, 0, 1}, Vec3{-kGolden, 0, -1}, Vec3{-kGolden, 0, 1}}) {
-    s.positions.push_back(unit(v));
+    s.positions.push_back(on_unit_sphere(v));
   }
   s.faces = {{0, 11, 5},  {0, 5, 1},  {0, 1, 7},  {0, 7, 10}, {0, 10, 11}, {1, 5, 9}, {5, 11, 4},
              {11, 10, 2}, {10, 7, 6}, {7, 1, 8},  {3, 9, 4},  {3, 4, 2},   {3, 2, 6}, {3, 6, 8},
@@ -107,7 +109,7 @@ HeartValue heart_function(const Vec3& p) {
 
 // Where the ray through `direction` leaves the heart, which is star-shaped about the origin.
 Vec3 along_ray(const Vec3& direction) {
-  const Vec3 d = unit(direction);
+  const Vec3 d = on_unit_sphere(direction);
   double low = 0;
   double high = 2;
   for (int i = 0; i < 52; ++i) {
@@ -122,7 +124,7 @@ Vec3 along_ray(const Vec3& direction) {
 Vec3 along_gradient(Vec3 p) {
   for (int i = 0; i < 12; ++i) {
     const auto [value, g] = heart_function(p);
-    const double square = g[0] * g[0] + g[1] * g[1] + g[2] * g[2];
+    const double square = dot(g, g);
     if (!(square > 1e-12)) break;
     const double step = value / square;
     for (std::size_t c = 0; c < 3; ++c) p[c] -= step * g[c];
@@ -143,10 +145,7 @@ void relax_on_heart(Surface& s, int rounds) {
       const Vec3& a = s.positions[f[0]];
       const Vec3& b = s.positions[f[1]];
       const Vec3& c = s.positions[f[2]];
-      const Vec3 e{b[0] - a[0], b[1] - a[1], b[2] - a[2]};
-      const Vec3 g{c[0] - a[0], c[1] - a[1], c[2] - a[2]};
-      const Vec3 normal{e[1] * g[2] - e[2] * g[1], e[2] * g[0] - e[0] * g[2], e[0] * g[1] - e[1] * g[0]};
-      const double area = std::sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+      const double area = length(cross(b - a, c - a));
       for (const std::uint32_t v : f) {
         for (std::size_t k = 0; k < 3; ++k) sums[v][k] += area * (a[k] + b[k] + c[k]) / 3;
         weights[v] += area;
@@ -170,7 +169,7 @@ Surface make_icosphere(int subdivisions) {
     const auto middle = [&](std::uint32_t a, std::uint32_t b) {
       const Vec3 p = s.positions[a];
       const Vec3 q = s.positions[b];
-      return numbers.number({std::min(a, b), std::max(a, b)}, unit({p[0] + q[0], p[1] + q[1], p[2] + q[2]}));
+      return numbers.number({std::min(a, b), std::max(a, b)}, on_unit_sphere(p + q));
     };
     for (const Face& f : coarse) {
       const std::uint32_t ab = middle(f[0], f[1]);

