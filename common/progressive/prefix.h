@@ -39,7 +39,7 @@ inline const std::atomic<bool> kWanted = false;
 /// The base has about a hundredth of the vertices, at least 4. Down to it a mesh keeps its topology (the link
 /// condition) and its boundaries, except that
 ///   - vertices of no face go first, and vertices as soon as they have lost their last face: nothing shows them;
-///   - boundary vertices at one place (seams, triangle soups) are contracted into one before all others;
+///   - boundary vertices at one position (seams, triangle soups) are contracted into one before all others;
 ///   - components of at most 4 vertices may vanish when that is cheapest, if there are other components;
 ///   - where topology leaves more than 64 vertices and a fiftieth of all (non-manifold edges, many handles), it is
 ///   given up below.

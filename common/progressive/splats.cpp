@@ -14,7 +14,7 @@ namespace eigencast {
 namespace progressive {
 namespace {
 
-constexpr std::uint32_t kFinestFrame = 16384;  // rows from here on are no corners of frames
+constexpr std::uint32_t kFinestFrame = 16384;  // later rows are not corners of frames
 constexpr std::size_t kNearest = 8;            // rows that are tried as corners
 constexpr std::size_t kCandidates = 48;
 constexpr std::size_t kRadiusNeighbours = 6;

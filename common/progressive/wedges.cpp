@@ -17,7 +17,7 @@ class WedgeContraction {
         faces_(order.faces),
         wedges_(order.faces.size()),
         around_(order.map.size()),
-        places_(order.map.size()),
+        uvs_(order.map.size()),
         parents_(order.map.size()) {
     for (std::uint32_t f = 0; f < faces_.size(); ++f) {
       for (std::size_t k = 0; k < 3; ++k) {
@@ -32,12 +32,12 @@ class WedgeContraction {
     for (auto v = static_cast<std::uint32_t>(order_.map.size()); v-- > order_.base_count;) contract(v, order_.map[v]);
     WedgeOrder result;
     result.first_wedge.assign(1, 0);
-    for (const auto& mine : places_) {
+    for (const auto& mine : uvs_) {
       result.first_wedge.push_back(result.first_wedge.back() + static_cast<std::uint32_t>(mine.size()));
       result.uvs.insert(result.uvs.end(), mine.begin(), mine.end());
     }
-    for (std::uint32_t v = 0; v < places_.size(); ++v) {
-      for (std::uint32_t w = 0; w < places_[v].size(); ++w) {
+    for (std::uint32_t v = 0; v < uvs_.size(); ++v) {
+      for (std::uint32_t w = 0; w < uvs_[v].size(); ++w) {
         const bool stays = v < order_.base_count;
         result.parent.push_back(result.first_wedge[stays ? v : order_.map[v]] + (stays ? w : parents_[v][w]));
       }
@@ -50,11 +50,11 @@ class WedgeContraction {
   }
 
  private:
-  std::uint32_t wedge_at(std::uint32_t v, const GridUv& place) {
-    auto& mine = places_[v];
-    const auto at = std::find(mine.begin(), mine.end(), place);
+  std::uint32_t wedge_at(std::uint32_t v, const GridUv& uv) {
+    auto& mine = uvs_[v];
+    const auto at = std::find(mine.begin(), mine.end(), uv);
     if (at == mine.end()) {
-      mine.push_back(place);
+      mine.push_back(uv);
       return static_cast<std::uint32_t>(mine.size()) - 1;
     }
     return static_cast<std::uint32_t>(at - mine.begin());
@@ -62,7 +62,7 @@ class WedgeContraction {
 
   void contract(std::uint32_t v, std::uint32_t u) {
     auto& parents = parents_[v];
-    parents.assign(places_[v].size(), kUnknown);
+    parents.assign(uvs_[v].size(), kUnknown);
     std::vector<bool> seen(parents.size(), false);
     for (const std::uint32_t f : around_[v]) {
       if (order_.death[f] > v) continue;  // gone already
@@ -71,8 +71,8 @@ class WedgeContraction {
       if (j < 3 && parents[wedges_[f][k]] == kUnknown) parents[wedges_[f][k]] = wedges_[f][j];
     }
     for (std::uint32_t w = 0; w < parents.size(); ++w) {
-      // Of those that no face has any more nothing is seen: they need no place.
-      if (parents[w] == kUnknown) parents[w] = seen[w] || places_[u].empty() ? wedge_at(u, places_[v][w]) : 0;
+      // Wedges that no face has any more are invisible and need no UV.
+      if (parents[w] == kUnknown) parents[w] = seen[w] || uvs_[u].empty() ? wedge_at(u, uvs_[v][w]) : 0;
     }
     for (const std::uint32_t f : around_[v]) {
       if (order_.death[f] >= v) continue;
@@ -92,7 +92,7 @@ class WedgeContraction {
   std::vector<Face> faces_;   ///< Corners as they are now.
   std::vector<Face> wedges_;  ///< Of the corners, numbered within their vertex.
   std::vector<std::vector<std::uint32_t>> around_;
-  std::vector<std::vector<GridUv>> places_;
+  std::vector<std::vector<GridUv>> uvs_;
   std::vector<std::vector<std::uint32_t>> parents_;
 };
 

@@ -25,7 +25,7 @@ struct WedgeOrder {
 };
 
 /// Different uvs of one vertex are different wedges. When v goes to u, a wedge of v goes to the one of u with which
-/// it shares a face; where there is none (the contraction leaves the seam) u gets one more, at the same place, so that
+/// it shares a face; where there is none (the contraction leaves the seam) u gets one more, at the same UV, so that
 /// a side of a seam never goes over to the other. After Hoppe 1999, "New quadric metric for simplifying meshes with
 /// appearance attributes".
 ///   uvs  of the source's faces

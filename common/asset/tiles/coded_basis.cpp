@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // coded basis tile  the float32 columns, then the int16 ones, column by column, each row by row: the residual of an
-//                   entry beside what the rows before it foretell, as a size and a sign. The specification is
+//                   entry against what the rows before it predict, as a size and a sign. The specification is
 //                   docs/asset-format.md.
 #include <algorithm>
 #include <array>
@@ -28,7 +28,7 @@ float unordered(std::int32_t number) {
 }
 
 /// The float entries of a tile. The rows that predict a row's integers do so for its floats, weights brought to a sum
-/// of one, so that a constant is foretold to the bit. All products and the sums of integers are exact in double: every
+/// of one, so that a constant is predicted to the bit. All products and the sums of integers are exact in double: every
 /// reader, with or without fused multiplications, finds the same.
 class FloatModel {
  public:
@@ -68,7 +68,7 @@ class FloatModel {
   std::array<SignedModel, 40> contexts_;
 };
 
-/// The integer entries of a tile. Rows that are hard to foretell are so in every column: how large a residual will be
+/// The integer entries of a tile. Rows that are hard to predict are so in every column: how large a residual will be
 /// is predicted by those that the row has had, times what this column's have been beside that.
 class ResidualModel {
  public:

@@ -5,6 +5,7 @@
 #include <memory>
 #include <string>
 
+#include "common/core/files.h"
 #include "common/core/result.h"
 
 /// Private to common/surface.
@@ -16,10 +17,6 @@ class BinaryFile {
  public:
   /// Errors: kNotFound, kIo (also for anything but a regular file).
   static Result<std::shared_ptr<const BinaryFile>> open(const std::string& path);
-  ~BinaryFile();
-  BinaryFile(const BinaryFile&) = delete;
-  BinaryFile& operator=(const BinaryFile&) = delete;
-
   const std::string& path() const { return path_; }
   /// Its size when it was opened.
   std::uint64_t bytes() const { return bytes_; }
@@ -27,10 +24,10 @@ class BinaryFile {
   Result<void> read_at(std::uint64_t offset, std::string& into) const;
 
  private:
-  BinaryFile(int descriptor, std::string path, std::uint64_t bytes)
-      : descriptor_(descriptor), path_(std::move(path)), bytes_(bytes) {}
+  BinaryFile(FileHandle file, std::string path, std::uint64_t bytes)
+      : file_(std::move(file)), path_(std::move(path)), bytes_(bytes) {}
 
-  int descriptor_;
+  FileHandle file_;
   std::string path_;
   std::uint64_t bytes_;
 };

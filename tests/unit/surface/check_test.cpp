@@ -72,6 +72,34 @@ TEST(CheckSurface, FlippedFaceMisorientsItsThreeEdges) {
   EXPECT_EQ(check_surface(s).misoriented_edges, 3u);
 }
 
+TEST(CheckSurface, LoopsDoNotDependOnOrientation) {
+  Surface s = make_torus(12, 8, 1, 0.4);
+  s.faces.erase(s.faces.begin() + 100);
+  s.faces.erase(s.faces.begin() + 3);
+  for (std::size_t f = 0; f < s.faces.size(); f += 3) std::swap(s.faces[f][0], s.faces[f][1]);
+  const SurfaceReport r = check_surface(s);
+  EXPECT_EQ(r.boundary_edges, 6u);
+  EXPECT_EQ(r.boundary_loops, 2u);
+  EXPECT_EQ(r.nonmanifold_vertices, 0u);
+  EXPECT_GT(r.misoriented_edges, 0u);
+}
+
+TEST(CheckSurface, MoebiusStripHasOneLoop) {
+  Surface s;
+  for (std::uint32_t i = 0; i < 10; ++i) s.positions.push_back({static_cast<double>(i), static_cast<double>(i % 2), 0});
+  for (std::uint32_t i = 0; i < 10; i += 2) {
+    const std::uint32_t a = i < 8 ? i + 2 : 1, b = i < 8 ? i + 3 : 0;  // the last quad meets the first upside down
+    s.faces.push_back({i, i + 1, b});
+    s.faces.push_back({i, b, a});
+  }
+  const SurfaceReport r = check_surface(s);
+  EXPECT_EQ(r.boundary_edges, 10u);
+  EXPECT_EQ(r.boundary_loops, 1u);
+  EXPECT_EQ(r.misoriented_edges, 1u);
+  EXPECT_EQ(r.nonmanifold_edges, 0u);
+  EXPECT_EQ(r.nonmanifold_vertices, 0u);
+}
+
 TEST(CheckSurface, DuplicatesStraysAndFacesWithoutArea) {
   Surface s = kTetrahedron;
   s.positions.push_back({1, 0, -0.0});  // as vertex 1, of no face

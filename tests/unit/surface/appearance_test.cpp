@@ -11,7 +11,7 @@
 #include "common/surface/appearance.h"
 #include "common/surface/formats/clip.h"
 #include "common/surface/formats/read.h"
-#include "temp_dir.h"
+#include "tests/unit/surface/temp_dir.h"
 
 namespace eigencast {
 namespace {
