@@ -125,18 +125,13 @@ Result<void> AssetReader::decode(std::size_t index, ByteView bytes) {
 
   asset_.basis.reserve(std::size_t{entry.end_row} * asset_.rank);
   asset_.basis.resize(std::size_t{entry.end_row} * asset_.rank, 0.0F);
-  if (auto decoded = decode_bands(entry, bytes, structure->predictors); !decoded) {
+  Result<void> decoded = decode_bands(entry, bytes, structure->predictors);
+  auto texture = decode_texture(entry, bytes, *structure);
+  if (decoded && !texture) decoded = texture.error();
+  if (decoded) decoded = decode_extras(entry, bytes, structure->map);
+  if (!decoded) {
     asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
     return decoded;
-  }
-  auto texture = decode_texture(entry, bytes, *structure);
-  if (!texture) {
-    asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
-    return texture.error();
-  }
-  if (auto extras = decode_extras(entry, bytes, structure->map); !extras) {
-    asset_.basis.resize(std::size_t{range.first_row} * asset_.rank);
-    return extras;
   }
   asset_.texture = std::move(*texture);
   append(asset_.map, structure->map);

@@ -199,8 +199,8 @@ Result<void> decode_detail(ByteView raw, std::uint32_t rank, std::span<const std
     for (std::vector<std::int16_t>* along : {&detail.along_x, &detail.along_y}) along->resize(before * rank);
     return corrupt_detail("a derivative is out of its range");
   }
-  const auto signed_at = [&](const ConstPlanes& planes, std::size_t at) {
-    return static_cast<std::int16_t>(unzigzag16(planes.get(at)));
+  const auto signed_at = [&](const ConstPlanes& planes, std::size_t entry) {
+    return static_cast<std::int16_t>(unzigzag16(planes.get(entry)));
   };
   for (std::size_t k = 0; k < rows; ++k) {
     detail.normal.push_back(normal_from_octahedral(signed_at(normals, k), signed_at(normals, rows + k), kMaxInteger));

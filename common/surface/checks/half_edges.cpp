@@ -62,6 +62,7 @@ class CutMesh {
  public:
   CutMesh(Edge uses, std::size_t face_count, std::size_t vertex_count) : sides_(3 * face_count) {
     const std::vector<bool> turned = turned_faces(uses, face_count);
+    mesh_.reserve(vertex_count, uses.size() / 2, face_count);
     mesh_.resize(vertex_count, 0, 0);
     for_each_edge(uses, [&](Edge edge) {
       const auto is_upwards = [&](const EdgeUse& use) { return use.upwards != turned[use.face]; };
@@ -134,6 +135,7 @@ std::size_t count_vertices_of_several_fans(const CutMesh& cut, Edge uses, std::s
   }
   UnionFind fans(vertex_of.size());
   for_each_edge(uses, [&](Edge edge) {
+    if (edge.size() == 2 && cut.side(edge[1]) == mesh.opposite_halfedge_handle(cut.side(edge[0]))) return;  // not cut
     for (const std::uint32_t end : {edge[0].low, edge[0].high}) {
       for (const EdgeUse& use : edge.subspan(1)) {
         fans.join(fan_of[index_of(cut.leaving(edge[0], end))], fan_of[index_of(cut.leaving(use, end))]);

@@ -56,14 +56,13 @@ bool is_index_type(int component_type) {
 }  // namespace
 
 std::size_t GltfNumbers::count(int accessor) const {
-  const auto index = static_cast<std::size_t>(accessor);
-  return accessor >= 0 && index < model_.accessors.size() ? model_.accessors[index].count : 0;
+  const tinygltf::Accessor* found = element(model_.accessors, accessor);
+  return found != nullptr ? found->count : 0;
 }
 
 Result<std::vector<std::uint8_t>> GltfNumbers::bytes_of_view(int view) const {
-  if (view < 0 || static_cast<std::size_t>(view) >= model_.bufferViews.size())
-    return corrupt_gltf("no such buffer view");
-  const std::size_t length = model_.bufferViews[static_cast<std::size_t>(view)].byteLength;
+  const tinygltf::BufferView* found = element(model_.bufferViews, view);
+  const std::size_t length = found != nullptr ? found->byteLength : 0;
   const auto bytes = span(view, 0, length, 1);
   if (!bytes) return bytes.error();
   return std::vector<std::uint8_t>(bytes->data, bytes->data + length);
@@ -72,13 +71,12 @@ Result<std::vector<std::uint8_t>> GltfNumbers::bytes_of_view(int view) const {
 Result<GltfNumbers::Span> GltfNumbers::span(int view_index, std::uint64_t offset, std::uint64_t count,
                                             std::size_t element_bytes) const {
   const std::string name = "buffer view " + std::to_string(view_index);
-  if (view_index < 0 || static_cast<std::size_t>(view_index) >= model_.bufferViews.size())
-    return corrupt_gltf("no " + name);
-  const tinygltf::BufferView& view = model_.bufferViews[static_cast<std::size_t>(view_index)];
-  if (view.buffer < 0 || static_cast<std::size_t>(view.buffer) >= model_.buffers.size()) {
-    return corrupt_gltf(name + " lies in no buffer");
-  }
-  const std::vector<unsigned char>& bytes = model_.buffers[static_cast<std::size_t>(view.buffer)].data;
+  const tinygltf::BufferView* found = element(model_.bufferViews, view_index);
+  if (found == nullptr) return corrupt_gltf("no " + name);
+  const tinygltf::BufferView& view = *found;
+  const tinygltf::Buffer* buffer = element(model_.buffers, view.buffer);
+  if (buffer == nullptr) return corrupt_gltf(name + " lies in no buffer");
+  const std::vector<unsigned char>& bytes = buffer->data;
   if (view.byteOffset > bytes.size() || view.byteLength > bytes.size() - view.byteOffset) {
     return corrupt_gltf(name + " goes beyond its buffer of " + std::to_string(bytes.size()) + " bytes");
   }
@@ -94,8 +92,9 @@ Result<GltfNumbers::Span> GltfNumbers::span(int view_index, std::uint64_t offset
 
 Result<GltfNumbers::Array> GltfNumbers::read(int index, std::size_t width, std::size_t other_width) {
   const std::string name = "accessor " + std::to_string(index);
-  if (index < 0 || static_cast<std::size_t>(index) >= model_.accessors.size()) return corrupt_gltf("no " + name);
-  const tinygltf::Accessor& accessor = model_.accessors[static_cast<std::size_t>(index)];
+  const tinygltf::Accessor* found = element(model_.accessors, index);
+  if (found == nullptr) return corrupt_gltf("no " + name);
+  const tinygltf::Accessor& accessor = *found;
   Array array;
   array.count = accessor.count;
   const int components = tinygltf::GetNumComponentsInType(static_cast<std::uint32_t>(accessor.type));
@@ -164,10 +163,9 @@ Result<void> GltfNumbers::apply_sparse(const tinygltf::Accessor& accessor, std::
 }
 
 Result<std::vector<std::uint32_t>> GltfNumbers::read_indices(int index) {
-  if (index >= 0 && static_cast<std::size_t>(index) < model_.accessors.size() &&
-      !is_index_type(model_.accessors[static_cast<std::size_t>(index)].componentType)) {
+  const tinygltf::Accessor* accessor = element(model_.accessors, index);
+  if (accessor != nullptr && !is_index_type(accessor->componentType))
     return corrupt_gltf("accessor " + std::to_string(index) + ": indices are unsigned integers");
-  }
   const auto array = read(index, 1);
   if (!array) return array.error();
   std::vector<std::uint32_t> indices(array->count);

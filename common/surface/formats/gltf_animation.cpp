@@ -48,9 +48,9 @@ Result<GltfAnimation::Track> GltfAnimation::track_from(const tinygltf::Animation
   Track track;
   track.path = path;
   track.node = static_cast<std::size_t>(channel.target_node);
-  if (channel.sampler < 0 || static_cast<std::size_t>(channel.sampler) >= animation.samplers.size())
-    return corrupt_gltf("a channel has no sampler");
-  const tinygltf::AnimationSampler& sampler = animation.samplers[static_cast<std::size_t>(channel.sampler)];
+  const tinygltf::AnimationSampler* stated = element(animation.samplers, channel.sampler);
+  if (stated == nullptr) return corrupt_gltf("a channel has no sampler");
+  const tinygltf::AnimationSampler& sampler = *stated;
   track.interpolation = sampler.interpolation == "STEP"          ? Interpolation::kStep
                         : sampler.interpolation == "CUBICSPLINE" ? Interpolation::kCubicSpline
                                                                  : Interpolation::kLinear;
@@ -93,10 +93,9 @@ Result<GltfAnimation> GltfAnimation::from_model(const tinygltf::Model& model, Gl
                                      : name == "scale"     ? std::optional(Path::kScale)
                                      : name == "weights"   ? std::optional(Path::kWeights)
                                                            : std::nullopt;
-    const bool has_node =
-        channel.target_node >= 0 && static_cast<std::size_t>(channel.target_node) < scene.nodes.size();
-    if (!path || !has_node) continue;
-    const GltfScene::Node& node = scene.nodes[static_cast<std::size_t>(channel.target_node)];
+    const GltfScene::Node* moved = element(scene.nodes, channel.target_node);
+    if (!path || moved == nullptr) continue;
+    const GltfScene::Node& node = *moved;
     if (node.fixed && *path != Path::kWeights) return corrupt_gltf("an animated node states a matrix");
     if (*path == Path::kWeights && node.target_count == 0) continue;
     auto track = track_from(animation, channel, *path, numbers, scene);

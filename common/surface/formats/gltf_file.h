@@ -19,6 +19,12 @@ inline Error corrupt_gltf(const std::string& what) {
   return fail(ErrorCode::kCorrupt, what);
 }
 
+/// Element `index`; null where there is none.
+template <typename T>
+const T* element(const std::vector<T>& all, int index) {
+  return index >= 0 && static_cast<std::size_t>(index) < all.size() ? &all[static_cast<std::size_t>(index)] : nullptr;
+}
+
 /// Checks a file, then lets tinygltf parse it: tinygltf trusts chunk lengths and recurses as deep as JSON
 /// nests. Images are kept encoded in Image::image where they came as a file or data URI; those in a buffer view stay
 /// there. No index in the result has been checked. Errors: kCorrupt, kUnsupported (an extension that must be

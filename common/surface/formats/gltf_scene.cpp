@@ -54,7 +54,7 @@ class Builder {
     for (std::size_t i = 0; i < model_.nodes.size(); ++i) {
       if (const auto added = add_rest_of_node(model_.nodes[i], i); !added) return added;
       for (const int child : model_.nodes[i].children) {
-        if (child < 0 || static_cast<std::size_t>(child) >= scene_.nodes.size())
+        if (element(scene_.nodes, child) == nullptr)
           return corrupt_gltf("node " + std::to_string(i) + ": no child " + std::to_string(child));
         int& parent = scene_.nodes[static_cast<std::size_t>(child)].parent;
         if (parent >= 0) return corrupt_gltf("node " + std::to_string(child) + " has two parents");
@@ -112,8 +112,7 @@ class Builder {
     if (index >= model_.scenes.size()) return corrupt_gltf("no scene " + std::to_string(index));
     std::vector<bool> seen(scene_.nodes.size());
     for (const int root : model_.scenes[index].nodes) {
-      if (root < 0 || static_cast<std::size_t>(root) >= seen.size())
-        return corrupt_gltf("the scene has no node " + std::to_string(root));
+      if (element(model_.nodes, root) == nullptr) return corrupt_gltf("the scene has no node " + std::to_string(root));
       found.push_back(static_cast<std::size_t>(root));
     }
     for (std::size_t k = 0; k < found.size(); ++k) {
@@ -127,9 +126,10 @@ class Builder {
 
   Result<void> add_instance(std::size_t index) {
     const tinygltf::Node& node = model_.nodes[index];
-    if (static_cast<std::size_t>(node.mesh) >= model_.meshes.size())
+    const tinygltf::Mesh* stated = element(model_.meshes, node.mesh);
+    if (stated == nullptr)
       return corrupt_gltf("node " + std::to_string(index) + ": no mesh " + std::to_string(node.mesh));
-    const tinygltf::Mesh& mesh = model_.meshes[static_cast<std::size_t>(node.mesh)];
+    const tinygltf::Mesh& mesh = *stated;
     GltfScene::Node& mine = scene_.nodes[index];
     mine.first_target = scene_.rig.targets.size();
     for (const tinygltf::Primitive& primitive : mesh.primitives)
@@ -246,8 +246,9 @@ class Builder {
 
   Result<std::size_t> first_bone_of_skin(int index) {
     if (const auto found = skin_bones_.find(index); found != skin_bones_.end()) return found->second;
-    if (static_cast<std::size_t>(index) >= model_.skins.size()) return corrupt_gltf("no skin " + std::to_string(index));
-    const tinygltf::Skin& skin = model_.skins[static_cast<std::size_t>(index)];
+    const tinygltf::Skin* stated = element(model_.skins, index);
+    if (stated == nullptr) return corrupt_gltf("no skin " + std::to_string(index));
+    const tinygltf::Skin& skin = *stated;
     std::optional<GltfNumbers::Array> inverse;
     if (skin.inverseBindMatrices >= 0) {
       auto matrices = numbers_.read(skin.inverseBindMatrices, 16);
@@ -259,9 +260,8 @@ class Builder {
     const std::size_t first = scene_.bones.size();
     if (skin.joints.size() > kMaxNodes) return fail(ErrorCode::kTooLarge, "too many joints");
     for (std::size_t k = 0; k < skin.joints.size(); ++k) {
-      if (skin.joints[k] < 0 || static_cast<std::size_t>(skin.joints[k]) >= scene_.nodes.size()) {
+      if (element(scene_.nodes, skin.joints[k]) == nullptr)
         return corrupt_gltf("skin " + std::to_string(index) + ": no node " + std::to_string(skin.joints[k]));
-      }
       GltfScene::Bone bone{static_cast<std::size_t>(skin.joints[k]), kIdentity};
       if (inverse)
         std::copy_n(inverse->values.begin() + static_cast<std::ptrdiff_t>(16 * k), 16, bone.inverse_bind.begin());
@@ -345,8 +345,7 @@ class Builder {
       }
     }
     appearance.face_material.resize(before + faces.size(), -1);
-    const bool known =
-        primitive.material >= 0 && static_cast<std::size_t>(primitive.material) < model_.materials.size();
+    const bool known = element(model_.materials, primitive.material) != nullptr;
     std::fill(appearance.face_material.begin() + static_cast<std::ptrdiff_t>(before), appearance.face_material.end(),
               known ? primitive.material : -1);
     return {};
@@ -369,11 +368,8 @@ class Builder {
       mine.name = material.name;
       const auto& factor = material.pbrMetallicRoughness.baseColorFactor;
       for (std::size_t c = 0; c < 4 && factor.size() == 4; ++c) mine.base_colour[c] = static_cast<float>(factor[c]);
-      const int texture = material.pbrMetallicRoughness.baseColorTexture.index;
-      if (texture >= 0 && static_cast<std::size_t>(texture) < model_.textures.size()) {
-        const int image = model_.textures[static_cast<std::size_t>(texture)].source;
-        if (image >= 0 && static_cast<std::size_t>(image) < model_.images.size()) mine.image = image;
-      }
+      const auto* texture = element(model_.textures, material.pbrMetallicRoughness.baseColorTexture.index);
+      if (texture != nullptr && element(model_.images, texture->source) != nullptr) mine.image = texture->source;
       scene_.appearance.materials.push_back(std::move(mine));
     }
     return {};

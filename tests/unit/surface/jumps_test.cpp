@@ -80,7 +80,9 @@ TEST(Jumps, MostFramesInWrongOrderAreRefused) {
     EXPECT_EQ(jumps.findings().empty(), wrong == 0) << wrong;
     const auto order = jumps.order();
     EXPECT_EQ(bool(order), wrong <= 12) << wrong;
-    if (!order) EXPECT_EQ(order.error().code, ErrorCode::kInvalidArgument);
+    if (!order) {
+      EXPECT_EQ(order.error().code, ErrorCode::kInvalidArgument);
+    }
   }
 }
 
