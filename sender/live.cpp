@@ -92,16 +92,4 @@ void StatusLog::show(const Publisher& publisher, TimeUs now_us) {
   shown_us_ = now_us;
 }
 
-std::string_view name_of(SendStatus status) {
-  switch (status) {
-    case SendStatus::kSent:
-      return "sent";
-    case SendStatus::kDropped:
-      return "dropped";
-    case SendStatus::kDisconnected:
-      return "disconnected";
-  }
-  return "unknown";
-}
-
 }  // namespace eigencast

@@ -43,7 +43,4 @@ class StatusLog {
   TimeUs shown_us_;
 };
 
-/// "sent", "dropped", "disconnected"
-std::string_view name_of(SendStatus status);
-
 }  // namespace eigencast

@@ -31,9 +31,11 @@ class SentRecord {
     return {};
   }
   void add(const Schedule::Tick& tick, SendStatus status) {
-    if (out_.is_open()) {
-      out_ << json{{"capture_us", tick.due_us}, {"frame", tick.frame}, {"status", name_of(status)}}.dump() << std::endl;
-    }
+    constexpr const char* kNames[] = {"sent", "dropped", "disconnected"};
+    if (!out_.is_open()) return;
+    out_
+        << json{{"capture_us", tick.due_us}, {"frame", tick.frame}, {"status", kNames[static_cast<int>(status)]}}.dump()
+        << std::endl;
   }
 
  private:

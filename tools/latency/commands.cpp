@@ -10,6 +10,7 @@
 #include <mutex>
 #include <nlohmann/json.hpp>
 
+#include "common/command_line/log.h"
 #include "common/core/files.h"
 #include "common/core/text.h"
 #include "common/net/websocket.h"
@@ -28,10 +29,7 @@ int complain(const Error& error) {
 }
 
 LogSink log_to_stderr(bool verbose) {
-  return [verbose](LogLevel level, std::string_view text) {
-    if (verbose || level >= LogLevel::kWarning)
-      std::fprintf(stderr, "%.*s\n", static_cast<int>(text.size()), text.data());
-  };
+  return sink_to(stderr_logger(verbose ? LogLevel::kDebug : LogLevel::kWarning));
 }
 
 OnProgress progress_line(const Options& options) {

@@ -97,7 +97,11 @@ void add_sender(CLI::App& command, Inputs& in) {
       ->capture_default_str();
 }
 
-void add_viewer(CLI::App& command, Inputs& in) {
+/// A measured run with a viewer.
+void add_viewer(CLI::App& command, Options& o) {
+  Inputs& in = o.inputs;
+  add_access(command, in);
+  add_span(command, in);
   command.add_option("--interp", in.interpolation, "poses per key: 1 (raw) to 15")
       ->check(interpolations())
       ->capture_default_str();
@@ -115,6 +119,7 @@ void add_viewer(CLI::App& command, Inputs& in) {
   command.add_option("--late-ms", in.late_ms, "an older pose counts as late")
       ->check(CLI::Range(0.0, 1e9))
       ->capture_default_str();
+  add_outputs(command, o);
 }
 
 }  // namespace
@@ -134,29 +139,20 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
   loop->add_option("--clients", o.inputs.clients, "viewers; all but one are light")
       ->check(clients())
       ->capture_default_str();
-  add_access(*loop, o.inputs);
-  add_span(*loop, o.inputs);
   add_sender(*loop, o.inputs);
-  add_viewer(*loop, o.inputs);
-  add_outputs(*loop, o);
+  add_viewer(*loop, o);
 
   CLI::App* pair = app.add_subcommand("pair", "sender and viewer on two machines, one end each");
   auto* ends = pair->add_option_group("end")->require_option(1);
   std::string publish, subscribe;
   ends->add_option("--publish", publish, "be the sender of this stream");
   ends->add_option("--subscribe", subscribe, "be the viewer of this stream");
-  add_access(*pair, o.inputs);
-  add_span(*pair, o.inputs);
   add_sender(*pair, o.inputs);
-  add_viewer(*pair, o.inputs);
-  add_outputs(*pair, o);
+  add_viewer(*pair, o);
 
   CLI::App* passive = app.add_subcommand("passive", "watch a stream that somebody else sends");
   passive->add_option("url", o.inputs.url, "ws://host:port/stream, or wss://")->required();
-  add_access(*passive, o.inputs);
-  add_span(*passive, o.inputs);
-  add_viewer(*passive, o.inputs);
-  add_outputs(*passive, o);
+  add_viewer(*passive, o);
 
   CLI::App* probe = app.add_subcommand("probe", "round trip to a broker, and the offset of its clock");
   probe->add_option("url", o.inputs.url, "ws://host:port, or wss://")->required();
