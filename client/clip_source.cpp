@@ -58,7 +58,7 @@ Result<std::shared_ptr<const BakedClip>> BakedClip::open(const std::string& inpu
   if (!clip) return clip.error();
   BakeOptions options;
   options.name = std::filesystem::path(input).stem().string();
-  options.looks = (*clip)->appearance();
+  options.appearance = (*clip)->appearance();
   const KnownMotion motion = motion_of(**clip);
   options.motion = &motion;
   auto result = bake((*clip)->rest(), options, cache_dir, progress);

@@ -16,7 +16,7 @@ endif()
 
 # Targets whose sources are not yet compiled together, because names of their anonymous namespaces clash. To be emptied.
 set(EIGENCAST_NOT_TOGETHER
-  eigencast_sdk eigencast_wire eigencast_net unit_sdk unit_sdk_bake)
+ )
 function(eigencast_compile_together TARGET)
   if("${TARGET}" IN_LIST EIGENCAST_NOT_TOGETHER)
     set_target_properties(${TARGET} PROPERTIES UNITY_BUILD OFF)

@@ -60,36 +60,35 @@ Result<Surface> surface_from(const double* positions, std::uint32_t vertices, co
   return surface;
 }
 
-/// Null or whole: whoever means an image gets one, or is told why not.
+/// Null: no appearance is given. Errors: kInvalidArgument, kTooLarge.
 Result<std::optional<Appearance>> appearance_from(const ec_appearance* given, const Surface& surface) {
   if (given == nullptr) return std::optional<Appearance>();
   if (abi::lacks_size(given))
     return fail(ErrorCode::kInvalidArgument, "ec_bake: struct_size of the appearance is not set; use EC_INIT");
-  const ec_appearance looks = abi::filled(given);
-  const bool has_places = looks.corner_uv != nullptr || looks.vertex_uv != nullptr;
-  if ((looks.image != nullptr) != has_places || (looks.corner_uv != nullptr && looks.vertex_uv != nullptr)) {
-    return fail(ErrorCode::kInvalidArgument,
-                "ec_bake: an image needs places in it, corner_uv or vertex_uv, one of the two, and they an image");
+  const ec_appearance appearance = abi::filled(given);
+  const bool has_uv = appearance.corner_uv != nullptr || appearance.vertex_uv != nullptr;
+  if ((appearance.image != nullptr) != has_uv || (appearance.corner_uv != nullptr && appearance.vertex_uv != nullptr)) {
+    return fail(ErrorCode::kInvalidArgument, "ec_bake: give an image together with either corner_uv or vertex_uv");
   }
-  if (has_places && surface.is_point_cloud())
+  if (has_uv && surface.is_point_cloud())
     return fail(ErrorCode::kInvalidArgument, "ec_bake: a point cloud has no faces that an image could lie on");
   Appearance made;
-  if (looks.vertex_colours != nullptr) {
+  if (appearance.vertex_colours != nullptr) {
     made.vertex_colour.resize(surface.vertex_count());
-    std::memcpy(made.vertex_colour.data(), looks.vertex_colours, 3 * surface.vertex_count());
+    std::memcpy(made.vertex_colour.data(), appearance.vertex_colours, 3 * surface.vertex_count());
   }
-  if (!has_places) return std::optional(std::move(made));
-  if (looks.image_size > AssetTexture::kMaxImageBytes)
+  if (!has_uv) return std::optional(std::move(made));
+  if (appearance.image_size > AssetTexture::kMaxImageBytes)
     return fail(ErrorCode::kTooLarge, "ec_bake: the image has more than 16 MiB; make it smaller, or of fewer pixels");
-  const auto* bytes = static_cast<const std::uint8_t*>(looks.image);
-  made.images.push_back({"appearance", "", {bytes, bytes + looks.image_size}});
+  const auto* bytes = static_cast<const std::uint8_t*>(appearance.image);
+  made.images.push_back({"appearance", "", {bytes, bytes + appearance.image_size}});
   if (const auto usable = check_image(made.images.front()); !usable) return in_context("ec_bake", usable.error());
   if (const auto valid = validate_surface(surface); !valid) return valid.error();
   made.corner_uv.resize(surface.faces.size());
   for (std::size_t f = 0; f < surface.faces.size(); ++f) {
     for (std::size_t k = 0; k < 3; ++k) {
-      const float* uv = looks.corner_uv != nullptr ? looks.corner_uv + 2 * (3 * f + k)
-                                                   : looks.vertex_uv + 2 * std::size_t{surface.faces[f][k]};
+      const float* uv = appearance.corner_uv != nullptr ? appearance.corner_uv + 2 * (3 * f + k)
+                                                        : appearance.vertex_uv + 2 * std::size_t{surface.faces[f][k]};
       made.corner_uv[f][k] = {uv[0], uv[1]};
     }
   }
@@ -168,10 +167,10 @@ ec_status ec_bake(const double* positions, uint32_t vertex_count, const uint32_t
     const ec_bake_options given = filled(options);
     const auto surface = surface_from(positions, vertex_count, faces, face_count);
     if (!surface) return failed(surface.error());
-    const auto looks = appearance_from(given.appearance, *surface);
-    if (!looks) return failed(looks.error());
+    const auto appearance = appearance_from(given.appearance, *surface);
+    if (!appearance) return failed(appearance.error());
     BakeOptions bake_options;
-    if (*looks) bake_options.looks = &**looks;
+    if (*appearance) bake_options.appearance = &**appearance;
     const auto basis = basis_from_name(text_or(given.basis, std::string(name_of(bake_options.basis))));
     if (!basis) return failed(basis.error());
     bake_options.basis = *basis;

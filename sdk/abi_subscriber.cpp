@@ -72,19 +72,19 @@ void rebuild_riders(ec_subscriber& self, std::uint32_t N) {
   if (v == 3) self.velocities = rebuilt_channels(self, channels - v, v, 1e6 / info->format.velocity_us, N);
 }
 
-/// Where in the image the corners of the triangles of level N lie; empty where there is no texture.
-std::vector<float> places_at_level(const Asset& asset, std::uint32_t N, std::size_t corners) {
+/// UV of the corners of the triangles of level N; empty where there is no texture.
+std::vector<float> corner_uv_at_level(const Asset& asset, std::uint32_t N, std::size_t corners) {
   if (!asset.texture) return {};
   const AssetTexture& texture = *asset.texture;
-  std::vector<float> places(2 * corners, std::numeric_limits<float>::quiet_NaN());
+  std::vector<float> corner_uv(2 * corners, std::numeric_limits<float>::quiet_NaN());
   for (std::size_t corner = 0; corner < corners; ++corner) {
     std::uint32_t wedge = texture.corners[corner / 3][corner % 3];
     while (wedge >= texture.first_wedge[N]) wedge = texture.parent[wedge];
     if (texture.uvs[wedge] == AssetTexture::kNone) continue;
     const std::array<float, 2> uv = texture.uv(wedge);
-    std::copy(uv.begin(), uv.end(), &places[2 * corner]);
+    std::copy(uv.begin(), uv.end(), &corner_uv[2 * corner]);
   }
-  return places;
+  return corner_uv;
 }
 
 /// level_of: from the asset to how many of its vertices.
@@ -103,7 +103,7 @@ ec_status rebuild(ec_subscriber& self, const LevelOf& level_of, ec_surface* out)
   self.reconstructor.update(*asset);
   if (self.triangles_of != wanted) {
     self.triangles = triangles_at_level(*asset, level);
-    self.corner_uv = places_at_level(*asset, level, self.triangles.size());
+    self.corner_uv = corner_uv_at_level(*asset, level, self.triangles.size());
     self.triangles_of = wanted;
   }
   self.positions.resize(std::size_t{3} * level);

@@ -41,11 +41,11 @@ namespace {
 /// Grows with every change of what a bake gives for the same input, so that old results are not found again.
 constexpr std::uint32_t kRecipe = 10;
 // Across a surface, so that its masses and a basis over them are numbers of 32 bits.
-constexpr double kLeastSize = 1e-15, kMostSize = 1e15;
+constexpr double kMinSize = 1e-15, kMaxSize = 1e15;
 
-constexpr std::size_t kPosesOfLevels = 6;              // more change little
-constexpr std::size_t kMostPosedVertices = 1'200'000;  // of all those poses: 100 bytes each
-constexpr std::size_t kSolvedExactly = 150'000;        // vertices, as of solve_eigenbasis()
+constexpr std::size_t kPosesOfLevels = 6;             // more change little
+constexpr std::size_t kMaxPosedVertices = 1'200'000;  // of all those poses: 100 bytes each
+constexpr std::size_t kSolvedExactly = 150'000;       // vertices, as of solve_eigenbasis()
 constexpr double kProgramBytes = 35e6;
 constexpr double kKernelBytes =
     12'000;  // of a point: the heat kernel's pairs, matrix and factor; 9 KB at 42,000 points
@@ -55,13 +55,13 @@ constexpr double kLaplacianDone = 0.03;
 constexpr double kBasisDone = 0.85;
 constexpr double kOrderDone = 0.93;
 
-/// Poses from all over a motion that levels of detail are to look like, too. One that cannot be read, or is not finite,
-/// is left out: whoever plays it says what is wrong with it.
+/// Poses from all over a motion that levels of detail follow, too. One that cannot be read, or is not finite,
+/// is left out: playing it reports what is wrong.
 std::vector<std::vector<Vec3>> poses_of_levels(const Surface& surface, const KnownMotion* motion) {
   std::vector<std::vector<Vec3>> poses;
   if (motion == nullptr || motion->poses < 2 || surface.is_point_cloud()) return poses;
   const std::size_t count =
-      std::min({kPosesOfLevels, motion->poses, kMostPosedVertices / std::max<std::size_t>(surface.vertex_count(), 1)});
+      std::min({kPosesOfLevels, motion->poses, kMaxPosedVertices / std::max<std::size_t>(surface.vertex_count(), 1)});
   for (std::size_t i = 0; i < count; ++i) {
     auto pose = motion->pose((2 * i + 1) * motion->poses / (2 * count));
     if (!pose || pose->size() != surface.vertex_count()) continue;
@@ -74,18 +74,18 @@ std::vector<std::vector<Vec3>> poses_of_levels(const Surface& surface, const Kno
 }
 
 /// What an asset is to have beside its shape.
-struct Looks {
+struct PlannedAppearance {
   std::vector<std::array<std::uint8_t, 3>> colours;
   std::optional<TexturePlan> texture;
   std::string report;
 };
 
-Looks looks_of(const Surface& surface, const Appearance* stated) {
-  Looks looks;
-  if (stated == nullptr) return looks;
-  looks.colours = stated_colours(surface, *stated);
-  looks.texture = plan_texture(surface, *stated, looks.report);
-  return looks;
+PlannedAppearance planned_appearance(const Surface& surface, const Appearance* stated) {
+  PlannedAppearance appearance;
+  if (stated == nullptr) return appearance;
+  appearance.colours = stated_colours(surface, *stated);
+  appearance.texture = plan_texture(surface, *stated, appearance.report);
+  return appearance;
 }
 
 bool uses_kernel(const BakeOptions& options) {
@@ -132,10 +132,10 @@ Result<void> check_options(const Surface& surface, const BakeOptions& options) {
     return fail(ErrorCode::kInvalidArgument, "an asset error that is not between 0 and 0.1 of the diagonal");
   }
   const double size = bounding_box(surface.positions).diagonal();
-  if (size > 0 && !(size >= kLeastSize && size <= kMostSize)) {
+  if (size > 0 && !(size >= kMinSize && size <= kMaxSize)) {
     return fail(ErrorCode::kInvalidArgument,
                 formatted("the surface is %.1g units across; assets and streams hold %.0e to %.0e: choose another unit",
-                          size, kLeastSize, kMostSize));
+                          size, kMinSize, kMaxSize));
   }
   const double needed = bake_bytes(surface.vertex_count(), options);
   if (const double there = usable_memory(); needed > there) {
@@ -150,8 +150,8 @@ Result<void> check_options(const Surface& surface, const BakeOptions& options) {
 }
 
 /// What a result depends on. Errors: those of the motion's poses.
-Result<Sha256> key_of(const Surface& surface, std::span<const std::vector<Vec3>> poses, const Looks& looks,
-                      const BakeOptions& options) {
+Result<Sha256> key_of(const Surface& surface, std::span<const std::vector<Vec3>> poses,
+                      const PlannedAppearance& appearance, const BakeOptions& options) {
   Bytes head;
   ByteWriter out(head);
   out.text("eigencast bake");
@@ -176,12 +176,12 @@ Result<Sha256> key_of(const Surface& surface, std::span<const std::vector<Vec3>>
   stream.update(view(surface.positions));
   stream.update(view(surface.faces));
   for (const auto& pose : poses) stream.update(view(pose));
-  if (!looks.colours.empty()) stream.update(view(looks.colours));
-  if (looks.texture) {
-    stream.update(view(looks.texture->low));
-    stream.update(view(looks.texture->high));
-    stream.update(view(looks.texture->uvs));
-    stream.update(looks.texture->image);
+  if (!appearance.colours.empty()) stream.update(view(appearance.colours));
+  if (appearance.texture) {
+    stream.update(view(appearance.texture->low));
+    stream.update(view(appearance.texture->high));
+    stream.update(view(appearance.texture->uvs));
+    stream.update(appearance.texture->image);
   }
   if (is_of_motion(options.basis)) {
     const KnownMotion& motion = *options.motion;
@@ -230,14 +230,14 @@ std::vector<double> rest_coefficients(const Surface& surface, const Basis& basis
 std::vector<float> rows_in_order(const Eigen::MatrixXd& Psi, std::span<const std::uint32_t> order) {
   constexpr std::size_t kColumns = 16;
   const auto r = static_cast<std::size_t>(Psi.cols());
-  std::vector<std::size_t> place(order.size());
-  for (std::size_t row = 0; row < order.size(); ++row) place[order[row]] = row;
+  std::vector<std::size_t> row_of(order.size());
+  for (std::size_t row = 0; row < order.size(); ++row) row_of[order[row]] = row;
   std::vector<float> rows(order.size() * r);
   worker_team().run((r + kColumns - 1) / kColumns, [&](std::size_t task) {
     const std::size_t end = std::min(r, (task + 1) * kColumns);
-    for (std::size_t source = 0; source < place.size(); ++source) {
+    for (std::size_t source = 0; source < row_of.size(); ++source) {
       for (std::size_t k = task * kColumns; k < end; ++k) {
-        rows[place[source] * r + k] =
+        rows[row_of[source] * r + k] =
             static_cast<float>(Psi(static_cast<Eigen::Index>(source), static_cast<Eigen::Index>(k)));
       }
     }
@@ -245,9 +245,9 @@ std::vector<float> rows_in_order(const Eigen::MatrixXd& Psi, std::span<const std
   return rows;
 }
 
-/// REQUIRES: the looks, the normals (of points), the basis and the order are of this surface.
-Asset asset_from(const Surface& surface, const Looks& looks, std::span<const Vec3> normals, const Basis& basis,
-                 PrefixOrder order, const BakeOptions& options) {
+/// REQUIRES: the appearance, the normals (of points), the basis and the order are of this surface.
+Asset asset_from(const Surface& surface, const PlannedAppearance& appearance, std::span<const Vec3> normals,
+                 const Basis& basis, PrefixOrder order, const BakeOptions& options) {
   Asset asset;
   const std::size_t n = surface.vertex_count();
   const auto r = static_cast<std::size_t>(basis.Psi.cols());
@@ -273,10 +273,10 @@ Asset asset_from(const Surface& surface, const Looks& looks, std::span<const Vec
     asset.splats = {std::move(splats.frame), std::move(splats.normal), std::move(splats.radius),
                     std::move(splats.parent_radius)};
   }
-  if (!looks.colours.empty()) {
-    for (const std::uint32_t source : order.order) asset.colours.push_back(looks.colours[source]);
+  if (!appearance.colours.empty()) {
+    for (const std::uint32_t source : order.order) asset.colours.push_back(appearance.colours[source]);
   }
-  if (looks.texture) asset.texture = texture_along(order, *looks.texture);
+  if (appearance.texture) asset.texture = texture_along(order, *appearance.texture);
   asset.map = std::move(order.map);
   asset.faces = std::move(order.faces);
   asset.death = std::move(order.death);
@@ -339,10 +339,10 @@ Result<Basis> basis_of(const Surface& surface, const Laplacian& laplacian, const
 /// when they are asked for.
 class OrderToCome {
  public:
-  OrderToCome(const Surface& surface, std::span<const std::vector<Vec3>> poses, const Looks& looks) {
-    const auto work = [&surface, poses, &looks, this] {
+  OrderToCome(const Surface& surface, std::span<const std::vector<Vec3>> poses, const PlannedAppearance& appearance) {
+    const auto work = [&surface, poses, &appearance, this] {
       std::vector<std::pair<std::uint32_t, std::uint32_t>> seams;
-      if (looks.texture) seams = seam_edges(surface.faces, looks.texture->uvs);
+      if (appearance.texture) seams = seam_edges(surface.faces, appearance.texture->uvs);
       return build_prefix_order(surface, seams, poses, unwanted_);
     };
     try {
@@ -365,15 +365,15 @@ class OrderToCome {
   std::future<Result<PrefixOrder>> order_;
 };
 
-Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vector<Vec3>> poses, const Looks& looks,
-                               const BakeOptions& options, const Stages& stages) {
+Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vector<Vec3>> poses,
+                               const PlannedAppearance& appearance, const BakeOptions& options, const Stages& stages) {
   const TimeUs start = steady_now_us();
   if (!stages.at(0.01, "operator")) return cancelled("operator");
   auto laplacian = build_laplacian(
       surface, {.delaunay = options.delaunay,
                 .points = uses_kernel(options) ? PointsOperator::kPbMhb : PointsOperator::kLocalDelaunay});
   if (!laplacian) return laplacian.error();
-  OrderToCome order_to_come(surface, poses, looks);
+  OrderToCome order_to_come(surface, poses, appearance);
   auto basis = basis_of(surface, *laplacian, options, stages.within(kLaplacianDone, kBasisDone));
   if (!basis) return basis.error();
   do {
@@ -383,7 +383,7 @@ Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vect
   if (!order) return order.error();
   if (!stages.at(kOrderDone, "encoding")) return cancelled("encoding");
   const auto normals = surface.is_point_cloud() ? oriented_normals(surface.positions) : std::vector<Vec3>();
-  Asset exact = asset_from(surface, looks, normals, *basis, std::move(*order), options);
+  Asset exact = asset_from(surface, appearance, normals, *basis, std::move(*order), options);
   const AssetEncoding encoding = encoding_of(exact, *basis, options);
   if (const DetailKind detail = detail_of(options); detail != DetailKind::kNone)
     exact.detail = detail_from(detail, exact, surface, normals, encoding);
@@ -401,7 +401,7 @@ Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vect
   const double seconds = static_cast<double>(steady_now_us() - start) / 1e6;
   result.report = report_of(result, {surface, poses.size(), options, *laplacian, *basis, seconds,
                                      bake_bytes(surface.vertex_count(), options)});
-  result.report += looks.report;
+  result.report += appearance.report;
   return result;
 }
 
@@ -415,7 +415,7 @@ double bake_bytes(std::size_t vertices, const BakeOptions& options) {
   if (options.motion != nullptr && options.motion->columns.count > 0)
     columns = 5 * static_cast<double>(options.motion->columns.count) + 60;
   if (detail_of(options) != DetailKind::kNone) columns += 2.0 * options.rank;  // as integers, and while coded
-  const double of_poses = options.motion != nullptr && vertices <= kMostPosedVertices ? 250.0 * kPosesOfLevels : 0;
+  const double of_poses = options.motion != nullptr && vertices <= kMaxPosedVertices ? 250.0 * kPosesOfLevels : 0;
   return kProgramBytes +
          static_cast<double>(vertices) * (8 * columns + of_poses + (uses_kernel(options) ? kKernelBytes : 0));
 }
@@ -430,10 +430,10 @@ Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, cons
   if (!stages.at(0, "checking")) return cancelled("checking");
   if (auto valid = validate_surface(surface); !valid) return valid.error();
   if (auto checked = check_options(surface, options); !checked) return checked.error();
-  const Looks looks = looks_of(surface, options.looks);
+  const PlannedAppearance appearance = planned_appearance(surface, options.appearance);
   const AssetCache cache(cache_dir);
   const std::vector<std::vector<Vec3>> poses = poses_of_levels(surface, options.motion);
-  const auto key = cache_dir.empty() ? Result<Sha256>(Sha256{}) : key_of(surface, poses, looks, options);
+  const auto key = cache_dir.empty() ? Result<Sha256>(Sha256{}) : key_of(surface, poses, appearance, options);
   if (!key) return key.error();
   try {
     if (!cache_dir.empty()) {
@@ -442,7 +442,7 @@ Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, cons
         return std::move(*found);
       }
     }
-    auto result = bake_afresh(surface, poses, looks, options, stages);
+    auto result = bake_afresh(surface, poses, appearance, options, stages);
     if (!result) return result;
     if (!cache_dir.empty()) {
       // Minutes of work are not thrown away because a disk is full.

@@ -29,7 +29,7 @@ struct BakeOptions {
   /// levels of detail of a mesh are to look like (see build_prefix_order); null: none. Must outlive the bake.
   const KnownMotion* motion = nullptr;
   /// Colours and texture that the asset is to have, of the same surface; null: none. Needed until bake() returns.
-  const Appearance* looks = nullptr;
+  const Appearance* appearance = nullptr;
   /// Of point clouds: "delaunay" (default) or "pb-mhb", slower (PointsOperator in spectral/laplacian.h).
   std::string points_operator = "delaunay";
   /// How what a harmonic or pca basis leaves out of the rest pose comes back in every pose, and full normals with it

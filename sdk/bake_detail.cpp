@@ -22,7 +22,7 @@ using Vector = std::array<double, 3>;
 
 // Rounding error of derivatives, whose size is about one: frames and normals turn by no more than the most, and nothing
 // is gained below the least.
-constexpr double kLeastError = 1e-3, kMostError = 1e-2;
+constexpr double kMinError = 1e-3, kMaxError = 1e-2;
 constexpr std::size_t kRowsAtOnce = 256;
 
 /// Calls work(row) for all of them, on the process's threads.
@@ -140,7 +140,7 @@ Asset::Detail detail_from(DetailKind kind, const Asset& asset, const Surface& su
   const std::vector<std::array<float, 3>> outward = normal_rows(asset, rest, normals);
   const Derivatives derivatives(asset, base);
   const double missing = rms_distance(rest, base);
-  const double error = std::clamp(missing > 0 ? encoding.error / missing : kMostError, kLeastError, kMostError);
+  const double error = std::clamp(missing > 0 ? encoding.error / missing : kMaxError, kMinError, kMaxError);
 
   Asset::Detail detail;
   detail.axes = kind == DetailKind::kNormal ? 1 : 3;

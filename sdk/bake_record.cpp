@@ -68,7 +68,7 @@ Result<void> store_bake(const AssetCache& cache, const Sha256& key, const BakeRe
   }
   const AssetObject& manifest = result.encoded.manifest;
   if (auto stored = cache.store(manifest.id, manifest.bytes); !stored) return stored;
-  // The record last: whoever finds it finds what it names.
+  // The record last: what it names is there before it.
   return cache.store_record(record_name(key), record_from(result));
 }
 

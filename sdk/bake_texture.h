@@ -26,7 +26,7 @@ Result<void> check_image(const Appearance::Image& image);
 
 /// Of a surface's images the one that most faces have; faces of others are nowhere in it. Nothing where there is none
 /// that an asset can have. `report` gets lines for people: which it is, and what was left out and why.
-std::optional<TexturePlan> plan_texture(const Surface& surface, const Appearance& looks, std::string& report);
+std::optional<TexturePlan> plan_texture(const Surface& surface, const Appearance& appearance, std::string& report);
 
 /// REQUIRES: the order is of the plan's surface.
 std::shared_ptr<const AssetTexture> texture_along(const PrefixOrder& order, const TexturePlan& plan);

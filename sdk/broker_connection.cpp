@@ -15,7 +15,6 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr TimeUs kAckIntervalUs = 33'000;
-constexpr TimeUs kPingIntervalUs = 250'000;
 constexpr milliseconds kTick{40};
 
 }  // namespace
@@ -178,7 +177,7 @@ void BrokerConnection::on_binary(ByteView bytes) {
       stream.listener->on_frame(*frame, bytes.size(), now);
     }
   }
-  if (now - last_ack_us_ >= kAckIntervalUs) acknowledge(now);  // After the pose is on its way to who waits for it.
+  if (now - last_ack_us_ >= kAckIntervalUs) acknowledge(now);  // Last, so that the pose does not wait for it.
 }
 
 void BrokerConnection::on_tick() {

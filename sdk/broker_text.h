@@ -7,11 +7,15 @@
 #include <string_view>
 #include <utility>
 
+#include "common/core/clock.h"
 #include "common/core/log.h"
 #include "common/wire/control.h"
 
 /// What both ends of a stream hear from their broker and say about it.
 namespace eigencast {
+
+/// How often the broker is asked for its clock.
+inline constexpr TimeUs kPingIntervalUs = 250'000;
 
 /// What a message about a lost peer ends with: "; next try in 400 ms", "; next try in 3.9 s", or nothing when there is
 /// none.
@@ -23,8 +27,8 @@ inline std::string try_again_in(std::chrono::milliseconds wait) {
          " s";
 }
 
-/// A text message of the broker's. Nothing where it is of a kind that this program does not know, which newer brokers
-/// may send, or broken, which the log tells.
+/// Parses a text message of the broker. Nothing: its kind is unknown here, which newer brokers may send, or it is
+/// malformed, which is logged.
 inline std::optional<ControlMessage> read_control(std::string_view text, const LogSink& log) {
   auto message = control_from_text(text);
   if (message) return std::move(*message);

@@ -107,7 +107,7 @@ Result<Contexts> Contexts::load(const std::string& path) {
     return fail(ErrorCode::kCorrupt, path + ": not a file of contexts; remove it, or mend it");
   }
   for (const json& entry : root["contexts"]) {
-    if (!entry.is_object()) return fail(ErrorCode::kCorrupt, path + ": a context is no object");
+    if (!entry.is_object()) return fail(ErrorCode::kCorrupt, path + ": a context is not an object");
     if (const auto added = contexts.add(context_from(entry)); !added) return in_context(path, added.error());
   }
   const std::string current = string_of(root, "current");

@@ -57,8 +57,8 @@ struct Target {
 Result<Target> resolve_target(const std::string& to, const Credentials& given, const std::string& context,
                               const Contexts& contexts);
 
-/// The same for a further stream of a program whose credentials were given for `home`'s broker: another one is only
-/// told what the contexts hold for it, and trusted by the same authorities.
+/// The same for a further stream of a program whose credentials were given for `home`'s broker: another broker
+/// gets only the credentials that the contexts hold for it; the same authorities count.
 Result<Target> resolve_beside(const Target& home, const std::string& to, const Credentials& given,
                               const std::string& context, const Contexts& contexts);
 

@@ -8,8 +8,6 @@
 
 namespace eigencast {
 
-using Clock = std::chrono::steady_clock;
-
 Introducer::Introducer(BrokerUrl url, std::shared_ptr<const EncodedAsset> encoded, Events events)
     : url_(std::move(url)), encoded_(std::move(encoded)), events_(std::move(events)) {
   thread_ = std::thread([this] { guarded_run([this] { run(); }, events_.on_exception); });
@@ -18,7 +16,7 @@ Introducer::Introducer(BrokerUrl url, std::shared_ptr<const EncodedAsset> encode
 void Introducer::begin(std::chrono::milliseconds after) {
   {
     const std::lock_guard lock(mutex_);
-    due_ = Clock::now() + after;
+    due_ = std::chrono::steady_clock::now() + after;
     ++orders_;
   }
   changed_.notify_all();
@@ -45,7 +43,7 @@ void Introducer::run() {
   std::unique_lock lock(mutex_);
   while (true) {
     changed_.wait(lock, [&] { return stopping_ || due_; });
-    while (!stopping_ && due_ && *due_ > Clock::now()) {
+    while (!stopping_ && due_ && *due_ > std::chrono::steady_clock::now()) {
       const auto until = *due_;
       changed_.wait_until(lock, until);
     }
@@ -63,7 +61,7 @@ void Introducer::run() {
     lock.unlock();
     const auto again = events_.on_done(done);
     lock.lock();
-    if (again && order == orders_) due_ = Clock::now() + *again;
+    if (again && order == orders_) due_ = std::chrono::steady_clock::now() + *again;
   }
 }
 

@@ -18,7 +18,7 @@
 
 namespace eigencast {
 
-/// Brings a publisher's asset to the broker whenever it is told to begin, on a thread of its own. Its events are called
+/// Brings a publisher's asset to the broker each time that begin() is called, on a thread of its own. Its events are called
 /// on that thread, with no lock of its own held. Thread-safe.
 class Introducer {
  public:

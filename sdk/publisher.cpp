@@ -21,8 +21,6 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr milliseconds kUploadRetry{1000};
-/// How often the broker's clock is asked for while somebody wants traces.
-constexpr TimeUs kPingIntervalUs = 250'000;
 /// A broker that refused the announcement is asked again after so long: another sender may have left.
 constexpr milliseconds kRefusedRetry{5000};
 
@@ -117,7 +115,7 @@ class Publisher::Impl {
           fail(ErrorCode::kInvalidArgument, "a pose without the scalars that were announced, or with more"));
     std::vector<double> all;
     if (format_.channels > 3) C = all = rows_in_format(format_, C, V, S);
-    if (const auto early = hindrance(capture_us)) return *early;
+    if (const auto early = send_blocker(capture_us)) return *early;
     auto key = key_from_coefficients(writer_.layout(), C, quantiser_.step);
     if (!key) return unusable(key.error());
     if (!writer_.held() || !still_) return send_key(std::move(*key), capture_us, work);
@@ -126,7 +124,7 @@ class Publisher::Impl {
 
   SendStatus send_recorded(Key key, ByteView payload, TimeUs capture_us, Work work) {
     const std::lock_guard lock(mutex_);
-    if (const auto early = hindrance(capture_us)) return *early;
+    if (const auto early = send_blocker(capture_us)) return *early;
     return send_coded(writer_.code_as(std::move(key), payload, capture_us), work);
   }
 
@@ -148,8 +146,8 @@ class Publisher::Impl {
     return RateControl(options_.bitrate, quantiser_.half_spacing, static_cast<std::uint8_t>(format_.band_ends.size()));
   }
 
-  /// Sends what the gate lets through. What did not leave leaves the gate as it was. REQUIRES: as send_key; a key was
-  /// sent, and there is a gate.
+  /// Sends what the gate lets through. The gate stays as it was where a frame is not sent. REQUIRES: as send_key; a key
+  /// was sent, and there is a gate.
   SendStatus send_unless_still(Key key, std::span<const double> C, TimeUs capture_us, const Work& work) {
     const StillGate before = *still_;
     const double distance = surface_distance(C, coefficients_from_key(writer_.layout(), *writer_.held()), asset_->area);
@@ -175,13 +173,13 @@ class Publisher::Impl {
   }
 
   /// Codes and sends the next key of the chain, with the spacing and the bands that the bit rate allows. REQUIRES:
-  /// mutex_ is held, nothing hinders.
+  /// mutex_ is held, nothing blocks sending.
   SendStatus send_key(Key key, TimeUs capture_us, Work work) {
     return send_coded(writer_.code(std::move(key), capture_us), work);
   }
 
   /// Why a pose of this time cannot be sent now, counted. REQUIRES: mutex_ is held.
-  std::optional<SendStatus> hindrance(TimeUs capture_us) {
+  std::optional<SendStatus> send_blocker(TimeUs capture_us) {
     if (stats_.state != State::kLive) return dropped(SendStatus::kDisconnected);
     if (socket_->unsent_bytes() > options_.max_unsent_bytes) return dropped(SendStatus::kDropped);
     if (auto usable = check_capture_time(capture_us); !usable) return unusable(usable.error());
@@ -189,7 +187,7 @@ class Publisher::Impl {
     return std::nullopt;
   }
 
-  /// REQUIRES: mutex_ is held, the stream is live, nothing hinders.
+  /// REQUIRES: mutex_ is held, the stream is live, nothing blocks sending.
   SendStatus send_coded(Result<KeyWriter::Coded> coded, const Work& work) {
     if (!coded) return unusable(coded.error());
     const std::size_t bytes = coded->message.size();
@@ -215,7 +213,7 @@ class Publisher::Impl {
     return dropped(SendStatus::kDropped);
   }
 
-  /// Tells those who asked where the time of the key just sent went. What is lost of it is lost.
+  /// Sends the timing marks of the key just sent, where they were asked for. Lost traces are not resent.
   /// REQUIRES: mutex_ is held.
   void trace(const Work& work, TimeUs sent_us) {
     const TimeUs now = steady_now_us();
@@ -393,7 +391,7 @@ class Publisher::Impl {
   const LogSink log_;
   const StreamFormat format_;
   const Quantiser quantiser_;
-  PoseProjection projection_;  ///< Of the caller's thread alone.
+  PoseProjection projection_;  ///< For the caller's thread alone.
 
   mutable std::mutex mutex_;
   // GUARDED_BY(mutex_), all that follows.

@@ -47,7 +47,7 @@ class Publisher final {
   /// Errors: kInvalidArgument (URL, stream name, error <= 0).
   static Result<std::unique_ptr<Publisher>> create(PublisherOptions options, std::shared_ptr<const Asset> asset,
                                                    std::shared_ptr<const EncodedAsset> encoded, LogSink log = {});
-  /// For one who has keys already, of a recording: the same, with send_key() only. `encoded` may be empty but for the
+  /// For callers that have the keys already, as of a recording: the same, with send_key() only. `encoded` may be empty but for the
   /// manifest's id: the broker must have the asset then. Errors: kInvalidArgument (URL, stream name, format).
   static Result<std::unique_ptr<Publisher>> create_for_keys(PublisherOptions options, const StreamFormat& format,
                                                             std::shared_ptr<const EncodedAsset> encoded,

@@ -26,8 +26,8 @@ Result<void> check_options(const PublisherOptions& options) {
                 "the error bound must be a positive length in model units, or 0 for the default");
   if (!std::isfinite(options.bitrate) || options.bitrate < 0 || options.still_heartbeat_us < 0)
     return fail(ErrorCode::kInvalidArgument, "bit rate and heartbeat must be positive, or 0 for none");
-  if (options.scalars > kMostScalars)
-    return fail(ErrorCode::kInvalidArgument, "a stream carries at most " + std::to_string(kMostScalars) + " scalars");
+  if (options.scalars > kMaxScalars)
+    return fail(ErrorCode::kInvalidArgument, "a stream carries at most " + std::to_string(kMaxScalars) + " scalars");
   if (options.scalars > 0 && options.still_heartbeat_us > 0)
     return fail(ErrorCode::kInvalidArgument,
                 "a publisher of scalars cannot leave out still poses: they may change while the surface stands still");

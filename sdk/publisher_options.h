@@ -30,7 +30,7 @@ struct PublisherOptions {
   /// every so often; 0: every pose is sent. A viewer never shows a pose further off than that bound because of it.
   TimeUs still_heartbeat_us = 0;
   bool velocities = false;  ///< Poses come with velocities, which go out beside them: for viewers with scheme=hermite.
-  /// Values that ride on each vertex beside its place, such as stress or temperature, at most kMostScalars: channels 3
+  /// Values of each vertex besides its position, such as stress or temperature, at most kMaxScalars: channels 3
   /// to 2 + scalars of the stream. They are coded within `error`, too, each in its own unit: give them a range of about
   /// the surface's diagonal, and the default keeps a thousandth of it.
   std::uint32_t scalars = 0;
@@ -44,7 +44,7 @@ struct PublisherOptions {
 /// The error bound of coding holds on average, not for each pose, so that still surfaces get more.
 inline constexpr double kStillOverError = 1.5;
 
-inline constexpr std::uint32_t kMostScalars = 10;
+inline constexpr std::uint32_t kMaxScalars = 10;
 
 /// Errors: kInvalidArgument (what cannot be kept to, or not together).
 Result<void> check_options(const PublisherOptions& options);

@@ -43,7 +43,7 @@ class RateControl {
 /// The key with only its `count` lowest bands; values of the others are 0. REQUIRES: it is of `layout`.
 Key lowest_bands(const CoefficientLayout& layout, Key key, std::uint8_t count);
 
-/// Sends the poses of a surface only while it moves. Whoever watches, in whatever mode, stays within the bound:
+/// Sends the poses of a surface only while it moves. Every viewer, in whatever mode, stays within the bound:
 ///   * the first still pose is sent as the held one again, so that nobody goes on along the old motion;
 ///   * when it moves again, the held pose is sent once more, stamped with the last time at which it held ("unchanged
 ///     until"), so that nobody interpolates through the pause.
@@ -59,7 +59,7 @@ class StillGate {
   /// bound  surface distance up to which a pose counts as the held one;  heartbeat_us  of still surfaces, > 0
   StillGate(double bound, TimeUs heartbeat_us) : bound_(bound), heartbeat_us_(heartbeat_us) {}
 
-  /// distance  of the pose from what receivers hold (surface_distance). The caller does as told.
+  /// distance  of the pose from what receivers hold (surface_distance). The caller does what is returned.
   Action next(double distance, TimeUs capture_us);
   TimeUs held_until_us() const { return held_until_us_; }
   /// The chain begins anew: the next pose is sent.

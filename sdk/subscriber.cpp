@@ -143,7 +143,7 @@ class Subscriber::Impl {
   std::condition_variable woken_;
   bool has_news_ = false;  ///< GUARDED_BY(wake_mutex_)
 
-  // Of the caller's thread alone.
+  // For the caller's thread alone.
   std::optional<control::StreamInfo> info_;
   std::optional<Arrival> held_;  ///< The newest pose of the surface that is on its way.
 

@@ -18,11 +18,11 @@
 namespace eigencast {
 
 /// The surface that a viewer shows, and the one of a newer epoch that is on its way: asks for their objects, verifies
-/// them, and lets the newer take the other's place once it can be drawn. Downloads run on the fetcher's threads;
+/// them, and lets the newer replace the other once it can be drawn. Downloads run on the fetcher's thread;
 /// everything else happens in the calls. Use from one thread.
 class Surfaces {
  public:
-  /// wake  is called, on a thread of the fetcher's, when add_object() has something to do
+  /// wake  is called, on the fetcher's thread, when add_object() has something to do
   Surfaces(const BrokerUrl& url, std::string cache_dir, std::function<void()> wake, LogSink log);
 
   /// The stream as it is announced (again). True: another surface than before is on its way from now on, or none any

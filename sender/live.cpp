@@ -4,7 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include "common/command_line/log.h"
-#include "common/net/knock.h"
+#include "common/net/probe.h"
 #include "sdk/publisher_options.h"
 
 namespace eigencast {
@@ -70,7 +70,7 @@ ExitCode check_target(const TargetOptions& target, bool velocities) {
     spdlog::error("{}", url.error().message);
     return kExitUsage;
   }
-  const auto let_in = knock(*url, "/v1/publish/" + url->stream, kProbeTimeout);
+  const auto let_in = probe(*url, "/v1/publish/" + url->stream, kProbeTimeout);
   if (let_in) return kExitOk;
   if (let_in.error().code == ErrorCode::kRefused) {
     spdlog::error("{}", let_in.error().message);

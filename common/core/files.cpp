@@ -47,7 +47,7 @@ bool write(const std::string& path, std::string_view content) {
   return !file.fail();
 }
 
-/// A device, a pipe or a link: nothing may take its place.
+/// A device, a pipe or a link, which must not be replaced.
 bool is_special(const std::string& path) {
   using Type = std::filesystem::file_type;
   std::error_code ignored;
@@ -114,7 +114,7 @@ Result<void> check_output_folder(const std::string& path) {
   fs::path there(path);
   while (!there.empty() && !fs::exists(there, ignored)) there = there.parent_path();
   const std::string folder = there.empty() ? "." : there.string();
-  if (!fs::is_directory(folder, ignored)) return fail(ErrorCode::kIo, folder + " is no folder");
+  if (!fs::is_directory(folder, ignored)) return fail(ErrorCode::kIo, folder + " is not a folder");
   if (::access(folder.c_str(), W_OK) != 0)
     return fail(ErrorCode::kIo, "nothing can be written into " + folder + ": " + std::strerror(errno));
   return {};

@@ -29,12 +29,12 @@ void sleep_on_time() {
 
 void run_when_woken(std::chrono::microseconds work) {
   constexpr long kThisThread = 0, kNoFlags = 0;
-  constexpr std::uint32_t kOrdinary = 0;  // SCHED_OTHER; who was given another policy keeps it.
+  constexpr std::uint32_t kOrdinary = 0;  // SCHED_OTHER; a thread of another policy keeps it.
   SchedulingAttributes attributes;
   if (syscall(SYS_sched_getattr, kThisThread, &attributes, sizeof attributes, kNoFlags) != 0) return;
   if (attributes.policy != kOrdinary) return;
   attributes.runtime_ns = static_cast<std::uint64_t>(std::chrono::nanoseconds(work).count());
-  (void)syscall(SYS_sched_setattr, kThisThread, &attributes, kNoFlags);  // Who is refused waits as long as it did.
+  (void)syscall(SYS_sched_setattr, kThisThread, &attributes, kNoFlags);  // Refused: it waits as long as before.
 }
 
 }  // namespace eigencast

@@ -17,9 +17,9 @@ namespace eigencast {
 namespace {
 
 namespace ssl = boost::asio::ssl;
-using error_code = boost::system::error_code;
+using boost::system::error_code;
 
-constexpr int kMostNames = 6;
+constexpr int kMaxNames = 6;
 
 Error wrong_file(const std::string& file, const std::string& what, const error_code& why) {
   return fail(ErrorCode::kInvalidArgument, file + ": no " + what + " in PEM can be read here: " + why.message());
@@ -44,7 +44,7 @@ Result<void> load_own(ssl::context& context, const Credentials& own) {
   return {};
 }
 
-std::string printable(std::string_view text) {
+std::string printable_name(std::string_view text) {
   std::string out;
   for (const char c : text.substr(0, 100)) out += c > ' ' && c <= '~' ? c : '?';
   return out;
@@ -57,7 +57,7 @@ std::string text_of(const GENERAL_NAME& name) {
   if (value == nullptr) return {};
   const auto length = static_cast<std::size_t>(ASN1_STRING_length(value));
   const void* bytes = ASN1_STRING_get0_data(value);
-  if (name.type == GEN_DNS) return printable({static_cast<const char*>(bytes), length});
+  if (name.type == GEN_DNS) return printable_name({static_cast<const char*>(bytes), length});
   std::array<char, INET6_ADDRSTRLEN> text{};
   if (length != 4 && length != 16) return {};
   inet_ntop(length == 4 ? AF_INET : AF_INET6, bytes, text.data(), text.size());
@@ -68,7 +68,7 @@ std::string text_of(const GENERAL_NAME& name) {
 std::string names_of(const X509* certificate) {
   auto* names = static_cast<GENERAL_NAMES*>(X509_get_ext_d2i(certificate, NID_subject_alt_name, nullptr, nullptr));
   std::string out;
-  for (int i = 0; i < sk_GENERAL_NAME_num(names) && i < kMostNames; ++i) {
+  for (int i = 0; i < sk_GENERAL_NAME_num(names) && i < kMaxNames; ++i) {
     const std::string text = text_of(*sk_GENERAL_NAME_value(names, i));
     if (!text.empty()) out += (out.empty() ? "" : ", ") + text;
   }
@@ -90,7 +90,7 @@ std::string complaint(X509_STORE_CTX* state, const std::string& host, const std:
   switch (error) {
     case X509_V_ERR_CERT_HAS_EXPIRED:
       return "it expired on " + text_of(X509_get0_notAfter(certificate)) +
-             " (whoever runs the broker must renew it, and reload the broker)";
+             " (the operator of the broker must renew it, and reload the broker)";
     case X509_V_ERR_CERT_NOT_YET_VALID:
       return "it is valid from " + text_of(X509_get0_notBefore(certificate)) +
              " only (is the clock of this machine right?)";

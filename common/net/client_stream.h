@@ -19,13 +19,13 @@
 
 namespace eigencast {
 
-/// Whom a client trusts. Null: the URL asks for no TLS. TLS 1.2 or newer; certificates are verified, against the
+/// The authorities and certificates of a client. Null: the URL asks for no TLS. TLS 1.2 or newer; certificates are verified, against the
 /// system's authorities or those of the URL's ca_file, unless it says `insecure`.
 /// Errors: kInvalidArgument (no certificate or key in a file that the URL names; a key of another certificate).
 using ClientTls = std::shared_ptr<boost::asio::ssl::context>;
 Result<ClientTls> make_client_tls(const BrokerUrl& url);
 
-/// Any handler of an asynchronous operation, on the executor that it asks for: who takes one of these is compiled once,
+/// Any handler of an asynchronous operation, on the executor that it asks for: a function that takes one is compiled once,
 /// not once for each kind of handler. May only be moved; to be called once.
 template <typename... Results>
 class AnyHandler {
@@ -96,7 +96,7 @@ class ClientStream {
   template <typename Buffer>
   using Pieces = boost::container::static_vector<Buffer, 16>;
 
-  /// As many as go into one call; whoever reads or writes comes back for the rest.
+  /// As many as go into one call; the caller comes back for the rest.
   template <typename Buffer, typename Buffers>
   static Pieces<Buffer> first_of(const Buffers& buffers) {
     Pieces<Buffer> pieces;

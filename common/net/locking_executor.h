@@ -10,8 +10,8 @@
 
 namespace eigencast {
 
-/// Runs what it is given as Inner does, and holds a lock meanwhile: whoever else takes that lock may use what belongs
-/// to the handlers, on a thread of its own. Meets Asio's requirements of an executor. The lock must outlive it, and is
+/// Runs what it is given as Inner does, and holds a lock meanwhile: another thread that takes that lock may use what
+/// belongs to the handlers. Meets Asio's requirements of an executor. The lock must outlive it, and is
 /// recursive because a handler may be run within another.
 template <typename Inner>
 class LockingExecutor {

@@ -19,7 +19,7 @@ constexpr std::size_t kMaxTokenBytes = 8 * 1024;
 
 Error bad_url(std::string_view text, std::string_view why) {
   return fail(ErrorCode::kInvalidArgument, "\"" + std::string(text.substr(0, 200)) + "\" is not a broker's URL: " +
-                                               std::string(why) + "; it should look like ws://host:7490/stream");
+                                               std::string(why) + "; a URL is, for example, ws://host:7490/stream");
 }
 
 bool starts_with_any_case(std::string_view text, std::string_view prefix) {
@@ -34,7 +34,7 @@ bool is_host_character(char c, bool ipv6) {
   return std::isalnum(u) || c == '-' || c == '.' || c == '_';
 }
 
-/// Takes the scheme off; nothing when it is none of ours.
+/// Takes the scheme off; false: it is not one of ours.
 bool take_scheme(std::string_view& rest, bool& tls) {
   struct Scheme {
     std::string_view text;
@@ -83,7 +83,7 @@ std::string_view take_authority(std::string_view authority, BrokerUrl& url) {
   return {};
 }
 
-/// Splits the token off, so that whoever shows the query does not show it.
+/// Splits the token off, so that it is never shown with the query.
 void take_query(std::string_view query, BrokerUrl& url) {
   constexpr std::string_view kToken = "access_token=";
   while (!query.empty()) {
@@ -174,13 +174,13 @@ Result<void> complete_credentials(BrokerUrl& url, const Credentials& given, cons
   own.token = std::move(*token);
   const auto fits = [](char c) { return c > ' ' && c <= '~'; };
   if (own.token.size() > kMaxTokenBytes || !std::all_of(own.token.begin(), own.token.end(), fits)) {
-    return fail(ErrorCode::kInvalidArgument, "the token is none: it is over 8 KiB or contains blanks");
+    return fail(ErrorCode::kInvalidArgument, "the token is invalid: it is over 8 KiB or contains blanks");
   }
   if (const auto tls = make_client_tls(url); !tls) return tls.error();
   if (url.tls && own.insecure) {
     eigencast::log(log, LogLevel::kWarning,
                    "the certificate of " + url.origin() +
-                       " is not checked (--insecure): whoever is in between can read and change everything");
+                       " is not checked (--insecure): anybody in between can read and change everything");
   }
   return {};
 }

@@ -10,13 +10,13 @@
 
 namespace eigencast {
 
-/// How a client shows who it is, and whom it trusts.
+/// How a client proves its identity, and which authorities it trusts.
 struct Credentials {
   std::string token = {};    ///< The token itself, or @FILE. Empty: EIGENCAST_TOKEN of the environment, if that is set.
   std::string ca_file = {};  ///< PEM file of the authorities that count for wss:// and https://. Empty: the system's.
   std::string certificate_file = {};  ///< PEM file of the client's own certificate, for brokers that ask for one.
   std::string key_file = {};          ///< Its private key, PEM, without passphrase.
-  bool insecure = false;              ///< The broker's certificate is not looked at: anybody may be in between.
+  bool insecure = false;              ///< The broker's certificate is not checked: anybody may be in between.
   bool operator==(const Credentials&) const = default;
 };
 
@@ -41,7 +41,7 @@ struct BrokerUrl {
 bool is_same_broker(const BrokerUrl& a, const BrokerUrl& b);
 
 /// Of "wss://host/eigencast/v1/subscribe/a/b?access_token=T" prefix, stream and token are taken apart.
-/// Errors: kInvalidArgument, saying what is wrong and what a URL looks like.
+/// Errors: kInvalidArgument, saying what is wrong and what a URL has to be.
 Result<BrokerUrl> parse_broker_url(std::string_view text);
 
 /// Completes the URL's credentials by `given`, which win, and by the environment. Warns of `insecure`.

@@ -104,8 +104,7 @@ class WebSocket::Impl {
   ~Impl() { stop(); }
 
   SendStatus send(Outgoing message) {
-    // Whoever finds no handler at work writes here and now: waking the connection's thread takes longer than writing
-    // does.
+    // Where no handler runs, the caller's thread writes: waking the connection's thread takes longer than that.
     const std::unique_lock turn(turn_, std::try_to_lock);
     std::uint64_t generation = 0;
     {
@@ -364,7 +363,7 @@ class WebSocket::Impl {
     // A refusal will not change soon: the longest interval at once.
     const bool longest = failure.refused || hold_off == milliseconds(0);
     milliseconds wait = retry_delay(longest ? 64 : failures_, options_.first_retry, options_.longest_retry, unit);
-    // Whom the broker asked to stay away must not all come back in one moment either.
+    // Clients that the broker sent away must not all come back at one moment either.
     if (failure.for_good) return report_down(failure.error, milliseconds(0));
     if (failure.least_wait > wait) wait = retry_delay(1, failure.least_wait, failure.least_wait, unit);
     if (hold_off && *hold_off > wait) wait = *hold_off + milliseconds(std::llround(0.25 * unit * hold_off->count()));
@@ -430,7 +429,7 @@ class WebSocket::Impl {
   const LogSink log_;
   const std::string where_;
 
-  /// Held by every handler, and by who writes on a thread of its own; taken before mutex_.
+  /// Held by every handler, and by callers while they write; taken before mutex_.
   std::recursive_mutex turn_;
   asio::io_context io_;
   asio::executor_work_guard<asio::io_context::executor_type> work_;

@@ -29,7 +29,7 @@ struct WebSocketFailure {
 WebSocketFailure failure_of_handshake(const boost::system::error_code& ec, const ClientStream& stream,
                                       const BrokerUrl& url);
 
-/// A broker answered a request for a WebSocket with a status that is none, and this body.
+/// A broker answered a request for a WebSocket with a status other than success, and this body.
 WebSocketFailure failure_of_answer(unsigned status, std::string_view body, const std::string& where, bool has_token);
 
 /// The upgrade to a WebSocket was refused, or something else answered.

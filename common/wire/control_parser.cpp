@@ -13,7 +13,7 @@ namespace {
 using namespace control;
 using Json = nlohmann::json;  // Its lookups stay fast however many keys a peer sends.
 
-Error corrupt(std::string what) {
+Error malformed(std::string what) {
   return fail(ErrorCode::kCorrupt, "control message: " + std::move(what));
 }
 
@@ -151,7 +151,7 @@ class Fields {
   }
 
   void wrong(const std::string& name, const std::string& what) {
-    if (!error_) error_ = corrupt("field '" + path_ + name + "' " + what);
+    if (!error_) error_ = malformed("field '" + path_ + name + "' " + what);
   }
 
  private:
@@ -361,8 +361,8 @@ Result<ControlMessage> control_from_text(std::string_view text) {
                 "control message: nested deeper than " + std::to_string(limits::kMaxControlDepth));
   }
   const Json json = Json::parse(text, nullptr, /*allow_exceptions=*/false);
-  if (json.is_discarded()) return corrupt("it is not JSON");
-  if (!json.is_object()) return corrupt("it is not a JSON object");
+  if (json.is_discarded()) return malformed("it is not JSON");
+  if (!json.is_object()) return malformed("it is not a JSON object");
 
   std::optional<Error> error;
   Fields fields(json, "", error);

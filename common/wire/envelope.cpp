@@ -15,7 +15,7 @@ namespace {
 
 constexpr unsigned kKindBits = 3;
 
-Error corrupt(std::string what) {
+Error corrupt_frame(std::string what) {
   return fail(ErrorCode::kCorrupt, "frame: " + std::move(what));
 }
 
@@ -25,23 +25,26 @@ bool is_key_or_join(FrameKind kind) {
 
 Result<void> check(const Envelope& envelope, std::size_t payload_bytes) {
   const std::uint8_t known_flags = is_key_or_join(envelope.kind) ? Envelope::kAhead : 0;
-  if ((envelope.flags & ~known_flags) != 0) return corrupt("reserved flags are set: " + std::to_string(envelope.flags));
+  if ((envelope.flags & ~known_flags) != 0)
+    return corrupt_frame("reserved flags are set: " + std::to_string(envelope.flags));
 
   const auto [at, of] = envelope.step;
   const bool beyond = envelope.kind == FrameKind::kEstimate;
   const bool step_ok = is_key_or_join(envelope.kind) ? at == 0 && of == 0 : at >= 1 && of >= 1 && (at <= of || beyond);
   if (!step_ok)
-    return corrupt("interpolation step " + std::to_string(at) + "/" + std::to_string(of) + " does not suit its kind");
+    return corrupt_frame("interpolation step " + std::to_string(at) + "/" + std::to_string(of) +
+                         " does not suit its kind");
 
   if (envelope.kind == FrameKind::kStep) {
-    if (!envelope.bands.empty() || payload_bytes != 0) return corrupt("a step carries bands or a payload");
+    if (!envelope.bands.empty() || payload_bytes != 0) return corrupt_frame("a step carries bands or a payload");
   } else if (beyond) {
-    if (envelope.bands.empty() != (payload_bytes == 0)) return corrupt("it carries bands or a payload, but not both");
+    if (envelope.bands.empty() != (payload_bytes == 0))
+      return corrupt_frame("it carries bands or a payload, but not both");
   } else if (envelope.bands.empty() || payload_bytes == 0) {
-    return corrupt("it carries no bands or no payload");
+    return corrupt_frame("it carries no bands or no payload");
   }
   if (envelope.capture_us < 0 || envelope.capture_us > limits::kMaxTimeUs)
-    return corrupt("capture time is out of range");
+    return corrupt_frame("capture time is out of range");
   return {};
 }
 
@@ -66,15 +69,15 @@ Result<FrameView> parse_frame(ByteView message) {
                                           std::to_string(limits::kMaxFrameBytes));
   }
   if (message.size() < Envelope::kBytes) {
-    return corrupt(std::to_string(message.size()) + " bytes are less than an envelope's " +
-                   std::to_string(Envelope::kBytes));
+    return corrupt_frame(std::to_string(message.size()) + " bytes are less than an envelope's " +
+                         std::to_string(Envelope::kBytes));
   }
   ByteReader reader(message);
   FrameView frame;
   Envelope& envelope = frame.envelope;
   const std::uint8_t first = reader.u8();
   const unsigned kind = first & ((1u << kKindBits) - 1);
-  if (kind < 1 || kind > 5) return corrupt("unknown kind " + std::to_string(kind));
+  if (kind < 1 || kind > 5) return corrupt_frame("unknown kind " + std::to_string(kind));
   envelope.kind = static_cast<FrameKind>(kind);
   envelope.flags = first >> kKindBits;
   envelope.bands = reader.u8();
@@ -84,7 +87,7 @@ Result<FrameView> parse_frame(ByteView message) {
   envelope.epoch = reader.u32();
   envelope.sequence = reader.u64();
   const std::uint64_t capture_us = reader.u64();
-  if (capture_us > std::uint64_t{limits::kMaxTimeUs}) return corrupt("capture time is out of range");
+  if (capture_us > std::uint64_t{limits::kMaxTimeUs}) return corrupt_frame("capture time is out of range");
   envelope.capture_us = static_cast<TimeUs>(capture_us);
   frame.payload = message.subspan(Envelope::kBytes);
   if (const auto checked = check(envelope, frame.payload.size()); !checked) return checked.error();

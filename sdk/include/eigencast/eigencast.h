@@ -80,7 +80,7 @@ typedef struct ec_asset ec_asset;
  * to cancel. */
 typedef int (*ec_progress)(void* user, double fraction, const char* stage);
 
-/** How a surface looks: colours of its vertices, an image on its faces, or both, of which viewers show the product. */
+/** The appearance of a surface: colours of its vertices, an image on its faces, or both, of which viewers show the product. */
 typedef struct ec_appearance {
   size_t struct_size;
   const uint8_t* vertex_colours; /**< vertex_count x 3: red, green, blue, sRGB (default: none). */
@@ -88,7 +88,7 @@ typedef struct ec_appearance {
   size_t image_size;      /**< Its bytes. */
   const float* corner_uv; /**< face_count x 3 x 2: where in the image the corners of each face lie; (0, 0) is its upper
                              left corner, (1, 1) its lower right one, beyond it repeats. Corners that meet in a vertex
-                             may lie apart (seams). A face with a corner that is no number (NAN) has none of it. */
+                             may lie apart (seams). A face with a corner that is not a number (NAN) has none of it. */
   const float* vertex_uv; /**< vertex_count x 2, instead of corner_uv: for an image without seams. */
 } ec_appearance;
 

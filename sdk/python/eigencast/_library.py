@@ -141,7 +141,7 @@ LIBRARY = _load()
 
 
 def check(status):
-    """The status, where it is no error. Raises Error."""
+    """Returns the status. Raises Error where it is an error."""
     if status < 0:
         raise Error(status, LIBRARY.ec_last_error().decode("utf-8", "replace"))
     return Status(status)

@@ -111,14 +111,14 @@ def bake(positions, faces=None, *, rank=200, basis="augmented", name="", cache_d
     corners = _checked("corner_uv", corner_uv, (f, 3, 2), numpy.float32)
     vertices = _checked("vertex_uv", vertex_uv, (n, 2), numpy.float32)
     file = None if image is None else bytes(image)
-    looks = _library.Appearance(image=file, image_size=0 if file is None else len(file))
+    appearance = _library.Appearance(image=file, image_size=0 if file is None else len(file))
     for what, rows, c_type in (("vertex_colours", colours, ctypes.c_uint8), ("corner_uv", corners, ctypes.c_float),
                                ("vertex_uv", vertices, ctypes.c_float)):
         if rows is not None:
-            setattr(looks, what, _pointer(rows, c_type))
+            setattr(appearance, what, _pointer(rows, c_type))
     raised = []
 
-    def told(_, fraction, stage):
+    def on_progress(_, fraction, stage):
         try:
             progress(fraction, stage.decode())
             return 0
@@ -127,9 +127,9 @@ def bake(positions, faces=None, *, rank=200, basis="augmented", name="", cache_d
             return 1
 
     options = _library.BakeOptions(basis=_text(basis), rank=rank, name=_text(name), cache_dir=_text(cache_dir))
-    options.appearance = ctypes.pointer(looks)
+    options.appearance = ctypes.pointer(appearance)
     if progress is not None:
-        options.progress = _library.PROGRESS(told)
+        options.progress = _library.PROGRESS(on_progress)
     handle = ctypes.c_void_p()
     status = LIBRARY.ec_bake(_pointer(positions, ctypes.c_double), len(positions), _pointer(triangles, ctypes.c_uint32), len(triangles),
                              ctypes.byref(options), ctypes.byref(handle))

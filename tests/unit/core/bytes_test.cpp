@@ -8,7 +8,7 @@
 namespace eigencast {
 namespace {
 
-TEST(Bytes, EveryTypeComesBackAsItWasWritten) {
+TEST(Bytes, EveryTypeRoundTrips) {
   Bytes out;
   ByteWriter w(out);
   w.u8(0xab);
@@ -33,7 +33,7 @@ TEST(Bytes, IntegersAreLittleEndian) {
   EXPECT_EQ(out, (Bytes{1, 2, 3, 4}));
 }
 
-TEST(Bytes, VarintsComeBackAtEveryLength) {
+TEST(Bytes, VarintsRoundTripAtEveryLength) {
   for (unsigned bits = 0; bits < 64; ++bits) {
     for (const std::uint64_t v : {std::uint64_t{1} << bits, (std::uint64_t{1} << bits) - 1}) {
       Bytes out;
@@ -50,7 +50,7 @@ TEST(Bytes, VarintsComeBackAtEveryLength) {
   EXPECT_EQ(r.varint(), std::numeric_limits<std::uint64_t>::max());
 }
 
-TEST(Bytes, VarintsOfOver64BitsOrInALongerFormThanNeededFail) {
+TEST(Bytes, OverlongVarintsFail) {
   for (const Bytes& bad : {Bytes(11, 0xff), Bytes{0x80, 0x00},
                            Bytes{0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x02}, Bytes{0x80}, Bytes{}}) {
     ByteReader r(bad);
@@ -59,7 +59,7 @@ TEST(Bytes, VarintsOfOver64BitsOrInALongerFormThanNeededFail) {
   }
 }
 
-TEST(Bytes, AReadPastTheEndFailsAndStaysFailed) {
+TEST(Bytes, ReadPastTheEndStaysFailed) {
   const Bytes in{1, 2, 3};
   ByteReader r(in);
   EXPECT_EQ(r.u32(), 0u);
@@ -69,7 +69,7 @@ TEST(Bytes, AReadPastTheEndFailsAndStaysFailed) {
   EXPECT_FALSE(r.finished());
 }
 
-TEST(Bytes, AskingForMoreThanThereIsGivesNothing) {
+TEST(Bytes, RequestBeyondTheEndGivesNothing) {
   const Bytes in{1, 2, 3};
   ByteReader r(in);
   EXPECT_TRUE(r.bytes(std::numeric_limits<std::size_t>::max()).empty());

@@ -24,7 +24,7 @@ TEST(Sha256, PartsGiveTheDigestOfTheWhole) {
   EXPECT_EQ(stream.finish(), sha256(view_of("abc")));
 }
 
-TEST(Sha256, HexComesBackAndAnythingElseIsRefused) {
+TEST(Sha256, HexRoundTripsAndOtherTextIsRefused) {
   const Sha256 id = sha256(view_of("x"));
   EXPECT_EQ(Sha256::from_hex(id.hex()), id);
   EXPECT_FALSE(Sha256::from_hex(""));

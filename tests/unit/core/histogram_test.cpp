@@ -20,7 +20,7 @@ TEST(Histogram, SmallValuesAreExact) {
   EXPECT_EQ(h.percentile(0), 1);
 }
 
-TEST(Histogram, APercentileIsNeverTooLowAndAtMostOne32ndTooHigh) {
+TEST(Histogram, PercentilesAreAtMostOne32ndTooHigh) {
   for (std::int64_t v = 1; v < (std::int64_t{1} << 39); v = v * 17 / 13 + 1) {
     Histogram h;
     h.add(v);

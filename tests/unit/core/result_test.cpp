@@ -20,12 +20,12 @@ TEST(Result, HoldsAValueOrAnError) {
   EXPECT_EQ(in_context("file.obj", half(3).error()).message, "file.obj: odd");
 }
 
-TEST(Result, OfVoidIsGoodUnlessItFailed) {
+TEST(Result, VoidResultIsGoodUnlessItFailed) {
   EXPECT_TRUE(Result<void>());
   EXPECT_FALSE(Result<void>(fail(ErrorCode::kIo, "disk full")));
 }
 
-TEST(Result, EveryCodeHasANameOfItsOwn) {
+TEST(Result, EveryCodeHasItsOwnName) {
   std::set<std::string_view> names;
   for (int c = 0; c <= static_cast<int>(ErrorCode::kInternal); ++c) names.insert(name_of(static_cast<ErrorCode>(c)));
   EXPECT_EQ(names.size(), static_cast<std::size_t>(ErrorCode::kInternal) + 1);

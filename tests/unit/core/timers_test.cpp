@@ -34,7 +34,7 @@ TEST(Timers, SleepsOnTimeHaveNoSlack) {
   });
 }
 
-TEST(Timers, WhoRunsWhenWokenKeepsPolicyAndPriority) {
+TEST(Timers, RunWhenWokenKeepsPolicyAndPriority) {
   in_a_thread_of_its_own([] {
     const int thread = static_cast<int>(syscall(SYS_gettid));
     ASSERT_EQ(setpriority(PRIO_PROCESS, static_cast<id_t>(thread), 7), 0);
@@ -45,7 +45,7 @@ TEST(Timers, WhoRunsWhenWokenKeepsPolicyAndPriority) {
   });
 }
 
-TEST(Timers, WhoRunsWhenWokenHasTheSliceThatItAskedFor) {
+TEST(Timers, RunWhenWokenSetsTheSlice) {
   if (slice_ns() == 0) GTEST_SKIP() << "this kernel knows no slices of threads";
   in_a_thread_of_its_own([] {
     run_when_woken(kPassingOn);
@@ -55,7 +55,7 @@ TEST(Timers, WhoRunsWhenWokenHasTheSliceThatItAskedFor) {
   });
 }
 
-TEST(Timers, WhoHasAnotherPolicyKeepsIt) {
+TEST(Timers, OtherPoliciesAreKept) {
   in_a_thread_of_its_own([] {
     const sched_param none{};
     ASSERT_EQ(sched_setscheduler(0, SCHED_BATCH, &none), 0);

@@ -25,7 +25,7 @@ TEST(WorkerTeam, CallsEachTaskOnce) {
   }
 }
 
-TEST(WorkerTeam, ALoopInsideALoopRunsOnItsOwnThread) {
+TEST(WorkerTeam, NestedLoopsRunOnTheirCallersThread) {
   WorkerTeam team(2);
   std::atomic<int> calls = 0;
   team.run(8, [&](std::size_t) {
@@ -38,7 +38,7 @@ TEST(WorkerTeam, ALoopInsideALoopRunsOnItsOwnThread) {
   EXPECT_EQ(calls, 40);
 }
 
-TEST(WorkerTeam, ServesSeveralCallersAtATime) {
+TEST(WorkerTeam, ConcurrentCallersAreServed) {
   WorkerTeam team(2);
   std::atomic<int> calls = 0;
   std::vector<std::thread> callers;
@@ -51,12 +51,12 @@ TEST(WorkerTeam, ServesSeveralCallersAtATime) {
   EXPECT_EQ(calls, 4000);
 }
 
-TEST(WorkerTeam, OneThreadIsTheCallers) {
+TEST(WorkerTeam, SingleThreadIsTheCallers) {
   WorkerTeam team(1);
   team.run(20, [here = std::this_thread::get_id()](std::size_t) { EXPECT_EQ(std::this_thread::get_id(), here); });
 }
 
-TEST(WorkerTeam, WhatATaskThrowsReachesTheCallerWhenNobodyIsAtWork) {
+TEST(WorkerTeam, ExceptionsReachTheCallerAfterTheLoop) {
   for (const unsigned threads : {1U, 2U, 4U}) {
     WorkerTeam team(threads);
     for (std::size_t bad = 0; bad < 40; ++bad) {
@@ -81,7 +81,7 @@ TEST(WorkerTeam, WhatATaskThrowsReachesTheCallerWhenNobodyIsAtWork) {
   }
 }
 
-TEST(InstructionSets, BeginWithTheBaselineAndGrow) {
+TEST(InstructionSets, StartAtTheBaselineAndGrow) {
   const auto& sets = instruction_sets();
   ASSERT_FALSE(sets.empty());
   EXPECT_EQ(sets.front(), InstructionSet::kBaseline);

@@ -24,7 +24,7 @@ TEST(Backoff, JitterStaysWithinAQuarter) {
   }
 }
 
-TEST(Backoff, NeverFallsBelowTheFirstWhenTheLongestIsShorter) {
+TEST(Backoff, NeverFallsBelowTheFirst) {
   EXPECT_EQ(retry_delay(5, kFirst, milliseconds(10), 0.5), kFirst);
 }
 

@@ -9,7 +9,7 @@
 namespace eigencast {
 namespace {
 
-TEST(ClockOffset, KnowsNothingAtFirstAndAfterReset) {
+TEST(ClockOffset, IsUnknownAtFirstAndAfterReset) {
   ClockOffset offset;
   EXPECT_FALSE(offset.estimate());
   offset.add(0, 10, 20);
@@ -26,13 +26,13 @@ TEST(ClockOffset, IsExactOnASymmetricPath) {
   EXPECT_EQ(offset.estimate()->error_us, 50);
 }
 
-TEST(ClockOffset, IgnoresASampleThatEndsBeforeItBegan) {
+TEST(ClockOffset, IgnoresSamplesThatEndBeforeTheyBegan) {
   ClockOffset offset;
   offset.add(100, 0, 99);
   EXPECT_FALSE(offset.estimate());
 }
 
-TEST(ClockOffset, TheTruthIsAlwaysWithinTheStatedError) {
+TEST(ClockOffset, TruthLiesWithinTheStatedError) {
   std::minstd_rand random(7);
   std::uniform_int_distribution<TimeUs> delay(0, 30'000);
   for (const TimeUs truth : {TimeUs{0}, TimeUs{-7'654'321}, TimeUs{1'000'000'000'007}}) {

@@ -21,7 +21,7 @@ struct Good {
 
 class GoodUrl : public ::testing::TestWithParam<Good> {};
 
-TEST_P(GoodUrl, IsTakenApart) {
+TEST_P(GoodUrl, IsSplitIntoItsParts) {
   const Good& want = GetParam();
   const auto url = parse_broker_url(want.text);
   ASSERT_TRUE(url) << url.error().message;
@@ -52,37 +52,42 @@ INSTANTIATE_TEST_SUITE_P(
         Good{"ws://h?rate=raw", false, "h", 7490, "", "rate=raw", "ws://h:7490"},
         Good{"ws://h:65535/a", false, "h", 65535, "a", "", "ws://h:65535"}));
 
-class BadUrl : public ::testing::TestWithParam<std::pair<const char*, const char*>> {};
-
-TEST_P(BadUrl, IsRefusedWithAReasonAndAnExample) {
-  const auto url = parse_broker_url(GetParam().first);
-  ASSERT_FALSE(url);
-  EXPECT_EQ(url.error().code, ErrorCode::kInvalidArgument);
-  EXPECT_THAT(url.error().message, ::testing::HasSubstr(GetParam().second));
-  EXPECT_THAT(url.error().message, ::testing::HasSubstr("ws://host:7490/stream"));
+TEST(Url, InvalidUrlsAreRefused) {
+  for (const char* url : {"",
+                          "localhost/heart",
+                          "ftp://h/a",
+                          "ws:/h",
+                          "ws://",
+                          "ws:///a",
+                          "ws://:80/a",
+                          "ws://h:/a",
+                          "ws://h:0/a",
+                          "ws://h:65536/a",
+                          "ws://h:99999999999999999999/a",
+                          "ws://h:8x/a",
+                          "ws://h:-1/a",
+                          "ws://me:pw@h/a",
+                          "ws://[::1/a",
+                          "ws://[::1]x/a",
+                          "ws://[::1]:/a",
+                          "ws://[h]/a",
+                          "ws://a b/c",
+                          "ws://h/a\r\nX: y",
+                          "ws://h/\x7f",
+                          "ws://h!/a",
+                          "ws://h/a#b",
+                          "ws://::1/a"}) {
+    const auto parsed = parse_broker_url(url);
+    ASSERT_FALSE(parsed) << url;
+    EXPECT_EQ(parsed.error().code, ErrorCode::kInvalidArgument) << url;
+  }
 }
 
-INSTANTIATE_TEST_SUITE_P(
-    Table, BadUrl,
-    ::testing::Values(std::pair{"", "must start with"}, std::pair{"localhost/heart", "must start with"},
-                      std::pair{"ftp://h/a", "must start with"}, std::pair{"ws:/h", "must start with"},
-                      std::pair{"ws://", "host is missing"}, std::pair{"ws:///a", "host is missing"},
-                      std::pair{"ws://:80/a", "host is missing"}, std::pair{"ws://h:/a", "port is missing"},
-                      std::pair{"ws://h:0/a", "port must be"}, std::pair{"ws://h:65536/a", "port must be"},
-                      std::pair{"ws://h:99999999999999999999/a", "port must be"},
-                      std::pair{"ws://h:8x/a", "port must be"}, std::pair{"ws://h:-1/a", "port must be"},
-                      std::pair{"ws://me:pw@h/a", "user name"}, std::pair{"ws://[::1/a", "']' is missing"},
-                      std::pair{"ws://[::1]x/a", "only a port"}, std::pair{"ws://[::1]:/a", "port is missing"},
-                      std::pair{"ws://[h]/a", "character"}, std::pair{"ws://a b/c", "space"},
-                      std::pair{"ws://h/a\r\nX: y", "space"}, std::pair{"ws://h/\x7f", "space"},
-                      std::pair{"ws://h!/a", "character"}, std::pair{"ws://h/a#b", "'#'"},
-                      std::pair{"ws://::1/a", "host is missing"}));
-
-TEST(Url, LongerThanALineIsRefused) {
+TEST(Url, OverlongUrlIsRefused) {
   EXPECT_FALSE(parse_broker_url("ws://h/" + std::string(13000, 'a')));
 }
 
-TEST(Url, TheTokenIsTakenOutOfWhatIsShown) {
+TEST(Url, TokenIsNeverShown) {
   const auto url = parse_broker_url("wss://h/a/b?rate=raw&access_token=abc.d.e&bands=2");
   ASSERT_TRUE(url);
   EXPECT_EQ(url->credentials.token, "abc.d.e");
@@ -90,7 +95,7 @@ TEST(Url, TheTokenIsTakenOutOfWhatIsShown) {
   EXPECT_EQ(url->shown(), "wss://h:7490/a/b");
 }
 
-TEST(Url, WhatStandsBeforeTheEndpointIsThePrefix) {
+TEST(Url, PathBeforeTheEndpointIsThePrefix) {
   const auto url = parse_broker_url("https://h/eigencast/v1/subscribe/a/b");
   ASSERT_TRUE(url);
   EXPECT_EQ(url->prefix, "/eigencast");
@@ -99,7 +104,7 @@ TEST(Url, WhatStandsBeforeTheEndpointIsThePrefix) {
   EXPECT_EQ(parse_broker_url("ws://h/v1/subscribers/a")->stream, "v1/subscribers/a");
 }
 
-TEST(Credentials, GivenWinsOverTheUrlOverTheEnvironment) {
+TEST(Credentials, OptionBeatsUrlBeatsEnvironment) {
   setenv("EIGENCAST_TOKEN", "from-environment", 1);
   auto plain = *parse_broker_url("ws://h/a");
   auto with = *parse_broker_url("ws://h/a?access_token=from-url");
@@ -112,28 +117,29 @@ TEST(Credentials, GivenWinsOverTheUrlOverTheEnvironment) {
   unsetenv("EIGENCAST_TOKEN");
 }
 
-TEST(Credentials, MistakesShowBeforeAnythingIsConnected) {
+TEST(Credentials, InvalidCredentialsAreRefused) {
   auto url = *parse_broker_url("wss://h/a");
   EXPECT_EQ(complete_credentials(url, {"@/nonexistent", {}}).error().code, ErrorCode::kNotFound);
+  EXPECT_EQ(complete_credentials(url, {"@/dev/null", {}}).error().code, ErrorCode::kInvalidArgument);
   EXPECT_EQ(complete_credentials(url, {"two words", {}}).error().code, ErrorCode::kInvalidArgument);
   EXPECT_EQ(complete_credentials(url, {"a\r\nX-Evil: 1", {}}).error().code, ErrorCode::kInvalidArgument);
   url.credentials = {};
   EXPECT_EQ(complete_credentials(url, {{}, "/nonexistent.pem"}).error().code, ErrorCode::kInvalidArgument);
   url.credentials = {};
-  EXPECT_THAT(complete_credentials(url, {{}, {}, "/only.pem"}).error().message, ::testing::HasSubstr("go together"));
+  EXPECT_EQ(complete_credentials(url, {{}, {}, "/only.pem"}).error().code, ErrorCode::kInvalidArgument);
   url.credentials = {};
-  EXPECT_THAT(complete_credentials(url, {{}, {}, "/a.pem", "/a.key"}).error().message, ::testing::HasSubstr("/a.pem"));
+  EXPECT_EQ(complete_credentials(url, {{}, {}, "/a.pem", "/a.key"}).error().code, ErrorCode::kInvalidArgument);
 }
 
-TEST(Credentials, LeavingTheCheckOutIsWarnedOf) {
-  std::string said;
-  const LogSink log = [&](LogLevel, std::string_view text) { said += text; };
+TEST(Credentials, InsecureConnectionsAreLogged) {
+  std::vector<LogLevel> logged;
+  const LogSink log = [&](LogLevel level, std::string_view) { logged.push_back(level); };
   auto url = *parse_broker_url("wss://h/a");
   EXPECT_TRUE(complete_credentials(url, {}, log));
-  EXPECT_EQ(said, "");
+  EXPECT_TRUE(logged.empty());
   EXPECT_FALSE(url.credentials.insecure);
   EXPECT_TRUE(complete_credentials(url, {{}, {}, {}, {}, true}, log));
-  EXPECT_THAT(said, ::testing::HasSubstr("--insecure"));
+  EXPECT_EQ(logged, std::vector{LogLevel::kWarning});
 }
 
 }  // namespace

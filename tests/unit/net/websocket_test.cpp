@@ -16,6 +16,7 @@
 #include <thread>
 #include <vector>
 
+#include "common/wire/control.h"
 #include "tests/support/loopback_broker.h"
 
 namespace eigencast {
@@ -73,12 +74,12 @@ WebSocketOptions options_for(const std::string& url, const std::string& target) 
   return options;
 }
 
-TEST(WebSocketToBroker, OpensAndHearsTheWelcome) {
+TEST(WebSocketToBroker, OpensAndReceivesTheWelcome) {
   LoopbackBroker broker;
   Log log;
   WebSocket socket(options_for(broker.url(""), "/v1/subscribe/a"), log.events());
   ASSERT_TRUE(eventually([&] { return !log.first_text().empty(); }));
-  EXPECT_THAT(log.first_text(), HasSubstr("\"welcome\""));
+  EXPECT_TRUE(std::holds_alternative<control::Welcome>(*control_from_text(log.first_text())));
   EXPECT_TRUE(socket.is_open());
   socket.stop();
   EXPECT_FALSE(socket.is_open());
@@ -86,7 +87,7 @@ TEST(WebSocketToBroker, OpensAndHearsTheWelcome) {
   EXPECT_EQ(log.down_count(), 0u) << "no event comes after stop";
 }
 
-TEST(WebSocketToBroker, ComesBackAfterARestart) {
+TEST(WebSocketToBroker, ReconnectsAfterARestart) {
   LoopbackBroker broker;
   Log log;
   auto options = options_for(broker.url(""), "/v1/subscribe/a");
@@ -97,13 +98,12 @@ TEST(WebSocketToBroker, ComesBackAfterARestart) {
   ASSERT_TRUE(eventually([&] { return log.down_count() >= 2; }));
   EXPECT_EQ(socket.send_binary(Bytes(10)), SendStatus::kDisconnected);
   EXPECT_EQ(log.down(1).first.code, ErrorCode::kUnreachable);
-  EXPECT_THAT(log.down(1).first.message, HasSubstr("no broker at ws://127.0.0.1:"));
   EXPECT_GT(log.down(1).second.count(), 0);
   broker.start();
   EXPECT_TRUE(eventually([&] { return log.opened == 2; }));
 }
 
-TEST(WebSocketToBroker, ARefusalWaitsTheLongestInterval) {
+TEST(WebSocketToBroker, RefusalWaitsTheLongestInterval) {
   LoopbackBroker broker;
   Log log;
   WebSocket socket(options_for(broker.url(""), "/v1/subscribe/bad..%20name"), log.events());
@@ -112,7 +112,7 @@ TEST(WebSocketToBroker, ARefusalWaitsTheLongestInterval) {
   EXPECT_GE(log.down(0).second.count(), 45000);
 }
 
-TEST(WebSocketToBroker, StaysAwayAsLongAsItIsAsked) {
+TEST(WebSocketToBroker, HoldOffDelaysTheReconnect) {
   for (const milliseconds pause : {milliseconds(100'000), milliseconds(0)}) {
     LoopbackBroker broker;
     Log log;
@@ -126,7 +126,7 @@ TEST(WebSocketToBroker, StaysAwayAsLongAsItIsAsked) {
   }
 }
 
-TEST(WebSocketToBroker, AHandlerThatThrowsCostsTheConnectionAndNoMore) {
+TEST(WebSocketToBroker, ThrowingHandlerEndsOnlyTheConnection) {
   LoopbackBroker broker;
   Log log;
   auto events = log.events();
@@ -140,7 +140,7 @@ TEST(WebSocketToBroker, AHandlerThatThrowsCostsTheConnectionAndNoMore) {
   EXPECT_TRUE(socket.is_open());
 }
 
-TEST(WebSocket, AServerWithoutTlsIsToldApartAndTriedAgain) {
+TEST(WebSocket, ServerWithoutTlsIsUnreachable) {
   LoopbackBroker broker;
   std::string url = broker.url("a");
   url.replace(0, 2, "wss");
@@ -148,8 +148,6 @@ TEST(WebSocket, AServerWithoutTlsIsToldApartAndTriedAgain) {
   WebSocket socket(options_for(url, "/v1/subscribe/a"), log.events());
   ASSERT_TRUE(eventually([&] { return log.down_count() >= 1; }));
   EXPECT_EQ(log.down(0).first.code, ErrorCode::kUnreachable);
-  EXPECT_NE(log.down(0).first.message.find("no TLS at wss://127.0.0.1"), std::string::npos)
-      << log.down(0).first.message;
   EXPECT_GT(log.down(0).second.count(), 0);
 }
 
@@ -181,7 +179,7 @@ class DeafServer {
   std::thread thread_;
 };
 
-TEST(WebSocket, WhatThePeerDoesNotTakeIsCountedAndThenDropped) {
+TEST(WebSocket, UnsentBytesAreCountedThenDropped) {
   DeafServer server("eigencast.v1");
   Log log;
   auto options = options_for(server.url(), "/");
@@ -200,7 +198,7 @@ TEST(WebSocket, WhatThePeerDoesNotTakeIsCountedAndThenDropped) {
   socket.stop();  // Must end although the peer never answers the close.
 }
 
-TEST(WebSocket, WhatSeveralThreadsSendArrivesWholeAndInTheOrderOfEach) {
+TEST(WebSocket, ConcurrentSendsArriveWholeAndInOrder) {
   constexpr std::uint8_t kThreads = 3, kEach = 250;
   // Some longer than what Beast writes at a time.
   const auto message_of = [](std::uint8_t thread, std::uint8_t number) {
@@ -239,7 +237,7 @@ TEST(WebSocket, WhatSeveralThreadsSendArrivesWholeAndInTheOrderOfEach) {
   EXPECT_TRUE(eventually([&] { return all_heard.load(); }));
 }
 
-TEST(WebSocket, ASilentPeerIsGivenUp) {
+TEST(WebSocket, SilentPeerTimesOut) {
   DeafServer server("eigencast.v1");
   Log log;
   auto options = options_for(server.url(), "/");
@@ -250,7 +248,7 @@ TEST(WebSocket, ASilentPeerIsGivenUp) {
   EXPECT_EQ(log.down(0).first.code, ErrorCode::kTimeout);
 }
 
-TEST(WebSocket, APeerThatNeverUpgradesIsGivenUp) {
+TEST(WebSocket, PeerThatNeverUpgradesTimesOut) {
   DeafServer server("none");
   Log log;
   auto options = options_for(server.url(), "/");
@@ -261,12 +259,12 @@ TEST(WebSocket, APeerThatNeverUpgradesIsGivenUp) {
   EXPECT_EQ(log.down(0).first.code, ErrorCode::kTimeout);
 }
 
-TEST(WebSocket, APeerOfAnotherProtocolIsRefused) {
+TEST(WebSocket, PeerOfAnotherProtocolIsRefused) {
   DeafServer server("chat");
   Log log;
   WebSocket socket(options_for(server.url(), "/"), log.events());
   ASSERT_TRUE(eventually([&] { return log.down_count() >= 1; }));
-  EXPECT_THAT(log.down(0).first.message, HasSubstr("ws://127.0.0.1"));
+  EXPECT_EQ(log.down(0).first.code, ErrorCode::kIncompatibleVersion);
   EXPECT_EQ(log.opened, 0);
 }
 

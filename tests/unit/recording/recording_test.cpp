@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/resource.h>
 
@@ -14,8 +13,6 @@
 
 namespace eigencast::recording {
 namespace {
-
-using ::testing::HasSubstr;
 
 Bytes bytes_of(std::string_view text) {
   return {text.begin(), text.end()};
@@ -66,14 +63,14 @@ class RecordingTest : public ::testing::Test {
   std::string path_ = folder_.file("r.ecrec");
 };
 
-TEST_F(RecordingTest, ChecksumIsThatOfTheStandard) {
+TEST_F(RecordingTest, ChecksumMatchesTheStandard) {
   // RFC 3720, B.4: 32 bytes of zeros; and the check value of the CRC catalogues.
   EXPECT_EQ(crc32c(0, Bytes(32, 0)), 0x8a9136aau);
   EXPECT_EQ(crc32c(0, bytes_of("123456789")), 0xe3069283u);
   EXPECT_EQ(crc32c(crc32c(0, bytes_of("1234")), bytes_of("56789")), 0xe3069283u);
 }
 
-TEST_F(RecordingTest, WhatIsWrittenIsRead) {
+TEST_F(RecordingTest, RecordsRoundTrip) {
   Writer writer = write(3);
   ASSERT_TRUE(writer.gap(2'900'000, 7));
   ASSERT_TRUE(writer.object(2'950'000, Bytes(32, 9), bytes_of("object")));
@@ -103,7 +100,7 @@ TEST_F(RecordingTest, WhatIsWrittenIsRead) {
   EXPECT_FALSE(reader->object_at(first_record()));
 }
 
-TEST_F(RecordingTest, AnExistingFileIsLeftAlone) {
+TEST_F(RecordingTest, ExistingFileIsNotOverwritten) {
   std::ofstream(path_) << "precious";
   const auto made = Writer::create(path_, {});
   ASSERT_FALSE(made);
@@ -111,7 +108,7 @@ TEST_F(RecordingTest, AnExistingFileIsLeftAlone) {
   EXPECT_EQ(file_bytes(path_), bytes_of("precious"));
 }
 
-TEST_F(RecordingTest, SeekingGivesTheAnnouncementAndTheLastCheckpoint) {
+TEST_F(RecordingTest, SeekReturnsAnnouncementAndCheckpoint) {
   for (const bool finished : {true, false}) {
     std::filesystem::remove(path_);
     Writer writer = write(100);
@@ -136,7 +133,7 @@ TEST_F(RecordingTest, SeekingGivesTheAnnouncementAndTheLastCheckpoint) {
   }
 }
 
-TEST_F(RecordingTest, CutAnywhereEverythingWholeIsReadAndRecoveryMakesItComplete) {
+TEST_F(RecordingTest, TruncatedFilesAreReadAndRecovered) {
   Writer writer = write(20);
   ASSERT_TRUE(writer.finish());
   const Bytes whole = file_bytes(path_);
@@ -173,7 +170,7 @@ TEST_F(RecordingTest, CutAnywhereEverythingWholeIsReadAndRecoveryMakesItComplete
   EXPECT_EQ(most, all.size());
 }
 
-TEST_F(RecordingTest, EveryFlippedBitIsNoticed) {
+TEST_F(RecordingTest, EveryFlippedBitIsDetected) {
   Writer writer = write(2);
   ASSERT_TRUE(writer.finish());
   const Bytes whole = file_bytes(path_);
@@ -197,7 +194,7 @@ TEST_F(RecordingTest, EveryFlippedBitIsNoticed) {
   }
 }
 
-TEST_F(RecordingTest, WhatIsNoRecordingIsRefused) {
+TEST_F(RecordingTest, OtherFilesAreRefused) {
   EXPECT_EQ(Reader::open(folder_.file("none")).error().code, ErrorCode::kNotFound);
   EXPECT_EQ(Reader::over({}).error().code, ErrorCode::kCorrupt);
   EXPECT_EQ(Reader::over(Bytes(1000, 'x')).error().code, ErrorCode::kCorrupt);
@@ -217,7 +214,7 @@ TEST_F(RecordingTest, TimesNeverGoBack) {
   EXPECT_EQ(records.back().time_us, 500);
 }
 
-TEST_F(RecordingTest, AFullDiskEndsTheFileAtAWholeRecord) {
+TEST_F(RecordingTest, FullDiskEndsAtAWholeRecord) {
   auto made = Writer::create(path_, {"a", "b", 0});
   ASSERT_TRUE(made);
   rlimit before{};
@@ -232,7 +229,7 @@ TEST_F(RecordingTest, AFullDiskEndsTheFileAtAWholeRecord) {
     written = made->flush();
   }
   ASSERT_FALSE(written);
-  EXPECT_THAT(written.error().message, HasSubstr("free some space"));
+  EXPECT_EQ(written.error().code, ErrorCode::kIo);
   EXPECT_FALSE(made->finish()) << "takes nothing more";
   setrlimit(RLIMIT_FSIZE, &before);
   std::signal(SIGXFSZ, ignored);

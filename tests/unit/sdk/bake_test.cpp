@@ -15,18 +15,15 @@
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/formats/read.h"
 #include "common/surface/shapes/shapes.h"
-#include "temporary_folder.h"
 #include "tests/support/paths.h"
+#include "tests/support/process.h"
+#include "tests/unit/sdk/bake_options.h"
 
 namespace eigencast {
 namespace {
 
 namespace fs = std::filesystem;
 using testing::TemporaryFolder;
-
-BakeOptions of_rank(int rank, BasisKind basis = BasisKind::kAugmented) {
-  return {basis, rank, "test"};
-}
 
 /// Source positions from r x 3 coefficients, as a receiver rebuilds them, in the source's order and space.
 std::vector<Vec3> rebuild(const Asset& asset, const std::vector<double>& C) {
@@ -62,7 +59,7 @@ void expect_sound(const Surface& surface, const BakeResult& result) {
   EXPECT_LE(worst_distance(rebuild(asset, asset.rest), surface.positions), 1e-6 * asset.diagonal());
 }
 
-TEST(Bake, RestPoseComesBackInTheSourcesOrderAndPlace) {
+TEST(Bake, RestPoseRoundTrips) {
   Surface surface = make_torus(40, 20, 1.0, 0.4);
   for (Vec3& p : surface.positions) p = {p[0] + 100, p[1] - 50, p[2] + 7};
   const auto result = bake(surface, of_rank(60));
@@ -77,7 +74,7 @@ TEST(Bake, RestPoseComesBackInTheSourcesOrderAndPlace) {
   }
 }
 
-TEST(Bake, LevelsAreMadeForPosesOfTheMotionThatCanBeRead) {
+TEST(Bake, LevelsUseReadablePosesOfTheMotion) {
   const Surface surface = make_torus(40, 20, 1.0, 0.4);
   const KnownMotion motion{{}, 12, [&](std::size_t i) -> Result<std::vector<Vec3>> {
                              if (i == 5) return fail(ErrorCode::kIo, "gone");
@@ -100,7 +97,7 @@ TEST(Bake, LevelsAreMadeForPosesOfTheMotionThatCanBeRead) {
   EXPECT_TRUE(bake(surface, options, cache.path().string())->from_cache);
 }
 
-TEST(Bake, FacesAreTheSourcesFacesThroughThePermutation) {
+TEST(Bake, FacesArePermutedSourceFaces) {
   const Surface surface = make_icosphere(2);
   const auto result = bake(surface, of_rank(20));
   ASSERT_TRUE(result);
@@ -116,7 +113,7 @@ TEST(Bake, FacesAreTheSourcesFacesThroughThePermutation) {
   EXPECT_EQ(there, baked);
 }
 
-TEST(Bake, AssetIsWhatItsBytesSay) {
+TEST(Bake, AssetEqualsItsDecodedBytes) {
   const Surface surface = make_icosphere(2);
   const auto result = bake(surface, of_rank(20));
   ASSERT_TRUE(result);
@@ -127,7 +124,7 @@ TEST(Bake, AssetIsWhatItsBytesSay) {
   EXPECT_EQ(result->encoded.manifest.id, sha256(result->encoded.manifest.bytes));
 }
 
-TEST(Bake, PointCloudsAndHarmonicBasesWork) {
+TEST(Bake, PointCloudsAndHarmonicBasesAreBaked) {
   Surface cloud = make_torus(40, 20, 1.0, 0.4);
   cloud.faces.clear();
   const auto points = bake(cloud, of_rank(40));
@@ -141,7 +138,6 @@ TEST(Bake, PointCloudsAndHarmonicBasesWork) {
   ASSERT_TRUE(kernel) << kernel.error().message;
   expect_sound(cloud, *kernel);
   EXPECT_EQ(kernel->asset.basis_kind, "augmented/pb-mhb");
-  EXPECT_NE(kernel->report.find("PB-MHB"), std::string::npos) << kernel->report;
   const auto harmonic = bake(make_icosphere(3), of_rank(40, BasisKind::kHarmonic));
   ASSERT_TRUE(harmonic);
   EXPECT_EQ(harmonic->asset.basis_kind, "harmonic");
@@ -180,7 +176,7 @@ double worst_distance(const Surface& source, const Asset& asset, const std::vect
   return worst;
 }
 
-TEST(BakeDetail, FramesBringBackTheRestPoseAtEveryLevelAndTurnWithTheSurface) {
+TEST(BakeDetail, FramesRestoreTheRestPoseAtEveryLevel) {
   for (const bool cloud : {false, true}) {
     Surface surface = bumpy_torus();
     if (cloud) surface.faces.clear();
@@ -192,7 +188,6 @@ TEST(BakeDetail, FramesBringBackTheRestPoseAtEveryLevelAndTurnWithTheSurface) {
     EXPECT_EQ(detail_of(asset), DetailKind::kFrames) << "what a harmonic basis is baked with";
     EXPECT_EQ(detail_of(none->asset), DetailKind::kNone);
     EXPECT_EQ(detail_of(normal->asset), DetailKind::kNormal);
-    EXPECT_NE(frames->report.find("detail: in frames that turn with the surface"), std::string::npos);
     EXPECT_LT(frames->encoded.total_bytes(), 4 * none->encoded.total_bytes());
     const auto worst_of = [&](const BakeResult& result) {
       return worst_distance(surface, result.asset, received(result.asset, result.asset.rest, asset.vertex_count));
@@ -219,7 +214,7 @@ TEST(BakeDetail, FramesBringBackTheRestPoseAtEveryLevelAndTurnWithTheSurface) {
   }
 }
 
-TEST(BakeDetail, NormalsAreThoseOfTheSurfaceAtFullDetail) {
+TEST(BakeDetail, NormalsEqualThoseAtFullDetail) {
   const Surface surface = bumpy_torus();
   const auto baked = bake(surface, with_detail(DetailKind::kFrames));
   ASSERT_TRUE(baked) << baked.error().message;
@@ -237,17 +232,17 @@ TEST(BakeDetail, NormalsAreThoseOfTheSurfaceAtFullDetail) {
   }
 }
 
-TEST(BakeDetail, OfABasisThatHoldsTheRestPoseIsRefused) {
+TEST(BakeDetail, BasisWithTheRestPoseRefusesDetail) {
   BakeOptions options = of_rank(60);
   options.detail = DetailKind::kFrames;
   const auto refused = bake(make_icosphere(2), options);
   ASSERT_FALSE(refused);
-  EXPECT_NE(refused.error().message.find("detail 'frames' of a basis 'augmented'"), std::string::npos);
+  EXPECT_EQ(refused.error().code, ErrorCode::kInvalidArgument);
   options.detail = DetailKind::kNone;
   EXPECT_TRUE(bake(make_icosphere(2), options));
 }
 
-TEST(Bake, RefusesWhatCannotBeStreamed) {
+TEST(Bake, UnstreamableSurfacesAreRefused) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   const std::vector<Face> face = {{0, 1, 2}};
   const std::vector<Surface> surfaces = {
@@ -272,7 +267,7 @@ TEST(Bake, RefusesWhatCannotBeStreamed) {
   }
 }
 
-TEST(Bake, RefusesOptionsThatCannotBeMeant) {
+TEST(Bake, InvalidOptionsAreRefused) {
   const Surface surface = make_icosphere(1);
   for (const BakeOptions& options : {of_rank(0), of_rank(-5), of_rank(5000)}) {
     const auto result = bake(surface, options);
@@ -285,70 +280,65 @@ TEST(Bake, RefusesOptionsThatCannotBeMeant) {
     const auto result = bake(surface, options);
     ASSERT_FALSE(result);
     EXPECT_EQ(result.error().code, ErrorCode::kInvalidArgument);
-    EXPECT_NE(result.error().message.find(points_operator), std::string::npos);
   }
 }
 
-TEST(Bake, SaysInTheReportWhatWasLowered) {
+TEST(Bake, RankIsLoweredToTheVertices) {
   const auto result = bake(make_icosphere(1), of_rank(200));
   ASSERT_TRUE(result);
   EXPECT_EQ(result->asset.rank, 20U);
-  EXPECT_NE(result->report.find("rank 20 (200 asked for"), std::string::npos) << result->report;
-  EXPECT_NE(result->report.find("42 vertices"), std::string::npos) << result->report;
+  EXPECT_EQ(result->asset.vertex_count, 42U);
 }
 
 TEST(Bake, ColoursStayWithTheirVertices) {
   const TemporaryFolder folder;
   const Surface surface = make_icosphere(2);
-  Appearance looks;
+  Appearance appearance;
   for (std::size_t i = 0; i < surface.vertex_count(); ++i)
-    looks.vertex_colour.push_back({static_cast<std::uint8_t>(i), 7, static_cast<std::uint8_t>(3 * i)});
+    appearance.vertex_colour.push_back({static_cast<std::uint8_t>(i), 7, static_cast<std::uint8_t>(3 * i)});
   BakeOptions options = of_rank(20);
   const auto plain = bake(surface, options, folder.path());
-  options.looks = &looks;
+  options.appearance = &appearance;
   for (const bool again : {false, true}) {
     const auto result = bake(surface, options, folder.path());
     ASSERT_TRUE(result);
     EXPECT_EQ(result->from_cache, again) << "not to be mistaken for the surface without colours";
     ASSERT_EQ(result->asset.colours.size(), surface.vertex_count());
     for (std::size_t row = 0; row < result->asset.colours.size(); ++row)
-      EXPECT_EQ(result->asset.colours[row], looks.vertex_colour[result->asset.source_vertex[row]]);
-    EXPECT_NE(result->report.find("colours"), std::string::npos);
+      EXPECT_EQ(result->asset.colours[row], appearance.vertex_colour[result->asset.source_vertex[row]]);
   }
-  looks.vertex_colour.clear();
+  appearance.vertex_colour.clear();
   const auto empty = bake(surface, options, folder.path());
-  EXPECT_TRUE(empty && plain && empty->from_cache) << "looks that say nothing change nothing";
+  EXPECT_TRUE(empty && plain && empty->from_cache) << "appearance that say nothing change nothing";
 }
 
-TEST(Bake, ATextureGoesWithTheAssetAndOthersAreSaid) {
+TEST(Bake, OneTextureGoesWithTheAsset) {
   const TemporaryFolder folder;
   const Surface surface = make_icosphere(2);
-  Appearance looks;
+  Appearance appearance;
   for (const Face& face : surface.faces) {
     std::array<std::array<float, 2>, 3> corners{};
     for (std::size_t k = 0; k < 3; ++k) {
       const Vec3& p = surface.positions[face[k]];
       corners[k] = {static_cast<float>(std::atan2(p[1], p[0])), static_cast<float>(p[2])};
     }
-    looks.corner_uv.push_back(corners);
-    looks.face_material.push_back(looks.corner_uv.size() % 4 == 0 ? 1 : 0);
+    appearance.corner_uv.push_back(corners);
+    appearance.face_material.push_back(appearance.corner_uv.size() % 4 == 0 ? 1 : 0);
   }
-  looks.images = {{"most.png", "image/png", {0x89, 'P', 'N', 'G', 7}},
-                  {"few.jpg", "image/jpeg", {0xff, 0xd8, 0xff, 8}},
-                  {"never.bmp", "image/bmp", {1}}};
-  looks.materials = {{"a", {1, 1, 1, 1}, 0}, {"b", {1, 1, 1, 1}, 1}, {"c", {1, 1, 1, 1}, 2}};
+  appearance.images = {{"most.png", "image/png", {0x89, 'P', 'N', 'G', 7}},
+                       {"few.jpg", "image/jpeg", {0xff, 0xd8, 0xff, 8}},
+                       {"never.bmp", "image/bmp", {1}}};
+  appearance.materials = {{"a", {1, 1, 1, 1}, 0}, {"b", {1, 1, 1, 1}, 1}, {"c", {1, 1, 1, 1}, 2}};
   BakeOptions options = of_rank(20);
   const auto plain = bake(surface, options, folder.path());
-  options.looks = &looks;
+  options.appearance = &appearance;
   for (const bool again : {false, true}) {
     const auto result = bake(surface, options, folder.path());
     ASSERT_TRUE(result) << result.error().message;
     EXPECT_EQ(result->from_cache, again);
     const Asset& asset = result->asset;
     ASSERT_NE(asset.texture, nullptr);
-    EXPECT_EQ(asset.texture->image, looks.images[0].bytes);
-    EXPECT_NE(result->report.find("\"most.png\""), std::string::npos) << result->report;
-    EXPECT_NE(result->report.find("other 1"), std::string::npos);
+    EXPECT_EQ(asset.texture->image, appearance.images[0].bytes);
     std::size_t nowhere = 0;
     for (std::size_t f = 0; f < asset.faces.size(); ++f) {
       for (std::size_t k = 0; k < 3; ++k) {
@@ -364,11 +354,10 @@ TEST(Bake, ATextureGoesWithTheAssetAndOthersAreSaid) {
     }
     EXPECT_EQ(nowhere, 3 * (surface.faces.size() / 4)) << "those of the other image";
   }
-  looks.images[0].bytes.clear();
+  appearance.images[0].bytes.clear();
   const auto second = bake(surface, options, folder.path());
   ASSERT_TRUE(second && second->asset.texture);
-  EXPECT_EQ(second->asset.texture->image, looks.images[1].bytes);
-  EXPECT_NE(second->report.find("left out"), std::string::npos);
+  EXPECT_EQ(second->asset.texture->image, appearance.images[1].bytes);
 }
 
 TEST(Bake, CanBeStoppedAtEveryStage) {
@@ -393,7 +382,7 @@ TEST(Bake, CanBeStoppedAtEveryStage) {
   }
 }
 
-TEST(Bake, NastyMeshesAndCloudsAreBakedOrRefusedWithAReason) {
+TEST(Bake, HostileSurfacesAreBakedOrRefused) {
   const fs::path data = data_dir();
   if (!fs::exists(data)) GTEST_SKIP() << data << " is not there: real inputs are not tested";
   std::size_t baked = 0;

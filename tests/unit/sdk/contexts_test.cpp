@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "sdk/contexts.h"
 
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 
@@ -12,8 +11,6 @@
 namespace eigencast {
 namespace {
 
-using ::testing::HasSubstr;
-
 Contexts two() {
   Contexts contexts;
   EXPECT_TRUE(contexts.add({"home", "ws://localhost:7490"}));
@@ -22,7 +19,7 @@ Contexts two() {
   return contexts;
 }
 
-TEST(Contexts, AreKeptInAFileOfTheirOwnersAlone) {
+TEST(Contexts, FileIsReadableByItsOwnerOnly) {
   const testing::TemporaryFolder folder;
   const std::string path = folder.file("eigencast/contexts.json");
   Contexts contexts = two();
@@ -44,7 +41,7 @@ TEST(Contexts, AreKeptInAFileOfTheirOwnersAlone) {
   EXPECT_FALSE(again->find("home")->credentials.insecure);
 }
 
-TEST(Contexts, NoFileIsNoContextsAndABrokenOneIsSaid) {
+TEST(Contexts, MissingFileIsEmptyBrokenFileIsCorrupt) {
   const testing::TemporaryFolder folder;
   EXPECT_TRUE(Contexts::load(folder.file("none"))->all().empty());
   for (const char* text : {"", "[]", "{\"contexts\": 3}", "{\"contexts\": [3]}",
@@ -59,7 +56,7 @@ TEST(Contexts, AddReplacesUseSelectsRemoveForgets) {
   EXPECT_EQ(contexts.current(), "home");
   ASSERT_TRUE(contexts.add({"home", "ws://other"}));
   EXPECT_EQ(contexts.find("home")->url, "ws://other");
-  EXPECT_THAT(contexts.use("none").error().message, HasSubstr("there are: home, studio"));
+  EXPECT_EQ(contexts.use("none").error().code, ErrorCode::kNotFound);
   ASSERT_TRUE(contexts.remove("home"));
   EXPECT_EQ(contexts.current(), "studio");
   EXPECT_EQ(contexts.remove("home").error().code, ErrorCode::kNotFound);
@@ -69,7 +66,7 @@ TEST(Contexts, AddReplacesUseSelectsRemoveForgets) {
   EXPECT_FALSE(contexts.add({"a", "nonsense://x"}));
 }
 
-TEST(Contexts, TargetsAreUrlsStreamsOfAContextOrTheContextItself) {
+TEST(Contexts, TargetsAreUrlsStreamsOrContexts) {
   const Contexts contexts = two();
   const auto url = [&](const std::string& to, const std::string& name) {
     return resolve_target(to, {}, name, contexts)->url;
@@ -83,7 +80,7 @@ TEST(Contexts, TargetsAreUrlsStreamsOfAContextOrTheContextItself) {
   EXPECT_EQ(resolve_target("", {}, "", Contexts()).error().code, ErrorCode::kInvalidArgument);
 }
 
-TEST(Contexts, AUrlFindsTheContextOfItsBroker) {
+TEST(Contexts, UrlFindsTheContextOfItsBroker) {
   const Contexts contexts = two();
   const auto token = [&](const std::string& to, const std::string& name) {
     return resolve_target(to, {}, name, contexts)->credentials.token;
@@ -94,7 +91,7 @@ TEST(Contexts, AUrlFindsTheContextOfItsBroker) {
   EXPECT_EQ(token("ws://studio.example:1234/other", "home"), "") << "another one was named";
 }
 
-TEST(Contexts, ATokenGoesToItsOwnBrokerOnly) {
+TEST(Contexts, TokensGoToTheirOwnBrokerOnly) {
   const Contexts contexts = two();
   const auto token = [&](const std::string& to, const std::string& given) {
     return resolve_target(to, {given}, "studio", contexts)->credentials.token;
@@ -111,7 +108,7 @@ TEST(Contexts, ATokenGoesToItsOwnBrokerOnly) {
   EXPECT_EQ(mixed.key_file, "my.key");
 }
 
-TEST(Contexts, WhatIsGivenForOneBrokerGoesToNoOtherBesideIt) {
+TEST(Contexts, GivenCredentialsGoToOneBrokerOnly) {
   const Contexts contexts = two();
   const Target home{"ws://here.example/a", {"mine", "trusted.pem"}};
   const auto beside = [&](const std::string& to) {

@@ -90,7 +90,7 @@ class Decoding : public ::testing::Test {
   Coder coder_;
 };
 
-TEST_F(Decoding, EveryKeyOfAChainComesOutAsItWentIn) {
+TEST_F(Decoding, KeysOfAChainRoundTrip) {
   for (std::uint64_t s = 1; s <= 20; ++s) ASSERT_EQ(decode(coder_.next_key()), Coder::key(s));
   EXPECT_EQ(decoder_.counts().keys, 20u);
   EXPECT_EQ(decoder_.counts().joins, 1u);
@@ -98,7 +98,7 @@ TEST_F(Decoding, EveryKeyOfAChainComesOutAsItWentIn) {
   EXPECT_EQ(decoder_.counts().rejected, 0u);
 }
 
-TEST_F(Decoding, AKeyAfterAGapWaitsForAJoin) {
+TEST_F(Decoding, KeyAfterAGapNeedsAJoin) {
   decode(coder_.next_key());
   coder_.next_key();
   EXPECT_FALSE(decode(coder_.next_key()));
@@ -109,7 +109,7 @@ TEST_F(Decoding, AKeyAfterAGapWaitsForAJoin) {
   EXPECT_EQ(decoder_.counts().missed, 2u);
 }
 
-TEST_F(Decoding, ASyntheticFrameNeedsTheKeyBeforeAndIsNoReference) {
+TEST_F(Decoding, SyntheticFramesNeedTheKeyBeforeThem) {
   decode(coder_.next_key());
   EXPECT_EQ(decode(coder_.synthetic(1, 3)), *interpolate_keys(coder_.layout, Coder::key(1), Coder::key(2), 1, 3));
   EXPECT_EQ(decode(coder_.next_key()), Coder::key(2)) << "no harm from the synthetic frame";
@@ -118,7 +118,7 @@ TEST_F(Decoding, ASyntheticFrameNeedsTheKeyBeforeAndIsNoReference) {
   EXPECT_EQ(decode(lost), Coder::key(3)) << "an undecodable synthetic frame leaves the chain alone";
 }
 
-TEST_F(Decoding, CompactStepsLeadUpToAKeySentAhead) {
+TEST_F(Decoding, CompactStepsLeadUpToKeysSentAhead) {
   decode(coder_.next_key());
   EXPECT_FALSE(decode(coder_.next_key(Envelope::kAhead))) << "not to be shown when it comes";
   EXPECT_EQ(decode(coder_.step(1, 3)), *interpolate_keys(coder_.layout, Coder::key(1), Coder::key(2), 1, 3));
@@ -129,7 +129,7 @@ TEST_F(Decoding, CompactStepsLeadUpToAKeySentAhead) {
   EXPECT_EQ(decoder_.counts().synthetic, 2u);
 }
 
-TEST_F(Decoding, AJoinHelpsAtAnyMomentAndARestartNeedsOne) {
+TEST_F(Decoding, JoinIsDecodableAtAnyMoment) {
   for (int i = 0; i < 5; ++i) coder_.next_key();
   EXPECT_EQ(decode(coder_.join()), Coder::key(5));
   decoder_.restart();
@@ -137,7 +137,7 @@ TEST_F(Decoding, AJoinHelpsAtAnyMomentAndARestartNeedsOne) {
   EXPECT_EQ(decode(coder_.join()), Coder::key(6));
 }
 
-TEST_F(Decoding, FramesOfAnotherEpochAreRefusedUntilItIsAnnounced) {
+TEST_F(Decoding, FramesOfOtherEpochsAreRejected) {
   decode(coder_.next_key());
   Coder next(6);
   const Bytes first = next.next_key();
@@ -147,14 +147,14 @@ TEST_F(Decoding, FramesOfAnotherEpochAreRefusedUntilItIsAnnounced) {
   EXPECT_EQ(decode(first), Coder::key(1));
 }
 
-TEST_F(Decoding, NothingIsDecodedOfAStreamThatIsNotThere) {
+TEST_F(Decoding, WaitingStreamsDecodeNothing) {
   FrameDecoder fresh;
   const Bytes bytes = coder_.next_key();
   EXPECT_FALSE(*fresh.decode(*parse_frame(bytes)));
   EXPECT_EQ(fresh.counts().rejected, 1u);
 }
 
-TEST_F(Decoding, ADamagedKeyIsAnErrorAndThenAJoinHeals) {
+TEST_F(Decoding, DamagedKeyFailsAndJoinRecovers) {
   decode(coder_.next_key());
   Bytes damaged = coder_.next_key();
   damaged.push_back(0);
@@ -164,7 +164,7 @@ TEST_F(Decoding, ADamagedKeyIsAnErrorAndThenAJoinHeals) {
   EXPECT_EQ(decoder_.counts().rejected, 2u);
 }
 
-TEST_F(Decoding, EveryTruncationOfAFrameIsRefused) {
+TEST_F(Decoding, EveryTruncationIsRejected) {
   decode(coder_.next_key());
   const Bytes whole = coder_.next_key();
   for (std::size_t size = 0; size < whole.size(); ++size) {

@@ -19,7 +19,7 @@
 namespace eigencast {
 namespace {
 
-constexpr TimeUs kFrameUs = 33'333;
+constexpr TimeUs kClipFrameUs = 33'333;
 constexpr int kFrames = 600, kSettled = 180;  ///< Twenty seconds, of which six are for settling.
 
 struct Coded {
@@ -74,42 +74,42 @@ Run play(const Coded& clip, std::optional<double> target) {
       auto coded = encode_key(clip.layout, *state, key, choice.half_spacing);
       EXPECT_TRUE(coded);
       size += coded->payload.size();
-      state = advanced(state, std::move(coded->key), kFrameUs);
+      state = advanced(state, std::move(coded->key), kClipFrameUs);
     } else {
       state = advanced(std::nullopt, key, 0);
       size += encode_join(clip.layout, *state)->size();
     }
-    if (control) control->add(size, (frame + 1) * kFrameUs);
+    if (control) control->add(size, (frame + 1) * kClipFrameUs);
     if (frame < kSettled) continue;
     bytes += static_cast<double>(size);
     run.least_bands = std::min(run.least_bands, int{choice.bands});
     run.octaves.push_back(std::log2(choice.half_spacing));
   }
-  run.bits_per_s = bytes * 8 / ((kFrames - kSettled) * kFrameUs * 1e-6);
+  run.bits_per_s = bytes * 8 / ((kFrames - kSettled) * kClipFrameUs * 1e-6);
   return run;
 }
 
 void check(const MotionClip& clip) {
   const Coded coded = coded_of(clip);
   const double free = play(coded, std::nullopt).bits_per_s;
-  constexpr double kEnvelopes = Envelope::kBytes * 8 / (kFrameUs * 1e-6);
+  constexpr double kEnvelopes = Envelope::kBytes * 8 / (kClipFrameUs * 1e-6);
   for (const double share : {0.9, 0.75, 0.6}) {
     const double target = kEnvelopes + share * (free - kEnvelopes);
     const Run run = play(coded, target);
     EXPECT_NEAR(run.bits_per_s, target, 0.05 * target) << clip.name() << " at " << share;
     double move = 0;
     for (std::size_t i = 1; i < run.octaves.size(); ++i) move += std::abs(run.octaves[i] - run.octaves[i - 1]);
-    EXPECT_LT(move / (static_cast<double>(run.octaves.size()) * kFrameUs * 1e-6), 2.0)
+    EXPECT_LT(move / (static_cast<double>(run.octaves.size()) * kClipFrameUs * 1e-6), 2.0)
         << clip.name() << " at " << share << ": octaves of spacing wandered a second";
   }
   EXPECT_NEAR(play(coded, 3 * free).bits_per_s, free, 0.001 * free) << "there is room: nothing changes";
 }
 
-TEST(RateControl, KeepsABuiltInClipToItsRate) {
+TEST(RateControl, BuiltInClipKeepsItsRate) {
   check(**builtin_clip("bar:twist"));
 }
 
-TEST(RateControl, KeepsARealClipToItsRate) {
+TEST(RateControl, RealClipKeepsItsRate) {
   const std::string path = data_dir().string() + "/animations/horse-gallop/vertices.npy";
   if (!std::filesystem::exists(path)) GTEST_SKIP() << "no " << path;
   check(**open_clip(path));

@@ -17,7 +17,7 @@ std::size_t frame_bytes(const RateControl::Choice& choice, double bits) {
   return static_cast<std::size_t>(46 + bits / 8 * choice.bands / 4 * 4 / choice.half_spacing);
 }
 
-TEST(RateControl, ReachesItsTargetWithoutJumpsAndStaysThere) {
+TEST(RateControl, SettlesAtItsTargetWithoutJumps) {
   RateControl control(30'000, 4, 4);
   double late_bits = 0;
   auto before = control.choice();
@@ -32,13 +32,13 @@ TEST(RateControl, ReachesItsTargetWithoutJumpsAndStaysThere) {
   EXPECT_EQ(control.choice().bands, 4) << "the spacing alone was enough";
 }
 
-TEST(RateControl, NeverFinerThanTheErrorBoundAsksFor) {
+TEST(RateControl, SpacingIsNeverBelowTheErrorBound) {
   RateControl control(1e6, 6, 4);
   for (int frame = 1; frame <= 200; ++frame) control.add(50, frame * kFrameUs);
   EXPECT_EQ(control.choice(), (RateControl::Choice{6, 4}));
 }
 
-TEST(RateControl, DropsBandsWhereSpacingIsNotEnoughAndTakesThemBack) {
+TEST(RateControl, DropsAndRestoresBands) {
   RateControl control(13'000, 4, 4);
   int frame = 1;
   for (; frame <= 600; ++frame) control.add(frame_bytes(control.choice(), 40'000), frame * kFrameUs);
@@ -49,23 +49,23 @@ TEST(RateControl, DropsBandsWhereSpacingIsNotEnoughAndTakesThemBack) {
 }
 
 /// One band leaves room for another, which is then too much at any spacing.
-TEST(RateControl, ABandThatHadToGoAgainIsWaitedForEverLonger) {
+TEST(RateControl, BandsReturnAfterEverLongerPauses) {
   RateControl control(14'400, 4, 4);
   std::vector<TimeUs> raised;
   double late_bits = 0;
-  constexpr int kFrames = 240 * 30;
-  for (int frame = 1; frame <= kFrames; ++frame) {
+  constexpr int kLongRun = 240 * 30;
+  for (int frame = 1; frame <= kLongRun; ++frame) {
     const RateControl::Choice before = control.choice();
     const std::size_t bytes = 20u + 24u * before.bands + 60u / before.half_spacing;
-    if (frame > kFrames / 2) late_bits += static_cast<double>(bytes) * 8;
+    if (frame > kLongRun / 2) late_bits += static_cast<double>(bytes) * 8;
     control.add(bytes, frame * kFrameUs);
     if (control.choice().bands > before.bands) raised.push_back(frame * kFrameUs);
   }
   ASSERT_GE(raised.size(), 4u) << "it is tried";
   EXPECT_LE(raised.size(), 8u);
   EXPECT_GE(raised.back() - raised[raised.size() - 2], 30'000'000);
-  EXPECT_NEAR(late_bits / (kFrames / 2 * kFrameUs * 1e-6), 14'400, 0.05 * 14'400);
-  for (int frame = kFrames + 1; frame <= 3 * kFrames; ++frame) control.add(30, frame * kFrameUs);
+  EXPECT_NEAR(late_bits / (kLongRun / 2 * kFrameUs * 1e-6), 14'400, 0.05 * 14'400);
+  for (int frame = kLongRun + 1; frame <= 3 * kLongRun; ++frame) control.add(30, frame * kFrameUs);
   EXPECT_EQ(control.choice().bands, 4) << "where there is room they all come back";
 }
 
@@ -75,7 +75,7 @@ struct Key {
   double value;
 };
 
-TEST(StillGate, WhoeverInterpolatesStaysWithinTheBoundOfTheTruth) {
+TEST(StillGate, InterpolationStaysWithinTheBound) {
   constexpr double kBound = 0.01;
   const auto truth = [](int frame) { return frame < 20 ? 0.1 * frame : frame < 60 ? 1.9 : 1.9 + 0.1 * (frame - 59); };
   StillGate gate(kBound, 1'000'000);
@@ -104,7 +104,7 @@ TEST(StillGate, WhoeverInterpolatesStaysWithinTheBoundOfTheTruth) {
   }
 }
 
-TEST(StillGate, TheFirstStillPoseStopsWhoeverExtrapolates) {
+TEST(StillGate, FirstStillPoseStopsExtrapolation) {
   StillGate gate(0.01, 1'000'000);
   EXPECT_EQ(gate.next(0.5, 1), StillGate::Action::kSend);
   EXPECT_EQ(gate.next(0.001, 2), StillGate::Action::kHold);

@@ -25,7 +25,7 @@ using Form = Profile::Form;
 using Scheme = Profile::Scheme;
 
 constexpr double kError = 0.002;
-constexpr TimeUs kFrameUs = 20'000, kHeartbeatUs = 300'000;
+constexpr TimeUs kStillFrameUs = 20'000, kHeartbeatUs = 300'000;
 constexpr int kMoves = 40, kStands = 70;
 
 std::vector<double> pose(const Asset& asset, double phase) {
@@ -40,7 +40,7 @@ struct Watch {
   std::vector<ReceivedPose> poses;
 };
 
-TEST(Still, NobodyIsShownMoreThanTheBoundAwayFromASurfaceThatStandsStill) {
+TEST(Still, ShownPosesStayWithinTheBound) {
   BakeOptions bake_options;
   bake_options.rank = 40;
   auto baked = bake(make_icosphere(3), bake_options);
@@ -51,7 +51,7 @@ TEST(Still, NobodyIsShownMoreThanTheBoundAwayFromASurfaceThatStandsStill) {
   options.url = broker.url("still");
   options.error = kError;
   options.still_heartbeat_us = kHeartbeatUs;
-  options.key_rate_hz = 1e6 / kFrameUs;
+  options.key_rate_hz = 1e6 / kStillFrameUs;
   auto publisher = Publisher::create(options, asset, std::make_shared<const EncodedAsset>(std::move(baked->encoded)));
   ASSERT_TRUE(publisher) << publisher.error().message;
   ASSERT_TRUE(eventually([&] { return (*publisher)->stats().state == Publisher::State::kLive; }));
@@ -90,7 +90,7 @@ TEST(Still, NobodyIsShownMoreThanTheBoundAwayFromASurfaceThatStandsStill) {
       sent_in_pause = (*publisher)->stats().frames_sent - held_from;
     }
     before = held;
-    for (const TimeUs end = now + kFrameUs; steady_now_us() < end;) {
+    for (const TimeUs end = now + kStillFrameUs; steady_now_us() < end;) {
       collect();
       std::this_thread::sleep_for(milliseconds(2));
     }

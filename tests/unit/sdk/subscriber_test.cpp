@@ -41,7 +41,7 @@ std::unique_ptr<Subscriber> subscribe(const ScriptedBroker& broker) {
   return std::move(*made);
 }
 
-TEST(Subscriber, AsksAgainForAStreamThatWasRefused) {
+TEST(Subscriber, RefusedStreamIsRequestedAgain) {
   ScriptedBroker broker({{kWaiting, kDeclined}, [](const auto&) { return kWaiting; }});
   const auto subscriber = subscribe(broker);
   bool refused = false;
@@ -60,7 +60,7 @@ TEST(Subscriber, AsksAgainForAStreamThatWasRefused) {
   EXPECT_TRUE(subscriber->info());
 }
 
-TEST(Subscriber, StaysAwayAsLongAsTheBrokerAsks) {
+TEST(Subscriber, ByeDelaysTheReconnect) {
   ScriptedBroker broker({{kWaiting, kBye}, {}, true});
   const auto subscriber = subscribe(broker);
   ASSERT_TRUE(eventually(
@@ -68,7 +68,7 @@ TEST(Subscriber, StaysAwayAsLongAsTheBrokerAsks) {
   EXPECT_GE(next_try_ms(subscriber->stats().detail), 60000);
 }
 
-TEST(Publisher, StaysAwayAsLongAsTheBrokerAsks) {
+TEST(Publisher, ByeDelaysTheReconnect) {
   auto baked = bake(make_icosphere(1), {.basis = BasisKind::kAugmented, .rank = 8, .name = "ball"});
   ASSERT_TRUE(baked) << baked.error().message;
   ScriptedBroker broker({{kBye}, {}, true});

@@ -36,7 +36,7 @@ TEST(Envelope, GoldenBytes) {
   EXPECT_EQ(expected.size(), Envelope::kBytes);
 }
 
-TEST(Envelope, EachKindGoesThereAndBack) {
+TEST(Envelope, EachKindRoundTrips) {
   for (const FrameKind kind : {FrameKind::kKey, FrameKind::kJoin, FrameKind::kSynthetic, FrameKind::kStep}) {
     for (const std::uint8_t flags : {std::uint8_t{0}, Envelope::kAhead}) {
       if (flags != 0 && kind != FrameKind::kKey && kind != FrameKind::kJoin) continue;
@@ -84,7 +84,7 @@ TEST(Envelope, UnknownKindsAndReservedFlagsAreRejected) {
   }
 }
 
-TEST(Envelope, TheStepMustSuitTheKind) {
+TEST(Envelope, StepMustSuitTheKind) {
   for (int step = 0; step < 256; ++step) {
     const auto byte = static_cast<std::uint8_t>(step);
     const bool between = (step >> 4) >= 1 && (step >> 4) <= (step & 15);

@@ -101,7 +101,7 @@ TEST(ProfileQuery, RefusalsNameTheParameter) {
   }
 }
 
-TEST(ProfileSchemes, AreReadWithTheDefaultOfTheirRateAndWrittenBack) {
+TEST(ProfileSchemes, DefaultsFollowTheRate) {
   using Scheme = Profile::Scheme;
   EXPECT_EQ(profile_from_query("rate=estimated")->scheme, Scheme::kDamped);
   EXPECT_EQ(profile_from_query("rate=estimated&k=5&scheme=linear").value(),
@@ -115,7 +115,7 @@ TEST(ProfileSchemes, AreReadWithTheDefaultOfTheirRateAndWrittenBack) {
   }
 }
 
-TEST(Format, VelocitiesAreHalfOfTheChannelsAtMost) {
+TEST(Format, VelocitiesAreAtMostHalfTheChannels) {
   StreamFormat format{8, 6, {8}, "quantised", 3, 25'000};
   EXPECT_TRUE(check_format(format));
   const control::Announce announce{std::string(64, 'a'), format, 30, {}};

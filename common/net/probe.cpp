@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "common/net/knock.h"
+#include "common/net/probe.h"
 
 #include "common/net/http.h"
 #include "common/net/websocket_failure.h"
@@ -13,7 +13,7 @@ constexpr int kUpgradeRequired = 426;
 
 }  // namespace
 
-Result<void> knock(const BrokerUrl& url, const std::string& endpoint, std::chrono::milliseconds silence) {
+Result<void> probe(const BrokerUrl& url, const std::string& endpoint, std::chrono::milliseconds silence) {
   HttpConnection http(url, silence);
   const auto answer = http.get(endpoint, kMaxAnswerBytes);
   if (!answer) return answer.error();

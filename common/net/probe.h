@@ -13,8 +13,8 @@ namespace eigencast {
 ///   endpoint  such as "/v1/publish/lab/horse"
 ///   silence   how long nothing may come
 /// Errors: kRefused: it is there and says no in a way that only people can change (token, right, certificate);
-/// kUnreachable, kTimeout, kDisconnected: it is not there now, or what is there is no broker; kInvalidArgument (files
+/// kUnreachable, kTimeout, kDisconnected: it is not there now, or what answers is not a broker; kInvalidArgument (files
 /// of certificates).
-Result<void> knock(const BrokerUrl& url, const std::string& endpoint, std::chrono::milliseconds silence);
+Result<void> probe(const BrokerUrl& url, const std::string& endpoint, std::chrono::milliseconds silence);
 
 }  // namespace eigencast
