@@ -73,7 +73,7 @@ def data_file(options, name):
 
 def clip_argument(options, name):
     """The sender's argument for a clip: a built-in's name, or the folder of a real one, which must be there."""
-    if name in ("heart", "sphere", "torus", "bar"):
+    if name.split(":")[0] in ("heart", "sphere", "torus", "bar"):
         return name
     return str(data_file(options, f"animations/{name}/vertices.npy"))
 
