@@ -6,7 +6,7 @@
 namespace eigencast {
 namespace {
 
-ByteView view_of(std::string_view text) {
+ByteView bytes_view(std::string_view text) {
   return {reinterpret_cast<const std::uint8_t*>(text.data()), text.size()};
 }
 
@@ -20,8 +20,8 @@ TEST(Base64Test, MatchesVectorsOfRfc4648) {
                                                          {"fooba", "Zm9vYmE="},
                                                          {"foobar", "Zm9vYmFy"}};
   for (const auto& [plain, encoded] : vectors) {
-    EXPECT_EQ(base64_from_bytes(view_of(plain)), encoded);
-    EXPECT_EQ(bytes_from_base64(encoded), Bytes(view_of(plain).begin(), view_of(plain).end())) << encoded;
+    EXPECT_EQ(base64_from_bytes(bytes_view(plain)), encoded);
+    EXPECT_EQ(bytes_from_base64(encoded), Bytes(bytes_view(plain).begin(), bytes_view(plain).end())) << encoded;
   }
 }
 
