@@ -73,8 +73,8 @@ struct Asset : AssetFacts {
 
   /// What the basis leaves out of the rest pose, and how it comes back in every other (asset/detail.h): for each row
   /// the derivatives of the basis' columns along two tangents, an offset from where the basis puts the vertex, and the
-  /// surface's normal at rest; both are stated in the frame that those tangents span in the pose at hand. Empty where the
-  /// asset brings none.
+  /// surface's normal at rest; both are stated in the frame that those tangents span in the pose at hand. Empty where
+  /// the asset brings none.
   struct Detail {
     std::uint32_t axes = 3;                      ///< 3; 1: offsets are along z, the frame's normal, alone.
     std::vector<float> steps;                    ///< r: what one unit in a column of the next two is.

@@ -10,9 +10,10 @@
 
 namespace eigencast {
 
-/// How an image lies on the faces of a surface. A wedge is a UV of a vertex; along seams a vertex has several. Wedges are numbered by vertex, and contract as vertices do: with the first N vertices a corner has the
-/// wedge that is found from its own by following `parent` until it is below first_wedge[N], and that is a wedge of the
-/// vertex that the corner then has. So both sides of a seam stay apart at every level.
+/// How an image lies on the faces of a surface. A wedge is a UV of a vertex; along seams a vertex has several. Wedges
+/// are numbered by vertex, and contract as vertices do: with the first N vertices a corner has the wedge that is found
+/// from its own by following `parent` until it is below first_wedge[N], and that is a wedge of the vertex that the
+/// corner then has. So both sides of a seam stay apart at every level.
 struct AssetTexture {
   static constexpr std::size_t kMaxImageBytes = std::size_t{16} << 20;
   static constexpr std::array<std::uint16_t, 2> kNone{65535, 65535};  ///< A wedge that is not in the image.

@@ -66,7 +66,8 @@ class MeshContraction {
     for (std::size_t pose = 0; pose < poses_.size(); ++pose) make_quadrics(pose);
     const std::size_t useful = alive_count_;
     contract_all(Rules::kTopology, wanted_base(useful));
-    // A base that is larger because of its topology is right as long as it is small; beyond that the topology has to go.
+    // A base that is larger because of its topology is right as long as it is small; beyond that the topology has to
+    // go.
     const std::size_t tolerable = std::max<std::size_t>(64, useful / 50);
     contract_all(Rules::kSides, tolerable);
     contract_all(Rules::kNone, tolerable);
@@ -85,8 +86,8 @@ class MeshContraction {
     }
   }
 
-  // Contracts vertices on boundaries that lie at the same position: they are seams, or a soup of triangles of which each has
-  // its own corners. Nothing visible changes, and the result is a surface.
+  // Contracts vertices on boundaries that lie at the same position: they are seams, or a soup of triangles of which
+  // each has its own corners. Nothing visible changes, and the result is a surface.
   void weld() {
     const auto first = first_at_position(x_);
     std::vector<bool> on_boundary(x_.size());
@@ -232,8 +233,8 @@ class MeshContraction {
     }
   }
 
-  /// Whether no contraction of a vertex with these neighbours is legal, whichever it is: asking one by one takes the hub
-  /// of a wheel of thousands of faces hours.
+  /// Whether no contraction of a vertex with these neighbours is legal, whichever it is: asking one by one takes the
+  /// hub of a wheel of thousands of faces hours.
   bool has_too_many_neighbours(const std::vector<Neighbour>& around_u) const {
     if (rules_ != Rules::kTopology || around_u.size() <= kMaxMeshNeighbours + 4) return false;
     const auto most = std::max_element(around_u.begin(), around_u.end(),
@@ -257,7 +258,8 @@ class MeshContraction {
     alive_[u] = false;
     --alive_count_;
     if (!left_in_.empty()) --left_in_[component_of(u)];
-    // Corners that have lost their last face are not seen any more, so they should not count among the first N vertices.
+    // Corners that have lost their last face are not seen any more, so they should not count among the first N
+    // vertices.
     for (const std::uint32_t f : moved) {
       for (const std::uint32_t w : faces_[f]) {
         if (alive_[w] && around_[w].empty()) remove_lone(w);
@@ -298,8 +300,8 @@ class MeshContraction {
     return std::all_of(poses_.begin(), poses_.end(), [&](const auto& x) { return keeps_sides(x, u, to.vertex); });
   }
 
-  // The link condition (Dey, Edelsbrunner, Guha, Nekhayev 1999, "Topology preserving edge contraction"), and that nothing
-  // vanishes.
+  // The link condition (Dey, Edelsbrunner, Guha, Nekhayev 1999, "Topology preserving edge contraction"), and that
+  // nothing vanishes.
   bool keeps_topology(std::uint32_t u, const std::vector<Neighbour>& around_u, const Neighbour& to) {
     const std::uint32_t v = to.vertex;
     const bool u_on_rim =

@@ -21,7 +21,8 @@ std::string ending_of(const std::string& path);
 /// Whether the path names a regular file.
 bool is_file(const std::string& path);
 
-/// Whether the path names a regular file that lies below `folder` when all links are resolved. An empty folder holds nothing.
+/// Whether the path names a regular file that lies below `folder` when all links are resolved. An empty folder holds
+/// nothing.
 bool is_file_below(const std::string& folder, const std::string& path);
 
 /// Lines of a text, without their ends (\n, \r\n or \r).

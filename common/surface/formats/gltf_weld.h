@@ -38,10 +38,9 @@ class GltfParts {
   std::vector<std::uint32_t> part_of_;  ///< Of each vertex.
 };
 
-/// Merges vertices at one position that always move alike, and fills the rig's vertices. Drops faces that collapse, with
-/// their corners' appearance; the scene's notes say what was done. REQUIRES: the scene's faces
-/// are of the parts' vertices; its appearance has a material for each face, and coordinates and colours for each or
-/// none.
+/// Merges vertices at one position that always move alike, and fills the rig's vertices. Drops faces that collapse,
+/// with their corners' appearance; the scene's notes say what was done. REQUIRES: the scene's faces are of the parts'
+/// vertices; its appearance has a material for each face, and coordinates and colours for each or none.
 void weld(const GltfParts& parts, GltfScene& scene);
 
 }  // namespace eigencast
