@@ -46,7 +46,7 @@ void PoseRecord::received(std::size_t source, std::span<const ReceivedPose> pose
                     {"capture_us", e.capture_us},
                     {"arrival_us", pose.arrival_us},
                     {"channels", pose.channels},
-                    {"coefficients", pose.coefficients}};
+                    {"coefficients", std::span(pose.coefficients)}};
     received_ << line.dump() << '\n';
   }
   received_.flush();

@@ -35,13 +35,13 @@ Result<Key> FrameDecoder::made_pose(const Envelope& e) const {
   return interpolate_keys(layout_, state.older, state.newer, e.step.at, e.step.of);
 }
 
-Result<std::optional<Key>> FrameDecoder::decode(const FrameView& frame) {
+Result<const Key*> FrameDecoder::decode(const FrameView& frame) {
   const Envelope& e = frame.envelope;
   if (!has_stream_ || e.stream_id != stream_id_ || e.epoch != epoch_) {
     ++counts_.rejected;
-    return std::optional<Key>();
+    return nullptr;
   }
-  std::optional<Key> pose;
+  const Key* pose = nullptr;
   if (auto error = apply(frame, pose)) {
     ++counts_.rejected;
     return *error;
@@ -49,7 +49,7 @@ Result<std::optional<Key>> FrameDecoder::decode(const FrameView& frame) {
   return pose;
 }
 
-std::optional<Error> FrameDecoder::apply(const FrameView& frame, std::optional<Key>& pose) {
+std::optional<Error> FrameDecoder::apply(const FrameView& frame, const Key*& pose) {
   const Envelope& e = frame.envelope;
   const bool shown = (e.flags & Envelope::kAhead) == 0;
   const auto undecodable = [&] {
@@ -83,7 +83,8 @@ std::optional<Error> FrameDecoder::apply(const FrameView& frame, std::optional<K
       auto key = decode_key(layout_, e.bands, *chain_, frame.payload);
       if (!key) return key.error();
       ++counts_.synthetic;
-      pose = std::move(*key);
+      made_ = std::move(*key);
+      pose = &made_;
       return std::nullopt;
     }
     case FrameKind::kStep:
@@ -92,7 +93,8 @@ std::optional<Error> FrameDecoder::apply(const FrameView& frame, std::optional<K
       auto key = e.bands.empty() ? made_pose(e) : decode_key(layout_, e.bands, *chain_, frame.payload);
       if (!key) return key.error();
       ++counts_.synthetic;
-      pose = std::move(*key);
+      made_ = std::move(*key);
+      pose = &made_;
       return std::nullopt;
     }
   }
@@ -100,7 +102,7 @@ std::optional<Error> FrameDecoder::apply(const FrameView& frame, std::optional<K
   newest_ = e.sequence;
   newest_capture_us_ = e.capture_us;
   ++counts_.keys;
-  if (shown) pose = chain_->newer;
+  if (shown) pose = &chain_->newer;
   return std::nullopt;
 }
 

@@ -32,9 +32,9 @@ class FrameDecoder {
   /// The connection is new: only a join helps.
   void restart() { chain_.reset(); }
 
-  /// The pose that the frame holds; nothing when there is none to show (a key sent ahead, another stream or epoch, no
-  /// state yet). Errors: kCorrupt and those of the codec; the chain then waits for a join.
-  Result<std::optional<Key>> decode(const FrameView& frame);
+  /// The pose of the frame, valid until the next call; null when there is none to show (a key sent ahead, another stream
+  /// or epoch, no state yet). Errors: kCorrupt and those of the codec; the chain then waits for a join.
+  Result<const Key*> decode(const FrameView& frame);
 
   const CoefficientLayout& layout() const { return layout_; }
   const Counts& counts() const { return counts_; }
@@ -42,7 +42,7 @@ class FrameDecoder {
   std::optional<std::uint64_t> newest() const { return chain_ ? std::optional(newest_) : std::nullopt; }
 
  private:
-  std::optional<Error> apply(const FrameView& frame, std::optional<Key>& pose);
+  std::optional<Error> apply(const FrameView& frame, const Key*& pose);
   void count_gap(std::uint64_t sequence);
 
   Result<Key> made_pose(const Envelope& envelope) const;
@@ -54,6 +54,7 @@ class FrameDecoder {
   std::uint32_t epoch_ = 0;
   bool has_stream_ = false;
   std::optional<ChainState> chain_;
+  Key made_;                  ///< The last pose between keys or beyond them.
   std::uint64_t newest_ = 0;  ///< Sequence of chain_->newer.
   TimeUs newest_capture_us_ = 0;
   std::optional<std::uint64_t> last_seen_;  ///< Newest key of this epoch, also over restarts.

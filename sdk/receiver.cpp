@@ -147,12 +147,16 @@ void Receiver::on_frame(const std::optional<FrameView>& frame, std::size_t bytes
 }
 
 Result<bool> Receiver::decode(const FrameView& frame, TimeUs now) {
-  auto pose = decoder_.decode(frame);
-  if (!pose) return pose.error();
-  if (!*pose) return false;
+  const Result<const Key*> key = decoder_.decode(frame);
+  if (!key) return key.error();
+  if (*key == nullptr) return false;
   condition_.latency_us.add(now - frame.envelope.capture_us);
   if (news_.poses.size() == kMaxPoses) news_.poses.pop_front();
-  news_.poses.push_back({frame.envelope, now, steady_now_us(), std::move(**pose), decoder_.layout()});
+  const CoefficientLayout& layout = decoder_.layout();
+  ReceivedPose pose{frame.envelope,  now, steady_now_us(), coefficients_from_key(layout, **key), layout.channels,
+                    layout.band_ends};
+  pose.envelope.bands = (*key)->bands;  // A step's own envelope has none.
+  news_.poses.push_back(std::move(pose));
   return true;
 }
 

@@ -21,24 +21,16 @@
 #include "common/wire/envelope.h"
 #include "sdk/broker_connection.h"
 #include "sdk/frame_decoder.h"
+#include "sdk/received_pose.h"
 
 namespace eigencast {
-
-/// A decoded pose on its way to the caller: absent bands are filled in there, where the asset is.
-struct Arrival {
-  Envelope envelope;
-  TimeUs arrival_us = 0;
-  TimeUs decoded_us = 0;
-  Key key;
-  CoefficientLayout layout;
-};
 
 /// One stream of a broker's connection: its state, its decoder, and what came of it, which waits for take() and
 /// condition(). Watches the stream from its making to its end. Any thread may call these.
 class Receiver final : private BrokerConnection::Listener {
  public:
   struct News {
-    std::deque<Arrival> poses;                ///< At most 64, newest kept.
+    std::deque<ReceivedPose> poses;           ///< At most 64, newest kept; absent bands are zero yet.
     std::optional<control::StreamInfo> info;  ///< Set when it changed since the last take.
     bool declined = false;                    ///< The subscription was refused since then; no info came after it.
   };

@@ -39,14 +39,14 @@ class Subscriber::Impl {
     if (surfaces_.add_object()) wake();
     std::vector<ReceivedPose> poses;
     if (held_ && surfaces_.is_shown(held_->envelope.epoch)) {
-      deliver(*held_, poses);
+      deliver(std::move(*held_), poses);
       held_.reset();
     }
-    for (Arrival& arrival : news.poses) {
-      if (surfaces_.is_shown(arrival.envelope.epoch)) {
-        deliver(arrival, poses);
-      } else if (surfaces_.is_pending(arrival.envelope.epoch)) {
-        held_ = std::move(arrival);
+    for (ReceivedPose& pose : news.poses) {
+      if (surfaces_.is_shown(pose.envelope.epoch)) {
+        deliver(std::move(pose), poses);
+      } else if (surfaces_.is_pending(pose.envelope.epoch)) {
+        held_ = std::move(pose);
       }
     }
     return poses;
@@ -90,31 +90,18 @@ class Subscriber::Impl {
     woken_.notify_all();
   }
 
-  void deliver(const Arrival& arrival, std::vector<ReceivedPose>& poses) const {
+  /// Fills in the rows that did not come as those of the rest pose; channels beyond x, y, z as zero.
+  void deliver(ReceivedPose pose, std::vector<ReceivedPose>& poses) const {
     // A pose brings its own layout: what was announced with it may not be what is announced now.
-    if (arrival.layout.rows != surfaces_.asset()->rank || arrival.layout.channels < 3) return;
-    ReceivedPose pose;
-    pose.envelope = arrival.envelope;
-    pose.envelope.bands = arrival.key.bands;  // A step's own envelope has none.
-    pose.arrival_us = arrival.arrival_us;
-    pose.decoded_us = arrival.decoded_us;
-    pose.channels = arrival.layout.channels;
-    pose.coefficients = coefficients_from_key(arrival.layout, arrival.key);
-    fill_absent_bands(arrival, pose.coefficients);
-    poses.push_back(std::move(pose));
-  }
-
-  /// Rows that did not come read as those of the rest pose; channels beyond x, y, z as zero.
-  void fill_absent_bands(const Arrival& arrival, std::vector<double>& C) const {
-    const std::vector<double>& rest = surfaces_.asset()->rest;
-    const std::size_t channels = arrival.layout.channels;
-    for (std::size_t band = 0; band < arrival.layout.band_ends.size(); ++band) {
-      if (arrival.key.bands.has(band)) continue;
-      const auto [first, end] = band_range(arrival.layout.band_ends, band);
-      for (std::size_t row = first; row < end; ++row)
-        for (std::size_t axis = 0; axis < std::min<std::size_t>(3, channels); ++axis)
-          C[row * channels + axis] = rest[row * 3 + axis];
+    const Asset& asset = *surfaces_.asset();
+    if (pose.channels < 3 || pose.coefficients.size() != std::size_t{asset.rank} * pose.channels) return;
+    for (std::size_t band = 0; band < pose.band_ends.size(); ++band) {
+      if (pose.envelope.bands.has(band)) continue;
+      std::vector<double>& C = pose.coefficients.edit();
+      const auto [first, end] = band_range(pose.band_ends, band);
+      for (std::size_t row = first; row < end; ++row) std::copy_n(&asset.rest[3 * row], 3, &C[row * pose.channels]);
     }
+    poses.push_back(std::move(pose));
   }
 
   std::pair<State, std::string> state_of(const Receiver::Condition& c, const std::string& fetch_trouble) const {
@@ -145,7 +132,7 @@ class Subscriber::Impl {
 
   // For the caller's thread alone.
   std::optional<control::StreamInfo> info_;
-  std::optional<Arrival> held_;  ///< The newest pose of the surface that is on its way.
+  std::optional<ReceivedPose> held_;  ///< The newest pose of the surface that is on its way.
 
   // Last, so that they end first: they call wake().
   Surfaces surfaces_;

@@ -14,6 +14,7 @@
 #include "common/net/url.h"
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
+#include "sdk/received_pose.h"
 
 namespace eigencast {
 
@@ -24,15 +25,6 @@ struct SubscriberOptions {
   std::uint32_t trace_every = 0;   ///< Ask for traces of keys whose sequence is a multiple of it; 0: none.
   std::chrono::milliseconds declined_retry{5000};  ///< A broker that refused the stream is asked again after so long.
   Credentials credentials = {};                    ///< Token and trusted authorities; see common/net/url.h.
-};
-
-/// One pose as it was received and decoded.
-struct ReceivedPose {
-  Envelope envelope;                 ///< As it came; `bands` are those that the pose has, also for steps.
-  TimeUs arrival_us = 0;             ///< Steady clock, when the last byte was read.
-  TimeUs decoded_us = 0;             ///< Likewise, when it was decoded.
-  std::vector<double> coefficients;  ///< r x c, row-major; absent bands read as the rest pose (docs/protocol.md).
-  std::uint32_t channels = 3;
 };
 
 /// Watches one stream: downloads the asset chunk by chunk (cache first), decodes frames, acknowledges, reconnects by

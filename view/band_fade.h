@@ -8,6 +8,7 @@
 
 #include "common/core/bands.h"
 #include "common/core/clock.h"
+#include "common/motion/coefficients.h"
 
 namespace eigencast {
 
@@ -23,7 +24,7 @@ class BandFade {
   /// shown; both are band_ends.back() x channels, row-major. Nothing fades if they differ in size or band_ends is
   /// empty.
   void apply(BandMask bands, TimeUs now_us, std::span<const std::uint32_t> band_ends, std::span<const double> shown,
-             std::span<double> wanted);
+             Coefficients& wanted);
 
   /// True while the same pose changes from one display time to the next.
   bool fading() const { return !fading_.empty(); }

@@ -17,18 +17,9 @@ std::uint32_t rank_in_use(std::span<const double> coefficients, std::uint32_t ch
   return static_cast<std::uint32_t>((used + channels - 1) / channels);
 }
 
-PoseOrigin origin_of(FrameKind kind) {
-  switch (kind) {
-    case FrameKind::kKey:
-    case FrameKind::kJoin:
-      return PoseOrigin::kSender;
-    case FrameKind::kSynthetic:
-    case FrameKind::kStep:
-      return PoseOrigin::kBetween;
-    case FrameKind::kEstimate:
-      return PoseOrigin::kEstimate;
-  }
-  return PoseOrigin::kSender;
+Shown shown_from(FrameKind kind) {
+  if (kind == FrameKind::kEstimate) return Shown::kEstimated;
+  return kind == FrameKind::kSynthetic || kind == FrameKind::kStep ? Shown::kInterpolated : Shown::kLive;
 }
 
 }  // namespace
@@ -102,7 +93,7 @@ void SurfaceView::add_pose(const ReceivedPose& pose, const Asset& asset) {
     return;
   }
   const Envelope& e = pose.envelope;
-  playout_.add({e.capture_us, pose.coefficients, stream_bands_, origin_of(e.kind)}, pose.arrival_us);
+  playout_.add({e.capture_us, pose.coefficients, stream_bands_, shown_from(e.kind)}, pose.arrival_us);
 }
 
 bool SurfaceView::choose_pose(const PoseSource& source, TimeUs now_us) {
@@ -113,7 +104,7 @@ bool SurfaceView::choose_pose(const PoseSource& source, TimeUs now_us) {
   if (info && !info->format.band_ends.empty() && info->format.band_ends.back() == rank)
     band_ends = info->format.band_ends;
   playout_.set_band_ends(band_ends);
-  std::optional<ShownPose> pose = playout_.at(now_us);
+  std::optional<PlayoutPose> pose = playout_.at(now_us);
   if (!pose) return false;
   shown_ = pose->shown;
   const bool is_new = shown_time_ != pose->time_us;
@@ -196,7 +187,7 @@ glm::vec3 SurfaceView::barycentre() const {
   glm::dvec3 sum{0};
   const std::size_t rank = std::min(barycentre_weights_.size(), coefficients_.size() / channels_);
   for (std::size_t k = 0; k < rank; ++k) {
-    const double* row = &coefficients_[k * channels_];
+    const double* row = coefficients_.begin() + k * channels_;
     sum += barycentre_weights_[k] * glm::dvec3(row[0], row[1], row[2]);
   }
   return glm::vec3(sum);

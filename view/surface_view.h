@@ -89,7 +89,7 @@ class SurfaceView {
   const Playout& playout() const { return playout_; }
   /// How geometry() came about; kHeld before the first pose.
   Shown shown() const { return shown_; }
-  bool settling() const { return settling_; }  ///< See ShownPose.
+  bool settling() const { return settling_; }  ///< See PlayoutPose.
   /// Number of pictures for each of Shown.
   const std::array<std::uint64_t, 4>& times_shown() const { return times_shown_; }
   /// The coefficients of geometry(), r x c row-major, corrections and fades included.
@@ -134,7 +134,7 @@ class SurfaceView {
   std::vector<double> barycentre_weights_;  ///< r: barycentre = weights . coefficients.
   std::uint32_t facts_rows_ = 0;
   BandFade fade_;
-  std::vector<double> coefficients_;  ///< Shown, r x channels_.
+  Coefficients coefficients_;  ///< Shown, r x channels_.
   std::uint32_t channels_ = 3;
   BandMask stream_bands_;  ///< For the newest key; steps have none.
   bool has_pose_ = false;  ///< coefficients_ are not the rest pose.

@@ -17,20 +17,8 @@ bool near(const PlayoutPose& a, const PlayoutPose& b) {
   return std::abs(b.time_us - a.time_us) <= PlayoutClock::kLongestSpanUs;
 }
 
-Shown shown_from_origin(PoseOrigin origin) {
-  switch (origin) {
-    case PoseOrigin::kSender:
-      return Shown::kLive;
-    case PoseOrigin::kBetween:
-      return Shown::kInterpolated;
-    case PoseOrigin::kEstimate:
-      return Shown::kEstimated;
-  }
-  return Shown::kLive;
-}
-
-ShownPose as_it_came(const PlayoutPose& pose, Shown shown) {
-  return {pose.time_us, pose.coefficients, pose.bands, shown, false};
+PlayoutPose as_it_came(const PlayoutPose& pose, Shown shown) {
+  return {pose.time_us, pose.coefficients, pose.bands, shown};
 }
 
 }  // namespace
@@ -68,7 +56,7 @@ void Playout::reset() {
 bool Playout::add(PlayoutPose pose, TimeUs arrival_us) {
   pose.time_us = bounded_time(pose.time_us);
   arrival_us = bounded_time(arrival_us);
-  const bool sure = pose.origin != PoseOrigin::kEstimate;
+  const bool sure = pose.shown != Shown::kEstimated;
   if (!poses_.empty() && pose.time_us <= (sure ? newest_sure_us_ : poses_.back().time_us)) return false;
   if (!poses_.empty() && pose.coefficients.size() != poses_.back().coefficients.size()) {
     poses_.clear();
@@ -88,7 +76,7 @@ bool Playout::add(PlayoutPose pose, TimeUs arrival_us) {
 }
 
 void Playout::drop_estimates() {
-  while (!poses_.empty() && poses_.back().origin == PoseOrigin::kEstimate) poses_.pop_back();
+  while (!poses_.empty() && poses_.back().shown == Shown::kEstimated) poses_.pop_back();
 }
 
 TimeUs Playout::media_time(TimeUs now_us) {
@@ -102,12 +90,12 @@ TimeUs Playout::media_time(TimeUs now_us) {
   return clock_.advance(now_us, delay_us());
 }
 
-std::optional<ShownPose> Playout::at(TimeUs now_us) {
+std::optional<PlayoutPose> Playout::at(TimeUs now_us) {
   if (poses_.empty() || !clock_.started()) return std::nullopt;
   now_us = bounded_time(now_us);
   if (settings_changed_) latest_us_.reset();
   const TimeUs media_us = media_time(now_us);
-  ShownPose pose = planned(media_us);
+  PlayoutPose pose = planned(media_us);
   const bool jumped = settings_.mode != PlayoutMode::kLatest && clock_.jumped();
   if (settings_changed_ || jumped) {
     correct(pose, now_us);
@@ -119,11 +107,11 @@ std::optional<ShownPose> Playout::at(TimeUs now_us) {
   shown_at_us_ = media_us;
   shown_ = pose;
   pose.settling = correction_.active(now_us);
-  correction_.apply(pose.coefficients, now_us);
+  if (pose.settling) correction_.apply(pose.coefficients.edit(), now_us);
   return pose;
 }
 
-void Playout::correct(const ShownPose& right, TimeUs now_us) {
+void Playout::correct(const PlayoutPose& right, TimeUs now_us) {
   if (!shown_at_us_ || right.coefficients.size() != shown_.coefficients.size()) return;
   std::vector<double> error(right.coefficients.size());
   bool any = false;
@@ -143,7 +131,7 @@ void Playout::correct(const ShownPose& right, TimeUs now_us) {
   if (any) correction_.add(error, now_us);
 }
 
-ShownPose Playout::planned(TimeUs media_us) const {
+PlayoutPose Playout::planned(TimeUs media_us) const {
   if (media_us >= poses_.back().time_us) return beyond_newest(media_us);
   const auto is_before = [](TimeUs t, const PlayoutPose& pose) { return t < pose.time_us; };
   const auto after = std::upper_bound(poses_.begin(), poses_.end(), media_us, is_before);
@@ -151,12 +139,12 @@ ShownPose Playout::planned(TimeUs media_us) const {
   return between(static_cast<std::size_t>(after - poses_.begin()), media_us);
 }
 
-ShownPose Playout::between(std::size_t to_index, TimeUs media_us) const {
+PlayoutPose Playout::between(std::size_t to_index, TimeUs media_us) const {
   const PlayoutPose &from = poses_[to_index - 1], &to = poses_[to_index];
   const BandMask bands = from.bands & to.bands;
   const auto usable = [&](const PlayoutPose& neighbour, const PlayoutPose& beside) {
     return near(neighbour, beside) && near(from, to) && neighbour.bands.includes(bands) &&
-           neighbour.origin != PoseOrigin::kEstimate && to.origin != PoseOrigin::kEstimate;
+           neighbour.shown != Shown::kEstimated && to.shown != Shown::kEstimated;
   };
   const PlayoutPose* before = to_index >= 2 && usable(poses_[to_index - 2], from) ? &poses_[to_index - 2] : nullptr;
   const PlayoutPose* after =
@@ -165,16 +153,15 @@ ShownPose Playout::between(std::size_t to_index, TimeUs media_us) const {
       catmull_rom_weights(before != nullptr ? std::optional(before->time_us) : std::nullopt, from.time_us, to.time_us,
                           after != nullptr ? std::optional(after->time_us) : std::nullopt, media_us);
   const std::array<Term, 4> terms{{{&from, w.from}, {&to, w.to}, {before, w.before}, {after, w.after}}};
-  ShownPose pose = mixed(terms, bands, from, to);
+  PlayoutPose pose = mixed(terms, bands, from, to);
   pose.time_us = media_us;
-  pose.shown = to.origin == PoseOrigin::kEstimate ? Shown::kEstimated : Shown::kInterpolated;
+  pose.shown = to.shown == Shown::kEstimated ? Shown::kEstimated : Shown::kInterpolated;
   return pose;
 }
 
-ShownPose Playout::beyond_newest(TimeUs media_us) const {
+PlayoutPose Playout::beyond_newest(TimeUs media_us) const {
   const PlayoutPose& newest = poses_.back();
-  if (media_us == newest.time_us && settings_.mode == PlayoutMode::kLatest)
-    return as_it_came(newest, shown_from_origin(newest.origin));
+  if (media_us == newest.time_us && settings_.mode == PlayoutMode::kLatest) return newest;
   const bool directed = poses_.size() > 1 && near(poses_[poses_.size() - 2], newest);
   if (settings_.mode == PlayoutMode::kInterpolate || !directed) return as_it_came(newest, Shown::kHeld);
   const PlayoutPose& older = poses_[poses_.size() - 2];
@@ -183,7 +170,7 @@ ShownPose Playout::beyond_newest(TimeUs media_us) const {
   const double span_us = static_cast<double>(newest.time_us - older.time_us);
   const double steps = damped_steps(static_cast<double>(ahead_us) / span_us, kDamping);
   const std::array<Term, 2> terms{{{&newest, 1 + steps}, {&older, -steps}}};
-  ShownPose pose = mixed(terms, newest.bands & older.bands, newest, newest);
+  PlayoutPose pose = mixed(terms, newest.bands & older.bands, newest, newest);
   pose.bands = newest.bands;
   pose.time_us = newest.time_us + ahead_us;
   pose.shown = media_us > end_us ? Shown::kHeld : Shown::kEstimated;
@@ -191,24 +178,23 @@ ShownPose Playout::beyond_newest(TimeUs media_us) const {
 }
 
 // The weighted sum in `bands`; other bands come from a where a lacks them, else from b.
-ShownPose Playout::mixed(std::span<const Term> terms, BandMask bands, const PlayoutPose& a,
-                         const PlayoutPose& b) const {
-  ShownPose pose;
+PlayoutPose Playout::mixed(std::span<const Term> terms, BandMask bands, const PlayoutPose& a,
+                           const PlayoutPose& b) const {
+  PlayoutPose pose;
   pose.bands = bands;
-  pose.coefficients.assign(a.coefficients.size(), 0);
+  std::vector<double> sum(a.coefficients.size(), 0);
   for (const Term& term : terms) {
     if (term.pose == nullptr || term.weight == 0) continue;
-    for (std::size_t i = 0; i < pose.coefficients.size(); ++i)
-      pose.coefficients[i] += term.weight * term.pose->coefficients[i];
+    for (std::size_t i = 0; i < sum.size(); ++i) sum[i] += term.weight * term.pose->coefficients[i];
   }
-  const std::size_t channels = band_ends_.empty() ? 0 : pose.coefficients.size() / band_ends_.back();
+  const std::size_t channels = band_ends_.empty() ? 0 : sum.size() / band_ends_.back();
   for (std::size_t band = 0; band < band_ends_.size(); ++band) {
     if (bands.has(band)) continue;
-    const std::vector<double>& source = (a.bands.has(band) ? b : a).coefficients;
+    const Coefficients& source = (a.bands.has(band) ? b : a).coefficients;
     const auto [first, end] = band_range(band_ends_, band, channels);
-    std::copy(source.begin() + static_cast<std::ptrdiff_t>(first), source.begin() + static_cast<std::ptrdiff_t>(end),
-              pose.coefficients.begin() + static_cast<std::ptrdiff_t>(first));
+    std::copy(source.begin() + first, source.begin() + end, &sum[first]);
   }
+  pose.coefficients = std::move(sum);
   return pose;
 }
 

@@ -10,6 +10,7 @@
 
 #include "common/core/bands.h"
 #include "common/core/clock.h"
+#include "common/motion/coefficients.h"
 #include "common/motion/correction.h"
 #include "common/motion/playout_clock.h"
 
@@ -31,25 +32,17 @@ struct PlayoutSettings {
   TimeUs max_ahead_us = 200'000;  ///< How long after the newest pose estimates end and are held.
 };
 
-/// Who made a received pose.
-enum class PoseOrigin : std::uint8_t { kSender, kBetween, kEstimate };
-
-struct PlayoutPose {
-  TimeUs time_us = 0;
-  std::vector<double> coefficients;  ///< r x c, row-major, absent bands filled in.
-  BandMask bands = 0xff;             ///< Those that it has.
-  PoseOrigin origin = PoseOrigin::kSender;
-};
-
-/// What a picture shows: a received pose, one between two, one beyond the newest, or the last one again.
+/// How a pose came about: sent by the sender, made between two of its keys, estimated beyond the newest; or held for want
+/// of another.
 enum class Shown : std::uint8_t { kLive, kInterpolated, kEstimated, kHeld };
 
-struct ShownPose {
-  TimeUs time_us = 0;  ///< The media time that it shows.
-  std::vector<double> coefficients;
-  BandMask bands = 0xff;
+/// A pose as it comes, and as it is to be shown.
+struct PlayoutPose {
+  TimeUs time_us = 0;         ///< Media time.
+  Coefficients coefficients;  ///< Absent bands as they are to be read.
+  BandMask bands = 0xff;      ///< Those that it has.
   Shown shown = Shown::kLive;
-  bool settling = false;  ///< A correction fades: the same pose differs at the next display time.
+  bool settling = false;  ///< An error shown before is fading: the same pose changes with the display time.
 };
 
 /// Jitter buffer and player of one stream. Media times are capture times on the sender's clock, display times are on
@@ -83,8 +76,8 @@ class Playout {
   /// another size replaces all before.
   bool add(PlayoutPose pose, TimeUs arrival_us);
 
-  /// The pose to show at `now_us`, which must not go back; nothing before the first pose.
-  std::optional<ShownPose> at(TimeUs now_us);
+  /// The pose to show at `now_us`, which does not go back; nothing before the first one came.
+  std::optional<PlayoutPose> at(TimeUs now_us);
 
   /// How long poses are held deliberately.
   TimeUs delay_us() const;
@@ -98,12 +91,12 @@ class Playout {
     double weight;
   };
   void drop_estimates();
-  ShownPose planned(TimeUs media_us) const;
-  ShownPose between(std::size_t to, TimeUs media_us) const;
-  ShownPose beyond_newest(TimeUs media_us) const;
-  ShownPose mixed(std::span<const Term> terms, BandMask bands, const PlayoutPose& a, const PlayoutPose& b) const;
+  PlayoutPose planned(TimeUs media_us) const;
+  PlayoutPose between(std::size_t to, TimeUs media_us) const;
+  PlayoutPose beyond_newest(TimeUs media_us) const;
+  PlayoutPose mixed(std::span<const Term> terms, BandMask bands, const PlayoutPose& a, const PlayoutPose& b) const;
   TimeUs media_time(TimeUs now_us);
-  void correct(const ShownPose& right, TimeUs now_us);
+  void correct(const PlayoutPose& right, TimeUs now_us);
 
   PlayoutSettings settings_;
   std::vector<std::uint32_t> band_ends_;
@@ -113,8 +106,8 @@ class Playout {
   TimeUs newest_arrival_us_ = 0;
   TimeUs newest_sure_us_ = 0;          ///< Media time of the newest pose that is not an estimate.
   std::optional<TimeUs> latest_us_;    ///< kLatest: the newest media time shown.
-  std::optional<TimeUs> shown_at_us_;  ///< Media time of the last shown pose.
-  ShownPose shown_;                    ///< The last shown pose, without the correction.
+  std::optional<TimeUs> shown_at_us_;  ///< Media time of what was shown last.
+  PlayoutPose shown_;                  ///< That, without the correction.
   bool poses_changed_ = false, settings_changed_ = false;
 };
 

@@ -78,7 +78,7 @@ TEST(Playout, MovesEvenlyUnderJitter) {
   int uneven = 0, pictures = 0;
   play(
       playout, 1000, [&](int) { return 10 * kMs + jitter(random); }, 0,
-      [&](TimeUs now_us, const ShownPose& pose) {
+      [&](TimeUs now_us, const PlayoutPose& pose) {
         EXPECT_GE(pose.time_us, before_us) << "media time ran back";
         if (!pose.settling) {
           EXPECT_NEAR(pose.coefficients[0], static_cast<double>(pose.time_us - kPlayoutZero) * 1e-6, 1e-9);
@@ -102,7 +102,7 @@ TEST(Playout, FollowsDriftingClocks) {
     TimeUs before_us = std::numeric_limits<TimeUs>::min();
     play(
         playout, 7500, [](int) { return 10 * kMs; }, drift,
-        [&](TimeUs now_us, const ShownPose& pose) {
+        [&](TimeUs now_us, const PlayoutPose& pose) {
           EXPECT_GE(pose.time_us, before_us);
           before_us = pose.time_us;
           // Five minutes, 150 ms of drift: the delay in true time stays what it was.
@@ -187,7 +187,7 @@ TEST(Playout, LateKeyReplacesEstimatesWithoutGoingBack) {
   Playout playout = player(PlayoutMode::kLatest);
   const auto key = [](int i, double value) { return PlayoutPose{kPlayoutZero + i * kPlayoutInterval, {value}}; };
   const auto guess = [](TimeUs after_us, double value) {
-    return PlayoutPose{kPlayoutZero + after_us, {value}, 0xff, PoseOrigin::kEstimate};
+    return PlayoutPose{kPlayoutZero + after_us, {value}, 0xff, Shown::kEstimated};
   };
   playout.add(key(0, 0), 0);
   playout.add(key(1, 1), kPlayoutInterval);
@@ -302,7 +302,7 @@ TEST(Playout, LatestReportsOriginAndHold) {
   playout.add(pose, 0);
   EXPECT_EQ(playout.at(0)->shown, Shown::kLive);
   pose = pose_at(kPlayoutZero + 10 * kMs);
-  pose.origin = PoseOrigin::kBetween;
+  pose.shown = Shown::kInterpolated;
   playout.add(pose, 10 * kMs);
   EXPECT_EQ(playout.at(10 * kMs)->shown, Shown::kInterpolated);
   EXPECT_EQ(playout.at(10 * kMs + Playout::kHeldAfterUs + 1)->shown, Shown::kHeld);

@@ -112,8 +112,8 @@ TEST(BrokerConnection, PosesEqualThoseOfSeparateConnections) {
     together.push_back(watch(broker.url(stream_name(i))));
     apart.push_back(watch(broker.url(stream_name(i)), stream_name(i)));
   }
-  std::vector<std::map<TimeUs, std::vector<double>>> of_together(kStreams), of_apart(kStreams);
-  const auto collect = [](Subscriber& subscriber, std::map<TimeUs, std::vector<double>>& poses) {
+  std::vector<std::map<TimeUs, Coefficients>> of_together(kStreams), of_apart(kStreams);
+  const auto collect = [](Subscriber& subscriber, std::map<TimeUs, Coefficients>& poses) {
     for (const ReceivedPose& p : subscriber.poll(milliseconds(1))) poses[p.envelope.capture_us] = p.coefficients;
   };
   std::size_t in_common = 0;

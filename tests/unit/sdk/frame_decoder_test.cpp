@@ -84,7 +84,7 @@ class Decoding : public ::testing::Test {
     EXPECT_TRUE(frame) << frame.error().message;
     auto pose = decoder_.decode(*frame);
     EXPECT_TRUE(pose) << pose.error().message;
-    return pose ? *pose : std::nullopt;
+    return pose && *pose ? std::optional(**pose) : std::nullopt;
   }
   FrameDecoder decoder_;
   Coder coder_;

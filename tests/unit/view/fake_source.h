@@ -115,8 +115,8 @@ inline ReceivedPose sphere_pose(const Asset& asset, std::uint64_t sequence, Time
   pose.envelope.sequence = sequence;
   pose.envelope.capture_us = pose.arrival_us = pose.decoded_us = time_us;
   pose.coefficients = asset.rest;
-  pose.coefficients[0] = shift;
-  pose.coefficients[7] = stretch;
+  pose.coefficients.edit()[0] = shift;
+  pose.coefficients.edit()[7] = stretch;
   return pose;
 }
 

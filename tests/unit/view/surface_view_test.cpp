@@ -124,7 +124,7 @@ TEST_F(SurfaceViews, FramesAheadAndOfWrongSizeAreNotShown) {
   ReceivedPose ahead = sphere_pose(source_.asset_, 1, 1000, 0.5);
   ahead.envelope.flags = Envelope::kAhead;
   ReceivedPose wrong = sphere_pose(source_.asset_, 2, 2000, 0.5);
-  wrong.coefficients.resize(12);
+  wrong.coefficients.edit().resize(12);
   source_.batches.push_back({ahead, wrong});
   turn(2000);
   EXPECT_EQ(scene_.poses_shown(), 0u);
@@ -183,7 +183,7 @@ TEST_F(SurfaceViews, PauseSurvivesSenderWithMoreChannels) {
   source_.info_->epoch = source_.epoch_ = 2;
   ReceivedPose wider = sphere_pose(source_.asset_, 1, 50, 0.7, 0, 2);
   wider.channels = 4;
-  wider.coefficients.assign(24, 0.25);
+  wider.coefficients.edit().assign(24, 0.25);
   source_.batches.push_back({wider});
   EXPECT_FALSE(turn(2000));
   scene_.lod().set_fraction(0.5);
@@ -196,7 +196,7 @@ TEST_F(SurfaceViews, ABandThatComesOrGoesIsFaded) {
   const auto pose = [&](std::uint64_t sequence, TimeUs time_us, bool with_band) {
     ReceivedPose made = sphere_pose(source_.asset_, sequence, time_us, 1);
     made.envelope.bands = with_band ? 3 : 1;
-    if (with_band) made.coefficients[5 * 3 + 1] = 0.6;
+    if (with_band) made.coefficients.edit()[5 * 3 + 1] = 0.6;
     return made;
   };
   TimeUs start = 10'000'000;
@@ -240,7 +240,7 @@ TEST_F(SurfaceViews, BandsOfStepsAreThoseOfTheirKey) {
     step.envelope.kind = FrameKind::kStep;
     step.envelope.flags = 0;
     step.envelope.bands = 0;
-    if (bands == 3) step.coefficients[5 * 3 + 1] = 0.6;
+    if (bands == 3) step.coefficients.edit()[5 * 3 + 1] = 0.6;
     return std::vector<ReceivedPose>{made, step};
   };
   source_.batches.push_back(key(1, 1'000'000, 3));
@@ -313,7 +313,7 @@ TEST(SurfaceViewInterpolated, LostBandFadesAndIsNeverMixed) {
     const TimeUs time_us = i * 20'000;
     ReceivedPose pose = sphere_pose(source.asset_, static_cast<std::uint64_t>(i + 1), time_us, 1);
     pose.envelope.bands = i < 30 ? 3 : 1;
-    if (i < 30) pose.coefficients[5 * 3 + 1] = 0.6;
+    if (i < 30) pose.coefficients.edit()[5 * 3 + 1] = 0.6;
     source.batches.push_back({pose});
     scene.receive(source, source.poll({}));
     testing::advance(scene, source, time_us);
