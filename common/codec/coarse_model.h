@@ -44,10 +44,10 @@ struct Predictor {
 
 inline constexpr unsigned kMaxScaleCode = 30;
 inline constexpr unsigned kMaxUnary = 24;   ///< Levels from here on are escaped.
-inline constexpr unsigned kContexts = 160;  ///< Context i stands for a mean magnitude of about 2^(i/8 - 12) spacings.
+inline constexpr unsigned kContexts = 160;  ///< Context i: a mean magnitude of about 2^(i/8 - 12) spacings.
 inline constexpr unsigned kLowestOffset = 24;
 
-/// exp(-1 / (4 s)) in units of 2^-15, s the magnitude that context i - kLowestOffset stands for; kept within
+/// exp(-1 / (4 s)) in units of 2^-15, s the magnitude of context i - kLowestOffset; clamped to
 /// [64, 2^15 - 64].
 extern const std::array<std::uint16_t, kContexts + kLowestOffset> kMore;
 
@@ -63,7 +63,7 @@ struct LevelOdds {
 /// Probabilities that a scale code differs from the expected one, and that it differs by yet another.
 inline constexpr std::uint32_t kScaleDiffers = 26000, kScaleFurther = 19000;
 
-/// The magnitude that a scale code stands for.
+/// The magnitude of a scale code.
 inline std::int64_t magnitude_of(unsigned scale_code, unsigned half_spacing) {
   return (std::int64_t{2} * half_spacing * ((scale_code & 1) == 0 ? 16 : 23) << (scale_code >> 1)) >> 9;
 }

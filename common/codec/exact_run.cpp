@@ -15,6 +15,7 @@
 
 #include "common/codec/band.h"
 #include "common/codec/fixed.h"
+#include "common/core/zigzag.h"
 
 namespace eigencast::band {
 namespace {
@@ -24,14 +25,6 @@ constexpr unsigned kAllZero = 31;
 constexpr unsigned kMaxParameter = 30;
 constexpr unsigned kMaxQuotient = 24;
 constexpr unsigned kEscapeBits = kMaxQuotient + 32;
-
-std::uint64_t zigzag(std::int64_t v) {
-  return (static_cast<std::uint64_t>(v) << 1) ^ static_cast<std::uint64_t>(v >> 63);
-}
-
-std::int64_t from_zigzag(std::uint64_t z) {
-  return static_cast<std::int64_t>(z >> 1) ^ -static_cast<std::int64_t>(z & 1);
-}
 
 class BitWriter {
  public:
@@ -160,7 +153,7 @@ Result<std::size_t> read_exact(ByteView in, std::span<const std::int32_t> c1, st
     if (parameter != kAllZero) {
       const std::uint64_t quotient = reader.unary();
       if (quotient < kMaxQuotient) {
-        value += from_zigzag(quotient << parameter | reader.bits(parameter));
+        value += unzigzag(quotient << parameter | reader.bits(parameter));
       } else {
         value = static_cast<std::int32_t>(static_cast<std::uint32_t>(reader.bits(32)));
       }

@@ -73,22 +73,9 @@ Result<void> interpolate_floats(CodecKind codec, const Key& a, const Key& b, std
 
 }  // namespace
 
-std::string_view name_of(CodecKind kind) {
-  switch (kind) {
-    case CodecKind::kFloat64:
-      return "float64";
-    case CodecKind::kFloat32:
-      return "float32";
-    case CodecKind::kQuantised:
-      return "quantised";
-  }
-  return "unknown";
-}
-
 Result<CodecKind> codec_from_name(std::string_view name) {
-  for (const CodecKind kind : {CodecKind::kFloat64, CodecKind::kFloat32, CodecKind::kQuantised}) {
-    if (name == name_of(kind)) return kind;
-  }
+  const auto found = std::find(kCodecNames.begin(), kCodecNames.end(), name);
+  if (found != kCodecNames.end()) return static_cast<CodecKind>(found - kCodecNames.begin());
   return fail(ErrorCode::kUnsupported,
               "codec '" + std::string(name.substr(0, 32)) + "' is unknown; known: quantised, float32, float64");
 }

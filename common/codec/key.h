@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 #include <string_view>
@@ -15,8 +17,11 @@ namespace eigencast {
 /// How coefficients become bytes.
 enum class CodecKind : std::uint8_t { kFloat64 = 0, kFloat32 = 1, kQuantised = 2 };
 
-/// "float64", "float32", "quantised", as in control messages.
-std::string_view name_of(CodecKind kind);
+/// By number, as in control messages.
+inline constexpr std::array<std::string_view, 3> kCodecNames = {"float64", "float32", "quantised"};
+constexpr std::string_view name_of(CodecKind kind) {
+  return kCodecNames[static_cast<std::size_t>(kind)];
+}
 Result<CodecKind> codec_from_name(std::string_view name);
 
 /// The shape of a stream's coefficient matrix C (r x c, row-major) and how it is cut into bands.
@@ -39,7 +44,7 @@ std::vector<std::uint32_t> default_band_ends(std::uint32_t rows);
 /// The coefficients of one pose as the codec carries them: integers (kQuantised) or doubles (float codecs).
 /// Values of absent bands are 0.
 struct Key {
-  BandMask bands;               ///< Those that are present.
+  BandMask bands;               ///< The bands present.
   std::uint8_t step = 0;        ///< Index into the step table; 0 for float codecs.
   std::vector<std::int32_t> q;  ///< kQuantised: r*c integers, value = q * step_size(step).
   std::vector<double> f;        ///< Float codecs: r*c values.

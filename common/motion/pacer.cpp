@@ -58,7 +58,7 @@ void Pacer::add_key(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us
   }
   last_ = LastKey{sequence, capture_us, arrival_us};
 
-  // So many key intervals may wait: this one, the one before it, and those of the further keys.
+  // At most this key interval, the one before it and those of the further keys wait.
   int intervals = 1;
   std::uint64_t oldest = sequence;
   for (auto due = queue_.rbegin(); due != queue_.rend(); ++due) {
@@ -78,7 +78,7 @@ void Pacer::bridge(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us)
   const TimeUs before_us = delay_us_.value_or(kNever);
   delay_us_ = delay_from({arrival_us, arrival_us + further_keys_ * span_us - media_us(1), span_us});
 
-  // A smaller delay is reached by and by, so that the poses of this interval stay evenly apart; a larger one at once.
+  // A smaller delay is reached gradually, so that the poses of this interval stay even; a larger one at once.
   const TimeUs start_us = std::max(before_us, *delay_us_);
   for (int at = 1; at <= k_; ++at) {
     const TimeUs due_us = media_us(at) + start_us + (*delay_us_ - start_us) * at / k_;

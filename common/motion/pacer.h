@@ -71,7 +71,7 @@ class Pacer {
     TimeUs capture_us;
     TimeUs arrival_us;
   };
-  /// What one bridged key needed.
+  /// The delay that one bridged key needed.
   struct Sample {
     TimeUs arrival_us;
     TimeUs need_us;  ///< Arrival, plus the intervals of further keys, minus the media time of the first waiting pose.
@@ -88,7 +88,7 @@ class Pacer {
   int further_keys_;
   std::optional<LastKey> last_;
   std::optional<TimeUs> delay_us_;
-  std::deque<Sample> samples_;  ///< Of the last kWindowUs, at most kMaxArrivals.
+  std::deque<Sample> samples_;  ///< From the last kWindowUs, at most kMaxArrivals.
   int late_in_a_row_ = 0;
   TimeUs last_due_us_ = 0;
   std::uint64_t dropped_ = 0;

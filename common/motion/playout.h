@@ -59,7 +59,7 @@ struct PlayoutPose {
 class Playout {
  public:
   static constexpr std::size_t kMaxPoses = 64;
-  static constexpr double kDamping = 27.0 / 32;    ///< That of the protocol's damped estimates.
+  static constexpr double kDamping = 27.0 / 32;    ///< As in the protocol's damped estimates.
   static constexpr TimeUs kHeldAfterUs = 250'000;  ///< kLatest: time without a pose that counts as held.
 
   explicit Playout(const PlayoutSettings& settings = {});

@@ -126,7 +126,7 @@ class Projector {
   InstructionSet set_ = InstructionSet::kBaseline;
   unsigned threads_ = 0;
   std::vector<double> weights_;  ///< W, by row.
-  std::vector<double> inverse_;  ///< Of the Gram matrix's lower Cholesky factor: r rows, padded to whole tiles.
+  std::vector<double> inverse_;  ///< Inverse of the Gram matrix' Cholesky factor: r rows, padded to whole tiles.
 };
 
 }  // namespace eigencast

@@ -10,7 +10,7 @@
 
 namespace eigencast {
 
-/// What the columns of a basis are.
+/// The kind of a basis' columns.
 enum class BasisKind : std::uint8_t {
   kAugmented,  ///< Harmonics and their products with the rest pose, which it holds; for any motion.
   kHarmonic,   ///< The lowest manifold harmonics; for any motion.
@@ -19,10 +19,10 @@ enum class BasisKind : std::uint8_t {
   kPca,        ///< Principal components of poses.
 };
 
-/// Who solves for the harmonics.
+/// The solver of the harmonics.
 enum class EigenSolver : std::uint8_t {
   kLanczos,  ///< Ours: block Lanczos in bands, for surfaces of any size.
-  kSpectra,  ///< The Spectra library, a second opinion for small surfaces (spectra_solver.h).
+  kSpectra,  ///< The library Spectra: a second opinion for small surfaces (spectra_solver.h).
 };
 
 /// By number, as in options and files.

@@ -9,7 +9,7 @@
 
 namespace eigencast {
 
-/// What nanoflann asks of a point set; borrows the positions.
+/// A point set for nanoflann; borrows the positions.
 struct PointSet {
   std::span<const Vec3> positions;
   std::size_t kdtree_get_point_count() const { return positions.size(); }

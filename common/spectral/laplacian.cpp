@@ -37,7 +37,7 @@ EdgeLengths lengths_of(std::span<const Vec3> positions, const Face& f) {
           distance(positions[f[0]], positions[f[1]])};
 }
 
-/// What to add to every edge so that no face is degenerate: 0 on good meshes.
+/// The length that every edge gains so that no face is degenerate: 0 on good meshes.
 double mollification(const std::vector<EdgeLengths>& lengths) {
   double sum = 0;
   for (const EdgeLengths& l : lengths) sum += l[0] + l[1] + l[2];

@@ -34,7 +34,7 @@ Index krylov_columns(Index count, Index room) {
   return std::min(room, 2 * count + 20);
 }
 
-/// What Spectra iterates: (S - sigma I)^-1 in the complement of the known eigenvectors.
+/// The operator that Spectra iterates: (S - sigma I)^-1 in the complement of the known eigenvectors.
 class ComplementSolve {
  public:
   using Scalar = double;  // as Spectra asks

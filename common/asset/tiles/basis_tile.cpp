@@ -13,7 +13,7 @@
 
 #include "common/asset/asset_limits.h"
 #include "common/asset/tiles/basis_block.h"
-#include "common/asset/tiles/zigzag.h"
+#include "common/core/zigzag.h"
 
 namespace eigencast {
 namespace {

@@ -15,8 +15,8 @@
 #include "common/asset/asset_limits.h"
 #include "common/asset/detail.h"
 #include "common/asset/tiles/octahedral.h"
-#include "common/asset/tiles/zigzag.h"
 #include "common/core/worker_team.h"
+#include "common/core/zigzag.h"
 
 namespace eigencast {
 namespace {

@@ -8,7 +8,7 @@
 #include <string>
 
 #include "common/asset/tiles/octahedral.h"
-#include "common/asset/tiles/zigzag.h"
+#include "common/core/zigzag.h"
 
 namespace eigencast {
 namespace {

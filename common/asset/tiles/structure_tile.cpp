@@ -9,7 +9,7 @@
 #include <cmath>
 #include <string>
 
-#include "common/asset/tiles/zigzag.h"
+#include "common/core/zigzag.h"
 
 namespace eigencast {
 namespace {

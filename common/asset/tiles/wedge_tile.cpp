@@ -8,7 +8,7 @@
 #include <span>
 #include <string>
 
-#include "common/asset/tiles/zigzag.h"
+#include "common/core/zigzag.h"
 
 namespace eigencast {
 namespace {
