@@ -66,7 +66,7 @@ void BrokerConnection::leave(const Listener& listener) {
   if (at == streams_.end()) return;
   if (!at->ask_again_at_us) {
     crowded_ = false;
-    if (open_ && streams_.size() > 1) send(control::Unsubscribe{at->name()});
+    if (open_) send(control::Unsubscribe{at->name()});
   }
   streams_.erase(at);
 }
