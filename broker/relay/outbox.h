@@ -15,7 +15,8 @@
 
 namespace eigencast::broker {
 
-/// The send queue of one connection: decides what is sent next; its owner writes.
+/// The send queue of one connection, with its backpressure: decides what is sent next and what a slow viewer skips; its
+/// owner writes.
 ///
 /// Control messages wait in a bounded queue and are never dropped (overflow: disconnect). Each watched stream has a lane
 /// of two slots: one key, and one pose that nothing builds on (synthetic, step). A newer frame replaces an older one in

@@ -9,7 +9,7 @@
 
 namespace eigencast {
 
-/// The state of coder and decoder: the last two keys. At the first key of a chain older == newer.
+/// The state of coder and decoder: the last two keys (keyframes). At the first key of a chain older == newer.
 struct ChainState {
   Key older;
   Key newer;

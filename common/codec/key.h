@@ -41,7 +41,8 @@ struct CoefficientLayout {
 /// The default bands of r rows end at 14, 54, 104 (after four affine columns, whole turns of the augmented basis) and r.
 std::vector<std::uint32_t> default_band_ends(std::uint32_t rows);
 
-/// The coefficients of one pose as the codec carries them: integers (kQuantised) or doubles (float codecs).
+/// The coefficients of one pose, a keyframe or an interpolated frame, as the codec carries them: integers (kQuantised)
+/// or doubles (float codecs).
 /// Values of absent bands are 0.
 struct Key {
   BandMask bands;               ///< The bands present.
