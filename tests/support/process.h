@@ -30,7 +30,7 @@ class TemporaryFolder {
 /// A child process whose standard output and error go to one file. Killed, and waited for, at the end. Not thread-safe.
 class Process {
  public:
-  /// Starts `arguments[0]` (a path). Throws std::runtime_error when it cannot be started: a test cannot go on.
+  /// Starts `arguments[0]`, a path or a name on PATH. Throws std::runtime_error when it cannot be started: a test cannot go on.
   Process(std::vector<std::string> arguments, std::string log_file);
   ~Process();
   Process(const Process&) = delete;
@@ -57,6 +57,9 @@ template <typename Condition>
 bool eventually(Condition condition, milliseconds timeout = milliseconds(20000));
 
 void sleep_for(milliseconds time);
+
+/// Whether PATH has this program.
+bool on_path(const std::string& program);
 
 template <typename Condition>
 bool eventually(Condition condition, milliseconds timeout) {

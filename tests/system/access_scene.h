@@ -7,7 +7,6 @@
 
 #include <filesystem>
 #include <fstream>
-#include <iterator>
 #include <string>
 #include <vector>
 
@@ -16,28 +15,21 @@
 // What the tests of access, TLS and proxies share: secrets, certificates, tokens, clients that are let in or not.
 namespace eigencast::testing {
 
-inline constexpr milliseconds kLong{60'000};
-
 inline void write_secret(const std::string& path, const std::string& text) {
   std::ofstream(path) << text;
   chmod(path.c_str(), 0600);
-}
-
-inline std::string text_of(const std::string& path) {
-  std::ifstream file(path);
-  return {std::istreambuf_iterator<char>(file), {}};
 }
 
 /// A self-signed certificate for localhost and 127.0.0.1, or others, as NAME.pem and NAME.key; false without the
 /// openssl program.
 inline bool make_certificate(const Scene& scene, const std::string& name,
                              const std::string& hosts = "DNS:localhost,IP:127.0.0.1") {
-  if (!std::filesystem::exists("/usr/bin/openssl")) return false;
-  Process openssl({"/usr/bin/openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes",
-                   "-days", "30", "-subj", "/CN=" + name, "-addext", "subjectAltName=" + hosts, "-keyout",
+  if (!on_path("openssl")) return false;
+  Process openssl({"openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days",
+                   "30", "-subj", "/CN=" + name, "-addext", "subjectAltName=" + hosts, "-keyout",
                    scene.file(name + ".key"), "-out", scene.file(name + ".pem")},
                   scene.file("openssl.log"));
-  const bool made = openssl.wait(kLong) == 0;
+  const bool made = openssl.wait(kPatience) == 0;
   chmod(scene.file(name + ".key").c_str(), 0600);
   return made;
 }
@@ -72,14 +64,14 @@ class AccessTest : public ::testing::Test {
   bool watches(const std::string& name, std::vector<std::string> arguments) {
     arguments.insert(arguments.end(), {"--frames", "5", "--wait", "20"});
     auto client = scene_.start_client(name, arguments);
-    const bool good = client->wait(kLong) == 0;
+    const bool good = client->wait(kPatience) == 0;
     return good && scene_.received(name).size() >= 5;
   }
   /// What a client that is not let in says.
   std::string refusal(const std::string& name, std::vector<std::string> arguments) {
     arguments.insert(arguments.end(), {"--frames", "5", "--wait", "2"});
     auto client = scene_.start_client(name, arguments);
-    EXPECT_EQ(client->wait(kLong), 4) << client->output();
+    EXPECT_EQ(client->wait(kPatience), 4) << client->output();
     return client->output();
   }
 

@@ -9,8 +9,8 @@ namespace {
 
 using ::testing::HasSubstr;
 
-TEST_F(AccessTest, AStreamFlowsOverTlsForThoseWithTheRight) {
-  if (!make_certificate(scene_, "first")) GTEST_SKIP() << "no openssl program here: TLS is not tested";
+TEST_F(AccessTest, RightsAndTlsAdmitAStream) {
+  if (!make_certificate(scene_, "first")) GTEST_SKIP() << "no openssl";
   auto broker = scene_.start_broker(with_tls("first"));
   scene_.use_tls();
   const std::string ca = scene_.file("first.pem");
@@ -46,22 +46,25 @@ TEST_F(AccessTest, AStreamFlowsOverTlsForThoseWithTheRight) {
   }
 }
 
-TEST_F(AccessTest, ATokenThatRunsOutEndsItsConnection) {
+TEST_F(AccessTest, AnExpiredTokenEndsItsConnection) {
   auto broker = scene_.start_broker(configured());
   const std::string sends = token("sends", {"--publish", "**"});
   auto sender = scene_.start_sender({"torus", "--rate", "30", "--token", sends});
   // Baking and uploading are done when somebody sees it.
   EXPECT_TRUE(watches("first", {"--token", token("looks", {"--subscribe", "**"})})) << scene_.logs();
-  const std::string brief = token("brief", {"--subscribe", "**", "--valid", "8s"});
-  auto client = scene_.start_client("a", {"--token", brief, "--duration", "12"});
-  EXPECT_TRUE(broker->wait_for_output("has expired", kLong)) << scene_.logs();
-  client->wait(kLong);
+  // A busy machine may not join within the first's time.
+  for (const auto& [valid, duration] : {std::pair{"5s", "7"}, {"40s", "42"}}) {
+    const std::string brief = token("brief", {"--subscribe", "**", "--valid", valid});
+    scene_.start_client("a", {"--token", brief, "--duration", duration})->wait(kPatience);
+    if (!scene_.received("a").empty()) break;
+  }
   EXPECT_FALSE(scene_.received("a").empty()) << scene_.logs();
+  EXPECT_TRUE(broker->wait_for_output("has expired", kPatience)) << scene_.logs();
 }
 
-TEST_F(AccessTest, AReloadTakesANewCertificateAndRefusesABadOne) {
+TEST_F(AccessTest, AReloadTakesOnlyAGoodCertificate) {
   if (!make_certificate(scene_, "first") || !make_certificate(scene_, "second")) {
-    GTEST_SKIP() << "no openssl program here: TLS is not tested";
+    GTEST_SKIP() << "no openssl";
   }
   namespace fs = std::filesystem;
   const auto install = [&](const std::string& name) {
@@ -79,12 +82,12 @@ TEST_F(AccessTest, AReloadTakesANewCertificateAndRefusesABadOne) {
 
   std::ofstream(scene_.file("now.pem")) << "no certificate\n";
   broker->signal(SIGHUP);
-  EXPECT_TRUE(broker->wait_for_output("not reloaded, everything stays as it was", kLong)) << scene_.logs();
+  EXPECT_TRUE(broker->wait_for_output("not reloaded, everything stays as it was", kPatience)) << scene_.logs();
   EXPECT_TRUE(watches("still", {"--token", both, "--ca", scene_.file("first.pem")})) << scene_.logs();
 
   install("second");
   broker->signal(SIGHUP);
-  EXPECT_TRUE(broker->wait_for_output("the configuration is reloaded", kLong)) << scene_.logs();
+  EXPECT_TRUE(broker->wait_for_output("the configuration is reloaded", kPatience)) << scene_.logs();
   EXPECT_THAT(refusal("old-ca", {"--token", both, "--ca", scene_.file("first.pem")}), HasSubstr("is not trusted"));
   EXPECT_TRUE(watches("after", {"--token", both, "--ca", scene_.file("second.pem")}))
       << "the sender's connection was kept: " << scene_.logs();
@@ -101,7 +104,7 @@ TEST_F(AccessTest, AnonymousBeyondLoopbackIsRefusedBeforeItListens) {
   EXPECT_THAT(text_of(scene_.file("broken.log")), HasSubstr("access.jwt_keys: /nonexistent"));
 }
 
-TEST_F(AccessTest, FixedTokensOpenTheDoorAndInspectSaysWhatFor) {
+TEST_F(AccessTest, FixedTokensAdmitAndInspectPrintsTheirRights) {
   EXPECT_EQ(scene_.run("made", {"eigencast-broker", "token", "create", "--static", "--subject", "cam", "--publish",
                                 "live/**", "--subscribe", "live/**"}),
             0);

@@ -22,7 +22,7 @@ nlohmann::json deformed(Scene& scene, std::vector<std::string> arguments) {
   return nlohmann::json::parse(in, nullptr, false);
 }
 
-TEST(Deform, AScriptedCageIsOnTheAirAndSaysHowFarItIsFromTheTruth) {
+TEST(Deform, AScriptedCageStreamsAndReportsItsError) {
   Scene scene;
   const nlohmann::json report =
       deformed(scene, {"sphere", "--script", "both", "--once", "--cage-out", scene.file("cage.obj")});

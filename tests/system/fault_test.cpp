@@ -22,8 +22,6 @@ namespace {
 
 using ::testing::HasSubstr;
 
-const std::vector<std::string> kEndless{"--frames", "1000000", "--rate", "raw"};
-
 class Fault : public Operation {
  protected:
   void start(std::vector<std::string> more = {}, std::vector<std::string> wrapper = {}) {
@@ -43,9 +41,9 @@ class Fault : public Operation {
   std::unique_ptr<Process> broker_, sender_, client_;
 };
 
-TEST_F(Fault, WithoutDescriptorsItWaitsSaysSoAndGoesOn) {
+TEST_F(Fault, WithoutDescriptorsItWaitsAndLogs) {
 #if defined(__SANITIZE_ADDRESS__)
-  GTEST_SKIP() << "SKIPPED: UBSan tries memory by writing it to a pipe, and takes it for bad where it can have none";
+  GTEST_SKIP() << "UBSan tries memory by writing it to a pipe, and takes it for bad where it can have none";
 #endif
   start({}, {"/bin/bash", "-c", "ulimit -n 48; exec \"$@\"", "bash"});
   std::vector<int> sockets;
@@ -58,7 +56,7 @@ TEST_F(Fault, WithoutDescriptorsItWaitsSaysSoAndGoesOn) {
   EXPECT_EQ(api("clients")["clients"].size(), 2u) << "who was there stayed";
 }
 
-TEST_F(Fault, AFullDiskRefusesUploadsAndEndsNothing) {
+TEST_F(Fault, AFullDiskRefusesUploads) {
   const auto broker = scene_.start_broker({}, {"/bin/bash", "-c", "ulimit -f 8; exec \"$@\"", "bash"});
   const auto sender = scene_.start_sender({"torus", "--rate", "30"});
   EXPECT_TRUE(broker->wait_for_output("upload refused", kPatience)) << scene_.logs();
@@ -68,7 +66,7 @@ TEST_F(Fault, AFullDiskRefusesUploadsAndEndsNothing) {
   EXPECT_EQ(metric("eigencast_broker_asset_bytes"), 0) << "nothing is left of what failed";
 }
 
-TEST_F(Fault, AFullDiskEndsARecordingAndNothingElse) {
+TEST_F(Fault, AFullDiskEndsOnlyTheRecording) {
   start();
   limit_files(6'000);
   EXPECT_THAT(post("/api/recordings/start?stream=live/test"), HasSubstr("200"));
@@ -110,15 +108,20 @@ TEST_F(Fault, GarbageEndsItsConnectionOnly) {
   EXPECT_THAT(client_->output(), ::testing::Not(HasSubstr("next try"))) << scene_.logs();
 }
 
-TEST_F(Fault, WhoSendsTooFastIsSentAwayAndTheOthersGoOn) {
+TEST_F(Fault, OnlyAFloodingSenderIsDisconnected) {
   start({"--per-address-messages-per-s", "2000"});
   const int fd = upgrade(scene_.port(), "/v1/publish/flood", "127.0.0.2");
   ASSERT_GE(fd, 0) << scene_.logs();
   // Without a question among them, so that it is not for the answers that it does not read.
   std::string flood;
   for (int i = 0; i < 3000; ++i) flood += websocket_text(R"({"op":"pong","id":1,"time_us":2,"peer_time_us":3})");
-  send_all(fd, flood);
-  EXPECT_TRUE(broker_->wait_for_output("per_address.messages_per_s = 2000", kPatience)) << scene_.logs();
+  EXPECT_TRUE(eventually(
+      [&] {
+        send_all(fd, flood);
+        return broker_->output().find("per_address.messages_per_s = 2000") != std::string::npos;
+      },
+      kPatience))
+      << scene_.logs();
   ::close(fd);
   // Fast, but allowed: what no viewer can take is skipped, not queued.
   const Process fast({bin_dir() + "/eigencast-sender", "play", "torus", "--rate", "1000", "--to",
@@ -155,7 +158,7 @@ TEST_F(Fault, ABurstOfQuestionsIsAnswered) {
   ::close(fd);
 }
 
-TEST_F(Fault, ASenderThatStopsIsCutOffAndFindsItsStreamAgain) {
+TEST_F(Fault, AStoppedSenderIsCutOffAndResumes) {
   start({"--timeouts-idle-ms", "3000"});
   sender_->signal(SIGSTOP);
   EXPECT_TRUE(client_->wait_for_output("stalled", kPatience)) << scene_.logs();
@@ -166,9 +169,9 @@ TEST_F(Fault, ASenderThatStopsIsCutOffAndFindsItsStreamAgain) {
   EXPECT_TRUE(grows("a")) << scene_.logs();
 }
 
-TEST_F(Fault, AClockThatJumpsIsNoMatter) {
+TEST_F(Fault, ClockJumpsDisturbNothing) {
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-  GTEST_SKIP() << "SKIPPED: a sanitizer wants to be loaded before the clock";
+  GTEST_SKIP() << "a sanitizer wants to be loaded before the clock";
 #endif
   const std::string step = scene_.file("step");
   const auto jump = [&](std::int64_t seconds) {
@@ -212,7 +215,7 @@ std::string hash_of(const std::string& object) {
   return sha256(ByteView(reinterpret_cast<const std::uint8_t*>(object.data()), object.size())).hex();
 }
 
-TEST_F(Fault, AnUploadCutOffAtAnyByteLeavesNothing) {
+TEST_F(Fault, AnInterruptedUploadLeavesNothing) {
   auto broker = scene_.start_broker();
   const std::string object(300, 'x');
   const std::string id = hash_of(object);
@@ -249,7 +252,7 @@ TEST_F(Fault, AnUploadCutOffAtAnyByteLeavesNothing) {
   EXPECT_EQ(body_of(ask(scene_.port(), "GET", "/v1/assets/" + id)), object);
 }
 
-TEST_F(Fault, ADownloadThatIsCutOffGoesOnWhereItStopped) {
+TEST_F(Fault, AnInterruptedDownloadResumes) {
   auto broker = scene_.start_broker();
   std::string object;
   std::mt19937 random(1);
@@ -277,7 +280,7 @@ TEST_F(Fault, ADownloadThatIsCutOffGoesOnWhereItStopped) {
   EXPECT_EQ(hash_of(got), id);
 }
 
-TEST_F(Fault, DownloadsThatNobodyReadsAndDownloadsAtFullSpeedLetEveryFrameThrough) {
+TEST_F(Fault, DownloadsLetEveryFrameThrough) {
   start();
   const std::string object(16u << 20, 'x');
   const std::string id = hash_of(object);

@@ -87,7 +87,7 @@ class LimitsTest : public AccessTest {
   }
 };
 
-TEST_F(LimitsTest, RightsHoldForEveryDoor) {
+TEST_F(LimitsTest, RightsHoldAtEveryEndpoint) {
   write_secret(scene_.file("eigencast.toml"),
                "[access]\nanonymous = \"nowhere\"\njwt_keys = [\"main HS256 " + scene_.file("main.secret") + "\"]\n");
   auto broker = scene_.start_broker(configured());
@@ -119,7 +119,7 @@ TEST_F(LimitsTest, RightsHoldForEveryDoor) {
   EXPECT_THAT(answer(http("GET", "/v1/streams", looks)), HasSubstr(" 200 "));
 }
 
-TEST_F(LimitsTest, OneMoreConnectionThanAllowedIsToldSo) {
+TEST_F(LimitsTest, OneConnectionTooManyIsRefused) {
   auto broker = scene_.start_broker(configured({"--per-address-connections", "2", "--per-token-connections", "1"}));
   Wire first(scene_.port());
   first.send(upgrade_of("/v1/subscribe", bearer("looks", {"--subscribe", "**"})));
@@ -162,11 +162,11 @@ TEST_F(LimitsTest, SendersStreamsMessagesAndUploadsAreLimited) {
     EXPECT_THAT(broker->output(), HasSubstr("messages_per_s"));
   }
   auto sender = scene_.start_sender({"torus", "--rate", "30"});
-  EXPECT_TRUE(broker->wait_for_output("upload_bytes_per_hour", kLong)) << scene_.logs();
-  EXPECT_TRUE(sender->wait_for_output("upload_bytes_per_hour", kLong)) << scene_.logs();
+  EXPECT_TRUE(broker->wait_for_output("upload_bytes_per_hour", kPatience)) << scene_.logs();
+  EXPECT_TRUE(sender->wait_for_output("upload_bytes_per_hour", kPatience)) << scene_.logs();
 }
 
-TEST_F(LimitsTest, WhoGuessesTokensIsSlowedDown) {
+TEST_F(LimitsTest, GuessedTokensAreRateLimited) {
   auto broker = scene_.start_broker(configured({"--access-failures-per-minute", "2"}));
   const std::string guess = "Authorization: Bearer ect_" + std::string(64, '1') + "\r\n";
   EXPECT_THAT(answer(upgrade_of("/v1/subscribe", guess)), HasSubstr(" 401 "));
@@ -187,14 +187,17 @@ TEST_F(LimitsTest, SilenceEndsConnections) {
   Wire slow(scene_.port());
   slow.send("GET /v1/streams HTTP/1.1\r\nHost: ");
   EXPECT_TRUE(slow.is_closed()) << "half a request";
-  Wire viewer(scene_.port());
-  viewer.send(upgrade_of("/v1/subscribe"));
-  EXPECT_THAT(viewer.read_until("welcome"), HasSubstr(" 101 "));
-  EXPECT_TRUE(viewer.is_closed()) << "its pings are not answered";
+  std::unique_ptr<Wire> viewer;
+  EXPECT_TRUE(eventually([&] {  // A busy machine may be silent for as long itself.
+    viewer = std::make_unique<Wire>(scene_.port());
+    viewer->send(upgrade_of("/v1/subscribe"));
+    return viewer->read_until("welcome").find(" 101 ") != std::string::npos;
+  }));
+  EXPECT_TRUE(viewer->is_closed()) << "its pings are not answered";
 }
 
 TEST_F(LimitsTest, SilenceBeforeTheTlsHandshakeEndsConnectionsToo) {
-  if (!make_certificate(scene_, "good")) GTEST_SKIP() << "no openssl program here: TLS is not tested";
+  if (!make_certificate(scene_, "good")) GTEST_SKIP() << "no openssl";
   auto arguments = with_tls("good");
   arguments.insert(arguments.end(), {"--timeouts-header-ms", "300"});
   auto broker = scene_.start_broker(arguments);
@@ -205,12 +208,12 @@ TEST_F(LimitsTest, SilenceBeforeTheTlsHandshakeEndsConnectionsToo) {
   EXPECT_TRUE(plain.is_closed()) << "it speaks no TLS";
 }
 
-TEST_F(LimitsTest, AReloadSaysWhatChangesOrKeepsAllOfTheOld) {
+TEST_F(LimitsTest, AReloadAppliesEverythingOrNothing) {
   auto broker = scene_.start_broker(configured());
   const std::string before = text_of(scene_.file("eigencast.toml"));
   write_secret(scene_.file("eigencast.toml"), before + "[limits]\nmax_stream = 7\n");
   broker->signal(SIGHUP);
-  ASSERT_TRUE(broker->wait_for_output("everything stays as it was", kLong)) << scene_.logs();
+  ASSERT_TRUE(broker->wait_for_output("everything stays as it was", kPatience)) << scene_.logs();
   EXPECT_THAT(broker->output(), HasSubstr("unknown key 'limits.max_stream'; did you mean 'limits.max_streams'?"));
   Wire viewer(scene_.port());
   viewer.send(upgrade_of("/v1/subscribe"));
@@ -219,7 +222,7 @@ TEST_F(LimitsTest, AReloadSaysWhatChangesOrKeepsAllOfTheOld) {
   // Whoever is no longer let in is told, and goes.
   write_secret(scene_.file("eigencast.toml"), before + "anonymous = \"nowhere\"\n[limits]\nmax_streams = 7\n");
   broker->signal(SIGHUP);
-  ASSERT_TRUE(broker->wait_for_output("the configuration is reloaded, 2 settings differ", kLong)) << scene_.logs();
+  ASSERT_TRUE(broker->wait_for_output("the configuration is reloaded, 2 settings differ", kPatience)) << scene_.logs();
   EXPECT_THAT(broker->output(), HasSubstr("limits.max_streams = 7 instead of 1024: needs a restart"));
   EXPECT_THAT(broker->output(), HasSubstr("access.anonymous = \"nowhere\" instead of \"loopback\""));
   EXPECT_THAT(viewer.read_until("connect again"), HasSubstr("rights of this connection"));

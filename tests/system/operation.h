@@ -11,8 +11,6 @@
 
 namespace eigencast::testing {
 
-inline constexpr milliseconds kPatience{60000};
-
 /// A blocking TCP connection to a port of this machine, whose reads give up after 20 s; -1: none.
 ///   from  the address it comes from, for limits that count by address
 int connect_to(const std::string& port, const char* from = "127.0.0.1");

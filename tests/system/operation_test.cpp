@@ -27,7 +27,7 @@ using nlohmann::json;
 using ::testing::HasSubstr;
 using ::testing::Not;
 
-TEST_F(Operation, HealthMetricsAndTheAdminApiTellWhatIsGoingOn) {
+TEST_F(Operation, TheAdminApiReportsHealthAndMetrics) {
   const auto broker = scene_.start_broker();
   const auto sender = scene_.start_sender({"torus", "--rate", "30"});
   const auto client = scene_.start_client("a", {"--frames", "1000000"});
@@ -66,7 +66,7 @@ TEST_F(Operation, TheStatusPageShowsStreamsAndClients) {
   ASSERT_TRUE(live()) << scene_.logs();
   ASSERT_TRUE(eventually([&] { return api("clients")["clients"].size() == 2; }, kPatience)) << scene_.logs();
   const std::string node = EIGENCAST_NODE;
-  if (node.empty()) GTEST_SKIP() << "SKIPPED: no node to run the page's script";
+  if (node.empty()) GTEST_SKIP() << "no node to run the page's script";
   ASSERT_EQ(scene_.run("page", {node, EIGENCAST_STATUS_PAGE_READER, "http://127.0.0.1:" + scene_.admin_port() + "/"}),
             0)
       << scene_.logs();
@@ -86,7 +86,7 @@ TEST_F(Operation, TheStatusPageShowsStreamsAndClients) {
   EXPECT_THAT(page["note"].get<std::string>(), HasSubstr("connections, up"));
 }
 
-TEST_F(Operation, PrometheusOwnCheckerFindsNothingInTheMetricsAndTheManualNamesEachOfThem) {
+TEST_F(Operation, TheManualNamesEveryMetric) {
   const auto broker = scene_.start_broker();
   const std::string text = body_of(get("/metrics"));
   std::ifstream in(EIGENCAST_OPERATIONS_MANUAL);
@@ -111,13 +111,17 @@ TEST_F(Operation, PrometheusOwnCheckerFindsNothingInTheMetricsAndTheManualNamesE
   EXPECT_EQ(orders.size(), 4u);
   orders.erase("/api/drain");  // It would be obeyed.
   for (const std::string& path : orders) EXPECT_THAT(post(path), Not(HasSubstr("see POST"))) << path;
-  if (!std::filesystem::exists("/usr/bin/promtool")) GTEST_SKIP() << "SKIPPED: no promtool (Debian package prometheus)";
-  std::ofstream(scene_.file("metrics.txt")) << text;
-  const std::string command = "/usr/bin/promtool check metrics <" + scene_.file("metrics.txt");
+}
+
+TEST_F(Operation, PromtoolAcceptsTheMetrics) {
+  if (!on_path("promtool")) GTEST_SKIP() << "no promtool (Debian: prometheus)";
+  const auto broker = scene_.start_broker();
+  std::ofstream(scene_.file("metrics.txt")) << body_of(get("/metrics"));
+  const std::string command = "promtool check metrics <" + scene_.file("metrics.txt");
   EXPECT_EQ(scene_.run("promtool", {"/bin/sh", "-c", command}), 0) << scene_.logs();
 }
 
-TEST_F(Operation, ARecordingOutlivesKillNineAndIsPlayedToAnotherBroker) {
+TEST_F(Operation, ARecordingSurvivesSigkillAndReplays) {
   auto broker = scene_.start_broker({"--recording-include-asset"});
   auto sender = scene_.start_sender({"torus", "--rate", "30"});
   ASSERT_TRUE(live()) << scene_.logs();
@@ -148,8 +152,7 @@ TEST_F(Operation, ARecordingOutlivesKillNineAndIsPlayedToAnotherBroker) {
   const auto fresh = other.start_broker();
   const auto viewer = other.start_client("a", {"--frames", "30", "--rate", "raw"});
   {
-    Process replay({bin_dir() + "/eigencast-sender", "replay", file, "--to", other.url(),
-                    "--speed", "2", "--loop"},
+    Process replay({bin_dir() + "/eigencast-sender", "replay", file, "--to", other.url(), "--speed", "2", "--loop"},
                    other.file("replay.log"));
     EXPECT_EQ(viewer->wait(kPatience), 0) << other.logs();
     replay.signal(SIGTERM);
@@ -161,14 +164,13 @@ TEST_F(Operation, ARecordingOutlivesKillNineAndIsPlayedToAnotherBroker) {
       << other.logs();
 }
 
-TEST_F(Operation, ASecondSenderReplacesTheFirstWhichDoesNotFightBack) {
+TEST_F(Operation, ASecondSenderReplacesTheFirst) {
   const auto broker = scene_.start_broker({"--streams-second-sender", "replace"});
   const auto first = scene_.start_sender({"torus", "--rate", "30"});
   ASSERT_TRUE(live()) << scene_.logs();
-  const auto second =
-      std::make_unique<Process>(std::vector<std::string>{bin_dir() + "/eigencast-sender", "play",
-                                                         "torus", "--rate", "30", "--to", scene_.url()},
-                                scene_.file("second.log"));
+  const auto second = std::make_unique<Process>(
+      std::vector<std::string>{bin_dir() + "/eigencast-sender", "play", "torus", "--rate", "30", "--to", scene_.url()},
+      scene_.file("second.log"));
   EXPECT_TRUE(first->wait_for_output("taken this stream over", kPatience)) << scene_.logs();
   EXPECT_TRUE(second->wait_for_output("live at", kPatience)) << scene_.logs();
   sleep_for(milliseconds(1500));
@@ -176,7 +178,7 @@ TEST_F(Operation, ASecondSenderReplacesTheFirstWhichDoesNotFightBack) {
   EXPECT_THAT(first->output(), Not(HasSubstr("next try"))) << scene_.logs();
 }
 
-TEST_F(Operation, OnSigtermPeersAreToldAndTheBrokerEnds) {
+TEST_F(Operation, OnSigtermPeersHearOfTheEnd) {
   const auto broker = scene_.start_broker();
   const auto sender = scene_.start_sender({"torus", "--rate", "30"});
   ASSERT_TRUE(live()) << scene_.logs();
@@ -186,7 +188,7 @@ TEST_F(Operation, OnSigtermPeersAreToldAndTheBrokerEnds) {
   EXPECT_TRUE(sender->wait_for_output("next try in", kPatience)) << scene_.logs();
 }
 
-TEST_F(Operation, WhileItDrainsItIsNotReadyAndWhoDoesNotGoIsCutOffAtTheDeadline) {
+TEST_F(Operation, ADrainIsNotReadyAndEndsAtItsDeadline) {
   const auto broker = scene_.start_broker({"--timeouts-shutdown-ms", "3000"});
   const int stays = upgrade(scene_.port(), "/v1/subscribe/a");  // Never answers the close.
   ASSERT_GE(stays, 0) << scene_.logs();
@@ -206,7 +208,7 @@ TEST_F(Operation, WhileItDrainsItIsNotReadyAndWhoDoesNotGoIsCutOffAtTheDeadline)
   ::close(stays);
 }
 
-TEST_F(Operation, ItTellsTheServiceManagerThatItIsReadyAliveAndStopping) {
+TEST_F(Operation, TheServiceManagerHearsReadyAliveAndStopping) {
   const std::string path = scene_.file("notify");
   const int fd = ::socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
   sockaddr_un address{};
@@ -236,9 +238,8 @@ TEST_F(Operation, ItTellsTheServiceManagerThatItIsReadyAliveAndStopping) {
   ::close(fd);
 }
 
-TEST_F(Operation, ASocketThatWasHandedOverIsUsed) {
-  const std::string activate = "/usr/bin/systemd-socket-activate";
-  if (!std::filesystem::exists(activate)) GTEST_SKIP() << "SKIPPED: no systemd-socket-activate";
+TEST_F(Operation, AnInheritedSocketIsUsed) {
+  if (!on_path("systemd-socket-activate")) GTEST_SKIP() << "no systemd-socket-activate";
   // Any port that is free just now.
   const int probe = ::socket(AF_INET, SOCK_STREAM, 0);
   sockaddr_in address{};
@@ -249,10 +250,9 @@ TEST_F(Operation, ASocketThatWasHandedOverIsUsed) {
   ASSERT_EQ(::getsockname(probe, reinterpret_cast<sockaddr*>(&address), &size), 0);
   const std::string port = std::to_string(ntohs(address.sin_port));
   ::close(probe);
-  Process broker(
-      {activate, "--listen=127.0.0.1:" + port, "--fdname=data", bin_dir() + "/eigencast-broker",
-       "--listen", "127.0.0.1:0", "--data-dir", scene_.file("data")},
-      scene_.file("activated.log"));
+  Process broker({"systemd-socket-activate", "--listen=127.0.0.1:" + port, "--fdname=data",
+                  bin_dir() + "/eigencast-broker", "--listen", "127.0.0.1:0", "--data-dir", scene_.file("data")},
+                 scene_.file("activated.log"));
   std::string answer;
   EXPECT_TRUE(eventually([&] { return !(answer = ask(port, "GET", "/v1/streams")).empty(); }, kPatience))
       << broker.output();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Each of the three programs is killed and started again while the others run: they say what happened, reconnect and go
 // on.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <csignal>
@@ -9,11 +10,6 @@
 
 namespace eigencast::testing {
 namespace {
-
-constexpr milliseconds kPatience{60000};
-
-/// A viewer that runs until it is told to stop.
-const std::vector<std::string> kEndless{"--frames", "1000000", "--rate", "raw"};
 
 class Restart : public ::testing::Test {
  protected:
@@ -39,7 +35,7 @@ class Restart : public ::testing::Test {
   std::unique_ptr<Process> broker_, sender_, client_;
 };
 
-TEST_F(Restart, ABrokerThatComesBackFindsBothAgain) {
+TEST_F(Restart, ARestartedBrokerFindsBothAgain) {
   kill(*broker_);
   EXPECT_TRUE(sender_->wait_for_output("next try in", kPatience)) << scene_.logs();
   EXPECT_TRUE(client_->wait_for_output("next try in", kPatience)) << scene_.logs();
@@ -49,7 +45,7 @@ TEST_F(Restart, ABrokerThatComesBackFindsBothAgain) {
   EXPECT_TRUE(client_->running());
 }
 
-TEST_F(Restart, ASenderThatComesBackGoesOnInTheSameViewer) {
+TEST_F(Restart, ARestartedSenderResumesInTheSameViewer) {
   kill(*sender_);
   EXPECT_TRUE(client_->wait_for_output("stalled", kPatience)) << scene_.logs();
   sender_ = scene_.start_sender({"torus", "--rate", "30"});
@@ -57,7 +53,7 @@ TEST_F(Restart, ASenderThatComesBackGoesOnInTheSameViewer) {
   EXPECT_TRUE(broker_->running());
 }
 
-TEST_F(Restart, AnotherSurfaceOnTheSameStreamReachesTheRunningViewer) {
+TEST_F(Restart, AnotherSurfaceReachesTheRunningViewer) {
   const std::size_t rows = scene_.received("a").back().coefficients.size();
   kill(*sender_);
   sender_ = scene_.start_sender({"torus", "--rate", "30", "--rank", "60"});
@@ -67,14 +63,14 @@ TEST_F(Restart, AnotherSurfaceOnTheSameStreamReachesTheRunningViewer) {
   EXPECT_TRUE(grows()) << scene_.logs();
 }
 
-TEST_F(Restart, AViewerThatComesBackJoinsAtOnceAndTheOthersNoticeNothing) {
+TEST_F(Restart, ARestartedViewerDisturbsNoOther) {
   auto other = scene_.start_client("b", kEndless);
   ASSERT_TRUE(eventually([&] { return scene_.received("b").size() >= 5; }, kPatience)) << scene_.logs();
   kill(*other);
   EXPECT_TRUE(grows()) << scene_.logs();
   other = scene_.start_client("c", {"--frames", "5"});
   EXPECT_EQ(other->wait(kPatience), 0) << scene_.logs();
-  EXPECT_GE(share_of_keys(scene_.received("a")), 0.9) << scene_.logs();
+  EXPECT_THAT(client_->output(), ::testing::Not(::testing::HasSubstr("next try"))) << scene_.logs();
 }
 
 TEST_F(Restart, EveryProgramEndsCleanlyOnSigterm) {
@@ -84,7 +80,7 @@ TEST_F(Restart, EveryProgramEndsCleanlyOnSigterm) {
   }
 }
 
-TEST_F(Restart, AViewerThatComesBeforeItsSenderWaitsForIt) {
+TEST_F(Restart, AnEarlyViewerWaitsForItsSender) {
   kill(*sender_);
   kill(*broker_);
   auto early = scene_.start_client("early", {"--frames", "5"});

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: MIT
-#include "tests/support/paths.h"
 #include "tests/system/scene.h"
+#include "tests/support/paths.h"
 
 #include <cstdlib>
 #include <fstream>
-#include <set>
 #include <sstream>
 #include <stdexcept>
 
@@ -14,13 +13,6 @@ namespace {
 std::string program(const std::string& name) {
   return name.starts_with("/") ? name : bin_dir() + "/" + name;
 }
-std::string text_of(const std::string& path) {
-  std::ifstream in(path);
-  std::ostringstream text;
-  text << in.rdbuf();
-  return text.str();
-}
-
 /// A copy of `path` that ends at its last whole line, so that a file being written can be read.
 std::string whole_lines(const std::string& path) {
   std::string text = text_of(path);
@@ -31,6 +23,13 @@ std::string whole_lines(const std::string& path) {
 }
 
 }  // namespace
+
+std::string text_of(const std::string& path) {
+  std::ifstream in(path);
+  std::ostringstream text;
+  text << in.rdbuf();
+  return text.str();
+}
 
 Scene::Scene() {
   // ctest names one cache for the bakes of a whole run; everything else is the scene's own.
@@ -99,20 +98,6 @@ std::map<PoseKey, RecordedPose> by_step(const std::vector<RecordedPose>& poses) 
     map.insert_or_assign(PoseKey{pose.sequence, step}, pose);
   }
   return map;
-}
-
-double share_of_keys(const std::vector<RecordedPose>& poses) {
-  std::set<std::uint64_t> sequences;
-  for (const RecordedPose& pose : poses) {
-    if (pose.is_key()) sequences.insert(pose.sequence);
-  }
-  if (sequences.empty()) return 0;
-  return static_cast<double>(sequences.size()) / static_cast<double>(*sequences.rbegin() - *sequences.begin() + 1);
-}
-
-std::string animation(const std::string& name) {
-  const std::string folder = data_dir().string() + "/animations/" + name;
-  return std::filesystem::exists(folder + "/vertices.npy") ? folder : std::string();
 }
 
 }  // namespace eigencast::testing

@@ -12,6 +12,12 @@
 
 namespace eigencast::testing {
 
+/// What a condition is given, at most; no test waits this long.
+inline constexpr milliseconds kPatience{60'000};
+
+/// Arguments of a viewer of raw keys that runs until it is told to stop.
+inline const std::vector<std::string> kEndless{"--frames", "1000000", "--rate", "raw"};
+
 /// A broker, senders and clients as real processes, all on loopback, all in one temporary folder: assets, cache, logs,
 /// records.
 ///
@@ -55,15 +61,11 @@ class Scene {
   std::string other_url_;
 };
 
+/// What a file holds.
+std::string text_of(const std::string& path);
+
 /// Poses by (sequence, step at, step of); a key is (sequence, 0, 0).
 using PoseKey = std::pair<std::uint64_t, std::pair<int, int>>;
 std::map<PoseKey, RecordedPose> by_step(const std::vector<RecordedPose>& poses);
-
-/// How much of the keys from the first to the last one received did arrive, 0..1. A loaded machine skips some (latest
-/// wins).
-double share_of_keys(const std::vector<RecordedPose>& poses);
-
-/// The folder of a real animation; empty where the shared data are absent.
-std::string animation(const std::string& name);
 
 }  // namespace eigencast::testing

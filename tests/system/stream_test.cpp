@@ -7,12 +7,15 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "broker/relay/stream.h"
 #include "common/codec/key.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/formats/clip.h"
 #include "common/surface/shapes/shapes.h"
 #include "sdk/asset_cache.h"
 #include "sdk/bake.h"
+#include "sdk/frame_decoder.h"
+#include "sdk/key_writer.h"
 #include "sdk/publisher.h"
 #include "tests/support/paths.h"
 #include "tests/system/scene.h"
@@ -20,40 +23,42 @@
 namespace eigencast::testing {
 namespace {
 
-constexpr milliseconds kPatience{60000};
-
-std::unique_ptr<MotionClip> open_animation(const std::string& folder) {
-  auto clip = open_clip(folder + "/vertices.npy");
-  EXPECT_TRUE(clip) << clip.error().message;
-  return clip ? std::move(*clip) : nullptr;
-}
-
 nlohmann::json report_of(const Scene& scene, const std::string& client) {
   std::ifstream in(scene.file(client + ".json"));
   return nlohmann::json::parse(in, nullptr, false);
 }
 
-/// Streams horse-gallop in the given basis to one viewer at full detail and one late viewer at a fifth of the vertices.
-class Horse : public ::testing::Test {
- protected:
-  void SetUp() override {
-    folder_ = animation("horse-gallop");
-    if (folder_.empty()) GTEST_SKIP() << "EIGENCAST_DATA_DIR is unset";
-  }
+std::size_t count_keys(const std::vector<RecordedPose>& poses) {
+  return static_cast<std::size_t>(std::count_if(poses.begin(), poses.end(), [](const auto& p) { return p.is_key(); }));
+}
 
+/// How many poses two clients both received.
+std::size_t common_steps(const Scene& scene, const std::string& one, const std::string& other) {
+  const auto steps = by_step(scene.received(one));
+  std::size_t common = 0;
+  for (const auto& [step, pose] : by_step(scene.received(other))) common += steps.contains(step);
+  return common;
+}
+
+/// Streams a gait in the given basis to one viewer at full detail and one late viewer at a fifth of the vertices.
+class Gait : public ::testing::Test {
+ protected:
   /// detail: of harmonic bases.
   void stream(BasisKind kind, Scene& scene, const std::string& detail = "none") {
-    const std::string input = folder_ + "/vertices.npy", basis(name_of(kind));
+    const std::string input = gait_clip().string(), basis(name_of(kind));
     ASSERT_EQ(scene.run("bake", {"eigencast-sender", "bake", input, "--basis", basis, "--detail", detail}), 0)
         << scene.logs();
     const auto broker = scene.start_broker();
     const auto sender = scene.start_sender({input, "--basis", basis, "--detail", detail, "--rate", "30"});
     const auto full = scene.start_client("full", {"--frames", "1000000", "--lod", "1"});
     ASSERT_TRUE(eventually([&] { return scene.received("full").size() > 60; }, kPatience)) << scene.logs();
-    const auto coarse = scene.start_client("coarse", {"--frames", "20", "--lod", "0.2", "--rate", "raw"});
-    ASSERT_EQ(coarse->wait(kPatience), 0) << scene.logs();
-    full->signal(SIGTERM);
-    ASSERT_EQ(full->wait(kPatience), 0) << scene.logs();
+    const auto coarse = scene.start_client("coarse", {"--frames", "1000000", "--lod", "0.2", "--rate", "raw"});
+    ASSERT_TRUE(eventually([&] { return common_steps(scene, "full", "coarse") > 10; }, kPatience)) << scene.logs();
+    ASSERT_TRUE(eventually([&] { return count_keys(scene.received("full")) > 20; }, kPatience)) << scene.logs();
+    for (const auto* client : {&coarse, &full}) {
+      (*client)->signal(SIGTERM);
+      ASSERT_EQ((*client)->wait(kPatience), 0) << scene.logs();
+    }
     sender->signal(SIGTERM);
     EXPECT_EQ(sender->wait(kPatience), 0) << scene.logs();
     broker->signal(SIGTERM);
@@ -62,7 +67,7 @@ class Horse : public ::testing::Test {
 
   /// The error of all keys that the viewer at full detail received.
   Comparison compare(BasisKind basis, const Scene& scene, DetailKind detail = DetailKind::kNone) {
-    const auto clip = open_animation(folder_);
+    const auto clip = open_gait();
     const KnownMotion motion = motion_of(*clip);
     const BakeOptions options{.basis = basis, .rank = 200, .name = {}, .motion = &motion, .detail = detail};
     const auto baked = bake(clip->rest(), options, default_cache_dir());
@@ -72,42 +77,48 @@ class Horse : public ::testing::Test {
     return *comparison;
   }
 
-  std::string folder_;
+  static std::unique_ptr<MotionClip> open_gait() {
+    auto clip = open_clip(gait_clip().string());
+    EXPECT_TRUE(clip) << clip.error().message;
+    return clip ? std::move(*clip) : nullptr;
+  }
+
+  struct Bounds {
+    double min_percent, max_percent;
+  };
+  /// The error of the keys lies within those of horse-gallop, or of the clip that stands in.
+  static void expect_error(const Comparison& comparison, Bounds horse, Bounds made) {
+    const Bounds bounds = has_data("animations/horse-gallop") ? horse : made;
+    EXPECT_GT(comparison.keys.poses, 20u);
+    EXPECT_EQ(comparison.unmatched, 0u);
+    EXPECT_GT(comparison.keys.kg_percent, bounds.min_percent);
+    EXPECT_LT(comparison.keys.kg_percent, bounds.max_percent);
+  }
 };
 
-TEST_F(Horse, AugmentedArrivesWithTheErrorThatTheBasisPredicts) {
+TEST_F(Gait, AugmentedArrivesWithThePredictedError) {
   Scene scene;
   stream(BasisKind::kAugmented, scene);
   if (HasFatalFailure()) return;
-  const Comparison comparison = compare(BasisKind::kAugmented, scene);
-  EXPECT_GT(comparison.keys.poses, 20u);
-  EXPECT_EQ(comparison.unmatched, 0u);
-  EXPECT_GT(comparison.keys.kg_percent, 0.85);
-  EXPECT_LT(comparison.keys.kg_percent, 1.02);
+  expect_error(compare(BasisKind::kAugmented, scene), {0.85, 1.02}, {0.40, 0.54});
 }
 
-TEST_F(Horse, HarmonicArrivesWithTheErrorThatTheBasisPredicts) {
+TEST_F(Gait, HarmonicArrivesWithThePredictedError) {
   Scene scene;
   stream(BasisKind::kHarmonic, scene);
   if (HasFatalFailure()) return;
-  const Comparison comparison = compare(BasisKind::kHarmonic, scene);
-  EXPECT_GT(comparison.keys.poses, 20u);
-  EXPECT_GT(comparison.keys.kg_percent, 2.05);
-  EXPECT_LT(comparison.keys.kg_percent, 2.30);
+  expect_error(compare(BasisKind::kHarmonic, scene), {2.05, 2.30}, {1.14, 1.50});
 }
 
 /// Half of what the basis alone leaves (above): viewers put the rest back.
-TEST_F(Horse, HarmonicWithDetailArrivesWithHalfTheError) {
+TEST_F(Gait, HarmonicWithDetailArrivesWithHalfTheError) {
   Scene scene;
   stream(BasisKind::kHarmonic, scene, "frames");
   if (HasFatalFailure()) return;
-  const Comparison comparison = compare(BasisKind::kHarmonic, scene, DetailKind::kFrames);
-  EXPECT_GT(comparison.keys.poses, 20u);
-  EXPECT_GT(comparison.keys.kg_percent, 1.02);
-  EXPECT_LT(comparison.keys.kg_percent, 1.15);
+  expect_error(compare(BasisKind::kHarmonic, scene, DetailKind::kFrames), {1.02, 1.15}, {0.43, 0.58});
 }
 
-TEST_F(Horse, ViewersOfDifferentDetailAndTimeSeeTheSameMotion) {
+TEST_F(Gait, ViewersOfDifferentDetailSeeTheSameMotion) {
   Scene scene;
   stream(BasisKind::kAugmented, scene);
   if (HasFatalFailure()) return;
@@ -115,73 +126,151 @@ TEST_F(Horse, ViewersOfDifferentDetailAndTimeSeeTheSameMotion) {
   const auto coarse = by_step(scene.received("coarse"));
   ASSERT_FALSE(coarse.empty());
   EXPECT_GT(coarse.begin()->first.first, full.begin()->first.first) << "the second viewer came later";
-  std::size_t common = 0;
   for (const auto& [step, pose] : coarse) {
     ASSERT_TRUE(pose.is_key()) << "raw mode delivers keys only";
     const auto other = full.find(step);
     if (other == full.end()) continue;
-    ++common;
     EXPECT_EQ(other->second.coefficients, pose.coefficients);
     EXPECT_EQ(other->second.capture_us, pose.capture_us);
   }
-  EXPECT_GT(common, 10u);
-  EXPECT_LT(report_of(scene, "coarse")["lod"]["vertices"].get<int>(), 2000);
-  EXPECT_EQ(report_of(scene, "full")["lod"]["vertices"].get<int>(), 8431);
+  const std::size_t vertices = open_gait()->rest().vertex_count();
+  EXPECT_EQ(report_of(scene, "full")["lod"]["vertices"].get<std::size_t>(), vertices);
+  EXPECT_LT(report_of(scene, "coarse")["lod"]["vertices"].get<std::size_t>(), vertices / 4);
 }
 
-/// Between consecutive keys there are the poses 1/3 and 2/3 and no others, each equal to Eq. 7 of its neighbours to
-/// rounding. Poses may be missing at any place (latest wins; how many depends on the machine's load), but some
-/// intervals must be whole.
-void expect_tripled(const std::vector<RecordedPose>& poses, double rounding) {
+/// How many intervals between consecutive keys have both poses, 1/3 and 2/3. Each pose is Eq. 7 of its neighbours to
+/// rounding, and there are no others. Latest wins: in real time poses may be missing anywhere.
+std::size_t whole_intervals(const std::vector<RecordedPose>& poses, double rounding) {
   const auto steps = by_step(poses);
-  const std::uint64_t first = poses.front().sequence + 2, last = poses.back().sequence - 1;
-  ASSERT_GT(last, first + 5);
   std::size_t whole = 0;
-  for (std::uint64_t s = first; s <= last; ++s) {
-    const auto before = steps.find({s - 1, {0, 0}}), after = steps.find({s, {0, 0}});
-    if (before == steps.end() || after == steps.end()) continue;
+  for (const auto& [step, after] : steps) {
+    const std::uint64_t s = step.first;
+    const auto before = steps.find({s - 1, {0, 0}});
+    if (!after.is_key() || before == steps.end()) continue;
     int found = 0;
     for (int at = 1; at < 3; ++at) {
       const auto middle = steps.find({s, {at, 3}});
       if (middle == steps.end()) continue;
       ++found;
       const double u = at / 3.0;
-      for (std::size_t i = 0; i < middle->second.coefficients.size(); ++i) {
-        const double a = before->second.coefficients[i], b = after->second.coefficients[i];
-        ASSERT_NEAR(middle->second.coefficients[i], a + u * (b - a), rounding)
+      for (std::size_t i = 0; i < after.coefficients.size(); ++i) {
+        const double a = before->second.coefficients[i], b = after.coefficients[i];
+        EXPECT_NEAR(middle->second.coefficients[i], a + u * (b - a), rounding)
             << "value " << i << " of " << at << "/3 before " << s;
       }
     }
     whole += found == 2;
   }
   for (const RecordedPose& pose : poses) EXPECT_TRUE(pose.is_key() || pose.of == 3) << "a pose that is not a third";
-  EXPECT_GE(whole, 3u) << "whole intervals of " << last - first + 1;
+  return whole;
 }
 
-class Interpolated : public ::testing::TestWithParam<std::tuple<std::string, std::string>> {};
+/// What the broker's stream gives a viewer, decoded.
+class Decoded : public broker::Watcher {
+ public:
+  void on_stream_changed(const broker::Stream& stream, bool) override { decoder_.set_stream(stream.info_for(*this)); }
+  void on_frames(const broker::Stream&, std::span<const broker::FramePtr> frames) override {
+    for (const broker::FramePtr& frame : frames) {
+      const auto view = parse_frame(frame->message());
+      ASSERT_TRUE(view);
+      const auto key = decoder_.decode(*view);
+      ASSERT_TRUE(key) << key.error().message;
+      if (!*key) continue;  // Sent ahead.
+      const auto& [at, of] = view->envelope.step;
+      poses.push_back({view->envelope.sequence, at, of, view->envelope.capture_us, decoder_.layout().channels,
+                       coefficients_from_key(decoder_.layout(), **key)});
+    }
+  }
+  void on_trace(const std::shared_ptr<const std::string>&) override {}
 
-TEST_P(Interpolated, TheRateTriplesAndEveryPoseIsEquation7OfItsNeighbours) {
-  const auto& [form, codec] = GetParam();
+  std::vector<RecordedPose> poses;
+
+ private:
+  FrameDecoder decoder_;
+};
+
+class NoSender : public broker::PublisherLink {
+  void on_watcher_count(std::uint32_t) override {}
+};
+
+class Interpolated : public ::testing::TestWithParam<std::tuple<std::string, std::string>> {
+ protected:
+  static Asset asset_of(const MotionClip& clip) {
+    const KnownMotion motion = motion_of(clip);
+    auto baked = bake(clip.rest(), {.name = {}, .motion = &motion}, default_cache_dir());
+    EXPECT_TRUE(baked);
+    return std::move(baked->asset);
+  }
+  static Quantiser quantiser_of(const Asset& asset) {
+    return quantiser_for_error(kDefaultErrorOverDiagonal * asset.diagonal(), asset.area, asset.rank);
+  }
+  /// Compact poses are rounded to steps, full ones coded to within three half spacings of 2.5 times the keys' size.
+  double rounding(const Quantiser& quantiser) const {
+    const double steps = form() == "compact" ? 0.5001 : 3 * 2.5 * quantiser.half_spacing;
+    return codec() == "quantised" ? steps * step_size(quantiser.step) : codec() == "float32" ? 1e-5 : 1e-12;
+  }
+  static const std::string& form() { return std::get<0>(GetParam()); }
+  static const std::string& codec() { return std::get<1>(GetParam()); }
+};
+
+TEST_P(Interpolated, TheRateTriples) {
   Scene scene;
   const auto broker = scene.start_broker();
-  const auto sender = scene.start_sender({"torus", "--rate", "20", "--codec", codec});
-  const auto client = scene.start_client("a", {"--frames", "60", "--form", form});
-  ASSERT_EQ(client->wait(kPatience), 0) << scene.logs();
+  const auto sender = scene.start_sender({"torus", "--rate", "20", "--codec", codec()});
+  const auto client = scene.start_client("a", {"--frames", "1000000", "--form", form()});
   const auto clip = builtin_clip("torus");
-  const KnownMotion motion = motion_of(**clip);
-  const auto baked = bake((*clip)->rest(), {.name = {}, .motion = &motion}, default_cache_dir());
-  ASSERT_TRUE(baked);
-  // Compact poses are rounded to steps, full ones coded to within three half spacings of 2.5 times the keys' size.
-  const Quantiser quantiser =
-      quantiser_for_error(kDefaultErrorOverDiagonal * baked->asset.diagonal(), baked->asset.area, baked->asset.rank);
-  const double steps = form == "compact" ? 0.5001 : 3 * 2.5 * quantiser.half_spacing;
-  const double rounding = codec == "quantised" ? steps * step_size(quantiser.step) : codec == "float32" ? 1e-5 : 1e-12;
-  const auto poses = scene.received("a");
-  ASSERT_GT(poses.size(), 50u) << scene.logs();
-  expect_tripled(poses, rounding);
+  const double tolerance = rounding(quantiser_of(asset_of(**clip)));
+  EXPECT_TRUE(eventually([&] { return whole_intervals(scene.received("a"), tolerance) >= 10; }, kPatience))
+      << scene.logs();
+  client->signal(SIGTERM);
+  ASSERT_EQ(client->wait(kPatience), 0) << scene.logs();
+  EXPECT_EQ(report_of(scene, "a")["bands"]["received"], 4);
+}
 
-  const auto report = report_of(scene, "a");
-  EXPECT_EQ(report["bands"]["received"], 4) << report.dump(2);
+/// The same way but for sockets, on a stepped clock: nothing is late, so nothing is missing.
+TEST_P(Interpolated, EveryIntervalTriplesOnASteppedClock) {
+  const auto clip = builtin_clip("torus");
+  const Asset asset = asset_of(**clip);
+  const auto projector = Projector::create(asset);
+  ASSERT_TRUE(projector);
+  const Quantiser quantiser = quantiser_of(asset);
+  const CoefficientLayout layout{codec_from_name(codec()).value(), asset.rank, 3, default_band_ends(asset.rank)};
+  KeyWriter writer(layout, codec() == "quantised" ? quantiser.half_spacing : std::uint8_t{0}, std::nullopt);
+  writer.begin(7, 1);
+
+  broker::Stream stream("live/test", 7, broker::Stream::Settings{});
+  NoSender sender;
+  Decoded viewer;
+  ASSERT_TRUE(stream.watch(
+      viewer, {Profile::Rate::kInterpolated, 3, form() == "compact" ? Profile::Form::kCompact : Profile::Form::kFull}));
+  ASSERT_TRUE(stream.claim(sender));
+  control::Announce announce;
+  announce.asset = std::string(64, 'a');
+  announce.format = {asset.rank, 3, layout.band_ends, codec()};
+  announce.key_rate_hz = 20;
+  ASSERT_TRUE(stream.announce(announce, 1));
+
+  constexpr std::size_t kKeys = 60;
+  constexpr TimeUs kIntervalUs = 50'000;
+  TimeUs now_us = 1'000'000;
+  for (std::size_t i = 0; i < kKeys; ++i) {
+    const auto positions = (*clip)->pose(i % (*clip)->frame_count());
+    std::vector<double> flat;
+    for (const Vec3& vertex : *positions) flat.insert(flat.end(), vertex.begin(), vertex.end());
+    const auto coefficients = projector->coefficients_from_positions(std::span<const double>(flat));
+    ASSERT_TRUE(coefficients);
+    const auto key = key_from_coefficients(layout, *coefficients, quantiser.step);
+    ASSERT_TRUE(key);
+    auto coded = writer.code(*key, now_us);
+    ASSERT_TRUE(coded) << coded.error().message;
+    ASSERT_TRUE(stream.add_frame(coded->message, now_us));
+    const std::size_t bytes = coded->message.size();
+    writer.sent(std::move(*coded), bytes);
+    for (const TimeUs end_us = now_us + kIntervalUs; now_us < end_us; now_us += 1000) stream.pump(now_us);
+  }
+  for (const TimeUs end_us = now_us + 10 * kIntervalUs; now_us < end_us; now_us += 1000) stream.pump(now_us);
+  EXPECT_EQ(viewer.poses.size(), 1 + 3 * (kKeys - 1));
+  EXPECT_EQ(whole_intervals(viewer.poses, rounding(quantiser)), kKeys - 1);
 }
 
 INSTANTIATE_TEST_SUITE_P(Forms, Interpolated,
@@ -192,7 +281,9 @@ TEST(Raw, DeliversExactlyWhatWasSent) {
   Scene scene;
   const auto broker = scene.start_broker();
   const auto sender = scene.start_sender({"torus", "--rate", "30", "--codec", "float64"});
-  const auto client = scene.start_client("a", {"--frames", "40", "--rate", "raw"});
+  const auto client = scene.start_client("a", {"--frames", "1000000", "--rate", "raw"});
+  ASSERT_TRUE(eventually([&] { return scene.received("a").size() > 30; }, kPatience)) << scene.logs();
+  client->signal(SIGTERM);
   ASSERT_EQ(client->wait(kPatience), 0) << scene.logs();
 
   const auto clip = builtin_clip("torus");
@@ -203,8 +294,6 @@ TEST(Raw, DeliversExactlyWhatWasSent) {
   ASSERT_TRUE(projector);
   const SentFrames sent = scene.sent();
   const auto poses = scene.received("a");
-  ASSERT_GT(poses.size(), 30u);
-  EXPECT_GE(share_of_keys(poses), 0.9) << scene.logs();
   for (const RecordedPose& pose : poses) {
     EXPECT_TRUE(pose.is_key());
     ASSERT_TRUE(sent.contains(pose.capture_us));
@@ -217,25 +306,25 @@ TEST(Raw, DeliversExactlyWhatWasSent) {
   }
 }
 
-TEST(Bands, AViewerOfFewerBandsGetsTheFirstColumnsOfTheSamePoses) {
+TEST(Bands, FewerBandsAreTheFirstColumns) {
   Scene scene;
   const auto broker = scene.start_broker();
   const auto sender = scene.start_sender({"torus", "--rate", "30"});
-  const auto all = scene.start_client("all", {"--frames", "40", "--rate", "raw"});
-  const auto few = scene.start_client("few", {"--frames", "40", "--rate", "raw", "--bands", "2"});
-  ASSERT_EQ(all->wait(kPatience), 0) << scene.logs();
-  ASSERT_EQ(few->wait(kPatience), 0) << scene.logs();
+  const auto all = scene.start_client("all", {"--frames", "1000000", "--rate", "raw"});
+  const auto few = scene.start_client("few", {"--frames", "1000000", "--rate", "raw", "--bands", "2"});
+  ASSERT_TRUE(eventually([&] { return common_steps(scene, "all", "few") > 20; }, kPatience)) << scene.logs();
+  for (const auto* client : {&all, &few}) {
+    (*client)->signal(SIGTERM);
+    ASSERT_EQ((*client)->wait(kPatience), 0) << scene.logs();
+  }
   const auto whole = by_step(scene.received("all"));
-  std::size_t common = 0;
   for (const auto& [step, pose] : by_step(scene.received("few"))) {
     const auto other = whole.find(step);
     if (other == whole.end()) continue;
-    ++common;
     for (std::size_t i = 0; i < 54 * 3; ++i) EXPECT_EQ(pose.coefficients[i], other->second.coefficients[i]);
     for (std::size_t i = 54 * 3; i < pose.coefficients.size(); ++i)
       EXPECT_NEAR(pose.coefficients[i], 0, 1e-6) << "rest pose";
   }
-  EXPECT_GT(common, 20u);
   EXPECT_LT(report_of(scene, "few")["kbit_per_s"].get<double>(), report_of(scene, "all")["kbit_per_s"].get<double>());
 }
 

@@ -14,25 +14,24 @@ class TlsTest : public AccessTest {
  protected:
   void SetUp() override {
     write_secret(scene_.file("eigencast.toml"), "[access]\nanonymous = \"loopback\"\n");
-    if (!make_certificate(scene_, "good")) GTEST_SKIP() << "no openssl program here: TLS is not tested";
+    if (!make_certificate(scene_, "good")) GTEST_SKIP() << "no openssl";
     scene_.use_tls();
   }
   /// The certificate NAME of the key of "good", which ended yesterday.
   bool make_expired(const std::string& name) {
     std::ofstream(scene_.file("hosts")) << "subjectAltName=IP:127.0.0.1\n";
-    Process request({kOpenssl, "req", "-new", "-key", scene_.file("good.key"), "-subj", "/CN=" + name, "-out",
+    Process request({"openssl", "req", "-new", "-key", scene_.file("good.key"), "-subj", "/CN=" + name, "-out",
                      scene_.file("request.pem")},
                     scene_.file("openssl.log"));
-    if (request.wait(kLong) != 0) return false;
-    Process sign({kOpenssl, "x509", "-req", "-in", scene_.file("request.pem"), "-signkey", scene_.file("good.key"),
+    if (request.wait(kPatience) != 0) return false;
+    Process sign({"openssl", "x509", "-req", "-in", scene_.file("request.pem"), "-signkey", scene_.file("good.key"),
                   "-days", "-1", "-extfile", scene_.file("hosts"), "-out", scene_.file(name + ".pem")},
                  scene_.file("openssl.log"));
-    return sign.wait(kLong) == 0;
+    return sign.wait(kPatience) == 0;
   }
-  static constexpr const char* kOpenssl = "/usr/bin/openssl";
 };
 
-TEST_F(TlsTest, WhatIsWrongWithACertificateIsSaidWithWhatToDo) {
+TEST_F(TlsTest, ABadCertificateNamesItsRemedy) {
   auto broker = scene_.start_broker(with_tls("good"));
   const std::string good = scene_.file("good.pem");
   auto sender = scene_.start_sender({"torus", "--rate", "30", "--ca", good});
@@ -47,7 +46,7 @@ TEST_F(TlsTest, WhatIsWrongWithACertificateIsSaidWithWhatToDo) {
   EXPECT_THAT(text_of(scene_.file("trusted.log")), Not(HasSubstr("--insecure")));
 }
 
-TEST_F(TlsTest, AnExpiredOneAndOneForAnotherHostAreToldApart) {
+TEST_F(TlsTest, ExpiryAndWrongHostAreToldApart) {
   ASSERT_TRUE(make_certificate(scene_, "elsewhere", "DNS:elsewhere.example,DNS:*.lab.example,IP:10.1.2.3"));
   {
     auto broker = scene_.start_broker(with_tls("elsewhere"));
@@ -61,7 +60,7 @@ TEST_F(TlsTest, AnExpiredOneAndOneForAnotherHostAreToldApart) {
   EXPECT_THAT(refusal("expired-client", {"--ca", scene_.file("expired.pem")}), HasSubstr("it expired on 20"));
 }
 
-TEST_F(TlsTest, ABrokerThatAsksForCertificatesOfClientsTurnsOthersAway) {
+TEST_F(TlsTest, ClientCertificatesAreRequiredWhenConfigured) {
   ASSERT_TRUE(make_certificate(scene_, "client"));
   ASSERT_TRUE(make_certificate(scene_, "stranger"));
   auto arguments = with_tls("good");
@@ -88,7 +87,7 @@ TEST_F(TlsTest, NothingOlderThanTheConfigurationAllowsIsSpoken) {
   auto broker = scene_.start_broker(with_tls("good"));
   int attempts = 0;
   const auto handshake = [&](const std::string& version) {
-    Process process({kOpenssl, "s_client", "-connect", "127.0.0.1:" + scene_.port(), version, "-cipher",
+    Process process({"openssl", "s_client", "-connect", "127.0.0.1:" + scene_.port(), version, "-cipher",
                      "ALL:@SECLEVEL=0", "-no_ign_eof", "-brief"},
                     scene_.file("s_client" + std::to_string(++attempts) + ".log"));
     // It ends by itself at a refusal, or shows the version and waits.
@@ -100,8 +99,8 @@ TEST_F(TlsTest, NothingOlderThanTheConfigurationAllowsIsSpoken) {
   EXPECT_THAT(handshake("-tls1_3"), HasSubstr("Protocol version: TLSv1.3"));
   write_secret(scene_.file("eigencast.toml"), "[tls]\nleast_version = \"1.3\"\n");
   broker->signal(SIGHUP);
-  ASSERT_TRUE(broker->wait_for_output("tls.least_version = \"1.3\" instead of \"1.2\"", kLong)) << scene_.logs();
-  ASSERT_TRUE(broker->wait_for_output("the configuration is reloaded", kLong));
+  ASSERT_TRUE(broker->wait_for_output("tls.least_version = \"1.3\" instead of \"1.2\"", kPatience)) << scene_.logs();
+  ASSERT_TRUE(broker->wait_for_output("the configuration is reloaded", kPatience));
   EXPECT_THAT(handshake("-tls1_2"), Not(HasSubstr("Protocol version")));
 }
 

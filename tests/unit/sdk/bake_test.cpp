@@ -384,12 +384,12 @@ TEST(Bake, CanBeStoppedAtEveryStage) {
 
 TEST(Bake, HostileSurfacesAreBakedOrRefused) {
   const fs::path data = data_dir();
-  if (!fs::exists(data)) GTEST_SKIP() << data << " is not there: real inputs are not tested";
-  std::size_t baked = 0;
+  std::size_t baked = 0, files = 0;
   for (const char* folder : {"meshes/nasty", "clouds"}) {
     for (const auto& entry : fs::directory_iterator(data / folder)) {
       const auto surface = read_surface(entry.path().string());
       ASSERT_TRUE(surface) << surface.error().message;
+      ++files;
       const auto result = bake(*surface, of_rank(30));
       if (!result) {
         EXPECT_FALSE(result.error().message.empty());
@@ -400,7 +400,7 @@ TEST(Bake, HostileSurfacesAreBakedOrRefused) {
       expect_sound(*surface, *result);
     }
   }
-  EXPECT_GE(baked, 14U);
+  EXPECT_GE(baked + 2, files);
 }
 
 TEST(Bake, AssetsHoldTheHalfContractions) {

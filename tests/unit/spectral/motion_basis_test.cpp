@@ -234,9 +234,8 @@ TEST(MotionBasis, NeverHasMoreColumnsThanVertices) {
 }
 
 TEST(MotionBasis, LearnedBasisBeatsOthersTenfoldOnTheHorse) {
-  const std::filesystem::path file = data_dir() / "animations/horse-gallop/vertices.npy";
-  if (!std::filesystem::exists(file)) GTEST_SKIP() << file << " is not there: real inputs are not tested";
-  const auto clip = open_clip(file.string());
+  EIGENCAST_SKIP_WITHOUT("animations/horse-gallop");
+  const auto clip = open_clip(gait_clip().string());
   ASSERT_TRUE(clip);
   const KnownMotion motion{{}, (*clip)->frame_count(), [&](std::size_t i) { return (*clip)->pose(i); }};
   const Basis basis = motion_basis_of((*clip)->rest(), motion, 50);
@@ -252,17 +251,15 @@ TEST(MotionBasis, LearnedBasisBeatsOthersTenfoldOnTheHorse) {
 }
 
 TEST(MotionBasis, OfASkinnedFileHoldsItsClips) {
-  const std::filesystem::path folder = data_dir() / "gltf";
-  if (!std::filesystem::exists(folder)) GTEST_SKIP() << folder << " is not there: real inputs are not tested";
-  for (const auto& [file, animation] : {std::pair{"Fox.glb", "Walk"}, {"AnimatedMorphCube.gltf", ""}}) {
-    const auto clip = open_clip((folder / file).string(), {.animation = animation});
+  for (const auto& [file, animation] : {std::pair{rigged_file(), "Walk"}, {morphing_file(), ""}}) {
+    const auto clip = open_clip(file.string(), {.animation = animation});
     ASSERT_TRUE(clip) << clip.error().message;
     const KnownMotion motion{*columns_from_rig(*(*clip)->rig()), (*clip)->frame_count(),
                              [&](std::size_t i) { return (*clip)->pose(i); }};
     const Basis basis = motion_basis_of((*clip)->rest(), motion, 4096);
     EXPECT_LE(basis.Psi.cols(), 96) << file;
     // Whatever animation of the file it is: the basis is the rig's.
-    const auto other = open_clip((folder / file).string(), {.animation = *animation ? "Run" : ""});
+    const auto other = open_clip(file.string(), {.animation = *animation ? "Run" : ""});
     ASSERT_TRUE(other);
     for (std::size_t i = 0; i < (*other)->frame_count(); ++i) {
       const auto pose = (*other)->pose(i);

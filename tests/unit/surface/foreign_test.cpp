@@ -39,7 +39,7 @@ constexpr const char* kCollada = R"(<?xml version="1.0"?>
 class Foreign : public testing::Test {
  protected:
   void SetUp() override {
-    if (foreign_endings().empty()) GTEST_SKIP() << "SKIPPED: built without assimp (libassimp-dev)";
+    if (foreign_endings().empty()) GTEST_SKIP() << "built without assimp (libassimp-dev)";
   }
   TempDir dir_;
 };

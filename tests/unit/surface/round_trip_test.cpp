@@ -74,9 +74,7 @@ TEST(RoundTrip, BuiltInShapeAsFloatsAndAsText) {
 }
 
 TEST(RoundTrip, HorseGallopToTheBit) {
-  const std::string folder = data_dir().string() + "/animations/horse-gallop";
-  if (!std::filesystem::exists(folder)) GTEST_SKIP() << "SKIPPED: needs the real inputs in " << folder;
-  expect_round_trips(FirstFrames(std::move(*open_clip(folder)), 6), true);
+  expect_round_trips(FirstFrames(std::move(*open_clip(gait_clip().string())), 6), true);
 }
 
 TEST(RoundTrip, FailedWritesAreErrorsAndLeaveNothing) {
