@@ -34,7 +34,7 @@ Result<Bytes> read_bytes(const std::string& path, std::uint64_t max_bytes);
 /// a time. Errors: kIo; nothing is left behind then.
 Result<void> write_file_atomically(const std::string& path, std::string_view content);
 
-/// Whether a file could be written there, as far as can be told without doing it. Empty: nothing is meant. Errors: kIo.
+/// Whether a file could be written there, as far as can be found without doing it. Empty: none is wanted. Errors: kIo.
 Result<void> check_output_file(const std::string& path);
 /// Whether files could be written into a folder, which may have to be made. Errors: kIo.
 Result<void> check_output_folder(const std::string& path);

@@ -16,7 +16,7 @@ inline constexpr std::chrono::microseconds kPassingOn{100}, kMakingPoses{700};
 /// the priority that it has (Linux 6.12 and later; elsewhere nothing changes). Where all cores are busy, a thread that
 /// wakes otherwise waits until the one that runs has had its slice, up to a tick of 4 ms. Threads that it starts
 /// inherit it.
-///   work  about the most that it does after waking, 0.1 to 100 ms: the kernel prefers who asks for less
+///   work  about the most that it does after waking, 0.1 to 100 ms: the kernel prefers threads that ask for less
 void run_when_woken(std::chrono::microseconds work);
 
 }  // namespace eigencast

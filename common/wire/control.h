@@ -22,7 +22,7 @@ struct Profile {
   enum class Scheme : std::uint8_t { kLinear, kCatmullRom, kHermite, kDamped };
   Rate rate = Rate::kInterpolated;
   std::uint8_t k = 3;       ///< Poses per key interval unless raw: 2..15 (default: 3).
-  Form form = Form::kFull;  ///< Who does the arithmetic: the broker (full, default) or the receiver (compact).
+  Form form = Form::kFull;  ///< Full: the broker interpolates (default); compact: the receiver does.
   std::uint8_t bands = 8;   ///< How many bands from the lowest; more than the stream has means all (default: all).
   Scheme scheme = Scheme::kLinear;  ///< The default of a query or message is damped where estimated.
   auto operator<=>(const Profile&) const = default;
@@ -50,7 +50,7 @@ inline constexpr std::string_view kSubprotocol = "eigencast.v1";
 /// "welcome", broker to everybody, first message.
 struct Welcome {
   std::string version;     ///< Of the broker's software.
-  std::string session_id;  ///< New with each start of the broker: tells a reconnect from a restart.
+  std::string session_id;  ///< New with each start of the broker: distinguishes a reconnect from a restart.
   TimeUs time_us = 0;      ///< The broker's clock.
 };
 
@@ -130,7 +130,7 @@ struct Pong {
 };
 
 /// "trace", sender to broker to clients and broker to clients, sampled: when the stages of one frame's life happened,
-/// on the clock of whoever stamped them.
+/// on the clock of the program that stamped them.
 struct Trace {
   std::uint32_t stream_id = 0;
   std::uint64_t sequence = 0;

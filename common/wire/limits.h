@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 
-/// Every cap on what may come from the network. Who parses checks against these before allocating.
+/// Every cap on what may come from the network. Parsers check these before they allocate.
 namespace eigencast::limits {
 
 inline constexpr std::uint32_t kMaxRows = 4096;                      ///< r: coefficients per channel.
