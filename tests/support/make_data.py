@@ -231,12 +231,16 @@ def write_meshes(folder, positions, faces):
     n = len(positions)
     write_obj(folder / "nasty/holes.obj", positions, [f for i, f in enumerate(faces) if i % 97 > 3])
     write_obj(folder / "nasty/turned.obj", positions, [f[::-1] if i % 5 == 0 else f for i, f in enumerate(faces)])
-    write_obj(folder / "nasty/unwelded.obj", [positions[v] for f in faces for v in f], [(3 * i, 3 * i + 1, 3 * i + 2) for i in range(len(faces))])
+    # The front half has vertices of its own along the seam.
+    front = {v: n + i for i, v in enumerate(sorted({v for f in faces if positions[f[0]][0] > 0 for v in f}))}
+    write_obj(folder / "nasty/seam.obj", [*positions, *(positions[v] for v in front)],
+              [tuple(front[v] for v in f) if positions[f[0]][0] > 0 else f for f in faces])
     herd = [(x + 4 * k, y, z) for k in range(3) for x, y, z in positions]
     write_obj(folder / "nasty/herd.obj", herd, [tuple(v + k * n for v in f) for k in range(3) for f in faces])
     # A fin on an edge, a face twice, one without an area, a vertex that nothing uses.
     a, b, c = faces[0]
-    write_obj(folder / "nasty/odd.obj", [*positions, (0, 3, 0), (5, 5, 5)], [*faces, (a, b, n), (a, b, c), (a, a, b)])
+    write_obj(folder / "nasty/odd.obj", [*positions, (0, 3, 0), (5, 5, 5), (0, 3, 1), (0, 3, 2), (0, 3, 3)],
+              [*faces, (a, b, n), (a, b, c), (n + 2, n + 3, n + 4)])
     (folder / "malformed/empty.obj").write_text("")
     (folder / "malformed/cut.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n")
     (folder / "malformed/beyond.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n")

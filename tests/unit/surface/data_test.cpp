@@ -85,11 +85,10 @@ TEST(Data, CleanMeshesAreClosedManifoldsOfKnownGenus) {
 
 TEST(Data, MadeMeshesHaveTheStatedFaults) {
   EIGENCAST_SKIP_WITHOUT("meshes/nasty/herd.obj");
-  const SurfaceReport whole = report_of("meshes/clean/animal.obj");
   EXPECT_EQ(report_of("meshes/nasty/herd.obj").components, 3u);
   EXPECT_GT(report_of("meshes/nasty/holes.obj").boundary_loops, 10u);
   EXPECT_GT(report_of("meshes/nasty/turned.obj").misoriented_edges, 100u);
-  EXPECT_EQ(report_of("meshes/nasty/unwelded.obj").duplicate_vertices, 3 * whole.faces - whole.vertices);
+  EXPECT_GT(report_of("meshes/nasty/seam.obj").duplicate_vertices, 100u);
   const SurfaceReport odd = report_of("meshes/nasty/odd.obj");
   EXPECT_EQ(odd.nonmanifold_edges, 3u);
   EXPECT_EQ(odd.duplicate_faces, 1u);
@@ -152,21 +151,25 @@ TEST(Data, MalformedFilesAreRefusedByName) {
 }
 
 TEST(Data, Clouds) {
-  EIGENCAST_SKIP_WITHOUT("clouds/cgal_kitten_5k_normals.xyz");
+  if (!has_data("clouds/cgal_kitten_5k_normals.xyz")) {
+    EXPECT_EQ(report_of("clouds/animal.xyz").vertices, 1740u);
+    return;
+  }
   EXPECT_EQ(report_of("clouds/cgal_kitten_5k_normals.xyz").vertices, 5210u);
   EXPECT_EQ(report_of("clouds/cgal_radar_21k.xyz").vertices, 20950u);
 }
 
-TEST(Data, HorseGallopOpensAsAClip) {
-  EIGENCAST_SKIP_WITHOUT("animations/horse-gallop");
-  const std::string folder = (kData / "animations/horse-gallop").string();
+TEST(Data, AGaitOpensAsAClip) {
+  const bool real = has_data("animations/horse-gallop");
+  const std::string folder = gait_clip().parent_path().string();
   const auto clip = open_clip(folder + "/vertices.npy", {folder + "/rest.obj"});
   ASSERT_TRUE(clip.has_value()) << clip.error().message;
-  EXPECT_EQ((*clip)->frame_count(), 48u);
+  const std::size_t frames = (*clip)->frame_count();
+  EXPECT_EQ(frames, real ? 48u : 32u);
   const SurfaceReport r = check_surface((*clip)->rest());
-  EXPECT_EQ(r.vertices, 8431u);
-  EXPECT_EQ(r.faces, 16843u);
-  EXPECT_EQ(r.boundary_edges, 19u);
+  EXPECT_EQ(r.vertices, real ? 8431u : 1740u);
+  EXPECT_EQ(r.faces, real ? 16843u : 3476u);
+  EXPECT_EQ(r.boundary_edges, real ? 19u : 0u);
   const auto first = (*clip)->pose(0);
   ASSERT_TRUE(first.has_value());
   const double diagonal = bounding_box((*clip)->rest().positions).diagonal();
@@ -175,10 +178,10 @@ TEST(Data, HorseGallopOpensAsAClip) {
       ASSERT_NEAR((*first)[i][c], (*clip)->rest().positions[i][c], 1e-5 * diagonal) << "rest.obj is frame 0";
     }
   }
-  EXPECT_TRUE((*clip)->pose(47).has_value());
+  EXPECT_TRUE((*clip)->pose(frames - 1).has_value());
   const auto by_folder = open_clip(folder);
   ASSERT_TRUE(by_folder.has_value());
-  EXPECT_EQ((*by_folder)->frame_count(), 48u);
+  EXPECT_EQ((*by_folder)->frame_count(), frames);
   EXPECT_EQ((*by_folder)->rest().faces, (*clip)->rest().faces);
 }
 
