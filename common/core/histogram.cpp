@@ -8,31 +8,38 @@
 
 namespace eigencast {
 
-int Histogram::bucket_of(std::int64_t value) {
-  if (value < 64) return static_cast<int>(value);
+std::size_t Histogram::bucket_of(std::int64_t value) const {
   const auto v = static_cast<std::uint64_t>(value);
-  const int top = static_cast<int>(std::bit_width(v)) - 1;  // >= 6
-  if (top >= kTopBit) return kBuckets - 1;
-  const int sub = static_cast<int>((v >> (top - kSubBits)) & ((1u << kSubBits) - 1));
-  return 64 + (top - 6) * (1 << kSubBits) + sub;
+  const int shift = std::max(0, static_cast<int>(std::bit_width(v)) - precision_bits_);
+  return (static_cast<std::size_t>(shift) << (precision_bits_ - 1)) + (v >> shift);
 }
 
-std::int64_t Histogram::upper_edge_of(int bucket) {
-  if (bucket < 64) return bucket;
-  const int top = 6 + (bucket - 64) / (1 << kSubBits);
-  const int sub = (bucket - 64) % (1 << kSubBits);
-  const std::int64_t width = std::int64_t{1} << (top - kSubBits);
-  return (std::int64_t{1} << top) + (sub + 1) * width - 1;
+std::int64_t Histogram::upper_edge_of(std::size_t bucket) const {
+  const std::size_t half = std::size_t{1} << (precision_bits_ - 1);
+  if (bucket < 2 * half) return static_cast<std::int64_t>(bucket);
+  const std::size_t shift = bucket / half - 1;
+  return static_cast<std::int64_t>(((bucket % half + half + 1) << shift) - 1);
 }
 
 void Histogram::add(std::int64_t value) {
   if (value < 0) {
     ++negative_;
+    lowest_ = std::min(lowest_, value);
     return;
   }
-  ++buckets_[static_cast<std::size_t>(bucket_of(value))];
-  ++count_;
+  const std::size_t bucket = bucket_of(value);
+  if (bucket >= buckets_.size()) buckets_.resize(std::bit_ceil(bucket + 1));
+  ++buckets_[bucket];
+  min_ = count_ == 0 ? value : std::min(min_, value);
   max_ = std::max(max_, value);
+  sum_ += static_cast<double>(value);
+  sum_of_squares_ += static_cast<double>(value) * static_cast<double>(value);
+  ++count_;
+}
+
+double Histogram::standard_deviation() const {
+  const double n = static_cast<double>(std::max<std::uint64_t>(1, count_));
+  return std::sqrt(std::max(0.0, sum_of_squares_ / n - mean() * mean()));
 }
 
 std::int64_t Histogram::percentile(double p) const {
@@ -41,18 +48,24 @@ std::int64_t Histogram::percentile(double p) const {
   const auto rank =
       std::max<std::uint64_t>(1, static_cast<std::uint64_t>(std::ceil(p / 100 * static_cast<double>(count_))));
   std::uint64_t seen = 0;
-  for (int b = 0; b < kBuckets; ++b) {
-    seen += buckets_[static_cast<std::size_t>(b)];
-    if (seen >= rank) return b == kBuckets - 1 ? max_ : std::min(upper_edge_of(b), max_);
+  for (std::size_t bucket = 0; bucket < buckets_.size(); ++bucket) {
+    seen += buckets_[bucket];
+    if (seen >= rank) return std::min(upper_edge_of(bucket), max_);
   }
   return max_;
 }
 
 void Histogram::merge(const Histogram& other) {
-  for (std::size_t b = 0; b < buckets_.size(); ++b) buckets_[b] += other.buckets_[b];
+  assert(precision_bits_ == other.precision_bits_);
+  if (buckets_.size() < other.buckets_.size()) buckets_.resize(other.buckets_.size());
+  for (std::size_t i = 0; i < other.buckets_.size(); ++i) buckets_[i] += other.buckets_[i];
+  if (other.count_ > 0) min_ = count_ == 0 ? other.min_ : std::min(min_, other.min_);
+  max_ = std::max(max_, other.max_);
+  lowest_ = std::min(lowest_, other.lowest_);
   count_ += other.count_;
   negative_ += other.negative_;
-  max_ = std::max(max_, other.max_);
+  sum_ += other.sum_;
+  sum_of_squares_ += other.sum_of_squares_;
 }
 
 }  // namespace eigencast

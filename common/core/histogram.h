@@ -1,43 +1,52 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <array>
 #include <cstdint>
+#include <vector>
 
 namespace eigencast {
 
-/// Counts non-negative values in log-linear buckets: exact below 64, then 32 buckets for each power of two, so that a
-/// percentile is at most 1/32 too high. Values from 2^40 up share the last bucket. After Gil Tene's HdrHistogram.
+/// Counts non-negative values in log-linear buckets: exact below 2^precision_bits, then half as many buckets for each
+/// power of two, so that a percentile is at most 2^(1 - precision_bits) of itself too high. The layout is that of Gil
+/// Tene's HdrHistogram.
 ///
-/// Not thread-safe. A fixed 9 KiB; add() is O(1) and never allocates.
+/// Not thread-safe. add() is O(1) and allocates at most once per power of two.
 class Histogram {
  public:
-  /// Counts one value; a negative one is counted apart (negative()) and never hidden in a bucket.
+  explicit Histogram(int precision_bits = 6) : precision_bits_(precision_bits) {}
+
+  /// Counts one value; a negative one is counted apart and never hidden in a bucket.
   void add(std::int64_t value);
 
-  std::uint64_t count() const { return count_; }
-  std::uint64_t negative() const { return negative_; }
+  std::uint64_t count() const { return count_; }           ///< Of values that are not negative.
+  std::uint64_t negative() const { return negative_; }     ///< Of those that are.
+  std::int64_t least_negative() const { return lowest_; }  ///< The lowest value of all; 0 if none is negative.
+  std::int64_t min() const { return count_ == 0 ? 0 : min_; }
   std::int64_t max() const { return max_; }
+  double mean() const { return count_ == 0 ? 0 : sum_ / static_cast<double>(count_); }
+  /// Of the population.
+  double standard_deviation() const;
 
   /// The upper edge of the bucket that holds the p-th percentile (never above max()); 0 when empty.
   /// REQUIRES: 0 <= p <= 100
   std::int64_t percentile(double p) const;
 
+  /// The counts of the buckets, and the highest value of each.
+  const std::vector<std::uint64_t>& buckets() const { return buckets_; }
+  std::int64_t upper_edge_of(std::size_t bucket) const;
+
+  /// REQUIRES: both have the same precision.
   void merge(const Histogram& other);
-  void reset() { *this = Histogram(); }
+  void reset() { *this = Histogram(precision_bits_); }
 
  private:
-  static constexpr int kSubBits = 5;
-  static constexpr int kTopBit = 40;
-  static constexpr int kBuckets = 64 + (kTopBit - 6) * (1 << kSubBits) + 1;
+  std::size_t bucket_of(std::int64_t value) const;
 
-  static int bucket_of(std::int64_t value);
-  static std::int64_t upper_edge_of(int bucket);
-
-  std::array<std::uint64_t, kBuckets> buckets_{};
-  std::uint64_t count_ = 0;
-  std::uint64_t negative_ = 0;
-  std::int64_t max_ = 0;
+  int precision_bits_;
+  std::vector<std::uint64_t> buckets_;
+  std::uint64_t count_ = 0, negative_ = 0;
+  std::int64_t min_ = 0, max_ = 0, lowest_ = 0;
+  double sum_ = 0, sum_of_squares_ = 0;
 };
 
 }  // namespace eigencast

@@ -56,5 +56,13 @@ TEST(Histogram, MergingEqualsAddingAll) {
   for (const double p : {1.0, 50.0, 99.0, 99.9}) EXPECT_EQ(a.percentile(p), all.percentile(p));
 }
 
+TEST(Histogram, MomentsAreThoseOfTheValues) {
+  Histogram h;
+  for (const int v : {2, 4, 4, 4, 5, 5, 7, 9}) h.add(v);
+  EXPECT_DOUBLE_EQ(h.mean(), 5);
+  EXPECT_DOUBLE_EQ(h.standard_deviation(), 2);
+  EXPECT_EQ(h.min(), 2);
+}
+
 }  // namespace
 }  // namespace eigencast
