@@ -14,15 +14,6 @@ if(CMAKE_UNITY_BUILD)
   target_compile_options(eigencast_flags INTERFACE $<$<CXX_COMPILER_ID:GNU>:-Wno-subobject-linkage>)
 endif()
 
-# Targets whose sources are not yet compiled together, because names of their anonymous namespaces clash. To be emptied.
-set(EIGENCAST_NOT_TOGETHER
- )
-function(eigencast_compile_together TARGET)
-  if("${TARGET}" IN_LIST EIGENCAST_NOT_TOGETHER)
-    set_target_properties(${TARGET} PROPERTIES UNITY_BUILD OFF)
-  endif()
-endfunction()
-
 # What is included all over the tree, and no more: of what stands here each source pays for the inline functions, used or not.
 set(EIGENCAST_COMMON_HEADERS
   <algorithm> <array> <cmath> <cstddef> <cstdint> <cstdio> <cstring> <functional> <limits> <map> <memory> <optional> <span> <string> <string_view>
@@ -69,7 +60,6 @@ function(eigencast_library NAME)
                         CXX_VISIBILITY_PRESET hidden VISIBILITY_INLINES_HIDDEN ON)
   target_link_libraries(eigencast_${NAME} PUBLIC ${ARG_LINKS}
                         PRIVATE $<BUILD_INTERFACE:eigencast_flags> ${ARG_PRIVATE_LINKS})
-  eigencast_compile_together(eigencast_${NAME})
   foreach(ROOM IN LISTS ARG_DEPENDS)
     target_link_libraries(eigencast_${NAME} PUBLIC eigencast_${ROOM})
   endforeach()
@@ -140,7 +130,6 @@ function(eigencast_test NAME)
   endif()
   add_executable(${NAME} ${ARG_SOURCES})
   target_compile_options(${NAME} PRIVATE -O1)
-  eigencast_compile_together(${NAME})
   target_link_libraries(${NAME} PRIVATE eigencast_flags ${ARG_LINKS} eigencast_test_paths GTest::gtest_main GTest::gmock)
   eigencast_use_precompiled(${NAME} eigencast_test_headers)
   include(GoogleTest)

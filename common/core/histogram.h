@@ -13,7 +13,8 @@ namespace eigencast {
 /// Not thread-safe. add() is O(1) and allocates at most once per power of two.
 class Histogram {
  public:
-  explicit Histogram(int precision_bits = 6) : precision_bits_(precision_bits) {}
+  Histogram() = default;
+  explicit Histogram(int precision_bits) : precision_bits_(precision_bits) {}
 
   /// Counts one value; a negative one is counted apart and never hidden in a bucket.
   void add(std::int64_t value);
@@ -42,7 +43,7 @@ class Histogram {
  private:
   std::size_t bucket_of(std::int64_t value) const;
 
-  int precision_bits_;
+  int precision_bits_ = 6;
   std::vector<std::uint64_t> buckets_;
   std::uint64_t count_ = 0, negative_ = 0;
   std::int64_t min_ = 0, max_ = 0, lowest_ = 0;
