@@ -225,7 +225,7 @@ std::vector<OptionEntry> entries_for(ClientOptions& options, RawOptions& raw) {
        "pictures a second that the resolver holds (default: the display's, headless 60)", Range{1, 1000}},
       {"--lod-floor", &options.levels.floor, "smallest part of its vertices that a surface keeps", Range{0, 1}, true},
       {"--reconstruct", &raw.reconstruct,
-       "who rebuilds surfaces from their coefficients: the processor, the GPU, or whoever is quicker when the program "
+       "what rebuilds surfaces from their coefficients: the processor, the GPU, or the quicker one when the program "
        "starts",
        Choices{"auto", "cpu", "gpu"}, true},
       {"--camera-path", &options.camera_path,

@@ -26,7 +26,7 @@ namespace eigencast {
 /// streams that the broker declined. A connection of one stream names it in its URL, so that it needs no round trip
 /// more; one of several never does, so that a stream that is refused there does not refuse the others.
 ///
-/// A stream is watched at most once per connection: whoever watches it a second time gets another connection.
+/// A stream is watched at most once per connection: a second subscriber to it gets another connection.
 /// Thread-safe.
 class BrokerConnection final {
  public:

@@ -20,7 +20,7 @@ std::string quoted_list(const StreamPatterns& patterns) {
 Error lacking(const Identity& identity, const std::string& right, std::string_view stream,
               const StreamPatterns& patterns) {
   return fail(ErrorCode::kRefused, identity.name + " may not " + right + " '" + std::string(stream) + "', only " +
-                                       quoted_list(patterns) + ": ask whoever runs the broker for a token with " +
+                                       quoted_list(patterns) + ": ask the operator of the broker for a token with " +
                                        "that right (eigencast-broker token create --" + right + " '" +
                                        std::string(stream) + "')");
 }

@@ -208,7 +208,7 @@ std::variant<Identity, Denial> AccessPolicy::identify_token(std::string_view tok
                                                             std::int64_t now_s) const {
   if (token.find('.') == std::string_view::npos) {
     const StaticToken* known = static_tokens_.find(token);
-    if (known == nullptr) return denial(401, "this broker does not know the token: get one from whoever runs it", true);
+    if (known == nullptr) return denial(401, "this broker does not know the token: get one from its operator", true);
     identity.name = "token '" + known->name + "'";
     identity.key = "file " + known->name;
     identity.token_hash = TokenFile::hash_of(token);
