@@ -25,8 +25,7 @@ namespace {
 
 constexpr std::size_t kDiskThreads = 2;
 constexpr std::uint32_t kRestartRetryMs = 500;
-/// Bounds the reconnections per second after a restart.
-constexpr std::uint64_t kReturnsPerSecond = 2000;
+constexpr std::uint64_t kReturnsPerSecond = 2000;  ///< Reconnections after a restart.
 constexpr std::int64_t kShortCertificateS = 14 * 86'400;
 
 Recorder::Settings recorder_settings(const Config& config, const std::string& version) {
@@ -40,7 +39,6 @@ Recorder::Settings recorder_settings(const Config& config, const std::string& ve
   return settings;
 }
 
-/// The period over which reconnections are spread.
 std::uint32_t return_spread_ms(std::uint64_t connections) {
   return static_cast<std::uint32_t>(std::clamp<std::uint64_t>(connections * 1000 / kReturnsPerSecond, 200, 30'000));
 }

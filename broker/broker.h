@@ -38,7 +38,6 @@ class Broker {
   void run();
   /// Begins to stop; a second call stops at once.
   void stop();
-  /// Access policy and TLS context of a configuration, read from its files.
   struct Security {
     std::shared_ptr<const AccessPolicy> policy;
     std::shared_ptr<SSL_CTX> tls;
@@ -51,8 +50,7 @@ class Broker {
   void handle_signals(std::function<Result<Config>()> load);
 
   std::uint16_t port() const { return data_listener_.port(); }
-  /// 0: off.
-  std::uint16_t admin_port() const { return admin_listener_.port(); }
+  std::uint16_t admin_port() const { return admin_listener_.port(); }  ///< 0: off.
 
  private:
   Broker(const Config& config, Security security, std::string version, LogSink log, std::unique_ptr<AssetStore> assets,
@@ -68,7 +66,6 @@ class Broker {
   void tick();
   void watch();
   std::string status() const;
-  /// Open WebSockets of all loops.
   std::uint64_t websockets() const;
   void warn_about_security();
   void drain();

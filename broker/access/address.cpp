@@ -31,7 +31,7 @@ bool is_for(std::string_view name) {
   return name.size() == 3 && (name[0] | 32) == 'f' && (name[1] | 32) == 'o' && (name[2] | 32) == 'r';
 }
 
-/// The "for" of one element of Forwarded; empty: it has none.
+/// The "for" of one element of Forwarded, or empty.
 std::string_view for_of(std::string_view element) {
   for (const std::string_view part : split(element, ';')) {
     const std::string_view pair = trimmed(part);

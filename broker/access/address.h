@@ -19,7 +19,6 @@ struct IpAddress {
 
   /// "127.0.0.1", "::1", "fe80::1%eth0" (the zone is dropped).
   static std::optional<IpAddress> from_text(std::string_view text);
-  /// The usual notation.
   std::string text() const;
   bool is_v4() const;
   bool is_loopback() const;
@@ -40,25 +39,22 @@ struct IpRange {
 
 bool is_within(std::span<const IpRange> ranges, const IpAddress& address);
 
-/// A request's headers about its origin.
 struct ForwardedHeaders {
   std::string x_forwarded_for;  ///< All fields in order, joined by commas.
   std::string forwarded;        ///< RFC 7239, likewise.
 };
 
-/// The header that trusted proxies write. The other one comes from the client: a proxy passes on headers it does not
-/// know.
+/// The header that trusted proxies write; they pass on the other one as the client sent it.
 enum class ProxyHeader : std::uint8_t { kXForwardedFor, kForwarded };
 
-/// The address of the client whose request came from `peer`: the peer itself or, behind trusted proxies, the first
-/// untrusted address in the header, read from the right. An unreadable entry ends the search at the proxy that wrote it.
-/// Safe on hostile input: believes only trusted proxies and only the header `believed`.
 struct ClientAddress {
   IpAddress address;
-  /// The headers name other addresses that cannot be believed: the peer is not a trusted proxy (perhaps it is missing in
-  /// the configuration), an entry is unreadable, or the wrong header is set. A loopback `address` then proves nothing.
+  /// The headers name other addresses that cannot be believed: the peer is not a trusted proxy, an entry is unreadable,
+  /// or the wrong header is set. A loopback `address` then proves nothing.
   bool uncertain = false;
 };
+/// The address of the client: `peer` or, behind trusted proxies, the first untrusted address in the header, read from
+/// the right. An unreadable entry ends the search at the proxy that wrote it. Safe on hostile input.
 ClientAddress client_address_of(const IpAddress& peer, const ForwardedHeaders& headers,
                                 std::span<const IpRange> trusted, ProxyHeader believed = ProxyHeader::kXForwardedFor);
 

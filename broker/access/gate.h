@@ -18,8 +18,7 @@ namespace eigencast::broker {
 
 class Gate;
 
-/// The rights of one connection and its usage, which the destructor returns. The Gate outlives it. One call at a time per
-/// Grant; different Grants are independent.
+/// The rights of one connection and its usage, which the destructor returns. Not thread-safe. The Gate outlives it.
 class Grant {
  public:
   ~Grant();
@@ -27,32 +26,27 @@ class Grant {
   Grant& operator=(const Grant&) = delete;
 
   const Identity& identity() const { return identity_; }
-  /// For logs: name and address.
-  std::string label() const;
+  std::string label() const;  ///< For logs: name and address.
   /// Errors: kRefused; the message names the missing right.
   Result<void> may_publish(std::string_view stream) const;
   Result<void> may_subscribe(std::string_view stream) const;
   Result<void> may_store_assets() const;
   Result<void> may_fetch_assets() const;
-  /// Whether the list of streams includes it.
-  bool may_see(std::string_view stream) const;
+  bool may_see(std::string_view stream) const;  ///< In the list of streams.
   Result<void> may_administer() const;
   /// Whether the token has expired and access.expiry_disconnects is set.
   bool has_expired(std::int64_t now_unix_s) const;
-  /// Whether a reload has revoked it.
-  bool is_void();
+  bool is_void();  ///< A reload has revoked it.
 
   /// Errors: kRefused: a limit of the address or the token is reached; the message names it.
   Result<void> take(Resource resource);
   void give_back(Resource resource);
-  /// Counts one received message.
   Result<void> take_message(TimeUs now_us);
   Result<void> take_upload(std::uint64_t bytes, TimeUs now_us);
   Result<void> take_download(std::uint64_t bytes, TimeUs now_us);
 
  private:
   friend class Gate;
-  /// An account that the connection counts towards.
   struct Holder {
     std::shared_ptr<Account> account;
     bool is_token = false;
@@ -75,10 +69,9 @@ class Gate {
   explicit Gate(std::shared_ptr<const AccessPolicy> policy) : policy_(std::move(policy)) {}
 
   std::variant<GrantPtr, Denial> admit(const AccessRequest& request, TimeUs now_us, std::int64_t now_unix_s);
-  /// Reading state or changing something through the admin port.
   enum class AdminRequest { kRead, kControl };
-  /// Nothing: admitted. Reading is free on loopback and for monitors; changes are free on loopback if no tokens are
-  /// configured. Everything else needs the right admin.
+  /// Nothing: admitted. Reading is free on loopback and for monitors, control on loopback if no tokens are configured;
+  /// all else needs the right admin.
   std::optional<Denial> admit_admin(const AccessRequest& request, AdminRequest ask, TimeUs now_us,
                                     std::int64_t now_unix_s);
   /// Call before reading from a connection. Null: its address has too many connections. Connections of trusted proxies

@@ -71,7 +71,7 @@ std::optional<std::string> optional_text(const json& object, const char* name) {
   return found->get<std::string>();
 }
 
-/// A NumericDate; drops the fraction.
+/// A NumericDate without its fraction.
 std::optional<std::int64_t> time_of(const json& value) {
   if (!value.is_number()) return std::nullopt;
   const double seconds = value.get<double>();

@@ -19,7 +19,6 @@ namespace eigencast::broker {
 
 inline constexpr std::size_t kMaxTokenBytes = 8 * 1024;
 
-/// A token's verified claims.
 struct Claims {
   std::string subject;                       ///< "sub"; may be empty.
   std::string key_id;                        ///< Id of the signing key.
@@ -28,7 +27,6 @@ struct Claims {
   Rights rights;
 };
 
-/// What tokens are verified against.
 struct TokenRules {
   std::vector<TokenKey> keys;
   std::string audience;       ///< Must be in "aud"; empty: any.
@@ -36,10 +34,9 @@ struct TokenRules {
   std::int64_t leeway_s = 0;  ///< Accepted clock difference.
 };
 
-/// Verifies a token. Safe on hostile input. Errors: kRefused; the message tells the holder why.
+/// Safe on hostile input. Errors: kRefused; the message tells the holder why.
 Result<Claims> verify_token(std::string_view token, const TokenRules& rules, std::int64_t now_unix_s);
 
-/// The contents of a new token.
 struct TokenRequest {
   std::string subject;
   std::string audience;

@@ -17,13 +17,12 @@ namespace eigencast::broker {
 enum class Resource : std::uint8_t { kConnection, kPublisher, kStream };
 inline constexpr std::size_t kResources = 3;
 
-/// Rate limiter with a burst: takes an amount while no more than `burst` is ahead of the steady rate (the generic cell rate
-/// algorithm, ATM Forum 1996). Time comes in as an argument. Thread-safe, without a lock.
+/// Takes an amount while no more than `burst` is ahead of the steady rate (the generic cell rate algorithm, ATM Forum
+/// 1996). Thread-safe, without a lock.
 class RateLimiter {
  public:
   /// `per_s` <= 0: no limit.
   bool take(double amount, double per_s, double burst, TimeUs now_us);
-  /// Time until `amount` would be taken.
   TimeUs wait_us(double amount, double per_s, double burst, TimeUs now_us) const;
   bool is_idle(TimeUs now_us) const { return paid_until_us_ <= static_cast<double>(now_us); }
 
@@ -34,7 +33,6 @@ class RateLimiter {
 /// Counts objects in use. Thread-safe, without a lock.
 class UseCount {
  public:
-  /// Adds one, unless there are `most`.
   bool take(std::int64_t most);
   void give_back() { --count_; }
   bool is_idle() const { return count_ == 0; }
@@ -53,8 +51,8 @@ struct Account {
   bool is_idle(TimeUs now_us) const;
 };
 
-/// Accounts by key. Bounded: idle accounts are removed when it is full; if all are in use, further keys share one account,
-/// which is stricter for them. Thread-safe: the lock covers lookup, not use.
+/// Accounts by key. When it is full idle ones are removed; if all are in use, further keys share one account, which is
+/// stricter for them. Thread-safe: the lock covers lookup, not use.
 class Ledger {
  public:
   explicit Ledger(std::size_t most = 65'536) : most_(most) {}

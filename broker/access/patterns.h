@@ -11,10 +11,8 @@
 
 namespace eigencast::broker {
 
-/// A set of stream names as patterns over segments: `*` matches any characters within a segment (`camera-*`), the segment
-/// `**` any number of whole segments, also none. `lab/**` matches `lab` and
-/// everything below, `*/left` matches `a/left` but not `a/b/left`. Matching time is
-/// proportional to pattern length times name length.
+/// Patterns of stream names: `*` matches any characters within a segment (`camera-*`), the segment `**` any number of
+/// segments, also none. Matching takes time in proportion to pattern length times name length.
 class StreamPatterns {
  public:
   static constexpr std::size_t kMaxPatterns = 256;
@@ -33,7 +31,6 @@ class StreamPatterns {
   std::shared_ptr<const std::vector<std::string>> patterns_;  ///< Null: none. All connections of a token share them.
 };
 
-/// Rights of a token or of anonymous clients.
 struct Rights {
   StreamPatterns publish;
   StreamPatterns subscribe;

@@ -51,8 +51,7 @@ bool is_listed(const std::vector<std::string>& origins, std::string_view origin)
                      [&](const std::string& pattern) { return origin_matches(pattern, origin); });
 }
 
-/// Whether the origin's host is localhost or a loopback address. Equality with the Host header proves nothing: a foreign
-/// name can resolve to 127.0.0.1 (DNS rebinding).
+/// Equality of the origin with the Host header proves nothing: a foreign name can resolve to 127.0.0.1 (DNS rebinding).
 bool is_local_page(std::string_view origin) {
   const auto scheme = origin.find("://");
   if (scheme == std::string_view::npos) return false;
@@ -62,7 +61,6 @@ bool is_local_page(std::string_view origin) {
   return host == "localhost" || (address && address->is_loopback());
 }
 
-/// Moves a value into `to`; an error names the setting.
 template <typename T>
 Result<void> assign(T& to, Result<T> value, const char* setting) {
   if (!value) return in_context(setting, value.error());

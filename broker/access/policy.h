@@ -20,7 +20,6 @@
 /// Access rules. Pure decisions on their arguments, times included; no sockets.
 namespace eigencast::broker {
 
-/// A request's address and credentials.
 struct AccessRequest {
   IpAddress peer;             ///< The socket's.
   std::string authorization;  ///< The header.
@@ -39,7 +38,6 @@ struct Denial {
   bool failed_login = false;
 };
 
-/// The identified client of a request.
 struct Identity {
   std::string name;  ///< For logs: "token 'camera-1'", "anonymous".
   std::string key;   ///< The key of per-token limits; empty: anonymous.
@@ -62,16 +60,14 @@ struct Quota {
   std::int64_t download_bytes_per_hour = 0;
 };
 
-/// The configured rules: keys, tokens, patterns, origins, proxies, quotas. Immutable and thread-safe.
+/// The configured rules. Immutable and thread-safe.
 class AccessPolicy {
  public:
-  /// Reads the files that the configuration names. Errors: kInvalidArgument, kNotFound, kRefused; the message names the
-  /// setting.
+  /// Reads the files it names. Errors: kInvalidArgument, kNotFound, kRefused; the message names the setting.
   static Result<std::shared_ptr<const AccessPolicy>> from_config(const Config& config);
 
   std::variant<Identity, Denial> identify(const AccessRequest& request, std::int64_t now_unix_s) const;
-  /// Whether an identity that the `former` policy admitted keeps its rights. A removed token, a removed or changed key, or
-  /// different rights end connections.
+  /// Whether an identity that the `former` policy admitted keeps exactly its rights.
   bool vouches_for(const Identity& identity, const AccessPolicy& former) const;
   bool is_trusted_proxy(const IpAddress& address) const;
   /// Whether the request may read the admin port without a token.
@@ -79,12 +75,10 @@ class AccessPolicy {
   ClientAddress client_address(const AccessRequest& request) const {
     return client_address_of(request.peer, request.forwarded, proxies_, proxy_header_);
   }
-  /// Whether a browser page of this origin may use the broker. Keeps pages of other sites from using their visitor's
-  /// access; only browsers send an origin.
+  /// Keeps pages of other sites from using their visitor's access; only browsers send an origin.
   bool allows_origin(const AccessRequest& request) const;
   /// Whether a request comes from this machine, and not from a foreign page in a browser on it.
   bool is_local(const AccessRequest& request) const;
-  /// Whether any tokens are configured.
   bool has_tokens() const { return !tokens_.keys.empty() || static_tokens_.size() > 0; }
   /// Whether anonymous clients anywhere may fetch assets.
   bool serves_everybody() const {

@@ -20,8 +20,8 @@ std::string_view name_of(Algorithm algorithm);
 /// Errors: kInvalidArgument.
 Result<Algorithm> algorithm_from_name(std::string_view name);
 
-/// A key and its one algorithm. The key determines the algorithm, never the token: so a public key cannot be passed off as
-/// an HMAC secret. Immutable, cheap to copy, thread-safe.
+/// A key and its one algorithm: the token never chooses it, so a public key cannot be passed off as an HMAC secret.
+/// Immutable, cheap to copy, thread-safe.
 class TokenKey {
  public:
   static constexpr std::size_t kMinSecretBytes = 32;
@@ -58,8 +58,7 @@ class TokenKey {
 /// For OpenSSL: an encrypted PEM file must not make it ask for a passphrase on the terminal.
 int no_passphrase(char* buffer, int size, int writing, void* data);
 
-/// Reads a small file that holds a secret. Errors: kNotFound, kTooLarge (over 64 KiB), kRefused (readable by everybody or
-/// writable by its group).
+/// Errors: kNotFound, kTooLarge (over 64 KiB), kRefused (readable by everybody or writable by its group).
 Result<std::string> read_secret_file(const std::string& path);
 
 }  // namespace eigencast::broker

@@ -19,7 +19,6 @@ namespace {
 
 constexpr std::string_view kSessionContext = "eigencast";
 
-/// OpenSSL's last error.
 std::string openssl_reason() {
   std::array<char, 256> text{};
   const unsigned long code = ERR_peek_last_error();

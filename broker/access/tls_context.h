@@ -10,8 +10,8 @@
 
 namespace eigencast::broker {
 
-/// Loads certificate, key and rules of the TLS server; a renewed certificate needs a new context. Null: TLS is off. TLS 1.2 or newer, no renegotiation, no compression, ALPN http/1.1.
-/// Errors: kInvalidArgument, kNotFound, kRefused (others can read the key), the message names the setting and the file.
+/// Null: TLS is off. TLS 1.2 or newer, no renegotiation, no compression, ALPN http/1.1.
+/// Errors: kInvalidArgument, kNotFound, kRefused (others can read the key); the message names the setting and the file.
 Result<std::shared_ptr<SSL_CTX>> make_tls_context(const Config& config);
 
 /// Expiry of the certificate, Unix seconds. REQUIRES: made by make_tls_context()

@@ -11,9 +11,8 @@
 
 namespace eigencast::broker {
 
-/// Claims of verified tokens by SHA-256 of the token, so that a token is verified once. Holds valid tokens only, so that
-/// guesses take no room; cleared when full. Belongs to one policy and ends with it at a reload.
-/// Thread-safe.
+/// Claims of verified tokens by SHA-256 of the token, so that each is verified once and guesses take no room. Cleared
+/// when full. Thread-safe.
 class TokenCache {
  public:
   static constexpr std::size_t kMaxTokens = 4096;

@@ -15,8 +15,7 @@ namespace eigencast::broker {
 namespace {
 
 constexpr std::string_view kHash = "sha256:";
-/// Prefix of tokens, so that leaked ones can be found by a search.
-constexpr std::string_view kMark = "ect_";
+constexpr std::string_view kMark = "ect_";  ///< Leaked tokens can be found by a search.
 constexpr std::size_t kMaxNameBytes = 64;
 
 bool is_name(std::string_view name) {

@@ -43,7 +43,6 @@ class TokenFile {
   std::map<Sha256, StaticToken> tokens_;
 };
 
-/// A new token and its line for the file.
 struct NewStaticToken {
   std::string token;
   std::string line;

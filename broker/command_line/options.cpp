@@ -58,7 +58,6 @@ CLI::Option* add_flag(CLI::App& app, const Setting& setting, std::string& value)
   return option->description(shown->help);
 }
 
-/// An error for unknown words, with a suggestion.
 Error unknown_words(const CLI::App& app) {
   std::vector<std::string> words = app.remaining();
   const auto first = std::find_if(words.begin(), words.end(), [](const auto& word) { return word.starts_with('-'); });

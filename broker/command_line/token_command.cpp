@@ -138,7 +138,6 @@ CommandEnd inspect(const Arguments& arguments, const AccessPolicy& policy, std::
   return end;
 }
 
-/// The access policy of the broker's configuration.
 Result<std::shared_ptr<const AccessPolicy>> configured_policy(const std::string& file,
                                                               std::span<const std::string_view> environment) {
   ConfigSources sources;

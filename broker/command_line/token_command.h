@@ -12,7 +12,6 @@ class App;
 
 namespace eigencast::broker {
 
-/// Result of a command.
 struct CommandEnd {
   int code = 0;     ///< 0; 1: the token would be refused; 2: usage or configuration.
   std::string out;  ///< For standard output.

@@ -81,7 +81,6 @@ Result<void> check_value(const Setting& setting, const SettingValue& value) {
                                     std::to_string(setting.max));
 }
 
-/// The comma-separated items of a list, trimmed.
 std::vector<std::string> items_of(std::string_view text) {
   std::vector<std::string> items;
   for (const std::string_view part : split(text, ',')) {
@@ -90,7 +89,6 @@ std::vector<std::string> items_of(std::string_view text) {
   return items;
 }
 
-/// `text` as a value of the setting's type.
 Result<SettingValue> value_from_text(const Setting& setting, const Setting::Field& field, std::string_view text) {
   if (std::holds_alternative<std::string*>(field)) return SettingValue(std::string(text));
   if (std::holds_alternative<std::vector<std::string>*>(field)) return SettingValue(items_of(text));

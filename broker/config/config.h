@@ -32,7 +32,6 @@ struct Config {
 #include "broker/config/settings.def"
 };
 
-/// One row of the table of settings.
 struct Setting {
   using Field = std::variant<std::string*, bool*, std::int64_t*, std::vector<std::string>*>;
   std::string_view section;
@@ -51,16 +50,13 @@ struct Setting {
 
 /// All settings, in the order of the default file.
 std::span<const Setting> settings();
-/// Null: unknown.
-const Setting* find_setting(std::string_view path);
-/// The description of a section; empty: unknown.
-std::string_view section_doc(std::string_view section);
+const Setting* find_setting(std::string_view path);      ///< Null: unknown.
+std::string_view section_doc(std::string_view section);  ///< Empty: unknown.
 
 /// Sets one setting from the text of the environment or a flag.
 /// Errors: kInvalidArgument (unknown key, with a suggestion; wrong type; out of range).
 Result<void> set_config(Config& config, std::string_view path, std::string_view value);
 
-/// A value of one of TOML's types.
 using SettingValue = std::variant<std::string, bool, std::int64_t, std::vector<std::string>>;
 Result<void> set_config(Config& config, const Setting& setting, SettingValue value);
 SettingValue value_of(const Config& config, const Setting& setting);
@@ -69,10 +65,9 @@ std::string toml_of(const SettingValue& value);
 
 /// The name closest to `wanted`; empty: none is close.
 std::string closest_to(std::string_view wanted, std::span<const std::string> names);
-/// An error for an unknown key, with a suggestion.
-Error unknown_setting(std::string_view path);
+Error unknown_setting(std::string_view path);  ///< With a suggestion.
 
-/// Checks settings that depend on each other: addresses, TLS files, access rules for listening beyond loopback.
+/// Checks settings that depend on each other.
 Result<void> check_config(const Config& config);
 
 /// An "address:port"; IPv6 as "[::1]:7490". Errors: kInvalidArgument.

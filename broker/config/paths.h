@@ -5,8 +5,7 @@
 
 #include "broker/config/config.h"
 
-/// Paths of the broker's files. systemd passes folders in the environment of its services (systemd.exec(5)), so that units
-/// and configuration files need no absolute paths.
+/// Paths of the broker's files, by the folders that systemd names in the environment (systemd.exec(5)).
 namespace eigencast::broker {
 
 /// The folder of assets and recordings: server.data_dir, $STATE_DIRECTORY, $XDG_STATE_HOME/eigencast or

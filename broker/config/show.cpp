@@ -33,7 +33,6 @@ std::string comment(std::string_view text) {
   return out;
 }
 
-/// The setting's range and whether it is reloadable.
 std::string rules_of(const Setting& setting) {
   std::string rules;
   for (const auto choice : setting.choices) rules += (rules.empty() ? "one of " : ", ") + std::string(choice);
@@ -99,8 +98,7 @@ Config reloaded(const Config& running, const Config& wanted) {
   Config merged = running;
   for (const Setting& setting : settings()) {
     if (!setting.live) continue;
-    // The value was checked when `wanted` was read.
-    (void)set_config(merged, setting, value_of(wanted, setting));
+    (void)set_config(merged, setting, value_of(wanted, setting));  // Checked when `wanted` was read.
   }
   return merged;
 }

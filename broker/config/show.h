@@ -14,7 +14,6 @@ std::string default_file();
 /// Every setting as TOML with its origin; secrets as "(set)".
 std::string shown_config(const LoadedConfig& loaded);
 
-/// The effect of a reload on one setting.
 struct ConfigChange {
   std::string path;
   std::string before;  ///< As TOML; secrets as "(set)" or "".

@@ -18,7 +18,7 @@ void note(Origins* origins, const std::string& path, std::string where) {
   if (origins != nullptr) (*origins)[path] = std::move(where);
 }
 
-/// Nothing for types that no setting has. An empty list is a list of texts.
+/// Nothing for types that no setting has.
 std::optional<SettingValue> value_from_node(const toml::node& node) {
   if (const auto* text = node.as_string()) return SettingValue(text->get());
   if (const auto* flag = node.as_boolean()) return SettingValue(flag->get());
@@ -44,7 +44,6 @@ std::string lower(std::string_view text) {
   return changed_case(text, 'A', 'Z', 'a' - 'A');
 }
 
-/// Without leading blanks.
 std::string_view unindented(std::string_view text) {
   return text.substr(std::min(text.find_first_not_of(" \t"), text.size()));
 }
@@ -58,7 +57,7 @@ bool is_broken_header(std::string_view line) {
   return line.empty() || kBegins.find(line.front()) == std::string_view::npos;
 }
 
-/// Whether a line has non-ASCII characters outside comments and strings.
+/// Whether it has non-ASCII characters outside comments and strings.
 bool has_stray_characters(std::string_view line) {
   char quote = 0;
   for (std::size_t i = 0; i < line.size(); ++i) {

@@ -22,13 +22,12 @@ Result<void> read_config(Config& config, std::string_view toml, std::string_view
 /// The same from a file. Errors: kNotFound, kIo, kTooLarge (over 1 MiB), and those above.
 Result<void> read_config_file(Config& config, const std::string& path, Origins* origins = nullptr);
 
-/// Applies EIGENCAST_SECTION__KEY of `environment` ("NAME=value" lines) to `config`. Ignores names without __, which are
-/// other programs', except those that a second underscore would make a setting's: these are refused. Errors: as above.
+/// Applies EIGENCAST_SECTION__KEY of `environment` ("NAME=value"). Ignores names without __, except those that a second
+/// underscore would make a setting's: these are refused. Errors: as above.
 Result<void> read_environment(Config& config, std::span<const std::string_view> environment,
                               Origins* origins = nullptr);
 
-/// The sources of settings; flags win over the environment, that over the file, that over the defaults. A reload reads the
-/// same sources again.
+/// Flags win over the environment, that over the file, that over the defaults. A reload reads them again.
 struct ConfigSources {
   struct Flag {
     std::string name;  ///< --listen

@@ -55,7 +55,6 @@ struct EventCounts {
   std::uint64_t download_bytes = 0;
 };
 
-/// Everything that a loop counts for /metrics.
 struct Counters : EventCounts {
   /// Steps of viewers' ladders, by the rung they led to (Ladder::Step).
   std::map<std::string, std::uint64_t> ladder_down;

@@ -20,7 +20,6 @@ namespace eigencast::broker {
 
 enum class HttpMethod : std::uint8_t { kGet, kHead, kPut, kPost, kOptions, kOther };
 
-/// Status codes of this broker's answers.
 enum class HttpStatus : std::uint16_t {
   kOk = 200,
   kCreated = 201,
@@ -42,10 +41,10 @@ enum class HttpStatus : std::uint16_t {
   kInsufficientStorage = 507,
 };
 
-/// Header fields of an answer.
 using HttpHeaders = std::vector<std::pair<std::string_view, std::string>>;
 
-/// One HTTP/1.1 connection: TLS handshake, request heads one after the other, answers, and a close that loses no answer. Subclasses answer in on_head(). Kept alive by its pending operations. Belongs to the first event loop.
+/// One HTTP/1.1 connection: TLS handshake, request heads one after the other, answers, and a close that loses no
+/// answer. Kept alive by its pending operations. Belongs to the first event loop.
 /// Only its .cpp includes Boost.Beast, which takes long to compile.
 class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
  public:
@@ -61,18 +60,16 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   // The current request.
 
   HttpMethod method() const;
-  /// Whether the method is GET or HEAD.
   bool reads() const { return method() == HttpMethod::kGet || method() == HttpMethod::kHead; }
   std::string_view target() const;
-  /// The first field of that name; empty if there is none.
-  std::string header(std::string_view name) const;
+  std::string header(std::string_view name) const;  ///< The first field of that name, or empty.
   /// All fields of that name in order, joined by commas.
   std::string joined_headers(std::string_view name) const;
   std::optional<std::uint64_t> content_length() const;
   /// Whether it asks for a WebSocket (RFC 6455, 4.2.1) and waits for the answer before it sends more.
   bool is_websocket_upgrade() const;
   bool is_body_read() const;
-  /// Whether another request may follow on this connection. Unread body bytes would be taken for the next request.
+  /// Whether another request may follow: unread body bytes would be taken for it.
   bool can_keep_alive() const;
 
   /// Sends a whole answer, then reads the next request or closes. The body is JSON unless `headers` say otherwise.
@@ -82,7 +79,6 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   // For bodies that are sent or read piece by piece.
 
-  /// The head of an answer: `headers`, and what every answer carries.
   std::string head_of(HttpStatus status, HttpHeaders headers);
   /// Sends `bytes`, which the caller keeps, then calls `then`. Closes the connection on failure.
   void send(asio::const_buffer bytes, std::function<void()> then);
@@ -96,9 +92,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   /// Ends an answer: reads the next request if `keep`, else closes.
   void finish(bool keep);
   void close();
-  /// Runs `work`, which returns a Result, on the disk's threads, then `then` with the result on the loop, so that no
-  /// file access delays a frame. Keeps the connection alive. Objects that must not end on the disk's threads belong
-  /// into `then`, not into `work`. Both are copyable.
+  /// Runs `work`, which returns a Result, on the disk's threads, then `then` with it on the loop: no file access delays
+  /// a frame. Objects that must not end on the disk's threads belong into `then`. Both are copyable.
   template <typename Work, typename Then>
   void on_disk(Work work, Then then) {
     const auto outcome = std::make_shared<std::optional<decltype(work())>>();
@@ -107,7 +102,6 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   }
 
  protected:
-  /// Bounds of a request.
   struct Limits {
     std::int64_t head_ms = 0;      ///< Until the head is complete.
     std::int64_t transfer_ms = 0;  ///< Until an answer is sent.
@@ -117,11 +111,10 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   };
 
   HttpConnection(Context& context, Transport transport);
-  /// Called for each request.
-  virtual Limits limits() const = 0;
+  virtual Limits limits() const = 0;  ///< Of the current request.
   /// Answers the request whose head is complete.
   virtual void on_head() = 0;
-  /// Adds the headers that every answer carries.
+  /// Adds what every answer carries.
   virtual void decorate(HttpHeaders& headers) const = 0;
   const Context& context() const { return context_; }
 

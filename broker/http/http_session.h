@@ -7,8 +7,8 @@
 
 namespace eigencast::broker {
 
-/// Serves the data port: access, assets, the stream list, and WebSocket upgrades, which move the socket to a Publisher or
-/// Subscriber, a viewer's to the loop with the fewest connections.
+/// Serves the data port: assets, the stream list, and WebSocket upgrades, which move the socket to a Publisher or
+/// Subscriber.
 class HttpSession final : public HttpConnection {
  public:
   HttpSession(Context& context, Transport transport);

@@ -10,7 +10,6 @@
 
 namespace eigencast::broker {
 
-/// A parsed request target of the data port.
 struct Target {
   enum class Kind { kStreams, kAsset, kPublish, kSubscribe, kEcho };
   Kind kind = Kind::kStreams;  ///< kEcho: builds with EIGENCAST_TEST_ENDPOINTS only.
@@ -23,13 +22,12 @@ struct Target {
 /// Errors: kNotFound (no such path), kInvalidArgument (an invalid stream name or hash, two tokens).
 Result<Target> target_from_text(std::string_view text, std::string_view prefix = {});
 
-/// The bytes [first, last] of a range request.
+/// The bytes [first, last].
 struct ByteRange {
   std::uint64_t first = 0;
   std::uint64_t last = 0;
 };
 
-/// A Range header applied to an object's size.
 struct RangeRequest {
   enum class Kind { kWhole, kPart, kUnsatisfiable };
   Kind kind = Kind::kWhole;

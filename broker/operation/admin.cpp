@@ -24,8 +24,7 @@ namespace eigencast::broker {
 namespace {
 
 constexpr std::int64_t kTimeoutMs = 5'000;
-/// Bodies are ignored: parameters are in the query.
-constexpr std::uint64_t kMaxBodyBytes = 64 * 1024;
+constexpr std::uint64_t kMaxBodyBytes = 64 * 1024;  ///< Ignored: parameters are in the query.
 
 /// One request, one answer.
 class AdminSession final : public HttpConnection {

@@ -6,8 +6,7 @@
 
 namespace eigencast::broker {
 
-/// Serves one request on a connection of the admin port: health, metrics, status page, admin API (docs/operations.md lists
-/// the paths).
+/// Serves one request on a connection of the admin port (docs/operations.md lists the paths).
 void serve_admin(Context& context, Socket socket);
 
 }  // namespace eigencast::broker

@@ -11,9 +11,8 @@
 
 namespace eigencast::broker {
 
-/// Rate limit for log lines, so that a flood of one kind (a client that fails a thousand times a second) cannot fill the
-/// disk or hide the others. Lines that differ in digits only are of one kind; a few of each kind pass per period, and the
-/// next one reports the number omitted. Remembers a bounded number of kinds. Not thread-safe.
+/// Keeps a flood of log lines of one kind from filling the disk or hiding the others: a few of each kind pass per
+/// period. Lines that differ in digits only are of one kind. Not thread-safe.
 class LogThrottle {
  public:
   struct Settings {

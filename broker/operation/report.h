@@ -13,7 +13,6 @@ namespace eigencast::broker {
 std::string streams_report(const Context& context, const Statistics& statistics);
 std::string clients_report(const Statistics& statistics);
 std::string recordings_report(const Context& context);
-/// The broker as a whole: version, uptime, totals.
 std::string broker_report(const Context& context, const Statistics& statistics);
 
 /// The status page with the nonce of its Content-Security-Policy.

@@ -15,11 +15,11 @@ struct InheritedSockets {
   int admin = -1;
 };
 
-/// Protocol with systemd or a compatible manager: sd_notify(3) and sd_listen_fds(3). Without one every call does nothing. Not thread-safe; inherited_sockets() changes the environment: before threads are
-/// started.
+/// Protocol with systemd: sd_notify(3) and sd_listen_fds(3). Without one every call does nothing. Not thread-safe.
 namespace service_manager {
 
-/// The sockets named "data" and "admin" (FileDescriptorName=); a single unnamed one is data.
+/// The sockets named "data" and "admin" (FileDescriptorName=); a single unnamed one is data. Changes the environment:
+/// call before threads are started.
 /// Errors: kInvalidArgument (others than those, or not a listening TCP socket).
 Result<InheritedSockets> inherited_sockets();
 

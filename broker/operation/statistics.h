@@ -13,7 +13,6 @@ namespace eigencast::broker {
 
 /// Totals of all event loops for the admin port: each loop adds its part on its own thread (Loops::for_each_loop).
 struct Statistics {
-  /// Output of a stream's feeds in all loops.
   struct Made {
     std::uint64_t frames = 0;
     std::uint64_t poses_failed = 0;
@@ -23,8 +22,7 @@ struct Statistics {
   void add(const Context& loop);
   /// Takes time in proportion to the clients.
   void add_clients(const Context& loop);
-  /// Zeros for an unknown stream.
-  Made made_of(const std::string& stream) const;
+  Made made_of(const std::string& stream) const;  ///< Zeros for an unknown stream.
 
   Counters counters;
   std::vector<std::uint64_t> connections;  ///< Open connections of each loop.

@@ -29,8 +29,7 @@ Error io_error(const std::string& what, int number) {
   return fail(ErrorCode::kIo, std::move(message));
 }
 
-/// Larger objects are not searched for references; manifests are far smaller.
-constexpr std::uint64_t kMaxListBytes = 32u << 20;
+constexpr std::uint64_t kMaxListBytes = 32u << 20;  ///< Manifests are far smaller.
 /// Period of updates of a file's times, which keep its last use across restarts.
 constexpr TimeUs kTouchUs = 60'000'000;
 

@@ -26,9 +26,8 @@ namespace eigencast::broker {
 /// Layout: DIR/assets/ab/abcdef..., and DIR/assets/uploading/ for unverified or evicted files (emptied by open()).
 ///
 /// When an upload needs space, the least recently used objects that no stream uses are evicted. A stream uses the asset
-/// that it announced and every object whose 32-byte id occurs in it: so the store keeps the chunks of a manifest without
-/// parsing it. At worst it keeps too much (after Boehm and Weiser, "Garbage collection in an uncooperative environment",
-/// 1988).
+/// that it announced and every object whose 32-byte id occurs in it: chunks of a manifest stay without parsing it, at
+/// worst too many (after Boehm and Weiser, "Garbage collection in an uncooperative environment", 1988).
 ///
 /// Thread-safe, except that an Upload belongs to one thread at a time. Everything but contains() and the counters may
 /// block on the disk.
@@ -41,7 +40,7 @@ class AssetStore final : public StreamTap {
     TimeUs min_idle_us = 60'000'000;
   };
 
-  /// An upload in progress. Leaves nothing behind unless commit() succeeds.
+  /// Leaves nothing behind unless commit() succeeds.
   class Upload {
    public:
     ~Upload();
@@ -71,27 +70,25 @@ class AssetStore final : public StreamTap {
     std::uint64_t size = 0;
   };
 
-  /// Creates the folders. Errors: kIo, kRefused (another broker uses the folder).
+  /// Errors: kIo, kRefused (another broker uses the folder).
   static Result<std::unique_ptr<AssetStore>> open(const std::string& data_dir, const Settings& settings);
   ~AssetStore() override;
 
   bool contains(const Sha256& id) const;
-  /// Errors: kNotFound, kIo.
+  // Errors of these: kNotFound, kIo.
   Result<Object> read(const Sha256& id) const;
   /// Errors: kIo.
   Result<std::unique_ptr<Upload>> begin_upload(const Sha256& id);
 
-  /// Sets the asset that `stream` uses, which protects it and its objects from eviction. Nothing: the stream is removed.
+  /// Protects the asset that `stream` uses and its objects from eviction. Nothing: the stream is removed.
   void set_used(std::string_view stream, const std::optional<Sha256>& asset);
-  // StreamTap: tracks the assets in use.
   void on_announced(const Stream& stream) override;
   void on_key(const Stream&, const KeyRecordPtr&) override {}
   void on_stalled(const Stream&) override {}
   void on_forgotten(const Stream& stream) override;
 
-  /// The content of an object. Errors: as read().
   Result<Bytes> bytes_of(const Sha256& id) const;
-  /// The stored objects whose ids occur in object `id`, in order of occurrence. Errors: as read().
+  /// The stored objects whose ids occur in object `id`, in order of occurrence.
   Result<std::vector<Sha256>> references_of(const Sha256& id) const;
 
   std::uint64_t total_bytes() const { return total_bytes_; }
@@ -112,12 +109,10 @@ class AssetStore final : public StreamTap {
   std::set<Sha256> needed() const;
   /// Evicts objects until the store is within its quota or none is idle.
   void make_room();
-  /// Does nothing if it was used since `used_us`.
-  void evict(const Sha256& id, TimeUs used_us);
+  void evict(const Sha256& id, TimeUs used_us);  ///< Unless it was used since.
   /// Makes a verified file an object. False: it existed; counts as a use.
   Result<bool> admit(const Sha256& id, const std::string& verified, std::uint64_t size);
-  /// A new path in the folder that open() empties.
-  std::string temporary_path();
+  std::string temporary_path();  ///< In the folder that open() empties.
 
   std::string root_;
   Settings settings_;

@@ -20,7 +20,6 @@ namespace fs = std::filesystem;
 using std::chrono::milliseconds;
 
 constexpr std::string_view kSuffix = ".ecrec";
-/// Period of writes; the file is synced once a second.
 constexpr milliseconds kFlushEvery{200};
 constexpr TimeUs kSyncEveryUs = 1'000'000;
 constexpr TimeUs kCheckpointEveryUs = 1'000'000;

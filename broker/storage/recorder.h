@@ -20,7 +20,6 @@
 
 namespace eigencast::broker {
 
-/// State of one recording.
 struct RecordingInfo {
   enum class State : std::uint8_t { kWaiting, kRecording, kFinished, kFailed };
   std::string stream;
@@ -36,9 +35,8 @@ std::string_view name_of(RecordingInfo::State state);
 
 /// Records streams into files (docs/recording-format.md), one file each, on its own thread.
 ///
-/// The event loop only enqueues shared keys. The queue is bounded in bytes; keys beyond are dropped, counted, logged and
-/// bridged by a checkpoint: recording never delays a frame. If the disk fails or is full, the recording ends with an
-/// error and streaming continues. Thread-safe.
+/// Keys beyond the bound of the queue are dropped, counted, logged and bridged by a checkpoint: recording never delays
+/// a frame. If the disk fails or is full, the recording ends and streaming continues. Thread-safe.
 class Recorder final : public StreamTap {
  public:
   struct Settings {
