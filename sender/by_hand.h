@@ -9,11 +9,10 @@
 
 namespace eigencast {
 
-/// Whether there is a display for deform_by_hand(). Errors: kUnsupported.
+/// Errors: kUnsupported (no display, or a build without windows).
 Result<void> find_display();
 
-/// deform without a script: a window, until it is closed or the duration is over. Gives the report as JSON. Errors:
-/// kUnsupported (no display, or a build without windows).
+/// Until the window is closed or the duration is over. Gives the report as JSON. Errors: as find_display().
 Result<std::string> deform_by_hand(const DeformCommand& command, deform::Deformer& deformer,
                                    deform::ProjectedDeformer& projected, const Asset& asset, Publisher& publisher,
                                    Interrupt& interrupt);

@@ -16,19 +16,16 @@ namespace eigencast {
 /// grow with the clip. Keeps references to clip and projector. Not thread-safe.
 class ClipCoefficients {
  public:
-  /// velocities: read and project these as well.
-  /// Errors: those of the clip, naming the frame; kCancelled (progress said so); kIo (no room for them on disk);
-  /// kUnsupported (it states no velocities).
+  /// velocities: project these too. Errors: the clip's, naming the frame; kCancelled; kIo; kUnsupported (it has none).
   static Result<ClipCoefficients> create(const MotionClip& clip, const Projector& projector,
                                          const BakeProgress& progress, bool velocities = false);
 
   /// r x 3, row-major, and behind them, if asked for, their velocities per second of the clip, likewise. Errors: kIo.
   Result<std::vector<double>> at(std::size_t frame) const;
-  /// Frames that do not follow from the others, a line each; see JumpFinder.
   const std::vector<std::string>& findings() const { return findings_; }
-  /// Errors: kInvalidArgument: the clip's vertices are in another order than its faces'; see JumpFinder.
+  /// Errors: kInvalidArgument (another order of vertices). This and findings(): see JumpFinder.
   const Result<void>& order() const { return order_; }
-  /// False for a clip whose coefficients are more than CoefficientStore takes: it is projected while it plays.
+  /// False for more than CoefficientStore takes: it is projected while it plays.
   bool stored() const { return store_.has_value(); }
 
  private:

@@ -14,7 +14,7 @@
 namespace eigencast {
 namespace {
 
-/// Without a name, so that it goes with the process. Null, with errno, where none can be made.
+/// Null, with errno, where none can be made.
 std::FILE* temporary_file() {
   std::error_code code;
   std::string name = (std::filesystem::temp_directory_path(code) / "eigencast-coefficients-XXXXXX").string();

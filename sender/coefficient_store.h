@@ -11,9 +11,8 @@
 
 namespace eigencast {
 
-/// Coefficients of the frames of a clip, so that playing reads and projects nothing: in memory while they are few, else
-/// in a temporary file without a name, which goes with the process. Frames may be put and read in any order. Not
-/// thread-safe.
+/// Coefficients of a clip's frames: in memory while few, else in a temporary file without a name, which goes with the
+/// process. Not thread-safe.
 class CoefficientStore {
  public:
   static constexpr std::uint64_t kMaxBytesInMemory = std::uint64_t{64} << 20;
@@ -26,7 +25,7 @@ class CoefficientStore {
   bool on_disk() const { return file_ != nullptr; }
   /// Errors: kIo (no room). REQUIRES: frame < frames, C.size() == values.
   Result<void> put(std::size_t frame, const std::vector<double>& C);
-  /// What was put. Errors: kIo. REQUIRES: frame was put.
+  /// Errors: kIo. REQUIRES: frame was put.
   Result<std::vector<double>> at(std::size_t frame) const;
 
  private:

@@ -46,7 +46,6 @@ constexpr const char* kExitStatus = R"(0  done
 2  wrong usage
 4  the broker was not reached, or said no)";
 
-/// Everything the options write to; lives as long as the invocation.
 struct Settings {
   Console console;
   bool no_progress = false;
@@ -64,7 +63,6 @@ struct Settings {
   ReplayCommand replay;
 };
 
-/// The command runs with what the options have written to `command`.
 template <typename Command>
 void runs(CLI::App& app, Settings& s, Command& command) {
   app.callback(
@@ -247,7 +245,6 @@ void add_commands(CLI::App& app, Settings& s) {
   add_completion_command(app, s);
 }
 
-/// What no single option can say.
 Result<void> check_together(const CLI::App& app, const Settings& s) {
   const CLI::App* command = app.get_subcommands().front();
   if (command->get_option_no_throw("--cage") == nullptr) return {};
@@ -264,7 +261,6 @@ Result<void> check_together(const CLI::App& app, const Settings& s) {
   return {};
 }
 
-/// Names and contexts become URLs.
 Result<void> resolve_targets(const CLI::App& app, Settings& s) {
   TargetOptions* target = app.got_subcommand("play")     ? &s.play.target
                           : app.got_subcommand("pipe")   ? &s.pipe.target
@@ -289,7 +285,7 @@ Result<void> resolve_targets(const CLI::App& app, Settings& s) {
   return {};
 }
 
-/// The error of a first word that is not a command; empty if it is one, or an option.
+/// Empty: it is one, or an option.
 std::string refusal_of_command(CLI::App& app, int argc, char** argv) {
   if (argc < 2 || *argv[1] == '-') return {};
   std::string names;
@@ -304,7 +300,6 @@ std::string refusal_of_command(CLI::App& app, int argc, char** argv) {
 
 Invocation parse_command_line(int argc, char** argv) {
   auto settings = std::make_shared<Settings>();
-  // Lives as long as the invocation: completion scripts are made from it.
   auto app = std::make_shared<CLI::App>(
       "Bakes deforming surfaces into streamable assets and streams their motion to a broker.", "eigencast-sender");
   app->footer(std::string("examples:\n") + kExamples + "\nexit status:\n" + kExitStatus);

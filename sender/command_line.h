@@ -7,15 +7,13 @@
 
 namespace eigencast {
 
-/// What the command line asks for: a command to run, or an exit status at once (help, version, or an error that was
-/// printed).
+/// A command to run, or an exit status at once: help, version, or an error that was printed.
 struct Invocation {
   std::function<int(Interrupt&)> run;
   int status = kExitOk;
   bool verbose = false;
 };
 
-/// Reads the command line; prints help, version and usage errors itself.
 Invocation parse_command_line(int argc, char** argv);
 
 }  // namespace eigencast

@@ -11,7 +11,6 @@
 
 namespace eigencast {
 
-/// Exit statuses of the program.
 enum ExitCode {
   kExitOk = 0,
   kExitFailed = 1,
@@ -19,7 +18,6 @@ enum ExitCode {
   kExitUnreachable = 4,  ///< The broker was not reached, or said no.
 };
 
-/// What all commands print with.
 struct Console {
   bool progress = false;  ///< Show progress on standard error.
 };
@@ -30,7 +28,6 @@ struct BakeCommand {
   std::string json;     ///< Write a report there; empty: no.
 };
 
-/// Where poses are sent and how they are coded.
 struct TargetOptions {
   std::string url;  ///< Before resolve(): what --to says.
   Credentials credentials;
@@ -124,16 +121,16 @@ int run(const ExportCommand& command, const Console& console, Interrupt& interru
 int run(const EvaluateCommand& command, const Console& console, Interrupt& interrupt);
 int run(const ReplayCommand& command, const Console& console, Interrupt& interrupt);
 
-/// Bakes with progress on the console, cancelled by the interrupt. opened: as bake_source().
+/// opened: as bake_source().
 Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt,
                                   OpenedSource opened = {});
 
 /// Logs the error and gives its exit status; an interrupted run says only that.
 int report_failure(const Error& error);
 
-/// Writes a JSON text to `path` as a whole or not at all; "-": to standard output. An empty path does nothing.
+/// As a whole or not at all; "-": to standard output. An empty path does nothing.
 Result<void> write_report(const std::string& path, const std::string& text);
-/// The same, at the end of a command; an error is logged. Gives the exit status.
+/// Gives the exit status; an error is logged.
 int end_with_report(const std::string& path, const std::string& text);
 
 }  // namespace eigencast

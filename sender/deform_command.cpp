@@ -30,7 +30,6 @@ using deform::Script;
 
 constexpr std::uintmax_t kMaxScriptBytes = 64 << 20;
 
-/// All that is known of a deformation before its basis is there.
 struct Plan {
   OpenedSource model;
   std::unique_ptr<Deformer> deformer;       ///< Null: by hand among the shapes of the basis, for which `groups` wait.
@@ -76,7 +75,7 @@ Result<Script> script_of(const std::string& what, std::span<const Vec3> handles)
   return script;
 }
 
-/// Reads, checks and binds all that does not need the basis, so that its errors are reported before the bake.
+/// What does not need the basis, so that its errors are reported before the bake.
 Result<Plan> plan_of(const DeformCommand& command, const Console& console, Interrupt& interrupt) {
   if (command.script.empty()) {
     if (const auto window = find_display(); !window) return window.error();
@@ -112,7 +111,6 @@ Result<Plan> plan_of(const DeformCommand& command, const Console& console, Inter
   return plan;
 }
 
-/// A script that is streamed.
 class ScriptRun {
  public:
   ScriptRun(const DeformCommand& command, Deformer& deformer, ProjectedDeformer projected, const Script& script)
@@ -137,7 +135,7 @@ class ScriptRun {
     return {};
   }
 
-  /// How far what is sent lies from the full-detail deformation, over one turn of the script.
+  /// Over one turn of the script.
   Result<SurfaceError> error(const Asset& asset) {
     constexpr int kPoses = 24;
     SurfaceErrorSum sum(asset.diagonal());

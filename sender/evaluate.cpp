@@ -29,8 +29,7 @@ class Stopwatch {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
-/// Codes a key against the state, decodes it again, and advances the state, whose newer key it then is. Returns the
-/// payload's bytes; 0 for the first, which joins.
+/// Returns the payload's bytes; 0 for the first key, which joins. The newer key of the state is then what was decoded.
 Result<std::size_t> code_key(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing,
                              std::optional<ChainState>& state, Evaluation& result) {
   if (!state) {
@@ -50,7 +49,6 @@ Result<std::size_t> code_key(const CoefficientLayout& layout, const Key& key, st
   return coded->payload.size();
 }
 
-/// The same pose again and again, after the motion that `state` has seen.
 Result<StillPose> still_pose(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing,
                              std::optional<ChainState> state, const Asset& asset) {
   Evaluation uncounted;
@@ -68,7 +66,7 @@ Result<StillPose> still_pose(const CoefficientLayout& layout, const Key& key, st
   return still;
 }
 
-/// What the receiver of coefficients rebuilds, and the truth beside it, both in the asset's order and space.
+/// Both in the asset's order and space.
 class Rows {
  public:
   explicit Rows(const Asset& asset) : asset_(asset), floats_(3 * std::size_t{asset.vertex_count}) {
@@ -97,7 +95,6 @@ class Rows {
   std::vector<float> floats_;
 };
 
-/// Sums of what every frame adds to.
 class Sums {
  public:
   Sums(const Asset& asset, const MotionClip& clip, const EvaluateOptions& options)

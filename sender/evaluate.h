@@ -25,7 +25,6 @@ struct StillPose {
                                   ///< the diagonal.
 };
 
-/// What streaming a clip costs and loses, without a network.
 struct Evaluation {
   SurfaceError truncation;           ///< Basis alone.
   SurfaceError total;                ///< Basis and codec: what every receiver at full detail sees.
@@ -48,9 +47,7 @@ struct Evaluation {
 /// step of one coefficient moves the surface by step x diagonal (rms): eps = (step diagonal / 2) sqrt(r), by Parseval.
 double eps_from_step(const Asset& asset, double step);
 
-/// Projects, codes, decodes and rebuilds every frame of the clip once.
-/// Errors: those of the clip; kInvalidArgument (its vertices are in another order than its faces'); kInternal if a
-/// decoder did not give back what the encoder was given; kCancelled (progress said so).
+/// Errors: the clip's; kInvalidArgument (another order of vertices); kInternal (the decoder differs); kCancelled.
 Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const EvaluateOptions& options,
                             const BakeProgress& progress = {});
 

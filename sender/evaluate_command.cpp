@@ -27,7 +27,6 @@ std::vector<CodecToTry> codecs_of(const EvaluateCommand& command, const Asset& a
   return codecs;
 }
 
-/// All of several, before the first is baked.
 Result<void> check_bases(const EvaluateCommand& command) {
   if (command.bases.size() < 2) return {};
   const auto clip = open_source(command.source);
@@ -39,7 +38,6 @@ Result<void> check_bases(const EvaluateCommand& command) {
   return {};
 }
 
-/// Bakes once, and evaluates with each codec.
 Result<void> evaluate_basis(const EvaluateCommand& command, BasisKind basis, int rank, CodecKind codec,
                             const Console& console, Interrupt& interrupt, std::vector<EvaluatedRow>& rows) {
   SourceOptions options = command.source;

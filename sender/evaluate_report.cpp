@@ -53,7 +53,6 @@ std::string table_line(const EvaluatedRow& row, const LevelError& level, double 
                    e.wire_kbit_per_s(rate_hz), static_cast<double>(row.asset_bytes) * 1e-6);
 }
 
-/// What the table has no column for.
 std::string notes_on(const EvaluatedRow& row) {
   const Evaluation& e = row.evaluation;
   std::string still = e.still.settles_after == 0

@@ -8,7 +8,6 @@
 
 namespace eigencast {
 
-/// One basis with one codec, evaluated.
 struct EvaluatedRow {
   std::string basis, detail;
   std::uint32_t rank = 0;
@@ -19,16 +18,13 @@ struct EvaluatedRow {
   Evaluation evaluation;
 };
 
-/// What was evaluated, for reports.
 struct EvaluatedClip {
   std::string input, codec;
   double rate_hz = 30;
   std::vector<EvaluatedRow> rows;
 };
 
-/// For people: a line for each basis, rank, codec step and level.
 std::string table_of(const EvaluatedClip& clip);
-/// Everything as JSON, for programs.
 std::string report_of(const EvaluatedClip& clip);
 
 }  // namespace eigencast

@@ -6,14 +6,12 @@
 namespace eigencast {
 
 /// Turns SIGINT and SIGTERM into something to ask for. Make it before any thread is started: it blocks both signals for
-/// the calling thread and all that come from it. Poses are sent when it has waited, so that these threads sleep on time
-/// as well. Use from that thread.
+/// the calling thread and its children, and lets them sleep on time. Use from that thread.
 class Interrupt {
  public:
   Interrupt();
-  /// Waits until `deadline_us` on the steady clock; true if a signal came, now or before.
+  /// True if a signal came, now or before.
   bool wait_until(TimeUs deadline_us);
-  /// As wait_until in the past: does not wait.
   bool requested() { return wait_until(0); }
 
  private:

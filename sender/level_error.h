@@ -12,7 +12,6 @@
 
 namespace eigencast {
 
-/// How far a level of detail is from the truth, over a set of poses.
 struct LevelError {
   double fraction = 1;  ///< As it was asked for.
   std::uint32_t vertices = 0;
@@ -22,12 +21,11 @@ struct LevelError {
   EdgeDifferenceError edges;  ///< Of the level's edges; 0 for point clouds.
 };
 
-/// Sums up the error of a level over poses that come one by one. The Hausdorff distance is that of the vertices of
-/// either surface to the other's triangles (points: to its points), and of points on the level's triangles no farther
-/// apart than the edges at full detail. Keeps a reference to the asset. Not thread-safe.
+/// The Hausdorff distance is that of either surface's vertices to the other's triangles (or points), and of points on the
+/// level's triangles no farther apart than the edges at full detail. Keeps a reference to the asset. Not thread-safe.
 class LevelErrorSum {
  public:
-  /// REQUIRES: the asset is complete; rest: its rest pose, n rows.
+  /// REQUIRES: the asset is complete; rest: n rows.
   LevelErrorSum(const Asset& asset, double fraction, std::span<const Vec3> rest);
 
   /// truth, rebuilt: n rows in the asset's order; `surface` is at the truth.
@@ -35,7 +33,6 @@ class LevelErrorSum {
   LevelError result() const;
 
  private:
-  /// A point of a triangle of the level.
   struct Sample {
     Face corners;
     std::array<double, 3> weights;

@@ -13,32 +13,28 @@
 
 namespace eigencast {
 
-/// The refusal of a clip in another order than its faces' (JumpFinder::order and the like), with the way round it.
-///   any_order  the user takes any: nothing is refused
+/// The refusal of a clip in another order than its faces' (as of JumpFinder::order), with the way round it.
 Result<void> accept_order(const Result<void>& order, bool any_order);
 
-/// At most so many frames, spread evenly over a clip; the last is among them.
+/// Spread evenly over a clip; the last is among them.
 std::vector<std::size_t> sample_frames(std::size_t frame_count, std::size_t most);
 
-/// Whether these frames fit the mesh: a line about those that do not; empty: all do.
-/// Errors: those of the clip; kInvalidArgument: most frames certainly are in another order, and not any order is taken.
+/// A line about those that do not fit the mesh; empty: all do.
+/// Errors: the clip's; kInvalidArgument: most frames certainly are in another order, and `any_order` is false.
 Result<std::string> check_frames(const Surface& mesh, const MotionClip& clip, const std::vector<std::size_t>& frames,
                                  bool any_order);
 
-/// The time from the start of one check to the next, so that checks take at most a fifth of the time for the first
-/// poses, then a fiftieth.
-///   checked  how many poses were checked
-///   size     of the mesh: vertices and faces
+/// From the start of one check to the next: checks take at most a fifth of the time for the first poses, then a fiftieth.
+///   size  of the mesh: vertices and faces
 TimeUs pause_between_checks(std::uint64_t checked, std::size_t size);
 
-/// Checks poses of a mesh as they arrive: the first ones, then one every 0.2 s; of large meshes fewer.
-/// Not thread-safe.
+/// The first poses of a mesh, then one every 0.2 s; of large meshes fewer. Not thread-safe.
 class ArrivalCheck {
  public:
   ArrivalCheck(const Surface& mesh, bool any_order)
       : order_(mesh), size_(mesh.vertex_count() + mesh.faces.size()), any_order_(any_order) {}
 
-  /// positions: n x 3. A line for people where misfits begin or become others; else nothing.
+  /// A line where misfits begin or become others; else nothing. positions: n x 3.
   /// Errors: kInvalidArgument: the very first pose certainly is in another order.
   Result<std::optional<std::string>> check(std::span<const float> positions, std::uint64_t number, TimeUs now_us);
   std::uint64_t misfits() const { return misfits_; }  ///< Of the checked poses.

@@ -18,7 +18,7 @@ namespace {
 constexpr int kPollMs = 50;
 constexpr TimeUs kFirstConnectionUs = 5'000'000;
 
-/// Reads what is there into `room`; 0 at the end of the stream, nothing if interrupted.
+/// 0 at the end of the stream, nothing if interrupted.
 Result<std::optional<std::size_t>> read_some(std::span<char> room, Interrupt& interrupt) {
   while (!interrupt.requested()) {
     pollfd input{STDIN_FILENO, POLLIN, 0};

@@ -21,7 +21,7 @@ namespace {
 
 using nlohmann::json;
 
-/// The record of what was sent when (tools/compare).
+/// For tools/compare.
 class SentRecord {
  public:
   Result<void> open(const std::string& path) {
@@ -42,7 +42,6 @@ class SentRecord {
   std::ofstream out_;
 };
 
-/// One run of the play loop and what it counted.
 class Player {
  public:
   Player(const PlayCommand& command, const Console& console, Source source, SentRecord& record)
@@ -52,7 +51,6 @@ class Player {
   json report() const;
 
  private:
-  /// Seconds of --duration that are left at `now_us`.
   double seconds_left(TimeUs now_us) const {
     return command_.duration_s - static_cast<double>(now_us - try_us_) * 1e-6;
   }
@@ -102,7 +100,6 @@ Result<ClipCoefficients> Player::read_clip(const Projector& projector, Interrupt
   return coefficients;
 }
 
-/// values: as ClipCoefficients gives them.
 SendStatus Player::send(std::vector<double>& values, TimeUs due_us) {
   if (!command_.velocities) return publisher_->send_coefficients(values, due_us);
   const std::span<double> all(values), V = all.subspan(values.size() / 2);
@@ -166,7 +163,7 @@ json Player::report() const {
           {"findings", findings_}};
 }
 
-/// Checks all but the surface and the poses before the bake, which may take minutes.
+/// Before the bake, which may take minutes.
 Result<OpenedSource> prepare(const PlayCommand& command, SentRecord& record) {
   if (const auto opened = record.open(command.record); !opened) return opened.error();
   auto clip = open_source(command.source);

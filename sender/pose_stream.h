@@ -12,7 +12,7 @@
 
 namespace eigencast {
 
-/// Poses out of a stream of bytes, as `eigencast-sender pipe` reads them; little-endian:
+/// A stream of bytes, as `eigencast-sender pipe` reads it; little-endian:
 ///
 ///   stream = [header] pose*
 ///   header = "ECPOSES1", u32 flags (bit 0: poses have times; others 0), u32 vertices
@@ -24,17 +24,15 @@ class PoseStream {
  public:
   explicit PoseStream(std::size_t vertices);
 
-  /// Where the next bytes go: never empty, never beyond the pose (or header) under way.
+  /// Never empty, never beyond the pose (or header) under way.
   std::span<char> room();
-  /// `bytes` of room() have been filled. True when a pose is whole; it stays until room() is called again.
-  /// Errors: kCorrupt (header for another mesh, unknown flags).
+  /// True when a pose is whole; it stays until room() is called again. Errors: kCorrupt (another mesh, unknown flags).
   Result<bool> filled(std::size_t bytes);
 
   const std::vector<float>& positions() const { return positions_; }
   std::optional<double> time_s() const { return time_s_; }
-  /// Poses that were whole.
   std::uint64_t count() const { return count_; }
-  /// Bytes of a pose that has only begun: of a stream that ends now, what is missing its rest.
+  /// Of a pose that has only begun.
   std::size_t unfinished_bytes() const { return done_ ? 0 : filled_; }
 
  private:
@@ -52,18 +50,15 @@ class PoseStream {
   std::uint64_t count_ = 0;
 };
 
-/// When piped poses are due: as they arrive, at an even rate, or at the times they state. A source that falls behind
-/// its own times by more than `kPatienceUs` is not made up for: time starts anew there, and that is counted. Pure. Not
-/// thread-safe.
+/// When piped poses are due. A source that falls behind its own times by more than `kPatienceUs` is not made up for: time
+/// starts anew there, and that is counted. Pure. Not thread-safe.
 class PipePace {
  public:
   static constexpr TimeUs kPatienceUs = 100'000;
   /// rate_hz: 0: as they arrive, or at the times they state.
   explicit PipePace(double rate_hz) : rate_hz_(rate_hz) {}
 
-  /// The capture time of the next pose, which arrived at `arrival_us` and states `time_s`, or not; later than all
-  /// before it.
-  /// Errors: kCorrupt (a stated time that is not finite or not after the one before).
+  /// Later than all before. Errors: kCorrupt (a stated time that is not finite or not after the one before).
   Result<TimeUs> due_us(TimeUs arrival_us, std::optional<double> time_s);
   std::uint64_t restarts() const { return restarts_; }
 

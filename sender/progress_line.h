@@ -10,19 +10,16 @@
 namespace eigencast {
 
 /// "solving eigenpairs  [#####.....]  43 %  12 s left", rewritten in place on a terminal; elsewhere nothing.
-/// The text is made apart from the writing, so that it can be tested. Not thread-safe.
 class ProgressLine {
  public:
-  /// shown: else nothing is written.
   ProgressLine(bool shown, Interrupt& interrupt) : shown_(shown), interrupt_(interrupt) {}
   ~ProgressLine() { finish(); }
 
-  /// Shows how far a stage is on standard error. False: interrupted.
+  /// False: interrupted.
   bool operator()(double fraction, std::string_view stage);
-  /// Ends the line on a terminal.
   void finish();
 
-  /// The line for a computation that began `elapsed_us` ago. Time left is stated from 2 % and 1 s on.
+  /// Time left is stated from 2 % and 1 s on.
   static std::string text(double fraction, std::string_view stage, TimeUs elapsed_us);
 
  private:

@@ -9,7 +9,6 @@
 
 namespace eigencast {
 
-/// A basis that was tried.
 struct TriedRank {
   int rank = 0;      ///< That it has; less than asked for where the surface has too few vertices.
   double error = 0;  ///< Rms error that it leaves on the sample poses, over the diagonal.
@@ -21,11 +20,9 @@ struct RankChoice {
   std::string text(double target) const;  ///< What was chosen and why, in a line.
 };
 
-/// A small rank whose error is not above `target`: ranks are doubled until one does, then what lies between is
-/// searched, where errors fall as powers of the rank, until a sixteenth is left. Each try is a bake.
-///   error_of  bakes with a rank and measures
-/// Errors: those of error_of; kInvalidArgument where `largest`, or the largest that the surface has vertices for, does
-/// not do.
+/// A small rank whose error is not above `target`: ranks are doubled until one does, then what lies between is searched,
+/// where errors fall as powers of the rank, until a sixteenth is left. Each try is a bake.
+/// Errors: those of error_of; kInvalidArgument where the largest rank, or that of the surface, does not do.
 Result<RankChoice> choose_rank(double target, int largest, const std::function<Result<TriedRank>(int rank)>& error_of);
 
 }  // namespace eigencast

@@ -26,26 +26,24 @@ namespace {
 using recording::Record;
 using recording::Type;
 
-/// How often a refusal for good is polled.
 constexpr TimeUs kPollUs = 100'000;
 /// Longer pauses of the recording are cut to this.
 constexpr TimeUs kLongestPauseUs = 5'000'000;
 
-/// One pose of a recording, out of its chain.
 struct Pose {
   Key key;
   Bytes coded;         ///< As a key of its chain; empty: it was a join.
   TimeUs time_us = 0;  ///< Of the recording.
 };
 
-/// Follows the recorded chain, so that playing can begin anywhere.
+/// So that playing can begin anywhere.
 class ChainFollower {
  public:
   void begin(CoefficientLayout layout) {
     layout_ = std::move(layout);
     state_.reset();
   }
-  /// Nothing: the record is not a new pose. Errors: kCorrupt.
+  /// Nothing: not a new pose. Errors: kCorrupt.
   Result<std::optional<Pose>> follow(const Record& record) {
     const auto frame = parse_frame(record.body);
     if (!frame) return frame.error();
@@ -203,7 +201,6 @@ class Replayer {
     return true;
   }
 
-  /// Those of the recording, and of the folder that was given. Each must have the hash that it is named by.
   Result<void> gather_objects() {
     const auto offsets = reader_.object_offsets();
     if (!offsets) return offsets.error();

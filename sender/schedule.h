@@ -8,9 +8,8 @@
 
 namespace eigencast {
 
-/// When each pose of a clip is due and which one it is: tick i is due at start + i / rate, so that no error adds up. A
-/// tick that is missed by more than one interval is skipped and counted, never made up for by a burst. Time comes in as
-/// arguments. Not thread-safe.
+/// Tick i is due at start + i / rate, so that no error adds up. A tick that is missed by more than one interval is skipped
+/// and counted, never made up for by a burst. Not thread-safe.
 class Schedule {
  public:
   struct Options {
@@ -28,7 +27,7 @@ class Schedule {
 
   Schedule(const Options& options, TimeUs start_us) : options_(options), start_us_(start_us) {}
 
-  /// The next tick, given that it is `now_us`; nothing when the clip is over.
+  /// Nothing when the clip is over.
   std::optional<Tick> next(TimeUs now_us);
   std::uint64_t skipped() const { return skipped_; }
 

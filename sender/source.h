@@ -13,14 +13,12 @@
 
 namespace eigencast {
 
-/// The cage around a model.
 struct CageOptions {
   std::string file;                   ///< Empty: one is made.
   int resolution = 5;                 ///< See deform::cage_around.
   std::string coordinates = "green";  ///< green, mean-value
 };
 
-/// What to stream and how to bake it: the options that all commands share.
 struct SourceOptions {
   std::string input;           ///< Name of a built-in shape, or a path, directory or glob.
   std::string rest;            ///< File of the rest pose (default: the first frame).
@@ -42,14 +40,13 @@ struct SourceOptions {
   bool any_order = false;   ///< Take poses whose vertices certainly are in another order than the faces'.
 };
 
-/// What of an input is open already; null: nothing.
+/// Null: nothing is open.
 struct OpenedSource {
   std::unique_ptr<MotionClip> clip = {};
   const deform::Deformer* cage =
       nullptr;  ///< The model bound to the cage of the same options. Needed until it is baked.
 };
 
-/// A clip and the asset baked from its rest pose.
 struct Source {
   std::unique_ptr<MotionClip> clip;
   BakeResult baked;
@@ -57,25 +54,21 @@ struct Source {
   std::vector<std::string> findings = {};      ///< Suspicious things about the mesh or its poses, a line each.
 };
 
-/// Opens the input: a path that exists, or a glob, wins over a built-in name. Errors: those of builtin_clip and
-/// open_clip.
+/// A path that exists, or a glob, wins over a built-in name. Errors: those of builtin_clip and open_clip.
 Result<std::unique_ptr<MotionClip>> open_source(const SourceOptions& options);
 
-/// The cage, read or made around the model. Errors: those of read_surface, deform::cage_from_mesh and cage_around.
+/// Read, or made around the model. Errors: those of read_surface, deform::cage_from_mesh and cage_around.
 Result<Surface> cage_of(const CageOptions& options, const Surface& model);
-/// The model bound to that cage, see deform::cage_deformer.
 Result<std::unique_ptr<deform::Deformer>> bind_cage(const CageOptions& options, const Surface& model, Surface cage,
                                                     const std::function<bool(double)>& progress);
 
-/// What a cage can do, for the basis of it.
 KnownMotion motion_of_cage(const deform::Deformer& cage);
 
-/// Whether the clip has what this basis is made of. Errors: kInvalidArgument (rig, pca), saying what else would do.
+/// Errors: kInvalidArgument (rig, pca: the clip lacks what they are made of), saying what else would do.
 Result<void> check_basis(BasisKind basis, const MotionClip& clip);
 
-/// Opens, unless it is open, and bakes, or finds it baked. Errors: those of open_source, check_basis, cage_of,
-/// bind_cage and bake; kInvalidArgument (the mesh, or most of a few poses of the clip, certainly are in another order
-/// of vertices than the faces).
+/// Errors: those of open_source, check_basis, cage_of, bind_cage and bake; kInvalidArgument (the mesh, or most of a few
+/// poses of the clip, certainly are in another order of vertices than the faces).
 Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress, OpenedSource opened = {});
 
 }  // namespace eigencast

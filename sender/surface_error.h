@@ -13,7 +13,7 @@
 
 namespace eigencast {
 
-/// How far rebuilt surfaces are from the truth, over a set of poses. Fractions are of the rest box's diagonal.
+/// Over a set of poses. Fractions are of the rest box's diagonal.
 struct SurfaceError {
   std::size_t poses = 0;
   double kg_percent = 0;  ///< KgError, over all poses.
@@ -22,15 +22,14 @@ struct SurfaceError {
   double max = 0;         ///< Largest vertex distance in any pose.
 };
 
-/// As reports state it.
 nlohmann::json json_from(const SurfaceError& error);
 
-/// Sums up the error of poses that come one by one. Not thread-safe.
+/// Not thread-safe.
 class SurfaceErrorSum {
  public:
-  /// diagonal  length of the rest box's diagonal, > 0
+  /// diagonal  of the rest box, > 0
   explicit SurfaceErrorSum(double diagonal) : diagonal_(diagonal) {}
-  /// Returns the pose's own rms, over the diagonal. REQUIRES: truth.size() == rebuilt.size()
+  /// Returns the pose's own rms, over the diagonal. REQUIRES: as many of both.
   double add(std::span<const Vec3> truth, std::span<const Vec3> rebuilt);
   SurfaceError result() const;
 
@@ -41,8 +40,7 @@ class SurfaceErrorSum {
   std::size_t vertices_ = 0, poses_ = 0;
 };
 
-/// Rebuilds poses at full resolution in the source's vertex order and space. Keeps a reference to the asset. Not
-/// thread-safe.
+/// At full resolution, in the source's vertex order and space. Keeps a reference to the asset. Not thread-safe.
 class SourceRebuilder {
  public:
   explicit SourceRebuilder(const Asset& asset);

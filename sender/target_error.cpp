@@ -21,7 +21,7 @@ Result<std::unique_ptr<MotionClip>> open_samples(const SourceOptions& options) {
       poses.input + " is a single pose, which says nothing of the error in motion: --target-error needs --poses CLIP");
 }
 
-/// What of the poses that ranks are judged by does not fit the input's mesh, before any of its bases is made.
+/// Before any basis is made.
 Result<std::string> check_samples(const SourceOptions& options, const MotionClip& samples) {
   const auto frames = sample_frames(samples.frame_count(), kSamples);
   if (options.poses.empty()) return check_frames(samples.rest(), samples, frames, options.any_order);

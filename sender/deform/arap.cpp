@@ -21,7 +21,7 @@ using Sparse = Eigen::SparseMatrix<double>;
 constexpr std::uint32_t kFree = ~0u;
 constexpr std::size_t kVerticesPerTask = 256;
 
-/// A vertex that no path of edges leads to from a held one, or the number of vertices.
+/// Or the number of vertices.
 std::size_t unheld(const std::vector<std::vector<Neighbour>>& neighbours, const std::vector<std::uint32_t>& held) {
   std::vector<char> reached(held.size());
   std::vector<std::uint32_t> front;

@@ -18,7 +18,6 @@ constexpr int kMaxSplits = 24;
 
 using Cell = std::array<int, 3>;
 
-/// Cubes, solid or not.
 class Grid {
  public:
   Grid(const Box& box, double side) : side_(side) {
@@ -48,7 +47,7 @@ class Grid {
   }
   bool solid(const Cell& cell) const { return contains(cell) && solid_[index(cell)] != 0; }
   void fill(const Cell& cell) { solid_[index(cell)] = 1; }
-  /// Marks all cubes that the box from `a` to `b` (both within) touches.
+  /// REQUIRES: `a` and `b` are within.
   void fill_box(const Cell& a, const Cell& b) {
     for_cells(a, b, [&](const Cell& cell) { fill(cell); });
   }
@@ -83,7 +82,7 @@ Cell moved(const Cell& cell, const Cell& by) {
   return {cell[0] + by[0], cell[1] + by[1], cell[2] + by[2]};
 }
 
-/// The boxes of the pieces of a triangle, split at its longest edge until each is no larger than a cube, cover it.
+/// The boxes of a triangle's pieces, split at the longest edge until none is larger than a cube, cover it.
 void mark_triangle(Grid& grid, const Vec3& a, const Vec3& b, const Vec3& c, double side, int splits) {
   const std::array<Vec3, 3> corners{a, b, c};
   const Box box = bounding_box(corners);
@@ -119,7 +118,6 @@ Grid dilated(const Grid& grid) {
   return wider;
 }
 
-/// What cannot be reached from outside becomes solid.
 void fill_caves(Grid& grid) {
   Grid reached = grid;
   std::vector<Cell> front{{0, 0, 0}};
@@ -139,7 +137,7 @@ void fill_caves(Grid& grid) {
   });
 }
 
-/// Whether the cubes of a block of eight that are solid (or empty) hang together by faces.
+/// Whether the solid cubes of a block of eight are connected by faces.
 bool hang_together(unsigned block) {
   if (block == 0) return true;
   unsigned reached = block & (~block + 1);
@@ -154,7 +152,6 @@ bool hang_together(unsigned block) {
 }
 
 /// Where solid cubes touch in an edge or a corner only, the box around them is filled: the boundary becomes a manifold.
-/// True if there were any.
 bool fill_pinches(Grid& grid) {
   bool found = false;
   const Cell& counts = grid.counts();
@@ -177,7 +174,6 @@ bool fill_pinches(Grid& grid) {
   return found;
 }
 
-/// The boundary of the solid cubes, outward.
 Surface boundary_of(const Grid& grid) {
   Surface cage;
   std::map<Cell, std::uint32_t> numbers;
@@ -210,8 +206,7 @@ Surface boundary_of(const Grid& grid) {
   return cage;
 }
 
-/// Each vertex goes towards the mean of its neighbours and stays within a small box around where it was: the surface
-/// sweeps over no point that was farther away than that, so that what it held it still holds.
+/// Each vertex stays within a small box around where it was: the surface sweeps over no point that was farther away.
 void smooth(Surface& cage, double max_move) {
   const std::vector<Vec3> start = cage.positions;
   for (int round = 0; round < kSmoothingRounds; ++round) {

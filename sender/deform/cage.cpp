@@ -13,7 +13,7 @@
 namespace eigencast::deform {
 namespace {
 
-/// Faces that belong together, by the lowest vertex of their part.
+/// By the lowest vertex of the part.
 std::vector<std::uint32_t> parts_of(const Surface& mesh) {
   std::vector<std::uint32_t> parent(mesh.vertex_count());
   std::iota(parent.begin(), parent.end(), 0u);
@@ -33,7 +33,6 @@ std::vector<std::uint32_t> parts_of(const Surface& mesh) {
   return parts;
 }
 
-/// Six times the volume under a face, seen from `origin`.
 double volume6(const Surface& mesh, const Face& face, const Vec3& origin) {
   return dot(mesh.positions[face[0]] - origin,
              cross(mesh.positions[face[1]] - origin, mesh.positions[face[2]] - origin));

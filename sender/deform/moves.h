@@ -14,12 +14,12 @@ struct Frame {
   std::size_t towards = 0;  ///< Where the ends of a bend go; not axis.
 };
 
-/// Turns each point about the box's middle line along the axis: by -angle/2 at its low end to angle/2 at its high end.
+/// By -angle/2 at the low end of the box's middle line to angle/2 at its high end.
 Vec3 twisted(const Vec3& p, const Box& box, const Frame& frame, double angle);
-/// Lays the box's middle line along the axis on an arc of the same length and of that angle, in the plane of the two
-/// axes; the middle of the bar and its two ends stay about where they were.
+/// Lays the box's middle line on an arc of the same length and of that angle, in the plane of the two axes; its middle
+/// and its ends stay about where they were.
 Vec3 bent(const Vec3& p, const Box& box, const Frame& frame, double angle);
-/// Turns about a line through `centre` along an axis, counter-clockwise seen from its positive end.
+/// Counter-clockwise seen from the positive end of the axis through `centre`.
 Vec3 turned(const Vec3& p, const Vec3& centre, std::size_t axis, double angle);
 Vec3 scaled(const Vec3& p, const Vec3& centre, const Vec3& by);
 

@@ -7,9 +7,8 @@
 
 namespace eigencast::deform {
 
-/// Coefficients of a deformer's surface. Where the deformer is linear, X = W y, its weights are projected once:
-/// C = (L W) y - (L 1) origin^T with the projector's L, so that a pose costs an r x c product and no pass over the
-/// vertices. A deformer that makes coefficients itself is asked for them. Else each pose is deformed and projected.
+/// Where the deformer is linear, X = W y, its weights are projected once: C = (L W) y - (L 1) origin^T with the
+/// projector's L, so that a pose costs an r x c product. Else it makes coefficients itself, or each pose is projected.
 /// Keeps references to all three. Not thread-safe.
 class ProjectedDeformer {
  public:

@@ -24,7 +24,7 @@ constexpr double kHold = 1e3, kRest = 1e-7;
 using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 using Coefficients = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 
-/// For each vertex the sample that it turns with: samples spread by taking the farthest vertex again and again.
+/// Samples are spread by taking the farthest vertex again and again.
 std::vector<std::uint32_t> clusters_of(std::span<const Vec3> positions, std::size_t samples) {
   std::vector<std::uint32_t> cluster(positions.size());
   std::vector<double> distance(positions.size(), std::numeric_limits<double>::infinity());

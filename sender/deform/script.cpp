@@ -8,8 +8,7 @@
 namespace eigencast::deform {
 namespace {
 
-/// The slope at a key between secants s0 and s1 over spans h0 and h1: zero at an extremum, else their weighted harmonic
-/// mean.
+/// Between secants s0 and s1 over spans h0 and h1: zero at an extremum, else their weighted harmonic mean.
 double slope(double s0, double s1, double h0, double h1) {
   if (s0 * s1 <= 0) return 0;
   return 3 * (h0 + h1) / ((2 * h1 + h0) / s0 + (h1 + 2 * h0) / s1);

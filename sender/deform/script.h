@@ -11,9 +11,8 @@
 
 namespace eigencast::deform {
 
-/// Values that keys hold at times. Between keys a cubic with the slopes of Fritsch and Carlson, "Monotone Piecewise
-/// Cubic Interpolation", 1980, for each component: smooth, and never beyond what two neighbouring keys say. Constant
-/// before the first and after the last.
+/// Between keys a cubic with the slopes of Fritsch and Carlson, "Monotone Piecewise Cubic Interpolation", 1980: smooth,
+/// and never beyond what two neighbouring keys say. Constant before the first and after the last.
 struct Track {
   std::vector<double> times;   ///< Growing, one or more.
   std::vector<double> values;  ///< times.size() x width
@@ -21,7 +20,6 @@ struct Track {
   std::vector<double> at(double time_s) const;
 };
 
-/// One move of some handles along a track.
 struct Move {
   enum class Kind { kTwist, kBend, kRotate, kTranslate, kScale, kPlace };
   Kind kind = Kind::kTranslate;
@@ -31,10 +29,10 @@ struct Move {
   Track track;                         ///< Radians; or three components; or three for each handle (kPlace).
 };
 
-/// How handles move over time: moves done one after the other to the handles at rest.
+/// Moves done one after the other to the handles at rest.
 class Script {
  public:
-  /// From JSON, as docs/deform.md says. Errors: kCorrupt: no JSON, or not such a script: where, and why.
+  /// From JSON, as docs/deform.md says. Errors: kCorrupt: where, and why.
   static Result<Script> from_json(std::string_view text, std::span<const Vec3> handles);
   /// "twist" (180 degrees), "bend" (180 degrees) or "both" (90 degrees each), of the bar in Figure 2 of Zhang et al.
   /// 2013, as far as its angles are known; there and back in 4 s. Errors: kNotFound.
@@ -42,7 +40,7 @@ class Script {
 
   double duration_s() const { return duration_s_; }
   bool loops() const { return loops_; }
-  /// Where the handles are at a time; of a script that loops, modulo its duration.
+  /// Of a script that loops, modulo its duration.
   std::vector<Vec3> handles_at(double time_s) const;
 
  private:

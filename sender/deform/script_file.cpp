@@ -12,7 +12,7 @@ namespace eigencast::deform {
 
 using nlohmann::json;
 
-/// From JSON to a script, one checked step at a time; the first thing that is wrong is kept with where it is.
+/// The first thing that is wrong is kept with where it is.
 class ScriptParser {
  public:
   explicit ScriptParser(std::span<const Vec3> handles) {

@@ -16,10 +16,8 @@ namespace eigencast::studio {
 enum class Tool { kMove, kRotate, kScale, kTwist, kBend };
 std::string_view name_of(Tool tool);
 
-/// Handles with a choice among them and undo. Without a choice edits apply to all.
-///
-/// A gesture goes from begin() to finish() or cancel(): each edit starts from the positions at begin(), and all of them
-/// are one step of undo. Pure state. Not thread-safe.
+/// Without a choice edits apply to all. From begin() to finish() or cancel() each edit starts from the positions at
+/// begin(), and all of them are one step of undo. Pure state. Not thread-safe.
 class Editor {
  public:
   static constexpr std::size_t kMaxSteps = 500;  ///< For undo.
@@ -30,7 +28,7 @@ class Editor {
   std::span<const Vec3> rest() const { return rest_; }
   bool is_chosen(std::size_t handle) const { return chosen_[handle] != 0; }
   std::size_t chosen_count() const;
-  /// Box and centre of the handles to edit; during a gesture as of begin().
+  /// During a gesture as of begin().
   Box box() const;
   Vec3 centre() const;
 
@@ -51,7 +49,7 @@ class Editor {
 
   bool undo();
   bool redo();
-  /// Moves all handles to rest, as one step.
+  /// As one step.
   void reset();
 
  private:

@@ -28,7 +28,7 @@ Vec3 along(std::size_t axis, double length) {
   return v;
 }
 
-/// From centre to knob on the screen; nothing where they coincide or are behind the camera.
+/// Nothing where they coincide or are behind the camera.
 std::optional<glm::vec2> knob_way_px(const Camera& camera, const Gizmo& gizmo, std::size_t axis) {
   const auto from = camera.pixel_from_scene(glm_from(gizmo.centre));
   const auto to = camera.pixel_from_scene(glm_from(gizmo.knob(axis)));
@@ -36,21 +36,21 @@ std::optional<glm::vec2> knob_way_px(const Camera& camera, const Gizmo& gizmo, s
   return *to - *from;
 }
 
-/// The drag along the axis, in lengths of the gizmo. An axis that points at the eye is dragged upwards.
+/// In lengths of the gizmo. An axis that points at the eye is dragged upwards.
 double lengths_along(const Camera& camera, const Gizmo& gizmo, std::size_t axis, const glm::vec2& drag) {
   const auto way = knob_way_px(camera, gizmo, axis);
   if (!way) return -static_cast<double>(drag.y / kGizmoPx);
   return static_cast<double>(glm::dot(drag, *way) / glm::dot(*way, *way));
 }
 
-/// The angle of a drag about the axis; the near side follows the mouse.
+/// The near side follows the mouse.
 double turn_about(const Camera& camera, const Gizmo& gizmo, std::size_t axis, const glm::vec2& drag) {
   const auto way = knob_way_px(camera, gizmo, axis);
   const glm::vec2 across = way ? glm::vec2(-way->y, way->x) / glm::length(*way) : glm::vec2(1, 0);
   return std::numbers::pi * static_cast<double>(glm::dot(drag, across) / kHalfTurnPx);
 }
 
-/// The axes of a bend about `axis`: bends the longer of the other two towards the shorter one.
+/// Bends the longer of the other two axes towards the shorter one.
 deform::Frame bent_line(const Box& box, std::size_t axis) {
   const std::size_t u = (axis + 1) % 3, v = (axis + 2) % 3;
   const Vec3 extent = box.high - box.low;

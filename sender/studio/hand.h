@@ -27,12 +27,10 @@ enum class Command {
   kHelp,
   kQuit
 };
-/// The command of a key as WindowListener names it.
 std::optional<Command> command_for_key(std::string_view key, const Modifiers& modifiers);
 
-/// Turns mouse and keys into edits and views: a left drag of a handle moves the choice, of a knob applies the tool;
-/// beside both it turns the camera, or with Shift draws a rectangle of choice. Middle and right drags move the camera.
-/// Pure state. Not thread-safe.
+/// A left drag of a handle moves the choice, of a knob applies the tool; beside both it turns the camera, or with Shift
+/// draws a rectangle of choice. Middle and right drags move the camera. Pure state. Not thread-safe.
 class Hand {
  public:
   /// Both must outlive it.
@@ -42,12 +40,11 @@ class Hand {
   void move(const glm::vec2& mouse);
   void release(MouseButton button);
   void wheel(float steps);
-  /// Does commands of editor and camera; false for those of the window.
+  /// False: a command of the window.
   bool command(Command command);
 
   Tool tool() const { return tool_; }
   const glm::vec2& mouse() const { return mouse_; }
-  /// Edges between handles, handles, knobs, the rectangle.
   Markup markup(std::span<const Face> handle_faces) const;
 
  private:

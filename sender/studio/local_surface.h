@@ -11,21 +11,20 @@
 
 namespace eigencast::studio {
 
-/// The user's surface, deformed in full detail and as viewers get it from coefficients, and the error between both. In
-/// the asset's order and space. Not thread-safe.
+/// The user's surface in full detail and as viewers get it, and the error between both. In the asset's order and space.
+/// Not thread-safe.
 class LocalSurface {
  public:
-  /// map: of the deformer; null: there is only the sent surface. Copies its weights as floats, n x c, and refers to the
-  /// asset. The map must carry a shift of all handles to all vertices, as coordinates of cages do.
+  /// map: null: there is only the sent surface. It must carry a shift of all handles to all vertices, as coordinates of
+  /// cages do. Refers to the asset.
   LocalSurface(const Asset& asset, const deform::LinearMap* map);
 
   /// y: controls of the linear map (c x 3), of handles in the asset's space; C: r x 3.
   void set(std::span<const double> y, std::span<const double> C);
-  /// Chooses geometry() from the next set() on.
+  /// From the next set() on.
   void show_received(bool received) { received_shown_ = received; }
   bool received_shown() const { return received_shown_ || full_.tiles().rank() == 0; }
 
-  /// The rest pose's box.
   std::pair<glm::vec3, glm::vec3> box() const;
   const SurfaceGeometry& geometry() const { return geometry_; }
   double rms() const { return rms_; }  ///< Vertex distances over the diagonal of the rest box.

@@ -91,7 +91,7 @@ Result<void> Painter::open() {
   }
 }
 
-/// Waits until there may be something to draw, and takes the newest state. False: the end.
+/// False: the end.
 bool Painter::wait() {
   std::unique_lock lock(mutex_);
   changed_.wait_for(lock, sources_.empty() ? kIdle : kPollInterval, [&] { return stopping_ || wanted_.has_value(); });
@@ -130,7 +130,6 @@ bool Painter::take_others() {
   return true;
 }
 
-/// In a row beside the user's surface.
 void Painter::place_others() {
   const SurfaceFacts& facts = scene_.facts();
   box_version_ = facts.version;

@@ -22,7 +22,6 @@
 
 namespace eigencast::studio {
 
-/// What the window is to show.
 struct Picturing {
   Camera camera;
   RenderOptions options;
@@ -44,8 +43,8 @@ struct PaintingReport {
   std::uint64_t others_poses = 0;  ///< Poses of other streams that were shown.
 };
 
-/// Draws on a thread of its own, so that neither a slow GPU nor the display's rate delays what is sent. Always draws
-/// the newest state, and other streams in between. All calls from one thread.
+/// Draws the newest state on a thread of its own, so that neither a slow GPU nor the display's rate delays what is sent.
+/// All calls from one thread.
 class Painter final {
  public:
   struct Options {
@@ -61,7 +60,7 @@ class Painter final {
   ~Painter();  ///< Ends the thread.
 
   void show(Picturing state);
-  /// The box of all that is drawn, if it has changed since the last call.
+  /// If it has changed since the last call.
   std::optional<std::pair<glm::vec3, glm::vec3>> take_box();
   PaintingReport report() const;
 

@@ -8,8 +8,8 @@
 
 namespace eigencast::studio {
 
-/// When to send the pose of a hand: at once if nothing was sent for an interval, otherwise at its end, so that the last
-/// pose of a gesture is always sent; and a heartbeat while nothing moves. Time comes in as arguments.
+/// At once if nothing was sent for an interval, otherwise at its end, so that the last pose of a gesture is always sent;
+/// and a heartbeat while nothing moves.
 class SendPace {
  public:
   SendPace(TimeUs interval_us, TimeUs heartbeat_us) : interval_us_(interval_us), heartbeat_us_(heartbeat_us) {}

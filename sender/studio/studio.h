@@ -31,14 +31,12 @@ struct Report {
   std::uint64_t poses = 0, held_back = 0;  ///< Made by hand; of those, delayed by the pace or overtaken.
 };
 
-/// Whether there is a display; it may lack OpenGL. Call from the main thread. Errors: kUnsupported.
+/// It may lack OpenGL. Call from the main thread. Errors: kUnsupported.
 Result<void> find_display();
 
-/// A window in which the user deforms a surface, which is sent meanwhile. Returns when the window is closed, the time
-/// is over or stop() returns true.
+/// Returns when the window is closed, the time is over or stop() returns true. All must outlive the call. Call from the
+/// main thread. Errors: kUnsupported (no display, no OpenGL), kInvalidArgument (a URL).
 ///   deformer   has a linear map, or makes coefficients
-/// All must outlive the call. Call from the main thread. Errors: kUnsupported (no display, no OpenGL), kInvalidArgument
-/// (a URL).
 Result<Report> run(const Options& options, deform::Deformer& deformer, deform::ProjectedDeformer& projected,
                    const Asset& asset, Publisher& publisher, const std::function<bool()>& stop, const LogSink& log);
 

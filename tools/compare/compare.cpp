@@ -14,7 +14,7 @@ namespace {
 
 using nlohmann::json;
 
-/// The clip's frames with the last two kept, because poses come in order.
+/// The last two are kept, because poses come in order.
 class ClipFrames {
  public:
   explicit ClipFrames(const MotionClip& clip) : clip_(clip) {}
@@ -51,7 +51,7 @@ class ClipFrames {
   std::array<Kept, 2> kept_;
 };
 
-/// The frames that a recorded pose stands between; the same one twice for a key.
+/// The same frame twice for a key.
 struct Span {
   std::size_t first, second;
   double u;

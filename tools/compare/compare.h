@@ -14,7 +14,7 @@
 
 namespace eigencast {
 
-/// One pose as a client recorded it (eigencast-client --record).
+/// As eigencast-client --record writes it.
 struct RecordedPose {
   std::uint64_t sequence = 0;
   std::uint8_t at = 0;  ///< Step between key sequence-1 and key sequence; at == of (or 0, 0) is the key itself.
@@ -26,7 +26,7 @@ struct RecordedPose {
   bool is_key() const { return at == of; }
 };
 
-/// Which frame of the clip each capture time was (eigencast-sender play --record).
+/// The frame of each capture time (eigencast-sender play --record).
 using SentFrames = std::map<TimeUs, std::size_t>;
 
 struct Comparison {
@@ -35,21 +35,17 @@ struct Comparison {
   std::size_t unmatched = 0;  ///< Poses whose capture time was not in SentFrames.
 };
 
-/// Rebuilds every recorded pose at full resolution and compares it with the clip. `asset` must be baked from
-/// clip.rest().
-/// Errors: kInvalidArgument (a pose whose size does not fit the asset; no pose matches), and those of clip.pose().
+/// `asset`: baked from clip.rest(). Errors: the clip's; kInvalidArgument (a pose does not fit the asset; none matches).
 Result<Comparison> compare_with_truth(const MotionClip& clip, const Asset& asset, const SentFrames& sent,
                                       const std::vector<RecordedPose>& received);
 
-/// Readers of the two records, JSON lines. Errors: kNotFound, kCorrupt naming the line.
+/// JSON lines. Errors: as read_file; kCorrupt naming the line.
 Result<SentFrames> read_sent_frames(const std::string& path);
 Result<std::vector<RecordedPose>> read_recorded_poses(const std::string& path);
 
-/// Adds the comparison as member "reconstruction" to the JSON object in `report_path`, or makes that file.
-/// Errors: kCorrupt (the file is not a JSON object), kIo.
+/// As member "reconstruction" of its JSON object, which may be new. Errors: kCorrupt, kIo.
 Result<void> add_to_report(const Comparison& comparison, const std::string& report_path);
 
-/// Two lines for people.
 std::string text_from_comparison(const Comparison& comparison);
 
 }  // namespace eigencast

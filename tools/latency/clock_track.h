@@ -9,8 +9,7 @@
 
 namespace eigencast::latency {
 
-/// How two clocks stood to each other over a run: the estimates of least round trip (common/net/clock_offset.h), and
-/// how the clocks drift apart by them. Holds at most kMaxPoints; a longer run is thinned. Not thread-safe.
+/// Estimates of least round trip (common/net/clock_offset.h); a run of more than kMaxPoints is thinned. Not thread-safe.
 class ClockTrack {
  public:
   static constexpr std::size_t kMaxPoints = 4096;
@@ -24,12 +23,11 @@ class ClockTrack {
     double error_ppm = 0;  ///< Bound.
   };
 
-  /// An estimate that is the same as the last one is not kept twice.
+  /// One that is the same as the last is left out.
   void add(const Point& point);
   const std::vector<Point>& points() const { return points_; }
   std::optional<Point> best() const;
-  /// Least squares over the points weighted by 1/error^2; its bound is what the errors of the ends allow. Nothing below
-  /// two points that are a second apart.
+  /// Least squares over the points weighted by 1/error^2; nothing below two points that are a second apart.
   std::optional<Drift> drift() const;
 
  private:

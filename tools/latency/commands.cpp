@@ -58,7 +58,6 @@ Result<void> check_url(const std::string& text) {
               url->shown() + ": leave out '?" + url->query + "'; --interp and --form say what viewers are sent");
 }
 
-/// What cannot be meant is found before the minutes are spent.
 Result<void> check(const Inputs& inputs) {
   for (const std::string& url : {inputs.url, inputs.viewer_url})
     if (auto good = check_url(url); !good) return good;
@@ -69,7 +68,7 @@ Result<void> check(const Inputs& inputs) {
   return size ? Result<void>() : size.error();
 }
 
-/// The broker that is used: the one given, or one of our own, which `own` then holds.
+/// `own` holds a broker of our own.
 Result<void> choose_broker(Inputs& inputs, std::unique_ptr<LocalBroker>& own) {
   if (!inputs.url.empty()) return {};
   auto started = LocalBroker::start();
@@ -161,7 +160,6 @@ int sweep(const Options& options, const std::string& version, const std::atomic<
   return wrong ? int{kExitWrongSums} : int{kExitGood};
 }
 
-/// Pings over a connection of its own.
 class Prober {
  public:
   Prober(const BrokerUrl& url) {

@@ -8,8 +8,7 @@
 
 namespace eigencast::latency {
 
-/// Runs what the options say; prints the table to standard output, trouble and progress to standard error. Returns the
-/// exit code. Ends soon, with what it has, when `stop` is set.
+/// Returns the exit code. Ends soon, with what it has, when `stop` is set.
 int run_command(const Options& options, const std::string& version, const std::atomic<bool>& stop);
 
 }  // namespace eigencast::latency

@@ -97,7 +97,7 @@ Result<std::optional<double>> value_of(const std::string& metric, const Outcome&
   return value ? std::optional(static_cast<double>(*value)) : std::nullopt;
 }
 
-/// ": p99 takes 1000, ..."; empty for other metrics than percentiles.
+/// Empty for other metrics than percentiles.
 std::string samples_needed(const std::string& metric) {
   const auto at = metric.rfind('p');
   const double p = at == std::string::npos ? 100 : std::strtod(metric.c_str() + at + 1, nullptr);

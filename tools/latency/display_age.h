@@ -7,11 +7,9 @@
 
 namespace eigencast::latency {
 
-/// How old the pose is that is on display, sampled once a millisecond: what a person sees, unlike the delay of a pose
-/// at the moment it appears. It grows until the next pose is shown. Not thread-safe.
+/// How old the pose on display is, sampled once a millisecond: what a person sees. Not thread-safe.
 class DisplayAge {
  public:
-  /// A pose of that capture time is shown from then on.
   void show(TimeUs capture_us, TimeUs shown_us);
   const HdrHistogram& ages_us() const { return ages_us_; }
 

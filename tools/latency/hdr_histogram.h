@@ -12,8 +12,7 @@
 
 namespace eigencast::latency {
 
-/// Counts times to three significant digits from 1 us to an hour, laid out as Gil Tene's HdrHistogram (lowest 1, highest
-/// 3.6e9, 3 digits), so that its tools read what encoded() writes. Not thread-safe.
+/// Times from 1 us to an hour, laid out as Gil Tene's HdrHistogram (lowest 1, highest 3.6e9, 3 digits). Not thread-safe.
 class HdrHistogram : public Histogram {
  public:
   static constexpr std::int64_t kHighest = 3'600'000'000;
@@ -22,12 +21,11 @@ class HdrHistogram : public Histogram {
   HdrHistogram() : Histogram(kPrecisionBits) {}
   void add(std::int64_t value_us) { Histogram::add(std::min(value_us, kHighest)); }
 
-  /// The percentile of all values, the negative ones included; nothing where it is one of those, or where fewer than
-  /// kSamplesBeyond values lie beyond it, so that it would be a matter of luck. p = 100 is the maximum, which is always
-  /// known unless empty.
+  /// Of all values, the negative ones included; nothing where it is one of those, or where fewer than kSamplesBeyond values
+  /// lie beyond it, so that it would be a matter of luck. p = 100 is the maximum.
   std::optional<std::int64_t> reliable_percentile(double p) const;
 
-  /// The percentile spectrum as HdrHistogram's tools plot it (.hgrm), values divided by `unit_us`.
+  /// As HdrHistogram's tools plot it (.hgrm), values divided by `unit_us`.
   std::string spectrum(double unit_us) const;
   /// V2 format, deflated, base64: the last column of an HdrHistogram log.
   std::string encoded() const;
@@ -36,7 +34,6 @@ class HdrHistogram : public Histogram {
   static constexpr int kPrecisionBits = 11;  // 2,048 sub-buckets: 3 digits.
 };
 
-/// One interval of an HdrHistogram log.
 struct LogInterval {
   std::string tag;
   TimeUs start_us = 0;  ///< Since the log's start.
@@ -44,7 +41,7 @@ struct LogInterval {
   HdrHistogram histogram;
 };
 
-/// A log in the format of HistogramLogWriter, version 1.3; values in microseconds, maxima in milliseconds.
+/// As of HistogramLogWriter, version 1.3; values in microseconds, maxima in milliseconds.
 std::string histogram_log(const std::vector<LogInterval>& intervals, double start_unix_s);
 
 }  // namespace eigencast::latency

@@ -13,13 +13,12 @@ struct Interval {
   HdrHistogram keys, synthetic;
 };
 
-/// A run second by second; one that is longer than kMax seconds by two, by four and so on, so that days take no more
-/// memory than a quarter of an hour.
+/// Second by second; a run of more than kMax seconds by two, by four and so on, so that memory is bounded.
 class Intervals {
  public:
   static constexpr std::size_t kMax = 900;
 
-  /// The interval of that time since the measurement began, or the newest if that is later.
+  /// Or the newest, if that is later.
   Interval& at(TimeUs time_us);
   const std::vector<Interval>& all() const { return all_; }
 

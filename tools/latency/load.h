@@ -13,9 +13,8 @@
 
 namespace eigencast::latency {
 
-/// Many light viewers on one thread: each reads its frames, checks that every key follows the one before it,
-/// acknowledges as a real one does, and takes the time; none rebuilds a surface. What it costs itself is measured, so
-/// that it can say when it, and not the broker, was what limited.
+/// Many light viewers on one thread: each checks that every key follows the one before it and acknowledges; none rebuilds
+/// a surface. Measures its own cost, to say when it, and not the broker, was what limited.
 class Load {
  public:
   struct Options {
@@ -35,19 +34,17 @@ class Load {
     HdrHistogram latency_us;        ///< Read minus capture; meaningful where the sender shares our clock.
     HdrHistogram lag_us;            ///< How late its own thread was.
     double cpu_share = 0;           ///< Of one core, of its thread.
-    /// True if the tool's own thread was near its limit, so that the broker cannot be blamed.
     bool was_bottleneck() const { return cpu_share > 0.8 || lag_us.percentile(99) > 20'000; }
   };
 
-  /// Errors: kInvalidArgument (no URL, or one of TLS, which these viewers do not speak).
+  /// Errors: kInvalidArgument (no URL, or one of TLS).
   static Result<BrokerUrl> check_url(const std::string& text);
-  /// Connects all, a few at a time, and returns when all are watching or `patience_us` is over.
+  /// Returns when all are watching or `patience_us` is over.
   /// Errors: those of check_url and of credentials, kUnreachable (none could connect), kTooLarge (file descriptors).
   static Result<std::unique_ptr<Load>> start(const Options& options, TimeUs patience_us);
   virtual ~Load() = default;
   /// What is counted begins now.
   virtual void begin() = 0;
-  /// Ends.
   virtual Figures finish() = 0;
 };
 

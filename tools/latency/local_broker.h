@@ -10,11 +10,10 @@
 
 namespace eigencast::latency {
 
-/// The broker that is installed beside this program, as a process of its own on a free port of loopback, with a data
-/// folder that is removed with it: the default without a URL.
+/// The broker beside this program, as a process of its own on a free port of loopback; its data go with it.
 class LocalBroker {
  public:
-  /// Errors: kNotFound (no eigencast-broker beside this program), kIo, kTimeout (it does not listen).
+  /// Errors: kNotFound (no such program), kIo, kTimeout (it does not listen).
   static Result<std::unique_ptr<LocalBroker>> start();
   ~LocalBroker();
   LocalBroker(const LocalBroker&) = delete;

@@ -41,7 +41,6 @@ std::string indented(std::string_view lines) {
   return text + "\n";
 }
 
-/// What one run takes, and each of a sweep.
 CLI::Range rates() {
   return {0.5, 1000.0};
 }
@@ -97,7 +96,6 @@ void add_sender(CLI::App& command, Inputs& in) {
       ->capture_default_str();
 }
 
-/// A measured run with a viewer.
 void add_viewer(CLI::App& command, Options& o) {
   Inputs& in = o.inputs;
   add_access(command, in);

@@ -28,7 +28,7 @@ struct ExitNow {
   int code = 0;
 };
 
-/// Reads the command line; prints help and usage errors.
+/// Prints help and usage errors.
 std::variant<Options, ExitNow> options_from_command_line(int argc, const char* const* argv, const std::string& version);
 
 }  // namespace eigencast::latency

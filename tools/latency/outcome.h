@@ -16,7 +16,7 @@
 
 namespace eigencast::latency {
 
-/// Everything that decides a run; echoed in its report, but for what is secret.
+/// Echoed in the report, but for what is secret.
 struct Inputs {
   std::string mode = "loop";     ///< loop, publish, subscribe, passive
   std::string url;               ///< Of broker and stream.
@@ -36,7 +36,6 @@ struct Inputs {
   double late_ms = 100;           ///< A pose older than that counts as late.
 
   const std::string& url_of_viewers() const { return viewer_url.empty() ? url : viewer_url; }
-  /// What viewers ask the broker for.
   Profile profile() const {
     Profile asked;
     asked.rate = interpolation > 1 ? Profile::Rate::kInterpolated : Profile::Rate::kRaw;
@@ -63,7 +62,6 @@ struct Counts {
   std::uint64_t traced = 0, trace_incomplete = 0;
 };
 
-/// What one run found.
 struct Outcome {
   Inputs inputs;
   bool one_clock = true;         ///< Sender and viewer are one process.
@@ -88,7 +86,7 @@ struct Outcome {
   std::string device;                      ///< That draws the pictures.
   std::uint64_t asset_bytes = 0;
   std::uint32_t vertices = 0, vertices_rebuilt = 0;
-  /// Of the stream: as its sender announced them, where that is not this process.
+  /// As the sender announced them, where that is not this process.
   int rank = 0;
   double key_rate_hz = 0;        ///< 0: not said.
   std::string trouble;           ///< Why the stream was not live when measuring ended; empty: it was.

@@ -15,7 +15,6 @@ using Json = nlohmann::ordered_json;
 
 constexpr double kPercentiles[] = {50, 75, 90, 95, 99, 99.9, 99.99, 100};
 
-/// For printf.
 unsigned long long n(std::uint64_t v) {
   return v;
 }

@@ -16,11 +16,10 @@ namespace eigencast::latency {
 /// How long a sender may take until it is live, and a viewer until it has a pose.
 inline constexpr TimeUs kConnectPatienceUs = 20'000'000;
 
-/// The sender: poses of a clip on an open-loop schedule, each stamped with the time it was meant for, from a thread of
-/// its own.
+/// Poses on an open-loop schedule, each stamped with the time it was meant for, from a thread of its own.
 class Sending {
  public:
-  /// Bakes, and begins to connect. Errors: those of clips, bakes and publishers.
+  /// Begins to connect. Errors: those of clips, bakes and publishers.
   static Result<std::unique_ptr<Sending>> create(const Inputs& inputs, const LogSink& log);
   ~Sending() { stop(); }
 
@@ -28,7 +27,7 @@ class Sending {
   Result<void> wait_until_live(const std::atomic<bool>& stop) const;
   void start();
   void stop();
-  /// Poses meant for between these times are counted.
+  /// By the times they are meant for.
   void begin(TimeUs from_us) { from_us_ = from_us; }
   void end(TimeUs until_us) { until_us_ = until_us; }
   std::uint64_t sent() const { return sent_; }

@@ -24,7 +24,6 @@ double process_seconds() {
   return static_cast<double>(t.tv_sec) + static_cast<double>(t.tv_nsec) * 1e-9;
 }
 
-/// Stage statistics, and whether the stages add up to the total.
 void sum_up(Outcome& outcome) {
   for (const StagedPose& pose : outcome.samples) {
     const TimeUs held_us = pose.stages[static_cast<std::size_t>(Stage::kHold)].us +

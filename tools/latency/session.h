@@ -9,7 +9,6 @@
 
 namespace eigencast::latency {
 
-/// Reported while a run goes on.
 struct Progress {
   double seconds = 0, of = 0;
   std::uint64_t keys = 0, synthetic = 0;
@@ -17,8 +16,8 @@ struct Progress {
 };
 using OnProgress = std::function<void(const Progress&)>;
 
-/// Runs a sender, a viewer, or both, as the inputs say, and measures. Ends by its deadline whatever is lost, sooner
-/// when `stop` is set. Errors: kInvalidArgument, kUnreachable, kRefused (by the broker), kTimeout (no pose came).
+/// Ends by its deadline whatever is lost, sooner when `stop` is set.
+/// Errors: kInvalidArgument, kUnreachable, kRefused (by the broker), kTimeout (no pose came).
 Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop, const OnProgress& progress,
                             LogSink log);
 

@@ -15,7 +15,7 @@
 
 namespace eigencast::latency {
 
-/// Where the time of one pose goes, in the order of its life. docs/latency.md says what each is.
+/// In the order of a pose's life. docs/latency.md says what each is.
 enum class Stage : std::uint8_t {
   kSchedule,     ///< Intended time to the beginning of the work.
   kTransform,    ///< Positions to coefficients.
@@ -31,38 +31,36 @@ enum class Stage : std::uint8_t {
   kPresent,      ///< Positions to a finished picture; 0 where none is made.
 };
 inline constexpr std::size_t kStages = 12;
-/// As in reports, for example "to_broker".
+/// As in reports: "to_broker".
 std::string_view name_of(Stage stage);
-/// For people, for example "to broker".
+/// For people: "to broker".
 std::string_view title_of(Stage stage);
 
-/// A time difference whose ends may be stamped by different clocks.
+/// Its ends may be stamped by different clocks.
 struct Span {
   TimeUs us = 0;
   TimeUs error_us = 0;  ///< Bound on what the offset of the clocks may be wrong by; 0: one clock.
 };
 
-/// One pose with all its stages.
 struct StagedPose {
   Envelope envelope;
   std::array<Span, kStages> stages{};
   Span total;  ///< Intended time to rebuilt surface, or to its picture where one is made; measured, not summed.
   bool is_key() const { return envelope.kind == FrameKind::kKey || envelope.kind == FrameKind::kJoin; }
-  /// What the stages do not account for.
   TimeUs unexplained_us() const;
-  /// False if a stage took less than no time, beyond what the clocks may be wrong by: a stamp is wrong then.
+  /// False if a stage took less than no time, beyond the clocks' error: a stamp is wrong then.
   bool is_possible() const;
-  /// By how much the stages and the total may differ because of the clocks.
+  /// Because of the clocks.
   TimeUs uncertainty_us() const;
 };
 
-/// The offset of the viewer's clock, as in Subscriber::Stats.
+/// As in Subscriber::Stats.
 struct ViewerClock {
   TimeUs offset_us = 0;  ///< The broker's minus ours.
   TimeUs error_us = 0;
 };
 
-/// What the viewer itself stamped, on its clock.
+/// On its own clock.
 struct Received {
   Envelope envelope;
   TimeUs read_us = 0, decoded_us = 0, taken_us = 0, rebuilt_us = 0;
@@ -70,8 +68,7 @@ struct Received {
   std::optional<ViewerClock> clock;
 };
 
-/// Brings together what sender, broker and viewer say about each pose. Pure; bounded: what stays incomplete for long is
-/// given up and counted. Not thread-safe.
+/// Pure; bounded: what stays incomplete for long is given up and counted. Not thread-safe.
 class Timeline {
  public:
   struct Clocks {
@@ -82,9 +79,9 @@ class Timeline {
 
   void add(const Received& received);
   void add(const control::Trace& trace);
-  /// The poses that are complete now, in no particular order.
+  /// In no particular order.
   std::vector<StagedPose> take();
-  /// Received poses of traced keys of which something never came.
+  /// Of traced keys.
   std::uint64_t incomplete() const { return incomplete_; }
   void reset();
 
@@ -106,7 +103,7 @@ class Timeline {
   };
   void settle(std::uint64_t sequence, Key& key);
   StagedPose staged(const Received& received, const Key& key, const Broker& broker) const;
-  /// How long the first pose of the interval that ends with the key must be waited for; nothing if it is not known.
+  /// For the first pose of the interval that ends with the key; nothing if it is not known.
   std::optional<TimeUs> least_hold_us(std::uint64_t sequence, const Key& key) const;
 
   Clocks clocks_;

@@ -24,26 +24,24 @@ namespace eigencast::latency {
 /// Whether the broker of that URL shares our steady clock.
 bool on_this_machine(const std::string& url);
 
-/// The viewer whose poses are measured through to the rebuilt surface.
 class Watching {
  public:
   /// Begins to connect. Errors: those of subscribers and presenters.
   static Result<std::unique_ptr<Watching>> create(const Inputs& inputs, bool one_clock, const LogSink& log);
   ~Watching() { stop(); }
   void stop();
-  /// What is counted begins, or ends, with poses of that capture time and after.
+  /// By capture time.
   void begin(TimeUs from_us) { from_us_ = from_us; }
   void end(TimeUs until_us) { until_us_ = until_us; }
   bool has_surface() const { return first_surface_us_ != 0; }
   bool has_whole_surface() const { return whole_asset_us_ != 0; }
-  /// The broker refused, for good.
   bool refused() const;
-  /// The state of the connection, for people.
+  /// For people.
   std::string detail() const;
-  /// Why the stream is not live now; empty: it is.
+  /// Empty: it is live.
   std::string trouble() const;
   Progress progress() const;
-  /// After stop(): fills in what the viewer knows.
+  /// After stop().
   void report_to(Outcome& outcome);
 
  private:
