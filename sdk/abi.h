@@ -15,8 +15,7 @@
 #include "common/core/result.h"
 #include "common/net/url.h"
 
-/// What the functions of the C interface share: arguments are checked in them, results become statuses, exceptions stop
-/// there.
+/// What the functions of the C interface share.
 
 struct ec_asset {
   std::shared_ptr<const eigencast::Asset> asset;
@@ -44,7 +43,6 @@ ec_status guarded(Body&& body) {
   }
 }
 
-/// Options whose struct_size was forgotten would read as all defaults: refused instead.
 template <typename Options>
 bool lacks_size(const Options* given) {
   return given != nullptr && given->struct_size < sizeof(std::size_t);
@@ -58,7 +56,6 @@ Options filled(const Options* given) {
   return options;
 }
 
-/// Copies a result into the caller's struct, as much of it as the caller knows.
 template <typename Struct>
 ec_status give(Struct* to, Struct from) {
   if (to == nullptr || to->struct_size < sizeof(std::size_t))
@@ -69,7 +66,6 @@ ec_status give(Struct* to, Struct from) {
   return EC_OK;
 }
 
-/// Of either struct of options.
 template <typename Options>
 Credentials credentials_from(const Options& given) {
   const auto text = [](const char* value) { return std::string(value != nullptr ? value : ""); };

@@ -62,7 +62,6 @@ std::vector<float> rebuilt_channels(const ec_subscriber& self, std::uint32_t fir
   return values;
 }
 
-/// What rides on the current pose besides its positions.
 void rebuild_riders(ec_subscriber& self, std::uint32_t N) {
   const std::uint32_t channels = self.current->channels;
   const auto& info = self.subscriber->info();
@@ -87,7 +86,6 @@ std::vector<float> corner_uv_at_level(const Asset& asset, std::uint32_t N, std::
   return corner_uv;
 }
 
-/// level_of: from the asset to how many of its vertices.
 template <typename LevelOf>
 ec_status rebuild(ec_subscriber& self, const LevelOf& level_of, ec_surface* out) {
   const Asset* asset = self.subscriber->asset();

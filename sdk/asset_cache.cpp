@@ -1,8 +1,5 @@
-// SPDX-License-Identifier: MIT
-// Below the cache's directory:
-//   objects/HH/REST   an object; HHREST is its SHA-256 in hexadecimal
-//   records/NAME      32 bytes SHA-256 of what follows, then the record
-// A name that starts with a dot is a write in progress or one that was interrupted.
+// Below the cache's directory: objects/HH/REST, where HHREST is the object's SHA-256 in hexadecimal, and records/NAME,
+// which is 32 bytes SHA-256 of what follows, then the record. Names that start with a dot are unfinished writes.
 #include "sdk/asset_cache.h"
 
 #include <fcntl.h>
@@ -63,8 +60,7 @@ bool write_all(int fd, ByteView bytes) {
   return true;
 }
 
-/// Writes to a temporary name in the same folder and renames. No fsync: what a power cut tears fails its hash and is
-/// removed.
+/// Through a temporary name. No fsync: what a power cut tears fails its hash and is removed.
 Result<void> write_atomically(const fs::path& path, ByteView head, ByteView body) {
   static std::atomic<unsigned> counter{0};
   std::error_code error;

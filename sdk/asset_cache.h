@@ -14,7 +14,6 @@ namespace eigencast {
 std::string default_cache_dir();
 
 /// Objects by content hash in a folder. Every read is verified, a damaged object is removed and counts as absent;
-/// writes go to a temporary file that is renamed, so no partial file is ever seen. Safe for several processes at once.
 class AssetCache {
  public:
   /// The folder is made when first written to; an empty name makes a cache that holds nothing.

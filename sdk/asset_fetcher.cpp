@@ -30,7 +30,6 @@ constexpr milliseconds kLongestRetry{5000};
 
 }  // namespace
 
-/// What one fetcher wants and has.
 struct AssetFetcher::Job {
   Job(std::string cache_dir, std::function<void()> on_news, LogSink sink)
       : cache(std::move(cache_dir)), wake(std::move(on_news)), log(std::move(sink)) {}
@@ -48,7 +47,7 @@ struct AssetFetcher::Job {
   int failures = 0;
   TimeUs next_try_us = 0;
 
-  /// What has come of the first object wanted. Belongs to the worker's thread.
+  /// Of the first object wanted. Belongs to the worker's thread.
   Bytes body;
   std::uint64_t body_order = 0;
 };
@@ -112,7 +111,7 @@ class AssetFetcher::Worker {
   }
 
  private:
-  /// What is under way for the job comes to nothing. REQUIRES: mutex_ is held.
+  /// REQUIRES: mutex_ is held.
   void cancel(Job& job) {
     ++job.order;
     if (current_ == &job && http_) std::exchange(http_, nullptr)->cancel();
@@ -216,7 +215,6 @@ class AssetFetcher::Worker {
     return {};
   }
 
-  /// An exception ended run(): the job that it concerns says so and waits.
   void rest(const std::string& what) {
     {
       const std::lock_guard lock(mutex_);
@@ -232,7 +230,7 @@ class AssetFetcher::Worker {
   const BrokerUrl url_;
   mutable std::mutex mutex_;
   std::condition_variable changed_;
-  // GUARDED_BY(mutex_), all that follows.
+  // GUARDED_BY(mutex_):
   std::list<Job*> jobs_;    ///< Those whose turn comes first stand first.
   Job* current_ = nullptr;  ///< Is being served.
   std::shared_ptr<HttpConnection> http_;

@@ -15,11 +15,10 @@
 
 namespace eigencast {
 
-/// Fetches content-addressed objects one after the other: from the cache, else from the broker, verified by hash, kept
-/// in the cache. A broken download goes on where it stopped; it is tried until it succeeds or other objects are asked
-/// for. All fetchers of a broker with the same credentials share a thread and a connection, which serve them in turn.
-///
-/// Use from one thread (wake and log excepted, which are called on the shared one).
+/// Fetches content-addressed objects one after the other: from the cache, else from the broker, verified by hash, and
+/// kept. A broken download goes on where it stopped, until it succeeds or other objects are asked for. All fetchers of
+/// a broker with the same credentials share a thread and a connection. Use from one thread; wake and log are called on
+/// the shared one.
 class AssetFetcher final {
  public:
   struct Object {
@@ -37,10 +36,9 @@ class AssetFetcher final {
   AssetFetcher(const AssetFetcher&) = delete;
   AssetFetcher& operator=(const AssetFetcher&) = delete;
 
-  /// Makes `objects` what is to be fetched, in this order; what was asked for before is forgotten.
+  /// Fetches these from now on, in this order; what was asked for before is forgotten.
   void ask(std::vector<Object> objects);
-  /// The next object's bytes when they are there. At most two are kept ready: nothing is fetched ahead of a slow
-  /// caller.
+  /// The next object. At most two are kept ready: nothing is fetched ahead of a slow caller.
   std::optional<Bytes> take();
   Stats stats() const;
 

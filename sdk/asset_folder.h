@@ -10,23 +10,23 @@
 #include "common/core/hash/sha256.h"
 #include "common/core/result.h"
 
-/// A baked asset as files, to be carried to another machine: each object in a file that is named by its hash.
+/// A baked asset as files, each object in one that is named by its hash.
 namespace eigencast {
 
 /// Writes the objects, the manifest last; the folder is made. Errors: kIo.
 Result<void> write_asset(const EncodedAsset& encoded, const std::string& folder);
 
-/// The bytes of the file that is named so, not looked at. Errors: kNotFound, kIo, kTooLarge.
+/// Not verified. Errors: kNotFound, kIo, kTooLarge.
 Result<Bytes> read_object(const std::string& folder, const Sha256& id);
 
 struct WholeAsset {
   Asset asset;
   EncodedAsset encoded;
 };
-/// Reads the asset of that manifest, every object verified. Errors: those of read_object (naming it); kCorrupt,
-/// kTooLarge, kIncompatibleVersion, kUnsupported.
+/// Every object verified. Errors: those of read_object (naming it); kCorrupt, kTooLarge, kIncompatibleVersion,
+/// kUnsupported.
 Result<WholeAsset> read_asset(const std::string& folder, const Sha256& id);
-/// The same from objects that lie elsewhere. Errors: likewise, and those of `object_of`.
+/// The same from objects that lie elsewhere.
 Result<WholeAsset> assemble_asset(const Sha256& id, const std::function<Result<Bytes>(const Sha256& id)>& object_of);
 
 }  // namespace eigencast

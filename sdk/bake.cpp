@@ -55,8 +55,7 @@ constexpr double kLaplacianDone = 0.03;
 constexpr double kBasisDone = 0.85;
 constexpr double kOrderDone = 0.93;
 
-/// Poses from all over a motion that levels of detail follow, too. One that cannot be read, or is not finite,
-/// is left out: playing it reports what is wrong.
+/// Poses from all over a motion; one that cannot be read, or is not finite, is left out: playing it reports that.
 std::vector<std::vector<Vec3>> poses_of_levels(const Surface& surface, const KnownMotion* motion) {
   std::vector<std::vector<Vec3>> poses;
   if (motion == nullptr || motion->poses < 2 || surface.is_point_cloud()) return poses;
@@ -73,7 +72,6 @@ std::vector<std::vector<Vec3>> poses_of_levels(const Surface& surface, const Kno
   return poses;
 }
 
-/// What an asset is to have beside its shape.
 struct PlannedAppearance {
   std::vector<std::array<std::uint8_t, 3>> colours;
   std::optional<TexturePlan> texture;
@@ -149,7 +147,7 @@ Result<void> check_options(const Surface& surface, const BakeOptions& options) {
   return {};
 }
 
-/// What a result depends on. Errors: those of the motion's poses.
+/// Errors: those of the motion's poses.
 Result<Sha256> key_of(const Surface& surface, std::span<const std::vector<Vec3>> poses,
                       const PlannedAppearance& appearance, const BakeOptions& options) {
   Bytes head;
@@ -212,8 +210,7 @@ std::vector<double> rest_coefficients(const Surface& surface, const Basis& basis
     for (std::size_t axis = 0; axis < 3; ++axis) p[axis] -= origin[axis];
   }
   const Eigen::MatrixXd C = coefficients_from_positions(basis, centred);
-  // The rest pose lies in the first columns of an augmented basis; the others hold rounding, which a receiver of few
-  // bands would miss.
+  // The rest pose lies in the first columns of an augmented basis; the others hold rounding.
   const double rounding = 1e-12 * C.cwiseAbs().maxCoeff();
   std::vector<double> rest(static_cast<std::size_t>(C.size()));
   for (Eigen::Index k = 0; k < C.rows(); ++k) {
@@ -225,8 +222,8 @@ std::vector<double> rest_coefficients(const Surface& surface, const Basis& basis
   return rest;
 }
 
-/// Psi, n x r, with its rows in an order of the vertices, row-major. Some columns at a time, as many as fill a cache
-/// line of the result, each read from top to bottom: rows that are far apart are visited once for all of them.
+/// Psi with its rows in an order of the vertices, row-major. As many columns at a time as fill a cache line of the
+/// result: rows that are far apart are visited once for all of them.
 std::vector<float> rows_in_order(const Eigen::MatrixXd& Psi, std::span<const std::uint32_t> order) {
   constexpr std::size_t kColumns = 16;
   const auto r = static_cast<std::size_t>(Psi.cols());
@@ -287,10 +284,10 @@ Asset asset_from(const Surface& surface, const PlannedAppearance& appearance, st
   return asset;
 }
 
-/// How the basis is stored. In the clips of people, animals and faces that were looked at, coefficient k (from 1) never
-/// was larger than 0.3 k^-1.2 diagonal sqrt(area) beyond the affine ones, and mostly half that, whatever moved: a
-/// motion that is larger by a factor suffers an error that is. What a learned basis meets is known: twice the root mean
-/// square, or as much as leaves a column steps of an eighth of its entries, so that columns stay independent.
+/// In the clips of people, animals and faces that were looked at, coefficient k (from 1) never was larger than
+/// 0.3 k^-1.2 diagonal sqrt(area) beyond the affine ones, and mostly half that. What a learned basis meets is known:
+/// twice the root mean square, or as much as leaves a column steps of an eighth of its entries: columns stay
+/// independent.
 AssetEncoding encoding_of(const Asset& asset, const Basis& basis, const BakeOptions& options) {
   AssetEncoding encoding;
   if (options.asset_error == 0) {
@@ -309,7 +306,6 @@ AssetEncoding encoding_of(const Asset& asset, const Basis& basis, const BakeOpti
   return encoding;
 }
 
-/// Progress of one stage as progress of the whole.
 class Stages {
  public:
   explicit Stages(const BakeProgress& progress) : progress_(progress) {}
@@ -334,9 +330,8 @@ Result<Basis> basis_of(const Surface& surface, const Laplacian& laplacian, const
   return build_basis(surface, laplacian, {options.basis, options.rank, options.solver}, progress);
 }
 
-/// Levels of detail need nothing of the basis, and whoever solves for that leaves a processor idle now and then: found
-/// on a thread of their own, which ends soon when they are not wanted any more; where there is no thread to be had,
-/// when they are asked for.
+/// Levels of detail need nothing of the basis, and solving for that leaves a processor idle now and then: found on a
+/// thread of their own; where there is no thread to be had, when they are asked for.
 class OrderToCome {
  public:
   OrderToCome(const Surface& surface, std::span<const std::vector<Vec3>> poses, const PlannedAppearance& appearance) {
@@ -407,9 +402,9 @@ Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vect
 
 }  // namespace
 
-// Peak of a bake: eigenvectors, candidate columns and the basis side by side, and the vectors of one Lanczos band
-// (beyond kSolvedExactly there are none); of a motion's basis its columns as they are given and as they are worked on;
-// levels of detail beside that, and the program. Measured: 6.7 to 9.9 KB a vertex at rank 200 (4.7 beyond).
+// Eigenvectors, candidate columns and the basis side by side, and the vectors of one Lanczos band (beyond
+// kSolvedExactly none); of a motion's basis its columns as given and as worked on. Measured: 6.7 to 9.9 KB a vertex at
+// rank 200.
 double bake_bytes(std::size_t vertices, const BakeOptions& options) {
   auto columns = vertices <= kSolvedExactly ? 4.5 * options.rank + 360 : 3.0 * options.rank + 180;
   if (options.motion != nullptr && options.motion->columns.count > 0)

@@ -18,29 +18,26 @@
 namespace eigencast {
 
 struct BakeOptions {
-  /// kRig and kCage are made of the columns of the motion below, kPca of its poses.
   BasisKind basis = BasisKind::kAugmented;
   int rank = 200;    ///< r (default: 200).
   std::string name;  ///< Of the surface, for people.
-  /// What rounding the basis may move a vertex by (root mean square, of the box's diagonal) in a motion as large as
-  /// those of animations (default: 1e-4). 0: columns of 32-bit floats, an asset five to ten times as large.
+  /// What rounding the basis may move a vertex by (rms, of the diagonal) in a motion as large as those of animations.
+  /// 0: columns of 32-bit floats, an asset five to ten times as large.
   double asset_error = 1e-4;
-  /// What rig, cage and pca are made of (`rank` then is the most that they may have), and, of any basis, poses that the
-  /// levels of detail of a mesh are to look like (see build_prefix_order); null: none. Must outlive the bake.
+  /// What rig, cage (of its columns) and pca (of its poses) are made of (`rank` is the most that they may have), and
+  /// poses that the levels of detail of a mesh are to look like; null: none. Must outlive the bake.
   const KnownMotion* motion = nullptr;
-  /// Colours and texture that the asset is to have, of the same surface; null: none. Needed until bake() returns.
+  /// Of the same surface; null: none. Needed until bake() returns.
   const Appearance* appearance = nullptr;
   /// Of point clouds: "delaunay" (default) or "pb-mhb", slower (PointsOperator in spectral/laplacian.h).
   std::string points_operator = "delaunay";
-  /// How what a harmonic or pca basis leaves out of the rest pose comes back in every pose, and full normals with it
-  /// (default: frames for harmonic, else none). An asset two to three times as large, whose poses take viewers three
-  /// times the multiplications.
+  /// How what a harmonic or pca basis leaves out of the rest pose comes back (default: frames for harmonic, else none).
+  /// An asset two to three times as large, whose poses take viewers three times the multiplications.
   std::optional<DetailKind> detail = std::nullopt;
   /// Of meshes: the operator of LaplacianOptions::delaunay, whether its edges ask for it or not.
   bool delaunay = false;
   EigenSolver solver = EigenSolver::kLanczos;  ///< Of augmented and harmonic bases.
 };
-/// What such a bake gives.
 DetailKind detail_of(const BakeOptions& options);
 
 /// As in spectral/eigenbasis.h: fraction in [0, 1], what is being done; returns false to cancel.
@@ -58,14 +55,11 @@ struct BakeResult {
   std::string report;  ///< For people: what check_surface found, rank used, seconds taken.
 };
 
-/// The memory that a bake of so many vertices takes, in bytes: an estimate from above. More than there is, and bake()
-/// refuses.
+/// In bytes, an estimate from above. More than there is, and bake() refuses.
 double bake_bytes(std::size_t vertices, const BakeOptions& options);
 
-/// Turns a surface into a streamable asset: checks, Laplacian, basis, contraction order, encoding. With a cache
-/// directory (see asset_cache.h) the result is kept under the hash of the surface and the options, and found there next
-/// time. A cache that cannot be written to is done without. Errors: kInvalidArgument, kNumerical, kCancelled,
-/// kTooLarge.
+/// With a cache directory (see asset_cache.h) the result is kept under the hash of the surface and the options, and
+/// found there next time. Errors: kInvalidArgument, kNumerical, kCancelled, kTooLarge.
 Result<BakeResult> bake(const Surface& surface, const BakeOptions& options, const std::string& cache_dir = {},
                         const BakeProgress& progress = {});
 

@@ -20,12 +20,10 @@ namespace {
 
 using Vector = std::array<double, 3>;
 
-// Rounding error of derivatives, whose size is about one: frames and normals turn by no more than the most, and nothing
-// is gained below the least.
+// Of derivatives, whose size is about one: frames and normals turn by no more than the most; less gains nothing.
 constexpr double kMinError = 1e-3, kMaxError = 1e-2;
 constexpr std::size_t kRowsAtOnce = 256;
 
-/// Calls work(row) for all of them, on the process's threads.
 template <typename Work>
 void for_rows(std::size_t rows, const Work& work) {
   worker_team().run((rows + kRowsAtOnce - 1) / kRowsAtOnce, [&](std::size_t task) {
@@ -34,7 +32,7 @@ void for_rows(std::size_t rows, const Work& work) {
   });
 }
 
-/// The rest pose: in rows' order, in the asset's space.
+/// In rows' order, in the asset's space.
 std::vector<Vec3> rest_rows(const Asset& asset, const Surface& surface) {
   std::vector<Vec3> rows(asset.vertex_count);
   for (std::size_t row = 0; row < rows.size(); ++row) {
@@ -73,8 +71,7 @@ std::vector<std::array<float, 3>> normal_rows(const Asset& asset, std::span<cons
   return rows;
 }
 
-/// The derivatives of all columns at each row, made again each time that they are asked for: as floats they would be
-/// twice the basis.
+/// Of all columns at each row, made each time that they are asked for: as floats they would be twice the basis.
 class Derivatives {
  public:
   Derivatives(const Asset& asset, std::span<const Vec3> base)

@@ -9,11 +9,9 @@
 
 namespace eigencast {
 
-/// What was baked before from what `key` is the hash of, whole and verified; nothing where a part is missing or
-/// damaged.
+/// What was baked before under `key`, whole and verified.
 std::optional<BakeResult> load_bake(const AssetCache& cache, const Sha256& key);
 
-/// Keeps the result for load_bake(). Errors: those of the cache.
 Result<void> store_bake(const AssetCache& cache, const Sha256& key, const BakeResult& result);
 
 }  // namespace eigencast

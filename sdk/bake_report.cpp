@@ -12,7 +12,7 @@
 namespace eigencast {
 namespace {
 
-/// Largest distance of a vertex of the rest pose, as receivers rebuild it, from the source's, over the box's diagonal.
+/// Of a vertex of the rest pose, as receivers rebuild it, over the box's diagonal.
 double worst_rest_error(const Surface& surface, const Asset& asset) {
   Reconstructor receiver;
   receiver.update(asset);
@@ -32,7 +32,6 @@ double worst_rest_error(const Surface& surface, const Asset& asset) {
   return diagonal > 0 ? worst / diagonal : worst;
 }
 
-/// What it is and what it costs.
 std::string report_of_detail(const EncodedAsset& encoded, const Asset& asset) {
   if (asset.detail.size() == 0) return {};
   return formatted("detail: %s; %.0f %% of the asset, and viewers multiply three times as much for a pose\n",

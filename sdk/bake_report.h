@@ -11,7 +11,6 @@
 
 namespace eigencast {
 
-/// What a bake started from, and what it took.
 struct BakeFacts {
   const Surface& surface;
   std::size_t poses;  ///< That its levels of detail were made for, beside the rest pose.
@@ -22,7 +21,6 @@ struct BakeFacts {
   double bytes;  ///< Of memory.
 };
 
-/// For people, lines: what is odd about the surface, what was made of it, how good that is, what it took.
 std::string report_of(const BakeResult& result, const BakeFacts& facts);
 
 }  // namespace eigencast

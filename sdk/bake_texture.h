@@ -24,8 +24,8 @@ struct TexturePlan {
 /// Why an asset cannot have an image (that is whole): too large, or neither PNG nor JPEG.
 Result<void> check_image(const Appearance::Image& image);
 
-/// Of a surface's images the one that most faces have; faces of others are nowhere in it. Nothing where there is none
-/// that an asset can have. `report` gets lines for people: which it is, and what was left out and why.
+/// Of a surface's images the one that most faces have; nothing where there is none that an asset can have. `report`
+/// gets lines for people: which it is, and what was left out and why.
 std::optional<TexturePlan> plan_texture(const Surface& surface, const Appearance& appearance, std::string& report);
 
 /// REQUIRES: the order is of the plan's surface.

@@ -21,17 +21,15 @@
 
 namespace eigencast {
 
-/// One connection to a broker, shared by all streams that are watched there with the same credentials: one socket, one
-/// thread. It reconnects by itself and then subscribes to all streams again. It acknowledges, pings, and asks again for
-/// streams that the broker declined. A connection of one stream names it in its URL, so that it needs no round trip
-/// more; one of several never does, so that a stream that is refused there does not refuse the others.
-///
-/// A stream is watched at most once per connection: a second subscriber to it gets another connection.
+/// One connection to a broker (one socket, one thread), shared by all streams that are watched there with the same
+/// credentials. It reconnects by itself and then subscribes to all again, and asks again for streams that the broker
+/// declined. A connection of one stream names it in its URL, which saves a round trip; one of several never does, so
+/// that a refused stream does not refuse the others. A second subscriber to a stream gets another connection.
 /// Thread-safe.
 class BrokerConnection final {
  public:
-  /// What one stream hears of the connection, on the connection's thread and one call at a time; on_open() and
-  /// on_down() also within join(). No call may lead to join() or leave().
+  /// Called on the connection's thread, one call at a time; on_open() and on_down() also within join(). No call may
+  /// lead to join() or leave().
   class Listener {
    public:
     virtual ~Listener() = default;
@@ -46,7 +44,7 @@ class BrokerConnection final {
     /// This connection has as many streams as the broker allows: leave it and join another.
     virtual void on_crowded_out() = 0;
     virtual void on_clock(const ClockOffset::Estimate& clock) = 0;
-    /// A frame of this stream, which came at `now`. Nothing in it: it could not be read.
+    /// Nothing in it: it could not be read.
     virtual void on_frame(const std::optional<FrameView>& frame, std::size_t bytes, TimeUs now) = 0;
   };
 
@@ -57,9 +55,8 @@ class BrokerConnection final {
     LogSink log;
   };
 
-  /// Watches a stream at the broker of `url`, on the connection that is there or on a new one.
   static std::shared_ptr<BrokerConnection> join(const BrokerUrl& url, Request request, Listener& listener);
-  /// Ends the subscription; no call comes afterwards. Whoever leaves last closes the connection by letting go of it.
+  /// No call comes afterwards. Whoever leaves last closes the connection by letting go of it.
   void leave(const Listener& listener);
 
   explicit BrokerConnection(const BrokerUrl& url);
@@ -93,11 +90,11 @@ class BrokerConnection final {
   void on_message(const control::Notice& m);
   void on_message(const control::ErrorMessage& m);
   void on_message(const control::Bye& m);
-  /// Acknowledges what the last frames of a burst left over, asks again for declined streams, and pings.
+  /// Acknowledges what a burst left over, asks again for declined streams, and pings.
   void on_tick();
   void acknowledge(TimeUs now);
   void subscribe(Stream& stream);
-  /// One that is lost is made up for: the connection is made anew, and all is asked again.
+  /// One that is lost is made up for: the connection is made anew.
   void send(const ControlMessage& message) { (void)socket_->send_text(text_from_control(message)); }
   Stream* find(std::string_view name);
   template <typename Call>
@@ -105,8 +102,7 @@ class BrokerConnection final {
   void log(LogLevel level, std::string_view text) const;
 
   const BrokerUrl url_;
-  /// Held in all calls of listeners and log sinks, so that leave() waits for them. Recursive for sinks that are called
-  /// within a send.
+  /// Held in all calls of listeners and log sinks, so that leave() waits for them; recursive for sinks within a send.
   mutable std::recursive_mutex mutex_;
   // GUARDED_BY(mutex_), all that follows.
   std::list<Stream> streams_;  ///< Oldest first.

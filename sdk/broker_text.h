@@ -11,14 +11,11 @@
 #include "common/core/log.h"
 #include "common/wire/control.h"
 
-/// What both ends of a stream hear from their broker and say about it.
 namespace eigencast {
 
-/// How often the broker is asked for its clock.
 inline constexpr TimeUs kPingIntervalUs = 250'000;
 
-/// What a message about a lost peer ends with: "; next try in 400 ms", "; next try in 3.9 s", or nothing when there is
-/// none.
+/// "; next try in 400 ms", "; next try in 3.9 s", or nothing when there is none.
 inline std::string try_again_in(std::chrono::milliseconds wait) {
   if (wait.count() <= 0) return {};
   const auto tenths = (wait.count() + 50) / 100;
@@ -27,8 +24,7 @@ inline std::string try_again_in(std::chrono::milliseconds wait) {
          " s";
 }
 
-/// Parses a text message of the broker. Nothing: its kind is unknown here, which newer brokers may send, or it is
-/// malformed, which is logged.
+/// Nothing: its kind is unknown here, which newer brokers may send, or it is malformed, which is logged.
 inline std::optional<ControlMessage> read_control(std::string_view text, const LogSink& log) {
   auto message = control_from_text(text);
   if (message) return std::move(*message);

@@ -61,7 +61,6 @@ bool write_private(const std::string& path, const std::string& text) {
   return ::close(descriptor) == 0 && written;
 }
 
-/// The context that is meant: of that name; else, of a URL's broker, or the current one.
 const Context* context_for(const std::string& to, const std::string& name, const Contexts& contexts) {
   const Context* current = contexts.find(name);
   const auto meant = parse_broker_url(to);

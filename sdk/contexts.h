@@ -16,7 +16,6 @@ struct Context {
   Credentials credentials = {};
 };
 
-/// The named contexts of a user, in a file that only they can read. Not thread-safe.
 class Contexts {
  public:
   /// $XDG_CONFIG_HOME/eigencast/contexts.json, by default ~/.config/...; empty where neither is known.
@@ -28,7 +27,7 @@ class Contexts {
 
   const std::vector<Context>& all() const { return all_; }
   const std::string& current() const { return current_; }
-  /// Null: none of that name. Empty: the current one.
+  /// Empty: the current one.
   const Context* find(const std::string& name) const;
 
   /// Adds or replaces; the first becomes the current one. Errors: kInvalidArgument (name or URL).
@@ -49,16 +48,16 @@ struct Target {
 };
 
 /// What a user means by a URL or name, credentials and a context's name, any of which may be empty:
-///   a URL    as it stands; a context's credentials go only to the context's own host and port. Where none is named,
-///            those of any context whose broker this is
+///   a URL    as it stands; a context's credentials go only to its own host and port. Where none is named, those of any
+///            context whose broker this is
 ///   a name   that stream at the context's broker
 ///   nothing  the context's URL
 /// Errors: kInvalidArgument (neither a URL nor a context), kNotFound (no such context).
 Result<Target> resolve_target(const std::string& to, const Credentials& given, const std::string& context,
                               const Contexts& contexts);
 
-/// The same for a further stream of a program whose credentials were given for `home`'s broker: another broker
-/// gets only the credentials that the contexts hold for it; the same authorities count.
+/// For a further stream of a program whose credentials were given for `home`'s broker: another broker gets only those
+/// that the contexts hold for it; the same authorities count.
 Result<Target> resolve_beside(const Target& home, const std::string& to, const Credentials& given,
                               const std::string& context, const Contexts& contexts);
 

@@ -66,7 +66,6 @@ std::optional<Error> FrameDecoder::apply(const FrameView& frame, const Key*& pos
     }
     case FrameKind::kKey: {
       if (!chain_ || e.sequence != newest_ + 1) {
-        // A key further on can never be reached by the ones to come; an old one changes nothing.
         if (chain_ && e.sequence > newest_) chain_.reset();
         return undecodable();
       }

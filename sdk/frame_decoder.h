@@ -11,12 +11,9 @@
 
 namespace eigencast {
 
-/// A receiver's end of one stream's key chain: frames in, keys out (docs/protocol.md). Pure: no thread, no clock, no
-/// socket.
-///
-/// A key s is decodable when the newest key is s-1, a synthetic frame that leads up to s likewise; a step (compact
-/// interpolation) or an estimate beyond s when the newest key is s; a join always. Whatever is not decodable waits for
-/// the next join. Not thread-safe.
+/// A receiver's end of one stream's key chain (docs/protocol.md): a key s is decodable when the newest key is s-1, a
+/// synthetic frame that leads up to s likewise; a step or an estimate beyond s when the newest key is s; a join always.
+/// Whatever is not waits for the next join. Pure: no thread, no clock, no socket. Not thread-safe.
 class FrameDecoder {
  public:
   struct Counts {
@@ -27,18 +24,16 @@ class FrameDecoder {
     std::uint64_t missed = 0;    ///< Key sequence numbers never seen.
   };
 
-  /// Frames to come are of this stream and epoch. The chain starts anew if either differs from before.
+  /// The chain starts anew if stream or epoch differ from before.
   void set_stream(const control::StreamInfo& info);
-  /// The connection is new: only a join helps.
   void restart() { chain_.reset(); }
 
-  /// The pose of the frame, valid until the next call; null when there is none to show (a key sent ahead, another stream
-  /// or epoch, no state yet). Errors: kCorrupt and those of the codec; the chain then waits for a join.
+  /// Valid until the next call; null when there is none to show (a key sent ahead, another stream or epoch, no state
+  /// yet). Errors: kCorrupt and those of the codec; the chain then waits for a join.
   Result<const Key*> decode(const FrameView& frame);
 
   const CoefficientLayout& layout() const { return layout_; }
   const Counts& counts() const { return counts_; }
-  /// The newest key decoded in this epoch; nothing before.
   std::optional<std::uint64_t> newest() const { return chain_ ? std::optional(newest_) : std::nullopt; }
 
  private:

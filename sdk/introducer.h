@@ -18,14 +18,14 @@
 
 namespace eigencast {
 
-/// Brings a publisher's asset to the broker each time that begin() is called, on a thread of its own. Its events are called
-/// on that thread, with no lock of its own held. Thread-safe.
+/// Brings a publisher's asset to the broker each time that begin() is called. Its events are called on a thread of its
+/// own, with no lock held. Thread-safe.
 class Introducer {
  public:
   struct Events {
     std::function<void(std::uint64_t sent, std::uint64_t total)> on_progress;
-    /// The asset is there, or why not; not called where begin() or cancel() came meanwhile. Says after how long to try
-    /// again; nothing: not before begin().
+    /// Not called where begin() or cancel() came meanwhile. Says after how long to try again; nothing: not before
+    /// begin().
     std::function<std::optional<std::chrono::milliseconds>(const Result<void>& done)> on_done;
     /// Memory ran out, or one of the above threw: nothing happens before begin().
     std::function<void(const std::string& what)> on_exception;
@@ -36,11 +36,9 @@ class Introducer {
   Introducer(const Introducer&) = delete;
   Introducer& operator=(const Introducer&) = delete;
 
-  /// Uploads what the broker lacks, after a while.
   void begin(std::chrono::milliseconds after);
-  /// The broker is gone: what is under way ends.
+  /// What is under way ends.
   void cancel();
-  /// Ends the thread; nothing happens any more.
   void stop();
 
  private:

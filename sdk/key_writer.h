@@ -12,8 +12,8 @@
 
 namespace eigencast {
 
-/// A sender's end of one stream's key chain: keys in, messages out (docs/protocol.md); FrameDecoder is the other end.
-/// What did not leave changes nothing. Pure: no thread, no clock, no socket. Not thread-safe.
+/// A sender's end of one stream's key chain (docs/protocol.md). What did not leave changes nothing. Pure: no thread, no
+/// clock, no socket. Not thread-safe.
 class KeyWriter {
  public:
   /// A key as the next message, and where the chain stands once it has left.
@@ -31,16 +31,14 @@ class KeyWriter {
   /// The chain is broken: the next message is a join.
   void restart() { chain_.reset(); }
 
-  /// The key as the next one. Errors: those of the codec.
+  /// Errors: those of the codec.
   Result<Coded> code(Key key, TimeUs capture_us) const;
   /// The same, with the payload that it had in another chain where that gives the same key in this one: exactly.
   Result<Coded> code_as(Key key, ByteView payload, TimeUs capture_us) const;
-  /// It left, as so many bytes.
   void sent(Coded coded, std::size_t bytes);
 
   /// The last key that left, as receivers have it; null before the first of a chain.
   const Key* held() const { return chain_ ? &chain_->newer : nullptr; }
-  /// Whether a pose of this time may follow.
   bool may_follow(TimeUs capture_us) const { return !chain_ || capture_us > last_capture_us_; }
   const CoefficientLayout& layout() const { return layout_; }
   std::uint32_t stream_id() const { return stream_id_; }

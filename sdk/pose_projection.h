@@ -14,7 +14,6 @@
 
 namespace eigencast {
 
-/// From what a pose says of each vertex to coefficients. Not thread-safe.
 class PoseProjection {
  public:
   struct Coefficients {
@@ -23,12 +22,10 @@ class PoseProjection {
     std::vector<double> S;  ///< r x scalars; empty without.
   };
 
-  /// velocities, scalars  what poses come with: PublisherOptions
   PoseProjection(std::shared_ptr<const Asset> asset, bool velocities, std::uint32_t scalars)
       : asset_(std::move(asset)), velocities_(velocities), scalars_(scalars) {}
 
-  /// Errors: kInvalidArgument (values missing, too many or not finite), and those of the Projector, which is made for
-  /// the first pose.
+  /// Errors: kInvalidArgument (values missing, too many or not finite), and those of the Projector.
   Result<Coefficients> project(const VertexPose& pose);
 
  private:

@@ -21,7 +21,7 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr milliseconds kUploadRetry{1000};
-/// A broker that refused the announcement is asked again after so long: another sender may have left.
+/// Another sender may have left by then.
 constexpr milliseconds kRefusedRetry{5000};
 
 std::string megabytes(std::uint64_t bytes) {
@@ -146,8 +146,7 @@ class Publisher::Impl {
     return RateControl(options_.bitrate, quantiser_.half_spacing, static_cast<std::uint8_t>(format_.band_ends.size()));
   }
 
-  /// Sends what the gate lets through. The gate stays as it was where a frame is not sent. REQUIRES: as send_key; a key
-  /// was sent, and there is a gate.
+  /// The gate stays as it was where a frame is not sent. REQUIRES: as send_key; a key was sent, and there is a gate.
   SendStatus send_unless_still(Key key, std::span<const double> C, TimeUs capture_us, const Work& work) {
     const StillGate before = *still_;
     const double distance = surface_distance(C, coefficients_from_key(writer_.layout(), *writer_.held()), asset_->area);
@@ -172,13 +171,12 @@ class Publisher::Impl {
     return send_key(std::move(key), capture_us, work);
   }
 
-  /// Codes and sends the next key of the chain, with the spacing and the bands that the bit rate allows. REQUIRES:
-  /// mutex_ is held, nothing blocks sending.
+  /// REQUIRES: mutex_ is held, nothing blocks sending.
   SendStatus send_key(Key key, TimeUs capture_us, Work work) {
     return send_coded(writer_.code(std::move(key), capture_us), work);
   }
 
-  /// Why a pose of this time cannot be sent now, counted. REQUIRES: mutex_ is held.
+  /// Counted. REQUIRES: mutex_ is held.
   std::optional<SendStatus> send_blocker(TimeUs capture_us) {
     if (stats_.state != State::kLive) return dropped(SendStatus::kDisconnected);
     if (socket_->unsent_bytes() > options_.max_unsent_bytes) return dropped(SendStatus::kDropped);
@@ -187,7 +185,7 @@ class Publisher::Impl {
     return std::nullopt;
   }
 
-  /// REQUIRES: mutex_ is held, the stream is live, nothing blocks sending.
+  /// REQUIRES: as send_key.
   SendStatus send_coded(Result<KeyWriter::Coded> coded, const Work& work) {
     if (!coded) return unusable(coded.error());
     const std::size_t bytes = coded->message.size();
@@ -213,8 +211,7 @@ class Publisher::Impl {
     return dropped(SendStatus::kDropped);
   }
 
-  /// Sends the timing marks of the key just sent, where they were asked for. Lost traces are not resent.
-  /// REQUIRES: mutex_ is held.
+  /// Where timing marks were asked for. Lost traces are not resent. REQUIRES: mutex_ is held.
   void trace(const Work& work, TimeUs sent_us) {
     const TimeUs now = steady_now_us();
     if (writer_.sequence() % trace_every_ == 0) {
@@ -374,7 +371,7 @@ class Publisher::Impl {
     (void)socket_->send_text(text_from_control(m));
   }
 
-  /// After how long it is tried again. REQUIRES: mutex_ is held.
+  /// REQUIRES: mutex_ is held.
   milliseconds upload_failed(const Error& why) {
     const bool refused = why.code == ErrorCode::kRefused;
     const milliseconds wait = refused ? kRefusedRetry : kUploadRetry;
@@ -394,7 +391,7 @@ class Publisher::Impl {
   PoseProjection projection_;  ///< For the caller's thread alone.
 
   mutable std::mutex mutex_;
-  // GUARDED_BY(mutex_), all that follows.
+  // GUARDED_BY(mutex_):
   std::unique_ptr<WebSocket> socket_;       ///< Set once by start().
   std::unique_ptr<Introducer> introducer_;  ///< Likewise.
   Phase phase_ = Phase::kDown;

@@ -15,7 +15,7 @@
 
 namespace eigencast {
 
-/// What a pose says of each of n vertices, in the source's order.
+/// Of each of n vertices, in the source's order.
 struct VertexPose {
   std::span<const float> positions;   ///< n x 3
   std::span<const float> velocities;  ///< n x 3, per second; empty unless PublisherOptions::velocities.
@@ -24,9 +24,7 @@ struct VertexPose {
 
 /// Publishes one deforming surface to a broker and keeps doing so: uploads the asset where it is missing, announces it,
 /// codes and sends keys, and does all of that again after a lost connection. Frames sent meanwhile are dropped, never
-/// queued.
-///
-/// send() never blocks. Use from one thread; different Publishers are independent.
+/// queued; send() never blocks. Use from one thread; different Publishers are independent.
 class Publisher final {
  public:
   enum class State { kConnecting, kUploading, kLive, kRefused };
@@ -42,21 +40,18 @@ class Publisher final {
     bool gave_up = false;  ///< The broker gave the stream to another sender: nothing is tried again.
   };
 
-  /// Starts connecting in the background. `asset` is what is projected on and must be decode(encoded); both are shared,
-  /// not copied.
-  /// Errors: kInvalidArgument (URL, stream name, error <= 0).
+  /// `asset` must be decode(encoded); both are shared. Errors: kInvalidArgument (URL, stream name, error <= 0).
   static Result<std::unique_ptr<Publisher>> create(PublisherOptions options, std::shared_ptr<const Asset> asset,
                                                    std::shared_ptr<const EncodedAsset> encoded, LogSink log = {});
-  /// For callers that have the keys already, as of a recording: the same, with send_key() only. `encoded` may be empty but for the
+  /// For callers that have the keys already, as of a recording: send_key() only. `encoded` may be empty but for the
   /// manifest's id: the broker must have the asset then. Errors: kInvalidArgument (URL, stream name, format).
   static Result<std::unique_ptr<Publisher>> create_for_keys(PublisherOptions options, const StreamFormat& format,
                                                             std::shared_ptr<const EncodedAsset> encoded,
                                                             LogSink log = {});
   ~Publisher();
 
-  /// The key as it is, of create_for_keys()'s format, all or some of its bands; the rest as send_coefficients().
-  ///   coded  the payload it had in another chain, or empty: sent again where it gives the same key, which costs no
-  ///          bits and no time; otherwise the key is coded exactly.
+  /// All or some of the bands of create_for_keys()'s format; the rest as send_coefficients().
+  ///   coded  the payload it had in another chain, or empty: sent again where it gives the same key
   SendStatus send_key(Key key, TimeUs capture_us, ByteView coded = {});
   /// C: r x 3 row-major; capture_us: when the pose holds, on the steady clock, growing; outside 0..kMaxTimeUs:
   /// kDropped.
@@ -73,8 +68,7 @@ class Publisher final {
                                     TimeUs capture_us);
   /// The same with all that was announced. Errors: kInvalidArgument, also for what was not, or is missing.
   Result<SendStatus> send_pose(const VertexPose& pose, TimeUs capture_us);
-  /// The coefficients (r x 3) that receivers decode for the last key that was sent; empty before the first of a
-  /// connection.
+  /// What receivers decode (r x 3) for the last key that was sent; empty before the first of a connection.
   std::vector<double> as_received() const;
   Stats stats() const;  ///< Thread-safe.
 

@@ -10,9 +10,8 @@ namespace eigencast {
 
 namespace {
 
-/// A velocity is sent as the movement in a quarter of a key interval: so coarse that it costs few bits, so fine that
-/// its rounding moves a pose between two keys (by at most 4/27 of an interval's movement) less than that of the keys
-/// does.
+/// A quarter of a key interval: so coarse that velocities cost few bits, so fine that their rounding moves a pose
+/// between two keys (by at most 4/27 of an interval's movement) less than that of the keys does.
 std::uint32_t velocity_unit(double key_rate_hz) {
   const double us = key_rate_hz > 0 ? 1e6 / key_rate_hz / 4 : 0;
   return static_cast<std::uint32_t>(std::clamp(us, 1000.0, static_cast<double>(limits::kMaxVelocityUs)));

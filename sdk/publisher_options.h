@@ -16,23 +16,21 @@
 
 namespace eigencast {
 
-/// The default of PublisherOptions::error, over the diagonal of the rest box.
 inline constexpr double kDefaultErrorOverDiagonal = 1e-3;
 
 struct PublisherOptions {
   std::string url;  ///< ws://host:port/stream
   CodecKind codec = CodecKind::kQuantised;
   double error = 0;  ///< eps: rms vertex error of quantising, in model units; 0 = the default.
-  /// Bits a second that the frames sent, envelopes included, keep to on average, by coarser levels and, where that is
-  /// not enough, fewer bands; 0: whatever the error bound takes. Only with kQuantised.
+  /// Bits a second that frames, envelopes included, keep to on average, by coarser levels, then fewer bands; 0:
+  /// whatever the error bound takes. Only with kQuantised.
   double bitrate = 0;
   /// Poses of a surface that stands still, within kStillOverError of what receivers hold, are left out, but for one
-  /// every so often; 0: every pose is sent. A viewer never shows a pose further off than that bound because of it.
+  /// every so often; 0: every pose is sent. No viewer shows a pose further off than that because of it.
   TimeUs still_heartbeat_us = 0;
   bool velocities = false;  ///< Poses come with velocities, which go out beside them: for viewers with scheme=hermite.
-  /// Values of each vertex besides its position, such as stress or temperature, at most kMaxScalars: channels 3
-  /// to 2 + scalars of the stream. They are coded within `error`, too, each in its own unit: give them a range of about
-  /// the surface's diagonal, and the default keeps a thousandth of it.
+  /// Values of each vertex besides its position, at most kMaxScalars: channels 3 to 2 + scalars of the stream. They are
+  /// coded within `error`, too: give them a range of about the surface's diagonal.
   std::uint32_t scalars = 0;
   double key_rate_hz = 30;                     ///< Announced; send() may be called at any rate.
   std::optional<std::vector<double>> world{};  ///< Announced, see control::Announce.
@@ -48,16 +46,14 @@ inline constexpr std::uint32_t kMaxScalars = 10;
 
 /// Errors: kInvalidArgument (what cannot be kept to, or not together).
 Result<void> check_options(const PublisherOptions& options);
-/// The same, and what this surface does not do with.
 Result<void> check_options(const PublisherOptions& options, const Asset& asset);
 
 /// Where to, with its credentials. Errors: kInvalidArgument (URL, stream name, credentials).
 Result<BrokerUrl> destination(const PublisherOptions& options, const LogSink& log);
 
-/// PublisherOptions::error, or its default for this surface.
+/// Or its default for this surface.
 double error_bound(const PublisherOptions& options, const Asset& asset);
 
-/// What is announced of the coefficients.
 StreamFormat format_of(const PublisherOptions& options, const Asset& asset);
 
 /// Rows of x, y, z, scalars, and velocities in units of format.velocity_us.

@@ -10,7 +10,6 @@
 
 namespace eigencast {
 
-/// One pose as it was received and decoded.
 struct ReceivedPose {
   Envelope envelope;          ///< As it came; `bands` are those that the pose has, also for steps.
   TimeUs arrival_us = 0;      ///< Steady clock, when the last byte was read.

@@ -13,7 +13,7 @@ using std::chrono::milliseconds;
 
 constexpr std::size_t kMaxPoses = 64;
 constexpr std::size_t kMaxTraces = 256;
-/// What a notice says is no longer news after so long.
+/// Of a notice.
 constexpr TimeUs kNoticeUs = 3'000'000;
 
 }  // namespace

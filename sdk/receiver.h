@@ -25,8 +25,7 @@
 
 namespace eigencast {
 
-/// One stream of a broker's connection: its state, its decoder, and what came of it, which waits for take() and
-/// condition(). Watches the stream from its making to its end. Any thread may call these.
+/// One stream of a broker's connection, from its making to its end, and what came of it. Any thread may call these.
 class Receiver final : private BrokerConnection::Listener {
  public:
   struct News {
@@ -47,7 +46,7 @@ class Receiver final : private BrokerConnection::Listener {
     Histogram latency_us;
   };
 
-  /// wake  is called, on the connection's thread, when there is something new
+  /// wake  is called on the connection's thread
   Receiver(const BrokerUrl& url, BrokerConnection::Request request, std::function<void()> wake);
   ~Receiver() override;
 
@@ -67,7 +66,7 @@ class Receiver final : private BrokerConnection::Listener {
   void on_crowded_out() override;
   void on_clock(const ClockOffset::Estimate& clock) override;
   void on_frame(const std::optional<FrameView>& frame, std::size_t bytes, TimeUs now) override;
-  /// Keeps the frame's pose, if it shows one. Errors: for the log. REQUIRES: mutex_ is held.
+  /// Errors: for the log. REQUIRES: mutex_ is held.
   Result<bool> decode(const FrameView& frame, TimeUs now);
 
   const BrokerUrl url_;
@@ -75,7 +74,7 @@ class Receiver final : private BrokerConnection::Listener {
   const std::function<void()> wake_;
 
   mutable std::mutex mutex_;
-  // GUARDED_BY(mutex_), all that follows.
+  // GUARDED_BY(mutex_):
   FrameDecoder decoder_;
   std::deque<control::Trace> traces_;  ///< Bounded, newest kept.
   News news_;

@@ -10,9 +10,8 @@
 /// What a publisher sends, how finely, and what it leaves out. Pure: time and bytes come in as arguments.
 namespace eigencast {
 
-/// Moves the spacing of levels, and where that is not enough the number of bands, so that a stream keeps to a bit rate.
-/// The spacing follows the ratio of spent to allowed bits smoothly, within about a second; bands come back one by one,
-/// and one that had to go again ever later.
+/// Moves the spacing of levels, and where that is not enough the number of bands, so that a stream keeps to a bit rate:
+/// the spacing within about a second; bands come back one by one, and one that had to go again ever later.
 class RateControl {
  public:
   struct Choice {
@@ -25,7 +24,7 @@ class RateControl {
   RateControl(double target_bits_per_s, std::uint8_t finest, std::uint8_t bands);
 
   Choice choice() const { return choice_; }
-  /// A frame of so many bytes left, captured then. Times grow.
+  /// Times grow.
   void add(std::size_t bytes, TimeUs capture_us);
 
  private:
@@ -40,13 +39,12 @@ class RateControl {
   Choice choice_;
 };
 
-/// The key with only its `count` lowest bands; values of the others are 0. REQUIRES: it is of `layout`.
+/// Values of the others are 0. REQUIRES: it is of `layout`.
 Key lowest_bands(const CoefficientLayout& layout, Key key, std::uint8_t count);
 
-/// Sends the poses of a surface only while it moves. Every viewer, in whatever mode, stays within the bound:
-///   * the first still pose is sent as the held one again, so that nobody goes on along the old motion;
-///   * when it moves again, the held pose is sent once more, stamped with the last time at which it held ("unchanged
-///     until"), so that nobody interpolates through the pause.
+/// Sends the poses of a surface only while it moves. Every viewer stays within the bound: the first still pose is sent
+/// as the held one again, so that nobody goes on along the old motion; when it moves again, the held pose is sent once
+/// more, stamped with the last time at which it held, so that nobody interpolates through the pause.
 class StillGate {
  public:
   enum class Action {
@@ -59,7 +57,7 @@ class StillGate {
   /// bound  surface distance up to which a pose counts as the held one;  heartbeat_us  of still surfaces, > 0
   StillGate(double bound, TimeUs heartbeat_us) : bound_(bound), heartbeat_us_(heartbeat_us) {}
 
-  /// distance  of the pose from what receivers hold (surface_distance). The caller does what is returned.
+  /// distance  of the pose from what receivers hold. The caller does what is returned.
   Action next(double distance, TimeUs capture_us);
   TimeUs held_until_us() const { return held_until_us_; }
   /// The chain begins anew: the next pose is sent.

@@ -9,12 +9,11 @@
 
 namespace eigencast {
 
-/// Finds what the streams of one broker with the same credentials share. Each object lives as long as a stream uses it.
-/// Thread-safe.
+/// What the streams of one broker with the same credentials share, as long as one uses it. Thread-safe.
 template <typename Shared>
 class SharedByBroker {
  public:
-  /// The first object of the broker that `accepts`, or a new one, made from the URL, that must accept.
+  /// The first that `accepts`, or a new one, made from the URL, that must accept.
   template <typename Accepts>
   std::shared_ptr<Shared> get(const BrokerUrl& url, const Accepts& accepts) {
     const std::lock_guard lock(mutex_);

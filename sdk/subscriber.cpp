@@ -90,7 +90,7 @@ class Subscriber::Impl {
     woken_.notify_all();
   }
 
-  /// Fills in the rows that did not come as those of the rest pose; channels beyond x, y, z as zero.
+  /// Rows that did not come become those of the rest pose; channels beyond x, y, z zero.
   void deliver(ReceivedPose pose, std::vector<ReceivedPose>& poses) const {
     // A pose brings its own layout: what was announced with it may not be what is announced now.
     const Asset& asset = *surfaces_.asset();

@@ -28,12 +28,10 @@ struct SubscriberOptions {
 };
 
 /// Watches one stream: downloads the asset chunk by chunk (cache first), decodes frames, acknowledges, reconnects by
-/// itself, and keeps what it has meanwhile. Network and decoding run on two threads, which all Subscribers of a broker
-/// with the same credentials share, as they share its connection. Everything that was found is handed over inside
-/// poll(), on the caller's thread, so that asset() and what poll returned need no lock.
-///
-/// Use from one thread; different Subscribers are independent. The log is called on these threads: it must neither make
-/// nor destroy a Subscriber, nor wait for a thread that does.
+/// itself, and keeps what it has meanwhile. Two threads serve all Subscribers of a broker with the same credentials;
+/// what they found is handed over inside poll(), so that asset() and what poll returned need no lock. Use from one
+/// thread; different Subscribers are independent. The log is called on those threads: it must neither make nor destroy
+/// a Subscriber, nor wait for a thread that does.
 class Subscriber final {
  public:
   enum class State { kConnecting, kWaiting, kDownloading, kLive, kStalled, kLost, kRefused };
@@ -53,23 +51,22 @@ class Subscriber final {
     Histogram latency_us;  ///< Arrival minus capture time, for a sender on this machine's clock.
   };
 
-  /// Starts in the background. Errors: kInvalidArgument (URL, stream name).
+  /// Errors: kInvalidArgument (URL, stream name).
   static Result<std::unique_ptr<Subscriber>> create(SubscriberOptions options, LogSink log = {});
   ~Subscriber();
 
-  /// Waits at most `timeout` for news, applies it, and returns the poses that came, oldest first (at most 64: older
-  /// ones are dropped).
+  /// Waits at most `timeout` for news; poses oldest first (at most 64: older ones are dropped).
   std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout);
 
-  /// The surface of the current epoch as far as it has arrived, from the first chunk on; null before. Changes only
-  /// inside poll(); a new epoch's asset replaces the old one once it can be drawn.
+  /// As far as it has arrived; null before the first chunk. Changes only inside poll(); a new epoch's asset replaces
+  /// the old one once it can be drawn.
   const Asset* asset() const;
   /// The epoch of asset(); 0 before.
   std::uint32_t epoch() const;
-  /// The stream as announced last; nothing before, or after the broker refused it.
+  /// As announced last; nothing before, or after the broker refused it.
   const std::optional<control::StreamInfo>& info() const;
   Stats stats() const;
-  /// The traces that came since the last call, oldest first (at most 256: older ones are dropped).
+  /// Since the last call, oldest first (at most 256: older ones are dropped).
   std::vector<control::Trace> take_traces();
 
  private:

@@ -17,18 +17,16 @@
 
 namespace eigencast {
 
-/// The surface that a viewer shows, and the one of a newer epoch that is on its way: asks for their objects, verifies
-/// them, and lets the newer replace the other once it can be drawn. Downloads run on the fetcher's thread;
-/// everything else happens in the calls. Use from one thread.
+/// The surface that a viewer shows, and the one of a newer epoch that is on its way and replaces it once it can be
+/// drawn. Downloads run on the fetcher's thread; everything else happens in the calls. Use from one thread.
 class Surfaces {
  public:
-  /// wake  is called, on the fetcher's thread, when add_object() has something to do
+  /// wake  is called on the fetcher's thread
   Surfaces(const BrokerUrl& url, std::string cache_dir, std::function<void()> wake, LogSink log);
 
-  /// The stream as it is announced (again). True: another surface than before is on its way from now on, or none any
-  /// more.
+  /// True: another surface than before is on its way from now on, or none any more.
   bool announce(const control::StreamInfo& info);
-  /// Verifies and applies at most one object, so that no call takes long. True: there may be another one ready.
+  /// At most one, so that no call takes long. True: there may be another one ready.
   bool add_object();
 
   /// What is drawn; null before the first chunk of the first surface.
@@ -36,20 +34,18 @@ class Surfaces {
   /// Of asset(); 0 before.
   std::uint32_t epoch() const { return shown_ ? shown_->epoch : 0; }
   bool is_shown(std::uint32_t epoch) const { return shown_ && shown_->epoch == epoch; }
-  /// Whether the surface of this epoch is on its way and not shown yet.
   bool is_pending(std::uint32_t epoch) const { return pending_ && pending_->epoch == epoch; }
 
   enum class Progress { kNone, kNotDrawable, kDrawable, kFinished };
-  /// How far the surface announced last has come; kNone: none was announced.
+  /// Of the surface announced last.
   Progress progress() const;
-  /// Why the surface announced last can never be drawn; empty if it may.
+  /// Why it can never be drawn; empty if it may.
   std::string damage() const { return latest() ? latest()->damage : std::string(); }
-  /// Of the surface announced last; 0 while unknown.
+  /// 0 while unknown.
   std::uint64_t total_bytes() const { return latest() ? latest()->total_bytes : 0; }
   AssetFetcher::Stats fetched() const { return fetcher_.stats(); }
 
  private:
-  /// One epoch's surface as far as it has come.
   struct Slot {
     std::string asset;  ///< 64 hex digits.
     std::uint32_t epoch = 0;
@@ -60,18 +56,16 @@ class Surfaces {
     std::string damage;
 
     bool finished() const { return reader && next_chunk == reader->chunks().size(); }
-    /// Whether it is the surface of that id and nothing is wrong with it.
     bool goes_on_as(const std::string& id) const { return asset == id && damage.empty(); }
   };
 
-  /// The surface of the newest epoch: what is being fetched, else what is shown.
+  /// Of the newest epoch.
   const Slot* latest() const { return pending_ ? pending_.get() : shown_.get(); }
   Slot* latest() { return pending_ ? pending_.get() : shown_.get(); }
-  /// The slot's surface is announced (again): the same asset may come with poses of another format.
+  /// The same asset may come with poses of another format.
   void adopt(Slot& slot, const control::StreamInfo& info);
-  /// Damages the slot if the announced poses cannot deform its surface; true if they can, as far as is known.
+  /// Damages the slot if the announced poses cannot deform its surface; true if they can.
   bool check_format_of(Slot& slot);
-  /// Asks for all that the latest surface still needs.
   void ask();
   void read_manifest(Slot& slot, ByteView bytes);
   void damage(Slot& slot, const Error& why);

@@ -11,8 +11,8 @@
 
 namespace eigencast {
 
-/// Puts the objects of an asset on a broker that lacks some of them: the manifest last, so that no manifest there ever
-/// names a chunk that is missing. Both must outlive it. HttpConnection::cancel() ends it from any thread.
+/// Puts the objects of an asset on a broker that lacks some of them: the manifest last, so that none there ever names a
+/// chunk that is missing. HttpConnection::cancel() ends it from any thread.
 class Uploader {
  public:
   using Progress = std::function<void(std::uint64_t done, std::uint64_t total)>;

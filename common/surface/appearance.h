@@ -31,9 +31,8 @@ struct Appearance {
   std::vector<Image> images;
 };
 
-/// One colour for each vertex, sRGB, in the surface's order: its own, or the mean (of light) over its corners of the
-/// corner's colour times its material's. Textures do not count. Empty where the file states no colours, or one grey
-/// alone.
+/// One colour for each vertex, sRGB: its own, or the mean (of light) over its corners of the corner's colour times its
+/// material's. Textures do not count. Empty where the file states no colours, or one grey alone.
 std::vector<std::array<std::uint8_t, 3>> stated_colours(const Surface& surface, const Appearance& appearance);
 
 /// The transfer function of sRGB (IEC 61966-2-1), of 0 to 1.

@@ -15,26 +15,21 @@ namespace eigencast {
 /// Readers refuse clips of more frames.
 inline constexpr std::size_t kMaxClipFrames = 1'000'000;
 
-/// A deforming surface of constant topology: its rest pose and its poses over time.
-///
-/// pose(i) may read a file. Not thread-safe.
+/// A deforming surface of constant topology. pose() may read a file. Not thread-safe.
 class MotionClip {
  public:
   virtual ~MotionClip() = default;
-  /// Topology and the pose that the asset is baked from.
   virtual const Surface& rest() const = 0;
-  /// Number of poses in one loop.
+  /// Of one loop.
   virtual std::size_t frame_count() const = 0;
   /// Poses a second: what the source states, else 30.
   virtual double frame_rate_hz() const = 0;
-  /// The vertex positions of pose `frame` (n x 3), in the order of rest(). REQUIRES: frame < frame_count().
-  /// Errors: kIo, kCorrupt; kInvalidArgument when the topology differs from rest(), naming the frame and the
-  /// difference.
+  /// n x 3, in the order of rest(). REQUIRES: frame < frame_count().
+  /// Errors: kIo, kCorrupt; kInvalidArgument when the topology differs from rest(), naming frame and difference.
   virtual Result<std::vector<Vec3>> pose(std::size_t frame) const = 0;
   /// Whether velocity() gives any: where motion is a formula, not a list of poses.
   virtual bool has_velocities() const { return false; }
-  /// The vertices' velocities at pose `frame` (n x 3), per second of the clip, exact. REQUIRES: frame < frame_count().
-  /// Errors: kUnsupported (has_velocities() is false).
+  /// n x 3, per second of the clip, exact. REQUIRES: frame < frame_count(). Errors: kUnsupported (there are none).
   virtual Result<std::vector<Vec3>> velocity(std::size_t /*frame*/) const {
     return fail(ErrorCode::kUnsupported, name() + " is a list of poses and states no velocities; built-in motions do");
   }

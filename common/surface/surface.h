@@ -40,8 +40,7 @@ Box bounding_box(std::span<const Vec3> positions);
 /// Indices in range, positions finite. Errors: kInvalidArgument, naming the first offender.
 Result<void> check_values(const Surface& surface);
 
-/// check_values, and 4 <= n <= limit: what everything after this takes for granted.
-/// Errors: kInvalidArgument or kTooLarge, naming the first offender.
+/// check_values, and 4 <= n <= limit. Errors: kInvalidArgument or kTooLarge, naming the first offender.
 Result<void> validate_surface(const Surface& surface);
 
 }  // namespace eigencast

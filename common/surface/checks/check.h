@@ -21,12 +21,11 @@ struct SurfaceReport : Manifoldness {
   bool closed() const { return faces > 0 && boundary_edges == 0 && nonmanifold_edges == 0; }
 };
 
-/// Counts the oddities of a surface in O(n log n). Any surface may be given, also one that validate_surface refuses.
-/// Faces with a repeated or out-of-range corner count as degenerate and join nothing: edges, fans and components are
-/// those of the other faces.
+/// Faces with a repeated or out-of-range corner count as degenerate and join nothing. Any surface may be given.
+/// O(n log n).
 SurfaceReport check_surface(const Surface& surface);
 
-/// A few lines for people: counts, then one line per oddity.
+/// For people, in lines.
 std::string text_from_report(const SurfaceReport& report);
 
 }  // namespace eigencast

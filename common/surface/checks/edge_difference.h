@@ -11,8 +11,7 @@
 
 namespace eigencast {
 
-/// How unevenly edges are stretched, over the surface and over time. Perceived error follows this more closely than
-/// distances.
+/// How unevenly edges are stretched: perceived error follows this more closely than distances.
 struct EdgeDifferenceError {
   double spatial = 0;  ///< Mean over vertices and frames of the deviation of its edges' relative differences.
   double temporal =
@@ -21,10 +20,9 @@ struct EdgeDifferenceError {
 };
 
 /// The spatio-temporal edge difference of Vasa & Skala 2011, "A Perception Correlated Comparison Method for Dynamic
-/// Meshes": the relative difference of an edge is | |e| - |e~| | / |e|, and what counts is its standard deviation,
-/// weighted by |e|, over the edges that meet in a vertex; a vertex's step to the next frame is an edge as well, whose
-/// length has kTimeStep of the diagonal added at a right angle, so that a vertex at rest has one. Poses come one by
-/// one. Not thread-safe.
+/// Meshes": the standard deviation, weighted by |e|, of | |e| - |e~| | / |e| over the edges that meet in a vertex; a
+/// vertex's step to the next frame is an edge as well, whose length has kTimeStep of the diagonal added at a right
+/// angle, so that a vertex at rest has one. Not thread-safe.
 class EdgeDifference {
  public:
   static constexpr double kTimeStep = 0.002;        ///< Of the diagonal.

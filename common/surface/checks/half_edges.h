@@ -17,10 +17,9 @@ struct Manifoldness {
   std::size_t misoriented_edges = 0;     ///< Edges whose two faces run along them in the same direction.
 };
 
-/// Counts by half-edges (OpenMesh's kernel, docs/adr/0007). Faces are turned until neighbours have one orientation;
-/// then the surface is cut along the edges that half-edges cannot hold: those of three or more faces, and a seam of
-/// each part that cannot be oriented. Faces without three corners are left out. Fans are joined by every shared edge,
-/// also by one that is cut. O(F log F).
+/// By half-edges (OpenMesh's kernel, docs/adr/0007). Faces are turned until neighbours have one orientation; then the
+/// surface is cut where half-edges cannot hold it: along edges of three or more faces, and a seam of each part that
+/// cannot be oriented. Faces without three corners are left out; a cut edge joins fans, too. O(F log F).
 Manifoldness manifoldness(std::span<const Face> faces, std::size_t vertex_count);
 
 }  // namespace eigencast

@@ -21,8 +21,7 @@ constexpr float kEmpty = 1e-3F;     // of the rest pose's size
 constexpr float kOtherSize = 4;     // times or parts of it
 constexpr double kElsewhere = 0.5;  // diagonals between the positions of three frames
 
-/// y up for z up and the like: whether some order of the axes, one of them mirrored or not, brings `after` within a
-/// quarter of the way back to `before`.
+/// y up for z up and the like: whether some order of the axes, mirrored or not, brings `after` near `before`.
 bool axes_exchanged(std::span<const Vec3> before, std::span<const Vec3> after) {
   constexpr std::array<std::array<std::size_t, 3>, 5> kOrders{{{0, 2, 1}, {1, 0, 2}, {2, 1, 0}, {1, 2, 0}, {2, 0, 1}}};
   const double jump = rms_distance(before, after);

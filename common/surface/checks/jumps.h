@@ -14,16 +14,14 @@
 
 namespace eigencast {
 
-/// Notices frames of a clip that do not follow from the others: one that is out of place, empty, in another unit or
-/// with its axes exchanged, vertices that are out of place or changed their order (see VertexOrder); and a rest pose
-/// whose faces are of another order of vertices. Poses come one by one; the last and the first three are kept, and 20
-/// bytes for each frame. What counts as a jump is stated against what is usual in this clip (the median of all steps)
-/// and against its size, so that fast motion is none. Not thread-safe.
+/// Notices frames that do not follow from the others: out of place, empty, in another unit or with their axes
+/// exchanged, with vertices out of place or in another order (see VertexOrder); and a rest pose whose faces are of
+/// another order. Poses come one by one; four are kept, and 20 bytes for each frame. What jumps is stated against the
+/// median of all steps and the surface's size. Not thread-safe.
 class JumpFinder {
  public:
-  /// Copies what it needs of the rest pose.
   explicit JumpFinder(const Surface& rest);
-  /// The next frame. REQUIRES: as many positions as the rest pose has.
+  /// REQUIRES: as many positions as the rest pose has.
   void add(std::span<const Vec3> positions);
 
   enum class Cause : std::uint8_t { kOrder, kInsideOut, kStray, kVertex, kEmpty, kUnit, kAxes, kPosition };
@@ -32,18 +30,17 @@ class JumpFinder {
     Cause cause = Cause::kPosition;   ///< The likely one.
     std::string text;                 ///< How far, which vertex most, the likely cause; for people.
   };
-  /// One for each frame that jumps, and one for each row of frames with the same misfit. In a clip of fewer than four
-  /// frames nothing is usual: its frames are compared with the rest pose, and their positions with each other.
+  /// One for each frame that jumps, and for each row of frames with the same misfit. Clips of fewer than four frames
+  /// are compared with the rest pose, and their positions with each other.
   std::vector<Finding> found() const;
 
-  /// What was found, a line each; at most `limit` lines, and one that counts the frames beyond them.
+  /// A line each; at most `limit`, and one that counts the frames beyond them.
   std::vector<std::string> findings(std::size_t limit = 10) const;
 
-  /// What is wrong with the rest pose, in a line: its faces join vertices from all over it. Empty: nothing.
+  /// What is wrong with the rest pose, in a line; empty: nothing.
   std::string rest_finding() const;
 
-  /// Errors: kInvalidArgument where the rest pose, or more than half of the frames, certainly are in another order than
-  /// the faces.
+  /// Errors: kInvalidArgument where the rest pose, or more than half of the frames, certainly are in another order.
   Result<void> order() const;
 
  private:

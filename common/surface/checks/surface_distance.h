@@ -11,8 +11,7 @@
 
 namespace eigencast {
 
-/// Distances from points to a surface that moves: to the nearest of its triangles or, where it has none, of its points.
-/// A tree of boxes that is built once and follows the poses. Reading is thread-safe; move_to() is not.
+/// Distances from points to a surface that moves, or to its points where it has no triangles. Reading is thread-safe.
 class SurfaceDistance {
  public:
   /// O(F log F). REQUIRES: at least one position, faces within them.
@@ -43,10 +42,8 @@ class SurfaceDistance {
   std::vector<Node> nodes_;           ///< Children behind their parents.
 };
 
-/// The largest squared distance of `points` to a surface: one side of a Hausdorff distance.
-///   bounds   of each point's squared distance from above (to a vertex that is known to be near), or empty: they only
-///            save time
-///   so_far   nothing below it matters; what is returned is at least this
+/// The largest squared distance of `points` to a surface: one side of a Hausdorff distance; at least so_far.
+///   bounds   of each point's squared distance from above, or empty: they only save time
 double farthest_squared(std::span<const Vec3> points, const SurfaceDistance& surface,
                         std::span<const double> bounds = {}, double so_far = 0);
 

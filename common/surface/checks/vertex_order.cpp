@@ -15,16 +15,14 @@ namespace {
 
 constexpr std::size_t kMaxFaces = 2'000'000;
 constexpr double kFolded = -0.3;  // cosine between the normals of faces that lie on each other
-// Parts of the edges, beyond those of the rest pose. Surfaces that were squashed flat or shaken by a third of their
-// edges have up to 0.2.
+// Parts of the edges, beyond those of the rest pose; surfaces that were squashed flat have up to 0.2.
 constexpr float kManyFolded = 0.2F;
 constexpr float kSurelyFolded = 0.3F;
 constexpr float kManyFoldedAtRest = 0.15F;
 // Vertices taken at even strides from a regular grid make a smooth surface again, but of long edges.
 constexpr float kLongEdges = 2.5F, kSurelyLongEdges = 8;
 constexpr std::size_t kFewPairs = 100, kEnoughPairs = 1000;
-// A vertex that is off by more, in lengths of edges nearby: 0.7 at most in animations, about 1 where surfaces are
-// stretched to rags.
+// In lengths of edges nearby: 0.7 at most in animations, about 1 where surfaces are stretched to rags.
 constexpr float kStray = 1.5F;
 constexpr float kFarStray = 0.01F;  // of the diagonal
 constexpr double kFull = 0.01;      // a ball's is 0.094
@@ -93,7 +91,6 @@ Misfit VertexOrder::check(std::span<const Vec3> positions) const {
   Misfit misfit;
   misfit.folded = folded(positions);
   misfit.stretch = stretch(positions);
-  // Of faces that do not fit the rest pose nothing can be said in others.
   if (rest_.kind != Misfit::Kind::kNone) return misfit;
   const float more = misfit.folded - rest_.folded;
   const bool enough = face_pairs_.size() >= kEnoughPairs;
@@ -152,8 +149,7 @@ void VertexOrder::find_strays(std::span<const Vec3> positions, Misfit& misfit) c
     const Local& rest = at_rest_[i];
     if (!(rest.ring > 0 && now[i].ring > 0)) continue;
     const float stretch = now[i].ring / rest.ring;
-    // The own edges of the rest pose count, too: those of the middle of a fan are far longer than its neighbours'
-    // others.
+    // With the own edges of the rest pose: those of the middle of a fan are far longer than its neighbours' others.
     const float around = std::max(now[i].ring, stretch * rest.incident);
     const float off = now[i].off - stretch * rest.off;
     const float away = off / stretch / static_cast<float>(diagonal_);

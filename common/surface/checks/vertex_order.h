@@ -14,7 +14,6 @@ namespace eigencast {
 /// A part of a whole for people: "5.0 %", "42 %".
 std::string percent_text(float part);
 
-/// How a pose does not fit its faces.
 struct Misfit {
   enum class Kind : std::uint8_t {
     kNone,
@@ -34,15 +33,11 @@ struct Misfit {
   std::string text() const;
 };
 
-/// Decides by neighbours alone whether the vertices of a pose are in the order of the rest pose's faces, wherever the
-/// surface is, how it is turned, how large, and however it is bent:
-///  - two faces that meet in an edge seldom lie on each other (less than 107 degrees apart): at one edge of a hundred
-///    in surfaces, at every second one where faces join vertices at random;
-///  - edges do not become many times as long while the surface stays as large;
-///  - a vertex lies about in the middle of its neighbours: beyond the rest pose's offset it is off by a fraction of
-///    the edges around.
-/// Lengths are compared with those of edges nearby, so that no scale and no even stretch matters. Thread-safe after
-/// construction.
+/// Decides by neighbours alone whether a pose's vertices are in the order of the rest pose's faces, however the surface
+/// is moved, scaled or bent: two faces that meet in an edge seldom lie on each other (less than 107 degrees apart: one
+/// edge of a hundred, every second where faces join vertices at random); edges do not become many times as long while
+/// the surface stays as large; a vertex lies about in the middle of its neighbours. Lengths are compared with those of
+/// edges nearby, so that no even stretch matters. Thread-safe after construction.
 class VertexOrder {
  public:
   /// Copies what it needs, of two million faces at most. Without faces everything fits.
@@ -54,8 +49,7 @@ class VertexOrder {
   Misfit check(std::span<const Vec3> positions) const;
 
  private:
-  /// Of a vertex: mean length of its edges, of the other edges of its neighbours, and its distance from its neighbours'
-  /// mean.
+  /// Mean length of a vertex's edges, of its neighbours' other edges, and its distance from its neighbours' mean.
   struct Local {
     float incident = 0, ring = 0, off = 0;
   };

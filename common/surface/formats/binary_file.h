@@ -11,14 +11,12 @@
 /// Private to common/surface.
 namespace eigencast {
 
-/// A regular file that is read at any offset, never mapped: one that shrinks meanwhile is an error and not a signal.
-/// Thread-safe.
+/// A regular file that is read, never mapped: one that shrinks is an error and not a signal. Thread-safe.
 class BinaryFile {
  public:
   /// Errors: kNotFound, kIo (also for anything but a regular file).
   static Result<std::shared_ptr<const BinaryFile>> open(const std::string& path);
   const std::string& path() const { return path_; }
-  /// Its size when it was opened.
   std::uint64_t bytes() const { return bytes_; }
   /// Fills `into` with the bytes from `offset` on. Errors: kIo, naming the file.
   Result<void> read_at(std::uint64_t offset, std::string& into) const;

@@ -177,7 +177,6 @@ ClipOptions with_files_beside(ClipOptions options, const std::string& first) {
   return options;
 }
 
-// The pose and topology that the frames are held against.
 Result<Surface> rest_of(const Frames& frames, Surface first, const ClipOptions& options, Appearance& appearance) {
   Surface rest = std::move(first);
   if (!options.rest.empty()) {

@@ -5,7 +5,7 @@
 
 namespace eigencast {
 
-/// For help texts: the endings that read_surface and open_clip know, "obj, ply, ...".
+/// For help texts: "obj, ply, ...".
 std::string readable_endings();
 
 /// Whether files of that ending can be frames of a sequence.

@@ -18,18 +18,16 @@ Result<std::string> bytes_of_file(const std::string& path);
 /// The file's ending in lower case without the dot: "obj".
 std::string ending_of(const std::string& path);
 
-/// Whether the path names a regular file.
 bool is_file(const std::string& path);
 
-/// Whether the path names a regular file that lies below `folder` when all links are resolved. An empty folder holds
-/// nothing.
+/// Whether it is a regular file that lies below `folder` when all links are resolved. An empty folder holds nothing.
 bool is_file_below(const std::string& folder, const std::string& path);
 
 /// Lines of a text, without their ends (\n, \r\n or \r).
 class Lines {
  public:
   explicit Lines(std::string_view text) : rest_(text) {}
-  /// The next line, or nothing after the last.
+  /// Nothing after the last.
   std::optional<std::string_view> next();
   /// Number of the line that next() gave last, from 1.
   std::size_t number() const { return number_; }
@@ -45,7 +43,7 @@ std::string_view take_token(std::string_view& rest);
 /// `line` up to a '#'.
 std::string_view without_comment(std::string_view line);
 
-/// A decimal number that is finite also as a 32-bit float (assets hold coordinates so), or nothing.
+/// A decimal number that is finite also as a 32-bit float (assets hold coordinates so).
 std::optional<double> coordinate_from_token(std::string_view token);
 
 std::optional<std::int64_t> integer_from_token(std::string_view token);

@@ -11,9 +11,8 @@
 /// FBX, Collada and other formats of assimp, where Eigencast is built with it. Private to common/surface.
 namespace eigencast {
 
-/// Imported by assimp, turned into glTF in memory, and read as such: see open_gltf_clip. Assimp opens only the file
-/// itself.
-/// Errors: kUnsupported (built without assimp), kNotFound, kIo, kCorrupt.
+/// Imported by assimp, which opens only the file itself, turned into glTF in memory, and read as such.
+/// Errors: kUnsupported (built without assimp), and those of open_gltf_clip.
 Result<std::unique_ptr<MotionClip>> open_foreign_clip(const std::string& path, const ClipOptions& options);
 
 }  // namespace eigencast

@@ -15,8 +15,7 @@ namespace eigencast {
 /// The rate of a clip whose source states none.
 inline constexpr double kUnstatedRateHz = 30;
 
-/// Where recorded poses come from, one at a time and in any order: positions, and faces where the format has any.
-/// Holds no more than one frame (or the block that it reads at once) in memory. Not thread-safe.
+/// Where recorded poses come from, in any order; faces where the format has any. Not thread-safe.
 class Frames {
  public:
   virtual ~Frames() = default;

@@ -48,7 +48,6 @@ class GltfClip final : public MotionClip {
   std::string name_;
 };
 
-// Says which animation plays where there is a choice.
 void note_choice(const tinygltf::Model& model, const std::string& which, std::vector<std::string>& notes) {
   if (model.animations.size() < 2 || !which.empty()) return;
   std::string names;

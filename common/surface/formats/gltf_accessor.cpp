@@ -22,7 +22,6 @@ double number_at(const char* bytes) {
 
 using Reader = double (*)(const char*);
 
-// How one component is read; null for an unknown type.
 Reader reader_of(int component_type, bool normalised) {
   switch (component_type) {
     case TINYGLTF_COMPONENT_TYPE_BYTE:

@@ -10,9 +10,8 @@
 /// Private to common/surface.
 namespace eigencast {
 
-/// Numbers out of a file's buffers. Checks each index, length, offset and stride before use, and bounds the total.
-/// Decodes sparse, quantised and empty accessors. Not thread-safe; keeps a
-/// reference.
+/// Numbers out of a file's buffers, of any accessor: sparse, quantised, empty. Checks each index, length, offset and
+/// stride before use, and bounds the total. Not thread-safe; keeps a reference.
 class GltfNumbers {
  public:
   explicit GltfNumbers(const tinygltf::Model& model) : model_(model) {}
@@ -22,14 +21,14 @@ class GltfNumbers {
     std::size_t width = 0;       ///< Components of an element.
     std::vector<double> values;  ///< count x width, finite.
   };
-  /// An accessor whose elements have one of two widths (16: a matrix by columns). Integers are scaled where the
-  /// accessor says normalised. Errors: kCorrupt, kTooLarge.
+  /// An accessor whose elements have one of two widths (16: a matrix by columns). Normalised integers are scaled.
+  /// Errors: kCorrupt, kTooLarge.
   Result<Array> read(int accessor, std::size_t width, std::size_t other_width = 0);
   /// A SCALAR accessor of unsigned integers. Errors: as above.
   Result<std::vector<std::uint32_t>> read_indices(int accessor);
-  /// How many elements an accessor claims, for limits; 0: no such accessor.
+  /// 0: no such accessor.
   std::size_t count(int accessor) const;
-  /// The bytes of a buffer view. Errors: kCorrupt.
+  /// Errors: kCorrupt.
   Result<std::vector<std::uint8_t>> bytes_of_view(int view) const;
 
  private:

@@ -13,14 +13,13 @@ namespace eigencast {
 /// One of a file's animations: curves over time, after glTF 2.0, appendix C.
 class GltfAnimation {
  public:
-  /// `which`: name or number; empty: the first; a file without any gives an animation that moves nothing. Errors:
-  /// kNotFound (listing those there are), kCorrupt.
+  /// `which`: name or number; empty: the first; a file without any gives one that moves nothing. Errors: kNotFound
+  /// (listing those there are), kCorrupt.
   static Result<GltfAnimation> from_model(const tinygltf::Model& model, GltfNumbers& numbers, const GltfScene& scene,
                                           const std::string& which);
 
   double start_s() const { return start_s_; }
   double end_s() const { return end_s_; }
-  /// Changes in `pose` what moves.
   void apply(double time_s, GltfPose& pose) const;
 
  private:

@@ -37,7 +37,6 @@ constexpr std::string_view kKnownExtensions[] = {"KHR_mesh_quantization",
                                                  "KHR_materials_emissive_strength",
                                                  "KHR_materials_pbrSpecularGlossiness"};
 
-/// The JSON of a file, whose chunks, if it is binary, lie within it.
 Result<std::string_view> json_of(std::string_view bytes, bool binary) {
   if (!binary) return bytes;
   if (bytes.size() < 20) return fail(ErrorCode::kCorrupt, "the file ends in its header");
@@ -79,7 +78,6 @@ Result<void> check_json(std::string_view json) {
   return {};
 }
 
-/// What tinygltf may see of the file system: files below one folder.
 struct Folder {
   fs::path path;  ///< Canonical; empty: nothing.
 

@@ -25,11 +25,10 @@ const T* element(const std::vector<T>& all, int index) {
   return index >= 0 && static_cast<std::size_t>(index) < all.size() ? &all[static_cast<std::size_t>(index)] : nullptr;
 }
 
-/// Checks a file, then lets tinygltf parse it: tinygltf trusts chunk lengths and recurses as deep as JSON
-/// nests. Images are kept encoded in Image::image where they came as a file or data URI; those in a buffer view stay
-/// there. No index in the result has been checked. Errors: kCorrupt, kUnsupported (an extension that must be
-/// understood), kTooLarge.
-///   folder  where files beside it lie; only files below it are read, none if it is empty
+/// Checks a file, then lets tinygltf parse it: tinygltf trusts chunk lengths and recurses as deep as JSON nests. Images
+/// are kept encoded; those in a buffer view stay there. No index in the result has been checked. Errors: kCorrupt,
+/// kUnsupported (an extension that must be understood), kTooLarge.
+///   folder  only files below it are read, none if it is empty
 Result<tinygltf::Model> gltf_model_from_bytes(std::string_view bytes, const std::string& folder);
 
 }  // namespace eigencast

@@ -14,7 +14,7 @@
 /// Private to common/surface.
 namespace eigencast {
 
-/// What moves in a scene: each node's transform in its parent and each morph target's weight.
+/// Each node's transform in its parent and each morph target's weight.
 struct GltfPose {
   struct Local {
     Vec3 translation{0, 0, 0};

@@ -281,7 +281,6 @@ class Builder {
     return at->second;
   }
 
-  // Triangles of a list, strip or fan.
   Result<std::vector<Face>> faces_of(const tinygltf::Primitive& primitive, std::size_t vertices) {
     std::vector<std::uint32_t> indices;
     if (primitive.indices >= 0) {

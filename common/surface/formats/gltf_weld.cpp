@@ -33,7 +33,6 @@ int order_of(const GltfParts& parts, std::size_t a, std::size_t b) {
   return 0;
 }
 
-/// Which vertices become one.
 struct Welds {
   std::vector<std::uint32_t> number;        ///< Of each vertex, after welding.
   std::vector<std::size_t> representative;  ///< Of each after welding: its first in the file.
@@ -69,7 +68,6 @@ Welds find_welds(const GltfParts& parts) {
   return welds;
 }
 
-/// Faces of the welded vertices, without those that collapse.
 void renumber_faces(const std::vector<std::uint32_t>& number, GltfScene& scene) {
   Appearance& appearance = scene.appearance;
   std::size_t kept = 0;

@@ -19,7 +19,6 @@ struct GltfPart {
   std::vector<std::vector<Vec3>> offsets;               ///< Of each morph target.
 };
 
-/// Parts one behind the other, with their vertices numbered through.
 class GltfParts {
  public:
   void add(GltfPart part) {

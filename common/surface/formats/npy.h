@@ -14,8 +14,7 @@
 /// NumPy's array files (format 1.0 to 3.0) of real numbers, either order, either byte order. Private to common/surface.
 namespace eigencast {
 
-/// An array in a file whose header has been read and whose size fits it: of positions (n, 3), (T, n, 3) or of faces
-/// (F, 3). Copyable; not thread-safe.
+/// An array whose size fits its header: positions (n, 3), (T, n, 3) or faces (F, 3). Copyable; not thread-safe.
 class NpyFile {
  public:
   /// Errors: kNotFound, kIo, kCorrupt, kUnsupported (complex, text, objects, more than three dimensions).
@@ -23,10 +22,8 @@ class NpyFile {
 
   const std::vector<std::size_t>& shape() const { return shape_; }
 
-  /// Pose `frame` of a (T, n, 3) array, or the one of an (n, 3) array: finite positions. In C order one read. In
-  /// Fortran order, where a pose is scattered over the whole file, some frames are read and kept together, at most 32
-  /// MiB.
-  /// REQUIRES: the last dimension is 3. Errors: kIo, kCorrupt (not finite), kUnsupported (no float type).
+  /// Pose `frame`, finite. In Fortran order, where a pose is scattered over the file, some frames are read and kept
+  /// together, at most 32 MiB. REQUIRES: the last dimension is 3. Errors: kIo, kCorrupt, kUnsupported (no float type).
   Result<std::vector<Vec3>> read_positions(std::size_t frame) const;
 
   /// All rows of an (F, 3) array of indices. Errors: kIo, kCorrupt (negative, too large), kUnsupported.

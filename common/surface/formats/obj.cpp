@@ -82,7 +82,7 @@ class ObjParser {
     mesh_.colours.push_back(colour_from_parts(parts));
   }
 
-  // What is not a number leaves a UV of NaN, so that the others keep their numbers.
+  // What is not a number becomes NaN, so that the others keep their numbers.
   void take_uv(std::string_view rest) {
     std::array<float, 2> uv{kNoUv, kNoUv};
     const auto u = text::coordinate_from_token(text::take_token(rest));

@@ -25,7 +25,7 @@ struct Material {
   std::string image;
 };
 
-/// The bytes of a small file below the folder; nothing where it is not there, elsewhere or large.
+/// Nothing where it is not there, elsewhere or large.
 std::optional<std::string> bytes_below(const std::string& folder, const std::string& name, std::size_t most) {
   const std::string path = (fs::path(folder) / name).string();
   std::error_code code;

@@ -29,7 +29,6 @@ class OffParser {
   }
 
  private:
-  // The next line that says something.
   std::optional<std::string_view> next_line() {
     while (const auto line = lines_.next()) {
       std::string_view probe = text::without_comment(*line);

@@ -14,8 +14,8 @@
 
 /// OBJ, OFF, PLY and STL as arrays. Private to common/surface.
 ///
-/// Files are hostile: every count is held against the size of the file before anything is allocated for it, every index
-/// against the vertices, every number must be finite. Nothing is merged or dropped but in STL, which has no indices.
+/// Files are hostile: counts are held against the size of the file before allocation, indices against the vertices, and
+/// every number must be finite. Nothing is merged or dropped but in STL, which has no indices.
 namespace eigencast {
 
 struct ParsedMesh {
@@ -26,7 +26,7 @@ struct ParsedMesh {
   std::vector<std::string> material_names{}, material_files{};   ///< As the file calls them.
 };
 
-/// Each takes the bytes of a file. Errors: kCorrupt, kUnsupported, kTooLarge; the caller adds the file's name.
+/// Errors: kCorrupt, kUnsupported, kTooLarge; the caller adds the file's name.
 Result<ParsedMesh> parse_obj(std::string_view bytes);
 Result<ParsedMesh> parse_off(std::string_view bytes);
 Result<ParsedMesh> parse_ply(std::string_view bytes);
@@ -39,7 +39,6 @@ void add_fan(std::span<const std::uint32_t> corners, std::vector<Face>& faces);
 /// A colour stated in parts of 0 to 1, sRGB; what lies outside becomes the nearest.
 std::array<std::uint8_t, 3> colour_from_parts(const std::array<double, 3>& parts);
 
-/// Limits and emptiness, the same for all formats.
 Result<void> check_sizes(std::size_t vertices, std::size_t triangles);
 
 /// check_sizes() of what was read; colours that not all vertices have are dropped.

@@ -61,7 +61,6 @@ struct Element {
 
 enum class Encoding { kText, kLittle, kBig };
 
-// Takes scalars off the body of a PLY file, of either encoding.
 class Body {
  public:
   Body(std::string_view bytes, Encoding encoding) : rest_(bytes), encoding_(encoding) {}
@@ -142,8 +141,7 @@ class PlyParser {
   }
 
  private:
-  // A line of the header; takes it off bytes_. Headers end lines with \n, \r\n or \r; a \r before binary data that
-  // starts with \n cannot be distinguished from \r\n.
+  // Of the header. A \r before binary data that starts with \n cannot be distinguished from \r\n.
   std::optional<std::string_view> header_line() {
     const std::size_t end = bytes_.find_first_of("\r\n");
     if (end == std::string_view::npos) return std::nullopt;

@@ -16,8 +16,8 @@
 ///                         y, z)
 namespace eigencast {
 
-/// Opens a file that ends in pc2 or mdd. It has no faces. MDD states times: the rate is that of their mean distance.
-/// Errors: kNotFound, kIo, kCorrupt (its size is not what its header makes it), kTooLarge.
+/// Of a file that ends in pc2 or mdd. MDD states times: the rate is that of their mean distance. Errors: kNotFound,
+/// kIo, kCorrupt (its size is not what its header makes it), kTooLarge.
 Result<std::unique_ptr<Frames>> open_point_cache(const std::string& path);
 
 /// The bytes before the first pose. MDD's frames are 1 / rate_hz apart.

@@ -7,7 +7,6 @@
 #include <cstdint>
 #include <cstring>
 
-/// Numbers in the bytes of files. Private to common/surface.
 namespace eigencast {
 
 static_assert(std::endian::native == std::endian::little, "values are copied from the file as they are");

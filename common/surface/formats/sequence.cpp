@@ -17,8 +17,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// Files of one kind, in natural order; `faces.npy` is not a frame. One that is a clip by itself, where there is nothing
-// else.
+// In natural order; `faces.npy` is not a frame. One that is a clip by itself, where there is nothing else.
 Result<std::vector<std::string>> as_sequence(std::vector<std::string> paths, const std::string& where) {
   std::erase_if(paths, [](const std::string& path) { return !text::is_file(path); });
   const auto frames_end = std::stable_partition(paths.begin(), paths.end(), [](const std::string& path) {

@@ -10,12 +10,11 @@
 /// Private to common/surface.
 namespace eigencast {
 
-/// The files that a path names, in natural order: those of a folder or of a glob, which must be of one kind, or the
-/// path itself. A folder with a `vertices.npy` is that file. Errors: kNotFound, kIo, kInvalidArgument, kTooLarge.
+/// Those of a folder or of a glob, which must be of one kind, in natural order, or the path itself. A folder with a
+/// `vertices.npy` is that file. Errors: kNotFound, kIo, kInvalidArgument, kTooLarge.
 Result<std::vector<std::string>> files_of_sequence(const std::string& path);
 
-/// Whether `a` comes before `b` where runs of digits compare as numbers: f2 before f10. A strict total order: names
-/// equal but for leading zeros compare as bytes.
+/// Runs of digits compare as numbers: f2 before f10. A strict total order.
 bool natural_less(std::string_view a, std::string_view b);
 
 }  // namespace eigencast

@@ -18,7 +18,6 @@ using text::quoted;
 constexpr std::size_t kHeaderBytes = 84;  // 80 of comment, u32 count
 constexpr std::size_t kTriangleBytes = 50;
 
-/// Three corners a triangle, as the file has them.
 using StlCorners = std::vector<Vec3>;
 
 Result<StlCorners> corners_from_binary(std::string_view bytes, std::size_t triangles) {

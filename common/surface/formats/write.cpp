@@ -18,7 +18,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// What a clip becomes.
 enum class Form : std::uint8_t {
   kFolder,    ///< A file for each pose, in it.
   kSequence,  ///< A file for each pose, beside each other.
@@ -152,7 +151,6 @@ std::string bytes_of_pose(const std::vector<Vec3>& pose, bool big_endian) {
   return bytes;
 }
 
-/// Calls `write` with every pose.
 template <typename Write>
 Result<void> for_each_pose(const MotionClip& clip, const WriteProgress& progress, const Write& write) {
   for (std::size_t frame = 0; frame < clip.frame_count(); ++frame) {
@@ -215,8 +213,8 @@ Result<void> write_surface(const Surface& surface, const std::string& path) {
   const auto ending = ending_of_surface(path);
   if (!ending) return ending.error();
   return write_file_atomically(path, *ending == "obj"   ? obj_text(surface)
-                           : *ending == "ply" ? ply_bytes(surface)
-                                              : off_text(surface));
+                                     : *ending == "ply" ? ply_bytes(surface)
+                                                        : off_text(surface));
 }
 
 Result<void> write_clip(const MotionClip& clip, const std::string& path, const WriteProgress& progress) {

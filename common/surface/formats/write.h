@@ -11,21 +11,16 @@ namespace eigencast {
 /// Fraction in [0, 1]; returns false to stop.
 using WriteProgress = std::function<bool(double fraction)>;
 
-/// Writes a clip frame by frame, in the order of its vertices, so that open_clip() gives it back:
-///   x.pc2, x.mdd, x.npy       poses as 32-bit floats, and the rest pose with its faces as x.obj beside them
-///   x.obj, x.ply, x.off       a file for each pose: x_000000.obj, ...; coordinates exact
+/// Frame by frame, so that open_clip() gives it back:
 ///   a folder (ends in '/')    frame_000000.obj, ... in it
-/// A cache gets its name when it is whole. Files of the same names are replaced. Errors: kUnsupported (ending),
-/// kIo, kCancelled, and those of the clip.
+/// A cache gets its name when it is whole. Errors: kUnsupported (ending), kIo, kCancelled, and those of the clip.
 Result<void> write_clip(const MotionClip& clip, const std::string& path, const WriteProgress& progress = {});
 
-/// Whether a clip, or a surface, could be written there, as far as that is known before. Errors: kUnsupported (ending),
-/// kIo.
+/// Whether it could be written, as far as that is known before. Errors: kUnsupported (ending), kIo.
 Result<void> check_clip_path(const std::string& path);
 Result<void> check_surface_path(const std::string& path);
 
-/// Writes one surface as OBJ, PLY (binary, 64-bit floats) or OFF by its ending; coordinates exact. Errors:
-/// kUnsupported, kIo.
+/// OBJ, PLY (binary, 64-bit floats) or OFF by its ending; coordinates exact. Errors: kUnsupported, kIo.
 Result<void> write_surface(const Surface& surface, const std::string& path);
 
 }  // namespace eigencast

@@ -43,8 +43,7 @@ double value_of(Dual a) {
 constexpr double kTurn = 2 * std::numbers::pi;
 constexpr double kMaxRateHz = 1000;
 
-// Each motion moves one rest position at `phase` in [0, 1), smoothly and with period 1. T is double or, for velocities,
-// Dual.
+// Each moves one rest position at `phase` in [0, 1), with period 1. T is double or, for velocities, Dual.
 using std::cos, std::exp, std::sin;
 
 template <typename T>
@@ -111,14 +110,14 @@ Position<T> bar_both(const Vec3& p, T phase) {
   return bent<T>(twisted<T>({p[0], p[1], p[2]}, angle), angle);
 }
 
-// A smooth pulse of height 1 at `centre`, of period 1.
+// Of height 1 at `centre`, of period 1.
 template <typename T>
 T pulse(T phase, double centre, double sharpness) {
   return exp(sharpness * (cos(kTurn * (phase - centre)) - 1));
 }
 
-// Atria (above) contract first and gently, then the ventricles (below), which shorten, narrow and wring about the long
-// axis, base and apex against each other; between beats the heart fills a little beyond rest.
+// Atria (above) contract first, then the ventricles (below), which shorten, narrow and wring about the long axis;
+// between beats the heart fills a little beyond rest.
 template <typename T>
 Position<T> beat(const Vec3& p, T phase) {
   const T atria = pulse(phase, 0.15, 8);

@@ -34,7 +34,7 @@ Surface icosahedron() {
   return s;
 }
 
-// Numbers the vertices of a grid in the order in which faces first use them.
+// Numbers vertices in the order in which faces first use them.
 template <typename Key>
 class VertexNumbers {
  public:
@@ -86,9 +86,8 @@ Surface split(const Surface& base, int k) {
 }
 
 // The heart of Taubin 1994, "Distance approximations for rasterizing implicit curves",
-// (x^2 + 9/4 y^2 + z^2 - 1)^3 = (x^2 + 9/80 y^2) z^3, here with its z up along Y. Of both sides the cube root is taken;
-// that of s = x^2 + 9/80 y^2 is softened to s / (s^2 + e)^(1/3), which rounds the cusps at cleft and tip. Negative
-// inside.
+// (x^2 + 9/4 y^2 + z^2 - 1)^3 = (x^2 + 9/80 y^2) z^3, with z up along Y. Of both sides the cube root is taken; that of
+// s = x^2 + 9/80 y^2 is softened to s / (s^2 + e)^(1/3), which rounds the cusps at cleft and tip. Negative inside.
 struct HeartValue {
   double value;
   Vec3 gradient;

@@ -10,16 +10,13 @@
 
 namespace eigencast {
 
-/// Names of the built-in shapes and motions: "sphere", "torus", "bar" (= "bar:both"), "bar:twist", "bar:bend",
-/// "bar:both", "heart", "heart:fine".
 std::vector<std::string> builtin_names();
 
 /// A built-in shape with its motion, made in code; the same bits on every run.
 ///   sphere  icosphere, radius 1, 10,242 vertices; wobbles in low modes
 ///   torus   radii 1 and 0.4; a wave runs round it
-///   bar     a closed box of 40 x 40 x 185 quads: exactly 32,802 vertices, 65,600 faces; twists, bends or both, as in
-///   Figure 2 of
-///           Zhang et al. 2013, "Streaming 3D deforming surfaces with dynamic resolution control"
+///   bar     a closed box of 40 x 40 x 185 quads: exactly 32,802 vertices, 65,600 faces; twists, bends or both, after
+///           Zhang et al. 2013, "Streaming 3D deforming surfaces with dynamic resolution control", Figure 2
 ///   heart   an implicit heart, meshed (about 7,300 vertices; "heart:fine" about 56,000); beats
 /// One turn of the motion is periodic, so that it can loop. Y is up.
 ///   frame_rate_hz  above 0, at most 1000: poses per second of the clip; a turn takes 1 s (heart) to 4 s (bar)
