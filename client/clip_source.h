@@ -13,7 +13,7 @@
 
 namespace eigencast {
 
-/// Opens a built-in shape's name, a path, a folder or a glob. Errors: those of open_clip.
+/// A built-in shape, path, folder or glob. Errors: those of open_clip.
 Result<std::unique_ptr<MotionClip>> open_input(const std::string& input);
 
 /// The coefficients of all frames, each r x 3. Errors: those of reading a frame; kTooLarge (over 1 GiB), kCancelled,

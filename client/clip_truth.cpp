@@ -104,7 +104,6 @@ bool ClipTruth::errors(std::span<const double> C, std::uint32_t channels, std::s
 
 namespace {
 
-/// A truth that is made in the background.
 class LateTruth final : public Truth {
  public:
   bool errors(std::span<const double> C, std::uint32_t channels, std::span<const float> positions,

@@ -15,10 +15,7 @@
 namespace eigencast {
 
 /// The clip that a stream plays, as the truth of what is shown. The moment of a pose is the nearest point on the
-/// polyline through the coefficients of the clip's frames, so that errors are those of basis, codec, bands, level of
-/// detail and interpolation, not of latency.
-///
-/// Reads two frames of the clip for each pose. Not thread-safe.
+/// polyline through the coefficients of the clip's frames, so that latency is not an error. Not thread-safe.
 class ClipTruth final : public Truth {
  public:
   /// frames: the coefficients of each frame, r x 3; source_vertex, origin: those of the asset.
@@ -49,8 +46,7 @@ class ClipTruth final : public Truth {
   std::string why_;
 };
 
-/// `source` with the clip in `file` (see open_input) as its truth: read and projected in the background as soon as the
-/// surface is complete.
+/// `source` with the clip in `file` (see open_input) as its truth, read in the background when the surface is complete.
 std::unique_ptr<PoseSource> with_truth(std::unique_ptr<PoseSource> source, std::string file);
 
 }  // namespace eigencast

@@ -26,7 +26,6 @@ class Connections final {
   const std::vector<PoseSource*>& sources() const { return sources_; }
   const std::string& name(std::size_t source) const { return known_[source].name; }
 
-  /// Updates all states below.
   void refresh(TimeUs now_us);
 
   const Subscriber::Stats& stats(std::size_t source) const { return known_[source].stats; }
@@ -37,8 +36,7 @@ class Connections final {
   const std::optional<TimeUs>& lost_since_us(std::size_t source) const { return known_[source].lost_since_us; }
   /// The first source that is not well, or the first of all.
   std::size_t troubled() const { return troubled_; }
-  /// Texts about the troubled source: see connection_line and banner_text. since_us: the age of its last pose. Empty
-  /// without sources.
+  /// About the troubled source: see connection_line and banner_text. Empty without sources.
   std::string line(bool has_banner) const;
   std::string banner(std::optional<TimeUs> since_us) const;
 

@@ -74,7 +74,6 @@ class Headless {
   }
 
  private:
-  // The flight begins with the first picture.
   bool flying() const { return path_ && flight_began_us_; }
   double flown_s() const { return flying() ? static_cast<double>(steady_now_us() - *flight_began_us_) / 1e6 : 0; }
   bool flight_is_over() const { return flying() && flown_s() > path_->seconds(); }

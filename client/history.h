@@ -10,7 +10,6 @@
 
 namespace eigencast {
 
-/// The quantities of the plots.
 struct HistorySample {
   double lod = 0;         ///< Drawn part of all vertices.
   double drawn_hz = 0;    ///< Pictures a second.
@@ -36,7 +35,7 @@ class History {
   TimeUs next_us_ = 0;
 };
 
-/// Zero, and a round number above all values.
+/// From zero to a round number above all values.
 std::array<float, 2> axis_for(const std::vector<float>& values);
 
 }  // namespace eigencast

@@ -28,9 +28,7 @@ struct HudFigures {
   std::string mode;      ///< From text_from_mode.
 };
 
-/// "live", "lost", ...
 std::string_view name_of(Subscriber::State state);
-/// "live", "interpolated", "estimated", "held".
 std::string_view name_of(Shown shown);
 /// "latest", "interpolate", "estimate": as --playout names them.
 std::string_view name_of(PlayoutMode mode);
@@ -44,21 +42,20 @@ std::string text_from_shown(Shown shown, bool settling, const Playout& playout);
 /// "rebuilt on the CPU", "rebuilt on the GPU", or both, where some surfaces are too large for the GPU.
 std::string text_from_rebuilt(std::size_t on_gpu, std::size_t surfaces);
 
-/// The resolver, its target and its state: "budget · 60/s · 12.1 of 16.7 ms · 87 % planned".
+/// "budget · 60/s · 12.1 of 16.7 ms · 87 % planned".
 std::string text_from_levels(const LevelControl& levels, double work_s);
 
 /// The figures' lines, the most important first; Latin-1 characters only.
 std::vector<std::string> hud_lines(const HudFigures& figures);
 
-/// How far the surface has been downloaded. bytes_per_s: of the download; 0: unknown.
+/// Of the surface. bytes_per_s: 0 if unknown.
 struct Download {
   std::uint64_t bytes = 0, total = 0;
   std::optional<double> seconds_left;  ///< Nothing if unknown or complete.
 };
 Download download_of(const Subscriber::Stats& stats, double bytes_per_s);
 
-/// The connection's state in one line: "downloading model 4.1 of 11.3 MB, 2 s left". has_banner: the banner says what
-/// is wrong.
+/// "downloading model 4.1 of 11.3 MB, 2 s left". has_banner: the banner says what is wrong.
 std::string connection_line(const Subscriber::Stats& stats, const std::optional<control::StreamInfo>& info,
                             double bytes_per_s = 0, bool has_banner = false);
 

@@ -10,7 +10,6 @@
 
 namespace eigencast {
 
-/// What the JSON files that people write may hold at most.
 inline constexpr std::uint64_t kMaxJsonFileBytes = 1 << 20;
 
 /// An array of `count` finite numbers of magnitude up to 1e30. Errors: kCorrupt, beginning with `where`.

@@ -15,17 +15,15 @@ namespace eigencast {
 /// Who chooses the levels of detail: the user alone, our controller, or the paper's.
 enum class ResolverKind { kNone, kBudget, kPaper };
 
-/// "none", "budget", "paper": as --resolver names them.
 std::string_view name_of(ResolverKind kind);
 
 struct LevelSettings {
   ResolverKind kind = ResolverKind::kNone;
   double target_fps = 60;
-  /// A picture is late after so many times 1 / target_fps: 1 for a display, where it waits for the next refresh; 1.25
-  /// for a rate without a display.
+  /// In times of 1 / target_fps: 1 for a display, where a late picture waits for the next refresh; 1.25 without one.
   double deadline = 1;
   double floor = 0.02;  ///< Smallest part of its vertices that a surface keeps.
-  /// For the paper's resolver: distances at which G (Eq. 5) is 1 and 0. Default: 0, and four radii of the scene.
+  /// For kPaper: distances at which G (Eq. 5) is 1 and 0. Default: 0, and four radii of the scene.
   std::optional<double> near, far;
 };
 
@@ -38,7 +36,6 @@ class LevelControl {
   /// REQUIRES: `sources` are those that the scene advances with.
   void choose(Scene& scene, std::span<PoseSource* const> sources, const Camera& camera, std::optional<FrameWork> last);
 
-  /// The manual level bounds every resolver.
   void set_kind(ResolverKind kind);
   ResolverKind kind() const { return settings_.kind; }
   const LevelSettings& settings() const { return settings_; }
@@ -53,7 +50,6 @@ class LevelControl {
   std::unique_ptr<LodResolver> resolver_;
 };
 
-/// A surface for the resolver.
 ObjectView object_view(const Scene::Instance& instance, const Asset& asset, const Camera& camera, double floor);
 
 }  // namespace eigencast

@@ -27,8 +27,7 @@ struct FrameWork {
   double seconds = 0;  ///< Ignored if it is not finite or not positive.
 };
 
-/// Chooses how many vertices of each surface to draw in the next frame. Time and measurements come in as arguments.
-/// Not thread-safe.
+/// Chooses how many vertices of each surface to draw in the next frame. Not thread-safe.
 class LodResolver {
  public:
   virtual ~LodResolver() = default;
@@ -77,8 +76,7 @@ class PaperResolver final : public LodResolver {
   int interval_frames_ = 0;
 };
 
-/// Follows a drifting value from noisy measurements. Ignores an outlier; a second one in a row on the same side is a
-/// jump of the value.
+/// Follows noisy measurements. Ignores an outlier; a second one in a row on the same side is a jump of the value.
 class DriftingValue {
  public:
   static constexpr double kGain = 0.3;        ///< For measurements within the noise.
@@ -98,8 +96,7 @@ class DriftingValue {
   std::deque<double> distances_;  ///< Between measurements and value.
 };
 
-/// The part of a frame's time to plan for, so that 19 of 20 frames meet the deadline: follows how far the last frames
-/// exceeded their prediction.
+/// The part of a frame's time to plan for, so that 19 of 20 frames meet the deadline.
 class PlanMargin {
  public:
   static constexpr std::size_t kWindow = 64;     ///< Frames.
@@ -111,7 +108,6 @@ class PlanMargin {
   explicit PlanMargin(double deadline) : deadline_(deadline) {}
   /// ratio: the time of a frame over its prediction; > 0.
   void add(double ratio);
-  /// In [kMin, 1].
   double fill() const;
 
  private:
@@ -127,12 +123,10 @@ class PlanMargin {
 /// least: linear interpolation between vertices is off by the square of an edge, pixels^2 / N in all, hence N ~ pixels
 /// / sqrt(cost) within its bounds.
 ///
-/// If a alone exceeds a frame's time, no V holds the rate. That takes evidence: kPatience frames at the smallest V that
-/// were all late although the model blames a. Then the vertices may take kShare of the time at the smallest V, until
-/// the model says as long that the smallest V would be in time again.
+/// If a alone exceeds a frame's time for kPatience frames at the smallest V, no V holds the rate: then the vertices may
+/// take kShare of the time at the smallest V, until the model says as long that the smallest V would be in time again.
 ///
-/// V grows by at most kGrowth a frame, and shrinks no faster than the late frame demands, or by kFall. Changes within
-/// kDeadBand are not made. Objects out of sight are drawn at their min.
+/// V grows by at most kGrowth a frame, and shrinks no faster than the late frame demands, or by kFall.
 class BudgetResolver final : public LodResolver {
  public:
   static constexpr double kGrowth = 1.15;

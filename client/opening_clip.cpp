@@ -66,7 +66,6 @@ OpeningClip::~OpeningClip() {
   thread_.join();
 }
 
-/// False: stop.
 bool OpeningClip::pause() {
   std::unique_lock lock(mutex_);
   return !stopping_.wait_for(lock, kPollInterval, [this] { return stop_.load(); });

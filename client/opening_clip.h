@@ -11,13 +11,10 @@
 
 namespace eigencast {
 
-/// A clip that is baked on a thread of its own, then plays as ClipSource does. Its state is kDownloading with progress
-/// until then, or kRefused with the reason.
+/// A clip that is baked on a thread of its own, then plays as ClipSource does. kDownloading until then, or kRefused.
 ///
 /// A watched clip is read again when its files have changed and were stable for half a second. The old one plays until
-/// the new one is ready, and stays if the new one cannot be read; then `detail` holds the reason.
-///
-/// Use from one thread.
+/// the new one is ready, and stays if that cannot be read; then `detail` says why. Use from one thread.
 class OpeningClip final : public PoseSource {
  public:
   static constexpr std::chrono::milliseconds kPollInterval{500};  ///< Between checks of watched files.

@@ -54,7 +54,6 @@ bool size_from_text(const std::string& text, int& width, int& height) {
          width <= 16384 && height <= 16384;
 }
 
-/// "speed", "channel:4".
 bool colour_from_text(const std::string& text, SurfacePainter::Wish& wish) {
   const std::size_t colon = text.find(':');
   const auto colouring = colouring_from_name(text.substr(0, colon));
@@ -84,7 +83,7 @@ std::string read_style(const RawOptions& raw, Style& style) {
   return {};
 }
 
-/// The profile that URL and options ask for together; options win.
+/// Options win over the URL.
 Result<std::optional<Profile>> profile_from(const CommandLine& line, const std::string& url, const RawOptions& raw) {
   const Result<BrokerUrl> parsed = parse_broker_url(url);
   if (!parsed) return parsed.error();
@@ -148,8 +147,7 @@ bool knows_a_broker(const RawOptions& raw) {
   return !raw.context.empty() || !contexts || contexts->find("") != nullptr;
 }
 
-/// The streams of the scene file or of the command line, with credentials; by default the context's or, without a
-/// window to ask in, kDefaultUrl.
+/// By default the context's or, without a window to ask in, kDefaultUrl.
 Result<void> find_streams(const RawOptions& raw, ClientOptions& options) {
   SceneDescription& scene = options.scene;
   if (!raw.scene.empty()) {
@@ -281,7 +279,6 @@ std::vector<OptionEntry> entries_for(ClientOptions& options, RawOptions& raw) {
       {"-v,--verbose", &options.verbose, "log more"}};
 }
 
-/// What the command line means beyond the values of its options. Errors: kInvalidArgument, for the user.
 Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOptions& options) {
   const auto wrong = [](const std::string& what) { return fail(ErrorCode::kInvalidArgument, what); };
   if (!size_from_text(raw.size, options.width, options.height))

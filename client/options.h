@@ -15,7 +15,6 @@
 
 namespace eigencast {
 
-/// What the command line says.
 struct ClientOptions {
   SceneDescription scene;                ///< With resolved streams; none: the window asks what to show.
   std::vector<Credentials> credentials;  ///< One for each stream.
@@ -44,15 +43,14 @@ struct ClientOptions {
   bool verbose = false;
 };
 
-/// The process is done: --help or a usage error have been printed.
+/// --help or a usage error have been printed.
 struct ExitNow {
   int code = 0;
 };
 
-/// Exit codes of the program.
 enum ExitCode : int { kExitGood = 0, kExitFailed = 1, kExitUsage = 2, kExitNoStream = 4 };
 
-/// Reads the command line; prints help to stdout and usage errors to stderr.
+/// Prints help to stdout and usage errors to stderr.
 std::variant<ClientOptions, ExitNow> options_from_command_line(int argc, const char* const* argv);
 
 }  // namespace eigencast

@@ -9,8 +9,7 @@
 
 namespace eigencast {
 
-/// The growth of a counter over the last two seconds. Merges samples closer than 50 ms, so that it holds about 40 at
-/// most. Time comes in as an argument. Not thread-safe.
+/// The growth of a counter over the last two seconds; merges samples closer than 50 ms. Not thread-safe.
 class RateMeter {
  public:
   /// A total that shrinks, as of a new session, starts afresh.

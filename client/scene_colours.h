@@ -24,7 +24,6 @@ class SceneColours final {
   /// Later surfaces move up.
   void remove(std::size_t surface);
 
-  /// The values at the ends of the colour map.
   std::array<float, 2> range(const Style& style) const { return style.colour_range.value_or(range_.span()); }
   /// Nothing while colours show no numbers. asset: the first surface's, for its units; may be null.
   std::optional<Legend> legend(const Asset* asset) const;

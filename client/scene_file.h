@@ -10,7 +10,6 @@
 
 namespace eigencast {
 
-/// The streams of a scene, and where they are shown.
 struct SceneDescription {
   std::vector<std::string> streams;   ///< URLs, names at a context's broker, or "file:INPUT", each once.
   std::vector<Placement> placements;  ///< Empty: one for each stream.
@@ -22,7 +21,7 @@ struct SceneDescription {
 inline constexpr std::size_t kMaxSurfaces = 256;
 Result<SceneDescription> scene_from_json(std::string_view text);
 
-/// The same from a file. Errors: kIo, kNotFound as well.
+/// Errors: kIo, kNotFound as well.
 Result<SceneDescription> read_scene_file(const std::string& path);
 
 }  // namespace eigencast

@@ -39,10 +39,8 @@ class Session final {
   void draw(Renderer& renderer, const Camera& camera, const Style& style, int width_px, int height_px, unsigned target);
   /// Ends the measurement of the picture's work. Waits for the GPU if `wait` or if a resolver needs the measurement.
   void finish_picture(bool wait);
-  /// Pixels to one at 96 dpi; default: --ui-scale.
   void set_pixel_scale(float scale) { pixel_scale_ = scale; }
   RenderOptions render_options(const Style& style) const;
-  /// Nothing while colours show no numbers.
   std::optional<Legend> legend() const;
   const SceneColours& colours() const { return colours_; }
 
@@ -51,9 +49,7 @@ class Session final {
   /// Removes a surface. Returns its source if no other surface shows it, for the owner to destroy; else null.
   PoseSource* remove(std::size_t surface);
   const std::vector<PoseSource*>& sources() const { return connections_.sources(); }
-  /// Its own name, or its stream's.
   std::string name_of_surface(std::size_t surface) const;
-  /// As of the last update().
   Subscriber::State state_of_surface(std::size_t surface) const;
 
   /// The rebuilder must outlive the session.
@@ -64,14 +60,12 @@ class Session final {
   LevelControl& levels() { return levels_; }
   const LevelControl& levels() const { return levels_; }
   HudFigures figures() const;
-  /// Figures, connection, banner and legend.
   OverlayContent overlay_content() const;
-  /// The connections' state; the banner may be empty.
   struct Status {
     std::string line, banner;
   };
   Status status() const;
-  /// The mean of all surfaces: 1 of a good connection; falls to 0 within half a second of a lost one.
+  /// The mean of all surfaces; falls from 1 to 0 within half a second of a lost connection.
   float colourfulness() const;
   bool is_connected() const { return connections_.are_well(); }
   std::uint64_t drawn() const { return drawn_; }
@@ -79,7 +73,7 @@ class Session final {
   void count_written() { ++written_; }
   const History& history() const { return history_; }
 
-  /// The report as JSON text (docs: client/README.md).
+  /// JSON (client/README.md).
   std::string report(const Renderer& renderer, int width_px, int height_px) const;
 
  private:
@@ -105,7 +99,6 @@ class Session final {
   RateMeter keys_, poses_, drawn_rate_, bytes_;
   Histogram decode_us_, drawn_latency_us_, upload_us_, draw_us_, work_us_;
   TimeUs started_us_ = 0;
-  /// Counters at the arrival of a pose.
   struct Received {
     TimeUs arrival_us = 0;
     std::uint64_t keys = 0, bytes = 0, poses = 0;

@@ -15,7 +15,6 @@ namespace {
 
 using nlohmann::json;
 
-/// A switch of a style in the file.
 struct StyleFlag {
   const char* name;
   bool Style::*member;
@@ -38,7 +37,6 @@ void read_side(const json& object, const char* name, int& value) {
   if (const auto side = at->get<long long>(); side >= 160 && side <= 16384) value = static_cast<int>(side);
 }
 
-/// The one of `values` that the member names.
 template <typename Value>
 std::optional<Value> read_named(const json& object, const char* name, std::initializer_list<Value> values) {
   const auto at = object.find(name);

@@ -24,13 +24,11 @@ struct Settings {
   std::optional<double> smoothness;  ///< 0..1; nothing: the mode's default.
   std::vector<std::string> recent;   ///< Opened streams and files, newest first, without secrets.
 
-  /// Moves it to the front of `recent`.
   void opened(const std::string& what);
 
   /// $XDG_CONFIG_HOME/eigencast/viewer.json; empty if there is no such folder.
   static std::string default_path();
-  /// Missing and invalid members have their defaults: another version may have written them. A missing file is no
-  /// error. Errors: kIo, kCorrupt (not a JSON object).
+  /// Defaults for what is missing or invalid: another version may have written it. Errors: kIo, kCorrupt (no object).
   static Result<Settings> load(const std::string& path);
   /// Errors: kIo.
   Result<void> save(const std::string& path) const;

@@ -23,7 +23,6 @@ constexpr TimeUs kFiguresEveryUs = 250'000;
 constexpr TimeUs kNoticeUs = 8'000'000;
 constexpr double kTurnSeconds = 12;
 
-/// Without the token that a URL may hold.
 std::string shown_name(const std::string& stream) {
   const auto url = parse_broker_url(stream);
   return clip_in(stream).value_or(url ? url->shown() : "");
@@ -130,7 +129,6 @@ bool Viewer::move_camera(TimeUs now_us) {
   return true;
 }
 
-/// Texts and plots are compared now and then.
 bool Viewer::content_changed(TimeUs now_us) {
   const bool fading = session_->colourfulness() != drawn_colourfulness_ || session_->colours().is_waiting();
   if (now_us - checked_us_ < (fading ? 30'000 : kFiguresEveryUs)) return false;
@@ -149,7 +147,6 @@ OverlayContent Viewer::overlay_content() const {
   return content;
 }
 
-/// A window always has a background.
 Style Viewer::window_style() const {
   Style style = state_.style;
   style.transparent = false;
@@ -207,7 +204,6 @@ void Viewer::open_wanted(const std::string& text) {
   window_.set_title(title_for(name));
 }
 
-/// A stream that is open already becomes a second surface of its source.
 Result<void> Viewer::add_stream(const std::string& stream, const Placement& placement) {
   if (session_->scene().instances().size() >= kMaxSurfaces)
     return fail(ErrorCode::kTooLarge, "a scene holds at most " + std::to_string(kMaxSurfaces) + " surfaces");
@@ -306,7 +302,6 @@ TextScale Viewer::text_scale_now() const {
   return text_scale(window_.content_scale(), window_.pixels_per_unit(), static_cast<float>(options_.ui_scale));
 }
 
-/// Also when the window comes to a display of another density.
 void Viewer::on_resize(int width_px, int height_px) {
   if (overlay_) overlay_->set_scale(text_scale_now());
   if (session_) session_->set_pixel_scale(text_scale_now().of_picture());

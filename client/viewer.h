@@ -18,25 +18,21 @@
 
 namespace eigencast {
 
-/// The viewer in its window: input goes to camera and state, poses to pictures. Draws only when something has changed.
-///
-/// On the main thread.
+/// Draws only when something has changed. On the main thread.
 class Viewer final : public WindowListener {
  public:
   Viewer(const ClientOptions& options, OpenSource open, LogSink log);
   ~Viewer() override;
 
-  /// Opens the window on these sources, which must outlive the viewer. Errors: kUnsupported (no window), those of
-  /// CameraPath::read and Session::create.
+  /// The sources must outlive the viewer. Errors: kUnsupported (no window); as CameraPath::read, Session::create.
   Result<void> open(std::span<PoseSource* const> sources);
   bool closed() const { return window_.close_wanted() || state_.quit; }
   /// One turn: input, poses, a picture if either changed it, then files that the user wants.
   void turn();
-  /// Writes the picture with its texts. Errors: kIo.
+  /// With its texts. Errors: kIo.
   Result<void> save(const std::string& path);
   const Session& session() const { return *session_; }
   std::string report() const { return session_->report(*renderer_, width_, height_); }
-  /// Saves the settings. Errors: kIo.
   Result<void> remember();
 
  private:

@@ -60,7 +60,6 @@ std::string on_off(bool on) {
 
 constexpr double kSmoothnessStep = 0.125;
 
-/// kLatest holds nothing back.
 void change_smoothness(PlayoutSettings& playout, double by) {
   if (playout.mode == PlayoutMode::kLatest) return;
   playout.smoothness = std::clamp(Playout(playout).smoothness() + by, 0.0, 1.0);
@@ -76,7 +75,6 @@ std::string text_from_smoothness(const PlayoutSettings& playout) {
   return percent;
 }
 
-// What actions turn on and off, and what they ask for.
 constexpr std::array<std::pair<Action, bool Style::*>, 6> kStyleSwitches{{{Action::kAxes, &Style::axes},
                                                                           {Action::kGrid, &Style::grid},
                                                                           {Action::kEdges, &Style::edges},

@@ -15,7 +15,6 @@
 
 namespace eigencast {
 
-/// What keys do.
 enum class Action {
   kResetCamera,
   kHelp,
@@ -70,9 +69,8 @@ std::optional<Action> action_for_key(std::string_view key, const Modifiers& modi
 std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod,
                                  ResolverKind resolver);
 
-/// The first free name of prefix + "_0001" + ending and up.
+/// prefix + "_0001" + ending and up.
 std::string next_free_name(const std::string& prefix, const std::string& ending);
-/// The same with ".png".
 std::string next_screenshot_name(const std::string& prefix);
 
 }  // namespace eigencast

@@ -12,21 +12,17 @@
 
 namespace eigencast {
 
-/// Fades detail in or out when the set of received bands changes (docs/protocol.md, section 6): within kFadeUs of
-/// display time the affected bands go from the values shown to the new ones.
-///
-/// Time comes in as arguments. Not thread-safe.
+/// When the set of received bands changes (docs/protocol.md, section 6) the affected bands go from the values shown to
+/// the new ones within kFadeUs of display time. Not thread-safe.
 class BandFade {
  public:
   static constexpr TimeUs kFadeUs = 150'000;
 
-  /// Blends `wanted`, a pose of these bands, with what was shown when the bands changed. `shown` is the last pose
-  /// shown; both are band_ends.back() x channels, row-major. Nothing fades if they differ in size or band_ends is
-  /// empty.
+  /// Blends `wanted`, a pose of these bands, with the pose `shown` when they changed, both band_ends.back() x channels,
+  /// row-major. Nothing fades if they differ in size or band_ends is empty.
   void apply(BandMask bands, TimeUs now_us, std::span<const std::uint32_t> band_ends, std::span<const double> shown,
              Coefficients& wanted);
 
-  /// True while the same pose changes from one display time to the next.
   bool fading() const { return !fading_.empty(); }
 
   void reset();

@@ -10,8 +10,8 @@
 
 namespace eigencast {
 
-/// An orbit camera in scene units: looks at a target, upright with respect to one axis. Mouse positions are pixels from
-/// the upper left corner. Pure state. Not thread-safe.
+/// An orbit camera in scene units, upright with respect to one axis. Mouse positions are pixels from the upper left
+/// corner. Not thread-safe.
 class Camera {
  public:
   enum class Up { kX, kY, kZ };
@@ -24,7 +24,6 @@ class Camera {
   glm::vec3 up_vector() const;
   void set_viewport(int width_px, int height_px);
 
-  /// Shows the whole box from the direction of set_view().
   void home();
   /// "front", "back", "left", "right", "top", "bottom" or "iso" (default): false if the name is none of these.
   bool set_view(std::string_view name);
@@ -48,9 +47,7 @@ class Camera {
   glm::vec3 scene_low() const { return low_; }
   glm::vec3 scene_high() const { return high_; }
   glm::vec3 scene_centre() const { return 0.5F * (low_ + high_); }
-  /// Nothing for a point behind the camera.
   std::optional<glm::vec2> pixel_from_scene(const glm::vec3& point) const;
-  /// Unit length.
   glm::vec3 direction_through(const glm::vec2& pixel) const;
   /// The length of a pixel at the depth of a point. REQUIRES: the point is before the camera.
   float scene_per_px(const glm::vec3& point) const;

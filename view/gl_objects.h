@@ -27,8 +27,8 @@ class GlProgram final {
   GlProgram(const GlProgram&) = delete;
   GlProgram& operator=(const GlProgram&) = delete;
   ~GlProgram();
-  /// Compiles and links. captured: outputs of the vertex shader to keep (transform feedback), packed in this order.
-  /// Errors: kInternal, with the compiler's log.
+  /// captured: outputs of the vertex shader to keep (transform feedback), packed in this order. Errors: kInternal, with
+  /// the compiler's log.
   Result<void> build(const std::string& name, const Shaders& shaders, std::span<const char* const> captured = {});
 
   void use() const { glUseProgram(id_); }
@@ -78,9 +78,8 @@ class GlBuffer final {
 
   GLuint id() const { return id_; }
   std::size_t bytes() const { return bytes_; }
-  /// Makes room for at least so many bytes; loses the content where it must grow.
+  /// Loses the content where it must grow.
   void reserve(std::size_t bytes, GLenum usage);
-  /// Replaces all of it, for one picture.
   template <typename T>
   void replace(std::span<const T> values) {
     replace_bytes(values.data(), values.size_bytes());
@@ -129,10 +128,8 @@ class GlPicture final {
 /// A multisampled framebuffer with readable depth, and its resolved colours.
 class GlTarget final {
  public:
-  /// samples: at most so many a pixel.
   void resize(int width, int height, int samples);
   void bind() const { glBindFramebuffer(GL_FRAMEBUFFER, drawing_.id()); }
-  /// Averages the samples into colour_texture().
   void resolve() const;
   GLuint colour_texture() const { return resolved_.texture(); }
   GLuint depth_texture() const { return depth_.id(); }

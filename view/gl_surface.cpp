@@ -13,7 +13,6 @@
 namespace eigencast {
 namespace {
 
-// Vertex attributes of the shaders.
 constexpr GLuint kPosition = 0, kNormal = 1, kPaint = 2, kRadius = 3;
 
 void set_array(GLuint number, GLuint buffer, GLint floats, GLsizei stride) {

@@ -13,7 +13,7 @@
 
 namespace eigencast {
 
-/// A surface's triangles on the GPU. Sends only blocks that have changed.
+/// Sends only blocks that have changed.
 class GlTriangles final {
  public:
   void follow(const SurfaceGeometry& geometry);
@@ -44,7 +44,6 @@ class GpuSurface final {
 /// One surface as the GPU draws it. Needs its context current in every call.
 class GlSurface final {
  public:
-  /// Sends what has changed.
   void upload(const SurfaceGeometry& geometry);
   void paint(const SurfacePaint& paint);
   void place(const glm::mat4& scene_from_surface);

@@ -44,10 +44,10 @@ class GlfwWindow final {
   GlfwWindow(const GlfwWindow&) = delete;
   GlfwWindow& operator=(const GlfwWindow&) = delete;
 
-  /// Starts the library. Errors: kUnsupported (no display), with what to do instead.
+  /// Errors: kUnsupported (no display), with what to do instead.
   Result<void> start();
-  /// Starts the library and makes the window, which stays hidden until listen(). shrink: to what the display has room
-  /// for. Errors: kUnsupported (no display, no OpenGL), with what to do instead.
+  /// Calls start(). The window stays hidden until listen(). shrink: to what the display has room for. Errors:
+  /// kUnsupported (no display, no OpenGL), with what to do instead.
   Result<void> open(int width, int height, const std::string& title, bool shrink = false);
   /// Shows the window and reports events from now on, the size at once. `listener` must outlive the window.
   void listen(WindowListener& listener);

@@ -35,7 +35,7 @@ class GpuBasis final {
   static Coefficients pack(const BasisTiles& tiles, std::span<const double> C, std::uint32_t channels,
                            std::uint32_t rank);
 
-  /// Texels of its largest buffer, which the GPU must be able to address.
+  /// Of its largest buffer.
   static std::size_t texels(const Asset& asset);
 
  private:

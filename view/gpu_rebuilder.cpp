@@ -40,7 +40,6 @@ class Sums final {
     glBindFramebuffer(GL_DRAW_FRAMEBUFFER, other.framebuffer_.id());
     glBlitFramebuffer(0, 0, kSumsWidth, height_, 0, 0, kSumsWidth, height_, GL_COLOR_BUFFER_BIT, GL_NEAREST);
   }
-  /// Adds what is drawn from now on.
   void bind() const {
     glBindFramebuffer(GL_FRAMEBUFFER, framebuffer_.id());
     glViewport(0, 0, kSumsWidth, height_);
@@ -87,7 +86,6 @@ class GpuRebuilder final : public SurfaceRebuilder {
     std::weak_ptr<const Reconstructor> of;
     std::unique_ptr<GpuBasis> gpu;
   };
-  /// Texture units of the buffers that shaders read.
   enum Unit : GLuint { kFloats, kIntegers, kC, kPositions, kWeights, kParents, kCorners, kFrames, kRest, kUnits };
   static constexpr GLuint kSumsUnit = kUnits;
 

@@ -4,10 +4,9 @@
 /// GLSL 3.30 of make_gpu_rebuilder(): vertex shaders whose results are kept, one for each vertex of the surface.
 namespace eigencast::shaders {
 
-/// X = Psi C. The basis lies in tiles of 64 rows; a tile holds its columns in groups of four, a group one texel per
-/// row, so that neighbouring vertices read neighbouring texels. Columns on a grid are 16-bit integers, the others
-/// floats.
-///   C  for each group the x, y and z coefficients of its four columns
+/// X = Psi C. The basis lies in tiles of 64 rows, a tile in groups of four columns, a group one texel per row, so that
+/// neighbouring vertices read neighbouring texels. Columns on a grid are 16-bit integers, the others floats. C holds
+/// the x, y and z coefficients of each group.
 inline constexpr const char* kPositions = R"(#version 330 core
 uniform samplerBuffer floats;
 uniform isamplerBuffer integers;
@@ -38,7 +37,6 @@ uniform isamplerBuffer parents;
 float weight_of(int i) { return texelFetch(weights, i - whole).x; }
 int parent_of(int i) { return texelFetch(parents, i - whole).x; }
 )";
-/// The morphed value() of a vertex.
 inline constexpr const char* kBlend = R"(
 vec3 blended(int i) {
   vec3 sum = vec3(0.0);

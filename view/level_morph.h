@@ -27,9 +27,7 @@ struct MorphPace {
 ///
 ///   y_i = (1 - s_i) y_map(i) + s_i x_i,
 ///
-/// where map(i) < i may be moving itself. Weights never grow along the numbers: those below 1 are the last.
-///
-/// Time comes in as arguments. Not thread-safe.
+/// where map(i) < i may be moving itself. Weights never grow along the numbers. Not thread-safe.
 class LevelMorph {
  public:
   static constexpr TimeUs kMaxStep = 50'000;      ///< Progress in one picture, however long that took.
@@ -37,10 +35,9 @@ class LevelMorph {
 
   void jump(std::uint32_t N);
 
-  /// Aims at N vertices and advances to `now_us`; true if anything has changed.
+  /// True if anything has changed.
   bool advance(std::uint32_t N, TimeUs now_us, const MorphPace& pace = {});
 
-  /// The number of vertices to draw.
   std::uint32_t drawn() const { return whole_ + static_cast<std::uint32_t>(weights_.size()); }
   /// The number of leading vertices that do not move.
   std::uint32_t whole() const { return whole_; }

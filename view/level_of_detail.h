@@ -9,13 +9,12 @@
 
 namespace eigencast {
 
-/// Decides how many vertices to rebuild. Not thread-safe.
 class LevelOfDetail {
  public:
   static constexpr double kStep = 1.25;  ///< One key press multiplies or divides the fraction by this.
   static constexpr double kMin = 1.0 / 1024;
 
-  /// `fraction` of the vertices, clamped to [kMin, 1].
+  /// Clamped to [kMin, 1].
   explicit LevelOfDetail(double fraction = 1) { set_fraction(fraction); }
 
   void set_fraction(double fraction) { fraction_ = std::isfinite(fraction) ? std::clamp(fraction, kMin, 1.0) : 1.0; }

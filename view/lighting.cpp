@@ -17,7 +17,6 @@ constexpr int kShadowSide = 1024;
 constexpr glm::vec3 kClay{0.70F, 0.185F, 0.115F};
 constexpr glm::vec3 kClayInside{0.24F, 0.30F, 0.38F};
 
-/// A light direction given as seen from the camera: to its right, above it, behind it.
 glm::vec3 light_beside(const Camera& camera, float right, float above, float behind) {
   const glm::vec3 back = glm::normalize(camera.position() - camera.target());
   const glm::vec3 side = glm::normalize(glm::cross(camera.up_vector(), back));

@@ -21,9 +21,9 @@ class Lighting final {
   Result<void> init();
   /// Places the lights beside the camera and renders the shadow map, whose framebuffer stays bound.
   void cast(const Camera& camera, std::span<const std::unique_ptr<GlSurface>> surfaces);
-  /// Binds the shadow map as texture 0.
+  /// The shadow map, as texture 0.
   void bind() const;
-  /// Uses a program of shaders::kLighting and sets its uniforms of camera and lights.
+  /// Uses a program of shaders::kLighting.
   void light(const GlProgram& program, const Camera& camera) const;
 
  private:

@@ -13,7 +13,6 @@ namespace {
 constexpr float kHiddenOpacity = 0.28F;
 constexpr float kNearest = 1e-5F;  // clip w; points behind the camera have less
 
-/// Collects triangles in clip space from shapes measured in pixels.
 class Builder {
  public:
   Builder(std::vector<MarkCorner>& corners, const glm::mat4& clip_from_scene, int width, int height)

@@ -48,7 +48,7 @@ struct MarkTriangles {
 MarkTriangles triangles_from_markup(const Markup& markup, const glm::mat4& clip_from_scene, int width_px,
                                     int height_px);
 
-/// Draws marks to the bound framebuffer and keeps its depth. Belongs to one OpenGL context.
+/// Keeps the bound framebuffer's depth. Belongs to one OpenGL context.
 class MarkupPainter final {
  public:
   MarkupPainter() = default;

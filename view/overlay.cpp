@@ -34,8 +34,7 @@ void load_font(float scale) {
   fonts.AddFontDefault(&config);
 }
 
-/// A translucent box with one corner or edge (pivot, 0..1) at a position. content: its size; by default that of the
-/// last picture's content.
+/// With one corner or edge (pivot, 0..1) at a position. content: its size; by default that of the last picture's.
 bool begin_box(const char* name, ImVec2 at, ImVec2 pivot, float alpha, std::optional<ImVec2> content = {}) {
   const ImVec2 padding = ImGui::GetStyle().WindowPadding;
   ImGui::SetNextWindowPos(at, ImGuiCond_Always, pivot);
@@ -44,13 +43,11 @@ bool begin_box(const char* name, ImVec2 at, ImVec2 pivot, float alpha, std::opti
   return ImGui::Begin(name, nullptr, content ? kBoxFlags & ~ImGuiWindowFlags_AlwaysAutoResize : kBoxFlags);
 }
 
-/// The picture in ImGui's units.
 struct Room {
   ImVec2 size;
   float gap, scale;
 };
 
-/// With line breaks at `width`.
 ImVec2 size_of(const std::string& text, float width) {
   return ImGui::CalcTextSize(text.c_str(), nullptr, false, width);
 }
@@ -86,7 +83,6 @@ float draw_figures(const std::vector<std::string>& lines, const Room& room, floa
   return room.gap + content.y + 2 * style.WindowPadding.y;
 }
 
-/// right: the width of the legend.
 void draw_connection(const OverlayContent& content, const Room& room, float right) {
   if (content.connection.empty()) return;
   constexpr const char* kPaused = "  paused (Space)";
@@ -131,8 +127,7 @@ void draw_banner(const OverlayContent& content, const Room& room) {
   ImGui::End();
 }
 
-/// A bar of the map's colours with three marks, the lowest value at the bottom. Fits below `top`. Returns the width of
-/// the box.
+/// Fits below `top`. Returns the width of the box.
 float draw_legend(const Legend& legend, const Room& room, float top) {
   const float scale = room.scale, half_line = 0.5F * ImGui::GetTextLineHeight();
   const ImGuiStyle& style = ImGui::GetStyle();

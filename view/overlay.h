@@ -10,7 +10,6 @@
 
 namespace eigencast {
 
-/// One line of the help: keys, what they do, the present state ("on", "Y", "42 %"; may be empty).
 struct HelpLine {
   std::string keys, what, state;
   bool operator==(const HelpLine&) const = default;
@@ -37,8 +36,8 @@ struct TextScale {
   bool operator==(const TextScale&) const = default;
 };
 
-/// For a display with scale `content`. On macOS and Wayland the window's units grow with the display; on X11 and
-/// Windows the layout must. wanted: instead of the display's; 0: none.
+/// On macOS and Wayland the window's units grow with the display's scale `content`; on X11 and Windows the layout must.
+/// wanted: instead of the display's; 0: none.
 TextScale text_scale(float content, float pixels_per_unit, float wanted = 0);
 
 /// The scale in a window of this size (its units): down to five eighths, so that texts leave room for the scene.
@@ -54,14 +53,12 @@ class Overlay final {
   Overlay(const Overlay&) = delete;
   Overlay& operator=(const Overlay&) = delete;
 
-  /// Draws to framebuffer `target`. panels: draws further ImGui windows.
+  /// panels: draws further ImGui windows.
   void draw(const OverlayContent& content, int width_px, int height_px, unsigned target,
             const std::function<void()>& panels = {});
 
-  /// Takes effect at the next draw().
   void set_scale(TextScale scale) { wanted_ = scale; }
 
-  /// Whether mouse or keys belong to the panels.
   bool wants_mouse() const;
   bool wants_keys() const;
   float scale() const { return scale_.layout; }  ///< See fitted().

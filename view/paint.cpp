@@ -15,7 +15,6 @@ namespace {
 
 constexpr EnumNames<Colouring, 8> kColouringNames{
     {"clay", "own", "textured", "normals", "movement", "speed", "channel", "error"}};
-/// Linear light of sRGB bytes.
 const std::array<float, 256> kLight = [] {
   std::array<float, 256> light{};
   for (std::size_t i = 0; i < light.size(); ++i) light[i] = linear_from_srgb(static_cast<float>(i) / 255);
@@ -35,7 +34,6 @@ std::vector<double> columns_of(std::span<const double> C, std::uint32_t channels
   return D;
 }
 
-/// The number of channels besides positions and velocities.
 std::uint32_t scalar_channels(const PoseSource& source) {
   if (!source.info()) return 0;
   const auto& format = source.info()->format;

@@ -19,11 +19,10 @@ namespace eigencast {
 /// What colours mean; kOwn: the file's vertex colours.
 enum class Colouring { kClay, kOwn, kTextured, kNormals, kMovement, kSpeed, kChannel, kError };
 
-/// "clay", "own", "textured", "normals", "movement", "speed", "channel", "error": as --colour takes them.
+/// As --colour takes them.
 std::string_view name_of(Colouring colouring);
 std::optional<Colouring> colouring_from_name(std::string_view name);
 
-/// The colours of one surface's vertices for the renderer.
 struct SurfacePaint {
   enum class Kind { kClay, kScalar, kColour, kNormal, kTexture };
   Kind kind = Kind::kClay;
@@ -34,7 +33,7 @@ struct SurfacePaint {
   std::uint64_t version = 0;                    ///< Grows when kind or values have changed.
 };
 
-/// Makes the colours of one surface when the surface or the wish changes. Not thread-safe.
+/// Not thread-safe.
 class SurfacePainter {
  public:
   struct Wish {
@@ -54,7 +53,6 @@ class SurfacePainter {
   std::optional<std::array<float, 2>> range() const { return range_; }
   /// Why the surface is clay although the wish was another; else empty.
   const std::string& why_not() const { return why_not_; }
-  /// Something is being prepared: paint again soon.
   bool is_waiting() const { return waiting_; }
 
  private:
@@ -81,15 +79,14 @@ class SurfacePainter {
   std::shared_ptr<TextureLevels> levels_;
 };
 
-/// The wishes that a source can meet, in the order of key V.
+/// In the order of key V.
 std::vector<SurfacePainter::Wish> wishes_for(const PoseSource& source);
 
-/// For the legend: "movement from rest", "channel 4"; and the unit: "m" if the asset knows its size.
+/// "movement from rest", "channel 4"; "m" if the asset knows its size.
 std::string title_of(const SurfacePainter::Wish& wish);
 std::string unit_of(const SurfacePainter::Wish& wish, double metres_per_unit);
 
-/// The span of a legend between round numbers; never shrinks, so that colours do not flicker. Symmetric for values of
-/// both signs.
+/// Between round numbers; never shrinks, so that colours do not flicker. Symmetric for values of both signs.
 class LegendRange {
  public:
   void reset() { seen_.reset(); }

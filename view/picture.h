@@ -30,12 +30,10 @@ inline constexpr int kMaxSide = 16'384;
 /// Writes under a temporary name and renames. Errors: kIo, kInvalidArgument.
 Result<void> write_png(const std::string& path, const Picture& picture);
 
-/// Reads a PNG file from memory without its alpha. `name` is for messages. Errors: kCorrupt, kTooLarge (kMaxPixels,
-/// kMaxSide).
+/// Without alpha. `name` is for messages. Errors: kCorrupt, kTooLarge (kMaxPixels, kMaxSide).
 Result<Picture> read_png_bytes(std::span<const std::uint8_t> bytes, const std::string& name);
 
-/// Reads a JPEG file from memory, grey ones as RGB. `name` is for messages. Safe on hostile input. Errors: kCorrupt,
-/// kTooLarge (kMaxPixels, kMaxSide, 200 scans), kUnsupported (CMYK).
+/// Grey ones as RGB. Errors: kCorrupt, kTooLarge (kMaxPixels, kMaxSide, 200 scans), kUnsupported (CMYK).
 Result<Picture> read_jpeg_bytes(std::span<const std::uint8_t> bytes, const std::string& name);
 
 }  // namespace eigencast

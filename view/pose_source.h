@@ -16,17 +16,14 @@ namespace eigencast {
 class Truth {
  public:
   virtual ~Truth() = default;
-  /// Sets the distances of the first vertices, in the asset's units; false if they are unknown, see why().
-  ///   C          r x channels, of the pose shown
-  ///   positions  N x 3, rebuilt from C
+  /// In the asset's units, of the first vertices, from the pose C (r x channels) and the positions (N x 3) rebuilt from
+  /// it; false if they are unknown, see why().
   virtual bool errors(std::span<const double> C, std::uint32_t channels, std::span<const float> positions,
                       std::span<float> errors) = 0;
   virtual std::string why() const = 0;
 };
 
-/// Where the viewer's poses come from: a stream, a clip, a test.
-///
-/// Use from one thread. asset(), epoch() and info() change only inside poll().
+/// A stream, a clip, a test. Use from one thread. asset(), epoch() and info() change only inside poll().
 class PoseSource {
  public:
   virtual ~PoseSource() = default;
@@ -42,7 +39,7 @@ class PoseSource {
   virtual Truth* truth() const { return nullptr; }
 };
 
-/// The source that watches a stream of a broker. Errors: as Subscriber::create.
+/// Errors: as Subscriber::create.
 Result<std::unique_ptr<PoseSource>> subscribe_to(SubscriberOptions options, LogSink log = {});
 
 }  // namespace eigencast

@@ -24,7 +24,7 @@ void restore_unmorphed(SurfaceGeometry& geometry) {
   geometry.unmorphed.clear();
 }
 
-/// The first row to rebuild. With detail all rows are rebuilt, because the normals kept are morphed ones.
+/// With detail all rows are rebuilt, because the normals kept are morphed ones.
 std::uint32_t first_of(const RebuildJob& job) {
   return job.basis->has_detail() ? 0 : job.first;
 }

@@ -33,12 +33,11 @@ struct RebuildJob {
 /// Where surfaces are rebuilt; kAuto: where it is faster.
 enum class RebuildOn { kAuto, kCpu, kGpu };
 
-/// "auto", "cpu", "gpu": as --reconstruct names them.
+/// As --reconstruct names them.
 std::string_view name_of(RebuildOn on);
 std::optional<RebuildOn> rebuild_on_from_name(std::string_view name);
 
-/// Fills positions and normals of surfaces from their coefficients: X = Psi C, morphed between levels (LevelMorph),
-/// with area-weighted normals of meshes and disc normals of point clouds.
+/// Fills positions, X = Psi C, and normals (area-weighted, of discs), morphed between levels (LevelMorph).
 class SurfaceRebuilder {
  public:
   /// How long the caller waited.
@@ -48,11 +47,10 @@ class SurfaceRebuilder {
 
   virtual ~SurfaceRebuilder() = default;
   virtual Cost rebuild(std::span<const RebuildJob> jobs) = 0;
-  /// "cpu" or "gpu".
   virtual std::string_view name() const = 0;
 };
 
-/// Rebuilds on the processor's threads. Surfaces that share basis, level and rank take one pass over that basis.
+/// Surfaces that share basis, level and rank take one pass over that basis, on the processor's threads.
 class CpuRebuilder final : public SurfaceRebuilder {
  public:
   Cost rebuild(std::span<const RebuildJob> jobs) override;

@@ -39,7 +39,6 @@ Asset trial_asset() {
   return asset;
 }
 
-/// Measures how long the trial asset takes until it can be drawn.
 class TrialRun final {
  public:
   TrialRun(Renderer& renderer, SurfaceRebuilder& rebuilder, const Asset& asset,

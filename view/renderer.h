@@ -20,36 +20,31 @@ struct RenderOptions : DrawStyle {
   std::array<float, 2> colour_range{0, 1};  ///< The values at the ends of the colour map.
 };
 
-/// Draws surfaces with OpenGL 3.3 core, 4 samples a pixel. Windows and headless rendering give the same picture.
-///
-/// The OpenGL context of its creation must be current in every call. Not thread-safe.
+/// Windows and headless rendering give the same picture. The OpenGL context of its creation must be current in every
+/// call. Not thread-safe.
 class Renderer final {
  public:
-  /// Errors: kUnsupported (OpenGL below 3.3), kInternal (a shader does not compile; the message holds the log).
+  /// Errors: kUnsupported (OpenGL below 3.3), kInternal (a shader does not compile).
   static Result<std::unique_ptr<Renderer>> create();
   ~Renderer();
 
   /// Default: 1. Forgets surfaces beyond the count; new ones are empty.
   void set_surface_count(std::size_t count);
-  /// Sends the changed parts of a surface to the GPU. REQUIRES: surface < the count.
+  /// REQUIRES: surface < the count.
   void upload(std::size_t surface, const SurfaceGeometry& geometry);
   /// REQUIRES: values match the uploaded geometry.
   void paint(std::size_t surface, const SurfacePaint& paint);
   /// colourfulness: 0 is grey, as of a lost connection.
   void place(std::size_t surface, const glm::mat4& scene_from_surface, bool visible = true, float colourfulness = 1);
-  /// Draws this over the surfaces from now on.
   void mark(Markup markup);
-  /// target: a framebuffer; 0 is the window.
   void draw(const Camera& camera, const RenderOptions& options, int width_px, int height_px, unsigned target = 0);
   /// Draws into memory. Errors: kUnsupported (larger than the GPU can draw).
   Result<Picture> picture(const Camera& camera, const RenderOptions& options, int width_px, int height_px);
-  /// Reads framebuffer `source`.
   static Picture read_back(int width_px, int height_px, unsigned source = 0, bool with_alpha = false);
 
   /// An off-screen framebuffer, kept until another size is asked for.
   unsigned offscreen_target(int width_px, int height_px);
 
-  /// Copies framebuffer `source` to the window's back buffer.
   static void copy_to_window(unsigned source, int width_px, int height_px);
 
   static int max_texture_side();      ///< That the GPU takes.

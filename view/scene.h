@@ -14,17 +14,14 @@
 
 namespace eigencast {
 
-/// Which stream a surface of a scene shows, and where.
 struct Placement {
   std::size_t source = 0;  ///< Index of the stream; several surfaces may show one.
   std::string name;        ///< For people; default: the stream's.
   glm::mat4 scene_from_world{1};
 };
 
-/// The surfaces to draw, each from one of several streams. Rebuilds all that have changed in one call of a
-/// SurfaceRebuilder. A stream's world transform (docs/protocol.md) is applied before the placement's.
-///
-/// Time comes in as arguments. Not thread-safe.
+/// Surfaces, each from one of several streams; all that have changed are rebuilt in one call. A stream's world
+/// transform (docs/protocol.md) is applied before the placement's. Not thread-safe.
 class Scene {
  public:
   struct Instance {
@@ -34,15 +31,13 @@ class Scene {
     bool visible = true;
   };
 
-  /// row: surfaces whose stream states no world form rows along the scene's first axis: one up to six surfaces, else
-  /// several, one behind the other.
+  /// row: surfaces whose stream states no world form rows along the scene's first axis, one up to six surfaces.
   Scene(std::vector<Placement> placements, const SceneOptions& options, bool row = false);
 
   void add(Placement placement);
   /// Later surfaces move up. REQUIRES: index < instances().size().
   void remove(std::size_t index);
 
-  /// Takes what poll() of stream `index` returned.
   void receive(std::size_t index, const PoseSource& source, const std::vector<ReceivedPose>& poses);
 
   /// Null (default): the processor. The rebuilder must outlive the last advance().
@@ -54,7 +49,6 @@ class Scene {
 
   std::vector<Instance>& instances() { return instances_; }
   const std::vector<Instance>& instances() const { return instances_; }
-  /// Upper bound for all surfaces.
   LevelOfDetail& lod() { return lod_; }
   const LevelOfDetail& lod() const { return lod_; }
   void set_paused(bool paused);
@@ -62,7 +56,6 @@ class Scene {
 
   /// The box around all rest poses, in the scene. Version 0: none yet.
   const SurfaceFacts& facts() const { return facts_; }
-  /// The largest of all surfaces.
   std::uint64_t poses_shown() const;
 
   std::uint64_t vertex_count() const;                                  ///< Drawn, of all surfaces.

@@ -119,7 +119,6 @@ void main() {
   scene_normal = dot(normal, normal) > 0.0 ? normalize(scene_from_normal * normal) : vec3(0.0);
   gl_Position = clip_from_scene * vec4(at, 1.0);
 })";
-/// For plain meshes; build_textured() has another.
 inline constexpr const char* kMeshPaint = R"(
 in vec3 painted;
 vec3 own_paint() { return painted; }

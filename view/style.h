@@ -10,21 +10,18 @@
 
 namespace eigencast {
 
-/// How surfaces and what is around them are drawn.
 struct DrawStyle {
   bool edges = false, wireframe = false, points = false, grid = true, axes = false;
   bool transparent = false;  ///< No wall, no grid: what is drawn keeps its alpha, the floor only its shadow.
   ColourMap colour_map = ColourMap::kViridis;  ///< For surfaces painted with numbers.
 };
 
-/// What the user has chosen, in the window or on the command line.
 struct Style : DrawStyle {
   bool legend = true;  ///< Where there is one to show.
   SurfacePainter::Wish colour;
   std::optional<std::array<float, 2>> colour_range;  ///< Default: the values seen so far.
 };
 
-/// The colours' meaning, as it is shown beside the surface.
 struct Legend {
   std::string title, unit;
   float low = 0, high = 1;

@@ -10,7 +10,7 @@
 namespace eigencast {
 namespace {
 
-/// The number of leading rows up to the last that is not zero.
+/// Leading rows up to the last that is not zero.
 std::uint32_t rank_in_use(std::span<const double> coefficients, std::uint32_t channels) {
   std::size_t used = coefficients.size();
   while (used > 0 && coefficients[used - 1] == 0) --used;

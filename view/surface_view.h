@@ -36,17 +36,13 @@ struct SceneOptions {
   bool morph = true;  ///< Whether levels morph (LevelMorph) or jump.
 };
 
-/// One surface of a scene: turns the poses of a PoseSource into the surface to draw now. Chooses the pose (Playout) and
-/// the number of vertices (LevelOfDetail), fades bands (BandFade), morphs levels (LevelMorph), rebuilds positions and
-/// normals, of an unchanged pose only the new vertices. Keeps the last pose while none comes, even if a new epoch
-/// brings the same asset; draws the rest pose before the first one, and as much of an asset as has arrived.
-///
-/// Time comes in as arguments. Not thread-safe.
+/// Turns the poses of a PoseSource into the surface to draw now; of an unchanged pose only new vertices are rebuilt.
+/// Keeps the last pose while none comes, even if a new epoch brings the same asset; draws the rest pose before the
+/// first one, and as much of an asset as has arrived. Not thread-safe.
 class SurfaceView {
  public:
   explicit SurfaceView(const SceneOptions& options = {});
 
-  /// Takes what the source's poll() returned.
   void receive(const PoseSource& source, const std::vector<ReceivedPose>& poses);
 
   /// Chooses pose and level. True if anything has changed: then do job() with a SurfaceRebuilder, and call finish().
@@ -67,7 +63,7 @@ class SurfaceView {
   /// Grows when the result of blend() changes.
   std::uint64_t level_version() const { return level_version_; }
 
-  /// Lets views of the same asset share its basis. REQUIRES: all of them show asset_id(), which is not empty.
+  /// REQUIRES: the basis of asset_id(), which is not empty.
   void share(std::shared_ptr<Reconstructor> reconstructor) { reconstructor_ = std::move(reconstructor); }
   const std::shared_ptr<Reconstructor>& shared_reconstructor() const { return reconstructor_; }
   /// Empty until the source names it.
@@ -77,28 +73,26 @@ class SurfaceView {
   void set_max_vertices(std::optional<std::uint32_t> N) { max_vertices_ = N; }
   /// Upper bound of the pixels per surface unit: MorphPace follows it. Infinite (default): unknown.
   void set_px_per_unit(double pixels) { px_per_unit_ = pixels; }
-  /// The barycentre of the area in this pose, surface coordinates.
+  /// Of the area, surface coordinates.
   glm::vec3 barycentre() const;
 
   const SurfaceGeometry& geometry() const { return geometry_; }
   const SurfaceFacts& facts() const { return facts_; }
   LevelOfDetail& lod() { return lod_; }
   const LevelOfDetail& lod() const { return lod_; }
-  /// Takes effect at the next prepare(), with a correction.
   void set_playout(const PlayoutSettings& settings) { playout_.set(settings); }
   const Playout& playout() const { return playout_; }
-  /// How geometry() came about; kHeld before the first pose.
+  /// kHeld before the first pose.
   Shown shown() const { return shown_; }
   bool settling() const { return settling_; }  ///< See PlayoutPose.
-  /// Number of pictures for each of Shown.
   const std::array<std::uint64_t, 4>& times_shown() const { return times_shown_; }
-  /// The coefficients of geometry(), r x c row-major, corrections and fades included.
+  /// Of geometry(), r x c row-major, corrections and fades included.
   std::span<const double> coefficients() const { return coefficients_; }
   /// A pause keeps the pose; level and asset may change.
   void set_paused(bool paused) { paused_ = paused; }
   bool paused() const { return paused_; }
 
-  /// Number of poses shown, without the rest pose.
+  /// Without the rest pose.
   std::uint64_t poses_shown() const { return poses_shown_; }
   std::optional<TimeUs> shown_capture_us() const { return shown_time_; }  ///< Capture time of geometry().
   std::optional<TimeUs> newest_arrival_us() const { return newest_arrival_; }

@@ -21,7 +21,6 @@ class Surroundings final {
   };
   /// REQUIRES: lighting.bind().
   void draw_floor(const Camera& camera, const Lighting& lighting, const Floor& floor) const;
-  /// In front of everything.
   void draw_axes(const Camera& camera, float pixel_scale) const;
 
  private:

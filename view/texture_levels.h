@@ -32,14 +32,14 @@ struct VersionedBlocks {
   }
 };
 
-/// The wedge of each corner of the drawn triangles, and the wedges' UVs, morphed as LevelMorph does positions. Updates
-/// cost as much as the level has changed. Not thread-safe.
+/// The wedge of each corner of the drawn triangles, and the wedges' UVs, morphed. Updates cost as much as the level has
+/// changed. Not thread-safe.
 class TextureLevels {
  public:
   /// UV of a wedge outside the image.
   static constexpr float kNone = -std::numeric_limits<float>::max();
 
-  /// Follows the level. REQUIRES: geometry and morph belong to the texture's surface.
+  /// REQUIRES: geometry and morph belong to the texture's surface.
   void follow(std::shared_ptr<const AssetTexture> texture, const SurfaceGeometry& geometry, const LevelMorph& morph);
 
   const VersionedBlocks<std::uint32_t>& corners() const { return corners_; }  ///< As SurfaceGeometry::triangles.

@@ -59,7 +59,7 @@ vec3 own_paint() {
 }
 )";
 
-/// Renames the vertex shader's outputs to the geometry shader's inputs.
+/// With the geometry shader's inputs as outputs.
 std::string renamed(const std::string& vertex) {
   const std::size_t after_version = vertex.find('\n') + 1;
   return vertex.substr(0, after_version) +

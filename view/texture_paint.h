@@ -9,7 +9,6 @@
 
 namespace eigencast {
 
-/// An image on the GPU with mipmaps. Needs its context current in every call.
 class GlImage final {
  public:
   explicit GlImage(const Picture& picture);
@@ -19,8 +18,7 @@ class GlImage final {
   GlTexture texture_;
 };
 
-/// What the GPU needs to draw one surface with its image: the wedges of the corners and their UVs. Sends only blocks
-/// that have changed. Needs its context current in every call.
+/// A surface's wedges and UVs on the GPU. Sends only blocks that have changed. Needs its context current in every call.
 class GlTexturePaint final {
  public:
   /// REQUIRES: paint.kind == kTexture.
@@ -38,8 +36,7 @@ class GlTexturePaint final {
   std::shared_ptr<GlImage> image_;
 };
 
-/// Builds a program that draws textured triangles: the vertex shader of meshes, a geometry shader that gives corners
-/// their UVs, `fragment` with own_paint(). Errors: kInternal.
+/// The vertex shader of meshes, a geometry shader that gives corners their UVs, `fragment` with own_paint().
 Result<void> build_textured(GlProgram& program, const std::string& vertex, const std::string& before_fragment,
                             const std::string& fragment);
 

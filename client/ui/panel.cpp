@@ -127,7 +127,6 @@ void draw_export(ViewerState& state) {
 constexpr ImU32 kLine = IM_COL32(125, 190, 255, 255), kFill = IM_COL32(125, 190, 255, 38),
                 kRule = IM_COL32(255, 255, 255, 36), kDim = IM_COL32(173, 186, 201, 255);
 
-/// One quantity with its name and newest value above.
 void draw_plot(const char* name, const char* format, const std::vector<float>& values, float scale) {
   char text[48];
   std::snprintf(text, sizeof text, format, values.empty() ? 0.0 : static_cast<double>(values.back()));

@@ -11,10 +11,8 @@
 
 namespace eigencast {
 
-/// A line of text that the user types.
 using TextField = std::array<char, 1024>;
 
-/// Requests to the window.
 struct UiRequests {
   std::string open;  ///< Empty: nothing.
   std::optional<std::size_t> remove;
@@ -25,13 +23,10 @@ inline float panel_width(float scale) {
   return 304 * scale;
 }
 
-/// The panel at the left: surfaces, colours, motion, detail, export, plots over time. Changes state and session in
-/// place.
-/// REQUIRES: called while an Overlay draws. Not thread-safe.
+/// The panel at the left. Changes state and session in place. REQUIRES: called while an Overlay draws.
 UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, float scale);
 
-/// For an empty viewer: built-in demos, a line for a URL or a file, recently opened ones.
-/// REQUIRES: as draw_panel.
+/// For an empty viewer. REQUIRES: as draw_panel.
 UiRequests draw_welcome(const std::vector<std::string>& recent, TextField& to_open, float scale);
 
 }  // namespace eigencast
