@@ -61,7 +61,6 @@ Error malformed_reply() {
 
 }  // namespace
 
-/// One asset on its way.
 struct AssetExchange::Transfer {
   std::string owner;
   Sha256 asset;

@@ -37,10 +37,9 @@ class AssetExchange {
                 std::function<void(Work)> on_loop);
   ~AssetExchange();
 
-  /// Answers requests to broker `self` from now on.
   void serve(const std::string& self);
-  /// Calls `done` when object `asset` and its references are in the store, at once if they are. Errors: kNotFound (the
-  /// owner does not have it), kUnreachable, kTimeout, kCorrupt, kIo, kTooLarge.
+  /// Calls `done` when object `asset` and its references are in the store, at once if they are. Errors: kNotFound (at the
+  /// owner), kUnreachable, kTimeout, kCorrupt, kIo, kTooLarge.
   void fetch(const std::string& owner, const Sha256& asset, Done done);
   void stop();
 

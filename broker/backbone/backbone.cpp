@@ -145,8 +145,6 @@ void Backbone::on_row(const std::string& key, std::optional<std::string> text, s
   if (table_read_) reconcile();
 }
 
-// ---- Reconciliation ----
-
 void Backbone::reconcile() {
   // Callbacks from below may re-enter.
   if (hub_ == nullptr || std::exchange(reconciling_, true)) return;
@@ -203,8 +201,6 @@ void Backbone::forget() {
   directory_.forget_silent(now);
   for (const std::string& name : directory_.forgotten(now)) write(name, std::nullopt);
 }
-
-// ---- Streams of this broker ----
 
 void Backbone::claim(const std::string& stream, const control::Announce& announce, Granted granted) {
   claims_[stream] = {announce, std::move(granted), environment_.now_us()};

@@ -22,15 +22,13 @@ namespace eigencast::broker {
 /// Connects several brokers: a stream sent to one of them is available at all.
 ///
 /// The brokers share a directory: the owner, epoch and surface of each stream. A broker whose viewers watch a stream of
-/// another one follows it: it copies the surface's objects into its store, takes keys from the backbone like those of a
-/// local sender, and starts from a join that it requests from the owner. Interpolation and profiles run at the viewers'
-/// broker.
+/// another one follows it (see Following). Interpolation and profiles run at the viewers' broker.
 ///
 /// All actions follow from repeatedly comparing actual with wanted state (reconcile), so that no order of events, lost
 /// message or broken link has lasting effects. Without a connection local streams continue and new ones are granted
 /// locally; after a partition, of two senders of one stream the one with the later epoch stays.
 ///
-/// No sockets. Not thread-safe: belongs to the event loop.
+/// Belongs to the event loop.
 class Backbone final : public StreamTap, public Ownership, private Link::Listener {
  public:
   struct Settings {
@@ -47,7 +45,6 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
     std::uint64_t frames_published = 0, frames_followed = 0, frames_dropped = 0, joins_asked = 0, joins_answered = 0;
     std::uint64_t claims_refused = 0, senders_dismissed = 0, disconnects = 0, asset_bytes_fetched = 0;
   };
-  /// What it needs of its owner.
   struct Environment {
     std::function<TimeUs()> now_us;
     std::function<Result<std::uint32_t>(std::uint32_t above)> next_epoch;  ///< As EpochSource::next().
@@ -67,21 +64,18 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   /// Call at least ten times a second.
   void tick();
 
-  // Ownership
   void claim(const std::string& stream, const control::Announce& announce, Granted granted) override;
 
-  // StreamTap
   void on_announced(const Stream& stream) override;
   void on_key(const Stream& stream, const KeyRecordPtr& record) override;
   void on_stalled(const Stream& stream) override;
   void on_forgotten(const Stream& stream) override;
 
   Totals totals() const;
-  /// One line for display: the number of connected brokers, or why there is no connection.
+  /// The number of connected brokers, or why there is no connection.
   std::string status() const;
 
  private:
-  /// An announcement that waits for the directory.
   struct Claim {
     control::Announce announce;
     Granted granted;
@@ -94,7 +88,6 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
     KeyRecordPtr newest;
   };
 
-  // Link::Listener
   void on_connected() override;
   void on_disconnected(const std::string& why) override;
   void on_new_table() override;

@@ -15,7 +15,6 @@
 
 namespace eigencast::broker {
 
-/// A stream's shared entry: its owner and announcement.
 struct DirectoryEntry {
   std::string owner;           ///< The broker of the stream's present or last sender.
   std::uint32_t epoch = 0;     ///< Grows with every announcement at any broker.
@@ -33,10 +32,10 @@ Result<DirectoryEntry> entry_from_text(std::string_view text);
 
 /// The stream's name as a NATS subject and bucket key: '/' becomes '.', '.' becomes '=', which names do not contain.
 std::string token_from_stream(std::string_view name);
-/// Nothing: not the token of a stream name.
 std::optional<std::string> stream_from_token(std::string_view token);
 
-/// This broker's copy of the shared directory: entries of streams with their revisions, and the brokers' last heartbeats. Time comes in as an argument. Not thread-safe.
+/// This broker's copy of the shared directory: entries of streams with their revisions, and the brokers' last
+/// heartbeats. Not thread-safe.
 class Directory {
  public:
   /// A broker without a heartbeat for this long counts as gone; its streams may be claimed by others.
@@ -55,25 +54,20 @@ class Directory {
   /// self  this broker's id, unique per run
   Directory(std::string self, TimeUs now_us) : self_(std::move(self)), began_us_(now_us) {}
 
-  /// Applies a change; `text` is empty for a removal. Ignores outdated revisions.
-  /// Errors: kCorrupt (the entry is unchanged).
+  /// No `text`: a removal. Ignores outdated revisions. Errors: kCorrupt (the entry is unchanged).
   Result<void> take(std::string_view stream, std::optional<std::string_view> text, std::uint64_t revision);
-  /// Forgets all streams: the table's revisions start anew.
+  /// The table's revisions start anew.
   void restart() { streams_.clear(); }
-  /// Notes a broker's heartbeat.
   void note_heartbeat(std::string_view broker, TimeUs now_us);
   /// Forgets brokers that have been silent for long; ids are not reused.
   void forget_silent(TimeUs now_us);
-  /// Notes that a broker has announced its stop.
   void note_stopped(std::string_view broker) { last_heartbeat_us_.erase(std::string(broker)); }
 
-  /// Whether the broker is alive: this one always, others with a heartbeat within kHeartbeatTimeoutUs. After listening has
-  /// (re)started all brokers count as alive for that time.
+  /// This broker always is, others with a heartbeat within kHeartbeatTimeoutUs, all for that time after listening began.
   bool is_alive(std::string_view broker, TimeUs now_us) const;
-  /// Call when listening starts again after a lost connection.
+  /// After a lost connection.
   void restart_listening(TimeUs now_us) { began_us_ = now_us; }
 
-  /// Null: never known.
   const Known* find(std::string_view stream) const;
   /// The entry of a stream with a sender at a broker that is alive, this one included; else null.
   const DirectoryEntry* live(std::string_view stream, TimeUs now_us) const;
@@ -83,8 +77,7 @@ class Directory {
   std::vector<std::string> forgotten(TimeUs now_us) const;
 
   const std::string& self() const { return self_; }
-  /// Periods between two heartbeats of a broker without streams; grows with the number of brokers, to bound their
-  /// traffic.
+  /// Periods between two heartbeats of a broker without streams; grows with their number, to bound the traffic.
   int heartbeat_periods() const {
     return static_cast<int>(std::max<std::size_t>(1, last_heartbeat_us_.size() / kHeartbeatsPerPeriod));
   }

@@ -11,19 +11,16 @@
 namespace eigencast::broker {
 
 /// Restores the order of the messages of one epoch of a remote stream: a join, then consecutive keys. Published keys may
-/// be lost; joins come on request, before or after them. No network, no clock. Not thread-safe.
-///
-/// Keeps keys that arrive while a join is awaited, at most the last kMaxKept.
+/// be lost; joins come on request, before or after them. Keeps the last kMaxKept keys while a join is awaited.
+/// Not thread-safe.
 class Follower {
  public:
   static constexpr std::size_t kMaxKept = 64;
-  /// Timeout of a join request.
   static constexpr TimeUs kJoinTimeoutUs = 500'000;
 
   explicit Follower(std::uint32_t epoch) : epoch_(epoch) {}
 
-  /// Takes a published key or a requested join. Returns the messages that can be used now, in order; drops other epochs,
-  /// duplicates and malformed messages.
+  /// Returns the messages that can be used now, in order; drops other epochs, duplicates and malformed messages.
   std::vector<Bytes> take(Bytes message);
 
   /// Whether to request a join now; false while a request is pending.

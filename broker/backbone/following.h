@@ -22,9 +22,7 @@ class Remote;
 /// The streams of other brokers that local viewers watch; a part of Backbone.
 ///
 /// Acts as the sender of each: copies its surface, subscribes to its frames, and requests a join from its owner at the
-/// start and after each gap. reconcile() derives the followed streams from the directory.
-///
-/// Not thread-safe: belongs to the event loop.
+/// start and after each gap. Belongs to the event loop.
 class Following {
  public:
   struct Settings {
@@ -47,18 +45,14 @@ class Following {
 
   /// REQUIRES: the hub lives until stop().
   void start(Hub& hub) { hub_ = &hub; }
-  /// Releases all streams.
   void stop();
 
   /// Feeds `stream` from the broker of `entry`, replacing its publisher.
   void follow(Stream& stream, const DirectoryEntry& entry);
-  /// Whether the stream of that name is fed from another broker.
   bool feeds(std::string_view name) const;
-  /// The stream is being removed.
   void forget_stream(std::string_view name);
 
-  /// Follows remote streams that are watched here and stops following the others.
-  /// complete  the directory is complete, so that absent entries count
+  /// Follows remote streams that are watched here and no others. `complete`: absent entries of the directory count.
   void reconcile(const Directory& directory, bool connected, bool complete);
 
   Totals totals() const;

@@ -18,16 +18,15 @@ namespace eigencast::broker {
 /// broker's event loop and never blocks it.
 class Link {
  public:
-  /// Receives events of the connection and the table.
   class Listener {
    public:
     virtual ~Listener() = default;
-    /// The connection is up, again or for the first time; or lost.
+    /// Again or for the first time.
     virtual void on_connected() = 0;
     virtual void on_disconnected(const std::string& why) = 0;
     /// The table was replaced (lost or removed): earlier rows are void.
     virtual void on_new_table() = 0;
-    /// A row of the table changed; `text` is empty for a removal.
+    /// No `text`: a removal.
     virtual void on_row(const std::string& key, std::optional<std::string> text, std::uint64_t revision) = 0;
     /// on_row() has been called for all rows that the table had at connection.
     virtual void on_table_read() = 0;
@@ -40,7 +39,7 @@ class Link {
   using OnRequest = std::function<void(Bytes message, Reply reply)>;
 
   virtual ~Link() = default;
-  /// Connects, with retries. `listener` must live until stop() has returned.
+  /// Connects, with retries. `listener` outlives stop().
   virtual void start(Listener& listener) = 0;
   /// No handler is called after it returns.
   virtual void stop() = 0;

@@ -35,7 +35,7 @@ class Member {
   static Result<std::unique_ptr<Member>> create(const Config& config, const std::string& id, AssetStore& assets,
                                                 LogSink log);
 
-  /// REQUIRES: the members of `host` live until stop() has returned, and the disk's threads have ended by then.
+  /// REQUIRES: `host` outlives stop(), and the disk's threads have ended by then.
   void start(const Host& host);
   void stop();
 

@@ -37,8 +37,6 @@ NatsLink::NatsLink(NatsSettings settings, OptionsPtr options, std::function<void
       options_(std::move(options)),
       on_loop_(std::move(on_loop)) {}
 
-// ---- Connection ----
-
 /// Does nothing after stop(): the loop may be destroyed.
 void NatsLink::to_loop(std::function<void()> work) {
   const std::lock_guard lock(mutex_);
@@ -151,8 +149,6 @@ void NatsLink::stop() {
     natsConnection_Close(connection_.get());
   }
 }
-
-// ---- Messages ----
 
 void NatsLink::send(const std::string& subject, Bytes message, const std::string& reply) {
   const std::lock_guard lock(mutex_);

@@ -15,7 +15,6 @@
 
 namespace eigencast::broker {
 
-// Owners of libnats objects.
 template <auto destroy>
 struct Destroyer {
   template <typename T>

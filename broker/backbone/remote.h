@@ -29,7 +29,6 @@ class Remote final : public PublisherLink {
   void on_replaced() override { stream_ = nullptr; }
   void on_watcher_count(std::uint32_t) override {}
 
-  /// Null once it no longer feeds the stream.
   Stream* stream() const { return stream_; }
   void forget_stream() { stream_ = nullptr; }
   const DirectoryEntry& entry() const { return entry_; }

@@ -18,9 +18,7 @@
 namespace eigencast::broker {
 
 /// One WebSocket: reads messages, writes what its outbox releases, closes with a reason. Publisher and Subscriber
-/// interpret the messages.
-///
-/// A peer that requests more than it reads is not read until it catches up.
+/// interpret the messages. A peer that requests more than it reads is not read until it catches up.
 ///
 /// Messages from the outbox wait in `write_queue_` and leave in one write at the end of the turn. When the socket takes
 /// only part of it, the connection is blocked: frames not begun go back to the outbox, which keeps the newest. Holds no
@@ -34,16 +32,13 @@ class Connection : public std::enable_shared_from_this<Connection>, private Writ
   /// Sends `answer`, the head of the response to a checked upgrade, and runs.
   void start(std::string answer);
 
-  /// Sends "bye", then closes with `code`, at the latest after timeouts.shutdown_ms.
   void send_bye(const std::string& reason, std::uint32_t retry_after_ms, websocket::CloseCode code);
 
   /// Whether only control messages and the close frame are still to be sent.
   bool is_closing() const { return closing_; }
 
-  /// Fills in what the admin API reports.
   virtual void describe(ClientInfo& info) const;
   std::uint64_t id() const { return id_; }
-  /// For logs: its role, and its number as in the admin API.
   std::string name() const;
 
   /// Called once a second: pings a silent peer, closes after timeouts.idle_ms or when the token expires.
@@ -66,14 +61,11 @@ class Connection : public std::enable_shared_from_this<Connection>, private Writ
   virtual std::string label() const = 0;
 
   Context& context() { return context_; }
-  /// The peer's rights and usage.
   Grant& grant() { return *grant_; }
   Outbox& outbox() { return outbox_; }
-  /// Sends "welcome".
   void greet();
-  /// Queues a control message; a full queue closes the connection.
+  /// A full queue closes the connection.
   void send(const ControlMessage& message);
-  /// Queues a framed message; a full queue closes the connection.
   void send_framed(std::string message);
   /// Offers a stream's frames to the outbox; writes a frame at once where waiting for the turn's end gains nothing.
   void deliver(std::uint32_t stream_id, std::span<const FramePtr> frames);
@@ -85,10 +77,10 @@ class Connection : public std::enable_shared_from_this<Connection>, private Writ
   void refuse(const Error& error, const std::string& stream, websocket::CloseCode code);
   /// Handles a text that parse() refused: answers an unknown op, closes the connection otherwise.
   void refuse_text(const Error& error, const std::string& stream);
-  /// Handles ping and pong; true if the message was one.
+  /// Whether the message was ping or pong, which it handles.
   bool answer_common(const ControlMessage& message);
   Result<ControlMessage> parse(std::string_view text);
-  /// Closes the WebSocket once all control messages are written.
+  /// Closes once all control messages are written, at the latest after timeouts.shutdown_ms.
   void close_when_sent(const std::string& reason, websocket::CloseCode code);
 
  private:
@@ -104,15 +96,12 @@ class Connection : public std::enable_shared_from_this<Connection>, private Writ
   bool take_input(std::span<std::uint8_t> input);
   void on_event(const websocket::MessageReader::Event& event);
   void on_ping(std::string_view payload);
-  /// Whether so many answers wait that reading must pause.
   bool is_backlogged();
-  /// Resumes paused reading once answers are written.
   void resume_reading();
   void on_peer_closed(const websocket::MessageReader::Event& event);
   void on_broken(const websocket::MessageReader::Event& event);
-  /// Whether a frame may go straight to the socket: nothing is queued before it.
+  /// Whether a frame may go straight to the socket.
   bool can_write_now() const;
-  /// Through the outbox.
   void deliver_queued(std::uint32_t stream_id, std::span<const FramePtr> frames);
   void write_partly(const FramePtr& frame, const Transport::Outcome& outcome);
   void fill_write_queue();
@@ -120,7 +109,6 @@ class Connection : public std::enable_shared_from_this<Connection>, private Writ
   /// Call before the write: a viewer on the same machine may read the frame before the call returns.
   void note_write(const Frame& frame);
   void count_sent(std::size_t bytes);
-  /// Checks whether a peer that does not acknowledge still reads.
   void check_window();
   void block(Transport::Wait wait);
   void on_all_written();

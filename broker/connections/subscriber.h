@@ -11,11 +11,9 @@
 
 namespace eigencast::broker {
 
-/// The connection of a viewer: /v1/subscribe/{stream}, or /v1/subscribe and control messages. Belongs to its event
-/// loop.
+/// The connection of a viewer: /v1/subscribe/{stream}, or /v1/subscribe and control messages.
 class Subscriber final : public Watcher, public Connection {
  public:
-  /// first  the stream of the URL, watched at once
   Subscriber(Context& context, Transport transport, GrantPtr grant, std::optional<control::Subscribe> first);
 
   void on_stream_changed(const Stream& stream, bool restart) override;

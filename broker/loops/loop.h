@@ -18,14 +18,12 @@ namespace eigencast::broker {
 /// One event loop with its streams, connections, writes and timers. Runs on one thread, chosen by its owner.
 class Loop {
  public:
-  /// Links to the other loops.
   struct Siblings {
     Loops& loops;
     std::shared_ptr<StreamIds> ids;
     std::atomic<std::uint64_t>& last_connection_id;
   };
 
-  /// `taps`, `on_opened`: see Stream::Settings and Hub::Settings.
   Loop(const Config& config, const SharedContext& shared, const Siblings& siblings, std::vector<StreamTap*> taps,
        std::function<void(Stream&)> on_opened);
   Loop(const Loop&) = delete;
@@ -42,7 +40,6 @@ class Loop {
   void run();
   /// Runs `work` and logs its exception, so that the code after it runs. On the loop's thread.
   void guarded(const std::function<void()>& work) noexcept;
-  /// Thread-safe.
   void stop() { io_.stop(); }
   /// Call when a stream may be due earlier than scheduled.
   void arm_schedule();

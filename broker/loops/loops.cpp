@@ -11,12 +11,9 @@
 namespace eigencast::broker {
 namespace {
 
-/// The maximum of server.threads (config/settings.def).
-constexpr std::size_t kMaxLoops = 256;
-/// Sizes tried: the kernel refuses a set that is smaller than its own.
-constexpr std::size_t kMaxSets = 64;
+constexpr std::size_t kMaxLoops = 256;  // As server.threads (config/settings.def).
+constexpr std::size_t kMaxSets = 64;    // The kernel refuses a set that is smaller than its own.
 
-/// Number of cores that this process may run on.
 std::size_t cores() {
   for (std::vector<cpu_set_t> allowed(1); allowed.size() <= kMaxSets; allowed.resize(2 * allowed.size())) {
     const std::size_t bytes = allowed.size() * sizeof(cpu_set_t);

@@ -15,7 +15,7 @@ namespace eigencast::broker {
 /// The event loops of a broker. The first one, which the owner runs, serves senders, HTTP and the admin port. The others,
 /// each on its own thread, share the viewers with it and mirror the streams that these watch (relay/mirror.h).
 ///
-/// Belongs to the first loop. With one loop nothing is posted.
+/// Belongs to the first loop.
 class Loops {
  public:
   /// Creates server.threads loops. `taps`: of the senders' streams.
@@ -27,20 +27,17 @@ class Loops {
   Loop& first() { return *first_; }
   const Loop& first() const { return *first_; }
 
-  /// Starts the other loops; stop() returns when they have ended.
+  /// stop() returns when the other loops have ended.
   void start();
   void stop();
 
   /// The loop with the fewest connections, for a viewer that is now a connection of the first one.
   Context& least_busy();
-  /// Number of open connections of each loop.
   std::vector<std::uint64_t> connections() const;
   std::uint64_t connections_total() const;
-  /// Without those of the first loop.
   std::uint64_t connections_of_others() const;
 
-  /// Runs `work` in one loop after the other, each on its thread, beginning with the first; then `done` in the first. With
-  /// one loop both have run when it returns.
+  /// Runs `work` in one loop after the other, then `done` in the first. With one loop both have run when it returns.
   void for_each_loop(std::function<void(Context&)> work, std::function<void()> done);
   /// Once a second.
   void tick();

@@ -12,7 +12,6 @@ namespace eigencast::broker {
 /// agree, across brokers, because an epoch is at least the number of seconds since 2026-01-01. Not thread-safe.
 class EpochSource {
  public:
-  /// Reads the file if it exists. Errors: kIo, kCorrupt.
   static Result<EpochSource> open(std::string path);
 
   /// The next epoch, also greater than `above`. Errors: kIo (it could not be stored).

@@ -39,10 +39,9 @@ using KeyRecordPtr = std::shared_ptr<const KeyRecord>;
 ///   estimated  key s on arrival, then estimate (s, 1/k), (s, 2/k) ... paced, until key s+1 or max_ahead_us
 /// Interpolated poses lie on the profile's curve. Catmull-Rom uses key s+1 for the whole interval if it arrived before
 /// the interval's first pose was due, else not at all. Hermite uses the velocities of the format.
-/// Time comes in as an argument; no sockets. Not thread-safe.
+/// Not thread-safe.
 class Feed {
  public:
-  /// Properties of a stream that all its feeds share.
   struct Source {
     CoefficientLayout layout;
     VelocityChannels velocities;
@@ -55,8 +54,7 @@ class Feed {
   /// profile  bands within the layout; Hermite only with velocities
   Feed(const Profile& profile, const Source& source);
 
-  /// Starts from a key that arrived before this feed existed: join() returns it at once, later poses build on it.
-  /// REQUIRES: nothing was added yet.
+  /// Starts from a key that arrived before this feed existed. REQUIRES: nothing was added yet.
   void begin_at(KeyRecordPtr record);
 
   /// Takes the next key; appends the frames to send now to `out`.
@@ -65,16 +63,15 @@ class Feed {
   /// Appends the frames due by now: every key, but only the newest of several poses.
   void pump(TimeUs now_us, std::vector<FramePtr>& out);
 
-  /// When pump() is due next; nothing while nothing is pending.
+  /// When pump() is due next.
   std::optional<TimeUs> next_due_us() const;
 
-  /// Encodes pending poses ahead of their due time, while their keys are still in the CPU caches. Does nothing while poses
-  /// are being overtaken, because those are never made.
+  /// Encodes pending poses ahead of their due time, while their keys are still in the CPU caches; not while poses are
+  /// overtaken, because those are never made.
   void prepare();
-  /// Poses encoded ahead of their due time.
   std::size_t prepared_poses() const { return prepared_.size(); }
 
-  /// The join frame of the feed's current state; encoded once per state. Null before the first key.
+  /// The current join frame, encoded once. Null before the first key.
   FramePtr join();
 
   const Profile& profile() const { return profile_; }
@@ -90,10 +87,9 @@ class Feed {
   void pump_estimates(TimeUs now_us, std::vector<FramePtr>& out);
   void emit_synthetic(const KeyRecord& record, const Pacer::Due& due, std::vector<FramePtr>& out);
   void emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out);
-  /// Null if it cannot be encoded.
+  // Null: it cannot be encoded.
   FramePtr synthetic(const KeyRecord& record, const Pacer::Due& due);
-  /// A non-reference pose, encoded against `state` more coarsely than a key of `key_spacing` and cut to the profile's
-  /// bands. Null if it cannot be encoded.
+  /// A pose that nothing builds on, encoded more coarsely than a key of `key_spacing`, in the profile's bands.
   FramePtr made(Envelope head, std::uint8_t key_spacing, const ChainState& state, Result<Key> pose) const;
   FramePtr take_prepared(const Pacer::Due& due);
   void emit_made(FramePtr frame, std::vector<FramePtr>& out);

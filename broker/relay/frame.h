@@ -23,12 +23,10 @@ struct Frame {
   std::size_t message_begin = 0;  ///< Offset of the message.
   mutable FrameTimes times;       ///< The only mutable part; belongs to the event loop.
 
-  /// Envelope and payload: one binary WebSocket message.
   ByteView message() const { return ByteView(wire).subspan(message_begin); }
 };
 using FramePtr = std::shared_ptr<const Frame>;
 
-/// The frame of an envelope and its payload, which is copied.
 FramePtr make_frame(const Envelope& envelope, ByteView payload);
 
 }  // namespace eigencast::broker

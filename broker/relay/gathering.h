@@ -9,7 +9,7 @@ namespace eigencast::broker {
 
 /// Decides whether poses for connections that watch several streams wait for the next tick, so that one write carries
 /// the poses of all streams. They wait under load only. The load measure, poses due to such connections, does not
-/// depend on the decision, so that it does not oscillate. Time comes in as an argument. Not thread-safe.
+/// depend on the decision, so that it does not oscillate. Not thread-safe.
 class Gathering {
  public:
   struct Settings {
@@ -21,7 +21,6 @@ class Gathering {
 
   /// `poses` are due to a connection of several streams. True: they may wait.
   bool waits(std::uint64_t poses, TimeUs now_us);
-  /// The next tick after `now_us`.
   TimeUs next_tick_us(TimeUs now_us) const { return (now_us / settings_.tick_us + 1) * settings_.tick_us; }
 
  private:

@@ -15,9 +15,8 @@
 
 namespace eigencast::broker {
 
-/// All streams of an event loop by name.
-/// A stream without publisher, watchers and poses is removed; one that holds a last pose stays until max_streams needs
-/// its slot. Not thread-safe: belongs to one event loop.
+/// All streams of an event loop by name. One without publisher, watchers and poses is removed; one that holds a last
+/// pose stays until max_streams needs its slot. Belongs to its loop.
 class Hub {
  public:
   struct Settings {
@@ -31,24 +30,20 @@ class Hub {
     if (!settings_.ids) settings_.ids = std::make_shared<StreamIds>();
   }
 
-  /// Finds or creates the stream of that name. REQUIRES: check_stream_name passed. Errors: kTooLarge
-  /// (max_streams).
+  /// Finds or creates the stream. REQUIRES: check_stream_name passed. Errors: kTooLarge (max_streams).
   Result<Stream*> open(std::string_view name);
-  /// Null if there is none.
   Stream* find(std::string_view name);
   /// Call when a publisher or watcher has left `stream`. May destroy the stream.
   void unwatched(Stream& stream);
   /// Removes it with the pose it holds. REQUIRES: no publisher, no watchers.
   void drop(Stream& stream);
 
-  /// Pumps the streams that are due by now.
   void pump(TimeUs now_us);
   /// Marks a stream that took frames or watchers: deliver() sends its frames and reschedules it.
   void mark_dirty(Stream& stream);
   void deliver();
   /// Call after the frames of the last deliver() are written: encodes its streams' next poses (Feed::prepare).
   void prepare();
-  /// When pump() is due next.
   std::optional<TimeUs> next_due_us() const;
 
   /// Sorted by name; valid until the next open() or unwatched().
@@ -56,7 +51,6 @@ class Hub {
   std::size_t size() const { return streams_.size(); }
 
  private:
-  /// Updates wakeups_ from the stream's next_due_us().
   void schedule(Stream& stream);
   void unschedule(Stream& stream);
   bool make_room();

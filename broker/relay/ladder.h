@@ -13,9 +13,7 @@ namespace eigencast::broker {
 /// Adapts one viewer's profile to its link. The rungs lead from the requested profile over compact interpolation and raw
 /// keys down to fewer and fewer bands. A viewer that skips many frames, or needs joins repeatedly, goes down. One that
 /// gets every frame for a while goes up, after a longer while each time it relapsed. A reader that takes nothing keeps
-/// its rung: it costs nothing, and gets a join when it resumes.
-///
-/// Evaluates counts once a second; no clock, no sockets. Not thread-safe.
+/// its rung: it costs nothing, and gets a join when it resumes. Not thread-safe.
 class Ladder {
  public:
   /// Totals since the viewer began to watch.
@@ -31,7 +29,6 @@ class Ladder {
     std::string why;        ///< For people.
   };
 
-  /// asked  the requested profile: the top rung
   explicit Ladder(const Profile& asked);
 
   /// Call once a second. `bands`: those of the stream. Returns the step to take now, if any.

@@ -6,8 +6,6 @@
 
 namespace eigencast::broker {
 
-// ---- Origin ----
-
 MirrorOrigin::MirrorOrigin(std::size_t loops, Environment environment)
     : environment_(std::move(environment)), channels_(loops) {}
 
@@ -117,8 +115,6 @@ void MirrorOrigin::catch_up(std::size_t loop) {
     channel.waiting.push_back({followed.stream->id(), std::make_shared<const Snapshot>(followed.stream->snapshot())});
   }
 }
-
-// ---- Mirrors ----
 
 /// Takes the sender's role in a mirror.
 class MirrorSet::Mirror final : public PublisherLink {

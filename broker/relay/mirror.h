@@ -13,10 +13,9 @@
 
 /// One stream in several event loops. Its sender, key chain and taps belong to the first loop, the origin. Each other loop
 /// with viewers has a mirror with the feeds of its own viewers. Events between loops are immutable, shared, batched and
-/// ordered. No sockets, clock or threads here: the owner transports the batches.
+/// ordered; the owner transports the batches.
 namespace eigencast::broker {
 
-/// An event of a stream at its origin.
 struct MirrorEvent {
   struct Stalled {};
   using TracePtr = std::shared_ptr<const control::Trace>;
@@ -28,7 +27,6 @@ struct MirrorEvent {
 };
 using MirrorEvents = std::vector<MirrorEvent>;
 
-/// A request of a mirror to the origin.
 struct MirrorRequest {
   enum class Kind : std::uint8_t { kFollow, kRelease, kChanged };
   Kind kind = Kind::kFollow;
@@ -38,9 +36,8 @@ struct MirrorRequest {
 };
 using MirrorRequests = std::vector<MirrorRequest>;
 
-/// In the senders' loop: sends the events of followed streams to the other loops. A tap of its streams.
-///
-/// A loop with kMaxInFlight unprocessed events gets no more; once it has processed them, it continues from a snapshot.
+/// In the senders' loop: sends the events of followed streams to the other loops. A loop with kMaxInFlight unprocessed
+/// events gets no more; once it has processed them, it continues from a snapshot.
 class MirrorOrigin final : public StreamTap {
  public:
   static constexpr std::uint64_t kMaxInFlight = 16'384;
@@ -51,15 +48,13 @@ class MirrorOrigin final : public StreamTap {
     std::function<void()> flush_soon;                      ///< Call flush() at the end of this turn.
   };
 
-  /// `loops`: number of mirroring loops, numbered from 0.
   MirrorOrigin(std::size_t loops, Environment environment);
 
-  /// Takes requests of `loop`. The hub is the same in all calls.
+  /// The hub is the same in all calls.
   void take(Hub& hub, std::size_t loop, const MirrorRequests& requests);
-  /// Sends waiting events. Call once a second too, so that loops that were behind continue.
+  /// Call once a second too, so that loops that were behind continue.
   void flush();
 
-  // StreamTap
   void on_announced(const Stream& stream) override;
   void on_key(const Stream& stream, const KeyRecordPtr& record) override;
   void on_stalled(const Stream& stream) override;
@@ -79,7 +74,6 @@ class MirrorOrigin final : public StreamTap {
 
   void follow(Hub& hub, std::size_t loop, const MirrorRequest& request);
   void release_stream(Hub& hub, std::size_t loop, Followed& followed);
-  /// Reports the number of watchers and the wanted trace interval.
   static void notify_sender(const Followed& followed);
   void broadcast(const Stream& stream, const MirrorEvent& event);
   void push(std::size_t loop, MirrorEvent event);
@@ -105,7 +99,6 @@ class MirrorSet {
   MirrorSet(const MirrorSet&) = delete;
   MirrorSet& operator=(const MirrorSet&) = delete;
 
-  /// For Hub::Settings::on_opened.
   void on_opened(Stream& stream);
   /// Applies events of the origin and marks the changed streams dirty.
   void take(Hub& hub, const MirrorEvents& events, TimeUs now_us);

@@ -15,21 +15,18 @@
 
 namespace eigencast::broker {
 
-/// The send queue of one connection, with its backpressure: decides what is sent next and what a slow viewer skips; its
-/// owner writes.
+/// The send queue of one connection: decides what is sent next and what a slow viewer skips. Not thread-safe.
 ///
-/// Control messages wait in a bounded queue and are never dropped (overflow: disconnect). Each watched stream has a lane
-/// of two slots: one key, and one pose that nothing builds on (synthetic, step). A newer frame replaces an older one in
-/// its slot; a key to be shown at once also replaces the waiting pose. Frames leave in the order they were offered. The
-/// outbox tracks what the receiver can decode: a receiver that missed a key gets a join frame next, never a backlog.
+/// Backpressure: control messages wait in a bounded queue and are never dropped (overflow: disconnect). Each watched
+/// stream has a lane of two slots: one key, and one pose that nothing builds on (synthetic, step). A newer frame
+/// replaces an older one in its slot; a key to be shown at once also replaces the waiting pose. Frames leave in the
+/// order they were offered. The outbox tracks what the receiver can decode: a receiver that missed a key gets a join
+/// frame next, never a backlog.
 ///
 /// A client that acknowledges has at most its round trip plus `window_slack_us` of frames in flight; newer frames wait.
 /// A client that never acknowledges has no window; its frames wait from hold_from() on (see ReaderWatch).
-///
-/// Time comes in as an argument. Not thread-safe.
 class Outbox {
  public:
-  /// A framed control message.
   using Text = std::shared_ptr<const std::string>;
   /// The current join frame of a stream's feed; null before its first key.
   using JoinSource = std::function<FramePtr(std::uint32_t stream_id)>;
@@ -60,8 +57,7 @@ class Outbox {
   [[nodiscard]] bool push_control(Text text);
   /// For messages that may be lost (traces). False: dropped, because a quarter of the queue is in use.
   bool push_droppable(Text text);
-  /// Queues a pong behind all other control messages. It replaces a waiting one: of many pings only the latest needs an
-  /// answer (RFC 6455, 5.5.3).
+  /// Queues a pong behind all other control messages; it replaces a waiting one (RFC 6455, 5.5.3).
   void push_late_pong(Text text) { late_pong_ = std::move(text); }
 
   /// Opens a lane or resets it (new epoch, new profile): the receiver is assumed to have nothing.
@@ -69,11 +65,10 @@ class Outbox {
   void close_lane(std::uint32_t stream_id);
   /// Frees the memory of a burst of control messages.
   void shrink() { control_.shrink_to_fit(); }
-  /// Puts a frame into its lane. Ignored if the lane is not open.
+  /// Ignored if the lane is not open.
   void offer(std::uint32_t stream_id, const FramePtr& frame);
 
-  /// offer() and take() in one, for a frame with nothing queued before it. True: send it now. False: nothing changed,
-  /// offer it.
+  /// offer() and take() in one, if nothing is queued before the frame. False: nothing changed, offer it.
   bool send_directly(std::uint32_t stream_id, const Frame& frame, TimeUs now_us);
 
   /// The next message to send: control first, then the lanes in turn. Nothing: all is sent or waits for the window.
@@ -127,7 +122,6 @@ class Outbox {
   void note_in_flight(Lane& lane);
   void begin_window(Lane& lane, const control::Ack::Item& item, TimeUs now_us);
   void note_round_trip(TimeUs round_trip_us, TimeUs now_us);
-  /// Empties a slot of the lane and counts its frame as skipped.
   void skip(Lane& lane, FramePtr& waiting);
 
   Limits limits_;

@@ -14,9 +14,7 @@ namespace eigencast::broker {
 ///
 /// Unread bytes in the peer's kernel narrow the window that it offers. A peer whose window narrowed is probed with a
 /// WebSocket ping, which a client answers once it has read everything before it (RFC 6455, 5.5.2). While the pong is
-/// overdue, frames wait, so that the viewer gets the current pose when it resumes and no backlog.
-///
-/// Time comes in as an argument. Not thread-safe.
+/// overdue, frames wait, so that the viewer gets the current pose when it resumes and no backlog. Not thread-safe.
 class ReaderWatch {
  public:
   static constexpr TimeUs kNever = std::numeric_limits<TimeUs>::max();
@@ -27,13 +25,12 @@ class ReaderWatch {
   /// A frame was written; true: check the window now.
   bool note_sent() { return ++sent_ % kFramesBetweenChecks == 0; }
 
-  /// Takes the window that the peer offers; true: send a ping with probe().
+  /// `bytes`: that the peer offers. True: send a ping with probe().
   bool note_window(std::uint32_t bytes, TimeUs round_trip_us, TimeUs now_us);
 
-  /// Takes a pong; true: it answers the probe, so everything sent before it has been read.
+  /// True: it answers the probe, so everything sent before it has been read.
   bool note_pong(std::string_view payload);
 
-  /// The ping's payload.
   std::string probe() const { return std::to_string(probe_); }
   bool is_probing() const { return hold_from_us_ != kNever; }
   /// Frames wait from then on.

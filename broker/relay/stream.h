@@ -34,12 +34,11 @@ class Watcher {
   virtual void on_dismissed(Stream& stream, const Error& why);
 };
 
-/// The sender of a stream, as the stream sees it.
+/// The sender of a stream.
 class PublisherLink {
  public:
   virtual ~PublisherLink() = default;
   virtual void on_watcher_count(std::uint32_t count) = 0;
-  /// Stream::trace_every() has changed.
   virtual void on_trace_wanted() {}
   /// Another sender has claimed the stream. Must not touch the stream.
   virtual void on_replaced() {}
@@ -56,10 +55,8 @@ struct Snapshot {
 };
 using SnapshotPtr = std::shared_ptr<const Snapshot>;
 
-/// One stream: its publisher, its key chain, and a feed per watched profile.
-///
-/// Time comes in as an argument; no sockets. Not thread-safe: a stream and its watchers belong to one event loop. Each loop
-/// that watches a stream has its own Stream (see mirror.h); these share a StreamShare.
+/// One stream: its publisher, its key chain, and a feed per watched profile. It and its watchers belong to one event
+/// loop; each loop that watches a stream has its own Stream (see mirror.h), and these share a StreamShare.
 class Stream {
  public:
   struct Settings {
@@ -87,13 +84,11 @@ class Stream {
   Result<void> announce(const control::Announce& announce, std::uint32_t epoch);
 
   /// Takes a binary message of the publisher and delivers the frames that follow from it. Ignores the envelope's stream
-  /// id and epoch: the connection and its last announcement determine them. Errors: kCorrupt, kTooLarge, kUnsupported (see
-  /// docs/protocol.md); the stream is unchanged then.
+  /// id and epoch. Errors, without a change: kCorrupt, kTooLarge, kUnsupported (see docs/protocol.md).
   Result<void> add_frame(ByteView message, TimeUs now_us);
   /// The same, but delivery waits for deliver(), so that a watcher gets the frames of several messages in one call.
   Result<void> take_frame(ByteView message, TimeUs now_us);
   void deliver();
-  /// See Feed::prepare.
   void prepare();
 
   // For mirrors of a stream of another loop.
@@ -104,9 +99,7 @@ class Stream {
   Result<void> restore(const Snapshot& snapshot);
   /// As take_frame(), for a key that another loop took.
   void take_record(const KeyRecordPtr& record, TimeUs now_us);
-  /// The sender disconnected: holds the last pose.
   void stall();
-  /// Calls on_dismissed() of every watcher.
   void dismiss(const Error& why);
 
   // For the stream that is mirrored.
@@ -115,17 +108,15 @@ class Stream {
   /// The hub keeps it while `mirrored`; call Hub::unwatched() after resetting it.
   void set_mirrored(bool mirrored) { mirrored_ = mirrored; }
   bool is_mirrored() const { return mirrored_; }
-  /// The trace interval that its mirrors' watchers want, as trace_every().
+  /// As trace_every(), of its mirrors' watchers.
   void set_mirror_trace(std::uint32_t every);
   /// Reports a change of the number of watchers in other loops.
   void report_count();
 
-  /// Adds a watcher, or changes its profile. Calls on_stream_changed. Errors: kTooLarge (too many watchers or
-  /// profiles).
+  /// Adds a watcher, or changes its profile. Calls on_stream_changed. Errors: kTooLarge (watchers, profiles).
   Result<void> watch(Watcher& watcher, const Profile& profile);
   void unwatch(Watcher& watcher);
 
-  /// Sends what is due by now.
   void pump(TimeUs now_us);
   std::optional<TimeUs> next_due_us() const;
 
@@ -133,19 +124,16 @@ class Stream {
   void trace(Watcher& watcher, std::uint32_t every);
   /// The interval at which the sender is to trace keys: the least that any watcher wants; 0: none.
   std::uint32_t trace_every() const;
-  /// Relays a sender's trace to the watchers that want it.
   void relay_trace(const control::Trace& trace);
 
-  /// The current join frame of this watcher's profile; null before the first key.
+  /// Null before the first key.
   FramePtr join_for(const Watcher& watcher);
-  /// The stream's state as reported to this watcher.
   control::StreamInfo info_for(const Watcher& watcher) const;
 
   const std::string& name() const { return name_; }
   std::uint32_t id() const { return id_; }
   std::uint32_t epoch() const { return epoch_; }
   const std::string& asset() const { return announced_.asset; }
-  /// The last announcement; empty before the first.
   const control::Announce& announcement() const { return announced_; }
   const CoefficientLayout& layout() const { return layout_; }
   double key_rate_hz() const { return announced_.key_rate_hz; }

@@ -19,7 +19,6 @@ class StreamTap {
   virtual void on_stalled(const Stream& stream) = 0;
   /// The sender sent its trace of a key.
   virtual void on_trace(const Stream& /*stream*/, const control::Trace& /*trace*/) {}
-  /// The stream is being removed.
   virtual void on_forgotten(const Stream& stream) = 0;
 };
 

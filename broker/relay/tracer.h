@@ -11,14 +11,12 @@
 
 namespace eigencast::broker {
 
-/// Records which frames of one stream are traced and for which watchers, and builds the broker's part of the traces.
-/// Traces nothing unless a watcher requested it. Time comes in as an argument. Not thread-safe.
+/// Which frames of one stream are traced and for which watchers; builds the broker's part of the traces. Not thread-safe.
 class Tracer {
  public:
   /// Requests traces for `who` of keys whose sequence is a multiple of `every`; 0: none.
   void want(const void* who, std::uint32_t every);
   bool is_wanted_by(const void* who, std::uint64_t sequence) const;
-  /// The least requested interval; 0: none.
   std::uint32_t every() const { return every_; }
   bool is_traced(std::uint64_t sequence) const { return every_ != 0 && sequence % every_ == 0; }
 

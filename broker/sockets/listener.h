@@ -20,7 +20,7 @@ class Listener {
 
   /// Errors: kUnreachable (the message names the address and the cause).
   Result<void> open(const Address& address);
-  /// The same on a listening socket, which it takes over.
+  /// Takes over a listening socket.
   Result<void> adopt(int listening);
   void close();
   bool is_open() const { return acceptor_.is_open(); }

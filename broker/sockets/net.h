@@ -21,7 +21,6 @@ using Timer =
     asio::basic_waitable_timer<std::chrono::steady_clock, asio::wait_traits<std::chrono::steady_clock>, Executor>;
 using ErrorOf = boost::system::error_code;
 
-/// Runs `work` after `delay`, unless the timer is cancelled or set again.
 template <typename Work>
 void run_after(Timer& timer, std::chrono::microseconds delay, Work work) {
   timer.expires_after(delay);

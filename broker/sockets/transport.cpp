@@ -17,8 +17,7 @@
 namespace eigencast::broker {
 namespace {
 
-/// Payload of one TLS record.
-constexpr std::size_t kRecordBytes = 16 * 1024;
+constexpr std::size_t kRecordBytes = 16 * 1024;  // Payload of one TLS record.
 
 ErrorOf error_from_errno() {
   return {errno, boost::system::system_category()};

@@ -25,7 +25,8 @@ namespace eigencast::broker {
 inline constexpr int kSendFlags = MSG_DONTWAIT | MSG_NOSIGNAL | MSG_EOR;
 
 /// The bytes of one connection, plain or TLS: non-blocking calls for WebSockets, and an asynchronous stream over them for
-/// Beast (HTTP). TLS uses OpenSSL directly on the socket and holds no buffers while idle. SIGPIPE must be ignored by the process. Belongs to its event loop.
+/// Beast (HTTP). TLS uses OpenSSL directly on the socket and holds no buffers while idle. SIGPIPE must be ignored by the
+/// process. Belongs to its event loop.
 class Transport {
  public:
   enum class Wait : std::uint8_t { kNo, kReadable, kWritable };
@@ -47,7 +48,6 @@ class Transport {
   executor_type get_executor() { return socket_.get_executor(); }
   Socket& socket() { return socket_; }
   bool is_tls() const { return tls_ != nullptr; }
-  /// Null without TLS.
   SSL* tls() { return tls_.get(); }
 
   /// Continues the TLS handshake; done when the outcome does not wait. Plain: done.
@@ -55,12 +55,11 @@ class Transport {
   Outcome read(std::span<std::uint8_t> into);
   /// Whether TLS holds decrypted bytes that were read off the socket with an earlier record.
   bool has_read_ahead() const;
-  /// Plain: writes as much as the socket takes. TLS: at most one record; the next call must begin with the same
-  /// held_bytes() bytes.
+  /// TLS: at most one record; the next call must begin with the same held_bytes() bytes.
   Outcome write(std::span<const iovec> pieces);
-  /// Leading bytes of the last write() that TLS has encrypted but not sent: they can no longer be replaced.
+  /// Leading bytes of the last write() that TLS has encrypted but not sent.
   std::size_t held_bytes() const { return held_; }
-  /// Takes the connection off its loop, for another one. REQUIRES: no pending operation. *this is unusable afterwards.
+  /// Takes the connection off its loop. REQUIRES: no pending operation. *this is unusable afterwards.
   Detached detach();
   /// Ends writing (TLS close_notify, TCP FIN). Reading goes on.
   void end_writing();

@@ -21,19 +21,18 @@ namespace eigencast::broker {
 
 class Uring;
 
-/// A connection with bytes to write, as Turn and Uring see it.
+/// A connection with bytes to write.
 class Writer {
  public:
   static constexpr std::size_t kMaxPieces = 128;
 
   virtual ~Writer() = default;
-  /// Writes the queued bytes and handles the outcome.
   virtual void flush() = 0;
-  /// For batched writes: its socket, or -1 if only flush() works (TLS).
+  // For batched writes.
+  /// Its socket, or -1 if only flush() works (TLS).
   virtual int plain_socket() = 0;
-  /// For batched writes: fills in the queued pieces and returns their number. They stay valid until written().
+  /// Fills in the queued pieces and returns their number. They stay valid until written().
   virtual std::size_t pieces(std::span<iovec> out) = 0;
-  /// For batched writes: the outcome.
   virtual void written(const Transport::Outcome& outcome) = 0;
 
  private:
@@ -62,7 +61,6 @@ class Turn {
 
   /// Opens io_uring; on the loop's thread, before the loop runs.
   void begin();
-  /// "io_uring" or "epoll".
   const char* backend() const;
 
   /// The start time of this turn, for all its decisions.

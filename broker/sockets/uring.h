@@ -9,8 +9,7 @@
 
 namespace eigencast::broker {
 
-/// Writes for many connections with few system calls: a batch of non-blocking sends is complete when the call returns.
-/// Belongs to the thread that made it.
+/// Writes for many connections with few system calls. Belongs to the thread that made it.
 class Uring {
  public:
   /// Errors: kUnsupported (built without it, or the kernel refuses it).
@@ -19,7 +18,7 @@ class Uring {
   Uring(const Uring&) = delete;
   Uring& operator=(const Uring&) = delete;
 
-  /// Flushes all writers, those with a plain socket in batches.
+  /// Flushes all writers, those with a plain socket in batches that are complete when the call returns.
   void write(std::span<Writer* const> writers);
 
  private:

@@ -7,7 +7,6 @@
 namespace eigencast::broker::websocket {
 namespace {
 
-/// Returns the header's size.
 std::size_t write_header(Opcode opcode, std::size_t size, std::span<std::uint8_t, kMaxHeaderBytes> out) {
   out[0] = static_cast<std::uint8_t>(0x80 | static_cast<unsigned>(opcode));
   if (size <= kMaxControlBytes) {

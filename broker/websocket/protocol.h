@@ -28,18 +28,14 @@ enum class CloseCode : std::uint16_t {
   kReplaced = 4409,  ///< Private: another sender has taken the stream; do not reconnect.
 };
 
-/// Whether a peer may send this code.
 bool is_valid_close_code(std::uint16_t code);
 
-/// Size limit of a server frame's header.
-inline constexpr std::size_t kMaxHeaderBytes = 10;
-/// Payload limit of ping, pong and close.
-inline constexpr std::size_t kMaxControlBytes = 125;
+inline constexpr std::size_t kMaxHeaderBytes = 10;    ///< Of a server's frame.
+inline constexpr std::size_t kMaxControlBytes = 125;  ///< Payload of ping, pong and close.
 
 /// Appends the header of a whole, unmasked message of `size` bytes.
 void append_header(Opcode opcode, std::size_t size, Bytes& out);
 
-/// A whole message: header and payload.
 std::string framed(Opcode opcode, std::string_view payload);
 
 /// A close frame. kNone: without a code. Truncates the reason between characters.

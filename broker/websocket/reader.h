@@ -13,10 +13,9 @@
 
 namespace eigencast::broker::websocket {
 
-/// Parses a client's byte stream into messages, strictly by RFC 6455.
-///
-/// Bytes come in pieces of any size; an invalid stream is refused at its first invalid byte. A message that is complete in
-/// one piece is not copied; an incomplete one is, without allocating ahead, so that an idle reader holds no memory. Safe on hostile input. Not thread-safe.
+/// Parses a client's byte stream into messages, strictly by RFC 6455. Bytes come in pieces of any size; an invalid stream
+/// is refused at its first invalid byte. A message that is complete in one piece is not copied; an incomplete one is,
+/// without allocating ahead, so that an idle reader holds no memory. Safe on hostile input. Not thread-safe.
 class MessageReader {
  public:
   struct Limits {
@@ -39,9 +38,8 @@ class MessageReader {
 
  private:
   using Failure = std::optional<Event>;
-  /// Takes bytes of a frame's head. True: it is complete.
+  /// True: it is complete.
   bool take_head(std::span<std::uint8_t>& input);
-  /// Checks the bytes of the head so far.
   Failure check_head_start();
   Failure open_frame();
   std::optional<Event> take_payload(std::span<std::uint8_t>& input);

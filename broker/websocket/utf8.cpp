@@ -6,7 +6,6 @@
 namespace eigencast::broker::websocket {
 namespace {
 
-/// Number of leading ASCII bytes, in steps of eight.
 std::size_t ascii_run(ByteView bytes) {
   std::size_t at = 0;
   for (std::uint64_t word = 0; at + sizeof word <= bytes.size(); at += sizeof word) {

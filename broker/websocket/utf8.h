@@ -7,13 +7,11 @@
 
 namespace eigencast::broker::websocket {
 
-/// Validates UTF-8 that comes in pieces, up to the first invalid byte: refuses overlong forms, surrogates and values
-/// beyond U+10FFFF (RFC 3629, section 4).
+/// Validates UTF-8 that comes in pieces, up to the first invalid byte (RFC 3629, section 4).
 class Utf8Check {
  public:
-  /// False: the bytes are not UTF-8. REQUIRES: no earlier call returned false.
+  /// REQUIRES: no earlier call returned false.
   [[nodiscard]] bool add(ByteView bytes);
-  /// Whether the text may end here.
   bool is_whole() const { return remaining_ == 0; }
 
  private:
