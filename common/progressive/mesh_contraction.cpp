@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
 #include <cmath>
-#include <queue>
 
 #include "common/core/union_find.h"
 #include "common/progressive/contraction.h"
-#include "common/progressive/quadric.h"
-#include "common/surface/vector.h"
 
 namespace eigencast::progressive {
 namespace {
@@ -29,45 +26,39 @@ Vec3 area_vector(std::span<const Vec3> x, const Face& face) {
 }
 
 double longest_edge2(std::span<const Vec3> x, const Face& face) {
-  double longest = 0;
-  for (std::size_t c = 0; c < 3; ++c) {
-    longest = std::max(longest, squared_distance(x[face[(c + 1) % 3]], x[face[c]]));
-  }
-  return longest;
+  const Vec3 &a = x[face[0]], &b = x[face[1]], &c = x[face[2]];
+  return std::max({squared_distance(a, b), squared_distance(b, c), squared_distance(c, a)});
 }
 
-class MeshContraction {
+class MeshContraction : Contraction {
  public:
   MeshContraction(std::span<const std::vector<Vec3>> poses, std::span<const Face> faces,
                   std::span<const std::pair<std::uint32_t, std::uint32_t>> seams, const std::atomic<bool>& unwanted)
-      : unwanted_(unwanted),
+      : Contraction(poses.front().size(), unwanted),
         poses_(poses),
         x_(poses.front()),
         seams_(seams),
         faces_(faces.begin(), faces.end()),
         around_(x_.size()),
         quadrics_(poses.size() * x_.size()),
-        version_(x_.size()),
-        alive_(x_.size(), true),
-        alive_count_(x_.size()),
         components_(x_.size()),
         mark_(x_.size()),
         slot_(x_.size()) {
-    steps_.reserve(x_.size());
     for (std::uint32_t f = 0; f < faces_.size(); ++f) {
       for (const std::uint32_t v : faces_[f]) around_[v].push_back(f);
     }
   }
 
   std::vector<Step> run() {
-    remove_unreferenced();
+    for (std::uint32_t v = 0; v < x_.size(); ++v) {
+      if (around_[v].empty()) remove(v, kNoTarget);
+    }
     weld();
     find_components();
     for (std::size_t pose = 0; pose < poses_.size(); ++pose) make_quadrics(pose);
     const std::size_t useful = alive_count_;
     contract_all(Rules::kTopology, wanted_base(useful));
-    // A base that is larger because of its topology is right as long as it is small; beyond that the topology has to
-    // go.
+    // A base that is larger because of its topology is right only as long as it is small.
     const std::size_t tolerable = std::max<std::size_t>(64, useful / 50);
     contract_all(Rules::kSides, tolerable);
     contract_all(Rules::kNone, tolerable);
@@ -80,14 +71,8 @@ class MeshContraction {
     std::uint32_t faces;  ///< How many faces share the edge.
   };
 
-  void remove_unreferenced() {
-    for (std::uint32_t v = 0; v < x_.size(); ++v) {
-      if (around_[v].empty()) remove_lone(v);
-    }
-  }
-
-  // Contracts vertices on boundaries that lie at the same position: they are seams, or a soup of triangles of which
-  // each has its own corners. Nothing visible changes, and the result is a surface.
+  // Contracts vertices on boundaries that lie at the same position: seams, or corners of a soup of triangles. Nothing
+  // visible changes, and the result is a surface.
   void weld() {
     const auto first = first_at_position(x_);
     std::vector<bool> on_boundary(x_.size());
@@ -180,39 +165,30 @@ class MeshContraction {
         if (alive_[v]) consider(v);
       }
       const std::size_t before = alive_count_;
-      progress = contract_queue(goal) && before - alive_count_ > alive_count_ / 256;
+      contract_queue(goal, [this](const Candidate& next) { make(next); });
+      progress = before - alive_count_ > alive_count_ / 256;
     }
   }
 
-  bool contract_queue(std::size_t goal) {
-    bool any = false;
-    while (alive_count_ > goal && !queue_.empty() && !unwanted_) {
-      const Candidate top = queue_.top();
-      queue_.pop();
-      if (!alive_[top.from] || top.version != version_[top.from]) continue;
-      // Faces further away have changed since: what was legal may no longer be.
-      gather_neighbours(top.from, around_from_);
-      const auto to = std::find_if(around_from_.begin(), around_from_.end(),
-                                   [&](const Neighbour& w) { return w.vertex == top.to; });
-      if (to == around_from_.end() || !is_legal(top.from, around_from_, *to)) {
-        consider(top.from);
-        continue;
-      }
-      contract(top.from, top.to);
-      any = true;
-      if (!alive_[top.to]) continue;
-      gather_neighbours(top.to, around_both_);
-      consider(top.to);
-      for (const Neighbour& w : around_both_) consider(w.vertex);
+  void make(const Candidate& next) {
+    // Faces further away have changed since: what was legal may no longer be.
+    gather_neighbours(next.from, around_from_);
+    if (!is_legal(next.from, next.to)) {
+      consider(next.from);
+      return;
     }
-    return any;
+    contract(next.from, next.to);
+    if (!alive_[next.to]) return;
+    gather_neighbours(next.to, around_both_);
+    consider(next.to);
+    for (const Neighbour& w : around_both_) consider(w.vertex);
   }
 
   // Puts the cheapest legal contraction of u in the queue, instead of its earlier one.
   void consider(std::uint32_t u) {
     ++version_[u];
     gather_neighbours(u, around_from_);
-    if (has_too_many_neighbours(around_from_)) return;
+    if (has_too_many_neighbours()) return;
     choices_.clear();
     for (const Neighbour& v : around_from_) {
       choices_.push_back({cost(u, v.vertex), u, v.vertex, version_[u]});
@@ -220,9 +196,7 @@ class MeshContraction {
     std::sort(choices_.begin(), choices_.end(),
               [](const Candidate& a, const Candidate& b) { return a.cost != b.cost ? a.cost < b.cost : a.to < b.to; });
     for (Candidate& choice : choices_) {
-      const auto to = std::find_if(around_from_.begin(), around_from_.end(),
-                                   [&](const Neighbour& w) { return w.vertex == choice.to; });
-      if (!is_legal(u, around_from_, *to)) continue;
+      if (!is_legal(u, choice.to)) continue;
       if (in_small_component(u)) {
         // The component goes as a whole: all of its area by about its size.
         const double area = area_of_[component_of(u)];
@@ -233,48 +207,38 @@ class MeshContraction {
     }
   }
 
-  /// Whether no contraction of a vertex with these neighbours is legal, whichever it is: asking one by one takes the
-  /// hub of a wheel of thousands of faces hours.
-  bool has_too_many_neighbours(const std::vector<Neighbour>& around_u) const {
-    if (rules_ != Rules::kTopology || around_u.size() <= kMaxMeshNeighbours + 4) return false;
-    const auto most = std::max_element(around_u.begin(), around_u.end(),
+  /// Whether no contraction of a vertex with the neighbours `around_from_` is legal: asking one by one takes the hub of
+  /// a wheel of thousands of faces hours.
+  bool has_too_many_neighbours() const {
+    if (rules_ != Rules::kTopology || around_from_.size() <= kMaxMeshNeighbours + 4) return false;
+    const auto most = std::max_element(around_from_.begin(), around_from_.end(),
                                        [](const Neighbour& a, const Neighbour& b) { return a.faces < b.faces; });
-    return around_u.size() > kMaxMeshNeighbours + 2 + most->faces;
+    return around_from_.size() > kMaxMeshNeighbours + 2 + most->faces;
   }
 
   void contract(std::uint32_t u, std::uint32_t v) {
-    steps_.push_back({u, v});
+    remove(u, v);
     const std::vector<std::uint32_t> moved = std::move(around_[u]);
     around_[u].clear();
     for (const std::uint32_t f : moved) {
       if (has(f, v)) {
-        drop_face(f);
+        for (const std::uint32_t w : faces_[f]) std::erase(around_[w], f);
       } else {
         *std::find(faces_[f].begin(), faces_[f].end(), u) = v;
         around_[v].push_back(f);
       }
     }
     for (std::size_t pose = 0; pose < poses_.size(); ++pose) quadric(pose, v) += quadric(pose, u);
-    alive_[u] = false;
-    --alive_count_;
-    if (!left_in_.empty()) --left_in_[component_of(u)];
-    // Corners that have lost their last face are not seen any more, so they should not count among the first N
-    // vertices.
+    // Corners that have lost their last face are not seen any more: they must not count among the first N vertices.
     for (const std::uint32_t f : moved) {
       for (const std::uint32_t w : faces_[f]) {
-        if (alive_[w] && around_[w].empty()) remove_lone(w);
+        if (alive_[w] && around_[w].empty()) remove(w, kNoTarget);
       }
     }
   }
 
-  void drop_face(std::uint32_t f) {
-    for (const std::uint32_t v : faces_[f]) std::erase(around_[v], f);
-  }
-
-  void remove_lone(std::uint32_t u) {
-    steps_.push_back({u, kNoTarget});
-    alive_[u] = false;
-    --alive_count_;
+  void remove(std::uint32_t u, std::uint32_t to) {
+    Contraction::remove(u, to);
     if (!left_in_.empty()) --left_in_[component_of(u)];
   }
 
@@ -294,16 +258,21 @@ class MeshContraction {
     }
   }
 
-  bool is_legal(std::uint32_t u, const std::vector<Neighbour>& around_u, const Neighbour& to) {
+  /// REQUIRES: `around_from_` are the neighbours of u.
+  bool is_legal(std::uint32_t u, std::uint32_t v) {
+    const auto to =
+        std::find_if(around_from_.begin(), around_from_.end(), [&](const Neighbour& w) { return w.vertex == v; });
+    if (to == around_from_.end()) return false;
     if (rules_ == Rules::kNone || in_small_component(u)) return true;
-    if (rules_ == Rules::kTopology && !keeps_topology(u, around_u, to)) return false;
-    return std::all_of(poses_.begin(), poses_.end(), [&](const auto& x) { return keeps_sides(x, u, to.vertex); });
+    if (rules_ == Rules::kTopology && !keeps_topology(u, *to)) return false;
+    return std::all_of(poses_.begin(), poses_.end(), [&](const auto& x) { return keeps_sides(x, u, v); });
   }
 
   // The link condition (Dey, Edelsbrunner, Guha, Nekhayev 1999, "Topology preserving edge contraction"), and that
   // nothing vanishes.
-  bool keeps_topology(std::uint32_t u, const std::vector<Neighbour>& around_u, const Neighbour& to) {
+  bool keeps_topology(std::uint32_t u, const Neighbour& to) {
     const std::uint32_t v = to.vertex;
+    const auto& around_u = around_from_;
     const bool u_on_rim =
         std::any_of(around_u.begin(), around_u.end(), [](const Neighbour& w) { return w.faces != 2; });
     if (u_on_rim && to.faces == 2) return false;
@@ -361,18 +330,12 @@ class MeshContraction {
   }
   Quadric& quadric(std::size_t pose, std::uint32_t u) { return quadrics_[pose * x_.size() + u]; }
 
-  const std::atomic<bool>& unwanted_;
   std::span<const std::vector<Vec3>> poses_;
   std::span<const Vec3> x_;  ///< At rest: poses_[0].
   std::span<const std::pair<std::uint32_t, std::uint32_t>> seams_;
   std::vector<Face> faces_;                         ///< Corners as they are now.
   std::vector<std::vector<std::uint32_t>> around_;  ///< Living faces of each vertex.
   std::vector<Quadric> quadrics_;                   ///< Pose by pose.
-  std::vector<std::uint32_t> version_;
-  std::vector<bool> alive_;
-  std::size_t alive_count_;
-  std::vector<Step> steps_;
-  std::priority_queue<Candidate> queue_;
   Rules rules_ = Rules::kTopology;
 
   bool many_components_ = false;

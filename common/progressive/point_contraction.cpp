@@ -1,14 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
-#include <atomic>
-#include <queue>
 #include <utility>
 
 #include "common/progressive/contraction.h"
 #include "common/progressive/neighbours.h"
 #include "common/progressive/point_normals.h"
-#include "common/progressive/quadric.h"
-#include "common/surface/vector.h"
 
 namespace eigencast::progressive {
 namespace {
@@ -17,43 +13,32 @@ constexpr std::size_t kLinks = 10;
 constexpr std::size_t kMaxLinks = 2 * kLinks;
 constexpr std::size_t kFewestNeighbours = 4;  // Left to a point that others drop.
 
-class PointContraction {
+class PointContraction : Contraction {
  public:
   PointContraction(std::span<const Vec3> positions, const std::atomic<bool>& unwanted)
-      : unwanted_(unwanted),
-        x_(positions),
-        links_(positions.size()),
-        quadrics_(positions.size()),
-        version_(positions.size()),
-        alive_(positions.size(), true),
-        alive_count_(positions.size()) {
-    steps_.reserve(positions.size());
-  }
+      : Contraction(positions.size(), unwanted), x_(positions), links_(positions.size()), quadrics_(positions.size()) {}
 
   std::vector<Step> run() {
-    weld();
+    const auto first = first_at_position(x_);
+    for (std::uint32_t v = 0; v < x_.size(); ++v) {
+      if (first[v] != v) remove(v, first[v]);
+    }
     const std::size_t goal = wanted_base(alive_count_);
     bool has_quadrics = false;
     // Far groups of points have no links between them: linked anew when each of them is one point.
     while (alive_count_ > goal && !unwanted_) {
       link_neighbours();
       if (!std::exchange(has_quadrics, true)) make_quadrics();
-      contract_queue(goal);
+      queue_ = {};
+      for (std::uint32_t v = 0; v < x_.size(); ++v) {
+        if (alive_[v]) consider(v);
+      }
+      contract_queue(goal, [this](const Candidate& next) { contract(next.from, next.to); });
     }
     return std::move(steps_);
   }
 
  private:
-  void weld() {
-    const auto first = first_at_position(x_);
-    for (std::uint32_t v = 0; v < x_.size(); ++v) {
-      if (first[v] == v) continue;
-      steps_.push_back({v, first[v]});
-      alive_[v] = false;
-      --alive_count_;
-    }
-  }
-
   void link_neighbours() {
     std::vector<std::uint32_t> members;
     for (std::uint32_t v = 0; v < x_.size(); ++v) {
@@ -94,19 +79,6 @@ class PointContraction {
     }
   }
 
-  void contract_queue(std::size_t goal) {
-    queue_ = {};
-    for (std::uint32_t v = 0; v < x_.size(); ++v) {
-      if (alive_[v]) consider(v);
-    }
-    while (alive_count_ > goal && !queue_.empty() && !unwanted_) {
-      const Candidate top = queue_.top();
-      queue_.pop();
-      if (!alive_[top.from] || top.version != version_[top.from]) continue;
-      contract(top.from, top.to);
-    }
-  }
-
   void consider(std::uint32_t u) {
     ++version_[u];
     if (links_[u].empty()) return;
@@ -122,9 +94,7 @@ class PointContraction {
   }
 
   void contract(std::uint32_t u, std::uint32_t v) {
-    steps_.push_back({u, v});
-    alive_[u] = false;
-    --alive_count_;
+    remove(u, v);
     quadrics_[v] += quadrics_[u];
     const std::vector<std::uint32_t> moved = std::move(links_[u]);
     links_[u].clear();
@@ -155,15 +125,9 @@ class PointContraction {
     }
   }
 
-  const std::atomic<bool>& unwanted_;
   std::span<const Vec3> x_;
   std::vector<std::vector<std::uint32_t>> links_;  ///< Symmetric: a point links to those that link to it.
   std::vector<Quadric> quadrics_;
-  std::vector<std::uint32_t> version_;
-  std::vector<bool> alive_;
-  std::size_t alive_count_;
-  std::vector<Step> steps_;
-  std::priority_queue<Candidate> queue_;
 };
 
 }  // namespace

@@ -5,7 +5,6 @@
 #include <cassert>
 #include <cmath>
 #include <numeric>
-#include <optional>
 #include <string>
 
 #include "common/progressive/contraction.h"
@@ -40,18 +39,8 @@ using progressive::kNoTarget;
 using progressive::Step;
 constexpr std::uint32_t kMinBase = 4;
 
-Result<void> check_input(const Surface& surface) {
-  const std::size_t n = surface.positions.size();
-  if (n == 0) return fail(ErrorCode::kInvalidArgument, "surface: no vertices, so there is nothing to order");
-  if (n >= kNoTarget || surface.faces.size() >= kNoTarget) {
-    return fail(ErrorCode::kTooLarge, "surface: more vertices or faces than 32-bit numbers can name");
-  }
-  if (auto values = check_values(surface); !values) return in_context("surface", values.error());
-  return {};
-}
-
-/// The rest pose within [-1, 1], so that weights and thresholds mean the same for every model, and the others beside
-/// it: as large as it makes them, each about its own middle.
+/// The rest pose within [-1, 1], so that thresholds mean the same for every model, and the others at its scale, each
+/// about its own middle.
 std::vector<std::vector<Vec3>> unit_poses(std::span<const Vec3> rest, std::span<const std::vector<Vec3>> others) {
   std::vector<std::vector<Vec3>> poses = {{rest.begin(), rest.end()}};
   poses.insert(poses.end(), others.begin(), others.end());
@@ -71,7 +60,9 @@ std::vector<std::vector<Vec3>> unit_poses(std::span<const Vec3> rest, std::span<
   return poses;
 }
 
-void order_vertices(std::vector<Step> steps, std::span<const Vec3> positions, PrefixOrder& prefix) {
+/// Returns the new number of each vertex.
+std::vector<std::uint32_t> order_vertices(std::vector<Step> steps, std::span<const Vec3> positions,
+                                          PrefixOrder& prefix) {
   const auto n = static_cast<std::uint32_t>(positions.size());
   // Where nothing can be seen (all faces without area) every vertex would go; the last ones stay.
   steps.resize(std::min<std::size_t>(steps.size(), n - std::min(n, kMinBase)));
@@ -90,16 +81,15 @@ void order_vertices(std::vector<Step> steps, std::span<const Vec3> positions, Pr
 
   std::vector<std::uint32_t> new_from_source(n);
   for (std::uint32_t i = 0; i < n; ++i) new_from_source[prefix.order[i]] = i;
-  const bool any_lone = std::any_of(steps.begin(), steps.end(), [](const Step& step) { return step.to == kNoTarget; });
-  std::optional<progressive::Neighbours> neighbours;
-  if (any_lone) neighbours.emplace(positions, base);
+  const progressive::Neighbours neighbours(positions, base);
   prefix.map.resize(n);
   std::iota(prefix.map.begin(), prefix.map.end(), 0U);
   for (const Step& step : steps) {
-    const std::uint32_t to = step.to == kNoTarget ? neighbours->nearest(positions[step.from], 1).front() : step.to;
+    const std::uint32_t to = step.to == kNoTarget ? neighbours.nearest(positions[step.from], 1).front() : step.to;
     prefix.map[new_from_source[step.from]] = new_from_source[to];
     assert(new_from_source[to] < new_from_source[step.from]);
   }
+  return new_from_source;
 }
 
 // The largest of the levels at which two corners of the face are one vertex; 0 if the base still has the face.
@@ -107,16 +97,12 @@ std::uint32_t death_of(std::span<const std::uint32_t> map, Face corners, std::ui
   while (true) {
     const std::uint32_t last = *std::max_element(corners.begin(), corners.end());
     if (last < base_count) return 0;
-    std::uint32_t& corner = *std::find(corners.begin(), corners.end(), last);
-    corner = map[last];
+    *std::find(corners.begin(), corners.end(), last) = map[last];
     if (corners[0] == corners[1] || corners[1] == corners[2] || corners[2] == corners[0]) return last;
   }
 }
 
-void order_faces(const Surface& surface, PrefixOrder& prefix) {
-  std::vector<std::uint32_t> new_from_source(prefix.order.size());
-  for (std::uint32_t i = 0; i < prefix.order.size(); ++i) new_from_source[prefix.order[i]] = i;
-
+void order_faces(const Surface& surface, std::span<const std::uint32_t> new_from_source, PrefixOrder& prefix) {
   struct Entry {
     std::uint32_t death, source;
     Face corners;
@@ -144,7 +130,12 @@ void order_faces(const Surface& surface, PrefixOrder& prefix) {
 Result<PrefixOrder> build_prefix_order(const Surface& surface,
                                        std::span<const std::pair<std::uint32_t, std::uint32_t>> seams,
                                        std::span<const std::vector<Vec3>> others, const std::atomic<bool>& unwanted) {
-  if (auto ok = check_input(surface); !ok) return ok.error();
+  const std::size_t n = surface.positions.size();
+  if (n == 0) return fail(ErrorCode::kInvalidArgument, "surface: no vertices, so there is nothing to order");
+  if (n >= kNoTarget || surface.faces.size() >= kNoTarget) {
+    return fail(ErrorCode::kTooLarge, "surface: more vertices or faces than 32-bit numbers can name");
+  }
+  if (auto values = check_values(surface); !values) return in_context("surface", values.error());
   const std::vector<std::vector<Vec3>> poses = unit_poses(surface.positions, others);
   const std::vector<Vec3>& positions = poses.front();
   std::vector<Face> faces;
@@ -152,10 +143,10 @@ Result<PrefixOrder> build_prefix_order(const Surface& surface,
     if (has_three_corners(face, surface.vertex_count())) faces.push_back(face);
   }
   PrefixOrder prefix;
-  order_vertices(faces.empty() ? progressive::contract_points(positions, unwanted)
-                               : progressive::contract_mesh(poses, faces, seams, unwanted),
-                 positions, prefix);
-  order_faces(surface, prefix);
+  const auto new_from_source = order_vertices(faces.empty() ? progressive::contract_points(positions, unwanted)
+                                                            : progressive::contract_mesh(poses, faces, seams, unwanted),
+                                              positions, prefix);
+  order_faces(surface, new_from_source, prefix);
   return prefix;
 }
 

@@ -5,10 +5,10 @@
 #include <cassert>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "common/progressive/contraction.h"
 #include "common/progressive/neighbours.h"
-#include "common/surface/vector.h"
 
 namespace eigencast {
 namespace progressive {
@@ -73,7 +73,7 @@ class SplatBuilder {
  private:
   void make_frames() {
     std::vector<std::uint32_t> base(order_.base_count);
-    for (std::uint32_t i = 0; i < order_.base_count; ++i) base[i] = i;
+    std::iota(base.begin(), base.end(), 0U);
     const Neighbours neighbours(x_, base);
     const Forebears forebears(order_);
     result_.frame.resize(n_);
@@ -87,8 +87,8 @@ class SplatBuilder {
     }
   }
 
-  /// Of pairs of the nearest candidates that lie in different directions within the surface, the one nearest by; its
-  /// order such that the frame's third vector is on the normal's side.
+  /// The nearest pair of candidates that lie in different directions within the surface; ordered so that the frame's
+  /// third vector is on the normal's side.
   std::array<std::uint32_t, 2> best_frame(std::uint32_t i, std::vector<std::uint32_t> candidates) const {
     std::erase_if(candidates, [&](std::uint32_t j) { return x_[j] == x_[i]; });
     std::sort(candidates.begin(), candidates.end(), [&](std::uint32_t a, std::uint32_t b) {

@@ -28,9 +28,9 @@ class WedgeContraction {
   }
 
   WedgeOrder run() {
-    const std::vector<Face> whole = wedges_;
-    for (auto v = static_cast<std::uint32_t>(order_.map.size()); v-- > order_.base_count;) contract(v, order_.map[v]);
     WedgeOrder result;
+    result.corners = wedges_;
+    for (auto v = static_cast<std::uint32_t>(order_.map.size()); v-- > order_.base_count;) contract(v, order_.map[v]);
     result.first_wedge.assign(1, 0);
     for (const auto& mine : uvs_) {
       result.first_wedge.push_back(result.first_wedge.back() + static_cast<std::uint32_t>(mine.size()));
@@ -42,8 +42,7 @@ class WedgeContraction {
         result.parent.push_back(result.first_wedge[stays ? v : order_.map[v]] + (stays ? w : parents_[v][w]));
       }
     }
-    result.corners = whole;
-    for (std::uint32_t f = 0; f < whole.size(); ++f) {
+    for (std::size_t f = 0; f < result.corners.size(); ++f) {
       for (std::size_t k = 0; k < 3; ++k) result.corners[f][k] += result.first_wedge[order_.faces[f][k]];
     }
     return result;
@@ -52,12 +51,9 @@ class WedgeContraction {
  private:
   std::uint32_t wedge_at(std::uint32_t v, const GridUv& uv) {
     auto& mine = uvs_[v];
-    const auto at = std::find(mine.begin(), mine.end(), uv);
-    if (at == mine.end()) {
-      mine.push_back(uv);
-      return static_cast<std::uint32_t>(mine.size()) - 1;
-    }
-    return static_cast<std::uint32_t>(at - mine.begin());
+    const auto at = static_cast<std::size_t>(std::find(mine.begin(), mine.end(), uv) - mine.begin());
+    if (at == mine.size()) mine.push_back(uv);
+    return static_cast<std::uint32_t>(at);
   }
 
   void contract(std::uint32_t v, std::uint32_t u) {
