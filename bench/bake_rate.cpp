@@ -21,7 +21,7 @@
 #include <vector>
 
 #include "bench/named_surface.h"
-#include "common/core/median.h"
+#include "common/core/histogram.h"
 #include "common/spectral/eigenbasis.h"
 #include "common/spectral/spectra_solver.h"
 #include "common/spectral/symmetric_form.h"

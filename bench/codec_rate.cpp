@@ -12,7 +12,7 @@
 #include <numeric>
 
 #include "common/codec/chain.h"
-#include "common/core/median.h"
+#include "common/core/histogram.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/formats/clip.h"
 #include "common/wire/envelope.h"

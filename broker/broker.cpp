@@ -17,8 +17,8 @@
 #include "broker/connections/connection.h"
 #include "broker/http/http_session.h"
 #include "broker/operation/admin.h"
-#include "common/core/random_id.h"
-#include "common/core/timers.h"
+#include "common/core/clock.h"
+#include "common/core/text.h"
 
 namespace eigencast::broker {
 namespace {

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 
-#include "common/core/enum_names.h"
 #include "common/core/text.h"
 
 namespace eigencast {

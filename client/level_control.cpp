@@ -5,7 +5,7 @@
 #include <cmath>
 #include <glm/geometric.hpp>
 
-#include "common/core/enum_names.h"
+#include "common/core/text.h"
 
 namespace eigencast {
 

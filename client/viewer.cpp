@@ -9,9 +9,9 @@
 #include "client/apps.h"
 #include "client/clip_source.h"
 #include "client/pick.h"
-#include "common/core/enum_names.h"
+#include "common/core/clock.h"
 #include "common/core/files.h"
-#include "common/core/timers.h"
+#include "common/core/text.h"
 #include "common/net/url.h"
 
 namespace eigencast {

@@ -8,7 +8,7 @@
 #include <system_error>
 #include <utility>
 
-#include "common/core/enum_names.h"
+#include "common/core/text.h"
 
 namespace eigencast {
 namespace {

@@ -17,7 +17,7 @@
 #include "common/asset/format/reader.h"
 #include "common/codec/key.h"
 #include "common/core/clock.h"
-#include "common/core/memory.h"
+#include "common/core/machine.h"
 #include "common/core/text.h"
 #include "common/core/worker_team.h"
 #include "common/progressive/point_normals.h"

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cerrno>
 
-#include "common/core/timers.h"
+#include "common/core/clock.h"
 
 namespace eigencast {
 namespace {

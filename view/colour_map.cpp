@@ -4,7 +4,7 @@
 #include <cmath>
 #include <span>
 
-#include "common/core/enum_names.h"
+#include "common/core/text.h"
 
 namespace eigencast {
 namespace {

@@ -7,7 +7,7 @@
 #include <iterator>
 #include <utility>
 
-#include "common/core/enum_names.h"
+#include "common/core/text.h"
 #include "common/surface/appearance.h"
 
 namespace eigencast {

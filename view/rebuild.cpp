@@ -6,7 +6,7 @@
 #include <tuple>
 #include <vector>
 
-#include "common/core/enum_names.h"
+#include "common/core/text.h"
 
 namespace eigencast {
 namespace {

@@ -6,7 +6,6 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "common/core/base64.h"
 #include "common/core/text.h"
 
 namespace eigencast::broker {

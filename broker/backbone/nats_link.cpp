@@ -3,7 +3,7 @@
 #include <utility>
 
 #include "broker/backbone/nats_link_impl.h"
-#include "common/core/random_id.h"
+#include "common/core/text.h"
 
 namespace eigencast::broker {
 namespace {

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "broker/connections/connection.h"
-#include "common/core/timers.h"
+#include "common/core/clock.h"
 
 namespace eigencast::broker {
 namespace {

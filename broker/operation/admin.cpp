@@ -17,7 +17,6 @@
 #include "broker/operation/metrics.h"
 #include "broker/operation/report.h"
 #include "broker/storage/recorder.h"
-#include "common/core/random_id.h"
 #include "common/core/text.h"
 
 namespace eigencast::broker {

@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <array>
 
-#include "common/core/base64.h"
+#include "common/core/text.h"
 
 namespace eigencast::broker::websocket {
 namespace {

@@ -15,7 +15,6 @@
 
 #include "common/codec/band.h"
 #include "common/codec/fixed.h"
-#include "common/core/zigzag.h"
 
 namespace eigencast::band {
 namespace {

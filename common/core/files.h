@@ -11,7 +11,7 @@
 
 namespace eigencast {
 
-/// A file descriptor that is closed at the end of its life.
+/// Owns a file descriptor.
 class FileHandle {
  public:
   explicit FileHandle(int fd = -1) : fd_(fd) {}

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "common/core/histogram.h"
 
-#include <algorithm>
 #include <bit>
-#include <cassert>
 #include <cmath>
 
 namespace eigencast {
@@ -22,11 +20,7 @@ std::int64_t Histogram::upper_edge_of(std::size_t bucket) const {
 }
 
 void Histogram::add(std::int64_t value) {
-  if (value < 0) {
-    ++negative_;
-    lowest_ = std::min(lowest_, value);
-    return;
-  }
+  if (value < 0) return void(++negative_);
   const std::size_t bucket = bucket_of(value);
   if (bucket >= buckets_.size()) buckets_.resize(std::bit_ceil(bucket + 1));
   ++buckets_[bucket];
@@ -61,7 +55,6 @@ void Histogram::merge(const Histogram& other) {
   for (std::size_t i = 0; i < other.buckets_.size(); ++i) buckets_[i] += other.buckets_[i];
   if (other.count_ > 0) min_ = count_ == 0 ? other.min_ : std::min(min_, other.min_);
   max_ = std::max(max_, other.max_);
-  lowest_ = std::min(lowest_, other.lowest_);
   count_ += other.count_;
   negative_ += other.negative_;
   sum_ += other.sum_;

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
+#include <cassert>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -19,9 +22,8 @@ class Histogram {
   /// Counts one value; a negative one is counted apart and never hidden in a bucket.
   void add(std::int64_t value);
 
-  std::uint64_t count() const { return count_; }           ///< Of values that are not negative.
-  std::uint64_t negative() const { return negative_; }     ///< Of those that are.
-  std::int64_t least_negative() const { return lowest_; }  ///< The lowest value of all; 0 if none is negative.
+  std::uint64_t count() const { return count_; }        ///< Of values that are not negative.
+  std::uint64_t negative() const { return negative_; }  ///< Of those that are.
   std::int64_t min() const { return count_ == 0 ? 0 : min_; }
   std::int64_t max() const { return max_; }
   double mean() const { return count_ == 0 ? 0 : sum_ / static_cast<double>(count_); }
@@ -46,8 +48,17 @@ class Histogram {
   int precision_bits_ = 6;
   std::vector<std::uint64_t> buckets_;
   std::uint64_t count_ = 0, negative_ = 0;
-  std::int64_t min_ = 0, max_ = 0, lowest_ = 0;
+  std::int64_t min_ = 0, max_ = 0;
   double sum_ = 0, sum_of_squares_ = 0;
 };
+
+/// The value in the middle, of an even number the larger of the two. O(n). REQUIRES: at least one, none of them NaN.
+template <class T>
+T median(std::vector<T> values) {
+  assert(!values.empty());
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
 
 }  // namespace eigencast

@@ -28,9 +28,13 @@ enum class ErrorCode {
 };
 
 /// The code's name as it stands on the wire and in logs, for example "not-found".
-std::string_view name_of(ErrorCode code);
+constexpr std::string_view name_of(ErrorCode code) {
+  constexpr std::string_view kNames[] = {
+      "invalid-argument", "not-found",    "corrupt", "too-large", "unsupported",          "io",        "unreachable",
+      "refused",          "disconnected", "timeout", "cancelled", "incompatible-version", "numerical", "internal"};
+  return code <= ErrorCode::kInternal ? kNames[static_cast<int>(code)] : "unknown";
+}
 
-/// An error as a value.
 struct Error {
   ErrorCode code = ErrorCode::kInternal;
   std::string message;

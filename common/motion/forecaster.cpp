@@ -6,8 +6,6 @@
 #include <cstdlib>
 #include <vector>
 
-#include "common/motion/network_time.h"
-
 namespace eigencast {
 
 Forecaster::Forecaster(std::uint8_t k, TimeUs max_ahead_us, TimeUs max_span_us)
@@ -48,7 +46,8 @@ void Forecaster::follow(TimeUs capture_us, TimeUs arrival_us, TimeUs interval_us
     last_emitted_us_.reset();
   }
   samples_.push_back({arrival_us, offset_us});
-  while (samples_.size() > kMaxArrivals || samples_.front().arrival_us < arrival_us - kWindowUs) samples_.pop_front();
+  while (samples_.size() > Pacer::kMaxArrivals || samples_.front().arrival_us < arrival_us - kWindowUs)
+    samples_.pop_front();
   std::vector<TimeUs> offsets;
   for (const Sample& sample : samples_) offsets.push_back(sample.offset_us);
   std::sort(offsets.begin(), offsets.end());

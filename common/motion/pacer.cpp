@@ -5,8 +5,6 @@
 #include <cassert>
 #include <limits>
 
-#include "common/motion/network_time.h"
-
 namespace eigencast {
 namespace {
 

@@ -37,8 +37,9 @@ class Pacer {
     TimeUs due_us = 0;      ///< When to emit it.
   };
 
-  static constexpr TimeUs kWindowUs = 3'000'000;  ///< How long a key's delay counts.
-  static constexpr TimeUs kSlew = 32;             ///< The delay shrinks by 1/32 of the time that passes (3 %).
+  static constexpr TimeUs kWindowUs = 3'000'000;    ///< How long a key's delay counts.
+  static constexpr TimeUs kSlew = 32;               ///< The delay shrinks by 1/32 of the time that passes (3 %).
+  static constexpr std::size_t kMaxArrivals = 512;  ///< Arrivals of keys that are remembered, however fast they come.
 
   /// k  poses per key interval, 1..15.
   /// max_span_us  keys further apart than this are not bridged: only the later key itself becomes due (default:

@@ -8,7 +8,6 @@
 #include <utility>
 
 #include "common/motion/curve.h"
-#include "common/motion/network_time.h"
 
 namespace eigencast {
 namespace {

@@ -3,11 +3,8 @@
 
 #include <algorithm>
 #include <cassert>
-#include <cstddef>
 #include <cstdlib>
 #include <vector>
-
-#include "common/motion/network_time.h"
 
 namespace eigencast {
 namespace {

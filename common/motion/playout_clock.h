@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <deque>
 #include <optional>
@@ -18,7 +19,8 @@ namespace eigencast {
 class PlayoutClock {
  public:
   static constexpr TimeUs kWindowUs = 3'000'000;
-  static constexpr TimeUs kSlew = 20;  ///< 5 %.
+  static constexpr TimeUs kSlew = 20;               ///< 5 %.
+  static constexpr std::size_t kMaxArrivals = 512;  ///< That are remembered, however fast they come.
   static constexpr TimeUs kStrayUs = 1'000'000;
   static constexpr TimeUs kLongestSpanUs = 500'000;  ///< A pause is not an interval to wait for.
 

@@ -21,7 +21,7 @@
 #include <thread>
 #include <utility>
 
-#include "common/core/timers.h"
+#include "common/core/clock.h"
 #include "common/net/backoff.h"
 #include "common/net/client_stream.h"
 #include "common/net/guarded_run.h"

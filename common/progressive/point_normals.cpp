@@ -11,7 +11,7 @@
 #include <tuple>
 #include <utility>
 
-#include "common/core/median.h"
+#include "common/core/histogram.h"
 #include "common/core/worker_team.h"
 #include "common/progressive/contraction.h"
 #include "common/progressive/neighbours.h"

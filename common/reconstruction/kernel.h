@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "common/core/cpu.h"
+#include "common/core/machine.h"
 
 namespace eigencast::kernel {
 

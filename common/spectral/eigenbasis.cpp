@@ -13,7 +13,7 @@
 #include <string>
 #include <vector>
 
-#include "common/core/memory.h"
+#include "common/core/machine.h"
 #include "common/spectral/block_lanczos.h"
 #include "common/spectral/dense_eigen.h"
 #include "common/spectral/multilevel.h"

@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "common/core/median.h"
+#include "common/core/histogram.h"
 #include "common/spectral/bridges.h"
 #include "common/spectral/intrinsic_triangles.h"
 #include "common/spectral/local_delaunay.h"

@@ -3,7 +3,7 @@
 
 #include <cstddef>
 
-#include "common/core/cpu.h"
+#include "common/core/machine.h"
 
 namespace eigencast {
 

@@ -9,7 +9,7 @@
 #include <tuple>
 #include <utility>
 
-#include "common/core/median.h"
+#include "common/core/histogram.h"
 #include "common/core/worker_team.h"
 #include "common/spectral/kd_tree.h"
 

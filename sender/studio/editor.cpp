@@ -5,7 +5,7 @@
 #include <cassert>
 #include <utility>
 
-#include "common/core/enum_names.h"
+#include "common/core/text.h"
 #include "common/surface/vector.h"
 
 namespace eigencast::studio {

@@ -6,7 +6,7 @@
 
 #include "broker/access/jwt.h"
 #include "broker/access/token_file.h"
-#include "common/core/base64.h"
+#include "common/core/text.h"
 
 using namespace eigencast::broker;
 

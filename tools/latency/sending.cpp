@@ -6,7 +6,7 @@
 #include <algorithm>
 #include <cerrno>
 
-#include "common/core/timers.h"
+#include "common/core/clock.h"
 #include "common/surface/shapes/shapes.h"
 #include "sdk/asset_cache.h"
 #include "sdk/bake.h"

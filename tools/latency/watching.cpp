@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <future>
 
-#include "common/core/timers.h"
+#include "common/core/clock.h"
 #include "common/net/url.h"
 
 namespace eigencast::latency {

@@ -13,7 +13,6 @@
 
 #include "common/asset/asset_limits.h"
 #include "common/asset/tiles/basis_block.h"
-#include "common/core/zigzag.h"
 
 namespace eigencast {
 namespace {

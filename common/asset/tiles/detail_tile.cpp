@@ -16,7 +16,6 @@
 #include "common/asset/detail.h"
 #include "common/asset/tiles/octahedral.h"
 #include "common/core/worker_team.h"
-#include "common/core/zigzag.h"
 
 namespace eigencast {
 namespace {

@@ -8,7 +8,6 @@
 #include <string>
 
 #include "common/asset/tiles/octahedral.h"
-#include "common/core/zigzag.h"
 
 namespace eigencast {
 namespace {

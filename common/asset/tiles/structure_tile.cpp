@@ -9,8 +9,6 @@
 #include <cmath>
 #include <string>
 
-#include "common/core/zigzag.h"
-
 namespace eigencast {
 namespace {
 

@@ -8,8 +8,6 @@
 #include <span>
 #include <string>
 
-#include "common/core/zigzag.h"
-
 namespace eigencast {
 namespace {
 

@@ -3,9 +3,7 @@
 
 #include <openssl/evp.h>
 
-#include <cstdlib>
 #include <new>
-#include <utility>
 
 namespace eigencast {
 namespace {
@@ -46,30 +44,19 @@ Sha256 sha256(ByteView data) {
   return stream.finish();
 }
 
-Sha256Stream::Sha256Stream() : context_(EVP_MD_CTX_new()) {
-  if (context_ == nullptr || EVP_DigestInit_ex(context_from(context_), EVP_sha256(), nullptr) != 1)
-    throw std::bad_alloc();
-}
-
-Sha256Stream::~Sha256Stream() {
-  EVP_MD_CTX_free(context_from(context_));
-}
-
-Sha256Stream::Sha256Stream(Sha256Stream&& other) noexcept : context_(std::exchange(other.context_, nullptr)) {}
-
-Sha256Stream& Sha256Stream::operator=(Sha256Stream&& other) noexcept {
-  std::swap(context_, other.context_);
-  return *this;
+Sha256Stream::Sha256Stream()
+    : context_(EVP_MD_CTX_new(), [](void* context) { EVP_MD_CTX_free(static_cast<EVP_MD_CTX*>(context)); }) {
+  if (!context_ || EVP_DigestInit_ex(context_from(context_.get()), EVP_sha256(), nullptr) != 1) throw std::bad_alloc();
 }
 
 void Sha256Stream::update(ByteView data) {
-  EVP_DigestUpdate(context_from(context_), data.data(), data.size());
+  EVP_DigestUpdate(context_from(context_.get()), data.data(), data.size());
 }
 
 Sha256 Sha256Stream::finish() {
   Sha256 result;
   unsigned size = 0;
-  EVP_DigestFinal_ex(context_from(context_), result.digest.data(), &size);
+  EVP_DigestFinal_ex(context_from(context_.get()), result.digest.data(), &size);
   return result;
 }
 

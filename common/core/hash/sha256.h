@@ -3,6 +3,7 @@
 
 #include <array>
 #include <compare>
+#include <memory>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -17,29 +18,24 @@ struct Sha256 {
 
   /// 64 lower-case hexadecimal digits.
   std::string hex() const;
-  /// The digest that 64 lower-case hexadecimal digits stand for; nothing for any other text.
+  /// The other way round; nothing for any other text.
   static std::optional<Sha256> from_hex(std::string_view hex);
 
   auto operator<=>(const Sha256&) const = default;
 };
 
-/// The digest of `data`.
 Sha256 sha256(ByteView data);
 
 /// Digests data that comes in parts. Not thread-safe.
 class Sha256Stream {
  public:
   Sha256Stream();
-  ~Sha256Stream();
-  Sha256Stream(Sha256Stream&& other) noexcept;
-  Sha256Stream& operator=(Sha256Stream&& other) noexcept;
-
   void update(ByteView data);
   /// The digest of all so far. REQUIRES: called once, nothing after it.
   Sha256 finish();
 
  private:
-  void* context_;
+  std::unique_ptr<void, void (*)(void*)> context_;
 };
 
 }  // namespace eigencast

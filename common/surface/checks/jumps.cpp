@@ -6,7 +6,7 @@
 #include <cassert>
 #include <cmath>
 
-#include "common/core/median.h"
+#include "common/core/histogram.h"
 #include "common/core/text.h"
 #include "common/surface/vector.h"
 

@@ -9,7 +9,7 @@
 #include <thread>
 #include <vector>
 
-#include "common/core/cpu.h"
+#include "common/core/machine.h"
 
 namespace eigencast {
 namespace {

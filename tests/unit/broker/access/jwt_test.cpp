@@ -9,7 +9,7 @@
 #include <cstdio>
 #include <fstream>
 
-#include "common/core/base64.h"
+#include "common/core/text.h"
 #include "tests/unit/broker/access/golden_tokens.h"
 
 namespace eigencast::broker {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "common/core/memory.h"
+#include "common/core/machine.h"
 
 #include <algorithm>
 #include <fstream>
@@ -8,6 +8,21 @@
 
 namespace eigencast {
 namespace {
+
+std::vector<InstructionSet> find_instruction_sets() {
+  std::vector<InstructionSet> sets{InstructionSet::kBaseline};
+#if defined(__x86_64__)
+  if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) sets.push_back(InstructionSet::kAvx2);
+  if (sets.back() == InstructionSet::kAvx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
+      __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl")) {
+    sets.push_back(InstructionSet::kAvx512);
+  }
+  if (sets.back() == InstructionSet::kAvx512 && __builtin_cpu_supports("avx512vnni")) {
+    sets.push_back(InstructionSet::kAvx512Vnni);
+  }
+#endif
+  return sets;
+}
 
 constexpr double kUnknown = std::numeric_limits<double>::infinity();
 
@@ -43,6 +58,16 @@ double left_in_group() {
 }
 
 }  // namespace
+
+const std::vector<InstructionSet>& instruction_sets() {
+  static const std::vector<InstructionSet> sets = find_instruction_sets();
+  return sets;
+}
+
+const char* name_of(InstructionSet set) {
+  constexpr const char* kNames[] = {"baseline", "AVX2", "AVX-512", "AVX-512 VNNI"};
+  return kNames[static_cast<int>(set)];
+}
 
 double usable_memory() {
   return std::min(available_by_kernel(), left_in_group());

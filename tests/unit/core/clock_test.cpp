@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "common/core/timers.h"
+#include "common/core/clock.h"
 
 #include <gtest/gtest.h>
 #include <sched.h>

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "common/core/memory.h"
+#include "common/core/machine.h"
 
 #include <gtest/gtest.h>
 #include <unistd.h>

@@ -18,4 +18,8 @@ const std::vector<InstructionSet>& instruction_sets();
 
 const char* name_of(InstructionSet set);
 
+/// Bytes that this process can still take without making the machine swap: what the kernel says is available, and no
+/// more than its control group has left. Infinity where nothing says.
+double usable_memory();
+
 }  // namespace eigencast
