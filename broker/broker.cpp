@@ -3,16 +3,11 @@
 
 #include <algorithm>
 #include <boost/asio/post.hpp>
-#include <boost/asio/signal_set.hpp>
-#include <boost/asio/write.hpp>
 #include <csignal>
 #include <ctime>
-#include <exception>
 #include <random>
 #include <utility>
 
-#include "broker/access/tls_context.h"
-#include "broker/config/paths.h"
 #include "broker/config/show.h"
 #include "broker/connections/connection.h"
 #include "broker/http/http_session.h"
@@ -29,14 +24,12 @@ constexpr std::uint64_t kReturnsPerSecond = 2000;  ///< Reconnections after a re
 constexpr std::int64_t kShortCertificateS = 14 * 86'400;
 
 Recorder::Settings recorder_settings(const Config& config, const std::string& version) {
-  Recorder::Settings settings;
-  settings.folder = data_dir_of(config) + "/recordings";
-  settings.software = "eigencast-broker " + version;
-  settings.streams = StreamPatterns::from(config.recording.streams).value();  // Checked by create().
-  settings.include_asset = config.recording.include_asset;
-  settings.max_queued_bytes = static_cast<std::uint64_t>(config.recording.max_queued_bytes);
-  settings.max_total_bytes = static_cast<std::uint64_t>(config.recording.max_total_bytes);
-  return settings;
+  return {.folder = data_dir_of(config) + "/recordings",
+          .software = "eigencast-broker " + version,
+          .streams = StreamPatterns::from(config.recording.streams).value(),  // Checked by create().
+          .include_asset = config.recording.include_asset,
+          .max_queued_bytes = static_cast<std::uint64_t>(config.recording.max_queued_bytes),
+          .max_total_bytes = static_cast<std::uint64_t>(config.recording.max_total_bytes)};
 }
 
 std::uint32_t return_spread_ms(std::uint64_t connections) {
@@ -63,28 +56,6 @@ Result<Broker::Security> Broker::load_security(const Config& config) {
   if (!tls) return tls.error();
   return Security{std::move(*policy), std::move(*tls)};
 }
-
-class Broker::Signals {
- public:
-  Signals(asio::io_context& loop, std::function<void(int)> on_signal)
-      : set_(loop, SIGINT, SIGTERM, SIGHUP), on_signal_(std::move(on_signal)) {
-    // A second set keeps SIGHUP handled during shutdown: with its last set Asio restores the default action.
-    static auto* const kept = new asio::signal_set(*new asio::io_context, SIGHUP);
-    (void)kept;
-    wait();
-  }
-
- private:
-  void wait() {
-    set_.async_wait([this](ErrorOf error, int signal) {
-      if (error) return;
-      wait();  // First, so that the next signal is handled even if this handler throws.
-      on_signal_(signal);
-    });
-  }
-  asio::signal_set set_;
-  std::function<void(int)> on_signal_;
-};
 
 Result<std::unique_ptr<Broker>> Broker::create(const Config& config, std::string version, LogSink log,
                                                const InheritedSockets& inherited) {
@@ -134,7 +105,6 @@ Broker::Broker(const Config& config, Security security, std::string version, Log
       watchdog_(loop().get_executor()),
       data_listener_(loop(), log, [this](Socket socket) { accept(std::move(socket)); }),
       admin_listener_(loop(), log, [this](Socket socket) { serve_admin(context(), std::move(socket)); }) {
-  context().tls = [this] { return tls_; };
   warn_about_security();
 }
 
@@ -142,12 +112,6 @@ std::vector<StreamTap*> Broker::taps() {
   std::vector<StreamTap*> taps{assets_.get(), &recorder_};
   if (member_) taps.push_back(&member_->backbone());
   return taps;
-}
-
-void Broker::join_others() {
-  if (!member_) return;
-  const auto replaces = [this] { return config().streams.second_sender == "replace"; };
-  member_->start({loop(), disk_, epochs_, loops_.first().hub(), replaces, [this] { loops_.first().arm_schedule(); }});
 }
 
 Broker::~Broker() {
@@ -184,19 +148,20 @@ void Broker::accept(Socket socket) {
     socket.write_some(asio::buffer(kAnswer), ignored);
     return;
   }
-  auto tls = context().tls();
-  auto transport = tls ? Transport(std::move(socket), std::move(tls)) : Transport(std::move(socket));
-  std::make_shared<HttpSession>(context(), std::move(transport))->start();
+  serve_data(context(), tls_ ? Transport(std::move(socket), tls_) : Transport(std::move(socket)));
 }
 
 void Broker::run() {
   loops_.first().begin();
   context().drain = [this] { stop(); };
-  join_others();
+  if (member_) {
+    const auto replaces = [this] { return config().streams.second_sender == "replace"; };
+    member_->start({loop(), disk_, epochs_, loops_.first().hub(), replaces, [this] { loops_.first().arm_schedule(); }});
+  }
   tick();
   watch();
   loops_.start();
-  service_manager::ready(status());
+  service_manager::notify("READY=1\nSTATUS=" + status());
   loops_.first().run();
   loops_.stop();
 }
@@ -204,7 +169,7 @@ void Broker::run() {
 void Broker::tick() {
   run_after(tick_, std::chrono::seconds(1), [this] { tick(); });
   loops_.tick();
-  if (++ticks_ % 10 == 0) service_manager::status(status());
+  if (++ticks_ % 10 == 0) service_manager::notify("STATUS=" + status());
 }
 
 std::string Broker::status() const {
@@ -217,23 +182,34 @@ void Broker::watch() {
   const auto period_us = service_manager::watchdog_us();
   if (!period_us) return;
   const auto done = [this, period_us] {
-    service_manager::notify_watchdog();
+    service_manager::notify("WATCHDOG=1");
     run_after(watchdog_, std::chrono::microseconds(*period_us / 3), [this] { watch(); });
   };
   loops_.for_each_loop([](Context&) {}, done);
 }
 
 void Broker::handle_signals(std::function<Result<Config>()> load) {
-  signals_ = std::make_unique<Signals>(loop(), [this, load = std::move(load)](int signal) {
-    if (signal == SIGHUP) return reload(load());
+  // A second set keeps SIGHUP handled during shutdown: with its last set Asio restores the default action.
+  static auto* const kept = new asio::signal_set(*new asio::io_context, SIGHUP);
+  (void)kept;
+  load_ = std::move(load);
+  signals_.emplace(loop(), SIGINT, SIGTERM, SIGHUP);
+  wait_for_signal();
+}
+
+void Broker::wait_for_signal() {
+  signals_->async_wait([this](ErrorOf error, int signal) {
+    if (error) return;
+    wait_for_signal();  // First, so that the next signal is handled even if this handler throws.
+    if (signal == SIGHUP) return reload(load_());
     stop();
   });
 }
 
 void Broker::reload(const Result<Config>& wanted) {
-  service_manager::reloading(steady_now_us());
+  service_manager::notify("RELOADING=1\nMONOTONIC_USEC=" + std::to_string(steady_now_us()));
   apply(wanted);
-  service_manager::ready(status());
+  service_manager::notify("READY=1\nSTATUS=" + status());
 }
 
 void Broker::apply(const Result<Config>& wanted) {
@@ -287,7 +263,7 @@ std::uint64_t Broker::websockets() const {
 void Broker::drain() {
   context().draining = true;
   log(context().log, LogLevel::kInfo, "stopping: " + std::to_string(websockets()) + " connections are told");
-  service_manager::stopping();
+  service_manager::notify("STOPPING=1");
   data_listener_.close();
   if (member_) member_->stop();
   const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(config().timeouts.shutdown_ms);

@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <boost/asio/signal_set.hpp>
 #include <boost/asio/thread_pool.hpp>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 
 #include "broker/access/gate.h"
+#include "broker/access/tls_context.h"
 #include "broker/backbone/member.h"
 #include "broker/config/config.h"
 #include "broker/loops/loops.h"
@@ -28,11 +31,6 @@ class Broker {
   static Result<std::unique_ptr<Broker>> create(const Config& config, std::string version, LogSink log,
                                                 const InheritedSockets& inherited = {});
   ~Broker();
-  Broker(const Broker&) = delete;
-  Broker& operator=(const Broker&) = delete;
-
-  /// Makes the data port speak TLS; call before run().
-  void use_tls(TlsProvider tls) { context().tls = std::move(tls); }
 
   /// Serves until stop(), then says bye to all peers and returns, at most timeouts.shutdown_ms later.
   void run();
@@ -56,7 +54,6 @@ class Broker {
   Broker(const Config& config, Security security, std::string version, LogSink log, std::unique_ptr<AssetStore> assets,
          EpochSource epochs, std::string id, std::unique_ptr<Member> member);
   std::vector<StreamTap*> taps();
-  void join_others();
   void apply(const Result<Config>& wanted);
   Result<void> listen(const InheritedSockets& inherited);
   void accept(Socket socket);
@@ -69,11 +66,11 @@ class Broker {
   std::uint64_t websockets() const;
   void warn_about_security();
   void drain();
+  void wait_for_signal();
   void wait_for_peers(std::chrono::steady_clock::time_point until);
 
-  class Signals;
   Gate gate_;
-  std::shared_ptr<SSL_CTX> tls_;  ///< Null: the data port is plain.
+  std::shared_ptr<SSL_CTX> tls_;  ///< Null: the data port is plain. Of new connections: a reload replaces it.
   std::unique_ptr<AssetStore> assets_;
   Recorder recorder_;
   EpochSource epochs_;
@@ -87,7 +84,8 @@ class Broker {
   int ticks_ = 0;
   Listener data_listener_;
   Listener admin_listener_;
-  std::unique_ptr<Signals> signals_;
+  std::function<Result<Config>()> load_;
+  std::optional<asio::signal_set> signals_;
 };
 
 }  // namespace eigencast::broker

@@ -113,63 +113,48 @@ void Grant::give_back(Resource resource) {
 }
 
 Result<void> Grant::take_message(TimeUs now_us) {
-  for (Holder& holder : holders_) {
-    const std::int64_t most = policy_->quota(holder.is_token).messages_per_s;
-    const auto rate = static_cast<double>(most);
-    if (!holder.account->messages.take(1, rate, rate, now_us)) return over(holder, "messages_per_s", most);
-  }
-  return {};
+  return take_rate({"messages_per_s", &Account::messages, &Quota::messages_per_s, 1}, 1, now_us);
 }
 
 Result<void> Grant::take_upload(std::uint64_t bytes, TimeUs now_us) {
-  return take_bytes(&Account::upload_bytes, "upload_bytes_per_hour", bytes, now_us);
+  return take_rate({"upload_bytes_per_hour", &Account::upload_bytes, &Quota::upload_bytes_per_hour, 3600}, bytes,
+                   now_us);
 }
 
 Result<void> Grant::take_download(std::uint64_t bytes, TimeUs now_us) {
-  return take_bytes(&Account::download_bytes, "download_bytes_per_hour", bytes, now_us);
+  return take_rate({"download_bytes_per_hour", &Account::download_bytes, &Quota::download_bytes_per_hour, 3600}, bytes,
+                   now_us);
 }
 
-Result<void> Grant::take_bytes(RateLimiter Account::*limiter, const char* limit, std::uint64_t bytes, TimeUs now_us) {
-  for (Holder& holder : holders_) {
-    const Quota& quota = policy_->quota(holder.is_token);
-    const bool up = limiter == &Account::upload_bytes;
-    const std::int64_t most = up ? quota.upload_bytes_per_hour : quota.download_bytes_per_hour;
-    const auto hour = static_cast<double>(most);
-    RateLimiter& flow = (*holder.account).*limiter;
-    if (!flow.take(static_cast<double>(bytes), hour / 3600, hour, now_us)) return over(holder, limit, most);
+Result<void> Grant::take_rate(const Rate& rate, std::uint64_t amount, TimeUs now_us) {
+  for (const Holder& holder : holders_) {
+    const std::int64_t most = policy_->quota(holder.is_token).*rate.most;
+    const auto burst = static_cast<double>(most);
+    RateLimiter& limiter = (*holder.account).*rate.limiter;
+    if (!limiter.take(static_cast<double>(amount), burst / rate.period_s, burst, now_us)) {
+      return over(holder, rate.setting, most);
+    }
   }
   return {};
-}
-
-std::optional<Denial> Gate::slowed(const AccessPolicy& rules, const std::string& address, TimeUs now_us) {
-  const auto most = static_cast<double>(rules.failures_per_minute());
-  const TimeUs wait_us = addresses_.account(address, now_us)->failures.wait_us(1, most / 60, most, now_us);
-  if (wait_us <= 0) return std::nullopt;
-  Denial denied{429, "too many failed tries to log in from this address: wait before the next", 0, false};
-  denied.retry_after_s = static_cast<int>(wait_us / 1'000'000 + 1);
-  return denied;
-}
-
-void Gate::count_failure(const AccessPolicy& rules, const std::string& address, TimeUs now_us) {
-  const auto most = static_cast<double>(rules.failures_per_minute());
-  (void)addresses_.account(address, now_us)->failures.take(1, most / 60, most, now_us);
 }
 
 std::variant<GrantPtr, Denial> Gate::admit(const AccessRequest& request, TimeUs now_us, std::int64_t now_unix_s) {
   const auto rules = policy();
-  const std::string address = rules->client_address(request).address.limit_key();
+  const auto most = static_cast<double>(rules->failures_per_minute());
   // Requests without a token are not throttled: they guess none.
   const bool with_token = !request.authorization.empty() || !request.query_token.empty();
-  if (with_token) {
-    if (auto denied = slowed(*rules, address, now_us)) {
-      ++denied_;
-      return std::move(*denied);
-    }
+  const std::string address = rules->client_address(request).address.limit_key();
+  const auto account = with_token ? addresses_.account(address, now_us) : nullptr;
+  const TimeUs wait_us = account ? account->failures.wait_us(1, most / 60, most, now_us) : 0;
+  if (wait_us > 0) {
+    ++denied_;
+    return Denial{429, "too many failed tries to log in from this address: wait before the next",
+                  static_cast<int>(wait_us / 1'000'000 + 1)};
   }
   auto found = rules->identify(request, now_unix_s);
   if (auto* denied = std::get_if<Denial>(&found)) {
     ++denied_;
-    if (denied->failed_login) count_failure(*rules, address, now_us);
+    if (account && denied->failed_login) (void)account->failures.take(1, most / 60, most, now_us);
     return std::move(*denied);
   }
   return GrantPtr(new Grant(*this, std::move(std::get<Identity>(found)), rules, now_us));
@@ -187,9 +172,8 @@ std::optional<Denial> Gate::admit_admin(const AccessRequest& request, AdminReque
   const auto may = grant->may_administer();
   if (may) return std::nullopt;
   ++denied_;
-  if (grant->identity().key.empty())
-    return Denial{401, "the admin port asks for a token with the right admin", 0, false};
-  return Denial{403, may.error().message, 0, false};
+  if (grant->identity().key.empty()) return Denial{401, "the admin port asks for a token with the right admin"};
+  return Denial{403, may.error().message};
 }
 
 GrantPtr Gate::accept(const IpAddress& peer, TimeUs now_us) {

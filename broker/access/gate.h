@@ -52,7 +52,13 @@ class Grant {
     bool is_token = false;
   };
   Grant(Gate& gate, Identity identity, std::shared_ptr<const AccessPolicy> policy, TimeUs now_us);
-  Result<void> take_bytes(RateLimiter Account::*limiter, const char* limit, std::uint64_t bytes, TimeUs now_us);
+  struct Rate {
+    const char* setting;
+    RateLimiter Account::*limiter;
+    std::int64_t Quota::*most;  ///< In a period, and at once.
+    double period_s;
+  };
+  Result<void> take_rate(const Rate& rate, std::uint64_t amount, TimeUs now_us);
   Error over(const Holder& holder, const char* limit, std::int64_t most) const;
 
   Gate& gate_;
@@ -85,8 +91,6 @@ class Gate {
 
  private:
   friend class Grant;
-  std::optional<Denial> slowed(const AccessPolicy& rules, const std::string& address, TimeUs now_us);
-  void count_failure(const AccessPolicy& rules, const std::string& address, TimeUs now_us);
 
   mutable std::mutex policy_mutex_;
   std::shared_ptr<const AccessPolicy> policy_;  ///< GUARDED_BY(policy_mutex_)

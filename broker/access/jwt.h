@@ -2,6 +2,8 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
+#include <mutex>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -9,6 +11,7 @@
 
 #include "broker/access/patterns.h"
 #include "broker/access/signature.h"
+#include "common/core/hash/sha256.h"
 
 /// Signed tokens: JSON Web Tokens (RFC 7519) in the compact form (RFC 7515), restricted as RFC 8725 recommends.
 ///
@@ -36,6 +39,22 @@ struct TokenRules {
 
 /// Safe on hostile input. Errors: kRefused; the message tells the holder why.
 Result<Claims> verify_token(std::string_view token, const TokenRules& rules, std::int64_t now_unix_s);
+
+/// Claims of verified tokens by SHA-256 of the token, so that each is verified once and guesses take no room. Cleared
+/// when full. Thread-safe.
+class TokenCache {
+ public:
+  static constexpr std::size_t kMaxTokens = 4096;
+
+  /// Nothing: unknown, expired or not yet valid.
+  std::optional<Claims> find(const Sha256& token, std::int64_t leeway_s, std::int64_t now_unix_s);
+  void keep(const Sha256& token, const Claims& claims);
+  std::size_t size() const;
+
+ private:
+  mutable std::mutex mutex_;
+  std::map<Sha256, Claims> claims_;  ///< GUARDED_BY(mutex_)
+};
 
 struct TokenRequest {
   std::string subject;

@@ -4,35 +4,28 @@
 #include <algorithm>
 #include <utility>
 
-#include "broker/config/paths.h"
-
 namespace eigencast::broker {
 namespace {
 
-Result<void> add_key(std::vector<TokenKey>& keys, Result<TokenKey> key) {
-  if (!key) return key.error();
-  const bool taken = std::any_of(keys.begin(), keys.end(), [&](const TokenKey& k) { return k.id() == key->id(); });
-  if (taken)
-    return fail(ErrorCode::kInvalidArgument, "key id '" + key->id() + "' occurs twice: one algorithm for each");
+Result<void> add_key(std::vector<TokenKey>& keys, Result<TokenKey> key, const char* setting) {
+  if (!key) return in_context(setting, key.error());
+  if (std::any_of(keys.begin(), keys.end(), [&](const TokenKey& other) { return other.id() == key->id(); })) {
+    return in_context(
+        setting, fail(ErrorCode::kInvalidArgument, "key id '" + key->id() + "' occurs twice: one algorithm for each"));
+  }
   keys.push_back(std::move(*key));
   return {};
 }
 
 Result<TokenRules> token_rules_from(const Config& config) {
-  TokenRules rules;
-  rules.audience = config.access.jwt_audience;
-  rules.issuer = config.access.jwt_issuer;
-  rules.leeway_s = config.access.jwt_leeway_s;
-  for (const std::string& text : config.access.jwt_keys) {
-    if (auto good = add_key(rules.keys, key_from_setting(text)); !good) {
-      return in_context("access.jwt_keys", good.error());
-    }
+  const auto& access = config.access;
+  TokenRules rules{{}, access.jwt_audience, access.jwt_issuer, access.jwt_leeway_s};
+  for (const std::string& text : access.jwt_keys) {
+    if (auto good = add_key(rules.keys, key_from_setting(text), "access.jwt_keys"); !good) return good.error();
   }
-  if (config.access.jwt_secret.empty()) return rules;
-  if (auto good = add_key(rules.keys, TokenKey::from_secret({}, config.access.jwt_secret)); !good) {
-    return in_context("access.jwt_secret", good.error());
-  }
-  return rules;
+  if (access.jwt_secret.empty()) return rules;
+  const auto good = add_key(rules.keys, TokenKey::from_secret({}, access.jwt_secret), "access.jwt_secret");
+  return good ? Result<TokenRules>(std::move(rules)) : good.error();
 }
 
 /// `pattern` is an origin, "scheme://*.host" or "*".
@@ -63,9 +56,8 @@ bool is_local_page(std::string_view origin) {
 
 template <typename T>
 Result<void> assign(T& to, Result<T> value, const char* setting) {
-  if (!value) return in_context(setting, value.error());
-  to = std::move(*value);
-  return {};
+  const auto stored = store(to, std::move(value));
+  return stored ? stored : in_context(setting, stored.error());
 }
 
 Result<std::vector<IpRange>> ranges_from(const std::vector<std::string>& texts) {
@@ -143,9 +135,7 @@ Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Conf
   for (const Result<void>& part : parts) {
     if (!part) return part.error();
   }
-  auto rules = token_rules_from(config);
-  if (!rules) return rules.error();
-  policy->tokens_ = std::move(*rules);
+  if (auto stored = store(policy->tokens_, token_rules_from(config)); !stored) return stored.error();
   return std::shared_ptr<const AccessPolicy>(std::move(policy));
 }
 

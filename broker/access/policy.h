@@ -13,7 +13,6 @@
 #include "broker/access/address.h"
 #include "broker/access/jwt.h"
 #include "broker/access/ledger.h"
-#include "broker/access/token_cache.h"
 #include "broker/access/token_file.h"
 #include "broker/config/config.h"
 

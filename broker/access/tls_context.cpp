@@ -12,7 +12,6 @@
 #include <string_view>
 
 #include "broker/access/signature.h"
-#include "broker/config/paths.h"
 
 namespace eigencast::broker {
 namespace {

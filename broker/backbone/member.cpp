@@ -7,8 +7,6 @@
 #include <fstream>
 #include <utility>
 
-#include "broker/config/paths.h"
-
 namespace eigencast::broker {
 namespace {
 

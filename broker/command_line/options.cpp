@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "broker/command_line/token_command.h"
-#include "broker/config/paths.h"
 #include "broker/config/show.h"
 #include "common/command_line/completion.h"
 #include "common/command_line/shared_options.h"

@@ -10,7 +10,6 @@
 #include <vector>
 
 #include "broker/access/policy.h"
-#include "broker/config/paths.h"
 #include "broker/config/sources.h"
 
 namespace eigencast::broker {

@@ -70,6 +70,17 @@ Error unknown_setting(std::string_view path);  ///< With a suggestion.
 /// Checks settings that depend on each other.
 Result<void> check_config(const Config& config);
 
+// Paths, by the folders that systemd names in the environment (systemd.exec(5)).
+
+/// The folder of assets and recordings: server.data_dir, $STATE_DIRECTORY, $XDG_STATE_HOME/eigencast or
+/// ~/.local/state/eigencast.
+std::string data_dir_of(const Config& config);
+/// The path of a file that a setting names. A relative path is searched in $CREDENTIALS_DIRECTORY, then in
+/// $CONFIGURATION_DIRECTORY, then refers to the current folder.
+std::string resolved_path(const std::string& path);
+/// $CONFIGURATION_DIRECTORY/eigencast.toml; empty: it does not exist.
+std::string default_config_file();
+
 /// An "address:port"; IPv6 as "[::1]:7490". Errors: kInvalidArgument.
 struct Address {
   std::string host;

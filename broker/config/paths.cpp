@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
-#include "broker/config/paths.h"
-
 #include <cstdlib>
 #include <filesystem>
 #include <system_error>
+
+#include "broker/config/config.h"
 
 namespace eigencast::broker {
 namespace {

@@ -34,14 +34,10 @@ std::optional<SettingValue> value_from_node(const toml::node& node) {
   return SettingValue(std::move(items));
 }
 
-std::string changed_case(std::string_view text, char first, char last, int by) {
-  std::string out(text);
-  for (char& c : out) c = c >= first && c <= last ? static_cast<char>(c + by) : c;
-  return out;
-}
-
 std::string lower(std::string_view text) {
-  return changed_case(text, 'A', 'Z', 'a' - 'A');
+  std::string out(text);
+  for (char& c : out) c = c >= 'A' && c <= 'Z' ? static_cast<char>(c - 'A' + 'a') : c;
+  return out;
 }
 
 std::string_view unindented(std::string_view text) {
@@ -119,8 +115,7 @@ Result<void> read_config(Config& config, std::string_view toml, std::string_view
   }
   for (const auto& [section, node] : parsed.table()) {
     const toml::table* table = node.as_table();
-    if (table == nullptr) return in_context(at(node.source()), unknown_setting(section.str()));
-    if (table->empty() && section_doc(section.str()).empty()) {
+    if (table == nullptr || (table->empty() && section_doc(section.str()).empty())) {
       return in_context(at(node.source()), unknown_setting(section.str()));
     }
     for (const auto& [key_name, node_of_value] : *table) {

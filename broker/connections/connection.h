@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "broker/access/gate.h"
-#include "broker/context/client_info.h"
 #include "broker/context/context.h"
 #include "broker/relay/outbox.h"
 #include "broker/relay/reader_watch.h"

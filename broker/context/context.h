@@ -1,12 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <openssl/types.h>
-
 #include <atomic>
 #include <cstdint>
 #include <functional>
-#include <memory>
 #include <string>
 #include <unordered_set>
 #include <vector>
@@ -31,10 +28,6 @@ class Loops;
 class Ownership;
 class Recorder;
 class Turn;
-
-/// Gives the TLS context for the next connection; null: the data port is plain. New certificates are a new context,
-/// older connections keep theirs. Called on the thread of the loop that accepts.
-using TlsProvider = std::function<std::shared_ptr<SSL_CTX>()>;
 
 /// What the event loops of a broker share; outlives them. Thread-safe unless said otherwise.
 struct SharedContext {
@@ -64,7 +57,6 @@ struct Context : SharedContext {
   TimeUs started_us = 0;
   std::function<void()> drain{};  ///< Begins to stop, as SIGTERM does.
   bool draining = false;
-  TlsProvider tls{};
   std::vector<std::uint8_t> read_buffer = std::vector<std::uint8_t>(64 * 1024);  ///< For the connection being read.
 };
 

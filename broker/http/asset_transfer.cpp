@@ -15,7 +15,7 @@ namespace eigencast::broker {
 namespace {
 
 constexpr std::size_t kChunkBytes = 64 * 1024;
-constexpr std::int64_t kRetryAfterS = 60;
+constexpr int kRetryAfterS = 60;
 
 Result<std::size_t> read_at(int file, std::uint64_t at, std::vector<char>& out) {
   for (;;) {
@@ -35,8 +35,6 @@ class Download : public std::enable_shared_from_this<Download> {
     ++context_.counters.downloads_now;
   }
   ~Download() { --context_.counters.downloads_now; }
-  Download(const Download&) = delete;
-  Download& operator=(const Download&) = delete;
 
   void start(const Sha256& id) {
     connection_->arm(context_.config.timeouts.transfer_ms);  // Replaces the head's timeout.
@@ -73,13 +71,10 @@ class Download : public std::enable_shared_from_this<Download> {
                                        std::move(headers));
     }
     const bool whole = wanted.kind == RangeRequest::Kind::kWhole;
-    at_ = whole ? 0 : wanted.range.first;
-    end_ = whole ? object.size : wanted.range.last + 1;
-    if (const auto taken =
-            grant_.take_download(connection_->method() == HttpMethod::kHead ? 0 : end_ - at_, steady_now_us());
-        !taken) {
-      return connection_->answer_denial({429, taken.error().message, kRetryAfterS, false});
-    }
+    at_ = whole ? 0 : wanted.first;
+    end_ = whole ? object.size : wanted.last + 1;
+    const auto taken = grant_.take_download(connection_->method() == "HEAD" ? 0 : end_ - at_, steady_now_us());
+    if (!taken) return connection_->answer_denial({429, taken.error().message, kRetryAfterS});
     if (!whole) {
       headers.emplace_back("Content-Range",
                            "bytes " + std::to_string(at_) + "-" + std::to_string(end_ - 1) + "/" + size);
@@ -92,7 +87,7 @@ class Download : public std::enable_shared_from_this<Download> {
   void send_head(HttpStatus status, HttpHeaders headers) {
     headers.emplace_back("Content-Type", "application/octet-stream");
     headers.emplace_back("Content-Length", std::to_string(end_ - at_));
-    if (connection_->method() == HttpMethod::kHead) end_ = at_;
+    if (connection_->method() == "HEAD") end_ = at_;
     head_ = connection_->head_of(status, std::move(headers));
     connection_->arm(context_.config.timeouts.transfer_ms);
     connection_->send(asio::buffer(head_), [self = shared_from_this()] { self->send_chunk(); });
@@ -139,8 +134,6 @@ class Upload : public std::enable_shared_from_this<Upload> {
     ++context_.counters.uploads_now;
   }
   ~Upload() { end(); }
-  Upload(const Upload&) = delete;
-  Upload& operator=(const Upload&) = delete;
 
   void start(const Sha256& id) {
     connection_->arm(context_.config.timeouts.transfer_ms);
@@ -210,7 +203,7 @@ class Upload : public std::enable_shared_from_this<Upload> {
       case ErrorCode::kTooLarge:
         return connection_->answer_error(HttpStatus::kPayloadTooLarge, error);
       case ErrorCode::kRefused:
-        return connection_->answer_denial({429, error.message, kRetryAfterS, false});
+        return connection_->answer_denial({429, error.message, kRetryAfterS});
       default:
         return connection_->answer_error(HttpStatus::kInsufficientStorage, error);
     }
@@ -237,9 +230,8 @@ void send_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
 
 void receive_asset(HttpConnection& connection, Grant& grant, const Sha256& id) {
   Context& context = connection.context();
-  if (const auto taken = grant.take_upload(connection.content_length().value_or(0), steady_now_us()); !taken) {
-    return connection.answer_denial({429, taken.error().message, kRetryAfterS, false});
-  }
+  const auto taken = grant.take_upload(connection.content_length().value_or(0), steady_now_us());
+  if (!taken) return connection.answer_denial({429, taken.error().message, kRetryAfterS});
   if (context.counters.uploads_now >= static_cast<std::uint64_t>(context.config.limits.max_uploads)) {
     return connection.answer_error(HttpStatus::kServiceUnavailable,
                                    fail(ErrorCode::kRefused, "too many uploads at a time: try again"),

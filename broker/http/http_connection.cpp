@@ -13,8 +13,6 @@
 #include <boost/beast/websocket/rfc6455.hpp>
 #include <nlohmann/json.hpp>
 
-#include "broker/http/access_request.h"
-
 namespace eigencast::broker {
 namespace {
 
@@ -28,6 +26,13 @@ constexpr std::int64_t kMaxDrainMs = 2'000;
 bool is_malformed_request(ErrorOf error) {
   return error.category() == http::make_error_code(http::error::end_of_stream).category() &&
          error != http::error::end_of_stream && error != http::error::partial_message;
+}
+
+/// The peer's address; all zeros once it is gone.
+IpAddress peer_of(const Socket& socket) {
+  ErrorOf gone;
+  const auto endpoint = socket.remote_endpoint(gone);
+  return gone ? IpAddress{} : IpAddress::from_text(endpoint.address().to_string()).value_or(IpAddress{});
 }
 
 }  // namespace
@@ -46,21 +51,8 @@ HttpConnection::HttpConnection(Context& context, Transport transport)
 
 HttpConnection::~HttpConnection() = default;
 
-HttpMethod HttpConnection::method() const {
-  switch (wire_->parser->get().method()) {
-    case http::verb::get:
-      return HttpMethod::kGet;
-    case http::verb::head:
-      return HttpMethod::kHead;
-    case http::verb::put:
-      return HttpMethod::kPut;
-    case http::verb::post:
-      return HttpMethod::kPost;
-    case http::verb::options:
-      return HttpMethod::kOptions;
-    default:
-      return HttpMethod::kOther;
-  }
+std::string_view HttpConnection::method() const {
+  return wire_->parser->get().method_string();
 }
 
 std::string_view HttpConnection::target() const {
@@ -81,6 +73,17 @@ std::string HttpConnection::joined_headers(std::string_view name) const {
 std::optional<std::uint64_t> HttpConnection::content_length() const {
   const auto length = wire_->parser->content_length();
   return length ? std::optional<std::uint64_t>(*length) : std::nullopt;
+}
+
+AccessRequest HttpConnection::access_request(std::string query_token) const {
+  // All fields of the forwarded: one that a client sent must not hide those that a proxy added.
+  return {peer_,
+          header("Authorization"),
+          std::move(query_token),
+          header("Origin"),
+          header("Host"),
+          header("X-Forwarded-Host"),
+          {joined_headers("X-Forwarded-For"), joined_headers("Forwarded")}};
 }
 
 bool HttpConnection::is_websocket_upgrade() const {
@@ -114,7 +117,7 @@ void HttpConnection::start() {
     if (!error) return self->read_head();
     // Closing with unread bytes sends a reset, which would discard the TLS alert.
     self->transport_.end_writing();
-    self->drain_socket();
+    self->drain(self->transport_.socket());
   });
 }
 
@@ -165,6 +168,10 @@ void HttpConnection::answer_error(HttpStatus status, const Error& error, HttpHea
   answer(status, body.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n", std::move(headers));
 }
 
+void HttpConnection::refuse_method(const char* why, const char* allowed) {
+  answer_error(HttpStatus::kMethodNotAllowed, fail(ErrorCode::kUnsupported, why), {{"Allow", allowed}});
+}
+
 void HttpConnection::answer(HttpStatus status, std::string body, HttpHeaders headers) {
   const bool keep = can_keep_alive();
   const bool bodiless = status == HttpStatus::kNotModified || status == HttpStatus::kNoContent;
@@ -174,7 +181,7 @@ void HttpConnection::answer(HttpStatus status, std::string body, HttpHeaders hea
   }
   if (!bodiless) headers.emplace_back("Content-Length", std::to_string(body.size()));
   const auto text = std::make_shared<std::string>(head_of(status, std::move(headers)));
-  if (!bodiless && method() != HttpMethod::kHead) *text += body;
+  if (!bodiless && method() != "HEAD") *text += body;
   arm(limits().transfer_ms);
   send(asio::buffer(*text), [this, text, keep] { finish(keep); });
 }
@@ -223,22 +230,15 @@ void HttpConnection::finish(bool keep) {
   // Half-close, then drain for a while: closing with unread bytes sends a reset, which would discard the answer.
   transport_.end_writing();
   arm(std::min(limits().transfer_ms, kMaxDrainMs));
-  drain();
+  drain(transport_);
 }
 
-void HttpConnection::drain() {
+template <typename Stream>
+void HttpConnection::drain(Stream& stream) {
   drained_.resize(kMaxHeadBytes);
-  transport_.async_read_some(asio::buffer(drained_), [self = shared_from_this()](ErrorOf error, std::size_t) {
+  stream.async_read_some(asio::buffer(drained_), [self = shared_from_this(), &stream](ErrorOf error, std::size_t) {
     if (error) return self->close();
-    self->drain();
-  });
-}
-
-void HttpConnection::drain_socket() {
-  drained_.resize(kMaxHeadBytes);
-  transport_.socket().async_read_some(asio::buffer(drained_), [self = shared_from_this()](ErrorOf error, std::size_t) {
-    if (error) return self->close();
-    self->drain_socket();
+    self->drain(stream);
   });
 }
 

@@ -18,8 +18,6 @@
 
 namespace eigencast::broker {
 
-enum class HttpMethod : std::uint8_t { kGet, kHead, kPut, kPost, kOptions, kOther };
-
 enum class HttpStatus : std::uint16_t {
   kOk = 200,
   kCreated = 201,
@@ -49,8 +47,6 @@ using HttpHeaders = std::vector<std::pair<std::string_view, std::string>>;
 class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
  public:
   virtual ~HttpConnection();
-  HttpConnection(const HttpConnection&) = delete;
-  HttpConnection& operator=(const HttpConnection&) = delete;
   void start();
 
   Context& context() { return context_; }
@@ -59,13 +55,15 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   // The current request.
 
-  HttpMethod method() const;
-  bool reads() const { return method() == HttpMethod::kGet || method() == HttpMethod::kHead; }
+  std::string_view method() const;
+  bool reads() const { return method() == "GET" || method() == "HEAD"; }
   std::string_view target() const;
   std::string header(std::string_view name) const;  ///< The first field of that name, or empty.
   /// All fields of that name in order, joined by commas.
   std::string joined_headers(std::string_view name) const;
   std::optional<std::uint64_t> content_length() const;
+  /// What the request says about its sender. `query_token` is the access_token of its target.
+  AccessRequest access_request(std::string query_token) const;
   /// Whether it asks for a WebSocket (RFC 6455, 4.2.1) and waits for the answer before it sends more.
   bool is_websocket_upgrade() const;
   bool is_body_read() const;
@@ -76,6 +74,7 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   void answer(HttpStatus status, std::string body, HttpHeaders headers = {});
   void answer_error(HttpStatus status, const Error& error, HttpHeaders headers = {});
   void answer_denial(const Denial& denial);
+  void refuse_method(const char* why, const char* allowed);
 
   // For bodies that are sent or read piece by piece.
 
@@ -133,8 +132,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   void do_on_disk(std::function<void()> work, std::function<void()> then);
   void read_head();
-  void drain();
-  void drain_socket();
+  template <typename Stream>
+  void drain(Stream& stream);
 
   Context& context_;
   Transport transport_;

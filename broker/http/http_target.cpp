@@ -88,15 +88,9 @@ RangeRequest range_from_header(std::string_view header, std::uint64_t size) {
   const bool open_end = dash + 1 == spec.size();
   if ((open_start && open_end) || (!open_start && !first) || (!open_end && !last)) return whole;
   if (first && last && *last < *first) return whole;
-  RangeRequest part{RangeRequest::Kind::kPart, {}};
-  if (open_start) {
-    if (*last == 0 || size == 0) return {RangeRequest::Kind::kUnsatisfiable, {}};
-    part.range = {size - std::min(size, *last), size - 1};
-    return part;
-  }
-  if (*first >= size) return {RangeRequest::Kind::kUnsatisfiable, {}};
-  part.range = {*first, open_end ? size - 1 : std::min(*last, size - 1)};
-  return part;
+  if (size == 0 || (open_start ? *last == 0 : *first >= size)) return {RangeRequest::Kind::kUnsatisfiable};
+  if (open_start) return {RangeRequest::Kind::kPart, size - std::min(size, *last), size - 1};
+  return {RangeRequest::Kind::kPart, *first, open_end ? size - 1 : std::min(*last, size - 1)};
 }
 
 bool etag_matches(std::string_view header, std::string_view etag) {

@@ -22,16 +22,12 @@ struct Target {
 /// Errors: kNotFound (no such path), kInvalidArgument (an invalid stream name or hash, two tokens).
 Result<Target> target_from_text(std::string_view text, std::string_view prefix = {});
 
-/// The bytes [first, last].
-struct ByteRange {
-  std::uint64_t first = 0;
-  std::uint64_t last = 0;
-};
-
+/// The bytes [first, last], for kPart.
 struct RangeRequest {
   enum class Kind { kWhole, kPart, kUnsatisfiable };
   Kind kind = Kind::kWhole;
-  ByteRange range;  ///< For kPart.
+  std::uint64_t first = 0;
+  std::uint64_t last = 0;
 };
 
 /// Parses a Range header. Several ranges, other units and malformed headers are ignored, as RFC 9110 14.2 allows.

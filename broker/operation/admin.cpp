@@ -5,25 +5,123 @@
 #include <ctime>
 #include <functional>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "broker/backbone/backbone.h"
 #include "broker/connections/connection.h"
-#include "broker/http/access_request.h"
 #include "broker/http/http_connection.h"
-#include "broker/http/http_target.h"
 #include "broker/loops/loops.h"
 #include "broker/operation/metrics.h"
-#include "broker/operation/report.h"
+#include "broker/relay/hub.h"
+#include "broker/storage/asset_store.h"
 #include "broker/storage/recorder.h"
 #include "common/core/text.h"
 
 namespace eigencast::broker {
 namespace {
 
+using nlohmann::json;
+
 constexpr std::int64_t kTimeoutMs = 5'000;
 constexpr std::uint64_t kMaxBodyBytes = 64 * 1024;  ///< Ignored: parameters are in the query.
+
+double seconds(TimeUs us) {
+  return static_cast<double>(us) * 1e-6;
+}
+
+json milliseconds_or_null(std::optional<TimeUs> us) {
+  return us ? json(static_cast<double>(*us) * 1e-3) : json();
+}
+
+std::string json_text(const json& value) {
+  return value.dump(-1, ' ', false, json::error_handler_t::replace) + "\n";
+}
+
+json json_of(const ClientInfo& client) {
+  json streams = json::array();
+  for (const auto& watched : client.streams) {
+    streams.push_back({{"stream", watched.stream}, {"profile", watched.profile}, {"ladder_step", watched.rung}});
+  }
+  return {{"id", client.id},
+          {"kind", client.kind == ClientInfo::Kind::kSender ? "sender" : "viewer"},
+          {"who", client.who},
+          {"connected_s", seconds(client.connected_us)},
+          {"streams", streams},
+          {"round_trip_ms", milliseconds_or_null(client.round_trip_us)},
+          {"acknowledges", client.acknowledges},
+          {"frames_sent", client.frames_sent},
+          {"bytes_sent", client.bytes_sent},
+          {"frames_skipped", client.skipped},
+          {"joins", client.joins},
+          {"control_waiting", client.control_waiting}};
+}
+
+std::string streams_report(const Context& context, const Statistics& statistics) {
+  json list = json::array();
+  for (const Stream* stream : context.hub.streams()) {
+    const Statistics::Made made = statistics.made_of(stream->name());
+    list.push_back({{"stream", stream->name()},
+                    {"stream_id", stream->id()},
+                    {"state", name_of(stream->state())},
+                    {"epoch", stream->epoch()},
+                    {"asset", stream->asset()},
+                    {"codec", stream->announcement().format.codec},
+                    {"rows", stream->announcement().format.rows},
+                    {"key_rate_hz", stream->key_rate_hz()},
+                    {"keys_received", stream->keys_received()},
+                    {"frames_made", made.frames},
+                    {"poses_failed", made.poses_failed},
+                    {"profiles", made.profiles},
+                    {"viewers", stream->watchers()}});
+  }
+  return json_text({{"streams", list}});
+}
+
+std::string clients_report(std::vector<ClientInfo> clients) {
+  std::sort(clients.begin(), clients.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
+  json list = json::array();
+  for (const ClientInfo& client : clients) list.push_back(json_of(client));
+  return json_text({{"clients", list}});
+}
+
+std::string recordings_report(const Context& context) {
+  json list = json::array();
+  for (const RecordingInfo& info : context.recorder.list()) {
+    list.push_back({{"stream", info.stream},
+                    {"state", name_of(info.state)},
+                    {"file", info.file},
+                    {"error", info.error},
+                    {"bytes", info.bytes},
+                    {"frames", info.frames},
+                    {"frames_lost", info.lost},
+                    {"duration_s", seconds(info.duration_us)}});
+  }
+  return json_text({{"recordings", list}});
+}
+
+std::string broker_report(const Context& context, const Statistics& statistics) {
+  const Counters& counters = statistics.counters;
+  const bool degraded = context.backbone != nullptr && !context.backbone->totals().connected;
+  return json_text({{"version", context.version},
+                    {"session_id", context.session_id},
+                    {"uptime_s", seconds(steady_now_us() - context.started_us)},
+                    {"state", context.draining ? "draining"
+                              : degraded       ? "degraded"
+                                               : "ok"},
+                    {"backbone", context.backbone == nullptr ? json() : json(context.backbone->status())},
+                    {"draining", context.draining},
+                    {"threads", statistics.connections.size()},
+                    {"connections", statistics.connections_total()},
+                    {"frames_received", counters.frames_received},
+                    {"frames_sent", counters.frames_sent},
+                    {"frame_bytes_sent", counters.frame_bytes_sent},
+                    {"frames_skipped", counters.frames_skipped},
+                    {"asset_bytes", context.assets.total_bytes()},
+                    {"recordings", context.recorder.totals().active}});
+}
 
 /// One request, one answer.
 class AdminSession final : public HttpConnection {
@@ -51,20 +149,26 @@ class AdminSession final : public HttpConnection {
     context().loops.for_each_loop(std::move(work),
                                   [self = shared_from_this(), answer = std::move(answer)] { answer(); });
   }
-  void ask_statistics(bool with_clients, std::function<void(const Statistics&)> answer) {
+  using Report = std::string (*)(const Context&, const Statistics&);
+  void answer_statistics(Report report, const HttpHeaders& headers = {}) {
     const auto statistics = std::make_shared<Statistics>();
     ask_loops(
-        [statistics, with_clients](Context& loop) {
-          statistics->add(loop);
-          if (with_clients) statistics->add_clients(loop);
+        [statistics](Context& loop) { statistics->add(loop); },
+        [this, statistics, report, headers] { answer(HttpStatus::kOk, report(context(), *statistics), headers); });
+  }
+  void answer_clients() {
+    const auto clients = std::make_shared<std::vector<ClientInfo>>();
+    ask_loops(
+        [clients](Context& loop) {
+          for (const Connection* connection : loop.connections) connection->describe(clients->emplace_back());
         },
-        [statistics, answer = std::move(answer)] { answer(*statistics); });
+        [this, clients] { answer(HttpStatus::kOk, clients_report(std::move(*clients))); });
   }
 
   bool admitted() {
     if (path_ == "/livez" || path_ == "/readyz") return true;
     const auto ask = reads() ? Gate::AdminRequest::kRead : Gate::AdminRequest::kControl;
-    auto denied = context().gate.admit_admin(access_request_from(*this, {}), ask, steady_now_us(), std::time(nullptr));
+    auto denied = context().gate.admit_admin(access_request({}), ask, steady_now_us(), std::time(nullptr));
     // A page of another site must not control the broker through an administrator's browser.
     if (!denied && !reads() && !header("Origin").empty() && !same_origin()) {
       denied = Denial{403, "the admin API takes no orders from pages of another origin", 0, false};
@@ -93,10 +197,8 @@ class AdminSession final : public HttpConnection {
 
   void route() {
     if (reads()) return route_read();
-    if (method() == HttpMethod::kPost) return route_order();
-    answer_error(HttpStatus::kMethodNotAllowed,
-                 fail(ErrorCode::kUnsupported, "the admin port takes GET, HEAD and POST"),
-                 {{"Allow", "GET, HEAD, POST"}});
+    if (method() == "POST") return route_order();
+    refuse_method("the admin port takes GET, HEAD and POST", "GET, HEAD, POST");
   }
 
   void route_read() {
@@ -111,26 +213,12 @@ class AdminSession final : public HttpConnection {
     }
     if (path_ == "/version") return answer_text(HttpStatus::kOk, "eigencast-broker " + context().version);
     if (path_ == "/metrics") {
-      return ask_statistics(false, [this](const Statistics& statistics) {
-        answer(HttpStatus::kOk, metrics_text(context(), statistics),
-               {{"Content-Type", "text/plain; version=0.0.4; charset=utf-8"}});
-      });
+      return answer_statistics(metrics_text, {{"Content-Type", "text/plain; version=0.0.4; charset=utf-8"}});
     }
     if (path_ == "/") return answer_page();
-    if (path_ == "/api/broker") {
-      return ask_statistics(false, [this](const Statistics& statistics) {
-        answer(HttpStatus::kOk, broker_report(context(), statistics));
-      });
-    }
-    if (path_ == "/api/streams") {
-      return ask_statistics(false, [this](const Statistics& statistics) {
-        answer(HttpStatus::kOk, streams_report(context(), statistics));
-      });
-    }
-    if (path_ == "/api/clients") {
-      return ask_statistics(
-          true, [this](const Statistics& statistics) { answer(HttpStatus::kOk, clients_report(statistics)); });
-    }
+    if (path_ == "/api/broker") return answer_statistics(broker_report);
+    if (path_ == "/api/streams") return answer_statistics(streams_report);
+    if (path_ == "/api/clients") return answer_clients();
     if (path_ == "/api/recordings") return answer(HttpStatus::kOk, recordings_report(context()));
     answer_error(HttpStatus::kNotFound,
                  fail(ErrorCode::kNotFound,
@@ -169,13 +257,13 @@ class AdminSession final : public HttpConnection {
 
   void kick() {
     const std::string id = parameter("id");
-    const auto found = std::make_shared<bool>(false);
-    ask_loops([id, found](Context& loop) { *found = *found || kick_in(loop, id); },
-              [this, id, found] {
-                answer_result(
-                    *found ? Result<void>()
-                           : fail(ErrorCode::kNotFound, "?id=N: there is no client '" + id + "', see /api/clients"));
-              });
+    const auto result = std::make_shared<Result<void>>(
+        fail(ErrorCode::kNotFound, "?id=N: there is no client '" + id + "', see /api/clients"));
+    ask_loops(
+        [id, result](Context& loop) {
+          if (!*result && kick_in(loop, id)) *result = {};
+        },
+        [this, result] { answer_result(*result); });
   }
 
   static bool kick_in(Context& loop, const std::string& id) {

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <string>
+
 #include "broker/context/context.h"
 #include "broker/sockets/net.h"
 
@@ -8,5 +10,8 @@ namespace eigencast::broker {
 
 /// Serves one request on a connection of the admin port (docs/operations.md lists the paths).
 void serve_admin(Context& context, Socket socket);
+
+/// The status page with the nonce of its Content-Security-Policy.
+std::string status_page(const std::string& nonce);
 
 }  // namespace eigencast::broker

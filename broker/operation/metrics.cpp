@@ -2,16 +2,19 @@
 #include "broker/operation/metrics.h"
 
 #include <dirent.h>
-#include <prometheus/collectable.h>
 #include <prometheus/metric_family.h>
 #include <prometheus/text_serializer.h>
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
+#include <bit>
 #include <fstream>
+#include <functional>
 #include <limits>
+#include <numeric>
 #include <utility>
-#include <vector>
 
 #include "broker/access/gate.h"
 #include "broker/backbone/backbone.h"
@@ -27,13 +30,18 @@ using prometheus::MetricFamily;
 using prometheus::MetricType;
 using Labels = std::vector<ClientMetric::Label>;
 
-/// The broker as a Collectable: plain integer counters become metrics only on request.
-class BrokerMetrics final : public prometheus::Collectable {
- public:
-  BrokerMetrics(const Context& context, const Statistics& statistics) : context_(context), statistics_(statistics) {}
+void add_to(EventCounts& sum, const EventCounts& other) {
+  using Numbers = std::array<std::uint64_t, sizeof(EventCounts) / sizeof(std::uint64_t)>;
+  auto total = std::bit_cast<Numbers>(sum);
+  const auto more = std::bit_cast<Numbers>(other);
+  std::transform(total.begin(), total.end(), more.begin(), total.begin(), std::plus());
+  sum = std::bit_cast<EventCounts>(total);
+}
 
-  std::vector<MetricFamily> Collect() const override {
-    families_.clear();
+/// Plain integer counters become metrics only on request.
+class BrokerMetrics {
+ public:
+  BrokerMetrics(const Context& context, const Statistics& statistics) : context_(context), statistics_(statistics) {
     connections();
     streams();
     frames();
@@ -41,11 +49,12 @@ class BrokerMetrics final : public prometheus::Collectable {
     recordings();
     backbone();
     process();
-    return std::move(families_);
   }
 
+  const std::vector<MetricFamily>& families() const { return families_; }
+
  private:
-  MetricFamily& family(const std::string& name, MetricType type, const char* help) const {
+  MetricFamily& family(const std::string& name, MetricType type, const char* help) {
     families_.push_back({name, help, type, {}});
     return families_.back();
   }
@@ -55,16 +64,14 @@ class BrokerMetrics final : public prometheus::Collectable {
     metric.counter.value = metric.gauge.value = value;
     family.metric.push_back(std::move(metric));
   }
-  void gauge(const char* name, const char* help, double value) const {
-    add(family(std::string("eigencast_broker_") + name, MetricType::Gauge, help), value);
+  template <typename Number>
+  void gauge(const char* name, const char* help, Number value) {
+    add(family(std::string("eigencast_broker_") + name, MetricType::Gauge, help), static_cast<double>(value));
   }
-  void gauge(const char* name, const char* help, std::uint64_t value) const {
-    gauge(name, help, static_cast<double>(value));
-  }
-  void counter(const char* name, const char* help, std::uint64_t value) const {
+  void counter(const char* name, const char* help, std::uint64_t value) {
     add(family(std::string("eigencast_broker_") + name, MetricType::Counter, help), static_cast<double>(value));
   }
-  void histogram(const char* name, const char* help, const LatencyBuckets& from) const {
+  void histogram(const char* name, const char* help, const LatencyBuckets& from) {
     ClientMetric metric;
     std::uint64_t count = 0;
     for (std::size_t i = 0; i < from.counts.size(); ++i) {
@@ -78,11 +85,11 @@ class BrokerMetrics final : public prometheus::Collectable {
     family(std::string("eigencast_broker_") + name, MetricType::Histogram, help).metric.push_back(std::move(metric));
   }
 
-  void connections() const {
+  void connections() {
     const Counters& counters = statistics_.counters;
     add(family("eigencast_broker_build_info", MetricType::Gauge, "Always 1; the version is a label."), 1,
         {{"version", context_.version}});
-    gauge("draining", "1 while the broker stops.", std::uint64_t{context_.draining});
+    gauge("draining", "1 while the broker stops.", context_.draining);
     gauge("connections", "Open connections of the data port.", statistics_.connections_total());
     auto& of_loops = family("eigencast_broker_thread_connections", MetricType::Gauge,
                             "Those of each event loop; the first, 0, has all that are no viewers.");
@@ -100,7 +107,7 @@ class BrokerMetrics final : public prometheus::Collectable {
     counter("control_sent_total", "Control messages sent.", counters.control_sent);
   }
 
-  void streams() const {
+  void streams() {
     std::uint64_t states[3] = {0, 0, 0};
     std::uint64_t watchers = 0;
     std::uint64_t failed = 0;
@@ -120,7 +127,7 @@ class BrokerMetrics final : public prometheus::Collectable {
             statistics_.counters.senders_replaced);
   }
 
-  void frames() const {
+  void frames() {
     const Counters& counters = statistics_.counters;
     counter("frames_received_total", "Frames taken from senders.", counters.frames_received);
     counter("frames_refused_total", "Frames of senders that broke the protocol.", counters.frames_refused);
@@ -143,11 +150,11 @@ class BrokerMetrics final : public prometheus::Collectable {
     histogram("key_hold_seconds", "From a key's coming to when interpolation let it go.", counters.hold);
   }
 
-  void storage() const {
+  void storage() {
     const Counters& counters = statistics_.counters;
     gauge("asset_bytes", "Bytes in the asset store, uploads under way included.", context_.assets.total_bytes());
     gauge("asset_quota_bytes", "assets.max_total_bytes.", context_.assets.settings().max_total_bytes);
-    gauge("asset_objects", "Objects in the asset store.", std::uint64_t{context_.assets.objects()});
+    gauge("asset_objects", "Objects in the asset store.", context_.assets.objects());
     counter("assets_evicted_total", "Objects removed to make room.", context_.assets.evicted());
     gauge("uploads", "Uploads under way.", counters.uploads_now);
     counter("uploads_total", "Assets taken.", counters.uploads);
@@ -158,7 +165,7 @@ class BrokerMetrics final : public prometheus::Collectable {
     counter("download_bytes_total", "Bytes of assets sent.", counters.download_bytes);
   }
 
-  void recordings() const {
+  void recordings() {
     const Recorder::Totals totals = context_.recorder.totals();
     gauge("recordings_active", "Streams being recorded, or waited for.", totals.active);
     counter("recordings_failed_total", "Recordings that the disk ended.", totals.failed);
@@ -169,11 +176,10 @@ class BrokerMetrics final : public prometheus::Collectable {
     gauge("recording_stored_bytes", "All recordings on the disk.", totals.stored_bytes);
   }
 
-  void backbone() const {
+  void backbone() {
     const Backbone::Totals totals = context_.backbone == nullptr ? Backbone::Totals{} : context_.backbone->totals();
-    gauge("backbone_configured", "1 where backbone.servers names servers.",
-          std::uint64_t{context_.backbone != nullptr});
-    gauge("backbone_connected", "1 while there is a connection to NATS.", std::uint64_t{totals.connected});
+    gauge("backbone_configured", "1 where backbone.servers names servers.", context_.backbone != nullptr);
+    gauge("backbone_connected", "1 while there is a connection to NATS.", totals.connected);
     gauge("backbone_brokers", "Brokers heard of, this one included.", totals.brokers);
     gauge("backbone_streams_known", "Streams that have a sender at any of the brokers.", totals.streams_known);
     gauge("backbone_streams_followed", "Streams of other brokers that viewers watch here.", totals.streams_followed);
@@ -189,7 +195,7 @@ class BrokerMetrics final : public prometheus::Collectable {
     counter("backbone_asset_bytes_total", "Bytes of assets copied from other brokers.", totals.asset_bytes_fetched);
   }
 
-  void process() const {
+  void process() {
     rusage used{};
     getrusage(RUSAGE_SELF, &used);
     const auto seconds = [](const timeval& time) {
@@ -219,13 +225,37 @@ class BrokerMetrics final : public prometheus::Collectable {
 
   const Context& context_;
   const Statistics& statistics_;
-  mutable std::vector<MetricFamily> families_;
+  std::vector<MetricFamily> families_;
 };
 
 }  // namespace
 
+void Statistics::add(const Context& loop) {
+  add_to(counters, loop.counters);
+  for (const auto& [rung, steps] : loop.counters.ladder_down) counters.ladder_down[rung] += steps;
+  for (const auto& [rung, steps] : loop.counters.ladder_up) counters.ladder_up[rung] += steps;
+  counters.latency += loop.counters.latency;
+  counters.hold += loop.counters.hold;
+  connections.push_back(loop.connection_count);
+  for (const Stream* stream : loop.hub.streams()) {
+    Made& sum = made[stream->name()];
+    sum.frames += stream->frames_made();
+    sum.poses_failed += stream->poses_failed();
+    sum.profiles += stream->profile_count();
+  }
+}
+
+Statistics::Made Statistics::made_of(const std::string& stream) const {
+  const auto found = made.find(stream);
+  return found == made.end() ? Made{} : found->second;
+}
+
+std::uint64_t Statistics::connections_total() const {
+  return std::accumulate(connections.begin(), connections.end(), std::uint64_t{0});
+}
+
 std::string metrics_text(const Context& context, const Statistics& statistics) {
-  return prometheus::TextSerializer().Serialize(BrokerMetrics(context, statistics).Collect());
+  return prometheus::TextSerializer().Serialize(BrokerMetrics(context, statistics).families());
 }
 
 }  // namespace eigencast::broker

@@ -1,12 +1,32 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <cstdint>
+#include <map>
 #include <string>
+#include <vector>
 
 #include "broker/context/context.h"
-#include "broker/operation/statistics.h"
 
 namespace eigencast::broker {
+
+/// Totals of all event loops for the admin port: each loop adds its part on its own thread (Loops::for_each_loop).
+struct Statistics {
+  struct Made {
+    std::uint64_t frames = 0;
+    std::uint64_t poses_failed = 0;
+    std::uint64_t profiles = 0;
+  };
+
+  void add(const Context& loop);
+  Made made_of(const std::string& stream) const;  ///< Zeros for an unknown stream.
+
+  Counters counters;
+  std::vector<std::uint64_t> connections;  ///< Open connections of each loop.
+  std::map<std::string, Made, std::less<>> made;
+
+  std::uint64_t connections_total() const;
+};
 
 /// All metrics in Prometheus's text format, 0.0.4. Peers choose no label values, so the number of series is fixed. Call
 /// on the first loop's thread with its context and the statistics of all loops.

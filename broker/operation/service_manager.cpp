@@ -35,24 +35,8 @@ Result<InheritedSockets> inherited_sockets() {
   return result;
 }
 
-void ready(const std::string& status) {
-  sd_notify(0, ("READY=1\nSTATUS=" + status).c_str());
-}
-
-void reloading(TimeUs now_us) {
-  sd_notify(0, ("RELOADING=1\nMONOTONIC_USEC=" + std::to_string(now_us)).c_str());
-}
-
-void stopping() {
-  sd_notify(0, "STOPPING=1");
-}
-
-void status(const std::string& status) {
-  sd_notify(0, ("STATUS=" + status).c_str());
-}
-
-void notify_watchdog() {
-  sd_notify(0, "WATCHDOG=1");
+void notify(const std::string& state) {
+  sd_notify(0, state.c_str());
 }
 
 std::optional<TimeUs> watchdog_us() {

@@ -23,13 +23,9 @@ namespace service_manager {
 /// Errors: kInvalidArgument (others than those, or not a listening TCP socket).
 Result<InheritedSockets> inherited_sockets();
 
-void ready(const std::string& status);
-void reloading(TimeUs now_us);
-void stopping();
-void status(const std::string& status);
-/// Reports that the event loops run.
-void notify_watchdog();
-/// The longest period between calls of notify_watchdog(); nothing: no watchdog.
+/// Reports lines of sd_notify(3), such as "READY=1\nSTATUS=...".
+void notify(const std::string& state);
+/// The longest period between reports of "WATCHDOG=1"; nothing: no watchdog.
 std::optional<TimeUs> watchdog_us();
 
 }  // namespace service_manager

@@ -59,8 +59,6 @@ Result<std::unique_ptr<AssetStore>> AssetStore::open(const std::string& data_dir
 AssetStore::AssetStore(std::string root, const Settings& settings, FileHandle lock)
     : root_(std::move(root)), settings_(settings), lock_(std::move(lock)) {}
 
-AssetStore::~AssetStore() = default;
-
 Result<void> AssetStore::prepare() {
   std::error_code error;
   fs::remove_all(root_ + "/uploading", error);

@@ -44,9 +44,6 @@ class AssetStore final : public StreamTap {
   class Upload {
    public:
     ~Upload();
-    Upload(const Upload&) = delete;
-    Upload& operator=(const Upload&) = delete;
-
     /// Errors: kTooLarge (object), kIo (a full store or disk).
     Result<void> write(ByteView data);
     /// Verifies the object and makes it durable and visible. True: new; false: it existed. Blocks on the disk.
@@ -72,7 +69,6 @@ class AssetStore final : public StreamTap {
 
   /// Errors: kIo, kRefused (another broker uses the folder).
   static Result<std::unique_ptr<AssetStore>> open(const std::string& data_dir, const Settings& settings);
-  ~AssetStore() override;
 
   bool contains(const Sha256& id) const;
   // Errors of these: kNotFound, kIo.

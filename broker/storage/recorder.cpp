@@ -92,13 +92,13 @@ struct Recorder::Session {
 
 struct Recorder::Item {
   enum class Kind { kAnnounce, kKey, kEnd } kind = Kind::kKey;
-  SessionPtr session;
-  KeyRecordPtr record;
-  bool checkpoint = false;      ///< Write the state after this key.
-  bool frame = true;            ///< Write the key itself.
-  std::uint64_t lost = 0;       ///< Keys dropped before this one.
-  control::Announce announced;  ///< kAnnounce
-  CoefficientLayout layout;
+  SessionPtr session{};
+  KeyRecordPtr record{};
+  bool checkpoint = false;        ///< Write the state after this key.
+  bool frame = true;              ///< Write the key itself.
+  std::uint64_t lost = 0;         ///< Keys dropped before this one.
+  control::Announce announced{};  ///< kAnnounce
+  CoefficientLayout layout{};
   std::size_t bytes = 0;
 };
 
@@ -170,14 +170,13 @@ void Recorder::on_announced(const Stream& stream) {
 }
 
 void Recorder::announce(const SessionPtr& session, const Stream& stream) {
-  Item item;
-  item.kind = Item::Kind::kAnnounce;
-  item.session = session;
-  item.announced = stream.announcement();
-  item.layout = stream.layout();
-  item.bytes = kItemBytes;
   session->announced = session->wants_checkpoint = true;
-  push(std::move(item));  // Ignores the bound: one per epoch, and the file is unreadable without it.
+  // Ignores the bound: one per epoch, and the file is unreadable without it.
+  push({.kind = Item::Kind::kAnnounce,
+        .session = session,
+        .announced = stream.announcement(),
+        .layout = stream.layout(),
+        .bytes = kItemBytes});
 }
 
 void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
@@ -188,24 +187,23 @@ void Recorder::on_key(const Stream& stream, const KeyRecordPtr& record) {
   Session& session = *found->second;
   if (session.failed) return;
   if (!session.announced) announce(found->second, stream);
-  Item item;
-  item.bytes = kItemBytes + record->payload.size();
-  if (totals_.queued_bytes + item.bytes > settings_.max_queued_bytes) {
+  const std::size_t bytes = kItemBytes + record->payload.size();
+  if (totals_.queued_bytes + bytes > settings_.max_queued_bytes) {
     ++session.lost;
     ++session.info.lost;
     ++totals_.lost;
     session.wants_checkpoint = true;
     return;
   }
-  const TimeUs now_us = record->arrival_us;
-  item.session = found->second;
-  item.record = record;
-  item.frame = !session.wants_checkpoint;
-  item.checkpoint = session.wants_checkpoint || now_us - session.checkpoint_us >= kCheckpointEveryUs;
-  item.lost = std::exchange(session.lost, 0);
-  if (item.checkpoint) session.checkpoint_us = now_us;
-  session.wants_checkpoint = false;
-  push(std::move(item));
+  const bool gap = std::exchange(session.wants_checkpoint, false);
+  const bool checkpoint = gap || record->arrival_us - session.checkpoint_us >= kCheckpointEveryUs;
+  if (checkpoint) session.checkpoint_us = record->arrival_us;
+  push({.session = found->second,
+        .record = record,
+        .checkpoint = checkpoint,
+        .frame = !gap,
+        .lost = std::exchange(session.lost, 0),
+        .bytes = bytes});
 }
 
 void Recorder::on_stalled(const Stream& stream) {
@@ -215,18 +213,13 @@ void Recorder::on_stalled(const Stream& stream) {
   if (found != sessions_.end() && found->second->automatic) end(found->second);
 }
 
-void Recorder::on_forgotten(const Stream&) {}
-
 void Recorder::push(Item item) {
   totals_.queued_bytes += item.bytes;
   queue_.push_back(std::move(item));
 }
 
 void Recorder::end(const SessionPtr& session) {
-  Item item;
-  item.kind = Item::Kind::kEnd;
-  item.session = session;
-  push(std::move(item));
+  push({.kind = Item::Kind::kEnd, .session = session});
   sessions_.erase(session->stream);
   active_ = totals_.active = sessions_.size();
 }

@@ -61,8 +61,6 @@ class Recorder final : public StreamTap {
   Recorder(Settings settings, AssetStore& assets, LogSink log);
   /// Finishes all recordings.
   ~Recorder() override;
-  Recorder(const Recorder&) = delete;
-  Recorder& operator=(const Recorder&) = delete;
 
   /// Records `stream` from its next key; the stream may not exist yet. REQUIRES: check_stream_name passed.
   /// Errors: kRefused (it is being recorded), kTooLarge (quota used up).
@@ -76,7 +74,7 @@ class Recorder final : public StreamTap {
   void on_announced(const Stream& stream) override;
   void on_key(const Stream& stream, const KeyRecordPtr& record) override;
   void on_stalled(const Stream& stream) override;
-  void on_forgotten(const Stream& stream) override;
+  void on_forgotten(const Stream&) override {}
 
  private:
   struct Session;

@@ -22,7 +22,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     }
   }
   const auto range = range_from_header(text, 1000);
-  if (range.kind == RangeRequest::Kind::kPart && (range.range.first > range.range.last || range.range.last > 999)) {
+  if (range.kind == RangeRequest::Kind::kPart && (range.first > range.last || range.last > 999)) {
     std::abort();
   }
   (void)etag_matches(text, "\"x\"");

@@ -77,7 +77,7 @@ LIBRARIES = {
     "Spectra": (r"Spectra/", {"common/spectral"}, 1),
     "nanoflann": (r"nanoflann\.hpp", {"common/spectral", "common/progressive"}, 4),
     "zstd": (r"zstd\.h", {"common/asset/tiles"}, 2),
-    "OpenSSL": (r"openssl/", {"common/core/hash", "common/net", "broker/access", "broker/context", "broker/sockets", "broker/websocket"}, 10),
+    "OpenSSL": (r"openssl/", {"common/core/hash", "common/net", "broker/access", "broker/sockets", "broker/websocket"}, 10),
     "Boost": (r"boost/", {"common/net", "broker", "broker/access", "broker/backbone", "broker/config", "broker/connections", "broker/http", "broker/loops",
                          "broker/sockets"}, 36),
     "Boost.Beast": (r"boost/beast/", {"common/net", "broker/http"}, 9),

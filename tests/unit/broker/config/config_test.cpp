@@ -13,7 +13,6 @@
 #include <sstream>
 
 #include "broker/command_line/options.h"
-#include "broker/config/paths.h"
 #include "broker/config/show.h"
 
 namespace eigencast::broker {

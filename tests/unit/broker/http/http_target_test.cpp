@@ -59,8 +59,8 @@ TEST(RangeTest, SingleRangesAreServed) {
   const auto expect = [](const char* header, std::uint64_t first, std::uint64_t last) {
     const auto range = range_from_header(header, 100);
     EXPECT_EQ(range.kind, Kind::kPart) << header;
-    EXPECT_EQ(range.range.first, first) << header;
-    EXPECT_EQ(range.range.last, last) << header;
+    EXPECT_EQ(range.first, first) << header;
+    EXPECT_EQ(range.last, last) << header;
   };
   expect("bytes=0-0", 0, 0);
   expect("bytes=10-", 10, 99);

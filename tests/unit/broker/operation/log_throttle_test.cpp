@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "broker/operation/log_throttle.h"
+#include "broker/operation/logger.h"
 
 #include <gtest/gtest.h>
 
