@@ -164,7 +164,7 @@ std::optional<Denial> Gate::admit_admin(const AccessRequest& request, AdminReque
                                         std::int64_t now_unix_s) {
   const auto rules = policy();
   const bool free = ask == AdminRequest::kRead || !rules->has_tokens();
-  if (free && rules->is_local(request)) return std::nullopt;
+  if (free && rules->is_local(request, false)) return std::nullopt;
   if (ask == AdminRequest::kRead && rules->is_monitor(request)) return std::nullopt;
   auto admitted = admit(request, now_us, now_unix_s);
   if (auto* denied = std::get_if<Denial>(&admitted)) return std::move(*denied);

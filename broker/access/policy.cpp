@@ -44,12 +44,16 @@ bool is_listed(const std::vector<std::string>& origins, std::string_view origin)
                      [&](const std::string& pattern) { return origin_matches(pattern, origin); });
 }
 
+/// "[::1]:7490" -> "::1", "localhost:7490" -> "localhost".
+std::string_view without_port(std::string_view host) {
+  return host.starts_with('[') ? host.substr(1, host.find(']') - 1) : host.substr(0, host.find(':'));
+}
+
 /// Equality of the origin with the Host header proves nothing: a foreign name can resolve to 127.0.0.1 (DNS rebinding).
 bool is_local_page(std::string_view origin) {
   const auto scheme = origin.find("://");
   if (scheme == std::string_view::npos) return false;
-  std::string_view host = origin.substr(scheme + 3);
-  host = host.starts_with('[') ? host.substr(1, host.find(']') - 1) : host.substr(0, host.find(':'));
+  const std::string_view host = without_port(origin.substr(scheme + 3));
   const auto address = IpAddress::from_text(host);
   return host == "localhost" || (address && address->is_loopback());
 }
@@ -117,6 +121,7 @@ Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Conf
                        : anonymous == "anywhere" ? Anonymous::kAnywhere
                                                  : Anonymous::kLoopback;
   policy->origins_ = config.access.origins;
+  policy->hosts_ = config.access.hosts;
   policy->of_address_ = quota_from(config.per_address);
   policy->of_token_ = quota_from(config.per_token);
   policy->failures_per_minute_ = config.access.failures_per_minute;
@@ -143,10 +148,19 @@ bool AccessPolicy::is_trusted_proxy(const IpAddress& address) const {
   return is_within(proxies_, address);
 }
 
+bool AccessPolicy::names_broker(std::string_view host) const {
+  const std::string_view name = without_port(host);
+  return host.empty() || name == "localhost" || IpAddress::from_text(name) ||
+         std::find(hosts_.begin(), hosts_.end(), name) != hosts_.end();
+}
+
+bool AccessPolicy::is_direct(const AccessRequest& request) const {
+  return !request.forwarded.any() && names_broker(request.host);
+}
+
 bool AccessPolicy::is_monitor(const AccessRequest& request) const {
   // Browser pages are not monitors, whatever their machine.
-  const ClientAddress from = client_address(request);
-  return !from.uncertain && request.origin.empty() && is_within(monitors_, from.address);
+  return is_direct(request) && request.origin.empty() && is_within(monitors_, request.peer);
 }
 
 bool AccessPolicy::vouches_for(const Identity& identity, const AccessPolicy& former) const {
@@ -220,18 +234,20 @@ std::variant<Identity, Denial> AccessPolicy::identify_token(std::string_view tok
   return identity;
 }
 
-bool AccessPolicy::is_local(const AccessRequest& request) const {
-  const ClientAddress from = client_address(request);
-  return from.address.is_loopback() && !from.uncertain &&
-         (request.origin.empty() || is_local_page(request.origin) || is_listed(origins_, request.origin));
+bool AccessPolicy::is_local(const AccessRequest& request, bool listed_pages) const {
+  return request.peer.is_loopback() && is_direct(request) &&
+         (request.origin.empty() || is_local_page(request.origin) ||
+          (listed_pages && is_listed(origins_, request.origin)));
 }
 
 std::variant<Identity, Denial> AccessPolicy::identify_anonymous(const AccessRequest& request, Identity identity) const {
-  const bool local = is_local(request);
+  const bool local = is_local(request, true);
   if (anonymous_ == Anonymous::kNobody || (anonymous_ == Anonymous::kLoopback && !local)) {
     std::string why = "this broker asks for a token";
-    if (identity.client.uncertain && identity.client.address.is_loopback()) {
-      why += " (the request came through a proxy that is not in proxy.trusted, so it does not count as local)";
+    if (request.peer.is_loopback() && request.forwarded.any()) {
+      why += " (the request came through a proxy, so it does not count as local)";
+    } else if (!names_broker(request.host)) {
+      why += " ('" + request.host.substr(0, 64) + "' is not an address, localhost or a name of access.hosts)";
     }
     return denial(401, std::move(why));
   }

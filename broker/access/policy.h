@@ -76,8 +76,9 @@ class AccessPolicy {
   }
   /// Keeps pages of other sites from using their visitor's access; only browsers send an origin.
   bool allows_origin(const AccessRequest& request) const;
-  /// Whether a request comes from this machine, and not from a foreign page in a browser on it.
-  bool is_local(const AccessRequest& request) const;
+  /// Whether a request comes from this machine: over loopback, through no proxy, and not from a foreign page in a browser
+  /// here. Pages that access.origins lists count if `listed_pages`. Claimed addresses never do.
+  bool is_local(const AccessRequest& request, bool listed_pages) const;
   bool has_tokens() const { return !tokens_.keys.empty() || static_tokens_.size() > 0; }
   /// Whether anonymous clients anywhere may fetch assets.
   bool serves_everybody() const {
@@ -90,6 +91,10 @@ class AccessPolicy {
   bool expiry_disconnects() const { return expiry_disconnects_; }
 
  private:
+  /// Whether `host` is an address, localhost, or listed in access.hosts. Any other name may be a foreign page's own, which
+  /// its owner lets resolve to this machine (DNS rebinding).
+  bool names_broker(std::string_view host) const;
+  bool is_direct(const AccessRequest& request) const;
   std::variant<Identity, Denial> identify_token(std::string_view token, Identity identity, std::int64_t now_s) const;
   std::variant<Identity, Denial> identify_anonymous(const AccessRequest& request, Identity identity) const;
 
@@ -100,6 +105,7 @@ class AccessPolicy {
   TokenFile static_tokens_;
   mutable TokenCache checked_;
   std::vector<std::string> origins_;
+  std::vector<std::string> hosts_;
   std::vector<IpRange> proxies_;
   ProxyHeader proxy_header_ = ProxyHeader::kXForwardedFor;
   std::vector<IpRange> monitors_;

@@ -2,6 +2,7 @@
 #include "broker/http/http_connection.h"
 
 #include <algorithm>
+#include <array>
 #include <boost/asio/executor_work_guard.hpp>
 #include <boost/asio/post.hpp>
 #include <boost/asio/thread_pool.hpp>
@@ -76,6 +77,8 @@ std::optional<std::uint64_t> HttpConnection::content_length() const {
 }
 
 AccessRequest HttpConnection::access_request(std::string query_token) const {
+  const auto is_there = [&](const char* name) { return !header(name).empty(); };
+  constexpr std::array kOthers = {"Via", "X-Real-IP", "X-Forwarded-Host", "X-Forwarded-Proto"};
   // All fields of the forwarded: one that a client sent must not hide those that a proxy added.
   return {peer_,
           header("Authorization"),
@@ -83,7 +86,8 @@ AccessRequest HttpConnection::access_request(std::string query_token) const {
           header("Origin"),
           header("Host"),
           header("X-Forwarded-Host"),
-          {joined_headers("X-Forwarded-For"), joined_headers("Forwarded")}};
+          {joined_headers("X-Forwarded-For"), joined_headers("Forwarded"),
+           std::any_of(kOthers.begin(), kOthers.end(), is_there)}};
 }
 
 bool HttpConnection::is_websocket_upgrade() const {

@@ -54,6 +54,11 @@ def make_key(public):
     subprocess.run(["openssl", "ec", "-in", key, "-pubout", "-out", public], check=True, capture_output=True)
 
 
+def make_certificate(certificate, key):
+    subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2", "-subj",
+                    "/CN=localhost", "-keyout", key, "-out", certificate], check=True, capture_output=True)
+
+
 class Deploy(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
@@ -104,7 +109,10 @@ class Deploy(unittest.TestCase):
         environment |= {"EIGENCAST_BROKER_SERVICE_HOST": "10.0.0.1", "EIGENCAST_BROKER_PORT": "tcp://10.0.0.1:7490", "EIGENCAST_BROKER_PORT_7490_TCP_PORT": "7490"}
         with tempfile.TemporaryDirectory() as folder:
             make_key(f"{folder}/main.pem")
-            (pathlib.Path(folder) / "eigencast.toml").write_text(toml.replace("/keys/main.pem", f"{folder}/main.pem"))
+            make_certificate(f"{folder}/nats-ca.pem", f"{folder}/nats-ca.key")
+            (pathlib.Path(folder) / "nats.creds").touch(0o600)
+            toml = toml.replace("/keys/", f"{folder}/")
+            (pathlib.Path(folder) / "eigencast.toml").write_text(toml)
             shown = self.settings_of([word.replace("/etc/eigencast/", "") for word in words], environment, folder)
         wanted = tomllib.loads(toml)
         wanted["access"].pop("jwt_keys")
@@ -112,6 +120,8 @@ class Deploy(unittest.TestCase):
             self.assertEqual({key: shown[section][key] for key in settings}, settings, section)
         self.assertTrue(wanted["server"]["admin_listen"].startswith("0.0.0.0:"), "the kubelet asks from outside of the pod")
         self.assertTrue(wanted["access"]["monitors"], "Prometheus and the autoscaler read the admin port without a token")
+        self.assertEqual(wanted["access"]["anonymous"], "nowhere")
+        self.assertTrue(all(server.startswith("tls://") for server in wanted["backbone"]["servers"]))
 
     def test_a_container_has_the_compose_settings(self):
         entry, environment = image()
@@ -123,6 +133,8 @@ class Deploy(unittest.TestCase):
             shown = self.settings_of([word.replace("/etc/eigencast/", "") for word in entry[1:]], environment | said | given, folder)
         self.assertEqual(shown["server"]["admin_listen"], said["EIGENCAST_SERVER__ADMIN_LISTEN"])
         self.assertEqual(shown["access"]["monitors"], [said["EIGENCAST_ACCESS__MONITORS"]])
+        targets = re.search(r'targets: \["(\w+):7491"\]', (DEPLOY / "prometheus/prometheus.yml").read_text())
+        self.assertEqual(shown["access"]["hosts"], [targets[1]], "Prometheus asks for the broker by this name")
         self.assertEqual(shown["proxy"]["trusted"], [said["EIGENCAST_PROXY__TRUSTED"]])
 
 
@@ -142,8 +154,7 @@ class Prometheus(unittest.TestCase):
 class Nginx(unittest.TestCase):
     def test_nginx_takes_the_site_of_compose(self):
         with tempfile.TemporaryDirectory() as folder:
-            subprocess.run(["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days", "2", "-subj",
-                            "/CN=localhost", "-keyout", "tls.key", "-out", "tls.crt"], cwd=folder, check=True, capture_output=True)
+            make_certificate(f"{folder}/tls.crt", f"{folder}/tls.key")
             site = (DEPLOY / "container/nginx.conf").read_text()
             self.assertIn("http://broker:7490/", site)
             site = site.replace("http://broker:", "http://127.0.0.1:").replace("/etc/nginx/tls/", f"{folder}/")

@@ -64,6 +64,14 @@ for (const o of objects.filter((o) => o.kind === 'Service')) {
 }
 if (JSON.stringify(find('PodDisruptionBudget').spec.selector.matchLabels) !== labels) problems.push('the disruption budget selects other pods');
 if (!find('Service', set.spec.serviceName)) problems.push(`no service ${set.spec.serviceName}`);
+if (set.spec.replicas !== undefined) problems.push('replicas would undo the autoscaler at each apply');
+if (pod.spec.automountServiceAccountToken !== false) problems.push('pods get a token of Kubernetes that they do not use');
+const policy = find('NetworkPolicy').spec;
+if (JSON.stringify(policy.podSelector.matchLabels) !== labels) problems.push('the network policy selects other pods');
+for (const rule of policy.ingress) {
+  if (!rule.from?.length || rule.ports?.length !== 1) problems.push('a rule of the network policy is open');
+  for (const p of rule.ports ?? []) if (!ports.includes(p.port)) problems.push(`network policy: no port ${p.port}`);
+}
 const target = find('HorizontalPodAutoscaler').spec.scaleTargetRef;
 if (!find(target.kind, target.name)) problems.push(`no ${target.kind} ${target.name} to scale`);
 for (const rule of find('Ingress').spec.rules) {

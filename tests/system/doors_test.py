@@ -32,11 +32,11 @@ def own_address():
         return probe.getsockname()[0]
 
 
-def ask(port, method, target, body=None, host="127.0.0.1", source=None):
+def ask(port, method, target, body=None, host="127.0.0.1", source=None, headers={}):
     """Status, headers and body of one answer; `source`: the address that it is asked from, if not `host`."""
     connection = http.client.HTTPConnection(host, port, timeout=20, source_address=(source or host, 0))
     try:
-        connection.request(method, target, body)
+        connection.request(method, target, body, headers)
         answer = connection.getresponse()
         return answer.status, answer.headers, answer.read().decode()
     finally:
@@ -48,6 +48,16 @@ class Doors(unittest.TestCase):
         broker = Broker(BROKER, *flags)
         self.addCleanup(broker.__exit__)
         return ports_of(pathlib.Path(broker.folder) / "port")
+
+    def test_a_claimed_or_rebound_address_is_not_local(self):
+        data, admin = self.start("--proxy-trusted=127.0.0.0/8", "--access-monitors=127.0.0.0/8", "--access-hosts=broker")
+        for port, target in ((data, "/v1/streams"), (admin, "/api/clients"), (admin, "/metrics")):
+            for good in ({}, {"Host": "localhost:1"}, {"Host": "[::1]"}, {"Host": "broker:7490"}):
+                self.assertEqual(ask(port, "GET", target, headers=good)[0], 200, (target, good))
+            for bad in ({"X-Forwarded-For": "127.0.0.1"}, {"Forwarded": "for=127.0.0.1"}, {"X-Real-IP": "127.0.0.1"}, {"Via": "1.1 a"},
+                        {"X-Forwarded-Host": "localhost"}, {"Host": "evil.example"}, {"Host": "localhost.evil.example"},
+                        {"Host": "127.0.0.1.evil.example:7490"}):
+                self.assertEqual(ask(port, "GET", target, headers=bad)[0], 401, (target, bad))
 
     def test_a_reload_that_comes_too_late_ends_nothing(self):
         for _ in range(3):

@@ -73,6 +73,8 @@ class ProxyTest : public AccessTest {
         {"/etc/ssl/certs/localhost.pem", scene_.file("proxy.pem")},
         {"/etc/ssl/private/localhost.key", scene_.file("proxy.key")},
         {"127.0.0.1:7490", "127.0.0.1:" + scene_.port()},
+        {"/var/log/nginx/eigencast.log", scene_.file("access.log")},
+        {"/var/log/nginx/eigencast-error.log", scene_.file("error.log")},
         {"/var/cache/nginx-eigencast", scene_.file("kept")}};
     all.insert(all.end(), changes.begin(), changes.end());
     for (const auto& [from, to] : all) {
@@ -145,15 +147,18 @@ class ProxyTest : public AccessTest {
   int curls_ = 0;
 };
 
-TEST_F(ProxyTest, ASubPathStreamsAndMissingTrustLocksOut) {
-  write_secret(scene_.file("eigencast.toml"), "[proxy]\ntrusted = [\"127.0.0.1\"]\n");
+TEST_F(ProxyTest, ASubPathStreamsAndProxiedClientsAreNotLocal) {
+  const std::string trusted = "[proxy]\ntrusted = [\"127.0.0.1\"]\n";
+  write_secret(scene_.file("eigencast.toml"), "[access]\nanonymous = \"anywhere\"\n" + trusted);
   auto broker = scene_.start_broker(configured());
   ASSERT_NO_FATAL_FAILURE(start_nginx());
   auto sender = start_sender();
   const std::string ca = scene_.file("proxy.pem");
-  EXPECT_TRUE(watches("local", {"--ca", ca})) << "a local viewer through a named proxy is local: " << scene_.logs();
-  ASSERT_NO_FATAL_FAILURE(reload(*broker, "[proxy]\ntrusted = []\n"));
-  EXPECT_THAT(refusal("unnamed", {"--ca", ca}), HasSubstr("proxy.trusted"));
+  EXPECT_TRUE(watches("anybody", {"--ca", ca})) << scene_.logs();
+  for (const std::string& proxies : {trusted, std::string("[proxy]\ntrusted = []\n")}) {
+    ASSERT_NO_FATAL_FAILURE(reload(*broker, "[access]\nanonymous = \"loopback\"\n" + proxies));
+    EXPECT_THAT(refusal("claimed", {"--ca", ca}), HasSubstr("came through a proxy"));
+  }
 }
 
 TEST_F(ProxyTest, ForgedClientAddressesAreIgnored) {
@@ -163,7 +168,7 @@ TEST_F(ProxyTest, ForgedClientAddressesAreIgnored) {
   write_secret(scene_.file("eigencast.toml"), "[proxy]\ntrusted = [\"127.0.0.1\"]\n");
   auto broker = scene_.start_broker(configured());
   ASSERT_NO_FATAL_FAILURE(start_nginx());
-  EXPECT_THAT(curl(url("https", "streams")), HasSubstr(" 200"));
+  EXPECT_THAT(curl(url("https", "streams")), HasSubstr(" 401")) << "127.0.0.1, but through a proxy";
   const std::string target = url("https", "streams", outside);
   EXPECT_THAT(curl(target), HasSubstr(" 401")) << "anonymous, from elsewhere";
   for (const char* forged : {"X-Forwarded-For: 127.0.0.1", "Forwarded: for=127.0.0.1", "X-Real-IP: 127.0.0.1",
@@ -177,9 +182,25 @@ TEST_F(ProxyTest, ForgedClientAddressesAreIgnored) {
               HasSubstr(" 403"));
 }
 
+TEST_F(ProxyTest, LogsHoldNoTokens) {
+  if (!on_path("curl")) GTEST_SKIP() << "no curl";
+  auto broker = scene_.start_broker(configured());
+  ASSERT_NO_FATAL_FAILURE(start_nginx());
+  const std::string secret = "a-token-in-the-query";
+  EXPECT_THAT(curl(url("https", "streams?access_token=" + secret)), HasSubstr(" 401"));
+  broker->signal(SIGKILL);
+  broker->wait(kPatience);
+  EXPECT_THAT(curl(url("https", "streams?access_token=" + secret)), HasSubstr(" 502"));
+  EXPECT_TRUE(eventually([&] { return text_of(scene_.file("access.log")).find("\" 502 ") != std::string::npos; }));
+  for (const char* log : {"access.log", "error.log", "nginx.log"}) {
+    EXPECT_EQ(text_of(scene_.file(log)).find(secret), std::string::npos) << log;
+  }
+}
+
 TEST_F(ProxyTest, AnIdleViewerOutlivesTheProxyTimeout) {
   // An hour of silence at 60 s and pings every 15 s; here seconds, in the same ratio of four pings to a timeout.
-  write_secret(scene_.file("eigencast.toml"), "[proxy]\ntrusted = [\"127.0.0.1\"]\n");
+  write_secret(scene_.file("eigencast.toml"),
+               "[access]\nanonymous = \"anywhere\"\n[proxy]\ntrusted = [\"127.0.0.1\"]\n");
   auto broker = scene_.start_broker(configured({"--timeouts-idle-ms", "2000"}));
   ASSERT_NO_FATAL_FAILURE(start_nginx(
       {{"proxy_read_timeout 60s", "proxy_read_timeout 4s"}, {"proxy_send_timeout 60s", "proxy_send_timeout 4s"}}));

@@ -34,7 +34,7 @@ AccessRequest request_from(const char* peer, const std::string& token = {}) {
   AccessRequest request;
   request.peer = IpAddress::from_text(peer).value();
   if (!token.empty()) request.authorization = "Bearer " + token;
-  request.host = "broker.example:7490";
+  request.host = "127.0.0.1:7490";
   return request;
 }
 
@@ -120,16 +120,59 @@ TEST(TokenCacheTest, IsBoundedAndChecksTimes) {
   EXPECT_FALSE(cache.find(hash(2 * TokenCache::kMaxTokens + 4), 5, 105));
 }
 
-TEST_F(GateTest, UnknownProxyIsNotLocal) {
+TEST_F(GateTest, ClaimedAddressIsNeverLocal) {
+  config_.access.monitors = {"10.0.0.0/8", "127.0.0.1"};
+  for (const bool trusted : {false, true}) {
+    if (trusted) config_.proxy.trusted = {"127.0.0.1", "10.0.0.0/8"};
+    gate_.reset();
+    for (const char* peer : {"127.0.0.1", "10.1.2.3", "::1"}) {
+      const auto with = [&](auto&& change) {
+        auto request = request_from(peer);
+        change(request.forwarded);
+        EXPECT_EQ(turned_away(request).status, 401) << peer;
+        EXPECT_TRUE(gate().admit_admin(request, Gate::AdminRequest::kRead, 0, kNow)) << peer;
+      };
+      with([](ForwardedHeaders& headers) { headers.x_forwarded_for = "127.0.0.1"; });
+      with([](ForwardedHeaders& headers) { headers.x_forwarded_for = "10.1.2.4, 127.0.0.1"; });
+      with([](ForwardedHeaders& headers) { headers.forwarded = "for=127.0.0.1"; });
+      with([](ForwardedHeaders& headers) { headers.others = true; });
+    }
+  }
+}
+
+TEST_F(GateTest, ReboundNameIsNeitherLocalNorMonitor) {
+  config_.access.monitors = {"10.0.0.0/8"};
+  const auto read_as = [&](const char* peer, const char* host) {
+    auto request = request_from(peer);
+    request.host = host;
+    return !gate().admit_admin(request, Gate::AdminRequest::kRead, 0, kNow);
+  };
+  for (const char* peer : {"127.0.0.1", "10.1.2.3"}) {
+    for (const char* own : {"", "localhost", "localhost:7491", "127.0.0.1:7491", "10.9.9.9", "[::1]:7491"}) {
+      EXPECT_TRUE(read_as(peer, own)) << own;
+    }
+    for (const char* foreign : {"evil.example", "evil.example:7491", "localhost.evil.example", "127.0.0.1.evil.example",
+                                "[evil.example]:7491", ":7491", "broker"}) {
+      EXPECT_FALSE(read_as(peer, foreign)) << foreign;
+    }
+  }
   auto request = request_from("127.0.0.1");
-  request.forwarded.x_forwarded_for = "127.0.0.1";
-  EXPECT_THAT(turned_away(request).message, HasSubstr("proxy.trusted"));
-  config_.proxy.trusted = {"127.0.0.1"};
-  gate_.reset();
-  request.forwarded.x_forwarded_for = "8.8.8.8";
+  request.host = "evil.example:7490";
   EXPECT_EQ(turned_away(request).status, 401);
-  request.forwarded.x_forwarded_for = "127.0.0.1";
-  EXPECT_TRUE(let_in(request));
+  config_.access.hosts = {"broker"};
+  reload();
+  EXPECT_TRUE(read_as("10.1.2.3", "broker:7491"));
+}
+
+TEST_F(GateTest, ListedPagesDoNotOpenTheAdminPort) {
+  config_ = {};
+  config_.access.origins = {"https://viewer.example", "*"};
+  auto page = request_from("127.0.0.1");
+  page.origin = "https://viewer.example";
+  EXPECT_TRUE(let_in(page));
+  for (const auto ask : {Gate::AdminRequest::kRead, Gate::AdminRequest::kControl}) {
+    EXPECT_TRUE(gate().admit_admin(page, ask, 0, kNow));
+  }
 }
 
 TEST_F(GateTest, AnonymousRightsFollowConfiguration) {
@@ -316,6 +359,7 @@ TEST_F(GateTest, ForeignOriginsAreRefused) {
   config_.access.origins = {"https://viewer.example", "https://*.lab.example"};
   const auto with = [&](const std::string& origin, const char* peer = "8.8.8.8") {
     auto request = request_from(peer);
+    request.host = "broker.example:7490";
     request.origin = origin;
     auto admitted = gate().admit(request, 0, kNow);
     return std::holds_alternative<GrantPtr>(admitted);
