@@ -23,8 +23,7 @@ double fraction_between(TimeUs from_us, TimeUs to_us, TimeUs t_us) {
 CurveWeights catmull_rom_weights(std::optional<TimeUs> before_us, TimeUs from_us, TimeUs to_us,
                                  std::optional<TimeUs> after_us, TimeUs t_us) {
   const double u = fraction_between(from_us, to_us, t_us), h = span(from_us, to_us);
-  // A parabola departs from the chord by `bend` times u (u - 1), where
-  //   bend = h^2 * second divided difference of the three keys.
+  // A parabola departs from the chord by u (u - 1) bend, bend = h^2 * second divided difference of the three keys.
   // The cubic has bend0 at u = 0 and bend1 at u = 1: chord + u (u - 1) ((1 - u) bend0 + u bend1).
   const double share = u * (u - 1);
   const double share0 = !after_us ? share : share * (1 - u), share1 = !before_us ? share : share * u;

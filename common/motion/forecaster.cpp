@@ -29,7 +29,7 @@ void Forecaster::add_key(std::uint64_t sequence, TimeUs capture_us, TimeUs arriv
   const bool follows = in_order && sequence == last_->sequence + 1 && capture_us - last_->capture_us <= max_span_us_;
   interval_us_ = follows ? capture_us - last_->capture_us : 0;
   follow(capture_us, arrival_us, interval_us_);
-  last_ = LastKey{sequence, capture_us, arrival_us};
+  last_ = Pacer::KeyTimes{sequence, capture_us, arrival_us};
   next_at_ = 1;
   last_emitted_us_ = std::max(last_emitted_us_.value_or(capture_us), capture_us);
   // Skips poses less than half a step after the last emitted one, which would disturb the pace.

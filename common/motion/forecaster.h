@@ -33,9 +33,9 @@ class Forecaster {
   static constexpr TimeUs kStrayUs = 1'000'000;
   static constexpr int kMaxPerKey = 15;  ///< The envelope numbers no more.
 
-  /// k  poses per key interval, 1..15
-  /// max_ahead_us  how long after the newest key estimates end (default: 200 ms)
-  /// max_span_us  keys further apart give no direction (default: 500 ms)
+  /// k             poses per key interval, 1..15
+  /// max_ahead_us  how long after the newest key estimates end
+  /// max_span_us   keys further apart give no direction
   explicit Forecaster(std::uint8_t k, TimeUs max_ahead_us = 200'000, TimeUs max_span_us = 500'000);
 
   void add_key(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us);
@@ -43,7 +43,6 @@ class Forecaster {
   std::optional<Pacer::Due> pop_due(TimeUs now_us);
   std::optional<TimeUs> next_due_us() const;
   void reset();
-
   /// The delay in force; nothing before the first key.
   std::optional<TimeUs> delay_us() const { return delay_us_; }
 
@@ -52,18 +51,13 @@ class Forecaster {
     TimeUs arrival_us;
     TimeUs offset_us;  ///< Arrival minus capture.
   };
-  struct LastKey {
-    std::uint64_t sequence;
-    TimeUs capture_us;
-    TimeUs arrival_us;
-  };
   void follow(TimeUs capture_us, TimeUs arrival_us, TimeUs interval_us);
   std::optional<Pacer::Due> next() const;
 
   std::uint8_t k_;
   TimeUs max_ahead_us_;
   TimeUs max_span_us_;
-  std::optional<LastKey> last_;
+  std::optional<Pacer::KeyTimes> last_;
   TimeUs interval_us_ = 0;  ///< Between the two newest keys; 0: no direction.
   int next_at_ = 1;
   std::optional<TimeUs> last_emitted_us_;  ///< Media time of the newest emitted pose.

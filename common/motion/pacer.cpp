@@ -54,7 +54,7 @@ void Pacer::add_key(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us
   } else {
     bridge(sequence, capture_us, arrival_us);
   }
-  last_ = LastKey{sequence, capture_us, arrival_us};
+  last_ = KeyTimes{sequence, capture_us, arrival_us};
 
   // At most this key interval, the one before it and those of the further keys wait.
   int intervals = 1;

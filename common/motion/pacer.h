@@ -13,7 +13,6 @@ namespace eigencast {
 /// arrive with jitter. Interpolation between key s-1 and key s needs key s (curves also key s+1): a pose of media time m is
 /// due at m + delay, where delay follows (arrival - capture) of the keys plus one key interval, or two.
 ///
-/// Uneven keys:
 ///   jitter      the delay is the largest that a key of the last kWindowUs needed; it grows at once and shrinks by at most
 ///               1/kSlew of the time that passes. Clock drift is followed in the same way.
 ///   late key    up to one key interval the whole schedule moves back. Beyond that expired poses are not made; the key
@@ -28,50 +27,43 @@ namespace eigencast {
 /// Time comes in as arguments; holds no pose data. Not thread-safe.
 class Pacer {
  public:
-  /// One pose that is due: step at/of from key sequence-1 to key sequence (at == of is the key itself).
+  /// Step at/of from key sequence-1 to key sequence (at == of is the key itself).
   struct Due {
     std::uint64_t sequence = 0;
     std::uint8_t at = 0;
     std::uint8_t of = 0;
-    TimeUs capture_us = 0;  ///< Interpolated capture time.
-    TimeUs due_us = 0;      ///< When to emit it.
+    TimeUs capture_us = 0;  ///< Interpolated.
+    TimeUs due_us = 0;
+  };
+
+  struct KeyTimes {
+    std::uint64_t sequence;
+    TimeUs capture_us;
+    TimeUs arrival_us;
   };
 
   static constexpr TimeUs kWindowUs = 3'000'000;    ///< How long a key's delay counts.
   static constexpr TimeUs kSlew = 32;               ///< The delay shrinks by 1/32 of the time that passes (3 %).
   static constexpr std::size_t kMaxArrivals = 512;  ///< Arrivals of keys that are remembered, however fast they come.
 
-  /// k  poses per key interval, 1..15.
-  /// max_span_us  keys further apart than this are not bridged: only the later key itself becomes due (default:
-  ///              500 ms).
+  /// k             poses per key interval, 1..15
+  /// max_span_us   keys further apart than this are not bridged: only the later key itself becomes due
   /// further_keys  keys after key s that its interval waits for: 0 or 1. The wait follows the recent delays: a pose is
-  ///              due whether its further key has come or not.
+  ///               due whether its further key has come or not.
   explicit Pacer(std::uint8_t k, TimeUs max_span_us = 500'000, int further_keys = 0);
 
-  /// A key came. Keys out of order (sequence or capture time not growing) restart the schedule at this key.
   void add_key(std::uint64_t sequence, TimeUs capture_us, TimeUs arrival_us);
-
   /// The next pose if it is due at `now_us`; call until it returns nothing.
   std::optional<Due> pop_due(TimeUs now_us);
-
-  /// When pop_due will next have something; nothing if the queue is empty.
   std::optional<TimeUs> next_due_us() const;
-
   /// The queue, next first; valid until the next call of another member.
   const std::deque<Due>& waiting() const { return queue_; }
-
   /// Forgets everything, as at a new epoch.
   void reset();
-
   /// Poses dropped or never made because newer ones overtook them, in total.
   std::uint64_t dropped() const { return dropped_; }
 
  private:
-  struct LastKey {
-    std::uint64_t sequence;
-    TimeUs capture_us;
-    TimeUs arrival_us;
-  };
   /// The delay that one bridged key needed.
   struct Sample {
     TimeUs arrival_us;
@@ -87,7 +79,7 @@ class Pacer {
   std::uint8_t k_;
   TimeUs max_span_us_;
   int further_keys_;
-  std::optional<LastKey> last_;
+  std::optional<KeyTimes> last_;
   std::optional<TimeUs> delay_us_;
   std::deque<Sample> samples_;  ///< From the last kWindowUs, at most kMaxArrivals.
   int late_in_a_row_ = 0;

@@ -11,10 +11,32 @@
 #include "common/core/bands.h"
 #include "common/core/clock.h"
 #include "common/motion/coefficients.h"
-#include "common/motion/correction.h"
 #include "common/motion/playout_clock.h"
 
 namespace eigencast {
+
+/// Moves a wrongly shown pose to the right one without a jump (projective blending of dead reckoning: Murphy 2011,
+/// "Believable dead reckoning for networked games"): the motion is right at once, and the error fades within kBlendUs.
+/// Time comes in as arguments. Not thread-safe.
+class Correction {
+ public:
+  static constexpr TimeUs kBlendUs = 150'000;
+
+  /// At `now_us` the shown pose is off by `error` (shown minus right), in addition to what still fades. An error of
+  /// another size replaces the old one.
+  void add(std::span<const double> error, TimeUs now_us);
+  /// Adds what remains of the errors at `now_us` to the right pose. Does not change a pose of another size.
+  void apply(std::span<double> pose, TimeUs now_us) const;
+  /// Whether apply() would change anything.
+  bool active(TimeUs now_us) const { return !error_.empty() && remaining(now_us) > 0; }
+  void reset() { error_.clear(); }
+
+ private:
+  double remaining(TimeUs now_us) const;
+
+  std::vector<double> error_;  ///< At since_us_.
+  TimeUs since_us_ = 0;
+};
 
 /// How a viewer makes a pose for each display time.
 enum class PlayoutMode : std::uint8_t {
@@ -32,11 +54,9 @@ struct PlayoutSettings {
   TimeUs max_ahead_us = 200'000;  ///< How long after the newest pose estimates end and are held.
 };
 
-/// How a pose came about: sent by the sender, made between two of its keys, estimated beyond the newest; or held for want
-/// of another.
+/// How a pose came about: sent, made between two keys, estimated beyond the newest; or held for want of another.
 enum class Shown : std::uint8_t { kLive, kInterpolated, kEstimated, kHeld };
 
-/// A pose as it comes, and as it is to be shown.
 struct PlayoutPose {
   TimeUs time_us = 0;         ///< Media time.
   Coefficients coefficients;  ///< Absent bands as they are to be read.
@@ -75,13 +95,10 @@ class Playout {
   /// Takes a pose that arrived at `arrival_us`. Drops it where it is not after the newest (returns false). A pose of
   /// another size replaces all before.
   bool add(PlayoutPose pose, TimeUs arrival_us);
-
   /// The pose to show at `now_us`, which does not go back; nothing before the first one came.
   std::optional<PlayoutPose> at(TimeUs now_us);
-
   /// How long poses are held deliberately.
   TimeUs delay_us() const;
-
   /// Forgets all poses, as at a new epoch.
   void reset();
 

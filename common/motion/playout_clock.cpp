@@ -9,7 +9,6 @@
 namespace eigencast {
 namespace {
 
-// The value that a `share` of `values` does not exceed.
 TimeUs quantile(std::vector<TimeUs>& values, double share) {
   const auto rank = static_cast<std::ptrdiff_t>(share * static_cast<double>(values.size() - 1));
   std::nth_element(values.begin(), values.begin() + rank, values.end());
@@ -17,10 +16,6 @@ TimeUs quantile(std::vector<TimeUs>& values, double share) {
 }
 
 }  // namespace
-
-void PlayoutClock::reset() {
-  *this = {};
-}
 
 void PlayoutClock::add(TimeUs media_us, TimeUs arrival_us) {
   const TimeUs offset_us = arrival_us - media_us;
@@ -56,10 +51,6 @@ TimeUs PlayoutClock::advance(TimeUs now_us, TimeUs delay_us) {
       std::clamp(goal_us, reading_->media_us + passed_us - max_slew_us, reading_->media_us + passed_us + max_slew_us);
   reading_ = Reading{std::max(now_us, reading_->now_us), media_us};
   return media_us;
-}
-
-void PlayoutClock::continue_from(TimeUs media_us, TimeUs now_us) {
-  reading_ = Reading{now_us, media_us};
 }
 
 }  // namespace eigencast

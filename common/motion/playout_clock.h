@@ -26,23 +26,17 @@ class PlayoutClock {
 
   /// Takes a pose's times; media times grow from call to call.
   void add(TimeUs media_us, TimeUs arrival_us);
-
   /// How long to hold a pose for even motion: the interval between poses plus the 95th percentile of the jitter. 0 before
   /// the second pose.
   TimeUs full_delay_us() const { return full_delay_us_; }
-
-  /// False before the first pose.
   bool started() const { return !arrivals_.empty(); }
-
   /// The media time to show at `now_us`, poses held for `delay_us`. REQUIRES: started().
   TimeUs advance(TimeUs now_us, TimeUs delay_us);
   /// Whether the last advance() jumped.
   bool jumped() const { return jumped_; }
-
   /// Continues from `media_us` shown at `now_us`.
-  void continue_from(TimeUs media_us, TimeUs now_us);
-
-  void reset();
+  void continue_from(TimeUs media_us, TimeUs now_us) { reading_ = Reading{now_us, media_us}; }
+  void reset() { *this = {}; }
 
  private:
   struct Arrival {

@@ -5,7 +5,7 @@
 
 #include <random>
 
-#include "common/motion/correction.h"
+#include "common/motion/playout.h"
 #include "tests/unit/motion/support.h"
 
 namespace eigencast {
