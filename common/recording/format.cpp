@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "common/recording/format.h"
 
-#include <algorithm>
-
 namespace eigencast::recording {
 namespace {
 
@@ -26,16 +24,14 @@ std::uint32_t crc32c(std::uint32_t before, ByteView data) {
   return ~crc;
 }
 
-std::array<std::uint8_t, kHeadBytes> head_of(Type type, TimeUs time_us, ByteView body) {
+Bytes head_of(Type type, TimeUs time_us, ByteView body) {
   Bytes head;
   ByteWriter out(head);
   out.u32(static_cast<std::uint32_t>(body.size()));
   out.u8(static_cast<std::uint8_t>(type));
   out.u64(static_cast<std::uint64_t>(time_us));
   out.u32(crc32c(crc32c(0, head), body));
-  std::array<std::uint8_t, kHeadBytes> fixed{};
-  std::copy(head.begin(), head.end(), fixed.begin());
-  return fixed;
+  return head;
 }
 
 }  // namespace eigencast::recording

@@ -51,10 +51,10 @@ struct IndexEntry {
   std::uint64_t announce = 0;
 };
 
-/// What a recording says of itself in its first record.
+/// What a recording says of itself in its first record. Texts have at most 255 bytes.
 struct Start {
-  std::string stream;                 ///< At most 255 bytes.
-  std::string software;               ///< At most 255 bytes.
+  std::string stream;
+  std::string software;
   std::uint64_t started_unix_us = 0;  ///< Wall clock of the recorder.
 };
 
@@ -62,7 +62,7 @@ struct Start {
 /// after that of what stands before it; begin with 0.
 std::uint32_t crc32c(std::uint32_t before, ByteView data);
 
-/// The head of a record over `body`.
-std::array<std::uint8_t, kHeadBytes> head_of(Type type, TimeUs time_us, ByteView body);
+/// The head of a record over `body`, of kHeadBytes.
+Bytes head_of(Type type, TimeUs time_us, ByteView body);
 
 }  // namespace eigencast::recording

@@ -26,9 +26,6 @@ bool is_content(Type type) {
 }  // namespace
 
 Reader::Reader(std::unique_ptr<std::istream> in, std::uint64_t size) : in_(std::move(in)), size_(size) {}
-Reader::Reader(Reader&&) noexcept = default;
-Reader& Reader::operator=(Reader&&) noexcept = default;
-Reader::~Reader() = default;
 
 Result<Reader> Reader::open(const std::string& path) {
   std::error_code error;

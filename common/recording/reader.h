@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <iosfwd>
+#include <istream>
 #include <memory>
 #include <optional>
 #include <string>
@@ -12,7 +12,6 @@
 
 namespace eigencast::recording {
 
-/// What is known of a recording once it is open.
 struct Info {
   Start start;
   TimeUs duration_us = 0;
@@ -37,11 +36,7 @@ class Reader {
   /// A file without its end is read through once. Errors: kNotFound, kIo, kCorrupt (not a recording),
   /// kIncompatibleVersion.
   static Result<Reader> open(const std::string& path);
-  /// The same over bytes.
   static Result<Reader> over(Bytes bytes);
-  Reader(Reader&&) noexcept;
-  Reader& operator=(Reader&&) noexcept;
-  ~Reader();
 
   const Info& info() const { return info_; }
   const std::vector<IndexEntry>& index() const { return index_; }

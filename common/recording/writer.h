@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <memory>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
-#include "common/core/result.h"
+#include "common/core/files.h"
 #include "common/recording/format.h"
 
 namespace eigencast::recording {
@@ -32,10 +32,6 @@ class Writer {
  public:
   /// Makes a new file; one that is there already is left alone. Errors: kRefused (it is there), kIo.
   static Result<Writer> create(const std::string& path, const Start& start);
-  Writer(Writer&&) noexcept;
-  Writer& operator=(Writer&&) noexcept;
-  /// Leaves the file as it is, without an end.
-  ~Writer();
 
   Result<void> announce(TimeUs time_us, std::string_view text);
   Result<void> frame(TimeUs time_us, ByteView message);
@@ -51,17 +47,29 @@ class Writer {
   Result<void> sync();
   /// Index, end, sync. Nothing may follow.
   Result<void> finish();
-
-  std::uint64_t bytes() const;
-  std::uint64_t frames() const;
-  std::uint64_t lost() const;
-  TimeUs duration_us() const;
+  std::uint64_t bytes() const { return written_ + pending_.size(); }
+  std::uint64_t frames() const { return frames_; }
+  std::uint64_t lost() const { return lost_; }
+  TimeUs duration_us() const { return last_us_; }
 
  private:
   friend Result<Recovered> recover(const std::string& path);
-  class Impl;
-  explicit Writer(std::unique_ptr<Impl> impl);
-  std::unique_ptr<Impl> impl_;
+  Writer(std::string path, FileHandle file) : path_(std::move(path)), file_(std::move(file)) {}
+  void append(Type type, TimeUs time_us, ByteView first, ByteView second = {});
+  void append_index();
+  Result<void> write_out();
+  Error give_up(int number);
+
+  std::string path_;
+  FileHandle file_;
+  Bytes pending_;
+  std::uint64_t written_ = 0;
+  std::uint64_t announce_ = 0;    ///< Offset of the last announcement.
+  std::uint64_t last_index_ = 0;  ///< Offset of the last index block; 0: none.
+  std::vector<IndexEntry> entries_;
+  TimeUs last_us_ = 0;
+  std::uint64_t frames_ = 0, lost_ = 0;
+  bool broken_ = false;
 };
 
 }  // namespace eigencast::recording
