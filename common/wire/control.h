@@ -11,6 +11,7 @@
 
 #include "common/core/clock.h"
 #include "common/core/result.h"
+#include "common/core/text.h"
 
 namespace eigencast {
 
@@ -35,8 +36,7 @@ struct StreamFormat {
   std::vector<std::uint32_t> band_ends;  ///< Ascending, last == rows, at most limits::kMaxBands.
   std::string codec = "quantised";       ///< "quantised", "float32" or "float64".
   std::uint32_t velocity_channels = 0;   ///< The last so many channels are velocities of the first; 0 or 2 x this <= c.
-  std::uint32_t velocity_us =
-      1'000'000;  ///< They hold the movement per so many microseconds; 1..limits::kMaxVelocityUs.
+  std::uint32_t velocity_us = 1'000'000;  ///< They hold the movement per so many us; 1..limits::kMaxVelocityUs.
   bool operator==(const StreamFormat&) const = default;
 };
 
@@ -88,11 +88,8 @@ struct Unsubscribe {
 
 /// "stream", broker to client: what a stream is now. Sent after subscribe and whenever it changes.
 struct StreamInfo {
-  enum class State : std::uint8_t {
-    kWaiting,
-    kLive,
-    kStalled
-  };  ///< no sender yet; sender there; sender gone, last pose held
+  /// No sender yet; sender there; sender gone, last pose held.
+  enum class State : std::uint8_t { kWaiting, kLive, kStalled };
   std::string stream;
   State state = State::kWaiting;
   std::uint32_t stream_id = 0;  ///< Set in every state.
@@ -104,7 +101,6 @@ struct StreamInfo {
   std::optional<std::vector<double>> world;
 };
 
-/// The state's word on the wire.
 std::string_view name_of(StreamInfo::State state);
 
 /// "ack", client to broker, ten or more times a second: the newest frame received of each stream.
@@ -152,7 +148,7 @@ struct TraceRequest {
   std::uint32_t every = 0;  ///< Keys whose sequence is a multiple of it; 0: none (any more).
 };
 
-/// The names of the stages that this version stamps (docs/protocol.md).
+/// The stages that this version stamps (docs/protocol.md).
 namespace stage {
 inline constexpr std::string_view kBegun = "begun";              ///< Sender: work on the pose began.
 inline constexpr std::string_view kTransformed = "transformed";  ///< Sender: its coefficients are there.
@@ -191,33 +187,31 @@ using ControlMessage = control::Message;
 
 /// The JSON text of a message. Text that is not UTF-8 is written with U+FFFD in its place.
 /// REQUIRES: numbers are finite and within the ranges that control_from_text checks.
-std::string text_from_control(const ControlMessage& message);
+std::string text_from_control(ControlMessage message);
 
 /// Parses and checks one text message. Safe on hostile input: size and depth are capped, every number is range-checked.
 /// Errors: kTooLarge, kCorrupt (not JSON, wrong type, out of range; the message names the field), kUnsupported (unknown
 /// op).
 Result<ControlMessage> control_from_text(std::string_view text);
 
-/// Checks a stream's name: segments of [A-Za-z0-9._-] joined by '/', at most 128 bytes, no segment "." or "..".
+/// Segments of [A-Za-z0-9._-] joined by '/', at most 128 bytes, no segment "." or "..".
 Result<void> check_stream_name(std::string_view name);
-
 /// Whether rate, form and scheme go together. Errors: kInvalidArgument saying what is missing and what to ask for.
 Result<void> check_profile(const Profile& profile);
 
-/// "raw", "linear", "catmull-rom", ...: the words of queries and messages.
-std::string_view name_of(Profile::Rate rate);
-std::string_view name_of(Profile::Scheme scheme);
+/// The words of queries and messages.
+inline constexpr EnumNames<Profile::Rate, 3> kRateNames{{"raw", "interpolated", "estimated"}};
+inline constexpr EnumNames<Profile::Form, 2> kFormNames{{"full", "compact"}};
+inline constexpr EnumNames<Profile::Scheme, 4> kSchemeNames{{"linear", "catmull-rom", "hermite", "damped"}};
 /// What a query or message without a scheme means.
 Profile::Scheme default_scheme(Profile::Rate rate);
 
-/// Checks rows, channels, bands, codec and velocities against limits.h. Errors: kInvalidArgument naming the field and
-/// what it may be.
+/// Against limits.h. Errors: kInvalidArgument naming the field and what it may be.
 Result<void> check_format(const StreamFormat& format);
 
 /// The profile that the query of a subscribe URL asks for: "rate=raw", "rate=interpolated&k=3&form=compact&bands=2";
 /// "rate=3" is short for interpolated with k = 3. Errors: kInvalidArgument naming the parameter and the values allowed.
 Result<Profile> profile_from_query(std::string_view query);
-/// The query that profile_from_query reads.
 std::string query_from_profile(const Profile& profile);
 
 }  // namespace eigencast

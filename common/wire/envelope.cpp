@@ -1,9 +1,4 @@
 // SPDX-License-Identifier: MIT
-//
-// The envelope's bytes, little-endian (docs/protocol.md, "Envelope"):
-//
-//   0 kind and flags u8 (kind | flags << 3) | 1 bands u8 | 2 step u8 (at << 4 | of) | 3 stream_id u32 | 7 epoch u32 |
-//   11 sequence u64 | 19 capture_us u64
 #include "common/wire/envelope.h"
 
 #include <cassert>

@@ -31,10 +31,10 @@ struct InterpolationStep {
   bool operator==(const InterpolationStep&) const = default;
 };
 
-/// The fixed head of each frame: 27 bytes, little-endian.
+/// The fixed head of each frame: 27 bytes, little-endian (docs/protocol.md, "Envelope").
 ///
-///   offset 0 kind and flags u8 | 1 bands u8 | 2 step u8 | 3 stream_id u32 | 7 epoch u32 | 11 sequence u64 |
-///   19 capture_us u64
+///   0 kind and flags u8 (kind | flags << 3) | 1 bands u8 | 2 step u8 (at << 4 | of) | 3 stream_id u32 | 7 epoch u32 |
+///   11 sequence u64 | 19 capture_us u64
 struct Envelope {
   static constexpr std::size_t kBytes = 27;
   /// Flag of a key or join of compact interpolation: not to be shown when it comes, kStep frames lead up to it.
@@ -46,23 +46,21 @@ struct Envelope {
   InterpolationStep step;       ///< Set unless kKey or kJoin.
   std::uint32_t stream_id = 0;  ///< Given by the broker.
   std::uint32_t epoch = 0;      ///< Given by the broker; names the asset.
-  std::uint64_t sequence =
-      0;                  ///< Number of the key that this frame is, or leads up to. Consecutive keys differ by one.
-  TimeUs capture_us = 0;  ///< When the pose holds, microseconds on the sender's clock; interpolated for steps.
+  std::uint64_t sequence = 0;   ///< Of the key that this frame is, or leads up to. Consecutive keys differ by one.
+  TimeUs capture_us = 0;        ///< When the pose holds, microseconds on the sender's clock; interpolated for steps.
 
   bool operator==(const Envelope&) const = default;
 };
 
-/// A frame apart: its envelope and a view of its payload, which lives as long as the bytes parsed.
 struct FrameView {
   Envelope envelope;
-  ByteView payload;
+  ByteView payload;  ///< Of the bytes parsed.
 };
 
 /// Writes the envelope's 27 bytes at the end of `out`. REQUIRES: what parse_frame checks.
 void append_envelope(const Envelope& envelope, Bytes& out);
 
-/// Takes a binary message apart. Safe on hostile input.
+/// Safe on hostile input.
 /// Errors: kCorrupt (short, unknown kind, reserved bits set, step out of range, bands or payload missing or
 /// superfluous, capture time over limits::kMaxTimeUs), kTooLarge (over limits::kMaxFrameBytes).
 Result<FrameView> parse_frame(ByteView message);

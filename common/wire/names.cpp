@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <optional>
 
@@ -30,32 +29,18 @@ std::optional<std::uint8_t> number_from_text(std::string_view text, unsigned low
   return static_cast<std::uint8_t>(value);
 }
 
-/// What the query says, before defaults and contradictions are looked at.
 struct QueryParts {
   std::optional<Profile::Rate> rate;
-  std::optional<std::uint8_t> k;
+  std::optional<std::uint8_t> k, bands;
   std::optional<Profile::Form> form;
-  std::optional<std::uint8_t> bands;
   std::optional<Profile::Scheme> scheme;
 };
 
-std::optional<Profile::Scheme> scheme_from_name(std::string_view name) {
-  for (const auto scheme :
-       {Profile::Scheme::kLinear, Profile::Scheme::kCatmullRom, Profile::Scheme::kHermite, Profile::Scheme::kDamped}) {
-    if (name == name_of(scheme)) return scheme;
-  }
-  return std::nullopt;
-}
-
 Result<void> read_parameter(std::string_view name, std::string_view value, QueryParts& parts) {
   if (name == "rate") {
-    if (value == "raw") {
-      parts.rate = Profile::Rate::kRaw;
-    } else if (value == "interpolated") {
-      parts.rate = Profile::Rate::kInterpolated;
-    } else if (value == "estimated") {
-      parts.rate = Profile::Rate::kEstimated;
-    } else if (const auto k = number_from_text(value, 1, limits::kMaxInterpolation)) {
+    parts.rate = kRateNames.find(value);
+    if (parts.rate) return {};
+    if (const auto k = number_from_text(value, 1, limits::kMaxInterpolation)) {
       parts.rate = *k == 1 ? Profile::Rate::kRaw : Profile::Rate::kInterpolated;
       if (*k > 1) parts.k = k;
     } else {
@@ -65,10 +50,10 @@ Result<void> read_parameter(std::string_view name, std::string_view value, Query
     parts.k = number_from_text(value, 2, limits::kMaxInterpolation);
     if (!parts.k) return bad_parameter(name, value, "2 to 15");
   } else if (name == "form") {
-    if (value != "full" && value != "compact") return bad_parameter(name, value, "full, compact");
-    parts.form = value == "full" ? Profile::Form::kFull : Profile::Form::kCompact;
+    parts.form = kFormNames.find(value);
+    if (!parts.form) return bad_parameter(name, value, "full, compact");
   } else if (name == "scheme") {
-    parts.scheme = scheme_from_name(value);
+    parts.scheme = kSchemeNames.find(value);
     if (!parts.scheme) return bad_parameter(name, value, "linear, catmull-rom, hermite, damped");
   } else if (name == "bands") {
     parts.bands = number_from_text(value, 1, limits::kMaxBands);
@@ -82,16 +67,6 @@ Result<void> read_parameter(std::string_view name, std::string_view value, Query
 
 }  // namespace
 
-std::string_view name_of(Profile::Rate rate) {
-  constexpr std::array<std::string_view, 3> kNames{"raw", "interpolated", "estimated"};
-  return kNames[static_cast<std::size_t>(rate)];
-}
-
-std::string_view name_of(Profile::Scheme scheme) {
-  constexpr std::array<std::string_view, 4> kNames{"linear", "catmull-rom", "hermite", "damped"};
-  return kNames[static_cast<std::size_t>(scheme)];
-}
-
 Profile::Scheme default_scheme(Profile::Rate rate) {
   return rate == Profile::Rate::kEstimated ? Profile::Scheme::kDamped : Profile::Scheme::kLinear;
 }
@@ -102,7 +77,7 @@ Result<void> check_profile(const Profile& profile) {
   const bool between = profile.scheme == Scheme::kCatmullRom || profile.scheme == Scheme::kHermite;
   if (profile.rate == Rate::kEstimated && between) {
     return invalid(
-        "profile: scheme=" + std::string(name_of(profile.scheme)) +
+        "profile: scheme=" + std::string(kSchemeNames[profile.scheme]) +
         " passes between keys and cannot estimate beyond them; with rate=estimated ask for damped or linear");
   }
   if (profile.rate == Rate::kInterpolated && profile.scheme == Scheme::kDamped) {
@@ -193,11 +168,11 @@ Result<Profile> profile_from_query(std::string_view query) {
 }
 
 std::string query_from_profile(const Profile& profile) {
-  std::string query = "rate=" + std::string(name_of(profile.rate));
+  std::string query = "rate=" + std::string(kRateNames[profile.rate]);
   if (profile.rate != Profile::Rate::kRaw) {
     query += "&k=" + std::to_string(profile.k);
-    query += profile.form == Profile::Form::kCompact ? "&form=compact" : "&form=full";
-    if (profile.scheme != default_scheme(profile.rate)) query += "&scheme=" + std::string(name_of(profile.scheme));
+    query += "&form=" + std::string(kFormNames[profile.form]);
+    if (profile.scheme != default_scheme(profile.rate)) query += "&scheme=" + std::string(kSchemeNames[profile.scheme]);
   }
   return query + "&bands=" + std::to_string(profile.bands);
 }
