@@ -47,8 +47,8 @@ bool BrokerConnection::try_join(Request& request, Listener& listener) {
     events.on_text = [this](std::string_view text) { on_text(text); };
     events.on_binary = [this](ByteView bytes) { on_binary(bytes); };
     events.on_down = [this](const Error& why, milliseconds wait) { on_down(why, wait); };
-    socket_ = std::make_unique<WebSocket>(std::move(options), std::move(events),
-                                          [this](LogLevel level, std::string_view text) { log(level, text); });
+    socket_ = WebSocket::start(std::move(options), std::move(events),
+                               [this](LogLevel level, std::string_view text) { log(level, text); });
   } else if (open_) {
     listener.on_open();
     if (const auto clock = clock_.estimate()) listener.on_clock(*clock);

@@ -87,7 +87,7 @@ class Publisher::Impl {
     introduction.on_exception = [this](const std::string& what) { introduction_failed(what); };
     const std::lock_guard lock(mutex_);
     introducer_ = std::make_unique<Introducer>(url_, encoded_, std::move(introduction));
-    socket_ = std::make_unique<WebSocket>(std::move(socket), std::move(events), log_);
+    socket_ = WebSocket::start(std::move(socket), std::move(events), log_);
   }
 
   ~Impl() {

@@ -4,7 +4,7 @@
 #include <spdlog/spdlog.h>
 
 #include "common/command_line/log.h"
-#include "common/net/probe.h"
+#include "common/net/http.h"
 #include "sdk/publisher_options.h"
 
 namespace eigencast {

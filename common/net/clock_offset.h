@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <cstdint>
+#include <algorithm>
+#include <cstddef>
 #include <deque>
 #include <optional>
 
@@ -20,11 +21,23 @@ class ClockOffset {
     TimeUs rtt_us = 0;     ///< Of the sample used.
   };
   /// sent and received on our clock, peer on the peer's. A sample with received < sent is ignored.
-  void add(TimeUs sent_us, TimeUs peer_us, TimeUs received_us);
-  std::optional<Estimate> estimate() const;
+  void add(TimeUs sent_us, TimeUs peer_us, TimeUs received_us) {
+    if (received_us < sent_us) return;
+    const TimeUs rtt = received_us - sent_us;
+    samples_.push_back({peer_us - (sent_us + rtt / 2), (rtt + 1) / 2, rtt});
+    if (samples_.size() > kWindow) samples_.pop_front();
+  }
+  std::optional<Estimate> estimate() const {
+    if (samples_.empty()) return std::nullopt;
+    const auto is_faster = [](const Estimate& a, const Estimate& b) { return a.rtt_us < b.rtt_us; };
+    return *std::min_element(samples_.begin(), samples_.end(), is_faster);
+  }
   void reset() { samples_.clear(); }
 
  private:
+  /// At four pings a second this is eight seconds, in which ordinary clocks drift apart by less than half a millisecond.
+  static constexpr std::size_t kWindow = 32;
+
   std::deque<Estimate> samples_;
 };
 

@@ -12,9 +12,9 @@
 #include <vector>
 
 #include "common/net/client_stream.h"
+#include "common/net/websocket_failure.h"
 
 namespace eigencast {
-
 namespace {
 
 namespace asio = boost::asio;
@@ -28,9 +28,12 @@ constexpr std::size_t kPieceBytes = 64 * 1024;
 /// What an error page may say.
 constexpr std::uint64_t kMaxRemarkBytes = 64 * 1024;
 
+/// What a WebSocket's address says to those who may upgrade and do not.
+constexpr int kUpgradeRequired = 426;
+
 /// Where a response's body goes: pieces are appended to `body`, up to `max_bytes` in all.
 struct Sink {
-  Bytes* body = nullptr;  ///< Null: there must be no body (HEAD).
+  Bytes* body = nullptr;  ///< Null: none is expected but what an error says.
   std::uint64_t max_bytes = 0;
   const std::function<void(std::uint64_t)>* progress = nullptr;
 };
@@ -42,8 +45,7 @@ class HttpConnection::Impl {
   Impl(BrokerUrl url, std::chrono::milliseconds timeout)
       : url_(std::move(url)), timeout_(timeout), where_(url_.origin()) {}
 
-  Result<HttpResponse> exchange(Request& request, Bytes* body, std::uint64_t max_bytes,
-                                const std::function<void(std::uint64_t)>& progress) {
+  Result<HttpResponse> exchange(Request& request, const Sink& wanted = {}) {
     if (url_.tls && !tls_) {
       auto made = make_client_tls(url_);
       if (!made) return made.error();
@@ -51,9 +53,7 @@ class HttpConnection::Impl {
     }
     if (!url_.credentials.token.empty()) request.set(http::field::authorization, "Bearer " + url_.credentials.token);
     if (!url_.prefix.empty()) request.target(url_.prefix + std::string(request.target()));
-    const bool ipv6 = url_.host.find(':') != std::string::npos;
-    request.version(11);
-    request.set(http::field::host, (ipv6 ? "[" + url_.host + "]" : url_.host) + ":" + std::to_string(url_.port));
+    request.set(http::field::host, url_.authority());
     request.set(http::field::user_agent, "eigencast");
     request.keep_alive(true);
     // A kept-alive connection may have been closed by the server meanwhile, which shows only when it is used.
@@ -61,10 +61,10 @@ class HttpConnection::Impl {
       if (fresh)
         if (auto connected = connect(); !connected) return connected.error();
       bool answered = false;
-      auto response = talk(request, body, max_bytes, progress, answered);
+      auto response = talk(request, wanted, answered);
       if (response) return response;
       stream_.reset();
-      if (cancelled_) return fail(ErrorCode::kCancelled, "stopped by the caller");
+      if (cancelled_) return stopped();
       if (fresh || answered || response.error().code != ErrorCode::kDisconnected) return response;
     }
   }
@@ -83,8 +83,10 @@ class HttpConnection::Impl {
     io_.run();
   }
 
+  static Error stopped() { return fail(ErrorCode::kCancelled, "stopped by the caller"); }
+
   Error failure(const error_code& ec, const std::string& doing) const {
-    if (cancelled_) return fail(ErrorCode::kCancelled, "stopped by the caller");
+    if (cancelled_) return stopped();
     if (ec == beast::error::timeout)
       return fail(ErrorCode::kTimeout,
                   where_ + " was silent for " + std::to_string(timeout_.count()) + " ms while " + doing);
@@ -93,7 +95,7 @@ class HttpConnection::Impl {
   }
 
   Result<void> connect() {
-    if (cancelled_) return fail(ErrorCode::kCancelled, "stopped by the caller");
+    if (cancelled_) return stopped();
     stream_ = std::make_unique<ClientStream>(io_.get_executor(), tls_);
     buffer_.clear();
     error_code ec;
@@ -112,27 +114,21 @@ class HttpConnection::Impl {
     run();
     if (ec) return give_up(fail(ErrorCode::kUnreachable, "no broker at " + where_ + ": " + ec.message()));
     tcp().socket().set_option(tcp::no_delay(true), ec);
-    return secure();
-  }
-
-  Result<void> secure() {
-    error_code ec;
     tcp().expires_after(timeout_);
     stream_->async_secure(url_, [&](error_code why) { ec = why; });
     run();
-    if (!ec) return {};
-    return give_up(stream_->handshake_failure(url_, ec));
+    if (ec) return give_up(stream_->handshake_failure(url_, ec));
+    return {};
   }
 
   beast::tcp_stream& tcp() { return stream_->next_layer(); }
 
   Error give_up(Error error) {
     stream_.reset();
-    return cancelled_ ? fail(ErrorCode::kCancelled, "stopped by the caller") : std::move(error);
+    return cancelled_ ? stopped() : std::move(error);
   }
 
-  Result<HttpResponse> talk(Request& request, Bytes* body, std::uint64_t max_bytes,
-                            const std::function<void(std::uint64_t)>& progress, bool& answered) {
+  Result<HttpResponse> talk(Request& request, const Sink& wanted, bool& answered) {
     const error_code sent = write(request);
     // A server that refuses an upload may answer and close before it has read all of it: its answer says why.
     http::response_parser<http::buffer_body> parser;
@@ -151,10 +147,9 @@ class HttpConnection::Impl {
     response.etag.assign(etag.data(), etag.size());
     if (parser.content_length()) response.content_length = *parser.content_length();
     if (request.method() != http::verb::head) {
-      const bool wanted = body != nullptr && (response.status == 200 || response.status == 206);
-      if (wanted && response.status == 200) body->clear();
-      const Sink sink{wanted ? body : &response.body, wanted ? max_bytes : kMaxRemarkBytes,
-                      wanted ? &progress : nullptr};
+      const bool is_wanted = wanted.body != nullptr && (response.status == 200 || response.status == 206);
+      if (is_wanted && response.status == 200) wanted.body->clear();
+      const Sink sink = is_wanted ? wanted : Sink{&response.body, kMaxRemarkBytes};
       if (auto read = read_body(parser, sink); !read) return read.error();
     }
     if (sent || !parser.get().keep_alive()) stream_.reset();
@@ -213,14 +208,10 @@ class HttpConnection::Impl {
 HttpConnection::HttpConnection(BrokerUrl url, std::chrono::milliseconds timeout)
     : impl_(std::make_unique<Impl>(std::move(url), timeout)) {}
 HttpConnection::~HttpConnection() = default;
-HttpConnection::HttpConnection(HttpConnection&&) noexcept = default;
-HttpConnection& HttpConnection::operator=(HttpConnection&&) noexcept = default;
 
-Result<HttpResponse> HttpConnection::get(const std::string& target, std::uint64_t max_bytes, std::uint64_t from_byte) {
-  Request request(http::verb::get, target, 11);
-  if (from_byte > 0) request.set(http::field::range, "bytes=" + std::to_string(from_byte) + "-");
+Result<HttpResponse> HttpConnection::get(const std::string& target, std::uint64_t max_bytes) {
   Bytes body;
-  auto response = impl_->exchange(request, &body, max_bytes, {});
+  auto response = get_rest(target, max_bytes, body);
   if (response && response->body.empty()) response->body = std::move(body);
   return response;
 }
@@ -229,12 +220,12 @@ Result<HttpResponse> HttpConnection::get_rest(const std::string& target, std::ui
                                               const std::function<void(std::uint64_t)>& progress) {
   Request request(http::verb::get, target, 11);
   if (!body.empty()) request.set(http::field::range, "bytes=" + std::to_string(body.size()) + "-");
-  return impl_->exchange(request, &body, max_bytes, progress);
+  return impl_->exchange(request, {&body, max_bytes, &progress});
 }
 
 Result<HttpResponse> HttpConnection::head(const std::string& target) {
   Request request(http::verb::head, target, 11);
-  return impl_->exchange(request, nullptr, 0, {});
+  return impl_->exchange(request);
 }
 
 Result<HttpResponse> HttpConnection::put(const std::string& target, ByteView body) {
@@ -242,11 +233,23 @@ Result<HttpResponse> HttpConnection::put(const std::string& target, ByteView bod
   request.body() = boost::beast::span<const std::uint8_t>(body.data(), body.size());
   request.set(http::field::content_type, "application/octet-stream");
   request.content_length(body.size());
-  return impl_->exchange(request, nullptr, 0, {});
+  return impl_->exchange(request);
 }
 
 void HttpConnection::cancel() {
   impl_->cancel();
+}
+
+Result<void> probe(const BrokerUrl& url, const std::string& endpoint, std::chrono::milliseconds silence) {
+  HttpConnection http(url, silence);
+  const auto answer = http.get(endpoint, kMaxRemarkBytes);
+  if (!answer) return answer.error();
+  if (answer->status == kUpgradeRequired) return {};
+  const std::string_view said(reinterpret_cast<const char*>(answer->body.data()), answer->body.size());
+  WebSocketFailure failure =
+      failure_of_answer(static_cast<unsigned>(answer->status), said, url.origin(), !url.credentials.token.empty());
+  if (failure.least_wait < kHopelessRetry) failure.error.code = ErrorCode::kUnreachable;
+  return failure.error;
 }
 
 }  // namespace eigencast

@@ -20,21 +20,17 @@ struct HttpResponse {
   Bytes body;
 };
 
-/// A blocking HTTP/1.1 connection to a broker, kept alive between requests and made anew when it broke.
-///
-/// Not thread-safe; cancel() alone may come from another thread: the running call and all later ones return kCancelled.
-class HttpConnection final {
+/// A blocking HTTP/1.1 connection to a broker, kept alive between requests and made anew when it broke. Not thread-safe; cancel() alone may come from another thread: the running call and all later ones return kCancelled.
+class HttpConnection {
  public:
   explicit HttpConnection(BrokerUrl url, std::chrono::milliseconds timeout = std::chrono::seconds(10));
   ~HttpConnection();
-  HttpConnection(HttpConnection&&) noexcept;
-  HttpConnection& operator=(HttpConnection&&) noexcept;
 
   /// `timeout` is for silence, not for the whole transfer, nor for a name lookup, which the system's resolver bounds.
   /// Bodies over `max_bytes` are refused before they are read. An HTTP status of any kind is a value. Errors:
   /// kUnreachable, kDisconnected, kTimeout, kTooLarge, kCancelled, kRefused (its certificate is not trusted),
   /// kInvalidArgument (ca_file).
-  Result<HttpResponse> get(const std::string& target, std::uint64_t max_bytes, std::uint64_t from_byte = 0);
+  Result<HttpResponse> get(const std::string& target, std::uint64_t max_bytes);
   Result<HttpResponse> head(const std::string& target);
   Result<HttpResponse> put(const std::string& target, ByteView body);
 
@@ -51,5 +47,13 @@ class HttpConnection final {
   class Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+/// Asks a broker whether it would let this connection in, without making it: nobody else notices.
+///   endpoint  such as "/v1/publish/lab/horse"
+///   silence   how long nothing may come
+/// Errors: kRefused: it is there and says no in a way that only people can change (token, right, certificate);
+/// kUnreachable, kTimeout, kDisconnected: it is not there now, or what answers is not a broker; kInvalidArgument (files
+/// of certificates).
+Result<void> probe(const BrokerUrl& url, const std::string& endpoint, std::chrono::milliseconds silence);
 
 }  // namespace eigencast

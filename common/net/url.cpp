@@ -5,6 +5,7 @@
 #include <cctype>
 #include <charconv>
 #include <cstdlib>
+#include <utility>
 
 #include "common/core/files.h"
 #include "common/core/text.h"
@@ -36,14 +37,12 @@ bool is_host_character(char c, bool ipv6) {
 
 /// Takes the scheme off; false: it is not one of ours.
 bool take_scheme(std::string_view& rest, bool& tls) {
-  struct Scheme {
-    std::string_view text;
-    bool tls;
-  };
-  for (const Scheme s : {Scheme{"ws://", false}, {"http://", false}, {"wss://", true}, {"https://", true}}) {
-    if (!starts_with_any_case(rest, s.text)) continue;
-    rest.remove_prefix(s.text.size());
-    tls = s.tls;
+  constexpr std::pair<std::string_view, bool> kSchemes[] = {
+      {"ws://", false}, {"http://", false}, {"wss://", true}, {"https://", true}};
+  for (const auto& [scheme, is_tls] : kSchemes) {
+    if (!starts_with_any_case(rest, scheme)) continue;
+    rest.remove_prefix(scheme.size());
+    tls = is_tls;
     return true;
   }
   return false;
@@ -58,22 +57,19 @@ std::string_view take_authority(std::string_view authority, BrokerUrl& url) {
     const std::size_t close = authority.find(']');
     if (close == std::string_view::npos) return "a ']' is missing after the IPv6 address";
     url.host = authority.substr(1, close - 1);
-    std::string_view tail = authority.substr(close + 1);
-    if (!tail.empty() && tail.front() != ':') return "only a port may follow ']'";
-    if (!tail.empty()) port = tail.substr(1);
-    if (!tail.empty() && port.empty()) return "the port is missing after ':'";
+    port = authority.substr(close + 1);
+    if (!port.empty() && port.front() != ':') return "only a port may follow ']'";
   } else {
-    const std::size_t colon = authority.find(':');
+    const std::size_t colon = std::min(authority.find(':'), authority.size());
     url.host = authority.substr(0, colon);
-    if (colon != std::string_view::npos) {
-      port = authority.substr(colon + 1);
-      if (port.empty()) return "the port is missing after ':'";
-    }
+    port = authority.substr(colon);
   }
+  if (port == ":") return "the port is missing after ':'";
   if (url.host.empty()) return "the host is missing";
   if (!std::all_of(url.host.begin(), url.host.end(), [&](char c) { return is_host_character(c, ipv6); }))
     return "the host contains a character that no host has";
   if (!port.empty()) {
+    port.remove_prefix(1);
     unsigned number = 0;
     const auto [end, error] = std::from_chars(port.data(), port.data() + port.size(), number);
     if (error != std::errc() || end != port.data() + port.size() || number < 1 || number > 65535)
@@ -122,13 +118,9 @@ Result<std::string> token_from(const std::string& given) {
 
 }  // namespace
 
-std::string BrokerUrl::origin() const {
+std::string BrokerUrl::authority() const {
   const bool ipv6 = host.find(':') != std::string::npos;
-  return std::string(tls ? "wss://" : "ws://") + (ipv6 ? "[" + host + "]" : host) + ":" + std::to_string(port);
-}
-
-std::string BrokerUrl::shown() const {
-  return origin() + prefix + "/" + stream;
+  return (ipv6 ? "[" + host + "]" : host) + ":" + std::to_string(port);
 }
 
 bool is_same_broker(const BrokerUrl& a, const BrokerUrl& b) {

@@ -27,20 +27,20 @@ struct BrokerUrl {
   bool tls = false;  ///< wss:// or https://
   std::string host;  ///< Name or address; IPv6 without its brackets.
   std::uint16_t port = 7490;
-  std::string
-      stream;  ///< Without a leading '/'; "/v1/subscribe/" or "/v1/publish/" in front is taken off. May be empty.
+  std::string stream;  ///< Without a leading '/', and without "/v1/subscribe/" or "/v1/publish/". May be empty.
   std::string query;   ///< Without '?', and without access_token.
   std::string prefix;  ///< What stands before /v1: "/eigencast", for a broker behind a proxy. Empty as a rule.
   Credentials credentials;
 
-  std::string origin() const;  ///< "ws://host:port"
-  std::string shown() const;   ///< "ws://host:port/stream": for people, without anything secret.
+  std::string authority() const;  ///< "host:port", "[v6]:port"
+  std::string origin() const { return (tls ? "wss://" : "ws://") + authority(); }
+  /// "ws://host:port/stream": for people, without anything secret.
+  std::string shown() const { return origin() + prefix + "/" + stream; }
 };
 
 /// Whether both reach the same broker in the same way and with the same credentials.
 bool is_same_broker(const BrokerUrl& a, const BrokerUrl& b);
 
-/// Of "wss://host/eigencast/v1/subscribe/a/b?access_token=T" prefix, stream and token are taken apart.
 /// Errors: kInvalidArgument, saying what is wrong and what a URL has to be.
 Result<BrokerUrl> parse_broker_url(std::string_view text);
 

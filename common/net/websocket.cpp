@@ -6,8 +6,11 @@
 #include <algorithm>
 #include <boost/asio/any_io_executor.hpp>
 #include <boost/asio/connect.hpp>
+#include <boost/asio/execution/executor.hpp>
 #include <boost/asio/io_context.hpp>
 #include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/query.hpp>
+#include <boost/asio/require.hpp>
 #include <boost/asio/steady_timer.hpp>
 #include <boost/beast/core.hpp>
 #include <boost/beast/websocket.hpp>
@@ -19,18 +22,17 @@
 #include <optional>
 #include <random>
 #include <thread>
+#include <type_traits>
 #include <utility>
 
 #include "common/core/clock.h"
 #include "common/net/backoff.h"
 #include "common/net/client_stream.h"
 #include "common/net/guarded_run.h"
-#include "common/net/locking_executor.h"
 #include "common/net/websocket_failure.h"
 #include "common/wire/limits.h"
 
 namespace eigencast {
-
 namespace {
 
 namespace asio = boost::asio;
@@ -50,6 +52,40 @@ constexpr int kKernelUnsentBytes = 32 * 1024;
 struct Outgoing {
   bool text = false;
   Bytes bytes;
+};
+
+/// Runs what it is given as Inner does, and holds a lock meanwhile: another thread that takes that lock may use what
+/// belongs to the handlers. Meets Asio's requirements of an executor. The lock must outlive it, and is
+/// recursive because a handler may be run within another.
+template <typename Inner>
+class LockingExecutor {
+ public:
+  LockingExecutor(Inner inner, std::recursive_mutex& lock) noexcept : inner_(std::move(inner)), lock_(&lock) {}
+
+  template <typename Property>
+  auto query(const Property& property) const -> decltype(boost::asio::query(std::declval<const Inner&>(), property)) {
+    return boost::asio::query(inner_, property);
+  }
+  template <typename Property>
+  auto require(const Property& property) const
+      -> LockingExecutor<std::decay_t<decltype(boost::asio::require(std::declval<const Inner&>(), property))>> {
+    return {boost::asio::require(inner_, property), *lock_};
+  }
+  template <typename Function>
+  void execute(Function&& function) const {
+    inner_.execute([lock = lock_, run = std::forward<Function>(function)]() mutable {
+      const std::lock_guard held(*lock);
+      run();
+    });
+  }
+  friend bool operator==(const LockingExecutor& a, const LockingExecutor& b) noexcept {
+    return a.inner_ == b.inner_ && a.lock_ == b.lock_;
+  }
+  friend bool operator!=(const LockingExecutor& a, const LockingExecutor& b) noexcept { return !(a == b); }
+
+ private:
+  Inner inner_;
+  std::recursive_mutex* lock_;
 };
 
 /// One connection, from its first try to its end. Handlers of a past one find that it is not the current one and do
@@ -83,11 +119,9 @@ void tune(tcp::socket& socket) {
   set_option_int(fd, IPPROTO_TCP, TCP_NOTSENT_LOWAT, kKernelUnsentBytes);
 }
 
-}  // namespace
-
-class WebSocket::Impl {
+class Connection final : public WebSocket {
  public:
-  Impl(WebSocketOptions options, WebSocketEvents events, LogSink log)
+  Connection(WebSocketOptions options, WebSocketEvents events, LogSink log)
       : options_(std::move(options)),
         events_(std::move(events)),
         log_(std::move(log)),
@@ -101,8 +135,41 @@ class WebSocket::Impl {
     });
   }
 
-  ~Impl() { stop(); }
+  ~Connection() override { stop(); }
 
+  SendStatus send_text(std::string text) override { return send({true, Bytes(text.begin(), text.end())}); }
+  SendStatus send_binary(Bytes message) override { return send({false, std::move(message)}); }
+
+  std::size_t unsent_bytes() const override {
+    const std::lock_guard lock(mutex_);
+    return unsent_;
+  }
+
+  bool is_open() const override {
+    const std::lock_guard lock(mutex_);
+    return open_;
+  }
+
+  void hold_off(milliseconds pause) override {
+    const std::lock_guard lock(mutex_);
+    hold_off_ = pause;
+  }
+
+  void retry_now() override {
+    asio::post(executor_, [this] {
+      if (!link_) connect();
+    });
+  }
+
+  void stop() override {
+    assert(std::this_thread::get_id() != thread_.get_id());
+    const std::lock_guard lock(stop_mutex_);
+    if (!thread_.joinable()) return;
+    asio::post(executor_, [this] { close_politely(); });
+    thread_.join();
+  }
+
+ private:
   SendStatus send(Outgoing message) {
     // Where no handler runs, the caller's thread writes: waking the connection's thread takes longer than that.
     const std::unique_lock turn(turn_, std::try_to_lock);
@@ -129,36 +196,6 @@ class WebSocket::Impl {
     return SendStatus::kSent;
   }
 
-  std::size_t unsent_bytes() const {
-    const std::lock_guard lock(mutex_);
-    return unsent_;
-  }
-
-  bool is_open() const {
-    const std::lock_guard lock(mutex_);
-    return open_;
-  }
-
-  void hold_off(milliseconds pause) {
-    const std::lock_guard lock(mutex_);
-    hold_off_ = pause;
-  }
-
-  void retry_now() {
-    asio::post(executor_, [this] {
-      if (!link_) connect();
-    });
-  }
-
-  void stop() {
-    assert(std::this_thread::get_id() != thread_.get_id());
-    const std::lock_guard lock(stop_mutex_);
-    if (!thread_.joinable()) return;
-    asio::post(executor_, [this] { close_politely(); });
-    thread_.join();
-  }
-
- private:
   using LinkPtr = std::shared_ptr<Link>;
   bool is_current(const LinkPtr& link) const { return link == link_ && !stopping_; }
 
@@ -178,18 +215,14 @@ class WebSocket::Impl {
     give_up_after(options_.connect_timeout, link);
     error_code not_numeric;
     const auto address = asio::ip::make_address(options_.url.host, not_numeric);
-    if (!not_numeric) {
-      reach(link, std::vector<tcp::endpoint>{{address, options_.url.port}});
-      return;
-    }
+    if (!not_numeric) return reach(link, {{address, options_.url.port}});
     resolver_.async_resolve(options_.url.host, std::to_string(options_.url.port),
                             [this, link](error_code ec, const tcp::resolver::results_type& found) {
                               if (!is_current(link)) return;
-                              if (ec) {
-                                down(link, {fail(ErrorCode::kUnreachable,
-                                                 "host \"" + options_.url.host + "\" is not known: " + ec.message())});
-                                return;
-                              }
+                              if (ec)
+                                return down(link,
+                                            {fail(ErrorCode::kUnreachable,
+                                                  "host \"" + options_.url.host + "\" is not known: " + ec.message())});
                               std::vector<tcp::endpoint> endpoints;
                               for (const auto& entry : found) endpoints.push_back(entry.endpoint());
                               reach(link, std::move(endpoints));
@@ -213,10 +246,7 @@ class WebSocket::Impl {
     beast::get_lowest_layer(link->socket)
         .async_connect(*shared, [this, link, shared](error_code ec, const tcp::endpoint&) {
           if (!is_current(link)) return;
-          if (ec) {
-            down(link, {fail(ErrorCode::kUnreachable, "no broker at " + where_ + ": " + ec.message())});
-            return;
-          }
+          if (ec) return down(link, {fail(ErrorCode::kUnreachable, "no broker at " + where_ + ": " + ec.message())});
           secure(link);
         });
   }
@@ -242,25 +272,19 @@ class WebSocket::Impl {
     }));
     link->socket.read_message_max(limits::kMaxFrameBytes);
     link->socket.auto_fragment(false);
-    const bool ipv6 = options_.url.host.find(':') != std::string::npos;
-    const std::string host =
-        (ipv6 ? "[" + options_.url.host + "]" : options_.url.host) + ":" + std::to_string(options_.url.port);
     const bool has_token = !token.empty();
     link->target = options_.url.prefix + (events_.on_try ? events_.on_try() : options_.target);
-    link->socket.async_handshake(link->response, host, link->target, [this, link, has_token](error_code ec) {
-      if (!is_current(link)) return;
-      if (ec) {
-        down(link, failure_of_upgrade(ec, link->response, where_, has_token));
-        return;
-      }
-      const auto protocol = link->response[beast::http::field::sec_websocket_protocol];
-      if (std::string_view(protocol.data(), protocol.size()) != kSubprotocol) {
-        down(link,
-             {fail(ErrorCode::kIncompatibleVersion, where_ + " does not speak " + std::string(kSubprotocol)), true});
-        return;
-      }
-      opened(link);
-    });
+    link->socket.async_handshake(link->response, options_.url.authority(), link->target,
+                                 [this, link, has_token](error_code ec) {
+                                   if (!is_current(link)) return;
+                                   if (ec) return down(link, failure_of_upgrade(ec, link->response, where_, has_token));
+                                   const auto protocol = link->response[beast::http::field::sec_websocket_protocol];
+                                   if (std::string_view(protocol.data(), protocol.size()) != kSubprotocol) {
+                                     const std::string what = where_ + " does not speak " + std::string(kSubprotocol);
+                                     return down(link, {fail(ErrorCode::kIncompatibleVersion, what), true});
+                                   }
+                                   opened(link);
+                                 });
   }
 
   void opened(const LinkPtr& link) {
@@ -292,19 +316,14 @@ class WebSocket::Impl {
   void read(const LinkPtr& link) {
     link->socket.async_read(link->in, [this, link](error_code ec, std::size_t) {
       if (!is_current(link)) return;
-      if (ec) {
-        down(link, failure_of_close(ec, link->socket.reason(), where_));
-        return;
-      }
+      if (ec) return down(link, failure_of_close(ec, link->socket.reason(), where_));
       const auto data = link->in.cdata();
       const auto* first = static_cast<const std::uint8_t*>(data.data());
       if (link->socket.got_binary()) {
         if (events_.on_binary) events_.on_binary(ByteView(first, data.size()));
       } else if (data.size() > limits::kMaxControlBytes) {
-        down(link, {fail(ErrorCode::kTooLarge, where_ + " sent a control message of " + std::to_string(data.size()) +
-                                                   " bytes; the limit is 65536"),
-                    true});
-        return;
+        const std::string what = where_ + " sent a control message of " + std::to_string(data.size()) + " bytes";
+        return down(link, {fail(ErrorCode::kTooLarge, what + "; the limit is 65536"), true});
       } else if (events_.on_text) {
         events_.on_text(std::string_view(static_cast<const char*>(data.data()), data.size()));
       }
@@ -329,10 +348,7 @@ class WebSocket::Impl {
     link->socket.text(link->out.front().text);
     link->socket.async_write(asio::buffer(link->out.front().bytes), [this, link](error_code ec, std::size_t) {
       if (!is_current(link)) return;
-      if (ec) {
-        down(link, failure_of_close(ec, link->socket.reason(), where_));
-        return;
-      }
+      if (ec) return down(link, failure_of_close(ec, link->socket.reason(), where_));
       {
         const std::lock_guard lock(mutex_);
         unsent_ -= std::min(unsent_, link->out.front().bytes.size());
@@ -410,10 +426,7 @@ class WebSocket::Impl {
     if (!link_) return;
     // Gone with its last handler: the timer of its pings would keep the thread for half of silence_timeout.
     const LinkPtr link = std::exchange(link_, nullptr);
-    if (!was_open) {
-      beast::get_lowest_layer(link->socket).close();
-      return;
-    }
+    if (!was_open) return beast::get_lowest_layer(link->socket).close();
     stop_timer_.expires_after(kPoliteClose);
     stop_timer_.async_wait([link](error_code ec) {
       if (!ec) beast::get_lowest_layer(link->socket).close();
@@ -459,30 +472,10 @@ class WebSocket::Impl {
   std::thread thread_;  ///< GUARDED_BY(stop_mutex_) after construction
 };
 
-WebSocket::WebSocket(WebSocketOptions options, WebSocketEvents events, LogSink log)
-    : impl_(std::make_unique<Impl>(std::move(options), std::move(events), std::move(log))) {}
-WebSocket::~WebSocket() = default;
+}  // namespace
 
-SendStatus WebSocket::send_text(std::string text) {
-  return impl_->send({true, Bytes(text.begin(), text.end())});
-}
-SendStatus WebSocket::send_binary(Bytes message) {
-  return impl_->send({false, std::move(message)});
-}
-std::size_t WebSocket::unsent_bytes() const {
-  return impl_->unsent_bytes();
-}
-bool WebSocket::is_open() const {
-  return impl_->is_open();
-}
-void WebSocket::hold_off(std::chrono::milliseconds pause) {
-  impl_->hold_off(pause);
-}
-void WebSocket::retry_now() {
-  impl_->retry_now();
-}
-void WebSocket::stop() {
-  impl_->stop();
+std::unique_ptr<WebSocket> WebSocket::start(WebSocketOptions options, WebSocketEvents events, LogSink log) {
+  return std::make_unique<Connection>(std::move(options), std::move(events), std::move(log));
 }
 
 }  // namespace eigencast

@@ -23,14 +23,12 @@ enum class [[nodiscard]] SendStatus{
 struct WebSocketOptions {
   BrokerUrl url;
   std::string target;  ///< Path and query of the upgrade, e.g. "/v1/subscribe/heart?rate=raw".
-  std::chrono::milliseconds connect_timeout{3000};  ///< Resolving, connecting and the upgrade together (default: 3 s).
-  std::chrono::milliseconds first_retry{
-      200};  ///< Wait before the first reconnect; doubles, with jitter of +-25 % (default: 200 ms).
-  std::chrono::milliseconds longest_retry{5000};  ///< (default: 5 s)
-  std::chrono::milliseconds silence_timeout{
-      10000};  ///< Nothing at all received (pings included) for so long = dead (default: 10 s).
-  std::size_t max_unsent_bytes = 256 * 1024;  ///< kDropped above this (default: 256 KiB).
-  std::chrono::milliseconds tick{0};          ///< How often on_tick is called while it is open (default: 0, never).
+  std::chrono::milliseconds connect_timeout{3000};  ///< Resolving, connecting and the upgrade together.
+  std::chrono::milliseconds first_retry{200};       ///< Before the first reconnect; doubles, with jitter of +-25 %.
+  std::chrono::milliseconds longest_retry{5000};
+  std::chrono::milliseconds silence_timeout{10000};  ///< Nothing received, pings included, for so long = dead.
+  std::size_t max_unsent_bytes = 256 * 1024;         ///< kDropped above this.
+  std::chrono::milliseconds tick{0};                 ///< How often on_tick is called while it is open; 0: never.
 };
 
 /// Called on the connection's own thread, one at a time; must return soon and must not destroy the WebSocket.
@@ -54,30 +52,24 @@ struct WebSocketEvents {
 ///
 /// Runs one thread. send_* and stop() are safe from any thread; what is sent is written on the caller's where the
 /// connection is idle, without ever waiting for the socket.
-class WebSocket final {
+class WebSocket {
  public:
-  WebSocket(WebSocketOptions options, WebSocketEvents events, LogSink log = {});
-  ~WebSocket();  ///< Stops.
-  WebSocket(const WebSocket&) = delete;
-  WebSocket& operator=(const WebSocket&) = delete;
+  static std::unique_ptr<WebSocket> start(WebSocketOptions options, WebSocketEvents events, LogSink log = {});
+  virtual ~WebSocket() = default;  ///< Stops.
 
-  SendStatus send_text(std::string text);
-  SendStatus send_binary(Bytes message);
+  virtual SendStatus send_text(std::string text) = 0;
+  virtual SendStatus send_binary(Bytes message) = 0;
   /// Bytes handed to send_* that the socket has not taken yet.
-  std::size_t unsent_bytes() const;
-  bool is_open() const;
+  virtual std::size_t unsent_bytes() const = 0;
+  virtual bool is_open() const = 0;
   /// The peer is about to close and asks to be left alone for so long: the least pause before the next try once this
   /// connection is down. 0: it does not expect us back; the longest interval then.
-  void hold_off(std::chrono::milliseconds pause);
+  virtual void hold_off(std::chrono::milliseconds pause) = 0;
   /// Ends the pause before the next try, if there is one now.
-  void retry_now();
+  virtual void retry_now() = 0;
   /// Closes politely (at most 500 ms) and ends the thread. No event comes afterwards. A name lookup under way cannot be
   /// broken off: stop() then waits for it, as long as the system's resolver takes.
-  void stop();
-
- private:
-  class Impl;
-  std::unique_ptr<Impl> impl_;
+  virtual void stop() = 0;
 };
 
 }  // namespace eigencast

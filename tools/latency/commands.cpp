@@ -175,7 +175,7 @@ class Prober {
         trouble_ = why.message;
       });
     };
-    socket_ = std::make_unique<WebSocket>(std::move(options), std::move(events));
+    socket_ = WebSocket::start(std::move(options), std::move(events));
   }
   ~Prober() { socket_->stop(); }
 

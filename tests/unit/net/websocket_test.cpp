@@ -77,13 +77,13 @@ WebSocketOptions options_for(const std::string& url, const std::string& target) 
 TEST(WebSocketToBroker, OpensAndReceivesTheWelcome) {
   LoopbackBroker broker;
   Log log;
-  WebSocket socket(options_for(broker.url(""), "/v1/subscribe/a"), log.events());
+  const auto socket = WebSocket::start(options_for(broker.url(""), "/v1/subscribe/a"), log.events());
   ASSERT_TRUE(eventually([&] { return !log.first_text().empty(); }));
   EXPECT_TRUE(std::holds_alternative<control::Welcome>(*control_from_text(log.first_text())));
-  EXPECT_TRUE(socket.is_open());
-  socket.stop();
-  EXPECT_FALSE(socket.is_open());
-  EXPECT_EQ(socket.send_text("x"), SendStatus::kDisconnected);
+  EXPECT_TRUE(socket->is_open());
+  socket->stop();
+  EXPECT_FALSE(socket->is_open());
+  EXPECT_EQ(socket->send_text("x"), SendStatus::kDisconnected);
   EXPECT_EQ(log.down_count(), 0u) << "no event comes after stop";
 }
 
@@ -92,11 +92,11 @@ TEST(WebSocketToBroker, ReconnectsAfterARestart) {
   Log log;
   auto options = options_for(broker.url(""), "/v1/subscribe/a");
   options.longest_retry = milliseconds(40);
-  WebSocket socket(std::move(options), log.events());
+  const auto socket = WebSocket::start(std::move(options), log.events());
   ASSERT_TRUE(eventually([&] { return log.opened == 1; }));
   broker.stop();
   ASSERT_TRUE(eventually([&] { return log.down_count() >= 2; }));
-  EXPECT_EQ(socket.send_binary(Bytes(10)), SendStatus::kDisconnected);
+  EXPECT_EQ(socket->send_binary(Bytes(10)), SendStatus::kDisconnected);
   EXPECT_EQ(log.down(1).first.code, ErrorCode::kUnreachable);
   EXPECT_GT(log.down(1).second.count(), 0);
   broker.start();
@@ -106,7 +106,7 @@ TEST(WebSocketToBroker, ReconnectsAfterARestart) {
 TEST(WebSocketToBroker, RefusalWaitsTheLongestInterval) {
   LoopbackBroker broker;
   Log log;
-  WebSocket socket(options_for(broker.url(""), "/v1/subscribe/bad..%20name"), log.events());
+  const auto socket = WebSocket::start(options_for(broker.url(""), "/v1/subscribe/bad..%20name"), log.events());
   ASSERT_TRUE(eventually([&] { return log.down_count() >= 1; }));
   EXPECT_EQ(log.down(0).first.code, ErrorCode::kRefused);
   EXPECT_GE(log.down(0).second.count(), 45000);
@@ -116,9 +116,9 @@ TEST(WebSocketToBroker, HoldOffDelaysTheReconnect) {
   for (const milliseconds pause : {milliseconds(100'000), milliseconds(0)}) {
     LoopbackBroker broker;
     Log log;
-    WebSocket socket(options_for(broker.url(""), "/v1/subscribe/a"), log.events());
+    const auto socket = WebSocket::start(options_for(broker.url(""), "/v1/subscribe/a"), log.events());
     ASSERT_TRUE(eventually([&] { return log.opened == 1; }));
-    socket.hold_off(pause);
+    socket->hold_off(pause);
     broker.stop();
     ASSERT_TRUE(eventually([&] { return log.down_count() >= 1; }));
     // With 0 it does not expect us back soon: the longest interval, which is 60 s here, less its jitter.
@@ -133,11 +133,11 @@ TEST(WebSocketToBroker, ThrowingHandlerEndsOnlyTheConnection) {
   events.on_text = [&log](std::string_view) {
     if (log.opened == 1) throw std::runtime_error("out of luck");
   };
-  WebSocket socket(options_for(broker.url(""), "/v1/subscribe/a"), std::move(events));
+  const auto socket = WebSocket::start(options_for(broker.url(""), "/v1/subscribe/a"), std::move(events));
   ASSERT_TRUE(eventually([&] { return log.opened == 2; }));
   EXPECT_EQ(log.down(0).first.code, ErrorCode::kInternal);
   EXPECT_THAT(log.down(0).first.message, HasSubstr("out of luck"));
-  EXPECT_TRUE(socket.is_open());
+  EXPECT_TRUE(socket->is_open());
 }
 
 TEST(WebSocket, ServerWithoutTlsIsUnreachable) {
@@ -145,7 +145,7 @@ TEST(WebSocket, ServerWithoutTlsIsUnreachable) {
   std::string url = broker.url("a");
   url.replace(0, 2, "wss");
   Log log;
-  WebSocket socket(options_for(url, "/v1/subscribe/a"), log.events());
+  const auto socket = WebSocket::start(options_for(url, "/v1/subscribe/a"), log.events());
   ASSERT_TRUE(eventually([&] { return log.down_count() >= 1; }));
   EXPECT_EQ(log.down(0).first.code, ErrorCode::kUnreachable);
   EXPECT_GT(log.down(0).second.count(), 0);
@@ -184,18 +184,18 @@ TEST(WebSocket, UnsentBytesAreCountedThenDropped) {
   Log log;
   auto options = options_for(server.url(), "/");
   options.max_unsent_bytes = 100'000;
-  WebSocket socket(std::move(options), log.events());
-  ASSERT_TRUE(eventually([&] { return socket.is_open(); }));
+  const auto socket = WebSocket::start(std::move(options), log.events());
+  ASSERT_TRUE(eventually([&] { return socket->is_open(); }));
   int sent = 0, dropped = 0;
   // More than all buffers between the two can hold.
   for (int i = 0; i < 2000; ++i) {
-    (socket.send_binary(Bytes(10'000)) == SendStatus::kSent ? sent : dropped) += 1;
-    ASSERT_LE(socket.unsent_bytes(), 100'000u);
+    (socket->send_binary(Bytes(10'000)) == SendStatus::kSent ? sent : dropped) += 1;
+    ASSERT_LE(socket->unsent_bytes(), 100'000u);
   }
   EXPECT_GT(sent, 0);
   EXPECT_GT(dropped, 0);
-  EXPECT_TRUE(eventually([&] { return socket.send_binary(Bytes(10'000)) == SendStatus::kDropped; }));
-  socket.stop();  // Must end although the peer never answers the close.
+  EXPECT_TRUE(eventually([&] { return socket->send_binary(Bytes(10'000)) == SendStatus::kDropped; }));
+  socket->stop();  // Must end although the peer never answers the close.
 }
 
 TEST(WebSocket, ConcurrentSendsArriveWholeAndInOrder) {
@@ -222,13 +222,13 @@ TEST(WebSocket, ConcurrentSendsArriveWholeAndInOrder) {
   Log log;
   auto options = options_for(server.url(), "/");
   options.max_unsent_bytes = 1 << 30;
-  WebSocket socket(std::move(options), log.events());
-  ASSERT_TRUE(eventually([&] { return socket.is_open(); }));
+  const auto socket = WebSocket::start(std::move(options), log.events());
+  ASSERT_TRUE(eventually([&] { return socket->is_open(); }));
   std::vector<std::thread> senders;
   for (std::uint8_t thread = 0; thread < kThreads; ++thread) {
     senders.emplace_back([&, thread] {
       for (std::uint8_t number = 0; number < kEach; ++number) {
-        EXPECT_EQ(socket.send_binary(message_of(thread, number)), SendStatus::kSent);
+        EXPECT_EQ(socket->send_binary(message_of(thread, number)), SendStatus::kSent);
         if (number % 8 == 0) std::this_thread::yield();
       }
     });
@@ -242,7 +242,7 @@ TEST(WebSocket, SilentPeerTimesOut) {
   Log log;
   auto options = options_for(server.url(), "/");
   options.silence_timeout = milliseconds(100);
-  WebSocket socket(std::move(options), log.events());
+  const auto socket = WebSocket::start(std::move(options), log.events());
   ASSERT_TRUE(eventually([&] { return log.down_count() >= 1; }));
   EXPECT_EQ(log.opened, 1);
   EXPECT_EQ(log.down(0).first.code, ErrorCode::kTimeout);
@@ -253,7 +253,7 @@ TEST(WebSocket, PeerThatNeverUpgradesTimesOut) {
   Log log;
   auto options = options_for(server.url(), "/");
   options.connect_timeout = milliseconds(100);
-  WebSocket socket(std::move(options), log.events());
+  const auto socket = WebSocket::start(std::move(options), log.events());
   ASSERT_TRUE(eventually([&] { return log.down_count() >= 1; }));
   EXPECT_EQ(log.opened, 0);
   EXPECT_EQ(log.down(0).first.code, ErrorCode::kTimeout);
@@ -262,7 +262,7 @@ TEST(WebSocket, PeerThatNeverUpgradesTimesOut) {
 TEST(WebSocket, PeerOfAnotherProtocolIsRefused) {
   DeafServer server("chat");
   Log log;
-  WebSocket socket(options_for(server.url(), "/"), log.events());
+  const auto socket = WebSocket::start(options_for(server.url(), "/"), log.events());
   ASSERT_TRUE(eventually([&] { return log.down_count() >= 1; }));
   EXPECT_EQ(log.down(0).first.code, ErrorCode::kIncompatibleVersion);
   EXPECT_EQ(log.opened, 0);
@@ -271,8 +271,8 @@ TEST(WebSocket, PeerOfAnotherProtocolIsRefused) {
 TEST(WebSocket, StopsWhileItConnects) {
   Log log;
   // A reserved address: nobody answers there.
-  WebSocket socket(options_for("ws://192.0.2.1:9/a", "/"), log.events());
-  socket.stop();
+  const auto socket = WebSocket::start(options_for("ws://192.0.2.1:9/a", "/"), log.events());
+  socket->stop();
   EXPECT_EQ(log.opened, 0);
 }
 

@@ -31,7 +31,7 @@ class RawSender {
       if (message && std::holds_alternative<control::Announced>(*message))
         announced_ = std::get<control::Announced>(*message);
     };
-    socket_ = std::make_unique<WebSocket>(std::move(options), std::move(events));
+    socket_ = WebSocket::start(std::move(options), std::move(events));
   }
   ~RawSender() { socket_->stop(); }
 
