@@ -15,7 +15,6 @@
 #include "broker/config/config.h"
 #include "broker/loops/loops.h"
 #include "broker/operation/service_manager.h"
-#include "broker/relay/epoch_source.h"
 #include "broker/relay/ownership.h"
 #include "broker/sockets/listener.h"
 #include "broker/storage/asset_store.h"

@@ -14,7 +14,7 @@
 #include "broker/backbone/link.h"
 #include "broker/relay/hub.h"
 #include "broker/relay/ownership.h"
-#include "broker/relay/stream_tap.h"
+#include "broker/relay/stream.h"
 #include "common/core/log.h"
 
 namespace eigencast::broker {

@@ -17,8 +17,6 @@
 
 namespace eigencast::broker {
 
-class Remote;
-
 /// The streams of other brokers that local viewers watch; a part of Backbone.
 ///
 /// Acts as the sender of each: copies its surface, subscribes to its frames, and requests a join from its owner at the
@@ -58,6 +56,7 @@ class Following {
   Totals totals() const;
 
  private:
+  class Remote;
   using RemotePtr = std::shared_ptr<Remote>;
 
   void stop_unwanted(const Directory& directory, bool complete);

@@ -12,7 +12,7 @@
 #include "broker/backbone/backbone.h"
 #include "broker/backbone/nats_link.h"
 #include "broker/config/config.h"
-#include "broker/relay/epoch_source.h"
+#include "broker/relay/ownership.h"
 
 namespace eigencast::broker {
 

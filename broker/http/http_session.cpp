@@ -14,7 +14,7 @@
 #include "broker/http/http_target.h"
 #include "broker/loops/loops.h"
 #include "broker/relay/hub.h"
-#include "broker/websocket/upgrade.h"
+#include "broker/websocket/protocol.h"
 #include "common/core/text.h"
 #include "common/wire/control.h"
 

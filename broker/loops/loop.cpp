@@ -28,12 +28,10 @@ Hub::Settings hub_settings(const Config& config, std::vector<StreamTap*> taps, s
 }
 
 Turn::Settings turn_settings(const Config& config) {
-  using Backend = Turn::Settings::Backend;
   Turn::Settings settings;
   settings.gathering.tick_us = config.frames.gather_ms * 1000;
   settings.gathering.above_per_second = static_cast<std::uint64_t>(config.frames.gather_above);
-  const std::string& writes = config.sockets.writes;
-  settings.backend = writes == "epoll" ? Backend::kEpoll : writes == "io_uring" ? Backend::kUring : Backend::kAuto;
+  settings.uring = config.sockets.writes != "epoll";
   return settings;
 }
 

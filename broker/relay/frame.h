@@ -3,6 +3,7 @@
 
 #include <memory>
 
+#include "broker/websocket/protocol.h"
 #include "common/core/bytes.h"
 #include "common/core/clock.h"
 #include "common/wire/envelope.h"
@@ -27,6 +28,15 @@ struct Frame {
 };
 using FramePtr = std::shared_ptr<const Frame>;
 
-FramePtr make_frame(const Envelope& envelope, ByteView payload);
+inline FramePtr make_frame(const Envelope& envelope, ByteView payload) {
+  auto frame = std::make_shared<Frame>();
+  frame->envelope = envelope;
+  frame->wire.reserve(websocket::kMaxHeaderBytes + Envelope::kBytes + payload.size());
+  websocket::append_header(websocket::Opcode::kBinary, Envelope::kBytes + payload.size(), frame->wire);
+  frame->message_begin = frame->wire.size();
+  append_envelope(envelope, frame->wire);
+  frame->wire.insert(frame->wire.end(), payload.begin(), payload.end());
+  return frame;
+}
 
 }  // namespace eigencast::broker

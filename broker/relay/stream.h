@@ -1,18 +1,18 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <functional>
+#include <atomic>
 #include <map>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <span>
 #include <string>
+#include <string_view>
 #include <unordered_map>
 #include <vector>
 
 #include "broker/relay/feed.h"
-#include "broker/relay/stream_ids.h"
-#include "broker/relay/stream_tap.h"
 #include "broker/relay/tracer.h"
 #include "common/wire/control.h"
 
@@ -44,6 +44,39 @@ class PublisherLink {
   virtual void on_replaced() {}
   /// Whether it yields to any sender that claims the stream.
   virtual bool yields() const { return false; }
+};
+
+/// Observes the input of streams: recorder, asset store, backbone, mirrors. Called on the stream's event loop, in order;
+/// must return at once and must not change the stream.
+class StreamTap {
+ public:
+  virtual ~StreamTap() = default;
+  virtual void on_announced(const Stream& stream) = 0;
+  virtual void on_key(const Stream& stream, const KeyRecordPtr& record) = 0;
+  /// The sender disconnected.
+  virtual void on_stalled(const Stream& stream) = 0;
+  /// The sender sent its trace of a key.
+  virtual void on_trace(const Stream& /*stream*/, const control::Trace& /*trace*/) {}
+  virtual void on_forgotten(const Stream& stream) = 0;
+};
+
+/// State of one stream that all event loops share. Thread-safe.
+struct StreamShare {
+  explicit StreamShare(std::uint32_t given) : id(given) {}
+  const std::uint32_t id;
+  std::atomic<std::uint32_t> watchers{0};  ///< In all loops.
+};
+
+/// Assigns stream ids: the same in every loop while any loop knows the name, and never reused. Thread-safe.
+class StreamIds {
+ public:
+  std::shared_ptr<StreamShare> of(std::string_view name);
+
+ private:
+  std::mutex mutex_;
+  std::map<std::string, std::weak_ptr<StreamShare>, std::less<>> shares_;  ///< GUARDED_BY(mutex_)
+  std::size_t sweep_at_ = 64;                                              ///< GUARDED_BY(mutex_)
+  std::uint32_t last_ = 0;                                                 ///< GUARDED_BY(mutex_)
 };
 
 /// The state of a stream from which another event loop can continue.

@@ -4,9 +4,21 @@
 #include <boost/asio/post.hpp>
 #include <utility>
 
-#include "broker/sockets/uring.h"
-
 namespace eigencast::broker {
+
+bool Gathering::waits(std::uint64_t poses, TimeUs now_us) {
+  constexpr TimeUs kPeriodUs = 100'000;
+  if (settings_.tick_us == 0) return false;
+  const TimeUs passed = now_us - period_start_us_;
+  if (passed >= kPeriodUs) {
+    const std::uint64_t limit = settings_.above_per_second / (waits_ ? 2 : 1);
+    waits_ = poses_ * 1'000'000 > limit * static_cast<std::uint64_t>(passed);
+    poses_ = 0;
+    period_start_us_ = now_us;
+  }
+  poses_ += poses;
+  return waits_;
+}
 
 Turn::Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<void()> deliver,
            std::function<void()> prepare)
@@ -14,24 +26,15 @@ Turn::Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::f
       log_(std::move(log)),
       deliver_(std::move(deliver)),
       prepare_(std::move(prepare)),
-      wanted_(settings.backend),
+      wants_uring_(settings.uring),
       gathering_(settings.gathering),
       timer_(loop.get_executor()) {}
 
-Turn::~Turn() = default;
-
 void Turn::begin() {
-  if (wanted_ == Settings::Backend::kEpoll || ring_) return;
-  auto ring = Uring::open();
-  if (ring) {
-    ring_ = std::move(*ring);
-    return;
-  }
+  if (!wants_uring_ || ring_) return;
+  auto ring = open_uring();
+  if (ring) return void(ring_ = std::move(*ring));
   log(log_, LogLevel::kWarning, "writes go one by one, because io_uring is unavailable: " + ring.error().message);
-}
-
-const char* Turn::backend() const {
-  return ring_ ? "io_uring" : "epoll";
 }
 
 TimeUs Turn::begin_turn() {
@@ -100,7 +103,7 @@ void Turn::flush_all(std::vector<Writer*>& list) {
   std::erase(flushing_, nullptr);
   for (Writer* writer : flushing_) writer->queue_ = Writer::Queue::kNone;
   if (ring_) {
-    ring_->write(flushing_);
+    write_all(*ring_, flushing_);
   } else {
     for (Writer* writer : flushing_) writer->flush();
   }

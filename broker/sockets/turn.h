@@ -11,15 +11,36 @@
 #include <span>
 #include <vector>
 
-#include "broker/relay/gathering.h"
 #include "broker/sockets/net.h"
 #include "broker/sockets/transport.h"
 #include "common/core/clock.h"
 #include "common/core/log.h"
+#include "common/core/result.h"
 
 namespace eigencast::broker {
 
-class Uring;
+/// Decides whether poses for connections that watch several streams wait for the next tick, so that one write carries
+/// the poses of all streams. They wait under load only. The load measure, poses due to such connections, does not
+/// depend on the decision, so that it does not oscillate. Not thread-safe.
+class Gathering {
+ public:
+  struct Settings {
+    TimeUs tick_us = 8'000;                   ///< Longest delay; the mean is half of it. 0: never gather.
+    std::uint64_t above_per_second = 20'000;  ///< Poses; gathering ends below half of it.
+  };
+
+  explicit Gathering(const Settings& settings) : settings_(settings) {}
+
+  /// `poses` are due to a connection of several streams. True: they may wait.
+  bool waits(std::uint64_t poses, TimeUs now_us);
+  TimeUs next_tick_us(TimeUs now_us) const { return (now_us / settings_.tick_us + 1) * settings_.tick_us; }
+
+ private:
+  Settings settings_;
+  TimeUs period_start_us_ = 0;
+  std::uint64_t poses_ = 0;
+  bool waits_ = false;
+};
 
 /// A connection with bytes to write.
 class Writer {
@@ -42,6 +63,12 @@ class Writer {
   std::uint32_t slot_ = 0;
 };
 
+struct Uring;
+/// For many connections with few system calls; see Turn. Errors: kUnsupported (built without it, or refused by the kernel).
+Result<std::shared_ptr<Uring>> open_uring();
+/// Flushes all writers, those with a plain socket in batches that are complete when the call returns.
+void write_all(Uring& ring, std::span<Writer* const> writers);
+
 /// One turn of an event loop: the output of all ready handlers is written at its end, one write per connection. Under
 /// load, output of connections with several streams waits for the next tick (see Gathering). Writes go through io_uring
 /// in batches where the kernel has it, else one by one. Belongs to its event loop.
@@ -49,19 +76,16 @@ class Turn {
  public:
   struct Settings {
     Gathering::Settings gathering;
-    enum class Backend : std::uint8_t { kAuto, kEpoll, kUring } backend = Backend::kAuto;
+    bool uring = true;  ///< Where the kernel has it.
   };
 
   /// Calls `deliver` at the end of each turn, before the writes, and `prepare` after them.
   Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<void()> deliver,
        std::function<void()> prepare);
-  ~Turn();
-  Turn(const Turn&) = delete;
-  Turn& operator=(const Turn&) = delete;
 
   /// Opens io_uring; on the loop's thread, before the loop runs.
   void begin();
-  const char* backend() const;
+  const char* backend() const { return ring_ ? "io_uring" : "epoll"; }
 
   /// The start time of this turn, for all its decisions.
   TimeUs now_us() { return now_us_ ? *now_us_ : begin_turn(); }
@@ -88,9 +112,9 @@ class Turn {
   asio::io_context& loop_;
   LogSink log_;
   std::function<void()> deliver_, prepare_;
-  Settings::Backend wanted_;
+  const bool wants_uring_;
   Gathering gathering_;
-  std::unique_ptr<Uring> ring_;
+  std::shared_ptr<Uring> ring_;
   std::vector<Writer*> now_;
   std::vector<Writer*> tick_;
   std::vector<Writer*> flushing_;  ///< Scratch.

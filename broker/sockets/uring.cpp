@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "broker/sockets/uring.h"
+#include "broker/sockets/turn.h"
 
 #ifdef EIGENCAST_HAS_URING
 #include <liburing.h>
@@ -27,7 +27,7 @@ Transport::Outcome outcome_of(int result) {
 
 }  // namespace
 
-struct Uring::Ring {
+struct Uring {
   io_uring ring{};
   bool open = false;
   /// One write of a batch: `count` pieces from pieces[first] on.
@@ -40,7 +40,7 @@ struct Uring::Ring {
   std::vector<iovec> pieces;
   std::vector<msghdr> messages;
 
-  ~Ring() {
+  ~Uring() {
     if (open) io_uring_queue_exit(&ring);
   }
 
@@ -97,47 +97,40 @@ struct Uring::Ring {
   }
 };
 
-Uring::Uring(std::unique_ptr<Ring> ring) : ring_(std::move(ring)) {}
-Uring::~Uring() = default;
-
-Result<std::unique_ptr<Uring>> Uring::open() {
+Result<std::shared_ptr<Uring>> open_uring() {
   io_uring_params params{};
   params.flags = IORING_SETUP_SINGLE_ISSUER | IORING_SETUP_COOP_TASKRUN | IORING_SETUP_CQSIZE;
   params.cq_entries = 4 * kBatch;
-  auto ring = std::make_unique<Ring>();
-  if (const int error = io_uring_queue_init_params(kBatch, &ring->ring, &params); error < 0) {
+  auto opened = std::make_shared<Uring>();
+  if (const int error = io_uring_queue_init_params(kBatch, &opened->ring, &params); error < 0) {
     return fail(ErrorCode::kUnsupported, "the kernel refuses it: " + std::generic_category().message(-error));
   }
-  ring->open = true;
-  ring->pieces.reserve(kBatch + Writer::kMaxPieces);
-  return std::unique_ptr<Uring>(new Uring(std::move(ring)));
+  opened->open = true;
+  opened->pieces.reserve(kBatch + Writer::kMaxPieces);
+  return opened;
 }
 
-void Uring::write(std::span<Writer* const> writers) {
+void write_all(Uring& ring, std::span<Writer* const> writers) {
   for (Writer* writer : writers) {
     if (writer->plain_socket() < 0) {
       writer->flush();
       continue;
     }
-    ring_->add(*writer);
-    if (ring_->writes.size() == kBatch) ring_->submit();
+    ring.add(*writer);
+    if (ring.writes.size() == kBatch) ring.submit();
   }
-  if (!ring_->writes.empty()) ring_->submit();
+  if (!ring.writes.empty()) ring.submit();
 }
 
 #else
 
-struct Uring::Ring {};
-Uring::Uring(std::unique_ptr<Ring> ring) : ring_(std::move(ring)) {}
-Uring::~Uring() = default;
+struct Uring {};
 
-Result<std::unique_ptr<Uring>> Uring::open() {
+Result<std::shared_ptr<Uring>> open_uring() {
   return fail(ErrorCode::kUnsupported, "this program was built without liburing");
 }
 
-void Uring::write(std::span<Writer* const> writers) {
-  for (Writer* writer : writers) writer->flush();
-}
+void write_all(Uring&, std::span<Writer* const>) {}
 
 #endif
 

@@ -13,7 +13,7 @@
 #include <utility>
 #include <vector>
 
-#include "broker/relay/stream_tap.h"
+#include "broker/relay/stream.h"
 #include "common/core/clock.h"
 #include "common/core/files.h"
 #include "common/core/hash/sha256.h"

@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "broker/access/patterns.h"
-#include "broker/relay/stream_tap.h"
+#include "broker/relay/stream.h"
 #include "broker/storage/asset_store.h"
 #include "common/core/log.h"
 

@@ -9,7 +9,7 @@
 #include <fstream>
 #include <thread>
 
-#include "broker/relay/epoch_source.h"
+#include "broker/relay/ownership.h"
 
 namespace eigencast::broker {
 namespace {

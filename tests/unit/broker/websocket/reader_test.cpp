@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "broker/websocket/upgrade.h"
+#include "broker/websocket/protocol.h"
 
 namespace eigencast::broker::websocket {
 namespace {

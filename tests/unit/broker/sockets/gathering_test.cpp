@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "broker/relay/gathering.h"
+#include "broker/sockets/turn.h"
 
 #include <gtest/gtest.h>
 

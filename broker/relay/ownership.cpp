@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "broker/relay/epoch_source.h"
+#include "broker/relay/ownership.h"
 
 #include <algorithm>
 #include <fstream>
