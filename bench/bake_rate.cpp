@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
 // bake_rate [--peers] [--exactly] [--m M] [--repeat N] SHAPE...: seconds for the M lowest eigenpairs (default 200) of
-// the Laplacian of surfaces, ours and, with --peers, our second solver (spectra_solver.h) and ARPACK with sparse LU and
+// the Laplacian of surfaces, ours and, with --peers, our second solver (spectra_solver.cpp) and ARPACK with sparse LU and
 // with sparse Cholesky: the same pair (L, M), the same shift below zero, one after the other in one run; medians of N
 // runs by turns (default 1). SHAPE as bench/named_surface.h has it. --exactly: ours once more without approximation,
 // for surfaces of more than 150,000 vertices. Residuals of all are measured by the same lines. For one thread each run
@@ -23,7 +23,6 @@
 #include "bench/named_surface.h"
 #include "common/core/histogram.h"
 #include "common/spectral/eigenbasis.h"
-#include "common/spectral/spectra_solver.h"
 #include "common/spectral/symmetric_form.h"
 
 #if EIGENCAST_HAS_ARPACK

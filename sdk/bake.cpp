@@ -25,7 +25,6 @@
 #include "common/progressive/splats.h"
 #include "common/spectral/basis.h"
 #include "common/spectral/laplacian.h"
-#include "common/spectral/motion_basis.h"
 #include "common/surface/appearance.h"
 #include "common/surface/checks/check.h"
 #include "common/wire/limits.h"
@@ -87,7 +86,7 @@ PlannedAppearance planned_appearance(const Surface& surface, const Appearance* s
 }
 
 bool uses_kernel(const BakeOptions& options) {
-  return options.points_operator == "pb-mhb";
+  return options.points_operator == PointsOperator::kPbMhb;
 }
 
 Result<void> check_basis(const BakeOptions& options) {
@@ -100,10 +99,6 @@ Result<void> check_basis(const BakeOptions& options) {
 }
 
 Result<void> check_points_operator(const Surface& surface, const BakeOptions& options) {
-  if (!uses_kernel(options) && options.points_operator != "delaunay") {
-    return fail(ErrorCode::kInvalidArgument,
-                "there is no operator '" + options.points_operator + "' of points: use 'delaunay' or 'pb-mhb'");
-  }
   if (!uses_kernel(options) || surface.is_point_cloud()) return {};
   return fail(ErrorCode::kInvalidArgument,
               "'pb-mhb' is an operator of point clouds, and this surface has faces, which say more than it would find: "
@@ -160,10 +155,10 @@ Result<Sha256> key_of(const Surface& surface, std::span<const std::vector<Vec3>>
   out.text(options.name);
   out.u32(static_cast<std::uint32_t>(options.rank));
   out.f64(options.asset_error);
-  if (uses_kernel(options)) out.text(options.points_operator);
+  if (uses_kernel(options)) out.text(kPointsOperatorNames[options.points_operator]);
   out.u8(static_cast<std::uint8_t>(detail_of(options)));
   out.u8(options.delaunay ? 1 : 0);
-  if (options.solver != EigenSolver::kLanczos) out.text(name_of(options.solver));
+  if (options.solver != EigenSolver::kLanczos) out.text(kSolverNames[options.solver]);
   out.u64(surface.positions.size());
   out.u64(surface.faces.size());
   Sha256Stream stream;
@@ -251,7 +246,8 @@ Asset asset_from(const Surface& surface, const PlannedAppearance& appearance, st
   asset.vertex_count = static_cast<std::uint32_t>(n);
   asset.rank = static_cast<std::uint32_t>(r);
   asset.base_count = order.base_count;
-  asset.basis_kind = std::string(name_of(options.basis)) + (uses_kernel(options) ? "/" + options.points_operator : "");
+  asset.basis_kind = name_of(options.basis);
+  if (uses_kernel(options)) asset.basis_kind.append("/").append(kPointsOperatorNames[options.points_operator]);
   asset.name = options.name;
   asset.band_ends = default_band_ends(asset.rank);
   asset.basis = rows_in_order(basis.Psi, order.order);
@@ -364,9 +360,7 @@ Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vect
                                const PlannedAppearance& appearance, const BakeOptions& options, const Stages& stages) {
   const TimeUs start = steady_now_us();
   if (!stages.at(0.01, "operator")) return cancelled("operator");
-  auto laplacian = build_laplacian(
-      surface, {.delaunay = options.delaunay,
-                .points = uses_kernel(options) ? PointsOperator::kPbMhb : PointsOperator::kLocalDelaunay});
+  auto laplacian = build_laplacian(surface, {.delaunay = options.delaunay, .points = options.points_operator});
   if (!laplacian) return laplacian.error();
   OrderToCome order_to_come(surface, poses, appearance);
   auto basis = basis_of(surface, *laplacian, options, stages.within(kLaplacianDone, kBasisDone));

@@ -29,8 +29,7 @@ struct BakeOptions {
   const KnownMotion* motion = nullptr;
   /// Of the same surface; null: none. Needed until bake() returns.
   const Appearance* appearance = nullptr;
-  /// Of point clouds: "delaunay" (default) or "pb-mhb", slower (PointsOperator in spectral/laplacian.h).
-  std::string points_operator = "delaunay";
+  PointsOperator points_operator = PointsOperator::kLocalDelaunay;  ///< Of point clouds.
   /// How what a harmonic or pca basis leaves out of the rest pose comes back (default: frames for harmonic, else none).
   /// An asset two to three times as large, whose poses take viewers three times the multiplications.
   std::optional<DetailKind> detail = std::nullopt;

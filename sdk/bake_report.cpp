@@ -68,7 +68,7 @@ std::string report_of(const BakeResult& result, const BakeFacts& facts) {
   }
   if (laplacian.flips)
     report += formatted("operator: Delaunay triangles of the tufted cover, %zu edges flipped\n", *laplacian.flips);
-  if (options.points_operator == "pb-mhb") {
+  if (options.points_operator == PointsOperator::kPbMhb) {
     report += formatted("operator: heat kernel between points (PB-MHB), %.0f entries a row\n",
                         static_cast<double>(laplacian.L.nonZeros()) / static_cast<double>(surface.vertex_count()));
   }

@@ -34,19 +34,26 @@ void add_clip_options(CLI::App& app, SourceOptions& source) {
       ->capture_default_str();
 }
 
+template <typename Names, typename Value>
+bool find(const Names& names, const std::string& text, Value& value) {
+  const auto found = names.find(text);
+  return found && (value = *found, true);
+}
+
 /// What CLI11 finds by the enumeration's namespace.
 bool lexical_cast(const std::string& text, BasisKind& kind) {
-  const auto parsed = basis_from_name(text);
-  return parsed && (kind = *parsed, true);
+  return find(kBasisNames, text, kind);
 }
 bool lexical_cast(const std::string& text, EigenSolver& solver) {
-  const auto parsed = solver_from_name(text);
-  return parsed && (solver = *parsed, true);
+  return find(kSolverNames, text, solver);
+}
+bool lexical_cast(const std::string& text, PointsOperator& points) {
+  return find(kPointsOperatorNames, text, points);
 }
 
 template <typename Names>
 CLI::Validator one_of(const Names& names) {
-  return CLI::IsMember(std::vector<std::string>(names.begin(), names.end()));
+  return CLI::IsMember(std::vector<std::string>(names.names.begin(), names.names.end()));
 }
 
 template <typename Bases, typename Ranks>
@@ -63,7 +70,7 @@ void add_basis_options(CLI::App& app, Bases& bases, Ranks& ranks, SourceOptions&
                  "of augmented and harmonic bases: lanczos, or spectra, a second opinion for up to 20,000 vertices")
       ->check(one_of(kSolverNames))
       ->type_name("TEXT")
-      ->default_str(std::string(name_of(EigenSolver::kLanczos)));
+      ->default_str(std::string(kSolverNames[EigenSolver::kLanczos]));
   CLI::Option* rank = app.add_option("-r,--rank,--r", ranks,
                                      "coefficients per axis (default: 200; pca: 50; rig, cage: all that there are)")
                           ->check(CLI::Range(4, 4096))
@@ -85,8 +92,9 @@ void add_asset_options(CLI::App& app, SourceOptions& source) {
   app.add_option(
          "--points-operator", source.points_operator,
          "of point clouds: delaunay, or pb-mhb, the heat kernel between points, which takes some five times as long")
-      ->check(CLI::IsMember({"delaunay", "pb-mhb"}))
-      ->capture_default_str();
+      ->check(one_of(kPointsOperatorNames))
+      ->type_name("TEXT")
+      ->default_str(std::string(kPointsOperatorNames[PointsOperator::kLocalDelaunay]));
   app.add_flag("--delaunay", source.delaunay,
                "of meshes: take the operator of Delaunay triangles, as is done where an edge has three or more faces: "
                "for long and thin faces");

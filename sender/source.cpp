@@ -5,7 +5,7 @@
 #include <cstdio>
 #include <filesystem>
 
-#include "common/spectral/rig_columns.h"
+#include "common/spectral/known_motion.h"
 #include "common/surface/checks/jumps.h"
 #include "common/surface/formats/clip.h"
 #include "common/surface/formats/read.h"

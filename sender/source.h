@@ -28,11 +28,11 @@ struct SourceOptions {
   BasisKind basis = BasisKind::kAugmented;
   EigenSolver solver = EigenSolver::kLanczos;  ///< Of augmented and harmonic bases.
   int rank = 0;                                ///< 0: 200; of pca 50; of rig and cage all columns that there are.
-  std::optional<double> asset_error;         ///< See BakeOptions (default: 1e-4; of rig and cage, which are exact, 0).
-  std::string points_operator = "delaunay";  ///< See BakeOptions.
-  bool delaunay = false;                     ///< Likewise.
-  std::string detail;                        ///< See DetailKind; empty: as BakeOptions says.
-  CageOptions cage;                          ///< Of the basis cage.
+  std::optional<double> asset_error;  ///< See BakeOptions (default: 1e-4; of rig and cage, which are exact, 0).
+  PointsOperator points_operator = PointsOperator::kLocalDelaunay;  ///< See BakeOptions.
+  bool delaunay = false;                                            ///< Likewise.
+  std::string detail;                                               ///< See DetailKind; empty: as BakeOptions says.
+  CageOptions cage;                                                 ///< Of the basis cage.
   std::string name;  ///< (default: the built-in's, or the file's or folder's without its path: assets are public)
   std::string cache_dir;
   double target_error = 0;  ///< Rms error of the basis, over the diagonal, that decides the rank; 0: `rank` does.

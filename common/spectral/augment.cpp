@@ -2,38 +2,65 @@
 #include "common/spectral/augment.h"
 
 #include <algorithm>
+#include <cmath>
 #include <utility>
 #include <vector>
 
 #include "common/core/worker_team.h"
-#include "common/spectral/affine.h"
-#include "common/spectral/coarsening.h"
-#include "common/spectral/eigenbasis.h"
+#include "common/spectral/multilevel.h"
 #include "common/spectral/panels.h"
 
 namespace eigencast {
 namespace {
 
+constexpr double kFlat = 1e-13;               // relative residual below which a coordinate is dependent
 constexpr double kDependent = 1e-2;           // relative residual below which a column is noise
 constexpr double kFlatProduct = 1e-9;         // norm of a product with a coordinate that does not vary
 constexpr double kDependentOnCoarser = 2e-2;  // the same on a coarser surface, which adds noise
 constexpr int kHarmonicsPerTurn = 7;          // between two groups of three products
 constexpr Eigen::Index kCoarseEnough = 3000;  // vertices that suffice to count the harmonics needed
 
-/// Chooses columns in order by a Cholesky factorisation of their Gram matrix, one column at a time. Skips dependent
-/// columns.
+/// x0, y0, z0 (n x 3) about the M-centroid, in units of their root mean square.
+Eigen::MatrixXd centred_rest(std::span<const Vec3> positions, const Eigen::VectorXd& mass) {
+  Eigen::MatrixXd rest = matrix_from_positions(positions);
+  const Eigen::RowVector3d centroid = mass.transpose() * rest / mass.sum();
+  rest.rowwise() -= centroid;
+  const double size = std::sqrt((mass.asDiagonal() * rest.cwiseAbs2()).sum() / mass.sum());
+  return size > 0 ? Eigen::MatrixXd(rest / size) : rest;
+}
+
+/// M^{1/2} times 1, x0, y0, z0, orthonormalised in this order: n x (1..4), without dependent coordinates.
+///   rest  from centred_rest
+Eigen::MatrixXd orthonormal_affine(const Eigen::VectorXd& root_mass, const Eigen::MatrixXd& rest) {
+  Eigen::MatrixXd columns(root_mass.size(), 4);
+  columns.col(0) = root_mass.normalized();
+  Eigen::Index count = 1;
+  for (Eigen::Index axis = 0; axis < 3; ++axis) {
+    Eigen::VectorXd column = root_mass.cwiseProduct(rest.col(axis));
+    for (int pass = 0; pass < 3; ++pass) {
+      const auto before = columns.leftCols(count);
+      column -= before * (before.transpose() * column);
+      if (pass == 0 && column.norm() < kFlat * root_mass.norm()) column.setZero();
+      column.normalize();  // leaves zero as it is
+    }
+    if (column.norm() < 0.5) continue;
+    columns.col(count++) = column;
+  }
+  return columns.leftCols(count);
+}
+
+/// Chooses columns in order by a Cholesky factorisation of their Gram matrix; skips dependent ones.
 class Selection {
  public:
   Selection(Eigen::MatrixXd gram, int rank) : gram_(std::move(gram)), R_(Eigen::MatrixXd::Zero(rank, rank)) {}
 
-  bool full() const { return static_cast<Eigen::Index>(chosen_.size()) == R_.cols(); }
   const std::vector<Eigen::Index>& chosen() const { return chosen_; }
 
   /// Takes candidate `index` if at least `threshold` of its norm is new.
   void offer(Eigen::Index index, double threshold) {
     const double squared_norm = gram_(index, index);
-    if (full() || !(squared_norm > 0)) return;
-    const Eigen::Index k = static_cast<Eigen::Index>(chosen_.size());
+    const auto k = static_cast<Eigen::Index>(chosen_.size());
+    if (k == R_.cols() || !(squared_norm > 0)) return;
     Eigen::VectorXd column(k);
     for (Eigen::Index i = 0; i < k; ++i) column[i] = gram_(chosen_[static_cast<std::size_t>(i)], index);
     R_.topLeftCorner(k, k).triangularView<Eigen::Upper>().transpose().solveInPlace(column);
@@ -56,8 +83,7 @@ class Selection {
   std::vector<Eigen::Index> chosen_;
 };
 
-/// All candidate columns side by side: affine | harmonics but the constant | phi_k * (x0, y0, z0) for k = 2..K,
-/// normalised.
+/// affine | harmonics but the constant | phi_k * (x0, y0, z0) for k = 2..K, normalised.
 struct CandidateColumns {
   Panels panels;
   Eigen::Index affine = 0, harmonics = 0;
@@ -71,9 +97,10 @@ struct Column {
 };
 
 void fill(std::span<const Column> columns, Panels& panels) {
-  worker_team().run(static_cast<std::size_t>(panels.count()), [&](std::size_t panel) {
-    const std::size_t first = panel * kPanelWidth, count = std::min(kPanelWidth, columns.size() - first);
-    double* to = panels[static_cast<Eigen::Index>(panel)];
+  for_panels(panels.count(), [&](Eigen::Index panel) {
+    const std::size_t first = static_cast<std::size_t>(panel) * kPanelWidth;
+    const std::size_t count = std::min(kPanelWidth, columns.size() - first);
+    double* to = panels[panel];
     for (Eigen::Index i = 0; i < panels.rows(); ++i, to += kPanelWidth) {
       for (std::size_t j = 0; j < count; ++j) {
         const Column& column = columns[first + j];
@@ -141,6 +168,11 @@ std::vector<Vec3> averages(const Coarsened& coarse, const Eigen::VectorXd& mass,
 
 }  // namespace
 
+PositionMap matrix_from_positions(std::span<const Vec3> positions) {
+  static_assert(sizeof(Vec3) == 3 * sizeof(double));
+  return {positions.empty() ? nullptr : positions.front().data(), static_cast<Eigen::Index>(positions.size()), 3};
+}
+
 Candidates candidates_from(std::span<const Vec3> rest, const Eigen::VectorXd& mass) {
   Candidates candidates;
   candidates.rest = centred_rest(rest, mass);
@@ -155,9 +187,8 @@ Eigen::MatrixXd augment(Candidates& from, int K, int rank) {
   const Selection selection = select(columns, K, rank, kDependent).selection;
   const auto chosen = static_cast<Eigen::Index>(selection.chosen().size());
   Panels Q = zero_panels(n, chosen);
-  worker_team().run(static_cast<std::size_t>(Q.count()), [&](std::size_t panel) {
-    const auto first = static_cast<Eigen::Index>(panel) * kWidth;
-    for (Eigen::Index j = first; j < std::min(chosen, first + kWidth); ++j) {
+  for_panels(Q.count(), [&](Eigen::Index panel) {
+    for (Eigen::Index j = panel * kWidth; j < std::min(chosen, (panel + 1) * kWidth); ++j) {
       copy_column(columns.panels, selection.chosen()[static_cast<std::size_t>(j)], Q, j);
     }
   });

@@ -7,7 +7,6 @@
 #include <string>
 #include <vector>
 
-#include "common/spectral/affine.h"
 #include "common/spectral/augment.h"
 
 namespace eigencast {
@@ -29,13 +28,6 @@ Basis basis_from(const Laplacian& laplacian, const Eigenbasis& eigenbasis, Eigen
   basis.approximate = eigenbasis.approximate;
   basis.missed = eigenbasis.missed;
   return basis;
-}
-
-Result<Basis> build_harmonic(const Laplacian& laplacian, int rank, EigenSolver solver, const Progress& progress) {
-  auto eigenbasis = solve_eigenbasis(laplacian, rank, progress, solver);
-  if (!eigenbasis) return eigenbasis.error();
-  Eigen::MatrixXd Phi = std::move(eigenbasis->Phi);
-  return basis_from(laplacian, *eigenbasis, std::move(Phi));
 }
 
 Result<Basis> build_augmented(const Surface& rest, const Laplacian& laplacian, int rank, EigenSolver solver,
@@ -78,6 +70,13 @@ Result<Basis> build_augmented(const Surface& rest, const Laplacian& laplacian, i
 
 }  // namespace
 
+Result<BasisKind> basis_from_name(std::string_view name) {
+  if (const auto kind = kBasisNames.find(name)) return *kind;
+  std::string known;
+  for (const std::string_view other : kBasisNames.names) known += (known.empty() ? "" : ", ") + std::string(other);
+  return fail(ErrorCode::kInvalidArgument, "there is no basis '" + std::string(name) + "'; known: " + known);
+}
+
 Result<Basis> build_basis(const Surface& rest, const Laplacian& laplacian, const BasisOptions& options,
                           const Progress& progress) {
   assert(options.kind == BasisKind::kAugmented || options.kind == BasisKind::kHarmonic);
@@ -95,8 +94,10 @@ Result<Basis> build_basis(const Surface& rest, const Laplacian& laplacian, const
   const Eigen::Index least = options.kind == BasisKind::kAugmented ? std::min<Eigen::Index>(4, n) : 1;
   const int rank = static_cast<int>(std::min<Eigen::Index>(options.rank, std::max<Eigen::Index>(least, n / 2 - 1)));
   try {
-    if (options.kind == BasisKind::kHarmonic) return build_harmonic(laplacian, rank, options.solver, progress);
-    return build_augmented(rest, laplacian, rank, options.solver, progress);
+    if (options.kind == BasisKind::kAugmented) return build_augmented(rest, laplacian, rank, options.solver, progress);
+    auto eigenbasis = solve_eigenbasis(laplacian, rank, progress, options.solver);
+    if (!eigenbasis) return eigenbasis.error();
+    return basis_from(laplacian, *eigenbasis, std::move(eigenbasis->Phi));
   } catch (const std::bad_alloc&) {
     return fail(ErrorCode::kTooLarge, "not enough memory for a basis of " + std::to_string(n) + " x " +
                                           std::to_string(rank) + ": lower the rank, or simplify the surface");

@@ -1,12 +1,11 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <array>
-#include <cstddef>
 #include <cstdint>
 #include <string_view>
 
 #include "common/core/result.h"
+#include "common/core/text.h"
 
 namespace eigencast {
 
@@ -22,24 +21,29 @@ enum class BasisKind : std::uint8_t {
 /// The solver of the harmonics.
 enum class EigenSolver : std::uint8_t {
   kLanczos,  ///< Ours: block Lanczos in bands, for surfaces of any size.
-  kSpectra,  ///< The library Spectra: a second opinion for small surfaces (spectra_solver.h).
+  kSpectra,  ///< The library Spectra: a second opinion for small surfaces (spectra_solver.cpp).
 };
 
-/// By number, as in options and files.
-inline constexpr std::array<std::string_view, 5> kBasisNames = {"augmented", "harmonic", "rig", "cage", "pca"};
-inline constexpr std::array<std::string_view, 2> kSolverNames = {"lanczos", "spectra"};
+/// The operator of a point cloud.
+enum class PointsOperator : std::uint8_t {
+  kLocalDelaunay,  ///< A third of that of local_delaunay.h (Sharp & Crane 2020): about eight entries a row.
+  /// That of point_kernel.h (Liu, Prabhakaran & Guo 2012): 110 to 190 entries a row, five times the time and twice the
+  /// memory. Eigenvalues are too low, as (1 - exp(-t lambda)) / t for about t = h^2.
+  kPbMhb,
+};
+
+/// As in options and files.
+inline constexpr EnumNames<BasisKind, 5> kBasisNames{{"augmented", "harmonic", "rig", "cage", "pca"}};
+inline constexpr EnumNames<EigenSolver, 2> kSolverNames{{"lanczos", "spectra"}};
+inline constexpr EnumNames<PointsOperator, 2> kPointsOperatorNames{{"delaunay", "pb-mhb"}};
 
 constexpr std::string_view name_of(BasisKind kind) {
-  return kBasisNames[static_cast<std::size_t>(kind)];
-}
-constexpr std::string_view name_of(EigenSolver solver) {
-  return kSolverNames[static_cast<std::size_t>(solver)];
+  return kBasisNames[kind];
 }
 /// Errors: kInvalidArgument.
 Result<BasisKind> basis_from_name(std::string_view name);
-Result<EigenSolver> solver_from_name(std::string_view name);
 
-/// Whether it is made for one known motion (motion_basis.h).
+/// Whether it is made for one known motion (build_motion_basis).
 constexpr bool is_of_motion(BasisKind kind) {
   return kind >= BasisKind::kRig;
 }
@@ -54,8 +58,7 @@ constexpr bool leaves_detail(BasisKind kind) {
 
 struct BasisOptions {
   BasisKind kind = BasisKind::kAugmented;  ///< Or kHarmonic.
-  int rank = 200;  ///< r; lowered to what n allows, which the result's column count says: n/2 - 1, but 4 for
-                   ///< an augmented basis, which is what its rest pose needs.
+  int rank = 200;  ///< r; lowered to what n allows: n/2 - 1, but 4 for an augmented basis, which its rest pose needs.
   EigenSolver solver = EigenSolver::kLanczos;
 };
 

@@ -5,10 +5,11 @@
 #include <cmath>
 #include <numeric>
 #include <random>
+#include <span>
 #include <string>
 #include <utility>
 
-#include "common/spectral/dense_eigen.h"
+#include "common/spectral/symmetric_form.h"
 
 namespace eigencast {
 namespace {
@@ -38,7 +39,7 @@ class BlockLanczos {
 
   Result<EigenPairs> run() {
     double* W = Q_.append();
-    fill_random(W);
+    for (Eigen::Index i = 0; i < n_ * kWidth; ++i) W[i] = static_cast<double>(random_()) / 4294967296.0 - 0.5;
     orthogonalise(W, 0);
     orthonormalise(W, Eigen::VectorXd::Ones(kWidth));
     Eigen::Index check = expected_;
@@ -59,10 +60,6 @@ class BlockLanczos {
  private:
   Eigen::Index steps() const { return Q_.count() - 1; }
 
-  void fill_random(double* W) {
-    for (Eigen::Index i = 0; i < n_ * kWidth; ++i) W[i] = static_cast<double>(random_()) / 4294967296.0 - 0.5;
-  }
-
   /// Projects the panels from `first` on out of W, the newest panel; returns the coefficients.
   Eigen::MatrixXd subtract_along(double* W, Eigen::Index first) const {
     const Eigen::Index end = Q_.count() - 1;
@@ -78,9 +75,8 @@ class BlockLanczos {
   }
 
   /// Orthogonalises W against the deflated panels, then those from `first` on, where most of it lies, then all: twice is
-  /// enough (Parlett 1980, "The Symmetric Eigenvalue Problem"). Then once more against the deflated panels, whose
-  /// rounding would otherwise grow from block to block until the kernel reappears. Returns the coefficients along the
-  /// panels from `first` on.
+  /// enough (Parlett 1980, "The Symmetric Eigenvalue Problem"). Then against the deflated panels again: else rounding
+  /// grows from block to block until the kernel reappears. Returns the coefficients along the panels from `first` on.
   Eigen::MatrixXd orthogonalise(double* W, Eigen::Index first) const {
     subtract_deflated(W);
     Eigen::MatrixXd along = subtract_along(W, first);
@@ -170,15 +166,12 @@ class BlockLanczos {
                      [&](auto a, auto b) { return std::abs(theta_[a]) > std::abs(theta_[b]); });
   }
 
-  /// || Op x - theta x || of Ritz pair `i`, as the recurrence gives it.
-  double defect(Eigen::Index i) const { return (coupling_ * Y_.col(i).tail(kWidth)).norm(); }
-
+  /// The largest || Op x - theta x || / |theta| of the wanted Ritz pairs, as the recurrence gives it.
   double worst_defect() const {
     if (static_cast<Eigen::Index>(order_.size()) < wanted_) return 1;
     double worst = 0;
-    for (std::size_t i = 0; i < static_cast<std::size_t>(wanted_); ++i) {
-      const Eigen::Index k = order_[i];
-      worst = std::max(worst, defect(k) / std::abs(theta_[k]));
+    for (const Eigen::Index k : std::span(order_).first(static_cast<std::size_t>(wanted_))) {
+      worst = std::max(worst, (coupling_ * Y_.col(k).tail(kWidth)).norm() / std::abs(theta_[k]));
     }
     return worst;
   }
@@ -190,7 +183,6 @@ class BlockLanczos {
     return std::max<Eigen::Index>(1, static_cast<Eigen::Index>(std::ceil(0.8 * missing / rate)));
   }
 
-  /// Restarts from the best Ritz vectors and the newest block.
   void restart_from_ritz() {
     const Eigen::Index p = T_.rows(), kept = keep_ * kWidth;
     Eigen::MatrixXd turn = Eigen::MatrixXd::Zero(p + kWidth, kept + kWidth);

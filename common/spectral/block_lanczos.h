@@ -9,8 +9,8 @@
 
 namespace eigencast {
 
-/// Some eigenpairs of S: column j of `vectors` (orthonormal to the tolerance) goes with values[j]; ascending. The last
-/// panel is filled up with zero columns.
+/// Some eigenpairs of S: column j of `vectors` (orthonormal to the tolerance) goes with values[j]; ascending. Zero columns
+/// fill the last panel.
 struct EigenPairs {
   Eigen::VectorXd values;
   Panels vectors;

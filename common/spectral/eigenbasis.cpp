@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: MIT
 #include "common/spectral/eigenbasis.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <exception>
 #include <limits>
 #include <new>
-#include <numbers>
 #include <optional>
 #include <random>
 #include <string>
@@ -15,9 +13,7 @@
 
 #include "common/core/machine.h"
 #include "common/spectral/block_lanczos.h"
-#include "common/spectral/dense_eigen.h"
 #include "common/spectral/multilevel.h"
-#include "common/spectral/spectra_solver.h"
 #include "common/spectral/symmetric_form.h"
 
 namespace eigencast {
@@ -57,34 +53,28 @@ class Bands {
         stage_(stage_text(bytes_needed(S.rows(), m))),
         kernel_(kernel_of(laplacian, m)),
         H_(zero_panels(S.rows(), m)),
+        values_(static_cast<std::size_t>(kernel_.count), 0.0),
+        have_(kernel_.count),
         marks_(S.rows()) {
+    for (int c = 0; c < kernel_.count; ++c) copy_column(kernel_.vectors, c, H_, c);
     std::mt19937 random(3);
     for (double& mark : marks_) mark = static_cast<double>(random()) / 4294967296.0;
     op_.on_apply([this] { tick(); });
   }
 
-  Result<void> run() {
-    append_kernel();
+  Result<Eigenbasis> run() {
     while (have_ < m_) {
-      if (auto done = next_band(); !done) return done;
+      if (auto done = next_band(); !done) return done.error();
     }
-    return {};
+    if (progress_ && !progress_(1, "eigenvectors")) throw Cancelled();
+    return eigenbasis_from(laplacian_, S_, std::move(H_), Eigen::Map<const Eigen::VectorXd>(values_.data(), m_));
   }
-
-  Panels take_vectors() { return std::move(H_); }
-  Eigen::VectorXd values() const { return Eigen::Map<const Eigen::VectorXd>(values_.data(), m_); }
 
  private:
   struct Plan {
     int nearest = 0;  // eigenpairs to ask for
     int take = 0;     // new ones expected of them
   };
-
-  void append_kernel() {
-    for (int c = 0; c < kernel_.count; ++c) copy_column(kernel_.vectors, c, H_, c);
-    values_.assign(static_cast<std::size_t>(kernel_.count), 0.0);
-    have_ = kernel_.count;
-  }
 
   Result<void> next_band() {
     double step = 1;
@@ -132,10 +122,9 @@ class Bands {
 
   /// Whether the interval that the pairs cover about the shift goes down to the boundary.
   bool reaches_boundary(const EigenPairs& pairs) const {
-    if (first_band()) return true;
-    return op_.sigma() - radius(pairs) < boundary_;
+    const double radius = (pairs.values.array() - op_.sigma()).abs().maxCoeff();
+    return first_band() || op_.sigma() - radius < boundary_;
   }
-  double radius(const EigenPairs& pairs) const { return (pairs.values.array() - op_.sigma()).abs().maxCoeff(); }
 
   /// Accepts the pairs between the old boundary and a new one in a gap, and solves for those that inertia counts as
   /// missing. False where pairs and inertia contradict each other.
@@ -143,15 +132,17 @@ class Bands {
     const double shift = op_.sigma();
     for (std::uint32_t round = 0; round < 40; ++round) {
       const auto cut = find_cut(pairs);
-      if (!cut) return false;
-      if (!op_.factor(cut->at)) return false;
+      if (!cut || !op_.factor(cut->at)) return false;
       const int missing = op_.eigenvalues_below() - have_ - static_cast<int>(cut->end - cut->begin);
       if (missing == 0) {
         accept(pairs, *cut);
         return true;
       }
       if (missing < 0 || !op_.factor(shift)) return false;
-      if (!add_missing(pairs, std::min(missing + 1, band_), 1000 + round)) return false;
+      const auto more =
+          nearest_eigenpairs(op_, std::min(missing + 1, band_), 1000 + round, {&kernel_.vectors, &pairs.vectors});
+      if (!more) return false;
+      merge(pairs, *more);
     }
     return false;
   }
@@ -185,20 +176,10 @@ class Bands {
     return cut;
   }
 
-  bool add_missing(EigenPairs& pairs, int count, std::uint32_t seed) {
-    const auto more = nearest_eigenpairs(op_, count, seed, {&kernel_.vectors, &pairs.vectors});
-    if (!more) return false;
-    merge(pairs, *more);
-    return true;
-  }
-
   static void merge(EigenPairs& pairs, const EigenPairs& more) {
-    const Eigen::Index a = pairs.values.size();
-    const Eigen::Index b = more.values.size();
+    const Eigen::Index a = pairs.values.size(), b = more.values.size();
     EigenPairs all{Eigen::VectorXd(a + b), zero_panels(pairs.vectors.rows(), a + b)};
-    Eigen::Index i = 0;
-    Eigen::Index j = 0;
-    while (i < a || j < b) {
+    for (Eigen::Index i = 0, j = 0; i < a || j < b;) {
       const bool first = j == b || (i < a && pairs.values[i] <= more.values[j]);
       all.values[i + j] = first ? pairs.values[i] : more.values[j];
       copy_column(first ? pairs.vectors : more.vectors, first ? i : j, all.vectors, i + j);
@@ -257,11 +238,10 @@ class Bands {
   std::string stage_;
   Kernel kernel_;
   Panels H_;
-  Eigen::VectorXd marks_;  // the function that choose_in_clusters diagonalises
   std::vector<double> values_;
-  int have_ = 0;
-  double boundary_ = 0;
-  double spacing_ = 0;
+  int have_;
+  Eigen::VectorXd marks_;  // the function that choose_in_clusters diagonalises
+  double boundary_ = 0, spacing_ = 0;
   int applied_ = 0, expected_ = 0;  // blocks solved for in this band
   double reported_ = 0;
 };
@@ -274,18 +254,7 @@ Result<Eigenbasis> solve_dense(const Laplacian& laplacian, const Eigen::SparseMa
   values.head(kernel.count).setZero();
   Panels H = panels_from(all.vectors.leftCols(m));
   for (int c = 0; c < kernel.count; ++c) copy_column(kernel.vectors, c, H, c);
-  if (!orthonormalise(H, m)) return fail(ErrorCode::kNumerical, "the eigenvectors of the surface are not independent");
   return eigenbasis_from(laplacian, S, std::move(H), std::move(values));
-}
-
-Result<Eigenbasis> solve_in_bands(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, int m,
-                                  const Progress& progress) {
-  Bands bands(laplacian, S, m, progress);
-  if (auto done = bands.run(); !done) return done.error();
-  Panels H = bands.take_vectors();
-  if (!orthonormalise(H, m)) return fail(ErrorCode::kNumerical, "the eigenvectors of the surface are not independent");
-  if (progress && !progress(1, "eigenvectors")) throw Cancelled();
-  return eigenbasis_from(laplacian, S, std::move(H), bands.values());
 }
 
 enum class Method { kLanczos, kMultilevel, kSpectra };
@@ -310,7 +279,7 @@ Result<Eigenbasis> solve(const Laplacian& laplacian, int m, Method method, const
     const Eigen::SparseMatrix<double> S = symmetric_form(laplacian);
     if (method == Method::kSpectra) return spectra_eigenbasis(laplacian, S, m, progress);
     if (n <= kDenseLimit) return solve_dense(laplacian, S, m);
-    return solve_in_bands(laplacian, S, m, progress);
+    return Bands(laplacian, S, m, progress).run();
   } catch (const Cancelled&) {
     return fail(ErrorCode::kCancelled, "stopped while solving for eigenvectors");
   } catch (const std::bad_alloc&) {
@@ -334,10 +303,6 @@ Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Pro
 }
 Result<Eigenbasis> solve_eigenbasis_exactly(const Laplacian& laplacian, int m, const Progress& progress) {
   return solve(laplacian, m, Method::kLanczos, progress);
-}
-
-double first_shift(double area) {
-  return -0.01 * 8 * std::numbers::pi / area;
 }
 
 }  // namespace eigencast

@@ -28,12 +28,11 @@ struct Eigenbasis {
   std::optional<int> missed;
 };
 
-/// Up to 150,000 vertices: shift-invert block Lanczos by bands with inertia counts; a dense solver up to n = 512, after
-/// Vallet & Levy 2008, "Spectral Geometry Processing with Manifold Harmonics". One band where m <= 256. Beyond:
-/// approximations (multilevel.h), which the result says. Uses the process's threads. The stage that progress reports
-/// says how much memory it takes where that is above 1 GB, before it is taken; about 8 n (4 m + 90) bytes for m = 200,
-/// half that beyond 150,000 vertices. Same input, same bits on the same instruction set. kSpectra is for small surfaces
-/// (spectra_solver.h). REQUIRES: 1 <= m < n / 2. Errors: kNumerical, kCancelled, kInvalidArgument (m too large for n),
+/// Up to 150,000 vertices: shift-invert block Lanczos by bands with inertia counts, after Vallet & Levy 2008, "Spectral
+/// Geometry Processing with Manifold Harmonics"; a dense solver up to n = 512. Beyond: approximations (multilevel.h),
+/// which the result says. Uses the process's threads. The stage that progress reports says how much memory it takes
+/// where that is above 1 GB, before it is taken; about 8 n (4 m + 90) bytes for m = 200, half that beyond 150,000
+/// vertices. Same input, same bits on the same instruction set. REQUIRES: 1 <= m < n / 2. Errors: kNumerical, kCancelled, kInvalidArgument (m too large for n),
 /// kTooLarge (more memory than is free; more vertices than kSpectra takes).
 Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Progress& progress = {},
                                     EigenSolver solver = EigenSolver::kLanczos);
@@ -41,7 +40,7 @@ Result<Eigenbasis> solve_eigenbasis(const Laplacian& laplacian, int m, const Pro
 /// The same without approximation, however many vertices.
 Result<Eigenbasis> solve_eigenbasis_exactly(const Laplacian& laplacian, int m, const Progress& progress = {});
 
-/// A shift below zero by about a hundredth of a surface's first nonzero eigenvalue, by Weyl's law.
-double first_shift(double area);
+/// Vertices beyond which `EigenSolver::kSpectra` is refused: its time and memory grow with n m^2 on one thread.
+inline constexpr Eigen::Index kSpectraMaxVertices = 20'000;
 
 }  // namespace eigencast

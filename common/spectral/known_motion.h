@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <functional>
 #include <utility>
@@ -8,6 +9,7 @@
 
 #include "common/core/result.h"
 #include "common/surface/motion_clip.h"
+#include "common/surface/rig.h"
 #include "common/surface/surface.h"
 
 namespace eigencast {
@@ -21,7 +23,12 @@ struct SpanningColumns {
   std::vector<double> W;  ///< n x c, row-major; columns of equal effect have equal length.
 };
 
-/// A surface's motion, for a basis that is made for it alone (motion_basis.h).
+/// Columns that span every pose of a rigged surface. With p the bind pose: w_j and w_j p for each bone j in use, and w_j d
+/// for each morph target d that moves its vertices. p and d are about the bind pose's middle, in units of half its
+/// diagonal. Errors: kTooLarge (more than SpanningColumns takes).
+Result<SpanningColumns> columns_from_rig(const Rig& rig);
+
+/// A surface's motion, for a basis that is made for it alone (build_motion_basis).
 struct KnownMotion {
   /// Poses taken from a longer clip, evenly spaced.
   static constexpr std::size_t kMaxSamples = 4096;
@@ -31,7 +38,7 @@ struct KnownMotion {
   /// Pose i (n x 3); may read a file and fail as MotionClip::pose does.
   std::function<Result<std::vector<Vec3>>(std::size_t)> pose;
 
-  std::size_t samples() const { return poses < kMaxSamples ? poses : kMaxSamples; }
+  std::size_t samples() const { return std::min(poses, kMaxSamples); }
   Result<std::vector<Vec3>> sample(std::size_t i) const { return pose(i * poses / samples()); }
 };
 

@@ -2,16 +2,17 @@
 #include "common/spectral/laplacian.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <iterator>
-#include <optional>
+#include <limits>
+#include <span>
 #include <utility>
-#include <vector>
 
 #include "common/core/histogram.h"
-#include "common/spectral/bridges.h"
+#include "common/core/union_find.h"
 #include "common/spectral/intrinsic_triangles.h"
-#include "common/spectral/local_delaunay.h"
+#include "common/spectral/kd_tree.h"
 #include "common/spectral/point_kernel.h"
 #include "common/surface/checks/check.h"
 #include "common/surface/edge_uses.h"
@@ -27,6 +28,8 @@ constexpr double kNoArea = 1e-12;           // of the squared diagonal
 constexpr double kMinMass = 1e-6;           // of the median, for vertices of tiny faces
 constexpr double kUnreferencedMass = 1e-3;  // of the median
 constexpr double kSpring = 0.6;             // a typical cotangent weight, independent of scale
+constexpr std::size_t kPairsPerComponent = 3;
+constexpr std::size_t kMaxQueries = 4096;
 
 double distance(const Vec3& a, const Vec3& b) {
   return std::hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
@@ -112,9 +115,7 @@ Assembly assemble(std::span<const Vec3> positions, std::span<const Face> faces, 
 /// The median of the positive masses.
 double median_mass(const Eigen::VectorXd& mass) {
   std::vector<double> positive;
-  for (const double m : mass) {
-    if (m > 0) positive.push_back(m);
-  }
+  std::copy_if(mass.begin(), mass.end(), std::back_inserter(positive), [](double m) { return m > 0; });
   return positive.empty() ? 0 : median(std::move(positive));
 }
 
@@ -150,7 +151,120 @@ Eigen::SparseMatrix<double> matrix_from(Eigen::Index n, const Triplets& entries)
   return L;
 }
 
+ComponentLabels labels_from(UnionFind& sets) {
+  ComponentLabels result;
+  result.of_vertex.resize(sets.size());
+  for (std::uint32_t i = 0; i < sets.size(); ++i) {
+    const std::uint32_t root = sets.root(i);
+    result.of_vertex[i] = root == i ? result.count++ : result.of_vertex[root];
+  }
+  return result;
+}
+
+struct VertexPair {
+  double squared_distance = std::numeric_limits<double>::infinity();
+  std::uint32_t from = 0;
+  std::uint32_t to = 0;
+};
+
+/// A component's nearest pairs so far, ascending, from distinct vertices where it has enough.
+class NearestPairs {
+ public:
+  explicit NearestPairs(bool distinct) : distinct_(distinct) {}
+  double worst() const { return pairs_.back().squared_distance; }
+  void add(const VertexPair& pair) {
+    if (pair.squared_distance >= worst()) return;
+    const auto same = std::find_if(pairs_.begin(), pairs_.end(), [&](const VertexPair& p) {
+      return std::isfinite(p.squared_distance) && p.from == pair.from && (distinct_ || p.to == pair.to);
+    });
+    if (same != pairs_.end()) {
+      if (pair.squared_distance >= same->squared_distance) return;
+      *same = pair;
+    } else {
+      pairs_.back() = pair;
+    }
+    std::stable_sort(pairs_.begin(), pairs_.end(),
+                     [](const VertexPair& a, const VertexPair& b) { return a.squared_distance < b.squared_distance; });
+  }
+  const std::array<VertexPair, kPairsPerComponent>& pairs() const { return pairs_; }
+
+ private:
+  bool distinct_;
+  std::array<VertexPair, kPairsPerComponent> pairs_{};
+};
+
+/// A result set for nanoflann that skips the query vertex's own component.
+class OtherComponentSet {
+ public:
+  using DistanceType = double;
+  using IndexType = std::uint32_t;
+  OtherComponentSet(const std::vector<std::uint32_t>& labels, std::uint32_t from, NearestPairs& found)
+      : labels_(labels), from_(from), found_(found) {}
+  std::size_t size() const { return 0; }
+  bool empty() const { return false; }
+  bool full() const { return true; }
+  double worstDist() const { return found_.worst(); }
+  bool addPoint(double squared_distance, std::uint32_t to) {
+    if (labels_[to] != labels_[from_]) found_.add({squared_distance, from_, to});
+    return true;
+  }
+
+ private:
+  const std::vector<std::uint32_t>& labels_;
+  std::uint32_t from_;
+  NearestPairs& found_;
+};
+
+/// Vertex pairs that join all components into one: each component, but the largest, to its 3 nearest vertices of
+/// others, then the same with the joined ones, until one remains. Checks at most 4,096 vertices of a component, evenly
+/// spread.
+std::vector<std::pair<std::uint32_t, std::uint32_t>> find_bridges(std::span<const Vec3> positions,
+                                                                  ComponentLabels labels) {
+  std::vector<std::pair<std::uint32_t, std::uint32_t>> bridges;
+  if (labels.count <= 1) return bridges;
+  const PointSet points{positions};
+  const KdTree tree(3, points);
+  while (labels.count > 1) {
+    std::vector<std::vector<std::uint32_t>> members(labels.count);
+    for (std::uint32_t i = 0; i < labels.of_vertex.size(); ++i) members[labels.of_vertex[i]].push_back(i);
+    const auto largest = std::max_element(members.begin(), members.end(),
+                                          [](const auto& a, const auto& b) { return a.size() < b.size(); });
+    UnionFind joined(labels.count);
+    for (auto component = members.begin(); component != members.end(); ++component) {
+      if (component == largest) continue;
+      NearestPairs nearest(component->size() >= kPairsPerComponent);
+      const std::size_t stride = (component->size() + kMaxQueries - 1) / kMaxQueries;
+      for (std::size_t i = 0; i < component->size(); i += stride) {
+        OtherComponentSet found(labels.of_vertex, (*component)[i], nearest);
+        tree.findNeighbors(found, positions[(*component)[i]].data(), nanoflann::SearchParams());
+      }
+      for (const VertexPair& pair : nearest.pairs()) {
+        if (!std::isfinite(pair.squared_distance)) continue;
+        bridges.emplace_back(std::minmax(pair.from, pair.to));
+        joined.join(labels.of_vertex[pair.from], labels.of_vertex[pair.to]);
+      }
+    }
+    const ComponentLabels merged = labels_from(joined);
+    for (std::uint32_t& label : labels.of_vertex) label = merged.of_vertex[label];
+    labels.count = merged.count;
+  }
+  // Mutually nearest components find the same pairs.
+  std::sort(bridges.begin(), bridges.end());
+  bridges.erase(std::unique(bridges.begin(), bridges.end()), bridges.end());
+  return bridges;
+}
+
 }  // namespace
+
+ComponentLabels components_from_pattern(const Eigen::SparseMatrix<double>& L) {
+  UnionFind sets(static_cast<std::size_t>(L.cols()));
+  for (int column = 0; column < L.outerSize(); ++column) {
+    for (Eigen::SparseMatrix<double>::InnerIterator it(L, column); it; ++it) {
+      sets.join(static_cast<std::uint32_t>(it.row()), static_cast<std::uint32_t>(it.col()));
+    }
+  }
+  return labels_from(sets);
+}
 
 Result<Laplacian> build_laplacian(const Surface& surface, const LaplacianOptions& options) {
   if (auto valid = validate_surface(surface); !valid) return valid.error();

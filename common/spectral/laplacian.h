@@ -4,8 +4,10 @@
 #include <Eigen/SparseCore>
 #include <cstddef>
 #include <optional>
+#include <vector>
 
 #include "common/core/result.h"
+#include "common/spectral/basis_options.h"
 #include "common/surface/surface.h"
 
 namespace eigencast {
@@ -23,14 +25,6 @@ struct Laplacian {
   std::optional<std::size_t> flips;  ///< Edge flips of the tufted cover, where it was used.
 };
 
-/// The operator of a point cloud.
-enum class PointsOperator {
-  kLocalDelaunay,  ///< A third of that of local_delaunay.h (Sharp & Crane 2020): about eight entries a row.
-  /// That of point_kernel.h (Liu, Prabhakaran & Guo 2012): 110 to 190 entries a row, five times the time and twice the
-  /// memory. Eigenvalues are too low, as (1 - exp(-t lambda)) / t for about t = h^2.
-  kPbMhb,
-};
-
 struct LaplacianOptions {
   bool bridge = true;  ///< Joins components by weak springs at their nearest vertex pairs.
   /// Meshes: use the tufted cover (intrinsic_triangles.h) even where all edges are manifold. Its weights are not
@@ -43,5 +37,12 @@ struct LaplacianOptions {
 /// Meshes"), natural boundary; on the tufted cover where the mesh is not manifold. Points: see PointsOperator;
 /// coincident ones share a mass. Errors: kInvalidArgument (see validate_surface), kNumerical (no area).
 Result<Laplacian> build_laplacian(const Surface& surface, const LaplacianOptions& options = {});
+
+/// The component of each vertex, numbered from 0 by its lowest vertex. A vertex without edges is a component.
+struct ComponentLabels {
+  std::vector<std::uint32_t> of_vertex;
+  std::uint32_t count = 0;
+};
+ComponentLabels components_from_pattern(const Eigen::SparseMatrix<double>& L);
 
 }  // namespace eigencast

@@ -1,14 +1,12 @@
 // SPDX-License-Identifier: MIT
-#include "common/spectral/motion_basis.h"
-
 #include <algorithm>
 #include <cmath>
 #include <new>
 #include <string>
 
-#include "common/spectral/affine.h"
-#include "common/spectral/dense_eigen.h"
-#include "common/spectral/panels.h"
+#include "common/spectral/augment.h"
+#include "common/spectral/basis.h"
+#include "common/spectral/symmetric_form.h"
 
 namespace eigencast {
 namespace {
@@ -26,8 +24,7 @@ Index whole_panels(Index columns) {
   return (columns + kWidth - 1) / kWidth * kWidth;
 }
 
-/// The symmetric form h = M^{1/2} psi, where the inner product is the plain one. The affine columns are projected out of
-/// all others.
+/// The symmetric form h = M^{1/2} psi. The affine columns are projected out of all others.
 struct Form {
   VectorXd root_mass;
   MatrixXd affine;  // n x a
@@ -35,7 +32,7 @@ struct Form {
 
   Form(const Surface& surface, const VectorXd& mass)
       : root_mass(mass.cwiseSqrt()),
-        affine(orthonormal_affine(root_mass, centred_rest(surface.positions, mass))),
+        affine(candidates_from(surface.positions, mass).affine),
         centre(mass.transpose() * matrix_from_positions(surface.positions) / mass.sum()) {}
 
   VectorXd without_affine(VectorXd h) const {

@@ -10,8 +10,6 @@
 #include <vector>
 
 #include "common/core/worker_team.h"
-#include "common/spectral/coarsening.h"
-#include "common/spectral/dense_eigen.h"
 #include "common/spectral/shift_invert.h"
 #include "common/spectral/symmetric_form.h"
 
@@ -21,6 +19,44 @@ namespace {
 constexpr double kCoarseShare = 0.15;  // of the time, for progress
 constexpr double kFactorBytes = 1000;  // per row, at a million rows
 constexpr int kLikelySteps = 2;
+constexpr double kDamping = 0.66;  // of Jacobi's step, in units of 1 / diagonal
+constexpr int kFree = -1;
+
+using RowMatrix = Eigen::SparseMatrix<double, Eigen::RowMajor>;
+using Entry = Eigen::SparseMatrix<double>::InnerIterator;
+
+/// The aggregate of each vertex, from 0, and their number.
+struct Aggregates {
+  std::vector<int> of;
+  int count = 0;
+};
+
+Aggregates aggregate(const Eigen::SparseMatrix<double>& L) {
+  const int n = static_cast<int>(L.cols());
+  Aggregates result{std::vector<int>(static_cast<std::size_t>(n), kFree), 0};
+  const auto of = [&](Eigen::Index i) -> int& { return result.of[static_cast<std::size_t>(i)]; };
+  for (int i = 0; i < n; ++i) {
+    bool all_free = of(i) == kFree;
+    for (Entry it(L, i); it && all_free; ++it) all_free = of(it.row()) == kFree;
+    if (!all_free) continue;
+    for (Entry it(L, i); it; ++it) of(it.row()) = result.count;
+    of(i) = result.count++;
+  }
+  // A free vertex joins the aggregate of its strongest neighbour; it has a neighbour in one, or it would be one itself.
+  const std::vector<int> before = result.of;
+  for (int i = 0; i < n; ++i) {
+    if (of(i) != kFree) continue;
+    double strongest = 0;
+    for (Entry it(L, i); it; ++it) {
+      const int other = before[static_cast<std::size_t>(it.row())];
+      if (other == kFree || (of(i) != kFree && -it.value() <= strongest)) continue;
+      strongest = -it.value();
+      of(i) = other;
+    }
+    if (of(i) == kFree) of(i) = result.count++;
+  }
+  return result;
+}
 
 /// Vectors iterated for m wanted ones; more converge faster.
 Eigen::Index columns_for(int m) {
@@ -31,8 +67,7 @@ Panels prolongate(const Coarsened& coarse, const Eigen::VectorXd& fine_mass, con
   Panels to = zero_panels(coarse.P.rows(), from.columns());
   const Eigen::VectorXd unscale = coarse.laplacian.mass.cwiseSqrt().cwiseInverse();
   const Eigen::VectorXd scale = fine_mass.cwiseSqrt();
-  worker_team().run(static_cast<std::size_t>(from.count()), [&](std::size_t panel) {
-    const auto j = static_cast<Eigen::Index>(panel);
+  for_panels(from.count(), [&](Eigen::Index j) {
     for (Eigen::Index i = 0; i < coarse.P.outerSize(); ++i) {
       double* row = to[j] + i * kWidth;
       for (decltype(coarse.P)::InnerIterator it(coarse.P, i); it; ++it) {
@@ -69,11 +104,8 @@ class InverseIteration {
     Panels Y = zero_panels(H_.rows(), batch * kWidth);
     for (Eigen::Index first = 0; first < H_.count(); first += batch) {
       const Eigen::Index count = std::min(batch, H_.count() - first);
-      worker_team().run(static_cast<std::size_t>(count), [&](std::size_t k) {
-        const auto b = static_cast<Eigen::Index>(k);
-        std::copy_n(H_[first + b], H_.rows() * kWidth, Y[b]);
-        op_.apply_in_place(Y[b], scratch_[k].data());
-      });
+      for_panels(count,
+                 [&](Eigen::Index b) { op_.apply(H_[first + b], Y[b], scratch_[static_cast<std::size_t>(b)].data()); });
       for (Eigen::Index b = 0; b < count; ++b) {
         G.block(first * kWidth, (first + b) * kWidth, p - first * kWidth, kWidth) =
             transposed_product(H_, first, H_.count(), Y[b]);
@@ -161,17 +193,39 @@ Result<Eigenbasis> finish(const Laplacian& laplacian, const InverseIteration& it
   for (Eigen::Index i = 0; i < H.rows(); ++i) {
     for (Eigen::Index j = m; j < H.columns(); ++j) H.at(i, j) = 0;
   }
-  if (!orthonormalise(H, m)) {
-    return fail(ErrorCode::kNumerical, "the approximate eigenvectors of the surface are not independent");
-  }
-  Eigenbasis result = eigenbasis_from(laplacian, iteration.S(), std::move(H), std::move(values));
-  result.certified = false;
-  result.approximate = true;
-  result.missed = missed;
+  auto result = eigenbasis_from(laplacian, iteration.S(), std::move(H), std::move(values),
+                                "the approximate eigenvectors of the surface");
+  if (!result) return result;
+  result->certified = false;
+  result->approximate = true;
+  result->missed = missed;
   return result;
 }
 
 }  // namespace
+
+Coarsened coarsen(const Laplacian& fine) {
+  const Aggregates aggregates = aggregate(fine.L);
+  const Eigen::Index n = fine.L.rows();
+  RowMatrix indicators(n, aggregates.count);
+  indicators.reserve(Eigen::VectorXi::Ones(n));
+  Coarsened coarse;
+  coarse.laplacian.mass = Eigen::VectorXd::Zero(aggregates.count);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const int a = aggregates.of[static_cast<std::size_t>(i)];
+    indicators.insert(i, a) = 1;
+    coarse.laplacian.mass[a] += fine.mass[i];
+  }
+  const Eigen::VectorXd step = fine.L.diagonal().unaryExpr([](double d) { return d > 0 ? kDamping / d : 0.0; });
+  const RowMatrix L = fine.L;
+  coarse.P = indicators - RowMatrix(step.asDiagonal() * RowMatrix(L * indicators));
+  const RowMatrix LP = L * coarse.P;
+  coarse.laplacian.L = RowMatrix(RowMatrix(coarse.P.transpose()) * LP);
+  coarse.laplacian.area = fine.area;
+  coarse.laplacian.components = fine.components;
+  coarse.laplacian.bridges = fine.bridges;
+  return coarse;
+}
 
 double multilevel_bytes(Eigen::Index n, int m) {
   const auto threads = static_cast<double>(worker_team().threads());
@@ -213,8 +267,7 @@ Result<Eigenbasis> approximate_eigenbasis(const Laplacian& laplacian, int m, con
       before = sum;
     }
     if (!finest) continue;
-    const int missed = count_missed(iteration, m);
-    return finish(laplacian, iteration, m, missed, std::move(H));
+    return finish(laplacian, iteration, m, count_missed(iteration, m), std::move(H));
   }
 }
 

@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cassert>
 #include <cstring>
-#include <functional>
 #include <new>
 
 #include "common/core/worker_team.h"
@@ -42,10 +41,8 @@ using PanelMatrix = Eigen::Matrix<double, Eigen::Dynamic, kWidth, Eigen::RowMajo
 
 /// work(stripe, first row, end row), stripes at the same time.
 void for_stripes(Eigen::Index rows, const std::function<void(Eigen::Index, Eigen::Index, Eigen::Index)>& work) {
-  worker_team().run(kStripes, [&](std::size_t i) {
-    const auto stripe = static_cast<Eigen::Index>(i);
-    work(stripe, rows * stripe / kStripes, rows * (stripe + 1) / kStripes);
-  });
+  for_panels(kStripes,
+             [&](Eigen::Index stripe) { work(stripe, rows * stripe / kStripes, rows * (stripe + 1) / kStripes); });
 }
 
 std::vector<PanelBlock> blocks_of(const Eigen::MatrixXd& H, double factor) {
@@ -55,6 +52,10 @@ std::vector<PanelBlock> blocks_of(const Eigen::MatrixXd& H, double factor) {
 }
 
 }  // namespace
+
+void for_panels(Eigen::Index count, const std::function<void(Eigen::Index)>& work) {
+  worker_team().run(static_cast<std::size_t>(count), [&](std::size_t j) { work(static_cast<Eigen::Index>(j)); });
+}
 
 void Panels::Free::operator()(double* at) const {
   ::operator delete(at, kAlignment);
@@ -79,18 +80,18 @@ Panels zero_panels(Eigen::Index rows, Eigen::Index columns) {
 
 Panels panels_from(const Eigen::MatrixXd& X) {
   Panels A = zero_panels(X.rows(), X.cols());
-  worker_team().run(static_cast<std::size_t>(A.count()), [&](std::size_t j) {
-    const auto first = static_cast<Eigen::Index>(j) * kWidth, here = std::min(kWidth, X.cols() - first);
-    PanelMatrix::Map(A[first / kWidth], A.rows(), kWidth).leftCols(here) = X.middleCols(first, here);
+  for_panels(A.count(), [&](Eigen::Index j) {
+    const Eigen::Index first = j * kWidth, here = std::min(kWidth, X.cols() - first);
+    PanelMatrix::Map(A[j], A.rows(), kWidth).leftCols(here) = X.middleCols(first, here);
   });
   return A;
 }
 
 Eigen::MatrixXd matrix_from(const Panels& A, Eigen::Index count) {
   Eigen::MatrixXd X(A.rows(), count);
-  worker_team().run(static_cast<std::size_t>((count + kWidth - 1) / kWidth), [&](std::size_t j) {
-    const auto first = static_cast<Eigen::Index>(j) * kWidth, here = std::min(kWidth, count - first);
-    X.middleCols(first, here) = PanelMatrix::Map(A[first / kWidth], A.rows(), kWidth).leftCols(here);
+  for_panels((count + kWidth - 1) / kWidth, [&](Eigen::Index j) {
+    const Eigen::Index first = j * kWidth, here = std::min(kWidth, count - first);
+    X.middleCols(first, here) = PanelMatrix::Map(A[j], A.rows(), kWidth).leftCols(here);
   });
   return X;
 }

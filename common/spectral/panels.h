@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -39,6 +40,9 @@ class Panels {
   Eigen::Index rows_;
   std::vector<std::unique_ptr<double, Free>> panels_;
 };
+
+/// work(j) for each of `count` panels, at the same time.
+void for_panels(Eigen::Index count, const std::function<void(Eigen::Index)>& work);
 
 /// `columns` columns, rounded up to whole panels, all zero.
 Panels zero_panels(Eigen::Index rows, Eigen::Index columns);

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "common/spectral/shift_invert.h"
 
+#include <metis.h>
+
+#include <Eigen/OrderingMethods>
 #include <algorithm>
 #include <cmath>
 #include <random>
@@ -10,7 +13,33 @@ namespace {
 
 constexpr double kBackwardError = 1e-11;  // of a solve; above it pivots were too small
 
+/// False where METIS is out of memory.
+bool dissect(const Eigen::SparseMatrix<double>& S, EliminationOrder::PermutationType& inverse) {
+  auto n = static_cast<idx_t>(S.rows());
+  std::vector<idx_t> first{0}, neighbours;
+  first.reserve(static_cast<std::size_t>(n) + 1);
+  neighbours.reserve(static_cast<std::size_t>(S.nonZeros()));
+  for (int column = 0; column < S.outerSize(); ++column) {
+    for (Eigen::SparseMatrix<double>::InnerIterator it(S, column); it; ++it) {
+      if (it.row() != column) neighbours.push_back(static_cast<idx_t>(it.row()));
+    }
+    first.push_back(static_cast<idx_t>(neighbours.size()));
+  }
+  std::vector<idx_t> order(static_cast<std::size_t>(n)), inverse_order(static_cast<std::size_t>(n));
+  if (METIS_NodeND(&n, first.data(), neighbours.data(), nullptr, nullptr, order.data(), inverse_order.data()) !=
+      METIS_OK)
+    return false;
+  inverse.resize(n);
+  for (idx_t k = 0; k < n; ++k) inverse.indices()[k] = static_cast<int>(order[static_cast<std::size_t>(k)]);
+  return true;
+}
+
 }  // namespace
+
+void EliminationOrder::operator()(const Eigen::SparseMatrix<double>& S, PermutationType& inverse) const {
+  if (S.rows() >= large_ && dissect(S, inverse)) return;
+  Eigen::AMDOrdering<int>()(S, inverse);
+}
 
 ShiftInvert::ShiftInvert(const Eigen::SparseMatrix<double>& S) : S_(S) {
   ldlt_.analyzePattern(S);
@@ -42,12 +71,11 @@ bool ShiftInvert::solves_well() {
   const Eigen::Index n = rows();
   Eigen::VectorXd b(n);
   for (double& value : b) value = static_cast<double>(generator()) / 4294967296.0 - 0.5;
-  const auto& order = order_;
   std::fill(permuted_.begin(), permuted_.end(), 0.0);
-  for (Eigen::Index i = 0; i < n; ++i) permuted_[static_cast<std::size_t>(order[i] * kWidth)] = b[i];
+  for (Eigen::Index i = 0; i < n; ++i) permuted_[static_cast<std::size_t>(order_[i] * kWidth)] = b[i];
   solve(permuted_.data());
   Eigen::VectorXd x(n);
-  for (Eigen::Index i = 0; i < n; ++i) x[i] = permuted_[static_cast<std::size_t>(order[i] * kWidth)];
+  for (Eigen::Index i = 0; i < n; ++i) x[i] = permuted_[static_cast<std::size_t>(order_[i] * kWidth)];
   if (!x.allFinite()) return false;
   const Eigen::VectorXd defect = S_ * x - sigma_ * x - b;
   const double scale = (norm_ + std::abs(sigma_)) * x.lpNorm<Eigen::Infinity>() + b.lpNorm<Eigen::Infinity>();
@@ -55,16 +83,14 @@ bool ShiftInvert::solves_well() {
 }
 
 void ShiftInvert::apply(const double* from, double* to) {
-  scatter_rows(from, order_.data(), rows(), permuted_.data());
-  solve(permuted_.data());
-  gather_rows(permuted_.data(), order_.data(), rows(), to);
+  apply(from, to, permuted_.data());
   if (callback_) callback_();
 }
 
-void ShiftInvert::apply_in_place(double* X, double* scratch) const {
-  scatter_rows(X, order_.data(), rows(), scratch);
+void ShiftInvert::apply(const double* from, double* to, double* scratch) const {
+  scatter_rows(from, order_.data(), rows(), scratch);
   solve(scratch);
-  gather_rows(scratch, order_.data(), rows(), X);
+  gather_rows(scratch, order_.data(), rows(), to);
 }
 
 void ShiftInvert::solve(double* X) const {

@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include "common/spectral/spectra_solver.h"
-
 #include <Spectra/SymEigsSolver.h>
 
 #include <Eigen/SparseCholesky>
@@ -60,14 +58,14 @@ class ComplementSolve {
 class SpectraSolver {
  public:
   SpectraSolver(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, int m, const Progress& progress)
-      : S_(S), m_(m), sigma_(first_shift(laplacian.area)), progress_(progress) {
+      : laplacian_(laplacian), S_(S), m_(m), sigma_(first_shift(laplacian.area)), progress_(progress) {
     const Kernel kernel = kernel_of(laplacian, std::numeric_limits<int>::max());
     vectors_ = matrix_from(kernel.vectors, kernel.count);
     values_ = VectorXd::Zero(kernel.count);
   }
 
-  Result<void> run() {
-    if (values_.size() >= m_) return {};
+  Result<Eigenbasis> run() {
+    if (values_.size() >= m_) return finish();
     factor_.analyzePattern(S_);
     factor_.setShift(-sigma_);
     factor_.factorize(S_);
@@ -76,7 +74,7 @@ class SpectraSolver {
     Index wanted = std::min(Index{m_} + kBeyond, S_.rows() - 1);
     for (Index round = 0; round < kMaxSpectraRounds; ++round) {
       if (values_.size() < wanted) {
-        if (auto more = find(wanted - values_.size()); !more) return more;
+        if (auto more = find(wanted - values_.size()); !more) return more.error();
       }
       const Index gap = gap_from(m_);
       if (gap == values_.size()) {
@@ -84,17 +82,20 @@ class SpectraSolver {
         continue;
       }
       const Index missing = count_below(0.5 * (values_[gap - 1] + values_[gap])) - gap;
-      if (missing == 0) return {};
+      if (missing == 0) return finish();
       if (missing < 0) return failed("has fewer eigenvalues than were found");
       wanted = values_.size() + missing + 1;
     }
     return failed("has eigenvalues that could not be separated");
   }
 
-  Panels vectors() const { return panels_from(vectors_.leftCols(m_)); }
-  VectorXd values() const { return values_.head(m_); }
-
  private:
+  Result<Eigenbasis> finish() const {
+    if (progress_ && !progress_(1, "eigenvectors")) throw Cancelled();
+    return eigenbasis_from(laplacian_, S_, panels_from(vectors_.leftCols(m_)), values_.head(m_),
+                           "Spectra: the eigenvectors");
+  }
+
   static Error failed(const std::string& what) {
     return fail(ErrorCode::kNumerical, "Spectra: the surface's operator " + what + "; use the solver 'lanczos'");
   }
@@ -146,6 +147,7 @@ class SpectraSolver {
     if (progress_ && !progress_(0.95 * done, "eigenvectors by Spectra")) throw Cancelled();
   }
 
+  const Laplacian& laplacian_;
   const Eigen::SparseMatrix<double>& S_;
   int m_;
   double sigma_;
@@ -165,12 +167,7 @@ double spectra_bytes(Eigen::Index n, int m) {
 
 Result<Eigenbasis> spectra_eigenbasis(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, int m,
                                       const Progress& progress) {
-  SpectraSolver solver(laplacian, S, m, progress);
-  if (auto done = solver.run(); !done) return done.error();
-  Panels H = solver.vectors();
-  if (!orthonormalise(H, m)) return fail(ErrorCode::kNumerical, "Spectra: the eigenvectors are not independent");
-  if (progress && !progress(1, "eigenvectors")) throw Cancelled();
-  return eigenbasis_from(laplacian, S, std::move(H), solver.values());
+  return SpectraSolver(laplacian, S, m, progress).run();
 }
 
 }  // namespace eigencast

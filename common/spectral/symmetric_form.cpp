@@ -1,12 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "common/spectral/symmetric_form.h"
 
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 #include <vector>
-
-#include "common/core/worker_team.h"
-#include "common/spectral/bridges.h"
 
 namespace eigencast {
 namespace {
@@ -18,19 +16,24 @@ double worst_residual(const Eigen::SparseMatrix<double>& S, const Panels& H, con
   Eigen::VectorXd shift = Eigen::VectorXd::Zero(H.columns());
   shift.head(values.size()) = values;
   std::vector<double> worst(static_cast<std::size_t>(H.count()), 0.0);
-  worker_team().run(worst.size(), [&](std::size_t i) {
-    const auto panel = static_cast<Eigen::Index>(i);
+  const SparseRows rows{S.outerIndexPtr(), S.innerIndexPtr(), S.valuePtr()};  // its columns, as it is symmetric
+  for_panels(H.count(), [&](Eigen::Index panel) {
     Panels defects = zero_panels(H.rows(), 1);
-    panel_functions().multiply(rows_of(S), 0, static_cast<std::size_t>(H.rows()), H[panel],
-                               shift.data() + panel * kWidth, defects[0]);
+    panel_functions().multiply(rows, 0, static_cast<std::size_t>(H.rows()), H[panel], shift.data() + panel * kWidth,
+                               defects[0]);
     const Eigen::Map<const Eigen::Matrix<double, kWidth, Eigen::Dynamic>> columns(defects[0], kWidth, H.rows());
     const Eigen::VectorXd norms = columns.rowwise().norm();
     for (Eigen::Index j = 0; j < kWidth && panel * kWidth + j < values.size(); ++j) {
       const double scale = std::max(values[panel * kWidth + j], floor);
-      worst[i] = std::max(worst[i], scale > 0 ? norms[j] / scale : norms[j]);
+      double& most = worst[static_cast<std::size_t>(panel)];
+      most = std::max(most, scale > 0 ? norms[j] / scale : norms[j]);
     }
   });
   return *std::max_element(worst.begin(), worst.end());
+}
+
+DenseEigen taken_from(const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>& solver) {
+  return {solver.eigenvalues(), solver.eigenvectors(), solver.info() == Eigen::Success};
 }
 
 }  // namespace
@@ -44,10 +47,6 @@ Eigen::SparseMatrix<double> symmetric_form(const Laplacian& laplacian) {
     }
   }
   return S;
-}
-
-SparseRows rows_of(const Eigen::SparseMatrix<double>& S) {
-  return {S.outerIndexPtr(), S.innerIndexPtr(), S.valuePtr()};
 }
 
 Kernel kernel_of(const Laplacian& laplacian, int max) {
@@ -67,8 +66,9 @@ Kernel kernel_of(const Laplacian& laplacian, int max) {
   return kernel;
 }
 
-Eigenbasis eigenbasis_from(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, Panels H,
-                           Eigen::VectorXd values) {
+Result<Eigenbasis> eigenbasis_from(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, Panels H,
+                                   Eigen::VectorXd values, const std::string& vectors) {
+  if (!orthonormalise(H, values.size())) return fail(ErrorCode::kNumerical, vectors + " are not independent");
   Eigenbasis result;
   result.residual = worst_residual(S, H, values);
   result.certified = true;
@@ -76,6 +76,14 @@ Eigenbasis eigenbasis_from(const Laplacian& laplacian, const Eigen::SparseMatrix
   result.Phi.array().colwise() *= laplacian.mass.cwiseSqrt().cwiseInverse().array();
   result.eigenvalues = std::move(values);
   return result;
+}
+
+DenseEigen dense_eigen(const Eigen::MatrixXd& A) {
+  return taken_from(Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(A));
+}
+
+DenseEigen dense_eigen(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B) {
+  return taken_from(Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd>(A, B));
 }
 
 }  // namespace eigencast

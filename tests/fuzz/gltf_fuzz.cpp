@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "common/spectral/rig_columns.h"
+#include "common/spectral/known_motion.h"
 #include "common/surface/formats/gltf.h"
 #include "tests/fuzz/clip_bytes.h"
 

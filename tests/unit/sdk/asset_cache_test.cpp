@@ -208,7 +208,7 @@ TEST(BakeCache, KeyDependsOnSurfaceAndOptions) {
   EXPECT_TRUE(fresh(surface, by_spectra));
   const Surface cloud{surface.positions, {}};
   BakeOptions by_kernel = of_rank(30);
-  by_kernel.points_operator = "pb-mhb";
+  by_kernel.points_operator = PointsOperator::kPbMhb;
   EXPECT_TRUE(fresh(cloud, of_rank(30)));
   EXPECT_TRUE(fresh(cloud, by_kernel));
   EXPECT_FALSE(fresh(surface, of_rank(30)));

@@ -5,7 +5,7 @@
 
 #include <algorithm>
 
-#include "common/spectral/dense_eigen.h"
+#include "common/spectral/symmetric_form.h"
 #include "support.h"
 
 namespace eigencast {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "common/spectral/elimination_order.h"
+#include "common/spectral/shift_invert.h"
 
 #include <gtest/gtest.h>
 

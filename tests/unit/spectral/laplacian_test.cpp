@@ -8,8 +8,8 @@
 #include <limits>
 #include <numbers>
 
-#include "common/spectral/dense_eigen.h"
 #include "common/spectral/local_delaunay.h"
+#include "common/spectral/symmetric_form.h"
 #include "common/spectral/tangent_derivatives.h"
 #include "support.h"
 

@@ -1,10 +1,9 @@
 // SPDX-License-Identifier: MIT
-#include "common/spectral/motion_basis.h"
+#include "common/spectral/basis.h"
 
 #include <filesystem>
 
 #include "common/spectral/kg_error.h"
-#include "common/spectral/rig_columns.h"
 #include "common/surface/formats/clip.h"
 #include "support.h"
 #include "tests/support/paths.h"

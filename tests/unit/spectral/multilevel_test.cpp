@@ -3,7 +3,6 @@
 
 #include <numeric>
 
-#include "common/spectral/coarsening.h"
 #include "support.h"
 
 namespace eigencast {

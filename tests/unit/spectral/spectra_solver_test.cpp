@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "common/spectral/spectra_solver.h"
+#include "common/spectral/symmetric_form.h"
 
 #include "support.h"
 
@@ -132,10 +132,10 @@ TEST(SpectraSolver, SameInputSameBits) {
 }
 
 TEST(BasisOptions, NamesAreParsed) {
-  for (const std::string_view name : kBasisNames) EXPECT_EQ(name_of(basis_from_name(name).value()), name);
-  for (const std::string_view name : kSolverNames) EXPECT_EQ(name_of(solver_from_name(name).value()), name);
+  for (const std::string_view name : kBasisNames.names) EXPECT_EQ(name_of(basis_from_name(name).value()), name);
   EXPECT_EQ(basis_from_name("fourier").error().code, ErrorCode::kInvalidArgument);
-  EXPECT_EQ(solver_from_name("").error().code, ErrorCode::kInvalidArgument);
+  EXPECT_EQ(kSolverNames.find("spectra"), EigenSolver::kSpectra);
+  EXPECT_EQ(kPointsOperatorNames.find("pb-mhb"), PointsOperator::kPbMhb);
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "common/spectral/rig_columns.h"
+#include "common/spectral/known_motion.h"
 
 #include <span>
 #include <string>
