@@ -159,12 +159,13 @@ void AssetExchange::ask_references(const TransferPtr& transfer) {
 }
 
 void AssetExchange::begin_object(const TransferPtr& transfer, const Sha256& id) {
-  const auto begin = [this, transfer, id]() -> Work {
-    auto upload = store_.begin_upload(id);
-    if (!upload) return [this, transfer, error = upload.error()] { finish(transfer, error); };
-    return [this, transfer, id, shared = UploadPtr(std::move(*upload))] { ask_range(transfer, id, shared, 0); };
+  const auto upload = std::make_shared<UploadPtr>();
+  const auto begin = [this, id, upload]() -> Result<void> {
+    auto begun = store_.begin_upload(id);
+    if (begun) *upload = std::move(*begun);
+    return begun ? Result<void>() : begun.error();
   };
-  on_disk(transfer, begin);
+  on_disk(transfer, begin, [this, transfer, id, upload] { ask_range(transfer, id, *upload, 0); });
 }
 
 void AssetExchange::ask_range(const TransferPtr& transfer, const Sha256& id, const UploadPtr& upload,
@@ -179,26 +180,26 @@ void AssetExchange::ask_range(const TransferPtr& transfer, const Sha256& id, con
     if (!makes_sense) return finish(transfer, malformed_reply());
     fetched_bytes_ += came;
     const std::uint64_t next = offset + came;
-    const auto write = [this, transfer, id, upload, answer = std::move(answer), came, next, size]() -> Work {
-      Result<void> written = upload->write(ByteView(answer).last(came));
-      if (written && next == size) {
-        if (const auto committed = upload->commit(); !committed) written = committed.error();
-      }
-      if (!written) return [this, transfer, error = written.error()] { finish(transfer, error); };
-      if (next < size) return [this, transfer, id, upload, next] { ask_range(transfer, id, upload, next); };
-      return [this, transfer] {
-        --transfer->running;
-        advance(transfer);
-      };
+    const auto write = [upload, answer = std::move(answer), came, whole = next == size]() -> Result<void> {
+      const auto written = upload->write(ByteView(answer).last(came));
+      if (!written || !whole) return written;
+      const auto committed = upload->commit();
+      return committed ? Result<void>() : committed.error();
     };
-    on_disk(transfer, write);
+    on_disk(transfer, write, [this, transfer, id, upload, next, size] {
+      if (next < size) return ask_range(transfer, id, upload, next);
+      --transfer->running;
+      advance(transfer);
+    });
   });
 }
 
-void AssetExchange::on_disk(const TransferPtr& transfer, std::function<Work()> work) {
-  on_disk_([this, transfer, alive = alive_, work = std::move(work), on_loop = on_loop_] {
-    on_loop([transfer, alive, after = work()] {
-      if (*alive && !transfer->over) after();
+void AssetExchange::on_disk(const TransferPtr& transfer, std::function<Result<void>()> work, Work then) {
+  on_disk_([this, transfer, alive = alive_, work = std::move(work), then = std::move(then), on_loop = on_loop_] {
+    on_loop([this, transfer, alive, result = work(), then] {
+      if (!*alive || transfer->over) return;
+      if (!result) return finish(transfer, result.error());
+      then();
     });
   });
 }

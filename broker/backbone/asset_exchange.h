@@ -57,8 +57,8 @@ class AssetExchange {
   void ask_references(const TransferPtr& transfer);
   void begin_object(const TransferPtr& transfer, const Sha256& id);
   void ask_range(const TransferPtr& transfer, const Sha256& id, const UploadPtr& upload, std::uint64_t offset);
-  /// Runs `work` on the disk's threads, then its result on the loop.
-  void on_disk(const TransferPtr& transfer, std::function<Work()> work);
+  /// Runs `work` on the disk's threads, then `then` on the loop, or finishes with its error.
+  void on_disk(const TransferPtr& transfer, std::function<Result<void>()> work, Work then);
   void finish(const TransferPtr& transfer, const Result<void>& result);
 
   Link& link_;

@@ -23,15 +23,15 @@ std::string text_from_message(ByteView bytes) {
 }
 
 Bytes message_of(FrameKind kind, BandMask bands, std::uint32_t epoch, const KeyRecord& record, ByteView payload) {
-  Envelope head;
-  head.kind = kind;
-  head.bands = bands;
-  head.epoch = epoch;
-  head.sequence = record.sequence;
-  head.capture_us = record.capture_us;
   Bytes message;
   message.reserve(Envelope::kBytes + payload.size());
-  append_envelope(head, message);
+  append_envelope({.kind = kind,
+                   .bands = bands,
+                   .step = {},
+                   .epoch = epoch,
+                   .sequence = record.sequence,
+                   .capture_us = record.capture_us},
+                  message);
   ByteWriter(message).bytes(payload);
   return message;
 }
@@ -44,8 +44,7 @@ Backbone::Backbone(Settings settings, Link& link, AssetExchange& assets, Environ
       assets_(assets),
       environment_(std::move(environment)),
       directory_(settings_.id, environment_.now_us()),
-      following_({settings_.id, settings_.prefix, settings_.retry_us, settings_.linger_us}, link, assets,
-                 {environment_.now_us, environment_.frames_came, environment_.log}) {}
+      following_(settings_, link, assets, environment_, totals_) {}
 
 Backbone::~Backbone() {
   stop();
@@ -83,10 +82,6 @@ void Backbone::stop() {
   hub_ = nullptr;
 }
 
-void Backbone::write_log(LogLevel level, const std::string& text) const {
-  log(environment_.log, level, "backbone: " + text);
-}
-
 void Backbone::tick() {
   if (hub_ == nullptr) return;
   send_heartbeat();
@@ -113,9 +108,9 @@ void Backbone::on_connected() {
 void Backbone::on_disconnected(const std::string& why) {
   if (connected_) {
     ++totals_.disconnects;
-    write_log(LogLevel::kWarning, "lost, " + why + "; streams of this broker go on, those of others stand still");
+    environment_.warn("lost, " + why + "; streams of this broker go on, those of others stand still");
   } else if (last_error_ != why) {
-    write_log(LogLevel::kWarning, "not connected, " + why + "; streams of this broker only, trying again");
+    environment_.warn("not connected, " + why + "; streams of this broker only, trying again");
   }
   last_error_ = why;
   connected_ = table_read_ = false;
@@ -131,7 +126,7 @@ void Backbone::on_table_read() {
   table_read_ = true;
   settled_ = false;
   writing_.clear();
-  write_log(LogLevel::kInfo, "connected, " + std::to_string(directory_.streams().size()) + " streams are known");
+  environment_.inform("connected, " + std::to_string(directory_.streams().size()) + " streams are known");
   reconcile();
 }
 
@@ -139,7 +134,7 @@ void Backbone::on_row(const std::string& key, std::optional<std::string> text, s
   const auto name = stream_from_token(key);
   if (!name) return;
   if (auto taken = directory_.take(*name, text, revision); !taken) {
-    write_log(LogLevel::kWarning, "stream '" + *name + "': " + taken.error().message);
+    environment_.warn("stream '" + *name + "': " + taken.error().message);
   }
   settled_ = false;
   if (table_read_) reconcile();
@@ -178,8 +173,7 @@ void Backbone::reconcile_own() {
   }
   for (const auto& [name, holder] : overruled) {
     ++totals_.senders_dismissed;
-    write_log(LogLevel::kWarning,
-              "stream '" + name + "': its sender is at another broker now, the one here is sent away");
+    environment_.warn("stream '" + name + "': its sender is at another broker now, the one here is sent away");
     if (Stream* stream = hub_->find(name)) following_.follow(*stream, holder);
   }
   // Entries of this broker whose streams have ended.
@@ -223,8 +217,7 @@ void Backbone::try_claim(const std::string& name) {
   const Directory::Known* known = directory_.find(name);
   const std::uint32_t above = known != nullptr && known->entry ? known->entry->epoch : 0;
   if (!connected_ || now - found->second.since_us >= settings_.claim_timeout_us) {
-    if (connected_)
-      write_log(LogLevel::kWarning, "stream '" + name + "': the directory does not answer, granted without it");
+    if (connected_) environment_.warn("stream '" + name + "': the directory does not answer, granted without it");
     return grant(name, environment_.next_epoch(above));
   }
   if (!may_write(name)) return;
@@ -317,11 +310,7 @@ Backbone::Totals Backbone::totals() const {
   Totals totals = totals_;
   totals.connected = connected_;
   totals.brokers = directory_.brokers(environment_.now_us());
-  const Following::Totals followed = following_.totals();
-  totals.streams_followed = followed.streams;
-  totals.frames_followed = followed.frames;
-  totals.frames_dropped = followed.frames_dropped;
-  totals.joins_asked = followed.joins_asked;
+  totals.streams_followed = following_.size();
   totals.streams_known = static_cast<std::uint64_t>(
       std::count_if(directory_.streams().begin(), directory_.streams().end(),
                     [](const auto& item) { return item.second.entry && item.second.entry->live; }));

@@ -31,27 +31,9 @@ namespace eigencast::broker {
 /// Belongs to the event loop.
 class Backbone final : public StreamTap, public Ownership, private Link::Listener {
  public:
-  struct Settings {
-    std::string id;                         ///< Unique id of this run.
-    std::string prefix = "eigencast";       ///< Prefix of all subjects.
-    TimeUs heartbeat_every_us = 1'000'000;  ///< Period of heartbeats (default: 1 s).
-    TimeUs claim_timeout_us = 12'000'000;   ///< Without an answer of the table, claims are granted locally after this.
-    TimeUs retry_us = 500'000;              ///< Delay of retries.
-    TimeUs linger_us = 5'000'000;           ///< An unwatched stream is followed for this long.
-  };
-  struct Totals {
-    bool connected = false;
-    std::uint64_t brokers = 1, streams_known = 0, streams_followed = 0;
-    std::uint64_t frames_published = 0, frames_followed = 0, frames_dropped = 0, joins_asked = 0, joins_answered = 0;
-    std::uint64_t claims_refused = 0, senders_dismissed = 0, disconnects = 0, asset_bytes_fetched = 0;
-  };
-  struct Environment {
-    std::function<TimeUs()> now_us;
-    std::function<Result<std::uint32_t>(std::uint32_t above)> next_epoch;  ///< As EpochSource::next().
-    std::function<bool()> replaces;     ///< Whether a second sender replaces the first instead of being refused.
-    std::function<void()> frames_came;  ///< Called when streams have new frames.
-    LogSink log;
-  };
+  using Settings = BackboneSettings;
+  using Totals = BackboneTotals;
+  using Environment = BackboneEnvironment;
 
   /// link and assets outlive it.
   Backbone(Settings settings, Link& link, AssetExchange& assets, Environment environment);
@@ -105,7 +87,6 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   bool may_write(const std::string& name) const;
   void answer_join(ByteView request, const Link::Reply& reply);
   void send_heartbeat();
-  void write_log(LogLevel level, const std::string& text) const;
 
   const Settings settings_;
   Link& link_;
@@ -113,6 +94,7 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   const Environment environment_;
   Hub* hub_ = nullptr;
   Directory directory_;
+  Totals totals_;
   Following following_;
   bool connected_ = false, table_read_ = false, reconciling_ = false;
   std::string last_error_;
@@ -122,7 +104,6 @@ class Backbone final : public StreamTap, public Ownership, private Link::Listene
   std::vector<std::shared_ptr<void>> listening_;
   bool settled_ = false;  ///< The directory matches the local streams; reset by changes of either.
   TimeUs next_heartbeat_us_ = 0, next_forget_us_ = 0;
-  Totals totals_;
 };
 
 }  // namespace eigencast::broker

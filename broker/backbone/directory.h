@@ -76,7 +76,6 @@ class Directory {
   /// Streams whose entries are to be removed because their brokers stopped long ago.
   std::vector<std::string> forgotten(TimeUs now_us) const;
 
-  const std::string& self() const { return self_; }
   /// Periods between two heartbeats of a broker without streams; grows with their number, to bound the traffic.
   int heartbeat_periods() const {
     return static_cast<int>(std::max<std::size_t>(1, last_heartbeat_us_.size() / kHeartbeatsPerPeriod));

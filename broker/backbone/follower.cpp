@@ -41,11 +41,7 @@ std::vector<Bytes> Follower::take(Bytes message) {
 
 void Follower::drain(std::vector<Bytes>& out) {
   while (!kept_.empty()) {
-    if (kept_.front().sequence > *newest_ + 1) {
-      ++gaps_;
-      restart();
-      return;
-    }
+    if (kept_.front().sequence > *newest_ + 1) return restart();
     if (kept_.front().sequence == *newest_ + 1) {
       newest_ = kept_.front().sequence;
       out.push_back(std::move(kept_.front().message));

@@ -28,9 +28,7 @@ class Follower {
   /// Starts again from a join, after a message that could not be used.
   void restart();
 
-  std::uint32_t epoch() const { return epoch_; }
   std::uint64_t dropped() const { return dropped_; }  ///< Unusable messages.
-  std::uint64_t gaps() const { return gaps_; }        ///< Times that keys were missing.
 
  private:
   struct Kept {
@@ -44,7 +42,7 @@ class Follower {
   bool joined_ = false;
   std::deque<Kept> kept_;  ///< Ascending sequences.
   std::optional<TimeUs> asked_us_;
-  std::uint64_t dropped_ = 0, gaps_ = 0;
+  std::uint64_t dropped_ = 0;
 };
 
 }  // namespace eigencast::broker

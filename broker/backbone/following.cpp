@@ -9,8 +9,7 @@
 namespace eigencast::broker {
 
 /// Feeds one epoch of a remote stream in the role of its sender; state of following it.
-class Following::Remote final : public PublisherLink {
- public:
+struct Following::Remote final : PublisherLink {
   enum class Phase : std::uint8_t {
     kWaiting,   ///< Requests the surface at `next_us`.
     kFetching,  ///< The surface is being copied.
@@ -19,30 +18,21 @@ class Following::Remote final : public PublisherLink {
     kUnusable,  ///< Until the directory names another epoch.
   };
 
-  Remote(Stream& stream, DirectoryEntry entry) : follower(entry.epoch), stream_(&stream), entry_(std::move(entry)) {}
+  Remote(Stream& of, DirectoryEntry known) : stream(&of), entry(std::move(known)), follower(entry.epoch) {}
 
   // Local senders take precedence.
   bool yields() const override { return true; }
-  void on_replaced() override { stream_ = nullptr; }
+  void on_replaced() override { stream = nullptr; }
   void on_watcher_count(std::uint32_t) override {}
 
-  Stream* stream() const { return stream_; }
-  void forget_stream() { stream_ = nullptr; }
-  const DirectoryEntry& entry() const { return entry_; }
-
+  Stream* stream;  ///< Null once it no longer feeds the stream.
+  const DirectoryEntry entry;
   Follower follower;
   Phase phase = Phase::kWaiting;
   TimeUs next_us = 0;
   TimeUs watched_us = 0;  ///< When the stream last had watchers.
   std::shared_ptr<void> subscription;
-
- private:
-  Stream* stream_;
-  DirectoryEntry entry_;
 };
-
-Following::Following(Settings settings, Link& link, AssetExchange& assets, Environment environment)
-    : settings_(std::move(settings)), link_(link), assets_(assets), environment_(std::move(environment)) {}
 
 Following::~Following() {
   stop();
@@ -51,18 +41,18 @@ Following::~Following() {
 void Following::stop() {
   for (const auto& [name, remote] : remotes_) remote->subscription.reset();
   for (const auto& [name, remote] : std::exchange(remotes_, {})) {
-    if (remote->stream() != nullptr) remote->stream()->release(*remote);
+    if (remote->stream != nullptr) remote->stream->release(*remote);
   }
   hub_ = nullptr;
 }
 
 bool Following::feeds(std::string_view name) const {
   const auto found = remotes_.find(name);
-  return found != remotes_.end() && found->second->stream() != nullptr;
+  return found != remotes_.end() && found->second->stream != nullptr;
 }
 
 void Following::forget_stream(std::string_view name) {
-  if (const auto found = remotes_.find(name); found != remotes_.end()) found->second->forget_stream();
+  if (const auto found = remotes_.find(name); found != remotes_.end()) found->second->stream = nullptr;
 }
 
 void Following::reconcile(const Directory& directory, bool connected, bool complete) {
@@ -80,10 +70,10 @@ void Following::stop_unwanted(const Directory& directory, bool complete) {
   for (const auto& [name, remote] : remotes_) {
     const Directory::Known* known = directory.find(name);
     const bool same = known != nullptr && known->entry && known->entry->live &&
-                      known->entry->owner == remote->entry().owner && known->entry->epoch == remote->entry().epoch;
-    if (remote->stream() != nullptr && remote->stream()->watchers() > 0) remote->watched_us = now;
+                      known->entry->owner == remote->entry.owner && known->entry->epoch == remote->entry.epoch;
+    if (remote->stream != nullptr && remote->stream->watchers() > 0) remote->watched_us = now;
     const bool wanted = now - remote->watched_us < settings_.linger_us;
-    if (remote->stream() == nullptr || !wanted || (complete && !same)) over.push_back(name);
+    if (remote->stream == nullptr || !wanted || (complete && !same)) over.push_back(name);
   }
   for (const std::string& name : over) unfollow(name);
 }
@@ -93,7 +83,7 @@ void Following::start_wanted(const Directory& directory) {
   for (const Stream* stream : hub_->streams()) {
     if (stream->has_publisher() || stream->watchers() == 0) continue;
     const DirectoryEntry* holder = directory.live(stream->name(), now);
-    if (holder == nullptr || holder->owner == settings_.self || holder->epoch < stream->epoch()) continue;
+    if (holder == nullptr || holder->owner == settings_.id || holder->epoch < stream->epoch()) continue;
     follow(*hub_->find(stream->name()), *holder);
   }
 }
@@ -113,8 +103,7 @@ void Following::unfollow(const std::string& name) {
   const RemotePtr remote = found->second;
   remotes_.erase(found);
   remote->subscription.reset();
-  Stream* stream = remote->stream();
-  remote->forget_stream();
+  Stream* stream = std::exchange(remote->stream, nullptr);
   if (stream == nullptr) return;
   stream->release(*remote);
   hub_->unwatched(*stream);
@@ -122,7 +111,7 @@ void Following::unfollow(const std::string& name) {
 
 void Following::advance(const RemotePtr& remote) {
   const TimeUs now = environment_.now_us();
-  if (remote->stream() == nullptr) return;
+  if (remote->stream == nullptr) return;
   if (remote->phase == Remote::Phase::kWaiting && now >= remote->next_us) fetch_surface(remote);
   if (remote->phase == Remote::Phase::kFetched) begin(remote);
   if (remote->phase == Remote::Phase::kFollowing && remote->follower.wants_join(now)) ask_join(remote);
@@ -130,33 +119,33 @@ void Following::advance(const RemotePtr& remote) {
 
 void Following::fetch_surface(const RemotePtr& remote) {
   remote->phase = Remote::Phase::kFetching;
-  const auto asset = Sha256::from_hex(remote->entry().announce.asset);
+  const auto asset = Sha256::from_hex(remote->entry.announce.asset);
   if (!asset) {
     remote->phase = Remote::Phase::kUnusable;
     return;
   }
-  assets_.fetch(remote->entry().owner, *asset, [this, weak = std::weak_ptr(remote)](const Result<void>& fetched) {
+  assets_.fetch(remote->entry.owner, *asset, [this, weak = std::weak_ptr(remote)](const Result<void>& fetched) {
     const auto still = weak.lock();
-    if (!still || still->stream() == nullptr) return;
+    if (!still || still->stream == nullptr) return;
     if (fetched) {
       still->phase = Remote::Phase::kFetched;
       return;
     }
     still->phase = Remote::Phase::kWaiting;
     still->next_us = environment_.now_us() + settings_.retry_us;
-    write_log(LogLevel::kWarning, "the surface of stream '" + still->stream()->name() +
-                                      "' does not come, trying again: " + fetched.error().message);
+    environment_.warn("the surface of stream '" + still->stream->name() +
+                      "' does not come, trying again: " + fetched.error().message);
   });
 }
 
 void Following::begin(const RemotePtr& remote) {
-  Stream& stream = *remote->stream();
-  if (const auto begun = stream.announce(remote->entry().announce, remote->entry().epoch); !begun) {
+  Stream& stream = *remote->stream;
+  if (const auto begun = stream.announce(remote->entry.announce, remote->entry.epoch); !begun) {
     remote->phase = Remote::Phase::kUnusable;
-    return write_log(LogLevel::kWarning, "stream '" + stream.name() + "' cannot be followed: " + begun.error().message);
+    return environment_.warn("stream '" + stream.name() + "' cannot be followed: " + begun.error().message);
   }
-  write_log(LogLevel::kInfo, "stream '" + stream.name() + "' of broker " + remote->entry().owner +
-                                 " is followed, epoch " + std::to_string(remote->entry().epoch));
+  environment_.inform("stream '" + stream.name() + "' of broker " + remote->entry.owner + " is followed, epoch " +
+                      std::to_string(remote->entry.epoch));
   remote->phase = Remote::Phase::kFollowing;
   remote->subscription = link_.subscribe(settings_.prefix + ".frames." + token_from_stream(stream.name()),
                                          [this, weak = std::weak_ptr(remote)](Bytes message) {
@@ -167,10 +156,10 @@ void Following::begin(const RemotePtr& remote) {
 void Following::ask_join(const RemotePtr& remote) {
   Bytes request;
   ByteWriter out(request);
-  out.u32(remote->entry().epoch);
-  out.text(remote->stream()->name());
+  out.u32(remote->entry.epoch);
+  out.text(remote->stream->name());
   ++totals_.joins_asked;
-  link_.ask(settings_.prefix + ".joins." + remote->entry().owner, std::move(request), Follower::kJoinTimeoutUs,
+  link_.ask(settings_.prefix + ".joins." + remote->entry.owner, std::move(request), Follower::kJoinTimeoutUs,
             [this, weak = std::weak_ptr(remote)](Result<Bytes> answer) {
               const auto still = weak.lock();
               if (still && answer && !answer->empty()) take(*still, std::move(*answer));
@@ -178,33 +167,22 @@ void Following::ask_join(const RemotePtr& remote) {
 }
 
 void Following::take(Remote& remote, Bytes message) {
-  if (remote.stream() == nullptr) return;
+  if (remote.stream == nullptr) return;
   const std::uint64_t dropped = remote.follower.dropped();
   for (const Bytes& frame : remote.follower.take(std::move(message))) {
-    if (const auto added = remote.stream()->add_frame(frame, environment_.now_us()); !added) {
-      write_log(LogLevel::kWarning,
-                "stream '" + remote.stream()->name() +
-                    "': a frame of another broker is refused, asking for a join: " + added.error().message);
+    if (const auto added = remote.stream->add_frame(frame, environment_.now_us()); !added) {
+      environment_.warn("stream '" + remote.stream->name() +
+                        "': a frame of another broker is refused, asking for a join: " + added.error().message);
       remote.follower.restart();
       break;
     }
-    ++totals_.frames;
+    ++totals_.frames_followed;
   }
   totals_.frames_dropped += remote.follower.dropped() - dropped;
-  hub_->mark_dirty(*remote.stream());
+  hub_->mark_dirty(*remote.stream);
   hub_->deliver();
   hub_->prepare();
   environment_.frames_came();
-}
-
-Following::Totals Following::totals() const {
-  Totals totals = totals_;
-  totals.streams = remotes_.size();
-  return totals;
-}
-
-void Following::write_log(LogLevel level, const std::string& text) const {
-  log(environment_.log, level, "backbone: " + text);
 }
 
 }  // namespace eigencast::broker

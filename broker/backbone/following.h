@@ -17,28 +17,41 @@
 
 namespace eigencast::broker {
 
+struct BackboneSettings {
+  std::string id;                         ///< Unique id of this run.
+  std::string prefix = "eigencast";       ///< Prefix of all subjects.
+  TimeUs heartbeat_every_us = 1'000'000;  ///< Period of heartbeats (default: 1 s).
+  TimeUs claim_timeout_us = 12'000'000;   ///< Without an answer of the table, claims are granted locally after this.
+  TimeUs retry_us = 500'000;              ///< Delay of retries.
+  TimeUs linger_us = 5'000'000;           ///< An unwatched stream is followed for this long.
+};
+struct BackboneTotals {
+  bool connected = false;
+  std::uint64_t brokers = 1, streams_known = 0, streams_followed = 0;
+  std::uint64_t frames_published = 0, frames_followed = 0, frames_dropped = 0, joins_asked = 0, joins_answered = 0;
+  std::uint64_t claims_refused = 0, senders_dismissed = 0, disconnects = 0, asset_bytes_fetched = 0;
+};
+struct BackboneEnvironment {
+  std::function<TimeUs()> now_us;
+  std::function<Result<std::uint32_t>(std::uint32_t above)> next_epoch;  ///< As EpochSource::next().
+  std::function<bool()> replaces;     ///< Whether a second sender replaces the first instead of being refused.
+  std::function<void()> frames_came;  ///< Called when streams have new frames.
+  LogSink log;
+
+  void inform(const std::string& text) const { eigencast::log(log, LogLevel::kInfo, "backbone: " + text); }
+  void warn(const std::string& text) const { eigencast::log(log, LogLevel::kWarning, "backbone: " + text); }
+};
+
 /// The streams of other brokers that local viewers watch; a part of Backbone.
 ///
 /// Acts as the sender of each: copies its surface, subscribes to its frames, and requests a join from its owner at the
 /// start and after each gap. Belongs to the event loop.
 class Following {
  public:
-  struct Settings {
-    std::string self;    ///< Id of this broker.
-    std::string prefix;  ///< Prefix of all subjects.
-    TimeUs retry_us = 0, linger_us = 0;
-  };
-  struct Environment {
-    std::function<TimeUs()> now_us;
-    std::function<void()> frames_came;
-    LogSink log;
-  };
-  struct Totals {
-    std::uint64_t streams = 0, frames = 0, frames_dropped = 0, joins_asked = 0;
-  };
-
-  /// link and assets outlive it.
-  Following(Settings settings, Link& link, AssetExchange& assets, Environment environment);
+  /// All of them outlive it.
+  Following(const BackboneSettings& settings, Link& link, AssetExchange& assets, const BackboneEnvironment& environment,
+            BackboneTotals& totals)
+      : settings_(settings), link_(link), assets_(assets), environment_(environment), totals_(totals) {}
   ~Following();
 
   /// REQUIRES: the hub lives until stop().
@@ -53,10 +66,10 @@ class Following {
   /// Follows remote streams that are watched here and no others. `complete`: absent entries of the directory count.
   void reconcile(const Directory& directory, bool connected, bool complete);
 
-  Totals totals() const;
+  std::size_t size() const { return remotes_.size(); }
 
  private:
-  class Remote;
+  struct Remote;
   using RemotePtr = std::shared_ptr<Remote>;
 
   void stop_unwanted(const Directory& directory, bool complete);
@@ -67,15 +80,14 @@ class Following {
   void begin(const RemotePtr& remote);
   void ask_join(const RemotePtr& remote);
   void take(Remote& remote, Bytes message);
-  void write_log(LogLevel level, const std::string& text) const;
 
-  const Settings settings_;
+  const BackboneSettings& settings_;
   Link& link_;
   AssetExchange& assets_;
-  const Environment environment_;
+  const BackboneEnvironment& environment_;
+  BackboneTotals& totals_;
   Hub* hub_ = nullptr;
   std::map<std::string, RemotePtr, std::less<>> remotes_;
-  Totals totals_;
 };
 
 }  // namespace eigencast::broker

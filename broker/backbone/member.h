@@ -10,7 +10,6 @@
 #include <string>
 
 #include "broker/backbone/backbone.h"
-#include "broker/backbone/nats_link.h"
 #include "broker/config/config.h"
 #include "broker/relay/ownership.h"
 

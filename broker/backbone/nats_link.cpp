@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "broker/backbone/nats_link_impl.h"
+#include "broker/config/config.h"
 #include "common/core/text.h"
 
 namespace eigencast::broker {
@@ -30,9 +31,11 @@ std::string bucket_of(std::string prefix) {
 
 }  // namespace
 
-NatsLink::NatsLink(NatsSettings settings, OptionsPtr options, std::function<void(std::function<void()>)> on_loop)
-    : settings_(std::move(settings)),
-      bucket_(bucket_of(settings_.prefix)),
+NatsLink::NatsLink(std::string prefix, int replicas, OptionsPtr options,
+                   std::function<void(std::function<void()>)> on_loop)
+    : prefix_(std::move(prefix)),
+      replicas_(replicas),
+      bucket_(bucket_of(prefix_)),
       inbox_("_INBOX." + random_id(32)),
       options_(std::move(options)),
       on_loop_(std::move(on_loop)) {}
@@ -124,7 +127,7 @@ void NatsLink::start(Listener& listener) {
       answer(std::move(data));
     });
   }));
-  subscriptions_.push_back(subscribe(settings_.prefix + ".rows", [this](const Bytes& message) { take_row(message); }));
+  subscriptions_.push_back(subscribe(prefix_ + ".rows", [this](const Bytes& message) { take_row(message); }));
   sender_ = std::thread([this] { send_all(); });
   writer_ = std::thread([this] { write_all(); });
   reader_ = std::thread([this] { read_table(); });
@@ -266,8 +269,9 @@ void NatsLink::expire_requests() {
   });
 }
 
-Result<std::shared_ptr<Link>> make_nats_link(const NatsSettings& settings,
+Result<std::shared_ptr<Link>> make_nats_link(const Config& config, const std::string& id,
                                              std::function<void(std::function<void()>)> on_loop) {
+  const auto& settings = config.backbone;
   nats_Open(-1);
   nats_SetMessageDeliveryPoolSize(1);  // One thread keeps messages in order.
   natsOptions* raw = nullptr;
@@ -281,7 +285,7 @@ Result<std::shared_ptr<Link>> make_nats_link(const NatsSettings& settings,
     result = fail(ErrorCode::kInvalidArgument, "backbone." + what + ": " + natsStatus_GetText(status));
   };
   set(natsOptions_SetServers(raw, servers.data(), static_cast<int>(servers.size())), "servers");
-  set(natsOptions_SetName(raw, settings.name.c_str()), "name");
+  set(natsOptions_SetName(raw, ("eigencast-broker " + id).c_str()), "name");
   set(natsOptions_SetTimeout(raw, 1'000), "servers");
   set(natsOptions_SetMaxReconnect(raw, -1), "servers");
   set(natsOptions_SetReconnectWait(raw, 250), "servers");
@@ -293,23 +297,25 @@ Result<std::shared_ptr<Link>> make_nats_link(const NatsSettings& settings,
   set(natsOptions_SetWriteDeadline(raw, 2'000), "servers");
   set(natsOptions_SetSendAsap(raw, true), "servers");
   set(natsOptions_UseGlobalMessageDelivery(raw, true), "servers");
-  if (!settings.ca_file.empty()) {
+  const auto file = [](const std::string& name) { return resolved_path(name); };
+  if (!settings.ca.empty()) {
     set(natsOptions_SetSecure(raw, true), "ca");
-    set(natsOptions_LoadCATrustedCertificates(raw, settings.ca_file.c_str()), "ca");
+    set(natsOptions_LoadCATrustedCertificates(raw, file(settings.ca).c_str()), "ca");
   }
-  if (!settings.certificate_file.empty()) {
-    set(natsOptions_LoadCertificatesChain(raw, settings.certificate_file.c_str(), settings.key_file.c_str()),
+  if (!settings.certificate.empty()) {
+    set(natsOptions_LoadCertificatesChain(raw, file(settings.certificate).c_str(), file(settings.key).c_str()),
         "certificate");
   }
-  if (!settings.credentials_file.empty()) {
-    set(natsOptions_SetUserCredentialsFromFiles(raw, settings.credentials_file.c_str(), nullptr), "credentials");
+  if (!settings.credentials.empty()) {
+    set(natsOptions_SetUserCredentialsFromFiles(raw, file(settings.credentials).c_str(), nullptr), "credentials");
   }
   if (!settings.user.empty()) {
     set(natsOptions_SetUserInfo(raw, settings.user.c_str(), settings.password.c_str()), "user");
   }
   if (!settings.token.empty()) set(natsOptions_SetToken(raw, settings.token.c_str()), "token");
   if (!result) return result.error();
-  auto link = std::make_shared<NatsLink>(settings, std::move(options), std::move(on_loop));
+  auto link = std::make_shared<NatsLink>(settings.prefix, static_cast<int>(settings.replicas), std::move(options),
+                                         std::move(on_loop));
   Link* raw_link = link.get();
   // libnats' closures share the object: its owner's end stops it.
   return std::shared_ptr<Link>(raw_link, [link = std::move(link)](Link*) { link->stop(); });

@@ -11,7 +11,7 @@
 #include <mutex>
 #include <thread>
 
-#include "broker/backbone/nats_link.h"
+#include "broker/backbone/link.h"
 
 namespace eigencast::broker {
 
@@ -37,7 +37,7 @@ using EntryPtr = std::unique_ptr<kvEntry, Destroyer<kvEntry_Destroy>>;
 /// messages like core NATS, and incoming messages are posted to the event loop.
 class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink> {
  public:
-  NatsLink(NatsSettings settings, OptionsPtr options, std::function<void(std::function<void()>)> on_loop);
+  NatsLink(std::string prefix, int replicas, OptionsPtr options, std::function<void(std::function<void()>)> on_loop);
 
   void start(Listener& listener) override;
   void stop() override;
@@ -85,7 +85,8 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
   void publish_row(const std::string& key, const std::optional<std::string>& text, std::uint64_t revision);
   void take_row(ByteView message);  // On the loop. Lost changes are found when the table is read again.
 
-  const NatsSettings settings_;
+  const std::string prefix_;
+  const int replicas_;  ///< Of the table, if this broker creates it: 1, 3 or 5.
   const std::string bucket_, inbox_;
   OptionsPtr options_;
   ConnectionPtr connection_;

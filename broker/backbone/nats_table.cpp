@@ -92,7 +92,7 @@ void NatsLink::publish_row(const std::string& key, const std::optional<std::stri
   out.u16(static_cast<std::uint16_t>(key.size()));
   out.text(key);
   if (text) out.text(*text);
-  publish(settings_.prefix + ".rows", std::move(message));
+  publish(prefix_ + ".rows", std::move(message));
 }
 
 void NatsLink::take_row(ByteView message) {
@@ -118,7 +118,7 @@ Result<StorePtr> NatsLink::open_table(jsCtx& js) const {
     config.History = 1;
     config.MaxBytes = 64 << 20;
     config.StorageType = js_FileStorage;
-    config.Replicas = settings_.replicas;
+    config.Replicas = replicas_;
     status = js_CreateKeyValue(&store, &js, &config);
   }
   if (status != NATS_OK) return fail(ErrorCode::kUnreachable, natsStatus_GetText(status));
