@@ -198,10 +198,10 @@ class HttpSession final : public HttpConnection {
       return std::make_shared<Subscriber>(there, std::move(transport()), std::move(grant_), std::move(first))
           ->start(std::move(answer));
     }
-    asio::post(there.loop, [&there, counted = ConnectionCount(there.connection_count), transport = transport().detach(),
-                            grant = std::move(grant_), first = std::move(first), answer = std::move(answer)]() mutable {
-      std::make_shared<Subscriber>(there, Transport(there.loop, std::move(transport)), std::move(grant),
-                                   std::move(first))
+    asio::post(there.loop, [&there, counted = ConnectionCount(there.connection_count),
+                            transport = Transport(there.loop, std::move(transport())), grant = std::move(grant_),
+                            first = std::move(first), answer = std::move(answer)]() mutable {
+      std::make_shared<Subscriber>(there, std::move(transport), std::move(grant), std::move(first))
           ->start(std::move(answer));
     });
   }

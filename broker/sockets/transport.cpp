@@ -19,14 +19,6 @@ namespace {
 
 constexpr std::size_t kRecordBytes = 16 * 1024;  // Payload of one TLS record.
 
-ErrorOf error_from_errno() {
-  return {errno, boost::system::system_category()};
-}
-
-bool would_block() {
-  return errno == EAGAIN || errno == EWOULDBLOCK || errno == EINTR;
-}
-
 /// The first bytes of all pieces in one span; copies only if there are several pieces.
 ByteView gathered(std::span<const iovec> pieces, std::array<std::uint8_t, kRecordBytes>& scratch) {
   if (pieces.size() == 1) {
@@ -43,6 +35,12 @@ ByteView gathered(std::span<const iovec> pieces, std::array<std::uint8_t, kRecor
 
 }  // namespace
 
+Transport::Outcome Transport::outcome_of(std::int64_t result, Wait wait) {
+  if (result >= 0) return {static_cast<std::size_t>(result), Wait::kNo, {}};
+  if (result == -EAGAIN || result == -EWOULDBLOCK || result == -EINTR) return {0, wait, {}};
+  return {0, Wait::kNo, ErrorOf(static_cast<int>(-result), boost::system::system_category())};
+}
+
 void Transport::FreeTls::operator()(SSL* tls) const {
   SSL_free(tls);
 }
@@ -58,29 +56,14 @@ Transport::Transport(Socket socket, std::shared_ptr<SSL_CTX> context)
   SSL_set_accept_state(tls_.get());
 }
 
-Transport::Transport(asio::io_context& loop, Detached detached)
-    : socket_(loop.get_executor()), tls_(std::move(detached.tls_)), tls_failed_(detached.tls_failed_) {
+Transport::Transport(asio::io_context& loop, Transport other)
+    : socket_(loop.get_executor()), tls_(std::move(other.tls_)), tls_failed_(other.tls_failed_) {
   ErrorOf error;
-  socket_.assign(detached.v6_ ? Tcp::v6() : Tcp::v4(), detached.socket_, error);
-  if (!error) detached.socket_ = -1;  // Otherwise every call fails and the connection ends.
-}
-
-Transport::Detached Transport::detach() {
-  ErrorOf error;
-  const bool v6 = socket_.local_endpoint(error).protocol() == Tcp::v6();
-  const int socket = socket_.release(error);
-  return Detached(error ? -1 : socket, v6, std::move(tls_), tls_failed_);
-}
-
-Transport::Detached::Detached(Detached&& other) noexcept
-    : socket_(std::exchange(other.socket_, -1)),
-      v6_(other.v6_),
-      tls_(std::move(other.tls_)),
-      tls_failed_(other.tls_failed_) {}
-
-Transport::Detached::~Detached() {
-  tls_.reset();
-  if (socket_ >= 0) ::close(socket_);
+  const Tcp protocol = other.socket_.local_endpoint(error).protocol();
+  const int socket = other.socket_.release(error);
+  if (error) return;  // Every call fails and the connection ends.
+  socket_.assign(protocol, socket, error);
+  if (error) ::close(socket);
 }
 
 Transport::Outcome Transport::tls_outcome(int result) {
@@ -116,9 +99,8 @@ Transport::Outcome Transport::read(std::span<std::uint8_t> into) {
         SSL_read(tls_.get(), into.data(), static_cast<int>(std::min<std::size_t>(into.size(), 1 << 30))));
   }
   const ssize_t count = ::recv(socket_.native_handle(), into.data(), into.size(), MSG_DONTWAIT);
-  if (count > 0) return {static_cast<std::size_t>(count), Wait::kNo, {}};
   if (count == 0) return {0, Wait::kNo, asio::error::eof};
-  return would_block() ? Outcome{0, Wait::kReadable, {}} : Outcome{0, Wait::kNo, error_from_errno()};
+  return outcome_of(count < 0 ? -errno : count, Wait::kReadable);
 }
 
 bool Transport::has_read_ahead() const {
@@ -138,8 +120,7 @@ Transport::Outcome Transport::write(std::span<const iovec> pieces) {
     message.msg_iovlen = pieces.size();
     count = ::sendmsg(socket_.native_handle(), &message, kSendFlags);
   }
-  if (count >= 0) return {static_cast<std::size_t>(count), Wait::kNo, {}};
-  return would_block() ? Outcome{0, Wait::kWritable, {}} : Outcome{0, Wait::kNo, error_from_errno()};
+  return outcome_of(count < 0 ? -errno : count, Wait::kWritable);
 }
 
 Transport::Outcome Transport::write_tls(std::span<const iovec> pieces) {

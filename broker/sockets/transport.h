@@ -36,12 +36,13 @@ class Transport {
     Wait wait = Wait::kNo;
     ErrorOf error{};
   };
+  /// Of a system call: `result` is its bytes or its negated errno. `wait`: for what, if it would block.
+  static Outcome outcome_of(std::int64_t result, Wait wait);
   using executor_type = Executor;
-  class Detached;
 
   explicit Transport(Socket socket) : socket_(std::move(socket)) {}
-  /// Continues a connection that detach() took off another loop.
-  Transport(asio::io_context& loop, Detached detached);
+  /// Takes `other` off its loop, on whose thread it is called. REQUIRES: no pending operation.
+  Transport(asio::io_context& loop, Transport other);
   /// A TLS server; call shake_hands() first, which reports errors.
   Transport(Socket socket, std::shared_ptr<SSL_CTX> context);
 
@@ -59,8 +60,6 @@ class Transport {
   Outcome write(std::span<const iovec> pieces);
   /// Leading bytes of the last write() that TLS has encrypted but not sent.
   std::size_t held_bytes() const { return held_; }
-  /// Takes the connection off its loop. REQUIRES: no pending operation. *this is unusable afterwards.
-  Detached detach();
   /// Ends writing (TLS close_notify, TCP FIN). Reading goes on.
   void end_writing();
   void close();
@@ -72,13 +71,8 @@ class Transport {
   }
   template <typename Handler>
   void async_handshake(Handler&& handler) {
-    asio::async_compose<Handler, void(ErrorOf)>(
-        [this](auto& self, ErrorOf error = {}) {
-          const Outcome outcome = error ? Outcome{0, Wait::kNo, error} : shake_hands();
-          if (outcome.wait != Wait::kNo) return async_wait(outcome.wait, std::move(self));
-          self.complete(outcome.error);
-        },
-        handler, socket_);
+    move_some([this] { return shake_hands(); },
+              [handler = std::forward<Handler>(handler)](ErrorOf error, std::size_t) mutable { handler(error); });
   }
 
   // Beast's stream requirements.
@@ -131,23 +125,6 @@ class Transport {
   std::unique_ptr<SSL, FreeTls> tls_;
   std::size_t held_ = 0;
   bool tls_failed_ = false;
-};
-
-/// A connection on its way from one event loop to another. Closes if it is dropped.
-class Transport::Detached {
- public:
-  ~Detached();
-  Detached(Detached&& other) noexcept;
-  Detached& operator=(Detached&&) = delete;
-
- private:
-  friend class Transport;
-  Detached(int socket, bool v6, std::unique_ptr<SSL, FreeTls> tls, bool tls_failed)
-      : socket_(socket), v6_(v6), tls_(std::move(tls)), tls_failed_(tls_failed) {}
-  int socket_;  ///< -1: none.
-  bool v6_;
-  std::unique_ptr<SSL, FreeTls> tls_;
-  bool tls_failed_;
 };
 
 }  // namespace eigencast::broker

@@ -82,6 +82,7 @@ class Turn {
   /// Calls `deliver` at the end of each turn, before the writes, and `prepare` after them.
   Turn(asio::io_context& loop, const Settings& settings, LogSink log, std::function<void()> deliver,
        std::function<void()> prepare);
+  Turn(const Turn&) = delete;
 
   /// Opens io_uring; on the loop's thread, before the loop runs.
   void begin();

@@ -19,12 +19,6 @@ namespace {
 
 constexpr unsigned kBatch = 1024;
 
-Transport::Outcome outcome_of(int result) {
-  if (result >= 0) return {static_cast<std::size_t>(result), Transport::Wait::kNo, {}};
-  if (result == -EAGAIN || result == -EINTR) return {0, Transport::Wait::kWritable, {}};
-  return {0, Transport::Wait::kNo, ErrorOf(-result, boost::system::system_category())};
-}
-
 }  // namespace
 
 struct Uring {
@@ -82,8 +76,8 @@ struct Uring {
       while (const unsigned count = io_uring_peek_batch_cqe(&ring, done.data(), done.size())) {
         for (unsigned i = 0; i < count; ++i) {
           const std::size_t which = io_uring_cqe_get_data64(done[i]);
-          const int result = done[i]->res;
-          std::exchange(writes[which].writer, nullptr)->written(outcome_of(result));
+          std::exchange(writes[which].writer, nullptr)
+              ->written(Transport::outcome_of(done[i]->res, Transport::Wait::kWritable));
         }
         io_uring_cq_advance(&ring, count);
         outstanding -= count;
