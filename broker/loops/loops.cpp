@@ -8,9 +8,32 @@
 #include <thread>
 #include <utility>
 
+#include "broker/connections/connection.h"
+#include "common/core/clock.h"
+
 namespace eigencast::broker {
 namespace {
 
+// Poses of many streams due within this gap are pumped together.
+constexpr TimeUs kMinPumpGapUs = 1000;
+
+Hub::Settings hub_settings(const Config& config, std::vector<StreamTap*> taps, std::shared_ptr<StreamIds> ids,
+                           std::function<void(Stream&)> on_opened) {
+  return {.max_streams = static_cast<std::size_t>(config.limits.max_streams),
+          .stream = {.max_span_us = config.frames.max_span_ms * 1000,
+                     .max_watchers = static_cast<std::uint32_t>(config.limits.max_subscribers_per_stream),
+                     .max_profiles = static_cast<std::size_t>(config.limits.max_profiles_per_stream),
+                     .taps = std::move(taps),
+                     .max_ahead_us = config.frames.max_ahead_ms * 1000},
+          .ids = std::move(ids),
+          .on_opened = std::move(on_opened)};
+}
+
+Turn::Settings turn_settings(const Config& config) {
+  return {.gathering = {.tick_us = config.frames.gather_ms * 1000,
+                        .above_per_second = static_cast<std::uint64_t>(config.frames.gather_above)},
+          .uring = config.sockets.writes != "epoll"};
+}
 constexpr std::size_t kMaxLoops = 256;  // As server.threads (config/settings.def).
 constexpr std::size_t kMaxSets = 64;    // The kernel refuses a set that is smaller than its own.
 
@@ -30,6 +53,70 @@ std::size_t loops_wanted(const Config& config) {
 
 }  // namespace
 
+Loop::Loop(const Config& config, const SharedContext& shared, const Siblings& siblings, std::vector<StreamTap*> taps,
+           std::function<void(Stream&)> on_opened)
+    : hub_(hub_settings(config, std::move(taps), siblings.ids, std::move(on_opened))),
+      context_{shared, io_, config, hub_, turn_, siblings.loops, siblings.last_connection_id},
+      io_(1),
+      turn_(
+          io_, turn_settings(config), shared.log,
+          [this] {
+            hub_.deliver();
+            arm_schedule();
+          },
+          [this] { hub_.prepare(); }),
+      schedule_(io_.get_executor()),
+      tick_(io_.get_executor()) {}
+
+void Loop::begin() {
+  run_when_woken(kPassingOn);
+  turn_.begin();
+  context_.started_us = steady_now_us();
+  tick();
+}
+
+void Loop::run() {
+  bool ended = false;
+  while (!ended) {
+    guarded([&] {
+      io_.run();  // A stopped loop returns at once.
+      ended = true;
+    });
+  }
+}
+
+void Loop::guarded(const std::function<void()>& work) noexcept {
+  try {
+    work();
+  } catch (const std::exception& exception) {
+    try {
+      log(context_.log, LogLevel::kError,
+          std::string("a request was given up, the broker goes on: ") + exception.what());
+    } catch (const std::exception&) {  // No memory for the line.
+    }
+  }
+}
+
+void Loop::arm_schedule() {
+  const auto due = hub_.next_due_us();
+  if (!due || (scheduled_us_ && *scheduled_us_ <= *due)) return;
+  scheduled_us_ = due;
+  const TimeUs at_us = std::max(*due, pumped_us_ + kMinPumpGapUs);
+  schedule_.expires_at(std::chrono::steady_clock::time_point(std::chrono::microseconds(at_us)));
+  schedule_.async_wait([this](ErrorOf error) {
+    if (error) return;
+    scheduled_us_.reset();
+    pumped_us_ = steady_now_us();
+    guarded([this] { hub_.pump(pumped_us_); });
+    arm_schedule();
+  });
+}
+
+void Loop::tick() {
+  run_after(tick_, std::chrono::seconds(1), [this] { tick(); });
+  for (Connection* connection : context_.connections) connection->tick();
+}
+
 struct Loops::Other {
   explicit Other(MirrorSet::Environment around) : mirrors(std::move(around)) {}
   MirrorSet mirrors;
@@ -44,22 +131,17 @@ Loops::Loops(const Config& config, const SharedContext& shared, std::vector<Stre
     origin_ = std::make_unique<MirrorOrigin>(others, origin_environment());
     taps.push_back(origin_.get());
   }
-  first_ = make_loop(config, shared, std::move(taps), {});
+  const Loop::Siblings siblings{*this, ids_, last_connection_id_};
+  first_ = std::make_unique<Loop>(config, shared, siblings, std::move(taps), nullptr);
   for (std::size_t i = 0; i < others; ++i) {
-    others_.push_back(std::make_unique<Other>(mirror_environment(i)));
-    MirrorSet& mirrors = others_.back()->mirrors;
-    others_.back()->loop = make_loop(config, shared, {}, [&mirrors](Stream& stream) { mirrors.on_opened(stream); });
+    Other& other = *others_.emplace_back(std::make_unique<Other>(mirror_environment(i)));
+    const auto on_opened = [&other](Stream& stream) { other.mirrors.on_opened(stream); };
+    other.loop = std::make_unique<Loop>(config, shared, siblings, std::vector<StreamTap*>{}, on_opened);
   }
 }
 
 Loops::~Loops() {
   stop();
-}
-
-std::unique_ptr<Loop> Loops::make_loop(const Config& config, const SharedContext& shared, std::vector<StreamTap*> taps,
-                                       std::function<void(Stream&)> on_opened) {
-  return std::make_unique<Loop>(config, shared, Loop::Siblings{*this, ids_, last_connection_id_}, std::move(taps),
-                                std::move(on_opened));
 }
 
 MirrorOrigin::Environment Loops::origin_environment() {

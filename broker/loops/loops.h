@@ -2,15 +2,59 @@
 #pragma once
 
 #include <atomic>
+#include <boost/asio/io_context.hpp>
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <vector>
 
-#include "broker/loops/loop.h"
+#include "broker/context/context.h"
+#include "broker/relay/hub.h"
 #include "broker/relay/mirror.h"
+#include "broker/sockets/turn.h"
 
 namespace eigencast::broker {
+
+/// One event loop with its streams, connections, writes and timers. Runs on one thread, chosen by its owner.
+class Loop {
+ public:
+  struct Siblings {
+    Loops& loops;
+    std::shared_ptr<StreamIds> ids;
+    std::atomic<std::uint64_t>& last_connection_id;
+  };
+
+  Loop(const Config& config, const SharedContext& shared, const Siblings& siblings, std::vector<StreamTap*> taps,
+       std::function<void(Stream&)> on_opened);
+
+  Context& context() { return context_; }
+  const Context& context() const { return context_; }
+  asio::io_context& io() { return io_; }
+  Hub& hub() { return hub_; }
+
+  /// Sets up the thread that will run().
+  void begin();
+  /// Runs until stop(). An exception of one handler (no memory) is logged, and the loop goes on.
+  void run();
+  /// Runs `work` and logs its exception, so that the code after it runs. On the loop's thread.
+  void guarded(const std::function<void()>& work) noexcept;
+  void stop() { io_.stop(); }
+  /// Call when a stream may be due earlier than scheduled.
+  void arm_schedule();
+
+ private:
+  void tick();
+
+  Hub hub_;
+  Context context_;  // Pending handlers end with the loop below and need the members above.
+  asio::io_context io_;
+  Turn turn_;
+  Timer schedule_;
+  std::optional<TimeUs> scheduled_us_;
+  TimeUs pumped_us_ = 0;
+  Timer tick_;
+};
 
 /// The event loops of a broker. The first one, which the owner runs, serves senders, HTTP and the admin port. The others,
 /// each on its own thread, share the viewers with it and mirror the streams that these watch (relay/mirror.h).
@@ -21,8 +65,6 @@ class Loops {
   /// Creates server.threads loops. `taps`: of the senders' streams.
   Loops(const Config& config, const SharedContext& shared, std::vector<StreamTap*> taps);
   ~Loops();
-  Loops(const Loops&) = delete;
-  Loops& operator=(const Loops&) = delete;
 
   Loop& first() { return *first_; }
   const Loop& first() const { return *first_; }
@@ -49,8 +91,6 @@ class Loops {
     std::function<void()> done;
   };
   void relay(std::shared_ptr<RelayTask> task, std::size_t next);
-  std::unique_ptr<Loop> make_loop(const Config& config, const SharedContext& shared, std::vector<StreamTap*> taps,
-                                  std::function<void(Stream&)> on_opened);
   MirrorOrigin::Environment origin_environment();
   MirrorSet::Environment mirror_environment(std::size_t index);
 
