@@ -24,11 +24,9 @@ constexpr int kMaxReads = 4;
 constexpr std::uint32_t kRightsRetryMs = 500;
 
 Outbox::Limits outbox_limits(const Config& config) {
-  Outbox::Limits limits;
-  limits.max_control_messages = static_cast<std::size_t>(config.limits.max_queued_control_messages);
-  limits.max_control_bytes = static_cast<std::size_t>(config.limits.max_queued_control_bytes);
-  limits.window_slack_us = config.frames.window_ms * 1000;
-  return limits;
+  return {.max_control_messages = static_cast<std::size_t>(config.limits.max_queued_control_messages),
+          .max_control_bytes = static_cast<std::size_t>(config.limits.max_queued_control_bytes),
+          .window_slack_us = config.frames.window_ms * 1000};
 }
 
 /// Keeps the kernel's send buffer small, so that the newest pose waits here, where a newer one can replace it.
@@ -45,12 +43,12 @@ void tune(Socket& socket, const Config& config) {
 }  // namespace
 
 Connection::Connection(Context& context, Transport transport, GrantPtr grant,
-                       const websocket::MessageReader::Limits& limits)
-    : Connection(context, std::move(transport), std::move(grant), limits, outbox_limits(context.config)) {}
-
-Connection::Connection(Context& context, Transport transport, GrantPtr grant,
-                       const websocket::MessageReader::Limits& limits, const Outbox::Limits& outbox)
-    : context_(context), grant_(std::move(grant)), transport_(std::move(transport)), reader_(limits), outbox_(outbox) {
+                       const websocket::MessageReader::Limits& limits, const Outbox::Limits* outbox)
+    : context_(context),
+      grant_(std::move(grant)),
+      transport_(std::move(transport)),
+      reader_(limits),
+      outbox_(outbox != nullptr ? *outbox : outbox_limits(context.config)) {
   tune(transport_.socket(), context.config);
 }
 

@@ -24,10 +24,6 @@ namespace eigencast::broker {
 /// read buffer while idle. Kept alive by its pending operations. Belongs to its event loop.
 class Connection : public std::enable_shared_from_this<Connection>, private Writer {
  public:
-  ~Connection() override = default;
-  Connection(const Connection&) = delete;
-  Connection& operator=(const Connection&) = delete;
-
   /// Sends `answer`, the head of the response to a checked upgrade, and runs.
   void start(std::string answer);
 
@@ -44,9 +40,9 @@ class Connection : public std::enable_shared_from_this<Connection>, private Writ
   void tick();
 
  protected:
-  Connection(Context& context, Transport transport, GrantPtr grant, const websocket::MessageReader::Limits& limits);
+  /// outbox  null: by the configuration
   Connection(Context& context, Transport transport, GrantPtr grant, const websocket::MessageReader::Limits& limits,
-             const Outbox::Limits& outbox);
+             const Outbox::Limits* outbox = nullptr);
 
   virtual void on_open() = 0;
   virtual void on_text(std::string_view text) = 0;

@@ -59,28 +59,20 @@ void Connection::write_partly(const FramePtr& frame, const Transport::Outcome& o
 
 void Connection::schedule_write() {
   if (blocked_ || !open_ || ended_ || close_queued_) return;
-  try {
-    fill_write_queue();
-  } catch (const std::exception& exception) {
-    log_failure(exception);
-    close_later();
-  }
+  guarded([this] { fill_write_queue(); });
 }
 
 void Connection::fill_write_queue() {
   std::uint64_t poses = 0;
   bool urgent = closing_;
   const auto join = [this](std::uint32_t id) { return join_of(id); };
-  while (queued_bytes_ < kMaxWriteBytes && write_queue_.size() < kMaxPieces) {
+  while (queued_bytes_ < kMaxWriteBytes && write_queue_.size() < kMaxPieces && !close_queued_) {
     auto item = outbox_.take(context_.turn.now_us(), join);
+    if (!item && !closing_) break;
     if (!item) {
-      if (closing_) {
-        item = Outbox::Item{std::make_shared<const std::string>(websocket::framed_close(close_code_, close_reason_)),
-                            nullptr};
-        close_queued_ = true;
-      } else {
-        break;
-      }
+      const auto close = std::make_shared<const std::string>(websocket::framed_close(close_code_, close_reason_));
+      item = Outbox::Item{close, nullptr};
+      close_queued_ = true;
     } else if (closing_ && item->frame) {
       continue;
     }
@@ -88,7 +80,6 @@ void Connection::fill_write_queue() {
     poses += item->frame ? 1 : 0;
     queued_bytes_ += bytes_of(*item).size();
     write_queue_.push_back(std::move(*item));
-    if (close_queued_) break;
   }
   if (write_queue_.empty()) return;
   const bool full = queued_bytes_ >= kMaxWriteBytes || write_queue_.size() >= kMaxPieces;

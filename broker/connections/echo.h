@@ -10,7 +10,7 @@ namespace eigencast::broker {
 class Echo final : public Connection {
  public:
   Echo(Context& context, Transport transport, GrantPtr grant)
-      : Connection(context, std::move(transport), std::move(grant), {kMaxMessageBytes, kMaxMessageBytes}, kLimits) {}
+      : Connection(context, std::move(transport), std::move(grant), {kMaxMessageBytes, kMaxMessageBytes}, &kLimits) {}
 
  private:
   static constexpr std::size_t kMaxMessageBytes = 16 * 1024 * 1024;

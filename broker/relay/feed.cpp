@@ -287,13 +287,13 @@ FramePtr Feed::join() {
 }
 
 Envelope Feed::envelope(FrameKind kind, const KeyRecord& record) const {
-  Envelope head;
-  head.kind = kind;
-  head.stream_id = source_.stream_id;
-  head.epoch = source_.epoch;
-  head.sequence = record.sequence;
-  head.capture_us = record.capture_us;
-  return head;
+  return {.kind = kind,
+          .bands = {},
+          .step = {},
+          .stream_id = source_.stream_id,
+          .epoch = source_.epoch,
+          .sequence = record.sequence,
+          .capture_us = record.capture_us};
 }
 
 void Feed::set_last_emitted(KeyRecordPtr record) {

@@ -96,8 +96,6 @@ class MirrorSet {
 
   explicit MirrorSet(Environment environment);
   ~MirrorSet();
-  MirrorSet(const MirrorSet&) = delete;
-  MirrorSet& operator=(const MirrorSet&) = delete;
 
   void on_opened(Stream& stream);
   /// Applies events of the origin and marks the changed streams dirty.

@@ -9,19 +9,14 @@ namespace {
 
 constexpr TimeUs kRoundTripPeriodUs = 5'000'000;
 
-/// Whether a receiver whose newest key is `newest` can use the frame. docs/protocol.md, section 5.
+/// The sequence that a receiver with key `newest` needs the frame to have, unless it is a join (docs/protocol.md, section
+/// 5): the next key builds on it, a synthetic pose leads to the next key, and steps and estimates start at it.
+std::uint64_t next_sequence(const Envelope& envelope, std::uint64_t newest) {
+  return envelope.kind == FrameKind::kKey || envelope.kind == FrameKind::kSynthetic ? newest + 1 : newest;
+}
+
 bool decodable(const Envelope& envelope, std::optional<std::uint64_t> newest) {
-  switch (envelope.kind) {
-    case FrameKind::kJoin:
-      return true;
-    case FrameKind::kKey:
-    case FrameKind::kSynthetic:
-      return newest && *newest + 1 == envelope.sequence;
-    case FrameKind::kStep:
-    case FrameKind::kEstimate:
-      return newest && *newest == envelope.sequence;
-  }
-  return false;
+  return envelope.kind == FrameKind::kJoin || (newest && envelope.sequence == next_sequence(envelope, *newest));
 }
 
 bool is_key(const Envelope& envelope) {
@@ -30,17 +25,7 @@ bool is_key(const Envelope& envelope) {
 
 /// Whether the receiver already shows this frame or a newer one of its chain.
 bool is_overtaken(const Envelope& envelope, std::optional<std::uint64_t> newest) {
-  switch (envelope.kind) {
-    case FrameKind::kJoin:
-      return false;
-    case FrameKind::kKey:
-    case FrameKind::kSynthetic:
-      return newest && envelope.sequence <= *newest;
-    case FrameKind::kStep:
-    case FrameKind::kEstimate:
-      return newest && envelope.sequence < *newest;
-  }
-  return false;
+  return envelope.kind != FrameKind::kJoin && newest && envelope.sequence < next_sequence(envelope, *newest);
 }
 
 }  // namespace
@@ -61,12 +46,10 @@ bool Outbox::push_droppable(Text text) {
 void Outbox::open_lane(std::uint32_t stream_id) {
   Lane* lane = find(stream_id);
   if (lane == nullptr) lane = &lanes_.emplace_back();
-  const std::uint64_t skipped = lane->skipped;
-  const Ladder::Counts counts = lane->counts;
-  *lane = Lane{};
+  const Lane before = std::exchange(*lane, Lane{});
   lane->stream_id = stream_id;
-  lane->skipped = skipped;
-  lane->counts = counts;
+  lane->skipped = before.skipped;
+  lane->counts = before.counts;
 }
 
 void Outbox::close_lane(std::uint32_t stream_id) {
@@ -241,10 +224,9 @@ void Outbox::skip(Lane& lane, FramePtr& waiting) {
 }
 
 Outbox::Lane* Outbox::find(std::uint32_t stream_id) {
-  for (Lane& lane : lanes_) {
-    if (lane.stream_id == stream_id) return &lane;
-  }
-  return nullptr;
+  const auto found =
+      std::find_if(lanes_.begin(), lanes_.end(), [&](const Lane& lane) { return lane.stream_id == stream_id; });
+  return found == lanes_.end() ? nullptr : &*found;
 }
 
 }  // namespace eigencast::broker

@@ -111,8 +111,7 @@ Result<void> Stream::restore(const Snapshot& snapshot) {
     newest_ = snapshot.newest;
     for (StreamTap* tap : settings_.taps) tap->on_announced(*this);
     groups_.clear();
-    group_of_.clear();
-    for (Watcher* watcher : order_) add_to_group(*watcher, profiles_.at(watcher));
+    for (Watcher* watcher : order_) join_group(*watcher, watched_.at(watcher));
   }
   awaits_snapshot_ = false;
   for (Watcher* watcher : order_) watcher->on_stream_changed(*this, true);
@@ -171,18 +170,14 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
                 "capture time must grow (newest is " + std::to_string(newest_->capture_us) + " us)");
   }
   const bool follows = newest_ && head.sequence == newest_->sequence + 1;
-  auto record = std::make_shared<KeyRecord>();
-  record->sequence = head.sequence;
-  record->capture_us = head.capture_us;
-  record->arrival_us = now_us;
-  record->bands = head.bands;
-  record->join = head.kind == FrameKind::kJoin;
-  if (record->join) {
+  const bool join = head.kind == FrameKind::kJoin;
+  std::uint8_t half_spacing = newest_ ? newest_->half_spacing : 0;
+  std::shared_ptr<const ChainState> before, after;
+  if (join) {
     auto state = decode_join(layout_, head.bands, frame.payload);
     if (!state) return state.error();
-    if (follows && state->older == newest_->after->newer) record->before = newest_->after;
-    if (newest_) record->half_spacing = newest_->half_spacing;
-    record->after = std::make_shared<const ChainState>(std::move(*state));
+    if (follows && state->older == newest_->after->newer) before = newest_->after;
+    after = std::make_shared<const ChainState>(std::move(*state));
   } else {
     if (!follows) {
       return fail(ErrorCode::kCorrupt, newest_ ? "a key must follow the one before it (newest is " +
@@ -192,35 +187,42 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
     const ChainState& state = *newest_->after;
     auto key = decode_key(layout_, head.bands, state, frame.payload);
     if (!key) return key.error();
-    record->before = newest_->after;
-    record->half_spacing = half_spacing_of(frame.payload);
-    record->after = std::make_shared<const ChainState>(
+    before = newest_->after;
+    half_spacing = half_spacing_of(frame.payload);
+    after = std::make_shared<const ChainState>(
         ChainState{state.newer, std::move(*key), head.capture_us - newest_->capture_us});
   }
-  record->payload.assign(frame.payload.begin(), frame.payload.end());
-  return KeyRecordPtr(std::move(record));
+  return std::make_shared<const KeyRecord>(KeyRecord{.sequence = head.sequence,
+                                                     .capture_us = head.capture_us,
+                                                     .arrival_us = now_us,
+                                                     .bands = head.bands,
+                                                     .join = join,
+                                                     .half_spacing = half_spacing,
+                                                     .before = before,
+                                                     .after = after,
+                                                     .payload{frame.payload.begin(), frame.payload.end()}});
 }
 
 Result<void> Stream::watch(Watcher& watcher, const Profile& wanted) {
   if (const auto checked = check_profile(wanted); !checked) return checked;
   deliver();
   const Profile profile = canonical(wanted);
-  const auto before = profiles_.find(&watcher);
-  const bool known = before != profiles_.end();
-  const std::size_t given_up = known && wanted_.at(before->second) == 1 ? 1 : 0;
+  const auto before = watched_.find(&watcher);
+  const bool known = before != watched_.end();
+  const std::size_t given_up = known && wanted_.at(before->second.wanted) == 1 ? 1 : 0;
   if (wanted_.size() - given_up >= settings_.max_profiles && !wanted_.contains(profile)) {
     return fail(ErrorCode::kTooLarge,
                 "stream '" + name_ + "' is watched in " + std::to_string(settings_.max_profiles) +
                     " profiles, the most that limits.max_profiles_per_stream allows: request for a common one");
   }
   if (known) {
-    forget_wanted(watcher);
-    remove_from_group(watcher);
+    forget(watcher);
   } else if (auto placed = add_watcher(watcher); !placed) {
     return placed;
   }
-  note_wanted(watcher, profile);
-  if (epoch_ != 0) add_to_group(watcher, profile);
+  ++wanted_[profile];
+  Watched& watched = watched_[&watcher] = {profile, nullptr};
+  if (epoch_ != 0) join_group(watcher, watched);
   if (!awaits_snapshot_) watcher.on_stream_changed(*this, true);
   if (!known) report_count();
   return {};
@@ -237,10 +239,9 @@ Result<void> Stream::add_watcher(Watcher& watcher) {
 }
 
 void Stream::unwatch(Watcher& watcher) {
-  if (!profiles_.contains(&watcher)) return;
+  if (!watched_.contains(&watcher)) return;
   deliver();
-  forget_wanted(watcher);
-  remove_from_group(watcher);
+  forget(watcher);
   std::erase(order_, &watcher);
   --share_->watchers;
   trace(watcher, 0);
@@ -285,7 +286,7 @@ void Stream::relay_trace(const control::Trace& trace) {
 }
 
 void Stream::trace(Watcher& watcher, std::uint32_t every) {
-  if (every != 0 && !profiles_.contains(&watcher)) return;
+  if (every != 0 && !watched_.contains(&watcher)) return;
   const std::uint32_t before = tracer_.every();
   tracer_.want(&watcher, every);
   if (tracer_.every() != before && publisher_ != nullptr) publisher_->on_trace_wanted();
@@ -315,8 +316,8 @@ void Stream::send_traces(Group& group) {
 }
 
 FramePtr Stream::join_for(const Watcher& watcher) {
-  const auto found = group_of_.find(&watcher);
-  return found == group_of_.end() ? nullptr : found->second->feed.join();
+  const auto found = watched_.find(&watcher);
+  return found == watched_.end() || found->second.group == nullptr ? nullptr : found->second.group->feed.join();
 }
 
 control::StreamInfo Stream::info_for(const Watcher& watcher) const {
@@ -329,34 +330,23 @@ control::StreamInfo Stream::info_for(const Watcher& watcher) const {
   info.format = announced_.format;
   info.key_rate_hz = announced_.key_rate_hz;
   info.world = announced_.world;
-  if (const auto found = profiles_.find(&watcher); found != profiles_.end()) info.profile = effective(found->second);
+  if (const auto found = watched_.find(&watcher); found != watched_.end())
+    info.profile = effective(found->second.wanted);
   return info;
 }
 
 Profile Stream::effective(const Profile& wanted) const {
   Profile profile = wanted;
   if (epoch_ != 0) {
-    const auto bands = static_cast<std::uint8_t>(layout_.band_ends.size());
-    profile.bands = std::clamp<std::uint8_t>(profile.bands, 1, bands);
+    profile.bands = std::clamp<std::uint8_t>(profile.bands, 1, bands());
     if (profile.scheme == Profile::Scheme::kHermite && announced_.format.velocity_channels == 0)
       profile.scheme = Profile::Scheme::kLinear;  // The `stream` message reports this to the viewer.
   }
   return profile;
 }
 
-void Stream::note_wanted(const Watcher& watcher, const Profile& profile) {
-  profiles_[&watcher] = profile;
-  ++wanted_[profile];
-}
-
-void Stream::forget_wanted(const Watcher& watcher) {
-  const auto profile = profiles_.find(&watcher);
-  if (const auto wanted = wanted_.find(profile->second); --wanted->second == 0) wanted_.erase(wanted);
-  profiles_.erase(profile);
-}
-
-void Stream::add_to_group(Watcher& watcher, const Profile& wanted) {
-  const Profile profile = effective(wanted);
+void Stream::join_group(Watcher& watcher, Watched& watched) {
+  const Profile profile = effective(watched.wanted);
   auto& group = groups_[profile];
   if (!group) {
     const VelocityChannels velocities{announced_.format.velocity_channels, announced_.format.velocity_us};
@@ -365,18 +355,18 @@ void Stream::add_to_group(Watcher& watcher, const Profile& wanted) {
     if (newest_) group->feed.begin_at(newest_);
   }
   group->watchers.push_back(&watcher);
-  group_of_[&watcher] = group.get();
+  watched.group = group.get();
 }
 
-void Stream::remove_from_group(Watcher& watcher) {
-  const auto found = group_of_.find(&watcher);
-  if (found == group_of_.end()) return;
-  Group* group = found->second;
-  group_of_.erase(found);
+/// Gives up its profile and its place in the group.
+void Stream::forget(const Watcher& watcher) {
+  const auto found = watched_.find(&watcher);
+  const auto [profile, group] = found->second;
+  watched_.erase(found);
+  if (const auto wanted = wanted_.find(profile); --wanted->second == 0) wanted_.erase(wanted);
+  if (group == nullptr) return;
   std::erase(group->watchers, &watcher);
-  if (!group->watchers.empty()) return;
-  const Profile profile = group->feed.profile();
-  groups_.erase(profile);
+  if (group->watchers.empty()) groups_.erase(Profile(group->feed.profile()));
 }
 
 void Stream::deliver(Group& group) {

@@ -104,8 +104,6 @@ class Stream {
       : Stream(std::move(name), std::make_shared<StreamShare>(id), settings) {}
   Stream(std::string name, std::shared_ptr<StreamShare> share, const Settings& settings);
   ~Stream();
-  Stream(const Stream&) = delete;
-  Stream& operator=(const Stream&) = delete;
 
   /// Makes `link` the publisher; replaces the present one if that yields or `replace` is set. Errors: kRefused otherwise.
   Result<void> claim(PublisherLink& link, bool replace = false);
@@ -173,7 +171,7 @@ class Stream {
   control::StreamInfo::State state() const;
   /// watchers(): in all loops; watchers_here(): in this one.
   std::uint32_t watchers() const { return share_->watchers.load(std::memory_order_relaxed); }
-  std::uint32_t watchers_here() const { return static_cast<std::uint32_t>(profiles_.size()); }
+  std::uint32_t watchers_here() const { return static_cast<std::uint32_t>(watched_.size()); }
   bool has_publisher() const { return publisher_ != nullptr; }
   std::uint64_t keys_received() const { return keys_received_; }
   std::uint64_t frames_made() const { return frames_made_; }
@@ -193,11 +191,14 @@ class Stream {
     std::vector<FramePtr> traced;   ///< Sent frames whose traces are due.
   };
 
+  struct Watched {
+    Profile wanted;          ///< Made canonical().
+    Group* group = nullptr;  ///< Null before the first epoch.
+  };
+
   Profile effective(const Profile& wanted) const;
-  void note_wanted(const Watcher& watcher, const Profile& profile);
-  void forget_wanted(const Watcher& watcher);
-  void add_to_group(Watcher& watcher, const Profile& wanted);
-  void remove_from_group(Watcher& watcher);
+  void join_group(Watcher& watcher, Watched& watched);
+  void forget(const Watcher& watcher);
   void deliver(Group& group);
   void send_traces(Group& group);
   Result<void> add_watcher(Watcher& watcher);
@@ -216,9 +217,8 @@ class Stream {
   control::Announce announced_;
   CoefficientLayout layout_;
   KeyRecordPtr newest_;
-  std::unordered_map<const Watcher*, Profile> profiles_;  ///< The profile each watcher requested, made canonical().
+  std::unordered_map<const Watcher*, Watched> watched_;
   std::map<Profile, std::uint32_t> wanted_;  ///< Number of watchers of each; valid before the first epoch too.
-  std::unordered_map<const Watcher*, Group*> group_of_;
   std::map<Profile, std::unique_ptr<Group>> groups_;
   std::vector<Watcher*> order_;    ///< All watchers, in order of arrival.
   bool has_pending_ = false;       ///< In any group.

@@ -12,17 +12,14 @@
 namespace eigencast::broker::websocket {
 namespace {
 
-std::size_t write_header(Opcode opcode, std::size_t size, std::span<std::uint8_t, kMaxHeaderBytes> out) {
-  out[0] = static_cast<std::uint8_t>(0x80 | static_cast<unsigned>(opcode));
-  if (size <= kMaxControlBytes) {
-    out[1] = static_cast<std::uint8_t>(size);
-    return 2;
-  }
-  const std::size_t bytes = size <= 0xffff ? 2 : 8;
-  out[1] = bytes == 2 ? 126 : 127;
-  for (std::size_t i = 0; i < bytes; ++i)
-    out[2 + i] = static_cast<std::uint8_t>(std::uint64_t{size} >> (8 * (bytes - 1 - i)));
-  return 2 + bytes;
+/// `out`: bytes or text.
+void append_header_to(Opcode opcode, std::size_t size, auto& out) {
+  const auto append = [&](std::size_t byte) { out.push_back(static_cast<std::uint8_t>(byte)); };
+  append(0x80 | static_cast<std::size_t>(opcode));
+  if (size <= kMaxControlBytes) return append(size);
+  const int bytes = size <= 0xffff ? 2 : 8;
+  append(bytes == 2 ? 126 : 127);
+  for (int shift = 8 * (bytes - 1); shift >= 0; shift -= 8) append(size >> shift);
 }
 
 /// The first `most` bytes of `text` at most, without a partial character.
@@ -53,19 +50,14 @@ bool is_valid_close_code(std::uint16_t code) {
 }
 
 void append_header(Opcode opcode, std::size_t size, Bytes& out) {
-  std::array<std::uint8_t, kMaxHeaderBytes> header;
-  const std::size_t used = write_header(opcode, size, header);
-  out.insert(out.end(), header.begin(), header.begin() + static_cast<std::ptrdiff_t>(used));
+  append_header_to(opcode, size, out);
 }
 
 std::string framed(Opcode opcode, std::string_view payload) {
-  std::array<std::uint8_t, kMaxHeaderBytes> header;
-  const std::size_t used = write_header(opcode, payload.size(), header);
   std::string message;
-  message.reserve(used + payload.size());
-  message.append(reinterpret_cast<const char*>(header.data()), used);
-  message.append(payload);
-  return message;
+  message.reserve(kMaxHeaderBytes + payload.size());
+  append_header_to(opcode, payload.size(), message);
+  return message.append(payload);
 }
 
 std::string framed_close(CloseCode code, std::string_view reason) {

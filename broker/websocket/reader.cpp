@@ -184,14 +184,9 @@ std::optional<MessageReader::Event> MessageReader::end_control(ByteView payload)
   in_payload_ = false;
   head_size_ = 0;
   handed_on_ = true;
-  switch (static_cast<Opcode>(head_[0] & 0x0f)) {
-    case Opcode::kPing:
-      return Event{Kind::kPing, payload, CloseCode::kNone, {}};
-    case Opcode::kPong:
-      return Event{Kind::kPong, payload, CloseCode::kNone, {}};
-    default:
-      return close_event(payload);
-  }
+  const auto opcode = static_cast<Opcode>(head_[0] & 0x0f);
+  if (opcode == Opcode::kClose) return close_event(payload);
+  return Event{opcode == Opcode::kPing ? Kind::kPing : Kind::kPong, payload, CloseCode::kNone, {}};
 }
 
 MessageReader::Event MessageReader::close_event(ByteView payload) {
