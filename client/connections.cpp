@@ -15,17 +15,11 @@ bool is_well(Subscriber::State state) {
 }
 
 void add_counts(const Subscriber::Stats& one, Subscriber::Stats& all) {
-  all.keys += one.keys;
-  all.synthetic += one.synthetic;
-  all.joins += one.joins;
-  all.bytes += one.bytes;
-  all.rejected += one.rejected;
-  all.skipped += one.skipped;
-  all.missed += one.missed;
-  all.reconnects += one.reconnects;
-  all.asset_bytes_downloaded += one.asset_bytes_downloaded;
-  all.asset_bytes_cached += one.asset_bytes_cached;
-  all.asset_bytes_total += one.asset_bytes_total;
+  using Stats = Subscriber::Stats;
+  for (const auto count : {&Stats::keys, &Stats::synthetic, &Stats::joins, &Stats::bytes, &Stats::rejected,
+                           &Stats::skipped, &Stats::missed, &Stats::reconnects, &Stats::asset_bytes_downloaded,
+                           &Stats::asset_bytes_cached, &Stats::asset_bytes_total})
+    all.*count += one.*count;
   all.latency_us.merge(one.latency_us);
 }
 

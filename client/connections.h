@@ -6,7 +6,7 @@
 #include <string>
 #include <vector>
 
-#include "client/rate_meter.h"
+#include "client/meters.h"
 #include "common/core/log.h"
 #include "sdk/subscriber.h"
 #include "view/pose_source.h"

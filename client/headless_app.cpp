@@ -1,14 +1,13 @@
 // SPDX-License-Identifier: MIT
-#include <cstdio>
 #include <filesystem>
 #include <limits>
 
 #include "client/apps.h"
-#include "client/camera_path.h"
+#include "client/scene_file.h"
 #include "client/session.h"
 #include "common/core/clock.h"
 #include "common/core/files.h"
-#include "view/offscreen.h"
+#include "common/core/text.h"
 #include "view/overlay.h"
 #include "view/renderer.h"
 
@@ -18,8 +17,7 @@ namespace {
 constexpr TimeUs kTurnsAnyway = 100'000;  // the turntable waits so long for a new pose
 
 std::string frame_name(const std::string& folder, std::uint64_t number) {
-  char name[32];
-  std::snprintf(name, sizeof name, "frame_%04llu.png", static_cast<unsigned long long>(number));
+  const std::string name = formatted("frame_%04llu.png", static_cast<unsigned long long>(number));
   return (std::filesystem::path(folder) / name).string();
 }
 
@@ -38,11 +36,7 @@ class Headless {
       overlay_ = std::make_unique<Overlay>(nullptr, text_scale(1, 1, static_cast<float>(options_.ui_scale)));
     camera_.set_viewport(options_.width, options_.height);
     camera_.set_view(options_.view);
-    if (!options_.camera_path.empty()) {
-      Result<CameraPath> path = CameraPath::read(options_.camera_path);
-      if (!path) return path.error();
-      path_.emplace(std::move(*path));
-    }
+    if (const auto read = store(path_, CameraPath::read(options_.camera_path)); !read) return read;
     warm_up();
     if (options_.out.empty()) return {};
     std::error_code error;

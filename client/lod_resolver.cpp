@@ -48,7 +48,6 @@ std::vector<std::uint32_t> PaperResolver::resolve(std::span<const ObjectView> ob
   assert(settings_.far > settings_.near);
   if (is_usable(last)) adjust(*last);
   std::vector<std::uint32_t> n;
-  n.reserve(objects.size());
   for (const ObjectView& object : objects) {
     const double scaled = std::clamp((object.distance - settings_.near) / (settings_.far - settings_.near), 0.0, 1.0);
     n.push_back(clamped(std::round(level(scaled, kappa_) * object.max), object));
@@ -88,7 +87,6 @@ std::vector<std::uint32_t> split_budget(std::span<const ObjectView> objects, dou
     scale = above == turns.begin() ? 0 : low + std::max(0.0, budget - cost_low) / slope;
   }
   std::vector<std::uint32_t> n;
-  n.reserve(objects.size());
   for (std::size_t i = 0; i < objects.size(); ++i) n.push_back(clamped(std::floor(n_at(i, scale)), objects[i]));
   return n;
 }
@@ -168,7 +166,7 @@ void BudgetResolver::judge(double min_cost, double seconds) {
   const double frame = 1 / settings_.f0;
   const bool at_min = drawn_ <= min_cost * (1 + kDeadBand);
   const bool hopeless = at_min && seconds > frame && fixed_ > frame;
-  const bool hopeful = fixed_ + slope_ * min_cost < fill() * frame;
+  const bool hopeful = fixed_ + slope_ * min_cost < margin_.fill() * frame;
   frames_against_ = (within_reach_ ? hopeless : hopeful) ? frames_against_ + 1 : 0;
   if (frames_against_ < kPatience) return;
   within_reach_ = !within_reach_;
@@ -176,11 +174,11 @@ void BudgetResolver::judge(double min_cost, double seconds) {
 }
 
 double BudgetResolver::wanted_vertices(double min_cost, double max_cost) const {
-  const double planned = within_reach_ ? fill() / settings_.f0 : (1 + kShare) * (fixed_ + slope_ * min_cost);
+  const double planned = within_reach_ ? margin_.fill() / settings_.f0 : (1 + kShare) * (fixed_ + slope_ * min_cost);
   double wanted = std::clamp((planned - fixed_) / slope_, 0.0, max_cost);
   if (drawn_ <= 0) return wanted;
   // The part of the vertices that is in time if they took all of the last frame's time.
-  const double part = samples_.empty() ? 1 : fill() / settings_.f0 / samples_.back().seconds;
+  const double part = samples_.empty() ? 1 : margin_.fill() / settings_.f0 / samples_.back().seconds;
   wanted = std::clamp(wanted, drawn_ * std::min(kFall, part), drawn_ * kGrowth);
   const bool small = std::abs(wanted - drawn_) < kDeadBand * drawn_ && wanted < max_cost;
   return small ? drawn_ : wanted;

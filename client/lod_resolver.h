@@ -148,11 +148,6 @@ class BudgetResolver final : public LodResolver {
   /// The planned work of the last frame, as a part of 1 / f0.
   double state() const override { return planned_; }
 
-  double seconds_per_vertex() const { return slope_; }
-  double seconds_fixed() const { return fixed_; }
-  double fill() const { return margin_.fill(); }
-  bool within_reach() const { return within_reach_; }  ///< Fewer vertices can hold the rate.
-
  private:
   struct Sample {
     double vertices;
@@ -167,9 +162,9 @@ class BudgetResolver final : public LodResolver {
   double fixed_ = 0;
   DriftingValue rest_;  ///< Times of frames minus b V.
   double planned_ = 0;
-  double drawn_ = 0;  ///< V of the last frame.
-  bool within_reach_ = true;
-  int frames_against_ = 0;  ///< In a row, against within_reach_.
+  double drawn_ = 0;          ///< V of the last frame.
+  bool within_reach_ = true;  ///< Fewer vertices can hold the rate.
+  int frames_against_ = 0;    ///< In a row, against within_reach_.
   std::deque<Sample> samples_;
   PlanMargin margin_;
 };

@@ -6,15 +6,10 @@
 
 #include "client/clip_source.h"
 #include "client/clip_truth.h"
-#include "client/opening_clip.h"
 #include "sdk/contexts.h"
 
 namespace eigencast {
 namespace {
-
-bool ends_with(const std::string& text, std::string_view ending) {
-  return text.size() >= ending.size() && text.compare(text.size() - ending.size(), ending.size(), ending) == 0;
-}
 
 Result<std::unique_ptr<PoseSource>> subscribe(const std::string& stream, const Credentials* credentials,
                                               const ClientOptions& options, const LogSink& log) {
@@ -47,7 +42,7 @@ Wanted wanted_from(const std::string& text) {
   // Unknown schemes, too: opening them names the known ones.
   if (what.find("://") != std::string::npos) return {Wanted::Kind::kStream, what};
   std::error_code ignored;
-  if (ends_with(what, ".json") && std::filesystem::is_regular_file(what, ignored)) return {Wanted::Kind::kScene, what};
+  if (what.ends_with(".json") && std::filesystem::is_regular_file(what, ignored)) return {Wanted::Kind::kScene, what};
   return {Wanted::Kind::kClip, "file:" + what};
 }
 

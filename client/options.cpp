@@ -56,7 +56,7 @@ bool size_from_text(const std::string& text, int& width, int& height) {
 
 bool colour_from_text(const std::string& text, SurfacePainter::Wish& wish) {
   const std::size_t colon = text.find(':');
-  const auto colouring = colouring_from_name(text.substr(0, colon));
+  const auto colouring = kColouringNames.find(text.substr(0, colon));
   if (!colouring || (colon != std::string::npos) != (*colouring == Colouring::kChannel)) return false;
   wish.colouring = *colouring;
   char rest = 0;
@@ -70,7 +70,7 @@ std::string read_style(const RawOptions& raw, Style& style) {
     return "--colour " + raw.colour +
            ": give clay, own, textured, normals, movement, speed, error, or channel:K with K from 3, the first beyond "
            "x, y, z";
-  const auto map = colour_map_from_name(raw.colour_map);
+  const auto map = kColourMapNames.find(raw.colour_map);
   if (!map) return "--colour-map " + raw.colour_map + ": give viridis, cividis, coolwarm, turbo or grey";
   style.colour_map = *map;
   if (raw.colour_range.empty()) return {};
@@ -303,7 +303,7 @@ Result<void> interpret(const CommandLine& line, const RawOptions& raw, ClientOpt
   options.levels.kind = raw.resolver == "paper"                                                ? ResolverKind::kPaper
                         : raw.resolver == "none" || (raw.resolver.empty() && options.headless) ? ResolverKind::kNone
                                                                                                : ResolverKind::kBudget;
-  options.reconstruct = rebuild_on_from_name(raw.reconstruct).value_or(RebuildOn::kAuto);
+  options.reconstruct = kRebuildOnNames.find(raw.reconstruct).value_or(RebuildOn::kAuto);
   if (options.headless) options.levels.deadline = 1.25;  // no display to miss
   options.follow_display = !options.headless && !line.has("--target-fps");
   const bool has_delay = line.has("--smooth") || line.has("--delay") || line.has("--ahead");

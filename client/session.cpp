@@ -156,10 +156,6 @@ RenderOptions Session::render_options(const Style& style) const {
   return {style, pixel_scale_, colours_.range(style)};
 }
 
-std::optional<Legend> Session::legend() const {
-  return colours_.legend(sources().empty() ? nullptr : sources().front()->asset());
-}
-
 void Session::draw(Renderer& renderer, const Camera& camera, const Style& style, int width_px, int height_px,
                    unsigned target) {
   const TimeUs start = steady_now_us();
@@ -263,7 +259,7 @@ OverlayContent Session::overlay_content() const {
   content.connection = now.line;
   content.banner = now.banner;
   content.connected = is_connected();
-  content.legend = legend();
+  content.legend = colours_.legend(sources().empty() ? nullptr : sources().front()->asset());
   return content;
 }
 

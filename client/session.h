@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <fstream>
 #include <memory>
 #include <optional>
 #include <span>
@@ -8,22 +9,32 @@
 #include <vector>
 
 #include "client/connections.h"
-#include "client/history.h"
 #include "client/hud_text.h"
 #include "client/level_control.h"
+#include "client/meters.h"
 #include "client/options.h"
-#include "client/pose_record.h"
-#include "client/rate_meter.h"
 #include "client/scene_colours.h"
-#include "client/work_clock.h"
 #include "view/camera.h"
 #include "view/overlay.h"
-#include "view/rebuilder_choice.h"
+#include "view/rebuild.h"
 #include "view/renderer.h"
 #include "view/scene.h"
 #include "view/style.h"
 
 namespace eigencast {
+
+/// Writes received and shown poses, one JSON object a line (client/README.md has the fields). Not thread-safe.
+class PoseRecord final {
+ public:
+  /// Paths may be empty. Errors: kIo.
+  Result<void> open(const std::string& received, const std::string& shown);
+
+  void received(std::size_t source, std::span<const ReceivedPose> poses);
+  void shown(const Scene& scene, TimeUs drawn_us);
+
+ private:
+  std::ofstream received_, shown_;
+};
 
 /// What window and headless viewer share: polls the sources, keeps scene and levels of detail, counts, records poses,
 /// and writes the report. Not thread-safe.
@@ -41,7 +52,6 @@ class Session final {
   void finish_picture(bool wait);
   void set_pixel_scale(float scale) { pixel_scale_ = scale; }
   RenderOptions render_options(const Style& style) const;
-  std::optional<Legend> legend() const;
   const SceneColours& colours() const { return colours_; }
 
   /// Adds a surface of a source, which may be new and must outlive the session or its removal.
@@ -68,8 +78,6 @@ class Session final {
   /// The mean of all surfaces; falls from 1 to 0 within half a second of a lost connection.
   float colourfulness() const;
   bool is_connected() const { return connections_.are_well(); }
-  std::uint64_t drawn() const { return drawn_; }
-  std::uint64_t written() const { return written_; }
   void count_written() { ++written_; }
   const History& history() const { return history_; }
 

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: MIT
+#include <array>
 #include <nlohmann/json.hpp>
+#include <string_view>
 
 #include "client/session.h"
 #include "common/asset/detail.h"
@@ -41,7 +43,61 @@ json surfaces_from(const Scene& scene, std::span<PoseSource* const> sources) {
   return surfaces;
 }
 
+std::string_view name_of(FrameKind kind) {
+  constexpr std::array<std::string_view, 6> kNames{"unknown", "key", "join", "synthetic", "step", "estimate"};
+  const auto number = static_cast<std::size_t>(kind);
+  return kNames[number < kNames.size() ? number : 0];
+}
+
+Result<void> open_file(const std::string& path, std::ofstream& file) {
+  if (path.empty()) return {};
+  file.open(path, std::ios::trunc);
+  return file ? Result<void>() : fail(ErrorCode::kIo, path + ": cannot be written; is its folder there?");
+}
+
 }  // namespace
+
+Result<void> PoseRecord::open(const std::string& received, const std::string& shown) {
+  if (Result<void> opened = open_file(received, received_); !opened) return opened;
+  return open_file(shown, shown_);
+}
+
+void PoseRecord::received(std::size_t source, std::span<const ReceivedPose> poses) {
+  if (!received_.is_open() || poses.empty()) return;
+  for (const ReceivedPose& pose : poses) {
+    const Envelope& e = pose.envelope;
+    const json line{{"stream", source},
+                    {"kind", name_of(e.kind)},
+                    {"sequence", e.sequence},
+                    {"at", e.step.at},
+                    {"of", e.step.of},
+                    {"epoch", e.epoch},
+                    {"bands", e.bands.bits},
+                    {"ahead", (e.flags & Envelope::kAhead) != 0},
+                    {"capture_us", e.capture_us},
+                    {"arrival_us", pose.arrival_us},
+                    {"channels", pose.channels},
+                    {"coefficients", std::span(pose.coefficients)}};
+    received_ << line.dump() << '\n';
+  }
+  received_.flush();
+}
+
+void PoseRecord::shown(const Scene& scene, TimeUs drawn_us) {
+  if (!shown_.is_open()) return;
+  for (std::size_t i = 0; i < scene.instances().size(); ++i) {
+    const SurfaceView& view = scene.instances()[i].view;
+    if (!view.shown_capture_us()) continue;
+    const json line{{"surface", i},
+                    {"drawn_us", drawn_us},
+                    {"capture_us", *view.shown_capture_us()},
+                    {"shown", name_of(view.shown())},
+                    {"settling", view.settling()},
+                    {"vertices", view.geometry().vertex_count()},
+                    {"coefficients", view.coefficients()}};
+    shown_ << line.dump() << '\n';
+  }
+}
 
 std::string Session::report(const Renderer& renderer, int width_px, int height_px) const {
   const Subscriber::Stats& stats = connections_.stats();
@@ -83,7 +139,7 @@ std::string Session::report(const Renderer& renderer, int width_px, int height_p
                    {"state", levels_.active() ? json(levels_.state()) : json(nullptr)}};
   report["surfaces"] = surfaces_from(scene_, sources());
   report["reconstruct"] = {
-      {"asked", name_of(options_.reconstruct)},
+      {"asked", kRebuildOnNames[options_.reconstruct]},
       {"trial_us",
        rebuild_trial_ ? json{{"cpu", rebuild_trial_->cpu_us}, {"gpu", rebuild_trial_->gpu_us}} : json(nullptr)}};
   report["bands"] = {{"received", figures_now.bands}, {"of", figures_now.bands_total}, {"rank", figures_now.rank}};

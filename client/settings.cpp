@@ -6,7 +6,6 @@
 #include <nlohmann/json.hpp>
 
 #include "client/hud_text.h"
-#include "client/json_file.h"
 #include "common/core/files.h"
 #include "sdk/contexts.h"
 
@@ -14,6 +13,8 @@ namespace eigencast {
 namespace {
 
 using nlohmann::json;
+
+constexpr std::uint64_t kMaxSettingsBytes = 1 << 20;
 
 struct StyleFlag {
   const char* name;
@@ -70,7 +71,7 @@ Result<Settings> Settings::load(const std::string& path) {
   Settings settings;
   std::error_code ignored;
   if (path.empty() || !std::filesystem::exists(path, ignored)) return settings;
-  const auto text = read_file(path, kMaxJsonFileBytes);
+  const auto text = read_file(path, kMaxSettingsBytes);
   if (!text) return text.error();
   const json all = json::parse(*text, nullptr, false);
   if (!all.is_object())
@@ -82,7 +83,7 @@ Result<Settings> Settings::load(const std::string& path) {
   if (const auto style = all.find("look"); style != all.end() && style->is_object()) {
     for (const StyleFlag& each : kStyleFlags) read_bool(*style, each.name, settings.style.*each.member);
     if (const auto map = style->find("colour_map"); map != style->end() && map->is_string())
-      settings.style.colour_map = colour_map_from_name(map->get<std::string>()).value_or(ColourMap::kViridis);
+      settings.style.colour_map = kColourMapNames.find(map->get<std::string>()).value_or(ColourMap::kViridis);
   }
   settings.resolver = read_named(all, "resolver", {ResolverKind::kNone, ResolverKind::kBudget, ResolverKind::kPaper});
   settings.playout =
@@ -104,7 +105,7 @@ Result<void> Settings::save(const std::string& path) const {
   if (playout) all["motion"] = name_of(*playout);
   if (smoothness) all["smoothness"] = *smoothness;
   for (const StyleFlag& each : kStyleFlags) all["look"][each.name] = style.*each.member;
-  all["look"]["colour_map"] = name_of(style.colour_map);
+  all["look"]["colour_map"] = kColourMapNames[style.colour_map];
   return write_file_atomically(path, all.dump(2, ' ', false, json::error_handler_t::replace) + "\n");
 }
 

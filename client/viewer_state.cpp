@@ -3,56 +3,16 @@
 
 #include <algorithm>
 #include <array>
-#include <cstdio>
 #include <filesystem>
+#include <glm/geometric.hpp>
+#include <glm/matrix.hpp>
+#include <span>
 #include <system_error>
-#include <utility>
 
 #include "common/core/text.h"
 
 namespace eigencast {
 namespace {
-
-struct KeyBinding {
-  std::string_view key;
-  Action action;
-  Modifiers modifiers = {};
-};
-constexpr std::array<KeyBinding, 35> kBindings{{{"R", Action::kResetCamera},
-                                                {"Home", Action::kResetCamera},
-                                                {"H", Action::kHelp},
-                                                {"F1", Action::kHelp},
-                                                {"X", Action::kAxes},
-                                                {"G", Action::kGrid},
-                                                {"E", Action::kEdges},
-                                                {"P", Action::kPoints},
-                                                {"W", Action::kWireframe},
-                                                {"V", Action::kColouring},
-                                                {"C", Action::kColourMap},
-                                                {"B", Action::kLegend},
-                                                {"F", Action::kHud},
-                                                {"S", Action::kScreenshot},
-                                                {"F12", Action::kScreenshot},
-                                                {"+", Action::kFiner},
-                                                {"=", Action::kFiner},
-                                                {".", Action::kFiner},
-                                                {"-", Action::kCoarser},
-                                                {",", Action::kCoarser},
-                                                {"M", Action::kPlayout},
-                                                {"]", Action::kSmoother},
-                                                {"[", Action::kMoreLive},
-                                                {" ", Action::kPause},
-                                                {"U", Action::kUpAxis},
-                                                {"A", Action::kResolver},
-                                                {"Tab", Action::kPanel},
-                                                {"Y", Action::kTurntable},
-                                                {"K", Action::kRecord},
-                                                {"S", Action::kCleanScreenshot, {true, false}},
-                                                {"F12", Action::kCleanScreenshot, {true, false}},
-                                                {"C", Action::kCopyCamera, {false, true}},
-                                                {"V", Action::kPaste, {false, true}},
-                                                {"Escape", Action::kQuit},
-                                                {"Q", Action::kQuit}}};
 
 std::string on_off(bool on) {
   return on ? "on" : "off";
@@ -70,99 +30,107 @@ constexpr std::array<const char*, 3> kPlayoutTexts{"as they come", "interpolated
 
 std::string text_from_smoothness(const PlayoutSettings& playout) {
   if (playout.mode == PlayoutMode::kLatest) return "";
-  char percent[16];
-  std::snprintf(percent, sizeof percent, "%.3g %%", 100 * Playout(playout).smoothness());
-  return percent;
+  return formatted("%.3g %%", 100 * Playout(playout).smoothness());
 }
 
-constexpr std::array<std::pair<Action, bool Style::*>, 6> kStyleSwitches{{{Action::kAxes, &Style::axes},
-                                                                          {Action::kGrid, &Style::grid},
-                                                                          {Action::kEdges, &Style::edges},
-                                                                          {Action::kWireframe, &Style::wireframe},
-                                                                          {Action::kPoints, &Style::points},
-                                                                          {Action::kLegend, &Style::legend}}};
-constexpr std::array<std::pair<Action, bool ViewerState::*>, 6> kSwitches{
-    {{Action::kHelp, &ViewerState::help},
-     {Action::kHud, &ViewerState::hud},
-     {Action::kPanel, &ViewerState::panel},
-     {Action::kTurntable, &ViewerState::turntable},
-     {Action::kRecord, &ViewerState::recording},
-     {Action::kPause, &ViewerState::paused}}};
-constexpr std::array<std::pair<Action, bool ViewerState::*>, 6> kRequests{
-    {{Action::kScreenshot, &ViewerState::screenshot_wanted},
-     {Action::kCleanScreenshot, &ViewerState::clean_screenshot_wanted},
-     {Action::kCopyCamera, &ViewerState::copy_wanted},
-     {Action::kPaste, &ViewerState::paste_wanted},
-     {Action::kResolver, &ViewerState::resolver_wanted},
-     {Action::kQuit, &ViewerState::quit}}};
+void toggle(bool& value) {
+  value = !value;
+}
+
+void change_playout(PlayoutSettings& playout) {
+  playout.mode = next_of(playout.mode, 3);
+  playout.smoothness.reset();
+  playout.delay_us = 0;
+}
+
+constexpr Modifiers kShift{true, false}, kControl{false, true};
+constexpr std::array<KeyCommand, 27> kCommands{
+    {{"R Home", [](const KeyTarget& on) { on.camera.home(); }},
+     {"H F1", [](const KeyTarget& on) { toggle(on.state.help); }},
+     {"X", [](const KeyTarget& on) { toggle(on.state.style.axes); }},
+     {"G", [](const KeyTarget& on) { toggle(on.state.style.grid); }},
+     {"E", [](const KeyTarget& on) { toggle(on.state.style.edges); }},
+     {"P", [](const KeyTarget& on) { toggle(on.state.style.points); }},
+     {"W", [](const KeyTarget& on) { toggle(on.state.style.wireframe); }},
+     {"V", [](const KeyTarget& on) { ++on.state.colourings_on; }},
+     {"C", [](const KeyTarget& on) { on.state.style.colour_map = next_of(on.state.style.colour_map, kColourMaps); }},
+     {"B", [](const KeyTarget& on) { toggle(on.state.style.legend); }},
+     {"F", [](const KeyTarget& on) { toggle(on.state.hud); }},
+     {"S F12", [](const KeyTarget& on) { on.state.screenshot_wanted = true; }},
+     {"+ = .", [](const KeyTarget& on) { on.lod.finer(); }, {}, true},
+     {"- ,", [](const KeyTarget& on) { on.lod.coarser(); }, {}, true},
+     {"M", [](const KeyTarget& on) { change_playout(on.state.playout); }},
+     {"]", [](const KeyTarget& on) { change_smoothness(on.state.playout, kSmoothnessStep); }, {}, true},
+     {"[", [](const KeyTarget& on) { change_smoothness(on.state.playout, -kSmoothnessStep); }, {}, true},
+     {"Space", [](const KeyTarget& on) { toggle(on.state.paused); }},
+     {"U", [](const KeyTarget& on) { on.camera.set_up(next_of(on.camera.up(), 3)); }},
+     {"A", [](const KeyTarget& on) { on.state.resolver_wanted = true; }},
+     {"Tab", [](const KeyTarget& on) { toggle(on.state.panel); }},
+     {"Y", [](const KeyTarget& on) { toggle(on.state.turntable); }},
+     {"K", [](const KeyTarget& on) { toggle(on.state.recording); }},
+     {"S F12", [](const KeyTarget& on) { on.state.clean_screenshot_wanted = true; }, kShift},
+     {"C", [](const KeyTarget& on) { on.state.copy_wanted = true; }, kControl},
+     {"V", [](const KeyTarget& on) { on.state.paste_wanted = true; }, kControl},
+     {"Escape Q", [](const KeyTarget& on) { on.state.quit = true; }}}};
+
+bool names(std::string_view keys, std::string_view key) {
+  const std::vector<std::string_view> list = split(keys, ' ');
+  return std::find(list.begin(), list.end(), key) != list.end();
+}
+
+struct Ray {
+  glm::vec3 from{0}, to{0};  ///< Towards `to`, not unit length: parameters are the same in every space.
+};
+
+glm::vec3 vertex(std::span<const float> positions, std::size_t i) {
+  return {positions[3 * i], positions[3 * i + 1], positions[3 * i + 2]};
+}
+
+/// Moeller, Trumbore 1997, "Fast, minimum storage ray-triangle intersection"; both sides count.
+std::optional<float> hit_triangle(const Ray& ray, const glm::vec3& a, const glm::vec3& b, const glm::vec3& c) {
+  const glm::vec3 along = ray.to - ray.from, ab = b - a, ac = c - a, p = glm::cross(along, ac);
+  const float determinant = glm::dot(ab, p);
+  if (determinant == 0) return std::nullopt;
+  const glm::vec3 s = ray.from - a, q = glm::cross(s, ab);
+  const float u = glm::dot(s, p) / determinant, v = glm::dot(along, q) / determinant;
+  const float t = glm::dot(ac, q) / determinant;
+  if (u < 0 || v < 0 || u + v > 1 || t <= 0) return std::nullopt;
+  return t;
+}
+
+std::optional<float> hit_point(const Ray& ray, const glm::vec3& point, float radius) {
+  const glm::vec3 along = ray.to - ray.from;
+  const float t = glm::dot(point - ray.from, along) / glm::dot(along, along);
+  if (t <= 0 || glm::length(ray.from + t * along - point) > radius) return std::nullopt;
+  return t;
+}
 
 }  // namespace
 
-void ViewerState::apply(Action action, Camera& camera, LevelOfDetail& lod) {
-  for (const auto& [on, member] : kStyleSwitches) {
-    if (on == action) style.*member = !(style.*member);
-  }
-  for (const auto& [on, member] : kSwitches) {
-    if (on == action) this->*member = !(this->*member);
-  }
-  for (const auto& [on, member] : kRequests) {
-    if (on == action) this->*member = true;
-  }
-  switch (action) {
-    case Action::kResetCamera:
-      return camera.home();
-    case Action::kColouring:
-      ++colourings_on;
-      return;
-    case Action::kColourMap:
-      style.colour_map = next_of(style.colour_map, kColourMaps);
-      return;
-    case Action::kFiner:
-      return lod.finer();
-    case Action::kCoarser:
-      return lod.coarser();
-    case Action::kPlayout:
-      playout.mode = next_of(playout.mode, 3);
-      playout.smoothness.reset();
-      playout.delay_us = 0;
-      return;
-    case Action::kSmoother:
-      return change_smoothness(playout, kSmoothnessStep);
-    case Action::kMoreLive:
-      return change_smoothness(playout, -kSmoothnessStep);
-    case Action::kUpAxis:
-      return camera.set_up(next_of(camera.up(), 3));
-    default:
-      return;
-  }
-}
-
-std::optional<Action> action_for_key(std::string_view key, const Modifiers& modifiers) {
+const KeyCommand* command_for_key(std::string_view key, const Modifiers& modifiers) {
   const bool shift = modifiers.shift && !modifiers.control && (key == "S" || key == "F12");
-  const auto binding = std::find_if(kBindings.begin(), kBindings.end(), [&](const KeyBinding& b) {
-    return b.key == key && b.modifiers.control == modifiers.control && b.modifiers.shift == shift;
+  const auto command = std::find_if(kCommands.begin(), kCommands.end(), [&](const KeyCommand& c) {
+    return names(c.keys, key == " " ? "Space" : key) && c.modifiers.control == modifiers.control &&
+           c.modifiers.shift == shift;
   });
-  if (binding == kBindings.end()) return std::nullopt;
-  return binding->action;
+  return command == kCommands.end() ? nullptr : &*command;
 }
 
 std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod,
                                  ResolverKind resolver) {
-  char percent[16];
-  std::snprintf(percent, sizeof percent, "%.3g %%", 100 * lod.fraction());
   const std::string up(1, static_cast<char>('X' + static_cast<int>(camera.up())));
   return {{"left drag", "rotate", ""},
           {"right or middle drag, Shift+left", "pan", ""},
           {"wheel", "zoom to the cursor", ""},
           {"double click", "turn round the point that was hit", ""},
           {"R  Home", "reset the camera", ""},
-          {"+ -  . ,", "level of detail, at most", percent},
+          {"+ -  . ,", "level of detail, at most", formatted("%.3g %%", 100 * lod.fraction())},
           {"A", "what lowers it to hold the rate", std::string(name_of(resolver))},
           {"Space", "pause", on_off(state.paused)},
           {"M", "motion between arrivals", kPlayoutTexts[static_cast<std::size_t>(state.playout.mode)]},
           {"[ ]", "live to smooth", text_from_smoothness(state.playout)},
           {"V", "what colours say", title_of(state.style.colour)},
-          {"C", "colour map", std::string(name_of(state.style.colour_map))},
+          {"C", "colour map", std::string(kColourMapNames[state.style.colour_map])},
           {"B", "its legend", on_off(state.style.legend)},
           {"E", "edges", on_off(state.style.edges)},
           {"W", "wireframe", on_off(state.style.wireframe)},
@@ -182,17 +150,39 @@ std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera,
 
 std::string next_free_name(const std::string& prefix, const std::string& ending) {
   for (int number = 1; number < 10'000; ++number) {
-    char digits[16];
-    std::snprintf(digits, sizeof digits, "_%04d", number);
     std::error_code error;
-    const std::string name = prefix + digits + ending;
+    const std::string name = prefix + formatted("_%04d", number) + ending;
     if (!std::filesystem::exists(name, error)) return name;
   }
   return prefix + "_9999" + ending;
 }
 
-std::string next_screenshot_name(const std::string& prefix) {
-  return next_free_name(prefix, ".png");
+std::optional<glm::vec3> pick(const Scene& scene, const Camera& camera, const glm::vec2& at_px, int width_px,
+                              int height_px) {
+  if (width_px < 1 || height_px < 1) return std::nullopt;
+  const glm::mat4 scene_from_clip = glm::inverse(camera.clip_from_view() * camera.view_from_scene());
+  const glm::vec4 far = scene_from_clip * glm::vec4(2 * at_px.x / static_cast<float>(width_px) - 1,
+                                                    1 - 2 * at_px.y / static_cast<float>(height_px), 0.5F, 1);
+  const Ray in_scene{camera.position(), glm::vec3(far) / far.w};
+  std::optional<float> nearest;
+  std::vector<float> room;
+  const auto take = [&](const std::optional<float>& t) {
+    if (t && (!nearest || *t < *nearest)) nearest = t;
+  };
+  for (const Scene::Instance& instance : scene.instances()) {
+    const SurfaceGeometry& g = instance.view.geometry();
+    if (!instance.visible || g.vertex_count() == 0) continue;
+    const std::span<const float> X = instance.view.positions(room);
+    const glm::mat4 surface_from_scene = glm::inverse(instance.scene_from_surface);
+    const Ray ray{glm::vec3(surface_from_scene * glm::vec4(in_scene.from, 1)),
+                  glm::vec3(surface_from_scene * glm::vec4(in_scene.to, 1))};
+    for (std::size_t i = 0; g.is_point_cloud && i < g.vertex_count(); ++i)
+      take(hit_point(ray, vertex(X, i), 1.2F * g.point_spacing));
+    for (std::size_t f = 0; f + 2 < g.triangles.size(); f += 3)
+      take(hit_triangle(ray, vertex(X, g.triangles[f]), vertex(X, g.triangles[f + 1]), vertex(X, g.triangles[f + 2])));
+  }
+  if (!nearest) return std::nullopt;
+  return in_scene.from + *nearest * (in_scene.to - in_scene.from);
 }
 
 }  // namespace eigencast

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <glm/vec2.hpp>
+#include <glm/vec3.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -9,41 +11,11 @@
 #include "common/motion/playout.h"
 #include "view/camera.h"
 #include "view/glfw_window.h"
-#include "view/level_of_detail.h"
 #include "view/overlay.h"
+#include "view/scene.h"
 #include "view/style.h"
 
 namespace eigencast {
-
-enum class Action {
-  kResetCamera,
-  kHelp,
-  kAxes,
-  kGrid,
-  kEdges,
-  kWireframe,
-  kPoints,
-  kColouring,
-  kColourMap,
-  kLegend,
-  kHud,
-  kScreenshot,
-  kCleanScreenshot,
-  kPanel,
-  kTurntable,
-  kRecord,
-  kCopyCamera,
-  kPaste,
-  kFiner,
-  kCoarser,
-  kResolver,
-  kPause,
-  kPlayout,
-  kSmoother,
-  kMoreLive,
-  kUpAxis,
-  kQuit
-};
 
 /// The switches of the viewer, and requests (wanted, on) that the window takes and clears.
 struct ViewerState {
@@ -58,19 +30,32 @@ struct ViewerState {
   bool turntable = false;                          ///< The camera circles the scene.
   bool recording = false;                          ///< Every picture is written.
   bool copy_wanted = false, paste_wanted = false;  ///< The camera to the clipboard; its content to the viewer.
-
-  void apply(Action action, Camera& camera, LevelOfDetail& lod);
 };
 
-/// The action of a key as WindowListener names it. Shift counts with the keys of screenshots only: elsewhere some
-/// keyboards need it to type a character.
-std::optional<Action> action_for_key(std::string_view key, const Modifiers& modifiers = {});
+/// What a key acts on.
+struct KeyTarget {
+  ViewerState& state;
+  Camera& camera;
+  LevelOfDetail& lod;
+};
+struct KeyCommand {
+  std::string_view keys;  ///< As WindowListener names them, with spaces between; "Space".
+  void (*apply)(const KeyTarget& on);
+  Modifiers modifiers = {};
+  bool repeats = false;  ///< While the key is held.
+};
+/// Null: none. Shift counts with the keys of screenshots only: elsewhere some keyboards need it to type a character.
+const KeyCommand* command_for_key(std::string_view key, const Modifiers& modifiers = {});
 
 std::vector<HelpLine> help_lines(const ViewerState& state, const Camera& camera, const LevelOfDetail& lod,
                                  ResolverKind resolver);
 
 /// prefix + "_0001" + ending and up.
 std::string next_free_name(const std::string& prefix, const std::string& ending);
-std::string next_screenshot_name(const std::string& prefix);
+
+/// The nearest point of a visible surface under a pixel: of a mesh where its triangles are hit, of a cloud a point
+/// within its spacing.
+std::optional<glm::vec3> pick(const Scene& scene, const Camera& camera, const glm::vec2& at_px, int width_px,
+                              int height_px);
 
 }  // namespace eigencast

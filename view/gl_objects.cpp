@@ -51,25 +51,21 @@ GlProgram::~GlProgram() {
   if (id_ != 0) glDeleteProgram(id_);
 }
 
-template <GlKind kKind>
-GLuint GlName<kKind>::make() {
-  GLuint id = 0;
-  if constexpr (kKind == GlKind::kTexture) glGenTextures(1, &id);
-  if constexpr (kKind == GlKind::kArray) glGenVertexArrays(1, &id);
-  if constexpr (kKind == GlKind::kFramebuffer) glGenFramebuffers(1, &id);
-  return id;
+void bind_texture(GLuint unit, GLenum target, GLuint texture) {
+  glActiveTexture(GL_TEXTURE0 + unit);
+  glBindTexture(target, texture);
 }
 
-template <GlKind kKind>
-void GlName<kKind>::release(GLuint id) {
-  if constexpr (kKind == GlKind::kTexture) glDeleteTextures(1, &id);
-  if constexpr (kKind == GlKind::kArray) glDeleteVertexArrays(1, &id);
-  if constexpr (kKind == GlKind::kFramebuffer) glDeleteFramebuffers(1, &id);
+void set_filter(GLint filter) {
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, filter);
+  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, filter);
 }
 
-template class GlName<GlKind::kTexture>;
-template class GlName<GlKind::kArray>;
-template class GlName<GlKind::kFramebuffer>;
+void copy_colours(GLuint from, GLuint to, int width, int height) {
+  glBindFramebuffer(GL_READ_FRAMEBUFFER, from);
+  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, to);
+  glBlitFramebuffer(0, 0, width, height, 0, 0, width, height, GL_COLOR_BUFFER_BIT, GL_NEAREST);
+}
 
 void set_line_width(float pixels) {
   std::array<GLfloat, 2> range{1, 1};
@@ -81,30 +77,29 @@ void set_line_width(float pixels) {
 void GlBuffer::reserve(std::size_t bytes, GLenum usage) {
   if (bytes <= bytes_) return;
   bytes_ = bytes;
-  glBindBuffer(GL_COPY_WRITE_BUFFER, id_);
+  glBindBuffer(GL_COPY_WRITE_BUFFER, id());
   glBufferData(GL_COPY_WRITE_BUFFER, static_cast<GLsizeiptr>(bytes), nullptr, usage);
 }
 
 void GlBuffer::replace_bytes(const void* data, std::size_t bytes) {
   bytes_ = bytes;
-  glBindBuffer(GL_COPY_WRITE_BUFFER, id_);
+  glBindBuffer(GL_COPY_WRITE_BUFFER, id());
   glBufferData(GL_COPY_WRITE_BUFFER, static_cast<GLsizeiptr>(bytes), data, GL_STREAM_DRAW);
 }
 
 void GlBuffer::write_bytes(std::size_t offset, const void* data, std::size_t bytes) {
   assert(offset + bytes <= bytes_);
-  glBindBuffer(GL_COPY_WRITE_BUFFER, id_);
+  glBindBuffer(GL_COPY_WRITE_BUFFER, id());
   glBufferSubData(GL_COPY_WRITE_BUFFER, static_cast<GLintptr>(offset), static_cast<GLsizeiptr>(bytes), data);
 }
 
-void GlPicture::resize(int width, int height) {
+void GlPicture::resize(int width, int height, GLint format) {
   if (width == width_ && height == height_) return;
   width_ = width;
   height_ = height;
-  glBindTexture(GL_TEXTURE_2D, texture());
-  glTexImage2D(GL_TEXTURE_2D, 0, GL_RGBA8, width, height, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
-  glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+  bind_texture(0, GL_TEXTURE_2D, texture());
+  glTexImage2D(GL_TEXTURE_2D, 0, format, width, height, 0, GL_RGBA, GL_UNSIGNED_BYTE, nullptr);
+  set_filter(GL_NEAREST);
   glBindFramebuffer(GL_FRAMEBUFFER, framebuffer());
   glFramebufferTexture2D(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_TEXTURE_2D, texture(), 0);
 }
@@ -128,12 +123,6 @@ void GlTarget::resize(int width, int height, int samples) {
   glFramebufferTexture2D(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_TEXTURE_2D_MULTISAMPLE, depth_.id(), 0);
   glGetIntegerv(GL_SAMPLES, &samples_);
   resolved_.resize(width, height);
-}
-
-void GlTarget::resolve() const {
-  glBindFramebuffer(GL_READ_FRAMEBUFFER, drawing_.id());
-  glBindFramebuffer(GL_DRAW_FRAMEBUFFER, resolved_.framebuffer());
-  glBlitFramebuffer(0, 0, width_, height_, 0, 0, width_, height_, GL_COLOR_BUFFER_BIT, GL_NEAREST);
 }
 
 }  // namespace eigencast

@@ -46,37 +46,35 @@ class GlProgram final {
 };
 
 /// A named OpenGL object. Needs its context current when made and when destroyed.
-enum class GlKind { kTexture, kArray, kFramebuffer };
-template <GlKind kKind>
-class GlName final {
+template <auto& kMake, auto& kRelease>
+class GlName {
  public:
-  GlName() : id_(make()) {}
+  GlName() { kMake(1, &id_); }
   GlName(const GlName&) = delete;
   GlName& operator=(const GlName&) = delete;
-  ~GlName() { release(id_); }
+  ~GlName() { kRelease(1, &id_); }
   GLuint id() const { return id_; }
 
  private:
-  static GLuint make();
-  static void release(GLuint id);
-  GLuint id_;
+  GLuint id_ = 0;
 };
-using GlTexture = GlName<GlKind::kTexture>;
-using GlArray = GlName<GlKind::kArray>;
-using GlFramebuffer = GlName<GlKind::kFramebuffer>;
+using GlTexture = GlName<glGenTextures, glDeleteTextures>;
+using GlArray = GlName<glGenVertexArrays, glDeleteVertexArrays>;
+using GlFramebuffer = GlName<glGenFramebuffers, glDeleteFramebuffers>;
+
+/// To a texture unit from 0 on.
+void bind_texture(GLuint unit, GLenum target, GLuint texture);
+/// Of the bound two-dimensional texture.
+void set_filter(GLint filter);
+/// Copies the colours of one framebuffer to another, averaging samples.
+void copy_colours(GLuint from, GLuint to, int width, int height);
 
 /// Clamped to what the GPU can draw.
 void set_line_width(float pixels);
 
-/// Memory of the GPU. Needs its context current when destroyed.
-class GlBuffer final {
+/// Memory of the GPU.
+class GlBuffer final : public GlName<glGenBuffers, glDeleteBuffers> {
  public:
-  GlBuffer() { glGenBuffers(1, &id_); }
-  GlBuffer(const GlBuffer&) = delete;
-  GlBuffer& operator=(const GlBuffer&) = delete;
-  ~GlBuffer() { glDeleteBuffers(1, &id_); }
-
-  GLuint id() const { return id_; }
   std::size_t bytes() const { return bytes_; }
   /// Loses the content where it must grow.
   void reserve(std::size_t bytes, GLenum usage);
@@ -108,16 +106,16 @@ class GlBuffer final {
  private:
   void replace_bytes(const void* data, std::size_t bytes);
   void write_bytes(std::size_t offset, const void* data, std::size_t bytes);
-  GLuint id_ = 0;
   std::size_t bytes_ = 0;
 };
 
-/// An RGBA8 framebuffer to draw to and to read back.
-class GlPicture final {
+/// A framebuffer to draw to and to read back, or one of floats.
+class GlPicture {
  public:
-  void resize(int width, int height);
+  void resize(int width, int height, GLint format = GL_RGBA8);
   GLuint framebuffer() const { return framebuffer_.id(); }
   GLuint texture() const { return colours_.id(); }
+  int height() const { return height_; }
 
  private:
   GlTexture colours_;
@@ -130,7 +128,7 @@ class GlTarget final {
  public:
   void resize(int width, int height, int samples);
   void bind() const { glBindFramebuffer(GL_FRAMEBUFFER, drawing_.id()); }
-  void resolve() const;
+  void resolve() const { copy_colours(drawing_.id(), resolved_.framebuffer(), width_, height_); }
   GLuint colour_texture() const { return resolved_.texture(); }
   GLuint depth_texture() const { return depth_.id(); }
   int samples() const { return samples_; }

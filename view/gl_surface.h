@@ -5,11 +5,11 @@
 #include <glm/mat3x3.hpp>
 #include <glm/mat4x4.hpp>
 #include <memory>
+#include <string>
 
 #include "view/gl_objects.h"
 #include "view/paint.h"
-#include "view/surface_geometry.h"
-#include "view/texture_paint.h"
+#include "view/rebuild.h"
 
 namespace eigencast {
 
@@ -39,6 +39,24 @@ class GpuSurface final {
   bool has_normals = false;
   GlTriangles triangles;
   const GlBuffer& drawn() const { return morphs ? morphed : positions; }
+};
+
+/// A surface's wedges and UVs on the GPU. Sends only blocks that have changed. Needs its context current in every call.
+class GlTexturePaint final {
+ public:
+  /// REQUIRES: paint.kind == kTexture.
+  void follow(const SurfacePaint& paint);
+  /// REQUIRES: follow() was called; a program of build_textured().
+  void bind(const GlProgram& program) const;
+
+ private:
+  GlBuffer corners_, uvs_;
+  GlTexture corners_texture_, uvs_texture_;
+  std::uint64_t version_ = 0;
+  bool times_values_ = false;
+  const void* levels_ = nullptr;  ///< Owner of version_, for comparison only.
+  std::shared_ptr<const Picture> picture_;
+  std::shared_ptr<GlTexture> image_;
 };
 
 /// One surface as the GPU draws it. Needs its context current in every call.
@@ -83,5 +101,9 @@ class GlSurface final {
   glm::mat4 scene_from_surface_{1};
   glm::mat3 scene_from_normal_{1};
 };
+
+/// The vertex shader of meshes, a geometry shader that gives corners their UVs, `fragment` with own_paint().
+Result<void> build_textured(GlProgram& program, const std::string& vertex, const std::string& before_fragment,
+                            const std::string& fragment);
 
 }  // namespace eigencast

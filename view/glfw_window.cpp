@@ -5,8 +5,10 @@
 #include <GLFW/glfw3.h>
 
 #include <algorithm>
+#include <array>
 #include <glm/common.hpp>
 #include <glm/geometric.hpp>
+#include <utility>
 
 namespace eigencast {
 namespace {
@@ -20,27 +22,17 @@ std::string name_of_key(int key) {
       key == GLFW_KEY_MINUS || key == GLFW_KEY_EQUAL) {
     return std::string(1, static_cast<char>(key));
   }
-  switch (key) {
-    case GLFW_KEY_KP_ADD:
-      return "+";
-    case GLFW_KEY_KP_SUBTRACT:
-      return "-";
-    case GLFW_KEY_HOME:
-      return "Home";
-    case GLFW_KEY_TAB:
-      return "Tab";
-    case GLFW_KEY_DELETE:
-    case GLFW_KEY_BACKSPACE:
-      return "Delete";
-    case GLFW_KEY_F1:
-      return "F1";
-    case GLFW_KEY_F12:
-      return "F12";
-    case GLFW_KEY_ESCAPE:
-      return "Escape";
-    default:
-      return {};
-  }
+  constexpr std::array<std::pair<int, const char*>, 9> kNames{{{GLFW_KEY_KP_ADD, "+"},
+                                                               {GLFW_KEY_KP_SUBTRACT, "-"},
+                                                               {GLFW_KEY_HOME, "Home"},
+                                                               {GLFW_KEY_TAB, "Tab"},
+                                                               {GLFW_KEY_DELETE, "Delete"},
+                                                               {GLFW_KEY_BACKSPACE, "Delete"},
+                                                               {GLFW_KEY_F1, "F1"},
+                                                               {GLFW_KEY_F12, "F12"},
+                                                               {GLFW_KEY_ESCAPE, "Escape"}}};
+  const auto named = std::find_if(kNames.begin(), kNames.end(), [&](const auto& name) { return name.first == key; });
+  return named == kNames.end() ? std::string() : named->second;
 }
 
 Modifiers modifiers_from(int bits) {

@@ -8,9 +8,8 @@ namespace eigencast::shaders {
 /// neighbouring vertices read neighbouring texels. Columns on a grid are 16-bit integers, the others floats. C holds
 /// the x, y and z coefficients of each group.
 inline constexpr const char* kPositions = R"(#version 330 core
-uniform samplerBuffer floats;
+uniform samplerBuffer floats, C;
 uniform isamplerBuffer integers;
-uniform samplerBuffer C;
 uniform int float_groups, float_stride, integer_groups, integer_stride;
 out vec4 position;
 void main() {
@@ -124,9 +123,8 @@ void main() { normal = unit(blended(gl_VertexID)); }
 )";
 /// Normals of a point cloud's discs: those of the rest pose, turned with their frames (as splat_normals() does).
 inline constexpr const char* kDiscNormals = R"(
-uniform samplerBuffer positions;
+uniform samplerBuffer positions, rest;
 uniform isamplerBuffer frames;
-uniform samplerBuffer rest;
 vec3 point(int i) { return texelFetch(positions, i).xyz; }
 vec3 value(int i) {
   ivec2 frame = texelFetch(frames, i).xy;

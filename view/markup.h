@@ -51,9 +51,6 @@ MarkTriangles triangles_from_markup(const Markup& markup, const glm::mat4& clip_
 /// Keeps the bound framebuffer's depth. Belongs to one OpenGL context.
 class MarkupPainter final {
  public:
-  MarkupPainter() = default;
-  MarkupPainter(const MarkupPainter&) = delete;
-  MarkupPainter& operator=(const MarkupPainter&) = delete;
   Result<void> init();
   void draw(const Markup& markup, const glm::mat4& clip_from_scene, int width_px, int height_px) const;
 

@@ -1,20 +1,20 @@
 // SPDX-License-Identifier: MIT
-#include "view/offscreen.h"
+#include "view/renderer.h"
 
 #include <epoxy/egl.h>
 
 #include <array>
-#include <cstdio>
+
+#include "common/core/text.h"
 
 namespace eigencast {
 namespace {
 
 Error no_egl(const char* what) {
-  char code[16];
-  std::snprintf(code, sizeof code, "0x%x", static_cast<unsigned>(eglGetError()));
   return fail(ErrorCode::kUnsupported,
-              std::string("cannot render without a display: ") + what + " failed (EGL error " + code +
-                  "); install a driver with surfaceless EGL, such as Debian's libegl1 and libgl1-mesa-dri");
+              formatted("cannot render without a display: %s failed (EGL error 0x%x); install a driver with "
+                        "surfaceless EGL, such as Debian's libegl1 and libgl1-mesa-dri",
+                        what, static_cast<unsigned>(eglGetError())));
 }
 
 /// Mesa's surfaceless platform, which needs no display server, or the driver's default.

@@ -9,8 +9,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <filesystem>
+
+#include "common/core/text.h"
 
 namespace eigencast {
 namespace {
@@ -149,14 +150,13 @@ float draw_legend(const Legend& legend, const Room& room, float top) {
   }
   float widest = 0;
   for (int i = 0; i <= 2; ++i) {
-    char number[64];
     const float part = 0.5F * static_cast<float>(i);
-    std::snprintf(number, sizeof number, "%.3g%s %s",
-                  static_cast<double>(legend.low + part * (legend.high - legend.low)), i == 2 ? "+" : "",
+    const std::string number =
+        formatted("%.3g%s %s", static_cast<double>(legend.low + part * (legend.high - legend.low)), i == 2 ? "+" : "",
                   i == 2 ? legend.unit.c_str() : "");
     const float y = corner.y + size.y * (1 - part);
     list.AddLine({corner.x + size.x, y}, {corner.x + size.x + 4 * scale, y}, IM_COL32(220, 225, 232, 255));
-    list.AddText({corner.x + size.x + 9 * scale, y - half_line}, IM_COL32(235, 238, 242, 255), number);
+    list.AddText({corner.x + size.x + 9 * scale, y - half_line}, IM_COL32(235, 238, 242, 255), number.c_str());
     widest = std::max(widest, width_of(number));
   }
   ImGui::Dummy({size.x + 9 * scale + widest, size.y + half_line});

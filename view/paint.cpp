@@ -7,14 +7,11 @@
 #include <iterator>
 #include <utility>
 
-#include "common/core/text.h"
 #include "common/surface/appearance.h"
 
 namespace eigencast {
 namespace {
 
-constexpr EnumNames<Colouring, 8> kColouringNames{
-    {"clay", "own", "textured", "normals", "movement", "speed", "channel", "error"}};
 const std::array<float, 256> kLight = [] {
   std::array<float, 256> light{};
   for (std::size_t i = 0; i < light.size(); ++i) light[i] = linear_from_srgb(static_cast<float>(i) / 255);
@@ -56,14 +53,6 @@ std::optional<std::array<float, 2>> range_of(std::span<const float> values) {
 }
 
 }  // namespace
-
-std::string_view name_of(Colouring colouring) {
-  return kColouringNames[colouring];
-}
-
-std::optional<Colouring> colouring_from_name(std::string_view name) {
-  return kColouringNames.find(name);
-}
 
 void SurfacePainter::paint(const SurfaceView& view, const PoseSource& source, const Wish& wish) {
   const std::uint64_t pose = view.geometry().pose_version;
@@ -234,25 +223,10 @@ std::vector<SurfacePainter::Wish> wishes_for(const PoseSource& source) {
 }
 
 std::string title_of(const SurfacePainter::Wish& wish) {
-  switch (wish.colouring) {
-    case Colouring::kClay:
-      return "clay";
-    case Colouring::kOwn:
-      return "its own colours";
-    case Colouring::kTextured:
-      return "its texture";
-    case Colouring::kNormals:
-      return "normals";
-    case Colouring::kMovement:
-      return "movement from rest";
-    case Colouring::kSpeed:
-      return "speed";
-    case Colouring::kChannel:
-      return "channel " + std::to_string(wish.channel);
-    case Colouring::kError:
-      return "error";
-  }
-  return {};
+  constexpr std::array<const char*, 8> kTitles{
+      "clay", "its own colours", "its texture", "normals", "movement from rest", "speed", "channel ", "error"};
+  const std::string title = kTitles[static_cast<std::size_t>(wish.colouring)];
+  return wish.colouring == Colouring::kChannel ? title + std::to_string(wish.channel) : title;
 }
 
 std::string unit_of(const SurfacePainter::Wish& wish, double metres_per_unit) {

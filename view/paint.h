@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "common/core/text.h"
 #include "view/pose_source.h"
 #include "view/surface_view.h"
 #include "view/texture_image.h"
@@ -20,8 +21,8 @@ namespace eigencast {
 enum class Colouring { kClay, kOwn, kTextured, kNormals, kMovement, kSpeed, kChannel, kError };
 
 /// As --colour takes them.
-std::string_view name_of(Colouring colouring);
-std::optional<Colouring> colouring_from_name(std::string_view name);
+inline constexpr EnumNames<Colouring, 8> kColouringNames{
+    {"clay", "own", "textured", "normals", "movement", "speed", "channel", "error"}};
 
 struct SurfacePaint {
   enum class Kind { kClay, kScalar, kColour, kNormal, kTexture };

@@ -3,9 +3,15 @@
 
 #include <png.h>
 
+#include <array>
+#include <csetjmp>
+#include <cstddef>
 #include <cstdio>
 #include <filesystem>
+#include <optional>
 #include <system_error>
+// After cstdio, which it needs.
+#include <jpeglib.h>
 
 namespace eigencast {
 namespace {
@@ -16,6 +22,61 @@ std::vector<std::uint8_t> rgba_of(const Picture& picture) {
   for (std::size_t i = 0; i < picture.alpha.size(); ++i)
     rgba.insert(rgba.end(), {picture.rgb[3 * i], picture.rgb[3 * i + 1], picture.rgb[3 * i + 2], picture.alpha[i]});
   return rgba;
+}
+
+constexpr int kMaxScans = 200;
+
+enum Exit : int { kBroken = 1, kEndless = 2 };
+
+/// libjpeg calls exit() on errors, unless a handler jumps out of it.
+struct DecoderState {
+  jpeg_error_mgr manager;
+  jpeg_progress_mgr progress;
+  std::jmp_buf exit;
+  std::array<char, JMSG_LENGTH_MAX> message;
+};
+
+void on_error(j_common_ptr image) {
+  auto* state = reinterpret_cast<DecoderState*>(image->err);
+  image->err->format_message(image, state->message.data());
+  std::longjmp(state->exit, kBroken);
+}
+void ignore_message(j_common_ptr, int) {}
+/// A small file may hold any number of scans.
+void count_scans(j_common_ptr image) {
+  if (reinterpret_cast<j_decompress_ptr>(image)->input_scan_number > kMaxScans)
+    std::longjmp(reinterpret_cast<DecoderState*>(image->err)->exit, kEndless);
+}
+
+struct Destroyer {
+  jpeg_decompress_struct& image;
+  ~Destroyer() { jpeg_destroy_decompress(&image); }
+};
+
+/// Holds nothing that needs destruction: errors jump over it.
+std::optional<ErrorCode> decode(std::span<const std::uint8_t> bytes, jpeg_decompress_struct& image, DecoderState& state,
+                                Picture& picture) {
+  if (const int exit = setjmp(state.exit); exit != 0)
+    return exit == kEndless ? ErrorCode::kTooLarge : ErrorCode::kCorrupt;
+  jpeg_create_decompress(&image);
+  jpeg_mem_src(&image, bytes.data(), static_cast<unsigned long>(bytes.size()));
+  jpeg_read_header(&image, TRUE);
+  if (image.image_width > kMaxSide || image.image_height > kMaxSide ||
+      std::size_t{image.image_width} * image.image_height > kMaxPixels)
+    return ErrorCode::kTooLarge;
+  if (image.jpeg_color_space == JCS_CMYK || image.jpeg_color_space == JCS_YCCK) return ErrorCode::kUnsupported;
+  image.out_color_space = JCS_RGB;
+  image.progress = &state.progress;
+  jpeg_start_decompress(&image);
+  picture.width = static_cast<int>(image.output_width);
+  picture.height = static_cast<int>(image.output_height);
+  picture.rgb.resize(std::size_t{3} * image.output_width * image.output_height);
+  while (image.output_scanline < image.output_height) {
+    JSAMPROW row = picture.rgb.data() + std::size_t{3} * image.output_width * image.output_scanline;
+    jpeg_read_scanlines(&image, &row, 1);
+  }
+  jpeg_finish_decompress(&image);
+  return std::nullopt;
 }
 
 }  // namespace
@@ -63,6 +124,24 @@ Result<Picture> read_png_bytes(std::span<const std::uint8_t> bytes, const std::s
   if (png_image_finish_read(&image, nullptr, picture.rgb.data(), 0, nullptr) == 0)
     return fail(ErrorCode::kCorrupt, name + ": " + image.message);
   return picture;
+}
+
+Result<Picture> read_jpeg_bytes(std::span<const std::uint8_t> bytes, const std::string& name) {
+  jpeg_decompress_struct image{};
+  DecoderState state{};
+  image.err = jpeg_std_error(&state.manager);
+  state.manager.error_exit = on_error;
+  state.manager.emit_message = ignore_message;
+  state.progress.progress_monitor = count_scans;
+  Picture picture;
+  const Destroyer destroyer{image};
+  const std::optional<ErrorCode> failed = decode(bytes, image, state, picture);
+  if (!failed) return picture;
+  if (failed == ErrorCode::kTooLarge)
+    return fail(*failed, name + ": over 16,384 pixels on a side, 134 million, or 200 scans");
+  if (failed == ErrorCode::kUnsupported)
+    return fail(*failed, name + ": a JPEG in colours of print (CMYK); save it in RGB");
+  return fail(ErrorCode::kCorrupt, name + ": " + state.message.data());
 }
 
 }  // namespace eigencast

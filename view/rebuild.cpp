@@ -6,12 +6,8 @@
 #include <tuple>
 #include <vector>
 
-#include "common/core/text.h"
-
 namespace eigencast {
 namespace {
-
-constexpr EnumNames<RebuildOn, 3> kRebuildOnNames{{"auto", "cpu", "gpu"}};
 
 /// Undoes the morph of the last rebuild: rows that are kept must hold the pose itself.
 void restore_unmorphed(SurfaceGeometry& geometry) {
@@ -78,14 +74,6 @@ void finish(const RebuildJob& job) {
 }
 
 }  // namespace
-
-std::string_view name_of(RebuildOn on) {
-  return kRebuildOnNames[on];
-}
-
-std::optional<RebuildOn> rebuild_on_from_name(std::string_view name) {
-  return kRebuildOnNames.find(name);
-}
 
 void fill_radii(const Asset& asset, const LevelMorph& level, SurfaceGeometry& geometry) {
   const std::uint32_t N = level.drawn();

@@ -1,13 +1,10 @@
 // SPDX-License-Identifier: MIT
-#include "view/rebuilder_choice.h"
-
 #include <algorithm>
 #include <limits>
 #include <random>
-#include <utility>
-#include <vector>
 
-#include "view/gpu_rebuilder.h"
+#include "view/rebuild.h"
+#include "view/renderer.h"
 
 namespace eigencast {
 namespace {

@@ -10,8 +10,8 @@
 #include "view/camera.h"
 #include "view/markup.h"
 #include "view/picture.h"
+#include "view/rebuild.h"
 #include "view/style.h"
-#include "view/surface_geometry.h"
 
 namespace eigencast {
 
@@ -56,6 +56,20 @@ class Renderer final {
   class Impl;
   explicit Renderer(std::unique_ptr<Impl> impl);
   std::unique_ptr<Impl> impl_;
+};
+
+/// An OpenGL 3.3 core context without window and display server (EGL surfaceless), current on the thread that creates
+/// and destroys it.
+class OffscreenContext final {
+ public:
+  /// Errors: kUnsupported, naming the missing driver package.
+  static Result<std::unique_ptr<OffscreenContext>> create();
+  ~OffscreenContext();
+
+ private:
+  OffscreenContext() = default;
+  void* display_ = nullptr;
+  void* context_ = nullptr;
 };
 
 }  // namespace eigencast

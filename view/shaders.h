@@ -26,8 +26,7 @@ void main() {
 
 inline constexpr const char* kShadowVertex = R"(#version 330 core
 layout(location = 0) in vec3 position;
-uniform mat4 scene_from_surface;
-uniform mat4 light_from_scene;
+uniform mat4 scene_from_surface, light_from_scene;
 uniform float point_px;
 void main() {
   gl_Position = light_from_scene * (scene_from_surface * vec4(position, 1.0));
@@ -107,12 +106,9 @@ inline constexpr const char* kMeshVertex = R"(#version 330 core
 layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
 layout(location = 2) in vec3 vertex_paint;
-uniform mat4 scene_from_surface;
+uniform mat4 scene_from_surface, clip_from_scene;
 uniform mat3 scene_from_normal;
-uniform mat4 clip_from_scene;
-out vec3 at;
-out vec3 scene_normal;
-out vec3 painted;
+out vec3 at, scene_normal, painted;
 void main() {
   painted = vertex_paint;
   at = (scene_from_surface * vec4(position, 1.0)).xyz;
@@ -124,8 +120,7 @@ in vec3 painted;
 vec3 own_paint() { return painted; }
 )";
 inline constexpr const char* kMeshFragment = R"(
-in vec3 at;
-in vec3 scene_normal;
+in vec3 at, scene_normal;
 uniform float normal_offset;
 out vec4 colour;
 void main() {
@@ -152,20 +147,12 @@ layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
 layout(location = 2) in vec3 vertex_paint;
 layout(location = 3) in float disc_radius;
-uniform mat4 scene_from_surface;
+uniform mat4 scene_from_surface, view_from_scene, clip_from_view;
 uniform mat3 scene_from_normal;
-uniform mat4 view_from_scene;
-uniform mat4 clip_from_view;
-uniform float radius;
-uniform float discs;
-uniform float px_per_unit;
-uniform float pixel_scale;
+uniform float radius, discs, px_per_unit, pixel_scale;
 out vec3 centre;
-flat out vec3 scene_normal;
-flat out vec3 scene_centre;
-flat out vec3 painted;
-flat out float r;
-flat out float point_px;
+flat out vec3 scene_normal, scene_centre, painted;
+flat out float r, point_px;
 void main() {
   painted = vertex_paint;
   scene_centre = (scene_from_surface * vec4(position, 1.0)).xyz;
@@ -179,15 +166,10 @@ void main() {
 })";
 inline constexpr const char* kSplatFragment = R"(
 in vec3 centre;
-flat in vec3 scene_normal;
-flat in vec3 scene_centre;
-flat in vec3 painted;
-flat in float r;
-flat in float point_px;
-uniform mat4 view_from_scene;
-uniform mat4 clip_from_view;
-uniform float discs;
-uniform float normal_offset;
+flat in vec3 scene_normal, scene_centre, painted;
+flat in float r, point_px;
+uniform mat4 view_from_scene, clip_from_view;
+uniform float discs, normal_offset;
 out vec4 colour;
 void main() {
   vec2 disc = 2.0 * gl_PointCoord - 1.0;
@@ -238,10 +220,7 @@ void main() {
 inline constexpr const char* kGroundFragment = R"(
 in vec3 at;
 in vec2 along;
-uniform float grid_cells;
-uniform float grid_strength;
-uniform float pixel_scale;
-uniform float contact_radius;
+uniform float grid_cells, grid_strength, pixel_scale, contact_radius;
 out vec4 colour;
 float lines(vec2 cell, float width) {
   vec2 slope = fwidth(cell);

@@ -2,13 +2,27 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <optional>
 #include <string>
+#include <string_view>
 
-#include "view/colour_map.h"
+#include "common/core/text.h"
 #include "view/paint.h"
 
 namespace eigencast {
+
+/// Colours of numbers. All but turbo are perceptually even: lightness grows steadily or, of coolwarm, falls evenly from
+/// the middle. viridis and cividis are safe for the colour-blind.
+enum class ColourMap { kViridis, kCividis, kCoolwarm, kTurbo, kGrey };
+inline constexpr int kColourMaps = 5;
+
+inline constexpr EnumNames<ColourMap, kColourMaps> kColourMapNames{{"viridis", "cividis", "coolwarm", "turbo", "grey"}};
+
+/// From the lowest value to the highest, sRGB. Smith, van der Walt 2015 (viridis); Nunez, Anderton, Renslow 2018
+/// (cividis); Moreland 2009, "Diverging color maps for scientific visualization" (coolwarm); Mikhailov 2019 (turbo).
+using ColourTable = std::array<std::array<std::uint8_t, 3>, 256>;
+ColourTable table_of(ColourMap map);
 
 struct DrawStyle {
   bool edges = false, wireframe = false, points = false, grid = true, axes = false;

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <glm/vec3.hpp>
 #include <limits>
@@ -11,17 +13,61 @@
 #include <string>
 #include <vector>
 
+#include "common/core/bands.h"
+#include "common/core/clock.h"
+#include "common/motion/coefficients.h"
 #include "common/motion/playout.h"
 #include "common/reconstruction/level_triangles.h"
 #include "common/reconstruction/reconstruct.h"
-#include "view/band_fade.h"
 #include "view/level_morph.h"
-#include "view/level_of_detail.h"
 #include "view/pose_source.h"
 #include "view/rebuild.h"
-#include "view/surface_geometry.h"
 
 namespace eigencast {
+
+class LevelOfDetail {
+ public:
+  static constexpr double kStep = 1.25;  ///< One key press multiplies or divides the fraction by this.
+  static constexpr double kMin = 1.0 / 1024;
+
+  /// Clamped to [kMin, 1].
+  explicit LevelOfDetail(double fraction = 1) { set_fraction(fraction); }
+
+  void set_fraction(double fraction) { fraction_ = std::isfinite(fraction) ? std::clamp(fraction, kMin, 1.0) : 1.0; }
+  double fraction() const { return fraction_; }
+  void finer() { set_fraction(fraction_ * kStep); }
+  void coarser() { set_fraction(fraction_ / kStep); }
+
+  /// N for this asset: the fraction, within what has arrived; 0 before the base level has.
+  std::uint32_t vertices(const Asset& asset) const {
+    const bool drawable = asset.rows_ready > 0 && asset.rows_ready >= asset.base_count;
+    return drawable ? level_from_fraction(asset, fraction_) : 0;
+  }
+
+ private:
+  double fraction_ = 1;
+};
+
+/// When the set of received bands changes (docs/protocol.md, section 6) the affected bands go from the values shown to
+/// the new ones within kFadeUs of display time. Not thread-safe.
+class BandFade {
+ public:
+  static constexpr TimeUs kFadeUs = 150'000;
+
+  /// Blends `wanted`, a pose of these bands, with the pose `shown` when they changed, both band_ends.back() x channels,
+  /// row-major. Nothing fades if they differ in size or band_ends is empty.
+  void apply(BandMask bands, TimeUs now_us, std::span<const std::uint32_t> band_ends, std::span<const double> shown,
+             Coefficients& wanted);
+
+  bool fading() const { return !fading_.empty(); }
+  void reset() { *this = {}; }
+
+ private:
+  std::optional<BandMask> shown_bands_;
+  BandMask fading_;
+  TimeUs started_us_ = 0;
+  std::vector<double> from_;  ///< Shown at started_us_.
+};
 
 /// The rest pose's box, and the asset's up axis.
 struct SurfaceFacts {
@@ -90,7 +136,6 @@ class SurfaceView {
   std::span<const double> coefficients() const { return coefficients_; }
   /// A pause keeps the pose; level and asset may change.
   void set_paused(bool paused) { paused_ = paused; }
-  bool paused() const { return paused_; }
 
   /// Without the rest pose.
   std::uint64_t poses_shown() const { return poses_shown_; }

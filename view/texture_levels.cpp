@@ -7,7 +7,7 @@
 
 #include "common/reconstruction/level_triangles.h"
 #include "view/level_morph.h"
-#include "view/surface_geometry.h"
+#include "view/rebuild.h"
 
 namespace eigencast {
 

@@ -13,10 +13,9 @@
 #include <numeric>
 #include <random>
 
-#include "client/camera_path.h"
 #include "client/clip_source.h"
 #include "client/level_control.h"
-#include "view/offscreen.h"
+#include "client/scene_file.h"
 #include "view/renderer.h"
 #include "view/scene.h"
 
@@ -261,7 +260,7 @@ Result<void> run(const Settings& settings) {
   if (!renderer) return renderer.error();
   std::fprintf(stderr, "%s: %u vertices x %d, %dx%d pixels, %s\n", settings.clip.c_str(), (*clip)->asset.vertex_count,
                settings.count, settings.width, settings.height, (*renderer)->device().c_str());
-  Flight(settings, *clip, std::move(*path)).fly(**renderer);
+  Flight(settings, *clip, std::move(path->value())).fly(**renderer);
   return {};
 }
 

@@ -4,10 +4,36 @@
 #include <imgui.h>
 
 #include <algorithm>
-#include <cstdio>
+
+#include "common/core/text.h"
 
 namespace eigencast {
 namespace {
+
+bool draw_open_line(const char* hint, const char* button, float button_width, TextField& to_open) {
+  ImGui::SetNextItemWidth(-button_width);
+  const bool entered =
+      ImGui::InputTextWithHint("##open", hint, to_open.data(), to_open.size(), ImGuiInputTextFlags_EnterReturnsTrue);
+  ImGui::SameLine();
+  return ImGui::Button(button, {-1, 0}) || entered;
+}
+
+/// A list as wide as the panel, headed by what it chooses and the present value.
+template <typename Values, typename Value, typename Text>
+Value chosen_from(const char* id, const std::string& what, const Values& values, Value now, const Text& text_of) {
+  ImGui::SetNextItemWidth(-1);
+  if (!ImGui::BeginCombo(id, (what + ": " + text_of(now)).c_str())) return now;
+  Value chosen = now;
+  for (const auto& value : values) {
+    if (ImGui::Selectable(text_of(value).c_str(), value == now)) chosen = value;
+  }
+  ImGui::EndCombo();
+  return chosen;
+}
+
+constexpr std::array kMaps{ColourMap::kViridis, ColourMap::kCividis, ColourMap::kCoolwarm, ColourMap::kTurbo,
+                           ColourMap::kGrey};
+constexpr std::array kResolvers{ResolverKind::kBudget, ResolverKind::kPaper, ResolverKind::kNone};
 
 void draw_surfaces(Session& session, UiRequests& requests, TextField& to_open, float scale) {
   auto& instances = session.scene().instances();
@@ -18,41 +44,22 @@ void draw_surfaces(Session& session, UiRequests& requests, TextField& to_open, f
     ImGui::Checkbox("##shown", &instance.visible);
     ImGui::SameLine();
     ImGui::TextUnformatted(session.name_of_surface(i).c_str());
-    char line[96];
     const Asset* asset = source.asset();
     const double level = asset == nullptr ? 0
                                           : static_cast<double>(instance.view.geometry().vertex_count()) /
                                                 std::max(1U, asset->vertex_count);
-    std::snprintf(line, sizeof line, "%s, detail %.2f", std::string(name_of(session.state_of_surface(i))).c_str(),
-                  level);
-    ImGui::TextDisabled("      %s", line);
+    ImGui::TextDisabled("      %s, detail %.2f", std::string(name_of(session.state_of_surface(i))).c_str(), level);
     ImGui::SameLine(ImGui::GetContentRegionAvail().x - 54 * scale);
     if (ImGui::SmallButton("remove")) requests.remove = i;
     ImGui::PopID();
   }
-  ImGui::SetNextItemWidth(-58 * scale);
-  const bool entered = ImGui::InputTextWithHint("##open", "URL, path or shape", to_open.data(), to_open.size(),
-                                                ImGuiInputTextFlags_EnterReturnsTrue);
-  ImGui::SameLine();
-  if (ImGui::Button("Add", {-1, 0}) || entered) requests.open = to_open.data();
+  if (draw_open_line("URL, path or shape", "Add", 58 * scale, to_open)) requests.open = to_open.data();
 }
 
 void draw_style(Session& session, Style& style) {
-  ImGui::SetNextItemWidth(-1);
-  if (ImGui::BeginCombo("##colours", ("colours: " + title_of(style.colour)).c_str())) {
-    for (const SurfacePainter::Wish& wish : colourings_of(session.sources())) {
-      if (ImGui::Selectable(title_of(wish).c_str(), wish == style.colour)) style.colour = wish;
-    }
-    ImGui::EndCombo();
-  }
-  ImGui::SetNextItemWidth(-1);
-  if (ImGui::BeginCombo("##map", ("map: " + std::string(name_of(style.colour_map))).c_str())) {
-    for (int i = 0; i < kColourMaps; ++i) {
-      const auto map = static_cast<ColourMap>(i);
-      if (ImGui::Selectable(std::string(name_of(map)).c_str(), map == style.colour_map)) style.colour_map = map;
-    }
-    ImGui::EndCombo();
-  }
+  style.colour = chosen_from("##colours", "colours", colourings_of(session.sources()), style.colour, title_of);
+  style.colour_map = chosen_from("##map", "map", kMaps, style.colour_map,
+                                 [](ColourMap map) { return std::string(kColourMapNames[map]); });
   if (ImGui::BeginTable("switches", 2)) {
     const std::array<std::pair<const char*, bool*>, 6> switches{{{"edges", &style.edges},
                                                                  {"wireframe", &style.wireframe},
@@ -105,14 +112,9 @@ void draw_detail(Session& session) {
   ImGui::SetNextItemWidth(-1);
   if (ImGui::SliderFloat("##lod", &level, 0.001F, 1, "at most %.3f of the vertices", ImGuiSliderFlags_Logarithmic))
     session.scene().lod().set_fraction(static_cast<double>(level));
-  ImGui::SetNextItemWidth(-1);
-  if (!ImGui::BeginCombo("##resolver", ("lowered by: " + std::string(name_of(session.levels().kind()))).c_str()))
-    return;
-  for (const ResolverKind kind : {ResolverKind::kBudget, ResolverKind::kPaper, ResolverKind::kNone}) {
-    if (ImGui::Selectable(std::string(name_of(kind)).c_str(), session.levels().kind() == kind))
-      session.levels().set_kind(kind);
-  }
-  ImGui::EndCombo();
+  LevelControl& levels = session.levels();
+  levels.set_kind(chosen_from("##resolver", "lowered by", kResolvers, levels.kind(),
+                              [](ResolverKind kind) { return std::string(name_of(kind)); }));
 }
 
 void draw_export(ViewerState& state) {
@@ -128,11 +130,9 @@ constexpr ImU32 kLine = IM_COL32(125, 190, 255, 255), kFill = IM_COL32(125, 190,
                 kRule = IM_COL32(255, 255, 255, 36), kDim = IM_COL32(173, 186, 201, 255);
 
 void draw_plot(const char* name, const char* format, const std::vector<float>& values, float scale) {
-  char text[48];
-  std::snprintf(text, sizeof text, format, values.empty() ? 0.0 : static_cast<double>(values.back()));
   ImGui::TextUnformatted(name);
   ImGui::SameLine();
-  ImGui::TextDisabled("%s", text);
+  ImGui::TextDisabled(format, values.empty() ? 0.0 : static_cast<double>(values.back()));
   const float width = ImGui::GetContentRegionAvail().x, height = 24 * scale;
   const ImVec2 corner = ImGui::GetCursorScreenPos();
   ImGui::Dummy({width, height + 3 * scale});
@@ -150,8 +150,8 @@ void draw_plot(const char* name, const char* format, const std::vector<float>& v
     list.AddQuadFilled({a.x, corner.y + height}, a, b, {b.x, corner.y + height}, kFill);
     list.AddLine(a, b, kLine, 1.4F * scale);
   }
-  std::snprintf(text, sizeof text, "%.4g", static_cast<double>(axis[1]));
-  list.AddText({corner.x + 3 * scale, corner.y - 1 * scale}, kDim, text);
+  const std::string top = formatted("%.4g", static_cast<double>(axis[1]));
+  list.AddText({corner.x + 3 * scale, corner.y - 1 * scale}, kDim, top.c_str());
 }
 
 void draw_plots(const History& history, ResolverKind resolver, float scale) {
@@ -168,6 +168,13 @@ void draw_plots(const History& history, ResolverKind resolver, float scale) {
     plot(resolver == ResolverKind::kPaper ? "kappa" : "planned", "%.2f", &HistorySample::control);
   ImGui::EndTable();
 }
+
+struct Demo {
+  const char *label, *hint, *open;
+};
+constexpr std::array<Demo, 3> kDemos{{{"A beating heart", "7,292 vertices", "heart"},
+                                      {"A bar that bends and twists", "32,802 vertices", "bar:both"},
+                                      {"A wave round a torus", "10,240 vertices", "torus"}}};
 
 }  // namespace
 
@@ -188,6 +195,46 @@ UiRequests draw_panel(Session& session, ViewerState& state, TextField& to_open, 
   if (section("Detail")) draw_detail(session);
   if (section("Pictures")) draw_export(state);
   if (section("The last minute")) draw_plots(session.history(), session.levels().kind(), scale);
+  ImGui::End();
+  return requests;
+}
+
+UiRequests draw_welcome(const std::vector<std::string>& recent, TextField& to_open, float scale) {
+  UiRequests requests;
+  const ImVec2 screen = ImGui::GetIO().DisplaySize;
+  const float width = std::min(460 * scale, screen.x - 24 * scale);
+  ImGui::SetNextWindowPos({0.5F * screen.x, 0.5F * screen.y}, ImGuiCond_Always, {0.5F, 0.5F});
+  ImGui::SetNextWindowSizeConstraints({width, 0}, {width, screen.y - 24 * scale});
+  ImGui::SetNextWindowBgAlpha(0.86F);
+  ImGui::Begin("welcome", nullptr,
+               ImGuiWindowFlags_NoDecoration | ImGuiWindowFlags_AlwaysAutoResize | ImGuiWindowFlags_NoSavedSettings |
+                   ImGuiWindowFlags_NoMove);
+  ImGui::SetWindowFontScale(1.45F);
+  ImGui::TextUnformatted("Eigencast");
+  ImGui::SetWindowFontScale(1);
+  ImGui::TextDisabled("Deforming surfaces, live");
+  ImGui::Dummy({0, 6 * scale});
+  ImGui::TextUnformatted("See one now");
+  for (const Demo& demo : kDemos) {
+    if (ImGui::Button(demo.label, {0.55F * width, 0})) requests.open = demo.open;
+    ImGui::SameLine();
+    ImGui::TextDisabled("%s", demo.hint);
+  }
+  ImGui::Dummy({0, 6 * scale});
+  ImGui::TextUnformatted("Watch a stream, or open a file");
+  if (draw_open_line("ws://host:7490/stream, or a path", "Open", 64 * scale, to_open)) requests.open = to_open.data();
+  ImGui::TextDisabled("or drop either on this window");
+  if (!recent.empty()) {
+    ImGui::Dummy({0, 6 * scale});
+    ImGui::TextUnformatted("Opened before");
+    for (std::size_t i = 0; i < recent.size(); ++i) {
+      ImGui::PushID(static_cast<int>(i));
+      if (ImGui::Selectable(recent[i].c_str())) requests.open = recent[i];
+      ImGui::PopID();
+    }
+  }
+  ImGui::Dummy({0, 4 * scale});
+  ImGui::TextDisabled("H shows the keys, Tab the panel");
   ImGui::End();
   return requests;
 }

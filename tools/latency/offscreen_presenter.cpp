@@ -4,7 +4,6 @@
 #include "common/reconstruction/reconstruct.h"
 #include "tools/latency/presenter.h"
 #include "view/camera.h"
-#include "view/offscreen.h"
 #include "view/renderer.h"
 
 namespace eigencast::latency {

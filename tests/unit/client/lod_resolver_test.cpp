@@ -8,7 +8,7 @@
 #include <functional>
 #include <random>
 
-#include "client/work_clock.h"
+#include "client/meters.h"
 
 namespace eigencast {
 namespace {

@@ -6,8 +6,6 @@
 #include <algorithm>
 #include <glm/geometric.hpp>
 
-#include "client/camera_path.h"
-
 namespace eigencast {
 namespace {
 

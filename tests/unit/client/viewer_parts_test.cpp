@@ -9,11 +9,8 @@
 #include "client/clip_source.h"
 #include "client/clip_truth.h"
 #include "client/connections.h"
-#include "client/history.h"
+#include "client/meters.h"
 #include "client/open_source.h"
-#include "client/opening_clip.h"
-#include "client/pick.h"
-#include "client/rate_meter.h"
 #include "client/settings.h"
 #include "client/viewer_state.h"
 #include "common/surface/formats/write.h"
@@ -75,9 +72,9 @@ TEST(ViewerState, KeysToggleTheirSwitches) {
   Camera camera;
   LevelOfDetail lod(0.5);
   const auto press = [&](const char* key) {
-    const auto action = action_for_key(key);
-    ASSERT_TRUE(action) << key;
-    state.apply(*action, camera, lod);
+    const KeyCommand* command = command_for_key(key);
+    ASSERT_NE(command, nullptr) << key;
+    command->apply({state, camera, lod});
   };
   press("E");
   EXPECT_TRUE(state.style.edges);
@@ -104,7 +101,10 @@ TEST(ViewerState, KeysToggleTheirSwitches) {
   EXPECT_TRUE(state.screenshot_wanted);
   press("Escape");
   EXPECT_TRUE(state.quit);
-  EXPECT_FALSE(action_for_key("J"));
+  EXPECT_EQ(command_for_key("J"), nullptr);
+  EXPECT_EQ(command_for_key("C", {false, true})->repeats, false);
+  command_for_key("F12", {true, false})->apply({state, camera, lod});
+  EXPECT_TRUE(state.clean_screenshot_wanted);
   bool edges_on = false;
   for (const HelpLine& line : help_lines(state, camera, lod, ResolverKind::kNone))
     edges_on |= line.what == "edges" && line.state == "on";
@@ -114,11 +114,11 @@ TEST(ViewerState, KeysToggleTheirSwitches) {
 TEST(Screenshots, NeverOverwrite) {
   const testing::TemporaryFolder folder;
   const std::string prefix = folder.file("shot");
-  EXPECT_EQ(next_screenshot_name(prefix), prefix + "_0001.png");
+  EXPECT_EQ(next_free_name(prefix, ".png"), prefix + "_0001.png");
   std::ofstream(prefix + "_0001.png") << "x";
-  EXPECT_EQ(next_screenshot_name(prefix), prefix + "_0002.png");
+  EXPECT_EQ(next_free_name(prefix, ".png"), prefix + "_0002.png");
   const std::string impossible = folder.file(std::string(300, 'x'));
-  EXPECT_EQ(next_screenshot_name(impossible), impossible + "_0001.png") << "no exception";
+  EXPECT_EQ(next_free_name(impossible, ".png"), impossible + "_0001.png") << "no exception";
 }
 
 TEST(Settings, RoundTripAndIgnoreNonsense) {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // What the GPU rebuilds is what the processor does, within the tolerance that make_gpu_rebuilder() states.
-#include "view/gpu_rebuilder.h"
+#include "view/rebuild.h"
 
 #include <gtest/gtest.h>
 
@@ -20,7 +20,6 @@
 #include "tests/unit/view/fake_source.h"
 #include "tests/unit/view/offscreen_pictures.h"
 #include "view/gl_surface.h"
-#include "view/rebuilder_choice.h"
 
 namespace eigencast {
 namespace {

@@ -9,7 +9,6 @@
 #include <utility>
 
 #include "view/camera.h"
-#include "view/offscreen.h"
 #include "view/picture.h"
 #include "view/renderer.h"
 #include "view/scene.h"

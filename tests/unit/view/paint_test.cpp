@@ -7,7 +7,7 @@
 #include <cmath>
 
 #include "tests/unit/view/fake_source.h"
-#include "view/colour_map.h"
+#include "view/style.h"
 
 namespace eigencast {
 namespace {
@@ -206,18 +206,18 @@ TEST(ColourMaps, LightnessGrowsAsTheValueDoes) {
     for (const auto& c : table) {
       const auto linear = [](std::uint8_t v) { return std::pow(v / 255.0, 2.2); };
       const double light = 0.2126 * linear(c[0]) + 0.7152 * linear(c[1]) + 0.0722 * linear(c[2]);
-      EXPECT_GE(light, before - 1e-3) << name_of(map);
+      EXPECT_GE(light, before - 1e-3) << kColourMapNames[map];
       before = std::max(before, light);
     }
   }
   for (int i = 0; i < kColourMaps; ++i) {
     const auto map = static_cast<ColourMap>(i);
-    EXPECT_EQ(colour_map_from_name(name_of(map)), map);
+    EXPECT_EQ(kColourMapNames.find(kColourMapNames[map]), map);
   }
   EXPECT_EQ(table_of(ColourMap::kViridis)[255], (std::array<std::uint8_t, 3>{0xFD, 0xE7, 0x25}));
   for (int i = 0; i <= static_cast<int>(Colouring::kError); ++i) {
     const auto colouring = static_cast<Colouring>(i);
-    EXPECT_EQ(colouring_from_name(name_of(colouring)), colouring);
+    EXPECT_EQ(kColouringNames.find(kColouringNames[colouring]), colouring);
   }
 }
 

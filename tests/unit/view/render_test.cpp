@@ -207,7 +207,8 @@ TEST_F(Render, NumbersHaveTheColoursOfTheirMap) {
       const double bright = (seen[0] + seen[1] + seen[2]) / static_cast<double>(meant[0] + meant[1] + meant[2]);
       EXPECT_GT(bright, 0.7);
       EXPECT_LT(bright, 1.15);
-      for (std::size_t c = 0; c < 3; ++c) EXPECT_NEAR(seen[c], bright * meant[c], 10) << name_of(map) << " " << x;
+      for (std::size_t c = 0; c < 3; ++c)
+        EXPECT_NEAR(seen[c], bright * meant[c], 10) << kColourMapNames[map] << " " << x;
     }
   }
 }

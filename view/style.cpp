@@ -1,15 +1,11 @@
 // SPDX-License-Identifier: MIT
-#include "view/colour_map.h"
+#include "view/style.h"
 
 #include <cmath>
 #include <span>
 
-#include "common/core/text.h"
-
 namespace eigencast {
 namespace {
-
-constexpr EnumNames<ColourMap, kColourMaps> kMapNames{{"viridis", "cividis", "coolwarm", "turbo", "grey"}};
 
 // 0xRRGGBB, evenly spaced.
 constexpr std::array<std::uint32_t, 11> kViridis{0x440154, 0x482576, 0x414487, 0x35608D, 0x2A788E, 0x21908C,
@@ -28,14 +24,6 @@ constexpr std::array<std::span<const std::uint32_t>, kColourMaps> kColours{kViri
                                                                            kGrey};
 
 }  // namespace
-
-std::string_view name_of(ColourMap map) {
-  return kMapNames[map];
-}
-
-std::optional<ColourMap> colour_map_from_name(std::string_view name) {
-  return kMapNames.find(name);
-}
 
 ColourTable table_of(ColourMap map) {
   const std::span<const std::uint32_t> colours = kColours[static_cast<std::size_t>(map)];

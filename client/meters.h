@@ -2,13 +2,43 @@
 #pragma once
 
 #include <array>
-#include <cstddef>
+#include <cstdint>
 #include <deque>
+#include <optional>
+#include <utility>
 #include <vector>
 
 #include "common/core/clock.h"
 
 namespace eigencast {
+
+/// The growth of a counter over the last two seconds; merges samples closer than 50 ms. Not thread-safe.
+class RateMeter {
+ public:
+  /// A total that shrinks, as of a new session, starts afresh.
+  void sample(std::uint64_t total, TimeUs now_us);
+  /// Growth a second; 0 before 200 ms have been seen.
+  double per_second() const;
+
+ private:
+  std::deque<std::pair<TimeUs, std::uint64_t>> samples_;
+};
+
+/// Adds up the work on a picture between start() and stop(), without waiting for poses or the display.
+class WorkClock final {
+ public:
+  void start(TimeUs now_us) { began_us_ = now_us; }
+  void stop(TimeUs now_us) {
+    if (began_us_) spent_us_ += now_us - *began_us_;
+    began_us_.reset();
+  }
+  /// Returns the sum and begins the next picture.
+  TimeUs take() { return std::exchange(spent_us_, 0); }
+
+ private:
+  std::optional<TimeUs> began_us_;
+  TimeUs spent_us_ = 0;
+};
 
 struct HistorySample {
   double lod = 0;         ///< Drawn part of all vertices.
