@@ -9,7 +9,7 @@
 
 #include "common/command_line/completion.h"
 #include "common/core/files.h"
-#include "common/surface/formats/endings.h"
+#include "common/surface/formats/read.h"
 #include "common/surface/formats/write.h"
 #include "sdk/contexts.h"
 #include "sender/option_groups.h"

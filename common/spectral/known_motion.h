@@ -9,7 +9,6 @@
 
 #include "common/core/result.h"
 #include "common/surface/motion_clip.h"
-#include "common/surface/rig.h"
 #include "common/surface/surface.h"
 
 namespace eigencast {

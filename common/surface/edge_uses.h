@@ -19,8 +19,7 @@ struct EdgeUse {
   bool upwards;       ///< The face runs from low to high.
 };
 
-/// Whether the corners are three vertices of n.
-bool has_three_corners(const Face& face, std::size_t n);
+bool has_three_corners(const Face& face, std::size_t n);  ///< Three vertices of n.
 
 /// The sides of all faces that have three corners, edge by edge, those of one edge in the order of their faces.
 std::vector<EdgeUse> edge_uses(std::span<const Face> faces, std::size_t vertex_count);

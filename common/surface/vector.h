@@ -8,7 +8,6 @@
 
 #include "common/surface/surface.h"
 
-/// Arithmetic on points and directions in space.
 namespace eigencast {
 
 inline Vec3 operator+(const Vec3& a, const Vec3& b) {

@@ -31,8 +31,7 @@ class EdgeDifference {
   /// faces: of a mesh; without any there is nothing to measure, and every error is 0.
   EdgeDifference(std::size_t vertex_count, std::span<const Face> faces, double diagonal);
 
-  /// REQUIRES: vertex_count positions each.
-  void add(std::span<const Vec3> truth, std::span<const Vec3> rebuilt);
+  void add(std::span<const Vec3> truth, std::span<const Vec3> rebuilt);  ///< REQUIRES: vertex_count each.
   EdgeDifferenceError result() const;
 
  private:

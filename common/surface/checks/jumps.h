@@ -21,8 +21,7 @@ namespace eigencast {
 class JumpFinder {
  public:
   explicit JumpFinder(const Surface& rest);
-  /// REQUIRES: as many positions as the rest pose has.
-  void add(std::span<const Vec3> positions);
+  void add(std::span<const Vec3> positions);  ///< REQUIRES: as many as the rest pose has.
 
   enum class Cause : std::uint8_t { kOrder, kInsideOut, kStray, kVertex, kEmpty, kUnit, kAxes, kPosition };
   struct Finding {
@@ -34,11 +33,9 @@ class JumpFinder {
   /// are compared with the rest pose, and their positions with each other.
   std::vector<Finding> found() const;
 
-  /// A line each; at most `limit`, and one that counts the frames beyond them.
-  std::vector<std::string> findings(std::size_t limit = 10) const;
+  std::vector<std::string> findings(std::size_t limit = 10) const;  ///< A line each, and one for those beyond.
 
-  /// What is wrong with the rest pose, in a line; empty: nothing.
-  std::string rest_finding() const;
+  std::string rest_finding() const;  ///< What is wrong with the rest pose, in a line; empty: nothing.
 
   /// Errors: kInvalidArgument where the rest pose, or more than half of the frames, certainly are in another order.
   Result<void> order() const;

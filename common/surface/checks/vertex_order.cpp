@@ -118,10 +118,8 @@ std::vector<VertexOrder::Local> VertexOrder::locals(std::span<const Vec3> positi
     edge_lengths.push_back(static_cast<float>(length));
     lengths[a] += length;
     lengths[b] += length;
-    for (std::size_t c = 0; c < 3; ++c) {
-      sums[a][c] += positions[b][c];
-      sums[b][c] += positions[a][c];
-    }
+    sums[a] = sums[a] + positions[b];
+    sums[b] = sums[b] + positions[a];
   }
   for (std::size_t e = 0; e < edges_.size(); ++e) {
     const auto& [a, b] = edges_[e];
@@ -180,9 +178,7 @@ float VertexOrder::stretch(std::span<const Vec3> positions) const {
 float VertexOrder::folded(std::span<const Vec3> positions) const {
   std::vector<Vec3> normals;
   normals.reserve(faces_.size());
-  for (const Face& face : faces_) {
-    normals.push_back(unit(normal_of(face, positions)));
-  }
+  for (const Face& face : faces_) normals.push_back(unit(normal_of(face, positions)));
   std::size_t count = 0;
   for (const auto& [f, g] : face_pairs_) count += dot(normals[f], normals[g]) < kFolded ? 1 : 0;
   return static_cast<float>(count) / static_cast<float>(std::max<std::size_t>(1, face_pairs_.size()));

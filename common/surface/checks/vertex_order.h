@@ -11,8 +11,7 @@
 
 namespace eigencast {
 
-/// A part of a whole for people: "5.0 %", "42 %".
-std::string percent_text(float part);
+std::string percent_text(float part);  ///< "5.0 %", "42 %".
 
 struct Misfit {
   enum class Kind : std::uint8_t {
@@ -29,8 +28,7 @@ struct Misfit {
   float folded = 0;          ///< Part of the edges whose two faces lie on each other.
   float stretch = 1;  ///< Rms length of edges, relative to the rest pose: as it is or over the box, whichever is less.
 
-  /// For people: what, and the likely cause. REQUIRES: kind is not kNone.
-  std::string text() const;
+  std::string text() const;  ///< What, and the likely cause. REQUIRES: kind is not kNone.
 };
 
 /// Decides by neighbours alone whether a pose's vertices are in the order of the rest pose's faces, however the surface
@@ -43,8 +41,7 @@ class VertexOrder {
   /// Copies what it needs, of two million faces at most. Without faces everything fits.
   explicit VertexOrder(const Surface& rest);
 
-  /// Of the rest pose itself: kNone or kOrder.
-  const Misfit& rest() const { return rest_; }
+  const Misfit& rest() const { return rest_; }  ///< Of the rest pose itself: kNone or kOrder.
   /// REQUIRES: as many positions as the rest pose has. O(n + F).
   Misfit check(std::span<const Vec3> positions) const;
 

@@ -87,6 +87,17 @@ std::optional<double> coordinate_from_token(std::string_view token) {
   return value;
 }
 
+Result<std::array<double, 3>> take_position(std::string_view& rest, std::size_t line, const std::string& what) {
+  std::array<double, 3> p{};
+  for (double& coordinate : p) {
+    const std::string_view token = take_token(rest);
+    const auto value = coordinate_from_token(token);
+    if (!value) return corrupt_at(line, what + " needs three finite numbers, not " + quoted(token));
+    coordinate = *value;
+  }
+  return p;
+}
+
 std::optional<std::int64_t> integer_from_token(std::string_view token) {
   if (!token.empty() && token[0] == '+') token.remove_prefix(1);
   std::int64_t value = 0;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -12,11 +13,9 @@
 /// What the readers of this room share: whole files as bytes, lines, tokens and numbers. Private to common/surface.
 namespace eigencast::text {
 
-/// The bytes of a file of at most 2 GiB. Errors: as read_file().
-Result<std::string> bytes_of_file(const std::string& path);
+Result<std::string> bytes_of_file(const std::string& path);  ///< At most 2 GiB. Errors: as read_file().
 
-/// The file's ending in lower case without the dot: "obj".
-std::string ending_of(const std::string& path);
+std::string ending_of(const std::string& path);  ///< In lower case without the dot: "obj".
 
 bool is_file(const std::string& path);
 
@@ -27,10 +26,8 @@ bool is_file_below(const std::string& folder, const std::string& path);
 class Lines {
  public:
   explicit Lines(std::string_view text) : rest_(text) {}
-  /// Nothing after the last.
-  std::optional<std::string_view> next();
-  /// Number of the line that next() gave last, from 1.
-  std::size_t number() const { return number_; }
+  std::optional<std::string_view> next();         ///< Nothing after the last.
+  std::size_t number() const { return number_; }  ///< Of the line that next() gave last, from 1.
 
  private:
   std::string_view rest_;
@@ -40,16 +37,17 @@ class Lines {
 /// Takes the first token, up to blanks, off `rest`; empty at the end.
 std::string_view take_token(std::string_view& rest);
 
-/// `line` up to a '#'.
-std::string_view without_comment(std::string_view line);
+std::string_view without_comment(std::string_view line);  ///< Up to a '#'.
 
 /// A decimal number that is finite also as a 32-bit float (assets hold coordinates so).
 std::optional<double> coordinate_from_token(std::string_view token);
 
+/// Three coordinates off `rest`. Errors: kCorrupt, naming the line, `what` ("a vertex") and the token.
+Result<std::array<double, 3>> take_position(std::string_view& rest, std::size_t line, const std::string& what);
+
 std::optional<std::int64_t> integer_from_token(std::string_view token);
 
-/// "line 12: what", kCorrupt.
-Error corrupt_at(std::size_t line, const std::string& what);
+Error corrupt_at(std::size_t line, const std::string& what);  ///< "line 12: what", kCorrupt.
 
 /// A token for a message: quoted, at most 40 bytes, only printable ones.
 std::string quoted(std::string_view token);

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "common/surface/formats/foreign.h"
 
+#include <algorithm>
+#include <iterator>
+#include <string_view>
+
 #ifdef EIGENCAST_WITH_ASSIMP
 #include <assimp/postprocess.h>
 
@@ -13,6 +17,20 @@
 #endif
 
 namespace eigencast {
+
+constexpr std::string_view kForeign[] = {"fbx", "dae", "3ds", "x", "x3d", "blend", "ms3d", "md5mesh", "smd"};
+
+bool is_foreign(const std::string& ending) {
+  return std::find(std::begin(kForeign), std::end(kForeign), ending) != std::end(kForeign);
+}
+
+std::string foreign_endings() {
+  std::string all;
+#ifdef EIGENCAST_WITH_ASSIMP
+  for (const std::string_view ending : kForeign) all += (all.empty() ? "" : ", ") + std::string(ending);
+#endif
+  return all;
+}
 
 #ifdef EIGENCAST_WITH_ASSIMP
 

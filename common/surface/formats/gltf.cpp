@@ -12,40 +12,38 @@
 namespace eigencast {
 namespace {
 
+struct GltfMotion {
+  GltfScene scene;
+  GltfAnimation animation;
+  Surface rest;
+  std::size_t frames;
+  double rate_hz;
+  std::string name;
+};
+
 class GltfClip final : public MotionClip {
  public:
-  GltfClip(GltfScene scene, GltfAnimation animation, Surface rest, std::size_t frames, double rate_hz, std::string name)
-      : scene_(std::move(scene)),
-        animation_(std::move(animation)),
-        rest_(std::move(rest)),
-        frames_(frames),
-        rate_hz_(rate_hz),
-        name_(std::move(name)) {}
+  explicit GltfClip(GltfMotion motion) : m_(std::move(motion)) {}
 
-  const Surface& rest() const override { return rest_; }
-  std::size_t frame_count() const override { return frames_; }
-  double frame_rate_hz() const override { return rate_hz_; }
-  std::string name() const override { return name_; }
-  std::vector<std::string> notes() const override { return scene_.notes; }
-  const Rig* rig() const override { return &scene_.rig; }
-  const Appearance* appearance() const override { return &scene_.appearance; }
+  const Surface& rest() const override { return m_.rest; }
+  std::size_t frame_count() const override { return m_.frames; }
+  double frame_rate_hz() const override { return m_.rate_hz; }
+  std::string name() const override { return m_.name; }
+  std::vector<std::string> notes() const override { return m_.scene.notes; }
+  const Rig* rig() const override { return &m_.scene.rig; }
+  const Appearance* appearance() const override { return &m_.scene.appearance; }
 
   Result<std::vector<Vec3>> pose(std::size_t frame) const override {
-    assert(frame < frames_);
-    GltfPose pose = scene_.rest;
-    animation_.apply(animation_.start_s() + static_cast<double>(frame) / rate_hz_, pose);
-    auto positions = scene_.positions(pose);
-    if (!positions) return in_context("frame " + std::to_string(frame) + " of " + name_, positions.error());
+    assert(frame < m_.frames);
+    GltfPose pose = m_.scene.rest;
+    m_.animation.apply(m_.animation.start_s() + static_cast<double>(frame) / m_.rate_hz, pose);
+    auto positions = m_.scene.positions(pose);
+    if (!positions) return in_context("frame " + std::to_string(frame) + " of " + m_.name, positions.error());
     return positions;
   }
 
  private:
-  GltfScene scene_;
-  GltfAnimation animation_;
-  Surface rest_;
-  std::size_t frames_;
-  double rate_hz_;
-  std::string name_;
+  const GltfMotion m_;
 };
 
 void note_choice(const tinygltf::Model& model, const std::string& which, std::vector<std::string>& notes) {
@@ -78,9 +76,9 @@ Result<std::unique_ptr<MotionClip>> gltf_clip_from_bytes(std::string_view bytes,
   if (!positions) return in_context(name, positions.error());
   Surface rest{std::move(*positions), scene->faces};
   if (const auto valid = validate_surface(rest); !valid) return in_context(name, valid.error());
-  return std::unique_ptr<MotionClip>(std::make_unique<GltfClip>(std::move(*scene), std::move(*animation),
-                                                                std::move(rest), static_cast<std::size_t>(frames),
-                                                                options.rate_hz, name));
+  return std::unique_ptr<MotionClip>(
+      std::make_unique<GltfClip>(GltfMotion{std::move(*scene), std::move(*animation), std::move(rest),
+                                            static_cast<std::size_t>(frames), options.rate_hz, name}));
 }
 
 Result<std::unique_ptr<MotionClip>> open_gltf_clip(const std::string& path, const ClipOptions& options) {

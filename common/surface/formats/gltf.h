@@ -6,7 +6,6 @@
 #include <string_view>
 
 #include "common/core/result.h"
-#include "common/surface/formats/clip_options.h"
 #include "common/surface/motion_clip.h"
 
 /// glTF 2.0, as text or binary. Private to common/surface, and its fuzzer.

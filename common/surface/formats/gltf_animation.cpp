@@ -2,13 +2,16 @@
 #include "common/surface/formats/gltf_animation.h"
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
+#include <iterator>
 #include <numeric>
 #include <optional>
+#include <string_view>
 
 namespace eigencast {
 namespace {
+
+constexpr std::string_view kPaths[] = {"translation", "rotation", "scale", "weights"};  // as GltfAnimation::Path
 
 std::optional<std::size_t> find_animation(const tinygltf::Model& model, const std::string& which) {
   for (std::size_t i = 0; i < model.animations.size(); ++i) {
@@ -48,19 +51,18 @@ Result<GltfAnimation::Track> GltfAnimation::track_from(const tinygltf::Animation
   Track track;
   track.path = path;
   track.node = static_cast<std::size_t>(channel.target_node);
-  const tinygltf::AnimationSampler* stated = element(animation.samplers, channel.sampler);
-  if (stated == nullptr) return corrupt_gltf("a channel has no sampler");
-  const tinygltf::AnimationSampler& sampler = *stated;
-  track.interpolation = sampler.interpolation == "STEP"          ? Interpolation::kStep
-                        : sampler.interpolation == "CUBICSPLINE" ? Interpolation::kCubicSpline
-                                                                 : Interpolation::kLinear;
-  auto times = numbers.read(sampler.input, 1);
+  const tinygltf::AnimationSampler* sampler = element(animation.samplers, channel.sampler);
+  if (sampler == nullptr) return corrupt_gltf("a channel has no sampler");
+  track.interpolation = sampler->interpolation == "STEP"          ? Interpolation::kStep
+                        : sampler->interpolation == "CUBICSPLINE" ? Interpolation::kCubicSpline
+                                                                  : Interpolation::kLinear;
+  auto times = numbers.read(sampler->input, 1);
   if (!times) return times.error();
   track.times = std::move(times->values);
   if (track.times.empty() || !std::is_sorted(track.times.begin(), track.times.end()))
     return corrupt_gltf("the times of a sampler do not ascend");
   const bool is_weights = path == Path::kWeights;
-  auto values = numbers.read(sampler.output, is_weights ? 1 : path == Path::kRotation ? 4 : 3);
+  auto values = numbers.read(sampler->output, is_weights ? 1 : path == Path::kRotation ? 4 : 3);
   if (!values) return values.error();
   const std::size_t knots = track.times.size() * (track.interpolation == Interpolation::kCubicSpline ? 3 : 1);
   track.width = is_weights ? scene.nodes[track.node].target_count : values->width;
@@ -87,18 +89,14 @@ Result<GltfAnimation> GltfAnimation::from_model(const tinygltf::Model& model, Gl
   }
   const tinygltf::Animation& animation = model.animations[*index];
   for (const tinygltf::AnimationChannel& channel : animation.channels) {
-    const std::string& name = channel.target_path;
-    const std::optional<Path> path = name == "translation" ? std::optional(Path::kTranslation)
-                                     : name == "rotation"  ? std::optional(Path::kRotation)
-                                     : name == "scale"     ? std::optional(Path::kScale)
-                                     : name == "weights"   ? std::optional(Path::kWeights)
-                                                           : std::nullopt;
+    const auto name = std::find(std::begin(kPaths), std::end(kPaths), channel.target_path);
     const GltfScene::Node* moved = element(scene.nodes, channel.target_node);
-    if (!path || moved == nullptr) continue;
+    if (name == std::end(kPaths) || moved == nullptr) continue;
+    const auto path = static_cast<Path>(name - std::begin(kPaths));
     const GltfScene::Node& node = *moved;
-    if (node.fixed && *path != Path::kWeights) return corrupt_gltf("an animated node states a matrix");
-    if (*path == Path::kWeights && node.target_count == 0) continue;
-    auto track = track_from(animation, channel, *path, numbers, scene);
+    if (node.fixed && path != Path::kWeights) return corrupt_gltf("an animated node states a matrix");
+    if (path == Path::kWeights && node.target_count == 0) continue;
+    auto track = track_from(animation, channel, path, numbers, scene);
     if (!track) return in_context("animation " + std::to_string(*index), track.error());
     const bool first = result.tracks_.empty();
     result.start_s_ = first ? track->times.front() : std::min(result.start_s_, track->times.front());

@@ -6,6 +6,7 @@
 #define TINYGLTF_NO_STB_IMAGE_WRITE
 #include <tiny_gltf.h>
 
+#include <cstdint>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -30,5 +31,35 @@ const T* element(const std::vector<T>& all, int index) {
 /// kUnsupported (an extension that must be understood), kTooLarge.
 ///   folder  only files below it are read, none if it is empty
 Result<tinygltf::Model> gltf_model_from_bytes(std::string_view bytes, const std::string& folder);
+
+/// Numbers out of a file's buffers, of any accessor: sparse, quantised, empty. Checks each index, length, offset and
+/// stride before use, and bounds the total. Not thread-safe; keeps a reference.
+class GltfNumbers {
+ public:
+  explicit GltfNumbers(const tinygltf::Model& model) : model_(model) {}
+
+  struct Array {
+    std::size_t count = 0;
+    std::size_t width = 0;       ///< Components of an element.
+    std::vector<double> values;  ///< count x width, finite.
+  };
+  /// An accessor whose elements have one of two widths (16: a matrix by columns). Normalised integers are scaled.
+  /// Errors: kCorrupt, kTooLarge.
+  Result<Array> read(int accessor, std::size_t width, std::size_t other_width = 0);
+  Result<std::vector<std::uint32_t>> read_indices(int accessor);    ///< SCALAR, of unsigned integers.
+  std::size_t count(int accessor) const;                            ///< 0: no such accessor.
+  Result<std::vector<std::uint8_t>> bytes_of_view(int view) const;  ///< Errors: kCorrupt.
+
+ private:
+  struct Span {
+    const char* data = nullptr;
+    std::size_t stride = 0;
+  };
+  Result<Span> span(int view, std::uint64_t offset, std::uint64_t count, std::size_t element_bytes) const;
+  Result<void> apply_sparse(const tinygltf::Accessor& accessor, std::size_t element_bytes, Array& array) const;
+
+  const tinygltf::Model& model_;
+  std::uint64_t values_left_ = std::uint64_t{1} << 27;
+};
 
 }  // namespace eigencast

@@ -9,8 +9,6 @@
 #include <string>
 #include <utility>
 
-#include "common/surface/formats/gltf_weld.h"
-
 namespace eigencast {
 namespace {
 
@@ -126,22 +124,21 @@ class Builder {
 
   Result<void> add_instance(std::size_t index) {
     const tinygltf::Node& node = model_.nodes[index];
-    const tinygltf::Mesh* stated = element(model_.meshes, node.mesh);
-    if (stated == nullptr)
+    const tinygltf::Mesh* mesh = element(model_.meshes, node.mesh);
+    if (mesh == nullptr)
       return corrupt_gltf("node " + std::to_string(index) + ": no mesh " + std::to_string(node.mesh));
-    const tinygltf::Mesh& mesh = *stated;
     GltfScene::Node& mine = scene_.nodes[index];
     mine.first_target = scene_.rig.targets.size();
-    for (const tinygltf::Primitive& primitive : mesh.primitives)
+    for (const tinygltf::Primitive& primitive : mesh->primitives)
       mine.target_count = std::max(mine.target_count, primitive.targets.size());
     if (scene_.rig.targets.size() + mine.target_count > kMaxNodes)
       return fail(ErrorCode::kTooLarge, "too many morph targets");
-    const std::vector<double>& weights = node.weights.empty() ? mesh.weights : node.weights;
+    const std::vector<double>& weights = node.weights.empty() ? mesh->weights : node.weights;
     for (std::size_t k = 0; k < mine.target_count; ++k) {
-      scene_.rig.targets.push_back({mesh.name + " " + std::to_string(k), {}, {}});
+      scene_.rig.targets.push_back({mesh->name + " " + std::to_string(k), {}, {}});
       scene_.rest.weights.push_back(k < weights.size() && std::isfinite(weights[k]) ? weights[k] : 0);
     }
-    for (const tinygltf::Primitive& primitive : mesh.primitives) {
+    for (const tinygltf::Primitive& primitive : mesh->primitives) {
       if (const auto added = add_primitive(primitive, index); !added)
         return in_context("mesh " + std::to_string(node.mesh), added.error());
     }
@@ -246,23 +243,22 @@ class Builder {
 
   Result<std::size_t> first_bone_of_skin(int index) {
     if (const auto found = skin_bones_.find(index); found != skin_bones_.end()) return found->second;
-    const tinygltf::Skin* stated = element(model_.skins, index);
-    if (stated == nullptr) return corrupt_gltf("no skin " + std::to_string(index));
-    const tinygltf::Skin& skin = *stated;
+    const tinygltf::Skin* skin = element(model_.skins, index);
+    if (skin == nullptr) return corrupt_gltf("no skin " + std::to_string(index));
     std::optional<GltfNumbers::Array> inverse;
-    if (skin.inverseBindMatrices >= 0) {
-      auto matrices = numbers_.read(skin.inverseBindMatrices, 16);
+    if (skin->inverseBindMatrices >= 0) {
+      auto matrices = numbers_.read(skin->inverseBindMatrices, 16);
       if (!matrices) return matrices.error();
-      if (matrices->count < skin.joints.size())
+      if (matrices->count < skin->joints.size())
         return corrupt_gltf("skin " + std::to_string(index) + " has fewer matrices than joints");
       inverse = std::move(*matrices);
     }
     const std::size_t first = scene_.bones.size();
-    if (skin.joints.size() > kMaxNodes) return fail(ErrorCode::kTooLarge, "too many joints");
-    for (std::size_t k = 0; k < skin.joints.size(); ++k) {
-      if (element(scene_.nodes, skin.joints[k]) == nullptr)
-        return corrupt_gltf("skin " + std::to_string(index) + ": no node " + std::to_string(skin.joints[k]));
-      GltfScene::Bone bone{static_cast<std::size_t>(skin.joints[k]), kIdentity};
+    if (skin->joints.size() > kMaxNodes) return fail(ErrorCode::kTooLarge, "too many joints");
+    for (std::size_t k = 0; k < skin->joints.size(); ++k) {
+      if (element(scene_.nodes, skin->joints[k]) == nullptr)
+        return corrupt_gltf("skin " + std::to_string(index) + ": no node " + std::to_string(skin->joints[k]));
+      GltfScene::Bone bone{static_cast<std::size_t>(skin->joints[k]), kIdentity};
       if (inverse)
         std::copy_n(inverse->values.begin() + static_cast<std::ptrdiff_t>(16 * k), 16, bone.inverse_bind.begin());
       scene_.rig.bones.push_back(model_.nodes[bone.node].name);

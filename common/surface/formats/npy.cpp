@@ -10,10 +10,16 @@
 #include <string_view>
 
 #include "common/surface/formats/file_text.h"
-#include "common/surface/formats/scalars.h"
 
 namespace eigencast {
 
+namespace {
+
+constexpr std::size_t kMaxHeaderBytes = 64 * 1024;
+constexpr std::size_t kMaxDimension = std::size_t{1} << 40;
+constexpr std::uint64_t kMaxBlockBytes = 32 << 20;
+
+// Of IEEE 754 binary16.
 double double_from_half(std::uint16_t bits) {
   const int exponent = bits >> 10 & 31;
   const double fraction = bits & 1023;
@@ -21,12 +27,6 @@ double double_from_half(std::uint16_t bits) {
   if (exponent == 31) value = fraction == 0 ? std::numeric_limits<double>::infinity() : std::nan("");
   return (bits & 0x8000) != 0 ? -value : value;
 }
-
-namespace {
-
-constexpr std::size_t kMaxHeaderBytes = 64 * 1024;
-constexpr std::size_t kMaxDimension = std::size_t{1} << 40;
-constexpr std::uint64_t kMaxBlockBytes = 32 << 20;
 
 // The text behind 'key': in the header's Python dictionary, without leading blanks.
 std::optional<std::string_view> value_of_key(std::string_view header, std::string_view key) {

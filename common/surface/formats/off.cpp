@@ -84,17 +84,9 @@ class OffParser {
   Result<void> take_vertex(std::size_t i) {
     auto line = next_line();
     if (!line) return ended("vertex", i, vertices_);
-    Vec3 p{};
-    for (double& coordinate : p) {
-      const std::string_view token = text::take_token(*line);
-      const auto value = text::coordinate_from_token(token);
-      if (!value) {
-        return corrupt_at(lines_.number(),
-                          "vertex " + std::to_string(i) + " needs three finite numbers, not " + quoted(token));
-      }
-      coordinate = *value;
-    }
-    mesh_.surface.positions.push_back(p);
+    const auto p = text::take_position(*line, lines_.number(), "vertex " + std::to_string(i));
+    if (!p) return p.error();
+    mesh_.surface.positions.push_back(*p);
     if (has_colours_) take_colour(*line);
     return {};
   }

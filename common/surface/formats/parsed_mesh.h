@@ -10,10 +10,10 @@
 #include <vector>
 
 #include "common/core/result.h"
+#include "common/surface/appearance.h"
 #include "common/surface/surface.h"
 
 /// OBJ, OFF, PLY and STL as arrays. Private to common/surface.
-///
 /// Files are hostile: counts are held against the size of the file before allocation, indices against the vertices, and
 /// every number must be finite. Nothing is merged or dropped but in STL, which has no indices.
 namespace eigencast {
@@ -32,6 +32,10 @@ Result<ParsedMesh> parse_off(std::string_view bytes);
 Result<ParsedMesh> parse_ply(std::string_view bytes);
 /// Triangles share a vertex where they have the same 32-bit position; those without three corners left are dropped.
 Result<ParsedMesh> parse_stl(std::string_view bytes);
+
+/// Takes over the UVs of the corners and the materials' colours (Kd) and images (map_Kd). Opens files below `folder`
+/// only; those that are absent, over 16 MiB or not text leave their material white and their image empty.
+void add_obj_appearance(const ParsedMesh& mesh, const std::string& folder, Appearance& appearance);
 
 /// Splits a polygon into a fan of triangles. REQUIRES: three corners or more.
 void add_fan(std::span<const std::uint32_t> corners, std::vector<Face>& faces);

@@ -5,52 +5,49 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
+#include <type_traits>
 
+#include "common/surface/formats/binary_file.h"
 #include "common/surface/formats/file_text.h"
 #include "common/surface/formats/parsed_mesh.h"
-#include "common/surface/formats/scalars.h"
 
 namespace eigencast {
 namespace {
 
-enum class Scalar { kInt8, kUint8, kInt16, kUint16, kInt32, kUint32, kFloat32, kFloat64 };
-
-struct ScalarName {
-  std::string_view name;
-  Scalar scalar;
+struct Scalar {
+  std::string_view name, other_name;
+  std::size_t bytes;
+  bool is_float;
+  double (*little_endian)(const char*);
+  double (*big_endian)(const char*);
 };
-constexpr std::array<ScalarName, 16> kScalarNames{{{"char", Scalar::kInt8},
-                                                   {"int8", Scalar::kInt8},
-                                                   {"uchar", Scalar::kUint8},
-                                                   {"uint8", Scalar::kUint8},
-                                                   {"short", Scalar::kInt16},
-                                                   {"int16", Scalar::kInt16},
-                                                   {"ushort", Scalar::kUint16},
-                                                   {"uint16", Scalar::kUint16},
-                                                   {"int", Scalar::kInt32},
-                                                   {"int32", Scalar::kInt32},
-                                                   {"uint", Scalar::kUint32},
-                                                   {"uint32", Scalar::kUint32},
-                                                   {"float", Scalar::kFloat32},
-                                                   {"float32", Scalar::kFloat32},
-                                                   {"double", Scalar::kFloat64},
-                                                   {"float64", Scalar::kFloat64}}};
 
-std::optional<Scalar> scalar_from_name(std::string_view name) {
-  for (const ScalarName& known : kScalarNames) {
-    if (known.name == name) return known.scalar;
-  }
-  return std::nullopt;
+template <typename T>
+constexpr Scalar scalar(std::string_view name, std::string_view other_name) {
+  return {name,
+          other_name,
+          sizeof(T),
+          std::is_floating_point_v<T>,
+          [](const char* bytes) -> double { return scalar_at<T>(bytes); },
+          [](const char* bytes) -> double { return scalar_at<T, true>(bytes); }};
 }
 
-std::size_t bytes_of(Scalar scalar) {
-  return std::array<std::size_t, 8>{1, 1, 2, 2, 4, 4, 4, 8}[static_cast<std::size_t>(scalar)];
+constexpr Scalar kScalars[] = {scalar<std::int8_t>("char", "int8"),    scalar<std::uint8_t>("uchar", "uint8"),
+                               scalar<std::int16_t>("short", "int16"), scalar<std::uint16_t>("ushort", "uint16"),
+                               scalar<std::int32_t>("int", "int32"),   scalar<std::uint32_t>("uint", "uint32"),
+                               scalar<float>("float", "float32"),      scalar<double>("double", "float64")};
+
+// Null where there is none.
+const Scalar* scalar_from_name(std::string_view name) {
+  const auto* at = std::find_if(std::begin(kScalars), std::end(kScalars),
+                                [&](const Scalar& s) { return s.name == name || s.other_name == name; });
+  return at != std::end(kScalars) ? at : nullptr;
 }
 
 struct Property {
   std::string name;
-  Scalar scalar = Scalar::kFloat32;
-  std::optional<Scalar> list_count;  // set: a list
+  const Scalar* scalar = nullptr;
+  const Scalar* list_count = nullptr;  // set: a list
 };
 
 struct Element {
@@ -68,39 +65,15 @@ class Body {
   std::size_t bytes_left() const { return rest_.size(); }
 
   // Nothing at the end of the file or where a token is not a number.
-  std::optional<double> take(Scalar scalar) {
+  std::optional<double> take(const Scalar& scalar) {
     if (encoding_ == Encoding::kText) return number_from_token(text::take_token(rest_));
-    const std::size_t size = bytes_of(scalar);
-    if (rest_.size() < size) return std::nullopt;
+    if (rest_.size() < scalar.bytes) return std::nullopt;
     const char* bytes = rest_.data();
-    rest_.remove_prefix(size);
-    return encoding_ == Encoding::kBig ? value_at<true>(scalar, bytes) : value_at<false>(scalar, bytes);
+    rest_.remove_prefix(scalar.bytes);
+    return (encoding_ == Encoding::kBig ? scalar.big_endian : scalar.little_endian)(bytes);
   }
 
  private:
-  template <bool big_endian>
-  static double value_at(Scalar scalar, const char* bytes) {
-    switch (scalar) {
-      case Scalar::kInt8:
-        return scalar_at<std::int8_t>(bytes);
-      case Scalar::kUint8:
-        return scalar_at<std::uint8_t>(bytes);
-      case Scalar::kInt16:
-        return scalar_at<std::int16_t, big_endian>(bytes);
-      case Scalar::kUint16:
-        return scalar_at<std::uint16_t, big_endian>(bytes);
-      case Scalar::kInt32:
-        return scalar_at<std::int32_t, big_endian>(bytes);
-      case Scalar::kUint32:
-        return scalar_at<std::uint32_t, big_endian>(bytes);
-      case Scalar::kFloat32:
-        return scalar_at<float, big_endian>(bytes);
-      case Scalar::kFloat64:
-        return scalar_at<double, big_endian>(bytes);
-    }
-    return 0;
-  }
-
   // Unused properties may be nan or inf also in text.
   static std::optional<double> number_from_token(std::string_view token) {
     if (const auto value = text::coordinate_from_token(token)) return value;
@@ -183,15 +156,10 @@ class PlyParser {
 
   Result<void> take_format(std::string_view rest) {
     const std::string_view name = text::take_token(rest);
-    if (name == "ascii") {
-      encoding_ = Encoding::kText;
-    } else if (name == "binary_little_endian") {
-      encoding_ = Encoding::kLittle;
-    } else if (name == "binary_big_endian") {
-      encoding_ = Encoding::kBig;
-    } else {
-      return corrupt("format " + text::quoted(name) + " is none of PLY's");
-    }
+    constexpr std::array<std::string_view, 3> kNames{"ascii", "binary_little_endian", "binary_big_endian"};
+    const auto at = std::find(kNames.begin(), kNames.end(), name);
+    if (at == kNames.end()) return corrupt("format " + text::quoted(name) + " is none of PLY's");
+    encoding_ = static_cast<Encoding>(at - kNames.begin());
     return {};
   }
 
@@ -218,14 +186,13 @@ class PlyParser {
     if (type == "list") {
       const std::string_view count_type = text::take_token(rest);
       property.list_count = scalar_from_name(count_type);
-      if (!property.list_count || *property.list_count >= Scalar::kFloat32) {
+      if (property.list_count == nullptr || property.list_count->is_float) {
         return corrupt(text::quoted(count_type) + " is not a type of a list's length");
       }
       type = text::take_token(rest);
     }
-    const auto scalar = scalar_from_name(type);
-    if (!scalar) return corrupt(text::quoted(type) + " is none of PLY's types");
-    property.scalar = *scalar;
+    property.scalar = scalar_from_name(type);
+    if (property.scalar == nullptr) return corrupt(text::quoted(type) + " is none of PLY's types");
     property.name = text::take_token(rest);
     element.properties.push_back(std::move(property));
     return {};
@@ -236,7 +203,8 @@ class PlyParser {
     for (const Element& element : elements_) {
       std::size_t least_bytes = 0;
       for (const Property& property : element.properties) {
-        least_bytes += encoding_ == Encoding::kText ? 2 : bytes_of(property.list_count.value_or(property.scalar));
+        const Scalar& first = property.list_count != nullptr ? *property.list_count : *property.scalar;
+        least_bytes += encoding_ == Encoding::kText ? 2 : first.bytes;
       }
       if (element.name == "tristrips")
         return fail(ErrorCode::kUnsupported, "triangle strips; save it with plain faces");
@@ -262,12 +230,12 @@ class PlyParser {
     unsigned found = 0, coloured = 0;
     std::array<double, 3> colour{};
     for (const Property& property : element.properties) {
-      if (property.list_count) {
+      if (property.list_count != nullptr) {
         const bool indices = is_face && (property.name == "vertex_indices" || property.name == "vertex_index");
         if (auto taken = take_list(body, property, element, i, indices); !taken) return taken;
         continue;
       }
-      const auto value = body.take(property.scalar);
+      const auto value = body.take(*property.scalar);
       if (!value) return broken(element, i, property);
       if (is_vertex) coloured |= take_colour(property, *value, colour);
       if (!is_vertex || property.name.size() != 1 || property.name[0] < 'x' || property.name[0] > 'z') continue;
@@ -293,9 +261,8 @@ class PlyParser {
     const auto at = std::find(kChannels.begin(), kChannels.end(), property.name);
     if (at == kChannels.end() || std::isnan(value)) return 0;
     const auto channel = static_cast<std::size_t>(at - kChannels.begin());
-    const bool is_float = property.scalar >= Scalar::kFloat32;
-    const double most = is_float ? 1 : std::exp2(8.0 * static_cast<double>(bytes_of(property.scalar))) - 1;
-    colour[channel] = value / most;
+    const Scalar& type = *property.scalar;
+    colour[channel] = value / (type.is_float ? 1 : std::exp2(8.0 * static_cast<double>(type.bytes)) - 1);
     return 1U << channel;
   }
 
@@ -315,7 +282,7 @@ class PlyParser {
       corner_counts_.push_back(static_cast<std::uint32_t>(length));
     }
     for (std::uint64_t k = 0; k < length; ++k) {
-      const auto value = body.take(property.scalar);
+      const auto value = body.take(*property.scalar);
       if (!value) return broken(element, i, property);
       if (!indices) continue;
       if (!(*value >= 0 && *value < static_cast<double>(kMaxSurfaceVertices) && *value == std::floor(*value))) {

@@ -2,14 +2,12 @@
 #include "common/surface/formats/point_cache.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <string_view>
 #include <utility>
 
 #include "common/surface/formats/binary_file.h"
 #include "common/surface/formats/file_text.h"
-#include "common/surface/formats/scalars.h"
 #include "common/surface/motion_clip.h"
 
 namespace eigencast {
@@ -30,38 +28,25 @@ struct Layout {
 };
 
 template <bool big_endian>
-class PointCache final : public Frames {
- public:
-  PointCache(std::shared_ptr<const BinaryFile> file, const Layout& layout) : file_(std::move(file)), layout_(layout) {}
-
-  std::size_t count() const override { return static_cast<std::size_t>(layout_.frames); }
-  double rate_hz() const override { return layout_.rate_hz; }
-  std::string label(std::size_t frame) const override {
-    return "frame " + std::to_string(frame) + " of " + file_->path();
-  }
-  Result<Surface> read(std::size_t frame, Appearance* /*appearance*/) const override {
-    std::string bytes(static_cast<std::size_t>(layout_.points * kBytesPerPoint), '\0');
-    const auto read = file_->read_at(layout_.data_offset + frame * layout_.points * kBytesPerPoint, bytes);
-    if (!read) return in_context("frame " + std::to_string(frame), read.error());
-    Surface surface;
-    surface.positions.resize(static_cast<std::size_t>(layout_.points));
-    const char* at = bytes.data();
-    for (std::size_t i = 0; i < surface.positions.size(); ++i) {
-      for (double& coordinate : surface.positions[i]) {
-        coordinate = scalar_at<float, big_endian>(at);
-        if (!std::isfinite(coordinate)) {
-          return fail(ErrorCode::kCorrupt, label(frame) + ": vertex " + std::to_string(i) + " is not finite");
-        }
-        at += sizeof(float);
+Result<Surface> read_frame(const BinaryFile& file, const Layout& layout, std::size_t frame) {
+  std::string bytes(static_cast<std::size_t>(layout.points * kBytesPerPoint), '\0');
+  const auto read = file.read_at(layout.data_offset + frame * layout.points * kBytesPerPoint, bytes);
+  if (!read) return in_context("frame " + std::to_string(frame), read.error());
+  Surface surface;
+  surface.positions.resize(static_cast<std::size_t>(layout.points));
+  const char* at = bytes.data();
+  for (std::size_t i = 0; i < surface.positions.size(); ++i) {
+    for (double& coordinate : surface.positions[i]) {
+      coordinate = scalar_at<float, big_endian>(at);
+      if (!std::isfinite(coordinate)) {
+        return fail(ErrorCode::kCorrupt,
+                    frame_of_file(frame, file.path()) + ": vertex " + std::to_string(i) + " is not finite");
       }
+      at += sizeof(float);
     }
-    return surface;
   }
-
- private:
-  std::shared_ptr<const BinaryFile> file_;
-  Layout layout_;
-};
+  return surface;
+}
 
 Result<void> check_counts(std::int64_t points, std::int64_t frames) {
   if (points < 1 || frames < 1) {
@@ -128,45 +113,24 @@ Result<Layout> layout_of_mdd(const BinaryFile& file) {
   return layout;
 }
 
-void append_big_endian(std::string& bytes, std::uint32_t value) {
-  for (const int shift : {24, 16, 8, 0}) bytes += static_cast<char>(value >> shift & 255);
-}
-
-void append_little_endian(std::string& bytes, std::uint32_t value) {
-  for (const int shift : {0, 8, 16, 24}) bytes += static_cast<char>(value >> shift & 255);
-}
-
 }  // namespace
 
-Result<std::unique_ptr<Frames>> open_point_cache(const std::string& path) {
+std::string frame_of_file(std::size_t frame, const std::string& path) {
+  return "frame " + std::to_string(frame) + " of " + path;
+}
+
+Result<Frames> open_point_cache(const std::string& path) {
   const auto file = BinaryFile::open(path);
   if (!file) return file.error();
   const bool is_mdd = text::ending_of(path) == "mdd";
   const auto layout = is_mdd ? layout_of_mdd(**file) : layout_of_pc2(**file);
   if (!layout) return in_context(path, layout.error());
   if (const auto sound = check_size(*layout, (*file)->bytes()); !sound) return in_context(path, sound.error());
-  if (is_mdd) return std::unique_ptr<Frames>(std::make_unique<PointCache<true>>(*file, *layout));
-  return std::unique_ptr<Frames>(std::make_unique<PointCache<false>>(*file, *layout));
-}
-
-std::string pc2_header(std::size_t vertices, std::size_t frames) {
-  std::string bytes(kPc2Magic);
-  append_little_endian(bytes, 1);
-  append_little_endian(bytes, static_cast<std::uint32_t>(vertices));
-  append_little_endian(bytes, std::bit_cast<std::uint32_t>(0.0F));
-  append_little_endian(bytes, std::bit_cast<std::uint32_t>(1.0F));
-  append_little_endian(bytes, static_cast<std::uint32_t>(frames));
-  return bytes;
-}
-
-std::string mdd_header(std::size_t vertices, std::size_t frames, double rate_hz) {
-  std::string bytes;
-  append_big_endian(bytes, static_cast<std::uint32_t>(frames));
-  append_big_endian(bytes, static_cast<std::uint32_t>(vertices));
-  for (std::size_t frame = 0; frame < frames; ++frame) {
-    append_big_endian(bytes, std::bit_cast<std::uint32_t>(static_cast<float>(static_cast<double>(frame) / rate_hz)));
-  }
-  return bytes;
+  const auto read = is_mdd ? read_frame<true> : read_frame<false>;
+  return Frames{
+      static_cast<std::size_t>(layout->frames),
+      [read, file = *file, layout = *layout](std::size_t frame, Appearance*) { return read(*file, layout, frame); },
+      [path](std::size_t frame) { return frame_of_file(frame, path); }, layout->rate_hz};
 }
 
 }  // namespace eigencast

@@ -5,46 +5,37 @@
 #include <new>
 #include <string_view>
 
-#include "common/surface/formats/endings.h"
 #include "common/surface/formats/file_text.h"
 #include "common/surface/formats/foreign.h"
 #include "common/surface/formats/gltf.h"
 #include "common/surface/formats/npy.h"
-#include "common/surface/formats/obj_materials.h"
 #include "common/surface/formats/parsed_mesh.h"
 #include "common/surface/formats/point_cache.h"
 
 namespace eigencast {
 namespace {
 
+// x y z, then whatever the file holds beside (a normal, an intensity).
+Result<ParsedMesh> parse_xyz(std::string_view bytes) {
+  Surface surface;
+  text::Lines lines(bytes);
+  while (const auto line = lines.next()) {
+    std::string_view rest = text::without_comment(*line), probe = rest;
+    if (text::take_token(probe).empty()) continue;
+    const auto p = text::take_position(rest, lines.number(), "a point");
+    if (!p) return p.error();
+    surface.positions.push_back(*p);
+  }
+  if (const auto sizes = check_sizes(surface.positions.size(), 0); !sizes) return sizes.error();
+  return ParsedMesh{std::move(surface)};
+}
+
 struct MeshFormat {
   std::string_view ending;
   Result<ParsedMesh> (*parse)(std::string_view);
 };
-constexpr MeshFormat kMeshFormats[] = {{"obj", parse_obj}, {"off", parse_off}, {"ply", parse_ply}, {"stl", parse_stl}};
-
-// x y z, then whatever the file holds beside (a normal, an intensity).
-Result<Surface> surface_from_xyz(std::string_view bytes) {
-  Surface surface;
-  text::Lines lines(bytes);
-  while (const auto line = lines.next()) {
-    std::string_view rest = text::without_comment(*line);
-    std::string_view token = text::take_token(rest);
-    if (token.empty()) continue;
-    Vec3 p{};
-    for (double& coordinate : p) {
-      const auto value = text::coordinate_from_token(token);
-      if (!value) {
-        return text::corrupt_at(lines.number(), "a point needs three finite numbers, not " + text::quoted(token));
-      }
-      coordinate = *value;
-      token = text::take_token(rest);
-    }
-    surface.positions.push_back(p);
-  }
-  if (const auto sizes = check_sizes(surface.positions.size(), 0); !sizes) return sizes.error();
-  return surface;
-}
+constexpr MeshFormat kMeshFormats[] = {
+    {"obj", parse_obj}, {"off", parse_off}, {"ply", parse_ply}, {"stl", parse_stl}, {"xyz", parse_xyz}};
 
 Result<Surface> surface_from_npy(const std::string& path) {
   const auto file = NpyFile::open(path);
@@ -61,16 +52,13 @@ Result<Surface> surface_from_npy(const std::string& path) {
   return Surface{std::move(*positions), {}};
 }
 
-Result<Surface> surface_from_cache(const std::string& path) {
-  const auto frames = open_point_cache(path);
-  if (!frames) return frames.error();
-  return (*frames)->read(0, nullptr);
-}
-
 Result<Surface> surface_from_file(const std::string& path, Appearance& appearance) {
   const std::string ending = text::ending_of(path);
   if (ending == "npy") return surface_from_npy(path);
-  if (ending == "pc2" || ending == "mdd") return surface_from_cache(path);
+  if (ending == "pc2" || ending == "mdd") {
+    const auto frames = open_point_cache(path);
+    return frames ? frames->read(0, nullptr) : frames.error();
+  }
   const bool is_gltf = ending == "gltf" || ending == "glb";
   if (is_gltf || is_foreign(ending)) {
     const auto clip = is_gltf ? open_gltf_clip(path, {}) : open_foreign_clip(path, {});
@@ -88,17 +76,17 @@ Result<Surface> surface_from_file(const std::string& path, Appearance& appearanc
     add_obj_appearance(*mesh, folder.empty() ? "." : folder.string(), appearance);
     return std::move(mesh->surface);
   }
-  if (ending == "xyz") {
-    const auto bytes = text::bytes_of_file(path);
-    if (!bytes) return bytes.error();
-    auto surface = surface_from_xyz(*bytes);
-    if (!surface) return in_context(path, surface.error());
-    return surface;
-  }
   return fail(ErrorCode::kUnsupported, path + ": files that end in " + readable_endings() + " can be read");
 }
 
 }  // namespace
+
+std::string readable_endings() {
+  const std::string foreign = foreign_endings();
+  return "obj, ply, off, stl, xyz, npy, gltf, glb, pc2" +
+         (foreign.empty() ? std::string(" or mdd (built without assimp: no fbx, dae)")
+                          : ", mdd, " + foreign + " (through assimp)");
+}
 
 Result<Surface> read_surface(const std::string& path, Appearance* appearance) {
   try {

@@ -9,6 +9,9 @@
 
 namespace eigencast {
 
+/// For help texts: the endings that read_surface and open_clip know, "obj, ply, ...".
+std::string readable_endings();
+
 /// Vertices keep the file's order and number, n-gons are split in fans, nothing is merged or dropped (but see
 /// parse_stl). The first pose of a clip. Errors: kNotFound, kIo, kUnsupported (unknown ending), kCorrupt (what is wrong
 /// and where), kTooLarge.

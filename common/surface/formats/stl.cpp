@@ -5,9 +5,9 @@
 #include <map>
 #include <utility>
 
+#include "common/surface/formats/binary_file.h"
 #include "common/surface/formats/file_text.h"
 #include "common/surface/formats/parsed_mesh.h"
-#include "common/surface/formats/scalars.h"
 
 namespace eigencast {
 namespace {

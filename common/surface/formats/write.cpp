@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "common/surface/formats/write.h"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <charconv>
@@ -11,7 +12,6 @@
 
 #include "common/core/files.h"
 #include "common/surface/formats/file_text.h"
-#include "common/surface/formats/point_cache.h"
 
 namespace eigencast {
 namespace {
@@ -77,8 +77,9 @@ std::string off_text(const Surface& surface) {
 }
 
 template <typename T>
-void append_bytes(std::string& bytes, T value) {
-  const auto copy = std::bit_cast<std::array<char, sizeof(T)>>(value);
+void append_bytes(std::string& bytes, T value, bool big_endian = false) {
+  auto copy = std::bit_cast<std::array<char, sizeof(T)>>(value);
+  if (big_endian) std::reverse(copy.begin(), copy.end());
   bytes.append(copy.data(), copy.size());
 }
 
@@ -138,15 +139,30 @@ std::string npy_header(std::size_t vertices, std::size_t frames) {
   return bytes + header;
 }
 
+std::string pc2_header(std::size_t vertices, std::size_t frames) {
+  std::string bytes("POINTCACHE2\0", 12);
+  append_bytes(bytes, std::uint32_t{1});
+  append_bytes(bytes, static_cast<std::uint32_t>(vertices));
+  append_bytes(bytes, 0.0F);
+  append_bytes(bytes, 1.0F);
+  append_bytes(bytes, static_cast<std::uint32_t>(frames));
+  return bytes;
+}
+
+std::string mdd_header(std::size_t vertices, std::size_t frames, double rate_hz) {
+  std::string bytes;
+  append_bytes(bytes, static_cast<std::uint32_t>(frames), true);
+  append_bytes(bytes, static_cast<std::uint32_t>(vertices), true);
+  for (std::size_t frame = 0; frame < frames; ++frame)
+    append_bytes(bytes, static_cast<float>(static_cast<double>(frame) / rate_hz), true);
+  return bytes;
+}
+
 std::string bytes_of_pose(const std::vector<Vec3>& pose, bool big_endian) {
   std::string bytes;
   bytes.reserve(pose.size() * 12);
   for (const Vec3& p : pose) {
-    for (const double x : p) {
-      auto value = std::bit_cast<std::array<char, 4>>(static_cast<float>(x));
-      if (big_endian) value = {value[3], value[2], value[1], value[0]};
-      bytes.append(value.data(), value.size());
-    }
+    for (const double x : p) append_bytes(bytes, static_cast<float>(x), big_endian);
   }
   return bytes;
 }
@@ -221,15 +237,9 @@ Result<void> write_clip(const MotionClip& clip, const std::string& path, const W
   const std::string ending = text::ending_of(path);
   const auto form = form_of(path, ending);
   if (!form) return form.error();
-  switch (*form) {
-    case Form::kFolder:
-      return write_sequence(clip, fs::path(path) / "frame", "obj", progress);
-    case Form::kSequence:
-      return write_sequence(clip, fs::path(path).replace_extension(), ending, progress);
-    case Form::kCache:
-      break;
-  }
-  return write_cache(clip, path, ending, progress);
+  if (*form == Form::kCache) return write_cache(clip, path, ending, progress);
+  return *form == Form::kFolder ? write_sequence(clip, fs::path(path) / "frame", "obj", progress)
+                                : write_sequence(clip, fs::path(path).replace_extension(), ending, progress);
 }
 
 }  // namespace eigencast

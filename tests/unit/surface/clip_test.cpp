@@ -5,7 +5,6 @@
 #include <algorithm>
 
 #include "common/surface/formats/clip.h"
-#include "common/surface/formats/sequence.h"
 #include "tests/unit/surface/temp_dir.h"
 
 namespace eigencast {

@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 
 #include "common/surface/formats/clip.h"
-#include "common/surface/formats/endings.h"
 #include "common/surface/formats/foreign.h"
 #include "common/surface/formats/read.h"
 #include "tests/unit/surface/temp_dir.h"
