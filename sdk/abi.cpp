@@ -2,50 +2,32 @@
 // Baking, and what is said of errors.
 #include "sdk/abi.h"
 
+#include <iterator>
 #include <optional>
 
+#include "common/asset/texture.h"
 #include "common/core/clock.h"
 #include "common/surface/checks/check.h"
 #include "sdk/asset_cache.h"
 #include "sdk/asset_folder.h"
 #include "sdk/bake.h"
-#include "sdk/bake_texture.h"
 
 namespace eigencast {
 namespace {
 
 thread_local std::string last_error;
 
-ec_status status_from(ErrorCode code) {
-  switch (code) {
-    case ErrorCode::kInvalidArgument:
-      return EC_INVALID_ARGUMENT;
-    case ErrorCode::kNotFound:
-      return EC_NOT_FOUND;
-    case ErrorCode::kCorrupt:
-      return EC_CORRUPT;
-    case ErrorCode::kTooLarge:
-      return EC_TOO_LARGE;
-    case ErrorCode::kUnsupported:
-    case ErrorCode::kIncompatibleVersion:
-      return EC_UNSUPPORTED;
-    case ErrorCode::kIo:
-      return EC_IO;
-    case ErrorCode::kUnreachable:
-    case ErrorCode::kDisconnected:
-    case ErrorCode::kTimeout:
-      return EC_UNREACHABLE;
-    case ErrorCode::kRefused:
-      return EC_REFUSED;
-    case ErrorCode::kCancelled:
-      return EC_CANCELLED;
-    case ErrorCode::kNumerical:
-      return EC_NUMERICAL;
-    case ErrorCode::kInternal:
-      return EC_INTERNAL;
-  }
-  return EC_INTERNAL;
-}
+/// By ErrorCode.
+constexpr ec_status kStatuses[] = {
+    EC_INVALID_ARGUMENT, EC_NOT_FOUND,   EC_CORRUPT,     EC_TOO_LARGE, EC_UNSUPPORTED, EC_IO,        EC_UNREACHABLE,
+    EC_REFUSED,          EC_UNREACHABLE, EC_UNREACHABLE, EC_CANCELLED, EC_UNSUPPORTED, EC_NUMERICAL, EC_INTERNAL};
+static_assert(std::size(kStatuses) == static_cast<std::size_t>(ErrorCode::kInternal) + 1);
+
+/// From EC_INTERNAL up to EC_NOTHING.
+constexpr const char* kNames[] = {"internal",    "numerical",    "cancelled", "refused",   "unreachable",      "io",
+                                  "unsupported", "too-large",    "corrupt",   "not-found", "invalid-argument", "ok",
+                                  "dropped",     "disconnected", "nothing"};
+static_assert(std::size(kNames) == EC_NOTHING - EC_INTERNAL + 1);
 
 Result<Surface> surface_from(const double* positions, std::uint32_t vertices, const std::uint32_t* faces,
                              std::uint32_t face_count) {
@@ -99,7 +81,7 @@ Result<std::optional<Appearance>> appearance_from(const ec_appearance* given, co
 
 ec_status abi::failed(const Error& error) {
   last_error = error.message;
-  return status_from(error.code);
+  return kStatuses[static_cast<std::size_t>(error.code)];
 }
 
 ec_status abi::invalid(const char* text) {
@@ -116,39 +98,7 @@ const char* ec_version(void) {
 }
 
 const char* ec_strerror(ec_status status) {
-  switch (status) {
-    case EC_OK:
-      return "ok";
-    case EC_DROPPED:
-      return "dropped";
-    case EC_DISCONNECTED:
-      return "disconnected";
-    case EC_NOTHING:
-      return "nothing";
-    case EC_INVALID_ARGUMENT:
-      return "invalid-argument";
-    case EC_NOT_FOUND:
-      return "not-found";
-    case EC_CORRUPT:
-      return "corrupt";
-    case EC_TOO_LARGE:
-      return "too-large";
-    case EC_UNSUPPORTED:
-      return "unsupported";
-    case EC_IO:
-      return "io";
-    case EC_UNREACHABLE:
-      return "unreachable";
-    case EC_REFUSED:
-      return "refused";
-    case EC_CANCELLED:
-      return "cancelled";
-    case EC_NUMERICAL:
-      return "numerical";
-    case EC_INTERNAL:
-      return "internal";
-  }
-  return "unknown";
+  return status >= EC_INTERNAL && status <= EC_NOTHING ? kNames[status - EC_INTERNAL] : "unknown";
 }
 
 const char* ec_last_error(void) {

@@ -12,16 +12,9 @@ struct ec_publisher {
 namespace eigencast {
 namespace {
 
-ec_status from_send(SendStatus status) {
-  switch (status) {
-    case SendStatus::kSent:
-      return EC_OK;
-    case SendStatus::kDropped:
-      return EC_DROPPED;
-    case SendStatus::kDisconnected:
-      return EC_DISCONNECTED;
-  }
-  return EC_INTERNAL;
+ec_status from_send(const Result<SendStatus>& sent) {
+  if (!sent) return abi::failed(sent.error());
+  return *sent == SendStatus::kSent ? EC_OK : *sent == SendStatus::kDropped ? EC_DROPPED : EC_DISCONNECTED;
 }
 
 /// A caller's array of so many values for each vertex, where the publisher was made for it.
@@ -66,7 +59,7 @@ ec_status ec_publisher_send(ec_publisher* publisher, const float* positions, int
     if (publisher == nullptr || positions == nullptr)
       return invalid("ec_publisher_send: publisher or positions is null");
     const auto sent = publisher->publisher->send_positions({positions, 3 * publisher->vertices}, capture_us);
-    return sent ? from_send(*sent) : failed(sent.error());
+    return from_send(sent);
   });
 }
 
@@ -80,7 +73,7 @@ ec_status ec_publisher_send_pose(ec_publisher* publisher, const ec_pose* pose) {
     const auto sent = publisher->publisher->send_pose({rows_of(given.positions, n, 3), rows_of(given.velocities, n, 3),
                                                        rows_of(given.scalars, n, publisher->scalars)},
                                                       given.capture_us);
-    return sent ? from_send(*sent) : failed(sent.error());
+    return from_send(sent);
   });
 }
 

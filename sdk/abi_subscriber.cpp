@@ -34,8 +34,7 @@ namespace {
 
 using namespace abi;
 
-/// Whether the pose is one of the surface at hand. It may be of the one before, or come before any of the asset has
-/// arrived.
+/// It may be of the surface before, or come before any of the asset has arrived.
 bool can_rebuild(const Subscriber& subscriber, const ReceivedPose& pose) {
   const Asset* asset = subscriber.asset();
   return asset != nullptr && asset->rows_ready > 0 && pose.envelope.epoch == subscriber.epoch() && pose.channels >= 3 &&

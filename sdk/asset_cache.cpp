@@ -1,4 +1,4 @@
-// Below the cache's directory: objects/HH/REST, where HHREST is the object's SHA-256 in hexadecimal, and records/NAME,
+// Below the cache's directory: objects/HH/REST, where HHREST is the object's SHA-256 in hexadecimal, and records/bake-KEY,
 // which is 32 bytes SHA-256 of what follows, then the record. Names that start with a dot are unfinished writes.
 #include "sdk/asset_cache.h"
 
@@ -22,7 +22,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::size_t kMaxNameBytes = 128;
 constexpr std::size_t kMaxRecordBytes = 1 << 20;
 constexpr std::size_t kDigestBytes = 32;
 
@@ -31,13 +30,8 @@ fs::path object_path(const std::string& directory, const Sha256& id) {
   return fs::path(directory) / "objects" / hex.substr(0, 2) / hex.substr(2);
 }
 
-bool is_record_name(const std::string& name) {
-  const auto allowed = [](char c) {
-    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '-' || c == '_' ||
-           c == '.';
-  };
-  return !name.empty() && name.size() <= kMaxNameBytes && name.front() != '.' &&
-         std::all_of(name.begin(), name.end(), allowed);
+fs::path record_path(const std::string& directory, const Sha256& key) {
+  return fs::path(directory) / "records" / ("bake-" + key.hex());
 }
 
 void remove_quietly(const fs::path& path) {
@@ -113,9 +107,9 @@ Result<void> AssetCache::store(const Sha256& id, ByteView bytes) const {
   return write_atomically(object_path(directory_, id), {}, bytes);
 }
 
-std::optional<Bytes> AssetCache::load_record(const std::string& name) const {
-  if (directory_.empty() || !is_record_name(name)) return std::nullopt;
-  const fs::path path = fs::path(directory_) / "records" / name;
+std::optional<Bytes> AssetCache::load_record(const Sha256& key) const {
+  if (directory_.empty()) return std::nullopt;
+  const fs::path path = record_path(directory_, key);
   const auto bytes = read_bytes(path.string(), kMaxRecordBytes + kDigestBytes);
   if (bytes && bytes->size() >= kDigestBytes) {
     const ByteView body = ByteView(*bytes).subspan(kDigestBytes);
@@ -127,17 +121,13 @@ std::optional<Bytes> AssetCache::load_record(const std::string& name) const {
   return std::nullopt;
 }
 
-Result<void> AssetCache::store_record(const std::string& name, ByteView bytes) const {
-  if (!is_record_name(name)) {
-    return fail(ErrorCode::kInvalidArgument,
-                "'" + name + "' cannot name a record: use letters, digits, '.', '_' and '-'");
-  }
+Result<void> AssetCache::store_record(const Sha256& key, ByteView bytes) const {
   if (bytes.size() > kMaxRecordBytes) {
     return fail(ErrorCode::kTooLarge,
                 "a record of " + std::to_string(bytes.size()) + " bytes: at most " + std::to_string(kMaxRecordBytes));
   }
   if (directory_.empty()) return {};
-  return write_atomically(fs::path(directory_) / "records" / name, sha256(bytes).digest, bytes);
+  return write_atomically(record_path(directory_, key), sha256(bytes).digest, bytes);
 }
 
 }  // namespace eigencast

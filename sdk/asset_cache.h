@@ -10,8 +10,7 @@
 
 namespace eigencast {
 
-/// $EIGENCAST_CACHE, else $XDG_CACHE_HOME/eigencast, else ~/.cache/eigencast.
-std::string default_cache_dir();
+std::string default_cache_dir();  ///< $EIGENCAST_CACHE, else $XDG_CACHE_HOME/eigencast, else ~/.cache/eigencast.
 
 /// Objects by content hash in a folder. Every read is verified, a damaged object is removed and counts as absent;
 class AssetCache {
@@ -20,9 +19,9 @@ class AssetCache {
   explicit AssetCache(std::string directory);
   std::optional<Bytes> load(const Sha256& id) const;
   Result<void> store(const Sha256& id, ByteView bytes) const;
-  /// A small named record beside the objects, such as which manifest a bake gave.
-  std::optional<Bytes> load_record(const std::string& name) const;
-  Result<void> store_record(const std::string& name, ByteView bytes) const;
+  /// A small record beside the objects: what a bake gave, under the hash of what it was made of.
+  std::optional<Bytes> load_record(const Sha256& key) const;
+  Result<void> store_record(const Sha256& key, ByteView bytes) const;
 
  private:
   std::string directory_;

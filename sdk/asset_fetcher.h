@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <deque>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -9,16 +10,17 @@
 #include <vector>
 
 #include "common/core/bytes.h"
+#include "common/core/clock.h"
 #include "common/core/hash/sha256.h"
 #include "common/core/log.h"
 #include "common/net/url.h"
+#include "sdk/asset_cache.h"
 
 namespace eigencast {
 
-/// Fetches content-addressed objects one after the other: from the cache, else from the broker, verified by hash, and
-/// kept. A broken download goes on where it stopped, until it succeeds or other objects are asked for. All fetchers of
-/// a broker with the same credentials share a thread and a connection. Use from one thread; wake and log are called on
-/// the shared one.
+/// Fetches objects one after the other: from the cache, else from the broker, verified by hash. A broken download goes
+/// on where it stopped, until it succeeds or others are asked for. All fetchers of a broker with the same credentials
+/// share a thread and a connection. Use from one thread; wake and log are called on the shared one.
 class AssetFetcher final {
  public:
   struct Object {
@@ -43,10 +45,25 @@ class AssetFetcher final {
   Stats stats() const;
 
  private:
-  struct Job;
   class Worker;
-  std::unique_ptr<Job> job_;
+  bool is_waiting() const;
+
+  const AssetCache cache_;
+  const std::function<void()> wake_;
+  const LogSink log_;
   std::shared_ptr<Worker> worker_;
+
+  // GUARDED_BY(Worker::mutex_):
+  std::uint64_t order_ = 0;  ///< Grows with each ask().
+  std::deque<Object> wanted_;
+  std::deque<Bytes> ready_;
+  Stats stats_;
+  int failures_ = 0;
+  TimeUs next_try_us_ = 0;
+
+  /// Of the first object wanted. Belongs to the worker's thread.
+  Bytes body_;
+  std::uint64_t body_order_ = 0;
 };
 
 }  // namespace eigencast

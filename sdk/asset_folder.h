@@ -23,8 +23,7 @@ struct WholeAsset {
   Asset asset;
   EncodedAsset encoded;
 };
-/// Every object verified. Errors: those of read_object (naming it); kCorrupt, kTooLarge, kIncompatibleVersion,
-/// kUnsupported.
+/// Every object verified. Errors: those of read_object; kCorrupt, kTooLarge, kIncompatibleVersion, kUnsupported.
 Result<WholeAsset> read_asset(const std::string& folder, const Sha256& id);
 /// The same from objects that lie elsewhere.
 Result<WholeAsset> assemble_asset(const Sha256& id, const std::function<Result<Bytes>(const Sha256& id)>& object_of);

@@ -29,10 +29,7 @@
 #include "common/surface/checks/check.h"
 #include "common/wire/limits.h"
 #include "sdk/asset_cache.h"
-#include "sdk/bake_detail.h"
-#include "sdk/bake_record.h"
-#include "sdk/bake_report.h"
-#include "sdk/bake_texture.h"
+#include "sdk/bake_parts.h"
 
 namespace eigencast {
 namespace {
@@ -280,10 +277,9 @@ Asset asset_from(const Surface& surface, const PlannedAppearance& appearance, st
   return asset;
 }
 
-/// In the clips of people, animals and faces that were looked at, coefficient k (from 1) never was larger than
-/// 0.3 k^-1.2 diagonal sqrt(area) beyond the affine ones, and mostly half that. What a learned basis meets is known:
-/// twice the root mean square, or as much as leaves a column steps of an eighth of its entries: columns stay
-/// independent.
+/// In clips of people, animals and faces coefficient k (from 1) never was larger than 0.3 k^-1.2 diagonal sqrt(area)
+/// beyond the affine ones, and mostly half that. What a learned basis meets is known: twice the root mean square, or as
+/// much as leaves a column steps of an eighth of its entries: columns stay independent.
 AssetEncoding encoding_of(const Asset& asset, const Basis& basis, const BakeOptions& options) {
   AssetEncoding encoding;
   if (options.asset_error == 0) {
@@ -396,9 +392,8 @@ Result<BakeResult> bake_afresh(const Surface& surface, std::span<const std::vect
 
 }  // namespace
 
-// Eigenvectors, candidate columns and the basis side by side, and the vectors of one Lanczos band (beyond
-// kSolvedExactly none); of a motion's basis its columns as given and as worked on. Measured: 6.7 to 9.9 KB a vertex at
-// rank 200.
+// Eigenvectors, candidates and basis side by side, and the vectors of one Lanczos band (beyond kSolvedExactly none); or
+// a motion's columns as given and as worked on. Measured: 6.7 to 9.9 KB a vertex at rank 200.
 double bake_bytes(std::size_t vertices, const BakeOptions& options) {
   auto columns = vertices <= kSolvedExactly ? 4.5 * options.rank + 360 : 3.0 * options.rank + 180;
   if (options.motion != nullptr && options.motion->columns.count > 0)

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sdk/bake_detail.h"
+#include "sdk/bake_parts.h"
 
 #include <algorithm>
 #include <array>
@@ -42,7 +42,6 @@ std::vector<Vec3> rest_rows(const Asset& asset, const Surface& surface) {
   return rows;
 }
 
-/// What the basis holds of it.
 std::vector<Vec3> base_rows(const Asset& asset) {
   std::vector<Vec3> rows(asset.vertex_count);
   for_rows(rows.size(), [&](std::size_t row) {

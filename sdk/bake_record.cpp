@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sdk/bake_record.h"
+#include "sdk/bake_parts.h"
 
 #include <algorithm>
 #include <cstdint>
@@ -14,10 +14,6 @@ namespace eigencast {
 namespace {
 
 constexpr std::uint8_t kRecordVersion = 2;
-
-std::string record_name(const Sha256& key) {
-  return "bake-" + key.hex();
-}
 
 Bytes record_from(const BakeResult& result) {
   Bytes bytes;
@@ -36,7 +32,7 @@ Bytes record_from(const BakeResult& result) {
 }  // namespace
 
 std::optional<BakeResult> load_bake(const AssetCache& cache, const Sha256& key) {
-  const auto record = cache.load_record(record_name(key));
+  const auto record = cache.load_record(key);
   if (!record) return std::nullopt;
   ByteReader in(*record);
   if (in.u8() != kRecordVersion) return std::nullopt;
@@ -69,7 +65,7 @@ Result<void> store_bake(const AssetCache& cache, const Sha256& key, const BakeRe
   const AssetObject& manifest = result.encoded.manifest;
   if (auto stored = cache.store(manifest.id, manifest.bytes); !stored) return stored;
   // The record last: what it names is there before it.
-  return cache.store_record(record_name(key), record_from(result));
+  return cache.store_record(key, record_from(result));
 }
 
 }  // namespace eigencast

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sdk/bake_texture.h"
+#include "sdk/bake_parts.h"
 
 #include <algorithm>
 #include <cmath>

@@ -6,8 +6,7 @@
 #include <variant>
 
 #include "common/wire/limits.h"
-#include "sdk/broker_text.h"
-#include "sdk/shared_by_broker.h"
+#include "sdk/broker.h"
 
 namespace eigencast {
 namespace {

@@ -90,8 +90,7 @@ class BrokerConnection final {
   void on_message(const control::Notice& m);
   void on_message(const control::ErrorMessage& m);
   void on_message(const control::Bye& m);
-  /// Acknowledges what a burst left over, asks again for declined streams, and pings.
-  void on_tick();
+  void on_tick();  ///< Acknowledges what a burst left over, asks again for declined streams, and pings.
   void acknowledge(TimeUs now);
   void subscribe(Stream& stream);
   /// One that is lost is made up for: the connection is made anew.

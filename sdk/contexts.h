@@ -22,13 +22,11 @@ class Contexts {
   static std::string default_path();
   /// No such file: no contexts. Errors: kIo, kCorrupt (naming the file), kTooLarge.
   static Result<Contexts> load(const std::string& path);
-  /// Errors: kIo.
-  Result<void> save(const std::string& path) const;
+  Result<void> save(const std::string& path) const;  ///< Errors: kIo.
 
   const std::vector<Context>& all() const { return all_; }
   const std::string& current() const { return current_; }
-  /// Empty: the current one.
-  const Context* find(const std::string& name) const;
+  const Context* find(const std::string& name) const;  ///< Empty: the current one; null: none such.
 
   /// Adds or replaces; the first becomes the current one. Errors: kInvalidArgument (name or URL).
   Result<void> add(Context context);

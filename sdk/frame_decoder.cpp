@@ -41,20 +41,16 @@ Result<const Key*> FrameDecoder::decode(const FrameView& frame) {
     ++counts_.rejected;
     return nullptr;
   }
-  const Key* pose = nullptr;
-  if (auto error = apply(frame, pose)) {
-    ++counts_.rejected;
-    return *error;
-  }
+  auto pose = apply(frame);
+  if (!pose) ++counts_.rejected;
   return pose;
 }
 
-std::optional<Error> FrameDecoder::apply(const FrameView& frame, const Key*& pose) {
+Result<const Key*> FrameDecoder::apply(const FrameView& frame) {
   const Envelope& e = frame.envelope;
-  const bool shown = (e.flags & Envelope::kAhead) == 0;
-  const auto undecodable = [&] {
+  const auto undecodable = [&]() -> const Key* {
     ++counts_.rejected;
-    return std::nullopt;
+    return nullptr;
   };
   switch (e.kind) {
     case FrameKind::kJoin: {
@@ -77,37 +73,24 @@ std::optional<Error> FrameDecoder::apply(const FrameView& frame, const Key*& pos
       chain_ = advanced(std::move(chain_), std::move(*key), e.capture_us - newest_capture_us_);
       break;
     }
-    case FrameKind::kSynthetic: {
-      if (!chain_ || e.sequence != newest_ + 1) return undecodable();
-      auto key = decode_key(layout_, e.bands, *chain_, frame.payload);
-      if (!key) return key.error();
-      ++counts_.synthetic;
-      made_ = std::move(*key);
-      pose = &made_;
-      return std::nullopt;
-    }
+    case FrameKind::kSynthetic:
     case FrameKind::kStep:
     case FrameKind::kEstimate: {
-      if (!chain_ || e.sequence != newest_) return undecodable();
-      auto key = e.bands.empty() ? made_pose(e) : decode_key(layout_, e.bands, *chain_, frame.payload);
+      const bool leads_up = e.kind == FrameKind::kSynthetic;
+      if (!chain_ || e.sequence != newest_ + (leads_up ? 1 : 0)) return undecodable();
+      auto key = e.bands.empty() && !leads_up ? made_pose(e) : decode_key(layout_, e.bands, *chain_, frame.payload);
       if (!key) return key.error();
       ++counts_.synthetic;
       made_ = std::move(*key);
-      pose = &made_;
-      return std::nullopt;
+      return &made_;
     }
   }
-  count_gap(e.sequence);
+  if (last_seen_ && e.sequence > *last_seen_ + 1) counts_.missed += e.sequence - *last_seen_ - 1;
+  last_seen_ = std::max(last_seen_.value_or(e.sequence), e.sequence);
   newest_ = e.sequence;
   newest_capture_us_ = e.capture_us;
   ++counts_.keys;
-  if (shown) pose = &chain_->newer;
-  return std::nullopt;
-}
-
-void FrameDecoder::count_gap(std::uint64_t sequence) {
-  if (last_seen_ && sequence > *last_seen_ + 1) counts_.missed += sequence - *last_seen_ - 1;
-  last_seen_ = std::max(last_seen_.value_or(sequence), sequence);
+  return (e.flags & Envelope::kAhead) == 0 ? &chain_->newer : nullptr;
 }
 
 }  // namespace eigencast

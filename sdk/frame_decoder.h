@@ -24,8 +24,7 @@ class FrameDecoder {
     std::uint64_t missed = 0;    ///< Key sequence numbers never seen.
   };
 
-  /// The chain starts anew if stream or epoch differ from before.
-  void set_stream(const control::StreamInfo& info);
+  void set_stream(const control::StreamInfo& info);  ///< Another stream or epoch starts the chain anew.
   void restart() { chain_.reset(); }
 
   /// Valid until the next call; null when there is none to show (a key sent ahead, another stream or epoch, no state
@@ -37,9 +36,7 @@ class FrameDecoder {
   std::optional<std::uint64_t> newest() const { return chain_ ? std::optional(newest_) : std::nullopt; }
 
  private:
-  std::optional<Error> apply(const FrameView& frame, const Key*& pose);
-  void count_gap(std::uint64_t sequence);
-
+  Result<const Key*> apply(const FrameView& frame);
   Result<Key> made_pose(const Envelope& envelope) const;
 
   CoefficientLayout layout_;

@@ -1,12 +1,67 @@
 // SPDX-License-Identifier: MIT
 #include "sdk/introducer.h"
 
+#include <algorithm>
+#include <iterator>
 #include <utility>
 
 #include "common/net/guarded_run.h"
-#include "sdk/uploader.h"
 
 namespace eigencast {
+namespace {
+
+std::string target_of(const AssetObject& object) {
+  return "/v1/assets/" + object.id.hex();
+}
+
+Error unexpected(const std::string& doing, const HttpResponse& answer) {
+  const std::string said(answer.body.begin(),
+                         answer.body.begin() + std::min<std::ptrdiff_t>(std::ssize(answer.body), 300));
+  return fail(ErrorCode::kRefused,
+              doing + ": the broker answered " + std::to_string(answer.status) + (said.empty() ? "" : ", " + said));
+}
+
+Result<bool> is_there(HttpConnection& http, const AssetObject& object) {
+  auto answer = http.head(target_of(object));
+  if (!answer) return answer.error();
+  if (answer->status == 200) return true;
+  if (answer->status == 404) return false;
+  return unexpected("asking for asset " + object.id.hex(), *answer);
+}
+
+Result<void> put_missing(HttpConnection& http, const AssetObject& object) {
+  const auto there = is_there(http, object);
+  if (!there) return there.error();
+  if (*there) return {};
+  auto answer = http.put(target_of(object), object.bytes);
+  if (!answer) return answer.error();
+  if (answer->status >= 200 && answer->status < 300) return {};
+  return unexpected("uploading asset object " + object.id.hex(), *answer);
+}
+
+/// The manifest last, so that none there ever names a chunk that is missing. HttpConnection::cancel() ends it.
+/// Errors: kRefused (the broker's answer; or the objects are not at hand), kCancelled, and those of HttpConnection.
+template <typename Progress>
+Result<void> upload(HttpConnection& http, const EncodedAsset& encoded, const Progress& progress) {
+  const auto there = is_there(http, encoded.manifest);
+  if (!there) return there.error();
+  if (*there) return {};
+  if (encoded.manifest.bytes.empty()) {
+    return fail(ErrorCode::kRefused, "the broker does not have asset " + encoded.manifest.id.hex() +
+                                         ", and it is not at hand here: give its objects, or put it there first");
+  }
+  std::uint64_t done = 0;
+  const std::uint64_t total = encoded.total_bytes();
+  for (const AssetObject& chunk : encoded.chunks) {
+    progress(done, total);
+    if (auto put = put_missing(http, chunk); !put) return put;
+    done += chunk.bytes.size();
+  }
+  progress(done, total);
+  return put_missing(http, encoded.manifest);
+}
+
+}  // namespace
 
 Introducer::Introducer(BrokerUrl url, std::shared_ptr<const EncodedAsset> encoded, Events events)
     : url_(std::move(url)), encoded_(std::move(encoded)), events_(std::move(events)) {
@@ -14,11 +69,10 @@ Introducer::Introducer(BrokerUrl url, std::shared_ptr<const EncodedAsset> encode
 }
 
 void Introducer::begin(std::chrono::milliseconds after) {
-  {
-    const std::lock_guard lock(mutex_);
-    due_ = std::chrono::steady_clock::now() + after;
-    ++orders_;
-  }
+  std::unique_lock lock(mutex_);
+  due_ = std::chrono::steady_clock::now() + after;
+  ++orders_;
+  lock.unlock();
   changed_.notify_all();
 }
 
@@ -30,11 +84,10 @@ void Introducer::cancel() {
 }
 
 void Introducer::stop() {
-  {
-    const std::lock_guard lock(mutex_);
-    stopping_ = true;
-    if (http_) http_->cancel();
-  }
+  std::unique_lock lock(mutex_);
+  stopping_ = true;
+  if (http_) http_->cancel();
+  lock.unlock();
   changed_.notify_all();
   if (thread_.joinable()) thread_.join();
 }
@@ -53,7 +106,7 @@ void Introducer::run() {
     const std::uint64_t order = orders_;
     const auto http = http_ = std::make_shared<HttpConnection>(url_);
     lock.unlock();
-    const auto done = Uploader(*http, *encoded_).upload(events_.on_progress);
+    const auto done = upload(*http, *encoded_, events_.on_progress);
     lock.lock();
     http_.reset();
     if (stopping_) return;

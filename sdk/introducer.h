@@ -24,8 +24,7 @@ class Introducer {
  public:
   struct Events {
     std::function<void(std::uint64_t sent, std::uint64_t total)> on_progress;
-    /// Not called where begin() or cancel() came meanwhile. Says after how long to try again; nothing: not before
-    /// begin().
+    /// Not called where begin() or cancel() came first. Says after how long to try again; nothing: not before begin().
     std::function<std::optional<std::chrono::milliseconds>(const Result<void>& done)> on_done;
     /// Memory ran out, or one of the above threw: nothing happens before begin().
     std::function<void(const std::string& what)> on_exception;
@@ -37,7 +36,6 @@ class Introducer {
   Introducer& operator=(const Introducer&) = delete;
 
   void begin(std::chrono::milliseconds after);
-  /// What is under way ends.
   void cancel();
   void stop();
 

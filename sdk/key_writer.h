@@ -28,24 +28,20 @@ class KeyWriter {
 
   /// The next message is the first of a stream that the broker knows by these.
   void begin(std::uint32_t stream_id, std::uint32_t epoch);
-  /// The chain is broken: the next message is a join.
-  void restart() { chain_.reset(); }
+  void restart() { chain_.reset(); }  ///< The chain is broken: the next message is a join.
 
-  /// Errors: those of the codec.
-  Result<Coded> code(Key key, TimeUs capture_us) const;
+  Result<Coded> code(Key key, TimeUs capture_us) const;  ///< Errors: those of the codec.
   /// The same, with the payload that it had in another chain where that gives the same key in this one: exactly.
   Result<Coded> code_as(Key key, ByteView payload, TimeUs capture_us) const;
   void sent(Coded coded, std::size_t bytes);
 
-  /// The last key that left, as receivers have it; null before the first of a chain.
-  const Key* held() const { return chain_ ? &chain_->newer : nullptr; }
+  const Key* held() const { return chain_ ? &chain_->newer : nullptr; }  ///< Null before the first of a chain.
   bool may_follow(TimeUs capture_us) const { return !chain_ || capture_us > last_capture_us_; }
   const CoefficientLayout& layout() const { return layout_; }
   std::uint32_t stream_id() const { return stream_id_; }
   std::uint32_t epoch() const { return epoch_; }
   std::uint64_t sequence() const { return sequence_; }  ///< Of the last key that left in this epoch.
-  /// r x 3 of held(); empty where there is none.
-  std::vector<double> positions_held() const;
+  std::vector<double> positions_held() const;           ///< r x 3 of held(); empty where there is none.
 
  private:
   Coded framed(CodedKey coded, TimeUs capture_us) const;

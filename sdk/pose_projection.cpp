@@ -5,7 +5,19 @@
 #include <string>
 #include <utility>
 
+#include "common/wire/limits.h"
+
 namespace eigencast {
+namespace {
+
+/// A quarter of a key interval: so coarse that velocities cost few bits, so fine that their rounding moves a pose
+/// between two keys (by at most 4/27 of an interval's movement) less than that of the keys does.
+std::uint32_t velocity_unit(double key_rate_hz) {
+  const double us = key_rate_hz > 0 ? 1e6 / key_rate_hz / 4 : 0;
+  return static_cast<std::uint32_t>(std::clamp(us, 1000.0, static_cast<double>(limits::kMaxVelocityUs)));
+}
+
+}  // namespace
 
 Result<PoseProjection::Coefficients> PoseProjection::project(const VertexPose& pose) {
   if (pose.velocities.empty() == velocities_) {
@@ -25,18 +37,15 @@ Result<PoseProjection::Coefficients> PoseProjection::project(const VertexPose& p
     projector_ = std::move(*made);
   }
   Coefficients out;
-  auto positions = projector_->coefficients_from_positions(pose.positions);
-  if (!positions) return positions.error();
-  out.C = std::move(*positions);
+  if (const auto good = store(out.C, projector_->coefficients_from_positions(pose.positions)); !good)
+    return good.error();
   if (!pose.velocities.empty()) {
-    auto velocities = projector_->coefficients_from_vectors(pose.velocities);
-    if (!velocities) return in_context("velocities", velocities.error());
-    out.V = std::move(*velocities);
+    const auto good = store(out.V, projector_->coefficients_from_vectors(pose.velocities));
+    if (!good) return in_context("velocities", good.error());
   }
   if (!pose.scalars.empty()) {
-    auto scalars = project_scalars(pose.scalars);
-    if (!scalars) return in_context("scalars", scalars.error());
-    out.S = std::move(*scalars);
+    const auto good = store(out.S, project_scalars(pose.scalars));
+    if (!good) return in_context("scalars", good.error());
   }
   return out;
 }
@@ -55,6 +64,35 @@ Result<std::vector<double>> PoseProjection::project_scalars(std::span<const floa
     for (std::size_t row = 0; row < r; ++row) std::copy_n(&(*C)[3 * row], count, &S[row * s + first]);
   }
   return S;
+}
+
+double error_bound(const PublisherOptions& options, const Asset& asset) {
+  return options.error > 0 ? options.error : kDefaultErrorOverDiagonal * asset.diagonal();
+}
+
+StreamFormat format_of(const PublisherOptions& options, const Asset& asset) {
+  StreamFormat format{asset.rank, 3U + options.scalars, asset.band_ends, std::string(name_of(options.codec))};
+  if (options.velocities) {
+    format.channels += 3;
+    format.velocity_channels = 3;
+    format.velocity_us = velocity_unit(options.key_rate_hz);
+  }
+  return format;
+}
+
+std::vector<double> rows_in_format(const StreamFormat& format, std::span<const double> C, std::span<const double> V,
+                                   std::span<const double> S) {
+  const std::size_t r = format.rows, c = format.channels, s = c - 3 - format.velocity_channels;
+  if (C.size() != 3 * r || (!V.empty() && V.size() != C.size())) return {};
+  std::vector<double> all(r * c);
+  const double unit_s = format.velocity_us * 1e-6;
+  for (std::size_t row = 0; row < r; ++row) {
+    double* to = &all[row * c];
+    std::copy_n(&C[3 * row], 3, to);
+    for (std::size_t k = 0; k < s; ++k) to[3 + k] = S[row * s + k];
+    for (std::size_t axis = 0; !V.empty() && axis < 3; ++axis) to[3 + s + axis] = V[3 * row + axis] * unit_s;
+  }
+  return all;
 }
 
 }  // namespace eigencast

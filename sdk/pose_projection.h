@@ -38,4 +38,15 @@ class PoseProjection {
   std::optional<Projector> projector_;
 };
 
+/// PublisherOptions::error, or its default for this surface.
+double error_bound(const PublisherOptions& options, const Asset& asset);
+
+StreamFormat format_of(const PublisherOptions& options, const Asset& asset);
+
+/// Rows of x, y, z, scalars, and velocities in units of format.velocity_us.
+///   C  r x 3;  V  r x 3, per second, or empty;  S  r x as many scalars as the format has
+/// Empty where the sizes of C and V do not fit.
+std::vector<double> rows_in_format(const StreamFormat& format, std::span<const double> C, std::span<const double> V,
+                                   std::span<const double> S);
+
 }  // namespace eigencast

@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: MIT
 #include "sdk/publisher.h"
 
-#include <cstdio>
+#include <cmath>
 #include <mutex>
 #include <optional>
 
+#include "common/core/text.h"
 #include "common/net/clock_offset.h"
 #include "common/wire/control.h"
 #include "common/wire/limits.h"
-#include "sdk/broker_text.h"
+#include "sdk/broker.h"
 #include "sdk/introducer.h"
 #include "sdk/key_writer.h"
 #include "sdk/pose_projection.h"
@@ -24,50 +25,30 @@ constexpr milliseconds kUploadRetry{1000};
 /// Another sender may have left by then.
 constexpr milliseconds kRefusedRetry{5000};
 
-std::string megabytes(std::uint64_t bytes) {
-  char text[32];
-  std::snprintf(text, sizeof text, "%.1f", static_cast<double>(bytes) / 1e6);
-  return text;
-}
-
 Result<void> check_capture_time(TimeUs capture_us) {
   if (capture_us >= 0 && capture_us <= limits::kMaxTimeUs) return {};
   return fail(ErrorCode::kInvalidArgument,
               "capture time " + std::to_string(capture_us) + " us is out of range: it must be 0 to 2^62 - 1");
 }
 
-}  // namespace
-
-class Publisher::Impl {
+class BrokerPublisher final : public Publisher {
  public:
-  Impl(PublisherOptions options, BrokerUrl url, std::shared_ptr<const Asset> asset,
-       std::shared_ptr<const EncodedAsset> encoded, LogSink log)
+  /// asset  null: of keys alone
+  BrokerPublisher(PublisherOptions options, BrokerUrl url, CodecKind codec, StreamFormat format,
+                  std::shared_ptr<const Asset> asset, std::shared_ptr<const EncodedAsset> encoded, LogSink log)
       : options_(std::move(options)),
         url_(std::move(url)),
         asset_(std::move(asset)),
         encoded_(std::move(encoded)),
         log_(std::move(log)),
-        format_(format_of(options_, *asset_)),
-        quantiser_(options_.codec == CodecKind::kQuantised
+        format_(std::move(format)),
+        quantiser_(asset_ && codec == CodecKind::kQuantised
                        ? quantiser_for_error(error_bound(options_, *asset_), asset_->area, asset_->rank)
                        : Quantiser{}),
         projection_(asset_, options_.velocities, options_.scalars),
-        writer_({options_.codec, format_.rows, format_.channels, format_.band_ends}, quantiser_.half_spacing,
-                rate_control()) {
-    if (options_.still_heartbeat_us > 0)
+        writer_({codec, format_.rows, format_.channels, format_.band_ends}, quantiser_.half_spacing, rate_control()) {
+    if (asset_ && options_.still_heartbeat_us > 0)
       still_.emplace(kStillOverError * error_bound(options_, *asset_), options_.still_heartbeat_us);
-    stats_.detail = "connecting to " + url_.origin();
-  }
-
-  Impl(PublisherOptions options, BrokerUrl url, CodecKind codec, StreamFormat format,
-       std::shared_ptr<const EncodedAsset> encoded, LogSink log)
-      : options_(std::move(options)),
-        url_(std::move(url)),
-        encoded_(std::move(encoded)),
-        log_(std::move(log)),
-        format_(std::move(format)),
-        projection_(nullptr, false, 0),
-        writer_({codec, format_.rows, format_.channels, format_.band_ends}, quantiser_.half_spacing, std::nullopt) {
     stats_.detail = "connecting to " + url_.origin();
   }
 
@@ -90,10 +71,42 @@ class Publisher::Impl {
     socket_ = WebSocket::start(std::move(socket), std::move(events), log_);
   }
 
-  ~Impl() {
+  ~BrokerPublisher() override {
     if (introducer_) introducer_->stop();
     if (socket_) socket_->stop();
   }
+
+  SendStatus send_key(Key key, TimeUs capture_us, ByteView coded) override {
+    const TimeUs begun_us = steady_now_us();
+    const std::lock_guard lock(mutex_);
+    if (const auto early = send_blocker(capture_us)) return *early;
+    return send_coded(writer_.code_as(std::move(key), coded, capture_us), {begun_us, 0});
+  }
+
+  SendStatus send_coefficients(std::span<const double> C, TimeUs capture_us, std::span<const double> V) override {
+    return send(C, V, {}, capture_us, {steady_now_us(), 0});
+  }
+
+  Result<SendStatus> send_pose(const VertexPose& pose, TimeUs capture_us) override {
+    if (auto usable = check_capture_time(capture_us); !usable) return usable.error();
+    const TimeUs begun_us = steady_now_us();
+    const auto made = projection_.project(pose);
+    if (!made) return made.error();
+    return send(made->C, made->V, made->S, capture_us, {begun_us, steady_now_us()});
+  }
+
+  std::vector<double> as_received() const override {
+    const std::lock_guard lock(mutex_);
+    return writer_.positions_held();
+  }
+
+  Stats stats() const override {
+    const std::lock_guard lock(mutex_);
+    return stats_;
+  }
+
+ private:
+  enum class Phase { kDown, kIntroduce, kAnnounced, kLive };
 
   /// When the work on a pose began, and when its coefficients were there; 0: they were given.
   struct Work {
@@ -101,11 +114,14 @@ class Publisher::Impl {
     TimeUs transformed_us = 0;
   };
 
-  PoseProjection& projection() { return projection_; }
+  std::optional<RateControl> rate_control() const {
+    if (!asset_ || options_.bitrate <= 0) return std::nullopt;
+    return RateControl(options_.bitrate, quantiser_.half_spacing, static_cast<std::uint8_t>(format_.band_ends.size()));
+  }
 
   /// V: empty, or velocities per second; S: r x scalars.
   SendStatus send(std::span<const double> C, std::span<const double> V, std::span<const double> S, TimeUs capture_us,
-                  Work work) {
+                  const Work& work) {
     const std::lock_guard lock(mutex_);
     if (V.empty() == options_.velocities)
       return unusable(fail(ErrorCode::kInvalidArgument, V.empty() ? "a pose without velocities, which were announced"
@@ -118,35 +134,11 @@ class Publisher::Impl {
     if (const auto early = send_blocker(capture_us)) return *early;
     auto key = key_from_coefficients(writer_.layout(), C, quantiser_.step);
     if (!key) return unusable(key.error());
-    if (!writer_.held() || !still_) return send_key(std::move(*key), capture_us, work);
+    if (!writer_.held() || !still_) return send_next(std::move(*key), capture_us, work);
     return send_unless_still(std::move(*key), C, capture_us, work);
   }
 
-  SendStatus send_recorded(Key key, ByteView payload, TimeUs capture_us, Work work) {
-    const std::lock_guard lock(mutex_);
-    if (const auto early = send_blocker(capture_us)) return *early;
-    return send_coded(writer_.code_as(std::move(key), payload, capture_us), work);
-  }
-
-  std::vector<double> as_received() const {
-    const std::lock_guard lock(mutex_);
-    return writer_.positions_held();
-  }
-
-  Stats stats() const {
-    const std::lock_guard lock(mutex_);
-    return stats_;
-  }
-
- private:
-  enum class Phase { kDown, kIntroduce, kAnnounced, kLive };
-
-  std::optional<RateControl> rate_control() const {
-    if (options_.bitrate <= 0) return std::nullopt;
-    return RateControl(options_.bitrate, quantiser_.half_spacing, static_cast<std::uint8_t>(format_.band_ends.size()));
-  }
-
-  /// The gate stays as it was where a frame is not sent. REQUIRES: as send_key; a key was sent, and there is a gate.
+  /// The gate stays as it was where a frame is not sent. REQUIRES: as send_next; a key was sent, and there is a gate.
   SendStatus send_unless_still(Key key, std::span<const double> C, TimeUs capture_us, const Work& work) {
     const StillGate before = *still_;
     const double distance = surface_distance(C, coefficients_from_key(writer_.layout(), *writer_.held()), asset_->area);
@@ -155,12 +147,12 @@ class Publisher::Impl {
         ++stats_.frames_held;
         return SendStatus::kSent;
       case StillGate::Action::kHold: {
-        const SendStatus held = send_key(*writer_.held(), capture_us, work);
+        const SendStatus held = send_next(*writer_.held(), capture_us, work);
         if (held != SendStatus::kSent) still_ = before;
         return held;
       }
       case StillGate::Action::kResume:
-        if (const auto held = send_key(*writer_.held(), still_->held_until_us(), work); held != SendStatus::kSent) {
+        if (const auto held = send_next(*writer_.held(), still_->held_until_us(), work); held != SendStatus::kSent) {
           still_ = before;
           return held;
         }
@@ -168,11 +160,11 @@ class Publisher::Impl {
       case StillGate::Action::kSend:
         break;
     }
-    return send_key(std::move(key), capture_us, work);
+    return send_next(std::move(key), capture_us, work);
   }
 
   /// REQUIRES: mutex_ is held, nothing blocks sending.
-  SendStatus send_key(Key key, TimeUs capture_us, Work work) {
+  SendStatus send_next(Key key, TimeUs capture_us, const Work& work) {
     return send_coded(writer_.code(std::move(key), capture_us), work);
   }
 
@@ -185,7 +177,7 @@ class Publisher::Impl {
     return std::nullopt;
   }
 
-  /// REQUIRES: as send_key.
+  /// REQUIRES: as send_next.
   SendStatus send_coded(Result<KeyWriter::Coded> coded, const Work& work) {
     if (!coded) return unusable(coded.error());
     const std::size_t bytes = coded->message.size();
@@ -238,11 +230,6 @@ class Publisher::Impl {
     clock_.reset();  // It may be another broker.
     if (ever_open_) ++stats_.reconnects;
     ever_open_ = true;
-    begin_introduction();
-  }
-
-  /// REQUIRES: mutex_ is held.
-  void begin_introduction() {
     phase_ = Phase::kIntroduce;
     stats_.state = State::kUploading;
     stats_.detail = "connected to " + url_.origin();
@@ -250,16 +237,15 @@ class Publisher::Impl {
   }
 
   void on_down(const Error& why, milliseconds wait) {
-    {
-      const std::lock_guard lock(mutex_);
-      phase_ = Phase::kDown;
-      writer_.restart();
-      stats_.subscribers = 0;
-      stats_.gave_up = wait.count() == 0;
-      stats_.state = why.code == ErrorCode::kRefused || wait.count() == 0 ? State::kRefused : State::kConnecting;
-      stats_.detail = why.message + try_again_in(wait);
-      introducer_->cancel();
-    }
+    std::unique_lock lock(mutex_);
+    phase_ = Phase::kDown;
+    writer_.restart();
+    stats_.subscribers = 0;
+    stats_.gave_up = wait.count() == 0;
+    stats_.state = why.code == ErrorCode::kRefused || wait.count() == 0 ? State::kRefused : State::kConnecting;
+    stats_.detail = why.message + try_again_in(wait);
+    introducer_->cancel();
+    lock.unlock();
     log(log_, LogLevel::kWarning, why.message + try_again_in(wait));
   }
 
@@ -271,15 +257,14 @@ class Publisher::Impl {
   void on_message(const Message&) {}  // What concerns subscribers only.
 
   void on_message(const control::Announced& m) {
-    {
-      const std::lock_guard lock(mutex_);
-      if (phase_ != Phase::kAnnounced) return;
-      phase_ = Phase::kLive;
-      writer_.begin(m.stream_id, m.epoch);
-      if (still_) still_->restart();
-      stats_.state = State::kLive;
-      stats_.detail = "live at " + url_.origin() + "/" + url_.stream;
-    }
+    std::unique_lock lock(mutex_);
+    if (phase_ != Phase::kAnnounced) return;
+    phase_ = Phase::kLive;
+    writer_.begin(m.stream_id, m.epoch);
+    if (still_) still_->restart();
+    stats_.state = State::kLive;
+    stats_.detail = "live at " + url_.origin() + "/" + url_.stream;
+    lock.unlock();
     log(log_, LogLevel::kInfo, "live at " + url_.origin() + "/" + url_.stream + ", epoch " + std::to_string(m.epoch));
   }
 
@@ -289,7 +274,8 @@ class Publisher::Impl {
   }
 
   void on_message(const control::Ping& m) {
-    (void)socket_send(text_from_control(control::Pong{m.id, m.time_us, steady_now_us()}));
+    const std::lock_guard lock(mutex_);
+    (void)socket_->send_text(text_from_control(control::Pong{m.id, m.time_us, steady_now_us()}));
   }
 
   void on_message(const control::Pong& m) {
@@ -305,61 +291,46 @@ class Publisher::Impl {
   void on_message(const control::ErrorMessage& m) {
     const bool lacks_asset = m.code == name_of(ErrorCode::kNotFound);
     const std::string text = "the broker says: " + m.message + " (" + m.code + ")";
-    {
-      const std::lock_guard lock(mutex_);
-      stats_.detail = text;
-      if (phase_ == Phase::kAnnounced || phase_ == Phase::kLive) {
-        writer_.restart();
-        phase_ = Phase::kIntroduce;
-        stats_.state = lacks_asset ? State::kUploading : State::kRefused;
-        introducer_->begin(lacks_asset ? kUploadRetry : kRefusedRetry);
-      }
+    std::unique_lock lock(mutex_);
+    stats_.detail = text;
+    if (phase_ == Phase::kAnnounced || phase_ == Phase::kLive) {
+      writer_.restart();
+      phase_ = Phase::kIntroduce;
+      stats_.state = lacks_asset ? State::kUploading : State::kRefused;
+      introducer_->begin(lacks_asset ? kUploadRetry : kRefusedRetry);
     }
+    lock.unlock();
     log(log_, LogLevel::kError, text);
   }
 
   void on_message(const control::Notice& m) { log(log_, LogLevel::kInfo, m.message); }
 
   void on_message(const control::Bye& m) {
-    {
-      const std::lock_guard lock(mutex_);
-      socket_->hold_off(milliseconds(m.retry_after_ms));
-    }
+    std::unique_lock lock(mutex_);
+    socket_->hold_off(milliseconds(m.retry_after_ms));
+    lock.unlock();
     log(log_, LogLevel::kInfo, "the broker leaves: " + m.reason);
-  }
-
-  SendStatus socket_send(std::string text) {
-    const std::lock_guard lock(mutex_);
-    return socket_->send_text(std::move(text));
   }
 
   // On the introducer's thread, whenever a connection is new.
 
   void on_progress(std::uint64_t sent, std::uint64_t total) {
     const std::lock_guard lock(mutex_);
-    stats_.detail = "uploading " + megabytes(sent) + " of " + megabytes(total) + " MB";
+    stats_.detail =
+        formatted("uploading %.1f of %.1f MB", static_cast<double>(sent) / 1e6, static_cast<double>(total) / 1e6);
   }
 
   std::optional<milliseconds> on_introduced(const Result<void>& done) {
     const std::lock_guard lock(mutex_);
     if (phase_ != Phase::kIntroduce) return std::nullopt;
-    if (!done) return upload_failed(done.error());
-    announce();
-    return std::nullopt;
-  }
-
-  void introduction_failed(const std::string& what) {
-    {
-      const std::lock_guard lock(mutex_);
-      if (phase_ == Phase::kAnnounced) phase_ = Phase::kIntroduce;
-      stats_.detail = what + try_again_in(kUploadRetry);
-      if (phase_ == Phase::kIntroduce) introducer_->begin(kUploadRetry);
+    if (!done) {
+      const bool refused = done.error().code == ErrorCode::kRefused;
+      const milliseconds wait = refused ? kRefusedRetry : kUploadRetry;
+      stats_.state = refused ? State::kRefused : State::kUploading;
+      stats_.detail = done.error().message + try_again_in(wait);
+      log(log_, LogLevel::kWarning, stats_.detail);
+      return wait;
     }
-    log(log_, LogLevel::kError, what);
-  }
-
-  /// REQUIRES: mutex_ is held.
-  void announce() {
     control::Announce m;
     m.asset = encoded_->manifest.id.hex();
     m.format = format_;
@@ -369,16 +340,16 @@ class Publisher::Impl {
     stats_.detail = "announced, waiting for the broker";
     // A connection that broke meanwhile says so by on_down, and everything starts again.
     (void)socket_->send_text(text_from_control(m));
+    return std::nullopt;
   }
 
-  /// REQUIRES: mutex_ is held.
-  milliseconds upload_failed(const Error& why) {
-    const bool refused = why.code == ErrorCode::kRefused;
-    const milliseconds wait = refused ? kRefusedRetry : kUploadRetry;
-    stats_.state = refused ? State::kRefused : State::kUploading;
-    stats_.detail = why.message + try_again_in(wait);
-    log(log_, LogLevel::kWarning, stats_.detail);
-    return wait;
+  void introduction_failed(const std::string& what) {
+    std::unique_lock lock(mutex_);
+    if (phase_ == Phase::kAnnounced) phase_ = Phase::kIntroduce;
+    stats_.detail = what + try_again_in(kUploadRetry);
+    if (phase_ == Phase::kIntroduce) introducer_->begin(kUploadRetry);
+    lock.unlock();
+    log(log_, LogLevel::kError, what);
   }
 
   const PublisherOptions options_;
@@ -405,20 +376,54 @@ class Publisher::Impl {
   std::uint64_t ping_id_ = 0;
 };
 
-Publisher::Publisher(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
-Publisher::~Publisher() = default;
+template <typename... Arguments>
+std::unique_ptr<Publisher> started(Arguments&&... arguments) {
+  auto made = std::make_unique<BrokerPublisher>(std::forward<Arguments>(arguments)...);
+  made->start();
+  return made;
+}
+
+/// Also of what this surface does not do with.
+Result<void> check_options(const PublisherOptions& options, const Asset& asset) {
+  if (auto usable = check_options(options); !usable) return usable;
+  if (options.error == 0 && !(asset.diagonal() > 0))
+    return fail(ErrorCode::kInvalidArgument,
+                "the rest pose has no extent, so the error bound has no default: give one");
+  return {};
+}
+
+}  // namespace
+
+Result<void> check_options(const PublisherOptions& options) {
+  if (!std::isfinite(options.error) || options.error < 0)
+    return fail(ErrorCode::kInvalidArgument,
+                "the error bound must be a positive length in model units, or 0 for the default");
+  if (!std::isfinite(options.bitrate) || options.bitrate < 0 || options.still_heartbeat_us < 0)
+    return fail(ErrorCode::kInvalidArgument, "bit rate and heartbeat must be positive, or 0 for none");
+  if (options.scalars > kMaxScalars)
+    return fail(ErrorCode::kInvalidArgument, "a stream carries at most " + std::to_string(kMaxScalars) + " scalars");
+  if (options.scalars > 0 && options.still_heartbeat_us > 0)
+    return fail(ErrorCode::kInvalidArgument,
+                "a publisher of scalars cannot leave out still poses: they may change while the surface stands still");
+  if (options.velocities && options.still_heartbeat_us > 0)
+    return fail(ErrorCode::kInvalidArgument,
+                "a publisher of velocities cannot leave out still poses: a held pose would go on with its velocities");
+  if (options.bitrate > 0 && options.codec != CodecKind::kQuantised)
+    return fail(ErrorCode::kInvalidArgument, "only the quantised codec can keep to a bit rate");
+  return {};
+}
 
 Result<std::unique_ptr<Publisher>> Publisher::create(PublisherOptions options, std::shared_ptr<const Asset> asset,
                                                      std::shared_ptr<const EncodedAsset> encoded, LogSink log) {
   if (!asset || !encoded || !asset->complete())
     return fail(ErrorCode::kInvalidArgument, "a publisher needs a complete asset");
-  auto url = destination(options, log);
+  auto url = stream_url(options.url, options.credentials, log);
   if (!url) return url.error();
   if (auto usable = check_options(options, *asset); !usable) return usable.error();
-  auto impl =
-      std::make_unique<Impl>(std::move(options), std::move(*url), std::move(asset), std::move(encoded), std::move(log));
-  impl->start();
-  return std::unique_ptr<Publisher>(new Publisher(std::move(impl)));
+  StreamFormat format = format_of(options, *asset);
+  const CodecKind codec = options.codec;
+  return started(std::move(options), std::move(*url), codec, std::move(format), std::move(asset), std::move(encoded),
+                 std::move(log));
 }
 
 Result<std::unique_ptr<Publisher>> Publisher::create_for_keys(PublisherOptions options, const StreamFormat& format,
@@ -428,49 +433,9 @@ Result<std::unique_ptr<Publisher>> Publisher::create_for_keys(PublisherOptions o
   if (auto usable = check_format(format); !usable) return usable.error();
   const auto codec = codec_from_name(format.codec);
   if (!codec) return codec.error();
-  auto url = destination(options, log);
+  auto url = stream_url(options.url, options.credentials, log);
   if (!url) return url.error();
-  auto impl =
-      std::make_unique<Impl>(std::move(options), std::move(*url), *codec, format, std::move(encoded), std::move(log));
-  impl->start();
-  return std::unique_ptr<Publisher>(new Publisher(std::move(impl)));
-}
-
-SendStatus Publisher::send_key(Key key, TimeUs capture_us, ByteView coded) {
-  return impl_->send_recorded(std::move(key), coded, capture_us, {steady_now_us(), 0});
-}
-
-SendStatus Publisher::send_coefficients(std::span<const double> C, TimeUs capture_us) {
-  return send_coefficients(C, {}, capture_us);
-}
-
-SendStatus Publisher::send_coefficients(std::span<const double> C, std::span<const double> V, TimeUs capture_us) {
-  return impl_->send(C, V, {}, capture_us, {steady_now_us(), 0});
-}
-
-Result<SendStatus> Publisher::send_positions(std::span<const float> positions, TimeUs capture_us) {
-  return send_positions(positions, {}, capture_us);
-}
-
-Result<SendStatus> Publisher::send_positions(std::span<const float> positions, std::span<const float> velocities,
-                                             TimeUs capture_us) {
-  return send_pose({positions, velocities, {}}, capture_us);
-}
-
-Result<SendStatus> Publisher::send_pose(const VertexPose& pose, TimeUs capture_us) {
-  if (auto usable = check_capture_time(capture_us); !usable) return usable.error();
-  const TimeUs begun_us = steady_now_us();
-  const auto made = impl_->projection().project(pose);
-  if (!made) return made.error();
-  return impl_->send(made->C, made->V, made->S, capture_us, {begun_us, steady_now_us()});
-}
-
-std::vector<double> Publisher::as_received() const {
-  return impl_->as_received();
-}
-
-Publisher::Stats Publisher::stats() const {
-  return impl_->stats();
+  return started(std::move(options), std::move(*url), *codec, format, nullptr, std::move(encoded), std::move(log));
 }
 
 }  // namespace eigencast

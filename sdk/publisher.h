@@ -2,19 +2,53 @@
 #pragma once
 
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
+#include "common/asset/asset.h"
 #include "common/asset/format/encode.h"
 #include "common/codec/key.h"
+#include "common/core/clock.h"
 #include "common/core/log.h"
+#include "common/core/result.h"
+#include "common/net/url.h"
 #include "common/net/websocket.h"
 #include "common/wire/control.h"
-#include "sdk/publisher_options.h"
 
 namespace eigencast {
 
+inline constexpr double kDefaultErrorOverDiagonal = 1e-3;
+
+struct PublisherOptions {
+  std::string url;  ///< ws://host:port/stream
+  CodecKind codec = CodecKind::kQuantised;
+  double error = 0;  ///< eps: rms vertex error of quantising, in model units; 0 = the default.
+  /// Bits a second that frames, envelopes included, keep to on average, by coarser levels, then fewer bands; 0:
+  /// whatever the error bound takes. Only with kQuantised.
+  double bitrate = 0;
+  /// Poses of a surface that stands still, within kStillOverError of what receivers hold, are left out, but for one
+  /// every so often; 0: every pose is sent. No viewer shows a pose further off than that because of it.
+  TimeUs still_heartbeat_us = 0;
+  bool velocities = false;  ///< Poses come with velocities, which go out beside them: for viewers with scheme=hermite.
+  /// Values of each vertex besides its position, at most kMaxScalars: channels 3 to 2 + scalars of the stream. They are
+  /// coded within `error`, too: give them a range of about the surface's diagonal.
+  std::uint32_t scalars = 0;
+  double key_rate_hz = 30;                     ///< Announced; send() may be called at any rate.
+  std::optional<std::vector<double>> world{};  ///< Announced, see control::Announce.
+  std::size_t max_unsent_bytes =
+      64 * 1024;                 ///< A frame is dropped, before it is coded, while more than this is unsent.
+  Credentials credentials = {};  ///< Token and trusted authorities; see common/net/url.h.
+};
+
+/// The error bound of coding holds on average, not for each pose, so that still surfaces get more.
+inline constexpr double kStillOverError = 1.5;
+
+inline constexpr std::uint32_t kMaxScalars = 10;
+
+/// Errors: kInvalidArgument (what cannot be kept to, or not together).
+Result<void> check_options(const PublisherOptions& options);
 /// Of each of n vertices, in the source's order.
 struct VertexPose {
   std::span<const float> positions;   ///< n x 3
@@ -25,7 +59,7 @@ struct VertexPose {
 /// Publishes one deforming surface to a broker and keeps doing so: uploads the asset where it is missing, announces it,
 /// codes and sends keys, and does all of that again after a lost connection. Frames sent meanwhile are dropped, never
 /// queued; send() never blocks. Use from one thread; different Publishers are independent.
-class Publisher final {
+class Publisher {
  public:
   enum class State { kConnecting, kUploading, kLive, kRefused };
   struct Stats {
@@ -48,34 +82,22 @@ class Publisher final {
   static Result<std::unique_ptr<Publisher>> create_for_keys(PublisherOptions options, const StreamFormat& format,
                                                             std::shared_ptr<const EncodedAsset> encoded,
                                                             LogSink log = {});
-  ~Publisher();
+  virtual ~Publisher() = default;
 
   /// All or some of the bands of create_for_keys()'s format; the rest as send_coefficients().
   ///   coded  the payload it had in another chain, or empty: sent again where it gives the same key
-  SendStatus send_key(Key key, TimeUs capture_us, ByteView coded = {});
-  /// C: r x 3 row-major; capture_us: when the pose holds, on the steady clock, growing; outside 0..kMaxTimeUs:
-  /// kDropped.
-  SendStatus send_coefficients(std::span<const double> C, TimeUs capture_us);
-  /// The same with V: their velocities, r x 3, per second. REQUIRES: PublisherOptions::velocities; without them a
-  /// publisher of velocities sends none (kDropped).
-  SendStatus send_coefficients(std::span<const double> C, std::span<const double> V, TimeUs capture_us);
-  /// positions: n x 3 in the source's vertex order. Projects, then as above. Errors: kInvalidArgument (also for the
-  /// time).
-  Result<SendStatus> send_positions(std::span<const float> positions, TimeUs capture_us);
-  /// The same with the vertices' velocities, n x 3, per second. Errors: kInvalidArgument also without
-  /// PublisherOptions::velocities.
-  Result<SendStatus> send_positions(std::span<const float> positions, std::span<const float> velocities,
-                                    TimeUs capture_us);
-  /// The same with all that was announced. Errors: kInvalidArgument, also for what was not, or is missing.
-  Result<SendStatus> send_pose(const VertexPose& pose, TimeUs capture_us);
-  /// What receivers decode (r x 3) for the last key that was sent; empty before the first of a connection.
-  std::vector<double> as_received() const;
-  Stats stats() const;  ///< Thread-safe.
-
- private:
-  class Impl;
-  explicit Publisher(std::unique_ptr<Impl> impl);
-  std::unique_ptr<Impl> impl_;
+  virtual SendStatus send_key(Key key, TimeUs capture_us, ByteView coded = {}) = 0;
+  /// C: r x 3 row-major; V: their velocities, r x 3, per second, or empty; capture_us: when the pose holds, on the
+  /// steady clock, growing. kDropped: also for a time outside 0..kMaxTimeUs, and where V is not as announced.
+  virtual SendStatus send_coefficients(std::span<const double> C, TimeUs capture_us,
+                                       std::span<const double> V = {}) = 0;
+  /// Projects, then as above. Errors: kInvalidArgument, also for the time, and for what was not announced or is missing.
+  virtual Result<SendStatus> send_pose(const VertexPose& pose, TimeUs capture_us) = 0;
+  Result<SendStatus> send_positions(std::span<const float> positions, TimeUs capture_us) {
+    return send_pose({positions, {}, {}}, capture_us);
+  }
+  virtual std::vector<double> as_received() const = 0;  ///< What receivers hold (r x 3); empty: nothing yet.
+  virtual Stats stats() const = 0;                      ///< Thread-safe.
 };
 
 }  // namespace eigencast

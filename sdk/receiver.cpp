@@ -4,7 +4,7 @@
 #include <limits>
 #include <utility>
 
-#include "sdk/broker_text.h"
+#include "sdk/broker.h"
 
 namespace eigencast {
 namespace {
@@ -13,7 +13,6 @@ using std::chrono::milliseconds;
 
 constexpr std::size_t kMaxPoses = 64;
 constexpr std::size_t kMaxTraces = 256;
-/// Of a notice.
 constexpr TimeUs kNoticeUs = 3'000'000;
 
 }  // namespace
@@ -56,36 +55,33 @@ Receiver::Condition Receiver::condition() const {
 }
 
 void Receiver::on_open() {
-  {
-    const std::lock_guard lock(mutex_);
-    if (condition_.ever_open) ++condition_.reconnects;
-    condition_.open = condition_.ever_open = true;
-    condition_.refused = condition_.declined = false;
-    condition_.trouble.clear();
-    condition_.clock.reset();
-    decoder_.restart();
-  }
+  std::unique_lock lock(mutex_);
+  if (condition_.ever_open) ++condition_.reconnects;
+  condition_.open = condition_.ever_open = true;
+  condition_.refused = condition_.declined = false;
+  condition_.trouble.clear();
+  condition_.clock.reset();
+  decoder_.restart();
+  lock.unlock();
   wake_();
 }
 
 void Receiver::on_down(const Error& why, milliseconds wait) {
-  {
-    const std::lock_guard lock(mutex_);
-    condition_.open = condition_.declined = false;
-    condition_.refused = why.code == ErrorCode::kRefused || wait.count() == 0;
-    condition_.trouble = why.message + try_again_in(wait);
-  }
+  std::unique_lock lock(mutex_);
+  condition_.open = condition_.declined = false;
+  condition_.refused = why.code == ErrorCode::kRefused || wait.count() == 0;
+  condition_.trouble = why.message + try_again_in(wait);
+  lock.unlock();
   wake_();
 }
 
 void Receiver::on_info(const control::StreamInfo& info) {
-  {
-    const std::lock_guard lock(mutex_);
-    decoder_.set_stream(info);
-    news_.info = info;
-    news_.declined = condition_.declined = false;
-    condition_.notice.clear();
-  }
+  std::unique_lock lock(mutex_);
+  decoder_.set_stream(info);
+  news_.info = info;
+  news_.declined = condition_.declined = false;
+  condition_.notice.clear();
+  lock.unlock();
   wake_();
 }
 
@@ -96,36 +92,33 @@ void Receiver::on_trace(const control::Trace& trace) {
 }
 
 void Receiver::on_notice(const control::Notice& notice) {
-  {
-    const std::lock_guard lock(mutex_);
-    condition_.skipped += notice.skipped_frames;
-    condition_.notice = notice.message;
-    notice_until_us_ = steady_now_us() + kNoticeUs;
-  }
+  std::unique_lock lock(mutex_);
+  condition_.skipped += notice.skipped_frames;
+  condition_.notice = notice.message;
+  notice_until_us_ = steady_now_us() + kNoticeUs;
+  lock.unlock();
   log(request_.log, LogLevel::kInfo, notice.message);
 }
 
 void Receiver::on_error(const control::ErrorMessage& error, bool declined) {
   const std::string text = "the broker says: " + error.message + " (" + error.code + ")" +
                            (declined ? try_again_in(request_.declined_retry) : std::string());
-  {
-    const std::lock_guard lock(mutex_);
-    if (declined) {
-      news_.info.reset();
-      news_.declined = condition_.declined = true;
-    }
-    condition_.notice = text;
-    notice_until_us_ = std::numeric_limits<TimeUs>::max();
+  std::unique_lock lock(mutex_);
+  if (declined) {
+    news_.info.reset();
+    news_.declined = condition_.declined = true;
   }
+  condition_.notice = text;
+  notice_until_us_ = std::numeric_limits<TimeUs>::max();
+  lock.unlock();
   log(request_.log, LogLevel::kError, text);
   wake_();
 }
 
 void Receiver::on_crowded_out() {
-  {
-    const std::lock_guard lock(mutex_);
-    crowded_out_ = true;
-  }
+  std::unique_lock lock(mutex_);
+  crowded_out_ = true;
+  lock.unlock();
   wake_();
 }
 

@@ -21,7 +21,7 @@
 #include "common/wire/envelope.h"
 #include "sdk/broker_connection.h"
 #include "sdk/frame_decoder.h"
-#include "sdk/received_pose.h"
+#include "sdk/subscriber.h"
 
 namespace eigencast {
 
@@ -50,10 +50,8 @@ class Receiver final : private BrokerConnection::Listener {
   Receiver(const BrokerUrl& url, BrokerConnection::Request request, std::function<void()> wake);
   ~Receiver() override;
 
-  /// Use from one thread.
-  News take();
-  /// At most 256, oldest first: older ones are dropped.
-  std::vector<control::Trace> take_traces();
+  News take();                                ///< Use from one thread.
+  std::vector<control::Trace> take_traces();  ///< At most 256, oldest first.
   Condition condition() const;
 
  private:

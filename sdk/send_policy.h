@@ -24,8 +24,7 @@ class RateControl {
   RateControl(double target_bits_per_s, std::uint8_t finest, std::uint8_t bands);
 
   Choice choice() const { return choice_; }
-  /// Times grow.
-  void add(std::size_t bytes, TimeUs capture_us);
+  void add(std::size_t bytes, TimeUs capture_us);  ///< A frame left; times grow.
 
  private:
   double target_;
@@ -60,8 +59,7 @@ class StillGate {
   /// distance  of the pose from what receivers hold. The caller does what is returned.
   Action next(double distance, TimeUs capture_us);
   TimeUs held_until_us() const { return held_until_us_; }
-  /// The chain begins anew: the next pose is sent.
-  void restart() { state_ = State::kMoving; }
+  void restart() { state_ = State::kMoving; }  ///< The chain begins anew: the next pose is sent.
 
  private:
   enum class State { kMoving, kStill };

@@ -7,24 +7,26 @@
 #include <tuple>
 #include <utility>
 
+#include "sdk/broker.h"
 #include "sdk/receiver.h"
 #include "sdk/surfaces.h"
 
 namespace eigencast {
+namespace {
 
 using std::chrono::milliseconds;
 
-class Subscriber::Impl {
+class BrokerSubscriber final : public Subscriber {
  public:
-  Impl(const BrokerUrl& url, std::string cache_dir, const BrokerConnection::Request& request)
+  BrokerSubscriber(const BrokerUrl& url, std::string cache_dir, const BrokerConnection::Request& request)
       : url_(url),
         surfaces_(
             url, std::move(cache_dir), [this] { wake(); }, request.log),
         receiver_(url, request, [this] { wake(); }) {}
 
-  std::vector<control::Trace> take_traces() { return receiver_.take_traces(); }
+  std::vector<control::Trace> take_traces() override { return receiver_.take_traces(); }
 
-  std::vector<ReceivedPose> poll(milliseconds timeout) {
+  std::vector<ReceivedPose> poll(milliseconds timeout) override {
     {
       std::unique_lock lock(wake_mutex_);
       woken_.wait_for(lock, timeout, [&] { return has_news_; });
@@ -52,19 +54,15 @@ class Subscriber::Impl {
     return poses;
   }
 
-  const Asset* asset() const { return surfaces_.asset(); }
-  std::uint32_t epoch() const { return surfaces_.epoch(); }
-  const std::optional<control::StreamInfo>& info() const { return info_; }
+  const Asset* asset() const override { return surfaces_.asset(); }
+  std::uint32_t epoch() const override { return surfaces_.epoch(); }
+  const std::optional<control::StreamInfo>& info() const override { return info_; }
 
-  Stats stats() const {
+  Stats stats() const override {
     const Receiver::Condition c = receiver_.condition();
     const AssetFetcher::Stats fetched = surfaces_.fetched();
     Stats s;
-    s.keys = c.counts.keys;
-    s.synthetic = c.counts.synthetic;
-    s.joins = c.counts.joins;
-    s.rejected = c.counts.rejected;
-    s.missed = c.counts.missed;
+    static_cast<FrameDecoder::Counts&>(s) = c.counts;
     s.bytes = c.bytes;
     s.skipped = c.skipped;
     s.reconnects = c.reconnects;
@@ -83,10 +81,9 @@ class Subscriber::Impl {
 
  private:
   void wake() {
-    {
-      const std::lock_guard lock(wake_mutex_);
-      has_news_ = true;
-    }
+    std::unique_lock lock(wake_mutex_);
+    has_news_ = true;
+    lock.unlock();
     woken_.notify_all();
   }
 
@@ -139,45 +136,15 @@ class Subscriber::Impl {
   Receiver receiver_;
 };
 
-Subscriber::Subscriber(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
-Subscriber::~Subscriber() = default;
+}  // namespace
 
 Result<std::unique_ptr<Subscriber>> Subscriber::create(SubscriberOptions options, LogSink log) {
-  auto url = parse_broker_url(options.url);
+  const auto url = stream_url(options.url, options.credentials, log);
   if (!url) return url.error();
-  if (const auto good = complete_credentials(*url, options.credentials, log); !good) return good.error();
-  if (auto name = check_stream_name(url->stream); !name)
-    return in_context("stream name in \"" + url->shown() + "\"", name.error());
-  Profile profile;
-  if (options.profile) {
-    profile = *options.profile;
-  } else {
-    auto parsed = profile_from_query(url->query);
-    if (!parsed) return parsed.error();
-    profile = *parsed;
-  }
-  BrokerConnection::Request request{{url->stream, profile}, options.trace_every, options.declined_retry, log};
-  return std::unique_ptr<Subscriber>(
-      new Subscriber(std::make_unique<Impl>(*url, std::move(options.cache_dir), request)));
-}
-
-std::vector<ReceivedPose> Subscriber::poll(milliseconds timeout) {
-  return impl_->poll(timeout);
-}
-const Asset* Subscriber::asset() const {
-  return impl_->asset();
-}
-std::uint32_t Subscriber::epoch() const {
-  return impl_->epoch();
-}
-const std::optional<control::StreamInfo>& Subscriber::info() const {
-  return impl_->info();
-}
-Subscriber::Stats Subscriber::stats() const {
-  return impl_->stats();
-}
-std::vector<control::Trace> Subscriber::take_traces() {
-  return impl_->take_traces();
+  const auto profile = options.profile ? Result<Profile>(*options.profile) : profile_from_query(url->query);
+  if (!profile) return profile.error();
+  BrokerConnection::Request request{{url->stream, *profile}, options.trace_every, options.declined_retry, log};
+  return std::unique_ptr<Subscriber>(std::make_unique<BrokerSubscriber>(*url, std::move(options.cache_dir), request));
 }
 
 }  // namespace eigencast

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <chrono>
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <string>
@@ -11,10 +12,11 @@
 #include "common/core/clock.h"
 #include "common/core/histogram.h"
 #include "common/core/log.h"
+#include "common/motion/coefficients.h"
 #include "common/net/url.h"
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
-#include "sdk/received_pose.h"
+#include "sdk/frame_decoder.h"
 
 namespace eigencast {
 
@@ -27,24 +29,28 @@ struct SubscriberOptions {
   Credentials credentials = {};                    ///< Token and trusted authorities; see common/net/url.h.
 };
 
+struct ReceivedPose {
+  Envelope envelope;          ///< As it came; `bands` are those that the pose has, also for steps.
+  TimeUs arrival_us = 0;      ///< Steady clock, when the last byte was read.
+  TimeUs decoded_us = 0;      ///< Likewise, when it was decoded.
+  Coefficients coefficients;  ///< Absent bands read as the rest pose (docs/protocol.md).
+  std::uint32_t channels = 3;
+  std::vector<std::uint32_t> band_ends = {};  ///< The row at which each band ends, as announced with the pose.
+};
+
 /// Watches one stream: downloads the asset chunk by chunk (cache first), decodes frames, acknowledges, reconnects by
 /// itself, and keeps what it has meanwhile. Two threads serve all Subscribers of a broker with the same credentials;
 /// what they found is handed over inside poll(), so that asset() and what poll returned need no lock. Use from one
 /// thread; different Subscribers are independent. The log is called on those threads: it must neither make nor destroy
 /// a Subscriber, nor wait for a thread that does.
-class Subscriber final {
+class Subscriber {
  public:
   enum class State { kConnecting, kWaiting, kDownloading, kLive, kStalled, kLost, kRefused };
-  struct Stats {
+  struct Stats : FrameDecoder::Counts {
     State state = State::kConnecting;
-    std::string detail;           ///< For people: what is going on, why, and when the next try starts.
-    std::uint64_t keys = 0;       ///< Frames of kind key and join.
-    std::uint64_t synthetic = 0;  ///< Frames of kind synthetic and step.
-    std::uint64_t joins = 0;
-    std::uint64_t bytes = 0;     ///< Frames only, envelopes included.
-    std::uint64_t rejected = 0;  ///< Frames that could not be decoded.
-    std::uint64_t skipped = 0;   ///< Frames that newer ones overtook in the broker, as its notices say.
-    std::uint64_t missed = 0;    ///< Key sequence numbers never seen.
+    std::string detail;         ///< For people: what is going on, why, and when the next try starts.
+    std::uint64_t bytes = 0;    ///< Frames only, envelopes included.
+    std::uint64_t skipped = 0;  ///< Frames that newer ones overtook in the broker, as its notices say.
     std::uint64_t asset_bytes_downloaded = 0, asset_bytes_cached = 0, asset_bytes_total = 0;
     std::uint64_t reconnects = 0;
     std::optional<TimeUs> clock_offset_us, clock_error_us, rtt_us;  ///< To the broker.
@@ -53,26 +59,20 @@ class Subscriber final {
 
   /// Errors: kInvalidArgument (URL, stream name).
   static Result<std::unique_ptr<Subscriber>> create(SubscriberOptions options, LogSink log = {});
-  ~Subscriber();
+  virtual ~Subscriber() = default;
 
   /// Waits at most `timeout` for news; poses oldest first (at most 64: older ones are dropped).
-  std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout);
+  virtual std::vector<ReceivedPose> poll(std::chrono::milliseconds timeout) = 0;
 
   /// As far as it has arrived; null before the first chunk. Changes only inside poll(); a new epoch's asset replaces
   /// the old one once it can be drawn.
-  const Asset* asset() const;
-  /// The epoch of asset(); 0 before.
-  std::uint32_t epoch() const;
+  virtual const Asset* asset() const = 0;
+  virtual std::uint32_t epoch() const = 0;  ///< Of asset(); 0 before.
   /// As announced last; nothing before, or after the broker refused it.
-  const std::optional<control::StreamInfo>& info() const;
-  Stats stats() const;
+  virtual const std::optional<control::StreamInfo>& info() const = 0;
+  virtual Stats stats() const = 0;
   /// Since the last call, oldest first (at most 256: older ones are dropped).
-  std::vector<control::Trace> take_traces();
-
- private:
-  class Impl;
-  explicit Subscriber(std::unique_ptr<Impl> impl);
-  std::unique_ptr<Impl> impl_;
+  virtual std::vector<control::Trace> take_traces() = 0;
 };
 
 }  // namespace eigencast

@@ -31,18 +31,15 @@ class Surfaces {
 
   /// What is drawn; null before the first chunk of the first surface.
   const Asset* asset() const { return shown_ ? &shown_->reader->asset() : nullptr; }
-  /// Of asset(); 0 before.
-  std::uint32_t epoch() const { return shown_ ? shown_->epoch : 0; }
+  std::uint32_t epoch() const { return shown_ ? shown_->epoch : 0; }  ///< Of asset(); 0 before.
   bool is_shown(std::uint32_t epoch) const { return shown_ && shown_->epoch == epoch; }
   bool is_pending(std::uint32_t epoch) const { return pending_ && pending_->epoch == epoch; }
 
   enum class Progress { kNone, kNotDrawable, kDrawable, kFinished };
-  /// Of the surface announced last.
-  Progress progress() const;
+  Progress progress() const;  ///< Of the surface announced last.
   /// Why it can never be drawn; empty if it may.
   std::string damage() const { return latest() ? latest()->damage : std::string(); }
-  /// 0 while unknown.
-  std::uint64_t total_bytes() const { return latest() ? latest()->total_bytes : 0; }
+  std::uint64_t total_bytes() const { return latest() ? latest()->total_bytes : 0; }  ///< 0 while unknown.
   AssetFetcher::Stats fetched() const { return fetcher_.stats(); }
 
  private:

@@ -5,7 +5,8 @@
 
 #include "common/command_line/log.h"
 #include "common/net/http.h"
-#include "sdk/publisher_options.h"
+#include "sdk/broker.h"
+#include "sdk/publisher.h"
 
 namespace eigencast {
 namespace {
@@ -32,7 +33,7 @@ Result<BrokerUrl> destination_of(const TargetOptions& target, bool velocities) {
   const auto options = options_of(target, velocities);
   if (!options) return options.error();
   if (const auto usable = check_options(*options); !usable) return usable.error();
-  return destination(*options, {});
+  return stream_url(options->url, options->credentials, {});
 }
 
 }  // namespace

@@ -9,7 +9,7 @@
 
 #include "common/wire/envelope.h"
 #include "common/wire/limits.h"
-#include "sdk/shared_by_broker.h"
+#include "sdk/broker.h"
 #include "tests/unit/sdk/ball_stream.h"
 #include "tests/unit/sdk/scripted_broker.h"
 

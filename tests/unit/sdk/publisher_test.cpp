@@ -157,7 +157,7 @@ TEST(Stream, VelocitiesBendTheInterpolation) {
     const double phase = turns_per_us * static_cast<double>(at - zero);
     C[moving] += wide * std::sin(phase);
     V[moving] = wide * turns_per_us * 1e6 * std::cos(phase);
-    if ((*publisher)->send_coefficients(C, V, at) == SendStatus::kSent) ++keys;
+    if ((*publisher)->send_coefficients(C, at, V) == SendStatus::kSent) ++keys;
   };
   Profile profile;
   profile.scheme = Profile::Scheme::kHermite;

@@ -1,0 +1,78 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <chrono>
+#include <list>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+
+#include "common/core/clock.h"
+#include "common/core/log.h"
+#include "common/net/url.h"
+#include "common/wire/control.h"
+
+namespace eigencast {
+
+inline constexpr TimeUs kPingIntervalUs = 250'000;
+
+/// "; next try in 400 ms", "; next try in 3.9 s", or nothing when there is none.
+inline std::string try_again_in(std::chrono::milliseconds wait) {
+  if (wait.count() <= 0) return {};
+  const auto tenths = (wait.count() + 50) / 100;
+  if (wait.count() < 1000) return "; next try in " + std::to_string(wait.count()) + " ms";
+  return "; next try in " + std::to_string(tenths / 10) + (tenths < 100 ? "." + std::to_string(tenths % 10) : "") +
+         " s";
+}
+
+/// Nothing: its kind is unknown here, which newer brokers may send, or it is malformed, which is logged.
+inline std::optional<ControlMessage> read_control(std::string_view text, const LogSink& log) {
+  auto message = control_from_text(text);
+  if (message) return std::move(*message);
+  if (message.error().code != ErrorCode::kUnsupported)
+    eigencast::log(log, LogLevel::kWarning, "from the broker: " + message.error().message);
+  return std::nullopt;
+}
+
+/// Where to, with its credentials. Errors: kInvalidArgument (URL, stream name, credentials).
+inline Result<BrokerUrl> stream_url(const std::string& given, const Credentials& credentials, const LogSink& log) {
+  auto url = parse_broker_url(given);
+  if (!url) return url;
+  if (const auto good = complete_credentials(*url, credentials, log); !good) return good.error();
+  if (auto name = check_stream_name(url->stream); !name)
+    return in_context("stream name in \"" + url->shown() + "\"", name.error());
+  return url;
+}
+
+/// What the streams of one broker with the same credentials share, as long as one uses it. Thread-safe.
+template <typename Shared>
+class SharedByBroker {
+ public:
+  /// The first that `accepts`, or a new one, made from the URL, that must accept.
+  template <typename Accepts>
+  std::shared_ptr<Shared> get(const BrokerUrl& url, const Accepts& accepts) {
+    const std::lock_guard lock(mutex_);
+    known_.remove_if([](const Known& known) { return known.shared.expired(); });
+    for (const Known& known : known_) {
+      if (!is_same_broker(known.url, url)) continue;
+      if (auto shared = known.shared.lock(); shared && accepts(*shared)) return shared;
+    }
+    auto made = std::make_shared<Shared>(url);
+    accepts(*made);
+    known_.push_back({url, made});
+    return made;
+  }
+
+ private:
+  struct Known {
+    BrokerUrl url;
+    std::weak_ptr<Shared> shared;
+  };
+  std::mutex mutex_;
+  std::list<Known> known_;  ///< GUARDED_BY(mutex_)
+};
+
+}  // namespace eigencast
