@@ -62,14 +62,20 @@ void NatsLink::on_up() {
   post_to_listener([this] { listener_->on_connected(); });
 }
 
-void NatsLink::on_down(const std::string& why) {
+void NatsLink::on_down(const std::string& why, std::optional<std::uint64_t> generation) {
   {
     const std::lock_guard lock(mutex_);
+    if (generation && *generation != generation_) return;  // Connected meanwhile.
     connected_ = false;
     outgoing_.clear();  // Old frames are useless after a reconnection.
     outgoing_bytes_ = 0;
   }
   post_to_listener([this, why] { listener_->on_disconnected(why); });
+}
+
+void NatsLink::on_closed() {
+  const std::lock_guard lock(mutex_);
+  closed_ = true;
 }
 
 void NatsLink::listen_to_connection() {
@@ -91,29 +97,42 @@ void NatsLink::listen_to_connection() {
       },
       kept);
   natsOptions_SetClosedCB(
-      options_.get(), [](natsConnection*, void* closure) { delete static_cast<std::shared_ptr<NatsLink>*>(closure); },
+      options_.get(),
+      [](natsConnection*, void* closure) {
+        const std::unique_ptr<std::shared_ptr<NatsLink>> link(static_cast<std::shared_ptr<NatsLink>*>(closure));
+        (*link)->on_closed();
+      },
       kept);
   // Replaces libnats' handler, which prints. Messages lost by slow consumers show up as gaps.
   natsOptions_SetErrorHandler(
       options_.get(), [](natsConnection*, natsSubscription*, natsStatus, void*) {}, nullptr);
 }
 
-void NatsLink::start(Listener& listener) {
-  listener_ = &listener;
+/// Makes the connection, and a new one after libnats has closed it: whatever its options say, libnats gives up after a
+/// second refusal of the credentials, most other errors, and any failure of the first handshake.
+void NatsLink::connect() {
+  std::unique_lock lock(mutex_);
+  closed_ = false;
+  const std::uint64_t generation = generation_;
+  lock.unlock();
   listen_to_connection();
   natsConnection* connection = nullptr;
   const natsStatus status = natsConnection_Connect(&connection, options_.get());
-  connection_.reset(connection);
-  if (connection == nullptr) {
-    return on_down(std::string("NATS: ") + natsStatus_GetText(status));
-  }
-  if (status == NATS_OK) {
-    on_up();
-  } else {
-    const char* why = nats_GetLastError(nullptr);
-    on_down(std::string("no NATS server takes this broker yet") +
-            (why != nullptr && *why != 0 ? " (" + std::string(why) + ")" : std::string()));
-  }
+  lock.lock();
+  connection_.reset(connection, natsConnection_Destroy);
+  subscribed_changed_ = true;
+  if (connection == nullptr) closed_ = true;
+  lock.unlock();
+  if (status == NATS_OK) return on_up();
+  const char* why = nats_GetLastError(nullptr);
+  on_down(std::string("no NATS server takes this broker yet") +
+              (why != nullptr && *why != 0 ? " (" + std::string(why) + ")" : std::string()),
+          generation);
+}
+
+void NatsLink::start(Listener& listener) {
+  listener_ = &listener;
+  connect();
   subscriptions_.push_back(subscribe_raw(inbox_ + ".*", [this](natsMsg* message) {
     const std::string subject = natsMsg_GetSubject(message);
     const std::uint64_t number = std::strtoull(subject.c_str() + inbox_.size() + 1, nullptr, 10);
@@ -147,6 +166,7 @@ void NatsLink::stop() {
   }
   subscriptions_.clear();
   requests_.clear();
+  for (const auto& subscribed : std::exchange(subscribed_, {})) renew(subscribed, nullptr);
   if (connection_) {
     natsConnection_FlushTimeout(connection_.get(), 300);
     natsConnection_Close(connection_.get());
@@ -165,18 +185,25 @@ void NatsLink::send(const std::string& subject, Bytes message, const std::string
 void NatsLink::send_all() {
   std::unique_lock lock(mutex_);
   for (;;) {
-    wake_.wait_for(lock, 50ms, [this] { return stopping_ || !outgoing_.empty(); });
+    wake_.wait_for(lock, 50ms, [this] { return stopping_ || subscribed_changed_ || !outgoing_.empty(); });
     if (stopping_ && (outgoing_.empty() || std::chrono::steady_clock::now() >= drain_until_)) return;
     auto batch = std::exchange(outgoing_, {});
     outgoing_bytes_ = 0;
+    const auto connection = connection_;
+    std::vector<std::shared_ptr<Subscribed>> changed;
+    if (std::exchange(subscribed_changed_, false)) {
+      changed = subscribed_;
+      std::erase_if(subscribed_, [](const auto& subscribed) { return !subscribed->wanted; });
+    }
     lock.unlock();
+    for (const auto& subscribed : changed) renew(subscribed, connection);
     for (const Outgoing& out : batch) {
       const int size = static_cast<int>(out.message.size());
       // Errors are ignored: receivers handle gaps and missing heartbeats.
       if (out.reply.empty()) {
-        natsConnection_Publish(connection_.get(), out.subject.c_str(), out.message.data(), size);
+        natsConnection_Publish(connection.get(), out.subject.c_str(), out.message.data(), size);
       } else {
-        natsConnection_PublishRequest(connection_.get(), out.subject.c_str(), out.reply.c_str(), out.message.data(),
+        natsConnection_PublishRequest(connection.get(), out.subject.c_str(), out.reply.c_str(), out.message.data(),
                                       size);
       }
     }
@@ -185,26 +212,44 @@ void NatsLink::send_all() {
   }
 }
 
-std::shared_ptr<void> NatsLink::subscribe_raw(const std::string& subject, std::function<void(natsMsg*)> heard) {
-  if (!connection_) return nullptr;
+/// Subscribes at a new connection, unsubscribes what is not wanted. Blocks while libnats connects.
+void NatsLink::renew(const std::shared_ptr<Subscribed>& subscribed, const std::shared_ptr<natsConnection>& connection) {
+  if (subscribed->wanted && subscribed->connection == connection) return;
+  subscribed->subscription.reset();
+  subscribed->connection = connection;
+  if (!subscribed->wanted || !connection) return;
   natsSubscription* subscription = nullptr;
-  auto* subscribed = new Subscribed{shared_from_this(), std::move(heard)};
+  auto* closure = new std::shared_ptr<Subscribed>(subscribed);
   const natsStatus status = natsConnection_Subscribe(
-      &subscription, connection_.get(), subject.c_str(),
-      [](natsConnection*, natsSubscription*, natsMsg* raw, void* closure) {
+      &subscription, connection.get(), subscribed->subject.c_str(),
+      [](natsConnection*, natsSubscription*, natsMsg* raw, void* heard_by) {
         const MessagePtr message(raw);
-        static_cast<Subscribed*>(closure)->heard(raw);
+        (*static_cast<std::shared_ptr<Subscribed>*>(heard_by))->heard(raw);
       },
-      subscribed);
+      closure);
   if (status != NATS_OK) {
-    delete subscribed;
-    return nullptr;
+    delete closure;
+    return;
   }
   natsSubscription_SetOnCompleteCB(
-      subscription, [](void* closure) { delete static_cast<Subscribed*>(closure); }, subscribed);
-  return {subscription, [](natsSubscription* ended) {
-            natsSubscription_Unsubscribe(ended);
-            natsSubscription_Destroy(ended);
+      subscription, [](void* ended) { delete static_cast<std::shared_ptr<Subscribed>*>(ended); }, closure);
+  subscribed->subscription = {subscription, [](natsSubscription* ended) {
+                                natsSubscription_Unsubscribe(ended);
+                                natsSubscription_Destroy(ended);
+                              }};
+}
+
+std::shared_ptr<void> NatsLink::subscribe_raw(const std::string& subject, std::function<void(natsMsg*)> heard) {
+  const std::shared_ptr<Subscribed> subscribed(new Subscribed{shared_from_this(), subject, std::move(heard)});
+  const std::lock_guard lock(mutex_);
+  if (stopping_) return nullptr;
+  subscribed_.push_back(subscribed);
+  subscribed_changed_ = true;
+  wake_.notify_all();
+  return {subscribed.get(), [subscribed](Subscribed* ended) {
+            ended->wanted = false;
+            const std::lock_guard changing(ended->link->mutex_);
+            ended->link->subscribed_changed_ = true;
           }};
 }
 

@@ -23,7 +23,6 @@ struct Destroyer {
   }
 };
 using OptionsPtr = std::unique_ptr<natsOptions, Destroyer<natsOptions_Destroy>>;
-using ConnectionPtr = std::unique_ptr<natsConnection, Destroyer<natsConnection_Destroy>>;
 using MessagePtr = std::unique_ptr<natsMsg, Destroyer<natsMsg_Destroy>>;
 using JetStreamPtr = std::unique_ptr<jsCtx, Destroyer<jsCtx_Destroy>>;
 using StorePtr = std::unique_ptr<kvStore, Destroyer<kvStore_Destroy>>;
@@ -57,27 +56,35 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
     Answer answer;
     std::chrono::steady_clock::time_point until;
   };
-  /// Closure of a libnats subscription. `heard` runs on libnats' thread, possibly after stop() has returned.
+  /// `heard` runs on libnats' thread, possibly after stop() has returned.
   struct Subscribed {
     std::shared_ptr<NatsLink> link;
+    std::string subject;
     std::function<void(natsMsg*)> heard;
+    std::atomic<bool> wanted{true};
+    // Belong to the sender.
+    std::shared_ptr<natsConnection> connection{};
+    std::shared_ptr<natsSubscription> subscription{};  ///< At the connection.
   };
 
   void send(const std::string& subject, Bytes message, const std::string& reply);
   void to_loop(std::function<void()> work);
   void post_to_listener(std::function<void()> work);
+  void connect();
   void listen_to_connection();
   void on_up();
-  void on_down(const std::string& why);
+  void on_down(const std::string& why, std::optional<std::uint64_t> generation = {});
+  void on_closed();
   std::shared_ptr<void> subscribe_with_reply(const std::string& subject,
                                              std::function<void(Bytes, std::string reply)> handler);
   std::shared_ptr<void> subscribe_raw(const std::string& subject, std::function<void(natsMsg*)> heard);
+  static void renew(const std::shared_ptr<Subscribed>& subscribed, const std::shared_ptr<natsConnection>& connection);
   void send_all();
   void expire_requests();
   void write_all();
   void read_table();
   void watch_once(std::uint64_t generation);
-  JetStreamPtr jet_stream() const;
+  JetStreamPtr jet_stream();
   Result<StorePtr> open_table(jsCtx& js) const;
   bool report_new_table(jsCtx& js);
   Result<std::uint64_t> write_now(const std::string& key, const std::optional<std::string>& text,
@@ -89,7 +96,6 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
   const int replicas_;  ///< Of the table, if this broker creates it: 1, 3 or 5.
   const std::string bucket_, inbox_;
   OptionsPtr options_;
-  ConnectionPtr connection_;
   std::function<void(std::function<void()>)> on_loop_;
   Listener* listener_ = nullptr;                               // Belongs to the loop.
   std::map<std::uint64_t, Request> requests_;                  // Belongs to the loop.
@@ -107,7 +113,11 @@ class NatsLink final : public Link, public std::enable_shared_from_this<NatsLink
   std::size_t outgoing_bytes_ = 0;
   std::deque<std::function<void()>> rows_;
   bool connected_ = false, stopping_ = false;
+  bool closed_ = false;           ///< libnats has closed the connection and does not try again.
   std::uint64_t generation_ = 0;  ///< Number of the connection.
+  std::shared_ptr<natsConnection> connection_;
+  std::vector<std::shared_ptr<Subscribed>> subscribed_;
+  bool subscribed_changed_ = false;
   std::chrono::steady_clock::time_point drain_until_{};
 
   std::thread sender_, writer_, reader_;

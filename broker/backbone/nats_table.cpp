@@ -39,12 +39,15 @@ void NatsLink::write_all() {
   }
 }
 
-JetStreamPtr NatsLink::jet_stream() const {
+JetStreamPtr NatsLink::jet_stream() {
+  std::unique_lock lock(mutex_);
+  const auto connection = connection_;
+  lock.unlock();
   jsOptions options;
   jsOptions_Init(&options);
   options.Wait = kTableTimeoutMs;
   jsCtx* js = nullptr;
-  if (connection_) natsConnection_JetStream(&js, connection_.get(), &options);
+  if (connection) natsConnection_JetStream(&js, connection.get(), &options);
   return JetStreamPtr(js);
 }
 
@@ -140,10 +143,11 @@ void NatsLink::read_table() {
   std::unique_lock lock(mutex_);
   while (!stopping_) {
     wake_.wait_for(lock, 500ms, [this] { return stopping_ || connected_; });
-    if (stopping_ || !connected_) continue;
+    if (stopping_ || (!connected_ && !closed_)) continue;
     const std::uint64_t generation = generation_;
+    const bool closed = closed_;
     lock.unlock();
-    watch_once(generation);
+    closed ? connect() : watch_once(generation);
     lock.lock();
     wake_.wait_for(lock, 500ms, [this] { return stopping_; });
   }

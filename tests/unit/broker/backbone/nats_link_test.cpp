@@ -1,0 +1,233 @@
+// SPDX-License-Identifier: MIT
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <atomic>
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/asio/read.hpp>
+#include <boost/asio/read_until.hpp>
+#include <boost/asio/write.hpp>
+#include <chrono>
+#include <condition_variable>
+#include <deque>
+#include <mutex>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "broker/backbone/link.h"
+#include "broker/config/config.h"
+
+namespace eigencast::broker {
+namespace {
+
+using boost::asio::ip::tcp;
+using std::chrono_literals::operator""s;
+
+constexpr auto kPatience = 60s;
+
+/// What a NATS server does to one connection.
+enum class Manner {
+  kTakes,
+  kCloses,
+  kSaysNothing,
+  kClosesAfterInfo,
+  kRefusesUser,
+  kFails,
+  kSpeaksNoTls,
+  kTalksNonsense
+};
+
+/// A NATS server on loopback that treats its first connections as told, and takes all later ones.
+class NatsPeer {
+ public:
+  explicit NatsPeer(std::vector<Manner> manners) : manners_(manners.begin(), manners.end()) {
+    thread_ = std::thread([this] {
+      for (;;) {
+        tcp::socket socket(io_);
+        boost::system::error_code error;
+        acceptor_.accept(socket, error);
+        if (error || ending_) return;
+        ++connections_;
+        const Manner manner = manners_.empty() ? Manner::kTakes : manners_.front();
+        if (!manners_.empty()) manners_.pop_front();
+        converse(socket, manner);
+      }
+    });
+  }
+  ~NatsPeer() {
+    ending_ = true;
+    boost::system::error_code error;
+    tcp::socket(io_).connect(acceptor_.local_endpoint(), error);
+    thread_.join();
+  }
+  NatsPeer(const NatsPeer&) = delete;
+  NatsPeer& operator=(const NatsPeer&) = delete;
+
+  std::string address() const { return "nats://127.0.0.1:" + std::to_string(acceptor_.local_endpoint().port()); }
+  int connections() const { return connections_; }
+  /// Is sent once to the client that is connected.
+  void say(const std::string& line) {
+    const std::lock_guard lock(mutex_);
+    said_ += line;
+  }
+
+ private:
+  /// Ends when the client has gone, or this server sends it away.
+  void converse(tcp::socket& socket, Manner manner) {
+    boost::system::error_code error;
+    const auto send = [&](const std::string& text) { boost::asio::write(socket, boost::asio::buffer(text), error); };
+    std::string buffer;
+    const auto line = [&] {
+      const std::size_t size = boost::asio::read_until(socket, boost::asio::dynamic_buffer(buffer), "\r\n", error);
+      const std::string read = error ? "" : buffer.substr(0, size - 2);
+      buffer.erase(0, size);
+      return read;
+    };
+    if (manner == Manner::kCloses) return;
+    if (manner == Manner::kSaysNothing) {
+      line();
+      return;
+    }
+    if (manner == Manner::kTalksNonsense) return send("HTTP/1.1 400 Bad Request\r\n\r\n");
+    const std::string tls = manner == Manner::kSpeaksNoTls ? R"(,"tls_required":true)" : "";
+    send(R"(INFO {"server_id":"peer","version":"2.9.10","headers":true,"max_payload":1048576)" + tls + "}\r\n");
+    if (manner == Manner::kClosesAfterInfo) return;
+    if (manner == Manner::kSpeaksNoTls) {
+      boost::asio::read(socket, boost::asio::dynamic_buffer(buffer), boost::asio::transfer_at_least(1), error);
+      return send("no TLS here\r\n");
+    }
+    line();  // CONNECT
+    if (manner == Manner::kRefusesUser) return send("-ERR 'Authorization Violation'\r\n");
+    if (manner == Manner::kFails) return send("-ERR 'Authentication Timeout'\r\n");
+    while (!error && !ending_) {
+      {
+        const std::lock_guard lock(mutex_);
+        if (!said_.empty()) send(std::exchange(said_, {}));
+      }
+      const std::string read = line();  // The client pings several times a second.
+      std::string subject, number;
+      if (read == "PING") send("PONG\r\n");
+      std::istringstream words(read);
+      std::string word;
+      if (words >> word >> subject >> number && word == "SUB" && subject == "news") {
+        send("MSG news " + number + " 2\r\nhi\r\n");
+      }
+    }
+  }
+
+  boost::asio::io_context io_;
+  tcp::acceptor acceptor_{io_, tcp::endpoint(boost::asio::ip::address_v4::loopback(), 0)};
+  std::deque<Manner> manners_;
+  std::atomic<int> connections_{0};
+  std::atomic<bool> ending_{false};
+  std::mutex mutex_;
+  std::string said_;
+  std::thread thread_;
+};
+
+/// The event loop of a link, run by the test.
+class PumpedLoop : public Link::Listener {
+ public:
+  void post(std::function<void()> work) {
+    const std::lock_guard lock(mutex_);
+    work_.push_back(std::move(work));
+    wake_.notify_all();
+  }
+  template <typename Condition>
+  bool run_until(Condition&& condition) {
+    const auto until = std::chrono::steady_clock::now() + kPatience;
+    std::unique_lock lock(mutex_);
+    while (!condition()) {
+      if (!wake_.wait_until(lock, until, [this] { return !work_.empty(); })) return false;
+      const auto work = std::move(work_.front());
+      work_.pop_front();
+      lock.unlock();
+      work();
+      lock.lock();
+    }
+    return true;
+  }
+
+  void on_connected() override { ++connected; }
+  void on_disconnected(const std::string&) override { ++disconnected; }
+  void on_new_table() override {}
+  void on_row(const std::string&, std::optional<std::string>, std::uint64_t) override {}
+  void on_table_read() override {}
+
+  int connected = 0, disconnected = 0;
+
+ private:
+  std::mutex mutex_;
+  std::condition_variable wake_;
+  std::deque<std::function<void()>> work_;
+};
+
+class NatsLinkTest : public ::testing::TestWithParam<Manner> {
+ protected:
+  void start(std::vector<Manner> manners) {
+    peer_.emplace(std::move(manners));
+    Config config;
+    config.backbone.servers = {peer_->address()};
+    auto link = make_nats_link(config, "test", [this](std::function<void()> work) { loop_.post(std::move(work)); });
+    ASSERT_TRUE(link) << link.error().message;
+    link_ = std::move(*link);
+    link_->start(loop_);
+    news_ = link_->subscribe("news", [this](const Bytes& message) { heard_ += message.size() == 2 ? 1 : 0; });
+  }
+  void TearDown() override {
+    news_.reset();
+    if (link_) link_->stop();
+  }
+
+  PumpedLoop loop_;
+  std::optional<NatsPeer> peer_;
+  std::shared_ptr<Link> link_;
+  std::shared_ptr<void> news_;
+  int heard_ = 0;
+};
+
+TEST_P(NatsLinkTest, ConnectsAfterThreeFailures) {
+  start(std::vector<Manner>(3, GetParam()));
+  EXPECT_TRUE(loop_.run_until([&] { return loop_.connected == 1 && heard_ == 1; })) << peer_->connections() << " tries";
+  EXPECT_GE(loop_.disconnected, 1) << "the first failure is reported";
+  EXPECT_EQ(peer_->connections(), 4);
+}
+
+/// Without kSpeaksNoTls: libnats does not go back from TLS.
+class LostNatsLinkTest : public NatsLinkTest {};
+
+TEST_P(LostNatsLinkTest, ConnectsAgainAfterThreeFailures) {
+  start({Manner::kTakes, GetParam(), GetParam(), GetParam()});
+  ASSERT_TRUE(loop_.run_until([&] { return loop_.connected == 1 && heard_ == 1; }));
+  peer_->say("-ERR 'Stale Connection'\r\n");
+  EXPECT_TRUE(loop_.run_until([&] { return loop_.connected == 2 && heard_ == 2; })) << peer_->connections() << " tries";
+  EXPECT_EQ(peer_->connections(), 5);
+}
+
+INSTANTIATE_TEST_SUITE_P(Failures, NatsLinkTest,
+                         ::testing::Values(Manner::kCloses, Manner::kSaysNothing, Manner::kClosesAfterInfo,
+                                           Manner::kRefusesUser, Manner::kFails, Manner::kSpeaksNoTls,
+                                           Manner::kTalksNonsense));
+INSTANTIATE_TEST_SUITE_P(Failures, LostNatsLinkTest,
+                         ::testing::Values(Manner::kCloses, Manner::kSaysNothing, Manner::kClosesAfterInfo,
+                                           Manner::kRefusesUser, Manner::kFails, Manner::kTalksNonsense));
+
+TEST_F(NatsLinkTest, ErrorsOfAConnectionMakeANewOne) {
+  start({});
+  ASSERT_TRUE(loop_.run_until([&] { return loop_.connected == 1 && heard_ == 1; }));
+  int times = 1;
+  for (const char* error : {"Slow Consumer", "Authorization Violation", "Maximum Connections Exceeded"}) {
+    peer_->say(std::string("-ERR '") + error + "'\r\n");
+    if (std::string(error) == "Authorization Violation") peer_->say("-ERR 'Authorization Violation'\r\n");
+    ++times;
+    EXPECT_TRUE(loop_.run_until([&] { return loop_.connected == times && heard_ == times; })) << error;
+  }
+  EXPECT_EQ(loop_.disconnected, 3);
+}
+
+}  // namespace
+}  // namespace eigencast::broker
