@@ -136,11 +136,8 @@ void Connection::on_event(const websocket::MessageReader::Event& event) {
 }
 
 void Connection::on_ping(std::string_view payload) {
-  const auto pong = std::make_shared<const std::string>(websocket::framed(Opcode::kPong, payload));
-  outbox_.push_late_pong(nullptr);  // The newest ping is answered, and no older one after it (RFC 6455, 5.5.3).
-  if (outbox_.push_droppable(pong)) return schedule_write();
-  if (!blocked_ && open_) flush();
-  if (!outbox_.push_droppable(pong)) outbox_.push_late_pong(pong);
+  const bool late = !outbox_.push_pong(std::make_shared<const std::string>(websocket::framed(Opcode::kPong, payload)));
+  if (late && !blocked_ && open_) flush();
   schedule_write();
 }
 

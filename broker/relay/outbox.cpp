@@ -43,6 +43,13 @@ bool Outbox::push_droppable(Text text) {
          push_control(std::move(text));
 }
 
+bool Outbox::push_pong(Text pong) {
+  if (late_pong_ && push_droppable(late_pong_)) late_pong_ = nullptr;  // Never follows the newer one.
+  if (!late_pong_ && push_droppable(pong)) return true;
+  late_pong_ = std::move(pong);
+  return false;
+}
+
 void Outbox::open_lane(std::uint32_t stream_id) {
   Lane* lane = find(stream_id);
   if (lane == nullptr) lane = &lanes_.emplace_back();

@@ -57,8 +57,9 @@ class Outbox {
   [[nodiscard]] bool push_control(Text text);
   /// For messages that may be lost (traces). False: dropped, because a quarter of the queue is in use.
   bool push_droppable(Text text);
-  /// Queues a pong behind all other control messages; it replaces a waiting one (RFC 6455, 5.5.3).
-  void push_late_pong(Text text) { late_pong_ = std::move(text); }
+  /// Queues a pong: as a droppable message, else (false) behind all other control messages, where it replaces the one
+  /// that waits: of many pings only the latest needs an answer (RFC 6455, 5.5.3).
+  bool push_pong(Text pong);
 
   /// Opens a lane or resets it (new epoch, new profile): the receiver is assumed to have nothing.
   void open_lane(std::uint32_t stream_id);

@@ -310,14 +310,30 @@ TEST_F(OutboxTest, HeldReceiverGetsJoinAfterHold) {
 }
 
 TEST_F(OutboxTest, OnlyTheLatestPongIsSent) {
-  for (const char* pong : {"1", "2", "3"}) outbox_.push_late_pong(text(pong));
-  ASSERT_TRUE(outbox_.push_control(text("control")));
+  while (outbox_.push_droppable(text("control"))) {
+  }
+  for (const char* pong : {"1", "2", "3"}) EXPECT_FALSE(outbox_.push_pong(text(pong)));
   join_at(1);
   const auto next = [&] { return outbox_.take(now_, [&](std::uint32_t) { return join_; }); };
-  EXPECT_EQ(*next()->text, "control");
-  EXPECT_EQ(*next()->text, "3");
+  auto item = next();
+  while (*item->text == "control") item = next();
+  EXPECT_EQ(*item->text, "3");
   EXPECT_TRUE(next()->frame);
   EXPECT_FALSE(next());
+}
+
+TEST_F(OutboxTest, PongOfOlderPingNeverFollowsNewerOne) {
+  while (outbox_.push_droppable(text("control"))) {
+  }
+  EXPECT_FALSE(outbox_.push_pong(text("1")));
+  const auto next = [&] { return outbox_.take(now_, [](std::uint32_t) { return nullptr; }); };
+  for (int i = 0; i < 2; ++i) EXPECT_EQ(*next()->text, "control");
+  EXPECT_TRUE(outbox_.push_pong(text("2"))) << "there is room now";
+  std::vector<std::string> pongs;
+  while (const auto item = next()) {
+    if (*item->text != "control") pongs.push_back(*item->text);
+  }
+  EXPECT_EQ(pongs, (std::vector<std::string>{"1", "2"}));
 }
 
 }  // namespace
