@@ -40,7 +40,7 @@ class Peer:
 
     def __init__(self, port, path="/echo", subprotocol=None, headers=(), upgrade=True, receive_buffer=0, tls=None):
         self.sock = socket.socket()
-        self.sock.settimeout(10)
+        self.sock.settimeout(60)
         if receive_buffer:
             self.sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
         self.sock.connect(("127.0.0.1", port))
@@ -97,7 +97,7 @@ class Peer:
             opcode, payload = self.receive()
             if opcode == CLOSE:
                 break
-        self.sock.settimeout(5)
+        self.sock.settimeout(60)
         while self.sock.recv(65536):
             pass
         return struct.unpack(">H", payload[:2])[0] if payload else None
@@ -120,7 +120,7 @@ class Broker:
     def __exit__(self, *_):
         for pid in self.children() or [self.process.pid]:  # What wraps it ends with it.
             os.kill(pid, signal.SIGTERM)
-        ended = self.process.wait(20)
+        ended = self.process.wait(60)
         shutil.rmtree(self.folder)
         assert ended == 0, f"the broker ended with {ended}"
 
@@ -135,7 +135,7 @@ def port_of(file):
 
 def ports_of(file):
     """The same of a broker with an admin port: both."""
-    for _ in range(600):
+    for _ in range(1200):
         if file.exists() and file.read_text().strip():
             return [int(line) for line in file.read_text().split()]
         time.sleep(0.05)

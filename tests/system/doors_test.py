@@ -34,7 +34,7 @@ def own_address():
 
 def ask(port, method, target, body=None, host="127.0.0.1", source=None, headers={}):
     """Status, headers and body of one answer; `source`: the address that it is asked from, if not `host`."""
-    connection = http.client.HTTPConnection(host, port, timeout=20, source_address=(source or host, 0))
+    connection = http.client.HTTPConnection(host, port, timeout=60, source_address=(source or host, 0))
     try:
         connection.request(method, target, body, headers)
         answer = connection.getresponse()

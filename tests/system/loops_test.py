@@ -78,7 +78,7 @@ class Loops(unittest.TestCase):
         self.tls.check_hostname = False
 
     def wait_for_certificate(self):
-        for _ in range(200):
+        for _ in range(1200):
             try:
                 return self.connect("/v1/subscribe").sock.close()
             except ssl.SSLCertVerificationError:  # It is still the old one.
@@ -98,7 +98,7 @@ class Loops(unittest.TestCase):
 
     def request(self, method, path, body=None, **headers):
         """Status, headers and body of the answer."""
-        link = http.client.HTTPSConnection("127.0.0.1", self.port, context=self.tls, timeout=20)
+        link = http.client.HTTPSConnection("127.0.0.1", self.port, context=self.tls, timeout=60)
         link.request(method, path, body, {name.replace("_", "-"): value for name, value in headers.items()})
         answer = link.getresponse()
         got = answer.status, answer.headers, answer.read()

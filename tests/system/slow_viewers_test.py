@@ -133,12 +133,16 @@ class SlowViewers(unittest.TestCase):
         """Poses of the time of the stall that the viewer is given when it wakes. The stall ends when another viewer has so many
         seconds' worth of poses."""
         stalled, other = Viewer(self.port, "s", "?rate=raw", **viewer), Viewer(self.port, "s", "?rate=raw")
-        stalled.read_until(lambda: len(stalled.captures) > self.rate)
-        slept = now_us()
-        other.read_until(lambda: other.captures and other.captures[-1] > slept + seconds * 1_000_000)
-        newest = other.captures[-1]
-        stalled.captures.clear()
-        stalled.read_until(lambda: stalled.captures and stalled.captures[-1] >= newest)
+        slept = newest = 0
+        try:
+            stalled.read_until(lambda: len(stalled.captures) > self.rate)
+            slept = now_us()
+            other.read_until(lambda: other.captures and other.captures[-1] > slept + seconds * 1_000_000)
+            newest = other.captures[-1]
+            stalled.captures.clear()
+            stalled.read_until(lambda: stalled.captures and stalled.captures[-1] >= newest)
+        except EOFError:  # A window may stay narrow: who then answers no ping is given nothing, and is cut off for its silence.
+            self.assertFalse(stalled.answers)
         self.assertEqual(stalled.captures, sorted(stalled.captures))
         return sum(slept < capture < newest - 100_000 for capture in stalled.captures)
 
@@ -159,12 +163,12 @@ class SlowViewers(unittest.TestCase):
 
     def test_unread_answers_stop_the_reading_of_questions(self):
         viewer = Peer(self.port, "/v1/subscribe", SUBPROTOCOL, receive_buffer=8192)
-        viewer.sock.settimeout(0.3)
+        viewer.sock.settimeout(3)
         question = frame(TEXT, json.dumps({"op": "ping", "id": 1, "time_us": 1}).encode())
         with self.assertRaises(TimeoutError):  # The broker stops reading, long before it would lose patience.
             for _ in range(20_000):
                 viewer.sock.sendall(question * 100)
-        viewer.sock.settimeout(5)
+        viewer.sock.settimeout(60)
         answered = 0
         while answered < 1000:  # What it has heard is answered once the viewer reads, and it hears more.
             opcode, payload = viewer.receive()

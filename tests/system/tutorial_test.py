@@ -55,7 +55,7 @@ def main():
                     pathlib.Path(folder, what.split()[1]).write_text(what, encoding="utf-8")
                 elif what.startswith("eigencast-broker"):
                     start("exec eigencast-broker --listen 127.0.0.1:0 --admin-listen '' --port-file port")
-                    until = time.monotonic() + 20
+                    until = time.monotonic() + 60
                     while not pathlib.Path(folder, "port").exists() and time.monotonic() < until:
                         time.sleep(0.05)
                     port = pathlib.Path(folder, "port").read_text(encoding="utf-8").strip()
