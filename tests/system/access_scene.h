@@ -62,7 +62,7 @@ class AccessTest : public ::testing::Test {
   }
   /// Whether a client got poses.
   bool watches(const std::string& name, std::vector<std::string> arguments) {
-    arguments.insert(arguments.end(), {"--frames", "5", "--wait", "20"});
+    arguments.insert(arguments.end(), {"--frames", "5", "--wait", "50"});
     auto client = scene_.start_client(name, arguments);
     const bool good = client->wait(kPatience) == 0;
     return good && scene_.received(name).size() >= 5;

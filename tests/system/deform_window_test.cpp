@@ -62,7 +62,7 @@ class Desk {
     std::vector<std::string> all{"/usr/bin/env", "DISPLAY=" + display_, "xdotool"};
     all.insert(all.end(), arguments.begin(), arguments.end());
     Process hand(std::move(all), scene_.file("xdotool.log"));
-    ASSERT_EQ(hand.wait(milliseconds(20000)), 0) << hand.output();
+    ASSERT_EQ(hand.wait(milliseconds(60000)), 0) << hand.output();
   }
   void drag(const glm::vec2& from, const glm::vec2& to) {
     xdotool({"mousemove", at(from.x), at(from.y), "sleep", "0.1", "mousedown", "1"});
@@ -75,7 +75,7 @@ class Desk {
   bool sees(const std::string& text) { return sender_->wait_for_output(text, milliseconds(60000)); }
   nlohmann::json close() {
     xdotool({"key", "q"});
-    EXPECT_EQ(sender_->wait(milliseconds(20000)), 0) << sender_->output();
+    EXPECT_EQ(sender_->wait(milliseconds(60000)), 0) << sender_->output();
     std::ifstream in(report_file());
     return nlohmann::json::parse(in, nullptr, false);
   }

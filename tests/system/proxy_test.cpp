@@ -58,7 +58,7 @@ class ProxyTest : public AccessTest {
   void TearDown() override {
     if (!nginx_) return;
     nginx_->signal(SIGQUIT);
-    nginx_->wait(milliseconds(5000));
+    nginx_->wait(kPatience);
   }
 
   /// The shipped file as it is, but for `changes` (each must occur) and what a machine must replace.
@@ -201,16 +201,16 @@ TEST_F(ProxyTest, AnIdleViewerOutlivesTheProxyTimeout) {
   // An hour of silence at 60 s and pings every 15 s; here seconds, in the same ratio of four pings to a timeout.
   write_secret(scene_.file("eigencast.toml"),
                "[access]\nanonymous = \"anywhere\"\n[proxy]\ntrusted = [\"127.0.0.1\"]\n");
-  auto broker = scene_.start_broker(configured({"--timeouts-idle-ms", "2000"}));
+  auto broker = scene_.start_broker(configured({"--timeouts-idle-ms", "6000"}));
   ASSERT_NO_FATAL_FAILURE(start_nginx(
-      {{"proxy_read_timeout 60s", "proxy_read_timeout 4s"}, {"proxy_send_timeout 60s", "proxy_send_timeout 4s"}}));
+      {{"proxy_read_timeout 60s", "proxy_read_timeout 12s"}, {"proxy_send_timeout 60s", "proxy_send_timeout 12s"}}));
   const std::string ca = scene_.file("proxy.pem");
   auto client = scene_.start_client("idle", {"--ca", ca, "--frames", "5", "--wait", "60", "--verbose"});
   ASSERT_TRUE(eventually(
       [&] { return client->output().find("waiting for a sender") != std::string::npos || !client->running(); },
       kPatience))
       << scene_.logs();
-  sleep_for(milliseconds(10000));
+  sleep_for(milliseconds(30000));
   EXPECT_TRUE(client->running()) << scene_.logs();
   const std::string before = client->output();
   EXPECT_THAT(before, Not(HasSubstr("connection lost"))) << "the idle connection was cut";

@@ -36,13 +36,11 @@ TEST_F(TlsTest, ABadCertificateNamesItsRemedy) {
   const std::string good = scene_.file("good.pem");
   auto sender = scene_.start_sender({"torus", "--rate", "30", "--ca", good});
   EXPECT_TRUE(watches("trusted", {"--ca", good})) << scene_.logs();
-  EXPECT_THAT(refusal("unknown", {}),
-              HasSubstr("none of the system's authorities signed it (name the one that did with --ca FILE)"));
+  EXPECT_THAT(refusal("unknown", {}), HasSubstr("--ca FILE"));
   ASSERT_TRUE(make_certificate(scene_, "other"));
-  EXPECT_THAT(refusal("another", {"--ca", scene_.file("other.pem")}),
-              HasSubstr("none of the authorities in " + scene_.file("other.pem")));
+  EXPECT_THAT(refusal("another", {"--ca", scene_.file("other.pem")}), HasSubstr(scene_.file("other.pem")));
   EXPECT_TRUE(watches("insecure", {"--insecure"})) << scene_.logs();
-  EXPECT_THAT(text_of(scene_.file("insecure.log")), HasSubstr("is not checked (--insecure)"));
+  EXPECT_THAT(text_of(scene_.file("insecure.log")), HasSubstr("--insecure"));
   EXPECT_THAT(text_of(scene_.file("trusted.log")), Not(HasSubstr("--insecure")));
 }
 
@@ -51,7 +49,7 @@ TEST_F(TlsTest, ExpiryAndWrongHostAreToldApart) {
   {
     auto broker = scene_.start_broker(with_tls("elsewhere"));
     EXPECT_THAT(refusal("elsewhere-client", {"--ca", scene_.file("elsewhere.pem")}),
-                HasSubstr("it is for elsewhere.example, *.lab.example, 10.1.2.3, not for 127.0.0.1"));
+                HasSubstr("elsewhere.example, *.lab.example, 10.1.2.3"));
   }
   ASSERT_TRUE(make_expired("expired"));
   auto broker = scene_.start_broker(
@@ -75,7 +73,7 @@ TEST_F(TlsTest, ClientCertificatesAreRequiredWhenConfigured) {
   of_sender.insert(of_sender.begin(), {"torus", "--rate", "30"});
   auto sender = scene_.start_sender(of_sender);
   EXPECT_TRUE(watches("shown", with("client"))) << scene_.logs();
-  EXPECT_THAT(refusal("none", {"--ca", ca}), HasSubstr("asks for a certificate of yours: --cert FILE --key FILE"));
+  EXPECT_THAT(refusal("none", {"--ca", ca}), HasSubstr("--cert FILE --key FILE"));
   EXPECT_THAT(refusal("not-theirs", with("stranger")), HasSubstr("does not take the certificate of yours"));
   EXPECT_EQ(scene_.run("mixed", {"eigencast-client", scene_.url(), "--headless", "--frames", "1", "--cert",
                                  scene_.file("client.pem"), "--key", scene_.file("good.key")}),

