@@ -34,8 +34,7 @@ struct BakedClip {
   std::shared_ptr<const MotionClip> motion;  ///< As read; pose() from one thread at a time.
   std::vector<std::vector<double>> frames;   ///< Each r x 3, row-major.
 
-  /// Opens (open_input), bakes or takes from cache_dir, and projects all frames. Errors: those of open_clip and bake;
-  /// kTooLarge (over 1 GiB of frames; a broker streams any number).
+  /// Bakes, or takes from cache_dir. Errors: those of open_input, bake and project_clip.
   static Result<std::shared_ptr<const BakedClip>> open(const std::string& input, const std::string& cache_dir,
                                                        const BakeProgress& progress = {});
 };

@@ -34,7 +34,7 @@ class Connections final {
   bool are_well() const;
   /// Since when a source has not been well; nothing while it is.
   const std::optional<TimeUs>& lost_since_us(std::size_t source) const { return known_[source].lost_since_us; }
-  /// The first source that is not well, or the first of all.
+  /// The first that is not well, or the first of all.
   std::size_t troubled() const { return troubled_; }
   /// About the troubled source: see connection_line and banner_text. Empty without sources.
   std::string line(bool has_banner) const;

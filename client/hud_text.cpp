@@ -9,7 +9,6 @@
 namespace eigencast {
 namespace {
 
-/// 32802 -> "32,802"
 std::string with_commas(std::uint64_t number) {
   std::string digits = std::to_string(number);
   for (std::size_t at = digits.size(); at > 3; at -= 3) digits.insert(at - 3, ",");

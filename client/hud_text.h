@@ -13,7 +13,6 @@
 
 namespace eigencast {
 
-/// The figures on the screen.
 struct HudFigures {
   double keys_hz = 0, poses_hz = 0, drawn_hz = 0, kbit_per_s = 0;
   bool received = false;  ///< From a broker, so that bit rate and mode mean something.
@@ -39,13 +38,12 @@ std::string text_from_mode(const Profile& profile);
 /// "interpolated · 67 ms held back (smooth 100 %)".
 std::string text_from_shown(Shown shown, bool settling, const Playout& playout);
 
-/// "rebuilt on the CPU", "rebuilt on the GPU", or both, where some surfaces are too large for the GPU.
 std::string text_from_rebuilt(std::size_t on_gpu, std::size_t surfaces);
 
 /// "budget · 60/s · 12.1 of 16.7 ms · 87 % planned".
 std::string text_from_levels(const LevelControl& levels, double work_s);
 
-/// The figures' lines, the most important first; Latin-1 characters only.
+/// The most important first; Latin-1 characters only.
 std::vector<std::string> hud_lines(const HudFigures& figures);
 
 /// Of the surface. bytes_per_s: 0 if unknown.

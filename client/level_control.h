@@ -39,7 +39,6 @@ class LevelControl {
   void set_kind(ResolverKind kind);
   ResolverKind kind() const { return settings_.kind; }
   const LevelSettings& settings() const { return settings_; }
-  /// See LodResolver::state(); 0 without one.
   double state() const { return resolver_ ? resolver_->state() : 0; }
   bool active() const { return settings_.kind != ResolverKind::kNone; }
 

@@ -11,7 +11,6 @@
 
 namespace eigencast {
 
-/// One surface of the scene for a resolver.
 struct ObjectView {
   std::uint32_t max = 0;    ///< Largest level that can be drawn now, vertices.
   std::uint32_t min = 0;    ///< Smallest level that may be drawn; <= max.
@@ -63,7 +62,7 @@ class PaperResolver final : public LodResolver {
   std::vector<std::uint32_t> resolve(std::span<const ObjectView> objects, std::optional<FrameWork> last) override;
   double state() const override { return kappa_; }
 
-  /// Eq. 5 with Eq. 6, clamped to [0, 1]. `scaled` is d'.
+  /// Clamped to [0, 1]. `scaled` is d'.
   static double level(double scaled, double kappa);
 
  private:
@@ -104,7 +103,6 @@ class PlanMargin {
   static constexpr double kMin = 0.85;           ///< Lower bound of fill().
   static constexpr double kEdge = 0.97;          ///< Upper bound, of the deadline.
 
-  /// deadline: in frames' times; >= 1.
   explicit PlanMargin(double deadline) : deadline_(deadline) {}
   /// ratio: the time of a frame over its prediction; > 0.
   void add(double ratio);

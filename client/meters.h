@@ -56,7 +56,7 @@ class History {
 
   /// Keeps the sample if one is due; true if so.
   bool add(const HistorySample& sample, TimeUs now_us);
-  /// One quantity, oldest first.
+  /// Oldest first.
   std::vector<float> values(double HistorySample::*member) const;
   std::size_t size() const { return samples_.size(); }
 

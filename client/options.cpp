@@ -64,7 +64,7 @@ bool colour_from_text(const std::string& text, SurfacePainter::Wish& wish) {
          (std::sscanf(text.c_str() + colon, ":%3u%c", &wish.channel, &rest) == 1 && wish.channel >= 3);
 }
 
-/// Returns what is wrong; empty if nothing is.
+/// What is wrong; empty if nothing is.
 std::string read_style(const RawOptions& raw, Style& style) {
   if (!colour_from_text(raw.colour, style.colour))
     return "--colour " + raw.colour +

@@ -19,7 +19,6 @@ class SceneColours final {
  public:
   explicit SceneColours(Decode decode = Decode::kBackground) : decode_(decode) {}
 
-  /// REQUIRES: `sources` are those that the scene advances with.
   void paint(const Scene& scene, std::span<PoseSource* const> sources, const Style& style, Renderer& renderer);
   /// Later surfaces move up.
   void remove(std::size_t surface);
@@ -29,7 +28,6 @@ class SceneColours final {
   std::optional<Legend> legend(const Asset* asset) const;
   /// Why the first surface's colours are not as asked for; empty if they are.
   std::string why_not() const { return painters_.empty() ? std::string() : painters_.front().why_not(); }
-  /// Something is being prepared: paint again soon.
   bool is_waiting() const;
 
  private:
@@ -39,7 +37,6 @@ class SceneColours final {
   Style painted_;
 };
 
-/// The wishes that the sources can meet, and the next one of them.
 std::vector<SurfacePainter::Wish> colourings_of(std::span<PoseSource* const> sources);
 SurfacePainter::Wish next_colouring(std::span<PoseSource* const> sources, const SurfacePainter::Wish& wish);
 
