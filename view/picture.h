@@ -11,7 +11,7 @@
 
 namespace eigencast {
 
-/// An 8-bit picture, row by row from the top.
+/// Eight bits a channel, row by row from the top.
 struct Picture {
   int width = 0, height = 0;
   std::vector<std::uint8_t> rgb;         ///< height x width x 3

@@ -59,7 +59,7 @@ struct RebuildJob {
   std::uint32_t vertices() const { return level->drawn(); }
 };
 
-/// Where surfaces are rebuilt; kAuto: where it is faster.
+/// kAuto: where it is faster.
 enum class RebuildOn { kAuto, kCpu, kGpu };
 
 /// As --reconstruct takes them.
@@ -68,7 +68,6 @@ inline constexpr EnumNames<RebuildOn, 3> kRebuildOnNames{{"auto", "cpu", "gpu"}}
 /// Fills positions, X = Psi C, and normals (area-weighted, of discs), morphed between levels (LevelMorph).
 class SurfaceRebuilder {
  public:
-  /// How long the caller waited.
   struct Cost {
     TimeUs positions_us = 0, normals_us = 0;
   };

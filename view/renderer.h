@@ -38,7 +38,7 @@ class Renderer final {
   void place(std::size_t surface, const glm::mat4& scene_from_surface, bool visible = true, float colourfulness = 1);
   void mark(Markup markup);
   void draw(const Camera& camera, const RenderOptions& options, int width_px, int height_px, unsigned target = 0);
-  /// Draws into memory. Errors: kUnsupported (larger than the GPU can draw).
+  /// Errors: kUnsupported (larger than the GPU can draw).
   Result<Picture> picture(const Camera& camera, const RenderOptions& options, int width_px, int height_px);
   static Picture read_back(int width_px, int height_px, unsigned source = 0, bool with_alpha = false);
 

@@ -44,7 +44,6 @@ class Rows {
         depth_(up == Asset::UpAxis::kZ ? 1 : 2),
         away_(up == Asset::UpAxis::kZ ? 1.0F : -1.0F) {}
 
-  /// The shift of the next surface, whose box this is.
   glm::vec3 shift(const SceneBox& box) {
     if (in_row_ == longest_) {
       in_row_ = 0;

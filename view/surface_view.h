@@ -69,7 +69,7 @@ class BandFade {
   std::vector<double> from_;  ///< Shown at started_us_.
 };
 
-/// The rest pose's box, and the asset's up axis.
+/// Of the rest pose.
 struct SurfaceFacts {
   glm::vec3 low{0}, high{0};
   Asset::UpAxis up_axis = Asset::UpAxis::kY;
@@ -103,19 +103,18 @@ class SurfaceView {
   /// The positions of geometry(), N x 3; rebuilt into `room` if only the GPU has them.
   std::span<const float> positions(std::vector<float>& room) const;
 
-  /// Morphs values of the vertices, such as colours, in place: 3 floats each.
+  /// Morphs colours or other values in place: 3 floats a vertex.
   void blend(std::span<float> values) const { morph_.blend(triangles_.map(), values); }
   const LevelMorph& morph() const { return morph_; }
-  /// Grows when the result of blend() changes.
+  /// That of blend()'s result.
   std::uint64_t level_version() const { return level_version_; }
 
   /// REQUIRES: the basis of asset_id(), which is not empty.
   void share(std::shared_ptr<Reconstructor> reconstructor) { reconstructor_ = std::move(reconstructor); }
   const std::shared_ptr<Reconstructor>& shared_reconstructor() const { return reconstructor_; }
-  /// Empty until the source names it.
   const std::string& asset_id() const { return asset_id_; }
 
-  /// An upper bound beside lod(); nothing: none.
+  /// An upper bound beside lod().
   void set_max_vertices(std::optional<std::uint32_t> N) { max_vertices_ = N; }
   /// Upper bound of the pixels per surface unit: MorphPace follows it. Infinite (default): unknown.
   void set_px_per_unit(double pixels) { px_per_unit_ = pixels; }

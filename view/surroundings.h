@@ -21,7 +21,6 @@ class Lighting final {
   Result<void> init();
   /// Places the lights beside the camera and renders the shadow map, whose framebuffer stays bound.
   void cast(const Camera& camera, std::span<const std::unique_ptr<GlSurface>> surfaces);
-  /// The shadow map, as texture 0.
   void bind() const { bind_texture(0, GL_TEXTURE_2D, shadows_.id()); }
   /// Uses a program of shaders::kLighting.
   void light(const GlProgram& program, const Camera& camera) const;

@@ -15,7 +15,7 @@ namespace eigencast {
 class LevelMorph;
 struct SurfaceGeometry;
 
-/// Values in blocks, each with the version of its last change.
+/// Each block has the version of its last change.
 template <typename T>
 struct VersionedBlocks {
   static constexpr std::size_t kBlock = 1024;
