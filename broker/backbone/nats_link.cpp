@@ -323,8 +323,13 @@ Result<std::shared_ptr<Link>> make_nats_link(const Config& config, const std::st
   if (natsOptions_Create(&raw) != NATS_OK) return fail(ErrorCode::kIo, "NATS: no memory");
   OptionsPtr options(raw);
   std::vector<const char*> servers;
-  for (const std::string& server : settings.servers) servers.push_back(server.c_str());
   Result<void> result;
+  for (const std::string& server : settings.servers) {
+    servers.push_back(server.c_str());
+    if (server.starts_with("nats://") || server.starts_with("tls://") || !result) continue;
+    result = fail(ErrorCode::kInvalidArgument,
+                  "backbone.servers: '" + server + "' is not nats://HOST:PORT or tls://HOST:PORT");
+  }
   const auto set = [&](natsStatus status, const std::string& what) {
     if (status == NATS_OK || !result) return;
     result = fail(ErrorCode::kInvalidArgument, "backbone." + what + ": " + natsStatus_GetText(status));
@@ -343,10 +348,12 @@ Result<std::shared_ptr<Link>> make_nats_link(const Config& config, const std::st
   set(natsOptions_SetSendAsap(raw, true), "servers");
   set(natsOptions_UseGlobalMessageDelivery(raw, true), "servers");
   const auto file = [](const std::string& name) { return resolved_path(name); };
-  if (!settings.ca.empty()) {
-    set(natsOptions_SetSecure(raw, true), "ca");
-    set(natsOptions_LoadCATrustedCertificates(raw, file(settings.ca).c_str()), "ca");
-  }
+  // libnats does not read tls:// as a demand: unless told, it follows a server that offers plain text.
+  const bool secure = !settings.ca.empty() || !settings.certificate.empty() ||
+                      std::any_of(settings.servers.begin(), settings.servers.end(),
+                                  [](const std::string& server) { return server.starts_with("tls://"); });
+  if (secure) set(natsOptions_SetSecure(raw, true), "servers");
+  if (!settings.ca.empty()) set(natsOptions_LoadCATrustedCertificates(raw, file(settings.ca).c_str()), "ca");
   if (!settings.certificate.empty()) {
     set(natsOptions_LoadCertificatesChain(raw, file(settings.certificate).c_str(), file(settings.key).c_str()),
         "certificate");

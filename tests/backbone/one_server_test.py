@@ -98,14 +98,13 @@ tls {{ cert_file: "{folder}/server.pem", key_file: "{folder}/server.key", ca_fil
         self.addCleanup(server.terminate)
         return server
 
-    def broker(self, name, ca="ca.pem", **shown):
+    def broker(self, name, ca="ca.pem", environment={}, **shown):
         """Its data port and a way to ask its admin port. `shown`: settings of [backbone] with which it shows who it is."""
         ports = pathlib.Path(self.folder, f"ports-{name}")
         process = subprocess.Popen(
             [PROGRAMS / "eigencast-broker", "--listen=127.0.0.1:0", "--admin-listen=127.0.0.1:0", f"--port-file={ports}",
-             f"--data-dir={self.folder}/data-{name}", "--log-level=error", f"--backbone-servers=tls://localhost:{self.nats}",
-             f"--backbone-ca={ca}"],
-            env={**os.environ, **{f"EIGENCAST_BACKBONE__{key.upper()}": value for key, value in shown.items()}, "CREDENTIALS_DIRECTORY": self.folder})
+             f"--data-dir={self.folder}/data-{name}", "--log-level=error", *([f"--backbone-ca={ca}"] if ca else [])],
+            env={**os.environ, "EIGENCAST_BACKBONE__SERVERS": f"tls://localhost:{self.nats}", **environment, **{f"EIGENCAST_BACKBONE__{key.upper()}": value for key, value in shown.items()}, "CREDENTIALS_DIRECTORY": self.folder})
         self.addCleanup(self.end, process)
         data, admin = ports_of(ports)
         return data, lambda path: urllib.request.urlopen(f"http://127.0.0.1:{admin}{path}", timeout=5).read().decode()
@@ -178,6 +177,61 @@ class Guarded(OneServer):
         for password, ca in (("wrong", "ca.pem"), ("secret", "server.pem")):
             _, ask = self.broker(f"{password}-{ca}", ca, user="broker", password=password)
             self.assertRegex(ask("/readyz"), "ready, degraded: .*no NATS server")
+
+
+class Plain(threading.Thread):
+    """Answers as a NATS server without TLS does, and keeps what it is sent."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port, self.taken, self.tries = self.listener.getsockname()[1], b"", 0
+        self.start()
+
+    def run(self):
+        while True:
+            try:
+                peer, _ = self.listener.accept()
+            except OSError:
+                return
+            peer.settimeout(60)
+            try:
+                peer.sendall(b'INFO {"server_id":"a","version":"2.9.0","proto":1,"headers":true,"max_payload":1048576,"jetstream":true}\r\n')
+                while data := peer.recv(4096):
+                    self.taken += data
+                    if b"PING" in data:
+                        peer.sendall(b"PONG\r\n")
+            except OSError:
+                pass
+            self.tries += 1
+            peer.close()
+
+
+class Secured(OneServer):
+    def test_tls_servers_are_never_spoken_to_in_plain_text(self):
+        plain = Plain()
+        self.addCleanup(plain.listener.close)
+        self.nats, self.log = plain.port, pathlib.Path(os.devnull)
+        for number, servers in enumerate((f"tls://localhost:{plain.port}", f"tls://localhost:1,nats://localhost:{plain.port}")):
+            tried = plain.tries
+            _, ask = self.broker(f"lured-{number}", "", {"EIGENCAST_BACKBONE__SERVERS": servers}, token="a secret")
+            self.wait_for(lambda: plain.tries > tried, "the broker does not try")
+            self.assertRegex(ask("/readyz"), "ready, degraded")
+        self.assertNotIn(b"CONNECT", plain.taken)
+        self.assertNotIn(b"secret", plain.taken)
+
+    def test_the_authorities_of_the_system_vouch_without_a_ca(self):
+        self.start_nats(self.PASSWORD)
+        who = {"user": "broker", "password": "secret"}
+        _, ask = self.broker("stranger", "", **who)
+        self.assertRegex(ask("/readyz"), "ready, degraded")
+        _, ask = self.broker("known", "", {"SSL_CERT_FILE": f"{self.folder}/ca.pem"}, **who)
+        self.wait_for(lambda: ask("/readyz").strip() == "ready", "a certificate of a known authority is refused")
+
+    def test_a_certificate_of_another_name_is_refused(self):
+        self.start_nats(self.PASSWORD)
+        _, ask = self.broker("misled", environment={"EIGENCAST_BACKBONE__SERVERS": f"tls://127.0.0.1:{self.nats}"}, user="broker", password="secret")
+        self.assertRegex(ask("/readyz"), "ready, degraded: .*no NATS server")
 
 
 class Forgotten(OneServer):
