@@ -64,7 +64,7 @@ class Raw(Case):
     def test_wrong_version_and_key(self):
         for version, key, status in (("8", "x3JJHMbDL1EzLkh9GBhXDw==", 426), ("13", "short", 400)):
             peer = Peer(self.port, upgrade=False)
-            peer.sock.sendall((f"GET /echo HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: {key}\r\n"
+            peer.sock.sendall((f"GET /echo HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: {key}\r\n"
                                f"Sec-WebSocket-Version: {version}\r\n\r\n").encode())
             self.assertIn(f"HTTP/1.1 {status}", peer.sock.recv(4096).decode())
 

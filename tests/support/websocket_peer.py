@@ -51,7 +51,7 @@ class Peer:
         if not upgrade:
             return
         self.key = base64.b64encode(os.urandom(16)).decode()
-        lines = [f"GET {path} HTTP/1.1", "Host: x", "Upgrade: websocket", "Connection: keep-alive, Upgrade",
+        lines = [f"GET {path} HTTP/1.1", "Host: localhost", "Upgrade: websocket", "Connection: keep-alive, Upgrade",
                  f"Sec-WebSocket-Key: {self.key}", "Sec-WebSocket-Version: 13", *headers]
         if subprotocol:
             lines.append(f"Sec-WebSocket-Protocol: {subprotocol}")

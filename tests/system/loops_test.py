@@ -194,7 +194,7 @@ class Loops(unittest.TestCase):
         name = hashlib.sha256(body).hexdigest()
         path = f"/v1/assets/{name}"
         torn = Peer(self.port, upgrade=False, tls=self.tls)
-        torn.send(f"PUT {path} HTTP/1.1\r\nHost: x\r\nContent-Length: {len(body)}\r\n\r\n".encode(), body[:700_000])
+        torn.send(f"PUT {path} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}\r\n\r\n".encode(), body[:700_000])
         self.show(sender, viewers)
         torn.sock.close()
         self.assertEqual(self.request("GET", path)[0], 404, "what came in half is nothing")
