@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cassert>
-#include <utility>
 
 #include "common/motion/curve.h"
 
@@ -132,10 +131,7 @@ void Feed::pump_compact(const Pacer::Due& due, bool overtaken, std::vector<Frame
   while (!pending_.empty() && pending_.front()->sequence <= due.sequence) emit_pending_ahead(out);
   if (!last_emitted_ || last_emitted_->sequence != due.sequence || !steps_pending_) return;
   if (!overtaken) {
-    Envelope head = envelope(FrameKind::kStep, *last_emitted_);
-    head.step = {due.at, due.of};
-    head.capture_us = due.capture_us;
-    out.push_back(make_frame(head, {}));
+    out.push_back(make_frame(envelope(FrameKind::kStep, *last_emitted_, &due), {}));
   }
   if (due.at < due.of) return;
   steps_pending_ = false;
@@ -173,9 +169,7 @@ void Feed::emit_synthetic(const KeyRecord& record, const Pacer::Due& due, std::v
 
 void Feed::emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out) {
   if (!last_emitted_ || last_emitted_->sequence != due.sequence || !last_emitted_->before) return;
-  Envelope head = envelope(FrameKind::kEstimate, *last_emitted_);
-  head.step = {due.at, due.of};
-  head.capture_us = due.capture_us;
+  const Envelope head = envelope(FrameKind::kEstimate, *last_emitted_, &due);
   if (profile_.form == Profile::Form::kCompact) return out.push_back(make_frame(head, {}));
   const ChainState& state = *last_emitted_->after;
   const bool damped = profile_.scheme == Profile::Scheme::kDamped;
@@ -189,10 +183,8 @@ void Feed::emit_made(FramePtr frame, std::vector<FramePtr>& out) {
 }
 
 FramePtr Feed::synthetic(const KeyRecord& record, const Pacer::Due& due) {
-  Envelope head = envelope(FrameKind::kSynthetic, record);
-  head.step = {due.at, due.of};
-  head.capture_us = due.capture_us;
-  return made(head, record.half_spacing, *record.before, pose_between(record, due));
+  return made(envelope(FrameKind::kSynthetic, record, &due), record.half_spacing, *record.before,
+              pose_between(record, due));
 }
 
 FramePtr Feed::made(Envelope head, std::uint8_t key_spacing, const ChainState& state, Result<Key> pose) const {
@@ -286,14 +278,14 @@ FramePtr Feed::join() {
   return join_;
 }
 
-Envelope Feed::envelope(FrameKind kind, const KeyRecord& record) const {
+Envelope Feed::envelope(FrameKind kind, const KeyRecord& record, const Pacer::Due* due) const {
   return {.kind = kind,
           .bands = {},
-          .step = {},
+          .step = due != nullptr ? InterpolationStep{due->at, due->of} : InterpolationStep{},
           .stream_id = source_.stream_id,
           .epoch = source_.epoch,
           .sequence = record.sequence,
-          .capture_us = record.capture_us};
+          .capture_us = due != nullptr ? due->capture_us : record.capture_us};
 }
 
 void Feed::set_last_emitted(KeyRecordPtr record) {

@@ -38,8 +38,7 @@ using KeyRecordPtr = std::shared_ptr<const KeyRecord>;
 ///   compact    key s marked kAhead once the steps before it are sent, then step (s, 1/k) ... (s, k/k), paced
 ///   estimated  key s on arrival, then estimate (s, 1/k), (s, 2/k) ... paced, until key s+1 or max_ahead_us
 /// Interpolated poses lie on the profile's curve. Catmull-Rom uses key s+1 for the whole interval if it arrived before
-/// the interval's first pose was due, else not at all. Hermite uses the velocities of the format.
-/// Not thread-safe.
+/// the interval's first pose was due, else not at all. Hermite uses the velocities of the format. Not thread-safe.
 class Feed {
  public:
   struct Source {
@@ -57,17 +56,14 @@ class Feed {
   /// Starts from a key that arrived before this feed existed. REQUIRES: nothing was added yet.
   void begin_at(KeyRecordPtr record);
 
-  /// Takes the next key; appends the frames to send now to `out`.
   void add_key(KeyRecordPtr record, TimeUs now_us, std::vector<FramePtr>& out);
 
   /// Appends the frames due by now: every key, but only the newest of several poses.
   void pump(TimeUs now_us, std::vector<FramePtr>& out);
 
-  /// When pump() is due next.
   std::optional<TimeUs> next_due_us() const;
 
-  /// Encodes pending poses ahead of their due time, while their keys are still in the CPU caches; not while poses are
-  /// overtaken, because those are never made.
+  /// Encodes pending poses before they are due, while their keys are in the CPU caches; none while poses are overtaken.
   void prepare();
   std::size_t prepared_poses() const { return prepared_.size(); }
 
@@ -87,7 +83,6 @@ class Feed {
   void pump_estimates(TimeUs now_us, std::vector<FramePtr>& out);
   void emit_synthetic(const KeyRecord& record, const Pacer::Due& due, std::vector<FramePtr>& out);
   void emit_estimate(const Pacer::Due& due, std::vector<FramePtr>& out);
-  // Null: it cannot be encoded.
   FramePtr synthetic(const KeyRecord& record, const Pacer::Due& due);
   /// A pose that nothing builds on, encoded more coarsely than a key of `key_spacing`, in the profile's bands.
   FramePtr made(Envelope head, std::uint8_t key_spacing, const ChainState& state, Result<Key> pose) const;
@@ -95,7 +90,8 @@ class Feed {
   void emit_made(FramePtr frame, std::vector<FramePtr>& out);
   Result<Key> pose_between(const KeyRecord& record, const Pacer::Due& due);
   Result<Key> pose_on_curve(const KeyRecord& record, const KeyRecord* next, TimeUs t_us) const;
-  Envelope envelope(FrameKind kind, const KeyRecord& record) const;
+  /// Of the record itself, or of a pose `due` between keys.
+  Envelope envelope(FrameKind kind, const KeyRecord& record, const Pacer::Due* due = nullptr) const;
   void set_last_emitted(KeyRecordPtr record);
 
   Profile profile_;

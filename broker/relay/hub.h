@@ -22,13 +22,11 @@ class Hub {
   struct Settings {
     std::size_t max_streams = 1024;  ///< (default: 1,024)
     Stream::Settings stream{};
-    std::shared_ptr<StreamIds> ids{};             ///< Shared by all hubs of a broker (default: a single hub).
-    std::function<void(Stream&)> on_opened = {};  ///< Called for each new stream.
+    std::shared_ptr<StreamIds> ids = std::make_shared<StreamIds>();  ///< Shared by all hubs of a broker.
+    std::function<void(Stream&)> on_opened = {};                     ///< Called for each new stream.
   };
 
-  explicit Hub(const Settings& settings) : settings_(settings) {
-    if (!settings_.ids) settings_.ids = std::make_shared<StreamIds>();
-  }
+  explicit Hub(const Settings& settings) : settings_(settings) {}
 
   /// Finds or creates the stream. REQUIRES: check_stream_name passed. Errors: kTooLarge (max_streams).
   Result<Stream*> open(std::string_view name);

@@ -29,17 +29,13 @@ std::string in_words(const Profile& profile) {
   return words + ", up to " + std::to_string(profile.bands) + " bands";
 }
 
-}  // namespace
-
-Ladder::Ladder(const Profile& asked) : requested_(asked), climbs_after_(kGoodSeconds) {}
-
-const char* Ladder::name_of(const Profile& rung) const {
-  if (rung == requested_) return "asked";
-  if (rung.bands < requested_.bands) return "fewer-bands";
+const char* rung_name(const Profile& rung, const Profile& requested) {
+  if (rung == requested) return "asked";
+  if (rung.bands < requested.bands) return "fewer-bands";
   return rung.rate == Profile::Rate::kRaw ? "raw" : "compact";
 }
 
-std::vector<Profile> Ladder::rungs_below(const Profile& asked, std::uint8_t bands) {
+std::vector<Profile> rungs_below(const Profile& asked, std::uint8_t bands) {
   std::vector<Profile> rungs{asked};
   Profile next = asked;
   if (next.rate != Profile::Rate::kRaw && next.form == Profile::Form::kFull) {
@@ -60,6 +56,10 @@ std::vector<Profile> Ladder::rungs_below(const Profile& asked, std::uint8_t band
   }
   return rungs;
 }
+
+}  // namespace
+
+Ladder::Ladder(const Profile& asked) : requested_(asked), climbs_after_(kGoodSeconds) {}
 
 std::optional<Ladder::Step> Ladder::check(const Counts& counts, std::uint8_t bands) {
   const Counts before = std::exchange(seen_, counts);
@@ -88,7 +88,7 @@ std::optional<Ladder::Step> Ladder::descend(const Counts& lately, const std::vec
   }
   if (rung_ + 1 >= rungs.size()) return std::nullopt;
   const Profile& next = rungs[++rung_];
-  return Step{next, true, name_of(next),
+  return Step{next, true, rung_name(next, requested_),
               "the link takes less than it is offered (in the last second " + std::to_string(lately.skipped) +
                   " frames skipped, " + std::to_string(lately.joins) + " joins needed): now " + in_words(next) +
                   " instead of " + in_words(rungs[rung_ - 1]) + ", and back when the link recovers"};
@@ -103,7 +103,8 @@ std::optional<Ladder::Step> Ladder::climb(const std::vector<Profile>& rungs) {
   }
   climbed_lately_ = true;
   const Profile& next = rungs[--rung_];
-  return Step{next, false, name_of(next), "the link took everything for a while: now " + in_words(next) + " again"};
+  return Step{next, false, rung_name(next, requested_),
+              "the link took everything for a while: now " + in_words(next) + " again"};
 }
 
 void Ladder::stay() {

@@ -16,7 +16,6 @@ namespace eigencast::broker {
 /// its rung: it costs nothing, and gets a join when it resumes. Not thread-safe.
 class Ladder {
  public:
-  /// Totals since the viewer began to watch.
   struct Counts {
     std::uint64_t sent = 0;
     std::uint64_t skipped = 0;
@@ -39,8 +38,6 @@ class Ladder {
   std::size_t rung() const { return rung_; }
 
  private:
-  const char* name_of(const Profile& rung) const;
-  static std::vector<Profile> rungs_below(const Profile& asked, std::uint8_t bands);
   std::optional<Step> descend(const Counts& lately, const std::vector<Profile>& rungs);
   std::optional<Step> climb(const std::vector<Profile>& rungs);
 

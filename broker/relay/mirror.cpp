@@ -28,9 +28,7 @@ void MirrorOrigin::take(Hub& hub, std::size_t loop, const MirrorRequests& reques
 
 void MirrorOrigin::notify_sender(const Followed& followed) {
   std::uint32_t least = 0;
-  for (const auto& [loop, every] : followed.trace_every) {
-    if (every != 0 && (least == 0 || every < least)) least = every;
-  }
+  for (const auto& [loop, every] : followed.trace_every) least = shorter_interval(least, every);
   followed.stream->set_mirror_trace(least);
   followed.stream->report_count();
 }

@@ -21,8 +21,7 @@ struct MirrorEvent {
   using TracePtr = std::shared_ptr<const control::Trace>;
   using ErrorPtr = std::shared_ptr<const Error>;
   std::uint32_t stream_id = 0;
-  /// A snapshot (the answer to kFollow, and each announcement), the next key, the sender's end, a sender's trace, or why
-  /// the stream is unavailable.
+  /// SnapshotPtr: the answer to kFollow, and each announcement. ErrorPtr: why the stream is unavailable.
   std::variant<SnapshotPtr, KeyRecordPtr, Stalled, TracePtr, ErrorPtr> what;
 };
 using MirrorEvents = std::vector<MirrorEvent>;
@@ -98,7 +97,6 @@ class MirrorSet {
   ~MirrorSet();
 
   void on_opened(Stream& stream);
-  /// Applies events of the origin and marks the changed streams dirty.
   void take(Hub& hub, const MirrorEvents& events, TimeUs now_us);
   void flush(Hub& hub);
 

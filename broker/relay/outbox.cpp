@@ -231,9 +231,10 @@ void Outbox::skip(Lane& lane, FramePtr& waiting) {
 }
 
 Outbox::Lane* Outbox::find(std::uint32_t stream_id) {
-  const auto found =
-      std::find_if(lanes_.begin(), lanes_.end(), [&](const Lane& lane) { return lane.stream_id == stream_id; });
-  return found == lanes_.end() ? nullptr : &*found;
+  for (Lane& lane : lanes_) {
+    if (lane.stream_id == stream_id) return &lane;
+  }
+  return nullptr;
 }
 
 }  // namespace eigencast::broker

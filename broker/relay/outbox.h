@@ -20,15 +20,13 @@ namespace eigencast::broker {
 /// Backpressure: control messages wait in a bounded queue and are never dropped (overflow: disconnect). Each watched
 /// stream has a lane of two slots: one key, and one pose that nothing builds on (synthetic, step). A newer frame
 /// replaces an older one in its slot; a key to be shown at once also replaces the waiting pose. Frames leave in the
-/// order they were offered. The outbox tracks what the receiver can decode: a receiver that missed a key gets a join
-/// frame next, never a backlog.
+/// order they were offered. A receiver that missed a key gets a join frame next, never a backlog.
 ///
 /// A client that acknowledges has at most its round trip plus `window_slack_us` of frames in flight; newer frames wait.
 /// A client that never acknowledges has no window; its frames wait from hold_from() on (see ReaderWatch).
 class Outbox {
  public:
   using Text = std::shared_ptr<const std::string>;
-  /// The current join frame of a stream's feed; null before its first key.
   using JoinSource = std::function<FramePtr(std::uint32_t stream_id)>;
 
   struct Limits {
@@ -39,8 +37,7 @@ class Outbox {
     std::size_t max_in_flight = 512;  ///< Unacknowledged frames remembered per lane; older ones are dropped.
   };
 
-  /// One message to send: exactly one of the two is set.
-  struct Item {
+  struct Item {  ///< One of the two is set.
     Text text;
     FramePtr frame;
   };
@@ -64,7 +61,6 @@ class Outbox {
   /// Opens a lane or resets it (new epoch, new profile): the receiver is assumed to have nothing.
   void open_lane(std::uint32_t stream_id);
   void close_lane(std::uint32_t stream_id);
-  /// Frees the memory of a burst of control messages.
   void shrink() { control_.shrink_to_fit(); }
   /// Ignored if the lane is not open.
   void offer(std::uint32_t stream_id, const FramePtr& frame);
@@ -85,7 +81,6 @@ class Outbox {
 
   /// Frames skipped since the last call, per lane; lanes without any are left out.
   std::vector<Skipped> take_skipped();
-  /// Counts of a stream's frames since its lane was first opened.
   Ladder::Counts counts(std::uint32_t stream_id);
   std::uint64_t skipped_total() const { return skipped_total_; }
   std::uint64_t joins_total() const { return joins_total_; }

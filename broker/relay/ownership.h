@@ -32,12 +32,11 @@ class Ownership {
   using Granted = std::function<void(Result<std::uint32_t>)>;
 
   virtual ~Ownership() = default;
-  /// Calls `granted` once, now or later, on the event loop: with an epoch greater than any earlier one of the stream, or
-  /// with the error. Errors: kRefused (the stream has a sender at another broker), kIo.
+  /// Calls `granted` once, now or later, on the event loop, with an epoch greater than any earlier one of the stream.
+  /// Errors: kRefused (the stream has a sender at another broker), kIo.
   virtual void claim(const std::string& stream, const control::Announce& announce, Granted granted) = 0;
 };
 
-/// For a single broker: the sender that claimed the stream owns it.
 class SoleOwnership final : public Ownership {
  public:
   explicit SoleOwnership(std::function<Result<std::uint32_t>()> next_epoch) : next_epoch_(std::move(next_epoch)) {}

@@ -11,7 +11,6 @@
 namespace eigencast::broker {
 
 /// Decides from TCP window and pongs whether a viewer that never acknowledges still reads.
-///
 /// Unread bytes in the peer's kernel narrow the window that it offers. A peer whose window narrowed is probed with a
 /// WebSocket ping, which a client answers once it has read everything before it (RFC 6455, 5.5.2). While the pong is
 /// overdue, frames wait, so that the viewer gets the current pose when it resumes and no backlog. Not thread-safe.
@@ -33,12 +32,10 @@ class ReaderWatch {
 
   std::string probe() const { return std::to_string(probe_); }
   bool is_probing() const { return hold_from_us_ != kNever; }
-  /// Frames wait from then on.
   TimeUs hold_from_us() const { return hold_from_us_; }
 
  private:
-  /// A check is a system call; one per 32 frames is negligible.
-  static constexpr std::uint32_t kFramesBetweenChecks = 32;
+  static constexpr std::uint32_t kFramesBetweenChecks = 32;  ///< A check is a system call.
 
   TimeUs hold_from_us_ = kNever;
   std::uint32_t sent_;

@@ -30,10 +30,6 @@ std::shared_ptr<const std::string> framed_text(const control::Trace& trace) {
 
 }  // namespace
 
-void Watcher::on_dismissed(Stream& stream, const Error& /*why*/) {
-  stream.unwatch(*this);
-}
-
 std::shared_ptr<StreamShare> StreamIds::of(std::string_view name) {
   const std::lock_guard lock(mutex_);
   const auto found = shares_.find(name);
@@ -58,8 +54,8 @@ Stream::~Stream() {
 }
 
 control::StreamInfo::State Stream::state() const {
-  if (epoch_ == 0) return control::StreamInfo::State::kWaiting;
-  return publishing_ ? control::StreamInfo::State::kLive : control::StreamInfo::State::kStalled;
+  if (present_.epoch == 0) return control::StreamInfo::State::kWaiting;
+  return present_.live ? control::StreamInfo::State::kLive : control::StreamInfo::State::kStalled;
 }
 
 Result<void> Stream::claim(PublisherLink& link, bool replace) {
@@ -85,7 +81,7 @@ void Stream::release(PublisherLink& link) {
 }
 
 void Stream::stall() {
-  if (!std::exchange(publishing_, false)) return;
+  if (!std::exchange(present_.live, false)) return;
   deliver();
   for (StreamTap* tap : settings_.taps) tap->on_stalled(*this);
   for (Watcher* watcher : order_) watcher->on_stream_changed(*this, false);
@@ -98,17 +94,14 @@ Result<void> Stream::announce(const control::Announce& announce, std::uint32_t e
 }
 
 Result<void> Stream::restore(const Snapshot& snapshot) {
-  assert(snapshot.epoch >= epoch_);
+  assert(snapshot.epoch >= present_.epoch);
   deliver();
   if (snapshot.epoch != 0) {
     const StreamFormat& format = snapshot.announced.format;
     const auto codec = codec_from_name(format.codec);
     if (!codec) return codec.error();
-    announced_ = snapshot.announced;
+    present_ = snapshot;
     layout_ = {*codec, format.rows, format.channels, format.band_ends};
-    epoch_ = snapshot.epoch;
-    publishing_ = snapshot.live;
-    newest_ = snapshot.newest;
     for (StreamTap* tap : settings_.taps) tap->on_announced(*this);
     groups_.clear();
     for (Watcher* watcher : order_) join_group(*watcher, watched_.at(watcher));
@@ -116,10 +109,6 @@ Result<void> Stream::restore(const Snapshot& snapshot) {
   awaits_snapshot_ = false;
   for (Watcher* watcher : order_) watcher->on_stream_changed(*this, true);
   return {};
-}
-
-Snapshot Stream::snapshot() const {
-  return {announced_, epoch_, publishing_, newest_};
 }
 
 void Stream::dismiss(const Error& why) {
@@ -133,7 +122,7 @@ Result<void> Stream::add_frame(ByteView message, TimeUs now_us) {
 }
 
 Result<void> Stream::take_frame(ByteView message, TimeUs now_us) {
-  if (!publishing_) return fail(ErrorCode::kCorrupt, "a frame came before 'announce': announce the surface first");
+  if (!present_.live) return fail(ErrorCode::kCorrupt, "a frame came before 'announce': announce the surface first");
   const auto frame = parse_frame(message);
   if (!frame) return frame.error();
   const auto record = record_from(*frame, now_us);
@@ -143,10 +132,10 @@ Result<void> Stream::take_frame(ByteView message, TimeUs now_us) {
 }
 
 void Stream::take_record(const KeyRecordPtr& record, TimeUs now_us) {
-  newest_ = record;
+  present_.newest = record;
   ++keys_received_;
   tracer_.note_key(record->sequence, record->arrival_us);
-  for (StreamTap* tap : settings_.taps) tap->on_key(*this, newest_);
+  for (StreamTap* tap : settings_.taps) tap->on_key(*this, present_.newest);
   for (auto& [profile, group] : groups_) {
     group->feed.add_key(record, now_us, group->pending);
   }
@@ -155,6 +144,7 @@ void Stream::take_record(const KeyRecordPtr& record, TimeUs now_us) {
 
 Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) const {
   const Envelope& head = frame.envelope;
+  const KeyRecordPtr& newest = present_.newest;
   if (head.kind != FrameKind::kKey && head.kind != FrameKind::kJoin) {
     return fail(ErrorCode::kCorrupt, "a sender sends keys and joins only");
   }
@@ -162,35 +152,35 @@ Result<KeyRecordPtr> Stream::record_from(const FrameView& frame, TimeUs now_us) 
   if (!layout_.all_bands().includes(head.bands) || !head.bands.has(0)) {
     return fail(ErrorCode::kCorrupt, "bands must be among those announced and include band 0");
   }
-  if (newest_ && head.sequence <= newest_->sequence) {
-    return fail(ErrorCode::kCorrupt, "sequence must grow (newest is " + std::to_string(newest_->sequence) + ")");
+  if (newest && head.sequence <= newest->sequence) {
+    return fail(ErrorCode::kCorrupt, "sequence must grow (newest is " + std::to_string(newest->sequence) + ")");
   }
-  if (newest_ && head.capture_us <= newest_->capture_us) {
+  if (newest && head.capture_us <= newest->capture_us) {
     return fail(ErrorCode::kCorrupt,
-                "capture time must grow (newest is " + std::to_string(newest_->capture_us) + " us)");
+                "capture time must grow (newest is " + std::to_string(newest->capture_us) + " us)");
   }
-  const bool follows = newest_ && head.sequence == newest_->sequence + 1;
+  const bool follows = newest && head.sequence == newest->sequence + 1;
   const bool join = head.kind == FrameKind::kJoin;
-  std::uint8_t half_spacing = newest_ ? newest_->half_spacing : 0;
+  std::uint8_t half_spacing = newest ? newest->half_spacing : 0;
   std::shared_ptr<const ChainState> before, after;
   if (join) {
     auto state = decode_join(layout_, head.bands, frame.payload);
     if (!state) return state.error();
-    if (follows && state->older == newest_->after->newer) before = newest_->after;
+    if (follows && state->older == newest->after->newer) before = newest->after;
     after = std::make_shared<const ChainState>(std::move(*state));
   } else {
     if (!follows) {
-      return fail(ErrorCode::kCorrupt, newest_ ? "a key must follow the one before it (newest is " +
-                                                     std::to_string(newest_->sequence) + "): send a join after a gap"
-                                               : "the first frame after 'announce' must be a join");
+      return fail(ErrorCode::kCorrupt, newest ? "a key must follow the one before it (newest is " +
+                                                    std::to_string(newest->sequence) + "): send a join after a gap"
+                                              : "the first frame after 'announce' must be a join");
     }
-    const ChainState& state = *newest_->after;
+    const ChainState& state = *newest->after;
     auto key = decode_key(layout_, head.bands, state, frame.payload);
     if (!key) return key.error();
-    before = newest_->after;
+    before = newest->after;
     half_spacing = half_spacing_of(frame.payload);
     after = std::make_shared<const ChainState>(
-        ChainState{state.newer, std::move(*key), head.capture_us - newest_->capture_us});
+        ChainState{state.newer, std::move(*key), head.capture_us - newest->capture_us});
   }
   return std::make_shared<const KeyRecord>(KeyRecord{.sequence = head.sequence,
                                                      .capture_us = head.capture_us,
@@ -222,7 +212,7 @@ Result<void> Stream::watch(Watcher& watcher, const Profile& wanted) {
   }
   ++wanted_[profile];
   Watched& watched = watched_[&watcher] = {profile, nullptr};
-  if (epoch_ != 0) join_group(watcher, watched);
+  if (present_.epoch != 0) join_group(watcher, watched);
   if (!awaits_snapshot_) watcher.on_stream_changed(*this, true);
   if (!known) report_count();
   return {};
@@ -278,7 +268,7 @@ void Stream::relay_trace(const control::Trace& trace) {
   for (StreamTap* tap : settings_.taps) tap->on_trace(*this, trace);
   control::Trace relayed = trace;
   relayed.stream_id = id_;
-  relayed.epoch = epoch_;
+  relayed.epoch = present_.epoch;
   const auto text = framed_text(relayed);
   for (Watcher* watcher : order_) {
     if (tracer_.is_wanted_by(watcher, trace.sequence)) watcher->on_trace(text);
@@ -295,12 +285,6 @@ void Stream::trace(Watcher& watcher, std::uint32_t every) {
 void Stream::set_mirror_trace(std::uint32_t every) {
   mirror_trace_ = every;
   if (publisher_ != nullptr) publisher_->on_trace_wanted();
-}
-
-std::uint32_t Stream::trace_every() const {
-  const std::uint32_t here = tracer_.every();
-  if (here == 0 || mirror_trace_ == 0) return std::max(here, mirror_trace_);
-  return std::min(here, mirror_trace_);
 }
 
 void Stream::send_traces(Group& group) {
@@ -325,11 +309,11 @@ control::StreamInfo Stream::info_for(const Watcher& watcher) const {
   info.stream = name_;
   info.state = state();
   info.stream_id = id_;
-  info.epoch = epoch_;
-  info.asset = announced_.asset;
-  info.format = announced_.format;
-  info.key_rate_hz = announced_.key_rate_hz;
-  info.world = announced_.world;
+  info.epoch = present_.epoch;
+  info.asset = present_.announced.asset;
+  info.format = present_.announced.format;
+  info.key_rate_hz = present_.announced.key_rate_hz;
+  info.world = present_.announced.world;
   if (const auto found = watched_.find(&watcher); found != watched_.end())
     info.profile = effective(found->second.wanted);
   return info;
@@ -337,9 +321,9 @@ control::StreamInfo Stream::info_for(const Watcher& watcher) const {
 
 Profile Stream::effective(const Profile& wanted) const {
   Profile profile = wanted;
-  if (epoch_ != 0) {
+  if (present_.epoch != 0) {
     profile.bands = std::clamp<std::uint8_t>(profile.bands, 1, bands());
-    if (profile.scheme == Profile::Scheme::kHermite && announced_.format.velocity_channels == 0)
+    if (profile.scheme == Profile::Scheme::kHermite && present_.announced.format.velocity_channels == 0)
       profile.scheme = Profile::Scheme::kLinear;  // The `stream` message reports this to the viewer.
   }
   return profile;
@@ -349,10 +333,11 @@ void Stream::join_group(Watcher& watcher, Watched& watched) {
   const Profile profile = effective(watched.wanted);
   auto& group = groups_[profile];
   if (!group) {
-    const VelocityChannels velocities{announced_.format.velocity_channels, announced_.format.velocity_us};
+    const VelocityChannels velocities{present_.announced.format.velocity_channels,
+                                      present_.announced.format.velocity_us};
     group = std::make_unique<Group>(
-        profile, Feed::Source{layout_, velocities, id_, epoch_, settings_.max_span_us, settings_.max_ahead_us});
-    if (newest_) group->feed.begin_at(newest_);
+        profile, Feed::Source{layout_, velocities, id_, present_.epoch, settings_.max_span_us, settings_.max_ahead_us});
+    if (present_.newest) group->feed.begin_at(present_.newest);
   }
   group->watchers.push_back(&watcher);
   watched.group = group.get();

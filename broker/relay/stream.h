@@ -26,12 +26,10 @@ class Watcher {
   virtual ~Watcher() = default;
   /// The stream's state or format changed. `restart`: later frames build on none of the earlier ones.
   virtual void on_stream_changed(const Stream& stream, bool restart) = 0;
-  /// `frames`: in order.
   virtual void on_frames(const Stream& stream, std::span<const FramePtr> frames) = 0;
-  /// `text`: framed.
   virtual void on_trace(const std::shared_ptr<const std::string>& text) = 0;
   /// The stream is unavailable; the watcher must call unwatch() within the call.
-  virtual void on_dismissed(Stream& stream, const Error& why);
+  virtual void on_dismissed(Stream& stream, const Error& why) = 0;
 };
 
 /// The sender of a stream.
@@ -53,9 +51,7 @@ class StreamTap {
   virtual ~StreamTap() = default;
   virtual void on_announced(const Stream& stream) = 0;
   virtual void on_key(const Stream& stream, const KeyRecordPtr& record) = 0;
-  /// The sender disconnected.
   virtual void on_stalled(const Stream& stream) = 0;
-  /// The sender sent its trace of a key.
   virtual void on_trace(const Stream& /*stream*/, const control::Trace& /*trace*/) {}
   virtual void on_forgotten(const Stream& stream) = 0;
 };
@@ -128,20 +124,18 @@ class Stream {
   void await_snapshot() { awaits_snapshot_ = true; }
   /// Continues from the other stream's snapshot. REQUIRES: as announce(). Errors: as announce().
   Result<void> restore(const Snapshot& snapshot);
-  /// As take_frame(), for a key that another loop took.
   void take_record(const KeyRecordPtr& record, TimeUs now_us);
   void stall();
   void dismiss(const Error& why);
 
   // For the stream that is mirrored.
 
-  Snapshot snapshot() const;
+  const Snapshot& snapshot() const { return present_; }
   /// The hub keeps it while `mirrored`; call Hub::unwatched() after resetting it.
   void set_mirrored(bool mirrored) { mirrored_ = mirrored; }
   bool is_mirrored() const { return mirrored_; }
   /// As trace_every(), of its mirrors' watchers.
   void set_mirror_trace(std::uint32_t every);
-  /// Reports a change of the number of watchers in other loops.
   void report_count();
 
   /// Adds a watcher, or changes its profile. Calls on_stream_changed. Errors: kTooLarge (watchers, profiles).
@@ -154,7 +148,7 @@ class Stream {
   /// Requests traces of every n-th key for a watcher; 0: none. Ignored for others.
   void trace(Watcher& watcher, std::uint32_t every);
   /// The interval at which the sender is to trace keys: the least that any watcher wants; 0: none.
-  std::uint32_t trace_every() const;
+  std::uint32_t trace_every() const { return shorter_interval(tracer_.every(), mirror_trace_); }
   void relay_trace(const control::Trace& trace);
 
   /// Null before the first key.
@@ -163,11 +157,11 @@ class Stream {
 
   const std::string& name() const { return name_; }
   std::uint32_t id() const { return id_; }
-  std::uint32_t epoch() const { return epoch_; }
-  const std::string& asset() const { return announced_.asset; }
-  const control::Announce& announcement() const { return announced_; }
+  std::uint32_t epoch() const { return present_.epoch; }
+  const std::string& asset() const { return present_.announced.asset; }
+  const control::Announce& announcement() const { return present_.announced; }
   const CoefficientLayout& layout() const { return layout_; }
-  double key_rate_hz() const { return announced_.key_rate_hz; }
+  double key_rate_hz() const { return present_.announced.key_rate_hz; }
   control::StreamInfo::State state() const;
   /// watchers(): in all loops; watchers_here(): in this one.
   std::uint32_t watchers() const { return share_->watchers.load(std::memory_order_relaxed); }
@@ -209,14 +203,11 @@ class Stream {
   std::uint32_t id_;
   Settings settings_;
   PublisherLink* publisher_ = nullptr;
-  std::uint32_t epoch_ = 0;
-  bool publishing_ = false;  ///< The present publisher has announced.
+  Snapshot present_;
   bool awaits_snapshot_ = false;
   bool mirrored_ = false;
   std::uint32_t mirror_trace_ = 0;
-  control::Announce announced_;
   CoefficientLayout layout_;
-  KeyRecordPtr newest_;
   std::unordered_map<const Watcher*, Watched> watched_;
   std::map<Profile, std::uint32_t> wanted_;  ///< Number of watchers of each; valid before the first epoch too.
   std::map<Profile, std::unique_ptr<Group>> groups_;

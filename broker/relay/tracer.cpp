@@ -1,8 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "broker/relay/tracer.h"
 
-#include <algorithm>
-
 namespace eigencast::broker {
 namespace {
 
@@ -18,7 +16,7 @@ void Tracer::want(const void* who, std::uint32_t every) {
     wanted_[who] = every;
   }
   every_ = 0;
-  for (const auto& [watcher, wanted] : wanted_) every_ = every_ == 0 ? wanted : std::min(every_, wanted);
+  for (const auto& [watcher, wanted] : wanted_) every_ = shorter_interval(every_, wanted);
 }
 
 bool Tracer::is_wanted_by(const void* who, std::uint64_t sequence) const {

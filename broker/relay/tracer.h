@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <deque>
 #include <optional>
@@ -10,6 +11,11 @@
 #include "common/wire/control.h"
 
 namespace eigencast::broker {
+
+/// The shorter of two intervals between traced keys; 0: none.
+inline std::uint32_t shorter_interval(std::uint32_t a, std::uint32_t b) {
+  return a == 0 || b == 0 ? std::max(a, b) : std::min(a, b);
+}
 
 /// Which frames of one stream are traced and for which watchers; builds the broker's part of the traces. Not thread-safe.
 class Tracer {

@@ -55,6 +55,7 @@ class FakeReceiver : public Watcher {
   void on_stream_changed(const Stream& stream, bool restart) override;
   void on_frames(const Stream&, std::span<const FramePtr> received) override;
   void on_trace(const std::shared_ptr<const std::string>& text) override;
+  void on_dismissed(Stream& stream, const Error&) override { stream.unwatch(*this); }
 
   virtual void on_frame(const FramePtr& frame);
   void decode(const Frame& frame);
