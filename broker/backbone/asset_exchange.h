@@ -7,7 +7,6 @@
 #include <memory>
 #include <optional>
 #include <string>
-#include <vector>
 
 #include "broker/backbone/link.h"
 #include "broker/storage/asset_store.h"

@@ -2,7 +2,6 @@
 #include "broker/backbone/backbone.h"
 
 #include <algorithm>
-#include <cassert>
 #include <limits>
 #include <utility>
 

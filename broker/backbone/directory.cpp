@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "broker/backbone/directory.h"
 
-#include <algorithm>
 #include <nlohmann/json.hpp>
 #include <tuple>
 

@@ -269,26 +269,22 @@ std::shared_ptr<void> NatsLink::serve(const std::string& subject, OnRequest on_r
 
 std::shared_ptr<void> NatsLink::subscribe_with_reply(const std::string& subject,
                                                      std::function<void(Bytes, std::string)> handler) {
-  struct Handle {
-    std::shared_ptr<bool> wanted = std::make_shared<bool>(true);
-    std::shared_ptr<void> subscription;
-    ~Handle() { *wanted = false; }
-  };
-  auto handle = std::make_shared<Handle>();
-  auto shared = std::make_shared<std::function<void(Bytes, std::string)>>(std::move(handler));
-  handle->subscription = subscribe_raw(subject, [this, wanted = handle->wanted, shared](natsMsg* message) {
+  // The subscription alone owns the handler.
+  const auto owned = std::make_shared<std::function<void(Bytes, std::string)>>(std::move(handler));
+  const auto subscription = subscribe_raw(subject, [this, weak = std::weak_ptr(owned)](natsMsg* message) {
     if (undelivered_.fetch_add(1) >= kMaxUndelivered) {
       --undelivered_;
       return;
     }
     const char* reply = natsMsg_GetReply(message);
-    to_loop([self = shared_from_this(), wanted, shared, data = data_of(message),
+    to_loop([self = shared_from_this(), weak, data = data_of(message),
              reply = std::string(reply == nullptr ? "" : reply)]() mutable {
       --self->undelivered_;
-      if (*self->open_ && *wanted) (*shared)(std::move(data), std::move(reply));
+      const auto wanted = weak.lock();
+      if (*self->open_ && wanted) (*wanted)(std::move(data), std::move(reply));
     });
   });
-  return handle;
+  return std::shared_ptr<void>(owned.get(), [owned, subscription](void*) {});
 }
 
 void NatsLink::ask(const std::string& subject, Bytes message, TimeUs timeout_us, Answer answer) {
