@@ -216,15 +216,15 @@ std::uint64_t Loops::connections_of_others() const {
 void Loops::for_each_loop(std::function<void(Context&)> work, std::function<void()> done) {
   work(first_->context());
   if (others_.empty()) return done();
-  relay(std::make_shared<RelayTask>(RelayTask{std::move(work), std::move(done)}), 0);
+  relay(std::move(work), std::move(done), 0);
 }
 
-void Loops::relay(std::shared_ptr<RelayTask> task, std::size_t next) {
-  if (next == others_.size()) return asio::post(first_->io(), [task = std::move(task)] { task->done(); });
+void Loops::relay(std::function<void(Context&)> work, std::function<void()> done, std::size_t next) {
+  if (next == others_.size()) return asio::post(first_->io(), std::move(done));
   Loop& loop = *others_[next]->loop;
-  asio::post(loop.io(), [this, task = std::move(task), &loop, next]() mutable {
-    loop.guarded([&] { task->work(loop.context()); });  // The task continues even if the work throws.
-    relay(std::move(task), next + 1);
+  asio::post(loop.io(), [this, work = std::move(work), done = std::move(done), &loop, next]() mutable {
+    loop.guarded([&] { work(loop.context()); });  // It goes on even if the work throws.
+    relay(std::move(work), std::move(done), next + 1);
   });
 }
 

@@ -57,9 +57,8 @@ class Loop {
 };
 
 /// The event loops of a broker. The first one, which the owner runs, serves senders, HTTP and the admin port. The others,
-/// each on its own thread, share the viewers with it and mirror the streams that these watch (relay/mirror.h).
-///
-/// Belongs to the first loop.
+/// each on its own thread, share the viewers with it and mirror the streams that these watch (relay/mirror.h). Belongs to
+/// the first loop.
 class Loops {
  public:
   /// Creates server.threads loops. `taps`: of the senders' streams.
@@ -81,16 +80,11 @@ class Loops {
 
   /// Runs `work` in one loop after the other, then `done` in the first. With one loop both have run when it returns.
   void for_each_loop(std::function<void(Context&)> work, std::function<void()> done);
-  /// Once a second.
-  void tick();
+  void tick();  ///< Once a second.
 
  private:
   struct Other;
-  struct RelayTask {
-    std::function<void(Context&)> work;
-    std::function<void()> done;
-  };
-  void relay(std::shared_ptr<RelayTask> task, std::size_t next);
+  void relay(std::function<void(Context&)> work, std::function<void()> done, std::size_t next);
   MirrorOrigin::Environment origin_environment();
   MirrorSet::Environment mirror_environment(std::size_t index);
 

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <functional>
-#include <memory>
 
 #include "broker/config/config.h"
 #include "broker/sockets/net.h"
@@ -18,9 +17,8 @@ class Listener {
 
   Listener(asio::io_context& loop, LogSink log, OnConnection on_connection);
 
-  /// Errors: kUnreachable (the message names the address and the cause).
   Result<void> open(const Address& address);
-  /// Takes over a listening socket.
+  /// Takes over a listening socket. Errors of both: kUnreachable.
   Result<void> adopt(int listening);
   void close();
   bool is_open() const { return acceptor_.is_open(); }

@@ -11,7 +11,6 @@
 #include <boost/asio/error.hpp>
 #include <boost/asio/post.hpp>
 #include <cstdint>
-#include <functional>
 #include <memory>
 #include <span>
 #include <utility>
@@ -60,7 +59,6 @@ class Transport {
   Outcome write(std::span<const iovec> pieces);
   /// Leading bytes of the last write() that TLS has encrypted but not sent.
   std::size_t held_bytes() const { return held_; }
-  /// Ends writing (TLS close_notify, TCP FIN). Reading goes on.
   void end_writing();
   void close();
 

@@ -46,19 +46,11 @@ TimeUs Turn::begin_turn() {
 void Turn::add(Writer& writer, bool may_wait) {
   if (writer.queue_ == Writer::Queue::kNow || (may_wait && writer.queue_ == Writer::Queue::kTick)) return;
   forget(writer);
-  enter(writer, may_wait ? Writer::Queue::kTick : Writer::Queue::kNow);
-  if (may_wait) {
-    arm_tick();
-  } else {
-    arm_end();
-  }
-}
-
-void Turn::enter(Writer& writer, Writer::Queue queue) {
-  auto& list = list_of(queue);
-  writer.queue_ = queue;
+  writer.queue_ = may_wait ? Writer::Queue::kTick : Writer::Queue::kNow;
+  auto& list = list_of(writer.queue_);
   writer.slot_ = static_cast<std::uint32_t>(list.size());
   list.push_back(&writer);
+  may_wait ? arm_tick() : arm_end();
 }
 
 void Turn::forget(Writer& writer) {

@@ -5,7 +5,6 @@
 
 #include <cstdint>
 #include <functional>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -42,7 +41,6 @@ class Gathering {
   bool waits_ = false;
 };
 
-/// A connection with bytes to write.
 class Writer {
  public:
   static constexpr std::size_t kMaxPieces = 128;
@@ -88,7 +86,6 @@ class Turn {
   void begin();
   const char* backend() const { return ring_ ? "io_uring" : "epoll"; }
 
-  /// The start time of this turn, for all its decisions.
   TimeUs now_us() { return now_us_ ? *now_us_ : begin_turn(); }
 
   /// Whether each write is a system call of its own, so that batching gains nothing.
@@ -106,7 +103,6 @@ class Turn {
   void arm_end();
   void end_turn();
   void arm_tick();
-  void enter(Writer& writer, Writer::Queue queue);
   std::vector<Writer*>& list_of(Writer::Queue queue) { return queue == Writer::Queue::kNow ? now_ : tick_; }
   void flush_all(std::vector<Writer*>& list);
 

@@ -35,7 +35,7 @@ ROOMS = {
     "broker/config": {"common/core", "common/wire"},
     "broker/access": {"common/core", "common/core/hash", "broker/config"},
     "broker/command_line": {"common/core", "common/command_line", "broker/config", "broker/access"},
-    "broker/sockets": {"common/core", "broker/config", "broker/relay"},
+    "broker/sockets": {"common/core", "broker/config"},
     "broker/storage": {"common/core", "common/core/hash", "common/recording", "common/wire", "common/codec", "broker/access", "broker/relay"},
     "broker/backbone": {"common/core", "common/core/hash", "common/wire", "common/codec", "broker/config", "broker/relay", "broker/storage"},
     "broker/context": {"common/core", "broker/config"},
