@@ -2,9 +2,7 @@
 #include "broker/connections/connection.h"
 
 #include <netinet/tcp.h>
-#include <sys/socket.h>
 
-#include <array>
 #include <boost/asio/bind_allocator.hpp>
 #include <boost/asio/post.hpp>
 #include <ctime>
@@ -119,8 +117,11 @@ void Connection::on_event(const websocket::MessageReader::Event& event) {
   const auto text = [&] {
     return std::string_view(reinterpret_cast<const char*>(event.payload.data()), event.payload.size());
   };
-  if (event.kind == Kind::kClose) return on_peer_closed(event);
-  if (event.kind == Kind::kFailed) return on_broken(event);
+  if (event.kind == Kind::kClose || event.kind == Kind::kFailed) {
+    close_received_ = true;  // Later bytes cannot be parsed.
+    if (closing_) return end_writing_when_closed();
+    return event.kind == Kind::kClose ? close_when_sent({}, event.code) : on_broken(event);
+  }
   if (closing_) return;
   if (const auto taken = grant_->take_message(context_.turn.now_us()); !taken) {
     log(context_.log, LogLevel::kWarning, name() + ": closed, " + taken.error().message);
@@ -155,18 +156,11 @@ void Connection::resume_reading() {
   }
 }
 
-void Connection::on_peer_closed(const websocket::MessageReader::Event& event) {
-  close_received_ = true;
-  if (!closing_) return close_when_sent({}, event.code);
-  if (close_queued_ && write_queue_.empty()) transport_.end_writing();
+void Connection::end_writing_when_closed() {
+  if (close_queued_ && close_received_ && write_queue_.empty()) transport_.end_writing();
 }
 
 void Connection::on_broken(const websocket::MessageReader::Event& event) {
-  close_received_ = true;  // Later bytes cannot be parsed.
-  if (closing_) {
-    if (close_queued_ && write_queue_.empty()) transport_.end_writing();
-    return;
-  }
   const std::string why(event.why);
   log(context_.log, LogLevel::kWarning, name() + ": closed, it sent " + why);
   if (event.code != CloseCode::kTooBig) return close_when_sent(why, event.code);
@@ -225,10 +219,11 @@ void Connection::refuse(const Error& error, const std::string& stream, CloseCode
   close_when_sent(error.message, code);
 }
 
-void Connection::refuse_text(const Error& error, const std::string& stream) {
-  if (error.code == ErrorCode::kUnsupported) return send_error(error, stream);
+/// Answers an unknown op; closes the connection otherwise.
+void Connection::refuse_text(const Error& error) {
+  if (error.code == ErrorCode::kUnsupported) return send_error(error, stream_name());
   log(context_.log, LogLevel::kWarning, name() + ": closed, " + error.message);
-  refuse(error, stream, error.code == ErrorCode::kTooLarge ? CloseCode::kTooBig : CloseCode::kBadPayload);
+  refuse(error, stream_name(), error.code == ErrorCode::kTooLarge ? CloseCode::kTooBig : CloseCode::kBadPayload);
 }
 
 void Connection::send_bye(const std::string& reason, std::uint32_t retry_after_ms, CloseCode code) {
@@ -290,17 +285,13 @@ void Connection::ended() {
   on_closed();
 }
 
-bool Connection::answer_common(const ControlMessage& message) {
-  if (const auto* ping = std::get_if<control::Ping>(&message)) {
-    send(control::Pong{ping->id, ping->time_us, steady_now_us()});
-    return true;
-  }
-  return std::holds_alternative<control::Pong>(message);
-}
-
-Result<ControlMessage> Connection::parse(std::string_view text) {
+void Connection::on_text(std::string_view text) {
   ++context_.counters.control_received;
-  return control_from_text(text);
+  const auto message = control_from_text(text);
+  if (!message) return refuse_text(message.error());
+  const auto* ping = std::get_if<control::Ping>(&*message);
+  if (ping != nullptr) return send(control::Pong{ping->id, ping->time_us, steady_now_us()});
+  if (!std::holds_alternative<control::Pong>(*message)) on_message(*message);
 }
 
 }  // namespace eigencast::broker

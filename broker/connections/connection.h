@@ -45,7 +45,9 @@ class Connection : public std::enable_shared_from_this<Connection>, private Writ
              const Outbox::Limits* outbox = nullptr);
 
   virtual void on_open() = 0;
-  virtual void on_text(std::string_view text) = 0;
+  /// Counts and parses it; passes it to on_message() unless it is a ping or pong.
+  virtual void on_text(std::string_view text);
+  virtual void on_message(const ControlMessage& /*message*/) {}
   virtual void on_binary(ByteView message) = 0;
   /// Called once, after the last read and write.
   virtual void on_closed() = 0;
@@ -54,6 +56,7 @@ class Connection : public std::enable_shared_from_this<Connection>, private Writ
   virtual std::size_t read_bytes() const { return context_.read_buffer.size(); }
   virtual FramePtr join_of(std::uint32_t /*stream_id*/) { return nullptr; }
   virtual std::string label() const = 0;
+  virtual std::string stream_name() const { return {}; }  ///< Empty: it has several.
 
   Context& context() { return context_; }
   Grant& grant() { return *grant_; }
@@ -62,7 +65,6 @@ class Connection : public std::enable_shared_from_this<Connection>, private Writ
   /// A full queue closes the connection.
   void send(const ControlMessage& message);
   void send_framed(std::string message);
-  /// Offers a stream's frames to the outbox; writes a frame at once where waiting for the turn's end gains nothing.
   void deliver(std::uint32_t stream_id, std::span<const FramePtr> frames);
   void send_droppable(const Outbox::Text& text);
   /// Moves messages from the outbox into the write queue for the end of this turn, unless blocked.
@@ -70,11 +72,6 @@ class Connection : public std::enable_shared_from_this<Connection>, private Writ
   void send_error(const Error& error, const std::string& stream);
   /// Sends the error, then closes. Ignores further messages of the peer.
   void refuse(const Error& error, const std::string& stream, websocket::CloseCode code);
-  /// Handles a text that parse() refused: answers an unknown op, closes the connection otherwise.
-  void refuse_text(const Error& error, const std::string& stream);
-  /// Whether the message was ping or pong, which it handles.
-  bool answer_common(const ControlMessage& message);
-  Result<ControlMessage> parse(std::string_view text);
   /// Closes once all control messages are written, at the latest after timeouts.shutdown_ms.
   void close_when_sent(const std::string& reason, websocket::CloseCode code);
 
@@ -87,15 +84,14 @@ class Connection : public std::enable_shared_from_this<Connection>, private Writ
 
   void wait_to_read(Transport::Wait wait);
   void on_readable();
-  /// False: the connection has ended.
   bool take_input(std::span<std::uint8_t> input);
   void on_event(const websocket::MessageReader::Event& event);
   void on_ping(std::string_view payload);
+  void refuse_text(const Error& error);
   bool is_backlogged();
   void resume_reading();
-  void on_peer_closed(const websocket::MessageReader::Event& event);
+  void end_writing_when_closed();
   void on_broken(const websocket::MessageReader::Event& event);
-  /// Whether a frame may go straight to the socket.
   bool can_write_now() const;
   void deliver_queued(std::uint32_t stream_id, std::span<const FramePtr> frames);
   void write_partly(const FramePtr& frame, const Transport::Outcome& outcome);

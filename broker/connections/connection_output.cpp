@@ -179,10 +179,7 @@ void Connection::on_all_written() {
     write_queue_.shrink_to_fit();
     outbox_.shrink();
   }
-  if (close_queued_) {
-    if (close_received_) transport_.end_writing();
-    return;
-  }
+  if (close_queued_) return end_writing_when_closed();
   schedule_write();  // Messages beyond kMaxWriteBytes.
 }
 

@@ -46,12 +46,9 @@ void Publisher::describe(ClientInfo& info) const {
   info.streams.push_back({name_, {}, 0});
 }
 
-void Publisher::on_text(std::string_view text) {
-  const auto message = parse(text);
-  if (!message) return refuse_text(message.error(), name_);
-  if (answer_common(*message)) return;
-  if (const auto* announce = std::get_if<control::Announce>(&*message)) return on_announce(*announce);
-  if (const auto* trace = std::get_if<control::Trace>(&*message)) {
+void Publisher::on_message(const ControlMessage& message) {
+  if (const auto* announce = std::get_if<control::Announce>(&message)) return on_announce(*announce);
+  if (const auto* trace = std::get_if<control::Trace>(&message)) {
     if (stream_ != nullptr) stream_->relay_trace(*trace);
     return;
   }

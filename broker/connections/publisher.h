@@ -19,11 +19,12 @@ class Publisher final : public Connection, public PublisherLink {
 
  private:
   void on_open() override;
-  void on_text(std::string_view text) override;
+  void on_message(const ControlMessage& message) override;
   void on_binary(ByteView message) override;
   void on_closed() override;
   void on_tick() override;
   std::string label() const override;
+  std::string stream_name() const override { return name_; }
   void on_announce(const control::Announce& announce);
   void begin(const control::Announce& announce, const Result<std::uint32_t>& epoch);
   void report_count();

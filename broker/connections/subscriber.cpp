@@ -30,14 +30,11 @@ void Subscriber::on_open() {
   if (first_) subscribe(*first_);
 }
 
-void Subscriber::on_text(std::string_view text) {
-  const auto message = parse(text);
-  if (!message) return refuse_text(message.error(), {});
-  if (answer_common(*message)) return;
-  if (const auto* ack = std::get_if<control::Ack>(&*message)) return acknowledge(*ack);
-  if (const auto* request = std::get_if<control::Subscribe>(&*message)) return subscribe(*request);
-  if (const auto* request = std::get_if<control::Unsubscribe>(&*message)) return unsubscribe(*request);
-  if (const auto* request = std::get_if<control::TraceRequest>(&*message)) {
+void Subscriber::on_message(const ControlMessage& message) {
+  if (const auto* ack = std::get_if<control::Ack>(&message)) return acknowledge(*ack);
+  if (const auto* request = std::get_if<control::Subscribe>(&message)) return subscribe(*request);
+  if (const auto* request = std::get_if<control::Unsubscribe>(&message)) return unsubscribe(*request);
+  if (const auto* request = std::get_if<control::TraceRequest>(&message)) {
     if (Stream* stream = context().hub.find(request->stream)) stream->trace(*this, request->every);
     return;
   }

@@ -24,7 +24,7 @@ class Subscriber final : public Watcher, public Connection {
 
  private:
   void on_open() override;
-  void on_text(std::string_view text) override;
+  void on_message(const ControlMessage& message) override;
   void on_binary(ByteView message) override;
   void on_closed() override;
   void on_tick() override;

@@ -33,7 +33,6 @@ bool is_valid_close_code(std::uint16_t code);
 inline constexpr std::size_t kMaxHeaderBytes = 10;    ///< Of a server's frame.
 inline constexpr std::size_t kMaxControlBytes = 125;  ///< Payload of ping, pong and close.
 
-/// Appends the header of a whole, unmasked message of `size` bytes.
 void append_header(Opcode opcode, std::size_t size, Bytes& out);
 
 std::string framed(Opcode opcode, std::string_view payload);

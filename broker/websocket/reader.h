@@ -52,7 +52,6 @@ class MessageReader {
 
  private:
   using Failure = std::optional<Event>;
-  /// True: it is complete.
   bool take_head(std::span<std::uint8_t>& input);
   Failure check_head_start();
   Failure open_frame();
