@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include "sender/by_hand.h"
 
 #include <nlohmann/json.hpp>
 

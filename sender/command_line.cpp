@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sender/command_line.h"
+#include "sender/commands.h"
 
 #include <unistd.h>
 

@@ -1,26 +1,16 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
 #include "common/codec/key.h"
 #include "common/net/url.h"
-#include "sender/interrupt.h"
+#include "sender/console.h"
 #include "sender/source.h"
 
 namespace eigencast {
-
-enum ExitCode {
-  kExitOk = 0,
-  kExitFailed = 1,
-  kExitUsage = 2,
-  kExitUnreachable = 4,  ///< The broker was not reached, or said no.
-};
-
-struct Console {
-  bool progress = false;  ///< Show progress on standard error.
-};
 
 struct BakeCommand {
   SourceOptions source;
@@ -125,12 +115,13 @@ int run(const ReplayCommand& command, const Console& console, Interrupt& interru
 Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt,
                                   OpenedSource opened = {});
 
-/// Logs the error and gives its exit status; an interrupted run says only that.
-int report_failure(const Error& error);
+/// A command to run, or an exit status at once: help, version, or an error that was printed.
+struct Invocation {
+  std::function<int(Interrupt&)> run;
+  int status = kExitOk;
+  bool verbose = false;
+};
 
-/// As a whole or not at all; "-": to standard output. An empty path does nothing.
-Result<void> write_report(const std::string& path, const std::string& text);
-/// Gives the exit status; an error is logged.
-int end_with_report(const std::string& path, const std::string& text);
+Invocation parse_command_line(int argc, char** argv);
 
 }  // namespace eigencast

@@ -1,15 +1,82 @@
 // SPDX-License-Identifier: MIT
+#include <signal.h>
 #include <spdlog/spdlog.h>
 
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
 #include <cstdio>
 #include <functional>
 
 #include "common/core/files.h"
+#include "common/core/text.h"
 #include "sender/commands.h"
-#include "sender/progress_line.h"
-#include "sender/target_error.h"
+#include "sender/source.h"
 
 namespace eigencast {
+namespace {
+
+sigset_t our_signals() {
+  sigset_t set;
+  sigemptyset(&set);
+  sigaddset(&set, SIGINT);
+  sigaddset(&set, SIGTERM);
+  return set;
+}
+
+}  // namespace
+
+Interrupt::Interrupt() {
+  const sigset_t set = our_signals();
+  // A shell's background job starts with SIGINT ignored, and an ignored signal is never pending.
+  signal(SIGINT, SIG_DFL);
+  pthread_sigmask(SIG_BLOCK, &set, nullptr);
+  sleep_on_time();
+  run_when_woken(kMakingPoses);
+}
+
+bool Interrupt::wait_until(TimeUs deadline_us) {
+  const sigset_t set = our_signals();
+  while (!requested_) {
+    const TimeUs left_us = std::max<TimeUs>(0, deadline_us - steady_now_us());
+    const timespec timeout{left_us / 1'000'000, (left_us % 1'000'000) * 1000};
+    if (sigtimedwait(&set, nullptr, &timeout) > 0)
+      requested_ = true;
+    else if (errno == EAGAIN)
+      break;
+  }
+  return requested_;
+}
+
+std::string ProgressLine::text(double fraction, std::string_view stage, TimeUs elapsed_us) {
+  const double done = std::clamp(fraction, 0.0, 1.0);
+  std::string bar(30, '.');
+  std::fill_n(bar.begin(), static_cast<int>(done * 30), '#');
+  std::string line = formatted("%-24s [%s] %3.0f %%", std::string(stage).c_str(), bar.c_str(), done * 100);
+  if (done > 0.02 && done < 1 && elapsed_us > 1'000'000)
+    line += formatted("  %.0f s left", std::ceil(static_cast<double>(elapsed_us) * 1e-6 * (1 - done) / done));
+  return line;
+}
+
+bool ProgressLine::operator()(double fraction, std::string_view stage) {
+  const bool go_on = !interrupt_.requested();
+  if (!shown_) return go_on;
+  const TimeUs now_us = steady_now_us();
+  if (start_us_ < 0) start_us_ = now_us;
+  const bool new_stage = stage != stage_;
+  stage_ = stage;
+  if (!new_stage && now_us - shown_us_ < 100'000 && fraction < 1) return go_on;
+  shown_us_ = now_us;
+  std::fprintf(stderr, "\r\033[K%s", text(fraction, stage, now_us - start_us_).c_str());
+  open_ = true;
+  std::fflush(stderr);
+  return go_on;
+}
+
+void ProgressLine::finish() {
+  if (open_) std::fputs("\r\033[K", stderr);
+  open_ = false;
+}
 
 Result<Source> bake_with_progress(const SourceOptions& options, const Console& console, Interrupt& interrupt,
                                   OpenedSource opened) {

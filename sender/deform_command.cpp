@@ -10,14 +10,12 @@
 #include "common/core/files.h"
 #include "common/core/histogram.h"
 #include "common/surface/formats/write.h"
-#include "sender/by_hand.h"
 #include "sender/commands.h"
+#include "sender/console.h"
 #include "sender/deform/arap.h"
-#include "sender/deform/projected.h"
-#include "sender/deform/reduced_arap.h"
+#include "sender/deform/deformer.h"
 #include "sender/deform/script.h"
 #include "sender/live.h"
-#include "sender/progress_line.h"
 #include "sender/schedule.h"
 #include "sender/surface_error.h"
 
@@ -87,13 +85,9 @@ Result<Plan> plan_of(const DeformCommand& command, const Console& console, Inter
   Plan plan;
   Surface cage;
   if (has_cage) {
-    auto made = make_cage(command, model);
-    if (!made) return made.error();
-    cage = std::move(*made);
+    if (const auto good = store(cage, make_cage(command, model)); !good) return good.error();
   } else {
-    auto groups = read_handles(command.handles, model);
-    if (!groups) return groups.error();
-    plan.groups = std::move(*groups);
+    if (const auto good = store(plan.groups, read_handles(command.handles, model)); !good) return good.error();
   }
   if (!command.script.empty()) {
     auto script =
@@ -102,10 +96,10 @@ Result<Plan> plan_of(const DeformCommand& command, const Console& console, Inter
     plan.script = std::move(*script);
   }
   if (has_cage || plan.script) {
-    auto deformer = has_cage ? in_cage(command, model, std::move(cage), console, interrupt)
-                             : deform::arap_deformer(model, plan.groups);
-    if (!deformer) return deformer.error();
-    plan.deformer = std::move(*deformer);
+    if (const auto good = store(plan.deformer, has_cage ? in_cage(command, model, std::move(cage), console, interrupt)
+                                                        : deform::arap_deformer(model, plan.groups));
+        !good)
+      return good.error();
   }
   plan.model = {std::move(*clip), has_cage ? plan.deformer.get() : nullptr};
   return plan;
@@ -207,9 +201,8 @@ Result<std::string> by_script(const DeformCommand& command, Deformer& deformer, 
 Result<std::string> perform(const DeformCommand& command, Plan plan, Source source, Interrupt& interrupt) {
   const auto asset = std::make_shared<const Asset>(std::move(source.baked.asset));
   if (plan.deformer == nullptr) {
-    auto reduced = deform::reduced_arap_deformer(*asset, plan.groups);
-    if (!reduced) return reduced.error();
-    plan.deformer = std::move(*reduced);
+    if (const auto good = store(plan.deformer, deform::reduced_arap_deformer(*asset, plan.groups)); !good)
+      return good.error();
   }
   const auto projector = Projector::create(*asset);
   if (!projector) return projector.error();

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <string>
+#include <vector>
+
 #include "common/asset/asset.h"
 #include "common/codec/key.h"
 #include "common/core/histogram.h"
 #include "common/surface/motion_clip.h"
 #include "sdk/bake.h"
-#include "sender/level_error.h"
 #include "sender/surface_error.h"
 
 namespace eigencast {
@@ -50,5 +52,24 @@ double eps_from_step(const Asset& asset, double step);
 /// Errors: the clip's; kInvalidArgument (another order of vertices); kInternal (the decoder differs); kCancelled.
 Result<Evaluation> evaluate(const MotionClip& clip, const Asset& asset, const EvaluateOptions& options,
                             const BakeProgress& progress = {});
+
+struct EvaluatedRow {
+  std::string basis, detail;
+  std::uint32_t rank = 0;
+  double diagonal = 0;
+  std::uint64_t asset_bytes = 0;
+  double eps = 0;     ///< As asked for, model units.
+  std::string codec;  ///< As it was asked for: the same name in rows of other bases.
+  Evaluation evaluation;
+};
+
+struct EvaluatedClip {
+  std::string input, codec;
+  double rate_hz = 30;
+  std::vector<EvaluatedRow> rows;
+};
+
+std::string table_of(const EvaluatedClip& clip);
+std::string report_of(const EvaluatedClip& clip);
 
 }  // namespace eigencast

@@ -5,7 +5,7 @@
 
 #include "common/surface/formats/write.h"
 #include "sender/commands.h"
-#include "sender/progress_line.h"
+#include "sender/console.h"
 
 namespace eigencast {
 

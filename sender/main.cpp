@@ -6,7 +6,7 @@
 #include <exception>
 
 #include "common/command_line/log.h"
-#include "sender/command_line.h"
+#include "sender/commands.h"
 
 int main(int argc, char** argv) {
   try {

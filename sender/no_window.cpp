@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sender/by_hand.h"
+#include "sender/live.h"
 
 namespace eigencast {
 

@@ -24,7 +24,7 @@ std::vector<std::size_t> sample_frames(std::size_t frame_count, std::size_t most
 Result<std::string> check_frames(const Surface& mesh, const MotionClip& clip, const std::vector<std::size_t>& frames,
                                  bool any_order);
 
-/// From the start of one check to the next: checks take at most a fifth of the time for the first poses, then a fiftieth.
+/// From the start of one check to the next: they take at most a fifth of the time for the first poses, then a fiftieth.
 ///   size  of the mesh: vertices and faces
 TimeUs pause_between_checks(std::uint64_t checked, std::size_t size);
 

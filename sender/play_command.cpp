@@ -11,9 +11,9 @@
 
 #include "sender/clip_coefficients.h"
 #include "sender/commands.h"
+#include "sender/console.h"
 #include "sender/live.h"
 #include "sender/order_check.h"
-#include "sender/progress_line.h"
 #include "sender/schedule.h"
 
 namespace eigencast {

@@ -50,8 +50,8 @@ class PoseStream {
   std::uint64_t count_ = 0;
 };
 
-/// When piped poses are due. A source that falls behind its own times by more than `kPatienceUs` is not made up for: time
-/// starts anew there, and that is counted. Pure. Not thread-safe.
+/// When piped poses are due. A source that falls behind its own times by more than `kPatienceUs` is not made up for:
+/// time starts anew there, and that is counted. Pure. Not thread-safe.
 class PipePace {
  public:
   static constexpr TimeUs kPatienceUs = 100'000;

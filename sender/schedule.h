@@ -8,8 +8,8 @@
 
 namespace eigencast {
 
-/// Tick i is due at start + i / rate, so that no error adds up. A tick that is missed by more than one interval is skipped
-/// and counted, never made up for by a burst. Not thread-safe.
+/// Tick i is due at start + i / rate, so that no error adds up. A tick that is missed by more than one interval is
+/// skipped and counted, never made up for by a burst. Not thread-safe.
 class Schedule {
  public:
   struct Options {

@@ -12,7 +12,6 @@
 #include "common/surface/shapes/shapes.h"
 #include "common/wire/limits.h"
 #include "sender/deform/cage.h"
-#include "sender/deform/cage_deformer.h"
 #include "sender/order_check.h"
 
 namespace eigencast {
@@ -116,9 +115,7 @@ Result<void> check_basis(BasisKind basis, const MotionClip& clip) {
 
 Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress, OpenedSource opened) {
   if (opened.clip == nullptr) {
-    auto clip = open_source(options);
-    if (!clip) return clip.error();
-    opened.clip = std::move(*clip);
+    if (const auto good = store(opened.clip, open_source(options)); !good) return good.error();
   }
   const std::unique_ptr<MotionClip>& clip = opened.clip;
   if (const auto usable = check_basis(options.basis, *clip); !usable) return in_context(options.input, usable.error());
@@ -128,9 +125,7 @@ Result<Source> bake_source(const SourceOptions& options, const BakeProgress& pro
     return in_context(options.input, accepted.error());
   KnownMotion motion;
   if (options.basis == BasisKind::kRig) {
-    auto of_rig = motion_of_rig(*clip);
-    if (!of_rig) return in_context(options.input, of_rig.error());
-    motion = std::move(*of_rig);
+    if (const auto good = store(motion, motion_of_rig(*clip)); !good) return in_context(options.input, good.error());
   } else if (options.basis == BasisKind::kCage && opened.cage != nullptr) {
     motion = motion_of_cage(*opened.cage);
   } else if (options.basis == BasisKind::kCage) {

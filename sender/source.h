@@ -9,7 +9,6 @@
 #include "common/surface/motion_clip.h"
 #include "sdk/bake.h"
 #include "sender/deform/deformer.h"
-#include "sender/rank_search.h"
 
 namespace eigencast {
 
@@ -38,6 +37,17 @@ struct SourceOptions {
   double target_error = 0;  ///< Rms error of the basis, over the diagonal, that decides the rank; 0: `rank` does.
   std::string poses;        ///< Clip that it is judged by (default: the input).
   bool any_order = false;   ///< Take poses whose vertices certainly are in another order than the faces'.
+};
+
+struct TriedRank {
+  int rank = 0;      ///< That it has; less than asked for where the surface has too few vertices.
+  double error = 0;  ///< Rms error that it leaves on the sample poses, over the diagonal.
+};
+
+struct RankChoice {
+  TriedRank chosen;
+  std::vector<TriedRank> tried;           ///< In order of rank.
+  std::string text(double target) const;  ///< What was chosen and why, in a line.
 };
 
 /// Null: nothing is open.
@@ -70,5 +80,16 @@ Result<void> check_basis(BasisKind basis, const MotionClip& clip);
 /// Errors: those of open_source, check_basis, cage_of, bind_cage and bake; kInvalidArgument (the mesh, or most of a few
 /// poses of the clip, certainly are in another order of vertices than the faces).
 Result<Source> bake_source(const SourceOptions& options, const BakeProgress& progress, OpenedSource opened = {});
+
+/// A small rank whose error is not above `target`: ranks are doubled until one does, then what lies between is
+/// searched, where errors fall as powers of the rank, until a sixteenth is left. Each try is a bake.
+/// Errors: those of error_of; kInvalidArgument where the largest rank, or that of the surface, does not do.
+Result<RankChoice> choose_rank(double target, int largest, const std::function<Result<TriedRank>(int rank)>& error_of);
+/// Over the diagonal, on at most 24 sample poses. Errors: the clip's; kInvalidArgument (another number of vertices).
+Result<double> error_on_samples(const Asset& asset, const MotionClip& clip);
+
+/// As bake_source, with the rank that options.target_error takes on options.poses or, without, the input. Errors: those
+/// of bake_source; kInvalidArgument: the largest rank does not do, no poses to judge by, or they are in another order.
+Result<Source> bake_for_target(const SourceOptions& options, const BakeProgress& progress);
 
 }  // namespace eigencast

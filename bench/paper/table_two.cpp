@@ -16,7 +16,7 @@
 #include "common/surface/shapes/shapes.h"
 #include "common/surface/vector.h"
 #include "sdk/bake.h"
-#include "sender/deform/cage_deformer.h"
+#include "sender/deform/cage.h"
 #include "sender/deform/script.h"
 #include "sender/source.h"
 #include "sender/surface_error.h"

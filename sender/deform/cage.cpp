@@ -2,52 +2,66 @@
 #include "sender/deform/cage.h"
 
 #include <algorithm>
+#include <atomic>
+#include <cassert>
+#include <cmath>
 #include <map>
 #include <numbers>
-#include <numeric>
 #include <utility>
 
+#include "common/core/union_find.h"
+#include "common/core/worker_team.h"
 #include "common/surface/checks/check.h"
 #include "common/surface/vector.h"
+#include "sender/deform/coordinates.h"
 
 namespace eigencast::deform {
 namespace {
 
-/// By the lowest vertex of the part.
-std::vector<std::uint32_t> parts_of(const Surface& mesh) {
-  std::vector<std::uint32_t> parent(mesh.vertex_count());
-  std::iota(parent.begin(), parent.end(), 0u);
-  const auto root = [&](std::uint32_t v) {
-    while (parent[v] != v) v = parent[v] = parent[parent[v]];
-    return v;
-  };
-  for (const Face& face : mesh.faces) {
-    for (const std::uint32_t v : face) {
-      const std::uint32_t a = root(face[0]), b = root(v);
-      parent[std::max(a, b)] = std::min(a, b);
-    }
-  }
-  std::vector<std::uint32_t> parts;
-  parts.reserve(mesh.faces.size());
-  for (const Face& face : mesh.faces) parts.push_back(root(face[0]));
-  return parts;
-}
-
-double volume6(const Surface& mesh, const Face& face, const Vec3& origin) {
-  return dot(mesh.positions[face[0]] - origin,
-             cross(mesh.positions[face[1]] - origin, mesh.positions[face[2]] - origin));
-}
-
 void turn_outward(Surface& mesh) {
-  const std::vector<std::uint32_t> parts = parts_of(mesh);
-  std::map<std::uint32_t, double> volumes;
-  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
-    volumes[parts[f]] += volume6(mesh, mesh.faces[f], mesh.positions[parts[f]]);
+  UnionFind parts(mesh.vertex_count());
+  for (const Face& face : mesh.faces) {
+    parts.join(face[0], face[1]);
+    parts.join(face[0], face[2]);
   }
-  for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
-    if (volumes[parts[f]] < 0) std::swap(mesh.faces[f][1], mesh.faces[f][2]);
+  std::map<std::uint32_t, double> volumes;  // by part, six times; seen from its lowest vertex
+  for (const Face& face : mesh.faces) {
+    const std::uint32_t part = parts.root(face[0]);
+    const Vec3& origin = mesh.positions[part];
+    volumes[part] += dot(mesh.positions[face[0]] - origin,
+                         cross(mesh.positions[face[1]] - origin, mesh.positions[face[2]] - origin));
+  }
+  for (Face& face : mesh.faces) {
+    if (volumes[parts.root(face[0])] < 0) std::swap(face[1], face[2]);
   }
 }
+
+constexpr std::size_t kMaxWeights = std::size_t{2} << 30 >> 3;
+constexpr std::size_t kRowsPerTask = 64;
+
+class CageDeformer final : public Deformer {
+ public:
+  CageDeformer(Surface cage, CageCoordinates coordinates, LinearMap map)
+      : cage_(std::move(cage)), coordinates_(coordinates), map_(std::move(map)) {}
+  std::span<const Vec3> handles() const override { return cage_.positions; }
+  std::span<const Face> handle_faces() const override { return cage_.faces; }
+  const LinearMap* linear_map() const override { return &map_; }
+  std::vector<double> controls(std::span<const Vec3> moved) const override {
+    assert(moved.size() == cage_.vertex_count());
+    std::vector<double> y;
+    y.reserve(3 * map_.controls);
+    for (const Vec3& p : moved) y.insert(y.end(), p.begin(), p.end());
+    if (coordinates_ == CageCoordinates::kMeanValue) return y;
+    for (const Vec3& n : stretched_normals(cage_, moved)) y.insert(y.end(), n.begin(), n.end());
+    return y;
+  }
+  std::vector<Vec3> positions(std::span<const Vec3> moved) override { return applied(map_, controls(moved)); }
+
+ private:
+  Surface cage_;
+  CageCoordinates coordinates_;
+  LinearMap map_;
+};
 
 }  // namespace
 
@@ -85,6 +99,49 @@ double winding_number(const Surface& cage, const Vec3& point) {
     angle += 2 * std::atan2(dot(a, cross(b, c)), la * lb * lc + dot(a, b) * lc + dot(b, c) * la + dot(c, a) * lb);
   }
   return angle / (4 * std::numbers::pi);
+}
+
+Result<std::unique_ptr<Deformer>> cage_deformer(const Surface& model, Surface cage, CageCoordinates coordinates,
+                                                const std::function<bool(double)>& progress) {
+  const bool is_green = coordinates == CageCoordinates::kGreen;
+  const std::size_t n = model.vertex_count(), corners = cage.vertex_count();
+  LinearMap map{n, corners + (is_green ? cage.faces.size() : 0), {}};
+  if (map.controls > kMaxWeights / n) {
+    return fail(ErrorCode::kTooLarge, std::to_string(n) + " vertices in a cage of " + std::to_string(corners) +
+                                          " need more than 2 GiB of weights; take a coarser cage");
+  }
+  map.W.resize(n * map.controls);
+  const std::size_t tasks = (n + kRowsPerTask - 1) / kRowsPerTask;
+  // In rounds, so that the caller's thread reports progress.
+  const std::size_t rounds = std::min<std::size_t>(tasks, 50);
+  std::atomic<std::size_t> outside{0}, first_outside{n};
+  for (std::size_t round = 0; round < rounds; ++round) {
+    if (progress && !progress(static_cast<double>(round) / static_cast<double>(rounds)))
+      return fail(ErrorCode::kCancelled, "stopped while the model was bound to its cage");
+    const std::size_t first_task = tasks * round / rounds, last_task = tasks * (round + 1) / rounds;
+    worker_team().run(last_task - first_task, [&](std::size_t task) {
+      const std::size_t begin = (first_task + task) * kRowsPerTask;
+      for (std::size_t i = begin; i < std::min(n, begin + kRowsPerTask); ++i) {
+        const std::span<double> row(&map.W[i * map.controls], map.controls);
+        if (!is_green) {
+          mean_value_coordinates(cage, model.positions[i], row);
+          continue;
+        }
+        green_coordinates(cage, model.positions[i], row.first(corners), row.subspan(corners));
+        if (winding_number(cage, model.positions[i]) > 0.75) continue;
+        ++outside;
+        std::size_t known = first_outside;
+        while (i < known && !first_outside.compare_exchange_weak(known, i)) {
+        }
+      }
+    });
+  }
+  if (outside > 0) {
+    return fail(ErrorCode::kInvalidArgument,
+                std::to_string(outside) + " vertices of the model are not inside the cage, the first is number " +
+                    std::to_string(first_outside) + "; use a larger cage, or mean value coordinates");
+  }
+  return std::unique_ptr<Deformer>(std::make_unique<CageDeformer>(std::move(cage), coordinates, std::move(map)));
 }
 
 }  // namespace eigencast::deform

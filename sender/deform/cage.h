@@ -1,10 +1,13 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <functional>
+#include <memory>
 #include <string>
 
 #include "common/core/result.h"
 #include "common/surface/surface.h"
+#include "sender/deform/deformer.h"
 
 namespace eigencast::deform {
 
@@ -24,5 +27,14 @@ Result<Surface> cage_around(const Surface& model, int resolution);
 /// 1 inside, 0 outside, a fraction on it: the sum of signed solid angles by van Oosterom and Strackee, "The Solid Angle
 /// of a Plane Triangle", 1983.
 double winding_number(const Surface& cage, const Vec3& point);
+
+enum class CageCoordinates { kGreen, kMeanValue };
+
+/// The handles are the cage's vertices, the map is that of its coordinates. Costs n x (V + F) terms once, on the
+/// process's threads; W takes as many doubles (n x V for mean values).
+///   progress  fraction in [0, 1]; returns false to cancel; null: none
+/// Errors: kInvalidArgument: vertices not inside the cage (Green); kTooLarge: W of more than 2 GiB; kCancelled.
+Result<std::unique_ptr<Deformer>> cage_deformer(const Surface& model, Surface cage, CageCoordinates coordinates,
+                                                const std::function<bool(double)>& progress = {});
 
 }  // namespace eigencast::deform

@@ -14,8 +14,8 @@ namespace {
 
 constexpr double kTiny = 1e-15;  // of the lengths around: below, a point lies on an edge or a vertex
 
-/// ln((a + b + l) / (a + b - l)) / l for a point at distances a, b from the ends of an edge of length l. It grows slower
-/// than any power as the point nears the edge, and is always multiplied by a distance that vanishes there.
+/// ln((a + b + l) / (a + b - l)) / l for a point at distances a, b from the ends of an edge of length l. It grows
+/// slower than any power as the point nears the edge, and is always multiplied by a distance that vanishes there.
 double edge_potential(double a, double b, double l) {
   const double rest = std::max(a + b - l, kTiny * (a + b + l));
   return std::log((a + b + l) / rest) / l;

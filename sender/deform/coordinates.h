@@ -14,12 +14,12 @@ namespace eigencast::deform {
 ///   phi, psi  V and F, written
 void green_coordinates(const Surface& cage, const Vec3& point, std::span<double> phi, std::span<double> psi);
 
-/// p = sum w_i v_i, after Ju, Schaefer and Warren, "Mean Value Coordinates for Closed Triangular Meshes", 2005. Exact for
-/// affine maps; outside too; negative in the reach of concave parts.
+/// p = sum w_i v_i, after Ju, Schaefer and Warren, "Mean Value Coordinates for Closed Triangular Meshes", 2005. Exact
+/// for affine maps; outside too; negative in the reach of concave parts.
 ///   w  V, written; sums to 1
 void mean_value_coordinates(const Surface& cage, const Vec3& point, std::span<double> w);
 
-/// s_j n_j of a deformed cage (F x 3): the normal of each face times its stretch, after Lipman et al. Zero without area.
+/// s_j n_j of a deformed cage (F x 3): each face's normal times its stretch, after Lipman et al. Zero without area.
 std::vector<Vec3> stretched_normals(const Surface& rest, std::span<const Vec3> moved);
 
 }  // namespace eigencast::deform

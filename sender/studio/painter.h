@@ -43,8 +43,8 @@ struct PaintingReport {
   std::uint64_t others_poses = 0;  ///< Poses of other streams that were shown.
 };
 
-/// Draws the newest state on a thread of its own, so that neither a slow GPU nor the display's rate delays what is sent.
-/// All calls from one thread.
+/// Draws the newest state on a thread of its own, so that neither a slow GPU nor the display's rate delays what is
+/// sent. All calls from one thread.
 class Painter final {
  public:
   struct Options {

@@ -5,8 +5,8 @@
 #include <cstdio>
 
 #include "common/net/url.h"
+#include "common/surface/vector.h"
 #include "sender/studio/hand.h"
-#include "sender/studio/send_pace.h"
 
 namespace eigencast::studio {
 namespace {
@@ -30,6 +30,12 @@ std::vector<HelpLine> help_of(Tool tool) {
           {"Q", "quit", ""}};
 }
 
+std::vector<Vec3> shifted(std::span<const Vec3> points, const Vec3& by) {
+  std::vector<Vec3> moved(points.begin(), points.end());
+  for (Vec3& p : moved) p = p + by;
+  return moved;
+}
+
 class Studio final : public WindowListener {
  public:
   Studio(const Options& options, deform::Deformer& deformer, deform::ProjectedDeformer& projected, const Asset& asset,
@@ -39,7 +45,7 @@ class Studio final : public WindowListener {
         projected_(projected),
         asset_(asset),
         publisher_(publisher),
-        editor_(in_asset_space(deformer.handles())),
+        editor_(shifted(deformer.handles(), -1 * asset.origin)),
         hand_(editor_, camera_),
         local_(asset, deformer.linear_map()),
         pace_(static_cast<TimeUs>(1e6 / options.rate_hz), kHeartbeatUs) {}
@@ -55,14 +61,32 @@ class Studio final : public WindowListener {
   }
 
  private:
-  std::vector<Vec3> in_asset_space(std::span<const Vec3> handles) const;
   void on_event() override { redraw_ = true; }
-  void on_resize(int width_px, int height_px) override;
-  void on_key(const std::string& name, const Modifiers& modifiers, bool repeated) override;
-  void on_wheel(float steps, glm::vec2 at_px) override;
-  void on_move(glm::vec2 at_px) override;
-  void on_press(MouseButton button, glm::vec2 at_px, const Modifiers& modifiers) override;
-  void on_release(MouseButton button) override;
+  void on_resize(int width_px, int height_px) override {
+    width_ = width_px;
+    height_ = height_px;
+    if (width_ > 0 && height_ > 0) camera_.set_viewport(width_, height_);
+  }
+  void on_key(const std::string& name, const Modifiers& modifiers, bool) override {
+    on_input();
+    if (const auto command = command_for_key(name, modifiers)) on_command(*command);
+  }
+  void on_wheel(float steps, glm::vec2) override {
+    on_input();
+    hand_.wheel(steps);
+  }
+  void on_move(glm::vec2 at_px) override {
+    on_input();
+    hand_.move(at_px);
+  }
+  void on_press(MouseButton button, glm::vec2 at_px, const Modifiers& modifiers) override {
+    on_input();
+    hand_.press(button, at_px, modifiers);
+  }
+  void on_release(MouseButton button) override {
+    on_input();
+    hand_.release(button);
+  }
   void on_command(Command command);
   void on_input() { input_us_ = steady_now_us(); }
   Result<void> make_pose();
@@ -98,14 +122,6 @@ class Studio final : public WindowListener {
   Report report_;
 };
 
-std::vector<Vec3> Studio::in_asset_space(std::span<const Vec3> handles) const {
-  std::vector<Vec3> moved(handles.begin(), handles.end());
-  for (Vec3& p : moved) {
-    for (std::size_t axis = 0; axis < 3; ++axis) p[axis] -= asset_.origin[axis];
-  }
-  return moved;
-}
-
 Result<void> Studio::open(const LogSink& log) {
   Painter::Options painting;
   for (const SubscriberOptions& wanted : options_.watch) {
@@ -134,37 +150,6 @@ Result<void> Studio::open(const LogSink& log) {
   return {};
 }
 
-void Studio::on_resize(int width_px, int height_px) {
-  width_ = width_px;
-  height_ = height_px;
-  if (width_ > 0 && height_ > 0) camera_.set_viewport(width_, height_);
-}
-
-void Studio::on_key(const std::string& name, const Modifiers& modifiers, bool) {
-  on_input();
-  if (const auto command = command_for_key(name, modifiers)) on_command(*command);
-}
-
-void Studio::on_wheel(float steps, glm::vec2) {
-  on_input();
-  hand_.wheel(steps);
-}
-
-void Studio::on_move(glm::vec2 at_px) {
-  on_input();
-  hand_.move(at_px);
-}
-
-void Studio::on_press(MouseButton button, glm::vec2 at_px, const Modifiers& modifiers) {
-  on_input();
-  hand_.press(button, at_px, modifiers);
-}
-
-void Studio::on_release(MouseButton button) {
-  on_input();
-  hand_.release(button);
-}
-
 void Studio::on_command(Command command) {
   if (hand_.command(command)) return;
   if (command == Command::kQuit) {
@@ -186,11 +171,7 @@ Result<void> Studio::make_pose() {
     return {};
   }
   posed_.assign(handles.begin(), handles.end());
-  std::vector<Vec3> in_source = posed_;
-  for (Vec3& p : in_source) {
-    for (std::size_t axis = 0; axis < 3; ++axis) p[axis] += asset_.origin[axis];
-  }
-  if (const auto good = store(C_, projected_.coefficients(in_source)); !good) return good;
+  if (const auto good = store(C_, projected_.coefficients(shifted(posed_, asset_.origin))); !good) return good;
   y_ = deformer_.controls(posed_);
   ++pose_;
   redraw_ = true;

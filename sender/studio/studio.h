@@ -7,7 +7,7 @@
 
 #include "sdk/publisher.h"
 #include "sdk/subscriber.h"
-#include "sender/deform/projected.h"
+#include "sender/deform/deformer.h"
 #include "sender/studio/local_surface.h"
 #include "sender/studio/painter.h"
 

@@ -12,7 +12,6 @@
 #include "common/surface/shapes/shapes.h"
 #include "sdk/bake.h"
 #include "sender/deform/cage.h"
-#include "sender/deform/cage_deformer.h"
 #include "sender/studio/hand.h"
 #include "sender/surface_error.h"
 #include "tests/support/paths.h"

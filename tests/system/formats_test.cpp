@@ -9,7 +9,6 @@
 #include "common/surface/formats/write.h"
 #include "common/surface/shapes/shapes.h"
 #include "sender/deform/cage.h"
-#include "sender/deform/cage_deformer.h"
 #include "sender/deform/script.h"
 #include "sender/source.h"
 #include "tests/support/paths.h"

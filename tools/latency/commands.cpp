@@ -1,24 +1,35 @@
 // SPDX-License-Identifier: MIT
 #include "tools/latency/commands.h"
 
+#include <fcntl.h>
+#include <signal.h>
+#include <spawn.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
+#include <chrono>
 #include <condition_variable>
 #include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
 #include <memory>
 #include <mutex>
 #include <nlohmann/json.hpp>
+#include <thread>
 
 #include "common/command_line/log.h"
 #include "common/core/files.h"
 #include "common/core/text.h"
 #include "common/net/websocket.h"
 #include "common/wire/control.h"
-#include "tools/latency/local_broker.h"
 #include "tools/latency/presenter.h"
 #include "tools/latency/report.h"
 #include "tools/latency/session.h"
+
+extern char** environ;
 
 namespace eigencast::latency {
 namespace {
@@ -68,12 +79,71 @@ Result<void> check(const Inputs& inputs) {
   return size ? Result<void>() : size.error();
 }
 
+/// The broker beside this program, as a process of its own on a free port of loopback; its data go with it.
+class LocalBroker {
+ public:
+  /// Errors: kNotFound (no such program), kIo, kTimeout (it does not listen).
+  static Result<std::unique_ptr<LocalBroker>> start() {
+    std::error_code error;
+    const auto self = std::filesystem::read_symlink("/proc/self/exe", error);
+    std::string program = (self.parent_path() / "eigencast-broker").string();
+    if (error || !std::filesystem::exists(program))
+      return fail(ErrorCode::kNotFound, program + ": there is no broker beside this program: give the URL of one");
+    std::string folder = (std::filesystem::temp_directory_path() / "eigencast-latency-XXXXXX").string();
+    if (mkdtemp(folder.data()) == nullptr) return fail(ErrorCode::kIo, folder + ": cannot be made");
+    std::array<std::string, 7> words{program,          "--listen",   "127.0.0.1:0",   "--port-file",
+                                     folder + "/port", "--data-dir", folder + "/data"};
+    std::array<char*, 8> arguments{};
+    for (std::size_t i = 0; i < words.size(); ++i) arguments[i] = words[i].data();
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_addopen(&actions, STDOUT_FILENO, (folder + "/log").c_str(), O_WRONLY | O_CREAT, 0600);
+    posix_spawn_file_actions_adddup2(&actions, STDOUT_FILENO, STDERR_FILENO);
+    posix_spawnattr_t attributes;
+    posix_spawnattr_init(&attributes);
+    posix_spawnattr_setflags(&attributes,
+                             POSIX_SPAWN_SETPGROUP);  // Ctrl-C is for us: we end the broker when we are done.
+    pid_t pid = -1;
+    const int failed = posix_spawn(&pid, program.c_str(), &actions, &attributes, arguments.data(), environ);
+    posix_spawnattr_destroy(&attributes);
+    posix_spawn_file_actions_destroy(&actions);
+    if (failed != 0) return fail(ErrorCode::kIo, program + ": cannot be started");
+    std::unique_ptr<LocalBroker> broker(new LocalBroker(pid, folder));
+    for (int i = 0; i < 500; ++i) {
+      std::ifstream(folder + "/port") >> broker->port_;
+      if (!broker->port_.empty()) return broker;
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+    return fail(ErrorCode::kTimeout, program + ": does not listen");
+  }
+
+  ~LocalBroker() {
+    kill(pid_, SIGTERM);
+    int status = 0;
+    for (int i = 0; i < 200 && waitpid(pid_, &status, WNOHANG) == 0; ++i)
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    if (waitpid(pid_, &status, WNOHANG) == 0) {
+      kill(pid_, SIGKILL);
+      waitpid(pid_, &status, 0);
+    }
+    std::error_code ignored;
+    std::filesystem::remove_all(folder_, ignored);
+  }
+
+  LocalBroker(const LocalBroker&) = delete;
+  LocalBroker& operator=(const LocalBroker&) = delete;
+  std::string url(const std::string& stream) const { return "ws://127.0.0.1:" + port_ + "/" + stream; }
+
+ private:
+  LocalBroker(pid_t pid, std::string folder) : pid_(pid), folder_(std::move(folder)) {}
+  pid_t pid_;
+  std::string folder_, port_;
+};
+
 /// `own` holds a broker of our own.
 Result<void> choose_broker(Inputs& inputs, std::unique_ptr<LocalBroker>& own) {
   if (!inputs.url.empty()) return {};
-  auto started = LocalBroker::start();
-  if (!started) return started.error();
-  own = std::move(*started);
+  if (const auto good = store(own, LocalBroker::start()); !good) return good.error();
   inputs.url = own->url("latency");
   inputs.credentials = {};  // They are for somebody else's.
   return {};

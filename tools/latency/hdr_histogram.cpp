@@ -22,22 +22,10 @@ void big_endian(std::uint64_t value, int bytes, Bytes& out) {
 }
 
 // As varint, but its ninth byte, if any, holds eight bits.
-void zigzag(std::int64_t value, Bytes& out) {
-  std::uint64_t v = (static_cast<std::uint64_t>(value) << 1) ^ static_cast<std::uint64_t>(value >> 63);
+void add_signed(std::int64_t value, Bytes& out) {
+  std::uint64_t v = zigzag(value);
   for (int i = 0; i < 8 && v >= 0x80; ++i, v >>= 7) out.push_back(static_cast<std::uint8_t>(v | 0x80));
   out.push_back(static_cast<std::uint8_t>(v));
-}
-
-std::string base64(const Bytes& bytes) {
-  constexpr char kDigits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string text;
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    const std::size_t have = std::min<std::size_t>(3, bytes.size() - i);
-    std::uint32_t group = 0;
-    for (std::size_t k = 0; k < 3; ++k) group = group << 8 | (k < have ? bytes[i + k] : 0u);
-    for (std::size_t k = 0; k < 4; ++k) text += k <= have ? kDigits[(group >> (18 - 6 * k)) & 63] : '=';
-  }
-  return text;
 }
 
 Bytes deflated(const Bytes& bytes) {
@@ -96,10 +84,10 @@ std::string HdrHistogram::encoded() const {
     std::size_t zeros = 0;
     while (i + zeros < end && buckets()[i + zeros] == 0) ++zeros;
     if (zeros > 0) {
-      zigzag(zeros == 1 ? 0 : -static_cast<std::int64_t>(zeros), counts);
+      add_signed(zeros == 1 ? 0 : -static_cast<std::int64_t>(zeros), counts);
       i += zeros;
     } else {
-      zigzag(static_cast<std::int64_t>(buckets()[i++]), counts);
+      add_signed(static_cast<std::int64_t>(buckets()[i++]), counts);
     }
   }
   Bytes plain;
@@ -116,7 +104,7 @@ std::string HdrHistogram::encoded() const {
   big_endian(kCompressedCookie, 4, all);
   big_endian(packed.size(), 4, all);
   all.insert(all.end(), packed.begin(), packed.end());
-  return base64(all);
+  return base64_from_bytes(all);
 }
 
 std::string histogram_log(const std::vector<LogInterval>& intervals, double start_unix_s) {

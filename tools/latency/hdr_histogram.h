@@ -12,7 +12,7 @@
 
 namespace eigencast::latency {
 
-/// Times from 1 us to an hour, laid out as Gil Tene's HdrHistogram (lowest 1, highest 3.6e9, 3 digits). Not thread-safe.
+/// From 1 us to an hour, laid out as Gil Tene's HdrHistogram (lowest 1, highest 3.6e9, 3 digits). Not thread-safe.
 class HdrHistogram : public Histogram {
  public:
   static constexpr std::int64_t kHighest = 3'600'000'000;
@@ -21,8 +21,8 @@ class HdrHistogram : public Histogram {
   HdrHistogram() : Histogram(kPrecisionBits) {}
   void add(std::int64_t value_us) { Histogram::add(std::min(value_us, kHighest)); }
 
-  /// Of all values, the negative ones included; nothing where it is one of those, or where fewer than kSamplesBeyond values
-  /// lie beyond it, so that it would be a matter of luck. p = 100 is the maximum.
+  /// Of all values, the negative ones included; nothing where it is one of those, or where fewer than kSamplesBeyond
+  /// values lie beyond it, so that it would be a matter of luck. p = 100 is the maximum.
   std::optional<std::int64_t> reliable_percentile(double p) const;
 
   /// As HdrHistogram's tools plot it (.hgrm), values divided by `unit_us`.

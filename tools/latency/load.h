@@ -13,8 +13,8 @@
 
 namespace eigencast::latency {
 
-/// Many light viewers on one thread: each checks that every key follows the one before it and acknowledges; none rebuilds
-/// a surface. Measures its own cost, to say when it, and not the broker, was what limited.
+/// Many light viewers on one thread: each checks that every key follows the one before it and acknowledges; none
+/// rebuilds a surface. Measures its own cost, to say when it, and not the broker, was what limited.
 class Load {
  public:
   struct Options {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tools/latency/options.h"
+#include "tools/latency/commands.h"
 
 #include <CLI/CLI.hpp>
 #include <cstdio>
@@ -7,6 +7,7 @@
 #include "common/command_line/completion.h"
 #include "common/command_line/shared_options.h"
 #include "common/core/files.h"
+#include "tools/latency/presenter.h"
 
 namespace eigencast::latency {
 namespace {
@@ -121,6 +122,17 @@ void add_viewer(CLI::App& command, Options& o) {
 }
 
 }  // namespace
+
+Result<PictureSize> picture_size_from_text(const std::string& text) {
+  constexpr int kMaxSide = 8192;
+  PictureSize size;
+  int end = 0;
+  if (std::sscanf(text.c_str(), "%dx%d%n", &size.width, &size.height, &end) != 2 ||
+      end != static_cast<int>(text.size()) || size.width < 1 || size.height < 1 || size.width > kMaxSide ||
+      size.height > kMaxSide)
+    return fail(ErrorCode::kInvalidArgument, "--present " + text + ": must be WIDTHxHEIGHT, for example 1440x900");
+  return size;
+}
 
 std::variant<Options, ExitNow> options_from_command_line(int argc, const char* const* argv,
                                                          const std::string& version) {

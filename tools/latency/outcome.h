@@ -7,11 +7,9 @@
 #include <vector>
 
 #include "common/net/url.h"
-#include "tools/latency/clock_track.h"
-#include "tools/latency/display_age.h"
 #include "tools/latency/hdr_histogram.h"
-#include "tools/latency/intervals.h"
 #include "tools/latency/load.h"
+#include "tools/latency/over_time.h"
 #include "tools/latency/timeline.h"
 
 namespace eigencast::latency {

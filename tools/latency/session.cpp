@@ -4,11 +4,22 @@
 #include <time.h>
 
 #include <algorithm>
+#include <atomic>
+#include <cerrno>
 #include <cstdlib>
+#include <memory>
 #include <thread>
+#include <vector>
 
+#include "common/core/log.h"
+#include "common/core/clock.h"
+#include "common/surface/shapes/shapes.h"
+#include "sdk/asset_cache.h"
+#include "sdk/bake.h"
+#include "sdk/publisher.h"
+#include "tools/latency/hdr_histogram.h"
 #include "tools/latency/load.h"
-#include "tools/latency/sending.h"
+#include "tools/latency/outcome.h"
 #include "tools/latency/watching.h"
 
 namespace eigencast::latency {
@@ -17,6 +28,128 @@ namespace {
 using std::chrono::milliseconds;
 
 constexpr TimeUs kDrainUs = 400'000;  ///< Poses under way, and traces, which come after their frames.
+
+constexpr std::size_t kMaxPoses = 240;
+
+/// A thread that sleeps wakes late; so long before a pose is due it is awake and watches the clock.
+constexpr TimeUs kAwakeBeforeUs = 150;
+
+void wait_until(TimeUs time_us) {
+  const TimeUs awake_us = time_us - kAwakeBeforeUs;
+  const timespec until{awake_us / 1'000'000, (awake_us % 1'000'000) * 1000};
+  while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) == EINTR) {
+  }
+  while (steady_now_us() < time_us) {
+  }
+}
+
+/// How long a sender may take until it is live, and a viewer until it has a pose.
+constexpr TimeUs kConnectPatienceUs = 20'000'000;
+
+/// Poses on an open-loop schedule, each stamped with the time it was meant for, from a thread of its own.
+class Sending {
+ public:
+  /// Begins to connect. Errors: those of clips, bakes and publishers.
+  static Result<std::unique_ptr<Sending>> create(const Inputs& inputs, const LogSink& log) {
+    auto clip = builtin_clip(inputs.source, std::clamp(inputs.rate_hz, 1.0, 1000.0));
+    if (!clip) return clip.error();
+    BakeOptions bake_options;
+    bake_options.rank = inputs.rank;
+    auto baked = bake((*clip)->rest(), bake_options, default_cache_dir());
+    if (!baked) return baked.error();
+    std::unique_ptr<Sending> made(new Sending(inputs));
+    for (std::size_t i = 0; i < std::min((*clip)->frame_count(), kMaxPoses); ++i) {
+      const auto pose = (*clip)->pose(i);
+      if (!pose) return pose.error();
+      auto& flat = made->poses_.emplace_back();
+      for (const Vec3& v : *pose)
+        for (const double x : v) flat.push_back(static_cast<float>(x));
+    }
+    const auto codec = codec_from_name(inputs.codec);
+    if (!codec) return codec.error();
+    PublisherOptions options;
+    options.url = inputs.url;
+    options.codec = *codec;
+    options.key_rate_hz = inputs.rate_hz;
+    options.credentials = inputs.credentials;
+    auto asset = std::make_shared<const Asset>(std::move(baked->asset));
+    auto encoded = std::make_shared<const EncodedAsset>(std::move(baked->encoded));
+    auto publisher = Publisher::create(options, std::move(asset), std::move(encoded), log);
+    if (!publisher) return publisher.error();
+    made->publisher_ = std::move(*publisher);
+    return made;
+  }
+  ~Sending() { stop(); }
+
+  /// Errors: kTimeout, kRefused (by the broker), kCancelled (stop was set).
+  Result<void> wait_until_live(const std::atomic<bool>& stop) const {
+    const TimeUs until_us = steady_now_us() + kConnectPatienceUs;
+    while (publisher_->stats().state != Publisher::State::kLive) {
+      if (stop) return fail(ErrorCode::kCancelled, "interrupted");
+      if (publisher_->stats().state == Publisher::State::kRefused)
+        return fail(ErrorCode::kRefused, publisher_->stats().detail);
+      if (steady_now_us() > until_us)
+        return fail(ErrorCode::kTimeout, "the sender is not live: " + publisher_->stats().detail);
+      std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+    return {};
+  }
+
+  void start() {
+    thread_ = std::thread([this] { run(); });
+  }
+  void stop() {
+    stopping_ = true;
+    if (thread_.joinable()) thread_.join();
+  }
+
+  /// By the times they are meant for.
+  void begin(TimeUs from_us) { from_us_ = from_us; }
+  void end(TimeUs until_us) { until_us_ = until_us; }
+  std::uint64_t sent() const { return sent_; }
+  std::uint64_t missed() const { return missed_; }
+  std::uint64_t dropped() const { return dropped_; }
+  const HdrHistogram& lag_us() const { return lag_us_; }  ///< After stop().
+
+ private:
+  explicit Sending(const Inputs& inputs) : interval_us_(1e6 / inputs.rate_hz) {}
+  void run() {
+    sleep_on_time();  // As a sender does.
+    run_when_woken(kMakingPoses);
+    const TimeUs start_us = steady_now_us() + 1000;
+    for (std::uint64_t i = 0; !stopping_; ++i) {
+      const TimeUs intended_us = start_us + static_cast<TimeUs>(interval_us_ * static_cast<double>(i));
+      const TimeUs next_us = start_us + static_cast<TimeUs>(interval_us_ * static_cast<double>(i + 1));
+      if (steady_now_us() >= next_us) {  // Its time is over: counted, not made up for.
+        missed_ += counts(intended_us) ? 1 : 0;
+        continue;
+      }
+      wait_until(intended_us);
+      const TimeUs lag_us = steady_now_us() - intended_us;
+      const auto status = publisher_->send_positions(poses_[i % poses_.size()], intended_us);
+      if (!counts(intended_us)) continue;
+      lag_us_.add(lag_us);
+      if (status && *status == SendStatus::kSent) {
+        ++sent_;
+      } else {
+        ++dropped_;
+      }
+    }
+  }
+
+  bool counts(TimeUs intended_us) const {
+    return from_us_ != 0 && intended_us >= from_us_ && (until_us_ == 0 || intended_us < until_us_);
+  }
+
+  const double interval_us_;
+  std::vector<std::vector<float>> poses_;
+  std::unique_ptr<Publisher> publisher_;
+  std::atomic<bool> stopping_{false};
+  std::atomic<TimeUs> from_us_{0}, until_us_{0};
+  std::atomic<std::uint64_t> sent_{0}, missed_{0}, dropped_{0};
+  HdrHistogram lag_us_;
+  std::thread thread_;
+};
 
 double process_seconds() {
   timespec t{};
@@ -59,23 +192,18 @@ Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop,
   std::unique_ptr<Load> load;
   std::unique_ptr<Watching> watching;
   if (sends) {
-    auto made = Sending::create(inputs, log);
-    if (!made) return made.error();
-    sending = std::move(*made);
+    if (const auto good = store(sending, Sending::create(inputs, log)); !good) return good.error();
     if (auto live = sending->wait_until_live(stop); !live) return live.error();
     sending->start();
   }
   if (watches && inputs.clients > 1) {
-    auto made = Load::start({inputs.url_of_viewers(), inputs.clients - 1, inputs.profile(), inputs.credentials},
-                            kConnectPatienceUs);
-    if (!made) return made.error();
-    load = std::move(*made);
+    const Load::Options light{inputs.url_of_viewers(), inputs.clients - 1, inputs.profile(), inputs.credentials};
+    if (const auto good = store(load, Load::start(light, kConnectPatienceUs)); !good) return good.error();
   }
   const TimeUs patience_us = steady_now_us() + kConnectPatienceUs;
   if (watches) {
-    auto made = Watching::create(inputs, inputs.mode == "loop", log);
-    if (!made) return made.error();
-    watching = std::move(*made);
+    if (const auto good = store(watching, Watching::create(inputs, inputs.mode == "loop", log)); !good)
+      return good.error();
     while (!watching->has_surface() && !stop) {
       if (watching->refused()) return fail(ErrorCode::kRefused, watching->detail());
       if (steady_now_us() > patience_us)

@@ -60,11 +60,6 @@ TimeUs StagedPose::uncertainty_us() const {
   return sum;
 }
 
-void Timeline::reset() {
-  keys_.clear();
-  done_.clear();
-}
-
 void Timeline::add(const Received& received) {
   Key& key = keys_[received.envelope.sequence];
   const bool ahead = (received.envelope.flags & Envelope::kAhead) != 0;

@@ -83,7 +83,6 @@ class Timeline {
   std::vector<StagedPose> take();
   /// Of traced keys.
   std::uint64_t incomplete() const { return incomplete_; }
-  void reset();
 
  private:
   struct Sender {

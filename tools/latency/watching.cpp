@@ -75,9 +75,7 @@ Result<void> Watching::prepare() {
   if (inputs_.present.empty()) return {};
   const auto size = picture_size_from_text(inputs_.present);
   if (!size) return size.error();
-  auto made = make_presenter(*size);
-  if (!made) return made.error();
-  presenter_ = std::move(*made);
+  if (const auto good = store(presenter_, make_presenter(*size)); !good) return good.error();
   outcome_.device = presenter_->device();
   return {};
 }

@@ -12,7 +12,6 @@
 #include "common/surface/formats/read.h"
 #include "common/surface/shapes/shapes.h"
 #include "common/surface/vector.h"
-#include "sender/deform/cage_deformer.h"
 #include "tests/support/paths.h"
 
 namespace eigencast::deform {

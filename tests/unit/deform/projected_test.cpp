@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sender/deform/projected.h"
+#include "sender/deform/deformer.h"
 
 #include <gtest/gtest.h>
 
@@ -8,7 +8,6 @@
 #include "common/surface/shapes/shapes.h"
 #include "sdk/bake.h"
 #include "sender/deform/cage.h"
-#include "sender/deform/cage_deformer.h"
 #include "sender/deform/script.h"
 
 namespace eigencast::deform {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sender/deform/reduced_arap.h"
+#include "sender/deform/arap.h"
 
 #include <gtest/gtest.h>
 
@@ -9,8 +9,8 @@
 #include "common/surface/shapes/shapes.h"
 #include "common/surface/vector.h"
 #include "sdk/bake.h"
+#include "sender/deform/deformer.h"
 #include "sender/deform/moves.h"
-#include "sender/deform/projected.h"
 
 namespace eigencast::deform {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tools/latency/display_age.h"
+#include "tools/latency/over_time.h"
 
 #include <gtest/gtest.h>
 

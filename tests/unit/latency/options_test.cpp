@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "tools/latency/options.h"
+#include "tools/latency/commands.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sender/coefficient_store.h"
+#include "sender/clip_coefficients.h"
 
 #include <gtest/gtest.h>
 

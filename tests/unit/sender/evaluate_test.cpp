@@ -8,7 +8,6 @@
 #include <nlohmann/json.hpp>
 
 #include "common/surface/shapes/shapes.h"
-#include "sender/evaluate_report.h"
 #include "tests/support/process.h"
 
 namespace eigencast {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sender/progress_line.h"
+#include "sender/console.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sender/rank_search.h"
+#include "sender/source.h"
 
 #include <gtest/gtest.h>
 

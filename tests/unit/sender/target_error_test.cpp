@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sender/target_error.h"
+#include "sender/source.h"
 
 #include <gtest/gtest.h>
 

@@ -8,9 +8,8 @@
 #include "common/surface/shapes/shapes.h"
 #include "sdk/bake.h"
 #include "sender/deform/cage.h"
-#include "sender/deform/cage_deformer.h"
+#include "sender/deform/deformer.h"
 #include "sender/deform/moves.h"
-#include "sender/deform/projected.h"
 
 namespace eigencast::studio {
 namespace {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sender/studio/send_pace.h"
+#include "sender/studio/hand.h"
 
 #include <gtest/gtest.h>
 

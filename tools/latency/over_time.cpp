@@ -1,9 +1,16 @@
 // SPDX-License-Identifier: MIT
-#include "tools/latency/clock_track.h"
+#include "tools/latency/over_time.h"
 
 #include <algorithm>
+#include <utility>
 
 namespace eigencast::latency {
+namespace {
+
+constexpr TimeUs kSampleEveryUs = 1000;
+constexpr TimeUs kLongestUs = 60'000'000;  ///< A pose that stays for longer counts for so long.
+
+}  // namespace
 
 void ClockTrack::add(const Point& point) {
   if (!points_.empty() && points_.back().offset_us == point.offset_us && points_.back().error_us == point.error_us)
@@ -43,6 +50,38 @@ std::optional<ClockTrack::Drift> ClockTrack::drift() const {
   }
   if (!(tt > 0)) return std::nullopt;
   return Drift{to / tt, static_cast<double>(points_.front().error_us + points_.back().error_us) / span_s};
+}
+
+Interval& Intervals::at(TimeUs time_us) {
+  const auto is_there = [&] { return !all_.empty() && time_us < all_.back().start_us + length_us_; };
+  while (!is_there() && all_.size() >= kMax) widen();
+  if (!is_there()) all_.push_back({time_us / length_us_ * length_us_, length_us_, {}, {}});
+  return all_.back();
+}
+
+void Intervals::widen() {
+  length_us_ *= 2;
+  std::vector<Interval> wide;
+  for (Interval& interval : all_) {
+    const TimeUs start_us = interval.start_us / length_us_ * length_us_;
+    if (!wide.empty() && wide.back().start_us == start_us) {
+      wide.back().keys.merge(interval.keys);
+      wide.back().synthetic.merge(interval.synthetic);
+    } else {
+      wide.push_back({start_us, length_us_, std::move(interval.keys), std::move(interval.synthetic)});
+    }
+  }
+  all_ = std::move(wide);
+}
+
+void DisplayAge::show(TimeUs capture_us, TimeUs shown_us) {
+  if (shown_) {
+    const TimeUs until_us = std::min(shown_us, shown_->since_us + kLongestUs);
+    // Samples are at multiples of the period, so that none counts for two poses.
+    for (TimeUs at = (shown_->since_us / kSampleEveryUs + 1) * kSampleEveryUs; at <= until_us; at += kSampleEveryUs)
+      ages_us_.add(at - shown_->capture_us);
+  }
+  shown_ = Shown{capture_us, shown_us};
 }
 
 }  // namespace eigencast::latency
