@@ -242,6 +242,19 @@ TEST(BrokerConnection, SameStreamTwiceTakesTwoConnections) {
   EXPECT_EQ(connections_to(broker.port()) - connections, 2);
 }
 
+TEST(BrokerConnection, TokensThatDifferTakeTwoConnections) {
+  ScriptedBroker broker(
+      {{waiting("a", 1), waiting("b", 2)}, [](const std::string& stream) { return waiting(stream, 3); }});
+  Subscribers subscribers;
+  for (const char* stream : {"a?access_token=one", "b?access_token=two", "c?access_token=one"}) {
+    subscribers.push_back(watch(broker.url(stream)));
+    ASSERT_TRUE(eventually([&] { return all_are(subscribers, Subscriber::State::kWaiting); })) << stream;
+  }
+  EXPECT_EQ(broker.tokens(), (std::vector<std::string>{"Bearer one", "Bearer two"}));
+  ASSERT_EQ(broker.received<control::Subscribe>().size(), 1u) << "equal tokens share a connection";
+  EXPECT_EQ(broker.received<control::Subscribe>()[0].stream, "c");
+}
+
 TEST(BrokerConnection, TokensThatDifferShareNothing) {
   struct Shared {
     explicit Shared(const BrokerUrl& url) : token(url.credentials.token) {}

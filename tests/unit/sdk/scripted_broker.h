@@ -52,6 +52,11 @@ class ScriptedBroker {
     const std::lock_guard lock(mutex_);
     return targets_;
   }
+  /// The header Authorization of each.
+  std::vector<std::string> tokens() {
+    const std::lock_guard lock(mutex_);
+    return tokens_;
+  }
   /// The messages of one kind that came.
   template <typename Message>
   std::vector<Message> received() {
@@ -87,6 +92,7 @@ class ScriptedBroker {
     {
       const std::lock_guard lock(mutex_);
       targets_.push_back(target);
+      tokens_.emplace_back(request[http::field::authorization].data(), request[http::field::authorization].size());
     }
     if (!script_.refused_target.empty() && target.starts_with(script_.refused_target)) {
       http::response<http::string_body> refusal(http::status::forbidden, 11);
@@ -127,6 +133,7 @@ class ScriptedBroker {
   std::list<std::thread> threads_;  ///< Of the acceptor's thread, then of the destructor's.
   std::mutex mutex_;
   std::vector<std::string> targets_;      ///< GUARDED_BY(mutex_)
+  std::vector<std::string> tokens_;       ///< GUARDED_BY(mutex_)
   std::vector<ControlMessage> messages_;  ///< GUARDED_BY(mutex_)
 };
 
