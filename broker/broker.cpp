@@ -32,10 +32,6 @@ Recorder::Settings recorder_settings(const Config& config, const std::string& ve
           .max_total_bytes = static_cast<std::uint64_t>(config.recording.max_total_bytes)};
 }
 
-std::uint32_t return_spread_ms(std::uint64_t connections) {
-  return static_cast<std::uint32_t>(std::clamp<std::uint64_t>(connections * 1000 / kReturnsPerSecond, 200, 30'000));
-}
-
 void send_bye_to_all(Context& loop, std::uint32_t spread_ms) {
   std::minstd_rand random(std::random_device{}());
   std::uniform_int_distribution<std::uint32_t> later(0, spread_ms);
@@ -267,7 +263,8 @@ void Broker::drain() {
   data_listener_.close();
   if (member_) member_->stop();
   const auto until = std::chrono::steady_clock::now() + std::chrono::milliseconds(config().timeouts.shutdown_ms);
-  const std::uint32_t spread_ms = return_spread_ms(websockets());
+  const auto spread_ms =
+      static_cast<std::uint32_t>(std::clamp<std::uint64_t>(websockets() * 1000 / kReturnsPerSecond, 200, 30'000));
   loops_.for_each_loop([spread_ms](Context& each) { send_bye_to_all(each, spread_ms); }, [] {});
   wait_for_peers(until);
 }

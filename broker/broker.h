@@ -7,7 +7,6 @@
 #include <memory>
 #include <optional>
 #include <string>
-#include <utility>
 
 #include "broker/access/gate.h"
 #include "broker/access/tls_context.h"

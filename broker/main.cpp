@@ -12,7 +12,6 @@
 #include "broker/backbone/member.h"
 #include "broker/broker.h"
 #include "broker/command_line/options.h"
-#include "broker/command_line/token_command.h"
 #include "broker/operation/logger.h"
 #include "common/core/files.h"
 
@@ -28,7 +27,7 @@ int complain(const eigencast::Error& error, int code) {
   return code;
 }
 
-int token(int argc, char** argv, const std::vector<std::string_view>& environment) {
+int token(int argc, char** argv, const std::vector<std::string>& environment) {
   std::string input;
   if (argc > 0 && std::string_view(argv[argc - 1]) == "-") std::getline(std::cin, input);
   const auto end = eigencast::broker::token_command(argc, argv, environment, std::time(nullptr), input);
@@ -36,16 +35,9 @@ int token(int argc, char** argv, const std::vector<std::string_view>& environmen
   return std::fputs(end.out.c_str(), stdout) < 0 ? 1 : end.code;
 }
 
-/// One line each: the data port, then the admin port if open.
-std::string ports(const eigencast::broker::Broker& service) {
-  std::string text = std::to_string(service.port()) + "\n";
-  if (service.admin_port() != 0) text += std::to_string(service.admin_port()) + "\n";
-  return text;
-}
-
 int run(int argc, char** argv) {
   namespace broker = eigencast::broker;
-  std::vector<std::string_view> environment;
+  std::vector<std::string> environment;
   for (char** entry = environ; *entry != nullptr; ++entry) environment.emplace_back(*entry);
   if (argc > 1 && std::string_view(argv[1]) == "token") return token(argc - 1, argv + 1, environment);
   const auto options = broker::read_options(argc, argv, environment, EIGENCAST_VERSION);
@@ -71,7 +63,9 @@ int run(int argc, char** argv) {
     return std::move(loaded->config);
   });
   if (!options->port_file.empty()) {
-    const auto written = eigencast::write_file_atomically(options->port_file, ports(**service));
+    std::string ports = std::to_string((*service)->port()) + "\n";
+    if ((*service)->admin_port() != 0) ports += std::to_string((*service)->admin_port()) + "\n";
+    const auto written = eigencast::write_file_atomically(options->port_file, ports);
     if (!written) return complain(written.error(), 1);
   }
   eigencast::log(sink, eigencast::LogLevel::kInfo,

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "broker/access/address.h"
 
+#include <strings.h>
+
 #include <algorithm>
 #include <boost/asio/ip/address.hpp>
 #include <boost/asio/ip/network_v4.hpp>
@@ -27,16 +29,12 @@ std::optional<IpAddress> address_of_hop(std::string_view text) {
   return IpAddress::from_text(text);
 }
 
-bool is_for(std::string_view name) {
-  return name.size() == 3 && (name[0] | 32) == 'f' && (name[1] | 32) == 'o' && (name[2] | 32) == 'r';
-}
-
 /// The "for" of one element of Forwarded, or empty.
 std::string_view for_of(std::string_view element) {
   for (const std::string_view part : split(element, ';')) {
     const std::string_view pair = trimmed(part);
     const auto equals = pair.find('=');
-    if (equals != std::string_view::npos && is_for(pair.substr(0, equals))) return pair.substr(equals + 1);
+    if (equals == 3 && ::strncasecmp(pair.data(), "for", 3) == 0) return pair.substr(equals + 1);
   }
   return {};
 }

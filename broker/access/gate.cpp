@@ -17,8 +17,9 @@ std::string quoted_list(const StreamPatterns& patterns) {
   return out.empty() ? "nothing" : out;
 }
 
-Error lacking(const Identity& identity, const std::string& right, std::string_view stream,
-              const StreamPatterns& patterns) {
+Result<void> check_right(const Identity& identity, const std::string& right, const StreamPatterns& patterns,
+                         std::string_view stream) {
+  if (patterns.matches(stream)) return {};
   return fail(ErrorCode::kRefused, identity.name + " may not " + right + " '" + std::string(stream) + "', only " +
                                        quoted_list(patterns) + ": ask the operator of the broker for a token with " +
                                        "that right (eigencast-broker token create --" + right + " '" +
@@ -45,13 +46,11 @@ std::string Grant::label() const {
 }
 
 Result<void> Grant::may_publish(std::string_view stream) const {
-  if (identity_.rights.publish.matches(stream)) return {};
-  return lacking(identity_, "publish", stream, identity_.rights.publish);
+  return check_right(identity_, "publish", identity_.rights.publish, stream);
 }
 
 Result<void> Grant::may_subscribe(std::string_view stream) const {
-  if (identity_.rights.subscribe.matches(stream)) return {};
-  return lacking(identity_, "subscribe", stream, identity_.rights.subscribe);
+  return check_right(identity_, "subscribe", identity_.rights.subscribe, stream);
 }
 
 Result<void> Grant::may_store_assets() const {

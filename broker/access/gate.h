@@ -34,9 +34,8 @@ class Grant {
   Result<void> may_fetch_assets() const;
   bool may_see(std::string_view stream) const;  ///< In the list of streams.
   Result<void> may_administer() const;
-  /// Whether the token has expired and access.expiry_disconnects is set.
-  bool has_expired(std::int64_t now_unix_s) const;
-  bool is_void();  ///< A reload has revoked it.
+  bool has_expired(std::int64_t now_unix_s) const;  ///< If access.expiry_disconnects is set.
+  bool is_void();                                   ///< A reload has revoked it.
 
   /// Errors: kRefused: a limit of the address or the token is reached; the message names it.
   Result<void> take(Resource resource);

@@ -84,7 +84,6 @@ std::string printable(std::string_view text) {
   return out;
 }
 
-/// The key that the header names, or the only configured key if it names none.
 Result<const TokenKey*> key_for(const json& header, const std::vector<TokenKey>& keys) {
   const auto id = optional_text(header, "kid");
   if (!id) return refused("is malformed: \"kid\" is not a text");
@@ -102,9 +101,10 @@ Result<const TokenKey*> check_signature(const Parts& parts, const json& header, 
   const auto key = key_for(header, keys);
   if (!key) return key;
   const auto algorithm = optional_text(header, "alg");
-  if (!algorithm || *algorithm != name_of((*key)->algorithm())) {
+  const std::string_view wanted = kAlgorithms[(*key)->algorithm()];
+  if (!algorithm || *algorithm != wanted) {
     return refused("has the algorithm '" + printable(algorithm.value_or("?")) + "' (\"alg\"), but key '" +
-                   (*key)->id() + "' is for " + std::string(name_of((*key)->algorithm())) + " only");
+                   (*key)->id() + "' is for " + std::string(wanted) + " only");
   }
   const auto signature = bytes_from_base64(parts.signature, Base64::kUrl);
   if (!signature || !(*key)->verifies(parts.signed_text, *signature)) {
@@ -116,8 +116,7 @@ Result<const TokenKey*> check_signature(const Parts& parts, const json& header, 
 bool names_audience(const json& claims, const std::string& wanted) {
   const auto audience = claims.find("aud");
   if (audience == claims.end()) return false;
-  if (audience->is_string()) return audience->get_ref<const std::string&>() == wanted;
-  if (!audience->is_array()) return false;
+  if (!audience->is_array()) return *audience == wanted;
   return std::any_of(audience->begin(), audience->end(), [&](const json& one) { return one == wanted; });
 }
 
@@ -228,16 +227,11 @@ void TokenCache::keep(const Sha256& token, const Claims& claims) {
   claims_.insert_or_assign(token, claims);
 }
 
-std::size_t TokenCache::size() const {
-  const std::lock_guard lock(mutex_);
-  return claims_.size();
-}
-
 Result<std::string> create_token(const TokenRequest& request, const TokenKey& key) {
   for (const auto* patterns : {&request.publish, &request.subscribe}) {
     if (auto good = StreamPatterns::from(*patterns); !good) return good.error();
   }
-  json header = {{"alg", name_of(key.algorithm())}, {"typ", "JWT"}};
+  json header = {{"alg", kAlgorithms[key.algorithm()]}, {"typ", "JWT"}};
   if (!key.id().empty()) header["kid"] = key.id();
   json claims = {{"iat", request.issued_s}, {"exp", request.expires_s}, {"eigencast", json::object()}};
   if (!request.subject.empty()) claims["sub"] = request.subject;

@@ -49,10 +49,9 @@ class TokenCache {
   /// Nothing: unknown, expired or not yet valid.
   std::optional<Claims> find(const Sha256& token, std::int64_t leeway_s, std::int64_t now_unix_s);
   void keep(const Sha256& token, const Claims& claims);
-  std::size_t size() const;
 
  private:
-  mutable std::mutex mutex_;
+  std::mutex mutex_;
   std::map<Sha256, Claims> claims_;  ///< GUARDED_BY(mutex_)
 };
 

@@ -61,9 +61,4 @@ std::shared_ptr<Account> Ledger::account(const std::string& key, TimeUs now_us) 
   return accounts_.emplace(key, std::make_shared<Account>()).first->second;
 }
 
-std::size_t Ledger::size() const {
-  const std::lock_guard lock(mutex_);
-  return accounts_.size();
-}
-
 }  // namespace eigencast::broker

@@ -13,7 +13,6 @@
 
 namespace eigencast::broker {
 
-/// What is counted for each address and each token.
 enum class Resource : std::uint8_t { kConnection, kPublisher, kStream };
 inline constexpr std::size_t kResources = 3;
 
@@ -58,11 +57,10 @@ class Ledger {
   explicit Ledger(std::size_t most = 65'536) : most_(most) {}
 
   std::shared_ptr<Account> account(const std::string& key, TimeUs now_us);
-  std::size_t size() const;
 
  private:
   std::size_t most_;
-  mutable std::mutex mutex_;
+  std::mutex mutex_;
   std::map<std::string, std::shared_ptr<Account>> accounts_;  ///< GUARDED_BY(mutex_)
   std::shared_ptr<Account> overflow_ = std::make_shared<Account>();
   TimeUs swept_us_ = 0;  ///< GUARDED_BY(mutex_)

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #include "broker/access/policy.h"
 
+#include <strings.h>
+
 #include <algorithm>
 #include <utility>
 
@@ -76,11 +78,7 @@ Result<std::vector<IpRange>> ranges_from(const std::vector<std::string>& texts) 
 
 std::string_view bearer_of(std::string_view header) {
   constexpr std::string_view kScheme = "bearer ";
-  if (header.size() < kScheme.size()) return {};
-  for (std::size_t i = 0; i < kScheme.size(); ++i) {
-    const char c = header[i];
-    if ((c >= 'A' && c <= 'Z' ? c - 'A' + 'a' : c) != kScheme[i]) return {};
-  }
+  if (header.size() < kScheme.size() || ::strncasecmp(header.data(), kScheme.data(), kScheme.size()) != 0) return {};
   header.remove_prefix(kScheme.size());
   while (header.starts_with(' ')) header.remove_prefix(1);
   while (header.ends_with(' ')) header.remove_suffix(1);
@@ -95,10 +93,6 @@ Quota quota_from(const Limits& limits) {
           limits.download_bytes_per_hour};
 }
 
-Denial denial(int status, std::string message, bool failed_login = false) {
-  return {status, std::move(message), 0, failed_login};
-}
-
 }  // namespace
 
 Result<TokenKey> key_from_setting(const std::string& text) {
@@ -109,8 +103,12 @@ Result<TokenKey> key_from_setting(const std::string& text) {
         ErrorCode::kInvalidArgument,
         "'" + text + "' is not a key: write \"KEY-ID ALGORITHM FILE\", like \"main ES256 /etc/eigencast/main.pem\"");
   }
-  const auto algorithm = algorithm_from_name(std::string_view(text).substr(first + 1, second - first - 1));
-  if (!algorithm) return algorithm.error();
+  const std::string name = text.substr(first + 1, second - first - 1);
+  const auto algorithm = kAlgorithms.find(name);
+  if (!algorithm) {
+    return fail(ErrorCode::kInvalidArgument,
+                "'" + name.substr(0, 32) + "' is not an algorithm for tokens: HS256, RS256, ES256 or EdDSA");
+  }
   return TokenKey::from_file(text.substr(0, first), *algorithm, resolved_path(text.substr(second + 1)));
 }
 
@@ -142,10 +140,6 @@ Result<std::shared_ptr<const AccessPolicy>> AccessPolicy::from_config(const Conf
   }
   if (auto stored = store(policy->tokens_, token_rules_from(config)); !stored) return stored.error();
   return std::shared_ptr<const AccessPolicy>(std::move(policy));
-}
-
-bool AccessPolicy::is_trusted_proxy(const IpAddress& address) const {
-  return is_within(proxies_, address);
 }
 
 bool AccessPolicy::names_broker(std::string_view host) const {
@@ -190,18 +184,18 @@ std::variant<Identity, Denial> AccessPolicy::identify(const AccessRequest& reque
   Identity identity;
   identity.client = client_address(request);
   if (!allows_origin(request)) {
-    return denial(403, "pages of this origin may not use this broker: name it in access.origins");
+    return Denial{403, "pages of this origin may not use this broker: name it in access.origins"};
   }
   if (request.authorization.empty() && request.query_token.empty()) {
     return identify_anonymous(request, std::move(identity));
   }
   if (!request.authorization.empty() && !request.query_token.empty()) {
-    return denial(400, "send one token: in the Authorization header or as access_token, not both");
+    return Denial{400, "send one token: in the Authorization header or as access_token, not both"};
   }
   const std::string_view token =
       request.query_token.empty() ? bearer_of(request.authorization) : std::string_view(request.query_token);
   if (token.empty() || token.size() > kMaxTokenBytes) {
-    return denial(401, "Authorization must be: Bearer TOKEN, with a token of at most 8 KiB", true);
+    return Denial{401, "Authorization must be: Bearer TOKEN, with a token of at most 8 KiB", 0, true};
   }
   return identify_token(token, std::move(identity), now_unix_s);
 }
@@ -210,7 +204,7 @@ std::variant<Identity, Denial> AccessPolicy::identify_token(std::string_view tok
                                                             std::int64_t now_s) const {
   if (token.find('.') == std::string_view::npos) {
     const StaticToken* known = static_tokens_.find(token);
-    if (known == nullptr) return denial(401, "this broker does not know the token: get one from its operator", true);
+    if (known == nullptr) return Denial{401, "this broker does not know the token: get one from its operator", 0, true};
     identity.name = "token '" + known->name + "'";
     identity.key = "file " + known->name;
     identity.token_hash = TokenFile::hash_of(token);
@@ -221,7 +215,7 @@ std::variant<Identity, Denial> AccessPolicy::identify_token(std::string_view tok
   auto claims = checked_.find(hash, tokens_.leeway_s, now_s);
   if (!claims) {
     auto verified = verify_token(token, tokens_, now_s);
-    if (!verified) return denial(401, verified.error().message, true);
+    if (!verified) return Denial{401, verified.error().message, 0, true};
     checked_.keep(hash, *verified);
     claims = std::move(*verified);
   }
@@ -249,7 +243,7 @@ std::variant<Identity, Denial> AccessPolicy::identify_anonymous(const AccessRequ
     } else if (!names_broker(request.host)) {
       why += " ('" + request.host.substr(0, 64) + "' is not an address, localhost or a name of access.hosts)";
     }
-    return denial(401, std::move(why));
+    return Denial{401, std::move(why)};
   }
   identity.name = "anonymous";
   identity.local = local;

@@ -29,7 +29,6 @@ struct AccessRequest {
   ForwardedHeaders forwarded;
 };
 
-/// A refusal as an HTTP answer.
 struct Denial {
   int status = 403;       ///< 400, 401, 403 or 429.
   std::string message;    ///< For the user: what is wrong and what to do.
@@ -51,7 +50,6 @@ struct Identity {
 /// Loads a key from its setting: "KEY-ID ALGORITHM FILE". Errors: those of TokenKey::from_file().
 Result<TokenKey> key_from_setting(const std::string& text);
 
-/// Limits of one address or one token.
 struct Quota {
   std::array<std::int64_t, kResources> resources{};
   std::int64_t messages_per_s = 0;
@@ -68,7 +66,7 @@ class AccessPolicy {
   std::variant<Identity, Denial> identify(const AccessRequest& request, std::int64_t now_unix_s) const;
   /// Whether an identity that the `former` policy admitted keeps exactly its rights.
   bool vouches_for(const Identity& identity, const AccessPolicy& former) const;
-  bool is_trusted_proxy(const IpAddress& address) const;
+  bool is_trusted_proxy(const IpAddress& address) const { return is_within(proxies_, address); }
   /// Whether the request may read the admin port without a token.
   bool is_monitor(const AccessRequest& request) const;
   ClientAddress client_address(const AccessRequest& request) const {

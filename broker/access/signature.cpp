@@ -124,19 +124,6 @@ int no_passphrase(char*, int, int, void*) {
   return -1;
 }
 
-std::string_view name_of(Algorithm algorithm) {
-  constexpr std::string_view kNames[] = {"HS256", "RS256", "ES256", "EdDSA"};
-  return kNames[static_cast<std::size_t>(algorithm)];
-}
-
-Result<Algorithm> algorithm_from_name(std::string_view name) {
-  for (const auto algorithm : {Algorithm::kHs256, Algorithm::kRs256, Algorithm::kEs256, Algorithm::kEdDsa}) {
-    if (name_of(algorithm) == name) return algorithm;
-  }
-  return fail(ErrorCode::kInvalidArgument,
-              "'" + std::string(name.substr(0, 32)) + "' is not an algorithm for tokens: HS256, RS256, ES256 or EdDSA");
-}
-
 Result<TokenKey> TokenKey::from_secret(std::string id, std::string secret) {
   if (std::string_view(secret).find("-----BEGIN") != std::string_view::npos) {
     return fail(ErrorCode::kInvalidArgument, "a PEM file is not a secret for HS256: name its own algorithm instead");

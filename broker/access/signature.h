@@ -4,10 +4,10 @@
 #include <memory>
 #include <string>
 #include <string_view>
-#include <vector>
 
 #include "common/core/bytes.h"
 #include "common/core/result.h"
+#include "common/core/text.h"
 
 struct evp_pkey_st;
 
@@ -16,9 +16,7 @@ namespace eigencast::broker {
 /// Token signatures (RFC 7518 and RFC 8037): HMAC with SHA-256, RSA with SHA-256, ECDSA on P-256, Ed25519.
 enum class Algorithm { kHs256, kRs256, kEs256, kEdDsa };
 
-std::string_view name_of(Algorithm algorithm);
-/// Errors: kInvalidArgument.
-Result<Algorithm> algorithm_from_name(std::string_view name);
+inline constexpr EnumNames<Algorithm, 4> kAlgorithms{{"HS256", "RS256", "ES256", "EdDSA"}};
 
 /// A key and its one algorithm: the token never chooses it, so a public key cannot be passed off as an HMAC secret.
 /// Immutable, cheap to copy, thread-safe.

@@ -9,14 +9,13 @@
 #include <array>
 #include <ctime>
 #include <string>
-#include <string_view>
 
 #include "broker/access/signature.h"
 
 namespace eigencast::broker {
 namespace {
 
-constexpr std::string_view kSessionContext = "eigencast";
+constexpr unsigned char kSessionContext[] = "eigencast";
 
 std::string openssl_reason() {
   std::array<char, 256> text{};
@@ -88,9 +87,7 @@ Result<std::shared_ptr<SSL_CTX>> make_tls_context(const Config& config) {
   SSL_CTX_set_default_passwd_cb(context.get(), no_passphrase);
   SSL_CTX_set_alpn_select_cb(context.get(), choose_protocol, nullptr);
   // Without it a client that shows a certificate cannot resume its session.
-  std::string id(kSessionContext);
-  SSL_CTX_set_session_id_context(context.get(), static_cast<unsigned char*>(static_cast<void*>(id.data())),
-                                 static_cast<unsigned int>(id.size()));
+  SSL_CTX_set_session_id_context(context.get(), kSessionContext, sizeof kSessionContext - 1);
   if (auto loaded = load_pair(context.get(), config); !loaded) return loaded.error();
   if (auto asked = ask_clients(context.get(), config); !asked) return asked.error();
   return context;

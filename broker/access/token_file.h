@@ -13,8 +13,7 @@
 ///   # a comment
 ///   NAME sha256:64-HEX-DIGITS [pub=PATTERN,PATTERN] [sub=PATTERN,...] [admin]
 ///
-/// `eigencast-broker token create --static` makes token and line. A token has 256 random bits, so one round of
-/// SHA-256 is enough.
+/// A token has 256 random bits, so one round of SHA-256 is enough.
 namespace eigencast::broker {
 
 struct StaticToken {
@@ -32,10 +31,9 @@ class TokenFile {
   /// Errors: those, kNotFound, kTooLarge, kRefused (others can read it).
   static Result<TokenFile> from_file(const std::string& path);
 
-  /// Null: no such token.
-  const StaticToken* find(std::string_view token) const;
+  const StaticToken* find(std::string_view token) const;  ///< Null: no such token.
   static Sha256 hash_of(std::string_view token);
-  /// Whether a token of this hash has exactly these rights.
+  /// A token with exactly these rights.
   bool has(const Sha256& hash, const Rights& rights) const;
   std::size_t size() const { return tokens_.size(); }
 

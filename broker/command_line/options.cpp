@@ -4,9 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <utility>
-#include <vector>
 
-#include "broker/command_line/token_command.h"
 #include "broker/config/show.h"
 #include "common/command_line/completion.h"
 #include "common/command_line/shared_options.h"
@@ -25,12 +23,8 @@ constexpr const char* kSettings =
     "Every setting has a flag, --section-name (--limits-max-streams 16), and a name in the environment,\n"
     "EIGENCAST_SECTION__NAME. SIGHUP reads the configuration again.";
 
-/// The flags that --help shows; the others are in --default-config.
-struct ShownFlag {
-  const char* path;
-  const char* help;
-};
-constexpr ShownFlag kShown[] = {
+/// Path and help of the flags that --help shows; the others are in --default-config.
+constexpr std::pair<std::string_view, const char*> kShown[] = {
     {"server.listen", "Where senders and viewers connect, ADDR:PORT (default: 127.0.0.1:7490; port 0: any)"},
     {"server.admin_listen", "Health and metrics (default: 127.0.0.1:7491; empty: off)"},
     {"server.data_dir",
@@ -51,10 +45,10 @@ CLI::Option* add_flag(CLI::App& app, const Setting& setting, std::string& value)
   const bool is_switch = std::holds_alternative<bool*>(setting.field(any));
   const std::string flag = flag_of(setting);
   CLI::Option* option = is_switch ? app.add_flag(flag, value) : app.add_option(flag, value);
-  const auto* shown = std::find_if(std::begin(kShown), std::end(kShown),
-                                   [&](const ShownFlag& row) { return row.path == setting.path(); });
+  const auto* shown =
+      std::find_if(std::begin(kShown), std::end(kShown), [&](const auto& row) { return row.first == setting.path(); });
   if (shown == std::end(kShown)) return option->group("");
-  return option->description(shown->help);
+  return option->description(shown->second);
 }
 
 Error unknown_words(const CLI::App& app) {
@@ -75,7 +69,7 @@ Error unknown_words(const CLI::App& app) {
 
 }  // namespace
 
-Result<Options> read_options(int argc, const char* const* argv, std::span<const std::string_view> environment,
+Result<Options> read_options(int argc, const char* const* argv, const std::vector<std::string>& environment,
                              std::string_view version) {
   Options options;
   CLI::App app("Relays live deforming surfaces from senders to any number of viewers", "eigencast-broker");
@@ -123,7 +117,7 @@ Result<Options> read_options(int argc, const char* const* argv, std::span<const 
     if (flags[i]->count() > 0) options.sources.flags.push_back({flag_of(all[i]), all[i].path(), values[i]});
   }
   if (options.sources.file.empty()) options.sources.file = default_config_file();
-  options.sources.environment.assign(environment.begin(), environment.end());
+  options.sources.environment = environment;
   auto loaded = load_config(options.sources);
   if (!loaded) return loaded.error();
   options.loaded = std::move(*loaded);

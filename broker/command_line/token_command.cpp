@@ -1,16 +1,13 @@
 // SPDX-License-Identifier: MIT
-#include "broker/command_line/token_command.h"
-
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
 #include <memory>
 #include <sstream>
 #include <utility>
-#include <vector>
 
 #include "broker/access/policy.h"
-#include "broker/config/sources.h"
+#include "broker/command_line/options.h"
 
 namespace eigencast::broker {
 namespace {
@@ -138,11 +135,8 @@ CommandEnd inspect(const Arguments& arguments, const AccessPolicy& policy, std::
 }
 
 Result<std::shared_ptr<const AccessPolicy>> configured_policy(const std::string& file,
-                                                              std::span<const std::string_view> environment) {
-  ConfigSources sources;
-  sources.file = file.empty() ? default_config_file() : file;
-  sources.environment.assign(environment.begin(), environment.end());
-  const auto loaded = load_config(sources);
+                                                              const std::vector<std::string>& environment) {
+  const auto loaded = load_config({file.empty() ? default_config_file() : file, environment, {}});
   if (!loaded) return loaded.error();
   return AccessPolicy::from_config(loaded->config);
 }
@@ -157,13 +151,8 @@ void add_options(CLI::App& app, Arguments& arguments, bool creates) {
 
 constexpr const char* kDescription = "Makes tokens and says what they are good for";
 
-struct Commands {
-  CLI::App* create;
-  CLI::App* inspect;
-};
-
-/// `arguments` must outlive `app`.
-Commands add_commands(CLI::App& app, Arguments& arguments) {
+/// The command "create". `arguments` must outlive `app`.
+CLI::App* add_commands(CLI::App& app, Arguments& arguments) {
   app.footer(kFooter);
   app.require_subcommand(1);
   CLI::App* make = app.add_subcommand("create", "Make a token, signed (JWT) or fixed");
@@ -175,16 +164,16 @@ Commands add_commands(CLI::App& app, Arguments& arguments) {
   CLI::App* look = app.add_subcommand("inspect", "Say what a token grants, or why it would be refused");
   add_options(*look, arguments, false);
   look->add_option("token", arguments.token, "The token, or - to read it from standard input")->required();
-  return {make, look};
+  return make;
 }
 
 }  // namespace
 
-CommandEnd token_command(int argc, const char* const* argv, std::span<const std::string_view> environment,
+CommandEnd token_command(int argc, const char* const* argv, const std::vector<std::string>& environment,
                          std::int64_t now_unix_s, const std::string& input) {
   Arguments arguments;
   CLI::App app(kDescription, "eigencast-broker token");
-  const Commands commands = add_commands(app, arguments);
+  const CLI::App* making = add_commands(app, arguments);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {
@@ -198,7 +187,7 @@ CommandEnd token_command(int argc, const char* const* argv, std::span<const std:
   }
   const auto policy = configured_policy(arguments.config_file, environment);
   if (!policy) return failed(policy.error());
-  return commands.create->parsed() ? create(arguments, **policy, now_unix_s) : inspect(arguments, **policy, now_unix_s);
+  return making->parsed() ? create(arguments, **policy, now_unix_s) : inspect(arguments, **policy, now_unix_s);
 }
 
 void describe_token_command(CLI::App& app) {

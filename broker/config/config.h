@@ -12,8 +12,7 @@
 
 namespace eigencast::broker {
 
-/// Every setting of the broker with its default: config.section.name. settings.def lists them; deploy/eigencast.toml is
-/// generated from it.
+/// Every setting of the broker with its default, config.section.name, as settings.def lists them.
 struct Config {
 #define SECTION(section, doc) struct {
 #define END(section) \
@@ -48,8 +47,7 @@ struct Setting {
   std::string path() const { return std::string(section) + "." + std::string(name); }
 };
 
-/// All settings, in the order of the default file.
-std::span<const Setting> settings();
+std::span<const Setting> settings();                     ///< In the order of the default file.
 const Setting* find_setting(std::string_view path);      ///< Null: unknown.
 std::string_view section_doc(std::string_view section);  ///< Empty: unknown.
 

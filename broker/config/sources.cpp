@@ -14,10 +14,6 @@ namespace {
 
 constexpr std::size_t kMaxConfigBytes = 1 << 20;
 
-void note(Origins* origins, const std::string& path, std::string where) {
-  if (origins != nullptr) (*origins)[path] = std::move(where);
-}
-
 /// Nothing for types that no setting has.
 std::optional<SettingValue> value_from_node(const toml::node& node) {
   if (const auto* text = node.as_string()) return SettingValue(text->get());
@@ -103,7 +99,7 @@ std::string meant_by(std::string_view rest) {
 
 }  // namespace
 
-Result<void> read_config(Config& config, std::string_view toml, std::string_view name, Origins* origins) {
+Result<void> read_config(LoadedConfig& loaded, std::string_view toml, std::string_view name) {
   if (auto readable = check_readable(toml, name); !readable) return readable;
   const toml::parse_result parsed = toml::parse(toml, name);
   const auto at = [&](const toml::source_region& where) {
@@ -126,23 +122,18 @@ Result<void> read_config(Config& config, std::string_view toml, std::string_view
       // A type that no setting has is refused as a type mismatch.
       auto value = value_from_node(node_of_value);
       if (!value) {
-        const bool text = std::holds_alternative<std::string*>(setting->field(config));
+        const bool text = std::holds_alternative<std::string*>(setting->field(loaded.config));
         value = text ? SettingValue(false) : SettingValue(std::string());
       }
-      if (auto set = set_config(config, *setting, std::move(*value)); !set) return in_context(where, set.error());
-      note(origins, path, where);
+      const auto set = set_config(loaded.config, *setting, std::move(*value));
+      if (!set) return in_context(where, set.error());
+      loaded.origins[path] = where;
     }
   }
   return {};
 }
 
-Result<void> read_config_file(Config& config, const std::string& path, Origins* origins) {
-  const auto text = read_file(path, kMaxConfigBytes);
-  if (!text) return text.error();
-  return read_config(config, *text, path, origins);
-}
-
-Result<void> read_environment(Config& config, std::span<const std::string_view> environment, Origins* origins) {
+Result<void> read_environment(LoadedConfig& loaded, std::span<const std::string> environment) {
   for (const std::string_view entry : environment) {
     const auto equals = entry.find('=');
     const std::string_view name = entry.substr(0, equals);
@@ -159,10 +150,10 @@ Result<void> read_environment(Config& config, std::span<const std::string_view> 
     if (split < kPrefix.size()) continue;
     const std::string_view section = name.substr(kPrefix.size(), split - kPrefix.size());
     const std::string path = lower(section) + "." + lower(name.substr(split + 2));
-    if (auto set = set_config(config, path, entry.substr(equals + 1)); !set) {
+    if (auto set = set_config(loaded.config, path, entry.substr(equals + 1)); !set) {
       return in_context("environment variable " + std::string(name), set.error());
     }
-    note(origins, path, std::string(name));
+    loaded.origins[path] = name;
   }
   return {};
 }
@@ -170,13 +161,14 @@ Result<void> read_environment(Config& config, std::span<const std::string_view> 
 Result<LoadedConfig> load_config(const ConfigSources& sources) {
   LoadedConfig loaded;
   if (!sources.file.empty()) {
-    if (auto read = read_config_file(loaded.config, sources.file, &loaded.origins); !read) return read.error();
+    const auto text = read_file(sources.file, kMaxConfigBytes);
+    if (!text) return text.error();
+    if (auto read = read_config(loaded, *text, sources.file); !read) return read.error();
   }
-  const std::vector<std::string_view> environment(sources.environment.begin(), sources.environment.end());
-  if (auto read = read_environment(loaded.config, environment, &loaded.origins); !read) return read.error();
+  if (auto read = read_environment(loaded, sources.environment); !read) return read.error();
   for (const auto& flag : sources.flags) {
     if (auto set = set_config(loaded.config, flag.path, flag.value); !set) return in_context(flag.name, set.error());
-    note(&loaded.origins, flag.path, flag.name);
+    loaded.origins[flag.path] = flag.name;
   }
   if (auto good = check_config(loaded.config); !good) return good.error();
   return loaded;

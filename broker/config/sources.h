@@ -5,7 +5,6 @@
 #include <span>
 #include <string>
 #include <string_view>
-#include <utility>
 #include <vector>
 
 #include "broker/config/config.h"
@@ -16,16 +15,18 @@ namespace eigencast::broker {
 /// "EIGENCAST_LIMITS__MAX_STREAMS".
 using Origins = std::map<std::string, std::string, std::less<>>;
 
-/// Applies a TOML text to `config`. `name` is for messages.
+struct LoadedConfig {
+  Config config;
+  Origins origins;
+};
+
+/// Applies a TOML text. `name` is for messages.
 /// Errors: kInvalidArgument (syntax, unknown key with a suggestion, wrong type, out of range), with the line.
-Result<void> read_config(Config& config, std::string_view toml, std::string_view name, Origins* origins = nullptr);
-/// The same from a file. Errors: kNotFound, kIo, kTooLarge (over 1 MiB), and those above.
-Result<void> read_config_file(Config& config, const std::string& path, Origins* origins = nullptr);
+Result<void> read_config(LoadedConfig& loaded, std::string_view toml, std::string_view name);
 
 /// Applies EIGENCAST_SECTION__KEY of `environment` ("NAME=value"). Ignores names without __, except those that a second
 /// underscore would make a setting's: these are refused. Errors: as above.
-Result<void> read_environment(Config& config, std::span<const std::string_view> environment,
-                              Origins* origins = nullptr);
+Result<void> read_environment(LoadedConfig& loaded, std::span<const std::string> environment);
 
 /// Flags win over the environment, that over the file, that over the defaults. A reload reads them again.
 struct ConfigSources {
@@ -39,12 +40,7 @@ struct ConfigSources {
   std::vector<Flag> flags;
 };
 
-struct LoadedConfig {
-  Config config;
-  Origins origins;
-};
-
-/// Reads all sources and checks the result. Errors: as above.
+/// Reads all sources and checks the result. Errors: as above; of the file kNotFound, kIo, kTooLarge (over 1 MiB).
 Result<LoadedConfig> load_config(const ConfigSources& sources);
 
 }  // namespace eigencast::broker

@@ -56,7 +56,7 @@ void Connection::start(std::string answer) {
     id_ = ++context_.last_connection_id;
     watch_ = ReaderWatch(id_);
     open_ = true;
-    counted_ = ConnectionCount(context_.connection_count);
+    counted_ = counted_in(context_.connection_count);
     context_.connections.insert(this);
     send_framed(std::move(answer));
     wait_to_read(Transport::Wait::kReadable);
@@ -280,7 +280,7 @@ void Connection::ended() {
   context_.turn.forget(*this);
   write_queue_.clear();
   if (!open_) return;
-  counted_.release();
+  counted_.reset();
   context_.connections.erase(this);
   on_closed();
 }

@@ -1,13 +1,14 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cstdint>
 #include <map>
+#include <memory>
 #include <optional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "common/core/clock.h"
@@ -19,9 +20,7 @@ struct LatencyBuckets {
   static constexpr std::array<TimeUs, 13> kUpTo{100,    250,    500,     1'000,   2'500,   5'000,    10'000,
                                                 25'000, 50'000, 100'000, 250'000, 500'000, 1'000'000};
   void add(TimeUs us) {
-    std::size_t bucket = 0;
-    while (bucket < kUpTo.size() && us > kUpTo[bucket]) ++bucket;
-    ++counts[bucket];
+    ++counts[std::lower_bound(kUpTo.begin(), kUpTo.end(), us) - kUpTo.begin()];
     sum_us += us;
   }
   LatencyBuckets& operator+=(const LatencyBuckets& other) {
@@ -33,7 +32,6 @@ struct LatencyBuckets {
   TimeUs sum_us = 0;
 };
 
-/// Event counts of one loop, for /metrics.
 struct EventCounts {
   std::uint64_t connections_total = 0;
   std::uint64_t connections_refused = 0;
@@ -87,23 +85,14 @@ struct ClientInfo {
   std::uint64_t control_waiting = 0;
 };
 
-/// Counts one connection in `count` while it lives.
-class ConnectionCount {
- public:
-  ConnectionCount() = default;
-  explicit ConnectionCount(std::atomic<std::uint64_t>& count) : count_(&count) { ++count; }
-  ~ConnectionCount() { release(); }
-  ConnectionCount(ConnectionCount&& other) noexcept : count_(std::exchange(other.count_, nullptr)) {}
-  ConnectionCount& operator=(ConnectionCount&& other) noexcept {
-    std::swap(count_, other.count_);
-    return *this;
-  }
-  void release() {
-    if (auto* count = std::exchange(count_, nullptr)) --*count;
-  }
-
- private:
-  std::atomic<std::uint64_t>* count_ = nullptr;
+struct Uncount {
+  void operator()(std::atomic<std::uint64_t>* count) const { --*count; }
 };
+/// Counts one connection while it lives.
+using ConnectionCount = std::unique_ptr<std::atomic<std::uint64_t>, Uncount>;
+inline ConnectionCount counted_in(std::atomic<std::uint64_t>& count) {
+  ++count;
+  return ConnectionCount(&count);
+}
 
 }  // namespace eigencast::broker

@@ -58,9 +58,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
   std::string_view method() const;
   bool reads() const { return method() == "GET" || method() == "HEAD"; }
   std::string_view target() const;
-  std::string header(std::string_view name) const;  ///< The first field of that name, or empty.
-  /// All fields of that name in order, joined by commas.
-  std::string joined_headers(std::string_view name) const;
+  std::string header(std::string_view name) const;          ///< The first field of that name, or empty.
+  std::string joined_headers(std::string_view name) const;  ///< All fields in order, with commas.
   std::optional<std::uint64_t> content_length() const;
   /// What the request says about its sender. `query_token` is the access_token of its target.
   AccessRequest access_request(std::string query_token) const;
@@ -111,10 +110,8 @@ class HttpConnection : public std::enable_shared_from_this<HttpConnection> {
 
   HttpConnection(Context& context, Transport transport);
   virtual Limits limits() const = 0;  ///< Of the current request.
-  /// Answers the request whose head is complete.
   virtual void on_head() = 0;
-  /// Adds what every answer carries.
-  virtual void decorate(HttpHeaders& headers) const = 0;
+  virtual void decorate(HttpHeaders& headers) const = 0;  ///< Adds what every answer carries.
   const Context& context() const { return context_; }
 
  private:

@@ -42,7 +42,7 @@ class HttpSession final : public HttpConnection {
  public:
   HttpSession(Context& context, Transport transport)
       : HttpConnection(context, std::move(transport)),
-        counted_(context.connection_count),
+        counted_(counted_in(context.connection_count)),
         grant_(context.gate.accept(peer(), steady_now_us())) {
     ++context.counters.connections_total;
   }
@@ -198,7 +198,7 @@ class HttpSession final : public HttpConnection {
       return std::make_shared<Subscriber>(there, std::move(transport()), std::move(grant_), std::move(first))
           ->start(std::move(answer));
     }
-    asio::post(there.loop, [&there, counted = ConnectionCount(there.connection_count),
+    asio::post(there.loop, [&there, counted = counted_in(there.connection_count),
                             transport = Transport(there.loop, std::move(transport())), grant = std::move(grant_),
                             first = std::move(first), answer = std::move(answer)]() mutable {
       std::make_shared<Subscriber>(there, std::move(transport), std::move(grant), std::move(first))

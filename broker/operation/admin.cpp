@@ -6,7 +6,6 @@
 #include <functional>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <string>
 #include <utility>
 #include <vector>
 
@@ -91,7 +90,7 @@ std::string recordings_report(const Context& context) {
   json list = json::array();
   for (const RecordingInfo& info : context.recorder.list()) {
     list.push_back({{"stream", info.stream},
-                    {"state", name_of(info.state)},
+                    {"state", kRecordingStates[info.state]},
                     {"file", info.file},
                     {"error", info.error},
                     {"bytes", info.bytes},
@@ -123,7 +122,6 @@ std::string broker_report(const Context& context, const Statistics& statistics) 
                     {"recordings", context.recorder.totals().active}});
 }
 
-/// One request, one answer.
 class AdminSession final : public HttpConnection {
  public:
   AdminSession(Context& context, Socket socket) : HttpConnection(context, Transport(std::move(socket))) {}
@@ -141,7 +139,10 @@ class AdminSession final : public HttpConnection {
     const auto question = std::min(whole.find('?'), whole.size());
     path_ = whole.substr(0, question);
     query_ = whole.substr(std::min(question + 1, whole.size()));
-    if (admitted()) route();
+    if (!admitted()) return;
+    if (reads()) return route_read();
+    if (method() == "POST") return route_order();
+    refuse_method("the admin port takes GET, HEAD and POST", "GET, HEAD, POST");
   }
 
   /// Calls `answer` when each loop has done `work`.
@@ -171,7 +172,7 @@ class AdminSession final : public HttpConnection {
     auto denied = context().gate.admit_admin(access_request({}), ask, steady_now_us(), std::time(nullptr));
     // A page of another site must not control the broker through an administrator's browser.
     if (!denied && !reads() && !header("Origin").empty() && !same_origin()) {
-      denied = Denial{403, "the admin API takes no orders from pages of another origin", 0, false};
+      denied = Denial{403, "the admin API takes no orders from pages of another origin"};
     }
     if (denied) answer_denial(*denied);
     return !denied;
@@ -193,12 +194,6 @@ class AdminSession final : public HttpConnection {
                  : code == ErrorCode::kInvalidArgument ? HttpStatus::kBadRequest
                                                        : HttpStatus::kConflict,
                  result.error());
-  }
-
-  void route() {
-    if (reads()) return route_read();
-    if (method() == "POST") return route_order();
-    refuse_method("the admin port takes GET, HEAD and POST", "GET, HEAD, POST");
   }
 
   void route_read() {
@@ -261,20 +256,15 @@ class AdminSession final : public HttpConnection {
         fail(ErrorCode::kNotFound, "?id=N: there is no client '" + id + "', see /api/clients"));
     ask_loops(
         [id, result](Context& loop) {
-          if (!*result && kick_in(loop, id)) *result = {};
+          for (Connection* connection : loop.connections) {
+            if (*result || std::to_string(connection->id()) != id || connection->is_closing()) continue;
+            *result = {};
+            log(loop.log, LogLevel::kWarning, connection->name() + ": closed through the admin port");
+            ++loop.counters.kicked;
+            return connection->send_bye("closed by the operator", 0, websocket::CloseCode::kPolicy);
+          }
         },
         [this, result] { answer_result(*result); });
-  }
-
-  static bool kick_in(Context& loop, const std::string& id) {
-    for (Connection* connection : loop.connections) {
-      if (std::to_string(connection->id()) != id || connection->is_closing()) continue;
-      log(loop.log, LogLevel::kWarning, connection->name() + ": closed through the admin port");
-      ++loop.counters.kicked;
-      connection->send_bye("closed by the operator", 0, websocket::CloseCode::kPolicy);
-      return true;
-    }
-    return false;
   }
 
   /// A parameter of the query. Stream names and numbers need no decoding except of '/'.

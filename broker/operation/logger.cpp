@@ -2,21 +2,18 @@
 #include "broker/operation/logger.h"
 
 #include <algorithm>
-#include <array>
 #include <memory>
 #include <mutex>
 #include <nlohmann/json.hpp>
 #include <utility>
 
 #include "common/command_line/log.h"
+#include "common/core/text.h"
 
 namespace eigencast::broker {
 namespace {
 
-LogLevel level_from_name(std::string_view name) {
-  constexpr std::array<std::string_view, 3> kNames{"debug", "info", "warning"};
-  return static_cast<LogLevel>(std::find(kNames.begin(), kNames.end(), name) - kNames.begin());
-}
+constexpr EnumNames<LogLevel, 4> kLevels{{"debug", "info", "warning", "error"}};
 
 /// Replaces control characters, which peers' input may contain: a line stays one line.
 std::string one_line(std::string text) {
@@ -61,7 +58,7 @@ std::optional<std::uint64_t> LogThrottle::admit(std::string_view line, TimeUs no
 
 LogSink make_log_sink(const std::string& level, const std::string& format) {
   const bool json = format == "json";
-  const LogLevel min_level = level_from_name(level);
+  const LogLevel min_level = kLevels.find(level).value_or(LogLevel::kError);
   struct Shared {
     std::mutex mutex;
     LogThrottle throttle;  // GUARDED_BY(mutex)

@@ -10,7 +10,6 @@
 #include <set>
 #include <string>
 #include <string_view>
-#include <utility>
 #include <vector>
 
 #include "broker/relay/stream.h"
@@ -22,7 +21,6 @@
 namespace eigencast::broker {
 
 /// Objects (manifests and chunks) in a folder, each named by its SHA-256. Visible objects are complete and verified.
-///
 /// Layout: DIR/assets/ab/abcdef..., and DIR/assets/uploading/ for unverified or evicted files (emptied by open()).
 ///
 /// When an upload needs space, the least recently used objects that no stream uses are evicted. A stream uses the asset
@@ -71,9 +69,8 @@ class AssetStore final : public StreamTap {
   static Result<std::unique_ptr<AssetStore>> open(const std::string& data_dir, const Settings& settings);
 
   bool contains(const Sha256& id) const;
-  // Errors of these: kNotFound, kIo.
+  // Errors of all below: kNotFound, kIo.
   Result<Object> read(const Sha256& id) const;
-  /// Errors: kIo.
   Result<std::unique_ptr<Upload>> begin_upload(const Sha256& id);
 
   /// Protects the asset that `stream` uses and its objects from eviction. Nothing: the stream is removed.

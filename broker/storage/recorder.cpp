@@ -65,11 +65,6 @@ Result<FramePtr> checkpoint_of(const CoefficientLayout& layout, const KeyRecord&
 
 }  // namespace
 
-std::string_view name_of(RecordingInfo::State state) {
-  constexpr std::string_view kNames[] = {"waiting", "recording", "finished", "failed"};
-  return kNames[static_cast<std::size_t>(state)];
-}
-
 struct Recorder::Session {
   std::string stream;
   bool automatic = false;  ///< Started by a pattern: ends with the sender.

@@ -17,6 +17,7 @@
 #include "broker/relay/stream.h"
 #include "broker/storage/asset_store.h"
 #include "common/core/log.h"
+#include "common/core/text.h"
 
 namespace eigencast::broker {
 
@@ -31,10 +32,9 @@ struct RecordingInfo {
   std::uint64_t lost = 0;  ///< Dropped because the disk was too slow.
   TimeUs duration_us = 0;
 };
-std::string_view name_of(RecordingInfo::State state);
+inline constexpr EnumNames<RecordingInfo::State, 4> kRecordingStates{{"waiting", "recording", "finished", "failed"}};
 
 /// Records streams into files (docs/recording-format.md), one file each, on its own thread.
-///
 /// Keys beyond the bound of the queue are dropped, counted, logged and bridged by a checkpoint: recording never delays
 /// a frame. If the disk fails or is full, the recording ends and streaming continues. Thread-safe.
 class Recorder final : public StreamTap {
@@ -59,8 +59,7 @@ class Recorder final : public StreamTap {
 
   /// Starts the thread, which first repairs recordings torn by a crash.
   Recorder(Settings settings, AssetStore& assets, LogSink log);
-  /// Finishes all recordings.
-  ~Recorder() override;
+  ~Recorder() override;  ///< Finishes all recordings.
 
   /// Records `stream` from its next key; the stream may not exist yet. REQUIRES: check_stream_name passed.
   /// Errors: kRefused (it is being recorded), kTooLarge (quota used up).

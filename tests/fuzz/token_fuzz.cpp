@@ -8,6 +8,7 @@
 #include "broker/access/token_file.h"
 #include "common/core/text.h"
 
+using namespace eigencast;
 using namespace eigencast::broker;
 
 namespace {
