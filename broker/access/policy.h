@@ -12,7 +12,6 @@
 
 #include "broker/access/address.h"
 #include "broker/access/jwt.h"
-#include "broker/access/ledger.h"
 #include "broker/access/token_file.h"
 #include "broker/config/config.h"
 
@@ -49,6 +48,9 @@ struct Identity {
 
 /// Loads a key from its setting: "KEY-ID ALGORITHM FILE". Errors: those of TokenKey::from_file().
 Result<TokenKey> key_from_setting(const std::string& text);
+
+enum class Resource : std::uint8_t { kConnection, kPublisher, kStream };
+inline constexpr std::size_t kResources = 3;
 
 struct Quota {
   std::array<std::int64_t, kResources> resources{};
