@@ -12,7 +12,7 @@
 #include <numeric>
 
 #include "bench/paper/picture.h"
-#include "common/spectral/kd_tree.h"
+#include "common/spectral/point_operators.h"
 #include "common/surface/shapes/shapes.h"
 #include "common/surface/vector.h"
 #include "sdk/bake.h"

@@ -21,19 +21,15 @@ struct Step {
   std::uint32_t to = 0;  ///< kNoTarget: any vertex will do.
 };
 
-/// Contractions of a mesh in the order in which they are made, at least cost over all poses, the rest pose first and
-/// alone in saying what hangs together. No face has a repeated corner; positions (n in each pose) are finite and have
-/// been brought to unit size. `seams`: edges (the lower vertex first; ascending) that hold their line as boundaries do.
-/// Ends early once it is unwanted.
+/// Contractions of a mesh in order, at least cost over all poses, of which the first, the rest pose, says what hangs
+/// together. No face has a repeated corner; positions are finite and of unit size. `seams`: edges (the lower vertex first;
+/// ascending) that hold their line as boundaries do. Ends early once it is unwanted.
 std::vector<Step> contract_mesh(std::span<const std::vector<Vec3>> poses, std::span<const Face> faces,
                                 std::span<const std::pair<std::uint32_t, std::uint32_t>> seams,
                                 const std::atomic<bool>& unwanted);
 
 /// The same of a point cloud.
 std::vector<Step> contract_points(std::span<const Vec3> positions, const std::atomic<bool>& unwanted);
-
-/// How far to go: a hundredth of the vertices, at least 4.
-std::size_t wanted_base(std::size_t vertices);
 
 /// The first vertex, in order of number, at each vertex's position (to the bit; itself if there is none before it).
 std::vector<std::uint32_t> first_at_position(std::span<const Vec3> positions);
@@ -103,6 +99,8 @@ class Contraction {
     alive_[u] = false;
     --alive_count_;
   }
+  /// How far to go from here.
+  std::size_t wanted_base() const { return std::max<std::size_t>(4, alive_count_ / 100); }
   /// Calls make(candidate) for the cheapest ones until `goal` vertices are left or none is.
   template <typename Make>
   void contract_queue(std::size_t goal, const Make& make) {

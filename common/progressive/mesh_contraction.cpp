@@ -57,7 +57,7 @@ class MeshContraction : Contraction {
     find_components();
     for (std::size_t pose = 0; pose < poses_.size(); ++pose) make_quadrics(pose);
     const std::size_t useful = alive_count_;
-    contract_all(Rules::kTopology, wanted_base(useful));
+    contract_all(Rules::kTopology, wanted_base());
     // A base that is larger because of its topology is right only as long as it is small.
     const std::size_t tolerable = std::max<std::size_t>(64, useful / 50);
     contract_all(Rules::kSides, tolerable);
@@ -76,9 +76,6 @@ class MeshContraction : Contraction {
   void weld() {
     const auto first = first_at_position(x_);
     std::vector<bool> on_boundary(x_.size());
-    bool any = false;
-    for (std::uint32_t v = 0; v < x_.size(); ++v) any = any || first[v] != v;
-    if (!any) return;
     for (std::uint32_t v = 0; v < x_.size(); ++v) {
       if (!alive_[v]) continue;
       gather_neighbours(v, around_from_);

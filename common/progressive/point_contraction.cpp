@@ -23,7 +23,7 @@ class PointContraction : Contraction {
     for (std::uint32_t v = 0; v < x_.size(); ++v) {
       if (first[v] != v) remove(v, first[v]);
     }
-    const std::size_t goal = wanted_base(alive_count_);
+    const std::size_t goal = wanted_base();
     bool has_quadrics = false;
     // Far groups of points have no links between them: linked anew when each of them is one point.
     while (alive_count_ > goal && !unwanted_) {

@@ -146,12 +146,10 @@ class Camera {
   std::vector<float> depth_;  // along d_: the largest is in front
 };
 
-/// Looks at the points from 64 directions, each point a disc across its normal, drawn into a buffer of depths: what is
-/// seen of a closed surface is seen from outside. Points deep inside a fold may be seen from nowhere; sheets are seen
-/// from both sides. After Katz, Tal, Basri 2007, "Direct visibility of point sets", in its aim, not in its means.
-///   normals  n, unit length, of any sign
-///   radii    n, of the discs: large enough to leave no gaps; points of radius 0 neither hide nor vote
-/// The same votes however many threads there are. Takes up to 64 MB a thread.
+/// Draws the points from 64 directions, each a disc across its normal, into a buffer of depths: what is seen of a closed
+/// surface is seen from outside. Points deep inside a fold may be seen from nowhere; sheets are seen from both sides.
+/// After Katz, Tal, Basri 2007, "Direct visibility of point sets", in its aim, not in its means. Normals have any sign;
+/// points of radius 0 neither hide nor vote. The same votes on any number of threads. Takes up to 64 MB a thread.
 std::vector<SideVote> side_votes(std::span<const Vec3> positions, std::span<const Vec3> normals,
                                  std::span<const double> radii) {
   std::vector<SideVote> votes(positions.size());

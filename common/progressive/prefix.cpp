@@ -14,10 +14,6 @@
 namespace eigencast {
 namespace progressive {
 
-std::size_t wanted_base(std::size_t vertices) {
-  return std::max<std::size_t>(4, vertices / 100);
-}
-
 std::vector<std::uint32_t> first_at_position(std::span<const Vec3> positions) {
   std::vector<std::uint32_t> sorted(positions.size()), first(positions.size());
   std::iota(sorted.begin(), sorted.end(), 0U);

@@ -36,8 +36,7 @@ inline const std::atomic<bool> kWanted = false;
 ///   - vertices of no face go first, and vertices as soon as they have lost their last face: nothing shows them;
 ///   - boundary vertices at one position (seams, triangle soups) are contracted into one before all others;
 ///   - components of at most 4 vertices may vanish when that is cheapest, if there are other components;
-///   - where topology leaves more than 64 vertices and a fiftieth of all (non-manifold edges, many handles), it is
-///   given up below.
+///   - topology goes where it leaves more than 64 vertices and a fiftieth of all (non-manifold edges, many handles).
 /// Faces with a repeated corner are left out; a surface with only such faces is ordered as a point cloud.
 ///   seams  edges (vertices, the lower one first; ascending) that are kept as boundaries are
 ///   poses  of a mesh: others (n each, finite) that its levels approximate, too. What bends in them keeps its vertices,

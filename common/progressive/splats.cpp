@@ -21,37 +21,6 @@ constexpr std::size_t kRadiusNeighbours = 6;
 constexpr double kSameWay = 0.3;  // cosine between normals of discs that one may stand for
 constexpr double kRadius = 0.8;   // of the mean distance of the nearest points: discs overlap on an uneven surface, too
 
-/// The rows about a row that came before it, by way of the tree that contraction makes.
-class Forebears {
- public:
-  explicit Forebears(const PrefixOrder& order) : order_(order), children_(order.order.size()) {
-    for (std::uint32_t i = order.base_count; i < std::min<std::size_t>(order.map.size(), kFinestFrame); ++i) {
-      children_[order.map[i]].push_back(i);
-    }
-  }
-
-  /// REQUIRES: row >= base_count.
-  std::vector<std::uint32_t> about(std::uint32_t row, std::span<const std::array<std::uint32_t, 2>> frames) const {
-    std::vector<std::uint32_t> found;
-    const std::uint32_t end = std::min(row, kFinestFrame);
-    const auto add = [&](std::uint32_t i) {
-      if (i < end && found.size() < kCandidates && std::find(found.begin(), found.end(), i) == found.end()) {
-        found.push_back(i);
-      }
-    };
-    add(prefix_corner(order_.map, row, std::max(end, order_.base_count)));
-    for (std::size_t at = 0; at < found.size() && found.size() < kCandidates; ++at) {
-      for (const std::uint32_t i : frames[found[at]]) add(i);
-      for (const std::uint32_t i : children_[found[at]]) add(i);
-    }
-    return found;
-  }
-
- private:
-  const PrefixOrder& order_;
-  std::vector<std::vector<std::uint32_t>> children_;
-};
-
 class SplatBuilder {
  public:
   SplatBuilder(std::span<const Vec3> positions, std::span<const Vec3> normals, const PrefixOrder& order)
@@ -75,16 +44,36 @@ class SplatBuilder {
     std::vector<std::uint32_t> base(order_.base_count);
     std::iota(base.begin(), base.end(), 0U);
     const Neighbours neighbours(x_, base);
-    const Forebears forebears(order_);
+    children_.resize(n_);
+    for (std::uint32_t i = order_.base_count; i < std::min<std::size_t>(n_, kFinestFrame); ++i) {
+      children_[order_.map[i]].push_back(i);
+    }
     result_.frame.resize(n_);
     result_.normal.resize(n_);
     for (std::uint32_t i = 0; i < n_; ++i) {
-      result_.frame[i] = best_frame(
-          i, i < order_.base_count ? neighbours.nearest(x_[i], kCandidates) : forebears.about(i, result_.frame));
+      result_.frame[i] =
+          best_frame(i, i < order_.base_count ? neighbours.nearest(x_[i], kCandidates) : forebears_of(i));
       const auto [a, b] = result_.frame[i];
       const auto axes = frame_from_points(x_[i], x_[a], x_[b]);
       for (std::size_t k = 0; k < 3; ++k) result_.normal[i][k] = static_cast<float>(dot(axes[k], normals_[i]));
     }
+  }
+
+  /// The rows about a row that came before it, by way of the tree that contraction makes. REQUIRES: row >= base_count.
+  std::vector<std::uint32_t> forebears_of(std::uint32_t row) const {
+    std::vector<std::uint32_t> found;
+    const std::uint32_t end = std::min(row, kFinestFrame);
+    const auto add = [&](std::uint32_t i) {
+      if (i < end && found.size() < kCandidates && std::find(found.begin(), found.end(), i) == found.end()) {
+        found.push_back(i);
+      }
+    };
+    add(prefix_corner(order_.map, row, std::max(end, order_.base_count)));
+    for (std::size_t at = 0; at < found.size() && found.size() < kCandidates; ++at) {
+      for (const std::uint32_t i : result_.frame[found[at]]) add(i);
+      for (const std::uint32_t i : children_[found[at]]) add(i);
+    }
+    return found;
   }
 
   /// The nearest pair of candidates that lie in different directions within the surface; ordered so that the frame's
@@ -152,6 +141,7 @@ class SplatBuilder {
   const PrefixOrder& order_;
   std::size_t n_;
   std::vector<Vec3> x_, normals_;  // by row
+  std::vector<std::vector<std::uint32_t>> children_;
   PointSplats result_;
 };
 

@@ -37,9 +37,7 @@ struct WholeCoefficients {
 };
 
 /// An asset's basis in tiles for the kernels. A column of entries that all lie on the asset's grid to the bit is stored as
-/// 16-bit integers, without loss, else as floats. Takes n x r x 2 to 4 bytes beside the asset.
-///
-/// Reading is thread-safe; update() is not.
+/// 16-bit integers, without loss, else as floats. Takes n x r x 2 to 4 bytes beside the asset. Reading is thread-safe.
 class BasisTiles {
  public:
   /// Takes the rows of `asset` that have arrived since; at most the first `rows`. Always call it with the same asset.
@@ -52,15 +50,13 @@ class BasisTiles {
   std::uint32_t rows() const { return rows_; }
   std::uint32_t rank() const { return rank_; }
   std::size_t tile_count() const { return (rows_ + kernel::kTileRows - 1) / kernel::kTileRows; }
-  std::size_t bytes() const { return floats_.size() * sizeof(float) + integers_.size() * sizeof(std::int16_t); }
   bool has_integers() const { return float_columns_ < rank_; }
 
   /// The tiles from number `first` on, and of them the first `rank` columns.
   kernel::Tiles view(std::size_t first, std::uint32_t rank) const;
   /// The coefficients of a pose (r x channels, row-major), rounded to 16 bits with one unit per axis: integer products are
   /// twice as fast. Nothing where rounding would add more than a sixteenth to the squared error of the basis' own grid (3 %
-  /// of the error): on fine grids (an asset error of about 3e-5 of the diagonal or below). Nothing either where the first
-  /// `rank` columns have no integers, or C is not finite.
+  /// of the error), where the first `rank` columns have no integers, or where C is not finite.
   std::optional<WholeCoefficients> whole_coefficients(std::span<const double> C, std::uint32_t channels,
                                                       std::uint32_t rank) const;
 
@@ -84,6 +80,27 @@ class BasisTiles {
   AlignedVector<float> floats_;
   AlignedVector<std::int16_t> integers_;
   std::vector<Column> columns_;  // r - float_columns_
+};
+
+/// An asset's detail: derivatives of the basis along two tangents, in tiles, and offsets and normals in the frames that
+/// these span. Takes n x r x 4 bytes beside the asset. Reading is thread-safe; update() is not.
+class DetailTiles {
+ public:
+  /// Takes the rows that have arrived since; clears all where the asset's detail has ended.
+  void update(const Asset& asset);
+  std::uint32_t rows() const { return static_cast<std::uint32_t>(offset_.size()); }
+  const BasisTiles& along_x() const { return along_x_; }
+  const BasisTiles& along_y() const { return along_y_; }
+
+  /// Adds the detail to the positions of the basis alone, from row `first` on. All have 3 floats a vertex.
+  ///   along_x, along_y  the pose's derivatives
+  ///   normals           room for as many, or empty
+  void add(std::uint32_t first, std::span<const float> along_x, std::span<const float> along_y,
+           std::span<float> positions, std::span<float> normals) const;
+
+ private:
+  BasisTiles along_x_, along_y_;
+  std::vector<std::array<float, 3>> offset_, normal_;
 };
 
 }  // namespace eigencast

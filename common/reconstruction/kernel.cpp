@@ -20,9 +20,4 @@ const Functions& functions(InstructionSet set) {
   return baseline_functions;
 }
 
-const Functions& functions() {
-  static const Functions& best = functions(instruction_sets().back());
-  return best;
-}
-
 }  // namespace eigencast::kernel

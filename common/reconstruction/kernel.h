@@ -27,9 +27,8 @@ constexpr std::size_t offset_of_integer(std::size_t row, std::size_t column) {
   return column / 2 * 2 * kTileRows + 2 * row + column % 2;
 }
 
-/// Consecutive tiles. Of each, `float_columns` columns of floats and `integer_columns` of integers are used; the next tile
-/// begins `float_stride`, `integer_stride` columns later. Both counts of integers are whole pairs. Missing rows of the last
-/// tile are zero. Integers count kIntegerUnit-fold.
+/// Consecutive tiles, of each the first `float_columns` and `integer_columns`; the next one begins `float_stride` and
+/// `integer_stride` columns later. Both counts of integers are whole pairs. Missing rows of the last tile are zero.
 struct Tiles {
   const float* floats = nullptr;
   const std::int16_t* integers = nullptr;
@@ -40,7 +39,7 @@ struct Tiles {
 /// Coefficients of one pose, and room for its positions.
 ///   C       columns x 3, float columns first
 ///   whole   integer coefficients of the integer columns, pair after pair, the two of a pair side by side for each axis; no
-///           sum of products with a row's integers may exceed 2^31 - 1. Null: use C for all columns.
+///           sum of products with a row's integers may exceed 2^31 - 1. Null: use C for all columns
 ///   unit    of the product of two integers, for each axis
 ///   X       rows x 3, row-major
 struct Pose {
@@ -76,7 +75,5 @@ struct Functions {
 
 /// REQUIRES: `set` is one of instruction_sets(), or smaller than one.
 const Functions& functions(InstructionSet set);
-/// Functions of this processor's best instruction set.
-const Functions& functions();
 
 }  // namespace eigencast::kernel

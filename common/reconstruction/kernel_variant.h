@@ -26,36 +26,26 @@ constexpr std::size_t passes() {
   return kVectors / vectors_per_pass<kPoses>();
 }
 
-/// Prefetching: pass `turn` of `turns` prefetches every turns-th column of the next tile, so that all passes load memory
-/// evenly. A lone pass is bound by memory: it prefetches a little ahead and leaves the rest to the hardware prefetcher,
-/// which keeps more requests in flight.
-struct Ahead {
-  std::size_t turn = 0, turns = 1;
-  bool lone = false;
-};
+template <std::size_t kBytes>
+inline void fetch(const void* at) {
+  EIGENCAST_UNROLL
+  for (std::size_t i = 0; i < kBytes; i += kAlignment) __builtin_prefetch(static_cast<const char*>(at) + i, 0, 2);
+}
 
-/// Prefetches a column, or a pair, when it is this pass's turn.
-class Prefetcher {
- public:
-  Prefetcher(const Ahead& ahead) : left_(ahead.turn), turns_(ahead.turns), lone_(ahead.lone) {}
+/// Prefetches every `turns`-th column, or pair, of the next tile, the first after `left` others, so that all passes load
+/// memory evenly. A lone pass is bound by memory: it prefetches a little ahead and leaves the rest to the hardware
+/// prefetcher, which keeps more requests in flight.
+struct Prefetcher {
+  std::size_t left, turns;
+  bool lone;
   template <std::size_t kBytes, typename Value>
   void pass(const Value* at, std::size_t next_tile) {
-    if (lone_) return fetch<kBytes>(reinterpret_cast<const char*>(at) + kNear);
-    if (left_-- != 0) return;
-    left_ = turns_ - 1;
-    fetch<kBytes>(reinterpret_cast<const char*>(at + next_tile));
+    constexpr std::size_t kNear = 1024;  // bytes
+    if (lone) return fetch<kBytes>(reinterpret_cast<const char*>(at) + kNear);
+    if (left-- != 0) return;
+    left = turns - 1;
+    fetch<kBytes>(at + next_tile);
   }
-
- private:
-  static constexpr std::size_t kNear = 1024;
-  template <std::size_t kBytes>
-  static void fetch(const char* at) {
-    EIGENCAST_UNROLL
-    for (std::size_t i = 0; i < kBytes; i += kAlignment) __builtin_prefetch(at + i, 0, 2);
-  }
-
-  std::size_t left_, turns_;
-  bool lone_;
 };
 
 /// Keeps vectors that several sums need in registers, where there are enough.
@@ -88,9 +78,8 @@ inline void add_column(const Floats (&psi)[kHere], const Pose* poses, std::size_
 }
 
 template <std::size_t kPoses, std::size_t kHere>
-inline void add_floats(const Tiles& tiles, const float* at, const Pose* poses, const Ahead& ahead,
+inline void add_floats(const Tiles& tiles, const float* at, const Pose* poses, Prefetcher prefetcher,
                        Sums<Floats, kPoses, kHere>& sums) {
-  Prefetcher prefetcher(ahead);
   for (std::size_t k = 0; k < tiles.float_columns; ++k, at += kTileRows) {
     prefetcher.pass<kTileRows * sizeof(float)>(at, tiles.float_stride * kTileRows);
     Floats psi[kHere];
@@ -102,9 +91,8 @@ inline void add_floats(const Tiles& tiles, const float* at, const Pose* poses, c
 }
 
 template <std::size_t kPoses, std::size_t kHere>
-inline void add_integers(const Tiles& tiles, const std::int16_t* at, const Pose* poses, const Ahead& ahead,
+inline void add_integers(const Tiles& tiles, const std::int16_t* at, const Pose* poses, Prefetcher prefetcher,
                          Sums<Floats, kPoses, kHere>& sums) {
-  Prefetcher prefetcher(ahead);
   for (std::size_t k = 0; k < tiles.integer_columns; k += 2, at += 2 * kTileRows) {
     prefetcher.pass<2 * kTileRows * sizeof(std::int16_t)>(at, tiles.integer_stride * kTileRows);
     Floats even[kHere], odd[kHere];
@@ -122,10 +110,9 @@ inline void add_integers(const Tiles& tiles, const std::int16_t* at, const Pose*
 }
 
 template <std::size_t kPoses, std::size_t kHere>
-inline void add_wholes(const Tiles& tiles, const std::int16_t* at, const Pose* poses, const Ahead& ahead,
+inline void add_wholes(const Tiles& tiles, const std::int16_t* at, const Pose* poses, Prefetcher prefetcher,
                        Sums<Floats, kPoses, kHere>& floats) {
   Sums<Words, kPoses, kHere> sums;
-  Prefetcher prefetcher(ahead);
   for (std::size_t k = 0; k < tiles.integer_columns; k += 2, at += 2 * kTileRows) {
     prefetcher.pass<2 * kTileRows * sizeof(std::int16_t)>(at, tiles.integer_stride * kTileRows);
     Words both[kHere];
@@ -188,14 +175,14 @@ inline void product_tile(const Tiles& tiles, std::size_t tile, std::size_t rows,
   const std::int16_t* integers = tiles.integers + tile * tiles.integer_stride * kTileRows;
   for (std::size_t pass = 0; pass < passes<kPoses>(); ++pass) {
     const std::size_t row = pass * kHere * kFloatLanes;
-    const Ahead ahead{turn + pass, turns, kPoses == 1 && turns == 1};
+    const Prefetcher prefetcher{turn + pass, turns, kPoses == 1 && turns == 1};
     Sums<Floats, kPoses, kHere> sums;
     if constexpr (kWhole) {
-      add_wholes<kPoses, kHere>(tiles, integers + 2 * row, poses, ahead, sums);
+      add_wholes<kPoses, kHere>(tiles, integers + 2 * row, poses, prefetcher, sums);
     } else {
-      add_integers<kPoses, kHere>(tiles, integers + 2 * row, poses, ahead, sums);
+      add_integers<kPoses, kHere>(tiles, integers + 2 * row, poses, prefetcher, sums);
     }
-    add_floats<kPoses, kHere>(tiles, floats + row, poses, ahead, sums);
+    add_floats<kPoses, kHere>(tiles, floats + row, poses, prefetcher, sums);
     EIGENCAST_UNROLL
     for (std::size_t p = 0; p < kPoses; ++p) {
       EIGENCAST_UNROLL
@@ -257,14 +244,7 @@ inline HeldRows load_rows(const float* Y, std::size_t first) {
   return rows;
 }
 
-/// Prefetches what lies `next` values later; the writes of sums hide the pattern from the hardware prefetcher.
-template <std::size_t kBytes, typename Value>
-inline void fetch_next_tile(const Value* at, std::size_t next) {
-  EIGENCAST_UNROLL
-  for (std::size_t i = 0; i < kBytes; i += kAlignment) {
-    __builtin_prefetch(reinterpret_cast<const char*>(at + next) + i, 0, 2);
-  }
-}
+// The next tile is prefetched: the writes of sums hide the pattern from the hardware prefetcher.
 
 inline void add_transposed_floats(const float* tile, std::size_t columns, std::size_t stride, const float* Y,
                                   float* sums) {
@@ -273,7 +253,7 @@ inline void add_transposed_floats(const float* tile, std::size_t columns, std::s
     const float* at = tile;
     float* to = sums;
     for (std::size_t k = 0; k < columns; ++k, at += kTileRows, to += 3 * kFloatLanes) {
-      if (first == 0) fetch_next_tile<kTileRows * sizeof(float)>(at, stride * kTileRows);
+      if (first == 0) fetch<kTileRows * sizeof(float)>(at + stride * kTileRows);
       struct {
         Floats axis[3];
       } s = load<decltype(s)>(to);
@@ -295,7 +275,7 @@ inline void add_transposed_integers(const std::int16_t* tile, std::size_t column
     const std::int16_t* at = tile;
     float* to = sums;
     for (std::size_t k = 0; k < columns; k += 2, at += 2 * kTileRows, to += 6 * kFloatLanes) {
-      if (first == 0) fetch_next_tile<2 * kTileRows * sizeof(std::int16_t)>(at, stride * kTileRows);
+      if (first == 0) fetch<2 * kTileRows * sizeof(std::int16_t)>(at + stride * kTileRows);
       struct {
         Floats even[3], odd[3];
       } s = load<decltype(s)>(to);

@@ -10,15 +10,6 @@ namespace eigencast {
 
 bool LevelTriangles::update(const Asset& asset, std::vector<std::uint32_t>& triangles) {
   if (asset.rows_ready == rows_ && asset.faces_ready == faces_.size()) return false;
-  build(asset);
-  if (rows_ < base_) return false;
-  level_ = std::clamp(level_, base_, rows_);
-  triangles = triangles_at_level(asset, level_);
-  block_versions_.assign((triangles.size() + kBlock - 1) / kBlock, ++version_);
-  return true;
-}
-
-void LevelTriangles::build(const Asset& asset) {
   base_ = asset.base_count;
   rows_ = asset.rows_ready;
   map_.assign(asset.map.begin(), asset.map.begin() + rows_);
@@ -42,17 +33,18 @@ void LevelTriangles::build(const Asset& asset) {
   for (std::size_t v = 2; v < first_slot_.size(); ++v) first_slot_[v] += first_slot_[v - 1];
   slots_.resize(first_slot_.back());
   for_each_change([&](std::uint32_t v, std::uint32_t slot) { slots_[first_slot_[v + 1]++] = slot; });
+
+  if (rows_ < base_) return false;
+  level_ = std::clamp(level_, base_, rows_);
+  triangles = triangles_at_level(asset, level_);
+  block_versions_.assign((triangles.size() + kBlock - 1) / kBlock, ++version_);
+  return true;
 }
 
 void LevelTriangles::set_level(std::uint32_t N, std::vector<std::uint32_t>& triangles) {
   assert(base_ <= N && N <= rows_);
   if (N == level_) return;
   ++version_;
-  N > level_ ? grow_to(N, triangles) : shrink_to(N, triangles);
-  level_ = N;
-}
-
-void LevelTriangles::grow_to(std::uint32_t N, std::vector<std::uint32_t>& triangles) {
   for (std::uint32_t v = level_; v < N; ++v) {
     for (const std::uint32_t slot : slots_of(v)) {
       triangles[slot] = v;
@@ -66,19 +58,19 @@ void LevelTriangles::grow_to(std::uint32_t N, std::vector<std::uint32_t>& triang
       }
     }
   }
-}
-
-void LevelTriangles::shrink_to(std::uint32_t N, std::vector<std::uint32_t>& triangles) {
-  std::size_t faces = triangles.size() / 3;
-  for (std::uint32_t v = level_; v-- > N;) {
-    while (faces > 0 && death_[faces - 1] == v) --faces;
-    for (const std::uint32_t slot : slots_of(v)) {
-      triangles[slot] = map_[v];
-      mark(slot);
+  if (N < level_) {
+    std::size_t faces = triangles.size() / 3;
+    for (std::uint32_t v = level_; v-- > N;) {
+      while (faces > 0 && death_[faces - 1] == v) --faces;
+      for (const std::uint32_t slot : slots_of(v)) {
+        triangles[slot] = map_[v];
+        mark(slot);
+      }
     }
+    triangles.resize(3 * faces);
+    block_versions_.resize((triangles.size() + kBlock - 1) / kBlock);
   }
-  triangles.resize(3 * faces);
-  block_versions_.resize((triangles.size() + kBlock - 1) / kBlock);
+  level_ = N;
 }
 
 void LevelTriangles::mark(std::size_t slot) {

@@ -10,10 +10,8 @@
 namespace eigencast {
 
 /// The triangles of a changing level of detail: from N to N' only the faces of the vertices in between change. Going there
-/// and back gives the same triangles. After Hoppe 1996, "Progressive Meshes".
-///
-/// Follows an asset as it arrives. Takes 4 bytes for each level at which a corner of a face changes.
-/// Not thread-safe.
+/// and back gives the same triangles. After Hoppe 1996, "Progressive Meshes". Follows an asset as it arrives. Takes 4
+/// bytes for each level at which a corner of a face changes. Not thread-safe.
 class LevelTriangles {
  public:
   /// Indices uploaded together.
@@ -37,9 +35,6 @@ class LevelTriangles {
   const std::vector<std::uint64_t>& block_versions() const { return block_versions_; }
 
  private:
-  void build(const Asset& asset);
-  void grow_to(std::uint32_t N, std::vector<std::uint32_t>& triangles);
-  void shrink_to(std::uint32_t N, std::vector<std::uint32_t>& triangles);
   void mark(std::size_t slot);
   std::span<const std::uint32_t> slots_of(std::uint32_t vertex) const;
 

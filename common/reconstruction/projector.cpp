@@ -16,23 +16,12 @@ namespace {
 // Tiles summed in float before their sum is added in double: few enough that rounding stays below that of the basis.
 constexpr std::size_t kForwardTiles = 32;
 constexpr std::size_t kGramBlock = 64;
-// Independent of the number of threads, so that the sums are the same everywhere.
-constexpr std::size_t kGramParts = 8;
-// Multiplications below which other threads cost more than they save.
-constexpr std::size_t kWorthThreadsToProject = 10'000'000;
-// Bytes of positions that stay in the cache until they are used.
-constexpr std::size_t kFitsCache = 512 * 1024;
+constexpr std::size_t kGramParts = 8;  // whatever the number of threads: the sums are the same everywhere
+constexpr std::size_t kWorthThreadsToProject = 10'000'000;  // multiplications
+constexpr std::size_t kFitsCache = 512 * 1024;              // bytes of positions that stay until they are used
 
 std::size_t whole_gram_tiles(std::size_t columns) {
   return (columns + kernel::kGramTile - 1) / kernel::kGramTile * kernel::kGramTile;
-}
-
-// The weight of each row in the fit: between mass, which minimises the error of the surface, and 1, which minimises that
-// of the vertices (docs/adr/0004).
-std::vector<double> weights_of(const Asset& asset) {
-  std::vector<double> weights(asset.vertex_count);
-  for (std::size_t i = 0; i < weights.size(); ++i) weights[i] = std::sqrt(static_cast<double>(asset.mass[i]));
-  return weights;
 }
 
 // Psi^T W Psi, r x r, lower triangle.
@@ -99,8 +88,7 @@ std::vector<double> inverse_of_triangle(const std::vector<double>& L, std::size_
   return T;
 }
 
-// W (X - origin) of the rows from `first` on, in the kernel's tiles; zero beyond the last row. Returns whether all are
-// finite.
+// W (X - origin) of the rows from `first` on, in the kernel's tiles. Returns whether all are finite.
 template <typename Value>
 bool weigh(const Asset& asset, const std::array<double, 3>& origin, std::span<const double> weights,
            std::span<const Value> positions, std::size_t first, std::size_t rows, float* Y) {
@@ -113,10 +101,6 @@ bool weigh(const Asset& asset, const std::array<double, 3>& origin, std::span<co
       zero[d] += 0 * weighted;
       y[d * kernel::kTileRows] = static_cast<float>(weighted);
     }
-  }
-  for (std::size_t i = rows; i % kernel::kTileRows != 0; ++i) {
-    float* y = Y + i / kernel::kTileRows * 3 * kernel::kTileRows + i % kernel::kTileRows;
-    for (std::size_t d = 0; d < 3; ++d) y[d * kernel::kTileRows] = 0;
   }
   return zero == std::array<double, 3>{};
 }
@@ -157,7 +141,7 @@ Result<std::vector<double>> Projector::project(std::span<const Value> positions,
   const auto sum_part = [&](std::size_t part) {
     const std::size_t first = part * kRows, rows = std::min(kRows, n - first);
     const std::size_t tiles = (rows + kernel::kTileRows - 1) / kernel::kTileRows;
-    AlignedVector<float> Y(tiles * 3 * kernel::kTileRows);
+    AlignedVector<float> Y(tiles * 3 * kernel::kTileRows);  // zero beyond the last row
     AlignedVector<float> scratch(3 * (r + 1) * kernel::kWidestVector);
     sums[part].resize(3 * (r + 1));  // an odd last column of integers has a partner
     if (!weigh(*asset_, origin, weights_, positions, first, rows, Y.data())) finite = false;
@@ -190,7 +174,9 @@ Result<Projector> Projector::create(const Asset& asset, InstructionSet set, unsi
   projector.set_ = set;
   projector.threads_ = threads;
   projector.tiles_.update(asset);
-  projector.weights_ = weights_of(asset);
+  for (const float mass : std::span(asset.mass).first(asset.vertex_count)) {
+    projector.weights_.push_back(std::sqrt(static_cast<double>(mass)));
+  }
   std::vector<double> gram = gram_matrix(asset, projector.weights_, kernel::functions(set));
   const std::size_t bad = factorise(gram, asset.rank);
   if (bad < asset.rank) {

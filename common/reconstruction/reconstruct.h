@@ -8,7 +8,6 @@
 
 #include "common/asset/asset.h"
 #include "common/reconstruction/basis_tiles.h"
-#include "common/reconstruction/detail_tiles.h"
 
 namespace eigencast {
 
@@ -23,19 +22,18 @@ struct PoseToRebuild {
   std::span<float> normals{};
 };
 
-/// X = Psi C, the hot kernel: keeps an asset's basis in BasisTiles, follows the asset as it arrives, and rebuilds all poses
-/// of a call in one pass over the basis. Where the asset has detail (see DetailKind) two more such products give each
-/// vertex the frame of its offset. A vertex is the same at every level.
-///
-/// rebuild() is thread-safe without a concurrent update(). It uses the process's threads for large work.
+/// X = Psi C, the hot kernel: follows an asset as it arrives, and rebuilds all poses of a call in one pass over the basis.
+/// Where the asset has detail (see DetailKind) two more such products give each vertex the frame of its offset. A vertex
+/// is the same at every level. rebuild() is thread-safe without a concurrent update(); it uses the process's threads.
 class Reconstructor {
  public:
   /// threads: 0 as many as pay (default), 1 the caller's only.
-  explicit Reconstructor(InstructionSet set = instruction_sets().back(), unsigned threads = 0);
+  explicit Reconstructor(InstructionSet set = instruction_sets().back(), unsigned threads = 0)
+      : set_(set), threads_(threads) {}
 
   /// Takes the rows that have arrived since the last call; always call it with the same asset, grown. Costs n x r once.
   void update(const Asset& asset);
-  void reset();  ///< Forgets the asset, before following another.
+  void reset() { tiles_ = {}, detail_ = {}; }  ///< Forgets the asset, before following another.
   const BasisTiles& tiles() const { return tiles_; }
   bool has_detail() const { return detail_.rows() > 0; }
 
@@ -80,8 +78,8 @@ void area_normals(std::span<const float> positions, std::span<const std::uint32_
 /// scales vectors of three to unit length, zero vectors excepted.
 void normalise(std::span<float> vectors);
 
-/// Unit normals of a point cloud's discs in the pose of `positions` (the first rows): those of the rest pose, rotated with
-/// the frames of the asset's splats. Zero without splats.
+/// Unit normals of a point cloud's discs in the pose of `positions` (the first rows), which turn with the frames of the
+/// asset's splats. Zero without splats.
 ///   normals  room for as many floats as positions
 void splat_normals(const Asset& asset, std::span<const float> positions, std::span<float> normals);
 
@@ -97,9 +95,7 @@ std::uint32_t level_from_fraction(const Asset& asset, double fraction);
 /// Projects positions on the receivers' basis: C = (Psi^T W Psi)^-1 Psi^T W X, where Psi is the asset's float basis and W
 /// the square root of the mass matrix, between the best fit of the area and that of the vertices (docs/adr/0004). The Gram
 /// matrix also corrects for the quantisation of the basis.
-///
-/// Thread-safe after construction; uses the process's threads. Setting up costs n r^2 / 2 multiplications once, and
-/// memory as BasisTiles says.
+/// Thread-safe; uses the process's threads. Setting up costs n r^2 / 2 multiplications once, and memory as BasisTiles says.
 class Projector {
  public:
   /// REQUIRES: asset.complete(); keeps a reference, so the asset must outlive it. Errors: kNumerical (Gram matrix not
@@ -107,8 +103,7 @@ class Projector {
   static Result<Projector> create(const Asset& asset, InstructionSet set = instruction_sets().back(),
                                   unsigned threads = 0);
 
-  /// positions: n x 3 (any float type), in the *source's* vertex order, in the source's space. Returns r x 3,
-  /// row-major.
+  /// positions: n x 3, in the *source's* vertex order, in the source's space. Returns r x 3, row-major.
   /// Errors: kInvalidArgument (size; a value that is not finite, naming the vertex).
   Result<std::vector<double>> coefficients_from_positions(std::span<const float> positions) const;
   Result<std::vector<double>> coefficients_from_positions(std::span<const double> positions) const;

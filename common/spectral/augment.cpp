@@ -30,7 +30,6 @@ Eigen::MatrixXd centred_rest(std::span<const Vec3> positions, const Eigen::Vecto
 }
 
 /// M^{1/2} times 1, x0, y0, z0, orthonormalised in this order: n x (1..4), without dependent coordinates.
-///   rest  from centred_rest
 Eigen::MatrixXd orthonormal_affine(const Eigen::VectorXd& root_mass, const Eigen::MatrixXd& rest) {
   Eigen::MatrixXd columns(root_mass.size(), 4);
   columns.col(0) = root_mass.normalized();

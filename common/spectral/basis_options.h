@@ -26,8 +26,8 @@ enum class EigenSolver : std::uint8_t {
 
 /// The operator of a point cloud.
 enum class PointsOperator : std::uint8_t {
-  kLocalDelaunay,  ///< A third of that of local_delaunay.h (Sharp & Crane 2020): about eight entries a row.
-  /// That of point_kernel.h (Liu, Prabhakaran & Guo 2012): 110 to 190 entries a row, five times the time and twice the
+  kLocalDelaunay,  ///< A third of that of local_delaunay() (Sharp & Crane 2020): about eight entries a row.
+  /// That of point_kernel() (Liu, Prabhakaran & Guo 2012): 110 to 190 entries a row, five times the time and twice the
   /// memory. Eigenvalues are too low, as (1 - exp(-t lambda)) / t for about t = h^2.
   kPbMhb,
 };

@@ -34,7 +34,7 @@ class BlockLanczos {
     const Eigen::Index room = std::max<Eigen::Index>((n_ - taken) / kWidth - 1, 1);
     expected_ = std::min<Eigen::Index>(expected_subspace(static_cast<int>(wanted)) / kWidth, room);
     max_steps_ = std::min(2 * expected_, room);
-    keep_ = std::min((wanted + kWidth - 1) / kWidth + 3, max_steps_ - 1);
+    keep_ = std::min(whole_panels(wanted) / kWidth + 3, max_steps_ - 1);
   }
 
   Result<EigenPairs> run() {
@@ -203,8 +203,7 @@ class BlockLanczos {
     std::vector<Eigen::Index> chosen(order_.begin(), order_.begin() + wanted_);
     const auto lambda = [&](Eigen::Index i) { return op_.sigma() + 1 / theta_[i]; };
     std::stable_sort(chosen.begin(), chosen.end(), [&](auto a, auto b) { return lambda(a) < lambda(b); });
-    const Eigen::Index columns = (wanted_ + kWidth - 1) / kWidth * kWidth;
-    Eigen::MatrixXd turn = Eigen::MatrixXd::Zero(p + kWidth, columns);
+    Eigen::MatrixXd turn = Eigen::MatrixXd::Zero(p + kWidth, whole_panels(wanted_));
     Eigen::VectorXd values(wanted_);
     for (Eigen::Index j = 0; j < wanted_; ++j) {
       const Eigen::Index from = chosen[static_cast<std::size_t>(j)];

@@ -72,8 +72,8 @@ class Cover {
     return flips;
   }
 
-  IntrinsicTriangles triangles() const {
-    IntrinsicTriangles result;
+  IntrinsicTriangles triangles(std::size_t flips) const {
+    IntrinsicTriangles result{{}, {}, flips};
     for (std::size_t s = 0; s < from_.size(); s += 3) {
       result.faces.push_back({from_[s], from_[s + 1], from_[s + 2]});
       result.lengths.push_back({length_[s + 1], length_[s + 2], length_[s]});
@@ -163,9 +163,7 @@ IntrinsicTriangles delaunay_cover(std::span<const Vec3> positions, std::span<con
                                   std::span<const EdgeLengths> lengths) {
   Cover cover(positions, faces, lengths);
   const std::size_t flips = cover.flip_to_delaunay();
-  IntrinsicTriangles result = cover.triangles();
-  result.flips = flips;
-  return result;
+  return cover.triangles(flips);
 }
 
 }  // namespace eigencast

@@ -10,8 +10,7 @@
 
 namespace eigencast {
 
-/// Lengths of a triangle's edges; edge i is opposite to corner i.
-using EdgeLengths = std::array<double, 3>;
+using EdgeLengths = std::array<double, 3>;  ///< Of a triangle; edge i is opposite to corner i.
 
 /// Heron's formula after Kahan, "Miscalculating Area and Angles of a Needle-like Triangle"; 0 where rounding breaks the
 /// triangle inequality.
@@ -24,7 +23,6 @@ struct IntrinsicTriangles {
   std::size_t flips = 0;
 };
 
-/// Whether any edge has three or more faces.
 bool has_edge_of_many_faces(std::span<const Face> faces, std::size_t vertex_count);
 
 /// The tufted cover of any triangles, its edges flipped until it is Delaunay (Sharp & Crane 2020, "A Laplacian for

@@ -1,13 +1,12 @@
 // SPDX-License-Identifier: MIT
-#include "common/spectral/local_delaunay.h"
+#include "common/spectral/point_operators.h"
 
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
-#include <utility>
+#include <optional>
 
 #include "common/core/union_find.h"
-#include "common/spectral/kd_tree.h"
 
 namespace eigencast {
 namespace {
@@ -16,8 +15,7 @@ constexpr std::size_t kNeighbours = 30;
 constexpr double kCoincident = 1e-9;   // of the box's diagonal
 constexpr double kTooNear = 1e-7;      // of the neighbourhood's radius
 constexpr double kPushedOutTo = 1e-6;  // of the neighbourhood's radius
-
-constexpr double kCellReach = 0.5;  // of the neighbourhood's radius: points outside cannot cut a cell this small
+constexpr double kCellReach = 0.5;     // of the neighbourhood's radius: points outside cannot cut a cell this small
 
 struct Neighbour {
   std::uint32_t index;
@@ -29,10 +27,6 @@ struct Neighbourhood {
   std::vector<Neighbour> points;
   double radius = 0;
 };
-
-Eigen::Vector3d vector_from(const Vec3& p) {
-  return {p[0], p[1], p[2]};
-}
 
 double cross(const Eigen::Vector2d& a, const Eigen::Vector2d& b) {
   return a.x() * b.y() - a.y() * b.x();
@@ -64,12 +58,11 @@ class Neighbourhoods {
   std::vector<double> squared_;
 };
 
-/// The star of the origin in the Delaunay triangulation of the origin and the neighbours. Inversion turns "the circle
-/// through the origin and two neighbours is empty" into "the line through their images has the others on the origin's
-/// side": the star is the convex hull of the images. An origin on the cloud's rim is a corner of the hull, whose two
-/// edges there are not triangles. The circles' centres are the corners of the Voronoi cell. Returns LocalTriangles::cell.
-double add_star(std::uint32_t centre, const Neighbourhood& around, std::vector<Face>& faces) {
-  const std::uint32_t origin = centre;
+/// The star of the origin in the Delaunay triangulation of it and its neighbours. Inversion turns "the circle through the
+/// origin and two neighbours is empty" into "the line through their images has the others on the origin's side": the star
+/// is the convex hull of the images. An origin on the cloud's rim is a corner of the hull, whose two edges there are not
+/// triangles. The circles' centres are the corners of the Voronoi cell. Returns LocalTriangles::cell.
+double add_star(std::uint32_t origin, const Neighbourhood& around, std::vector<Face>& faces) {
   std::vector<Neighbour> points = around.points;
   points.push_back({origin, Eigen::Vector2d::Zero()});
   std::sort(points.begin(), points.end(), [](const Neighbour& a, const Neighbour& b) {
@@ -99,7 +92,7 @@ double add_star(std::uint32_t centre, const Neighbourhood& around, std::vector<F
       closed = false;
       continue;
     }
-    faces.push_back({centre, a.index, b.index});
+    faces.push_back({origin, a.index, b.index});
     const Eigen::Vector2d edge = b.inverted - a.inverted;
     corners.emplace_back(edge.y() / (2 * turn), -edge.x() / (2 * turn));
     closed = closed && corners.back().norm() <= kCellReach;
@@ -137,8 +130,7 @@ Neighbourhood invert(std::span<const Vec3> positions, std::uint32_t centre, std:
 
 /// For each point the first one that it coincides with, or itself.
 std::vector<std::uint32_t> find_coincident(std::span<const Vec3> positions, Neighbourhoods& neighbourhoods) {
-  const double diagonal = bounding_box(positions).diagonal();
-  const double limit = kCoincident * diagonal;
+  const double limit = kCoincident * bounding_box(positions).diagonal();
   UnionFind sets(positions.size());
   for (std::uint32_t i = 0; i < positions.size(); ++i) {
     for (const std::uint32_t j : neighbourhoods.of(i)) {
@@ -151,15 +143,6 @@ std::vector<std::uint32_t> find_coincident(std::span<const Vec3> positions, Neig
   return leader;
 }
 
-void add_all_stars(std::span<const Vec3> positions, Neighbourhoods& neighbourhoods, LocalTriangles& result) {
-  result.faces.reserve(6 * positions.size());
-  result.cell.assign(positions.size(), 0);
-  for (std::uint32_t i = 0; i < positions.size(); ++i) {
-    const Neighbourhood around = invert(positions, i, neighbourhoods.of(i));
-    if (around.points.size() >= 2) result.cell[i] = add_star(i, around, result.faces);
-  }
-}
-
 }  // namespace
 
 LocalTriangles local_delaunay(std::span<const Vec3> positions) {
@@ -167,31 +150,27 @@ LocalTriangles local_delaunay(std::span<const Vec3> positions) {
   Neighbourhoods all(positions);
   const std::vector<std::uint32_t> leader = find_coincident(positions, all);
   std::vector<std::uint32_t> kept;
+  std::vector<Vec3> distinct;
   for (std::uint32_t i = 0; i < positions.size(); ++i) {
     if (leader[i] == i) {
       kept.push_back(i);
+      distinct.push_back(positions[i]);
     } else {
       result.coincident.emplace_back(i, leader[i]);
     }
   }
-  if (result.coincident.empty()) {
-    add_all_stars(positions, all, result);
-    return result;
+  result.cell.assign(positions.size(), 0);
+  if (distinct.size() < 3) return result;
+  std::optional<Neighbourhoods> fewer;
+  Neighbourhoods& neighbourhoods = result.coincident.empty() ? all : fewer.emplace(distinct);
+  result.faces.reserve(6 * distinct.size());
+  for (std::uint32_t i = 0; i < distinct.size(); ++i) {
+    const Neighbourhood around = invert(distinct, i, neighbourhoods.of(i));
+    if (around.points.size() >= 2) result.cell[kept[i]] = add_star(i, around, result.faces);
   }
-  std::vector<Vec3> distinct;
-  distinct.reserve(kept.size());
-  for (const std::uint32_t i : kept) distinct.push_back(positions[i]);
-  if (distinct.size() < 3) {
-    result.cell.assign(positions.size(), 0);
-    return result;
-  }
-  Neighbourhoods neighbourhoods(distinct);
-  add_all_stars(distinct, neighbourhoods, result);
   for (Face& face : result.faces) {
     for (std::uint32_t& corner : face) corner = kept[corner];
   }
-  const std::vector<double> cells = std::exchange(result.cell, std::vector<double>(positions.size(), 0));
-  for (std::size_t i = 0; i < kept.size(); ++i) result.cell[kept[i]] = cells[i];
   return result;
 }
 

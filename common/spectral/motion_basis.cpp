@@ -20,10 +20,6 @@ constexpr Index kSpare = 24;            // components kept beyond the wanted one
 constexpr Index kPanelsAtOnce = 16;     // panels of poses between two updates of the components
 constexpr double kUnusedShare = 1e-10;  // weight of columns that no pose needs, relative to the poses' variance
 
-Index whole_panels(Index columns) {
-  return (columns + kWidth - 1) / kWidth * kWidth;
-}
-
 /// The symmetric form h = M^{1/2} psi. The affine columns are projected out of all others.
 struct Form {
   VectorXd root_mass;
@@ -38,11 +34,6 @@ struct Form {
   VectorXd without_affine(VectorXd h) const {
     for (int pass = 0; pass < 2; ++pass) h -= affine * (affine.transpose() * h);
     return h;
-  }
-  void take_affine_out(Panels& H) const {
-    MatrixXd X = matrix_from(H, H.columns());
-    for (Index j = 0; j < X.cols(); ++j) X.col(j) = without_affine(X.col(j));
-    H = panels_from(X);
   }
 };
 
@@ -137,18 +128,19 @@ void rotate_to(Panels& H, const MatrixXd& T) {
 struct Directions {
   Panels Q;
   Index count = 0;
-  VectorXd squares;      // count: sums over the poses
-  double captured = 0;   // sum of squares before truncation
-  Index dimensions = 0;  // count before truncation
+  VectorXd squares = {};  // count: sums over the poses
+  Index dimensions = 0;   // count before truncation
 };
 
 Result<void> clean(Directions& directions, const Form& form) {
-  form.take_affine_out(directions.Q);
+  MatrixXd X = matrix_from(directions.Q, directions.Q.columns());
+  for (Index j = 0; j < X.cols(); ++j) X.col(j) = form.without_affine(X.col(j));
+  directions.Q = panels_from(X);
   if (orthonormalise(directions.Q, directions.count) && orthonormalise(directions.Q, directions.count)) return {};
   return fail(ErrorCode::kNumerical, "the columns of this motion are not independent: take another basis");
 }
 
-/// The given columns without their affine part, of unit length, zero where nothing remains. `lengths`: their lengths.
+/// The given columns without their affine part, of unit length, zero where nothing remains.
 Panels unit_columns(const SpanningColumns& given, const Form& form, VectorXd& lengths) {
   const auto c = static_cast<Index>(given.count);
   const Index n = form.root_mass.size();
@@ -170,7 +162,7 @@ Panels unit_columns(const SpanningColumns& given, const Form& form, VectorXd& le
 /// An orthonormal basis of the given columns' span; `reach` is their Gram matrix in that basis (k x k).
 Result<Directions> spanned_by(const SpanningColumns& given, const Form& form, MatrixXd& reach) {
   VectorXd lengths;
-  Directions directions{unit_columns(given, form, lengths), 0, {}, 0, 0};
+  Directions directions{unit_columns(given, form, lengths)};
   Panels& Q = directions.Q;
   const auto c = static_cast<Index>(given.count);
   const Principal principal = principal_of(gram(Q).topLeftCorner(c, c));
@@ -199,8 +191,8 @@ Result<void> order(Directions& directions, const MatrixXd& reach, PoseColumns& p
     const MatrixXd C = transposed_product(directions.Q, 0, directions.Q.count(), panel[0]).topRows(k);
     covariance += C * C.transpose();
   }
-  directions.captured = covariance.trace();
-  const double unit = directions.captured > 0 ? kUnusedShare * directions.captured : 1;
+  const double captured = covariance.trace();
+  const double unit = captured > 0 ? kUnusedShare * captured : 1;
   const Principal principal = principal_of(covariance + unit / std::max(reach.trace(), 1e-300) * reach);
   directions.count = std::min(k, limit);
   const MatrixXd T = principal.vectors.leftCols(directions.count);
@@ -211,7 +203,7 @@ Result<void> order(Directions& directions, const MatrixXd& reach, PoseColumns& p
 
 /// The first `limit` principal components of the poses.
 Result<Directions> learnt_from(PoseColumns& poses, const Form& form, Index limit) {
-  Directions directions{Panels(form.root_mass.size()), 0, {}, 0, 0};
+  Directions directions{Panels(form.root_mass.size())};
   Panels& H = directions.Q;  // components times the root of their sums of squares, then new poses
   Principal principal;
   Index kept = 0;
@@ -228,7 +220,6 @@ Result<Directions> learnt_from(PoseColumns& poses, const Form& form, Index limit
   }
   directions.count = directions.dimensions = kept;
   directions.squares = principal.values.head(kept);
-  directions.captured = directions.squares.sum();
   if (kept == 0) return directions;
   rotate_to(H, MatrixXd(directions.squares.cwiseSqrt().cwiseInverse().asDiagonal()));
   if (auto cleaned = clean(directions, form); !cleaned) return cleaned.error();

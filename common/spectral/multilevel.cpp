@@ -25,7 +25,6 @@ constexpr int kFree = -1;
 using RowMatrix = Eigen::SparseMatrix<double, Eigen::RowMajor>;
 using Entry = Eigen::SparseMatrix<double>::InnerIterator;
 
-/// The aggregate of each vertex, from 0, and their number.
 struct Aggregates {
   std::vector<int> of;
   int count = 0;
@@ -60,7 +59,7 @@ Aggregates aggregate(const Eigen::SparseMatrix<double>& L) {
 
 /// Vectors iterated for m wanted ones; more converge faster.
 Eigen::Index columns_for(int m) {
-  return (m + std::max(m / 5, 16) + kWidth - 1) / kWidth * kWidth;
+  return whole_panels(m + std::max(m / 5, 16));
 }
 
 Panels prolongate(const Coarsened& coarse, const Eigen::VectorXd& fine_mass, const Panels& from) {
@@ -146,7 +145,7 @@ class InverseIteration {
   Eigen::VectorXd values_;
 };
 
-/// Eigenvalues below the m-th Ritz value beyond the m - 1 expected ones. Ritz values lie above the eigenvalues that they
+/// Eigenvalues below the m-th Ritz value beyond the m expected ones. Ritz values lie above the eigenvalues that they
 /// approximate, so a matching count means that none is missing.
 int count_missed(InverseIteration& iteration, int m) {
   const auto& values = iteration.values();
@@ -183,13 +182,12 @@ class Hierarchy {
   std::vector<std::unique_ptr<Coarsened>> coarser_;
 };
 
-/// The first m Ritz vectors, with the exact kernel.
 Result<Eigenbasis> finish(const Laplacian& laplacian, const InverseIteration& iteration, int m, int missed, Panels H) {
   Eigen::VectorXd values = iteration.values().head(m);
   const Kernel kernel = kernel_of(laplacian, m);
   for (int c = 0; c < kernel.count; ++c) copy_column(kernel.vectors, c, H, c);
   values.head(kernel.count).setZero();
-  H.drop_from((m + kWidth - 1) / kWidth);
+  H.drop_from(whole_panels(m) / kWidth);
   for (Eigen::Index i = 0; i < H.rows(); ++i) {
     for (Eigen::Index j = m; j < H.columns(); ++j) H.at(i, j) = 0;
   }

@@ -69,39 +69,33 @@ void solve_lower(const UnitLower& L, std::size_t first, std::size_t end, double*
   }
 }
 
+/// to += sum over p in [p, end) of kSign value[p] * row index[p] of X
+template <int kSign>
+inline void add_rows(const double* value, const int* index, int p, int end, const double* X, Row& to) {
+  const auto row = [&](int q) { return load<Row>(X + static_cast<std::size_t>(index[q]) * kPanelWidth); };
+  Row other = {};  // two sums, so that one addition need not wait for the other
+  for (; p + 1 < end; p += 2) {
+    add(kSign * value[p], row(p), to);
+    add(kSign * value[p + 1], row(p + 1), other);
+  }
+  if (p < end) add(kSign * value[p], row(p), to);
+  add(1, other, to);
+}
+
 void solve_upper(const UnitLower& L, std::size_t first, std::size_t end, double* X) {
   for (std::size_t j = end; j-- > first;) {
     Row x = load<Row>(X + j * kPanelWidth);
-    Row other = {};  // two sums, so that one addition need not wait for the other
-    int p = L.begin[j];
-    for (; p + 1 < L.begin[j + 1]; p += 2) {
-      add(-L.value[p], load<Row>(X + static_cast<std::size_t>(L.row[p]) * kPanelWidth), x);
-      add(-L.value[p + 1], load<Row>(X + static_cast<std::size_t>(L.row[p + 1]) * kPanelWidth), other);
-    }
-    if (p < L.begin[j + 1]) add(-L.value[p], load<Row>(X + static_cast<std::size_t>(L.row[p]) * kPanelWidth), x);
-    add(1, other, x);
+    add_rows<-1>(L.value, L.row, L.begin[j], L.begin[j + 1], X, x);
     store(x, X + j * kPanelWidth);
   }
-}
-
-/// Row i of S X.
-inline Row row_of_product(const SparseRows& S, std::size_t i, const double* X) {
-  Row sum = {}, other = {};  // two sums, so that one addition need not wait for the other
-  int p = S.begin[i];
-  for (; p + 1 < S.begin[i + 1]; p += 2) {
-    add(S.value[p], load<Row>(X + static_cast<std::size_t>(S.column[p]) * kPanelWidth), sum);
-    add(S.value[p + 1], load<Row>(X + static_cast<std::size_t>(S.column[p + 1]) * kPanelWidth), other);
-  }
-  if (p < S.begin[i + 1]) add(S.value[p], load<Row>(X + static_cast<std::size_t>(S.column[p]) * kPanelWidth), sum);
-  add(1, other, sum);
-  return sum;
 }
 
 void multiply(const SparseRows& S, std::size_t first, std::size_t end, const double* X, const double* shift,
               double* Y) {
   const Row by = load<Row>(shift);
   for (std::size_t i = first; i < end; ++i) {
-    Row y = row_of_product(S, i, X);
+    Row y = {};
+    add_rows<1>(S.value, S.column, S.begin[i], S.begin[i + 1], X, y);
     const Row x = load<Row>(X + i * kPanelWidth);
     EIGENCAST_UNROLL
     for (std::size_t v = 0; v < kVectors; ++v) y.part[v] -= by.part[v] * x.part[v];

@@ -34,21 +34,26 @@ namespace {
 
 constexpr Eigen::Index kStripes = 8;       // of rows; no sum may depend on the number of threads
 constexpr Eigen::Index kRowsAtOnce = 512;  // of a panel: 32 KiB
+constexpr Eigen::Index kFewRows = 64;      // of all panels
 constexpr std::align_val_t kAlignment{64};
 
 using PanelBlock = Eigen::Matrix<double, kWidth, kWidth, Eigen::RowMajor>;
 using PanelMatrix = Eigen::Matrix<double, Eigen::Dynamic, kWidth, Eigen::RowMajor>;
 
-/// work(stripe, first row, end row), stripes at the same time.
-void for_stripes(Eigen::Index rows, const std::function<void(Eigen::Index, Eigen::Index, Eigen::Index)>& work) {
-  for_panels(kStripes,
-             [&](Eigen::Index stripe) { work(stripe, rows * stripe / kStripes, rows * (stripe + 1) / kStripes); });
+/// work(stripe, first row, rows) for at most `at_once` rows at a time, in order; stripes at the same time.
+void for_rows(Eigen::Index rows, Eigen::Index at_once,
+              const std::function<void(std::size_t, Eigen::Index, std::size_t)>& work) {
+  for_panels(kStripes, [&](Eigen::Index stripe) {
+    const Eigen::Index end = rows * (stripe + 1) / kStripes;
+    for (Eigen::Index row = rows * stripe / kStripes; row < end; row += at_once) {
+      work(static_cast<std::size_t>(stripe), row, static_cast<std::size_t>(std::min(at_once, end - row)));
+    }
+  });
 }
 
-std::vector<PanelBlock> blocks_of(const Eigen::MatrixXd& H, double factor) {
-  std::vector<PanelBlock> blocks;
-  for (Eigen::Index j = 0; j < H.rows(); j += kWidth) blocks.push_back(factor * H.middleRows(j, kWidth));
-  return blocks;
+/// Sums of each stripe, all zero.
+std::vector<std::vector<PanelBlock>> zero_sums(Eigen::Index count) {
+  return {kStripes, std::vector<PanelBlock>(static_cast<std::size_t>(count), PanelBlock::Zero())};
 }
 
 }  // namespace
@@ -89,7 +94,7 @@ Panels panels_from(const Eigen::MatrixXd& X) {
 
 Eigen::MatrixXd matrix_from(const Panels& A, Eigen::Index count) {
   Eigen::MatrixXd X(A.rows(), count);
-  for_panels((count + kWidth - 1) / kWidth, [&](Eigen::Index j) {
+  for_panels(whole_panels(count) / kWidth, [&](Eigen::Index j) {
     const Eigen::Index first = j * kWidth, here = std::min(kWidth, count - first);
     X.middleCols(first, here) = PanelMatrix::Map(A[j], A.rows(), kWidth).leftCols(here);
   });
@@ -98,16 +103,11 @@ Eigen::MatrixXd matrix_from(const Panels& A, Eigen::Index count) {
 
 Eigen::MatrixXd transposed_product(const Panels& A, Eigen::Index first, Eigen::Index end, const double* W) {
   const PanelFunctions& functions = panel_functions();
-  std::vector<std::vector<PanelBlock>> parts(kStripes);
-  for_stripes(A.rows(), [&](Eigen::Index stripe, Eigen::Index row, Eigen::Index end_row) {
-    auto& sums = parts[static_cast<std::size_t>(stripe)];
-    sums.assign(static_cast<std::size_t>(end - first), PanelBlock::Zero());
-    for (; row < end_row; row += kRowsAtOnce) {
-      const auto rows = static_cast<std::size_t>(std::min(kRowsAtOnce, end_row - row));
-      for (Eigen::Index j = first; j < end; ++j) {
-        functions.add_gram(A[j] + row * kWidth, W + row * kWidth, rows,
-                           sums[static_cast<std::size_t>(j - first)].data());
-      }
+  auto parts = zero_sums(end - first);
+  for_rows(A.rows(), kRowsAtOnce, [&](std::size_t stripe, Eigen::Index row, std::size_t rows) {
+    for (Eigen::Index j = first; j < end; ++j) {
+      functions.add_gram(A[j] + row * kWidth, W + row * kWidth, rows,
+                         parts[stripe][static_cast<std::size_t>(j - first)].data());
     }
   });
   Eigen::MatrixXd G = Eigen::MatrixXd::Zero((end - first) * kWidth, kWidth);
@@ -121,70 +121,61 @@ Eigen::MatrixXd transposed_product(const Panels& A, Eigen::Index first, Eigen::I
 void subtract_product(const Panels& A, Eigen::Index first, Eigen::Index end, const Eigen::MatrixXd& H, double* W) {
   assert(H.rows() == (end - first) * kWidth && H.cols() == kWidth);
   const PanelFunctions& functions = panel_functions();
-  const std::vector<PanelBlock> blocks = blocks_of(H, -1);
-  for_stripes(A.rows(), [&](Eigen::Index, Eigen::Index row, Eigen::Index end_row) {
-    for (; row < end_row; row += kRowsAtOnce) {
-      const auto rows = static_cast<std::size_t>(std::min(kRowsAtOnce, end_row - row));
-      for (Eigen::Index j = first; j < end; ++j) {
-        const PanelBlock& block = blocks[static_cast<std::size_t>(j - first)];
-        functions.add_product(A[j] + row * kWidth, block.data(), rows, W + row * kWidth);
-      }
+  std::vector<PanelBlock> blocks;
+  for (Eigen::Index j = 0; j < H.rows(); j += kWidth) blocks.push_back(-H.middleRows(j, kWidth));
+  for_rows(A.rows(), kRowsAtOnce, [&](std::size_t, Eigen::Index row, std::size_t rows) {
+    for (Eigen::Index j = first; j < end; ++j) {
+      const PanelBlock& block = blocks[static_cast<std::size_t>(j - first)];
+      functions.add_product(A[j] + row * kWidth, block.data(), rows, W + row * kWidth);
     }
   });
 }
 
 void scatter_rows(const double* from, const int* to_row, Eigen::Index rows, double* to) {
-  for_stripes(rows, [&](Eigen::Index, Eigen::Index first, Eigen::Index end) {
-    for (Eigen::Index i = first; i < end; ++i) std::memcpy(to + to_row[i] * kWidth, from + i * kWidth, 8 * kWidth);
+  for_rows(rows, kRowsAtOnce, [&](std::size_t, Eigen::Index row, std::size_t count) {
+    const Eigen::Index end = row + static_cast<Eigen::Index>(count);
+    for (Eigen::Index i = row; i < end; ++i) std::memcpy(to + to_row[i] * kWidth, from + i * kWidth, 8 * kWidth);
   });
 }
 
 void gather_rows(const double* from, const int* from_row, Eigen::Index rows, double* to) {
-  for_stripes(rows, [&](Eigen::Index, Eigen::Index first, Eigen::Index end) {
-    for (Eigen::Index i = first; i < end; ++i) std::memcpy(to + i * kWidth, from + from_row[i] * kWidth, 8 * kWidth);
+  for_rows(rows, kRowsAtOnce, [&](std::size_t, Eigen::Index row, std::size_t count) {
+    const Eigen::Index end = row + static_cast<Eigen::Index>(count);
+    for (Eigen::Index i = row; i < end; ++i) std::memcpy(to + i * kWidth, from + from_row[i] * kWidth, 8 * kWidth);
   });
 }
 
 void multiply_panel(double* W, Eigen::Index rows, const Eigen::MatrixXd& T) {
   const PanelFunctions& functions = panel_functions();
   const PanelBlock block = T;
-  for_stripes(rows, [&](Eigen::Index, Eigen::Index first, Eigen::Index end) {
-    std::vector<double> old(static_cast<std::size_t>(kRowsAtOnce * kWidth));
-    for (Eigen::Index row = first; row < end; row += kRowsAtOnce) {
-      const auto count = std::min(kRowsAtOnce, end - row);
-      std::copy_n(W + row * kWidth, count * kWidth, old.data());
-      std::fill_n(W + row * kWidth, count * kWidth, 0.0);
-      functions.add_product(old.data(), block.data(), static_cast<std::size_t>(count), W + row * kWidth);
-    }
+  for_rows(rows, kRowsAtOnce, [&](std::size_t, Eigen::Index row, std::size_t count) {
+    double* here = W + row * kWidth;
+    const std::vector<double> old(here, here + count * kPanelWidth);
+    std::fill_n(here, old.size(), 0.0);
+    functions.add_product(old.data(), block.data(), count, here);
   });
 }
 
 Eigen::MatrixXd panel_gram(const double* W, Eigen::Index rows) {
   const PanelFunctions& functions = panel_functions();
-  std::vector<PanelBlock> parts(kStripes, PanelBlock::Zero());
-  for_stripes(rows, [&](Eigen::Index stripe, Eigen::Index first, Eigen::Index end) {
-    functions.add_gram(W + first * kWidth, W + first * kWidth, static_cast<std::size_t>(end - first),
-                       parts[static_cast<std::size_t>(stripe)].data());
+  auto parts = zero_sums(1);
+  for_rows(rows, kRowsAtOnce, [&](std::size_t stripe, Eigen::Index row, std::size_t count) {
+    functions.add_gram(W + row * kWidth, W + row * kWidth, count, parts[stripe].front().data());
   });
   Eigen::MatrixXd G = Eigen::MatrixXd::Zero(kWidth, kWidth);
-  for (const PanelBlock& part : parts) G += part;
+  for (const auto& sums : parts) G += sums.front();
   return G;
 }
 
 Eigen::MatrixXd gram(const Panels& A) {
   const PanelFunctions& functions = panel_functions();
   const Eigen::Index count = A.count();
-  std::vector<std::vector<PanelBlock>> parts(kStripes);
-  for_stripes(A.rows(), [&](Eigen::Index stripe, Eigen::Index first, Eigen::Index end) {
-    auto& sums = parts[static_cast<std::size_t>(stripe)];
-    sums.assign(static_cast<std::size_t>(count * count), PanelBlock::Zero());
-    for (Eigen::Index row = first; row < end; row += kRowsAtOnce / 8) {
-      const auto rows = static_cast<std::size_t>(std::min(kRowsAtOnce / 8, end - row));
-      for (Eigen::Index i = 0; i < count; ++i) {
-        for (Eigen::Index j = 0; j <= i; ++j) {
-          functions.add_gram(A[i] + row * kWidth, A[j] + row * kWidth, rows,
-                             sums[static_cast<std::size_t>(i * count + j)].data());
-        }
+  auto parts = zero_sums(count * count);
+  for_rows(A.rows(), kFewRows, [&](std::size_t stripe, Eigen::Index row, std::size_t rows) {
+    for (Eigen::Index i = 0; i < count; ++i) {
+      for (Eigen::Index j = 0; j <= i; ++j) {
+        functions.add_gram(A[i] + row * kWidth, A[j] + row * kWidth, rows,
+                           parts[stripe][static_cast<std::size_t>(i * count + j)].data());
       }
     }
   });
@@ -212,24 +203,20 @@ void rotate(Panels& A, const Eigen::MatrixXd& T) {
       empty.push_back(blocks.back().isZero(0));
     }
   }
-  constexpr Eigen::Index kRows = kRowsAtOnce / 8;
-  for_stripes(A.rows(), [&](Eigen::Index, Eigen::Index first, Eigen::Index end) {
-    std::vector<double> result(static_cast<std::size_t>(to * kRows * kWidth));
-    for (Eigen::Index row = first; row < end; row += kRows) {
-      const Eigen::Index rows = std::min(kRows, end - row);
-      std::fill(result.begin(), result.end(), 0.0);
-      for (Eigen::Index j = 0; j < to; ++j) {
-        for (Eigen::Index i = 0; i < from; ++i) {
-          const auto block = static_cast<std::size_t>(j * from + i);
-          if (empty[block]) continue;
-          functions.add_product(A[i] + row * kWidth, blocks[block].data(), static_cast<std::size_t>(rows),
-                                result.data() + j * kRows * kWidth);
-        }
-      }
-      for (Eigen::Index j = 0; j < to; ++j) {
-        std::copy_n(result.data() + j * kRows * kWidth, rows * kWidth, A[j] + row * kWidth);
+  constexpr Eigen::Index kRoom = kFewRows * kWidth;
+  std::vector<std::vector<double>> results(kStripes, std::vector<double>(static_cast<std::size_t>(to * kRoom)));
+  for_rows(A.rows(), kFewRows, [&](std::size_t stripe, Eigen::Index row, std::size_t rows) {
+    std::vector<double>& result = results[stripe];
+    std::fill(result.begin(), result.end(), 0.0);
+    for (Eigen::Index j = 0; j < to; ++j) {
+      for (Eigen::Index i = 0; i < from; ++i) {
+        const auto block = static_cast<std::size_t>(j * from + i);
+        if (empty[block]) continue;
+        functions.add_product(A[i] + row * kWidth, blocks[block].data(), rows, result.data() + j * kRoom);
       }
     }
+    for (Eigen::Index j = 0; j < to; ++j)
+      std::copy_n(result.data() + j * kRoom, rows * kPanelWidth, A[j] + row * kWidth);
   });
   A.drop_from(to);
 }

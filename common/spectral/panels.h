@@ -12,8 +12,8 @@ namespace eigencast {
 
 inline constexpr Eigen::Index kWidth = kPanelWidth;  ///< As Eigen counts.
 
-/// A tall matrix, n x 8 count, in row-major panels of eight columns, for solves with several right-hand sides and for
-/// products of tall matrices. All functions use the process's threads; sums do not depend on their number.
+/// A tall matrix, n x 8 count, in row-major panels of eight columns. All functions use the process's threads; sums do not
+/// depend on their number.
 class Panels {
  public:
   explicit Panels(Eigen::Index rows) : rows_(rows) {}
@@ -41,6 +41,11 @@ class Panels {
   std::vector<std::unique_ptr<double, Free>> panels_;
 };
 
+/// Columns of the panels that hold as many.
+constexpr Eigen::Index whole_panels(Eigen::Index columns) {
+  return (columns + kWidth - 1) / kWidth * kWidth;
+}
+
 /// work(j) for each of `count` panels, at the same time.
 void for_panels(Eigen::Index count, const std::function<void(Eigen::Index)>& work);
 
@@ -49,7 +54,6 @@ Panels zero_panels(Eigen::Index rows, Eigen::Index columns);
 void copy_column(const Panels& from, Eigen::Index i, Panels& to, Eigen::Index j);
 /// The columns of X, and zero columns that fill the last panel.
 Panels panels_from(const Eigen::MatrixXd& X);
-/// The columns [0, count) of A.
 Eigen::MatrixXd matrix_from(const Panels& A, Eigen::Index count);
 
 /// A^T W for the panels [first, end) of A, 8 (end - first) x 8. W is one panel.
@@ -70,8 +74,8 @@ Eigen::MatrixXd gram(const Panels& A);
 /// A = A T in place; T is A.columns() x any smaller multiple of 8. Panels that are no longer needed are freed.
 void rotate(Panels& A, const Eigen::MatrixXd& T);
 
-/// Makes the first m columns of H orthonormal by Cholesky-QR, each a combination of those up to it. For nearly
-/// orthonormal columns; else call it twice. False where they are dependent. REQUIRES: columns beyond m are zero.
+/// Makes the first m columns of H orthonormal by Cholesky-QR, each a combination of those up to it. Call it twice for
+/// columns far from orthonormal. False where they are dependent. REQUIRES: columns beyond m are zero.
 bool orthonormalise(Panels& H, Eigen::Index m);
 
 }  // namespace eigencast

@@ -1,17 +1,15 @@
 // SPDX-License-Identifier: MIT
-#include "common/spectral/point_kernel.h"
+#include "common/spectral/point_operators.h"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <functional>
 #include <numbers>
-#include <tuple>
 #include <utility>
 
 #include "common/core/histogram.h"
 #include "common/core/worker_team.h"
-#include "common/spectral/kd_tree.h"
 
 namespace eigencast {
 namespace {
@@ -87,10 +85,6 @@ std::vector<double> areas(const Distinct& distinct, const KdTree& tree, std::spa
   return area;
 }
 
-bool before(const Pair& p, const Pair& q) {
-  return std::tie(p.a, p.b) < std::tie(q.a, q.b);
-}
-
 }  // namespace
 
 PointKernel point_kernel(std::span<const Vec3> positions, const LocalTriangles& local) {
@@ -130,8 +124,9 @@ PointKernel point_kernel(std::span<const Vec3> positions, const LocalTriangles& 
     kernel.pairs.insert(kernel.pairs.end(), part.begin(), part.end());
     part = {};
   }
-  std::sort(kernel.pairs.begin(), kernel.pairs.end(), before);
-  const auto same = [](const Pair& p, const Pair& q) { return p.a == q.a && p.b == q.b; };
+  const auto ends = [](const Pair& pair) { return std::pair(pair.a, pair.b); };
+  std::sort(kernel.pairs.begin(), kernel.pairs.end(), [&](const Pair& p, const Pair& q) { return ends(p) < ends(q); });
+  const auto same = [&](const Pair& p, const Pair& q) { return ends(p) == ends(q); };
   kernel.pairs.erase(std::unique(kernel.pairs.begin(), kernel.pairs.end(), same), kernel.pairs.end());
   kernel.area.assign(positions.size(), 0);
   for (std::size_t i = 0; i < n; ++i) kernel.area[distinct.index[i]] = area[i];

@@ -52,9 +52,8 @@ DenseEigen dense_eigen(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
 /// The lowest m eigenpairs by the library Spectra: implicitly restarted Lanczos of one vector (Lehoucq & Sorensen 1996,
 /// "Deflation Techniques for an Implicitly Restarted Arnoldi Iteration") about one shift below zero, on Eigen's sparse
 /// factor. It shares no numerical code with block_lanczos.h and shift_invert.h. The kernel is projected out. A single
-/// vector meets one direction of each eigenspace, so the pairs that inertia counts as missing are sought in the
-/// complement of those found. One thread. Same input, same bits.
-///   S  symmetric_form(laplacian)
+/// vector meets one direction of each eigenspace: pairs that inertia counts as missing are sought in the complement of
+/// those found. One thread. Same input, same bits. S is symmetric_form(laplacian).
 /// REQUIRES: as solve_eigenbasis. Errors: kNumerical. Throws Cancelled where progress says so, and std::bad_alloc.
 Result<Eigenbasis> spectra_eigenbasis(const Laplacian& laplacian, const Eigen::SparseMatrix<double>& S, int m,
                                       const Progress& progress);

@@ -8,36 +8,29 @@
 #include <cassert>
 #include <map>
 
-#include "common/spectral/local_delaunay.h"
+#include "common/spectral/point_operators.h"
 
 namespace eigencast {
 namespace {
 
 using Vector = Eigen::Vector3d;
 
-// Area that two unit tangents must span at least, or the faces' gradients are meaningless.
-constexpr double kMinArea = 1e-3;
-// Length of a parent's tangent in the vertex's plane below which another direction is used.
-constexpr double kMinLength = 0.1;
-
-Vector vector_of(const Vec3& v) {
-  return {v[0], v[1], v[2]};
-}
+constexpr double kMinArea = 1e-3;   // that two unit tangents span, or the faces' gradients are meaningless
+constexpr double kMinLength = 0.1;  // of a parent's tangent in the vertex's plane, or another direction is used
 
 /// Sums over the faces of each vertex.
 struct FaceSums {
-  std::vector<Vector> normals;  ///< Twice the area long.
-  std::vector<double> areas;    ///< Twice.
-  std::vector<std::map<std::uint32_t, Vector>>
-      gradients;  ///< Times twice the area, by the vertex whose value they multiply.
+  std::vector<Vector> normals;                             ///< Twice the area long.
+  std::vector<double> areas;                               ///< Twice.
+  std::vector<std::map<std::uint32_t, Vector>> gradients;  ///< Likewise, by the vertex whose value they multiply.
 };
 
 FaceSums sums_over_faces(std::span<const Vec3> positions, std::span<const Face> faces) {
   FaceSums sums{std::vector<Vector>(positions.size(), Vector::Zero()), std::vector<double>(positions.size(), 0),
                 std::vector<std::map<std::uint32_t, Vector>>(positions.size())};
   for (const Face& face : faces) {
-    const Vector a = vector_of(positions[face[0]]), b = vector_of(positions[face[1]]),
-                 c = vector_of(positions[face[2]]);
+    const Vector a = vector_from(positions[face[0]]), b = vector_from(positions[face[1]]),
+                 c = vector_from(positions[face[2]]);
     const Vector normal = (b - a).cross(c - a);
     const double twice_area = normal.norm();
     if (!(twice_area > 0)) continue;
@@ -78,27 +71,21 @@ TangentDerivatives tangent_derivatives(std::span<const Vec3> positions, std::spa
       positions, points ? local_delaunay(positions).faces : std::vector<Face>(faces.begin(), faces.end()));
   TangentDerivatives derivatives;
   std::vector<Tangents> tangents(positions.size());
-  for (std::size_t i = 0; i < positions.size(); ++i) {
-    const auto end_vertex = [&] { derivatives.first.push_back(static_cast<std::uint32_t>(derivatives.terms.size())); };
+  const auto end_vertex = [&] { derivatives.first.push_back(static_cast<std::uint32_t>(derivatives.terms.size())); };
+  for (std::size_t i = 0; i < positions.size(); ++i, end_vertex()) {
     const Tangents parent = parents[i] < i ? tangents[parents[i]] : Tangents();
     const bool turn = points && parent.any() && sums.normals[i].dot(parent.x.cross(parent.y)) < 0;
     const Vector normal = turn ? Vector(-sums.normals[i]) : sums.normals[i];
-    if (!(normal.norm() > 0)) {
-      end_vertex();
-      continue;
-    }
+    if (!(normal.norm() > 0)) continue;
     // Derivatives of the positions themselves: not exactly the tangents where faces meet at an angle.
     const Tangents along = tangents_across(normal, parent);
     Vector dx = Vector::Zero(), dy = Vector::Zero();
     for (const auto& [j, gradient] : sums.gradients[i]) {
-      dx += along.x.dot(gradient) / sums.areas[i] * vector_of(positions[j]);
-      dy += along.y.dot(gradient) / sums.areas[i] * vector_of(positions[j]);
+      dx += along.x.dot(gradient) / sums.areas[i] * vector_from(positions[j]);
+      dy += along.y.dot(gradient) / sums.areas[i] * vector_from(positions[j]);
     }
     const Vector across = dx.cross(dy);
-    if (across.norm() < kMinArea) {
-      end_vertex();
-      continue;
-    }
+    if (across.norm() < kMinArea) continue;
     tangents[i] = tangents_across(across, along);
     const auto& [x, y] = tangents[i];
     Eigen::Matrix2d made;
@@ -109,7 +96,6 @@ TangentDerivatives tangent_derivatives(std::span<const Vec3> positions, std::spa
       const Eigen::RowVector2d mended = row * mend;
       derivatives.terms.push_back({j, mended[0], mended[1]});
     }
-    end_vertex();
   }
   return derivatives;
 }

@@ -14,7 +14,7 @@ GTEST = pathlib.Path("/usr/src/googletest/googletest")
 EIGEN = pathlib.Path("/usr/include/eigen3")
 # Kernels as eigencast_kernel_variants of cmake/EigencastTargets.cmake has them compiled.
 KERNELS = ["common/reconstruction/kernel_baseline.cpp", "common/spectral/panel_kernel_baseline.cpp"]
-REST = ["common/core/machine.cpp", "common/core/worker_team.cpp", "common/reconstruction/basis_tiles.cpp", "common/reconstruction/detail_tiles.cpp",
+REST = ["common/core/machine.cpp", "common/core/worker_team.cpp", "common/reconstruction/basis_tiles.cpp",
         "common/reconstruction/kernel.cpp", "common/reconstruction/reconstruct.cpp", "common/spectral/panels.cpp",
         "tests/unit/reconstruction/product_test.cpp", "tests/unit/spectral/panels_test.cpp"]
 

@@ -8,7 +8,7 @@
 #include <limits>
 #include <numbers>
 
-#include "common/spectral/local_delaunay.h"
+#include "common/spectral/point_operators.h"
 #include "common/spectral/symmetric_form.h"
 #include "common/spectral/tangent_derivatives.h"
 #include "support.h"
