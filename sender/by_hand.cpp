@@ -29,11 +29,8 @@ Result<std::string> deform_by_hand(const DeformCommand& command, deform::Deforme
   options.rate_hz = command.rate_hz;
   options.duration_s = command.duration_s;
   for (const TargetOptions& other : command.watch) {
-    SubscriberOptions wanted;
-    wanted.url = other.url;
-    wanted.credentials = other.credentials;
-    wanted.cache_dir = command.source.cache_dir;
-    options.watch.push_back(wanted);
+    options.watch.push_back(
+        {.url = other.url, .profile = {}, .cache_dir = command.source.cache_dir, .credentials = other.credentials});
   }
   const auto report = studio::run(
       options, deformer, projected, asset, publisher, [&interrupt] { return interrupt.requested(); }, to_log());

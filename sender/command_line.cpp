@@ -137,14 +137,10 @@ void add_deform_command(CLI::App& app, Settings& s) {
           "of the window, width x height")
       ->default_str("1280x800")
       ->excludes(script);
-  deform->add_option("--rate", command.rate_hz, "key poses a second (default: 30, by hand at most 60)")
-      ->check(CLI::Range(0.1, 1000.0));
-  deform->add_option("--speed", command.speed, "of the script")
-      ->check(CLI::Range(0.001, 1000.0))
-      ->capture_default_str();
+  bounded(*deform, "--rate", command.rate_hz, "key poses a second (default: 30, by hand at most 60)", 0.1, 1000.0);
+  bounded(*deform, "--speed", command.speed, "of the script", 0.001, 1000.0)->capture_default_str();
   deform->add_flag("--once", command.once, "stop at the end of a script that loops");
-  deform->add_option("--duration", command.duration_s, "stop after so many seconds")
-      ->check(CLI::Range(1e-3, kMaxSeconds));
+  bounded(*deform, "--duration", command.duration_s, "stop after so many seconds", 1e-3, kMaxSeconds);
   deform->add_option("--frames", command.frames, "stop after so many poses")->check(positive());
   deform->add_option("--json", command.json, "write a report at the end")->check(output_path(check_output_file));
 }
@@ -164,13 +160,10 @@ void add_evaluate_command(CLI::App& app, Settings& s) {
       ->check(positive())
       ->delimiter(',')
       ->excludes(error);
-  evaluate->add_option("--lod", command.levels, "levels of detail: fractions of the vertices")
-      ->check(CLI::Range(0.0, 1.0))
+  bounded(*evaluate, "--lod", command.levels, "levels of detail: fractions of the vertices", 0.0, 1.0)
       ->delimiter(',')
       ->capture_default_str();
-  evaluate->add_option("--rate", command.rate_hz, "poses a second, for kbit/s")
-      ->check(CLI::Range(0.1, 1000.0))
-      ->capture_default_str();
+  bounded(*evaluate, "--rate", command.rate_hz, "poses a second, for kbit/s", 0.1, 1000.0)->capture_default_str();
   evaluate->add_option("--json", command.json, "write a report")->check(output_path(check_output_file));
 }
 
@@ -187,15 +180,14 @@ void add_commands(CLI::App& app, Settings& s) {
   add_source_options(*play, s.play.source);
   add_target_options(*play, s.play.target);
   add_coding_options(*play, s.play.target);
-  play->add_option("--rate", s.play.rate_hz, "key poses a second (default: the clip's)")
-      ->check(CLI::Range(0.1, 1000.0));
-  play->add_option("--speed", s.play.speed, "of the motion")->check(CLI::Range(0.001, 1000.0))->capture_default_str();
+  bounded(*play, "--rate", s.play.rate_hz, "key poses a second (default: the clip's)", 0.1, 1000.0);
+  bounded(*play, "--speed", s.play.speed, "of the motion", 0.001, 1000.0)->capture_default_str();
   play->add_flag("--velocities", s.play.velocities,
                  "send the motion's velocities as well, for viewers with scheme=hermite (built-in motions state them)");
   CLI::Option* once = play->add_flag("--once", s.play.once, "stop at the end of the clip");
   play->add_flag("--loop", s.loop, "start again at the end of the clip (default)")->excludes(once);
-  play->add_option("--duration", s.play.duration_s, "stop after so many seconds, counted from the first try to connect")
-      ->check(CLI::Range(1e-3, kMaxSeconds));
+  bounded(*play, "--duration", s.play.duration_s, "stop after so many seconds, counted from the first try to connect",
+          1e-3, kMaxSeconds);
   play->add_option("--frames", s.play.frames, "stop after so many poses")->check(positive());
   play->add_option("--json", s.play.json, "write a report at the end")->check(output_path(check_output_file));
   play->add_option("--record", s.play.record, "write capture time and frame of each pose, as JSON lines")
@@ -208,8 +200,8 @@ void add_commands(CLI::App& app, Settings& s) {
   add_bake_options(*pipe, s.pipe.source);
   add_target_options(*pipe, s.pipe.target);
   add_coding_options(*pipe, s.pipe.target);
-  pipe->add_option("--rate", s.pipe.rate_hz, "poses a second (default: as they arrive, or at the times they state)")
-      ->check(CLI::Range(0.1, 1000.0));
+  bounded(*pipe, "--rate", s.pipe.rate_hz, "poses a second (default: as they arrive, or at the times they state)", 0.1,
+          1000.0);
   pipe->add_option("--json", s.pipe.json, "write a report at the end")->check(output_path(check_output_file));
 
   add_deform_command(app, s);
@@ -230,13 +222,9 @@ void add_commands(CLI::App& app, Settings& s) {
   runs(*replay, s, s.replay);
   replay->add_option("file", s.replay.file, "recording (.ecrec)")->required();
   add_target_options(*replay, s.replay.target);
-  replay->add_option("--speed", s.replay.speed, "of the motion")
-      ->check(CLI::Range(0.001, 1000.0))
-      ->capture_default_str();
-  replay->add_option("--from", s.replay.from_s, "begin so many seconds into the recording")
-      ->check(CLI::Range(0.0, kMaxSeconds));
-  replay->add_option("--duration", s.replay.duration_s, "play so many seconds of the recording")
-      ->check(CLI::Range(1e-3, kMaxSeconds));
+  bounded(*replay, "--speed", s.replay.speed, "of the motion", 0.001, 1000.0)->capture_default_str();
+  bounded(*replay, "--from", s.replay.from_s, "begin so many seconds into the recording", 0.0, kMaxSeconds);
+  bounded(*replay, "--duration", s.replay.duration_s, "play so many seconds of the recording", 1e-3, kMaxSeconds);
   replay->add_flag("--loop", s.replay.loop, "begin again at the end");
   replay->add_option("--asset", s.replay.asset_dir, "folder with the asset's objects (bake --out)");
   replay->add_option("--json", s.replay.json, "write a report at the end")->check(output_path(check_output_file));

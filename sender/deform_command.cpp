@@ -16,7 +16,7 @@
 #include "sender/deform/deformer.h"
 #include "sender/deform/script.h"
 #include "sender/live.h"
-#include "sender/schedule.h"
+#include "sender/pose_stream.h"
 #include "sender/surface_error.h"
 
 namespace eigencast {

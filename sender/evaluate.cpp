@@ -9,6 +9,7 @@
 #include "common/codec/chain.h"
 #include "common/reconstruction/reconstruct.h"
 #include "common/surface/checks/jumps.h"
+#include "common/surface/vector.h"
 #include "common/wire/envelope.h"
 #include "sender/order_check.h"
 
@@ -19,15 +20,14 @@ constexpr std::size_t kWebSocketHeaderBytes = 4;  // server to client, payload o
 constexpr TimeUs kKeyInterval = 33'333;
 constexpr std::size_t kStillPoses = 60;  // two seconds
 
-class Stopwatch {
- public:
-  std::int64_t ns() const {
-    return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now() - start_).count();
-  }
-
- private:
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
+/// What `act` gives; how long that took goes to `ns`.
+template <typename Act>
+auto timed(Histogram& ns, Act&& act) {
+  const auto start = std::chrono::steady_clock::now();
+  auto result = act();
+  ns.add(std::chrono::nanoseconds(std::chrono::steady_clock::now() - start).count());
+  return result;
+}
 
 /// Returns the payload's bytes; 0 for the first key, which joins. The newer key of the state is then what was decoded.
 Result<std::size_t> code_key(const CoefficientLayout& layout, const Key& key, std::uint8_t half_spacing,
@@ -36,13 +36,10 @@ Result<std::size_t> code_key(const CoefficientLayout& layout, const Key& key, st
     state = advanced(std::nullopt, key, 0);
     return std::size_t{0};
   }
-  const Stopwatch encoding;
-  auto coded = encode_key(layout, *state, key, half_spacing);
-  result.encode_ns.add(encoding.ns());
+  auto coded = timed(result.encode_ns, [&] { return encode_key(layout, *state, key, half_spacing); });
   if (!coded) return coded.error();
-  const Stopwatch decoding;
-  const auto decoded = decode_key(layout, layout.all_bands(), *state, coded->payload);
-  result.decode_ns.add(decoding.ns());
+  const auto decoded =
+      timed(result.decode_ns, [&] { return decode_key(layout, layout.all_bands(), *state, coded->payload); });
   if (!decoded) return decoded.error();
   if (*decoded != coded->key) return fail(ErrorCode::kInternal, "a decoded key differs from the one that was coded");
   state = advanced(std::move(state), std::move(coded->key), kKeyInterval);
@@ -66,49 +63,28 @@ Result<StillPose> still_pose(const CoefficientLayout& layout, const Key& key, st
   return still;
 }
 
-/// Both in the asset's order and space.
-class Rows {
- public:
-  explicit Rows(const Asset& asset) : asset_(asset), floats_(3 * std::size_t{asset.vertex_count}) {
-    reconstructor_.update(asset);
-  }
-  std::vector<Vec3> rebuilt(std::span<const double> C) {
-    reconstructor_.rebuild(C, 3, asset_.rank, asset_.vertex_count, floats_);
-    std::vector<Vec3> rows(asset_.vertex_count);
-    for (std::size_t row = 0; row < rows.size(); ++row) {
-      for (std::size_t axis = 0; axis < 3; ++axis) rows[row][axis] = double{floats_[3 * row + axis]};
-    }
-    return rows;
-  }
-  std::vector<Vec3> of(std::span<const Vec3> source) const {
-    std::vector<Vec3> rows(asset_.vertex_count);
-    for (std::size_t row = 0; row < rows.size(); ++row) {
-      for (std::size_t axis = 0; axis < 3; ++axis)
-        rows[row][axis] = source[asset_.source_vertex[row]][axis] - asset_.origin[axis];
-    }
-    return rows;
-  }
-
- private:
-  const Asset& asset_;
-  Reconstructor reconstructor_;
-  std::vector<float> floats_;
-};
+/// In the asset's order and space.
+std::vector<Vec3> rows_of(const Asset& asset, std::span<const Vec3> source) {
+  std::vector<Vec3> rows;
+  for (const std::uint32_t vertex : asset.source_vertex) rows.push_back(source[vertex] - asset.origin);
+  return rows;
+}
 
 class Sums {
  public:
   Sums(const Asset& asset, const MotionClip& clip, const EvaluateOptions& options)
-      : rows_(asset),
+      : asset_(asset),
+        rebuilder_(asset),
         truncation_(asset.diagonal()),
         total_(asset.diagonal()),
-        surface_(rows_.of(clip.rest().positions), asset.faces) {
-    const std::vector<Vec3> rest = rows_.of(clip.rest().positions);
+        surface_(rows_of(asset, clip.rest().positions), asset.faces) {
+    const std::vector<Vec3> rest = rows_of(asset, clip.rest().positions);
     for (const double fraction : options.levels) levels_.emplace_back(asset, fraction, rest);
   }
   void add(std::span<const Vec3> pose, std::span<const double> sent, std::span<const double> received) {
-    const std::vector<Vec3> truth = rows_.of(pose);
-    truncation_.add(truth, rows_.rebuilt(sent));
-    const std::vector<Vec3> rebuilt = rows_.rebuilt(received);
+    const std::vector<Vec3> truth = rows_of(asset_, pose);
+    truncation_.add(truth, rebuilder_.rebuild_rows(sent, 3));
+    const std::vector<Vec3> rebuilt = rebuilder_.rebuild_rows(received, 3);
     rms_by_frame_.push_back(total_.add(truth, rebuilt));
     surface_.move_to(truth);
     for (LevelErrorSum& level : levels_) level.add(truth, surface_, rebuilt);
@@ -121,7 +97,8 @@ class Sums {
   }
 
  private:
-  Rows rows_;
+  const Asset& asset_;
+  SourceRebuilder rebuilder_;
   SurfaceErrorSum truncation_, total_;
   SurfaceDistance surface_;
   std::vector<LevelErrorSum> levels_;

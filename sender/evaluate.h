@@ -58,8 +58,7 @@ struct EvaluatedRow {
   std::uint32_t rank = 0;
   double diagonal = 0;
   std::uint64_t asset_bytes = 0;
-  double eps = 0;     ///< As asked for, model units.
-  std::string codec;  ///< As it was asked for: the same name in rows of other bases.
+  double eps = 0;  ///< As asked for, model units.
   Evaluation evaluation;
 };
 

@@ -75,17 +75,12 @@ std::string notes_on(const EvaluatedRow& row) {
       static_cast<double>(e.encode_ns.percentile(50)) * 1e-3, static_cast<double>(e.decode_ns.percentile(50)) * 1e-3);
 }
 
-struct CodecToTry {
-  double eps = 0;  ///< Vertex error that quantising may add, model units.
-  std::string name;
-};
-
-std::vector<CodecToTry> codecs_of(const EvaluateCommand& command, const Asset& asset) {
-  std::vector<CodecToTry> codecs;
-  for (const double eps : command.errors) codecs.push_back({eps, formatted("error %g", eps)});
-  for (const double step : command.steps) codecs.push_back({eps_from_step(asset, step), formatted("step %g", step)});
-  if (codecs.empty()) codecs.push_back({kDefaultErrorOverDiagonal * asset.diagonal(), "default error"});
-  return codecs;
+/// Vertex errors that quantising may add, model units.
+std::vector<double> errors_of(const EvaluateCommand& command, const Asset& asset) {
+  std::vector<double> errors = command.errors;
+  for (const double step : command.steps) errors.push_back(eps_from_step(asset, step));
+  if (errors.empty()) errors.push_back(kDefaultErrorOverDiagonal * asset.diagonal());
+  return errors;
 }
 
 Result<void> check_bases(const EvaluateCommand& command) {
@@ -109,7 +104,7 @@ Result<void> evaluate_basis(const EvaluateCommand& command, BasisKind basis, int
   const auto source = bake_with_progress(options, console, interrupt);
   if (!source) return source.error();
   const Asset& asset = source->baked.asset;
-  for (const auto& [eps, name] : codecs_of(command, asset)) {
+  for (const double eps : errors_of(command, asset)) {
     ProgressLine line(console.progress, interrupt);
     auto evaluation = evaluate(*source->clip, asset, {codec, eps, command.levels, options.any_order}, std::ref(line));
     line.finish();
@@ -119,7 +114,7 @@ Result<void> evaluate_basis(const EvaluateCommand& command, BasisKind basis, int
     }
     evaluation->findings.insert(evaluation->findings.begin(), source->findings.begin(), source->findings.end());
     rows.push_back({asset.basis_kind, std::string(name_of(detail_of(asset))), asset.rank, asset.diagonal(),
-                    source->baked.encoded.total_bytes(), eps, name, std::move(*evaluation)});
+                    source->baked.encoded.total_bytes(), eps, std::move(*evaluation)});
   }
   return {};
 }

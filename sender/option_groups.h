@@ -20,6 +20,12 @@ void add_asset_options(CLI::App& app, SourceOptions& source);
 void add_bake_options(CLI::App& app, SourceOptions& source);
 void add_source_options(CLI::App& app, SourceOptions& source);
 
+/// A number from `low` to `high`.
+template <typename T>
+CLI::Option* bounded(CLI::App& app, const char* names, T& value, const char* help, double low, double high) {
+  return app.add_option(names, value, help)->check(CLI::Range(low, high));
+}
+
 /// double, or a vector to compare. Gives the option of the error.
 template <typename Errors>
 CLI::Option* add_codec_options(CLI::App& app, std::string& codec, Errors& errors);

@@ -6,7 +6,6 @@
 #include <fstream>
 #include <functional>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <vector>
 
 #include "sender/clip_coefficients.h"
@@ -14,7 +13,7 @@
 #include "sender/console.h"
 #include "sender/live.h"
 #include "sender/order_check.h"
-#include "sender/schedule.h"
+#include "sender/pose_stream.h"
 
 namespace eigencast {
 namespace {

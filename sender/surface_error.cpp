@@ -6,9 +6,6 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
-#include "common/reconstruction/reconstruct.h"
-#include "common/surface/checks/surface_distance.h"
-
 namespace eigencast {
 namespace {
 
@@ -68,16 +65,20 @@ SurfaceError SurfaceErrorSum::result() const {
 }
 
 SourceRebuilder::SourceRebuilder(const Asset& asset)
-    : asset_(asset), rows_(std::size_t{3} * asset.vertex_count), positions_(asset.vertex_count) {
+    : asset_(asset), floats_(std::size_t{3} * asset.vertex_count), positions_(asset.vertex_count) {
   reconstructor_.update(asset);
 }
 
+std::vector<Vec3> SourceRebuilder::rebuild_rows(std::span<const double> C, std::uint32_t channels) {
+  reconstructor_.rebuild(C, channels, asset_.rank, asset_.vertex_count, floats_);
+  std::vector<Vec3> rows(asset_.vertex_count);
+  for (std::size_t row = 0; row < rows.size(); ++row) std::copy_n(&floats_[3 * row], 3, rows[row].begin());
+  return rows;
+}
+
 std::span<const Vec3> SourceRebuilder::rebuild(std::span<const double> C, std::uint32_t channels) {
-  reconstructor_.rebuild(C, channels, asset_.rank, asset_.vertex_count, rows_);
-  for (std::size_t row = 0; row < positions_.size(); ++row) {
-    Vec3& vertex = positions_[asset_.source_vertex[row]];
-    for (std::size_t axis = 0; axis < 3; ++axis) vertex[axis] = double{rows_[3 * row + axis]} + asset_.origin[axis];
-  }
+  const std::vector<Vec3> rows = rebuild_rows(C, channels);
+  for (std::size_t row = 0; row < rows.size(); ++row) positions_[asset_.source_vertex[row]] = rows[row] + asset_.origin;
   return positions_;
 }
 
@@ -123,9 +124,7 @@ void LevelErrorSum::add(std::span<const Vec3> truth, const SurfaceDistance& surf
   std::vector<Vec3> points(samples_.size());
   for (std::size_t s = 0; s < points.size(); ++s) {
     const auto& [corners, weights] = samples_[s];
-    for (std::size_t k = 0; k < 3; ++k) {
-      for (std::size_t axis = 0; axis < 3; ++axis) points[s][axis] += weights[k] * level[corners[k]][axis];
-    }
+    for (std::size_t k = 0; k < 3; ++k) points[s] = points[s] + weights[k] * level[corners[k]];
   }
   farthest = farthest_squared(points, surface, {}, farthest);
 }

@@ -49,11 +49,13 @@ class SourceRebuilder {
   explicit SourceRebuilder(const Asset& asset);
   /// C: r x channels, row-major. The result stays until the next call.
   std::span<const Vec3> rebuild(std::span<const double> C, std::uint32_t channels);
+  /// Likewise, but in the asset's order and space.
+  std::vector<Vec3> rebuild_rows(std::span<const double> C, std::uint32_t channels);
 
  private:
   const Asset& asset_;
   Reconstructor reconstructor_;
-  std::vector<float> rows_;
+  std::vector<float> floats_;
   std::vector<Vec3> positions_;
 };
 

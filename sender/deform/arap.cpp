@@ -12,7 +12,7 @@
 #include <cmath>
 #include <limits>
 #include <map>
-#include <numeric>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
 
@@ -22,6 +22,43 @@
 
 namespace eigencast::deform {
 namespace {
+
+using nlohmann::json;
+
+Result<Vec3> point_from(const json& box, const char* name) {
+  const json value = box.is_object() ? box.value(name, json()) : json();
+  Vec3 p{};
+  bool good = value.is_array() && value.size() == 3;
+  for (std::size_t c = 0; good && c < 3; ++c) {
+    good = value[c].is_number();
+    if (good) p[c] = value[c].get<double>();
+  }
+  if (!good) return fail(ErrorCode::kCorrupt, std::string("\"") + name + "\" must be three numbers");
+  return p;
+}
+
+Result<HandleGroup> group_from(const json& value, const Surface& model) {
+  HandleGroup group;
+  if (value.is_array()) {
+    for (const json& index : value) {
+      if (!index.is_number_unsigned() || index.get<std::uint64_t>() >= model.vertex_count())
+        return fail(ErrorCode::kCorrupt, "must be numbers below " + std::to_string(model.vertex_count()));
+      group.push_back(index.get<std::uint32_t>());
+    }
+  } else {
+    const auto low = point_from(value, "low"), high = point_from(value, "high");
+    if (!low) return low.error();
+    if (!high) return high.error();
+    for (std::uint32_t v = 0; v < model.vertex_count(); ++v) {
+      const Vec3& p = model.positions[v];
+      bool inside = true;
+      for (std::size_t c = 0; c < 3; ++c) inside = inside && (*low)[c] <= p[c] && p[c] <= (*high)[c];
+      if (inside) group.push_back(v);
+    }
+  }
+  if (group.empty()) return fail(ErrorCode::kCorrupt, "holds no vertex");
+  return group;
+}
 
 // Of the largest angle's cotangent: obtuse and degenerate triangles would repel or tear without it.
 constexpr double kMinWeight = 1e-3, kMaxWeight = 1e3;
@@ -302,6 +339,7 @@ void ReducedArap::add_handles(const std::vector<HandleGroup>& groups, Eigen::Mat
   for (std::uint32_t i = 0; i < asset_.vertex_count; ++i) row_of[asset_.source_vertex[i]] = i;
   const double scale = A.trace() / static_cast<double>(A.cols());
   H_ = RowMatrix::Zero(static_cast<Eigen::Index>(groups.size()), A.cols());
+  held_ = Coefficients::Zero(A.cols(), 3);
   for (std::size_t g = 0; g < groups.size(); ++g) {
     const double share = 1 / static_cast<double>(groups[g].size()), weight = kHold * scale * share;
     Vec3 centre{};
@@ -309,19 +347,10 @@ void ReducedArap::add_handles(const std::vector<HandleGroup>& groups, Eigen::Mat
       const Eigen::RowVectorXd psi = row(row_of[v]).cast<double>();
       A.noalias() += weight * psi.transpose() * psi;
       H_.row(static_cast<Eigen::Index>(g)) += weight * psi;
+      held_ += weight * psi.transpose() * eigen(rest_[row_of[v]]).transpose();
       centre = centre + share * rest_[row_of[v]];
     }
-    for (std::size_t axis = 0; axis < 3; ++axis) centre[axis] += asset_.origin[axis];
-    handles_.push_back(centre);
-  }
-  // Held at rest: what handles hold, with their weights, and everything else a little.
-  held_ = Coefficients::Zero(A.cols(), 3);
-  for (const HandleGroup& group : groups) {
-    const double weight = kHold * scale / static_cast<double>(group.size());
-    for (const std::uint32_t v : group) {
-      const Vec3& p = rest_[row_of[v]];
-      held_ += weight * row(row_of[v]).cast<double>().transpose() * Eigen::RowVector3d(p[0], p[1], p[2]);
-    }
+    handles_.push_back(centre + asset_.origin);
   }
   A.diagonal().array() += kRest * scale;
   held_ += kRest * scale * C_;
@@ -331,8 +360,7 @@ std::vector<double> ReducedArap::coefficients(std::span<const Vec3> moved) {
   assert(moved.size() == handles_.size());
   Coefficients right = held_;
   for (std::size_t g = 0; g < moved.size(); ++g) {
-    const Vec3 shift = moved[g] - handles_[g];
-    right += H_.row(static_cast<Eigen::Index>(g)).transpose() * Eigen::RowVector3d(shift[0], shift[1], shift[2]);
+    right += H_.row(static_cast<Eigen::Index>(g)).transpose() * eigen(moved[g] - handles_[g]).transpose();
   }
   Coefficients turned(G_.rows(), 3);
   for (int i = 0; i < iterations_; ++i) {
@@ -357,6 +385,19 @@ std::vector<Vec3> ReducedArap::positions(std::span<const Vec3> moved) {
 }
 
 }  // namespace
+
+Result<std::vector<HandleGroup>> handle_groups_from_json(std::string_view text, const Surface& model) {
+  const json root = json::parse(text, nullptr, false);
+  if (!root.is_object() || !root.contains("handles") || !root["handles"].is_array())
+    return fail(ErrorCode::kCorrupt, "handles: this must be {\"handles\": [...]}");
+  std::vector<HandleGroup> groups;
+  for (const json& value : root["handles"]) {
+    auto group = group_from(value, model);
+    if (!group) return in_context("handle " + std::to_string(groups.size()), group.error());
+    groups.push_back(std::move(*group));
+  }
+  return groups;
+}
 
 Result<void> check_handles(const std::vector<HandleGroup>& groups, std::size_t vertices, std::size_t faces) {
   if (faces == 0)

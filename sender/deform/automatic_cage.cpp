@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include <algorithm>
 #include <array>
-#include <cassert>
 #include <cmath>
 #include <map>
 
@@ -17,6 +16,11 @@ constexpr int kSmoothingRounds = 12;
 constexpr int kMaxSplits = 24;
 
 using Cell = std::array<int, 3>;
+
+double longest_side(const Box& box) {
+  const Vec3 size = box.high - box.low;
+  return *std::max_element(size.begin(), size.end());
+}
 
 class Grid {
  public:
@@ -86,7 +90,7 @@ Cell moved(const Cell& cell, const Cell& by) {
 void mark_triangle(Grid& grid, const Vec3& a, const Vec3& b, const Vec3& c, double side, int splits) {
   const std::array<Vec3, 3> corners{a, b, c};
   const Box box = bounding_box(corners);
-  const double extent = std::max({box.high[0] - box.low[0], box.high[1] - box.low[1], box.high[2] - box.low[2]});
+  const double extent = longest_side(box);
   if (extent <= side / 2 || splits == 0) {
     grid.fill_box(grid.cell_of(box.low), grid.cell_of(box.high));
     return;
@@ -101,13 +105,6 @@ void mark_triangle(Grid& grid, const Vec3& a, const Vec3& b, const Vec3& c, doub
   const Vec3 middle = 0.5 * (p + q);
   mark_triangle(grid, p, middle, r, side, splits - 1);
   mark_triangle(grid, middle, q, r, side, splits - 1);
-}
-
-void mark_model(Grid& grid, const Surface& model, double side) {
-  for (const Vec3& p : model.positions) grid.fill(grid.cell_of(p));
-  for (const Face& f : model.faces) {
-    mark_triangle(grid, model.positions[f[0]], model.positions[f[1]], model.positions[f[2]], side, kMaxSplits);
-  }
 }
 
 Grid dilated(const Grid& grid) {
@@ -235,13 +232,15 @@ Result<Surface> cage_around(const Surface& model, int resolution) {
     return fail(ErrorCode::kInvalidArgument, "cage resolution " + std::to_string(resolution) + " is not 1 to 64");
   }
   const Box box = bounding_box(model.positions);
-  const double extent = std::max({box.high[0] - box.low[0], box.high[1] - box.low[1], box.high[2] - box.low[2]});
+  const double extent = longest_side(box);
   if (!(extent > 0) || !std::isfinite(extent)) {
     return fail(ErrorCode::kInvalidArgument, "the model has no extent, so that no cage fits around it");
   }
   const double side = extent / resolution;
   Grid touched(box, side);
-  mark_model(touched, model, side);
+  for (const Vec3& p : model.positions) touched.fill(touched.cell_of(p));
+  for (const Face& f : model.faces)
+    mark_triangle(touched, model.positions[f[0]], model.positions[f[1]], model.positions[f[2]], side, kMaxSplits);
   Grid grid = dilated(touched);
   do {
     fill_caves(grid);

@@ -7,7 +7,6 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <numeric>
-#include <optional>
 
 namespace eigencast::deform {
 namespace {

@@ -91,17 +91,10 @@ void Editor::remember(std::vector<Vec3> before) {
   redo_.clear();
 }
 
-bool Editor::undo() {
-  if (under_way_ || undo_.empty()) return false;
-  redo_.push_back(std::exchange(handles_, std::move(undo_.back())));
-  undo_.pop_back();
-  return true;
-}
-
-bool Editor::redo() {
-  if (under_way_ || redo_.empty()) return false;
-  undo_.push_back(std::exchange(handles_, std::move(redo_.back())));
-  redo_.pop_back();
+bool Editor::step(std::vector<std::vector<Vec3>>& from, std::vector<std::vector<Vec3>>& to) {
+  if (under_way_ || from.empty()) return false;
+  to.push_back(std::exchange(handles_, std::move(from.back())));
+  from.pop_back();
   return true;
 }
 

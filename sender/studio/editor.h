@@ -47,14 +47,15 @@ class Editor {
   void finish();
   void cancel();
 
-  bool undo();
-  bool redo();
+  bool undo() { return step(undo_, redo_); }
+  bool redo() { return step(redo_, undo_); }
   /// As one step.
   void reset();
 
  private:
   void transform(const std::function<Vec3(const Vec3&)>& by);
   void remember(std::vector<Vec3> before);
+  bool step(std::vector<std::vector<Vec3>>& from, std::vector<std::vector<Vec3>>& to);
 
   std::vector<Vec3> rest_, handles_, before_;
   std::vector<char> chosen_;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "sender/studio/hand.h"
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <glm/geometric.hpp>
@@ -247,23 +246,10 @@ void Hand::move(const glm::vec2& mouse) {
   const glm::vec2 step = mouse - mouse_;
   mouse_ = mouse;
   if (glm::length(mouse_ - pressed_) > kClickPx) moved_ = true;
-  switch (doing_) {
-    case Doing::kHandles:
-      if (moved_) editor_.move(shift_in_view(camera_, held_, pressed_, mouse_));
-      break;
-    case Doing::kKnob:
-      if (moved_) drag_knob(editor_, tool_, camera_, grabbed_, axis_, pressed_, mouse_);
-      break;
-    case Doing::kTurning:
-      camera_.rotate(step);
-      break;
-    case Doing::kPanning:
-      camera_.pan(step);
-      break;
-    case Doing::kChoosing:
-    case Doing::kNothing:
-      break;
-  }
+  if (doing_ == Doing::kHandles && moved_) editor_.move(shift_in_view(camera_, held_, pressed_, mouse_));
+  if (doing_ == Doing::kKnob && moved_) drag_knob(editor_, tool_, camera_, grabbed_, axis_, pressed_, mouse_);
+  if (doing_ == Doing::kTurning) camera_.rotate(step);
+  if (doing_ == Doing::kPanning) camera_.pan(step);
 }
 
 void Hand::release(MouseButton button) {
@@ -283,37 +269,28 @@ void Hand::wheel(float steps) {
 bool Hand::command(Command command) {
   if (command <= Command::kBend) {
     tool_ = static_cast<Tool>(command);
-    return true;
+  } else if (command == Command::kChooseAll) {
+    std::vector<std::uint32_t> all(editor_.handles().size());
+    std::iota(all.begin(), all.end(), 0U);
+    editor_.choose(all, false);
+  } else if (command == Command::kChooseNone && editor_.is_under_way()) {
+    editor_.cancel();
+    doing_ = Doing::kNothing;
+  } else if (command == Command::kChooseNone) {
+    editor_.choose_none();
+  } else if (command == Command::kUndo) {
+    editor_.undo();
+  } else if (command == Command::kRedo) {
+    editor_.redo();
+  } else if (command == Command::kReset) {
+    editor_.reset();
+    if (doing_ == Doing::kHandles || doing_ == Doing::kKnob) doing_ = Doing::kNothing;
+  } else if (command == Command::kHome) {
+    camera_.home();
+  } else {
+    return false;
   }
-  switch (command) {
-    case Command::kChooseAll: {
-      std::vector<std::uint32_t> all(editor_.handles().size());
-      std::iota(all.begin(), all.end(), 0U);
-      editor_.choose(all, false);
-      return true;
-    }
-    case Command::kChooseNone:
-      if (editor_.is_under_way())
-        editor_.cancel(), doing_ = Doing::kNothing;
-      else
-        editor_.choose_none();
-      return true;
-    case Command::kUndo:
-      editor_.undo();
-      return true;
-    case Command::kRedo:
-      editor_.redo();
-      return true;
-    case Command::kReset:
-      editor_.reset();
-      if (doing_ == Doing::kHandles || doing_ == Doing::kKnob) doing_ = Doing::kNothing;
-      return true;
-    case Command::kHome:
-      camera_.home();
-      return true;
-    default:
-      return false;
-  }
+  return true;
 }
 
 Markup Hand::markup(std::span<const Face> handle_faces) const {

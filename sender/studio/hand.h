@@ -109,7 +109,6 @@ class Hand {
   bool command(Command command);
 
   Tool tool() const { return tool_; }
-  const glm::vec2& mouse() const { return mouse_; }
   Markup markup(std::span<const Face> handle_faces) const;
 
  private:

@@ -37,16 +37,6 @@ LocalSurface::LocalSurface(const Asset& asset, const deform::LinearMap* map) : a
     geometry_.point_spacing = static_cast<float>(std::sqrt(asset.area / asset.vertex_count));
 }
 
-std::pair<glm::vec3, glm::vec3> LocalSurface::box() const {
-  glm::vec3 low, high;
-  for (int axis = 0; axis < 3; ++axis) {
-    const auto k = static_cast<std::size_t>(axis);
-    low[axis] = static_cast<float>(asset_->box_low[k]);
-    high[axis] = static_cast<float>(asset_->box_high[k]);
-  }
-  return {low, high};
-}
-
 void LocalSurface::set(std::span<const double> y, std::span<const double> C) {
   received_.rebuild(C, 3, asset_->rank, asset_->vertex_count, received_positions_);
   if (!full_positions_.empty()) {

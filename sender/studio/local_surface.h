@@ -1,9 +1,6 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <glm/vec3.hpp>
-#include <utility>
-
 #include "common/asset/asset.h"
 #include "common/reconstruction/reconstruct.h"
 #include "sender/deform/deformer.h"
@@ -24,8 +21,6 @@ class LocalSurface {
   /// From the next set() on.
   void show_received(bool received) { received_shown_ = received; }
   bool received_shown() const { return received_shown_ || full_.tiles().rank() == 0; }
-
-  std::pair<glm::vec3, glm::vec3> box() const;
   const SurfaceGeometry& geometry() const { return geometry_; }
   double rms() const { return rms_; }  ///< Vertex distances over the diagonal of the rest box.
   double max() const { return max_; }  ///< The largest, likewise.

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "sender/studio/painter.h"
 
-#include <algorithm>
 #include <exception>
 #include <glm/ext/matrix_transform.hpp>
 

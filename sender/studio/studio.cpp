@@ -135,11 +135,10 @@ Result<void> Studio::open(const LogSink& log) {
   painting.window = &window_;
   painting.scale = window_.content_scale();
   painting.log = log;
-  const auto [low, high] = local_.box();
   if (asset_.up_axis == Asset::UpAxis::kX) camera_.set_up(Camera::Up::kX);
   if (asset_.up_axis == Asset::UpAxis::kZ) camera_.set_up(Camera::Up::kZ);
   on_resize(window_.size_px().x, window_.size_px().y);
-  frame(camera_, low, high, editor_.rest());
+  frame(camera_, glm_from(asset_.box_low), glm_from(asset_.box_high), editor_.rest());
   painting.low = camera_.scene_low();
   painting.high = camera_.scene_high();
   if (!camera_.set_view(options_.view)) return fail(ErrorCode::kInvalidArgument, "no view is called " + options_.view);

@@ -8,6 +8,7 @@
 
 #include "common/core/files.h"
 #include "common/core/text.h"
+#include "common/surface/vector.h"
 
 namespace eigencast {
 namespace {
@@ -36,9 +37,7 @@ class ClipFrames {
     std::vector<Vec3> mixed = **a;
     const auto b = frame(second);
     if (!b) return b.error();
-    for (std::size_t i = 0; i < mixed.size(); ++i) {
-      for (std::size_t axis = 0; axis < 3; ++axis) mixed[i][axis] += u * ((**b)[i][axis] - mixed[i][axis]);
-    }
+    for (std::size_t i = 0; i < mixed.size(); ++i) mixed[i] = mixed[i] + u * ((**b)[i] - mixed[i]);
     return mixed;
   }
 

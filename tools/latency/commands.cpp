@@ -27,7 +27,6 @@
 #include "common/wire/control.h"
 #include "tools/latency/presenter.h"
 #include "tools/latency/report.h"
-#include "tools/latency/session.h"
 
 extern char** environ;
 
@@ -327,16 +326,10 @@ int probe(const Options& options, const std::string& version, const std::atomic<
 }  // namespace
 
 int run_command(const Options& options, const std::string& version, const std::atomic<bool>& stop) {
-  switch (options.command) {
-    case Options::Command::kMeasure:
-      return measure(options, version, stop);
-    case Options::Command::kProbe:
-      return probe(options, version, stop);
-    case Options::Command::kSweep:
-      return sweep(options, version, stop);
-    case Options::Command::kCompare:
-      break;
-  }
+  using Command = Options::Command;
+  if (options.command == Command::kMeasure) return measure(options, version, stop);
+  if (options.command == Command::kProbe) return probe(options, version, stop);
+  if (options.command == Command::kSweep) return sweep(options, version, stop);
   const auto compared = comparison(options.compare_a, options.compare_b);
   if (!compared) return complain(compared.error());
   std::fputs(compared->c_str(), stdout);

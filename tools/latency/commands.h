@@ -6,7 +6,7 @@
 #include <variant>
 #include <vector>
 
-#include "tools/latency/outcome.h"
+#include "tools/latency/session.h"
 
 namespace eigencast::latency {
 

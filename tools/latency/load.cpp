@@ -7,7 +7,6 @@
 #include <sys/epoll.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
-#include <time.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -18,8 +17,6 @@
 #include <thread>
 #include <vector>
 
-#include "common/net/url.h"
-#include "common/wire/control.h"
 #include "common/wire/envelope.h"
 #include "common/wire/limits.h"
 
@@ -52,12 +49,6 @@ struct Viewer {
   std::optional<std::uint64_t> newest;
   std::optional<control::Ack::Item> ack;
 };
-
-double thread_seconds() {
-  timespec t{};
-  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + static_cast<double>(t.tv_nsec) * 1e-9;
-}
 
 Result<void> allow_files(std::uint64_t count) {
   rlimit limit{};
@@ -124,7 +115,7 @@ class LightViewers final : public Load {
   void run() {
     epoll_event events[256];
     TimeUs next_tick_us = steady_now_us() + kTickUs;
-    double cpu_start = thread_seconds();
+    double cpu_start = seconds_of(CLOCK_THREAD_CPUTIME_ID);
     TimeUs start_us = steady_now_us();
     while (!stopping_) {
       connect_some();
@@ -139,12 +130,12 @@ class LightViewers final : public Load {
       if (begin_.exchange(false)) {
         figures_ = {};
         counting_ = true;
-        cpu_start = thread_seconds();
+        cpu_start = seconds_of(CLOCK_THREAD_CPUTIME_ID);
         start_us = now;
       }
     }
     const double seconds = static_cast<double>(steady_now_us() - start_us) / 1e6;
-    figures_.cpu_share = seconds > 0 ? (thread_seconds() - cpu_start) / seconds : 0;
+    figures_.cpu_share = seconds > 0 ? (seconds_of(CLOCK_THREAD_CPUTIME_ID) - cpu_start) / seconds : 0;
   }
 
   void connect_some() {
@@ -296,6 +287,12 @@ class LightViewers final : public Load {
 };
 
 }  // namespace
+
+double seconds_of(clockid_t clock) {
+  timespec t{};
+  clock_gettime(clock, &t);
+  return static_cast<double>(t.tv_sec) + static_cast<double>(t.tv_nsec) * 1e-9;
+}
 
 Result<BrokerUrl> Load::check_url(const std::string& text) {
   auto url = parse_broker_url(text);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <time.h>
+
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -12,6 +14,9 @@
 #include "tools/latency/hdr_histogram.h"
 
 namespace eigencast::latency {
+
+/// What a clock of clock_gettime() shows.
+double seconds_of(clockid_t clock);
 
 /// Many light viewers on one thread: each checks that every key follows the one before it and acknowledges; none
 /// rebuilds a surface. Measures its own cost, to say when it, and not the broker, was what limited.

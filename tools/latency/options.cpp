@@ -42,18 +42,7 @@ std::string indented(std::string_view lines) {
   return text + "\n";
 }
 
-CLI::Range rates() {
-  return {0.5, 1000.0};
-}
-CLI::Range clients() {
-  return {1, 100000};
-}
-CLI::Range interpolations() {
-  return {1, 15};
-}
-CLI::Range ranks() {
-  return {4, 1000};
-}
+const CLI::Range kRates(0.5, 1000.0), kClients(1, 100000), kInterpolations(1, 15), kRanks(4, 1000);
 
 void add_access(CLI::App& command, Inputs& in) {
   add_credential_options(command, in.credentials)->envname("EIGENCAST_TOKEN");
@@ -88,10 +77,10 @@ void add_span(CLI::App& command, Inputs& in) {
 }
 
 void add_sender(CLI::App& command, Inputs& in) {
-  command.add_option("--rate", in.rate_hz, "keys a second")->check(rates())->capture_default_str();
+  command.add_option("--rate", in.rate_hz, "keys a second")->check(kRates)->capture_default_str();
   command.add_option("--source", in.source, "built-in shape: heart, torus, sphere, bar, heart:fine")
       ->capture_default_str();
-  command.add_option("--rank", in.rank, "coefficients per axis")->check(ranks())->capture_default_str();
+  command.add_option("--rank", in.rank, "coefficients per axis")->check(kRanks)->capture_default_str();
   command.add_option("--codec", in.codec, "how coefficients are coded")
       ->check(CLI::IsMember({"quantised", "float32", "float64"}))
       ->capture_default_str();
@@ -102,7 +91,7 @@ void add_viewer(CLI::App& command, Options& o) {
   add_access(command, in);
   add_span(command, in);
   command.add_option("--interp", in.interpolation, "poses per key: 1 (raw) to 15")
-      ->check(interpolations())
+      ->check(kInterpolations)
       ->capture_default_str();
   command.add_option("--form", in.form, "full: the broker interpolates; compact: the viewer does")
       ->check(CLI::IsMember({"full", "compact"}))
@@ -147,7 +136,7 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
   loop->add_option("url", o.inputs.url, "ws://host:port/stream, or wss:// (default: a broker of its own)");
   loop->add_option("--viewer-url", o.inputs.viewer_url, "viewers go here instead, for example through a relay");
   loop->add_option("--clients", o.inputs.clients, "viewers; all but one are light")
-      ->check(clients())
+      ->check(kClients)
       ->capture_default_str();
   add_sender(*loop, o.inputs);
   add_viewer(*loop, o);
@@ -173,10 +162,10 @@ std::variant<Options, ExitNow> options_from_command_line(int argc, const char* c
 
   CLI::App* sweep = app.add_subcommand("sweep", "loop for every combination of the lists");
   sweep->add_option("url", o.inputs.url, "ws://host:port/stream, or wss:// (default: a broker of its own)");
-  sweep->add_option("--rates", o.rates, "keys a second")->check(rates())->delimiter(',');
-  sweep->add_option("--clients", o.clients, "viewers")->check(clients())->delimiter(',');
-  sweep->add_option("--interps", o.interpolations, "poses per key")->check(interpolations())->delimiter(',');
-  sweep->add_option("--ranks", o.ranks, "coefficients per axis")->check(ranks())->delimiter(',');
+  sweep->add_option("--rates", o.rates, "keys a second")->check(kRates)->delimiter(',');
+  sweep->add_option("--clients", o.clients, "viewers")->check(kClients)->delimiter(',');
+  sweep->add_option("--interps", o.interpolations, "poses per key")->check(kInterpolations)->delimiter(',');
+  sweep->add_option("--ranks", o.ranks, "coefficients per axis")->check(kRanks)->delimiter(',');
   add_access(*sweep, o.inputs);
   add_span(*sweep, o.inputs);
   sweep->add_option("--source", o.inputs.source, "built-in shape")->capture_default_str();

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "common/core/result.h"
-#include "tools/latency/outcome.h"
+#include "tools/latency/session.h"
 
 namespace eigencast::latency {
 

@@ -4,22 +4,16 @@
 #include <time.h>
 
 #include <algorithm>
-#include <atomic>
 #include <cerrno>
 #include <cstdlib>
 #include <memory>
 #include <thread>
-#include <vector>
 
-#include "common/core/log.h"
 #include "common/core/clock.h"
 #include "common/surface/shapes/shapes.h"
 #include "sdk/asset_cache.h"
 #include "sdk/bake.h"
 #include "sdk/publisher.h"
-#include "tools/latency/hdr_histogram.h"
-#include "tools/latency/load.h"
-#include "tools/latency/outcome.h"
 #include "tools/latency/watching.h"
 
 namespace eigencast::latency {
@@ -151,16 +145,9 @@ class Sending {
   std::thread thread_;
 };
 
-double process_seconds() {
-  timespec t{};
-  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-  return static_cast<double>(t.tv_sec) + static_cast<double>(t.tv_nsec) * 1e-9;
-}
-
 void sum_up(Outcome& outcome) {
   for (const StagedPose& pose : outcome.samples) {
-    const TimeUs held_us = pose.stages[static_cast<std::size_t>(Stage::kHold)].us +
-                           pose.stages[static_cast<std::size_t>(Stage::kMargin)].us;
+    const TimeUs held_us = pose.at(Stage::kHold).us + pose.at(Stage::kMargin).us;
     if (held_us > 0) outcome.held_us.add(held_us);
     const bool key = pose.is_key() || pose.envelope.step.at == pose.envelope.step.of;
     auto& stages = key ? outcome.key_stages : outcome.synthetic_stages;
@@ -174,7 +161,7 @@ void sum_up(Outcome& outcome) {
       (key ? outcome.keys : outcome.synthetic).add(pose.total.us);
       if (static_cast<double>(pose.total.us) > outcome.inputs.late_ms * 1000) ++outcome.counts.late;
     }
-    if (key) outcome.keys_uncorrected.add(pose.total.us - pose.stages[static_cast<std::size_t>(Stage::kSchedule)].us);
+    if (key) outcome.keys_uncorrected.add(pose.total.us - pose.at(Stage::kSchedule).us);
     const TimeUs unexplained_us = std::abs(pose.unexplained_us());
     ++outcome.sums_checked;
     if (!pose.is_possible()) ++outcome.impossible;
@@ -205,9 +192,9 @@ Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop,
     if (const auto good = store(watching, Watching::create(inputs, inputs.mode == "loop", log)); !good)
       return good.error();
     while (!watching->has_surface() && !stop) {
-      if (watching->refused()) return fail(ErrorCode::kRefused, watching->detail());
-      if (steady_now_us() > patience_us)
-        return fail(ErrorCode::kTimeout, "no pose came within 20 s: " + watching->detail());
+      const auto [state, detail] = watching->connection();
+      if (state == Subscriber::State::kRefused) return fail(ErrorCode::kRefused, detail);
+      if (steady_now_us() > patience_us) return fail(ErrorCode::kTimeout, "no pose came within 20 s: " + detail);
       std::this_thread::sleep_for(milliseconds(5));
     }
     // A slow link may still be bringing the surface: what is measured is the whole of it, where that comes in time.
@@ -227,19 +214,19 @@ Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop,
   };
   sleep(steady_now_us() + static_cast<TimeUs>(inputs.warmup_s * 1e6), 0);
   const TimeUs begin_us = steady_now_us();
-  timespec wall{};
-  clock_gettime(CLOCK_REALTIME, &wall);
-  const double cpu_start = process_seconds();
+  const double start_unix_s = seconds_of(CLOCK_REALTIME);
+  const double cpu_start = seconds_of(CLOCK_PROCESS_CPUTIME_ID);
   if (sending) sending->begin(begin_us);
   if (load) load->begin();
   // Of a sender elsewhere the clock is not known: all that comes from now on counts.
   if (watching) watching->begin(inputs.mode == "loop" ? begin_us : 1);
   sleep(begin_us + static_cast<TimeUs>(inputs.duration_s * 1e6), begin_us);
   const TimeUs end_us = steady_now_us();
-  const double cpu = (process_seconds() - cpu_start) / (static_cast<double>(end_us - begin_us) / 1e6);
+  const double cpu =
+      (seconds_of(CLOCK_PROCESS_CPUTIME_ID) - cpu_start) / (static_cast<double>(end_us - begin_us) / 1e6);
   if (sending) sending->end(end_us);
   if (watching && inputs.mode == "loop") watching->end(end_us);
-  const std::string trouble = watching ? watching->trouble() : std::string();
+  const auto connection = watching ? watching->connection() : Watching::Connection{Subscriber::State::kLive, {}};
   std::optional<Load::Figures> load_figures;
   if (load) load_figures = load->finish();
   if (sending) {
@@ -252,7 +239,7 @@ Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop,
   Outcome outcome;
   if (watching) watching->report_to(outcome);
   outcome.inputs = inputs;
-  outcome.trouble = trouble;
+  if (connection.state != Subscriber::State::kLive) outcome.trouble = connection.detail;
   if (sends) {
     outcome.rank = inputs.rank;
     outcome.key_rate_hz = inputs.rate_hz;
@@ -261,7 +248,7 @@ Result<Outcome> run_session(const Inputs& inputs, const std::atomic<bool>& stop,
   outcome.one_machine = outcome.one_clock && on_this_machine(inputs.url);
   outcome.load = std::move(load_figures);
   outcome.cpu_share = cpu;
-  outcome.start_unix_s = static_cast<double>(wall.tv_sec) + static_cast<double>(wall.tv_nsec) * 1e-9;
+  outcome.start_unix_s = start_unix_s;
   if (outcome.seconds == 0) outcome.seconds = static_cast<double>(end_us - begin_us) / 1e6;
   if (sending) {
     outcome.counts.keys_sent = sending->sent();

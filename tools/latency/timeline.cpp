@@ -2,7 +2,8 @@
 #include "tools/latency/timeline.h"
 
 #include <algorithm>
-#include <utility>
+
+#include "common/core/text.h"
 
 namespace eigencast::latency {
 namespace {
@@ -10,33 +11,20 @@ namespace {
 constexpr std::size_t kMaxKeys = 256;
 constexpr std::size_t kMaxSteps = 16;
 
-struct Names {
-  std::string_view name, title;
-};
-constexpr std::array<Names, kStages> kNames{{{"schedule", "schedule"},
-                                             {"transform", "transform"},
-                                             {"encode", "encode"},
-                                             {"to_broker", "to broker"},
-                                             {"interpolation_hold", "interpolation hold"},
-                                             {"jitter_margin", "jitter margin"},
-                                             {"in_broker", "in broker"},
-                                             {"to_client", "to client"},
-                                             {"decode", "decode"},
-                                             {"hand_over", "hand over"},
-                                             {"reconstruct", "reconstruct"},
-                                             {"present", "present"}}};
-
-Span& at(std::array<Span, kStages>& stages, Stage stage) {
-  return stages[static_cast<std::size_t>(stage)];
-}
+constexpr EnumNames<Stage, kStages> kNames{{"schedule", "transform", "encode", "to_broker", "interpolation_hold",
+                                            "jitter_margin", "in_broker", "to_client", "decode", "hand_over",
+                                            "reconstruct", "present"}};
 
 }  // namespace
 
 std::string_view name_of(Stage stage) {
-  return kNames[static_cast<std::size_t>(stage)].name;
+  return kNames[stage];
 }
-std::string_view title_of(Stage stage) {
-  return kNames[static_cast<std::size_t>(stage)].title;
+
+std::string title_of(Stage stage) {
+  std::string title(name_of(stage));
+  std::replace(title.begin(), title.end(), '_', ' ');
+  return title;
 }
 
 TimeUs StagedPose::unexplained_us() const {
@@ -123,23 +111,22 @@ StagedPose Timeline::staged(const Received& r, const Key& key, const Broker& bro
   StagedPose pose;
   pose.envelope = r.envelope;
   const TimeUs ready_us = std::max(broker.arrived_us, broker.due_us.value_or(broker.arrived_us));
-  auto& s = pose.stages;
-  at(s, Stage::kSchedule) = {sender.begun_us - *key.capture_us, 0};
-  at(s, Stage::kTransform) = {sender.transformed_us - sender.begun_us, 0};
-  at(s, Stage::kEncode) = {sender.sent_us - sender.transformed_us, 0};
-  at(s, Stage::kToBroker) = {broker.arrived_us - up.offset_us - sender.sent_us, up.error_us};
+  pose.at(Stage::kSchedule) = {sender.begun_us - *key.capture_us, 0};
+  pose.at(Stage::kTransform) = {sender.transformed_us - sender.begun_us, 0};
+  pose.at(Stage::kEncode) = {sender.sent_us - sender.transformed_us, 0};
+  pose.at(Stage::kToBroker) = {broker.arrived_us - up.offset_us - sender.sent_us, up.error_us};
   // A pose between two keys waits for the later one to be made, then for its turn. All poses of an interval are made to
   // wait as long as its first one must; what is beyond that is margin.
   const TimeUs held_us = *key.capture_us - r.envelope.capture_us + ready_us - broker.arrived_us;
   const TimeUs hold_us = broker.due_us ? least_hold_us(r.envelope.sequence, key).value_or(held_us) : held_us;
-  at(s, Stage::kHold) = {hold_us, 0};
-  at(s, Stage::kMargin) = {held_us - hold_us, 0};
-  at(s, Stage::kInBroker) = {broker.left_us - ready_us, 0};
-  at(s, Stage::kToClient) = {r.read_us + down.offset_us - broker.left_us, down.error_us};
-  at(s, Stage::kDecode) = {r.decoded_us - r.read_us, 0};
-  at(s, Stage::kHandOver) = {r.taken_us - r.decoded_us, 0};
-  at(s, Stage::kReconstruct) = {r.rebuilt_us - r.taken_us, 0};
-  at(s, Stage::kPresent) = {r.presented_us - r.rebuilt_us, 0};
+  pose.at(Stage::kHold) = {hold_us, 0};
+  pose.at(Stage::kMargin) = {held_us - hold_us, 0};
+  pose.at(Stage::kInBroker) = {broker.left_us - ready_us, 0};
+  pose.at(Stage::kToClient) = {r.read_us + down.offset_us - broker.left_us, down.error_us};
+  pose.at(Stage::kDecode) = {r.decoded_us - r.read_us, 0};
+  pose.at(Stage::kHandOver) = {r.taken_us - r.decoded_us, 0};
+  pose.at(Stage::kReconstruct) = {r.rebuilt_us - r.taken_us, 0};
+  pose.at(Stage::kPresent) = {r.presented_us - r.rebuilt_us, 0};
   const TimeUs apart_us = clocks_.one_clock ? 0 : down.offset_us - up.offset_us;
   pose.total = {r.presented_us + apart_us - r.envelope.capture_us, clocks_.one_clock ? 0 : up.error_us + down.error_us};
   return pose;

@@ -5,8 +5,8 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <string>
 #include <string_view>
-#include <utility>
 #include <vector>
 
 #include "common/core/clock.h"
@@ -34,7 +34,7 @@ inline constexpr std::size_t kStages = 12;
 /// As in reports: "to_broker".
 std::string_view name_of(Stage stage);
 /// For people: "to broker".
-std::string_view title_of(Stage stage);
+std::string title_of(Stage stage);
 
 /// Its ends may be stamped by different clocks.
 struct Span {
@@ -46,6 +46,8 @@ struct StagedPose {
   Envelope envelope;
   std::array<Span, kStages> stages{};
   Span total;  ///< Intended time to rebuilt surface, or to its picture where one is made; measured, not summed.
+  Span& at(Stage stage) { return stages[static_cast<std::size_t>(stage)]; }
+  const Span& at(Stage stage) const { return stages[static_cast<std::size_t>(stage)]; }
   bool is_key() const { return envelope.kind == FrameKind::kKey || envelope.kind == FrameKind::kJoin; }
   TimeUs unexplained_us() const;
   /// False if a stage took less than no time, beyond the clocks' error: a stamp is wrong then.

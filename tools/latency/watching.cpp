@@ -50,19 +50,9 @@ void Watching::stop() {
   if (thread_.joinable()) thread_.join();
 }
 
-bool Watching::refused() const {
+Watching::Connection Watching::connection() const {
   const std::lock_guard lock(mutex_);
-  return state_ == Subscriber::State::kRefused;
-}
-
-std::string Watching::detail() const {
-  const std::lock_guard lock(mutex_);
-  return detail_;
-}
-
-std::string Watching::trouble() const {
-  const std::lock_guard lock(mutex_);
-  return state_ == Subscriber::State::kLive ? std::string() : detail_;
+  return connection_;
 }
 
 Progress Watching::progress() const {
@@ -97,8 +87,7 @@ void Watching::run() {
     if (stats.clock_offset_us)
       outcome_.viewer_clock.add({steady_now_us() - start_us_, *stats.clock_offset_us, *stats.clock_error_us});
     const std::lock_guard lock(mutex_);
-    detail_ = stats.detail;
-    state_ = stats.state;
+    connection_ = {stats.state, stats.detail};
     if (stats.rtt_us) outcome_.round_trip_us = stats.rtt_us;
   }
   presenter_.reset();
@@ -125,19 +114,16 @@ void Watching::take(const ReceivedPose& pose, TimeUs taken_us) {
   const Subscriber::Stats stats = subscriber_->stats();  // After the last stamp: it takes its time, too.
   if (counted_from_us_ == 0) {
     counted_from_us_ = shown_us;
-    bytes_at_begin_ = stats.bytes;
-    skipped_at_begin_ = stats.skipped;
-    missed_at_begin_ = stats.missed;
-    reconnects_at_begin_ = stats.reconnects;
+    at_begin_ = stats;
   }
   outcome_.vertices_rebuilt = level;
   outcome_.seconds = static_cast<double>(shown_us - counted_from_us_) / 1e6;
   outcome_.kbit_per_s =
-      outcome_.seconds > 0 ? static_cast<double>(stats.bytes - bytes_at_begin_) * 8e-3 / outcome_.seconds : 0;
-  outcome_.reconnects = stats.reconnects - reconnects_at_begin_;
-  outcome_.counts.superseded = stats.skipped - skipped_at_begin_;
+      outcome_.seconds > 0 ? static_cast<double>(stats.bytes - at_begin_.bytes) * 8e-3 / outcome_.seconds : 0;
+  outcome_.reconnects = stats.reconnects - at_begin_.reconnects;
+  outcome_.counts.superseded = stats.skipped - at_begin_.skipped;
   if (!one_clock_) {  // Of a sender elsewhere only the gaps in its keys' numbers are known.
-    const std::uint64_t missed = stats.missed - missed_at_begin_;
+    const std::uint64_t missed = stats.missed - at_begin_.missed;
     outcome_.counts.keys_lost = missed - std::min(missed, outcome_.counts.superseded);
   }
   count(pose, shown_us);

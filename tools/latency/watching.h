@@ -13,7 +13,6 @@
 #include "common/core/log.h"
 #include "common/reconstruction/reconstruct.h"
 #include "sdk/subscriber.h"
-#include "tools/latency/outcome.h"
 #include "tools/latency/over_time.h"
 #include "tools/latency/presenter.h"
 #include "tools/latency/session.h"
@@ -35,11 +34,11 @@ class Watching {
   void end(TimeUs until_us) { until_us_ = until_us; }
   bool has_surface() const { return first_surface_us_ != 0; }
   bool has_whole_surface() const { return whole_asset_us_ != 0; }
-  bool refused() const;
-  /// For people.
-  std::string detail() const;
-  /// Empty: it is live.
-  std::string trouble() const;
+  struct Connection {
+    Subscriber::State state = Subscriber::State::kConnecting;
+    std::string detail;  ///< For people.
+  };
+  Connection connection() const;
   Progress progress() const;
   /// After stop().
   void report_to(Outcome& outcome);
@@ -65,15 +64,14 @@ class Watching {
   Timeline timeline_;
   std::set<std::pair<std::uint64_t, std::uint8_t>> seen_;  ///< Of the newest keys.
   TimeUs newest_capture_us_ = 0;
-  std::uint64_t bytes_at_begin_ = 0, skipped_at_begin_ = 0, missed_at_begin_ = 0, reconnects_at_begin_ = 0;
+  Subscriber::Stats at_begin_;
   TimeUs counted_from_us_ = 0;
   std::atomic<bool> stopping_{false};
   std::atomic<TimeUs> from_us_{0}, until_us_{0}, first_surface_us_{0}, whole_asset_us_{0};
   TimeUs first_picture_us_ = 0;
   mutable std::mutex mutex_;
-  std::string detail_;                                        ///< GUARDED_BY(mutex_)
-  Subscriber::State state_ = Subscriber::State::kConnecting;  ///< GUARDED_BY(mutex_)
-  Outcome outcome_;                                           ///< GUARDED_BY(mutex_) for what progress() reads.
+  Connection connection_;  ///< GUARDED_BY(mutex_)
+  Outcome outcome_;        ///< GUARDED_BY(mutex_) for what progress() reads.
   std::thread thread_;
 };
 

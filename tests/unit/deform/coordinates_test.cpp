@@ -1,5 +1,4 @@
 // SPDX-License-Identifier: MIT
-#include "sender/deform/coordinates.h"
 
 #include <gtest/gtest.h>
 

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "sender/schedule.h"
+#include "sender/pose_stream.h"
 
 #include <gtest/gtest.h>
 
