@@ -5,7 +5,7 @@
 #include <optional>
 
 #include "common/codec/chain.h"
-#include "common/codec/schemes.h"
+#include "common/codec/key.h"
 #include "common/wire/control.h"
 #include "common/wire/envelope.h"
 

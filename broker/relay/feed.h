@@ -10,7 +10,7 @@
 
 #include "broker/relay/frame.h"
 #include "common/codec/chain.h"
-#include "common/codec/schemes.h"
+#include "common/codec/key.h"
 #include "common/core/result.h"
 #include "common/motion/forecaster.h"
 #include "common/motion/pacer.h"

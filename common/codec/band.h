@@ -25,7 +25,7 @@ struct Spacing {
 };
 
 inline constexpr std::uint8_t kMaxHalfSpacing = 63;
-/// Precedes an exact run where runs may be coarse; no coarse run begins with it.
+/// Precedes an exact run where runs may be coarse.
 inline constexpr std::uint8_t kExactFollows = 0xff;
 
 /// Appends an exact run: the differences from c1, or the values themselves if c1 is empty.
@@ -39,7 +39,6 @@ void append_exact(std::span<const std::int32_t> values, std::span<const std::int
 bool append_coarse(std::span<const std::int32_t> values, const References& from, const Spacing& spacing, Bytes& out,
                    std::span<std::int32_t> decoded);
 
-/// Memory that append_quick reuses.
 struct QuickWorkspace {
   std::vector<std::uint32_t> speeds;
   std::vector<std::int32_t> residuals;
@@ -56,7 +55,7 @@ bool append_quick(std::span<const std::int32_t> values, std::span<const std::int
 /// Errors: kCorrupt (a missing reference, missing or extra bytes, a value out of range).
 Result<std::size_t> read(ByteView in, const References& from, const Spacing& spacing, std::span<std::int32_t> values);
 
-/// The two kinds, as read() selects them: all runs are exact where the spacing is 0.
+/// As read() selects them: all runs are exact where the spacing is 0.
 Result<std::size_t> read_exact(ByteView in, std::span<const std::int32_t> c1, std::span<std::int32_t> values);
 Result<std::size_t> read_coarse(ByteView in, const References& from, const Spacing& spacing,
                                 std::span<std::int32_t> values);

@@ -1,17 +1,4 @@
 // SPDX-License-Identifier: MIT
-//
-// Payloads (docs/protocol.md, "Payload"); varints are LEB128, all else is little-endian:
-//
-//   key, synthetic   codec u8 (bits 0, 1: codec; bits 2 to 7: m) | step u8, unless the codec is 3: quantised, at the
-//                    step of the newer key of the receiver's state | section of each band, lowest first
-//   join             codec u8 (m = 0) | step u8 | older_step u8 | older_bands u8 | age_us varint | section of each band
-//   section          length varint | `length` bytes of run(s): one; in a join, for a band of older_bands, two:
-//                    older, then newer
-//   run, quantised   exact_run.cpp, coarse_run.cpp
-//   run, float       the band's values, row by row, as float32 or float64
-//
-// A key is predicted from the receiver's two latest keys. In a join all runs are exact, the older key's from nothing
-// and the newer's from the older. Steps and m are 0 with float codecs.
 #include "common/codec/chain.h"
 
 #include <algorithm>
@@ -21,7 +8,6 @@
 
 #include "common/codec/band.h"
 #include "common/codec/fixed.h"
-#include "common/codec/key_parts.h"
 
 namespace eigencast {
 namespace {
@@ -34,17 +20,17 @@ Error codec_misuse(std::string what) {
 }
 
 bool fits(const CoefficientLayout& layout, const Key& key) {
-  const std::size_t size = is_float(layout) ? key.f.size() : key.q.size();
-  return layout.all_bands().includes(key.bands) && size == layout.size() && (!is_float(layout) || key.step == 0);
+  const std::size_t size = layout.is_float() ? key.f.size() : key.q.size();
+  return layout.all_bands().includes(key.bands) && size == layout.size() && (!layout.is_float() || key.step == 0);
 }
 
 bool all_in_range(std::span<const std::int32_t> values) {
-  bool all = true;  // no early return, so that the loop vectorises
+  bool all = true;  // No early return, so that the loop vectorises.
   for (const std::int32_t q : values) all &= (q >= -fixed::kMaxValue) & (q <= fixed::kMaxValue);
   return all;
 }
 
-/// Reused memory for values rescaled to the frame's step.
+/// Of values at the frame's step: memory to reuse.
 struct RescaledValues {
   std::vector<std::int32_t> c1, c2;
 };
@@ -75,7 +61,6 @@ band::References references(const CoefficientLayout& layout, const ChainState& s
   return out;
 }
 
-/// Reused memory for coding poses.
 struct PoseWorkspace {
   Bytes run;
   band::QuickWorkspace quick;
@@ -103,7 +88,7 @@ Result<void> append_floats(const CoefficientLayout& layout, std::size_t band, co
 /// Appends the run of a band of `key` and sets `key` to the decoded values.
 Result<void> append_run(const CoefficientLayout& layout, std::size_t band, const band::References& from,
                         std::uint8_t half_spacing, Key& key, Bytes& out) {
-  if (is_float(layout)) return append_floats(layout, band, key, out);
+  if (layout.is_float()) return append_floats(layout, band, key, out);
   const auto [first, last] = layout.range(band);
   const std::span<std::int32_t> values = std::span(key.q).subspan(first, last - first);
   if (!all_in_range(values)) {
@@ -124,7 +109,7 @@ Result<void> append_run(const CoefficientLayout& layout, std::size_t band, const
 /// Appends the run of a band of a pose at the state's own step; false: use append_run.
 bool append_quick_run(const CoefficientLayout& layout, std::size_t band, const ChainState& state, const Key& pose,
                       std::uint8_t half_spacing, band::QuickWorkspace& workspace, Bytes& out) {
-  if (half_spacing == 0 || is_float(layout) || pose.step != state.newer.step) return false;
+  if (half_spacing == 0 || layout.is_float() || pose.step != state.newer.step) return false;
   if (!state.newer.bands.has(band) || !fits(layout, state.newer)) return false;
   const Key& older = state.older;
   const bool moves = older.bands.has(band) && fits(layout, older) && older.step == pose.step;
@@ -137,11 +122,11 @@ bool append_quick_run(const CoefficientLayout& layout, std::size_t band, const C
                             {half_spacing, layout.channels}, workspace, out);
 }
 
-/// Reads one run into `key` and returns the bytes it took.
+/// Reads the run at the front of `in` into `key` and returns the bytes it took.
 Result<std::size_t> read_run(const CoefficientLayout& layout, std::size_t band, const band::References& from,
                              std::uint8_t half_spacing, ByteView in, Key& key) {
   const auto [first, last] = layout.range(band);
-  if (!is_float(layout))
+  if (!layout.is_float())
     return band::read(in, from, {half_spacing, layout.channels}, std::span(key.q).subspan(first, last - first));
   ByteReader reader(in);
   for (std::size_t i = first; i < last; ++i) {
@@ -150,6 +135,15 @@ Result<std::size_t> read_run(const CoefficientLayout& layout, std::size_t band, 
   }
   if (reader.failed()) return fail(ErrorCode::kCorrupt, "its values end early");
   return reader.position();
+}
+
+/// Reads a run that takes all of `in`.
+Result<void> read_last_run(const CoefficientLayout& layout, std::size_t band, const band::References& from,
+                           std::uint8_t half_spacing, ByteView in, Key& key) {
+  const auto taken = read_run(layout, band, from, half_spacing, in, key);
+  if (!taken) return taken.error();
+  if (*taken != in.size()) return fail(ErrorCode::kCorrupt, "bytes are left over");
+  return {};
 }
 
 constexpr unsigned kSameStep = 3;  ///< Codec number of quantised payloads at the step of the newer key.
@@ -178,11 +172,10 @@ Result<void> check_coded(const CoefficientLayout& layout, const Key& key, std::u
   return {};
 }
 
-/// Appends the head of a key or synthetic pose.
 void append_key_head(const CoefficientLayout& layout, const ChainState& state, const Key& key,
                      std::uint8_t half_spacing, ByteWriter& writer) {
-  const std::uint8_t m = is_float(layout) ? std::uint8_t{0} : half_spacing;
-  const bool same_step = !is_float(layout) && key.step == state.newer.step;
+  const std::uint8_t m = layout.is_float() ? std::uint8_t{0} : half_spacing;
+  const bool same_step = !layout.is_float() && key.step == state.newer.step;
   append_head(layout, false, {m, same_step ? std::nullopt : std::optional(key.step), 0, 0, 0}, writer);
 }
 
@@ -193,7 +186,7 @@ Result<Head> read_head(const CoefficientLayout& layout, bool join, BandMask band
   const std::uint8_t first = reader.u8();
   const unsigned codec = first & 3u;
   head.half_spacing = first >> 2;
-  const bool same_step = codec == kSameStep && !join && !is_float(layout);
+  const bool same_step = codec == kSameStep && !join && !layout.is_float();
   if (!same_step) head.step = reader.u8();
   if (join) {
     head.older_step = reader.u8();
@@ -208,9 +201,9 @@ Result<Head> read_head(const CoefficientLayout& layout, bool join, BandMask band
     return corrupt_payload("codec " + std::to_string(codec) + " where the stream has " +
                            std::string(name_of(layout.codec)));
   }
-  if (is_float(layout) && (*head.step != 0 || head.older_step != 0))
+  if (layout.is_float() && (*head.step != 0 || head.older_step != 0))
     return corrupt_payload("a float codec has no step");
-  if (head.half_spacing != 0 && (join || is_float(layout)))
+  if (head.half_spacing != 0 && (join || layout.is_float()))
     return corrupt_payload("it is exact and cannot have a spacing");
   if (!bands.includes(head.older_bands)) return corrupt_payload("the older key has bands that the newer lacks");
   return head;
@@ -231,6 +224,20 @@ Result<void> each_section(const CoefficientLayout& layout, BandMask bands, ByteR
   return {};
 }
 
+/// Appends the section of each band, whose runs append(band, run) appends to the empty `run`.
+template <typename Append>
+Result<void> append_sections(const CoefficientLayout& layout, BandMask bands, Bytes& run, ByteWriter& writer,
+                             const Append& append) {
+  for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
+    if (!bands.has(band)) continue;
+    run.clear();
+    if (auto appended = append(band, run); !appended) return appended;
+    writer.varint(run.size());
+    writer.bytes(run);
+  }
+  return {};
+}
+
 }  // namespace
 
 ChainState advanced(std::optional<ChainState> state, Key key, TimeUs age_us) {
@@ -244,17 +251,13 @@ Result<CodedKey> encode_key(const CoefficientLayout& layout, const ChainState& s
   CodedKey out{{}, key};
   ByteWriter writer(out.payload);
   append_key_head(layout, state, key, half_spacing, writer);
-  Bytes run;
-  RescaledValues memory;
-  for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
-    if (!key.bands.has(band)) continue;
-    run.clear();
-    const auto appended =
-        append_run(layout, band, references(layout, state, band, key.step, memory), half_spacing, out.key, run);
-    if (!appended) return appended.error();
-    writer.varint(run.size());
-    writer.bytes(run);
-  }
+  Bytes memory;
+  RescaledValues rescaled;
+  const auto appended = append_sections(layout, key.bands, memory, writer, [&](std::size_t band, Bytes& run) {
+    const auto from = references(layout, state, band, key.step, rescaled);
+    return append_run(layout, band, from, half_spacing, out.key, run);
+  });
+  if (!appended) return appended.error();
   return out;
 }
 
@@ -266,17 +269,12 @@ Result<Bytes> encode_pose(const CoefficientLayout& layout, const ChainState& sta
   ByteWriter writer(payload);
   append_key_head(layout, state, pose, half_spacing, writer);
   thread_local PoseWorkspace memory;
-  for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
-    if (!pose.bands.has(band)) continue;
-    memory.run.clear();
-    if (!append_quick_run(layout, band, state, pose, half_spacing, memory.quick, memory.run)) {
-      const auto from = references(layout, state, band, pose.step, memory.rescaled);
-      const auto appended = append_run(layout, band, from, half_spacing, pose, memory.run);
-      if (!appended) return appended.error();
-    }
-    writer.varint(memory.run.size());
-    writer.bytes(memory.run);
-  }
+  const auto appended = append_sections(layout, pose.bands, memory.run, writer, [&](std::size_t band, Bytes& run) {
+    if (append_quick_run(layout, band, state, pose, half_spacing, memory.quick, run)) return Result<void>();
+    const auto from = references(layout, state, band, pose.step, memory.rescaled);
+    return append_run(layout, band, from, half_spacing, pose, run);
+  });
+  if (!appended) return appended.error();
   return payload;
 }
 
@@ -290,12 +288,9 @@ Result<Key> decode_key(const CoefficientLayout& layout, BandMask bands, const Ch
   if (!head) return head.error();
   Key key = empty_key(layout, bands, head->step.value_or(state.newer.step));
   RescaledValues memory;
-  const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) -> Result<void> {
-    const auto taken =
-        read_run(layout, band, references(layout, state, band, key.step, memory), head->half_spacing, section, key);
-    if (!taken) return taken.error();
-    if (*taken != section.size()) return fail(ErrorCode::kCorrupt, "bytes are left over");
-    return {};
+  const auto read = each_section(layout, bands, reader, [&](std::size_t band, ByteView section) {
+    const auto from = references(layout, state, band, key.step, memory);
+    return read_last_run(layout, band, from, head->half_spacing, section, key);
   });
   if (!read) return read.error();
   return key;
@@ -313,19 +308,16 @@ Result<Bytes> encode_join(const CoefficientLayout& layout, const ChainState& sta
   ByteWriter writer(out);
   std::vector<std::int32_t> rescaled;
   append_head(layout, true, {0, state.newer.step, state.older.step, older_bands, state.age_us}, writer);
-  Bytes run;
-  for (std::size_t band = 0; band < layout.band_ends.size(); ++band) {
-    if (!state.newer.bands.has(band)) continue;
-    run.clear();
+  Bytes memory;
+  const auto appended = append_sections(layout, state.newer.bands, memory, writer, [&](std::size_t band, Bytes& run) {
     band::References from;
     if (older_bands.has(band)) {
-      if (const auto appended = append_run(layout, band, {}, 0, coded.older, run); !appended) return appended.error();
+      if (auto older = append_run(layout, band, {}, 0, coded.older, run); !older) return older;
       from.c1 = reference(layout, state.older, band, state.newer.step, rescaled);
     }
-    if (const auto appended = append_run(layout, band, from, 0, coded.newer, run); !appended) return appended.error();
-    writer.varint(run.size());
-    writer.bytes(run);
-  }
+    return append_run(layout, band, from, 0, coded.newer, run);
+  });
+  if (!appended) return appended.error();
   return out;
 }
 
@@ -344,10 +336,7 @@ Result<ChainState> decode_join(const CoefficientLayout& layout, BandMask bands, 
       section = section.subspan(*taken);
       from.c1 = reference(layout, state.older, band, state.newer.step, rescaled);
     }
-    const auto taken = read_run(layout, band, from, 0, section, state.newer);
-    if (!taken) return taken.error();
-    if (*taken != section.size()) return fail(ErrorCode::kCorrupt, "bytes are left over");
-    return {};
+    return read_last_run(layout, band, from, 0, section, state.newer);
   });
   if (!read) return read.error();
   return state;

@@ -20,10 +20,9 @@ struct ChainState {
 /// The state after one more key: newer becomes older. With no state, both are `key`.
 ChainState advanced(std::optional<ChainState> state, Key key, TimeUs age_us);
 
-/// A key as it was coded.
 struct CodedKey {
   Bytes payload;
-  Key key;  ///< The decoded key, of which the next state is made on both sides.
+  Key key;  ///< As decoded: the next state is made of it on both sides.
 };
 
 /// Payload of a kKey or kSynthetic frame: `key`, predicted from `state`, which is not changed. Each band is

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 //
-// The encoder of coarse runs. Weights, scale and levels are the encoder's free choice. All choices but the weights are
-// made in integers, so that the bytes are the same on every machine.
+// append_coarse. All choices but the weights are made in integers, so that the bytes are the same on every machine.
 #include <algorithm>
 #include <cassert>
 #include <cmath>
@@ -245,7 +244,6 @@ bool decide(std::span<const std::int32_t> values, const std::int64_t* residual, 
   return in_range;
 }
 
-/// Writes the levels and ends the run.
 void put_levels(RangeEncoder out, std::span<const Decision> decisions) {
   for (const Decision& d : decisions) {
     put_level(out, d.level, LevelOdds(d.rule, d.context));

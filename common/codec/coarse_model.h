@@ -13,8 +13,7 @@
 #include "common/codec/band.h"
 #include "common/codec/fixed.h"
 
-/// The model that coder and decoder of coarse runs share bit by bit (docs/protocol.md, "Coarse runs"): prediction, levels
-/// and their probabilities.
+/// The model that coder and decoder of coarse runs share bit by bit (docs/protocol.md, "Coarse runs").
 namespace eigencast::band {
 
 /// One of two reconstruction rules applies to each value, selected by the parities of the levels before it
@@ -60,7 +59,7 @@ struct LevelOdds {
         later(context + kLowestOffset - 18) {}
 };
 
-/// Probabilities that a scale code differs from the expected one, and that it differs by yet another.
+/// That a scale code differs from the expected one, and that it differs by yet another.
 inline constexpr std::uint32_t kScaleDiffers = 26000, kScaleFurther = 19000;
 
 /// The magnitude of a scale code.

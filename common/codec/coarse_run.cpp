@@ -1,6 +1,4 @@
 // SPDX-License-Identifier: MIT
-//
-//   coarse run   through the range coder: scale code | weights | levels
 #include <string>
 
 #include "common/codec/coarse_model.h"

@@ -9,7 +9,7 @@
 #include "common/codec/coarse_model.h"
 #include "common/codec/range_coder.h"
 
-/// Shared by both encoders of coarse runs: prices, and the parts of a run as decisions of the range coder.
+/// Shared by both encoders of coarse runs.
 namespace eigencast::band {
 
 /// Cost of a decision in 1/256 bit, by index into kMore.

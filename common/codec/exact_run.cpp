@@ -1,14 +1,7 @@
 // SPDX-License-Identifier: MIT
 //
-// Exact runs: Golomb-Rice codes of one band, after Golomb 1966, "Run-length encodings", and Rice 1979, "Some practical
+// Exact runs (docs/protocol.md): Golomb-Rice codes of one band, after Golomb 1966, "Run-length encodings", and Rice 1979, "Some practical
 // universal noiseless coding techniques".
-//
-//   run    head u8: bits 0 to 4 parameter k (31: every residual is 0 and no bits follow), bit 5 set: predicted from c1,
-//          not from 0; bit 6: 0; bit 7: 1
-//          one code per value, most significant bit first; padded with 0 to a whole byte
-//   code   z = residual >= 0 ? 2 residual : -2 residual - 1
-//          z >> k < 24:  z >> k ones, a zero, the low k bits of z
-//          otherwise:    24 ones, the value itself (not its residual) as 32 bits, two's complement
 #include <algorithm>
 #include <bit>
 #include <cassert>

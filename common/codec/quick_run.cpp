@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 //
-// The encoder of coarse runs for poses that no later key is predicted from: chooses each level alone, in 32-bit passes
-// that the compiler vectorises.
+// append_quick: chooses each level alone, in 32-bit passes that the compiler vectorises.
 #include <algorithm>
 #include <array>
 #include <cassert>

@@ -49,7 +49,6 @@ class Writer {
   Result<void> finish();
   std::uint64_t bytes() const { return written_ + pending_.size(); }
   std::uint64_t frames() const { return frames_; }
-  std::uint64_t lost() const { return lost_; }
   TimeUs duration_us() const { return last_us_; }
 
  private:

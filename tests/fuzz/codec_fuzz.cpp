@@ -3,7 +3,7 @@
 #include <cstdlib>
 
 #include "common/codec/chain.h"
-#include "common/codec/schemes.h"
+#include "common/codec/key.h"
 
 using namespace eigencast;
 

@@ -8,7 +8,7 @@
 
 #include "broker/relay/stream.h"
 #include "common/codec/chain.h"
-#include "common/codec/schemes.h"
+#include "common/codec/key.h"
 #include "common/wire/envelope.h"
 
 namespace eigencast::broker::testing {

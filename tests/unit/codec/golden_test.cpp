@@ -10,7 +10,7 @@
 #include <sstream>
 
 #include "common/codec/chain.h"
-#include "common/codec/schemes.h"
+#include "common/codec/key.h"
 #include "common/wire/envelope.h"
 #include "tests/support/paths.h"
 

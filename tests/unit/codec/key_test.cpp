@@ -21,6 +21,14 @@ CoefficientLayout row_of(std::size_t values) {
   return {CodecKind::kQuantised, static_cast<std::uint32_t>(values), 1, {static_cast<std::uint32_t>(values)}};
 }
 
+/// By the fixed-point rule: the start of the way to a key at that step.
+Result<Key> rescale(const Key& key, std::uint8_t step) {
+  const Key at_step = key_of(std::vector<std::int32_t>(key.q.size()), step);
+  auto start = interpolate_keys(row_of(key.q.size()), key_of(key.q, key.step), at_step, 0, 1);
+  if (start) start->bands = key.bands;
+  return start;
+}
+
 TEST(StepTable, IsGeometricAndInvertible) {
   EXPECT_EQ(step_size(160), 1.0);
   EXPECT_EQ(step_size(164), 2.0);

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "common/codec/schemes.h"
+#include "common/codec/key.h"
 
 #include <gtest/gtest.h>
 
